@@ -4,7 +4,7 @@ use super::frame::Encoder;
 use super::message::{Configuration, Event, Info, Measures, Reason, kind};
 use super::orders::Orders;
 use super::settings::SETTINGS_LEN;
-use super::{Baud, MAX_MOTORS};
+use super::{Baud, MAX_MOTORS, service};
 use crate::lease::Lease;
 use crate::{Epoch, Moment};
 
@@ -162,6 +162,18 @@ pub trait Machine {
     /// All motors brake from the horizon on, if they do not earlier. Gives the tick from which on; [`NO_LEASE`] without a lease.
     fn brake(&mut self) -> u64 {
         NO_LEASE
+    }
+
+    /// Does what the payload of Switch, Extend, Trim or Brake says, by those methods; `code` and `tick` are set as the answer has them. Gives whether it is accepted. A
+    /// board on which each byte of the program counts reads the bytes itself; others leave this as it is.
+    ///
+    /// # Errors
+    /// As there, and [`Reason::Malformed`].
+    fn obey_plan(&mut self, kind: u8, payload: &[u8], code: &mut u8, tick: &mut [u8; 8]) -> Result<bool, Refusal>
+    where
+        Self: Sized,
+    {
+        service::obey_plan(self, kind, payload, code, tick)
     }
 
     /// What has become of the lease, as [`LeaseState::to_parts`](super::message::LeaseState::to_parts) gives it.

@@ -430,14 +430,9 @@ impl Service {
         if M::OBEYS && kind == kind::ORDERS {
             return machine.obey(&Orders::decode(payload).ok_or(malformed(kind))?);
         }
-        if M::PLANS && kind == kind::SWITCH {
-            return self.switch(payload, machine);
-        }
-        if M::LEASES && kind == kind::EXTEND {
-            return self.extend(payload, machine);
-        }
-        if M::LEASES && kind == kind::TRIM {
-            return self.trim(payload, machine);
+        if (M::PLANS && kind == kind::SWITCH) || (M::LEASES && matches!(kind, kind::EXTEND | kind::TRIM | kind::BRAKE))
+        {
+            return self.obey_plan(kind, payload, machine);
         }
         let Some(len) = len_of(kind) else {
             return Err(Refusal { reason: Reason::UnknownKind, detail: u16::from(kind) });
@@ -446,7 +441,7 @@ impl Service {
             return Err(malformed(kind));
         }
         if (!M::PLANS && kind == kind::DISCARD)
-            || (!M::LEASES && kind == kind::BRAKE)
+            || kind == kind::BRAKE
             || (!drives && matches!(kind, kind::ARM | kind::RELEASE))
         {
             return Err(Refusal { reason: Reason::UnknownKind, detail: u16::from(kind) });
@@ -456,10 +451,6 @@ impl Service {
             kind::ARM if drives => return machine.arm(),
             kind::RELEASE if drives => return machine.release(),
             kind::DISCARD if M::PLANS => machine.discard(Epoch(first)),
-            kind::BRAKE if M::LEASES => {
-                let tick = machine.brake();
-                self.accept((u8::from(tick == NO_LEASE), tick));
-            }
             kind::STOP_NOW => {
                 let Stopped { tick, uncertain } = machine.stop_now();
                 (self.answer.tick, self.answer.code) = (tick.to_le_bytes(), uncertain);
@@ -484,49 +475,14 @@ impl Service {
         Ok(())
     }
 
-    fn switch<M: Machine>(&mut self, payload: &[u8], machine: &mut M) -> Result<(), Refusal> {
-        let [epoch, t0, t1, t2, t3, t4, t5, t6, t7, rest @ ..] = payload else { return Err(malformed(kind::SWITCH)) };
-        let tick = u64::from_le_bytes([*t0, *t1, *t2, *t3, *t4, *t5, *t6, *t7]);
-        if let Some((field, limits)) = lease_for(rest, machine.motors())
-            && (M::LEASES || field[0] == 0)
-        {
-            let switched = machine.switch(Epoch(*epoch), tick, lease_of(*field), limits)?;
-            self.accept(switched.to_parts());
-            return Ok(());
-        }
-        Err(malformed(kind::SWITCH))
-    }
-
-    fn extend(&mut self, payload: &[u8], machine: &mut impl Machine) -> Result<(), Refusal> {
-        if let Some((field, limits)) = lease_for(payload, machine.motors())
-            && field[0] != 0
-        {
-            if machine.extend(lease_of(*field), limits) {
-                self.accepted = self.expected;
-            }
-            return Ok(());
-        }
-        Err(malformed(kind::EXTEND))
-    }
-
-    fn trim(&mut self, payload: &[u8], machine: &mut impl Machine) -> Result<(), Refusal> {
-        let bad = malformed(kind::TRIM);
-        let (until, bytes) = payload.split_first_chunk().ok_or(bad)?;
-        if bytes.len() != 2 * usize::from(machine.motors()) {
-            return Err(bad);
-        }
-        let trimmed = machine.trim(Moment(u32::from_le_bytes(*until)), bytes)?;
-        self.accept(trimmed.to_parts());
-        Ok(())
-    }
-
-    /// Notes how a switch, a trim or a brake went: code 0 is accepted. Its number is the one that is next.
+    /// What changes plans. The number of what is accepted is the one that is next.
     #[inline(never)]
-    fn accept(&mut self, (code, tick): (u8, u64)) {
-        (self.answer.code, self.answer.tick) = (code, tick.to_le_bytes());
-        if code == 0 {
+    fn obey_plan<M: Machine>(&mut self, kind: u8, payload: &[u8], machine: &mut M) -> Result<(), Refusal> {
+        let accepted = machine.obey_plan(kind, payload, &mut self.answer.code, &mut self.answer.tick)?;
+        if accepted {
             self.accepted = self.expected;
         }
+        Ok(())
     }
 
     /// The frame answered last came again. Only a change of rate is done again: the host has not seen it.
@@ -610,6 +566,46 @@ impl Service {
             _ => {}
         }
     }
+}
+
+/// [`Machine::obey_plan`] of a machine that leaves it to this.
+pub(super) fn obey_plan<M: Machine>(
+    machine: &mut M,
+    kind: u8,
+    payload: &[u8],
+    code: &mut u8,
+    tick: &mut [u8; 8],
+) -> Result<bool, Refusal> {
+    let bad = malformed(kind);
+    let answer = match kind {
+        kind::EXTEND => {
+            let (field, limits) = lease_for(payload, machine.motors()).filter(|(field, _)| field[0] != 0).ok_or(bad)?;
+            return Ok(machine.extend(lease_of(*field), limits));
+        }
+        kind::TRIM => {
+            let (until, bytes) = payload.split_first_chunk().ok_or(bad)?;
+            if bytes.len() != 2 * usize::from(machine.motors()) {
+                return Err(bad);
+            }
+            machine.trim(Moment(u32::from_le_bytes(*until)), bytes)?.to_parts()
+        }
+        kind::BRAKE if payload.is_empty() => {
+            let braked = machine.brake();
+            *tick = braked.to_le_bytes();
+            return Ok(braked != NO_LEASE);
+        }
+        kind::SWITCH => {
+            let (&[epoch, at @ ..], rest) = payload.split_first_chunk::<9>().ok_or(bad)?;
+            let (field, limits) = lease_for(rest, machine.motors()).ok_or(bad)?;
+            if !M::LEASES && field[0] != 0 {
+                return Err(bad);
+            }
+            machine.switch(Epoch(epoch), u64::from_le_bytes(at), lease_of(*field), limits)?.to_parts()
+        }
+        _ => return Err(bad),
+    };
+    (*code, *tick) = (answer.0, answer.1.to_le_bytes());
+    Ok(answer.0 == 0)
 }
 
 /// A lease field, and limits for all of so many motors or none.

@@ -8,14 +8,17 @@ use crate::engine::link::{Receiver, Unread};
 use crate::engine::memory;
 use crate::engine::program::Program;
 use crate::engine::regs;
+use crate::engine::steps::brake::{Lease, lease};
 use crate::engine::steps::motor::{self, SWITCHES};
+use crate::engine::steps::orders::answer;
 use crate::engine::steps::pins::{Layout, MAX_MOTORS, Pin};
 use crate::engine::steps::stepper::{self, LONGEST, Trouble};
 use crate::engine::steps::task;
 use crate::engine::store;
-use pulsetrain_core::lease::Lease;
+use pulsetrain_core::lease::Lease as CoreLease;
 use pulsetrain_core::wire::frame::Tag;
-use pulsetrain_core::wire::message::{ALL_MOTORS, Cause, Configuration, Event, Info, Measures, flags};
+use pulsetrain_core::wire::machine::NO_LEASE;
+use pulsetrain_core::wire::message::{ALL_MOTORS, Cause, Configuration, Event, Info, Measures, flags, kind};
 use pulsetrain_core::wire::orders::Orders;
 use pulsetrain_core::wire::settings::SETTINGS_LEN;
 use pulsetrain_core::wire::{Baud, Encoder, Machine, Millis, Reason, Refusal, Stopped, Switched};
@@ -23,6 +26,14 @@ use pulsetrain_core::{Epoch, Moment};
 
 /// A switch must be less than this ahead, ticks: moments are told apart within 2^31, and pulse and set-up reach beyond.
 const SWITCH_AHEAD: u64 = 1 << 30;
+
+/// Bits of [`Board::told`], by number.
+mod told {
+    /// The host asked motors to brake.
+    pub(super) const ORDERED: u8 = 6;
+    /// That the lease is over was told.
+    pub(super) const LAPSE: u8 = 7;
+}
 
 /// Everything but the service that speaks for it.
 pub(crate) struct Board {
@@ -33,7 +44,7 @@ pub(crate) struct Board {
     pub(crate) baud: Option<(Baud, bool)>,
     /// What the host has not been told yet: the oldest two, [`Cause::None`] for none; what does not fit is dropped.
     news: [News; 2],
-    /// Faults that were told, bit by motor.
+    /// Faults that were told, bit by motor; and bits of [`told`].
     told: u8,
     /// Something was to be done when that was looked at last.
     was_busy: bool,
@@ -263,6 +274,7 @@ impl Board {
     /// Tells what a motor's own queue asked for and could not be.
     #[inline(never)]
     fn look_at_motors(&mut self) {
+        let lease = if Uses::LEASES { task::lock().lease() } else { Lease::OFF };
         for motor in 0..self.motors() {
             let fault = task::lock().motor_mut(motor).and_then(|motor| motor.fault());
             let Some(fault) = fault else { continue };
@@ -270,11 +282,27 @@ impl Board {
                 motor::Reason::Missed => Cause::StepMissed,
                 motor::Reason::Mismatch => Cause::CheckFailed,
                 motor::Reason::Bad => Cause::BadItem,
+                motor::Reason::Dry => Cause::Starved,
             };
             if self.told & 1 << motor == 0 {
                 self.told |= 1 << motor;
-                self.tell(cause, motor, fault.tick.0);
+                if lease.state == lease::OFF {
+                    self.tell(cause, motor, fault.tick.0);
+                } else {
+                    self.told |= 1 << told::LAPSE;
+                    self.tell_at(lease.at, cause, motor, 0);
+                }
             }
+        }
+        if !Uses::LEASES || lease.state != lease::LAPSED {
+            // What is told now is another lease's.
+            if Uses::LEASES && lease.state != lease::OFF {
+                self.told = 0;
+            }
+        } else if lease.moved != 0 && self.told & 1 << told::LAPSE == 0 {
+            let cause = if self.told & 1 << told::ORDERED != 0 { Cause::Braked } else { Cause::Lapsed };
+            self.told |= 1 << told::LAPSE;
+            self.tell_at(lease.at, cause, ALL_MOTORS, 0);
         }
     }
 
@@ -311,7 +339,11 @@ impl Board {
 
     #[inline(never)]
     fn tell(&mut self, cause: Cause, motor: u8, detail: u32) {
-        let at = clock::moment();
+        self.tell_at(clock::moment(), cause, motor, detail);
+    }
+
+    #[inline(never)]
+    fn tell_at(&mut self, at: Moment, cause: Cause, motor: u8, detail: u32) {
         // That a host was lost is the better reason for the same end.
         if cause == Cause::Finished && self.last_stop != Cause::HostLost {
             self.last_stop = cause;
@@ -360,6 +392,7 @@ impl Machine for Board {
     const PLANS: bool = Uses::PLANS;
     const OBEYS: bool = Uses::OBEYS;
     const STORES: bool = true;
+    const LEASES: bool = Uses::LEASES;
 
     fn store(&mut self, settings: Option<&[u8; SETTINGS_LEN]>) -> Result<(), Refusal> {
         if self.armed {
@@ -465,6 +498,9 @@ impl Machine for Board {
         let Some(axis) = stepper.motor_mut(motor) else {
             return Err(Refusal { reason: Reason::NoSuchMotor, detail });
         };
+        if Uses::LEASES && axis.drops(epoch) {
+            return Ok(());
+        }
         let room = axis.push(epoch, len).ok_or(full)?;
         drop(stepper);
         // The task may go on meanwhile: it takes from the other end.
@@ -479,8 +515,9 @@ impl Machine for Board {
         task::lock().discard(epoch);
     }
 
+    // For a program that has plans and no leases.
     #[inline(never)]
-    fn switch(&mut self, epoch: Epoch, tick: u64, _: Lease, _: &[u8]) -> Result<Switched, Refusal> {
+    fn switch(&mut self, epoch: Epoch, tick: u64, _: CoreLease, _: &[u8]) -> Result<Switched, Refusal> {
         if !self.armed {
             return Err(Refusal::of(Reason::NotArmed));
         }
@@ -503,6 +540,44 @@ impl Machine for Board {
             stepper.discard(epoch);
         }
         Ok(switched)
+    }
+
+    fn obey_plan(&mut self, kind: u8, payload: &[u8], code: &mut u8, tick: &mut [u8; 8]) -> Result<bool, Refusal> {
+        if !self.armed {
+            return Err(Refusal::of(Reason::NotArmed));
+        }
+        let mut stepper = task::lock();
+        let (answer, moment) = stepper.order(kind, payload);
+        // The answer to what was asked last stays.
+        if kind == kind::EXTEND && answer != answer::MALFORMED {
+            return Ok(answer == answer::ACCEPTED);
+        }
+        *code = answer & !answer::MOMENT;
+        let at = if answer & answer::MOMENT != 0 { extended(moment) } else { u64::from(moment.0) };
+        *tick = at.to_le_bytes();
+        if *code == answer::MALFORMED {
+            return Err(Refusal::of(Reason::Malformed));
+        }
+        if kind == kind::BRAKE {
+            self.told |= 1 << told::ORDERED;
+            if *code != answer::ACCEPTED {
+                *tick = NO_LEASE.to_le_bytes();
+            }
+        } else if kind == kind::SWITCH
+            && *code != answer::ACCEPTED
+            && let Some(epoch) = payload.first()
+        {
+            stepper.discard(Epoch(*epoch));
+        }
+        Ok(*code == answer::ACCEPTED)
+    }
+
+    fn lease(&self) -> (u8, u32) {
+        if !Uses::LEASES {
+            return (lease::OFF, 0);
+        }
+        let lease = task::lock().lease();
+        (lease.state, lease.at.0)
     }
 
     fn stop_now(&mut self) -> Stopped {

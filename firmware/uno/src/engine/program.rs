@@ -26,6 +26,9 @@ pub(crate) trait Program: Sized + 'static {
     /// Motors follow plans: packed segments in queues, which a host sends or the flash has.
     const PLANS: bool = false;
 
+    /// Plans hold by lease: [`brake`](crate::engine::steps::brake). Needs `steps_load_leased` and `steps_limit_leased`.
+    const LEASES: bool = false;
+
     /// Motors can be told directly: [`obey`](Program::obey).
     const OBEYS: bool = false;
 

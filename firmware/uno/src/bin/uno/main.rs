@@ -18,13 +18,15 @@ pub(crate) struct Uses;
 impl Program for Uses {
     const IMAGE: u8 = image::PLANS;
     const PLANS: bool = true;
+    const LEASES: bool = true;
+    const POOL: usize = 376;
 }
 
-// Steps come from records in the queues.
+// Steps come from records in the queues, and from braking.
 global_asm!(
     ".global source_limit, source_load, source_due",
-    ".set source_limit, steps_limit",
-    ".set source_load, steps_load_record",
+    ".set source_limit, steps_limit_leased",
+    ".set source_load, steps_load_leased",
     ".set source_due, steps_due",
     // How rings are filled: of one motor each, of motors that share DIR lines, and of one motor beside a merge.
     ".global ring_apiece, ring_shared, ring_beside, ring_beside_soon, ring_beside_merge",

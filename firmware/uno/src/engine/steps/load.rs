@@ -21,6 +21,8 @@
 use super::motor::{COUNT_AT_REST, EVEN, Motor, Part, Reason, flag};
 use super::task::mode;
 use super::times;
+use crate::Uses;
+use crate::engine::program::Program;
 use core::arch::global_asm;
 use core::mem::offset_of;
 use pulsetrain_core::packing::{COUNT_AFTER_EXACT, Control};
@@ -333,6 +335,8 @@ load_ran:
     rcall load_consume
     brcc .+2
     ret
+    .global steps_load_taken
+steps_load_taken:
     ldd r24, Y+{FLAGS}
     sbrs r24, {ANCHORED}
     rjmp 4f
@@ -522,9 +526,13 @@ load_fail_here:
     ldd r20, Y+{TICK}+2
     ldd r21, Y+{TICK}+3
 load_fail:
+    .if {LEASES}
+    call steps_fail_leased
+    .else
     clr r23
     movw r24, r28
     call steps_fail
+    .endif
     sec
     ret
 
@@ -554,6 +562,9 @@ load_reverse:
     ldi r25, 1 << {BACKWARD} | 1 << {TURN}
     eor r24, r25
     std Y+{FLAGS}, r24
+    .if {LEASES}
+    call steps_freshen
+    .endif
 load_reset:
     call load_clear
     rjmp load_consume
@@ -562,6 +573,9 @@ load_reset:
 load_wait:
     push r25
     call steps_settle
+    .if {LEASES}
+    call steps_freshen
+    .endif
     ldi r23, 4
     rcall load_number
     pop r25
@@ -829,4 +843,5 @@ load_clear:
     MISSED = const Reason::Missed as u8,
     MISMATCH = const Reason::Mismatch as u8,
     BAD = const Reason::Bad as u8,
+    LEASES = const Uses::LEASES as u8,
 );

@@ -4,21 +4,31 @@
 //! - [`stepper`]: motors, rings, and who fills what; [`task`]: when
 //! - [`motor`]: one motor, its queue and what it has promised; [`times`]: what a configuration asks of all
 //! - [`load`]: records of the queue → registers; [`plan`]: what a motor does next; [`expand`]: registers → ticks
-//! - [`fill`]: a ring of one motor; [`merge`]: two to four motors in one ring; `beside`: one beside a merge
+//! - [`brake`]: what a motor does whose lease is over
+//! - [`fill`]: a ring of one motor; [`merge`]: two to four motors in one ring; `beside`: one beside a merge; [`shared`]: motors
+//!   that share DIR lines
+//! - [`put`]: one thing into a ring
 //! - [`ring`]: groups of edges and the interrupts that play them
+//! - [`orders`]: what a host says of plans beside their data
+//! - [`switch`]: from one epoch to another
 //! - [`pins`]: which pins there are, and which of them one stepgen can serve together
 //! - [`register`]: addresses, for assembly
 
 mod beside;
+pub(crate) mod brake;
 pub(crate) mod expand;
 mod fill;
 mod load;
 pub(crate) mod merge;
 pub(crate) mod motor;
+pub(crate) mod orders;
 pub(crate) mod pins;
 pub(crate) mod plan;
+mod put;
 pub(crate) mod register;
 pub(crate) mod ring;
+mod shared;
 pub(crate) mod stepper;
+mod switch;
 pub(crate) mod task;
 pub(crate) mod times;

@@ -6,10 +6,13 @@
 //! The rules are those of `pulsetrain_core::channel::Channel`: ticks go up strictly, by at least the gap; a step that cannot be
 //! made is not made, and what follows of its epoch is dropped; a step of the old epoch at a tick ≥ the switch's is not made.
 
+use super::brake::state;
 use super::pins::Lines;
 use super::plan::FILLER;
 use super::times::TIMES;
+use crate::Uses;
 use crate::engine::memory;
+use crate::engine::program::Program;
 use pulsetrain_core::narrow::Registers;
 use pulsetrain_core::{Direction, narrow::verbs::Steps};
 use pulsetrain_core::{Epoch, Moment};
@@ -19,6 +22,9 @@ pub(crate) const SWITCHES: usize = 2;
 
 /// How many epochs may wait behind the one being run.
 pub(super) const PARTS: usize = 3;
+
+/// Bytes of a motor's [`braking`](Motor::braking).
+pub(super) const BRAKING: usize = if Uses::LEASES { 4 } else { 0 };
 
 /// Previous count after a reset, as in `pulsetrain_core::packing`.
 pub(crate) const COUNT_AT_REST: u16 = 4;
@@ -60,6 +66,8 @@ pub(crate) enum Reason {
     Mismatch = 2,
     /// The bytes are no items, or say what does not fit.
     Bad = 3,
+    /// With a lease: it had nothing more to do, and was not at rest.
+    Dry = 4,
 }
 
 impl Reason {
@@ -70,6 +78,7 @@ impl Reason {
             0 => None,
             1 => Some(Reason::Missed),
             2 => Some(Reason::Mismatch),
+            4 if Uses::LEASES => Some(Reason::Dry),
             _ => Some(Reason::Bad),
         }
     }
@@ -163,11 +172,15 @@ pub(crate) struct Motor {
     /// How many there are behind it.
     pub(super) behind: u8,
     pub(super) switches: [Switch; SWITCHES],
-    /// Why steps of the epoch were not made, as a [`Reason`], or 0; and [`Fault::tick`].
+    /// Why steps of the epoch were not made, as a [`Reason`], or 0.
     pub(super) reason: u8,
-    fault_tick: Moment,
+    /// [`Fault::tick`]. Before that, with a lease, the position at the last anchor, wait or reversal: no step has come after it if that is the position
+    /// still.
+    pub(super) fault_tick: Moment,
     /// Whether `due` is known.
     pub(crate) is_due: bool,
+    /// With leases, how it brakes: bits of [`state`], and the limit: mantissa, exponent and rest level. At zeros it rests after one step.
+    pub(super) braking: [u8; BRAKING],
     pub(crate) lines: Lines,
 }
 
@@ -199,6 +212,7 @@ impl Motor {
         reason: 0,
         fault_tick: Moment(0),
         is_due: false,
+        braking: [0; BRAKING],
         lines: Lines::NONE,
     };
 
@@ -290,16 +304,6 @@ impl Motor {
         }
     }
 
-    /// The first tick at which it can still be told otherwise.
-    #[inline(never)]
-    pub(crate) fn horizon(&self) -> Moment {
-        if self.has(flag::STEPPED) {
-            Moment(self.registers.tick).after(u32::from(TIMES.get().gap))
-        } else {
-            self.horizon
-        }
-    }
-
     /// Nothing is planned before `now`: to be called while nothing is played, at least once in 2^30 ticks.
     #[inline(never)]
     pub(crate) fn rest(&mut self, now: Moment) {
@@ -308,40 +312,22 @@ impl Motor {
         self.is_due = false;
     }
 
-    /// Notes that nothing more is done before `now`: what is long past must not come back as the future.
-    #[inline(never)]
-    pub(crate) fn pass(&mut self, now: Moment) {
-        if self.horizon.is_before(now) {
-            self.horizon = now;
+    /// After a lapse, or a fault: what comes of the epoch being run is not kept.
+    pub(crate) fn drops(&self, epoch: Epoch) -> bool {
+        self.has(flag::UNREADABLE) && self.parts[0].epoch == epoch
+    }
+
+    /// The bits of its braking [`state`].
+    #[inline(always)]
+    fn braking(&self) -> u8 {
+        self.braking.first().copied().unwrap_or(0)
+    }
+
+    #[inline(always)]
+    fn set_braking(&mut self, state: u8) {
+        if let Some(place) = self.braking.first_mut() {
+            *place = state;
         }
-        if self.free.is_before(now) {
-            self.free = now;
-        }
-        self.last = now;
-    }
-
-    /// Whether its DIR line is as its next step needs it.
-    pub(crate) fn faces(&self) -> bool {
-        (self.levels & self.dir != 0) == (self.lines.forward_high() != self.has(flag::BACKWARD))
-    }
-
-    /// Whether [`Motor::switch`] would be taken.
-    pub(crate) fn can_switch(&self, at: Moment) -> bool {
-        let [first, second] = &self.switches;
-        !(self.has(flag::SWITCH) && second.at != first.at && first.at.is_before(at) && second.at.is_before(at))
-    }
-
-    /// At `at`, not before the horizon, `epoch` begins. A switch that waits at `at` or later is replaced.
-    #[inline(never)]
-    pub(crate) fn switch(&mut self, epoch: Epoch, at: Moment) {
-        let switch = Switch { epoch, at };
-        let first = self.switches[0];
-        // One alone stands twice.
-        self.switches =
-            if self.has(flag::SWITCH) && first.at.is_before(at) { [first, switch] } else { [switch, switch] };
-        self.switch_at = self.switches[0].at;
-        self.set(flag::SWITCH, true);
-        self.is_due = false;
     }
 
     /// Without steps, anchor and prediction; the direction is forward.
@@ -356,6 +342,7 @@ impl Motor {
         }
         self.set(flag::ANCHORED, false);
         self.set(flag::UNREADABLE, false);
+        self.set_braking(0);
     }
 
     /// Forgets all that was to come. What was planned and never played is the caller's to take off the count: [`Motor::uncount`].
@@ -417,6 +404,7 @@ impl Motor {
         self.registers.left == 0
             && self.flags & (1 << flag::SWITCH | 1 << flag::COMMITTED) == 0
             && (self.has(flag::UNREADABLE) || self.parts[0].len == 0)
+            && self.braking() & 1 << state::BRAKES == 0
     }
 
     /// The epoch being run.

@@ -107,10 +107,13 @@ pub(crate) struct Lines {
 }
 
 impl Lines {
+    /// Where the flags are.
+    pub(super) const FLAGS: usize = core::mem::offset_of!(Lines, flags);
+
     /// None.
     pub(crate) const NONE: Lines = Lines { step: 0, dir: 0, flags: 0, step_pin: 0, dir_pin: 0 };
 
-    const FORWARD_HIGH: u8 = 1;
+    pub(super) const FORWARD_HIGH: u8 = 1;
     const STEP_LOW: u8 = 2;
 
     /// Forward is DIR high.

@@ -14,6 +14,7 @@
 //! # Cycles
 //! 30 a batch; 85 where the limit is looked at, 120 where a switch waits too; 110 and 190 where intervals are; 250 to 400 for one thing.
 
+use super::brake::{STATE, state};
 use super::motor::{EVEN, Motor, PARTS, Part, Reason, Switch, flag};
 use super::times;
 use crate::Uses;
@@ -25,28 +26,6 @@ use core::mem::offset_of;
 /// Two things that a motor does are so far apart at most, ticks: at 2^14 the compare register is a quarter of the way round.
 pub(crate) const FILLER: u16 = Uses::FILLER;
 const _: () = assert!(FILLER <= 16_384 && FILLER % 256 == 0);
-
-/// What a motor does next.
-#[derive(Clone, Copy, Debug)]
-pub(crate) enum Plan {
-    /// Nothing within the limit.
-    Nothing,
-    /// A step at [`Motor::due`].
-    Found,
-    /// Steps, for the expansion. They are counted already, and taken off by it.
-    Steps,
-    /// One thing: the lower half of its tick, what is toggled then, and at the end of a short pulse.
-    One {
-        /// Lower half of the tick.
-        tick: u16,
-        /// What is toggled then.
-        rise: u8,
-        /// What is toggled at the end of a short pulse.
-        fall: u8,
-        /// A long pulse begins, which another group ends.
-        long: bool,
-    },
-}
 
 /// What the motor Y makes next, for assembly, if it is steps of a segment all of which are sure, and soon enough: how many are left of them,
 /// up to 255, in r24. Else it goes to `$slow`, where [`plan`](self) says. Uses r25.
@@ -81,7 +60,7 @@ macro_rules! sure_now {
 pub(super) use sure_now;
 
 /// Where in a motor a switch is, behind its parts.
-const fn of_switch(index: usize) -> usize {
+pub(super) const fn of_switch(index: usize) -> usize {
     offset_of!(Motor, switches) + index * size_of::<Switch>() - offset_of!(Motor, parts)
 }
 
@@ -117,22 +96,69 @@ global_asm!(
     cpc \d, \temp
     .endm
 
-    .section .text.steps_plan, "ax", @progbits
-    .global steps_plan_next, steps_settle, steps_plan
-    // For Rust: r24:25 is the motor, the result as that of steps_plan.
-steps_plan_next:
-    push r14
-    push r15
-    push r28
-    push r29
-    movw r28, r24
-    rcall steps_plan
-    pop r29
-    pop r28
-    pop r15
-    pop r14
-    ret
+    // Passes over what waits of epochs before that of r22; Z is at the motor Y's parts. \if_also: T says that of the epoch being run in any case, and
+    // otherwise what waits of that of r22 goes as well. Uses r20, r21, X, r18, r19.
+    .macro pass_parts if_also
+    ldd r26, Y+{NEXT}
+    ldd r27, Y+{NEXT}+1
+    ldd r18, Y+{END}
+    ldd r19, Y+{END}+1
+93: ld r20, Z
+    ldd r21, Z+1
+    add r26, r20
+    adc r27, r21
+    cp r26, r18
+    cpc r27, r19
+    brlo 94f
+    ldd r20, Y+{START}
+    ldd r21, Y+{START}+1
+    sub r26, r18
+    sbc r27, r19
+    add r26, r20
+    adc r27, r21
+94:
+    .if \if_also
+    st Z, r1
+    std Z+1, r1
+    brts 95f
+    ldd r20, Z+{PART_EPOCH}
+    cp r20, r22
+    breq 97f
+    .endif
+95: ldi r20, {PARTS_BEHIND} * {PART_SIZE}
+96: ldd r21, Z+{PART_SIZE}
+    st Z+, r21
+    dec r20
+    brne 96b
+    st Z, r1                            // the last one: no bytes
+    std Z+1, r1
+    std Z+2, r1
+    sbiw r30, {PARTS_BEHIND} * {PART_SIZE}
+    ldd r20, Z+{BEHIND}
+    subi r20, 1
+    brcs 97f
+    std Z+{BEHIND}, r20
+    .if \if_also
+    brtc 93b
+    .endif
+    ldd r21, Z+{PART_EPOCH}
+    cp r21, r22
+    brne 93b
+97: std Z+{PART_EPOCH}, r22
+    std Y+{NEXT}, r26
+    std Y+{NEXT}+1, r27
+    .endm
+    // Nothing is done before the switch, which is r18 to r21 then. Uses r26.
+    .macro reach_switch
+    load_4 r18, r19, r20, r21, {SWITCH_AT}
+    compare_4 r18, r19, r20, r21, {HORIZON}, r26
+    brmi 98f
+    store_4 r18, r19, r20, r21, {HORIZON}
+98:
+    .endm
 
+    .section .text.steps_plan, "ax", @progbits
+    .global steps_settle, steps_plan, plan_slow, plan_window, plan_make
     // Horizon, last and free, if they were left to follow from the last step. Uses r18 to r21, r24, r25.
 steps_settle:
     ldd r24, Y+{FLAGS}
@@ -428,9 +454,13 @@ plan_before_switch:
 2:  rjmp plan_have_time
 
 plan_fail:                              // for a reason in r22; r18 to r21: when
+    .if {LEASES}
+    call steps_fail_leased
+    .else
     clr r23
     movw r24, r28
     call steps_fail
+    .endif
 plan_slow:
     rcall steps_settle
 1:  ldd r24, Y+{LEFT}
@@ -443,11 +473,19 @@ plan_slow:
     rcall plan_window
     ldd r24, Y+{FLAGS}
     sbrs r24, {SWITCH}
-    rjmp plan_wait
+    rjmp 2f
     rcall plan_switch_due
-    brcc 2f
+    brcs 2f
+    rjmp plan_begin
+2:
+    .if {LEASES}
+    call steps_dry
+    brcc 3f
+    ldi r22, {DRY}
+    rjmp plan_fail
+3:
+    .endif
     rjmp plan_wait
-2:  rjmp plan_begin
 
 plan_step:
     rcall plan_window
@@ -493,6 +531,11 @@ plan_step:
     // Is it too soon?
 4:  compare_4 r22, r23, r24, r25, {HORIZON}, r26
     brpl 5f
+    .if {LEASES}
+    // A step of a stop is late then.
+    sbrc r0, {UNREADABLE}
+    rjmp 5f
+    .endif
 plan_missed:
     movw r18, r22
     movw r20, r24
@@ -723,18 +766,6 @@ plan_found:
     clr r25
     ret
 
-    .global steps_make
-    // For Rust: the motor r24:25 makes its next step, which was found.
-steps_make:
-    push r28
-    push r29
-    movw r28, r24
-    load_4 r22, r23, r24, r25, {DUE}
-    rcall plan_make
-    pop r29
-    pop r28
-    ret
-
     // Goes over to the epoch of the switch that waits: without steps, anchor and prediction, and forward.
 plan_go_over:
     // Steps that are left of the old one are not made.
@@ -758,57 +789,35 @@ plan_go_over:
 2:  store_4 r18, r19, r20, r21, {POSITION}
     std Y+{LEFT}, r1
     std Y+{LEFT}+1, r1
+    .if {LEASES}
+    movw r30, r28
+    subi r30, lo8(-({PARTS}))
+    sbci r31, hi8(-({PARTS}))
+    ldd r25, Z+{STATE}
+    sbrc r25, {AWAITS}
+    jmp steps_stop
+    std Z+{STATE}, r1
+    .endif
     andi r24, 0xff - (1 << {ANCHORED} | 1 << {UNREADABLE} | 1 << {SWITCH})
     std Y+{FLAGS}, r24
     call load_clear
-    // What waits of epochs before it is passed over. X: the next byte.
-    ldd r26, Y+{NEXT}
-    ldd r27, Y+{NEXT}+1
-    ldd r18, Y+{END}
-    ldd r19, Y+{END}+1
-3:  movw r30, r28
+    .if {LEASES}
+    ldd r22, Z+{FIRST_EPOCH}
+    set
+    rcall plan_pass_parts
+    std Z+{REASON}, r1
+    rcall plan_reach_switch
+    .else
+    movw r30, r28
     subi r30, lo8(-({PARTS}))
     sbci r31, hi8(-({PARTS}))
-    ld r20, Z
-    ldd r21, Z+1
-    add r26, r20
-    adc r27, r21
-    cp r26, r18
-    cpc r27, r19
-    brlo 4f
-    ldd r20, Y+{START}
-    ldd r21, Y+{START}+1
-    sub r26, r18
-    sbc r27, r19
-    add r26, r20
-    adc r27, r21
-4:  ldi r20, {PARTS_BEHIND} * {PART_SIZE}
-5:  ldd r21, Z+{PART_SIZE}
-    st Z+, r21
-    dec r20
-    brne 5b
-    st Z, r1                            // the last one: no bytes
-    std Z+1, r1
-    std Z+2, r1
-    sbiw r30, {PARTS_BEHIND} * {PART_SIZE}
     ldd r22, Z+{FIRST_EPOCH}
-    ldd r20, Z+{BEHIND}
-    subi r20, 1
-    brcs 6f
-    std Z+{BEHIND}, r20
-    ldd r21, Z+{PART_EPOCH}
-    cp r21, r22
-    brne 3b
-6:  std Z+{PART_EPOCH}, r22
-    std Y+{NEXT}, r26
-    std Y+{NEXT}+1, r27
+    pass_parts 0
     std Z+{REASON}, r1
-    load_4 r18, r19, r20, r21, {SWITCH_AT}
-    compare_4 r18, r19, r20, r21, {HORIZON}, r26
-    brmi 7f
-    store_4 r18, r19, r20, r21, {HORIZON}
+    reach_switch
+    .endif
     // The second switch is the first now; one alone stands twice.
-7:  ldd r22, Z+{SECOND_EPOCH}
+    ldd r22, Z+{SECOND_EPOCH}
     std Z+{FIRST_EPOCH}, r22
     ldd r22, Z+{SECOND_AT}
     ldd r23, Z+{SECOND_AT}+1
@@ -827,7 +836,21 @@ plan_go_over:
     ldd r24, Y+{FLAGS}
     ori r24, 1 << {SWITCH}
     std Y+{FLAGS}, r24
-8:  rjmp plan_slow
+8:
+    .if {LEASES}
+    call steps_lease_goes_on
+    .endif
+    rjmp plan_slow
+
+    .if {LEASES}
+    .global plan_pass_parts, plan_reach_switch
+plan_pass_parts:
+    pass_parts 1
+    ret
+plan_reach_switch:
+    reach_switch
+    ret
+    .endif
 
     // A step that comes clear of what was before it, as a motion's first: with those that follow it, or at least by the expansion.
 plan_first:
@@ -962,6 +985,10 @@ plan_make:
     SINGLY = const flag::SINGLY,
     FILLER_HIGH = const 256 - (FILLER >> 8),
     MISSED = const Reason::Missed as u8,
+    LEASES = const Uses::LEASES as u8,
+    DRY = const Reason::Dry as u8,
+    STATE = const STATE,
+    AWAITS = const state::AWAITS,
     LIMIT = const times::LIMIT,
     GAP = const times::GAP,
     KEEP = const times::KEEP,
@@ -974,38 +1001,3 @@ plan_make:
     ONLY_STEPS = const times::ONLY_STEPS,
     AHEAD = const times::AHEAD,
 );
-
-impl Plan {
-    /// Of the registers r18 to r25.
-    #[inline(always)]
-    pub(super) fn of([_, _, low, high, rise, fall, count, kind]: [u8; 8]) -> Plan {
-        match (count, kind) {
-            (0, _) => Plan::Nothing,
-            (_, 1) => Plan::Steps,
-            (3, _) => Plan::Found,
-            _ => Plan::One { tick: u16::from_le_bytes([low, high]), rise, fall, long: count == 2 },
-        }
-    }
-}
-
-#[expect(improper_ctypes, reason = "the assembly knows fields by their offsets")]
-unsafe extern "C" {
-    fn steps_plan_next(motor: *mut Motor) -> u64;
-    fn steps_make(motor: *mut Motor);
-}
-
-impl Motor {
-    /// What it does next. Where DIR lines are shared, a step is only found: [`Motor::due`].
-    #[inline(always)]
-    pub(crate) fn plan(&mut self) -> Plan {
-        // SAFETY: the assembly uses this motor, its queue's memory and the times alone.
-        Plan::of(unsafe { steps_plan_next(self) }.to_le_bytes())
-    }
-
-    /// Makes the step that was found.
-    #[inline(always)]
-    pub(crate) fn make(&mut self) {
-        // SAFETY: as `plan`.
-        unsafe { steps_make(self) }
-    }
-}

@@ -56,7 +56,6 @@
 use core::arch::global_asm;
 
 use super::register;
-use crate::engine::link;
 use crate::engine::memory::RING_PAGES;
 
 /// Bits of GPIOR0, which the interrupts look at and set.
@@ -86,17 +85,17 @@ pub(crate) mod flags {
 }
 
 /// First bytes of groups played by the compare hardware, beside the ring's END bit (which all of them have).
-mod hardware {
+pub(super) mod hardware {
     /// A plain step, followed by another edge: the interrupt only ends the pulse. Without it the bits below count.
-    pub(super) const PLAIN: u8 = 1 << 6;
+    pub(in crate::engine::steps) const PLAIN: u8 = 1 << 6;
     /// A group to be played; without this and [`PLAIN`] it is the END.
-    pub(super) const PLAY: u8 = 1 << 5;
+    pub(in crate::engine::steps) const PLAY: u8 = 1 << 5;
     /// The interrupt ends the pulse (force output compare).
-    pub(super) const END_PULSE: u8 = 1 << 4;
+    pub(in crate::engine::steps) const END_PULSE: u8 = 1 << 4;
     /// The match toggled the pin.
-    pub(super) const TOGGLED: u8 = 1 << 3;
+    pub(in crate::engine::steps) const TOGGLED: u8 = 1 << 3;
     /// The next match toggles the pin.
-    pub(super) const NEXT_TOGGLES: u8 = 1 << 0;
+    pub(in crate::engine::steps) const NEXT_TOGGLES: u8 = 1 << 0;
 }
 
 /// END of ring A: PD1 is TXD, whose port bit nobody toggles.
@@ -413,7 +412,7 @@ unsafe extern "C" {
 pub(crate) const GROUP: u8 = 4;
 
 /// Groups of a page.
-const GROUPS: u8 = 64;
+pub(super) const GROUPS: u8 = 64;
 
 /// Where the ring beside lists begins in their page, which it ends with: 24 groups.
 pub(super) const BEHIND_LISTS: u8 = 0xa0;
@@ -452,7 +451,7 @@ pub(crate) struct Ring {
     /// The page it lies in: the high byte of its addresses.
     pub(super) page: u8,
     /// The END bit, which also says which of the two it is.
-    end: u8,
+    pub(super) end: u8,
     /// With the compare hardware the bit that stands for STEP; else 0.
     pub(super) edge: u8,
     /// Low byte of the address of the pending group.
@@ -472,7 +471,7 @@ pub(crate) struct Ring {
     /// toggle.
     pub(super) unlike: u8,
     /// Where it begins in its page: 0, or [`BEHIND_LISTS`].
-    start: u8,
+    pub(super) start: u8,
 }
 
 impl Ring {
@@ -644,28 +643,6 @@ impl Ring {
         self.distance(self.tail(), self.head, 1) / GROUP
     }
 
-    /// Gives the pending group its successor `group`, at the low 16 bits of its tick `at`, and publishes the pending one.
-    ///
-    /// There must be room (see [`Ring::free`]), and `at` less than 32 768 ticks after the pending group's tick.
-    #[inline(always)]
-    pub(crate) fn push(&mut self, at: u16, group: Group) {
-        link::let_others_in();
-        let [low, high] = at.to_le_bytes();
-        let next = self.after(self.head, GROUP);
-        // SAFETY: the interrupt reads neither the pending group beyond its END nor the free one after it, until the
-        // last write here publishes the first. Volatile writes keep their order.
-        unsafe {
-            self.group(next).write_volatile(self.waiting(group));
-            self.group(next.wrapping_add(3)).write_volatile(self.last(group));
-            self.group(self.head.wrapping_add(1)).write_volatile(high);
-            self.group(self.head.wrapping_add(2)).write_volatile(low);
-            self.group(self.head).write_volatile(self.played(self.pending, group));
-        }
-        self.head = next;
-        self.pending = group;
-        self.prepare();
-    }
-
     /// Every step of its one motor is `step`, from now on; [`fill`](super::fill) needs to know.
     #[inline(never)]
     pub(crate) fn serve(&mut self, step: Group) {
@@ -678,17 +655,6 @@ impl Ring {
     fn prepare(&mut self) {
         self.unlike = GROUPS;
         self.before_step = self.played(self.pending, Group { rise: self.edge, fall: self.edge });
-    }
-
-    /// Adds to what the pending group toggles; not an edge of the compare hardware, which needs a group of its own.
-    #[inline(always)]
-    pub(crate) fn amend(&mut self, group: Group) {
-        link::let_others_in();
-        self.pending.rise ^= group.rise;
-        self.pending.fall ^= group.fall;
-        self.prepare();
-        // SAFETY: the interrupt does not read the pending group beyond its END.
-        unsafe { self.group(self.head.wrapping_add(3)).write_volatile(self.last(self.pending)) };
     }
 
     /// Whether the pending group begins a long pulse of the compare hardware's, or is one of those ends: what becomes of it if the ring runs dry

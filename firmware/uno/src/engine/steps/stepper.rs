@@ -5,7 +5,7 @@
 //! | one, or two on the compare hardware or on PORTD | each its own ring: [`fill`](super::fill) |
 //! | two to four with DIR lines of their own | the merge: [`merge`](super::merge) |
 //! | `Kind::Beside` | the merge, and for the motor on PORTB [`beside`](super::beside) |
-//! | motors that share a DIR line | one step after the other: [`fill_shared`] |
+//! | motors that share a DIR line | one step after the other: [`shared`](super::shared) |
 //!
 //! [`task`] calls them.
 //!
@@ -18,21 +18,26 @@
 //! set-up before the step that it is for. Planners leave room for that ([`Spacing`]); where they did not, the step is not made.
 
 use super::beside;
+use super::brake::{Lease, lease};
 use super::merge::Merge;
 use super::motor::{COUNT_AT_REST, Motor, flag};
 use super::pins::{Kind, Layout, Lines, MAX_MOTORS};
-use super::plan::{FILLER, Plan};
+use super::plan::FILLER;
 use super::ring::{Group, Name, Ring, flags};
+use super::switch;
 use super::task::{self, mode};
 use super::times::{TIMES, Times};
+use crate::Uses;
 use crate::engine::clock::{self, low_half};
 use crate::engine::memory;
+use crate::engine::program::Program;
 use crate::engine::regs::{self, Reg16};
 use crate::engine::tuning::stepper::{
-    AGAIN, AHEAD, APART, APART_BESIDE, APART_BESIDE_MERGE, APART_LONG, APART_OF_BESIDE, APART_SHIELD,
-    APART_TWO_COMPARE, BATCH, EARLY, FALL, FALL_BESIDE, FALL_COMPARE, FASTEST, LATE, LATE_MOVED, LEAD, PULSE_BESIDE,
-    ROOM, STEPS, TOO_LATE,
+    AGAIN, AHEAD, APART as APART_SHORT, APART_BESIDE, APART_BESIDE_MERGE, APART_LONG, APART_OF_BESIDE, APART_SHIELD,
+    APART_TWO_COMPARE, EARLY, FALL, FALL_BESIDE, FALL_COMPARE, FASTEST, LATE, LATE_MOVED, LEAD, PULSE_BESIDE, STEPS,
+    TOO_LATE,
 };
+use core::mem::offset_of;
 use core::ptr::NonNull;
 use core::slice;
 use pulsetrain_core::wire::message::{self, Configuration};
@@ -62,7 +67,7 @@ impl Spacing {
         // What the interrupt makes without and with its flag, and the distance that takes.
         let ((short, apart), (extra, apart_extra), fall) = match kind {
             Kind::TwoOnD => ((16, APART_BESIDE), (16, APART_BESIDE), FALL),
-            Kind::PortD | Kind::PortB => ((16, APART), (31, APART_LONG), FALL),
+            Kind::PortD | Kind::PortB => ((16, APART_SHORT), (31, APART_LONG), FALL),
             Kind::Shield => ((17, APART_SHIELD[0]), (31, APART_SHIELD[1]), FALL),
             Kind::Beside => ((PULSE_BESIDE, APART_BESIDE_MERGE), (PULSE_BESIDE, APART_BESIDE_MERGE), FALL_BESIDE),
             Kind::Compare => {
@@ -137,7 +142,7 @@ pub(super) struct Track {
     /// Tick of the pending group.
     pub(super) at: Moment,
     /// Ticks between two groups, at least.
-    apart: u8,
+    pub(super) apart: u8,
 }
 
 impl Track {
@@ -167,29 +172,6 @@ impl Track {
         });
     }
 
-    /// Publishes the pending group and makes `group` at `tick` the pending one.
-    #[inline(never)]
-    fn push(&mut self, tick: Moment, group: Group) {
-        self.ring.push(low_half(tick.0), group);
-        self.at = tick;
-    }
-
-    /// Puts `group` at `due`, into the pending group if that is not before, and has other lines; else as soon after as it can
-    /// be. Gives its tick.
-    #[inline(never)]
-    fn put(&mut self, due: Moment, group: Group, apart: u8) -> Moment {
-        let pending = self.ring.pending();
-        // An edge of the compare hardware needs a group of its own.
-        let taken =
-            pending.rise & group.rise | pending.fall & group.fall | self.ring.edge() & (group.rise | group.fall);
-        if taken == 0 && !self.at.is_before(due) {
-            self.ring.amend(group);
-        } else {
-            self.push(later(due, self.at.after(u32::from(apart))), group);
-        }
-        self.at
-    }
-
     /// Looks whether the interrupt still plays what it should, and mends it.
     #[inline(never)]
     fn watch(&mut self, now: Moment, busy: bool) -> Option<Trouble> {
@@ -213,7 +195,7 @@ impl Track {
             // The hardware has made the edge of the group that waits, and toggles no more. A plain step does not say that it does again: another
             // group follows it, or it becomes one that does.
             if empty && self.ring.waits_plainly() {
-                self.push(self.at.after(u32::from(self.apart)), Group::NOTHING);
+                self.push_nothing(self.at.after(u32::from(self.apart)));
             } else if !empty {
                 self.ring.unplain();
             }
@@ -269,6 +251,15 @@ pub(crate) struct Stepper {
     /// How far ahead the rings were filled, ticks, at least.
     least_ahead: u16,
 }
+
+/// Where the distance of two groups of the first ring is.
+pub(super) const APART: usize = offset_of!(Stepper, tracks) + offset_of!(Track, apart);
+
+/// Where [`Stepper::swap`] is.
+pub(super) const SWAP: usize = offset_of!(Stepper, swap);
+
+/// Where [`Stepper::count`] is.
+pub(super) const COUNT: usize = offset_of!(Stepper, count);
 
 impl Stepper {
     /// No motors; zeros, which take no flash. [`Stepper::begin`] comes before its use.
@@ -592,9 +583,10 @@ impl Stepper {
         self.motors().all(Motor::is_empty)
     }
 
-    /// Whether nothing is left to do: no event, no end of a pulse, no step in a ring.
+    /// Whether nothing is left to do: no event, no end of a pulse, no step in a ring, no end of a lease.
     pub(crate) fn is_idle(&self) -> bool {
-        self.motors().all(Motor::is_idle)
+        !(Uses::LEASES && Lease::get().state == lease::UNTIL)
+            && self.motors().all(Motor::is_idle)
             && self.tracks[0].is_idle()
             && !((self.has_beside() || self.apiece && self.count > 1) && !self.tracks[1].is_idle())
             && !(self.merging && self.merge.as_ref().is_some_and(|merge| !merge.is_idle()))
@@ -603,24 +595,13 @@ impl Stepper {
     /// The first tick at which a switch would be accepted.
     #[inline(never)]
     pub(crate) fn horizon(&self) -> Moment {
-        let mut horizon = self.tracks[0].at;
-        if self.has_beside() || self.apiece && self.count > 1 {
-            horizon = later(horizon, self.tracks[1].at);
-        }
-        for motor in self.motors() {
-            horizon = later(horizon, motor.horizon());
-        }
-        horizon.after(1)
+        if self.count == 0 { self.tracks[0].at.after(1) } else { self.first_open() }
     }
 
     /// All motors go over to `epoch` at `at`, which is not before the horizon; or none does, because too many wait.
-    #[inline(never)]
+    #[inline(always)]
     pub(crate) fn switch(&mut self, epoch: Epoch, at: Moment) -> bool {
-        let can = self.motors().all(|motor| motor.can_switch(at));
-        if can {
-            self.motors_mut().for_each(|motor| motor.switch(epoch, at));
-        }
-        can
+        switch::all(epoch, at)
     }
 
     /// Takes back what was pushed last of `epoch`, of all motors.
@@ -692,14 +673,6 @@ impl Stepper {
         count + i16::from(self.track(number).ring.unplayed(tail, levels, step, dir))
     }
 
-    /// Fills the ring of motors that share DIR lines, as far as time allows.
-    pub(super) fn fill_shared(&mut self) {
-        let Stepper { tracks: [track, _], spacing, count, .. } = self;
-        // SAFETY: as `motors_mut`; other fields are borrowed beside.
-        let motors = unsafe { slice::from_raw_parts_mut((&raw mut MOTORS).cast(), usize::from(*count)) };
-        fill_shared(track, motors, *spacing);
-    }
-
     /// Looks whether the rings are played as they should, and mends it. To be called every millisecond.
     #[inline(never)]
     pub(crate) fn watch(&mut self, now: Moment) {
@@ -718,112 +691,12 @@ impl Stepper {
     }
 }
 
-impl Track {
-    /// The moment near the pending group's that has these lower bits.
-    fn near(&self, tick: u16) -> Moment {
-        let ahead = tick.wrapping_sub(low_half(self.at.0)).cast_signed();
-        Moment(self.at.0.wrapping_add_signed(i32::from(ahead)))
-    }
-}
-
-/// Puts one thing that `motor` does into its own ring, as [`fill`](super::fill) has it.
-#[unsafe(no_mangle)]
-extern "C" fn steps_place(answer: u64, track: &mut Track, motor: &mut Motor) {
-    let Plan::One { tick, rise, fall, long } = Plan::of(answer.to_le_bytes()) else { return };
-    let pulse = TIMES.get().pulse;
-    let due = track.near(tick);
-    let at = track.put(due, Group { rise, fall }, track.apart);
-    // What follows must be looked at until all is in time again.
-    motor.set(flag::SINGLY, at != due);
-    if long {
-        track.put(at.after(u32::from(pulse)), Group { rise, fall: 0 }, track.apart);
-    }
-}
-
-/// Fills the ring of motors that share DIR lines with the steps of all of them, one after the other.
-#[inline(never)]
-fn fill_shared(track: &mut Track, motors: &mut [Motor], spacing: Spacing) {
-    let times = TIMES.get();
-    for _ in 0..BATCH {
-        if track.ring.free() < ROOM {
-            return;
-        }
-        let mut end = track.at.after(u32::from(FILLER));
-        if times.limit.is_before(end) {
-            end = times.limit;
-        }
-        let mut first: Option<usize> = None;
-        let mut due = end.after(1);
-        for (index, motor) in motors.iter_mut().enumerate() {
-            if !motor.is_due {
-                motor.settle();
-                motor.last = track.at;
-                motor.is_due = matches!(motor.plan(), Plan::Found);
-                motor.pass(track.at);
-            }
-            if motor.is_due && motor.due.is_before(due) {
-                (first, due) = (Some(index), motor.due);
-            }
-        }
-        let Some(first) = first else {
-            if end == times.limit {
-                return;
-            }
-            // Out of the way of what may come soon after.
-            track.push(end.before(512), Group::NOTHING);
-            continue;
-        };
-        let due = later(due, turn_shared(track, motors, first, spacing));
-        // All that step now, or nearly so, and look at lines that are right, go together.
-        let reach = due.after(u32::from(spacing.apart / 2));
-        let mut steps = 0;
-        for motor in motors.iter_mut() {
-            if motor.is_due && !reach.is_before(motor.due) && motor.faces() {
-                steps |= motor.step;
-                motor.make();
-                motor.is_due = false;
-                motor.settle();
-                motor.free = due.after(u32::from(spacing.apart) + u32::from(times.keep));
-            }
-        }
-        let at = track.put(due, Group { rise: steps, fall: if spacing.long { 0 } else { steps } }, spacing.apart);
-        if spacing.long {
-            track.put(at.after(u32::from(times.pulse)), Group { rise: steps, fall: 0 }, spacing.apart);
-        }
-    }
-}
-
-/// Turns the DIR line of motor `index` for its next step, if it is not as it must be; all motors that look at it know then.
-///
-/// Gives the moment from which on the step may be made.
-#[inline(never)]
-fn turn_shared(track: &mut Track, motors: &mut [Motor], index: usize, spacing: Spacing) -> Moment {
-    let times = TIMES.get();
-    let Some(motor) = motors.get(index) else { return track.at };
-    let (dir, due) = (motor.dir, motor.due);
-    if motor.faces() {
-        return due;
-    }
-    let mut at = due.before(u32::from(times.early));
-    for motor in motors.iter_mut().filter(|motor| motor.dir == dir) {
-        at = later(at, motor.free);
-        motor.levels ^= dir;
-    }
-    track.put(at, Group { rise: 0, fall: dir }, spacing.apart).after(u32::from(times.lead))
-}
-
-/// The later of two moments.
-#[inline(never)]
-fn later(one: Moment, other: Moment) -> Moment {
-    if one.is_before(other) { other } else { one }
-}
-
 /// As [`flags`](pulsetrain_core::wire::message::flags) has the faults of a motor.
 pub(crate) fn faults(motor: &Motor) -> u8 {
     use super::motor::Reason;
     match motor.fault().map(|fault| fault.reason) {
         None => 0,
-        Some(Reason::Missed) => message::flags::STEP_MISSED,
+        Some(Reason::Missed | Reason::Dry) => message::flags::STEP_MISSED,
         Some(Reason::Mismatch) => message::flags::CHECK_FAILED,
         Some(Reason::Bad) => message::flags::BAD_ITEM,
     }

@@ -469,13 +469,6 @@ extern "C" fn steps_watch() {
     unsafe { &mut *STEPPER.0.get() }.watch(clock::moment());
 }
 
-/// Fills the ring of motors that share DIR lines.
-#[unsafe(no_mangle)]
-extern "C" fn steps_fill_shared() {
-    // SAFETY: as above.
-    unsafe { &mut *STEPPER.0.get() }.fill_shared();
-}
-
 /// Steps that a motor has made when the first ring was played up to `tail`. For who keeps the task out.
 #[unsafe(no_mangle)]
 extern "C" fn steps_position(motor: u8, tail: u8) -> i32 {

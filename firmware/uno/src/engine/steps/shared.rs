@@ -1,0 +1,305 @@
+//! Motors that share DIR lines, in one ring: one step after the other, each with what its line needs.
+//!
+//! The step that is due first is found; its line is turned if need be, once all that looked at it have had their hold. All that are due with it,
+//! or nearly so, and find their lines right go into the same group. A step of a stop that must wait for its line is late, and nothing else of its motor is.
+//!
+//! # Registers of the processor
+//! | | |
+//! |---|---|
+//! | r2 to r5 | until when steps go together |
+//! | r6 to r9 | when the first is due, or can be |
+//! | r10:11 | the motor whose step that is, or 0 |
+//! | r12, r13 | counters of motors, and of groups |
+//! | r16, r17 | a DIR line; the steps that go together |
+
+use super::motor::{Motor, flag};
+use super::pins::Lines;
+use super::ring::Ring;
+use super::stepper::{APART, COUNT, Stepper, Track};
+use super::times;
+use crate::engine::tuning::stepper::{BATCH, ROOM};
+use core::arch::global_asm;
+use core::mem::offset_of;
+
+global_asm!(
+    r#"
+    .macro shared_each
+    ldi r28, lo8(steps_motors)
+    ldi r29, hi8(steps_motors)
+    lds r12, steps_stepper+{COUNT}
+    .endm
+    .macro shared_next again
+    subi r28, lo8(-({MOTOR_SIZE}))
+    sbci r29, hi8(-({MOTOR_SIZE}))
+    dec r12
+    breq .+2
+    rjmp \again
+    .endm
+    // Z: at the motor's parts; the flags say whether it knows when its next step is due: Z if not.
+    .macro shared_is_due
+    rcall shared_point
+    ldd r24, Z+{IS_DUE}
+    tst r24
+    .endm
+
+    .section .text.steps_fill_shared, "ax", @progbits
+    .global steps_fill_shared
+    // For the task. Uses all registers.
+steps_fill_shared:
+    ldi r24, {BATCH}
+    mov r13, r24
+shared_again:
+    lds r26, steps_stepper+{TAIL_AT}
+    clr r27
+    ld r26, X
+    lds r24, steps_stepper+{HEAD}
+    sub r26, r24
+    dec r26
+    cpi r26, 4 * {ROOM}
+    brsh 1f
+    ret
+    // Whose step is due first?
+1:  clr r10
+    clr r11
+    shared_each
+2:  shared_is_due
+    brne 5f
+    call steps_settle
+    rcall shared_at
+    store_4 r18, r19, r20, r21, {LAST}
+    call steps_plan
+    rcall shared_point
+    cpi r24, 3
+    ldi r24, 1
+    breq .+2
+    ldi r24, 0
+    std Z+{IS_DUE}, r24
+    rcall shared_at
+    store_4 r18, r19, r20, r21, {LAST}
+    movw r30, r28
+    adiw r30, {HORIZON}
+    rcall shared_reach
+    movw r30, r28
+    adiw r30, {FREE}
+    rcall shared_reach
+    shared_is_due
+    breq 4f
+5:  load_4 r18, r19, r20, r21, {DUE}
+    mov r24, r10
+    or r24, r11
+    breq 3f
+    cp r18, r6
+    cpc r19, r7
+    cpc r20, r8
+    cpc r21, r9
+    brpl 4f
+3:  movw r6, r18
+    movw r8, r20
+    movw r10, r28
+4:  shared_next 2b
+    // Is it due within the window?
+    ldi r28, lo8(steps_motors)
+    ldi r29, hi8(steps_motors)
+    rcall shared_at
+    store_4 r18, r19, r20, r21, {LAST}
+    call plan_window
+    mov r24, r10
+    or r24, r11
+    breq 6f
+    cp r18, r6
+    cpc r19, r7
+    cpc r20, r8
+    cpc r21, r9
+    brpl shared_turn
+    // No: a filler, out of the way of what may come soon after.
+6:  brtc .+2
+    ret
+    subi r19, 2
+    sbci r20, 0
+    sbci r21, 0
+    call steps_push_filler
+    rjmp shared_more
+
+    // Its line.
+shared_turn:
+    movw r28, r10
+    rcall shared_faces
+    breq shared_make
+    ldd r16, Y+{DIR}
+    movw r22, r6
+    movw r24, r8
+    lds r18, steps_times+{EARLY}
+    lds r19, steps_times+{EARLY}+1
+    sub r22, r18
+    sbc r23, r19
+    sbc r24, r1
+    sbc r25, r1
+    shared_each
+1:  ldd r18, Y+{DIR}
+    cp r18, r16
+    brne 2f
+    ldd r18, Y+{LEVELS}
+    eor r18, r16
+    std Y+{LEVELS}, r18
+    compare_4 r22, r23, r24, r25, {FREE}, r18
+    brpl 2f
+    load_4 r22, r23, r24, r25, {FREE}
+2:  shared_next 1b
+    movw r18, r22
+    movw r20, r24
+    clr r22
+    mov r23, r16
+    call steps_put
+    lds r24, steps_times+{LEAD}
+    lds r25, steps_times+{LEAD}+1
+    add r18, r24
+    adc r19, r25
+    adc r20, r1
+    adc r21, r1
+    cp r18, r6
+    cpc r19, r7
+    cpc r20, r8
+    cpc r21, r9
+    brmi shared_make
+    movw r6, r18
+    movw r8, r20
+
+    // All that go together.
+shared_make:
+    movw r2, r6
+    movw r4, r8
+    lds r24, steps_stepper+{APART}
+    lsr r24
+    add r2, r24
+    adc r3, r1
+    adc r4, r1
+    adc r5, r1
+    clr r17
+    shared_each
+1:  shared_is_due
+    breq 2f
+    load_4 r22, r23, r24, r25, {DUE}
+    cp r2, r22
+    cpc r3, r23
+    cpc r4, r24
+    cpc r5, r25
+    brmi 2f
+    rcall shared_faces
+    brne 2f
+    std Z+{IS_DUE}, r1
+    ldd r24, Y+{STEP}
+    or r17, r24
+    load_4 r22, r23, r24, r25, {DUE}
+    call plan_make
+    call steps_settle
+    movw r18, r6
+    movw r20, r8
+    lds r24, steps_stepper+{APART}
+    add r18, r24
+    adc r19, r1
+    adc r20, r1
+    adc r21, r1
+    lds r24, steps_times+{KEEP}
+    lds r25, steps_times+{KEEP}+1
+    add r18, r24
+    adc r19, r25
+    adc r20, r1
+    adc r21, r1
+    store_4 r18, r19, r20, r21, {FREE}
+2:  shared_next 1b
+    movw r18, r6
+    movw r20, r8
+    mov r22, r17
+    mov r23, r17
+    lds r2, steps_times+{PULSE}
+    lds r3, steps_times+{PULSE}+1
+    mov r26, r2
+    or r26, r3
+    breq 3f
+    clr r23
+    call steps_put
+    add r18, r2
+    adc r19, r3
+    adc r20, r1
+    adc r21, r1
+3:  call steps_put
+shared_more:
+    dec r13
+    breq .+2
+    rjmp shared_again
+    ret
+
+    // Z: at the motor's parts.
+shared_point:
+    movw r30, r28
+    subi r30, lo8(-({PARTS}))
+    sbci r31, hi8(-({PARTS}))
+    ret
+
+    // The tick of the pending group, r18 to r21.
+shared_at:
+    lds r18, steps_stepper+{AT}
+    lds r19, steps_stepper+{AT}+1
+    lds r20, steps_stepper+{AT}+2
+    lds r21, steps_stepper+{AT}+3
+    ret
+
+    // What is at Z is not before r18 to r21. Uses r24.
+shared_reach:
+    ld r24, Z
+    cp r24, r18
+    ldd r24, Z+1
+    cpc r24, r19
+    ldd r24, Z+2
+    cpc r24, r20
+    ldd r24, Z+3
+    cpc r24, r21
+    brpl 1f
+    st Z, r18
+    std Z+1, r19
+    std Z+2, r20
+    std Z+3, r21
+1:  ret
+
+    // Z: the DIR line of the motor Y is as its next step needs it. Z+ is at its parts. Uses r24, r25.
+shared_faces:
+    rcall shared_point
+    ldd r24, Y+{LEVELS}
+    ldd r25, Y+{DIR}
+    and r24, r25
+    breq .+2
+    ldi r24, 1
+    ldd r25, Y+{FLAGS}
+    eor r24, r25
+    ldd r25, Z+{LINE_FLAGS}
+    eor r24, r25
+    andi r24, 1
+    ret
+    "#,
+    BATCH = const BATCH,
+    ROOM = const ROOM,
+    COUNT = const COUNT,
+    APART = const APART,
+    TAIL_AT = const offset_of!(Stepper, tracks) + offset_of!(Track, ring) + offset_of!(Ring, tail_at),
+    HEAD = const offset_of!(Stepper, tracks) + offset_of!(Track, ring) + offset_of!(Ring, head),
+    AT = const offset_of!(Stepper, tracks) + offset_of!(Track, at),
+    MOTOR_SIZE = const size_of::<Motor>(),
+    PARTS = const offset_of!(Motor, parts),
+    IS_DUE = const offset_of!(Motor, is_due) - offset_of!(Motor, parts),
+    LINE_FLAGS = const offset_of!(Motor, lines) + Lines::FLAGS - offset_of!(Motor, parts),
+    DUE = const offset_of!(Motor, due),
+    LAST = const offset_of!(Motor, last),
+    HORIZON = const offset_of!(Motor, horizon),
+    FREE = const offset_of!(Motor, free),
+    LEVELS = const offset_of!(Motor, levels),
+    FLAGS = const offset_of!(Motor, flags),
+    STEP = const offset_of!(Motor, step),
+    DIR = const offset_of!(Motor, dir),
+    EARLY = const times::EARLY,
+    LEAD = const times::LEAD,
+    KEEP = const times::KEEP,
+    PULSE = const times::PULSE,
+);
+
+// The bits that say which way a segment goes, and what a line's level is for it.
+const _: () = assert!(flag::BACKWARD == 0 && Lines::FORWARD_HIGH == 1);
