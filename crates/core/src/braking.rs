@@ -68,23 +68,6 @@ impl Limit {
         Some(Limit { mantissa, exponent, rest_level })
     }
 
-    /// Those that three bytes each say (M, E, L), motor by motor, and `None` for all motors behind them.
-    ///
-    /// ```
-    /// use pulsetrain_core::braking::Limit;
-    /// let mut limits = Limit::of_bytes(&[128, 40, 3]);
-    /// assert_eq!(limits.next(), Some(Limit::new(128, 40, 3)));
-    /// assert_eq!(limits.next(), Some(None));
-    /// ```
-    pub fn of_bytes(bytes: &[u8]) -> impl Iterator<Item = Option<Limit>> + '_ {
-        let said = bytes
-            .as_chunks()
-            .0
-            .iter()
-            .map(|&[mantissa, exponent, rest_level]| Limit::new(mantissa, exponent, rest_level));
-        said.chain(core::iter::repeat(None))
-    }
-
     /// M: the leading eight bits of the rest interval.
     #[must_use]
     pub const fn mantissa(&self) -> u8 {

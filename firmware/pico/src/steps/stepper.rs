@@ -7,7 +7,7 @@ use super::{MOTORS, RING, feed};
 use crate::clock::{Clock, TICK_HZ};
 use crate::regs;
 use crate::start::Once;
-use pulsetrain_core::braking::Limit;
+use core::iter;
 use pulsetrain_core::lease::{self, Lapse, Lease};
 use pulsetrain_core::narrow::Pool;
 use pulsetrain_core::output::{Coils, Output, StepDir, StepDirSettings};
@@ -15,7 +15,7 @@ use pulsetrain_core::packing::Packing;
 use pulsetrain_core::queue::{Items, Queue};
 use pulsetrain_core::verbs::Limits;
 use pulsetrain_core::winch::spacing::Steps;
-use pulsetrain_core::wire::message::{Configuration, flags};
+use pulsetrain_core::wire::message::{Configuration, flags, limits_of};
 use pulsetrain_core::words::{Fault, Packed, SHORTEST_PULSE, STEP_DIR_OVERHEAD, Tape, Words, lines};
 use pulsetrain_core::{Entry, Epoch, Item, Moment, Segment};
 
@@ -204,6 +204,8 @@ pub(crate) struct Stepper {
     pace: Pace,
     /// Before steps that are not known yet nothing is written for so long, ticks: longer than DIR is turned before one.
     clear: u32,
+    /// The motor that could not follow its plan last, so that all brake.
+    at_fault: u8,
 }
 
 impl Stepper {
@@ -228,6 +230,7 @@ impl Stepper {
             known: None,
             pace: Pace::FAR,
             clear: CLEAR,
+            at_fault: 0,
         }
     }
 
@@ -461,10 +464,14 @@ impl Stepper {
     /// A motor has noticed that its lease is over: all others are told, from when on.
     #[inline(never)]
     fn agree(&mut self) {
-        let channels = self.motors().map(|motor| motor.words.channel());
-        if let Some(lapse) = lease::agreed(channels) {
-            self.lapse_at(lapse);
+        let channels = || self.motors.iter().take(usize::from(self.count)).map(|motor| motor.words.channel());
+        let Some(lapse) = lease::agreed(channels()) else { return };
+        if lapse.cause.is_fault()
+            && let Some((number, _)) = (0..).zip(channels()).find(|(_, channel)| channel.has_news())
+        {
+            self.at_fault = number;
         }
+        self.lapse_at(lapse);
     }
 
     /// How long motors may be left alone, ticks.
@@ -606,7 +613,7 @@ impl Stepper {
         if self.motors().any(|motor| motor.words.channel().check_switch(at).is_err()) {
             return false;
         }
-        for (motor, limit) in self.motors_mut().zip(Limit::of_bytes(limits)) {
+        for (motor, limit) in self.motors_mut().zip(limits_of(limits).map(Some).chain(iter::repeat(None))) {
             // Just asked.
             let _ = motor.words.channel_mut().schedule_leased(epoch, at, lease, limit);
         }
@@ -618,7 +625,7 @@ impl Stepper {
         if !self.can_extend(lease) {
             return false;
         }
-        for (motor, limit) in self.motors_mut().zip(Limit::of_bytes(limits)) {
+        for (motor, limit) in self.motors_mut().zip(limits_of(limits).map(Some).chain(iter::repeat(None))) {
             motor.words.channel_mut().extend(lease, limit);
         }
         true
@@ -656,6 +663,11 @@ impl Stepper {
         let lease = self.motor(0).map_or(Lease::Off, |motor| motor.words.channel().lease());
         let lapses = self.motors().filter_map(|motor| motor.words.channel().lapse());
         (lease, lapses.min_by_key(|lapse| !lapse.cause.is_fault()))
+    }
+
+    /// The motor that could not follow its plan last, so that all brake.
+    pub(crate) const fn at_fault(&self) -> u8 {
+        self.at_fault
     }
 
     /// Whether a motor was in motion when the lease was over.
