@@ -60,7 +60,9 @@ pub enum LinkError {
     )]
     Taken,
     /// It speaks another version of the protocol.
-    #[error("the board's firmware speaks protocol {board}, this program {host}: write the firmware that belongs to it")]
+    #[error(
+        "the board's firmware speaks protocol {board}, this program {host}: `pulsetrain flash uno --port PORT`, or `flash pico`, writes the firmware that belongs to it"
+    )]
     Version {
         /// The board's.
         board: u8,
@@ -532,13 +534,13 @@ impl Link {
         }
         match reply {
             Reply::Event(event) => self.events.push_back(event),
-            Reply::Missing { why: Missing::NotTaken } => {
+            Reply::Missing { why: Missing::NotTaken, .. } => {
                 // While Hello is out, that is what it is for; after Bye, as it should be.
                 if self.hello.is_none() {
                     self.error = Some(LinkError::Forgotten);
                 }
             }
-            Reply::Missing { why } => {
+            Reply::Missing { why, .. } => {
                 self.confirm(seq, now);
                 if why == Missing::Gap {
                     self.go_back();
@@ -570,7 +572,7 @@ impl Link {
         match reply {
             Reply::Info(info) => tag == Tag::NONE && info.nonce == self.nonce && self.hello.is_some(),
             Reply::Refused { kind: kind::HELLO, .. } => tag == Tag::NONE && self.hello.is_some(),
-            Reply::Missing { why: Missing::NotTaken } => tag == Tag::NONE,
+            Reply::Missing { why: Missing::NotTaken, .. } => tag == Tag::NONE,
             _ => tag == self.tag && self.tag != Tag::NONE,
         }
     }

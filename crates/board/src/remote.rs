@@ -9,6 +9,7 @@
 use crate::link::{Answer, BITS, Link, LinkError};
 use crate::packer::{MAX_LEN, Packer};
 use crate::{Board, BoardClock, Edge, Fared, Faults, Observer, Sizer, StopReport, SwitchRefused};
+use pulsetrain_core::lease::Lease;
 use pulsetrain_core::packing::Packing;
 use pulsetrain_core::verbs::Verb;
 use pulsetrain_core::wire::message::{
@@ -268,6 +269,8 @@ pub const fn in_words(cause: Cause) -> &'static str {
         Cause::ResetLine => "the reset line, as when a port is opened",
         Cause::PowerOn => "power came on",
         Cause::MoveDone => "a move was done",
+        Cause::Lapsed => "the host was late, and the motors braked",
+        Cause::Braked => "the host asked the motors to brake",
     }
 }
 
@@ -1018,7 +1021,9 @@ impl<P: Port> Board for Remote<P> {
         if self.error.is_some() {
             return Err(SwitchRefused::Lost);
         }
-        let answer = self.ask(&Command::Switch { epoch, tick }).map_err(|_| SwitchRefused::Lost)?;
+        let answer = self
+            .ask(&Command::Switch { epoch, tick, lease: Lease::Off, limits: &[] })
+            .map_err(|_| SwitchRefused::Lost)?;
         let refused = match answer.reply {
             Reply::Switched(Switched::Accepted) => {
                 self.epoch = epoch;

@@ -8,6 +8,7 @@ use crate::Random;
 use pulsetrain_board::native::QUEUE_LEN;
 use pulsetrain_board::{Board, Config, Edge, MotorConfig, Native, Port, PortError, SwitchRefused, Wiring};
 use pulsetrain_core::Epoch;
+use pulsetrain_core::lease::Lease;
 use pulsetrain_core::packing::{Packing, State};
 use pulsetrain_core::verbs::{Limits, Verbs};
 use pulsetrain_core::wire::message::{ALL_MOTORS, Cause, Configuration, Event, Info, Measures, Reason, flags};
@@ -323,7 +324,7 @@ impl Machine for Model {
         self.drop_epoch(epoch);
     }
 
-    fn switch(&mut self, epoch: Epoch, tick: u64) -> Result<Switched, Refusal> {
+    fn switch(&mut self, epoch: Epoch, tick: u64, _: Lease, _: &[u8]) -> Result<Switched, Refusal> {
         if !self.armed {
             return Err(Refusal::of(Reason::NotArmed));
         }

@@ -322,7 +322,7 @@ fn a_question_before_data_that_are_refused_is_answered() {
         match (said, last) {
             (None, _) => {}
             (Some(false), _) => {
-                link.input(&framed(Tag(1), |frame| frame.bytes(&[expected - 1, kind::POLL | kind::ANSWER, 0, 0])), now)
+                link.input(&framed(Tag(1), |frame| frame.bytes(&[expected - 1, kind::POLL | kind::ANSWER, 0, 0, 0])), now)
             }
             (_, (seq, kind::CLOCK)) => {
                 let clock = framed(Tag(1), |frame| {
@@ -361,8 +361,8 @@ fn a_board_that_speaks_but_does_not_answer_is_an_error() {
         assert_eq!((link.error(), ms), (Some(LinkError::Unanswered), given_up_ms));
     };
     // A question that is taken after 5 ms, and not answered; data that there is no room for.
-    check(&|link, now| link.ask(&Command::Status, now), &[1, kind::POLL | kind::ANSWER, 0, 0], 3805);
-    check(&|link, now| link.send(0, Epoch(1), &[0; 8], now), &[0, kind::MISSING, Missing::NoRoom as u8], 3800);
+    check(&|link, now| link.ask(&Command::Status, now), &[1, kind::POLL | kind::ANSWER, 0, 0, 0], 3805);
+    check(&|link, now| link.send(0, Epoch(1), &[0; 8], now), &[0, kind::MISSING, Missing::NoRoom as u8, 0], 3800);
 }
 
 /// A question waits behind data. While the board takes those, however slowly, the question is not overdue.
@@ -377,7 +377,7 @@ fn a_question_behind_slow_data_is_waited_for() {
     for seq in 1..=data + 1 {
         let now = Duration::from_millis(500 * u64::from(seq));
         link.output(now, &mut Vec::new());
-        link.input(&framed(Tag(1), |frame| frame.bytes(&[seq, kind::POLL | kind::ANSWER, 0, 0])), now);
+        link.input(&framed(Tag(1), |frame| frame.bytes(&[seq, kind::POLL | kind::ANSWER, 0, 0, 0])), now);
         assert_eq!(link.error(), None, "after frame {seq}");
     }
 }

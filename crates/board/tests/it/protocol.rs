@@ -1,15 +1,16 @@
 //! docs/protocol.md against the code: every table, every number, and the session at its end.
 
 use pulsetrain_board::Port;
-use pulsetrain_core::Epoch;
+use pulsetrain_core::lease::Lease;
 use pulsetrain_core::wire::frame::{Received, Tag};
 use pulsetrain_core::wire::message::{
-    Ack, Cause, Configuration, Event, Info, MAX_PACKED, Measures, Missing, MotorSetup, Reason, flags, image,
+    Ack, Cause, Configuration, Event, Info, LeaseField, MAX_PACKED, Measures, Missing, MotorSetup, Reason, flags, image,
 };
 use pulsetrain_core::wire::service::{SILENCE_MS, TRIAL_MS};
 use pulsetrain_core::wire::{
     Baud, Command, Decoder, Encoder, LEAST_BODY, MAX_BODY, MAX_FRAME, MAX_MOTORS, Reply, Settings, Switched, VERSION,
 };
+use pulsetrain_core::{Epoch, Moment};
 use pulsetrain_testkit::model::ModelPort;
 use std::time::Duration;
 
@@ -109,8 +110,9 @@ fn layouts_are_as_long_as_their_tables() {
         let tables = tables_of_doc();
         let table = tables.iter().rfind(|(under, table)| under == heading && table[0] == "| byte | |");
         let last = table.and_then(|(_, rows)| rows.last()).expect("a table").split('|').nth(1).expect("a cell").trim();
-        let end = last.rsplit('–').next().expect("a number").parse::<usize>().expect("a number");
-        assert_eq!(end + 1, len, "{heading}");
+        let end = last.rsplit('–').next().expect("a number");
+        let number = end.trim_end_matches('…').parse::<usize>().expect("a number");
+        assert_eq!(number + usize::from(!end.ends_with('…')), len, "{heading}");
     }
     // A frame has six bytes more than its body.
     let command = |command: Command<'_>| {
@@ -119,7 +121,10 @@ fn layouts_are_as_long_as_their_tables() {
     };
     check("Hello", command(Command::Hello { version: VERSION, nonce: 2 }));
     check("Discard", command(Command::Discard { epoch: Epoch(1) }));
-    check("Switch", command(Command::Switch { epoch: Epoch(1), tick: 5 }));
+    check("Switch", command(Command::Switch { epoch: Epoch(1), tick: 5, lease: Lease::Off, limits: &[] }));
+    check("Extend", command(Command::Extend { lease: Lease::Last, limits: &[] }));
+    check("Trim", command(Command::Trim { until: Moment(5), bytes: &[] }));
+    check("LeaseField", size_of::<LeaseField>());
     check("Baud", command(Command::Baud { baud: Baud::B1M }));
     let reply = |encode: &dyn Fn(&mut Encoder<'_>)| {
         let mut bytes = [0; MAX_FRAME];
@@ -137,9 +142,11 @@ fn layouts_are_as_long_as_their_tables() {
         let mut read = (2..80).filter(|len| Reply::decode(&[&[1, kind][..], &vec![0; len - 2]].concat()).is_some());
         (read.next(), read.next())
     };
-    assert_eq!(read(0x86), (Some(21), None));
+    assert_eq!(read(0x86), (Some(21), Some(28)));
     let switched = read(0x88).0.expect("one");
     check("Switched", switched);
+    check("Trimmed", read(0x99).0.expect("one"));
+    check("Braked", read(0x9a).0.expect("one"));
     check("Settings", command(Command::Store(Some(Settings::default()))));
     check("Stored", read(0x8f).0.expect("one"));
     assert_eq!(MotorSetup::default().to_bytes().len(), 8);
@@ -205,7 +212,7 @@ fn kinds_are_those_of_the_code() {
     };
     for kind in 0..=255 {
         // Some payload makes a command of every kind that there is.
-        let payloads = [&[][..], &[1], &[1; 5], &[1; 9], &[0; 13]];
+        let payloads = [&[][..], &[1], &[1; 5], &[1; 6], &[1; 14], &[0; 13]];
         let command = payloads.iter().find_map(|payload| Command::decode(kind, payload).ok());
         let unknown = Command::decode(kind, &[]) == Err(Reason::UnknownKind);
         assert_eq!(listed(kind).is_none(), unknown, "{kind:#04x}");
@@ -282,7 +289,7 @@ fn the_session_is_what_its_remarks_say() {
             _ => {}
         }
     }
-    assert_eq!(commands[0], "0 Hello { version: 2, nonce: 305419896 }");
+    assert_eq!(commands[0], "0 Hello { version: 3, nonce: 305419896 }");
     assert!(matches!(replies[0], (0, Reply::Info(Info { tag: Tag(1), pool: 1024, window: 240, .. }))));
     let free = |reply: &(u8, Reply)| match reply.1 {
         Reply::Configured(free) | Reply::Ack(Ack { free, .. }) => free.as_slice().to_vec(),
@@ -291,7 +298,7 @@ fn the_session_is_what_its_remarks_say() {
     assert_eq!(free(&replies[1]), [512, 512]);
     assert_eq!(replies[2], (2, Reply::Done { kind: 3 }));
     assert_eq!((&commands[3], replies[3]), (&commands[2], replies[2]));
-    assert_eq!(replies[4], (2, Reply::Missing { why: Missing::Gap }));
+    assert_eq!(replies[4], (2, Reply::Missing { why: Missing::Gap, accepted: 0 }));
     assert_eq!(free(&replies[5]), [512 - 16, 512]);
     assert_eq!(replies[6], (4, Reply::Switched(Switched::Accepted)));
     assert!(matches!(replies[7], (5, Reply::Status(status)) if status.motors.as_slice().len() == 2));
@@ -299,5 +306,5 @@ fn the_session_is_what_its_remarks_say() {
     assert!(matches!(replies[9], (7, Reply::Stopped { .. })));
     assert!(matches!(replies[10].1, Reply::Event(Event { cause: Cause::StopNow, .. })));
     assert_eq!(replies[11], (8, Reply::Done { kind: 11 }));
-    assert_eq!(replies[12].1, Reply::Missing { why: Missing::NotTaken });
+    assert_eq!(replies[12].1, Reply::Missing { why: Missing::NotTaken, accepted: 4 });
 }

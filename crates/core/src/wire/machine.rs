@@ -5,7 +5,8 @@ use super::message::{Configuration, Event, Info, Measures, Reason, kind};
 use super::orders::Orders;
 use super::settings::SETTINGS_LEN;
 use super::{Baud, MAX_MOTORS};
-use crate::Epoch;
+use crate::lease::Lease;
+use crate::{Epoch, Moment};
 
 /// Why a board does not do what a correct frame asks; a number that explains it, as [`Reason`] says.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -43,6 +44,28 @@ pub enum Switched {
     Full,
 }
 
+/// How a trim went.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Trimmed {
+    /// The bytes are dropped, and the lease has its new end.
+    Accepted,
+    /// A motor is committed beyond that end.
+    Late {
+        /// The first tick that would be accepted now.
+        horizon: u64,
+    },
+    /// So many bytes do not wait in a motor's queue: some were read already.
+    TooMany {
+        /// Which motor's.
+        motor: u8,
+    },
+    /// There is no lease, or it has lapsed.
+    NoLease,
+}
+
+/// What [`Machine::brake`] gives without a lease.
+pub const NO_LEASE: u64 = u64::MAX;
+
 /// An immediate stop, made.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Stopped {
@@ -59,6 +82,10 @@ pub struct Stopped {
 pub trait Machine {
     /// Whether its motors follow plans: [`push`](Machine::push), [`switch`](Machine::switch).
     const PLANS: bool = true;
+
+    /// Whether its plans can hold by [lease](crate::lease): [`extend`](Machine::extend), [`trim`](Machine::trim), [`brake`](Machine::brake). Of a
+    /// machine with plans; without, each lease in a frame is refused.
+    const LEASES: bool = false;
 
     /// Whether its motors can be told directly: [`obey`](Machine::obey).
     const OBEYS: bool = false;
@@ -105,12 +132,42 @@ pub trait Machine {
     /// Takes back what was pushed last of `epoch`, of all motors.
     fn discard(&mut self, epoch: Epoch);
 
-    /// At `tick` all motors drop what is left of the old epoch and begin `epoch`; all or none, and when none, what was
-    /// pushed of `epoch` is dropped.
+    /// At `tick` all motors drop what is left of the old epoch and begin `epoch`, whose plan holds as long as `lease` says; all or none, and
+    /// when none, what was pushed of `epoch` is dropped.
+    ///
+    /// `limits` are how hard motors may brake then: three bytes for each ([`limits_of`](super::message::limits_of)), all of them possible; or
+    /// nothing, and those before hold.
     ///
     /// # Errors
     /// [`Reason::NotArmed`].
-    fn switch(&mut self, epoch: Epoch, tick: u64) -> Result<Switched, Refusal>;
+    fn switch(&mut self, epoch: Epoch, tick: u64, lease: Lease, limits: &[u8]) -> Result<Switched, Refusal>;
+
+    /// Puts the end of the lease off, or earlier, and sets limits as [`switch`](Machine::switch) does; `lease` is not [`Lease::Off`]. Whether it is
+    /// accepted: not before the horizon, and the lease has not lapsed. Otherwise nothing changes.
+    fn extend(&mut self, lease: Lease, limits: &[u8]) -> bool {
+        let _ = (lease, limits);
+        false
+    }
+
+    /// Drops bytes from the end of each motor's queue, two bytes that say how many for each; the plan that is left holds up to `until`. All
+    /// or nothing.
+    ///
+    /// # Errors
+    /// [`Reason::NotArmed`].
+    fn trim(&mut self, until: Moment, bytes: &[u8]) -> Result<Trimmed, Refusal> {
+        let _ = (until, bytes);
+        Ok(Trimmed::NoLease)
+    }
+
+    /// All motors brake from the horizon on, if they do not earlier. Gives the tick from which on; [`NO_LEASE`] without a lease.
+    fn brake(&mut self) -> u64 {
+        NO_LEASE
+    }
+
+    /// What has become of the lease, as [`LeaseState::to_parts`](super::message::LeaseState::to_parts) gives it.
+    fn lease(&self) -> (u8, u32) {
+        (0, 0)
+    }
 
     /// The immediate, unplanned stop: no step begins from now on. The motors stay powered, but must be armed again.
     fn stop_now(&mut self) -> Stopped;

@@ -7,12 +7,14 @@
 //! are [`service`](super::service)'s), the host reads them into structs ([`Reply::decode`]); commands the other way round ([`Command`]).
 
 use super::frame::{Encoder, Tag};
-use super::machine::{Stopped, Switched};
+use super::machine::{NO_LEASE, Stopped, Switched, Trimmed};
 use super::orders::{Obeyed, Orders};
 use super::settings::{SETTINGS_LEN, Settings, Stored};
 use super::{Baud, MAX_MOTORS};
-use crate::Epoch;
+use crate::braking::Limit;
+use crate::lease::Lease;
 use crate::output::Sequence;
+use crate::{Epoch, Moment};
 
 /// What a command is, byte 1 of its body.
 pub mod kind {
@@ -48,6 +50,12 @@ pub mod kind {
     pub const STORE: u8 = 0x0f;
     /// [`Command::Data`](super::Command::Data) for motor 0; the next seven are for the others.
     pub const DATA: u8 = 0x10;
+    /// [`Command::Extend`](super::Command::Extend)
+    pub const EXTEND: u8 = 0x18;
+    /// [`Command::Trim`](super::Command::Trim)
+    pub const TRIM: u8 = 0x19;
+    /// [`Command::Brake`](super::Command::Brake)
+    pub const BRAKE: u8 = 0x1a;
     /// Set in an answer's kind; the rest is the command's.
     pub const ANSWER: u8 = 0x80;
     /// [`Reply::Event`](super::Reply::Event)
@@ -162,6 +170,10 @@ codes! {
         PowerOn = 15,
         /// A motor that is told directly has done a move, its last period included; `detail` is how many since it was armed.
         MoveDone = 16,
+        /// The lease was not put off while motors were in motion: all brake from the event's tick on.
+        Lapsed = 17,
+        /// The host asked for it: all motors brake from the event's tick on.
+        Braked = 18,
     }
 }
 
@@ -238,11 +250,17 @@ pub enum Command<'a> {
     /// |---|---|
     /// | 2 | epoch |
     /// | 3–10 | tick |
+    /// | 11–15 | how long the plan holds from there on: see [`LeaseField`] |
+    /// | 16… | limits: nothing, or three bytes for each configured motor: M (128 to 255), E (0 to 61), L |
     Switch {
         /// Which.
         epoch: Epoch,
         /// When.
         tick: u64,
+        /// How long the plan holds from there on.
+        lease: Lease,
+        /// How hard each motor may brake from there on, as [`limit_bytes`] has it; none: as before.
+        limits: &'a [u8],
     },
     /// The immediate stop. Answer: [`Reply::Stopped`]. No payload.
     StopNow,
@@ -288,18 +306,113 @@ pub enum Command<'a> {
         /// Items as [`packing`](crate::packing) has them.
         packed: &'a [u8],
     },
+    /// Puts the end of the lease off, or earlier. Acknowledged like Data; `accepted` says whether it was accepted.
+    ///
+    /// | byte | |
+    /// |---|---|
+    /// | 2–6 | how long the plan holds, not 0: see [`LeaseField`] |
+    /// | 7… | limits, as in Switch |
+    Extend {
+        /// How long the plan holds; not [`Lease::Off`].
+        lease: Lease,
+        /// As in Switch.
+        limits: &'a [u8],
+    },
+    /// Drops bytes from the end of each motor's queue; the plan that is left holds up to a tick. Answer: [`Reply::Trimmed`].
+    ///
+    /// | byte | |
+    /// |---|---|
+    /// | 2–5 | the new end of the lease: the low 32 bits of the tick |
+    /// | 6… | bytes to drop, two for each configured motor |
+    Trim {
+        /// The new end of the lease.
+        until: Moment,
+        /// Two bytes for each configured motor.
+        bytes: &'a [u8],
+    },
+    /// All motors brake as soon as they can. Answer: [`Reply::Braked`]. No payload.
+    Brake,
 }
+
+/// How long a plan holds, in Switch and Extend.
+///
+/// | byte | |
+/// |---|---|
+/// | 0 | 0: as long as there is one; 1: up to a tick; 2: to its end, all has been told |
+/// | 1–4 | the low 32 bits of that tick, which is less than 2^30 ahead; else 0 |
+pub type LeaseField = [u8; 5];
+
+/// The lease field.
+const fn lease_bytes(lease: Lease) -> LeaseField {
+    match lease {
+        Lease::Off => [0; 5],
+        Lease::Until(Moment(tick)) => {
+            let [a, b, c, d] = tick.to_le_bytes();
+            [1, a, b, c, d]
+        }
+        Lease::Last => [2, 0, 0, 0, 0],
+    }
+}
+
+/// Whether this is a lease field with limits behind it, of any number of motors.
+#[inline(never)]
+pub(super) fn is_lease(payload: &[u8]) -> bool {
+    let [state, _, _, _, _, limits @ ..] = payload else { return false };
+    let mut rest = limits;
+    while let [mantissa, exponent, rest_level, after @ ..] = rest {
+        if Limit::new(*mantissa, *exponent, *rest_level).is_none() {
+            return false;
+        }
+        rest = after;
+    }
+    *state <= 2 && rest.is_empty()
+}
+
+/// What a lease field says that [is one](is_lease).
+#[inline(always)]
+pub(super) const fn lease_of([state, tick @ ..]: LeaseField) -> Lease {
+    match state {
+        0 => Lease::Off,
+        1 => Lease::Until(Moment(u32::from_le_bytes(tick))),
+        _ => Lease::Last,
+    }
+}
+
+/// Limits as Switch and Extend have them.
+///
+/// ```
+/// use pulsetrain_core::braking::Limit;
+/// use pulsetrain_core::wire::message::{limit_bytes, limits_of};
+/// let limits = [Limit::new(221, 32, 0).unwrap(), Limit::new(128, 40, 3).unwrap()];
+/// assert!(limits_of(limits.map(limit_bytes).as_flattened()).eq(limits));
+/// ```
+#[must_use]
+pub const fn limit_bytes(limit: Limit) -> [u8; LIMIT_LEN] {
+    [limit.mantissa(), limit.exponent(), limit.rest_level()]
+}
+
+/// The limits in the bytes of a Switch or an Extend, one for each motor, or none.
+pub fn limits_of(bytes: &[u8]) -> impl Iterator<Item = Limit> {
+    bytes
+        .as_chunks::<LIMIT_LEN>()
+        .0
+        .iter()
+        .filter_map(|[mantissa, exponent, level]| Limit::new(*mantissa, *exponent, *level))
+}
+
+/// Bytes of a [`Limit`].
+pub const LIMIT_LEN: usize = 3;
 
 /// Most packed bytes in one frame, to a board that takes the longest bodies; else three fewer than its longest body.
 pub const MAX_PACKED: usize = super::MAX_BODY - 3;
 
-/// Bytes of the payload of a command other than Configure, Orders, Store and Data; `None` if there is no such kind.
+/// Bytes of the payload of a command that always has as many; `None` for other kinds.
 pub(super) const fn len_of(kind: u8) -> Option<u8> {
     Some(match kind {
         kind::HELLO => 5,
-        kind::SWITCH => 9,
         kind::DISCARD | kind::BAUD | kind::MEASURES => 1,
         kind::ARM | kind::RELEASE | kind::CLOCK | kind::STATUS | kind::STOP_NOW | kind::BYE | kind::POLL => 0,
+        kind::BRAKE => 0,
         _ => return None,
     })
 }
@@ -334,6 +447,9 @@ impl<'a> Command<'a> {
             Command::Orders(_) => kind::ORDERS,
             Command::Store(_) => kind::STORE,
             Command::Data { motor, .. } => kind::DATA | (*motor & 7),
+            Command::Extend { .. } => kind::EXTEND,
+            Command::Trim { .. } => kind::TRIM,
+            Command::Brake => kind::BRAKE,
         }
     }
 
@@ -342,7 +458,7 @@ impl<'a> Command<'a> {
     /// # Errors
     /// [`Reason::UnknownKind`] or [`Reason::Malformed`].
     pub fn decode(kind: u8, payload: &'a [u8]) -> Result<Command<'a>, Reason> {
-        if let kind::DATA..0x18 = kind {
+        if let kind::DATA..kind::EXTEND = kind {
             return match payload {
                 [epoch, packed @ ..] if !packed.is_empty() => {
                     Ok(Command::Data { motor: kind & 7, epoch: Epoch(*epoch), packed })
@@ -362,6 +478,9 @@ impl<'a> Command<'a> {
             }
             return Settings::decode(payload).map(|settings| Command::Store(Some(settings))).ok_or(Reason::Malformed);
         }
+        if let kind::SWITCH | kind::EXTEND | kind::TRIM = kind {
+            return Command::decode_leased(kind, payload).ok_or(Reason::Malformed);
+        }
         if payload.len() != usize::from(len_of(kind).ok_or(Reason::UnknownKind)?) {
             return Err(Reason::Malformed);
         }
@@ -373,14 +492,35 @@ impl<'a> Command<'a> {
             kind::CLOCK => Command::Clock,
             kind::STATUS => Command::Status,
             kind::DISCARD => Command::Discard { epoch: Epoch(first) },
-            kind::SWITCH => Command::Switch { epoch: Epoch(first), tick: u64::from_le_bytes(padded(number)) },
             kind::STOP_NOW => Command::StopNow,
             kind::BAUD => Command::Baud { baud: Baud::from_code(first).ok_or(Reason::Malformed)? },
             kind::BYE => Command::Bye,
             kind::POLL => Command::Poll,
+            kind::BRAKE => Command::Brake,
             _ if first > 1 => return Err(Reason::Malformed),
             _ => Command::Measures { reset: first == 1 },
         })
+    }
+
+    /// Switch, Extend or Trim.
+    fn decode_leased(kind: u8, payload: &'a [u8]) -> Option<Command<'a>> {
+        if kind == kind::TRIM {
+            let (until, bytes) = payload.split_first_chunk()?;
+            let whole = bytes.len() & 1 == 0 && bytes.len() <= 2 * MAX_MOTORS;
+            return whole.then_some(Command::Trim { until: Moment(u32::from_le_bytes(*until)), bytes });
+        }
+        let (head, rest) = if kind == kind::SWITCH { payload.split_at_checked(9)? } else { (&[][..], payload) };
+        let (field, limits) = rest.split_first_chunk()?;
+        if !is_lease(rest) || limits.len() > LIMIT_LEN * MAX_MOTORS {
+            return None;
+        }
+        match (lease_of(*field), head) {
+            (lease, [epoch, tick @ ..]) => {
+                Some(Command::Switch { epoch: Epoch(*epoch), tick: u64::from_le_bytes(padded(tick)), lease, limits })
+            }
+            (Lease::Off, []) => None,
+            (lease, []) => Some(Command::Extend { lease, limits }),
+        }
     }
 
     /// Makes a frame of it in the front of `out` and gives its length; `None` if it does not fit.
@@ -395,9 +535,19 @@ impl<'a> Command<'a> {
             }
             Command::Configure(configuration) => configuration.encode(&mut frame),
             Command::Discard { epoch } => frame.u8(epoch.0),
-            Command::Switch { epoch, tick } => {
+            Command::Switch { epoch, tick, lease, limits } => {
                 frame.u8(epoch.0);
                 frame.u64(tick);
+                frame.bytes(&lease_bytes(lease));
+                frame.bytes(limits);
+            }
+            Command::Extend { lease, limits } => {
+                frame.bytes(&lease_bytes(lease));
+                frame.bytes(limits);
+            }
+            Command::Trim { until, bytes } => {
+                frame.u32(until.0);
+                frame.bytes(bytes);
             }
             Command::Baud { baud } => frame.u8(baud as u8),
             Command::Measures { reset } => frame.u8(u8::from(reset)),
@@ -417,7 +567,8 @@ impl<'a> Command<'a> {
             | Command::Status
             | Command::StopNow
             | Command::Bye
-            | Command::Poll => {}
+            | Command::Poll
+            | Command::Brake => {}
         }
         frame.finish(tag)
     }
@@ -798,12 +949,15 @@ pub type Configured = PerMotor<u16>;
 /// |---|---|
 /// | 0 | sequence number of the last frame that was taken in order |
 /// | 2 | [`flags`] of the board |
-/// | 3 | motors |
-/// | 4… | free bytes of each motor's queue, two each |
+/// | 3 | accepted: sequence number of the last Extend, Switch, Trim or Brake that was, else of Hello |
+/// | 4 | motors |
+/// | 5… | free bytes of each motor's queue, two each |
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Ack {
     /// See [`flags`].
     pub flags: u8,
+    /// Sequence number of the last Extend, Switch, Trim or Brake that was accepted.
+    pub accepted: u8,
     /// Free bytes of each motor's queue.
     pub free: PerMotor<u16>,
 }
@@ -841,6 +995,47 @@ pub struct StatusHead {
     pub epoch: Epoch,
     /// See [`flags`].
     pub flags: u8,
+    /// Sequence number of the last Extend, Switch, Trim or Brake that was accepted.
+    pub accepted: u8,
+    /// How long the plan holds.
+    pub lease: LeaseState,
+}
+
+/// What has become of a lease, as Status has it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum LeaseState {
+    /// There is none.
+    #[default]
+    Off,
+    /// The plan holds up to this tick.
+    Until(Moment),
+    /// The plan holds to its end.
+    Last,
+    /// It is over since this tick.
+    Lapsed(Moment),
+}
+
+impl LeaseState {
+    /// As [`Machine::lease`](super::Machine::lease) gives it.
+    #[must_use]
+    pub const fn to_parts(self) -> (u8, u32) {
+        match self {
+            LeaseState::Off => (0, 0),
+            LeaseState::Until(Moment(tick)) => (1, tick),
+            LeaseState::Last => (2, 0),
+            LeaseState::Lapsed(Moment(tick)) => (3, tick),
+        }
+    }
+
+    const fn from_parts(state: u8, tick: u32) -> Option<LeaseState> {
+        match state {
+            0 => Some(LeaseState::Off),
+            1 => Some(LeaseState::Until(Moment(tick))),
+            2 => Some(LeaseState::Last),
+            3 => Some(LeaseState::Lapsed(Moment(tick))),
+            _ => None,
+        }
+    }
 }
 
 /// What is each motor's.
@@ -859,11 +1054,12 @@ pub struct MotorStatus {
 /// | byte | |
 /// |---|---|
 /// | 2–9 | the clock |
-/// | 10–17 | horizon |
-/// | 18 | epoch |
-/// | 19 | [`flags`] of the board |
-/// | 20 | motors |
-/// | 21… | seven bytes each: position (4), free bytes (2), [`flags`] of the motor |
+/// | 10–13 | horizon: the low 32 bits of the tick |
+/// | 14 | epoch |
+/// | 15 | bits 0–3: [`flags`] of the board; bits 4–5: lease: 0 off, 1 until, 2 last, 3 lapsed |
+/// | 16 | accepted: sequence number of the last Extend, Switch, Trim or Brake that was, else of Hello |
+/// | 17–20 | until, or lapsed since: the low 32 bits of the tick; else 0 |
+/// | 21… | seven bytes for each motor: position (4), free bytes (2), [`flags`] of the motor |
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Status {
     /// Common to all motors.
@@ -880,9 +1076,14 @@ impl Status {
     }
 
     fn decode(reader: &mut Reader<'_>) -> Option<Status> {
-        let [tick, horizon] = [reader.u64()?, reader.u64()?];
-        let head = StatusHead { tick, horizon, epoch: Epoch(reader.u8()?), flags: reader.u8()? };
-        let count = reader.u8()?;
+        let tick = reader.u64()?;
+        // Not before the clock was read, or but a little.
+        let ahead = reader.u32()?.wrapping_sub(Moment::of(tick).0).cast_signed();
+        let horizon = tick.saturating_add_signed(ahead.into());
+        let (epoch, marks, accepted) = (Epoch(reader.u8()?), reader.u8()?, reader.u8()?);
+        let lease = LeaseState::from_parts(marks >> 4, reader.u32()?)?;
+        let head = StatusHead { tick, horizon, epoch, flags: marks & 15, accepted, lease };
+        let count = u8::try_from(reader.0.len() / 7).ok()?;
         let motors = PerMotor::decode(count, || {
             Some(MotorStatus { position: reader.u32()?.cast_signed(), free: reader.u16()?, faults: reader.u8()? })
         })?;
@@ -1033,6 +1234,22 @@ pub enum Reply {
     /// | 2 | 0 accepted, 1 late, 2 early, 3 full |
     /// | 3–10 | late: horizon; early: first tick that is too far; else 0 |
     Switched(Switched),
+    /// To Trim.
+    ///
+    /// | byte | |
+    /// |---|---|
+    /// | 2 | 0 accepted, 1 late, 2 so many bytes do not wait, 3 no lease, or it lapsed |
+    /// | 3–10 | 1: horizon; 2: the motor; else 0 |
+    Trimmed(Trimmed),
+    /// To Brake.
+    ///
+    /// | byte | |
+    /// |---|---|
+    /// | 2–9 | all motors brake from this tick on, or did already; 2^64 − 1 if there is no lease |
+    Braked {
+        /// Then.
+        tick: Option<u64>,
+    },
     /// To StopNow.
     ///
     /// | byte | |
@@ -1086,9 +1303,12 @@ pub enum Reply {
     /// |---|---|
     /// | 0 | sequence number of the last frame that was taken in order |
     /// | 2 | 0: a frame is missing; 1: nobody has taken the board; 2: no room for the next frame |
+    /// | 3 | accepted: sequence number of the last Extend, Switch, Trim or Brake that was, else of Hello |
     Missing {
         /// Byte 2.
         why: Missing,
+        /// Byte 3.
+        accepted: u8,
     },
     /// Unasked.
     Event(Event),
@@ -1116,7 +1336,7 @@ impl Reply {
         let (seq, code) = (reader.u8()?, reader.u8()?);
         let reply = match code {
             kind::EVENT => Reply::Event(Event::decode(&mut reader)?),
-            kind::MISSING => Reply::Missing { why: Missing::from_code(reader.u8()?)? },
+            kind::MISSING => Reply::Missing { why: Missing::from_code(reader.u8()?)?, accepted: reader.u8()? },
             kind::REFUSED => {
                 let (kind, reason) = (reader.u8()?, Reason::from_code(reader.u8()?)?);
                 Reply::Refused { kind, reason, detail: reader.u16()? }
@@ -1150,6 +1370,17 @@ impl Reply {
                     _ => return None,
                 })
             }
+            kind::TRIM => {
+                let (code, tick) = (reader.u8()?, reader.u64()?);
+                Reply::Trimmed(match code {
+                    0 => Trimmed::Accepted,
+                    1 => Trimmed::Late { horizon: tick },
+                    2 => Trimmed::TooMany { motor: u8::try_from(tick).ok()? },
+                    3 => Trimmed::NoLease,
+                    _ => return None,
+                })
+            }
+            kind::BRAKE => Reply::Braked { tick: Some(reader.u64()?).filter(|tick| *tick != NO_LEASE) },
             kind::STOP_NOW => {
                 let stopped = Stopped { tick: reader.u64()?, uncertain: reader.u8()? };
                 let count = reader.u8()?;
@@ -1157,8 +1388,8 @@ impl Reply {
                 Reply::Stopped { stopped, positions }
             }
             kind::POLL => {
-                let (flags, count) = (reader.u8()?, reader.u8()?);
-                Reply::Ack(Ack { flags, free: PerMotor::decode(count, || reader.u16())? })
+                let (flags, accepted, count) = (reader.u8()?, reader.u8()?, reader.u8()?);
+                Reply::Ack(Ack { flags, accepted, free: PerMotor::decode(count, || reader.u16())? })
             }
             kind::MEASURES => Reply::Measures(Measures::decode(reader)?),
             kind::ORDERS => Reply::Obeyed(Obeyed::decode(core::mem::take(&mut reader.0))?),
@@ -1184,6 +1415,18 @@ impl Switched {
             Switched::Late { horizon } => (1, horizon),
             Switched::Early { limit } => (2, limit),
             Switched::Full => (3, 0),
+        }
+    }
+}
+
+impl Trimmed {
+    /// As the answer has it.
+    pub(super) const fn to_parts(self) -> (u8, u64) {
+        match self {
+            Trimmed::Accepted => (0, 0),
+            Trimmed::Late { horizon } => (1, horizon),
+            Trimmed::TooMany { motor } => (2, motor as u64),
+            Trimmed::NoLease => (3, 0),
         }
     }
 }

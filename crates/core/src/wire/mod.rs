@@ -20,13 +20,13 @@ pub mod service;
 pub mod settings;
 
 pub use frame::{Decoder, Encoder, MAX_BODY, MAX_FRAME};
-pub use machine::{Machine, Refusal, Stopped, Switched};
+pub use machine::{Machine, Refusal, Stopped, Switched, Trimmed};
 pub use message::{Command, Reason, Reply};
 pub use service::Service;
 pub use settings::{Settings, Stored};
 
 /// Of this description; a host that finds another one says so and goes away.
-pub const VERSION: u8 = 2;
+pub const VERSION: u8 = 3;
 
 /// Motors that messages have room for.
 pub const MAX_MOTORS: usize = 8;

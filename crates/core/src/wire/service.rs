@@ -3,7 +3,7 @@
 //! # Order
 //! A frame is taken when its sequence number is the next one; what comes again is answered again and not done again;
 //! what comes too early is not taken, and the host is told where to go back to ([`Reply::Missing`]). Data are
-//! acknowledged by the latest of them. A command is answered once it is done; the host waits for that before it says
+//! acknowledged by the latest of them, and so are extensions of a lease: which of these was accepted, a number says. A command is answered once it is done; the host waits for that before it says
 //! more. What was asked last is remembered with its outcome, so that an answer that was lost can be given again.
 //!
 //! # Who may speak
@@ -19,11 +19,11 @@
 
 use super::frame::{Encoder, Received, Tag};
 use super::machine::{Machine, Refusal, Stopped};
-use super::message::{Configuration, Missing, Reason, kind, len_of};
+use super::message::{Configuration, LIMIT_LEN, LeaseField, Missing, Reason, is_lease, kind, lease_of, len_of};
 use super::orders::Orders;
 use super::settings::{self, SETTINGS_LEN};
 use super::{Baud, LEAST_BODY, MAX_BODY, Millis, VERSION};
-use crate::Epoch;
+use crate::{Epoch, Moment};
 
 /// How long a board listens at a new rate before it goes back to 115 200 baud, ms.
 pub const TRIAL_MS: u16 = 250;
@@ -38,7 +38,7 @@ struct Answer {
     kind: u8,
     /// Why it was not done. Questions are answered anew whenever they are asked.
     refused: Option<Refusal>,
-    /// Of Switch and StopNow, with `code`: a tick, and how the switch went or which motors are uncertain.
+    /// Of Switch, Trim, Brake and StopNow, with `code`: a tick, and how the switch or the trim went or which motors are uncertain.
     tick: [u8; 8],
     code: u8,
 }
@@ -65,10 +65,10 @@ pub struct Service {
     tag: Tag,
     nonce: u32,
     taken: bool,
-    /// Bye was said; the session is over when its answer is out.
-    leaving: bool,
     /// The sequence number that is next.
     expected: u8,
+    /// That of the last Extend, Switch, Trim or Brake that was accepted, else of Hello.
+    accepted: u8,
     answer: Answer,
     answer_due: bool,
     ack_due: bool,
@@ -112,8 +112,8 @@ impl Service {
         tag: Tag::NONE,
         nonce: 0,
         taken: false,
-        leaving: false,
         expected: 0,
+        accepted: 0,
         answer: Answer { seq: 0, kind: 0, refused: None, tick: [0; 8], code: 0 },
         answer_due: false,
         ack_due: false,
@@ -243,11 +243,13 @@ impl Service {
             frame.u8(last);
             frame.u8(kind::MISSING);
             frame.u8(why as u8);
+            frame.u8(self.accepted);
         } else if self.ack_due {
             self.ack_due = false;
             frame.u8(last);
             frame.u8(kind::POLL | kind::ANSWER);
             frame.u8(machine.flags());
+            frame.u8(self.accepted);
             free(&mut frame, machine);
         // Around a change of rate nobody may hear it.
         } else if self.taken
@@ -265,7 +267,8 @@ impl Service {
 
     /// What time brings: the new rate, the end of its trial, a host that is lost.
     fn watch(&mut self, now: Millis, machine: &mut impl Machine) {
-        if self.leaving && !self.answer_due {
+        if self.taken && self.answer.kind == kind::BYE && self.answer.refused.is_none() && !self.answer_due {
+            // The answer to good-bye is out.
             self.leave(machine, false);
         }
         match self.change {
@@ -295,7 +298,7 @@ impl Service {
     }
 
     fn leave(&mut self, machine: &mut impl Machine, lost: bool) {
-        (self.taken, self.leaving) = (false, false);
+        self.taken = false;
         (self.answer_due, self.ack_due, self.missing_due) = (false, false, None);
         self.change = Change::None;
         self.set_baud(Baud::B115200, machine);
@@ -352,7 +355,7 @@ impl Service {
             if self.taken {
                 self.tag = self.tag.next();
             }
-            self.expected = seq.wrapping_add(1);
+            (self.expected, self.accepted) = (seq.wrapping_add(1), seq);
             (self.silence_ms, self.missing_told, self.ack_due, self.missing_due) = (SILENCE_MS, false, false, None);
         }
         self.heard = now;
@@ -363,7 +366,7 @@ impl Service {
     #[inline(always)]
     fn take<M: Machine>(&mut self, seq: u8, kind: u8, payload: &[u8], machine: &mut M) {
         let mut is_answered = true;
-        let done = if let kind::DATA..0x18 = kind
+        let done = if let kind::DATA..kind::EXTEND = kind
             && M::PLANS
         {
             let pushed = match payload {
@@ -375,6 +378,10 @@ impl Service {
             }
             is_answered = pushed.is_err();
             pushed
+        } else if M::LEASES && kind == kind::EXTEND {
+            let extended = self.extend(payload, machine);
+            is_answered = extended.is_err();
+            extended
         } else if kind == kind::POLL && payload.is_empty() {
             is_answered = false;
             Ok(())
@@ -425,13 +432,20 @@ impl Service {
         if M::OBEYS && kind == kind::ORDERS {
             return machine.obey(&Orders::decode(payload).ok_or(malformed(kind))?);
         }
+        if M::PLANS && kind == kind::SWITCH {
+            return self.switch(payload, machine);
+        }
+        if M::LEASES && kind == kind::TRIM {
+            return self.trim(payload, machine);
+        }
         let Some(len) = len_of(kind) else {
             return Err(Refusal { reason: Reason::UnknownKind, detail: u16::from(kind) });
         };
         if payload.len() != usize::from(len) {
             return Err(malformed(kind));
         }
-        if (!M::PLANS && matches!(kind, kind::DISCARD | kind::SWITCH))
+        if (!M::PLANS && kind == kind::DISCARD)
+            || (!M::LEASES && kind == kind::BRAKE)
             || (!drives && matches!(kind, kind::ARM | kind::RELEASE))
         {
             return Err(Refusal { reason: Reason::UnknownKind, detail: u16::from(kind) });
@@ -441,7 +455,14 @@ impl Service {
             kind::ARM if drives => return machine.arm(),
             kind::RELEASE if drives => return machine.release(),
             kind::DISCARD if M::PLANS => machine.discard(Epoch(first)),
-            kind::SWITCH if M::PLANS => return self.switch(payload, machine),
+            kind::BRAKE if M::LEASES => {
+                let tick = machine.brake().to_le_bytes();
+                // No clock comes so far.
+                if tick[7] != 0xff {
+                    self.accepted = self.expected;
+                }
+                self.answer.tick = tick;
+            }
             kind::STOP_NOW => {
                 let Stopped { tick, uncertain } = machine.stop_now();
                 (self.answer.tick, self.answer.code) = (tick.to_le_bytes(), uncertain);
@@ -453,7 +474,6 @@ impl Service {
                 }
                 self.change = Change::Due(baud);
             }
-            kind::BYE => self.leaving = true,
             // With a tag: no session begins inside another.
             kind::HELLO => return Err(Refusal::of(Reason::Taken)),
             kind::MEASURES if first > 1 => return Err(malformed(kind)),
@@ -461,22 +481,57 @@ impl Service {
                 self.damaged = 0;
                 machine.reset_measures();
             }
-            // Questions, answered from what is there.
+            // Questions, answered from what is there; good-bye, which ends the session when its answer is out.
             _ => {}
         }
         Ok(())
     }
 
     #[inline(never)]
-    fn switch(&mut self, payload: &[u8], machine: &mut impl Machine) -> Result<(), Refusal> {
-        if let [epoch, tick @ ..] = payload
-            && let Some(tick) = tick.first_chunk()
+    fn switch<M: Machine>(&mut self, payload: &[u8], machine: &mut M) -> Result<(), Refusal> {
+        let [epoch, t0, t1, t2, t3, t4, t5, t6, t7, rest @ ..] = payload else { return Err(malformed(kind::SWITCH)) };
+        let tick = u64::from_le_bytes([*t0, *t1, *t2, *t3, *t4, *t5, *t6, *t7]);
+        if let Some((field, limits)) = lease_for(rest, machine.motors())
+            && (M::LEASES || field[0] == 0)
         {
-            let switched = machine.switch(Epoch(*epoch), u64::from_le_bytes(*tick))?;
-            let (code, tick) = switched.to_parts();
-            (self.answer.code, self.answer.tick) = (code, tick.to_le_bytes());
+            let switched = machine.switch(Epoch(*epoch), tick, lease_of(*field), limits)?;
+            self.accept(switched.to_parts());
+            return Ok(());
         }
+        Err(malformed(kind::SWITCH))
+    }
+
+    #[inline(never)]
+    fn extend(&mut self, payload: &[u8], machine: &mut impl Machine) -> Result<(), Refusal> {
+        if let Some((field, limits)) = lease_for(payload, machine.motors())
+            && field[0] != 0
+        {
+            if machine.extend(lease_of(*field), limits) {
+                self.accepted = self.expected;
+            }
+            return Ok(());
+        }
+        Err(malformed(kind::EXTEND))
+    }
+
+    #[inline(never)]
+    fn trim(&mut self, payload: &[u8], machine: &mut impl Machine) -> Result<(), Refusal> {
+        let bad = malformed(kind::TRIM);
+        let (until, bytes) = payload.split_first_chunk().ok_or(bad)?;
+        if bytes.len() != 2 * usize::from(machine.motors()) {
+            return Err(bad);
+        }
+        let trimmed = machine.trim(Moment(u32::from_le_bytes(*until)), bytes)?;
+        self.accept(trimmed.to_parts());
         Ok(())
+    }
+
+    /// Notes how a switch or a trim went: code 0 is accepted. Its number is the one that is next.
+    fn accept(&mut self, (code, tick): (u8, u64)) {
+        (self.answer.code, self.answer.tick) = (code, tick.to_le_bytes());
+        if code == 0 {
+            self.accepted = self.expected;
+        }
     }
 
     /// The frame answered last came again. Only a change of rate is done again: the host has not seen it.
@@ -520,20 +575,23 @@ impl Service {
             kind::CLOCK => frame.u64(machine.clock()),
             kind::STATUS => {
                 frame.u64(machine.clock());
-                frame.u64(machine.horizon());
+                frame.u32(Moment::of(machine.horizon()).0);
                 frame.u8(machine.epoch().0);
-                frame.u8(machine.flags());
-                frame.u8(motors);
+                let (state, tick) = machine.lease();
+                frame.u8(machine.flags() | state << 4);
+                frame.u8(self.accepted);
+                frame.u32(tick);
                 for motor in 0..motors {
                     frame.u32(machine.position(motor).cast_unsigned());
                     frame.u16(machine.free(motor));
                     frame.u8(machine.faults(motor));
                 }
             }
-            kind::SWITCH => {
+            kind::SWITCH | kind::TRIM => {
                 frame.u8(self.answer.code);
                 frame.bytes(&self.answer.tick);
             }
+            kind::BRAKE => frame.bytes(&self.answer.tick),
             kind::STOP_NOW => {
                 frame.bytes(&self.answer.tick);
                 frame.u8(self.answer.code);
@@ -557,6 +615,14 @@ impl Service {
             _ => {}
         }
     }
+}
+
+/// A lease field, and limits for all of so many motors or none.
+#[inline(always)]
+fn lease_for(payload: &[u8], motors: u8) -> Option<(&LeaseField, &[u8])> {
+    let (field, limits) = payload.split_first_chunk()?;
+    let all = LIMIT_LEN * usize::from(motors);
+    ((limits.is_empty() || limits.len() == all) && is_lease(payload)).then_some((field, limits))
 }
 
 /// Not as long as its kind says, or out of range.

@@ -1,18 +1,20 @@
 //! The board's side of the link, with a machine that only notes what it is asked for.
 
 use proptest::prelude::*;
-use pulsetrain_core::Epoch;
+use pulsetrain_core::lease::Lease;
 use pulsetrain_core::wire::frame::{Received, Tag};
+use pulsetrain_core::wire::machine::NO_LEASE;
 use pulsetrain_core::wire::message::{
-    Configuration, Event, Info, Measures, Missing, MotorSetup, MotorStatus, Reason, StatusHead,
+    Configuration, Event, Info, LeaseState, Measures, Missing, MotorSetup, MotorStatus, Reason, StatusHead,
 };
 use pulsetrain_core::wire::orders::{Obeyed, Orders};
 use pulsetrain_core::wire::service::{SILENCE_MS, TRIAL_MS};
 use pulsetrain_core::wire::settings::SETTINGS_LEN;
 use pulsetrain_core::wire::{
     Baud, Command, Decoder, Encoder, LEAST_BODY, MAX_BODY, MAX_FRAME, Machine, Millis, Refusal, Reply, Service,
-    Settings, Stopped, Stored, Switched, VERSION,
+    Settings, Stopped, Stored, Switched, Trimmed, VERSION,
 };
+use pulsetrain_core::{Epoch, Moment};
 
 /// Says yes to everything.
 #[derive(Default)]
@@ -22,6 +24,8 @@ struct Notebook {
     measures: Measures,
     settings: Option<[u8; SETTINGS_LEN]>,
     is_damaged: bool,
+    /// Refuses what has to do with a lease.
+    has_lapsed: bool,
 }
 
 impl Notebook {
@@ -35,6 +39,7 @@ impl Notebook {
 }
 
 impl Machine for Notebook {
+    const LEASES: bool = true;
     const OBEYS: bool = true;
 
     fn obey(&mut self, orders: &Orders<'_>) -> Result<(), Refusal> {
@@ -89,9 +94,24 @@ impl Machine for Notebook {
     fn discard(&mut self, epoch: Epoch) {
         self.note(format!("{:?}", Command::Discard { epoch }));
     }
-    fn switch(&mut self, epoch: Epoch, tick: u64) -> Result<Switched, Refusal> {
-        self.note(format!("{:?}", Command::Switch { epoch, tick }));
-        Ok(Switched::Late { horizon: tick ^ 0x55 })
+    fn switch(&mut self, epoch: Epoch, tick: u64, lease: Lease, limits: &[u8]) -> Result<Switched, Refusal> {
+        self.note(format!("{:?}", Command::Switch { epoch, tick, lease, limits }));
+        Ok(if tick.is_multiple_of(2) { Switched::Accepted } else { Switched::Late { horizon: tick ^ 0x55 } })
+    }
+    fn extend(&mut self, lease: Lease, limits: &[u8]) -> bool {
+        self.note(format!("{:?}", Command::Extend { lease, limits }));
+        !self.has_lapsed
+    }
+    fn trim(&mut self, until: Moment, bytes: &[u8]) -> Result<Trimmed, Refusal> {
+        self.note(format!("{:?}", Command::Trim { until, bytes }));
+        Ok(if self.has_lapsed { Trimmed::NoLease } else { Trimmed::Accepted })
+    }
+    fn brake(&mut self) -> u64 {
+        self.note(format!("{:?}", Command::Brake));
+        if self.has_lapsed { NO_LEASE } else { 0x1234_5678_9abc }
+    }
+    fn lease(&self) -> (u8, u32) {
+        LeaseState::Lapsed(Moment(12)).to_parts()
     }
     fn stop_now(&mut self) -> Stopped {
         self.note(format!("{:?}", Command::StopNow));
@@ -104,7 +124,7 @@ impl Machine for Notebook {
         5
     }
     fn horizon(&mut self) -> u64 {
-        10
+        0x0102_0304_0506_0710
     }
     fn epoch(&self) -> Epoch {
         Epoch(11)
@@ -210,9 +230,18 @@ proptest! {
                 Ok(Command::Baud { baud: Baud::B2M }) => {
                     prop_assert_eq!(reply, Reply::Refused { kind, reason: Reason::Baud, detail: 4 });
                 }
-                Ok(Command::Switch { tick, .. }) => {
-                    prop_assert_eq!(reply, Reply::Switched(Switched::Late { horizon: tick ^ 0x55 }));
+                Ok(Command::Switch { limits, .. } | Command::Extend { limits, .. }) if !matches!(limits.len(), 0 | 6) => {
+                    prop_assert_eq!(reply, Reply::Refused { kind, reason: Reason::Malformed, detail: u16::from(kind) });
                 }
+                Ok(Command::Trim { bytes, .. }) if bytes.len() != 4 => {
+                    prop_assert_eq!(reply, Reply::Refused { kind, reason: Reason::Malformed, detail: u16::from(kind) });
+                }
+                Ok(Command::Switch { tick, .. }) => {
+                    let late = Switched::Late { horizon: tick ^ 0x55 };
+                    prop_assert_eq!(reply, Reply::Switched(if tick.is_multiple_of(2) { Switched::Accepted } else { late }));
+                }
+                Ok(Command::Trim { .. }) => prop_assert_eq!(reply, Reply::Trimmed(Trimmed::Accepted)),
+                Ok(Command::Brake) => prop_assert_eq!(reply, Reply::Braked { tick: Some(0x1234_5678_9abc) }),
                 Ok(Command::StopNow) => {
                     let Reply::Stopped { stopped, positions } = reply else { panic!("{reply:?}") };
                     prop_assert_eq!((stopped.tick, stopped.uncertain), (77, 2));
@@ -221,7 +250,14 @@ proptest! {
                 Ok(Command::Clock) => prop_assert_eq!(reply, Reply::Clock { tick: 0x0102_0304_0506_0708 }),
                 Ok(Command::Status) => {
                     let Reply::Status(status) = reply else { panic!("{reply:?}") };
-                    let head = StatusHead { tick: machine.clock(), horizon: 10, epoch: Epoch(11), flags: 5 };
+                    let head = StatusHead {
+                        tick: machine.clock(),
+                        horizon: 0x0102_0304_0506_0710,
+                        epoch: Epoch(11),
+                        flags: 5,
+                        accepted: 0,
+                        lease: LeaseState::Lapsed(Moment(12)),
+                    };
                     prop_assert_eq!(status.head, head);
                     let motor = |motor| MotorStatus { position: -1 - i32::from(motor), free: 100 + u16::from(motor), faults: motor };
                     prop_assert_eq!(status.motors.as_slice(), [motor(0), motor(1)]);
@@ -241,9 +277,10 @@ proptest! {
                     let Reply::Configured(free) = reply else { panic!("{reply:?}") };
                     prop_assert_eq!(free.as_slice(), [100, 101]);
                 }
-                Ok(Command::Poll | Command::Data { .. }) => {
+                Ok(Command::Poll | Command::Data { .. } | Command::Extend { .. }) => {
                     let Reply::Ack(ack) = reply else { panic!("{reply:?}") };
                     prop_assert_eq!((ack.flags, ack.free.as_slice()), (5, &[100, 101][..]));
+                    prop_assert_eq!(ack.accepted, u8::from(matches!(decoded, Ok(Command::Extend { .. }))));
                 }
                 Ok(_) => prop_assert_eq!(reply, Reply::Done { kind }),
             }
@@ -255,17 +292,104 @@ proptest! {
         let expected: Vec<String> = match decoded {
             Ok(Command::Hello { .. } | Command::Clock | Command::Status | Command::Poll | Command::Bye | Command::Baud { .. }) => vec![],
             Ok(Command::Measures { reset: false }) | Err(_) => vec![],
+            Ok(Command::Switch { limits, .. } | Command::Extend { limits, .. }) if !matches!(limits.len(), 0 | 6) => vec![],
+            Ok(Command::Trim { bytes, .. }) if bytes.len() != 4 => vec![],
             Ok(command) => vec![format!("{command:?}")],
         };
         prop_assert_eq!(machine.asked, expected);
     }
 }
 
+/// An Ack speaks of all frames before it: `accepted` alone says which Extend, Switch, Trim or Brake was accepted, and repeats change nothing.
+#[test]
+fn what_was_accepted_is_told_by_its_number() {
+    fn accepted(service: &mut Service, machine: &mut Notebook) -> Option<u8> {
+        match hear(service, machine, 0)?.2 {
+            Reply::Ack(ack) => Some(ack.accepted),
+            Reply::Missing { accepted, .. } => Some(accepted),
+            Reply::Status(status) => Some(status.head.accepted),
+            reply => panic!("{reply:?}"),
+        }
+    }
+    let (mut service, mut machine) = taken();
+    let extend = |tick| Command::Extend { lease: Lease::Until(Moment(tick)), limits: &[128, 61, 0, 255, 0, 9] };
+    let tell = |service: &mut Service, machine: &mut Notebook, command: &Command<'_>, seq: u8| {
+        say(service, machine, &frame(command, seq, Tag(1)), 0);
+    };
+    // Nothing was, but Hello.
+    tell(&mut service, &mut machine, &Command::Poll, 1);
+    assert_eq!(accepted(&mut service, &mut machine), Some(0));
+    // Data behind it are acknowledged with it; it comes again, and is not done again.
+    tell(&mut service, &mut machine, &extend(5), 2);
+    tell(&mut service, &mut machine, &Command::Data { motor: 0, epoch: Epoch(1), packed: &[1] }, 3);
+    assert_eq!(accepted(&mut service, &mut machine), Some(2));
+    machine.has_lapsed = true;
+    tell(&mut service, &mut machine, &extend(5), 2);
+    assert_eq!(accepted(&mut service, &mut machine), Some(2));
+    // Refused: taken, and the number is the old one, in all that tells it.
+    tell(&mut service, &mut machine, &extend(6), 4);
+    assert_eq!(accepted(&mut service, &mut machine), Some(2));
+    tell(&mut service, &mut machine, &Command::Status, 5);
+    assert_eq!(accepted(&mut service, &mut machine), Some(2));
+    tell(&mut service, &mut machine, &Command::Poll, 7);
+    assert_eq!(accepted(&mut service, &mut machine), Some(2));
+    assert_eq!(machine.asked.iter().filter(|asked| asked.starts_with("Extend")).count(), 2);
+    // Questions: the number is theirs only if they were accepted.
+    let until = Moment(7);
+    let switch = |tick| Command::Switch { epoch: Epoch(2), tick, lease: Lease::Last, limits: &[] };
+    let trim = Command::Trim { until, bytes: &[1, 0, 2, 0] };
+    let mut seq = 6;
+    let mut number = 2;
+    for (command, has_lapsed, is_accepted) in [
+        (switch(9), false, false),
+        (switch(8), false, true),
+        (trim, true, false),
+        (trim, false, true),
+        (Command::Brake, true, false),
+        (Command::Brake, false, true),
+    ] {
+        machine.has_lapsed = has_lapsed;
+        tell(&mut service, &mut machine, &command, seq);
+        let answer = hear(&mut service, &mut machine, 0);
+        assert!(answer.is_some_and(|(_, to, _)| to == seq), "{command:?}: {answer:?}");
+        // The answer got lost: the same again, though it would go otherwise now.
+        machine.has_lapsed = !has_lapsed;
+        tell(&mut service, &mut machine, &command, seq);
+        assert_eq!(hear(&mut service, &mut machine, 0), answer);
+        number = if is_accepted { seq } else { number };
+        tell(&mut service, &mut machine, &Command::Poll, seq + 1);
+        assert_eq!(accepted(&mut service, &mut machine), Some(number), "{command:?}");
+        seq += 2;
+    }
+    assert_eq!(machine.asked.len(), 3 + 6, "{:?}", machine.asked);
+}
+
+/// What Extend may not carry is refused with a reason, and nothing is done.
+#[test]
+fn leases_that_are_none_are_malformed() {
+    let (mut service, mut machine) = taken();
+    let bad: [&[u8]; 6] = [
+        // Off; no such state; a byte too many; limits for one of two motors; M too small; E too large.
+        &[0, 0, 0, 0, 0],
+        &[3, 0, 0, 0, 0],
+        &[2, 0, 0, 0, 0, 1],
+        &[2, 0, 0, 0, 0, 128, 1, 1],
+        &[2, 0, 0, 0, 0, 127, 1, 1, 128, 1, 1],
+        &[2, 0, 0, 0, 0, 128, 1, 1, 128, 62, 1],
+    ];
+    for (seq, payload) in (1..).zip(bad) {
+        say(&mut service, &mut machine, &body(&[&[seq, 0x18], payload].concat(), Tag(1)), 0);
+        let refused = Reply::Refused { kind: 0x18, reason: Reason::Malformed, detail: 0x18 };
+        assert_eq!(hear(&mut service, &mut machine, 0), Some((Tag(1), seq, refused)), "{payload:?}");
+    }
+    assert_eq!(machine.asked, [""; 0]);
+}
+
 #[test]
 fn a_gap_is_told_once_until_it_is_filled() {
     let (mut service, mut machine) = taken();
     let data = |seq| frame(&Command::Data { motor: 0, epoch: Epoch(1), packed: &[seq] }, seq, Tag(1));
-    let gap = Some((Tag(1), 0, Reply::Missing { why: Missing::Gap }));
+    let gap = Some((Tag(1), 0, Reply::Missing { why: Missing::Gap, accepted: 0 }));
     say(&mut service, &mut machine, &data(2), 0);
     assert_eq!(hear(&mut service, &mut machine, 0), gap);
     say(&mut service, &mut machine, &data(3), 0);
@@ -280,7 +404,10 @@ fn a_gap_is_told_once_until_it_is_filled() {
     let mut damaged = data(4);
     damaged[3] ^= 1;
     say(&mut service, &mut machine, &damaged, 0);
-    assert_eq!(hear(&mut service, &mut machine, 0), Some((Tag(1), 3, Reply::Missing { why: Missing::Gap })));
+    assert_eq!(
+        hear(&mut service, &mut machine, 0),
+        Some((Tag(1), 3, Reply::Missing { why: Missing::Gap, accepted: 0 }))
+    );
     assert_eq!(machine.asked.len(), 3);
 }
 
@@ -290,7 +417,10 @@ fn what_there_is_no_room_for_is_asked_for_again() {
     let data = frame(&Command::Data { motor: 1, epoch: Epoch(1), packed: &[1] }, 1, Tag(1));
     machine.full = true;
     say(&mut service, &mut machine, &data, 0);
-    assert_eq!(hear(&mut service, &mut machine, 0), Some((Tag(1), 0, Reply::Missing { why: Missing::NoRoom })));
+    assert_eq!(
+        hear(&mut service, &mut machine, 0),
+        Some((Tag(1), 0, Reply::Missing { why: Missing::NoRoom, accepted: 0 }))
+    );
     machine.full = false;
     say(&mut service, &mut machine, &data, 0);
     assert!(matches!(hear(&mut service, &mut machine, 0), Some((Tag(1), 1, Reply::Ack(_)))));
@@ -316,7 +446,7 @@ fn silence_frees_a_board_and_not_before() {
     assert_eq!(machine.asked, ["gone, lost: true"]);
     // The old host is told, the new one gets the next tag.
     say(&mut service, &mut machine, &frame(&Command::Poll, 2, Tag(1)), 0);
-    let not_taken = Reply::Missing { why: Missing::NotTaken };
+    let not_taken = Reply::Missing { why: Missing::NotTaken, accepted: 0 };
     assert!(matches!(hear(&mut service, &mut machine, 0), Some((Tag::NONE, _, reply)) if reply == not_taken));
     say(&mut service, &mut machine, &hello, 0);
     assert!(matches!(
@@ -419,5 +549,8 @@ fn small_boards_take_what_every_board_must() {
         &frame(&Command::Configure(Configuration::new(&five).unwrap()), 2, Tag(1)),
         0,
     );
-    assert_eq!(hear(&mut service, &mut machine, 0), Some((Tag(1), 1, Reply::Missing { why: Missing::Gap })));
+    assert_eq!(
+        hear(&mut service, &mut machine, 0),
+        Some((Tag(1), 1, Reply::Missing { why: Missing::Gap, accepted: 0 }))
+    );
 }

@@ -1,11 +1,12 @@
 //! Frames on a line that changes bits, and messages both ways.
 
 use proptest::prelude::*;
-use pulsetrain_core::Epoch;
+use pulsetrain_core::lease::Lease;
 use pulsetrain_core::wire::frame::{Received, Tag, framed_len};
 use pulsetrain_core::wire::message::{Configuration, MAX_PACKED, MotorSetup};
 use pulsetrain_core::wire::settings::{AMAX, MOST_VMAX};
 use pulsetrain_core::wire::{Baud, Command, Decoder, Encoder, MAX_BODY, MAX_FRAME, Settings, VERSION};
+use pulsetrain_core::{Epoch, Moment};
 
 fn framed(body: &[u8], tag: Tag) -> Vec<u8> {
     let mut out = [0; MAX_FRAME];
@@ -79,7 +80,12 @@ fn all_changes_of_up_to_three_bits_are_found() {
     let samples = [
         Command::Poll,
         Command::Hello { version: VERSION, nonce: 0x1234_5678 },
-        Command::Switch { epoch: Epoch(5), tick: 0x0123_4567_89ab },
+        Command::Switch {
+            epoch: Epoch(5),
+            tick: 0x0123_4567_89ab,
+            lease: Lease::Until(Moment(0x4567_99ab)),
+            limits: &[221, 32, 0],
+        },
         Command::Configure(Configuration::new(&motors).unwrap()),
         Command::Data { motor: 1, epoch: Epoch(6), packed: &[0x6f, 12, 0, 0x7d, 0, 1, 0, 0, 5, 7, 255, 255, 0] },
     ];
@@ -126,7 +132,7 @@ fn check_flips(frame: &[u8]) {
 }
 
 fn commands() -> impl Strategy<Value = (Vec<u8>, usize)> {
-    (prop::collection::vec(any::<u8>(), 1..=MAX_PACKED), 0usize..16)
+    (prop::collection::vec(any::<u8>(), 1..=MAX_PACKED), 0usize..20)
 }
 
 proptest! {
@@ -188,6 +194,8 @@ proptest! {
         configuration.idle_ms = (flags & 1 != 0).then_some(times[4]);
         configuration.enable_high = flags & 2 != 0;
         configuration.enable_pin = epoch;
+        let lease = [Lease::Off, Lease::Last, Lease::Until(Moment(nonce))][usize::from(flags) % 3];
+        let limits: Vec<u8> = (0..flags).flat_map(|motor| [epoch | 0x80, 61 - motor, motor]).collect();
         let command = match which {
             0 => Command::Hello { version: epoch, nonce },
             1 => Command::Configure(configuration),
@@ -196,7 +204,7 @@ proptest! {
             4 => Command::Clock,
             5 => Command::Status,
             6 => Command::Discard { epoch: Epoch(epoch) },
-            7 => Command::Switch { epoch: Epoch(epoch), tick },
+            7 => Command::Switch { epoch: Epoch(epoch), tick, lease, limits: &limits },
             8 => Command::StopNow,
             9 => Command::Baud { baud: Baud::ALL[usize::from(epoch % 5)] },
             10 => Command::Bye,
@@ -207,6 +215,9 @@ proptest! {
                 let (vmax, amax) = (nonce % (MOST_VMAX + 1), nonce.clamp(AMAX[0], AMAX[1]));
                 Command::Store(Some(Settings { deadman_ms, idle_ms, silence_ms, vmax, amax }))
             }
+            14 => Command::Extend { lease: if lease == Lease::Off { Lease::Last } else { lease }, limits: &limits },
+            15 => Command::Trim { until: Moment(nonce), bytes: &packed[..packed.len().min(16) & !1] },
+            16 => Command::Brake,
             _ => Command::Data { motor: flags, epoch: Epoch(epoch), packed: &packed },
         };
         let mut bytes = [0; MAX_FRAME];

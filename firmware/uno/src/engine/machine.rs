@@ -13,6 +13,7 @@ use crate::engine::steps::pins::{Layout, MAX_MOTORS, Pin};
 use crate::engine::steps::stepper::{self, LONGEST, Trouble};
 use crate::engine::steps::task;
 use crate::engine::store;
+use pulsetrain_core::lease::Lease;
 use pulsetrain_core::wire::frame::Tag;
 use pulsetrain_core::wire::message::{ALL_MOTORS, Cause, Configuration, Event, Info, Measures, flags};
 use pulsetrain_core::wire::orders::Orders;
@@ -479,7 +480,7 @@ impl Machine for Board {
     }
 
     #[inline(never)]
-    fn switch(&mut self, epoch: Epoch, tick: u64) -> Result<Switched, Refusal> {
+    fn switch(&mut self, epoch: Epoch, tick: u64, _: Lease, _: &[u8]) -> Result<Switched, Refusal> {
         if !self.armed {
             return Err(Refusal::of(Reason::NotArmed));
         }

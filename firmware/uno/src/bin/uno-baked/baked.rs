@@ -12,6 +12,7 @@ use crate::engine::steps::pins::{MAX_MOTORS, Pin};
 use crate::engine::steps::task;
 use crate::engine::{BOARD, clock, link, millis, regs, reset};
 use pulsetrain_core::baked::narrow::{LONGEST_PIECE, MOTOR_LEN, NEAR, Player, Standing, ZERO, block};
+use pulsetrain_core::lease::Lease;
 use pulsetrain_core::wire::message::{Cause, Configuration};
 use pulsetrain_core::wire::{Machine, Millis, Switched};
 use pulsetrain_core::{Epoch, Moment};
@@ -112,7 +113,7 @@ impl Motion {
             return None;
         }
         while self.feed(board) {}
-        let switched = board.switch(EPOCH, u64::from(ZERO - BEFORE));
+        let switched = board.switch(EPOCH, u64::from(ZERO - BEFORE), Lease::Off, &[]);
         (switched == Ok(Switched::Accepted)).then_some(())
     }
 
