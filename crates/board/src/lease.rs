@@ -34,6 +34,15 @@ pub enum LeaseState {
     },
 }
 
+impl From<Lease> for LeaseState {
+    fn from(lease: Lease) -> LeaseState {
+        match lease {
+            Lease::Until(until) => LeaseState::Until(until),
+            Lease::Last => LeaseState::Last,
+        }
+    }
+}
+
 /// An extension that was refused: what was told before stands.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum ExtendRefused {
@@ -58,6 +67,9 @@ pub enum ExtendRefused {
         /// First tick that is too far.
         limit: u64,
     },
+    /// Nothing can be said to the board any more; what it was told stands. [`Board::lost`] says why.
+    #[error("nothing can be said to the board any more")]
+    Lost,
 }
 
 /// Items that were not taken back: all of them wait as before.
@@ -85,8 +97,11 @@ pub trait Leased: Board {
 
     /// Puts the end of the lease off, or earlier, and gives the motors other limits, if there are any.
     ///
+    /// A board at the end of a cable is sent it behind all items that were pushed, and nobody waits for it: until the board has said that it was
+    /// accepted, it is [`unconfirmed`](Leased::unconfirmed), and [`lease`](Leased::lease) stays what it was. If that stays so then, it was refused.
+    ///
     /// # Errors
-    /// All motors or none.
+    /// All motors or none. A board at the end of a cable: what is known without asking it.
     fn extend(&mut self, lease: Lease, limits: &[Limit]) -> Result<(), ExtendRefused>;
 
     /// Takes back so many items from the end of each motor's queue; the plan that is left holds up to `until`.
@@ -95,10 +110,16 @@ pub trait Leased: Board {
     /// All motors or none.
     fn trim(&mut self, until: u64, items: &[usize]) -> Result<(), TrimRefused>;
 
-    /// All motors brake as soon as they can; gives the tick from which on. `None` if there is no lease. If they brake
+    /// All motors brake as soon as they can; gives the tick from which on. `None` if there is no lease, or the board is lost. If they brake
     /// already, or the lease ends sooner, that tick.
     fn brake(&mut self) -> Option<u64>;
 
-    /// How long the plan holds.
+    /// How long the plan holds, as far as the board has confirmed it.
     fn lease(&self) -> LeaseState;
+
+    /// An extension that is on its way: the plan holds so long, or as [`lease`](Leased::lease) says. At most one is. A board that
+    /// answers at once has none.
+    fn unconfirmed(&self) -> Option<Lease> {
+        None
+    }
 }

@@ -2,15 +2,16 @@
 //!
 //! Frames wait in one row, in order of their sequence numbers; those at its front are on their way, as many as the board
 //! can hold unread. What the board took leaves the row; what it missed, or did not confirm in time, goes out again
-//! from the front on. One command at most waits for its answer; data and polls may go along with it.
+//! from the front on. One command at most waits for its answer; data, extensions of the lease and polls may go along with it.
 //!
 //! docs/protocol.md has the rules that both ends keep.
 
 use pulsetrain_core::Epoch;
+use pulsetrain_core::lease::Lease;
 use pulsetrain_core::wire::frame::{Received, Tag};
 use pulsetrain_core::wire::message::{Event, Info, MAX_PACKED, Missing, kind, version_of};
 use pulsetrain_core::wire::service::TRIAL_MS;
-use pulsetrain_core::wire::{Baud, Command, Decoder, Encoder, MAX_FRAME, Reason, Reply, VERSION};
+use pulsetrain_core::wire::{Baud, Command, Decoder, Encoder, MAX_FRAME, Reason, Reply, Switched, Trimmed, VERSION};
 use std::collections::VecDeque;
 use std::time::Duration;
 
@@ -183,6 +184,12 @@ pub struct Link {
     /// Free bytes of each queue after all that was confirmed.
     free: Vec<usize>,
     refused: Option<(Reason, u16)>,
+    /// The board's, as far as it is known.
+    accepted: u8,
+    /// The extension whose fate is not known.
+    extending: Option<u8>,
+    /// The fate of the one before.
+    extended: Option<bool>,
     events: VecDeque<Event>,
     info: Option<Info>,
     baud: Baud,
@@ -220,6 +227,9 @@ impl Link {
             flags: 0,
             free: Vec::new(),
             refused: None,
+            accepted: 0,
+            extending: None,
+            extended: None,
             events: VecDeque::new(),
             info: None,
             baud: Baud::B115200,
@@ -317,6 +327,79 @@ impl Link {
         self.row.push_back(Frame { seq, fills: Some((motor, packed.len())), bytes });
     }
 
+    /// Sends an extension of the lease, behind all that was sent before; [`Link::extended`] says what became of it. `limits` are those of
+    /// [`Command::Extend`].
+    ///
+    /// # Panics
+    /// While [another](Link::is_extending) is on its way, or with limits for more than 8 motors.
+    pub fn extend(&mut self, lease: Lease, limits: &[u8], now: Duration) {
+        assert!(self.extending.is_none(), "one extension at a time");
+        self.begin_to_wait(now);
+        if self.next_seq == self.accepted {
+            // The board would tell that number if it refused it, too.
+            let (seq, bytes) = self.frame(&Command::Poll, self.tag);
+            self.row.push_back(Frame { seq, fills: None, bytes });
+        }
+        let (seq, bytes) = self.frame(&Command::Extend { lease, limits }, self.tag);
+        self.row.push_back(Frame { seq, fills: None, bytes });
+        (self.extending, self.extended) = (Some(seq), None);
+    }
+
+    /// Whether it is not known what became of an extension.
+    #[must_use]
+    pub const fn is_extending(&self) -> bool {
+        self.extending.is_some()
+    }
+
+    /// Whether the last extension was accepted, once it is known; once.
+    pub const fn extended(&mut self) -> Option<bool> {
+        self.extended.take()
+    }
+
+    /// What becomes of the extension that is on its way is not to be looked at: something behind it will be accepted, or there is no
+    /// lease any more.
+    pub const fn forget_extension(&mut self) {
+        (self.extending, self.extended) = (None, None);
+    }
+
+    /// Takes back data and an extension that were never sent.
+    ///
+    /// # Panics
+    /// While a command waits for its answer: it may be among them.
+    pub fn withdraw(&mut self) {
+        assert!(self.asked.is_none(), "a question is not withdrawn");
+        for frame in self.row.drain(self.ever_sent..) {
+            self.extending = self.extending.filter(|seq| *seq != frame.seq);
+            self.next_seq = self.next_seq.wrapping_sub(1);
+        }
+    }
+
+    /// So many bytes at the end of a motor's queue were taken back.
+    pub fn freed(&mut self, motor: u8, len: usize) {
+        if let Some(free) = self.free.get_mut(usize::from(motor)) {
+            *free += len;
+        }
+    }
+
+    /// The board has taken all frames up to `last`, and `accepted` is the one that it accepted last.
+    fn judge(&mut self, last: u8, accepted: u8) {
+        let unsent = self.row.len() - self.ever_sent;
+        let newest = self.next_seq.wrapping_sub(1).wrapping_sub(unsent as u8);
+        let Some(seq) = self.extending else {
+            if last == newest {
+                self.accepted = accepted;
+            }
+            return;
+        };
+        let since = |number: u8| number.wrapping_sub(seq);
+        // It is older than the extension.
+        if since(last) > since(newest) {
+            return;
+        }
+        self.accepted = accepted;
+        (self.extending, self.extended) = (None, Some(accepted == seq));
+    }
+
     /// How many frames wait to be sent, or to be confirmed.
     #[must_use]
     pub fn frames(&self) -> usize {
@@ -350,6 +433,10 @@ impl Link {
         self.watch(now);
         if self.error.is_some() {
             return;
+        }
+        if self.extending.is_some() && self.asked.is_none() {
+            // Its frame was confirmed by an answer that does not tell what was accepted.
+            self.poll(now);
         }
         let before = out.len();
         if self.hello.is_some() || self.new_rate.is_some() {
@@ -540,8 +627,9 @@ impl Link {
                     self.error = Some(LinkError::Forgotten);
                 }
             }
-            Reply::Missing { why, .. } => {
+            Reply::Missing { why, accepted } => {
                 self.confirm(seq, now);
+                self.judge(seq, accepted);
                 if why == Missing::Gap {
                     self.go_back();
                 } else {
@@ -554,11 +642,13 @@ impl Link {
                     self.set_free(ack.free.as_slice().iter().copied());
                     self.flags = ack.flags;
                 }
+                self.judge(seq, ack.accepted);
             }
             Reply::Info(info) => {
                 if self.hello.take().is_some() {
                     (self.tag, self.window) = (info.tag, usize::from(info.window));
                     self.info = Some(info);
+                    self.accepted = seq;
                     self.timeout = self.shortest_timeout();
                 }
                 self.answered(seq, reply, now);
@@ -622,6 +712,12 @@ impl Link {
             Reply::Status(status) => {
                 self.set_free(status.motors.as_slice().iter().map(|motor| motor.free));
                 self.flags = status.head.flags;
+                self.judge(seq, status.head.accepted);
+            }
+            Reply::Switched(Switched::Accepted)
+            | Reply::Trimmed(Trimmed::Accepted)
+            | Reply::Braked { tick: Some(_) } => {
+                self.accepted = seq;
             }
             _ => {}
         }

@@ -6,17 +6,19 @@
 //! When the board is lost, nothing waits for it: what is pushed goes nowhere, switches are refused, time goes on, and
 //! [`Remote::error`] says why. What the board was told ends in its tail.
 
+use crate::lease::{ExtendRefused, Lease, LeaseState, Leased, TrimRefused};
 use crate::link::{Answer, BITS, Link, LinkError};
 use crate::packer::{MAX_LEN, Packer};
 use crate::{Board, BoardClock, Edge, Fared, Faults, Observer, Sizer, StopReport, SwitchRefused};
-use pulsetrain_core::lease::Lease;
+use pulsetrain_core::braking::Limit;
+use pulsetrain_core::lease;
 use pulsetrain_core::packing::Packing;
 use pulsetrain_core::verbs::Verb;
 use pulsetrain_core::wire::message::{
-    Cause, Configuration, Event, Info, Measures, MotorSetup, NO_PIN, Status, flags, image, kind,
+    self, Cause, Configuration, Event, Info, Measures, MotorSetup, NO_PIN, Status, flags, image, kind, limit_bytes,
 };
 use pulsetrain_core::wire::orders::{ORDER_LEN, Obeyed, Orders, order};
-use pulsetrain_core::wire::{Baud, Command, Reason, Reply, Settings, Stopped, Stored, Switched};
+use pulsetrain_core::wire::{Baud, Command, Reason, Reply, Settings, Stopped, Stored, Switched, Trimmed};
 use pulsetrain_core::{Entry, Epoch, Item, Moment, RESUMED_WITHIN};
 use std::collections::VecDeque;
 use std::time::Duration;
@@ -342,6 +344,8 @@ struct Waiting {
     /// When the board has taken it at the latest, if its switches are those that were accepted.
     until: u64,
     len: usize,
+    /// How it was before the item was packed.
+    before: (Option<Epoch>, Packer),
 }
 
 /// One motor, as far as the host remembers it.
@@ -370,6 +374,14 @@ pub struct Remote<P> {
     clock: BoardClock,
     motors: Vec<Motor>,
     epoch: Epoch,
+    /// As far as the board has confirmed it.
+    lease: LeaseState,
+    /// An extension on its way, and the limits that it brings.
+    unconfirmed: Option<(Lease, Vec<Limit>)>,
+    /// How hard each motor brakes.
+    limits: Vec<Limit>,
+    /// Of the switch that began the lease: when it was accepted, and for which tick.
+    leased: (u64, u64),
     /// Ticks from the board's clock to its horizon, when it was asked last.
     ahead: u64,
     /// Whether the board was idle, when it was asked last after it was told something.
@@ -423,6 +435,10 @@ impl<P: Port> Remote<P> {
             clock: BoardClock::new(1),
             motors: Vec::new(),
             epoch: Epoch(0),
+            lease: LeaseState::Off,
+            unconfirmed: None,
+            limits: Vec::new(),
+            leased: (0, 0),
             ahead: 0,
             idle: false,
             told: now,
@@ -505,6 +521,7 @@ impl<P: Port> Remote<P> {
             faults: 0,
         };
         self.motors = setup.motors.iter().zip(queues.as_slice()).map(motor).collect();
+        self.limits = vec![Limit::WITHIN_A_STEP; self.motors.len()];
         self.arm()?;
         for _ in 0..FIRST_READINGS {
             self.read_clock()?;
@@ -518,6 +535,7 @@ impl<P: Port> Remote<P> {
     /// When the board is lost, or refuses.
     pub fn arm(&mut self) -> Result<(), RemoteError> {
         self.done("arm its motors", &Command::Arm)?;
+        self.end_lease();
         for motor in &mut self.motors {
             motor.forget();
             motor.waiting.clear();
@@ -532,6 +550,7 @@ impl<P: Port> Remote<P> {
     /// When the board is lost.
     pub fn stop_motors(&mut self) -> Result<(Stopped, Vec<i64>), RemoteError> {
         let answer = self.ask(&Command::StopNow);
+        self.end_lease();
         for motor in &mut self.motors {
             motor.forget();
             motor.waiting.clear();
@@ -691,7 +710,16 @@ impl<P: Port> Remote<P> {
     fn told_stop(&self) -> Option<Cause> {
         let told = self.events.iter().rev().map(|event| event.cause);
         told.into_iter().find(|cause| {
-            matches!(cause, Cause::StopNow | Cause::Starved | Cause::BadItem | Cause::CheckFailed | Cause::StepMissed)
+            matches!(
+                cause,
+                Cause::StopNow
+                    | Cause::Starved
+                    | Cause::BadItem
+                    | Cause::CheckFailed
+                    | Cause::StepMissed
+                    | Cause::Lapsed
+                    | Cause::Braked
+            )
         })
     }
 
@@ -773,13 +801,131 @@ impl<P: Port> Remote<P> {
         self.inbox.clear();
         self.port.receive(due.max(now + SHORTEST_ROUND), &mut self.inbox)?;
         self.link.input(&self.inbox, self.port.now());
+        self.hear_of_lease();
         if let Some((reason, detail)) = self.link.refusal() {
-            self.events.extend(std::iter::from_fn(|| self.link.event()));
             return Err(self.refused(RemoteError::Refused { what: "take more", reason, detail }));
         }
-        self.events.extend(std::iter::from_fn(|| self.link.event()));
         self.port.edges(&mut self.edges);
         Ok(())
+    }
+
+    /// What the board said unasked, and of an extension.
+    fn hear_of_lease(&mut self) {
+        while let Some(event) = self.link.event() {
+            let cause = match event.cause {
+                Cause::Lapsed => Some(lease::Cause::NotExtended),
+                Cause::Braked => Some(lease::Cause::Ordered),
+                Cause::Starved => Some(lease::Cause::RanDry),
+                Cause::BadItem | Cause::CheckFailed => Some(lease::Cause::BadItem),
+                Cause::StepMissed => Some(lease::Cause::StepMissed),
+                _ => None,
+            };
+            if let Some(cause) = cause {
+                self.note_lapse(event.tick, Some(cause), self.now());
+            }
+            self.events.push(event);
+        }
+        if let Some(accepted) = self.link.extended()
+            && let Some((lease, limits)) = self.unconfirmed.take()
+        {
+            match (accepted, self.lease) {
+                // An event of its end was sooner.
+                (true, LeaseState::Lapsed { .. }) => {}
+                (true, _) => (self.lease, self.limits) = (lease.into(), limits),
+                // The board is to say why.
+                (false, _) => self.asked_status = Duration::ZERO,
+            }
+        }
+    }
+
+    /// The board says, at its tick `now`, that the lease is over since `at`; an event has the `cause`, and says so only of motors in motion.
+    fn note_lapse(&mut self, at: u64, cause: Option<lease::Cause>, now: u64) {
+        let (accepted, begins) = self.leased;
+        // That of the lease before, from which the switch is to lead away.
+        let is_old = at <= accepted && now < begins;
+        match &mut self.lease {
+            LeaseState::Off => {}
+            LeaseState::Lapsed { at: known, cause: why, in_motion } => {
+                if let Some(cause) = cause {
+                    (*known, *why, *in_motion) = (at, cause, true);
+                }
+            }
+            LeaseState::Until(_) | LeaseState::Last if is_old => {}
+            LeaseState::Until(_) | LeaseState::Last => {
+                let (why, in_motion) = (cause.unwrap_or(lease::Cause::NotExtended), cause.is_some());
+                self.lease = LeaseState::Lapsed { at, cause: why, in_motion };
+            }
+        }
+    }
+
+    fn switch_with(
+        &mut self,
+        epoch: Epoch,
+        tick: u64,
+        lease: lease::Lease,
+        limits: &[Limit],
+    ) -> Result<(), SwitchRefused> {
+        self.flush();
+        self.tell();
+        if self.error.is_some() || self.settle_extension().is_err() {
+            return Err(SwitchRefused::Lost);
+        }
+        let limits: Vec<u8> = limits.iter().copied().flat_map(limit_bytes).collect();
+        let command = Command::Switch { epoch, tick, lease, limits: &limits };
+        let answer = self.ask(&command).map_err(|_| SwitchRefused::Lost)?;
+        let refused = match answer.reply {
+            Reply::Switched(Switched::Accepted) => {
+                self.epoch = epoch;
+                self.motors.iter_mut().for_each(|motor| motor.switch(epoch, tick));
+                return Ok(());
+            }
+            Reply::Switched(Switched::Late { horizon }) => SwitchRefused::Late { horizon },
+            Reply::Switched(Switched::Early { limit }) => SwitchRefused::Early { limit },
+            Reply::Switched(Switched::Full) => SwitchRefused::Full,
+            _ => {
+                let why = self.refused(refusal("go over to an epoch", &answer));
+                self.error.get_or_insert(why);
+                SwitchRefused::Lost
+            }
+        };
+        for motor in self.motors.iter_mut().filter(|motor| motor.epoch == Some(epoch)) {
+            motor.forget();
+            motor.drop_epoch(epoch);
+        }
+        // The room that the dropped items took.
+        let _ = self.status();
+        Err(refused)
+    }
+
+    /// There is none, and no extension on its way.
+    fn end_lease(&mut self) {
+        (self.lease, self.unconfirmed) = (LeaseState::Off, None);
+        self.link.forget_extension();
+    }
+
+    /// Waits until it is known what became of an extension: the board tells only what it accepted last.
+    fn settle_extension(&mut self) -> Result<(), RemoteError> {
+        while self.link.is_extending() {
+            self.round(Duration::MAX)?;
+        }
+        Ok(())
+    }
+
+    /// A lease as frames have it, if ticks so far ahead can be told apart; else the first that cannot.
+    fn moment_of(&self, lease: Lease) -> Result<lease::Lease, u64> {
+        let limit = self.now() + (1 << 30);
+        match lease {
+            Lease::Until(tick) if tick >= limit => Err(limit),
+            Lease::Until(tick) => Ok(lease::Lease::Until(Moment::of(tick))),
+            Lease::Last => Ok(lease::Lease::Last),
+        }
+    }
+
+    /// All motors' limits, if some are given: those that are not stay.
+    fn limits_with(&self, given: &[Limit]) -> Vec<Limit> {
+        let mut all = self.limits.clone();
+        all.iter_mut().zip(given).for_each(|(limit, given)| *limit = *given);
+        all
     }
 
     /// What an answer says of clock and motors.
@@ -789,6 +935,11 @@ impl<P: Port> Remote<P> {
             Reply::Status(status) => {
                 self.clock.read(status.head.tick, answer.asked, answer.answered);
                 self.ahead = status.head.horizon.saturating_sub(status.head.tick);
+                if let message::LeaseState::Lapsed(at) = status.head.lease {
+                    let now = status.head.tick;
+                    let ahead = at.since(Moment::of(now)).cast_signed();
+                    self.note_lapse(now.saturating_add_signed(ahead.into()), None, now);
+                }
                 if answer.asked >= self.told {
                     self.idle = status.is_idle();
                 }
@@ -940,6 +1091,7 @@ impl<P: Port> Board for Remote<P> {
         let Some(motor) = self.motors.get_mut(index) else { return Err(entry) };
         let (now, tick) = (self.port.now(), self.clock.tick_at(self.port.now()).unwrap_or(0).max(self.passed));
         let fresh = motor.epoch != Some(entry.epoch);
+        let before = (motor.epoch, motor.packer);
         let mut packer = if fresh { Packer::new(motor.packing, motor.capacity) } else { motor.packer };
         let mut bytes = [0; MAX_LEN];
         let begins = match entry.item {
@@ -966,7 +1118,7 @@ impl<P: Port> Board for Remote<P> {
         let until =
             |begins: Moment| tick.saturating_add_signed(begins.0.wrapping_sub(tick as u32).cast_signed().into());
         let until = until(begins);
-        motor.waiting.push_back(Waiting { epoch: entry.epoch, until, len });
+        motor.waiting.push_back(Waiting { epoch: entry.epoch, until, len, before });
         motor.packed.extend_from_slice(&bytes[..len]);
         self.tell();
         Ok(())
@@ -1016,36 +1168,9 @@ impl<P: Port> Board for Remote<P> {
     }
 
     fn switch(&mut self, epoch: Epoch, tick: u64) -> Result<(), SwitchRefused> {
-        self.flush();
-        self.tell();
-        if self.error.is_some() {
-            return Err(SwitchRefused::Lost);
-        }
-        let answer = self
-            .ask(&Command::Switch { epoch, tick, lease: Lease::Off, limits: &[] })
-            .map_err(|_| SwitchRefused::Lost)?;
-        let refused = match answer.reply {
-            Reply::Switched(Switched::Accepted) => {
-                self.epoch = epoch;
-                self.motors.iter_mut().for_each(|motor| motor.switch(epoch, tick));
-                return Ok(());
-            }
-            Reply::Switched(Switched::Late { horizon }) => SwitchRefused::Late { horizon },
-            Reply::Switched(Switched::Early { limit }) => SwitchRefused::Early { limit },
-            Reply::Switched(Switched::Full) => SwitchRefused::Full,
-            _ => {
-                let why = self.refused(refusal("go over to an epoch", &answer));
-                self.error.get_or_insert(why);
-                SwitchRefused::Lost
-            }
-        };
-        for motor in self.motors.iter_mut().filter(|motor| motor.epoch == Some(epoch)) {
-            motor.forget();
-            motor.drop_epoch(epoch);
-        }
-        // The room that the dropped items took.
-        let _ = self.status();
-        Err(refused)
+        self.switch_with(epoch, tick, lease::Lease::Off, &[])?;
+        self.end_lease();
+        Ok(())
     }
 
     fn horizon(&self) -> u64 {
@@ -1159,6 +1284,126 @@ impl<P: Port> Board for Remote<P> {
             }
         };
         Ok(Fared { positions, last_stop, reset: was_reset.then_some(self.info.last_reset) })
+    }
+}
+
+impl<P: Port> Leased for Remote<P> {
+    fn switch_leased(&mut self, epoch: Epoch, tick: u64, lease: Lease, limits: &[Limit]) -> Result<(), SwitchRefused> {
+        let told = match self.moment_of(lease) {
+            Ok(told) => told,
+            Err(limit) => {
+                self.discard(epoch);
+                return Err(SwitchRefused::Early { limit });
+            }
+        };
+        let all = self.limits_with(limits);
+        self.switch_with(epoch, tick, told, if limits.is_empty() { &[] } else { &all })?;
+        (self.lease, self.limits, self.leased) = (lease.into(), all, (self.now(), tick));
+        Ok(())
+    }
+
+    fn extend(&mut self, lease: Lease, limits: &[Limit]) -> Result<(), ExtendRefused> {
+        if self.error.is_some() || self.settle_extension().is_err() {
+            return Err(ExtendRefused::Lost);
+        }
+        match self.lease {
+            LeaseState::Off => return Err(ExtendRefused::Off),
+            LeaseState::Lapsed { at, .. } => return Err(ExtendRefused::Lapsed { at }),
+            LeaseState::Until(_) | LeaseState::Last => {}
+        }
+        let told = self.moment_of(lease).map_err(|limit| ExtendRefused::Early { limit })?;
+        self.flush();
+        self.tell();
+        let all = self.limits_with(limits);
+        let bytes: Vec<u8> =
+            if limits.is_empty() { Vec::new() } else { all.iter().copied().flat_map(limit_bytes).collect() };
+        self.link.extend(told, &bytes, self.port.now());
+        self.unconfirmed = Some((lease, all));
+        Ok(())
+    }
+
+    fn trim(&mut self, until: u64, items: &[usize]) -> Result<(), TrimRefused> {
+        let lease = self.moment_of(Lease::Until(until)).map_err(|limit| ExtendRefused::Early { limit })?;
+        let lease::Lease::Until(moment) = lease else { return Err(ExtendRefused::Off.into()) };
+        // What is dropped is at the end of the board's queue then.
+        self.flush();
+        self.tell();
+        if self.error.is_some() || self.settle_extension().is_err() {
+            return Err(ExtendRefused::Lost.into());
+        }
+        let mut lens = Vec::new();
+        for (index, motor) in self.motors.iter().enumerate() {
+            let count = items.get(index).copied().unwrap_or(0);
+            let kept = motor.waiting.len().checked_sub(count).ok_or(TrimRefused::Read { motor: index })?;
+            lens.push(motor.waiting.range(kept..).map(|item| item.len).sum::<usize>());
+        }
+        // A queue has fewer bytes than 2^16.
+        let bytes: Vec<u8> = lens.iter().flat_map(|len| (*len as u16).to_le_bytes()).collect();
+        let answer = self.ask(&Command::Trim { until: moment, bytes: &bytes }).map_err(|_| ExtendRefused::Lost)?;
+        match answer.reply {
+            Reply::Trimmed(Trimmed::Accepted) => {}
+            Reply::Trimmed(Trimmed::Late { horizon }) => return Err(ExtendRefused::Late { horizon }.into()),
+            Reply::Trimmed(Trimmed::TooMany { motor }) => return Err(TrimRefused::Read { motor: motor.into() }),
+            Reply::Trimmed(Trimmed::NoLease) => {
+                // Since when it is over, the board says.
+                let _ = self.status();
+                return Err(match self.lease {
+                    LeaseState::Lapsed { at, .. } => ExtendRefused::Lapsed { at }.into(),
+                    _ => ExtendRefused::Off.into(),
+                });
+            }
+            _ => {
+                let why = self.refused(refusal("take items back", &answer));
+                self.error.get_or_insert(why);
+                return Err(ExtendRefused::Lost.into());
+            }
+        }
+        for ((index, motor), (len, count)) in (0..).zip(&mut self.motors).zip(lens.into_iter().zip(items)) {
+            let kept = motor.waiting.len().saturating_sub(*count);
+            if let Some(Waiting { before, .. }) = motor.waiting.drain(kept..).next() {
+                (motor.epoch, motor.packer) = before;
+            }
+            self.link.freed(index, len);
+        }
+        if !matches!(self.lease, LeaseState::Lapsed { .. }) {
+            self.lease = LeaseState::Until(until);
+        }
+        Ok(())
+    }
+
+    fn brake(&mut self) -> Option<u64> {
+        while self.error.is_none() && self.link.is_asking() {
+            let _ = self.round(Duration::MAX);
+        }
+        match self.lease {
+            LeaseState::Off => return None,
+            LeaseState::Lapsed { at, .. } => return Some(at),
+            LeaseState::Until(_) | LeaseState::Last if self.error.is_some() => return None,
+            LeaseState::Until(_) | LeaseState::Last => {}
+        }
+        // The board would drop what it has not been sent.
+        self.link.withdraw();
+        self.unconfirmed = self.unconfirmed.take().filter(|_| self.link.is_extending());
+        self.link.forget_extension();
+        self.motors.iter_mut().for_each(Motor::forget);
+        self.tell();
+        let Ok(Answer { reply: Reply::Braked { tick }, .. }) = self.ask(&Command::Brake) else { return None };
+        self.unconfirmed = None;
+        match (tick, self.lease) {
+            // An event was sooner, and knows the cause.
+            (Some(_), LeaseState::Lapsed { .. }) => {}
+            (Some(at), _) => self.lease = LeaseState::Lapsed { at, cause: lease::Cause::Ordered, in_motion: false },
+            (None, _) => self.lease = LeaseState::Off,
+        }
+        tick
+    }
+
+    fn lease(&self) -> LeaseState {
+        self.lease
+    }
+
+    fn unconfirmed(&self) -> Option<Lease> {
+        self.unconfirmed.as_ref().map(|(lease, _)| *lease)
     }
 }
 

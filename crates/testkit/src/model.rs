@@ -5,18 +5,24 @@
 //! what a [`Machine`] has to do.
 
 use crate::Random;
+use pulsetrain_board::lease::{ExtendRefused, TrimRefused};
 use pulsetrain_board::native::QUEUE_LEN;
-use pulsetrain_board::{Board, Config, Edge, MotorConfig, Native, Port, PortError, SwitchRefused, Wiring};
-use pulsetrain_core::Epoch;
-use pulsetrain_core::lease::Lease;
+use pulsetrain_board::{
+    Board, Config, Edge, Lease, LeaseState, Leased, MotorConfig, Native, Port, PortError, SwitchRefused, Wiring,
+};
+use pulsetrain_core::lease;
 use pulsetrain_core::packing::{Packing, State};
 use pulsetrain_core::verbs::{Limits, Verbs};
-use pulsetrain_core::wire::message::{ALL_MOTORS, Cause, Configuration, Event, Info, Measures, Reason, flags};
+use pulsetrain_core::wire::machine::NO_LEASE;
+use pulsetrain_core::wire::message::{
+    self, ALL_MOTORS, Cause, Configuration, Event, Info, Measures, Reason, flags, limits_of,
+};
 use pulsetrain_core::wire::orders::{Obeyed, Orders};
 use pulsetrain_core::wire::settings::SETTINGS_LEN;
 use pulsetrain_core::wire::{
-    Baud, Decoder, Encoder, MAX_BODY, MAX_FRAME, Machine, Millis, Refusal, Service, Stopped, Switched,
+    Baud, Decoder, Encoder, MAX_BODY, MAX_FRAME, Machine, Millis, Refusal, Service, Stopped, Switched, Trimmed,
 };
+use pulsetrain_core::{Epoch, Moment};
 use std::collections::VecDeque;
 use std::time::Duration;
 
@@ -62,6 +68,8 @@ struct Model {
     measures: Measures,
     last_stop: Cause,
     was_idle: bool,
+    /// The lease's end that was told as an event.
+    braked: Option<u64>,
     limits: Vec<Limits>,
     /// Motors are told directly, until they are released or stopped.
     obeys: bool,
@@ -76,12 +84,21 @@ struct Motor {
     packing: Packing,
     epoch: Option<Epoch>,
     state: State,
-    /// Bytes of each item in the native board's queue.
-    sizes: VecDeque<usize>,
+    /// Of each item in the native board's queue.
+    items: VecDeque<Waiting>,
     capacity: usize,
     faults: u8,
     /// The shortest interval that it can start and stop at, ticks.
     pull_in_ticks: u64,
+}
+
+/// An item in the native board's queue.
+#[derive(Clone, Copy, Debug)]
+struct Waiting {
+    len: usize,
+    /// How it was before the item was unpacked.
+    epoch: Option<Epoch>,
+    state: State,
 }
 
 impl Model {
@@ -96,6 +113,7 @@ impl Model {
             measures: Measures::default(),
             last_stop: Cause::None,
             was_idle: true,
+            braked: None,
             limits: Vec::new(),
             obeys: false,
             verbs: Verbs::new(),
@@ -129,12 +147,59 @@ impl Model {
     fn run(&mut self, tick: u64, edges: &mut Vec<Edge>) {
         self.work_out(tick + AHEAD);
         self.native.advance(tick, &mut |edge: Edge| edges.push(edge));
+        self.look_after_lease();
         let idle = self.rests();
-        if idle && !self.was_idle {
+        if idle && !self.was_idle && self.braked.is_none() {
             self.stopped(Cause::Finished);
         }
         self.was_idle = idle;
         self.sync(false);
+    }
+
+    /// Tells of a lease that is over, if motors were in motion: once all have come so far.
+    fn look_after_lease(&mut self) {
+        let LeaseState::Lapsed { at, cause, in_motion } = Leased::lease(&self.native) else {
+            self.braked = None;
+            return;
+        };
+        if !in_motion || at >= self.native.now() || self.braked.is_some() {
+            return;
+        }
+        self.braked = Some(at);
+        self.last_stop = match cause {
+            lease::Cause::NotExtended => Cause::Lapsed,
+            lease::Cause::Ordered => Cause::Braked,
+            lease::Cause::RanDry => Cause::Starved,
+            lease::Cause::BadItem => Cause::BadItem,
+            lease::Cause::StepMissed => Cause::StepMissed,
+        };
+        let at_fault = |motor: &u8| self.native.faults(usize::from(*motor)).step_missed;
+        let motor = (0..self.motors()).find(at_fault).unwrap_or(ALL_MOTORS);
+        self.events.push_back(Event { cause: self.last_stop, motor, tick: at, detail: 0 });
+    }
+
+    /// A lease of a frame, in ticks of 64 bits; `None`: there is to be none.
+    fn lease_of(&self, lease: lease::Lease) -> Option<Lease> {
+        match lease {
+            lease::Lease::Off => None,
+            lease::Lease::Until(until) => Some(Lease::Until(self.near(until))),
+            lease::Lease::Last => Some(Lease::Last),
+        }
+    }
+
+    /// The tick of a moment within 2^31 of now.
+    fn near(&self, moment: Moment) -> u64 {
+        let now = self.native.now();
+        now.saturating_add_signed(moment.since(Moment::of(now)).cast_signed().into())
+    }
+
+    /// How many items at the end of a motor's queue have so many bytes; `None`: none have.
+    fn items_of(&self, motor: &Motor, bytes: usize) -> Option<usize> {
+        let ends = motor.items.iter().rev().scan(0, |sum, item| {
+            *sum += item.len;
+            Some(*sum)
+        });
+        std::iter::once(0).chain(ends).position(|sum| sum == bytes)
     }
 
     fn stopped(&mut self, cause: Cause) {
@@ -146,15 +211,15 @@ impl Model {
         self.events.push_back(Event { cause, motor, tick: self.native.now(), detail });
     }
 
-    /// Forgets the sizes of items that have left the queues: at the front, or at the `back`.
+    /// Forgets the items that have left the queues: at the front, or at the `back`.
     fn sync(&mut self, back: bool) {
         for (index, motor) in self.motors.iter_mut().enumerate() {
             let waiting = QUEUE_LEN - self.native.credit(index);
-            while motor.sizes.len() > waiting {
+            while motor.items.len() > waiting {
                 if back {
-                    motor.sizes.pop_back();
+                    motor.items.pop_back();
                 } else {
-                    motor.sizes.pop_front();
+                    motor.items.pop_front();
                 }
             }
         }
@@ -169,7 +234,7 @@ impl Model {
 
     fn empty(&mut self) {
         for motor in &mut self.motors {
-            motor.sizes.clear();
+            motor.items.clear();
             motor.epoch = None;
         }
     }
@@ -180,6 +245,7 @@ fn bare() -> Native {
 }
 
 impl Machine for Model {
+    const LEASES: bool = true;
     const OBEYS: bool = true;
     const STORES: bool = true;
 
@@ -218,7 +284,8 @@ impl Machine for Model {
             pull_in_ticks: u64::from(motor.pull_in_ticks),
         });
         let config = Config { fraction_bits: FRACTION_BITS, motors: motors.collect() };
-        let mut native = Native::new(&config).map_err(|_| Refusal::of(Reason::PinMix))?;
+        let native = Native::new(&config).map_err(|_| Refusal::of(Reason::PinMix))?;
+        let mut native = native.with_dir_hold(configuration.hold_ticks.into());
         // The clock goes on.
         if let Some(last) = self.native.now().checked_sub(1) {
             native.advance(last, &mut |_: Edge| {});
@@ -238,7 +305,7 @@ impl Machine for Model {
                 packing: Packing { fraction_bits: FRACTION_BITS, gain: motor.gain },
                 epoch: None,
                 state: State::default(),
-                sizes: VecDeque::new(),
+                items: VecDeque::new(),
                 capacity: usize::from(self.memory[0]) / count,
                 faults: 0,
                 pull_in_ticks: motor.pull_in_ticks.into(),
@@ -280,7 +347,7 @@ impl Machine for Model {
     fn free(&self, motor: u8) -> u16 {
         self.motors
             .get(usize::from(motor))
-            .map_or(0, |motor| (motor.capacity - motor.sizes.iter().sum::<usize>()) as u16)
+            .map_or(0, |motor| (motor.capacity - motor.items.iter().map(|item| item.len).sum::<usize>()) as u16)
     }
 
     fn push(&mut self, index: u8, epoch: Epoch, packed: &[u8]) -> Result<(), Refusal> {
@@ -297,17 +364,22 @@ impl Machine for Model {
         if packed.len() > free {
             return Err(Refusal { reason: Reason::Full, detail: u16::from(index) });
         }
-        if motor.epoch != Some(epoch) {
-            (motor.epoch, motor.state) = (Some(epoch), State::default());
-        }
         let mut rest = packed;
         loop {
-            let before = rest.len();
+            let before = (rest.len(), motor.epoch, motor.state);
+            if motor.epoch != Some(epoch) {
+                (motor.epoch, motor.state) = (Some(epoch), State::default());
+            }
             match motor.packing.unpack(&mut motor.state, &mut rest) {
                 Ok(Some(item)) => {
                     let entry = pulsetrain_core::Entry { epoch, item };
+                    let credit = self.native.credit(index.into());
                     self.native.push(usize::from(index), entry).expect("an item takes a byte at least");
-                    motor.sizes.push_back(before - rest.len());
+                    // After a lapse what comes of that epoch is not kept.
+                    if self.native.credit(index.into()) < credit {
+                        let (len, epoch, state) = before;
+                        motor.items.push_back(Waiting { len: len - rest.len(), epoch, state });
+                    }
                 }
                 Ok(None) => return Ok(()),
                 Err(_) => {
@@ -324,14 +396,19 @@ impl Machine for Model {
         self.drop_epoch(epoch);
     }
 
-    fn switch(&mut self, epoch: Epoch, tick: u64, _: Lease, _: &[u8]) -> Result<Switched, Refusal> {
+    fn switch(&mut self, epoch: Epoch, tick: u64, lease: lease::Lease, limits: &[u8]) -> Result<Switched, Refusal> {
         if !self.armed {
             return Err(Refusal::of(Reason::NotArmed));
         }
         if self.obeys {
             return Err(Refusal::of(Reason::Obeying));
         }
-        Ok(match self.native.switch(epoch, tick) {
+        let limits: Vec<_> = limits_of(limits).collect();
+        let switched = match self.lease_of(lease) {
+            Some(lease) => self.native.switch_leased(epoch, tick, lease, &limits),
+            None => self.native.switch(epoch, tick),
+        };
+        Ok(match switched {
             Ok(()) => {
                 self.was_idle = false;
                 return Ok(Switched::Accepted);
@@ -345,6 +422,57 @@ impl Machine for Model {
                 }
             }
         })
+    }
+
+    fn extend(&mut self, lease: lease::Lease, limits: &[u8]) -> bool {
+        let limits: Vec<_> = limits_of(limits).collect();
+        self.armed && self.lease_of(lease).is_some_and(|lease| self.native.extend(lease, &limits).is_ok())
+    }
+
+    fn trim(&mut self, until: Moment, bytes: &[u8]) -> Result<Trimmed, Refusal> {
+        if !self.armed {
+            return Err(Refusal::of(Reason::NotArmed));
+        }
+        self.sync(false);
+        let bytes = bytes.as_chunks().0.iter().map(|bytes| usize::from(u16::from_le_bytes(*bytes)));
+        let mut counts = Vec::new();
+        for (index, (motor, bytes)) in (0..).zip(self.motors.iter().zip(bytes)) {
+            match self.items_of(motor, bytes) {
+                Some(count) => counts.push(count),
+                None => return Ok(Trimmed::TooMany { motor: index }),
+            }
+        }
+        let horizon = self.native.horizon();
+        Ok(match self.native.trim(self.near(until), &counts) {
+            Ok(()) => {
+                for (motor, count) in self.motors.iter_mut().zip(counts) {
+                    let left = motor.items.len() - count;
+                    if let Some(Waiting { epoch, state, .. }) = motor.items.drain(left..).next() {
+                        (motor.epoch, motor.state) = (epoch, state);
+                    }
+                }
+                Trimmed::Accepted
+            }
+            Err(TrimRefused::Extend(ExtendRefused::Late { .. } | ExtendRefused::Early { .. })) => {
+                Trimmed::Late { horizon }
+            }
+            Err(TrimRefused::Extend(_)) => Trimmed::NoLease,
+            Err(TrimRefused::Read { motor }) => Trimmed::TooMany { motor: motor as u8 },
+        })
+    }
+
+    fn brake(&mut self) -> u64 {
+        if self.armed { self.native.brake().unwrap_or(NO_LEASE) } else { NO_LEASE }
+    }
+
+    fn lease(&self) -> (u8, u32) {
+        let state = match Leased::lease(&self.native) {
+            LeaseState::Off => message::LeaseState::Off,
+            LeaseState::Until(until) => message::LeaseState::Until(Moment::of(until)),
+            LeaseState::Last => message::LeaseState::Last,
+            LeaseState::Lapsed { at, .. } => message::LeaseState::Lapsed(Moment::of(at)),
+        };
+        state.to_parts()
     }
 
     fn stop_now(&mut self) -> Stopped {
@@ -525,6 +653,12 @@ impl ModelPort {
     #[must_use]
     pub fn positions(&self) -> Vec<i64> {
         self.model.native.positions()
+    }
+
+    /// What has become of its lease, which no line can garble.
+    #[must_use]
+    pub fn lease(&self) -> LeaseState {
+        Leased::lease(&self.model.native)
     }
 
     /// Whether a host has it.

@@ -321,9 +321,8 @@ fn a_question_before_data_that_are_refused_is_answered() {
         }
         match (said, last) {
             (None, _) => {}
-            (Some(false), _) => {
-                link.input(&framed(Tag(1), |frame| frame.bytes(&[expected - 1, kind::POLL | kind::ANSWER, 0, 0, 0])), now)
-            }
+            (Some(false), _) => link
+                .input(&framed(Tag(1), |frame| frame.bytes(&[expected - 1, kind::POLL | kind::ANSWER, 0, 0, 0])), now),
             (_, (seq, kind::CLOCK)) => {
                 let clock = framed(Tag(1), |frame| {
                     frame.bytes(&[seq, kind::CLOCK | kind::ANSWER]);

@@ -2,6 +2,7 @@
 
 mod chips;
 mod lease;
+mod leased_link;
 mod link;
 mod model_verbs;
 mod native;
