@@ -18,7 +18,7 @@
 //! [`Reply::Missing`]: super::Reply::Missing
 
 use super::frame::{Encoder, Received, Tag};
-use super::machine::{Machine, Refusal, Stopped};
+use super::machine::{Machine, NO_LEASE, Refusal, Stopped};
 use super::message::{Configuration, LIMIT_LEN, LeaseField, Missing, Reason, is_lease, kind, lease_of, len_of};
 use super::orders::Orders;
 use super::settings::{self, SETTINGS_LEN};
@@ -365,7 +365,7 @@ impl Service {
     /// The frame that is next.
     #[inline(always)]
     fn take<M: Machine>(&mut self, seq: u8, kind: u8, payload: &[u8], machine: &mut M) {
-        let mut is_answered = true;
+        let is_answered;
         let done = if let kind::DATA..kind::EXTEND = kind
             && M::PLANS
         {
@@ -378,15 +378,13 @@ impl Service {
             }
             is_answered = pushed.is_err();
             pushed
-        } else if M::LEASES && kind == kind::EXTEND {
-            let extended = self.extend(payload, machine);
-            is_answered = extended.is_err();
-            extended
         } else if kind == kind::POLL && payload.is_empty() {
             is_answered = false;
             Ok(())
         } else {
-            self.execute(kind, payload, machine)
+            let done = self.execute(kind, payload, machine);
+            is_answered = !(M::LEASES && kind == kind::EXTEND) || done.is_err();
+            done
         };
         self.expected = seq.wrapping_add(1);
         self.missing_told = false;
@@ -435,6 +433,9 @@ impl Service {
         if M::PLANS && kind == kind::SWITCH {
             return self.switch(payload, machine);
         }
+        if M::LEASES && kind == kind::EXTEND {
+            return self.extend(payload, machine);
+        }
         if M::LEASES && kind == kind::TRIM {
             return self.trim(payload, machine);
         }
@@ -456,12 +457,8 @@ impl Service {
             kind::RELEASE if drives => return machine.release(),
             kind::DISCARD if M::PLANS => machine.discard(Epoch(first)),
             kind::BRAKE if M::LEASES => {
-                let tick = machine.brake().to_le_bytes();
-                // No clock comes so far.
-                if tick[7] != 0xff {
-                    self.accepted = self.expected;
-                }
-                self.answer.tick = tick;
+                let tick = machine.brake();
+                self.accept((u8::from(tick == NO_LEASE), tick));
             }
             kind::STOP_NOW => {
                 let Stopped { tick, uncertain } = machine.stop_now();
@@ -487,7 +484,6 @@ impl Service {
         Ok(())
     }
 
-    #[inline(never)]
     fn switch<M: Machine>(&mut self, payload: &[u8], machine: &mut M) -> Result<(), Refusal> {
         let [epoch, t0, t1, t2, t3, t4, t5, t6, t7, rest @ ..] = payload else { return Err(malformed(kind::SWITCH)) };
         let tick = u64::from_le_bytes([*t0, *t1, *t2, *t3, *t4, *t5, *t6, *t7]);
@@ -501,7 +497,6 @@ impl Service {
         Err(malformed(kind::SWITCH))
     }
 
-    #[inline(never)]
     fn extend(&mut self, payload: &[u8], machine: &mut impl Machine) -> Result<(), Refusal> {
         if let Some((field, limits)) = lease_for(payload, machine.motors())
             && field[0] != 0
@@ -514,7 +509,6 @@ impl Service {
         Err(malformed(kind::EXTEND))
     }
 
-    #[inline(never)]
     fn trim(&mut self, payload: &[u8], machine: &mut impl Machine) -> Result<(), Refusal> {
         let bad = malformed(kind::TRIM);
         let (until, bytes) = payload.split_first_chunk().ok_or(bad)?;
@@ -526,7 +520,8 @@ impl Service {
         Ok(())
     }
 
-    /// Notes how a switch or a trim went: code 0 is accepted. Its number is the one that is next.
+    /// Notes how a switch, a trim or a brake went: code 0 is accepted. Its number is the one that is next.
+    #[inline(never)]
     fn accept(&mut self, (code, tick): (u8, u64)) {
         (self.answer.code, self.answer.tick) = (code, tick.to_le_bytes());
         if code == 0 {

@@ -2,8 +2,8 @@
 
 mod pico_examples;
 mod pico_expand;
-mod pico_library;
 mod pico_lease;
+mod pico_library;
 mod pico_lines;
 mod pico_link;
 mod pico_native;
