@@ -355,7 +355,7 @@ impl Native {
     }
 
     /// All motors brake from `tick` on, unless they do already.
-    pub(crate) fn brake_at(&mut self, tick: u64) {
+    pub fn brake_at(&mut self, tick: u64) {
         self.engine.lapse_at(Lapse { at: Moment::of(tick), cause: Cause::Ordered });
         self.note_lapse();
     }

@@ -1,8 +1,10 @@
 //! The virtual Pico beside a native board that is told the same.
 
 use super::Random;
+use pulsetrain_board::lease::{Lease, LeaseState, Leased};
 use pulsetrain_board::virtual_pico::VirtualPico;
 use pulsetrain_board::{Board, Config, Edge, MotorConfig, Native, Remote, Setup, StopReport, SwitchRefused, Wiring};
+use pulsetrain_core::braking::Limit;
 use pulsetrain_core::output::Sequence;
 use pulsetrain_core::wire::Baud;
 use pulsetrain_core::wire::message::{MotorSetup, coil_pins};
@@ -115,6 +117,50 @@ impl Pair {
                 break;
             }
             self.native.push(motor, entry).expect("the native queue is longer");
+        }
+    }
+
+    /// Pushes all items of an epoch to both: there is room.
+    pub fn push_all(&mut self, motor: usize, epoch: u8, items: &[Item]) {
+        for item in items {
+            let entry = Entry { epoch: Epoch(epoch), item: *item };
+            self.pico.push(motor, entry).expect("it has room");
+            self.native.push(motor, entry).expect("the native queue is longer");
+        }
+    }
+
+    /// Has both go over, by lease.
+    pub fn switch_leased(&mut self, epoch: u8, tick: u64, lease: Lease, limits: &[Limit]) {
+        assert_eq!(self.pico.switch_leased(Epoch(epoch), tick, lease, limits), Ok(()));
+        assert_eq!(self.native.switch_leased(Epoch(epoch), tick, lease, limits), Ok(()));
+    }
+
+    /// Extends the lease of both, if the Pico accepts it.
+    pub fn extend(&mut self, lease: Lease) -> bool {
+        if self.pico.extend(lease, &[]).is_err() {
+            return false;
+        }
+        while self.pico.unconfirmed().is_some() {
+            // The native board waits meanwhile: it accepts what the Pico has accepted.
+            let edges = &mut self.edges;
+            let setup = &self.setup;
+            self.pico.advance(self.pico.now(), &mut |edge: Edge| edges.extend(as_line(setup, edge)));
+        }
+        let accepted = match (self.pico.lease(), lease) {
+            (LeaseState::Until(at), Lease::Until(until)) => at == until,
+            (LeaseState::Last, Lease::Last) => true,
+            _ => false,
+        };
+        if accepted {
+            assert_eq!(self.native.extend(lease, &[]), Ok(()));
+        }
+        accepted
+    }
+
+    /// Has the Pico brake, and the native board from the same tick on.
+    pub fn brake(&mut self) {
+        if let Some(at) = self.pico.brake() {
+            self.native.brake_at(at);
         }
     }
 

@@ -10,15 +10,18 @@ use crate::steps::pins::{self, Layout};
 use crate::steps::stepper::{FRACTION_BITS, Halt, LONGEST, LONGEST_IDLE_MS, POOL, Pace, Stepper};
 use crate::store::Store;
 use crate::winch;
-use pulsetrain_core::lease::Lease;
+use pulsetrain_core::lease::{self, Lapse, Lease};
 use pulsetrain_core::narrow::EPOCHS;
 use pulsetrain_core::verbs::motor::MOST_ITEMS;
 use pulsetrain_core::verbs::{Motor, Verbs};
 use pulsetrain_core::winch::path::Slice;
-use pulsetrain_core::wire::message::{ALL_MOTORS, Cause, Configuration, Event, Info, Measures, NO_PIN, flags};
+use pulsetrain_core::wire::machine::NO_LEASE;
+use pulsetrain_core::wire::message::{
+    ALL_MOTORS, Cause, Configuration, Event, Info, LeaseState, Measures, NO_PIN, flags,
+};
 use pulsetrain_core::wire::orders::{Obeyed, Orders};
 use pulsetrain_core::wire::settings::SETTINGS_LEN;
-use pulsetrain_core::wire::{Baud, Encoder, Machine, Millis, Reason, Refusal, Stopped, Switched};
+use pulsetrain_core::wire::{Baud, Encoder, Machine, Millis, Reason, Refusal, Stopped, Switched, Trimmed};
 use pulsetrain_core::{Epoch, Moment};
 
 /// A switch must be less than this ahead, ticks: moments are told apart within 2^31.
@@ -62,6 +65,8 @@ pub(crate) struct Board {
     /// Motors that were stopped faster than they can, since they were armed, bit by motor.
     uncertain: u8,
     was_idle: bool,
+    /// When the lease was over, if it is: noted before moments wrap.
+    ended: Option<u64>,
     last_stop: Cause,
     last_reset: Cause,
     pub(crate) measures: Measures,
@@ -145,6 +150,7 @@ impl Board {
             told: [0; FAULTS],
             uncertain: 0,
             was_idle: true,
+            ended: None,
             last_stop: Cause::None,
             last_reset: reset::why(),
             measures: Board::NO_MEASURES,
@@ -254,7 +260,7 @@ impl Board {
     /// All motors begin that at `tick`; whether they do.
     pub(crate) fn switch_baked(&mut self, epoch: Epoch, tick: u64) -> bool {
         self.was_idle = false;
-        self.stepper.switch(epoch, Moment::of(tick))
+        self.stepper.switch(epoch, Moment::of(tick), Lease::Off, &[])
     }
 
     /// Free bytes of a motor's queue.
@@ -305,6 +311,7 @@ impl Board {
         }
         let idle = self.look_after(now);
         if self.armed {
+            self.look_at_lease();
             self.look_at_motors();
             if idle && !self.was_idle {
                 self.tell(Cause::Finished, ALL_MOTORS, 0);
@@ -312,6 +319,32 @@ impl Board {
             self.was_idle = idle;
         }
         overrun
+    }
+
+    /// Tells that the lease ended in motion, once that is past.
+    fn look_at_lease(&mut self) {
+        let (_, Some(lapse)) = self.stepper.lease() else {
+            self.ended = None;
+            return;
+        };
+        if self.ended.is_some() || self.clock.moment().is_before(lapse.at) {
+            return;
+        }
+        self.ended = Some(self.clock.extended(lapse.at));
+        let (cause, motor) = match lapse.cause {
+            // Not in motion: that is Finished.
+            lease::Cause::NotExtended | lease::Cause::Ordered if !self.stepper.was_moving() => return,
+            lease::Cause::NotExtended => (Cause::Lapsed, ALL_MOTORS),
+            lease::Cause::Ordered => (Cause::Braked, ALL_MOTORS),
+            lease::Cause::RanDry => (Cause::Starved, self.stepper.at_fault()),
+            lease::Cause::StepMissed => (Cause::StepMissed, self.stepper.at_fault()),
+            lease::Cause::BadItem => (Cause::BadItem, self.stepper.at_fault()),
+        };
+        self.last_stop = cause;
+        // The queue's own faults are told for each motor.
+        if !matches!(cause, Cause::StepMissed | Cause::BadItem) {
+            self.tell(cause, motor, 0);
+        }
     }
 
     /// Tells what a motor's own queue asked for and could not be: each kind once, until motors are armed again.
@@ -405,9 +438,11 @@ impl Board {
     }
 
     fn tell(&mut self, cause: Cause, motor: u8, detail: u32) {
-        let tick = self.clock.now();
-        // That a host was lost is the better reason for the same end.
-        if cause == Cause::Finished && self.last_stop != Cause::HostLost {
+        let now = self.clock.now();
+        let ends = [Cause::Lapsed, Cause::Braked, Cause::Starved, Cause::BadItem, Cause::CheckFailed, Cause::StepMissed];
+        let tick = self.ended.filter(|_| ends.contains(&cause)).unwrap_or(now);
+        // That a host was lost, or a lease over, is the better reason for the same end.
+        if cause == Cause::Finished && self.last_stop == Cause::None {
             self.last_stop = cause;
         }
         if let Some(place) = self.news.iter_mut().find(|news| news.is_none()) {
@@ -457,6 +492,7 @@ impl Board {
 }
 
 impl Machine for Board {
+    const LEASES: bool = true;
     const OBEYS: bool = true;
     const STORES: bool = true;
 
@@ -560,7 +596,7 @@ impl Machine for Board {
         }
     }
 
-    fn switch(&mut self, epoch: Epoch, tick: u64, _: Lease, _: &[u8]) -> Result<Switched, Refusal> {
+    fn switch(&mut self, epoch: Epoch, tick: u64, lease: Lease, limits: &[u8]) -> Result<Switched, Refusal> {
         self.check_free()?;
         if !self.armed {
             return Err(Refusal::of(Reason::NotArmed));
@@ -574,8 +610,8 @@ impl Machine for Board {
             Switched::Late { horizon }
         } else if tick >= limit {
             Switched::Early { limit }
-        } else if self.stepper.switch(epoch, Moment::of(tick)) {
-            self.was_idle = false;
+        } else if self.stepper.switch(epoch, Moment::of(tick), lease, limits) {
+            (self.was_idle, self.last_stop) = (false, Cause::None);
             Switched::Accepted
         } else {
             Switched::Full
@@ -584,6 +620,45 @@ impl Machine for Board {
             self.stepper.discard(epoch);
         }
         Ok(switched)
+    }
+
+    fn extend(&mut self, lease: Lease, limits: &[u8]) -> bool {
+        self.stepper.extend(lease, limits)
+    }
+
+    fn trim(&mut self, until: Moment, bytes: &[u8]) -> Result<Trimmed, Refusal> {
+        self.check_free()?;
+        let lease = Lease::Until(until);
+        if !self.stepper.can_extend(Lease::Last) {
+            return Ok(Trimmed::NoLease);
+        }
+        if !self.stepper.can_extend(lease) {
+            return Ok(Trimmed::Late { horizon: self.horizon() });
+        }
+        if let Err(motor) = self.stepper.take_back(bytes) {
+            return Ok(Trimmed::TooMany { motor });
+        }
+        self.stepper.extend(lease, &[]);
+        Ok(Trimmed::Accepted)
+    }
+
+    fn brake(&mut self) -> u64 {
+        if self.stepper.can_extend(Lease::Last) {
+            let at = self.stepper.horizon(self.clock.moment());
+            self.stepper.lapse_at(Lapse { at, cause: lease::Cause::Ordered });
+        }
+        let ended = self.ended.or_else(|| self.stepper.lease().1.map(|lapse| self.clock.extended(lapse.at)));
+        ended.unwrap_or(NO_LEASE)
+    }
+
+    fn lease(&self) -> (u8, u32) {
+        let state = match self.stepper.lease() {
+            (_, Some(lapse)) => LeaseState::Lapsed(lapse.at),
+            (Lease::Off, None) => LeaseState::Off,
+            (Lease::Until(tick), None) => LeaseState::Until(tick),
+            (Lease::Last, None) => LeaseState::Last,
+        };
+        state.to_parts()
     }
 
     fn stop_now(&mut self) -> Stopped {

@@ -162,6 +162,36 @@ impl Bytes {
         }
     }
 
+    /// Takes back the `len` bytes that were pushed last, if so many of one epoch wait; else it is as it was.
+    ///
+    /// ```
+    /// use pulsetrain_core::Epoch;
+    /// use pulsetrain_core::narrow::Pool;
+    /// let mut pool = Pool::<8>::new();
+    /// let mut queue = Pool::<8>::share(1, 0);
+    /// queue.push(&mut pool, Epoch(0), &[1, 2, 3]).unwrap();
+    /// assert!(!queue.can_drop_last(4));
+    /// queue.drop_last(2);
+    /// assert_eq!(queue.room(), 7);
+    /// ```
+    pub fn drop_last(&mut self, len: u16) {
+        if !self.can_drop_last(len) {
+            return;
+        }
+        let last = usize::from(self.epochs).wrapping_sub(1);
+        if let Some(part) = self.parts.get_mut(last) {
+            part.len -= len;
+            self.len -= len;
+            self.epochs -= u8::from(part.len == 0);
+        }
+    }
+
+    /// Whether so many bytes of the newest epoch wait.
+    #[must_use]
+    pub fn can_drop_last(&self, len: u16) -> bool {
+        len <= self.newest().map_or(0, |part| part.len)
+    }
+
     /// Drops everything.
     pub const fn clear(&mut self) {
         self.len = 0;
@@ -286,6 +316,7 @@ mod tests {
         Read(u16),
         SkipTo(u8),
         Discard(u8),
+        DropLast(u16),
         Clear,
     }
 
@@ -295,6 +326,7 @@ mod tests {
             6 => (1u16..20).prop_map(Action::Read),
             1 => (0u8..5).prop_map(Action::SkipTo),
             1 => (0u8..4).prop_map(Action::Discard),
+            2 => (0u16..20).prop_map(Action::DropLast),
             1 => Just(Action::Clear),
         ]
     }
@@ -353,6 +385,15 @@ mod tests {
                         bytes.discard(Epoch(epoch));
                         while model.back().is_some_and(|back| back.0 == epoch) {
                             model.pop_back();
+                        }
+                    }
+                    Action::DropLast(len) => {
+                        let newest = model.back().map(|back| back.0);
+                        let waiting = model.iter().rev().take_while(|byte| Some(byte.0) == newest).count();
+                        prop_assert_eq!(bytes.can_drop_last(len), usize::from(len) <= waiting);
+                        bytes.drop_last(len);
+                        if usize::from(len) <= waiting {
+                            model.truncate(model.len() - usize::from(len));
                         }
                     }
                     Action::Clear => {

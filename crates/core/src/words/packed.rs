@@ -58,6 +58,17 @@ impl Packed {
         self.bytes.discard(epoch);
     }
 
+    /// Takes back the `len` bytes that were pushed last; see [`Bytes::drop_last`].
+    pub fn drop_last(&mut self, len: u16) {
+        self.bytes.drop_last(len);
+    }
+
+    /// Whether so many bytes of the newest epoch wait.
+    #[must_use]
+    pub fn can_drop_last(&self, len: u16) -> bool {
+        self.bytes.can_drop_last(len)
+    }
+
     /// Free bytes: what the host may still send.
     #[must_use]
     pub const fn room(&self) -> u16 {

@@ -7,13 +7,15 @@ use super::{MOTORS, RING, feed};
 use crate::clock::{Clock, TICK_HZ};
 use crate::regs;
 use crate::start::Once;
+use core::iter;
+use pulsetrain_core::lease::{self, Lapse, Lease};
 use pulsetrain_core::narrow::Pool;
 use pulsetrain_core::output::{Coils, Output, StepDir, StepDirSettings};
 use pulsetrain_core::packing::Packing;
 use pulsetrain_core::queue::{Items, Queue};
 use pulsetrain_core::verbs::Limits;
 use pulsetrain_core::winch::spacing::Steps;
-use pulsetrain_core::wire::message::{Configuration, flags};
+use pulsetrain_core::wire::message::{Configuration, flags, limits_of};
 use pulsetrain_core::words::{Fault, Packed, SHORTEST_PULSE, STEP_DIR_OVERHEAD, Tape, Words, lines};
 use pulsetrain_core::{Entry, Epoch, Item, Moment, Segment};
 
@@ -202,6 +204,8 @@ pub(crate) struct Stepper {
     pace: Pace,
     /// Before steps that are not known yet nothing is written for so long, ticks: longer than DIR is turned before one.
     clear: u32,
+    /// The motor that could not follow its plan last, so that all brake.
+    at_fault: u8,
 }
 
 impl Stepper {
@@ -226,6 +230,7 @@ impl Stepper {
             known: None,
             pace: Pace::FAR,
             clear: CLEAR,
+            at_fault: 0,
         }
     }
 
@@ -439,17 +444,34 @@ impl Stepper {
                 Some(items) => motor.words.fill(items, tape, ring, stretch, TURN, expand),
                 None => motor.words.fill(&mut motor.packed.waiting(pool), tape, ring, stretch, TURN, expand),
             };
+            let has_news = motor.words.channel().has_news();
             if !clock.moment().after(NEARLY_DRY).is_before(dry) {
                 // Late words would be late steps: better none.
                 self.too_late = true;
                 return false;
             }
             feed::publish(number, tape.written());
+            if has_news {
+                self.agree();
+            }
             return true;
         }
         self.due = now.after(spare);
         self.behind = false;
         false
+    }
+
+    /// A motor has noticed that its lease is over: all others are told, from when on.
+    #[inline(never)]
+    fn agree(&mut self) {
+        let channels = || self.motors.iter().take(usize::from(self.count)).map(|motor| motor.words.channel());
+        let Some(lapse) = lease::agreed(channels()) else { return };
+        if lapse.cause.is_fault()
+            && let Some((number, _)) = (0..).zip(channels()).find(|(_, channel)| channel.has_news())
+        {
+            self.at_fault = number;
+        }
+        self.lapse_at(lapse);
     }
 
     /// How long motors may be left alone, ticks.
@@ -573,6 +595,9 @@ impl Stepper {
     /// Puts packed items last in a motor's queue; `None` if it has no room, or is not there.
     pub(crate) fn push(&mut self, motor: u8, epoch: Epoch, packed: &[u8]) -> Option<()> {
         let motor = self.motors.get_mut(usize::from(motor))?;
+        if !motor.words.channel().keeps(epoch) {
+            return Some(());
+        }
         motor.packed.push(&mut self.memory.pool, epoch, packed).ok()
     }
 
@@ -583,16 +608,71 @@ impl Stepper {
         }
     }
 
-    /// Switches all motors, or none if too many switches wait or one is committed too far.
-    pub(crate) fn switch(&mut self, epoch: Epoch, at: Moment) -> bool {
+    /// Switches all motors, or none if too many switches wait or one is committed too far. From `at` on the plan holds as long as `lease` says.
+    pub(crate) fn switch(&mut self, epoch: Epoch, at: Moment, lease: Lease, limits: &[u8]) -> bool {
         if self.motors().any(|motor| motor.words.channel().check_switch(at).is_err()) {
             return false;
         }
-        for motor in self.motors_mut() {
+        for (motor, limit) in self.motors_mut().zip(limits_of(limits).map(Some).chain(iter::repeat(None))) {
             // Just asked.
-            let _ = motor.words.channel_mut().schedule_switch(epoch, at);
+            let _ = motor.words.channel_mut().schedule_leased(epoch, at, lease, limit);
         }
         true
+    }
+
+    /// Has the plan hold as long as `lease` says; `false`, and nothing changes, if a motor refuses.
+    pub(crate) fn extend(&mut self, lease: Lease, limits: &[u8]) -> bool {
+        if !self.can_extend(lease) {
+            return false;
+        }
+        for (motor, limit) in self.motors_mut().zip(limits_of(limits).map(Some).chain(iter::repeat(None))) {
+            motor.words.channel_mut().extend(lease, limit);
+        }
+        true
+    }
+
+    /// Whether [`extend`](Stepper::extend) would be right now.
+    pub(crate) fn can_extend(&self, lease: Lease) -> bool {
+        self.motors().all(|motor| motor.words.channel().check_extend(lease).is_ok())
+    }
+
+    /// Takes back bytes from the end of each motor's queue, two bytes of `counts` each; the first motor that has not so many unread, and then
+    /// nothing changes.
+    pub(crate) fn take_back(&mut self, counts: &[u8]) -> Result<(), u8> {
+        let counts = || counts.as_chunks().0.iter().map(|count| u16::from_le_bytes(*count));
+        if let Some((number, _)) =
+            (0..).zip(self.motors().zip(counts())).find(|(_, (motor, count))| !motor.packed.can_drop_last(*count))
+        {
+            return Err(number);
+        }
+        for (motor, count) in self.motors_mut().zip(counts()) {
+            motor.packed.drop_last(count);
+        }
+        Ok(())
+    }
+
+    /// All motors brake from there, if they do not already.
+    pub(crate) fn lapse_at(&mut self, lapse: Lapse) {
+        for motor in self.motors_mut() {
+            motor.words.channel_mut().lapse_at(lapse);
+        }
+    }
+
+    /// How long the plan holds, and since when it is over, if it is.
+    pub(crate) fn lease(&self) -> (Lease, Option<Lapse>) {
+        let lease = self.motor(0).map_or(Lease::Off, |motor| motor.words.channel().lease());
+        let lapses = self.motors().filter_map(|motor| motor.words.channel().lapse());
+        (lease, lapses.min_by_key(|lapse| !lapse.cause.is_fault()))
+    }
+
+    /// The motor that could not follow its plan last, so that all brake.
+    pub(crate) const fn at_fault(&self) -> u8 {
+        self.at_fault
+    }
+
+    /// Whether a motor was in motion when the lease was over.
+    pub(crate) fn was_moving(&self) -> bool {
+        self.motors().any(|motor| motor.words.channel().was_moving())
     }
 
     /// The first tick that no motor is committed to, not before `now`.

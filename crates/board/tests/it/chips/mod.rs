@@ -2,6 +2,7 @@
 
 mod pico_examples;
 mod pico_expand;
+mod pico_lease;
 mod pico_library;
 mod pico_lines;
 mod pico_link;
