@@ -385,7 +385,9 @@ impl Link {
     fn judge(&mut self, last: u8, accepted: u8) {
         let unsent = self.row.len() - self.ever_sent;
         let newest = self.next_seq.wrapping_sub(1).wrapping_sub(unsent as u8);
-        let Some(seq) = self.extending else {
+        let is_unsent = |seq: u8| self.row.iter().skip(self.ever_sent).any(|frame| frame.seq == seq);
+        // An answer that comes before the extension went out does not tell its fate.
+        let Some(seq) = self.extending.filter(|seq| !is_unsent(*seq)) else {
             if last == newest {
                 self.accepted = accepted;
             }

@@ -96,12 +96,13 @@ impl Host {
     fn replay(&self, until: Option<u64>) -> Replay<'_> {
         let motors = self.plans.iter().zip(&self.sent).zip(&self.limits);
         let motors = motors.map(|((plan, sent), limit)| Sent {
+            start: Start::at(self.from, 16),
             items: &plan[..*sent],
             limit: *limit,
             gap_ticks: 18,
             line: None,
         });
-        Replay::new(motors, &[], 16, self.from, until)
+        Replay::new(motors, &[], 16, until)
     }
 
     /// The tick of the last step that was sent, of the motor that goes on and has least; `None` if none goes on.
