@@ -3,7 +3,7 @@
 //! `PULSETRAIN_SEED` says other random plans, `PULSETRAIN_ROUNDS` how many times as many.
 
 use pulsetrain_board::lease::{Lease, LeaseState, Leased};
-use pulsetrain_board::replay::{Replay, Sent};
+use pulsetrain_board::replay::{Replay, Sent, Start};
 use pulsetrain_board::virtual_uno::VirtualUno;
 use pulsetrain_board::{Board, Faults, Remote, ScheduledStep, Setup};
 use pulsetrain_core::braking::Limit;
