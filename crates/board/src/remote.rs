@@ -259,7 +259,7 @@ pub const fn in_words(cause: Cause) -> &'static str {
         Cause::Finished => "everything was done",
         Cause::StopNow => "the host asked for an immediate stop",
         Cause::HostLost => "the host was silent for too long",
-        Cause::Starved => "a queue ran dry",
+        Cause::Starved => "its step generator did not keep up",
         Cause::BadItem => "a queue held what no host packs",
         Cause::CheckFailed => "position or accumulator were not the host's",
         Cause::StepMissed => "a step was asked for too late",
@@ -273,6 +273,7 @@ pub const fn in_words(cause: Cause) -> &'static str {
         Cause::MoveDone => "a move was done",
         Cause::Lapsed => "the host was late, and the motors braked",
         Cause::Braked => "the host asked the motors to brake",
+        Cause::RanDry => "a motor had no more plan, and all braked",
     }
 }
 
@@ -719,6 +720,7 @@ impl<P: Port> Remote<P> {
                     | Cause::StepMissed
                     | Cause::Lapsed
                     | Cause::Braked
+                    | Cause::RanDry
             )
         })
     }
@@ -815,13 +817,17 @@ impl<P: Port> Remote<P> {
             let cause = match event.cause {
                 Cause::Lapsed => Some(lease::Cause::NotExtended),
                 Cause::Braked => Some(lease::Cause::Ordered),
-                Cause::Starved => Some(lease::Cause::RanDry),
+                Cause::RanDry => Some(lease::Cause::RanDry),
                 Cause::BadItem | Cause::CheckFailed => Some(lease::Cause::BadItem),
                 Cause::StepMissed => Some(lease::Cause::StepMissed),
                 _ => None,
             };
             if let Some(cause) = cause {
                 self.note_lapse(event.tick, Some(cause), self.now());
+            }
+            if event.cause == Cause::Starved {
+                // An immediate stop: it ends no lease by the rule that the host replays.
+                self.error.get_or_insert(RemoteError::Stopped { cause: event.cause });
             }
             self.events.push(event);
         }

@@ -539,7 +539,7 @@ impl<'a, B: Leased> Driven<'a, B> {
                 cause => {
                     stop = Some(cause);
                     let brakes =
-                        matches!(cause, Cause::Starved | Cause::BadItem | Cause::CheckFailed | Cause::StepMissed);
+                        matches!(cause, Cause::RanDry | Cause::BadItem | Cause::CheckFailed | Cause::StepMissed);
                     (positions, if brakes { Knowledge::Counted } else { Knowledge::StoppedAtOnce })
                 }
             },

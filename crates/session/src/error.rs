@@ -60,12 +60,18 @@ pub enum SessionError {
         late_s: f64,
     },
     /// The board could not follow what it was told: a fault of the planner or the board, not of the motion.
-    #[error("at {at_s:.3} s the board could not follow the plan ({cause:?}), and stopped the motors gently")]
+    #[error("at {at_s:.3} s {}, and the board stopped the motors gently: please report it", in_words(*.cause))]
     Fault {
         /// From when on the motors brake, s of the laws.
         at_s: f64,
         /// What happened there.
         cause: Cause,
+    },
+    /// The board does not come to rest: a fault of the board, not of the motion.
+    #[error("the motors should rest since {at_s:.3} s, but the board says that they still move: please report it")]
+    Restless {
+        /// When the last step was to be made, s of the laws.
+        at_s: f64,
     },
     /// The board did not accept a change, or a beginning.
     #[error("the change did not reach the board in time: {0}")]
@@ -119,6 +125,17 @@ pub enum SessionError {
         /// Last tick at which a change joins the motion.
         latest: u64,
     },
+}
+
+/// Why a lease was over before its time, in words.
+const fn in_words(cause: Cause) -> &'static str {
+    match cause {
+        Cause::NotExtended => "the lease was over",
+        Cause::Ordered => "a stop was ordered",
+        Cause::RanDry => "a motor had no more plan under its lease",
+        Cause::BadItem => "the board could not read a part of the plan",
+        Cause::StepMissed => "a step reached the board too late",
+    }
 }
 
 impl From<PauseError> for SessionError {

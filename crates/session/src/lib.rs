@@ -42,6 +42,8 @@ use timeline::{Step, Timeline};
 
 /// So far ahead of the board's time a plan is handed over, and its lease lies, ms.
 pub const AHEAD_MS: u64 = 500;
+/// So long after the last step a board may take to say that its motors rest, s.
+const PATIENCE_S: u64 = 5;
 /// One in so many places of a queue is kept free for a change.
 const KEPT: usize = 8;
 
@@ -298,7 +300,8 @@ impl<'a, B: Leased> Session<'a, B> {
             }
         }
         if !self.is_complete() {
-            let since = now.saturating_sub(self.pace.ahead / 2);
+            // A lease that is over by now ends in a stop that is yet to be replayed.
+            let since = now.saturating_sub(self.pace.ahead / 2).min(self.told());
             self.timelines.iter_mut().for_each(|timeline| timeline.forget(since));
         }
         Ok(())
@@ -381,7 +384,12 @@ impl<'a, B: Leased> Session<'a, B> {
             progress(self.board.now());
         }
         let last = self.last_step().unwrap_or(0);
+        let patience = self.board.now().max(last) + PATIENCE_S * self.pace.tick_hz;
         while self.board.now() <= last || !self.board.is_idle() {
+            if self.board.now() > patience {
+                let at_s = last.saturating_sub(self.stream.zero()) as f64 / self.pace.tick_hz as f64;
+                return self.report(failure.or(Some(SessionError::Restless { at_s })));
+            }
             let until = self.board.now() + step;
             self.board.advance(if self.board.now() <= last { until.min(last) } else { until }, observer);
             progress(self.board.now());

@@ -169,7 +169,7 @@ impl Model {
         self.last_stop = match cause {
             lease::Cause::NotExtended => Cause::Lapsed,
             lease::Cause::Ordered => Cause::Braked,
-            lease::Cause::RanDry => Cause::Starved,
+            lease::Cause::RanDry => Cause::RanDry,
             lease::Cause::BadItem => Cause::BadItem,
             lease::Cause::StepMissed => Cause::StepMissed,
         };

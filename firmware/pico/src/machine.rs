@@ -336,7 +336,7 @@ impl Board {
             lease::Cause::NotExtended | lease::Cause::Ordered if !self.stepper.was_moving() => return,
             lease::Cause::NotExtended => (Cause::Lapsed, ALL_MOTORS),
             lease::Cause::Ordered => (Cause::Braked, ALL_MOTORS),
-            lease::Cause::RanDry => (Cause::Starved, self.stepper.at_fault()),
+            lease::Cause::RanDry => (Cause::RanDry, self.stepper.at_fault()),
             lease::Cause::StepMissed => (Cause::StepMissed, self.stepper.at_fault()),
             lease::Cause::BadItem => (Cause::BadItem, self.stepper.at_fault()),
         };
@@ -439,7 +439,7 @@ impl Board {
 
     fn tell(&mut self, cause: Cause, motor: u8, detail: u32) {
         let now = self.clock.now();
-        let ends = [Cause::Lapsed, Cause::Braked, Cause::Starved, Cause::BadItem, Cause::CheckFailed, Cause::StepMissed];
+        let ends = [Cause::Lapsed, Cause::Braked, Cause::RanDry, Cause::BadItem, Cause::CheckFailed, Cause::StepMissed];
         let tick = self.ended.filter(|_| ends.contains(&cause)).unwrap_or(now);
         // That a host was lost, or a lease over, is the better reason for the same end.
         if cause == Cause::Finished && self.last_stop == Cause::None {

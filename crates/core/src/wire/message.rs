@@ -174,6 +174,8 @@ codes! {
         Lapsed = 17,
         /// The host asked for it: all motors brake from the event's tick on.
         Braked = 18,
+        /// A motor had no more plan under its lease: all brake from the event's tick on.
+        RanDry = 19,
     }
 }
 

@@ -282,7 +282,7 @@ impl Board {
                 motor::Reason::Missed => Cause::StepMissed,
                 motor::Reason::Mismatch => Cause::CheckFailed,
                 motor::Reason::Bad => Cause::BadItem,
-                motor::Reason::Dry => Cause::Starved,
+                motor::Reason::Dry => Cause::RanDry,
             };
             if self.told & 1 << motor == 0 {
                 self.told |= 1 << motor;

@@ -69,6 +69,13 @@ impl Lease {
         // SAFETY: a copy; who has the stepper alone writes it.
         unsafe { (&raw const LEASE).read() }
     }
+
+    /// There is none from now on. To be called by who has the stepper.
+    #[inline(always)]
+    pub(crate) fn end() {
+        // SAFETY: who has the stepper alone writes it.
+        unsafe { (&raw mut LEASE).write(Lease::OFF) };
+    }
 }
 
 global_asm!(

@@ -549,6 +549,9 @@ impl Stepper {
             motor.uncount(left);
             motor.stop();
         }
+        if Uses::LEASES {
+            Lease::end();
+        }
         // A pulse of two groups may be under way: its end is no group's any more.
         if self.spacing.long {
             for _ in 0..TIMES.get().pulse / 4 {
