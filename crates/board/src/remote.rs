@@ -825,7 +825,7 @@ impl<P: Port> Remote<P> {
             if let Some(cause) = cause {
                 self.note_lapse(event.tick, Some(cause), self.now());
             }
-            if event.cause == Cause::Starved {
+            if event.cause == Cause::Starved && self.lease != LeaseState::Off {
                 // An immediate stop: it ends no lease by the rule that the host replays.
                 self.error.get_or_insert(RemoteError::Stopped { cause: event.cause });
             }

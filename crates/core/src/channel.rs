@@ -68,44 +68,47 @@ struct End {
 }
 
 /// Expands the items of one motor; `F` is the number of fraction bits, 1..=32.
+///
+/// What each event asks for stands first: a Cortex-M0+ reaches 124 bytes of a structure by one load.
 #[derive(Clone, Debug)]
+#[repr(C)]
 pub struct Channel<const F: u32> {
     recurrence: Recurrence,
+    /// The interval before the last step, ticks · 2^F.
+    last_interval: i64,
     /// Steps of the segment still to be made.
     left: u32,
-    /// Which way they go.
+    horizon: Moment,
+    gap: u32,
+    position: i32,
+    /// The tick of the next step, if its direction has been asserted: the step is then committed.
+    committed: Option<Moment>,
+    /// Of the first switch and the lease: looked at with each event.
+    end: Option<End>,
+    lapse: Option<Lapse>,
+    /// The next step is not made before.
+    not_before: Option<Moment>,
+    /// Which way the steps of the segment go.
     direction: Direction,
     /// What the DIR line was last asked to say.
     facing: Option<Direction>,
-    /// The tick of the next step, if its direction has been asserted: the step is then committed.
-    committed: Option<Moment>,
     /// Whether the accumulator means anything.
     anchored: bool,
     /// No step has been made since the last anchor, wait or reversal.
     fresh: bool,
-    /// The interval before the last step, ticks · 2^F.
-    last_interval: i64,
     assert_every_step: bool,
-    gap: u32,
-    position: i32,
-    horizon: Moment,
+    /// The lease is over for this channel: what it makes is its stop.
+    braking: bool,
+    /// All channels of the machine have been told of the lapse.
+    agreed: bool,
+    /// It was in motion when the lease was over.
+    moved: bool,
     epoch: Epoch,
-    switches: [Option<Switch>; SWITCHES],
-    /// Of the first switch and the lease: looked at with each event.
-    end: Option<End>,
     missed: Option<Moment>,
     lease: Lease,
     /// How hard the motor may brake.
     limit: Limit,
-    lapse: Option<Lapse>,
-    /// All channels of the machine have been told of the lapse.
-    agreed: bool,
-    /// The lease is over for this channel: what it makes is its stop.
-    braking: bool,
-    /// It was in motion then.
-    moved: bool,
-    /// The next step is not made before.
-    not_before: Option<Moment>,
+    switches: [Option<Switch>; SWITCHES],
 }
 
 impl<const F: u32> Channel<F> {
@@ -178,11 +181,13 @@ impl<const F: u32> Channel<F> {
                 return None;
             }
             if self.left > 0 {
+                let mut tick = tick;
                 // After a lapse a shared line may have put the step before off, too.
-                let put_off = self.lapse.is_some() && self.assert_every_step && !self.fresh;
-                let tick = if self.braking || put_off { self.possible(tick) } else { tick };
-                if limit.is_before(tick) {
-                    return None;
+                if self.lapse.is_some() && (self.braking || self.assert_every_step && !self.fresh) {
+                    tick = self.possible(tick);
+                    if limit.is_before(tick) {
+                        return None;
+                    }
                 }
                 if tick.is_before(self.horizon) {
                     self.miss(tick, items);

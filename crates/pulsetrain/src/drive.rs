@@ -466,7 +466,7 @@ impl<'a, B: Leased> Driven<'a, B> {
         let mut since = Since { zero, places: &self.places, observer };
         let mut progress = |tick: u64| watch(tick.saturating_sub(zero) as f64 / tick_hz as f64);
         let mut stopped = false;
-        while !(self.session.is_complete() && self.rests()) {
+        while !(self.session.is_complete() && self.is_past()) {
             let now = self.session.board().now();
             match wish() {
                 Wish::Stop if !stopped => {
@@ -552,10 +552,9 @@ impl<'a, B: Leased> Driven<'a, B> {
         (Whereabouts { motors: names.zip(counts).collect(), by }, stop)
     }
 
-    /// Whether the last step that was told has been made.
-    fn rests(&self) -> bool {
-        let board = self.session.board();
-        board.is_idle() && self.session.last_step().is_none_or(|last| last < board.now())
+    /// Whether the last step is past.
+    fn is_past(&self) -> bool {
+        self.session.last_step().is_none_or(|last| last < self.session.board().now())
     }
 }
 

@@ -1085,7 +1085,7 @@ impl Status {
         let (epoch, marks, accepted) = (Epoch(reader.u8()?), reader.u8()?, reader.u8()?);
         let lease = LeaseState::from_parts(marks >> 4, reader.u32()?)?;
         let head = StatusHead { tick, horizon, epoch, flags: marks & 15, accepted, lease };
-        let count = u8::try_from(reader.0.len() / 7).ok()?;
+        let count = u8::try_from(reader.0.as_chunks::<7>().0.len()).ok()?;
         let motors = PerMotor::decode(count, || {
             Some(MotorStatus { position: reader.u32()?.cast_signed(), free: reader.u16()?, faults: reader.u8()? })
         })?;

@@ -14,4 +14,4 @@ pub(super) const LATENESS: u32 = 57;
 /// The farthest that it commits itself ahead.
 pub(super) const HORIZON: u32 = 55093;
 /// Bytes of its queues.
-pub(super) const QUEUES: u32 = 396;
+pub(super) const QUEUES: u32 = 376;

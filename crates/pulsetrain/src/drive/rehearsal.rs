@@ -195,8 +195,8 @@ mod tests {
     #[test]
     fn a_step_is_named_only_where_the_board_stopped_at_once() {
         let (at_s, said) = told(RemoteError::Stopped { cause: Cause::Starved }.into());
-        let dry = "the board stopped: a queue ran dry; motor a: step 7 (forward) missing at t = 0.250000 s";
-        assert_eq!((at_s, said.as_str()), (Some(0.25), dry));
+        let starved = "the board stopped: its step generator did not keep up; motor a: step 7 (forward) missing at t = 0.250000 s";
+        assert_eq!((at_s, said.as_str()), (Some(0.25), starved));
         // They have their times already.
         let (at_s, said) = told(DriveError::TooLate { motor: "a".to_owned(), at_s: 0.24, late_s: 0.01 });
         assert!(at_s == Some(0.24) && said.contains("at 0.240 s") && !said.contains("t ="), "{said}");

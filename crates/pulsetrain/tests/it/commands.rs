@@ -770,7 +770,7 @@ mod chips {
             let said = outcome.err.split_whitespace().collect::<Vec<_>>().join(" ").replace(" │ ", " ");
             assert_eq!(outcome.exit, Exit::Refused, "{duration}: {}{said}", outcome.out);
             let all = [
-                "the board stopped: a queue ran dry",
+                "the board stopped: its step generator did not keep up",
                 "the motors were stopped at once: m at ",
                 " steps. The board counted",
             ];

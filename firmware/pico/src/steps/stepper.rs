@@ -661,6 +661,9 @@ impl Stepper {
     /// How long the plan holds, and since when it is over, if it is.
     pub(crate) fn lease(&self) -> (Lease, Option<Lapse>) {
         let lease = self.motor(0).map_or(Lease::Off, |motor| motor.words.channel().lease());
+        if lease == Lease::Off {
+            return (lease, None);
+        }
         let lapses = self.motors().filter_map(|motor| motor.words.channel().lapse());
         (lease, lapses.min_by_key(|lapse| !lapse.cause.is_fault()))
     }

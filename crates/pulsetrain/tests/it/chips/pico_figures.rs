@@ -24,7 +24,7 @@ fn held(row: &Row) {
 #[test]
 fn eight_motors_follow_laws_with_changing_speed() {
     let pico = VirtualPico::on_usb();
-    for (case, most_awake) in promised().into_iter().zip([0.95, 0.6]) {
+    for (case, most_awake) in promised().into_iter().zip([0.95, 0.65]) {
         let rate = case.required.expect("it is promised");
         let row = case.row(&pico, ABOVE * rate, 0.1);
         held(&row);

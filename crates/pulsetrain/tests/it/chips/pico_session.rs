@@ -234,7 +234,8 @@ fn stops_pauses_and_changes_keep_the_count() {
             }
         }
         let (after_s, ahead, (law, hardest)) = change;
-        let until = session.board().now() + ticks(after_s);
+        // The motion has begun, or gone on after a pause, before it is changed.
+        let until = session.board().now().max(session.zero() + 1) + ticks(after_s);
         prop_assert_eq!(session.advance(until, &mut |edge: Edge| pins.see(edge)), Ok(()));
         let at = session.earliest() + ahead;
         let mut next = program.clone();

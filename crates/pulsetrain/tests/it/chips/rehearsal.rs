@@ -104,9 +104,9 @@ fn a_queue_that_is_too_short_for_the_beginning_is_told_as_that() {
     assert!(failed.advice().contains("another tolerance"), "{}", failed.advice());
 }
 
-/// A motor that runs dry is named, though the board only says that one did.
+/// The first motor that lacks a step is named, though the board only says that it did not keep up.
 #[test]
-fn a_queue_that_runs_dry_is_told_with_the_step_that_did_not_come() {
+fn a_board_that_stops_at_once_is_told_with_the_step_that_did_not_come() {
     let failed = refused(&prepared(2, 4, "1 us", &ramps(130_000)));
     let What::Session { why, at_s: Some(at_s), first: Some(first) } = &failed.what else { panic!("{failed}") };
     assert!(matches!(**why, DriveError::Remote(RemoteError::Stopped { cause: Cause::Starved })), "{failed}");
@@ -116,7 +116,7 @@ fn a_queue_that_runs_dry_is_told_with_the_step_that_did_not_come() {
     );
     // θ = a t² / 2 on the ramp.
     assert!((first.step as f64 / (130_000.0 * at_s * at_s) - 1.0).abs() < 1e-3, "{failed}");
-    assert!(failed.to_string().contains("a queue ran dry; motor m"), "{failed}");
+    assert!(failed.to_string().contains("its step generator did not keep up; motor m"), "{failed}");
     let advice = failed.advice();
     assert!(
         advice.contains("(then m2 at ") && advice.contains("k steps/s") && !advice.contains("tolerance"),
