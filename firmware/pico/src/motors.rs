@@ -17,7 +17,7 @@
 //! Keep the library's interrupts out for long: by `cpsid`, or by an interrupt of its own that they wait for.
 //! - The timer's comes when some motor has words left for 0.35 ms, and for 0.05 ms more for each motor that there is, and has to write
 //!   more for all before they are used up. So it may be kept out for that, less what its own round takes: for 0.25 ms at the shortest
-//!   periods, also as all motors begin at once; with one motor 0.3 ms; with four 0.35 ms at 25 000 steps/s; with eight 0.3 ms at 62 500. What
+//!   periods, also as all motors begin at once (with eight 0.2 ms); with one motor 0.3 ms; with four 0.35 ms at 25 000 steps/s; with eight 0.3 ms at 62 500. What
 //!   [`Motors::on_done`] calls takes of the same, and so do orders, which keep it out.
 //! - The DMA's hands on what was written as soon as the eight words of a FIFO are all that is left: eight steps, or fewer at a turn.
 //!   So it may be kept out for seven of the shortest periods in use: 17 µs at 400 000 steps/s, 7 µs at a million. That is what

@@ -408,7 +408,7 @@ fn the_timers_interrupt_may_be_late() {
         (4, 500, 250),
         (6, 750, 250),
         (8, 2000, 300),
-        (8, 1000, 250),
+        (8, 1000, 200),
     ] {
         let mailbox = running(count, period);
         // The DMA's comes before it, the timer's behind.

@@ -71,11 +71,11 @@ fn what_the_board_keeps_up_with_is_played_to_its_end_or_as_far_as_is_asked_for()
     assert!(steps.iter().all(|steps| (6995..7005).contains(steps)), "{steps:?}");
 }
 
-/// Four motors that turn 400 times a second, after a calm one, need more bytes than the queues hold beside their stops.
+/// Four motors that turn 400 times a second, after a calm second, need more bytes than the line brings.
 #[test]
 fn a_queue_that_is_too_short_is_told_with_motor_time_and_rates() {
     let law = "law.then = [ { sine = { amplitude = \"20 step\", period = \"1 s\", cycles = 1 } }, \
-               { sine = { amplitude = \"10 step\", period = \"5 ms\", cycles = 40 } } ]";
+               { sine = { amplitude = \"3 step\", period = \"5 ms\", cycles = 40 } } ]";
     let prepared = prepared(4, 0, "0.05 us", law);
     let failed = refused(&prepared);
     let What::Session { why, at_s: Some(at_s), first: None } = &failed.what else { panic!("{failed}") };
@@ -97,7 +97,7 @@ fn a_queue_that_is_too_short_is_told_with_motor_time_and_rates() {
 /// There it does not even begin.
 #[test]
 fn a_queue_that_is_too_short_for_the_beginning_is_told_as_that() {
-    let law = "law.sine = { amplitude = \"10 step\", period = \"5 ms\", cycles = 40 }";
+    let law = "law.sine = { amplitude = \"3 step\", period = \"5 ms\", cycles = 40 }";
     let failed = refused(&prepared(4, 0, "0.05 us", law));
     let What::Session { why, at_s: Some(at_s), .. } = &failed.what else { panic!("{failed}") };
     assert!(matches!(**why, DriveError::QueueTooShort { .. }) && *at_s < 0.01, "{failed}");
@@ -127,8 +127,8 @@ fn a_board_that_stops_at_once_is_told_with_the_step_that_did_not_come() {
 /// What comes late on a slow line is told with the time, and with what would do; a faster one has it there.
 #[test]
 fn a_line_that_is_too_slow_is_told() {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples/winch.toml");
-    let prepared = Prepared::load(&path, None, None).unwrap();
+    let law = "law.sine = { amplitude = \"40 step\", period = \"66 ms\", cycles = 15 }";
+    let prepared = prepared(4, 0, "1 us", law);
     let at = |baud| rehearse(&prepared, baud, Length::exactly(&prepared.program, 0.5), |_| {});
     assert!(at(Baud::B1M).is_ok());
     let failed = at(Baud::B115200).unwrap_err();

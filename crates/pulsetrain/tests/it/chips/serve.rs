@@ -843,7 +843,7 @@ mod real {
         let (link, trace, out) = (path("uno"), path("pins.vcd"), path("out"));
         // Calm for a second; then its segments do not fit the queues.
         let law = "law.then = [ { sine = { amplitude = \"20 step\", period = \"1 s\", cycles = 1 } }, \
-                   { sine = { amplitude = \"10 step\", period = \"5 ms\", cycles = 40 } } ]";
+                   { sine = { amplitude = \"3 step\", period = \"5 ms\", cycles = 40 } } ]";
         let hard = motion(&folder.join("hard.toml"), 4, law);
         let law = "law.sine = { amplitude = \"25 step\", period = \"1 s\", cycles = 1 }";
         let easy = motion(&folder.join("easy.toml"), 1, law);
