@@ -105,16 +105,13 @@ impl Failed {
         if self.what.at_s().is_none() {
             return format!("{moved}. --no-rehearsal tries it on the board all the same");
         }
-        let too = match &self.what {
-            What::Session { why, .. } if matches!(**why, DriveError::QueueTooShort { .. }) => ", or another tolerance",
-            What::Session { why, .. }
-                if matches!(**why, DriveError::TooLate { .. }) && self.baud.rate() < FAST_BAUD =>
-            {
-                ", or a faster line (--baud)"
-            }
-            _ => "",
-        };
-        format!("{moved}. What may do: {}{too}. --no-rehearsal begins all the same", slower(&self.rates))
+        let why = if let What::Session { why, .. } = &self.what { Some(&**why) } else { None };
+        let is_short = matches!(why, Some(DriveError::QueueTooShort { .. }));
+        let is_late = matches!(why, Some(DriveError::TooLate { .. }));
+        let tolerance = if is_short { ", or another tolerance" } else { "" };
+        let line = (is_short || is_late) && self.baud.rate() < FAST_BAUD;
+        let line = if line { ", or a faster line (--baud)" } else { "" };
+        format!("{moved}. What may do: {}{tolerance}{line}. --no-rehearsal begins all the same", slower(&self.rates))
     }
 }
 
@@ -143,9 +140,11 @@ pub fn rehearse(
         watch(seconds.min(length.seconds));
     };
     // Asked before each stretch, and not while motors come to rest after a failure.
+    // What the board says of a stop comes later than its edges: it has one stretch for that.
+    let was_broken = Cell::new(false);
     let wish = || {
         seen_s.set(at_s.get());
-        if broken.get() || at_s.get() > until_s { Wish::StopNow } else { Wish::GoOn }
+        if was_broken.replace(broken.get()) || at_s.get() > until_s { Wish::StopNow } else { Wish::GoOn }
     };
     let ended = driven.run_until(&mut looker, progress, wish);
     let Looker { judge, error, .. } = looker;
