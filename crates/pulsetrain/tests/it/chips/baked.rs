@@ -237,23 +237,6 @@ fn as_much_is_rehearsed_as_there_is_to_see() {
     assert!(together.endless && apart.endless && !ends.endless);
 }
 
-/// Rests beyond what ticks are told apart in, beside a motor of which the ticks wrap, at 268 s: nothing adds up. With
-/// PULSETRAIN_ROUNDS=12 an hour.
-#[test]
-fn phases_are_kept_past_the_wraps() {
-    let rests = "repeat = \"forever\"\nlaw.then = [ { sine = { amplitude = \"5 step\", period = \"0.3 s\", cycles = 1 } }, \
-                 { rest = \"140.1 s\" } ]";
-    let short = "repeat = \"forever\"\nlaw.then = [ { sine = { amplitude = \"5 step\", period = \"0.3 s\", cycles = 1 } }, \
-                 { rest = \"7.3 s\" } ]";
-    let late = format!("start = \"150 s\"\n{SINE}");
-    let turns = "law.sine = { amplitude = \"1.2 step\", period = \"29.9999983 ms\", cycles = \"forever\" }";
-    let all = [rests, turns, &late, short].into_iter().zip(PINS).map(|(law, pins)| motor(pins, A4988, law));
-    let program = program("tolerance = \"1 us\"", &all.collect::<String>());
-    let report = keeps("past the wraps", &program, 285.0);
-    assert_eq!(report.motors[0].steps_got, 60, "{report:?}");
-    assert!(report.motors.iter().all(|motor| motor.drift_ppm.abs() < 1e-3), "{report:?}");
-}
-
 /// Motors that turn for good, from a ramp on, fast and slow, the one way and the other.
 #[test]
 fn a_speed_goes_on_for_ever() {
@@ -480,4 +463,26 @@ fn the_command_says_what_it_takes() {
     );
     let written = hex::parse(&fs::read_to_string(&image).unwrap(), stk500::FLASH_BYTES).unwrap();
     assert_eq!(written, Image::new(&read_example("sweep.toml")).unwrap().flash);
+}
+
+/// Five minutes of four motors.
+mod long {
+    use super::*;
+
+    /// Rests beyond what ticks are told apart in, beside a motor of which the ticks wrap, at 268 s: nothing adds up. With
+    /// PULSETRAIN_ROUNDS=12 an hour.
+    #[test]
+    fn phases_are_kept_past_the_wraps() {
+        let rests = "repeat = \"forever\"\nlaw.then = [ { sine = { amplitude = \"5 step\", period = \"0.3 s\", cycles = 1 } }, \
+                     { rest = \"140.1 s\" } ]";
+        let short = "repeat = \"forever\"\nlaw.then = [ { sine = { amplitude = \"5 step\", period = \"0.3 s\", cycles = 1 } }, \
+                     { rest = \"7.3 s\" } ]";
+        let late = format!("start = \"150 s\"\n{SINE}");
+        let turns = "law.sine = { amplitude = \"1.2 step\", period = \"29.9999983 ms\", cycles = \"forever\" }";
+        let all = [rests, turns, &late, short].into_iter().zip(PINS).map(|(law, pins)| motor(pins, A4988, law));
+        let program = program("tolerance = \"1 us\"", &all.collect::<String>());
+        let report = keeps("past the wraps", &program, 285.0);
+        assert_eq!(report.motors[0].steps_got, 60, "{report:?}");
+        assert!(report.motors.iter().all(|motor| motor.drift_ppm.abs() < 1e-3), "{report:?}");
+    }
 }

@@ -40,7 +40,7 @@ fn both(seed: u64, one_in: u64) -> [Vec<Row>; 2] {
 /// All kinds of faults, at some of the places.
 #[test]
 fn each_kind_of_fault_is_met() {
-    let [uno, pico] = both(seed(OWN_SEED), 8);
+    let [uno, pico] = both(seed(OWN_SEED), 24);
     assert_eq!(uno.len(), pico.len());
 }
 
