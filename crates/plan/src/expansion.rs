@@ -292,3 +292,21 @@ fn reverted_remainder(c: &Jet, q: &[f64; 8], eighth: f64, rounding: &Jet, reach:
     let bound = (tail + eighth * power7 * wide + error_of_jet + fastest * outside) / rate + outside;
     if bound <= slack { bound } else { f64::INFINITY }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_rounding_lost_of_the_turning_point_counts() {
+        let power = |exponent: f64| exponent.exp2();
+        // The turning point is at x0 − zero = −(2^20 + 2^-31) + 2^-40, and f64 has no room for its last term; s lies 2^-32 above the rest.
+        let zero = power(20.0) + power(-31.0);
+        let frame = Frame { sign: 1.0, zero, zero_low: 0.0, tick_hz: 16e6 };
+        let parabola = Inverse::Parabola { u0: 0.0, x0: power(-40.0), half_acceleration: 1.0, later: true, doubt: 0.0 };
+        assert_eq!(frame.turn(power(-40.0)), (-zero, power(-40.0)));
+        let (tick, error) = exact_due(&frame, &parabola, power(-32.0) - zero).expect("it has a formula");
+        let exact = 16e6 * (power(-32.0) - power(-40.0)).sqrt();
+        assert!((tick - exact).abs() <= error && error < 1e-6, "{tick} ± {error}, {exact}");
+    }
+}
