@@ -20,6 +20,13 @@ impl Folder {
         self.0.join(name).display().to_string()
     }
 
+    /// A file in it, with this text.
+    pub fn write(&self, name: &str, text: &str) -> String {
+        let path = self.path(name);
+        fs::write(&path, text).unwrap();
+        path
+    }
+
     pub fn name(&self) -> String {
         self.0.display().to_string()
     }

@@ -960,9 +960,8 @@ mod chips {
     /// Orders in frames: of each board done lines come, and its pins have what it counts. On an Uno 800 steps/s for 0.1 s are 80.
     #[test]
     fn verbs_are_told_in_frames() {
-        let folder = std::env::temp_dir().join(format!("pulsetrain-verbs-{}", std::process::id()));
-        std::fs::create_dir_all(&folder).expect("a folder");
-        let script = folder.join("moves.txt").display().to_string();
+        let folder = Folder::new("verbs");
+        let script = folder.path("moves.txt");
         let told = |board: &str, text: &str| {
             std::fs::write(&script, text).expect("a file to write");
             let Outcome { exit, out, err } = pulsetrain(&["verbs", &script, "--board", board]);
@@ -1003,7 +1002,6 @@ mod chips {
             assert_eq!((exit, out.as_str()), (Exit::Refused, ""), "{text}: {err}");
             assert!(err.contains(place), "{text}: {err}");
         }
-        std::fs::remove_dir_all(folder).expect("the folder can go");
     }
 
     #[test]

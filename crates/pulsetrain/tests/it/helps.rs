@@ -4,20 +4,12 @@ use pulsetrain::fit;
 use pulsetrain::prepare::{Prepared, Refusal};
 use pulsetrain_motion::{Time, file};
 use pulsetrain_plan::PlanError;
+use pulsetrain_testkit::folder::Folder;
 
 /// A motor, and a motion to be added.
 const MOTOR: &str = "[motor.wheel]\nsteps_per_rev = 200\nmicrosteps = 16\npulse_high = \"2 us\"\n\
     pins = { step = 8, dir = 9 }\nforward = \"low\"\n";
 const LIMITS: &str = "max_speed = \"10000 step/s\"\nmax_acceleration = \"40000 step/s^2\"\n";
-
-/// A file of its own that is gone afterwards.
-struct File(std::path::PathBuf);
-
-impl Drop for File {
-    fn drop(&mut self) {
-        drop(std::fs::remove_file(&self.0));
-    }
-}
 
 /// What is said of a motion file that is read; `None` if it fits, and makes steps.
 fn advice(name: &str, text: &str) -> Option<String> {
@@ -26,9 +18,9 @@ fn advice(name: &str, text: &str) -> Option<String> {
 
 /// The same of its beginning.
 fn advice_for(name: &str, text: &str, length: Option<Time>) -> Option<String> {
-    let file = File(std::env::temp_dir().join(format!("pulsetrain-helps-{name}-{}.toml", std::process::id())));
-    std::fs::write(&file.0, text).unwrap();
-    let prepared = Prepared::load(&file.0, None, length).unwrap_or_else(|error| panic!("{error:?}\n{text}"));
+    let folder = Folder::new(&format!("helps-{name}"));
+    let file = folder.write("x.toml", text);
+    let prepared = Prepared::load(file.as_ref(), None, length).unwrap_or_else(|error| panic!("{error:?}\n{text}"));
     match prepared.plan(|_| ()) {
         Ok(planned) => {
             assert!(planned.iter().all(|motor| motor.certificate.steps > 0), "{name} makes no step:\n{text}");
@@ -261,9 +253,9 @@ fn tolerances_are_offered_as_far_as_they_are_tolerances() {
 #[test]
 fn what_takes_long_to_try_is_said_to_be_untried() {
     let law = "law.formula = { theta = \"20000*sin(0.2*t)\", unit = \"step\", duration = \"100000 s\" }";
-    let file = File(std::env::temp_dir().join(format!("pulsetrain-helps-long-{}.toml", std::process::id())));
-    std::fs::write(&file.0, motion(LIMITS, law)).unwrap();
-    let prepared = Prepared::load(&file.0, None, None).unwrap();
+    let folder = Folder::new("helps-long");
+    let file = folder.write("x.toml", &motion(LIMITS, law));
+    let prepared = Prepared::load(file.as_ref(), None, None).unwrap();
     let said = |error: &PlanError| fit::advice(&prepared, &prepared.program.motors[0], error);
     let Err(Refusal::Plan { advice, error, .. }) = prepared.plan(|_| ()) else { panic!("it begins at once") };
     assert!(matches!(error, PlanError::SpeedJump { .. }), "{error}");

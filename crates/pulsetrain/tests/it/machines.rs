@@ -4,20 +4,20 @@ use std::path::{Path, PathBuf};
 
 use pulsetrain::cli;
 use pulsetrain::console::Exit;
+use pulsetrain_testkit::folder::Folder;
 
 /// What rounding to whole steps leaves of each motor: half a step, the grid's hysteresis, and what it moves in a tick.
 const OF_A_MOTOR: f64 = 0.5 + 1.0 / 64.0 + 0.02;
 
 /// Runs a motion file with more arguments, which must go well: the report, and the picture.
 fn run(file: &Path, name: &str, more: &[&str]) -> (serde_json::Value, String) {
-    let folder: PathBuf = std::env::temp_dir().join(format!("pulsetrain-machines-{name}-{}", std::process::id()));
+    let folder = Folder::new(&format!("machines-{name}"));
     let (mut out, mut err) = (Vec::new(), Vec::new());
-    let (file, out_folder) = (file.display().to_string(), folder.display().to_string());
+    let (file, out_folder) = (file.display().to_string(), folder.name());
     let args = [&["pulsetrain", "run", &file, "--json", "--out", &out_folder], more].concat();
     let exit = cli::run(args, &mut out, &mut err);
     assert_eq!(exit, Exit::Success, "{}", String::from_utf8_lossy(&err));
-    let svg = std::fs::read_to_string(folder.join("plot.svg")).expect("a picture");
-    std::fs::remove_dir_all(folder).expect("the folder can go");
+    let svg = std::fs::read_to_string(folder.path("plot.svg")).expect("a picture");
     (serde_json::from_slice(&out).expect("JSON"), svg)
 }
 
@@ -43,10 +43,9 @@ const SKETCH: f64 = 32.0 * 2.0 * 63.683_95 / 40.0;
 fn a_circle_is_round_to_three_quarters_of_a_step() {
     let text = std::fs::read_to_string(example("circle.toml")).expect("the example");
     let text: Vec<&str> = text.lines().filter(|line| !line.starts_with("backlash")).collect();
-    let file = std::env::temp_dir().join(format!("pulsetrain-circle-{}.toml", std::process::id()));
-    std::fs::write(&file, text.join("\n")).expect("a file to write");
-    let (machine, motors, tip, off) = figure(&file, "circle");
-    std::fs::remove_file(file).expect("the file can go");
+    let folder = Folder::new("circle");
+    let file = folder.write("circle.toml", &text.join("\n"));
+    let (machine, motors, tip, off) = figure(file.as_ref(), "circle");
     assert_eq!(machine, "sketch");
     assert!(motors <= OF_A_MOTOR, "{motors} steps");
     assert!(tip * SKETCH <= OF_A_MOTOR * 2_f64.sqrt(), "{} steps", tip * SKETCH);
@@ -58,18 +57,16 @@ fn a_circle_is_round_to_three_quarters_of_a_step() {
 #[test]
 fn slack_that_is_not_taken_up_before_the_next_turn_is_refused() {
     let text = std::fs::read_to_string(example("circle.toml")).expect("the example");
-    let file = std::env::temp_dir().join(format!("pulsetrain-slack-{}.toml", std::process::id()));
+    let folder = Folder::new("slack");
     for (over, exit) in [("1 s", Exit::Success), ("2.1 s", Exit::Refused)] {
-        std::fs::write(&file, text.replace("over = \"40 ms\"", &format!("over = \"{over}\"")))
-            .expect("a file to write");
+        let file = folder.write("slack.toml", &text.replace("over = \"40 ms\"", &format!("over = \"{over}\"")));
         let (mut out, mut err) = (Vec::new(), Vec::new());
-        assert_eq!(cli::run(["pulsetrain", "plan", &file.display().to_string()], &mut out, &mut err), exit, "{over}");
+        assert_eq!(cli::run(["pulsetrain", "plan", &file], &mut out, &mut err), exit, "{over}");
         let said =
             String::from_utf8(err).expect("text").replace('│', "").split_whitespace().collect::<Vec<_>>().join(" ");
         let places = ["motor ", "it turns at t = ", "`over`, the time of its `backlash`, must be shorter"];
         assert_eq!(places.iter().all(|place| said.contains(place)), exit == Exit::Refused, "{said}");
     }
-    std::fs::remove_file(file).expect("the file can go");
 }
 
 /// While slack is taken up the pen stands: on top of the steps that is what the circle falls in 40 ms, 0.6 step.
@@ -104,12 +101,10 @@ fn the_delta_robot_is_within_half_a_step_of_each_arm() {
 
 /// Runs a command on a motion file of this text; what it says, on both, in one line.
 fn says(command: &str, name: &str, text: &str, more: &[&str]) -> (Exit, String) {
-    let file = std::env::temp_dir().join(format!("pulsetrain-{name}-{}.toml", std::process::id()));
-    std::fs::write(&file, text).expect("a file to write");
+    let folder = Folder::new(name);
+    let path = folder.write("x.toml", text);
     let (mut out, mut err) = (Vec::new(), Vec::new());
-    let path = file.display().to_string();
     let exit = cli::run([&["pulsetrain", command, &path], more].concat(), &mut out, &mut err);
-    std::fs::remove_file(&file).expect("the file can go");
     let said = String::from_utf8([out, err].concat()).expect("text").replace(['│', '┊'], "").replace(&path, "x.toml");
     (exit, said.split_whitespace().collect::<Vec<_>>().join(" "))
 }
@@ -175,10 +170,9 @@ fn a_path_that_is_cut_or_paused_keeps_to_its_figure() {
         // The take-up of a turn is under way, and takes longer as time is slowed.
         ("paused-slack", text, &["--for", "8.7 s", "--pause-at", "4.25 s", "--resume-at", "6 s"], round + fall),
     ] {
-        let file = std::env::temp_dir().join(format!("pulsetrain-{name}-{}.toml", std::process::id()));
-        std::fs::write(&file, &text).expect("a file to write");
-        let (report, svg) = run(&file, name, &[&["--native"], more].concat());
-        std::fs::remove_file(file).expect("the file can go");
+        let folder = Folder::new(name);
+        let file = folder.write("sketch.toml", &text);
+        let (report, svg) = run(file.as_ref(), name, &[&["--native"], more].concat());
         let off = report["figures"][0]["off_figure"].as_f64().expect("a figure") * SKETCH;
         assert!((0.5..bound).contains(&off), "{name}: {off} steps");
         assert!(svg.contains("Figure of sketch, mm"), "{name}");

@@ -3,6 +3,7 @@
 use pulsetrain::plot::{Errors, MotorPicture, Picture};
 use pulsetrain_motion::program::Scale;
 use pulsetrain_motion::{Law, Time};
+use pulsetrain_testkit::folder::Folder;
 
 /// The tutorial's equation 3, on the Uno's ticks.
 fn tutorial(period: f64) -> Picture {
@@ -39,8 +40,8 @@ fn svg_names_axes_with_their_units_and_stays_small() {
 
 #[test]
 fn png_is_written() {
-    let path = std::env::temp_dir().join(format!("pulsetrain-plot-{}.png", std::process::id()));
-    tutorial(500.0).png(&path).unwrap();
+    let folder = Folder::new("plot");
+    let path = folder.path("plot.png");
+    tutorial(500.0).png(path.as_ref()).unwrap();
     assert!(std::fs::read(&path).unwrap().starts_with(b"\x89PNG"));
-    std::fs::remove_file(path).unwrap();
 }

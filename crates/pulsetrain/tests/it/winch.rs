@@ -1,7 +1,7 @@
 //! StepperWinch's text: scripts that are run and judged, and the console. On the native winch, in virtual time.
 
 use std::io;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::mpsc::channel;
 use std::time::Duration;
 
@@ -20,6 +20,7 @@ use pulsetrain_board::virtual_uno::VirtualUno;
 use pulsetrain_board::{Edge, Port, PortError, VirtualBoard};
 use pulsetrain_core::wire::Baud;
 use pulsetrain_motion::pins::PinKind;
+use pulsetrain_testkit::folder::Folder;
 use pulsetrain_trace::winch::{Options, Report};
 
 const NAMES: Names<'_> = Names { script: "script", runner: "native winch", board: "StepperWinch" };
@@ -494,12 +495,6 @@ proptest! {
     }
 }
 
-fn folder(name: &str) -> PathBuf {
-    let folder = std::env::temp_dir().join(format!("pulsetrain-winch-{name}-{}", std::process::id()));
-    std::fs::create_dir_all(&folder).unwrap();
-    folder
-}
-
 fn command(args: &[&str]) -> (Exit, String, String) {
     let (mut out, mut err) = (Vec::new(), Vec::new());
     let exit = cli::run([&["pulsetrain", "winch"], args].concat(), &mut out, &mut err);
@@ -508,36 +503,33 @@ fn command(args: &[&str]) -> (Exit, String, String) {
 
 #[test]
 fn the_example_runs_and_leaves_its_files() {
-    let folder = folder("example");
+    let folder = Folder::new("winch-example");
     let example = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples/winch.toml");
-    let (exit, out, err) = command(&[example.to_str().unwrap(), "--native", "--out", folder.to_str().unwrap()]);
+    let (exit, out, err) = command(&[example.to_str().unwrap(), "--native", "--out", &folder.name()]);
     assert_eq!((exit, err.as_str()), (Exit::Success, ""), "{out}");
     assert!(out.contains("8 lines in 8 s") && out.contains("\nok\n"), "{out}");
-    let read = |name: &str| std::fs::read_to_string(folder.join(name)).unwrap();
+    let read = |name: &str| std::fs::read_to_string(folder.path(name)).unwrap();
     assert!(read("plot.svg").contains("Steps of x behind the path"));
     assert!(read("steps.csv").lines().count() > 3000 && read("trace.vcd").contains("step"));
     assert!(read("statuses.csv").lines().count() > 30 && read("report.json").contains("\"ok\": true"));
-    std::fs::remove_dir_all(folder).unwrap();
 }
 
 #[test]
 fn a_wrong_script_is_refused_before_anything_moves() {
-    let folder = folder("wrong");
-    let path = folder.join("wrong.txt");
-    std::fs::write(&path, "0 s: a x 5\n1 s: g x nan 1\n").unwrap();
-    let out = folder.join("out");
-    let (exit, _, err) = command(&[path.to_str().unwrap(), "--native", "--out", out.to_str().unwrap()]);
+    let folder = Folder::new("winch-wrong");
+    let path = folder.write("wrong.txt", "0 s: a x 5\n1 s: g x nan 1\n");
+    let out = folder.path("out");
+    let (exit, _, err) = command(&[&path, "--native", "--out", &out]);
     assert_eq!(exit, Exit::Refused);
     assert!(err.contains("a natural frequency is 0.01 to 20 Hz") && err.contains(":2:10]"), "{err}");
-    assert!(!out.exists());
-    let (exit, _, err) = command(&[path.to_str().unwrap()]);
+    assert!(!Path::new(&out).exists());
+    let (exit, _, err) = command(&[&path]);
     assert_eq!(exit, Exit::Refused);
     assert!(err.contains("--native") && err.contains("--port"), "{err}");
     // So is a folder that cannot be.
-    std::fs::write(&path, "0 s: a x 5\n").unwrap();
-    let (exit, _, err) = command(&[path.to_str().unwrap(), "--native", "--out", path.to_str().unwrap()]);
+    folder.write("wrong.txt", "0 s: a x 5\n");
+    let (exit, _, err) = command(&[&path, "--native", "--out", &path]);
     assert!(exit == Exit::Refused && err.contains("nothing was sent"), "{err}");
-    std::fs::remove_dir_all(folder).unwrap();
 }
 
 #[test]

@@ -13,8 +13,8 @@ use pulsetrain_core::wire::Baud;
 use pulsetrain_core::wire::message::{Cause, MotorSetup};
 use pulsetrain_core::{Direction, Entry, Epoch, Item, Moment, Segment};
 use pulsetrain_motion::{boards, file};
+use pulsetrain_testkit::folder::Folder;
 use std::io::ErrorKind;
-use std::path::PathBuf;
 use std::time::Duration;
 
 fn pulsetrain(args: &[&str]) -> (Exit, String) {
@@ -28,20 +28,13 @@ fn in_a_line(said: &str) -> String {
     said.replace('│', " ").split_whitespace().collect::<Vec<_>>().join(" ")
 }
 
-fn folder(name: &str) -> PathBuf {
-    let folder = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join(name);
-    let _ = std::fs::remove_dir_all(&folder);
-    std::fs::create_dir_all(&folder).unwrap();
-    folder
-}
-
 /// The seed's tutorial, which is for an Uno, the same too fast for one, and the Pico's own example: on its firmware, and its pins pass the judge.
 #[test]
 fn its_firmware_runs_the_tutorial_and_its_own_example() {
-    let folder = folder("pico-examples");
+    let folder = Folder::new("pico-examples");
     for name in ["tutorial.toml", "tutorial-0.01s.toml", "pico.toml"] {
         let file = format!("../../examples/{name}");
-        let out = folder.join(name).display().to_string();
+        let out = folder.path(name);
         let (exit, said) = pulsetrain(&["run", &file, "--board", "pico", "--out", &out]);
         assert_eq!(exit, Exit::Success, "{said}");
         assert!(said.contains("Run on the virtual Pico, firmware"), "{said}");
@@ -63,11 +56,11 @@ fn beside(board: &str, a: &str, b: &str, law: &str) -> String {
 /// A board makes all pulses as long as the slowest driver wants: what is left of an interval, and of a turn, must do for each motor.
 #[test]
 fn a_long_pulse_beside_leaves_each_driver_its_times() {
-    let folder = folder("pico-beside");
-    let file = folder.join("beside.toml");
+    let folder = Folder::new("pico-beside");
+    let file = folder.path("beside.toml");
     let run = |text: &str| {
         std::fs::write(&file, text).unwrap();
-        let (exit, said) = pulsetrain(&["run", &file.display().to_string(), "--out", &folder.display().to_string()]);
+        let (exit, said) = pulsetrain(&["run", &file, "--out", &folder.name()]);
         (exit, in_a_line(&said))
     };
     let fast = |rate| {
@@ -105,16 +98,15 @@ fn a_long_pulse_beside_leaves_each_driver_its_times() {
 /// counts as added.
 #[test]
 fn a_queue_of_many_short_segments_loses_and_adds_nothing() {
-    let folder = folder("pico-short-segments");
-    let file = folder.join("short.toml");
+    let folder = Folder::new("pico-short-segments");
+    let file = folder.path("short.toml");
     let text = "board = \"pico\"\ntolerance = \"1 tick\"\n[motor.wheel]\nsteps_per_rev = 200\nmicrosteps = 16\ndriver = \"TMC2209\"\n\
                 pins = { step = 2, dir = 3 }\nforward = \"high\"\n[[motion]]\nmotor = \"wheel\"\n\
                 law.sum = [{ sine = { amplitude = \"56.8 step\", period = \"0.1 s\", cycles = 10 } }, \
                 { sine = { amplitude = \"140 step\", period = \"0.25 s\", cycles = 4 } }, \
                 { sine = { amplitude = \"7.7 step\", period = \"0.02 s\", cycles = 50 } }]\n";
     std::fs::write(&file, text).unwrap();
-    let (exit, said) =
-        pulsetrain(&["run", &file.display().to_string(), "--out", &folder.join("out").display().to_string()]);
+    let (exit, said) = pulsetrain(&["run", &file, "--out", &folder.path("out")]);
     let segments = said.lines().find_map(|line| line.trim().strip_prefix("segments")).expect("it is told");
     let segments: usize = segments.split_whitespace().collect::<String>().parse().unwrap();
     assert!(segments > QUEUE_LEN, "{segments} segments");
@@ -229,12 +221,12 @@ const SIX: [[u8; 4]; 6] =
 /// Six of them, in all three sequences: to the tick; switched off at the end if the file says so, on the Pico as on the native board.
 #[test]
 fn six_motors_with_coils_hold_or_let_go() {
-    let folder = folder("pico-coils");
+    let folder = Folder::new("pico-coils");
     for (idle, on) in [("", true), ("idle = \"hold\"", true), ("idle = \"100 ms\"", false)] {
-        let file = folder.join("six.toml").display().to_string();
+        let file = folder.path("six.toml");
         std::fs::write(&file, on_coils(&SIX, idle)).unwrap();
         for board in ["pico", "native"] {
-            let out = folder.join(board).display().to_string();
+            let out = folder.path(board);
             let (exit, said) = pulsetrain(&["run", &file, "--board", board, "--out", &out]);
             assert_eq!(exit, Exit::Success, "{said}");
             let trace = format!("{out}/trace.vcd");
@@ -262,7 +254,7 @@ fn six_motors_with_coils_hold_or_let_go() {
 /// Pins that state machines cannot have so: refused before anything is planned, with what would fit.
 #[test]
 fn pins_that_do_not_fit_are_refused_with_what_would() {
-    let folder = folder("pico-pins");
+    let folder = Folder::new("pico-pins");
     let drivers = |pins: &[&str]| {
         let mut text = "board = \"pico\"\n".to_owned();
         for (number, pins) in pins.iter().enumerate() {
@@ -299,7 +291,7 @@ fn pins_that_do_not_fit_are_refused_with_what_would() {
         (on_coils(&[[26, 27, 28, 2]], ""), "are on pins 26, 27, 28 and 2", "to 22, 26, 27 and 28, say"),
     ];
     for (text, said, fits) in cases {
-        let file = folder.join("pins.toml").display().to_string();
+        let file = folder.path("pins.toml");
         std::fs::write(&file, &text).unwrap();
         let (exit, out) = pulsetrain(&["plan", &file]);
         let out = in_a_line(&out);
@@ -312,7 +304,7 @@ fn pins_that_do_not_fit_are_refused_with_what_would() {
         ("step = 24, dir = 25", "not on its header"),
         ("step = 29, dir = 28", "no pin 29"),
     ] {
-        let file = folder.join("pins.toml").display().to_string();
+        let file = folder.path("pins.toml");
         std::fs::write(&file, drivers(&[pins])).unwrap();
         let (exit, out) = pulsetrain(&["plan", &file]);
         assert_eq!(exit, Exit::Refused, "{out}");
