@@ -136,6 +136,7 @@ pub const CHECK_LEN: usize = 2 + 2 + 4 + 2;
 /// ```
 /// use pulsetrain_core::packing::unit_shift;
 /// assert_eq!(unit_shift(1, 8, 0, 16), 6);  // bitlen(8) + 2
+/// assert_eq!(unit_shift(1, 8, 3, 16), 9);
 /// assert_eq!(unit_shift(3, 100, 0, 16), 16); // 3·7 − 5, clamped
 /// ```
 #[must_use]
@@ -770,6 +771,25 @@ mod tests {
             &[Item::Anchor { tick: Moment(0x0102_0304) }, Item::Dwell { ticks: 5 }],
             &[0b11111, 0, 4, 3, 2, 1, 0b10111, 0, 5, 0, 0, 0],
         );
+    }
+
+    /// An Uno's registers hold an add of 32 bits: where the prediction for one step has more, both ends begin from nothing.
+    #[test]
+    fn one_step_after_an_add_beyond_32_bits_is_reset() {
+        let far = Segment { count: 2, interval: 100 << 16, add: 1 << 31, add2: 0 };
+        let step = run(1, 150 << 16, 0, 0, Direction::Forward);
+        for (fraction_bits, resets) in [(16, true), (32, false)] {
+            let packing = Packing { fraction_bits, gain: 0 };
+            let mut state = State::default();
+            let mut bytes = [0; MAX_PACKED_LEN];
+            let before = run(far.count, far.interval, far.add, far.add2, Direction::Forward);
+            packing.pack(&mut state, &before, &mut bytes).unwrap();
+            let Item::Run { segment, .. } = step else { unreachable!() };
+            let expected = packing.packed_len(&state, &segment);
+            let len = packing.pack(&mut state, &step, &mut bytes);
+            assert_eq!(len, expected);
+            assert_eq!(bytes[..2] == [0b1111, 0], resets, "{fraction_bits} bits: {:?}", &bytes[..len.unwrap()]);
+        }
     }
 
     #[test]
