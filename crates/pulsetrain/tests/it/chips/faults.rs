@@ -94,8 +94,9 @@ const fn ms(ms: u64) -> Duration {
 
 /// Of each byte, on each way: of a short session, in which each meets one of the mishaps in a usual run, and of a long one.
 fn bytes<P: Chip>(short: &Bench<P>, long: &Bench<P>, seed: u64, one_in: u64) -> Vec<Row> {
-    const FEW: u64 = 4;
     const MISHAPS: [&str; 4] = ["lost", "with a bit changed", "doubled", "swapped with the next"];
+    // The same share of the long session, whose runs take longer.
+    let few = 4_u64.div_ceil(one_in);
     let mut rows = Vec::new();
     for (way, name) in [(Way::ToBoard, "to the board"), (Way::ToHost, "to the host")] {
         for (turn, what) in (0..).zip(MISHAPS) {
@@ -105,7 +106,7 @@ fn bytes<P: Chip>(short: &Bench<P>, long: &Bench<P>, seed: u64, one_in: u64) -> 
             let (all, places) = (short.line.gone(way), long.line.gone(way));
             let tried =
                 some(&fault, all, all / (one_in * MISHAPS.len() as u64), seed.wrapping_add(turn)).map(|at| (short, at));
-            for (bench, at) in tried.chain(some(&fault, places, FEW, seed).map(|at| (long, at))) {
+            for (bench, at) in tried.chain(some(&fault, places, few, seed).map(|at| (long, at))) {
                 let mishap = match what {
                     "lost" => Mishap::Dropped,
                     "with a bit changed" => Mishap::Flipped((seed.wrapping_add(at.wrapping_mul(5)) % 8) as u8),
