@@ -23,7 +23,7 @@ pub(crate) enum Tier {
 
 /// Tests that run firmware on an emulated chip have a module of this name in their path.
 const CHIPS: &str = "chips";
-/// And those that take longer than 20 s one of this name.
+/// And those that only the gate waits for one of this name.
 const LONG: &str = "long";
 
 impl Tier {

@@ -299,7 +299,7 @@ mod tests {
 
     #[test]
     fn what_rounding_lost_of_the_turning_point_counts() {
-        let power = |exponent: f64| exponent.exp2();
+        let power = f64::exp2;
         // The turning point is at x0 − zero = −(2^20 + 2^-31) + 2^-40, and f64 has no room for its last term; s lies 2^-32 above the rest.
         let zero = power(20.0) + power(-31.0);
         let frame = Frame { sign: 1.0, zero, zero_low: 0.0, tick_hz: 16e6 };

@@ -120,6 +120,7 @@ mod tests {
         let sure = |count, gentle| Sure { count, gentle };
         // 200 ticks, and 2 in case something was rounded off and carried over.
         assert_eq!(surely(&steady(200, 0), &stretch(202 * 100), 128), sure(99, true));
+        assert_eq!(surely(&steady(200, 0), &stretch(202 * 128), 128), sure(127, true));
         assert_eq!(surely(&steady(200, 0), &stretch(1 << 20), 128), sure(128, true));
         assert_eq!(surely(&steady(15, 0), &stretch(1 << 20), 128), sure(0, false));
         // A tick less with each step: after 128 steps it would be too soon.

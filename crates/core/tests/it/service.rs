@@ -91,7 +91,7 @@ impl Machine for Notebook {
     }
     fn switch(&mut self, epoch: Epoch, tick: u64) -> Result<Switched, Refusal> {
         self.note(format!("{:?}", Command::Switch { epoch, tick }));
-        Ok(Switched::Late { horizon: tick ^ 0x55 })
+        Ok(switched(tick))
     }
     fn stop_now(&mut self) -> Stopped {
         self.note(format!("{:?}", Command::StopNow));
@@ -137,6 +137,40 @@ impl Machine for Notebook {
     fn event(&mut self) -> Option<Event> {
         None
     }
+}
+
+/// How the notebook's switches go.
+const fn switched(tick: u64) -> Switched {
+    match tick % 4 {
+        0 => Switched::Accepted,
+        1 => Switched::Late { horizon: tick ^ 0x55 },
+        2 => Switched::Early { limit: tick ^ 0x55 },
+        _ => Switched::Full,
+    }
+}
+
+/// Kind and payload of a frame: any, or as long as a kind of command is that has always one length; and data with an epoch alone.
+fn content() -> impl Strategy<Value = (u8, Vec<u8>)> {
+    const LENGTHS: [(u8, usize); 13] = [
+        (0x01, 5),
+        (0x03, 0),
+        (0x04, 0),
+        (0x05, 0),
+        (0x06, 0),
+        (0x07, 1),
+        (0x08, 9),
+        (0x09, 0),
+        (0x0a, 1),
+        (0x0b, 0),
+        (0x0c, 0),
+        (0x0d, 1),
+        (0x10, 1),
+    ];
+    let byte = || prop_oneof![Just(0u8), Just(1), any::<u8>()];
+    let any_kind = (prop_oneof![0u8..0x20, any::<u8>()], prop::collection::vec(byte(), 0..60));
+    let known = prop::sample::select(&LENGTHS[..])
+        .prop_flat_map(move |(kind, len)| (Just(kind), prop::collection::vec(byte(), len)));
+    prop_oneof![any_kind, known]
 }
 
 /// A board that host number 7 has taken with frame 0; frame 1 is next, and its tag is 1.
@@ -192,7 +226,7 @@ fn hear(service: &mut Service, machine: &mut Notebook, ms: u16) -> Option<(Tag, 
 proptest! {
     /// What a frame of any content asks for is what `Command::decode` says of it: done once, or refused for its reason.
     #[test]
-    fn what_is_asked_is_done_once(kind in prop_oneof![0u8..0x20, any::<u8>()], payload in prop::collection::vec(prop_oneof![Just(0u8), Just(1), any::<u8>()], 0..60)) {
+    fn what_is_asked_is_done_once((kind, payload) in content()) {
         let (mut service, mut machine) = taken();
         let bytes = body(&[&[1, kind][..], &payload].concat(), Tag(1));
         let decoded = Command::decode(kind, &payload);
@@ -211,7 +245,7 @@ proptest! {
                     prop_assert_eq!(reply, Reply::Refused { kind, reason: Reason::Baud, detail: 4 });
                 }
                 Ok(Command::Switch { tick, .. }) => {
-                    prop_assert_eq!(reply, Reply::Switched(Switched::Late { horizon: tick ^ 0x55 }));
+                    prop_assert_eq!(reply, Reply::Switched(switched(tick)));
                 }
                 Ok(Command::StopNow) => {
                     let Reply::Stopped { stopped, positions } = reply else { panic!("{reply:?}") };

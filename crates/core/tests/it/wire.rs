@@ -63,6 +63,18 @@ fn no_frame_is_longer_than_the_longest() {
     }
 }
 
+#[test]
+fn a_motor_s_setup_is_read_as_it_was_written() {
+    for (forward_high, step_low) in [(false, false), (false, true), (true, false), (true, true)] {
+        let setup =
+            MotorSetup { step_pin: 3, dir_pin: 8, forward_high, step_low, gain: -2, pull_in_ticks: 0x0102_0304 };
+        let bytes = setup.to_bytes();
+        let expected = [3, 8, u8::from(forward_high) + 2 * u8::from(step_low), 0xfe, 4, 3, 2, 1];
+        assert_eq!(bytes, expected);
+        assert!(Configuration::new(&bytes).unwrap().motors().eq([setup]));
+    }
+}
+
 /// Every change of one, two or three bits of a frame between two others: never does something come of it that was
 /// not sent, and the neighbour that was not touched always comes through.
 ///

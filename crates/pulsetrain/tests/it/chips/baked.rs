@@ -465,12 +465,12 @@ fn the_command_says_what_it_takes() {
     assert_eq!(written, Image::new(&read_example("sweep.toml")).unwrap().flash);
 }
 
-/// Five minutes of four motors.
+/// Five minutes of the board's time.
 mod long {
     use super::*;
 
-    /// Rests beyond what ticks are told apart in, beside a motor of which the ticks wrap, at 268 s: nothing adds up. With
-    /// PULSETRAIN_ROUNDS=12 an hour.
+    /// An Uno tells ticks apart within 134 s, and its 32-bit ticks wrap after 268 s. One motor here rests for 140 s at a time, the others
+    /// move on past the wrap, and none of them drifts.
     #[test]
     fn phases_are_kept_past_the_wraps() {
         let rests = "repeat = \"forever\"\nlaw.then = [ { sine = { amplitude = \"5 step\", period = \"0.3 s\", cycles = 1 } }, \

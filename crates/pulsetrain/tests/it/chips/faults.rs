@@ -92,10 +92,10 @@ const fn ms(ms: u64) -> Duration {
     Duration::from_millis(ms)
 }
 
-/// Of each byte, on each way: of a short session, in which each meets one of the mishaps in a usual run, and of a long one.
+/// Bytes that go wrong, on each way: of a short session one in `one_in` of all, each in one of the four ways; and a few of a long session.
 fn bytes<P: Chip>(short: &Bench<P>, long: &Bench<P>, seed: u64, one_in: u64) -> Vec<Row> {
     const MISHAPS: [&str; 4] = ["lost", "with a bit changed", "doubled", "swapped with the next"];
-    // The same share of the long session, whose runs take longer.
+    // Fewer of the long session: its runs take longer.
     let few = 4_u64.div_ceil(one_in);
     let mut rows = Vec::new();
     for (way, name) in [(Way::ToBoard, "to the board"), (Way::ToHost, "to the host")] {
