@@ -79,6 +79,12 @@ impl Segment {
     }
 
     /// The first `k` steps (1 ≤ `k` ≤ `count`).
+    ///
+    /// ```
+    /// use pulsetrain_core::Segment;
+    /// let segment = Segment { count: 40, interval: 100 << 16, add: 5, add2: 1 };
+    /// assert_eq!(segment.truncated(3), Segment { count: 3, interval: 100 << 16, add: 5, add2: 1 });
+    /// ```
     #[must_use]
     pub const fn truncated(&self, k: u32) -> Segment {
         Segment { count: k, ..*self }

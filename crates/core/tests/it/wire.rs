@@ -2,6 +2,7 @@
 
 use proptest::prelude::*;
 use pulsetrain_core::Epoch;
+use pulsetrain_core::output::Sequence;
 use pulsetrain_core::wire::frame::{Received, Tag, framed_len};
 use pulsetrain_core::wire::message::{Configuration, MAX_PACKED, MotorSetup};
 use pulsetrain_core::wire::settings::{AMAX, MOST_VMAX};
@@ -72,6 +73,10 @@ fn a_motor_s_setup_is_read_as_it_was_written() {
         let expected = [3, 8, u8::from(forward_high) + 2 * u8::from(step_low), 0xfe, 4, 3, 2, 1];
         assert_eq!(bytes, expected);
         assert!(Configuration::new(&bytes).unwrap().motors().eq([setup]));
+    }
+    for (sequence, code) in [(Sequence::Wave, 240), (Sequence::Full, 241), (Sequence::Half, 242)] {
+        let setup = MotorSetup::coils_on(5, sequence);
+        assert_eq!((setup.to_bytes(), setup.coils()), ([5, code, 0, 0, 0, 0, 0, 0], Some(sequence)));
     }
 }
 
