@@ -16,7 +16,7 @@ use std::collections::VecDeque;
 /// Motors at most.
 pub const MAX_MOTORS: usize = 16;
 
-/// Items that the queue of a motor holds, unless it is [unbounded](Native::unbounded): room for the stop tails of motions beyond 10^6 steps/s, twice.
+/// Items that the queue of a motor holds, unless it is [unbounded](Native::unbounded): room for motions beyond 10^6 steps/s.
 pub const QUEUE_LEN: usize = 1024;
 
 /// Lines at most.

@@ -4,7 +4,7 @@
 //! port's: a real one waits, a virtual one lets its board run. Ticks are the board's own, as its clock was read.
 //!
 //! When the board is lost, nothing waits for it: what is pushed goes nowhere, switches are refused, time goes on, and
-//! [`Remote::error`] says why. What the board was told ends in its tail.
+//! [`Remote::error`] says why. What the board was told goes on to the end of its lease, from where the motors brake.
 
 use crate::lease::{ExtendRefused, Lease, LeaseState, Leased, TrimRefused};
 use crate::link::{Answer, BITS, Link, LinkError};

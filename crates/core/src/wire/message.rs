@@ -144,7 +144,7 @@ codes! {
         Finished = 1,
         /// The host asked for the immediate stop.
         StopNow = 2,
-        /// The host was silent for too long; what was queued goes on to its tail.
+        /// The host was silent for too long; a plan goes on to the end of its lease.
         HostLost = 3,
         /// Steps were left, and the step generator did not keep up: the motors stopped at once.
         Starved = 4,

@@ -71,7 +71,7 @@ pub(crate) fn run(args: &Winch, console: &mut Console<'_>) -> miette::Result<Exi
     Ok(if report.is_ok() { Exit::Success } else { Exit::BoundBroken })
 }
 
-/// What is wrong with a port of a board that is told in text: it has no stop tail.
+/// What is wrong with a port of a board that is told in text: it has no lease.
 fn port_problem(error: PortError) -> Report {
     match error {
         PortError::Gone { .. } => {
