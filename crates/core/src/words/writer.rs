@@ -20,8 +20,9 @@ pub enum Filled {
 /// A DIR line is set up by a word of its own, which must end before the step: set-up times below [`Words::overhead`] are made
 /// as long as that by whoever makes the output.
 #[derive(Clone, Debug)]
-#[repr(C)]
 pub struct Words<const F: u32> {
+    channel: Channel<F>,
+    output: Output,
     /// What a word lasts beyond its wait.
     overhead: u32,
     /// The lines after the last word, and what a step adds to them for a pulse.
@@ -29,10 +30,8 @@ pub struct Words<const F: u32> {
     step: u32,
     /// When the lines change in the last word.
     end: Moment,
-    channel: Channel<F>,
     /// Until when the last step, or the release of coils, takes.
     busy: Option<Moment>,
-    output: Output,
     setup_cut_short: bool,
 }
 
