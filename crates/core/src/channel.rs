@@ -570,7 +570,10 @@ impl<const F: u32> Channel<F> {
         self.rest();
         self.missed = None;
         (self.lease, self.limit) = (switch.lease, switch.limit);
+        // Others, which look further ahead, may have told of a lapse that is yet to come for this one. Switches that were made since then stand.
+        let told = self.lapse.filter(|lapse| self.agreed && !self.braking && switch.at.is_before(lapse.at));
         self.resume();
+        (self.lapse, self.agreed) = (told, told.is_some());
         self.horizon = self.horizon.or_later(switch.at);
         self.switches.rotate_left(1);
         self.switches[SWITCHES - 1] = None;
