@@ -13,6 +13,7 @@ use pulsetrain_board::{Edge, Port, Remote, VirtualBoard};
 use pulsetrain_core::wire::Baud;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::Duration;
 
 /// Two motors; on an Uno, STEP is on the pins that the compare hardware times.
@@ -208,6 +209,9 @@ pub(crate) struct Seen {
     is_part: bool,
 }
 
+/// So many were made: each has a file of its own.
+static BENCHES: AtomicU32 = AtomicU32::new(0);
+
 /// A board, and its run without a fault.
 pub(crate) struct Bench<P> {
     fresh: P,
@@ -239,9 +243,10 @@ impl<P: Chip> Bench<P> {
             text.replace(name, &pin.to_string())
         });
         let file = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!(
-            "faults-{name}-{}-{}.toml",
+            "faults-{name}-{}-{}-{}.toml",
             P::NAME,
-            std::process::id()
+            std::process::id(),
+            BENCHES.fetch_add(1, Ordering::Relaxed)
         ));
         std::fs::write(&file, &text).expect("a folder for tests");
         let prepared = Prepared::load(&file, None, None).expect("it is a motion file");
