@@ -114,7 +114,8 @@ impl Rig {
 
     /// A motion of these motors that no board keeps up with: the refusal says what it promises.
     pub(crate) fn too_fast(&self) -> String {
-        let mut text = format!("board = \"{}\"\n", self.board);
+        // With a wide tolerance the rate is the first limit that is met.
+        let mut text = format!("board = \"{}\"\ntolerance = \"100 us\"\n", self.board);
         for motor in &self.motors {
             let Motor { name, text: table, .. } = motor;
             let law = "law.sine = { amplitude = \"1000000000 step\", frequency = \"1 Hz\" }";
