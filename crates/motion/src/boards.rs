@@ -388,7 +388,7 @@ fn uno() -> BoardRow {
         horizon_ticks: rates.horizon,
         lateness_ticks: rates.lateness,
         // Of 2600 random motions (`cargo xtask accept`) those that were stopped had less than this, and one in a hundred of those that ran.
-        line: Some(LineRow { delay_us: 22_000, delay_bytes: 130, other_bytes_per_s: 1_500, frame_share: 1.2 }),
+        line: Some(LineRow { delay_us: 19_400, delay_bytes: 240, other_bytes_per_s: 1_500, frame_share: 1.2 }),
         note: "one or two motors with STEP on pins 9 and 10 are timed by the compare hardware: no lateness",
         pins: 0..=19,
         reserved: &[(0..=1, "D0 and D1 are the serial line to the computer")],

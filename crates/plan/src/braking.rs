@@ -65,7 +65,8 @@ pub fn stopping(peaks: &Certificate, limits: &Limits, board: &Board) -> Result<S
         None => peaks.peak_acceleration.0.max(speed / SOFTEST_STOP_S).max(least),
     };
     // One that the board's numbers do not hold is for a motor that hardly moves.
-    let limit = braking_limit(acceleration, pull_in, board.tick_hz, board.fraction_bits).unwrap_or(Limit::WITHIN_A_STEP);
+    let limit =
+        braking_limit(acceleration, pull_in, board.tick_hz, board.fraction_bits).unwrap_or(Limit::WITHIN_A_STEP);
     Ok(Stopping { limit, slow: pull_in.max((2.0 * acceleration).sqrt()) })
 }
 

@@ -67,7 +67,9 @@ pub enum PlanError {
         needed_s: f64,
     },
     /// The line does not bring the plans of all motors.
-    #[error("at t = {at_s:.6} s the plans of all motors take {rate:.0} bytes/s; the line brings {limit:.0} bytes/s of plans at most")]
+    #[error(
+        "at t = {at_s:.6} s the plans of all motors take {rate:.0} bytes/s; the line brings {limit:.0} bytes/s of plans at most"
+    )]
     LineTooSlow {
         /// When, s.
         at_s: f64,

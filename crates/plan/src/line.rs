@@ -47,7 +47,8 @@ impl Line {
             tick_hz,
             queue_bytes: queue - queue / KEPT,
             byte_ticks: tick_hz as f64 * line.frame_share / bytes_per_s,
-            delay_ticks: tick_hz as f64 * (f64::from(line.delay_us) * 1e-6 + f64::from(line.delay_bytes) * BITS / f64::from(baud)),
+            delay_ticks: tick_hz as f64
+                * (f64::from(line.delay_us) * 1e-6 + f64::from(line.delay_bytes) * BITS / f64::from(baud)),
             ahead_ticks: (AHEAD_MS * tick_hz / 1000) as f64,
         })
     }
@@ -127,5 +128,90 @@ impl Supply {
         } else {
             PlanError::QueueTooShort { at_s, held_s: (due - left) / hz, needed_s: (waited + delay_ticks) / hz }
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+    use pulsetrain_core::{Direction, Segment};
+
+    const SECOND: u64 = 16_000_000;
+
+    fn line(queue_bytes: usize, byte_ticks: f64, delay_ticks: f64) -> Line {
+        Line { tick_hz: SECOND, queue_bytes, byte_ticks, delay_ticks, ahead_ticks: SECOND as f64 }
+    }
+
+    fn steps(interval: i64) -> Move {
+        Move::Run { segment: Segment { count: 1, interval, add: 0, add2: 0 }, direction: Direction::Forward }
+    }
+
+    /// Adds steps to all of so many motors, one every `ticks`, whose intervals take as many bytes as they can; gives the bytes of one that is
+    /// not the first, and what became of them.
+    fn added(line: Line, motors: usize, ticks: u64) -> (usize, Result<(), PlanError>) {
+        let settings = vec![Settings::new(SECOND, 16); motors];
+        let mut supply = Supply::new(line, &settings);
+        for number in 0..2_000u64 {
+            for motor in 0..motors {
+                // Up and down by turns: none predicts the next.
+                let interval = ((ticks as i64) << 16) + if number % 2 == 0 { 9_999_991 } else { -9_999_991 };
+                if let Err(error) = supply.add(motor, &steps(interval), number * ticks) {
+                    return (supply.lanes[0].items.back().map_or(0, |item| item.0), Err(error));
+                }
+            }
+        }
+        (supply.lanes[0].items.back().map_or(0, |item| item.0), Ok(()))
+    }
+
+    proptest! {
+        #[test]
+        fn what_comes_in_time_is_accepted_and_nothing_else(
+            queue in 40usize..200, byte in 100.0f64..2000.0, delay_ms in 1.0f64..40.0, ticks in 5_000u64..200_000, motors in 1usize..4,
+        ) {
+            let delay = delay_ms * 1e-3 * SECOND as f64;
+            let line = line(queue, byte, delay);
+            let (bytes, added) = added(line, motors, ticks);
+            let held = (queue / bytes) as f64 * ticks as f64;
+            let all = motors as f64 * bytes as f64 * byte;
+            // A line that brings less than is wanted falls behind without end; one that brings more is a little behind only while the items of a step
+            // come one after the other.
+            let (surely, never) = (all < 0.99 * ticks as f64 && held > delay + all, all > 1.01 * ticks as f64 || held < delay);
+            match added {
+                Ok(()) => prop_assert!(!never, "{bytes} bytes, held for {held}, {all} for each step"),
+                Err(error) => {
+                    prop_assert!(!surely, "{bytes} bytes, held for {held}, {all} for each step: {error}");
+                    prop_assert!(error.at_s().is_some());
+                    if let PlanError::QueueTooShort { held_s, needed_s, .. } = error {
+                        prop_assert!(held_s < needed_s);
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_slow_line_says_what_it_brings() {
+        let error =
+            added(line(90, 1600.0, 1000.0), 2, 10_000).1.expect_err("two motors take more than the line brings");
+        let PlanError::LineTooSlow { rate, limit, .. } = error else { panic!("{error}") };
+        assert!(limit == 10_000.0 && rate > limit, "{rate} of {limit}");
+    }
+
+    #[test]
+    fn a_rest_fills_the_queues_again() {
+        let settings = [Settings::new(SECOND, 16)];
+        let mut supply = Supply::new(line(80, 1600.0, 16_000.0), &settings);
+        let mut at = 0;
+        for _ in 0..100 {
+            // As many as the queue holds, twice as fast as the line brings them; then a rest in which it does.
+            for number in 0..6 {
+                let interval = (2_000i64 << 16) + if number % 2 == 0 { 9_999_991 } else { -9_999_991 };
+                supply.add(0, &steps(interval), at).unwrap_or_else(|error| panic!("{error}"));
+                at += 2_000;
+            }
+            supply.add(0, &Move::Dwell { ticks: 400_000 }, at).unwrap_or_else(|error| panic!("{error}"));
+            at += 400_000;
+        }
     }
 }

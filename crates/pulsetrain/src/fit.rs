@@ -455,7 +455,8 @@ fn over_line(prepared: &Prepared) -> Vec<String> {
     let (program, line) = (&prepared.program, prepared.line);
     let tries = Tries::new();
     let another = || tries.another(program.motors.iter().map(|motor| &motor.law)).is_ok();
-    let fits = |program: &Program, line: Option<Line>, factor: f64| another().then(|| prepare::all_fit(program, line, factor));
+    let fits =
+        |program: &Program, line: Option<Line>, factor: f64| another().then(|| prepare::all_fit(program, line, factor));
     let mut lines = Vec::new();
     let usual = prepare::usual_baud(&program.board.name).rate();
     let fast = Line::of(program, usual);
@@ -480,7 +481,9 @@ fn over_line(prepared: &Prepared) -> Vec<String> {
         let mut fewer = program.clone();
         fewer.motors.truncate(count);
         if program.machines.is_empty() && fits(&fewer, Line::of(&fewer, usual), 1.0) == Some(true) {
-            lines.push(format!("with the first {count} of its motors it fits: the others can have a board of their own"));
+            lines.push(format!(
+                "with the first {count} of its motors it fits: the others can have a board of their own"
+            ));
             break;
         }
     }
@@ -499,7 +502,10 @@ pub fn advice(prepared: &Prepared, motor: &Motor, error: &PlanError) -> String {
         return not_provable(prepared, motor, *bound_ticks, *at_s);
     }
     if let PlanError::TooGentle { least, .. } = error {
-        lines.push(format!("a max_acceleration of {} steps/s² or more fits, or a slower motion", human::significant(rounded_up(*least), 3)));
+        lines.push(format!(
+            "a max_acceleration of {} steps/s² or more fits, or a slower motion",
+            human::significant(rounded_up(*least), 3)
+        ));
     }
     if let PlanError::SpeedJump { from, to, at_s, .. } = error {
         lines.extend(smoother(prepared, motor, *at_s, (*from, *to)));

@@ -328,7 +328,9 @@ impl<'a> Plans<'a> {
     pub fn brake(&self) -> Result<(), Refused> {
         self.program.motors.iter().enumerate().try_for_each(|(index, motor)| {
             let peaks = self.ensemble.certificate(index);
-            stopping(&peaks, &motor.limits, &self.program.board).map(drop).map_err(|error| Refused { motor: index, error })
+            stopping(&peaks, &motor.limits, &self.program.board)
+                .map(drop)
+                .map_err(|error| Refused { motor: index, error })
         })
     }
 

@@ -53,8 +53,6 @@ impl Options {
 const HANGS_S: u64 = 300;
 /// One in so many runs that pass has its trace judged anew, from the file.
 const VERIFIED: u64 = 4;
-/// Whether a motion that `plan` accepted may stop on the way. Sessions of epochs cannot help it; with sessions by lease this is to go.
-const MAY_STOP: bool = true;
 
 /// Tries motions, prints what came of them, and fails if any broke.
 pub(crate) fn run(options: &Options) -> Done {
@@ -86,7 +84,6 @@ impl Outcome {
     fn is_failure(&self) -> bool {
         match self {
             Outcome::Broken(_) => true,
-            Outcome::Stopped(_) => !MAY_STOP,
             Outcome::Refused(_) | Outcome::Passed => false,
         }
     }
@@ -96,14 +93,13 @@ impl Outcome {
         match self {
             Outcome::Refused(why) => (0, why),
             Outcome::Passed => (1, ""),
-            Outcome::Stopped(why) => (2, why),
-            Outcome::Broken(why) => (3, why),
+            Outcome::Broken(why) => (2, why),
         }
     }
 }
 
 /// What can come of a motion.
-const COLUMNS: [&str; 4] = ["refused", "passed", "stopped", "broken"];
+const COLUMNS: [&str; 3] = ["refused", "passed", "broken"];
 
 /// A motion, and what came of it.
 struct Tried {
@@ -117,8 +113,8 @@ struct Tried {
 
 /// Tables and lists of what came of motions.
 fn report(seed: u64, tried: &[Tried]) -> String {
-    let mut rows: BTreeMap<(usize, usize), [usize; 4]> = BTreeMap::new();
-    let mut kinds: [BTreeMap<String, Vec<&Tried>>; 4] = Default::default();
+    let mut rows: BTreeMap<(usize, usize), [usize; 3]> = BTreeMap::new();
+    let mut kinds: [BTreeMap<String, Vec<&Tried>>; 3] = Default::default();
     for motion in tried {
         let (column, why) = motion.outcome.column();
         let board = BOARDS.iter().position(|board| *board == motion.board).unwrap_or(0);
@@ -130,7 +126,11 @@ fn report(seed: u64, tried: &[Tried]) -> String {
             kinds[column].entry(outcome::kind(why)).or_default().push(motion);
         }
     }
-    let mut text = format!("| board | motors | tried | {} |\n|---|---|---|{}\n", COLUMNS.join(" | "), "---|".repeat(4));
+    let mut text = format!(
+        "| board | motors | tried | {} |\n|---|---|---|{}\n",
+        COLUMNS.join(" | "),
+        "---|".repeat(COLUMNS.len())
+    );
     for ((board, motors), counts) in rows {
         let tried: usize = counts.iter().sum();
         let motors = if motors == 0 { "all".to_owned() } else { motors.to_string() };
