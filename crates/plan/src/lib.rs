@@ -9,7 +9,7 @@
 //! - `fit`: one segment: fit, quantise, bound
 //! - `stretch`: where a law rises and where it falls
 //! - `packed`: what a plan costs on the wire; `load`: what it costs the board's processor
-//! - [`line`]: whether a line brings the plans of all motors in time
+//! - `line`: whether a line brings the plans of all motors in time
 //! - `expansion`: the local inverse t(n) with a proven remainder
 //! - `peak`: largest speed and acceleration, enclosed
 //!
