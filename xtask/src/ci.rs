@@ -1,17 +1,21 @@
 //! What must hold before a change lands.
 
 use crate::command::{self, Done, cargo, command};
-use crate::{cross_check, firmware, fuzz, test};
+use crate::{accept, cross_check, firmware, fuzz, test};
 use std::time::Instant;
 
 /// Seconds that each fuzz target runs in CI.
 const FUZZ_SECONDS: u64 = 15;
 
+/// Random motions that CI plans and runs, and the seed that makes them. `cargo xtask soak` tries thousands.
+const ACCEPT_COUNT: u64 = 200;
+const ACCEPT_SEED: u64 = 7;
+
 /// A part of CI: its name, and what it does.
 type Stage = (&'static str, fn() -> Done);
 
 /// Cheapest first: what fails, fails early.
-const STAGES: [Stage; 8] = [
+const STAGES: [Stage; 9] = [
     ("format", format),
     ("lints", || command::run(&mut cargo("clippy --workspace --all-targets -- -D warnings"))),
     ("documentation", documentation),
@@ -20,6 +24,7 @@ const STAGES: [Stage; 8] = [
     ("tests", || test::run(test::Tier::Gate)),
     ("cross-check", cross_check::run),
     ("first command of the README", || command::run(&mut cargo("run --release -- run examples/tutorial.toml"))),
+    ("accepted motions run", || accept::run(&accept::Options::random(ACCEPT_COUNT, ACCEPT_SEED))),
     ("fuzzing", || fuzz::run(FUZZ_SECONDS, None)),
 ];
 

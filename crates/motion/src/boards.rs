@@ -28,6 +28,8 @@ pub struct BoardRow {
     pub horizon_ticks: u32,
     /// Largest |edge − scheduled| beyond its constant, ticks.
     pub lateness_ticks: u32,
+    /// How plans come to it over its line; `None` if they come over none.
+    pub line: Option<LineRow>,
     /// What to know about its pins and timing.
     pub note: &'static str,
     /// Pins that exist.
@@ -37,6 +39,19 @@ pub struct BoardRow {
     /// Where the analogue pins A0, A1, … begin, and how many they are.
     analogue: Option<(u8, u8)>,
     pin_rules: PinRules,
+}
+
+/// How plans come to a board over its line while motors move.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LineRow {
+    /// From an item's leaving its queue to a lease that counts on what came in its place, without the time on the line, µs.
+    pub delay_us: u32,
+    /// What the line brings meanwhile beside that item, bytes.
+    pub delay_bytes: u32,
+    /// What the line brings beside plans, bytes/s: extensions of the lease, and questions.
+    pub other_bytes_per_s: u32,
+    /// How many bytes a byte of a plan takes on the line, with its share of a frame.
+    pub frame_share: f64,
 }
 
 /// How the pins of a board work together.
@@ -372,6 +387,8 @@ fn uno() -> BoardRow {
         queue_bytes: vec![rates.queues + 256, rates.queues / 2, rates.queues / 3, rates.queues / 4],
         horizon_ticks: rates.horizon,
         lateness_ticks: rates.lateness,
+        // Of 2600 random motions (`cargo xtask accept`) those that were stopped had less than this, and one in a hundred of those that ran.
+        line: Some(LineRow { delay_us: 19_400, delay_bytes: 240, other_bytes_per_s: 1_500, frame_share: 1.2 }),
         note: "one or two motors with STEP on pins 9 and 10 are timed by the compare hardware: no lateness",
         pins: 0..=19,
         reserved: &[(0..=1, "D0 and D1 are the serial line to the computer")],
@@ -404,6 +421,7 @@ fn due() -> BoardRow {
         queue_bytes: (1..=8).map(|motors| 65_536 / motors).collect(),
         horizon_ticks: 42_000,
         lateness_ticks: 84,
+        line: None,
         note: "3.3 V outputs: drivers with 5 V inputs may need a level shifter",
         pins: 0..=53,
         reserved: &[(0..=1, "D0 and D1 are the serial line to the computer")],
@@ -443,6 +461,8 @@ fn pico() -> BoardRow {
         // A test asks the virtual board.
         horizon_ticks: 300_000 + 2 * 62_503,
         lateness_ticks: 0,
+        // No motion has come so far: its processor is a limit before that.
+        line: Some(LineRow { delay_us: 15_000, delay_bytes: 130, other_bytes_per_s: 1_500, frame_share: 1.2 }),
         note: "edges come from PIO state machines fed by DMA: exact to the tick. STEP and DIR of a motor are neighbours, and so \
                are IN1 to IN4 of a ULN2003 (GP26 is next to GP22); 3.3 V outputs",
         pins: 0..=28,
@@ -476,6 +496,7 @@ fn native() -> BoardRow {
         queue_bytes: Vec::new(),
         horizon_ticks: 0,
         lateness_ticks: 0,
+        line: None,
         note: "runs any motion without hardware; pins are names only",
         pins: 0..=31,
         reserved: &[],

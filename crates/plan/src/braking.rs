@@ -1,6 +1,9 @@
 //! A motor's limits as the numbers of the boards' own stop: see [`pulsetrain_core::braking`].
 
+use crate::certificate::Certificate;
+use crate::error::PlanError;
 use pulsetrain_core::braking::{LARGEST_EXPONENT, Limit};
+use pulsetrain_motion::program::{Board, Limits};
 
 /// Where nothing says how hard a motor may brake, it may be as hard as to stop it in this time, s.
 pub const SOFTEST_STOP_S: f64 = 1.0;
@@ -36,6 +39,35 @@ pub fn braking_limit(acceleration: f64, pull_in: f64, tick_hz: u64, fraction_bit
 #[must_use]
 pub fn gentlest_braking(rate: f64, tick_hz: u64, fraction_bits: u32) -> f64 {
     rate.powi(3) / (tick_hz as f64 * (1u64 << fraction_bits) as f64)
+}
+
+/// How a motor brakes that a board brings to rest.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Stopping {
+    /// As the board has it.
+    pub limit: Limit,
+    /// From there it may rest at once, steps/s.
+    pub slow: f64,
+}
+
+/// How a motor brakes on a board, by its limits, or by what its law has asked for so far.
+///
+/// # Errors
+/// [`PlanError::TooGentle`] if the board cannot brake so gently.
+pub fn stopping(peaks: &Certificate, limits: &Limits, board: &Board) -> Result<Stopping, PlanError> {
+    let (speed, pull_in) = (peaks.peak_speed.0, limits.pull_in);
+    let least = gentlest_braking(speed, board.tick_hz, board.fraction_bits);
+    let acceleration = match limits.max_acceleration {
+        Some(limit) if limit < least && speed > pull_in => {
+            return Err(PlanError::TooGentle { speed, limit, least });
+        }
+        Some(limit) => limit,
+        None => peaks.peak_acceleration.0.max(speed / SOFTEST_STOP_S).max(least),
+    };
+    // One that the board's numbers do not hold is for a motor that hardly moves.
+    let limit =
+        braking_limit(acceleration, pull_in, board.tick_hz, board.fraction_bits).unwrap_or(Limit::WITHIN_A_STEP);
+    Ok(Stopping { limit, slow: pull_in.max((2.0 * acceleration).sqrt()) })
 }
 
 #[cfg(test)]

@@ -55,7 +55,15 @@ impl<'a> Ensemble<'a> {
     /// # Errors
     /// If the tolerance is below what can be proven.
     pub fn new(program: &'a Program) -> Result<Ensemble<'a>, Refused> {
-        Ensemble::assemble(program, program.motors.iter().map(|motor| (&motor.law, None)))
+        Ensemble::slowed(program, 1.0)
+    }
+
+    /// Prepares to plan all motors of a program whose laws are `factor` times slower.
+    ///
+    /// # Errors
+    /// As [`Ensemble::new`].
+    pub fn slowed(program: &'a Program, factor: f64) -> Result<Ensemble<'a>, Refused> {
+        Ensemble::assemble(program, factor, program.motors.iter().map(|motor| (&motor.law, None)))
     }
 
     /// Prepares to plan motors that have moved already: each goes on from its start; there is one for each motor.
@@ -66,18 +74,19 @@ impl<'a> Ensemble<'a> {
     /// If the tolerance is below what can be proven.
     pub fn from(program: &'a Program, starts: &[Start]) -> Result<Ensemble<'a>, Refused> {
         let laws = program.motors.iter().map(|motor| &motor.law);
-        Ensemble::assemble(program, laws.zip(starts.iter().map(Some)))
+        Ensemble::assemble(program, 1.0, laws.zip(starts.iter().map(Some)))
     }
 
     fn assemble<'s>(
         program: &Program,
+        slower: f64,
         laws: impl Iterator<Item = (&'a Law, Option<&'s Start>)>,
     ) -> Result<Ensemble<'a>, Refused> {
         let mut motors = Vec::with_capacity(program.motors.len());
         let mut groups: Vec<(Option<u8>, SharedDir<'a>)> = Vec::new();
         let steps = program.board.shared_steps;
         for (index, (motor, (law, start))) in program.motors.iter().zip(laws).enumerate() {
-            let settings = Settings::of(program, motor);
+            let settings = Settings::of(program, motor).slowed(slower);
             let planner = match start {
                 None => Planner::new(law, &settings),
                 Some(start) => Planner::from(start.origin, law, &settings),
@@ -95,7 +104,7 @@ impl<'a> Ensemble<'a> {
                     groups.push((pin, SharedDir::new(settings.fraction_bits, steps)));
                     groups.len() - 1
                 });
-                let timing = program.timing(motor).ticks(settings.tick_hz);
+                let timing = program.timing(motor).ticks(program.board.tick_hz);
                 let last_step = start.and_then(|start| start.last_step);
                 let place = groups[group].1.join(index, planner, &settings, &timing, &motor.wiring, last_step);
                 Source::Shared(group, place, Meter::new(&settings))

@@ -13,6 +13,8 @@ pub enum Limit {
     MotorAcceleration,
     /// The motor cannot change its speed by that much at once.
     PullIn,
+    /// The line does not bring the plans of all motors to the board's queues in time.
+    Line,
 }
 
 /// Why a motion is refused; nothing has moved.
@@ -50,6 +52,44 @@ pub enum PlanError {
         rate_hz: f64,
         /// The board's limit for such segments, with their steps and turns, segments/s.
         limit_hz: f64,
+    },
+    /// The board's queue holds so little of the motion that what comes next is late.
+    #[error(
+        "at t = {at_s:.6} s the motion bends or turns so often that the board's queue holds {:.1} ms of it; it takes {:.1} ms until more is there",
+        1e3 * .held_s, 1e3 * .needed_s
+    )]
+    QueueTooShort {
+        /// When, s.
+        at_s: f64,
+        /// What the queue holds by then, s.
+        held_s: f64,
+        /// From room in it to more of the plan, s.
+        needed_s: f64,
+    },
+    /// The line does not bring the plans of all motors.
+    #[error(
+        "at t = {at_s:.6} s the plans of all motors take {rate:.0} bytes/s; the line brings {limit:.0} bytes/s of plans at most"
+    )]
+    LineTooSlow {
+        /// When, s.
+        at_s: f64,
+        /// Asked for, bytes/s.
+        rate: f64,
+        /// The line's, bytes/s.
+        limit: f64,
+    },
+    /// The board cannot brake as gently as the motor needs it.
+    #[error(
+        "it runs at up to {speed:.0} steps/s and may brake with {limit:.2} steps/s² at most; the board brakes with {least:.2} steps/s² at least \
+         from there"
+    )]
+    TooGentle {
+        /// The largest of the law, steps/s.
+        speed: f64,
+        /// The motor's max_acceleration, steps/s².
+        limit: f64,
+        /// What the board's numbers hold, steps/s².
+        least: f64,
     },
     /// A step that waits for a shared DIR line would come too close to the motor's next or last one.
     #[error(
@@ -136,11 +176,13 @@ impl PlanError {
             PlanError::TooFast { .. } => Some(Limit::MotorSpeed),
             PlanError::TooMuchAcceleration { .. } => Some(Limit::MotorAcceleration),
             PlanError::SpeedJump { .. } => Some(Limit::PullIn),
+            PlanError::QueueTooShort { .. } | PlanError::LineTooSlow { .. } => Some(Limit::Line),
             PlanError::Law(_)
             | PlanError::ToleranceTooTight { .. }
             | PlanError::NotProvable { .. }
             | PlanError::TooFine { .. }
             | PlanError::TooLong { .. }
+            | PlanError::TooGentle { .. }
             | PlanError::LineTooBusy { .. } => None,
         }
     }
@@ -157,11 +199,13 @@ impl PlanError {
             | PlanError::SpeedJump { at_s, .. }
             | PlanError::NotProvable { at_s, .. }
             | PlanError::TooFine { at_s }
+            | PlanError::QueueTooShort { at_s, .. }
+            | PlanError::LineTooSlow { at_s, .. }
             | PlanError::TooLong { at_s, .. } => Some(*at_s),
             PlanError::Law(
                 LawError::Undefined { at_s, .. } | LawError::Jump { at_s, .. } | LawError::Backlash { at_s, .. },
             ) => Some(*at_s),
-            PlanError::Law(_) | PlanError::ToleranceTooTight { .. } => None,
+            PlanError::Law(_) | PlanError::ToleranceTooTight { .. } | PlanError::TooGentle { .. } => None,
         }
     }
 }

@@ -9,6 +9,7 @@
 //! - `fit`: one segment: fit, quantise, bound
 //! - `stretch`: where a law rises and where it falls
 //! - `packed`: what a plan costs on the wire; `load`: what it costs the board's processor
+//! - `line`: whether a line brings the plans of all motors in time
 //! - `expansion`: the local inverse t(n) with a proven remainder
 //! - `peak`: largest speed and acceleration, enclosed
 //!
@@ -22,6 +23,7 @@ pub mod ensemble;
 pub mod error;
 mod expansion;
 mod fit;
+pub mod line;
 mod load;
 mod packed;
 mod peak;
@@ -31,10 +33,11 @@ pub mod settings;
 mod shared_dir;
 mod stretch;
 
-pub use braking::{SOFTEST_STOP_S, braking_limit, gentlest_braking};
+pub use braking::{SOFTEST_STOP_S, Stopping, braking_limit, gentlest_braking, stopping};
 pub use certificate::Certificate;
 pub use ensemble::{Ensemble, Start};
 pub use error::{PlanError, Refused};
+pub use line::{Line, Supply};
 pub use load::Load;
 pub use planner::{LAST_TICK, LONGEST_WAIT_TICKS, Origin, Planner};
 pub use settings::Settings;

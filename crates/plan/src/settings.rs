@@ -44,6 +44,21 @@ impl Settings {
         }
     }
 
+    /// What the plan of a law that is `factor` times slower must keep to, said of the law itself.
+    ///
+    /// θ(t/s) on ticks of f Hz has its steps at the very ticks that θ(t) has at s·f Hz; its speeds are s times, its
+    /// accelerations s² times smaller, and so are the limits that they meet.
+    #[must_use]
+    pub fn slowed(&self, factor: f64) -> Settings {
+        let mut slowed = self.clone();
+        slowed.tick_hz = (self.tick_hz as f64 * factor) as u64;
+        let limits = &mut slowed.limits;
+        limits.max_speed = limits.max_speed.map(|speed| speed * factor);
+        limits.max_acceleration = limits.max_acceleration.map(|acceleration| acceleration * factor * factor);
+        limits.pull_in *= factor;
+        slowed
+    }
+
     /// The gain of the packed stream: coarser units where the tolerance leaves room for them.
     #[must_use]
     pub fn gain(&self) -> Option<i8> {

@@ -317,9 +317,9 @@ pub(crate) struct Run {
     /// Let the board at this serial port run it, in real time; Ctrl-C stops the motors as planned, twice at once
     #[arg(long, value_name = "PORT")]
     pub(crate) port: Option<String>,
-    /// Rate of the line to the port, once the board is found
-    #[arg(long, value_name = "BAUD", value_parser = baud, default_value = "1000000", requires = "port")]
-    pub(crate) baud: Baud,
+    /// Rate of the line to the board, once it is found [default: 1000000; 2000000 for a Pico]
+    #[arg(long, value_name = "BAUD", value_parser = baud, conflicts_with = "native")]
+    pub(crate) baud: Option<Baud>,
     /// How much faster than it should the board's clock runs, ppm, as `pulsetrain calibrate` tells: it is corrected for
     #[arg(long, value_name = "PPM", value_parser = clock_ppm, requires = "port", allow_hyphen_values = true)]
     pub(crate) clock_ppm: Option<f64>,
@@ -566,6 +566,9 @@ pub(crate) struct WinchAt {
 pub(crate) struct Plan {
     #[command(flatten)]
     pub(crate) motion: Motion,
+    /// Rate of the line that is to bring the plan to the board [default: 1000000; 2000000 for a Pico]
+    #[arg(long, value_name = "BAUD", value_parser = baud)]
+    pub(crate) baud: Option<Baud>,
     /// Print the report as JSON
     #[arg(long)]
     pub(crate) json: bool,
@@ -624,6 +627,9 @@ pub(crate) enum Alignment {
 pub(crate) struct Explain {
     #[command(flatten)]
     pub(crate) motion: Motion,
+    /// Rate of the line that is to bring the plan to the board [default: 1000000; 2000000 for a Pico]
+    #[arg(long, value_name = "BAUD", value_parser = baud)]
+    pub(crate) baud: Option<Baud>,
     /// Print the explanation as JSON
     #[arg(long)]
     pub(crate) json: bool,

@@ -5,11 +5,11 @@ use std::fmt;
 
 use pulsetrain_motion::law::{Begin, End, Law};
 use pulsetrain_motion::machine::Machine;
-use pulsetrain_motion::program::Motor;
+use pulsetrain_motion::program::{Motor, Program, Tolerance};
 use pulsetrain_motion::quantity::{assignment, time_assignment};
 use pulsetrain_motion::{Grid, Time, boards};
 use pulsetrain_plan::error::Limit;
-use pulsetrain_plan::{PlanError, Settings};
+use pulsetrain_plan::{Line, PlanError, Settings};
 
 use crate::prepare::{self, Prepared};
 use crate::{estimate, human};
@@ -62,20 +62,6 @@ impl fmt::Display for TooLong {
     }
 }
 
-/// What the plan of a law that is `factor` times slower must keep to, said of the law itself.
-///
-/// θ(t/s) on ticks of f Hz has its steps at the very ticks that θ(t) has at s·f Hz; its speeds are s times, its
-/// accelerations s² times smaller, and so are the limits that they meet.
-fn slowed(settings: &Settings, factor: f64) -> Settings {
-    let mut slowed = settings.clone();
-    slowed.tick_hz = (settings.tick_hz as f64 * factor) as u64;
-    let limits = &mut slowed.limits;
-    limits.max_speed = limits.max_speed.map(|speed| speed * factor);
-    limits.max_acceleration = limits.max_acceleration.map(|acceleration| acceleration * factor * factor);
-    limits.pull_in *= factor;
-    slowed
-}
-
 /// The least factor by which a motor's law must be slowed down to fit, to three digits, rounded up; `None` if no factor
 /// helps.
 #[must_use]
@@ -86,7 +72,7 @@ pub fn least_slowdown(prepared: &Prepared, motor: &Motor) -> Option<f64> {
 /// The same, as long as there is time for another plan.
 fn slowdown(prepared: &Prepared, motor: &Motor, another: impl Fn() -> bool) -> Option<f64> {
     let settings = Settings::of(&prepared.program, motor);
-    least(|factor| another().then(|| prepare::fits(&motor.law, &slowed(&settings, factor))))
+    least(|factor| another().then(|| prepare::fits(&motor.law, &settings.slowed(factor))))
 }
 
 /// What a motor with slack wants whose plan does not fit: a longer time to take it up, s, if that is all; else how much slower its law has
@@ -148,7 +134,7 @@ pub fn broken(law: &Law, settings: &Settings) -> Vec<PlanError> {
             Some(Limit::MotorSpeed) => settings.limits.max_speed = None,
             Some(Limit::MotorAcceleration) => settings.limits.max_acceleration = None,
             Some(Limit::PullIn) => settings.limits.pull_in = f64::INFINITY,
-            None => break,
+            Some(Limit::Line) | None => break,
         }
     }
     broken
@@ -169,8 +155,8 @@ fn boards_that_fit(prepared: &Prepared, another: impl Fn() -> bool) -> Option<Ve
         if !another() {
             return None;
         }
-        let fits = |motor: &Motor| prepare::fits(&motor.law, &Settings::of(&program, motor));
-        if program.motors.iter().all(fits) {
+        let line = prepared.line.and_then(|_| Line::of(&program, prepare::usual_baud(&name).rate()));
+        if prepare::all_fit(&program, line, 1.0) {
             able.push(name);
         }
     }
@@ -460,6 +446,50 @@ fn with_part(law: &Law, at_s: f64, begins: bool, change: &dyn Fn(&Law) -> Option
     })
 }
 
+/// Tolerances that are offered where a plan takes too many bytes: so many times what is asked for, and no more than this, s.
+const LOOSER: [f64; 3] = [2.0, 5.0, 10.0];
+const LOOSEST_OVER_LINE_S: f64 = 20e-6;
+
+/// What to do where the line does not bring the plans of all motors in time.
+fn over_line(prepared: &Prepared) -> Vec<String> {
+    let (program, line) = (&prepared.program, prepared.line);
+    let tries = Tries::new();
+    let another = || tries.another(program.motors.iter().map(|motor| &motor.law)).is_ok();
+    let fits =
+        |program: &Program, line: Option<Line>, factor: f64| another().then(|| prepare::all_fit(program, line, factor));
+    let mut lines = Vec::new();
+    let usual = prepare::usual_baud(&program.board.name).rate();
+    let fast = Line::of(program, usual);
+    if fast != line && fits(program, fast, 1.0) == Some(true) {
+        lines.push(format!("as it is, it fits over a line at {usual} baud (--baud)"));
+    }
+    if let Some(factor) = least(|factor| fits(program, line, factor)) {
+        lines.push(format!("{} times slower it fits", human::significant(factor, 4)));
+    }
+    let hz = program.board.tick_hz as f64;
+    let looser = LOOSER.map(|times| times * program.tolerance.ticks(program.board.tick_hz));
+    let looser = looser.into_iter().filter(|ticks| ticks / hz <= LOOSEST_OVER_LINE_S);
+    for ticks in looser {
+        let mut other = program.clone();
+        other.tolerance = Tolerance::Ticks(ticks);
+        if fits(&other, line, 1.0) == Some(true) {
+            lines.push(format!("with {} it fits", time_assignment("tolerance", ticks / hz)));
+            break;
+        }
+    }
+    for count in (1..program.motors.len()).rev() {
+        let mut fewer = program.clone();
+        fewer.motors.truncate(count);
+        if program.machines.is_empty() && fits(&fewer, Line::of(&fewer, usual), 1.0) == Some(true) {
+            lines.push(format!(
+                "with the first {count} of its motors it fits: the others can have a board of their own"
+            ));
+            break;
+        }
+    }
+    lines
+}
+
 /// What to do about a plan's error, in a few lines.
 #[must_use]
 pub fn advice(prepared: &Prepared, motor: &Motor, error: &PlanError) -> String {
@@ -471,13 +501,21 @@ pub fn advice(prepared: &Prepared, motor: &Motor, error: &PlanError) -> String {
     if let PlanError::NotProvable { bound_ticks, at_s, .. } = error {
         return not_provable(prepared, motor, *bound_ticks, *at_s);
     }
+    if let PlanError::TooGentle { least, .. } = error {
+        lines.push(format!(
+            "a max_acceleration of {} steps/s² or more fits, or a slower motion",
+            human::significant(rounded_up(*least), 3)
+        ));
+    }
     if let PlanError::SpeedJump { from, to, at_s, .. } = error {
         lines.extend(smoother(prepared, motor, *at_s, (*from, *to)));
     }
     // What is looked for with some 20 plans is not looked for with long ones: `explain` does it.
     let tries = Tries::new();
     let another = || tries.another([&motor.law]).is_ok();
-    if error.limit().is_some() && motor.law.slack_over().is_some() {
+    if error.limit() == Some(Limit::Line) {
+        lines.extend(over_line(prepared));
+    } else if error.limit().is_some() && motor.law.slack_over().is_some() {
         lines.extend(least_over(prepared, motor, another).map(|(slower, over_s)| {
             let over = time_assignment("over", rounded_up(over_s));
             match slower {
@@ -500,9 +538,11 @@ pub fn advice(prepared: &Prepared, motor: &Motor, error: &PlanError) -> String {
         });
         lines.push(format!("{times} times slower it fits{}", fits.unwrap_or_default()));
     }
-    if error.limit() == Some(Limit::Board) {
+    if matches!(error.limit(), Some(Limit::Board | Limit::Line)) {
         let settings = Settings::of(&prepared.program, motor);
-        lines.extend(pulse_limit(prepared, motor, &settings));
+        if error.limit() == Some(Limit::Board) {
+            lines.extend(pulse_limit(prepared, motor, &settings));
+        }
         let tries = Tries::new();
         let laws = || prepared.program.motors.iter().map(|motor| &motor.law);
         match boards_that_fit(prepared, || tries.another(laws()).is_ok()) {

@@ -3,13 +3,14 @@
 use std::path::Path;
 
 use miette::Diagnostic;
+use pulsetrain_core::wire::Baud;
 use pulsetrain_motion::file::{Contents, TableColumns};
 use pulsetrain_motion::law::{Cursor, Law};
 use pulsetrain_motion::pins::PinsError;
 use pulsetrain_motion::program::{BoardError, Limits, Program};
 use pulsetrain_motion::{Grid, LawError, Time, boards, file};
 use pulsetrain_plan::SOFTEST_STOP_S;
-use pulsetrain_plan::{Certificate, Ensemble, Move, PlanError, Planner, Refused, Settings};
+use pulsetrain_plan::{Certificate, Ensemble, Line, Move, PlanError, Planner, Refused, Settings, Supply, stopping};
 
 use crate::estimate::{Estimate, Task};
 use crate::fit;
@@ -32,6 +33,8 @@ pub struct Prepared {
     pub cut: Option<Cut>,
     /// The pause that was put in.
     pub pause: Option<Paused>,
+    /// The line that brings its plan to the board while it runs; `None`: it does not come over a line.
+    pub line: Option<Line>,
     /// How the columns of its CSV files were read.
     pub tables: Vec<TableColumns>,
 }
@@ -128,7 +131,7 @@ impl Prepared {
             program.board.turn_ticks = row.turn_ticks(&program.motors);
             program.board.shared_steps = row.shared_steps(&program.motors);
         }
-        Ok(Prepared { file, program, cut: None, pause: None, tables })
+        Ok(Prepared { file, program, cut: None, pause: None, line: None, tables })
     }
 
     /// The same, and cuts endless laws after `length`.
@@ -144,10 +147,10 @@ impl Prepared {
     /// # Errors
     /// When a law breaks before it can be cut.
     pub fn ending(self, length: Option<Time>) -> Result<Prepared, Refusal> {
-        let Prepared { file, mut program, tables, .. } = self;
+        let Prepared { file, mut program, line, tables, .. } = self;
         let cut =
             cut(&mut program, length).map_err(|(motor, error)| Refusal::Law { file: file.clone(), motor, error })?;
-        Ok(Prepared { file, program, cut, pause: None, tables })
+        Ok(Prepared { file, program, cut, pause: None, line, tables })
     }
 
     /// Plans for a board whose clock runs `ppm` 10^-6 faster than its nominal rate: a second of the law is then a second of
@@ -172,12 +175,18 @@ impl Prepared {
         Ok(())
     }
 
+    /// Its plan comes to the board over a line at `baud`, or at the usual rate of the board's.
+    pub fn over_line(&mut self, baud: Option<Baud>) {
+        let baud = baud.unwrap_or_else(|| usual_baud(&self.program.board.name));
+        self.line = Line::of(&self.program, baud.rate());
+    }
+
     /// Plans every motor, all side by side; nothing is kept. `watch` hears how far the plan is, s.
     ///
     /// # Errors
     /// When a plan would break a limit: with what would fit.
     pub fn plan(&self, mut watch: impl FnMut(f64)) -> Result<Vec<Planned>, Refusal> {
-        let mut plans = Plans::new(&self.program).map_err(|refused| self.refuse(refused))?;
+        let mut plans = Plans::new(&self.program, self.line).map_err(|refused| self.refuse(refused))?;
         let mut moves: u32 = 0;
         while let Some((motor, _)) = plans.next_move().map_err(|refused| self.refuse(refused))? {
             moves = moves.wrapping_add(1);
@@ -185,6 +194,7 @@ impl Prepared {
                 watch(plans.clocks[motor].tick as f64 / self.program.board.tick_hz as f64);
             }
         }
+        plans.brake().map_err(|refused| self.refuse(refused))?;
         Ok(plans.finish())
     }
 
@@ -199,7 +209,7 @@ impl Prepared {
         // One that cannot be cut there, or stopped, may still be right.
         let Ok(begun) = self.clone().ending(Some(length)) else { return Ok(()) };
         let is_of_motion = |refused: &Refused| refused.error.at_s().is_some_and(|at_s| at_s < length.seconds());
-        match Plans::new(&begun.program).and_then(|mut plans| {
+        match Plans::new(&begun.program, begun.line).and_then(|mut plans| {
             while plans.next_move()?.is_some() {}
             Ok(())
         }) {
@@ -240,10 +250,17 @@ pub struct Planned {
     pub last_tick: u64,
 }
 
+/// The usual rate of the line to a board: what an Uno's USB bridge makes exactly and is fast enough for all, and what a Pico's clock makes exactly.
+#[must_use]
+pub fn usual_baud(board: &str) -> Baud {
+    if board == "pico" { Baud::B2M } else { Baud::B1M }
+}
+
 /// The moves of all motors, those of the motor that is least far first.
 pub struct Plans<'a> {
+    program: &'a Program,
     ensemble: Ensemble<'a>,
-    fraction_bits: u32,
+    supply: Option<Supply>,
     clocks: Vec<Clock>,
 }
 
@@ -258,14 +275,23 @@ struct Clock {
 }
 
 impl<'a> Plans<'a> {
-    /// Prepares to plan all motors of a program.
+    /// Prepares to plan all motors of a program; their plans are held against the line, if there is one.
     ///
     /// # Errors
     /// As [`Ensemble::new`].
-    pub fn new(program: &'a Program) -> Result<Plans<'a>, Refused> {
-        let fraction_bits = program.board.fraction_bits;
-        let clocks = vec![Clock::new(fraction_bits); program.motors.len()];
-        Ok(Plans { ensemble: Ensemble::new(program)?, fraction_bits, clocks })
+    pub fn new(program: &'a Program, line: Option<Line>) -> Result<Plans<'a>, Refused> {
+        Plans::slowed(program, line, 1.0)
+    }
+
+    /// The same of laws that are `factor` times slower.
+    ///
+    /// # Errors
+    /// As [`Ensemble::new`].
+    pub fn slowed(program: &'a Program, line: Option<Line>, factor: f64) -> Result<Plans<'a>, Refused> {
+        let clocks = vec![Clock::new(program.board.fraction_bits); program.motors.len()];
+        let ensemble = Ensemble::slowed(program, factor)?;
+        let supply = line.map(|line| Supply::new(line, (0..clocks.len()).map(|motor| ensemble.settings(motor))));
+        Ok(Plans { program, ensemble, supply, clocks })
     }
 
     /// The motor that is least far, and to which tick; `None` when all have ended.
@@ -278,19 +304,34 @@ impl<'a> Plans<'a> {
     /// The next move of the motor that is least far; `None` when all have ended.
     ///
     /// # Errors
-    /// As [`Ensemble::next_move`].
+    /// As [`Ensemble::next_move`], and where the line does not bring them in time.
     pub fn next_move(&mut self) -> Result<Option<(usize, Move)>, Refused> {
         while let Some((motor, _)) = self.least_far() {
             let clock = &mut self.clocks[motor];
             match self.ensemble.next_move(motor)? {
                 Some(next) => {
-                    clock.advance(&next, self.fraction_bits);
+                    let added = self.supply.as_mut().map_or(Ok(()), |supply| supply.add(motor, &next, clock.tick));
+                    added.map_err(|error| Refused { motor, error })?;
+                    clock.advance(&next, self.program.board.fraction_bits);
                     return Ok(Some((motor, next)));
                 }
                 None => clock.ended = true,
             }
         }
         Ok(None)
+    }
+
+    /// Checks that the board can brake the motors as their limits want it, from what was planned.
+    ///
+    /// # Errors
+    /// [`PlanError::TooGentle`].
+    pub fn brake(&self) -> Result<(), Refused> {
+        self.program.motors.iter().enumerate().try_for_each(|(index, motor)| {
+            let peaks = self.ensemble.certificate(index);
+            stopping(&peaks, &motor.limits, &self.program.board)
+                .map(drop)
+                .map_err(|error| Refused { motor: index, error })
+        })
     }
 
     /// The figures of every motor's plan.
@@ -358,6 +399,19 @@ pub fn fits_until(law: &Law, settings: &Settings, until: Time) -> bool {
 #[must_use]
 pub fn fits(law: &Law, settings: &Settings) -> bool {
     walk(law, settings).is_ok()
+}
+
+/// Whether the plans of all motors keep to every limit, and come over the line in time, if their laws are `factor` times slower.
+#[must_use]
+pub fn all_fit(program: &Program, line: Option<Line>, factor: f64) -> bool {
+    let Ok(mut plans) = Plans::slowed(program, line, factor) else { return false };
+    loop {
+        match plans.next_move() {
+            Ok(Some(_)) => {}
+            Ok(None) => return true,
+            Err(_) => return false,
+        }
+    }
 }
 
 /// When each motor's law ends; `None`: never.

@@ -31,21 +31,6 @@ pub enum SessionError {
         /// How.
         error: LawError,
     },
-    /// The board cannot brake as gently as the motor needs it.
-    #[error(
-        "motor {motor} runs at up to {speed:.0} steps/s and may brake with {limit:.2} steps/s² at most; this board brakes with \
-         {least:.2} steps/s² at least from there: raise max_acceleration, or run slower"
-    )]
-    TooGentle {
-        /// Index of the motor in the program.
-        motor: usize,
-        /// The largest of its law so far, steps/s.
-        speed: f64,
-        /// Its max_acceleration, steps/s².
-        limit: f64,
-        /// What the board's numbers hold, steps/s².
-        least: f64,
-    },
     /// The host stood still: what comes next was not sent in time.
     #[error(
         "this computer was too slow: at {at_s:.3} s the board had no more plan for motor {motor}, and stopped the motors gently; more came \

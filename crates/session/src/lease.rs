@@ -8,34 +8,14 @@ use pulsetrain_board::replay::{Replay, Sent, Start};
 use pulsetrain_core::Item;
 use pulsetrain_core::braking::Limit;
 use pulsetrain_motion::program::{Program, Wiring};
-use pulsetrain_plan::{SOFTEST_STOP_S, braking_limit, gentlest_braking};
+use pulsetrain_plan::{Refused, Stopping, stopping};
 
-/// How a motor brakes.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Braking {
-    pub(crate) limit: Limit,
-    /// From there it may rest at once, steps/s.
-    slow: f64,
-}
-
-/// How the motors of a plan brake: by their limits, or by what their laws have asked for so far.
-pub(crate) fn brakings(stream: &Stream<'_>) -> Result<Vec<Braking>, SessionError> {
+/// How the motors of a plan brake.
+pub(crate) fn brakings(stream: &Stream<'_>) -> Result<Vec<Stopping>, SessionError> {
     let program = stream.program();
-    let (hz, fraction_bits) = (program.board.tick_hz, program.board.fraction_bits);
     let of = |(motor, m): (usize, &pulsetrain_motion::program::Motor)| {
-        let certificate = stream.certificate(motor);
-        let (speed, pull_in) = (certificate.peak_speed.0, m.limits.pull_in);
-        let least = gentlest_braking(speed, hz, fraction_bits);
-        let acceleration = match m.limits.max_acceleration {
-            Some(limit) if limit < least && speed > pull_in => {
-                return Err(SessionError::TooGentle { motor, speed, limit, least });
-            }
-            Some(limit) => limit,
-            None => certificate.peak_acceleration.0.max(speed / SOFTEST_STOP_S).max(least),
-        };
-        // One that the board's numbers do not hold is for a motor that hardly moves.
-        let limit = braking_limit(acceleration, pull_in, hz, fraction_bits).unwrap_or(Limit::WITHIN_A_STEP);
-        Ok(Braking { limit, slow: pull_in.max((2.0 * acceleration).sqrt()) })
+        let stopping = stopping(&stream.certificate(motor), &m.limits, &program.board);
+        stopping.map_err(|error| Refused { motor, error }.into())
     };
     program.motors.iter().enumerate().map(of).collect()
 }
@@ -54,7 +34,7 @@ pub(crate) fn longest(stream: &Stream<'_>, timelines: &[Timeline], least: u64, r
 /// From the first tick of a plan that takes over from another, up to which tick a motor that is in motion would have to rest at once: until it has
 /// made its first step. Where a law itself turns or rests, its motor has come to rest within less than a step. The first tick itself if
 /// there is no such motor.
-pub(crate) fn joined(timelines: &[Timeline], brakings: &[Braking], program: &Program, from: u64) -> u64 {
+pub(crate) fn joined(timelines: &[Timeline], brakings: &[Stopping], program: &Program, from: u64) -> u64 {
     let joins = timelines.iter().zip(brakings).filter_map(|(timeline, braking)| {
         let [Some((last, direction)), Some((before, way))] = timeline.last_before(from) else { return None };
         let interval = (last - before).max(from - last);

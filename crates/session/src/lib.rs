@@ -36,16 +36,13 @@ use pulsetrain_core::Epoch;
 use pulsetrain_core::braking::Limit;
 use pulsetrain_core::lease::Cause;
 use pulsetrain_motion::program::Program;
+use pulsetrain_plan::line::{AHEAD_MS, KEPT};
 use pulsetrain_plan::{Certificate, Origin, Start};
 use stream::{Short, Stream};
 use timeline::{Step, Timeline};
 
-/// So far ahead of the board's time a plan is handed over, and its lease lies, ms.
-pub const AHEAD_MS: u64 = 500;
 /// So long after the last step a board may take to say that its motors rest, s.
 const PATIENCE_S: u64 = 5;
-/// One in so many places of a queue is kept free for a change.
-const KEPT: usize = 8;
 
 /// A program on its way into a board. Ticks are the board's, in 64 bits.
 pub struct Session<'a, B> {

@@ -31,6 +31,9 @@ pub(crate) struct Options {
     /// All on this board; else the boards take turns
     #[arg(long, value_parser = BOARDS)]
     board: Option<String>,
+    /// Rate of the lines to the boards; else the usual one
+    #[arg(long, value_name = "BAUD")]
+    baud: Option<u32>,
     /// Keep every motion's files, with what was run and seen; else those that break
     #[arg(long)]
     keep: bool,
@@ -42,7 +45,7 @@ pub(crate) struct Options {
 impl Options {
     /// So many motions, on all boards by turns.
     pub(crate) fn random(count: u64, seed: u64) -> Options {
-        Options { count, seed, only: None, board: None, keep: false, boundary: false }
+        Options { count, seed, only: None, board: None, baud: None, keep: false, boundary: false }
     }
 }
 
@@ -50,12 +53,10 @@ impl Options {
 const HANGS_S: u64 = 300;
 /// One in so many runs that pass has its trace judged anew, from the file.
 const VERIFIED: u64 = 4;
-/// Whether a motion that `plan` accepted may stop on the way. Sessions of epochs cannot help it; with sessions by lease this is to go.
-const MAY_STOP: bool = true;
 
 /// Tries motions, prints what came of them, and fails if any broke.
 pub(crate) fn run(options: &Options) -> Done {
-    let program = Program::build()?;
+    let program = Program::build(options.baud)?;
     if options.boundary {
         return boundary::run(&program, options.board.as_deref());
     }
@@ -83,7 +84,6 @@ impl Outcome {
     fn is_failure(&self) -> bool {
         match self {
             Outcome::Broken(_) => true,
-            Outcome::Stopped(_) => !MAY_STOP,
             Outcome::Refused(_) | Outcome::Passed => false,
         }
     }
@@ -93,14 +93,13 @@ impl Outcome {
         match self {
             Outcome::Refused(why) => (0, why),
             Outcome::Passed => (1, ""),
-            Outcome::Stopped(why) => (2, why),
-            Outcome::Broken(why) => (3, why),
+            Outcome::Broken(why) => (2, why),
         }
     }
 }
 
 /// What can come of a motion.
-const COLUMNS: [&str; 4] = ["refused", "passed", "stopped", "broken"];
+const COLUMNS: [&str; 3] = ["refused", "passed", "broken"];
 
 /// A motion, and what came of it.
 struct Tried {
@@ -114,8 +113,8 @@ struct Tried {
 
 /// Tables and lists of what came of motions.
 fn report(seed: u64, tried: &[Tried]) -> String {
-    let mut rows: BTreeMap<(usize, usize), [usize; 4]> = BTreeMap::new();
-    let mut kinds: [BTreeMap<String, Vec<&Tried>>; 4] = Default::default();
+    let mut rows: BTreeMap<(usize, usize), [usize; 3]> = BTreeMap::new();
+    let mut kinds: [BTreeMap<String, Vec<&Tried>>; 3] = Default::default();
     for motion in tried {
         let (column, why) = motion.outcome.column();
         let board = BOARDS.iter().position(|board| *board == motion.board).unwrap_or(0);
@@ -127,7 +126,11 @@ fn report(seed: u64, tried: &[Tried]) -> String {
             kinds[column].entry(outcome::kind(why)).or_default().push(motion);
         }
     }
-    let mut text = format!("| board | motors | tried | {} |\n|---|---|---|{}\n", COLUMNS.join(" | "), "---|".repeat(4));
+    let mut text = format!(
+        "| board | motors | tried | {} |\n|---|---|---|{}\n",
+        COLUMNS.join(" | "),
+        "---|".repeat(COLUMNS.len())
+    );
     for ((board, motors), counts) in rows {
         let tried: usize = counts.iter().sum();
         let motors = if motors == 0 { "all".to_owned() } else { motors.to_string() };
@@ -160,12 +163,16 @@ fn report(seed: u64, tried: &[Tried]) -> String {
 /// The program that users run.
 struct Program {
     binary: PathBuf,
+    /// `--baud` and the rate, or nothing.
+    baud: Vec<String>,
 }
 
 impl Program {
-    fn build() -> Done<Program> {
+    fn build(baud: Option<u32>) -> Done<Program> {
         command::run(&mut cargo("build --release --package pulsetrain --bin pulsetrain"))?;
-        Ok(Program { binary: target_dir().join(format!("release/pulsetrain{}", std::env::consts::EXE_SUFFIX)) })
+        let binary = target_dir().join(format!("release/pulsetrain{}", std::env::consts::EXE_SUFFIX));
+        let baud = baud.map_or_else(Vec::new, |baud| vec!["--baud".to_owned(), baud.to_string()]);
+        Ok(Program { binary, baud })
     }
 
     /// Makes a motion, plans it, runs it; one in some is judged a second time, from its trace.
@@ -189,11 +196,12 @@ impl Program {
             folder.write(name, text)?;
         }
         let until: &[&str] = if motion.endless { &["--for", "2 s"] } else { &[] };
-        let plan = match outcome::planned(&self.say(folder, "plan", &[&["motion.toml"], until])?) {
+        let baud: Vec<&str> = self.baud.iter().map(String::as_str).collect();
+        let plan = match outcome::planned(&self.say(folder, "plan", &[&["motion.toml"], until, &baud])?) {
             Ok(plan) => plan,
             Err(outcome) => return Ok(outcome),
         };
-        let run = self.say(folder, "run", &[&["motion.toml", "--out", RUN], until])?;
+        let run = self.say(folder, "run", &[&["motion.toml", "--out", RUN], until, &baud])?;
         let outcome = outcome::ran(&plan, &run);
         if outcome != Outcome::Passed || !verify {
             return Ok(outcome);

@@ -20,21 +20,9 @@ pub(crate) enum Outcome {
     Refused(String),
     /// It ran, and all is as planned.
     Passed,
-    /// The motors stopped on the way, as sessions of epochs do: [`BY_EPOCHS`].
-    Stopped(String),
-    /// Anything else: a fault.
+    /// Anything else: a fault. That the motors stopped on the way is one: what is accepted is to run.
     Broken(String),
 }
-
-/// What is said when a session of epochs cannot go on as fast as the motion: its parts come too late, or are too large for the queue.
-/// A session by lease has no such parts; `plan` will refuse what it cannot keep up with. Until then it is no fault of the motion's.
-const BY_EPOCHS: [&str; 4] = [
-    "what comes next did not reach the board in time",
-    "and a stop take",
-    "the board stopped: a queue ran dry",
-    // The planned stop was over before the host knew of it.
-    "the board refuses to take more: its motors are not armed; they stopped",
-];
 
 /// What `plan` and `run` say with exit codes 0 and 1, and with 2.
 enum Said {
@@ -57,12 +45,10 @@ pub(crate) fn ran(plan: &Value, ended: &Ended) -> Outcome {
     let report = match said(ended) {
         Err(outcome) => return outcome,
         Ok(Said::Refusal(message)) => {
-            let by_epochs = !is_ours(&message) && BY_EPOCHS.iter().any(|said| message.contains(said));
-            return match ended.code {
-                Some(2) if by_epochs => Outcome::Stopped(message),
-                Some(2) => Outcome::Broken(format!("run: {message}")),
-                code => Outcome::Broken(format!("run, exit code {code:?}: {message}")),
-            };
+            return Outcome::Broken(match ended.code {
+                Some(2) => format!("run: {message}"),
+                code => format!("run, exit code {code:?}: {message}"),
+            });
         }
         Ok(Said::Report(report)) => report,
     };
@@ -247,22 +233,10 @@ mod tests {
     }
 
     #[test]
-    fn stops_of_epochs_are_told_from_faults() {
-        for by_epochs in [
-            "what comes next did not reach the board in time, so the motors stop as planned: the board is committed up to tick 36181628\\nthe motors rest",
-            "motor a at 0.275 s: the next 20.4 ms and a stop take 107 bytes of its queue of 99, where 99 are free by then",
-            "the board refuses to take more: its motors are not armed; they stopped, or never were\\nthe motors rest, as planned for a stop: x at -12 steps",
-            "the board stopped: a queue ran dry\\nthe motors were stopped at once: x at 3 steps. The board counted that",
-        ] {
-            assert!(matches!(of_run(2, &error(by_epochs)), Outcome::Stopped(_)), "{by_epochs}");
-        }
-        for fault in [
-            "motor x missed steps on the board `uno`; please report this motion file",
-            "the board stopped: a step was asked for too late",
-            "motor x: at t = 0.1 s the law runs at 3 steps/s; the motor's limit is 2 steps/s",
-        ] {
-            assert_eq!(of_run(2, &error(fault)), broken(&format!("run: {fault}")));
-        }
+    fn what_stops_is_broken() {
+        let message = "motor a at 0.275 s: what comes next takes 7 bytes of its queue of 94, where 3 are free by then";
+        assert_eq!(of_run(2, &error(message)), broken(&format!("run: {message}")));
+        assert_eq!(of_run(3, &error(message)), broken(&format!("run, exit code Some(3): {message}")));
     }
 
     #[test]

@@ -225,7 +225,7 @@ fn prepared(board: &str, amplitude: f64, period_s: f64) -> miette::Result<Prepar
         motors: vec![motor],
         machines: Vec::new(),
     };
-    Ok(Prepared { file: name(period_s), program, cut: None, pause: None, tables: Vec::new() })
+    Ok(Prepared { file: name(period_s), program, cut: None, pause: None, line: None, tables: Vec::new() })
 }
 
 fn measure<P: Port>(

@@ -93,7 +93,7 @@ struct Use {
 }
 
 pub(crate) fn run(args: &Explain, console: &mut Console<'_>) -> miette::Result<Exit> {
-    let prepared = match args.motion.prepare_any(Task::Plan, args.json, console) {
+    let mut prepared = match args.motion.prepare_any(Task::Plan, args.json, console) {
         Ok(prepared) => prepared,
         Err(report) => {
             let Some(explanation) = report.downcast_ref::<FileError>().and_then(PathExplanations::new) else {
@@ -107,6 +107,7 @@ pub(crate) fn run(args: &Explain, console: &mut Console<'_>) -> miette::Result<E
             return Ok(Exit::Success);
         }
     };
+    prepared.over_line(args.baud);
     let bar = console.progress(prepared.end_s(), "the motion");
     bar.stage("planning");
     let planned = prepared.plan(|seconds| bar.set(seconds));
@@ -281,7 +282,7 @@ fn refused(prepared: &Prepared, motor: &Motor, error: &PlanError, advice: String
         _ => None,
     };
     // Whoever slows a motion down does not slow down what takes up its slack: the advice says how long that has to take.
-    let is_limit = error.limit().is_some() && motor.law.slack_over().is_none();
+    let is_limit = error.limit().is_some_and(|limit| limit != Limit::Line) && motor.law.slack_over().is_none();
     Refused {
         motor: motor.name.clone(),
         message: error.to_string(),
@@ -289,7 +290,10 @@ fn refused(prepared: &Prepared, motor: &Motor, error: &PlanError, advice: String
         curve: error.at_s().map_or_else(Vec::new, |at_s| curve(motor, at_s)),
         least_slowdown: is_limit.then(|| fit::least_slowdown(prepared, motor)).flatten(),
         also: also(prepared, motor, error),
-        other_boards: if error.limit() == Some(Limit::Board) { fit::other_boards(prepared) } else { Vec::new() },
+        other_boards: match error.limit() {
+            Some(Limit::Board | Limit::Line) => fit::other_boards(prepared),
+            _ => Vec::new(),
+        },
         advice,
         limit: limit.map(|(of, name, unit, value)| LimitLine { of, name, unit, value }),
     }

@@ -6,6 +6,7 @@ use miette::miette;
 use pulsetrain_board::remote::in_words;
 use pulsetrain_board::{Observer, ScheduledStep, Serial};
 use pulsetrain_core::Direction;
+use pulsetrain_core::wire::Baud;
 use pulsetrain_motion::boards;
 use pulsetrain_trace::steps;
 use serde::Serialize;
@@ -73,6 +74,7 @@ pub(crate) fn run(
     planned: &[Planned],
     name: &str,
     args: &Run,
+    baud: Baud,
     folder: &Path,
     console: &mut Console<'_>,
 ) -> miette::Result<Exit> {
@@ -91,14 +93,14 @@ pub(crate) fn run(
         true => None,
         false => {
             let put_off = planned.iter().map(|planned| planned.certificate.longest_put_off_ticks).max();
-            Some(Rehearsal::of_run(prepared, args.baud, args.rehearse, put_off.unwrap_or(0), console)?)
+            Some(Rehearsal::of_run(prepared, baud, args.rehearse, put_off.unwrap_or(0), console)?)
         }
     };
     interrupt::watch();
     let port = Serial::open(name, false).map_err(port_problem)?;
     let goes_on = waits_aloud(console, name);
     let mut driven =
-        Driven::with(prepared, |program| connect_while(port, program, args.baud, goes_on)).map_err(drive_problem)?;
+        Driven::with(prepared, |program| connect_while(port, program, baud, goes_on)).map_err(drive_problem)?;
     let firmware = human::version(driven.board_mut().info().firmware);
     let names: Vec<String> = program.motors.iter().map(|motor| motor.name.clone()).collect();
     let path = folder.join("steps.csv");

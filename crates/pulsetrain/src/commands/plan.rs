@@ -9,7 +9,8 @@ use crate::prepare::{Planned, Prepared};
 use crate::report::{MotorReport, PlanReport, TableReport, unlimited};
 
 pub(crate) fn run(args: &Plan, console: &mut Console<'_>) -> miette::Result<Exit> {
-    let prepared = args.motion.prepare(Task::Plan, args.json, console)?;
+    let mut prepared = args.motion.prepare(Task::Plan, args.json, console)?;
+    prepared.over_line(args.baud);
     let planned = plan(&prepared, console)?;
     let report = report(&prepared, &planned);
     if args.json {

@@ -4,7 +4,6 @@ use std::path::{Path, PathBuf};
 
 use miette::miette;
 use pulsetrain_board::Leased;
-use pulsetrain_core::wire::Baud;
 use pulsetrain_motion::boards;
 
 use super::{drive_problem, on_port, plan};
@@ -15,7 +14,7 @@ use crate::estimate::Task;
 use crate::figure::Drawn;
 use crate::human;
 use crate::plot::Picture;
-use crate::prepare::{Planned, Prepared};
+use crate::prepare::{Planned, Prepared, usual_baud};
 use crate::record::{Edges, Files, Recorded, Recorder};
 use crate::report::RunReport;
 
@@ -32,21 +31,25 @@ pub(crate) fn run(args: &Run, console: &mut Console<'_>) -> miette::Result<Exit>
     if let Some(at) = args.pause_at {
         prepared.pause(at, args.resume_at)?;
     }
+    let baud = args.baud.unwrap_or_else(|| usual_baud(&prepared.program.board.name));
+    if !args.native {
+        prepared.over_line(Some(baud));
+    }
     // All is planned, and refused if need be, before anything moves or is written.
     let planned = plan::plan(&prepared, console)?;
     let folder = args.out.clone().unwrap_or_else(|| default_folder(&args.motion.file));
     if let Some(name) = &args.port {
-        return on_port::run(&prepared, &planned, name, args, &folder, console);
+        return on_port::run(&prepared, &planned, name, args, baud, &folder, console);
     }
     let edges = Edges::of(&prepared.program);
     let (recorded, runner) = match prepared.program.board.name.as_str() {
         name if boards::is_uno(name) && !args.native => {
-            let mut driven = Driven::virtual_uno(&prepared, BAUD).map_err(drive_problem)?;
+            let mut driven = Driven::virtual_uno(&prepared, baud).map_err(drive_problem)?;
             let runner = format!("virtual Uno, firmware {}", human::version(driven.board_mut().info().firmware));
             (to_files(&prepared, &planned, driven, edges, &folder, console)?, runner)
         }
         "pico" if !args.native => {
-            let mut driven = Driven::virtual_pico(&prepared, PICO_BAUD).map_err(drive_problem)?;
+            let mut driven = Driven::virtual_pico(&prepared, baud).map_err(drive_problem)?;
             let runner = format!("virtual Pico, firmware {}", human::version(driven.board_mut().info().firmware));
             (to_files(&prepared, &planned, driven, edges, &folder, console)?, runner)
         }
@@ -71,12 +74,6 @@ pub(crate) fn run(args: &Run, console: &mut Console<'_>) -> miette::Result<Exit>
     }
     Ok(if report.is_ok() { Exit::Success } else { Exit::BoundBroken })
 }
-
-/// The rate at which virtual boards are fed: what the real one's USB bridge makes exactly, and fast enough for all.
-const BAUD: Baud = Baud::B1M;
-
-/// And a Pico, whose clock makes it exactly too.
-const PICO_BAUD: Baud = Baud::B2M;
 
 fn to_files<B: Leased>(
     prepared: &Prepared,

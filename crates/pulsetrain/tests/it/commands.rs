@@ -757,7 +757,7 @@ mod chips {
     /// One motor just below the fastest rate, in segments of few steps: its queue runs dry, at different stages of the session. That is no fault
     /// of the planner.
     #[test]
-    fn a_board_that_stops_says_why_and_where() {
+    fn what_does_not_reach_the_board_in_time_is_refused() {
         let folder = Folder::new("dry");
         let file = folder.path("dry.toml");
         for duration in ["20 ms", "50 ms", "200 ms"] {
@@ -766,17 +766,28 @@ mod chips {
             );
             let text = one_motor(&law).replace("3000 step/s", "200000 step/s");
             std::fs::write(&file, format!("tolerance = \"100 ns\"\n{text}")).unwrap();
-            let outcome = pulsetrain(&["run", &file, "--out", &folder.path("out")]);
-            let said = outcome.err.split_whitespace().collect::<Vec<_>>().join(" ").replace(" │ ", " ");
-            assert_eq!(outcome.exit, Exit::Refused, "{duration}: {}{said}", outcome.out);
-            let all = [
-                "the board stopped: its step generator did not keep up",
-                "the motors were stopped at once: m at ",
-                " steps. The board counted",
-            ];
-            assert!(all.iter().all(|part| said.contains(part)), "{duration}: {said}");
-            assert!(!said.contains("please report"), "{duration}: {said}");
+            for command in [&["plan", &file][..], &["run", &file, "--out", &folder.path("out")], &["explain", &file]] {
+                let outcome = pulsetrain(command);
+                let said =
+                    (outcome.err + &outcome.out).split_whitespace().collect::<Vec<_>>().join(" ").replace(" │ ", " ");
+                assert!(
+                    said.contains("s the motion bends or turns so often that the board's queue holds "),
+                    "{duration}: {said}"
+                );
+                assert!(said.contains("as it is, it fits: "), "{duration}: {said}");
+                let refused = if command[0] == "explain" { Exit::Success } else { Exit::Refused };
+                assert_eq!(outcome.exit, refused, "{duration}: {said}");
+            }
         }
+    }
+
+    #[test]
+    fn a_slow_line_refuses_what_a_fast_one_brings() {
+        let file = example("winch.toml");
+        assert_eq!(pulsetrain(&["plan", &file]).exit, Exit::Success);
+        let slow = pulsetrain(&["plan", &file, "--baud", "115200"]);
+        assert_eq!(slow.exit, Exit::Refused, "{}", slow.out);
+        assert!(slow.err.contains("with the first 3 of its motors it fits"), "{}", slow.err);
     }
 
     #[test]

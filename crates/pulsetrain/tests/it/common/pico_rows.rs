@@ -314,7 +314,7 @@ fn prepared(file: &str, motors: Vec<Motor>) -> Prepared {
     let machines = Vec::new();
     let program =
         Program { board, grid: Grid::REACH, tolerance: Tolerance::Ticks(1.0), idle_ms: None, motors, machines };
-    Prepared { file: file.to_owned(), program, cut: None, pause: None, tables: Vec::new() }
+    Prepared { file: file.to_owned(), program, cut: None, pause: None, line: None, tables: Vec::new() }
 }
 
 /// A motion, planned and streamed by a session over USB: a row for all edges, and what was scheduled.

@@ -1,0 +1,217 @@
+//! What a line brings in time, and what a board's queues hold meanwhile.
+//!
+//! A board's queues hold a part of a plan; the rest comes while the motors move. A session fills a queue as items leave it, those of the
+//! motor that is known least far first. So each item has a time at which it can be with the board, which is worked out here, and one at which it
+//! must be there: when the motor has made the last step that the board knew of, as the lease must not end before it is put off.
+
+use crate::Move;
+use crate::error::PlanError;
+use crate::packed::Meter;
+use crate::settings::Settings;
+use pulsetrain_motion::boards;
+use pulsetrain_motion::program::Program;
+use std::collections::VecDeque;
+
+/// So far ahead of the board's time a session hands a plan over, ms.
+pub const AHEAD_MS: u64 = 500;
+/// One in so many bytes of a queue is kept free by a session, for a change.
+pub const KEPT: usize = 8;
+/// Bits of a byte on the line.
+const BITS: f64 = 10.0;
+
+/// A line to a board, as a plan that goes over it must know it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Line {
+    /// Ticks per second.
+    pub tick_hz: u64,
+    /// What a session fills of each motor's queue while the motors move, bytes.
+    pub queue_bytes: usize,
+    /// What a byte of a plan takes on the line with its share of all frames, ticks.
+    pub byte_ticks: f64,
+    /// From an item's leaving the queue to a lease that counts on what came in its place, ticks, without the time on the line.
+    pub delay_ticks: f64,
+    /// So far ahead of its time a session hands an item over, ticks.
+    pub ahead_ticks: f64,
+}
+
+impl Line {
+    /// The line to a program's board at `baud`. `None` where a board takes plans over no line.
+    #[must_use]
+    pub fn of(program: &Program, baud: u32) -> Option<Line> {
+        let row = boards::find(&program.board.name)?;
+        let line = row.line?;
+        let tick_hz = program.board.tick_hz;
+        let queue = *row.queue_bytes.get(program.motors.len() - 1).or(row.queue_bytes.last())? as usize;
+        let bytes_per_s = f64::from(baud) / BITS - f64::from(line.other_bytes_per_s);
+        Some(Line {
+            tick_hz,
+            queue_bytes: queue - queue / KEPT,
+            byte_ticks: tick_hz as f64 * line.frame_share / bytes_per_s,
+            delay_ticks: tick_hz as f64
+                * (f64::from(line.delay_us) * 1e-6 + f64::from(line.delay_bytes) * BITS / f64::from(baud)),
+            ahead_ticks: (AHEAD_MS * tick_hz / 1000) as f64,
+        })
+    }
+}
+
+/// Holds the plans of all motors against a line.
+#[derive(Clone, Debug)]
+pub struct Supply {
+    line: Line,
+    lanes: Vec<Lane>,
+    /// When the line has brought all that was added, ticks.
+    brought: f64,
+    /// Since when it has had no pause, and what it has brought since.
+    busy_since: f64,
+    busy_bytes: usize,
+}
+
+/// What of a motor's plan is in its queue.
+#[derive(Clone, Debug)]
+struct Lane {
+    meter: Meter,
+    /// Bytes of each item, and the tick at which it has left the queue.
+    items: VecDeque<(usize, u64)>,
+    held: usize,
+}
+
+impl Supply {
+    /// Before the first move of motors with these settings.
+    #[must_use]
+    pub fn new<'s>(line: Line, motors: impl IntoIterator<Item = &'s Settings>) -> Supply {
+        let lane = |settings| Lane { meter: Meter::new(settings), items: VecDeque::new(), held: 0 };
+        let lanes = motors.into_iter().map(lane).collect();
+        Supply { line, lanes, brought: f64::NEG_INFINITY, busy_since: 0.0, busy_bytes: 0 }
+    }
+
+    /// Adds a move of a motor that begins at tick `from`: of the motor that is least far.
+    ///
+    /// # Errors
+    /// If the board would not know of it in time.
+    pub fn add(&mut self, motor: usize, next: &Move, from: u64) -> Result<(), PlanError> {
+        let Line { tick_hz, queue_bytes, byte_ticks, delay_ticks, ahead_ticks } = self.line;
+        let lane = &mut self.lanes[motor];
+        let before = lane.meter.bytes();
+        lane.meter.add(next);
+        let bytes = (lane.meter.bytes() - before) as usize;
+        let mut left = None;
+        while lane.held + bytes > queue_bytes
+            && let Some((len, at)) = lane.items.pop_front()
+        {
+            lane.held -= len;
+            left = Some(at);
+        }
+        lane.held += bytes;
+        lane.items.push_back((bytes, from));
+        // What there is room for before the motors move is with the board by then.
+        let Some(left) = left else { return Ok(()) };
+        let (left, due) = (left as f64, from as f64);
+        let begins = left.max(due - ahead_ticks);
+        if begins >= self.brought {
+            (self.busy_since, self.busy_bytes) = (begins, 0);
+        }
+        self.busy_bytes += bytes;
+        self.brought = self.brought.max(begins) + bytes as f64 * byte_ticks;
+        if self.brought + delay_ticks <= due {
+            return Ok(());
+        }
+        let hz = tick_hz as f64;
+        let at_s = due / hz;
+        // Of what there was no time for, the larger part.
+        let waited = self.brought - left;
+        Err(if waited > delay_ticks {
+            PlanError::LineTooSlow {
+                at_s,
+                rate: self.busy_bytes as f64 * hz / (due - delay_ticks - self.busy_since).max(1.0),
+                limit: hz / byte_ticks,
+            }
+        } else {
+            PlanError::QueueTooShort { at_s, held_s: (due - left) / hz, needed_s: (waited + delay_ticks) / hz }
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+    use pulsetrain_core::{Direction, Segment};
+
+    const SECOND: u64 = 16_000_000;
+
+    fn line(queue_bytes: usize, byte_ticks: f64, delay_ticks: f64) -> Line {
+        Line { tick_hz: SECOND, queue_bytes, byte_ticks, delay_ticks, ahead_ticks: SECOND as f64 }
+    }
+
+    fn steps(interval: i64) -> Move {
+        Move::Run { segment: Segment { count: 1, interval, add: 0, add2: 0 }, direction: Direction::Forward }
+    }
+
+    /// Adds steps to all of so many motors, one every `ticks`, whose intervals take as many bytes as they can; gives the bytes of one that is
+    /// not the first, and what became of them.
+    fn added(line: Line, motors: usize, ticks: u64) -> (usize, Result<(), PlanError>) {
+        let settings = vec![Settings::new(SECOND, 16); motors];
+        let mut supply = Supply::new(line, &settings);
+        for number in 0..2_000u64 {
+            for motor in 0..motors {
+                // Up and down by turns: none predicts the next.
+                let interval = ((ticks as i64) << 16) + if number % 2 == 0 { 9_999_991 } else { -9_999_991 };
+                if let Err(error) = supply.add(motor, &steps(interval), number * ticks) {
+                    return (supply.lanes[0].items.back().map_or(0, |item| item.0), Err(error));
+                }
+            }
+        }
+        (supply.lanes[0].items.back().map_or(0, |item| item.0), Ok(()))
+    }
+
+    proptest! {
+        #[test]
+        fn what_comes_in_time_is_accepted_and_nothing_else(
+            queue in 40usize..200, byte in 100.0f64..2000.0, delay_ms in 1.0f64..40.0, ticks in 5_000u64..200_000, motors in 1usize..4,
+        ) {
+            let delay = delay_ms * 1e-3 * SECOND as f64;
+            let line = line(queue, byte, delay);
+            let (bytes, added) = added(line, motors, ticks);
+            let held = (queue / bytes) as f64 * ticks as f64;
+            let all = motors as f64 * bytes as f64 * byte;
+            // A line that brings less than is wanted falls behind without end; one that brings more is a little behind only while the items of a step
+            // come one after the other.
+            let (surely, never) = (all < 0.99 * ticks as f64 && held > delay + all, all > 1.01 * ticks as f64 || held < delay);
+            match added {
+                Ok(()) => prop_assert!(!never, "{bytes} bytes, held for {held}, {all} for each step"),
+                Err(error) => {
+                    prop_assert!(!surely, "{bytes} bytes, held for {held}, {all} for each step: {error}");
+                    prop_assert!(error.at_s().is_some());
+                    if let PlanError::QueueTooShort { held_s, needed_s, .. } = error {
+                        prop_assert!(held_s < needed_s);
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_slow_line_says_what_it_brings() {
+        let error =
+            added(line(90, 1600.0, 1000.0), 2, 10_000).1.expect_err("two motors take more than the line brings");
+        let PlanError::LineTooSlow { rate, limit, .. } = error else { panic!("{error}") };
+        assert!(limit == 10_000.0 && rate > limit, "{rate} of {limit}");
+    }
+
+    #[test]
+    fn a_rest_fills_the_queues_again() {
+        let settings = [Settings::new(SECOND, 16)];
+        let mut supply = Supply::new(line(80, 1600.0, 16_000.0), &settings);
+        let mut at = 0;
+        for _ in 0..100 {
+            // As many as the queue holds, twice as fast as the line brings them; then a rest in which it does.
+            for number in 0..6 {
+                let interval = (2_000i64 << 16) + if number % 2 == 0 { 9_999_991 } else { -9_999_991 };
+                supply.add(0, &steps(interval), at).unwrap_or_else(|error| panic!("{error}"));
+                at += 2_000;
+            }
+            supply.add(0, &Move::Dwell { ticks: 400_000 }, at).unwrap_or_else(|error| panic!("{error}"));
+            at += 400_000;
+        }
+    }
+}
