@@ -387,7 +387,8 @@ fn uno() -> BoardRow {
         queue_bytes: vec![rates.queues + 256, rates.queues / 2, rates.queues / 3, rates.queues / 4],
         horizon_ticks: rates.horizon,
         lateness_ticks: rates.lateness,
-        // Of 2600 random motions (`cargo xtask accept`) those that were stopped had less than this, and one in a hundred of those that ran.
+        // Fitted to random motions (`cargo xtask accept --board uno`, at 1 000 000 and at 115 200 baud). Most of those that were stopped since a
+        // queue ran short had less than this in it; about one in a hundred of those that ran had less, too.
         line: Some(LineRow { delay_us: 19_400, delay_bytes: 240, other_bytes_per_s: 1_500, frame_share: 1.2 }),
         note: "one or two motors with STEP on pins 9 and 10 are timed by the compare hardware: no lateness",
         pins: 0..=19,
@@ -461,7 +462,7 @@ fn pico() -> BoardRow {
         // A test asks the virtual board.
         horizon_ticks: 300_000 + 2 * 62_503,
         lateness_ticks: 0,
-        // No motion has come so far: its processor is a limit before that.
+        // A guess: no random motion was short of plan on a Pico. The processor's limit comes first.
         line: Some(LineRow { delay_us: 15_000, delay_bytes: 130, other_bytes_per_s: 1_500, frame_share: 1.2 }),
         note: "edges come from PIO state machines fed by DMA: exact to the tick. STEP and DIR of a motor are neighbours, and so \
                are IN1 to IN4 of a ULN2003 (GP26 is next to GP22); 3.3 V outputs",

@@ -44,9 +44,9 @@ pub fn gentlest_braking(rate: f64, tick_hz: u64, fraction_bits: u32) -> f64 {
 /// How a motor brakes that a board brings to rest.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Stopping {
-    /// As the board has it.
+    /// The limit that is sent to the board.
     pub limit: Limit,
-    /// From there it may rest at once, steps/s.
+    /// At this speed and below the motor may stop at once, steps/s.
     pub slow: f64,
 }
 

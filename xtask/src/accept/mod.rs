@@ -74,7 +74,7 @@ pub(crate) fn run(options: &Options) -> Done {
     .into_iter()
     .collect::<Done<_>>()?;
     let took_s = begin.elapsed().as_secs_f64();
-    print!("{}", report(options.seed, &tried));
+    print!("{}", report(options, &tried));
     println!("\n{} motions in {took_s:.0} s: {:.0} a minute", tried.len(), 60.0 * tried.len() as f64 / took_s);
     let broken = tried.iter().filter(|tried| tried.outcome.is_failure()).count();
     if broken == 0 { Ok(()) } else { Err(Failure::Check(format!("{broken} motions broke"))) }
@@ -112,7 +112,8 @@ struct Tried {
 }
 
 /// Tables and lists of what came of motions.
-fn report(seed: u64, tried: &[Tried]) -> String {
+fn report(options: &Options, tried: &[Tried]) -> String {
+    let baud = options.baud.map_or_else(String::new, |baud| format!(" --baud {baud}"));
     let mut rows: BTreeMap<(usize, usize), [usize; 3]> = BTreeMap::new();
     let mut kinds: [BTreeMap<String, Vec<&Tried>>; 3] = Default::default();
     for motion in tried {
@@ -149,9 +150,9 @@ fn report(seed: u64, tried: &[Tried]) -> String {
                 for Tried { number, board, folder, outcome, .. } in motions {
                     let why = outcome.column().1.lines().next().unwrap_or_default();
                     text.push_str(&format!(
-                        "        {}: {why}\n          {}\n",
+                        "        {}: {why}\n          {}{baud}\n",
                         folder.display(),
-                        reproduce(seed, *number, board)
+                        reproduce(options.seed, *number, board)
                     ));
                 }
             }
