@@ -11,7 +11,7 @@ use pulsetrain_core::wire::Baud;
 use pulsetrain_motion::quantity::{Base, Quantity};
 use pulsetrain_motion::{Time, boards, full_steps};
 
-use crate::commands;
+use crate::commands::{self, RunStopped};
 use crate::console::{Console, Exit};
 use crate::estimate::{self, Consent, Estimate, LongMotion, Task};
 use crate::prepare::{Prepared, WORST_CLOCK_PPM};
@@ -21,7 +21,8 @@ Exit codes:
   0  all is well
   1  a bound broke: the verdict on a run or on a capture
   2  wrong usage, wrong input, a motion that is refused, or a file that cannot be written
-     (explain tells of a refused motion, and ends with 0)";
+     (explain tells of a refused motion, and ends with 0)
+  3  the motors were stopped before the motion's end";
 
 const EXAMPLES: &str = "\
 Examples:
@@ -828,8 +829,11 @@ fn obey(command: &Command, console: &mut Console<'_>) -> miette::Result<Exit> {
 fn finish(outcome: miette::Result<Exit>, as_json: bool, console: &mut Console<'_>) -> Exit {
     outcome.unwrap_or_else(|report| {
         let mut text = String::new();
+        let stopped = report.downcast_ref::<RunStopped>();
         // A script reads standard output; who broke the pipe does not want to hear of it.
-        if as_json && JSONReportHandler::new().render_report(&mut text, report.as_ref()).is_ok() {
+        if let (true, Some(RunStopped { report, .. })) = (as_json, stopped) {
+            let _ = console.print_json(report);
+        } else if as_json && JSONReportHandler::new().render_report(&mut text, report.as_ref()).is_ok() {
             let _ = console.print(format_args!("{}\n", with_estimate(text, &report)));
         }
         let theme = if console.err_is_terminal { GraphicalTheme::unicode() } else { GraphicalTheme::unicode_nocolor() };
@@ -840,7 +844,7 @@ fn finish(outcome: miette::Result<Exit>, as_json: bool, console: &mut Console<'_
         }
         // So it heads each problem behind the first: all are errors. No line of a file begins without a margin.
         complain(console, &text.replace("\nError: \n", "\n"));
-        Exit::Refused
+        if stopped.is_some() { Exit::Stopped } else { Exit::Refused }
     })
 }
 

@@ -16,6 +16,8 @@ pub enum Exit {
     BoundBroken = 1,
     /// Wrong usage, wrong input, a motion that is refused, or a file that cannot be written: code 2.
     Refused = 2,
+    /// The motors were stopped before the motion's end: code 3.
+    Stopped = 3,
 }
 
 impl From<Exit> for std::process::ExitCode {

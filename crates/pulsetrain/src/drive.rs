@@ -89,6 +89,8 @@ pub enum DriveError {
     Halted {
         /// Why they did not come to the motion's end.
         why: Box<DriveError>,
+        /// When that was seen, s of the laws.
+        seen_s: f64,
         /// Where they are.
         whereabouts: Whereabouts,
         /// What to do.
@@ -99,8 +101,20 @@ pub enum DriveError {
 
 impl DriveError {
     /// The same with where the motors are.
-    fn halted(self, whereabouts: Whereabouts) -> DriveError {
-        DriveError::Halted { why: Box::new(self), advice: whereabouts.advice(), whereabouts }
+    fn halted(self, seen_s: f64, whereabouts: Whereabouts) -> DriveError {
+        DriveError::Halted { why: Box::new(self), seen_s, advice: whereabouts.advice(), whereabouts }
+    }
+
+    /// From when on the motors brake, if that is known, s of the laws.
+    #[must_use]
+    pub const fn at_s(&self) -> Option<f64> {
+        match self {
+            DriveError::TooLate { at_s, .. }
+            | DriveError::QueueTooShort { at_s, .. }
+            | DriveError::Session(SessionError::Fault { at_s, .. } | SessionError::Restless { at_s }) => Some(*at_s),
+            DriveError::Halted { why, .. } => why.at_s(),
+            _ => None,
+        }
     }
 
     /// With the motor's name, and without what is only a session's view of it.
@@ -485,6 +499,7 @@ impl<'a, B: Leased> Driven<'a, B> {
             let soon = now + tick_hz / LOOKS_PER_S;
             let last = self.session.last_step().filter(|last| self.session.is_complete() && *last >= now);
             if let Err(failure) = self.session.advance(last.map_or(soon, |last| soon.min(last)), &mut since) {
+                let seen_s = self.session.board().now().saturating_sub(zero) as f64 / tick_hz as f64;
                 // The motors brake: that is waited for.
                 let report = self.session.run(&mut since, progress);
                 let (whereabouts, stop) = self.whereabouts(&report);
@@ -495,16 +510,17 @@ impl<'a, B: Leased> Driven<'a, B> {
                     }
                     (failure, _) => failure,
                 };
-                return Err(failure.halted(whereabouts));
+                return Err(failure.halted(seen_s, whereabouts));
             }
             progress(self.session.board().now());
         }
         let report = self.session.run(&mut since, progress);
+        let seen_s = self.session.board().now().saturating_sub(zero) as f64 / tick_hz as f64;
         if let Some(error) = self.session.board().lost().cloned() {
-            return Err(DriveError::from(error).halted(self.whereabouts(&report).0));
+            return Err(DriveError::from(error).halted(seen_s, self.whereabouts(&report).0));
         }
         if let Some(failure) = report.failure.clone() {
-            return Err(DriveError::of(self.program, failure).halted(self.whereabouts(&report).0));
+            return Err(DriveError::of(self.program, failure).halted(seen_s, self.whereabouts(&report).0));
         }
         let counts = report.counted.iter().zip(&report.replayed).zip(&report.faults);
         let mut motors = self.program.motors.iter().zip(counts);
@@ -517,7 +533,7 @@ impl<'a, B: Leased> Driven<'a, B> {
                 Some(cause) => RemoteError::Stopped { cause }.into(),
                 None => DriveError::Missed { motor: motor.name.clone(), board: self.program.board.name.clone() },
             };
-            return Err(why.halted(whereabouts));
+            return Err(why.halted(seen_s, whereabouts));
         }
         // Last: what the board did is told first.
         if !self.session.board().agrees() {

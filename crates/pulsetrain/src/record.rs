@@ -200,6 +200,21 @@ impl<'a, W: Write> Recorder<'a, W> {
         Ok(Recorded { verdict, picture, lateness: meter.finish(), figures })
     }
 
+    /// Ends the files after the last edge of a run that did not come to its end.
+    ///
+    /// # Errors
+    /// What went wrong on the way.
+    pub fn close(self) -> Result<(), RecordError> {
+        if let Some(error) = self.error {
+            return Err(error);
+        }
+        if let Some(Files { trace, steps }) = self.files {
+            trace.finish()?;
+            steps.finish()?;
+        }
+        Ok(())
+    }
+
     fn note<T, E: Into<RecordError>>(&mut self, result: Result<T, E>) {
         if let Err(error) = result {
             self.error.get_or_insert(error.into());

@@ -9,6 +9,7 @@ use pulsetrain_plan::Certificate;
 use pulsetrain_trace::verdict;
 use serde::Serialize;
 
+use crate::drive::DriveError;
 use crate::figure::FigureReport;
 use crate::human::{self, Table};
 use crate::lateness::Lateness;
@@ -130,6 +131,68 @@ impl RunReport {
     #[must_use]
     pub const fn is_ok(&self) -> bool {
         self.failure.is_none()
+    }
+}
+
+/// What a run was that ended before the motion did.
+#[derive(Clone, Debug, Serialize)]
+pub struct StoppedReport {
+    /// What was planned and proven.
+    #[serde(flatten)]
+    pub plan: PlanReport,
+    /// What made the edges.
+    pub runner: String,
+    /// Why it ended, and where.
+    pub stopped: Stopped,
+}
+
+/// Why motors were stopped before the motion's end.
+#[derive(Clone, Debug, Serialize)]
+pub struct Stopped {
+    /// In words, with where the motors are.
+    pub message: String,
+    /// What to do.
+    pub help: String,
+    /// The motor that the board had no more plan for, if that is why.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub motor: Option<String>,
+    /// From when on the motors brake, or when it was seen that they had been stopped, s of the laws.
+    pub at_s: f64,
+    /// How much later than that more of the plan came, s.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub late_s: Option<f64>,
+    /// Where the motors are.
+    pub motors: Vec<StoppedMotor>,
+}
+
+/// Where a motor is after a stop.
+#[derive(Clone, Debug, Serialize)]
+pub struct StoppedMotor {
+    /// As the file calls it.
+    pub name: String,
+    /// Steps forward minus steps backward since the board was set up.
+    pub steps: i64,
+}
+
+impl Stopped {
+    /// What is said of a run that failed with `error`; `None` if the motors were not on their way.
+    #[must_use]
+    pub fn of(error: &DriveError) -> Option<Stopped> {
+        let DriveError::Halted { why, seen_s, whereabouts, .. } = error else { return None };
+        let (motor, late_s) = match &**why {
+            DriveError::TooLate { motor, late_s, .. } => (Some(motor.clone()), Some(*late_s)),
+            DriveError::QueueTooShort { motor, .. } => (Some(motor.clone()), None),
+            _ => (None, None),
+        };
+        let place = |(name, steps): &(String, i64)| StoppedMotor { name: name.clone(), steps: *steps };
+        Some(Stopped {
+            message: error.to_string(),
+            help: String::new(),
+            motor,
+            at_s: error.at_s().unwrap_or(*seen_s),
+            late_s,
+            motors: whereabouts.motors.iter().map(place).collect(),
+        })
     }
 }
 

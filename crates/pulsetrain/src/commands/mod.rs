@@ -24,13 +24,17 @@ pub(crate) mod verbs;
 pub(crate) mod verify;
 pub(crate) mod winch;
 
-use miette::{Report, miette};
+use std::path::Path;
+
+use miette::{Diagnostic, Report, miette};
 use pulsetrain_board::{LinkError, PortError, RemoteError};
 
 pub(crate) use self::other_image::{OtherImage, offered};
+use crate::console;
 use crate::drive::DriveError;
 use crate::human;
 use crate::prepare::WORST_CLOCK_PPM;
+use crate::report::{PlanReport, Stopped, StoppedReport};
 
 /// What is wrong with a port, with what to do where the error itself does not say.
 pub(crate) fn port_problem(error: PortError) -> Report {
@@ -53,6 +57,29 @@ pub(crate) fn clock_off((ppm, doubt): (f64, f64), digits: usize) -> String {
     };
     let (ppm, doubt) = (human::significant(ppm, digits), human::significant(doubt, 2));
     format!("{ppm} ppm off this computer's, give or take {doubt}{why}")
+}
+
+/// A run that ended before the motion did, and was reported: exit code 3.
+#[derive(Debug, thiserror::Error, Diagnostic)]
+#[error("{}", .report.stopped.message)]
+pub(crate) struct RunStopped {
+    pub(crate) report: Box<StoppedReport>,
+    #[help]
+    help: String,
+}
+
+/// What is wrong with a run. If the motors were on their way, what is known is written to `folder` first.
+pub(crate) fn run_problem(error: DriveError, plan: PlanReport, runner: String, folder: &Path) -> Report {
+    let stopped = Stopped::of(&error);
+    let problem = drive_problem(error);
+    let Some(stopped) = stopped else { return problem };
+    let help = problem.help().map_or_else(String::new, |help| help.to_string());
+    let stopped = Stopped { help: help.clone(), ..stopped };
+    let report = Box::new(StoppedReport { plan, runner, stopped });
+    let written = console::json(&report).and_then(|text| {
+        Ok(console::write(&folder.join("report.json"), format!("{text}\n").as_bytes())?)
+    });
+    written.err().unwrap_or_else(|| RunStopped { report, help }.into())
 }
 
 /// What is wrong with a run, with what to do.

@@ -12,7 +12,7 @@ use pulsetrain_trace::steps;
 use serde::Serialize;
 
 use super::rehearsal::Rehearsal;
-use super::{clock_off, drive_problem, plan, port_problem};
+use super::{clock_off, drive_problem, plan, port_problem, run_problem};
 use crate::cli::Run;
 use crate::console::{self, Console, Exit, access};
 use crate::drive::{Driven, Ended, Wish, connect_while};
@@ -125,10 +125,11 @@ pub(crate) fn run(
         Ok((ended, measures, board.events(), board.clock().ppm(), board.link().counts().repeated))
     });
     driven.close();
-    let (Ended { counted, stopped, uncertain }, measures, events, clock_ppm, frames_repeated) =
-        asked.map_err(drive_problem)?;
     let Scheduled { writer, error } = scheduled;
     let written = error.map_or_else(|| writer.finish(), Err).map_err(|error| access("write", &path, error));
+    let runner = format!("board at {name}");
+    let asked = asked.map_err(|error| run_problem(error, plan::report(prepared, planned), runner.clone(), folder));
+    let (Ended { counted, stopped, uncertain }, measures, events, clock_ppm, frames_repeated) = asked?;
 
     let says = Word {
         counted,
@@ -147,7 +148,7 @@ pub(crate) fn run(
         frames_repeated,
     };
     let plan = plan::report(prepared, planned);
-    let report = PortReport { plan, runner: format!("board at {name}"), firmware, rehearsed, says };
+    let report = PortReport { plan, runner, firmware, rehearsed, says };
     // What the motors did is told also where a file has no room; a script gets one value, and then it is the error.
     if !args.json {
         console.print(&report.plan)?;

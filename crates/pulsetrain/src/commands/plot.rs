@@ -13,6 +13,7 @@ pub(crate) fn run(args: &Plot, console: &mut Console<'_>) -> miette::Result<Exit
     let path = args.out.clone().unwrap_or_else(|| args.motion.file.with_extension("svg"));
     let driven = Driven::native(&prepared)?;
     let recorded = run::record(&prepared, &planned, driven, None::<Files<std::io::Sink>>, Edges::default(), console)?;
+    let recorded = recorded.map_err(super::drive_problem)?;
     run::draw(&recorded.picture, &path)?;
     console.print(format_args!("{}\n", path.display()))?;
     Ok(if recorded.verdict.ok { Exit::Success } else { Exit::BoundBroken })

@@ -6,10 +6,10 @@ use miette::miette;
 use pulsetrain_board::Leased;
 use pulsetrain_motion::boards;
 
-use super::{drive_problem, on_port, plan};
+use super::{drive_problem, on_port, plan, run_problem};
 use crate::cli::Run;
 use crate::console::{self, Console, Exit, access};
-use crate::drive::Driven;
+use crate::drive::{DriveError, Driven};
 use crate::estimate::Task;
 use crate::figure::Drawn;
 use crate::human;
@@ -58,6 +58,9 @@ pub(crate) fn run(args: &Run, console: &mut Console<'_>) -> miette::Result<Exit>
             (to_files(&prepared, &planned, driven, Edges::default(), &folder, console)?, "native".to_owned())
         }
     };
+    let recorded = recorded.map_err(|error| {
+        run_problem(error, plan::report(&prepared, &planned), runner.clone(), &folder)
+    })?;
     let Recorded { verdict, picture, lateness, figures } = recorded;
     let report = RunReport::new(plan::report(&prepared, &planned), runner, verdict, lateness, figures);
     // The verdict is told also where a file has no room; a script gets one value, and then it is the error.
@@ -82,14 +85,14 @@ fn to_files<B: Leased>(
     edges: Edges,
     folder: &Path,
     console: &Console<'_>,
-) -> miette::Result<Recorded> {
+) -> miette::Result<Result<Recorded, DriveError>> {
     let (trace, steps) = (folder.join("trace.vcd"), folder.join("steps.csv"));
     let files = Files::new(&prepared.program, &driven.lines, console::create(&trace)?, console::create(&steps)?)
         .map_err(|error| access("write", folder, error))?;
     record(prepared, planned, driven, Some(files), edges, console)
 }
 
-/// Runs a motion that has been planned, with a progress bar.
+/// Runs a motion that has been planned, with a progress bar. The files of one that does not come to its end are ended there.
 pub(crate) fn record<B: Leased, W: std::io::Write>(
     prepared: &Prepared,
     planned: &[Planned],
@@ -97,15 +100,18 @@ pub(crate) fn record<B: Leased, W: std::io::Write>(
     files: Option<Files<W>>,
     edges: Edges,
     console: &Console<'_>,
-) -> miette::Result<Recorded> {
+) -> miette::Result<Result<Recorded, DriveError>> {
     let board = &prepared.program.board;
     let title = format!("{} on {}", file_name(&prepared.file), board.name);
     let drawn = Drawn::of(&prepared.program);
     let mut recorder = Recorder::new(&prepared.program, &drawn, &driven.lines, title, files, &edges)?;
     let bar = console.progress(prepared.end_s(), &human::seconds_to(prepared.end_s(), 6));
     bar.stage("running");
-    driven.run(&mut recorder, |seconds| bar.set(seconds)).map_err(drive_problem)?;
-    Ok(recorder.finish(planned)?)
+    if let Err(error) = driven.run(&mut recorder, |seconds| bar.set(seconds)) {
+        recorder.close()?;
+        return Ok(Err(error));
+    }
+    Ok(Ok(recorder.finish(planned)?))
 }
 
 /// Writes a picture as SVG, or as PNG if the path says so.

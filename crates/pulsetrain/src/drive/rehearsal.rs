@@ -64,10 +64,7 @@ impl What {
     fn session(error: DriveError, seen_s: Option<f64>, first: Option<Failure>) -> What {
         // Where the virtual motors are is nobody's concern.
         let why = if let DriveError::Halted { why, .. } = error { why } else { Box::new(error) };
-        let at_s = match *why {
-            DriveError::QueueTooShort { at_s, .. } | DriveError::TooLate { at_s, .. } => Some(at_s),
-            _ => first.as_ref().map(|first| first.at_s).or(seen_s),
-        };
+        let at_s = why.at_s().or(first.as_ref().map(|first| first.at_s)).or(seen_s);
         // Motors that come to rest as planned only seem to be late then.
         let first = first.filter(|_| matches!(*why, DriveError::Remote(_)));
         What::Session { why, at_s, first }
@@ -185,7 +182,7 @@ mod tests {
 
     /// What is told of an error, where the first step that is not as it should be was due at 0.25 s.
     fn told(why: DriveError) -> (Option<f64>, String) {
-        let halted = why.halted(Whereabouts { motors: Vec::new(), by: Knowledge::Counted });
+        let halted = why.halted(0.3, Whereabouts { motors: Vec::new(), by: Knowledge::Counted });
         let first = Failure { motor: "a".to_owned(), step: 7, at_s: 0.25, fault: Fault::Missing { forward: true } };
         let what = What::session(halted, Some(0.3), Some(first));
         (what.at_s(), what.to_string())
