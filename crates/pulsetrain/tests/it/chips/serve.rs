@@ -873,6 +873,40 @@ mod real {
         assert!(steps == 100 && said.contains("Rehearsed on the virtual Uno: all 1 s: every edge within "), "{said}");
     }
 
+    /// A board that is gone on the way ends a run with exit code 3; why, when and where the motors are is told, and written.
+    #[test]
+    fn a_run_that_is_stopped_says_when_and_where() {
+        let folder = folder("serve-stopped");
+        let path = |name: &str| folder.join(name).display().to_string();
+        let (link, out) = (path("uno"), path("out"));
+        let law = "law.sine = { amplitude = \"25 step\", period = \"1 s\", cycles = 60 }";
+        let file = motion(&folder.join("turn.toml"), 1, law);
+        for json in [false, true] {
+            let (served, _) = Served::new("uno", &["--pty", &link]);
+            let run = Command::new(env!("CARGO_BIN_EXE_pulsetrain"))
+                .args(["run", &file, "--port", &link, "--no-rehearsal", "--out", &out])
+                .args(json.then_some("--json"))
+                .stdout(Stdio::piped())
+                .stderr(Stdio::piped())
+                .spawn()
+                .unwrap();
+            std::thread::sleep(Duration::from_secs(4));
+            drop(served.interrupt());
+            let ended = run.wait_with_output().unwrap();
+            let said = String::from_utf8(ended.stderr).unwrap();
+            assert_eq!(ended.status.code(), Some(Exit::Stopped as i32), "{said}");
+            assert!(said.contains("m2 at "), "{said}");
+            let text = std::fs::read(folder.join("out/report.json")).unwrap();
+            let report: serde_json::Value = serde_json::from_slice(if json { &ended.stdout } else { &text }).unwrap();
+            let stopped = &report["stopped"];
+            assert!(stopped["at_s"].as_f64().is_some_and(|at_s| (0.0..60.0).contains(&at_s)), "{report}");
+            assert_eq!(stopped["motors"][0]["name"], "m2");
+            assert!(stopped["message"].is_string() && stopped["help"].is_string(), "{report}");
+            let steps = std::fs::read_to_string(folder.join("out/steps.csv")).unwrap();
+            assert!(steps.ends_with('\n') && steps.lines().count() > 10, "steps up to there are written");
+        }
+    }
+
     /// A move of a day that a host has left behind: a run says at once what it waits for, ends its wait when it is told to, and leaves the
     /// move to whoever stops it.
     #[test]
