@@ -1,8 +1,8 @@
 //! A motion's session with the virtual Uno, played before a real one is sent anything: each edge of its pins against the law, and what the
 //! board and the session themselves say.
 //!
-//! The planner's limits are of segments that are streamed in one go. Whether what comes next fits the board's queue, and is there in time, for
-//! these motors at these moments, nobody adds up: it is tried, as for what is baked.
+//! The planner holds steps, segments and the line against limits (`pulsetrain_plan::line`). What an Uno's one core does beside its steps, for these
+//! motors at these moments, no limit has: it is tried, as for what is baked.
 //!
 //! Only for an Uno, whose queues hold 400 bytes in all and whose one core does everything. A Pico has 32 kB of them, and its pins are timed by
 //! state machines.
