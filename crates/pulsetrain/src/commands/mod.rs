@@ -76,9 +76,8 @@ pub(crate) fn run_problem(error: DriveError, plan: PlanReport, runner: String, f
     let help = problem.help().map_or_else(String::new, |help| help.to_string());
     let stopped = Stopped { help: help.clone(), ..stopped };
     let report = Box::new(StoppedReport { plan, runner, stopped });
-    let written = console::json(&report).and_then(|text| {
-        Ok(console::write(&folder.join("report.json"), format!("{text}\n").as_bytes())?)
-    });
+    let written = console::json(&report)
+        .and_then(|text| Ok(console::write(&folder.join("report.json"), format!("{text}\n").as_bytes())?));
     written.err().unwrap_or_else(|| RunStopped { report, help }.into())
 }
 

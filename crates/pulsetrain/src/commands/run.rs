@@ -58,9 +58,8 @@ pub(crate) fn run(args: &Run, console: &mut Console<'_>) -> miette::Result<Exit>
             (to_files(&prepared, &planned, driven, Edges::default(), &folder, console)?, "native".to_owned())
         }
     };
-    let recorded = recorded.map_err(|error| {
-        run_problem(error, plan::report(&prepared, &planned), runner.clone(), &folder)
-    })?;
+    let recorded =
+        recorded.map_err(|error| run_problem(error, plan::report(&prepared, &planned), runner.clone(), &folder))?;
     let Recorded { verdict, picture, lateness, figures } = recorded;
     let report = RunReport::new(plan::report(&prepared, &planned), runner, verdict, lateness, figures);
     // The verdict is told also where a file has no room; a script gets one value, and then it is the error.
