@@ -879,9 +879,10 @@ mod real {
         let folder = folder("serve-stopped");
         let path = |name: &str| folder.join(name).display().to_string();
         let (link, out) = (path("uno"), path("out"));
-        let law = "law.sine = { amplitude = \"25 step\", period = \"1 s\", cycles = 60 }";
+        let law = "law.sine = { amplitude = \"200 step\", period = \"1 s\", cycles = 60 }";
         let file = motion(&folder.join("turn.toml"), 1, law);
         for json in [false, true] {
+            let _ = std::fs::remove_file(folder.join("out/steps.csv"));
             let (served, _) = Served::new("uno", &["--pty", &link]);
             let run = Command::new(env!("CARGO_BIN_EXE_pulsetrain"))
                 .args(["run", &file, "--port", &link, "--no-rehearsal", "--out", &out])
@@ -890,7 +891,10 @@ mod real {
                 .stderr(Stdio::piped())
                 .spawn()
                 .unwrap();
-            std::thread::sleep(Duration::from_secs(4));
+            // The first steps are written: the motor is on its way.
+            while std::fs::metadata(folder.join("out/steps.csv")).map_or(0, |file| file.len()) == 0 {
+                std::thread::yield_now();
+            }
             drop(served.interrupt());
             let ended = run.wait_with_output().unwrap();
             let said = String::from_utf8(ended.stderr).unwrap();
