@@ -24,7 +24,7 @@ pub(crate) enum Outcome {
     Broken(String),
 }
 
-/// What `plan` and `run` say with exit codes 0 and 1, and with 2.
+/// What `plan` and `run` say with exit codes 0, 1 and 3, and with 2.
 enum Said {
     Report(Value),
     Refusal(String),
@@ -70,6 +70,10 @@ pub(crate) fn ran(plan: &Value, ended: &Ended) -> Outcome {
             Outcome::Broken(format!("exit code 1 with a verdict of PASS: steps lost {lost}, added {extra}"))
         }
         Some(1) => Outcome::Broken(format!("run: {}", failure(verdict))),
+        Some(3) => Outcome::Broken(match report["stopped"]["message"].as_str() {
+            Some(message) => format!("run, stopped: {message}"),
+            None => "run: exit code 3, and it does not say what stopped it".to_owned(),
+        }),
         code => Outcome::Broken(format!("run: exit code {code:?} with a report")),
     }
 }
