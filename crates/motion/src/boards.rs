@@ -44,8 +44,11 @@ pub struct BoardRow {
 /// How plans come to a board over its line while motors move.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LineRow {
-    /// From an item's leaving its queue to a lease that counts on what came in its place, without the time on the line, µs.
+    /// From an item's leaving its queue to a lease that counts on what came in its place, without the time on the line, µs: of a board that has had
+    /// nothing to read.
     pub delay_us: u32,
+    /// So much longer it is for each byte of plans that the board has had to read in the last 10 ms, µs.
+    pub delay_byte_us: u32,
     /// What the line brings meanwhile beside that item, bytes.
     pub delay_bytes: u32,
     /// What the line brings beside plans, bytes/s: extensions of the lease, and questions.
@@ -172,7 +175,8 @@ impl BoardRow {
             return self.board.min_interval_ticks.iter().enumerate().map(of).collect();
         };
         let hz = self.board.tick_hz;
-        let pulse = DriverTiming::longest(motors).ticks(hz).pulse_high;
+        let timing = DriverTiming::longest(motors).ticks(hz);
+        let pulse = timing.pulse_high;
         let shares = shares_dir(motors);
         let is_pair = |count: usize| count == 2 && motors.len() == 2 && kind == PinKind::PortD;
         let of = |(count, by_pulse): (usize, &[u32; PULSES])| {
@@ -187,7 +191,7 @@ impl BoardRow {
             };
             // One after the other, whose steps are worked out one by one in any case.
             let shared = if shares { SHARED_STEP_TICKS * count as u32 } else { 0 };
-            let edges = if pulse > LONGEST_OWN_PULSE { long.shortest_interval(pulse) } else { 0 };
+            let edges = long.shortest_interval(pulse, timing.pulse_low);
             own.max(shared).max(edges)
         };
         let by_count = if kind == PinKind::Compare { &rates.by_compare[..] } else { &rates.by_software[..] };
@@ -305,6 +309,8 @@ const GROUPS_APART_BESIDE_TICKS: [u32; 2] = [96, 171];
 struct LongPulse {
     /// By what it is longer than it was asked for, ticks.
     more: u32,
+    /// So late its end may be, ticks.
+    late: u32,
     /// From its end to the next step at least, ticks.
     apart: u32,
     /// Whether its steps are ever worked out together.
@@ -317,14 +323,15 @@ impl LongPulse {
         let [alone, moved] = PULSE_LATE_TICKS;
         if kind == PinKind::Compare {
             let apart = GROUPS_APART_BESIDE_TICKS[usize::from(motors > 1)];
-            return LongPulse { more: 0, apart, together: false };
+            return LongPulse { more: 0, late: 0, apart, together: false };
         }
         if is_pair {
-            return LongPulse { more: moved, apart: GROUPS_APART_BESIDE_TICKS[0], together: true };
+            return LongPulse { more: moved, late: moved, apart: GROUPS_APART_BESIDE_TICKS[0], together: true };
         }
         let apart = GROUPS_APART_TICKS[usize::from(kind == PinKind::Shield)];
         // Merged, its second edge may be early.
-        LongPulse { more: if motors > 1 { moved + apart } else { alone }, apart, together: true }
+        let (more, late) = if motors > 1 { (moved + apart, moved) } else { (alone, alone) };
+        LongPulse { more, late, apart, together: true }
     }
 
     /// The longest that is worked out together with those of other steps, ticks: what is made of it fits 8 bits. The compare
@@ -333,9 +340,15 @@ impl LongPulse {
         if self.together { u64::from(u8::MAX) - u64::from(self.more) } else { LONGEST_OWN_PULSE }
     }
 
-    /// From step to step at least, ticks, with the margin of the table's limits.
-    fn shortest_interval(&self, pulse: u64) -> u32 {
-        let ticks = u32::try_from(pulse).unwrap_or(u32::MAX).saturating_add(self.more + self.apart);
+    /// From step to step at least, ticks, with the margin of the table's limits: the pulse as it is made, and what must be between it and the next.
+    fn shortest_interval(&self, pulse: u64, low: u64) -> u32 {
+        let [pulse, low] = [pulse, low].map(|ticks| u32::try_from(ticks).unwrap_or(u32::MAX));
+        let low = low.saturating_add(self.late);
+        let ticks = if u64::from(pulse) > LONGEST_OWN_PULSE {
+            pulse.saturating_add(self.more).saturating_add(low.max(self.apart))
+        } else {
+            low.saturating_add(LONGEST_OWN_PULSE as u32)
+        };
         ticks.saturating_add(ticks.div_ceil(40))
     }
 }
@@ -387,9 +400,15 @@ fn uno() -> BoardRow {
         queue_bytes: vec![rates.queues + 256, rates.queues / 2, rates.queues / 3, rates.queues / 4],
         horizon_ticks: rates.horizon,
         lateness_ticks: rates.lateness,
-        // Fitted to random motions (`cargo xtask accept --board uno`, at 1 000 000 and at 115 200 baud). Most of those that were stopped since a
-        // queue ran short had less than this in it; about one in a hundred of those that ran had less, too.
-        line: Some(LineRow { delay_us: 19_400, delay_bytes: 240, other_bytes_per_s: 1_500, frame_share: 1.2 }),
+        // Fitted to 2700 random motions (`cargo xtask accept --board uno`, at 1 000 000 and at 115 200 baud), none of which was refused for its line. Of
+        // those that were stopped since a queue ran short all had 1.5 ms less than this in it, or still less; of those that ran one in two hundred.
+        line: Some(LineRow {
+            delay_us: 7_000,
+            delay_byte_us: 100,
+            delay_bytes: 130,
+            other_bytes_per_s: 1_500,
+            frame_share: 1.2,
+        }),
         note: "one or two motors with STEP on pins 9 and 10 are timed by the compare hardware: no lateness",
         pins: 0..=19,
         reserved: &[(0..=1, "D0 and D1 are the serial line to the computer")],
@@ -463,7 +482,13 @@ fn pico() -> BoardRow {
         horizon_ticks: 300_000 + 2 * 62_503,
         lateness_ticks: 0,
         // A guess: no random motion was short of plan on a Pico. The processor's limit comes first.
-        line: Some(LineRow { delay_us: 15_000, delay_bytes: 130, other_bytes_per_s: 1_500, frame_share: 1.2 }),
+        line: Some(LineRow {
+            delay_us: 15_000,
+            delay_byte_us: 0,
+            delay_bytes: 130,
+            other_bytes_per_s: 1_500,
+            frame_share: 1.2,
+        }),
         note: "edges come from PIO state machines fed by DMA: exact to the tick. STEP and DIR of a motor are neighbours, and so \
                are IN1 to IN4 of a ULN2003 (GP26 is next to GP22); 3.3 V outputs",
         pins: 0..=28,

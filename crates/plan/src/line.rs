@@ -3,6 +3,8 @@
 //! A board's queues hold a part of a plan; the rest comes while the motors move. A session fills a queue as items leave it, those of the
 //! motor that is known least far first. So each item has a time at which it can be with the board, which is worked out here, and one at which it
 //! must be there: when the motor has made the last step that the board knew of, as the lease must not end before it is put off.
+//!
+//! From the one to the other it takes a delay, which is longer the more the board has had to read of late: see [`LineRow`](boards::LineRow).
 
 use crate::Move;
 use crate::error::PlanError;
@@ -16,6 +18,8 @@ use std::collections::VecDeque;
 pub const AHEAD_MS: u64 = 500;
 /// One in so many bytes of a queue is kept free by a session, for a change.
 pub const KEPT: usize = 8;
+/// What a board has had to read in so many ms makes its answers late.
+const BUSY_MS: u64 = 10;
 /// Bits of a byte on the line.
 const BITS: f64 = 10.0;
 
@@ -28,8 +32,13 @@ pub struct Line {
     pub queue_bytes: usize,
     /// What a byte of a plan takes on the line with its share of all frames, ticks.
     pub byte_ticks: f64,
-    /// From an item's leaving the queue to a lease that counts on what came in its place, ticks, without the time on the line.
+    /// From an item's leaving the queue to a lease that counts on what came in its place, ticks, without the time on the line, of a board that had
+    /// nothing to read.
     pub delay_ticks: f64,
+    /// So much longer it is for each byte of plans in [`busy_ticks`](Line::busy_ticks), ticks.
+    pub delay_byte_ticks: f64,
+    /// See there.
+    pub busy_ticks: u64,
     /// So far ahead of its time a session hands an item over, ticks.
     pub ahead_ticks: f64,
 }
@@ -49,6 +58,8 @@ impl Line {
             byte_ticks: tick_hz as f64 * line.frame_share / bytes_per_s,
             delay_ticks: tick_hz as f64
                 * (f64::from(line.delay_us) * 1e-6 + f64::from(line.delay_bytes) * BITS / f64::from(baud)),
+            delay_byte_ticks: tick_hz as f64 * f64::from(line.delay_byte_us) * 1e-6,
+            busy_ticks: BUSY_MS * tick_hz / 1000,
             ahead_ticks: (AHEAD_MS * tick_hz / 1000) as f64,
         })
     }
@@ -59,6 +70,9 @@ impl Line {
 pub struct Supply {
     line: Line,
     lanes: Vec<Lane>,
+    /// Ticks and bytes of the items that the board has had to read of late, and bytes of all of them.
+    recent: VecDeque<(u64, usize)>,
+    recent_bytes: usize,
     /// When the line has brought all that was added, ticks.
     brought: f64,
     /// Since when it has had no pause, and what it has brought since.
@@ -81,7 +95,15 @@ impl Supply {
     pub fn new<'s>(line: Line, motors: impl IntoIterator<Item = &'s Settings>) -> Supply {
         let lane = |settings| Lane { meter: Meter::new(settings), items: VecDeque::new(), held: 0 };
         let lanes = motors.into_iter().map(lane).collect();
-        Supply { line, lanes, brought: f64::NEG_INFINITY, busy_since: 0.0, busy_bytes: 0 }
+        Supply {
+            line,
+            lanes,
+            recent: VecDeque::new(),
+            recent_bytes: 0,
+            brought: f64::NEG_INFINITY,
+            busy_since: 0.0,
+            busy_bytes: 0,
+        }
     }
 
     /// Adds a move of a motor that begins at tick `from`: of the motor that is least far.
@@ -89,7 +111,7 @@ impl Supply {
     /// # Errors
     /// If the board would not know of it in time.
     pub fn add(&mut self, motor: usize, next: &Move, from: u64) -> Result<(), PlanError> {
-        let Line { tick_hz, queue_bytes, byte_ticks, delay_ticks, ahead_ticks } = self.line;
+        let Line { tick_hz, queue_bytes, byte_ticks, ahead_ticks, .. } = self.line;
         let lane = &mut self.lanes[motor];
         let before = lane.meter.bytes();
         lane.meter.add(next);
@@ -103,6 +125,7 @@ impl Supply {
         }
         lane.held += bytes;
         lane.items.push_back((bytes, from));
+        let delay_ticks = self.delay_ticks(from, bytes);
         // What there is room for before the motors move is with the board by then.
         let Some(left) = left else { return Ok(()) };
         let (left, due) = (left as f64, from as f64);
@@ -129,6 +152,20 @@ impl Supply {
             PlanError::QueueTooShort { at_s, held_s: (due - left) / hz, needed_s: (waited + delay_ticks) / hz }
         })
     }
+
+    /// The delay of an item that begins at tick `from`, which is one more to read.
+    fn delay_ticks(&mut self, from: u64, bytes: usize) -> f64 {
+        let Line { delay_ticks, delay_byte_ticks, busy_ticks, .. } = self.line;
+        self.recent.push_back((from, bytes));
+        self.recent_bytes += bytes;
+        while let Some((at, len)) = self.recent.front().copied()
+            && at + busy_ticks <= from
+        {
+            self.recent.pop_front();
+            self.recent_bytes -= len;
+        }
+        delay_ticks + self.recent_bytes as f64 * delay_byte_ticks
+    }
 }
 
 #[cfg(test)]
@@ -140,7 +177,8 @@ mod tests {
     const SECOND: u64 = 16_000_000;
 
     fn line(queue_bytes: usize, byte_ticks: f64, delay_ticks: f64) -> Line {
-        Line { tick_hz: SECOND, queue_bytes, byte_ticks, delay_ticks, ahead_ticks: SECOND as f64 }
+        let (busy_ticks, ahead_ticks) = (SECOND / 100, SECOND as f64);
+        Line { tick_hz: SECOND, queue_bytes, byte_ticks, delay_ticks, delay_byte_ticks: 0.0, busy_ticks, ahead_ticks }
     }
 
     fn steps(interval: i64) -> Move {
@@ -167,16 +205,21 @@ mod tests {
     proptest! {
         #[test]
         fn what_comes_in_time_is_accepted_and_nothing_else(
-            queue in 40usize..200, byte in 100.0f64..2000.0, delay_ms in 1.0f64..40.0, ticks in 5_000u64..200_000, motors in 1usize..4,
+            queue in 40usize..200, byte in 100.0f64..2000.0, delay_ms in 1.0f64..40.0, more in 0.0f64..3000.0, ticks in 5_000u64..200_000,
+            motors in 1usize..4,
         ) {
             let delay = delay_ms * 1e-3 * SECOND as f64;
-            let line = line(queue, byte, delay);
+            let line = Line { delay_byte_ticks: more, ..line(queue, byte, delay) };
             let (bytes, added) = added(line, motors, ticks);
+            // So many bytes of all motors are in as many ticks.
+            let read = (motors * bytes) as f64 * more;
+            let busy = (line.busy_ticks / ticks) as f64;
+            let (delay, least) = (delay + (busy + 1.0) * read, delay + busy * read);
             let held = (queue / bytes) as f64 * ticks as f64;
             let all = motors as f64 * bytes as f64 * byte;
             // A line that brings less than is wanted falls behind without end; one that brings more is a little behind only while the items of a step
             // come one after the other.
-            let (surely, never) = (all < 0.99 * ticks as f64 && held > delay + all, all > 1.01 * ticks as f64 || held < delay);
+            let (surely, never) = (all < 0.99 * ticks as f64 && held > delay + all, all > 1.01 * ticks as f64 || held < least);
             match added {
                 Ok(()) => prop_assert!(!never, "{bytes} bytes, held for {held}, {all} for each step"),
                 Err(error) => {

@@ -49,9 +49,9 @@ pub enum DriveError {
         /// How much later the host looked after the board again, s.
         late_s: f64,
     },
-    /// The board's queue does not hold what is to be told at once.
+    /// A queue of the board ran short, or does not hold what a plan begins with.
     #[error(
-        "motor {motor} at {at_s:.3} s: what comes next takes {needed} bytes of its queue of {capacity}, where {room} are free by then"
+        "at {at_s:.3} s the board's queue for motor {motor}, which takes {capacity} bytes, was used up before more of the plan could be there"
     )]
     QueueTooShort {
         /// Whose.
@@ -62,10 +62,6 @@ pub enum DriveError {
         capacity: usize,
         /// Of each motor's queue with 1, 2, … motors, by the table of boards.
         queue_bytes: Vec<u32>,
-        /// Bytes of the packed plan, or items of the native board.
-        needed: usize,
-        /// In the same unit.
-        room: usize,
     },
     /// The board dropped steps: a fault of the planner or the board, not of the motion.
     #[error("motor {motor} missed steps on the board `{board}`; please report this motion file")]
@@ -123,9 +119,9 @@ impl DriveError {
         match error {
             SessionError::Lost(error) => DriveError::Remote(error),
             SessionError::Stopped { motor, at_s, late_s } => DriveError::TooLate { motor: name(motor), at_s, late_s },
-            SessionError::QueueTooShort { motor, at_s, capacity, needed, room } => {
+            SessionError::QueueTooShort { motor, at_s, capacity } => {
                 let queue_bytes = boards::find(&program.board.name).map_or_else(Vec::new, |row| row.queue_bytes);
-                DriveError::QueueTooShort { motor: name(motor), at_s, capacity, queue_bytes, needed, room }
+                DriveError::QueueTooShort { motor: name(motor), at_s, capacity, queue_bytes }
             }
             error => DriveError::Session(error),
         }

@@ -64,9 +64,9 @@ pub enum SessionError {
     /// Nothing can be said to the board any more.
     #[error("the motion could not go on, so the motors brake: {0}")]
     Lost(RemoteError),
-    /// The board's queue does not hold what is to be told at once.
+    /// A queue of the board ran short, or does not hold what a plan begins with.
     #[error(
-        "motor {motor} at {at_s:.3} s: what comes next takes {needed} of its queue of {capacity}, where {room} are free by then"
+        "at {at_s:.3} s the board's queue for motor {motor}, which takes {capacity}, was used up before more of the plan could be there"
     )]
     QueueTooShort {
         /// Index of the motor in the program.
@@ -75,10 +75,6 @@ pub enum SessionError {
         at_s: f64,
         /// Room in the empty queue.
         capacity: usize,
-        /// Items or bytes, as the board's queue is measured.
-        needed: usize,
-        /// In the same unit.
-        room: usize,
     },
     /// The motion leaves no room for a pause, or for going on.
     #[error(transparent)]

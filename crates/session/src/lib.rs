@@ -38,7 +38,7 @@ use pulsetrain_core::lease::Cause;
 use pulsetrain_motion::program::Program;
 use pulsetrain_plan::line::{AHEAD_MS, KEPT};
 use pulsetrain_plan::{Certificate, Origin, Start};
-use stream::{Short, Stream};
+use stream::Stream;
 use timeline::{Step, Timeline};
 
 /// So long after the last step a board may take to say that its motors rest, s.
@@ -64,7 +64,7 @@ pub struct Session<'a, B> {
     capacity: Vec<usize>,
     /// The motor that was known least far when the queues were filled last, and what there was no room for.
     least: usize,
-    short: Option<Short>,
+    short: Option<usize>,
     /// When that was.
     filled: u64,
     /// Nothing more is to be sent, since when the motors brake, if they do.
@@ -326,8 +326,8 @@ impl<'a, B: Leased> Session<'a, B> {
         }
     }
 
-    fn too_short(&self, short: Short, at: u64) -> SessionError {
-        too_short(short, &self.capacity, at.saturating_sub(self.stream.zero()), &self.pace)
+    fn too_short(&self, motor: usize, at: u64) -> SessionError {
+        too_short(motor, &self.capacity, at.saturating_sub(self.stream.zero()), &self.pace)
     }
 
     /// The motors brake from tick `at` on.
@@ -627,10 +627,9 @@ fn counts(timelines: &[Timeline]) -> Vec<i64> {
     timelines.iter().filter_map(|timeline| timeline.count_before(u64::MAX)).collect()
 }
 
-fn too_short(short: Short, capacity: &[usize], ticks: u64, pace: &Pace) -> SessionError {
-    let Short { motor, needed, room } = short;
+fn too_short(motor: usize, capacity: &[usize], ticks: u64, pace: &Pace) -> SessionError {
     let capacity = capacity.get(motor).copied().unwrap_or(0);
-    SessionError::QueueTooShort { motor, at_s: ticks as f64 / pace.tick_hz as f64, capacity, needed, room }
+    SessionError::QueueTooShort { motor, at_s: ticks as f64 / pace.tick_hz as f64, capacity }
 }
 
 /// The beginning of a plan, in the board's queues.

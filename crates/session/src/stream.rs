@@ -49,21 +49,13 @@ pub(crate) struct Place {
     pub(crate) speed: f64,
 }
 
-/// An item for which a queue has no room.
-#[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct Short {
-    pub(crate) motor: usize,
-    pub(crate) needed: usize,
-    pub(crate) room: usize,
-}
-
 /// How far a plan was handed over.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Handed {
     /// There may be more to hand over at once.
     pub(crate) more: bool,
     /// The motor that is known least far, if it is since its queue is full.
-    pub(crate) short: Option<Short>,
+    pub(crate) short: Option<usize>,
 }
 
 /// Items that are handed over at once, of each motor: then the lease is put off.
@@ -157,21 +149,28 @@ impl<'a> Stream<'a> {
         until: u64,
     ) -> Result<Handed, SessionError> {
         let fraction_bits = self.program.board.fraction_bits;
-        let mut full = vec![None; self.lanes.len()];
+        let mut full = vec![false; self.lanes.len()];
         for _ in 0..PORTION * self.lanes.len() {
-            let open = (0..self.lanes.len()).filter(|motor| full[*motor].is_none() && !self.lanes[*motor].is_told());
+            let open = (0..self.lanes.len()).filter(|motor| !full[*motor] && !self.lanes[*motor].is_told());
             let Some(motor) = open.min_by_key(|motor| self.lanes[*motor].accumulator) else {
-                return Ok(Handed { more: false, short: self.known().and_then(|(_, motor)| full[motor]) });
+                return Ok(Handed {
+                    more: false,
+                    short: self.known().map(|(_, motor)| motor).filter(|motor| full[*motor]),
+                });
             };
             if tick_of(self.lanes[motor].accumulator, fraction_bits) >= until {
-                return Ok(Handed { more: false, short: self.known().and_then(|(_, motor)| full[motor]) });
+                return Ok(Handed {
+                    more: false,
+                    short: self.known().map(|(_, motor)| motor).filter(|motor| full[*motor]),
+                });
             }
             let Some(item) = self.next_item(motor)? else { continue };
             let lane = &mut self.lanes[motor];
             let mut sizer = lane.sizer;
-            let (needed, room) = (sizer.size(&item), board.room(motor));
-            if room < needed + kept[motor] || board.push(motor, Entry { epoch: self.epoch, item }).is_err() {
-                full[motor] = Some(Short { motor, needed, room });
+            if board.room(motor) < sizer.size(&item) + kept[motor]
+                || board.push(motor, Entry { epoch: self.epoch, item }).is_err()
+            {
+                full[motor] = true;
                 continue;
             }
             let placed = Placed { start: lane.accumulator, item };

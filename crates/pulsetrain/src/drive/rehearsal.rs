@@ -196,15 +196,12 @@ mod tests {
         // They have their times already.
         let (at_s, said) = told(DriveError::TooLate { motor: "a".to_owned(), at_s: 0.24, late_s: 0.01 });
         assert!(at_s == Some(0.24) && said.contains("at 0.240 s") && !said.contains("t ="), "{said}");
-        let short = DriveError::QueueTooShort {
-            motor: "b".to_owned(),
-            at_s: 0.5,
-            capacity: 99,
-            queue_bytes: Vec::new(),
-            needed: 70,
-            room: 60,
-        };
+        let short =
+            DriveError::QueueTooShort { motor: "b".to_owned(), at_s: 0.5, capacity: 99, queue_bytes: Vec::new() };
         let (at_s, said) = told(short);
-        assert!(at_s == Some(0.5) && said.starts_with("motor b at 0.500 s") && !said.contains("t ="), "{said}");
+        assert!(
+            at_s == Some(0.5) && said.contains("at 0.500 s") && said.contains("motor b") && !said.contains("t ="),
+            "{said}"
+        );
     }
 }

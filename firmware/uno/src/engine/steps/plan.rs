@@ -12,7 +12,8 @@
 //! it at least. The step is then committed: no switch takes it back.
 //!
 //! # Cycles
-//! 30 a batch; 85 where the limit is looked at, 120 where a switch waits too; 110 and 190 where intervals are; 250 to 400 for one thing.
+//! 30 a batch; 85 where the limit is looked at, 120 where a switch waits too; 110 where intervals are, and 35 more for each halving; 250 to 400 for
+//! one thing.
 
 use super::brake::{STATE, state};
 use super::motor::{EVEN, Motor, PARTS, Part, Reason, Switch, flag};
@@ -233,7 +234,7 @@ plan_fast:
     cp r22, r18
     cpc r23, r19
     brsh plan_slow_up
-1:  // How far the interval may go up or down within 31 steps: 31 |add| + 465 |add2|, for which 32 and 512 are taken.
+1:  // How far the interval may go up or down within 31 steps: 31 |add| + 465 |add2|. r18:19 is 32 |add|, r20:21 512 |add2|.
     ldd r18, Y+{ADD}+1
     ldd r19, Y+{ADD}+2
     ldd r24, Y+{ADD}+3
@@ -263,35 +264,36 @@ plan_fast:
     .endr
     lsl r20
     rol r21
-    add r18, r20
-    adc r19, r21
-    subi r18, -4
-    sbci r19, -1
     ldi r26, 31
-2:  movw r24, r22
-    add r24, r18                        // the longest
-    adc r25, r19
+2:  movw r30, r18
+    add r30, r20
+    adc r31, r21
+    adiw r30, 4                         // what is left out of them
+    movw r24, r22
+    add r24, r30                        // the longest
+    adc r25, r31
     cpi r25, 0x40
     brsh 3f
-    movw r30, r22
-    sub r30, r18                        // the shortest
-    sbc r31, r19
-    brcs 3f
+    sub r30, r22
+    sbc r31, r23
+    brcc 3f
+    com r31                             // the shortest
+    neg r30
+    sbci r31, 0xff
     lds r0, steps_times+{FASTEST}
     cp r30, r0
     lds r0, steps_times+{FASTEST}+1
     cpc r31, r0
     brsh 4f
-    // Too far: 7 steps, whose intervals go a quarter as far at most.
-3:  cpi r26, 7
+    // Too far: half as many, whose intervals go half as far by add, and a quarter as far by add2.
+3:  lsr r26
     breq plan_slow_near
-    ldi r26, 7
-    .rept 2
     lsr r19
     ror r18
+    .rept 2
+    lsr r21
+    ror r20
     .endr
-    subi r18, -1
-    sbci r19, -1
     rjmp 2b
 4:
     // At such rates a ring is full long before the limit.
