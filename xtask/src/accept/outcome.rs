@@ -239,7 +239,7 @@ mod tests {
     #[test]
     fn what_stops_is_broken() {
         let message = "at 0.275 s the board's queue for motor a, which takes 94 bytes, was used up";
-        let report = json!({ "motors": [], "stopped": { "message": message } }).to_string();
+        let report = format!(r#"{{"motors": [], "stopped": {{"message": "{message}"}}}}"#);
         assert_eq!(of_run(3, &report), broken(&format!("run, stopped: {message}")));
         assert_eq!(of_run(2, &error(message)), broken(&format!("run: {message}")));
         assert_eq!(of_run(3, &error(message)), broken(&format!("run, exit code Some(3): {message}")));
