@@ -291,7 +291,7 @@ fn word_turn_ticks(motors: &[Motor], hz: u64) -> u32 {
 }
 
 /// What a step takes on an Uno whose motors share a DIR line, ticks.
-const SHARED_STEP_TICKS: u32 = 2_400;
+const SHARED_STEP_TICKS: u32 = 2_800;
 
 /// The longest pulse that an Uno's interrupt makes by itself, ticks. The end of a longer one is a match of its own.
 const LONGEST_OWN_PULSE: u64 = 31;
