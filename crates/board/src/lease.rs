@@ -97,8 +97,9 @@ pub trait Leased: Board {
 
     /// Puts the end of the lease off, or earlier, and gives the motors other limits, if there are any.
     ///
-    /// A board at the end of a cable is sent it behind all items that were pushed, and nobody waits for it: until the board has said that it was
-    /// accepted, it is [`unconfirmed`](Leased::unconfirmed), and [`lease`](Leased::lease) stays what it was. If that stays so then, it was refused.
+    /// A board at the end of a cable is sent it behind all items that were pushed, and nobody waits for it: until the board has said what became of
+    /// it, it is one of those that are [on their way](Leased::extending), and [`lease`](Leased::lease) stays what it was. If that stays so then, it
+    /// was refused. Of several that are on their way the board may refuse one and accept the next.
     ///
     /// # Errors
     /// All motors or none. A board at the end of a cable: what is known without asking it.
@@ -117,12 +118,17 @@ pub trait Leased: Board {
     /// How long the plan holds, as far as the board has confirmed it.
     fn lease(&self) -> LeaseState;
 
-    /// An extension that is on its way: the plan holds so long, or as [`lease`](Leased::lease) says. At most one is. A board that
-    /// answers at once has none.
+    /// The last extension that is on its way: the plan holds so long, or as [`lease`](Leased::lease) says, or as an extension before it. A board
+    /// that answers at once has none.
     fn unconfirmed(&self) -> Option<Lease> {
         None
     }
 
-    /// Waits until the board has said what became of it, or is lost. Another extension, a switch and a trim wait by themselves.
-    fn await_extension(&mut self) {}
+    /// How many extensions are on their way.
+    fn extending(&self) -> usize {
+        0
+    }
+
+    /// Waits until the board has said what became of them, or is lost. A switch and a trim wait by themselves.
+    fn await_extensions(&mut self) {}
 }

@@ -186,10 +186,10 @@ pub struct Link {
     refused: Option<(Reason, u16)>,
     /// The board's, as far as it is known.
     accepted: u8,
-    /// The extension whose fate is not known.
-    extending: Option<u8>,
-    /// The fate of the one before.
-    extended: Option<bool>,
+    /// The extensions whose fate is not known, oldest first.
+    extending: VecDeque<u8>,
+    /// The fate of those before.
+    extended: VecDeque<bool>,
     events: VecDeque<Event>,
     info: Option<Info>,
     baud: Baud,
@@ -228,8 +228,8 @@ impl Link {
             free: Vec::new(),
             refused: None,
             accepted: 0,
-            extending: None,
-            extended: None,
+            extending: VecDeque::new(),
+            extended: VecDeque::new(),
             events: VecDeque::new(),
             info: None,
             baud: Baud::B115200,
@@ -331,9 +331,8 @@ impl Link {
     /// [`Command::Extend`].
     ///
     /// # Panics
-    /// While [another](Link::is_extending) is on its way, or with limits for more than 8 motors.
+    /// With limits for more than 8 motors.
     pub fn extend(&mut self, lease: Lease, limits: &[u8], now: Duration) {
-        assert!(self.extending.is_none(), "one extension at a time");
         self.begin_to_wait(now);
         if self.next_seq == self.accepted {
             // The board would tell that number if it refused it, too.
@@ -342,34 +341,36 @@ impl Link {
         }
         let (seq, bytes) = self.frame(&Command::Extend { lease, limits }, self.tag);
         self.row.push_back(Frame { seq, fills: None, bytes });
-        (self.extending, self.extended) = (Some(seq), None);
+        self.extending.push_back(seq);
     }
 
-    /// Whether it is not known what became of an extension.
+    /// Of how many extensions it is not known what became of them.
     #[must_use]
-    pub const fn is_extending(&self) -> bool {
-        self.extending.is_some()
+    pub fn extending(&self) -> usize {
+        self.extending.len()
     }
 
-    /// Whether the last extension was accepted, once it is known; once.
-    pub const fn extended(&mut self) -> Option<bool> {
-        self.extended.take()
+    /// Whether the oldest extension that was not asked for yet was accepted, once it is known; once. One that was refused before another that was
+    /// accepted counts as accepted: the other took its place.
+    pub fn extended(&mut self) -> Option<bool> {
+        self.extended.pop_front()
     }
 
-    /// What becomes of the extension that is on its way is not to be looked at: something behind it will be accepted, or there is no
+    /// What becomes of the extensions that are on their way is not to be looked at: something behind them will be accepted, or there is no
     /// lease any more.
-    pub const fn forget_extension(&mut self) {
-        (self.extending, self.extended) = (None, None);
+    pub fn forget_extensions(&mut self) {
+        self.extending.clear();
+        self.extended.clear();
     }
 
-    /// Takes back data and an extension that were never sent.
+    /// Takes back data and extensions that were never sent.
     ///
     /// # Panics
     /// While a command waits for its answer: it may be among them.
     pub fn withdraw(&mut self) {
         assert!(self.asked.is_none(), "a question is not withdrawn");
         for frame in self.row.drain(self.ever_sent..) {
-            self.extending = self.extending.filter(|seq| *seq != frame.seq);
+            self.extending.retain(|seq| *seq != frame.seq);
             self.next_seq = self.next_seq.wrapping_sub(1);
         }
     }
@@ -386,20 +387,24 @@ impl Link {
         let unsent = self.row.len() - self.ever_sent;
         let newest = self.next_seq.wrapping_sub(1).wrapping_sub(unsent as u8);
         let is_unsent = |seq: u8| self.row.iter().skip(self.ever_sent).any(|frame| frame.seq == seq);
-        // An answer that comes before the extension went out does not tell its fate.
-        let Some(seq) = self.extending.filter(|seq| !is_unsent(*seq)) else {
+        // An answer that comes before an extension went out does not tell its fate.
+        let Some(oldest) = self.extending.front().copied().filter(|seq| !is_unsent(*seq)) else {
             if last == newest {
                 self.accepted = accepted;
             }
             return;
         };
-        let since = |number: u8| number.wrapping_sub(seq);
-        // It is older than the extension.
+        let since = |number: u8| number.wrapping_sub(oldest);
+        // It is older than all extensions.
         if since(last) > since(newest) {
             return;
         }
         self.accepted = accepted;
-        (self.extending, self.extended) = (None, Some(accepted == seq));
+        let known = self.extending.iter().take_while(|seq| since(**seq) <= since(last)).count();
+        let mut known: Vec<u8> = self.extending.drain(..known).collect();
+        let taken = known.iter().rposition(|seq| *seq == accepted).map_or(0, |index| index + 1);
+        let refused = known.split_off(taken).len();
+        self.extended.extend(std::iter::repeat_n(true, taken).chain(std::iter::repeat_n(false, refused)));
     }
 
     /// How many frames wait to be sent, or to be confirmed.
@@ -436,7 +441,7 @@ impl Link {
         if self.error.is_some() {
             return;
         }
-        if self.extending.is_some() && self.asked.is_none() {
+        if !self.extending.is_empty() && self.asked.is_none() {
             // Its frame was confirmed by an answer that does not tell what was accepted.
             self.poll(now);
         }

@@ -378,7 +378,7 @@ pub struct Remote<P> {
     /// As far as the board has confirmed it.
     lease: LeaseState,
     /// An extension on its way, and the limits that it brings.
-    unconfirmed: Option<(Lease, Vec<Limit>)>,
+    unconfirmed: VecDeque<(Lease, Vec<Limit>)>,
     /// How hard each motor brakes.
     limits: Vec<Limit>,
     /// Of the switch that began the lease: when it was accepted, and for which tick.
@@ -437,7 +437,7 @@ impl<P: Port> Remote<P> {
             motors: Vec::new(),
             epoch: Epoch(0),
             lease: LeaseState::Off,
-            unconfirmed: None,
+            unconfirmed: VecDeque::new(),
             limits: Vec::new(),
             leased: (0, 0),
             ahead: 0,
@@ -831,8 +831,8 @@ impl<P: Port> Remote<P> {
             }
             self.events.push(event);
         }
-        if let Some(accepted) = self.link.extended()
-            && let Some((lease, limits)) = self.unconfirmed.take()
+        while let Some(accepted) = self.link.extended()
+            && let Some((lease, limits)) = self.unconfirmed.pop_front()
         {
             match (accepted, self.lease) {
                 // An event of its end was sooner.
@@ -873,7 +873,7 @@ impl<P: Port> Remote<P> {
     ) -> Result<(), SwitchRefused> {
         self.flush();
         self.tell();
-        if self.error.is_some() || self.settle_extension().is_err() {
+        if self.error.is_some() || self.settle_extensions().is_err() {
             return Err(SwitchRefused::Lost);
         }
         let limits: Vec<u8> = limits.iter().copied().flat_map(limit_bytes).collect();
@@ -905,13 +905,14 @@ impl<P: Port> Remote<P> {
 
     /// There is none, and no extension on its way.
     fn end_lease(&mut self) {
-        (self.lease, self.unconfirmed) = (LeaseState::Off, None);
-        self.link.forget_extension();
+        self.lease = LeaseState::Off;
+        self.unconfirmed.clear();
+        self.link.forget_extensions();
     }
 
-    /// Waits until it is known what became of an extension: the board tells only what it accepted last.
-    fn settle_extension(&mut self) -> Result<(), RemoteError> {
-        while self.link.is_extending() {
+    /// Waits until it is known what became of all extensions: the board tells only what it accepted last.
+    fn settle_extensions(&mut self) -> Result<(), RemoteError> {
+        while self.link.extending() > 0 {
             self.round(Duration::MAX)?;
         }
         Ok(())
@@ -1309,7 +1310,7 @@ impl<P: Port> Leased for Remote<P> {
     }
 
     fn extend(&mut self, lease: Lease, limits: &[Limit]) -> Result<(), ExtendRefused> {
-        if self.error.is_some() || self.settle_extension().is_err() {
+        if self.error.is_some() {
             return Err(ExtendRefused::Lost);
         }
         match self.lease {
@@ -1324,7 +1325,7 @@ impl<P: Port> Leased for Remote<P> {
         let bytes: Vec<u8> =
             if limits.is_empty() { Vec::new() } else { all.iter().copied().flat_map(limit_bytes).collect() };
         self.link.extend(told, &bytes, self.port.now());
-        self.unconfirmed = Some((lease, all));
+        self.unconfirmed.push_back((lease, all));
         Ok(())
     }
 
@@ -1334,7 +1335,7 @@ impl<P: Port> Leased for Remote<P> {
         // What is dropped is at the end of the board's queue then.
         self.flush();
         self.tell();
-        if self.error.is_some() || self.settle_extension().is_err() {
+        if self.error.is_some() || self.settle_extensions().is_err() {
             return Err(ExtendRefused::Lost.into());
         }
         let mut lens = Vec::new();
@@ -1389,12 +1390,12 @@ impl<P: Port> Leased for Remote<P> {
         }
         // The board would drop what it has not been sent.
         self.link.withdraw();
-        self.unconfirmed = self.unconfirmed.take().filter(|_| self.link.is_extending());
-        self.link.forget_extension();
+        self.unconfirmed.truncate(self.link.extending());
+        self.link.forget_extensions();
         self.motors.iter_mut().for_each(Motor::forget);
         self.tell();
         let Ok(Answer { reply: Reply::Braked { tick }, .. }) = self.ask(&Command::Brake) else { return None };
-        self.unconfirmed = None;
+        self.unconfirmed.clear();
         match (tick, self.lease) {
             // An event was sooner, and knows the cause.
             (Some(_), LeaseState::Lapsed { .. }) => {}
@@ -1409,13 +1410,17 @@ impl<P: Port> Leased for Remote<P> {
     }
 
     fn unconfirmed(&self) -> Option<Lease> {
-        self.unconfirmed.as_ref().map(|(lease, _)| *lease)
+        self.unconfirmed.back().map(|(lease, _)| *lease)
     }
 
-    fn await_extension(&mut self) {
+    fn extending(&self) -> usize {
+        self.unconfirmed.len()
+    }
+
+    fn await_extensions(&mut self) {
         if self.error.is_none() {
             // An error is kept.
-            let _ = self.settle_extension();
+            let _ = self.settle_extensions();
         }
     }
 }

@@ -6,6 +6,7 @@ use crate::lease::{ExtendRefused, Lease, LeaseState, Leased, TrimRefused};
 use crate::{Board, Edge, Faults, Native, Observer, ScheduledStep, Sizer, StopReport, SwitchRefused};
 use pulsetrain_core::braking::Limit;
 use pulsetrain_core::{Entry, Epoch};
+use std::collections::VecDeque;
 
 /// A board, whose edges are told, and a native one, whose steps are.
 #[derive(Debug)]
@@ -17,7 +18,7 @@ pub struct Shadowed<B> {
     /// What the shadow scheduled while nobody looked.
     steps: Vec<ScheduledStep>,
     /// An extension whose fate the board has not told yet.
-    extending: Option<Extending>,
+    extending: VecDeque<Extending>,
 }
 
 /// The shadow is told it when the board has accepted it, and stays before both ends until then.
@@ -36,7 +37,7 @@ impl<B: Board> Shadowed<B> {
         if let Some(last) = board.now().checked_sub(1) {
             shadow.advance(last, &mut |_: Edge| {});
         }
-        Shadowed { board, shadow, agree: true, steps: Vec::new(), extending: None }
+        Shadowed { board, shadow, agree: true, steps: Vec::new(), extending: VecDeque::new() }
     }
 
     /// The board itself.
@@ -78,28 +79,35 @@ impl<B: Board> Shadowed<B> {
 }
 
 impl<B> Shadowed<B> {
-    /// The sooner of two ends that the lease may have.
+    /// The soonest of the ends that the lease may have.
     fn open(&self) -> Option<u64> {
-        let Extending { lease, before, .. } = self.extending.as_ref()?;
-        let ends = [LeaseState::from(*lease), *before];
-        ends.into_iter().filter_map(|end| if let LeaseState::Until(tick) = end { Some(tick) } else { None }).min()
+        let before = self.extending.front()?.before;
+        let ends = self.extending.iter().map(|extending| LeaseState::from(extending.lease)).chain([before]);
+        ends.filter_map(|end| if let LeaseState::Until(tick) = end { Some(tick) } else { None }).min()
     }
 }
 
 impl<B: Leased> Shadowed<B> {
-    /// What became of an extension, if the board has told it: it was accepted if the lease is that, or ended elsewhere than it would have
-    /// without.
-    fn hear_of_extension(&mut self) {
-        if self.board.unconfirmed().is_some() {
-            return;
-        }
-        let Some(Extending { lease, limits, before }) = self.extending.take() else { return };
-        let is_accepted = match (self.board.lease(), before) {
-            (LeaseState::Lapsed { at, .. }, LeaseState::Until(until)) => at != until,
-            (now, _) => now == lease.into(),
+    /// What became of extensions, as far as the board has told it. The last that was accepted is that which the lease is, or ended with; all, if it
+    /// ended elsewhere than it would have without them.
+    fn hear_of_extensions(&mut self) {
+        let known = self.extending.len().saturating_sub(self.board.extending());
+        let known: Vec<Extending> = self.extending.drain(..known).collect();
+        let Some(Extending { before, .. }) = known.first() else { return };
+        let (lease, ended) = match self.board.lease() {
+            LeaseState::Lapsed { at, .. } => (LeaseState::Until(at), true),
+            lease => (lease, false),
         };
-        if is_accepted {
-            self.agree &= self.shadow.extend(lease, &limits).is_ok();
+        let accepted = match known.iter().rposition(|extending| lease == extending.lease.into()) {
+            Some(index) => index + 1,
+            None if ended && lease != *before => known.len(),
+            None => 0,
+        };
+        for Extending { lease, limits, .. } in &known[..accepted] {
+            self.agree &= self.shadow.extend(*lease, limits).is_ok();
+        }
+        if let (Some(last), Some(next)) = (known[..accepted].last(), self.extending.front_mut()) {
+            next.before = last.lease.into();
         }
     }
 }
@@ -166,7 +174,7 @@ impl<B: Leased> Board for Shadowed<B> {
     }
 
     fn switch(&mut self, epoch: Epoch, tick: u64) -> Result<(), SwitchRefused> {
-        self.await_extension();
+        self.await_extensions();
         let answer = self.board.switch(epoch, tick);
         self.follow_to_switch(tick);
         match answer {
@@ -190,13 +198,13 @@ impl<B: Leased> Board for Shadowed<B> {
 
     fn advance(&mut self, until: u64, observer: &mut impl Observer) {
         self.board.advance(until, &mut Edges(observer));
-        self.hear_of_extension();
+        self.hear_of_extensions();
         self.follow(until, observer);
     }
 
     fn stop_now(&mut self, tick: u64, observer: &mut impl Observer) -> StopReport {
         let report = self.board.stop_now(tick, &mut Edges(observer));
-        self.hear_of_extension();
+        self.hear_of_extensions();
         self.follow(report.tick, observer);
         self.shadow.stop_now(report.tick, &mut Steps(observer));
         report
@@ -229,7 +237,7 @@ impl<B: Leased> Board for Shadowed<B> {
 
 impl<B: Leased> Leased for Shadowed<B> {
     fn switch_leased(&mut self, epoch: Epoch, tick: u64, lease: Lease, limits: &[Limit]) -> Result<(), SwitchRefused> {
-        self.await_extension();
+        self.await_extensions();
         let answer = self.board.switch_leased(epoch, tick, lease, limits);
         self.follow_to_switch(tick);
         match answer {
@@ -240,11 +248,10 @@ impl<B: Leased> Leased for Shadowed<B> {
     }
 
     fn extend(&mut self, lease: Lease, limits: &[Limit]) -> Result<(), ExtendRefused> {
-        self.await_extension();
         self.board.extend(lease, limits)?;
         if self.board.unconfirmed().is_some() {
             let before = self.board.lease();
-            self.extending = Some(Extending { lease, limits: limits.to_vec(), before });
+            self.extending.push_back(Extending { lease, limits: limits.to_vec(), before });
         } else {
             self.agree &= self.shadow.extend(lease, limits).is_ok();
         }
@@ -252,7 +259,7 @@ impl<B: Leased> Leased for Shadowed<B> {
     }
 
     fn trim(&mut self, until: u64, items: &[usize]) -> Result<(), TrimRefused> {
-        self.await_extension();
+        self.await_extensions();
         self.board.trim(until, items)?;
         self.agree &= self.shadow.trim(until, items).is_ok();
         Ok(())
@@ -260,7 +267,7 @@ impl<B: Leased> Leased for Shadowed<B> {
 
     fn brake(&mut self) -> Option<u64> {
         let at = self.board.brake();
-        self.hear_of_extension();
+        self.hear_of_extensions();
         let at = at?;
         // The shadow is not as far as the board, and brakes where that does.
         self.shadow.brake_at(at);
@@ -275,9 +282,13 @@ impl<B: Leased> Leased for Shadowed<B> {
         self.board.unconfirmed()
     }
 
-    fn await_extension(&mut self) {
-        self.board.await_extension();
-        self.hear_of_extension();
+    fn extending(&self) -> usize {
+        self.board.extending()
+    }
+
+    fn await_extensions(&mut self) {
+        self.board.await_extensions();
+        self.hear_of_extensions();
     }
 }
 

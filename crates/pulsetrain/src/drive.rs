@@ -146,8 +146,8 @@ pub enum Knowledge {
     StoppedAtOnce,
     /// It is what the board was told; it cannot be asked.
     Told {
-        /// Where they are if the board did not take the last that it was sent; `None` if nothing was on its way.
-        or: Option<Vec<i64>>,
+        /// Where they are if the board did not take the last that it was sent, or the last two, …; empty if nothing was on its way.
+        or: Vec<Vec<i64>>,
     },
     /// The board restarted and has lost its count: they were there when it was heard last.
     HeardLast {
@@ -195,10 +195,11 @@ impl std::fmt::Display for Whereabouts {
                     f,
                     "by what the board was told the motors brake, and come to rest: {motors}. The board cannot be asked"
                 )?;
-                match or {
-                    Some(or) => write!(f, "; if it did not take the last that it was sent: {}", list(or)),
-                    None => Ok(()),
+                if or.is_empty() {
+                    return Ok(());
                 }
+                let each: Vec<String> = or.iter().map(|counts| list(counts)).collect();
+                write!(f, "; if it did not take all that it was sent: {}", each.join(", or "))
             }
             Knowledge::HeardLast { reset } => write!(
                 f,
@@ -555,10 +556,10 @@ impl<'a, B: Leased> Driven<'a, B> {
                     (positions, if brakes { Knowledge::Counted } else { Knowledge::StoppedAtOnce })
                 }
             },
-            Err(_) => match report.replayed_otherwise.clone() {
-                Some(taken) => (taken, Knowledge::Told { or: Some(report.replayed.clone()) }),
-                None => (report.replayed.clone(), Knowledge::Told { or: None }),
-            },
+            Err(_) => {
+                let mut told = report.replayed_otherwise.iter().chain([&report.replayed]).cloned();
+                (told.next().unwrap_or_default(), Knowledge::Told { or: told.collect() })
+            }
         };
         let names = self.program.motors.iter().map(|motor| motor.name.clone());
         (Whereabouts { motors: names.zip(counts).collect(), by }, stop)

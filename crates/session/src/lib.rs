@@ -38,11 +38,15 @@ use pulsetrain_core::lease::Cause;
 use pulsetrain_motion::program::Program;
 use pulsetrain_plan::line::{AHEAD_MS, KEPT};
 use pulsetrain_plan::{Certificate, Origin, Start};
+use std::collections::VecDeque;
 use stream::Stream;
 use timeline::{Step, Timeline};
 
 /// So long after the last step a board may take to say that its motors rest, s.
 const PATIENCE_S: u64 = 5;
+
+/// So many extensions of the lease may be on their way: what a queue holds need not last until two of them were answered, one after the other.
+const MOST_ASKED: usize = 3;
 
 /// A program on its way into a board. Ticks are the board's, in 64 bits.
 pub struct Session<'a, B> {
@@ -54,7 +58,7 @@ pub struct Session<'a, B> {
     /// How long the plan holds, as the board has accepted it: the lease of a change that waits, too.
     held: Lease,
     /// An extension that the board has not answered: what it says, and how the motors brake then.
-    asked: Option<(Lease, Vec<Limit>)>,
+    asked: VecDeque<(Lease, Vec<Limit>)>,
     /// What the last change replaced, until it is made.
     replaced: Option<Replaced>,
     /// From this tick on all motors of the plan can brake: see [`lease::joined`].
@@ -145,8 +149,8 @@ pub struct Report {
     pub counted: Vec<i64>,
     /// The same as the host replayed them.
     pub replayed: Vec<i64>,
-    /// The same if the board did accept what it was told last: the line was lost before its answer came.
-    pub replayed_otherwise: Option<Vec<i64>>,
+    /// The same if the board did accept what it was told last, or the last but one, …: the line was lost before its answer came.
+    pub replayed_otherwise: Vec<Vec<i64>>,
     /// What went wrong on each motor.
     pub faults: Vec<Faults>,
     /// Why the motors braked before the motion's end.
@@ -182,7 +186,7 @@ impl<'a, B: Leased> Session<'a, B> {
             timelines: begun.timelines,
             limits: begun.limits,
             held: begun.lease,
-            asked: None,
+            asked: VecDeque::new(),
             replaced: Some(replaced),
             joined: zero,
             pace,
@@ -234,7 +238,8 @@ impl<'a, B: Leased> Session<'a, B> {
     /// Puts the lease off, if that is worth it.
     fn extend(&mut self) -> Result<(), SessionError> {
         self.confirm();
-        let (Lease::Until(until), None) = (self.held, &self.asked) else { return Ok(()) };
+        let last = self.asked.back().map_or(self.held, |(lease, _)| *lease);
+        let (Lease::Until(until), true) = (last, self.asked.len() < MOST_ASKED) else { return Ok(()) };
         let brakings = lease::brakings(&self.stream)?;
         let least = until.max(self.board.horizon());
         let Some(next) = lease::longest(&self.stream, &self.timelines, least, self.reach()) else {
@@ -246,10 +251,12 @@ impl<'a, B: Leased> Session<'a, B> {
             return Ok(());
         }
         let limits: Vec<Limit> = brakings.iter().map(|braking| braking.limit).collect();
-        let told: &[Limit] = if limits == self.limits { &[] } else { &limits };
+        // Of those on their way the board may refuse one and accept the next.
+        let is_known = self.asked.iter().all(|(_, asked)| *asked == limits) && limits == self.limits;
+        let told: &[Limit] = if is_known { &[] } else { &limits };
         match self.board.extend(next, told) {
             Ok(()) => {
-                self.asked = Some((next, limits));
+                self.asked.push_back((next, limits));
                 self.confirm();
                 Ok(())
             }
@@ -261,21 +268,20 @@ impl<'a, B: Leased> Session<'a, B> {
 
     /// Notes what the board has answered.
     fn confirm(&mut self) {
-        if self.board.unconfirmed().is_some() {
-            return;
-        }
-        if let Some((lease, limits)) = self.asked.take() {
-            // One that is refused came too late for the lease before it, too: that is over, or about to be.
-            let is_refused = match (self.lapsed(), self.held, self.board.lease()) {
-                (Some((at, _)), ..) => lease != Lease::Until(at),
-                (None, Lease::Until(held), LeaseState::Until(until)) => {
-                    self.replaced.is_none() && held == until && lease != Lease::Until(until)
-                }
-                _ => false,
-            };
-            if !is_refused {
-                (self.held, self.limits) = (lease, limits);
+        let known = self.asked.len().saturating_sub(self.board.extending());
+        let known: Vec<_> = self.asked.drain(..known).collect();
+        // One that is refused came too late for the lease before it, too: that is over, or about to be.
+        let accepted = |until| known.iter().rposition(|(lease, _)| *lease == Lease::Until(until));
+        let last = match (self.lapsed(), self.held, self.board.lease()) {
+            (Some((at, _)), ..) => accepted(at),
+            (None, Lease::Until(held), LeaseState::Until(until)) if self.replaced.is_none() && held == until => {
+                accepted(until)
             }
+            (None, _, LeaseState::Until(until)) => accepted(until).or(known.len().checked_sub(1)),
+            _ => known.len().checked_sub(1),
+        };
+        if let Some((lease, limits)) = last.and_then(|last| known.into_iter().nth(last)) {
+            (self.held, self.limits) = (lease, limits);
         }
     }
 
@@ -413,7 +419,7 @@ impl<'a, B: Leased> Session<'a, B> {
         let joined = self.joined;
         let is_joining = (self.stream.zero()..joined).contains(&self.board.horizon());
         if is_joining && self.board.extend(Lease::Until(joined), &[]).is_ok() {
-            self.asked = Some((Lease::Until(joined), self.limits.clone()));
+            self.asked.push_back((Lease::Until(joined), self.limits.clone()));
             self.confirm();
             return Ok(joined);
         }
@@ -483,7 +489,8 @@ impl<'a, B: Leased> Session<'a, B> {
         let timelines = std::mem::replace(&mut self.timelines, begun.timelines);
         let limits = std::mem::replace(&mut self.limits, begun.limits);
         self.replaced = Some(Replaced { until: at, timelines, limits, ended: self.ended });
-        (self.stream, self.held, self.asked) = (begun.stream, begun.lease, None);
+        (self.stream, self.held) = (begun.stream, begun.lease);
+        self.asked.clear();
         (self.joined, self.over, self.ended) = (begun.joined, false, None);
         self.fill()
     }
@@ -585,13 +592,11 @@ impl<'a, B: Leased> Session<'a, B> {
     }
 
     fn report(&self, failure: Option<SessionError>) -> Report {
-        let otherwise = self.unanswered.clone().or_else(|| {
-            let (lease, limits) = self.asked.as_ref()?;
-            Some(match lease {
-                Lease::Until(until) => counts(&lease::ended(&self.timelines, limits, self.stream.program(), *until)),
-                Lease::Last => counts(&self.timelines),
-            })
+        let on_the_way = self.asked.iter().rev().map(|(lease, limits)| match lease {
+            Lease::Until(until) => counts(&lease::ended(&self.timelines, limits, self.stream.program(), *until)),
+            Lease::Last => counts(&self.timelines),
         });
+        let otherwise = self.unanswered.clone().into_iter().chain(on_the_way).collect();
         let expected = self.expected();
         Report {
             zero: self.stream.zero(),

@@ -146,6 +146,9 @@ impl Leased for Watched {
     fn unconfirmed(&self) -> Option<Lease> {
         self.board.unconfirmed()
     }
+    fn extending(&self) -> usize {
+        self.board.extending()
+    }
 }
 
 fn program(laws: Vec<Law>, acceleration: f64) -> Program {
