@@ -400,14 +400,14 @@ fn uno() -> BoardRow {
         queue_bytes: vec![rates.queues + 256, rates.queues / 2, rates.queues / 3, rates.queues / 4],
         horizon_ticks: rates.horizon,
         lateness_ticks: rates.lateness,
-        // Fitted to 2700 random motions (`cargo xtask accept --board uno`, at 1 000 000 and at 115 200 baud), none of which was refused for its line. Of
-        // those that were stopped since a queue ran short all had 1.5 ms less than this in it, or still less; of those that ran one in two hundred.
+        // Fitted to random motions of which none was refused for its line: `cargo xtask accept --board uno`, 2000 at 1 000 000 baud and 1300 at 115 200.
+        // All that were stopped since a queue ran short had at least 2 ms less than this in it; of those that ran, one in two hundred.
         line: Some(LineRow {
-            delay_us: 7_000,
+            delay_us: 8_000,
             delay_byte_us: 100,
-            delay_bytes: 130,
-            other_bytes_per_s: 1_500,
-            frame_share: 1.2,
+            delay_bytes: 95,
+            other_bytes_per_s: 2_300,
+            frame_share: 1.33,
         }),
         note: "one or two motors with STEP on pins 9 and 10 are timed by the compare hardware: no lateness",
         pins: 0..=19,
