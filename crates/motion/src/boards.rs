@@ -400,12 +400,12 @@ fn uno() -> BoardRow {
         queue_bytes: vec![rates.queues + 256, rates.queues / 2, rates.queues / 3, rates.queues / 4],
         horizon_ticks: rates.horizon,
         lateness_ticks: rates.lateness,
-        // Fitted to random motions of which none was refused for its line: `cargo xtask accept --board uno`, 2000 at 1 000 000 baud and 1300 at 115 200.
-        // All that were stopped since a queue ran short had at least 2 ms less than this in it; of those that ran, one in two hundred.
+        // Fitted to random motions of which none was refused for its line: `cargo xtask accept --board uno`, 2000 at 1 000 000 baud and 2000 at 115 200.
+        // All that were stopped since a queue ran short had less than this in it; of those that ran, one in a hundred.
         line: Some(LineRow {
             delay_us: 8_000,
             delay_byte_us: 100,
-            delay_bytes: 95,
+            delay_bytes: 210,
             other_bytes_per_s: 2_300,
             frame_share: 1.33,
         }),
