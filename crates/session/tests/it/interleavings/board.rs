@@ -43,7 +43,7 @@ pub(crate) struct Ledger {
     pub(crate) seen: Seen,
 }
 
-/// What has happened: for what is to happen sometimes.
+/// What the last frame did: for what is to happen sometimes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Seen {
     pub(crate) just_in_time: bool,
@@ -58,7 +58,7 @@ pub(crate) struct Seen {
 }
 
 /// Bytes that wait to be read: two frames or three.
-const WINDOW: u16 = 48;
+const WINDOW: u16 = 36;
 
 /// The board.
 #[derive(Clone, Debug)]
@@ -118,6 +118,7 @@ impl Board {
 
     /// Takes a frame, and gives what it says to it.
     pub(crate) fn receive(&mut self, frame: &[u8], mutation: Mutation) -> Vec<Vec<u8>> {
+        self.ledger.seen = Seen::default();
         let mut decoder: Decoder = Decoder::new();
         for byte in frame {
             let received = decoder.push(*byte);
@@ -167,7 +168,7 @@ impl Board {
             }
             return;
         }
-        self.note(kind, payload, &free, horizon, was);
+        self.note(kind, payload, &free, horizon, was, mutation);
     }
 
     fn free(&self) -> Vec<u16> {
@@ -175,7 +176,7 @@ impl Board {
     }
 
     /// What the contract says of the frame that was next.
-    fn note(&mut self, kind: u8, payload: &[u8], free: &[u16], horizon: u64, was: LeaseState) {
+    fn note(&mut self, kind: u8, payload: &[u8], free: &[u16], horizon: u64, was: LeaseState, mutation: Mutation) {
         let now_free = self.free();
         let now = self.now();
         let ledger = &mut self.ledger;
@@ -206,7 +207,10 @@ impl Board {
                     // Less than two intervals before it would have been over.
                     ledger.seen.just_in_time |=
                         matches!(ledger.lease, Lease::Until(until) if until - now.min(until) < 80);
-                    ledger.previous = std::mem::replace(&mut ledger.lease, lease);
+                    let previous = std::mem::replace(&mut ledger.lease, lease);
+                    if mutation == Mutation::BoardForgetsLease {
+                        ledger.previous = previous;
+                    }
                 }
             }
             Ok(Command::Trim { until, .. }) => {
@@ -239,6 +243,7 @@ impl Board {
 
     /// Time goes on up to and with tick `until`; gives what the board says then.
     pub(crate) fn run(&mut self, until: u64) -> Vec<Vec<u8>> {
+        self.ledger.seen = Seen::default();
         let mut edges: Vec<Edge> = Vec::new();
         self.model.run(until, &mut edges);
         for edge in edges {

@@ -46,6 +46,8 @@ pub(crate) struct Host {
     pub(crate) heard_rest: bool,
     /// Something was told since the board was asked how it is.
     pub(crate) is_stale: bool,
+    /// An extension was refused: the board is to say why.
+    pub(crate) is_wary: bool,
     /// The host has stopped.
     pub(crate) is_over: bool,
     /// The board refused what it should have taken.
@@ -64,6 +66,7 @@ impl Host {
             asked: None,
             heard_rest: false,
             is_stale: false,
+            is_wary: false,
             is_over: false,
             is_refused: false,
         }
@@ -139,7 +142,8 @@ impl Host {
             Lease::Until(until) => until > held.max(now),
             Lease::Last => true,
         };
-        (self.goes_on() && self.extending.is_none() && !self.link.is_extending() && is_longer).then_some(longest)
+        (self.goes_on() && !self.is_wary && self.extending.is_none() && !self.link.is_extending() && is_longer)
+            .then_some(longest)
     }
 
     pub(crate) fn extend(&mut self, lease: Lease, mutation: Mutation) {
@@ -192,8 +196,10 @@ impl Host {
         self.tell();
     }
 
-    pub(crate) fn can_ask_status(&self) -> bool {
-        self.asked.is_none() && !self.link.is_asking()
+    /// Asks when the plan that it knows of is over, though `Remote` asks all the time.
+    pub(crate) fn can_ask_status(&self, now: u64) -> bool {
+        let is_past = matches!(self.held, Lease::Until(until) if until <= now) || self.held == Lease::Last;
+        self.asked.is_none() && !self.link.is_asking() && (is_past || self.is_over)
     }
 
     pub(crate) fn ask_status(&mut self) {
@@ -219,16 +225,26 @@ impl Host {
         }
         if let Some(accepted) = self.link.extended()
             && let Some(lease) = self.extending.take()
-            && accepted
-            && self.ended.is_none()
         {
-            self.held = lease;
+            if !accepted {
+                self.is_wary = true;
+            } else if self.ended.is_none() {
+                self.held = lease;
+            }
         }
         if self.link.refusal().is_some() {
             self.is_refused = true;
         }
-        let Some(answer) = self.link.answer() else { return };
-        match (self.asked.take(), answer.reply) {
+        if let Some(answer) = self.link.answer() {
+            self.note(plan, answer.reply);
+        }
+        if self.is_wary && self.asked.is_none() && !self.link.is_asking() {
+            self.ask_status();
+        }
+    }
+
+    fn note(&mut self, plan: &Plan, reply: Reply) {
+        match (self.asked.take(), reply) {
             (Some(Asked::Trim(until)), Reply::Trimmed(Trimmed::Accepted)) => {
                 for motor in 0..plan.motors() {
                     let len = plan.last_packed(motor, self.told[motor]).len();
@@ -244,6 +260,7 @@ impl Host {
                 if let LeaseState::Lapsed(at) = status.head.lease {
                     self.ended.get_or_insert(u64::from(at.0));
                 }
+                self.is_wary = false;
                 self.heard_rest = status.is_idle() && !self.is_stale;
             }
             _ => {}

@@ -9,7 +9,8 @@ use pulsetrain_core::wire::Command;
 use stateright::{Model, Property};
 use std::collections::VecDeque;
 use std::fmt::{self, Write};
-use std::hash::{Hash, Hasher};
+use std::hash::{DefaultHasher, Hash, Hasher};
+use std::sync::Arc;
 
 /// What is explored: small enough to end.
 #[derive(Clone, Debug)]
@@ -41,7 +42,9 @@ pub(crate) struct Budget {
 
 #[derive(Clone, Debug)]
 pub(crate) struct State {
-    pub(crate) board: Board,
+    pub(crate) board: Arc<Board>,
+    /// Of all that the board is: printing it takes longer than all else, and few steps change it.
+    board_hash: u64,
     pub(crate) host: Host,
     to_board: VecDeque<Vec<u8>>,
     to_host: VecDeque<Vec<u8>>,
@@ -86,10 +89,23 @@ impl<H: Hasher> Write for Hashed<'_, H> {
 impl State {
     /// Prints all that matters for what comes: what `Debug` prints of the real code, so that no field of it is forgotten.
     fn print(&self, out: &mut impl Write) -> fmt::Result {
-        let State { board, host, to_board, to_host, quanta, left } = self;
-        let Host { link, clock, told, held, extending, ended, asked, heard_rest, is_stale, is_over, is_refused } = host;
-        write!(out, "{board:?}{clock:?}{told:?}{held:?}{extending:?}{ended:?}{asked:?}")?;
-        write!(out, "{heard_rest}{is_stale}{is_over}{is_refused}{to_board:?}{to_host:?}{quanta}{left:?}")?;
+        let State { board: _, board_hash, host, to_board, to_host, quanta, left } = self;
+        let Host {
+            link,
+            clock,
+            told,
+            held,
+            extending,
+            ended,
+            asked,
+            heard_rest,
+            is_stale,
+            is_wary,
+            is_over,
+            is_refused,
+        } = host;
+        write!(out, "{board_hash} {clock:?}{told:?}{held:?}{extending:?}{ended:?}{asked:?}")?;
+        write!(out, "{heard_rest}{is_stale}{is_wary}{is_over}{is_refused}{to_board:?}{to_host:?}{quanta}{left:?}")?;
         // What the link read last, and how much it sent in all, is the past.
         let link = format!("{link:?}");
         let (_, link) = link.split_once(", tag: ").ok_or(fmt::Error)?;
@@ -115,7 +131,8 @@ impl System {
     /// Both have greeted each other, and the switch with the first portion is accepted. Nothing of that is lost.
     fn begin(&self) -> State {
         let mut state = State {
-            board: Board::new(&self.plan, self.queue),
+            board: Arc::new(Board::new(&self.plan, self.queue)),
+            board_hash: 0,
             host: Host::new(&self.plan),
             to_board: VecDeque::new(),
             to_host: VecDeque::new(),
@@ -158,8 +175,7 @@ impl System {
         if fate == Fate::Damaged {
             damage(&mut frame);
         }
-        let said = state.board.receive(&frame, self.mutation);
-        state.to_host.extend(said);
+        state.change_board(|board| board.receive(&frame, self.mutation));
     }
 
     fn reach_host(&self, state: &mut State, fate: Fate) {
@@ -184,6 +200,15 @@ fn damage(frame: &mut [u8]) {
 }
 
 impl State {
+    /// Does something to the board, and puts what it says then on the line.
+    fn change_board(&mut self, change: impl FnOnce(&mut Board) -> Vec<Vec<u8>>) {
+        let board = Arc::make_mut(&mut self.board);
+        self.to_host.extend(change(board));
+        let mut hasher = DefaultHasher::new();
+        write!(Hashed(&mut hasher), "{board:?}").expect("a hasher takes everything");
+        self.board_hash = hasher.finish();
+    }
+
     fn send(&mut self) {
         let frames = self.host.frames();
         self.to_board.extend(frames);
@@ -213,7 +238,7 @@ impl Model for System {
             }
             steps.push(Step::Tick);
         }
-        if left.statuses > 0 && host.can_ask_status() {
+        if left.statuses > 0 && host.can_ask_status(board.now()) {
             steps.push(Step::AskStatus);
         }
         if left.repeats > 0 && host.link.deadline().is_some() && state.to_board.is_empty() && state.to_host.is_empty() {
@@ -232,7 +257,7 @@ impl Model for System {
 
     fn next_state(&self, last: &State, step: Step) -> Option<State> {
         let mut state = last.clone();
-        let State { board, host, left, to_host, quanta, .. } = &mut state;
+        let State { host, left, .. } = &mut state;
         match step {
             Step::Append(motor, told) => host.append(&self.plan, motor, told),
             Step::Extend(lease) => host.extend(lease, self.mutation),
@@ -253,8 +278,8 @@ impl Model for System {
                 host.lose_patience();
             }
             Step::Tick => {
-                *quanta -= 1;
-                to_host.extend(board.run(board.now() + self.quantum - 1));
+                state.quanta -= 1;
+                state.change_board(|board| board.run(board.now() + self.quantum - 1));
                 return Some(state);
             }
             Step::Board(fate) => {
@@ -338,7 +363,7 @@ impl Budget {
 
 impl System {
     fn makes_the_plan(&self, state: &State) -> bool {
-        let Board { ledger, log, .. } = &state.board;
+        let Board { ledger, log, .. } = &*state.board;
         let until = state.lapsed().map_or(state.board.now(), |at| at.min(state.board.now()));
         log.iter().enumerate().all(|(motor, steps)| {
             let planned = self.plan.steps(motor, ledger.told[motor]);
@@ -348,7 +373,7 @@ impl System {
     }
 
     fn makes_the_stop(&self, state: &State) -> bool {
-        let Board { ledger, log, .. } = &state.board;
+        let Board { ledger, log, .. } = &*state.board;
         let Some(at) = state.lapsed() else { return true };
         let replayed = self.plan.replay(&ledger.told, Lease::Until(at));
         log.iter()
