@@ -2,12 +2,14 @@
 //! says of each frame, written down once more: [`Ledger`].
 
 use super::plan::{EPOCH, Plan, Told, ZERO};
+use super::printed::Print;
 use pulsetrain_board::Edge;
 use pulsetrain_board::lease::{Lease, LeaseState, Leased};
 use pulsetrain_core::lease;
 use pulsetrain_core::wire::message::kind;
 use pulsetrain_core::wire::{Command, Decoder, LEAST_BODY, MAX_FRAME, Machine, Millis, Service};
 use pulsetrain_testkit::model::Model;
+use std::fmt::{self, Write};
 
 /// Something that is wrong with a board or a host, so that the checker has something to find.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -70,6 +72,26 @@ pub(crate) struct Board {
     /// Pulses of each motor.
     pub(crate) log: Vec<Vec<(u64, i64)>>,
     pub(crate) ledger: Ledger,
+    pub(crate) verdict: Verdict,
+}
+
+/// What holds of a board: see [`System::all_properties`](super::system::System).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Verdict {
+    pub(crate) makes_the_plan: bool,
+    pub(crate) makes_the_stop: bool,
+    pub(crate) stops_dead: bool,
+    pub(crate) holds_what_was_accepted: bool,
+    pub(crate) lease_is_covered: bool,
+    pub(crate) has_faults: bool,
+    /// The motors have made all steps that they will make.
+    pub(crate) is_final: bool,
+}
+
+impl Print for Board {
+    fn print(&self, out: &mut impl Write) -> fmt::Result {
+        write!(out, "{self:?}")
+    }
 }
 
 impl Board {
@@ -89,6 +111,15 @@ impl Board {
                 braked: None,
                 seen: Seen::default(),
             },
+            verdict: Verdict {
+                makes_the_plan: true,
+                makes_the_stop: true,
+                stops_dead: false,
+                holds_what_was_accepted: true,
+                lease_is_covered: true,
+                has_faults: false,
+                is_final: false,
+            },
         }
     }
 
@@ -105,7 +136,7 @@ impl Board {
         self.model.native().idle()
     }
 
-    pub(crate) fn has_faults(&self) -> bool {
+    pub(crate) fn has_motor_faults(&self) -> bool {
         let motors = 0..self.log.len();
         motors
             .map(|motor| self.model.native().faults(motor))
@@ -160,7 +191,7 @@ impl Board {
         if !is_next {
             let seen = &mut self.ledger.seen;
             let is_old = seq.wrapping_sub(self.ledger.expected) >= 0x80;
-            seen.repeat |= is_frame && is_old;
+            seen.repeat |= is_frame && is_old && kind == kind::EXTEND;
             seen.gap |= !is_frame || !is_old;
             if is_frame && is_old && kind == kind::EXTEND && mutation == Mutation::BoardForgetsLease {
                 let Lease::Until(previous) = self.ledger.previous else { return };

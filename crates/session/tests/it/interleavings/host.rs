@@ -3,12 +3,14 @@
 
 use super::board::Mutation;
 use super::plan::{EPOCH, Plan, Told, ZERO};
+use super::printed::Print;
 use pulsetrain_board::lease::Lease;
 use pulsetrain_board::link::Link;
 use pulsetrain_core::Moment;
 use pulsetrain_core::lease;
 use pulsetrain_core::wire::message::{Cause, LeaseState, limit_bytes};
 use pulsetrain_core::wire::{Command, Reply, Trimmed};
+use std::fmt::{self, Write};
 use std::time::Duration;
 
 /// What the host waits for.
@@ -54,6 +56,20 @@ pub(crate) struct Host {
     pub(crate) is_refused: bool,
 }
 
+impl Print for Host {
+    fn print(&self, out: &mut impl Write) -> fmt::Result {
+        let Host { link, clock, told, held, extending, ended, asked, .. } = self;
+        let Host { heard_rest, is_stale, is_wary, is_over, is_refused, .. } = self;
+        write!(out, "{clock:?}{told:?}{held:?}{extending:?}{ended:?}{asked:?}")?;
+        write!(out, "{heard_rest}{is_stale}{is_wary}{is_over}{is_refused}")?;
+        // What the link read last, and how much it sent in all, is the past.
+        let link = format!("{link:?}");
+        let (_, link) = link.split_once(", tag: ").ok_or(fmt::Error)?;
+        let (link, _) = link.rsplit_once(", counts: ").ok_or(fmt::Error)?;
+        out.write_str(link)
+    }
+}
+
 impl Host {
     pub(crate) fn new(plan: &Plan) -> Host {
         Host {
@@ -72,7 +88,7 @@ impl Host {
         }
     }
 
-    /// Frames that go out now.
+    /// What the link sends now.
     pub(crate) fn frames(&mut self) -> Vec<Vec<u8>> {
         let mut out = Vec::new();
         self.link.output(self.clock, &mut out);
@@ -102,12 +118,12 @@ impl Host {
         !self.is_over && self.ended.is_none() && matches!(self.asked, None | Some(Asked::Status))
     }
 
-    /// The next portion of a motor's plan, if there is room as far as the host knows.
-    pub(crate) fn can_append(&self, plan: &Plan, motor: usize) -> Option<Told> {
+    /// The next portion of a motor's plan, if there is room as far as the host knows, or `guesses`.
+    pub(crate) fn can_append(&self, plan: &Plan, motor: usize, guesses: bool) -> Option<Told> {
         let told = plan.next(motor, self.told[motor])?;
         let len = plan.last_packed(motor, told).len();
         let index = u8::try_from(motor).expect("two motors");
-        (self.goes_on() && self.link.room(index) >= len).then_some(told)
+        (self.goes_on() && (guesses || self.link.room(index) >= len)).then_some(told)
     }
 
     pub(crate) fn append(&mut self, plan: &Plan, motor: usize, told: Told) {
@@ -155,11 +171,10 @@ impl Host {
         self.tell();
     }
 
-    /// Whether the last portion of the plan can be taken back: what the motors are told then.
-    pub(crate) fn can_trim(&self) -> Option<Vec<Told>> {
+    /// Whether the last portion of the plan can be taken back.
+    pub(crate) fn can_trim(&self) -> bool {
         let is_whole = self.told.iter().all(|told| !told.is_cut && told.main > 1);
-        (is_whole && self.goes_on() && self.asked.is_none() && self.extending.is_none() && !self.link.is_extending())
-            .then(|| self.cut())
+        is_whole && self.goes_on() && self.asked.is_none() && self.extending.is_none() && !self.link.is_extending()
     }
 
     fn cut(&self) -> Vec<Told> {
