@@ -9,7 +9,7 @@ mod system;
 
 use board::Mutation;
 use plan::Plan;
-use stateright::{Checker, Model};
+use stateright::{Checker, HasDiscoveries, Model};
 use system::{Budget, System};
 
 fn system(motors: usize, most: Budget) -> System {
@@ -58,4 +58,34 @@ fn two_motors() {
 #[test]
 fn a_queue_is_full() {
     check(System { queue: 14, ..system(1, Budget { guesses: 1, repeats: 2, ..Budget::default() }) });
+}
+
+/// The checker finds what is wrong with a host or a board that is wrong on purpose.
+fn finds(name: &'static str, mutation: Mutation, most: Budget) {
+    let system = System { mutation, ..system(1, most) };
+    let first = HasDiscoveries::AnyOf([name].into());
+    let checker = system.checker().finish_when(first).spawn_bfs().join();
+    let path = checker.discovery(name).map(stateright::Path::into_actions);
+    println!("{mutation:?}: {} states, {path:?}", checker.unique_state_count());
+    assert!(path.is_some(), "{mutation:?} went unnoticed");
+}
+
+#[test]
+fn mutations() {
+    let loses = Budget { lost: 1, repeats: 1, ..Budget::default() };
+    finds("what was accepted holds, and nothing else", Mutation::BoardForgetsLease, loses);
+    finds("each step before the lease's end is made at its tick, once", Mutation::BoardDropsData, Budget::default());
+    finds("a host never believes a wrong count", Mutation::HostBelievesExtension, loses);
+    finds("what the host holds for sure was accepted", Mutation::HostBelievesExtension, Budget::default());
+    finds(
+        "the lease ends no later than what the board was told",
+        Mutation::HostTrimsBelowLease,
+        Budget { trims: 1, ..loses },
+    );
+    finds("nothing is at fault", Mutation::HostTrimsBelowLease, Budget { trims: 1, ..loses });
+    finds("a host never believes a wrong count", Mutation::HostBelievesBrake, Budget { brakes: 1, ..loses });
+    finds("the lease ends no later than what the board was told", Mutation::HostLeasesAhead, Budget::default());
+    finds("a host never believes a wrong count", Mutation::HostLeasesAhead, Budget::default());
+    finds("no motor stops dead", Mutation::HostTellsNoLimits, Budget::default());
+    finds("after it each motor makes the stop that the host replays", Mutation::HostTellsNoLimits, Budget::default());
 }
