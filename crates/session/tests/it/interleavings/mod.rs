@@ -13,7 +13,7 @@ use stateright::{Checker, HasDiscoveries, Model};
 use system::{Budget, System};
 
 fn system(motors: usize, most: Budget) -> System {
-    System { plan: Plan::new(motors, 1), queue: 24, quantum: 160, quanta: 7, most, mutation: Mutation::None }
+    System { plan: Plan::new(motors, 1), queue: 24, quantum: 160, quanta: 6, most, mutation: Mutation::None }
 }
 
 fn check(system: System) {
@@ -53,6 +53,16 @@ fn the_host_orders_a_stop() {
 #[test]
 fn two_motors() {
     check(system(2, Budget { statuses: 1, ..Budget::default() }));
+}
+
+#[test]
+fn two_motors_are_stopped() {
+    check(system(2, Budget { brakes: 1, ..Budget::default() }));
+}
+
+#[test]
+fn two_motors_are_trimmed() {
+    check(system(2, Budget { trims: 1, ..Budget::default() }));
 }
 
 #[test]
