@@ -3,9 +3,11 @@
 
 use super::plan::{EPOCH, Plan, Told, ZERO};
 use super::printed::Print;
-use pulsetrain_board::Edge;
 use pulsetrain_board::lease::{Lease, LeaseState, Leased};
+use pulsetrain_board::{Edge, Faults};
+use pulsetrain_core::Moment;
 use pulsetrain_core::lease;
+use pulsetrain_core::wire::frame::Received;
 use pulsetrain_core::wire::message::kind;
 use pulsetrain_core::wire::{Command, Decoder, LEAST_BODY, MAX_FRAME, Machine, Millis, Service};
 use pulsetrain_testkit::model::Model;
@@ -23,7 +25,7 @@ pub(crate) enum Mutation {
     HostBelievesExtension,
     /// The host takes items back, and leaves the lease where it was.
     HostTrimsBelowLease,
-    /// The host takes an order to brake for obeyed when it has sent it.
+    /// The host does not mind that an order to brake is not answered: it counts on the lease before.
     HostBelievesBrake,
     /// The host puts the lease where the plan ends that it has, not where the board's does.
     HostLeasesAhead,
@@ -75,7 +77,7 @@ pub(crate) struct Board {
     pub(crate) verdict: Verdict,
 }
 
-/// What holds of a board: see [`System::all_properties`](super::system::System).
+/// What holds of a board: worked out when it changes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Verdict {
     pub(crate) makes_the_plan: bool,
@@ -138,9 +140,7 @@ impl Board {
 
     pub(crate) fn has_motor_faults(&self) -> bool {
         let motors = 0..self.log.len();
-        motors
-            .map(|motor| self.model.native().faults(motor))
-            .any(|faults| faults != pulsetrain_board::Faults::default())
+        motors.map(|motor| self.model.native().faults(motor)).any(|faults| faults != Faults::default())
     }
 
     pub(crate) fn counts(&self) -> Vec<i64> {
@@ -155,7 +155,7 @@ impl Board {
             let received = decoder.push(*byte);
             let body = decoder.body().to_vec();
             if let [seq, kind, payload @ ..] = &body[..]
-                && !matches!(received, pulsetrain_core::wire::frame::Received::More)
+                && !matches!(received, Received::More)
             {
                 self.take(*seq, *kind, payload, received, mutation);
             } else {
@@ -166,28 +166,18 @@ impl Board {
     }
 
     /// A frame or a damaged one.
-    fn take(
-        &mut self,
-        seq: u8,
-        kind: u8,
-        payload: &[u8],
-        received: pulsetrain_core::wire::frame::Received,
-        mutation: Mutation,
-    ) {
-        let is_frame = matches!(received, pulsetrain_core::wire::frame::Received::Frame(_));
+    fn take(&mut self, seq: u8, kind: u8, payload: &[u8], received: Received, mutation: Mutation) {
+        let is_frame = matches!(received, Received::Frame(_));
         let is_next = is_frame && seq == self.ledger.expected;
         let free: Vec<u16> = self.free();
         let horizon = self.model.native().horizon();
         let was = self.lease();
-        if is_next && mutation == Mutation::BoardDropsData && kind == kind::DATA && self.ledger.told[0].main == 2 {
-            // Taken for one of a lapsed epoch, which is not kept.
-            let mut body = vec![seq, kind::POLL];
-            std::mem::swap(&mut body, &mut Vec::new());
-            self.service.receive(received, &[seq, kind::POLL], Millis(0), &mut self.model);
-        } else {
-            let body: Vec<u8> = [seq, kind].into_iter().chain(payload.iter().copied()).collect();
-            self.service.receive(received, &body, Millis(0), &mut self.model);
-        }
+        let drops = mutation == Mutation::BoardDropsData && kind == kind::DATA && self.ledger.told[0].main == 2;
+        let body: Vec<u8> = match is_next && drops {
+            true => vec![seq, kind::POLL],
+            false => [seq, kind].into_iter().chain(payload.iter().copied()).collect(),
+        };
+        self.service.receive(received, &body, Millis(0), &mut self.model);
         if !is_next {
             let seen = &mut self.ledger.seen;
             let is_old = seq.wrapping_sub(self.ledger.expected) >= 0x80;
@@ -195,7 +185,7 @@ impl Board {
             seen.gap |= !is_frame || !is_old;
             if is_frame && is_old && kind == kind::EXTEND && mutation == Mutation::BoardForgetsLease {
                 let Lease::Until(previous) = self.ledger.previous else { return };
-                self.model.extend(lease::Lease::Until(pulsetrain_core::Moment::of(previous)), &[]);
+                self.model.extend(lease::Lease::Until(Moment::of(previous)), &[]);
             }
             return;
         }
