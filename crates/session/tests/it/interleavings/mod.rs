@@ -1,6 +1,6 @@
 //! All interleavings of a small host, a line and a board: what a session by lease promises holds in each of them.
 //!
-//! [stateright](https://docs.rs/stateright) goes through every order in which the host tells more, puts the lease off, takes items back,
+//! The model checker stateright goes through every order in which the host tells more, puts the lease off, takes items back,
 //! orders a stop or asks how the board is; frames arrive, vanish or are damaged, also late; the link repeats itself; and time goes on at the board.
 //! A host that stands still for ever, or a cable that is cut, is an order in which nothing of that comes any more.
 //!
