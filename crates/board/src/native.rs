@@ -215,7 +215,7 @@ pub struct Faults {
 /// assert_eq!(board.positions(), [1]);
 /// # Ok::<(), pulsetrain_board::native::ConfigError>(())
 /// ```
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub struct Native {
     engine: Box<dyn Engine>,
     motors: Vec<Motor>,
@@ -608,7 +608,8 @@ impl<O: Observer> Witness for Watch<'_, O> {
 }
 
 /// The stepgen of all motors, whatever its F.
-trait Engine: std::fmt::Debug + Send {
+trait Engine: std::fmt::Debug + Send + Sync {
+    fn boxed(&self) -> Box<dyn Engine>;
     fn push(&mut self, motor: usize, entry: Entry) -> Result<(), Entry>;
     fn credit(&self, motor: usize) -> usize;
     /// With no limits the motors keep theirs.
@@ -635,6 +636,12 @@ trait Engine: std::fmt::Debug + Send {
     fn is_idle(&self) -> bool;
     fn epoch(&self, motor: usize) -> Option<Epoch>;
     fn faults(&self, motor: usize) -> Faults;
+}
+
+impl Clone for Box<dyn Engine> {
+    fn clone(&self) -> Self {
+        self.as_ref().boxed()
+    }
 }
 
 /// A motor's queue: as [`pulsetrain_core::Queue`], on the heap.
@@ -686,7 +693,7 @@ impl Items for Waiting {
 }
 
 /// Who shares a DIR line.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 struct Sharing {
     /// Of each motor: its line, if it shares one, and whether that is high for forward.
     members: Vec<Option<(usize, bool)>>,
@@ -718,13 +725,13 @@ impl Sharing {
     }
 }
 
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 struct Axes<const F: u32> {
     motors: Motors<F>,
     merge: Merge<MAX_MOTORS>,
 }
 
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 struct Motors<const F: u32> {
     axes: Vec<Axis<F, Waiting>>,
     sharing: Sharing,
@@ -843,6 +850,10 @@ impl<const F: u32> Motors<F> {
 }
 
 impl<const F: u32> Engine for Axes<F> {
+    fn boxed(&self) -> Box<dyn Engine> {
+        Box::new(self.clone())
+    }
+
     fn push(&mut self, motor: usize, entry: Entry) -> Result<(), Entry> {
         let Some(axis) = self.motors.axes.get_mut(motor) else { return Err(entry) };
         if axis.channel().keeps(entry.epoch) { axis.queue_mut().push(entry) } else { Ok(()) }

@@ -76,6 +76,8 @@ pub struct Session<'a, B> {
     ended: Option<u64>,
     /// What each motor will have counted if a switch, whose answer did not come, was accepted.
     unanswered: Option<Vec<i64>>,
+    /// The board was told to brake, and was lost before it said since when.
+    stop_unanswered: bool,
     /// The program that was begun, or changed to, and how far its time is.
     course: Course<'a>,
 }
@@ -151,6 +153,9 @@ pub struct Report {
     pub replayed: Vec<i64>,
     /// The same if the board did accept what it was told last, or the last but one, …: the line was lost before its answer came.
     pub replayed_otherwise: Vec<Vec<i64>>,
+    /// The board was told to brake, and the line was lost before it said since when. If it did so the motors rest before, and `replayed` is
+    /// wrong: nobody knows their counts.
+    pub stop_unanswered: bool,
     /// What went wrong on each motor.
     pub faults: Vec<Faults>,
     /// Why the motors braked before the motion's end.
@@ -197,6 +202,7 @@ impl<'a, B: Leased> Session<'a, B> {
             over: false,
             ended: None,
             unanswered: None,
+            stop_unanswered: false,
             course: Course::begun(program),
         };
         session.fill()?;
@@ -407,7 +413,7 @@ impl<'a, B: Leased> Session<'a, B> {
     /// Brings all motors to rest within their limits, as soon as the board can be told; gives the tick at which they begin to brake.
     ///
     /// # Errors
-    /// When the board cannot be told: the motors brake at the end of their lease then.
+    /// When the board cannot be told, or does not say since when: the motors brake at the end of their lease then, or sooner.
     pub fn stop(&mut self) -> Result<u64, SessionError> {
         self.over = true;
         self.course.stopped();
@@ -423,6 +429,7 @@ impl<'a, B: Leased> Session<'a, B> {
             self.confirm();
             return Ok(joined);
         }
+        let was_lost = self.board.lost().is_some();
         match self.board.brake() {
             Some(at) => {
                 self.confirm();
@@ -431,7 +438,13 @@ impl<'a, B: Leased> Session<'a, B> {
             }
             None => {
                 self.look()?;
-                Ok(self.board.now())
+                match self.board.lost() {
+                    Some(why) if !was_lost => {
+                        self.stop_unanswered = true;
+                        Err(SessionError::Lost(why.clone()))
+                    }
+                    _ => Ok(self.board.now()),
+                }
             }
         }
     }
@@ -604,6 +617,7 @@ impl<'a, B: Leased> Session<'a, B> {
             counted: self.board.positions(),
             replayed: counts(&expected),
             replayed_otherwise: otherwise,
+            stop_unanswered: self.stop_unanswered,
             faults: (0..self.timelines.len()).map(|motor| self.board.faults(motor)).collect(),
             failure,
         }

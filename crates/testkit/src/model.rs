@@ -54,8 +54,8 @@ const FIRST_PERIOD: u32 = TICK_HZ / 1000;
 const BRIDGE: u64 = TICK_HZ as u64 / 1000;
 
 /// What is not the line's: motors, queues, clock.
-#[derive(Debug)]
-struct Model {
+#[derive(Clone, Debug)]
+pub struct Model {
     /// Bytes of all queues together, and of what may wait to be read.
     memory: [u16; 2],
     native: Native,
@@ -79,7 +79,7 @@ struct Model {
     settings: Option<[u8; SETTINGS_LEN]>,
 }
 
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 struct Motor {
     packing: Packing,
     epoch: Option<Epoch>,
@@ -102,7 +102,9 @@ struct Waiting {
 }
 
 impl Model {
-    fn new(memory: [u16; 2]) -> Model {
+    /// Motors at rest at tick 0, not configured. `memory`: bytes of all queues together, and of what may wait to be read.
+    #[must_use]
+    pub fn new(memory: [u16; 2]) -> Model {
         Model {
             memory,
             native: bare(),
@@ -143,8 +145,14 @@ impl Model {
         }
     }
 
+    /// What its motors are.
+    #[must_use]
+    pub const fn native(&self) -> &Native {
+        &self.native
+    }
+
     /// Runs up to and with `tick`.
-    fn run(&mut self, tick: u64, edges: &mut Vec<Edge>) {
+    pub fn run(&mut self, tick: u64, edges: &mut Vec<Edge>) {
         self.work_out(tick + AHEAD);
         self.native.advance(tick, &mut |edge: Edge| edges.push(edge));
         self.look_after_lease();

@@ -1,4 +1,5 @@
 //! Sessions on the native board: what it does under them is the plan, tick by tick, or a stop that the host knows.
 
+mod interleavings;
 mod onward;
 mod session;

@@ -77,6 +77,10 @@ struct Bench {
     delay: u64,
     on_their_way: VecDeque<(Lease, Vec<Limit>, u64)>,
     lost: Option<RemoteError>,
+    /// The answer to an order to brake gets lost with the line, and perhaps the order.
+    cut_at_brake: Option<bool>,
+    /// What the board said last of its lease, since the line is cut.
+    heard: Option<LeaseState>,
 }
 
 impl Bench {
@@ -109,6 +113,8 @@ impl Bench {
             delay: 0,
             on_their_way: VecDeque::new(),
             lost: None,
+            cut_at_brake: None,
+            heard: None,
         }
     }
 }
@@ -201,10 +207,17 @@ impl Leased for Bench {
         self.native.trim(until, items)
     }
     fn brake(&mut self) -> Option<u64> {
+        if let Some(hears) = self.cut_at_brake {
+            (self.lost, self.heard) = (Some(RemoteError::Link(LinkError::Lost)), Some(self.lease()));
+            if hears {
+                self.native.brake();
+            }
+            return None;
+        }
         self.native.brake()
     }
     fn lease(&self) -> LeaseState {
-        Leased::lease(&self.native)
+        self.heard.unwrap_or_else(|| Leased::lease(&self.native))
     }
 }
 
@@ -872,6 +885,23 @@ proptest! {
         prop_assert_eq!(report.failure, None);
         prop_assert_eq!(&lab.counted, &before.iter().map(|count| count - 100).collect::<Vec<_>>());
         prop_assert_eq!(report.counted, report.replayed);
+    }
+}
+
+/// The answer to an order to brake never comes: the board brakes, or goes on to the end of its lease, and nobody knows which.
+#[test]
+fn a_stop_that_is_not_answered_leaves_no_count() {
+    let limits = Limits { max_speed: None, max_acceleration: Some(20_000.0), pull_in: 0.0 };
+    let program = program(16, vec![motor(0, Law::trapezoid(20_000.0, 2000.0, 9000.0, 9000.0).unwrap(), false, limits)]);
+    for hears in [false, true] {
+        let mut lab = Lab::new(&program);
+        let mut session = Session::new(Bench::new(&program, 256), &program).unwrap();
+        session.advance(TICK_HZ, &mut lab).unwrap();
+        session.board_mut().cut_at_brake = Some(hears);
+        assert_eq!(session.stop(), Err(SessionError::Lost(RemoteError::Link(LinkError::Lost))));
+        let report = session.run(&mut lab, |_| {});
+        assert!(report.stop_unanswered);
+        assert_eq!(report.counted == report.replayed, !hears);
     }
 }
 

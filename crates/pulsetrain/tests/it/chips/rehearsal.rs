@@ -79,7 +79,7 @@ fn a_queue_that_is_too_short_is_told_with_motor_time_and_rates() {
     let What::Session { why, at_s: Some(at_s), first: None } = &failed.what else { panic!("{failed}") };
     assert!(matches!(**why, DriveError::QueueTooShort { .. }) && (0.9..1.1).contains(at_s), "{failed}");
     let said = failed.to_string();
-    assert!(said.starts_with("rehearsed on the virtual Uno, motor m") && said.contains("of its queue of "), "{said}");
+    assert!(said.starts_with("rehearsed on the virtual Uno, at ") && said.contains(" queue for motor m"), "{said}");
     let law = |motor: &Motor| Cursor::new(&motor.law).at(Time::from_seconds(*at_s)).unwrap().speed.abs();
     let rates = prepared.program.motors.iter().map(|motor| (motor.name.clone(), law(motor)));
     assert_eq!(failed.rates, rates.filter(|(_, rate)| *rate >= 1.0).collect::<Vec<_>>());
