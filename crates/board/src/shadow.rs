@@ -70,6 +70,10 @@ impl<B: Board> Shadowed<B> {
     /// Lets the shadow come as far as the board.
     fn follow(&mut self, until: u64, observer: &mut impl Observer) {
         self.steps.drain(..).for_each(|step| observer.step(step));
+        // Stopped at once, it makes no more of what it was told.
+        if matches!(self.board.lost(), Some(crate::RemoteError::Stopped { .. })) {
+            return;
+        }
         let open = self.open().map_or(Some(until), |open| self.shadow.last_before_switch(open));
         let Some(until) = open.map(|last| last.min(until)) else { return };
         if self.shadow.now() <= until {

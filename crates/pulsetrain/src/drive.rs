@@ -149,6 +149,8 @@ pub enum Knowledge {
         /// Where they are if the board did not take the last that it was sent, or the last two, …; empty if nothing was on its way.
         or: Vec<Vec<i64>>,
     },
+    /// The board was told to brake, and its answer was lost: they were there when it was heard last.
+    StopUnanswered,
     /// The board restarted and has lost its count: they were there when it was heard last.
     HeardLast {
         /// Why it restarted.
@@ -167,7 +169,7 @@ impl Whereabouts {
                 "nothing moves until the next run. Look where the motors are: one that was stopped at speed may have gone further than it \
                  counted; `pulsetrain info --port PORT` tells how the board fared"
             }
-            Knowledge::Told { .. } => {
+            Knowledge::Told { .. } | Knowledge::StopUnanswered => {
                 "look at the cable and at the board's supply. The motors brake within half a second, and nothing moves until the \
                  next run. An Uno that lost its supply, or whose port was opened again, was reset: look where the motors are"
             }
@@ -201,6 +203,11 @@ impl std::fmt::Display for Whereabouts {
                 let each: Vec<String> = or.iter().map(|counts| list(counts)).collect();
                 write!(f, "; if it did not take all that it was sent: {}", each.join(", or "))
             }
+            Knowledge::StopUnanswered => write!(
+                f,
+                "the board was told to stop, and did not answer. When it was heard last: {motors}; the motors have come to rest since, within \
+                 their limits, but nobody knows where"
+            ),
             Knowledge::HeardLast { reset } => write!(
                 f,
                 "the board restarted on the way ({}) and has lost its count. When it was heard last: {motors}; the motors stopped at \
@@ -479,10 +486,10 @@ impl<'a, B: Leased> Driven<'a, B> {
         let mut stopped = false;
         while !(self.session.is_complete() && self.is_past()) {
             let now = self.session.board().now();
-            match wish() {
+            let obeyed = match wish() {
                 Wish::Stop if !stopped => {
                     stopped = !self.session.is_complete();
-                    self.session.stop().map_err(|error| DriveError::of(self.program, error))?;
+                    self.session.stop().map(|_| ())
                 }
                 Wish::StopNow => {
                     let stop = self.session.board_mut().stop_now(now, &mut since);
@@ -491,11 +498,12 @@ impl<'a, B: Leased> Driven<'a, B> {
                     }
                     return Ok(Ended { counted: stop.positions, stopped: true, uncertain: Some(stop.uncertain) });
                 }
-                Wish::Stop | Wish::GoOn => {}
-            }
+                Wish::Stop | Wish::GoOn => Ok(()),
+            };
             let soon = now + tick_hz / LOOKS_PER_S;
             let last = self.session.last_step().filter(|last| self.session.is_complete() && *last >= now);
-            if let Err(failure) = self.session.advance(last.map_or(soon, |last| soon.min(last)), &mut since) {
+            let until = last.map_or(soon, |last| soon.min(last));
+            if let Err(failure) = obeyed.and_then(|()| self.session.advance(until, &mut since)) {
                 let seen_s = self.session.board().now().saturating_sub(zero) as f64 / tick_hz as f64;
                 // The motors brake: that is waited for.
                 let report = self.session.run(&mut since, progress);
@@ -556,6 +564,7 @@ impl<'a, B: Leased> Driven<'a, B> {
                     (positions, if brakes { Knowledge::Counted } else { Knowledge::StoppedAtOnce })
                 }
             },
+            Err(_) if report.stop_unanswered => (heard, Knowledge::StopUnanswered),
             Err(_) => {
                 let mut told = report.replayed_otherwise.iter().chain([&report.replayed]).cloned();
                 (told.next().unwrap_or_default(), Knowledge::Told { or: told.collect() })

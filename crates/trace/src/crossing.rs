@@ -164,10 +164,12 @@ impl<'a> Crossings<'a> {
                 let (level, beyond) =
                     if rising { (up, stretch.to_value - up) } else { (down, down - stretch.to_value) };
                 let noise = self.window.noise;
+                // So slow that f64 cannot place a crossing on it, as where a motion eases out.
+                let is_flat = self.window.speed(stretch.to).abs() * (stretch.to - stretch.from) <= noise;
                 if stretch.ends_slow && beyond.abs() <= noise {
                     // A touch counts.
                     Some((rising, stretch.to, None))
-                } else if beyond >= 0.0 {
+                } else if beyond > noise || (beyond >= 0.0 && !is_flat) {
                     Some((rising, self.window.solve(level, stretch, self.tick_hz), None))
                 } else if beyond >= -GRAZE {
                     // What f64 sees just missed may count, however slowly θ comes to rest; if θ goes on, so do we.
@@ -519,5 +521,32 @@ mod tests {
     fn a_law_that_breaks_is_named() {
         let law = law(vec![Curve::Polynomial(vec![0.0, f64::NAN])]);
         assert!(matches!(Crossings::new(&law, Grid::REACH, HZ).advance(), Err(LawError::Undefined { .. })));
+    }
+
+    /// It comes to rest on a level, ever more slowly: for a fifth of a millisecond f64 cannot tell whether it is there.
+    #[test]
+    fn a_motion_that_eases_out_makes_its_last_step_at_its_end() {
+        let motor = |name, step, dir| {
+            format!(
+                "[motor.{name}]\nsteps_per_rev = 400\nmicrosteps = 4\ndriver = \"A4988\"\npins = {{ step = {step}, dir = {dir} }}\nforward = \"high\"\ngear = 3\n\
+                 lead = \"8 mm\"\npull_in = \"300 step/s\"\n"
+            )
+        };
+        let text = format!(
+            "board = \"uno\"\ngrid = \"reach\"\n{}{}[machine.table]\nkind = \"xy\"\nmotors = [\"x\", \"y\"]\n[[motion]]\nmachine = \"table\"\n\
+             ease = \"0.5312 s\"\npath.circle = {{ radius = \"0.003181 mm\", frequency = \"39.51 Hz\", cycles = 79 }}\n",
+            motor("x", 2, 5),
+            motor("y", 3, 6)
+        );
+        let no_files = |_: &std::path::Path| Err(std::io::ErrorKind::NotFound.into());
+        let program = pulsetrain_motion::file::read(&text, "eased.toml", &no_files).unwrap();
+        let law = &program.motors[0].law;
+        let mut crossings = Crossings::new(law, program.grid, HZ);
+        let mut last = None;
+        while let Some(crossing) = crossings.advance().unwrap() {
+            last = Some(crossing);
+        }
+        let (last, (tick, fraction)) = (last.unwrap(), law.end().unwrap().ticks(HZ));
+        assert!(!last.optional && last.at.minus(Instant { tick, fraction }).abs() < 1.0, "{last:?}");
     }
 }

@@ -419,7 +419,7 @@ impl Seen {
             Knowledge::Told { or } => {
                 assert!(said == made || or.contains(&made), "{said:?} or {or:?}, but {made:?}")
             }
-            Knowledge::HeardLast { .. } => {
+            Knowledge::HeardLast { .. } | Knowledge::StopUnanswered => {
                 // They were there on the way.
                 for (said, steps) in said.iter().zip(&self.steps) {
                     let mut count = 0;
