@@ -33,10 +33,11 @@ const MAY_KNOW: [(&str, &[&str]); 11] = [
 ];
 
 /// What tests and benches may know besides.
-const IN_TESTS: [(&str, &str); 5] = [
+const IN_TESTS: [(&str, &str); 6] = [
     ("pulsetrain-plan", "pulsetrain-oracle"),
     ("pulsetrain-plan", "pulsetrain-testkit"),
     ("pulsetrain-board", "pulsetrain-testkit"),
+    ("pulsetrain-session", "pulsetrain-testkit"),
     ("pulsetrain", "pulsetrain-testkit"),
     // Whether the motion files that `xtask accept` makes are any.
     ("xtask", "pulsetrain-motion"),
