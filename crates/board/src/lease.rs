@@ -97,9 +97,9 @@ pub trait Leased: Board {
 
     /// Puts the end of the lease off, or earlier, and gives the motors other limits, if there are any.
     ///
-    /// A board at the end of a cable is sent it behind all items that were pushed, and nobody waits for it: until the board has said what became of
-    /// it, it is one of those that are [on their way](Leased::extending), and [`lease`](Leased::lease) stays what it was. If that stays so then, it
-    /// was refused. Of several that are on their way the board may refuse one and accept the next.
+    /// A board at the end of a cable gets the extension behind all items that were pushed before. This call does not wait for the answer. Until it
+    /// comes, the extension counts as [on its way](Leased::extending), and [`lease`](Leased::lease) keeps its value. If the value is still the same
+    /// after the answer, the board refused the extension. With several on their way, the board may refuse one and accept the next.
     ///
     /// # Errors
     /// All motors or none. A board at the end of a cable: what is known without asking it.

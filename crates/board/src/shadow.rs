@@ -70,7 +70,7 @@ impl<B: Board> Shadowed<B> {
     /// Lets the shadow come as far as the board.
     fn follow(&mut self, until: u64, observer: &mut impl Observer) {
         self.steps.drain(..).for_each(|step| observer.step(step));
-        // Stopped at once, it makes no more of what it was told.
+        // After an immediate stop the board makes no more steps; the shadow must not go on with its plan.
         if matches!(self.board.lost(), Some(crate::RemoteError::Stopped { .. })) {
             return;
         }

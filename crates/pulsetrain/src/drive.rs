@@ -146,10 +146,10 @@ pub enum Knowledge {
     StoppedAtOnce,
     /// It is what the board was told; it cannot be asked.
     Told {
-        /// Where they are if the board did not take the last that it was sent, or the last two, …; empty if nothing was on its way.
+        /// Other places where the motors may be: one for each message that the board may not have received. Empty if no answer was missing.
         or: Vec<Vec<i64>>,
     },
-    /// The board was told to brake, and its answer was lost: they were there when it was heard last.
+    /// The line broke before the board answered an order to brake. The counts are the last that the board reported.
     StopUnanswered,
     /// The board restarted and has lost its count: they were there when it was heard last.
     HeardLast {

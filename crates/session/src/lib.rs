@@ -76,7 +76,7 @@ pub struct Session<'a, B> {
     ended: Option<u64>,
     /// What each motor will have counted if a switch, whose answer did not come, was accepted.
     unanswered: Option<Vec<i64>>,
-    /// The board was told to brake, and was lost before it said since when.
+    /// The line broke before the board answered an order to brake.
     stop_unanswered: bool,
     /// The program that was begun, or changed to, and how far its time is.
     course: Course<'a>,
@@ -151,10 +151,11 @@ pub struct Report {
     pub counted: Vec<i64>,
     /// The same as the host replayed them.
     pub replayed: Vec<i64>,
-    /// The same if the board did accept what it was told last, or the last but one, …: the line was lost before its answer came.
+    /// Other counts that are possible if the line broke before answers came: one entry for each change or extension without an answer, as if the
+    /// board had accepted it and nothing after it. The last one comes first.
     pub replayed_otherwise: Vec<Vec<i64>>,
-    /// The board was told to brake, and the line was lost before it said since when. If it did so the motors rest before, and `replayed` is
-    /// wrong: nobody knows their counts.
+    /// The line broke before the board answered an order to brake. If the board obeyed the order, the motors stopped sooner than `replayed` says,
+    /// and their counts are unknown.
     pub stop_unanswered: bool,
     /// What went wrong on each motor.
     pub faults: Vec<Faults>,

@@ -873,7 +873,7 @@ mod real {
         assert!(steps == 100 && said.contains("Rehearsed on the virtual Uno: all 1 s: every edge within "), "{said}");
     }
 
-    /// A board that is gone on the way ends a run with exit code 3; why, when and where the motors are is told, and written.
+    /// If the board disappears during a run, the exit code is 3. The message and report.json say why, when, and where the motors are.
     #[test]
     fn a_run_that_is_stopped_says_when_and_where() {
         let folder = folder("serve-stopped");

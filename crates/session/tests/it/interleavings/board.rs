@@ -33,7 +33,7 @@ pub(crate) enum Mutation {
     HostTellsNoLimits,
 }
 
-/// Of all that was accepted: how much each motor was told, and how long it holds.
+/// What the board has accepted so far: the items of each motor, and until when the lease holds.
 #[derive(Clone, Debug)]
 pub(crate) struct Ledger {
     /// Sequence number of the next frame.

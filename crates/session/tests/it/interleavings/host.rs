@@ -29,7 +29,7 @@ pub(crate) enum Belief {
     Counts(Vec<i64>),
     /// What it said last was accepted, or it was not, or what it said before.
     OneOf(Vec<Vec<i64>>),
-    /// It was to stop, and nobody knows when it did.
+    /// The board has not answered an order to brake, so the host does not know when the motors stopped.
     Unknown,
 }
 
@@ -45,9 +45,9 @@ pub(crate) struct Host {
     /// Since when the motors brake, as the board said.
     pub(crate) ended: Option<u64>,
     pub(crate) asked: Option<Asked>,
-    /// The board said that it rests, after all that it was told.
+    /// The board reported that its motors rest, and the host has sent nothing since it asked.
     pub(crate) heard_rest: bool,
-    /// Something was told since the board was asked how it is.
+    /// The host has sent something since it last asked for the status.
     pub(crate) is_stale: bool,
     /// An extension was refused: the board is to say why.
     pub(crate) is_wary: bool,
@@ -300,7 +300,7 @@ impl Host {
     }
 }
 
-/// A lease as frames have it.
+/// A lease in the form that frames carry: 32 bits of the tick.
 fn moment_of(lease: Lease) -> lease::Lease {
     match lease {
         Lease::Until(until) => lease::Lease::Until(Moment::of(until)),

@@ -9,7 +9,7 @@
 //! - `board`: the board's end, and the contract once more as a ledger of what was accepted
 //! - `host`: the host's end
 //! - `system`: both and the line, as a state machine; `properties`: what must hold
-//! - `printed`: how states are told apart
+//! - `printed`: a state as text; two states are equal if their texts have the same hash
 //!
 //! # What is real
 //! - The board: `Service`, and the test kit's model behind it, whose stepgen is `Native`: core's channel, axis, output, merge, lease and braking.
