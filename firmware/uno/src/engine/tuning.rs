@@ -44,6 +44,8 @@ pub(crate) mod task {
     pub(crate) const RESERVE_MERGED: u16 = 21 << 8;
     /// A ring is full when it has room for fewer groups. Shown by rates.
     pub(crate) const NEARLY: u8 = 20;
+    /// A ring that is filled for so many ticks need not be full.
+    pub(crate) const FAR: u16 = 128 << 8;
     /// Batches of steps that one call makes for a ring, at most; what Rust puts into the ring counts twice. Shown by rates.
     pub(crate) const BATCHES: u8 = 8;
     /// So many of them two rings get first, by turns. Shown by rates.

@@ -234,7 +234,25 @@ plan_fast:
     cp r22, r18
     cpc r23, r19
     brsh plan_slow_up
-1:  // How far the interval may go up or down within 31 steps: 31 |add| + 465 |add2|. r18:19 is 32 |add|, r20:21 512 |add2|.
+    clr r15                             // r14:15: the time until the limit, 0 if that was not looked at
+    rjmp 7f
+plan_not_yet:
+    clr r24
+    ret
+1:  // Is there time for one step?
+    clr r15
+    cpi r23, 2
+    brlo 7f
+    movw r30, r22
+    load_limit r18, r19, r20, r21
+    rcall plan_from_tick
+    brcs plan_not_yet
+    movw r22, r30
+    cp r18, r22
+    cpc r19, r23
+    brlo plan_not_yet
+    movw r14, r18
+7:  // How far the interval may go up or down within 31 steps: 31 |add| + 465 |add2|. r18:19 is 32 |add|, r20:21 512 |add2|.
     ldd r18, Y+{ADD}+1
     ldd r19, Y+{ADD}+2
     ldd r24, Y+{ADD}+3
@@ -251,20 +269,34 @@ plan_fast:
     com r20
     com r21
     com r25
-3:  or r24, r25
-    brne plan_slow_up
-    mov r24, r19
-    andi r24, 0x80
-    brne plan_slow_up
+3:  ldi r26, 31
+    // Where they take more than 16 bits, for half as many at a time, as below.
+4:  mov r30, r24
+    or r30, r25
+    brne 5f
+    cpi r19, 0x80
+    brsh 5f
     cpi r21, 8
-    brsh plan_slow_up
-    .rept 3
+    brlo 6f
+5:  lsr r26
+    breq plan_slow_here
+    lsr r24
+    ror r19
+    ror r18
+    .rept 2
+    lsr r25
+    ror r21
+    ror r20
+    .endr
+    rjmp 4b
+plan_slow_here:
+    rjmp plan_slow
+6:  .rept 3
     lsr r19
     ror r18
     .endr
     lsl r20
     rol r21
-    ldi r26, 31
 2:  movw r30, r18
     add r30, r20
     adc r31, r21
@@ -296,25 +328,27 @@ plan_fast:
     .endr
     rjmp 2b
 4:
-    // At such rates a ring is full long before the limit.
     ldd r20, Y+{FLAGS}
+    movw r18, r14
+    tst r15
+    brne 7f
+    // At such rates a ring is full long before the limit.
     cpi r25, 2
     brsh 3f
-    ldi r18, 255
-    ldi r19, 255
+    ser r18
+    ser r19
     sbrs r20, {SWITCH}
     rjmp plan_have_time
     // The time until the limit, in 16 bits.
 3:  load_limit r18, r19, r20, r21
     rcall plan_from_tick
-    brcs plan_nothing_near
+    brcs plan_not_yet_near
     ldd r20, Y+{FLAGS}
-    sbrc r20, {SWITCH}
+7:  sbrc r20, {SWITCH}
     rjmp plan_before_switch
     rjmp plan_have_time
-plan_nothing_near:
-    clr r24
-    ret
+plan_not_yet_near:
+    rjmp plan_not_yet
 plan_slow_near:
     rjmp plan_slow
 plan_have_time:
@@ -341,19 +375,39 @@ plan_have_time:
     cp r18, r22
     cpc r19, r23
     brsh 7f
-    // If not, count.
-5:  clr r22
-6:  sub r18, r24
-    sbc r19, r25
+    // If not, they are counted, to 1/256 of a tick: it is less than the 24 that 31 of them may be off.
+5:  subi r18, 24
+    sbci r19, 0
+    brcs 9f
+    clr r14
+    ldd r22, Y+{INTERVAL}+1
+    ldd r23, Y+{INTERVAL}+2
+    ldd r24, Y+{INTERVAL}+3
+    ldd r25, Y+{ADD}+1
+    ldd r26, Y+{ADD}+2
+    ldd r27, Y+{ADD}+3
+    ldd r30, Y+{ADD2}+1
+    ldd r31, Y+{ADD2}+2
+    ldd r0, Y+{ADD2}+3
+    clr r20
+6:  sub r14, r22
+    sbc r18, r23
+    sbc r19, r24
     brcs 8f
-    inc r22
-    cp r22, r21
-    brne 6b
-    rjmp 7f
-8:  mov r21, r22
+    inc r20
+    cp r20, r21
+    breq 7f
+    add r22, r25
+    adc r23, r26
+    adc r24, r27
+    add r25, r30
+    adc r26, r31
+    adc r27, r0
+    rjmp 6b
+8:  mov r21, r20
     tst r21
     brne 7f
-    ldd r20, Y+{FLAGS}
+9:  ldd r20, Y+{FLAGS}
     sbrc r20, {SWITCH}
     rjmp plan_slow
     clr r24

@@ -17,7 +17,7 @@ use super::times::TIMES;
 use crate::engine::clock;
 use crate::engine::regs;
 use crate::engine::tuning::stepper::AHEAD;
-use crate::engine::tuning::task::{AGAIN, BATCHES, NEARLY, RESERVE, RESERVE_MERGED, SOONEST, TURNS};
+use crate::engine::tuning::task::{AGAIN, BATCHES, FAR, NEARLY, RESERVE, RESERVE_MERGED, SOONEST, TURNS};
 use core::arch::global_asm;
 use core::cell::UnsafeCell;
 use core::mem::offset_of;
@@ -239,7 +239,7 @@ steps_task_begin:
     brcc .+2
     rjmp 4f
     lds r25, steps_mode
-    // Or, where the only ring is full, half of it, or all but the reserve if that is less.
+    // Or, where the only ring is full or reaches far, half of it, or all but the reserve if that is less.
 3:
     // Bytes are received at once where rings have nothing but plain steps: of one motor, at intervals of 80 to 128 ticks (the compare register
     // may be written 73 after the match then); or of two that the compare hardware steps, below 256 (and 127).
@@ -283,8 +283,10 @@ steps_task_begin:
     sub r24, r25
     dec r24
     cpi r24, 4 * {NEARLY}
-    brsh 4f
-    lds r25, steps_mode
+    brlo 21f
+    cpi r26, {FAR} >> 8
+    brlo 4f
+21: lds r25, steps_mode
     ldi r27, {RESERVE_MERGED} >> 8
     cpi r25, {MERGE}
     breq .+2
@@ -313,8 +315,9 @@ steps_task_begin:
     lds r20, steps_stepper+{AT}+{TRACK_SIZE}
     lds r21, steps_stepper+{AT}+{TRACK_SIZE}+1
     rcall task_ahead
-    sbrc r21, 6
-    ldi r21, 63
+    cpi r21, 101
+    brlo .+2
+    ldi r21, 101
     mov r24, r21
     lsr r24
     lsl r21
@@ -416,6 +419,7 @@ task_ahead:
     SPL = const 0x3d,
     RESERVE_MERGED = const RESERVE_MERGED,
     RESERVE = const RESERVE,
+    FAR = const FAR,
     NEARLY = const NEARLY,
     EECR = const super::register::EECR,
     AT_ONCE = const super::register::AT_ONCE,
