@@ -282,12 +282,14 @@ steps_task_begin:
     lds r25, steps_stepper+{HEAD}
     sub r24, r25
     dec r24
+    lds r25, steps_mode
     cpi r24, 4 * {NEARLY}
     brlo 21f
+    cpi r25, {SHARED}
+    breq 4f
     cpi r26, {FAR} >> 8
     brlo 4f
-21: lds r25, steps_mode
-    ldi r27, {RESERVE_MERGED} >> 8
+21: ldi r27, {RESERVE_MERGED} >> 8
     cpi r25, {MERGE}
     breq .+2
     ldi r27, {RESERVE} >> 8
@@ -413,6 +415,7 @@ task_ahead:
     TURNS = const TURNS,
     MERGE = const mode::MERGE,
     BESIDE = const mode::BESIDE,
+    SHARED = const mode::SHARED,
     FILLED = const mode::FILLED,
     EXTRA_B = const flags::EXTRA_B,
     BESIDE_FLAG = const flags::BESIDE,
