@@ -6,5 +6,6 @@ pub(crate) mod onward;
 pub(crate) mod pico;
 pub(crate) mod pico_rows;
 pub(crate) mod random;
+pub(crate) mod rigs;
 pub(crate) mod rows;
 pub(crate) mod uno;
