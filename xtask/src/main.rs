@@ -52,6 +52,7 @@ const AFTER_HELP: &str = "Examples:
   cargo xtask test                 before you send it
   cargo xtask ci                   what .ci/run runs
   cargo xtask soak --rounds 20 --seed 7      new seeds, and longer
+  cargo xtask soak --stops 500     cables cut, and hosts that stop, at random instants of random motions
   cargo xtask soak --mutants pulsetrain-core --shard 0/50   which changes of the code no test notices
   cargo xtask bench uno --hour     an hour on the virtual Uno
   cargo xtask accept --count 1000 --seed 7   random motions; `accept --seed 7 --only 42` is one of them
