@@ -2,6 +2,7 @@
 #![allow(dead_code, reason = "each test and bench uses some of it")]
 
 pub(crate) mod motion;
+pub(crate) mod motions;
 pub(crate) mod onward;
 pub(crate) mod pico;
 pub(crate) mod pico_rows;
