@@ -66,17 +66,18 @@ impl Shape {
         law.expect("numbers within the limits of laws")
     }
 
-    /// In phase with an even seed; else each motor has a law of its own, and begins a part of a period or of a step later.
+    /// In phase with an even seed. Else trapezoids begin evenly apart within a step, and each sinusoid has its own frequency and begins at its own
+    /// part of half a period.
     fn motion(self, motors: usize, rate: f64, seed: u64) -> Prepared {
         let mut random = Random::new(seed);
         let together = self.law(rate, &mut random);
-        let law = |_| {
-            if is_in_phase(seed) {
-                return together.clone();
-            }
-            let apart_s = if let Shape::Sine(from, _) = self { 0.5 / from } else { 1.0 / rate };
-            let late = Time::from_seconds(apart_s * random.fraction());
-            self.law(rate, &mut random).delayed(late).expect("a delay")
+        let law = |motor: usize| {
+            let (law, late_s) = match self {
+                _ if is_in_phase(seed) => return together.clone(),
+                Shape::Trapezoid => (together.clone(), motor as f64 / rate / motors as f64),
+                Shape::Sine(from, _) => (self.law(rate, &mut random), 0.5 / from * random.fraction()),
+            };
+            law.delayed(Time::from_seconds(late_s)).expect("a delay")
         };
         let laws: Vec<Law> = (0..motors).map(law).collect();
         let motors = laws.into_iter().enumerate().map(|(index, law)| rigs::motor(index, SHIELD[index], law));
@@ -114,14 +115,9 @@ fn is_accepted(shape: Shape, motors: usize, rate: f64, seed: u64, baud: Baud) ->
     prepared.plan(|_| {}).is_ok()
 }
 
-/// The fastest rung that holds, by bisection; 0 if none does.
+/// The fastest rung up to which all hold; 0 if none does. Which of those beyond hold is chance.
 fn fastest(rungs: &[f64], mut holds: impl FnMut(f64) -> bool) -> f64 {
-    let (mut low, mut fails) = (0, rungs.len());
-    while low < fails {
-        let middle = (low + fails) / 2;
-        if holds(rungs[middle]) { low = middle + 1 } else { fails = middle }
-    }
-    low.checked_sub(1).map_or(0.0, |last| rungs[last])
+    rungs.iter().copied().take_while(|rate| holds(*rate)).last().unwrap_or(0.0)
 }
 
 /// What motors reach.
@@ -130,7 +126,7 @@ pub(crate) struct Cell {
     /// Steps/s of each that the board makes, with all seeds, and that `plan` accepts.
     pub(crate) runs: f64,
     pub(crate) accepted: f64,
-    /// What was wrong with the slowest that the board does not make.
+    /// What was wrong with the next rate.
     pub(crate) why: String,
 }
 
@@ -139,7 +135,7 @@ impl Sort {
     pub(crate) fn cell(&self, motors: usize, baud: Baud, seeds: u64, rung: f64) -> Cell {
         let (floor, wanted) = self.asked[motors - 1];
         // A slow line brings plans for a fraction of it.
-        let slowest = 1e3 * floor / if baud == Baud::B1M { 4.0 } else { 40.0 };
+        let slowest = 1e3 * floor / if baud == Baud::B1M { 3.0 } else { 30.0 };
         let up = |rate: &f64| Some(rate * (1.0 + rung));
         let rungs = std::iter::successors(Some(slowest), up).take_while(|rate| *rate < 1.3e3 * wanted);
         let mut rungs: Vec<f64> = rungs.chain([1e3 * floor, 1e3 * wanted]).collect();
@@ -148,10 +144,10 @@ impl Sort {
         let mut why = String::new();
         let of = self.shape;
         let runs = fastest(&rungs, |rate| {
-            let failed = (0..seeds).find_map(|seed| {
-                runs(of, motors, rate, seed, baud).err().map(|error| format!("{}, seed {seed}: {error}", kilo(rate)))
-            });
-            why = failed.clone().unwrap_or(std::mem::take(&mut why));
+            let failed = (0..seeds).find_map(|seed| Some((seed, runs(of, motors, rate, seed, baud).err()?)));
+            if let Some((seed, error)) = &failed {
+                why = format!("{}, seed {seed}: {}", kilo(rate), error.lines().next().unwrap_or_default());
+            }
             failed.is_none()
         });
         let accepted = fastest(&rungs, |rate| (0..seeds).all(|seed| is_accepted(of, motors, rate, seed, baud)));
