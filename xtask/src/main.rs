@@ -52,8 +52,10 @@ const AFTER_HELP: &str = "Examples:
   cargo xtask test                 before you send it
   cargo xtask ci                   what .ci/run runs
   cargo xtask soak --rounds 20 --seed 7      new seeds, and longer
+  cargo xtask soak --stops 500     cables cut, and hosts that stop, at random instants of random motions
   cargo xtask soak --mutants pulsetrain-core --shard 0/50   which changes of the code no test notices
   cargo xtask bench uno --hour     an hour on the virtual Uno
+  cargo xtask bench uno --motions  how fast whole motions run on the virtual Uno
   cargo xtask accept --count 1000 --seed 7   random motions; `accept --seed 7 --only 42` is one of them
   cargo xtask fuzz --seconds 600   longer than CI does
   cargo xtask firmware --check     whether the committed image is what the source builds
@@ -115,6 +117,9 @@ enum Task {
         /// Of the Uno: figure 2 alone, the promised rates; printed, not written
         #[arg(long, requires = "only", conflicts_with = "hour")]
         rates: bool,
+        /// Of the Uno: figure 8 alone, how fast whole motions run; with so many seeds; printed, not written
+        #[arg(long, requires = "only", conflicts_with_all = ["hour", "rates"], value_name = "SEEDS", num_args = 0..=1, default_missing_value = "4")]
+        motions: Option<u64>,
     },
     /// Write the golden files anew; read the difference before you commit it
     Golden,
@@ -170,6 +175,7 @@ fn main() -> ExitCode {
         Task::Uf2 { elf } => firmware::pico::convert(&elf),
         Task::Bench { only: None, .. } => bench::run(),
         Task::Bench { only: Some(Figures::Uno), rates: true, .. } => bench::uno::figure_2(),
+        Task::Bench { only: Some(Figures::Uno), motions: Some(seeds), .. } => bench::uno::motions(seeds),
         Task::Bench { only: Some(Figures::Uno), hour: false, .. } => bench::uno::run(),
         Task::Bench { only: Some(Figures::Uno), hour: true, .. } => bench::uno::hour(),
         Task::Bench { only: Some(Figures::Winch), .. } => bench::winch::run(),

@@ -17,6 +17,9 @@ const MUTATED: [&str; 3] = ["pulsetrain-core", "pulsetrain-plan", "pulsetrain-tr
 const SURVIVED: i32 = 2;
 const HUNG: i32 = 3;
 
+/// So many cuts `crates/pulsetrain/tests/it/chips/stops.rs` tries on each board in a round.
+const CUTS: u64 = 4;
+
 /// What is tried.
 #[derive(clap::Args)]
 pub(crate) struct Options {
@@ -35,6 +38,9 @@ pub(crate) struct Options {
     /// Instead: change one thing at a time in this crate's code, and list the changes that none of its tests notices
     #[arg(long, value_name = "CRATE", value_parser = MUTATED, conflicts_with_all = ["rounds", "seed", "motions", "fuzz_seconds"])]
     mutants: Option<String>,
+    /// Instead: cut the cable at an instant of so many random motions on each board, and have the host stop as many and a half
+    #[arg(long, value_name = "N", conflicts_with_all = ["rounds", "motions", "fuzz_seconds", "mutants"])]
+    stops: Option<u64>,
     /// Of the mutants each n-th alone, beginning with the k-th
     #[arg(long, value_name = "k/n", requires = "mutants")]
     shard: Option<String>,
@@ -43,6 +49,9 @@ pub(crate) struct Options {
 pub(crate) fn run(options: &Options) -> Done {
     if let Some(package) = &options.mutants {
         return mutants(package, options.shard.as_deref());
+    }
+    if let Some(cuts) = options.stops {
+        return stops(cuts, options.seed);
     }
     let now = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_secs());
     let seed = options.seed.unwrap_or(now);
@@ -54,6 +63,20 @@ pub(crate) fn run(options: &Options) -> Done {
     done.push(fuzz::run(options.fuzz_seconds, None));
     command::all(done)?;
     println!("xtask soak: all passed, from --seed {seed} on");
+    Ok(())
+}
+
+/// Stops random motions on all boards, from `seed` on, or from the test's own; its lines say what came of it.
+fn stops(cuts: u64, seed: Option<u64>) -> Done {
+    let mut test = cargo("test --package pulsetrain --test it stops:: -- --nocapture");
+    test.env("PULSETRAIN_ROUNDS", cuts.div_ceil(CUTS).to_string());
+    test.envs(seed.map(|seed| ("PULSETRAIN_SEED", seed.to_string())));
+    let said = command::output(&mut test)?;
+    said.lines().filter(|line| line.contains(" on ")).for_each(|line| println!("{line}"));
+    println!(
+        "xtask soak: {} cuts on uno, native, pico: all stopped within limits, counts as replayed",
+        CUTS * cuts.div_ceil(CUTS)
+    );
     Ok(())
 }
 

@@ -2,15 +2,18 @@
 //!
 //! A table, fields between tabs, the first of which says whether the row is promised, or that it is a limit for the table of
 //! boards. With the argument `hour` the hour of 001's four motors instead; with `figure-2` that figure alone; with `rates` what motions reach, too;
+//! with `motions` and a number of seeds how fast whole motions run, and what of it `plan` accepts;
 //! with `pulse` and ticks what variations with such pulses reach, and their limits.
 
 #[path = "../tests/it/common/mod.rs"]
 mod common;
 
+use common::motions::{Cell, SORTS, Sort};
 use common::rows::{
     COLUMNS, Case, LONGER_PULSES, PROMISED, Row, TUTORIALS, fastest_plateau, hour, rates, tutorial_row, variations,
 };
 use common::uno::kind_of;
+use pulsetrain_core::wire::Baud;
 use pulsetrain_motion::pins::PinKind;
 use pulsetrain_testkit::TICK_HZ;
 use std::thread;
@@ -26,7 +29,13 @@ const SEED_S: f64 = 2.0;
 /// Variations run so long.
 const SHORT_S: f64 = 1.0;
 
+/// Rates of motions are so far apart, a part of themselves.
+const RUNG: f64 = 0.05;
+
 fn main() {
+    if let Some(seeds) = std::env::args().skip_while(|argument| argument != "motions").nth(1) {
+        return motions(seeds.parse().expect("a number of seeds"));
+    }
     println!("promised\t{}", COLUMNS.join("\t"));
     if std::env::args().any(|argument| argument == "hour") {
         return hour(3600).iter().for_each(|row| println!("{}", line(row)));
@@ -42,6 +51,39 @@ fn main() {
         figures()
     };
     lines.iter().for_each(|line| println!("{line}"));
+}
+
+/// Figure 8: whole motions. A row is printed once it is known.
+fn motions(seeds: u64) {
+    println!("promised\tfigure\tmotion\tbaud\t1 motor\t2 motors\t3 motors\t4 motors\tverdict");
+    for baud in [Baud::B1M, Baud::B115200] {
+        for sort in SORTS {
+            let cells = thread::scope(|scope| {
+                let cells = [1, 2, 3, 4].map(|motors| scope.spawn(move || sort.cell(motors, baud, seeds, RUNG)));
+                cells.map(|cell| cell.join().expect("a cell of the row"))
+            });
+            println!("{}", motions_line(&sort, baud, &cells));
+        }
+    }
+}
+
+/// Of each cell: steps/s that run, what `plan` accepts of it, and, at the rate for which that was said, what is promised and wanted.
+fn motions_line(sort: &Sort, baud: Baud, cells: &[Cell; 4]) -> String {
+    let is_promised = baud == Baud::B1M;
+    let k = |rate: f64| format!("{:.1}", rate / 1e3);
+    let of = |(cell, (floor, wanted)): (&Cell, &(f64, f64))| {
+        let asked = if is_promised { format!(" ({floor} / {wanted})") } else { String::new() };
+        format!("{} / {}{asked}", k(cell.runs), k(cell.accepted))
+    };
+    let texts: Vec<_> = cells.iter().zip(&sort.asked).map(of).collect();
+    let missed = (1..).zip(cells).zip(sort.asked).filter(|((_, cell), (floor, _))| cell.runs < 1e3 * floor);
+    let missed: Vec<_> = missed.map(|((motors, cell), _)| format!("{motors} motors: {}", cell.why)).collect();
+    let verdict = match missed.as_slice() {
+        _ if !is_promised => "measured".to_owned(),
+        [] => "holds".to_owned(),
+        missed => format!("MISSED: {}", missed.join("; ")),
+    };
+    format!("{is_promised}\t8\t{}\t{}\t{}\t{verdict}", sort.name(), baud.rate(), texts.join("\t"))
 }
 
 /// Figure 2 alone, a case to a core.

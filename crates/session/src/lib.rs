@@ -45,6 +45,9 @@ use timeline::{Step, Timeline};
 /// So long after the last step a board may take to say that its motors rest, s.
 const PATIENCE_S: u64 = 5;
 
+/// A lease that ends within so many ms is short.
+const SHORT_MS: u64 = 10;
+
 /// So many extensions of the lease may be on their way: what a queue holds need not last until two of them were answered, one after the other.
 const MOST_ASKED: usize = 3;
 
@@ -222,7 +225,10 @@ impl<'a, B: Leased> Session<'a, B> {
 
     fn try_fill(&mut self) -> Result<(), SessionError> {
         self.look()?;
-        let kept: Vec<usize> = self.capacity.iter().map(|capacity| capacity / KEPT).collect();
+        // Where motors are about to brake, no room is kept for a change.
+        let is_short = self.told().saturating_sub(self.board.now()) < self.pace.tick_hz / 1000 * SHORT_MS;
+        let kept: Vec<usize> =
+            self.capacity.iter().map(|capacity| if is_short { 0 } else { capacity / KEPT }).collect();
         let mut more = !self.over;
         while more {
             let reach = self.reach();

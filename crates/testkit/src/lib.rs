@@ -7,6 +7,7 @@
 //! - [`segments`]: random segments near a rate; [`winch`]: paths by text
 //! - [`delays`], [`examples`], [`mailbox`], [`held`]: what the Pico's library and verbs are tested with
 //! - [`folder`]: a temporary folder
+//! - [`limits`]: whether steps keep to a motor's limits
 //! - setups of motors, and a few items
 #![allow(clippy::missing_panics_doc, clippy::unwrap_used, reason = "a test is to fail there")]
 #![allow(
@@ -22,6 +23,7 @@ pub mod faulty;
 pub mod folder;
 pub mod held;
 pub mod lab;
+pub mod limits;
 pub mod mailbox;
 pub mod model;
 pub mod pico;

@@ -6,7 +6,7 @@ use crate::firmware;
 use std::fs;
 
 /// Titles of the figures, by number.
-const TITLES: [&str; 7] = [
+const TITLES: [&str; 8] = [
     "The tutorial's sinusoid, every step and edge",
     "Sustained rates while following changing laws: the fastest that holds",
     "The same: constant rates, in phase, unequal rates, turns, longer pulses",
@@ -14,6 +14,7 @@ const TITLES: [&str; 7] = [
     "Load of the processor",
     "Motions that stay fast, as `pulsetrain run` makes them, in phase and staggered: the fastest that holds",
     "Promised rates with other random segments: lateness and lost steps of all runs, load of the first, and how many hold",
+    "Whole motions of about 1 s, in phase and staggered: 1000 steps/s of each motor that run / that `plan` accepts (promised / wanted)",
 ];
 
 const PREFACE: &str = "Emulated: the committed images on the ATmega328P of `crates/emulator`, 16 MHz, streamed at 1 Mbaud; no \
@@ -46,6 +47,13 @@ pub(crate) fn hour() -> Done {
 /// Figure 2 alone, printed and not written: what a change of the firmware does to the rates that are promised.
 pub(crate) fn figure_2() -> Done {
     let (table, _) = measure("-- figure-2")?;
+    print!("{}", table.markdown("Uno", &TITLES));
+    Ok(())
+}
+
+/// Figure 8 alone, printed and not written: how fast whole motions run, with so many seeds.
+pub(crate) fn motions(seeds: u64) -> Done {
+    let (table, _) = measure(&format!("-- motions {seeds}"))?;
     print!("{}", table.markdown("Uno", &TITLES));
     Ok(())
 }

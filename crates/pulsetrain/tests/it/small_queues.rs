@@ -47,8 +47,10 @@ impl Port for Counting {
 }
 
 /// A board that notes how far ahead its lease stands, and what it is told.
-struct Watched {
-    board: Remote<Counting>,
+struct Watched<P> {
+    board: Remote<P>,
+    /// Of each motor's queue so many bytes are said not to be there.
+    missing: usize,
     extensions: usize,
     /// From the second extension on, ticks: the least that is left of a lease.
     least_ahead: u64,
@@ -56,7 +58,11 @@ struct Watched {
     told: Vec<Entry>,
 }
 
-impl Watched {
+impl<P: Port> Watched<P> {
+    fn new(board: Remote<P>) -> Watched<P> {
+        Watched { board, missing: 0, extensions: 0, least_ahead: u64::MAX, told: Vec::new() }
+    }
+
     /// Notes what is left of the lease.
     fn look(&mut self) {
         if self.extensions > 1
@@ -67,7 +73,7 @@ impl Watched {
     }
 }
 
-impl Board for Watched {
+impl<P: Port> Board for Watched<P> {
     fn push(&mut self, motor: usize, entry: Entry) -> Result<(), Entry> {
         self.board.push(motor, entry)?;
         if motor == 0 {
@@ -79,7 +85,7 @@ impl Board for Watched {
         self.board.discard(epoch);
     }
     fn room(&self, motor: usize) -> usize {
-        self.board.room(motor)
+        self.board.room(motor).saturating_sub(self.missing)
     }
     fn sizer(&self, motor: usize) -> Sizer {
         self.board.sizer(motor)
@@ -126,7 +132,7 @@ impl Board for Watched {
     }
 }
 
-impl Leased for Watched {
+impl<P: Port> Leased for Watched<P> {
     fn switch_leased(&mut self, epoch: Epoch, tick: u64, lease: Lease, limits: &[Limit]) -> Result<(), SwitchRefused> {
         self.board.switch_leased(epoch, tick, lease, limits)
     }
@@ -217,7 +223,7 @@ fn stream(program: &Program, queue: u16, seconds: f64) -> Figures {
     let motors = (0..motors).map(motor).collect();
     remote.configure(&Setup { pulse_ticks: 16, setup_ticks: 8, motors, ..Setup::default() }).unwrap();
     let before = remote.port().bytes;
-    let board = Watched { board: remote, extensions: 0, least_ahead: u64::MAX, told: Vec::new() };
+    let board = Watched::new(remote);
     let mut steps = 0;
     let mut observer = |edge: Edge| steps += u64::from(edge.level && edge.line < 16);
     let mut session = match Session::new(board, program) {
@@ -344,6 +350,81 @@ fn ramps_of_four_motors_fit_their_queues() {
             let program = unlimited(program((0..4).map(law).collect(), 0.0));
             let figures = stream(&Program { tolerance: Tolerance::Seconds(1e-6), ..program }, QUEUE, 2.0);
             assert_eq!(figures.refused, None, "{rate} steps/s, {apart} of a step apart");
+        }
+    }
+}
+
+/// Examples on the virtual Uno.
+mod chips {
+    use super::*;
+    use crate::common::rigs;
+    use pulsetrain::drive::connect_as;
+    use pulsetrain::prepare::Prepared;
+    use pulsetrain_board::virtual_uno::VirtualUno;
+    use pulsetrain_core::Direction;
+    use pulsetrain_motion::pins::PinKind;
+    use pulsetrain_plan::{Ensemble, Move};
+    use std::path::Path;
+
+    /// Steps of four motors on one DIR line come one after the other, ticks.
+    const LATE: u64 = 300;
+
+    /// All steps of a plan, ticks from the laws' beginning on.
+    fn planned(program: &Program) -> Vec<Vec<(u64, i64)>> {
+        let fraction_bits = program.board.fraction_bits;
+        let mut ensemble = Ensemble::new(program).unwrap();
+        let mut of = |motor| {
+            let mut accumulator = 1_i128 << (fraction_bits - 1);
+            let mut steps = Vec::new();
+            while let Some(next) = ensemble.next_move(motor).unwrap() {
+                match next {
+                    Move::Dwell { ticks } => accumulator += i128::from(ticks) << fraction_bits,
+                    Move::Run { segment, direction } => {
+                        let sign = if direction == Direction::Forward { 1 } else { -1 };
+                        let tick = |k| ((accumulator + segment.span(k)) >> fraction_bits) as u64;
+                        steps.extend((1..=segment.count).map(|k| (tick(k), sign)));
+                        accumulator += segment.span(segment.count);
+                    }
+                }
+            }
+            steps
+        };
+        (0..program.motors.len()).map(&mut of).collect()
+    }
+
+    /// Runs an example for `seconds` at most through half of each queue; each step is the plan's.
+    fn run_with_half(file: &str, seconds: i64) {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples").join(file);
+        let prepared = Prepared::load(&path, None, Some(Time::from_ratio(seconds, 1))).unwrap();
+        let program = &prepared.program;
+        let mut board = Watched::new(connect_as(VirtualUno::new(), program, Baud::B1M, 1).unwrap());
+        board.missing = board.room(0).div_ceil(2);
+        let room = board.room(0);
+        let mut edges = Vec::new();
+        let mut session = Session::new(board, program).unwrap_or_else(|error| panic!("{file}: {error}"));
+        let report = session.run(&mut |edge: Edge| edges.push(edge), |_| {});
+        let least_ms = 1e3 * session.board().least_ahead as f64 / TICK_HZ as f64;
+        println!("{file}, {room} bytes a motor: {} edges, {least_ms:.1} ms to spare", edges.len());
+        assert_eq!(report.failure, None, "{file}, {room} bytes a motor");
+        assert_eq!(report.counted, report.replayed, "{file}");
+        assert!(report.faults.iter().all(|faults| *faults == Faults::default()), "{file}: {:?}", report.faults);
+        let constant = u64::from(PinKind::of(&program.motors).unwrap().constant_ticks());
+        for ((steps, planned), motor) in rigs::steps(program, &edges).iter().zip(planned(program)).zip(&program.motors)
+        {
+            assert_eq!(steps.len(), planned.len(), "{file}, {}", motor.name);
+            for ((tick, sign), (due, way)) in steps.iter().zip(planned) {
+                let due = report.zero + due + constant;
+                let is_there = *sign == way && due.abs_diff(*tick) <= LATE;
+                assert!(is_there, "{file}, {}: due at {due} ({way}), seen at {tick} ({sign})", motor.name);
+            }
+        }
+    }
+
+    #[test]
+    fn examples_run_with_half_of_an_unos_queues() {
+        for (file, seconds) in [("winch.toml", 8), ("sweep.toml", 5), ("sweep-phases.toml", 5), ("cnc-shield.toml", 5)]
+        {
+            run_with_half(file, seconds);
         }
     }
 }

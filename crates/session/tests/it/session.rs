@@ -14,6 +14,7 @@ use pulsetrain_motion::{Grid, Law, Time, law::Cursor};
 use pulsetrain_plan::{Ensemble, Move, Settings};
 use pulsetrain_session::pause::Shelf;
 use pulsetrain_session::{Session, SessionError};
+use pulsetrain_testkit::limits;
 use std::collections::VecDeque;
 
 const TICK_HZ: u64 = 16_000_000;
@@ -355,24 +356,8 @@ fn check_replay<B: Leased>(session: &Session<'_, B>, lab: &Lab, ticks: &[u64]) -
     Ok(())
 }
 
-/// No acceleration above `limit` (steps/s²), as far as ticks that may be off by `doubt` tell, over any stretch of steps.
 fn check_acceleration(steps: &[(u64, i64)], limit: f64, doubt: f64) -> Result<(), TestCaseError> {
-    let hz = TICK_HZ as f64;
-    for run in steps.chunk_by(|a, b| a.1 == b.1) {
-        let mut stride = 1;
-        while 2 * stride < run.len() {
-            for k in 0..run.len() - 2 * stride {
-                let [a, b, c] = [k, k + stride, k + 2 * stride].map(|k| run[k].0 as f64 / hz);
-                let (before, after) = (stride as f64 / (b - a), stride as f64 / (c - b));
-                let error = 2.0 * doubt / hz * (before / (b - a) + after / (c - b));
-                let acceleration = (after - before).abs() / (0.5 * (c - a));
-                let bound = limit * 1.001 + error * 1.1 / (0.5 * (c - a));
-                prop_assert!(acceleration <= bound, "{acceleration} steps/s² over {bound} at {:?}", run[k]);
-            }
-            stride *= 2;
-        }
-    }
-    Ok(())
+    limits::check_acceleration(steps, TICK_HZ, limit, doubt).map_err(TestCaseError::fail)
 }
 
 /// Lets the board come to rest without the host.
@@ -689,15 +674,8 @@ fn check_stops<B: Leased>(session: &Session<'_, B>, lab: &Lab, program: &Program
         let doubt = if lab.is_shared() { 1.5 + REVERSAL as f64 } else { 1.5 };
         let first = steps.iter().position(|(tick, _)| *tick >= session.told()).unwrap_or(steps.len());
         check_acceleration(&steps[first.saturating_sub(2)..], limit, doubt)?;
-        // Less than a step from rest, a motor braked by a ran at √(4a) or less since the step before.
-        // (Opposite steps are a hysteresis apart, so their interval is no speed.)
-        if let [.., before, last] = steps.as_slice()
-            && before.1 == last.1
-        {
-            let speed = TICK_HZ as f64 / (last.0 - before.0) as f64;
-            let slow = m.limits.pull_in + 1.05 * (4.0 * limit).sqrt();
-            prop_assert!(speed <= slow, "motor {motor} stops at once from {speed} steps/s; {slow} would do");
-        }
+        limits::check_last_step(steps, TICK_HZ, limit, m.limits.pull_in)
+            .map_err(|why| TestCaseError::fail(format!("motor {motor}: {why}")))?;
         let peak = session.certificate(motor).peak_speed.0;
         let stopping = steps.last().map_or(0, |(tick, _)| tick.saturating_sub(session.told()));
         // An ideal stop takes v/a. Core's takes up to twice as many steps, and at its end a step or two of 1/√(2a).

@@ -12,5 +12,6 @@ mod pico_session;
 mod rehearsal;
 mod serve;
 mod sketches;
+mod stops;
 mod uno;
 mod uno_promises;

@@ -239,8 +239,21 @@ pub(crate) fn follow<'a, P: Port>(
 /// # Errors
 /// When it cannot begin: the plan is refused, the queue is too short. What goes wrong later is in [`Seen::trouble`].
 pub(crate) fn make<'a>(prepared: &'a Prepared, late_ticks: f64, watch: impl FnMut(f64)) -> Result<Made<'a>, String> {
+    make_at(prepared, Baud::B1M, late_ticks, watch)
+}
+
+/// The same at another rate of the line.
+///
+/// # Errors
+/// As [`make`].
+pub(crate) fn make_at<'a>(
+    prepared: &'a Prepared,
+    baud: Baud,
+    late_ticks: f64,
+    watch: impl FnMut(f64),
+) -> Result<Made<'a>, String> {
     let kind = PinKind::of(&prepared.program.motors).map_err(|error| error.to_string())?;
-    let mut driven = Driven::virtual_uno(prepared, Baud::B1M).map_err(|error| error.to_string())?;
+    let mut driven = Driven::virtual_uno(prepared, baud).map_err(|error| error.to_string())?;
     let idle_round = idle_round(driven.board_mut().port());
     let began = Mark::of(driven.board_mut().port());
     driven.board_mut().port_mut().chip_mut().forget_masked();
