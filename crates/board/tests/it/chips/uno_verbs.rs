@@ -298,7 +298,9 @@ fn what_is_told_as_done_was_made() {
         let mut seen = [0, 0];
         // A stop comes with the next frame of USB: the moves' ends are what changes, around the millisecond that follows.
         let rounds = || (0..40_000).step_by(ticks as usize).map(|later| later / ticks);
-        for (round, nudge) in [0, 400, 800, 1200].into_iter().flat_map(|nudge| rounds().map(move |round| (round, nudge))) {
+        for (round, nudge) in
+            [0, 400, 800, 1200].into_iter().flat_map(|nudge| rounds().map(move |round| (round, nudge)))
+        {
             let steps = 1000 + round as u32;
             let mut pair = Pair::new(&setup, pins.timing);
             pair.tell(&all(Verb::Speed { ticks })).expect("it can");

@@ -4,7 +4,7 @@
 //! As long as a motor only steps, with intervals between [`Times::fastest`](super::times::Times) and 16 383 ticks that change
 //! little, its next steps are granted at once: nobody looks at them one by one, the expansion makes them
 //! ([`expand`](super::expand)). That all of a segment's are such is found out when it is loaded ([`Motor::sure`]), where it
-//! is; else it is looked at for up to 31, or 7. All else is one thing at a time: a step, a turn of DIR, or nothing at all, which keeps the
+//! is; else it is looked at for up to 31, 15, 7, 3 or one. All else is one thing at a time: a step, a turn of DIR, or nothing at all, which keeps the
 //! compare register moving (no two things are more than [`FILLER`] ticks apart).
 //!
 //! # DIR
@@ -12,8 +12,8 @@
 //! it at least. The step is then committed: no switch takes it back.
 //!
 //! # Cycles
-//! 30 a batch; 85 where the limit is looked at, 120 where a switch waits too; 110 where intervals are, and 35 more for each halving; 250 to 400 for
-//! one thing.
+//! 30 a batch; 85 where the limit is looked at, 120 where a switch waits too; 110 where intervals are, and 35 more for each halving, and 16 for each step
+//! that is counted up to the limit; 250 to 400 for one thing.
 
 use super::brake::{STATE, state};
 use super::motor::{EVEN, Motor, PARTS, Part, Reason, Switch, flag};
