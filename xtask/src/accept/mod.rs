@@ -3,6 +3,7 @@
 mod boundary;
 mod motions;
 mod outcome;
+mod promised;
 
 use crate::command::{self, Done, Failure, cargo, command, target_dir};
 use motions::{BOARDS, Motion, Rig, reproduce};
@@ -106,6 +107,8 @@ struct Tried {
     number: u64,
     board: &'static str,
     motors: usize,
+    /// An Uno is to follow it: see [`promised::is_promised`].
+    promised: bool,
     outcome: Outcome,
     /// Where its files are, or were.
     folder: PathBuf,
@@ -138,6 +141,7 @@ fn report(options: &Options, tried: &[Tried]) -> String {
         let counts = counts.map(|count| count.to_string()).join(" | ");
         text.push_str(&format!("| {} | {motors} | {tried} | {counts} |\n", BOARDS[board]));
     }
+    text.push_str(&promised::line(tried));
     for (column, kinds) in COLUMNS.iter().zip(kinds) {
         let mut kinds: Vec<_> = kinds.into_iter().collect();
         kinds.sort_by_key(|(_, motions)| std::cmp::Reverse(motions.len()));
@@ -185,11 +189,12 @@ impl Program {
         let promised_hz = self.promised_hz(&folder, "too-fast.toml")?;
         let motion = rig.motion(promised_hz);
         let motors = motion.motors;
+        let promised = board == "uno" && promised::is_promised(&motion, promised_hz);
         let outcome = self.outcome(&folder, &motion, number.is_multiple_of(VERIFIED))?;
         if !options.keep && options.only.is_none() {
             if outcome.is_failure() { folder.remove_run()? } else { folder.remove()? }
         }
-        Ok(Tried { number, board, motors, outcome, folder: folder.0 })
+        Ok(Tried { number, board, motors, promised, outcome, folder: folder.0 })
     }
 
     fn outcome(&self, folder: &Folder, motion: &Motion, verify: bool) -> Done<Outcome> {

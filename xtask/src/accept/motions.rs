@@ -25,6 +25,10 @@ pub(crate) struct Motion {
     pub(crate) motors: usize,
     /// It never ends: commands are to be told for how long.
     pub(crate) endless: bool,
+    /// The fastest that a motor is to go, steps/s.
+    pub(crate) rate: f64,
+    /// The largest acceleration ÷ (2π · fastest rate) of all motors, Hz: of a sinusoid that is its frequency. `None` where a law's is not known.
+    pub(crate) turns_hz: Option<f64>,
 }
 
 /// The motors of a motion, as they are wired: what a board's promise depends on.
@@ -150,6 +154,7 @@ impl Rig {
             motions.push_str(&text);
             free = motors;
         }
+        let mut turns_hz = (free == 0).then_some(0.0_f64);
         let first = self.motors.get(free).filter(|_| self.alike);
         let together = first.map(|motor| {
             let kind = part.law_kind(self.shares_dir);
@@ -166,6 +171,8 @@ impl Rig {
                 }
             };
             kinds.push(kind);
+            let turns = law.acceleration.map(|acceleration| acceleration / (TAU * law.rate));
+            turns_hz = turns_hz.zip(turns).map(|(most, hz)| most.max(hz));
             *limits = part.limits(motor, &law);
             let _ = write!(motions, "\n[[motion]]\nmotor = \"{}\"\n", motor.name);
             if together.is_none() && part.random.once_in(4) {
@@ -192,7 +199,7 @@ impl Rig {
         text.push_str(&motions);
         let mut files = vec![("motion.toml".to_owned(), text)];
         files.append(&mut part.tables);
-        Motion { files, motors: self.motors.len(), endless: part.endless }
+        Motion { files, motors: self.motors.len(), endless: part.endless, rate, turns_hz }
     }
 }
 
@@ -210,7 +217,8 @@ pub(crate) fn in_phase(board: &str, motors: usize, rate: f64, frequency: u32) ->
             SPAN_S * f64::from(frequency),
         );
     }
-    Motion { files: vec![("motion.toml".to_owned(), text)], motors, endless: false }
+    let files = vec![("motion.toml".to_owned(), text)];
+    Motion { files, motors, endless: false, rate, turns_hz: Some(f64::from(frequency)) }
 }
 
 /// The command that makes a motion again.

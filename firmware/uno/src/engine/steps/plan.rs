@@ -244,8 +244,7 @@ plan_not_yet:
     cpi r23, 2
     brlo 7f
     movw r30, r22
-    load_limit r18, r19, r20, r21
-    rcall plan_from_tick
+    rcall plan_to_limit
     brcs plan_not_yet
     movw r22, r30
     cp r18, r22
@@ -340,8 +339,7 @@ plan_slow_here:
     sbrs r20, {SWITCH}
     rjmp plan_have_time
     // The time until the limit, in 16 bits.
-3:  load_limit r18, r19, r20, r21
-    rcall plan_from_tick
+3:  rcall plan_to_limit
     brcs plan_not_yet_near
     ldd r20, Y+{FLAGS}
 7:  sbrc r20, {SWITCH}
@@ -365,15 +363,12 @@ plan_have_time:
     brsh 4f
     mov r21, r22
     // Is there time for 32 of the longest?
-4:  cpi r25, 8
+4:  cpi r25, 7
     brsh 5f
-    movw r22, r24
-    .rept 5
-    lsl r22
-    rol r23
-    .endr
-    cp r18, r22
-    cpc r19, r23
+    inc r25
+    swap r25
+    lsl r25
+    cp r19, r25
     brsh 7f
     // If not, they are counted, to 1/256 of a tick: it is less than the 24 that 31 of them may be off.
 5:  subi r18, 24
@@ -472,7 +467,9 @@ steps_sure:
 6:  sec
     ret
 
-    // The moment r18 to r21 less the registers' tick, in 16 bits, r18:19. Carry: it is before that. Uses r22.
+    // The limit, or the moment r18 to r21, less the registers' tick, in 16 bits, r18:19. Carry: it is before that. Uses r22.
+plan_to_limit:
+    load_limit r18, r19, r20, r21
 plan_from_tick:
     ldd r22, Y+{TICK}
     sub r18, r22

@@ -1,0 +1,59 @@
+//! Motions that an Uno is to follow at 1 Mbaud: slower than 90 % of the rates that figure 8 of docs/benchmarks.md is held against.
+
+use super::Tried;
+use super::motions::Motion;
+use super::outcome::Outcome;
+
+/// Up to so many Hz of turning, the rates of 1 to 4 motors, 1000 steps/s each.
+const RATES: [(f64, [f64; 4]); 3] =
+    [(5.0, [140.0, 70.0, 32.0, 20.0]), (15.0, [140.0, 65.0, 30.0, 12.0]), (35.0, [135.0, 50.0, 7.0, 2.0])];
+/// Slower than this share of them.
+const SHARE: f64 = 0.9;
+
+/// Whether a motion is one of them, on pins and drivers for which the board promises `promised_hz`. What turns faster than the table goes, or
+/// nobody knows how fast, is not.
+pub(super) fn is_promised(motion: &Motion, promised_hz: f64) -> bool {
+    let row = motion.turns_hz.and_then(|hz| RATES.iter().find(|(to_hz, _)| hz <= *to_hz));
+    let rate = row.and_then(|(_, rates)| rates.get(motion.motors - 1));
+    rate.is_some_and(|rate| motion.rate < SHARE * promised_hz.min(1e3 * rate))
+}
+
+/// How many of them are refused. Limits of a motor that the file itself sets are no refusals of the board's.
+pub(super) fn line(tried: &[Tried]) -> String {
+    let of: Vec<&Tried> = tried.iter().filter(|tried| tried.promised).collect();
+    if of.is_empty() {
+        return String::new();
+    }
+    let refused = |own: bool| {
+        let is_own = |why: &str| why.contains("the motor's limit is");
+        of.iter().filter(|tried| matches!(&tried.outcome, Outcome::Refused(why) if is_own(why) == own)).count()
+    };
+    let (by_board, by_file) = (refused(false), refused(true));
+    format!(
+        "\nuno, slower than 90 % of the rates of figure 8: {} tried, {by_board} refused ({:.1} %), and {by_file} for limits of the file\n",
+        of.len(),
+        100.0 * by_board as f64 / of.len() as f64
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_row_is_that_of_the_fastest_turns() {
+        let motion = |motors, rate, turns_hz| Motion { files: Vec::new(), motors, endless: false, rate, turns_hz };
+        let check = |motors, rate, turns_hz, expected| {
+            assert_eq!(is_promised(&motion(motors, rate, turns_hz), 25e3), expected, "{motors} at {rate}, {turns_hz:?}");
+        };
+        check(4, 17e3, Some(5.0), true);
+        check(4, 17e3, Some(5.1), false);
+        check(4, 10e3, Some(15.0), true);
+        check(3, 6e3, Some(35.0), true);
+        check(3, 6e3, Some(36.0), false);
+        check(3, 6e3, None, false);
+        // What the board promises is less.
+        check(1, 22e3, Some(1.0), true);
+        check(1, 23e3, Some(1.0), false);
+    }
+}
