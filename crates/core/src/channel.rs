@@ -246,22 +246,14 @@ impl<const F: u32> Channel<F> {
         }
     }
 
-    /// At tick `at` (less than 2^31 ahead), what is left of the old epoch is to be dropped and `epoch` begun.
+    /// At tick `at` (less than 2^31 ahead), what is left of the old epoch is to be dropped and `epoch` begun. From then on the plan holds as long
+    /// as `lease` says, and the motor brakes within `limit`, or else within the one that was told before. A lease that has lapsed is over then.
     ///
     /// Switches still waiting at `at` or later are replaced, earlier ones stay.
     ///
     /// # Errors
     /// When `at` lies before the horizon or too many wait; nothing changes then.
-    pub fn schedule_switch(&mut self, epoch: Epoch, at: Moment) -> Result<(), SwitchRefused> {
-        self.schedule_leased(epoch, at, Lease::Off, None)
-    }
-
-    /// The same, and from `at` on the plan holds as long as `lease` says; the motor brakes within `limit`, or else within the one
-    /// that was told before. A lease that has lapsed is over then.
-    ///
-    /// # Errors
-    /// As there.
-    pub fn schedule_leased(
+    pub fn schedule_switch(
         &mut self,
         epoch: Epoch,
         at: Moment,

@@ -492,7 +492,6 @@ impl Board {
 }
 
 impl Machine for Board {
-    const LEASES: bool = true;
     const OBEYS: bool = true;
     const STORES: bool = true;
 

@@ -3,6 +3,7 @@
 use dashu::rational::RBig;
 use proptest::prelude::*;
 use pulsetrain_core::channel::{Channel, Kind, SWITCHES, SwitchRefused};
+use pulsetrain_core::lease::Lease;
 use pulsetrain_core::output::{Coils, Edge, HALF_STEPS, Output, Sequence, StepDir, StepDirSettings};
 use pulsetrain_core::{Axis, Direction, Entry, Epoch, Item, Merge, Moment, Queue, Segment};
 
@@ -188,7 +189,7 @@ proptest! {
         let new: Vec<Item> = [anchor(at), Item::Dwell { ticks: PULSE + HOLD + SETUP }].into_iter().chain(new.into_iter().skip(1)).collect();
         push(&mut axis, 1, &new);
         let horizon = axis.channel().horizon();
-        match axis.schedule_switch(Epoch(1), Moment(at)) {
+        match axis.channel_mut().schedule_switch(Epoch(1), Moment(at), Lease::Off, None) {
             Ok(()) => prop_assert!(at >= horizon.0),
             Err(refused) => {
                 prop_assert!(at < horizon.0);
@@ -257,7 +258,7 @@ proptest! {
         for (gap, epoch, ahead) in switches {
             now += gap;
             look(&mut axis, now);
-            let _ = axis.schedule_switch(Epoch(epoch), Moment(now.wrapping_add(ahead >> (epoch * 9))));
+            let _ = axis.channel_mut().schedule_switch(Epoch(epoch), Moment(now.wrapping_add(ahead >> (epoch * 9))), Lease::Off, None);
         }
         look(&mut axis, now + (1 << 16));
         axis.stop();
@@ -436,11 +437,11 @@ fn what_comes_too_late_is_not_made() {
 fn switches_wait_in_order_and_a_sooner_one_replaces_later_ones() {
     let mut channel = Channel::<F>::new(1, false);
     for place in 0..SWITCHES as u32 {
-        assert_eq!(channel.schedule_switch(Epoch(1), Moment(1000 * (place + 1))), Ok(()));
+        assert_eq!(channel.schedule_switch(Epoch(1), Moment(1000 * (place + 1)), Lease::Off, None), Ok(()));
     }
-    assert_eq!(channel.schedule_switch(Epoch(2), Moment(9000)), Err(SwitchRefused::Full));
-    assert_eq!(channel.schedule_switch(Epoch(2), Moment(2000)), Ok(()));
-    assert_eq!(channel.schedule_switch(Epoch(3), Moment(9000)), Ok(()));
+    assert_eq!(channel.schedule_switch(Epoch(2), Moment(9000), Lease::Off, None), Err(SwitchRefused::Full));
+    assert_eq!(channel.schedule_switch(Epoch(2), Moment(2000), Lease::Off, None), Ok(()));
+    assert_eq!(channel.schedule_switch(Epoch(3), Moment(9000), Lease::Off, None), Ok(()));
     let mut queue = Queue::<1>::new();
     let mut epochs = Vec::new();
     for now in [999, 1000, 1999, 2000, 8999, 9000] {
@@ -448,7 +449,10 @@ fn switches_wait_in_order_and_a_sooner_one_replaces_later_ones() {
         epochs.push(channel.epoch().0);
     }
     assert_eq!(epochs, [0, 1, 1, 2, 2, 3]);
-    assert_eq!(channel.schedule_switch(Epoch(4), Moment(8999)), Err(SwitchRefused::Late { horizon: Moment(9000) }));
+    assert_eq!(
+        channel.schedule_switch(Epoch(4), Moment(8999), Lease::Off, None),
+        Err(SwitchRefused::Late { horizon: Moment(9000) })
+    );
 }
 
 #[test]

@@ -264,7 +264,7 @@ proptest! {
                     axis.channel_mut().lapse_at(lapse);
                 }
                 for channel in [machine.words.channel_mut(), axis.channel_mut()] {
-                    prop_assert_eq!(channel.schedule_leased(Epoch(epoch), at, lease, limit), Ok(()));
+                    prop_assert_eq!(channel.schedule_switch(Epoch(epoch), at, lease, limit), Ok(()));
                 }
                 next = now + gap;
             }
@@ -316,7 +316,7 @@ const DRIVER: Kind = Kind::StepDir { pulse: 10, setup: 20, forward_high: true, d
 fn begun(kind: Kind, items: &[Item]) -> Machine {
     let mut machine = Machine::new(kind);
     machine.push(1, items);
-    assert_eq!(machine.words.channel_mut().schedule_switch(Epoch(1), Moment(3000)), Ok(()));
+    assert_eq!(machine.words.channel_mut().schedule_switch(Epoch(1), Moment(3000), Lease::Off, None), Ok(()));
     machine
 }
 
@@ -392,7 +392,7 @@ fn a_stop_counts_what_was_made() {
         machine.start(19_000);
         let before = machine.levels.last().unwrap().1;
         machine.push(2, &[Item::Anchor { tick: Moment(30_000) }, run(1, 100, direction.reversed())]);
-        assert_eq!(machine.words.channel_mut().schedule_switch(Epoch(2), Moment(25_000)), Ok(()));
+        assert_eq!(machine.words.channel_mut().schedule_switch(Epoch(2), Moment(25_000), Lease::Off, None), Ok(()));
         machine.fill(24_000, 1000);
         machine.play(24_000);
         if let Kind::Coils { .. } = kind {
@@ -438,7 +438,7 @@ fn bytes_that_are_none_end_their_epoch() {
     let mut machine = begun(DRIVER, &[Item::Anchor { tick: Moment(5000) }, run(5, 100, Backward)]);
     machine.packed.push(&mut machine.pool, Epoch(1), &[0x37, 0, 1, 2, 3]).unwrap();
     machine.push(2, &[Item::Anchor { tick: Moment(9000) }, run(5, 100, Forward)]);
-    assert_eq!(machine.words.channel_mut().schedule_switch(Epoch(2), Moment(9000)), Ok(()));
+    assert_eq!(machine.words.channel_mut().schedule_switch(Epoch(2), Moment(9000), Lease::Off, None), Ok(()));
     assert_eq!(machine.fill(20_000, 100), Filled::All);
     assert_eq!((machine.words.channel().position(), machine.packed.fault()), (0, Some(Fault::BadItem)));
     assert!(machine.words.is_idle(&machine.packed, Moment(20_000)));
@@ -471,7 +471,7 @@ fn what_is_no_item_makes_a_motor_brake() {
         machine.packed.push(&mut machine.pool, Epoch(1), wrong).unwrap();
         machine.packed.push(&mut machine.pool, Epoch(2), &[1, 2, 3]).unwrap();
         let lease = Lease::Until(Moment(40_000));
-        machine.words.channel_mut().schedule_leased(Epoch(1), Moment(3000), lease, Some(limit)).unwrap();
+        machine.words.channel_mut().schedule_switch(Epoch(1), Moment(3000), lease, Some(limit)).unwrap();
         for until in (3000..60_000).step_by(500) {
             while machine.fill(until, 100) == Filled::Part {}
             machine.play(until);

@@ -87,14 +87,8 @@ impl Board for Watched {
     fn lead(&self) -> u64 {
         self.board.lead()
     }
-    fn shortest_lead(&self) -> u64 {
-        self.board.shortest_lead()
-    }
     fn switches(&self) -> usize {
         self.board.switches()
-    }
-    fn switch(&mut self, epoch: Epoch, tick: u64) -> Result<(), SwitchRefused> {
-        self.board.switch(epoch, tick)
     }
     fn horizon(&self) -> u64 {
         self.board.horizon()
@@ -127,8 +121,8 @@ impl Board for Watched {
 }
 
 impl Leased for Watched {
-    fn switch_leased(&mut self, epoch: Epoch, tick: u64, lease: Lease, limits: &[Limit]) -> Result<(), SwitchRefused> {
-        self.board.switch_leased(epoch, tick, lease, limits)
+    fn switch(&mut self, epoch: Epoch, tick: u64, lease: Lease, limits: &[Limit]) -> Result<(), SwitchRefused> {
+        self.board.switch(epoch, tick, lease, limits)
     }
     fn extend(&mut self, lease: Lease, limits: &[Limit]) -> Result<(), ExtendRefused> {
         self.extensions += 1;

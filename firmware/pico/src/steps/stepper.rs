@@ -615,7 +615,7 @@ impl Stepper {
         }
         for (motor, limit) in self.motors_mut().zip(limits_of(limits).map(Some).chain(iter::repeat(None))) {
             // Just asked.
-            let _ = motor.words.channel_mut().schedule_leased(epoch, at, lease, limit);
+            let _ = motor.words.channel_mut().schedule_switch(epoch, at, lease, limit);
         }
         true
     }

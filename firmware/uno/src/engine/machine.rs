@@ -392,7 +392,6 @@ impl Machine for Board {
     const PLANS: bool = Uses::PLANS;
     const OBEYS: bool = Uses::OBEYS;
     const STORES: bool = true;
-    const LEASES: bool = Uses::LEASES;
 
     fn store(&mut self, settings: Option<&[u8; SETTINGS_LEN]>) -> Result<(), Refusal> {
         if self.armed {
@@ -515,7 +514,7 @@ impl Machine for Board {
         task::lock().discard(epoch);
     }
 
-    // For a program that has plans and no leases.
+    // For the motion that lies in the flash: it has no lease, and no frame begins one.
     #[inline(never)]
     fn switch(&mut self, epoch: Epoch, tick: u64, _: CoreLease, _: &[u8]) -> Result<Switched, Refusal> {
         if !self.armed {

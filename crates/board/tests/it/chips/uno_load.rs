@@ -4,7 +4,7 @@
 //! `PULSETRAIN_SEED` says other random bytes, `PULSETRAIN_ROUNDS` how many times as many.
 
 use pulsetrain_board::virtual_uno::{self, VirtualUno};
-use pulsetrain_board::{Board, Edge, Native, Port, PortError, Remote, Setup, Shadowed};
+use pulsetrain_board::{Board, Edge, Lease, Leased, Native, Port, PortError, Remote, Setup, Shadowed};
 use pulsetrain_core::narrow::Registers;
 use pulsetrain_core::packing::{CHECK_LEN, Check, MAX_PACKED_LEN, Packing, State};
 use pulsetrain_core::wire::frame::{Decoder, Received};
@@ -567,7 +567,7 @@ fn check_board(pins: &[(u8, u8)], timing: Timing, random: &mut Random) -> Cause 
     let mut board = Shadowed::new(remote, native);
     let from = board.now() + board.lead() + TICK_HZ / 100;
     plan(&mut board, &setup, random, from);
-    board.switch(Epoch(1), from).expect("it is in time");
+    board.switch(Epoch(1), from, Lease::Last, &[]).expect("it is in time");
     let mut lab = Lab::default();
     let until = from + TICK_HZ * 2;
     board.advance(until, &mut lab);

@@ -1,6 +1,6 @@
 //! The firmware on the emulated chip makes the native board's steps, tick for tick: random plans, switches, stops.
 
-use pulsetrain_board::{Board, Faults, Setup, SwitchRefused};
+use pulsetrain_board::{Board, Faults, Lease, Leased, Setup, SwitchRefused};
 use pulsetrain_core::wire::message::Cause;
 use pulsetrain_core::{Direction, Entry, Epoch, Item, Moment, Segment};
 use pulsetrain_testkit::lab::{EXACT, Lab, SHARED, SOFTWARE, Timing, Uno, uno};
@@ -138,7 +138,7 @@ fn random_plans(pins: &Pins, seed: u64, tally: &mut Tally) {
     let mut lab = Lab::default();
     let from = board.now() + board.lead() + TICK_HZ / 100;
     push(&mut board, pins, &setup, random, 1, from);
-    assert_eq!(board.switch(Epoch(1), from), Ok(()));
+    assert_eq!(board.switch(Epoch(1), from, Lease::Last, &[]), Ok(()));
     let mut epoch = 1;
     for _ in 0..random.below(4) {
         let until = board.now() + random.below(TICK_HZ / 25);
@@ -146,7 +146,7 @@ fn random_plans(pins: &Pins, seed: u64, tally: &mut Tally) {
         // From the past to a little after it can be taken.
         let from = board.now() + random.below(2 * board.lead());
         push(&mut board, pins, &setup, random, epoch + 1, from);
-        match board.switch(Epoch(epoch + 1), from) {
+        match board.switch(Epoch(epoch + 1), from, Lease::Last, &[]) {
             Ok(()) => (epoch, tally.taken) = (epoch + 1, tally.taken + 1),
             Err(SwitchRefused::Late { .. } | SwitchRefused::Full) => tally.refused += 1,
             Err(refused) => panic!("{refused}: {:?}", board.board().error()),

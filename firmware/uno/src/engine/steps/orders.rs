@@ -285,8 +285,6 @@ order_extend:
     brcs 8f
     movw r30, r16
     ld r24, Z+
-    tst r24
-    breq 8f
     rcall order_put_off
     brcs order_late
     // Limits for each motor by its number, or none: how hard it may brake.
@@ -430,7 +428,8 @@ order_check:
     subi r24, 5
     brcs 3f
     ld r25, Z
-    cpi r25, 3
+    dec r25
+    cpi r25, 2                          // UNTIL or LAST: frames set no lease off
     brsh 2f
     adiw r30, 5
     tst r24
