@@ -19,7 +19,7 @@ use pulsetrain_core::wire::message::{
 };
 use pulsetrain_core::wire::orders::{ORDER_LEN, Obeyed, Orders, order};
 use pulsetrain_core::wire::{Baud, Command, Reason, Reply, Settings, Stopped, Stored, Switched, Trimmed};
-use pulsetrain_core::{Entry, Epoch, Item, Moment, RESUMED_WITHIN};
+use pulsetrain_core::{Entry, Epoch, Item, Moment};
 use std::collections::VecDeque;
 use std::time::Duration;
 
@@ -1103,8 +1103,6 @@ impl<P: Port> Board for Remote<P> {
         let mut bytes = [0; MAX_LEN];
         let begins = match entry.item {
             Item::Anchor { tick } => tick,
-            // Not before its epoch begins.
-            Item::Resume { tick, .. } => tick.after(RESUMED_WITHIN),
             Item::Dwell { .. } | Item::Run { .. } => packer.tick(),
         };
         let Ok(len) = packer.pack(&entry.item, &mut bytes) else { return Err(entry) };

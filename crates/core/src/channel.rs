@@ -523,10 +523,6 @@ impl<const F: u32> Channel<F> {
                 self.recurrence.accumulator = (u64::from(tick.0) << F) | (1 << (F - 1));
                 (self.anchored, self.fresh) = (true, true);
             }
-            Item::Resume { tick, fraction } => {
-                self.recurrence.accumulator = (u64::from(tick.0) << F) | (u64::from(fraction) << F >> 16);
-                (self.anchored, self.fresh) = (true, true);
-            }
             Item::Dwell { ticks } if self.anchored => {
                 self.recurrence.accumulator = self.recurrence.accumulator.wrapping_add(u64::from(ticks) << F);
                 self.fresh = true;

@@ -383,7 +383,7 @@ impl Service {
             Ok(())
         } else {
             let done = self.execute(kind, payload, machine);
-            is_answered = kind != kind::EXTEND || done.is_err();
+            is_answered = !(M::PLANS && kind == kind::EXTEND) || done.is_err();
             done
         };
         self.expected = seq.wrapping_add(1);

@@ -60,9 +60,6 @@ fn schedule(items: &[Item]) -> Vec<Scheduled> {
     for item in items {
         match *item {
             Item::Anchor { tick } => time = RBig::from(tick.0) + RBig::from(1) / RBig::from(2),
-            Item::Resume { tick, fraction } => {
-                time = RBig::from(tick.0) + RBig::from(fraction) / RBig::from(1u32 << 16)
-            }
             Item::Dwell { ticks } => time += RBig::from(ticks),
             Item::Run { segment, direction } => {
                 let [interval, add, add2] = [segment.interval, segment.add, segment.add2].map(|x| RBig::from(x) / &one);

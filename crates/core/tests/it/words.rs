@@ -199,11 +199,7 @@ fn parts() -> impl Strategy<Value = Vec<Part>> {
 }
 
 fn items(kind: Kind, from: u32, parts: &[Part]) -> Vec<Item> {
-    let begins = match from % 2 {
-        0 => Item::Anchor { tick: Moment(from) },
-        _ => Item::Resume { tick: Moment(from), fraction: from as u16 },
-    };
-    let mut items = vec![begins, Item::Dwell { ticks: kind.turn() }];
+    let mut items = vec![Item::Anchor { tick: Moment(from) }, Item::Dwell { ticks: kind.turn() }];
     let shortest = i64::from(kind.overhead()) + 1;
     let mut last = None;
     for (count, first, last_interval, forward, wait) in parts {

@@ -85,8 +85,7 @@ impl Model {
         let (record, mut state) = (*rest, self.state);
         let Ok(item) = self.packing.unpack(&mut state, rest) else { return Read::Refused(Cause::BadItem) };
         let steps = match item.expect("there are bytes") {
-            Item::Anchor { tick } => return self.anchor(tick, 0x8000),
-            Item::Resume { tick, fraction } => return self.anchor(tick, fraction),
+            Item::Anchor { tick } => return self.anchor(tick),
             Item::Dwell { ticks } => {
                 if self.anchored {
                     self.registers.tick = self.registers.tick.wrapping_add(ticks);
@@ -122,8 +121,8 @@ impl Model {
         Read::Record(Some(steps))
     }
 
-    fn anchor(&mut self, tick: Moment, fraction: u16) -> Read {
-        (self.registers.tick, self.registers.fraction) = (tick.0, fraction);
+    fn anchor(&mut self, tick: Moment) -> Read {
+        (self.registers.tick, self.registers.fraction) = (tick.0, 0x8000);
         (self.anchored, self.origin) = (true, self.position as u16);
         Read::Record(None)
     }
@@ -273,13 +272,10 @@ fn random_stream(random: &mut Random, gain: i8) -> Vec<u8> {
         } else {
             match random.below(16) {
                 0 => packed(&model, &Item::Dwell { ticks: random.next() as u32 >> random.below(32) }),
-                1 => {
-                    packed(&model, &Item::Resume { tick: Moment(random.next() as u32), fraction: random.next() as u16 })
-                }
+                1 => packed(&model, &Item::Anchor { tick: Moment(random.next() as u32) }),
                 2 => packed_check(&model, random, true),
                 3 => packed_check(&model, random, false),
-                4 => vec![(16 + random.below(16) as u8) << 3 | 7, 0],
-                5 => garbage(random, 12),
+                4 | 5 => garbage(random, 12),
                 // A segment in full with widths of any kind.
                 6 => [&[0x27, 0][..], &garbage(random, 14)].concat(),
                 7 => [&[7 | (random.below(32) as u8) << 3, 0][..], &garbage(random, 8)].concat(),

@@ -76,13 +76,7 @@ fn random_setup(pins: &Pins, random: &mut Random) -> Setup {
 fn random_items(pins: &Pins, setup: &Setup, random: &mut Random, from: u64, forward: bool) -> Vec<Item> {
     let (fastest, room) = (pins.fastest(), room_for_dir(setup));
     let mut direction = if forward { Direction::Forward } else { Direction::Backward };
-    let behind = random.below(500);
-    let mut items = if random.one_in(2) {
-        vec![Item::Anchor { tick: Moment::of(from) }, Item::Dwell { ticks: room as u32 }]
-    } else {
-        let (tick, fraction) = (Moment::of(from - behind), random.below(1 << 16) as u16);
-        vec![Item::Resume { tick, fraction }, Item::Dwell { ticks: (room + behind) as u32 }]
-    };
+    let mut items = vec![Item::Anchor { tick: Moment::of(from) }, Item::Dwell { ticks: room as u32 }];
     let interval = |random: &mut Random| (fastest as f64 * 30f64.powf(random.fraction().powi(2))) as i64;
     let mut now = interval(random);
     for _ in 0..random.between(2, 12) {
@@ -113,7 +107,7 @@ fn push(board: &mut Uno, pins: &Pins, setup: &Setup, random: &mut Random, epoch:
     for motor in 0..pins.pins.len() {
         for item in random_items(pins, setup, random, from, forward) {
             // What it begins with is in every epoch of every motor. Some room is left for the next epoch's.
-            let least = if matches!(item, Item::Anchor { .. } | Item::Resume { .. }) { 10 } else { 40 };
+            let least = if matches!(item, Item::Anchor { .. }) { 10 } else { 40 };
             if board.room(motor) < least || board.push(motor, Entry { epoch: Epoch(epoch), item }).is_err() {
                 break;
             }
