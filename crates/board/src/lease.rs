@@ -91,7 +91,7 @@ pub trait Leased: Board {
     /// At `tick`, all motors drop what is left of the old epoch and begin `epoch`. From then on the plan holds as long as `lease` says, and the
     /// motors brake within `limits`, those for which none is given as before.
     ///
-    /// A step of the old epoch at `tick` or later is not made.
+    /// A step of the old epoch at `tick` or later is not made. One switch may wait: another one replaces it at its tick or before.
     ///
     /// # Errors
     /// All motors or none: when one refuses, the items of `epoch` are dropped, and the old plan goes on.

@@ -69,9 +69,6 @@ pub trait Board {
     /// How long it may take to tell the board a thing and to hear that it was accepted, ticks; 0 if no time passes.
     fn lead(&self) -> u64;
 
-    /// How many switches may wait, one after the other.
-    fn switches(&self) -> usize;
-
     /// The first tick that is open on all motors: a switch is accepted from there on.
     fn horizon(&self) -> u64;
 

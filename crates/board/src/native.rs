@@ -168,8 +168,8 @@ pub enum SwitchRefused {
         /// First tick that is too far.
         limit: u64,
     },
-    /// Too many switches wait already.
-    #[error("too many switches wait already")]
+    /// Another switch waits, for an earlier tick.
+    #[error("another switch waits already")]
     Full,
     /// Nothing can be said to the board any more; what it was told stands. [`Board::lost`] says why.
     #[error("nothing can be said to the board any more")]
@@ -438,10 +438,6 @@ impl Board for Native {
 
     fn lead(&self) -> u64 {
         0
-    }
-
-    fn switches(&self) -> usize {
-        channel::SWITCHES
     }
 
     fn horizon(&self) -> u64 {

@@ -1163,10 +1163,6 @@ impl<P: Port> Board for Remote<P> {
         (lead.as_secs_f64() * f64::from(self.info.tick_hz)) as u64
     }
 
-    fn switches(&self) -> usize {
-        usize::from(self.info.switches)
-    }
-
     fn horizon(&self) -> u64 {
         self.now() + self.ahead
     }

@@ -169,10 +169,6 @@ impl<B: Leased> Board for Shadowed<B> {
         self.board.lead()
     }
 
-    fn switches(&self) -> usize {
-        self.board.switches()
-    }
-
     fn horizon(&self) -> u64 {
         self.board.horizon()
     }

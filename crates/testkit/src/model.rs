@@ -268,7 +268,6 @@ impl Machine for Model {
             bauds: 0b1_1111,
             last_stop: self.last_stop,
             last_reset: Cause::PowerOn,
-            switches: pulsetrain_core::channel::SWITCHES as u8,
             ..Info::NOBODY
         }
     }

@@ -226,9 +226,7 @@ fn a_switch_that_moments_cannot_tell_is_refused() {
     assert_eq!(board.switch(Epoch(1), (1 << 33) - 1, Lease::Last, &[]), Err(SwitchRefused::Late { horizon: 1 << 33 }));
     let limit = (1 << 33) + (1 << 30);
     assert_eq!(board.switch(Epoch(1), limit, Lease::Last, &[]), Err(SwitchRefused::Early { limit }));
-    for ahead in 0..4 {
-        assert_eq!(board.switch(Epoch(1), (1 << 33) + ahead, Lease::Last, &[]), Ok(()));
-    }
+    assert_eq!(board.switch(Epoch(1), 1 << 33, Lease::Last, &[]), Ok(()));
     assert_eq!(board.switch(Epoch(1), limit - 1, Lease::Last, &[]), Err(SwitchRefused::Full));
 }
 

@@ -3,7 +3,7 @@
 use crate::Epoch;
 
 /// How many epochs may wait in one motor's queue, the one being run included.
-pub const EPOCHS: usize = 4;
+pub const EPOCHS: usize = 3;
 
 /// The memory of all motors' queues; each has its share.
 #[derive(Clone, Debug)]

@@ -40,7 +40,7 @@ pub enum Switched {
         /// First tick that is too far.
         limit: u64,
     },
-    /// Too many switches wait already.
+    /// Another switch waits, for an earlier tick.
     Full,
 }
 

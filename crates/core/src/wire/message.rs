@@ -796,9 +796,8 @@ fn is_configuration(head: &[u8; 13], motors: &[u8]) -> bool {
 /// | 22 | rates that the line can do: bit by code of [`Baud`] |
 /// | 23 | [`Cause`] of the last stop |
 /// | 24 | [`Cause`] of the last reset |
-/// | 25 | switches that may wait, one after the other |
-/// | 26 | bytes of the longest body that the board takes, 47 to 80 |
-/// | 27 | of an Uno, its image: 1 plans, 2 text, 3 verbs; other boards leave it out |
+/// | 25 | bytes of the longest body that the board takes, 47 to 80 |
+/// | 26 | of an Uno, its image: 1 plans, 2 text, 3 verbs; other boards leave it out |
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Info {
     /// The host's number from Hello; the service's.
@@ -825,8 +824,6 @@ pub struct Info {
     pub last_stop: Cause,
     /// Why the program began last.
     pub last_reset: Cause,
-    /// Switches that may wait, one after the other.
-    pub switches: u8,
     /// Bytes of the longest body that the board takes; the service's.
     pub max_body: u8,
     /// Which of its images the board has, an [`image`]; 0 where there is one.
@@ -858,7 +855,6 @@ impl Info {
         bauds: 0,
         last_stop: Cause::None,
         last_reset: Cause::None,
-        switches: 0,
         max_body: 0,
         image: 0,
     };
@@ -883,7 +879,6 @@ impl Info {
         frame.u8(self.bauds);
         frame.u8(self.last_stop as u8);
         frame.u8(self.last_reset as u8);
-        frame.u8(self.switches);
         frame.u8(self.max_body);
         if self.image != 0 {
             frame.u8(self.image);
@@ -904,7 +899,6 @@ impl Info {
             bauds: reader.u8()?,
             last_stop: Cause::from_code(reader.u8()?)?,
             last_reset: Cause::from_code(reader.u8()?)?,
-            switches: reader.u8()?,
             max_body: reader.u8().filter(|len| (super::LEAST_BODY..=super::MAX_BODY).contains(&usize::from(*len)))?,
             image: reader.u8().unwrap_or(0),
         })

@@ -87,9 +87,6 @@ impl Board for Watched {
     fn lead(&self) -> u64 {
         self.board.lead()
     }
-    fn switches(&self) -> usize {
-        self.board.switches()
-    }
     fn horizon(&self) -> u64 {
         self.board.horizon()
     }

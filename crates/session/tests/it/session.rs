@@ -145,9 +145,6 @@ impl Board for Bench {
     fn lead(&self) -> u64 {
         self.native.lead()
     }
-    fn switches(&self) -> usize {
-        self.native.switches()
-    }
     fn horizon(&self) -> u64 {
         self.native.horizon()
     }

@@ -9,7 +9,7 @@ use crate::engine::memory;
 use crate::engine::program::Program;
 use crate::engine::regs;
 use crate::engine::steps::brake::{Lease, lease};
-use crate::engine::steps::motor::{self, SWITCHES};
+use crate::engine::steps::motor;
 use crate::engine::steps::orders::answer;
 use crate::engine::steps::pins::{Layout, MAX_MOTORS, Pin};
 use crate::engine::steps::stepper::{self, LONGEST, Trouble};
@@ -420,7 +420,6 @@ impl Machine for Board {
             pool: if Uses::PLANS { memory::POOL as u16 } else { 0 },
             max_body: 0,
             image: Uses::IMAGE,
-            switches: SWITCHES as u8,
             window: WINDOW,
             bauds: 0b1_1111,
             last_stop: self.last_stop,

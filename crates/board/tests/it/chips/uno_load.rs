@@ -178,7 +178,7 @@ const NEXT: u16 = 28;
 const POSITION: u16 = 50;
 const SURE: u16 = 61;
 const READY: u16 = 62;
-const REASON: u16 = 85;
+const REASON: u16 = 77;
 const MOTOR_BYTES: u16 = 120;
 const FASTEST: u16 = 12;
 
@@ -535,6 +535,8 @@ fn plan(board: &mut impl Board, setup: &Setup, random: &mut Random, from: u64) {
             let segment = Segment { count, interval: interval << 16, add: random.below(1 << 18) as i64, add2: 0 };
             items.push(Item::Run { segment, direction });
         }
+        // It rests then, while others go on.
+        items.push(Item::Dwell { ticks: 0 });
         for item in items {
             board.push(motor, Entry { epoch: Epoch(1), item }).expect("room");
         }
@@ -573,12 +575,21 @@ fn check_board(pins: &[(u8, u8)], timing: Timing, random: &mut Random) -> Cause 
     let told: Vec<_> = remote.events().into_iter().filter(|event| event.cause != Cause::Finished).collect();
     let whose: Vec<_> = told.iter().map(|event| (event.cause, event.motor)).collect();
     assert_eq!(whose, [(cause, motor)], "{pins:?}");
-    // The steps before it are made, none of what comes after, and the others are as if nothing were.
-    let mut kept = 0;
-    lab.steps.retain(|step| {
-        kept += usize::from(step.motor == usize::from(motor));
-        step.motor != usize::from(motor) || kept <= steps
-    });
+    let counts = lab.counts(&setup);
+    // The steps before it are made, none of what comes after, and the others' up to where all brake: within a step, which is no part of the plan.
+    for (index, (step_line, _)) in pins.iter().enumerate() {
+        let (mut kept, mut rises) = (0, 0);
+        lab.steps.retain(|step| {
+            let is_made = if index == usize::from(motor) { kept < steps } else { step.tick < told[0].tick };
+            kept += usize::from(step.motor == index && is_made);
+            step.motor != index || is_made
+        });
+        lab.edges.retain(|edge| {
+            rises += usize::from(edge.line == *step_line && edge.level);
+            edge.line != *step_line || rises <= kept
+        });
+        assert!((kept..=kept + 1).contains(&rises), "motor {index} of {pins:?}: {rises} steps, {kept} of the plan");
+    }
     lab.check(&setup, timing, None);
     // TX goes high as the line is opened.
     let lines: Vec<u8> =
@@ -587,7 +598,7 @@ fn check_board(pins: &[(u8, u8)], timing: Timing, random: &mut Random) -> Cause 
     assert!(other.is_empty(), "other pins moved: {other:?}");
     let status = board.board_mut().status().expect("it answers");
     let positions: Vec<_> = status.motors.as_slice().iter().map(|motor| i64::from(motor.position)).collect();
-    assert_eq!(positions, lab.counts(&setup), "what it counted, and the pins");
+    assert_eq!(positions, counts, "what it counted, and the pins");
     cause
 }
 

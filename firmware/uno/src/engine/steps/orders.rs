@@ -11,7 +11,7 @@
 use super::brake::{Lease, lease, state};
 use super::motor::{Motor, Part, flag};
 use super::pins::MAX_MOTORS;
-use super::plan::of_switch;
+use super::plan::OF_SWITCH;
 use super::stepper::{COUNT, SWAP, Stepper, Track};
 use super::task::mode;
 use core::arch::global_asm;
@@ -495,7 +495,7 @@ order_go_on:
     andi r24, 0xff - (1 << {SWITCH})
     std Y+{FLAGS}, r24
     .irp at, 0,1,2,3
-    ldd r24, Z+{FIRST_AT}+\at
+    ldd r24, Z+{AWAITED_AT}+\at
     std Y+{SWITCH_AT}+\at, r24
     .endr
 3:  order_next 1b
@@ -564,7 +564,7 @@ steps_lapse:
     PARTS = const offset_of!(Motor, parts),
     BEHIND = const offset_of!(Motor, behind) - offset_of!(Motor, parts),
     IS_DUE = const offset_of!(Motor, is_due) - offset_of!(Motor, parts),
-    FIRST_AT = const of_switch(0) + offset_of!(super::motor::Switch, at),
+    AWAITED_AT = const OF_SWITCH + offset_of!(super::motor::Switch, at),
     STATE = const super::brake::STATE,
     AWAITS = const state::AWAITS,
     WAITS = const state::WAITS,
