@@ -85,7 +85,7 @@ fn random_plans(kind: u64, seed: u64, tally: &mut Tally) {
         push(&mut pair, random, epoch + 1, from, tally);
         match pair.switch(epoch + 1, from) {
             Ok(()) => (epoch, tally.taken) = (epoch + 1, tally.taken + 1),
-            Err(SwitchRefused::Late { .. }) => tally.refused += 1,
+            Err(SwitchRefused::Late { .. } | SwitchRefused::Full) => tally.refused += 1,
             Err(refused) => panic!("{refused}: {:?}", pair.pico.error()),
         }
     }
