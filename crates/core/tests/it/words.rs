@@ -435,6 +435,8 @@ fn checks_are_compared() {
 fn bytes_that_are_none_end_their_epoch() {
     let mut machine = begun(DRIVER, &[Item::Anchor { tick: Moment(5000) }, run(5, 100, Backward)]);
     machine.packed.push(&mut machine.pool, Epoch(1), &[0x37, 0, 1, 2, 3]).unwrap();
+    // The first switch has been made: one may wait.
+    assert_eq!(machine.fill(4000, 100), Filled::All);
     machine.push(2, &[Item::Anchor { tick: Moment(9000) }, run(5, 100, Forward)]);
     assert_eq!(machine.words.channel_mut().schedule_switch(Epoch(2), Moment(9000), Lease::Off, None), Ok(()));
     assert_eq!(machine.fill(20_000, 100), Filled::All);
