@@ -579,6 +579,8 @@ fn a_plan_that_is_told_to_its_end_needs_no_wait_there() {
 #[test]
 fn a_switch_behind_the_end_of_the_lease_is_not_made() {
     let (mut board, mut lab, items) = two(&[Item::Dwell { ticks: 0 }], Lease::Until(9000));
+    // The first switch has been made: one may wait.
+    board.advance(ZERO, &mut lab);
     for motor in 0..2 {
         board.push(motor, Entry { epoch: Epoch(2), item: Item::Anchor { tick: Moment(9000) } }).unwrap();
         board.push(motor, Entry { epoch: Epoch(2), item: run(9, 500, Forward) }).unwrap();
@@ -598,6 +600,8 @@ fn a_switch_behind_the_end_of_the_lease_is_not_made() {
 #[test]
 fn an_extension_reaches_the_lease_that_a_switch_will_begin() {
     let (mut board, mut lab, _) = two(&[Item::Dwell { ticks: 0 }], Lease::Until(9000));
+    // The first switch has been made: one may wait.
+    board.advance(ZERO, &mut lab);
     for motor in 0..2 {
         let items = [Item::Anchor { tick: Moment(8500) }, run(20, 500, Forward), Item::Dwell { ticks: 0 }];
         items.iter().for_each(|item| board.push(motor, Entry { epoch: Epoch(2), item: *item }).unwrap());
