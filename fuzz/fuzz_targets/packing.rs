@@ -30,6 +30,6 @@ fn as_run(item: Item) -> Item {
             let (add, add2) = (if count > 1 { add } else { 0 }, if count > 2 { add2 } else { 0 });
             Item::Run { segment: Segment { add, add2, ..segment }, direction }
         }
-        Item::Anchor { .. } | Item::Resume { .. } | Item::Dwell { .. } => item,
+        Item::Anchor { .. } | Item::Dwell { .. } => item,
     }
 }

@@ -88,12 +88,14 @@ pub enum TrimRefused {
 
 /// A board whose plans hold by lease.
 pub trait Leased: Board {
-    /// As [`Board::switch`]; from `tick` on the plan holds as long as `lease` says. The motors brake within `limits` then, those for which
-    /// none is given as before.
+    /// At `tick`, all motors drop what is left of the old epoch and begin `epoch`. From then on the plan holds as long as `lease` says, and the
+    /// motors brake within `limits`, those for which none is given as before.
+    ///
+    /// A step of the old epoch at `tick` or later is not made. One switch may wait: another one replaces it at its tick or before.
     ///
     /// # Errors
-    /// As there.
-    fn switch_leased(&mut self, epoch: Epoch, tick: u64, lease: Lease, limits: &[Limit]) -> Result<(), SwitchRefused>;
+    /// All motors or none: when one refuses, the items of `epoch` are dropped, and the old plan goes on.
+    fn switch(&mut self, epoch: Epoch, tick: u64, lease: Lease, limits: &[Limit]) -> Result<(), SwitchRefused>;
 
     /// Puts the end of the lease off, or earlier, and gives the motors other limits, if there are any.
     ///

@@ -69,20 +69,6 @@ pub trait Board {
     /// How long it may take to tell the board a thing and to hear that it was accepted, ticks; 0 if no time passes.
     fn lead(&self) -> u64;
 
-    /// The same if nothing goes wrong on the way, and not much is said: what is left to a board whose queue is short.
-    fn shortest_lead(&self) -> u64 {
-        self.lead()
-    }
-
-    /// How many switches may wait, one after the other.
-    fn switches(&self) -> usize;
-
-    /// At `tick`, all motors drop what is left of the old epoch and begin `epoch`.
-    ///
-    /// # Errors
-    /// All motors or none: when one refuses, the items of `epoch` are dropped, and the old plan goes on.
-    fn switch(&mut self, epoch: Epoch, tick: u64) -> Result<(), SwitchRefused>;
-
     /// The first tick that is open on all motors: a switch is accepted from there on.
     fn horizon(&self) -> u64;
 

@@ -168,8 +168,8 @@ pub enum SwitchRefused {
         /// First tick that is too far.
         limit: u64,
     },
-    /// Too many switches wait already.
-    #[error("too many switches wait already")]
+    /// Another switch waits, for an earlier tick.
+    #[error("another switch waits already")]
     Full,
     /// Nothing can be said to the board any more; what it was told stands. [`Board::lost`] says why.
     #[error("nothing can be said to the board any more")]
@@ -290,17 +290,6 @@ impl Native {
     #[must_use]
     pub fn credit(&self, motor: usize) -> usize {
         self.engine.credit(motor)
-    }
-
-    /// At `tick`, all motors drop what is left of the old epoch and begin `epoch`.
-    ///
-    /// A step of the old epoch at `tick` or later is not made. Switches that wait at `tick` or later are replaced.
-    ///
-    /// # Errors
-    /// All motors or none: when one refuses, the items of `epoch` that were pushed last are dropped, and the old plan
-    /// goes on.
-    pub fn switch(&mut self, epoch: Epoch, tick: u64) -> Result<(), SwitchRefused> {
-        self.switch_with(epoch, tick, lease::Lease::Off, &[])
     }
 
     fn switch_with(
@@ -451,14 +440,6 @@ impl Board for Native {
         0
     }
 
-    fn switches(&self) -> usize {
-        channel::SWITCHES
-    }
-
-    fn switch(&mut self, epoch: Epoch, tick: u64) -> Result<(), SwitchRefused> {
-        Native::switch(self, epoch, tick)
-    }
-
     fn horizon(&self) -> u64 {
         Native::horizon(self)
     }
@@ -493,7 +474,7 @@ impl Board for Native {
 }
 
 impl Leased for Native {
-    fn switch_leased(&mut self, epoch: Epoch, tick: u64, lease: Lease, limits: &[Limit]) -> Result<(), SwitchRefused> {
+    fn switch(&mut self, epoch: Epoch, tick: u64, lease: Lease, limits: &[Limit]) -> Result<(), SwitchRefused> {
         match self.moment_of(lease) {
             Ok(lease) => self.switch_with(epoch, tick, lease, limits),
             Err(limit) => {
@@ -874,7 +855,7 @@ impl<const F: u32> Engine for Axes<F> {
         let limits = limits.iter().copied().map(Some).chain(std::iter::repeat(None));
         self.channels_mut()
             .zip(limits)
-            .try_for_each(|(channel, limit)| channel.schedule_leased(epoch, at, lease, limit))
+            .try_for_each(|(channel, limit)| channel.schedule_switch(epoch, at, lease, limit))
     }
 
     fn check_extend(&self, lease: lease::Lease) -> Result<(), lease::ExtendRefused> {

@@ -51,10 +51,6 @@ impl Packer {
             Item::Anchor { tick } => {
                 (self.accumulator, self.moved) = (u64::from(tick.0) << self.bits() | (1 << self.bits()) >> 1, 0);
             }
-            Item::Resume { tick, fraction } => {
-                let below = u64::from(fraction) << self.bits() >> 16;
-                (self.accumulator, self.moved) = (u64::from(tick.0) << self.bits() | below, 0);
-            }
             Item::Dwell { ticks } => {
                 self.accumulator = self.accumulator.wrapping_add(u64::from(ticks) << self.bits());
             }

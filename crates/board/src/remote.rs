@@ -19,7 +19,7 @@ use pulsetrain_core::wire::message::{
 };
 use pulsetrain_core::wire::orders::{ORDER_LEN, Obeyed, Orders, order};
 use pulsetrain_core::wire::{Baud, Command, Reason, Reply, Settings, Stopped, Stored, Switched, Trimmed};
-use pulsetrain_core::{Entry, Epoch, Item, Moment, RESUMED_WITHIN};
+use pulsetrain_core::{Entry, Epoch, Item, Moment};
 use std::collections::VecDeque;
 use std::time::Duration;
 
@@ -50,8 +50,8 @@ const ROOM_EVERY: Duration = Duration::from_millis(10);
 /// Time passes so much in one round at most.
 const LONGEST_ROUND: Duration = Duration::from_millis(3);
 
-/// News of room, a frame and a switch on their way, each over USB bridges that hold bytes back for a millisecond or two.
-const SHORTEST_LEAD: Duration = Duration::from_millis(6);
+/// A reading of the board's clock, over USB bridges that hold bytes back for a millisecond or two each way.
+const BRIDGE_DELAY: Duration = Duration::from_millis(6);
 
 /// An item has left its queue so long after it was due to, whatever the host's idea of the board's clock: a thousandth of a
 /// second.
@@ -1103,8 +1103,6 @@ impl<P: Port> Board for Remote<P> {
         let mut bytes = [0; MAX_LEN];
         let begins = match entry.item {
             Item::Anchor { tick } => tick,
-            // Not before its epoch begins.
-            Item::Resume { tick, .. } => tick.after(RESUMED_WITHIN),
             Item::Dwell { .. } | Item::Run { .. } => packer.tick(),
         };
         let Ok(len) = packer.pack(&entry.item, &mut bytes) else { return Err(entry) };
@@ -1163,21 +1161,6 @@ impl<P: Port> Board for Remote<P> {
         let fill = Duration::from_secs(BITS * u64::from(self.info.pool) / 2) / self.link.baud().rate();
         let lead = fill + 2 * self.link.shortest_timeout();
         (lead.as_secs_f64() * f64::from(self.info.tick_hz)) as u64
-    }
-
-    fn shortest_lead(&self) -> u64 {
-        let lead = SHORTEST_LEAD + Duration::from_secs(BITS * u64::from(self.info.pool) / 4) / self.link.baud().rate();
-        (lead.as_secs_f64() * f64::from(self.info.tick_hz)) as u64
-    }
-
-    fn switches(&self) -> usize {
-        usize::from(self.info.switches)
-    }
-
-    fn switch(&mut self, epoch: Epoch, tick: u64) -> Result<(), SwitchRefused> {
-        self.switch_with(epoch, tick, lease::Lease::Off, &[])?;
-        self.end_lease();
-        Ok(())
     }
 
     fn horizon(&self) -> u64 {
@@ -1272,7 +1255,7 @@ impl<P: Port> Board for Remote<P> {
         // A clock that restarted is far behind; one that runs on is within what it may be off, and what readings are uncertain by. A
         // board that still knows the session was not reset.
         let expected = clock.tick_at(asked).unwrap_or(0);
-        let reading = 2 * (answered - asked) + SHORTEST_LEAD;
+        let reading = 2 * (answered - asked) + BRIDGE_DELAY;
         let doubt = expected / CLOCK_DOUBT + (reading.as_secs_f64() * f64::from(self.info.tick_hz)) as u64;
         let was_reset = is_lost && tick + doubt < expected;
         let status = self.at_rest(|| true)?;
@@ -1295,7 +1278,7 @@ impl<P: Port> Board for Remote<P> {
 }
 
 impl<P: Port> Leased for Remote<P> {
-    fn switch_leased(&mut self, epoch: Epoch, tick: u64, lease: Lease, limits: &[Limit]) -> Result<(), SwitchRefused> {
+    fn switch(&mut self, epoch: Epoch, tick: u64, lease: Lease, limits: &[Limit]) -> Result<(), SwitchRefused> {
         let told = match self.moment_of(lease) {
             Ok(told) => told,
             Err(limit) => {

@@ -180,11 +180,6 @@ impl Walk<'_> {
                 self.accumulator = (i128::from(self.near(tick, fraction_bits)) << fraction_bits) + half;
                 self.fresh = true;
             }
-            Item::Resume { tick, fraction } => {
-                let below = i128::from(fraction) << fraction_bits >> 16;
-                self.accumulator = (i128::from(self.near(tick, fraction_bits)) << fraction_bits) + below;
-                self.fresh = true;
-            }
             Item::Dwell { ticks } => {
                 self.accumulator += i128::from(ticks) << fraction_bits;
                 self.fresh = true;

@@ -169,25 +169,6 @@ impl<B: Leased> Board for Shadowed<B> {
         self.board.lead()
     }
 
-    fn shortest_lead(&self) -> u64 {
-        self.board.shortest_lead()
-    }
-
-    fn switches(&self) -> usize {
-        self.board.switches()
-    }
-
-    fn switch(&mut self, epoch: Epoch, tick: u64) -> Result<(), SwitchRefused> {
-        self.await_extensions();
-        let answer = self.board.switch(epoch, tick);
-        self.follow_to_switch(tick);
-        match answer {
-            Ok(()) => self.agree &= self.shadow.switch(epoch, tick).is_ok(),
-            Err(_) => Board::discard(&mut self.shadow, epoch),
-        }
-        answer
-    }
-
     fn horizon(&self) -> u64 {
         self.board.horizon()
     }
@@ -240,12 +221,12 @@ impl<B: Leased> Board for Shadowed<B> {
 }
 
 impl<B: Leased> Leased for Shadowed<B> {
-    fn switch_leased(&mut self, epoch: Epoch, tick: u64, lease: Lease, limits: &[Limit]) -> Result<(), SwitchRefused> {
+    fn switch(&mut self, epoch: Epoch, tick: u64, lease: Lease, limits: &[Limit]) -> Result<(), SwitchRefused> {
         self.await_extensions();
-        let answer = self.board.switch_leased(epoch, tick, lease, limits);
+        let answer = self.board.switch(epoch, tick, lease, limits);
         self.follow_to_switch(tick);
         match answer {
-            Ok(()) => self.agree &= self.shadow.switch_leased(epoch, tick, lease, limits).is_ok(),
+            Ok(()) => self.agree &= self.shadow.switch(epoch, tick, lease, limits).is_ok(),
             Err(_) => Board::discard(&mut self.shadow, epoch),
         }
         answer

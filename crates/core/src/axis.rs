@@ -3,9 +3,9 @@
 //! Nothing after the tick that is asked for is committed but the step that a DIR edge was made for. So at any tick the
 //! position counts the pulses that were begun, and all else can still be switched away.
 
-use crate::channel::{Channel, Kind, SwitchRefused};
+use crate::channel::{Channel, Kind};
 use crate::output::{Edge, Output};
-use crate::queue::{Epoch, Items};
+use crate::queue::Items;
 use crate::{Direction, Moment};
 
 /// One motor: `F` fraction bits, and what its items wait in: a [`Queue`](crate::Queue), or what a host has in its place.
@@ -78,14 +78,6 @@ impl<const F: u32, Q: Items> Axis<F, Q> {
     pub fn pass(&mut self, now: Moment) {
         self.channel.pass(now);
         self.open = now.after(1);
-    }
-
-    /// See [`Channel::schedule_switch`].
-    ///
-    /// # Errors
-    /// As there.
-    pub fn schedule_switch(&mut self, epoch: Epoch, at: Moment) -> Result<(), SwitchRefused> {
-        self.channel.schedule_switch(epoch, at)
     }
 
     /// Makes no step more; a pulse that was begun still ends.

@@ -41,12 +41,9 @@ pub enum SwitchRefused {
         /// The first tick at which a switch would be accepted now.
         horizon: Moment,
     },
-    /// [`SWITCHES`] earlier ones are still waiting.
+    /// Another waits, for an earlier tick.
     Full,
 }
-
-/// How many switches may wait, one after the other.
-pub const SWITCHES: usize = 4;
 
 #[derive(Clone, Copy, Debug)]
 struct Switch {
@@ -83,7 +80,7 @@ pub struct Channel<const F: u32> {
     position: i32,
     /// The tick of the next step, if its direction has been asserted: the step is then committed.
     committed: Option<Moment>,
-    /// Of the first switch and the lease: looked at with each event.
+    /// Of the switch and the lease: looked at with each event.
     end: Option<End>,
     lapse: Option<Lapse>,
     /// The next step is not made before.
@@ -108,7 +105,7 @@ pub struct Channel<const F: u32> {
     lease: Lease,
     /// How hard the motor may brake.
     limit: Limit,
-    switches: [Option<Switch>; SWITCHES],
+    switch: Option<Switch>,
 }
 
 impl<const F: u32> Channel<F> {
@@ -133,7 +130,7 @@ impl<const F: u32> Channel<F> {
             position: 0,
             horizon: Moment(0),
             epoch: Epoch(0),
-            switches: [None; SWITCHES],
+            switch: None,
             end: None,
             missed: None,
             lease: Lease::Off,
@@ -246,34 +243,23 @@ impl<const F: u32> Channel<F> {
         }
     }
 
-    /// At tick `at` (less than 2^31 ahead), what is left of the old epoch is to be dropped and `epoch` begun.
+    /// At tick `at` (less than 2^31 ahead), what is left of the old epoch is to be dropped and `epoch` begun. From then on the plan holds as long
+    /// as `lease` says, and the motor brakes within `limit`, or else within the one that was told before. A lease that has lapsed is over then.
     ///
-    /// Switches still waiting at `at` or later are replaced, earlier ones stay.
-    ///
-    /// # Errors
-    /// When `at` lies before the horizon or too many wait; nothing changes then.
-    pub fn schedule_switch(&mut self, epoch: Epoch, at: Moment) -> Result<(), SwitchRefused> {
-        self.schedule_leased(epoch, at, Lease::Off, None)
-    }
-
-    /// The same, and from `at` on the plan holds as long as `lease` says; the motor brakes within `limit`, or else within the one
-    /// that was told before. A lease that has lapsed is over then.
+    /// One switch may wait. Another one replaces it at its tick or before.
     ///
     /// # Errors
-    /// As there.
-    pub fn schedule_leased(
+    /// When `at` lies before the horizon, or after a switch that waits; nothing changes then.
+    pub fn schedule_switch(
         &mut self,
         epoch: Epoch,
         at: Moment,
         lease: Lease,
         limit: Option<Limit>,
     ) -> Result<(), SwitchRefused> {
-        let place = self.place_of_switch(at)?;
-        for later in self.switches.iter_mut().skip(place) {
-            *later = None;
-        }
+        self.check_switch(at)?;
         let limit = limit.unwrap_or(self.limit);
-        self.switches[place] = Some(Switch { epoch, at, lease, limit, cancelled: false });
+        self.switch = Some(Switch { epoch, at, lease, limit, cancelled: false });
         self.note_end();
         Ok(())
     }
@@ -283,7 +269,7 @@ impl<const F: u32> Channel<F> {
     /// # Errors
     /// When there is no lease, it has lapsed, or its end would lie before the horizon.
     pub fn check_extend(&self, lease: Lease) -> Result<(), ExtendRefused> {
-        let begins = self.switches.iter().flatten().any(|switch| !switch.cancelled && switch.lease != Lease::Off);
+        let begins = self.switch.is_some_and(|switch| !switch.cancelled && switch.lease != Lease::Off);
         match (self.lapse, lease) {
             _ if begins => {}
             (Some(Lapse { at, .. }), _) => return Err(ExtendRefused::Lapsed { at }),
@@ -297,14 +283,14 @@ impl<const F: u32> Channel<F> {
         }
     }
 
-    /// Puts the end of the lease off, or earlier; also of the leases that switches will begin. What
+    /// Puts the end of the lease off, or earlier; also of the lease that a switch will begin. What
     /// [`check_extend`](Channel::check_extend) refuses is not for this.
     pub fn extend(&mut self, lease: Lease, limit: Option<Limit>) {
         self.limit = limit.unwrap_or(self.limit);
         if self.lapse.is_none() && self.lease != Lease::Off {
             self.lease = lease;
         }
-        for switch in self.switches.iter_mut().flatten().filter(|switch| switch.lease != Lease::Off) {
+        if let Some(switch) = self.switch.as_mut().filter(|switch| switch.lease != Lease::Off) {
             switch.lease = lease;
             switch.limit = limit.unwrap_or(switch.limit);
         }
@@ -314,7 +300,7 @@ impl<const F: u32> Channel<F> {
     /// The lease is over at `lapse.at`, or was earlier already: all motors of a machine are told so when
     /// [one of them says it](crate::lease::agreed), or at the horizon when the host says so.
     pub fn lapse_at(&mut self, lapse: Lapse) {
-        for switch in self.switches.iter_mut().flatten() {
+        if let Some(switch) = &mut self.switch {
             if !switch.at.is_before(lapse.at) {
                 switch.cancelled = true;
             } else if switch.lease != Lease::Off {
@@ -399,7 +385,11 @@ impl<const F: u32> Channel<F> {
     /// # Errors
     /// As there.
     pub fn check_switch(&self, at: Moment) -> Result<(), SwitchRefused> {
-        self.place_of_switch(at).map(|_| ())
+        if at.is_before(self.horizon) {
+            return Err(SwitchRefused::Late { horizon: self.horizon });
+        }
+        let waits = self.switch.filter(|switch| !switch.cancelled);
+        if waits.is_some_and(|switch| switch.at.is_before(at)) { Err(SwitchRefused::Full) } else { Ok(()) }
     }
 
     /// Forgets everything that is not yet committed by a pulse: the motor stands where it is, and the count is right.
@@ -408,7 +398,7 @@ impl<const F: u32> Channel<F> {
         self.left = 0;
         self.committed = None;
         self.rest();
-        self.switches = [None; SWITCHES];
+        self.switch = None;
         self.lease = Lease::Off;
         self.resume();
         self.note_end();
@@ -448,7 +438,7 @@ impl<const F: u32> Channel<F> {
     #[must_use]
     pub const fn is_done(&self) -> bool {
         let brakes = !self.braking && !self.fresh && (self.lapse.is_some() || matches!(self.lease, Lease::Until(_)));
-        self.left == 0 && self.switches[0].is_none() && !brakes
+        self.left == 0 && self.switch.is_none() && !brakes
     }
 
     /// Where it is, the waits that were loaded included.
@@ -531,10 +521,6 @@ impl<const F: u32> Channel<F> {
                 self.recurrence.accumulator = (u64::from(tick.0) << F) | (1 << (F - 1));
                 (self.anchored, self.fresh) = (true, true);
             }
-            Item::Resume { tick, fraction } => {
-                self.recurrence.accumulator = (u64::from(tick.0) << F) | (u64::from(fraction) << F >> 16);
-                (self.anchored, self.fresh) = (true, true);
-            }
             Item::Dwell { ticks } if self.anchored => {
                 self.recurrence.accumulator = self.recurrence.accumulator.wrapping_add(u64::from(ticks) << F);
                 self.fresh = true;
@@ -563,7 +549,7 @@ impl<const F: u32> Channel<F> {
     }
 
     fn begin(&mut self, items: &mut impl Items) {
-        let Some(switch) = self.switches[0] else { return };
+        let Some(switch) = self.switch.take() else { return };
         items.skip_to(switch.epoch);
         self.epoch = switch.epoch;
         self.left = 0;
@@ -575,8 +561,6 @@ impl<const F: u32> Channel<F> {
         self.resume();
         (self.lapse, self.agreed) = (told, told.is_some());
         self.horizon = self.horizon.or_later(switch.at);
-        self.switches.rotate_left(1);
-        self.switches[SWITCHES - 1] = None;
         self.note_end();
     }
 
@@ -603,7 +587,7 @@ impl<const F: u32> Channel<F> {
             (None, Lease::Until(at)) => Some(at),
             (None, Lease::Off | Lease::Last) => None,
         };
-        self.end = match (self.switches[0], lease) {
+        self.end = match (self.switch, lease) {
             (Some(Switch { cancelled: true, .. }) | None, at) => at.map(|at| End { at, is_switch: false }),
             (Some(switch), Some(at)) if at.is_before(switch.at) => Some(End { at, is_switch: false }),
             (Some(switch), _) => Some(End { at: switch.at, is_switch: true }),
@@ -627,7 +611,7 @@ impl<const F: u32> Channel<F> {
     /// The plan cannot be followed: the motor brakes at once, and all others are to be told.
     #[inline(never)]
     fn fail(&mut self, cause: Cause, items: &mut impl Items) {
-        for switch in self.switches.iter_mut().flatten() {
+        if let Some(switch) = &mut self.switch {
             switch.cancelled = true;
         }
         let at = self.lapse.map_or(self.horizon, |lapse| lapse.at);
@@ -640,14 +624,14 @@ impl<const F: u32> Channel<F> {
     fn brake(&mut self, lapse: Lapse, items: &mut impl Items) {
         if self.lapse.is_none() {
             // Not told by others.
-            for switch in self.switches.iter_mut().flatten() {
+            if let Some(switch) = &mut self.switch {
                 switch.cancelled |= !switch.at.is_before(lapse.at);
             }
         }
         (self.lapse, self.braking) = (Some(lapse), true);
         let here = self.place();
         items.drop_epoch(self.epoch, &here);
-        for switch in self.switches.iter().flatten().filter(|switch| switch.cancelled) {
+        if let Some(switch) = self.switch.filter(|switch| switch.cancelled) {
             items.drop_epoch(switch.epoch, &here);
         }
         self.drop_cancelled();
@@ -667,12 +651,10 @@ impl<const F: u32> Channel<F> {
         }
     }
 
-    /// Forgets the switches that are not made: their epochs are over.
+    /// Forgets the switch that is not made: its epoch is over.
     fn drop_cancelled(&mut self) {
-        while let Some(switch) = self.switches[0].filter(|switch| switch.cancelled) {
+        if let Some(switch) = self.switch.take_if(|switch| switch.cancelled) {
             self.epoch = switch.epoch;
-            self.switches.rotate_left(1);
-            self.switches[SWITCHES - 1] = None;
         }
     }
 
@@ -705,14 +687,6 @@ impl<const F: u32> Channel<F> {
             Some(open) => tick.or_later(open),
             None => tick,
         }
-    }
-
-    fn place_of_switch(&self, at: Moment) -> Result<usize, SwitchRefused> {
-        if at.is_before(self.horizon) {
-            return Err(SwitchRefused::Late { horizon: self.horizon });
-        }
-        let earlier = self.switches.iter().flatten().take_while(|switch| switch.at.is_before(at)).count();
-        if earlier == SWITCHES { Err(SwitchRefused::Full) } else { Ok(earlier) }
     }
 
     /// The scheduled tick of the last step, or the end of the wait after it.

@@ -6,7 +6,7 @@
 //!   horizon; it may be shorter. Nothing behind U is dropped before the horizon reaches U, so that a longer one restores it.
 //! - [`Last`](Lease::Last): all has been told; the plan ends by itself.
 //! - Once the horizon passes U the lease has [lapsed](Lapse). All motors brake from U (see [`braking`](crate::braking)), what waits of
-//!   their epoch is dropped, and what comes of it later is not kept. So are switches that wait at U or later. Only another switch,
+//!   their epoch is dropped, and what comes of it later is not kept. So is a switch that waits at U or later. Only another switch,
 //!   or the immediate stop, ends that.
 //!
 //! # How a motor brakes

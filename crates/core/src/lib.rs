@@ -47,5 +47,5 @@ pub use channel::Channel;
 pub use lease::{Lapse, Lease};
 pub use merge::Merge;
 pub use moment::Moment;
-pub use queue::{Entry, Epoch, Item, Queue, RESUMED_WITHIN};
+pub use queue::{Entry, Epoch, Item, Queue};
 pub use segment::{Direction, Recurrence, Segment};

@@ -6,7 +6,7 @@
 //! count of the last segment, and the direction. It starts, and starts again at a [reset](Control), with all
 //! registers 0 and a previous count of 4; the direction starts forward.
 //! The fraction of the accumulator is no part of it: it is carried on through segments, waits, reversals and resets,
-//! and only an anchor sets it, to ½, and a resume.
+//! and only an anchor sets it, to ½.
 //!
 //! # A segment
 //! | byte | bits | |
@@ -27,33 +27,16 @@
 //! | 0 | 0–2 | 7 |
 //! | | 3–7 | what: see [`Control`] |
 //! | 1 | | 0 |
-//! | 2–5 | | dwell: ticks; anchor, resume: tick; little-endian. Reversal and reset: absent |
-//! | 6–7 | | resume only: fraction · 2^16; little-endian |
-//! | 2–3, 4–7, 8–9 | | check only: steps since the anchor or resume, forward minus backward, modulo 2^16; accumulator: tick, fraction · 2^16; little-endian |
-//!
-//! # Slowing down
-//! What a motor brakes with: control records 16 + m, m = 0..=15, two bytes. Each stands for a segment in the same direction:
-//!
-//! | | |
-//! |---|---|
-//! | t | interval, as predicted, shifted right by m + 1 bits |
-//! | count | 2^m |
-//! | interval | as predicted |
-//! | add | t − (t shifted right by 3 bits) |
-//! | add2 | 0 |
-//!
-//! So the interval becomes 1.4375 times as long, and v² about half as large, within 2^m steps; as the next m is one less,
-//! the deceleration at the beginning of each part stays nearly what it was. The registers move on as with any segment, and
-//! the previous count is 2^m then. The predicted interval must not be negative and, with 16 fraction bits or fewer, add must
-//! be less than 2^31: with other intervals the record is refused.
+//! | 2–5 | | dwell: ticks; anchor: tick; little-endian. Reversal and reset: absent |
+//! | 2–3, 4–7, 8–9 | | check only: steps since the anchor, forward minus backward, modulo 2^16; accumulator: tick, fraction · 2^16; little-endian |
 //!
 //! # Checks
 //! A check says where the sender thinks that the motor is when all before it has been done: an Uno compares, and does
-//! nothing of what follows up to the next anchor or resume if it is not so. It is no item; [`Packing::unpack`] passes over it.
+//! nothing of what follows up to the next anchor if it is not so. It is no item; [`Packing::unpack`] passes over it.
 //!
 //! # An exact segment
 //! One that the units or widths of a correction cannot say: a step that was put off because of a shared DIR line, or
-//! what is left of a segment that an epoch cuts in two.
+//! the rest of a segment whose first step was.
 //!
 //! | byte | bits | |
 //! |---|---|---|
@@ -102,22 +85,12 @@ pub enum Control {
     Exact = 4,
     /// Where the motor ought to be.
     Check = 5,
-    /// Set the accumulator, with its fraction.
-    Resume = 6,
-    /// Slowing down, over one step; the fifteen codes after it are for 2, 4, … 2^15 steps.
-    Slow = 16,
 }
-
-/// Slowing down by a record of two bytes takes 2^m steps, m at most this.
-pub const LONGEST_SLOW: u32 = 15;
-
-/// Bytes of the record that slows a motor down.
-const SLOW_LEN: usize = 2;
 
 /// Where a motor is when all before has been done.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Check {
-    /// Steps since the last anchor or resume, forward minus backward, modulo 2^16: what the count was there need not be known.
+    /// Steps since the last anchor, forward minus backward, modulo 2^16: what the count was there need not be known.
     pub position: u16,
     /// The accumulator, waits included: its tick.
     pub tick: Moment,
@@ -202,31 +175,6 @@ impl State {
         State { previous_count: said.count.max(COUNT_AFTER_EXACT), ..after }
     }
 
-    /// The segment of 2^`m` steps that [slows down](Control::Slow) from here; `None` if a board with so many fraction bits
-    /// does not hold its registers, or `m` is more than [`LONGEST_SLOW`].
-    ///
-    /// ```
-    /// use pulsetrain_core::packing::State;
-    /// let state = State { interval: 1000 << 16, ..State::default() };
-    /// let slow = state.slow(4, 16).unwrap();
-    /// assert_eq!((slow.count, slow.interval, slow.add, slow.add2), (16, 1000 << 16, 1_792_000, 0));
-    /// // 1.4375 times as long.
-    /// assert_eq!(slow.after(16).interval, 94_208_000);
-    /// assert_eq!(State::default().slow(16, 16), None);
-    /// ```
-    #[must_use]
-    pub const fn slow(&self, m: u32, fraction_bits: u32) -> Option<Segment> {
-        if m > LONGEST_SLOW || self.interval < 0 {
-            return None;
-        }
-        let t = self.interval >> (m + 1);
-        let add = t - (t >> 3);
-        if fraction_bits <= 16 && add > i32::MAX as i64 {
-            return None;
-        }
-        Some(Segment { count: 1 << m, interval: self.interval, add, add2: 0 })
-    }
-
     /// The registers after `segment` has been run with them.
     const fn after(self, segment: &Segment) -> State {
         let Segment { interval, add, add2, .. } = segment.after(segment.count);
@@ -270,11 +218,6 @@ pub enum UnpackError {
     UnknownControl {
         /// Header bits 3–7.
         control: u8,
-    },
-    /// The motor cannot be slowed down from the predicted interval.
-    Slow {
-        /// Over 2^m steps.
-        m: u8,
     },
 }
 
@@ -322,12 +265,7 @@ impl Packing {
         let (reset, state) =
             if self.is_beyond_narrow(state, segment) { (2, &State::new(state.direction)) } else { (0, state) };
         let layout = self.layout(state, segment);
-        Ok(reset
-            + match (self.slows(state, segment, layout.as_ref()), layout) {
-                (Some(_), _) => SLOW_LEN,
-                (None, Some(layout)) => layout.len(segment.count),
-                (None, None) => Exact::of(segment).len(),
-            })
+        Ok(reset + layout.map_or_else(|| Exact::of(segment).len(), |layout| layout.len(segment.count)))
     }
 
     /// Packs `item` into the front of `out`, moves `state` on and gives the number of bytes: at most
@@ -359,10 +297,6 @@ impl Packing {
         let mut writer = Writer { out, len: 0 };
         match *item {
             Item::Anchor { tick } => writer.control(Control::Anchor, &tick.0.to_le_bytes()),
-            Item::Resume { tick, fraction } => {
-                writer.control(Control::Resume, &tick.0.to_le_bytes());
-                writer.bytes(&fraction.to_le_bytes());
-            }
             Item::Dwell { ticks } => writer.control(Control::Dwell, &ticks.to_le_bytes()),
             Item::Run { segment, direction } => {
                 let mut start = *state;
@@ -376,18 +310,13 @@ impl Packing {
                 if segment.count == 0 {
                     return Err(PackError::NoSteps);
                 }
-                let layout = self.layout(&start, &segment);
-                let next = match (self.slows(&start, &segment, layout.as_ref()), layout) {
-                    (Some(m), _) => {
-                        writer.bytes(&[EXPLICIT_COUNT | (Control::Slow as u8 + m) << 3, 0]);
-                        start.after(&segment)
-                    }
-                    (None, Some(layout)) => {
+                let next = match self.layout(&start, &segment) {
+                    Some(layout) => {
                         layout.write(segment.count, &mut writer);
                         let [_, add, add2] = self.corrected(&start, layout.fields.map(|(k, _)| k));
                         start.after(&Segment { add, add2, ..segment })
                     }
-                    (None, None) => {
+                    None => {
                         Exact::of(&segment).write(&segment, &mut writer);
                         start.after_exact(&segment)
                     }
@@ -469,16 +398,6 @@ impl Packing {
                 5 => {
                     take::<{ CHECK_LEN - 2 }>(&mut rest)?;
                 }
-                6 => {
-                    let tick = Moment(u32::from_le_bytes(take(&mut rest)?));
-                    break Some(Item::Resume { tick, fraction: u16::from_le_bytes(take(&mut rest)?) });
-                }
-                control @ 16.. => {
-                    let m = control - Control::Slow as u8;
-                    let segment = now.slow(m.into(), self.fraction_bits).ok_or(UnpackError::Slow { m })?;
-                    now = now.after(&segment);
-                    break Some(Item::Run { segment, direction: now.direction });
-                }
                 control => return Err(UnpackError::UnknownControl { control }),
             }
         };
@@ -500,19 +419,6 @@ impl Packing {
         let segment = Segment { count, interval, add, add2 };
         *state = state.after(&segment);
         Ok(Item::Run { segment, direction: state.direction })
-    }
-
-    /// The m of the record that says just `segment`, if it is the shortest that does: corrections do not say how one step
-    /// goes on.
-    fn slows(&self, state: &State, segment: &Segment, layout: Option<&Layout>) -> Option<u8> {
-        let Segment { count, interval, .. } = *segment;
-        let shortest = count == 1 || layout.is_none_or(|layout| layout.len(count) > SLOW_LEN);
-        if !shortest || interval != state.interval || interval == 0 || !count.is_power_of_two() {
-            return None;
-        }
-        let m = count.trailing_zeros();
-        let is_it = state.slow(m, self.fraction_bits) == Some(*segment);
-        u8::try_from(m).ok().filter(|_| is_it)
     }
 
     /// Whether a step would be predicted from by an add that narrow registers do not hold: one step alone does not say
@@ -793,11 +699,6 @@ mod tests {
     }
 
     #[test]
-    fn a_resume_is_eight_bytes() {
-        check(&[Item::Resume { tick: Moment(0x0102_0304), fraction: 0x0506 }], &[0b110_111, 0, 4, 3, 2, 1, 6, 5]);
-    }
-
-    #[test]
     fn a_check_is_ten_bytes_and_passed_over() {
         let check = Check { position: 0x0102, tick: Moment(0x0304_0506), fraction: 0x0708 };
         let mut bytes = [0; CHECK_LEN + 6];
@@ -834,37 +735,12 @@ mod tests {
     }
 
     #[test]
-    fn slowing_down_is_two_bytes_a_part() {
-        let mut state = State { interval: 300_001, ..State::default() };
-        let parts = [3, 2, 1, 0].map(|m| {
-            let segment = state.slow(m, 16).unwrap();
-            state = state.after(&segment);
-            Item::Run { segment, direction: Direction::Forward }
-        });
-        // 300001 / 16 = 18750, less 2343.
-        assert_eq!(parts[0], run(8, 300_001, 16_407, 0, Direction::Forward));
-        let first = run(1, 300_001, 0, 0, Direction::Forward);
-        let exact = [0x27, 0, 0x03, 0x10, 1, 0xe1, 0x93, 0x04];
-        let items = [first, parts[0], parts[1], parts[2], parts[3]];
-        check(&items, &[&exact[..], &[0x9f, 0], &[0x97, 0], &[0x8f, 0], &[0x87, 0]].concat());
-        // A hair off, and it is said as always.
-        let off = run(8, 300_001, 16_408, 0, Direction::Forward);
-        check(&[first, off], &[&exact[..], &[0x4f, 8, 0, 0x06, 0x10, 0]].concat());
-    }
-
-    #[test]
-    fn slowing_down_from_what_is_no_interval_is_refused() {
-        let refused = |interval, packing: Packing| {
-            let mut state = State { interval, ..State::default() };
-            packing.unpack(&mut state, &mut &[0x87, 0][..]).is_err()
-        };
-        assert!(refused(-1, PACKING));
-        assert!(!refused(0, PACKING));
-        // Half of it less an eighth of that: 2^31 is the first that does not fit.
-        let longest = (0..).map(|k| (1_i64 << 32) / 7 * 8 + k).find(|i| (i >> 1) - (i >> 4) >= 1 << 31).unwrap();
-        assert!(!refused(longest - 1, PACKING));
-        assert!(refused(longest, PACKING));
-        assert!(!refused(longest, Packing { fraction_bits: 32, gain: 0 }));
+    fn controls_that_mean_nothing_are_refused() {
+        for control in 6..32 {
+            let record = [EXPLICIT_COUNT | control << 3, 0, 1, 2, 3, 4, 5, 6];
+            let refused = PACKING.unpack(&mut State { interval: 1 << 20, ..State::default() }, &mut &record[..]);
+            assert_eq!(refused, Err(UnpackError::UnknownControl { control }));
+        }
     }
 
     #[test]

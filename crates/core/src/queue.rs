@@ -18,17 +18,10 @@ impl Epoch {
 /// One thing that a motor is to do.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Item {
-    /// Sets the accumulator to `tick` + ½. It or a [`Resume`](Item::Resume) is the first item of every epoch.
+    /// Sets the accumulator to `tick` + ½. It is the first item of every epoch.
     Anchor {
         /// Less than 2^31 ticks ahead when it is reached.
         tick: Moment,
-    },
-    /// Sets the accumulator whole, instead of an [`Anchor`](Item::Anchor): a plan goes on where an epoch before left it.
-    Resume {
-        /// Its tick: less than 2^31 ticks ahead when it is reached, or at most [`RESUMED_WITHIN`] before the epoch begins.
-        tick: Moment,
-        /// And what is below, 2^-16 ticks.
-        fraction: u16,
     },
     /// Steps.
     Run {
@@ -43,9 +36,6 @@ pub enum Item {
         ticks: u32,
     },
 }
-
-/// The accumulator that an epoch goes on from is at most so old when it begins, ticks.
-pub const RESUMED_WITHIN: u32 = 1 << 14;
 
 /// An item and its epoch.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -711,7 +711,7 @@ impl<'a> Begun<'a> {
 
     /// Has the board go over to it.
     fn switch<B: Leased>(&self, board: &mut B) -> Result<(), SessionError> {
-        board.switch_leased(self.stream.epoch(), self.stream.zero(), self.lease, &self.limits).map_err(|refused| {
+        board.switch(self.stream.epoch(), self.stream.zero(), self.lease, &self.limits).map_err(|refused| {
             match board.lost() {
                 Some(why) => SessionError::Lost(why.clone()),
                 None => SessionError::Switch(refused),

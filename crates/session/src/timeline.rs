@@ -18,14 +18,14 @@ impl Placed {
         match self.item {
             Item::Run { segment, .. } => self.start + segment.span(segment.count),
             Item::Dwell { ticks } => self.start + (i128::from(ticks) << fraction_bits),
-            Item::Anchor { .. } | Item::Resume { .. } => self.start,
+            Item::Anchor { .. } => self.start,
         }
     }
 
     fn run(&self) -> Option<Steps> {
         match self.item {
             Item::Run { segment, direction } => Some(Steps { start: self.start, segment, direction }),
-            Item::Anchor { .. } | Item::Resume { .. } | Item::Dwell { .. } => None,
+            Item::Anchor { .. } | Item::Dwell { .. } => None,
         }
     }
 }

@@ -186,12 +186,12 @@ impl Model {
         self.events.push_back(Event { cause: self.last_stop, motor, tick: at, detail: 0 });
     }
 
-    /// A lease of a frame, in ticks of 64 bits; `None`: there is to be none.
-    fn lease_of(&self, lease: lease::Lease) -> Option<Lease> {
+    /// A lease of a frame, in ticks of 64 bits.
+    fn lease_of(&self, lease: lease::Lease) -> Lease {
         match lease {
-            lease::Lease::Off => None,
-            lease::Lease::Until(until) => Some(Lease::Until(self.near(until))),
-            lease::Lease::Last => Some(Lease::Last),
+            lease::Lease::Off => unreachable!("no frame sets a lease off"),
+            lease::Lease::Until(until) => Lease::Until(self.near(until)),
+            lease::Lease::Last => Lease::Last,
         }
     }
 
@@ -253,7 +253,6 @@ fn bare() -> Native {
 }
 
 impl Machine for Model {
-    const LEASES: bool = true;
     const OBEYS: bool = true;
     const STORES: bool = true;
 
@@ -269,7 +268,6 @@ impl Machine for Model {
             bauds: 0b1_1111,
             last_stop: self.last_stop,
             last_reset: Cause::PowerOn,
-            switches: pulsetrain_core::channel::SWITCHES as u8,
             ..Info::NOBODY
         }
     }
@@ -412,11 +410,7 @@ impl Machine for Model {
             return Err(Refusal::of(Reason::Obeying));
         }
         let limits: Vec<_> = limits_of(limits).collect();
-        let switched = match self.lease_of(lease) {
-            Some(lease) => self.native.switch_leased(epoch, tick, lease, &limits),
-            None => self.native.switch(epoch, tick),
-        };
-        Ok(match switched {
+        Ok(match self.native.switch(epoch, tick, self.lease_of(lease), &limits) {
             Ok(()) => {
                 self.was_idle = false;
                 return Ok(Switched::Accepted);
@@ -434,7 +428,7 @@ impl Machine for Model {
 
     fn extend(&mut self, lease: lease::Lease, limits: &[u8]) -> bool {
         let limits: Vec<_> = limits_of(limits).collect();
-        self.armed && self.lease_of(lease).is_some_and(|lease| self.native.extend(lease, &limits).is_ok())
+        self.armed && self.native.extend(self.lease_of(lease), &limits).is_ok()
     }
 
     fn trim(&mut self, until: Moment, bytes: &[u8]) -> Result<Trimmed, Refusal> {

@@ -130,9 +130,9 @@ impl Pair {
     }
 
     /// Has both go over, by lease.
-    pub fn switch_leased(&mut self, epoch: u8, tick: u64, lease: Lease, limits: &[Limit]) {
-        assert_eq!(self.pico.switch_leased(Epoch(epoch), tick, lease, limits), Ok(()));
-        assert_eq!(self.native.switch_leased(Epoch(epoch), tick, lease, limits), Ok(()));
+    pub fn switch_with(&mut self, epoch: u8, tick: u64, lease: Lease, limits: &[Limit]) {
+        assert_eq!(self.pico.switch(Epoch(epoch), tick, lease, limits), Ok(()));
+        assert_eq!(self.native.switch(Epoch(epoch), tick, lease, limits), Ok(()));
     }
 
     /// Extends the lease of both, if the Pico accepts it.
@@ -165,9 +165,9 @@ impl Pair {
     }
 
     pub fn switch(&mut self, epoch: u8, tick: u64) -> Result<(), SwitchRefused> {
-        let answer = self.pico.switch(Epoch(epoch), tick);
+        let answer = self.pico.switch(Epoch(epoch), tick, Lease::Last, &[]);
         match answer {
-            Ok(()) => assert_eq!(self.native.switch(Epoch(epoch), tick), Ok(())),
+            Ok(()) => assert_eq!(self.native.switch(Epoch(epoch), tick, Lease::Last, &[]), Ok(())),
             Err(_) => Board::discard(&mut self.native, Epoch(epoch)),
         }
         answer

@@ -1,7 +1,7 @@
 //! Random segments as a planner makes them, and a stream of them into a board.
 
 use super::{Random, TICK_HZ, pico};
-use pulsetrain_board::{Board, Observer, SwitchRefused};
+use pulsetrain_board::{Lease, Leased, Observer, SwitchRefused};
 use pulsetrain_core::packing::{MAX_PACKED_LEN, Packing, State};
 use pulsetrain_core::{Direction, Entry, Epoch, Item, Moment, Recurrence, Segment};
 use std::collections::VecDeque;
@@ -171,13 +171,13 @@ pub struct Stream {
 
 impl Stream {
     /// On an Uno, see [`on`](Stream::on).
-    pub fn new(board: &impl Board, laws: &[Law], apart: f64, seed: u64, ticks: u64) -> Stream {
+    pub fn new(board: &impl Leased, laws: &[Law], apart: f64, seed: u64, ticks: u64) -> Stream {
         Stream::on(Chip::UNO, board, laws, apart, seed, ticks)
     }
 
     /// `laws` from a little after the board can know of them on, for `ticks`; motor m begins `apart` · m / motors of an
     /// interval after the first.
-    pub fn on(chip: Chip, board: &impl Board, laws: &[Law], apart: f64, seed: u64, ticks: u64) -> Stream {
+    pub fn on(chip: Chip, board: &impl Leased, laws: &[Law], apart: f64, seed: u64, ticks: u64) -> Stream {
         let begin = board.now() + board.lead() + chip.tick_hz / 10;
         let motors = laws.len() as f64;
         let sources = (0_u64..).zip(laws).map(|(index, law)| {
@@ -193,8 +193,8 @@ impl Stream {
     /// Pushes what fits, and has the board begin.
     ///
     /// # Errors
-    /// As [`Board::switch`].
-    pub fn feed(&mut self, board: &mut impl Board) -> Result<(), SwitchRefused> {
+    /// As [`Leased::switch`].
+    pub fn feed(&mut self, board: &mut impl Leased) -> Result<(), SwitchRefused> {
         let mut pushed = true;
         while pushed {
             pushed = false;
@@ -207,7 +207,7 @@ impl Stream {
             }
         }
         if !self.switched && board.now() + board.lead() * 3 / 2 > self.begin {
-            board.switch(self.epoch, self.begin)?;
+            board.switch(self.epoch, self.begin, Lease::Last, &[])?;
             self.switched = true;
         }
         Ok(())
@@ -226,8 +226,8 @@ impl Stream {
     /// Plays it all, to 1 ms after the last step; `look` sees the board every half millisecond, and may end it.
     ///
     /// # Errors
-    /// As [`Board::switch`], or what `look` says.
-    pub fn play<B: Board>(
+    /// As [`Leased::switch`], or what `look` says.
+    pub fn play<B: Leased>(
         &mut self,
         board: &mut B,
         observer: &mut impl Observer,

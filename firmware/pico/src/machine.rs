@@ -11,7 +11,6 @@ use crate::steps::stepper::{FRACTION_BITS, Halt, LONGEST, LONGEST_IDLE_MS, POOL,
 use crate::store::Store;
 use crate::winch;
 use pulsetrain_core::lease::{self, Lapse, Lease};
-use pulsetrain_core::narrow::EPOCHS;
 use pulsetrain_core::verbs::motor::MOST_ITEMS;
 use pulsetrain_core::verbs::{Motor, Verbs};
 use pulsetrain_core::winch::path::Slice;
@@ -492,7 +491,6 @@ impl Board {
 }
 
 impl Machine for Board {
-    const LEASES: bool = true;
     const OBEYS: bool = true;
     const STORES: bool = true;
 
@@ -508,8 +506,6 @@ impl Machine for Board {
             bauds: 0b1_1111,
             last_stop: self.last_stop,
             last_reset: self.last_reset,
-            // One epoch is being run.
-            switches: EPOCHS as u8 - 1,
             ..Info::NOBODY
         }
     }

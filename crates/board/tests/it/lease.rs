@@ -271,7 +271,7 @@ proptest! {
         };
         push(&mut host, &mut board, first.0);
         let until = part(&host, ZERO, first.1);
-        prop_assert_eq!(board.switch_leased(EPOCH, ZERO, Lease::Until(until), &limits), Ok(()));
+        prop_assert_eq!(board.switch(EPOCH, ZERO, Lease::Until(until), &limits), Ok(()));
 
         for act in acts {
             if matches!(board.lease(), LeaseState::Lapsed { .. }) {
@@ -359,7 +359,7 @@ fn axis_steps<const F: u32>(items: &[Item], until: u64, limit: Limit) -> Vec<(u6
     let mut axis = Axis::<F, Queue<32>>::new(Output::StepDir(StepDir::new(settings)), Queue::new());
     items.iter().for_each(|item| axis.queue_mut().push(Entry { epoch: EPOCH, item: *item }).unwrap());
     let lease = pulsetrain_core::Lease::Until(Moment::of(until));
-    axis.channel_mut().schedule_leased(EPOCH, Moment::of(ZERO), lease, Some(limit)).unwrap();
+    axis.channel_mut().schedule_switch(EPOCH, Moment::of(ZERO), lease, Some(limit)).unwrap();
     let mut steps = Vec::new();
     let mut now = Moment(0);
     while axis.channel().lapse().is_none() || !axis.is_idle() {
@@ -452,7 +452,7 @@ proptest! {
         for (motor, items) in left.iter_mut().enumerate() {
             items.by_ref().take(2).for_each(|item| board.push(motor, Entry { epoch: EPOCH, item: *item }).unwrap());
         }
-        prop_assert_eq!(board.switch_leased(EPOCH, ZERO, Lease::Until(ZERO + length), &limits[..plans.len()]), Ok(()));
+        prop_assert_eq!(board.switch(EPOCH, ZERO, Lease::Until(ZERO + length), &limits[..plans.len()]), Ok(()));
         for act in acts {
             match act {
                 Careless::Advance { ticks } => board.advance(board.now() + ticks, &mut lab),
@@ -502,7 +502,7 @@ fn two(more: &[Item], lease: Lease) -> (Native, Lab, [Vec<Item>; 2]) {
     }
     // 600 ticks to rest: (600 / 200)² = 9 steps for an ideal stop.
     let limit = Limit::new(150, 9 + F as u8, 0).unwrap();
-    board.switch_leased(EPOCH, ZERO, lease, &[limit; 2]).unwrap();
+    board.switch(EPOCH, ZERO, lease, &[limit; 2]).unwrap();
     (board, lab, items)
 }
 
@@ -543,7 +543,7 @@ fn whatever_is_wrong_with_one_motor_all_brake() {
             board.push(0, Entry { epoch: Epoch(2), item }).unwrap();
         }
         assert_eq!(board.extend(Lease::Last, &[]), Err(ExtendRefused::Lapsed { at }));
-        assert_eq!(board.switch_leased(Epoch(2), 70_000, Lease::Last, &[]), Ok(()));
+        assert_eq!(board.switch(Epoch(2), 70_000, Lease::Last, &[]), Ok(()));
         board.advance(80_000, &mut lab);
         assert_eq!((lab.counted[0], board.lease()), (counted - 5, LeaseState::Last));
     };
@@ -579,12 +579,14 @@ fn a_plan_that_is_told_to_its_end_needs_no_wait_there() {
 #[test]
 fn a_switch_behind_the_end_of_the_lease_is_not_made() {
     let (mut board, mut lab, items) = two(&[Item::Dwell { ticks: 0 }], Lease::Until(9000));
+    // The first switch has been made: one may wait.
+    board.advance(ZERO, &mut lab);
     for motor in 0..2 {
         board.push(motor, Entry { epoch: Epoch(2), item: Item::Anchor { tick: Moment(9000) } }).unwrap();
         board.push(motor, Entry { epoch: Epoch(2), item: run(9, 500, Forward) }).unwrap();
     }
     let room = board.room(0);
-    assert_eq!(board.switch_leased(Epoch(2), 9500, Lease::Until(20_000), &[]), Ok(()));
+    assert_eq!(board.switch(Epoch(2), 9500, Lease::Until(20_000), &[]), Ok(()));
     board.advance(60_000, &mut lab);
     assert_eq!(board.lease(), LeaseState::Lapsed { at: 9000, cause: Cause::NotExtended, in_motion: true });
     assert_eq!([ticks(&lab, 0), ticks(&lab, 1)], [replayed(&items[0], 9000), replayed(&items[1], 9000)]);
@@ -598,11 +600,13 @@ fn a_switch_behind_the_end_of_the_lease_is_not_made() {
 #[test]
 fn an_extension_reaches_the_lease_that_a_switch_will_begin() {
     let (mut board, mut lab, _) = two(&[Item::Dwell { ticks: 0 }], Lease::Until(9000));
+    // The first switch has been made: one may wait.
+    board.advance(ZERO, &mut lab);
     for motor in 0..2 {
         let items = [Item::Anchor { tick: Moment(8500) }, run(20, 500, Forward), Item::Dwell { ticks: 0 }];
         items.iter().for_each(|item| board.push(motor, Entry { epoch: Epoch(2), item: *item }).unwrap());
     }
-    assert_eq!(board.switch_leased(Epoch(2), 8500, Lease::Until(8600), &[]), Ok(()));
+    assert_eq!(board.switch(Epoch(2), 8500, Lease::Until(8600), &[]), Ok(()));
     assert_eq!(board.extend(Lease::Until(14_100), &[]), Ok(()));
     assert_eq!(board.extend(Lease::Until(12_100), &[]), Ok(()));
     board.advance(60_000, &mut lab);
@@ -623,7 +627,7 @@ fn a_brake_keeps_a_switch_that_waits_from_being_made() {
     let counted = lab.counted.clone();
     board.push(0, Entry { epoch: Epoch(2), item: Item::Anchor { tick: Moment(40_000) } }).unwrap();
     board.push(0, Entry { epoch: Epoch(2), item: run(9, 500, Forward) }).unwrap();
-    assert_eq!(board.switch_leased(Epoch(2), 40_000, Lease::Last, &[]), Ok(()));
+    assert_eq!(board.switch(Epoch(2), 40_000, Lease::Last, &[]), Ok(()));
     assert_eq!(board.brake(), Some(9000));
     board.advance(60_000, &mut lab);
     assert_eq!((lab.counted, board.is_idle()), (counted, true));

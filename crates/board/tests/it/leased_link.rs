@@ -36,7 +36,7 @@ fn plan() -> [Item; 1] {
 fn begin(remote: &mut Line, epoch: u8, items: &[Item], lease: impl Fn(u64) -> Lease) -> u64 {
     let from = remote.now() + 100 * MS;
     tell(remote, epoch, from, items);
-    remote.switch_leased(Epoch(epoch), from, lease(from), &[limit()]).unwrap();
+    remote.switch(Epoch(epoch), from, lease(from), &[limit()]).unwrap();
     from
 }
 
@@ -307,7 +307,7 @@ fn a_shadow_goes_by_the_lease_that_was_accepted() {
         let mut board = Shadowed::new(connect(seed), shadow);
         let from = board.now() + 100 * MS;
         tell(&mut board, 1, from, &plan());
-        board.switch_leased(Epoch(1), from, Lease::Until(from + 60 * MS), &[limit()]).unwrap();
+        board.switch(Epoch(1), from, Lease::Until(from + 60 * MS), &[limit()]).unwrap();
         board.board_mut().port_mut().set(Rates { drop: 120, flip: 60, delay: 100, duplicate: 150 });
         let mut seen = Both::default();
         board.advance(from, &mut seen);

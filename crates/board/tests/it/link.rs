@@ -1,7 +1,9 @@
 //! The link to a model board: taking it, changing its rate, losing it, all with the board's own service.
 
 use pulsetrain_board::shared::Shared;
-use pulsetrain_board::{Board, Edge, Link, LinkError, Port, PortError, Remote, RemoteError, SwitchRefused};
+use pulsetrain_board::{
+    Board, Edge, Lease, Leased, Link, LinkError, Port, PortError, Remote, RemoteError, SwitchRefused,
+};
 use pulsetrain_core::wire::frame::{Received, Tag};
 use pulsetrain_core::wire::message::{Cause, Info, Missing, kind};
 use pulsetrain_core::wire::{Baud, Command, Decoder, Encoder, MAX_FRAME, Reason, Reply};
@@ -24,7 +26,7 @@ fn a_board_that_is_taken_stays_with_its_host_until_good_bye_or_silence() {
     first.configure(&model_setup(1)).unwrap();
     let from = first.now() + TICK_HZ / 10;
     tell(&mut first, 1, from, &[run(400, 160_000)]);
-    first.switch(Epoch(1), from).unwrap();
+    first.switch(Epoch(1), from, Lease::Last, &[]).unwrap();
 
     // A second host that asks for six seconds, while the first is heard every 0.1 s.
     let mut second = Link::new(2);
@@ -90,10 +92,10 @@ fn a_board_that_begins_anew_has_forgotten_its_host() {
     let mut remote = connect(1);
     remote.port_mut().inner_mut().reset();
     assert_eq!(remote.status(), Err(RemoteError::Link(LinkError::Forgotten)));
-    assert_eq!(remote.switch(Epoch(1), u64::MAX), Err(SwitchRefused::Lost));
+    assert_eq!(remote.switch(Epoch(1), u64::MAX, Lease::Last, &[]), Err(SwitchRefused::Lost));
     // What is pushed goes nowhere; nothing waits.
     tell(&mut remote, 2, 0, &[run(5, 4000)]);
-    assert_eq!(remote.switch(Epoch(2), 0), Err(SwitchRefused::Lost));
+    assert_eq!(remote.switch(Epoch(2), 0, Lease::Last, &[]), Err(SwitchRefused::Lost));
     let until = remote.now() + TICK_HZ;
     remote.advance(until, &mut unseen);
     assert!(remote.now() > until && remote.is_idle());
@@ -170,7 +172,7 @@ fn nothing_is_done_twice_and_nothing_left_out_on_a_bad_line() {
             // More than one frame holds.
             let items: Vec<Item> = (0..20).map(|k| run(3 + k, 4000 + 37 * i64::from(k))).collect();
             tell(&mut remote, epoch, from, &items);
-            assert_eq!(remote.switch(Epoch(epoch), from), Ok(()), "seed {seed}");
+            assert_eq!(remote.switch(Epoch(epoch), from, Lease::Last, &[]), Ok(()), "seed {seed}");
             steps += (0..20).map(|k| 3 + k).sum::<u32>();
             let until = from + 20 * 40 * 5000;
             remote.advance(until, &mut |edge: Edge| edges.push(edge));
@@ -211,7 +213,7 @@ fn a_queue_takes_what_it_has_room_for_and_tells_of_new_room() {
         let Item::Run { segment, .. } = item else { panic!("a run") };
         steps += i64::from(segment.count);
     }
-    remote.switch(Epoch(1), from).unwrap();
+    remote.switch(Epoch(1), from, Lease::Last, &[]).unwrap();
     assert!(remote.room(0) < 40);
     remote.advance(from + steps as u64 * 4100 + TICK_HZ / 10, &mut unseen);
     assert_eq!((remote.positions(), remote.is_idle(), remote.room(0)), (vec![steps], true, capacity));
@@ -222,18 +224,22 @@ fn refused_switches_and_discarded_epochs_leave_no_trace() {
     let mut remote = connect(1);
     let capacity = remote.room(0);
     tell(&mut remote, 1, 0, &[run(5, 4000)]);
-    assert!(matches!(remote.switch(Epoch(1), 10), Err(SwitchRefused::Late { horizon }) if horizon > 10));
+    assert!(
+        matches!(remote.switch(Epoch(1), 10, Lease::Last, &[]), Err(SwitchRefused::Late { horizon }) if horizon > 10)
+    );
     assert_eq!(remote.room(0), capacity);
     tell(&mut remote, 1, 0, &[run(5, 4000)]);
     let far = remote.now() + (1 << 40);
-    assert!(matches!(remote.switch(Epoch(1), far), Err(SwitchRefused::Early { limit }) if limit < far));
+    assert!(
+        matches!(remote.switch(Epoch(1), far, Lease::Last, &[]), Err(SwitchRefused::Early { limit }) if limit < far)
+    );
     tell(&mut remote, 1, 0, &[run(7, 4000)]);
     remote.discard(Epoch(1));
     assert_eq!(remote.room(0), capacity);
     // The same number again, packed from the beginning.
     let from = remote.now() + TICK_HZ / 10;
     tell(&mut remote, 1, from, &[run(9, 4000)]);
-    remote.switch(Epoch(1), from).unwrap();
+    remote.switch(Epoch(1), from, Lease::Last, &[]).unwrap();
     remote.advance(from + TICK_HZ / 5, &mut unseen);
     assert_eq!(remote.positions(), [9]);
 }
@@ -249,7 +255,7 @@ fn refusals_say_what_and_why() {
     remote.configure(&model_setup(2)).unwrap();
     let from = remote.now() + TICK_HZ / 10;
     tell(&mut remote, 1, from, &[run(100, 16_000)]);
-    remote.switch(Epoch(1), from).unwrap();
+    remote.switch(Epoch(1), from, Lease::Last, &[]).unwrap();
     remote.advance(from, &mut unseen);
     let refused = remote.release().unwrap_err();
     assert_eq!(refused.to_string(), "the board refuses to release its motors: its motors are moving");

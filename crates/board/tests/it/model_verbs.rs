@@ -1,6 +1,6 @@
 //! Motors of the model board that are told directly: what a host is told, and in which order. The Pico's are in pico_verbs.rs.
 
-use pulsetrain_board::{Board, Edge, Port, Remote, RemoteError};
+use pulsetrain_board::{Board, Edge, Lease, Leased, Port, Remote, RemoteError};
 use pulsetrain_core::Epoch;
 use pulsetrain_core::verbs::{Course, Verb};
 use pulsetrain_core::wire::message::{Cause, Reason, flags};
@@ -83,7 +83,7 @@ fn a_first_order_that_does_nothing_changes_nothing() {
     assert_eq!(remote.tell_motors(&[]).expect("a question").motors()[0].position, 0);
     let from = remote.now() + TICK_HZ / 10;
     tell(&mut remote, 1, from, &[run(40, 16_000)]);
-    remote.switch(Epoch(1), from).expect("in time");
+    remote.switch(Epoch(1), from, Lease::Last, &[]).expect("in time");
     remote.advance(from + TICK_HZ / 10, &mut |_: Edge| {});
     assert_eq!((remote.positions(), remote.error()), (vec![40], None));
 }

@@ -2,7 +2,9 @@
 
 use proptest::prelude::*;
 use pulsetrain_board::native::{ConfigError, Faults, QUEUE_LEN};
-use pulsetrain_board::{Config, Edge, MotorConfig, Native, Observer, ScheduledStep, SwitchRefused, Wiring};
+use pulsetrain_board::{
+    Config, Edge, Lease, Leased, MotorConfig, Native, Observer, ScheduledStep, SwitchRefused, Wiring,
+};
 use pulsetrain_core::output::Sequence;
 use pulsetrain_core::{Direction, Entry, Epoch, Item, Moment, Segment};
 
@@ -179,7 +181,7 @@ proptest! {
             push(&mut board, motor, 1, &items(16, at, runs));
         }
         let credit: Vec<usize> = (0..3).map(|motor| board.credit(motor)).collect();
-        let answer = board.switch(Epoch(1), at);
+        let answer = board.switch(Epoch(1), at, Lease::Last, &[]);
         let accepted = at >= horizon;
         prop_assert_eq!(answer, if accepted { Ok(()) } else { Err(SwitchRefused::Late { horizon }) });
         prop_assert!(horizon <= now + 1 + u64::from(SETUP + PULSE));
@@ -221,13 +223,11 @@ fn days_are_counted_in_ticks() {
 fn a_switch_that_moments_cannot_tell_is_refused() {
     let mut board = board(16, 1);
     board.advance((1 << 33) - 1, &mut |_: Edge| {});
-    assert_eq!(board.switch(Epoch(1), (1 << 33) - 1), Err(SwitchRefused::Late { horizon: 1 << 33 }));
+    assert_eq!(board.switch(Epoch(1), (1 << 33) - 1, Lease::Last, &[]), Err(SwitchRefused::Late { horizon: 1 << 33 }));
     let limit = (1 << 33) + (1 << 30);
-    assert_eq!(board.switch(Epoch(1), limit), Err(SwitchRefused::Early { limit }));
-    for ahead in 0..4 {
-        assert_eq!(board.switch(Epoch(1), (1 << 33) + ahead), Ok(()));
-    }
-    assert_eq!(board.switch(Epoch(1), limit - 1), Err(SwitchRefused::Full));
+    assert_eq!(board.switch(Epoch(1), limit, Lease::Last, &[]), Err(SwitchRefused::Early { limit }));
+    assert_eq!(board.switch(Epoch(1), 1 << 33, Lease::Last, &[]), Ok(()));
+    assert_eq!(board.switch(Epoch(1), limit - 1, Lease::Last, &[]), Err(SwitchRefused::Full));
 }
 
 #[test]

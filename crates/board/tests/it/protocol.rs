@@ -121,7 +121,7 @@ fn layouts_are_as_long_as_their_tables() {
     };
     check("Hello", command(Command::Hello { version: VERSION, nonce: 2 }));
     check("Discard", command(Command::Discard { epoch: Epoch(1) }));
-    check("Switch", command(Command::Switch { epoch: Epoch(1), tick: 5, lease: Lease::Off, limits: &[] }));
+    check("Switch", command(Command::Switch { epoch: Epoch(1), tick: 5, lease: Lease::Last, limits: &[] }));
     check("Extend", command(Command::Extend { lease: Lease::Last, limits: &[] }));
     check("Trim", command(Command::Trim { until: Moment(5), bytes: &[] }));
     check("LeaseField", size_of::<LeaseField>());

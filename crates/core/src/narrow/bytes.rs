@@ -3,7 +3,7 @@
 use crate::Epoch;
 
 /// How many epochs may wait in one motor's queue, the one being run included.
-pub const EPOCHS: usize = 4;
+pub const EPOCHS: usize = 3;
 
 /// The memory of all motors' queues; each has its share.
 #[derive(Clone, Debug)]
@@ -298,11 +298,11 @@ mod tests {
     fn epochs_are_limited() {
         let mut pool = Pool::<16>::new();
         let mut bytes = Pool::<16>::share(1, 0);
-        for epoch in 0..4 {
+        for epoch in 0..3 {
             assert_eq!(bytes.push(&mut pool, Epoch(epoch), &[epoch]), Ok(()));
         }
         assert_eq!(bytes.push(&mut pool, Epoch(4), &[4]), Err(PushRefused::TooManyEpochs));
-        assert_eq!(bytes.room(), 12);
+        assert_eq!(bytes.room(), 13);
         // An epoch that was read to its end makes way for another, but not while it is the newest.
         bytes.drop_first(1);
         assert_eq!(bytes.push(&mut pool, Epoch(4), &[4]), Ok(()));

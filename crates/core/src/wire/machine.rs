@@ -40,7 +40,7 @@ pub enum Switched {
         /// First tick that is too far.
         limit: u64,
     },
-    /// Too many switches wait already.
+    /// Another switch waits, for an earlier tick.
     Full,
 }
 
@@ -80,12 +80,9 @@ pub struct Stopped {
 /// Motors are numbered from 0; those beyond [`motors`](Machine::motors) are never asked for but in
 /// [`push`](Machine::push) and [`free`](Machine::free).
 pub trait Machine {
-    /// Whether its motors follow plans: [`push`](Machine::push), [`switch`](Machine::switch).
+    /// Whether its motors follow plans, which hold by [lease](crate::lease): [`push`](Machine::push), [`switch`](Machine::switch),
+    /// [`extend`](Machine::extend), [`trim`](Machine::trim), [`brake`](Machine::brake).
     const PLANS: bool = true;
-
-    /// Whether its plans can hold by [lease](crate::lease): [`extend`](Machine::extend), [`trim`](Machine::trim), [`brake`](Machine::brake). Of a
-    /// machine with plans; without, each lease in a frame is refused.
-    const LEASES: bool = false;
 
     /// Whether its motors can be told directly: [`obey`](Machine::obey).
     const OBEYS: bool = false;
@@ -132,8 +129,8 @@ pub trait Machine {
     /// Takes back what was pushed last of `epoch`, of all motors.
     fn discard(&mut self, epoch: Epoch);
 
-    /// At `tick` all motors drop what is left of the old epoch and begin `epoch`, whose plan holds as long as `lease` says; all or none, and
-    /// when none, what was pushed of `epoch` is dropped.
+    /// At `tick` all motors drop what is left of the old epoch and begin `epoch`, whose plan holds as long as `lease` says (of a frame never
+    /// [`Lease::Off`]); all or none, and when none, what was pushed of `epoch` is dropped.
     ///
     /// `limits` are how hard motors may brake then: three bytes for each ([`limits_of`](super::message::limits_of)), all of them possible; or
     /// nothing, and those before hold.

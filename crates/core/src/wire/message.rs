@@ -259,7 +259,7 @@ pub enum Command<'a> {
         epoch: Epoch,
         /// When.
         tick: u64,
-        /// How long the plan holds from there on.
+        /// How long the plan holds from there on; not [`Lease::Off`].
         lease: Lease,
         /// How hard each motor may brake from there on, as [`limit_bytes`] has it; none: as before.
         limits: &'a [u8],
@@ -312,7 +312,7 @@ pub enum Command<'a> {
     ///
     /// | byte | |
     /// |---|---|
-    /// | 2–6 | how long the plan holds, not 0: see [`LeaseField`] |
+    /// | 2–6 | how long the plan holds: see [`LeaseField`] |
     /// | 7… | limits, as in Switch |
     Extend {
         /// How long the plan holds; not [`Lease::Off`].
@@ -340,11 +340,11 @@ pub enum Command<'a> {
 ///
 /// | byte | |
 /// |---|---|
-/// | 0 | 0: as long as there is one; 1: up to a tick; 2: to its end, all has been told |
+/// | 0 | 1: up to a tick; 2: to its end, all has been told |
 /// | 1–4 | the low 32 bits of that tick, which is less than 2^30 ahead; else 0 |
 pub type LeaseField = [u8; 5];
 
-/// The lease field.
+/// The lease field. [`Lease::Off`] makes one that boards refuse.
 const fn lease_bytes(lease: Lease) -> LeaseField {
     match lease {
         Lease::Off => [0; 5],
@@ -367,14 +367,13 @@ pub(super) fn is_lease(payload: &[u8]) -> bool {
         }
         rest = after;
     }
-    *state <= 2 && rest.is_empty()
+    matches!(state, 1 | 2) && rest.is_empty()
 }
 
 /// What a lease field says that [is one](is_lease).
 #[inline(always)]
 pub(super) const fn lease_of([state, tick @ ..]: LeaseField) -> Lease {
     match state {
-        0 => Lease::Off,
         1 => Lease::Until(Moment(u32::from_le_bytes(tick))),
         _ => Lease::Last,
     }
@@ -516,13 +515,13 @@ impl<'a> Command<'a> {
         if !is_lease(rest) || limits.len() > LIMIT_LEN * MAX_MOTORS {
             return None;
         }
-        match (lease_of(*field), head) {
-            (lease, [epoch, tick @ ..]) => {
-                Some(Command::Switch { epoch: Epoch(*epoch), tick: u64::from_le_bytes(padded(tick)), lease, limits })
+        let lease = lease_of(*field);
+        Some(match head {
+            [epoch, tick @ ..] => {
+                Command::Switch { epoch: Epoch(*epoch), tick: u64::from_le_bytes(padded(tick)), lease, limits }
             }
-            (Lease::Off, []) => None,
-            (lease, []) => Some(Command::Extend { lease, limits }),
-        }
+            [] => Command::Extend { lease, limits },
+        })
     }
 
     /// Makes a frame of it in the front of `out` and gives its length; `None` if it does not fit.
@@ -797,9 +796,8 @@ fn is_configuration(head: &[u8; 13], motors: &[u8]) -> bool {
 /// | 22 | rates that the line can do: bit by code of [`Baud`] |
 /// | 23 | [`Cause`] of the last stop |
 /// | 24 | [`Cause`] of the last reset |
-/// | 25 | switches that may wait, one after the other |
-/// | 26 | bytes of the longest body that the board takes, 47 to 80 |
-/// | 27 | of an Uno, its image: 1 plans, 2 text, 3 verbs; other boards leave it out |
+/// | 25 | bytes of the longest body that the board takes, 47 to 80 |
+/// | 26 | of an Uno, its image: 1 plans, 2 text, 3 verbs; other boards leave it out |
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Info {
     /// The host's number from Hello; the service's.
@@ -826,8 +824,6 @@ pub struct Info {
     pub last_stop: Cause,
     /// Why the program began last.
     pub last_reset: Cause,
-    /// Switches that may wait, one after the other.
-    pub switches: u8,
     /// Bytes of the longest body that the board takes; the service's.
     pub max_body: u8,
     /// Which of its images the board has, an [`image`]; 0 where there is one.
@@ -859,7 +855,6 @@ impl Info {
         bauds: 0,
         last_stop: Cause::None,
         last_reset: Cause::None,
-        switches: 0,
         max_body: 0,
         image: 0,
     };
@@ -884,7 +879,6 @@ impl Info {
         frame.u8(self.bauds);
         frame.u8(self.last_stop as u8);
         frame.u8(self.last_reset as u8);
-        frame.u8(self.switches);
         frame.u8(self.max_body);
         if self.image != 0 {
             frame.u8(self.image);
@@ -905,7 +899,6 @@ impl Info {
             bauds: reader.u8()?,
             last_stop: Cause::from_code(reader.u8()?)?,
             last_reset: Cause::from_code(reader.u8()?)?,
-            switches: reader.u8()?,
             max_body: reader.u8().filter(|len| (super::LEAST_BODY..=super::MAX_BODY).contains(&usize::from(*len)))?,
             image: reader.u8().unwrap_or(0),
         })

@@ -383,7 +383,7 @@ impl Service {
             Ok(())
         } else {
             let done = self.execute(kind, payload, machine);
-            is_answered = !(M::LEASES && kind == kind::EXTEND) || done.is_err();
+            is_answered = !(M::PLANS && kind == kind::EXTEND) || done.is_err();
             done
         };
         self.expected = seq.wrapping_add(1);
@@ -430,8 +430,7 @@ impl Service {
         if M::OBEYS && kind == kind::ORDERS {
             return machine.obey(&Orders::decode(payload).ok_or(malformed(kind))?);
         }
-        if (M::PLANS && kind == kind::SWITCH) || (M::LEASES && matches!(kind, kind::EXTEND | kind::TRIM | kind::BRAKE))
-        {
+        if M::PLANS && matches!(kind, kind::SWITCH | kind::EXTEND | kind::TRIM | kind::BRAKE) {
             return self.obey_plan(kind, payload, machine);
         }
         let Some(len) = len_of(kind) else {
@@ -579,7 +578,7 @@ pub(super) fn obey_plan<M: Machine>(
     let bad = malformed(kind);
     let answer = match kind {
         kind::EXTEND => {
-            let (field, limits) = lease_for(payload, machine.motors()).filter(|(field, _)| field[0] != 0).ok_or(bad)?;
+            let (field, limits) = lease_for(payload, machine.motors()).ok_or(bad)?;
             return Ok(machine.extend(lease_of(*field), limits));
         }
         kind::TRIM => {
@@ -597,9 +596,6 @@ pub(super) fn obey_plan<M: Machine>(
         kind::SWITCH => {
             let (&[epoch, at @ ..], rest) = payload.split_first_chunk::<9>().ok_or(bad)?;
             let (field, limits) = lease_for(rest, machine.motors()).ok_or(bad)?;
-            if !M::LEASES && field[0] != 0 {
-                return Err(bad);
-            }
             machine.switch(Epoch(epoch), u64::from_le_bytes(at), lease_of(*field), limits)?.to_parts()
         }
         _ => return Err(bad),

@@ -136,7 +136,7 @@ impl Packed {
         let unpacked = self.packing.unpack(&mut self.state, &mut rest);
         self.consume(len - rest.len());
         match unpacked {
-            Ok(Some(anchor @ (Item::Anchor { .. } | Item::Resume { .. }))) => {
+            Ok(Some(anchor @ Item::Anchor { .. })) => {
                 self.anchored_at = here.position;
                 Some(anchor)
             }

@@ -40,7 +40,7 @@ impl Steps {
     fn take(&mut self, mut bytes: &[u8]) {
         while let Some(item) = PACKING.unpack(&mut self.state, &mut bytes).unwrap() {
             match item {
-                Item::Anchor { .. } | Item::Resume { .. } => self.at = 0,
+                Item::Anchor { .. } => self.at = 0,
                 Item::Dwell { ticks } => self.at += i128::from(ticks) << 32,
                 Item::Run { segment, direction } => {
                     self.at += segment.span(segment.count);

@@ -19,7 +19,7 @@ struct Axis {
 impl Axis {
     fn take(&mut self, item: Item) {
         match item {
-            Item::Anchor { tick } | Item::Resume { tick, .. } => self.tick = u64::from(tick.0),
+            Item::Anchor { tick } => self.tick = u64::from(tick.0),
             Item::Dwell { ticks } => self.tick += u64::from(ticks),
             Item::Run { segment, direction } => {
                 for _ in 0..segment.count {

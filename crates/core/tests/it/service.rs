@@ -39,7 +39,6 @@ impl Notebook {
 }
 
 impl Machine for Notebook {
-    const LEASES: bool = true;
     const OBEYS: bool = true;
 
     fn obey(&mut self, orders: &Orders<'_>) -> Result<(), Refusal> {
@@ -397,7 +396,7 @@ fn what_was_accepted_is_told_by_its_number() {
     assert_eq!(machine.asked.len(), 3 + 6, "{:?}", machine.asked);
 }
 
-/// What Extend may not carry is refused with a reason, and nothing is done.
+/// What Extend and Switch may not carry is refused with a reason, and nothing is done.
 #[test]
 fn leases_that_are_none_are_malformed() {
     let (mut service, mut machine) = taken();
@@ -410,10 +409,11 @@ fn leases_that_are_none_are_malformed() {
         &[2, 0, 0, 0, 0, 127, 1, 1, 128, 1, 1],
         &[2, 0, 0, 0, 0, 128, 1, 1, 128, 62, 1],
     ];
-    for (seq, payload) in (1..).zip(bad) {
-        say(&mut service, &mut machine, &body(&[&[seq, 0x18], payload].concat(), Tag(1)), 0);
-        let refused = Reply::Refused { kind: 0x18, reason: Reason::Malformed, detail: 0x18 };
-        assert_eq!(hear(&mut service, &mut machine, 0), Some((Tag(1), seq, refused)), "{payload:?}");
+    let kinds = bad.iter().flat_map(|payload| [(0x18, &[][..], payload), (0x08, &[0; 9][..], payload)]);
+    for (seq, (kind, head, payload)) in (1..).zip(kinds) {
+        say(&mut service, &mut machine, &body(&[&[seq, kind], head, payload].concat(), Tag(1)), 0);
+        let refused = Reply::Refused { kind, reason: Reason::Malformed, detail: kind.into() };
+        assert_eq!(hear(&mut service, &mut machine, 0), Some((Tag(1), seq, refused)), "{kind} {payload:?}");
     }
     assert_eq!(machine.asked, [""; 0]);
 }

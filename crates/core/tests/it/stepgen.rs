@@ -2,7 +2,8 @@
 
 use dashu::rational::RBig;
 use proptest::prelude::*;
-use pulsetrain_core::channel::{Channel, Kind, SWITCHES, SwitchRefused};
+use pulsetrain_core::channel::{Channel, Kind, SwitchRefused};
+use pulsetrain_core::lease::Lease;
 use pulsetrain_core::output::{Coils, Edge, HALF_STEPS, Output, Sequence, StepDir, StepDirSettings};
 use pulsetrain_core::{Axis, Direction, Entry, Epoch, Item, Merge, Moment, Queue, Segment};
 
@@ -59,9 +60,6 @@ fn schedule(items: &[Item]) -> Vec<Scheduled> {
     for item in items {
         match *item {
             Item::Anchor { tick } => time = RBig::from(tick.0) + RBig::from(1) / RBig::from(2),
-            Item::Resume { tick, fraction } => {
-                time = RBig::from(tick.0) + RBig::from(fraction) / RBig::from(1u32 << 16)
-            }
             Item::Dwell { ticks } => time += RBig::from(ticks),
             Item::Run { segment, direction } => {
                 let [interval, add, add2] = [segment.interval, segment.add, segment.add2].map(|x| RBig::from(x) / &one);
@@ -188,7 +186,7 @@ proptest! {
         let new: Vec<Item> = [anchor(at), Item::Dwell { ticks: PULSE + HOLD + SETUP }].into_iter().chain(new.into_iter().skip(1)).collect();
         push(&mut axis, 1, &new);
         let horizon = axis.channel().horizon();
-        match axis.schedule_switch(Epoch(1), Moment(at)) {
+        match axis.channel_mut().schedule_switch(Epoch(1), Moment(at), Lease::Off, None) {
             Ok(()) => prop_assert!(at >= horizon.0),
             Err(refused) => {
                 prop_assert!(at < horizon.0);
@@ -257,7 +255,7 @@ proptest! {
         for (gap, epoch, ahead) in switches {
             now += gap;
             look(&mut axis, now);
-            let _ = axis.schedule_switch(Epoch(epoch), Moment(now.wrapping_add(ahead >> (epoch * 9))));
+            let _ = axis.channel_mut().schedule_switch(Epoch(epoch), Moment(now.wrapping_add(ahead >> (epoch * 9))), Lease::Off, None);
         }
         look(&mut axis, now + (1 << 16));
         axis.stop();
@@ -433,22 +431,24 @@ fn what_comes_too_late_is_not_made() {
 }
 
 #[test]
-fn switches_wait_in_order_and_a_sooner_one_replaces_later_ones() {
+fn one_switch_waits_and_a_sooner_one_replaces_it() {
     let mut channel = Channel::<F>::new(1, false);
-    for place in 0..SWITCHES as u32 {
-        assert_eq!(channel.schedule_switch(Epoch(1), Moment(1000 * (place + 1))), Ok(()));
-    }
-    assert_eq!(channel.schedule_switch(Epoch(2), Moment(9000)), Err(SwitchRefused::Full));
-    assert_eq!(channel.schedule_switch(Epoch(2), Moment(2000)), Ok(()));
-    assert_eq!(channel.schedule_switch(Epoch(3), Moment(9000)), Ok(()));
+    let mut switch = |epoch, at| channel.schedule_switch(Epoch(epoch), Moment(at), Lease::Off, None);
+    assert_eq!(switch(1, 2000), Ok(()));
+    assert_eq!(switch(2, 2001), Err(SwitchRefused::Full));
+    assert_eq!(switch(2, 2000), Ok(()));
+    assert_eq!(switch(3, 1000), Ok(()));
+    assert_eq!(switch(4, 1500), Err(SwitchRefused::Full));
     let mut queue = Queue::<1>::new();
     let mut epochs = Vec::new();
-    for now in [999, 1000, 1999, 2000, 8999, 9000] {
+    for now in [999, 1000, 1999, 2000] {
         assert_eq!(channel.peek(&mut queue, Moment(now)), None);
         epochs.push(channel.epoch().0);
     }
-    assert_eq!(epochs, [0, 1, 1, 2, 2, 3]);
-    assert_eq!(channel.schedule_switch(Epoch(4), Moment(8999)), Err(SwitchRefused::Late { horizon: Moment(9000) }));
+    assert_eq!(epochs, [0, 3, 3, 3]);
+    let mut switch = |epoch, at| channel.schedule_switch(Epoch(epoch), Moment(at), Lease::Off, None);
+    assert_eq!(switch(4, 999), Err(SwitchRefused::Late { horizon: Moment(1000) }));
+    assert_eq!(switch(4, 3000), Ok(()));
 }
 
 #[test]

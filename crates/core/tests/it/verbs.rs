@@ -237,7 +237,7 @@ fn count(steps: u32, ticks: u64, slice: u64) -> (u64, u64, u64) {
                 at += (segment.interval >> 32).cast_unsigned() * u64::from(segment.count);
                 count += u64::from(segment.count);
             }
-            Item::Resume { .. } | Item::Dwell { .. } => panic!("it makes none"),
+            Item::Dwell { .. } => panic!("it makes none"),
         });
         if let Some((done, number)) = motor.take_done(u64::MAX) {
             assert_eq!((number, motor.is_at_rest()), (1, true));

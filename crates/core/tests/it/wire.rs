@@ -211,7 +211,7 @@ proptest! {
         configuration.idle_ms = (flags & 1 != 0).then_some(times[4]);
         configuration.enable_high = flags & 2 != 0;
         configuration.enable_pin = epoch;
-        let lease = [Lease::Off, Lease::Last, Lease::Until(Moment(nonce))][usize::from(flags) % 3];
+        let lease = if flags % 2 == 0 { Lease::Last } else { Lease::Until(Moment(nonce)) };
         let limits: Vec<u8> = (0..flags).flat_map(|motor| [epoch | 0x80, 61 - motor, motor]).collect();
         let command = match which {
             0 => Command::Hello { version: epoch, nonce },
@@ -232,7 +232,7 @@ proptest! {
                 let (vmax, amax) = (nonce % (MOST_VMAX + 1), nonce.clamp(AMAX[0], AMAX[1]));
                 Command::Store(Some(Settings { deadman_ms, idle_ms, silence_ms, vmax, amax }))
             }
-            14 => Command::Extend { lease: if lease == Lease::Off { Lease::Last } else { lease }, limits: &limits },
+            14 => Command::Extend { lease, limits: &limits },
             15 => Command::Trim { until: Moment(nonce), bytes: &packed[..packed.len().min(16) & !1] },
             16 => Command::Brake,
             _ => Command::Data { motor: flags, epoch: Epoch(epoch), packed: &packed },

@@ -34,7 +34,6 @@ pub(super) struct Said {
     motors: u8,
     queue_bytes: u16,
     window_bytes: u16,
-    switches: u8,
     bauds: Vec<u32>,
     baud: u32,
     last_stop: &'static str,
@@ -96,7 +95,6 @@ pub(crate) fn run(args: &At, console: &mut Console<'_>) -> miette::Result<Exit> 
     row("tick", format!("{}, {} fraction bits", human::seconds(tick_s), said.fraction_bits));
     row("motors", format!("{} at most", said.motors));
     row("queues", format!("{} B in all; {} B may be under way to it", said.queue_bytes, said.window_bytes));
-    row("switches", format!("{} may wait", said.switches));
     row("line", format!("{} baud, of {}", human::count(said.baud.into()), bauds.join(", ")));
     row("began", format!("{} ago: {}", human::seconds(said.clock_s), said.last_reset));
     row("last stop", stopped(said.last_stop));
@@ -202,7 +200,6 @@ pub(super) fn ask<P: Port>(port: P, baud: Baud) -> Result<Said, DriveError> {
         motors: info.max_motors,
         queue_bytes: info.pool,
         window_bytes: info.window,
-        switches: info.switches,
         bauds: Baud::ALL.into_iter().filter(|baud| info.bauds >> *baud as u8 & 1 == 1).map(Baud::rate).collect(),
         baud: baud.rate(),
         last_stop: in_words(info.last_stop),

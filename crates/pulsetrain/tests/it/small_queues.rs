@@ -93,15 +93,6 @@ impl<P: Port> Board for Watched<P> {
     fn lead(&self) -> u64 {
         self.board.lead()
     }
-    fn shortest_lead(&self) -> u64 {
-        self.board.shortest_lead()
-    }
-    fn switches(&self) -> usize {
-        self.board.switches()
-    }
-    fn switch(&mut self, epoch: Epoch, tick: u64) -> Result<(), SwitchRefused> {
-        self.board.switch(epoch, tick)
-    }
     fn horizon(&self) -> u64 {
         self.board.horizon()
     }
@@ -133,8 +124,8 @@ impl<P: Port> Board for Watched<P> {
 }
 
 impl<P: Port> Leased for Watched<P> {
-    fn switch_leased(&mut self, epoch: Epoch, tick: u64, lease: Lease, limits: &[Limit]) -> Result<(), SwitchRefused> {
-        self.board.switch_leased(epoch, tick, lease, limits)
+    fn switch(&mut self, epoch: Epoch, tick: u64, lease: Lease, limits: &[Limit]) -> Result<(), SwitchRefused> {
+        self.board.switch(epoch, tick, lease, limits)
     }
     fn extend(&mut self, lease: Lease, limits: &[Limit]) -> Result<(), ExtendRefused> {
         self.extensions += 1;
@@ -258,7 +249,7 @@ fn stream(program: &Program, queue: u16, seconds: f64) -> Figures {
 
 /// Each epoch fits the registers of an 8-bit board ([`pulsetrain_core::narrow`]).
 fn check_narrow(told: &[Entry]) {
-    for epoch in told.chunk_by(|_, next| !matches!(next.item, Item::Anchor { .. } | Item::Resume { .. })) {
+    for epoch in told.chunk_by(|_, next| !matches!(next.item, Item::Anchor { .. })) {
         let packing = Packing { fraction_bits: 16, gain: 0 };
         let (mut state, mut board) = (State::default(), State::default());
         for Entry { item, .. } in epoch {

@@ -146,12 +146,6 @@ impl Board for Bench {
     fn lead(&self) -> u64 {
         self.native.lead()
     }
-    fn switches(&self) -> usize {
-        self.native.switches()
-    }
-    fn switch(&mut self, epoch: Epoch, tick: u64) -> Result<(), SwitchRefused> {
-        self.native.switch(epoch, tick)
-    }
     fn horizon(&self) -> u64 {
         self.native.horizon()
     }
@@ -188,8 +182,8 @@ impl Board for Bench {
 }
 
 impl Leased for Bench {
-    fn switch_leased(&mut self, epoch: Epoch, tick: u64, lease: Lease, limits: &[Limit]) -> Result<(), SwitchRefused> {
-        self.native.switch_leased(epoch, tick, lease, limits)
+    fn switch(&mut self, epoch: Epoch, tick: u64, lease: Lease, limits: &[Limit]) -> Result<(), SwitchRefused> {
+        self.native.switch(epoch, tick, lease, limits)
     }
     fn extend(&mut self, lease: Lease, limits: &[Limit]) -> Result<(), ExtendRefused> {
         if self.delay == 0 {

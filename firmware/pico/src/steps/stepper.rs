@@ -608,14 +608,14 @@ impl Stepper {
         }
     }
 
-    /// Switches all motors, or none if too many switches wait or one is committed too far. From `at` on the plan holds as long as `lease` says.
+    /// Switches all motors, or none if a switch waits for an earlier tick or one is committed too far. From `at` on the plan holds as long as `lease` says.
     pub(crate) fn switch(&mut self, epoch: Epoch, at: Moment, lease: Lease, limits: &[u8]) -> bool {
         if self.motors().any(|motor| motor.words.channel().check_switch(at).is_err()) {
             return false;
         }
         for (motor, limit) in self.motors_mut().zip(limits_of(limits).map(Some).chain(iter::repeat(None))) {
             // Just asked.
-            let _ = motor.words.channel_mut().schedule_leased(epoch, at, lease, limit);
+            let _ = motor.words.channel_mut().schedule_switch(epoch, at, lease, limit);
         }
         true
     }

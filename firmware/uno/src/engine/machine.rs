@@ -9,7 +9,7 @@ use crate::engine::memory;
 use crate::engine::program::Program;
 use crate::engine::regs;
 use crate::engine::steps::brake::{Lease, lease};
-use crate::engine::steps::motor::{self, SWITCHES};
+use crate::engine::steps::motor;
 use crate::engine::steps::orders::answer;
 use crate::engine::steps::pins::{Layout, MAX_MOTORS, Pin};
 use crate::engine::steps::stepper::{self, LONGEST, Trouble};
@@ -392,7 +392,6 @@ impl Machine for Board {
     const PLANS: bool = Uses::PLANS;
     const OBEYS: bool = Uses::OBEYS;
     const STORES: bool = true;
-    const LEASES: bool = Uses::LEASES;
 
     fn store(&mut self, settings: Option<&[u8; SETTINGS_LEN]>) -> Result<(), Refusal> {
         if self.armed {
@@ -421,7 +420,6 @@ impl Machine for Board {
             pool: if Uses::PLANS { memory::POOL as u16 } else { 0 },
             max_body: 0,
             image: Uses::IMAGE,
-            switches: SWITCHES as u8,
             window: WINDOW,
             bauds: 0b1_1111,
             last_stop: self.last_stop,
@@ -515,7 +513,7 @@ impl Machine for Board {
         task::lock().discard(epoch);
     }
 
-    // For a program that has plans and no leases.
+    // For the motion that lies in the flash: it has no lease, and no frame begins one.
     #[inline(never)]
     fn switch(&mut self, epoch: Epoch, tick: u64, _: CoreLease, _: &[u8]) -> Result<Switched, Refusal> {
         if !self.armed {

@@ -48,7 +48,7 @@ fn random_host(kind: u64, seed: u64, tally: &mut Tally) {
     }
     let limits: Vec<Limit> = setup.motors.iter().map(|_| limit(random)).collect();
     let mut until = from + random.below(TICK_HZ / 5);
-    pair.switch_leased(1, from, Lease::Until(until), &limits);
+    pair.switch_with(1, from, Lease::Until(until), &limits);
     for _ in 0..random.below(6) {
         let look = pair.pico.now() + random.below(TICK_HZ / 50);
         pair.advance(look);
@@ -108,7 +108,7 @@ fn a_motor_that_runs_dry_has_all_brake() {
     // 400 000 steps/s²: R = 139 754 ticks.
     let limit = Limit::new(136, 49, 0).expect("it is one");
     let until = from + TICK_HZ / 2;
-    assert_eq!(pair.pico.switch_leased(Epoch(1), from, Lease::Until(until), &[limit; 2]), Ok(()));
+    assert_eq!(pair.pico.switch(Epoch(1), from, Lease::Until(until), &[limit; 2]), Ok(()));
     let mut edges = Vec::new();
     while !pair.pico.is_idle() || pair.pico.now() < until {
         let next = pair.pico.now() + TICK_HZ / 50;

@@ -2,7 +2,7 @@
 //! it, and however it ends, the UART is at 115 200 baud again.
 
 use pulsetrain_board::virtual_pico::{Line, VirtualPico};
-use pulsetrain_board::{Board, Edge, Link, LinkError, Port, PortError, Remote, Setup};
+use pulsetrain_board::{Board, Edge, Lease, Leased, Link, LinkError, Port, PortError, Remote, Setup};
 use pulsetrain_core::output::Sequence;
 use pulsetrain_core::wire::message::{Cause, flags};
 use pulsetrain_core::wire::{Baud, Command};
@@ -82,7 +82,7 @@ fn second_of_motion(board: &mut Remote<Side>, epoch: u8, mut meanwhile: impl FnM
             board.push(motor, Entry { epoch: Epoch(epoch), item }).expect("there is room");
         }
     }
-    assert_eq!(board.switch(Epoch(epoch), from), Ok(()));
+    assert_eq!(board.switch(Epoch(epoch), from, Lease::Last, &[]), Ok(()));
     let mut edges = Vec::new();
     while board.now() < from + TICK_HZ * 11 / 10 {
         meanwhile();
@@ -246,7 +246,7 @@ fn a_port_that_nobody_reads_does_not_keep_the_board() {
                 board.push(motor, Entry { epoch: Epoch(1), item }).expect("there is room");
             }
         }
-        assert_eq!(board.switch(Epoch(1), from), Ok(()));
+        assert_eq!(board.switch(Epoch(1), from, Lease::Last, &[]), Ok(()));
         drop(board);
         // What the firmware tells from here on stays where it is.
         let mut pico = uart.board.borrow_mut();

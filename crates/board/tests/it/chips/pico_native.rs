@@ -75,16 +75,17 @@ fn random_plans(kind: u64, seed: u64, tally: &mut Tally) {
     let from = pair.pico.now() + pair.pico.lead() + TICK_HZ / 100;
     push(&mut pair, random, 1, from, tally);
     assert_eq!(pair.switch(1, from), Ok(()));
-    let mut epoch = 1;
+    let (mut epoch, mut begins) = (1, from);
     for _ in 0..random.between(1, 5) {
-        let until = pair.pico.now() + random.below(TICK_HZ / 25);
+        // One switch may wait: the Pico makes it before its tick, the native board at it.
+        let until = begins.max(pair.pico.now() + random.below(TICK_HZ / 25));
         pair.advance(until);
         // From the past to a little after it can be taken.
         let reach = if random.one_in(3) { pair.pico.lead() / 16 } else { pair.pico.lead() };
         let from = pair.pico.now() + random.below(reach);
         push(&mut pair, random, epoch + 1, from, tally);
         match pair.switch(epoch + 1, from) {
-            Ok(()) => (epoch, tally.taken) = (epoch + 1, tally.taken + 1),
+            Ok(()) => (epoch, begins, tally.taken) = (epoch + 1, from, tally.taken + 1),
             Err(SwitchRefused::Late { .. }) => tally.refused += 1,
             Err(refused) => panic!("{refused}: {:?}", pair.pico.error()),
         }

@@ -1,7 +1,7 @@
 //! Pins of the Pico: which are driven when, what happens to them as the configuration changes, and the enable line.
 
 use pulsetrain_board::virtual_pico::VirtualPico;
-use pulsetrain_board::{Board, Edge, Remote, RemoteError, Setup};
+use pulsetrain_board::{Board, Edge, Lease, Leased, Remote, RemoteError, Setup};
 use pulsetrain_core::output::{HALF_STEPS, Sequence};
 use pulsetrain_core::wire::Reason;
 use pulsetrain_core::wire::message::MotorSetup;
@@ -37,7 +37,7 @@ fn begin(pico: &mut Remote<VirtualPico>, motor: usize, epoch: u8, runs: &[Item])
     for item in [Item::Anchor { tick: Moment::of(from) }].iter().chain(runs) {
         pico.push(motor, Entry { epoch: Epoch(epoch), item: *item }).expect("there is room");
     }
-    let switched = pico.switch(Epoch(epoch), from);
+    let switched = pico.switch(Epoch(epoch), from, Lease::Last, &[]);
     assert_eq!(switched, Ok(()), "epoch {epoch}, motor {motor}: {:?} {:?}", pico.error(), pico.port());
     let ticks = from - pico.now();
     wait(pico, ticks);
@@ -164,7 +164,7 @@ fn coils_after_a_stop_obey_the_idle_time() {
                         pair.pico.push(number, Entry { epoch: Epoch(round + 1), item }).expect("there is room");
                     }
                 }
-                assert_eq!(pair.pico.switch(Epoch(round + 1), from), Ok(()));
+                assert_eq!(pair.pico.switch(Epoch(round + 1), from, Lease::Last, &[]), Ok(()));
                 // Under way, at rest and on, released with the time, and a moment before and after that.
                 let last = from + 20 * 250_000;
                 let idle = idle_ms.map_or(0, |ms| u64::from(ms) * TICK_HZ / 1000);

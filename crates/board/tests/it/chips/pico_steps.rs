@@ -1,7 +1,7 @@
 //! The Pico's firmware on the emulated chip: its first words with a host, and its first steps.
 
 use pulsetrain_board::virtual_pico::VirtualPico;
-use pulsetrain_board::{Board, Edge, Remote, Setup};
+use pulsetrain_board::{Board, Edge, Lease, Leased, Remote, Setup};
 use pulsetrain_core::wire::message::MotorSetup;
 use pulsetrain_core::{Direction, Entry, Epoch, Item, Moment, Segment};
 
@@ -18,7 +18,7 @@ fn steps_come_when_they_are_due() {
             remote.push(motor, Entry { epoch: Epoch(1), item }).expect("room");
         }
     }
-    remote.switch(Epoch(1), at).expect("in time");
+    remote.switch(Epoch(1), at, Lease::Last, &[]).expect("in time");
     let mut edges = Vec::new();
     remote.advance(at + 200_000, &mut |edge: Edge| edges.push(edge));
     let ticks = |line: u8, level: bool| edges.iter().filter(move |edge| (edge.line, edge.level) == (line, level));

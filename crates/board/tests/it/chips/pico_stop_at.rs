@@ -2,7 +2,7 @@
 //! counts is what the pins did.
 
 use pulsetrain_board::virtual_pico::VirtualPico;
-use pulsetrain_board::{Board, Edge, Port, PortError, Remote, Setup, StopReport};
+use pulsetrain_board::{Board, Edge, Lease, Leased, Port, PortError, Remote, Setup, StopReport};
 use pulsetrain_core::output::{HALF_STEPS, Sequence};
 use pulsetrain_core::wire::Baud;
 use pulsetrain_core::wire::message::MotorSetup;
@@ -80,7 +80,7 @@ fn under_way(setup: &Setup, intervals: &[i64]) -> (Remote<Held>, Vec<Edge>, u64)
             board.push(motor, Entry { epoch: Epoch(1), item }).expect("there is room");
         }
     }
-    assert_eq!(board.switch(Epoch(1), from), Ok(()));
+    assert_eq!(board.switch(Epoch(1), from, Lease::Last, &[]), Ok(()));
     let mut edges = Vec::new();
     board.advance(from + TICK_HZ / 50, &mut |edge: Edge| edges.extend(as_line(setup, edge)));
     (board, edges, from)

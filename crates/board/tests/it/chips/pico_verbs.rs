@@ -2,7 +2,7 @@
 
 use pulsetrain_board::native_verbs::NativeVerbs;
 use pulsetrain_board::virtual_pico::VirtualPico;
-use pulsetrain_board::{Board, Edge, Faults, Port, Remote, RemoteError, Setup};
+use pulsetrain_board::{Board, Edge, Faults, Lease, Leased, Port, Remote, RemoteError, Setup};
 use pulsetrain_core::output::Sequence;
 use pulsetrain_core::verbs::{Course, Limits, Verb};
 use pulsetrain_core::wire::message::{Cause, MotorSetup, Reason, flags};
@@ -508,7 +508,7 @@ fn a_first_order_that_does_nothing_changes_nothing() {
     assert!(matches!(refused, RemoteError::Refused { reason: Reason::Period, detail: 254, .. }), "{refused}");
     assert_eq!(pico.tell_motors(&[]).expect("a question").motors()[0].position, 0);
     push(pico, pulsetrain_testkit::pico::run(500, 12_500, pulsetrain_core::Direction::Forward));
-    pico.switch(Epoch(1), from).expect("in time");
+    pico.switch(Epoch(1), from, Lease::Last, &[]).expect("in time");
     let mut rises = 0;
     pico.advance(from + TICK_HZ / 10, &mut |edge: Edge| rises += u32::from(edge.line == 2 && edge.level));
     // What the host knows is up to 50 ms old.
@@ -547,7 +547,7 @@ fn plans_and_verbs_keep_apart() {
     ] {
         pico.push(0, Entry { epoch: Epoch(1), item }).expect("room");
     }
-    pico.switch(Epoch(1), from).expect("in time");
+    pico.switch(Epoch(1), from, Lease::Last, &[]).expect("in time");
     assert_eq!(refused(pico.tell_motors(&[(0, Verb::Run)]).expect_err("a plan is under way")), (Reason::Moving, 0));
     pico.advance(from + TICK_HZ / 10, &mut |_: Edge| {});
     // Where the plan has left them, verbs go on.
@@ -563,6 +563,6 @@ fn plans_and_verbs_keep_apart() {
     }
     pico.push(0, Entry { epoch: Epoch(2), item: Item::Anchor { tick: Moment(0) } }).expect("the host knows no better");
     pico.advance(pico.now() + TICK_HZ / 10, &mut |_: Edge| {});
-    assert!(pico.switch(Epoch(2), pico.now() + TICK_HZ / 10).is_err());
+    assert!(pico.switch(Epoch(2), pico.now() + TICK_HZ / 10, Lease::Last, &[]).is_err());
     assert_eq!(pico.error().cloned().map(refused).map(|(reason, _)| reason), Some(Reason::Obeying));
 }

@@ -5,7 +5,7 @@
 //! (`FILLER` in firmware/uno/src/engine/steps/plan.rs): there groups are closest. They do so in step, or nearly, so that one's interrupt keeps the other's
 //! waiting.
 
-use pulsetrain_board::{Board, Faults};
+use pulsetrain_board::{Board, Faults, Lease, Leased};
 use pulsetrain_core::wire::message::Cause;
 use pulsetrain_core::{Direction, Entry, Epoch, Item, Moment, Segment};
 use pulsetrain_testkit::lab::{EXACT, Lab, SOFTWARE, Timing, said, uno};
@@ -93,7 +93,7 @@ fn turns_of(pins: &[(u8, u8)], timing: Timing, seed: u64) -> (usize, bool) {
         }
     };
     fill(&mut board, &mut pending);
-    assert_eq!(board.switch(Epoch(1), from), Ok(()));
+    assert_eq!(board.switch(Epoch(1), from, Lease::Last, &[]), Ok(()));
     let patience = board.now() + 20 * TICK_HZ;
     while pending.iter().any(|items| !items.is_empty()) || !board.is_idle() {
         assert!(board.now() < patience, "it does not come to rest");

@@ -153,7 +153,7 @@ fn run(pins: &Pins, seed: u64, ends: &mut Ends) {
     let mut host = Host { plans, sent: vec![0; motors], limits: limits.clone(), from };
     host.push(&mut board, 100);
     let until = host.told().unwrap_or(from + 1000).max(from);
-    assert_eq!(board.switch_leased(EPOCH, from, Lease::Until(until), &limits), Ok(()));
+    assert_eq!(board.switch(EPOCH, from, Lease::Until(until), &limits), Ok(()));
     let mut lab = Lab::default();
     // The host is lost after so many rounds.
     let acts = random.below(60);

@@ -4,7 +4,7 @@
 //! `PULSETRAIN_SEED` says other random bytes, `PULSETRAIN_ROUNDS` how many times as many.
 
 use pulsetrain_board::virtual_uno::{self, VirtualUno};
-use pulsetrain_board::{Board, Edge, Native, Port, PortError, Remote, Setup, Shadowed};
+use pulsetrain_board::{Board, Edge, Lease, Leased, Native, Port, PortError, Remote, Setup, Shadowed};
 use pulsetrain_core::narrow::Registers;
 use pulsetrain_core::packing::{CHECK_LEN, Check, MAX_PACKED_LEN, Packing, State};
 use pulsetrain_core::wire::frame::{Decoder, Received};
@@ -85,8 +85,7 @@ impl Model {
         let (record, mut state) = (*rest, self.state);
         let Ok(item) = self.packing.unpack(&mut state, rest) else { return Read::Refused(Cause::BadItem) };
         let steps = match item.expect("there are bytes") {
-            Item::Anchor { tick } => return self.anchor(tick, 0x8000),
-            Item::Resume { tick, fraction } => return self.anchor(tick, fraction),
+            Item::Anchor { tick } => return self.anchor(tick),
             Item::Dwell { ticks } => {
                 if self.anchored {
                     self.registers.tick = self.registers.tick.wrapping_add(ticks);
@@ -122,8 +121,8 @@ impl Model {
         Read::Record(Some(steps))
     }
 
-    fn anchor(&mut self, tick: Moment, fraction: u16) -> Read {
-        (self.registers.tick, self.registers.fraction) = (tick.0, fraction);
+    fn anchor(&mut self, tick: Moment) -> Read {
+        (self.registers.tick, self.registers.fraction) = (tick.0, 0x8000);
         (self.anchored, self.origin) = (true, self.position as u16);
         Read::Record(None)
     }
@@ -179,7 +178,7 @@ const NEXT: u16 = 28;
 const POSITION: u16 = 50;
 const SURE: u16 = 61;
 const READY: u16 = 62;
-const REASON: u16 = 85;
+const REASON: u16 = 77;
 const MOTOR_BYTES: u16 = 120;
 const FASTEST: u16 = 12;
 
@@ -273,13 +272,10 @@ fn random_stream(random: &mut Random, gain: i8) -> Vec<u8> {
         } else {
             match random.below(16) {
                 0 => packed(&model, &Item::Dwell { ticks: random.next() as u32 >> random.below(32) }),
-                1 => {
-                    packed(&model, &Item::Resume { tick: Moment(random.next() as u32), fraction: random.next() as u16 })
-                }
+                1 => packed(&model, &Item::Anchor { tick: Moment(random.next() as u32) }),
                 2 => packed_check(&model, random, true),
                 3 => packed_check(&model, random, false),
-                4 => vec![(16 + random.below(16) as u8) << 3 | 7, 0],
-                5 => garbage(random, 12),
+                4 | 5 => garbage(random, 12),
                 // A segment in full with widths of any kind.
                 6 => [&[0x27, 0][..], &garbage(random, 14)].concat(),
                 7 => [&[7 | (random.below(32) as u8) << 3, 0][..], &garbage(random, 8)].concat(),
@@ -539,6 +535,8 @@ fn plan(board: &mut impl Board, setup: &Setup, random: &mut Random, from: u64) {
             let segment = Segment { count, interval: interval << 16, add: random.below(1 << 18) as i64, add2: 0 };
             items.push(Item::Run { segment, direction });
         }
+        // It rests then, while others go on.
+        items.push(Item::Dwell { ticks: 0 });
         for item in items {
             board.push(motor, Entry { epoch: Epoch(1), item }).expect("room");
         }
@@ -567,7 +565,7 @@ fn check_board(pins: &[(u8, u8)], timing: Timing, random: &mut Random) -> Cause 
     let mut board = Shadowed::new(remote, native);
     let from = board.now() + board.lead() + TICK_HZ / 100;
     plan(&mut board, &setup, random, from);
-    board.switch(Epoch(1), from).expect("it is in time");
+    board.switch(Epoch(1), from, Lease::Last, &[]).expect("it is in time");
     let mut lab = Lab::default();
     let until = from + TICK_HZ * 2;
     board.advance(until, &mut lab);
@@ -577,12 +575,21 @@ fn check_board(pins: &[(u8, u8)], timing: Timing, random: &mut Random) -> Cause 
     let told: Vec<_> = remote.events().into_iter().filter(|event| event.cause != Cause::Finished).collect();
     let whose: Vec<_> = told.iter().map(|event| (event.cause, event.motor)).collect();
     assert_eq!(whose, [(cause, motor)], "{pins:?}");
-    // The steps before it are made, none of what comes after, and the others are as if nothing were.
-    let mut kept = 0;
-    lab.steps.retain(|step| {
-        kept += usize::from(step.motor == usize::from(motor));
-        step.motor != usize::from(motor) || kept <= steps
-    });
+    let counts = lab.counts(&setup);
+    // The steps before it are made, none of what comes after, and the others' up to where all brake: within a step, which is no part of the plan.
+    for (index, (step_line, _)) in pins.iter().enumerate() {
+        let (mut kept, mut rises) = (0, 0);
+        lab.steps.retain(|step| {
+            let is_made = if index == usize::from(motor) { kept < steps } else { step.tick < told[0].tick };
+            kept += usize::from(step.motor == index && is_made);
+            step.motor != index || is_made
+        });
+        lab.edges.retain(|edge| {
+            rises += usize::from(edge.line == *step_line && edge.level);
+            edge.line != *step_line || rises <= kept
+        });
+        assert!((kept..=kept + 1).contains(&rises), "motor {index} of {pins:?}: {rises} steps, {kept} of the plan");
+    }
     lab.check(&setup, timing, None);
     // TX goes high as the line is opened.
     let lines: Vec<u8> =
@@ -591,7 +598,7 @@ fn check_board(pins: &[(u8, u8)], timing: Timing, random: &mut Random) -> Cause 
     assert!(other.is_empty(), "other pins moved: {other:?}");
     let status = board.board_mut().status().expect("it answers");
     let positions: Vec<_> = status.motors.as_slice().iter().map(|motor| i64::from(motor.position)).collect();
-    assert_eq!(positions, lab.counts(&setup), "what it counted, and the pins");
+    assert_eq!(positions, counts, "what it counted, and the pins");
     cause
 }
 

@@ -1,6 +1,6 @@
 //! The firmware on the emulated chip makes the native board's steps, tick for tick: random plans, switches, stops.
 
-use pulsetrain_board::{Board, Faults, Setup, SwitchRefused};
+use pulsetrain_board::{Board, Faults, Lease, Leased, Setup, SwitchRefused};
 use pulsetrain_core::wire::message::Cause;
 use pulsetrain_core::{Direction, Entry, Epoch, Item, Moment, Segment};
 use pulsetrain_testkit::lab::{EXACT, Lab, SHARED, SOFTWARE, Timing, Uno, uno};
@@ -76,13 +76,7 @@ fn random_setup(pins: &Pins, random: &mut Random) -> Setup {
 fn random_items(pins: &Pins, setup: &Setup, random: &mut Random, from: u64, forward: bool) -> Vec<Item> {
     let (fastest, room) = (pins.fastest(), room_for_dir(setup));
     let mut direction = if forward { Direction::Forward } else { Direction::Backward };
-    let behind = random.below(500);
-    let mut items = if random.one_in(2) {
-        vec![Item::Anchor { tick: Moment::of(from) }, Item::Dwell { ticks: room as u32 }]
-    } else {
-        let (tick, fraction) = (Moment::of(from - behind), random.below(1 << 16) as u16);
-        vec![Item::Resume { tick, fraction }, Item::Dwell { ticks: (room + behind) as u32 }]
-    };
+    let mut items = vec![Item::Anchor { tick: Moment::of(from) }, Item::Dwell { ticks: room as u32 }];
     let interval = |random: &mut Random| (fastest as f64 * 30f64.powf(random.fraction().powi(2))) as i64;
     let mut now = interval(random);
     for _ in 0..random.between(2, 12) {
@@ -113,7 +107,7 @@ fn push(board: &mut Uno, pins: &Pins, setup: &Setup, random: &mut Random, epoch:
     for motor in 0..pins.pins.len() {
         for item in random_items(pins, setup, random, from, forward) {
             // What it begins with is in every epoch of every motor. Some room is left for the next epoch's.
-            let least = if matches!(item, Item::Anchor { .. } | Item::Resume { .. }) { 10 } else { 40 };
+            let least = if matches!(item, Item::Anchor { .. }) { 10 } else { 40 };
             if board.room(motor) < least || board.push(motor, Entry { epoch: Epoch(epoch), item }).is_err() {
                 break;
             }
@@ -138,17 +132,18 @@ fn random_plans(pins: &Pins, seed: u64, tally: &mut Tally) {
     let mut lab = Lab::default();
     let from = board.now() + board.lead() + TICK_HZ / 100;
     push(&mut board, pins, &setup, random, 1, from);
-    assert_eq!(board.switch(Epoch(1), from), Ok(()));
-    let mut epoch = 1;
+    assert_eq!(board.switch(Epoch(1), from, Lease::Last, &[]), Ok(()));
+    let (mut epoch, mut begins) = (1, from);
     for _ in 0..random.below(4) {
-        let until = board.now() + random.below(TICK_HZ / 25);
+        // One switch may wait: the Uno makes it before its tick, the native board at it.
+        let until = begins.max(board.now() + random.below(TICK_HZ / 25));
         board.advance(until, &mut lab);
         // From the past to a little after it can be taken.
         let from = board.now() + random.below(2 * board.lead());
         push(&mut board, pins, &setup, random, epoch + 1, from);
-        match board.switch(Epoch(epoch + 1), from) {
-            Ok(()) => (epoch, tally.taken) = (epoch + 1, tally.taken + 1),
-            Err(SwitchRefused::Late { .. } | SwitchRefused::Full) => tally.refused += 1,
+        match board.switch(Epoch(epoch + 1), from, Lease::Last, &[]) {
+            Ok(()) => (epoch, begins, tally.taken) = (epoch + 1, from, tally.taken + 1),
+            Err(SwitchRefused::Late { .. }) => tally.refused += 1,
             Err(refused) => panic!("{refused}: {:?}", board.board().error()),
         }
     }

@@ -1,7 +1,7 @@
 //! What the firmware's pins do besides steps: at rest, armed, released; levels; the drivers' enable line.
 
 use pulsetrain_board::virtual_uno::VirtualUno;
-use pulsetrain_board::{Board, Edge, Remote, RemoteError, Setup};
+use pulsetrain_board::{Board, Edge, Lease, Leased, Remote, RemoteError, Setup};
 use pulsetrain_core::wire::Reason;
 use pulsetrain_core::{Entry, Epoch, Item, Moment};
 use pulsetrain_emulator::{Level, Port};
@@ -102,7 +102,7 @@ fn enable_follows_the_motors() {
                 board.push(0, Entry { epoch: Epoch(epoch), item }).expect("room");
             }
             board.push(1, Entry { epoch: Epoch(epoch), item: Item::Anchor { tick: Moment::of(from) } }).expect("room");
-            board.switch(Epoch(epoch), from).expect("in time");
+            board.switch(Epoch(epoch), from, Lease::Last, &[]).expect("in time");
             edges.clear();
             board.advance(from + 100 * 16_000 + TICK_HZ / 2, &mut |edge: Edge| edges.push(edge));
             let active: Vec<_> = edges.iter().filter(|edge| edge.line == pin).collect();
@@ -141,7 +141,7 @@ fn pulses_are_as_long_as_asked() {
                     board.push(motor, Entry { epoch: Epoch(1), item }).expect("room");
                 }
             }
-            board.switch(Epoch(1), from).expect("in time");
+            board.switch(Epoch(1), from, Lease::Last, &[]).expect("in time");
             board.advance(from + 22 * 16_000, &mut lab);
             assert_eq!(lab.counts(&setup), vec![20; pins.len()], "{pins:?}, {asked}");
             for (step, _) in pins {

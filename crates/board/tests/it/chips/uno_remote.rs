@@ -1,6 +1,6 @@
 //! The link to the firmware itself, on the virtual Uno.
 
-use pulsetrain_board::{Board, Edge, Faults, Port, PortError, Remote, Setup, virtual_uno::VirtualUno};
+use pulsetrain_board::{Board, Edge, Faults, Lease, Leased, Port, PortError, Remote, Setup, virtual_uno::VirtualUno};
 use pulsetrain_core::wire::Baud;
 use pulsetrain_core::wire::message::{Cause, MotorSetup};
 use pulsetrain_core::{Direction, Entry, Epoch, Item, Moment, Segment};
@@ -42,7 +42,7 @@ fn the_firmware_finds_its_checks_right_at_every_rate() {
             steps += i64::from(direction.sign()) * i64::from(segment.count);
             ticks += (segment.span(segment.count) >> 16) as u64;
         }
-        assert_eq!(remote.switch(Epoch(1), from), Ok(()), "{baud:?}");
+        assert_eq!(remote.switch(Epoch(1), from, Lease::Last, &[]), Ok(()), "{baud:?}");
         let mut rises = 0;
         let until = from + ticks + TICK_HZ / 5;
         remote.advance(until, &mut |edge: Edge| rises += i64::from(edge.line == 8 && edge.level));

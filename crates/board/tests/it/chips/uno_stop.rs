@@ -1,6 +1,6 @@
 //! A step counted is a pulse made, and the reverse: the firmware's counts at every instant, against its pins.
 
-use pulsetrain_board::{Board, Setup};
+use pulsetrain_board::{Board, Lease, Leased, Setup};
 use pulsetrain_core::wire::message::flags;
 use pulsetrain_core::{Direction, Entry, Epoch, Item, Moment, Segment};
 use pulsetrain_testkit::lab::{Lab, said, uno};
@@ -36,7 +36,7 @@ fn begin(setup: &Setup, shift: u64, interval: u64, count: u32) -> (pulsetrain_te
             push(Item::Run { segment, direction });
         }
     }
-    board.switch(Epoch(1), from).expect("in time");
+    board.switch(Epoch(1), from, Lease::Last, &[]).expect("in time");
     (board, Lab::default(), from)
 }
 

@@ -2,7 +2,7 @@
 
 use pulsetrain_board::native_verbs::NativeVerbs;
 use pulsetrain_board::virtual_uno::VirtualUno;
-use pulsetrain_board::{Board, Edge, Faults, Port, Remote, RemoteError, Setup};
+use pulsetrain_board::{Board, Edge, Faults, Lease, Leased, Port, Remote, RemoteError, Setup};
 use pulsetrain_core::Epoch;
 use pulsetrain_core::verbs::{Course, Limits, Verb};
 use pulsetrain_core::wire::Baud;
@@ -396,7 +396,7 @@ fn what_cannot_be_is_refused() {
     let seven = [(0, Verb::Halt); 7];
     assert_eq!(uno.tell_motors(&seven), Err(RemoteError::TooManyOrders { orders: 7, most: 6 }));
     // This image takes no plans.
-    assert!(uno.switch(Epoch(2), uno.now() + TICK_HZ / 10).is_err());
+    assert!(uno.switch(Epoch(2), uno.now() + TICK_HZ / 10, Lease::Last, &[]).is_err());
     assert_eq!(uno.error().cloned().map(|error| refused::<()>(Err(error)).0), Some(Reason::UnknownKind));
 }
 

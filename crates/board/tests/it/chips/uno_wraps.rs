@@ -1,7 +1,7 @@
 //! Counters that wrap: Timer1's 16 bits, the board's 32-bit ticks, sequence numbers, epochs; and a host that falls silent.
 
 use pulsetrain_board::virtual_uno::VirtualUno;
-use pulsetrain_board::{Board, Faults, Port};
+use pulsetrain_board::{Board, Faults, Lease, Leased, Port};
 use pulsetrain_core::wire::Baud;
 use pulsetrain_core::wire::message::Cause;
 use pulsetrain_core::{Direction, Entry, Epoch, Item, Moment, Segment};
@@ -48,7 +48,7 @@ fn across(port: VirtualUno, wrap: u64, pins: &[(u8, u8)], timing: Timing) {
                 board.push(motor, Entry { epoch: Epoch(epoch), item: run(400, 5003, true) }).expect("room");
             }
         }
-        board.switch(Epoch(epoch), from).expect("in time");
+        board.switch(Epoch(epoch), from, Lease::Last, &[]).expect("in time");
     }
     board.advance(wrap + TICK_HZ / 2, &mut lab);
     assert!(board.is_idle());
@@ -98,7 +98,7 @@ fn timer_1_wraps_between_steps() {
                     board.push(motor, Entry { epoch: Epoch(1), item }).expect("room");
                 }
             }
-            board.switch(Epoch(1), from - 1).expect("in time");
+            board.switch(Epoch(1), from - 1, Lease::Last, &[]).expect("in time");
             board.advance(from + 14 * interval as u64 + TICK_HZ / 100, &mut lab);
             assert_eq!(lab.steps.len(), 12 * pins.len());
             lab.check(&setup, timing, None);
@@ -120,7 +120,7 @@ fn epochs_and_sequence_numbers_wrap() {
         {
             board.push(0, Entry { epoch, item }).expect("room");
         }
-        assert_eq!(board.switch(epoch, from), Ok(()), "epoch {number}");
+        assert_eq!(board.switch(epoch, from, Lease::Last, &[]), Ok(()), "epoch {number}");
         board.advance(from + 20_000, &mut lab);
     }
     assert_eq!(said(&mut board), lab.counts(&setup));
@@ -141,7 +141,7 @@ fn a_queue_that_ends_is_a_motor_that_stands() {
                 board.push(motor, Entry { epoch: Epoch(1), item }).expect("room");
             }
         }
-        board.switch(Epoch(1), from).expect("in time");
+        board.switch(Epoch(1), from, Lease::Last, &[]).expect("in time");
         // The host says nothing for three seconds: it is given up meanwhile.
         let until = board.board().port().now() + Duration::from_secs(3);
         let mut bytes = Vec::new();

@@ -7,7 +7,7 @@ use pulsetrain::prepare::Prepared;
 use pulsetrain_board::native::QUEUE_LEN;
 use pulsetrain_board::shared::Shared;
 use pulsetrain_board::virtual_pico::VirtualPico;
-use pulsetrain_board::{Board, Edge, Observer, Port, Remote, RemoteError, ScheduledStep, Setup};
+use pulsetrain_board::{Board, Edge, Lease, Leased, Observer, Port, Remote, RemoteError, ScheduledStep, Setup};
 use pulsetrain_core::verbs::Verb;
 use pulsetrain_core::wire::Baud;
 use pulsetrain_core::wire::message::{Cause, MotorSetup};
@@ -371,7 +371,7 @@ fn the_table_says_what_the_firmware_has() {
                 pico.push(motor, Entry { epoch: Epoch(1), item }).unwrap();
             }
         }
-        assert_eq!(pico.switch(Epoch(1), from), Ok(()));
+        assert_eq!(pico.switch(Epoch(1), from, Lease::Last, &[]), Ok(()));
         let mut ahead = 0;
         while !pico.is_idle() {
             let until = pico.now() + 70_001;

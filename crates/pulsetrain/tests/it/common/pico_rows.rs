@@ -6,7 +6,7 @@ use pulsetrain::drive::{Driven, Pico};
 use pulsetrain::lateness::Lateness;
 use pulsetrain::prepare::Prepared;
 use pulsetrain_board::virtual_pico::VirtualPico;
-use pulsetrain_board::{Board, Edge, Remote, Setup};
+use pulsetrain_board::{Board, Edge, Lease, Leased, Remote, Setup};
 use pulsetrain_core::output::Sequence;
 use pulsetrain_core::wire::Baud;
 use pulsetrain_core::wire::message::{Cause, coil_pins};
@@ -474,7 +474,7 @@ pub(crate) fn uln2003(pico: &VirtualPico, sequence: Sequence, rate: u64) -> Row 
         last = steps.last().map_or(last, |(tick, _)| last.max(*tick));
         wanted.push(steps.iter().map(|(tick, at)| (*tick, pattern(sequence, *at))).collect::<Vec<_>>());
     }
-    board.switch(Epoch(1), begin).expect("in time");
+    board.switch(Epoch(1), begin, Lease::Last, &[]).expect("in time");
     let mut edges: Vec<Edge> = Vec::new();
     board.advance(last + TICK_HZ / 1000, &mut |edge: Edge| edges.push(edge));
     edges.sort_by_key(|edge| edge.tick);

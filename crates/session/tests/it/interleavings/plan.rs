@@ -142,7 +142,6 @@ impl Plan {
             match item {
                 Item::Anchor { tick } => place = (i64::from(tick.0) << FRACTION_BITS) + (1 << (FRACTION_BITS - 1)),
                 Item::Dwell { ticks } => place += i64::from(ticks) << FRACTION_BITS,
-                Item::Resume { .. } => unreachable!("no plan here has one"),
                 Item::Run { segment, direction } => {
                     let mut interval = segment.interval;
                     for _ in 0..segment.count {

@@ -11,7 +11,7 @@
 //! A part takes 280 to 420, and what finds out whether its steps are sure.
 
 use super::motor::{Motor, Part, Reason, Switch, flag};
-use super::plan::of_switch;
+use super::plan::OF_SWITCH;
 use super::stepper;
 use super::times;
 use core::arch::global_asm;
@@ -219,10 +219,10 @@ brake_rest:                             // no interval
 steps_stop:
     or r22, r23
     mov r14, r22
-    // What waits of its epoch is dropped, and of those of switches that are not made.
+    // What waits of its epoch is dropped, and of that of a switch that is not made.
     ldd r22, Z+{PART_EPOCH}
     sbrc r25, {WAITS}
-    ldd r22, Z+{SECOND_EPOCH}
+    ldd r22, Z+{SWITCH_EPOCH}
     clt
     call plan_pass_parts
     call plan_reach_switch
@@ -495,7 +495,7 @@ steps_dry:
     HORIZON = const offset_of!(Motor, horizon),
     SWITCH_AT = const offset_of!(Motor, switch_at),
     PART_EPOCH = const offset_of!(Part, epoch),
-    SECOND_EPOCH = const of_switch(1) + offset_of!(Switch, epoch),
+    SWITCH_EPOCH = const OF_SWITCH + offset_of!(Switch, epoch),
     FRESH_AT = const offset_of!(Motor, fault_tick) - offset_of!(Motor, parts),
     WAITS = const state::WAITS,
     AWAITS = const state::AWAITS,

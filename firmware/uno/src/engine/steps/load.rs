@@ -541,21 +541,17 @@ load_control:
     lsr r25
     lsr r25
     lsr r25
-    sbrc r25, 4
-    rjmp load_slow
     cpi r25, 1
     brlo load_reverse
     breq load_reset
     cpi r25, 4
+    brlo load_wait
     brne 1f
     rjmp load_exact
-1:  brlo load_wait
-    cpi r25, {RESUME}
-    breq load_wait
-    cpi r25, 5
-    brne .+2
+1:  cpi r25, 5
+    brne 2f
     rjmp load_check
-    rjmp load_bad
+2:  rjmp load_bad
 
 load_reverse:
     ldd r24, Y+{FLAGS}
@@ -569,7 +565,7 @@ load_reset:
     call load_clear
     rjmp load_consume
 
-    // Dwell, anchor or resume: four bytes of ticks, and of a resume two of the fraction.
+    // Dwell or anchor: four bytes of ticks.
 load_wait:
     push r25
     call steps_settle
@@ -590,14 +586,9 @@ load_wait:
     std Y+{TICK}+1, r19
     std Y+{TICK}+2, r20
     std Y+{TICK}+3, r21
-    clr r18
-    ldi r19, 0x80
-    cpi r25, {RESUME}
-    brne 2f
-    next_byte r18
-    next_byte r19
-2:  std Y+{FRACTION}, r18
-    std Y+{FRACTION}+1, r19
+    ldi r24, 0x80
+    std Y+{FRACTION}, r1
+    std Y+{FRACTION}+1, r24
     ldd r24, Y+{POSITION}
     std Y+{ORIGIN}, r24
     ldd r24, Y+{POSITION}+1
@@ -638,67 +629,6 @@ load_check:
 2:  ldi r22, {MISMATCH}
     rjmp load_fail_here
 1:  ret
-
-    // A part of a stop: 2^m steps, m in the lower four bits, add = t - t/8 with t = interval / 2^(m+1).
-load_slow:
-    andi r25, 15
-    ldi r18, 1
-    clr r19
-    mov r24, r25
-    rjmp 2f
-1:  lsl r18
-    rol r19
-2:  dec r24
-    brpl 1b
-    std Y+{LEFT}, r18
-    std Y+{LEFT}+1, r19
-    std Y+{COUNT}, r18
-    std Y+{COUNT}+1, r19
-    ldd r18, Y+{INTERVAL}
-    ldd r19, Y+{INTERVAL}+1
-    ldd r20, Y+{INTERVAL}+2
-    ldd r21, Y+{INTERVAL}+3
-    ldd r22, Y+{INTERVAL}+4
-    sbrc r22, 7
-    rjmp load_bad
-    inc r25
-3:  lsr r22
-    ror r21
-    ror r20
-    ror r19
-    ror r18
-    dec r25
-    brne 3b
-    mov r23, r18
-    mov r24, r19
-    movw r30, r20
-    mov r25, r22
-    .rept 3
-    lsr r25
-    ror r31
-    ror r30
-    ror r24
-    ror r23
-    .endr
-    sub r18, r23
-    sbc r19, r24
-    sbc r20, r30
-    sbc r21, r31
-    sbc r22, r25
-    tst r22                             // sbc leaves Z to what is below
-    brne load_bad_near
-    sbrc r21, 7
-    rjmp load_bad
-    std Y+{ADD}, r18
-    std Y+{ADD}+1, r19
-    std Y+{ADD}+2, r20
-    std Y+{ADD}+3, r21
-    .irp at, 0,1,2,3
-    std Y+{ADD2}+\at, r1
-    .endr
-    ldd r30, Y+{END}
-    ldd r31, Y+{END}+1
-    rjmp load_ran
 
     // A segment in full. r0: widths of interval and add; r14: of add2 and the count.
 load_exact:
@@ -822,7 +752,6 @@ load_clear:
     COUNT = const offset_of!(Motor, count),
     AT_REST = const COUNT_AT_REST,
     DWELL = const Control::Dwell as u8,
-    RESUME = const Control::Resume as u8,
     FLAGS = const offset_of!(Motor, flags),
     SURE = const offset_of!(Motor, sure),
     EVEN = const EVEN,

@@ -17,11 +17,8 @@ use pulsetrain_core::narrow::Registers;
 use pulsetrain_core::{Direction, narrow::verbs::Steps};
 use pulsetrain_core::{Epoch, Moment};
 
-/// How many switches may wait, one after the other.
-pub(crate) const SWITCHES: usize = 2;
-
-/// How many epochs may wait behind the one being run.
-pub(super) const PARTS: usize = 3;
+/// How many epochs may wait behind the one being run: that of the switch that waits, and one that is to replace it.
+pub(super) const PARTS: usize = 2;
 
 /// Bytes of a motor's [`braking`](Motor::braking).
 pub(super) const BRAKING: usize = if Uses::LEASES { 4 } else { 0 };
@@ -153,7 +150,7 @@ pub(crate) struct Motor {
     pub(crate) last: Moment,
     /// DIR stays until then.
     pub(crate) free: Moment,
-    /// Tick of the switch that waits.
+    /// When it goes over: the tick of the switch that waits, or of the end of the lease.
     pub(crate) switch_at: Moment,
     /// Steps forward minus backward, those of the segment being run included.
     pub(crate) position: i32,
@@ -171,7 +168,7 @@ pub(crate) struct Motor {
     pub(super) parts: [Part; 1 + PARTS],
     /// How many there are behind it.
     pub(super) behind: u8,
-    pub(super) switches: [Switch; SWITCHES],
+    pub(super) switch: Switch,
     /// Why steps of the epoch were not made, as a [`Reason`], or 0.
     pub(super) reason: u8,
     /// [`Fault::tick`]. Before that, with a lease, the position at the last anchor, wait or reversal: no step has come after it if that is the position
@@ -208,7 +205,7 @@ impl Motor {
         sure: 0,
         parts: [Part::NONE; 1 + PARTS],
         behind: 0,
-        switches: [Switch { epoch: Epoch(0), at: Moment(0) }; SWITCHES],
+        switch: Switch { epoch: Epoch(0), at: Moment(0) },
         reason: 0,
         fault_tick: Moment(0),
         is_due: false,

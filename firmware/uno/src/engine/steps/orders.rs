@@ -11,7 +11,7 @@
 use super::brake::{Lease, lease, state};
 use super::motor::{Motor, Part, flag};
 use super::pins::MAX_MOTORS;
-use super::plan::of_switch;
+use super::plan::OF_SWITCH;
 use super::stepper::{COUNT, SWAP, Stepper, Track};
 use super::task::mode;
 use core::arch::global_asm;
@@ -285,8 +285,6 @@ order_extend:
     brcs 8f
     movw r30, r16
     ld r24, Z+
-    tst r24
-    breq 8f
     rcall order_put_off
     brcs order_late
     // Limits for each motor by its number, or none: how hard it may brake.
@@ -430,7 +428,8 @@ order_check:
     subi r24, 5
     brcs 3f
     ld r25, Z
-    cpi r25, 3
+    dec r25
+    cpi r25, 2                          // UNTIL or LAST: frames set no lease off
     brsh 2f
     adiw r30, 5
     tst r24
@@ -496,7 +495,7 @@ order_go_on:
     andi r24, 0xff - (1 << {SWITCH})
     std Y+{FLAGS}, r24
     .irp at, 0,1,2,3
-    ldd r24, Z+{FIRST_AT}+\at
+    ldd r24, Z+{AWAITED_AT}+\at
     std Y+{SWITCH_AT}+\at, r24
     .endr
 3:  order_next 1b
@@ -565,7 +564,7 @@ steps_lapse:
     PARTS = const offset_of!(Motor, parts),
     BEHIND = const offset_of!(Motor, behind) - offset_of!(Motor, parts),
     IS_DUE = const offset_of!(Motor, is_due) - offset_of!(Motor, parts),
-    FIRST_AT = const of_switch(0) + offset_of!(super::motor::Switch, at),
+    AWAITED_AT = const OF_SWITCH + offset_of!(super::motor::Switch, at),
     STATE = const super::brake::STATE,
     AWAITS = const state::AWAITS,
     WAITS = const state::WAITS,

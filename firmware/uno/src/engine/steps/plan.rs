@@ -60,10 +60,8 @@ macro_rules! sure_now {
 }
 pub(super) use sure_now;
 
-/// Where in a motor a switch is, behind its parts.
-pub(super) const fn of_switch(index: usize) -> usize {
-    offset_of!(Motor, switches) + index * size_of::<Switch>() - offset_of!(Motor, parts)
-}
+/// Where in a motor its switch is, behind its parts.
+pub(super) const OF_SWITCH: usize = offset_of!(Motor, switch) - offset_of!(Motor, parts);
 
 global_asm!(
     r#"
@@ -855,7 +853,7 @@ plan_go_over:
     std Y+{FLAGS}, r24
     call load_clear
     .if {LEASES}
-    ldd r22, Z+{FIRST_EPOCH}
+    ldd r22, Z+{SWITCH_EPOCH}
     set
     rcall plan_pass_parts
     std Z+{REASON}, r1
@@ -864,32 +862,11 @@ plan_go_over:
     movw r30, r28
     subi r30, lo8(-({PARTS}))
     sbci r31, hi8(-({PARTS}))
-    ldd r22, Z+{FIRST_EPOCH}
+    ldd r22, Z+{SWITCH_EPOCH}
     pass_parts 0
     std Z+{REASON}, r1
     reach_switch
     .endif
-    // The second switch is the first now; one alone stands twice.
-    ldd r22, Z+{SECOND_EPOCH}
-    std Z+{FIRST_EPOCH}, r22
-    ldd r22, Z+{SECOND_AT}
-    ldd r23, Z+{SECOND_AT}+1
-    ldd r24, Z+{SECOND_AT}+2
-    ldd r25, Z+{SECOND_AT}+3
-    std Z+{FIRST_AT}, r22
-    std Z+{FIRST_AT}+1, r23
-    std Z+{FIRST_AT}+2, r24
-    std Z+{FIRST_AT}+3, r25
-    store_4 r22, r23, r24, r25, {SWITCH_AT}
-    cp r18, r22
-    cpc r19, r23
-    cpc r20, r24
-    cpc r21, r25
-    breq 8f
-    ldd r24, Y+{FLAGS}
-    ori r24, 1 << {SWITCH}
-    std Y+{FLAGS}, r24
-8:
     .if {LEASES}
     call steps_lease_goes_on
     .endif
@@ -1024,10 +1001,7 @@ plan_make:
     PART_EPOCH = const offset_of!(Part, epoch),
     BEHIND = const offset_of!(Motor, behind) - offset_of!(Motor, parts),
     REASON = const offset_of!(Motor, reason) - offset_of!(Motor, parts),
-    FIRST_EPOCH = const of_switch(0) + offset_of!(Switch, epoch),
-    FIRST_AT = const of_switch(0) + offset_of!(Switch, at),
-    SECOND_EPOCH = const of_switch(1) + offset_of!(Switch, epoch),
-    SECOND_AT = const of_switch(1) + offset_of!(Switch, at),
+    SWITCH_EPOCH = const OF_SWITCH + offset_of!(Switch, epoch),
     BACKWARD = const flag::BACKWARD,
     UNREADABLE = const flag::UNREADABLE,
     TURN = const flag::TURN,

@@ -601,7 +601,7 @@ impl Stepper {
         if self.count == 0 { self.tracks[0].at.after(1) } else { self.first_open() }
     }
 
-    /// All motors go over to `epoch` at `at`, which is not before the horizon; or none does, because too many wait.
+    /// All motors go over to `epoch` at `at`, which is not before the horizon; or none does, because a switch waits for an earlier tick.
     #[inline(always)]
     pub(crate) fn switch(&mut self, epoch: Epoch, at: Moment) -> bool {
         switch::all(epoch, at)

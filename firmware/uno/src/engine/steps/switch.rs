@@ -1,8 +1,7 @@
-//! Switches: at a tick all motors go over to another epoch. Two may wait, one after the other; of a motor that waits for one alone both places have that.
-//! The plan makes them ([`plan`](super::plan)).
+//! Switches: at a tick all motors go over to another epoch. One may wait. The plan makes it ([`plan`](super::plan)).
 
 use super::motor::{Motor, Switch, flag};
-use super::plan::of_switch;
+use super::plan::OF_SWITCH;
 use super::stepper;
 use core::arch::global_asm;
 use core::mem::offset_of;
@@ -22,82 +21,59 @@ global_asm!(
     dec r27
     brne \again
     .endm
-    // Goes to \none if the motor Y waits for no switch, or r22 to r25 is not after the tick at Z+\offset. Z: its parts; r18 is its flags. Uses r26.
-    .macro switch_after offset, none
-    movw r30, r28
-    subi r30, lo8(-({PARTS}))
-    sbci r31, hi8(-({PARTS}))
-    ldd r18, Y+{FLAGS}
-    sbrs r18, {SWITCH}
-    rjmp \none
-    ldd r26, Z+\offset
-    cp r22, r26
-    ldd r26, Z+\offset+1
-    cpc r23, r26
-    ldd r26, Z+\offset+2
-    cpc r24, r26
-    ldd r26, Z+\offset+3
-    cpc r25, r26
-    brmi \none
-    breq \none
-    .endm
-
     .section .text.steps_switch, "ax", @progbits
     .global steps_switch
     // For Rust: r22 to r25 is the tick, r20 the epoch. r24: not 0 if it can be.
 steps_switch:
     push r28
     push r29
-    // None may wait for two before it.
+    // None may wait for an earlier one.
     switch_each
-1:  switch_after {SECOND_AT}, 2f
-    ldd r26, Z+{FIRST_AT}
-    ldd r18, Z+{SECOND_AT}
-    cp r26, r18
-    .irp at, 1,2,3
-    ldd r26, Z+{FIRST_AT}+\at
-    ldd r18, Z+{SECOND_AT}+\at
-    cpc r26, r18
-    .endr
-    brne 7f
+1:  ldd r18, Y+{FLAGS}
+    sbrs r18, {SWITCH}
+    rjmp 2f
+    ldd r18, Y+{SWITCH_AT}
+    cp r18, r22
+    ldd r18, Y+{SWITCH_AT}+1
+    cpc r18, r23
+    ldd r18, Y+{SWITCH_AT}+2
+    cpc r18, r24
+    ldd r18, Y+{SWITCH_AT}+3
+    cpc r18, r25
+    brmi 5f
 2:  switch_next 1b
     switch_each
-3:  switch_after {FIRST_AT}, 4f
-    rjmp 5f
-4:  std Z+{FIRST_EPOCH}, r20
-    std Z+{FIRST_AT}, r22
-    std Z+{FIRST_AT}+1, r23
-    std Z+{FIRST_AT}+2, r24
-    std Z+{FIRST_AT}+3, r25
+3:  movw r30, r28
+    subi r30, lo8(-({PARTS}))
+    sbci r31, hi8(-({PARTS}))
+    std Z+{EPOCH}, r20
+    std Z+{AT}, r22
+    std Z+{AT}+1, r23
+    std Z+{AT}+2, r24
+    std Z+{AT}+3, r25
     std Y+{SWITCH_AT}, r22
     std Y+{SWITCH_AT}+1, r23
     std Y+{SWITCH_AT}+2, r24
     std Y+{SWITCH_AT}+3, r25
-5:  std Z+{FIRST_EPOCH}+{SWITCH_SIZE}, r20
-    std Z+{SECOND_AT}, r22
-    std Z+{SECOND_AT}+1, r23
-    std Z+{SECOND_AT}+2, r24
-    std Z+{SECOND_AT}+3, r25
     std Z+{IS_DUE}, r1
+    ldd r18, Y+{FLAGS}
     ori r18, 1 << {SWITCH}
     std Y+{FLAGS}, r18
     switch_next 3b
     ldi r24, 1
-6:  pop r29
+4:  pop r29
     pop r28
     ret
-7:  clr r24
-    rjmp 6b
+5:  clr r24
+    rjmp 4b
     "#,
     COUNT = const stepper::COUNT,
     MOTOR_SIZE = const size_of::<Motor>(),
-    SWITCH_SIZE = const size_of::<Switch>(),
     PARTS = const offset_of!(Motor, parts),
     FLAGS = const offset_of!(Motor, flags),
     SWITCH = const flag::SWITCH,
-    FIRST_EPOCH = const of_switch(0) + offset_of!(Switch, epoch),
-    FIRST_AT = const of_switch(0) + offset_of!(Switch, at),
-    SECOND_AT = const of_switch(1) + offset_of!(Switch, at),
+    EPOCH = const OF_SWITCH + offset_of!(Switch, epoch),
+    AT = const OF_SWITCH + offset_of!(Switch, at),
     SWITCH_AT = const offset_of!(Motor, switch_at),
     IS_DUE = const offset_of!(Motor, is_due) - offset_of!(Motor, parts),
 );
@@ -106,8 +82,8 @@ unsafe extern "C" {
     fn steps_switch(at: u32, epoch: u8) -> u8;
 }
 
-/// At `at`, not before the horizon, all motors go over to `epoch`; or none does, because two switches wait before. One that waits at that tick
-/// or later is replaced.
+/// At `at`, not before the horizon, all motors go over to `epoch`; or none does, because a switch waits for an earlier tick. One that waits at that
+/// tick or later is replaced. No motor awaits the end of a lease.
 #[inline(always)]
 pub(super) fn all(epoch: Epoch, at: Moment) -> bool {
     // SAFETY: the assembly uses the motors alone, which belong to who has the stepper.
