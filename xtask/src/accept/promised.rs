@@ -44,7 +44,11 @@ mod tests {
     fn the_row_is_that_of_the_fastest_turns() {
         let motion = |motors, rate, turns_hz| Motion { files: Vec::new(), motors, endless: false, rate, turns_hz };
         let check = |motors, rate, turns_hz, expected| {
-            assert_eq!(is_promised(&motion(motors, rate, turns_hz), 25e3), expected, "{motors} at {rate}, {turns_hz:?}");
+            assert_eq!(
+                is_promised(&motion(motors, rate, turns_hz), 25e3),
+                expected,
+                "{motors} at {rate}, {turns_hz:?}"
+            );
         };
         check(4, 17e3, Some(5.0), true);
         check(4, 17e3, Some(5.1), false);
