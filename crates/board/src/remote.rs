@@ -1,6 +1,6 @@
 //! A board at the other end of a line.
 //!
-//! What is pushed is packed and sent as soon as time passes ([`Board::advance`], [`Board::switch`]). Time is the
+//! What is pushed is packed and sent as soon as time passes ([`Board::advance`], [`Leased::switch`]). Time is the
 //! port's: a real one waits, a virtual one lets its board run. Ticks are the board's own, as its clock was read.
 //!
 //! When the board is lost, nothing waits for it: what is pushed goes nowhere, switches are refused, time goes on, and
