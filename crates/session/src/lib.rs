@@ -46,7 +46,7 @@ use timeline::{Step, Timeline};
 const PATIENCE_S: u64 = 5;
 
 /// A lease that ends within so many ms is short.
-const SHORT_MS: u64 = 10;
+const SHORT_MS: u64 = 20;
 
 /// So many extensions of the lease may be on their way: what a queue holds need not last until two of them were answered, one after the other.
 const MOST_ASKED: usize = 3;

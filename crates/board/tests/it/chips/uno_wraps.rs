@@ -49,6 +49,8 @@ fn across(port: VirtualUno, wrap: u64, pins: &[(u8, u8)], timing: Timing) {
             }
         }
         board.switch(Epoch(epoch), from, Lease::Last, &[]).expect("in time");
+        // One switch may wait.
+        board.advance(from, &mut lab);
     }
     board.advance(wrap + TICK_HZ / 2, &mut lab);
     assert!(board.is_idle());
