@@ -402,8 +402,8 @@ fn uno() -> BoardRow {
         horizon_ticks: rates.horizon,
         lateness_ticks: rates.lateness,
         // Fitted to motions that ran without these limits. At 1 000 000 baud: 1000 of `cargo xtask accept --board uno --seed 20`, and 1541 of sinusoids, in
-        // phase and not, of one to four motors at 5 to 60 Hz. At 115 200 baud: 500 of seed 8 and 700 of seed 62. The queue of every motion that was stopped
-        // for lack of plan lasted less than this; so did the queues of three in a thousand random motions that ran.
+        // phase and not, of one to four motors at 5 to 60 Hz. At 115 200 baud: 500 of seed 8, and four of seed 62 that starved with a shorter delay. The queue of
+        // every motion that was stopped for lack of plan lasted less than this; so did the queues of three in a thousand random motions that ran.
         line: Some(LineRow {
             delay_us: 700,
             delay_byte_us: 100,
