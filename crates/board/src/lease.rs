@@ -88,8 +88,9 @@ pub enum TrimRefused {
 
 /// A board whose plans hold by lease.
 pub trait Leased: Board {
-    /// At `tick`, all motors drop what is left of the old epoch and begin `epoch`. From then on the plan holds as long as `lease` says, and the
-    /// motors brake within `limits`, those for which none is given as before.
+    /// Begins `epoch` at `tick`. All motors drop the rest of the old epoch then. The new plan holds as long as `lease` says.
+    ///
+    /// `limits` say how hard each motor may brake. A motor that has none there keeps the limit that it has.
     ///
     /// A step of the old epoch at `tick` or later is not made. One switch may wait: another one replaces it at its tick or before.
     ///

@@ -243,8 +243,8 @@ impl<const F: u32> Channel<F> {
         }
     }
 
-    /// At tick `at` (less than 2^31 ahead), what is left of the old epoch is to be dropped and `epoch` begun. From then on the plan holds as long
-    /// as `lease` says, and the motor brakes within `limit`, or else within the one that was told before. A lease that has lapsed is over then.
+    /// Begins `epoch` at tick `at`, which is less than 2^31 ticks ahead. The rest of the old epoch is dropped then. The new plan holds as long as
+    /// `lease` says. `limit` says how hard the motor may brake; without one it keeps the limit that it has. A lapse of the old lease ends here.
     ///
     /// One switch may wait. Another one replaces it at its tick or before.
     ///

@@ -1,4 +1,4 @@
-//! Motions that an Uno is to follow at 1 Mbaud: slower than 90 % of the rates that figure 8 of docs/benchmarks.md is held against.
+//! Motions that an Uno is to follow at 1 Mbaud: slower than 90 % of the rates that `cargo xtask bench uno --motions` asks for.
 
 use super::Tried;
 use super::motions::Motion;
@@ -10,8 +10,8 @@ const RATES: [(f64, [f64; 4]); 3] =
 /// Slower than this share of them.
 const SHARE: f64 = 0.9;
 
-/// Whether a motion is one of them, on pins and drivers for which the board promises `promised_hz`. What turns faster than the table goes, or
-/// nobody knows how fast, is not.
+/// Whether a motion is one of them. `promised_hz` is what the board promises for its pins and drivers, steps/s. A motion that turns at more than 35 Hz
+/// is not one of them, nor is one whose turning is not known.
 pub(super) fn is_promised(motion: &Motion, promised_hz: f64) -> bool {
     let row = motion.turns_hz.and_then(|hz| RATES.iter().find(|(to_hz, _)| hz <= *to_hz));
     let rate = row.and_then(|(_, rates)| rates.get(motion.motors - 1));
@@ -30,7 +30,7 @@ pub(super) fn line(tried: &[Tried]) -> String {
     };
     let (by_board, by_file) = (refused(false), refused(true));
     format!(
-        "\nuno, slower than 90 % of the rates of figure 8: {} tried, {by_board} refused ({:.1} %), and {by_file} for limits of the file\n",
+        "\nuno, slower than 90 % of the rates of `bench uno --motions`: {} tried, {by_board} refused ({:.1} %), and {by_file} for limits of the file\n",
         of.len(),
         100.0 * by_board as f64 / of.len() as f64
     )

@@ -129,8 +129,8 @@ pub trait Machine {
     /// Takes back what was pushed last of `epoch`, of all motors.
     fn discard(&mut self, epoch: Epoch);
 
-    /// At `tick` all motors drop what is left of the old epoch and begin `epoch`, whose plan holds as long as `lease` says (of a frame never
-    /// [`Lease::Off`]); all or none, and when none, what was pushed of `epoch` is dropped.
+    /// Begins `epoch` at `tick`. All motors drop the rest of the old epoch then. The new plan holds as long as `lease` says, which in a frame is never
+    /// [`Lease::Off`]. All motors switch, or none does: then what was pushed of `epoch` is dropped.
     ///
     /// `limits` are how hard motors may brake then: three bytes for each ([`limits_of`](super::message::limits_of)), all of them possible; or
     /// nothing, and those before hold.

@@ -46,7 +46,7 @@ impl<P: Port> Ends<P> {
         self.cut.is_some_and(|cut| self.port.now() >= cut)
     }
 
-    /// The board goes on by itself.
+    /// Lets the board's time pass without a host.
     fn run(&mut self, until: Duration) {
         while self.port.now() < until {
             self.port.receive(until, &mut Vec::new()).expect("a virtual port is always there");

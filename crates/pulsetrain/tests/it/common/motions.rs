@@ -15,7 +15,7 @@ use std::f64::consts::TAU;
 
 /// 99 of 100 edges of motors in phase must not be later than that, cycles: they wait for one another.
 const P99_IN_PHASE: i64 = 45;
-/// What the planner is told of the shortest interval, ticks, so that it refuses nothing that the board may make.
+/// The shortest interval that the planner allows here, ticks. It is shorter than any that an Uno makes, so that the board is the limit.
 const SHORTEST_TICKS: u32 = 90;
 
 /// A motion of about a second.

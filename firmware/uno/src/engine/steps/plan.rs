@@ -368,7 +368,7 @@ plan_have_time:
     lsl r25
     cp r19, r25
     brsh 7f
-    // If not, they are counted, to 1/256 of a tick: it is less than the 24 that 31 of them may be off.
+    // If not, they are counted with intervals that are cut to 1/256 of a tick. 31 steps come less than 24 ticks later than that.
 5:  subi r18, 24
     sbci r19, 0
     brcs 9f
