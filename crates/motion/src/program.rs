@@ -20,6 +20,8 @@ pub struct Program {
     pub motors: Vec<Motor>,
     /// Which of them draw figures together, in the file's order.
     pub machines: Vec<Machine>,
+    /// How much of the board's queues each motor gets, in 64ths; none: equal parts.
+    pub queue_parts: Vec<u8>,
 }
 
 /// The longest [`Program::idle_ms`]: what every board can. A Pico tells ticks of 8 ns apart within 2^31.

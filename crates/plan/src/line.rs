@@ -10,6 +10,7 @@ use crate::Move;
 use crate::error::PlanError;
 use crate::packed::Meter;
 use crate::settings::Settings;
+use pulsetrain_core::wire::message::QUEUE_PARTS;
 use pulsetrain_motion::boards;
 use pulsetrain_motion::program::Program;
 use std::collections::VecDeque;
@@ -24,12 +25,12 @@ const BUSY_MS: u64 = 10;
 const BITS: f64 = 10.0;
 
 /// A line to a board, as a plan that goes over it must know it.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Line {
     /// Ticks per second.
     pub tick_hz: u64,
     /// What a session fills of each motor's queue while the motors move, bytes.
-    pub queue_bytes: usize,
+    pub queue_bytes: Vec<usize>,
     /// What a byte of a plan takes on the line with its share of all frames, ticks.
     pub byte_ticks: f64,
     /// From an item's leaving the queue to a lease that counts on what came in its place, ticks, without the time on the line, of a board that had
@@ -50,11 +51,12 @@ impl Line {
         let row = boards::find(&program.board.name)?;
         let line = row.line?;
         let tick_hz = program.board.tick_hz;
-        let queue = *row.queue_bytes.get(program.motors.len() - 1).or(row.queue_bytes.last())? as usize;
+        let motors = program.motors.len();
+        let queue = *row.queue_bytes.get(motors - 1).or(row.queue_bytes.last())? as usize;
         let bytes_per_s = f64::from(baud) / BITS - f64::from(line.other_bytes_per_s);
         Some(Line {
             tick_hz,
-            queue_bytes: queue - queue / KEPT,
+            queue_bytes: vec![queue - queue / KEPT; motors],
             byte_ticks: tick_hz as f64 * line.frame_share / bytes_per_s,
             delay_ticks: tick_hz as f64
                 * (f64::from(line.delay_us) * 1e-6 + f64::from(line.delay_bytes) * BITS / f64::from(baud)),
@@ -62,6 +64,14 @@ impl Line {
             busy_ticks: BUSY_MS * tick_hz / 1000,
             ahead_ticks: (AHEAD_MS * tick_hz / 1000) as f64,
         })
+    }
+
+    /// The same line if each motor gets so many parts of the queues.
+    #[must_use]
+    pub fn with_parts(&self, parts: &[u8]) -> Line {
+        let all: usize = self.queue_bytes.iter().sum();
+        let queue_bytes = parts.iter().map(|parts| all * usize::from(*parts) / usize::from(QUEUE_PARTS)).collect();
+        Line { queue_bytes, ..self.clone() }
     }
 }
 
@@ -111,7 +121,8 @@ impl Supply {
     /// # Errors
     /// If the board would not know of it in time.
     pub fn add(&mut self, motor: usize, next: &Move, from: u64) -> Result<(), PlanError> {
-        let Line { tick_hz, queue_bytes, byte_ticks, ahead_ticks, .. } = self.line;
+        let Line { tick_hz, byte_ticks, ahead_ticks, .. } = self.line;
+        let queue_bytes = self.line.queue_bytes[motor];
         let lane = &mut self.lanes[motor];
         let before = lane.meter.bytes();
         lane.meter.add(next);
@@ -168,6 +179,75 @@ impl Supply {
     }
 }
 
+/// How long queues of some size last: what each motor's plan takes in some time, at most.
+#[derive(Clone, Debug)]
+pub struct Demand {
+    tick_hz: u64,
+    lanes: Vec<Window>,
+}
+
+/// The items of a motor that begin within some time of each other.
+#[derive(Clone, Debug)]
+struct Window {
+    meter: Meter,
+    /// The tick at which an item begins, and the bytes up to it.
+    items: VecDeque<(u64, u64)>,
+    /// Items that are no longer there.
+    gone: usize,
+    /// For each of the times: the first item in it, and the most bytes so far.
+    most: Vec<(usize, u64)>,
+}
+
+/// The shortest time that is looked at, ms; each of [`TIMES`] others is so much longer.
+const SHORTEST_MS: f64 = 2.0;
+const LONGER: f64 = 1.1;
+const TIMES: i32 = 50;
+/// A motor's queue has so many bytes at least: room for what a change tells it. `cargo test -p pulsetrain --test it small_queues` has about as many.
+const LEAST_QUEUE: u64 = 48;
+
+impl Demand {
+    /// Before the first move of motors with these settings.
+    #[must_use]
+    pub fn new<'s>(tick_hz: u64, motors: impl IntoIterator<Item = &'s Settings>) -> Demand {
+        let window = |settings| Window {
+            meter: Meter::new(settings),
+            items: VecDeque::new(),
+            gone: 0,
+            most: vec![(0, 0); TIMES as usize],
+        };
+        Demand { tick_hz, lanes: motors.into_iter().map(window).collect() }
+    }
+
+    /// Adds a move of a motor that begins at tick `from`.
+    pub fn add(&mut self, motor: usize, next: &Move, from: u64) {
+        let hz = self.tick_hz as f64;
+        let Window { meter, items, gone, most } = &mut self.lanes[motor];
+        items.push_back((from, meter.bytes()));
+        meter.add(next);
+        for (number, (first, most)) in (0..).zip(most.iter_mut()) {
+            let ticks = (SHORTEST_MS * 1e-3 * LONGER.powi(number) * hz) as u64;
+            while items[*first - *gone].0 + ticks < from {
+                *first += 1;
+            }
+            *most = (*most).max(meter.bytes() - items[*first - *gone].1);
+        }
+        let oldest = most.iter().map(|(first, _)| *first).min().unwrap_or(*gone);
+        items.drain(..oldest - *gone);
+        *gone = oldest;
+    }
+
+    /// The parts of a line's queues ([`QUEUE_PARTS`]) with which all last equally long, as long as can be. `None` if they are too short for any
+    /// time that is looked at.
+    #[must_use]
+    pub fn parts(&self, line: &Line) -> Option<Vec<u8>> {
+        let all: usize = line.queue_bytes.iter().sum();
+        let needs = |time: usize| self.lanes.iter().map(move |lane| lane.most[time].1.max(LEAST_QUEUE));
+        let time = (0..TIMES as usize).rev().find(|time| needs(*time).sum::<u64>() <= all as u64)?;
+        let sum: u64 = needs(time).sum();
+        Some(needs(time).map(|bytes| (bytes * u64::from(QUEUE_PARTS) / sum) as u8).collect())
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -178,6 +258,7 @@ mod tests {
 
     fn line(queue_bytes: usize, byte_ticks: f64, delay_ticks: f64) -> Line {
         let (busy_ticks, ahead_ticks) = (SECOND / 100, SECOND as f64);
+        let queue_bytes = vec![queue_bytes; 4];
         Line { tick_hz: SECOND, queue_bytes, byte_ticks, delay_ticks, delay_byte_ticks: 0.0, busy_ticks, ahead_ticks }
     }
 
@@ -210,7 +291,7 @@ mod tests {
         ) {
             let delay = delay_ms * 1e-3 * SECOND as f64;
             let line = Line { delay_byte_ticks: more, ..line(queue, byte, delay) };
-            let (bytes, added) = added(line, motors, ticks);
+            let (bytes, added) = added(line.clone(), motors, ticks);
             // So many bytes of all motors are in as many ticks.
             let read = (motors * bytes) as f64 * more;
             let busy = (line.busy_ticks / ticks) as f64;
@@ -239,6 +320,27 @@ mod tests {
             added(line(90, 1600.0, 1000.0), 2, 10_000).1.expect_err("two motors take more than the line brings");
         let PlanError::LineTooSlow { rate, limit, .. } = error else { panic!("{error}") };
         assert!(limit == 10_000.0 && rate > limit, "{rate} of {limit}");
+    }
+
+    /// Motors whose steps come at different rates, all of them bytes that nothing predicts.
+    #[test]
+    fn queues_by_need_last_equally_long() {
+        let settings = vec![Settings::new(SECOND, 16); 3];
+        let mut demand = Demand::new(SECOND, &settings);
+        let every = [4_000u64, 16_000, 1_600_000];
+        for (motor, ticks) in every.into_iter().enumerate() {
+            for number in 0..SECOND / ticks {
+                let interval = ((ticks as i64) << 16) + if number % 2 == 0 { 9_999_991 } else { -9_999_991 };
+                demand.add(motor, &steps(interval), number * ticks);
+            }
+        }
+        let line = line(99, 1600.0, 1000.0);
+        let line = Line { queue_bytes: vec![99; 3], ..line };
+        let parts = demand.parts(&line).expect("a few steps have room");
+        let [fast, slow, least] = parts[..] else { panic!("{parts:?}") };
+        assert!((fast..4 * fast).contains(&(4 * slow + 8)) && parts.iter().sum::<u8>() <= QUEUE_PARTS, "{parts:?}");
+        assert!(u64::from(least) * 297 / u64::from(QUEUE_PARTS) + 5 > LEAST_QUEUE, "{parts:?}");
+        assert_eq!(demand.parts(&Line { queue_bytes: vec![20; 3], ..line }), None);
     }
 
     #[test]

@@ -612,8 +612,9 @@ pub(crate) fn setup(program: &Program) -> Setup {
         hold_ticks: ticks(timing.dir_hold),
         ..Setup::default()
     };
-    for motor in &program.motors {
+    for (index, motor) in program.motors.iter().enumerate() {
         let mut wired = MotorSetup {
+            queue_parts: program.queue_parts.get(index).copied().unwrap_or(0),
             gain: Settings::of(program, motor).gain().unwrap_or(0),
             pull_in_ticks: u32::try_from(pull_in_ticks(motor, hz)).unwrap_or(u32::MAX),
             ..MotorSetup::default()

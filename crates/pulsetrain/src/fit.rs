@@ -155,8 +155,8 @@ fn boards_that_fit(prepared: &Prepared, another: impl Fn() -> bool) -> Option<Ve
         if !another() {
             return None;
         }
-        let line = prepared.line.and_then(|_| Line::of(&program, prepare::usual_baud(&name).rate()));
-        if prepare::all_fit(&program, line, 1.0) {
+        let line = prepared.line.as_ref().and_then(|_| Line::of(&program, prepare::usual_baud(&name).rate()));
+        if prepare::all_fit(&program, line.as_ref(), 1.0) {
             able.push(name);
         }
     }
@@ -452,15 +452,16 @@ const LOOSEST_OVER_LINE_S: f64 = 20e-6;
 
 /// What to do where the line does not bring the plans of all motors in time.
 fn over_line(prepared: &Prepared) -> Vec<String> {
-    let (program, line) = (&prepared.program, prepared.line);
+    let (program, line) = (&prepared.program, prepared.line.as_ref());
     let tries = Tries::new();
     let another = || tries.another(program.motors.iter().map(|motor| &motor.law)).is_ok();
-    let fits =
-        |program: &Program, line: Option<Line>, factor: f64| another().then(|| prepare::all_fit(program, line, factor));
+    let fits = |program: &Program, line: Option<&Line>, factor: f64| {
+        another().then(|| prepare::all_fit(program, line, factor))
+    };
     let mut lines = Vec::new();
     let usual = prepare::usual_baud(&program.board.name).rate();
     let fast = Line::of(program, usual);
-    if fast != line && fits(program, fast, 1.0) == Some(true) {
+    if fast.as_ref() != line && fits(program, fast.as_ref(), 1.0) == Some(true) {
         lines.push(format!("as it is, it fits over a line at {usual} baud (--baud)"));
     }
     if let Some(factor) = least(|factor| fits(program, line, factor)) {
@@ -480,7 +481,7 @@ fn over_line(prepared: &Prepared) -> Vec<String> {
     for count in (1..program.motors.len()).rev() {
         let mut fewer = program.clone();
         fewer.motors.truncate(count);
-        if program.machines.is_empty() && fits(&fewer, Line::of(&fewer, usual), 1.0) == Some(true) {
+        if program.machines.is_empty() && fits(&fewer, Line::of(&fewer, usual).as_ref(), 1.0) == Some(true) {
             lines.push(format!(
                 "with the first {count} of its motors it fits: the others can have a board of their own"
             ));

@@ -10,7 +10,9 @@ use pulsetrain_motion::pins::PinsError;
 use pulsetrain_motion::program::{BoardError, Limits, Program};
 use pulsetrain_motion::{Grid, LawError, Time, boards, file};
 use pulsetrain_plan::SOFTEST_STOP_S;
-use pulsetrain_plan::{Certificate, Ensemble, Line, Move, PlanError, Planner, Refused, Settings, Supply, stopping};
+use pulsetrain_plan::{
+    Certificate, Demand, Ensemble, Line, Move, PlanError, Planner, Refused, Settings, Supply, stopping,
+};
 
 use crate::estimate::{Estimate, Task};
 use crate::fit;
@@ -185,17 +187,50 @@ impl Prepared {
     ///
     /// # Errors
     /// When a plan would break a limit: with what would fit.
-    pub fn plan(&self, mut watch: impl FnMut(f64)) -> Result<Vec<Planned>, Refusal> {
-        let mut plans = Plans::new(&self.program, self.line).map_err(|refused| self.refuse(refused))?;
-        let mut moves: u32 = 0;
-        while let Some((motor, _)) = plans.next_move().map_err(|refused| self.refuse(refused))? {
-            moves = moves.wrapping_add(1);
-            if moves.is_multiple_of(256) {
-                watch(plans.clocks[motor].tick as f64 / self.program.board.tick_hz as f64);
-            }
+    pub fn plan(&self, watch: impl FnMut(f64)) -> Result<Vec<Planned>, Refusal> {
+        self.try_plan(watch).map_err(|refused| self.refuse(refused))
+    }
+
+    /// The same. Where equal parts of the board's queues are too short, each motor gets as much as its plan needs.
+    ///
+    /// # Errors
+    /// As [`Prepared::plan`].
+    pub fn plan_by_need(&mut self, mut watch: impl FnMut(f64)) -> Result<Vec<Planned>, Refusal> {
+        let refused = match self.try_plan(&mut watch) {
+            Ok(planned) => return Ok(planned),
+            Err(refused) => refused,
+        };
+        if matches!(refused.error, PlanError::QueueTooShort { .. })
+            && let Some(shared) = self.with_queues_by_need()
+            && let Ok(planned) = shared.try_plan(watch)
+        {
+            *self = shared;
+            return Ok(planned);
         }
-        plans.brake().map_err(|refused| self.refuse(refused))?;
-        Ok(plans.finish())
+        Err(self.refuse(refused))
+    }
+
+    fn try_plan(&self, watch: impl FnMut(f64)) -> Result<Vec<Planned>, Refused> {
+        Plans::new(&self.program, self.line.as_ref())?.run(watch)
+    }
+
+    /// With queues that last equally long for all motors; `None` if there is no line, or no use in it.
+    fn with_queues_by_need(&self) -> Option<Prepared> {
+        let line = self.line.as_ref()?;
+        let motors = self.program.motors.len();
+        if motors < 2 {
+            return None;
+        }
+        let mut plans = Plans::new(&self.program, None).ok()?;
+        let mut demand =
+            Demand::new(self.program.board.tick_hz, (0..motors).map(|motor| plans.ensemble.settings(motor)));
+        while let Some((motor, from, next)) = plans.next_move().ok()? {
+            demand.add(motor, &next, from);
+        }
+        let mut shared = self.clone();
+        shared.program.queue_parts = demand.parts(line)?;
+        shared.line = Some(line.with_parts(&shared.program.queue_parts));
+        Some(shared)
     }
 
     /// Plans as much of the beginning as takes no time: what is wrong there need not wait for a long plan.
@@ -209,10 +244,7 @@ impl Prepared {
         // One that cannot be cut there, or stopped, may still be right.
         let Ok(begun) = self.clone().ending(Some(length)) else { return Ok(()) };
         let is_of_motion = |refused: &Refused| refused.error.at_s().is_some_and(|at_s| at_s < length.seconds());
-        match Plans::new(&begun.program, begun.line).and_then(|mut plans| {
-            while plans.next_move()?.is_some() {}
-            Ok(())
-        }) {
+        match begun.try_plan(|_| {}) {
             Err(refused) if is_of_motion(&refused) => Err(self.refuse(refused)),
             _ => Ok(()),
         }
@@ -279,7 +311,7 @@ impl<'a> Plans<'a> {
     ///
     /// # Errors
     /// As [`Ensemble::new`].
-    pub fn new(program: &'a Program, line: Option<Line>) -> Result<Plans<'a>, Refused> {
+    pub fn new(program: &'a Program, line: Option<&Line>) -> Result<Plans<'a>, Refused> {
         Plans::slowed(program, line, 1.0)
     }
 
@@ -287,33 +319,35 @@ impl<'a> Plans<'a> {
     ///
     /// # Errors
     /// As [`Ensemble::new`].
-    pub fn slowed(program: &'a Program, line: Option<Line>, factor: f64) -> Result<Plans<'a>, Refused> {
+    pub fn slowed(program: &'a Program, line: Option<&Line>, factor: f64) -> Result<Plans<'a>, Refused> {
         let clocks = vec![Clock::new(program.board.fraction_bits); program.motors.len()];
         let ensemble = Ensemble::slowed(program, factor)?;
-        let supply = line.map(|line| Supply::new(line, (0..clocks.len()).map(|motor| ensemble.settings(motor))));
+        let supply =
+            line.map(|line| Supply::new(line.clone(), (0..clocks.len()).map(|motor| ensemble.settings(motor))));
         Ok(Plans { program, ensemble, supply, clocks })
     }
 
     /// The motor that is least far, and to which tick; `None` when all have ended.
     #[must_use]
-    pub fn least_far(&self) -> Option<(usize, u64)> {
+    fn least_far(&self) -> Option<(usize, u64)> {
         let going = self.clocks.iter().enumerate().filter(|(_, clock)| !clock.ended);
         going.map(|(motor, clock)| (motor, clock.tick)).min_by_key(|(_, tick)| *tick)
     }
 
-    /// The next move of the motor that is least far; `None` when all have ended.
+    /// The next move of the motor that is least far, and the tick at which it begins; `None` when all have ended.
     ///
     /// # Errors
     /// As [`Ensemble::next_move`], and where the line does not bring them in time.
-    pub fn next_move(&mut self) -> Result<Option<(usize, Move)>, Refused> {
+    fn next_move(&mut self) -> Result<Option<(usize, u64, Move)>, Refused> {
         while let Some((motor, _)) = self.least_far() {
             let clock = &mut self.clocks[motor];
             match self.ensemble.next_move(motor)? {
                 Some(next) => {
-                    let added = self.supply.as_mut().map_or(Ok(()), |supply| supply.add(motor, &next, clock.tick));
+                    let from = clock.tick;
+                    let added = self.supply.as_mut().map_or(Ok(()), |supply| supply.add(motor, &next, from));
                     added.map_err(|error| Refused { motor, error })?;
                     clock.advance(&next, self.program.board.fraction_bits);
-                    return Ok(Some((motor, next)));
+                    return Ok(Some((motor, from, next)));
                 }
                 None => clock.ended = true,
             }
@@ -321,11 +355,27 @@ impl<'a> Plans<'a> {
         Ok(None)
     }
 
+    /// Plans all that is left; `watch` hears how far the plan is, s.
+    ///
+    /// # Errors
+    /// When a plan would break a limit, or the board could not brake the motors.
+    pub fn run(mut self, mut watch: impl FnMut(f64)) -> Result<Vec<Planned>, Refused> {
+        let mut moves: u32 = 0;
+        while let Some((_, from, _)) = self.next_move()? {
+            moves = moves.wrapping_add(1);
+            if moves.is_multiple_of(256) {
+                watch(from as f64 / self.program.board.tick_hz as f64);
+            }
+        }
+        self.brake()?;
+        Ok(self.finish())
+    }
+
     /// Checks that the board can brake the motors as their limits want it, from what was planned.
     ///
     /// # Errors
     /// [`PlanError::TooGentle`].
-    pub fn brake(&self) -> Result<(), Refused> {
+    fn brake(&self) -> Result<(), Refused> {
         self.program.motors.iter().enumerate().try_for_each(|(index, motor)| {
             let peaks = self.ensemble.certificate(index);
             stopping(&peaks, &motor.limits, &self.program.board)
@@ -336,7 +386,7 @@ impl<'a> Plans<'a> {
 
     /// The figures of every motor's plan.
     #[must_use]
-    pub fn finish(&self) -> Vec<Planned> {
+    fn finish(&self) -> Vec<Planned> {
         let motors = self.clocks.iter().enumerate();
         motors
             .map(|(motor, clock)| Planned { certificate: self.ensemble.certificate(motor), last_tick: clock.last_step })
@@ -403,15 +453,8 @@ pub fn fits(law: &Law, settings: &Settings) -> bool {
 
 /// Whether the plans of all motors keep to every limit, and come over the line in time, if their laws are `factor` times slower.
 #[must_use]
-pub fn all_fit(program: &Program, line: Option<Line>, factor: f64) -> bool {
-    let Ok(mut plans) = Plans::slowed(program, line, factor) else { return false };
-    loop {
-        match plans.next_move() {
-            Ok(Some(_)) => {}
-            Ok(None) => return true,
-            Err(_) => return false,
-        }
-    }
+pub fn all_fit(program: &Program, line: Option<&Line>, factor: f64) -> bool {
+    Plans::slowed(program, line, factor).and_then(|plans| plans.run(|_| {})).is_ok()
 }
 
 /// When each motor's law ends; `None`: never.

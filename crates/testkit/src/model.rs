@@ -15,7 +15,7 @@ use pulsetrain_core::packing::{Packing, State};
 use pulsetrain_core::verbs::{Limits, Verbs};
 use pulsetrain_core::wire::machine::NO_LEASE;
 use pulsetrain_core::wire::message::{
-    self, ALL_MOTORS, Cause, Configuration, Event, Info, Measures, Reason, flags, limits_of,
+    self, ALL_MOTORS, Cause, Configuration, Event, Info, Measures, QUEUE_PARTS, Reason, flags, limits_of,
 };
 use pulsetrain_core::wire::orders::{Obeyed, Orders};
 use pulsetrain_core::wire::settings::SETTINGS_LEN;
@@ -312,7 +312,10 @@ impl Machine for Model {
                 epoch: None,
                 state: State::default(),
                 items: VecDeque::new(),
-                capacity: usize::from(self.memory[0]) / count,
+                capacity: match usize::from(motor.queue_parts) {
+                    0 => usize::from(self.memory[0]) / count,
+                    parts => usize::from(self.memory[0]) * parts / usize::from(QUEUE_PARTS),
+                },
                 faults: 0,
                 pull_in_ticks: motor.pull_in_ticks.into(),
             })

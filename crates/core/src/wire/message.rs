@@ -617,9 +617,11 @@ pub struct Configuration<'a> {
 /// |---|---|
 /// | 0 | pin of STEP; of coils, that of IN1, which the pins of IN2 to IN4 follow (on a Pico as on its header: 26 after 22) |
 /// | 1 | pin of DIR; motors may share it. 240, 241, 242: four coils, switched one at a time, two at a time, in half steps |
-/// | 2 | bit 0: forward is DIR high; bit 1: STEP is active low; others 0 |
+/// | 2 | bit 0: forward is DIR high; bit 1: STEP is active low; bits 2 to 7: how much of the queues' bytes the motor gets, 64ths |
 /// | 3 | packing gain, signed |
 /// | 4–7 | pull-in: the shortest interval that the motor can start and stop at, ticks |
+///
+/// With 0 for all motors each gets an equal part of the queues' bytes. Else none may be 0, and together they are 64 at most.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct MotorSetup {
     /// Pin of STEP.
@@ -630,6 +632,8 @@ pub struct MotorSetup {
     pub forward_high: bool,
     /// STEP is active low.
     pub step_low: bool,
+    /// How much of the queues' bytes the motor gets, in parts of [`QUEUE_PARTS`], less than all; 0: as much as the others.
+    pub queue_parts: u8,
     /// Of [`Packing`](crate::packing::Packing).
     pub gain: i8,
     /// The shortest interval that the motor can start and stop at, ticks.
@@ -641,6 +645,9 @@ pub const COILS: [u8; 3] = [240, 241, 242];
 
 /// Bytes of a [`MotorSetup`].
 pub const MOTOR_SETUP_LEN: usize = 8;
+
+/// What [`MotorSetup::queue_parts`] are parts of.
+pub const QUEUE_PARTS: u8 = 64;
 
 /// Pins of coils, IN1 to IN4, the first being `pin`: one after the other as a Pico's header has them, which goes on with
 /// GPIO 26 after 22.
@@ -687,7 +694,7 @@ impl MotorSetup {
     #[must_use]
     pub const fn to_bytes(&self) -> [u8; MOTOR_SETUP_LEN] {
         let [a, b, c, d] = self.pull_in_ticks.to_le_bytes();
-        let flags = self.forward_high as u8 | (self.step_low as u8) << 1;
+        let flags = self.forward_high as u8 | (self.step_low as u8) << 1 | self.queue_parts << 2;
         [self.step_pin, self.dir_pin, flags, self.gain.cast_unsigned(), a, b, c, d]
     }
 
@@ -698,6 +705,7 @@ impl MotorSetup {
             dir_pin,
             forward_high: flags & 1 != 0,
             step_low: flags & 2 != 0,
+            queue_parts: flags >> 2,
             gain: gain.cast_signed(),
             pull_in_ticks: u32::from_le_bytes([a, b, c, d]),
         }
@@ -768,15 +776,17 @@ impl<'a> Configuration<'a> {
     }
 }
 
-/// Whether flags and length of a configuration are right.
+/// Whether flags, parts of the queues and length of a configuration are right.
 // Apart: what a board needs in registers here need not be kept beside the fields.
 #[inline(never)]
 fn is_configuration(head: &[u8; 13], motors: &[u8]) -> bool {
-    let [_, _, _, _, _, _, _, mut flags, _, _, _, _, count] = *head;
-    for [_, _, more, ..] in motors.as_chunks::<MOTOR_SETUP_LEN>().0 {
-        flags |= more;
+    let [_, _, _, _, _, _, _, flags, _, _, _, _, count] = *head;
+    let (mut parts, mut without) = (0u8, false);
+    for [_, _, flags, ..] in motors.as_chunks::<MOTOR_SETUP_LEN>().0 {
+        parts = parts.saturating_add(flags >> 2);
+        without |= flags >> 2 == 0;
     }
-    flags & !3 == 0 && motors.len() == usize::from(count) << 3
+    flags & !3 == 0 && (parts == 0 || !without && parts <= QUEUE_PARTS) && motors.len() == usize::from(count) << 3
 }
 
 /// What a board is: the answer to Hello, with tag 0.

@@ -68,10 +68,17 @@ fn no_frame_is_longer_than_the_longest() {
 #[test]
 fn a_motor_s_setup_is_read_as_it_was_written() {
     for (forward_high, step_low) in [(false, false), (false, true), (true, false), (true, true)] {
-        let setup =
-            MotorSetup { step_pin: 3, dir_pin: 8, forward_high, step_low, gain: -2, pull_in_ticks: 0x0102_0304 };
+        let setup = MotorSetup {
+            step_pin: 3,
+            dir_pin: 8,
+            forward_high,
+            step_low,
+            queue_parts: 61,
+            gain: -2,
+            pull_in_ticks: 0x0102_0304,
+        };
         let bytes = setup.to_bytes();
-        let expected = [3, 8, u8::from(forward_high) + 2 * u8::from(step_low), 0xfe, 4, 3, 2, 1];
+        let expected = [3, 8, u8::from(forward_high) + 2 * u8::from(step_low) + 4 * 61, 0xfe, 4, 3, 2, 1];
         assert_eq!(bytes, expected);
         assert!(Configuration::new(&bytes).unwrap().motors().eq([setup]));
     }
@@ -79,6 +86,22 @@ fn a_motor_s_setup_is_read_as_it_was_written() {
         let setup = MotorSetup::coils_on(5, sequence);
         assert_eq!((setup.to_bytes(), setup.coils()), ([5, code, 0, 0, 0, 0, 0, 0], Some(sequence)));
     }
+}
+
+#[test]
+fn parts_of_the_queues_are_of_all_motors_and_no_more_than_all() {
+    let is_taken = |parts: &[u8]| {
+        let motors: Vec<u8> = parts
+            .iter()
+            .flat_map(|parts| MotorSetup { queue_parts: *parts, ..MotorSetup::default() }.to_bytes())
+            .collect();
+        let (head, motors) = Configuration::new(&motors).unwrap().to_bytes();
+        Configuration::decode(&[head.as_slice(), motors].concat()).is_some()
+    };
+    assert!([&[0, 0, 0][..], &[16, 16, 16, 16], &[1, 63], &[1, 1], &[8; 8], &[63]].into_iter().all(is_taken));
+    assert!(
+        [&[0, 1][..], &[1, 0], &[32, 33], &[63, 0, 1], &[63; 8], &[9; 8]].into_iter().all(|parts| !is_taken(parts))
+    );
 }
 
 /// Every change of one, two or three bits of a frame between two others: never does something come of it that was

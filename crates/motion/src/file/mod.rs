@@ -202,7 +202,7 @@ fn program(root: &Section, load: Loader) -> Read<Program> {
         let slack: Vec<f64> = draft.motors.iter().map(|motor| slack[*motor]).collect();
         machines.push(draft.finish(root, &motors, &gearings, &slack, home.as_ref())?);
     }
-    Ok(Program { board, grid: grid?, tolerance, idle_ms: idle?, motors, machines })
+    Ok(Program { board, grid: grid?, tolerance, idle_ms: idle?, motors, machines, queue_parts: Vec::new() })
 }
 
 fn read_board(root: &Section) -> Read<BoardRow> {

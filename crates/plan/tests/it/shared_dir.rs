@@ -69,6 +69,7 @@ fn program(laws: Vec<Law>, timing: DriverTiming) -> Program {
         idle_ms: None,
         motors: motors.collect(),
         machines: Vec::new(),
+        queue_parts: Vec::new(),
     }
 }
 

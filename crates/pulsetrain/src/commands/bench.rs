@@ -224,6 +224,7 @@ fn prepared(board: &str, amplitude: f64, period_s: f64) -> miette::Result<Prepar
         idle_ms: None,
         motors: vec![motor],
         machines: Vec::new(),
+        queue_parts: Vec::new(),
     };
     Ok(Prepared { file: name(period_s), program, cut: None, pause: None, line: None, tables: Vec::new() })
 }

@@ -110,7 +110,7 @@ pub(crate) fn run(args: &Explain, console: &mut Console<'_>) -> miette::Result<E
     prepared.over_line(args.baud);
     let bar = console.progress(prepared.end_s(), "the motion");
     bar.stage("planning");
-    let planned = prepared.plan(|seconds| bar.set(seconds));
+    let planned = prepared.plan_by_need(|seconds| bar.set(seconds));
     drop(bar);
     let program = &prepared.program;
     let mut explanation = Explanation {

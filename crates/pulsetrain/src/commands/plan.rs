@@ -11,7 +11,7 @@ use crate::report::{MotorReport, PlanReport, TableReport, unlimited};
 pub(crate) fn run(args: &Plan, console: &mut Console<'_>) -> miette::Result<Exit> {
     let mut prepared = args.motion.prepare(Task::Plan, args.json, console)?;
     prepared.over_line(args.baud);
-    let planned = plan(&prepared, console)?;
+    let planned = plan(&mut prepared, console)?;
     let report = report(&prepared, &planned);
     if args.json {
         console.print_json(&report)?
@@ -22,10 +22,10 @@ pub(crate) fn run(args: &Plan, console: &mut Console<'_>) -> miette::Result<Exit
 }
 
 /// Plans with a progress bar.
-pub(crate) fn plan(prepared: &Prepared, console: &Console<'_>) -> miette::Result<Vec<Planned>> {
+pub(crate) fn plan(prepared: &mut Prepared, console: &Console<'_>) -> miette::Result<Vec<Planned>> {
     let bar = console.progress(prepared.end_s(), "the motion");
     bar.stage("planning");
-    let planned = prepared.plan(|seconds| bar.set(seconds))?;
+    let planned = prepared.plan_by_need(|seconds| bar.set(seconds))?;
     Ok(planned)
 }
 

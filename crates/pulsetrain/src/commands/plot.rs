@@ -8,8 +8,8 @@ use crate::estimate::Task;
 use crate::record::{Edges, Files};
 
 pub(crate) fn run(args: &Plot, console: &mut Console<'_>) -> miette::Result<Exit> {
-    let prepared = args.motion.prepare(Task::Native { files: false }, false, console)?;
-    let planned = plan::plan(&prepared, console)?;
+    let mut prepared = args.motion.prepare(Task::Native { files: false }, false, console)?;
+    let planned = plan::plan(&mut prepared, console)?;
     let path = args.out.clone().unwrap_or_else(|| args.motion.file.with_extension("svg"));
     let driven = Driven::native(&prepared)?;
     let recorded = run::record(&prepared, &planned, driven, None::<Files<std::io::Sink>>, Edges::default(), console)?;

@@ -36,7 +36,7 @@ pub(crate) fn run(args: &Run, console: &mut Console<'_>) -> miette::Result<Exit>
         prepared.over_line(Some(baud));
     }
     // All is planned, and refused if need be, before anything moves or is written.
-    let planned = plan::plan(&prepared, console)?;
+    let planned = plan::plan(&mut prepared, console)?;
     let folder = args.out.clone().unwrap_or_else(|| default_folder(&args.motion.file));
     if let Some(name) = &args.port {
         return on_port::run(&prepared, &planned, name, args, baud, &folder, console);

@@ -53,6 +53,7 @@ fn two_sines() -> Program {
         idle_ms: None,
         motors,
         machines: Vec::new(),
+        queue_parts: Vec::new(),
     }
 }
 

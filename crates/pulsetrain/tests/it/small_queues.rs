@@ -180,6 +180,7 @@ fn program(laws: Vec<Law>, acceleration: f64) -> Program {
         idle_ms: None,
         motors,
         machines: Vec::new(),
+        queue_parts: Vec::new(),
     }
 }
 

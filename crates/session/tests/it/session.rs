@@ -61,6 +61,7 @@ fn program(fraction_bits: u32, motors: Vec<Motor>) -> Program {
         idle_ms: None,
         motors,
         machines: Vec::new(),
+        queue_parts: Vec::new(),
     }
 }
 

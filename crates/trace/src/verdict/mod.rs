@@ -10,7 +10,7 @@
 //! #     wiring: Wiring::StepDir { step: 8, dir: 9, forward_high: false, enable: None },
 //! #     timing: DriverTiming::default(), limits: Limits::default(),
 //! #     scale: Scale { unit: "rev".into(), steps_per_unit: 200.0, steps_per_rev: 200.0 }, winding: None, driver: None };
-//! # let program = Program { board, grid: Grid::REACH, tolerance: Tolerance::Ticks(1.0), idle_ms: None, motors: vec![motor], machines: Vec::new() };
+//! # let program = Program { board, grid: Grid::REACH, tolerance: Tolerance::Ticks(1.0), idle_ms: None, motors: vec![motor], machines: Vec::new(), queue_parts: Vec::new() };
 //! // θ = 1 − cos(2πt/1 s): steps at ¼ and ½ s, and back.
 //! let step = |tick, forward| Step { motor: 0, tick, forward };
 //! let steps = vec![step(4_000_000, true), step(8_000_000, true), step(12_000_002, false), step(16_000_000, false)];

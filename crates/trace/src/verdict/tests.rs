@@ -51,7 +51,15 @@ fn program(grid: Grid, motors: Vec<Motor>) -> Program {
         segment_ticks: Vec::new(),
         source: "estimate".into(),
     };
-    Program { board, grid, tolerance: Tolerance::Ticks(1.0), idle_ms: None, motors, machines: Vec::new() }
+    Program {
+        board,
+        grid,
+        tolerance: Tolerance::Ticks(1.0),
+        idle_ms: None,
+        motors,
+        machines: Vec::new(),
+        queue_parts: Vec::new(),
+    }
 }
 
 /// Steps of θ = A − A·cos(2πt/T) by its inverse, levels n − ½ + h: nothing of the judge's.

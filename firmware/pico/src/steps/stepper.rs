@@ -15,7 +15,7 @@ use pulsetrain_core::packing::Packing;
 use pulsetrain_core::queue::{Items, Queue};
 use pulsetrain_core::verbs::Limits;
 use pulsetrain_core::winch::spacing::Steps;
-use pulsetrain_core::wire::message::{Configuration, flags, limits_of};
+use pulsetrain_core::wire::message::{Configuration, QUEUE_PARTS, flags, limits_of};
 use pulsetrain_core::words::{Fault, Packed, SHORTEST_PULSE, STEP_DIR_OVERHEAD, Tape, Words, lines};
 use pulsetrain_core::{Entry, Epoch, Item, Moment, Segment};
 
@@ -324,12 +324,12 @@ impl Stepper {
             pio::unload(1);
         }
         (self.count, self.turn) = (layout.count, 0);
-        let queue = (POOL / usize::from(layout.count.max(1))).min(LONGEST_QUEUE) as u16;
+        let mut at = 0;
         let pulse_ticks = u32::from(configuration.pulse_ticks).max(SHORTEST_PULSE);
         let setup_ticks = u32::from(configuration.setup_ticks).max(pulse_ticks + STEP_DIR_OVERHEAD);
         let release_ticks = configuration.idle_ms.map(|ms| u32::from(ms.max(1)) * (TICK_HZ / 1000));
         let motors = self.motors.iter_mut().zip(configuration.motors()).zip(&layout.motors);
-        for (number, ((motor, setup), wired)) in (0..).zip(motors) {
+        for ((motor, setup), wired) in motors {
             let (output, step_line) = match wired.lines {
                 Lines::StepDir { step_line, forward_high, .. } => {
                     let (dir_line, shared_dir) = (1 - step_line, false);
@@ -347,7 +347,11 @@ impl Stepper {
             };
             motor.words = Words::new(output, step_line, pulse_ticks);
             let packing = Packing { fraction_bits: FRACTION_BITS, gain: setup.gain };
-            motor.packed = Packed::new(Pool::<POOL>::part(number * queue, queue), packing);
+            let equal = POOL / usize::from(layout.count.max(1));
+            let by_need = POOL / usize::from(QUEUE_PARTS) * usize::from(setup.queue_parts);
+            let queue = if by_need == 0 { equal } else { by_need }.min(LONGEST_QUEUE) as u16;
+            motor.packed = Packed::new(Pool::<POOL>::part(at, queue), packing);
+            at += queue;
             (motor.wired, motor.pulse_ticks, motor.pull_in_ticks) = (*wired, pulse_ticks, setup.pull_in_ticks);
             motor.limits =
                 limits(&motor.words, layout.count, setup_ticks, pulse_ticks + u32::from(configuration.hold_ticks));

@@ -23,6 +23,7 @@ use crate::engine::program::Program;
 use crate::engine::regs;
 use core::arch::global_asm;
 use core::mem::MaybeUninit;
+use pulsetrain_core::wire::message::QUEUE_PARTS;
 
 /// Bytes of all motors' queues together; [`PAGE`] more where one ring and no merge serves them.
 pub(crate) const POOL: usize = Uses::POOL;
@@ -93,20 +94,29 @@ pub(crate) unsafe fn take() -> (&'static mut Receiver, &'static mut [u8; REPLY_L
     unsafe { ((*frame).write(Receiver::new()), &mut *bytes) }
 }
 
-/// First and last + 1 address of the queue of motor `index` of `motors`; `with_page`: nobody else needs page B.
-#[inline(never)]
-pub(crate) fn queue(motors: u8, index: u8, with_page: bool) -> (u16, u16) {
+/// The memory of all motors' queues: the first address, and bytes. `with_page`: nobody else needs page B.
+#[inline(always)]
+pub(crate) fn queue_memory(with_page: bool) -> (u16, u16) {
     // Only addresses are taken here.
     let (start, bytes) =
         if with_page { ((&raw const ring_b_page).addr(), PAGE + POOL) } else { ((&raw const queues).addr(), POOL) };
+    (start as u16, bytes as u16)
+}
+
+/// Bytes of the queue of one of `motors` motors, of `bytes` in all: so many parts of them ([`QUEUE_PARTS`]), or an equal part.
+#[inline(never)]
+pub(crate) fn queue_len(bytes: u16, motors: u8, parts: u8) -> u16 {
+    const { assert!((PAGE + POOL) as u32 * (QUEUE_PARTS as u32) < 1 << 16 && QUEUE_PARTS == 64) };
+    if parts != 0 {
+        return (bytes * u16::from(parts)) >> 6;
+    }
     // Divided by subtracting: it is done once a motor, and a division takes more of the flash.
-    let (mut each, mut left) = (0, bytes as u16);
+    let (mut each, mut left) = (0, bytes);
     while left >= u16::from(motors) {
         left -= u16::from(motors);
         each += 1;
     }
-    let start = start as u16 + each * u16::from(index);
-    (start, start + each)
+    each
 }
 
 // queue_fill: 7 cycles a byte.

@@ -34,6 +34,7 @@ fn program(motors: Vec<Motor>) -> Program {
         idle_ms: None,
         motors,
         machines: Vec::new(),
+        queue_parts: Vec::new(),
     }
 }
 

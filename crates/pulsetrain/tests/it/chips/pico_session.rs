@@ -41,7 +41,7 @@ fn program(motors: Vec<Motor>) -> Program {
     let mut board = row.board.clone();
     (board.min_interval_ticks, board.turn_ticks) = (row.shortest_intervals(&motors), row.turn_ticks(&motors));
     let (grid, tolerance) = (Grid::NEAREST, Tolerance::Ticks(1.0));
-    Program { board, grid, tolerance, idle_ms: None, motors, machines: Vec::new() }
+    Program { board, grid, tolerance, idle_ms: None, motors, machines: Vec::new(), queue_parts: Vec::new() }
 }
 
 /// A law without jumps, and its largest acceleration.

@@ -4,9 +4,13 @@
 //! `cargo xtask bench uno` measures how far beyond it goes.
 
 use crate::common::rows::{Case, PROMISED, Row, fastest_plateau, tutorial, tutorial_row};
+use crate::common::uno::{MOST_CYCLES, SHIELD};
+use crate::common::{motion, rigs};
+use pulsetrain::prepare::Prepared;
 use pulsetrain_motion::program::{DriverTiming, Motor, Wiring};
-use pulsetrain_motion::{Time, boards};
+use pulsetrain_motion::{Law, Time, boards};
 use pulsetrain_testkit::TICK_HZ;
+use std::f64::consts::TAU;
 
 /// A stream of each kind of pins, s.
 const SHORT_S: f64 = 0.1;
@@ -73,4 +77,33 @@ fn rates_with_long_pulses_hold() {
         assert_ne!(run(longest + 1, 0.0, rate(longest)).verdict, "", "{} pins, {longest} ticks", case.motors);
         holds(&run(longest + 1, case.swing, rate(longest + 1)));
     }
+}
+
+/// One motor turns often beside three that hardly do: with equal parts of the queues `plan` refuses it sooner than with queues by need, and what it
+/// accepts so, runs.
+#[test]
+fn queues_by_need_let_one_motor_turn_more_often() {
+    let sine = |rate: f64, hertz: f64| {
+        Law::sine(rate / (TAU * hertz), Time::from_seconds(1.0 / hertz), Some((0.4 * hertz).ceil() as u64))
+            .expect("a sine")
+    };
+    let motion = |hertz: f64| {
+        let laws = [sine(4_000.0, hertz), sine(1_000.0, 2.5), sine(900.0, 2.5), sine(800.0, 2.5)];
+        let motors = laws.into_iter().enumerate().map(|(index, law)| rigs::motor(index, SHIELD[index], law));
+        let mut prepared = rigs::prepared(&boards::find("uno").expect("the Uno's row"), motors.collect());
+        prepared.over_line(None);
+        prepared
+    };
+    let fastest = |is_accepted: fn(&mut Prepared) -> bool| {
+        let rungs = (2..=40).map(|fives| 5.0 * f64::from(fives));
+        rungs.take_while(|hertz| is_accepted(&mut motion(*hertz))).last().expect("10 Hz fits")
+    };
+    let equal = fastest(|prepared| prepared.plan(|_| {}).is_ok());
+    let by_need = fastest(|prepared| prepared.plan_by_need(|_| {}).is_ok());
+    println!("{equal} Hz with equal parts, {by_need} Hz by need");
+    assert!(by_need >= 1.3 * equal, "{by_need} Hz, {equal} Hz with equal parts");
+    let mut prepared = motion(by_need);
+    prepared.plan_by_need(|_| {}).expect("it was accepted");
+    let seen = motion::make(&prepared, f64::from(MOST_CYCLES as u32), |_| {}).expect("it begins").seen;
+    assert_eq!((seen.trouble.as_str(), seen.lateness.lost, seen.lateness.extra), ("", 0, 0));
 }

@@ -312,8 +312,15 @@ pub(crate) fn on_coils(motors: usize) -> Vec<Motor> {
 fn prepared(file: &str, motors: Vec<Motor>) -> Prepared {
     let board = boards::find("pico").expect("the table has the Pico").board;
     let machines = Vec::new();
-    let program =
-        Program { board, grid: Grid::REACH, tolerance: Tolerance::Ticks(1.0), idle_ms: None, motors, machines };
+    let program = Program {
+        board,
+        grid: Grid::REACH,
+        tolerance: Tolerance::Ticks(1.0),
+        idle_ms: None,
+        motors,
+        machines,
+        queue_parts: Vec::new(),
+    };
     Prepared { file: file.to_owned(), program, cut: None, pause: None, line: None, tables: Vec::new() }
 }
 

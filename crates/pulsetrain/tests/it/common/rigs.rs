@@ -98,6 +98,7 @@ pub(crate) fn prepared(row: &BoardRow, motors: Vec<Motor>) -> Prepared {
         idle_ms: None,
         motors,
         machines: Vec::new(),
+        queue_parts: Vec::new(),
     };
     Prepared { file: "a motion".to_owned(), program, cut: None, pause: None, line: None, tables: Vec::new() }
 }

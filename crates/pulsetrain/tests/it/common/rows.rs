@@ -381,6 +381,7 @@ pub(crate) fn tutorial(period: Time, cycles: u64, (step, dir): (u8, u8), pulse_n
         idle_ms: None,
         motors: vec![motor],
         machines: Vec::new(),
+        queue_parts: Vec::new(),
     };
     Prepared {
         file: format!("the tutorial, T = {} s", period.seconds()),

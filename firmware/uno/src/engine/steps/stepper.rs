@@ -420,6 +420,8 @@ impl Stepper {
         self.count = MAX_MOTORS as u8;
         self.motors_mut().for_each(|motor| *motor = Motor::NONE);
         self.count = all;
+        // With one ring, and no lists, page B is free.
+        let (mut queue, bytes) = memory::queue_memory(all == 1 || shared);
         for (index, setup) in (0u8..).zip(motors) {
             let mut lines = layout.lines(&setup);
             if kind == Kind::Compare {
@@ -440,9 +442,8 @@ impl Stepper {
                 self.tracks[1].ring.beside_lists();
             }
             lines.drive();
-            // One ring, and no lists.
-            let with_page = all == 1 || shared;
-            let (start, end) = memory::queue(all, index, with_page);
+            let (start, end) = (queue, queue + memory::queue_len(bytes, all, setup.queue_parts));
+            queue = end;
             if let Some(motor) = self.motor_mut(index) {
                 motor.lines = lines;
                 (motor.step, motor.dir) = (lines.step, lines.dir);
