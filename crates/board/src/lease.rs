@@ -111,7 +111,8 @@ pub trait Leased: Board {
     /// Takes back so many items from the end of each motor's queue; the plan that is left holds up to `until`.
     ///
     /// # Errors
-    /// All motors or none.
+    /// All motors or none. If the line breaks before the answer, `until` counts as an extension [on its way](Leased::unconfirmed): the plan holds so
+    /// long, or as [`lease`](Leased::lease) says.
     fn trim(&mut self, until: u64, items: &[usize]) -> Result<(), TrimRefused>;
 
     /// All motors brake as soon as they can; gives the tick from which on. `None` if there is no lease, or the board is lost. If they brake

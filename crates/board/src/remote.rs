@@ -1329,7 +1329,11 @@ impl<P: Port> Leased for Remote<P> {
         }
         // A queue has fewer bytes than 2^16.
         let bytes: Vec<u8> = lens.iter().flat_map(|len| (*len as u16).to_le_bytes()).collect();
-        let answer = self.ask(&Command::Trim { until: moment, bytes: &bytes }).map_err(|_| ExtendRefused::Lost)?;
+        let Ok(answer) = self.ask(&Command::Trim { until: moment, bytes: &bytes }) else {
+            // The board may have taken it.
+            self.unconfirmed.push_back((Lease::Until(until), self.limits.clone()));
+            return Err(ExtendRefused::Lost.into());
+        };
         match answer.reply {
             Reply::Trimmed(Trimmed::Accepted) => {}
             Reply::Trimmed(Trimmed::Late { horizon }) => return Err(ExtendRefused::Late { horizon }.into()),

@@ -482,9 +482,12 @@ fn over_line(prepared: &Prepared) -> Vec<String> {
         let mut fewer = program.clone();
         fewer.motors.truncate(count);
         if program.machines.is_empty() && fits(&fewer, Line::of(&fewer, usual).as_ref(), 1.0) == Some(true) {
-            lines.push(format!(
-                "with the first {count} of its motors it fits: the others can have a board of their own"
-            ));
+            let first = if count == 1 {
+                "with its first motor alone".to_owned()
+            } else {
+                format!("with the first {count} of its motors")
+            };
+            lines.push(format!("{first} it fits: the others can have a board of their own"));
             break;
         }
     }

@@ -26,6 +26,7 @@ pub struct Faulty<P> {
     rates: Rates,
     /// Until then nothing passes.
     dead_until: Duration,
+    is_mute: bool,
     random: Random,
     to_board: Direction,
     to_host: Direction,
@@ -46,7 +47,7 @@ impl<P: Port> Faulty<P> {
     pub fn new(port: P, seed: u64) -> Faulty<P> {
         let rates = Rates::default();
         let (to_board, to_host) = (Direction::default(), Direction::default());
-        Faulty { port, rates, dead_until: Duration::ZERO, random: Random::new(seed), to_board, to_host }
+        Faulty { port, rates, dead_until: Duration::ZERO, is_mute: false, random: Random::new(seed), to_board, to_host }
     }
 
     /// From now on frames suffer so often.
@@ -57,6 +58,11 @@ impl<P: Port> Faulty<P> {
     /// From now on nothing passes for so long.
     pub fn cut(&mut self, duration: Duration) {
         self.dead_until = self.port.now() + duration;
+    }
+
+    /// From now on nothing comes to the host.
+    pub const fn mute(&mut self) {
+        self.is_mute = true;
     }
 
     /// The port behind the faults.
@@ -131,7 +137,7 @@ impl<P: Port> Port for Faulty<P> {
             let mut bytes = Vec::new();
             self.port.receive(next.map_or(until, |next| next.min(until)), &mut bytes)?;
             let now = self.port.now();
-            self.to_host.take(&bytes, now, now < self.dead_until, self.rates, &mut self.random);
+            self.to_host.take(&bytes, now, self.is_mute || now < self.dead_until, self.rates, &mut self.random);
             into.extend(self.to_host.due(now));
             self.pass_on()?;
             if into.len() > before || now >= until {

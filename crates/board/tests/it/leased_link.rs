@@ -276,6 +276,30 @@ fn trims_are_done_once_on_a_bad_line() {
     }
 }
 
+/// A trim whose answer is lost may have been done: the host knows both ends.
+#[test]
+fn a_trim_without_an_answer_leaves_two_ends() {
+    let items: Vec<Item> = (0..30).map(|_| run(50, 8000)).collect();
+    for is_taken in [true, false] {
+        let mut remote = connect(1);
+        let from = begin(&mut remote, 1, &items, |from| Lease::Until(from + 300 * MS));
+        let now = remote.now();
+        remote.advance(now + 5 * MS, &mut unseen);
+        let (before, until) = (remote.lease(), from + 200 * MS);
+        if is_taken {
+            remote.port_mut().mute();
+        } else {
+            remote.port_mut().cut(Duration::from_secs(60));
+        }
+        assert_eq!(remote.trim(until, &[4]), Err(TrimRefused::Extend(ExtendRefused::Lost)));
+        assert_eq!((remote.lease(), remote.unconfirmed()), (before, Some(Lease::Until(until))));
+        let (has, position) = goes_on_alone(&mut remote);
+        let LeaseState::Lapsed { at, .. } = has else { panic!("{has:?}") };
+        assert_eq!(at, if is_taken { until } else { from + 300 * MS });
+        assert_eq!(position, rest_at(&items, from, at));
+    }
+}
+
 /// Nothing is said to a board that is lost, and it says so.
 #[test]
 fn a_board_that_is_lost_takes_no_lease() {
