@@ -97,13 +97,15 @@ struct Lane {
     /// Bytes of each item, and the tick at which it has left the queue.
     items: VecDeque<(usize, u64)>,
     held: usize,
+    /// The tick at which the last one left whose place was needed; `None` as long as there was room for all.
+    left: Option<u64>,
 }
 
 impl Supply {
     /// Before the first move of motors with these settings.
     #[must_use]
     pub fn new<'s>(line: Line, motors: impl IntoIterator<Item = &'s Settings>) -> Supply {
-        let lane = |settings| Lane { meter: Meter::new(settings), items: VecDeque::new(), held: 0 };
+        let lane = |settings| Lane { meter: Meter::new(settings), items: VecDeque::new(), held: 0, left: None };
         let lanes = motors.into_iter().map(lane).collect();
         Supply {
             line,
@@ -127,15 +129,16 @@ impl Supply {
         let before = lane.meter.bytes();
         lane.meter.add(next);
         let bytes = (lane.meter.bytes() - before) as usize;
-        let mut left = None;
         while lane.held + bytes > queue_bytes
             && let Some((len, at)) = lane.items.pop_front()
         {
             lane.held -= len;
-            left = Some(at);
+            lane.left = Some(at);
         }
         lane.held += bytes;
         lane.items.push_back((bytes, from));
+        // What fits beside the one before needs no other place, but its time on the line.
+        let left = lane.left;
         let delay_ticks = self.delay_ticks(from, bytes);
         // What there is room for before the motors move is with the board by then.
         let Some(left) = left else { return Ok(()) };
@@ -341,6 +344,22 @@ mod tests {
         assert!((fast..4 * fast).contains(&(4 * slow + 8)) && parts.iter().sum::<u8>() <= QUEUE_PARTS, "{parts:?}");
         assert!(u64::from(least) * 297 / u64::from(QUEUE_PARTS) + 5 > LEAST_QUEUE, "{parts:?}");
         assert_eq!(demand.parts(&Line { queue_bytes: vec![20; 3], ..line }), None);
+    }
+
+    /// Long items and short ones by turns: a short one fits where the long one before it was.
+    #[test]
+    fn what_needs_no_place_takes_its_time_on_the_line() {
+        let supplied = |byte_ticks: f64| {
+            let mut supply = Supply::new(line(80, byte_ticks, 1000.0), &[Settings::new(SECOND, 16)]);
+            for number in 0..2_000u64 {
+                let interval = (5_000i64 << 16) + if number % 4 < 2 { 9_999_991 } else { -9_999_991 };
+                supply.add(0, &steps(interval), number * 5_000)?;
+            }
+            Ok::<f64, PlanError>(supply.lanes[0].meter.bytes() as f64 / 2_000.0)
+        };
+        let bytes = supplied(1.0).unwrap_or_else(|error| panic!("{error}"));
+        assert!(supplied(0.95 * 5_000.0 / bytes).is_ok());
+        assert!(supplied(1.05 * 5_000.0 / bytes).is_err());
     }
 
     #[test]

@@ -402,7 +402,7 @@ impl RunPlanner {
             }
         }
         let mut best: Option<Fit> = None;
-        if let Some(e) = &expansion {
+        if let Some(e) = &mut expansion {
             // A short last segment would leave the next run coarse units to start with: halve what is left instead.
             let half = (0.5 * left).ceil();
             if rules.gain.is_some() && length < left && left < 1.3 * length {
@@ -439,14 +439,23 @@ impl RunPlanner {
                 let shrunk = f64::from(count) * shrinkage(misfit, count, allowance, before);
                 before = Some((misfit, f64::from(count)));
                 count = self.permitted((shrunk as u32).min(count - 1).max(1), previous, rules).min(count - 1);
+                // What is proven far from the middle of an expansion is as loose for a shorter segment.
+                let middle = start.done + 0.5 * f64::from(count);
+                if (middle - 0.5 - e.center).abs() > 0.15 * f64::from(count)
+                    && let Some(again) = self.expand_from(middle, e)
+                {
+                    *e = again;
+                }
             }
             // A few steps more would make good at once what all before them were allowed: too quickly for a board that has to look at each.
-            if rules.gain.is_some()
-                && half > 1.0
-                && best.is_some_and(|fit| (1..LEAST_LEFT).contains(&(most - fit.segment.count)))
-            {
-                let halved = fit(e, start, quantiser, self.permitted(half as u32, previous, rules), window);
-                best = halved.filter(|f| f.misfit <= allowance && rules.permits(&f.segment)).or(best);
+            // All that is left costs a byte for its count; halves of it would leave such few steps again and again.
+            if rules.gain.is_some() && best.is_some_and(|fit| (1..LEAST_LEFT).contains(&(most - fit.segment.count))) {
+                let fits = |count| {
+                    let fitted = fit(e, start, quantiser, count, window);
+                    fitted.filter(|f| count > 1 && f.misfit <= allowance && rules.permits(&f.segment))
+                };
+                let halved = || fits(self.permitted(half as u32, previous, rules));
+                best = fits(most).or_else(halved).or(best);
             }
         }
         match best {

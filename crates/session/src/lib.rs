@@ -49,7 +49,7 @@ const PATIENCE_S: u64 = 5;
 const SHORT_MS: u64 = 20;
 
 /// So many extensions of the lease may be on their way: what a queue holds need not last until two of them were answered, one after the other.
-const MOST_ASKED: usize = 3;
+const MOST_ASKED: usize = 6;
 
 /// A program on its way into a board. Ticks are the board's, in 64 bits.
 pub struct Session<'a, B> {

@@ -5,6 +5,7 @@ use pulsetrain_core::Recurrence;
 use pulsetrain_motion::law::{Class, Curve, Entry, Fixed, Law, Piece};
 use pulsetrain_motion::{Grid, Time};
 use pulsetrain_plan::{Certificate, Move, PlanError, Planner, Settings};
+use std::f64::consts::TAU;
 
 /// What a board would make of a plan, from the integers alone.
 struct Replay {
@@ -170,6 +171,28 @@ fn a_law_that_slows_down_is_planned() {
         let steps = replay(&law, &settings).unwrap_or_else(|error| panic!("{text}: {error}")).certificate.steps;
         // 20 steps between two turns.
         assert!(steps.abs_diff(20 * turns) <= 40, "{text}: {steps} steps");
+    }
+}
+
+/// Where steps come fast, segments are long enough for a board that has some 1000 cycles' work with each: an Uno's ring holds 64 steps.
+#[test]
+fn fast_steps_come_in_long_segments() {
+    let fast = |law: Law, what: &str| {
+        let mut settings = Settings::new(16_000_000, 16);
+        settings.tolerance_ticks = 16.0;
+        let mut planner = Planner::new(&law, &settings).unwrap();
+        while let Some(next) = planner.next_move().unwrap() {
+            let Move::Run { segment, .. } = next else { continue };
+            assert!(segment.interval >> 16 > 130 || segment.count >= 12, "{what}: {segment:?}");
+        }
+    };
+    for k in 0..60 {
+        let (hertz, rate) = (20.0 + 0.37 * f64::from(k), 130_000.0 + 400.0 * f64::from(k));
+        let period = Time::from_seconds(1.0 / hertz);
+        fast(Law::sine(rate / (TAU * hertz), period, Some(8)).unwrap(), &format!("{hertz} Hz, {rate} steps/s"));
+        // To a top of some 100 steps.
+        let law = Law::trapezoid(rate * rate / 6.6e6 + 30.0 + 2.0 * f64::from(k), rate, 6.6e6, 6.6e6).unwrap();
+        fast(law, &format!("trapezoid, {rate} steps/s"));
     }
 }
 
