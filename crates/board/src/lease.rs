@@ -100,9 +100,9 @@ pub trait Leased: Board {
 
     /// Puts the end of the lease off, or earlier, and gives the motors other limits, if there are any.
     ///
-    /// A board at the end of a cable gets the extension behind all items that were pushed before. This call does not wait for the answer. Until it
-    /// comes, the extension counts as [on its way](Leased::extending), and [`lease`](Leased::lease) keeps its value. If the value is still the same
-    /// after the answer, the board refused the extension. With several on their way, the board may refuse one and accept the next.
+    /// A board at the end of a cable gets the extension behind all items that were pushed before. This call does not wait for the answer:
+    /// [`extended`](Leased::extended) gives it. Until then [`lease`](Leased::lease) keeps its value. With several on their way, the board may refuse
+    /// one and accept the next.
     ///
     /// # Errors
     /// All motors or none. A board at the end of a cable: what is known without asking it.
@@ -111,8 +111,7 @@ pub trait Leased: Board {
     /// Takes back so many items from the end of each motor's queue; the plan that is left holds up to `until`.
     ///
     /// # Errors
-    /// All motors or none. If the line breaks before the answer, `until` counts as an extension [on its way](Leased::unconfirmed): the plan holds so
-    /// long, or as [`lease`](Leased::lease) says.
+    /// All motors or none. If the line breaks before the answer, the plan holds up to `until`, or as [`lease`](Leased::lease) says.
     fn trim(&mut self, until: u64, items: &[usize]) -> Result<(), TrimRefused>;
 
     /// All motors brake as soon as they can; gives the tick from which on. `None` if there is no lease, or the board is lost. If they brake
@@ -122,17 +121,10 @@ pub trait Leased: Board {
     /// How long the plan holds, as far as the board has confirmed it.
     fn lease(&self) -> LeaseState;
 
-    /// The last extension that is on its way: the plan holds so long, or as [`lease`](Leased::lease) says, or as an extension before it. A board
-    /// that answers at once has none.
-    fn unconfirmed(&self) -> Option<Lease> {
-        None
-    }
+    /// Whether the board accepted the oldest extension of which nobody has asked this yet; `None` as long as it has not answered. Each answer is
+    /// given once, in the order of the extensions.
+    fn extended(&mut self) -> Option<bool>;
 
-    /// How many extensions are on their way.
-    fn extending(&self) -> usize {
-        0
-    }
-
-    /// Waits until the board has said what became of them, or is lost. A switch and a trim wait by themselves.
+    /// Waits until the board has answered all extensions, or is lost. A switch and a trim wait by themselves.
     fn await_extensions(&mut self) {}
 }

@@ -225,6 +225,8 @@ pub struct Native {
     now: u64,
     /// Since when the lease is over, and why.
     lapsed: Option<(u64, Cause)>,
+    /// Extensions that were accepted, and nobody has asked for yet.
+    extended: usize,
 }
 
 /// What the board remembers of a motor beyond its axis.
@@ -268,7 +270,7 @@ impl Native {
             .map(|motor| Motor { position: 0, pull_in_ticks: motor.pull_in_ticks, last: [None; 2] })
             .collect();
         let longest = config.motors.iter().map(|motor| motor.wiring.longest_ticks()).max();
-        Ok(Native { engine, motors, committed_ticks: longest.map_or(0, u64::from), now: 0, lapsed: None })
+        Ok(Native { engine, motors, committed_ticks: longest.map_or(0, u64::from), now: 0, lapsed: None, extended: 0 })
     }
 
     /// The same, with DIR lines that stay so long after a pulse: it matters to motors that share one while they brake.
@@ -488,7 +490,13 @@ impl Leased for Native {
         let told = self.moment_of(lease).map_err(|limit| ExtendRefused::Early { limit })?;
         self.check_extend(lease)?;
         self.engine.extend(told, limits);
+        self.extended += 1;
         Ok(())
+    }
+
+    fn extended(&mut self) -> Option<bool> {
+        self.extended = self.extended.checked_sub(1)?;
+        Some(true)
     }
 
     fn trim(&mut self, until: u64, items: &[usize]) -> Result<(), TrimRefused> {

@@ -377,8 +377,10 @@ pub struct Remote<P> {
     epoch: Epoch,
     /// As far as the board has confirmed it.
     lease: LeaseState,
-    /// An extension on its way, and the limits that it brings.
+    /// Extensions on their way, oldest first, and the limits that they bring.
     unconfirmed: VecDeque<(Lease, Vec<Limit>)>,
+    /// What became of extensions before them, as far as nobody has asked: whether they were accepted.
+    extended: VecDeque<bool>,
     /// How hard each motor brakes.
     limits: Vec<Limit>,
     /// Of the switch that began the lease: when it was accepted, and for which tick.
@@ -438,6 +440,7 @@ impl<P: Port> Remote<P> {
             epoch: Epoch(0),
             lease: LeaseState::Off,
             unconfirmed: VecDeque::new(),
+            extended: VecDeque::new(),
             limits: Vec::new(),
             leased: (0, 0),
             ahead: 0,
@@ -836,11 +839,12 @@ impl<P: Port> Remote<P> {
         {
             match (accepted, self.lease) {
                 // An event of its end was sooner.
-                (true, LeaseState::Lapsed { .. }) => {}
+                (true, LeaseState::Lapsed { .. }) => self.limits = limits,
                 (true, _) => (self.lease, self.limits) = (lease.into(), limits),
                 // The board is to say why.
                 (false, _) => self.asked_status = Duration::ZERO,
             }
+            self.extended.push_back(accepted);
         }
     }
 
@@ -907,7 +911,27 @@ impl<P: Port> Remote<P> {
     fn end_lease(&mut self) {
         self.lease = LeaseState::Off;
         self.unconfirmed.clear();
+        self.extended.clear();
         self.link.forget_extensions();
+    }
+
+    /// What became of the extensions before an order to brake, of which so many were sent: the motors brake from `tick` on. If a lease ends there, it
+    /// was over before the order came, and what was sent behind it was refused. Else the board accepted all.
+    fn judge_extensions(&mut self, sent: usize, tick: Option<u64>) {
+        let ends_there = |(lease, _): &(Lease, Vec<Limit>)| tick.is_some_and(|at| *lease == Lease::Until(at));
+        let was_over = match self.lease {
+            LeaseState::Until(until) => tick == Some(until),
+            LeaseState::Lapsed { cause, .. } => cause != lease::Cause::Ordered,
+            LeaseState::Off | LeaseState::Last => tick.is_none(),
+        };
+        let last = self.unconfirmed.iter().take(sent).rposition(ends_there);
+        let accepted = last.map_or(if was_over { 0 } else { sent }, |last| last + 1);
+        for (index, (_, limits)) in self.unconfirmed.drain(..).enumerate() {
+            self.extended.push_back(index < accepted);
+            if index < accepted {
+                self.limits = limits;
+            }
+        }
     }
 
     /// Waits until it is known what became of all extensions: the board tells only what it accepted last.
@@ -1377,12 +1401,12 @@ impl<P: Port> Leased for Remote<P> {
         }
         // The board would drop what it has not been sent.
         self.link.withdraw();
-        self.unconfirmed.truncate(self.link.extending());
+        let sent = self.link.extending();
         self.link.forget_extensions();
         self.motors.iter_mut().for_each(Motor::forget);
         self.tell();
         let Ok(Answer { reply: Reply::Braked { tick }, .. }) = self.ask(&Command::Brake) else { return None };
-        self.unconfirmed.clear();
+        self.judge_extensions(sent, tick);
         match (tick, self.lease) {
             // An event was sooner, and knows the cause.
             (Some(_), LeaseState::Lapsed { .. }) => {}
@@ -1396,12 +1420,8 @@ impl<P: Port> Leased for Remote<P> {
         self.lease
     }
 
-    fn unconfirmed(&self) -> Option<Lease> {
-        self.unconfirmed.back().map(|(lease, _)| *lease)
-    }
-
-    fn extending(&self) -> usize {
-        self.unconfirmed.len()
+    fn extended(&mut self) -> Option<bool> {
+        self.extended.pop_front()
     }
 
     fn await_extensions(&mut self) {
@@ -1413,6 +1433,12 @@ impl<P: Port> Leased for Remote<P> {
 }
 
 impl<P: Port> Remote<P> {
+    /// The last extension or trim that has no answer: the plan holds so long, or as [`lease`](Leased::lease) says, or as an extension before it.
+    #[must_use]
+    pub fn unconfirmed(&self) -> Option<Lease> {
+        self.unconfirmed.back().map(|(lease, _)| *lease)
+    }
+
     /// Takes a board that was lost, or has forgotten the session, with a new one.
     fn take_again(&mut self) -> Result<(), RemoteError> {
         self.port.set_baud(Baud::B115200)?;

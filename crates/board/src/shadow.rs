@@ -17,16 +17,13 @@ pub struct Shadowed<B> {
     agree: bool,
     /// What the shadow scheduled while nobody looked.
     steps: Vec<ScheduledStep>,
-    /// An extension whose fate the board has not told yet.
-    extending: VecDeque<Extending>,
-}
-
-/// The shadow is told it when the board has accepted it, and stays before both ends until then.
-#[derive(Debug)]
-struct Extending {
-    lease: Lease,
-    limits: Vec<Limit>,
-    before: LeaseState,
+    /// The lease that both have.
+    held: Option<Lease>,
+    /// Extensions that the board has not answered, oldest first. The shadow is told of one when the board has accepted it, and stays before all
+    /// ends that are possible until then.
+    extending: VecDeque<(Lease, Vec<Limit>)>,
+    /// Answers that nobody has asked for.
+    extended: VecDeque<bool>,
 }
 
 impl<B: Board> Shadowed<B> {
@@ -37,7 +34,8 @@ impl<B: Board> Shadowed<B> {
         if let Some(last) = board.now().checked_sub(1) {
             shadow.advance(last, &mut |_: Edge| {});
         }
-        Shadowed { board, shadow, agree: true, steps: Vec::new(), extending: VecDeque::new() }
+        let (extending, extended) = (VecDeque::new(), VecDeque::new());
+        Shadowed { board, shadow, agree: true, steps: Vec::new(), held: None, extending, extended }
     }
 
     /// The board itself.
@@ -85,33 +83,23 @@ impl<B: Board> Shadowed<B> {
 impl<B> Shadowed<B> {
     /// The soonest of the ends that the lease may have.
     fn open(&self) -> Option<u64> {
-        let before = self.extending.front()?.before;
-        let ends = self.extending.iter().map(|extending| LeaseState::from(extending.lease)).chain([before]);
-        ends.filter_map(|end| if let LeaseState::Until(tick) = end { Some(tick) } else { None }).min()
+        let leases = self.extending.iter().map(|(lease, _)| *lease).chain(self.held);
+        let ends = leases.filter_map(|lease| if let Lease::Until(tick) = lease { Some(tick) } else { None });
+        ends.min().filter(|_| !self.extending.is_empty())
     }
 }
 
 impl<B: Leased> Shadowed<B> {
-    /// What became of extensions, as far as the board has told it. The last that was accepted is that which the lease is, or ended with; all, if it
-    /// ended elsewhere than it would have without them.
+    /// Extends the shadow's lease as the board has extended its own.
     fn hear_of_extensions(&mut self) {
-        let known = self.extending.len().saturating_sub(self.board.extending());
-        let known: Vec<Extending> = self.extending.drain(..known).collect();
-        let Some(Extending { before, .. }) = known.first() else { return };
-        let (lease, ended) = match self.board.lease() {
-            LeaseState::Lapsed { at, .. } => (LeaseState::Until(at), true),
-            lease => (lease, false),
-        };
-        let accepted = match known.iter().rposition(|extending| lease == extending.lease.into()) {
-            Some(index) => index + 1,
-            None if ended && lease != *before => known.len(),
-            None => 0,
-        };
-        for Extending { lease, limits, .. } in &known[..accepted] {
-            self.agree &= self.shadow.extend(*lease, limits).is_ok();
-        }
-        if let (Some(last), Some(next)) = (known[..accepted].last(), self.extending.front_mut()) {
-            next.before = last.lease.into();
+        while let Some(accepted) = self.board.extended() {
+            if let Some((lease, limits)) = self.extending.pop_front()
+                && accepted
+            {
+                self.agree &= self.shadow.extend(lease, &limits).is_ok();
+                self.held = Some(lease);
+            }
+            self.extended.push_back(accepted);
         }
     }
 }
@@ -226,7 +214,10 @@ impl<B: Leased> Leased for Shadowed<B> {
         let answer = self.board.switch(epoch, tick, lease, limits);
         self.follow_to_switch(tick);
         match answer {
-            Ok(()) => self.agree &= self.shadow.switch(epoch, tick, lease, limits).is_ok(),
+            Ok(()) => {
+                self.agree &= self.shadow.switch(epoch, tick, lease, limits).is_ok();
+                self.held = Some(lease);
+            }
             Err(_) => Board::discard(&mut self.shadow, epoch),
         }
         answer
@@ -234,12 +225,8 @@ impl<B: Leased> Leased for Shadowed<B> {
 
     fn extend(&mut self, lease: Lease, limits: &[Limit]) -> Result<(), ExtendRefused> {
         self.board.extend(lease, limits)?;
-        if self.board.unconfirmed().is_some() {
-            let before = self.board.lease();
-            self.extending.push_back(Extending { lease, limits: limits.to_vec(), before });
-        } else {
-            self.agree &= self.shadow.extend(lease, limits).is_ok();
-        }
+        self.extending.push_back((lease, limits.to_vec()));
+        self.hear_of_extensions();
         Ok(())
     }
 
@@ -247,6 +234,7 @@ impl<B: Leased> Leased for Shadowed<B> {
         self.await_extensions();
         self.board.trim(until, items)?;
         self.agree &= self.shadow.trim(until, items).is_ok();
+        self.held = Some(Lease::Until(until));
         Ok(())
     }
 
@@ -263,12 +251,8 @@ impl<B: Leased> Leased for Shadowed<B> {
         self.board.lease()
     }
 
-    fn unconfirmed(&self) -> Option<Lease> {
-        self.board.unconfirmed()
-    }
-
-    fn extending(&self) -> usize {
-        self.board.extending()
+    fn extended(&mut self) -> Option<bool> {
+        self.extended.pop_front()
     }
 
     fn await_extensions(&mut self) {

@@ -31,6 +31,8 @@ pub struct Line {
     pub tick_hz: u64,
     /// What a session fills of each motor's queue while the motors move, bytes.
     pub queue_bytes: Vec<usize>,
+    /// The same of the longest queue that the board gives a motor.
+    pub longest_queue_bytes: usize,
     /// What a byte of a plan takes on the line with its share of all frames, ticks.
     pub byte_ticks: f64,
     /// From an item's leaving the queue to a lease that counts on what came in its place, ticks, without the time on the line, of a board that had
@@ -53,10 +55,12 @@ impl Line {
         let tick_hz = program.board.tick_hz;
         let motors = program.motors.len();
         let queue = *row.queue_bytes.get(motors - 1).or(row.queue_bytes.last())? as usize;
+        let longest = *row.queue_bytes.iter().max()? as usize;
         let bytes_per_s = f64::from(baud) / BITS - f64::from(line.other_bytes_per_s);
         Some(Line {
             tick_hz,
             queue_bytes: vec![queue - queue / KEPT; motors],
+            longest_queue_bytes: longest - longest / KEPT,
             byte_ticks: tick_hz as f64 * line.frame_share / bytes_per_s,
             delay_ticks: tick_hz as f64
                 * (f64::from(line.delay_us) * 1e-6 + f64::from(line.delay_bytes) * BITS / f64::from(baud)),
@@ -70,8 +74,8 @@ impl Line {
     #[must_use]
     pub fn with_parts(&self, parts: &[u8]) -> Line {
         let all: usize = self.queue_bytes.iter().sum();
-        let queue_bytes = parts.iter().map(|parts| all * usize::from(*parts) / usize::from(QUEUE_PARTS)).collect();
-        Line { queue_bytes, ..self.clone() }
+        let queue = |parts: &u8| (all * usize::from(*parts) / usize::from(QUEUE_PARTS)).min(self.longest_queue_bytes);
+        Line { queue_bytes: parts.iter().map(queue).collect(), ..self.clone() }
     }
 }
 
@@ -247,7 +251,9 @@ impl Demand {
         let needs = |time: usize| self.lanes.iter().map(move |lane| lane.most[time].1.max(LEAST_QUEUE));
         let time = (0..TIMES as usize).rev().find(|time| needs(*time).sum::<u64>() <= all as u64)?;
         let sum: u64 = needs(time).sum();
-        Some(needs(time).map(|bytes| (bytes * u64::from(QUEUE_PARTS) / sum) as u8).collect())
+        // None may have no part.
+        let more = u64::from(QUEUE_PARTS) - self.lanes.len() as u64;
+        Some(needs(time).map(|bytes| 1 + (bytes * more / sum) as u8).collect())
     }
 }
 
@@ -261,8 +267,17 @@ mod tests {
 
     fn line(queue_bytes: usize, byte_ticks: f64, delay_ticks: f64) -> Line {
         let (busy_ticks, ahead_ticks) = (SECOND / 100, SECOND as f64);
-        let queue_bytes = vec![queue_bytes; 4];
-        Line { tick_hz: SECOND, queue_bytes, byte_ticks, delay_ticks, delay_byte_ticks: 0.0, busy_ticks, ahead_ticks }
+        let (queue_bytes, longest_queue_bytes) = (vec![queue_bytes; 4], queue_bytes);
+        Line {
+            tick_hz: SECOND,
+            queue_bytes,
+            longest_queue_bytes,
+            byte_ticks,
+            delay_ticks,
+            delay_byte_ticks: 0.0,
+            busy_ticks,
+            ahead_ticks,
+        }
     }
 
     fn steps(interval: i64) -> Move {

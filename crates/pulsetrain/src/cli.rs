@@ -22,7 +22,7 @@ Exit codes:
   1  a bound broke: the verdict on a run or on a capture
   2  wrong usage, wrong input, a motion that is refused, or a file that cannot be written
      (explain tells of a refused motion, and ends with 0)
-  3  the motors were stopped before the motion's end";
+  3  the motors stopped before the motion's end, though nobody asked for it";
 
 const EXAMPLES: &str = "\
 Examples:

@@ -162,9 +162,7 @@ impl Whereabouts {
     /// What to do before the next run.
     const fn advice(&self) -> &'static str {
         match self.by {
-            Knowledge::Counted => {
-                "nothing moves until the next run, which begins from here: bring the motors to where it is to begin"
-            }
+            Knowledge::Counted => "the next run begins where the motors are now: bring them to where it is to begin",
             Knowledge::StoppedAtOnce => {
                 "nothing moves until the next run. Look where the motors are: one that was stopped at speed may have gone further than it \
                  counted; `pulsetrain info --port PORT` tells how the board fared"
@@ -483,18 +481,23 @@ impl<'a, B: Leased> Driven<'a, B> {
         let (zero, tick_hz) = (self.session.zero(), self.program.board.tick_hz);
         let mut since = Since { zero, places: &self.places, observer };
         let mut progress = |tick: u64| watch(tick.saturating_sub(zero) as f64 / tick_hz as f64);
-        let mut stopped = false;
+        let (mut ordered, mut stopped) = (false, false);
         while !(self.session.is_complete() && self.is_past()) {
             let now = self.session.board().now();
             let obeyed = match wish() {
-                Wish::Stop if !stopped => {
-                    stopped = !self.session.is_complete();
-                    self.session.stop().map(|_| ())
+                Wish::Stop if !ordered => {
+                    ordered = true;
+                    let last = self.session.last_step().filter(|_| self.session.is_complete());
+                    // Where all was told, the order may come behind the last step.
+                    self.session.stop().map(|at| stopped = last.is_none_or(|last| at <= last))
                 }
                 Wish::StopNow => {
                     let stop = self.session.board_mut().stop_now(now, &mut since);
-                    if let Some(error) = self.session.board().lost() {
-                        return Err(error.clone().into());
+                    if let Some(error) = self.session.board().lost().cloned() {
+                        let seen_s = now.saturating_sub(zero) as f64 / tick_hz as f64;
+                        let mut report = self.session.run(&mut since, progress);
+                        report.stop_unanswered = true;
+                        return Err(DriveError::from(error).halted(seen_s, self.whereabouts(&report).0));
                     }
                     return Ok(Ended { counted: stop.positions, stopped: true, uncertain: Some(stop.uncertain) });
                 }

@@ -60,7 +60,7 @@ pub struct Session<'a, B> {
     limits: Vec<Limit>,
     /// How long the plan holds, as the board has accepted it: the lease of a change that waits, too.
     held: Lease,
-    /// An extension that the board has not answered: what it says, and how the motors brake then.
+    /// Extensions that the board has not answered, oldest first: what each says, and how the motors brake then.
     asked: VecDeque<(Lease, Vec<Limit>)>,
     /// What the last change replaced, until it is made.
     replaced: Option<Replaced>,
@@ -281,20 +281,12 @@ impl<'a, B: Leased> Session<'a, B> {
 
     /// Notes what the board has answered.
     fn confirm(&mut self) {
-        let known = self.asked.len().saturating_sub(self.board.extending());
-        let known: Vec<_> = self.asked.drain(..known).collect();
-        // One that is refused came too late for the lease before it, too: that is over, or about to be.
-        let accepted = |until| known.iter().rposition(|(lease, _)| *lease == Lease::Until(until));
-        let last = match (self.lapsed(), self.held, self.board.lease()) {
-            (Some((at, _)), ..) => accepted(at),
-            (None, Lease::Until(held), LeaseState::Until(until)) if self.replaced.is_none() && held == until => {
-                accepted(until)
+        while let Some(accepted) = self.board.extended() {
+            if let Some(answered) = self.asked.pop_front()
+                && accepted
+            {
+                (self.held, self.limits) = answered;
             }
-            (None, _, LeaseState::Until(until)) => accepted(until).or(known.len().checked_sub(1)),
-            _ => known.len().checked_sub(1),
-        };
-        if let Some((lease, limits)) = last.and_then(|last| known.into_iter().nth(last)) {
-            (self.held, self.limits) = (lease, limits);
         }
     }
 
@@ -431,10 +423,16 @@ impl<'a, B: Leased> Session<'a, B> {
         // Where a motor would have to rest at once, all go on for a step.
         let joined = self.joined;
         let is_joining = (self.stream.zero()..joined).contains(&self.board.horizon());
-        if is_joining && self.board.extend(Lease::Until(joined), &[]).is_ok() {
-            self.asked.push_back((Lease::Until(joined), self.limits.clone()));
-            self.confirm();
-            return Ok(joined);
+        if is_joining {
+            let limits = self.asked.back().map_or(&self.limits, |(_, limits)| limits).clone();
+            if self.board.extend(Lease::Until(joined), &limits).is_ok() {
+                self.asked.push_back((Lease::Until(joined), limits));
+                self.board.await_extensions();
+                self.confirm();
+                if self.held == Lease::Until(joined) {
+                    return Ok(joined);
+                }
+            }
         }
         let was_lost = self.board.lost().is_some();
         match self.board.brake() {
@@ -470,13 +468,15 @@ impl<'a, B: Leased> Session<'a, B> {
         Ok(())
     }
 
-    /// As [`Session::change`]; the plan of the first `proven` ticks is known to be refused by nobody.
+    /// As [`Session::change`]. The first `proven` ticks are planned before anything is told: what is refused there changes nothing.
     fn go_over(&mut self, at: u64, program: &'a Program, proven: u64) -> Result<(), SessionError> {
         let (motors, old) = (program.motors.len(), self.timelines.len());
         let pace = Pace::of(program, self.pace.link);
         if motors != old || (pace.tick_hz, pace.fraction_bits) != (self.pace.tick_hz, self.pace.fraction_bits) {
             return Err(SessionError::Motors { program: motors, board: old });
         }
+        // The limits of the plan that is replaced are those that the board has.
+        self.board.await_extensions();
         self.look()?;
         let earliest = self.earliest();
         if at < earliest {

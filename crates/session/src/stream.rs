@@ -58,8 +58,8 @@ pub(crate) struct Handed {
     pub(crate) short: Option<usize>,
 }
 
-/// Items that are handed over at once, of each motor: then the lease is put off.
-const PORTION: usize = 16;
+/// So many items of each motor are handed over at once: then the lease is put off.
+const ITEMS_AT_ONCE: usize = 16;
 
 impl<'a> Stream<'a> {
     /// A program from the beginning: its laws begin where the motors are, at `counts`.
@@ -150,20 +150,16 @@ impl<'a> Stream<'a> {
     ) -> Result<Handed, SessionError> {
         let fraction_bits = self.program.board.fraction_bits;
         let mut full = vec![false; self.lanes.len()];
-        for _ in 0..PORTION * self.lanes.len() {
+        for _ in 0..ITEMS_AT_ONCE * self.lanes.len() {
             let open = (0..self.lanes.len()).filter(|motor| !full[*motor] && !self.lanes[*motor].is_told());
-            let Some(motor) = open.min_by_key(|motor| self.lanes[*motor].accumulator) else {
+            let least = open.min_by_key(|motor| self.lanes[*motor].accumulator);
+            let Some(motor) = least.filter(|motor| tick_of(self.lanes[*motor].accumulator, fraction_bits) < until)
+            else {
                 return Ok(Handed {
                     more: false,
                     short: self.known().map(|(_, motor)| motor).filter(|motor| full[*motor]),
                 });
             };
-            if tick_of(self.lanes[motor].accumulator, fraction_bits) >= until {
-                return Ok(Handed {
-                    more: false,
-                    short: self.known().map(|(_, motor)| motor).filter(|motor| full[*motor]),
-                });
-            }
             let Some(item) = self.next_item(motor)? else { continue };
             let lane = &mut self.lanes[motor];
             let mut sizer = lane.sizer;

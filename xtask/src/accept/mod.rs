@@ -78,7 +78,17 @@ pub(crate) fn run(options: &Options) -> Done {
     print!("{}", report(options, &tried));
     println!("\n{} motions in {took_s:.0} s: {:.0} a minute", tried.len(), 60.0 * tried.len() as f64 / took_s);
     let broken = tried.iter().filter(|tried| tried.outcome.is_failure()).count();
-    if broken == 0 { Ok(()) } else { Err(Failure::Check(format!("{broken} motions broke"))) }
+    // The rates are promised at 1 Mbaud.
+    let too_many = options.baud.is_none() && promised::line(&tried).1;
+    let passed = tried.iter().filter(|tried| matches!(tried.outcome, Outcome::Passed)).count();
+    match (broken, passed) {
+        (1.., _) => Err(Failure::Check(format!("{broken} motions broke"))),
+        (_, 0) => Err(Failure::Check("no motion passed".to_owned())),
+        _ if too_many => {
+            Err(Failure::Check("too many motions were refused of those that an Uno is to follow".to_owned()))
+        }
+        _ => Ok(()),
+    }
 }
 
 impl Outcome {
@@ -141,7 +151,7 @@ fn report(options: &Options, tried: &[Tried]) -> String {
         let counts = counts.map(|count| count.to_string()).join(" | ");
         text.push_str(&format!("| {} | {motors} | {tried} | {counts} |\n", BOARDS[board]));
     }
-    text.push_str(&promised::line(tried));
+    text.push_str(&promised::line(tried).0);
     for (column, kinds) in COLUMNS.iter().zip(kinds) {
         let mut kinds: Vec<_> = kinds.into_iter().collect();
         kinds.sort_by_key(|(_, motions)| std::cmp::Reverse(motions.len()));

@@ -18,22 +18,28 @@ pub(super) fn is_promised(motion: &Motion, promised_hz: f64) -> bool {
     rate.is_some_and(|rate| motion.rate < SHARE * promised_hz.min(1e3 * rate))
 }
 
-/// How many of them are refused. Limits of a motor that the file itself sets are no refusals of the board's.
-pub(super) fn line(tried: &[Tried]) -> String {
+/// Of them so many may be refused: 2 %, or two, where few were tried.
+const MOST_REFUSED: f64 = 0.02;
+const FEW_REFUSED: usize = 2;
+
+/// How many of them are refused, and whether that is too many. Limits of a motor that the file itself sets are no refusals of the board's.
+pub(super) fn line(tried: &[Tried]) -> (String, bool) {
     let of: Vec<&Tried> = tried.iter().filter(|tried| tried.promised).collect();
     if of.is_empty() {
-        return String::new();
+        return (String::new(), false);
     }
     let refused = |own: bool| {
         let is_own = |why: &str| why.contains("the motor's limit is");
         of.iter().filter(|tried| matches!(&tried.outcome, Outcome::Refused(why) if is_own(why) == own)).count()
     };
     let (by_board, by_file) = (refused(false), refused(true));
-    format!(
+    let too_many = by_board > FEW_REFUSED && by_board as f64 > MOST_REFUSED * of.len() as f64;
+    let line = format!(
         "\nuno, slower than 90 % of the rates of `bench uno --motions`: {} tried, {by_board} refused ({:.1} %), and {by_file} for limits of the file\n",
         of.len(),
         100.0 * by_board as f64 / of.len() as f64
-    )
+    );
+    (line, too_many)
 }
 
 #[cfg(test)]

@@ -336,7 +336,8 @@ fn a_shadow_goes_by_the_lease_that_was_accepted() {
         let mut seen = Both::default();
         board.advance(from, &mut seen);
         for _ in 0..30 {
-            if board.unconfirmed().is_none() && board.extend(Lease::Until(board.now() + 50 * MS), &[]).is_err() {
+            if board.board().unconfirmed().is_none() && board.extend(Lease::Until(board.now() + 50 * MS), &[]).is_err()
+            {
                 break;
             }
             let until = board.now() + 12 * MS;

@@ -140,11 +140,8 @@ impl<P: Port> Leased for Watched<P> {
     fn lease(&self) -> LeaseState {
         self.board.lease()
     }
-    fn unconfirmed(&self) -> Option<Lease> {
-        self.board.unconfirmed()
-    }
-    fn extending(&self) -> usize {
-        self.board.extending()
+    fn extended(&mut self) -> Option<bool> {
+        self.board.extended()
     }
 }
 
@@ -330,17 +327,17 @@ fn what_an_uno_is_to_do_streams_through_its_queues() {
     }
 }
 
-/// Four motors on an Uno have 99 bytes each. Where a ramp ends, its last segments and those of what comes next take the most.
+/// As many bytes as each of four motors of an Uno has. Where a ramp ends, its last segments and those of what comes next take the most.
 #[test]
 fn ramps_of_four_motors_fit_their_queues() {
-    const QUEUE: u16 = 99;
+    let queue = pulsetrain_motion::boards::find("uno").expect("the table has the Uno").queue_bytes[3] as u16;
     for rate in [5.6e3, 8e3, 10e3, 12e3, 13.5e3, 15e3, 16.5e3, 18e3, 20e3] {
         for apart in [0.0, 0.25] {
             let law = Law::trapezoid(0.8 * rate, rate, 2.0 * rate, 2.0 * rate).unwrap();
             // Each a part of a step behind the one before.
             let law = |motor| law.clone().delayed(Time::from_seconds(apart * f64::from(motor) / rate)).unwrap();
             let program = unlimited(program((0..4).map(law).collect(), 0.0));
-            let figures = stream(&Program { tolerance: Tolerance::Seconds(1e-6), ..program }, QUEUE, 2.0);
+            let figures = stream(&Program { tolerance: Tolerance::Seconds(1e-6), ..program }, queue, 2.0);
             assert_eq!(figures.refused, None, "{rate} steps/s, {apart} of a step apart");
         }
     }

@@ -193,11 +193,13 @@ impl Leased for Bench {
         self.on_their_way.push_back((lease, limits.to_vec(), self.native.now() + self.delay));
         Ok(())
     }
-    fn unconfirmed(&self) -> Option<Lease> {
-        self.on_their_way.back().map(|(lease, ..)| *lease)
+    fn extended(&mut self) -> Option<bool> {
+        if self.lost.is_some() { None } else { self.native.extended() }
     }
-    fn extending(&self) -> usize {
-        self.on_their_way.len()
+    fn await_extensions(&mut self) {
+        for (lease, limits, _) in self.on_their_way.drain(..).filter(|_| self.lost.is_none()) {
+            self.native.extend(lease, &limits).unwrap();
+        }
     }
     fn trim(&mut self, until: u64, items: &[usize]) -> Result<(), TrimRefused> {
         self.native.trim(until, items)

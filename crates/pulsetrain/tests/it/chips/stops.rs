@@ -13,6 +13,7 @@ use pulsetrain_board::virtual_uno::VirtualUno;
 use pulsetrain_board::{Board, Edge, Port, PortError};
 use pulsetrain_core::wire::Baud;
 use pulsetrain_motion::boards;
+use pulsetrain_plan::SOFTEST_STOP_S;
 use pulsetrain_testkit::Random;
 use pulsetrain_testkit::model::ModelPort;
 use pulsetrain_testkit::seed::{rounds, seed};
@@ -180,8 +181,9 @@ fn longest_stop(prepared: &Prepared) -> Duration {
     let planned = prepared.plan(|_| {}).expect("it was accepted");
     let motors = planned.iter().zip(&prepared.program.motors);
     let seconds = motors.map(|(planned, motor)| {
-        let limit = motor.limits.max_acceleration.unwrap_or(f64::INFINITY);
-        3.0 * planned.certificate.peak_speed.0 / limit + 2.0 / limit.sqrt()
+        let peak = planned.certificate.peak_speed.0;
+        let limit = motor.limits.max_acceleration.unwrap_or((peak / SOFTEST_STOP_S).max(1.0));
+        3.0 * peak / limit + 2.0 / limit.sqrt()
     });
     Duration::from_secs_f64(seconds.fold(0.0, f64::max))
 }

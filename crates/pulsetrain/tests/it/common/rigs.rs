@@ -66,7 +66,9 @@ fn law(peak: f64, random: &mut Random) -> (Law, Limits) {
     };
     let law = law.and_then(|law| law.delayed(delay)).expect("numbers within the limits of laws");
     let pull_in = random.pick(&[0.0, 50.0, 200.0]);
-    (law, Limits { max_speed: None, max_acceleration: Some(SPARE * hardest), pull_in })
+    // Without a limit motors brake as hard as the law has accelerated so far: the host tells the board new limits as it goes.
+    let max_acceleration = random.pick(&[Some(SPARE * hardest), Some(SPARE * hardest), None]);
+    (law, Limits { max_speed: None, max_acceleration, pull_in })
 }
 
 fn slow_law(random: &mut Random) -> Law {
