@@ -42,8 +42,12 @@ fn begin(remote: &mut Line, epoch: u8, items: &[Item], lease: impl Fn(u64) -> Le
 
 /// Where the motor of such a plan comes to rest if the lease ends at `until`.
 fn rest_at(items: &[Item], from: u64, until: u64) -> i64 {
+    rest_with(limit(), items, from, until)
+}
+
+fn rest_with(limit: Limit, items: &[Item], from: u64, until: u64) -> i64 {
     let items: Vec<Item> = [Item::Anchor { tick: Moment::of(from) }].iter().chain(items).copied().collect();
-    let sent = Sent { start: Start::at(from, 16), items: &items, limit: limit(), gap_ticks: 17, line: None };
+    let sent = Sent { start: Start::at(from, 16), items: &items, limit, gap_ticks: 17, line: None };
     Replay::new([sent], &[], 16, Some(until)).map(|step| i64::from(step.direction.sign())).sum()
 }
 
@@ -229,6 +233,42 @@ fn brake_is_done_once_on_a_bad_line() {
         assert_eq!(remote.positions(), [rest_at(&plan(), from, at)], "seed {seed}");
     }
     assert!(told > 15, "{told} events");
+}
+
+/// An extension that is on its way when the order to brake goes out is before it: its limits hold, and the host knows.
+#[test]
+fn an_order_to_brake_tells_what_became_of_extensions_before_it() {
+    let softer = Limit::new(200, 32, 2).unwrap();
+    let mut remote = connect(1);
+    let from = begin(&mut remote, 1, &plan(), |from| Lease::Until(from + 300 * MS));
+    remote.advance(from + 50 * MS, &mut unseen);
+    for (more, limits) in [(310, limit()), (320, softer)] {
+        remote.extend(Lease::Until(from + more * MS), &[limits]).unwrap();
+    }
+    // They go out, and no answer has come.
+    let now = remote.now();
+    remote.advance(now, &mut unseen);
+    assert_eq!(remote.unconfirmed(), Some(Lease::Until(from + 320 * MS)));
+    let at = remote.brake().expect("the lease holds");
+    assert!(at < from + 200 * MS);
+    assert_eq!([remote.extended(), remote.extended(), remote.extended()], [Some(true), Some(true), None]);
+    remote.advance(at + 3 * TICK_HZ, &mut unseen);
+    let rests = rest_with(softer, &plan(), from, at);
+    assert_eq!((remote.positions(), remote.unconfirmed()), (vec![rests], None));
+    assert!(rests > rest_at(&plan(), from, at));
+
+    // One that comes after the lease is over is refused.
+    let mut remote = connect(2);
+    let from = begin(&mut remote, 1, &plan(), |from| Lease::Until(from + 50 * MS));
+    remote.advance(from + 49 * MS, &mut unseen);
+    remote.port_mut().set(Rates { drop: 1000, ..Rates::default() });
+    remote.extend(Lease::Until(from + 400 * MS), &[softer]).unwrap();
+    remote.advance(from + 60 * MS, &mut unseen);
+    remote.port_mut().set(Rates::default());
+    let at = remote.brake().expect("the lease is over");
+    assert_eq!((at, remote.extended(), remote.extended()), (from + 50 * MS, Some(false), None));
+    remote.advance(at + 3 * TICK_HZ, &mut unseen);
+    assert_eq!(remote.positions(), [rest_at(&plan(), from, at)]);
 }
 
 /// The end of the plan is taken back and told otherwise, again and again: each trim is done once, and both ends pack what follows from the same
