@@ -162,7 +162,7 @@ impl Whereabouts {
     /// What to do before the next run.
     const fn advice(&self) -> &'static str {
         match self.by {
-            Knowledge::Counted => "the next run begins where the motors are now: bring them to where it is to begin",
+            Knowledge::Counted => "the next run counts from here: move the motors to their start position first",
             Knowledge::StoppedAtOnce => {
                 "nothing moves until the next run. Look where the motors are: one that was stopped at speed may have gone further than it \
                  counted; `pulsetrain info --port PORT` tells how the board fared"

@@ -221,11 +221,8 @@ impl Display for RunReport {
         let tick_s = 1.0 / verdict.tick_hz as f64;
         let Lateness { constant_ticks, p50_ticks, p99_ticks, max_ticks, lost, extra, .. } = *lateness;
         let max = ticks(max_ticks as f64, tick_s);
-        writeln!(
-            f,
-            "  STEP edges against their scheduled ticks, less the board's constant of {constant_ticks} ticks:"
-        )?;
-        writeln!(f, "  half of them {p50_ticks} ticks late at most, 99 % {p99_ticks}, all {max}")?;
+        writeln!(f, "  Lateness of STEP edges, less the board's constant delay of {constant_ticks} ticks:")?;
+        writeln!(f, "  median {p50_ticks} ticks, 99 % within {p99_ticks}, worst {max}")?;
         writeln!(f, "  steps lost {lost}, added {extra}\n")?;
         write_figures(f, figures)?;
         write_verdict(f, verdict)?;

@@ -238,7 +238,7 @@ pub trait Machine {
     /// The board's own measurements, up to date. The service fills in the damaged frames.
     fn measures(&mut self) -> &mut Measures;
 
-    /// They begin anew.
+    /// Counters restart at zero.
     fn reset_measures(&mut self);
 
     /// Whether the line can do `baud`.

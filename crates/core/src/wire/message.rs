@@ -283,9 +283,9 @@ pub enum Command<'a> {
     ///
     /// | byte | |
     /// |---|---|
-    /// | 2 | 1: begin anew before the answer; else 0 |
+    /// | 2 | 1: counters restart at zero before the answer; else 0 |
     Measures {
-        /// Whether they begin anew before the answer.
+        /// Whether counters restart at zero before the answer.
         reset: bool,
     },
     /// Tells motors directly; not every board takes it. Answer: [`Obeyed`].
@@ -1096,7 +1096,7 @@ impl Status {
     }
 }
 
-/// What a board measured of itself since it was asked to begin anew: the answer to Measures. Counters stay at their end.
+/// What a board measured of itself since its counters were last set to zero: the answer to Measures. Counters stay at their end.
 ///
 /// | byte | |
 /// |---|---|
