@@ -115,16 +115,20 @@ pub(crate) fn start() {
 
 global_asm!(
     r#"
-    // Goes to \first if that ring is filled less far than the second; one batch is to be made.
+    // Goes to \first if that ring is filled less far than the second; one batch is to be made. Both are counted from now: one may be filled 2^15 ticks
+    // further than the other.
     .macro which_is_less first
-    lds r24, steps_stepper+{AT}
-    lds r25, steps_stepper+{AT}+1
-    lds r18, steps_stepper+{AT}+{TRACK_SIZE}
-    lds r19, steps_stepper+{AT}+{TRACK_SIZE}+1
-    sub r24, r18
-    sbc r25, r19
+    lds r20, steps_stepper+{AT}
+    lds r21, steps_stepper+{AT}+1
+    rcall task_ahead
+    movw r18, r20
+    lds r20, steps_stepper+{AT}+{TRACK_SIZE}
+    lds r21, steps_stepper+{AT}+{TRACK_SIZE}+1
+    rcall task_ahead
+    cp r18, r20
+    cpc r19, r21
     ldi r20, 1
-    brmi \first
+    brlo \first
     .endm
 
     // As the ring's interrupts, in reach of the vectors.
