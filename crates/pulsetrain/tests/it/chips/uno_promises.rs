@@ -3,10 +3,14 @@
 //!
 //! `cargo xtask bench uno` measures how far beyond it goes.
 
+use crate::common::motion::make;
+use crate::common::rigs;
 use crate::common::rows::{Case, PROMISED, Row, fastest_plateau, tutorial, tutorial_row};
+use crate::common::uno::{MOST_CYCLES, SHIELD};
 use pulsetrain_motion::program::{DriverTiming, Motor, Wiring};
-use pulsetrain_motion::{Time, boards};
+use pulsetrain_motion::{Law, Time, boards};
 use pulsetrain_testkit::TICK_HZ;
+use std::f64::consts::TAU;
 
 /// A stream of each kind of pins, s.
 const SHORT_S: f64 = 0.1;
@@ -49,6 +53,23 @@ fn four_motors_stay_fast_on_the_shield() {
     for rate in [11e3, 12.5e3, 13e3, 15e3] {
         let row = fastest_plateau(&case, &[rate]);
         assert_eq!(row.verdict, "", "{rate} steps/s");
+    }
+}
+
+/// Near the top of a sinusoid segments are of a few steps, and each takes the task some 1000 cycles. Meanwhile the other motor's ring must not run
+/// empty; nor where both go over to their next segments at once.
+#[test]
+fn two_motors_on_sinusoids_do_not_starve() {
+    for (hertz, rate, second) in
+        [(36.68, 73e3, 1.03), (39.0, 70.1e3, 1.03), (31.43, 75.7e3, 1.03), (23.98, 72.1e3, 1.03), (27.33, 75.7e3, 1.0)]
+    {
+        let motors = [hertz, hertz * second].into_iter().enumerate().map(|(index, hertz)| {
+            let law = Law::sine(rate / (TAU * hertz), Time::from_seconds(1.0 / hertz), Some(hertz.round() as u64));
+            rigs::motor(index, SHIELD[index], law.expect("a sinusoid"))
+        });
+        let prepared = rigs::prepared(&boards::find("uno").expect("the Uno's row"), motors.collect());
+        let made = make(&prepared, MOST_CYCLES as f64, |_| {}).expect("`plan` accepts it");
+        assert_eq!(made.seen.trouble, "", "{hertz} Hz, {rate} steps/s");
     }
 }
 
