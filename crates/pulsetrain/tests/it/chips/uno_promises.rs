@@ -3,9 +3,10 @@
 //!
 //! `cargo xtask bench uno` measures how far beyond it goes.
 
+use crate::common::motion::make;
+use crate::common::rigs;
 use crate::common::rows::{Case, PROMISED, Row, fastest_plateau, tutorial, tutorial_row};
 use crate::common::uno::{MOST_CYCLES, SHIELD};
-use crate::common::{motion, rigs};
 use pulsetrain::prepare::Prepared;
 use pulsetrain_motion::program::{DriverTiming, Motor, Wiring};
 use pulsetrain_motion::{Law, Time, boards};
@@ -53,6 +54,23 @@ fn four_motors_stay_fast_on_the_shield() {
     for rate in [11e3, 12.5e3, 13e3, 15e3] {
         let row = fastest_plateau(&case, &[rate]);
         assert_eq!(row.verdict, "", "{rate} steps/s");
+    }
+}
+
+/// Near the top of a sinusoid segments are of a few steps, and each takes the task some 1000 cycles. Meanwhile the other motor's ring must not run
+/// empty; nor where both go over to their next segments at once.
+#[test]
+fn two_motors_on_sinusoids_do_not_starve() {
+    for (hertz, rate, second) in
+        [(36.68, 73e3, 1.03), (39.0, 70.1e3, 1.03), (31.43, 75.7e3, 1.03), (23.98, 72.1e3, 1.03), (27.33, 75.7e3, 1.0)]
+    {
+        let motors = [hertz, hertz * second].into_iter().enumerate().map(|(index, hertz)| {
+            let law = Law::sine(rate / (TAU * hertz), Time::from_seconds(1.0 / hertz), Some(hertz.round() as u64));
+            rigs::motor(index, SHIELD[index], law.expect("a sinusoid"))
+        });
+        let prepared = rigs::prepared(&boards::find("uno").expect("the Uno's row"), motors.collect());
+        let made = make(&prepared, MOST_CYCLES as f64, |_| {}).expect("`plan` accepts it");
+        assert_eq!(made.seen.trouble, "", "{hertz} Hz, {rate} steps/s");
     }
 }
 
@@ -104,6 +122,6 @@ fn queues_by_need_let_one_motor_turn_more_often() {
     assert!(by_need >= 1.3 * equal, "{by_need} Hz, {equal} Hz with equal parts");
     let mut prepared = motion(by_need);
     prepared.plan_by_need(|_| {}).expect("it was accepted");
-    let seen = motion::make(&prepared, f64::from(MOST_CYCLES as u32), |_| {}).expect("it begins").seen;
+    let seen = make(&prepared, f64::from(MOST_CYCLES as u32), |_| {}).expect("it begins").seen;
     assert_eq!((seen.trouble.as_str(), seen.lateness.lost, seen.lateness.extra), ("", 0, 0));
 }

@@ -4,7 +4,7 @@
 //! 100 a batch, beside what [`plan`](super::plan) and [`expand`](super::expand) take; 8 more a step as long as there are groups
 //! that are not a step's.
 
-use super::motor::{Motor, flag};
+use super::motor::Motor;
 use super::ring::Ring;
 use super::stepper::Track;
 use super::task::mode;
@@ -44,18 +44,12 @@ fill_next:
     dec r4
     brpl 6f
 1:  ret
-    // While the ring is full: what the next steps are of. Beside another ring only while a switch waits, which takes as long as a ring lasts.
+    // While the ring is full: what the next steps are of.
 2:  ldd r24, Y+{LEFT}
     ldd r25, Y+{LEFT}+1
     or r24, r25
     brne 1b
-    lds r24, steps_mode
-    ldd r25, Y+{FLAGS}
-    sbrs r24, {BESIDE}
-    rjmp 4f
-    sbrs r25, {SWITCH}
-    ret
-4:  ldi r24, 1 << {AHEAD}
+    ldi r24, 1 << {AHEAD}
     sts steps_times+{ONLY_STEPS}, r24
     call steps_plan
     sts steps_times+{ONLY_STEPS}, r1
@@ -199,7 +193,5 @@ fill_next:
     ONLY_STEPS = const times::ONLY_STEPS,
     AHEAD = const times::AHEAD,
     LEFT = const offset_of!(Motor, registers) + 19,
-    FLAGS = const offset_of!(Motor, flags),
-    SWITCH = const flag::SWITCH,
     PULSE = const times::PULSE,
 );

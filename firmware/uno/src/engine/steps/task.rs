@@ -115,16 +115,20 @@ pub(crate) fn start() {
 
 global_asm!(
     r#"
-    // Goes to \first if that ring is filled less far than the second; one batch is to be made.
+    // Goes to \first if that ring is filled less far than the second; one batch is to be made. Both are counted from now: one may be filled 2^15 ticks
+    // further than the other.
     .macro which_is_less first
-    lds r24, steps_stepper+{AT}
-    lds r25, steps_stepper+{AT}+1
-    lds r18, steps_stepper+{AT}+{TRACK_SIZE}
-    lds r19, steps_stepper+{AT}+{TRACK_SIZE}+1
-    sub r24, r18
-    sbc r25, r19
+    lds r20, steps_stepper+{AT}
+    lds r21, steps_stepper+{AT}+1
+    rcall task_ahead
+    movw r18, r20
+    lds r20, steps_stepper+{AT}+{TRACK_SIZE}
+    lds r21, steps_stepper+{AT}+{TRACK_SIZE}+1
+    rcall task_ahead
+    cp r18, r20
+    cpc r19, r21
     ldi r20, 1
-    brmi \first
+    brlo \first
     .endm
 
     // As the ring's interrupts, in reach of the vectors.
@@ -193,27 +197,26 @@ steps_task_begin:
     brcs 9f
     call steps_merge_run
     rjmp 9f
-    // Two rings, a batch for the one that is filled less far, until that is full; then the other.
-    // Which has no room is not asked again.
+    // Two rings, a batch at a time for the one that is filled less far, or for the other if that can have none now (r4 is not negative then).
 8:  ldi r24, {TURNS}
 13: push r24
     which_is_less 14f
     rcall task_fill_second
-    pop r24
-    dec r4
-    breq 7f
-    rjmp 15f
+    tst r4
+    brmi 15f
+    ldi r20, 1
+    rcall task_fill_first
+    rjmp 16f
 14: rcall task_fill_first
-    pop r24
-    dec r4
-    breq 16f
-15: dec r24
+    tst r4
+    brmi 15f
+    ldi r20, 1
+    rcall task_fill_second
+16: tst r4
+15: pop r24
+    brpl 9f
+    dec r24
     brne 13b
-    ldi r20, {BATCHES}
-    rcall task_fill_second
-    rjmp 7f
-16: ldi r20, {BATCHES}
-    rcall task_fill_second
     rjmp 9f
 7:  ldi r20, {BATCHES}
     rcall task_fill_first
