@@ -197,6 +197,15 @@ impl<const F: u32> Channel<F> {
             if !self.takes(items) {
                 return None;
             }
+            if self.anchored
+                && let Some(direction) = items.heads()
+                && let count @ 1.. = items.take_run(self.epoch, direction, &mut self.recurrence)
+            {
+                self.left = count;
+                self.fresh |= direction != self.direction;
+                self.direction = direction;
+                continue;
+            }
             let failed_before = items.has_failed();
             items.end_runs(&self.recurrence);
             match items.take(&self.place()) {
@@ -522,6 +531,10 @@ impl<const F: u32> Channel<F> {
     ) -> u32 {
         if self.left == 0 {
             self.left = items.take_run(self.epoch, self.direction, &mut self.recurrence);
+        }
+        // As it is at the end of each fill: to ask for steps takes longer.
+        if limit.is_before(self.next_tick()) {
+            return 0;
         }
         let left = usize::try_from(self.left).unwrap_or(usize::MAX);
         let room = words.len().min(left);

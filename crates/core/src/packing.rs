@@ -795,6 +795,44 @@ mod tests {
         }
     }
 
+    proptest! {
+        /// What is taken straight into the recurrence is what is taken as an item.
+        #[test]
+        fn a_run_taken_onward_is_the_item(
+            bits in 16u32..=32,
+            gain in -8i8..4,
+            parts in prop::collection::vec((prop_oneof![1u32..4, 1u32..70, 1u32..70_000], any::<[i32; 3]>(), 0u32..32), 1..20),
+        ) {
+            let packing = Packing { fraction_bits: bits, gain };
+            let (mut here, mut there) = (State::default(), State::default());
+            let (mut units, mut taken_onward) = (Units::UNKNOWN, 0);
+            for (count, corrections, scale) in parts {
+                let [interval, add, add2] = packing.corrected(&here, corrections.map(|by| i64::from(by >> scale)));
+                let mut bytes = [0; MAX_PACKED_LEN];
+                let item = run(count, interval, add, add2, Direction::Forward);
+                let len = packing.pack(&mut here, &item, &mut bytes).unwrap();
+                let mut registers = Recurrence { accumulator: 5, interval: there.interval, add: there.add, add2: there.add2 };
+                let before = (registers, there.previous_count);
+                let onward =
+                    packing.unpack_onward(&mut units, before.1, &mut registers, bytes.first_chunk().unwrap());
+                let Ok(Some(Item::Run { segment, .. })) = packing.unpack(&mut there, &mut &bytes[..]) else {
+                    unreachable!()
+                };
+                match onward {
+                    Some(onward) => {
+                        taken_onward += 1;
+                        prop_assert_eq!(onward, (segment.count, len));
+                        let Segment { interval, add, add2, .. } = segment;
+                        prop_assert_eq!(registers, Recurrence { accumulator: 5, interval, add, add2 });
+                    }
+                    None => prop_assert_eq!(registers, before.0),
+                }
+                prop_assert_eq!(there, here);
+            }
+            prop_assume!(taken_onward > 0);
+        }
+    }
+
     #[test]
     fn a_check_is_ten_bytes_and_passed_over() {
         let check = Check { position: 0x0102, tick: Moment(0x0304_0506), fraction: 0x0708 };

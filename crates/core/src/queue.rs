@@ -74,6 +74,11 @@ pub trait Items {
         0
     }
 
+    /// Which way a run goes that [`take_run`](Items::take_run) might take; `None` if it takes none.
+    fn heads(&self) -> Option<Direction> {
+        None
+    }
+
     /// The runs of [`take_run`](Items::take_run) are done, and `registers` are as after the last of them. It comes before `take`.
     fn end_runs(&mut self, _registers: &Recurrence) {}
 

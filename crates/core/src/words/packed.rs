@@ -105,6 +105,10 @@ impl Packed {
         let epoch = self.bytes.first()?;
         let len = self.bytes.waiting(epoch).min(MOST_IN_FRONT);
         if let Some(front) = self.bytes.first_in_place(pool, len) {
+            if let [c0 @ (REVERSE | RESET), 0, ..] = *front {
+                self.begin_again(c0 == REVERSE);
+                return None;
+            }
             return self.take_from(front, epoch, here);
         }
         let mut front = [0; MAX_PACKED_LEN];
@@ -131,9 +135,7 @@ impl Packed {
             return None;
         }
         if let [c0 @ (REVERSE | RESET), 0, ..] = *rest {
-            self.consume(2);
-            let was = self.state.direction;
-            self.state = State::new(if c0 == REVERSE { was.reversed() } else { was });
+            self.begin_again(c0 == REVERSE);
             return None;
         }
         let len = rest.len();
@@ -180,6 +182,13 @@ impl Packed {
         count
     }
 
+    /// A reversal, or a reset: nothing predicts what comes next.
+    fn begin_again(&mut self, reverses: bool) {
+        self.consume(2);
+        let was = self.state.direction;
+        self.state = State::new(if reverses { was.reversed() } else { was });
+    }
+
     /// What comes next follows nothing.
     fn begin(&mut self) {
         (self.state, self.lent) = (State::default(), false);
@@ -214,6 +223,10 @@ impl<const N: usize> Items for Waiting<'_, N> {
 
     fn take_run(&mut self, epoch: Epoch, direction: Direction, registers: &mut Recurrence) -> u32 {
         self.packed.take_run(self.pool, epoch, direction, registers)
+    }
+
+    fn heads(&self) -> Option<Direction> {
+        Some(self.packed.state.direction)
     }
 
     fn end_runs(&mut self, registers: &Recurrence) {
