@@ -19,6 +19,10 @@ pub enum Fault {
 const MOST_IN_FRONT: u16 = MAX_PACKED_LEN as u16;
 const _: () = assert!(CHECK_LEN <= MAX_PACKED_LEN && MAX_PACKED_LEN < 256);
 
+/// A run that is taken onward has so many bytes behind it, or its own.
+#[expect(clippy::cast_possible_truncation, reason = "11")]
+const ONWARD_LEN: u16 = MOST_ONWARD as u16;
+
 /// How a check begins: control record 5.
 const CHECK: [u8; 2] = [0x2f, 0];
 
@@ -163,11 +167,10 @@ impl Packed {
         direction: Direction,
         registers: &mut Recurrence,
     ) -> u32 {
-        const LEN: u16 = MOST_ONWARD as u16;
-        if self.state.direction != direction || self.bytes.waiting(epoch) < LEN {
+        if self.state.direction != direction || self.bytes.waiting(epoch) < ONWARD_LEN {
             return 0;
         }
-        let front = self.bytes.first_in_place(pool, LEN).and_then(|front| front.first_chunk());
+        let front = self.bytes.first_in_place(pool, ONWARD_LEN).and_then(|front| front.first_chunk());
         let Some(front) = front else { return 0 };
         if !self.lent {
             let State { interval, add, add2, .. } = self.state;
