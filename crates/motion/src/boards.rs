@@ -55,6 +55,8 @@ pub struct LineRow {
     pub other_bytes_per_s: u32,
     /// How many bytes a byte of a plan takes on the line, with its share of a frame.
     pub frame_share: f64,
+    /// What the board's own USB brings, bytes/s: it has no baud. `None`: the board has only a UART, behind an adapter or a bridge.
+    pub usb_bytes_per_s: Option<u32>,
 }
 
 /// How the pins of a board work together.
@@ -410,6 +412,7 @@ fn uno() -> BoardRow {
             delay_bytes: 290,
             other_bytes_per_s: 2_300,
             frame_share: 1.33,
+            usb_bytes_per_s: None,
         }),
         note: "one or two motors with STEP on pins 9 and 10 are timed by the compare hardware: no lateness",
         pins: 0..=19,
@@ -490,6 +493,9 @@ fn pico() -> BoardRow {
             delay_bytes: 130,
             other_bytes_per_s: 1_500,
             frame_share: 1.2,
+            // Full speed brings 19 packets of 64 bytes in a millisecond at most (USB 2.0, table 5-9): less than half of it is reckoned with. The processor
+            // does not get through more segments than that.
+            usb_bytes_per_s: Some(500_000),
         }),
         note: "edges come from PIO state machines fed by DMA: exact to the tick. STEP and DIR of a motor are neighbours, and so \
                are IN1 to IN4 of a ULN2003 (GP26 is next to GP22); 3.3 V outputs",
