@@ -317,7 +317,8 @@ impl<const F: u32> Words<F> {
         if self.end != self.channel.place().tick {
             return;
         }
-        if self.step != 0 && self.channel.goes_on(limits[0]) {
+        // Those that take none have nothing to gain: steps of verbs come by ones and twos.
+        if self.step != 0 && items.heads().is_some() && self.channel.goes_on(limits[0]) {
             self.write_runs(items, tape, memory, limits, expand);
         } else {
             self.write_run(tape, memory, limits, expand);
