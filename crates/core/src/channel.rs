@@ -13,7 +13,7 @@ use crate::braking::{Limit, Registers};
 use crate::lease::{Cause, ExtendRefused, Lapse, Lease};
 use crate::queue::{Epoch, Item, Items, Place};
 use crate::words::{Expand, LONGEST_WAIT, Stretch};
-use crate::{Direction, Moment, Recurrence};
+use crate::{Direction, Moment, Recurrence, Segment};
 
 /// What happens at a tick.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -197,7 +197,17 @@ impl<const F: u32> Channel<F> {
             if !self.takes(items) {
                 return None;
             }
+            if self.anchored
+                && let Some(direction) = items.heads()
+                && let count @ 1.. = items.take_run(self.epoch, direction, &mut self.recurrence)
+            {
+                self.left = count;
+                self.fresh |= direction != self.direction;
+                self.direction = direction;
+                continue;
+            }
             let failed_before = items.has_failed();
+            items.end_runs(&self.recurrence);
             match items.take(&self.place()) {
                 Some(item) => self.load(item, items),
                 None if items.has_failed() && !failed_before && self.is_leased() => self.fail(Cause::BadItem, items),
@@ -494,6 +504,64 @@ impl<const F: u32> Channel<F> {
         taken
     }
 
+    /// Whether steps up to `limit` are runs one after the other, as far as is known: no switch, no lapse and no other item comes between, and the
+    /// step before was the last event.
+    pub(crate) fn goes_on(&self, limit: Moment) -> bool {
+        let ends = self.end.is_some_and(|end| !limit.is_before(end.at));
+        let steady = self.anchored && self.facing == Some(self.direction) && !self.assert_every_step;
+        let last = self.last_tick();
+        steady
+            && self.committed.is_none()
+            && self.lapse.is_none()
+            && !ends
+            && !limit.is_before(last)
+            && self.horizon == last.after(self.gap)
+    }
+
+    /// Takes steps of the run that is under way or the one behind it, as [`take_steps`](Channel::take_steps) does. Only if it
+    /// [goes on](Channel::goes_on) up to `limit`, and [`went_on`](Channel::went_on) is called before anything else.
+    #[inline(always)]
+    pub(crate) fn go_on(
+        &mut self,
+        items: &mut impl Items,
+        limit: Moment,
+        bits: u32,
+        words: &mut [u32],
+        expand: Expand,
+    ) -> u32 {
+        if self.left == 0 {
+            self.left = items.take_run(self.epoch, self.direction, &mut self.recurrence);
+        }
+        // As it is at the end of each fill: to ask for steps takes longer.
+        if limit.is_before(self.next_tick()) {
+            return 0;
+        }
+        let left = usize::try_from(self.left).unwrap_or(usize::MAX);
+        let room = words.len().min(left);
+        let Some(words) = words.get_mut(..room) else { return 0 };
+        let ticks = limit.after(1).since(self.last_tick());
+        // Of 0 on there are at most so many, as a step before is not after the limit.
+        let stretch = Stretch { gap: self.gap, ticks: ticks.min(LONGEST_WAIT), bits };
+        let taken = if room == 0 { 0 } else { expand(&mut self.recurrence, words, &stretch).min(self.left) };
+        if taken > 0 {
+            self.left -= taken;
+            self.position = match self.direction {
+                Direction::Forward => self.position.wrapping_add_unsigned(taken),
+                Direction::Backward => self.position.wrapping_sub_unsigned(taken),
+            };
+            // As it was before the last of them.
+            let Recurrence { interval, add, add2, .. } = self.recurrence;
+            self.last_interval = interval.wrapping_sub(add.wrapping_sub(add2));
+        }
+        taken
+    }
+
+    /// Notes that [`go_on`](Channel::go_on) took steps.
+    pub(crate) fn went_on(&mut self) {
+        self.horizon = self.last_tick().after(self.gap);
+        self.fresh = false;
+    }
+
     /// Whether the next event is a step of the run that is under way, after `limit`, and no switch or lapse comes before.
     #[must_use]
     pub const fn waits_beyond(&self, limit: Moment) -> bool {
@@ -540,7 +608,10 @@ impl<const F: u32> Channel<F> {
     #[inline(never)]
     fn miss(&mut self, tick: Moment, items: &mut impl Items) {
         self.missed = self.missed.or(Some(tick));
-        self.left = 0;
+        // Registers are as after the run: who made it out may need them for the next one.
+        let Recurrence { interval, add, add2, .. } = self.recurrence;
+        let count = core::mem::take(&mut self.left);
+        self.recurrence.load(&Segment { count, interval, add, add2 }.after(count));
         if self.is_leased() {
             self.fail(Cause::StepMissed, items);
         } else {

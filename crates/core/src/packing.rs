@@ -51,7 +51,7 @@
 //! segment, but the previous count is then at least [`COUNT_AFTER_EXACT`]: what follows a segment that was cut was
 //! planned in the units of the whole.
 
-use crate::{Direction, Item, Moment, Segment};
+use crate::{Direction, Item, Moment, Recurrence, Segment};
 
 /// The longest packed item: a reversal and an exact segment.
 pub const MAX_PACKED_LEN: usize = 2 + 4 + 4 + 3 * 8;
@@ -62,6 +62,9 @@ pub const COUNT_AFTER_EXACT: u32 = 255;
 
 /// The largest count that can be given explicitly.
 pub const MAX_EXPLICIT_COUNT: u32 = 65_535;
+
+/// The longest segment that [`Packing::unpack_onward`] takes, bytes: header, count, three corrections.
+pub(crate) const MOST_ONWARD: usize = 2 + 3 * 3;
 
 /// Bytes of narrow and wide corrections, by header bits 3–4.
 const WIDTHS: [(u8, u8); 4] = [(0, 1), (1, 2), (2, 3), (3, 5)];
@@ -136,6 +139,30 @@ pub struct Packing {
     pub fraction_bits: u32,
     /// Finer units by so many bits; about −log2((E − ½) / ½) for a tolerance of E ticks.
     pub gain: i8,
+}
+
+/// The units of corrections, kept: they change with the bits of the count before, and it takes a while to work them out.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Units {
+    /// Bits of the count before, less one.
+    bits: u8,
+    exponents: [u8; 3],
+}
+
+impl Units {
+    /// Of no count that there is.
+    pub(crate) const UNKNOWN: Units = Units { bits: 31, exponents: [0; 3] };
+
+    /// Of a count below 2^31.
+    #[expect(clippy::cast_possible_truncation, reason = "up to 32")]
+    #[inline(always)]
+    fn exponents(&mut self, packing: &Packing, previous_count: u32) -> [u8; 3] {
+        if previous_count >> self.bits != 1 {
+            self.bits = (u32::BITS - 1).saturating_sub(previous_count.leading_zeros()) as u8;
+            self.exponents = packing.exponents(previous_count).map(|exponent| exponent as u8);
+        }
+        self.exponents
+    }
 }
 
 /// What both ends remember: the prediction of the next segment.
@@ -406,6 +433,54 @@ impl Packing {
         Ok(item)
     }
 
+    /// Takes a segment off the front of `bytes` if it is of the usual kind: of up to 2^16 − 1 steps, with corrections of up to three bytes. `registers` are
+    /// as after the segment before, of `n` steps, and then this segment's. Gives its steps and bytes. `None`, and nothing changes, if
+    /// [`unpack`](Packing::unpack) has to look at it.
+    pub(crate) fn unpack_onward(
+        &self,
+        units: &mut Units,
+        n: u32,
+        registers: &mut Recurrence,
+        bytes: &[u8; MOST_ONWARD],
+    ) -> Option<(u32, usize)> {
+        if n >= 1 << 15 {
+            return None;
+        }
+        let [header, ref rest @ ..] = *bytes;
+        let mut rest = rest.as_slice();
+        let count = match header & 7 {
+            0 => n + (n >> 1),
+            1 => n + (n >> 2),
+            2 => n + (n >> 3),
+            3 => n,
+            4 => n - (n >> 3),
+            5 => n - (n >> 2),
+            6 => n - (n >> 1),
+            _ => match rest {
+                // A control record, or two bytes more.
+                [0 | LONG_COUNT, ..] | [] => return None,
+                [count, after @ ..] => {
+                    rest = after;
+                    u32::from(*count)
+                }
+            },
+        };
+        let width_code = header >> 3 & 3;
+        if count == 0 || (width_code == 3 && header >> 5 != 0) {
+            return None;
+        }
+        let exponents = units.exponents(self, n);
+        let width = |field: u8| width_code + (header >> (5 + field) & 1);
+        rest = correct(&mut registers.interval, rest, width(0), exponents[0]);
+        if count > 1 {
+            rest = correct(&mut registers.add, rest, width(1), exponents[1]);
+        }
+        if count > 2 {
+            rest = correct(&mut registers.add2, rest, width(2), exponents[2]);
+        }
+        Some((count, MOST_ONWARD - rest.len()))
+    }
+
     fn unpack_run(&self, state: &mut State, count: u32, header: u8, rest: &mut &[u8]) -> Result<Item, UnpackError> {
         let (narrow, wide) = WIDTHS[usize::from(header >> 3 & 3)];
         let mut corrections = [0; 3];
@@ -622,6 +697,28 @@ const fn width_of(value: i64) -> u8 {
     }
 }
 
+/// Adds the correction to a register that the first `width` of `bytes` say, up to 3, in units of 2^`exponent`, up to 2^32; gives the other bytes.
+///
+/// A call, so that it has the registers to itself: a Cortex-M0+ has few.
+#[inline(never)]
+fn correct<'a>(register: &mut i64, bytes: &'a [u8], width: u8, exponent: u8) -> &'a [u8] {
+    if width == 0 {
+        return bytes;
+    }
+    let (own, rest) = bytes.split_at_checked(usize::from(width)).unwrap_or_default();
+    // At the upper end of 32 bits, and these of 64.
+    let value = own.iter().fold(0, |value, byte| value >> 8 | u32::from(*byte) << 24);
+    let right = 64 - (u32::from(width) << 3) - u32::from(exponent);
+    let sign = value.cast_signed();
+    let (low, high) = if right < 32 {
+        (value << (32 - right), sign >> right)
+    } else {
+        ((sign >> (right - 32)).cast_unsigned(), sign >> 31)
+    };
+    *register = register.wrapping_add(i64::from(high) << 32 | i64::from(low));
+    rest
+}
+
 /// Little-endian two's complement of up to 8 bytes.
 fn signed(bytes: &[u8]) -> i64 {
     let mut value = match bytes.last() {
@@ -695,6 +792,44 @@ mod tests {
             let len = packing.pack(&mut state, &step, &mut bytes);
             assert_eq!(len, expected);
             assert_eq!(bytes[..2] == [0b1111, 0], resets, "{fraction_bits} bits: {:?}", &bytes[..len.unwrap()]);
+        }
+    }
+
+    proptest! {
+        /// What is taken straight into the recurrence is what is taken as an item.
+        #[test]
+        fn a_run_taken_onward_is_the_item(
+            bits in 16u32..=32,
+            gain in -8i8..4,
+            parts in prop::collection::vec((prop_oneof![1u32..4, 1u32..70, 1u32..70_000], any::<[i32; 3]>(), 0u32..32), 1..20),
+        ) {
+            let packing = Packing { fraction_bits: bits, gain };
+            let (mut here, mut there) = (State::default(), State::default());
+            let (mut units, mut taken_onward) = (Units::UNKNOWN, 0);
+            for (count, corrections, scale) in parts {
+                let [interval, add, add2] = packing.corrected(&here, corrections.map(|by| i64::from(by >> scale)));
+                let mut bytes = [0; MAX_PACKED_LEN];
+                let item = run(count, interval, add, add2, Direction::Forward);
+                let len = packing.pack(&mut here, &item, &mut bytes).unwrap();
+                let mut registers = Recurrence { accumulator: 5, interval: there.interval, add: there.add, add2: there.add2 };
+                let before = (registers, there.previous_count);
+                let onward =
+                    packing.unpack_onward(&mut units, before.1, &mut registers, bytes.first_chunk().unwrap());
+                let Ok(Some(Item::Run { segment, .. })) = packing.unpack(&mut there, &mut &bytes[..]) else {
+                    unreachable!()
+                };
+                match onward {
+                    Some(onward) => {
+                        taken_onward += 1;
+                        prop_assert_eq!(onward, (segment.count, len));
+                        let Segment { interval, add, add2, .. } = segment;
+                        prop_assert_eq!(registers, Recurrence { accumulator: 5, interval, add, add2 });
+                    }
+                    None => prop_assert_eq!(registers, before.0),
+                }
+                prop_assert_eq!(there, here);
+            }
+            prop_assume!(taken_onward > 0);
         }
     }
 

@@ -1,6 +1,6 @@
 //! The queue of a motor: what it will do, each item tagged with the epoch that it belongs to.
 
-use crate::{Direction, Moment, Segment};
+use crate::{Direction, Moment, Recurrence, Segment};
 
 /// A numbered generation of the plan; the numbers wrap.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
@@ -64,6 +64,23 @@ pub trait Items {
 
     /// Takes what is in front; `None` if it is no item after all. `here` is where the channel is by then.
     fn take(&mut self, here: &Place) -> Option<Item>;
+
+    /// Takes a run that is in front, of `epoch` and in `direction`, straight into `registers`, which are as after the run before; gives its steps. 0 if
+    /// something else is there, or a run that only [`take`](Items::take) makes out.
+    ///
+    /// Nearly all that a fast motion has in its queue comes through here, and an [`Item`] is large. What is needed to make out the next run may be left in
+    /// `registers` alone: they come back with the next call, or by [`end_runs`](Items::end_runs).
+    fn take_run(&mut self, _epoch: Epoch, _direction: Direction, _registers: &mut Recurrence) -> u32 {
+        0
+    }
+
+    /// Which way a run goes that [`take_run`](Items::take_run) might take; `None` if it takes none.
+    fn heads(&self) -> Option<Direction> {
+        None
+    }
+
+    /// The runs of [`take_run`](Items::take_run) are done, and `registers` are as after the last of them. It comes before `take`.
+    fn end_runs(&mut self, _registers: &Recurrence) {}
 
     /// Drops what is in front of `epoch`; all, if nothing of that waits.
     fn skip_to(&mut self, epoch: Epoch);

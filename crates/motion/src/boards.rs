@@ -55,6 +55,8 @@ pub struct LineRow {
     pub other_bytes_per_s: u32,
     /// How many bytes a byte of a plan takes on the line, with its share of a frame.
     pub frame_share: f64,
+    /// What the board's own USB brings, bytes/s: it has no baud. `None`: the board has only a UART, behind an adapter or a bridge.
+    pub usb_bytes_per_s: Option<u32>,
 }
 
 /// How the pins of a board work together.
@@ -410,6 +412,7 @@ fn uno() -> BoardRow {
             delay_bytes: 290,
             other_bytes_per_s: 2_300,
             frame_share: 1.33,
+            usb_bytes_per_s: None,
         }),
         note: "one or two motors with STEP on pins 9 and 10 are timed by the compare hardware: no lateness",
         pins: 0..=19,
@@ -490,6 +493,9 @@ fn pico() -> BoardRow {
             delay_bytes: 130,
             other_bytes_per_s: 1_500,
             frame_share: 1.2,
+            // What was seen to come by the virtual Pico's USB: 207 kB/s of plans of one motor that turns 6000 times a second. Full speed itself brings 19 packets of
+            // 64 bytes in a millisecond at most (USB 2.0, table 5-9), but a session has no more than 960 bytes on their way.
+            usb_bytes_per_s: Some(250_000),
         }),
         note: "edges come from PIO state machines fed by DMA: exact to the tick. STEP and DIR of a motor are neighbours, and so \
                are IN1 to IN4 of a ULN2003 (GP26 is next to GP22); 3.3 V outputs",

@@ -46,24 +46,37 @@ pub struct Line {
     pub ahead_ticks: f64,
 }
 
+/// The way that a plan comes to a board.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Way {
+    /// A UART, at so many baud.
+    Uart(u32),
+    /// The board's own USB.
+    Usb,
+}
+
 impl Line {
-    /// The line to a program's board at `baud`. `None` where a board takes plans over no line.
+    /// The line to a program's board. `None` where plans come to the board by no such way.
     #[must_use]
-    pub fn of(program: &Program, baud: u32) -> Option<Line> {
+    pub fn of(program: &Program, way: Way) -> Option<Line> {
         let row = boards::find(&program.board.name)?;
         let line = row.line?;
         let tick_hz = program.board.tick_hz;
         let motors = program.motors.len();
         let queue = *row.queue_bytes.get(motors - 1).or(row.queue_bytes.last())? as usize;
         let longest = *row.queue_bytes.iter().max()? as usize;
-        let bytes_per_s = f64::from(baud) / BITS - f64::from(line.other_bytes_per_s);
+        let all_bytes_per_s = match way {
+            Way::Uart(baud) => f64::from(baud) / BITS,
+            Way::Usb => f64::from(line.usb_bytes_per_s?),
+        };
+        let bytes_per_s = all_bytes_per_s - f64::from(line.other_bytes_per_s);
         Some(Line {
             tick_hz,
             queue_bytes: vec![queue - queue / KEPT; motors],
             longest_queue_bytes: longest - longest / KEPT,
             byte_ticks: tick_hz as f64 * line.frame_share / bytes_per_s,
             delay_ticks: tick_hz as f64
-                * (f64::from(line.delay_us) * 1e-6 + f64::from(line.delay_bytes) * BITS / f64::from(baud)),
+                * (f64::from(line.delay_us) * 1e-6 + f64::from(line.delay_bytes) / all_bytes_per_s),
             delay_byte_ticks: tick_hz as f64 * f64::from(line.delay_byte_us) * 1e-6,
             busy_ticks: BUSY_MS * tick_hz / 1000,
             ahead_ticks: (AHEAD_MS * tick_hz / 1000) as f64,

@@ -318,7 +318,7 @@ pub(crate) struct Run {
     /// Let the board at this serial port run it, in real time; Ctrl-C stops the motors as planned, twice at once
     #[arg(long, value_name = "PORT")]
     pub(crate) port: Option<String>,
-    /// Rate of the line to the board, once it is found [default: 1000000; 2000000 for a Pico]
+    /// Rate of the line to the board, once it is found [default: 1000000; 2000000 for a Pico, whose own USB has no rate]
     #[arg(long, value_name = "BAUD", value_parser = baud, conflicts_with = "native")]
     pub(crate) baud: Option<Baud>,
     /// How much faster than it should the board's clock runs, ppm, as `pulsetrain calibrate` tells: it is corrected for
@@ -567,7 +567,7 @@ pub(crate) struct WinchAt {
 pub(crate) struct Plan {
     #[command(flatten)]
     pub(crate) motion: Motion,
-    /// Rate of the line that is to bring the plan to the board [default: 1000000; 2000000 for a Pico]
+    /// Rate of the line that is to bring the plan to the board [default: 1000000; a Pico's own USB, which has no rate]
     #[arg(long, value_name = "BAUD", value_parser = baud)]
     pub(crate) baud: Option<Baud>,
     /// Print the report as JSON
@@ -628,7 +628,7 @@ pub(crate) enum Alignment {
 pub(crate) struct Explain {
     #[command(flatten)]
     pub(crate) motion: Motion,
-    /// Rate of the line that is to bring the plan to the board [default: 1000000; 2000000 for a Pico]
+    /// Rate of the line that is to bring the plan to the board [default: 1000000; a Pico's own USB, which has no rate]
     #[arg(long, value_name = "BAUD", value_parser = baud)]
     pub(crate) baud: Option<Baud>,
     /// Print the explanation as JSON

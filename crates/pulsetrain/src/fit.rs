@@ -9,7 +9,7 @@ use pulsetrain_motion::program::{Motor, Program, Tolerance};
 use pulsetrain_motion::quantity::{assignment, time_assignment};
 use pulsetrain_motion::{Grid, Time, boards};
 use pulsetrain_plan::error::Limit;
-use pulsetrain_plan::{Line, PlanError, Settings};
+use pulsetrain_plan::{Line, PlanError, Settings, Way};
 
 use crate::prepare::{self, Prepared};
 use crate::{estimate, human};
@@ -155,7 +155,7 @@ fn boards_that_fit(prepared: &Prepared, another: impl Fn() -> bool) -> Option<Ve
         if !another() {
             return None;
         }
-        let line = prepared.line.as_ref().and_then(|_| Line::of(&program, prepare::usual_baud(&name).rate()));
+        let line = prepared.line.as_ref().and_then(|_| prepare::usual_line(&program));
         if prepare::all_fit(&program, line.as_ref(), 1.0) {
             able.push(name);
         }
@@ -459,10 +459,14 @@ fn over_line(prepared: &Prepared) -> Vec<String> {
         another().then(|| prepare::all_fit(program, line, factor))
     };
     let mut lines = Vec::new();
+    let usb = Line::of(program, Way::Usb);
     let usual = prepare::usual_baud(&program.board.name).rate();
-    let fast = Line::of(program, usual);
-    if fast.as_ref() != line && fits(program, fast.as_ref(), 1.0) == Some(true) {
+    let uart = Line::of(program, Way::Uart(usual));
+    // Where both fit, the one that takes no other cable.
+    if line != usb.as_ref() && uart.as_ref() != line && fits(program, uart.as_ref(), 1.0) == Some(true) {
         lines.push(format!("as it is, it fits over a line at {usual} baud (--baud)"));
+    } else if usb.is_some() && usb.as_ref() != line && fits(program, usb.as_ref(), 1.0) == Some(true) {
+        lines.push("as it is, it fits over the board's own USB".to_owned());
     }
     if let Some(factor) = least(|factor| fits(program, line, factor)) {
         lines.push(format!("{} times slower it fits", human::significant(factor, 4)));
@@ -481,7 +485,7 @@ fn over_line(prepared: &Prepared) -> Vec<String> {
     for count in (1..program.motors.len()).rev() {
         let mut fewer = program.clone();
         fewer.motors.truncate(count);
-        if program.machines.is_empty() && fits(&fewer, Line::of(&fewer, usual).as_ref(), 1.0) == Some(true) {
+        if program.machines.is_empty() && fits(&fewer, prepare::usual_line(&fewer).as_ref(), 1.0) == Some(true) {
             let first = if count == 1 {
                 "with its first motor alone".to_owned()
             } else {

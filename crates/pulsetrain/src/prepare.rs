@@ -11,7 +11,7 @@ use pulsetrain_motion::program::{BoardError, Limits, Program};
 use pulsetrain_motion::{Grid, LawError, Time, boards, file};
 use pulsetrain_plan::SOFTEST_STOP_S;
 use pulsetrain_plan::{
-    Certificate, Demand, Ensemble, Line, Move, PlanError, Planner, Refused, Settings, Supply, stopping,
+    Certificate, Demand, Ensemble, Line, Move, PlanError, Planner, Refused, Settings, Supply, Way, stopping,
 };
 
 use crate::estimate::{Estimate, Task};
@@ -177,10 +177,12 @@ impl Prepared {
         Ok(())
     }
 
-    /// Its plan comes to the board over a line at `baud`, or at the usual rate of the board's.
+    /// Its plan comes to the board over a UART at `baud`, or by the [usual way](usual_line).
     pub fn over_line(&mut self, baud: Option<Baud>) {
-        let baud = baud.unwrap_or_else(|| usual_baud(&self.program.board.name));
-        self.line = Line::of(&self.program, baud.rate());
+        self.line = match baud {
+            Some(baud) => Line::of(&self.program, Way::Uart(baud.rate())),
+            None => usual_line(&self.program),
+        };
     }
 
     /// Plans every motor, all side by side; nothing is kept. `watch` hears how far the plan is, s.
@@ -286,6 +288,12 @@ pub struct Planned {
 #[must_use]
 pub fn usual_baud(board: &str) -> Baud {
     if board == "pico" { Baud::B2M } else { Baud::B1M }
+}
+
+/// The line by which plans usually come to a board: its own USB, or a UART at its [usual rate](usual_baud).
+#[must_use]
+pub fn usual_line(program: &Program) -> Option<Line> {
+    Line::of(program, Way::Usb).or_else(|| Line::of(program, Way::Uart(usual_baud(&program.board.name).rate())))
 }
 
 /// The moves of all motors, those of the motor that is least far first.

@@ -1,9 +1,9 @@
 //! Packed bytes that wait → items for a channel.
 
 use crate::narrow::{Bytes, Pool, PushRefused};
-use crate::packing::{CHECK_LEN, MAX_PACKED_LEN, Packing, State};
+use crate::packing::{CHECK_LEN, MAX_PACKED_LEN, MOST_ONWARD, Packing, State, Units};
 use crate::queue::{Items, Place};
-use crate::{Direction, Epoch, Item};
+use crate::{Direction, Epoch, Item, Recurrence};
 
 /// What is wrong with packed bytes. The rest of their epoch is dropped.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -19,6 +19,10 @@ pub enum Fault {
 const MOST_IN_FRONT: u16 = MAX_PACKED_LEN as u16;
 const _: () = assert!(CHECK_LEN <= MAX_PACKED_LEN && MAX_PACKED_LEN < 256);
 
+/// A run that is taken onward has so many bytes behind it, or its own.
+#[expect(clippy::cast_possible_truncation, reason = "11")]
+const ONWARD_LEN: u16 = MOST_ONWARD as u16;
+
 /// How a check begins: control record 5.
 const CHECK: [u8; 2] = [0x2f, 0];
 
@@ -33,6 +37,9 @@ pub struct Packed {
     packing: Packing,
     /// Of the epoch in front.
     state: State,
+    /// Its registers are those of the channel: see [`Items::take_run`].
+    lent: bool,
+    units: Units,
     /// Where the motor was at the last anchor.
     anchored_at: i32,
     fault: Option<Fault>,
@@ -42,7 +49,8 @@ impl Packed {
     /// An empty queue.
     #[must_use]
     pub const fn new(bytes: Bytes, packing: Packing) -> Packed {
-        Packed { bytes, packing, state: State::new(Direction::Forward), anchored_at: 0, fault: None }
+        let (state, units) = (State::new(Direction::Forward), Units::UNKNOWN);
+        Packed { bytes, packing, state, lent: false, units, anchored_at: 0, fault: None }
     }
 
     /// Puts packed items of `epoch` last, whole ones: all of them or, with an error, none.
@@ -101,6 +109,10 @@ impl Packed {
         let epoch = self.bytes.first()?;
         let len = self.bytes.waiting(epoch).min(MOST_IN_FRONT);
         if let Some(front) = self.bytes.first_in_place(pool, len) {
+            if let [c0 @ (REVERSE | RESET), 0, ..] = *front {
+                self.begin_again(c0 == REVERSE);
+                return None;
+            }
             return self.take_from(front, epoch, here);
         }
         let mut front = [0; MAX_PACKED_LEN];
@@ -127,9 +139,7 @@ impl Packed {
             return None;
         }
         if let [c0 @ (REVERSE | RESET), 0, ..] = *rest {
-            self.consume(2);
-            let was = self.state.direction;
-            self.state = State::new(if c0 == REVERSE { was.reversed() } else { was });
+            self.begin_again(c0 == REVERSE);
             return None;
         }
         let len = rest.len();
@@ -146,6 +156,45 @@ impl Packed {
                 None
             }
         }
+    }
+
+    /// See [`Items::take_run`].
+    #[inline(never)]
+    fn take_run<const N: usize>(
+        &mut self,
+        pool: &Pool<N>,
+        epoch: Epoch,
+        direction: Direction,
+        registers: &mut Recurrence,
+    ) -> u32 {
+        if self.state.direction != direction || self.bytes.waiting(epoch) < ONWARD_LEN {
+            return 0;
+        }
+        let front = self.bytes.first_in_place(pool, ONWARD_LEN).and_then(|front| front.first_chunk());
+        let Some(front) = front else { return 0 };
+        if !self.lent {
+            let State { interval, add, add2, .. } = self.state;
+            (registers.interval, registers.add, registers.add2) = (interval, add, add2);
+            self.lent = true;
+        }
+        let previous_count = self.state.previous_count;
+        let taken = self.packing.unpack_onward(&mut self.units, previous_count, registers, front);
+        let Some((count, taken)) = taken else { return 0 };
+        self.state.previous_count = count;
+        self.consume(taken);
+        count
+    }
+
+    /// A reversal, or a reset: nothing predicts what comes next.
+    fn begin_again(&mut self, reverses: bool) {
+        self.consume(2);
+        let was = self.state.direction;
+        self.state = State::new(if reverses { was.reversed() } else { was });
+    }
+
+    /// What comes next follows nothing.
+    fn begin(&mut self) {
+        (self.state, self.lent) = (State::default(), false);
     }
 
     fn consume(&mut self, len: usize) {
@@ -175,14 +224,30 @@ impl<const N: usize> Items for Waiting<'_, N> {
         self.packed.take(self.pool, here)
     }
 
+    fn take_run(&mut self, epoch: Epoch, direction: Direction, registers: &mut Recurrence) -> u32 {
+        self.packed.take_run(self.pool, epoch, direction, registers)
+    }
+
+    fn heads(&self) -> Option<Direction> {
+        Some(self.packed.state.direction)
+    }
+
+    fn end_runs(&mut self, registers: &Recurrence) {
+        if core::mem::take(&mut self.packed.lent) {
+            let Recurrence { interval, add, add2, .. } = *registers;
+            let state = &mut self.packed.state;
+            (state.interval, state.add, state.add2) = (interval, add, add2);
+        }
+    }
+
     fn skip_to(&mut self, epoch: Epoch) {
         self.packed.bytes.skip_to(epoch);
-        self.packed.state = State::default();
+        self.packed.begin();
     }
 
     fn clear(&mut self) {
         self.packed.bytes.clear();
-        self.packed.state = State::default();
+        self.packed.begin();
     }
 
     fn drop_epoch(&mut self, epoch: Epoch, _: &Place) {

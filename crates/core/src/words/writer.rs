@@ -194,7 +194,7 @@ impl<const F: u32> Words<F> {
         // As far as a DIR edge may come before its step, and coils' release before the next one.
         let look = limit.after(self.output.lead_ticks()).after(self.overhead);
         let stop = tape.written().wrapping_add(most);
-        self.go_on(tape, memory, limit, stop, expand);
+        self.go_on(items, tape, memory, [limit, Moment(stop)], expand);
         loop {
             if !tape.has_room(2) || !Moment(tape.written()).is_before(Moment(stop)) {
                 return Filled::Part;
@@ -226,7 +226,7 @@ impl<const F: u32> Words<F> {
             if event.kind == Kind::Step {
                 // A segment that goes on where the one before ended: its first step is one of many, too.
                 let before = tape.written();
-                self.go_on(tape, memory, limit, stop, expand);
+                self.go_on(items, tape, memory, [limit, Moment(stop)], expand);
                 if tape.written() != before {
                     continue;
                 }
@@ -234,7 +234,7 @@ impl<const F: u32> Words<F> {
             if let Some(due) = self.make(event) {
                 self.put(tape, memory, due);
                 if event.kind == Kind::Step {
-                    self.go_on(tape, memory, limit, stop, expand);
+                    self.go_on(items, tape, memory, [limit, Moment(stop)], expand);
                 }
             }
         }
@@ -304,19 +304,66 @@ impl<const F: u32> Words<F> {
         }
     }
 
-    /// Writes the steps that follow one that is the last word, as long as nothing else comes between.
-    #[inline(never)]
+    /// Writes the steps that follow one that is the last word, as long as nothing else comes between, and word number `stop` is not reached.
+    #[inline(always)]
     fn go_on<const N: usize, const RUNS: usize>(
         &mut self,
+        items: &mut impl Items,
         tape: &mut Tape<N, RUNS>,
         memory: &mut [u32; N],
-        limit: Moment,
-        stop: u32,
+        limits: [Moment; 2],
         expand: Expand,
     ) {
         if self.end != self.channel.place().tick {
             return;
         }
+        // Those that take none have nothing to gain: steps of verbs come by ones and twos.
+        if self.step != 0 && items.heads().is_some() && self.channel.goes_on(limits[0]) {
+            self.write_runs(items, tape, memory, limits, expand);
+        } else {
+            self.write_run(tape, memory, limits, expand);
+        }
+    }
+
+    /// The same of a driver that only steps, up to `limit`: run after run, with as little between them as can be. Here is what a processor does most of its
+    /// time where motions bend fast.
+    #[inline(never)]
+    fn write_runs<const N: usize, const RUNS: usize>(
+        &mut self,
+        items: &mut impl Items,
+        tape: &mut Tape<N, RUNS>,
+        memory: &mut [u32; N],
+        [limit, stop]: [Moment; 2],
+        expand: Expand,
+    ) {
+        let (bits, sign) = (self.step_bits(), self.sign());
+        let before = tape.written();
+        while tape.has_room(2) && Moment(tape.written()).is_before(stop) {
+            let (at, len) = tape.space(sign);
+            let Some(words) = memory.get_mut(at..at + len) else { break };
+            let (tick, position) = (self.channel.place().tick, self.channel.position());
+            let taken = self.channel.go_on(items, limit, bits, words, expand);
+            if taken == 0 {
+                break;
+            }
+            tape.wrote(taken, tick, position, sign);
+        }
+        if tape.written() != before {
+            self.channel.went_on();
+            self.end = self.channel.place().tick;
+            self.busy = Some(self.end.after(self.overhead));
+        }
+    }
+
+    /// The same of any motor, and of the run that is under way alone.
+    #[inline(never)]
+    fn write_run<const N: usize, const RUNS: usize>(
+        &mut self,
+        tape: &mut Tape<N, RUNS>,
+        memory: &mut [u32; N],
+        [limit, stop]: [Moment; 2],
+        expand: Expand,
+    ) {
         let (bits, limit) = match &self.output {
             Output::StepDir(_) => (self.step_bits(), limit),
             // Nearer than that none of them lets coils be released before it.
@@ -326,7 +373,7 @@ impl<const F: u32> Words<F> {
             },
         };
         let sign = self.sign();
-        while tape.has_room(2) && Moment(tape.written()).is_before(Moment(stop)) {
+        while tape.has_room(2) && Moment(tape.written()).is_before(stop) {
             let (at, len) = tape.space(sign);
             let (tick, position) = (self.end, self.channel.position());
             let Some(words) = memory.get_mut(at..at + len) else { return };

@@ -341,6 +341,45 @@ fn all_that_is_between_is_in_a_word() {
     assert_eq!(words, expected);
 }
 
+/// What predicts a run is right even if steps of the one before could not be made.
+#[test]
+fn runs_after_a_missed_step_are_as_they_were_told() {
+    let bent = |count: u32, ticks: i64, add: i64| Item::Run {
+        segment: Segment { count, interval: ticks << F, add: (add << F) + 77, add2: 3 },
+        direction: Forward,
+    };
+    // The first step of a run comes too soon, then one in its middle.
+    for missed in [run(30, 5, Forward), bent(30, 100, -9)] {
+        let items = [
+            Item::Anchor { tick: Moment(5000) },
+            run(20, 100, Forward),
+            bent(24, 100, 1),
+            missed,
+            Item::Anchor { tick: Moment(30_000) },
+            bent(20, 120, 2),
+            bent(25, 160, -3),
+            run(20, 90, Forward),
+        ];
+        let mut machine = begun(DRIVER, &items);
+        let mut axis = Axis::<F, Queue<64>>::new(DRIVER.output(), Queue::new());
+        for item in items {
+            axis.queue_mut().push(Entry { epoch: Epoch(1), item }).unwrap();
+        }
+        axis.channel_mut().schedule_switch(Epoch(1), Moment(3000), Lease::Off, None).unwrap();
+        let mut levels = vec![(0, 0)];
+        for until in (4000..50_000).step_by(1000) {
+            machine.fill(until, 10_000);
+            machine.play(until);
+            axis_levels(&mut axis, &mut levels, until);
+            machine.tape.pass(Moment(until));
+        }
+        assert!(axis.channel().missed().is_some());
+        assert_eq!(machine.words.channel().missed(), axis.channel().missed());
+        assert_eq!(machine.levels, levels);
+        assert_eq!(machine.words.channel().position(), axis.channel().position());
+    }
+}
+
 #[test]
 fn dir_without_room_goes_with_the_step() {
     let items = [Item::Anchor { tick: Moment(5000) }, run(1, 100, Backward), run(1, 15, Forward)];

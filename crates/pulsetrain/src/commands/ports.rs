@@ -76,6 +76,17 @@ fn look(port: Listed, ask: bool) -> Found {
     Found { port: name, what, usb: ids, serial: usb.and_then(|usb| usb.serial), says }
 }
 
+/// Whether a port is the own USB of a board with our firmware, and no adapter or bridge: as far as this computer tells.
+pub(super) fn is_own_usb(name: &str) -> bool {
+    // A link to a port has another name.
+    let path = |name: &str| std::fs::canonicalize(name).unwrap_or_else(|_| name.into());
+    let is_own = |port: &Listed| port.usb.as_ref().is_some_and(|usb| (usb.vendor, usb.product) == OWN_USB);
+    serial::list().iter().any(|port| is_own(port) && path(&port.name) == path(name))
+}
+
+/// What a Pico with our firmware says of itself.
+const OWN_USB: (u16, u16) = (0x1209, 0x0001);
+
 /// Boards and adapters by their USB numbers. Sources: the udev and boards.txt files of the Arduino cores (arduino,
 /// 2341 and 2a03), usb.ids for adapters, raspberrypi/usb-pid for 2e8a, firmware/pico/src/usb.rs for 1209:0001.
 const KNOWN: [(u16, u16, &str); 14] = [
@@ -92,7 +103,7 @@ const KNOWN: [(u16, u16, &str); 14] = [
     (0x10c4, 0xea60, "CP210x: an adapter"),
     (0x2e8a, 0x000a, "Raspberry Pi Pico with another firmware"),
     (0x2e8a, 0x000c, "Raspberry Pi Debug Probe: an adapter"),
-    (0x1209, 0x0001, "Raspberry Pi Pico with Pulsetrain"),
+    (OWN_USB.0, OWN_USB.1, "Raspberry Pi Pico with Pulsetrain"),
 ];
 
 fn what(usb: &Usb) -> String {

@@ -6,7 +6,7 @@ use miette::miette;
 use pulsetrain_board::Leased;
 use pulsetrain_motion::boards;
 
-use super::{drive_problem, on_port, plan, run_problem};
+use super::{drive_problem, on_port, plan, ports, run_problem};
 use crate::cli::Run;
 use crate::console::{self, Console, Exit, access};
 use crate::drive::{DriveError, Driven};
@@ -33,7 +33,9 @@ pub(crate) fn run(args: &Run, console: &mut Console<'_>) -> miette::Result<Exit>
     }
     let baud = args.baud.unwrap_or_else(|| usual_baud(&prepared.program.board.name));
     if !args.native {
-        prepared.over_line(Some(baud));
+        // A Pico's own USB has no baud: without --baud it is reckoned with where it is seen to be there, as by the virtual Pico it is.
+        let by_uart = args.port.as_deref().is_some_and(|name| !ports::is_own_usb(name));
+        prepared.over_line(if by_uart { Some(baud) } else { args.baud });
     }
     // All is planned, and refused if need be, before anything moves or is written.
     let planned = plan::plan(&mut prepared, console)?;

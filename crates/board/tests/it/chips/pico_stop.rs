@@ -151,7 +151,7 @@ fn a_main_loop_that_is_late_plays_nothing_late() {
         if let Some(starved) = pair.pico.events().iter().find(|event| event.cause == Cause::Starved) {
             stopped += 1;
             // It may still be so far behind that one runs dry while others are filled.
-            assert!(starved.tick < late + 50_000, "{tenths_of_ms}");
+            assert!(starved.tick < late + 62_500, "{tenths_of_ms}");
             assert_first_edges_of(&mut pair, starved.tick);
             let status = pair.pico.status().expect("it answers");
             let motors = status.motors.as_slice();

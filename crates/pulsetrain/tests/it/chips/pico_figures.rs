@@ -42,6 +42,15 @@ fn eight_sinusoids_are_taken_and_made() {
     assert!(row.edges > 3_200_000, "{row:?}");
 }
 
+/// Eight motors that go back and forth together 30 times a second, at 200 k steps/s in between: segments as short as fit a tick, 67 000 a second where they turn.
+#[test]
+fn eight_motors_bend_together_30_times_a_second() {
+    const HZ: f64 = 30.0;
+    let row = made(&alike(200e3 / (std::f64::consts::TAU * HZ), HZ, 0.5));
+    held(&row);
+    assert!(row.reached > 199e3 && row.edges > 500_000, "{row:?}");
+}
+
 #[test]
 fn eight_motors_start_in_one_cycle() {
     held(&start().row(&VirtualPico::on_usb(), 100e3, 0.1));

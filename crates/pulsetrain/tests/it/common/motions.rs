@@ -9,7 +9,7 @@ use pulsetrain::prepare::Prepared;
 use pulsetrain_core::wire::Baud;
 use pulsetrain_motion::boards;
 use pulsetrain_motion::{Law, Time};
-use pulsetrain_plan::Line;
+use pulsetrain_plan::{Line, Way};
 use pulsetrain_testkit::Random;
 use std::f64::consts::TAU;
 
@@ -111,7 +111,7 @@ fn runs(shape: Shape, motors: usize, rate: f64, seed: u64, baud: Baud) -> Result
 /// Whether `plan` accepts it.
 fn is_accepted(shape: Shape, motors: usize, rate: f64, seed: u64, baud: Baud) -> bool {
     let mut prepared = shape.motion(motors, rate, seed);
-    prepared.line = Line::of(&prepared.program, baud.rate());
+    prepared.line = Line::of(&prepared.program, Way::Uart(baud.rate()));
     prepared.plan(|_| {}).is_ok()
 }
 
