@@ -111,7 +111,7 @@ fn runs(shape: Shape, motors: usize, rate: f64, seed: u64, baud: Baud) -> Result
 /// Whether `plan` accepts it.
 fn is_accepted(shape: Shape, motors: usize, rate: f64, seed: u64, baud: Baud) -> bool {
     let mut prepared = shape.motion(motors, rate, seed);
-    prepared.line = Line::of(&prepared.program, baud.rate());
+    prepared.line = Line::of(&prepared.program, pulsetrain_plan::Way::Uart(baud.rate()));
     prepared.plan(|_| {}).is_ok()
 }
 
