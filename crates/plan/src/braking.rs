@@ -5,7 +5,7 @@ use crate::error::PlanError;
 use pulsetrain_core::braking::{LARGEST_EXPONENT, Limit};
 use pulsetrain_motion::program::{Board, Limits};
 
-/// Where nothing says how hard a motor may brake, it may be as hard as to stop it in this time, s.
+/// Where nothing says how hard a motor may brake, it may be as hard as to stop it in this time, s; in twice that it is stopped.
 pub const SOFTEST_STOP_S: f64 = 1.0;
 
 /// What the few operations on the way to the rest interval may round off, relative to it; far more than they do.
@@ -50,7 +50,7 @@ pub struct Stopping {
     pub slow: f64,
 }
 
-/// How a motor brakes on a board, by its limits, or by what its law has asked for so far.
+/// How a motor brakes on a board, by its limits; without them as hard as its law has accelerated so far, or at half of that or more.
 ///
 /// # Errors
 /// [`PlanError::TooGentle`] if the board cannot brake so gently.
@@ -62,12 +62,17 @@ pub fn stopping(peaks: &Certificate, limits: &Limits, board: &Board) -> Result<S
             return Err(PlanError::TooGentle { speed, limit, least });
         }
         Some(limit) => limit,
-        None => peaks.peak_acceleration.0.max(speed / SOFTEST_STOP_S).max(least),
+        None => rounded_down(peaks.peak_acceleration.0.max(speed / SOFTEST_STOP_S)).max(least),
     };
     // One that the board's numbers do not hold is for a motor that hardly moves.
     let limit =
         braking_limit(acceleration, pull_in, board.tick_hz, board.fraction_bits).unwrap_or(Limit::WITHIN_A_STEP);
     Ok(Stopping { limit, slow: pull_in.max((2.0 * acceleration).sqrt()) })
+}
+
+/// To a power of two: while a motion begins its peaks grow with each step, and a board is sent each new limit.
+fn rounded_down(acceleration: f64) -> f64 {
+    if acceleration > 0.0 { 2f64.powi(libm::ilogb(acceleration)) } else { 0.0 }
 }
 
 #[cfg(test)]

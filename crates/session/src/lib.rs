@@ -46,10 +46,13 @@ use timeline::{Step, Timeline};
 const PATIENCE_S: u64 = 5;
 
 /// A lease that ends within so many ms is short.
-const SHORT_MS: u64 = 20;
+const SHORT_MS: u64 = 40;
 
-/// So many extensions of the lease may be on their way: what a queue holds need not last until two of them were answered, one after the other.
-const MOST_ASKED: usize = 6;
+/// So many extensions of the lease may be on their way: what a queue holds need not last until two of them were answered, one after the other. Over a
+/// slow line more of them, one for each [`ASKED_EVERY_MS`] that telling takes: an answer comes late there. A fast line would bring an Uno more of them
+/// than it has time for.
+const MOST_ASKED: std::ops::RangeInclusive<u64> = 3..=6;
+const ASKED_EVERY_MS: u64 = 8;
 
 /// A program on its way into a board. Ticks are the board's, in 64 bits.
 pub struct Session<'a, B> {
@@ -124,6 +127,12 @@ impl Pace {
             ahead: within(tick_hz * AHEAD_MS / 1000),
             spare: within(tick_hz / 20),
         }
+    }
+
+    /// How many extensions may be on their way.
+    fn most_asked(&self) -> usize {
+        let asked = self.link / (self.tick_hz * ASKED_EVERY_MS / 1000).max(1);
+        asked.clamp(*MOST_ASKED.start(), *MOST_ASKED.end()) as usize
     }
 
     /// What a board may need to be told the next thing in.
@@ -252,7 +261,7 @@ impl<'a, B: Leased> Session<'a, B> {
     fn extend(&mut self) -> Result<(), SessionError> {
         self.confirm();
         let last = self.asked.back().map_or(self.held, |(lease, _)| *lease);
-        let (Lease::Until(until), true) = (last, self.asked.len() < MOST_ASKED) else { return Ok(()) };
+        let (Lease::Until(until), true) = (last, self.asked.len() < self.pace.most_asked()) else { return Ok(()) };
         let brakings = lease::brakings(&self.stream)?;
         let least = until.max(self.board.horizon());
         let Some(next) = lease::longest(&self.stream, &self.timelines, least, self.reach()) else {

@@ -367,11 +367,15 @@ impl Unrolled {
         let name = || motor.name.clone();
         let no_step = || BakeError::NoStep { motor: name(), after_s, period_s };
         let (first, turn_steps) = self.gap(from, turn, hz).ok_or_else(no_step)?;
-        // Each step a period later is the same, but for what both certificates allow.
+        // Each step a period later is the same, but for what both certificates allow, and for a wait for a shared DIR line: which of two steps that
+        // are due together comes first may be another in each period.
         let allowed = (2.0 * program.tolerance.ticks(hz) + 2.0) as i128;
+        let put_off = |step: Step| i128::from(self.moves[step.number].put_off_ticks);
         let pairs = self.steps_from(first + 1).zip(self.steps_from(first + 1 + turn_steps)).take(turn_steps as usize);
-        let is_same =
-            |(now, later): (Step, Step)| ((later.at - now.at - turn) >> bits).abs() <= allowed && now.way == later.way;
+        let is_same = |(now, later): (Step, Step)| {
+            let apart = ((later.at - now.at - turn) >> bits).abs();
+            apart <= allowed + put_off(now) + put_off(later) && now.way == later.way
+        };
         if let Some(step) =
             pairs.map(is_same).chain([false]).position(|same| !same).filter(|n| *n < turn_steps as usize)
         {

@@ -273,13 +273,13 @@ mod chips {
             assert_eq!(json["flash_bytes"], flash.len());
             flash
         };
-        // As slow a plan: that of a board whose clock is so much slower.
-        let mut slow = Prepared::endless(Path::new(SWEEP), None).unwrap();
-        assert_eq!(flash(&[]), Image::new(&slow.program).unwrap().flash);
-        slow.calibrate(-5000.0);
-        let baked = flash(&["--clock-ppm=-5000"]);
-        assert_eq!(baked, Image::new(&slow.program).unwrap().flash);
-        assert_eq!(slow.program.board.tick_hz, 15_920_000);
+        // As fast a plan: that of a board whose clock is so much faster.
+        let mut fast = Prepared::endless(Path::new(SWEEP), None).unwrap();
+        assert_eq!(flash(&[]), Image::new(&fast.program).unwrap().flash);
+        fast.calibrate(3000.0);
+        let baked = flash(&["--clock-ppm=3000"]);
+        assert_eq!(baked, Image::new(&fast.program).unwrap().flash);
+        assert_eq!(fast.program.board.tick_hz, 16_048_000);
         let (_, out, _) = command(&["--output", &file]);
         assert!(out.contains("with the firmware, of 32 256"), "{out}");
     }

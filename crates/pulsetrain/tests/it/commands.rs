@@ -783,7 +783,16 @@ mod chips {
 
     #[test]
     fn a_slow_line_refuses_what_a_fast_one_brings() {
-        let file = example("winch.toml");
+        let folder = Folder::new("slow-line");
+        let file = folder.path("four.toml");
+        let mut motion = "board = \"uno\"\n".to_owned();
+        for (name, step, dir) in [("a", 2, 5), ("b", 3, 6), ("c", 4, 7), ("d", 12, 13)] {
+            motion.push_str(&format!(
+                "[motor.{name}]\nsteps_per_rev = 200\npins = {{ step = {step}, dir = {dir} }}\nforward = \"high\"\ndriver = \"A4988\"\n\
+                 [[motion]]\nmotor = \"{name}\"\nlaw.sine = {{ amplitude = \"110 step\", frequency = \"10 Hz\", cycles = 10 }}\n"
+            ));
+        }
+        std::fs::write(&file, motion).unwrap();
         assert_eq!(pulsetrain(&["plan", &file]).exit, Exit::Success);
         let slow = pulsetrain(&["plan", &file, "--baud", "115200"]);
         assert_eq!(slow.exit, Exit::Refused, "{}", slow.out);

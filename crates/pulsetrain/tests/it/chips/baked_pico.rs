@@ -157,7 +157,7 @@ fn turning(period_ms: u8) -> Program {
 /// More often is refused, also of motions without an end, with what would fit.
 #[test]
 fn eight_motors_beyond_the_limit_are_refused() {
-    let program = turning(12);
+    let program = turning(10);
     let Err(BakeError::Plan(refused)) = PicoImage::new(&program) else { panic!("it is taken") };
     let prepared =
         Prepared { file: "turning".to_owned(), program, cut: None, pause: None, line: None, tables: Vec::new() };
@@ -172,7 +172,7 @@ fn eight_motors_beyond_the_limit_are_refused() {
 /// Eight motors that turn as often as the planner lets them: what reads the flash keeps up.
 #[test]
 fn eight_motors_at_the_limit_do_not_starve() {
-    let program = turning(18);
+    let program = turning(14);
     let mut pico = baked(&program);
     judged(&program, &watched(&mut pico, 1.0 + LEAD_S), Some(0.9));
     let mut remote = Remote::open(pico, 1).unwrap();

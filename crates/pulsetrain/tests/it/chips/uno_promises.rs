@@ -68,8 +68,10 @@ fn two_motors_on_sinusoids_do_not_starve() {
             let law = Law::sine(rate / (TAU * hertz), Time::from_seconds(1.0 / hertz), Some(hertz.round() as u64));
             rigs::motor(index, SHIELD[index], law.expect("a sinusoid"))
         });
-        let prepared = rigs::prepared(&boards::find("uno").expect("the Uno's row"), motors.collect());
-        let made = make(&prepared, MOST_CYCLES as f64, |_| {}).expect("`plan` accepts it");
+        let mut prepared = rigs::prepared(&boards::find("uno").expect("the Uno's row"), motors.collect());
+        prepared.over_line(None);
+        prepared.plan_by_need(|_| {}).expect("`plan` accepts it");
+        let made = make(&prepared, MOST_CYCLES as f64, |_| {}).expect("it begins");
         assert_eq!(made.seen.trouble, "", "{hertz} Hz, {rate} steps/s");
     }
 }
