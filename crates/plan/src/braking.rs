@@ -50,7 +50,7 @@ pub struct Stopping {
     pub slow: f64,
 }
 
-/// How a motor brakes on a board, by its limits; without them as hard as its law has accelerated so far, or at half of that or more.
+/// How a motor brakes on a board, by its limits; without them as hard as its law has accelerated so far, or up to a sixth less.
 ///
 /// # Errors
 /// [`PlanError::TooGentle`] if the board cannot brake so gently.
@@ -70,9 +70,9 @@ pub fn stopping(peaks: &Certificate, limits: &Limits, board: &Board) -> Result<S
     Ok(Stopping { limit, slow: pull_in.max((2.0 * acceleration).sqrt()) })
 }
 
-/// To a power of two: while a motion begins its peaks grow with each step, and a board is sent each new limit.
+/// To a quarter of an octave: while a motion begins its peaks grow with each step, and a board is sent each new limit.
 fn rounded_down(acceleration: f64) -> f64 {
-    if acceleration > 0.0 { 2f64.powi(libm::ilogb(acceleration)) } else { 0.0 }
+    if acceleration > 0.0 { libm::exp2(0.25 * (4.0 * libm::log2(acceleration)).floor()) } else { 0.0 }
 }
 
 #[cfg(test)]

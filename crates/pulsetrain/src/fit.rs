@@ -560,7 +560,9 @@ pub fn advice(prepared: &Prepared, motor: &Motor, error: &PlanError) -> String {
         }
     }
     if error.at_s().is_some() {
-        lines.push(format!("`pulsetrain explain {}` shows the place", prepared.file));
+        let is_usual = prepared.line.is_none() || prepared.line == prepare::usual_line(&prepared.program);
+        let with = if is_usual { "" } else { ", with the same --baud," };
+        lines.push(format!("`pulsetrain explain {}`{with} shows the place", prepared.file));
     }
     lines.join("\n")
 }

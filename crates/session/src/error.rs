@@ -58,7 +58,10 @@ pub enum SessionError {
         /// When the last step was to be made, s of the laws.
         at_s: f64,
     },
-    /// The board did not accept a change, or a beginning.
+    /// The board did not accept the beginning: this computer or the line needed too long to bring it. No motor moved.
+    #[error("the beginning of the motion did not reach the board in time, and nothing moved")]
+    NotBegun,
+    /// The board did not accept a change.
     #[error("the change did not reach the board in time: {0}")]
     Switch(SwitchRefused),
     /// Nothing can be said to the board any more.

@@ -31,7 +31,7 @@ pub use error::SessionError;
 
 use halt::Course;
 use pulsetrain_board::lease::{ExtendRefused, Lease, LeaseState, Leased};
-use pulsetrain_board::{Faults, Observer};
+use pulsetrain_board::{Faults, Observer, SwitchRefused};
 use pulsetrain_core::Epoch;
 use pulsetrain_core::braking::Limit;
 use pulsetrain_core::lease::Cause;
@@ -196,7 +196,10 @@ impl<'a, B: Leased> Session<'a, B> {
         let timelines: Vec<Timeline> =
             counts.iter().take(motors).map(|count| Timeline::new(pace.fraction_bits, *count, board.now())).collect();
         let begun = Begun::new(&mut board, stream, &timelines, &capacity, &pace)?;
-        begun.switch(&mut board)?;
+        begun.switch(&mut board).map_err(|error| match error {
+            SessionError::Switch(SwitchRefused::Late { .. }) => SessionError::NotBegun,
+            error => error,
+        })?;
         let replaced = Replaced { until: zero, timelines, limits: begun.limits.clone(), ended: None };
         let mut session = Session {
             board,

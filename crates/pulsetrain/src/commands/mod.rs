@@ -35,6 +35,7 @@ use crate::drive::DriveError;
 use crate::human;
 use crate::prepare::WORST_CLOCK_PPM;
 use crate::report::{PlanReport, Stopped, StoppedReport};
+use crate::session::SessionError;
 
 /// What is wrong with a port, with what to do where the error itself does not say.
 pub(crate) fn port_problem(error: PortError) -> Report {
@@ -107,6 +108,9 @@ pub(crate) fn drive_problem(error: DriveError) -> Report {
             "wait until they rest, or stop them at once, wherever they are: `pulsetrain stop --port PORT`"
         }
         DriveError::Remote(RemoteError::Refused { .. }) => "`pulsetrain info` tells the board's limits",
+        DriveError::Session(SessionError::NotBegun) => {
+            "close other programs, or plug the board in without a hub, and run again"
+        }
         DriveError::TooLate { .. } => "a faster line (--baud), a computer that does less meanwhile, a slower motion",
         DriveError::Remote(RemoteError::Stopped { .. }) => {
             "the motors braked, or stopped where they were; `pulsetrain info` tells how the board fared"
