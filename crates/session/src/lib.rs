@@ -45,6 +45,9 @@ use timeline::{Step, Timeline};
 /// So long after the last step a board may take to say that its motors rest, s.
 const PATIENCE_S: u64 = 5;
 
+/// So often a beginning is sent again that came too late.
+const RETRIES: u32 = 3;
+
 /// A lease that ends within so many ms is short.
 const SHORT_MS: u64 = 40;
 
@@ -185,21 +188,30 @@ impl<'a, B: Leased> Session<'a, B> {
             return Err(SessionError::Busy);
         }
         let pace = Pace::of(program, board.lead());
-        let zero = board.now() + pace.tick_hz.div_ceil(1000) + 4 * pace.lead + pace.link;
         let counts = board.positions();
         let motors = program.motors.len();
         if counts.len() < motors {
             return Err(SessionError::Motors { program: motors, board: counts.len() });
         }
         let capacity: Vec<usize> = (0..motors).map(|motor| board.room(motor)).collect();
-        let stream = Stream::new(program, zero, &counts, board.epoch().next(), &board)?;
         let timelines: Vec<Timeline> =
             counts.iter().take(motors).map(|count| Timeline::new(pace.fraction_bits, *count, board.now())).collect();
-        let begun = Begun::new(&mut board, stream, &timelines, &capacity, &pace)?;
-        begun.switch(&mut board).map_err(|error| match error {
-            SessionError::Switch(SwitchRefused::Late { .. }) => SessionError::NotBegun,
-            error => error,
-        })?;
+        let (mut took, mut tries) = (0, 0);
+        let (zero, begun) = loop {
+            let called = board.now();
+            let zero = called + pace.tick_hz.div_ceil(1000) + 4 * pace.lead + pace.link + 2 * took;
+            let stream = Stream::new(program, zero, &counts, board.epoch().next(), &board)?;
+            let begun = Begun::new(&mut board, stream, &timelines, &capacity, &pace)?;
+            match begun.switch(&mut board) {
+                Ok(()) => break (zero, begun),
+                // Planning and sending took longer than was allowed for: once more, with time for that.
+                Err(SessionError::Switch(SwitchRefused::Late { .. })) if tries < RETRIES => {
+                    (took, tries) = (board.now() - called, tries + 1);
+                }
+                Err(SessionError::Switch(SwitchRefused::Late { .. })) => return Err(SessionError::NotBegun),
+                Err(error) => return Err(error),
+            }
+        };
         let replaced = Replaced { until: zero, timelines, limits: begun.limits.clone(), ended: None };
         let mut session = Session {
             board,
