@@ -121,8 +121,8 @@ pub trait Leased: Board {
     /// How long the plan holds, as far as the board has confirmed it.
     fn lease(&self) -> LeaseState;
 
-    /// Whether the board accepted the oldest extension of which nobody has asked this yet; `None` as long as it has not answered. Each answer is
-    /// given once, in the order of the extensions.
+    /// The board's next answer to an extension: whether it accepted it. `None` if no further answer has come. Each answer is given once, in the order
+    /// of the extensions.
     fn extended(&mut self) -> Option<bool>;
 
     /// Waits until the board has answered all extensions, or is lost. A switch and a trim wait by themselves.

@@ -225,7 +225,7 @@ pub struct Native {
     now: u64,
     /// Since when the lease is over, and why.
     lapsed: Option<(u64, Cause)>,
-    /// Extensions that were accepted, and nobody has asked for yet.
+    /// Accepted extensions that [`Leased::extended`] has not reported yet.
     extended: usize,
 }
 

@@ -379,7 +379,7 @@ pub struct Remote<P> {
     lease: LeaseState,
     /// Extensions on their way, oldest first, and the limits that they bring.
     unconfirmed: VecDeque<(Lease, Vec<Limit>)>,
-    /// What became of extensions before them, as far as nobody has asked: whether they were accepted.
+    /// The board's answers, oldest first, that [`Leased::extended`] has not reported yet.
     extended: VecDeque<bool>,
     /// How hard each motor brakes.
     limits: Vec<Limit>,

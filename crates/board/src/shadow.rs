@@ -19,10 +19,10 @@ pub struct Shadowed<B> {
     steps: Vec<ScheduledStep>,
     /// The lease that both have.
     held: Option<Lease>,
-    /// Extensions that the board has not answered, oldest first. The shadow is told of one when the board has accepted it, and stays before all
-    /// ends that are possible until then.
+    /// Extensions that the board has not answered, oldest first. The shadow gets an extension when the board has accepted it. Until then the shadow's
+    /// time does not pass the earliest end that is possible.
     extending: VecDeque<(Lease, Vec<Limit>)>,
-    /// Answers that nobody has asked for.
+    /// The board's answers, oldest first, that [`Leased::extended`] has not reported yet.
     extended: VecDeque<bool>,
 }
 

@@ -5,7 +5,7 @@ use crate::error::PlanError;
 use pulsetrain_core::braking::{LARGEST_EXPONENT, Limit};
 use pulsetrain_motion::program::{Board, Limits};
 
-/// Where nothing says how hard a motor may brake, it may be as hard as to stop it in this time, s; in twice that it is stopped.
+/// Where nothing says how hard a motor may brake, it may be as hard as to stop it in this time, s.
 pub const SOFTEST_STOP_S: f64 = 1.0;
 
 /// What the few operations on the way to the rest interval may round off, relative to it; far more than they do.

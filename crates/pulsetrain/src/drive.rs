@@ -488,7 +488,7 @@ impl<'a, B: Leased> Driven<'a, B> {
                 Wish::Stop if !ordered => {
                     ordered = true;
                     let last = self.session.last_step().filter(|_| self.session.is_complete());
-                    // Where all was told, the order may come behind the last step.
+                    // If the whole plan was sent, the last step may have been made before the board got the order.
                     self.session.stop().map(|at| stopped = last.is_none_or(|last| at <= last))
                 }
                 Wish::StopNow => {

@@ -492,7 +492,7 @@ impl<'a, B: Leased> Session<'a, B> {
         Ok(())
     }
 
-    /// As [`Session::change`]. The first `proven` ticks are planned before anything is told: what is refused there changes nothing.
+    /// As [`Session::change`]. The first `proven` ticks are planned before the board hears of the change. If that plan is refused, nothing changes.
     fn go_over(&mut self, at: u64, program: &'a Program, proven: u64) -> Result<(), SessionError> {
         let (motors, old) = (program.motors.len(), self.timelines.len());
         let pace = Pace::of(program, self.pace.link);

@@ -252,8 +252,8 @@ pub trait Machine {
     /// ([`Cause::BaudFellBack`](super::message::Cause::BaudFellBack)).
     fn rate_fell_back(&mut self);
 
-    /// Nobody has taken the board any more: the host said so, or was silent for too long. What is queued goes on to the
-    /// end of its lease.
+    /// The board has no host any more: the host said good-bye, or was silent for too long. Motors follow what is queued up
+    /// to the end of its lease.
     fn host_gone(&mut self, lost: bool);
 
     /// What the host has not been told yet, oldest first.

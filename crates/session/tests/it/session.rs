@@ -83,6 +83,8 @@ struct Bench {
     cut_at_brake: Option<bool>,
     /// What the board said last of its lease, since the line is cut.
     heard: Option<LeaseState>,
+    /// So many switches come when their tick is past.
+    late_switches: u32,
 }
 
 impl Bench {
@@ -117,6 +119,7 @@ impl Bench {
             lost: None,
             cut_at_brake: None,
             heard: None,
+            late_switches: 0,
         }
     }
 }
@@ -184,6 +187,10 @@ impl Board for Bench {
 
 impl Leased for Bench {
     fn switch(&mut self, epoch: Epoch, tick: u64, lease: Lease, limits: &[Limit]) -> Result<(), SwitchRefused> {
+        if let Some(left) = self.late_switches.checked_sub(1) {
+            self.late_switches = left;
+            self.native.advance(tick, &mut |_: Edge| {});
+        }
         self.native.switch(epoch, tick, lease, limits)
     }
     fn extend(&mut self, lease: Lease, limits: &[Limit]) -> Result<(), ExtendRefused> {
@@ -558,6 +565,25 @@ proptest! {
 }
 
 /// A motion that is getting up to speed is paused once it is. While the board has not begun that, the session says when to ask again.
+#[test]
+fn a_beginning_that_came_too_late_is_sent_again() {
+    let limits = Limits { max_speed: None, max_acceleration: Some(20_000.0), pull_in: 0.0 };
+    let program =
+        program(16, vec![motor(0, Law::trapezoid(500.0, 2000.0, 15_000.0, 15_000.0).unwrap(), false, limits)]);
+    for (late, begins) in [(0, true), (3, true), (4, false)] {
+        let mut bench = Bench::new(&program, 256);
+        bench.late_switches = late;
+        let mut lab = Lab::new(&program);
+        match Session::new(bench, &program) {
+            Ok(mut session) => {
+                let report = session.run(&mut lab, |_| {});
+                assert_eq!((begins, report.failure, report.counted, &lab.counted), (true, None, vec![500], &vec![500]));
+            }
+            Err(error) => assert_eq!((begins, error), (false, SessionError::NotBegun)),
+        }
+    }
+}
+
 #[test]
 fn a_pause_behind_a_change_that_waits_is_asked_for_again() {
     let law = Law::trapezoid(-783.632, 2_703.109_272, 14_202.035_558, 14_202.035_558).unwrap();

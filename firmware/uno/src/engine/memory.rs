@@ -94,7 +94,7 @@ pub(crate) unsafe fn take() -> (&'static mut Receiver, &'static mut [u8; REPLY_L
     unsafe { ((*frame).write(Receiver::new()), &mut *bytes) }
 }
 
-/// The memory of all motors' queues: the first address, and bytes. `with_page`: nobody else needs page B.
+/// First address and length, in bytes, of the memory that all motors' queues share. `with_page`: it includes page B, which nothing else uses then.
 #[inline(always)]
 pub(crate) fn queue_memory(with_page: bool) -> (u16, u16) {
     // Only addresses are taken here.

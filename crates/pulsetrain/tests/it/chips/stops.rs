@@ -182,7 +182,7 @@ fn longest_stop(prepared: &Prepared) -> Duration {
     let motors = planned.iter().zip(&prepared.program.motors);
     let seconds = motors.map(|(planned, motor)| {
         let peak = planned.certificate.peak_speed.0;
-        let limit = motor.limits.max_acceleration.unwrap_or((0.5 * peak / SOFTEST_STOP_S).max(1.0));
+        let limit = motor.limits.max_acceleration.unwrap_or((0.8 * peak / SOFTEST_STOP_S).max(1.0));
         3.0 * peak / limit + 2.0 / limit.sqrt()
     });
     Duration::from_secs_f64(seconds.fold(0.0, f64::max))
