@@ -2,8 +2,7 @@
 
 use pulsetrain::cli;
 use pulsetrain::console::Exit;
-use pulsetrain::drive::{Driven, connect_while};
-use pulsetrain::prepare::Prepared;
+use pulsetrain::load;
 use pulsetrain_board::native::QUEUE_LEN;
 use pulsetrain_board::shared::Shared;
 use pulsetrain_board::virtual_pico::VirtualPico;
@@ -13,6 +12,7 @@ use pulsetrain_core::wire::Baud;
 use pulsetrain_core::wire::message::{Cause, MotorSetup};
 use pulsetrain_core::{Direction, Entry, Epoch, Item, Moment, Segment};
 use pulsetrain_motion::{boards, file};
+use pulsetrain_session::drive::{Driven, connect_while};
 use pulsetrain_testkit::folder::Folder;
 use std::io::ErrorKind;
 use std::time::Duration;
@@ -169,7 +169,7 @@ fn all_steps_are_told_of_a_board_that_has_been_on_for_long() {
         }
     }
     let file = concat!(env!("CARGO_MANIFEST_DIR"), "/../../examples/tutorial.toml");
-    let prepared = Prepared::load(file.as_ref(), Some("pico"), None).unwrap();
+    let prepared = load::load(file.as_ref(), Some("pico"), None).unwrap();
     for seconds in [0, 9, 20, 40] {
         let mut board = VirtualPico::on_usb();
         let until = Duration::from_secs(seconds);
@@ -188,7 +188,7 @@ fn all_steps_are_told_of_a_board_that_has_been_on_for_long() {
 fn a_run_that_is_over_gives_its_board_away() {
     let board = Shared::new(VirtualPico::on_usb());
     let file = concat!(env!("CARGO_MANIFEST_DIR"), "/../../examples/tutorial.toml");
-    let prepared = Prepared::load(file.as_ref(), Some("pico"), None).unwrap();
+    let prepared = load::load(file.as_ref(), Some("pico"), None).unwrap();
     let mut driven = Driven::at(&prepared, board.clone(), Baud::B1M).unwrap();
     driven.run(&mut |_: Edge| {}, |_| {}).unwrap();
     driven.close();

@@ -10,11 +10,10 @@ use std::fmt::{self, Display};
 use pulsetrain_motion::law::Cursor;
 use pulsetrain_motion::machine::{Kinematics, Machine};
 use pulsetrain_motion::program::Program;
-use pulsetrain_motion::{Law, Time};
+use pulsetrain_motion::{Law, Time, human};
 use serde::Serialize;
 
-use crate::human;
-use crate::plot::FigurePicture;
+use crate::FigurePicture;
 
 /// How far a machine's figure is from the wanted one, at its worst.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -67,7 +66,7 @@ impl Drawn {
 }
 
 /// Follows a machine while it runs.
-pub(crate) struct Figure<'a> {
+pub struct Figure<'a> {
     machine: &'a Machine,
     /// Steps that came, the earliest first: boards tell them motor by motor, stretch by stretch.
     waiting: BinaryHeap<Reverse<Step>>,
@@ -119,7 +118,7 @@ const CLOSE_POINTS: u32 = 600;
 
 impl<'a> Figure<'a> {
     /// Of each of the program's machines, before the first step.
-    pub(crate) fn all(program: &'a Program, drawn: &'a Drawn) -> Vec<Figure<'a>> {
+    pub fn all(program: &'a Program, drawn: &'a Drawn) -> Vec<Figure<'a>> {
         let machines = program.machines.iter().zip(&drawn.0);
         machines.map(|(machine, laws)| Figure::new(program, machine, laws.as_deref().unwrap_or_default())).collect()
     }
@@ -151,7 +150,7 @@ impl<'a> Figure<'a> {
     }
 
     /// Hears of a step: at `tick` the program's motor `motor` went to `position`.
-    pub(crate) fn step(&mut self, motor: usize, tick: u64, position: i64) {
+    pub fn step(&mut self, motor: usize, tick: u64, position: i64) {
         let Some(k) = self.machine.motors.iter().position(|own| *own == motor) else { return };
         if self.joints.is_empty() {
             return;
@@ -237,7 +236,7 @@ impl<'a> Figure<'a> {
     }
 
     /// The figures' errors, and the picture; `None` where slack and path cannot be told apart.
-    pub(crate) fn finish(mut self) -> Option<(FigureReport, FigurePicture)> {
+    pub fn finish(mut self) -> Option<(FigureReport, FigurePicture)> {
         self.go_on(0);
         let end_s = self.end_s;
         let (begin, until) = (self.close.front().map_or(0.0, |p| p.0), self.close.back().map_or(0.0, |p| p.0));

@@ -9,12 +9,12 @@ use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 use plotters::style::{FontStyle, register_font};
 
-use super::axis::{Axis, Labels};
-use super::{Envelope, Errors, MotorPicture, Picture};
-use crate::human;
+use crate::axis::{Axis, Labels};
+use crate::{Envelope, Errors, MotorPicture, Picture};
+use pulsetrain_motion::human;
 
 /// DejaVu Sans, reduced: see assets/LICENSE-DejaVu.txt. Registered as "sans-serif", which is also what the SVG asks for.
-static FONT: &[u8] = include_bytes!("../../assets/DejaVuSans-subset.ttf");
+static FONT: &[u8] = include_bytes!("../assets/DejaVuSans-subset.ttf");
 const FAMILY: &str = "sans-serif";
 
 /// Of Okabe and Ito: told apart by the colour-blind too. doi:10.1038/nmeth.1618

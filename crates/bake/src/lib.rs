@@ -1,10 +1,15 @@
-//! Plans that stay on a board: motions without a host.
+//! Standalone motions: plans that a board plays without a computer.
 //!
+//! # What is here
 //! - [`table`]: a motor's plan as rows, with what repeats for ever
 //! - [`sketch`]: an Arduino sketch that plays such tables; `parts`: what it tells its player (`player.h`)
 //! - `streams`: a motor's plan as packed bytes, with what repeats for ever
-//! - [`image`]: an image of an Uno's flash, whose firmware plays such bytes; [`pico`]: of a Pico's
-//! - [`rehearsal`]: such an image on the virtual Uno, before anybody writes it
+//! - [`image`]: an image of an Uno's flash, whose firmware plays such bytes; [`pico`]: the same for a Pico
+//! - [`rehearsal`]: an Uno's image on the virtual Uno, before anybody writes it
+//!
+//! # What is not
+//! Writing an image to a board (the command line), motions that a computer feeds (`pulsetrain-session`).
+#![forbid(unsafe_code)]
 
 pub mod image;
 mod parts;

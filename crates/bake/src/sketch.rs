@@ -4,8 +4,8 @@ use std::fmt::Write as _;
 
 use pulsetrain_motion::program::{Program, Wiring};
 
-use super::parts::{LEAD, Parts, Plan, Size, Wires};
-use super::{BakeError, Row};
+use crate::parts::{LEAD, Parts, Plan, Size, Wires};
+use crate::{BakeError, Row};
 
 /// The program without what is a motion's own: what its tables are made of, and what plays them.
 const TYPES: &str = include_str!("types.h");

@@ -5,12 +5,16 @@
 
 use std::collections::{BTreeMap, VecDeque};
 
+use pulsetrain_motion::boards;
+use pulsetrain_motion::pins::PinKind;
+use pulsetrain_motion::program::Program;
+use pulsetrain_trace::verdict::Options;
 use serde::Serialize;
 
 /// Collects the lateness of every step.
 ///
 /// ```
-/// use pulsetrain::lateness::Meter;
+/// use pulsetrain_session::lateness::Meter;
 /// let mut meter = Meter::new(1, 17);
 /// for scheduled in [100, 300, 500] {
 ///     meter.scheduled(0, scheduled);
@@ -141,6 +145,39 @@ impl Meter {
             seen >= rank
         });
         found.map_or(0, |(late, _)| *late)
+    }
+}
+
+/// When edges come, after the ticks that they are scheduled for.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Edges {
+    /// The board's constant, ticks.
+    pub constant_ticks: u32,
+    /// How much later they may be, ticks.
+    pub late_ticks: u32,
+}
+
+impl Edges {
+    /// Those of a program's board: of an Uno, by the pins that the program uses.
+    #[must_use]
+    pub fn of(program: &Program) -> Edges {
+        let Some(row) = boards::find(&program.board.name) else { return Edges::default() };
+        match row.pin_kind(&program.motors) {
+            Ok(Some(PinKind::Compare)) => Edges { constant_ticks: PinKind::Compare.constant_ticks(), late_ticks: 0 },
+            Ok(Some(kind)) => Edges { constant_ticks: kind.constant_ticks(), late_ticks: row.lateness_ticks },
+            Ok(None) | Err(_) => Edges::default(),
+        }
+    }
+
+    /// How a run's edges are judged, whose ticks count from the laws' beginning: to the laws' end, or to a time of theirs, s.
+    #[must_use]
+    pub fn options(&self, program: &Program, until_s: Option<f64>) -> Options {
+        Options {
+            constant_ticks: i64::from(self.constant_ticks),
+            bound_ticks: Some(program.tolerance.ticks(program.board.tick_hz) + f64::from(self.late_ticks)),
+            until_s,
+            ..Options::default()
+        }
     }
 }
 

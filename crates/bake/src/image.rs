@@ -16,9 +16,9 @@ use pulsetrain_core::{Item, Moment, Segment};
 use pulsetrain_motion::boards;
 use pulsetrain_motion::program::{Motor, Program, Wiring};
 
-use super::streams::{Gap, LongWaits, Pieces, Shape, Stream, streams};
-use super::{BakeError, PutOff};
-use crate::drive;
+use crate::streams::{Gap, LongWaits, Pieces, Shape, Stream, streams};
+use crate::{BakeError, PutOff};
+use pulsetrain_session::drive;
 
 /// Motors that the firmware drives.
 const MOST: usize = 4;

@@ -9,100 +9,21 @@ use std::time::Duration;
 use pulsetrain_board::Port;
 use pulsetrain_board::virtual_uno::{CYCLES_PER_S, VirtualUno};
 use pulsetrain_core::baked::narrow::ZERO;
-use pulsetrain_motion::Time;
-use pulsetrain_motion::law::Cursor;
 use pulsetrain_motion::pins::PinKind;
 use pulsetrain_motion::program::{Motor, Program, Wiring};
-use pulsetrain_trace::verdict::{EdgeJudge, Failure, Fault, JudgeError, Options, Report};
+use pulsetrain_trace::verdict::{EdgeJudge, Failure, Fault, JudgeError, Options};
 use pulsetrain_trace::{Edge, Line};
 
-use super::{image, table};
-use crate::human;
-use crate::record::Edges;
+use pulsetrain_session::lateness::Edges;
+use pulsetrain_session::rehearsal::{Length, Rehearsed, STRIDE_S, rates, slower};
 
-/// It is looked at so often, s: whether the lamp shines, and how far it is.
-pub(crate) const STRIDE_S: f64 = 0.05;
+use crate::image;
 
 /// The clock begins within so long after a reset, or never: a bootloader waits, then the flash is looked at.
 const START: Duration = Duration::from_secs(3);
 
 /// An Uno's pins, as the board numbers them.
 const PINS: u8 = 20;
-
-/// How much of a motion is played.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Length {
-    /// Of the laws' time, s.
-    pub seconds: f64,
-    /// What there is to see, s: all of it, or, where motors repeat, each of their phases to one another. `None`: there are ever new ones.
-    pub all_s: Option<f64>,
-    /// Some motor goes on for ever.
-    pub endless: bool,
-}
-
-impl Length {
-    /// What is played at most, if nobody says how much, s.
-    pub const MOST_S: f64 = 60.0;
-
-    /// As much as there is to see, or [`MOST_S`](Length::MOST_S).
-    #[must_use]
-    pub fn of(program: &Program) -> Length {
-        let whole = Length::exactly(program, f64::INFINITY);
-        Length { seconds: whole.all_s.unwrap_or(f64::INFINITY).min(Length::MOST_S), ..whole }
-    }
-
-    /// So much, or all of a motion that is over before.
-    #[must_use]
-    pub fn exactly(program: &Program, seconds: f64) -> Length {
-        let laws = || program.motors.iter().map(|motor| &motor.law);
-        let ends = laws().filter_map(|law| law.end()).fold(Time::ZERO, Time::max);
-        let (from, periods): (Vec<Time>, Vec<Time>) = laws().filter_map(|law| law.cycle()).unzip();
-        let Some(longest) = periods.iter().max() else {
-            return Length { seconds: seconds.min(ends.seconds()), all_s: Some(ends.seconds()), endless: false };
-        };
-        // Once all repeat, each phase; and two turns more, since what comes between two of them is made apart.
-        let once = from.into_iter().fold(ends, Time::max);
-        let all = table::common_period(&periods).ok().map(|common| once + common + longest.times(2));
-        Length { seconds, all_s: all.map(Time::seconds), endless: true }
-    }
-
-    /// Whether it is all that there is to see.
-    #[must_use]
-    pub fn is_all(&self) -> bool {
-        self.all_s.is_some_and(|all| all <= self.seconds)
-    }
-
-    /// The law's time up to which edges are looked for; `None`: to its end.
-    pub(crate) fn until_s(&self) -> Option<f64> {
-        (self.endless || !self.is_all()).then_some(self.seconds)
-    }
-}
-
-/// A motion that was played as it should be.
-#[derive(Clone, Debug)]
-pub struct Rehearsed {
-    /// How much of it.
-    pub length: Length,
-    /// What is promised of each edge, ticks.
-    pub bound_ticks: f64,
-    /// What the judge says of all.
-    pub report: Report,
-}
-
-impl Rehearsed {
-    /// The furthest that an edge was off, ticks, but for [those that were put off](Rehearsed::put_off) by more than is promised.
-    #[must_use]
-    pub fn max_error_ticks(&self) -> f64 {
-        self.report.motors.iter().map(|motor| motor.max_error_ticks.abs()).fold(0.0, f64::max)
-    }
-
-    /// How many steps came later than that because motors share a DIR line, and how far behind the law at most, ticks.
-    #[must_use]
-    pub fn put_off(&self) -> (u64, f64) {
-        let steps = self.report.motors.iter().map(|motor| motor.steps_put_off).sum();
-        (steps, self.report.motors.iter().map(|motor| motor.longest_put_off_ticks).fold(0.0, f64::max))
-    }
-}
 
 /// A motion that was not.
 #[derive(Debug, thiserror::Error)]
@@ -203,25 +124,6 @@ impl Failed {
             slower(&self.rates)
         )
     }
-}
-
-/// How fast each motor that turns is at a time of the laws, steps/s.
-pub(crate) fn rates(program: &Program, at_s: f64) -> Vec<(String, f64)> {
-    let at = Time::from_seconds(at_s.max(0.0));
-    let motors = program.motors.iter();
-    let rates = motors.filter_map(move |motor| {
-        let speed = Cursor::new(&motor.law).at(at).ok()?.speed.abs();
-        (speed >= 1.0).then(|| (motor.name.clone(), speed))
-    });
-    rates.collect()
-}
-
-/// What a board has less to do with, where its motors are as fast as that.
-pub(crate) fn slower(rates: &[(String, f64)]) -> String {
-    let rates: Vec<String> =
-        rates.iter().map(|(motor, rate)| format!("{motor} at {}", human::scaled(*rate, "steps/s"))).collect();
-    let then = if rates.is_empty() { String::new() } else { format!(" (then {})", rates.join(", ")) };
-    format!("slower motors{then}, or fewer that are fast at once")
 }
 
 /// Plays an image of a program's motion, and holds its pins against the law. `watch` hears how far it is, s.

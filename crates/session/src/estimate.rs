@@ -1,17 +1,13 @@
-//! What a motion comes to before it is planned: steps, time, files. Where that is much, somebody is asked first.
+//! What a motion comes to before it is planned: steps, time, files.
 
 use std::fmt::{self, Display};
 
-use miette::Diagnostic;
 use pulsetrain_motion::law::Workload;
 use pulsetrain_motion::program::{Board, Motor, Wiring};
-use pulsetrain_motion::{Time, boards};
-use pulsetrain_plan::LAST_TICK;
+use pulsetrain_motion::{Time, boards, human};
 use pulsetrain_trace::{steps, vcd_file};
 use serde::Serialize;
 
-use crate::console::Console;
-use crate::human;
 use crate::prepare::{Prepared, spans};
 
 /// What planning takes on a PC, s: a piece or a segment, and a step in it. By `plan` of sines of 1 to 10 000 steps, and of the examples, for hours.
@@ -35,9 +31,6 @@ const MOST_STEPS: f64 = 5e7;
 const MOST_PLANNING_S: f64 = 60.0;
 const MOST_RUNNING_S: f64 = 3600.0;
 const MOST_FILE_BYTES: f64 = 1e9;
-/// Beyond this it is said what there is to wait for, s.
-const WORTH_SAYING_S: f64 = 5.0;
-
 /// What is to be done with a motion.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Task {
@@ -149,93 +142,4 @@ fn bytes_of_step(motor: &Motor, board: &Board, motion_s: f64) -> f64 {
         Wiring::Coils { .. } => 1.2,
     };
     steps::row_bytes(&motor.name, board.tick_hz, motion_s) + edges * vcd_file::edge_bytes(board.tick_hz, motion_s)
-}
-
-/// A motion that is longer than anybody is likely to want.
-#[derive(Debug, thiserror::Error, Diagnostic)]
-pub enum LongMotion {
-    /// Nobody has said that it is meant.
-    #[error("{file}: this motion is long: {estimate}")]
-    #[diagnostic(help("say --yes if it is meant; or take its beginning: --for \"10 s\""))]
-    Unasked {
-        /// The motion file.
-        file: String,
-        /// What it comes to.
-        estimate: Estimate,
-    },
-    /// Somebody was asked, and does not want it.
-    #[error("{file}: nothing was planned")]
-    #[diagnostic(help("--for \"10 s\" takes the beginning of a long motion"))]
-    Declined {
-        /// The motion file.
-        file: String,
-        /// What it comes to.
-        estimate: Estimate,
-    },
-    /// No board counts so far.
-    #[error(
-        "{file}: this motion is too long: {estimate}. Board `{board}` can count {} ({:.2e} s) at most.",
-        human::long_time(*.limit_s), .limit_s
-    )]
-    #[diagnostic(help("Use fewer cycles, or --for \"10 s\". (--yes does not help.)"))]
-    TooLong {
-        /// The motion file.
-        file: String,
-        /// The board.
-        board: String,
-        /// When its ticks end, s.
-        limit_s: f64,
-        /// What the motion comes to.
-        estimate: Estimate,
-    },
-}
-
-impl LongMotion {
-    /// What the motion comes to.
-    #[must_use]
-    pub const fn estimate(&self) -> &Estimate {
-        match self {
-            LongMotion::Unasked { estimate, .. }
-            | LongMotion::Declined { estimate, .. }
-            | LongMotion::TooLong { estimate, .. } => estimate,
-        }
-    }
-}
-
-/// How much of a motion is meant, and who can be asked.
-#[derive(Clone, Copy, Debug)]
-pub struct Consent {
-    /// What is wanted of the motion.
-    pub length: Option<Time>,
-    /// What is to be done with it.
-    pub task: Task,
-    /// It was said that a long one is meant.
-    pub yes: bool,
-    /// A script reads the output: it cannot be asked.
-    pub json: bool,
-}
-
-/// Goes on at once with a motion of usual length; asks whether a long one is meant.
-///
-/// # Errors
-/// [`LongMotion`]: nobody is there to say so, or says no; or no board counts so far.
-pub fn agree(prepared: &Prepared, consent: Consent, console: &mut Console<'_>) -> Result<(), LongMotion> {
-    let estimate = Estimate::of(prepared, consent.length, consent.task);
-    let (file, board) = (prepared.file.clone(), &prepared.program.board);
-    let limit_s = LAST_TICK as f64 / board.tick_hz as f64;
-    if estimate.motion_s > limit_s {
-        return Err(LongMotion::TooLong { file, board: board.name.clone(), limit_s, estimate });
-    }
-    if consent.yes || !estimate.is_much() {
-        if estimate.planning_s + estimate.running_s.unwrap_or(0.0) > WORTH_SAYING_S {
-            console.tell(format_args!("{file}: this takes a while: {estimate}\n"));
-        }
-        return Ok(());
-    }
-    let question = format!("{file}: this motion is long: {estimate}.");
-    match if consent.json { None } else { console.confirm(&question) } {
-        Some(true) => Ok(()),
-        Some(false) => Err(LongMotion::Declined { file, estimate }),
-        None => Err(LongMotion::Unasked { file, estimate }),
-    }
 }

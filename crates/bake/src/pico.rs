@@ -8,9 +8,9 @@ use pulsetrain_core::baked::{FLASH_ROOM, LONGEST_PIECE, MAGIC, POINTER, Repeats,
 use pulsetrain_core::wire::Baud;
 use pulsetrain_motion::program::Program;
 
-use super::streams::{Gap, Shape, Stream, streams};
-use super::{BakeError, PutOff};
-use crate::drive;
+use crate::streams::{Gap, Shape, Stream, streams};
+use crate::{BakeError, PutOff};
+use pulsetrain_session::drive;
 
 /// Where a Pico's flash is (RP2040 datasheet §2.6).
 const FLASH_AT: u32 = 0x1000_0000;

@@ -1,14 +1,11 @@
 //! From a motion file to what can be planned: a board, settings for each motor, an end for endless laws.
 
-use std::path::Path;
-
-use miette::Diagnostic;
 use pulsetrain_core::wire::Baud;
 use pulsetrain_motion::file::{Contents, TableColumns};
 use pulsetrain_motion::law::{Cursor, Law};
 use pulsetrain_motion::pins::PinsError;
 use pulsetrain_motion::program::{BoardError, Limits, Program};
-use pulsetrain_motion::{Grid, LawError, Time, boards, file};
+use pulsetrain_motion::{Grid, LawError, Time, boards};
 use pulsetrain_plan::SOFTEST_STOP_S;
 use pulsetrain_plan::{
     Certificate, Demand, Ensemble, Line, Move, PlanError, Planner, Refused, Settings, Supply, Way, stopping,
@@ -51,7 +48,7 @@ pub struct Cut {
 }
 
 /// Why a motion cannot be prepared or planned.
-#[derive(Debug, thiserror::Error, Diagnostic)]
+#[derive(Debug, thiserror::Error)]
 pub enum Refusal {
     /// The motion does not fit the board that the user asked for.
     #[error("{file}: {error}")]
@@ -69,7 +66,6 @@ pub enum Refusal {
         /// Which are apart.
         error: PinsError,
         /// What fits.
-        #[help]
         advice: String,
     },
     /// A law breaks before it can be cut.
@@ -110,19 +106,28 @@ pub enum Refusal {
         /// Which limit, where.
         error: PlanError,
         /// What would fit.
-        #[help]
         advice: String,
     },
 }
 
+impl Refusal {
+    /// What to do, where that is known.
+    #[must_use]
+    pub fn advice(&self) -> Option<&str> {
+        match self {
+            Refusal::Pins { advice, .. } | Refusal::Plan { advice, .. } => Some(advice),
+            Refusal::Board { .. } | Refusal::Law { .. } | Refusal::Over { .. } | Refusal::Pause { .. } => None,
+        }
+    }
+}
+
 impl Prepared {
-    /// Reads a motion file and puts it on `board` if that is given; endless laws stay so.
+    /// What a motion file says, on `board` if that is given; endless laws stay so. `file` is its name.
     ///
     /// # Errors
-    /// When the file is wrong, or does not fit the board.
-    pub fn endless(path: &Path, board: Option<&str>) -> miette::Result<Prepared> {
-        let Contents { mut program, tables } = file::load_contents(path)?;
-        let file = path.display().to_string();
+    /// When the motion does not fit the board.
+    pub fn new(file: String, contents: Contents, board: Option<&str>) -> Result<Prepared, Refusal> {
+        let Contents { mut program, tables } = contents;
         if let Some(row) = board.and_then(boards::find) {
             program = program.with_board(row.board).map_err(|error| Refusal::Board { file: file.clone(), error })?;
         }
@@ -134,14 +139,6 @@ impl Prepared {
             program.board.shared_steps = row.shared_steps(&program.motors);
         }
         Ok(Prepared { file, program, cut: None, pause: None, line: None, tables })
-    }
-
-    /// The same, and cuts endless laws after `length`.
-    ///
-    /// # Errors
-    /// As [`Prepared::endless`], and when a law breaks before it can be cut.
-    pub fn load(path: &Path, board: Option<&str>, length: Option<Time>) -> miette::Result<Prepared> {
-        Ok(Prepared::endless(path, board)?.ending(length)?)
     }
 
     /// Cuts endless laws after `length`, and finite ones too if it is given.

@@ -4,9 +4,9 @@ use plotters::coord::cartesian::Cartesian2d;
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 
-use super::axis::{Axis, Labels};
-use super::draw::{Area, Chart, Drawing, Drawn, GRID, INK, Panel, light};
-use crate::human;
+use crate::axis::{Axis, Labels};
+use crate::draw::{Area, Chart, Drawing, Drawn, GRID, INK, Panel, light};
+use pulsetrain_motion::human;
 
 /// A machine's figure, wanted and stepped.
 #[derive(Clone, Debug, Default)]

@@ -2,8 +2,8 @@
 
 use pulsetrain_motion::program::{Motor, Program, Wiring};
 
-use super::table::{Load, PERIOD_BITS, Row, Table, Turn, Work};
-use super::{BakeError, PutOff, Room, tables};
+use crate::table::{Load, PERIOD_BITS, Row, Table, Turn, Work};
+use crate::{BakeError, PutOff, Room, tables};
 
 /// Motors that the player drives.
 pub(super) const MOST: usize = 4;

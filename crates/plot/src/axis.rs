@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use plotters::coord::ranged1d::{KeyPointHint, NoDefaultFormatting, Ranged, ValueFormatter};
 
-use crate::human;
+use pulsetrain_motion::human;
 
 /// From `low` to `high`, which differ; both positive when `log`.
 #[derive(Clone, Debug)]

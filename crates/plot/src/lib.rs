@@ -1,12 +1,21 @@
 //! Pictures of a motion: machines' figures, position wanted and stepped, intervals, speed, and the error of every step.
 //!
-//! [`Picture`] takes the law and the steps as they come, in bounded memory; [`Picture::svg`] and [`Picture::png`]
-//! draw it.
+//! [`Picture`] takes the law and the steps as they come, in bounded memory; [`Picture::svg`] and [`Picture::png`] draw it.
+//!
+//! # What is here
+//! - [`Picture`], [`MotorPicture`]: what is drawn; `envelope`: many points in few pixels
+//! - [`machine`]: what a machine draws, wanted and stepped, and the distance between them
+//! - `draw`, `figure`, `axis`: panels, figures, axes
+//!
+//! # What is not
+//! Files (the command line writes them), the verdict (`pulsetrain-trace`).
+#![forbid(unsafe_code)]
 
 mod axis;
 mod draw;
 mod envelope;
 mod figure;
+pub mod machine;
 
 use std::path::Path;
 

@@ -9,9 +9,10 @@ use std::collections::VecDeque;
 use pulsetrain_core::{Direction, Segment};
 use pulsetrain_motion::Time;
 use pulsetrain_motion::program::{Motor, Program};
+use pulsetrain_motion::time::{MOST_PERIODS, common_period};
 use pulsetrain_plan::Move;
 
-use super::BakeError;
+use crate::BakeError;
 
 /// The longest wait, ticks: times are compared within half the range of 32 bits.
 const LONGEST_WAIT: u64 = 1 << 31;
@@ -497,26 +498,8 @@ pub fn cycle(program: &Program, motor: &Motor) -> Result<Option<(Time, Time)>, B
             }
         });
     }
-    Ok(Some((from, common_period(&periods)?)))
-}
-
-/// The time after which all of some periods are over together.
-///
-/// # Errors
-/// [`BakeError::NoCommonPeriod`].
-pub(super) fn common_period(periods: &[Time]) -> Result<Time, BakeError> {
-    /// The most of the longest one's periods that are looked at.
-    const MOST: u64 = 64;
-    let longest = periods.iter().max().copied().unwrap_or(Time::ZERO);
-    let fits = |all: Time| {
-        periods.iter().all(|period| {
-            let times = (all.raw() + period.raw() / 2) / period.raw();
-            // Periods such as 1/3 s are rounded to 2^-64 s.
-            (all.raw() - times * period.raw()).abs() <= times
-        })
-    };
-    let found = (1..=MOST).map(|k| longest.times(k)).find(|all| fits(*all));
-    found.ok_or(BakeError::NoCommonPeriod { most: MOST })
+    let common = common_period(&periods).ok_or(BakeError::NoCommonPeriod { most: MOST_PERIODS })?;
+    Ok(Some((from, common)))
 }
 
 /// A motor's turn, as what is played for ever.

@@ -1,10 +1,7 @@
-//! Motions on the native board, on virtual boards and on real ones: a session, in bounded memory. [`rehearsal`]: one that is tried before.
-
-pub mod rehearsal;
+//! Motions on the native board, on virtual boards and on real ones: a session, in bounded memory.
 
 use std::sync::atomic::{AtomicU32, Ordering};
 
-use miette::Diagnostic;
 use pulsetrain_board::native::{ConfigError, Faults};
 use pulsetrain_board::remote::{image_name, in_words, name_of};
 use pulsetrain_board::virtual_pico::VirtualPico;
@@ -22,10 +19,10 @@ use pulsetrain_plan::Settings;
 use pulsetrain_trace::{Line, lines};
 
 use crate::prepare::{Prepared, WORST_CLOCK_PPM};
-use crate::session::{Report, Session, SessionError};
+use crate::{Report, Session, SessionError};
 
 /// Why a run did not come to its end.
-#[derive(Debug, thiserror::Error, Diagnostic)]
+#[derive(Debug, thiserror::Error)]
 pub enum DriveError {
     /// The session could not begin or go on.
     #[error(transparent)]
@@ -90,14 +87,22 @@ pub enum DriveError {
         /// Where they are.
         whereabouts: Whereabouts,
         /// What to do.
-        #[help]
         advice: &'static str,
     },
 }
 
 impl DriveError {
+    /// What to do, where that is known.
+    #[must_use]
+    pub const fn advice(&self) -> Option<&'static str> {
+        match self {
+            DriveError::Halted { advice, .. } => Some(advice),
+            _ => None,
+        }
+    }
+
     /// The same with where the motors are.
-    fn halted(self, seen_s: f64, whereabouts: Whereabouts) -> DriveError {
+    pub(crate) fn halted(self, seen_s: f64, whereabouts: Whereabouts) -> DriveError {
         DriveError::Halted { why: Box::new(self), seen_s, advice: whereabouts.advice(), whereabouts }
     }
 
@@ -353,7 +358,7 @@ fn set_up_board<P: Port>(
 
 /// Brings the line to its rate, waits for motors that the board still moves for a host before this one, as [`connect_while`] does, and has it
 /// set up its pins. A board that refuses is left with Bye.
-pub(crate) fn set_up<P: Port>(
+pub fn set_up<P: Port>(
     remote: Remote<P>,
     setup: &Setup,
     baud: Baud,
@@ -411,7 +416,8 @@ fn at_rate<P: Port>(mut remote: Remote<P>, baud: Baud, number: u32) -> Result<Re
 }
 
 /// A number that tells a session from those before it on the same board.
-pub(crate) fn session_number() -> u32 {
+#[must_use]
+pub fn session_number() -> u32 {
     static SESSIONS: AtomicU32 = AtomicU32::new(0);
     let own = SESSIONS.fetch_add(1, Ordering::Relaxed);
     std::process::id().wrapping_mul(0x9e37_79b1).wrapping_add(own)
@@ -603,7 +609,8 @@ impl<O: Observer> Observer for Since<'_, O> {
 }
 
 /// What a board on a line is to be configured for.
-pub(crate) fn setup(program: &Program) -> Setup {
+#[must_use]
+pub fn setup(program: &Program) -> Setup {
     let hz = program.board.tick_hz;
     let ticks = |ticks: u64| u16::try_from(ticks).unwrap_or(u16::MAX);
     // What `Program::timing` has for each motor of such a board.

@@ -10,8 +10,8 @@ use pulsetrain_motion::Time;
 use pulsetrain_motion::program::{Motor, Program};
 use pulsetrain_plan::{Ensemble, Move};
 
-use super::table::{self, Cut, PutOff, Turns, Unrolled};
-use super::{BakeError, TURNS};
+use crate::table::{self, Cut, PutOff, Turns, Unrolled};
+use crate::{BakeError, TURNS};
 
 /// Longest wait of one item, ticks.
 const LONGEST_DWELL: u64 = 1 << 30;

@@ -7,12 +7,12 @@ use pulsetrain_motion::law::{Begin, End, Law};
 use pulsetrain_motion::machine::Machine;
 use pulsetrain_motion::program::{Motor, Program, Tolerance};
 use pulsetrain_motion::quantity::{assignment, time_assignment};
-use pulsetrain_motion::{Grid, Time, boards};
+use pulsetrain_motion::{Grid, Time, boards, human};
 use pulsetrain_plan::error::Limit;
 use pulsetrain_plan::{Line, PlanError, Settings, Way};
 
+use crate::estimate;
 use crate::prepare::{self, Prepared};
-use crate::{estimate, human};
 
 /// A motion slower than this is another motion.
 const SLOWEST: f64 = 1e4;
@@ -113,7 +113,8 @@ fn least(fits: impl Fn(f64) -> Option<bool>) -> Option<f64> {
 }
 
 /// To three digits, not less.
-pub(crate) fn rounded_up(value: f64) -> f64 {
+#[must_use]
+pub fn rounded_up(value: f64) -> f64 {
     let unit = 10f64.powf(value.log10().floor() - 2.0);
     (value / unit).ceil() * unit
 }
