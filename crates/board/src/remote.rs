@@ -70,7 +70,7 @@ const CLOCK_DOUBT: u64 = 100;
 const REST: Duration = Duration::from_secs(30);
 
 /// A line to a board: bytes, and a clock of its own.
-pub trait Port {
+pub trait Port: Send {
     /// Time since the port was opened.
     fn now(&self) -> Duration;
 
