@@ -15,7 +15,7 @@
 //! - [`packing`]: segments as few bytes
 //! - [`wire`]: frames and messages between host and board, and the board's side of the link
 //! - [`segment`]: the recurrence, exact
-//! - [`moment`]: wrap-safe time
+//! - [`tick32`]: wrap-safe time
 //!
 //! # What is not
 //! Registers, clocks, links: firmware's and `pulsetrain-board`'s. Laws and planning: the host's.
@@ -30,13 +30,13 @@ pub mod braking;
 pub mod channel;
 pub mod lease;
 pub mod merge;
-pub mod moment;
 pub mod narrow;
 pub mod output;
 pub mod packing;
 pub mod queue;
 pub mod segment;
 pub mod shared_line;
+pub mod tick32;
 pub mod verbs;
 pub mod winch;
 pub mod wire;
@@ -46,6 +46,6 @@ pub use axis::Axis;
 pub use channel::Channel;
 pub use lease::{Lapse, Lease};
 pub use merge::Merge;
-pub use moment::Moment;
 pub use queue::{Entry, Epoch, Item, Queue};
 pub use segment::{Direction, Recurrence, Segment};
+pub use tick32::Tick32;

@@ -1,6 +1,6 @@
 //! A run's steps, one word each.
 
-use crate::{Moment, Recurrence};
+use crate::{Recurrence, Tick32};
 
 /// Up to where steps are worked out, and what their words say.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -35,7 +35,7 @@ pub fn expand<const F: u32>(recurrence: &mut Recurrence, words: &mut [u32], stre
     for word in words {
         let mut next = *recurrence;
         next.advance();
-        let tick = |at: &Recurrence| Moment::of(at.accumulator >> F);
+        let tick = |at: &Recurrence| Tick32::of(at.accumulator >> F);
         let ticks = tick(&next).since(tick(recurrence));
         if ticks < stretch.gap || ticks >= left {
             break;

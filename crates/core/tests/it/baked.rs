@@ -4,7 +4,7 @@ use pulsetrain_core::baked::narrow;
 use pulsetrain_core::baked::{Block, FRACTION_BITS, HEAD_LEN, LONGEST_PIECE, MAGIC, Motor, Player, Repeats, crc32};
 use pulsetrain_core::packing::{MAX_PACKED_LEN, Packing, State};
 use pulsetrain_core::wire::message::{Configuration, MotorSetup};
-use pulsetrain_core::{Direction, Item, Moment, Segment};
+use pulsetrain_core::{Direction, Item, Segment, Tick32};
 
 const PACKING: Packing = Packing { fraction_bits: FRACTION_BITS, gain: 3 };
 
@@ -78,7 +78,7 @@ fn nothing_adds_up_in_a_year() {
         .sum();
     let turn = piece(State::new(Direction::Forward), true, &turn);
     let motor = Motor { packing: PACKING, head: &head, turn: &turn, repeats: Some(repeats) };
-    let mut player = Player::new(motor, Moment(77));
+    let mut player = Player::new(motor, Tick32(77));
     let (mut steps, mut out) = (Steps::of(), [0; LONGEST_PIECE]);
     // The anchor, the head and the first turn.
     for _ in 0..3 {
@@ -107,7 +107,7 @@ fn long_waits_go_in_parts() {
     let repeats = Repeats { ticks, part: 7, rest: 0, from: Direction::Forward, to: Direction::Forward };
     let head = piece(State::default(), false, &[run(1, 1000, Direction::Forward)]);
     let motor = Motor { packing: PACKING, head: &head, turn: &[], repeats: Some(repeats) };
-    let mut player = Player::new(motor, Moment(0));
+    let mut player = Player::new(motor, Tick32(0));
     let (mut steps, mut out) = (Steps::of(), [0; LONGEST_PIECE]);
     for _ in 0..2 {
         let len = player.next(LONGEST_PIECE, &mut out);
@@ -129,7 +129,7 @@ fn long_waits_go_in_parts() {
 #[test]
 fn a_motion_that_ends_is_over() {
     let head = piece(State::default(), false, &[run(5, 1000, Direction::Backward)]);
-    let mut player = Player::new(Motor { packing: PACKING, head: &head, turn: &[], repeats: None }, Moment(0));
+    let mut player = Player::new(Motor { packing: PACKING, head: &head, turn: &[], repeats: None }, Tick32(0));
     let (mut steps, mut out) = (Steps::of(), [0; LONGEST_PIECE]);
     for _ in 0..2 {
         assert!(!player.is_over());

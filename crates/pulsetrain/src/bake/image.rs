@@ -12,7 +12,7 @@ use pulsetrain_core::baked::narrow::{
 use pulsetrain_core::packing::Packing;
 use pulsetrain_core::wire::Baud;
 use pulsetrain_core::wire::message::MotorSetup;
-use pulsetrain_core::{Item, Moment, Segment};
+use pulsetrain_core::{Item, Segment, Tick32};
 use pulsetrain_motion::boards;
 use pulsetrain_motion::program::{Motor, Program, Wiring};
 
@@ -194,7 +194,7 @@ fn pieces(wired: &MotorSetup, direction: pulsetrain_core::Direction) -> Pieces {
 /// What a head begins with.
 fn anchor(wired: &MotorSetup) -> Vec<u8> {
     let mut first = pieces(wired, pulsetrain_core::Direction::Forward);
-    first.item(&Item::Anchor { tick: Moment(ZERO) });
+    first.item(&Item::Anchor { tick: Tick32(ZERO) });
     first.finish().0
 }
 

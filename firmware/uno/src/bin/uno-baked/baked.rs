@@ -15,7 +15,7 @@ use pulsetrain_core::baked::narrow::{LONGEST_PIECE, MOTOR_LEN, NEAR, Player, Sta
 use pulsetrain_core::lease::Lease;
 use pulsetrain_core::wire::message::{Cause, Configuration};
 use pulsetrain_core::wire::{Machine, Millis, Switched};
-use pulsetrain_core::{Epoch, Moment};
+use pulsetrain_core::{Epoch, Tick32};
 
 /// The motors'.
 const EPOCH: Epoch = Epoch(1);
@@ -74,7 +74,7 @@ fn standing(motor: u8) -> Standing {
     let stepper = task::lock();
     stepper.motor(motor).map_or(Standing { room: 0, near: false }, |motor| Standing {
         room: motor.room(),
-        near: motor.is_empty() && Moment(motor.registers.tick).is_before(soon),
+        near: motor.is_empty() && Tick32(motor.registers.tick).is_before(soon),
     })
 }
 
