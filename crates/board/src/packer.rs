@@ -90,7 +90,7 @@ mod tests {
     use proptest::prelude::*;
     use pulsetrain_core::channel::Channel;
     use pulsetrain_core::narrow::Pool;
-    use pulsetrain_core::words::Packed;
+    use pulsetrain_core::pio::Packed;
     use pulsetrain_core::{Direction, Epoch, Segment};
 
     const PACKING: Packing = Packing { fraction_bits: 16, gain: 0 };

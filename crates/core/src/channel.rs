@@ -11,8 +11,8 @@
 
 use crate::braking::{Limit, Registers};
 use crate::lease::{Cause, ExtendRefused, Lapse, Lease};
+use crate::pio::{Expand, LONGEST_WAIT, Stretch};
 use crate::queue::{Epoch, Item, Items, Place};
-use crate::words::{Expand, LONGEST_WAIT, Stretch};
 use crate::{Direction, Recurrence, Segment, Tick32};
 
 /// What happens at a tick.
@@ -463,7 +463,7 @@ impl<const F: u32> Channel<F> {
     }
 
     /// Takes steps of the run that is under way without an event for each: as many as `words` has room for, but none after
-    /// `limit`. Who works them out is `expand`: [`words::expand`](crate::words::expand()), or what a board has that does the
+    /// `limit`. Who works them out is `expand`: [`pio::expand`](crate::pio::expand()), or what a board has that does the
     /// same.
     ///
     /// A step that comes d ticks after the one before is written as d − the channel's gap + `bits`. Gives how many were

@@ -6,7 +6,7 @@
 //! - [`output`]: steps → pin edges: step/dir drivers and coils; pulse width, DIR setup and hold
 //! - [`channel`]: queue items → (tick, step or direction change)
 //! - [`verbs`]: motors told directly: so many steps, one every so many ticks, this way or that
-//! - [`words`]: channel and output → words for state machines that make the edges
+//! - [`pio`]: channel and output → words for state machines that make the edges
 //! - [`narrow`]: queues of packed bytes, registers and verbs for small boards
 //! - [`baked`]: a motion that lies in a board's flash, and how it is played
 //! - [`lease`]: how long a plan holds; [`braking`]: how a board brings a motor to rest by itself
@@ -33,6 +33,7 @@ pub mod merge;
 pub mod narrow;
 pub mod output;
 pub mod packing;
+pub mod pio;
 pub mod queue;
 pub mod segment;
 pub mod shared_line;
@@ -40,7 +41,6 @@ pub mod tick32;
 pub mod verbs;
 pub mod winch;
 pub mod wire;
-pub mod words;
 
 pub use axis::Axis;
 pub use channel::Channel;

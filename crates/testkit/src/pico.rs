@@ -16,7 +16,7 @@ pub const TICK_HZ: u64 = 125_000_000;
 /// GPIO of the gate: no motor's.
 const GATE: u8 = 25;
 
-/// A word lasts so long beyond pulse and wait: see `pulsetrain_core::words`.
+/// A word lasts so long beyond pulse and wait: see `pulsetrain_core::pio`.
 const STEP_DIR_OVERHEAD: u32 = 3;
 
 /// STEP on `pin`, DIR on the next.

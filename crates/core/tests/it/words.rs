@@ -6,8 +6,8 @@ use pulsetrain_core::lease::Cause;
 use pulsetrain_core::narrow::Pool;
 use pulsetrain_core::output::{Coils, Output, Sequence, StepDir, StepDirSettings};
 use pulsetrain_core::packing::{Check, MAX_PACKED_LEN, Packing, State};
+use pulsetrain_core::pio::{Fault, Filled, LONGEST_WAIT, Packed, Tape, Words, expand, lines};
 use pulsetrain_core::queue::Items;
-use pulsetrain_core::words::{Fault, Filled, LONGEST_WAIT, Packed, Tape, Words, expand, lines};
 use pulsetrain_core::{Axis, Direction, Entry, Epoch, Item, Lapse, Lease, Queue, Segment, Tick32};
 
 use Direction::{Backward, Forward};

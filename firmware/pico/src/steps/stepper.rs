@@ -12,11 +12,11 @@ use pulsetrain_core::lease::{self, Lapse, Lease};
 use pulsetrain_core::narrow::Pool;
 use pulsetrain_core::output::{Coils, Output, StepDir, StepDirSettings};
 use pulsetrain_core::packing::Packing;
+use pulsetrain_core::pio::{Fault, Packed, SHORTEST_PULSE, STEP_DIR_OVERHEAD, Tape, Words, lines};
 use pulsetrain_core::queue::{Items, Queue};
 use pulsetrain_core::verbs::Limits;
 use pulsetrain_core::winch::spacing::Steps;
 use pulsetrain_core::wire::message::{Configuration, QUEUE_PARTS, flags, limits_of};
-use pulsetrain_core::words::{Fault, Packed, SHORTEST_PULSE, STEP_DIR_OVERHEAD, Tape, Words, lines};
 use pulsetrain_core::{Entry, Epoch, Item, Segment, Tick32};
 
 /// F.

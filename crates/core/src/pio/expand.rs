@@ -22,7 +22,7 @@ pub type Expand = fn(&mut Recurrence, &mut [u32], &Stretch) -> u32;
 ///
 /// ```
 /// use pulsetrain_core::Recurrence;
-/// use pulsetrain_core::words::{Stretch, expand};
+/// use pulsetrain_core::pio::{Stretch, expand};
 /// let mut recurrence = Recurrence { accumulator: 1 << 31, interval: 100 << 32, add: 10 << 32, add2: 0 };
 /// let mut words = [0; 4];
 /// let taken = expand::<32>(&mut recurrence, &mut words, &Stretch { gap: 13, ticks: 330, bits: 0xa << 25 });
