@@ -88,8 +88,8 @@ impl Packer {
 mod tests {
     use super::*;
     use proptest::prelude::*;
+    use pulsetrain_core::avr::Pool;
     use pulsetrain_core::channel::Channel;
-    use pulsetrain_core::narrow::Pool;
     use pulsetrain_core::pio::Packed;
     use pulsetrain_core::{Direction, Epoch, Segment};
 

@@ -18,7 +18,7 @@
 //! what is stored: [`Player`] makes it, so that each turn begins a period after the one before it. The period is told to 2^-64
 //! ticks, and what lies below a fraction bit is carried from turn to turn: the error is never more than 2^-32 ticks, in any year.
 
-pub mod narrow;
+pub mod avr;
 
 use crate::packing::{MAX_PACKED_LEN, Packing, State};
 use crate::wire::message::{Command, Configuration, kind};

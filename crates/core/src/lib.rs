@@ -7,7 +7,7 @@
 //! - [`channel`]: queue items → (tick, step or direction change)
 //! - [`verbs`]: motors told directly: so many steps, one every so many ticks, this way or that
 //! - [`pio`]: channel and output → words for state machines that make the edges
-//! - [`narrow`]: queues of packed bytes, registers and verbs for small boards
+//! - [`avr`]: queues of packed bytes, registers and verbs for small boards
 //! - [`baked`]: a motion that lies in a board's flash, and how it is played
 //! - [`lease`]: how long a plan holds; [`braking`]: how a board brings a motor to rest by itself
 //! - [`shared_line`]: a DIR line of several motors while they brake
@@ -24,13 +24,13 @@
 #![deny(clippy::float_arithmetic)]
 #![deny(clippy::cast_possible_truncation)]
 
+pub mod avr;
 pub mod axis;
 pub mod baked;
 pub mod braking;
 pub mod channel;
 pub mod lease;
 pub mod merge;
-pub mod narrow;
 pub mod output;
 pub mod packing;
 pub mod pio;

@@ -1,14 +1,12 @@
 //! An image of an Uno's flash that plays a motion from power-up on: the committed firmware without a line to a host, and right behind it
-//! a block that it finds there ([`pulsetrain_core::baked::narrow`]).
+//! a block that it finds there ([`pulsetrain_core::baked::avr`]).
 
 use std::fmt::Write as _;
 
 use pulsetrain_board::virtual_uno::{self, VirtualUno};
 use pulsetrain_board::{RemoteError, Setup, stk500};
+use pulsetrain_core::baked::avr::{FRACTION_BITS, HEAD_LEN, LONG, LONG_WAIT, LONGEST_PIECE, LONGEST_WAIT, MAGIC, ZERO};
 use pulsetrain_core::baked::crc32;
-use pulsetrain_core::baked::narrow::{
-    FRACTION_BITS, HEAD_LEN, LONG, LONG_WAIT, LONGEST_PIECE, LONGEST_WAIT, MAGIC, ZERO,
-};
 use pulsetrain_core::packing::Packing;
 use pulsetrain_core::wire::Baud;
 use pulsetrain_core::wire::message::MotorSetup;

@@ -44,7 +44,7 @@
 //!
 //! # What is not
 //! Motion, but for the winch's paths: segments come from the host, or from the flash, as `pulsetrain_core::packing`
-//! has them; when their steps are due is the recurrence of `pulsetrain_core::narrow::Registers`.
+//! has them; when their steps are due is the recurrence of `pulsetrain_core::avr::Registers`.
 #![allow(dead_code, reason = "a program uses a part of it")]
 
 pub(crate) mod clock;

@@ -5,7 +5,7 @@
 
 use pulsetrain_board::virtual_uno::{self, VirtualUno};
 use pulsetrain_board::{Board, Edge, Lease, Leased, Native, Port, PortError, Remote, Setup, Shadowed};
-use pulsetrain_core::narrow::Registers;
+use pulsetrain_core::avr::Registers;
 use pulsetrain_core::packing::{CHECK_LEN, Check, MAX_PACKED_LEN, Packing, State};
 use pulsetrain_core::wire::frame::{Decoder, Received};
 use pulsetrain_core::wire::message::{Cause, kind};

@@ -1,5 +1,5 @@
 //! The main loop of a board without a host: a motion that lies in the flash, right behind this image, begins with the board and is fed
-//! from there as a host would feed it. What the block is: [`pulsetrain_core::baked::narrow`].
+//! from there as a host would feed it. What the block is: [`pulsetrain_core::baked::avr`].
 //!
 //! # When nothing moves
 //! A block of which a bit is wrong, as in an image that was never baked, is none: no pin is touched. A motion that went wrong has its
@@ -11,7 +11,7 @@ use crate::engine::memory;
 use crate::engine::steps::pins::{MAX_MOTORS, Pin};
 use crate::engine::steps::task;
 use crate::engine::{BOARD, clock, link, millis, regs, reset};
-use pulsetrain_core::baked::narrow::{LONGEST_PIECE, MOTOR_LEN, NEAR, Player, Standing, ZERO, block};
+use pulsetrain_core::baked::avr::{LONGEST_PIECE, MOTOR_LEN, NEAR, Player, Standing, ZERO, block};
 use pulsetrain_core::lease::Lease;
 use pulsetrain_core::wire::message::{Cause, Configuration};
 use pulsetrain_core::wire::{Machine, Millis, Switched};

@@ -30,7 +30,7 @@ use crate::engine::tuning::verbs::{
 use core::arch::global_asm;
 use core::mem::offset_of;
 use pulsetrain_core::Tick32;
-use pulsetrain_core::narrow::verbs::{MOTORS, Verbs};
+use pulsetrain_core::avr::verbs::{MOTORS, Verbs};
 use pulsetrain_core::wire::message::{Configuration, Reason, image};
 use pulsetrain_core::wire::orders::{self, Orders};
 use pulsetrain_core::wire::{Encoder, Refusal};

@@ -17,7 +17,7 @@ use super::times;
 use core::arch::global_asm;
 use core::mem::offset_of;
 use pulsetrain_core::Tick32;
-use pulsetrain_core::narrow::Registers;
+use pulsetrain_core::avr::Registers;
 
 /// Bits of a motor's braking state, by number.
 pub(crate) mod state {

@@ -13,8 +13,8 @@ use super::times::TIMES;
 use crate::Uses;
 use crate::engine::memory;
 use crate::engine::program::Program;
-use pulsetrain_core::narrow::Registers;
-use pulsetrain_core::{Direction, narrow::verbs::Steps};
+use pulsetrain_core::avr::Registers;
+use pulsetrain_core::{Direction, avr::verbs::Steps};
 use pulsetrain_core::{Epoch, Tick32};
 
 /// How many epochs may wait behind the one being run: that of the switch that waits, and one that is to replace it.

@@ -1,9 +1,9 @@
 //! Words, done by a state machine that is a few lines long, make the edges of the axis that is told the same.
 
 use proptest::prelude::*;
+use pulsetrain_core::avr::Pool;
 use pulsetrain_core::braking::{Limit, Next, Registers};
 use pulsetrain_core::lease::Cause;
-use pulsetrain_core::narrow::Pool;
 use pulsetrain_core::output::{Coils, Output, Sequence, StepDir, StepDirSettings};
 use pulsetrain_core::packing::{Check, MAX_PACKED_LEN, Packing, State};
 use pulsetrain_core::pio::{Fault, Filled, LONGEST_WAIT, Packed, Tape, Words, expand, lines};
