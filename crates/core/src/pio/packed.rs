@@ -1,6 +1,6 @@
 //! Packed bytes that wait → items for a channel.
 
-use crate::narrow::{Bytes, Pool, PushRefused};
+use crate::avr::{Bytes, Pool, PushRefused};
 use crate::packing::{CHECK_LEN, MAX_PACKED_LEN, MOST_ONWARD, Packing, State, Units};
 use crate::queue::{Items, Place};
 use crate::{Direction, Epoch, Item, Recurrence};

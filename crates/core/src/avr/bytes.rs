@@ -101,7 +101,7 @@ impl Bytes {
     ///
     /// ```
     /// use pulsetrain_core::Epoch;
-    /// use pulsetrain_core::narrow::{Pool, PushRefused};
+    /// use pulsetrain_core::avr::{Pool, PushRefused};
     /// let mut pool = Pool::<8>::new();
     /// let mut queue = Pool::<8>::share(2, 1);
     /// assert_eq!(queue.push(&mut pool, Epoch(0), &[1, 2, 3]), Ok(()));
@@ -178,7 +178,7 @@ impl Bytes {
     ///
     /// ```
     /// use pulsetrain_core::Epoch;
-    /// use pulsetrain_core::narrow::Pool;
+    /// use pulsetrain_core::avr::Pool;
     /// let mut pool = Pool::<8>::new();
     /// let mut queue = Pool::<8>::share(1, 0);
     /// queue.push(&mut pool, Epoch(0), &[1, 2, 3]).unwrap();
