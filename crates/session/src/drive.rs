@@ -566,7 +566,8 @@ impl<B: Leased> Driven<B> {
             return Err(DriveError::of(&self.program, failure).halted(seen_s, self.positions(&report).0));
         }
         let counts = report.counted.iter().zip(&report.replayed).zip(&report.faults);
-        let mut motors = self.program.motors.iter().zip(counts);
+        let program = Arc::clone(&self.program);
+        let mut motors = program.motors.iter().zip(counts);
         let missed =
             motors.find(|(_, ((counted, replayed), faults))| counted != replayed || **faults != Faults::default());
         if let Some((motor, _)) = missed {
