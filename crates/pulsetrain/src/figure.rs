@@ -72,7 +72,7 @@ pub(crate) struct Figure<'a> {
     /// Steps that came, the earliest first: boards tell them motor by motor, stretch by stretch.
     waiting: BinaryHeap<Reverse<Step>>,
     /// Of each of its motors; empty if slack and path cannot be told apart.
-    joints: Vec<Joint<'a>>,
+    joints: Vec<Joint>,
     worst: Worst,
     stepped: Trail,
     /// When, s, and where the tip went, near the beginning.
@@ -88,8 +88,8 @@ type Step = (u64, usize, i64);
 const MOST_WAITING: usize = 1 << 21;
 
 /// One of the machine's motors.
-struct Joint<'a> {
-    cursor: Cursor<'a>,
+struct Joint {
+    cursor: Cursor,
     /// θ at time zero, steps.
     start: f64,
     slack: f64,
@@ -125,12 +125,12 @@ impl<'a> Figure<'a> {
     }
 
     fn new(program: &'a Program, machine: &'a Machine, laws: &'a [Law]) -> Figure<'a> {
-        let joint = |(law, slack): (&'a Law, &f64)| {
+        let joint = |(law, slack): (&Law, &f64)| {
             let mut cursor = Cursor::new(law);
             let start = cursor.at(Time::ZERO).ok()?.position;
             Some(Joint { cursor, start, slack: *slack, first: 0.0, position: 0.0, steps: 0, drawn: 0.0 })
         };
-        let joints: Option<Vec<Joint<'a>>> = laws.iter().zip(&machine.slack).map(joint).collect();
+        let joints: Option<Vec<Joint>> = laws.iter().zip(&machine.slack).map(joint).collect();
         let ends = machine.motors.iter().filter_map(|motor| program.motors[*motor].law.end());
         let end_s = ends.map(Time::seconds).fold(0.0, f64::max);
         let mut figure = Figure {
@@ -276,7 +276,7 @@ impl<'a> Figure<'a> {
     }
 }
 
-impl Joint<'_> {
+impl Joint {
     /// The motor goes to `position`; what it drives follows when the slack is taken up.
     fn go_to(&mut self, position: f64) {
         if self.first == 0.0 {

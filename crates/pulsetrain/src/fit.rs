@@ -431,7 +431,7 @@ fn parts_eased(law: &Law, over: Time) -> Option<Law> {
 fn with_part(law: &Law, at_s: f64, begins: bool, change: &dyn Fn(&Law) -> Option<Law>) -> Option<Law> {
     law.changed_under_slack(|law| {
         let Law::Then(laws) = law else { return change(law) };
-        let mut laws = laws.clone();
+        let mut laws = laws.to_vec();
         let mut from = Time::ZERO;
         for part in &mut laws {
             let to = part.end().map(|end| from + end);

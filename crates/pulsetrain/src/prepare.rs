@@ -299,7 +299,7 @@ pub fn usual_line(program: &Program) -> Option<Line> {
 /// The moves of all motors, those of the motor that is least far first.
 pub struct Plans<'a> {
     program: &'a Program,
-    ensemble: Ensemble<'a>,
+    ensemble: Ensemble,
     supply: Option<Supply>,
     clocks: Vec<Clock>,
 }

@@ -18,16 +18,16 @@ pub(crate) type Datum = (i64, f64);
 
 pub(crate) struct Stream<'a> {
     program: &'a Program,
-    ensemble: Ensemble<'a>,
+    ensemble: Ensemble,
     epoch: Epoch,
     /// The board's tick at which the laws' time is 0.
     zero: u64,
-    lanes: Vec<Lane<'a>>,
+    lanes: Vec<Lane>,
 }
 
 /// What a motor is told.
-struct Lane<'a> {
-    cursor: Cursor<'a>,
+struct Lane {
+    cursor: Cursor,
     datum: Datum,
     sizer: Sizer,
     /// After the items that the board was handed, ticks · 2^F.
@@ -92,7 +92,7 @@ impl<'a> Stream<'a> {
 
     fn assemble<B: Board>(
         program: &'a Program,
-        ensemble: Ensemble<'a>,
+        ensemble: Ensemble,
         zero: u64,
         datums: Vec<Datum>,
         epoch: Epoch,
@@ -236,7 +236,7 @@ impl<'a> Stream<'a> {
     }
 }
 
-impl Lane<'_> {
+impl Lane {
     /// Whether all was handed over.
     fn is_told(&self) -> bool {
         self.ended && self.next.is_empty()

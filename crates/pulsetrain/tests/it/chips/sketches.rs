@@ -106,7 +106,7 @@ fn laid(program: &Program, image: &[u8], seconds: f64, late_ticks: f64) -> Laid 
 }
 
 /// The ticks of a motor's planned steps.
-fn planned<'a>(ensemble: &'a mut Ensemble<'_>, motor: usize) -> impl Iterator<Item = u64> + 'a {
+fn planned<'a>(ensemble: &'a mut Ensemble, motor: usize) -> impl Iterator<Item = u64> + 'a {
     let mut at = 1i128 << 15;
     let moves = std::iter::from_fn(move || ensemble.next_move(motor).unwrap());
     moves.flat_map(move |next| {

@@ -325,7 +325,7 @@ fn prepared(file: &str, motors: Vec<Motor>) -> Prepared {
 }
 
 /// A motion, planned and streamed by a session over USB: a row for all edges, and what was scheduled.
-fn motion_row<'a>(figure: u8, law: &str, prepared: &'a Prepared, timing: Timing) -> (Row, Option<Followed<'a>>) {
+fn motion_row(figure: u8, law: &str, prepared: &Prepared, timing: Timing) -> (Row, Option<Followed>) {
     let motors = prepared.program.motors.len();
     let mut row = Row {
         figure,
