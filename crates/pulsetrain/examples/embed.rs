@@ -7,12 +7,12 @@
 
 use std::error::Error;
 
-use pulsetrain::drive::connect;
-use pulsetrain::session::Session;
 use pulsetrain_board::virtual_uno::VirtualUno;
 use pulsetrain_board::{Edge, Port, Serial};
 use pulsetrain_core::wire::Baud;
 use pulsetrain_motion::file;
+use pulsetrain_session::Session;
+use pulsetrain_session::drive::connect;
 
 /// The same as a motion file; it may as well be built from `pulsetrain_motion`'s types.
 const MOTION: &str = r#"

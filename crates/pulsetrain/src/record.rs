@@ -5,16 +5,15 @@ use std::io::{self, Write};
 use miette::Diagnostic;
 use pulsetrain_board::{Edge, Observer, ScheduledStep};
 use pulsetrain_core::Direction;
-use pulsetrain_motion::pins::PinKind;
+use pulsetrain_motion::LawError;
 use pulsetrain_motion::program::{Motor, Program, Wiring};
-use pulsetrain_motion::{LawError, boards};
-use pulsetrain_trace::verdict::{EdgeJudge, JudgeError, Options, Report};
+use pulsetrain_trace::verdict::{EdgeJudge, JudgeError, Report};
 use pulsetrain_trace::{Line, steps, vcd_file};
 
-use crate::figure::{Drawn, Figure, FigureReport};
-use crate::lateness::{Lateness, Meter};
-use crate::plot::{Errors, MotorPicture, Picture};
-use crate::prepare::Planned;
+use pulsetrain_plot::machine::{Drawn, Figure, FigureReport};
+use pulsetrain_plot::{Errors, MotorPicture, Picture};
+use pulsetrain_session::lateness::{Edges, Lateness, Meter};
+use pulsetrain_session::prepare::Planned;
 
 /// Where the edges and steps of a run are written.
 pub struct Files<W: Write> {
@@ -36,39 +35,6 @@ impl<W: Write> Files<W> {
             trace: vcd_file::Writer::new(trace, tick_hz, lines)?,
             steps: steps::Writer::new(steps, tick_hz, &names)?,
         })
-    }
-}
-
-/// When edges come, after the ticks that they are scheduled for.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Edges {
-    /// The board's constant, ticks.
-    pub constant_ticks: u32,
-    /// How much later they may be, ticks.
-    pub late_ticks: u32,
-}
-
-impl Edges {
-    /// Those of a program's board: of an Uno, by the pins that the program uses.
-    #[must_use]
-    pub fn of(program: &Program) -> Edges {
-        let Some(row) = boards::find(&program.board.name) else { return Edges::default() };
-        match row.pin_kind(&program.motors) {
-            Ok(Some(PinKind::Compare)) => Edges { constant_ticks: PinKind::Compare.constant_ticks(), late_ticks: 0 },
-            Ok(Some(kind)) => Edges { constant_ticks: kind.constant_ticks(), late_ticks: row.lateness_ticks },
-            Ok(None) | Err(_) => Edges::default(),
-        }
-    }
-
-    /// How a run's edges are judged, whose ticks count from the laws' beginning: to the laws' end, or to a time of theirs, s.
-    #[must_use]
-    pub fn options(&self, program: &Program, until_s: Option<f64>) -> Options {
-        Options {
-            constant_ticks: i64::from(self.constant_ticks),
-            bound_ticks: Some(program.tolerance.ticks(program.board.tick_hz) + f64::from(self.late_ticks)),
-            until_s,
-            ..Options::default()
-        }
     }
 }
 

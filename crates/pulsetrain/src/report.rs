@@ -9,11 +9,11 @@ use pulsetrain_plan::Certificate;
 use pulsetrain_trace::verdict;
 use serde::Serialize;
 
-use crate::drive::DriveError;
-use crate::figure::FigureReport;
-use crate::human::{self, Table};
-use crate::lateness::Lateness;
-use crate::pause::Paused;
+use pulsetrain_motion::human::{self, Table};
+use pulsetrain_plot::machine::FigureReport;
+use pulsetrain_session::drive::DriveError;
+use pulsetrain_session::lateness::Lateness;
+use pulsetrain_session::pause::Paused;
 
 /// What was planned.
 #[derive(Clone, Debug, Serialize)]

@@ -20,10 +20,16 @@
 //! Planning (`pulsetrain-plan`), boards (`pulsetrain-board`), files and terminals (`pulsetrain`).
 #![forbid(unsafe_code)]
 
+pub mod drive;
 mod error;
+pub mod estimate;
+pub mod fit;
 mod halt;
+pub mod lateness;
 mod lease;
 pub mod pause;
+pub mod prepare;
+pub mod rehearsal;
 mod stream;
 mod timeline;
 

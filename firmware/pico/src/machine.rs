@@ -21,7 +21,7 @@ use pulsetrain_core::wire::message::{
 use pulsetrain_core::wire::orders::{Obeyed, Orders};
 use pulsetrain_core::wire::settings::SETTINGS_LEN;
 use pulsetrain_core::wire::{Baud, Encoder, Machine, Millis, Reason, Refusal, Stopped, Switched, Trimmed};
-use pulsetrain_core::{Epoch, Moment};
+use pulsetrain_core::{Epoch, Tick32};
 
 /// A switch must be less than this ahead, ticks: moments are told apart within 2^31.
 const SWITCH_AHEAD: u64 = 1 << 30;
@@ -198,7 +198,7 @@ impl Board {
         let until = clock.now() + u64::from(stepper.foresight(*pace)) + FARTHER;
         if until >= verbs.known() + u64::from(pace.slice) && stepper.has_room(MOST_ITEMS) {
             verbs.work_out::<FRACTION_BITS>(until, |motor, item| stepper.take(motor, item));
-            stepper.follow_from(Moment::of(until));
+            stepper.follow_from(Tick32::of(until));
         }
     }
 
@@ -228,7 +228,7 @@ impl Board {
     /// Switches the drivers on and has motors follow paths, whose steps come by [`follow`](Board::follow) and begin at `first` or
     /// later, at least a millisecond from now.
     pub(crate) fn drive(&mut self, first: u64) -> bool {
-        self.stepper.follow_from(Moment::of(first));
+        self.stepper.follow_from(Tick32::of(first));
         self.arm().is_ok()
     }
 
@@ -236,10 +236,10 @@ impl Board {
     pub(crate) fn follow(&mut self, slices: [Slice; 4], begin: u64, end: u64) {
         for (motor, slice) in (0..).zip(slices) {
             if let Some(steps) = slice.steps(winch::SLICE) {
-                self.stepper.follow(motor, Moment::of(begin), steps);
+                self.stepper.follow(motor, Tick32::of(begin), steps);
             }
         }
-        self.stepper.follow_from(Moment::of(end));
+        self.stepper.follow_from(Tick32::of(end));
     }
 
     /// Whether nothing moves, and nothing is to.
@@ -259,7 +259,7 @@ impl Board {
     /// All motors begin that at `tick`; whether they do.
     pub(crate) fn switch_baked(&mut self, epoch: Epoch, tick: u64) -> bool {
         self.was_idle = false;
-        self.stepper.switch(epoch, Moment::of(tick), Lease::Off, &[])
+        self.stepper.switch(epoch, Tick32::of(tick), Lease::Off, &[])
     }
 
     /// Free bytes of a motor's queue.
@@ -290,7 +290,7 @@ impl Board {
     /// The clock, ticks, and the steps that the axes have made by then.
     pub(crate) fn positions(&mut self) -> (u64, [i32; 4]) {
         let now = self.clock.now();
-        (now, [0, 1, 2, 3].map(|motor| self.stepper.position(motor, Moment::of(now))))
+        (now, [0, 1, 2, 3].map(|motor| self.stepper.position(motor, Tick32::of(now))))
     }
 
     /// Whether motors are armed: the main loop may not sleep for long.
@@ -393,7 +393,7 @@ impl Board {
     /// What can wait a millisecond, without a line to a host. Whether nothing moves, and nothing is to.
     pub(crate) fn look_after(&mut self, now: Millis) -> bool {
         let tick = self.clock.now();
-        self.stepper.rest(Moment::of(tick));
+        self.stepper.rest(Tick32::of(tick));
         let idle = self.is_idle(tick);
         // While motors are armed their coils let go by themselves, to the tick.
         if self.power.look(now, idle) && !self.armed {
@@ -451,7 +451,7 @@ impl Board {
 
     /// Whether at tick `now` nothing moves, and nothing is to: a last period is over, too.
     fn is_idle(&self, now: u64) -> bool {
-        self.stepper.is_idle(Moment::of(now)) && (!self.obeys || self.verbs.rest_at(now))
+        self.stepper.is_idle(Tick32::of(now)) && (!self.obeys || self.verbs.rest_at(now))
     }
 
     /// Has armed motors that rest be told directly from now on.
@@ -476,7 +476,7 @@ impl Board {
             return Err(Refusal::of(Reason::Moving));
         }
         // Nothing that is written comes after that: see `Words::fill`.
-        let written = self.clock.extended(self.stepper.horizon(Moment::of(now)));
+        let written = self.clock.extended(self.stepper.horizon(Tick32::of(now)));
         let known = now.max(written) + u64::from(self.stepper.foresight(self.pace));
         self.verbs.begin(self.stepper.limits(), known);
         Ok(())
@@ -485,7 +485,7 @@ impl Board {
     /// They are: see [`meet`](Board::meet).
     fn begin_to_obey(&mut self) {
         self.stepper.set_pace(self.pace);
-        self.stepper.follow_from(Moment::of(self.verbs.known()));
+        self.stepper.follow_from(Tick32::of(self.verbs.known()));
         self.obeys = true;
     }
 }
@@ -529,7 +529,7 @@ impl Machine for Board {
         pins::free(self.pins & !layout.used);
         self.pins = layout.used;
         self.power.set_up(layout.enable, configuration.enable_high, idle_ms);
-        self.stepper.configure(&layout, configuration, Moment::of(now));
+        self.stepper.configure(&layout, configuration, Tick32::of(now));
         Ok(())
     }
 
@@ -606,7 +606,7 @@ impl Machine for Board {
             Switched::Late { horizon }
         } else if tick >= limit {
             Switched::Early { limit }
-        } else if self.stepper.switch(epoch, Moment::of(tick), lease, limits) {
+        } else if self.stepper.switch(epoch, Tick32::of(tick), lease, limits) {
             (self.was_idle, self.last_stop) = (false, Cause::None);
             Switched::Accepted
         } else {
@@ -622,7 +622,7 @@ impl Machine for Board {
         self.stepper.extend(lease, limits)
     }
 
-    fn trim(&mut self, until: Moment, bytes: &[u8]) -> Result<Trimmed, Refusal> {
+    fn trim(&mut self, until: Tick32, bytes: &[u8]) -> Result<Trimmed, Refusal> {
         self.check_free()?;
         let lease = Lease::Until(until);
         if !self.stepper.can_extend(Lease::Last) {

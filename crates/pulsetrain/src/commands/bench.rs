@@ -14,11 +14,11 @@ use serde::Serialize;
 use super::{drive_problem, port_problem};
 use crate::cli::Bench;
 use crate::console::{Console, Exit};
-use crate::drive::{DriveError, Driven, session_number};
-use crate::human::{self, Table};
-use crate::lateness::{Lateness, Meter};
-use crate::prepare::Prepared;
-use crate::record::Edges;
+use pulsetrain_motion::human::{self, Table};
+use pulsetrain_session::drive::{DriveError, Driven, session_number};
+use pulsetrain_session::lateness::Edges;
+use pulsetrain_session::lateness::{Lateness, Meter};
+use pulsetrain_session::prepare::Prepared;
 
 /// Periods of the sinusoids, s.
 const PERIODS_S: [f64; 4] = [2.0, 1.0, 0.5, 0.25];

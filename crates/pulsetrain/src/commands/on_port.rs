@@ -15,11 +15,11 @@ use super::rehearsal::Rehearsal;
 use super::{clock_off, drive_problem, plan, port_problem, run_problem};
 use crate::cli::Run;
 use crate::console::{self, Console, Exit, access};
-use crate::drive::{Driven, Ended, Wish, connect_while};
-use crate::human::{self, Table};
 use crate::interrupt;
-use crate::prepare::{Planned, Prepared};
 use crate::report::PlanReport;
+use pulsetrain_motion::human::{self, Table};
+use pulsetrain_session::drive::{Driven, Ended, Wish, connect_while};
+use pulsetrain_session::prepare::{Planned, Prepared};
 
 /// A run on a real board. Nothing but the board saw its pins.
 #[derive(Debug, Serialize)]

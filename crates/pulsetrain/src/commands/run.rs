@@ -9,14 +9,16 @@ use pulsetrain_motion::boards;
 use super::{drive_problem, on_port, plan, ports, run_problem};
 use crate::cli::Run;
 use crate::console::{self, Console, Exit, access};
-use crate::drive::{DriveError, Driven};
-use crate::estimate::Task;
-use crate::figure::Drawn;
-use crate::human;
-use crate::plot::Picture;
-use crate::prepare::{Planned, Prepared, usual_baud};
-use crate::record::{Edges, Files, Recorded, Recorder};
+use crate::diagnostic::advised;
+use crate::record::{Files, Recorded, Recorder};
 use crate::report::RunReport;
+use pulsetrain_motion::human;
+use pulsetrain_plot::Picture;
+use pulsetrain_plot::machine::Drawn;
+use pulsetrain_session::drive::{DriveError, Driven};
+use pulsetrain_session::estimate::Task;
+use pulsetrain_session::lateness::Edges;
+use pulsetrain_session::prepare::{Planned, Prepared, usual_baud};
 
 pub(crate) fn run(args: &Run, console: &mut Console<'_>) -> miette::Result<Exit> {
     let task = match &args.port {
@@ -29,7 +31,7 @@ pub(crate) fn run(args: &Run, console: &mut Console<'_>) -> miette::Result<Exit>
         prepared.calibrate(ppm);
     }
     if let Some(at) = args.pause_at {
-        prepared.pause(at, args.resume_at)?;
+        prepared.pause(at, args.resume_at).map_err(advised)?;
     }
     let baud = args.baud.unwrap_or_else(|| usual_baud(&prepared.program.board.name));
     if !args.native {
@@ -56,7 +58,7 @@ pub(crate) fn run(args: &Run, console: &mut Console<'_>) -> miette::Result<Exit>
             (to_files(&prepared, &planned, driven, edges, &folder, console)?, runner)
         }
         _ => {
-            let driven = Driven::native(&prepared)?;
+            let driven = Driven::native(&prepared).map_err(advised)?;
             (to_files(&prepared, &planned, driven, Edges::default(), &folder, console)?, "native".to_owned())
         }
     };

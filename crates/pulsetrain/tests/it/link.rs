@@ -1,12 +1,12 @@
 //! Sessions over the link: to a model board, by a line that has faults.
 
-use pulsetrain::drive::connect_as;
-use pulsetrain::session::{Session, SessionError};
 use pulsetrain_board::{Board, Edge, Port, Remote, RemoteError};
 use pulsetrain_core::wire::message::Cause;
 use pulsetrain_core::wire::{Baud, Reason};
 use pulsetrain_motion::program::{self, DriverTiming, Limits, Motor, Program, Scale, Tolerance};
 use pulsetrain_motion::{Grid, Law, Time};
+use pulsetrain_session::drive::connect_as;
+use pulsetrain_session::{Session, SessionError};
 use pulsetrain_testkit::faulty::{Faulty, Rates};
 use pulsetrain_testkit::model::ModelPort;
 use pulsetrain_testkit::{TICK_HZ, model_setup};

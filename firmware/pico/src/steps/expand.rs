@@ -1,9 +1,9 @@
-//! A run's steps, one word each: what `pulsetrain_core::words::expand` does, in 75 or 91 cycles for eight steps of which
+//! A run's steps, one word each: what `pulsetrain_core::pio::expand` does, in 75 or 91 cycles for eight steps of which
 //! none can be too soon or too late, and in 35 cycles for two of the others.
 
 use core::arch::global_asm;
 use pulsetrain_core::Recurrence;
-use pulsetrain_core::words::{Stretch, Sure, surely};
+use pulsetrain_core::pio::{Stretch, Sure, surely};
 
 // In: r0 the recurrence, r1 the first word, r2 the end of the words, r3 the stretch. Out: r0 the end of what was written.
 // Ticks and fraction of the accumulator are added up apart: what the fraction carries over is a step's ticks.
@@ -197,7 +197,7 @@ unsafe extern "C" {
     fn expand_steps(recurrence: *mut Recurrence, words: *mut u32, end: *mut u32, stretch: *const Stretch) -> *mut u32;
 }
 
-/// As [`pulsetrain_core::words::expand`], for 32 fraction bits.
+/// As [`pulsetrain_core::pio::expand`], for 32 fraction bits.
 ///
 /// A call, so that it has the registers to itself.
 #[inline(never)]

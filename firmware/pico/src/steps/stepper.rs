@@ -8,16 +8,16 @@ use crate::clock::{Clock, TICK_HZ};
 use crate::regs;
 use crate::start::Once;
 use core::iter;
+use pulsetrain_core::avr::Pool;
 use pulsetrain_core::lease::{self, Lapse, Lease};
-use pulsetrain_core::narrow::Pool;
 use pulsetrain_core::output::{Coils, Output, StepDir, StepDirSettings};
 use pulsetrain_core::packing::Packing;
+use pulsetrain_core::pio::{Fault, Packed, SHORTEST_PULSE, STEP_DIR_OVERHEAD, Tape, Words, lines};
 use pulsetrain_core::queue::{Items, Queue};
 use pulsetrain_core::verbs::Limits;
 use pulsetrain_core::winch::spacing::Steps;
 use pulsetrain_core::wire::message::{Configuration, QUEUE_PARTS, flags, limits_of};
-use pulsetrain_core::words::{Fault, Packed, SHORTEST_PULSE, STEP_DIR_OVERHEAD, Tape, Words, lines};
-use pulsetrain_core::{Entry, Epoch, Item, Moment, Segment};
+use pulsetrain_core::{Entry, Epoch, Item, Segment, Tick32};
 
 /// F.
 pub(crate) const FRACTION_BITS: u32 = 32;
@@ -198,9 +198,9 @@ pub(crate) struct Stepper {
     /// The motor that got words last had less than its [pace](Pace)'s `behind`.
     behind: bool,
     /// No motor needs words before.
-    due: Moment,
+    due: Tick32,
     /// Steps are worked out here and known up to then; else motors do what was packed.
-    known: Option<Moment>,
+    known: Option<Tick32>,
     pace: Pace,
     /// Before steps that are not known yet nothing is written for so long, ticks: longer than DIR is turned before one.
     clear: u32,
@@ -226,7 +226,7 @@ impl Stepper {
             least_ahead: u32::MAX,
             too_late: false,
             behind: false,
-            due: Moment(0),
+            due: Tick32(0),
             known: None,
             pace: Pace::FAR,
             clear: CLEAR,
@@ -236,7 +236,7 @@ impl Stepper {
 
     /// From the next [`start`](Stepper::start) on, or from where all motors rest, their steps come by [`follow`](Stepper::follow) or
     /// [`take`](Stepper::take): there are none before `known`.
-    pub(crate) const fn follow_from(&mut self, known: Moment) {
+    pub(crate) const fn follow_from(&mut self, known: Tick32) {
         self.known = Some(known);
     }
 
@@ -274,7 +274,7 @@ impl Stepper {
     }
 
     /// Has a motor make steps in the millisecond that begins at `begin`.
-    pub(crate) fn follow(&mut self, number: u8, begin: Moment, steps: Steps) {
+    pub(crate) fn follow(&mut self, number: u8, begin: Tick32, steps: Steps) {
         let epoch = self.epoch();
         let Some(queue) = self.memory.followed.get_mut(usize::from(number)) else { return };
         let mut push = |item| {
@@ -319,7 +319,7 @@ impl Stepper {
     }
 
     /// Takes on a configuration that is possible; nothing runs. Counts begin at 0.
-    pub(crate) fn configure(&mut self, layout: &Layout, configuration: &Configuration<'_>, now: Moment) {
+    pub(crate) fn configure(&mut self, layout: &Layout, configuration: &Configuration<'_>, now: Tick32) {
         if self.count > 4 && layout.count <= 4 {
             pio::unload(1);
         }
@@ -398,7 +398,7 @@ impl Stepper {
             Machine::of(number).forget_stall();
         }
         let value = regs::free(|| regs::set_and_time(1 << GATE));
-        let at = Moment::of(clock.seen(value)).after(GATE_TICKS);
+        let at = Tick32::of(clock.seen(value)).after(GATE_TICKS);
         for Parts { motor, tape, .. } in self.all().1 {
             motor.words.start(tape, at);
         }
@@ -479,7 +479,7 @@ impl Stepper {
     }
 
     /// How long motors may be left alone, ticks.
-    pub(crate) const fn spare(&self, now: Moment) -> u32 {
+    pub(crate) const fn spare(&self, now: Tick32) -> u32 {
         let spare = self.due.since(now).cast_signed();
         match spare {
             _ if !self.runs => self.pace.spare,
@@ -496,7 +496,7 @@ impl Stepper {
     }
 
     /// Notes that time goes on, while nothing runs.
-    pub(crate) fn rest(&mut self, now: Moment) {
+    pub(crate) fn rest(&mut self, now: Tick32) {
         if !self.runs {
             for motor in self.motors_mut() {
                 motor.words.channel_mut().pass(now);
@@ -542,7 +542,7 @@ impl Stepper {
             let made = tape.position_after(done);
             let (words, mut items) = (&mut motor.words, motor.packed.waiting(pool));
             let goes = made != words.channel().position() || !words.channel().is_idle(&items);
-            let apart = tape.apart(done.max(1), Moment::of(tick), words.overhead(), ring);
+            let apart = tape.apart(done.max(1), Tick32::of(tick), words.overhead(), ring);
             if goes && done != 0 && apart < motor.pull_in_ticks {
                 halt.uncertain |= 1 << number;
             }
@@ -550,7 +550,7 @@ impl Stepper {
                 && let Some(reached) = halt.reached.get_mut(usize::from(number))
             {
                 let (last, ..) = tape.last(done.max(1), words.overhead(), ring);
-                *reached -= u64::from(Moment::of(tick).since(last));
+                *reached -= u64::from(Tick32::of(tick).since(last));
             }
             // Before its first word the lines are as in that.
             let last = ring[done.saturating_sub(1) as usize % RING];
@@ -613,7 +613,7 @@ impl Stepper {
     }
 
     /// Switches all motors, or none if a switch waits for an earlier tick or one is committed too far. From `at` on the plan holds as long as `lease` says.
-    pub(crate) fn switch(&mut self, epoch: Epoch, at: Moment, lease: Lease, limits: &[u8]) -> bool {
+    pub(crate) fn switch(&mut self, epoch: Epoch, at: Tick32, lease: Lease, limits: &[u8]) -> bool {
         if self.motors().any(|motor| motor.words.channel().check_switch(at).is_err()) {
             return false;
         }
@@ -683,7 +683,7 @@ impl Stepper {
     }
 
     /// The first tick that no motor is committed to, not before `now`.
-    pub(crate) fn horizon(&self, now: Moment) -> Moment {
+    pub(crate) fn horizon(&self, now: Tick32) -> Tick32 {
         let horizons = self.motors().map(|motor| motor.words.channel().horizon());
         horizons.fold(now, |latest, horizon| if latest.is_before(horizon) { horizon } else { latest })
     }
@@ -699,7 +699,7 @@ impl Stepper {
     }
 
     /// Pulses that a motor has begun by now, forward less backward.
-    pub(crate) fn position(&self, number: u8, now: Moment) -> i32 {
+    pub(crate) fn position(&self, number: u8, now: Tick32) -> i32 {
         let index = usize::from(number);
         let (Some(motor), Some(tape), Some(Ring(ring))) =
             (self.motor(number), self.memory.tapes.get(index), self.memory.rings.get(index))
@@ -710,7 +710,7 @@ impl Stepper {
     }
 
     /// Whether nothing is left to do on any motor: no step, no end of a pulse.
-    pub(crate) fn is_idle(&self, now: Moment) -> bool {
+    pub(crate) fn is_idle(&self, now: Tick32) -> bool {
         let follows = self.known.is_some() && self.memory.followed.iter().any(|items| !items.is_empty());
         !self.runs || (!follows && self.motors().all(|motor| motor.words.is_idle(&motor.packed, now)))
     }

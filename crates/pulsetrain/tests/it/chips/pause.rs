@@ -1,13 +1,13 @@
 //! Pauses and stops on the virtual Uno: the committed firmware on an emulated chip.
 
-use pulsetrain::drive::connect;
-use pulsetrain::pause::Shelf;
-use pulsetrain::session::Session;
 use pulsetrain_board::virtual_uno::VirtualUno;
 use pulsetrain_board::{Board, Edge, Faults};
 use pulsetrain_core::wire::Baud;
 use pulsetrain_motion::program::{self, DriverTiming, Limits, Motor, Program, Scale, Tolerance};
 use pulsetrain_motion::{Grid, Law, Time, boards};
+use pulsetrain_session::Session;
+use pulsetrain_session::drive::connect;
+use pulsetrain_session::pause::Shelf;
 
 const TIMING: DriverTiming =
     DriverTiming { pulse_high_ns: 1000, pulse_low_ns: 1000, dir_setup_ns: 500, dir_hold_ns: 500 };

@@ -4,9 +4,6 @@
 use crate::common::onward::onward;
 use crate::common::random::each;
 use proptest::prelude::*;
-use pulsetrain::drive::connect;
-use pulsetrain::pause::Shelf;
-use pulsetrain::session::{Session, SessionError};
 use pulsetrain_board::virtual_pico::VirtualPico;
 use pulsetrain_board::{Board, Edge, Faults, Remote};
 use pulsetrain_core::Direction;
@@ -14,6 +11,9 @@ use pulsetrain_core::wire::Baud;
 use pulsetrain_motion::program::{DriverTiming, Limits, Motor, Program, Scale, Tolerance, Wiring};
 use pulsetrain_motion::{Grid, Law, Time, boards};
 use pulsetrain_plan::{Ensemble, Move};
+use pulsetrain_session::drive::connect;
+use pulsetrain_session::pause::Shelf;
+use pulsetrain_session::{Session, SessionError};
 
 const TICK_HZ: u64 = 125_000_000;
 const TIMING: DriverTiming =

@@ -5,15 +5,15 @@ use std::io;
 use std::rc::Rc;
 use std::time::Duration;
 
-use pulsetrain::drive::connect;
 use pulsetrain::serve::{Client, Service};
-use pulsetrain::session::Session;
 use pulsetrain_board::virtual_uno::VirtualUno;
 use pulsetrain_board::{Board, Edge, Port, PortError, Remote};
 use pulsetrain_core::wire::Baud;
 use pulsetrain_core::wire::message::Cause;
 use pulsetrain_motion::program::Program;
 use pulsetrain_motion::{file, pins::PinKind};
+use pulsetrain_session::Session;
+use pulsetrain_session::drive::connect;
 use pulsetrain_trace::vcd_file;
 use pulsetrain_trace::verdict::{self, Align, Options};
 
@@ -229,9 +229,7 @@ fn opening_again_resets_the_board() {
 #[cfg(unix)]
 mod pty {
     use super::{Memory, program, program_for, real::folder};
-    use pulsetrain::drive::connect;
     use pulsetrain::serve::{Client, Pty, Service};
-    use pulsetrain::session::Session;
     use pulsetrain_board::virtual_pico::VirtualPico;
     use pulsetrain_board::virtual_uno::VirtualUno;
     use pulsetrain_board::{Edge, Link, LinkError, Port, PortError, Remote, VirtualBoard};
@@ -239,6 +237,8 @@ mod pty {
     use pulsetrain_core::wire::message::Cause;
     use pulsetrain_motion::program::Program;
     use pulsetrain_motion::{Law, Time};
+    use pulsetrain_session::Session;
+    use pulsetrain_session::drive::connect;
     use pulsetrain_trace::vcd_file;
     use serialport::{SerialPort, TTYPort};
     use std::cell::{Cell, RefCell};

@@ -2,14 +2,14 @@
 //! installs what they need.
 #![cfg(target_os = "linux")]
 
+use pulsetrain::load;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::Duration;
 
-use pulsetrain::bake::{BakeError, Sketch};
-use pulsetrain::prepare::Prepared;
+use pulsetrain_bake::{BakeError, Sketch};
 use pulsetrain_board::virtual_uno::VirtualUno;
 use pulsetrain_board::{Port, hex, stk500};
 use pulsetrain_core::Segment;
@@ -162,7 +162,7 @@ fn keeps(what: &str, program: &Program, seconds: f64, late_ticks: f64) -> Laid {
 }
 
 fn example_keeps(file: &str, seconds: f64, late_ticks: f64) -> Laid {
-    let program = Prepared::endless(&example(file), None).unwrap().program;
+    let program = load::endless(&example(file), None).unwrap().program;
     keeps(file, &program, seconds, late_ticks)
 }
 

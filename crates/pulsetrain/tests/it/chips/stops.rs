@@ -5,15 +5,15 @@
 //! `PULSETRAIN_ROUNDS` as many times as many, which `cargo xtask soak --stops N` sets.
 
 use crate::common::rigs::{self, check_limits, counts};
-use pulsetrain::drive::connect_as;
-use pulsetrain::prepare::{Prepared, usual_baud};
-use pulsetrain::session::{Session, SessionError};
 use pulsetrain_board::virtual_pico::VirtualPico;
 use pulsetrain_board::virtual_uno::VirtualUno;
 use pulsetrain_board::{Board, Edge, Port, PortError};
 use pulsetrain_core::wire::Baud;
 use pulsetrain_motion::boards;
 use pulsetrain_plan::SOFTEST_STOP_S;
+use pulsetrain_session::drive::connect_as;
+use pulsetrain_session::prepare::{Prepared, usual_baud};
+use pulsetrain_session::{Session, SessionError};
 use pulsetrain_testkit::Random;
 use pulsetrain_testkit::model::ModelPort;
 use pulsetrain_testkit::seed::{rounds, seed};

@@ -1,15 +1,15 @@
 //! Motions on virtual boards, whole: planned, streamed by a session, every step and edge held against the law.
 
 use super::uno::{Mark, Seen, idle_round};
-use pulsetrain::drive::{Driven, Ended};
-use pulsetrain::lateness::{Lateness, Meter};
-use pulsetrain::prepare::Prepared;
 use pulsetrain_board::{Edge, Observer, Port, Remote, ScheduledStep, Shadowed};
 use pulsetrain_core::Direction;
 use pulsetrain_core::wire::Baud;
 use pulsetrain_core::wire::message::Cause;
 use pulsetrain_motion::pins::PinKind;
 use pulsetrain_motion::program::Motor;
+use pulsetrain_session::drive::{Driven, Ended};
+use pulsetrain_session::lateness::{Lateness, Meter};
+use pulsetrain_session::prepare::Prepared;
 use pulsetrain_trace::Line;
 use pulsetrain_trace::crossing::Crossings;
 use pulsetrain_trace::verdict::{EdgeJudge, Options};
