@@ -8,11 +8,11 @@ use crate::clock::{Clock, TICK_HZ};
 use crate::regs;
 use crate::start::Once;
 use core::iter;
-use pulsetrain_core::avr::Pool;
 use pulsetrain_core::lease::{self, Lapse, Lease};
 use pulsetrain_core::output::{Coils, Output, StepDir, StepDirSettings};
+use pulsetrain_core::packed_queue::{Fault, PackedQueue, Pool};
 use pulsetrain_core::packing::Packing;
-use pulsetrain_core::pio::{Fault, Packed, SHORTEST_PULSE, STEP_DIR_OVERHEAD, Tape, Words, lines};
+use pulsetrain_core::pio::{SHORTEST_PULSE, STEP_DIR_OVERHEAD, Tape, Words, lines};
 use pulsetrain_core::queue::{Items, Queue};
 use pulsetrain_core::verbs::Limits;
 use pulsetrain_core::winch::spacing::Steps;
@@ -137,7 +137,7 @@ static MEMORY: Once<Memory> = Once::new(Memory {
 /// One motor.
 pub(crate) struct Motor {
     words: Words<FRACTION_BITS>,
-    packed: Packed,
+    packed: PackedQueue,
     wired: Wired,
     pulse_ticks: u32,
     pull_in_ticks: u32,
@@ -148,7 +148,7 @@ pub(crate) struct Motor {
 impl Motor {
     const NONE: Motor = Motor {
         words: Words::new(Motor::NO_OUTPUT, 0, SHORTEST_PULSE),
-        packed: Packed::new(Pool::<POOL>::part(0, 0), Packing { fraction_bits: FRACTION_BITS, gain: 0 }),
+        packed: PackedQueue::new(Pool::<POOL>::part(0, 0), Packing { fraction_bits: FRACTION_BITS, gain: 0 }),
         wired: Wired::NONE,
         pulse_ticks: SHORTEST_PULSE,
         pull_in_ticks: 0,
@@ -350,7 +350,7 @@ impl Stepper {
             let equal = POOL / usize::from(layout.count.max(1));
             let by_need = POOL / usize::from(QUEUE_PARTS) * usize::from(setup.queue_parts);
             let queue = if by_need == 0 { equal } else { by_need }.min(LONGEST_QUEUE) as u16;
-            motor.packed = Packed::new(Pool::<POOL>::part(at, queue), packing);
+            motor.packed = PackedQueue::new(Pool::<POOL>::part(at, queue), packing);
             at += queue;
             (motor.wired, motor.pulse_ticks, motor.pull_in_ticks) = (*wired, pulse_ticks, setup.pull_in_ticks);
             motor.limits =
@@ -381,7 +381,7 @@ impl Stepper {
         let (pool, all) = self.all();
         for Parts { number, motor, tape, ring } in all {
             let machine = Machine::of(number);
-            motor.packed.waiting(pool).clear();
+            motor.packed.items(pool).clear();
             motor.packed.forgive();
             motor.words.forgive();
             machine.set_up(&motor.wired, motor.pulse_ticks, motor.words.levels());
@@ -446,7 +446,7 @@ impl Stepper {
             let dry = motor.words.end().after(motor.words.overhead());
             match followed.get_mut(index).filter(|_| self.known.is_some()) {
                 Some(items) => motor.words.fill(items, tape, ring, stretch, TURN, expand),
-                None => motor.words.fill(&mut motor.packed.waiting(pool), tape, ring, stretch, TURN, expand),
+                None => motor.words.fill(&mut motor.packed.items(pool), tape, ring, stretch, TURN, expand),
             };
             let has_news = motor.words.channel().has_news();
             if !clock.moment().after(NEARLY_DRY).is_before(dry) {
@@ -540,7 +540,7 @@ impl Stepper {
             let is_done = in_pulse >> number & 1 != 0 || machine.has_changed_lines(&motor.wired.lines);
             let done = if is_done { pulled } else { pulled.wrapping_sub(1) };
             let made = tape.position_after(done);
-            let (words, mut items) = (&mut motor.words, motor.packed.waiting(pool));
+            let (words, mut items) = (&mut motor.words, motor.packed.items(pool));
             let goes = made != words.channel().position() || !words.channel().is_idle(&items);
             let apart = tape.apart(done.max(1), Tick32::of(tick), words.overhead(), ring);
             if goes && done != 0 && apart < motor.pull_in_ticks {
