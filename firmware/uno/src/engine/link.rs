@@ -50,7 +50,7 @@ const CLOSED: u8 = 0x08;
 macro_rules! receive_interrupt {
     () => {
         r#"
-    .macro count_lost                   // keeps flags and registers
+    .macro receive_count_lost                   // keeps flags and registers
     in r24, {SREG}
     push r24
     lds r24, receive_lost
@@ -87,7 +87,7 @@ macro_rules! receive_interrupt {
     reti                                // 4                            42, 9 of them closed
 
     // A byte was lost before this one.
-3:  count_lost
+3:  receive_count_lost
     rjmp 1b
 
     // The end of the page: another lap.
@@ -119,7 +119,7 @@ macro_rules! receive_interrupt {
     in r30, {SAVE30}                    // 1                            25
     in r31, {SAVE31}                    // 1                            26
     reti                                // 4                            30
-8:  count_lost
+8:  receive_count_lost
     rjmp 6b
 9:  lds r24, receive_lap                // 11 more: no flag is touched
     ldi r30, {PAGE}

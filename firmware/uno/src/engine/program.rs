@@ -26,7 +26,7 @@ pub(crate) trait Program: Sized + 'static {
     /// Motors follow plans: packed segments in queues, which a host sends or the flash has.
     const PLANS: bool = false;
 
-    /// Plans hold by lease: [`brake`](crate::engine::steps::brake). Needs `steps_load_leased` and `steps_limit_leased`.
+    /// Plans hold by lease: [`brake`](crate::engine::steps::brake). Needs `load_leased` and `limit_leased`.
     const LEASES: bool = false;
 
     /// Motors can be told directly: [`obey`](Program::obey).
@@ -39,10 +39,10 @@ pub(crate) trait Program: Sized + 'static {
     /// Bytes of the queues, from the symbol `queues` on; where there are no plans they are the program's own. build.rs has them, too.
     const POOL: usize = 396;
 
-    /// Motors may share DIR lines: `ring_shared`.
+    /// Motors may share DIR lines: `ring_fill_shared`.
     const SHARED: bool = true;
 
-    /// One motor may have a ring of its own beside a merge of three: `ring_beside`.
+    /// One motor may have a ring of its own beside a merge of three: `ring_fill_shield`.
     const BESIDE: bool = true;
 
     // Text on the line.

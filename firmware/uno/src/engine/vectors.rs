@@ -25,7 +25,7 @@ __vectors:
     rjmp __vector_12
     .org 4 * 16
     push r24                            // TIMER0_OVF: 4 response, 2     6
-    rjmp steps_task_begin               // 2                             8
+    rjmp refill_interrupt               // 2                             8
     "#,
     FLAGS = const register::GPIOR0,
     B_ON_PORTD = const flags::B_ON_PORTD,

@@ -82,7 +82,7 @@ impl Chip {
 #[test]
 fn parts_are_cores() {
     let chip = Atmega328p::new(&virtual_uno::image()).expect("an image");
-    let mut chip = Chip { chip, entry: address(SYMBOLS, "steps_load_leased"), most: 0 };
+    let mut chip = Chip { chip, entry: address(SYMBOLS, "load_leased"), most: 0 };
     let registers = Registers::with_fraction_bits(16);
     let mut random = Random::new(seed(1));
     let mut seen = [0; 4];

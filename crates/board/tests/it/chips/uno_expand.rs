@@ -191,7 +191,7 @@ fn even_lists_are_the_recurrence() {
     const START: u16 = 0xa0;
     const GROUPS: u64 = 24;
     let (mut chip, [_, list, ..]) = chip();
-    let ring = address(SYMBOLS, "steps_expand_beside");
+    let ring = address(SYMBOLS, "steps_expand_shield_b");
     let mut random = Random::new(3);
     for round in 0..4000 {
         let n = 1 + (random.next() % 31) as u8;

@@ -27,12 +27,12 @@ global_asm!(
     ".set source_load, steps_load_record",
     ".set source_due, steps_due",
     // How rings are filled: of one motor each, of motors that share DIR lines, and of one motor beside a merge.
-    ".global ring_apiece, ring_shared, ring_beside, ring_beside_soon, ring_beside_merge",
-    ".set ring_apiece, steps_fill",
-    ".set ring_shared, steps_fill_shared",
-    ".set ring_beside, steps_absent",
-    ".set ring_beside_soon, steps_absent",
-    ".set ring_beside_merge, steps_absent",
+    ".global ring_fill_one, ring_fill_shared, ring_fill_shield, ring_fill_shield_b, ring_merge_shield",
+    ".set ring_fill_one, one_motor_fill",
+    ".set ring_fill_shared, shared_fill",
+    ".set ring_fill_shield, steps_absent",
+    ".set ring_fill_shield_b, steps_absent",
+    ".set ring_merge_shield, steps_absent",
 );
 
 #[unsafe(no_mangle)]

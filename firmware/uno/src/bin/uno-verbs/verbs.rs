@@ -84,7 +84,7 @@ global_asm!(".global verbs_place", ".set verbs_place, queues");
 global_asm!(
     r#"
     .section .text.verbs, "ax", @progbits
-    .global verbs_limit, verbs_load, verbs_soon
+    .global verbs_limit, verbs_load, verbs_due_soon
 verbs_limit:
     call steps_limit
     lds r18, verbs_state
@@ -134,7 +134,7 @@ verbs_load:
     ret
 
     // When verbs are due: that was counted from where this call of the task began, as Timer0 has done.
-verbs_soon:
+verbs_due_soon:
     lds r24, verbs_state
     cpi r24, {ON}
     brne 4f

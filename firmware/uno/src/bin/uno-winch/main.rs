@@ -21,12 +21,12 @@ global_asm!(
     ".set source_load, winch_load",
     ".set source_due, winch_due",
     // How rings are filled: of one motor each, of motors that share DIR lines, and of one motor beside a merge.
-    ".global ring_apiece, ring_shared, ring_beside, ring_beside_soon, ring_beside_merge",
-    ".set ring_apiece, steps_absent",
-    ".set ring_shared, steps_absent",
-    ".set ring_beside, steps_absent",
-    ".set ring_beside_soon, steps_absent",
-    ".set ring_beside_merge, steps_absent",
+    ".global ring_fill_one, ring_fill_shared, ring_fill_shield, ring_fill_shield_b, ring_merge_shield",
+    ".set ring_fill_one, steps_absent",
+    ".set ring_fill_shared, steps_absent",
+    ".set ring_fill_shield, steps_absent",
+    ".set ring_fill_shield_b, steps_absent",
+    ".set ring_merge_shield, steps_absent",
 );
 
 static USES: Once<Uses> = Once::new(Uses::new());

@@ -25,16 +25,16 @@ impl Program for Uses {
 // Steps come from records in the queues, and from braking.
 global_asm!(
     ".global source_limit, source_load, source_due",
-    ".set source_limit, steps_limit_leased",
-    ".set source_load, steps_load_leased",
+    ".set source_limit, limit_leased",
+    ".set source_load, load_leased",
     ".set source_due, steps_due",
     // How rings are filled: of one motor each, of motors that share DIR lines, and of one motor beside a merge.
-    ".global ring_apiece, ring_shared, ring_beside, ring_beside_soon, ring_beside_merge",
-    ".set ring_apiece, steps_fill",
-    ".set ring_shared, steps_fill_shared",
-    ".set ring_beside, steps_beside_turns",
-    ".set ring_beside_soon, beside_fill",
-    ".set ring_beside_merge, merge_beside",
+    ".global ring_fill_one, ring_fill_shared, ring_fill_shield, ring_fill_shield_b, ring_merge_shield",
+    ".set ring_fill_one, one_motor_fill",
+    ".set ring_fill_shared, shared_fill",
+    ".set ring_fill_shield, shield_fill",
+    ".set ring_fill_shield_b, shield_b_fill",
+    ".set ring_merge_shield, merge_shield",
 );
 
 static USES: Once<Uses> = Once::new(Uses);

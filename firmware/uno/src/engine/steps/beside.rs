@@ -2,13 +2,13 @@
 //!
 //! A merge takes 35 cycles a step, and the shield's interrupt 12 more than PORTD's; so the shield's motor on PORTB has a ring of its own,
 //! and three motors are merged. The ring lasts about as long as the merge's without its lists; the merge therefore looks at it before each list that it fills, and each
-//! time that it publishes (`beside_is_low`): a load of a record and the expansion of a list take up to 5000 cycles, with bytes coming in.
+//! time that it publishes (`unless_shield_b_is_low`): a load of a record and the expansion of a list take up to 5000 cycles, with bytes coming in.
 //!
 //! # Cycles
 //! 15 to 20 a step, and its interrupt's 49, or 60 where it lets another in; 200 a batch of 11 steps.
 
 use super::motor::{EVEN, Motor, flag};
-use super::plan::sure_now;
+use super::plan::prechecked_steps;
 use super::register;
 use super::ring::{BEHIND_LISTS, END_B, Ring};
 use super::stepper::{Stepper, Track};
@@ -20,7 +20,7 @@ use core::arch::global_asm;
 use core::mem::offset_of;
 
 /// The motor.
-#[unsafe(export_name = "steps_beside_motor")]
+#[unsafe(export_name = "shield_b_motor")]
 static mut MOTOR: *mut Motor = core::ptr::null_mut();
 
 /// It is the last one of these. To be called by who has the stepper.
@@ -32,7 +32,7 @@ pub(super) fn set_motor(motors: *mut [Motor; super::pins::MAX_MOTORS], index: u8
 global_asm!(
     r#"
     // r26: how many groups the ring has room for; r6: its pending group.
-    .macro beside_room
+    .macro shield_b_free
     in r26, {TAIL}
     lds r6, steps_stepper+{HEAD}
     sec
@@ -42,42 +42,42 @@ global_asm!(
     lsr r26
     lsr r26
     .endm
-    .macro beside_motor
-    lds r28, steps_beside_motor
-    lds r29, steps_beside_motor+1
+    .macro shield_b_load_motor
+    lds r28, shield_b_motor
+    lds r29, shield_b_motor+1
     ldi r24, {BATCHES}
     mov r4, r24
     .endm
 
-    .section .text.steps_beside, "ax", @progbits
-    .global steps_beside_turns, beside_fill
+    .section .text.shield_b, "ax", @progbits
+    .global shield_fill, shield_b_fill
     // For the task. Uses all registers.
-steps_beside_turns:
-    rcall beside_fill
+shield_fill:
+    rcall shield_b_fill
     call steps_merge_run
     call merge_fill_up
     // Nobody comes for some time.
-    beside_motor
-    beside_room
+    shield_b_load_motor
+    shield_b_free
     cpi r26, {LAST}
-    brsh beside_more
+    brsh shield_b_batch
     ret
     // One motor: plan, expand, publish.
-beside_fill:
-    beside_motor
-beside_next:
-    beside_room
+shield_b_fill:
+    shield_b_load_motor
+shield_b_next:
+    shield_b_free
     cpi r26, {ROOM}
-    brsh beside_more
+    brsh shield_b_batch
 1:  ret
-beside_more:
+shield_b_batch:
     cpi r26, {HURRY}
     brlo 2f
     ldi r26, {SOME}
 2:  mov r2, r26
     // Most often they are steps of a segment all of which are sure, and soon enough: what the plan would say.
     "#,
-    sure_now!("5f"),
+    prechecked_steps!("5f"),
     r#"
     cp r24, r26
     brlo 3f
@@ -106,8 +106,8 @@ beside_more:
     ldi r31, hi8(steps_stepper+{TRACK})
     movw r16, r30
     movw r14, r28
-    call steps_place
-    rjmp beside_next
+    call put_planned
+    rjmp shield_b_next
     // r24 steps. r6 is the pending group, which is published when all that follow it are there.
 3:  mov r20, r24
     ldi r31, hi8(ring_b_page)
@@ -133,7 +133,7 @@ beside_more:
     clr r25
     sts steps_stepper+{UNLIKE}, r25
 4:  sub r2, r20
-    call steps_expand_beside
+    call steps_expand_shield_b
     ldi r25, {END}
     mov r26, r24
     ldi r27, hi8(ring_b_page)
@@ -149,7 +149,7 @@ beside_more:
     tst r2
     brne 2f
     ret
-2:  rjmp beside_next
+2:  rjmp shield_b_next
     "#,
     HURRY = const HURRY,
     SOME = const SOME,

@@ -81,20 +81,20 @@ impl Lease {
 global_asm!(
     r#"
     // Z: at the parts of the motor Y.
-    .macro brake_point
+    .macro brake_point_to_epochs
     movw r30, r28
     subi r30, lo8(-({PARTS}))
     sbci r31, hi8(-({PARTS}))
     .endm
 
-    .section .text.steps_load_leased, "ax", @progbits
-    .global steps_load_leased, steps_brake
+    .section .text.load_leased, "ax", @progbits
+    .global load_leased, steps_brake
     // A program's source of steps: records of the queue, and parts of a stop.
-steps_load_leased:
+load_leased:
     ldd r24, Y+{FLAGS}
     sbrs r24, {UNREADABLE}
     jmp steps_load_record
-    brake_point
+    brake_point_to_epochs
     ldd r24, Z+{STATE}
     sbrc r24, {BRAKES}
     rjmp steps_brake
@@ -115,7 +115,7 @@ steps_brake:
     movw r26, r20
     mov r24, r22
     tst r24
-    brmi brake_rest                     // as long as registers hold
+    brmi brake_at_rest                     // as long as registers hold
     ldi r25, 39
 1:  tst r24
     brne 2f
@@ -126,7 +126,7 @@ steps_brake:
     clr r0
     subi r25, 8
     brcc 1b
-brake_rest:                             // no interval
+brake_at_rest:                             // no interval
     std Z+{STATE}, r1
     sec
     ret
@@ -210,13 +210,13 @@ brake_rest:                             // no interval
     .endr
     std Y+{LEFT}, r24
     std Y+{LEFT}+1, r1
-    jmp steps_load_taken
+    jmp load_count_steps
 
-    .section .text.steps_stop, "ax", @progbits
-    .global steps_stop, steps_dry, steps_freshen, steps_fail_leased, steps_lease_goes_on, steps_limit_leased, steps_await_all
+    .section .text.brake_begin, "ax", @progbits
+    .global brake_begin, brake_check_underrun, brake_note_rest, brake_fail, brake_check_lease_end, limit_leased, brake_all_at_end
     // From the plan: the lease is over, and the motor Y goes over to its stop. Z is at its parts, r25 its braking state, r22 and r23 have the steps
     // that were left; those are off the position already.
-steps_stop:
+brake_begin:
     or r22, r23
     mov r14, r22
     // What waits of its epoch is dropped, and of that of a switch that is not made.
@@ -224,17 +224,17 @@ steps_stop:
     sbrc r25, {WAITS}
     ldd r22, Z+{SWITCH_EPOCH}
     clt
-    call plan_pass_parts
-    call plan_reach_switch
+    call plan_drop_epochs
+    call plan_horizon_to_switch
     ldi r27, 0                          // its state
     ldd r24, Y+{FLAGS}
     sbrs r24, {ANCHORED}
     rjmp 7f
-    rcall brake_is_fresh
+    rcall brake_check_rest
     breq 7f
     tst r14
     brne 6f
-    rcall brake_last_interval
+    rcall brake_previous_interval
     std Y+{INTERVAL}, r22
     std Y+{INTERVAL}+1, r23
     std Y+{INTERVAL}+2, r24
@@ -250,7 +250,7 @@ steps_stop:
     jmp plan_slow
 
     // The motor Y cannot follow its plan, for the reason r22, at r18 to r21: with a lease it brakes from the horizon, and all others as soon as they can.
-steps_fail_leased:
+brake_fail:
     lds r24, steps_lease
     tst r24
     brne 1f
@@ -262,7 +262,7 @@ steps_fail_leased:
     ori r24, {FAULT}
     sts steps_lease, r24
 2:  call steps_settle
-    brake_point
+    brake_point_to_epochs
     std Z+{REASON}, r22
     .irp at, 0,1,2,3
     ldd r2\at, Y+{HORIZON}+\at
@@ -285,13 +285,13 @@ steps_fail_leased:
 3:  ldd r24, Y+{FLAGS}
     ldd r25, Z+{STATE}
     sbrs r25, {AWAITS}
-    rcall brake_await
+    rcall brake_wait_for_end
     ori r24, 1 << {UNREADABLE}
     std Y+{FLAGS}, r24
     ret
 
     // The motor Y, whose flags are r24, awaits what is at its switch's tick. Z is at its parts. Uses r25.
-brake_await:
+brake_wait_for_end:
     ldi r25, 1 << {AWAITS}
     sbrc r24, {SWITCH}
     ori r25, 1 << {WAITS}
@@ -302,7 +302,7 @@ brake_await:
     ret
 
     // The motor Y has begun a new epoch: the end of the lease may be near.
-steps_lease_goes_on:
+brake_check_lease_end:
     lds r24, steps_lease
     sbrs r24, 0
     ret
@@ -310,13 +310,13 @@ steps_lease_goes_on:
     lds r23, steps_times+{LIMIT}+1
     lds r24, steps_times+{LIMIT}+2
     lds r25, steps_times+{LIMIT}+3
-    rcall brake_is_near
-    brcs steps_await_end
+    rcall brake_check_end_near
+    brcs brake_motor_at_end
     ret
 
     // Carry: the end of the lease is near the limit r22 to r25. What is planned at once reaches 1.5 ms beyond that at most, and this is 2 ms. r18 to r21:
     // the end. Uses r26, r27, r30, r31.
-brake_is_near:
+brake_check_end_near:
     ldi r30, lo8(steps_lease+{AT})
     ldi r31, hi8(steps_lease+{AT})
     ld r18, Z
@@ -337,19 +337,19 @@ brake_is_near:
 2:  ret
 
     // A program's limit: 3 ms from now. All motors are told if the end of the lease is near.
-steps_limit_leased:
+limit_leased:
     call steps_limit
     lds r18, steps_lease
     sbrc r18, {FAULT_BIT}
     rjmp 2f
     cpi r18, {UNTIL}
     brne 1f
-    rcall brake_is_near
+    rcall brake_check_end_near
     brcc 1f
     .irp r, 22,23,24,25
     push r\r
     .endr
-    rcall steps_await_all
+    rcall brake_all_at_end
 3:  .irp r, 25,24,23,22
     pop r\r
     .endr
@@ -361,11 +361,11 @@ steps_limit_leased:
     rjmp 3b
 
     // All motors brake at r18 to r21.
-steps_await_all:
+brake_all_at_end:
     ldi r28, lo8(steps_motors)
     ldi r29, hi8(steps_motors)
     lds r22, steps_stepper+{COUNT}
-1:  rcall steps_await_end
+1:  rcall brake_motor_at_end
     subi r28, lo8(-({MOTOR_SIZE}))
     sbci r29, hi8(-({MOTOR_SIZE}))
     dec r22
@@ -373,11 +373,11 @@ steps_await_all:
     ret
 
     // The motor Y brakes at r18 to r21, not before its horizon, unless a switch comes first, it brakes already or rests. Uses r24, r25, Z.
-steps_await_end:
+brake_motor_at_end:
     ldd r24, Y+{FLAGS}
     sbrc r24, {UNREADABLE}
     ret
-    brake_point
+    brake_point_to_epochs
     ldd r25, Z+{STATE}
     sbrc r25, {AWAITS}
     rjmp 1f
@@ -392,7 +392,7 @@ steps_await_end:
     ldd r25, Y+{SWITCH_AT}+3
     cpc r21, r25
     brpl 3f
-2:  rcall brake_await
+2:  rcall brake_wait_for_end
 1:  std Y+{SWITCH_AT}, r18
     std Y+{SWITCH_AT}+1, r19
     std Y+{SWITCH_AT}+2, r20
@@ -400,30 +400,30 @@ steps_await_end:
 3:  ret
 
     // The motor Y is at rest until its next step. Uses r18, r19, r24.
-steps_freshen:
+brake_note_rest:
     movw r18, r30
-    brake_point
+    brake_point_to_epochs
     .irp at, 0,1,2,3
     ldd r24, Y+{POSITION}+\at
-    std Z+{FRESH_AT}+\at, r24
+    std Z+{REST_POSITION}+\at, r24
     .endr
     movw r30, r18
     ret
 
     // Z: the motor Y, of whose segment no step is left, has made none since it was at rest; Z+ is at its parts. Uses r22, r23.
-brake_is_fresh:
+brake_check_rest:
     ldd r22, Y+{POSITION}
-    ldd r23, Z+{FRESH_AT}
+    ldd r23, Z+{REST_POSITION}
     cp r22, r23
     .irp at, 1,2,3
     ldd r22, Y+{POSITION}+\at
-    ldd r23, Z+{FRESH_AT}+\at
+    ldd r23, Z+{REST_POSITION}+\at
     cpc r22, r23
     .endr
     ret
 
     // The interval before the last step, r22 to r26: less by what it grew, and that was less by add2. Uses r25, r27.
-brake_last_interval:
+brake_previous_interval:
     ldd r22, Y+{INTERVAL}
     ldd r23, Y+{INTERVAL}+1
     ldd r24, Y+{INTERVAL}+2
@@ -454,7 +454,7 @@ brake_last_interval:
     ret
 
     // Carry: the motor Y, which has nothing to do, has run dry: with a lease that is not the last its next step would be due by r18 to r21. Keeps those, and T.
-steps_dry:
+brake_check_underrun:
     lds r24, steps_lease
     andi r24, 0xff - {LAST}
     breq 1f
@@ -462,10 +462,10 @@ steps_dry:
     andi r24, 1 << {ANCHORED} | 1 << {UNREADABLE}
     cpi r24, 1 << {ANCHORED}
     brne 1f
-    brake_point
-    rcall brake_is_fresh
+    brake_point_to_epochs
+    rcall brake_check_rest
     breq 1f
-    rcall brake_last_interval
+    rcall brake_previous_interval
     movw r30, r18
     movw r14, r20
     ldd r27, Y+{TICK}
@@ -496,7 +496,7 @@ steps_dry:
     SWITCH_AT = const offset_of!(Motor, switch_at),
     PART_EPOCH = const offset_of!(Part, epoch),
     SWITCH_EPOCH = const OF_SWITCH + offset_of!(Switch, epoch),
-    FRESH_AT = const offset_of!(Motor, fault_tick) - offset_of!(Motor, parts),
+    REST_POSITION = const offset_of!(Motor, fault_tick) - offset_of!(Motor, parts),
     WAITS = const state::WAITS,
     AWAITS = const state::AWAITS,
     REASON = const offset_of!(Motor, reason) - offset_of!(Motor, parts),

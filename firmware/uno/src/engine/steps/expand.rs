@@ -60,7 +60,7 @@ const _: () = assert!((register::OCR0A + 0x20) & 8 == 0 && (register::OCR0B + 0x
 global_asm!(
     r#"
     // The steps are taken off those that are left.
-    .macro expand_take                  //                              10
+    .macro expand_count                  //                              10
     ldd r24, Y+19
     ldd r25, Y+20
     sub r24, r20
@@ -70,7 +70,7 @@ global_asm!(
     .endm
 
     .macro expand_enter                 //                              52
-    expand_take                         // 10                           10
+    expand_count                         // 10                           10
     ldd r0, Y+0                         // 17 x 2                       44
     ldd r21, Y+1
     ldd r22, Y+2
@@ -94,7 +94,7 @@ global_asm!(
     .endr
     .endm
 
-    .macro expand_leave_lawful          //                              8
+    .macro expand_leave_add          //                              8
     std Y+11, r9
     std Y+12, r10
     std Y+13, r11
@@ -144,8 +144,8 @@ global_asm!(
     .endm
 
     // What is needed where intervals stay below the next 256 ticks: their highest byte stays as it is.           40
-    .macro near_enter
-    expand_take
+    .macro short_enter
+    expand_count
     ldd r0, Y+0
     ldd r21, Y+1
     ldd r22, Y+2
@@ -161,7 +161,7 @@ global_asm!(
     ldd r14, Y+16
     ldd r15, Y+17
     .endm
-    .macro near_leave                   //                              33
+    .macro short_leave                   //                              33
     ldd r20, Y+2
     cp r22, r20
     ldd r20, Y+3
@@ -222,7 +222,7 @@ global_asm!(
     advance_interval
     subi r20, 2                         // 1
     brne 2b                             // 2: 3 for two steps
-3:  expand_leave_lawful                 //                              8
+3:  expand_leave_add                 //                              8
 4:  expand_leave                        //                              32
     .if \cruise
 5:  sbrs r20, 0
@@ -240,29 +240,29 @@ global_asm!(
     rjmp 4b
     .endif
     .if \even
-10: near_enter
+10: short_enter
     sbrs r20, 0
     rjmp 11f
-    advance_even \store
+    advance_high_fixed \store
 11: sbrs r20, 1
     rjmp 12f
-    advance_even \store
-    advance_even \store
+    advance_high_fixed \store
+    advance_high_fixed \store
 12: subi r20, 4
     brcs 14f
 13: .rept 4
-    advance_even \store
+    advance_high_fixed \store
     .endr
     subi r20, 4
     brcc 13b
-14: near_leave
+14: short_leave
     mov r24, r30
     ret
     .endif
     .endm
 
     // Bit 8 of the interval and those above it stay: 24 bits of it and of its changes, and 16 of the time.   14 with a list's store
-    .macro advance_even store
+    .macro advance_high_fixed store
     add r0, r25
     adc r21, r26
     adc r22, r27
@@ -276,18 +276,6 @@ global_asm!(
     adc r11, r15
     .endm
 
-    // What was left out of it, in the shorter code.
-    .macro near_end
-    mov r12, r11
-    lsl r12
-    sbc r12, r12
-    ldd r20, Y+2
-    cp r22, r20
-    ldd r20, Y+3
-    cpc r23, r20
-    adc r24, r1
-    .endm
-
     // Into groups that toggle the same already.
     .macro ring_store                   //                              5
     std Z+1, r23
@@ -296,7 +284,7 @@ global_asm!(
     .endm
 
     // Steps for the ring at once, r20, of the r5 that are left; \done if there are none, or no room.         16
-    .macro ring_some done
+    .macro ring_next_batch done
     in r20, {TAIL_A}
     sbrc r19, 3
     in r20, {TAIL_B}
@@ -344,7 +332,7 @@ steps_expand_ring:
     mov r5, r20                         // keeps Z
     brne 8f
     rjmp 5f
-8:  ring_some 4f
+8:  ring_next_batch 4f
     rjmp 2f
 1:  advance_tick
     ring_store
@@ -363,7 +351,7 @@ steps_expand_ring:
     tst r5
     breq 4f
     rjmp 8b
-4:  expand_leave_lawful
+4:  expand_leave_add
     // What there was no room for is left.
 3:  ldd r20, Y+19
     add r20, r5
@@ -372,7 +360,7 @@ steps_expand_ring:
     adc r20, r1
     std Y+20, r20
     expand_leave
-5:  ring_some 3b
+5:  ring_next_batch 3b
     rjmp 7f
 6:  advance_tick
     ring_store
@@ -389,7 +377,7 @@ steps_expand_ring:
     brne 5b
     rjmp 3b
     // All intervals are shorter than 256 ticks: they, and their changes, have 24 bits, and the time has 16 that change.
-    .macro advance_near                 //                              15
+    .macro advance_short                 //                              15
     add r0, r25
     adc r21, r26
     adc r22, r27
@@ -402,17 +390,17 @@ steps_expand_ring:
     adc r10, r14
     adc r11, r15
     .endm
-10: ring_some 13f
+10: ring_next_batch 13f
     rjmp 12f
-11: advance_near
+11: advance_short
 12: sbrs r20, 1
     rjmp 15f
-    advance_near
-    advance_near
+    advance_short
+    advance_short
 15: subi r20, 4
     brcs 14f
 16: .rept 4
-    advance_near
+    advance_short
     .endr
     subi r20, 4
     brcc 16b
@@ -420,7 +408,7 @@ steps_expand_ring:
     tst r5
     breq 13f
     rjmp 10b
-13: near_leave
+13: short_leave
     tst r5
     breq 19f
     ldd r20, Y+19
@@ -431,7 +419,7 @@ steps_expand_ring:
     std Y+20, r20
 19: mov r24, r30
     ret
-17: near_enter
+17: short_enter
     mov r5, r20
     cp r9, r1
     .irp r, 10,11,13,14,15
@@ -477,14 +465,14 @@ steps_expand_ring:
 
     expander steps_expand_list, list_store, 1, 1
     // The same into the ring behind lists.                                                         7
-    .macro beside_store
+    .macro shield_b_store
     std Z+1, r23
     std Z+2, r22
     subi r30, -4
     brcs .+2
     ldi r30, {START}
     .endm
-    expander steps_expand_beside, beside_store, 1, 1
+    expander steps_expand_shield_b, shield_b_store, 1, 1
     expander steps_expand_ring_long, ring_store_long, 0
     expander steps_expand_list_long, list_store_long, 0
     "#,

@@ -15,16 +15,16 @@ use core::mem::offset_of;
 
 global_asm!(
     r#"
-    .section .text.steps_fill, "ax", @progbits
-    .global steps_fill
+    .section .text.one_motor_fill, "ax", @progbits
+    .global one_motor_fill
     // For the task: r24:25 is the track, r22:23 its motor, r20 how many things may be done. r4 is the same afterwards if there
     // was no room, and less if there was. Uses all registers.
     // Inside, r2:3 is the track, Y the motor, r4 how many things may be done yet.
-steps_fill:
+one_motor_fill:
     movw r2, r24
     movw r28, r22
     mov r4, r20
-fill_next:
+one_motor_next:
     // Is there room?
     movw r30, r2
     ldd r26, Z+{TAIL_AT}
@@ -82,9 +82,9 @@ fill_next:
     // One thing, by Rust.
     movw r16, r2
     movw r14, r28
-    call steps_place
+    call put_planned
     dec r4
-    rjmp fill_next
+    rjmp one_motor_next
     // r24 steps
 9:  mov r20, r24
     ldd r18, Z+{STEP_FIRST}
@@ -169,7 +169,7 @@ fill_next:
     // What there was no room for waits.
     tst r5
     brne 6f
-    rjmp fill_next
+    rjmp one_motor_next
 6:  ret
     "#,
     ROOM = const ROOM[0],

@@ -312,7 +312,7 @@ load_have_count:
 1:  brts 2f
     ldd r24, Y+{LEFT}
     cpi r24, 2
-    brlo load_ran                       // one step
+    brlo load_segment                       // one step
 2:  field_width
     breq 3f
     ldd r24, Y+{GAIN}
@@ -321,9 +321,9 @@ load_have_count:
     subi r24, 2
     rcall load_correction
     load_add {ADD}
-3:  brtc load_ran                       // two steps
+3:  brtc load_segment                       // two steps
 4:  field_width
-    breq load_ran
+    breq load_segment
     ldd r24, Y+{GAIN}
     add r24, r14
     add r24, r14
@@ -331,12 +331,12 @@ load_have_count:
     subi r24, 5
     rcall load_correction
     load_add {ADD2}
-load_ran:
+load_segment:
     rcall load_consume
     brcc .+2
     ret
-    .global steps_load_taken
-steps_load_taken:
+    .global load_count_steps
+load_count_steps:
     ldd r24, Y+{FLAGS}
     sbrs r24, {ANCHORED}
     rjmp 4f
@@ -367,9 +367,9 @@ steps_load_taken:
     // of the first: r19:20 is |add| in 2^-8 ticks, r15 |add2|.                                       about 95
     std Y+{SURE}, r1
     tst r23
-    breq load_sure
+    breq load_precheck
     rjmp 8f
-load_sure:
+load_precheck:
     ldd r24, Y+{ADD2}+3
     ldd r25, Y+{ADD2}+2
     ldd r15, Y+{ADD2}+1
@@ -480,7 +480,7 @@ load_sure:
     .endr
     brne 7b
     ldi r22, 1
-    rjmp load_sure
+    rjmp load_precheck
     // A motion without an anchor.
 4:  std Y+{LEFT}, r1
     std Y+{LEFT}+1, r1
@@ -527,7 +527,7 @@ load_fail_here:
     ldd r21, Y+{TICK}+3
 load_fail:
     .if {LEASES}
-    call steps_fail_leased
+    call brake_fail
     .else
     clr r23
     movw r24, r28
@@ -559,7 +559,7 @@ load_reverse:
     eor r24, r25
     std Y+{FLAGS}, r24
     .if {LEASES}
-    call steps_freshen
+    call brake_note_rest
     .endif
 load_reset:
     call load_clear
@@ -570,7 +570,7 @@ load_wait:
     push r25
     call steps_settle
     .if {LEASES}
-    call steps_freshen
+    call brake_note_rest
     .endif
     ldi r23, 4
     rcall load_number
@@ -716,7 +716,7 @@ load_bad_near:
     clr r23
 7:  tst r23
     brne load_bad_near
-    rjmp load_ran
+    rjmp load_segment
 
     // r23 bytes of a number, r18 to r21; Z is clear if it has more than 32 bits.
 load_difference:

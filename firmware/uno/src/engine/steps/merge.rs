@@ -41,7 +41,7 @@ use core::arch::global_asm;
 use core::mem::offset_of;
 
 use super::motor::{EVEN, Motor, flag};
-use super::plan::sure_now;
+use super::plan::prechecked_steps;
 use super::register;
 use super::ring::{BEHIND_LISTS, END_A, END_B, Group, Name, Ring, flags};
 use super::stepper::{Stepper, Track};
@@ -116,7 +116,7 @@ global_asm!(
     //   Z                             into the lists' page
 
     // Makes the lane's head the pending group, and puts the one that was pending into the ring.    18
-    .macro put_out low, high, rise, fall, lane
+    .macro emit low, high, rise, fall, lane
     cp \low, r18                        // 1                            1
     cpc \high, r19                      // 1                            2
     brmi 3f                             // 1                            3
@@ -135,7 +135,7 @@ global_asm!(
     .endm
 
     // What is rarer: the tick comes before the deadline. Joining takes 20 more, putting off 17.
-    .macro put_out_early low, high, rise, fall, lane
+    .macro emit_before_deadline low, high, rise, fall, lane
 3:  movw r30, r18
     sub r30, r24
     sbc r31, r1
@@ -168,10 +168,10 @@ global_asm!(
     rcall merge_join
     breq 2b
     rjmp 4b
-5:  rcall merge_look
+5:  rcall merge_publish_and_check
     brcc 2b
     ldi r24, \lane
-    rjmp merge_leave
+    rjmp merge_exit
     .endm
 
     // The next tick of the lane.                                                                   8
@@ -227,7 +227,7 @@ global_asm!(
     // Lane a has the earliest head, c the latest; the first two are compared with what is next.        30
     .macro merge_order_3 name, last, a, al, ah, ar, af, b, bl, bh, c, cl, ch
 \name\()_\a\()\b\()\c:
-    put_out r\al, r\ah, r\ar, r\af, \a
+    emit r\al, r\ah, r\ar, r\af, \a
     .ifc \name, beside
     advance_beside_\a
     .else
@@ -245,7 +245,7 @@ global_asm!(
     cpc r\ah, r\bh
     brmi \name\()_\a\()\b\()\c
     rjmp \name\()_\b\()\a\()\c
-    put_out_early r\al, r\ah, r\ar, r\af, \a
+    emit_before_deadline r\al, r\ah, r\ar, r\af, \a
     .endm
     // Three orders that follow each other as long as lanes take turns.
     .macro merge_turn_3 name, a, al, ah, ar, af, b, bl, bh, br, bf, c, cl, ch, cr, cf
@@ -281,22 +281,22 @@ global_asm!(
     cpc \a_high, \b_high                // 1                            2
     brmi .+2                            // 2, or 1 and 2                4 or 5
     rjmp 6f
-    put_out \a_low, \a_high, \a_rise, \a_fall, \a //                    22
+    emit \a_low, \a_high, \a_rise, \a_fall, \a //                    22
     advance_\a                          //                              30
     cp r2, r4                           // 1                            31
     cpc r3, r5                          // 1                            32
     brmi .+2                            // 2, or 1                      34
     rjmp merge_1\b                      // 2                            35
     rjmp merge_0\b                      // 2                            36
-    put_out_early \a_low, \a_high, \a_rise, \a_fall, \a
-6:  put_out \b_low, \b_high, \b_rise, \b_fall, \b //                    23
+    emit_before_deadline \a_low, \a_high, \a_rise, \a_fall, \a
+6:  emit \b_low, \b_high, \b_rise, \b_fall, \b //                    23
     advance_\b                          //                              31 or 32
     cp r6, r8
     cpc r7, r9
     brmi .+2
     rjmp merge_\a\()3
     rjmp merge_\a\()2                   //                              37
-    put_out_early \b_low, \b_high, \b_rise, \b_fall, \b
+    emit_before_deadline \b_low, \b_high, \b_rise, \b_fall, \b
     .endm
 
     .macro point                        //                              2
@@ -343,7 +343,7 @@ global_asm!(
     .endm
 
     // Goes to \enough unless there is a ring beside, and that has run down. Uses r24, r25.
-    .macro beside_is_low enough
+    .macro unless_shield_b_is_low enough
     sbis {FLAGS_IO}, {BESIDE}
     rjmp \enough
     lds r24, steps_stepper+{RING_BESIDE}+{RING_HEAD}
@@ -356,7 +356,7 @@ global_asm!(
     brlo \enough
     .endm
     // \end, where a list ends, if a ring is beside and that is the third lane's.
-    .macro shorter end
+    .macro short_list_end end
     cpi \end, 2 * {LIST} * ({SHORT_LANE} + 1)
     brne 9f
     sbis {FLAGS_IO}, {EXTRA_B}
@@ -365,12 +365,12 @@ global_asm!(
     ldi \end, {START}
 9:
     .endm
-    .macro each_kept what
+    .macro saved_registers what
     .irp r, 2,3,4,5,6,7,8,9,10,11,12,13,16,17,18,19
     \what r\r
     .endr
     .endm
-    .macro each_kept_back what
+    .macro saved_registers_reversed what
     .irp r, 19,18,17,16,13,12,11,10,9,8,7,6,5,4,3,2
     \what r\r
     .endr
@@ -423,11 +423,11 @@ steps_merge_run:
     swap r24
     lsl r24
     lsl r24
-    shorter r24
+    short_list_end r24
     cp r30, r24
     brne 2f
     mov r30, r16
-    call merge_give
+    call merge_fill_list
     brcc 1f
     ret
 1:  movw r28, r6
@@ -467,7 +467,7 @@ steps_merge_run:
 
 57: sbis {FLAGS_IO}, {BESIDE}
     rjmp 58b
-    jmp ring_beside_merge
+    jmp ring_merge_shield
 
 56:
     cp r2, r4
@@ -527,7 +527,7 @@ merge_join:                             // call                         3
 
     // Looks for more room, and goes on if there is enough; else carry is set.
     // Groups have been put into the ring since it was published last.                              48, and 7 for the call
-merge_look:
+merge_publish_and_check:
     lds r30, steps_merge+{AT}
     ldi r31, hi8(ring_a_page)
     lds r24, steps_merge+{END}
@@ -561,14 +561,14 @@ merge_look:
     lds r25, steps_merge+{SPACING}
 1:  ret
     // The ring beside, if there is one, must not run down.
-3:  beside_is_low 2b
-    each_kept push
+3:  unless_shield_b_is_low 2b
+    saved_registers push
     push r26
     push r27
-    call ring_beside_soon
+    call ring_fill_shield_b
     pop r27
     pop r26
-    each_kept_back pop
+    saved_registers_reversed pop
     point
     load_masks
     rjmp 2b
@@ -576,7 +576,7 @@ merge_look:
     .macro refill lane, next, offset
 merge_refill_\lane:                     // call                         3
     ldi r30, \lane                      // 1                            4
-    rcall merge_feed                    // 96                           100
+    rcall merge_refill_list                    // 96                           100
     lds \next, steps_merge+\offset+{NEXT} // 2                         102
     ret                                 // 4                            106
     .endm
@@ -585,8 +585,8 @@ merge_refill_\lane:                     // call                         3
     refill 2, r12, {LANE2}
     refill 3, r13, {LANE3}
 
-    // Fills the list of the lane r30.                                                              85, and merge_give
-merge_feed:                             // call                         3
+    // Fills the list of the lane r30.                                                              85, and merge_fill_list
+merge_refill_list:                             // call                         3
     push r30                            // 2                            5
     rcall merge_publish                 // 28                           33
     pop r30                             // 2                            35
@@ -599,20 +599,20 @@ merge_feed:                             // call                         3
     // While a list is filled the ring beside, if there is one, runs down.
     sbis {FLAGS_IO}, {EXTRA_B}
     rjmp 2f
-    beside_is_low 2f
-    each_kept push
+    unless_shield_b_is_low 2f
+    saved_registers push
     push r30
-    call ring_beside_soon
+    call ring_fill_shield_b
     pop r30
-    each_kept_back pop
+    saved_registers_reversed pop
 2:
-    rcall merge_give
+    rcall merge_fill_list
     pop r22
     pop r27
     pop r26
     pop r19
     pop r18
-    brcs merge_dry                      // 1
+    brcs merge_no_steps                      // 1
     point                               // 2
     load_masks                          // 21
     ldi r31, hi8(ring_b_page)           // 1
@@ -620,12 +620,12 @@ merge_feed:                             // call                         3
     ret                                 // 4
 
     // Nothing for the lane r22: what was r0 and two return addresses go.
-merge_dry:
+merge_no_steps:
     mov r24, r22
     .rept 5
     pop r0
     .endr
-merge_leave:
+merge_exit:
     sts steps_merge+{WANTING}, r24
     point
     ldd r16, Y+{PENDING_RISE}
@@ -682,7 +682,7 @@ merge_fill_up:
     cp r25, r24
     brsh 4f
 5:  sbic {FLAGS_IO}, {EXTRA_B}
-    rcall merge_pause
+    rcall merge_serve_shield_b
     rcall merge_top_up
     brcc 3f
 4:
@@ -693,7 +693,7 @@ merge_fill_up:
     adc r5, r1
     ldi r24, 2 * {LIST}
     add r24, r3
-    shorter r24
+    short_list_end r24
     mov r3, r24
     dec r2
     brne 2b
@@ -701,12 +701,12 @@ merge_fill_up:
 3:  ret
 
     // Between two lists that are filled up: the ring beside comes first if it has run down.
-merge_pause:
-    beside_is_low 1f
+merge_serve_shield_b:
+    unless_shield_b_is_low 1f
     .irp r, 2,3,4,5,28,29
     push r\r
     .endr
-    call ring_beside_soon
+    call ring_fill_shield_b
     .irp r, 29,28,5,4,3,2
     pop r\r
     .endr
@@ -781,7 +781,7 @@ merge_top_up:
     rjmp merge_top_up
 
     // What the motor of lane r30 does next, into its list; r18:19 is the deadline. Carry: nothing. Keeps r2 to r13, r16, r17.
-merge_give:
+merge_fill_list:
     lds r24, steps_merge+{FEEDS}
     subi r24, 1
     brcc 1f
@@ -798,7 +798,7 @@ merge_give:
     tst r24
     breq 1f
     "#,
-    sure_now!("6f"),
+    prechecked_steps!("6f"),
     r#"
     lds r25, steps_times+{MOST}
     cpi r30, {SHORT_LANE}
@@ -849,7 +849,7 @@ merge_give:
     swap r30
     lsl r30
     lsl r30
-    shorter r30
+    short_list_end r30
     ldi r31, hi8(ring_b_page)
     cpi r25, 1
     breq 3f
@@ -902,9 +902,9 @@ merge_give:
     ret
 
     // Three lanes with a ring beside the lists: states of their own, as the third list is shorter.
-    .section .text.merge_beside, "ax", @progbits
-    .global merge_beside
-merge_beside:
+    .section .text.merge_shield, "ax", @progbits
+    .global merge_shield
+merge_shield:
     merge_choose beside
     merge_turn_3 beside, 0, 2, 3, 14, 15, 1, 4, 5, 20, 21, 2, 6, 7, 22, 23
     merge_turn_3 beside, 0, 2, 3, 14, 15, 2, 6, 7, 22, 23, 1, 4, 5, 20, 21

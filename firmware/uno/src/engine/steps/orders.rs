@@ -78,7 +78,7 @@ order_horizon:
     brne 2f
 1:  ldi r30, lo8(steps_stepper+{AT}+{TRACK_SIZE})
     ldi r31, hi8(steps_stepper+{AT}+{TRACK_SIZE})
-    rcall order_later
+    rcall order_maximum
 2:  order_each
 3:  push r24
     push r25
@@ -87,7 +87,7 @@ order_horizon:
     pop r24
     movw r30, r28
     adiw r30, {HORIZON}
-    rcall order_later
+    rcall order_maximum
     order_next 3b
     subi r22, -1
     sbci r23, -1
@@ -95,7 +95,7 @@ order_horizon:
     sbci r25, -1
     ret
     // The later of r22 to r25 and what is at Z. Uses r18 to r21.
-order_later:
+order_maximum:
     ld r18, Z
     ldd r19, Z+1
     ldd r20, Z+2
@@ -110,7 +110,7 @@ order_later:
 1:  ret
 
     .section .text.steps_order, "ax", @progbits
-    .global steps_order, steps_lapse, steps_look_at_lease
+    .global steps_order, steps_lapse, steps_update_lease
     // For Rust: does what the r22 bytes at r24:25 say, of the kind r20. r24: an answer, r18 to r21 its moment, or 0.
 steps_order:
     push r14
@@ -151,7 +151,7 @@ steps_order:
 order_brake:
     tst r14
     brne order_bad
-    rcall order_latch
+    rcall order_update_lease
     cpi r20, {OFF}
     ldi r24, {FULL}
     breq 2f
@@ -215,17 +215,17 @@ order_switch:
     ldi r24, {EARLY} | {MOMENT}
     ret
     // Not while motors await the end of a lease that is over. The end of one that is not they are told again.
-2:  rcall order_latch
+2:  rcall order_update_lease
     cpi r20, {LAPSED}
     brne 4f
     order_each
-3:  rcall order_point
+3:  rcall order_point_to_epochs
     ldd r20, Z+{STATE}
     sbrc r20, {AWAITS}
     rjmp order_late
     order_next 3b
     rjmp 5f
-4:  rcall order_go_on
+4:  rcall order_cancel_end
 5:  rcall order_horizon
     movw r30, r16
     sbiw r30, 8
@@ -254,8 +254,8 @@ order_switch:
     brmi order_limits
 6:  movw r30, r16
     adiw r30, 1
-    rcall order_later
-    rcall order_set
+    rcall order_maximum
+    rcall order_store_lease
     rjmp order_limits
 7:  ret
 
@@ -285,7 +285,7 @@ order_extend:
     brcs 8f
     movw r30, r16
     ld r24, Z+
-    rcall order_put_off
+    rcall order_move_end
     brcs order_late
     // Limits for each motor by its number, or none: how hard it may brake.
 order_limits:
@@ -296,7 +296,7 @@ order_limits:
     ldi r20, 0
     breq 2f
 1:  rcall order_motor
-    rcall order_point
+    rcall order_point_to_epochs
     movw r26, r16
     ld r24, X+
     std Z+{STATE}+1, r24
@@ -324,7 +324,7 @@ order_trim:
     set
 1:  ldi r20, 0
 2:  rcall order_motor
-    rcall order_point
+    rcall order_point_to_epochs
     ldd r24, Z+{BEHIND}
     add r30, r24
     adc r31, r1
@@ -354,7 +354,7 @@ order_trim:
     brtc 4f
     movw r30, r16
     ldi r24, {UNTIL}
-    rcall order_put_off
+    rcall order_move_end
     brcs 6f
     clt
     rjmp 1b
@@ -375,11 +375,11 @@ order_trim:
     ret
 
     // The lease's state is r24 from now on, its end what is at Z. Carry: that cannot be.
-order_put_off:
+order_move_end:
     push r30
     push r31
     push r24
-    rcall order_latch
+    rcall order_update_lease
     rcall order_horizon
     pop r18
     pop r31
@@ -400,18 +400,18 @@ order_put_off:
     ldd r24, Z+2
     ldd r25, Z+3
     mov r20, r18
-    rcall order_set_state
-    rcall order_go_on
+    rcall order_set_lease
+    rcall order_cancel_end
     clc
     ret
 2:  sec
     ret
 
     // The lease is what the first byte at r16:17 says, up to r22 to r25.
-order_set:
+order_store_lease:
     movw r30, r16
     ld r20, Z
-order_set_state:
+order_set_lease:
     order_lease
     st Z, r20
     std Z+{MOVED}, r1
@@ -475,16 +475,16 @@ order_motor:
     ret
 
     // Z: at the motor's parts.
-order_point:
+order_point_to_epochs:
     movw r30, r28
     subi r30, lo8(-({PARTS}))
     sbci r31, hi8(-({PARTS}))
     ret
 
     // The end of the lease, which some motors await, is no end any more.
-order_go_on:
+order_cancel_end:
     order_each
-1:  rcall order_point
+1:  rcall order_point_to_epochs
     ldd r25, Z+{STATE}
     sbrs r25, {AWAITS}
     rjmp 3f
@@ -502,16 +502,16 @@ order_go_on:
     ret
 
     // For Rust: the lease is over if the horizon has passed its end, or a motor could not follow its plan.
-steps_look_at_lease:
+steps_update_lease:
     push r28
     push r29
-    rcall order_latch
+    rcall order_update_lease
     pop r29
     pop r28
     ret
 
     // The lease is over if the horizon has passed its end, or a motor could not follow its plan. r20: its state.
-order_latch:
+order_update_lease:
     lds r20, steps_lease
     sbrc r20, {FAULT_BIT}
     rjmp steps_lapse
@@ -545,7 +545,7 @@ steps_lapse:
     movw r20, r24
 2:  ldi r24, {LAPSED}
     sts steps_lease, r24
-    call steps_await_all
+    call brake_all_at_end
     ldi r20, {LAPSED}
     ret
     "#,
@@ -591,7 +591,7 @@ const _: () = assert!(lease::UNTIL == 1 && lease::LAST == 2);
 unsafe extern "C" {
     fn steps_horizon() -> u32;
     fn steps_order(bytes: *const u8, len: u8, kind: u8) -> u64;
-    fn steps_look_at_lease();
+    fn steps_update_lease();
 }
 
 impl Stepper {
@@ -615,7 +615,7 @@ impl Stepper {
     #[inline(always)]
     pub(crate) fn lease(&mut self) -> Lease {
         // SAFETY: as above.
-        unsafe { steps_look_at_lease() };
+        unsafe { steps_update_lease() };
         Lease::get()
     }
 }

@@ -30,7 +30,7 @@ const _: () = assert!(FILLER <= 16_384 && FILLER % 256 == 0);
 
 /// What the motor Y makes next, for assembly, if it is steps of a segment all of which are sure, and soon enough: how many are left of them,
 /// up to 255, in r24. Else it goes to `$slow`, where [`plan`](self) says. Uses r25.
-macro_rules! sure_now {
+macro_rules! prechecked_steps {
     ($slow:literal) => {
         concat!(
             "
@@ -58,7 +58,7 @@ macro_rules! sure_now {
         )
     };
 }
-pub(super) use sure_now;
+pub(super) use prechecked_steps;
 
 /// Where in a motor its switch is, behind its parts.
 pub(super) const OF_SWITCH: usize = offset_of!(Motor, switch) - offset_of!(Motor, parts);
@@ -97,7 +97,7 @@ global_asm!(
 
     // Passes over what waits of epochs before that of r22; Z is at the motor Y's parts. \if_also: T says that of the epoch being run in any case, and
     // otherwise what waits of that of r22 goes as well. Uses r20, r21, X, r18, r19.
-    .macro pass_parts if_also
+    .macro drop_epochs if_also
     ldd r26, Y+{NEXT}
     ldd r27, Y+{NEXT}+1
     ldd r18, Y+{END}
@@ -148,7 +148,7 @@ global_asm!(
     std Y+{NEXT}+1, r27
     .endm
     // Nothing is done before the switch, which is r18 to r21 then. Uses r26.
-    .macro reach_switch
+    .macro horizon_to_switch
     load_4 r18, r19, r20, r21, {SWITCH_AT}
     compare_4 r18, r19, r20, r21, {HORIZON}, r26
     brmi 98f
@@ -157,7 +157,7 @@ global_asm!(
     .endm
 
     .section .text.steps_plan, "ax", @progbits
-    .global steps_settle, steps_plan, plan_slow, plan_window, plan_make
+    .global steps_settle, steps_plan, plan_slow, plan_window, plan_make_step
     // Horizon, last and free, if they were left to follow from the last step. Uses r18 to r21, r24, r25.
 steps_settle:
     ldd r24, Y+{FLAGS}
@@ -197,10 +197,10 @@ steps_plan:
     ldd r23, Y+{LEFT}+1
     or r22, r23
     breq 4f
-    rcall steps_sure
-    brcs plan_fast
+    rcall plan_prechecked
+    brcs plan_check_intervals
     // As many as are asked for.
-plan_grant:
+plan_return_steps:
     lds r24, steps_times+{MOST}
     cp r24, r31
     brlo 1f
@@ -212,7 +212,7 @@ plan_grant:
 plan_slow_up:
     rjmp plan_slow
 
-plan_fast:
+plan_check_intervals:
     ldd r24, Y+{INTERVAL}+4
     ldd r22, Y+{INTERVAL}+2             // whole ticks
     ldd r23, Y+{INTERVAL}+3
@@ -411,7 +411,7 @@ plan_have_time:
 
     // Steps that the motor Y may make without anybody looking at them, in r31; carry: perhaps none. It has some left. Uses r18 to r21,
     // r26, r27, r30.
-steps_sure:
+plan_prechecked:
     ldd r30, Y+{SURE}
     andi r30, 0xff - {EVEN}
     cpi r30, 1
@@ -506,7 +506,7 @@ plan_before_switch:
 
 plan_fail:                              // for a reason in r22; r18 to r21: when
     .if {LEASES}
-    call steps_fail_leased
+    call brake_fail
     .else
     clr r23
     movw r24, r28
@@ -527,10 +527,10 @@ plan_slow:
     rjmp 2f
     rcall plan_switch_due
     brcs 2f
-    rjmp plan_begin
+    rjmp plan_near_switch
 2:
     .if {LEASES}
-    call steps_dry
+    call brake_check_underrun
     brcc 3f
     ldi r22, {DRY}
     rjmp plan_fail
@@ -578,7 +578,7 @@ plan_step:
 3:  sbrs r0, {SWITCH}
     rjmp 4f
     compare_4 r22, r23, r24, r25, {SWITCH_AT}, r26
-    brpl plan_begin
+    brpl plan_near_switch
     // Is it too soon?
 4:  compare_4 r22, r23, r24, r25, {HORIZON}, r26
     brpl 5f
@@ -587,16 +587,16 @@ plan_step:
     sbrc r0, {UNREADABLE}
     rjmp 5f
     .endif
-plan_missed:
+plan_step_missed:
     movw r18, r22
     movw r20, r24
     ldi r22, {MISSED}
     rjmp plan_fail
 5:  sbrc r0, {SINGLY}
-    rjmp plan_found
-plan_turned:
+    rjmp plan_hand_to_caller
+plan_dir_is_right:
     sbrc r0, {TURN}
-    rjmp plan_turn
+    rjmp plan_turn_dir
     movw r26, r22
     movw r30, r24
     sub r26, r18
@@ -613,11 +613,11 @@ plan_committed:                         // r26, r27, r30, r31: how far beyond th
     rjmp plan_wait_for
 1:  mov r26, r0
     andi r26, 1 << {COMMITTED} | 1 << {SINGLY}
-    brne plan_one
-    rjmp plan_first
-plan_one:
-    rcall plan_something
-    rcall plan_make
+    brne plan_one_step
+    rjmp plan_first_of_batch
+plan_one_step:
+    rcall plan_return_if_only_steps
+    rcall plan_make_step
     ldd r22, Y+{STEP}
     ldd r23, Y+{STEP_FALL}
     clr r25
@@ -631,8 +631,8 @@ plan_beyond:
     rjmp plan_wait
     rcall plan_switch_due
     brcs plan_wait
-plan_begin:                             // branches do not reach it
-    rjmp plan_go_over
+plan_near_switch:                             // branches do not reach it
+    rjmp plan_make_switch
 
     // The window: r18 to r21 is the last tick at which something may be done now. T: that is the limit.
 plan_window:
@@ -683,7 +683,7 @@ plan_wait:
     rjmp 5f
 4:  clr r24
     ret
-5:  rcall plan_something
+5:  rcall plan_return_if_only_steps
     mov r25, r21
     lds r24, steps_times+{SHARED}
     tst r24
@@ -732,8 +732,8 @@ plan_wait:
     ret
 
     // Turns DIR before the step at r22 to r25.
-plan_turn:
-    rcall plan_something
+plan_turn_dir:
+    rcall plan_return_if_only_steps
     movw r26, r22
     movw r30, r24
     lds r14, steps_times+{EARLY}
@@ -757,7 +757,7 @@ plan_turn:
     lds r0, steps_times+{LEAD}+1
     cpc r15, r0
     brge 4f
-    rjmp plan_missed
+    rjmp plan_step_missed
 4:  sub r26, r18
     sbc r27, r19
     sbc r30, r20
@@ -796,7 +796,7 @@ plan_turn:
     ret
 
     // Behind this is what does something that is no step: if steps alone are asked for, there are none. Uses r26.
-plan_something:
+plan_return_if_only_steps:
     lds r26, steps_times+{ONLY_STEPS}
     tst r26
     breq 1f
@@ -807,18 +807,18 @@ plan_none:
 1:  ret
 
     // Where steps are looked at one by one, somebody else may have to do something about the line before.
-plan_found:
+plan_hand_to_caller:
     lds r26, steps_times+{SHARED}
     tst r26
     brne 1f
-    rjmp plan_turned
+    rjmp plan_dir_is_right
 1:  store_4 r22, r23, r24, r25, {DUE}
     ldi r24, 3
     clr r25
     ret
 
     // Goes over to the epoch of the switch that waits: without steps, anchor and prediction, and forward.
-plan_go_over:
+plan_make_switch:
     // Steps that are left of the old one are not made.
     load_4 r18, r19, r20, r21, {POSITION}
     ldd r22, Y+{LEFT}
@@ -846,7 +846,7 @@ plan_go_over:
     sbci r31, hi8(-({PARTS}))
     ldd r25, Z+{STATE}
     sbrc r25, {AWAITS}
-    jmp steps_stop
+    jmp brake_begin
     std Z+{STATE}, r1
     .endif
     andi r24, 0xff - (1 << {ANCHORED} | 1 << {UNREADABLE} | 1 << {SWITCH})
@@ -855,35 +855,35 @@ plan_go_over:
     .if {LEASES}
     ldd r22, Z+{SWITCH_EPOCH}
     set
-    rcall plan_pass_parts
+    rcall plan_drop_epochs
     std Z+{REASON}, r1
-    rcall plan_reach_switch
+    rcall plan_horizon_to_switch
     .else
     movw r30, r28
     subi r30, lo8(-({PARTS}))
     sbci r31, hi8(-({PARTS}))
     ldd r22, Z+{SWITCH_EPOCH}
-    pass_parts 0
+    drop_epochs 0
     std Z+{REASON}, r1
-    reach_switch
+    horizon_to_switch
     .endif
     .if {LEASES}
-    call steps_lease_goes_on
+    call brake_check_lease_end
     .endif
     rjmp plan_slow
 
     .if {LEASES}
-    .global plan_pass_parts, plan_reach_switch
-plan_pass_parts:
-    pass_parts 1
+    .global plan_drop_epochs, plan_horizon_to_switch
+plan_drop_epochs:
+    drop_epochs 1
     ret
-plan_reach_switch:
-    reach_switch
+plan_horizon_to_switch:
+    horizon_to_switch
     ret
     .endif
 
     // A step that comes clear of what was before it, as a motion's first: with those that follow it, or at least by the expansion.
-plan_first:
+plan_first_of_batch:
     lds r26, steps_times+{ONLY_STEPS}
     sbrc r26, {AHEAD}
     rjmp plan_none
@@ -903,7 +903,7 @@ plan_first:
     cp r30, r26
     cpc r31, r27
     brlo 1f
-    rcall steps_sure
+    rcall plan_prechecked
     brcc 2f
     // At least one, if the interval stays short.
     ldd r26, Y+{INTERVAL}+3
@@ -919,11 +919,11 @@ plan_first:
 2:  ldd r24, Y+{FLAGS}
     ori r24, 1 << {STEPPED}
     std Y+{FLAGS}, r24
-    rjmp plan_grant
-1:  rjmp plan_one
+    rjmp plan_return_steps
+1:  rjmp plan_one_step
 
     // The next step, at r22 to r25. Its tick in r20:21.
-plan_make:
+plan_make_step:
     ldd r26, Y+{FRACTION}
     ldd r27, Y+{INTERVAL}
     add r26, r27

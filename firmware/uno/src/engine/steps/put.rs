@@ -19,10 +19,10 @@ use pulsetrain_core::Moment;
 
 global_asm!(
     r#"
-    .section .text.steps_place, "ax", @progbits
-    .global steps_place
+    .section .text.put_planned, "ax", @progbits
+    .global put_planned
     // One thing that the motor r14:15 does, as the plan says it, into the ring of the track r16:17. Keeps Y, which is that motor, r2 to r17.
-steps_place:
+put_planned:
     movw r28, r16
     push r24
     // The moment near the pending group's that has these lower bits.
@@ -46,7 +46,7 @@ steps_place:
 2:  .irp r, 18,19,20,21
     push r\r
     .endr
-    call put_here
+    call put_or_join
     // If that is another, what follows must be looked at until all is in time again.
     clr r25
     .irp r, 21,20,19,18
@@ -71,14 +71,14 @@ steps_place:
     adc r20, r1
     adc r21, r1
     clr r23
-    call put_here
+    call put_or_join
 3:  movw r28, r14
     ret
 
-    .section .text.steps_put, "ax", @progbits
-    .global put_here
+    .section .text.put_or_join, "ax", @progbits
+    .global put_or_join
     // Into the ring of the track Y, from r18 to r21 on. Gives its tick.
-put_here:
+put_or_join:
     ldd r24, Y+{RISE}
     and r24, r22
     ldd r25, Y+{FALL}
@@ -90,7 +90,7 @@ put_here:
     ldd r26, Y+{EDGE}
     and r25, r26
     or r24, r25
-    brne put_behind
+    brne put_after
     ldd r24, Y+{AT}
     cp r24, r18
     ldd r24, Y+{AT}+1
@@ -99,7 +99,7 @@ put_here:
     cpc r24, r20
     ldd r24, Y+{AT}+3
     cpc r24, r21
-    brmi put_behind
+    brmi put_after
     cbi {EECR}, {AT_ONCE}
     ldd r24, Y+{RISE}
     eor r24, r22
@@ -119,7 +119,7 @@ put_here:
     ldd r21, Y+{AT}+3
     jmp put_prepare
     // As soon as can be.
-put_behind:
+put_after:
     ldd r24, Y+{AT}
     ldd r25, Y+{AT}+1
     ldd r26, Y+{AT}+2
@@ -138,8 +138,8 @@ put_behind:
     movw r20, r26
     jmp put_push
 
-    .section .text.steps_push, "ax", @progbits
-    .global put_push, put_prepare, steps_push_nothing
+    .section .text.put_push, "ax", @progbits
+    .global put_push, put_prepare, put_filler
     // The pending group is published: the interrupt reads neither beyond its END nor the group after it before the last write.
 put_push:
     cbi {EECR}, {AT_ONCE}
@@ -147,7 +147,7 @@ put_push:
     std Y+{AT}+1, r19
     std Y+{AT}+2, r20
     std Y+{AT}+3, r21
-    rcall put_bits
+    rcall put_compare_bits
     ldd r24, Y+{END}
     or r25, r24
     ldd r24, Y+{HEAD}
@@ -170,7 +170,7 @@ put_push:
     std Y+{HEAD}, r24
     subi r26, 2
     mov r30, r22
-    rcall put_played
+    rcall put_published_byte
     st X, r25
     std Y+{RISE}, r22
     std Y+{FALL}, r23
@@ -179,12 +179,12 @@ put_prepare:
     ldi r24, {GROUPS}
     std Y+{UNLIKE}, r24
     ldd r30, Y+{EDGE}
-    rcall put_played
+    rcall put_published_byte
     std Y+{BEFORE_STEP}, r25
     ret
 
     // What the compare hardware and its interrupt do with r22 and r23: r25; r0 is the hardware's bit. Uses r31.
-put_bits:
+put_compare_bits:
     ldd r0, Y+{EDGE}
     clr r25
     mov r31, r22
@@ -198,7 +198,7 @@ put_bits:
     ret
 
     // The pending group's first byte when it is played and followed by one whose rise is r30: r25. Uses r0, r30, r31.
-put_played:
+put_published_byte:
     ldd r0, Y+{EDGE}
     ldd r25, Y+{RISE}
     tst r0
@@ -208,7 +208,7 @@ put_played:
     mov r22, r25
     ldd r23, Y+{FALL}
     and r30, r0
-    rcall put_bits
+    rcall put_compare_bits
     cpse r30, r1
     rjmp 1f
     ori r25, {PLAY}
@@ -226,7 +226,7 @@ put_played:
 3:  ret
 
     // For Rust: nothing in the ring of the track r24:25, at r20 to r23.
-steps_push_nothing:
+put_filler:
     push r28
     push r29
     movw r28, r24
@@ -239,15 +239,15 @@ steps_push_nothing:
     pop r28
     ret
 
-    .section .text.steps_put_shared, "ax", @progbits
-    .global steps_put, steps_push_filler
+    .section .text.put_shared, "ax", @progbits
+    .global put_shared, put_shared_filler
     // Into the ring of motors that share DIR lines, from r18 to r21 on. Gives its tick. Y is used.
-steps_put:
+put_shared:
     ldi r28, lo8(steps_stepper+{TRACK})
     ldi r29, hi8(steps_stepper+{TRACK})
-    jmp put_here
+    jmp put_or_join
     // A filler of motors that share DIR lines, at r18 to r21. Y is used.
-steps_push_filler:
+put_shared_filler:
     ldi r28, lo8(steps_stepper+{TRACK})
     ldi r29, hi8(steps_stepper+{TRACK})
     clr r22
@@ -280,7 +280,7 @@ steps_push_filler:
 );
 
 unsafe extern "C" {
-    fn steps_push_nothing(track: *mut Track, tick: u32);
+    fn put_filler(track: *mut Track, tick: u32);
 }
 
 impl Track {
@@ -288,6 +288,6 @@ impl Track {
     #[inline(always)]
     pub(super) fn push_nothing(&mut self, tick: Moment) {
         // SAFETY: the assembly uses this track, and its ring's groups that the interrupt does not read yet.
-        unsafe { steps_push_nothing(self, tick.0) }
+        unsafe { put_filler(self, tick.0) }
     }
 }

@@ -36,16 +36,16 @@ global_asm!(
     rjmp \again
     .endm
     // Z: at the motor's parts; the flags say whether it knows when its next step is due: Z if not.
-    .macro shared_is_due
-    rcall shared_point
+    .macro shared_knows_due
+    rcall shared_point_to_epochs
     ldd r24, Z+{IS_DUE}
     tst r24
     .endm
 
-    .section .text.steps_fill_shared, "ax", @progbits
-    .global steps_fill_shared
+    .section .text.shared_fill, "ax", @progbits
+    .global shared_fill
     // For the task. Uses all registers.
-steps_fill_shared:
+shared_fill:
     ldi r24, {BATCH}
     mov r13, r24
 shared_again:
@@ -62,27 +62,27 @@ shared_again:
 1:  clr r10
     clr r11
     shared_each
-2:  shared_is_due
+2:  shared_knows_due
     brne 5f
     call steps_settle
-    rcall shared_at
+    rcall shared_pending_tick
     store_4 r18, r19, r20, r21, {LAST}
     call steps_plan
-    rcall shared_point
+    rcall shared_point_to_epochs
     cpi r24, 3
     ldi r24, 1
     breq .+2
     ldi r24, 0
     std Z+{IS_DUE}, r24
-    rcall shared_at
+    rcall shared_pending_tick
     store_4 r18, r19, r20, r21, {LAST}
     movw r30, r28
     adiw r30, {HORIZON}
-    rcall shared_reach
+    rcall shared_raise_to
     movw r30, r28
     adiw r30, {FREE}
-    rcall shared_reach
-    shared_is_due
+    rcall shared_raise_to
+    shared_knows_due
     breq 4f
 5:  load_4 r18, r19, r20, r21, {DUE}
     mov r24, r10
@@ -100,7 +100,7 @@ shared_again:
     // Is it due within the window?
     ldi r28, lo8(steps_motors)
     ldi r29, hi8(steps_motors)
-    rcall shared_at
+    rcall shared_pending_tick
     store_4 r18, r19, r20, r21, {LAST}
     call plan_window
     mov r24, r10
@@ -117,13 +117,13 @@ shared_again:
     subi r19, 2
     sbci r20, 0
     sbci r21, 0
-    call steps_push_filler
+    call put_shared_filler
     rjmp shared_more
 
     // Its line.
 shared_turn:
     movw r28, r10
-    rcall shared_faces
+    rcall shared_check_dir
     breq shared_make
     ldd r16, Y+{DIR}
     movw r22, r6
@@ -149,7 +149,7 @@ shared_turn:
     movw r20, r24
     clr r22
     mov r23, r16
-    call steps_put
+    call put_shared
     lds r24, steps_times+{LEAD}
     lds r25, steps_times+{LEAD}+1
     add r18, r24
@@ -176,7 +176,7 @@ shared_make:
     adc r5, r1
     clr r17
     shared_each
-1:  shared_is_due
+1:  shared_knows_due
     breq 2f
     load_4 r22, r23, r24, r25, {DUE}
     cp r2, r22
@@ -184,13 +184,13 @@ shared_make:
     cpc r4, r24
     cpc r5, r25
     brmi 2f
-    rcall shared_faces
+    rcall shared_check_dir
     brne 2f
     std Z+{IS_DUE}, r1
     ldd r24, Y+{STEP}
     or r17, r24
     load_4 r22, r23, r24, r25, {DUE}
-    call plan_make
+    call plan_make_step
     call steps_settle
     movw r18, r6
     movw r20, r8
@@ -217,12 +217,12 @@ shared_make:
     or r26, r3
     breq 3f
     clr r23
-    call steps_put
+    call put_shared
     add r18, r2
     adc r19, r3
     adc r20, r1
     adc r21, r1
-3:  call steps_put
+3:  call put_shared
 shared_more:
     dec r13
     breq .+2
@@ -230,14 +230,14 @@ shared_more:
     ret
 
     // Z: at the motor's parts.
-shared_point:
+shared_point_to_epochs:
     movw r30, r28
     subi r30, lo8(-({PARTS}))
     sbci r31, hi8(-({PARTS}))
     ret
 
     // The tick of the pending group, r18 to r21.
-shared_at:
+shared_pending_tick:
     lds r18, steps_stepper+{AT}
     lds r19, steps_stepper+{AT}+1
     lds r20, steps_stepper+{AT}+2
@@ -245,7 +245,7 @@ shared_at:
     ret
 
     // What is at Z is not before r18 to r21. Uses r24.
-shared_reach:
+shared_raise_to:
     ld r24, Z
     cp r24, r18
     ldd r24, Z+1
@@ -262,8 +262,8 @@ shared_reach:
 1:  ret
 
     // Z: the DIR line of the motor Y is as its next step needs it. Z+ is at its parts. Uses r24, r25.
-shared_faces:
-    rcall shared_point
+shared_check_dir:
+    rcall shared_point_to_epochs
     ldd r24, Y+{LEVELS}
     ldd r25, Y+{DIR}
     and r24, r25

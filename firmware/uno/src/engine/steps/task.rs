@@ -117,14 +117,14 @@ global_asm!(
     r#"
     // Goes to \first if that ring is filled less far than the second; one batch is to be made. Both are counted from now: one may be filled 2^15 ticks
     // further than the other.
-    .macro which_is_less first
+    .macro goto_if_less_filled first
     lds r20, steps_stepper+{AT}
     lds r21, steps_stepper+{AT}+1
-    rcall task_ahead
+    rcall ticks_ahead
     movw r18, r20
     lds r20, steps_stepper+{AT}+{TRACK_SIZE}
     lds r21, steps_stepper+{AT}+{TRACK_SIZE}+1
-    rcall task_ahead
+    rcall ticks_ahead
     cp r18, r20
     cpc r19, r21
     ldi r20, 1
@@ -133,9 +133,9 @@ global_asm!(
 
     // As the ring's interrupts, in reach of the vectors.
     .text
-    .global steps_task_begin, steps_limit, steps_due, steps_absent
+    .global refill_interrupt, steps_limit, steps_due, steps_absent
     // From the vector, which has put r24 onto the stack, after 8 cycles. No flag is touched.
-steps_task_begin:
+refill_interrupt:
     ldi r24, 0                          // 1                             9
     sts {TIMSK0}, r24                   // 2                            11
     sei                                 // 1                            12
@@ -172,7 +172,7 @@ steps_task_begin:
     ldi r26, 2
     rjmp 10f
 18:
-    call steps_watch
+    call steps_underrun
     // Nothing is planned beyond the limit, which the program's source of steps knows.
 3:  call source_limit
     sts steps_times+{LIMIT}, r22
@@ -189,9 +189,9 @@ steps_task_begin:
     breq 18f
     cpi r24, {FILLED}
     breq 9f
-    call ring_shared
+    call ring_fill_shared
     rjmp 9f
-18: call ring_beside
+18: call ring_fill_shield
     rjmp 9f
 6:  call steps_merge_run
     brcs 9f
@@ -200,18 +200,18 @@ steps_task_begin:
     // Two rings, a batch at a time for the one that is filled less far, or for the other if that can have none now (r4 is not negative then).
 8:  ldi r24, {TURNS}
 13: push r24
-    which_is_less 14f
-    rcall task_fill_second
+    goto_if_less_filled 14f
+    rcall refill_second
     tst r4
     brmi 15f
     ldi r20, 1
-    rcall task_fill_first
+    rcall refill_first
     rjmp 16f
-14: rcall task_fill_first
+14: rcall refill_first
     tst r4
     brmi 15f
     ldi r20, 1
-    rcall task_fill_second
+    rcall refill_second
 16: tst r4
 15: pop r24
     brpl 9f
@@ -219,18 +219,18 @@ steps_task_begin:
     brne 13b
     rjmp 9f
 7:  ldi r20, {BATCHES}
-    rcall task_fill_first
+    rcall refill_first
     // A quarter of the time that they are filled for, in counts of 64.
 9:  lds r20, steps_stepper+{AT}
     lds r21, steps_stepper+{AT}+1
-    rcall task_ahead
+    rcall ticks_ahead
     mov r26, r21
     lds r24, steps_mode
     cpi r24, {BOTH}
     brne 4f
     lds r20, steps_stepper+{AT}+{TRACK_SIZE}
     lds r21, steps_stepper+{AT}+{TRACK_SIZE}+1
-    rcall task_ahead
+    rcall ticks_ahead
     cp r21, r26
     brsh 4f
     mov r26, r21
@@ -319,7 +319,7 @@ steps_task_begin:
     rjmp 10f
     lds r20, steps_stepper+{AT}+{TRACK_SIZE}
     lds r21, steps_stepper+{AT}+{TRACK_SIZE}+1
-    rcall task_ahead
+    rcall ticks_ahead
     cpi r21, 101
     brlo .+2
     ldi r21, 101
@@ -358,18 +358,18 @@ steps_task_begin:
     pop r24
     ret
 
-task_fill_first:
+refill_first:
     ldi r24, lo8(steps_stepper+{TRACK})
     ldi r25, hi8(steps_stepper+{TRACK})
     ldi r22, lo8(steps_motors)
     ldi r23, hi8(steps_motors)
-    jmp ring_apiece
-task_fill_second:
+    jmp ring_fill_one
+refill_second:
     ldi r24, lo8(steps_stepper+{TRACK}+{TRACK_SIZE})
     ldi r25, hi8(steps_stepper+{TRACK}+{TRACK_SIZE})
     ldi r22, lo8(steps_motors+{MOTOR_SIZE})
     ldi r23, hi8(steps_motors+{MOTOR_SIZE})
-    jmp ring_apiece
+    jmp ring_fill_one
 
     // What a source of steps is that knows as much as there is: the limit is {AHEAD} from now.
     // r22 to r25 is the limit; uses all registers.
@@ -389,7 +389,7 @@ steps_absent:
     jmp end_of_program
 
     // How far r20:21 is ahead; what would be beyond the limit is past. Interrupts are off for 6 cycles.
-task_ahead:
+ticks_ahead:
     in r24, {SREG}
     cli
     lds r22, {TCNT1}
@@ -474,7 +474,7 @@ pub(super) fn set_mode(mode: u8) {
 
 /// A ring ran empty.
 #[unsafe(no_mangle)]
-extern "C" fn steps_watch() {
+extern "C" fn steps_underrun() {
     // SAFETY: a guard would have kept the task out.
     unsafe { &mut *STEPPER.0.get() }.watch(clock::moment());
 }
