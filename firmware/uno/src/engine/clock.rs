@@ -2,7 +2,7 @@
 //! (4.1 ms), or a wrap is missed.
 
 use crate::engine::regs;
-use crate::engine::steps::task;
+use crate::engine::steps::refill;
 use core::arch::global_asm;
 use pulsetrain_core::Moment;
 
@@ -83,7 +83,7 @@ pub(crate) fn moment() -> Moment {
 /// Ticks since start-up.
 #[inline(never)]
 pub(crate) fn now() -> u64 {
-    let _out = task::keep_out();
+    let _out = refill::block();
     moment();
     // SAFETY: only `clock_moment` writes it, which nobody calls meanwhile: the task is kept out.
     unsafe { CLOCK }

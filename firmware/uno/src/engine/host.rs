@@ -1,11 +1,11 @@
 //! The main loop of a board that has a host: frames and text, answers, and all that is looked after beside the steps.
 
-use crate::Uses;
+use crate::ThisProgram;
 use crate::engine::link::{self, LONGEST_BODY, Receiver, Unread};
 use crate::engine::machine::Board;
-use crate::engine::memory::{self, Once, REPLY_LEN};
+use crate::engine::memory::{self, REPLY_LEN, Singleton};
 use crate::engine::program::Program;
-use crate::engine::steps::task;
+use crate::engine::steps::refill;
 use crate::engine::tuning::host::{BYTES_A_ROUND, POLLS};
 use crate::engine::{BOARD, clock, millis, regs, reset};
 use pulsetrain_core::wire::frame::Received;
@@ -20,14 +20,14 @@ struct Reply {
     sent: u8,
 }
 
-static SERVICE: Once<Service> = Once::new(Service::UNSET);
+static SERVICE: Singleton<Service> = Singleton::new(Service::UNSET);
 
 /// Runs a program that has a host: all that main does.
 ///
 /// # Safety
 /// To be called by main, which the start-up code calls once; nobody else takes `program`.
 #[inline(always)]
-pub(crate) unsafe fn main(program: &'static Once<Uses>) -> ! {
+pub(crate) unsafe fn main(program: &'static Singleton<ThisProgram>) -> ! {
     memory::paint_stack();
     // SAFETY: the caller's promise. The references are taken here, not handed over by `begin`, so that the
     // compiler knows the addresses.
@@ -54,7 +54,13 @@ unsafe fn begin() {
 }
 
 /// The main loop. What it calls is not inlined: so the deepest call decides how much stack is needed, not their sum.
-fn run(board: &mut Board, service: &mut Service, program: &mut Uses, receiver: &mut Receiver, reply: &mut Reply) -> ! {
+fn run(
+    board: &mut Board,
+    service: &mut Service,
+    program: &mut ThisProgram,
+    receiver: &mut Receiver,
+    reply: &mut Reply,
+) -> ! {
     let mut last = Millis(0);
     // Something came that was not answered yet.
     let mut due = false;
@@ -74,7 +80,7 @@ fn run(board: &mut Board, service: &mut Service, program: &mut Uses, receiver: &
         // rounds may be longer than one.
         let looks = (now.0 ^ last.0) & !3 != 0;
         // Frames and answers take the deepest calls of all; rings last for several of them.
-        task::keep_out_if_shared();
+        refill::block_if_shared();
         let heard = listen(board, service, program, receiver, now);
         due |= heard;
         if reply.sent < reply.len {
@@ -84,12 +90,12 @@ fn run(board: &mut Board, service: &mut Service, program: &mut Uses, receiver: &
         {
             speak(board, service, program, receiver, reply, now);
             due = false;
-            if Uses::PLANS {
+            if ThisProgram::PLANS {
                 // The host waits for it before it streams more. Elsewhere bytes that have come are taken first.
                 reply.go_on();
             }
         }
-        task::let_in();
+        refill::allow();
         if next {
             last = now;
             if looks {
@@ -123,7 +129,13 @@ impl Reply {
 
 /// Takes bytes from the line, lines or up to the end of a frame; whether it came to one.
 #[inline(always)]
-fn listen(board: &mut Board, service: &mut Service, program: &mut Uses, receiver: &mut Receiver, now: Millis) -> bool {
+fn listen(
+    board: &mut Board,
+    service: &mut Service,
+    program: &mut ThisProgram,
+    receiver: &mut Receiver,
+    now: Millis,
+) -> bool {
     let count = if program.is_on() && !service.is_taken() {
         program.listen(board, receiver)
     } else {
@@ -161,7 +173,7 @@ fn hear(board: &mut Board, service: &mut Service, received: Received, body: &[u8
 fn speak(
     board: &mut Board,
     service: &mut Service,
-    program: &mut Uses,
+    program: &mut ThisProgram,
     receiver: &Receiver,
     reply: &mut Reply,
     now: Millis,

@@ -10,7 +10,7 @@
 //! by the main loop when the USART is free.
 //!
 //! It lets nobody in, and takes 30 cycles instead of 43, while nothing but plain steps is in the ring of one fast motor,
-//! or in the rings of two that the compare hardware steps: the task says so ([`AT_ONCE`](crate::engine::steps::register::AT_ONCE)).
+//! or in the rings of two that the compare hardware steps: the task says so ([`RX_NO_NESTING`](crate::engine::steps::register::RX_NO_NESTING)).
 //!
 //! Bytes are lost when the USART has two and a third on its way (DS40002061B §20.7.3), or when the main loop is half a page
 //! behind. Both are counted; the frame fails its CRC.
@@ -36,10 +36,10 @@ pub(crate) const ON_WITH_INTERRUPT: u8 = ON | 0x80;
 
 /// The receive interrupt lets others in, until the task says otherwise: what is to be played now needs them in time.
 #[inline(always)]
-pub(crate) fn let_others_in() {
+pub(crate) fn nest_again() {
     // SAFETY: a bit that nobody else writes meanwhile: the task is out, or this is the task.
     unsafe {
-        core::arch::asm!("cbi {}, {}", const register::EECR, const register::AT_ONCE);
+        core::arch::asm!("cbi {}, {}", const register::EECR, const register::RX_NO_NESTING);
     }
 }
 
@@ -60,7 +60,7 @@ macro_rules! receive_interrupt {
     out {SREG}, r24
     .endm
     // 4 response                       //                              4
-    sbic {EECR}, {AT_ONCE}              // 2 (skips): one more than here in all
+    sbic {EECR}, {RX_NO_NESTING}              // 2 (skips): one more than here in all
     rjmp 5f
     push r24                            // 2                             6
     ldi r24, {ON}                       // 1                             7

@@ -1,6 +1,6 @@
 //! What the [`Service`](pulsetrain_core::wire::Service) asks of a board, done on this one.
 
-use crate::Uses;
+use crate::ThisProgram;
 use crate::engine::clock::low_half;
 use crate::engine::clock::{self, TICK_HZ};
 use crate::engine::link::{self, WINDOW};
@@ -8,14 +8,14 @@ use crate::engine::link::{Receiver, Unread};
 use crate::engine::memory;
 use crate::engine::program::Program;
 use crate::engine::regs;
-use crate::engine::steps::brake::{Lease, lease};
+use crate::engine::steps::brake::{CurrentLease, lease};
 use crate::engine::steps::motor;
 use crate::engine::steps::orders::answer;
 use crate::engine::steps::pins::{Layout, MAX_MOTORS, Pin};
-use crate::engine::steps::stepper::{self, LONGEST, Trouble};
-use crate::engine::steps::task;
+use crate::engine::steps::refill;
+use crate::engine::steps::stepper::{self, LONGEST, RingFault};
 use crate::engine::store;
-use pulsetrain_core::lease::Lease as CoreLease;
+use pulsetrain_core::lease::Lease;
 use pulsetrain_core::wire::frame::Tag;
 use pulsetrain_core::wire::machine::NO_LEASE;
 use pulsetrain_core::wire::message::{ALL_MOTORS, Cause, Configuration, Event, Info, Measures, flags, kind};
@@ -129,9 +129,9 @@ impl Board {
         self.baud = None;
         self.last_reset = last_reset;
         // SAFETY: main calls this once.
-        unsafe { task::lock().begin() };
+        unsafe { refill::lock().begin() };
         clock::start();
-        task::start();
+        refill::start();
     }
 
     const NO_MEASURES: Measures = Measures {
@@ -229,8 +229,8 @@ impl Board {
     /// Looks after motors and drivers, each millisecond or so. `over`: nothing waits elsewhere that they are to do.
     #[inline(always)]
     pub(crate) fn look_after(&mut self, now: Millis, over: bool) {
-        task::call();
-        let mut stepper = task::lock();
+        refill::run_now();
+        let mut stepper = refill::lock();
         let moment = clock::moment();
         if self.armed {
             stepper.watch(moment);
@@ -252,10 +252,10 @@ impl Board {
     /// Tells each motor's faults, once.
     #[inline(never)]
     fn look_for_faults(&mut self) {
-        let trouble = task::lock().trouble();
-        if let Some(trouble) = trouble {
-            match trouble {
-                Trouble::Late { ticks } => {
+        let fault = refill::lock().take_fault();
+        if let Some(fault) = fault {
+            match fault {
+                RingFault::Late { ticks } => {
                     self.measures.late = self.measures.late.saturating_add(1);
                     self.measures.latest_ticks = self.measures.latest_ticks.max(ticks);
                     // Two are remembered until they are told: one is left for why it stops.
@@ -263,7 +263,7 @@ impl Board {
                         self.tell(Cause::EdgeLate, ALL_MOTORS, u32::from(ticks));
                     }
                 }
-                Trouble::Starved => {
+                RingFault::Underrun => {
                     self.measures.starved = self.measures.starved.saturating_add(1);
                     self.stop(Cause::Starved, ALL_MOTORS, 0);
                 }
@@ -274,15 +274,15 @@ impl Board {
     /// Tells what a motor's own queue asked for and could not be.
     #[inline(never)]
     fn look_at_motors(&mut self) {
-        let lease = if Uses::LEASES { task::lock().lease() } else { Lease::OFF };
+        let lease = if ThisProgram::LEASES { refill::lock().lease() } else { CurrentLease::OFF };
         for motor in 0..self.motors() {
-            let fault = task::lock().motor_mut(motor).and_then(|motor| motor.fault());
+            let fault = refill::lock().motor_mut(motor).and_then(|motor| motor.fault());
             let Some(fault) = fault else { continue };
-            let cause = match fault.reason {
-                motor::Reason::Missed => Cause::StepMissed,
-                motor::Reason::Mismatch => Cause::CheckFailed,
-                motor::Reason::Bad => Cause::BadItem,
-                motor::Reason::Dry => Cause::RanDry,
+            let cause = match fault.kind {
+                motor::FaultKind::Missed => Cause::StepMissed,
+                motor::FaultKind::Mismatch => Cause::CheckFailed,
+                motor::FaultKind::Bad => Cause::BadItem,
+                motor::FaultKind::Underrun => Cause::RanDry,
             };
             if self.told & 1 << motor == 0 {
                 self.told |= 1 << motor;
@@ -294,9 +294,9 @@ impl Board {
                 }
             }
         }
-        if !Uses::LEASES || lease.state != lease::LAPSED {
+        if !ThisProgram::LEASES || lease.state != lease::LAPSED {
             // What is told now is another lease's.
-            if Uses::LEASES && lease.state != lease::OFF {
+            if ThisProgram::LEASES && lease.state != lease::OFF {
                 self.told = 0;
             }
         } else if lease.moved != 0 && self.told & 1 << told::LAPSE == 0 {
@@ -309,8 +309,8 @@ impl Board {
     /// The immediate stop. Bit by motor: it was faster than it can stop at once.
     #[inline(never)]
     fn stop(&mut self, cause: Cause, motor: u8, detail: u32) -> Stopped {
-        let uncertain = task::lock().stop(&self.pull_in);
-        Uses::stop(cause == Cause::Starved);
+        let uncertain = refill::lock().stop(&self.pull_in);
+        ThisProgram::stop(cause == Cause::Starved);
         self.was_busy = false;
         if self.armed {
             self.armed = false;
@@ -321,7 +321,7 @@ impl Board {
                 self.tell(cause, motor, detail);
             }
         }
-        Stopped { tick: extended(task::lock().halted()), uncertain }
+        Stopped { tick: extended(refill::lock().halted()), uncertain }
     }
 
     /// Takes on a configuration that is possible.
@@ -334,7 +334,7 @@ impl Board {
         for (place, motor) in self.pull_in.iter_mut().zip(configuration.motors()) {
             *place = motor.pull_in_ticks;
         }
-        task::lock().configure(layout, configuration, clock::moment());
+        refill::lock().configure(layout, configuration, clock::moment());
     }
 
     #[inline(never)]
@@ -356,7 +356,7 @@ impl Board {
     #[inline(never)]
     fn is_idle(&self) -> bool {
         // Verbs first: they note what is past.
-        Uses::rest() && task::lock().is_idle()
+        ThisProgram::rest() && refill::lock().is_idle()
     }
 
     /// Whether the motors are powered, or were before they stopped by themselves.
@@ -389,8 +389,8 @@ fn past(moment: Moment) -> u64 {
 }
 
 impl Machine for Board {
-    const PLANS: bool = Uses::PLANS;
-    const OBEYS: bool = Uses::OBEYS;
+    const PLANS: bool = ThisProgram::PLANS;
+    const OBEYS: bool = ThisProgram::OBEYS;
     const STORES: bool = true;
 
     fn store(&mut self, settings: Option<&[u8; SETTINGS_LEN]>) -> Result<(), Refusal> {
@@ -417,9 +417,9 @@ impl Machine for Board {
             tick_hz: TICK_HZ,
             fraction_bits: 16,
             max_motors: MAX_MOTORS as u8,
-            pool: if Uses::PLANS { memory::POOL as u16 } else { 0 },
+            pool: if ThisProgram::PLANS { memory::POOL as u16 } else { 0 },
             max_body: 0,
-            image: Uses::IMAGE,
+            image: ThisProgram::IMAGE,
             window: WINDOW,
             bauds: 0b1_1111,
             last_stop: self.last_stop,
@@ -437,13 +437,13 @@ impl Machine for Board {
             return Err(Refusal { reason: Reason::Timing, detail: LONGEST });
         }
         let mut layout = Layout::of(configuration)?;
-        if layout.is_shared() && !Uses::SHARED {
+        if layout.is_shared() && !ThisProgram::SHARED {
             return Err(Refusal::of(Reason::SharedDir));
         }
         layout.part(configuration.motors().len() as u8, pulse_ticks);
         self.stop(Cause::None, ALL_MOTORS, 0);
         self.set_up(&layout, configuration);
-        Uses::set_up(configuration);
+        ThisProgram::set_up(configuration);
         Ok(())
     }
 
@@ -457,7 +457,7 @@ impl Machine for Board {
             self.armed = true;
             self.last_stop = Cause::None;
             self.told = 0;
-            task::lock().start(clock::moment());
+            refill::lock().start(clock::moment());
         }
         Ok(())
     }
@@ -474,11 +474,11 @@ impl Machine for Board {
     }
 
     fn motors(&self) -> u8 {
-        task::lock().count()
+        refill::lock().count()
     }
 
     fn free(&self, motor: u8) -> u16 {
-        task::lock().motor(motor).map_or(0, |motor| motor.room())
+        refill::lock().motor(motor).map_or(0, |motor| motor.room())
     }
 
     #[inline(never)]
@@ -486,43 +486,43 @@ impl Machine for Board {
         if !self.armed {
             return Err(Refusal::of(Reason::NotArmed));
         }
-        if Uses::is_obeying() {
+        if ThisProgram::is_obeying() {
             return Err(Refusal::of(Reason::Obeying));
         }
         let detail = u16::from(motor);
         let full = Refusal { reason: Reason::Full, detail };
         let len = packed.len() as u16;
-        let mut stepper = task::lock();
+        let mut stepper = refill::lock();
         let Some(axis) = stepper.motor_mut(motor) else {
             return Err(Refusal { reason: Reason::NoSuchMotor, detail });
         };
-        if Uses::LEASES && axis.drops(epoch) {
+        if ThisProgram::LEASES && axis.drops(epoch) {
             return Ok(());
         }
         let room = axis.push(epoch, len).ok_or(full)?;
         drop(stepper);
         // The task may go on meanwhile: it takes from the other end.
         room.write(packed);
-        if let Some(axis) = task::lock().motor_mut(motor) {
+        if let Some(axis) = refill::lock().motor_mut(motor) {
             axis.pushed(epoch, len);
         }
         Ok(())
     }
 
     fn discard(&mut self, epoch: Epoch) {
-        task::lock().discard(epoch);
+        refill::lock().discard(epoch);
     }
 
     // For the motion that lies in the flash: it has no lease, and no frame begins one.
     #[inline(never)]
-    fn switch(&mut self, epoch: Epoch, tick: u64, _: CoreLease, _: &[u8]) -> Result<Switched, Refusal> {
+    fn switch(&mut self, epoch: Epoch, tick: u64, _: Lease, _: &[u8]) -> Result<Switched, Refusal> {
         if !self.armed {
             return Err(Refusal::of(Reason::NotArmed));
         }
-        if Uses::is_obeying() {
+        if ThisProgram::is_obeying() {
             return Err(Refusal::of(Reason::Obeying));
         }
-        let mut stepper = task::lock();
+        let mut stepper = refill::lock();
         let limit = clock::now() + SWITCH_AHEAD;
         let horizon = extended(stepper.horizon());
         let switched = if tick < horizon {
@@ -544,7 +544,7 @@ impl Machine for Board {
         if !self.armed {
             return Err(Refusal::of(Reason::NotArmed));
         }
-        let mut stepper = task::lock();
+        let mut stepper = refill::lock();
         let (answer, moment) = stepper.order(kind, payload);
         // The answer to what was asked last stays.
         if kind == kind::EXTEND && answer != answer::MALFORMED {
@@ -571,10 +571,10 @@ impl Machine for Board {
     }
 
     fn lease(&self) -> (u8, u32) {
-        if !Uses::LEASES {
+        if !ThisProgram::LEASES {
             return (lease::OFF, 0);
         }
-        let lease = task::lock().lease();
+        let lease = refill::lock().lease();
         (lease.state, lease.at.0)
     }
 
@@ -587,18 +587,18 @@ impl Machine for Board {
         if !self.armed {
             return Err(Refusal::of(Reason::NotArmed));
         }
-        if Uses::is_obeying() {
-            return Uses::obey(orders);
+        if ThisProgram::is_obeying() {
+            return ThisProgram::obey(orders);
         }
-        if !self.is_idle() || !task::lock().is_empty() {
+        if !self.is_idle() || !refill::lock().is_empty() {
             return Err(Refusal::of(Reason::Moving));
         }
-        Uses::begin(orders)
+        ThisProgram::begin(orders)
     }
 
     #[inline(always)]
     fn obeyed(&self, frame: &mut Encoder<'_>) {
-        Uses::encode_obeyed(frame);
+        ThisProgram::encode_obeyed(frame);
     }
 
     #[inline(always)]
@@ -622,35 +622,35 @@ impl Machine for Board {
 
     #[inline(never)]
     fn horizon(&mut self) -> u64 {
-        let horizon = task::lock().horizon();
+        let horizon = refill::lock().horizon();
         extended(horizon)
     }
 
     fn epoch(&self) -> Epoch {
-        task::lock().epoch()
+        refill::lock().epoch()
     }
 
     #[inline(never)]
     fn position(&mut self, motor: u8) -> i32 {
-        task::call();
-        let stepper = task::lock();
+        refill::run_now();
+        let stepper = refill::lock();
         stepper.position(motor, stepper.tail_of(motor))
     }
 
     fn faults(&self, motor: u8) -> u8 {
-        task::lock().motor(motor).map_or(0, stepper::faults)
+        refill::lock().motor(motor).map_or(0, stepper::faults)
     }
 
     #[inline(never)]
     fn measures(&mut self) -> &mut Measures {
-        self.measures.least_ahead_ticks = task::lock().least_ahead();
+        self.measures.least_ahead_ticks = refill::lock().least_ahead();
         self.measures.stack_left = memory::stack_left();
         &mut self.measures
     }
 
     fn reset_measures(&mut self) {
         self.measures = Board::NO_MEASURES;
-        task::lock().reset_measures();
+        refill::lock().reset_measures();
     }
 
     fn can_baud(&self, _: Baud) -> bool {
@@ -669,11 +669,11 @@ impl Machine for Board {
         if lost && !self.rests() {
             self.last_stop = Cause::HostLost;
         }
-        if Uses::is_obeying() {
+        if ThisProgram::is_obeying() {
             if lost {
                 self.stop(Cause::None, ALL_MOTORS, 0);
             } else {
-                Uses::forsake();
+                ThisProgram::host_left();
             }
         }
     }
@@ -681,7 +681,7 @@ impl Machine for Board {
     #[inline(never)]
     fn event(&mut self) -> Option<Event> {
         // What was done comes before that all was.
-        if let Some((motor, at, detail)) = Uses::take_done() {
+        if let Some((motor, at, detail)) = ThisProgram::take_done() {
             return Some(Event { cause: Cause::MoveDone, motor, tick: past(at), detail });
         }
         let [News { cause, motor, at, detail }, second] = self.news;

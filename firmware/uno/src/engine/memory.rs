@@ -17,7 +17,7 @@
 //! memory.ld makes the linker refuse an image that is laid out otherwise, or has less stack; `cargo xtask firmware uno` prints
 //! what came out. Up to the queues nothing is set at start-up by the code that sets variables.
 
-use crate::Uses;
+use crate::ThisProgram;
 use crate::engine::link::Receiver;
 use crate::engine::program::Program;
 use crate::engine::regs;
@@ -26,7 +26,7 @@ use core::mem::MaybeUninit;
 use pulsetrain_core::wire::message::QUEUE_PARTS;
 
 /// Bytes of all motors' queues together; [`PAGE`] more where one ring and no merge serves them.
-pub(crate) const POOL: usize = Uses::POOL;
+pub(crate) const POOL: usize = ThisProgram::POOL;
 /// Bytes of a ring.
 const PAGE: usize = 256;
 /// Room for the longest reply: Status of four motors, and a zero before it.
@@ -251,15 +251,15 @@ pub(crate) fn stack_left() -> u16 {
 }
 
 /// Something there is one of, which main takes and nobody else.
-pub(crate) struct Once<T>(core::cell::UnsafeCell<T>);
+pub(crate) struct Singleton<T>(core::cell::UnsafeCell<T>);
 
 // SAFETY: `take` hands it out once, to main; interrupts do not know of it.
-unsafe impl<T> Sync for Once<T> {}
+unsafe impl<T> Sync for Singleton<T> {}
 
-impl<T> Once<T> {
+impl<T> Singleton<T> {
     /// `value`, to be taken.
-    pub(crate) const fn new(value: T) -> Once<T> {
-        Once(core::cell::UnsafeCell::new(value))
+    pub(crate) const fn new(value: T) -> Singleton<T> {
+        Singleton(core::cell::UnsafeCell::new(value))
     }
 
     /// Takes it.

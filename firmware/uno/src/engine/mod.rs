@@ -25,7 +25,7 @@
 //! # Who interrupts whom
 //! Step interrupts play what is in the rings and let nobody in, but for one: that of a ring beside a merge lets
 //! the merge's in, if that waits ([`steps::ring`]). The receive interrupt takes bytes from the line; the task
-//! ([`steps::task`]) keeps the rings filled; both let steps in, and the task lets bytes in. The main loop does all else. What
+//! ([`steps::refill`]) keeps the rings filled; both let steps in, and the task lets bytes in. The main loop does all else. What
 //! keeps a step waiting, from the match of another interrupt or the first instruction with interrupts off to the first that
 //! may be interrupted again (crates/board/tests/it/chips/uno_masked.rs measures it, while motors move):
 //!
@@ -62,11 +62,11 @@ pub(crate) mod vectors;
 
 pub(crate) use core::panic::PanicInfo;
 use machine::Board;
-use memory::Once;
+use memory::Singleton;
 use pulsetrain_core::Moment;
 use pulsetrain_core::wire::Millis;
 
-pub(crate) static BOARD: Once<Board> = Once::new(Board::new());
+pub(crate) static BOARD: Singleton<Board> = Singleton::new(Board::new());
 
 /// Ticks / 2^14: 1.024 ms each.
 #[inline(always)]

@@ -8,7 +8,7 @@
 //! |---|---|---|
 //! | `source_limit` | for the task: the tick up to which it is known what motors do, in r22 to r25; all registers are free | `steps_limit`: 3 ms from now |
 //! | `source_load` | for the plan: the next steps of the motor Y into its registers; carry: there are none yet. Keeps r2 to r13, r16, r17 | `steps_load_record`: the next record of its queue |
-//! | `source_due` | for the task: r26 is in how many counts of 64 cycles it comes again, as rings that are not full want it; less, if need be, and with carry that is final. Uses r18 to r25, r27, r30, r31 | `steps_due`: when the rings want it |
+//! | `source_due` | for the task: r26 is in how many counts of 64 cycles it comes again, as rings that are not full want it; less, if need be, and with carry that is final. ThisProgram r18 to r25, r27, r30, r31 | `steps_due`: when the rings want it |
 
 use crate::engine::link::Receiver;
 use crate::engine::machine::Board;
@@ -18,7 +18,7 @@ use pulsetrain_core::wire::message::{Configuration, Reason, kind};
 use pulsetrain_core::wire::orders::Orders;
 use pulsetrain_core::wire::{Encoder, Millis, Refusal, Service};
 
-/// A program: what it has beside the engine. What it does not have is not in its image. Each defines `Uses` in its main.rs.
+/// A program: what it has beside the engine. What it does not have is not in its image. Each defines `ThisProgram` in its main.rs.
 pub(crate) trait Program: Sized + 'static {
     /// Which image this is, as [`Info`](pulsetrain_core::wire::message::Info) has it.
     const IMAGE: u8;
@@ -43,7 +43,7 @@ pub(crate) trait Program: Sized + 'static {
     const SHARED: bool = true;
 
     /// One motor may have a ring of its own beside a merge of three: `ring_fill_shield`.
-    const BESIDE: bool = true;
+    const SHIELD_B: bool = true;
 
     // Text on the line.
 
@@ -144,5 +144,5 @@ pub(crate) trait Program: Sized + 'static {
 
     /// Nobody tells motors any more.
     #[inline(always)]
-    fn forsake() {}
+    fn host_left() {}
 }

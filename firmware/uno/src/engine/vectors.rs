@@ -48,7 +48,7 @@ global_asm!(
     UDR0 = const 0xc6,
     OVERRUN = const 3,
     EECR = const register::EECR,
-    AT_ONCE = const register::AT_ONCE,
+    RX_NO_NESTING = const register::RX_NO_NESTING,
     SAVE24 = const register::GPIOR1,
     SAVE30 = const register::GPIOR2,
     SAVE31 = const register::EEDR,

@@ -9,7 +9,7 @@
 use crate::engine::machine::Board;
 use crate::engine::memory;
 use crate::engine::steps::pins::{MAX_MOTORS, Pin};
-use crate::engine::steps::task;
+use crate::engine::steps::refill;
 use crate::engine::{BOARD, clock, link, millis, regs, reset};
 use pulsetrain_core::baked::narrow::{LONGEST_PIECE, MOTOR_LEN, NEAR, Player, Standing, ZERO, block};
 use pulsetrain_core::lease::Lease;
@@ -71,7 +71,7 @@ pub(crate) unsafe fn main() -> ! {
 #[inline(never)]
 fn standing(motor: u8) -> Standing {
     let soon = clock::moment().after(NEAR);
-    let stepper = task::lock();
+    let stepper = refill::lock();
     stepper.motor(motor).map_or(Standing { room: 0, near: false }, |motor| Standing {
         room: motor.room(),
         near: motor.is_empty() && Moment(motor.registers.tick).is_before(soon),

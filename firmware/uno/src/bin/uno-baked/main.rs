@@ -12,12 +12,12 @@ use core::arch::global_asm;
 use engine::program::Program;
 
 /// Plans, and nobody who speaks.
-pub(crate) struct Uses;
+pub(crate) struct ThisProgram;
 
-impl Program for Uses {
+impl Program for ThisProgram {
     const IMAGE: u8 = 0;
     const PLANS: bool = true;
-    const BESIDE: bool = false;
+    const SHIELD_B: bool = false;
 }
 
 // Steps come from records in the queues.

@@ -10,9 +10,9 @@ mod verbs;
 
 use core::arch::global_asm;
 use engine::host;
-use engine::memory::Once;
+use engine::memory::Singleton;
 /// Verbs, and nothing else.
-pub(crate) use verbs::Told as Uses;
+pub(crate) use verbs::VerbsProgram as ThisProgram;
 
 // Steps come from what motors are told.
 global_asm!(
@@ -29,10 +29,10 @@ global_asm!(
     ".set ring_merge_shield, steps_absent",
 );
 
-static USES: Once<Uses> = Once::new(Uses);
+static PROGRAM: Singleton<ThisProgram> = Singleton::new(ThisProgram);
 
 #[unsafe(no_mangle)]
 extern "C" fn main() -> ! {
     // SAFETY: the start-up code calls main once.
-    unsafe { host::main(&USES) }
+    unsafe { host::main(&PROGRAM) }
 }

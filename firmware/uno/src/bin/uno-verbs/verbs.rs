@@ -18,14 +18,15 @@ use crate::engine::machine::extended;
 use crate::engine::program::Program;
 use crate::engine::steps::motor::{Motor, flag};
 use crate::engine::steps::pins::MAX_MOTORS;
+use crate::engine::steps::refill::{self, Guard, mode};
 use crate::engine::steps::register;
 use crate::engine::steps::stepper::Stepper;
-use crate::engine::steps::task::{self, Guard, mode};
 use crate::engine::steps::times::{self, TIMES};
-use crate::engine::tuning::stepper::AHEAD;
-use crate::engine::tuning::task::SOONEST;
+use crate::engine::tuning::refill::MIN_PERIOD;
+use crate::engine::tuning::stepper::LOOK_AHEAD;
 use crate::engine::tuning::verbs::{
-    CLEAR, FORESEE, FORESEE_MORE, LONGEST_PULSE, SHORT_PULSE, SHORTEST, SHORTEST_OF_LONG, SOONER,
+    CLEARANCE, KNOWN_AHEAD, KNOWN_AHEAD_A_MOTOR, MARGIN, MAX_PULSE, SHORT_PULSE, SHORTEST_PERIOD,
+    SHORTEST_PERIOD_STRETCHED,
 };
 use core::arch::global_asm;
 use core::mem::offset_of;
@@ -69,13 +70,13 @@ struct Limits {
 static mut LIMITS: Limits = Limits { shortest: 0, turn: 0, foresee: 0 };
 
 #[repr(C)]
-struct Place {
+struct VerbsMemory {
     verbs: Verbs,
     /// Bit by motor: it has no more steps before what is known.
     used_up: u8,
 }
 
-const _: () = assert!(size_of::<Place>() <= Told::POOL && MOTORS == MAX_MOTORS);
+const _: () = assert!(size_of::<VerbsMemory>() <= VerbsProgram::POOL && MOTORS == MAX_MOTORS);
 
 // Where other programs have their queues.
 global_asm!(".global verbs_place", ".set verbs_place, queues");
@@ -92,7 +93,7 @@ verbs_limit:
     brne 1f
     call verbs_advance
     lds r18, steps_mode
-    cpi r18, {FILLED}
+    cpi r18, {MERGED_BY_SOURCE}
     brne 1f
     sts steps_times+{LIMIT}, r22
     sts steps_times+{LIMIT}+1, r23
@@ -143,10 +144,10 @@ verbs_due_soon:
     sub r24, r20
     brcs 1f
     sbic {TIFR0}, 0
-1:  ldi r24, {SOONEST}
-    cpi r24, {SOONEST}
+1:  ldi r24, {MIN_PERIOD}
+    cpi r24, {MIN_PERIOD}
     brsh 2f
-    ldi r24, {SOONEST}
+    ldi r24, {MIN_PERIOD}
 2:  cp r26, r24
     brlo 3f
     mov r26, r24
@@ -156,29 +157,29 @@ verbs_due_soon:
     ret
     "#,
     ON = const ON,
-    FILLED = const mode::FILLED,
+    MERGED_BY_SOURCE = const mode::MERGED_BY_SOURCE,
     LIMIT = const times::LIMIT,
-    USED_UP = const offset_of!(Place, used_up),
+    USED_UP = const offset_of!(VerbsMemory, used_up),
     MOTOR_SIZE = const size_of::<Motor>(),
     FLAGS = const offset_of!(Motor, flags),
     UNREADABLE = const flag::UNREADABLE,
     TCNT0 = const register::TCNT0,
     TIFR0 = const register::TIFR0,
-    SOONEST = const SOONEST,
+    MIN_PERIOD = const MIN_PERIOD,
 );
 
 #[expect(improper_ctypes, reason = "no other language knows it")]
 unsafe extern "C" {
-    static mut verbs_place: Place;
+    static mut verbs_place: VerbsMemory;
 }
 
 /// Verbs, and nothing else.
-pub(crate) struct Told;
+pub(crate) struct VerbsProgram;
 
-impl Program for Told {
+impl Program for VerbsProgram {
     const IMAGE: u8 = image::VERBS;
     const SHARED: bool = false;
-    const BESIDE: bool = false;
+    const SHIELD_B: bool = false;
     const OBEYS: bool = true;
     // The limit is not always so far ahead.
     const FILLER: u16 = 8192;
@@ -225,8 +226,8 @@ impl Program for Told {
     }
 
     #[inline(always)]
-    fn forsake() {
-        forsake();
+    fn host_left() {
+        host_left();
     }
 }
 
@@ -242,7 +243,7 @@ fn set_state(state: u8) {
 
 /// What there is, for who keeps the task out as long as it uses this. Only if there is something.
 #[expect(clippy::mut_from_ref, reason = "main has one guard at a time")]
-fn place(_: &Guard) -> Option<&mut Place> {
+fn place(_: &Guard) -> Option<&mut VerbsMemory> {
     let place = &raw mut verbs_place;
     // SAFETY: it was written before the state was one of these, and queues are empty; main has one guard at a time, and uses what
     // it got from it before it gets it again.
@@ -262,9 +263,9 @@ fn is_on() -> bool {
 #[inline(never)]
 fn begin(orders: &Orders<'_>) -> Result<(), Refusal> {
     let now = clock::moment();
-    let stepper = task::lock();
+    let stepper = refill::lock();
     if TIMES.get().pulse != 0 {
-        return Err(Refusal { reason: Reason::Timing, detail: LONGEST_PULSE });
+        return Err(Refusal { reason: Reason::Timing, detail: MAX_PULSE });
     }
     let Limits { shortest, turn, foresee } = my_limits();
     let limits = (shortest, turn, PERIOD);
@@ -283,7 +284,7 @@ fn begin(orders: &Orders<'_>) -> Result<(), Refusal> {
     place.used_up = 0;
     // Who only asks leaves motors as they are.
     if !orders.is_empty() {
-        stepper.is_filled();
+        stepper.merge_by_source();
         set_state(ON);
     }
     Ok(())
@@ -298,7 +299,7 @@ fn begin(orders: &Orders<'_>) -> Result<(), Refusal> {
 fn obey(orders: &Orders<'_>) -> Result<(), Refusal> {
     let end = clock::moment().after(u32::from(my_limits().foresee));
     loop {
-        let stepper = task::lock();
+        let stepper = refill::lock();
         let Some(place) = place(&stepper) else { return Err(Refusal::of(Reason::NotArmed)) };
         let Some(motor) = place.verbs.busy() else {
             place.verbs.obey(orders)?;
@@ -313,7 +314,7 @@ fn obey(orders: &Orders<'_>) -> Result<(), Refusal> {
 
 /// Writes what came of what was obeyed last.
 fn encode_obeyed(frame: &mut Encoder<'_>) {
-    let guard = task::lock();
+    let guard = refill::lock();
     if let Some(place) = place(&guard) {
         let (at, motors) = place.verbs.obeyed();
         orders::encode_obeyed(extended(at), motors, frame);
@@ -324,7 +325,7 @@ fn encode_obeyed(frame: &mut Encoder<'_>) {
 #[inline(never)]
 fn stop(dry: bool) {
     if is_on() {
-        let guard = task::lock();
+        let guard = refill::lock();
         if let Some(place) = place(&guard) {
             place.verbs.stop((!dry).then_some(guard.halted()));
         }
@@ -339,7 +340,7 @@ fn rest() -> bool {
         return true;
     }
     let now = clock::moment();
-    let guard = task::lock();
+    let guard = refill::lock();
     place(&guard).is_none_or(|place| place.verbs.rest_at(now))
 }
 
@@ -350,14 +351,14 @@ fn take_done() -> Option<(u8, Moment, u32)> {
         return None;
     }
     let now = clock::moment();
-    let guard = task::lock();
+    let guard = refill::lock();
     place(&guard)?.verbs.take_done(now)
 }
 
 /// Nobody tells motors any more: see [`Verbs::forsake`].
 #[inline(never)]
-fn forsake() {
-    let guard = task::lock();
+fn host_left() {
+    let guard = refill::lock();
     if let Some(place) = place(&guard) {
         place.verbs.forsake();
     }
@@ -375,9 +376,9 @@ fn set_up(configuration: &Configuration<'_>) {
     let Configuration { pulse_ticks, setup_ticks, hold_ticks, .. } = *configuration;
     let motors = configuration.motors().len() as u16;
     let limits = Limits {
-        shortest: if pulse_ticks <= SHORT_PULSE { SHORTEST } else { SHORTEST_OF_LONG } * motors,
+        shortest: if pulse_ticks <= SHORT_PULSE { SHORTEST_PERIOD } else { SHORTEST_PERIOD_STRETCHED } * motors,
         turn: TURN + pulse_ticks + setup_ticks + hold_ticks,
-        foresee: FORESEE + FORESEE_MORE * motors,
+        foresee: KNOWN_AHEAD + KNOWN_AHEAD_A_MOTOR * motors,
     };
     // SAFETY: main alone writes it, while verbs do not have the motors.
     unsafe { (&raw mut LIMITS).write(limits) }
@@ -385,18 +386,18 @@ fn set_up(configuration: &Configuration<'_>) {
 
 /// From the limit to what is known, ticks.
 fn clear() -> u16 {
-    TIMES.get().early + CLEAR
+    TIMES.get().dir_early + CLEARANCE
 }
 
-/// For the task: sees to it that enough is known, and gives the limit. `limit` is what that is for others, [`AHEAD`] from now.
+/// For the task: sees to it that enough is known, and gives the limit. `limit` is what that is for others, [`LOOK_AHEAD`] from now.
 #[unsafe(no_mangle)]
 extern "C" fn verbs_advance(limit: u32) -> u32 {
-    let now = Moment(limit).before(AHEAD);
+    let now = Moment(limit).before(LOOK_AHEAD);
     let place = &raw mut verbs_place;
     // SAFETY: the task calls this while verbs have the motors, and a guard would have kept it out.
     let place = unsafe { &mut *place };
     let foresee = my_limits().foresee;
-    let slice = u32::from(foresee / 2 - SOONER);
+    let slice = u32::from(foresee / 2 - MARGIN);
     let next = now.after(u32::from(foresee));
     let mut known = place.verbs.known();
     // Ticks until it is to be put off.

@@ -10,9 +10,9 @@ mod winch;
 
 use core::arch::global_asm;
 use engine::host;
-use engine::memory::Once;
+use engine::memory::Singleton;
 /// Text, and nothing else.
-pub(crate) use winch::Winch as Uses;
+pub(crate) use winch::Winch as ThisProgram;
 
 // Steps come from the paths.
 global_asm!(
@@ -29,10 +29,10 @@ global_asm!(
     ".set ring_merge_shield, steps_absent",
 );
 
-static USES: Once<Uses> = Once::new(Uses::new());
+static PROGRAM: Singleton<ThisProgram> = Singleton::new(ThisProgram::new());
 
 #[unsafe(no_mangle)]
 extern "C" fn main() -> ! {
     // SAFETY: the start-up code calls main once.
-    unsafe { host::main(&USES) }
+    unsafe { host::main(&PROGRAM) }
 }

@@ -19,8 +19,8 @@ use crate::engine::link::{self, Receiver};
 use crate::engine::machine::Board;
 use crate::engine::memory::REPLY_LEN;
 use crate::engine::program::Program;
-use crate::engine::steps::task;
-use crate::engine::tuning::winch::{PATIENCE, SILENCE};
+use crate::engine::steps::refill;
+use crate::engine::tuning::winch::{BACKLOG, FRAMES_SILENT};
 use crate::engine::{clock, host, store, tuning};
 use core::arch::global_asm;
 use pulsetrain_core::Moment;
@@ -127,7 +127,7 @@ pub(crate) struct Winch {
 impl Program for Winch {
     const IMAGE: u8 = image::WINCH;
     const SHARED: bool = false;
-    const BESIDE: bool = false;
+    const SHIELD_B: bool = false;
 
     #[inline(always)]
     fn is_on(&self) -> bool {
@@ -253,7 +253,7 @@ impl Winch {
                 count = count.min(tuning::host::BYTES_A_ROUND);
             }
             receiver.skip(taken);
-            if count == 0 || (self.say != 0 && count < PATIENCE) {
+            if count == 0 || (self.say != 0 && count < BACKLOG) {
                 return 0;
             }
             let left;
@@ -305,7 +305,7 @@ impl Winch {
             }
         } else {
             feed::pass(now);
-            if !self.on && receiver.ends_line(&mut self.seen) && service.silence(millis) >= SILENCE {
+            if !self.on && receiver.ends_line(&mut self.seen) && service.silence(millis) >= FRAMES_SILENT {
                 self.say = TAKEN;
             }
             let on = !service.is_taken() && board.rests();
@@ -330,7 +330,7 @@ impl Winch {
         // Lines go before it.
         if !self.on
             || self.quiet
-            || receiver.waiting() >= PATIENCE / 2
+            || receiver.waiting() >= BACKLOG / 2
             || !feed::winch_has_passed(now, &mut asked.reported, asked.report_ms)
         {
             return (out, 0);
@@ -363,18 +363,18 @@ fn set_up_shield(board: &mut Board) {
 /// Powers the motors, which take their steps from the paths. The task is out until there are trains, which it looks at.
 #[inline(never)]
 fn drive(board: &mut Board) {
-    let _out = task::keep_out();
+    let _out = refill::block();
     let _ = board.arm();
-    let mut stepper = task::lock();
+    let mut stepper = refill::lock();
     feed::begin(clock::moment());
-    stepper.leave_room();
-    stepper.is_filled();
+    stepper.share_list_page();
+    stepper.merge_by_source();
 }
 
 /// Whether all paths are at rest, and the motors with them.
 #[inline(always)]
 fn has_arrived() -> bool {
-    let stepper = task::lock();
+    let stepper = refill::lock();
     feed::rests() && stepper.is_idle()
 }
 

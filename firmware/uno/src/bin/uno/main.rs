@@ -8,14 +8,14 @@ mod engine;
 
 use core::arch::global_asm;
 use engine::host;
-use engine::memory::Once;
+use engine::memory::Singleton;
 use engine::program::Program;
 use pulsetrain_core::wire::message::image;
 
 /// Plans, and nothing else.
-pub(crate) struct Uses;
+pub(crate) struct ThisProgram;
 
-impl Program for Uses {
+impl Program for ThisProgram {
     const IMAGE: u8 = image::PLANS;
     const PLANS: bool = true;
     const LEASES: bool = true;
@@ -37,10 +37,10 @@ global_asm!(
     ".set ring_merge_shield, merge_shield",
 );
 
-static USES: Once<Uses> = Once::new(Uses);
+static PROGRAM: Singleton<ThisProgram> = Singleton::new(ThisProgram);
 
 #[unsafe(no_mangle)]
 extern "C" fn main() -> ! {
     // SAFETY: the start-up code calls main once.
-    unsafe { host::main(&USES) }
+    unsafe { host::main(&PROGRAM) }
 }

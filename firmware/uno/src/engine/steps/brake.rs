@@ -10,7 +10,7 @@
 //! # Cycles
 //! A part takes 280 to 420, and what finds out whether its steps are sure.
 
-use super::motor::{Motor, Part, Reason, Switch, flag};
+use super::motor::{EpochBytes, FaultKind, Motor, Switch, flag};
 use super::plan::OF_SWITCH;
 use super::stepper;
 use super::times;
@@ -29,7 +29,7 @@ pub(crate) mod state {
     pub(crate) const BRAKES: u8 = 2;
 }
 
-/// What a [`Lease`] is.
+/// What a [`CurrentLease`] is.
 pub(crate) mod lease {
     /// There is none.
     pub(crate) const OFF: u8 = 0;
@@ -46,7 +46,7 @@ pub(crate) mod lease {
 /// How long plans hold. The assembly knows where it is.
 #[derive(Clone, Copy)]
 #[repr(C)]
-pub(crate) struct Lease {
+pub(crate) struct CurrentLease {
     /// One of [`lease`].
     pub(crate) state: u8,
     /// Not 0 if a motor was in motion when it was over.
@@ -54,18 +54,18 @@ pub(crate) struct Lease {
     pub(crate) at: Moment,
 }
 
-const _: () = assert!(offset_of!(Lease, state) == 0);
+const _: () = assert!(offset_of!(CurrentLease, state) == 0);
 
 #[unsafe(export_name = "steps_lease")]
-static mut LEASE: Lease = Lease::OFF;
+static mut LEASE: CurrentLease = CurrentLease::OFF;
 
-impl Lease {
+impl CurrentLease {
     /// None.
-    pub(crate) const OFF: Lease = Lease { state: lease::OFF, moved: 0, at: Moment(0) };
+    pub(crate) const OFF: CurrentLease = CurrentLease { state: lease::OFF, moved: 0, at: Moment(0) };
 
     /// To be asked by who has the stepper.
     #[inline(always)]
-    pub(crate) fn get() -> Lease {
+    pub(crate) fn get() -> CurrentLease {
         // SAFETY: a copy; who has the stepper alone writes it.
         unsafe { (&raw const LEASE).read() }
     }
@@ -74,7 +74,7 @@ impl Lease {
     #[inline(always)]
     pub(crate) fn end() {
         // SAFETY: who has the stepper alone writes it.
-        unsafe { (&raw mut LEASE).write(Lease::OFF) };
+        unsafe { (&raw mut LEASE).write(CurrentLease::OFF) };
     }
 }
 
@@ -83,8 +83,8 @@ global_asm!(
     // Z: at the parts of the motor Y.
     .macro brake_point_to_epochs
     movw r30, r28
-    subi r30, lo8(-({PARTS}))
-    sbci r31, hi8(-({PARTS}))
+    subi r30, lo8(-({EPOCHS}))
+    sbci r31, hi8(-({EPOCHS}))
     .endm
 
     .section .text.load_leased, "ax", @progbits
@@ -220,7 +220,7 @@ brake_begin:
     or r22, r23
     mov r14, r22
     // What waits of its epoch is dropped, and of that of a switch that is not made.
-    ldd r22, Z+{PART_EPOCH}
+    ldd r22, Z+{EPOCH_RUNNING}
     sbrc r25, {WAITS}
     ldd r22, Z+{SWITCH_EPOCH}
     clt
@@ -263,12 +263,12 @@ brake_fail:
     sts steps_lease, r24
 2:  call steps_settle
     brake_point_to_epochs
-    std Z+{REASON}, r22
+    std Z+{FAULT_KIND}, r22
     .irp at, 0,1,2,3
     ldd r2\at, Y+{HORIZON}+\at
     std Y+{SWITCH_AT}+\at, r2\at
     .endr
-    ldd r24, Z+{REASON}
+    ldd r24, Z+{FAULT_KIND}
     cpi r24, {MISSED}
     brne 3f
     // The step comes then.
@@ -290,7 +290,7 @@ brake_fail:
     std Y+{FLAGS}, r24
     ret
 
-    // The motor Y, whose flags are r24, awaits what is at its switch's tick. Z is at its parts. Uses r25.
+    // The motor Y, whose flags are r24, awaits what is at its switch's tick. Z is at its parts. ThisProgram r25.
 brake_wait_for_end:
     ldi r25, 1 << {AWAITS}
     sbrc r24, {SWITCH}
@@ -315,7 +315,7 @@ brake_check_lease_end:
     ret
 
     // Carry: the end of the lease is near the limit r22 to r25. What is planned at once reaches 1.5 ms beyond that at most, and this is 2 ms. r18 to r21:
-    // the end. Uses r26, r27, r30, r31.
+    // the end. ThisProgram r26, r27, r30, r31.
 brake_check_end_near:
     ldi r30, lo8(steps_lease+{AT})
     ldi r31, hi8(steps_lease+{AT})
@@ -372,7 +372,7 @@ brake_all_at_end:
     brne 1b
     ret
 
-    // The motor Y brakes at r18 to r21, not before its horizon, unless a switch comes first, it brakes already or rests. Uses r24, r25, Z.
+    // The motor Y brakes at r18 to r21, not before its horizon, unless a switch comes first, it brakes already or rests. ThisProgram r24, r25, Z.
 brake_motor_at_end:
     ldd r24, Y+{FLAGS}
     sbrc r24, {UNREADABLE}
@@ -399,7 +399,7 @@ brake_motor_at_end:
     std Y+{SWITCH_AT}+3, r21
 3:  ret
 
-    // The motor Y is at rest until its next step. Uses r18, r19, r24.
+    // The motor Y is at rest until its next step. ThisProgram r18, r19, r24.
 brake_note_rest:
     movw r18, r30
     brake_point_to_epochs
@@ -410,7 +410,7 @@ brake_note_rest:
     movw r30, r18
     ret
 
-    // Z: the motor Y, of whose segment no step is left, has made none since it was at rest; Z+ is at its parts. Uses r22, r23.
+    // Z: the motor Y, of whose segment no step is left, has made none since it was at rest; Z+ is at its parts. ThisProgram r22, r23.
 brake_check_rest:
     ldd r22, Y+{POSITION}
     ldd r23, Z+{REST_POSITION}
@@ -422,7 +422,7 @@ brake_check_rest:
     .endr
     ret
 
-    // The interval before the last step, r22 to r26: less by what it grew, and that was less by add2. Uses r25, r27.
+    // The interval before the last step, r22 to r26: less by what it grew, and that was less by add2. ThisProgram r25, r27.
 brake_previous_interval:
     ldd r22, Y+{INTERVAL}
     ldd r23, Y+{INTERVAL}+1
@@ -494,30 +494,30 @@ brake_check_underrun:
     POSITION = const offset_of!(Motor, position),
     HORIZON = const offset_of!(Motor, horizon),
     SWITCH_AT = const offset_of!(Motor, switch_at),
-    PART_EPOCH = const offset_of!(Part, epoch),
+    EPOCH_RUNNING = const offset_of!(EpochBytes, epoch),
     SWITCH_EPOCH = const OF_SWITCH + offset_of!(Switch, epoch),
-    REST_POSITION = const offset_of!(Motor, fault_tick) - offset_of!(Motor, parts),
+    REST_POSITION = const offset_of!(Motor, fault_tick) - offset_of!(Motor, epochs),
     WAITS = const state::WAITS,
     AWAITS = const state::AWAITS,
-    REASON = const offset_of!(Motor, reason) - offset_of!(Motor, parts),
-    IS_DUE = const offset_of!(Motor, is_due) - offset_of!(Motor, parts),
-    MISSED = const Reason::Missed as u8,
+    FAULT_KIND = const offset_of!(Motor, fault_kind) - offset_of!(Motor, epochs),
+    IS_DUE = const offset_of!(Motor, is_due) - offset_of!(Motor, epochs),
+    MISSED = const FaultKind::Missed as u8,
     UNTIL = const lease::UNTIL,
     LAPSED = const lease::LAPSED,
     FAULT = const lease::FAULT,
     FAULT_BIT = const lease::FAULT.trailing_zeros(),
-    AT = const offset_of!(Lease, at),
+    AT = const offset_of!(CurrentLease, at),
     LIMIT = const times::LIMIT,
     COUNT = const stepper::COUNT,
     MOTOR_SIZE = const size_of::<Motor>(),
     LAST = const lease::LAST,
-    MOVED = const offset_of!(Lease, moved),
+    MOVED = const offset_of!(CurrentLease, moved),
     UNREADABLE = const flag::UNREADABLE,
     INTERVAL = const offset_of!(Motor, registers) + offset_of!(Registers, interval_low),
     ADD = const offset_of!(Motor, registers) + offset_of!(Registers, add),
     ADD2 = const offset_of!(Motor, registers) + offset_of!(Registers, add2),
     LEFT = const offset_of!(Motor, registers) + offset_of!(Registers, left),
-    PARTS = const offset_of!(Motor, parts),
+    EPOCHS = const offset_of!(Motor, epochs),
     STATE = const STATE,
     BRAKES = const state::BRAKES,
     MANTISSA = const STATE + 1,
@@ -526,5 +526,5 @@ brake_check_underrun:
 );
 
 /// Where in a motor its braking state is, behind its parts; the limit follows.
-pub(super) const STATE: usize = offset_of!(Motor, braking) - offset_of!(Motor, parts);
+pub(super) const STATE: usize = offset_of!(Motor, braking) - offset_of!(Motor, epochs);
 const _: () = assert!(STATE + 3 < 64);

@@ -13,8 +13,8 @@
 //! until all are made or the ring is full. What there was no room for stays in `left`. All groups that it comes to are a step's
 //! already, so that ticks alone are written.
 //!
-//! Where the segment is sure and all its intervals are shorter than 256 ticks ([`Motor::sure`] is 1), they and their changes fit
-//! into 24 bits, and n of them into 16. The same holds of a list if bit 8 and those above it stay the same throughout ([`EVEN`]). Those
+//! Where the segment is sure and all its intervals are shorter than 256 ticks ([`Motor::prechecked`] is 1), they and their changes fit
+//! into 24 bits, and n of them into 16. The same holds of a list if bit 8 and those above it stay the same throughout ([`HIGH_FIXED`]). Those
 //! loops are written out four times.
 //!
 //! # Cycles
@@ -23,9 +23,10 @@
 //! | a ring | 19.5 | 15.75 | 11.5 | 80, and 40 each time that some are published |
 //! | a list | 18.5, or 14.75 | | 10.5 | 100, or 85 |
 
-use super::motor::{EVEN, Motor};
+use super::motor::{HIGH_FIXED, Motor};
 use super::register;
-use crate::engine::tuning::expand::{HURRY, LEAST, SOME};
+use super::ring::GROUPS;
+use crate::engine::tuning::expand::{PUBLISH_MIN, PUBLISH_STEPS, RING_LOW_BELOW};
 use core::arch::global_asm;
 use core::mem::offset_of;
 use pulsetrain_core::narrow::Registers;
@@ -189,13 +190,13 @@ global_asm!(
     std Y+14, r11
     .endm
 
-    .macro expander name, store, cruise, even=0
+    .macro expander name, store, cruise, high_fixed=0
     .section .text.\name, "ax", @progbits
     .global \name
 \name:
-    .if \even
-    ldd r24, Y+{SURE}
-    sbrs r24, {EVEN_BIT}
+    .if \high_fixed
+    ldd r24, Y+{PRECHECKED}
+    sbrs r24, {HIGH_FIXED_BIT}
     rjmp 9f
     cpi r20, 2
     brlo 9f
@@ -239,7 +240,7 @@ global_asm!(
     brne 7b
     rjmp 4b
     .endif
-    .if \even
+    .if \high_fixed
 10: short_enter
     sbrs r20, 0
     rjmp 11f
@@ -292,14 +293,14 @@ global_asm!(
     dec r20
     lsr r20
     lsr r20
-    cpi r20, {LEAST}
+    cpi r20, {PUBLISH_MIN}
     brsh .+2
     rjmp \done
-    cpi r20, {HURRY}
+    cpi r20, {GROUPS} - {RING_LOW_BELOW}
     brlo .+2
-    ldi r20, {LEAST}
+    ldi r20, {PUBLISH_MIN}
     sbrc r20, 5                         // it has 62 groups at most
-    ldi r20, {SOME}
+    ldi r20, {PUBLISH_STEPS}
     cp r5, r20
     brsh .+2
     mov r20, r5
@@ -322,7 +323,7 @@ global_asm!(
     .global steps_expand_ring
 steps_expand_ring:
     // Segments whose intervals are all shorter than 256 ticks have a way of their own.
-    ldd r24, Y+{SURE}
+    ldd r24, Y+{PRECHECKED}
     cpi r24, 1
     brne 9f
     cpi r20, 2
@@ -476,12 +477,13 @@ steps_expand_ring:
     expander steps_expand_ring_long, ring_store_long, 0
     expander steps_expand_list_long, list_store_long, 0
     "#,
-    SOME = const SOME,
-    LEAST = const LEAST,
-    HURRY = const HURRY,
+    PUBLISH_STEPS = const PUBLISH_STEPS,
+    PUBLISH_MIN = const PUBLISH_MIN,
+    GROUPS = const GROUPS,
+    RING_LOW_BELOW = const RING_LOW_BELOW,
     TAIL_A = const register::OCR0A,
     TAIL_B = const register::OCR0B,
-    SURE = const offset_of!(Motor, sure),
-    EVEN_BIT = const EVEN.trailing_zeros(),
-    START = const super::ring::BEHIND_LISTS,
+    PRECHECKED = const offset_of!(Motor, prechecked),
+    HIGH_FIXED_BIT = const HIGH_FIXED.trailing_zeros(),
+    START = const super::ring::SHORT_RING_START,
 );

@@ -18,10 +18,10 @@
 //! A record is whole in its frame, so that nobody looks whether its bytes are there before they are read: if more were read than
 //! there are, the record is bad, nothing of the epoch is made any more, and what was read came from the queue's own memory.
 
-use super::motor::{COUNT_AT_REST, EVEN, Motor, Part, Reason, flag};
-use super::task::mode;
+use super::motor::{COUNT_AT_REST, EpochBytes, FaultKind, HIGH_FIXED, Motor, flag};
+use super::refill::mode;
 use super::times;
-use crate::Uses;
+use crate::ThisProgram;
 use crate::engine::program::Program;
 use core::arch::global_asm;
 use core::mem::offset_of;
@@ -365,7 +365,7 @@ load_count_steps:
 
     // Are all intervals of the segment, n = r22 of them, fit to be made without looking? They are within n |add| + n² |add2| / 2
     // of the first: r19:20 is |add| in 2^-8 ticks, r15 |add2|.                                       about 95
-    std Y+{SURE}, r1
+    std Y+{PRECHECKED}, r1
     tst r23
     breq load_precheck
     rjmp 8f
@@ -393,7 +393,7 @@ load_precheck:
     // T: lists are merged, and add is more than n |add2|, so that its sign stays.
     clt
     lds r24, steps_mode
-    sbrc r24, {APIECE_BIT}
+    sbrc r24, {OWN_RING_BIT}
     rjmp 9f
     ldd r24, Y+{ADD2}
     ldd r30, Y+{ADD2}+3
@@ -450,8 +450,8 @@ load_precheck:
     subi r20, 2
     sbci r21, 0
     brcs 7f
-    lds r18, steps_times+{FASTEST}
-    lds r19, steps_times+{FASTEST}+1
+    lds r18, steps_times+{MIN_INTERVAL}
+    lds r19, steps_times+{MIN_INTERVAL}+1
     cp r20, r18
     cpc r21, r19
     brlo 7f
@@ -466,10 +466,10 @@ load_precheck:
     mov r18, r20                        // the longest
     cpse r18, r21
     rjmp 9f
-    ori r25, {EVEN}
+    ori r25, {HIGH_FIXED}
 9:
     inc r25
-    std Y+{SURE}, r25
+    std Y+{PRECHECKED}, r25
 7:  clr r1
     clc
     ret
@@ -753,13 +753,13 @@ load_clear:
     AT_REST = const COUNT_AT_REST,
     DWELL = const Control::Dwell as u8,
     FLAGS = const offset_of!(Motor, flags),
-    SURE = const offset_of!(Motor, sure),
-    EVEN = const EVEN,
-    APIECE_BIT = const mode::APIECE.trailing_zeros(),
-    FASTEST = const times::FASTEST,
+    PRECHECKED = const offset_of!(Motor, prechecked),
+    HIGH_FIXED = const HIGH_FIXED,
+    OWN_RING_BIT = const mode::ONE_RING.trailing_zeros(),
+    MIN_INTERVAL = const times::MIN_INTERVAL,
     GAIN = const offset_of!(Motor, gain),
     NEXT = const offset_of!(Motor, next),
-    READY = const offset_of!(Motor, parts) + offset_of!(Part, len),
+    READY = const offset_of!(Motor, epochs) + offset_of!(EpochBytes, len),
     START = const offset_of!(Motor, start),
     END = const offset_of!(Motor, end),
     HORIZON = const offset_of!(Motor, horizon),
@@ -769,8 +769,8 @@ load_clear:
     TURN = const flag::TURN,
     ANCHORED = const flag::ANCHORED,
     UNREADABLE = const flag::UNREADABLE,
-    MISSED = const Reason::Missed as u8,
-    MISMATCH = const Reason::Mismatch as u8,
-    BAD = const Reason::Bad as u8,
-    LEASES = const Uses::LEASES as u8,
+    MISSED = const FaultKind::Missed as u8,
+    MISMATCH = const FaultKind::Mismatch as u8,
+    BAD = const FaultKind::Bad as u8,
+    LEASES = const ThisProgram::LEASES as u8,
 );

@@ -8,7 +8,7 @@
 //! Lists that are used up together take longer to fill than a ring lasts: while the ring is nearly full, short lists of steps
 //! are filled up before (`merge_top_up`): what is left moves to the front, and more steps go behind it.
 //!
-//! # Spacing
+//! # PulseTiming
 //! Groups are at least W ticks apart, so that the interrupt has set the compare register before the next match, even if
 //! something kept it waiting. A tick less than W/2 after the last group (or before it) joins that group; one from W/2
 //! to W after it is put off to W. So no edge is early or late by more than W/2. Two ticks that toggle
@@ -24,7 +24,7 @@
 //! # Orders
 //! Of four lanes the merge compares two pairs of heads and then the earlier of each. Of three it knows the order: there is a
 //! state for each of the 6, and a lane that has been put out mostly comes last, which one comparison says. Four lanes are the shield's with longer
-//! pulses alone: with the short one the motor on PORTB has a ring of its own ([`beside`](super::beside)), which is behind the lists, of which the third is half as
+//! pulses alone: with the short one the motor on PORTB has a ring of its own ([`beside`](super::shield_b)), which is behind the lists, of which the third is half as
 //! long then. States of their own know that end.
 //!
 //! # Cycles
@@ -32,20 +32,20 @@
 //! the task: 280; 90 for looking at the lists; 75 each time that groups are published.
 
 use crate::engine::tuning::merge::{
-    ENOUGH, FEEDS, FEW, FEW_BEFORE_SWITCH, FEW_OF_BESIDE, FEW_OF_MORE, FEW_OF_TWO, LOOKS, LOW, LOW_BESIDE, NEARLY,
-    PUT_OFF_BESIDE, ROOM,
+    LIST_LOW_BEFORE_SWITCH, LIST_LOW_OF_MORE, LIST_LOW_OF_SHIELD, LIST_LOW_OF_TWO, LISTS, MAX_DELAY_SHIELD, PASSES,
+    PUBLISH_GROUPS, REFILL_BELOW, RESUME_BELOW, RING_LOW_BELOW, SHIELD_B_LOW_BELOW, TOP_UP_FROM,
 };
-use crate::engine::tuning::plan::SURE_OF_LIMIT;
-use crate::engine::tuning::stepper::STEPS;
+use crate::engine::tuning::plan::LIMIT_CHECK_FROM;
+use crate::engine::tuning::stepper::BATCH_STEPS;
 use core::arch::global_asm;
 use core::mem::offset_of;
 
-use super::motor::{EVEN, Motor, flag};
+use super::motor::{HIGH_FIXED, Motor, flag};
 use super::plan::prechecked_steps;
+use super::refill::mode;
 use super::register;
-use super::ring::{BEHIND_LISTS, END_A, END_B, Group, Name, Ring, flags};
+use super::ring::{END_A, END_B, GROUPS, Group, Ring, RingName, SHORT_RING_GROUPS, SHORT_RING_START, flags};
 use super::stepper::{Stepper, Track};
-use super::task::mode;
 
 /// Lanes; those of no motor are fed with fillers.
 pub(crate) const LANES: usize = 4;
@@ -84,17 +84,17 @@ pub(crate) struct Merge {
     /// Data address of the ring's tail.
     tail: u8,
     /// How often the merge may look for more room before it comes back.
-    looks: u8,
+    passes: u8,
     /// How many lists may be filled before it comes back: the line waits meanwhile.
-    feeds: u8,
+    lists_left: u8,
     /// Lists with fewer bytes are filled up.
-    few_left: u8,
+    list_low: u8,
     /// The lane without a head, or [`NONE`].
-    wanting: u8,
+    empty_lane: u8,
     /// Motors.
     motors: u8,
     /// There is a ring beside the lists.
-    beside: bool,
+    shield_b: bool,
 }
 
 const LANE_SIZE: usize = size_of::<Lane>();
@@ -116,7 +116,7 @@ global_asm!(
     //   Z                             into the lists' page
 
     // Makes the lane's head the pending group, and puts the one that was pending into the ring.    18
-    .macro emit low, high, rise, fall, lane
+    .macro emit low, high, at_tick, at_end, lane
     cp \low, r18                        // 1                            1
     cpc \high, r19                      // 1                            2
     brmi 3f                             // 1                            3
@@ -128,14 +128,14 @@ global_asm!(
     movw r18, \low                      // 1                            13
 1:  add r18, r25                        // 1                            14
     adc r19, r1                         // 1                            15
-    movw r16, \rise                     // 1                            16
+    movw r16, \at_tick                     // 1                            16
     dec r0                              // 1                            17
     breq 5f                             // 1                            18
 2:
     .endm
 
     // What is rarer: the tick comes before the deadline. Joining takes 20 more, putting off 17.
-    .macro emit_before_deadline low, high, rise, fall, lane
+    .macro emit_before_deadline low, high, at_tick, at_end, lane
 3:  movw r30, r18
     sub r30, r24
     sbc r31, r1
@@ -146,14 +146,14 @@ global_asm!(
     cp r16, r30
     breq 74f                            // the first of a batch
     // It joins the pending group, unless that has some of its lines already.
-    mov r30, \rise
+    mov r30, \at_tick
     and r30, r16
     brne 4f
-    mov r30, \fall
+    mov r30, \at_end
     and r30, r17
     brne 4f
-    or r16, \rise
-    or r17, \fall
+    or r16, \at_tick
+    or r17, \at_end
     ldi r31, hi8(ring_b_page)
     rjmp 2b
     // The pending group is put out; the next is put off to the deadline.
@@ -164,7 +164,7 @@ global_asm!(
     ldi r27, hi8(ring_a_page)
     ldi r31, hi8(ring_b_page)
     rjmp 1b
-74: movw r30, \rise
+74: movw r30, \at_tick
     rcall merge_join
     breq 2b
     rjmp 4b
@@ -200,13 +200,13 @@ global_asm!(
     mov r12, r30
     .endm
     // The same where a ring is beside the lists: the third of them is shorter.
-    .macro advance_beside_0
+    .macro advance_shield_0
     advance_0
     .endm
-    .macro advance_beside_1
+    .macro advance_shield_1
     advance_1
     .endm
-    .macro advance_beside_2
+    .macro advance_shield_2
     sbrc r12, 5
     call merge_refill_2
     mov r30, r12
@@ -228,8 +228,8 @@ global_asm!(
     .macro merge_order_3 name, last, a, al, ah, ar, af, b, bl, bh, c, cl, ch
 \name\()_\a\()\b\()\c:
     emit r\al, r\ah, r\ar, r\af, \a
-    .ifc \name, beside
-    advance_beside_\a
+    .ifc \name, shield
+    advance_shield_\a
     .else
     advance_\a
     .endif
@@ -275,47 +275,47 @@ global_asm!(
 55: rjmp \name\()_210
     .endm
     // Lane a (0 or 1) has the earlier head of the first two, b (2 or 3) of the others.             34 to 36
-    .macro merge_state name, a_low, a_high, a_rise, a_fall, a, b_low, b_high, b_rise, b_fall, b
+    .macro merge_state name, a_low, a_high, a_at_tick, a_at_end, a, b_low, b_high, b_at_tick, b_at_end, b
 \name:
     cp \a_low, \b_low                   // 1                            1
     cpc \a_high, \b_high                // 1                            2
     brmi .+2                            // 2, or 1 and 2                4 or 5
     rjmp 6f
-    emit \a_low, \a_high, \a_rise, \a_fall, \a //                    22
+    emit \a_low, \a_high, \a_at_tick, \a_at_end, \a //                    22
     advance_\a                          //                              30
     cp r2, r4                           // 1                            31
     cpc r3, r5                          // 1                            32
     brmi .+2                            // 2, or 1                      34
     rjmp merge_1\b                      // 2                            35
     rjmp merge_0\b                      // 2                            36
-    emit_before_deadline \a_low, \a_high, \a_rise, \a_fall, \a
-6:  emit \b_low, \b_high, \b_rise, \b_fall, \b //                    23
+    emit_before_deadline \a_low, \a_high, \a_at_tick, \a_at_end, \a
+6:  emit \b_low, \b_high, \b_at_tick, \b_at_end, \b //                    23
     advance_\b                          //                              31 or 32
     cp r6, r8
     cpc r7, r9
     brmi .+2
     rjmp merge_\a\()3
     rjmp merge_\a\()2                   //                              37
-    emit_before_deadline \b_low, \b_high, \b_rise, \b_fall, \b
+    emit_before_deadline \b_low, \b_high, \b_at_tick, \b_at_end, \b
     .endm
 
-    .macro point                        //                              2
+    .macro point_to_merge                        //                              2
     ldi r28, lo8(steps_merge)
     ldi r29, hi8(steps_merge)
     .endm
 
     // From Y, the state.                                                                           20
     .macro load_masks
-    ldd r14, Y+{LANE0}+{RISE}
-    ldd r15, Y+{LANE0}+{FALL}
-    ldd r20, Y+{LANE1}+{RISE}
-    ldd r21, Y+{LANE1}+{FALL}
-    ldd r22, Y+{LANE2}+{RISE}
-    ldd r23, Y+{LANE2}+{FALL}
+    ldd r14, Y+{LANE0}+{AT_TICK}
+    ldd r15, Y+{LANE0}+{AT_END}
+    ldd r20, Y+{LANE1}+{AT_TICK}
+    ldd r21, Y+{LANE1}+{AT_END}
+    ldd r22, Y+{LANE2}+{AT_TICK}
+    ldd r23, Y+{LANE2}+{AT_END}
     ldd r24, Y+{HALF}
     ldd r25, Y+{SPACING}
-    ldd r0, Y+{LANE3}+{RISE}
-    ldd r29, Y+{LANE3}+{FALL}
+    ldd r0, Y+{LANE3}+{AT_TICK}
+    ldd r29, Y+{LANE3}+{AT_END}
     mov r28, r0
     .endm
 
@@ -342,26 +342,26 @@ global_asm!(
     std Y+\offset, r\register
     .endm
 
-    // Goes to \enough unless there is a ring beside, and that has run down. Uses r24, r25.
+    // Goes to \enough unless there is a ring beside, and that has run down. ThisProgram r24, r25.
     .macro unless_shield_b_is_low enough
-    sbis {FLAGS_IO}, {BESIDE}
+    sbis {FLAGS_IO}, {SHIELD_B}
     rjmp \enough
-    lds r24, steps_stepper+{RING_BESIDE}+{RING_HEAD}
+    lds r24, steps_stepper+{RING_B}+{RING_HEAD}
     in r25, {TAIL_B}
     sec
     sbc r25, r24
     brcc .+2
     subi r25, {START}
-    cpi r25, 4 * {LOW_BESIDE}
+    cpi r25, 4 * ({SHORT_RING_GROUPS} - {SHIELD_B_LOW_BELOW})
     brlo \enough
     .endm
     // \end, where a list ends, if a ring is beside and that is the third lane's.
     .macro short_list_end end
     cpi \end, 2 * {LIST} * ({SHORT_LANE} + 1)
     brne 9f
-    sbis {FLAGS_IO}, {EXTRA_B}
+    sbis {FLAGS_IO}, {NOT_PLAIN_B}
     rjmp 9f
-    sbic {FLAGS_IO}, {BESIDE}
+    sbic {FLAGS_IO}, {SHIELD_B}
     ldi \end, {START}
 9:
     .endm
@@ -378,7 +378,7 @@ global_asm!(
 
     .section .text.steps_merge_run, "ax", @progbits
     .global steps_merge_run
-    // For the task: merges until the ring is full or a motor does nothing more within the limit. Uses all registers. With sorted lanes, and no ring
+    // For the task: merges until the ring is full or a motor does nothing more within the limit. ThisProgram all registers. With sorted lanes, and no ring
     // beside, carry is clear if lists were filled up until the ring ran down: it may be called again.
 steps_merge_run:
     lds r24, steps_merge+{AT}
@@ -389,7 +389,7 @@ steps_merge_run:
     dec r17
     lsr r17
     lsr r17
-    cpi r17, {ROOM}
+    cpi r17, {GROUPS} - {REFILL_BELOW}
     brsh 1f
     ret
 1:  lds r24, steps_stepper+{TRACK_AT}
@@ -400,11 +400,11 @@ steps_merge_run:
     sts steps_merge+{DEADLINE}, r24
     sts steps_merge+{DEADLINE}+1, r25
     movw r18, r24
-    ldi r24, {MOST_FEEDS}
-    sts steps_merge+{FEEDS}, r24
-    ldi r24, {MOST_LOOKS}
-    sts steps_merge+{LOOKS}, r24
-    lds r16, steps_merge+{WANTING}
+    ldi r24, {MAX_LISTS}
+    sts steps_merge+{LISTS}, r24
+    ldi r24, {MAX_PASSES}
+    sts steps_merge+{PASSES}, r24
+    lds r16, steps_merge+{EMPTY_LANE}
     cpi r16, {NONE}
     breq 3f
     // A lane has no head: the next of its list, which may have to be filled.
@@ -438,18 +438,18 @@ steps_merge_run:
     ld r24, Z+
     std Y+{HEAD}+1, r24
     std Y+{NEXT}, r30
-3:  point
+3:  point_to_merge
     each_head fetch                     // 15 x 2
     mov r0, r17
-    ldd r17, Y+{PENDING_FALL}
+    ldd r17, Y+{PENDING_AT_END}
     ldd r16, Y+{END}
     ldd r26, Y+{AT}
     ldi r27, hi8(ring_a_page)
     ldi r31, hi8(ring_b_page)
-    ldi r30, {LOW}
+    ldi r30, {GROUPS} - {RING_LOW_BELOW}
     cp r0, r30
     brlo 4f
-    ldi r30, {FEW}
+    ldi r30, {PUBLISH_GROUPS}
     mov r0, r30
 4:  mov r30, r0
     load_masks                          // 20, and it uses r0
@@ -458,14 +458,14 @@ steps_merge_run:
     cpi r30, 4
     brlo .+2
     rjmp 56f
-    sbic {FLAGS_IO}, {EXTRA_B}
+    sbic {FLAGS_IO}, {NOT_PLAIN_B}
     rjmp 57f
 58: merge_choose merge
 
     merge_turn_3 merge, 0, 2, 3, 14, 15, 1, 4, 5, 20, 21, 2, 6, 7, 22, 23
     merge_turn_3 merge, 0, 2, 3, 14, 15, 2, 6, 7, 22, 23, 1, 4, 5, 20, 21
 
-57: sbis {FLAGS_IO}, {BESIDE}
+57: sbis {FLAGS_IO}, {SHIELD_B}
     rjmp 58b
     jmp ring_merge_shield
 
@@ -489,7 +489,7 @@ steps_merge_run:
     merge_state merge_12, r4, r5, r20, r21, 1, r6, r7, r22, r23, 2
     merge_state merge_13, r4, r5, r20, r21, 1, r8, r9, r28, r29, 3
 
-    // Publishes what has been put into the ring. Uses r24, r25, Y.                                 24
+    // Publishes what has been put into the ring. ThisProgram r24, r25, Y.                                 24
 merge_publish:
     lds r28, steps_merge+{AT}           // 2
     cp r26, r28                         // 1
@@ -497,10 +497,10 @@ merge_publish:
     lds r25, steps_merge+{END}          // 2
     st X, r25                           // 2  END where the pending group will be
     ldi r29, hi8(ring_a_page)           // 1
-    lds r24, steps_merge+{PENDING_RISE} // 2
+    lds r24, steps_merge+{PENDING_AT_TICK} // 2
     st Y, r24                           // 2  and off the first one
     sts steps_merge+{AT}, r26           // 2
-    sts steps_merge+{PENDING_RISE}, r16 // 2
+    sts steps_merge+{PENDING_AT_TICK}, r16 // 2
     mov r16, r25                        // 1
 1:  ret                                 // 4, and 3 for the call
 
@@ -508,7 +508,7 @@ merge_publish:
     // group is the first of a batch.                                                                27 with sorted lanes
 merge_join:                             // call                         3
     push r0                             // 2                            5
-    lds r16, steps_merge+{PENDING_RISE}
+    lds r16, steps_merge+{PENDING_AT_TICK}
     mov r0, r30                         // 1                            6
     and r0, r16                         // 1                            7
     brne 1f                             // 1                            8
@@ -520,7 +520,7 @@ merge_join:                             // call                         3
     ldi r31, hi8(ring_b_page)           // 1                            14
     cp r1, r1                           // 1                            15
 1:
-    sts steps_merge+{PENDING_RISE}, r16
+    sts steps_merge+{PENDING_AT_TICK}, r16
     lds r16, steps_merge+{END}
     pop r0                              // 2                            17
     ret                                 // 4                            21
@@ -533,15 +533,15 @@ merge_publish_and_check:
     lds r24, steps_merge+{END}
     st X, r24
     sts steps_merge+{AT}, r26
-    lds r25, steps_merge+{PENDING_RISE}
+    lds r25, steps_merge+{PENDING_AT_TICK}
     st Z, r25
-    sts steps_merge+{PENDING_RISE}, r16
+    sts steps_merge+{PENDING_AT_TICK}, r16
     mov r16, r24
-    lds r24, steps_merge+{LOOKS}
+    lds r24, steps_merge+{PASSES}
     subi r24, 1
     brcs 1f
-    sts steps_merge+{LOOKS}, r24
-    sbic {FLAGS_IO}, {EXTRA_B}
+    sts steps_merge+{PASSES}, r24
+    sbic {FLAGS_IO}, {NOT_PLAIN_B}
     rjmp 3f
 2:  lds r30, steps_merge+{TAIL}
     ldi r31, 0
@@ -552,11 +552,11 @@ merge_publish_and_check:
     lsr r24
     lsr r24
     mov r0, r24
-    cpi r24, {LOW}
+    cpi r24, {GROUPS} - {RING_LOW_BELOW}
     brlo 4f
-    ldi r25, {FEW}
+    ldi r25, {PUBLISH_GROUPS}
     mov r0, r25
-4:  cpi r24, {ENOUGH}
+4:  cpi r24, {GROUPS} - {RESUME_BELOW}
     lds r24, steps_merge+{HALF}
     lds r25, steps_merge+{SPACING}
 1:  ret
@@ -569,7 +569,7 @@ merge_publish_and_check:
     pop r27
     pop r26
     saved_registers_reversed pop
-    point
+    point_to_merge
     load_masks
     rjmp 2b
 
@@ -597,7 +597,7 @@ merge_refill_list:                             // call                         3
     push r27
     push r30
     // While a list is filled the ring beside, if there is one, runs down.
-    sbis {FLAGS_IO}, {EXTRA_B}
+    sbis {FLAGS_IO}, {NOT_PLAIN_B}
     rjmp 2f
     unless_shield_b_is_low 2f
     saved_registers push
@@ -613,7 +613,7 @@ merge_refill_list:                             // call                         3
     pop r19
     pop r18
     brcs merge_no_steps                      // 1
-    point                               // 2
+    point_to_merge                               // 2
     load_masks                          // 21
     ldi r31, hi8(ring_b_page)           // 1
     pop r0
@@ -626,10 +626,10 @@ merge_no_steps:
     pop r0
     .endr
 merge_exit:
-    sts steps_merge+{WANTING}, r24
-    point
-    ldd r16, Y+{PENDING_RISE}
-    std Y+{PENDING_FALL}, r17
+    sts steps_merge+{EMPTY_LANE}, r24
+    point_to_merge
+    ldd r16, Y+{PENDING_AT_TICK}
+    std Y+{PENDING_AT_END}, r17
     each_head store
     sts steps_stepper+{RING}+{RING_PENDING}, r16
     sts steps_stepper+{RING}+{RING_PENDING}+1, r17
@@ -655,7 +655,7 @@ merge_exit:
     // long.
 1:
     lds r24, steps_mode
-    cpi r24, {BESIDE_MODE}
+    cpi r24, {SHIELD_MODE}
     brne .+2
     ret
     .global merge_fill_up
@@ -673,15 +673,15 @@ merge_fill_up:
     ldd r24, Z+{NEXT}
     mov r25, r3
     sub r25, r24
-    cpi r25, {FEW_BEFORE_SWITCH}
+    cpi r25, {LIST_LOW_BEFORE_SWITCH}
     brsh 4f
     ldd r24, Y+{FLAGS}
     sbrc r24, {SWITCH}
     rjmp 5f
-    lds r24, steps_merge+{FEW_LEFT}
+    lds r24, steps_merge+{LIST_LOW}
     cp r25, r24
     brsh 4f
-5:  sbic {FLAGS_IO}, {EXTRA_B}
+5:  sbic {FLAGS_IO}, {NOT_PLAIN_B}
     rcall merge_serve_shield_b
     rcall merge_top_up
     brcc 3f
@@ -720,26 +720,26 @@ merge_top_up:
     ldi r31, 0
     ld r25, Z
     sub r25, r24
-    cpi r25, 4 * {NEARLY}
+    cpi r25, 4 * ({GROUPS} - {TOP_UP_FROM} + 1)
     brcs .+2
     ret
     movw r30, r4
     ldd r6, Z+{NEXT}
     mov r7, r3
     sub r7, r6                          // bytes that are left
-    lds r24, steps_merge+{FEW_LEFT}
+    lds r24, steps_merge+{LIST_LOW}
     ldd r25, Y+{FLAGS}
     sbrc r25, {SWITCH}
-    ldi r24, {FEW_BEFORE_SWITCH}
+    ldi r24, {LIST_LOW_BEFORE_SWITCH}
     cp r7, r24
     brsh 9f
-    ldd r24, Z+{RISE}
+    ldd r24, Z+{AT_TICK}
     ldd r25, Y+{STEP}
     tst r25                             // a lane of no motor
     breq 9f
     cp r24, r25
     brne 9f
-    ldd r24, Y+{STEP_FALL}
+    ldd r24, Y+{STEP_END}
     cp r24, r25
     brne 9f
     mov r24, r7
@@ -749,12 +749,12 @@ merge_top_up:
     sbrc r3, 5
     subi r24, {LIST} - {SHORT_LIST}
     breq 9f                             // it is full, as it may be before a switch; no other is
-    lds r8, steps_times+{MOST}
-    sts steps_times+{MOST}, r24
+    lds r8, steps_times+{MAX_STEPS}
+    sts steps_times+{MAX_STEPS}, r24
     sts steps_times+{ONLY_STEPS}, r24
     call steps_plan
     sts steps_times+{ONLY_STEPS}, r1
-    sts steps_times+{MOST}, r8
+    sts steps_times+{MAX_STEPS}, r8
     tst r24
     brne 1f
 9:  sec
@@ -782,11 +782,11 @@ merge_top_up:
 
     // What the motor of lane r30 does next, into its list; r18:19 is the deadline. Carry: nothing. Keeps r2 to r13, r16, r17.
 merge_fill_list:
-    lds r24, steps_merge+{FEEDS}
+    lds r24, steps_merge+{LISTS}
     subi r24, 1
     brcc 1f
     ret
-1:  sts steps_merge+{FEEDS}, r24
+1:  sts steps_merge+{LISTS}, r24
     push r30
     ldi r24, {MOTOR_SIZE}
     mul r30, r24
@@ -800,12 +800,12 @@ merge_fill_list:
     "#,
     prechecked_steps!("6f"),
     r#"
-    lds r25, steps_times+{MOST}
+    lds r25, steps_times+{MAX_STEPS}
     cpi r30, {SHORT_LANE}
     brne 8f
-    sbis {FLAGS_IO}, {EXTRA_B}
+    sbis {FLAGS_IO}, {NOT_PLAIN_B}
     rjmp 8f
-    sbic {FLAGS_IO}, {BESIDE}
+    sbic {FLAGS_IO}, {SHIELD_B}
     ldi r25, {SHORT_LIST}
 8:  cp r24, r25
     brlo .+2
@@ -814,15 +814,15 @@ merge_fill_list:
     rjmp 7f
 6:  cpi r30, {SHORT_LANE}
     brne 6f
-    sbis {FLAGS_IO}, {EXTRA_B}
+    sbis {FLAGS_IO}, {NOT_PLAIN_B}
     rjmp 6f
-    sbis {FLAGS_IO}, {BESIDE}
+    sbis {FLAGS_IO}, {SHIELD_B}
     rjmp 6f
     ldi r24, {SHORT_LIST}
-    sts steps_times+{MOST}, r24
+    sts steps_times+{MAX_STEPS}, r24
     call steps_plan
-    ldi r31, {STEPS}
-    sts steps_times+{MOST}, r31
+    ldi r31, {BATCH_STEPS}
+    sts steps_times+{MAX_STEPS}, r31
     rjmp 7f
 6:  call steps_plan
 7:  pop r30
@@ -876,7 +876,7 @@ merge_fill_list:
     ret
     // r24 steps
 3:  ldd r22, Y+{STEP}
-    ldd r23, Y+{STEP_FALL}
+    ldd r23, Y+{STEP_END}
     st X+, r22
     st X+, r23
     adiw r26, 2
@@ -905,57 +905,59 @@ merge_fill_list:
     .section .text.merge_shield, "ax", @progbits
     .global merge_shield
 merge_shield:
-    merge_choose beside
-    merge_turn_3 beside, 0, 2, 3, 14, 15, 1, 4, 5, 20, 21, 2, 6, 7, 22, 23
-    merge_turn_3 beside, 0, 2, 3, 14, 15, 2, 6, 7, 22, 23, 1, 4, 5, 20, 21
+    merge_choose shield
+    merge_turn_3 shield, 0, 2, 3, 14, 15, 1, 4, 5, 20, 21, 2, 6, 7, 22, 23
+    merge_turn_3 shield, 0, 2, 3, 14, 15, 2, 6, 7, 22, 23, 1, 4, 5, 20, 21
     "#,
     LANE0 = const 0,
     LANE1 = const LANE_SIZE,
     LANE2 = const 2 * LANE_SIZE,
     LANE3 = const 3 * LANE_SIZE,
     MOTORS = const MOTORS,
-    RISE = const offset_of!(Lane, masks) + offset_of!(Group, rise),
-    FALL = const offset_of!(Lane, masks) + offset_of!(Group, fall),
+    AT_TICK = const offset_of!(Lane, masks) + offset_of!(Group, at_tick),
+    AT_END = const offset_of!(Lane, masks) + offset_of!(Group, at_end),
     HEAD = const offset_of!(Lane, head),
     NEXT = const offset_of!(Lane, next),
     DEADLINE = const offset_of!(Merge, deadline),
-    PENDING_RISE = const offset_of!(Merge, pending) + offset_of!(Group, rise),
-    PENDING_FALL = const offset_of!(Merge, pending) + offset_of!(Group, fall),
+    PENDING_AT_TICK = const offset_of!(Merge, pending) + offset_of!(Group, at_tick),
+    PENDING_AT_END = const offset_of!(Merge, pending) + offset_of!(Group, at_end),
     AT = const offset_of!(Merge, at),
     END = const offset_of!(Merge, end),
     HALF = const offset_of!(Merge, half),
     SPACING = const offset_of!(Merge, spacing),
     TAIL = const offset_of!(Merge, tail),
-    LOOKS = const offset_of!(Merge, looks),
-    FEEDS = const offset_of!(Merge, feeds),
+    PASSES = const offset_of!(Merge, passes),
+    LISTS = const offset_of!(Merge, lists_left),
     LANE_SIZE = const LANE_SIZE,
     MOTOR_SIZE = const size_of::<Motor>(),
     STEP = const offset_of!(Motor, step),
-    STEP_FALL = const offset_of!(Motor, step_fall),
+    STEP_END = const offset_of!(Motor, step_end),
     PULSE = const super::times::PULSE,
-    WANTING = const offset_of!(Merge, wanting),
+    EMPTY_LANE = const offset_of!(Merge, empty_lane),
     NONE = const NONE,
     RING = const offset_of!(Stepper, tracks) + offset_of!(Track, ring),
     RING_HEAD = const offset_of!(Ring, head),
     RING_PENDING = const offset_of!(Ring, pending),
     TRACK_AT = const offset_of!(Stepper, tracks) + offset_of!(Track, at),
-    ROOM = const ROOM,
-    MOST_FEEDS = const FEEDS,
-    MOST_LOOKS = const LOOKS,
+    GROUPS = const GROUPS,
+    SHORT_RING_GROUPS = const SHORT_RING_GROUPS,
+    REFILL_BELOW = const REFILL_BELOW,
+    MAX_LISTS = const LISTS,
+    MAX_PASSES = const PASSES,
     FLAGS_IO = const register::GPIOR0,
-    EXTRA_B = const flags::EXTRA_B,
-    BESIDE = const flags::BESIDE,
-    LOW_BESIDE = const LOW_BESIDE,
-    RING_BESIDE = const offset_of!(Stepper, tracks) + size_of::<Track>() + offset_of!(Track, ring),
+    NOT_PLAIN_B = const flags::NOT_PLAIN_B,
+    SHIELD_B = const flags::SHIELD_B,
+    SHIELD_B_LOW_BELOW = const SHIELD_B_LOW_BELOW,
+    RING_B = const offset_of!(Stepper, tracks) + size_of::<Track>() + offset_of!(Track, ring),
     TAIL_B = const register::OCR0B,
-    START = const BEHIND_LISTS,
+    START = const SHORT_RING_START,
     SHORT_LANE = const SHORT_LANE,
     SHORT_LIST = const SHORT_LIST,
-    STEPS = const STEPS,
-    BESIDE_MODE = const mode::BESIDE,
-    NEARLY = const NEARLY,
-    FEW_LEFT = const offset_of!(Merge, few_left),
-    FEW_BEFORE_SWITCH = const FEW_BEFORE_SWITCH,
+    BATCH_STEPS = const BATCH_STEPS,
+    SHIELD_MODE = const mode::MERGE_AND_B,
+    TOP_UP_FROM = const TOP_UP_FROM,
+    LIST_LOW = const offset_of!(Merge, list_low),
+    LIST_LOW_BEFORE_SWITCH = const LIST_LOW_BEFORE_SWITCH,
     FLAGS = const offset_of!(Motor, flags),
     SWITCH = const flag::SWITCH,
     TURN = const flag::TURN,
@@ -963,20 +965,20 @@ merge_shield:
     ANCHORED = const flag::ANCHORED,
     COMMITTED = const flag::COMMITTED,
     SINGLY = const flag::SINGLY,
-    SURE = const offset_of!(Motor, sure),
-    EVEN = const EVEN,
-    SURE_OF_LIMIT = const SURE_OF_LIMIT,
+    PRECHECKED = const offset_of!(Motor, prechecked),
+    HIGH_FIXED = const HIGH_FIXED,
+    LIMIT_CHECK_FROM = const LIMIT_CHECK_FROM,
     LEFT = const offset_of!(Motor, registers) + 19,
     FILLER = const super::plan::FILLER,
     LIST = const LIST,
-    MOST = const super::times::MOST,
+    MAX_STEPS = const super::times::MAX_STEPS,
     ONLY_STEPS = const super::times::ONLY_STEPS,
-    ENOUGH = const ENOUGH,
-    LOW = const LOW,
-    FEW = const FEW,
+    RESUME_BELOW = const RESUME_BELOW,
+    RING_LOW_BELOW = const RING_LOW_BELOW,
+    PUBLISH_GROUPS = const PUBLISH_GROUPS,
 );
 
-/// [`Merge::wanting`]: all lanes have heads.
+/// [`Merge::empty_lane`]: all lanes have heads.
 const NONE: u8 = 255;
 
 /// The one merge: the assembly knows it by this name. [`Merge::begin`] comes before its use: until then it is zeros, which take no
@@ -991,17 +993,17 @@ static mut MERGE: Merge = Merge {
     half: 0,
     spacing: 0,
     tail: 0,
-    looks: 0,
-    feeds: 0,
-    few_left: 0,
-    wanting: 0,
+    passes: 0,
+    lists_left: 0,
+    list_low: 0,
+    empty_lane: 0,
     motors: 0,
-    beside: false,
+    shield_b: false,
 };
 
 /// The lane whose list ends where the ring beside begins, if there is one, and the ticks that it holds then.
 const SHORT_LANE: u8 = 2;
-const SHORT_LIST: u8 = (BEHIND_LISTS - SHORT_LANE * 2 * LIST) / 2;
+const SHORT_LIST: u8 = (SHORT_RING_START - SHORT_LANE * 2 * LIST) / 2;
 
 impl Merge {
     /// The one merge.
@@ -1016,8 +1018,8 @@ impl Merge {
 
     /// Byte after the list of `lane`.
     fn end_of(&self, lane: u8) -> u8 {
-        if self.beside && lane == SHORT_LANE {
-            return BEHIND_LISTS;
+        if self.shield_b && lane == SHORT_LANE {
+            return SHORT_RING_START;
         }
         (lane + 1).wrapping_mul(2 * LIST)
     }
@@ -1025,7 +1027,7 @@ impl Merge {
     /// What `lane` has still to do that is in no group yet: how many ticks, and what each of them toggles.
     pub(crate) fn listed(&self, lane: u8) -> (u8, Group) {
         let entry = &self.lanes[usize::from(lane) % LANES];
-        let head = u8::from(self.wanting != lane);
+        let head = u8::from(self.empty_lane != lane);
         (self.end_of(lane).wrapping_sub(entry.next) / 2 + head, entry.masks)
     }
 
@@ -1033,30 +1035,30 @@ impl Merge {
     /// the lists.
     ///
     /// Groups will be at least `spacing` ticks apart (W).
-    pub(crate) fn begin(&mut self, name: Name, motors: u8, beside: bool, spacing: u8, first: u16) {
+    pub(crate) fn begin(&mut self, name: RingName, motors: u8, shield_b: bool, spacing: u8, first: u16) {
         let (end, tail) = match name {
-            Name::A => (END_A, register::OCR0A),
-            Name::B => (END_B, register::OCR0B),
+            RingName::A => (END_A, register::OCR0A),
+            RingName::B => (END_B, register::OCR0B),
         };
         self.spacing = spacing;
-        (self.motors, self.beside) = (motors, beside);
-        self.half = if beside { PUT_OFF_BESIDE } else { spacing / 2 };
+        (self.motors, self.shield_b) = (motors, shield_b);
+        self.half = if shield_b { MAX_DELAY_SHIELD } else { spacing / 2 };
         self.end = end;
         self.tail = tail + 0x20;
         (self.at, self.pending) = (0, Group::NOTHING);
-        self.few_left = 2 * if motors == 2 {
-            FEW_OF_TWO
-        } else if beside {
-            FEW_OF_BESIDE
+        self.list_low = 2 * if motors == 2 {
+            LIST_LOW_OF_TWO
+        } else if shield_b {
+            LIST_LOW_OF_SHIELD
         } else {
-            FEW_OF_MORE
+            LIST_LOW_OF_MORE
         } + 1;
         self.clear(first);
     }
 
     /// Lists are not filled up before they are used up: what they leave of their page is another's. No motor waits for a switch then.
-    pub(crate) fn leave_room(&mut self) {
-        self.few_left = 0;
+    pub(crate) fn share_page(&mut self) {
+        self.list_low = 0;
     }
 
     /// Whether steps are in lists, or anything else but fillers.
@@ -1067,14 +1069,14 @@ impl Merge {
     /// Empties all lists but for a filler in each, at `first`.
     #[inline(never)]
     pub(crate) fn clear(&mut self, first: u16) {
-        self.wanting = NONE;
+        self.empty_lane = NONE;
         let mut next = 0u8;
         for lane in &mut self.lanes {
             next = next.wrapping_add(2 * LIST);
             *lane = Lane { masks: Group::NOTHING, head: first, next };
         }
-        if self.beside {
-            self.lanes[usize::from(SHORT_LANE)].next = BEHIND_LISTS;
+        if self.shield_b {
+            self.lanes[usize::from(SHORT_LANE)].next = SHORT_RING_START;
         }
     }
 }

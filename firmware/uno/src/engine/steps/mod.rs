@@ -11,13 +11,16 @@
 //! - [`ring`]: groups of edges and the interrupts that play them
 //! - [`orders`]: what a host says of plans beside their data
 //! - [`switch`]: from one epoch to another
-//! - [`pins`]: which pins there are, and which of them one stepgen can serve together
+//! - [`pins`]: which pins there are, and which of them one stepgen can set_step together
 //! - [`register`]: addresses, for assembly
 
-mod beside;
+mod shield_b;
+
 pub(crate) mod brake;
 pub(crate) mod expand;
-mod fill;
+
+mod one_motor;
+
 mod load;
 pub(crate) mod merge;
 pub(crate) mod motor;
@@ -27,8 +30,10 @@ pub(crate) mod plan;
 mod put;
 pub(crate) mod register;
 pub(crate) mod ring;
-mod shared;
+mod shared_dir;
 pub(crate) mod stepper;
 mod switch;
-pub(crate) mod task;
+
+pub(crate) mod refill;
+
 pub(crate) mod times;

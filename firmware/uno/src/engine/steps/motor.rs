@@ -10,7 +10,7 @@ use super::brake::state;
 use super::pins::Lines;
 use super::plan::FILLER;
 use super::times::TIMES;
-use crate::Uses;
+use crate::ThisProgram;
 use crate::engine::memory;
 use crate::engine::program::Program;
 use pulsetrain_core::narrow::Registers;
@@ -18,10 +18,10 @@ use pulsetrain_core::{Direction, narrow::verbs::Steps};
 use pulsetrain_core::{Epoch, Moment};
 
 /// How many epochs may wait behind the one being run: that of the switch that waits, and one that is to replace it.
-pub(super) const PARTS: usize = 2;
+pub(super) const WAITING_EPOCHS: usize = 2;
 
 /// Bytes of a motor's [`braking`](Motor::braking).
-pub(super) const BRAKING: usize = if Uses::LEASES { 4 } else { 0 };
+pub(super) const BRAKING: usize = if ThisProgram::LEASES { 4 } else { 0 };
 
 /// Previous count after a reset, as in `pulsetrain_core::packing`.
 pub(crate) const COUNT_AT_REST: u16 = 4;
@@ -29,8 +29,8 @@ pub(crate) const COUNT_AT_REST: u16 = 4;
 /// The longest interval of a step that verbs make, ticks: registers have 40 bits and a sign.
 const LONGEST_INTERVAL: u32 = (1 << 23) - 1;
 
-/// Bit of [`Motor::sure`]: bit 8 of whole ticks, and those above it, are the same of all intervals of the segment.
-pub(crate) const EVEN: u8 = 0x80;
+/// Bit of [`Motor::prechecked`]: bit 8 of whole ticks, and those above it, are the same of all intervals of the segment.
+pub(crate) const HIGH_FIXED: u8 = 0x80;
 
 /// Bits of [`Motor::flags`], by number.
 pub(crate) mod flag {
@@ -56,7 +56,7 @@ pub(crate) mod flag {
 /// Why steps of an epoch were not made; the numbers are the assembly's.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
-pub(crate) enum Reason {
+pub(crate) enum FaultKind {
     /// An interval was too short, an item came too late, or a motion had no anchor.
     Missed = 1,
     /// A check found the motor elsewhere than the sender thought.
@@ -64,19 +64,19 @@ pub(crate) enum Reason {
     /// The bytes are no items, or say what does not fit.
     Bad = 3,
     /// With a lease: it had nothing more to do, and was not at rest.
-    Dry = 4,
+    Underrun = 4,
 }
 
-impl Reason {
+impl FaultKind {
     /// By its number; 0 is none.
     #[inline(always)]
-    fn of(number: u8) -> Option<Reason> {
+    fn of(number: u8) -> Option<FaultKind> {
         match number {
             0 => None,
-            1 => Some(Reason::Missed),
-            2 => Some(Reason::Mismatch),
-            4 if Uses::LEASES => Some(Reason::Dry),
-            _ => Some(Reason::Bad),
+            1 => Some(FaultKind::Missed),
+            2 => Some(FaultKind::Mismatch),
+            4 if ThisProgram::LEASES => Some(FaultKind::Underrun),
+            _ => Some(FaultKind::Bad),
         }
     }
 }
@@ -85,7 +85,7 @@ impl Reason {
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Fault {
     /// What.
-    pub(crate) reason: Reason,
+    pub(crate) kind: FaultKind,
     /// Of the step that could not be made; otherwise the scheduled tick up to which all was well.
     pub(crate) tick: Moment,
 }
@@ -100,14 +100,14 @@ pub(super) struct Switch {
 /// What waits of an epoch.
 #[derive(Clone, Copy)]
 #[repr(C)]
-pub(super) struct Part {
+pub(super) struct EpochBytes {
     /// Bytes.
     pub(super) len: u16,
     pub(super) epoch: Epoch,
 }
 
-impl Part {
-    const NONE: Part = Part { len: 0, epoch: Epoch(0) };
+impl EpochBytes {
+    const NONE: EpochBytes = EpochBytes { len: 0, epoch: Epoch(0) };
 }
 
 /// Room in a motor's queue. Bytes of it are nobody else's until they are said to be [`pushed`](Motor::pushed): where they go
@@ -135,7 +135,7 @@ pub(crate) struct Motor {
     pub(crate) flags: u8,
     /// What a step toggles at its tick, and at the end of a short pulse: STEP, or 0 if the pulse is long.
     pub(crate) step: u8,
-    pub(crate) step_fall: u8,
+    pub(crate) step_end: u8,
     pub(crate) dir: u8,
     /// The packing's gain.
     pub(crate) gain: i8,
@@ -149,7 +149,7 @@ pub(crate) struct Motor {
     /// Of the last thing that was done: a step, a turn of DIR, or nothing.
     pub(crate) last: Moment,
     /// DIR stays until then.
-    pub(crate) free: Moment,
+    pub(crate) dir_free: Moment,
     /// When it goes over: the tick of the switch that waits, or of the end of the lease.
     pub(crate) switch_at: Moment,
     /// Steps forward minus backward, those of the segment being run included.
@@ -162,15 +162,15 @@ pub(crate) struct Motor {
     pub(crate) due: Moment,
     /// More than zero: all intervals of the segment are those of [`plan`](super::plan)'s fast path, and shorter than 256 times
     /// this, ticks; at most 7.
-    pub(crate) sure: u8,
+    pub(crate) prechecked: u8,
 
     /// What waits of the epoch being run, and of those behind it.
-    pub(super) parts: [Part; 1 + PARTS],
+    pub(super) epochs: [EpochBytes; 1 + WAITING_EPOCHS],
     /// How many there are behind it.
-    pub(super) behind: u8,
+    pub(super) waiting_epochs: u8,
     pub(super) switch: Switch,
-    /// Why steps of the epoch were not made, as a [`Reason`], or 0.
-    pub(super) reason: u8,
+    /// Why steps of the epoch were not made, as a [`FaultKind`], or 0.
+    pub(super) fault_kind: u8,
     /// [`Fault::tick`]. Before that, with a lease, the position at the last anchor, wait or reversal: no step has come after it if that is the position
     /// still.
     pub(super) fault_tick: Moment,
@@ -188,7 +188,7 @@ impl Motor {
         count: 0,
         flags: 0,
         step: 0,
-        step_fall: 0,
+        step_end: 0,
         dir: 0,
         gain: 0,
         next: 0,
@@ -196,17 +196,17 @@ impl Motor {
         end: 0,
         horizon: Moment(0),
         last: Moment(0),
-        free: Moment(0),
+        dir_free: Moment(0),
         switch_at: Moment(0),
         position: 0,
         origin: 0,
         levels: 0,
         due: Moment(0),
-        sure: 0,
-        parts: [Part::NONE; 1 + PARTS],
-        behind: 0,
+        prechecked: 0,
+        epochs: [EpochBytes::NONE; 1 + WAITING_EPOCHS],
+        waiting_epochs: 0,
         switch: Switch { epoch: Epoch(0), at: Moment(0) },
-        reason: 0,
+        fault_kind: 0,
         fault_tick: Moment(0),
         is_due: false,
         braking: [0; BRAKING],
@@ -240,25 +240,27 @@ impl Motor {
 
     #[inline(never)]
     fn waiting(&self) -> u16 {
-        if self.behind == 0 {
-            return self.parts[0].len;
+        if self.waiting_epochs == 0 {
+            return self.epochs[0].len;
         }
         // There is nothing in those that are not used.
-        self.parts.iter().map(|part| part.len).sum()
+        self.epochs.iter().map(|part| part.len).sum()
     }
 
     /// The epoch that was pushed last.
     #[inline(never)]
-    fn newest(&mut self) -> &mut Part {
-        &mut self.parts[usize::from(self.behind) % self.parts.len()]
+    fn newest(&mut self) -> &mut EpochBytes {
+        &mut self.epochs[usize::from(self.waiting_epochs) % self.epochs.len()]
     }
 
     /// Where `len` more bytes of `epoch` are to be written, if there is room for them: see [`Motor::pushed`].
     #[inline(never)]
     pub(crate) fn push(&mut self, epoch: Epoch, len: u16) -> Option<Room> {
         let waiting = self.waiting();
-        let Motor { start, end, behind, .. } = *self;
-        if len > end - start - waiting || (self.newest().epoch != epoch && usize::from(behind) == PARTS) {
+        let Motor { start, end, waiting_epochs, .. } = *self;
+        if len > end - start - waiting
+            || (self.newest().epoch != epoch && usize::from(waiting_epochs) == WAITING_EPOCHS)
+        {
             return None;
         }
         Some(Room { at: self.place(waiting), start, end })
@@ -268,7 +270,7 @@ impl Motor {
     #[inline(never)]
     pub(crate) fn pushed(&mut self, epoch: Epoch, len: u16) {
         if self.newest().epoch != epoch {
-            self.behind += 1;
+            self.waiting_epochs += 1;
             self.newest().epoch = epoch;
         }
         self.newest().len += len;
@@ -276,9 +278,9 @@ impl Motor {
 
     /// Takes back the bytes of `epoch` if they were pushed last. Not for the epoch being run.
     pub(crate) fn discard(&mut self, epoch: Epoch) {
-        if self.behind != 0 && self.newest().epoch == epoch {
-            *self.newest() = Part::NONE;
-            self.behind -= 1;
+        if self.waiting_epochs != 0 && self.newest().epoch == epoch {
+            *self.newest() = EpochBytes::NONE;
+            self.waiting_epochs -= 1;
         }
     }
 
@@ -296,8 +298,8 @@ impl Motor {
             let tick = Moment(self.registers.tick);
             let times = TIMES.get();
             self.last = tick;
-            self.horizon = tick.after(u32::from(times.gap));
-            self.free = tick.after(u32::from(times.keep));
+            self.horizon = tick.after(u32::from(times.step_gap));
+            self.dir_free = tick.after(u32::from(times.dir_hold));
         }
     }
 
@@ -305,13 +307,13 @@ impl Motor {
     #[inline(never)]
     pub(crate) fn rest(&mut self, now: Moment) {
         self.settle();
-        (self.horizon, self.last, self.free) = (now.after(1), now, now);
+        (self.horizon, self.last, self.dir_free) = (now.after(1), now, now);
         self.is_due = false;
     }
 
     /// After a lapse, or a fault: what comes of the epoch being run is not kept.
     pub(crate) fn drops(&self, epoch: Epoch) -> bool {
-        self.has(flag::UNREADABLE) && self.parts[0].epoch == epoch
+        self.has(flag::UNREADABLE) && self.epochs[0].epoch == epoch
     }
 
     /// The bits of its braking [`state`].
@@ -348,8 +350,8 @@ impl Motor {
         self.restart();
         self.set(flag::COMMITTED, false);
         self.set(flag::SWITCH, false);
-        self.parts.iter_mut().for_each(|part| part.len = 0);
-        (self.behind, self.is_due) = (0, false);
+        self.epochs.iter_mut().for_each(|part| part.len = 0);
+        (self.waiting_epochs, self.is_due) = (0, false);
         self.next = self.start;
     }
 
@@ -390,7 +392,7 @@ impl Motor {
             left: count,
             ..Registers::new()
         };
-        self.sure = 0;
+        self.prechecked = 0;
         let moved = i32::from(count);
         self.position = self.position.wrapping_add(if backward { -moved } else { moved });
     }
@@ -400,24 +402,24 @@ impl Motor {
     pub(crate) fn is_idle(&self) -> bool {
         self.registers.left == 0
             && self.flags & (1 << flag::SWITCH | 1 << flag::COMMITTED) == 0
-            && (self.has(flag::UNREADABLE) || self.parts[0].len == 0)
+            && (self.has(flag::UNREADABLE) || self.epochs[0].len == 0)
             && self.braking() & 1 << state::BRAKES == 0
     }
 
     /// The epoch being run.
     pub(crate) fn epoch(&self) -> Epoch {
-        self.parts[0].epoch
+        self.epochs[0].epoch
     }
 
     /// What first went wrong in it.
     pub(crate) fn fault(&self) -> Option<Fault> {
-        Reason::of(self.reason).map(|reason| Fault { reason, tick: self.fault_tick })
+        FaultKind::of(self.fault_kind).map(|kind| Fault { kind, tick: self.fault_tick })
     }
 
     #[inline(never)]
-    fn fail(&mut self, reason: u8, tick: Moment) {
-        if self.reason == 0 {
-            (self.reason, self.fault_tick) = (reason, tick);
+    fn fail(&mut self, fault_kind: u8, tick: Moment) {
+        if self.fault_kind == 0 {
+            (self.fault_kind, self.fault_tick) = (fault_kind, tick);
         }
         self.uncount(0);
         self.set(flag::ANCHORED, false);
@@ -426,8 +428,8 @@ impl Motor {
     }
 }
 
-/// A step cannot be made, or a record not be read, for a [`Reason`].
+/// A step cannot be made, or a record not be read, for a [`FaultKind`].
 #[unsafe(no_mangle)]
-extern "C" fn steps_fail(motor: &mut Motor, reason: u8, tick: u32) {
-    motor.fail(reason, Moment(tick));
+extern "C" fn steps_fail(motor: &mut Motor, fault_kind: u8, tick: u32) {
+    motor.fail(fault_kind, Moment(tick));
 }

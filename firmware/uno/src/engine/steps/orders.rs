@@ -8,12 +8,12 @@
 //! | r18 to r21, r22 to r25 | moments |
 //! | Y, Z | a motor, and its parts |
 
-use super::brake::{Lease, lease, state};
-use super::motor::{Motor, Part, flag};
+use super::brake::{CurrentLease, lease, state};
+use super::motor::{EpochBytes, Motor, flag};
 use super::pins::MAX_MOTORS;
 use super::plan::OF_SWITCH;
+use super::refill::mode;
 use super::stepper::{COUNT, SWAP, Stepper, Track};
-use super::task::mode;
 use core::arch::global_asm;
 use core::mem::offset_of;
 use pulsetrain_core::Moment;
@@ -65,16 +65,16 @@ steps_horizon:
     pop r29
     pop r28
     ret
-    // The same. Uses r18 to r21, r27, Y, Z.
+    // The same. ThisProgram r18 to r21, r27, Y, Z.
 order_horizon:
     lds r22, steps_stepper+{AT}
     lds r23, steps_stepper+{AT}+1
     lds r24, steps_stepper+{AT}+2
     lds r25, steps_stepper+{AT}+3
     lds r18, steps_mode
-    cpi r18, {BOTH}
+    cpi r18, {TWO_RINGS}
     breq 1f
-    cpi r18, {BESIDE}
+    cpi r18, {MERGE_AND_B}
     brne 2f
 1:  ldi r30, lo8(steps_stepper+{AT}+{TRACK_SIZE})
     ldi r31, hi8(steps_stepper+{AT}+{TRACK_SIZE})
@@ -94,7 +94,7 @@ order_horizon:
     sbci r24, -1
     sbci r25, -1
     ret
-    // The later of r22 to r25 and what is at Z. Uses r18 to r21.
+    // The later of r22 to r25 and what is at Z. ThisProgram r18 to r21.
 order_maximum:
     ld r18, Z
     ldd r19, Z+1
@@ -279,7 +279,7 @@ order_late:
     ldi r24, {LATE} | {MOMENT}
     ret
 
-    // Lease, limits.
+    // CurrentLease, limits.
 order_extend:
     rcall order_check
     brcs 8f
@@ -325,7 +325,7 @@ order_trim:
 1:  ldi r20, 0
 2:  rcall order_motor
     rcall order_point_to_epochs
-    ldd r24, Z+{BEHIND}
+    ldd r24, Z+{WAITING}
     add r30, r24
     adc r31, r1
     lsl r24
@@ -453,7 +453,7 @@ order_check:
 2:  sec
     ret
 
-    // The motor Y of the number r20. Uses r24, r25.
+    // The motor Y of the number r20. ThisProgram r24, r25.
 order_motor:
     mov r24, r20
     lds r25, steps_stepper+{SWAP}
@@ -477,8 +477,8 @@ order_motor:
     // Z: at the motor's parts.
 order_point_to_epochs:
     movw r30, r28
-    subi r30, lo8(-({PARTS}))
-    sbci r31, hi8(-({PARTS}))
+    subi r30, lo8(-({EPOCHS}))
+    sbci r31, hi8(-({EPOCHS}))
     ret
 
     // The end of the lease, which some motors await, is no end any more.
@@ -555,21 +555,21 @@ steps_lapse:
     MOTOR_SIZE = const size_of::<Motor>(),
     TRACK_SIZE = const size_of::<Track>(),
     AT = const offset_of!(Stepper, tracks) + offset_of!(Track, at),
-    BOTH = const mode::BOTH,
-    BESIDE = const mode::BESIDE,
+    TWO_RINGS = const mode::TWO_RINGS,
+    MERGE_AND_B = const mode::MERGE_AND_B,
     HORIZON = const offset_of!(Motor, horizon),
     FLAGS = const offset_of!(Motor, flags),
     SWITCH = const flag::SWITCH,
     SWITCH_AT = const offset_of!(Motor, switch_at),
-    PARTS = const offset_of!(Motor, parts),
-    BEHIND = const offset_of!(Motor, behind) - offset_of!(Motor, parts),
-    IS_DUE = const offset_of!(Motor, is_due) - offset_of!(Motor, parts),
+    EPOCHS = const offset_of!(Motor, epochs),
+    WAITING = const offset_of!(Motor, waiting_epochs) - offset_of!(Motor, epochs),
+    IS_DUE = const offset_of!(Motor, is_due) - offset_of!(Motor, epochs),
     AWAITED_AT = const OF_SWITCH + offset_of!(super::motor::Switch, at),
     STATE = const super::brake::STATE,
     AWAITS = const state::AWAITS,
     WAITS = const state::WAITS,
-    LEASE_AT = const offset_of!(Lease, at),
-    MOVED = const offset_of!(Lease, moved),
+    LEASE_AT = const offset_of!(CurrentLease, at),
+    MOVED = const offset_of!(CurrentLease, moved),
     UNTIL = const lease::UNTIL,
     LAST = const lease::LAST,
     LAPSED = const lease::LAPSED,
@@ -585,7 +585,7 @@ steps_lapse:
     BRAKE = const kind::BRAKE,
 );
 
-const _: () = assert!(size_of::<Part>() == 3);
+const _: () = assert!(size_of::<EpochBytes>() == 3);
 const _: () = assert!(lease::UNTIL == 1 && lease::LAST == 2);
 
 unsafe extern "C" {
@@ -606,16 +606,16 @@ impl Stepper {
 
     /// The first tick at which a switch would be accepted. Some motor is configured.
     #[inline(always)]
-    pub(super) fn first_open(&self) -> Moment {
+    pub(super) fn first_changeable(&self) -> Moment {
         // SAFETY: as above.
         Moment(unsafe { steps_horizon() })
     }
 
     /// The lease, which is over once the horizon has passed its end.
     #[inline(always)]
-    pub(crate) fn lease(&mut self) -> Lease {
+    pub(crate) fn lease(&mut self) -> CurrentLease {
         // SAFETY: as above.
         unsafe { steps_update_lease() };
-        Lease::get()
+        CurrentLease::get()
     }
 }

@@ -1,4 +1,4 @@
-//! Which pins there are, and which of them one stepgen can serve together.
+//! Which pins there are, and which of them one stepgen can set_step together.
 //!
 //! A pulse is made by one write to a port, so all STEP and DIR pins of a configuration lie where one interrupt reaches them:
 //!
@@ -6,12 +6,12 @@
 //! |---|---|---|
 //! | [`Kind::Compare`] | one or two motors, STEP on 9 and 10, active high, DIR of its own on 2–13 | the timer, to the cycle |
 //! | [`Kind::PortD`] | all on 2–7 | software, one port |
-//! | [`Kind::TwoOnD`] | two motors on 2–7, each with a DIR of its own, pulses up to 1 µs or over 1.9 µs | software, a ring each |
+//! | [`Kind::PortDTwoRings`] | two motors on 2–7, each with a DIR of its own, pulses up to 1 µs or over 1.9 µs | software, a ring each |
 //! | [`Kind::PortB`] | all on 8–13 | software, one port |
 //! | [`Kind::Shield`] | on 2–7, and one motor with STEP 12, DIR 13 (the CNC shield's A axis) | software, both ports |
-//! | `Kind::Beside` | the same of four motors, pulses up to 1 µs, in programs that have it | software, a ring for each port |
+//! | `Kind::ShieldTwoRings` | the same of four motors, pulses up to 1 µs, in programs that have it | software, a ring for each port |
 
-use crate::Uses;
+use crate::ThisProgram;
 use crate::engine::program::Program;
 use crate::engine::regs::{self, Port};
 use pulsetrain_core::wire::message::{Configuration, MotorSetup, NO_PIN};
@@ -28,13 +28,13 @@ pub(crate) enum Kind {
     /// On PORTD.
     PortD,
     /// On PORTD, two motors that have a ring each: its interrupts make the short pulse alone.
-    TwoOnD,
+    PortDTwoRings,
     /// On PORTB.
     PortB,
     /// On PORTD, and on PB4 and PB5 as bits 0 and 1.
     Shield,
     /// On PORTD, and one motor with a ring of its own on PORTB.
-    Beside,
+    ShieldTwoRings,
 }
 
 /// A pin: port and bit, or none.
@@ -206,16 +206,16 @@ impl Layout {
     /// Gives two motors on PORTD a ring each, if they can have them; and the shield's motor on PORTB one of its own.
     #[inline(never)]
     pub(crate) fn part(&mut self, motors: u8, pulse_ticks: u16) {
-        if Uses::BESIDE
+        if ThisProgram::SHIELD_B
             && self.kind == Kind::Shield
             && self.shared == 0
             && motors == MAX_MOTORS as u8
             && pulse_ticks <= 16
         {
-            self.kind = Kind::Beside;
+            self.kind = Kind::ShieldTwoRings;
         }
         if self.kind == Kind::PortD && self.shared == 0 && motors == 2 && !matches!(pulse_ticks, 17..32) {
-            self.kind = Kind::TwoOnD;
+            self.kind = Kind::PortDTwoRings;
         }
     }
 

@@ -3,7 +3,7 @@
 //! # Fast and slow
 //! As long as a motor only steps, with intervals between [`Times::fastest`](super::times::Times) and 16 383 ticks that change
 //! little, its next steps are granted at once: nobody looks at them one by one, the expansion makes them
-//! ([`expand`](super::expand)). That all of a segment's are such is found out when it is loaded ([`Motor::sure`]), where it
+//! ([`expand`](super::expand)). That all of a segment's are such is found out when it is loaded ([`Motor::prechecked`]), where it
 //! is; else it is looked at for up to 31, 15, 7, 3 or one. All else is one thing at a time: a step, a turn of DIR, or nothing at all, which keeps the
 //! compare register moving (no two things are more than [`FILLER`] ticks apart).
 //!
@@ -16,20 +16,20 @@
 //! that is counted up to the limit; 250 to 400 for one thing.
 
 use super::brake::{STATE, state};
-use super::motor::{EVEN, Motor, PARTS, Part, Reason, Switch, flag};
+use super::motor::{EpochBytes, FaultKind, HIGH_FIXED, Motor, Switch, WAITING_EPOCHS, flag};
 use super::times;
-use crate::Uses;
+use crate::ThisProgram;
 use crate::engine::program::Program;
-use crate::engine::tuning::plan::{ROOM, SURE_OF_LIMIT};
+use crate::engine::tuning::plan::{DIR_CLEARANCE, LIMIT_CHECK_FROM};
 use core::arch::global_asm;
 use core::mem::offset_of;
 
 /// Two things that a motor does are so far apart at most, ticks: at 2^14 the compare register is a quarter of the way round.
-pub(crate) const FILLER: u16 = Uses::FILLER;
+pub(crate) const FILLER: u16 = ThisProgram::FILLER;
 const _: () = assert!(FILLER <= 16_384 && FILLER % 256 == 0);
 
 /// What the motor Y makes next, for assembly, if it is steps of a segment all of which are sure, and soon enough: how many are left of them,
-/// up to 255, in r24. Else it goes to `$slow`, where [`plan`](self) says. Uses r25.
+/// up to 255, in r24. Else it goes to `$slow`, where [`plan`](self) says. ThisProgram r25.
 macro_rules! prechecked_steps {
     ($slow:literal) => {
         concat!(
@@ -40,10 +40,10 @@ macro_rules! prechecked_steps {
     brne ",
             $slow,
             "
-    ldd r24, Y+{SURE}
-    andi r24, 0xff - {EVEN}
+    ldd r24, Y+{PRECHECKED}
+    andi r24, 0xff - {HIGH_FIXED}
     dec r24
-    cpi r24, {SURE_OF_LIMIT} - 1
+    cpi r24, {LIMIT_CHECK_FROM} - 1
     brsh ",
             $slow,
             "
@@ -61,7 +61,7 @@ macro_rules! prechecked_steps {
 pub(super) use prechecked_steps;
 
 /// Where in a motor its switch is, behind its parts.
-pub(super) const OF_SWITCH: usize = offset_of!(Motor, switch) - offset_of!(Motor, parts);
+pub(super) const OF_SWITCH: usize = offset_of!(Motor, switch) - offset_of!(Motor, epochs);
 
 global_asm!(
     r#"
@@ -83,7 +83,7 @@ global_asm!(
     lds \c, steps_times+{LIMIT}+2
     lds \d, steps_times+{LIMIT}+3
     .endm
-    // Compares a to d with the moment at Y+\offset; N: it is before. Uses \temp.
+    // Compares a to d with the moment at Y+\offset; N: it is before. ThisProgram \temp.
     .macro compare_4 a, b, c, d, offset, temp
     ldd \temp, Y+\offset
     cp \a, \temp
@@ -96,7 +96,7 @@ global_asm!(
     .endm
 
     // Passes over what waits of epochs before that of r22; Z is at the motor Y's parts. \if_also: T says that of the epoch being run in any case, and
-    // otherwise what waits of that of r22 goes as well. Uses r20, r21, X, r18, r19.
+    // otherwise what waits of that of r22 goes as well. ThisProgram r20, r21, X, r18, r19.
     .macro drop_epochs if_also
     ldd r26, Y+{NEXT}
     ldd r27, Y+{NEXT}+1
@@ -120,34 +120,34 @@ global_asm!(
     st Z, r1
     std Z+1, r1
     brts 95f
-    ldd r20, Z+{PART_EPOCH}
+    ldd r20, Z+{EPOCH_RUNNING}
     cp r20, r22
     breq 97f
     .endif
-95: ldi r20, {PARTS_BEHIND} * {PART_SIZE}
-96: ldd r21, Z+{PART_SIZE}
+95: ldi r20, {WAITING_EPOCHS} * {EPOCH_SIZE}
+96: ldd r21, Z+{EPOCH_SIZE}
     st Z+, r21
     dec r20
     brne 96b
     st Z, r1                            // the last one: no bytes
     std Z+1, r1
     std Z+2, r1
-    sbiw r30, {PARTS_BEHIND} * {PART_SIZE}
-    ldd r20, Z+{BEHIND}
+    sbiw r30, {WAITING_EPOCHS} * {EPOCH_SIZE}
+    ldd r20, Z+{WAITING}
     subi r20, 1
     brcs 97f
-    std Z+{BEHIND}, r20
+    std Z+{WAITING}, r20
     .if \if_also
     brtc 93b
     .endif
-    ldd r21, Z+{PART_EPOCH}
+    ldd r21, Z+{EPOCH_RUNNING}
     cp r21, r22
     brne 93b
-97: std Z+{PART_EPOCH}, r22
+97: std Z+{EPOCH_RUNNING}, r22
     std Y+{NEXT}, r26
     std Y+{NEXT}+1, r27
     .endm
-    // Nothing is done before the switch, which is r18 to r21 then. Uses r26.
+    // Nothing is done before the switch, which is r18 to r21 then. ThisProgram r26.
     .macro horizon_to_switch
     load_4 r18, r19, r20, r21, {SWITCH_AT}
     compare_4 r18, r19, r20, r21, {HORIZON}, r26
@@ -158,7 +158,7 @@ global_asm!(
 
     .section .text.steps_plan, "ax", @progbits
     .global steps_settle, steps_plan, plan_slow, plan_window, plan_make_step
-    // Horizon, last and free, if they were left to follow from the last step. Uses r18 to r21, r24, r25.
+    // Horizon, last and free, if they were left to follow from the last step. ThisProgram r18 to r21, r24, r25.
 steps_settle:
     ldd r24, Y+{FLAGS}
     sbrs r24, {STEPPED}
@@ -167,21 +167,21 @@ steps_settle:
     std Y+{FLAGS}, r24
     load_4 r18, r19, r20, r21, {TICK}
     store_4 r18, r19, r20, r21, {LAST}
-    lds r24, steps_times+{GAP}
-    lds r25, steps_times+{GAP}+1
+    lds r24, steps_times+{STEP_GAP}
+    lds r25, steps_times+{STEP_GAP}+1
     add r18, r24
     adc r19, r25
     adc r20, r1
     adc r21, r1
     store_4 r18, r19, r20, r21, {HORIZON}
     load_4 r18, r19, r20, r21, {TICK}
-    lds r24, steps_times+{KEEP}
-    lds r25, steps_times+{KEEP}+1
+    lds r24, steps_times+{DIR_HOLD}
+    lds r25, steps_times+{DIR_HOLD}+1
     add r18, r24
     adc r19, r25
     adc r20, r1
     adc r21, r1
-    store_4 r18, r19, r20, r21, {FREE}
+    store_4 r18, r19, r20, r21, {DIR_FREE}
     ret
 
     // What the motor Y does next. r24: how many; 0: nothing within the limit. r25 is 1 for steps that the expansion makes;
@@ -201,7 +201,7 @@ steps_plan:
     brcs plan_check_intervals
     // As many as are asked for.
 plan_return_steps:
-    lds r24, steps_times+{MOST}
+    lds r24, steps_times+{MAX_STEPS}
     cp r24, r31
     brlo 1f
     mov r24, r31
@@ -309,9 +309,9 @@ plan_slow_here:
     com r31                             // the shortest
     neg r30
     sbci r31, 0xff
-    lds r0, steps_times+{FASTEST}
+    lds r0, steps_times+{MIN_INTERVAL}
     cp r30, r0
-    lds r0, steps_times+{FASTEST}+1
+    lds r0, steps_times+{MIN_INTERVAL}+1
     cpc r31, r0
     brsh 4f
     // Too far: half as many, whose intervals go half as far by add, and a quarter as far by add2.
@@ -349,7 +349,7 @@ plan_slow_near:
     rjmp plan_slow
 plan_have_time:
     // No more than r26, than are left, and are asked for.
-    lds r21, steps_times+{MOST}
+    lds r21, steps_times+{MAX_STEPS}
     cp r21, r26
     brlo .+2
     mov r21, r26
@@ -409,11 +409,11 @@ plan_have_time:
     ldi r25, 1
     ret
 
-    // Steps that the motor Y may make without anybody looking at them, in r31; carry: perhaps none. It has some left. Uses r18 to r21,
+    // Steps that the motor Y may make without anybody looking at them, in r31; carry: perhaps none. It has some left. ThisProgram r18 to r21,
     // r26, r27, r30.
 plan_prechecked:
-    ldd r30, Y+{SURE}
-    andi r30, 0xff - {EVEN}
+    ldd r30, Y+{PRECHECKED}
+    andi r30, 0xff - {HIGH_FIXED}
     cpi r30, 1
     brlo 4f
     ldd r31, Y+{LEFT}
@@ -424,7 +424,7 @@ plan_prechecked:
     sbrc r26, {SWITCH}
     rjmp 1f
     // At higher rates a ring is full long before the limit.
-    cpi r30, {SURE_OF_LIMIT}
+    cpi r30, {LIMIT_CHECK_FROM}
     brsh 2f
     clc
     ret
@@ -465,7 +465,7 @@ plan_prechecked:
 6:  sec
     ret
 
-    // The limit, or the moment r18 to r21, less the registers' tick, in 16 bits, r18:19. Carry: it is before that. Uses r22.
+    // The limit, or the moment r18 to r21, less the registers' tick, in 16 bits, r18:19. Carry: it is before that. ThisProgram r22.
 plan_to_limit:
     load_limit r18, r19, r20, r21
 plan_from_tick:
@@ -532,7 +532,7 @@ plan_slow:
     .if {LEASES}
     call brake_check_underrun
     brcc 3f
-    ldi r22, {DRY}
+    ldi r22, {UNDERRUN}
     rjmp plan_fail
 3:
     .endif
@@ -569,8 +569,8 @@ plan_step:
     brmi 3f
     or r30, r31
     brne plan_beyond
-    lds r14, steps_times+{EARLY}
-    lds r15, steps_times+{EARLY}+1
+    lds r14, steps_times+{DIR_EARLY}
+    lds r15, steps_times+{DIR_EARLY}+1
     cp r14, r26
     cpc r15, r27
     brlo plan_beyond
@@ -619,7 +619,7 @@ plan_one_step:
     rcall plan_return_if_only_steps
     rcall plan_make_step
     ldd r22, Y+{STEP}
-    ldd r23, Y+{STEP_FALL}
+    ldd r23, Y+{STEP_END}
     clr r25
     ldi r24, 1
     cpse r22, r23
@@ -652,12 +652,12 @@ plan_window:
     movw r20, r24
 1:  ret
 
-    // Carry is clear if the switch is due within the window, or `early` after it. Uses r14, r15, r26, r27, r30, r31.
+    // Carry is clear if the switch is due within the window, or `early` after it. ThisProgram r14, r15, r26, r27, r30, r31.
 plan_switch_due:
     movw r26, r18
     movw r30, r20
-    lds r14, steps_times+{EARLY}
-    lds r15, steps_times+{EARLY}+1
+    lds r14, steps_times+{DIR_EARLY}
+    lds r15, steps_times+{DIR_EARLY}+1
     add r26, r14
     adc r27, r15
     adc r30, r1
@@ -692,13 +692,13 @@ plan_wait:
     // DIR keeps clear of it.
     movw r22, r18
     movw r24, r20
-    subi r22, 256 - {ROOM}
+    subi r22, 256 - {DIR_CLEARANCE}
     sbci r23, -1
     sbci r24, -1
     sbci r25, -1
-    compare_4 r22, r23, r24, r25, {FREE}, r26
+    compare_4 r22, r23, r24, r25, {DIR_FREE}, r26
     brmi 1f
-    store_4 r22, r23, r24, r25, {FREE}
+    store_4 r22, r23, r24, r25, {DIR_FREE}
     // Nobody may come back to before it.
 1:  movw r22, r18
     movw r24, r20
@@ -736,15 +736,15 @@ plan_turn_dir:
     rcall plan_return_if_only_steps
     movw r26, r22
     movw r30, r24
-    lds r14, steps_times+{EARLY}
-    lds r15, steps_times+{EARLY}+1
+    lds r14, steps_times+{DIR_EARLY}
+    lds r15, steps_times+{DIR_EARLY}+1
     sub r26, r14
     sbc r27, r15
     sbc r30, r1
     sbc r31, r1
-    compare_4 r26, r27, r30, r31, {FREE}, r14
+    compare_4 r26, r27, r30, r31, {DIR_FREE}, r14
     brpl 1f
-    load_4 r26, r27, r30, r31, {FREE}
+    load_4 r26, r27, r30, r31, {DIR_FREE}
 1:  compare_4 r26, r27, r30, r31, {LAST}, r14
     brpl 2f
     load_4 r26, r27, r30, r31, {LAST}
@@ -752,9 +752,9 @@ plan_turn_dir:
 2:  movw r14, r22
     sub r14, r26
     sbc r15, r27
-    lds r0, steps_times+{LEAD}
+    lds r0, steps_times+{DIR_SETUP}
     cp r14, r0
-    lds r0, steps_times+{LEAD}+1
+    lds r0, steps_times+{DIR_SETUP}+1
     cpc r15, r0
     brge 4f
     rjmp plan_step_missed
@@ -795,7 +795,7 @@ plan_turn_dir:
     ldi r24, 1
     ret
 
-    // Behind this is what does something that is no step: if steps alone are asked for, there are none. Uses r26.
+    // Behind this is what does something that is no step: if steps alone are asked for, there are none. ThisProgram r26.
 plan_return_if_only_steps:
     lds r26, steps_times+{ONLY_STEPS}
     tst r26
@@ -842,8 +842,8 @@ plan_make_switch:
     std Y+{LEFT}+1, r1
     .if {LEASES}
     movw r30, r28
-    subi r30, lo8(-({PARTS}))
-    sbci r31, hi8(-({PARTS}))
+    subi r30, lo8(-({EPOCHS}))
+    sbci r31, hi8(-({EPOCHS}))
     ldd r25, Z+{STATE}
     sbrc r25, {AWAITS}
     jmp brake_begin
@@ -856,15 +856,15 @@ plan_make_switch:
     ldd r22, Z+{SWITCH_EPOCH}
     set
     rcall plan_drop_epochs
-    std Z+{REASON}, r1
+    std Z+{FAULT_KIND}, r1
     rcall plan_horizon_to_switch
     .else
     movw r30, r28
-    subi r30, lo8(-({PARTS}))
-    sbci r31, hi8(-({PARTS}))
+    subi r30, lo8(-({EPOCHS}))
+    sbci r31, hi8(-({EPOCHS}))
     ldd r22, Z+{SWITCH_EPOCH}
     drop_epochs 0
-    std Z+{REASON}, r1
+    std Z+{FAULT_KIND}, r1
     horizon_to_switch
     .endif
     .if {LEASES}
@@ -885,21 +885,21 @@ plan_horizon_to_switch:
     // A step that comes clear of what was before it, as a motion's first: with those that follow it, or at least by the expansion.
 plan_first_of_batch:
     lds r26, steps_times+{ONLY_STEPS}
-    sbrc r26, {AHEAD}
+    sbrc r26, {PREFETCH}
     rjmp plan_none
     movw r30, r22
     ldd r26, Y+{LAST}
     ldd r27, Y+{LAST}+1
     sub r30, r26
     sbc r31, r27
-    lds r26, steps_times+{FASTEST}
-    lds r27, steps_times+{FASTEST}+1
+    lds r26, steps_times+{MIN_INTERVAL}
+    lds r27, steps_times+{MIN_INTERVAL}+1
     cp r30, r26
     cpc r31, r27
     brlo 1f
     // What is between two groups at least is no more than this.
-    lds r26, steps_times+{KEEP}
-    lds r27, steps_times+{KEEP}+1
+    lds r26, steps_times+{DIR_HOLD}
+    lds r27, steps_times+{DIR_HOLD}+1
     cp r30, r26
     cpc r31, r27
     brlo 1f
@@ -980,14 +980,14 @@ plan_make_step:
     LEFT = const offset_of!(Motor, registers) + 19,
     FLAGS = const offset_of!(Motor, flags),
     STEP = const offset_of!(Motor, step),
-    STEP_FALL = const offset_of!(Motor, step_fall),
+    STEP_END = const offset_of!(Motor, step_end),
     DIR = const offset_of!(Motor, dir),
     HORIZON = const offset_of!(Motor, horizon),
     LAST = const offset_of!(Motor, last),
-    FREE = const offset_of!(Motor, free),
-    SURE = const offset_of!(Motor, sure),
-    SURE_OF_LIMIT = const SURE_OF_LIMIT,
-    EVEN = const EVEN,
+    DIR_FREE = const offset_of!(Motor, dir_free),
+    PRECHECKED = const offset_of!(Motor, prechecked),
+    LIMIT_CHECK_FROM = const LIMIT_CHECK_FROM,
+    HIGH_FIXED = const HIGH_FIXED,
     SWITCH_AT = const offset_of!(Motor, switch_at),
     LEVELS = const offset_of!(Motor, levels),
     DUE = const offset_of!(Motor, due),
@@ -995,12 +995,12 @@ plan_make_step:
     START = const offset_of!(Motor, start),
     END = const offset_of!(Motor, end),
     POSITION = const offset_of!(Motor, position),
-    PARTS = const offset_of!(Motor, parts),
-    PARTS_BEHIND = const PARTS,
-    PART_SIZE = const size_of::<Part>(),
-    PART_EPOCH = const offset_of!(Part, epoch),
-    BEHIND = const offset_of!(Motor, behind) - offset_of!(Motor, parts),
-    REASON = const offset_of!(Motor, reason) - offset_of!(Motor, parts),
+    EPOCHS = const offset_of!(Motor, epochs),
+    WAITING_EPOCHS = const WAITING_EPOCHS,
+    EPOCH_SIZE = const size_of::<EpochBytes>(),
+    EPOCH_RUNNING = const offset_of!(EpochBytes, epoch),
+    WAITING = const offset_of!(Motor, waiting_epochs) - offset_of!(Motor, epochs),
+    FAULT_KIND = const offset_of!(Motor, fault_kind) - offset_of!(Motor, epochs),
     SWITCH_EPOCH = const OF_SWITCH + offset_of!(Switch, epoch),
     BACKWARD = const flag::BACKWARD,
     UNREADABLE = const flag::UNREADABLE,
@@ -1011,20 +1011,20 @@ plan_make_step:
     SWITCH = const flag::SWITCH,
     SINGLY = const flag::SINGLY,
     FILLER_HIGH = const 256 - (FILLER >> 8),
-    MISSED = const Reason::Missed as u8,
-    LEASES = const Uses::LEASES as u8,
-    DRY = const Reason::Dry as u8,
+    MISSED = const FaultKind::Missed as u8,
+    LEASES = const ThisProgram::LEASES as u8,
+    UNDERRUN = const FaultKind::Underrun as u8,
     STATE = const STATE,
     AWAITS = const state::AWAITS,
     LIMIT = const times::LIMIT,
-    GAP = const times::GAP,
-    KEEP = const times::KEEP,
-    LEAD = const times::LEAD,
-    EARLY = const times::EARLY,
-    FASTEST = const times::FASTEST,
-    MOST = const times::MOST,
-    ROOM = const ROOM,
+    STEP_GAP = const times::STEP_GAP,
+    DIR_HOLD = const times::DIR_HOLD,
+    DIR_SETUP = const times::DIR_SETUP,
+    DIR_EARLY = const times::DIR_EARLY,
+    MIN_INTERVAL = const times::MIN_INTERVAL,
+    MAX_STEPS = const times::MAX_STEPS,
+    DIR_CLEARANCE = const DIR_CLEARANCE,
     SHARED = const times::SHARED,
     ONLY_STEPS = const times::ONLY_STEPS,
-    AHEAD = const times::AHEAD,
+    PREFETCH = const times::PREFETCH,
 );

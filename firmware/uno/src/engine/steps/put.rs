@@ -79,15 +79,15 @@ put_planned:
     .global put_or_join
     // Into the ring of the track Y, from r18 to r21 on. Gives its tick.
 put_or_join:
-    ldd r24, Y+{RISE}
+    ldd r24, Y+{AT_TICK}
     and r24, r22
-    ldd r25, Y+{FALL}
+    ldd r25, Y+{AT_END}
     and r25, r23
     or r24, r25
     // An edge of the compare hardware needs a group of its own.
     mov r25, r22
     or r25, r23
-    ldd r26, Y+{EDGE}
+    ldd r26, Y+{COMPARE_BIT}
     and r25, r26
     or r24, r25
     brne put_after
@@ -100,13 +100,13 @@ put_or_join:
     ldd r24, Y+{AT}+3
     cpc r24, r21
     brmi put_after
-    cbi {EECR}, {AT_ONCE}
-    ldd r24, Y+{RISE}
+    cbi {EECR}, {RX_NO_NESTING}
+    ldd r24, Y+{AT_TICK}
     eor r24, r22
-    std Y+{RISE}, r24
-    ldd r24, Y+{FALL}
+    std Y+{AT_TICK}, r24
+    ldd r24, Y+{AT_END}
     eor r24, r23
-    std Y+{FALL}, r24
+    std Y+{AT_END}, r24
     com r26
     and r24, r26
     ldd r26, Y+{HEAD}
@@ -124,7 +124,7 @@ put_after:
     ldd r25, Y+{AT}+1
     ldd r26, Y+{AT}+2
     ldd r27, Y+{AT}+3
-    ldd r0, Y+{APART}
+    ldd r0, Y+{SPACING}
     add r24, r0
     adc r25, r1
     adc r26, r1
@@ -142,7 +142,7 @@ put_after:
     .global put_push, put_prepare, put_filler
     // The pending group is published: the interrupt reads neither beyond its END nor the group after it before the last write.
 put_push:
-    cbi {EECR}, {AT_ONCE}
+    cbi {EECR}, {RX_NO_NESTING}
     std Y+{AT}, r18
     std Y+{AT}+1, r19
     std Y+{AT}+2, r20
@@ -172,20 +172,20 @@ put_push:
     mov r30, r22
     rcall put_published_byte
     st X, r25
-    std Y+{RISE}, r22
-    std Y+{FALL}, r23
+    std Y+{AT_TICK}, r22
+    std Y+{AT_END}, r23
     // What is published of the pending group once a step follows it.
 put_prepare:
     ldi r24, {GROUPS}
-    std Y+{UNLIKE}, r24
-    ldd r30, Y+{EDGE}
+    std Y+{UNPRIMED}, r24
+    ldd r30, Y+{COMPARE_BIT}
     rcall put_published_byte
     std Y+{BEFORE_STEP}, r25
     ret
 
-    // What the compare hardware and its interrupt do with r22 and r23: r25; r0 is the hardware's bit. Uses r31.
+    // What the compare hardware and its interrupt do with r22 and r23: r25; r0 is the hardware's bit. ThisProgram r31.
 put_compare_bits:
-    ldd r0, Y+{EDGE}
+    ldd r0, Y+{COMPARE_BIT}
     clr r25
     mov r31, r22
     and r31, r0
@@ -197,16 +197,16 @@ put_compare_bits:
     ori r25, {END_PULSE}
     ret
 
-    // The pending group's first byte when it is played and followed by one whose rise is r30: r25. Uses r0, r30, r31.
+    // The pending group's first byte when it is played and followed by one whose rise is r30: r25. ThisProgram r0, r30, r31.
 put_published_byte:
-    ldd r0, Y+{EDGE}
-    ldd r25, Y+{RISE}
+    ldd r0, Y+{COMPARE_BIT}
+    ldd r25, Y+{AT_TICK}
     tst r0
     breq 3f
     push r22
     push r23
     mov r22, r25
-    ldd r23, Y+{FALL}
+    ldd r23, Y+{AT_END}
     and r30, r0
     rcall put_compare_bits
     cpse r30, r1
@@ -256,22 +256,22 @@ put_shared_filler:
     "#,
     TRACK = const offset_of!(Stepper, tracks),
     AT = const offset_of!(Track, at),
-    APART = const offset_of!(Track, apart),
-    RISE = const offset_of!(Track, ring) + offset_of!(Ring, pending),
-    FALL = const offset_of!(Track, ring) + offset_of!(Ring, pending) + 1,
-    EDGE = const offset_of!(Track, ring) + offset_of!(Ring, edge),
+    SPACING = const offset_of!(Track, spacing),
+    AT_TICK = const offset_of!(Track, ring) + offset_of!(Ring, pending),
+    AT_END = const offset_of!(Track, ring) + offset_of!(Ring, pending) + 1,
+    COMPARE_BIT = const offset_of!(Track, ring) + offset_of!(Ring, compare_bit),
     HEAD = const offset_of!(Track, ring) + offset_of!(Ring, head),
     PAGE = const offset_of!(Track, ring) + offset_of!(Ring, page),
     END = const offset_of!(Track, ring) + offset_of!(Ring, end),
     START = const offset_of!(Track, ring) + offset_of!(Ring, start),
-    UNLIKE = const offset_of!(Track, ring) + offset_of!(Ring, unlike),
+    UNPRIMED = const offset_of!(Track, ring) + offset_of!(Ring, unprimed),
     BEFORE_STEP = const offset_of!(Track, ring) + offset_of!(Ring, before_step),
     FLAGS = const offset_of!(Motor, flags),
     SINGLY = const flag::SINGLY,
     PULSE = const times::PULSE,
     GROUPS = const GROUPS,
     EECR = const register::EECR,
-    AT_ONCE = const register::AT_ONCE,
+    RX_NO_NESTING = const register::RX_NO_NESTING,
     PLAIN = const hardware::PLAIN,
     PLAY = const hardware::PLAY,
     END_PULSE = const hardware::END_PULSE,

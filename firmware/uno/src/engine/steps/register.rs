@@ -18,7 +18,7 @@ addresses! {
     TIFR1 = 0x16;
     /// Free storage, bit-addressable.
     GPIOR0 = 0x1e;
-    /// EEPROM control; where nothing is kept there, [`AT_ONCE`] is free storage, bit-addressable.
+    /// EEPROM control; where nothing is kept there, [`RX_NO_NESTING`] is free storage, bit-addressable.
     EECR = 0x1f;
     /// EEPROM data; free storage but for moments at rest.
     EEDR = 0x20;
@@ -42,7 +42,7 @@ addresses! {
 
 /// Bit of EECR: EEPM0 (§8.6.3), which says nothing as long as no byte is written. While it is set the receive interrupt
 /// lets nobody in.
-pub(crate) const AT_ONCE: u8 = 4;
+pub(crate) const RX_NO_NESTING: u8 = 4;
 
 // Beyond it, by data address: `lds` and `sts`.
 addresses! {

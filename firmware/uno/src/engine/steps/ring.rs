@@ -20,12 +20,12 @@
 //! # The two interrupts
 //! Compare match A plays ring A: on PORTD (`Kind::PortD`), on PORTD with PB4 and PB5 as bits 0 and 1 (`Kind::Shield`), or the
 //! hardware's own pin 9 (`Kind::Compare`). Compare match B plays ring B: on PORTB, the hardware's pin 10, PORTD beside
-//! ring A (`Kind::TwoOnD`), or PORTB beside the merge of ring A (`Kind::Beside`).
+//! ring A (`Kind::PortDTwoRings`), or PORTB beside the merge of ring A (`Kind::ShieldTwoRings`).
 //!
 //! In the last case ring A has three motors, whose groups must not wait for long: ring B's interrupt makes its edge, looks whether
 //! match A waits, and if so lets it in before it goes on. Only then, so that nobody else comes in: the receive interrupt and the task rank
 //! behind match A. Its own compare register still has a tick that is past, so that it cannot interrupt itself. Should ring A have run dry,
-//! its match may be flagged without an interrupt of its own, and the task come in: it sees from where, and goes ([`task`](super::task)).
+//! its match may be flagged without an interrupt of its own, and the task come in: it sees from where, and goes ([`task`](super::refill)).
 //! Registers are kept in I/O registers that nothing else uses, and no flag is touched, so that SREG needs no care:
 //!
 //! | register | holds |
@@ -61,23 +61,23 @@ use crate::engine::memory::RING_PAGES;
 /// Bits of GPIOR0, which the interrupts look at and set.
 pub(crate) mod flags {
     /// Ring A is not plain PORTD with the short pulse: look at [`SHIELD`].
-    pub(crate) const EXTRA_A: u8 = 0;
+    pub(crate) const NOT_PLAIN_A: u8 = 0;
     /// Ring B has the 1.9 µs pulse.
-    pub(crate) const EXTRA_B: u8 = 1;
+    pub(crate) const NOT_PLAIN_B: u8 = 1;
     /// Ring A plays PB4 and PB5 too.
     pub(crate) const SHIELD: u8 = 2;
-    /// With [`EXTRA_B`]: ring B on PORTB is beside a merge on PORTD, behind its lists.
-    pub(crate) const BESIDE: u8 = SHIELD;
+    /// With [`NOT_PLAIN_B`]: ring B on PORTB is beside a merge on PORTD, behind its lists.
+    pub(crate) const SHIELD_B: u8 = SHIELD;
     /// The shield's pulse is the 1.9 µs one; where there is no shield, ring B plays PORTD, as ring A does.
-    pub(crate) const SHIELD_LONG: u8 = 3;
-    /// See [`SHIELD_LONG`].
-    pub(crate) const B_ON_PORTD: u8 = SHIELD_LONG;
+    pub(crate) const SHIELD_STRETCHED: u8 = 3;
+    /// See [`SHIELD_STRETCHED`].
+    pub(crate) const B_ON_PORTD: u8 = SHIELD_STRETCHED;
     /// Ring A reached its END mark.
-    pub(crate) const STARVED_A: u8 = 4;
+    pub(crate) const UNDERRUN_A: u8 = 4;
     /// Ring B reached its END mark.
-    pub(crate) const STARVED_B: u8 = 5;
+    pub(crate) const UNDERRUN_B: u8 = 5;
     /// Either of them, as a mask.
-    pub(crate) const STARVED: u8 = 1 << STARVED_A | 1 << STARVED_B;
+    pub(crate) const UNDERRUN: u8 = 1 << UNDERRUN_A | 1 << UNDERRUN_B;
     /// With hardware edges on ring A, its DIR pin is on PORTB, not PORTD.
     pub(crate) const DIR_A_ON_PORTB: u8 = 6;
     /// With hardware edges on ring B, its DIR pin is on PORTB, not PORTD.
@@ -109,7 +109,7 @@ const END_B_ON_PORTD: u8 = 1 << 0;
 // One macro, two interrupts: they differ in names, and in the shield's extra pins.
 global_asm!(
     r#"
-    .macro ring_interrupt vector, load_page, tail, pin, ocr, end_bit, extra, starved, com_mask, com_toggle, foc, dir_on_portb, enable_mask, output
+    .macro ring_interrupt vector, load_page, tail, pin, ocr, end_bit, not_plain, underrun, com_mask, com_toggle, foc, dir_on_portb, enable_mask, output
     .global \vector
 \vector:                                // 4 response + 3 jump           7
     out {SAVE24}, r24                   // 1                             8
@@ -121,7 +121,7 @@ global_asm!(
     sbrc r24, \end_bit                  // 2 (skips)                    16
     rjmp 1f
     out \pin, r24                       // 1  the rising edge           17
-    sbic {FLAGS}, \extra                // 2 (skips)                    19
+    sbic {FLAGS}, \not_plain                // 2 (skips)                    19
     rjmp 5f
     ld r24, Z+                          // 2                            21
     sts \ocr+1, r24                     // 2                            23
@@ -200,12 +200,12 @@ global_asm!(
     lds r24, {TIMSK1}
     andi r24, \enable_mask
     sts {TIMSK1}, r24
-    sbi {FLAGS}, \starved
+    sbi {FLAGS}, \underrun
     rjmp 3b
     .endm
 
     // The 1.9 us pulse                                      sbic 1 + rjmp 2: 20
-    .macro long_pulse tail, pin, ocr
+    .macro stretched_pulse tail, pin, ocr
     ld r24, Z+                          // 2                            22
     sts \ocr+1, r24                     // 2                            24
     ld r24, Z+                          // 2                            26
@@ -227,10 +227,10 @@ global_asm!(
 
     // Sections of this name come first: the vectors' short jumps must reach.
     .text
-    ring_interrupt __vector_11, "ldi r31, hi8(ring_a_page)", {TAIL_A}, {PIND}, {OCR1A}, 1, {EXTRA_A}, {STARVED_A}, 0x3f, 0x40, 0x80, {DIR_A_ON_PORTB}, 0xfd, 1
+    ring_interrupt __vector_11, "ldi r31, hi8(ring_a_page)", {TAIL_A}, {PIND}, {OCR1A}, 1, {NOT_PLAIN_A}, {UNDERRUN_A}, 0x3f, 0x40, 0x80, {DIR_A_ON_PORTB}, 0xfd, 1
 5:  sbic {FLAGS}, {SHIELD}              // 2 (skips)                    22
     rjmp 6f
-    long_pulse {TAIL_A}, {PIND}, {OCR1A} // 13                          35
+    stretched_pulse {TAIL_A}, {PIND}, {OCR1A} // 13                          35
     wait 12                             // 12                           47
     out {PIND}, r24                     // 1  17 + 31                   48
     in r24, {SAVE24}                    // 1                            49
@@ -239,8 +239,8 @@ global_asm!(
     // The shield: bit 0 is PB4, bit 1 PB5 (in the fall alone). sbic 1 + rjmp 2: 23
 6:  sbrc r24, 0                         // 2 (skips), 1 if set
     sbi {PINB}, 4                       // 2 if set                     25 or 26
-    long_pulse {TAIL_A}, {PIND}, {OCR1A} // 13                          38 or 39
-    sbic {FLAGS}, {SHIELD_LONG}         // 2 (skips), 1 if set          40 or 41
+    stretched_pulse {TAIL_A}, {PIND}, {OCR1A} // 13                          38 or 39
+    sbic {FLAGS}, {SHIELD_STRETCHED}         // 2 (skips), 1 if set          40 or 41
     rjmp 8f
 7:  out {PIND}, r24                     // 1                            41 or 42
     sbrc r24, 0                         // 2 (skips), 1 if set
@@ -252,11 +252,11 @@ global_asm!(
 8:  wait 9                              // 9 + sbic 1 + rjmp 2 + rjmp 2 = 14, 12 more than the skip:
     rjmp 7b                             // PB4 is high for 57 - 26 = 31 cycles, PORTD for 37 at most
 
-    ring_interrupt __vector_12, "in r31, {PAGE_B}", {TAIL_B}, {PINB}, {OCR1B}, 7, {EXTRA_B}, {STARVED_B}, 0xcf, 0x10, 0x40, {DIR_B_ON_PORTB}, 0xfb, 2
+    ring_interrupt __vector_12, "in r31, {PAGE_B}", {TAIL_B}, {PINB}, {OCR1B}, 7, {NOT_PLAIN_B}, {UNDERRUN_B}, 0xcf, 0x10, 0x40, {DIR_B_ON_PORTB}, 0xfb, 2
 5:
-    sbic {FLAGS}, {BESIDE}              // 2 (skips), 1 and 2           23 or 24
+    sbic {FLAGS}, {SHIELD_B}              // 2 (skips), 1 and 2           23 or 24
     rjmp 6f
-    long_pulse {TAIL_B}, {PINB}, {OCR1B} // 13                          33
+    stretched_pulse {TAIL_B}, {PINB}, {OCR1B} // 13                          33
     wait 14                             // 14                           47
     out {PINB}, r24                     // 1                            48
     in r24, {SAVE24}                    // 1                            49
@@ -334,17 +334,17 @@ ring_b_on_portd:                        // as the others, and 1            8
     TCCR1A = const register::TCCR1A,
     TCCR1C = const register::TCCR1C,
     TIMSK1 = const register::TIMSK1,
-    EXTRA_A = const flags::EXTRA_A,
-    EXTRA_B = const flags::EXTRA_B,
+    NOT_PLAIN_A = const flags::NOT_PLAIN_A,
+    NOT_PLAIN_B = const flags::NOT_PLAIN_B,
     SHIELD = const flags::SHIELD,
-    SHIELD_LONG = const flags::SHIELD_LONG,
-    STARVED_A = const flags::STARVED_A,
-    STARVED_B = const flags::STARVED_B,
+    SHIELD_STRETCHED = const flags::SHIELD_STRETCHED,
+    UNDERRUN_A = const flags::UNDERRUN_A,
+    UNDERRUN_B = const flags::UNDERRUN_B,
     DIR_A_ON_PORTB = const flags::DIR_A_ON_PORTB,
     DIR_B_ON_PORTB = const flags::DIR_B_ON_PORTB,
     END_ON_PORTD = const END_B_ON_PORTD.trailing_zeros(),
-    BESIDE = const flags::BESIDE,
-    START = const BEHIND_LISTS,
+    SHIELD_B = const flags::SHIELD_B,
+    START = const SHORT_RING_START,
     TIFR1 = const register::TIFR1,
 );
 
@@ -405,7 +405,15 @@ steps_unplayed:
 );
 
 unsafe extern "C" {
-    fn steps_unplayed(newest: *mut u8, last: u8, levels: u8, step_dir: u16, rise_fall: u16, edge: u8, start: u8) -> i8;
+    fn steps_unplayed(
+        newest: *mut u8,
+        last: u8,
+        levels: u8,
+        step_dir: u16,
+        tick_end: u16,
+        compare_bit: u8,
+        start: u8,
+    ) -> i8;
 }
 
 /// Bytes of a group.
@@ -414,12 +422,16 @@ pub(crate) const GROUP: u8 = 4;
 /// Groups of a page.
 pub(super) const GROUPS: u8 = 64;
 
-/// Where the ring beside lists begins in their page, which it ends with: 24 groups.
-pub(super) const BEHIND_LISTS: u8 = 0xa0;
+/// Where the short ring begins in its page: ring B of the shield, behind the lists of the merge.
+pub(super) const SHORT_RING_START: u8 = 0xa0;
+
+/// Groups of the short ring, which ends with the page.
+pub(super) const SHORT_RING_GROUPS: u8 = SHORT_RING_START.wrapping_neg() / GROUP;
+const _: () = assert!(SHORT_RING_GROUPS == 24 && GROUPS as u16 * GROUP as u16 == 256);
 
 /// Which of the two.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Name {
+pub(crate) enum RingName {
     /// Compare match A: PORTD, the shield, or pin 9 by hardware.
     A,
     /// Compare match B: PORTB, or pin 10 by hardware.
@@ -434,17 +446,17 @@ pub(crate) enum Name {
 #[repr(C)]
 pub(crate) struct Group {
     /// What is toggled at the tick.
-    pub(crate) rise: u8,
+    pub(crate) at_tick: u8,
     /// What is toggled at the end of a short pulse.
-    pub(crate) fall: u8,
+    pub(crate) at_end: u8,
 }
 
 impl Group {
     /// Nothing: it keeps the compare register moving.
-    pub(crate) const NOTHING: Group = Group { rise: 0, fall: 0 };
+    pub(crate) const NOTHING: Group = Group { at_tick: 0, at_end: 0 };
 }
 
-/// The end of a ring where groups are put in; [`fill`](super::fill) knows the layout.
+/// The end of a ring where groups are put in; [`fill`](super::one_motor) knows the layout.
 #[derive(Debug)]
 #[repr(C)]
 pub(crate) struct Ring {
@@ -453,7 +465,7 @@ pub(crate) struct Ring {
     /// The END bit, which also says which of the two it is.
     pub(super) end: u8,
     /// With the compare hardware the bit that stands for STEP; else 0.
-    pub(super) edge: u8,
+    pub(super) compare_bit: u8,
     /// Low byte of the address of the pending group.
     pub(super) head: u8,
     /// What the pending group does.
@@ -461,61 +473,61 @@ pub(crate) struct Ring {
     /// Its first byte once a step follows it.
     pub(super) before_step: u8,
     /// The first byte of a step's group that is followed by another, and that of the last one.
-    pub(super) step_first: u8,
-    pub(super) step_last: u8,
+    pub(super) step_published: u8,
+    pub(super) step_pending: u8,
     /// The last byte of a step's group.
-    pub(super) step_fall: u8,
+    pub(super) step_end: u8,
     /// Data address of the tail.
     pub(super) tail_at: u8,
     /// So many groups must be filled with steps until none toggles anything else: expansion then need not say what steps
     /// toggle.
-    pub(super) unlike: u8,
-    /// Where it begins in its page: 0, or [`BEHIND_LISTS`].
+    pub(super) unprimed: u8,
+    /// Where it begins in its page: 0, or [`SHORT_RING_START`].
     pub(super) start: u8,
 }
 
 impl Ring {
-    /// None: zeros, which take no flash. [`Ring::alone`] comes before anything is done with it.
+    /// None: zeros, which take no flash. [`Ring::use_page_a`] comes before anything is done with it.
     pub(crate) const NONE: Ring = Ring {
         page: 0,
         end: 0,
-        edge: 0,
+        compare_bit: 0,
         head: 0,
         pending: Group::NOTHING,
         before_step: 0,
-        step_first: 0,
-        step_last: 0,
-        step_fall: 0,
+        step_published: 0,
+        step_pending: 0,
+        step_end: 0,
         tail_at: 0,
-        unlike: 0,
+        unprimed: 0,
         start: 0,
     };
 
     /// Becomes one of the two; [`Ring::clear`] comes before its use. `end` is its END bit, `edge` the bit that stands for STEP if
     /// the compare hardware makes its edges, else 0.
     #[inline(never)]
-    fn become_one(&mut self, name: Name, end: u8, edge: u8) {
-        *self = Ring { end, edge, unlike: GROUPS, ..Ring::NONE };
+    fn reset(&mut self, name: RingName, end: u8, compare_bit: u8) {
+        *self = Ring { end, compare_bit, unprimed: GROUPS, ..Ring::NONE };
         (self.page, self.tail_at) = match name {
-            Name::A => (RING_PAGES[0], 0x20 + register::OCR0A),
-            Name::B => (RING_PAGES[1], 0x20 + register::OCR0B),
+            RingName::A => (RING_PAGES[0], 0x20 + register::OCR0A),
+            RingName::B => (RING_PAGES[1], 0x20 + register::OCR0B),
         };
     }
 
     /// A ring of PORTD, of the shield, or of PORTB.
-    pub(crate) fn plain(&mut self, name: Name) {
-        self.become_one(name, if name == Name::A { END_A } else { END_B }, 0);
+    pub(crate) fn software(&mut self, name: RingName) {
+        self.reset(name, if name == RingName::A { END_A } else { END_B }, 0);
     }
 
     /// Ring B on PORTD, beside ring A; GPIOR0 must say the same ([`flags::B_ON_PORTD`]).
     pub(crate) fn second_on_portd(&mut self) {
-        self.become_one(Name::B, END_B_ON_PORTD, 0);
+        self.reset(RingName::B, END_B_ON_PORTD, 0);
     }
 
     /// Ring B on PORTB, beside the lists of a merge.
-    pub(crate) fn beside_lists(&mut self) {
-        self.plain(Name::B);
-        self.start = BEHIND_LISTS;
+    pub(crate) fn after_lists(&mut self) {
+        self.software(RingName::B);
+        self.start = SHORT_RING_START;
     }
 
     /// Where it begins in its page.
@@ -541,27 +553,27 @@ impl Ring {
     /// A ring whose STEP edges the compare hardware makes on pin 9 (A) or 10 (B).
     ///
     /// `dir_on_portb` says on which port the DIR pin is; GPIOR0 must say the same ([`flags::DIR_A_ON_PORTB`]).
-    pub(crate) fn hardware(&mut self, name: Name, dir_on_portb: bool) {
+    pub(crate) fn hardware(&mut self, name: RingName, dir_on_portb: bool) {
         // A bit that no DIR pin of that port has: PD0 is RXD, PB7 the crystal.
-        let edge = if dir_on_portb { 1 << 7 } else { 1 << 0 };
-        self.become_one(name, if name == Name::A { END_A } else { END_B }, edge);
+        let compare_bit = if dir_on_portb { 1 << 7 } else { 1 << 0 };
+        self.reset(name, if name == RingName::A { END_A } else { END_B }, compare_bit);
     }
 
     /// It is the only ring: in the page of ring A, whose other one is free for other things.
-    pub(crate) fn alone(&mut self) {
+    pub(crate) fn use_page_a(&mut self) {
         self.page = RING_PAGES[0];
     }
 
     /// Which of the two.
     #[inline(always)]
-    pub(crate) fn name(&self) -> Name {
-        if self.end == END_A { Name::A } else { Name::B }
+    pub(crate) fn name(&self) -> RingName {
+        if self.end == END_A { RingName::A } else { RingName::B }
     }
 
     /// With the compare hardware the bit that stands for STEP; else 0.
     #[inline(always)]
-    pub(crate) fn edge(&self) -> u8 {
-        self.edge
+    pub(crate) fn compare_bit(&self) -> u8 {
+        self.compare_bit
     }
 
     /// What the pending group does.
@@ -572,8 +584,8 @@ impl Ring {
 
     fn tail_register(&self) -> *mut u8 {
         register::io(match self.name() {
-            Name::A => register::OCR0A,
-            Name::B => register::OCR0B,
+            RingName::A => register::OCR0A,
+            RingName::B => register::OCR0B,
         })
     }
 
@@ -584,17 +596,17 @@ impl Ring {
 
     /// First byte of the pending group.
     #[inline(never)]
-    fn waiting(&self, group: Group) -> u8 {
-        if self.edge == 0 { self.end } else { self.end | self.bits(group) }
+    fn pending_byte(&self, group: Group) -> u8 {
+        if self.compare_bit == 0 { self.end } else { self.end | self.compare_bits(group) }
     }
 
     /// What the compare hardware and its interrupt do with `group`.
-    fn bits(&self, group: Group) -> u8 {
+    fn compare_bits(&self, group: Group) -> u8 {
         let mut bits = 0;
-        if group.rise & self.edge != 0 {
+        if group.at_tick & self.compare_bit != 0 {
             bits |= hardware::TOGGLED;
         }
-        if group.fall & self.edge != 0 {
+        if group.at_end & self.compare_bit != 0 {
             bits |= hardware::END_PULSE;
         }
         bits
@@ -602,22 +614,22 @@ impl Ring {
 
     /// First byte of `group` when it is played and followed by `next`.
     #[inline(never)]
-    fn played(&self, group: Group, next: Group) -> u8 {
-        if self.edge == 0 {
-            return group.rise;
+    fn published_byte(&self, group: Group, next: Group) -> u8 {
+        if self.compare_bit == 0 {
+            return group.at_tick;
         }
-        let step = Group { rise: self.edge, fall: self.edge };
-        match (group == step, next.rise & self.edge != 0) {
+        let step = Group { at_tick: self.compare_bit, at_end: self.compare_bit };
+        match (group == step, next.at_tick & self.compare_bit != 0) {
             (true, true) => self.end | hardware::PLAIN,
-            (_, true) => self.end | hardware::PLAY | hardware::NEXT_TOGGLES | self.bits(group),
-            (_, false) => self.end | hardware::PLAY | self.bits(group),
+            (_, true) => self.end | hardware::PLAY | hardware::NEXT_TOGGLES | self.compare_bits(group),
+            (_, false) => self.end | hardware::PLAY | self.compare_bits(group),
         }
     }
 
     /// Last byte of `group`.
     #[inline(always)]
-    fn last(&self, group: Group) -> u8 {
-        group.fall & !self.edge
+    fn end_byte(&self, group: Group) -> u8 {
+        group.at_end & !self.compare_bit
     }
 
     /// Forgets all groups. The interrupt must be off.
@@ -631,7 +643,7 @@ impl Ring {
             self.group(self.start()).write_volatile(self.end);
             self.group(self.start() + 3).write_volatile(0);
             self.tail_register().write_volatile(self.start());
-            if self.name() == Name::B {
+            if self.name() == RingName::B {
                 register::io(register::EEARH).write_volatile(self.page);
             }
         }
@@ -643,38 +655,41 @@ impl Ring {
         self.distance(self.tail(), self.head, 1) / GROUP
     }
 
-    /// Every step of its one motor is `step`, from now on; [`fill`](super::fill) needs to know.
+    /// Every step of its one motor is `step`, from now on; [`fill`](super::one_motor) needs to know.
     #[inline(never)]
-    pub(crate) fn serve(&mut self, step: Group) {
-        self.step_first = self.played(step, step);
-        self.step_last = self.waiting(step);
-        self.step_fall = self.last(step);
+    pub(crate) fn set_step(&mut self, step: Group) {
+        self.step_published = self.published_byte(step, step);
+        self.step_pending = self.pending_byte(step);
+        self.step_end = self.end_byte(step);
     }
 
-    /// The pending group is another: works out what [`fill`](super::fill) publishes of it.
+    /// The pending group is another: works out what [`fill`](super::one_motor) publishes of it.
     fn prepare(&mut self) {
-        self.unlike = GROUPS;
-        self.before_step = self.played(self.pending, Group { rise: self.edge, fall: self.edge });
+        self.unprimed = GROUPS;
+        self.before_step =
+            self.published_byte(self.pending, Group { at_tick: self.compare_bit, at_end: self.compare_bit });
     }
 
     /// Whether the pending group begins a long pulse of the compare hardware's, or is one of those ends: what becomes of it if the ring runs dry
     /// is a stop's.
-    pub(crate) fn waits_in_pulse(&self) -> bool {
-        self.edge != 0 && self.pending.rise & self.edge != 0 && self.pending.fall & self.edge == 0
+    pub(crate) fn pending_begins_pulse(&self) -> bool {
+        self.compare_bit != 0
+            && self.pending.at_tick & self.compare_bit != 0
+            && self.pending.at_end & self.compare_bit == 0
     }
 
     /// Whether the pending group is a step of the compare hardware's with the short pulse.
-    pub(crate) fn waits_plainly(&self) -> bool {
-        self.edge != 0 && self.pending == Group { rise: self.edge, fall: self.edge }
+    pub(crate) fn pending_is_plain_step(&self) -> bool {
+        self.compare_bit != 0 && self.pending == Group { at_tick: self.compare_bit, at_end: self.compare_bit }
     }
 
     /// If the next group is a plain step of the compare hardware's, it is made one that has the next match toggle. The interrupt must be off.
-    pub(crate) fn unplain(&mut self) {
+    pub(crate) fn next_match_toggles(&mut self) {
         use hardware::{END_PULSE, NEXT_TOGGLES, PLAIN, PLAY, TOGGLED};
         let group = self.group(self.tail());
         // SAFETY: the interrupt, which alone reads it, is off.
         unsafe {
-            if self.edge != 0 && group.read_volatile() & PLAIN != 0 {
+            if self.compare_bit != 0 && group.read_volatile() & PLAIN != 0 {
                 group.write_volatile(self.end | PLAY | NEXT_TOGGLES | TOGGLED | END_PULSE);
             }
         }
@@ -698,8 +713,8 @@ impl Ring {
     ///
     /// The interrupt may play more meanwhile: what counts is the moment at which `tail` was the tail.
     pub(crate) fn unplayed(&self, tail: u8, levels: u8, step: u8, dir: u8) -> i8 {
-        let Group { rise, fall } = self.pending;
-        if self.unlike == 0 {
+        let Group { at_tick, at_end } = self.pending;
+        if self.unprimed == 0 {
             // All are steps of the ring's one motor, the pending group too.
             let steps = (self.distance(self.head, self.tail(), 0) / GROUP + 1).cast_signed();
             return if levels & dir != 0 { steps } else { -steps };
@@ -713,8 +728,8 @@ impl Ring {
                 tail,
                 levels,
                 u16::from_le_bytes([step, dir]),
-                u16::from_le_bytes([rise, fall]),
-                self.edge,
+                u16::from_le_bytes([at_tick, at_end]),
+                self.compare_bit,
                 self.start,
             )
         }
@@ -736,20 +751,20 @@ impl Ring {
     fn read(&self, index: u8) -> Group {
         let group = self.group(index);
         // SAFETY: groups are written by main alone.
-        let (first, fall) = unsafe { (group.read_volatile(), group.wrapping_add(3).read_volatile()) };
-        if self.edge == 0 {
-            return Group { rise: first, fall };
+        let (first, at_end) = unsafe { (group.read_volatile(), group.wrapping_add(3).read_volatile()) };
+        if self.compare_bit == 0 {
+            return Group { at_tick: first, at_end };
         }
         let plain = first & hardware::PLAIN != 0;
-        let edge = |bit| if plain || first & bit != 0 { self.edge } else { 0 };
-        Group { rise: edge(hardware::TOGGLED), fall: fall | edge(hardware::END_PULSE) }
+        let edge = |bit| if plain || first & bit != 0 { self.compare_bit } else { 0 };
+        Group { at_tick: edge(hardware::TOGGLED), at_end: at_end | edge(hardware::END_PULSE) }
     }
 
     /// The compare register, and the ring's bit in TIMSK1 and TIFR1.
     fn compare(&self) -> (*mut u8, u8) {
         match self.name() {
-            Name::A => (register::data(register::OCR1A), 1 << 1),
-            Name::B => (register::data(register::OCR1B), 1 << 2),
+            RingName::A => (register::data(register::OCR1A), 1 << 1),
+            RingName::B => (register::data(register::OCR1B), 1 << 2),
         }
     }
 
@@ -764,7 +779,7 @@ impl Ring {
         // SAFETY: interrupts are off, so nobody else uses the timer's registers or their shared high byte.
         unsafe {
             mask.write_volatile(mask.read_volatile() & !bit);
-            if self.edge == 0 {
+            if self.compare_bit == 0 {
                 return;
             }
             // No match within the next 65 000 ticks; whether one has just been, the flag says from here on.
@@ -774,33 +789,33 @@ impl Ring {
             compare.wrapping_add(1).write_volatile(high);
             compare.write_volatile(low);
             // Where the ring ran dry, the hardware has made the edge of the group that waits, too.
-            let dry = register::io(register::GPIOR0).read_volatile() & self.starved() != 0;
+            let dry = register::io(register::GPIOR0).read_volatile() & self.underrun_flag() != 0;
             if flags.read_volatile() & bit != 0 || dry {
                 let tail = self.tail();
                 let group = if tail == self.head { self.pending } else { self.read(tail) };
-                if group.fall & self.edge != 0 {
+                if group.at_end & self.compare_bit != 0 {
                     for _ in 0..8 {
                         core::arch::asm!("rjmp .+0", "rjmp .+0");
                     }
                     force.write_volatile(match self.name() {
-                        Name::A => 1 << 7,
-                        Name::B => 1 << 6,
+                        RingName::A => 1 << 7,
+                        RingName::B => 1 << 6,
                     });
                 }
-                if group.rise & self.edge != 0 {
+                if group.at_tick & self.compare_bit != 0 {
                     self.skip(tail);
                 }
                 flags.write_volatile(bit);
             }
             let com = match self.name() {
-                Name::A => 0b11 << 6,
-                Name::B => 0b11 << 4,
+                RingName::A => 0b11 << 6,
+                RingName::B => 0b11 << 4,
             };
             // A long pulse goes on until the caller ends it: the port takes over the level.
             let (pins, port) = (register::io(register::PINB), register::io(register::PORTB));
             let pin = match self.name() {
-                Name::A => 1 << 1,
-                Name::B => 1 << 2,
+                RingName::A => 1 << 1,
+                RingName::B => 1 << 2,
             };
             port.write_volatile(port.read_volatile() | pins.read_volatile() & pin);
             mode.write_volatile(mode.read_volatile() & !com);
@@ -809,10 +824,10 @@ impl Ring {
 
     /// The flag that says that it reached its END.
     #[inline(always)]
-    pub(crate) fn starved(&self) -> u8 {
+    pub(crate) fn underrun_flag(&self) -> u8 {
         match self.name() {
-            Name::A => 1 << flags::STARVED_A,
-            Name::B => 1 << flags::STARVED_B,
+            RingName::A => 1 << flags::UNDERRUN_A,
+            RingName::B => 1 << flags::UNDERRUN_B,
         }
     }
 

@@ -2,40 +2,40 @@
 //!
 //! | motors | who fills |
 //! |---|---|
-//! | one, or two on the compare hardware or on PORTD | each its own ring: [`fill`](super::fill) |
+//! | one, or two on the compare hardware or on PORTD | each its own ring: [`fill`](super::one_motor) |
 //! | two to four with DIR lines of their own | the merge: [`merge`](super::merge) |
-//! | `Kind::Beside` | the merge, and for the motor on PORTB [`beside`](super::beside) |
-//! | motors that share a DIR line | one step after the other: [`shared`](super::shared) |
+//! | `Kind::ShieldTwoRings` | the merge, and for the motor on PORTB [`beside`](super::shield_b) |
+//! | motors that share a DIR line | one step after the other: [`shared`](super::shared_dir) |
 //!
 //! [`task`] calls them.
 //!
 //! # Time
-//! The newest group of a ring is pending: its tick is fixed, what follows is not. Groups are at least `apart` ticks from each
+//! The newest group of a ring is pending: its tick is fixed, what follows is not. Groups are at least `spacing` ticks from each
 //! other; what would be nearer is put off, or joins the group that is there.
 //!
 //! # DIR
 //! A DIR line toggles at the end of a group, after the pulse and hold of every step before that looked at the line, and its
-//! set-up before the step that it is for. Planners leave room for that ([`Spacing`]); where they did not, the step is not made.
+//! set-up before the step that it is for. Planners leave room for that ([`PulseTiming`]); where they did not, the step is not made.
 
-use super::beside;
-use super::brake::{Lease, lease};
+use super::brake::{CurrentLease, lease};
 use super::merge::Merge;
 use super::motor::{COUNT_AT_REST, Motor, flag};
 use super::pins::{Kind, Layout, Lines, MAX_MOTORS};
 use super::plan::FILLER;
-use super::ring::{Group, Name, Ring, flags};
+use super::refill::{self, mode};
+use super::ring::{Group, Ring, RingName, flags};
+use super::shield_b;
 use super::switch;
-use super::task::{self, mode};
 use super::times::{TIMES, Times};
-use crate::Uses;
+use crate::ThisProgram;
 use crate::engine::clock::{self, low_half};
 use crate::engine::memory;
 use crate::engine::program::Program;
 use crate::engine::regs::{self, Reg16};
 use crate::engine::tuning::stepper::{
-    AGAIN, AHEAD, APART as APART_SHORT, APART_BESIDE, APART_BESIDE_MERGE, APART_LONG, APART_OF_BESIDE, APART_SHIELD,
-    APART_TWO_COMPARE, EARLY, FALL, FALL_BESIDE, FALL_COMPARE, FASTEST, LATE, LATE_MOVED, LEAD, PULSE_BESIDE, STEPS,
-    TOO_LATE,
+    BATCH_STEPS, DIR_EARLY, END_DELAY, END_DELAY_COMPARE, END_DELAY_SHIELD_B, LATENCY, LATENCY_MERGED, LOOK_AHEAD,
+    MAX_UNDERRUN, MIN_INTERVAL, PULSE_SHIELD_B, RESTART_DELAY, RETRY, SPACING as SPACING_SHORT, SPACING_SHIELD,
+    SPACING_SHIELD_B, SPACING_SHIELD_MERGE, SPACING_STRETCHED, SPACING_TWO_COMPARE, SPACING_TWO_RINGS,
 };
 use core::mem::offset_of;
 use core::ptr::NonNull;
@@ -48,112 +48,114 @@ pub(crate) const LONGEST: u16 = 4_096;
 
 /// What a configuration asks of the spacing of groups.
 #[derive(Clone, Copy)]
-struct Spacing {
+struct PulseTiming {
     /// The interrupt's pulse is the one of 1.9 µs.
-    extra: bool,
+    stretched: bool,
     /// The end of the pulse is a group of its own.
-    long: bool,
+    two_groups: bool,
     /// Between two groups, ticks.
-    apart: u8,
+    spacing: u8,
 }
 
-impl Spacing {
-    const NONE: Spacing = Spacing { extra: false, long: false, apart: 0 };
+impl PulseTiming {
+    const NONE: PulseTiming = PulseTiming { stretched: false, two_groups: false, spacing: 0 };
 
     /// Pulses of as many ticks as are asked for, or a little longer where that is what an interrupt makes; beyond that by
     /// two groups. And the times that follow.
-    fn of(kind: Kind, configuration: &Configuration<'_>, merging: bool, shared: bool) -> (Spacing, Times) {
-        let beside = configuration.motors().len() > 1;
+    fn of(kind: Kind, configuration: &Configuration<'_>, merging: bool, shared: bool) -> (PulseTiming, Times) {
+        let several = configuration.motors().len() > 1;
         // What the interrupt makes without and with its flag, and the distance that takes.
-        let ((short, apart), (extra, apart_extra), fall) = match kind {
-            Kind::TwoOnD => ((16, APART_BESIDE), (16, APART_BESIDE), FALL),
-            Kind::PortD | Kind::PortB => ((16, APART_SHORT), (31, APART_LONG), FALL),
-            Kind::Shield => ((17, APART_SHIELD[0]), (31, APART_SHIELD[1]), FALL),
-            Kind::Beside => ((PULSE_BESIDE, APART_BESIDE_MERGE), (PULSE_BESIDE, APART_BESIDE_MERGE), FALL_BESIDE),
+        let ((short, spacing), (stretched, spacing_stretched), fall) = match kind {
+            Kind::PortDTwoRings => ((16, SPACING_TWO_RINGS), (16, SPACING_TWO_RINGS), END_DELAY),
+            Kind::PortD | Kind::PortB => ((16, SPACING_SHORT), (31, SPACING_STRETCHED), END_DELAY),
+            Kind::Shield => ((17, SPACING_SHIELD[0]), (31, SPACING_SHIELD[1]), END_DELAY),
+            Kind::ShieldTwoRings => {
+                ((PULSE_SHIELD_B, SPACING_SHIELD_MERGE), (PULSE_SHIELD_B, SPACING_SHIELD_MERGE), END_DELAY_SHIELD_B)
+            }
             Kind::Compare => {
-                let apart = if beside { APART_TWO_COMPARE } else { APART_BESIDE };
-                ((35, apart), (35, apart), FALL_COMPARE)
+                let spacing = if several { SPACING_TWO_COMPARE } else { SPACING_TWO_RINGS };
+                ((35, spacing), (35, spacing), END_DELAY_COMPARE)
             }
         };
         let wanted = configuration.pulse_ticks;
-        let late = if merging || kind == Kind::TwoOnD { LATE_MOVED } else { LATE };
-        let mut spacing = Spacing { extra: false, long: false, apart };
+        let late = if merging || kind == Kind::PortDTwoRings { LATENCY_MERGED } else { LATENCY };
+        let mut timing = PulseTiming { stretched: false, two_groups: false, spacing };
         let (mut pulse, mut made) = (0, short);
         if wanted > short {
-            if wanted <= extra {
-                (spacing.extra, spacing.apart, made) = (true, apart_extra, extra);
+            if wanted <= stretched {
+                (timing.stretched, timing.spacing, made) = (true, spacing_stretched, stretched);
             } else {
-                spacing.long = true;
+                timing.two_groups = true;
                 // Its first edge may be late, where the hardware does not make it; merged, its second may be early.
                 let more = match kind {
                     Kind::Compare => 0,
-                    _ if merging => late + apart,
+                    _ if merging => late + spacing,
                     _ => late,
                 };
-                pulse = (wanted + u16::from(more)).max(u16::from(apart));
+                pulse = (wanted + u16::from(more)).max(u16::from(spacing));
                 made = pulse;
             }
         }
-        let apart = u16::from(spacing.apart);
+        let spacing = u16::from(timing.spacing);
         // The merge moves edges by half of that, either way; with a ring beside by 24 and 54.
-        let slack = if merging { apart } else { 0 };
-        let lead = configuration.setup_ticks + u16::from(fall + late) + slack;
+        let slack = if merging { spacing } else { 0 };
+        let setup = configuration.setup_ticks + u16::from(fall + late) + slack;
         // An expansion counts the long pulse in 8 bits, and does not know the hardware's.
-        let singly = spacing.long && (kind == Kind::Compare || pulse > 255);
-        let fastest = if singly {
+        let singly = timing.two_groups && (kind == Kind::Compare || pulse > 255);
+        let interval = if singly {
             u16::MAX
         } else if merging {
-            apart
+            spacing
         } else {
-            if beside { FASTEST[1] } else { FASTEST[0] }
+            if several { MIN_INTERVAL[1] } else { MIN_INTERVAL[0] }
         };
         let times = Times {
             limit: Moment(0),
-            gap: made + 1,
-            keep: (made + configuration.hold_ticks + u16::from(late) + slack).max(apart),
-            lead: lead.max(apart),
-            early: lead.max(apart) + EARLY.max(apart),
-            fastest: fastest.max(made.saturating_add(if spacing.long { apart } else { 0 })),
+            step_gap: made + 1,
+            dir_hold: (made + configuration.hold_ticks + u16::from(late) + slack).max(spacing),
+            dir_setup: setup.max(spacing),
+            dir_early: setup.max(spacing) + DIR_EARLY.max(spacing),
+            min_interval: interval.max(made.saturating_add(if timing.two_groups { spacing } else { 0 })),
             pulse,
-            most: if spacing.long { STEPS / 2 } else { STEPS },
+            max_steps: if timing.two_groups { BATCH_STEPS / 2 } else { BATCH_STEPS },
             shared,
             only_steps: 0,
         };
-        (spacing, times)
+        (timing, times)
     }
 }
 
 /// What went wrong in playing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Trouble {
+pub(crate) enum RingFault {
     /// A compare was missed, or the ring was empty for a moment: a group was played so late.
     Late {
         /// Ticks.
         ticks: u16,
     },
     /// The ring was empty for too long while steps were left.
-    Starved,
+    Underrun,
 }
 
-/// One ring and what is known of it; [`fill`](super::fill) knows the layout.
+/// One ring and what is known of it; [`fill`](super::one_motor) knows the layout.
 #[repr(C)]
 pub(super) struct Track {
     pub(super) ring: Ring,
     /// Tick of the pending group.
     pub(super) at: Moment,
     /// Ticks between two groups, at least.
-    pub(super) apart: u8,
+    pub(super) spacing: u8,
 }
 
 impl Track {
-    const NONE: Track = Track { ring: Ring::NONE, at: Moment(0), apart: 0 };
+    const NONE: Track = Track { ring: Ring::NONE, at: Moment(0), spacing: 0 };
 
     /// The compare register, and the ring's bit in `TIMSK1` and `TIFR1`.
     #[inline(always)]
     fn compare(&self) -> (Reg16, u8) {
         match self.ring.name() {
-            Name::A => (regs::OCR1A, 1 << 1),
-            Name::B => (regs::OCR1B, 1 << 2),
+            RingName::A => (regs::OCR1A, 1 << 1),
+            RingName::B => (regs::OCR1B, 1 << 2),
         }
     }
 
@@ -162,45 +164,45 @@ impl Track {
     fn resume(&self, at: Option<Moment>) {
         let (compare, bit) = self.compare();
         regs::free(|| {
-            let at = at.map_or_else(|| clock::read().wrapping_add(AGAIN), |at| low_half(at.0));
+            let at = at.map_or_else(|| clock::read().wrapping_add(RETRY), |at| low_half(at.0));
             compare.write(at);
             regs::TIFR1.write(bit);
         });
         regs::free(|| {
-            regs::GPIOR0.clear(self.ring.starved());
+            regs::GPIOR0.clear(self.ring.underrun_flag());
             regs::TIMSK1.set(bit);
         });
     }
 
     /// Looks whether the interrupt still plays what it should, and mends it.
     #[inline(never)]
-    fn watch(&mut self, now: Moment, busy: bool) -> Option<Trouble> {
-        if regs::GPIOR0.read() & self.ring.starved() != 0 {
+    fn watch(&mut self, now: Moment, busy: bool) -> Option<RingFault> {
+        if regs::GPIOR0.read() & self.ring.underrun_flag() != 0 {
             let (compare, _) = self.compare();
             // The compare register still has the tick of the group that is next.
             let count = clock::read();
             let late = count.wrapping_sub(compare.read());
-            if busy && late >= TOO_LATE {
-                return Some(Trouble::Starved);
+            if busy && late >= MAX_UNDERRUN {
+                return Some(RingFault::Underrun);
             }
             let empty = self.ring.is_empty();
-            if empty && self.ring.waits_in_pulse() {
-                return Some(Trouble::Starved);
+            if empty && self.ring.pending_begins_pulse() {
+                return Some(RingFault::Underrun);
             }
             if empty {
                 // It counts from here on, not from when the round began.
-                self.at = now.after(u32::from(count.wrapping_sub(low_half(now.0)).wrapping_add(LEAD)));
+                self.at = now.after(u32::from(count.wrapping_sub(low_half(now.0)).wrapping_add(RESTART_DELAY)));
             }
             let at = empty.then_some(self.at);
             // The hardware has made the edge of the group that waits, and toggles no more. A plain step does not say that it does again: another
             // group follows it, or it becomes one that does.
-            if empty && self.ring.waits_plainly() {
-                self.push_nothing(self.at.after(u32::from(self.apart)));
+            if empty && self.ring.pending_is_plain_step() {
+                self.push_nothing(self.at.after(u32::from(self.spacing)));
             } else if !empty {
-                self.ring.unplain();
+                self.ring.next_match_toggles();
             }
             self.resume(at);
-            return busy.then_some(Trouble::Late { ticks: late });
+            return busy.then_some(RingFault::Late { ticks: late });
         }
         let (compare, bit) = self.compare();
         // A match lies ahead, or its interrupt has been kept waiting for some cycles. If it is behind by 512 to 32 767, it
@@ -211,7 +213,7 @@ impl Track {
         }
         let late = low_half(now.0).wrapping_sub(regs::free(|| compare.read()));
         self.resume(None);
-        (late != 0).then_some(Trouble::Late { ticks: late })
+        (late != 0).then_some(RingFault::Late { ticks: late })
     }
 
     /// Whether no group is left to be played but fillers.
@@ -235,17 +237,17 @@ pub(crate) struct Stepper {
     /// Two motors or more in one ring, each with a DIR line of its own: the merge fills it.
     merging: bool,
     /// Each motor has a ring of its own.
-    apiece: bool,
+    own_rings: bool,
     /// One motor has a ring of its own beside the merge of the others.
-    beside: bool,
+    shield_b: bool,
     /// Its number ^ that of the last one: it changes places with that.
     swap: u8,
     /// Between [`Stepper::start`] and [`Stepper::stop`].
     playing: bool,
-    spacing: Spacing,
+    timing: PulseTiming,
     /// GPIOR0: see [`flags`].
     flags: u8,
-    trouble: Option<Trouble>,
+    fault: Option<RingFault>,
     /// When motors were stopped last. Not on the stack, which is short just then.
     halted: Moment,
     /// How far ahead the rings were filled, ticks, at least.
@@ -253,7 +255,7 @@ pub(crate) struct Stepper {
 }
 
 /// Where the distance of two groups of the first ring is.
-pub(super) const APART: usize = offset_of!(Stepper, tracks) + offset_of!(Track, apart);
+pub(super) const SPACING: usize = offset_of!(Stepper, tracks) + offset_of!(Track, spacing);
 
 /// Where [`Stepper::swap`] is.
 pub(super) const SWAP: usize = offset_of!(Stepper, swap);
@@ -269,14 +271,14 @@ impl Stepper {
             merge: None,
             count: 0,
             merging: false,
-            apiece: false,
-            beside: false,
+            own_rings: false,
+            shield_b: false,
             swap: 0,
             playing: false,
-            spacing: Spacing::NONE,
+            timing: PulseTiming::NONE,
             flags: 0,
             // `start` forgets it; it is zeros.
-            trouble: Some(Trouble::Late { ticks: 0 }),
+            fault: Some(RingFault::Late { ticks: 0 }),
             halted: Moment(0),
             least_ahead: 0,
         }
@@ -289,7 +291,7 @@ impl Stepper {
     pub(crate) unsafe fn begin(&mut self) {
         // SAFETY: the caller's promise.
         self.merge = Some(unsafe { Merge::take() });
-        self.tracks[0].ring.alone();
+        self.tracks[0].ring.use_page_a();
         self.reset_measures();
     }
 
@@ -315,14 +317,14 @@ impl Stepper {
 
     /// Whether a motor has a ring of its own beside a merge: the last of them all.
     #[inline(always)]
-    fn is_beside(&self, slot: u8) -> bool {
-        self.beside && slot + 1 == self.count
+    fn is_shield_b(&self, slot: u8) -> bool {
+        self.shield_b && slot + 1 == self.count
     }
 
     /// Whether any does.
     #[inline(always)]
-    fn has_beside(&self) -> bool {
-        self.beside
+    fn has_shield_b(&self) -> bool {
+        self.shield_b
     }
 
     /// Where a motor is among all, by its number: the one beside a merge changes places with the last one.
@@ -368,9 +370,9 @@ impl Stepper {
     /// The rings in use.
     #[inline(never)]
     fn tracks_mut(&mut self) -> slice::IterMut<'_, Track> {
-        let count = if self.has_beside() {
+        let count = if self.has_shield_b() {
             2
-        } else if self.apiece {
+        } else if self.own_rings {
             self.count
         } else {
             1
@@ -381,12 +383,12 @@ impl Stepper {
     /// The ring of a motor.
     fn track(&self, motor: u8) -> &Track {
         let [first, second] = &self.tracks;
-        if self.is_beside(self.slot(motor)) || self.apiece && motor != 0 { second } else { first }
+        if self.is_shield_b(self.slot(motor)) || self.own_rings && motor != 0 { second } else { first }
     }
 
     /// The same, to be changed.
     fn track_mut(&mut self, motor: u8) -> &mut Track {
-        let own = self.is_beside(self.slot(motor)) || self.apiece && motor != 0;
+        let own = self.is_shield_b(self.slot(motor)) || self.own_rings && motor != 0;
         let [first, second] = &mut self.tracks;
         if own { second } else { first }
     }
@@ -399,23 +401,23 @@ impl Stepper {
         let motors = configuration.motors();
         let all = motors.len() as u8;
         let shared = layout.is_shared();
-        self.apiece = matches!(kind, Kind::Compare | Kind::TwoOnD);
-        self.merging = all > 1 && !self.apiece && !shared;
-        let (spacing, times) = Spacing::of(kind, configuration, self.merging, shared);
-        let singly = times.fastest == u16::MAX;
-        self.spacing = spacing;
+        self.own_rings = matches!(kind, Kind::Compare | Kind::PortDTwoRings);
+        self.merging = all > 1 && !self.own_rings && !shared;
+        let (timing, times) = PulseTiming::of(kind, configuration, self.merging, shared);
+        let singly = times.min_interval == u16::MAX;
+        self.timing = timing;
         TIMES.set(times);
-        (self.beside, self.swap) = (kind == Kind::Beside, 0);
-        let (always, extra) = match kind {
-            Kind::Beside => (1 << flags::EXTRA_B | 1 << flags::BESIDE, 0),
-            Kind::Shield => (1 << flags::EXTRA_A | 1 << flags::SHIELD, 1 << flags::SHIELD_LONG),
-            Kind::PortB => (0, 1 << flags::EXTRA_B),
-            Kind::PortD | Kind::TwoOnD => (1 << flags::B_ON_PORTD, 1 << flags::EXTRA_A),
+        (self.shield_b, self.swap) = (kind == Kind::ShieldTwoRings, 0);
+        let (always, stretched) = match kind {
+            Kind::ShieldTwoRings => (1 << flags::NOT_PLAIN_B | 1 << flags::SHIELD_B, 0),
+            Kind::Shield => (1 << flags::NOT_PLAIN_A | 1 << flags::SHIELD, 1 << flags::SHIELD_STRETCHED),
+            Kind::PortB => (0, 1 << flags::NOT_PLAIN_B),
+            Kind::PortD | Kind::PortDTwoRings => (1 << flags::B_ON_PORTD, 1 << flags::NOT_PLAIN_A),
             Kind::Compare => (0, 0),
         };
-        self.flags = if spacing.extra { always | extra } else { always };
-        let first = if kind == Kind::PortB { Name::B } else { Name::A };
-        self.tracks[0].ring.plain(first);
+        self.flags = if timing.stretched { always | stretched } else { always };
+        let first = if kind == Kind::PortB { RingName::B } else { RingName::A };
+        self.tracks[0].ring.software(first);
         self.tracks[1].ring.second_on_portd();
         self.count = MAX_MOTORS as u8;
         self.motors_mut().for_each(|motor| *motor = Motor::NONE);
@@ -427,19 +429,19 @@ impl Stepper {
             if kind == Kind::Compare {
                 let track = self.track_mut(index);
                 let (name, dir) = if setup.step_pin == 10 {
-                    (Name::B, flags::DIR_B_ON_PORTB)
+                    (RingName::B, flags::DIR_B_ON_PORTB)
                 } else {
-                    (Name::A, flags::DIR_A_ON_PORTB)
+                    (RingName::A, flags::DIR_A_ON_PORTB)
                 };
                 let on_portb = setup.dir_pin >= 8;
                 track.ring.hardware(name, on_portb);
-                lines.step = track.ring.edge();
+                lines.step = track.ring.compare_bit();
                 self.flags |= u8::from(on_portb) << dir;
             }
-            if kind == Kind::Beside && setup.step_pin >= 8 {
+            if kind == Kind::ShieldTwoRings && setup.step_pin >= 8 {
                 // There are four.
                 self.swap = index ^ (MAX_MOTORS as u8 - 1);
-                self.tracks[1].ring.beside_lists();
+                self.tracks[1].ring.after_lists();
             }
             lines.drive();
             let (start, end) = (queue, queue + memory::queue_len(bytes, all, setup.queue_parts));
@@ -447,15 +449,15 @@ impl Stepper {
             if let Some(motor) = self.motor_mut(index) {
                 motor.lines = lines;
                 (motor.step, motor.dir) = (lines.step, lines.dir);
-                motor.step_fall = if spacing.long { 0 } else { lines.step };
+                motor.step_end = if timing.two_groups { 0 } else { lines.step };
                 motor.gain = setup.gain.clamp(-43, 18);
                 motor.count = COUNT_AT_REST;
                 (motor.start, motor.end, motor.next) = (start, end, start);
                 motor.set(flag::SINGLY, shared || singly);
             }
         }
-        if !self.apiece || all == 1 {
-            self.tracks[0].ring.alone();
+        if !self.own_rings || all == 1 {
+            self.tracks[0].ring.use_page_a();
         }
         self.rest(now);
     }
@@ -463,68 +465,68 @@ impl Stepper {
     /// Begins to play, from a little after `now` on. Queues are empty.
     #[inline(never)]
     pub(crate) fn start(&mut self, now: Moment) {
-        let at = now.after(AHEAD / 2);
+        let at = now.after(LOOK_AHEAD / 2);
         // The lists of a merge begin with a filler each.
         let first = if self.merging { at.after(u32::from(FILLER)) } else { at };
         self.rest(first);
-        if self.beside {
+        if self.shield_b {
             // It has no list.
             self.motors_mut().next_back().into_iter().for_each(|motor| motor.rest(at));
         }
-        self.trouble = None;
+        self.fault = None;
         regs::GPIOR0.write(self.flags);
-        crate::engine::link::let_others_in();
+        crate::engine::link::nest_again();
         for motor in self.motors_mut() {
             let lines = motor.lines;
             motor.levels = lines.levels();
             let forward = (motor.levels & lines.dir != 0) == lines.forward_high();
             motor.set(flag::TURN, !forward);
         }
-        let apart = self.spacing.apart;
-        let beside = self.has_beside();
-        let merged = self.count - u8::from(beside);
+        let spacing = self.timing.spacing;
+        let shield_b = self.has_shield_b();
+        let merged = self.count - u8::from(shield_b);
         if self.merging
             && let Some(merge) = &mut self.merge
         {
-            merge.begin(self.tracks[0].ring.name(), merged, beside, apart, low_half(first.0));
+            merge.begin(self.tracks[0].ring.name(), merged, shield_b, spacing, low_half(first.0));
         }
         for index in 0..self.count {
             let motor = self.motor(index);
-            let step = motor.map_or(Group::NOTHING, |motor| Group { rise: motor.step, fall: motor.step_fall });
-            self.track_mut(index).ring.serve(step);
+            let step = motor.map_or(Group::NOTHING, |motor| Group { at_tick: motor.step, at_end: motor.step_end });
+            self.track_mut(index).ring.set_step(step);
         }
         for track in self.tracks_mut() {
-            (track.at, track.apart) = (at, apart);
+            (track.at, track.spacing) = (at, spacing);
             track.ring.clear();
             track.resume(Some(at));
         }
-        if self.has_beside() {
-            self.tracks[1].apart = APART_OF_BESIDE;
-            beside::set_motor(&raw mut MOTORS, self.count - 1);
+        if self.has_shield_b() {
+            self.tracks[1].spacing = SPACING_SHIELD_B;
+            shield_b::set_motor(&raw mut MOTORS, self.count - 1);
         }
         self.playing = true;
-        task::set_mode(match (self.merging, self.apiece || self.count == 1, self.count) {
-            (true, ..) if self.has_beside() => mode::BESIDE,
+        refill::set_mode(match (self.merging, self.own_rings || self.count == 1, self.count) {
+            (true, ..) if self.has_shield_b() => mode::MERGE_AND_B,
             (true, ..) => mode::MERGE,
-            (_, true, 1) => mode::APIECE,
-            (_, true, _) => mode::BOTH,
+            (_, true, 1) => mode::ONE_RING,
+            (_, true, _) => mode::TWO_RINGS,
             _ => mode::SHARED,
         });
     }
 
-    /// What lists leave of their page is the program's from now on: see [`Merge::leave_room`]. It has just been started, with a merge.
+    /// What lists leave of their page is the program's from now on: see [`Merge::share_page`]. It has just been started, with a merge.
     #[inline(always)]
-    pub(crate) fn leave_room(&mut self) {
+    pub(crate) fn share_list_page(&mut self) {
         if let Some(merge) = &mut self.merge {
-            merge.leave_room();
+            merge.share_page();
         }
     }
 
-    /// From now on the program's `source_limit` calls the merge, if there is one: [`mode::FILLED`].
+    /// From now on the program's `source_limit` calls the merge, if there is one: [`mode::MERGED_BY_SOURCE`].
     #[inline(always)]
-    pub(crate) fn is_filled(&self) {
+    pub(crate) fn merge_by_source(&self) {
         if self.merging {
-            task::set_mode(mode::FILLED);
+            refill::set_mode(mode::MERGED_BY_SOURCE);
         }
     }
 
@@ -535,7 +537,7 @@ impl Stepper {
     pub(crate) fn stop(&mut self, pull_in: &[u32; MAX_MOTORS]) -> u8 {
         let mut uncertain = 0;
         self.playing = false;
-        task::set_mode(mode::NONE);
+        refill::set_mode(mode::NONE);
         for track in self.tracks_mut() {
             regs::free(|| track.ring.halt());
         }
@@ -550,11 +552,11 @@ impl Stepper {
             motor.uncount(left);
             motor.stop();
         }
-        if Uses::LEASES {
-            Lease::end();
+        if ThisProgram::LEASES {
+            CurrentLease::end();
         }
         // A pulse of two groups may be under way: its end is no group's any more.
-        if self.spacing.long {
+        if self.timing.two_groups {
             for _ in 0..TIMES.get().pulse / 4 {
                 regs::kick_watchdog();
             }
@@ -589,17 +591,17 @@ impl Stepper {
 
     /// Whether nothing is left to do: no event, no end of a pulse, no step in a ring, no end of a lease.
     pub(crate) fn is_idle(&self) -> bool {
-        !(Uses::LEASES && Lease::get().state == lease::UNTIL)
+        !(ThisProgram::LEASES && CurrentLease::get().state == lease::UNTIL)
             && self.motors().all(Motor::is_idle)
             && self.tracks[0].is_idle()
-            && !((self.has_beside() || self.apiece && self.count > 1) && !self.tracks[1].is_idle())
+            && !((self.has_shield_b() || self.own_rings && self.count > 1) && !self.tracks[1].is_idle())
             && !(self.merging && self.merge.as_ref().is_some_and(|merge| !merge.is_idle()))
     }
 
     /// The first tick at which a switch would be accepted.
     #[inline(never)]
     pub(crate) fn horizon(&self) -> Moment {
-        if self.count == 0 { self.tracks[0].at.after(1) } else { self.first_open() }
+        if self.count == 0 { self.tracks[0].at.after(1) } else { self.first_changeable() }
     }
 
     /// All motors go over to `epoch` at `at`, which is not before the horizon; or none does, because a switch waits for an earlier tick.
@@ -619,8 +621,8 @@ impl Stepper {
     }
 
     /// What went wrong in playing since this was asked last.
-    pub(crate) fn trouble(&mut self) -> Option<Trouble> {
-        self.trouble.take()
+    pub(crate) fn take_fault(&mut self) -> Option<RingFault> {
+        self.fault.take()
     }
 
     /// How far ahead the rings were filled, ticks, at least, while there was something to do.
@@ -659,19 +661,19 @@ impl Stepper {
             levels ^= dir;
         }
         // What is in no ring yet comes after what is.
-        let has_list = self.merging && !self.is_beside(self.slot(number));
+        let has_list = self.merging && !self.is_shield_b(self.slot(number));
         if has_list && let Some(merge) = &self.merge {
-            let (ticks, Group { rise, fall }) = merge.listed(self.slot(number));
-            if rise & step != 0 {
+            let (ticks, Group { at_tick, at_end }) = merge.listed(self.slot(number));
+            if at_tick & step != 0 {
                 let mut steps = i16::from(ticks);
-                if fall == 0 {
+                if at_end == 0 {
                     // Every other tick ends a pulse, the last one does.
                     levels ^= if ticks & 1 == 0 { 0 } else { step };
                     steps /= 2;
                 }
                 count = if levels & dir != 0 { steps } else { -steps };
             } else if ticks != 0 {
-                levels ^= fall & dir;
+                levels ^= at_end & dir;
             }
         }
         count + i16::from(self.track(number).ring.unplayed(tail, levels, step, dir))
@@ -681,27 +683,27 @@ impl Stepper {
     #[inline(never)]
     pub(crate) fn watch(&mut self, now: Moment) {
         let busy = !self.is_idle();
-        let mut trouble = None;
+        let mut fault = None;
         let mut least = self.least_ahead;
         for track in self.tracks_mut() {
-            trouble = track.watch(now, busy).or(trouble);
+            fault = track.watch(now, busy).or(fault);
             let ahead = track.at.since(now);
             if busy && ahead >> 16 == 0 {
                 least = least.min(low_half(ahead));
             }
         }
         self.least_ahead = least;
-        self.trouble = trouble.or(self.trouble);
+        self.fault = fault.or(self.fault);
     }
 }
 
 /// As [`flags`](pulsetrain_core::wire::message::flags) has the faults of a motor.
 pub(crate) fn faults(motor: &Motor) -> u8 {
-    use super::motor::Reason;
-    match motor.fault().map(|fault| fault.reason) {
+    use super::motor::FaultKind;
+    match motor.fault().map(|fault| fault.kind) {
         None => 0,
-        Some(Reason::Missed | Reason::Dry) => message::flags::STEP_MISSED,
-        Some(Reason::Mismatch) => message::flags::CHECK_FAILED,
-        Some(Reason::Bad) => message::flags::BAD_ITEM,
+        Some(FaultKind::Missed | FaultKind::Underrun) => message::flags::STEP_MISSED,
+        Some(FaultKind::Mismatch) => message::flags::CHECK_FAILED,
+        Some(FaultKind::Bad) => message::flags::BAD_ITEM,
     }
 }

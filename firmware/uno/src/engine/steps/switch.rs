@@ -44,8 +44,8 @@ steps_switch:
 2:  switch_next 1b
     switch_each
 3:  movw r30, r28
-    subi r30, lo8(-({PARTS}))
-    sbci r31, hi8(-({PARTS}))
+    subi r30, lo8(-({EPOCHS}))
+    sbci r31, hi8(-({EPOCHS}))
     std Z+{EPOCH}, r20
     std Z+{AT}, r22
     std Z+{AT}+1, r23
@@ -69,13 +69,13 @@ steps_switch:
     "#,
     COUNT = const stepper::COUNT,
     MOTOR_SIZE = const size_of::<Motor>(),
-    PARTS = const offset_of!(Motor, parts),
+    EPOCHS = const offset_of!(Motor, epochs),
     FLAGS = const offset_of!(Motor, flags),
     SWITCH = const flag::SWITCH,
     EPOCH = const OF_SWITCH + offset_of!(Switch, epoch),
     AT = const OF_SWITCH + offset_of!(Switch, at),
     SWITCH_AT = const offset_of!(Motor, switch_at),
-    IS_DUE = const offset_of!(Motor, is_due) - offset_of!(Motor, parts),
+    IS_DUE = const offset_of!(Motor, is_due) - offset_of!(Motor, epochs),
 );
 
 unsafe extern "C" {

@@ -197,7 +197,7 @@ winch_obey_inside:
     std Y+40, r14
     ret
 
-; r10-r15 = 1000 X, all of them 0 before; T is X's sign, its bit 32. Uses r18 and r19.
+; r10-r15 = 1000 X, all of them 0 before; T is X's sign, its bit 32. ThisProgram r18 and r19.
 winch_thousandfold:
     ldi r18, lo8(1000)
     ldi r19, hi8(1000)

@@ -4,7 +4,7 @@
 //! on included. All four paths do one together. A motor whose path makes steps in it gets a train; there is room for two of
 //! them, in what the merge's lists leave of their page. `winch_load` takes them.
 //!
-//! Nothing is planned beyond what is known: the limit is [`CLEAR`] before the next slice begins, so that DIR can be turned for
+//! Nothing is planned beyond what is known: the limit is [`CLEARANCE`] before the next slice begins, so that DIR can be turned for
 //! a step at its very beginning.
 //!
 //! Main keeps the task out for 1340 cycles at most to obey a line, and for 3480 to take four positions at one time (measured with
@@ -16,7 +16,7 @@ use crate::engine::steps::motor::{Motor, flag};
 use crate::engine::steps::plan::FILLER;
 use crate::engine::steps::{register, times};
 use crate::engine::tuning;
-use crate::engine::tuning::winch::{AHEAD, CLEAR, FIRST, SLICES};
+use crate::engine::tuning::winch::{CLEARANCE, FIRST_SLICE, LOOK_AHEAD, MAX_PERIOD};
 use core::arch::global_asm;
 use core::mem::offset_of;
 use pulsetrain_core::Moment;
@@ -56,7 +56,7 @@ winch_slice: .skip 4                    // the next slice
 
     .section .text.winch, "ax", @progbits
     .global winch_limit, winch_load, winch_due, winch_pass, winch_begin_trains, winch_rests, winch_has_passed, winch_copy_shield, winch_clock_and_positions, winch_do, winch_obey_axes, winch_begin
-    // For the task, which has all registers free: works out the next slice, if it begins [`AHEAD`] from now and there is room, and gives
+    // For the task, which has all registers free: works out the next slice, if it begins [`LOOK_AHEAD`] from now and there is room, and gives
     // the limit. That takes long, so that the ring is filled first.
 winch_limit:
     call steps_merge_run
@@ -120,8 +120,8 @@ winch_limit:
     dec r17
     brne 3b
     rcall winch_next
-6:  subi r18, lo8({CLEAR})
-    sbci r19, hi8({CLEAR})
+6:  subi r18, lo8({CLEARANCE})
+    sbci r19, hi8({CLEARANCE})
     sbci r20, 0
     sbci r21, 0
     movw r22, r18
@@ -130,9 +130,9 @@ winch_limit:
 
     // A call of the task works out one slice, and takes most of one.
 winch_due:
-    cpi r26, {SLICES}
+    cpi r26, {MAX_PERIOD}
     brlo 1f
-    ldi r26, {SLICES}
+    ldi r26, {MAX_PERIOD}
 1:  sec
     ret
 
@@ -229,7 +229,7 @@ winch_load:
     ldi r22, {TRAIN}
     eor r30, r22
     std Y+{NEXT}, r30
-    std Y+{SURE}, r1
+    std Y+{PRECHECKED}, r1
     // All its steps are counted.
     ldd r18, Y+{POSITION}
     ldd r19, Y+{POSITION}+1
@@ -258,7 +258,7 @@ winch_load:
 8:  sec
     ret
 
-    // The next slice, r18 to r21; N: it is before r26, r27, r30, r31. Uses r22 to r25.
+    // The next slice, r18 to r21; N: it is before r26, r27, r30, r31. ThisProgram r22 to r25.
 winch_is_before:
     lds r18, winch_slice
     lds r19, winch_slice+1
@@ -620,7 +620,7 @@ winch_begin:
     sts winch_asked+{REPORT_MS}, r24
     ret
     "#,
-    SLICES = const SLICES,
+    MAX_PERIOD = const MAX_PERIOD,
     FILLER_HIGH = const FILLER >> 8,
     FLAGS = const offset_of!(Motor, flags),
     UNREADABLE = const flag::UNREADABLE,
@@ -632,10 +632,10 @@ winch_begin:
     MOTOR_TICK = const offset_of!(Motor, registers) + 2,
     INTERVAL = const offset_of!(Motor, registers) + 6,
     LEFT = const offset_of!(Motor, registers) + 19,
-    SURE = const offset_of!(Motor, sure),
+    PRECHECKED = const offset_of!(Motor, prechecked),
     POSITION = const offset_of!(Motor, position),
     LIMIT = const times::LIMIT,
-    SOONER = const tuning::stepper::AHEAD - AHEAD,
+    SOONER = const tuning::stepper::LOOK_AHEAD - LOOK_AHEAD,
     START = const offset_of!(Motor, start),
     NEXT = const offset_of!(Motor, next),
     ASKED = const size_of::<Asked>(),
@@ -672,7 +672,7 @@ winch_begin:
     BEGIN = const BEGIN,
     TRAIN = const TRAIN,
     SLICE = const SLICE,
-    CLEAR = const CLEAR,
+    CLEARANCE = const CLEARANCE,
     PATH = const super::PATHS / 4,
 );
 
@@ -700,7 +700,7 @@ pub(crate) fn pass(now: Moment) {
 pub(crate) fn begin(now: Moment) {
     // SAFETY: there is nothing in the lists yet but fillers, at their ends.
     unsafe { winch_begin_trains(now) };
-    pass(now.after(FIRST));
+    pass(now.after(FIRST_SLICE));
 }
 
 /// Four motors on the CNC shield, as a configuration has them. They are where the line was that has been read.

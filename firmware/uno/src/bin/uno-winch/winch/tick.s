@@ -570,7 +570,7 @@ winch_enter:
     push r29
     ijmp
 
-; The gap += r30:31 with the sign r27, unless it would leave 48 bits. Uses r10-r15.
+; The gap += r30:31 with the sign r27, unless it would leave 48 bits. ThisProgram r10-r15.
 winch_move_gap:
     ldd r10, Y+8
     ldd r11, Y+9

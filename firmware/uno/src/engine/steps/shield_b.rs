@@ -7,15 +7,15 @@
 //! # Cycles
 //! 15 to 20 a step, and its interrupt's 49, or 60 where it lets another in; 200 a batch of 11 steps.
 
-use super::motor::{EVEN, Motor, flag};
+use super::motor::{HIGH_FIXED, Motor, flag};
 use super::plan::prechecked_steps;
 use super::register;
-use super::ring::{BEHIND_LISTS, END_B, Ring};
+use super::ring::{END_B, Ring, SHORT_RING_GROUPS, SHORT_RING_START};
 use super::stepper::{Stepper, Track};
 use super::times;
-use crate::engine::tuning::beside::{BATCHES, HURRY, LAST, ROOM, SOME};
-use crate::engine::tuning::plan::SURE_OF_LIMIT;
-use crate::engine::tuning::stepper::APART_OF_BESIDE;
+use crate::engine::tuning::plan::LIMIT_CHECK_FROM;
+use crate::engine::tuning::shield_b::{BATCHES, REFILL_BELOW, REFILL_LAST_BELOW, RING_LOW_BELOW, STEPS_WHEN_LOW};
+use crate::engine::tuning::stepper::SPACING_SHIELD_B;
 use core::arch::global_asm;
 use core::mem::offset_of;
 
@@ -51,7 +51,7 @@ global_asm!(
 
     .section .text.shield_b, "ax", @progbits
     .global shield_fill, shield_b_fill
-    // For the task. Uses all registers.
+    // For the task. ThisProgram all registers.
 shield_fill:
     rcall shield_b_fill
     call steps_merge_run
@@ -59,7 +59,7 @@ shield_fill:
     // Nobody comes for some time.
     shield_b_load_motor
     shield_b_free
-    cpi r26, {LAST}
+    cpi r26, {GROUPS} - {REFILL_LAST_BELOW}
     brsh shield_b_batch
     ret
     // One motor: plan, expand, publish.
@@ -67,13 +67,13 @@ shield_b_fill:
     shield_b_load_motor
 shield_b_next:
     shield_b_free
-    cpi r26, {ROOM}
+    cpi r26, {GROUPS} - {REFILL_BELOW}
     brsh shield_b_batch
 1:  ret
 shield_b_batch:
-    cpi r26, {HURRY}
+    cpi r26, {GROUPS} - {RING_LOW_BELOW}
     brlo 2f
-    ldi r26, {SOME}
+    ldi r26, {STEPS_WHEN_LOW}
 2:  mov r2, r26
     // Most often they are steps of a segment all of which are sure, and soon enough: what the plan would say.
     "#,
@@ -86,17 +86,17 @@ shield_b_batch:
     // The merge has other times.
 5:  dec r4
     brmi 1b
-    lds r5, steps_times+{MOST}
-    lds r7, steps_times+{FASTEST}
-    lds r3, steps_times+{FASTEST}+1
-    sts steps_times+{MOST}, r26
-    ldi r24, {APART}
-    sts steps_times+{FASTEST}, r24
-    sts steps_times+{FASTEST}+1, r1
+    lds r5, steps_times+{MAX_STEPS}
+    lds r7, steps_times+{MIN_INTERVAL}
+    lds r3, steps_times+{MIN_INTERVAL}+1
+    sts steps_times+{MAX_STEPS}, r26
+    ldi r24, {SPACING}
+    sts steps_times+{MIN_INTERVAL}, r24
+    sts steps_times+{MIN_INTERVAL}+1, r1
     call steps_plan
-    sts steps_times+{MOST}, r5
-    sts steps_times+{FASTEST}, r7
-    sts steps_times+{FASTEST}+1, r3
+    sts steps_times+{MAX_STEPS}, r5
+    sts steps_times+{MIN_INTERVAL}, r7
+    sts steps_times+{MIN_INTERVAL}+1, r3
     tst r24
     breq 1b
     sbrc r25, 0
@@ -113,7 +113,7 @@ shield_b_batch:
     ldi r31, hi8(ring_b_page)
     mov r30, r6
     lds r3, steps_stepper+{PENDING}
-    lds r25, steps_stepper+{UNLIKE}
+    lds r25, steps_stepper+{UNPRIMED}
     tst r25
     breq 4f
     // Groups become steps'.
@@ -131,7 +131,7 @@ shield_b_batch:
     sub r25, r20
     brcc .+2
     clr r25
-    sts steps_stepper+{UNLIKE}, r25
+    sts steps_stepper+{UNPRIMED}, r25
 4:  sub r2, r20
     call steps_expand_shield_b
     ldi r25, {END}
@@ -151,23 +151,24 @@ shield_b_batch:
     ret
 2:  rjmp shield_b_next
     "#,
-    HURRY = const HURRY,
-    SOME = const SOME,
+    RING_LOW_BELOW = const RING_LOW_BELOW,
+    STEPS_WHEN_LOW = const STEPS_WHEN_LOW,
     BATCHES = const BATCHES,
-    ROOM = const ROOM,
-    LAST = const LAST,
-    START = const BEHIND_LISTS,
+    GROUPS = const SHORT_RING_GROUPS,
+    REFILL_BELOW = const REFILL_BELOW,
+    REFILL_LAST_BELOW = const REFILL_LAST_BELOW,
+    START = const SHORT_RING_START,
     END = const END_B,
-    APART = const APART_OF_BESIDE,
+    SPACING = const SPACING_SHIELD_B,
     TAIL = const register::OCR0B,
     TRACK = const SECOND,
     HEAD = const SECOND + offset_of!(Track, ring) + offset_of!(Ring, head),
     PENDING = const SECOND + offset_of!(Track, ring) + offset_of!(Ring, pending),
     AT = const SECOND + offset_of!(Track, at),
-    UNLIKE = const SECOND + offset_of!(Track, ring) + offset_of!(Ring, unlike),
+    UNPRIMED = const SECOND + offset_of!(Track, ring) + offset_of!(Ring, unprimed),
     STEP = const offset_of!(Motor, step),
     FLAGS = const offset_of!(Motor, flags),
-    SURE = const offset_of!(Motor, sure),
+    PRECHECKED = const offset_of!(Motor, prechecked),
     LEFT = const offset_of!(Motor, registers) + 19,
     TURN = const flag::TURN,
     STEPPED = const flag::STEPPED,
@@ -175,11 +176,11 @@ shield_b_batch:
     COMMITTED = const flag::COMMITTED,
     SWITCH = const flag::SWITCH,
     SINGLY = const flag::SINGLY,
-    EVEN = const EVEN,
-    SURE_OF_LIMIT = const SURE_OF_LIMIT,
+    HIGH_FIXED = const HIGH_FIXED,
+    LIMIT_CHECK_FROM = const LIMIT_CHECK_FROM,
     TICK = const offset_of!(Motor, registers) + 2,
-    MOST = const times::MOST,
-    FASTEST = const times::FASTEST,
+    MAX_STEPS = const times::MAX_STEPS,
+    MIN_INTERVAL = const times::MIN_INTERVAL,
 );
 
 /// The second track.

@@ -11,13 +11,13 @@
 //! position, which takes a look at every group, is the longest), but for the four positions of a winch's status (`winch/feed.rs`).
 
 use super::motor::Motor;
-use super::ring::{Ring, flags};
+use super::ring::{GROUPS, Ring, flags};
 use super::stepper::{Stepper, Track};
 use super::times::TIMES;
 use crate::engine::clock;
 use crate::engine::regs;
-use crate::engine::tuning::stepper::AHEAD;
-use crate::engine::tuning::task::{AGAIN, BATCHES, FAR, NEARLY, RESERVE, RESERVE_MERGED, SOONEST, TURNS};
+use crate::engine::tuning::refill::{BATCHES, FAR_AHEAD, FULL_FROM, MIN_PERIOD, RESERVE, RESERVE_MERGED, RETRY, TURNS};
+use crate::engine::tuning::stepper::LOOK_AHEAD;
 use core::arch::global_asm;
 use core::cell::UnsafeCell;
 use core::mem::offset_of;
@@ -25,31 +25,31 @@ use core::ops::{Deref, DerefMut};
 use pulsetrain_core::narrow::Registers;
 
 #[repr(transparent)]
-struct Place(UnsafeCell<Stepper>);
+struct StepperCell(UnsafeCell<Stepper>);
 
 // SAFETY: main uses it under a guard, the task while there is none.
-unsafe impl Sync for Place {}
+unsafe impl Sync for StepperCell {}
 
 /// The assembly knows where it is.
 #[unsafe(export_name = "steps_stepper")]
-static STEPPER: Place = Place(UnsafeCell::new(Stepper::new()));
+static STEPPER: StepperCell = StepperCell(UnsafeCell::new(Stepper::new()));
 
 /// Keeps the task out as long as it lives.
-pub(crate) struct Out {
+pub(crate) struct RefillBlocked {
     /// The mask register as it was: the task may be out already.
     before: u8,
 }
 
 /// Keeps the task out.
 #[inline(always)]
-pub(crate) fn keep_out() -> Out {
+pub(crate) fn block() -> RefillBlocked {
     let before = regs::TIMSK0.read();
     regs::TIMSK0.write(0);
     regs::barrier();
-    Out { before }
+    RefillBlocked { before }
 }
 
-impl Drop for Out {
+impl Drop for RefillBlocked {
     #[inline(always)]
     fn drop(&mut self) {
         regs::barrier();
@@ -58,12 +58,12 @@ impl Drop for Out {
 }
 
 /// The stepper, as main's alone.
-pub(crate) struct Guard(#[expect(dead_code, reason = "kept as long as the guard lives")] Out);
+pub(crate) struct Guard(#[expect(dead_code, reason = "kept as long as the guard lives")] RefillBlocked);
 
 /// Takes the stepper. Main must not hold two guards at once.
 #[inline(always)]
 pub(crate) fn lock() -> Guard {
-    Guard(keep_out())
+    Guard(block())
 }
 
 impl Deref for Guard {
@@ -84,9 +84,9 @@ impl DerefMut for Guard {
     }
 }
 
-/// Keeps the task out until [`let_in`] if motors share DIR lines: it needs much of the stack there, and what main is about to do does, too.
+/// Keeps the task out until [`allow`] if motors share DIR lines: it needs much of the stack there, and what main is about to do does, too.
 #[inline(always)]
-pub(crate) fn keep_out_if_shared() {
+pub(crate) fn block_if_shared() {
     if TIMES.is_shared() {
         regs::TIMSK0.write(0);
     }
@@ -94,21 +94,21 @@ pub(crate) fn keep_out_if_shared() {
 }
 
 #[inline(always)]
-pub(crate) fn let_in() {
+pub(crate) fn allow() {
     regs::barrier();
     regs::TIMSK0.write(1);
 }
 
 /// Has the task come first, so that rings are full when something begins that keeps it out for long. Not while it is kept out.
-pub(crate) fn call() {
+pub(crate) fn run_now() {
     regs::TCNT0.write(u8::MAX);
     // Until it overflows, and the task has said when it comes next: not at once, as when it came inside the receive interrupt.
-    while regs::TCNT0.read() >= AGAIN {}
+    while regs::TCNT0.read() >= RETRY {}
 }
 
 /// Starts Timer0, and the task.
 pub(crate) fn start() {
-    regs::TCNT0.write(SOONEST.wrapping_neg());
+    regs::TCNT0.write(MIN_PERIOD.wrapping_neg());
     regs::TCCR0B.write(0b011);
     regs::TIMSK0.write(1);
 }
@@ -158,7 +158,7 @@ refill_interrupt:
     push r\r
     .endr
     in r25, {FLAGS}
-    andi r25, {STARVED}
+    andi r25, {UNDERRUN}
     breq 3f
     // Ring A is played no more: the window for it may have let this in instead.
     in r30, {SPL}
@@ -180,14 +180,14 @@ refill_interrupt:
     sts steps_times+{LIMIT}+2, r24
     sts steps_times+{LIMIT}+3, r25
     lds r24, steps_mode
-    cpi r24, {APIECE}
+    cpi r24, {ONE_RING}
     brlo 6f
     breq 7f
-    cpi r24, {BOTH}
+    cpi r24, {TWO_RINGS}
     breq 8f
-    cpi r24, {BESIDE}
+    cpi r24, {MERGE_AND_B}
     breq 18f
-    cpi r24, {FILLED}
+    cpi r24, {MERGED_BY_SOURCE}
     breq 9f
     call ring_fill_shared
     rjmp 9f
@@ -226,7 +226,7 @@ refill_interrupt:
     rcall ticks_ahead
     mov r26, r21
     lds r24, steps_mode
-    cpi r24, {BOTH}
+    cpi r24, {TWO_RINGS}
     brne 4f
     lds r20, steps_stepper+{AT}+{TRACK_SIZE}
     lds r21, steps_stepper+{AT}+{TRACK_SIZE}+1
@@ -234,9 +234,9 @@ refill_interrupt:
     cp r21, r26
     brsh 4f
     mov r26, r21
-4:  cpi r26, {SOONEST}
+4:  cpi r26, {MIN_PERIOD}
     brsh 4f
-    ldi r26, {SOONEST}
+    ldi r26, {MIN_PERIOD}
     // Or when the program's source of steps is due.
 4:  call source_due
     brcc .+2
@@ -246,10 +246,10 @@ refill_interrupt:
 3:
     // Bytes are received at once where rings have nothing but plain steps: of one motor, at intervals of 80 to 128 ticks (the compare register
     // may be written 73 after the match then); or of two that the compare hardware steps, below 256 (and 127).
-    sbrs r25, {APIECE_BIT}
+    sbrs r25, {OWN_RING_BIT}
     rjmp 20f
-    cbi {EECR}, {AT_ONCE}
-    lds r24, steps_stepper+{UNLIKE}
+    cbi {EECR}, {RX_NO_NESTING}
+    lds r24, steps_stepper+{UNPRIMED}
     lds r20, steps_times+{PULSE}
     or r24, r20
     lds r20, steps_times+{PULSE}+1
@@ -259,25 +259,25 @@ refill_interrupt:
     lds r20, steps_motors+{INTERVAL}+4
     or r24, r20
     brne 20f
-    cpi r25, {BOTH}
+    cpi r25, {TWO_RINGS}
     breq 18f
     lds r24, steps_motors+{INTERVAL}+2
     subi r24, 80
     cpi r24, 129 - 80
     brlo 19f
     rjmp 20f
-18: lds r24, steps_stepper+{EDGE}
+18: lds r24, steps_stepper+{COMPARE_BIT}
     tst r24
     breq 20f
-    lds r24, steps_stepper+{TRACK_SIZE}+{UNLIKE}
+    lds r24, steps_stepper+{TRACK_SIZE}+{UNPRIMED}
     lds r20, steps_motors+{MOTOR_SIZE}+{INTERVAL}+3
     or r24, r20
     lds r20, steps_motors+{MOTOR_SIZE}+{INTERVAL}+4
     or r24, r20
     brne 20f
-19: sbi {EECR}, {AT_ONCE}
+19: sbi {EECR}, {RX_NO_NESTING}
 20:
-    cpi r25, {BOTH}
+    cpi r25, {TWO_RINGS}
     breq 4f
     lds r30, steps_stepper+{TAIL_AT}
     ldi r31, 0
@@ -286,11 +286,11 @@ refill_interrupt:
     sub r24, r25
     dec r24
     lds r25, steps_mode
-    cpi r24, 4 * {NEARLY}
+    cpi r24, 4 * ({GROUPS} - {FULL_FROM})
     brlo 21f
     cpi r25, {SHARED}
     breq 4f
-    cpi r26, {FAR} >> 8
+    cpi r26, {FAR_AHEAD} >> 8
     brlo 4f
 21: ldi r27, {RESERVE_MERGED} >> 8
     cpi r25, {MERGE}
@@ -312,10 +312,10 @@ refill_interrupt:
     brlo 4f
     mov r26, r24
 4:
-    sbis {FLAGS}, {EXTRA_B}
+    sbis {FLAGS}, {NOT_PLAIN_B}
     rjmp 10f
     // Or five eighths of the time of the small ring beside a merge.
-    sbis {FLAGS}, {BESIDE_FLAG}
+    sbis {FLAGS}, {SHIELD_B}
     rjmp 10f
     lds r20, steps_stepper+{AT}+{TRACK_SIZE}
     lds r21, steps_stepper+{AT}+{TRACK_SIZE}+1
@@ -327,9 +327,9 @@ refill_interrupt:
     lsr r24
     lsl r21
     add r21, r24
-    cpi r21, {SOONEST}
+    cpi r21, {MIN_PERIOD}
     brsh .+2
-    ldi r21, {SOONEST}
+    ldi r21, {MIN_PERIOD}
     cp r21, r26
     brsh 10f
     mov r26, r21
@@ -347,7 +347,7 @@ refill_interrupt:
     .endr
     rjmp 2f
     // Inside the receive interrupt: again in one to two counts, when that has ended.
-1:  ldi r24, {AGAIN}
+1:  ldi r24, {RETRY}
     out {TCNT0}, r24
 2:  pop r25
     out {SREG}, r25
@@ -371,11 +371,11 @@ refill_second:
     ldi r23, hi8(steps_motors+{MOTOR_SIZE})
     jmp ring_fill_one
 
-    // What a source of steps is that knows as much as there is: the limit is {AHEAD} from now.
+    // What a source of steps is that knows as much as there is: the limit is {LOOK_AHEAD} from now.
     // r22 to r25 is the limit; uses all registers.
 steps_limit:
     call clock_moment
-    ldi r18, {AHEAD} >> 8
+    ldi r18, {LOOK_AHEAD} >> 8
     add r23, r18
     adc r24, r1
     adc r25, r1
@@ -397,43 +397,44 @@ ticks_ahead:
     out {SREG}, r24
     sub r20, r22
     sbc r21, r23
-    cpi r21, ({AHEAD} + 8192) >> 8
+    cpi r21, ({LOOK_AHEAD} + 8192) >> 8
     brlo 1f
     clr r21
 1:  ret
     "#,
     FLAGS = const super::register::GPIOR0,
-    STARVED = const super::ring::flags::STARVED,
-    AHEAD = const AHEAD,
+    UNDERRUN = const super::ring::flags::UNDERRUN,
+    LOOK_AHEAD = const LOOK_AHEAD,
     LIMIT = const super::times::LIMIT,
-    APIECE = const mode::APIECE,
-    BOTH = const mode::BOTH,
+    ONE_RING = const mode::ONE_RING,
+    TWO_RINGS = const mode::TWO_RINGS,
     TRACK = const offset_of!(Stepper, tracks),
     TRACK_SIZE = const size_of::<Track>(),
     AT = const offset_of!(Stepper, tracks) + offset_of!(Track, at),
     MOTOR_SIZE = const size_of::<Motor>(),
-    SOONEST = const SOONEST,
-    AGAIN = const AGAIN,
+    MIN_PERIOD = const MIN_PERIOD,
+    RETRY = const RETRY,
     BATCHES = const BATCHES,
     TURNS = const TURNS,
     MERGE = const mode::MERGE,
-    BESIDE = const mode::BESIDE,
+    MERGE_AND_B = const mode::MERGE_AND_B,
     SHARED = const mode::SHARED,
-    FILLED = const mode::FILLED,
-    EXTRA_B = const flags::EXTRA_B,
-    BESIDE_FLAG = const flags::BESIDE,
+    MERGED_BY_SOURCE = const mode::MERGED_BY_SOURCE,
+    NOT_PLAIN_B = const flags::NOT_PLAIN_B,
+    SHIELD_B = const flags::SHIELD_B,
     SPL = const 0x3d,
     RESERVE_MERGED = const RESERVE_MERGED,
     RESERVE = const RESERVE,
-    FAR = const FAR,
-    NEARLY = const NEARLY,
+    FAR_AHEAD = const FAR_AHEAD,
+    GROUPS = const GROUPS,
+    FULL_FROM = const FULL_FROM,
     EECR = const super::register::EECR,
-    AT_ONCE = const super::register::AT_ONCE,
+    RX_NO_NESTING = const super::register::RX_NO_NESTING,
     INTERVAL = const offset_of!(Motor, registers) + offset_of!(Registers, interval_low),
-    APIECE_BIT = const mode::APIECE.trailing_zeros(),
+    OWN_RING_BIT = const mode::ONE_RING.trailing_zeros(),
     PULSE = const super::times::PULSE,
-    UNLIKE = const offset_of!(Stepper, tracks) + offset_of!(Track, ring) + offset_of!(Ring, unlike),
-    EDGE = const offset_of!(Stepper, tracks) + offset_of!(Track, ring) + offset_of!(Ring, edge),
+    UNPRIMED = const offset_of!(Stepper, tracks) + offset_of!(Track, ring) + offset_of!(Ring, unprimed),
+    COMPARE_BIT = const offset_of!(Stepper, tracks) + offset_of!(Track, ring) + offset_of!(Ring, compare_bit),
     TAIL_AT = const offset_of!(Stepper, tracks) + offset_of!(Track, ring) + offset_of!(Ring, tail_at),
     HEAD = const offset_of!(Stepper, tracks) + offset_of!(Track, ring) + offset_of!(Ring, head),
     TCNT1 = const super::register::TCNT1,
@@ -451,16 +452,16 @@ pub(crate) mod mode {
     /// One ring by the merge.
     pub(crate) const MERGE: u8 = 1;
     /// One ring of one motor.
-    pub(crate) const APIECE: u8 = 2;
+    pub(crate) const ONE_RING: u8 = 2;
     /// Two of them.
-    pub(crate) const BOTH: u8 = 3;
+    pub(crate) const TWO_RINGS: u8 = 3;
     /// One ring of motors that share DIR lines.
     pub(crate) const SHARED: u8 = 4;
     /// One ring by the merge, which the program's `source_limit` has filled already: where the limit is near, a ring is not full, and a second run
-    /// of the merge finds nothing to do. As in all that have lists the bit of [`APIECE`] is not set.
-    pub(crate) const FILLED: u8 = 8;
-    /// One ring by the merge, and one of one motor. As in all that have lists the bit of [`APIECE`] is not set.
-    pub(crate) const BESIDE: u8 = 5;
+    /// of the merge finds nothing to do. As in all that have lists the bit of [`ONE_RING`] is not set.
+    pub(crate) const MERGED_BY_SOURCE: u8 = 8;
+    /// One ring by the merge, and one of one motor. As in all that have lists the bit of [`ONE_RING`] is not set.
+    pub(crate) const MERGE_AND_B: u8 = 5;
 }
 
 #[unsafe(export_name = "steps_mode")]

@@ -14,10 +14,10 @@
 
 use super::motor::{Motor, flag};
 use super::pins::Lines;
-use super::ring::Ring;
-use super::stepper::{APART, COUNT, Stepper, Track};
+use super::ring::{GROUPS, Ring};
+use super::stepper::{COUNT, SPACING, Stepper, Track};
 use super::times;
-use crate::engine::tuning::stepper::{BATCH, ROOM};
+use crate::engine::tuning::shared_dir::{BATCH, REFILL_BELOW};
 use core::arch::global_asm;
 use core::mem::offset_of;
 
@@ -44,7 +44,7 @@ global_asm!(
 
     .section .text.shared_fill, "ax", @progbits
     .global shared_fill
-    // For the task. Uses all registers.
+    // For the task. ThisProgram all registers.
 shared_fill:
     ldi r24, {BATCH}
     mov r13, r24
@@ -55,7 +55,7 @@ shared_again:
     lds r24, steps_stepper+{HEAD}
     sub r26, r24
     dec r26
-    cpi r26, 4 * {ROOM}
+    cpi r26, 4 * ({GROUPS} - {REFILL_BELOW})
     brsh 1f
     ret
     // Whose step is due first?
@@ -80,7 +80,7 @@ shared_again:
     adiw r30, {HORIZON}
     rcall shared_raise_to
     movw r30, r28
-    adiw r30, {FREE}
+    adiw r30, {DIR_FREE}
     rcall shared_raise_to
     shared_knows_due
     breq 4f
@@ -128,8 +128,8 @@ shared_turn:
     ldd r16, Y+{DIR}
     movw r22, r6
     movw r24, r8
-    lds r18, steps_times+{EARLY}
-    lds r19, steps_times+{EARLY}+1
+    lds r18, steps_times+{DIR_EARLY}
+    lds r19, steps_times+{DIR_EARLY}+1
     sub r22, r18
     sbc r23, r19
     sbc r24, r1
@@ -141,17 +141,17 @@ shared_turn:
     ldd r18, Y+{LEVELS}
     eor r18, r16
     std Y+{LEVELS}, r18
-    compare_4 r22, r23, r24, r25, {FREE}, r18
+    compare_4 r22, r23, r24, r25, {DIR_FREE}, r18
     brpl 2f
-    load_4 r22, r23, r24, r25, {FREE}
+    load_4 r22, r23, r24, r25, {DIR_FREE}
 2:  shared_next 1b
     movw r18, r22
     movw r20, r24
     clr r22
     mov r23, r16
     call put_shared
-    lds r24, steps_times+{LEAD}
-    lds r25, steps_times+{LEAD}+1
+    lds r24, steps_times+{DIR_SETUP}
+    lds r25, steps_times+{DIR_SETUP}+1
     add r18, r24
     adc r19, r25
     adc r20, r1
@@ -168,7 +168,7 @@ shared_turn:
 shared_make:
     movw r2, r6
     movw r4, r8
-    lds r24, steps_stepper+{APART}
+    lds r24, steps_stepper+{SPACING}
     lsr r24
     add r2, r24
     adc r3, r1
@@ -194,18 +194,18 @@ shared_make:
     call steps_settle
     movw r18, r6
     movw r20, r8
-    lds r24, steps_stepper+{APART}
+    lds r24, steps_stepper+{SPACING}
     add r18, r24
     adc r19, r1
     adc r20, r1
     adc r21, r1
-    lds r24, steps_times+{KEEP}
-    lds r25, steps_times+{KEEP}+1
+    lds r24, steps_times+{DIR_HOLD}
+    lds r25, steps_times+{DIR_HOLD}+1
     add r18, r24
     adc r19, r25
     adc r20, r1
     adc r21, r1
-    store_4 r18, r19, r20, r21, {FREE}
+    store_4 r18, r19, r20, r21, {DIR_FREE}
 2:  shared_next 1b
     movw r18, r6
     movw r20, r8
@@ -232,8 +232,8 @@ shared_more:
     // Z: at the motor's parts.
 shared_point_to_epochs:
     movw r30, r28
-    subi r30, lo8(-({PARTS}))
-    sbci r31, hi8(-({PARTS}))
+    subi r30, lo8(-({EPOCHS}))
+    sbci r31, hi8(-({EPOCHS}))
     ret
 
     // The tick of the pending group, r18 to r21.
@@ -244,7 +244,7 @@ shared_pending_tick:
     lds r21, steps_stepper+{AT}+3
     ret
 
-    // What is at Z is not before r18 to r21. Uses r24.
+    // What is at Z is not before r18 to r21. ThisProgram r24.
 shared_raise_to:
     ld r24, Z
     cp r24, r18
@@ -261,7 +261,7 @@ shared_raise_to:
     std Z+3, r21
 1:  ret
 
-    // Z: the DIR line of the motor Y is as its next step needs it. Z+ is at its parts. Uses r24, r25.
+    // Z: the DIR line of the motor Y is as its next step needs it. Z+ is at its parts. ThisProgram r24, r25.
 shared_check_dir:
     rcall shared_point_to_epochs
     ldd r24, Y+{LEVELS}
@@ -277,27 +277,28 @@ shared_check_dir:
     ret
     "#,
     BATCH = const BATCH,
-    ROOM = const ROOM,
+    GROUPS = const GROUPS,
+    REFILL_BELOW = const REFILL_BELOW,
     COUNT = const COUNT,
-    APART = const APART,
+    SPACING = const SPACING,
     TAIL_AT = const offset_of!(Stepper, tracks) + offset_of!(Track, ring) + offset_of!(Ring, tail_at),
     HEAD = const offset_of!(Stepper, tracks) + offset_of!(Track, ring) + offset_of!(Ring, head),
     AT = const offset_of!(Stepper, tracks) + offset_of!(Track, at),
     MOTOR_SIZE = const size_of::<Motor>(),
-    PARTS = const offset_of!(Motor, parts),
-    IS_DUE = const offset_of!(Motor, is_due) - offset_of!(Motor, parts),
-    LINE_FLAGS = const offset_of!(Motor, lines) + Lines::FLAGS - offset_of!(Motor, parts),
+    EPOCHS = const offset_of!(Motor, epochs),
+    IS_DUE = const offset_of!(Motor, is_due) - offset_of!(Motor, epochs),
+    LINE_FLAGS = const offset_of!(Motor, lines) + Lines::FLAGS - offset_of!(Motor, epochs),
     DUE = const offset_of!(Motor, due),
     LAST = const offset_of!(Motor, last),
     HORIZON = const offset_of!(Motor, horizon),
-    FREE = const offset_of!(Motor, free),
+    DIR_FREE = const offset_of!(Motor, dir_free),
     LEVELS = const offset_of!(Motor, levels),
     FLAGS = const offset_of!(Motor, flags),
     STEP = const offset_of!(Motor, step),
     DIR = const offset_of!(Motor, dir),
-    EARLY = const times::EARLY,
-    LEAD = const times::LEAD,
-    KEEP = const times::KEEP,
+    DIR_EARLY = const times::DIR_EARLY,
+    DIR_SETUP = const times::DIR_SETUP,
+    DIR_HOLD = const times::DIR_HOLD,
     PULSE = const times::PULSE,
 );
 
