@@ -31,21 +31,17 @@
 //! A step: 34 to 37 of four lanes, 31 to 33 of three, and expansion's 18.5. A list: 130, what the plan takes, and the expansion's beginning and end. A call of
 //! the task: 280; 90 for looking at the lists; 75 each time that groups are published.
 
+use crate::engine::steps::refill::mode;
+use crate::engine::steps::register;
+use crate::engine::steps::ring::{GROUPS, Group, Ring, SHORT_RING_GROUPS, SHORT_RING_START, flags};
+use crate::engine::steps::stepper::{Stepper, Track};
 use crate::engine::tuning::merge::{
-    LIST_LOW_BEFORE_SWITCH, LIST_LOW_OF_MORE, LIST_LOW_OF_SHIELD, LIST_LOW_OF_TWO, LISTS, MAX_DELAY_SHIELD, PASSES,
-    PUBLISH_GROUPS, REFILL_BELOW, RESUME_BELOW, RING_LOW_BELOW, SHIELD_B_LOW_BELOW, TOP_UP_FROM,
+    LISTS, PASSES, PUBLISH_GROUPS, REFILL_BELOW, RESUME_BELOW, RING_LOW_BELOW, SHIELD_B_LOW_BELOW,
 };
-use crate::engine::tuning::plan::LIMIT_CHECK_FROM;
-use crate::engine::tuning::stepper::BATCH_STEPS;
 use core::arch::global_asm;
 use core::mem::offset_of;
-
-use super::motor::{HIGH_FIXED, Motor, flag};
-use super::plan::prechecked_steps;
-use super::refill::mode;
-use super::register;
-use super::ring::{END_A, END_B, GROUPS, Group, Ring, RingName, SHORT_RING_GROUPS, SHORT_RING_START, flags};
-use super::stepper::{Stepper, Track};
+pub(crate) use state::Merge;
+use state::{LANE_SIZE, Lane, MOTORS, NONE, SHORT_LANE, SHORT_LIST};
 
 /// Lanes; those of no motor are fed with fillers.
 pub(crate) const LANES: usize = 4;
@@ -53,53 +49,7 @@ pub(crate) const LANES: usize = 4;
 /// Ticks that a lane's list holds.
 pub(crate) const LIST: u8 = 32;
 
-/// One motor's list.
-#[derive(Clone, Copy, Debug)]
-#[repr(C)]
-struct Lane {
-    /// What the ticks in the list toggle.
-    masks: Group,
-    /// The list's first tick, taken out of it.
-    head: u16,
-    /// Low byte of the address of the second.
-    next: u8,
-}
-
-/// State of the merge; the assembly knows its layout.
-#[derive(Debug)]
-#[repr(C)]
-pub(crate) struct Merge {
-    lanes: [Lane; LANES],
-    /// The tick of the pending group + W.
-    deadline: u16,
-    /// What the pending group toggles.
-    pending: Group,
-    /// Low byte of the address of the pending group.
-    at: u8,
-    /// The ring's END bit.
-    end: u8,
-    /// W/2, or how far a tick is put off at most where a ring is beside; and W.
-    half: u8,
-    spacing: u8,
-    /// Data address of the ring's tail.
-    tail: u8,
-    /// How often the merge may look for more room before it comes back.
-    passes: u8,
-    /// How many lists may be filled before it comes back: the line waits meanwhile.
-    lists_left: u8,
-    /// Lists with fewer bytes are filled up.
-    list_low: u8,
-    /// The lane without a head, or [`NONE`].
-    empty_lane: u8,
-    /// Motors.
-    motors: u8,
-    /// There is a ring beside the lists.
-    shield_b: bool,
-}
-
-const LANE_SIZE: usize = size_of::<Lane>();
-/// Where the number of motors is; without sorted lanes nobody asks.
-const MOTORS: usize = offset_of!(Merge, motors);
+mod state;
 
 global_asm!(
     r#"
@@ -658,248 +608,6 @@ merge_exit:
     cpi r24, {SHIELD_MODE}
     brne .+2
     ret
-    .global merge_fill_up
-merge_fill_up:
-    lds r2, steps_merge+{MOTORS}
-    ldi r28, lo8(steps_motors)
-    ldi r29, hi8(steps_motors)
-    ldi r24, lo8(steps_merge)
-    ldi r25, hi8(steps_merge)
-    movw r4, r24                        // the lane
-    ldi r24, 2 * {LIST}
-    mov r3, r24                         // where its list ends
-    // Those with enough left are passed over at once.
-2:  movw r30, r4
-    ldd r24, Z+{NEXT}
-    mov r25, r3
-    sub r25, r24
-    cpi r25, {LIST_LOW_BEFORE_SWITCH}
-    brsh 4f
-    ldd r24, Y+{FLAGS}
-    sbrc r24, {SWITCH}
-    rjmp 5f
-    lds r24, steps_merge+{LIST_LOW}
-    cp r25, r24
-    brsh 4f
-5:  sbic {FLAGS_IO}, {NOT_PLAIN_B}
-    rcall merge_serve_shield_b
-    rcall merge_top_up
-    brcc 3f
-4:
-    subi r28, lo8(-({MOTOR_SIZE}))
-    sbci r29, hi8(-({MOTOR_SIZE}))
-    ldi r24, {LANE_SIZE}
-    add r4, r24
-    adc r5, r1
-    ldi r24, 2 * {LIST}
-    add r24, r3
-    short_list_end r24
-    mov r3, r24
-    dec r2
-    brne 2b
-    sec
-3:  ret
-
-    // Between two lists that are filled up: the ring beside comes first if it has run down.
-merge_serve_shield_b:
-    unless_shield_b_is_low 1f
-    .irp r, 2,3,4,5,28,29
-    push r\r
-    .endr
-    call ring_fill_shield_b
-    .irp r, 29,28,5,4,3,2
-    pop r\r
-    .endr
-1:  ret
-
-    // Fills up the list of the lane r4:5, whose motor is Y, if it has few ticks left, which are steps, and more are to come. What its motor
-    // does about records and switches is done then too. Carry is clear if the ring has run down meanwhile.
-merge_top_up:
-    lds r24, steps_merge+{AT}
-    lds r30, steps_merge+{TAIL}
-    ldi r31, 0
-    ld r25, Z
-    sub r25, r24
-    cpi r25, 4 * ({GROUPS} - {TOP_UP_FROM} + 1)
-    brcs .+2
-    ret
-    movw r30, r4
-    ldd r6, Z+{NEXT}
-    mov r7, r3
-    sub r7, r6                          // bytes that are left
-    lds r24, steps_merge+{LIST_LOW}
-    ldd r25, Y+{FLAGS}
-    sbrc r25, {SWITCH}
-    ldi r24, {LIST_LOW_BEFORE_SWITCH}
-    cp r7, r24
-    brsh 9f
-    ldd r24, Z+{AT_TICK}
-    ldd r25, Y+{STEP}
-    tst r25                             // a lane of no motor
-    breq 9f
-    cp r24, r25
-    brne 9f
-    ldd r24, Y+{STEP_END}
-    cp r24, r25
-    brne 9f
-    mov r24, r7
-    lsr r24
-    neg r24
-    subi r24, -{LIST}
-    sbrc r3, 5
-    subi r24, {LIST} - {SHORT_LIST}
-    breq 9f                             // it is full, as it may be before a switch; no other is
-    lds r8, steps_times+{MAX_STEPS}
-    sts steps_times+{MAX_STEPS}, r24
-    sts steps_times+{ONLY_STEPS}, r24
-    call steps_plan
-    sts steps_times+{ONLY_STEPS}, r1
-    sts steps_times+{MAX_STEPS}, r8
-    tst r24
-    brne 1f
-9:  sec
-    ret
-    // What is left goes before the r24 steps.
-1:  mov r20, r24
-    lsl r24
-    mov r30, r6
-    ldi r31, hi8(ring_b_page)
-    mov r26, r6
-    sub r26, r24
-    ldi r27, hi8(ring_b_page)
-    mov r6, r26
-    rjmp 4f
-3:  ld r25, Z+
-    st X+, r25
-    dec r7
-4:  tst r7
-    brne 3b
-    movw r30, r26                       // the last list ends with its page
-    call steps_expand_list
-    movw r30, r4
-    std Z+{NEXT}, r6
-    rjmp merge_top_up
-
-    // What the motor of lane r30 does next, into its list; r18:19 is the deadline. Carry: nothing. Keeps r2 to r13, r16, r17.
-merge_fill_list:
-    lds r24, steps_merge+{LISTS}
-    subi r24, 1
-    brcc 1f
-    ret
-1:  sts steps_merge+{LISTS}, r24
-    push r30
-    ldi r24, {MOTOR_SIZE}
-    mul r30, r24
-    movw r28, r0
-    clr r1
-    subi r28, lo8(-(steps_motors))
-    sbci r29, hi8(-(steps_motors))
-    ldd r24, Y+{STEP}
-    tst r24
-    breq 1f
-    "#,
-    prechecked_steps!("6f"),
-    r#"
-    lds r25, steps_times+{MAX_STEPS}
-    cpi r30, {SHORT_LANE}
-    brne 8f
-    sbis {FLAGS_IO}, {NOT_PLAIN_B}
-    rjmp 8f
-    sbic {FLAGS_IO}, {SHIELD_B}
-    ldi r25, {SHORT_LIST}
-8:  cp r24, r25
-    brlo .+2
-    mov r24, r25
-    ldi r25, 1
-    rjmp 7f
-6:  cpi r30, {SHORT_LANE}
-    brne 6f
-    sbis {FLAGS_IO}, {NOT_PLAIN_B}
-    rjmp 6f
-    sbis {FLAGS_IO}, {SHIELD_B}
-    rjmp 6f
-    ldi r24, {SHORT_LIST}
-    sts steps_times+{MAX_STEPS}, r24
-    call steps_plan
-    ldi r31, {BATCH_STEPS}
-    sts steps_times+{MAX_STEPS}, r31
-    rjmp 7f
-6:  call steps_plan
-7:  pop r30
-    tst r24
-    brne 2f
-    sec
-    ret
-    // Nobody's lane: nothing, a filler after the pending group.
-1:  pop r30
-    movw r20, r18
-    subi r21, 256 - ({FILLER} >> 8)
-    clr r22
-    clr r23
-    ldi r24, 1
-    clr r25
-2:  // X: the lane; r30: where its list ends
-    ldi r26, {LANE_SIZE}
-    mul r30, r26
-    movw r26, r0
-    clr r1
-    subi r26, lo8(-(steps_merge))
-    sbci r27, hi8(-(steps_merge))
-    inc r30
-    swap r30
-    lsl r30
-    lsl r30
-    short_list_end r30
-    ldi r31, hi8(ring_b_page)
-    cpi r25, 1
-    breq 3f
-    // one thing
-    st X+, r22
-    st X+, r23
-    adiw r26, 2
-    subi r30, 2
-    cpi r24, 1
-    breq 1f
-    subi r30, 2
-    st X, r30
-    st Z+, r20
-    st Z+, r21
-    lds r24, steps_times+{PULSE}
-    add r20, r24
-    lds r24, steps_times+{PULSE}+1
-    adc r21, r24
-    rjmp 2f
-1:  st X, r30
-2:  st Z+, r20
-    st Z+, r21
-    clc
-    ret
-    // r24 steps
-3:  ldd r22, Y+{STEP}
-    ldd r23, Y+{STEP_END}
-    st X+, r22
-    st X+, r23
-    adiw r26, 2
-    mov r20, r24
-    lsl r24
-    cpse r22, r23
-    lsl r24
-    sub r30, r24
-    st X, r30
-    .irp r, 8,9,10,11,12,13,16,17
-    push r\r
-    .endr
-    cp r22, r23
-    brne 4f
-    call steps_expand_list
-    rjmp 5f
-4:  lds r17, steps_times+{PULSE}
-    call steps_expand_list_long
-5:  .irp r, 17,16,13,12,11,10,9,8
-    pop r\r
-    .endr
-    clc
-    ret
 
     // Three lanes with a ring beside the lists: states of their own, as the third list is shorter.
     .section .text.merge_shield, "ax", @progbits
@@ -929,10 +637,6 @@ merge_shield:
     PASSES = const offset_of!(Merge, passes),
     LISTS = const offset_of!(Merge, lists_left),
     LANE_SIZE = const LANE_SIZE,
-    MOTOR_SIZE = const size_of::<Motor>(),
-    STEP = const offset_of!(Motor, step),
-    STEP_END = const offset_of!(Motor, step_end),
-    PULSE = const super::times::PULSE,
     EMPTY_LANE = const offset_of!(Merge, empty_lane),
     NONE = const NONE,
     RING = const offset_of!(Stepper, tracks) + offset_of!(Track, ring),
@@ -952,131 +656,11 @@ merge_shield:
     TAIL_B = const register::OCR0B,
     START = const SHORT_RING_START,
     SHORT_LANE = const SHORT_LANE,
-    SHORT_LIST = const SHORT_LIST,
-    BATCH_STEPS = const BATCH_STEPS,
     SHIELD_MODE = const mode::MERGE_AND_B,
-    TOP_UP_FROM = const TOP_UP_FROM,
-    LIST_LOW = const offset_of!(Merge, list_low),
-    LIST_LOW_BEFORE_SWITCH = const LIST_LOW_BEFORE_SWITCH,
-    FLAGS = const offset_of!(Motor, flags),
-    SWITCH = const flag::SWITCH,
-    TURN = const flag::TURN,
-    STEPPED = const flag::STEPPED,
-    ANCHORED = const flag::ANCHORED,
-    COMMITTED = const flag::COMMITTED,
-    SINGLY = const flag::SINGLY,
-    PRECHECKED = const offset_of!(Motor, prechecked),
-    HIGH_FIXED = const HIGH_FIXED,
-    LIMIT_CHECK_FROM = const LIMIT_CHECK_FROM,
-    LEFT = const offset_of!(Motor, registers) + 19,
-    FILLER = const super::plan::FILLER,
     LIST = const LIST,
-    MAX_STEPS = const super::times::MAX_STEPS,
-    ONLY_STEPS = const super::times::ONLY_STEPS,
     RESUME_BELOW = const RESUME_BELOW,
     RING_LOW_BELOW = const RING_LOW_BELOW,
     PUBLISH_GROUPS = const PUBLISH_GROUPS,
 );
 
-/// [`Merge::empty_lane`]: all lanes have heads.
-const NONE: u8 = 255;
-
-/// The one merge: the assembly knows it by this name. [`Merge::begin`] comes before its use: until then it is zeros, which take no
-/// flash.
-#[unsafe(export_name = "steps_merge")]
-static mut MERGE: Merge = Merge {
-    lanes: [Lane { masks: Group::NOTHING, head: 0, next: 0 }; LANES],
-    deadline: 0,
-    pending: Group::NOTHING,
-    at: 0,
-    end: 0,
-    half: 0,
-    spacing: 0,
-    tail: 0,
-    passes: 0,
-    lists_left: 0,
-    list_low: 0,
-    empty_lane: 0,
-    motors: 0,
-    shield_b: false,
-};
-
-/// The lane whose list ends where the ring beside begins, if there is one, and the ticks that it holds then.
-const SHORT_LANE: u8 = 2;
-const SHORT_LIST: u8 = (SHORT_RING_START - SHORT_LANE * 2 * LIST) / 2;
-
-impl Merge {
-    /// The one merge.
-    ///
-    /// # Safety
-    /// To be called once.
-    pub(crate) unsafe fn take() -> &'static mut Merge {
-        let merge = &raw mut MERGE;
-        // SAFETY: the caller's promise: no other reference exists.
-        unsafe { &mut *merge }
-    }
-
-    /// Byte after the list of `lane`.
-    fn end_of(&self, lane: u8) -> u8 {
-        if self.shield_b && lane == SHORT_LANE {
-            return SHORT_RING_START;
-        }
-        (lane + 1).wrapping_mul(2 * LIST)
-    }
-
-    /// What `lane` has still to do that is in no group yet: how many ticks, and what each of them toggles.
-    pub(crate) fn listed(&self, lane: u8) -> (u8, Group) {
-        let entry = &self.lanes[usize::from(lane) % LANES];
-        let head = u8::from(self.empty_lane != lane);
-        (self.end_of(lane).wrapping_sub(entry.next) / 2 + head, entry.masks)
-    }
-
-    /// Begins anew: every lane has one tick to come, the low 16 bits of which are `first`, and at which it does nothing. `beside`: a ring is behind
-    /// the lists.
-    ///
-    /// Groups will be at least `spacing` ticks apart (W).
-    pub(crate) fn begin(&mut self, name: RingName, motors: u8, shield_b: bool, spacing: u8, first: u16) {
-        let (end, tail) = match name {
-            RingName::A => (END_A, register::OCR0A),
-            RingName::B => (END_B, register::OCR0B),
-        };
-        self.spacing = spacing;
-        (self.motors, self.shield_b) = (motors, shield_b);
-        self.half = if shield_b { MAX_DELAY_SHIELD } else { spacing / 2 };
-        self.end = end;
-        self.tail = tail + 0x20;
-        (self.at, self.pending) = (0, Group::NOTHING);
-        self.list_low = 2 * if motors == 2 {
-            LIST_LOW_OF_TWO
-        } else if shield_b {
-            LIST_LOW_OF_SHIELD
-        } else {
-            LIST_LOW_OF_MORE
-        } + 1;
-        self.clear(first);
-    }
-
-    /// Lists are not filled up before they are used up: what they leave of their page is another's. No motor waits for a switch then.
-    pub(crate) fn share_page(&mut self) {
-        self.list_low = 0;
-    }
-
-    /// Whether steps are in lists, or anything else but fillers.
-    pub(crate) fn is_idle(&self) -> bool {
-        self.lanes.iter().all(|lane| lane.masks == Group::NOTHING)
-    }
-
-    /// Empties all lists but for a filler in each, at `first`.
-    #[inline(never)]
-    pub(crate) fn clear(&mut self, first: u16) {
-        self.empty_lane = NONE;
-        let mut next = 0u8;
-        for lane in &mut self.lanes {
-            next = next.wrapping_add(2 * LIST);
-            *lane = Lane { masks: Group::NOTHING, head: first, next };
-        }
-        if self.shield_b {
-            self.lanes[usize::from(SHORT_LANE)].next = SHORT_RING_START;
-        }
-    }
-}
+mod lists;
