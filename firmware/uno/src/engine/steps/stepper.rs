@@ -17,211 +17,36 @@
 //! A DIR line toggles at the end of a group, after the pulse and hold of every step before that looked at the line, and its
 //! set-up before the step that it is for. Planners leave room for that ([`PulseTiming`]); where they did not, the step is not made.
 
-use super::brake::{CurrentLease, lease};
-use super::merge::Merge;
-use super::motor::{COUNT_AT_REST, Motor, flag};
-use super::pins::{Kind, Layout, Lines, MAX_MOTORS};
-use super::plan::FILLER;
-use super::refill::{self, mode};
-use super::ring::{Group, Ring, RingName, flags};
-use super::shield_b;
-use super::switch;
-use super::times::{TIMES, Times};
 use crate::ThisProgram;
-use crate::engine::clock::{self, low_half};
-use crate::engine::memory;
+use crate::engine::clock::low_half;
 use crate::engine::program::Program;
-use crate::engine::regs::{self, Reg16};
-use crate::engine::tuning::stepper::{
-    BATCH_STEPS, DIR_EARLY, END_DELAY, END_DELAY_COMPARE, END_DELAY_SHIELD_B, LATENCY, LATENCY_MERGED, LOOK_AHEAD,
-    MAX_UNDERRUN, MIN_INTERVAL, PULSE_SHIELD_B, RESTART_DELAY, RETRY, SPACING as SPACING_SHORT, SPACING_SHIELD,
-    SPACING_SHIELD_B, SPACING_SHIELD_MERGE, SPACING_STRETCHED, SPACING_TWO_COMPARE, SPACING_TWO_RINGS,
-};
+use crate::engine::steps::brake::{CurrentLease, lease};
+use crate::engine::steps::merge::Merge;
+use crate::engine::steps::motor::{COUNT_AT_REST, Motor, flag};
+use crate::engine::steps::pins::{Kind, Layout, Lines, MAX_MOTORS};
+use crate::engine::steps::plan::FILLER;
+use crate::engine::steps::refill::mode;
+use crate::engine::steps::ring::{Group, RingName, flags};
+use crate::engine::steps::times::TIMES;
+use crate::engine::steps::{refill, shield_b, switch};
+use crate::engine::tuning::stepper::{LOOK_AHEAD, SPACING_SHIELD_B};
+use crate::engine::{clock, memory, regs};
 use core::mem::offset_of;
 use core::ptr::NonNull;
 use core::slice;
-use pulsetrain_core::wire::message::{self, Configuration};
+use pulsetrain_core::wire::message;
+use pulsetrain_core::wire::message::Configuration;
 use pulsetrain_core::{Epoch, Moment};
+use timing::PulseTiming;
+pub(crate) use track::RingFault;
+pub(super) use track::Track;
 
 /// The longest of pulse, set-up and hold, ticks: less than a filler, so that what is past need not be remembered longer.
 pub(crate) const LONGEST: u16 = 4_096;
 
-/// What a configuration asks of the spacing of groups.
-#[derive(Clone, Copy)]
-struct PulseTiming {
-    /// The interrupt's pulse is the one of 1.9 µs.
-    stretched: bool,
-    /// The end of the pulse is a group of its own.
-    two_groups: bool,
-    /// Between two groups, ticks.
-    spacing: u8,
-}
+mod timing;
 
-impl PulseTiming {
-    const NONE: PulseTiming = PulseTiming { stretched: false, two_groups: false, spacing: 0 };
-
-    /// Pulses of as many ticks as are asked for, or a little longer where that is what an interrupt makes; beyond that by
-    /// two groups. And the times that follow.
-    fn of(kind: Kind, configuration: &Configuration<'_>, merging: bool, shared: bool) -> (PulseTiming, Times) {
-        let several = configuration.motors().len() > 1;
-        // What the interrupt makes without and with its flag, and the distance that takes.
-        let ((short, spacing), (stretched, spacing_stretched), fall) = match kind {
-            Kind::PortDTwoRings => ((16, SPACING_TWO_RINGS), (16, SPACING_TWO_RINGS), END_DELAY),
-            Kind::PortD | Kind::PortB => ((16, SPACING_SHORT), (31, SPACING_STRETCHED), END_DELAY),
-            Kind::Shield => ((17, SPACING_SHIELD[0]), (31, SPACING_SHIELD[1]), END_DELAY),
-            Kind::ShieldTwoRings => {
-                ((PULSE_SHIELD_B, SPACING_SHIELD_MERGE), (PULSE_SHIELD_B, SPACING_SHIELD_MERGE), END_DELAY_SHIELD_B)
-            }
-            Kind::Compare => {
-                let spacing = if several { SPACING_TWO_COMPARE } else { SPACING_TWO_RINGS };
-                ((35, spacing), (35, spacing), END_DELAY_COMPARE)
-            }
-        };
-        let wanted = configuration.pulse_ticks;
-        let late = if merging || kind == Kind::PortDTwoRings { LATENCY_MERGED } else { LATENCY };
-        let mut timing = PulseTiming { stretched: false, two_groups: false, spacing };
-        let (mut pulse, mut made) = (0, short);
-        if wanted > short {
-            if wanted <= stretched {
-                (timing.stretched, timing.spacing, made) = (true, spacing_stretched, stretched);
-            } else {
-                timing.two_groups = true;
-                // Its first edge may be late, where the hardware does not make it; merged, its second may be early.
-                let more = match kind {
-                    Kind::Compare => 0,
-                    _ if merging => late + spacing,
-                    _ => late,
-                };
-                pulse = (wanted + u16::from(more)).max(u16::from(spacing));
-                made = pulse;
-            }
-        }
-        let spacing = u16::from(timing.spacing);
-        // The merge moves edges by half of that, either way; with a ring beside by 24 and 54.
-        let slack = if merging { spacing } else { 0 };
-        let setup = configuration.setup_ticks + u16::from(fall + late) + slack;
-        // An expansion counts the long pulse in 8 bits, and does not know the hardware's.
-        let singly = timing.two_groups && (kind == Kind::Compare || pulse > 255);
-        let interval = if singly {
-            u16::MAX
-        } else if merging {
-            spacing
-        } else {
-            if several { MIN_INTERVAL[1] } else { MIN_INTERVAL[0] }
-        };
-        let times = Times {
-            limit: Moment(0),
-            step_gap: made + 1,
-            dir_hold: (made + configuration.hold_ticks + u16::from(late) + slack).max(spacing),
-            dir_setup: setup.max(spacing),
-            dir_early: setup.max(spacing) + DIR_EARLY.max(spacing),
-            min_interval: interval.max(made.saturating_add(if timing.two_groups { spacing } else { 0 })),
-            pulse,
-            max_steps: if timing.two_groups { BATCH_STEPS / 2 } else { BATCH_STEPS },
-            shared,
-            only_steps: 0,
-        };
-        (timing, times)
-    }
-}
-
-/// What went wrong in playing.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum RingFault {
-    /// A compare was missed, or the ring was empty for a moment: a group was played so late.
-    Late {
-        /// Ticks.
-        ticks: u16,
-    },
-    /// The ring was empty for too long while steps were left.
-    Underrun,
-}
-
-/// One ring and what is known of it; [`fill`](super::one_motor) knows the layout.
-#[repr(C)]
-pub(super) struct Track {
-    pub(super) ring: Ring,
-    /// Tick of the pending group.
-    pub(super) at: Moment,
-    /// Ticks between two groups, at least.
-    pub(super) spacing: u8,
-}
-
-impl Track {
-    const NONE: Track = Track { ring: Ring::NONE, at: Moment(0), spacing: 0 };
-
-    /// The compare register, and the ring's bit in `TIMSK1` and `TIFR1`.
-    #[inline(always)]
-    fn compare(&self) -> (Reg16, u8) {
-        match self.ring.name() {
-            RingName::A => (regs::OCR1A, 1 << 1),
-            RingName::B => (regs::OCR1B, 1 << 2),
-        }
-    }
-
-    /// The next match is to be at `at`, or as soon as can be. Nothing may come between the time that is read and what is set by it.
-    #[inline(never)]
-    fn resume(&self, at: Option<Moment>) {
-        let (compare, bit) = self.compare();
-        regs::free(|| {
-            let at = at.map_or_else(|| clock::read().wrapping_add(RETRY), |at| low_half(at.0));
-            compare.write(at);
-            regs::TIFR1.write(bit);
-        });
-        regs::free(|| {
-            regs::GPIOR0.clear(self.ring.underrun_flag());
-            regs::TIMSK1.set(bit);
-        });
-    }
-
-    /// Looks whether the interrupt still plays what it should, and mends it.
-    #[inline(never)]
-    fn watch(&mut self, now: Moment, busy: bool) -> Option<RingFault> {
-        if regs::GPIOR0.read() & self.ring.underrun_flag() != 0 {
-            let (compare, _) = self.compare();
-            // The compare register still has the tick of the group that is next.
-            let count = clock::read();
-            let late = count.wrapping_sub(compare.read());
-            if busy && late >= MAX_UNDERRUN {
-                return Some(RingFault::Underrun);
-            }
-            let empty = self.ring.is_empty();
-            if empty && self.ring.pending_begins_pulse() {
-                return Some(RingFault::Underrun);
-            }
-            if empty {
-                // It counts from here on, not from when the round began.
-                self.at = now.after(u32::from(count.wrapping_sub(low_half(now.0)).wrapping_add(RESTART_DELAY)));
-            }
-            let at = empty.then_some(self.at);
-            // The hardware has made the edge of the group that waits, and toggles no more. A plain step does not say that it does again: another
-            // group follows it, or it becomes one that does.
-            if empty && self.ring.pending_is_plain_step() {
-                self.push_nothing(self.at.after(u32::from(self.spacing)));
-            } else if !empty {
-                self.ring.next_match_toggles();
-            }
-            self.resume(at);
-            return busy.then_some(RingFault::Late { ticks: late });
-        }
-        let (compare, bit) = self.compare();
-        // A match lies ahead, or its interrupt has been kept waiting for some cycles. If it is behind by 512 to 32 767, it
-        // was missed and would be found 65 536 ticks later. Whole bytes say that, with interrupts on.
-        let [_, high, ..] = now.0.to_le_bytes();
-        if !matches!(high.wrapping_sub(compare.high()), 2..0x80) || regs::TIFR1.read() & bit != 0 {
-            return None;
-        }
-        let late = low_half(now.0).wrapping_sub(regs::free(|| compare.read()));
-        self.resume(None);
-        (late != 0).then_some(RingFault::Late { ticks: late })
-    }
-
-    /// Whether no group is left to be played but fillers.
-    #[inline(never)]
-    fn is_idle(&self) -> bool {
-        self.ring.is_idle()
-    }
-}
+mod track;
 
 /// All motors; the assembly knows where they are.
 #[unsafe(export_name = "steps_motors")]
