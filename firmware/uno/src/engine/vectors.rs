@@ -1,14 +1,14 @@
-//! The interrupt vectors and what comes before main.
+//! The interrupt vectors, and what runs before main.
 //!
-//! Vectors that are not used are never enabled, so that there is room between the others: the receive interrupt is where its
-//! vector is, and over those that follow.
+//! Unused vectors are never enabled, so that their room is free. The receive interrupt starts at its vector and goes on over those that follow, which
+//! saves a jump.
 
 use crate::engine::link::{self, receive_interrupt};
 use crate::engine::steps::register;
 use crate::engine::steps::ring::flags;
 use core::arch::global_asm;
 
-// Four bytes each (DS40002061B §12.4). The short jump takes 2 cycles; the linker says if it does not reach.
+// Four bytes each (DS40002061B §12.4). A short jump takes 2 cycles; the linker fails if it does not reach.
 global_asm!(
     r#"
     .section .vectors, "ax", @progbits
@@ -54,7 +54,7 @@ global_asm!(
     SAVE31 = const register::EEDR,
 );
 
-// `__do_copy_data` and `__do_clear_bss`, libgcc's, are in the sections .init4 between .init2 and .init9.
+// libgcc's `__do_copy_data` and `__do_clear_bss` are in the sections .init4, between .init2 and .init9.
 global_asm!(
     r#"
     .section .init2, "ax", @progbits

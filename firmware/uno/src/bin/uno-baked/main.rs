@@ -1,4 +1,4 @@
-//! The program without a host: it plays the motion that lies behind it in the flash.
+//! The program without a host: it plays the motion that is stored behind it in the flash.
 #![no_std]
 #![no_main]
 #![feature(asm_experimental_arch, optimize_attribute)]
@@ -11,7 +11,7 @@ mod baked;
 use core::arch::global_asm;
 use engine::program::Program;
 
-/// Plans, and nobody who speaks.
+/// Plans, and no line to a host.
 pub(crate) struct ThisProgram;
 
 impl Program for ThisProgram {
@@ -26,7 +26,7 @@ global_asm!(
     ".set source_limit, steps_limit",
     ".set source_load, steps_load_record",
     ".set source_due, steps_due",
-    // How rings are filled: of one motor each, of motors that share DIR lines, and of one motor beside a merge.
+    // How rings are filled: by one motor, and by motors that share DIR lines. Ring B of the shield is not supported here.
     ".global ring_fill_one, ring_fill_shared, ring_fill_shield, ring_fill_shield_b, ring_merge_shield",
     ".set ring_fill_one, one_motor_fill",
     ".set ring_fill_shared, shared_fill",

@@ -1,4 +1,4 @@
-//! The program for StepperWinch's text: paths that the board works out itself.
+//! The program for StepperWinch's text: the board works out the paths itself.
 #![no_std]
 #![no_main]
 #![feature(asm_experimental_arch, optimize_attribute)]
@@ -20,7 +20,7 @@ global_asm!(
     ".set source_limit, winch_limit",
     ".set source_load, winch_load",
     ".set source_due, winch_due",
-    // How rings are filled: of one motor each, of motors that share DIR lines, and of one motor beside a merge.
+    // How rings are filled: four motors are merged into one ring, always.
     ".global ring_fill_one, ring_fill_shared, ring_fill_shield, ring_fill_shield_b, ring_merge_shield",
     ".set ring_fill_one, steps_absent",
     ".set ring_fill_shared, steps_absent",

@@ -28,7 +28,7 @@ global_asm!(
     ".set source_limit, limit_leased",
     ".set source_load, load_leased",
     ".set source_due, steps_due",
-    // How rings are filled: of one motor each, of motors that share DIR lines, and of one motor beside a merge.
+    // How rings are filled: by one motor, by motors that share DIR lines, and on the shield, where the motor on PORTB has a ring of its own.
     ".global ring_fill_one, ring_fill_shared, ring_fill_shield, ring_fill_shield_b, ring_merge_shield",
     ".set ring_fill_one, one_motor_fill",
     ".set ring_fill_shared, shared_fill",

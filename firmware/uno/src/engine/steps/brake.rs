@@ -290,7 +290,7 @@ brake_fail:
     std Y+{FLAGS}, r24
     ret
 
-    // The motor Y, whose flags are r24, awaits what is at its switch's tick. Z is at its parts. ThisProgram r25.
+    // The motor Y, whose flags are r24, awaits what is at its switch's tick. Z is at its parts. Uses r25.
 brake_wait_for_end:
     ldi r25, 1 << {AWAITS}
     sbrc r24, {SWITCH}
@@ -315,7 +315,7 @@ brake_check_lease_end:
     ret
 
     // Carry: the end of the lease is near the limit r22 to r25. What is planned at once reaches 1.5 ms beyond that at most, and this is 2 ms. r18 to r21:
-    // the end. ThisProgram r26, r27, r30, r31.
+    // the end. Uses r26, r27, r30, r31.
 brake_check_end_near:
     ldi r30, lo8(steps_lease+{AT})
     ldi r31, hi8(steps_lease+{AT})
@@ -372,7 +372,7 @@ brake_all_at_end:
     brne 1b
     ret
 
-    // The motor Y brakes at r18 to r21, not before its horizon, unless a switch comes first, it brakes already or rests. ThisProgram r24, r25, Z.
+    // The motor Y brakes at r18 to r21, not before its horizon, unless a switch comes first, it brakes already or rests. Uses r24, r25, Z.
 brake_motor_at_end:
     ldd r24, Y+{FLAGS}
     sbrc r24, {UNREADABLE}
@@ -399,7 +399,7 @@ brake_motor_at_end:
     std Y+{SWITCH_AT}+3, r21
 3:  ret
 
-    // The motor Y is at rest until its next step. ThisProgram r18, r19, r24.
+    // The motor Y is at rest until its next step. Uses r18, r19, r24.
 brake_note_rest:
     movw r18, r30
     brake_point_to_epochs
@@ -410,7 +410,7 @@ brake_note_rest:
     movw r30, r18
     ret
 
-    // Z: the motor Y, of whose segment no step is left, has made none since it was at rest; Z+ is at its parts. ThisProgram r22, r23.
+    // Z: the motor Y, of whose segment no step is left, has made none since it was at rest; Z+ is at its parts. Uses r22, r23.
 brake_check_rest:
     ldd r22, Y+{POSITION}
     ldd r23, Z+{REST_POSITION}
@@ -422,7 +422,7 @@ brake_check_rest:
     .endr
     ret
 
-    // The interval before the last step, r22 to r26: less by what it grew, and that was less by add2. ThisProgram r25, r27.
+    // The interval before the last step, r22 to r26: less by what it grew, and that was less by add2. Uses r25, r27.
 brake_previous_interval:
     ldd r22, Y+{INTERVAL}
     ldd r23, Y+{INTERVAL}+1

@@ -292,7 +292,7 @@ global_asm!(
     std Y+\offset, r\register
     .endm
 
-    // Goes to \enough unless there is a ring beside, and that has run down. ThisProgram r24, r25.
+    // Goes to \enough unless there is a ring beside, and that has run down. Uses r24, r25.
     .macro unless_shield_b_is_low enough
     sbis {FLAGS_IO}, {SHIELD_B}
     rjmp \enough
@@ -328,7 +328,7 @@ global_asm!(
 
     .section .text.steps_merge_run, "ax", @progbits
     .global steps_merge_run
-    // For the task: merges until the ring is full or a motor does nothing more within the limit. ThisProgram all registers. With sorted lanes, and no ring
+    // For the task: merges until the ring is full or a motor does nothing more within the limit. Uses all registers. With sorted lanes, and no ring
     // beside, carry is clear if lists were filled up until the ring ran down: it may be called again.
 steps_merge_run:
     lds r24, steps_merge+{AT}
@@ -439,7 +439,7 @@ steps_merge_run:
     merge_state merge_12, r4, r5, r20, r21, 1, r6, r7, r22, r23, 2
     merge_state merge_13, r4, r5, r20, r21, 1, r8, r9, r28, r29, 3
 
-    // Publishes what has been put into the ring. ThisProgram r24, r25, Y.                                 24
+    // Publishes what has been put into the ring. Uses r24, r25, Y.                                 24
 merge_publish:
     lds r28, steps_merge+{AT}           // 2
     cp r26, r28                         // 1

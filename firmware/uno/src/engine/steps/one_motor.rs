@@ -18,7 +18,7 @@ global_asm!(
     .section .text.one_motor_fill, "ax", @progbits
     .global one_motor_fill
     // For the task: r24:25 is the track, r22:23 its motor, r20 how many things may be done. r4 is the same afterwards if there
-    // was no room, and less if there was. ThisProgram all registers.
+    // was no room, and less if there was. Uses all registers.
     // Inside, r2:3 is the track, Y the motor, r4 how many things may be done yet.
 one_motor_fill:
     movw r2, r24

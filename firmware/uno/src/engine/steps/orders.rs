@@ -65,7 +65,7 @@ steps_horizon:
     pop r29
     pop r28
     ret
-    // The same. ThisProgram r18 to r21, r27, Y, Z.
+    // The same. Uses r18 to r21, r27, Y, Z.
 order_horizon:
     lds r22, steps_stepper+{AT}
     lds r23, steps_stepper+{AT}+1
@@ -94,7 +94,7 @@ order_horizon:
     sbci r24, -1
     sbci r25, -1
     ret
-    // The later of r22 to r25 and what is at Z. ThisProgram r18 to r21.
+    // The later of r22 to r25 and what is at Z. Uses r18 to r21.
 order_maximum:
     ld r18, Z
     ldd r19, Z+1
@@ -453,7 +453,7 @@ order_check:
 2:  sec
     ret
 
-    // The motor Y of the number r20. ThisProgram r24, r25.
+    // The motor Y of the number r20. Uses r24, r25.
 order_motor:
     mov r24, r20
     lds r25, steps_stepper+{SWAP}

@@ -71,14 +71,14 @@ impl Pin {
     #[inline(never)]
     pub(crate) fn drive(self, high: bool) {
         self.set(high);
-        regs::free(|| self.port.direction().set(self.mask));
+        regs::critical(|| self.port.direction().set(self.mask));
     }
 
     /// Sets the level of an output. An interrupt may be toggling its neighbours.
     #[inline(never)]
     pub(crate) fn set(self, high: bool) {
         let levels = self.port.levels();
-        regs::free(|| if high { levels.set(self.mask) } else { levels.clear(self.mask) });
+        regs::critical(|| if high { levels.set(self.mask) } else { levels.clear(self.mask) });
     }
 
     /// Whether it is driven high.
@@ -89,7 +89,7 @@ impl Pin {
     /// Makes it an input without pull-up, as after a reset.
     #[inline(never)]
     pub(crate) fn float(self) {
-        regs::free(|| self.port.direction().clear(self.mask));
+        regs::critical(|| self.port.direction().clear(self.mask));
         self.set(false);
     }
 }

@@ -27,7 +27,7 @@ pub(crate) const FILLER: u16 = ThisProgram::FILLER;
 const _: () = assert!(FILLER <= 16_384 && FILLER % 256 == 0);
 
 /// What the motor Y makes next, for assembly, if it is steps of a segment all of which are sure, and soon enough: how many are left of them,
-/// up to 255, in r24. Else it goes to `$slow`, where [`plan`](self) says. ThisProgram r25.
+/// up to 255, in r24. Else it goes to `$slow`, where [`plan`](self) says. Uses r25.
 macro_rules! prechecked_steps {
     ($slow:literal) => {
         concat!(
@@ -81,7 +81,7 @@ global_asm!(
     lds \c, steps_times+{LIMIT}+2
     lds \d, steps_times+{LIMIT}+3
     .endm
-    // Compares a to d with the moment at Y+\offset; N: it is before. ThisProgram \temp.
+    // Compares a to d with the moment at Y+\offset; N: it is before. Uses \temp.
     .macro compare_4 a, b, c, d, offset, temp
     ldd \temp, Y+\offset
     cp \a, \temp
@@ -94,7 +94,7 @@ global_asm!(
     .endm
 
     // Passes over what waits of epochs before that of r22; Z is at the motor Y's parts. \if_also: T says that of the epoch being run in any case, and
-    // otherwise what waits of that of r22 goes as well. ThisProgram r20, r21, X, r18, r19.
+    // otherwise what waits of that of r22 goes as well. Uses r20, r21, X, r18, r19.
     .macro drop_epochs if_also
     ldd r26, Y+{NEXT}
     ldd r27, Y+{NEXT}+1
@@ -145,7 +145,7 @@ global_asm!(
     std Y+{NEXT}, r26
     std Y+{NEXT}+1, r27
     .endm
-    // Nothing is done before the switch, which is r18 to r21 then. ThisProgram r26.
+    // Nothing is done before the switch, which is r18 to r21 then. Uses r26.
     .macro horizon_to_switch
     load_4 r18, r19, r20, r21, {SWITCH_AT}
     compare_4 r18, r19, r20, r21, {HORIZON}, r26
@@ -156,7 +156,7 @@ global_asm!(
 
     .section .text.steps_plan, "ax", @progbits
     .global steps_settle, steps_plan, plan_slow, plan_window, plan_make_step
-    // Horizon, last and free, if they were left to follow from the last step. ThisProgram r18 to r21, r24, r25.
+    // Horizon, last and free, if they were left to follow from the last step. Uses r18 to r21, r24, r25.
 steps_settle:
     ldd r24, Y+{FLAGS}
     sbrs r24, {STEPPED}

@@ -183,7 +183,7 @@ put_prepare:
     std Y+{BEFORE_STEP}, r25
     ret
 
-    // What the compare hardware and its interrupt do with r22 and r23: r25; r0 is the hardware's bit. ThisProgram r31.
+    // What the compare hardware and its interrupt do with r22 and r23: r25; r0 is the hardware's bit. Uses r31.
 put_compare_bits:
     ldd r0, Y+{COMPARE_BIT}
     clr r25
@@ -197,7 +197,7 @@ put_compare_bits:
     ori r25, {END_PULSE}
     ret
 
-    // The pending group's first byte when it is played and followed by one whose rise is r30: r25. ThisProgram r0, r30, r31.
+    // The pending group's first byte when it is played and followed by one whose rise is r30: r25. Uses r0, r30, r31.
 put_published_byte:
     ldd r0, Y+{COMPARE_BIT}
     ldd r25, Y+{AT_TICK}

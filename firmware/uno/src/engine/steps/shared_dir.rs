@@ -44,7 +44,7 @@ global_asm!(
 
     .section .text.shared_fill, "ax", @progbits
     .global shared_fill
-    // For the task. ThisProgram all registers.
+    // For the task. Uses all registers.
 shared_fill:
     ldi r24, {BATCH}
     mov r13, r24
@@ -244,7 +244,7 @@ shared_pending_tick:
     lds r21, steps_stepper+{AT}+3
     ret
 
-    // What is at Z is not before r18 to r21. ThisProgram r24.
+    // What is at Z is not before r18 to r21. Uses r24.
 shared_raise_to:
     ld r24, Z
     cp r24, r18
@@ -261,7 +261,7 @@ shared_raise_to:
     std Z+3, r21
 1:  ret
 
-    // Z: the DIR line of the motor Y is as its next step needs it. Z+ is at its parts. ThisProgram r24, r25.
+    // Z: the DIR line of the motor Y is as its next step needs it. Z+ is at its parts. Uses r24, r25.
 shared_check_dir:
     rcall shared_point_to_epochs
     ldd r24, Y+{LEVELS}

@@ -51,7 +51,7 @@ global_asm!(
 
     .section .text.shield_b, "ax", @progbits
     .global shield_fill, shield_b_fill
-    // For the task. ThisProgram all registers.
+    // For the task. Uses all registers.
 shield_fill:
     rcall shield_b_fill
     call steps_merge_run

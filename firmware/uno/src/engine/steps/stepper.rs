@@ -364,7 +364,7 @@ impl Stepper {
         self.playing = false;
         refill::set_mode(mode::NONE);
         for track in self.tracks_mut() {
-            regs::free(|| track.ring.halt());
+            regs::critical(|| track.ring.halt());
         }
         // Here, and not when all is counted: what was due since then was not made.
         self.halted = clock::moment();

@@ -258,7 +258,7 @@ winch_load:
 8:  sec
     ret
 
-    // The next slice, r18 to r21; N: it is before r26, r27, r30, r31. ThisProgram r22 to r25.
+    // The next slice, r18 to r21; N: it is before r26, r27, r30, r31. Uses r22 to r25.
 winch_is_before:
     lds r18, winch_slice
     lds r19, winch_slice+1

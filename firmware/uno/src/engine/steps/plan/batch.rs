@@ -234,7 +234,7 @@ plan_have_time:
     ldi r25, 1
     ret
 
-    // Steps that the motor Y may make without anybody looking at them, in r31; carry: perhaps none. It has some left. ThisProgram r18 to r21,
+    // Steps that the motor Y may make without anybody looking at them, in r31; carry: perhaps none. It has some left. Uses r18 to r21,
     // r26, r27, r30.
 plan_prechecked:
     ldd r30, Y+{PRECHECKED}
@@ -290,7 +290,7 @@ plan_prechecked:
 6:  sec
     ret
 
-    // The limit, or the moment r18 to r21, less the registers' tick, in 16 bits, r18:19. Carry: it is before that. ThisProgram r22.
+    // The limit, or the moment r18 to r21, less the registers' tick, in 16 bits, r18:19. Carry: it is before that. Uses r22.
 plan_to_limit:
     load_limit r18, r19, r20, r21
 plan_from_tick:

@@ -161,7 +161,7 @@ plan_window:
     movw r20, r24
 1:  ret
 
-    // Carry is clear if the switch is due within the window, or `early` after it. ThisProgram r14, r15, r26, r27, r30, r31.
+    // Carry is clear if the switch is due within the window, or `early` after it. Uses r14, r15, r26, r27, r30, r31.
 plan_switch_due:
     movw r26, r18
     movw r30, r20
@@ -304,7 +304,7 @@ plan_turn_dir:
     ldi r24, 1
     ret
 
-    // Behind this is what does something that is no step: if steps alone are asked for, there are none. ThisProgram r26.
+    // Behind this is what does something that is no step: if steps alone are asked for, there are none. Uses r26.
 plan_return_if_only_steps:
     lds r26, steps_times+{ONLY_STEPS}
     tst r26

@@ -45,12 +45,12 @@ impl Track {
     #[inline(never)]
     pub(super) fn resume(&self, at: Option<Moment>) {
         let (compare, bit) = self.compare();
-        regs::free(|| {
+        regs::critical(|| {
             let at = at.map_or_else(|| clock::read().wrapping_add(RETRY), |at| low_half(at.0));
             compare.write(at);
             regs::TIFR1.write(bit);
         });
-        regs::free(|| {
+        regs::critical(|| {
             regs::GPIOR0.clear(self.ring.underrun_flag());
             regs::TIMSK1.set(bit);
         });
@@ -93,7 +93,7 @@ impl Track {
         if !matches!(high.wrapping_sub(compare.high()), 2..0x80) || regs::TIFR1.read() & bit != 0 {
             return None;
         }
-        let late = low_half(now.0).wrapping_sub(regs::free(|| compare.read()));
+        let late = low_half(now.0).wrapping_sub(regs::critical(|| compare.read()));
         self.resume(None);
         (late != 0).then_some(RingFault::Late { ticks: late })
     }
