@@ -1,8 +1,8 @@
-//! The ring of a motor that has one of its own: plan, expand, publish, until the ring is full.
+//! A ring of one motor: plan, expand, publish, until the ring is full.
 //!
 //! # Cycles
-//! 100 a batch, beside what [`plan`](super::plan) and [`expand`](super::expand) take; 8 more a step as long as there are groups
-//! that are not a step's.
+//! 100 a batch, beside what [`plan`](super::plan) and [`expand`](super::expand) take; 8 more a step as long as the ring has groups that are no
+//! steps.
 
 use super::motor::Motor;
 use super::refill::mode;
@@ -17,9 +17,9 @@ global_asm!(
     r#"
     .section .text.one_motor_fill, "ax", @progbits
     .global one_motor_fill
-    // For the task: r24:25 is the track, r22:23 its motor, r20 how many things may be done. r4 is the same afterwards if there
-    // was no room, and less if there was. Uses all registers.
-    // Inside, r2:3 is the track, Y the motor, r4 how many things may be done yet.
+    // For the refill: r24:25 is the track, r22:23 its motor, r20 how many batches may be made; an event counts as two. Uses all registers.
+    // Afterwards r4 is r20 if there was no room, and less if there was.
+    // Inside, r2:3 is the track, Y the motor, r4 how many batches may still be made.
 one_motor_fill:
     movw r2, r24
     movw r28, r22
@@ -44,7 +44,7 @@ one_motor_next:
     dec r4
     brpl 6f
 1:  ret
-    // While the ring is full: what the next steps are of.
+    // The ring is full. If the motor has no steps left, load its next record already.
 2:  ldd r24, Y+{LEFT}
     ldd r25, Y+{LEFT}+1
     or r24, r25
@@ -64,13 +64,13 @@ one_motor_next:
     ldd r25, Y+{STEP_END}
     cp r24, r25
     breq 3f
-    // Two groups a step; few at once while the ring runs low: they are published the sooner.
+    // Two groups a step. Few at once, so that they are published sooner while the ring runs low.
     lsr r26
     cpi r26, {LONG_PULSES}
     brlo 3f
     ldi r26, {LONG_PULSES}
     rjmp 3f
-    // All groups are steps': the expansion looks how much room there is.
+    // All groups toggle what a step toggles: the expansion itself checks how much room there is.
 5:  ser r26
 3:  sts steps_times+{MAX_STEPS}, r26
     call steps_plan
@@ -79,7 +79,7 @@ one_motor_next:
     movw r30, r2
     sbrc r25, 0
     rjmp 9f
-    // One thing, by Rust.
+    // A single event.
     movw r16, r2
     movw r14, r28
     call put_planned
@@ -114,7 +114,7 @@ one_motor_next:
     ldd r27, Y+{STEP_END}
     cp r26, r27
     brne 3f
-    // Groups become steps'.
+    // These groups were no steps before: set what they toggle.
     mov r25, r20
 1:  subi r30, -4
     st Z, r18
@@ -134,7 +134,7 @@ one_motor_next:
     movw r30, r2
     std Z+{UNPRIMED}, r21
     rjmp 4f
-    // Published from the end: what was pending comes last.
+    // Published from the end: the group that was pending is published last.
 3:  mov r5, r17
     lds r17, steps_times+{PULSE}
     call steps_expand_ring_long
@@ -166,7 +166,7 @@ one_motor_next:
     std Z+{AT}+1, r19
     std Z+{AT}+2, r20
     std Z+{AT}+3, r21
-    // What there was no room for waits.
+    // r5 steps found no room: the ring is full.
     tst r5
     brne 6f
     rjmp one_motor_next

@@ -1,12 +1,12 @@
-//! What a host says of plans beside their data, from the bytes of its frames: Switch, Extend, Trim. In assembly, for the flash that it takes.
+//! Frames that change plans: Switch, Extend, Trim and Brake, read byte by byte. In assembly, because that takes less flash.
 //!
 //! # Registers of the processor
 //! | | |
 //! |---|---|
-//! | r14 | bytes of a lease field and limits, or of Trim |
-//! | r16:17 | where they are |
-//! | r18 to r21, r22 to r25 | moments |
-//! | Y, Z | a motor, and its parts |
+//! | r14 | bytes of the lease and limits, or of Trim |
+//! | r16:17 | their address |
+//! | r18 to r21, r22 to r25 | ticks |
+//! | Y, Z | a motor, and its epochs |
 
 use super::brake::{CurrentLease, lease, state};
 use super::motor::{EpochBytes, Motor, flag};
@@ -23,17 +23,17 @@ const _: () = assert!(kind::SWITCH < kind::EXTEND && kind::EXTEND < kind::TRIM &
 
 /// Answers.
 pub(crate) mod answer {
-    /// It is done.
+    /// Done.
     pub(crate) const ACCEPTED: u8 = 0;
-    /// Too late: the moment is the first that would do.
+    /// Too late. The tick is the first that would do.
     pub(crate) const LATE: u8 = 1;
-    /// To Switch: too early, the moment is the first that is. To Trim: the moment is a motor's number, whose queue has not so many bytes.
+    /// For Switch: too early, and the tick is the first that is too early. For Trim: a queue has not so many bytes, and the tick is that motor's number.
     pub(crate) const EARLY: u8 = 2;
-    /// To Switch: too many wait. To Trim: there is no lease, or it has lapsed.
+    /// For Switch: too many wait. For Trim and Brake: there is no lease, or it has lapsed.
     pub(crate) const FULL: u8 = 3;
-    /// The bytes say no such thing.
+    /// The bytes are no such frame.
     pub(crate) const MALFORMED: u8 = 4;
-    /// A bit that is set if there is a moment.
+    /// Bit of an answer: it has a tick.
     pub(crate) const MOMENT: u8 = 0x80;
 }
 
@@ -57,7 +57,7 @@ global_asm!(
 
     .section .text.steps_horizon, "ax", @progbits
     .global steps_horizon
-    // For Rust: the first tick at which something can be said otherwise, r22 to r25. Some motor is configured.
+    // For Rust: the first tick at which plans can be changed, r22 to r25. Some motor must be configured.
 steps_horizon:
     push r28
     push r29
@@ -65,7 +65,7 @@ steps_horizon:
     pop r29
     pop r28
     ret
-    // The same. Uses r18 to r21, r27, Y, Z.
+    // The same for assembly. Uses r18 to r21, r27, Y, Z.
 order_horizon:
     lds r22, steps_stepper+{AT}
     lds r23, steps_stepper+{AT}+1
@@ -94,7 +94,7 @@ order_horizon:
     sbci r24, -1
     sbci r25, -1
     ret
-    // The later of r22 to r25 and what is at Z. Uses r18 to r21.
+    // r22 to r25 becomes the tick at Z, if that is later. Uses r18 to r21.
 order_maximum:
     ld r18, Z
     ldd r19, Z+1
@@ -111,7 +111,7 @@ order_maximum:
 
     .section .text.steps_order, "ax", @progbits
     .global steps_order, steps_lapse, steps_update_lease
-    // For Rust: does what the r22 bytes at r24:25 say, of the kind r20. r24: an answer, r18 to r21 its moment, or 0.
+    // For Rust: does what the r22 bytes at r24:25 say, of the kind r20. Gives an answer in r24, and its tick in r18 to r21, or 0.
 steps_order:
     push r14
     push r16
@@ -124,7 +124,7 @@ steps_order:
     breq 2f
     brsh 3f
     rcall order_switch
-    // No moment.
+    // No tick.
 1:  cpi r24, {LATE}
     breq 5f
     cpi r24, {EARLY}
@@ -167,7 +167,7 @@ order_bad:
     ldi r24, {MALFORMED}
     ret
 
-    // Epoch, tick, lease, limits.
+    // Switch: epoch, tick, lease, limits.
 order_switch:
     ldi r24, 9
     sub r14, r24
@@ -179,7 +179,7 @@ order_switch:
     call clock_moment
     movw r30, r16
     sbiw r30, 8
-    // How far it is ahead: r27 the fourth byte, r20 all above that, r21 the last.
+    // How far the tick is ahead: r27 is the fourth byte, r20 all bytes above or-ed, r21 the last.
     ld r18, Z
     sub r18, r22
     ldd r18, Z+1
@@ -214,7 +214,7 @@ order_switch:
     subi r21, -0x40
     ldi r24, {EARLY} | {MOMENT}
     ret
-    // Not while motors await the end of a lease that is over. The end of one that is not they are told again.
+    // Not while motors still wait for the end of a lease that is over. If the lease is not over, its end is set again below.
 2:  rcall order_update_lease
     cpi r20, {LAPSED}
     brne 4f
@@ -238,7 +238,7 @@ order_switch:
     tst r24
     ldi r24, {FULL}
     breq 7f
-    // A lease that ends before it stands: it is not made, then. Another is no shorter.
+    // If the lease ends before the switch, the switch will not be made, and that lease stays. Otherwise the new one is no shorter.
     movw r30, r16
     sbiw r30, 8
     ld r22, Z
@@ -259,7 +259,7 @@ order_switch:
     rjmp order_limits
 7:  ret
 
-    // The moment at Z, r18 to r21, compared with r22 to r25; N: it is before.
+    // Compares the tick at Z, r18 to r21, with r22 to r25. N: it is before.
 order_compare:
     ld r18, Z
     ldd r19, Z+1
@@ -271,7 +271,7 @@ order_compare:
     cpc r21, r25
     ret
 
-    // The horizon.
+    // Too late: answers with the horizon.
 order_late:
     rcall order_horizon
     movw r18, r22
@@ -279,7 +279,7 @@ order_late:
     ldi r24, {LATE} | {MOMENT}
     ret
 
-    // CurrentLease, limits.
+    // Extend: lease, limits.
 order_extend:
     rcall order_check
     brcs 8f
@@ -287,7 +287,7 @@ order_extend:
     ld r24, Z+
     rcall order_move_end
     brcs order_late
-    // Limits for each motor by its number, or none: how hard it may brake.
+    // Limits, how hard a motor may brake: three bytes for each motor, by its number, or none.
 order_limits:
     subi r16, -5
     sbci r17, -1
@@ -313,14 +313,14 @@ order_limits:
     ret
 8:  rjmp order_bad
 
-    // Until, two bytes for each motor.
+    // Trim: the new end, and two bytes for each motor: how many to take off its queue.
 order_trim:
     lds r24, steps_stepper+{COUNT}
     lsl r24
     subi r24, -4
     cp r24, r14
     brne 8b
-    // Twice: at first only whether they can all be had.
+    // Twice: first only check that all queues have so many bytes.
     set
 1:  ldi r20, 0
 2:  rcall order_motor
@@ -374,7 +374,7 @@ order_trim:
 7:  ldi r24, {FULL}
     ret
 
-    // The lease's state is r24 from now on, its end what is at Z. Carry: that cannot be.
+    // Moves the end of the lease to the tick at Z, and sets its state to r24. Carry: too late.
 order_move_end:
     push r30
     push r31
@@ -407,7 +407,7 @@ order_move_end:
 2:  sec
     ret
 
-    // The lease is what the first byte at r16:17 says, up to r22 to r25.
+    // Stores a lease: its state from the first byte at r16:17, its end from r22 to r25.
 order_store_lease:
     movw r30, r16
     ld r20, Z
@@ -421,7 +421,7 @@ order_set_lease:
     std Z+{LEASE_AT}+3, r25
     ret
 
-    // Carry: r14 bytes at r16:17 are no lease and limits for all motors, or none.
+    // Carry: the r14 bytes at r16:17 are not a lease, followed by limits for all motors or for none.
 order_check:
     movw r30, r16
     mov r24, r14
@@ -453,7 +453,7 @@ order_check:
 2:  sec
     ret
 
-    // The motor Y of the number r20. Uses r24, r25.
+    // Points Y to the motor of the number r20. Uses r24, r25.
 order_motor:
     mov r24, r20
     lds r25, steps_stepper+{SWAP}
@@ -474,14 +474,14 @@ order_motor:
     sbci r29, hi8(-(steps_motors))
     ret
 
-    // Z: at the motor's parts.
+    // Points Z to the motor's epochs.
 order_point_to_epochs:
     movw r30, r28
     subi r30, lo8(-({EPOCHS}))
     sbci r31, hi8(-({EPOCHS}))
     ret
 
-    // The end of the lease, which some motors await, is no end any more.
+    // Motors that wait for the end of the lease do so no more.
 order_cancel_end:
     order_each
 1:  rcall order_point_to_epochs
@@ -501,7 +501,7 @@ order_cancel_end:
 3:  order_next 1b
     ret
 
-    // For Rust: the lease is over if the horizon has passed its end, or a motor could not follow its plan.
+    // For Rust: the next routine.
 steps_update_lease:
     push r28
     push r29
@@ -510,7 +510,7 @@ steps_update_lease:
     pop r28
     ret
 
-    // The lease is over if the horizon has passed its end, or a motor could not follow its plan. r20: its state.
+    // Notes that the lease is over, if the horizon has passed its end, or a motor could not follow its plan. r20: its state.
 order_update_lease:
     lds r20, steps_lease
     sbrc r20, {FAULT_BIT}
@@ -525,7 +525,7 @@ order_update_lease:
     ldi r20, {UNTIL}
 1:  ret
 
-    // It is over at its end, or as soon as can be if that is sooner. r20: its state.
+    // The lease is over at its end, or at the horizon if that is sooner. r20: its state.
 steps_lapse:
     rcall order_horizon
     order_lease
@@ -595,23 +595,23 @@ unsafe extern "C" {
 }
 
 impl Stepper {
-    /// Does what the bytes of a frame of this kind say: Switch, Extend, Trim, Brake. Gives an [`answer`], and its moment.
+    /// Does what a frame of this kind says: Switch, Extend, Trim or Brake. Gives an [`answer`], and its tick.
     #[inline(always)]
     pub(crate) fn order(&mut self, kind: u8, bytes: &[u8]) -> (u8, Moment) {
-        // SAFETY: the assembly uses the motors and their lease, which are whose this is.
+        // SAFETY: the assembly uses the motors and their lease, which belong to whoever has the stepper.
         let [m0, m1, m2, m3, _, _, answer, _] =
             unsafe { steps_order(bytes.as_ptr(), bytes.len() as u8, kind) }.to_le_bytes();
         (answer, Moment(u32::from_le_bytes([m0, m1, m2, m3])))
     }
 
-    /// The first tick at which a switch would be accepted. Some motor is configured.
+    /// The first tick at which a switch would be accepted. Some motor must be configured.
     #[inline(always)]
     pub(super) fn first_changeable(&self) -> Moment {
         // SAFETY: as above.
         Moment(unsafe { steps_horizon() })
     }
 
-    /// The lease, which is over once the horizon has passed its end.
+    /// The lease, brought up to date: it is over once the horizon has passed its end.
     #[inline(always)]
     pub(crate) fn lease(&mut self) -> CurrentLease {
         // SAFETY: as above.

@@ -1,12 +1,12 @@
-//! One thing into a ring: into the pending group if it fits, else behind it.
+//! One event into a ring: it joins the pending group if it fits, else it follows that.
 //!
 //! # Registers of the processor
 //! | | |
 //! |---|---|
 //! | Y | the track |
 //! | r18 to r21 | the tick |
-//! | r22, r23 | what is toggled then, and at the end of a short pulse |
-//! | X | a group |
+//! | r22, r23 | what is toggled at the tick, and at the end of a short pulse |
+//! | X | a group's address |
 
 use super::motor::{Motor, flag};
 use super::register;
@@ -21,11 +21,11 @@ global_asm!(
     r#"
     .section .text.put_planned, "ax", @progbits
     .global put_planned
-    // One thing that the motor r14:15 does, as the plan says it, into the ring of the track r16:17. Keeps Y, which is that motor, r2 to r17.
+    // Puts an event of the motor r14:15, as `steps_plan` gives it, into the ring of the track r16:17. Keeps r2 to r17, and returns the motor in Y.
 put_planned:
     movw r28, r16
     push r24
-    // The moment near the pending group's that has these lower bits.
+    // The plan gives the lower 16 bits of the tick: take the tick near the pending group's that has them.
     movw r18, r20
     ldd r24, Y+{AT}
     ldd r25, Y+{AT}+1
@@ -47,7 +47,7 @@ put_planned:
     push r\r
     .endr
     call put_or_join
-    // If that is another, what follows must be looked at until all is in time again.
+    // If the event was put off, steps must be planned singly until one is on time again.
     clr r25
     .irp r, 21,20,19,18
     pop r24
@@ -63,7 +63,7 @@ put_planned:
     pop r24
     cpi r24, 2
     brne 3f
-    // The end of a long pulse.
+    // The end of a long pulse is a group of its own.
     lds r24, steps_times+{PULSE}
     lds r25, steps_times+{PULSE}+1
     add r18, r24
@@ -77,7 +77,7 @@ put_planned:
 
     .section .text.put_or_join, "ax", @progbits
     .global put_or_join
-    // Into the ring of the track Y, from r18 to r21 on. Gives its tick.
+    // Puts an event into the ring of the track Y, at r18 to r21 or later. Gives its tick.
 put_or_join:
     ldd r24, Y+{AT_TICK}
     and r24, r22
@@ -118,7 +118,7 @@ put_or_join:
     ldd r20, Y+{AT}+2
     ldd r21, Y+{AT}+3
     jmp put_prepare
-    // As soon as can be.
+    // Not before the pending group's tick + spacing.
 put_after:
     ldd r24, Y+{AT}
     ldd r25, Y+{AT}+1
@@ -140,7 +140,7 @@ put_after:
 
     .section .text.put_push, "ax", @progbits
     .global put_push, put_prepare, put_filler
-    // The pending group is published: the interrupt reads neither beyond its END nor the group after it before the last write.
+    // Publishes the pending group, and makes this event the pending one. Before the last write the interrupt reads neither beyond the END mark nor the new group.
 put_push:
     cbi {EECR}, {RX_NO_NESTING}
     std Y+{AT}, r18
@@ -174,7 +174,7 @@ put_push:
     st X, r25
     std Y+{AT_TICK}, r22
     std Y+{AT_END}, r23
-    // What is published of the pending group once a step follows it.
+    // The byte with which the pending group is published if a step follows.
 put_prepare:
     ldi r24, {GROUPS}
     std Y+{UNPRIMED}, r24
@@ -183,7 +183,7 @@ put_prepare:
     std Y+{BEFORE_STEP}, r25
     ret
 
-    // What the compare hardware and its interrupt do with r22 and r23: r25; r0 is the hardware's bit. Uses r31.
+    // r25: what the compare hardware and its interrupt do at r22 and r23, as bits. r0 is the bit that stands for STEP. Uses r31.
 put_compare_bits:
     ldd r0, Y+{COMPARE_BIT}
     clr r25
@@ -197,7 +197,7 @@ put_compare_bits:
     ori r25, {END_PULSE}
     ret
 
-    // The pending group's first byte when it is played and followed by one whose rise is r30: r25. Uses r0, r30, r31.
+    // r25: the first byte of the pending group when it is published, and followed by a group that toggles r30 at its tick. Uses r0, r30, r31.
 put_published_byte:
     ldd r0, Y+{COMPARE_BIT}
     ldd r25, Y+{AT_TICK}
@@ -225,7 +225,7 @@ put_published_byte:
     pop r22
 3:  ret
 
-    // For Rust: nothing in the ring of the track r24:25, at r20 to r23.
+    // For Rust: a filler into the ring of the track r24:25, at r20 to r23.
 put_filler:
     push r28
     push r29
@@ -241,12 +241,12 @@ put_filler:
 
     .section .text.put_shared, "ax", @progbits
     .global put_shared, put_shared_filler
-    // Into the ring of motors that share DIR lines, from r18 to r21 on. Gives its tick. Y is used.
+    // Puts an event of motors that share DIR lines, at r18 to r21 or later. Gives its tick. Uses Y.
 put_shared:
     ldi r28, lo8(steps_stepper+{TRACK})
     ldi r29, hi8(steps_stepper+{TRACK})
     jmp put_or_join
-    // A filler of motors that share DIR lines, at r18 to r21. Y is used.
+    // A filler of motors that share DIR lines, at r18 to r21. Uses Y.
 put_shared_filler:
     ldi r28, lo8(steps_stepper+{TRACK})
     ldi r29, hi8(steps_stepper+{TRACK})
@@ -284,7 +284,7 @@ unsafe extern "C" {
 }
 
 impl Track {
-    /// Publishes the pending group; one that does nothing at `tick` is the pending one then.
+    /// Publishes the pending group. A filler at `tick` becomes the pending one.
     #[inline(always)]
     pub(super) fn push_nothing(&mut self, tick: Moment) {
         // SAFETY: the assembly uses this track, and its ring's groups that the interrupt does not read yet.

@@ -1,14 +1,12 @@
-//! The task that keeps the rings filled: it comes again and again, whatever the main loop is doing, and is itself
-//! interrupted by steps and by bytes from the line.
+//! The refill interrupt, TIMER0_OVF: it keeps the rings filled, whatever the main loop is doing. Step interrupts and the receive interrupt interrupt it.
 //!
-//! The overflow of Timer0 calls it (normal mode, DS40002061B §15.7.1, 64 cycles a count), again when a full ring has half of
-//! its time left or is down to [`RESERVE`], or a quarter of the time has passed that rings were filled for. Compare matches of Timer1 go
-//! before it. It runs with its own interrupt off, so that it does not nest; and not inside the receive interrupt, which would
-//! then lose bytes: it comes again until that has ended.
+//! Timer0 counts every 64 cycles (normal mode, DS40002061B §15.7.1), and each refill sets when it overflows next: when a quarter of the time has
+//! passed that the rings are filled for; or, with a ring that is full, when half of its time is left, or [`RESERVE`]. Its own interrupt is off while it
+//! runs, so that it does not nest. It does not run inside the receive interrupt, which would lose bytes, but comes again until that has ended.
 //!
-//! What it works on, the [`Stepper`], belongs to whoever holds the [`Guard`]: main takes it with [`lock`], which keeps the task
-//! out as long as it lives. Rings last for a while: no guard may be held for longer than about 2000 cycles while motors move (a
-//! position, which takes a look at every group, is the longest), but for the four positions of a winch's status (`winch/feed.rs`).
+//! It works on the [`Stepper`]. Main gets that from [`lock`], and the [`Guard`] keeps the refill out as long as it lives. Rings last for a while, so no
+//! guard may be held for longer than about 2000 cycles while motors move. The longest is a position, which looks at every group of a ring; the four
+//! positions of a winch's status take longer (`winch/feed.rs`).
 
 use super::motor::Motor;
 use super::ring::{GROUPS, Ring, flags};
@@ -27,20 +25,20 @@ use pulsetrain_core::narrow::Registers;
 #[repr(transparent)]
 struct StepperCell(UnsafeCell<Stepper>);
 
-// SAFETY: main uses it under a guard, the task while there is none.
+// SAFETY: main uses it under a guard, and the refill while there is no guard.
 unsafe impl Sync for StepperCell {}
 
 /// The assembly knows where it is.
 #[unsafe(export_name = "steps_stepper")]
 static STEPPER: StepperCell = StepperCell(UnsafeCell::new(Stepper::new()));
 
-/// Keeps the task out as long as it lives.
+/// Keeps the refill out as long as it lives.
 pub(crate) struct RefillBlocked {
-    /// The mask register as it was: the task may be out already.
+    /// TIMSK0 as it was: the refill may be out already.
     before: u8,
 }
 
-/// Keeps the task out.
+/// Keeps the refill out.
 #[inline(always)]
 pub(crate) fn block() -> RefillBlocked {
     let before = regs::TIMSK0.read();
@@ -57,7 +55,7 @@ impl Drop for RefillBlocked {
     }
 }
 
-/// The stepper, as main's alone.
+/// The stepper, for main alone.
 pub(crate) struct Guard(#[expect(dead_code, reason = "kept as long as the guard lives")] RefillBlocked);
 
 /// Takes the stepper. Main must not hold two guards at once.
@@ -71,7 +69,7 @@ impl Deref for Guard {
 
     #[inline(always)]
     fn deref(&self) -> &Stepper {
-        // SAFETY: the task is out, and main has one guard at a time.
+        // SAFETY: the refill is out, and main has one guard at a time.
         unsafe { &*STEPPER.0.get() }
     }
 }
@@ -84,7 +82,7 @@ impl DerefMut for Guard {
     }
 }
 
-/// Keeps the task out until [`allow`] if motors share DIR lines: it needs much of the stack there, and what main is about to do does, too.
+/// Keeps the refill out until [`allow`] if motors share DIR lines. It needs much stack then, and so does what main is about to do.
 #[inline(always)]
 pub(crate) fn block_if_shared() {
     if TIMES.is_shared() {
@@ -99,14 +97,14 @@ pub(crate) fn allow() {
     regs::TIMSK0.write(1);
 }
 
-/// Has the task come first, so that rings are full when something begins that keeps it out for long. Not while it is kept out.
+/// Runs the refill now, so that rings are full before something keeps it out for long. It must not be kept out already.
 pub(crate) fn run_now() {
     regs::TCNT0.write(u8::MAX);
-    // Until it overflows, and the task has said when it comes next: not at once, as when it came inside the receive interrupt.
+    // Until Timer0 has overflowed and the refill has set it again. If the refill came inside the receive interrupt, it set it to `RETRY` first.
     while regs::TCNT0.read() >= RETRY {}
 }
 
-/// Starts Timer0, and the task.
+/// Starts Timer0, and with it the refill.
 pub(crate) fn start() {
     regs::TCNT0.write(MIN_PERIOD.wrapping_neg());
     regs::TCCR0B.write(0b011);
@@ -115,8 +113,7 @@ pub(crate) fn start() {
 
 global_asm!(
     r#"
-    // Goes to \first if that ring is filled less far than the second; one batch is to be made. Both are counted from now: one may be filled 2^15 ticks
-    // further than the other.
+    // Goes to \first, with one batch in r20, if ring A is filled less far than ring B. Both times are counted from now, since they may be 2^15 ticks apart.
     .macro goto_if_less_filled first
     lds r20, steps_stepper+{AT}
     lds r21, steps_stepper+{AT}+1
@@ -131,10 +128,10 @@ global_asm!(
     brlo \first
     .endm
 
-    // As the ring's interrupts, in reach of the vectors.
+    // In this section, like the step interrupts, it is in reach of the vectors.
     .text
     .global refill_interrupt, steps_limit, steps_due, steps_absent
-    // From the vector, which has put r24 onto the stack, after 8 cycles. No flag is touched.
+    // From the vector, which has pushed r24; 8 cycles have passed. No flag is changed up to `push r25`.
 refill_interrupt:
     ldi r24, 0                          // 1                             9
     sts {TIMSK0}, r24                   // 2                            11
@@ -160,7 +157,8 @@ refill_interrupt:
     in r25, {FLAGS}
     andi r25, {UNDERRUN}
     breq 3f
-    // Ring A is played no more: the window for it may have let this in instead.
+    // On the shield, ring B's interrupt may have been waiting for ring A's, and let this one in instead, since ring A ran empty. Return at once then: was
+    // the program interrupted at `ring_b_window`?
     in r30, {SPL}
     in r31, {SPL}+1
     ldd r24, Z+34
@@ -173,7 +171,7 @@ refill_interrupt:
     rjmp 10f
 18:
     call steps_underrun
-    // Nothing is planned beyond the limit, which the program's source of steps knows.
+    // Ask the program how far motions are known.
 3:  call source_limit
     sts steps_times+{LIMIT}, r22
     sts steps_times+{LIMIT}+1, r23
@@ -197,7 +195,7 @@ refill_interrupt:
     brcs 9f
     call steps_merge_run
     rjmp 9f
-    // Two rings, a batch at a time for the one that is filled less far, or for the other if that can have none now (r4 is not negative then).
+    // Two rings: a batch for the one that is filled less far, or for the other if that has no room or no steps (r4 is not negative then).
 8:  ldi r24, {TURNS}
 13: push r24
     goto_if_less_filled 14f
@@ -220,7 +218,7 @@ refill_interrupt:
     rjmp 9f
 7:  ldi r20, {BATCHES}
     rcall refill_first
-    // A quarter of the time that they are filled for, in counts of 64.
+    // Next refill: after a quarter of the time that the rings are filled for, counts of 64 cycles.
 9:  lds r20, steps_stepper+{AT}
     lds r21, steps_stepper+{AT}+1
     rcall ticks_ahead
@@ -237,15 +235,15 @@ refill_interrupt:
 4:  cpi r26, {MIN_PERIOD}
     brsh 4f
     ldi r26, {MIN_PERIOD}
-    // Or when the program's source of steps is due.
+    // Or when the program wants it.
 4:  call source_due
     brcc .+2
     rjmp 4f
     lds r25, steps_mode
-    // Or, where the only ring is full or reaches far, half of it, or all but the reserve if that is less.
+    // Or, with one ring that is full or reaches far, after half of that time, or when only the reserve is left, if that is sooner.
 3:
-    // Bytes are received at once where rings have nothing but plain steps: of one motor, at intervals of 80 to 128 ticks (the compare register
-    // may be written 73 after the match then); or of two that the compare hardware steps, below 256 (and 127).
+    // The receive interrupt need not nest where rings have nothing but plain steps: with one motor at intervals of 80 to 128 ticks (the compare register
+    // is written 73 ticks after the match at worst), or with two that the compare hardware steps, at intervals up to 255 ticks.
     sbrs r25, {OWN_RING_BIT}
     rjmp 20f
     cbi {EECR}, {RX_NO_NESTING}
@@ -314,7 +312,7 @@ refill_interrupt:
 4:
     sbis {FLAGS}, {NOT_PLAIN_B}
     rjmp 10f
-    // Or five eighths of the time of the small ring beside a merge.
+    // Or after five eighths of the time of ring B of the shield, which is short.
     sbis {FLAGS}, {SHIELD_B}
     rjmp 10f
     lds r20, steps_stepper+{AT}+{TRACK_SIZE}
@@ -352,7 +350,7 @@ refill_interrupt:
 2:  pop r25
     out {SREG}, r25
     pop r25
-    // With others let in: the next call is a thousand cycles away.
+    // Enabled while others may come in: the next refill is at least 200 cycles away.
     ldi r24, 1
     sts {TIMSK0}, r24
     pop r24
@@ -371,24 +369,24 @@ refill_second:
     ldi r23, hi8(steps_motors+{MOTOR_SIZE})
     jmp ring_fill_one
 
-    // What a source of steps is that knows as much as there is: the limit is {LOOK_AHEAD} from now.
-    // r22 to r25 is the limit; uses all registers.
+    // The limit of a program whose motions are known as far as there are any: {LOOK_AHEAD} from now.
+    // Gives it in r22 to r25; uses all registers.
 steps_limit:
     call clock_moment
     ldi r18, {LOOK_AHEAD} >> 8
     add r23, r18
     adc r24, r1
     adc r25, r1
-    // And it is due when the rings are.
+    // Such a program has no wish when the next refill is to come.
 steps_due:
     clc
     ret
 
-    // In place of a way to fill rings that a program does not have: nothing that it configures asks for it.
+    // In place of a routine that a program does not support. No configuration that it accepts comes here.
 steps_absent:
     jmp end_of_program
 
-    // How far r20:21 is ahead; what would be beyond the limit is past. Interrupts are off for 6 cycles.
+    // How far the tick r20:21 is ahead of now. Beyond the limit it must be past, and 0 is returned. Interrupts are off for 6 cycles.
 ticks_ahead:
     in r24, {SREG}
     cli
@@ -445,44 +443,44 @@ ticks_ahead:
     UCSR0B = const 0xc1,
 );
 
-/// What the task fills, as [`steps_mode`](set_mode) says.
+/// What the refill fills; [`set_mode`] sets it.
 pub(crate) mod mode {
     /// Nothing plays.
     pub(crate) const NONE: u8 = 0;
-    /// One ring by the merge.
+    /// One ring, by the merge.
     pub(crate) const MERGE: u8 = 1;
     /// One ring of one motor.
     pub(crate) const ONE_RING: u8 = 2;
-    /// Two of them.
+    /// Two such rings.
     pub(crate) const TWO_RINGS: u8 = 3;
     /// One ring of motors that share DIR lines.
     pub(crate) const SHARED: u8 = 4;
-    /// One ring by the merge, which the program's `source_limit` has filled already: where the limit is near, a ring is not full, and a second run
-    /// of the merge finds nothing to do. As in all that have lists the bit of [`ONE_RING`] is not set.
+    /// One ring, by the merge, which the program's `source_limit` has already called. Where the limit is near, a ring is not full, and the second run of
+    /// the merge would find nothing to do. The bit of [`ONE_RING`] is not set, as in all modes with lists.
     pub(crate) const MERGED_BY_SOURCE: u8 = 8;
-    /// One ring by the merge, and one of one motor. As in all that have lists the bit of [`ONE_RING`] is not set.
+    /// The shield: ring A by the merge, and ring B. The bit of [`ONE_RING`] is not set, as in all modes with lists.
     pub(crate) const MERGE_AND_B: u8 = 5;
 }
 
 #[unsafe(export_name = "steps_mode")]
 static mut MODE: u8 = mode::NONE;
 
-/// From here on the task fills what `mode` says. To be called by who has the stepper.
+/// Sets what the refill fills. Only whoever has the stepper may call this.
 pub(super) fn set_mode(mode: u8) {
-    // SAFETY: one byte; the task is out.
+    // SAFETY: one byte; the refill is out.
     unsafe { (&raw mut MODE).write_volatile(mode) }
 }
 
 /// A ring ran empty.
 #[unsafe(no_mangle)]
 extern "C" fn steps_underrun() {
-    // SAFETY: a guard would have kept the task out.
+    // SAFETY: this is the refill, which a guard would have kept out.
     unsafe { &mut *STEPPER.0.get() }.watch(clock::moment());
 }
 
-/// Steps that a motor has made when the first ring was played up to `tail`. For who keeps the task out.
+/// Steps that a motor had made when the first ring was played up to `tail`. The caller keeps the refill out.
 #[unsafe(no_mangle)]
 extern "C" fn steps_position(motor: u8, tail: u8) -> i32 {
-    // SAFETY: the caller keeps the task out.
+    // SAFETY: the caller keeps the refill out.
     unsafe { &*STEPPER.0.get() }.position(motor, tail)
 }

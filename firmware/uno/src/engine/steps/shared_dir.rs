@@ -1,16 +1,17 @@
-//! Motors that share DIR lines, in one ring: one step after the other, each with what its line needs.
+//! Motors that share DIR lines, in one ring, one event after the other.
 //!
-//! The step that is due first is found; its line is turned if need be, once all that looked at it have had their hold. All that are due with it,
-//! or nearly so, and find their lines right go into the same group. A step of a stop that must wait for its line is late, and nothing else of its motor is.
+//! The motor with the earliest step is found. If its DIR line must turn, it turns when all motors on that line have had their hold time. All steps that
+//! are due within half the spacing of groups, and find their DIR lines right, go into the same group. A step of a stop that must wait for its DIR line is
+//! late; the other steps of that motor keep their ticks.
 //!
 //! # Registers of the processor
 //! | | |
 //! |---|---|
-//! | r2 to r5 | until when steps go together |
-//! | r6 to r9 | when the first is due, or can be |
+//! | r2 to r5 | steps up to this tick go into the same group |
+//! | r6 to r9 | the earliest step's tick, or when it can be made |
 //! | r10:11 | the motor whose step that is, or 0 |
-//! | r12, r13 | counters of motors, and of groups |
-//! | r16, r17 | a DIR line; the steps that go together |
+//! | r12, r13 | counters of motors, and of events |
+//! | r16, r17 | a DIR line; the steps of the group |
 
 use super::motor::{Motor, flag};
 use super::pins::Lines;
@@ -35,7 +36,7 @@ global_asm!(
     breq .+2
     rjmp \again
     .endm
-    // Z: at the motor's parts; the flags say whether it knows when its next step is due: Z if not.
+    // Points Z to the motor's epochs. Z flag: the motor's next step is not known yet.
     .macro shared_knows_due
     rcall shared_point_to_epochs
     ldd r24, Z+{IS_DUE}
@@ -44,7 +45,7 @@ global_asm!(
 
     .section .text.shared_fill, "ax", @progbits
     .global shared_fill
-    // For the task. Uses all registers.
+    // For the refill. Uses all registers.
 shared_fill:
     ldi r24, {BATCH}
     mov r13, r24
@@ -58,7 +59,7 @@ shared_again:
     cpi r26, 4 * ({GROUPS} - {REFILL_BELOW})
     brsh 1f
     ret
-    // Whose step is due first?
+    // Which motor has the earliest step?
 1:  clr r10
     clr r11
     shared_each
@@ -111,7 +112,7 @@ shared_again:
     cpc r20, r8
     cpc r21, r9
     brpl shared_turn
-    // No: a filler, out of the way of what may come soon after.
+    // No: a filler, 512 ticks before the window ends, so that the next event has room.
 6:  brtc .+2
     ret
     subi r19, 2
@@ -120,7 +121,7 @@ shared_again:
     call put_shared_filler
     rjmp shared_more
 
-    // Its line.
+    // Turn its DIR line, if need be.
 shared_turn:
     movw r28, r10
     rcall shared_check_dir
@@ -164,7 +165,7 @@ shared_turn:
     movw r6, r18
     movw r8, r20
 
-    // All that go together.
+    // Collect all steps that share the group.
 shared_make:
     movw r2, r6
     movw r4, r8
@@ -229,14 +230,14 @@ shared_more:
     rjmp shared_again
     ret
 
-    // Z: at the motor's parts.
+    // Points Z to the epochs of the motor Y.
 shared_point_to_epochs:
     movw r30, r28
     subi r30, lo8(-({EPOCHS}))
     sbci r31, hi8(-({EPOCHS}))
     ret
 
-    // The tick of the pending group, r18 to r21.
+    // r18 to r21 is the tick of the pending group.
 shared_pending_tick:
     lds r18, steps_stepper+{AT}
     lds r19, steps_stepper+{AT}+1
@@ -244,7 +245,7 @@ shared_pending_tick:
     lds r21, steps_stepper+{AT}+3
     ret
 
-    // What is at Z is not before r18 to r21. Uses r24.
+    // Raises the tick at Z to r18 to r21, if it is earlier. Uses r24.
 shared_raise_to:
     ld r24, Z
     cp r24, r18
@@ -261,7 +262,7 @@ shared_raise_to:
     std Z+3, r21
 1:  ret
 
-    // Z: the DIR line of the motor Y is as its next step needs it. Z+ is at its parts. Uses r24, r25.
+    // Z flag: the DIR line of the motor Y has the level that its next step needs. Points Z to its epochs. Uses r24, r25.
 shared_check_dir:
     rcall shared_point_to_epochs
     ldd r24, Y+{LEVELS}
@@ -302,5 +303,5 @@ shared_check_dir:
     PULSE = const times::PULSE,
 );
 
-// The bits that say which way a segment goes, and what a line's level is for it.
+// `shared_check_dir` combines these bits: which way a segment goes, and which level of DIR is forward.
 const _: () = assert!(flag::BACKWARD == 0 && Lines::FORWARD_HIGH == 1);

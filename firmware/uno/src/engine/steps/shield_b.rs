@@ -1,8 +1,8 @@
-//! One motor's ring beside the lists of a merge: ring B on PORTB, 24 groups behind the lists in their page.
+//! Ring B of the CNC shield: the motor on PORTB has a ring of its own, of 24 groups, behind the lists of the merge in their page.
 //!
-//! A merge takes 35 cycles a step, and the shield's interrupt 12 more than PORTD's; so the shield's motor on PORTB has a ring of its own,
-//! and three motors are merged. The ring lasts about as long as the merge's without its lists; the merge therefore looks at it before each list that it fills, and each
-//! time that it publishes (`unless_shield_b_is_low`): a load of a record and the expansion of a list take up to 5000 cycles, with bytes coming in.
+//! The other three motors are merged into ring A, on PORTD. To merge a fourth would take 35 cycles a step, and 12 more in ring A's interrupt for the
+//! second port. Ring B lasts about as long as ring A without its lists. So it is checked before each list that the merge fills, and each time that the
+//! merge publishes (`unless_shield_b_is_low`): a load of a record and the expansion of a list take up to 5000 cycles, with bytes coming in.
 //!
 //! # Cycles
 //! 15 to 20 a step, and its interrupt's 49, or 60 where it lets another in; 200 a batch of 11 steps.
@@ -19,19 +19,19 @@ use crate::engine::tuning::stepper::SPACING_SHIELD_B;
 use core::arch::global_asm;
 use core::mem::offset_of;
 
-/// The motor.
+/// The motor on PORTB.
 #[unsafe(export_name = "shield_b_motor")]
 static mut MOTOR: *mut Motor = core::ptr::null_mut();
 
-/// It is the last one of these. To be called by who has the stepper.
+/// It is `motors[index]`, the last one. Only whoever has the stepper may call this.
 pub(super) fn set_motor(motors: *mut [Motor; super::pins::MAX_MOTORS], index: u8) {
-    // SAFETY: the task, which alone reads it, is out.
+    // SAFETY: only the refill reads it, and that is kept out.
     unsafe { (&raw mut MOTOR).write_volatile(motors.cast::<Motor>().wrapping_add(usize::from(index))) }
 }
 
 global_asm!(
     r#"
-    // r26: how many groups the ring has room for; r6: its pending group.
+    // r26: how many groups are free; r6: the pending group.
     .macro shield_b_free
     in r26, {TAIL}
     lds r6, steps_stepper+{HEAD}
@@ -51,18 +51,18 @@ global_asm!(
 
     .section .text.shield_b, "ax", @progbits
     .global shield_fill, shield_b_fill
-    // For the task. Uses all registers.
+    // For the refill: fills both rings. Uses all registers.
 shield_fill:
     rcall shield_b_fill
     call steps_merge_run
     call merge_fill_up
-    // Nobody comes for some time.
+    // Once more at the end, since the next refill comes only after some time.
     shield_b_load_motor
     shield_b_free
     cpi r26, {GROUPS} - {REFILL_LAST_BELOW}
     brsh shield_b_batch
     ret
-    // One motor: plan, expand, publish.
+    // Fills ring B: plans, expands, publishes.
 shield_b_fill:
     shield_b_load_motor
 shield_b_next:
@@ -75,7 +75,7 @@ shield_b_batch:
     brlo 2f
     ldi r26, {STEPS_WHEN_LOW}
 2:  mov r2, r26
-    // Most often they are steps of a segment all of which are sure, and soon enough: what the plan would say.
+    // Most often the next steps are of a prechecked segment, and soon: the plan need not be asked.
     "#,
     prechecked_steps!("5f"),
     r#"
@@ -83,7 +83,7 @@ shield_b_batch:
     brlo 3f
     mov r24, r26
     rjmp 3f
-    // The merge has other times.
+    // This ring has another minimal interval than the merge.
 5:  dec r4
     brmi 1b
     lds r5, steps_times+{MAX_STEPS}
@@ -101,14 +101,14 @@ shield_b_batch:
     breq 1b
     sbrc r25, 0
     rjmp 3f
-    // One thing, by Rust.
+    // A single event.
     ldi r30, lo8(steps_stepper+{TRACK})
     ldi r31, hi8(steps_stepper+{TRACK})
     movw r16, r30
     movw r14, r28
     call put_planned
     rjmp shield_b_next
-    // r24 steps. r6 is the pending group, which is published when all that follow it are there.
+    // r24 steps. r6 is the pending group: it is published last, when all that follow it are there.
 3:  mov r20, r24
     ldi r31, hi8(ring_b_page)
     mov r30, r6
@@ -116,7 +116,7 @@ shield_b_batch:
     lds r25, steps_stepper+{UNPRIMED}
     tst r25
     breq 4f
-    // Groups become steps'.
+    // These groups were no steps before: set what they toggle.
     ldd r18, Y+{STEP}
     sts steps_stepper+{PENDING}, r18
     sts steps_stepper+{PENDING}+1, r18
@@ -145,7 +145,7 @@ shield_b_batch:
     ldd r24, Y+{TICK}+\at
     sts steps_stepper+{AT}+\at, r24
     .endr
-    // The segment was done with before the ring was full, or there is more room than was asked for.
+    // The segment is used up, or the batch was smaller than the ring has room for: go on.
     tst r2
     brne 2f
     ret
@@ -183,5 +183,5 @@ shield_b_batch:
     MIN_INTERVAL = const times::MIN_INTERVAL,
 );
 
-/// The second track.
+/// The second track, ring B.
 const SECOND: usize = offset_of!(Stepper, tracks) + size_of::<Track>();

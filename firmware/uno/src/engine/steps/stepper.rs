@@ -1,21 +1,21 @@
-//! The step generator: rings, motors, and who fills what.
+//! The step generator: motors, rings, and which way a ring is filled.
 //!
-//! | motors | who fills |
+//! | motors | who fills the ring |
 //! |---|---|
-//! | one, or two on the compare hardware or on PORTD | each its own ring: [`fill`](super::one_motor) |
-//! | two to four with DIR lines of their own | the merge: [`merge`](super::merge) |
-//! | `Kind::ShieldTwoRings` | the merge, and for the motor on PORTB [`beside`](super::shield_b) |
-//! | motors that share a DIR line | one step after the other: [`shared`](super::shared_dir) |
+//! | one, or two on the compare hardware or on PORTD | each has a ring: [`one_motor`](super::one_motor) |
+//! | two to four, each with a DIR line of its own | [`merge`](super::merge) |
+//! | four on the shield (`Kind::ShieldTwoRings`) | [`merge`](super::merge), and for the motor on PORTB [`shield_b`](super::shield_b) |
+//! | motors that share a DIR line | [`shared_dir`](super::shared_dir) |
 //!
-//! [`task`] calls them.
+//! [`refill`] calls them.
 //!
 //! # Time
-//! The newest group of a ring is pending: its tick is fixed, what follows is not. Groups are at least `spacing` ticks from each
-//! other; what would be nearer is put off, or joins the group that is there.
+//! The newest group of a ring is pending: its tick is fixed, the group after it is not known yet. Groups are at least `spacing` ticks apart. An event that
+//! would be nearer is put off, or joins the pending group.
 //!
 //! # DIR
-//! A DIR line toggles at the end of a group, after the pulse and hold of every step before that looked at the line, and its
-//! set-up before the step that it is for. Planners leave room for that ([`PulseTiming`]); where they did not, the step is not made.
+//! A DIR line turns at the end of a group. That is after the pulse and hold time of every earlier step on that line, and a set-up time before its own
+//! step. A planner must leave room for that ([`PulseTiming`]). If it did not, the step is not made.
 
 use crate::ThisProgram;
 use crate::engine::clock::low_half;
@@ -41,7 +41,7 @@ use timing::PulseTiming;
 pub(crate) use track::RingFault;
 pub(super) use track::Track;
 
-/// The longest of pulse, set-up and hold, ticks: less than a filler, so that what is past need not be remembered longer.
+/// The longest of pulse, set-up and hold, ticks: less than a filler, so that no time before the last event matters.
 pub(crate) const LONGEST: u16 = 4_096;
 
 mod timing;
@@ -52,20 +52,20 @@ mod track;
 #[unsafe(export_name = "steps_motors")]
 static mut MOTORS: [Motor; MAX_MOTORS] = [const { Motor::NONE }; MAX_MOTORS];
 
-/// All motors of a configuration, and their rings.
+/// The motors of a configuration, and their rings.
 pub(crate) struct Stepper {
     pub(super) tracks: [Track; 2],
-    /// The merge, from [`Stepper::begin`] on.
+    /// The merge. [`Stepper::begin`] sets it.
     merge: Option<&'static mut Merge>,
-    /// The motors in use are the first ones.
+    /// Motors in use: the first ones.
     count: u8,
-    /// Two motors or more in one ring, each with a DIR line of its own: the merge fills it.
+    /// Two motors or more in one ring, each with a DIR line of its own. The merge fills it.
     merging: bool,
     /// Each motor has a ring of its own.
     own_rings: bool,
-    /// One motor has a ring of its own beside the merge of the others.
+    /// The shield's motor on PORTB has a ring of its own, ring B. The others are merged.
     shield_b: bool,
-    /// Its number ^ that of the last one: it changes places with that.
+    /// Number of that motor ^ number of the last: it changes places with the last one.
     swap: u8,
     /// Between [`Stepper::start`] and [`Stepper::stop`].
     playing: bool,
@@ -73,23 +73,23 @@ pub(crate) struct Stepper {
     /// GPIOR0: see [`flags`].
     flags: u8,
     fault: Option<RingFault>,
-    /// When motors were stopped last. Not on the stack, which is short just then.
+    /// When motors were stopped last. Not on the stack, of which little is left just then.
     halted: Moment,
-    /// How far ahead the rings were filled, ticks, at least.
+    /// The shortest time for which the rings were filled, ticks.
     least_ahead: u16,
 }
 
-/// Where the distance of two groups of the first ring is.
+/// Where the spacing of the first ring is, for assembly.
 pub(super) const SPACING: usize = offset_of!(Stepper, tracks) + offset_of!(Track, spacing);
 
-/// Where [`Stepper::swap`] is.
+/// Where [`Stepper::swap`] is, for assembly.
 pub(super) const SWAP: usize = offset_of!(Stepper, swap);
 
-/// Where [`Stepper::count`] is.
+/// Where [`Stepper::count`] is, for assembly.
 pub(super) const COUNT: usize = offset_of!(Stepper, count);
 
 impl Stepper {
-    /// No motors; zeros, which take no flash. [`Stepper::begin`] comes before its use.
+    /// Zeros, which take no flash. Call [`Stepper::begin`] before its use.
     pub(crate) const fn new() -> Stepper {
         Stepper {
             tracks: [Track::NONE, Track::NONE],
@@ -102,7 +102,7 @@ impl Stepper {
             playing: false,
             timing: PulseTiming::NONE,
             flags: 0,
-            // `start` forgets it; it is zeros.
+            // All zeros; `start` clears it.
             fault: Some(RingFault::Late { ticks: 0 }),
             halted: Moment(0),
             least_ahead: 0,
@@ -126,45 +126,45 @@ impl Stepper {
     }
 
     /// The motors in use.
-    // The end of an iteration is worked out here, once for all loops: a product takes 22 bytes of the flash.
+    // Not inlined: the end of an iteration is a product, which takes 22 bytes of flash.
     #[inline(never)]
     fn motors(&self) -> slice::Iter<'_, Motor> {
-        // SAFETY: only this stepper and the assembly that it calls use them; as long as this borrow lasts, neither does.
+        // SAFETY: only this stepper and the assembly that it calls use them, and neither does as long as this borrow lasts.
         unsafe { slice::from_raw_parts((&raw const MOTORS).cast(), usize::from(self.count)) }.iter()
     }
 
-    /// The same, to be changed.
+    /// The motors in use, to be changed.
     #[inline(never)]
     fn motors_mut(&mut self) -> slice::IterMut<'_, Motor> {
         // SAFETY: as `motors`.
         unsafe { slice::from_raw_parts_mut((&raw mut MOTORS).cast(), usize::from(self.count)) }.iter_mut()
     }
 
-    /// Whether a motor has a ring of its own beside a merge: the last of them all.
+    /// Whether a motor has ring B of the shield: it is the last of them all.
     #[inline(always)]
     fn is_shield_b(&self, slot: u8) -> bool {
         self.shield_b && slot + 1 == self.count
     }
 
-    /// Whether any does.
+    /// Whether ring B of the shield is in use.
     #[inline(always)]
     fn has_shield_b(&self) -> bool {
         self.shield_b
     }
 
-    /// Where a motor is among all, by its number: the one beside a merge changes places with the last one.
+    /// The place of a motor, by its number: the one with ring B of the shield changes places with the last one.
     #[inline(always)]
     fn slot(&self, motor: u8) -> u8 {
         let (swap, last) = (self.swap, MAX_MOTORS as u8 - 1);
         if swap != 0 && (motor == last || motor == last ^ swap) { motor ^ swap } else { motor }
     }
 
-    /// Where a motor is, by its number.
+    /// A pointer to a motor, by its number.
     #[inline(never)]
     fn place(&self, motor: u8) -> Option<NonNull<Motor>> {
         let motors = NonNull::new(&raw mut MOTORS)?.cast::<Motor>();
         let slot = self.slot(motor);
-        // SAFETY: there are as many and more.
+        // SAFETY: `count` is no more than there are.
         (motor < self.count).then(|| unsafe { motors.add(usize::from(slot)) })
     }
 
@@ -175,17 +175,17 @@ impl Stepper {
         self.place(motor).map(|motor| unsafe { motor.as_ref() })
     }
 
-    /// The same, to be changed.
+    /// A motor by its number, to be changed.
     #[inline(always)]
     pub(crate) fn motor_mut(&mut self, motor: u8) -> Option<&mut Motor> {
         // SAFETY: as `motors`.
         self.place(motor).map(|mut motor| unsafe { motor.as_mut() })
     }
 
-    /// The number of a motor, by where it is.
+    /// The place of a motor.
     pub(crate) fn number_of(motor: &Motor) -> u8 {
         let (mut at, mut number) = ((&raw const MOTORS).cast::<Motor>(), 0);
-        // Without a division: there are four at most.
+        // A loop, since a division takes more flash.
         while number < MAX_MOTORS as u8 - 1 && !core::ptr::eq(at, motor) {
             (at, number) = (at.wrapping_add(1), number + 1);
         }
@@ -211,14 +211,14 @@ impl Stepper {
         if self.is_shield_b(self.slot(motor)) || self.own_rings && motor != 0 { second } else { first }
     }
 
-    /// The same, to be changed.
+    /// The ring of a motor, to be changed.
     fn track_mut(&mut self, motor: u8) -> &mut Track {
         let own = self.is_shield_b(self.slot(motor)) || self.own_rings && motor != 0;
         let [first, second] = &mut self.tracks;
         if own { second } else { first }
     }
 
-    /// Motors and lines of `configuration`; all motors at position 0. Not while it plays.
+    /// Sets up motors and lines of `configuration`. All motors are at position 0. Nothing may be playing.
     #[inline(never)]
     pub(crate) fn configure(&mut self, layout: &Layout, configuration: &Configuration<'_>, now: Moment) {
         self.motors().for_each(|motor| motor.lines.float());
@@ -247,7 +247,7 @@ impl Stepper {
         self.count = MAX_MOTORS as u8;
         self.motors_mut().for_each(|motor| *motor = Motor::NONE);
         self.count = all;
-        // With one ring, and no lists, page B is free.
+        // One ring without lists leaves page B to the queues.
         let (mut queue, bytes) = memory::queue_memory(all == 1 || shared);
         for (index, setup) in (0u8..).zip(motors) {
             let mut lines = layout.lines(&setup);
@@ -264,7 +264,7 @@ impl Stepper {
                 self.flags |= u8::from(on_portb) << dir;
             }
             if kind == Kind::ShieldTwoRings && setup.step_pin >= 8 {
-                // There are four.
+                // There are four motors.
                 self.swap = index ^ (MAX_MOTORS as u8 - 1);
                 self.tracks[1].ring.after_lists();
             }
@@ -287,15 +287,15 @@ impl Stepper {
         self.rest(now);
     }
 
-    /// Begins to play, from a little after `now` on. Queues are empty.
+    /// Starts the rings, a little after `now`. Queues are empty.
     #[inline(never)]
     pub(crate) fn start(&mut self, now: Moment) {
         let at = now.after(LOOK_AHEAD / 2);
-        // The lists of a merge begin with a filler each.
+        // Each list of a merge begins with a filler.
         let first = if self.merging { at.after(u32::from(FILLER)) } else { at };
         self.rest(first);
         if self.shield_b {
-            // It has no list.
+            // Ring B has no list.
             self.motors_mut().next_back().into_iter().for_each(|motor| motor.rest(at));
         }
         self.fault = None;
@@ -339,7 +339,7 @@ impl Stepper {
         });
     }
 
-    /// What lists leave of their page is the program's from now on: see [`Merge::share_page`]. It has just been started, with a merge.
+    /// The program may use what lists leave of their page: see [`Merge::share_page`]. To be called right after [`Stepper::start`], with a merge.
     #[inline(always)]
     pub(crate) fn share_list_page(&mut self) {
         if let Some(merge) = &mut self.merge {
@@ -355,9 +355,9 @@ impl Stepper {
         }
     }
 
-    /// The immediate stop: plays no group more, and forgets all that was to come. A pulse that was begun still ends.
+    /// The immediate stop: plays no group more, and drops all plans. A pulse that has begun still ends.
     ///
-    /// Gives, bit by motor, whether it was going faster than `pull_in`; [`Stepper::halted`] when that was.
+    /// Gives, bit by motor, whether it was faster than `pull_in`. [`Stepper::halted`] is the time of the stop.
     #[inline(never)]
     pub(crate) fn stop(&mut self, pull_in: &[u32; MAX_MOTORS]) -> u8 {
         let mut uncertain = 0;
@@ -366,7 +366,7 @@ impl Stepper {
         for track in self.tracks_mut() {
             regs::critical(|| track.ring.halt());
         }
-        // Here, and not when all is counted: what was due since then was not made.
+        // Now, and not after counting: no step that is due from now on was made.
         self.halted = clock::moment();
         for (index, slowest) in (0..self.count).zip(pull_in) {
             let left = self.unplayed(index, self.tail_of(index));
@@ -380,7 +380,7 @@ impl Stepper {
         if ThisProgram::LEASES {
             CurrentLease::end();
         }
-        // A pulse of two groups may be under way: its end is no group's any more.
+        // A pulse of two groups may have begun. No group ends it now, so wait for as long as it lasts.
         if self.timing.two_groups {
             for _ in 0..TIMES.get().pulse / 4 {
                 regs::kick_watchdog();
@@ -394,27 +394,27 @@ impl Stepper {
         uncertain
     }
 
-    /// When motors were [stopped](Stepper::stop) last: nothing that was due since then was made.
+    /// When motors were [stopped](Stepper::stop) last. No step that was due later was made.
     #[inline(always)]
     pub(crate) fn halted(&self) -> Moment {
         self.halted
     }
 
-    /// Notes that time goes on while nothing plays.
+    /// Keeps the motors' times up to date while nothing plays.
     pub(crate) fn rest(&mut self, now: Moment) {
         let count = self.count;
-        // The merge asks all four.
+        // All four, since the merge asks all four.
         self.count = MAX_MOTORS as u8;
         self.motors_mut().for_each(|motor| motor.rest(now));
         self.count = count;
     }
 
-    /// Whether no motor's queue holds anything, of whatever epoch.
+    /// Whether all queues are empty, of all epochs.
     pub(crate) fn is_empty(&self) -> bool {
         self.motors().all(Motor::is_empty)
     }
 
-    /// Whether nothing is left to do: no event, no end of a pulse, no step in a ring, no end of a lease.
+    /// Whether nothing is left to do: no record, no end of a pulse, no step in a ring, no end of a lease.
     pub(crate) fn is_idle(&self) -> bool {
         !(ThisProgram::LEASES && CurrentLease::get().state == lease::UNTIL)
             && self.motors().all(Motor::is_idle)
@@ -429,13 +429,13 @@ impl Stepper {
         if self.count == 0 { self.tracks[0].at.after(1) } else { self.first_changeable() }
     }
 
-    /// All motors go over to `epoch` at `at`, which is not before the horizon; or none does, because a switch waits for an earlier tick.
+    /// All motors are to go over to `epoch` at `at`, which is not before the horizon. `false` if a switch waits for an earlier tick.
     #[inline(always)]
     pub(crate) fn switch(&mut self, epoch: Epoch, at: Moment) -> bool {
         switch::all(epoch, at)
     }
 
-    /// Takes back what was pushed last of `epoch`, of all motors.
+    /// Drops what was pushed last of `epoch`, for all motors.
     pub(crate) fn discard(&mut self, epoch: Epoch) {
         self.motors_mut().for_each(|motor| motor.discard(epoch));
     }
@@ -445,22 +445,22 @@ impl Stepper {
         self.motors().next().map_or(Epoch(0), Motor::epoch)
     }
 
-    /// What went wrong in playing since this was asked last.
+    /// Takes the last fault of the rings.
     pub(crate) fn take_fault(&mut self) -> Option<RingFault> {
         self.fault.take()
     }
 
-    /// How far ahead the rings were filled, ticks, at least, while there was something to do.
+    /// The shortest time for which the rings were filled while there was something to do, ticks.
     pub(crate) fn least_ahead(&self) -> u16 {
         self.least_ahead
     }
 
-    /// [`Stepper::least_ahead`] begins anew.
+    /// Resets [`Stepper::least_ahead`].
     pub(crate) fn reset_measures(&mut self) {
         self.least_ahead = u16::MAX;
     }
 
-    /// Where the ring of a motor is played: low byte of the address of the next group.
+    /// Low byte of the address of the next group to be played in a motor's ring.
     pub(crate) fn tail_of(&self, motor: u8) -> u8 {
         self.track(motor).ring.tail()
     }
@@ -473,7 +473,7 @@ impl Stepper {
         motor.map_or(0, |motor| motor.planned().wrapping_sub(i32::from(unplayed)))
     }
 
-    /// Steps of a motor that were counted but not played yet, forward minus backward, when its ring was played up to `tail`.
+    /// Steps of a motor that are counted but were not played when its ring was played up to `tail`, forward minus backward.
     #[inline(never)]
     fn unplayed(&self, number: u8, tail: u8) -> i16 {
         let Some(Motor { lines, levels, .. }) = self.motor(number) else { return 0 };
@@ -485,14 +485,14 @@ impl Stepper {
         if !lines.forward_high() {
             levels ^= dir;
         }
-        // What is in no ring yet comes after what is.
+        // What is still in a list comes after what is in the ring.
         let has_list = self.merging && !self.is_shield_b(self.slot(number));
         if has_list && let Some(merge) = &self.merge {
             let (ticks, Group { at_tick, at_end }) = merge.listed(self.slot(number));
             if at_tick & step != 0 {
                 let mut steps = i16::from(ticks);
                 if at_end == 0 {
-                    // Every other tick ends a pulse, the last one does.
+                    // Every other tick ends a pulse, and the last tick does.
                     levels ^= if ticks & 1 == 0 { 0 } else { step };
                     steps /= 2;
                 }
@@ -504,7 +504,7 @@ impl Stepper {
         count + i16::from(self.track(number).ring.unplayed(tail, levels, step, dir))
     }
 
-    /// Looks whether the rings are played as they should, and mends it. To be called every millisecond.
+    /// Checks that the rings are played as they should, and repairs what is wrong. To be called every millisecond.
     #[inline(never)]
     pub(crate) fn watch(&mut self, now: Moment) {
         let busy = !self.is_idle();
@@ -522,7 +522,7 @@ impl Stepper {
     }
 }
 
-/// As [`flags`](pulsetrain_core::wire::message::flags) has the faults of a motor.
+/// The faults of a motor, as [`flags`](pulsetrain_core::wire::message::flags) has them.
 pub(crate) fn faults(motor: &Motor) -> u8 {
     use super::motor::FaultKind;
     match motor.fault().map(|fault| fault.kind) {

@@ -1,46 +1,47 @@
-//! The step interrupts: they play the rings.
+//! The step interrupts, TIMER1_COMPA and TIMER1_COMPB. **They make the edges.**
 //!
-//! Compare match A plays ring A: on PORTD (`Kind::PortD`), on PORTD with PB4 and PB5 as bits 0 and 1 (`Kind::Shield`), or the
-//! hardware's own pin 9 (`Kind::Compare`). Compare match B plays ring B: on PORTB, the hardware's pin 10, PORTD beside
-//! ring A (`Kind::PortDTwoRings`), or PORTB beside the merge of ring A (`Kind::ShieldTwoRings`).
+//! Compare match A plays ring A: on PORTD (`Kind::PortD`), on PORTD and PB4, PB5 as bits 0 and 1 (`Kind::Shield`), or on pin 9, which the hardware
+//! toggles (`Kind::Compare`). Compare match B plays ring B: on PORTB, on pin 10, which the hardware toggles, on PORTD (`Kind::PortDTwoRings`), or on PORTB
+//! as ring B of the shield (`Kind::ShieldTwoRings`).
 //!
-//! In the last case ring A has three motors, whose groups must not wait for long: ring B's interrupt makes its edge, looks whether
-//! match A waits, and if so lets it in before it goes on. Only then, so that nobody else comes in: the receive interrupt and the task rank
-//! behind match A. Its own compare register still has a tick that is past, so that it cannot interrupt itself. Should ring A have run dry,
-//! its match may be flagged without an interrupt of its own, and the task come in: it sees from where, and goes ([`task`](super::refill)).
-//! Registers are kept in I/O registers that nothing else uses, and no flag is touched, so that SREG needs no care:
+//! On the shield ring A has the groups of three motors, which must not wait for long. So ring B's interrupt makes its edge, looks whether match A waits,
+//! and if so lets it in before it goes on. Nobody else comes in, because match A ranks before the receive and the refill interrupt. Ring B's own match
+//! cannot come again, because its compare register still has a past tick. If ring A ran empty, match A may be flagged while its interrupt is
+//! disabled, and the refill interrupt comes in. It sees where it came from, and returns at once ([`refill`](crate::engine::steps::refill)).
+//!
+//! The interrupts save registers in I/O registers that nothing else uses. No instruction changes a flag, so SREG need not be saved:
 //!
 //! | register | holds |
 //! |---|---|
 //! | GPIOR0 | [`flags`], bit-addressable |
-//! | GPIOR1, GPIOR2, EEDR | r24, r30, r31 of whoever was interrupted (put back before another interrupt is let in); the receive interrupt's too |
+//! | GPIOR1, GPIOR2, EEDR | r24, r30, r31 of the interrupted program (restored before another interrupt is let in); the receive interrupt uses them too |
 //! | EEARH | page of ring B: 3; or 2, when there is no ring A |
 //! | OCR0A, OCR0B | low byte of the address of the next group to play, ring A and ring B |
 //!
 //! # Cycles
-//! From the match to the end, 4 for the interrupt and 3 for the edge's way to the pin and the vector's jump included (§7.7.1,
-//! §14.2.4); ring B's vector takes 1 or 2 more to tell the ports apart:
+//! From the match to the end, with 4 for the response and 3 for the way of an edge to the pin and the vector's jump (§7.7.1, §14.2.4). Ring B's vector
+//! takes 1 or 2 more, to tell the ports apart:
 //!
 //! | kind | to the rising edge | pulse | total |
 //! |---|---|---|---|
 //! | PORTD | 17 | 16 (1.0 µs) | 38 |
 //! | the same by ring B | 18 | 16 | 39 |
 //! | PORTB | 19 | 16 | 40 |
-//! | PORTD, long | 17 | 31 (1.94 µs) | 53 |
-//! | PORTB, long | 19 | 31 | 55 |
+//! | PORTD, stretched | 17 | 31 (1.94 µs) | 53 |
+//! | PORTB, stretched | 19 | 31 | 55 |
 //! | shield | 17, PB4 26 | 24 or 25, PB4 19 (1.19 µs) | 50 to 53 |
-//! | shield, long | the same | 36 or 37, PB4 31 | 62 to 65 |
+//! | shield, stretched | the same | 36 or 37, PB4 31 | 62 to 65 |
 //! | compare, a plain step | by the hardware | 35 (2.19 µs) | 40 |
 //! | compare, another group | by the hardware | 46 | 67; toggling is switched after 54 |
-//! | PORTB beside a merge | 19 | 25 (1.6 µs) | 49 |
+//! | ring B of the shield | 19 | 25 (1.6 µs) | 49 |
 //! | the same, match A waits | 19 | 73 (4.6 µs) | 97: 30 until match A is let in, its 37, and 30 |
 
 use super::{END_B_ON_PORTD, SHORT_RING_START, flags};
 use crate::engine::steps::register;
 use core::arch::global_asm;
 
-// Interrupt code of one ring: `\vector` is its name, `\pin` its PINx, `\ocr` OCR1xL, `\tail` where the tail is kept.
-// One macro, two interrupts: they differ in names, and in the shield's extra pins.
+// The interrupt of one ring: `\vector` is its name, `\pin` its PINx, `\ocr` OCR1xL, `\tail` where the tail is kept. The macro makes both interrupts, which
+// differ in names, and in the shield's extra pins.
 global_asm!(
     r#"
     .macro ring_interrupt vector, load_page, tail, pin, ocr, end_bit, not_plain, underrun, com_mask, com_toggle, foc, dir_on_portb, enable_mask, output
@@ -69,7 +70,7 @@ global_asm!(
     in r24, {SAVE24}                    // 1                            34
     reti                                // 4                            38
 
-    // END, or a group of the compare hardware              sbrc 1 + rjmp 2: 17
+    // END, or a group of the compare hardware                sbrc 1 + rjmp 2: 17
 1:  sbrs r24, 6                         // 2 (skips)                    19
     rjmp 2f
     ld r24, Z+                          // 2                            21
@@ -85,7 +86,7 @@ global_asm!(
     in r24, {SAVE24}                    // 1                            36
     reti                                // 4                            40
 
-    // The hardware's other groups, and END: rare, so flags and r25 go onto the stack.
+    // Other groups of the compare hardware, and END. They are rare, so flags and r25 go onto the stack.
 2:  push r25
     in r25, {SREG}
     push r25
@@ -118,11 +119,11 @@ global_asm!(
     in r31, {SAVE31}
     reti
 
-    // END: no more matches are played, nor does the hardware toggle at any.
+    // END: disables this interrupt, and the hardware toggles no more.
 4:  ldi r24, \foc
     sbrc r25, 4
     sts {TCCR1C}, r24
-    // A long pulse that was begun goes on: the port takes over its level.
+    // A long pulse that has begun goes on: the port takes over its level.
     sbrs r25, 3
     rjmp 8f
     sbic {PINB}, \output
@@ -138,7 +139,7 @@ global_asm!(
     rjmp 3b
     .endm
 
-    // The 1.9 us pulse                                      sbic 1 + rjmp 2: 20
+    // The stretched pulse, 1.9 us                            sbic 1 + rjmp 2: 20
     .macro stretched_pulse tail, pin, ocr
     ld r24, Z+                          // 2                            22
     sts \ocr+1, r24                     // 2                            24
@@ -159,7 +160,7 @@ global_asm!(
     .endr
     .endm
 
-    // Sections of this name come first: the vectors' short jumps must reach.
+    // This section comes first in the flash, so that the short jumps of the vectors reach it.
     .text
     ring_interrupt __vector_11, "ldi r31, hi8(ring_a_page)", {TAIL_A}, {PIND}, {OCR1A}, 1, {NOT_PLAIN_A}, {UNDERRUN_A}, 0x3f, 0x40, 0x80, {DIR_A_ON_PORTB}, 0xfd, 1
 5:  sbic {FLAGS}, {SHIELD}              // 2 (skips)                    22
@@ -170,7 +171,7 @@ global_asm!(
     in r24, {SAVE24}                    // 1                            49
     reti                                // 4                            53
 
-    // The shield: bit 0 is PB4, bit 1 PB5 (in the fall alone). sbic 1 + rjmp 2: 23
+    // The shield: bit 0 is PB4, bit 1 is PB5 (at the end only).   sbic 1 + rjmp 2: 23
 6:  sbrc r24, 0                         // 2 (skips), 1 if set
     sbi {PINB}, 4                       // 2 if set                     25 or 26
     stretched_pulse {TAIL_A}, {PIND}, {OCR1A} // 13                          38 or 39
@@ -196,8 +197,7 @@ global_asm!(
     in r24, {SAVE24}                    // 1                            49
     reti                                // 4                            53
 
-    // Ring B on PORTB beside a merge on PORTD, behind its lists. If match A waits already, it comes first: nothing of what
-    // has been done so far is needed then but the edge.
+    // Ring B of the shield. If match A waits already, it goes first. Of what was done so far only the edge counts then; all else is done again.
 6:  sbis {TIFR1}, 1                     // 2 (skips), 1 and 2           26 or 27
     rjmp 7f
     in r24, {SAVE24}                    // 1                            27
@@ -227,7 +227,7 @@ ring_b_window:                          // match A is played here
     in r24, {SAVE24}                    // 1                            44
     reti                                // 4                            48
 
-    // Ring B on PORTD: the short pulse alone.
+    // Ring B on PORTD: the short pulse only.
     .global ring_b_on_portd
 ring_b_on_portd:                        // as the others, and 1            8
     out {SAVE24}, r24                   // 1                             9

@@ -1,4 +1,4 @@
-//! What the times of a configuration make of pulses, of the spacing of groups and of the turns of DIR.
+//! How long pulses are, how far apart groups are, and when DIR turns: worked out from a configuration.
 
 use crate::engine::steps::pins::Kind;
 use crate::engine::steps::times::Times;
@@ -10,22 +10,22 @@ use crate::engine::tuning::stepper::{
 use pulsetrain_core::Moment;
 use pulsetrain_core::wire::message::Configuration;
 
-/// What a configuration asks of the spacing of groups.
+/// Pulses, and the spacing of groups.
 #[derive(Clone, Copy)]
 pub(super) struct PulseTiming {
-    /// The interrupt's pulse is the one of 1.9 µs.
+    /// The interrupt makes the pulse of 1.9 µs.
     pub(super) stretched: bool,
-    /// The end of the pulse is a group of its own.
+    /// The pulse is longer than an interrupt makes: its end is a group of its own.
     pub(super) two_groups: bool,
-    /// Between two groups, ticks.
+    /// Between two groups, at least, ticks.
     pub(super) spacing: u8,
 }
 
 impl PulseTiming {
     pub(super) const NONE: PulseTiming = PulseTiming { stretched: false, two_groups: false, spacing: 0 };
 
-    /// Pulses of as many ticks as are asked for, or a little longer where that is what an interrupt makes; beyond that by
-    /// two groups. And the times that follow.
+    /// The pulse has as many ticks as the configuration asks for, or a little more if that is what an interrupt makes; a longer one takes two groups. Also
+    /// gives the times that follow from that.
     pub(super) fn of(
         kind: Kind,
         configuration: &Configuration<'_>,
@@ -33,7 +33,7 @@ impl PulseTiming {
         shared: bool,
     ) -> (PulseTiming, Times) {
         let several = configuration.motors().len() > 1;
-        // What the interrupt makes without and with its flag, and the distance that takes.
+        // Pulse and spacing, short and stretched; and the delay of a group's second write.
         let ((short, spacing), (stretched, spacing_stretched), fall) = match kind {
             Kind::PortDTwoRings => ((16, SPACING_TWO_RINGS), (16, SPACING_TWO_RINGS), END_DELAY),
             Kind::PortD | Kind::PortB => ((16, SPACING_SHORT), (31, SPACING_STRETCHED), END_DELAY),
@@ -55,7 +55,7 @@ impl PulseTiming {
                 (timing.stretched, timing.spacing, made) = (true, spacing_stretched, stretched);
             } else {
                 timing.two_groups = true;
-                // Its first edge may be late, where the hardware does not make it; merged, its second may be early.
+                // The first edge of an interrupt's pulse may be late. If it is merged, the second may be early.
                 let more = match kind {
                     Kind::Compare => 0,
                     _ if merging => late + spacing,
@@ -66,10 +66,10 @@ impl PulseTiming {
             }
         }
         let spacing = u16::from(timing.spacing);
-        // The merge moves edges by half of that, either way; with a ring beside by 24 and 54.
+        // The merge moves an edge by half of the spacing either way; on the shield it puts off by 24 at most, and advances by 54 at most.
         let slack = if merging { spacing } else { 0 };
         let setup = configuration.setup_ticks + u16::from(fall + late) + slack;
-        // An expansion counts the long pulse in 8 bits, and does not know the hardware's.
+        // An expansion counts a long pulse in 8 bits, and cannot make that of the compare hardware.
         let singly = timing.two_groups && (kind == Kind::Compare || pulse > 255);
         let interval = if singly {
             u16::MAX

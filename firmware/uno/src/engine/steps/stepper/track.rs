@@ -1,4 +1,4 @@
-//! One ring as it is played: whether its interrupt plays what it should.
+//! One ring as it is played: checks that its interrupt plays what it should.
 
 use crate::engine::clock::low_half;
 use crate::engine::regs::Reg16;
@@ -7,10 +7,10 @@ use crate::engine::tuning::stepper::{MAX_UNDERRUN, RESTART_DELAY, RETRY};
 use crate::engine::{clock, regs};
 use pulsetrain_core::Moment;
 
-/// What went wrong in playing.
+/// What went wrong while a ring was played.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum RingFault {
-    /// A compare was missed, or the ring was empty for a moment: a group was played so late.
+    /// A compare match was missed, or the ring was empty for a moment: a group was played so late.
     Late {
         /// Ticks.
         ticks: u16,
@@ -19,7 +19,7 @@ pub(crate) enum RingFault {
     Underrun,
 }
 
-/// One ring and what is known of it; [`fill`](super::one_motor) knows the layout.
+/// A ring and its time; [`one_motor`](crate::engine::steps::one_motor) and others know the layout.
 #[repr(C)]
 pub(in crate::engine::steps) struct Track {
     pub(in crate::engine::steps) ring: Ring,
@@ -41,7 +41,7 @@ impl Track {
         }
     }
 
-    /// The next match is to be at `at`, or as soon as can be. Nothing may come between the time that is read and what is set by it.
+    /// Sets the next match, to `at` or as soon as possible. Nothing may come between reading the time and setting the register.
     #[inline(never)]
     pub(super) fn resume(&self, at: Option<Moment>) {
         let (compare, bit) = self.compare();
@@ -56,12 +56,12 @@ impl Track {
         });
     }
 
-    /// Looks whether the interrupt still plays what it should, and mends it.
+    /// Checks that the interrupt still plays what it should, and repairs what is wrong.
     #[inline(never)]
     pub(super) fn watch(&mut self, now: Moment, busy: bool) -> Option<RingFault> {
         if regs::GPIOR0.read() & self.ring.underrun_flag() != 0 {
             let (compare, _) = self.compare();
-            // The compare register still has the tick of the group that is next.
+            // The compare register still has the tick of the next group.
             let count = clock::read();
             let late = count.wrapping_sub(compare.read());
             if busy && late >= MAX_UNDERRUN {
@@ -72,12 +72,12 @@ impl Track {
                 return Some(RingFault::Underrun);
             }
             if empty {
-                // It counts from here on, not from when the round began.
+                // From the count just read, not from when the round began.
                 self.at = now.after(u32::from(count.wrapping_sub(low_half(now.0)).wrapping_add(RESTART_DELAY)));
             }
             let at = empty.then_some(self.at);
-            // The hardware has made the edge of the group that waits, and toggles no more. A plain step does not say that it does again: another
-            // group follows it, or it becomes one that does.
+            // The hardware has made the edge of the next group already, and toggles no more. A plain step would not switch toggling on again. So a filler
+            // follows it, or it becomes a group that does switch it on.
             if empty && self.ring.pending_is_plain_step() {
                 self.push_nothing(self.at.after(u32::from(self.spacing)));
             } else if !empty {
@@ -87,8 +87,8 @@ impl Track {
             return busy.then_some(RingFault::Late { ticks: late });
         }
         let (compare, bit) = self.compare();
-        // A match lies ahead, or its interrupt has been kept waiting for some cycles. If it is behind by 512 to 32 767, it
-        // was missed and would be found 65 536 ticks later. Whole bytes say that, with interrupts on.
+        // A match lies ahead, or its interrupt has been waiting for some cycles. If it is behind by 512 to 32 767 ticks, it was missed, and would come
+        // 65 536 ticks late. Comparing the high bytes tells, with interrupts on.
         let [_, high, ..] = now.0.to_le_bytes();
         if !matches!(high.wrapping_sub(compare.high()), 2..0x80) || regs::TIFR1.read() & bit != 0 {
             return None;
