@@ -1,14 +1,14 @@
-//! Braking: what a motor does whose lease is over, by core's rule (`pulsetrain_core::braking`), a part at a time.
+//! Braking: what a motor does at the end of its lease, by core's rule (`pulsetrain_core::braking`), one part of the stop at a time.
 //!
-//! A motor [awaits](state::AWAITS) the end of the lease as it awaits a switch, and goes over to its stop there ([`plan`](super::plan)). From then
-//! on it reads no records: its steps come from here.
+//! A motor [waits](state::AWAITS) for the end of the lease as it waits for a switch, and begins its stop there ([`plan`](super::plan)). From then on it
+//! reads no records: its steps come from here.
 //!
 //! # The level in bytes
 //! The limit's mantissa M, its exponent E and its rest level L are bytes. So is the level: E is 61 at most and an interval has 39 bits, so that the level
 //! lies between -77 and 124.
 //!
 //! # Cycles
-//! A part takes 280 to 420, and what finds out whether its steps are sure.
+//! A part takes 280 to 420, and the check of its intervals (`load_count_steps`).
 
 use super::motor::{EpochBytes, FaultKind, Motor, Switch, flag};
 use super::plan::OF_SWITCH;
@@ -23,33 +23,33 @@ use pulsetrain_core::narrow::Registers;
 pub(crate) mod state {
     /// Its next switch is the end of the lease.
     pub(crate) const AWAITS: u8 = 0;
-    /// A switch waits at that tick or later.
+    /// A switch waits, too, at the end or later.
     pub(crate) const WAITS: u8 = 1;
     /// It makes the steps of its stop.
     pub(crate) const BRAKES: u8 = 2;
 }
 
-/// What a [`CurrentLease`] is.
+/// States of a [`CurrentLease`].
 pub(crate) mod lease {
-    /// There is none.
+    /// There is no lease.
     pub(crate) const OFF: u8 = 0;
-    /// Plans hold up to its tick.
+    /// Plans hold up to the lease's tick.
     pub(crate) const UNTIL: u8 = 1;
     /// Plans hold to their end.
     pub(crate) const LAST: u8 = 2;
-    /// It is over.
+    /// The lease is over.
     pub(crate) const LAPSED: u8 = 3;
-    /// Or else it was one of these, and a motor cannot follow its plan: all brake as soon as they can, or at its tick if that is sooner.
+    /// Flag, with one of the states above: a motor cannot follow its plan. All brake as soon as they can, or at the lease's tick if that is sooner.
     pub(crate) const FAULT: u8 = 4;
 }
 
-/// How long plans hold. The assembly knows where it is.
+/// How long plans hold. The assembly finds it as `steps_lease`.
 #[derive(Clone, Copy)]
 #[repr(C)]
 pub(crate) struct CurrentLease {
     /// One of [`lease`].
     pub(crate) state: u8,
-    /// Not 0 if a motor was in motion when it was over.
+    /// Not 0 if a motor was moving at the end.
     pub(crate) moved: u8,
     pub(crate) at: Moment,
 }
@@ -60,27 +60,27 @@ const _: () = assert!(offset_of!(CurrentLease, state) == 0);
 static mut LEASE: CurrentLease = CurrentLease::OFF;
 
 impl CurrentLease {
-    /// None.
+    /// No lease.
     pub(crate) const OFF: CurrentLease = CurrentLease { state: lease::OFF, moved: 0, at: Moment(0) };
 
-    /// To be asked by who has the stepper.
+    /// The lease. Only whoever has the stepper may ask.
     #[inline(always)]
     pub(crate) fn get() -> CurrentLease {
-        // SAFETY: a copy; who has the stepper alone writes it.
+        // SAFETY: a copy. Only whoever has the stepper writes it.
         unsafe { (&raw const LEASE).read() }
     }
 
-    /// There is none from now on. To be called by who has the stepper.
+    /// Ends it without a stop. Only whoever has the stepper may call this.
     #[inline(always)]
     pub(crate) fn end() {
-        // SAFETY: who has the stepper alone writes it.
+        // SAFETY: only whoever has the stepper writes it.
         unsafe { (&raw mut LEASE).write(CurrentLease::OFF) };
     }
 }
 
 global_asm!(
     r#"
-    // Z: at the parts of the motor Y.
+    // Points Z to the epochs of the motor Y.
     .macro brake_point_to_epochs
     movw r30, r28
     subi r30, lo8(-({EPOCHS}))
@@ -89,7 +89,7 @@ global_asm!(
 
     .section .text.load_leased, "ax", @progbits
     .global load_leased, steps_brake
-    // A program's source of steps: records of the queue, and parts of a stop.
+    // `source_load` of a program with leases: records of the queue, and parts of a stop.
 load_leased:
     ldd r24, Y+{FLAGS}
     sbrs r24, {UNREADABLE}
@@ -102,7 +102,7 @@ brake_none:
     sec
     ret
 
-    // The next part of a stop, from the motor Y's interval on; Z is at its parts. Carry: it rests.
+    // The next part of a stop, from the interval of the motor Y on. Z points to its epochs. Carry: it is at rest.
     // r18 to r22: the interval, and then what it grows by; r24 and r25: its upper eight bits, and the number of its leading one.
 steps_brake:
     ldd r18, Y+{INTERVAL}
@@ -162,14 +162,14 @@ brake_at_rest:                             // no interval
     ldd r25, Z+{REST_LEVEL}
     cp r25, r26
     brlo 7f
-    // Slow enough after one step more.
+    // Slow enough for rest after one more step.
 6:  std Z+{STATE}, r1
     ldi r24, 1
     clr r18
     clr r19
     movw r20, r18
     rjmp 13f
-    // It grows by the interval / 2^(level + 1), which is less than 2^31,
+    // The interval grows by itself / 2^(level + 1), less than 2^31,
 7:  mov r24, r26
 8:  lsr r22
     ror r21
@@ -214,12 +214,12 @@ brake_at_rest:                             // no interval
 
     .section .text.brake_begin, "ax", @progbits
     .global brake_begin, brake_check_underrun, brake_note_rest, brake_fail, brake_check_lease_end, limit_leased, brake_all_at_end
-    // From the plan: the lease is over, and the motor Y goes over to its stop. Z is at its parts, r25 its braking state, r22 and r23 have the steps
-    // that were left; those are off the position already.
+    // From the plan: the lease is over, and the motor Y begins its stop. Z points to its epochs, r25 is its braking state, r22:23 are the steps that were
+    // left. The position does not count those any more.
 brake_begin:
     or r22, r23
     mov r14, r22
-    // What waits of its epoch is dropped, and of that of a switch that is not made.
+    // Drops what waits of its epoch, and of that of a switch that will not be made.
     ldd r22, Z+{EPOCH_RUNNING}
     sbrc r25, {WAITS}
     ldd r22, Z+{SWITCH_EPOCH}
@@ -249,7 +249,7 @@ brake_begin:
     std Z+{STATE}, r27
     jmp plan_slow
 
-    // The motor Y cannot follow its plan, for the reason r22, at r18 to r21: with a lease it brakes from the horizon, and all others as soon as they can.
+    // The motor Y cannot follow its plan, for the fault r22, at r18 to r21. With a lease it brakes from its horizon, and all others as soon as they can.
 brake_fail:
     lds r24, steps_lease
     tst r24
@@ -271,7 +271,7 @@ brake_fail:
     ldd r24, Z+{FAULT_KIND}
     cpi r24, {MISSED}
     brne 3f
-    // The step comes then.
+    // Its next step comes at the horizon: the registers' tick is an interval before that.
     ldd r24, Y+{INTERVAL}+2
     sub r20, r24
     ldd r24, Y+{INTERVAL}+3
@@ -290,7 +290,7 @@ brake_fail:
     std Y+{FLAGS}, r24
     ret
 
-    // The motor Y, whose flags are r24, awaits what is at its switch's tick. Z is at its parts. Uses r25.
+    // The motor Y, whose flags are r24, waits for the end of the lease, at its switch's tick. Z points to its epochs. Uses r25.
 brake_wait_for_end:
     ldi r25, 1 << {AWAITS}
     sbrc r24, {SWITCH}
@@ -301,7 +301,7 @@ brake_wait_for_end:
     std Y+{FLAGS}, r24
     ret
 
-    // The motor Y has begun a new epoch: the end of the lease may be near.
+    // The motor Y has begun a new epoch. If the end of the lease is near, it must wait for that now.
 brake_check_lease_end:
     lds r24, steps_lease
     sbrs r24, 0
@@ -314,8 +314,8 @@ brake_check_lease_end:
     brcs brake_motor_at_end
     ret
 
-    // Carry: the end of the lease is near the limit r22 to r25. What is planned at once reaches 1.5 ms beyond that at most, and this is 2 ms. r18 to r21:
-    // the end. Uses r26, r27, r30, r31.
+    // Carry: the end of the lease, r18 to r21, is less than 2 ms after the limit r22 to r25. A batch reaches 1.5 ms beyond the limit at most. Uses r26, r27,
+    // r30, r31.
 brake_check_end_near:
     ldi r30, lo8(steps_lease+{AT})
     ldi r31, hi8(steps_lease+{AT})
@@ -336,7 +336,7 @@ brake_check_end_near:
 1:  sec
 2:  ret
 
-    // A program's limit: 3 ms from now. All motors are told if the end of the lease is near.
+    // `source_limit` of a program with leases: 3 ms from now. If the end of the lease is near, all motors wait for it from now on.
 limit_leased:
     call steps_limit
     lds r18, steps_lease
@@ -372,7 +372,7 @@ brake_all_at_end:
     brne 1b
     ret
 
-    // The motor Y brakes at r18 to r21, not before its horizon, unless a switch comes first, it brakes already or rests. Uses r24, r25, Z.
+    // The motor Y is to brake at r18 to r21, not before its horizon; unless a switch comes first, or it brakes already, or is at rest. Uses r24, r25, Z.
 brake_motor_at_end:
     ldd r24, Y+{FLAGS}
     sbrc r24, {UNREADABLE}
@@ -399,7 +399,7 @@ brake_motor_at_end:
     std Y+{SWITCH_AT}+3, r21
 3:  ret
 
-    // The motor Y is at rest until its next step. Uses r18, r19, r24.
+    // Notes that the motor Y is at rest until its next step. Uses r18, r19, r24.
 brake_note_rest:
     movw r18, r30
     brake_point_to_epochs
@@ -410,7 +410,7 @@ brake_note_rest:
     movw r30, r18
     ret
 
-    // Z: the motor Y, of whose segment no step is left, has made none since it was at rest; Z+ is at its parts. Uses r22, r23.
+    // Z flag: the motor Y, which has no steps left, has made none since it was at rest. Points Z to its epochs. Uses r22, r23.
 brake_check_rest:
     ldd r22, Y+{POSITION}
     ldd r23, Z+{REST_POSITION}
@@ -422,7 +422,7 @@ brake_check_rest:
     .endr
     ret
 
-    // The interval before the last step, r22 to r26: less by what it grew, and that was less by add2. Uses r25, r27.
+    // r22 to r26: the interval before the last step. That was less by `add`, which in turn was less by `add2` then. Uses r25, r27.
 brake_previous_interval:
     ldd r22, Y+{INTERVAL}
     ldd r23, Y+{INTERVAL}+1
@@ -453,7 +453,7 @@ brake_previous_interval:
     dec r26
     ret
 
-    // Carry: the motor Y, which has nothing to do, has run dry: with a lease that is not the last its next step would be due by r18 to r21. Keeps those, and T.
+    // Carry: an underrun. The motor Y has nothing to do, there is a lease that is not the last, and its next step would be due by r18 to r21. Keeps those, and T.
 brake_check_underrun:
     lds r24, steps_lease
     andi r24, 0xff - {LAST}
@@ -525,6 +525,6 @@ brake_check_underrun:
     REST_LEVEL = const STATE + 3,
 );
 
-/// Where in a motor its braking state is, behind its parts; the limit follows.
+/// Where in a motor its braking state is, after its epochs. The limit follows.
 pub(super) const STATE: usize = offset_of!(Motor, braking) - offset_of!(Motor, epochs);
 const _: () = assert!(STATE + 3 < 64);

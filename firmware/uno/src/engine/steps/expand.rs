@@ -1,21 +1,18 @@
 //! Expansion: registers of a segment → ticks of its steps, n at a time.
 //!
-//! What [`Registers::advance`] does n times, with the registers in the
-//! processor's own: four additions for the time, four for the interval, four for its change. The time's fifth byte takes
-//! the carry; the sixth and the interval's fifth follow from the rest at the end.
+//! It does what [`Registers::advance`] does, n times, with the registers in those of the processor: four additions for the tick, four for the interval,
+//! four for `add`. The tick's fifth byte takes the carry. The tick's sixth byte, and the interval's fifth, are worked out at the end.
 //!
-//! # What the caller promises
-//! 1 ≤ n ≤ `left`, n ≤ 255, and before and after each of the n steps −32768 ≤ interval < 32768 ticks: then the time moves by
-//! less than 2^24 ticks, and the interval's fifth byte is its sign.
+//! # What the caller must see to
+//! 1 ≤ n ≤ `left` and n ≤ 255. Before and after each of the n steps −32768 ≤ interval < 32768 ticks. Then the tick moves by less than 2^24, and the
+//! interval's fifth byte is its sign.
 //!
 //! # Rings
-//! A ring is filled while it is played: the expansion publishes some steps, looks how much room there is by now, and goes on
-//! until all are made or the ring is full. What there was no room for stays in `left`. All groups that it comes to are a step's
-//! already, so that ticks alone are written.
+//! A ring is filled while it is played. So the expansion publishes some steps, looks how much room there is by now, and goes on until all are made or the
+//! ring is full. Steps that find no room stay in `left`. All groups toggle what a step toggles already, so that only ticks are written.
 //!
-//! Where the segment is sure and all its intervals are shorter than 256 ticks ([`Motor::prechecked`] is 1), they and their changes fit
-//! into 24 bits, and n of them into 16. The same holds of a list if bit 8 and those above it stay the same throughout ([`HIGH_FIXED`]). Those
-//! loops are written out four times.
+//! If all intervals of a segment are shorter than 256 ticks ([`Motor::prechecked`] is 1), they and their changes fit into 24 bits, and the change of the
+//! tick into 16. The same holds for a list if all intervals have the same bits 8 and above ([`HIGH_FIXED`]). These loops are unrolled four times.
 //!
 //! # Cycles
 //! | into | changing law | shorter than 256 ticks | cruise (add = add2 = 0) | around n steps |
@@ -39,28 +36,28 @@ const _: () = assert!(offset_of!(Registers, add) == 11);
 const _: () = assert!(offset_of!(Registers, add2) == 15);
 const _: () = assert!(offset_of!(Registers, left) == 19);
 
-// Bit 3 of their data addresses tells the tails apart.
+// Bit 3 of their data addresses tells the tails of ring A and B apart.
 const _: () = assert!((register::OCR0A + 0x20) & 8 == 0 && (register::OCR0B + 0x20) & 8 != 0);
 
-// Arguments: Y the registers (the motor), Z where the ticks go, r20 n, r17 the length of long pulses; for a ring r19, the data
-// address of its tail, r6, the low byte of Z, and first bytes of groups: r17 of the one that is pending, r18 of a step that is
-// followed by another, r7 of the last. For a ring of long pulses r18, what either edge toggles.
-// Result: r24, the low byte of where the last one went; for a ring r5, steps that there was no room for.
-// Keeps Y, r1 to r4, r7; r17 but for lists and rings; not X.
+// Arguments: Y the registers (the motor), Z where the ticks go, r20 n, r17 the length of long pulses. For a ring also: r19, the data
+// address of its tail; r6, the low byte of Z; and first bytes of groups: r17 of the pending one, r18 of a step that another follows, r7 of the last step.
+// For a ring of long pulses r18 is what either edge toggles.
+// Results: r24, the low byte of the last group's address; for a ring r5, how many steps found no room.
+// Keeps Y, r1 to r4 and r7; for lists and rings not r17; never X.
 // Registers of the processor while expanding:
 //   r0 r21         fraction
 //   r22 r23 r24    tick, its low three bytes
 //   r25 r26 r27 r8 interval, its low four bytes
 //   r9 to r12      add
 //   r13 to r16     add2
-//   r20            steps left of the batch
+//   r20            steps of this batch that are left
 //   r18 r19        first byte of a group; second tick of a long pulse
-//   r5             steps left beyond the batch (ring only)
+//   r5             steps after this batch (rings only)
 //   r6 r7 r17      see above
-//   Y              the Registers; Z where the ticks go
+//   Y              the registers; Z where the ticks go
 global_asm!(
     r#"
-    // The steps are taken off those that are left.
+    // Takes the steps off `left`.
     .macro expand_count                  //                              10
     ldd r24, Y+19
     ldd r25, Y+20
@@ -144,7 +141,7 @@ global_asm!(
     adc r12, r16
     .endm
 
-    // What is needed where intervals stay below the next 256 ticks: their highest byte stays as it is.           40
+    // Loads what changes where all intervals are shorter than 256 ticks: not the tick's and the interval's high bytes.           40
     .macro short_enter
     expand_count
     ldd r0, Y+0
@@ -262,7 +259,7 @@ global_asm!(
     .endif
     .endm
 
-    // Bit 8 of the interval and those above it stay: 24 bits of it and of its changes, and 16 of the time.   14 with a list's store
+    // Bits 8 and above of the interval stay: 24 bits of it and of its changes are added, and 16 of the tick.   14 with a list's store
     .macro advance_high_fixed store
     add r0, r25
     adc r21, r26
@@ -277,14 +274,14 @@ global_asm!(
     adc r11, r15
     .endm
 
-    // Into groups that toggle the same already.
+    // Into groups that toggle the right pins already.
     .macro ring_store                   //                              5
     std Z+1, r23
     std Z+2, r22
     subi r30, -4
     .endm
 
-    // Steps for the ring at once, r20, of the r5 that are left; \done if there are none, or no room.         16
+    // r20: the size of the next batch into the ring, of the r5 steps that are left. \done if none are left, or there is no room.         16
     .macro ring_next_batch done
     in r20, {TAIL_A}
     sbrc r19, 3
@@ -308,7 +305,7 @@ global_asm!(
     sbrs r20, 0
     .endm
 
-    // Z becomes the pending group; the one that was, r6, is published with the first byte r17.     9
+    // Z becomes the pending group. The one that was pending, r6, is published with the first byte r17.     9
     .macro ring_publish
     st Z, r7
     eor r30, r6
@@ -322,7 +319,7 @@ global_asm!(
     .section .text.steps_expand_ring, "ax", @progbits
     .global steps_expand_ring
 steps_expand_ring:
-    // Segments whose intervals are all shorter than 256 ticks have a way of their own.
+    // Segments whose intervals are all shorter than 256 ticks have loops of their own.
     ldd r24, Y+{PRECHECKED}
     cpi r24, 1
     brne 9f
@@ -353,7 +350,7 @@ steps_expand_ring:
     breq 4f
     rjmp 8b
 4:  expand_leave_add
-    // What there was no room for is left.
+    // Steps that found no room are left.
 3:  ldd r20, Y+19
     add r20, r5
     std Y+19, r20
@@ -377,7 +374,7 @@ steps_expand_ring:
     tst r5
     brne 5b
     rjmp 3b
-    // All intervals are shorter than 256 ticks: they, and their changes, have 24 bits, and the time has 16 that change.
+    // All intervals are shorter than 256 ticks: 24 bits of them and of their changes are added, and 16 of the tick.
     .macro advance_short                 //                              15
     add r0, r25
     adc r21, r26
@@ -465,7 +462,7 @@ steps_expand_ring:
     .endm
 
     expander steps_expand_list, list_store, 1, 1
-    // The same into the ring behind lists.                                                         7
+    // The same into the short ring behind the lists.                                                         7
     .macro shield_b_store
     std Z+1, r23
     std Z+2, r22

@@ -1,4 +1,4 @@
-//! Records of the queue → registers of a segment, as `pulsetrain_core::packing` describes them.
+//! Records of the queue → registers of a segment. `pulsetrain_core::packing` has the format.
 //!
 //! # Registers of the processor
 //! | | |
@@ -7,16 +7,15 @@
 //! | X, Z | the next byte of its queue, and where the queue's memory ends |
 //! | r25 | the header, shifted to the right as its bits are used |
 //! | r14 | bit length of the previous count |
-//! | r15 | the narrow width, in bytes |
+//! | r15 | width of a field that is not a wide one, bytes |
 //! | r18 to r22 | a number of 40 bits |
 //! | r23, r24 | counters |
 //!
 //! # Cycles
-//! A segment of three corrections of one byte each takes some 460, 95 of which find out whether its steps need looking at;
-//! a second byte 12 more.
+//! A segment of three corrections of one byte each takes some 460, of which 95 check its intervals; a second byte of a correction takes 12 more.
 //!
-//! A record is whole in its frame, so that nobody looks whether its bytes are there before they are read: if more were read than
-//! there are, the record is bad, nothing of the epoch is made any more, and what was read came from the queue's own memory.
+//! A record is always whole in its frame, so nobody checks that a byte is there before it is read. If more were read than there are, the record is bad, and
+//! the rest of the epoch is dropped. What was read then came from the queue's own memory, so that no harm is done.
 
 use crate::ThisProgram;
 use crate::engine::program::Program;
@@ -33,7 +32,7 @@ global_asm!(
     r#"
     .section .text.steps_load_record, "ax", @progbits
 
-    // The next byte, in \register.                                                                    5
+    // \register: the next byte.                                                                       5
     .macro next_byte register
     ld \register, X+
     cp r26, r30
@@ -41,7 +40,7 @@ global_asm!(
     rcall load_wrap
     .endm
 
-    // X may be where the queue's memory ends.
+    // X may be at the end of the queue's memory: then it goes on at the start.
 load_wrap:
     cpse r27, r31
     ret
@@ -49,12 +48,12 @@ load_wrap:
     ldd r27, Y+{START}+1
     ret
 
-    // The next byte, in r24.                                                                       12 with its call
+    // r24: the next byte.                                                                          12 with its call
 load_byte:
     next_byte r24
     ret
 
-    // r23 (0 to 5) bytes of two's complement, extended to r18 to r22.
+    // r18 to r22: a number of r23 bytes (0 to 5), sign-extended.
 load_number:
     clr r18
     clr r24
@@ -93,7 +92,7 @@ load_number:
     mov r22, r24
     ret
 
-    // A correction of r23 bytes in units of 2^(16 - r24) ticks, that exponent being held in 0 to 16: r18 to r22.
+    // r18 to r22: a correction of r23 bytes in units of 2^(16 - r24) ticks. The exponent is clamped to 0 to 16.
     //                                                              one byte 45, two 57; 4 to 8 more where 16 - r24 > 7
 load_correction:
     ldi r19, 16
@@ -102,7 +101,7 @@ load_correction:
     sub r19, r24
     brcc 1f
     clr r19                             // as fine as can be
-    // r21 = 2^(r19 mod 8): bits are shifted by multiplying
+    // r21 = 2^(r19 mod 8): multiplying by it shifts
 1:  ldi r21, 1
     sbrc r19, 0
     lsl r21
@@ -141,7 +140,7 @@ load_correction:
     andi r23, 0xf8
     brne load_shift_byte
     ret
-    // The same of more bytes, one bit at a time.
+    // The same for more bytes, which shifts one bit at a time.
 load_wide:
     push r19
     rcall load_number
@@ -184,7 +183,7 @@ load_shift_byte:
     std Y+\offset+3, r24
     .endm
 
-    // Whether the next field is wide is the next bit of r25; its width is put into r23, and Z says whether that is 0.   8
+    // The next bit of r25 says whether the next field is wide. r23: its width, bytes. Z flag: that is 0.   8
     .macro field_width
     mov r23, r15
     lsr r25
@@ -197,7 +196,7 @@ load_shift_byte:
     .endm
 
     .global steps_load_record
-    // Takes the next record. Carry: there is none, or none that can be read. No steps may be left. Keeps r2 to r13, r16, r17.
+    // Takes the next record. Carry: there is none, or it cannot be read. The motor must have no steps left. Keeps r2 to r13, r16, r17.
 steps_load_record:
     ldd r24, Y+{FLAGS}
     sbrc r24, {UNREADABLE}
@@ -243,7 +242,7 @@ load_none:
     cpi r24, 3
     breq load_have_count
     brsh 5f
-    // 0 to 2: more by a half, a quarter, an eighth.
+    // 0 to 2: the previous one and a half, a quarter, an eighth of it.
 4:  lsr r21
     ror r20
     dec r24
@@ -252,7 +251,7 @@ load_none:
     adc r19, r21
     brcc load_have_count
     rjmp load_bad
-    // 4 to 6: less by an eighth, a quarter, a half.
+    // 4 to 6: the previous one less an eighth, a quarter, a half of it.
 5:  subi r24, 7
 6:  lsr r21
     ror r20
@@ -283,7 +282,7 @@ load_have_count:
     std Y+{LEFT}+1, r19
     std Y+{COUNT}, r18
     std Y+{COUNT}+1, r19
-    // T: three steps or more, as nearly always.
+    // T: three steps or more, the usual case.
     cpi r18, 3
     cpc r19, r1
     set
@@ -340,7 +339,7 @@ load_count_steps:
     ldd r24, Y+{FLAGS}
     sbrs r24, {ANCHORED}
     rjmp 4f
-    // All its steps are counted.
+    // Counts all its steps into the position.
     ldd r18, Y+{POSITION}
     ldd r19, Y+{POSITION}+1
     ldd r20, Y+{POSITION}+2
@@ -363,8 +362,8 @@ load_count_steps:
     std Y+{POSITION}+2, r20
     std Y+{POSITION}+3, r21
 
-    // Are all intervals of the segment, n = r22 of them, fit to be made without looking? They are within n |add| + n² |add2| / 2
-    // of the first: r19:20 is |add| in 2^-8 ticks, r15 |add2|.                                       about 95
+    // Prechecks the segment: are all its intervals fit for batches? They differ from the first by n |add| + n² |add2| / 2 at most, n = r22 steps.
+    // r19:20 is |add| in 2^-8 ticks, r15 |add2|.                                                           about 95
     std Y+{PRECHECKED}, r1
     tst r23
     breq load_precheck
@@ -390,7 +389,7 @@ load_precheck:
 6:  or r25, r24
     breq .+2
     rjmp 7f                             // too much
-    // T: lists are merged, and add is more than n |add2|, so that its sign stays.
+    // T: there are lists, and |add| is more than n |add2|, so that the sign of add stays.
     clt
     lds r24, steps_mode
     sbrc r24, {OWN_RING_BIT}
@@ -413,7 +412,7 @@ load_precheck:
 9:  inc r15
     brne .+2
     rjmp 7f
-    // From here on in 2^-8 ticks, r19:20: |add| + n |add2| / 2, and 2 for what is left out of it.
+    // r19:20, in 2^-8 ticks: |add| + n |add2| / 2, and 2 for what was rounded off.
     mul r22, r15
     lsr r1
     ror r0
@@ -423,7 +422,7 @@ load_precheck:
     add r19, r0
     adc r20, r1
     brcs 7f
-    // n times that, in ticks
+    // r18:19, in ticks: n times that.
     mul r22, r19
     mov r24, r1
     mul r22, r20
@@ -455,7 +454,7 @@ load_precheck:
     cp r20, r18
     cpc r21, r19
     brlo 7f
-    // Whether bit 8 and those above it are the same of all of them: the first is the shortest or the longest.
+    // Do all intervals have the same bits 8 and above? The first one is the shortest or the longest.
     brtc 9f
     ldd r20, Y+{INTERVAL}+3
     ldd r24, Y+{ADD}+3
@@ -473,7 +472,7 @@ load_precheck:
 7:  clr r1
     clc
     ret
-    // More than 255 of them, if all are the same.
+    // More than 255 steps pass only if all intervals are the same.
 8:  .irp at, 0,1,2,3,4,5,6,7
     ldd r24, Y+{ADD}+\at
     or r1, r24
@@ -481,7 +480,7 @@ load_precheck:
     brne 7b
     ldi r22, 1
     rjmp load_precheck
-    // A motion without an anchor.
+    // A motion without an anchor: a fault.
 4:  std Y+{LEFT}, r1
     std Y+{LEFT}+1, r1
     ldi r22, {MISSED}

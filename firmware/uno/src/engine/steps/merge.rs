@@ -1,35 +1,31 @@
-//! Two to four motors in one ring: each has a list of ticks, and the merge takes the earliest of their heads.
+//! Two to four motors in one ring. Each has a list of ticks, and the merge takes the earliest of the lists' heads.
 //!
 //! # Lists
-//! A lane is one motor: up to 32 ticks that all toggle the same pins. When its list is used up, the motor says what it does
-//! next ([`plan`](super::plan)): a batch of steps, expanded into the list, or one thing (a turn of DIR, nothing at all). A long
-//! pulse is two ticks. All heads lie within 32 767 ticks of each other, as no motor does nothing for longer than 16 384.
+//! A lane is one motor: its list has up to 32 ticks that all toggle the same pins. When the list is used up, the motor says what it does next
+//! ([`plan`](super::plan)): a batch of steps, which is expanded into the list, or a single event. A long pulse is two ticks. All heads lie within 32 767
+//! ticks of each other, since two events of a motor are 16 384 apart at most.
 //!
-//! Lists that are used up together take longer to fill than a ring lasts: while the ring is nearly full, short lists of steps
-//! are filled up before (`merge_top_up`): what is left moves to the front, and more steps go behind it.
+//! If several lists are used up together, it takes longer to fill them than the ring lasts. So while the ring is nearly full, short lists of steps are
+//! topped up (`merge_top_up`): what is left moves to the front, and more steps go behind it.
 //!
-//! # PulseTiming
-//! Groups are at least W ticks apart, so that the interrupt has set the compare register before the next match, even if
-//! something kept it waiting. A tick less than W/2 after the last group (or before it) joins that group; one from W/2
-//! to W after it is put off to W. So no edge is early or late by more than W/2. Two ticks that toggle
-//! the same pin never share a group.
+//! # Spacing
+//! Groups are at least W ticks apart. So the interrupt has set the compare register before the next match, even if something kept it waiting. A tick
+//! less than W/2 after the last group (or before it) joins that group. A tick from W/2 to W after it is put off to W. So no edge is early or late by more
+//! than W/2. Two ticks that toggle the same pin never share a group.
 //!
-//! W ≥ (match to compare register written, 27 to 39 cycles) + (the longest that an interrupt is kept waiting: 13 cycles as the
-//! task begins, 14 as a byte comes, and an instruction of main's), and W ≥ the interrupt's length + 4, so that delays die out:
-//! 48 for the short pulse, 60 for the long one and the shield, 76 for the shield's long one.
+//! W is 48 for the short pulse, 60 for the stretched one and the shield, 76 for the shield's stretched one, and 78 while ring B of the shield is in use;
+//! `tuning::stepper` has the reasons. With ring B a tick is put off by 24 at most, so that no edge is late by more than 60. A tick that comes before that
+//! joins the last group, and is early by up to 54.
 //!
-//! With a ring beside, whose interrupt may come first, it is 78, and a tick is put off by 24 at most, so that no edge is late by more than 60; one that
-//! comes before joins the last group, and is early by up to 54.
-//!
-//! # Orders
-//! Of four lanes the merge compares two pairs of heads and then the earlier of each. Of three it knows the order: there is a
-//! state for each of the 6, and a lane that has been put out mostly comes last, which one comparison says. Four lanes are the shield's with longer
-//! pulses alone: with the short one the motor on PORTB has a ring of its own ([`beside`](super::shield_b)), which is behind the lists, of which the third is half as
-//! long then. States of their own know that end.
+//! # Sorted lanes
+//! Of four lanes the merge compares two pairs of heads, and then the earlier of each. Of three it knows the order: the code has a state for each of the 6
+//! orders. A lane whose head was taken mostly comes last next time, and one comparison tells. Only the shield's longer pulses have four lanes. With the
+//! short pulse the motor on PORTB has ring B ([`shield_b`](super::shield_b)). That ring is behind the lists, and the third list is half as long then;
+//! the code has states of their own for that.
 //!
 //! # Cycles
-//! A step: 34 to 37 of four lanes, 31 to 33 of three, and expansion's 18.5. A list: 130, what the plan takes, and the expansion's beginning and end. A call of
-//! the task: 280; 90 for looking at the lists; 75 each time that groups are published.
+//! A step: 34 to 37 with four lanes, 31 to 33 with three, and 18.5 for its expansion. A list: 130, the plan, and the start and end of the expansion. A
+//! call: 280, 90 for checking the lists, and 75 each time that groups are published.
 
 use crate::engine::steps::refill::mode;
 use crate::engine::steps::register;
@@ -43,7 +39,7 @@ use core::mem::offset_of;
 pub(crate) use state::Merge;
 use state::{LANE_SIZE, Lane, MOTORS, NONE, SHORT_LANE, SHORT_LIST};
 
-/// Lanes; those of no motor are fed with fillers.
+/// Lanes. Those without a motor get fillers.
 pub(crate) const LANES: usize = 4;
 
 /// Ticks that a lane's list holds.
@@ -53,19 +49,18 @@ mod state;
 
 global_asm!(
     r#"
-    // While merging:
+    // Registers while merging:
     //   r2:3 r4:5 r6:7 r8:9           heads of the lanes
     //   r10 to r13                    next of the lanes
-    //   r14:15 r20:21 r22:23 r28:29   masks of the lanes, rise and fall
-    //   r16:17                        masks of the pending group; if it is the first of a batch END in its rise, with sorted lanes for it: the rise
-    //                                 is in the state then
+    //   r14:15 r20:21 r22:23 r28:29   masks of the lanes: what a tick toggles, and what the end of its pulse toggles
+    //   r16:17                        masks of the pending group. The first group of a batch has the END mark in r16; what it toggles is in the state then
     //   r18:19                        deadline: tick of the pending group + W
     //   r24 r25                       W/2, W
-    //   r0                            groups that the ring has room for
-    //   X                             the pending group's place in the ring
+    //   r0                            groups that may still be put into the ring
+    //   X                             the pending group's address
     //   Z                             into the lists' page
 
-    // Makes the lane's head the pending group, and puts the one that was pending into the ring.    18
+    // Puts the pending group into the ring, and makes the lane's head the pending group.           18
     .macro emit low, high, at_tick, at_end, lane
     cp \low, r18                        // 1                            1
     cpc \high, r19                      // 1                            2
@@ -84,7 +79,7 @@ global_asm!(
 2:
     .endm
 
-    // What is rarer: the tick comes before the deadline. Joining takes 20 more, putting off 17.
+    // The rarer case: the head comes before the deadline. Joining takes 20 more, putting off 17.
     .macro emit_before_deadline low, high, at_tick, at_end, lane
 3:  movw r30, r18
     sub r30, r24
@@ -95,7 +90,7 @@ global_asm!(
     lds r30, steps_merge+{END}
     cp r16, r30
     breq 74f                            // the first of a batch
-    // It joins the pending group, unless that has some of its lines already.
+    // It joins the pending group, unless both toggle the same line.
     mov r30, \at_tick
     and r30, r16
     brne 4f
@@ -106,7 +101,7 @@ global_asm!(
     or r17, \at_end
     ldi r31, hi8(ring_b_page)
     rjmp 2b
-    // The pending group is put out; the next is put off to the deadline.
+    // The pending group goes into the ring, and the head is put off to the deadline.
 4:  st X+, r16
     st X+, r19
     st X+, r18
@@ -124,7 +119,7 @@ global_asm!(
     rjmp merge_exit
     .endm
 
-    // The next tick of the lane.                                                                   8
+    // The next tick of the lane becomes its head.                                                  8
     .macro advance_0
     sbrc r10, 6                         // 2 (skips)                    2
     call merge_refill_0
@@ -149,7 +144,7 @@ global_asm!(
     ld r7, Z+
     mov r12, r30
     .endm
-    // The same where a ring is beside the lists: the third of them is shorter.
+    // The same while ring B of the shield is in use: the third list is shorter.
     .macro advance_shield_0
     advance_0
     .endm
@@ -174,7 +169,7 @@ global_asm!(
     ldi r31, hi8(ring_b_page)
     .endm
 
-    // Lane a has the earliest head, c the latest; the first two are compared with what is next.        30
+    // Lane a has the earliest head, c the latest. After a's head was taken, its next one is compared with c and b.   30
     .macro merge_order_3 name, last, a, al, ah, ar, af, b, bl, bh, c, cl, ch
 \name\()_\a\()\b\()\c:
     emit r\al, r\ah, r\ar, r\af, \a
@@ -197,7 +192,7 @@ global_asm!(
     rjmp \name\()_\b\()\a\()\c
     emit_before_deadline r\al, r\ah, r\ar, r\af, \a
     .endm
-    // Three orders that follow each other as long as lanes take turns.
+    // Three orders that follow each other as long as the lanes take turns.
     .macro merge_turn_3 name, a, al, ah, ar, af, b, bl, bh, br, bf, c, cl, ch, cr, cf
     merge_order_3 \name, 0, \a, \al, \ah, \ar, \af, \b, \bl, \bh, \c, \cl, \ch
     merge_order_3 \name, 0, \b, \bl, \bh, \br, \bf, \c, \cl, \ch, \a, \al, \ah
@@ -210,7 +205,7 @@ global_asm!(
     cpc r\ah, r\bh
     brpl \late
     .endm
-    // The order of three lanes.
+    // Finds the order of three lanes.
     .macro merge_choose name
     before 2, 3, 4, 5, 53f
     before 4, 5, 6, 7, 51f
@@ -224,7 +219,7 @@ global_asm!(
     rjmp \name\()_120
 55: rjmp \name\()_210
     .endm
-    // Lane a (0 or 1) has the earlier head of the first two, b (2 or 3) of the others.             34 to 36
+    // Lane a (0 or 1) has the earlier head of the first two, lane b (2 or 3) of the others.        34 to 36
     .macro merge_state name, a_low, a_high, a_at_tick, a_at_end, a, b_low, b_high, b_at_tick, b_at_end, b
 \name:
     cp \a_low, \b_low                   // 1                            1
@@ -254,7 +249,7 @@ global_asm!(
     ldi r29, hi8(steps_merge)
     .endm
 
-    // From Y, the state.                                                                           20
+    // Loads the masks of the lanes, from the state at Y.                                           20
     .macro load_masks
     ldd r14, Y+{LANE0}+{AT_TICK}
     ldd r15, Y+{LANE0}+{AT_END}
@@ -292,7 +287,7 @@ global_asm!(
     std Y+\offset, r\register
     .endm
 
-    // Goes to \enough unless there is a ring beside, and that has run down. Uses r24, r25.
+    // Goes to \enough unless ring B of the shield is in use, and has run low. Uses r24, r25.
     .macro unless_shield_b_is_low enough
     sbis {FLAGS_IO}, {SHIELD_B}
     rjmp \enough
@@ -305,7 +300,7 @@ global_asm!(
     cpi r25, 4 * ({SHORT_RING_GROUPS} - {SHIELD_B_LOW_BELOW})
     brlo \enough
     .endm
-    // \end, where a list ends, if a ring is beside and that is the third lane's.
+    // Corrects \end, the end of a list, if it is the third one and ring B of the shield is in use.
     .macro short_list_end end
     cpi \end, 2 * {LIST} * ({SHORT_LANE} + 1)
     brne 9f
@@ -328,8 +323,8 @@ global_asm!(
 
     .section .text.steps_merge_run, "ax", @progbits
     .global steps_merge_run
-    // For the task: merges until the ring is full or a motor does nothing more within the limit. Uses all registers. With sorted lanes, and no ring
-    // beside, carry is clear if lists were filled up until the ring ran down: it may be called again.
+    // For the refill: merges until the ring is full, or a motor has nothing more to do up to the limit. Uses all registers. Without ring B, carry is clear if
+    // lists were topped up until the ring had run down: it may be called again.
 steps_merge_run:
     lds r24, steps_merge+{AT}
     lds r30, steps_merge+{TAIL}
@@ -357,7 +352,7 @@ steps_merge_run:
     lds r16, steps_merge+{EMPTY_LANE}
     cpi r16, {NONE}
     breq 3f
-    // A lane has no head: the next of its list, which may have to be filled.
+    // A lane has no head: take the next tick of its list, which may have to be filled.
     ldi r24, {LANE_SIZE}
     mul r16, r24
     movw r6, r0
@@ -454,8 +449,8 @@ merge_publish:
     mov r16, r25                        // 1
 1:  ret                                 // 4, and 3 for the call
 
-    // Joins the masks r30:31 to the pending group unless it has some of them already, and sets Z if it has not. With sorted lanes that
-    // group is the first of a batch.                                                                27 with sorted lanes
+    // Joins the masks r30:31 to the pending group, the first of a batch, unless both toggle the same line. Z flag: joined.
+    //                                                                                              27
 merge_join:                             // call                         3
     push r0                             // 2                            5
     lds r16, steps_merge+{PENDING_AT_TICK}
@@ -475,8 +470,8 @@ merge_join:                             // call                         3
     pop r0                              // 2                            17
     ret                                 // 4                            21
 
-    // Looks for more room, and goes on if there is enough; else carry is set.
-    // Groups have been put into the ring since it was published last.                              48, and 7 for the call
+    // Publishes, and goes on if the ring has room enough; otherwise carry is set. Groups must have been put into the ring since it was published last.
+    //                                                                                              48, and 7 for the call
 merge_publish_and_check:
     lds r30, steps_merge+{AT}
     ldi r31, hi8(ring_a_page)
@@ -510,7 +505,7 @@ merge_publish_and_check:
     lds r24, steps_merge+{HALF}
     lds r25, steps_merge+{SPACING}
 1:  ret
-    // The ring beside, if there is one, must not run down.
+    // Ring B of the shield must not run empty.
 3:  unless_shield_b_is_low 2b
     saved_registers push
     push r26
@@ -546,7 +541,7 @@ merge_refill_list:                             // call                         3
     push r26
     push r27
     push r30
-    // While a list is filled the ring beside, if there is one, runs down.
+    // While a list is filled, ring B of the shield runs down.
     sbis {FLAGS_IO}, {NOT_PLAIN_B}
     rjmp 2f
     unless_shield_b_is_low 2f
@@ -569,7 +564,7 @@ merge_refill_list:                             // call                         3
     pop r0
     ret                                 // 4
 
-    // Nothing for the lane r22: what was r0 and two return addresses go.
+    // The motor of the lane r22 has nothing to do. Drops r0 and two return addresses from the stack.
 merge_no_steps:
     mov r24, r22
     .rept 5
@@ -601,15 +596,14 @@ merge_exit:
     adiw r24, 1
     sts steps_stepper+{TRACK_AT}+2, r24
     sts steps_stepper+{TRACK_AT}+3, r25
-    // While the ring is nearly full (or has nothing), lists are filled up before they are used up: all of them at once take
-    // long.
+    // While the ring is nearly full (or could not be filled), lists are topped up, since it takes long to fill several at once.
 1:
     lds r24, steps_mode
     cpi r24, {SHIELD_MODE}
     brne .+2
     ret
 
-    // Three lanes with a ring beside the lists: states of their own, as the third list is shorter.
+    // Three lanes while ring B of the shield is in use: states of their own, because the third list is shorter.
     .section .text.merge_shield, "ax", @progbits
     .global merge_shield
 merge_shield:

@@ -1,19 +1,21 @@
-//! What a motor does next: a batch of steps that need no looking at, or one thing with its tick.
+//! What a motor does next: a batch of steps, or a single event with its tick.
 //!
-//! # Fast and slow
-//! As long as a motor only steps, with intervals between [`Times::fastest`](super::times::Times) and 16 383 ticks that change
-//! little, its next steps are granted at once: nobody looks at them one by one, the expansion makes them
-//! ([`expand`](super::expand)). That all of a segment's are such is found out when it is loaded ([`Motor::prechecked`]), where it
-//! is; else it is looked at for up to 31, 15, 7, 3 or one. All else is one thing at a time: a step, a turn of DIR, or nothing at all, which keeps the
-//! compare register moving (no two things are more than [`FILLER`] ticks apart).
+//! # Batches
+//! The next steps of a motor are planned as a batch if it only steps, at intervals between [`Times::min_interval`](super::times::Times) and 16 383 ticks
+//! that change little. Nobody looks at these steps one by one; the expansion makes them ([`expand`](super::expand)). Most segments are checked as a whole
+//! when they are loaded ([`Motor::prechecked`]). Otherwise the plan checks the next 31 steps, or 15, 7, 3 or one.
+//!
+//! # Events
+//! All else is a single event: a step, a turn of DIR, or a filler, which keeps the compare register moving (two events are [`FILLER`] ticks apart at
+//! most).
 //!
 //! # DIR
-//! A line turns [`Times::early`](super::times::Times) before its step, or later if it is not free until then, but `lead` before
-//! it at least. The step is then committed: no switch takes it back.
+//! A line turns `dir_early` before its step ([`Times`](super::times::Times)), or later if it is not free until then, but `dir_setup` before it at least.
+//! The step is then committed: no switch takes it back.
 //!
 //! # Cycles
-//! 30 a batch; 85 where the limit is looked at, 120 where a switch waits too; 110 where intervals are, and 35 more for each halving, and 16 for each step
-//! that is counted up to the limit; 250 to 400 for one thing.
+//! A batch takes 30; 85 if the limit is checked, 120 if a switch waits, too; 110 if intervals are checked, 35 more for each halving, and 16 for each step
+//! that is counted up to the limit. A single event takes 250 to 400.
 
 use crate::ThisProgram;
 use crate::engine::program::Program;
@@ -22,12 +24,12 @@ use crate::engine::steps::times;
 use core::arch::global_asm;
 use core::mem::offset_of;
 
-/// Two things that a motor does are so far apart at most, ticks: at 2^14 the compare register is a quarter of the way round.
+/// Two events of a motor are so far apart at most, ticks. After 2^14 the compare register is a quarter of the way round.
 pub(crate) const FILLER: u16 = ThisProgram::FILLER;
 const _: () = assert!(FILLER <= 16_384 && FILLER % 256 == 0);
 
-/// What the motor Y makes next, for assembly, if it is steps of a segment all of which are sure, and soon enough: how many are left of them,
-/// up to 255, in r24. Else it goes to `$slow`, where [`plan`](self) says. Uses r25.
+/// For assembly: what the motor Y makes next, if that is steps of a prechecked segment which need no check of the limit. r24: how many are left, up to
+/// 255. Otherwise goes to `$slow`, where [`plan`](self) must be asked. Uses r25.
 macro_rules! prechecked_steps {
     ($slow:literal) => {
         concat!(
@@ -58,7 +60,7 @@ macro_rules! prechecked_steps {
 }
 pub(super) use prechecked_steps;
 
-/// Where in a motor its switch is, behind its parts.
+/// Where in a motor its switch is, after its epochs.
 pub(super) const OF_SWITCH: usize = offset_of!(Motor, switch) - offset_of!(Motor, epochs);
 
 global_asm!(
@@ -81,7 +83,7 @@ global_asm!(
     lds \c, steps_times+{LIMIT}+2
     lds \d, steps_times+{LIMIT}+3
     .endm
-    // Compares a to d with the moment at Y+\offset; N: it is before. Uses \temp.
+    // Compares a to d with the tick at Y+\offset. N: it is before. Uses \temp.
     .macro compare_4 a, b, c, d, offset, temp
     ldd \temp, Y+\offset
     cp \a, \temp
@@ -93,8 +95,8 @@ global_asm!(
     cpc \d, \temp
     .endm
 
-    // Passes over what waits of epochs before that of r22; Z is at the motor Y's parts. \if_also: T says that of the epoch being run in any case, and
-    // otherwise what waits of that of r22 goes as well. Uses r20, r21, X, r18, r19.
+    // Drops the bytes of epochs before that of r22. Z points to the epochs of the motor Y. With \if_also, T says whether the epoch being run goes in any
+    // case; if not, bytes of the epoch r22 go as well. Uses r20, r21, X, r18, r19.
     .macro drop_epochs if_also
     ldd r26, Y+{NEXT}
     ldd r27, Y+{NEXT}+1
@@ -145,7 +147,7 @@ global_asm!(
     std Y+{NEXT}, r26
     std Y+{NEXT}+1, r27
     .endm
-    // Nothing is done before the switch, which is r18 to r21 then. Uses r26.
+    // The horizon is not before the switch, whose tick is r18 to r21 then. Uses r26.
     .macro horizon_to_switch
     load_4 r18, r19, r20, r21, {SWITCH_AT}
     compare_4 r18, r19, r20, r21, {HORIZON}, r26
@@ -156,7 +158,7 @@ global_asm!(
 
     .section .text.steps_plan, "ax", @progbits
     .global steps_settle, steps_plan, plan_slow, plan_window, plan_make_step
-    // Horizon, last and free, if they were left to follow from the last step. Uses r18 to r21, r24, r25.
+    // Works out horizon, last and dir_free from the last step, if that was left to do. Uses r18 to r21, r24, r25.
 steps_settle:
     ldd r24, Y+{FLAGS}
     sbrs r24, {STEPPED}

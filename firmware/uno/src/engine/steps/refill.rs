@@ -350,7 +350,7 @@ refill_interrupt:
 2:  pop r25
     out {SREG}, r25
     pop r25
-    // Enabled while others may come in: the next refill is at least 200 cycles away.
+    // Enabled while others may still come in: Timer0 does not overflow in this count.
     ldi r24, 1
     sts {TIMSK0}, r24
     pop r24

@@ -1,15 +1,13 @@
-//! The task's side: every millisecond's steps, from the paths to the motors.
+//! The refill's side: the steps of every millisecond, from the paths to the motors.
 //!
-//! A slice is a millisecond of the board's clock: slices begin at its multiples of [`SLICE`], those before the drivers were
-//! on included. All four paths do one together. A motor whose path makes steps in it gets a train; there is room for two of
-//! them, in what the merge's lists leave of their page. `winch_load` takes them.
+//! A slice is a millisecond of the board's clock. Slices begin at multiples of [`SLICE`], also before the drivers were on. All four paths work out
+//! the same slice together. A motor that steps in it gets a train. There is room for two trains of each motor, behind the lists of the merge in their
+//! page. `winch_load` takes them.
 //!
-//! Nothing is planned beyond what is known: the limit is [`CLEARANCE`] before the next slice begins, so that DIR can be turned for
-//! a step at its very beginning.
+//! The limit is [`CLEARANCE`] before the next slice begins, so that DIR can be turned for a step at its very beginning.
 //!
-//! Main keeps the task out for 1340 cycles at most to obey a line, and for 3480 to take four positions at one time (measured with
-//! steps in between, four axes at 10 000 steps/s). Slices are worked out early enough for that: at least 8000 ticks were left,
-//! crates/board/tests/it/chips/winch_line.rs.
+//! Main keeps the refill out for 1340 cycles at most to obey a line, and for 3480 to take four positions at one time (measured with steps in between,
+//! four axes at 10 000 steps/s). Slices are worked out early enough for that: at least 8000 ticks were left (crates/board/tests/it/chips/winch_line.rs).
 
 use super::{Asked, reader};
 use crate::engine::steps::motor::{Motor, flag};
@@ -27,25 +25,25 @@ use pulsetrain_core::wire::message::MOTOR_SETUP_LEN;
 /// Ticks of a slice.
 pub(crate) const SLICE: u16 = TICKS;
 
-/// From one train to the other, bytes: what tick.s writes, and the slice's beginning, 4 bytes at [`BEGIN`].
+/// Bytes of a train: what tick.s writes, and the begin of its slice, 4 bytes at [`BEGIN`].
 pub(crate) const TRAIN: u8 = 16;
 const BEGIN: u8 = 10;
 
-/// Where a motor's trains are: in the merge's lists, which end each quarter of the page. A slice makes 11 steps at most.
+/// Bytes of the page for each motor: the list of its lane is at their end, its trains at their beginning. A slice has 11 steps at most.
 const LANE: u8 = 64;
 const _: () = assert!(2 * TRAIN + 2 * 11 <= LANE);
 
 const _: () = assert!(SLICE == SLICE >> 7 << 7 && SLICE >> 7 < 256);
 
-/// What a command needs: pins, and drivers that are on.
+/// What a command needs: pins, and powered drivers.
 pub(super) const AXES: u8 = 0x40;
 pub(super) const DRIVE: u8 = 0x80;
 
-// Numbers that the assembly compares with.
+// The assembly compares with these numbers.
 const _: () = assert!(Verb::Enable as u8 + 1 == Verb::Report as u8 && Verb::Report as u8 + 1 == Verb::Deadman as u8);
 const _: () = assert!(Verb::Strict as u8 + 1 == Verb::Version as u8 && Verb::Version as u8 + 1 == Verb::Ping as u8);
 
-/// Bytes of the shield's motors.
+/// Bytes of the shield's motors in a configuration.
 const SHIELD: usize = 4 * MOTOR_SETUP_LEN;
 const _: () = assert!(super::TEXT + SHIELD <= super::READER);
 
@@ -56,8 +54,8 @@ winch_slice: .skip 4                    // the next slice
 
     .section .text.winch, "ax", @progbits
     .global winch_limit, winch_load, winch_due, winch_pass, winch_begin_trains, winch_rests, winch_has_passed, winch_copy_shield, winch_clock_and_positions, winch_do, winch_obey_axes, winch_begin
-    // For the task, which has all registers free: works out the next slice, if it begins [`LOOK_AHEAD`] from now and there is room, and gives
-    // the limit. That takes long, so that the ring is filled first.
+    // `source_limit`: works out the next slice, if it begins within [`LOOK_AHEAD`] and there is room for its trains, and gives the limit. That takes
+    // long, so that the ring is filled first.
 winch_limit:
     call steps_merge_run
     call steps_limit
@@ -128,7 +126,7 @@ winch_limit:
     movw r24, r20
     ret
 
-    // A call of the task works out one slice, and takes most of one.
+    // `source_due`: a refill works out one slice, and takes most of a slice's time for it.
 winch_due:
     cpi r26, {MAX_PERIOD}
     brlo 1f
@@ -136,7 +134,7 @@ winch_due:
 1:  sec
     ret
 
-    // The next train of the winch , if there is one: its accumulator is an interval before its first step.
+    // `source_load`: the next train, if there is one. The registers' tick is an interval before its first step.
 winch_load:
     ldd r24, Y+{FLAGS}
     sbrc r24, {UNREADABLE}
@@ -178,7 +176,7 @@ winch_load:
     eor r23, r22                        // whether it turns round
     sbrs r22, {STEPPED}
     rjmp 2f
-    // What follows from the step before must be known if it turns round, or if there is room for a filler before it.
+    // A turn of DIR or a filler before this needs `dir_free` and `last`.
     sbrc r23, {BACKWARD}
     rjmp 4f
     movw r30, r24
@@ -199,7 +197,7 @@ winch_load:
     ldd r30, Y+{NEXT}
     ldd r31, Y+{NEXT}+1
     rcall 3f
-    // All of it is granted at once, to whoever asked what the motor does next: steps of known slices need no other look.
+    // Returns all steps to whoever called the plan: steps of known slices need no other check.
     pop r24
     pop r24
     ldd r24, Y+{LEFT}
@@ -230,7 +228,7 @@ winch_load:
     eor r30, r22
     std Y+{NEXT}, r30
     std Y+{PRECHECKED}, r1
-    // All its steps are counted.
+    // Counts all its steps into the position.
     ldd r18, Y+{POSITION}
     ldd r19, Y+{POSITION}+1
     ldd r20, Y+{POSITION}+2
@@ -258,7 +256,7 @@ winch_load:
 8:  sec
     ret
 
-    // The next slice, r18 to r21; N: it is before r26, r27, r30, r31. Uses r22 to r25.
+    // r18 to r21: the next slice. N: it is before r26, r27, r30, r31. Uses r22 to r25.
 winch_is_before:
     lds r18, winch_slice
     lds r19, winch_slice+1
@@ -287,7 +285,7 @@ winch_next:
     sts winch_slice+3, r21
     ret
 
-    // The trains of four motors begin, in the lists' page, one lane after the other; the limit is r22 to r25.
+    // Empties the trains of four motors, and sets the limit to r22 to r25.
 winch_begin_trains:
     sts steps_times+{LIMIT}, r22
     sts steps_times+{LIMIT}+1, r23
@@ -341,7 +339,7 @@ winch_rests:
     brne 3b
     ret
 
-    // Does what a line says, the verb r24, but for what it asks of others: r24 is what to say, or which of {AXES} and {DRIVE}.
+    // Does what a line says, the verb r24, as far as it can here. r24: what to reply, or which of {AXES} and {DRIVE} must be done.
 winch_do:
     ldi r30, lo8(winch_reader)
     ldi r31, hi8(winch_reader)
@@ -372,7 +370,7 @@ winch_do:
     breq 5f
     ldi r24, 0
     rjmp 4f
-    // An axis' command
+    // A command to axes
 3:  ldd r24, Z+{GIVEN}
     ldi r23, {AXES}
     cpi r22, {GAINS}
@@ -405,7 +403,7 @@ winch_do:
 11: ldi r24, 0
     ret
 
-    // What the verb r22 says, to each of the axes r24.
+    // Does what the verb r22 says, for each of the axes r24.
 winch_obey_axes:
     rcall winch_enter
     mov r16, r22
@@ -437,7 +435,7 @@ winch_obey_axes:
     subi r24, {GAINS}
     cpi r24, 2
     brsh 2f
-    // Gains and limits are worked out once: the others get those of this one, from r16 of Y on.
+    // Gains and limits are worked out once: the other axes copy them from this one, from r16 of Y on.
     movw r28, r14
     ldi r16, {OF_GAINS}
     sbrc r24, 0
@@ -466,7 +464,7 @@ winch_obey_axes:
     sts {TIMSK0}, r24
     rjmp winch_leave
 
-    // The clock, in us, and the steps that four motors have made by then, to five places from r24:25 on.
+    // Writes five values from r24:25 on: the clock, in us, and the steps that four motors have made by then.
 winch_clock_and_positions:
     .irp r, 16,17,28,29
     push r\r
@@ -512,8 +510,8 @@ winch_clock_and_positions:
     .endr
     ret
 
-    // Whether at r22 to r25 it is r18:19 milliseconds since the moment at r20:21. That becomes so much later then, so that
-    // nothing adds up; or now, if it was twice as long.
+    // Whether at r22 to r25 r18:19 milliseconds have passed since the tick at r20:21. If so, that tick moves on by as much, so that no error adds up; or to
+    // now, if twice as much has passed.
 winch_has_passed:
     movw r30, r20
     movw r26, r18
@@ -572,7 +570,7 @@ winch_has_passed:
 2:  ldi r24, 0
     ret
 
-    // The shield's motors, as a configuration has them, to where the reader has a line.
+    // Copies the shield's motors, as a configuration has them, to where the reader has a line.
 winch_copy_shield:
     ldi r26, lo8(winch_reader + {TEXT})
     ldi r27, hi8(winch_reader + {TEXT})
@@ -593,7 +591,7 @@ winch_shield:
     .byte 12, 13, 1, 0, 0, 0, 0, 0
     .balign 2
 
-    // The next slice is none that begins before r22 to r25.
+    // Skips slices that begin before r22 to r25.
 winch_pass:
     movw r26, r22
     movw r30, r24
@@ -603,7 +601,7 @@ winch_pass:
     rjmp 1b
 2:  ret
 
-    // Text begins: paths, reader, and what was asked.
+    // Text becomes on: initialises paths, reader, and what was asked.
 winch_begin:
     ldi r24, lo8(winch_paths)
     ldi r25, hi8(winch_paths)
@@ -688,29 +686,29 @@ unsafe extern "C" {
     pub(super) safe fn winch_has_passed(now: Moment, then: &mut Moment, ms: u16) -> bool;
 }
 
-/// No slice begins before `now`. To be called at least once in 2^31 ticks while nothing drives.
+/// Skips slices that begin before `now`. To be called at least once in 2^31 ticks while nothing drives.
 #[inline(always)]
 pub(crate) fn pass(now: Moment) {
-    // SAFETY: the task leaves the slices alone while nothing drives.
+    // SAFETY: the refill does not use slices while nothing drives.
     unsafe { winch_pass(now) }
 }
 
-/// Trains and slices begin. The task is kept out, and rings have been started now.
+/// Starts trains and slices. The refill is kept out, and the rings have just been started.
 #[inline(always)]
 pub(crate) fn begin(now: Moment) {
-    // SAFETY: there is nothing in the lists yet but fillers, at their ends.
+    // SAFETY: the lists have only fillers yet, at their ends.
     unsafe { winch_begin_trains(now) };
     pass(now.after(FIRST_SLICE));
 }
 
-/// Four motors on the CNC shield, as a configuration has them. They are where the line was that has been read.
+/// Four motors on the CNC shield, as a configuration has them. They are in the reader's line.
 #[inline(always)]
 pub(crate) fn shield() -> &'static [u8; SHIELD] {
-    // SAFETY: main alone uses the reader, and nobody before the next byte.
+    // SAFETY: main alone uses the reader, and not before the next byte.
     unsafe { &*winch_copy_shield() }
 }
 
-/// Whether no path moves, and no train waits. The task is to be kept out.
+/// Whether no path moves, and no train waits. The refill must be kept out.
 #[inline(always)]
 pub(crate) fn rests() -> bool {
     winch_rests() == 0

@@ -1,4 +1,4 @@
-//! Control records: a turn, a reset, a wait, an anchor, a check, a segment in full.
+//! Control records: a reversal, a reset, a wait, an anchor, a check, a segment in full.
 
 use crate::ThisProgram;
 use crate::engine::program::Program;
@@ -39,7 +39,7 @@ load_reset:
     call load_clear
     rjmp load_consume
 
-    // Dwell or anchor: four bytes of ticks.
+    // A dwell or an anchor: four bytes of ticks.
 load_wait:
     push r25
     call steps_settle
@@ -72,7 +72,7 @@ load_wait:
     std Y+{FLAGS}, r24
     rjmp load_consume
 
-    // Position since the anchor, tick, fraction: all must be as they are here.
+    // A check: position since the anchor, tick and fraction must be those of the registers.
 load_check:
     next_byte r18
     next_byte r19
@@ -104,7 +104,7 @@ load_check:
     rjmp load_fail_here
 1:  ret
 
-    // A segment in full. r0: widths of interval and add; r14: of add2 and the count.
+    // A segment in full. r0: widths of interval and add; r14: widths of add2 and the count.
 load_exact:
     rcall load_byte
     mov r0, r24
@@ -141,7 +141,7 @@ load_exact:
     brsh load_bad_near
     cpi r23, 6
     brne 3f
-    // As many bits as the register has, and one more for the sign.
+    // The interval has as many bits as the register, and one more for the sign.
     ldi r23, 5
     rcall load_number
     rcall load_byte
@@ -192,7 +192,7 @@ load_bad_near:
     brne load_bad_near
     rjmp load_segment
 
-    // r23 bytes of a number, r18 to r21; Z is clear if it has more than 32 bits.
+    // r18 to r21: a number of r23 bytes. Z flag clear: it has more than 32 bits.
 load_difference:
     cpi r23, 5
     brlo 1f
@@ -206,7 +206,7 @@ load_difference:
     ret
 
     .section .text.load_clear, "ax", @progbits
-    // No prediction.
+    // No prediction from the previous segment.
     .global load_clear
 load_clear:
     ldi r24, {AT_REST}

@@ -1,4 +1,4 @@
-//! The lists: filled when they are used up, and topped up before that.
+//! The lists: filled when they are used up, topped up before that.
 
 use super::{LANE_SIZE, LIST, Lane, MOTORS, Merge, SHORT_LANE, SHORT_LIST};
 use crate::engine::steps::motor::{HIGH_FIXED, Motor, flag};
@@ -24,7 +24,7 @@ merge_fill_up:
     movw r4, r24                        // the lane
     ldi r24, 2 * {LIST}
     mov r3, r24                         // where its list ends
-    // Those with enough left are passed over at once.
+    // Skip lists with enough left.
 2:  movw r30, r4
     ldd r24, Z+{NEXT}
     mov r25, r3
@@ -56,7 +56,7 @@ merge_fill_up:
     sec
 3:  ret
 
-    // Between two lists that are filled up: the ring beside comes first if it has run down.
+    // Between two lists: refill ring B of the shield first, if it has run low.
 merge_serve_shield_b:
     unless_shield_b_is_low 1f
     .irp r, 2,3,4,5,28,29
@@ -68,8 +68,8 @@ merge_serve_shield_b:
     .endr
 1:  ret
 
-    // Fills up the list of the lane r4:5, whose motor is Y, if it has few ticks left, which are steps, and more are to come. What its motor
-    // does about records and switches is done then too. Carry is clear if the ring has run down meanwhile.
+    // Tops up the list of the lane r4:5, whose motor is Y, if it has few ticks left, all of them steps, and more steps are to come. This also loads the
+    // motor's records and makes its switches. Carry is clear if the ring has run down meanwhile.
 merge_top_up:
     lds r24, steps_merge+{AT}
     lds r30, steps_merge+{TAIL}
@@ -115,7 +115,7 @@ merge_top_up:
     brne 1f
 9:  sec
     ret
-    // What is left goes before the r24 steps.
+    // Move what is left, so that the r24 steps have room behind it.
 1:  mov r20, r24
     lsl r24
     mov r30, r6
@@ -136,7 +136,7 @@ merge_top_up:
     std Z+{NEXT}, r6
     rjmp merge_top_up
 
-    // What the motor of lane r30 does next, into its list; r18:19 is the deadline. Carry: nothing. Keeps r2 to r13, r16, r17.
+    // What the motor of the lane r30 does next goes into its list; r18:19 is the deadline. Carry: nothing. Keeps r2 to r13, r16, r17.
 merge_fill_list:
     lds r24, steps_merge+{LISTS}
     subi r24, 1
@@ -186,7 +186,7 @@ merge_fill_list:
     brne 2f
     sec
     ret
-    // Nobody's lane: nothing, a filler after the pending group.
+    // A lane without a motor: a filler, after the pending group.
 1:  pop r30
     movw r20, r18
     subi r21, 256 - ({FILLER} >> 8)
@@ -209,7 +209,7 @@ merge_fill_list:
     ldi r31, hi8(ring_b_page)
     cpi r25, 1
     breq 3f
-    // one thing
+    // a single event
     st X+, r22
     st X+, r23
     adiw r26, 2

@@ -12,9 +12,9 @@ use core::mem::offset_of;
 pub(super) struct Lane {
     /// What the ticks in the list toggle.
     pub(super) masks: Group,
-    /// The list's first tick, taken out of it.
+    /// The list's first tick, which has been taken out of it.
     pub(super) head: u16,
-    /// Low byte of the address of the second.
+    /// Low byte of the address of its second tick.
     pub(super) next: u8,
 }
 
@@ -31,34 +31,33 @@ pub(crate) struct Merge {
     pub(super) at: u8,
     /// The ring's END bit.
     pub(super) end: u8,
-    /// W/2, or how far a tick is put off at most where a ring is beside; and W.
+    /// How far a tick is put off at most: W/2, or less with ring B of the shield; and W.
     pub(super) half: u8,
     pub(super) spacing: u8,
     /// Data address of the ring's tail.
     pub(super) tail: u8,
-    /// How often the merge may look for more room before it comes back.
+    /// How often the merge may still look for more room before it returns.
     pub(super) passes: u8,
-    /// How many lists may be filled before it comes back: the line waits meanwhile.
+    /// How many lists it may still fill before it returns; the line waits meanwhile.
     pub(super) lists_left: u8,
-    /// Lists with fewer bytes are filled up.
+    /// A list with fewer bytes is topped up.
     pub(super) list_low: u8,
     /// The lane without a head, or [`NONE`].
     pub(super) empty_lane: u8,
-    /// Motors.
+    /// How many motors are merged.
     pub(super) motors: u8,
-    /// There is a ring beside the lists.
+    /// Ring B of the shield is behind the lists.
     pub(super) shield_b: bool,
 }
 
 pub(super) const LANE_SIZE: usize = size_of::<Lane>();
-/// Where the number of motors is; without sorted lanes nobody asks.
+/// Where the number of motors is, for assembly.
 pub(super) const MOTORS: usize = offset_of!(Merge, motors);
 
 /// [`Merge::empty_lane`]: all lanes have heads.
 pub(super) const NONE: u8 = 255;
 
-/// The one merge: the assembly knows it by this name. [`Merge::begin`] comes before its use: until then it is zeros, which take no
-/// flash.
+/// The merge, which the assembly knows by this name. Zeros, which take no flash. Call [`Merge::begin`] before its use.
 #[unsafe(export_name = "steps_merge")]
 static mut MERGE: Merge = Merge {
     lanes: [Lane { masks: Group::NOTHING, head: 0, next: 0 }; LANES],
@@ -77,12 +76,12 @@ static mut MERGE: Merge = Merge {
     shield_b: false,
 };
 
-/// The lane whose list ends where the ring beside begins, if there is one, and the ticks that it holds then.
+/// The lane whose list is shorter while ring B of the shield is in use, and the ticks that the list holds then.
 pub(super) const SHORT_LANE: u8 = 2;
 pub(super) const SHORT_LIST: u8 = (SHORT_RING_START - SHORT_LANE * 2 * LIST) / 2;
 
 impl Merge {
-    /// The one merge.
+    /// The merge.
     ///
     /// # Safety
     /// To be called once.
@@ -92,7 +91,7 @@ impl Merge {
         unsafe { &mut *merge }
     }
 
-    /// Byte after the list of `lane`.
+    /// Where the list of `lane` ends: low byte of the address after it.
     fn end_of(&self, lane: u8) -> u8 {
         if self.shield_b && lane == SHORT_LANE {
             return SHORT_RING_START;
@@ -100,15 +99,14 @@ impl Merge {
         (lane + 1).wrapping_mul(2 * LIST)
     }
 
-    /// What `lane` has still to do that is in no group yet: how many ticks, and what each of them toggles.
+    /// What `lane` has that is in no group yet: how many ticks, and what each of them toggles.
     pub(crate) fn listed(&self, lane: u8) -> (u8, Group) {
         let entry = &self.lanes[usize::from(lane) % LANES];
         let head = u8::from(self.empty_lane != lane);
         (self.end_of(lane).wrapping_sub(entry.next) / 2 + head, entry.masks)
     }
 
-    /// Begins anew: every lane has one tick to come, the low 16 bits of which are `first`, and at which it does nothing. `beside`: a ring is behind
-    /// the lists.
+    /// Starts: every lane has a filler at `first` (the low 16 bits of a tick). `shield_b`: ring B of the shield is behind the lists.
     ///
     /// Groups will be at least `spacing` ticks apart (W).
     pub(crate) fn begin(&mut self, name: RingName, motors: u8, shield_b: bool, spacing: u8, first: u16) {
@@ -132,17 +130,17 @@ impl Merge {
         self.clear(first);
     }
 
-    /// Lists are not filled up before they are used up: what they leave of their page is another's. No motor waits for a switch then.
+    /// Lists are not topped up any more: what they leave of their page is for other data. No motor waits for a switch then.
     pub(crate) fn share_page(&mut self) {
         self.list_low = 0;
     }
 
-    /// Whether steps are in lists, or anything else but fillers.
+    /// Whether lists have nothing but fillers.
     pub(crate) fn is_idle(&self) -> bool {
         self.lanes.iter().all(|lane| lane.masks == Group::NOTHING)
     }
 
-    /// Empties all lists but for a filler in each, at `first`.
+    /// Drops all lists but for a filler in each, at `first`.
     #[inline(never)]
     pub(crate) fn clear(&mut self, first: u16) {
         self.empty_lane = NONE;

@@ -1,4 +1,4 @@
-//! Batches: steps that need not be looked at one by one.
+//! Batches: steps that nobody looks at one by one.
 
 use crate::engine::steps::motor::{HIGH_FIXED, Motor, flag};
 use crate::engine::steps::times;
@@ -9,8 +9,8 @@ use core::mem::offset_of;
 global_asm!(
     r#"
     .section .text.steps_plan
-    // What the motor Y does next. r24: how many; 0: nothing within the limit. r25 is 1 for steps that the expansion makes;
-    // else r20:21 is the tick of one thing, r22 and r23 its rise and fall, and r24 is 2 if a long pulse begins.
+    // What the motor Y does next. r24: how many; 0: nothing up to the limit. r25 is 1 for steps, which the expansion makes. Otherwise it is a single event:
+    // r20:21 is its tick, r22 and r23 are what it toggles at its tick and at its end, and r24 is 2 if a long pulse begins.
     // Keeps r2 to r13, r16, r17.
 steps_plan:
     ldd r20, Y+{FLAGS}
@@ -24,7 +24,7 @@ steps_plan:
     breq 4f
     rcall plan_prechecked
     brcs plan_check_intervals
-    // As many as are asked for.
+    // As many as the caller asks for, at most.
 plan_return_steps:
     lds r24, steps_times+{MAX_STEPS}
     cp r24, r31
@@ -45,7 +45,7 @@ plan_check_intervals:
     brne plan_slow_up
     cpi r23, 0x40
     brsh plan_slow_up
-    // Not if the switch comes first.
+    // No batch if the switch comes before the next step.
     ldd r20, Y+{FLAGS}
     sbrs r20, {SWITCH}
     rjmp 1f
@@ -92,7 +92,7 @@ plan_not_yet:
     com r21
     com r25
 3:  ldi r26, 31
-    // Where they take more than 16 bits, for half as many at a time, as below.
+    // If these take more than 16 bits, try half as many steps at a time, as below.
 4:  mov r30, r24
     or r30, r25
     brne 5f
@@ -139,7 +139,7 @@ plan_slow_here:
     lds r0, steps_times+{MIN_INTERVAL}+1
     cpc r31, r0
     brsh 4f
-    // Too far: half as many, whose intervals go half as far by add, and a quarter as far by add2.
+    // Too much change: try half as many steps. Their intervals change half as much by add, and a quarter as much by add2.
 3:  lsr r26
     breq plan_slow_near
     lsr r19
@@ -161,7 +161,7 @@ plan_slow_here:
     ser r19
     sbrs r20, {SWITCH}
     rjmp plan_have_time
-    // The time until the limit, in 16 bits.
+    // r18:19: the time until the limit, in 16 bits.
 3:  rcall plan_to_limit
     brcs plan_not_yet_near
     ldd r20, Y+{FLAGS}
@@ -173,7 +173,7 @@ plan_not_yet_near:
 plan_slow_near:
     rjmp plan_slow
 plan_have_time:
-    // No more than r26, than are left, and are asked for.
+    // r21: no more than r26, than are left, and than the caller asks for.
     lds r21, steps_times+{MAX_STEPS}
     cp r21, r26
     brlo .+2
@@ -185,7 +185,7 @@ plan_have_time:
     cp r22, r21
     brsh 4f
     mov r21, r22
-    // Is there time for 32 of the longest?
+    // Is there time for 32 of the longest interval?
 4:  cpi r25, 7
     brsh 5f
     inc r25
@@ -193,7 +193,7 @@ plan_have_time:
     lsl r25
     cp r19, r25
     brsh 7f
-    // If not, they are counted with intervals that are cut to 1/256 of a tick. 31 steps come less than 24 ticks later than that.
+    // If not, count the steps, with intervals rounded down to 1/256 of a tick. That makes 31 steps less than 24 ticks too early.
 5:  subi r18, 24
     sbci r19, 0
     brcs 9f
@@ -234,8 +234,8 @@ plan_have_time:
     ldi r25, 1
     ret
 
-    // Steps that the motor Y may make without anybody looking at them, in r31; carry: perhaps none. It has some left. Uses r18 to r21,
-    // r26, r27, r30.
+    // r31: how many steps of the prechecked segment the motor Y may make now. Carry: that is not known. The motor has steps left. Uses r18 to r21, r26, r27,
+    // r30.
 plan_prechecked:
     ldd r30, Y+{PRECHECKED}
     andi r30, 0xff - {HIGH_FIXED}
@@ -257,7 +257,7 @@ plan_prechecked:
     rcall 3f
     brcs 4f
 2:  load_limit r18, r19, r20, r21
-    // Is there time until r18 to r21 for 24 of the longest, or for 8?
+    // Until r18 to r21, is there time for 24 of the longest interval, or for 8?
 3:  ldd r26, Y+{TICK}
     sub r18, r26
     ldd r26, Y+{TICK}+1
@@ -290,7 +290,7 @@ plan_prechecked:
 6:  sec
     ret
 
-    // The limit, or the moment r18 to r21, less the registers' tick, in 16 bits, r18:19. Carry: it is before that. Uses r22.
+    // r18:19: the limit, or the tick r18 to r21, less the registers' tick, in 16 bits. Carry: it is before that. Uses r22.
 plan_to_limit:
     load_limit r18, r19, r20, r21
 plan_from_tick:
@@ -312,7 +312,7 @@ plan_from_tick:
 1:  sec
     ret
 
-    // No step at or after the switch: r18:19 at most until a tick before it.
+    // No step at the switch or after it: r18:19 ends a tick before it.
 plan_before_switch:
     movw r30, r18
     load_4 r18, r19, r20, r21, {SWITCH_AT}

@@ -29,7 +29,7 @@ plan_slow:
     brne plan_step
     call source_load
     brcc 1b
-    // Nothing is left to be run.
+    // The queue has nothing more.
     rcall plan_window
     ldd r24, Y+{FLAGS}
     sbrs r24, {SWITCH}
@@ -64,7 +64,7 @@ plan_step:
     ldd r26, Y+{INTERVAL}+4
     adc r24, r26
     adc r25, r1
-    // How far that is beyond the window
+    // r26, r27, r30, r31: how far that is beyond the window
     movw r26, r22
     movw r30, r24
     sub r26, r18
@@ -88,11 +88,11 @@ plan_step:
     rjmp 4f
     compare_4 r22, r23, r24, r25, {SWITCH_AT}, r26
     brpl plan_near_switch
-    // Is it too soon?
+    // Is it too early?
 4:  compare_4 r22, r23, r24, r25, {HORIZON}, r26
     brpl 5f
     .if {LEASES}
-    // A step of a stop is late then.
+    // A step of a stop is late then, not a fault.
     sbrc r0, {UNREADABLE}
     rjmp 5f
     .endif
@@ -143,7 +143,7 @@ plan_beyond:
 plan_near_switch:                             // branches do not reach it
     rjmp plan_make_switch
 
-    // The window: r18 to r21 is the last tick at which something may be done now. T: that is the limit.
+    // The window: r18 to r21 is the last tick at which an event may be planned now. T: that is the limit.
 plan_window:
     load_4 r18, r19, r20, r21, {LAST}
     subi r19, {FILLER_HIGH}
@@ -161,7 +161,7 @@ plan_window:
     movw r20, r24
 1:  ret
 
-    // Carry is clear if the switch is due within the window, or `early` after it. Uses r14, r15, r26, r27, r30, r31.
+    // Carry is clear if the switch is due within the window, or `dir_early` after it. Uses r14, r15, r26, r27, r30, r31.
 plan_switch_due:
     movw r26, r18
     movw r30, r20
@@ -177,7 +177,7 @@ plan_switch_due:
     sec
 1:  ret
 
-    // Nothing until the window's end. What comes within 512 ticks after it, by r26, r27, r30, r31, is given room.
+    // A filler at the window's end. If the next event comes within 512 ticks after that (r26, r27, r30, r31), the filler comes 512 ticks earlier.
 plan_wait_for:
     or r30, r31
     brne plan_wait
@@ -198,7 +198,7 @@ plan_wait:
     tst r24
     brne 2f
     store_4 r18, r19, r20, r21, {LAST}
-    // DIR keeps clear of it.
+    // No turn of DIR too close to the filler.
     movw r22, r18
     movw r24, r20
     subi r22, 256 - {DIR_CLEARANCE}
@@ -208,7 +208,7 @@ plan_wait:
     compare_4 r22, r23, r24, r25, {DIR_FREE}, r26
     brmi 1f
     store_4 r22, r23, r24, r25, {DIR_FREE}
-    // Nobody may come back to before it.
+    // Nothing may be planned before the filler any more.
 1:  movw r22, r18
     movw r24, r20
     sec
@@ -219,7 +219,7 @@ plan_wait:
     compare_4 r22, r23, r24, r25, {HORIZON}, r26
     brmi 2f
     store_4 r22, r23, r24, r25, {HORIZON}
-    // An accumulator that is left behind would come back as the future.
+    // The registers' tick is a quarter of the clock's range behind: soon it would look like the future. So the motor needs a new anchor.
 2:  ldd r26, Y+{LEFT}
     ldd r27, Y+{LEFT}+1
     or r26, r27
@@ -240,7 +240,7 @@ plan_wait:
     clr r25
     ret
 
-    // Turns DIR before the step at r22 to r25.
+    // Turns DIR for the step at r22 to r25.
 plan_turn_dir:
     rcall plan_return_if_only_steps
     movw r26, r22
@@ -257,7 +257,7 @@ plan_turn_dir:
 1:  compare_4 r26, r27, r30, r31, {LAST}, r14
     brpl 2f
     load_4 r26, r27, r30, r31, {LAST}
-    // Is there time enough until the step? It is less than 2^15.
+    // Is there time enough from the turn to the step? It is less than 2^15.
 2:  movw r14, r22
     sub r14, r26
     sbc r15, r27
@@ -304,7 +304,7 @@ plan_turn_dir:
     ldi r24, 1
     ret
 
-    // Behind this is what does something that is no step: if steps alone are asked for, there are none. Uses r26.
+    // If the caller asks for steps alone, returns to it with none. What follows the call makes an event. Uses r26.
 plan_return_if_only_steps:
     lds r26, steps_times+{ONLY_STEPS}
     tst r26
@@ -315,7 +315,7 @@ plan_none:
     clr r24
 1:  ret
 
-    // Where steps are looked at one by one, somebody else may have to do something about the line before.
+    // Where motors share DIR lines, the caller must turn the line first.
 plan_hand_to_caller:
     lds r26, steps_times+{SHARED}
     tst r26
@@ -326,9 +326,9 @@ plan_hand_to_caller:
     clr r25
     ret
 
-    // Goes over to the epoch of the switch that waits: without steps, anchor and prediction, and forward.
+    // The switch: goes over to the epoch that waits, without steps, anchor and prediction, and forward.
 plan_make_switch:
-    // Steps that are left of the old one are not made.
+    // Steps of the old epoch that are left are not made.
     load_4 r18, r19, r20, r21, {POSITION}
     ldd r22, Y+{LEFT}
     ldd r23, Y+{LEFT}+1
@@ -391,7 +391,7 @@ plan_horizon_to_switch:
     ret
     .endif
 
-    // A step that comes clear of what was before it, as a motion's first: with those that follow it, or at least by the expansion.
+    // A step that comes well after the last event, like a motion's first one. It begins a batch, or at least the expansion makes it.
 plan_first_of_batch:
     lds r26, steps_times+{ONLY_STEPS}
     sbrc r26, {PREFETCH}
@@ -406,7 +406,7 @@ plan_first_of_batch:
     cp r30, r26
     cpc r31, r27
     brlo 1f
-    // What is between two groups at least is no more than this.
+    // `dir_hold` is no less than the spacing of groups.
     lds r26, steps_times+{DIR_HOLD}
     lds r27, steps_times+{DIR_HOLD}+1
     cp r30, r26
@@ -414,7 +414,7 @@ plan_first_of_batch:
     brlo 1f
     rcall plan_prechecked
     brcc 2f
-    // At least one, if the interval stays short.
+    // One step can be expanded, if its intervals stay short.
     ldd r26, Y+{INTERVAL}+3
     ldd r27, Y+{INTERVAL}+4
     cpi r26, 0x40
@@ -431,7 +431,7 @@ plan_first_of_batch:
     rjmp plan_return_steps
 1:  rjmp plan_one_step
 
-    // The next step, at r22 to r25. Its tick in r20:21.
+    // Makes the next step, at r22 to r25. Gives its tick in r20:21.
 plan_make_step:
     ldd r26, Y+{FRACTION}
     ldd r27, Y+{INTERVAL}
