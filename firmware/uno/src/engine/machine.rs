@@ -10,8 +10,8 @@ use crate::engine::program::Program;
 use crate::engine::regs;
 use crate::engine::steps::brake::{CurrentLease, lease};
 use crate::engine::steps::motor;
-use crate::engine::steps::orders::answer;
 use crate::engine::steps::pins::{Layout, MAX_MOTORS, Pin};
+use crate::engine::steps::plan_frames::answer;
 use crate::engine::steps::refill;
 use crate::engine::steps::stepper::{self, LONGEST, RingFault};
 use crate::engine::store;
@@ -348,7 +348,7 @@ impl Board {
         if cause == Cause::Finished && self.last_stop != Cause::HostLost {
             self.last_stop = cause;
         }
-        if let Some(place) = self.events.iter_mut().find(|events| events.cause == Cause::None) {
+        if let Some(place) = self.events.iter_mut().find(|event| event.cause == Cause::None) {
             *place = PendingEvent { cause, motor, at, detail };
         }
     }
@@ -545,7 +545,7 @@ impl Machine for Board {
             return Err(Refusal::of(Reason::NotArmed));
         }
         let mut stepper = refill::lock();
-        let (answer, moment) = stepper.order(kind, payload);
+        let (answer, moment) = stepper.obey_plan_frame(kind, payload);
         // A repeated Extend does not change the last answer.
         if kind == kind::EXTEND && answer != answer::MALFORMED {
             return Ok(answer == answer::ACCEPTED);

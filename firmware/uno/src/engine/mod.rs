@@ -1,8 +1,8 @@
 //! The step engine of the Arduino Uno, and what its four programs have in common.
 //!
 //! # Programs
-//! | program | what it is for | what it has beside the engine |
 //! | program | what it is for | what it adds to the engine |
+//! |---|---|---|
 //! | `src/bin/uno` | plans that a host sends in frames | [`host`], records of packed segments |
 //! | `src/bin/uno-winch` | StepperWinch's text | [`host`], a reader of lines, paths |
 //! | `src/bin/uno-verbs` | orders to motors, in frames | [`host`], evenly spaced steps |

@@ -1,6 +1,6 @@
 //! Braking: what a motor does at the end of its lease, by core's rule (`pulsetrain_core::braking`), one part of the stop at a time.
 //!
-//! A motor [waits](state::AWAITS) for the end of the lease as it waits for a switch, and begins its stop there ([`plan`](super::plan)). From then on it
+//! A motor [waits](state::END_NEXT) for the end of the lease as it waits for a switch, and begins its stop there ([`plan`](super::plan)). From then on it
 //! reads no records: its steps come from here.
 //!
 //! # The level in bytes
@@ -22,9 +22,9 @@ use pulsetrain_core::narrow::Registers;
 /// Bits of a motor's braking state, by number.
 pub(crate) mod state {
     /// Its next switch is the end of the lease.
-    pub(crate) const AWAITS: u8 = 0;
+    pub(crate) const END_NEXT: u8 = 0;
     /// A switch waits, too, at the end or later.
-    pub(crate) const WAITS: u8 = 1;
+    pub(crate) const SWITCH_TOO: u8 = 1;
     /// It makes the steps of its stop.
     pub(crate) const BRAKES: u8 = 2;
 }
@@ -221,7 +221,7 @@ brake_begin:
     mov r14, r22
     // Drops what waits of its epoch, and of that of a switch that will not be made.
     ldd r22, Z+{EPOCH_RUNNING}
-    sbrc r25, {WAITS}
+    sbrc r25, {SWITCH_TOO}
     ldd r22, Z+{SWITCH_EPOCH}
     clt
     call plan_drop_epochs
@@ -284,7 +284,7 @@ brake_fail:
     .endr
 3:  ldd r24, Y+{FLAGS}
     ldd r25, Z+{STATE}
-    sbrs r25, {AWAITS}
+    sbrs r25, {END_NEXT}
     rcall brake_wait_for_end
     ori r24, 1 << {UNREADABLE}
     std Y+{FLAGS}, r24
@@ -292,9 +292,9 @@ brake_fail:
 
     // The motor Y, whose flags are r24, waits for the end of the lease, at its switch's tick. Z points to its epochs. Uses r25.
 brake_wait_for_end:
-    ldi r25, 1 << {AWAITS}
+    ldi r25, 1 << {END_NEXT}
     sbrc r24, {SWITCH}
-    ori r25, 1 << {WAITS}
+    ori r25, 1 << {SWITCH_TOO}
     std Z+{STATE}, r25
     std Z+{IS_DUE}, r1
     ori r24, 1 << {SWITCH}
@@ -379,7 +379,7 @@ brake_motor_at_end:
     ret
     brake_point_to_epochs
     ldd r25, Z+{STATE}
-    sbrc r25, {AWAITS}
+    sbrc r25, {END_NEXT}
     rjmp 1f
     sbrs r24, {SWITCH}
     rjmp 2f
@@ -497,8 +497,8 @@ brake_check_underrun:
     EPOCH_RUNNING = const offset_of!(EpochBytes, epoch),
     SWITCH_EPOCH = const OF_SWITCH + offset_of!(Switch, epoch),
     REST_POSITION = const offset_of!(Motor, fault_tick) - offset_of!(Motor, epochs),
-    WAITS = const state::WAITS,
-    AWAITS = const state::AWAITS,
+    SWITCH_TOO = const state::SWITCH_TOO,
+    END_NEXT = const state::END_NEXT,
     FAULT_KIND = const offset_of!(Motor, fault_kind) - offset_of!(Motor, epochs),
     IS_DUE = const offset_of!(Motor, is_due) - offset_of!(Motor, epochs),
     MISSED = const FaultKind::Missed as u8,

@@ -15,7 +15,7 @@
 //!   share DIR lines
 //! - [`put`]: one event into a ring
 //! - [`ring`]: groups, and the interrupts that play them
-//! - [`orders`]: frames that change plans: Switch, Extend, Trim, Brake
+//! - [`plan_frames`]: frames that change plans: Switch, Extend, Trim, Brake
 //! - [`switch`]: from one epoch to another
 //! - [`pins`]: which pins can be used together, and how
 //! - [`register`]: addresses, for assembly
@@ -32,7 +32,9 @@ mod one_motor;
 mod load;
 pub(crate) mod merge;
 pub(crate) mod motor;
-pub(crate) mod orders;
+
+pub(crate) mod plan_frames;
+
 pub(crate) mod pins;
 pub(crate) mod plan;
 mod put;

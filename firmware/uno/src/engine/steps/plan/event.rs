@@ -354,7 +354,7 @@ plan_make_switch:
     subi r30, lo8(-({EPOCHS}))
     sbci r31, hi8(-({EPOCHS}))
     ldd r25, Z+{STATE}
-    sbrc r25, {AWAITS}
+    sbrc r25, {END_NEXT}
     jmp brake_begin
     std Z+{STATE}, r1
     .endif
@@ -514,7 +514,7 @@ plan_make_step:
     LEASES = const ThisProgram::LEASES as u8,
     UNDERRUN = const FaultKind::Underrun as u8,
     STATE = const STATE,
-    AWAITS = const state::AWAITS,
+    END_NEXT = const state::END_NEXT,
     DIR_HOLD = const times::DIR_HOLD,
     DIR_SETUP = const times::DIR_SETUP,
     DIR_EARLY = const times::DIR_EARLY,

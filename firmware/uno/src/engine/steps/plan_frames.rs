@@ -39,18 +39,18 @@ pub(crate) mod answer {
 
 global_asm!(
     r#"
-    .macro order_each
+    .macro frame_each
     ldi r28, lo8(steps_motors)
     ldi r29, hi8(steps_motors)
     lds r27, steps_stepper+{COUNT}
     .endm
-    .macro order_next again
+    .macro frame_next again
     subi r28, lo8(-({MOTOR_SIZE}))
     sbci r29, hi8(-({MOTOR_SIZE}))
     dec r27
     brne \again
     .endm
-    .macro order_lease
+    .macro frame_lease
     ldi r30, lo8(steps_lease)
     ldi r31, hi8(steps_lease)
     .endm
@@ -61,12 +61,12 @@ global_asm!(
 steps_horizon:
     push r28
     push r29
-    rcall order_horizon
+    rcall frame_horizon
     pop r29
     pop r28
     ret
     // The same for assembly. Uses r18 to r21, r27, Y, Z.
-order_horizon:
+frame_horizon:
     lds r22, steps_stepper+{AT}
     lds r23, steps_stepper+{AT}+1
     lds r24, steps_stepper+{AT}+2
@@ -78,8 +78,8 @@ order_horizon:
     brne 2f
 1:  ldi r30, lo8(steps_stepper+{AT}+{TRACK_SIZE})
     ldi r31, hi8(steps_stepper+{AT}+{TRACK_SIZE})
-    rcall order_maximum
-2:  order_each
+    rcall frame_maximum
+2:  frame_each
 3:  push r24
     push r25
     call steps_settle
@@ -87,15 +87,15 @@ order_horizon:
     pop r24
     movw r30, r28
     adiw r30, {HORIZON}
-    rcall order_maximum
-    order_next 3b
+    rcall frame_maximum
+    frame_next 3b
     subi r22, -1
     sbci r23, -1
     sbci r24, -1
     sbci r25, -1
     ret
     // r22 to r25 becomes the tick at Z, if that is later. Uses r18 to r21.
-order_maximum:
+frame_maximum:
     ld r18, Z
     ldd r19, Z+1
     ldd r20, Z+2
@@ -109,10 +109,10 @@ order_maximum:
     movw r24, r20
 1:  ret
 
-    .section .text.steps_order, "ax", @progbits
-    .global steps_order, steps_lapse, steps_update_lease
+    .section .text.steps_plan_frame, "ax", @progbits
+    .global steps_plan_frame, steps_lapse, steps_update_lease
     // For Rust: does what the r22 bytes at r24:25 say, of the kind r20. Gives an answer in r24, and its tick in r18 to r21, or 0.
-steps_order:
+steps_plan_frame:
     push r14
     push r16
     push r17
@@ -123,7 +123,7 @@ steps_order:
     cpi r20, {EXTEND}
     breq 2f
     brsh 3f
-    rcall order_switch
+    rcall frame_switch
     // No tick.
 1:  cpi r24, {LATE}
     breq 5f
@@ -140,18 +140,18 @@ steps_order:
     pop r16
     pop r14
     ret
-2:  rcall order_extend
+2:  rcall frame_extend
     rjmp 1b
 3:  cpi r20, {BRAKE}
     breq 4f
-    rcall order_trim
+    rcall frame_trim
     rjmp 1b
-4:  rcall order_brake
+4:  rcall frame_brake
     rjmp 1b
-order_brake:
+frame_brake:
     tst r14
-    brne order_bad
-    rcall order_update_lease
+    brne frame_bad
+    rcall frame_update_lease
     cpi r20, {OFF}
     ldi r24, {FULL}
     breq 2f
@@ -160,22 +160,22 @@ order_brake:
     rcall steps_lapse
 1:  ldi r30, lo8(steps_lease+{LEASE_AT})
     ldi r31, hi8(steps_lease+{LEASE_AT})
-    rcall order_compare
+    rcall frame_compare
     ldi r24, {ACCEPTED} | {MOMENT}
 2:  ret
-order_bad:
+frame_bad:
     ldi r24, {MALFORMED}
     ret
 
     // Switch: epoch, tick, lease, limits.
-order_switch:
+frame_switch:
     ldi r24, 9
     sub r14, r24
-    brcs order_bad
+    brcs frame_bad
     subi r16, -9
     sbci r17, -1
-    rcall order_check
-    brcs order_bad
+    rcall frame_check
+    brcs frame_bad
     call clock_moment
     movw r30, r16
     sbiw r30, 8
@@ -204,7 +204,7 @@ order_switch:
     sbc r21, r0
     or r20, r21
     sbrc r21, 7
-    rjmp order_late
+    rjmp frame_late
     tst r20
     brne 1f
     cpi r27, 0x40
@@ -215,22 +215,22 @@ order_switch:
     ldi r24, {EARLY} | {MOMENT}
     ret
     // Not while motors still wait for the end of a lease that is over. If the lease is not over, its end is set again below.
-2:  rcall order_update_lease
+2:  rcall frame_update_lease
     cpi r20, {LAPSED}
     brne 4f
-    order_each
-3:  rcall order_point_to_epochs
+    frame_each
+3:  rcall frame_point_to_epochs
     ldd r20, Z+{STATE}
-    sbrc r20, {AWAITS}
-    rjmp order_late
-    order_next 3b
+    sbrc r20, {END_NEXT}
+    rjmp frame_late
+    frame_next 3b
     rjmp 5f
-4:  rcall order_cancel_end
-5:  rcall order_horizon
+4:  rcall frame_cancel_end
+5:  rcall frame_horizon
     movw r30, r16
     sbiw r30, 8
-    rcall order_compare
-    brmi order_late
+    rcall frame_compare
+    brmi frame_late
     movw r22, r18
     movw r24, r20
     ld r20, -Z
@@ -250,17 +250,17 @@ order_switch:
     brne 6f
     ldi r30, lo8(steps_lease+{LEASE_AT})
     ldi r31, hi8(steps_lease+{LEASE_AT})
-    rcall order_compare
-    brmi order_limits
+    rcall frame_compare
+    brmi frame_limits
 6:  movw r30, r16
     adiw r30, 1
-    rcall order_maximum
-    rcall order_store_lease
-    rjmp order_limits
+    rcall frame_maximum
+    rcall frame_store_lease
+    rjmp frame_limits
 7:  ret
 
     // Compares the tick at Z, r18 to r21, with r22 to r25. N: it is before.
-order_compare:
+frame_compare:
     ld r18, Z
     ldd r19, Z+1
     ldd r20, Z+2
@@ -272,31 +272,31 @@ order_compare:
     ret
 
     // Too late: answers with the horizon.
-order_late:
-    rcall order_horizon
+frame_late:
+    rcall frame_horizon
     movw r18, r22
     movw r20, r24
     ldi r24, {LATE} | {MOMENT}
     ret
 
     // Extend: lease, limits.
-order_extend:
-    rcall order_check
+frame_extend:
+    rcall frame_check
     brcs 8f
     movw r30, r16
     ld r24, Z+
-    rcall order_move_end
-    brcs order_late
+    rcall frame_move_end
+    brcs frame_late
     // Limits, how hard a motor may brake: three bytes for each motor, by its number, or none.
-order_limits:
+frame_limits:
     subi r16, -5
     sbci r17, -1
     ldi r24, 5
     sub r14, r24
     ldi r20, 0
     breq 2f
-1:  rcall order_motor
-    rcall order_point_to_epochs
+1:  rcall frame_motor
+    rcall frame_point_to_epochs
     movw r26, r16
     ld r24, X+
     std Z+{STATE}+1, r24
@@ -311,10 +311,10 @@ order_limits:
     brne 1b
 2:  ldi r24, {ACCEPTED}
     ret
-8:  rjmp order_bad
+8:  rjmp frame_bad
 
     // Trim: the new end, and two bytes for each motor: how many to take off its queue.
-order_trim:
+frame_trim:
     lds r24, steps_stepper+{COUNT}
     lsl r24
     subi r24, -4
@@ -323,8 +323,8 @@ order_trim:
     // Twice: first only check that all queues have so many bytes.
     set
 1:  ldi r20, 0
-2:  rcall order_motor
-    rcall order_point_to_epochs
+2:  rcall frame_motor
+    rcall frame_point_to_epochs
     ldd r24, Z+{WAITING}
     add r30, r24
     adc r31, r1
@@ -354,7 +354,7 @@ order_trim:
     brtc 4f
     movw r30, r16
     ldi r24, {UNTIL}
-    rcall order_move_end
+    rcall frame_move_end
     brcs 6f
     clt
     rjmp 1b
@@ -370,17 +370,17 @@ order_trim:
     dec r24
     cpi r24, {LAST}
     brsh 7f
-    rjmp order_late
+    rjmp frame_late
 7:  ldi r24, {FULL}
     ret
 
     // Moves the end of the lease to the tick at Z, and sets its state to r24. Carry: too late.
-order_move_end:
+frame_move_end:
     push r30
     push r31
     push r24
-    rcall order_update_lease
-    rcall order_horizon
+    rcall frame_update_lease
+    rcall frame_horizon
     pop r18
     pop r31
     pop r30
@@ -392,7 +392,7 @@ order_move_end:
 1:  cpi r18, {LAST}
     breq 3f
     push r18
-    rcall order_compare
+    rcall frame_compare
     pop r18
     brmi 2f
 3:  ld r22, Z
@@ -400,19 +400,19 @@ order_move_end:
     ldd r24, Z+2
     ldd r25, Z+3
     mov r20, r18
-    rcall order_set_lease
-    rcall order_cancel_end
+    rcall frame_set_lease
+    rcall frame_cancel_end
     clc
     ret
 2:  sec
     ret
 
     // Stores a lease: its state from the first byte at r16:17, its end from r22 to r25.
-order_store_lease:
+frame_store_lease:
     movw r30, r16
     ld r20, Z
-order_set_lease:
-    order_lease
+frame_set_lease:
+    frame_lease
     st Z, r20
     std Z+{MOVED}, r1
     std Z+{LEASE_AT}, r22
@@ -422,7 +422,7 @@ order_set_lease:
     ret
 
     // Carry: the r14 bytes at r16:17 are not a lease, followed by limits for all motors or for none.
-order_check:
+frame_check:
     movw r30, r16
     mov r24, r14
     subi r24, 5
@@ -454,7 +454,7 @@ order_check:
     ret
 
     // Points Y to the motor of the number r20. Uses r24, r25.
-order_motor:
+frame_motor:
     mov r24, r20
     lds r25, steps_stepper+{SWAP}
     tst r25
@@ -475,68 +475,68 @@ order_motor:
     ret
 
     // Points Z to the motor's epochs.
-order_point_to_epochs:
+frame_point_to_epochs:
     movw r30, r28
     subi r30, lo8(-({EPOCHS}))
     sbci r31, hi8(-({EPOCHS}))
     ret
 
     // Motors that wait for the end of the lease do so no more.
-order_cancel_end:
-    order_each
-1:  rcall order_point_to_epochs
+frame_cancel_end:
+    frame_each
+1:  rcall frame_point_to_epochs
     ldd r25, Z+{STATE}
-    sbrs r25, {AWAITS}
+    sbrs r25, {END_NEXT}
     rjmp 3f
     std Z+{STATE}, r1
     std Z+{IS_DUE}, r1
     ldd r24, Y+{FLAGS}
-    sbrs r25, {WAITS}
+    sbrs r25, {SWITCH_TOO}
     andi r24, 0xff - (1 << {SWITCH})
     std Y+{FLAGS}, r24
     .irp at, 0,1,2,3
-    ldd r24, Z+{AWAITED_AT}+\at
+    ldd r24, Z+{EPOCH_SWITCH_AT}+\at
     std Y+{SWITCH_AT}+\at, r24
     .endr
-3:  order_next 1b
+3:  frame_next 1b
     ret
 
     // For Rust: the next routine.
 steps_update_lease:
     push r28
     push r29
-    rcall order_update_lease
+    rcall frame_update_lease
     pop r29
     pop r28
     ret
 
     // Notes that the lease is over, if the horizon has passed its end, or a motor could not follow its plan. r20: its state.
-order_update_lease:
+frame_update_lease:
     lds r20, steps_lease
     sbrc r20, {FAULT_BIT}
     rjmp steps_lapse
     cpi r20, {UNTIL}
     brne 1f
-    rcall order_horizon
+    rcall frame_horizon
     ldi r30, lo8(steps_lease+{LEASE_AT})
     ldi r31, hi8(steps_lease+{LEASE_AT})
-    rcall order_compare
+    rcall frame_compare
     brmi steps_lapse
     ldi r20, {UNTIL}
 1:  ret
 
     // The lease is over at its end, or at the horizon if that is sooner. r20: its state.
 steps_lapse:
-    rcall order_horizon
-    order_lease
+    rcall frame_horizon
+    frame_lease
     ld r20, Z
     andi r20, 3
     cpi r20, {LAST}
     breq 1f
     adiw r30, {LEASE_AT}
-    rcall order_compare
+    rcall frame_compare
     brmi 2f
-1:  order_lease
+1:  frame_lease
     std Z+{LEASE_AT}, r22
     std Z+{LEASE_AT}+1, r23
     std Z+{LEASE_AT}+2, r24
@@ -564,10 +564,10 @@ steps_lapse:
     EPOCHS = const offset_of!(Motor, epochs),
     WAITING = const offset_of!(Motor, waiting_epochs) - offset_of!(Motor, epochs),
     IS_DUE = const offset_of!(Motor, is_due) - offset_of!(Motor, epochs),
-    AWAITED_AT = const OF_SWITCH + offset_of!(super::motor::Switch, at),
+    EPOCH_SWITCH_AT = const OF_SWITCH + offset_of!(super::motor::Switch, at),
     STATE = const super::brake::STATE,
-    AWAITS = const state::AWAITS,
-    WAITS = const state::WAITS,
+    END_NEXT = const state::END_NEXT,
+    SWITCH_TOO = const state::SWITCH_TOO,
     LEASE_AT = const offset_of!(CurrentLease, at),
     MOVED = const offset_of!(CurrentLease, moved),
     UNTIL = const lease::UNTIL,
@@ -590,17 +590,17 @@ const _: () = assert!(lease::UNTIL == 1 && lease::LAST == 2);
 
 unsafe extern "C" {
     fn steps_horizon() -> u32;
-    fn steps_order(bytes: *const u8, len: u8, kind: u8) -> u64;
+    fn steps_plan_frame(bytes: *const u8, len: u8, kind: u8) -> u64;
     fn steps_update_lease();
 }
 
 impl Stepper {
     /// Does what a frame of this kind says: Switch, Extend, Trim or Brake. Gives an [`answer`], and its tick.
     #[inline(always)]
-    pub(crate) fn order(&mut self, kind: u8, bytes: &[u8]) -> (u8, Moment) {
+    pub(crate) fn obey_plan_frame(&mut self, kind: u8, bytes: &[u8]) -> (u8, Moment) {
         // SAFETY: the assembly uses the motors and their lease, which belong to whoever has the stepper.
         let [m0, m1, m2, m3, _, _, answer, _] =
-            unsafe { steps_order(bytes.as_ptr(), bytes.len() as u8, kind) }.to_le_bytes();
+            unsafe { steps_plan_frame(bytes.as_ptr(), bytes.len() as u8, kind) }.to_le_bytes();
         (answer, Moment(u32::from_le_bytes([m0, m1, m2, m3])))
     }
 
