@@ -49,7 +49,7 @@ const CLOSED: u8 = 0x08;
 macro_rules! receive_interrupt {
     () => {
         r#"
-    .macro receive_count_lost                   // keeps flags and registers
+    .macro receive_count_lost           // keeps flags and registers
     in r24, {SREG}
     push r24
     lds r24, receive_lost
@@ -59,7 +59,7 @@ macro_rules! receive_interrupt {
     out {SREG}, r24
     .endm
     // 4 response                       //                              4
-    sbic {EECR}, {RX_NO_NESTING}              // 2 (skips): one more than here in all
+    sbic {EECR}, {RX_NO_NESTING}        // 2 (skips): one more than here in all
     rjmp 5f
     push r24                            // 2                             6
     ldi r24, {ON}                       // 1                             7

@@ -19,8 +19,8 @@ const ENDED: u8 = 0xa6;
 global_asm!(
     r#"
     .section .text.watchdog_interrupt, "ax", @progbits
-    .global __vector_6, end_of_program, end_of_program_loop
-__vector_6:
+    .global wdt, end_of_program, end_of_program_loop
+wdt:
 end_of_program:
     cli
     ldi r24, 0

@@ -16,16 +16,16 @@ global_asm!(
 __vectors:
     jmp __init
     .org 4 * 6
-    jmp __vector_6                      // WDT
+    jmp wdt                             // WDT
     .org 4 * 11
-    rjmp __vector_11                    // TIMER1_COMPA
+    rjmp timer1_compa                   // TIMER1_COMPA
     .org 4 * 12
     sbic {FLAGS}, {B_ON_PORTD}          // TIMER1_COMPB: 2 (skips)
-    rjmp ring_b_on_portd
-    rjmp __vector_12
+    rjmp timer1_compb_portd
+    rjmp timer1_compb
     .org 4 * 16
     push r24                            // TIMER0_OVF: 4 response, 2     6
-    rjmp refill_interrupt               // 2                             8
+    rjmp timer0_ovf                     // 2                             8
     "#,
     FLAGS = const register::GPIOR0,
     B_ON_PORTD = const flags::B_ON_PORTD,
@@ -34,7 +34,9 @@ __vectors:
 global_asm!(
     r#"
     .section .vectors
-    .org 4 * 18                         // USART_RX
+    .org 4 * 18
+    .global usart_rx
+usart_rx:
     "#,
     receive_interrupt!(),
     HEAD = const register::EEARL,

@@ -88,7 +88,7 @@ fn moving(pins: &[(u8, u8)], rate: f64) -> (BTreeMap<u16, u64>, u16) {
 #[test]
 fn interrupts_are_kept_out_as_long_as_the_table_says() {
     // Where ring B's interrupt closes again what it has opened for ring A's.
-    let window = address(SYMBOLS, "ring_b_window");
+    let window = address(SYMBOLS, "timer1_compb_window");
     let [mut receive, mut at_once, mut task, mut steps, mut again, mut others] = [0; 6];
     let mut stack_left = u16::MAX;
     for (pins, rate) in [

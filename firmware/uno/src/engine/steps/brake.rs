@@ -115,7 +115,7 @@ steps_brake:
     movw r26, r20
     mov r24, r22
     tst r24
-    brmi brake_at_rest                     // as long as registers hold
+    brmi brake_at_rest                  // as long as registers hold
     ldi r25, 39
 1:  tst r24
     brne 2f
@@ -126,7 +126,7 @@ steps_brake:
     clr r0
     subi r25, 8
     brcc 1b
-brake_at_rest:                             // no interval
+brake_at_rest:                          // no interval
     std Z+{STATE}, r1
     sec
     ret

@@ -58,7 +58,7 @@ const _: () = assert!((register::OCR0A + 0x20) & 8 == 0 && (register::OCR0B + 0x
 global_asm!(
     r#"
     // Takes the steps off `left`.
-    .macro expand_count                  //                              10
+    .macro expand_count                 //                              10
     ldd r24, Y+19
     ldd r25, Y+20
     sub r24, r20
@@ -68,7 +68,7 @@ global_asm!(
     .endm
 
     .macro expand_enter                 //                              52
-    expand_count                         // 10                           10
+    expand_count                        // 10                           10
     ldd r0, Y+0                         // 17 x 2                       44
     ldd r21, Y+1
     ldd r22, Y+2
@@ -92,7 +92,7 @@ global_asm!(
     .endr
     .endm
 
-    .macro expand_leave_add          //                              8
+    .macro expand_leave_add             //                              8
     std Y+11, r9
     std Y+12, r10
     std Y+13, r11
@@ -159,7 +159,7 @@ global_asm!(
     ldd r14, Y+16
     ldd r15, Y+17
     .endm
-    .macro short_leave                   //                              33
+    .macro short_leave                  //                              33
     ldd r20, Y+2
     cp r22, r20
     ldd r20, Y+3
@@ -220,7 +220,7 @@ global_asm!(
     advance_interval
     subi r20, 2                         // 1
     brne 2b                             // 2: 3 for two steps
-3:  expand_leave_add                 //                              8
+3:  expand_leave_add                    //                              8
 4:  expand_leave                        //                              32
     .if \cruise
 5:  sbrs r20, 0
@@ -375,7 +375,7 @@ steps_expand_ring:
     brne 5b
     rjmp 3b
     // All intervals are shorter than 256 ticks: 24 bits of them and of their changes are added, and 16 of the tick.
-    .macro advance_short                 //                              15
+    .macro advance_short                //                              15
     add r0, r25
     adc r21, r26
     adc r22, r27

@@ -311,7 +311,7 @@ load_have_count:
 1:  brts 2f
     ldd r24, Y+{LEFT}
     cpi r24, 2
-    brlo load_segment                       // one step
+    brlo load_segment                   // one step
 2:  field_width
     breq 3f
     ldd r24, Y+{GAIN}
@@ -320,7 +320,7 @@ load_have_count:
     subi r24, 2
     rcall load_correction
     load_add {ADD}
-3:  brtc load_segment                       // two steps
+3:  brtc load_segment                   // two steps
 4:  field_width
     breq load_segment
     ldd r24, Y+{GAIN}

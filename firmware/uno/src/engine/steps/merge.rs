@@ -73,7 +73,7 @@ global_asm!(
     movw r18, \low                      // 1                            13
 1:  add r18, r25                        // 1                            14
     adc r19, r1                         // 1                            15
-    movw r16, \at_tick                     // 1                            16
+    movw r16, \at_tick                  // 1                            16
     dec r0                              // 1                            17
     breq 5f                             // 1                            18
 2:
@@ -244,7 +244,7 @@ global_asm!(
     emit_before_deadline \b_low, \b_high, \b_at_tick, \b_at_end, \b
     .endm
 
-    .macro point_to_merge                        //                              2
+    .macro point_to_merge               //                              2
     ldi r28, lo8(steps_merge)
     ldi r29, hi8(steps_merge)
     .endm
@@ -521,7 +521,7 @@ merge_publish_and_check:
     .macro refill lane, next, offset
 merge_refill_\lane:                     // call                         3
     ldi r30, \lane                      // 1                            4
-    rcall merge_refill_list                    // 96                           100
+    rcall merge_refill_list             // 96                           100
     lds \next, steps_merge+\offset+{NEXT} // 2                         102
     ret                                 // 4                            106
     .endm
@@ -531,7 +531,7 @@ merge_refill_\lane:                     // call                         3
     refill 3, r13, {LANE3}
 
     // Fills the list of the lane r30.                                                              85, and merge_fill_list
-merge_refill_list:                             // call                         3
+merge_refill_list:                      // call                         3
     push r30                            // 2                            5
     rcall merge_publish                 // 28                           33
     pop r30                             // 2                            35
@@ -557,8 +557,8 @@ merge_refill_list:                             // call                         3
     pop r26
     pop r19
     pop r18
-    brcs merge_no_steps                      // 1
-    point_to_merge                               // 2
+    brcs merge_no_steps                 // 1
+    point_to_merge                      // 2
     load_masks                          // 21
     ldi r31, hi8(ring_b_page)           // 1
     pop r0

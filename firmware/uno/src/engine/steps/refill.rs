@@ -130,9 +130,9 @@ global_asm!(
 
     // In this section, like the step interrupts, it is in reach of the vectors.
     .text
-    .global refill_interrupt, steps_limit, steps_due, steps_absent
+    .global timer0_ovf, steps_limit, steps_due, steps_absent
     // From the vector, which has pushed r24; 8 cycles have passed. No flag is changed up to `push r25`.
-refill_interrupt:
+timer0_ovf:
     ldi r24, 0                          // 1                             9
     sts {TIMSK0}, r24                   // 2                            11
     sei                                 // 1                            12
@@ -158,14 +158,14 @@ refill_interrupt:
     andi r25, {UNDERRUN}
     breq 3f
     // On the shield, ring B's interrupt may have been waiting for ring A's, and let this one in instead, since ring A ran empty. Return at once then: was
-    // the program interrupted at `ring_b_window`?
+    // the program interrupted at `timer1_compb_window`?
     in r30, {SPL}
     in r31, {SPL}+1
     ldd r24, Z+34
-    cpi r24, pm_hi8(ring_b_window)
+    cpi r24, pm_hi8(timer1_compb_window)
     brne 18f
     ldd r24, Z+35
-    cpi r24, pm_lo8(ring_b_window)
+    cpi r24, pm_lo8(timer1_compb_window)
     brne 18f
     ldi r26, 2
     rjmp 10f

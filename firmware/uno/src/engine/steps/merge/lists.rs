@@ -194,7 +194,7 @@ merge_fill_list:
     clr r23
     ldi r24, 1
     clr r25
-2:  // X: the lane; r30: where its list ends
+2:                                      // X: the lane; r30: where its list ends
     ldi r26, {LANE_SIZE}
     mul r30, r26
     movw r26, r0

@@ -62,7 +62,7 @@ plan_check_intervals:
 plan_not_yet:
     clr r24
     ret
-1:  // Is there time for one step?
+1:                                      // Is there time for one step?
     clr r15
     cpi r23, 2
     brlo 7f
@@ -74,7 +74,7 @@ plan_not_yet:
     cpc r19, r23
     brlo plan_not_yet
     movw r14, r18
-7:  // How far the interval may go up or down within 31 steps: 31 |add| + 465 |add2|. r18:19 is 32 |add|, r20:21 512 |add2|.
+7:                                      // How far the interval may go up or down within 31 steps: 31 |add| + 465 |add2|. r18:19 is 32 |add|, r20:21 512 |add2|.
     ldd r18, Y+{ADD}+1
     ldd r19, Y+{ADD}+2
     ldd r24, Y+{ADD}+3

@@ -140,7 +140,7 @@ plan_beyond:
     rjmp plan_wait
     rcall plan_switch_due
     brcs plan_wait
-plan_near_switch:                             // branches do not reach it
+plan_near_switch:                       // branches do not reach it
     rjmp plan_make_switch
 
     // The window: r18 to r21 is the last tick at which an event may be planned now. T: that is the limit.

@@ -56,7 +56,7 @@ global_asm!(
     sbrc r24, \end_bit                  // 2 (skips)                    16
     rjmp 1f
     out \pin, r24                       // 1  the rising edge           17
-    sbic {FLAGS}, \not_plain                // 2 (skips)                    19
+    sbic {FLAGS}, \not_plain            // 2 (skips)                    19
     rjmp 5f
     ld r24, Z+                          // 2                            21
     sts \ocr+1, r24                     // 2                            23
@@ -162,7 +162,7 @@ global_asm!(
 
     // This section comes first in the flash, so that the short jumps of the vectors reach it.
     .text
-    ring_interrupt __vector_11, "ldi r31, hi8(ring_a_page)", {TAIL_A}, {PIND}, {OCR1A}, 1, {NOT_PLAIN_A}, {UNDERRUN_A}, 0x3f, 0x40, 0x80, {DIR_A_ON_PORTB}, 0xfd, 1
+    ring_interrupt timer1_compa, "ldi r31, hi8(ring_a_page)", {TAIL_A}, {PIND}, {OCR1A}, 1, {NOT_PLAIN_A}, {UNDERRUN_A}, 0x3f, 0x40, 0x80, {DIR_A_ON_PORTB}, 0xfd, 1
 5:  sbic {FLAGS}, {SHIELD}              // 2 (skips)                    22
     rjmp 6f
     stretched_pulse {TAIL_A}, {PIND}, {OCR1A} // 13                          35
@@ -175,7 +175,7 @@ global_asm!(
 6:  sbrc r24, 0                         // 2 (skips), 1 if set
     sbi {PINB}, 4                       // 2 if set                     25 or 26
     stretched_pulse {TAIL_A}, {PIND}, {OCR1A} // 13                          38 or 39
-    sbic {FLAGS}, {SHIELD_STRETCHED}         // 2 (skips), 1 if set          40 or 41
+    sbic {FLAGS}, {SHIELD_STRETCHED}    // 2 (skips), 1 if set          40 or 41
     rjmp 8f
 7:  out {PIND}, r24                     // 1                            41 or 42
     sbrc r24, 0                         // 2 (skips), 1 if set
@@ -187,9 +187,9 @@ global_asm!(
 8:  wait 9                              // 9 + sbic 1 + rjmp 2 + rjmp 2 = 14, 12 more than the skip:
     rjmp 7b                             // PB4 is high for 57 - 26 = 31 cycles, PORTD for 37 at most
 
-    ring_interrupt __vector_12, "in r31, {PAGE_B}", {TAIL_B}, {PINB}, {OCR1B}, 7, {NOT_PLAIN_B}, {UNDERRUN_B}, 0xcf, 0x10, 0x40, {DIR_B_ON_PORTB}, 0xfb, 2
+    ring_interrupt timer1_compb, "in r31, {PAGE_B}", {TAIL_B}, {PINB}, {OCR1B}, 7, {NOT_PLAIN_B}, {UNDERRUN_B}, 0xcf, 0x10, 0x40, {DIR_B_ON_PORTB}, 0xfb, 2
 5:
-    sbic {FLAGS}, {SHIELD_B}              // 2 (skips), 1 and 2           23 or 24
+    sbic {FLAGS}, {SHIELD_B}            // 2 (skips), 1 and 2           23 or 24
     rjmp 6f
     stretched_pulse {TAIL_B}, {PINB}, {OCR1B} // 13                          33
     wait 14                             // 14                           47
@@ -204,8 +204,8 @@ global_asm!(
     in r30, {SAVE30}                    // 1                            28
     sei                                 // 1                            29
     in r31, {SAVE31}                    // 1                            30
-    .global ring_b_window
-ring_b_window:                          // match A is played here
+    .global timer1_compb_window
+timer1_compb_window:                    // match A is played here
     cli
     out {SAVE24}, r24
     out {SAVE30}, r30
@@ -228,8 +228,8 @@ ring_b_window:                          // match A is played here
     reti                                // 4                            48
 
     // Ring B on PORTD: the short pulse only.
-    .global ring_b_on_portd
-ring_b_on_portd:                        // as the others, and 1            8
+    .global timer1_compb_portd
+timer1_compb_portd:                     // as the others, and 1            8
     out {SAVE24}, r24                   // 1                             9
     out {SAVE30}, r30                   // 1                             10
     out {SAVE31}, r31                   // 1                            11
