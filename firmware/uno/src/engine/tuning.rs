@@ -70,6 +70,7 @@ pub(crate) mod expand {
     pub(crate) const PUBLISH_STEPS: u8 = 12;
     /// Steps that are published at once, at least. Shown by rates.
     pub(crate) const PUBLISH_MIN: u8 = 4;
+    const _: () = assert!(PUBLISH_MIN < PUBLISH_STEPS);
     /// With fewer groups queued only [`PUBLISH_MIN`] steps are published at once: the ring has nearly run empty. Shown by rates.
     pub(crate) const RING_LOW_BELOW: u8 = 8;
 }
@@ -189,7 +190,8 @@ pub(crate) mod stepper {
     pub(crate) const RESTART_DELAY: u16 = 800;
     /// An underrun that lasted longer stops the motors, ticks (100 µs). Shown by underrun.
     pub(crate) const MAX_UNDERRUN: u16 = 1600;
-    const _: () = assert!(RESTART_DELAY < MAX_UNDERRUN);
+    const _: () =
+        assert!(RESTART_DELAY < MAX_UNDERRUN && MAX_UNDERRUN as u32 * 10_000 == crate::engine::clock::TICK_HZ);
 }
 
 /// `bin/uno-verbs`.

@@ -21,7 +21,7 @@ const MOTOR_BYTES: u16 = 120;
 const BRAKES: u8 = 1 << 2;
 const ANCHORED: u8 = 1 << 3;
 const UNREADABLE: u8 = 1 << 4;
-/// What a part may take at most, with what finds out whether its steps are sure, cycles.
+/// What a part may take at most, with the check of its intervals, cycles.
 const MOST_CYCLES: u64 = 700;
 
 struct Chip {

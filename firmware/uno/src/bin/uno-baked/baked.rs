@@ -22,6 +22,7 @@ const EPOCH: Epoch = Epoch(1);
 
 /// The epoch begins so long before the motion, ticks: 1 ms, for the set-up of DIR before the first step.
 const BEFORE: u32 = 16_000;
+const _: () = assert!(BEFORE == clock::TICK_HZ / 1000);
 
 /// The first address of the bootloader: optiboot takes 512 bytes.
 const LIMIT: u16 = 32_768 - 512;

@@ -36,6 +36,9 @@ const _: () = assert!(offset_of!(Registers, add) == 11);
 const _: () = assert!(offset_of!(Registers, add2) == 15);
 const _: () = assert!(offset_of!(Registers, left) == 19);
 
+// `sbrc r20, 5` asks whether half of the ring is free.
+const _: () = assert!(GROUPS / 2 == 1 << 5);
+
 // Bit 3 of their data addresses tells the tails of ring A and B apart.
 const _: () = assert!((register::OCR0A + 0x20) & 8 == 0 && (register::OCR0B + 0x20) & 8 != 0);
 

@@ -20,6 +20,9 @@ use pulsetrain_core::{Epoch, Moment};
 /// How many epochs may wait after the one being run: that of the switch that waits, and one that is to replace it.
 pub(super) const WAITING_EPOCHS: usize = 2;
 
+// The assembly reaches offsets 0 to 63 from Y.
+const _: () = assert!(core::mem::offset_of!(Motor, prechecked) < 64);
+
 /// Bytes of a motor's [`braking`](Motor::braking).
 pub(super) const BRAKING: usize = if ThisProgram::LEASES { 4 } else { 0 };
 

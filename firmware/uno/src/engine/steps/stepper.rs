@@ -43,6 +43,7 @@ pub(super) use track::Track;
 
 /// The longest of pulse, set-up and hold, ticks: less than a filler, so that no time before the last event matters.
 pub(crate) const LONGEST: u16 = 4_096;
+const _: () = assert!(LONGEST < FILLER);
 
 mod timing;
 
