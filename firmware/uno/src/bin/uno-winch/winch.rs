@@ -6,6 +6,7 @@
 //! # What is here
 //! - this file: the main loop's side; lines, and what they ask for
 //! - [`feed`]: the refill's side; from paths to the motors
+//! - [`obey`]: main's side; what lines do to the paths
 //!
 //! # Who has the board
 //! Text is *on* as long as frames have not taken the board and no motor moves for them. Then every byte goes to the reader of lines. From a zero on bytes
@@ -13,6 +14,7 @@
 //! drivers, until `enable 0` has released them, text *drives*, and a Hello in frames is refused.
 
 pub(crate) mod feed;
+mod obey;
 
 use crate::engine::link::{self, Receiver};
 use crate::engine::machine::Board;
@@ -203,7 +205,7 @@ impl Winch {
         }
         self.set_up = false;
         // SAFETY: frames do not use the queues while text is on, and the refill does not use paths while nothing drives.
-        unsafe { feed::winch_begin() };
+        unsafe { obey::winch_begin() };
         // SAFETY: the reader is main's alone, and has room for so many bytes of values.
         let settings = unsafe { &mut *(&raw mut winch_reader).cast::<u8>().wrapping_add(SETTINGS).cast() };
         store::read(settings);
@@ -213,7 +215,7 @@ impl Winch {
         asked.idle_ms = u16::from_le_bytes([idle_low, idle_high]);
         if amax_low | amax_high | amax_higher != 0 {
             // The limits are where the command would have them.
-            feed::winch_obey_axes(0b1111, Verb::Limits as u8);
+            obey::winch_obey_axes(0b1111, Verb::Limits as u8);
         }
     }
 
@@ -265,12 +267,12 @@ impl Winch {
     #[inline(never)]
     fn hear(&mut self, board: &mut Board, verb: u8) {
         self.quiet = false;
-        let needed = feed::winch_do(verb);
+        let needed = obey::winch_do(verb);
         let asked = asked();
         if asked.deadman_ms != 0 {
             asked.heard = clock::moment();
         }
-        if needed & feed::AXES == 0 {
+        if needed & obey::AXES == 0 {
             // It does not replace a refusal that was not sent yet.
             if needed != 0 && (self.say == 0 || self.say >= AWAKE) {
                 self.say = needed;
@@ -281,7 +283,7 @@ impl Winch {
             self.set_up = true;
             set_up_shield(board);
         }
-        if needed & feed::DRIVE != 0 && !self.drives {
+        if needed & obey::DRIVE != 0 && !self.drives {
             self.drives = true;
             drive(board);
         }
@@ -300,7 +302,7 @@ impl Winch {
                 let _ = board.release();
             } else if is_silent(now) {
                 asked().dead = true;
-                feed::winch_obey_axes(0b1111, Verb::Enable as u8);
+                obey::winch_obey_axes(0b1111, Verb::Enable as u8);
             }
         } else {
             feed::pass(now);
@@ -330,7 +332,7 @@ impl Winch {
         if !self.on
             || self.quiet
             || receiver.waiting() >= BACKLOG / 2
-            || !feed::winch_has_passed(now, &mut asked.reported, asked.report_ms)
+            || !obey::winch_has_passed(now, &mut asked.reported, asked.report_ms)
         {
             return (out, 0);
         }
@@ -339,7 +341,7 @@ impl Winch {
         let values = line.wrapping_add(LINE - VALUES).cast();
         // SAFETY: the line is main's, and its last content has been sent.
         unsafe {
-            feed::winch_clock_and_positions(values);
+            obey::winch_clock_and_positions(values);
             (line, winch_status(line, values))
         }
     }
@@ -348,7 +350,7 @@ impl Winch {
 /// Sets the shield's configuration. No motor moves.
 #[inline(always)]
 fn set_up_shield(board: &mut Board) {
-    if let Some(mut configuration) = Configuration::new(feed::shield()) {
+    if let Some(mut configuration) = Configuration::new(obey::shield()) {
         // STEP is high for 1.94 µs, and DIR is right for 1 µs before and after: that suits any driver on such a shield.
         configuration.pulse_ticks = 31;
         configuration.setup_ticks = 16;
@@ -396,7 +398,7 @@ fn has_rested(now: Millis) -> bool {
 /// Whether the deadman is to stop the axes.
 fn is_silent(now: Moment) -> bool {
     let asked = asked();
-    asked.deadman_ms != 0 && !asked.dead && feed::winch_has_passed(now, &mut asked.heard, asked.deadman_ms)
+    asked.deadman_ms != 0 && !asked.dead && obey::winch_has_passed(now, &mut asked.heard, asked.deadman_ms)
 }
 
 /// A byte of the reader.

@@ -6,7 +6,7 @@
 //!
 //! It works on the [`Stepper`]. Main gets that from [`lock`], and the [`Guard`] keeps the refill out as long as it lives. Rings last for a while, so no
 //! guard may be held for longer than about 2000 cycles while motors move. The longest is a position, which looks at every group of a ring; the four
-//! positions of a winch's status take longer (`winch/feed.rs`).
+//! positions of a winch's status take longer (`winch/obey.rs`).
 
 use super::motor::Motor;
 use super::ring::{GROUPS, Ring, flags};

@@ -34,7 +34,7 @@ impl PulseTiming {
     ) -> (PulseTiming, Times) {
         let several = configuration.motors().len() > 1;
         // Pulse and spacing, short and stretched; and the delay of a group's second write.
-        let ((short, spacing), (stretched, spacing_stretched), fall) = match kind {
+        let ((short, spacing), (stretched, spacing_stretched), end_delay) = match kind {
             Kind::PortDTwoRings => ((16, SPACING_TWO_RINGS), (16, SPACING_TWO_RINGS), END_DELAY),
             Kind::PortD | Kind::PortB => ((16, SPACING_SHORT), (31, SPACING_STRETCHED), END_DELAY),
             Kind::Shield => ((17, SPACING_SHIELD[0]), (31, SPACING_SHIELD[1]), END_DELAY),
@@ -47,7 +47,7 @@ impl PulseTiming {
             }
         };
         let wanted = configuration.pulse_ticks;
-        let late = if merging || kind == Kind::PortDTwoRings { LATENCY_MERGED } else { LATENCY };
+        let latency = if merging || kind == Kind::PortDTwoRings { LATENCY_MERGED } else { LATENCY };
         let mut timing = PulseTiming { stretched: false, two_groups: false, spacing };
         let (mut pulse, mut made) = (0, short);
         if wanted > short {
@@ -58,8 +58,8 @@ impl PulseTiming {
                 // The first edge of an interrupt's pulse may be late. If it is merged, the second may be early.
                 let more = match kind {
                     Kind::Compare => 0,
-                    _ if merging => late + spacing,
-                    _ => late,
+                    _ if merging => latency + spacing,
+                    _ => latency,
                 };
                 pulse = (wanted + u16::from(more)).max(u16::from(spacing));
                 made = pulse;
@@ -68,7 +68,7 @@ impl PulseTiming {
         let spacing = u16::from(timing.spacing);
         // The merge moves an edge by half of the spacing either way; on the shield it puts off by 24 at most, and advances by 54 at most.
         let slack = if merging { spacing } else { 0 };
-        let setup = configuration.setup_ticks + u16::from(fall + late) + slack;
+        let setup = configuration.setup_ticks + u16::from(end_delay + latency) + slack;
         // An expansion counts a long pulse in 8 bits, and cannot make that of the compare hardware.
         let singly = timing.two_groups && (kind == Kind::Compare || pulse > 255);
         let interval = if singly {
@@ -81,7 +81,7 @@ impl PulseTiming {
         let times = Times {
             limit: Moment(0),
             step_gap: made + 1,
-            dir_hold: (made + configuration.hold_ticks + u16::from(late) + slack).max(spacing),
+            dir_hold: (made + configuration.hold_ticks + u16::from(latency) + slack).max(spacing),
             dir_setup: setup.max(spacing),
             dir_early: setup.max(spacing) + DIR_EARLY.max(spacing),
             min_interval: interval.max(made.saturating_add(if timing.two_groups { spacing } else { 0 })),
