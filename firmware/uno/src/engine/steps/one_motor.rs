@@ -1,30 +1,30 @@
-//! The ring of a motor that has one of its own: plan, expand, publish, until the ring is full.
+//! A ring of one motor: plan, expand, publish, until the ring is full.
 //!
 //! # Cycles
-//! 100 a batch, beside what [`plan`](super::plan) and [`expand`](super::expand) take; 8 more a step as long as there are groups
-//! that are not a step's.
+//! 100 a batch, beside what [`plan`](super::plan) and [`expand`](super::expand) take; 8 more a step as long as the ring has groups that are no
+//! steps.
 
 use super::motor::Motor;
-use super::ring::Ring;
+use super::refill::mode;
+use super::ring::{GROUPS, Ring};
 use super::stepper::Track;
-use super::task::mode;
 use super::times;
-use crate::engine::tuning::fill::{FEW, ROOM};
+use crate::engine::tuning::one_motor::{LONG_PULSES, REFILL_BELOW};
 use core::arch::global_asm;
 use core::mem::offset_of;
 
 global_asm!(
     r#"
-    .section .text.steps_fill, "ax", @progbits
-    .global steps_fill
-    // For the task: r24:25 is the track, r22:23 its motor, r20 how many things may be done. r4 is the same afterwards if there
-    // was no room, and less if there was. Uses all registers.
-    // Inside, r2:3 is the track, Y the motor, r4 how many things may be done yet.
-steps_fill:
+    .section .text.one_motor_fill, "ax", @progbits
+    .global one_motor_fill
+    // For the refill: r24:25 is the track, r22:23 its motor, r20 how many batches may be made; an event counts as two. Uses all registers.
+    // Afterwards r4 is r20 if there was no room, and less if there was.
+    // Inside, r2:3 is the track, Y the motor, r4 how many batches may still be made.
+one_motor_fill:
     movw r2, r24
     movw r28, r22
     mov r4, r20
-fill_next:
+one_motor_next:
     // Is there room?
     movw r30, r2
     ldd r26, Z+{TAIL_AT}
@@ -33,65 +33,65 @@ fill_next:
     ldd r24, Z+{HEAD}
     sub r26, r24
     dec r26
-    cpi r26, 4 * {ROOM}
+    cpi r26, 4 * ({GROUPS} - {REFILL_BELOW})
     brlo 2f
-    cpi r26, 4 * {ROOM_BESIDE}
+    cpi r26, 4 * ({GROUPS} - {REFILL_BELOW_OF_TWO})
     brsh 7f
     lds r25, steps_mode
-    sbrc r25, {BESIDE}
+    sbrc r25, {TWO_RINGS_BIT}
     rjmp 2f
 7:
     dec r4
     brpl 6f
 1:  ret
-    // While the ring is full: what the next steps are of.
+    // The ring is full. If the motor has no steps left, load its next record already.
 2:  ldd r24, Y+{LEFT}
     ldd r25, Y+{LEFT}+1
     or r24, r25
     brne 1b
-    ldi r24, 1 << {AHEAD}
+    ldi r24, 1 << {PREFETCH}
     sts steps_times+{ONLY_STEPS}, r24
     call steps_plan
     sts steps_times+{ONLY_STEPS}, r1
     ret
-6:  ldd r24, Z+{UNLIKE}
+6:  ldd r24, Z+{UNPRIMED}
     tst r24
     breq 5f
     lsr r26
     lsr r26
     dec r26
     ldd r24, Y+{STEP}
-    ldd r25, Y+{STEP_FALL}
+    ldd r25, Y+{STEP_END}
     cp r24, r25
     breq 3f
-    // Two groups a step; few at once while the ring runs low: they are published the sooner.
+    // Two groups a step. Few at once, so that they are published sooner while the ring runs low.
     lsr r26
-    cpi r26, {FEW}
+    cpi r26, {LONG_PULSES}
     brlo 3f
-    ldi r26, {FEW}
+    ldi r26, {LONG_PULSES}
     rjmp 3f
-    // All groups are steps': the expansion looks how much room there is.
+    // All groups toggle what a step toggles: the expansion itself checks how much room there is.
 5:  ser r26
-3:  sts steps_times+{MOST}, r26
+3:  sts steps_times+{MAX_STEPS}, r26
     call steps_plan
     tst r24
     breq 1b
     movw r30, r2
     sbrc r25, 0
     rjmp 9f
-    // One thing, by Rust.
+    // A single event.
     movw r16, r2
     movw r14, r28
-    call steps_place
+    call put_planned
     dec r4
-    rjmp fill_next
+    rjmp one_motor_next
     // r24 steps
 9:  mov r20, r24
-    ldd r18, Z+{STEP_FIRST}
+    ldd r18, Z+{STEP_PUBLISHED}
     ldd r19, Z+{TAIL_AT}
     ldd r6, Z+{HEAD}
-    ldd r7, Z+{STEP_LAST}
-    ldd r21, Z+{UNLIKE}
+    ldd r7, Z+{STEP_PENDING}
+    ldd r21, Z+{UNPRIMED}
     tst r21
     brne 8f
     mov r17, r18
@@ -107,14 +107,14 @@ fill_next:
     rjmp 5f
 8:  ldd r17, Z+{BEFORE_STEP}
     std Z+{BEFORE_STEP}, r18
-    ldd r22, Z+{LAST_BYTE}
+    ldd r22, Z+{STEP_END_BYTE}
     ldd r31, Z+{PAGE}
     mov r30, r6
     ldd r26, Y+{STEP}
-    ldd r27, Y+{STEP_FALL}
+    ldd r27, Y+{STEP_END}
     cp r26, r27
     brne 3f
-    // Groups become steps'.
+    // These groups were no steps before: set what they toggle.
     mov r25, r20
 1:  subi r30, -4
     st Z, r18
@@ -132,9 +132,9 @@ fill_next:
     brcc .+2
     clr r21
     movw r30, r2
-    std Z+{UNLIKE}, r21
+    std Z+{UNPRIMED}, r21
     rjmp 4f
-    // Published from the end: what was pending comes last.
+    // Published from the end: the group that was pending is published last.
 3:  mov r5, r17
     lds r17, steps_times+{PULSE}
     call steps_expand_ring_long
@@ -147,7 +147,7 @@ fill_next:
     clr r5
 4:  std Z+{HEAD}, r24
     ldd r22, Y+{STEP}
-    ldd r23, Y+{STEP_FALL}
+    ldd r23, Y+{STEP_END}
     std Z+{PENDING}, r22
     std Z+{PENDING}+1, r23
     ldd r18, Y+{TICK}
@@ -166,32 +166,33 @@ fill_next:
     std Z+{AT}+1, r19
     std Z+{AT}+2, r20
     std Z+{AT}+3, r21
-    // What there was no room for waits.
+    // r5 steps found no room: the ring is full.
     tst r5
     brne 6f
-    rjmp fill_next
+    rjmp one_motor_next
 6:  ret
     "#,
-    ROOM = const ROOM[0],
-    ROOM_BESIDE = const ROOM[1],
-    BESIDE = const (mode::BOTH ^ mode::APIECE).trailing_zeros(),
-    FEW = const FEW,
+    GROUPS = const GROUPS,
+    REFILL_BELOW = const REFILL_BELOW[0],
+    REFILL_BELOW_OF_TWO = const REFILL_BELOW[1],
+    TWO_RINGS_BIT = const (mode::TWO_RINGS ^ mode::ONE_RING).trailing_zeros(),
+    LONG_PULSES = const LONG_PULSES,
     TAIL_AT = const offset_of!(Track, ring) + offset_of!(Ring, tail_at),
-    UNLIKE = const offset_of!(Track, ring) + offset_of!(Ring, unlike),
+    UNPRIMED = const offset_of!(Track, ring) + offset_of!(Ring, unprimed),
     HEAD = const offset_of!(Track, ring) + offset_of!(Ring, head),
     PAGE = const offset_of!(Track, ring) + offset_of!(Ring, page),
     PENDING = const offset_of!(Track, ring) + offset_of!(Ring, pending),
     BEFORE_STEP = const offset_of!(Track, ring) + offset_of!(Ring, before_step),
-    STEP_FIRST = const offset_of!(Track, ring) + offset_of!(Ring, step_first),
-    STEP_LAST = const offset_of!(Track, ring) + offset_of!(Ring, step_last),
-    LAST_BYTE = const offset_of!(Track, ring) + offset_of!(Ring, step_fall),
+    STEP_PUBLISHED = const offset_of!(Track, ring) + offset_of!(Ring, step_published),
+    STEP_PENDING = const offset_of!(Track, ring) + offset_of!(Ring, step_pending),
+    STEP_END_BYTE = const offset_of!(Track, ring) + offset_of!(Ring, step_end),
     AT = const offset_of!(Track, at),
     TICK = const offset_of!(Motor, registers) + 2,
     STEP = const offset_of!(Motor, step),
-    STEP_FALL = const offset_of!(Motor, step_fall),
-    MOST = const times::MOST,
+    STEP_END = const offset_of!(Motor, step_end),
+    MAX_STEPS = const times::MAX_STEPS,
     ONLY_STEPS = const times::ONLY_STEPS,
-    AHEAD = const times::AHEAD,
+    PREFETCH = const times::PREFETCH,
     LEFT = const offset_of!(Motor, registers) + 19,
     PULSE = const times::PULSE,
 );

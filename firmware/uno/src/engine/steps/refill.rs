@@ -1,23 +1,21 @@
-//! The task that keeps the rings filled: it comes again and again, whatever the main loop is doing, and is itself
-//! interrupted by steps and by bytes from the line.
+//! The refill interrupt, TIMER0_OVF: it keeps the rings filled, whatever the main loop is doing. Step interrupts and the receive interrupt interrupt it.
 //!
-//! The overflow of Timer0 calls it (normal mode, DS40002061B §15.7.1, 64 cycles a count), again when a full ring has half of
-//! its time left or is down to [`RESERVE`], or a quarter of the time has passed that rings were filled for. Compare matches of Timer1 go
-//! before it. It runs with its own interrupt off, so that it does not nest; and not inside the receive interrupt, which would
-//! then lose bytes: it comes again until that has ended.
+//! Timer0 counts every 64 cycles (normal mode, DS40002061B §15.7.1), and each refill sets when it overflows next: when a quarter of the time has
+//! passed that the rings are filled for; or, with a ring that is full, when half of its time is left, or [`RESERVE`]. Its own interrupt is off while it
+//! runs, so that it does not nest. It does not run inside the receive interrupt, which would lose bytes, but comes again until that has ended.
 //!
-//! What it works on, the [`Stepper`], belongs to whoever holds the [`Guard`]: main takes it with [`lock`], which keeps the task
-//! out as long as it lives. Rings last for a while: no guard may be held for longer than about 2000 cycles while motors move (a
-//! position, which takes a look at every group, is the longest), but for the four positions of a winch's status (`winch/feed.rs`).
+//! It works on the [`Stepper`]. Main gets that from [`lock`], and the [`Guard`] keeps the refill out as long as it lives. Rings last for a while, so no
+//! guard may be held for longer than about 2000 cycles while motors move. The longest is a position, which looks at every group of a ring; the four
+//! positions of a winch's status take longer (`winch/obey.rs`).
 
 use super::motor::Motor;
-use super::ring::{Ring, flags};
+use super::ring::{GROUPS, Ring, flags};
 use super::stepper::{Stepper, Track};
 use super::times::TIMES;
 use crate::engine::clock;
 use crate::engine::regs;
-use crate::engine::tuning::stepper::AHEAD;
-use crate::engine::tuning::task::{AGAIN, BATCHES, FAR, NEARLY, RESERVE, RESERVE_MERGED, SOONEST, TURNS};
+use crate::engine::tuning::refill::{BATCHES, FAR_AHEAD, FULL_FROM, MIN_PERIOD, RESERVE, RESERVE_MERGED, RETRY, TURNS};
+use crate::engine::tuning::stepper::LOOK_AHEAD;
 use core::arch::global_asm;
 use core::cell::UnsafeCell;
 use core::mem::offset_of;
@@ -25,31 +23,31 @@ use core::ops::{Deref, DerefMut};
 use pulsetrain_core::avr::Registers;
 
 #[repr(transparent)]
-struct Place(UnsafeCell<Stepper>);
+struct StepperCell(UnsafeCell<Stepper>);
 
-// SAFETY: main uses it under a guard, the task while there is none.
-unsafe impl Sync for Place {}
+// SAFETY: main uses it under a guard, and the refill while there is no guard.
+unsafe impl Sync for StepperCell {}
 
 /// The assembly knows where it is.
 #[unsafe(export_name = "steps_stepper")]
-static STEPPER: Place = Place(UnsafeCell::new(Stepper::new()));
+static STEPPER: StepperCell = StepperCell(UnsafeCell::new(Stepper::new()));
 
-/// Keeps the task out as long as it lives.
-pub(crate) struct Out {
-    /// The mask register as it was: the task may be out already.
+/// Keeps the refill out as long as it lives.
+pub(crate) struct RefillBlocked {
+    /// TIMSK0 as it was: the refill may be out already.
     before: u8,
 }
 
-/// Keeps the task out.
+/// Keeps the refill out.
 #[inline(always)]
-pub(crate) fn keep_out() -> Out {
+pub(crate) fn block() -> RefillBlocked {
     let before = regs::TIMSK0.read();
     regs::TIMSK0.write(0);
     regs::barrier();
-    Out { before }
+    RefillBlocked { before }
 }
 
-impl Drop for Out {
+impl Drop for RefillBlocked {
     #[inline(always)]
     fn drop(&mut self) {
         regs::barrier();
@@ -57,13 +55,13 @@ impl Drop for Out {
     }
 }
 
-/// The stepper, as main's alone.
-pub(crate) struct Guard(#[expect(dead_code, reason = "kept as long as the guard lives")] Out);
+/// The stepper, for main alone.
+pub(crate) struct Guard(#[expect(dead_code, reason = "kept as long as the guard lives")] RefillBlocked);
 
 /// Takes the stepper. Main must not hold two guards at once.
 #[inline(always)]
 pub(crate) fn lock() -> Guard {
-    Guard(keep_out())
+    Guard(block())
 }
 
 impl Deref for Guard {
@@ -71,7 +69,7 @@ impl Deref for Guard {
 
     #[inline(always)]
     fn deref(&self) -> &Stepper {
-        // SAFETY: the task is out, and main has one guard at a time.
+        // SAFETY: the refill is out, and main has one guard at a time.
         unsafe { &*STEPPER.0.get() }
     }
 }
@@ -84,9 +82,9 @@ impl DerefMut for Guard {
     }
 }
 
-/// Keeps the task out until [`let_in`] if motors share DIR lines: it needs much of the stack there, and what main is about to do does, too.
+/// Keeps the refill out until [`allow`] if motors share DIR lines. It needs much stack then, and so does what main is about to do.
 #[inline(always)]
-pub(crate) fn keep_out_if_shared() {
+pub(crate) fn block_if_shared() {
     if TIMES.is_shared() {
         regs::TIMSK0.write(0);
     }
@@ -94,48 +92,47 @@ pub(crate) fn keep_out_if_shared() {
 }
 
 #[inline(always)]
-pub(crate) fn let_in() {
+pub(crate) fn allow() {
     regs::barrier();
     regs::TIMSK0.write(1);
 }
 
-/// Has the task come first, so that rings are full when something begins that keeps it out for long. Not while it is kept out.
-pub(crate) fn call() {
+/// Runs the refill now, so that rings are full before something keeps it out for long. It must not be kept out already.
+pub(crate) fn run_now() {
     regs::TCNT0.write(u8::MAX);
-    // Until it overflows, and the task has said when it comes next: not at once, as when it came inside the receive interrupt.
-    while regs::TCNT0.read() >= AGAIN {}
+    // Until Timer0 has overflowed and the refill has set it again. If the refill came inside the receive interrupt, it set it to `RETRY` first.
+    while regs::TCNT0.read() >= RETRY {}
 }
 
-/// Starts Timer0, and the task.
+/// Starts Timer0, and with it the refill.
 pub(crate) fn start() {
-    regs::TCNT0.write(SOONEST.wrapping_neg());
+    regs::TCNT0.write(MIN_PERIOD.wrapping_neg());
     regs::TCCR0B.write(0b011);
     regs::TIMSK0.write(1);
 }
 
 global_asm!(
     r#"
-    // Goes to \first if that ring is filled less far than the second; one batch is to be made. Both are counted from now: one may be filled 2^15 ticks
-    // further than the other.
-    .macro which_is_less first
+    // Goes to \first, with one batch in r20, if ring A is filled less far than ring B. Both times are counted from now, since they may be 2^15 ticks apart.
+    .macro goto_if_less_filled first
     lds r20, steps_stepper+{AT}
     lds r21, steps_stepper+{AT}+1
-    rcall task_ahead
+    rcall ticks_ahead
     movw r18, r20
     lds r20, steps_stepper+{AT}+{TRACK_SIZE}
     lds r21, steps_stepper+{AT}+{TRACK_SIZE}+1
-    rcall task_ahead
+    rcall ticks_ahead
     cp r18, r20
     cpc r19, r21
     ldi r20, 1
     brlo \first
     .endm
 
-    // As the ring's interrupts, in reach of the vectors.
+    // In this section, like the step interrupts, it is in reach of the vectors.
     .text
-    .global steps_task_begin, steps_limit, steps_due, steps_absent
-    // From the vector, which has put r24 onto the stack, after 8 cycles. No flag is touched.
-steps_task_begin:
+    .global timer0_ovf, steps_limit, steps_due, steps_absent
+    // From the vector, which has pushed r24; 8 cycles have passed. No flag is changed up to `push r25`.
+timer0_ovf:
     ldi r24, 0                          // 1                             9
     sts {TIMSK0}, r24                   // 2                            11
     sei                                 // 1                            12
@@ -158,60 +155,61 @@ steps_task_begin:
     push r\r
     .endr
     in r25, {FLAGS}
-    andi r25, {STARVED}
+    andi r25, {UNDERRUN}
     breq 3f
-    // Ring A is played no more: the window for it may have let this in instead.
+    // On the shield, ring B's interrupt may have been waiting for ring A's, and let this one in instead, since ring A ran empty. Return at once then: was
+    // the program interrupted at `timer1_compb_window`?
     in r30, {SPL}
     in r31, {SPL}+1
     ldd r24, Z+34
-    cpi r24, pm_hi8(ring_b_window)
+    cpi r24, pm_hi8(timer1_compb_window)
     brne 18f
     ldd r24, Z+35
-    cpi r24, pm_lo8(ring_b_window)
+    cpi r24, pm_lo8(timer1_compb_window)
     brne 18f
     ldi r26, 2
     rjmp 10f
 18:
-    call steps_watch
-    // Nothing is planned beyond the limit, which the program's source of steps knows.
+    call steps_underrun
+    // Ask the program how far motions are known.
 3:  call source_limit
     sts steps_times+{LIMIT}, r22
     sts steps_times+{LIMIT}+1, r23
     sts steps_times+{LIMIT}+2, r24
     sts steps_times+{LIMIT}+3, r25
     lds r24, steps_mode
-    cpi r24, {APIECE}
+    cpi r24, {ONE_RING}
     brlo 6f
     breq 7f
-    cpi r24, {BOTH}
+    cpi r24, {TWO_RINGS}
     breq 8f
-    cpi r24, {BESIDE}
+    cpi r24, {MERGE_AND_B}
     breq 18f
-    cpi r24, {FILLED}
+    cpi r24, {MERGED_BY_SOURCE}
     breq 9f
-    call ring_shared
+    call ring_fill_shared
     rjmp 9f
-18: call ring_beside
+18: call ring_fill_shield
     rjmp 9f
 6:  call steps_merge_run
     brcs 9f
     call steps_merge_run
     rjmp 9f
-    // Two rings, a batch at a time for the one that is filled less far, or for the other if that can have none now (r4 is not negative then).
+    // Two rings: a batch for the one that is filled less far, or for the other if that has no room or no steps (r4 is not negative then).
 8:  ldi r24, {TURNS}
 13: push r24
-    which_is_less 14f
-    rcall task_fill_second
+    goto_if_less_filled 14f
+    rcall refill_second
     tst r4
     brmi 15f
     ldi r20, 1
-    rcall task_fill_first
+    rcall refill_first
     rjmp 16f
-14: rcall task_fill_first
+14: rcall refill_first
     tst r4
     brmi 15f
     ldi r20, 1
-    rcall task_fill_second
+    rcall refill_second
 16: tst r4
 15: pop r24
     brpl 9f
@@ -219,37 +217,37 @@ steps_task_begin:
     brne 13b
     rjmp 9f
 7:  ldi r20, {BATCHES}
-    rcall task_fill_first
-    // A quarter of the time that they are filled for, in counts of 64.
+    rcall refill_first
+    // Next refill: after a quarter of the time that the rings are filled for, counts of 64 cycles.
 9:  lds r20, steps_stepper+{AT}
     lds r21, steps_stepper+{AT}+1
-    rcall task_ahead
+    rcall ticks_ahead
     mov r26, r21
     lds r24, steps_mode
-    cpi r24, {BOTH}
+    cpi r24, {TWO_RINGS}
     brne 4f
     lds r20, steps_stepper+{AT}+{TRACK_SIZE}
     lds r21, steps_stepper+{AT}+{TRACK_SIZE}+1
-    rcall task_ahead
+    rcall ticks_ahead
     cp r21, r26
     brsh 4f
     mov r26, r21
-4:  cpi r26, {SOONEST}
+4:  cpi r26, {MIN_PERIOD}
     brsh 4f
-    ldi r26, {SOONEST}
-    // Or when the program's source of steps is due.
+    ldi r26, {MIN_PERIOD}
+    // Or when the program wants it.
 4:  call source_due
     brcc .+2
     rjmp 4f
     lds r25, steps_mode
-    // Or, where the only ring is full or reaches far, half of it, or all but the reserve if that is less.
+    // Or, with one ring that is full or reaches far, after half of that time, or when only the reserve is left, if that is sooner.
 3:
-    // Bytes are received at once where rings have nothing but plain steps: of one motor, at intervals of 80 to 128 ticks (the compare register
-    // may be written 73 after the match then); or of two that the compare hardware steps, below 256 (and 127).
-    sbrs r25, {APIECE_BIT}
+    // The receive interrupt need not nest where rings have nothing but plain steps: with one motor at intervals of 80 to 128 ticks (the compare register
+    // is written 73 ticks after the match at worst), or with two that the compare hardware steps, at intervals up to 255 ticks.
+    sbrs r25, {OWN_RING_BIT}
     rjmp 20f
-    cbi {EECR}, {AT_ONCE}
-    lds r24, steps_stepper+{UNLIKE}
+    cbi {EECR}, {RX_NO_NESTING}
+    lds r24, steps_stepper+{UNPRIMED}
     lds r20, steps_times+{PULSE}
     or r24, r20
     lds r20, steps_times+{PULSE}+1
@@ -259,25 +257,25 @@ steps_task_begin:
     lds r20, steps_motors+{INTERVAL}+4
     or r24, r20
     brne 20f
-    cpi r25, {BOTH}
+    cpi r25, {TWO_RINGS}
     breq 18f
     lds r24, steps_motors+{INTERVAL}+2
     subi r24, 80
     cpi r24, 129 - 80
     brlo 19f
     rjmp 20f
-18: lds r24, steps_stepper+{EDGE}
+18: lds r24, steps_stepper+{COMPARE_BIT}
     tst r24
     breq 20f
-    lds r24, steps_stepper+{TRACK_SIZE}+{UNLIKE}
+    lds r24, steps_stepper+{TRACK_SIZE}+{UNPRIMED}
     lds r20, steps_motors+{MOTOR_SIZE}+{INTERVAL}+3
     or r24, r20
     lds r20, steps_motors+{MOTOR_SIZE}+{INTERVAL}+4
     or r24, r20
     brne 20f
-19: sbi {EECR}, {AT_ONCE}
+19: sbi {EECR}, {RX_NO_NESTING}
 20:
-    cpi r25, {BOTH}
+    cpi r25, {TWO_RINGS}
     breq 4f
     lds r30, steps_stepper+{TAIL_AT}
     ldi r31, 0
@@ -286,11 +284,11 @@ steps_task_begin:
     sub r24, r25
     dec r24
     lds r25, steps_mode
-    cpi r24, 4 * {NEARLY}
+    cpi r24, 4 * ({GROUPS} - {FULL_FROM})
     brlo 21f
     cpi r25, {SHARED}
     breq 4f
-    cpi r26, {FAR} >> 8
+    cpi r26, {FAR_AHEAD} >> 8
     brlo 4f
 21: ldi r27, {RESERVE_MERGED} >> 8
     cpi r25, {MERGE}
@@ -312,14 +310,14 @@ steps_task_begin:
     brlo 4f
     mov r26, r24
 4:
-    sbis {FLAGS}, {EXTRA_B}
+    sbis {FLAGS}, {NOT_PLAIN_B}
     rjmp 10f
-    // Or five eighths of the time of the small ring beside a merge.
-    sbis {FLAGS}, {BESIDE_FLAG}
+    // Or after five eighths of the time of ring B of the shield, which is short.
+    sbis {FLAGS}, {SHIELD_B}
     rjmp 10f
     lds r20, steps_stepper+{AT}+{TRACK_SIZE}
     lds r21, steps_stepper+{AT}+{TRACK_SIZE}+1
-    rcall task_ahead
+    rcall ticks_ahead
     cpi r21, 101
     brlo .+2
     ldi r21, 101
@@ -327,9 +325,9 @@ steps_task_begin:
     lsr r24
     lsl r21
     add r21, r24
-    cpi r21, {SOONEST}
+    cpi r21, {MIN_PERIOD}
     brsh .+2
-    ldi r21, {SOONEST}
+    ldi r21, {MIN_PERIOD}
     cp r21, r26
     brsh 10f
     mov r26, r21
@@ -347,49 +345,49 @@ steps_task_begin:
     .endr
     rjmp 2f
     // Inside the receive interrupt: again in one to two counts, when that has ended.
-1:  ldi r24, {AGAIN}
+1:  ldi r24, {RETRY}
     out {TCNT0}, r24
 2:  pop r25
     out {SREG}, r25
     pop r25
-    // With others let in: the next call is a thousand cycles away.
+    // Enabled while others may still come in: Timer0 does not overflow in this count.
     ldi r24, 1
     sts {TIMSK0}, r24
     pop r24
     ret
 
-task_fill_first:
+refill_first:
     ldi r24, lo8(steps_stepper+{TRACK})
     ldi r25, hi8(steps_stepper+{TRACK})
     ldi r22, lo8(steps_motors)
     ldi r23, hi8(steps_motors)
-    jmp ring_apiece
-task_fill_second:
+    jmp ring_fill_one
+refill_second:
     ldi r24, lo8(steps_stepper+{TRACK}+{TRACK_SIZE})
     ldi r25, hi8(steps_stepper+{TRACK}+{TRACK_SIZE})
     ldi r22, lo8(steps_motors+{MOTOR_SIZE})
     ldi r23, hi8(steps_motors+{MOTOR_SIZE})
-    jmp ring_apiece
+    jmp ring_fill_one
 
-    // What a source of steps is that knows as much as there is: the limit is {AHEAD} from now.
-    // r22 to r25 is the limit; uses all registers.
+    // The limit of a program whose motions are known as far as there are any: {LOOK_AHEAD} from now.
+    // Gives it in r22 to r25; uses all registers.
 steps_limit:
     call clock_moment
-    ldi r18, {AHEAD} >> 8
+    ldi r18, {LOOK_AHEAD} >> 8
     add r23, r18
     adc r24, r1
     adc r25, r1
-    // And it is due when the rings are.
+    // Such a program has no wish when the next refill is to come.
 steps_due:
     clc
     ret
 
-    // In place of a way to fill rings that a program does not have: nothing that it configures asks for it.
+    // In place of a routine that a program does not support. No configuration that it accepts comes here.
 steps_absent:
     jmp end_of_program
 
-    // How far r20:21 is ahead; what would be beyond the limit is past. Interrupts are off for 6 cycles.
-task_ahead:
+    // How far the tick r20:21 is ahead of now. Beyond the limit it must be past, and 0 is returned. Interrupts are off for 6 cycles.
+ticks_ahead:
     in r24, {SREG}
     cli
     lds r22, {TCNT1}
@@ -397,43 +395,44 @@ task_ahead:
     out {SREG}, r24
     sub r20, r22
     sbc r21, r23
-    cpi r21, ({AHEAD} + 8192) >> 8
+    cpi r21, ({LOOK_AHEAD} + 8192) >> 8
     brlo 1f
     clr r21
 1:  ret
     "#,
     FLAGS = const super::register::GPIOR0,
-    STARVED = const super::ring::flags::STARVED,
-    AHEAD = const AHEAD,
+    UNDERRUN = const super::ring::flags::UNDERRUN,
+    LOOK_AHEAD = const LOOK_AHEAD,
     LIMIT = const super::times::LIMIT,
-    APIECE = const mode::APIECE,
-    BOTH = const mode::BOTH,
+    ONE_RING = const mode::ONE_RING,
+    TWO_RINGS = const mode::TWO_RINGS,
     TRACK = const offset_of!(Stepper, tracks),
     TRACK_SIZE = const size_of::<Track>(),
     AT = const offset_of!(Stepper, tracks) + offset_of!(Track, at),
     MOTOR_SIZE = const size_of::<Motor>(),
-    SOONEST = const SOONEST,
-    AGAIN = const AGAIN,
+    MIN_PERIOD = const MIN_PERIOD,
+    RETRY = const RETRY,
     BATCHES = const BATCHES,
     TURNS = const TURNS,
     MERGE = const mode::MERGE,
-    BESIDE = const mode::BESIDE,
+    MERGE_AND_B = const mode::MERGE_AND_B,
     SHARED = const mode::SHARED,
-    FILLED = const mode::FILLED,
-    EXTRA_B = const flags::EXTRA_B,
-    BESIDE_FLAG = const flags::BESIDE,
+    MERGED_BY_SOURCE = const mode::MERGED_BY_SOURCE,
+    NOT_PLAIN_B = const flags::NOT_PLAIN_B,
+    SHIELD_B = const flags::SHIELD_B,
     SPL = const 0x3d,
     RESERVE_MERGED = const RESERVE_MERGED,
     RESERVE = const RESERVE,
-    FAR = const FAR,
-    NEARLY = const NEARLY,
+    FAR_AHEAD = const FAR_AHEAD,
+    GROUPS = const GROUPS,
+    FULL_FROM = const FULL_FROM,
     EECR = const super::register::EECR,
-    AT_ONCE = const super::register::AT_ONCE,
+    RX_NO_NESTING = const super::register::RX_NO_NESTING,
     INTERVAL = const offset_of!(Motor, registers) + offset_of!(Registers, interval_low),
-    APIECE_BIT = const mode::APIECE.trailing_zeros(),
+    OWN_RING_BIT = const mode::ONE_RING.trailing_zeros(),
     PULSE = const super::times::PULSE,
-    UNLIKE = const offset_of!(Stepper, tracks) + offset_of!(Track, ring) + offset_of!(Ring, unlike),
-    EDGE = const offset_of!(Stepper, tracks) + offset_of!(Track, ring) + offset_of!(Ring, edge),
+    UNPRIMED = const offset_of!(Stepper, tracks) + offset_of!(Track, ring) + offset_of!(Ring, unprimed),
+    COMPARE_BIT = const offset_of!(Stepper, tracks) + offset_of!(Track, ring) + offset_of!(Ring, compare_bit),
     TAIL_AT = const offset_of!(Stepper, tracks) + offset_of!(Track, ring) + offset_of!(Ring, tail_at),
     HEAD = const offset_of!(Stepper, tracks) + offset_of!(Track, ring) + offset_of!(Ring, head),
     TCNT1 = const super::register::TCNT1,
@@ -444,44 +443,44 @@ task_ahead:
     UCSR0B = const 0xc1,
 );
 
-/// What the task fills, as [`steps_mode`](set_mode) says.
+/// What the refill fills; [`set_mode`] sets it.
 pub(crate) mod mode {
     /// Nothing plays.
     pub(crate) const NONE: u8 = 0;
-    /// One ring by the merge.
+    /// One ring, by the merge.
     pub(crate) const MERGE: u8 = 1;
     /// One ring of one motor.
-    pub(crate) const APIECE: u8 = 2;
-    /// Two of them.
-    pub(crate) const BOTH: u8 = 3;
+    pub(crate) const ONE_RING: u8 = 2;
+    /// Two such rings.
+    pub(crate) const TWO_RINGS: u8 = 3;
     /// One ring of motors that share DIR lines.
     pub(crate) const SHARED: u8 = 4;
-    /// One ring by the merge, which the program's `source_limit` has filled already: where the limit is near, a ring is not full, and a second run
-    /// of the merge finds nothing to do. As in all that have lists the bit of [`APIECE`] is not set.
-    pub(crate) const FILLED: u8 = 8;
-    /// One ring by the merge, and one of one motor. As in all that have lists the bit of [`APIECE`] is not set.
-    pub(crate) const BESIDE: u8 = 5;
+    /// One ring, by the merge, which the program's `source_limit` has already called. Where the limit is near, a ring is not full, and the second run of
+    /// the merge would find nothing to do. The bit of [`ONE_RING`] is not set, as in all modes with lists.
+    pub(crate) const MERGED_BY_SOURCE: u8 = 8;
+    /// The shield: ring A by the merge, and ring B. The bit of [`ONE_RING`] is not set, as in all modes with lists.
+    pub(crate) const MERGE_AND_B: u8 = 5;
 }
 
 #[unsafe(export_name = "steps_mode")]
 static mut MODE: u8 = mode::NONE;
 
-/// From here on the task fills what `mode` says. To be called by who has the stepper.
+/// Sets what the refill fills. Only whoever has the stepper may call this.
 pub(super) fn set_mode(mode: u8) {
-    // SAFETY: one byte; the task is out.
+    // SAFETY: one byte; the refill is out.
     unsafe { (&raw mut MODE).write_volatile(mode) }
 }
 
 /// A ring ran empty.
 #[unsafe(no_mangle)]
-extern "C" fn steps_watch() {
-    // SAFETY: a guard would have kept the task out.
+extern "C" fn steps_underrun() {
+    // SAFETY: this is the refill, which a guard would have kept out.
     unsafe { &mut *STEPPER.0.get() }.watch(clock::moment());
 }
 
-/// Steps that a motor has made when the first ring was played up to `tail`. For who keeps the task out.
+/// Steps that a motor had made when the first ring was played up to `tail`. The caller keeps the refill out.
 #[unsafe(no_mangle)]
 extern "C" fn steps_position(motor: u8, tail: u8) -> i32 {
-    // SAFETY: the caller keeps the task out.
+    // SAFETY: the caller keeps the refill out.
     unsafe { &*STEPPER.0.get() }.position(motor, tail)
 }

@@ -1,19 +1,19 @@
-//! What a host says of plans beside their data, from the bytes of its frames: Switch, Extend, Trim. In assembly, for the flash that it takes.
+//! Frames that change plans: Switch, Extend, Trim and Brake, read byte by byte. In assembly, because that takes less flash.
 //!
 //! # Registers of the processor
 //! | | |
 //! |---|---|
-//! | r14 | bytes of a lease field and limits, or of Trim |
-//! | r16:17 | where they are |
-//! | r18 to r21, r22 to r25 | moments |
-//! | Y, Z | a motor, and its parts |
+//! | r14 | bytes of the lease and limits, or of Trim |
+//! | r16:17 | their address |
+//! | r18 to r21, r22 to r25 | ticks |
+//! | Y, Z | a motor, and its epochs |
 
-use super::brake::{Lease, lease, state};
-use super::motor::{Motor, Part, flag};
+use super::brake::{CurrentLease, lease, state};
+use super::motor::{EpochBytes, Motor, flag};
 use super::pins::MAX_MOTORS;
 use super::plan::OF_SWITCH;
+use super::refill::mode;
 use super::stepper::{COUNT, SWAP, Stepper, Track};
-use super::task::mode;
 use core::arch::global_asm;
 use core::mem::offset_of;
 use pulsetrain_core::Tick32;
@@ -23,63 +23,63 @@ const _: () = assert!(kind::SWITCH < kind::EXTEND && kind::EXTEND < kind::TRIM &
 
 /// Answers.
 pub(crate) mod answer {
-    /// It is done.
+    /// Done.
     pub(crate) const ACCEPTED: u8 = 0;
-    /// Too late: the moment is the first that would do.
+    /// Too late. The tick is the first that would do.
     pub(crate) const LATE: u8 = 1;
-    /// To Switch: too early, the moment is the first that is. To Trim: the moment is a motor's number, whose queue has not so many bytes.
+    /// For Switch: too early, and the tick is the first that is too early. For Trim: a queue has not so many bytes, and the tick is that motor's number.
     pub(crate) const EARLY: u8 = 2;
-    /// To Switch: too many wait. To Trim: there is no lease, or it has lapsed.
+    /// For Switch: too many wait. For Trim and Brake: there is no lease, or it has lapsed.
     pub(crate) const FULL: u8 = 3;
-    /// The bytes say no such thing.
+    /// The bytes are no such frame.
     pub(crate) const MALFORMED: u8 = 4;
-    /// A bit that is set if there is a moment.
+    /// Bit of an answer: it has a tick.
     pub(crate) const MOMENT: u8 = 0x80;
 }
 
 global_asm!(
     r#"
-    .macro order_each
+    .macro frame_each
     ldi r28, lo8(steps_motors)
     ldi r29, hi8(steps_motors)
     lds r27, steps_stepper+{COUNT}
     .endm
-    .macro order_next again
+    .macro frame_next again
     subi r28, lo8(-({MOTOR_SIZE}))
     sbci r29, hi8(-({MOTOR_SIZE}))
     dec r27
     brne \again
     .endm
-    .macro order_lease
+    .macro frame_lease
     ldi r30, lo8(steps_lease)
     ldi r31, hi8(steps_lease)
     .endm
 
     .section .text.steps_horizon, "ax", @progbits
     .global steps_horizon
-    // For Rust: the first tick at which something can be said otherwise, r22 to r25. Some motor is configured.
+    // For Rust: the first tick at which plans can be changed, r22 to r25. Some motor must be configured.
 steps_horizon:
     push r28
     push r29
-    rcall order_horizon
+    rcall frame_horizon
     pop r29
     pop r28
     ret
-    // The same. Uses r18 to r21, r27, Y, Z.
-order_horizon:
+    // The same for assembly. Uses r18 to r21, r27, Y, Z.
+frame_horizon:
     lds r22, steps_stepper+{AT}
     lds r23, steps_stepper+{AT}+1
     lds r24, steps_stepper+{AT}+2
     lds r25, steps_stepper+{AT}+3
     lds r18, steps_mode
-    cpi r18, {BOTH}
+    cpi r18, {TWO_RINGS}
     breq 1f
-    cpi r18, {BESIDE}
+    cpi r18, {MERGE_AND_B}
     brne 2f
 1:  ldi r30, lo8(steps_stepper+{AT}+{TRACK_SIZE})
     ldi r31, hi8(steps_stepper+{AT}+{TRACK_SIZE})
-    rcall order_later
-2:  order_each
+    rcall frame_maximum
+2:  frame_each
 3:  push r24
     push r25
     call steps_settle
@@ -87,15 +87,15 @@ order_horizon:
     pop r24
     movw r30, r28
     adiw r30, {HORIZON}
-    rcall order_later
-    order_next 3b
+    rcall frame_maximum
+    frame_next 3b
     subi r22, -1
     sbci r23, -1
     sbci r24, -1
     sbci r25, -1
     ret
-    // The later of r22 to r25 and what is at Z. Uses r18 to r21.
-order_later:
+    // r22 to r25 becomes the tick at Z, if that is later. Uses r18 to r21.
+frame_maximum:
     ld r18, Z
     ldd r19, Z+1
     ldd r20, Z+2
@@ -109,10 +109,10 @@ order_later:
     movw r24, r20
 1:  ret
 
-    .section .text.steps_order, "ax", @progbits
-    .global steps_order, steps_lapse, steps_look_at_lease
-    // For Rust: does what the r22 bytes at r24:25 say, of the kind r20. r24: an answer, r18 to r21 its moment, or 0.
-steps_order:
+    .section .text.steps_plan_frame, "ax", @progbits
+    .global steps_plan_frame, steps_lapse, steps_update_lease
+    // For Rust: does what the r22 bytes at r24:25 say, of the kind r20. Gives an answer in r24, and its tick in r18 to r21, or 0.
+steps_plan_frame:
     push r14
     push r16
     push r17
@@ -123,8 +123,8 @@ steps_order:
     cpi r20, {EXTEND}
     breq 2f
     brsh 3f
-    rcall order_switch
-    // No moment.
+    rcall frame_switch
+    // No tick.
 1:  cpi r24, {LATE}
     breq 5f
     cpi r24, {EARLY}
@@ -140,18 +140,18 @@ steps_order:
     pop r16
     pop r14
     ret
-2:  rcall order_extend
+2:  rcall frame_extend
     rjmp 1b
 3:  cpi r20, {BRAKE}
     breq 4f
-    rcall order_trim
+    rcall frame_trim
     rjmp 1b
-4:  rcall order_brake
+4:  rcall frame_brake
     rjmp 1b
-order_brake:
+frame_brake:
     tst r14
-    brne order_bad
-    rcall order_latch
+    brne frame_bad
+    rcall frame_update_lease
     cpi r20, {OFF}
     ldi r24, {FULL}
     breq 2f
@@ -160,26 +160,26 @@ order_brake:
     rcall steps_lapse
 1:  ldi r30, lo8(steps_lease+{LEASE_AT})
     ldi r31, hi8(steps_lease+{LEASE_AT})
-    rcall order_compare
+    rcall frame_compare
     ldi r24, {ACCEPTED} | {MOMENT}
 2:  ret
-order_bad:
+frame_bad:
     ldi r24, {MALFORMED}
     ret
 
-    // Epoch, tick, lease, limits.
-order_switch:
+    // Switch: epoch, tick, lease, limits.
+frame_switch:
     ldi r24, 9
     sub r14, r24
-    brcs order_bad
+    brcs frame_bad
     subi r16, -9
     sbci r17, -1
-    rcall order_check
-    brcs order_bad
+    rcall frame_check
+    brcs frame_bad
     call clock_moment
     movw r30, r16
     sbiw r30, 8
-    // How far it is ahead: r27 the fourth byte, r20 all above that, r21 the last.
+    // How far the tick is ahead: r27 is the fourth byte, r20 all bytes above or-ed, r21 the last.
     ld r18, Z
     sub r18, r22
     ldd r18, Z+1
@@ -204,7 +204,7 @@ order_switch:
     sbc r21, r0
     or r20, r21
     sbrc r21, 7
-    rjmp order_late
+    rjmp frame_late
     tst r20
     brne 1f
     cpi r27, 0x40
@@ -214,23 +214,23 @@ order_switch:
     subi r21, -0x40
     ldi r24, {EARLY} | {MOMENT}
     ret
-    // Not while motors await the end of a lease that is over. The end of one that is not they are told again.
-2:  rcall order_latch
+    // Not while motors still wait for the end of a lease that is over. If the lease is not over, its end is set again below.
+2:  rcall frame_update_lease
     cpi r20, {LAPSED}
     brne 4f
-    order_each
-3:  rcall order_point
+    frame_each
+3:  rcall frame_point_to_epochs
     ldd r20, Z+{STATE}
-    sbrc r20, {AWAITS}
-    rjmp order_late
-    order_next 3b
+    sbrc r20, {END_NEXT}
+    rjmp frame_late
+    frame_next 3b
     rjmp 5f
-4:  rcall order_go_on
-5:  rcall order_horizon
+4:  rcall frame_cancel_end
+5:  rcall frame_horizon
     movw r30, r16
     sbiw r30, 8
-    rcall order_compare
-    brmi order_late
+    rcall frame_compare
+    brmi frame_late
     movw r22, r18
     movw r24, r20
     ld r20, -Z
@@ -238,7 +238,7 @@ order_switch:
     tst r24
     ldi r24, {FULL}
     breq 7f
-    // A lease that ends before it stands: it is not made, then. Another is no shorter.
+    // If the lease ends before the switch, the switch will not be made, and that lease stays. Otherwise the new one is no shorter.
     movw r30, r16
     sbiw r30, 8
     ld r22, Z
@@ -250,17 +250,17 @@ order_switch:
     brne 6f
     ldi r30, lo8(steps_lease+{LEASE_AT})
     ldi r31, hi8(steps_lease+{LEASE_AT})
-    rcall order_compare
-    brmi order_limits
+    rcall frame_compare
+    brmi frame_limits
 6:  movw r30, r16
     adiw r30, 1
-    rcall order_later
-    rcall order_set
-    rjmp order_limits
+    rcall frame_maximum
+    rcall frame_store_lease
+    rjmp frame_limits
 7:  ret
 
-    // The moment at Z, r18 to r21, compared with r22 to r25; N: it is before.
-order_compare:
+    // Compares the tick at Z, r18 to r21, with r22 to r25. N: it is before.
+frame_compare:
     ld r18, Z
     ldd r19, Z+1
     ldd r20, Z+2
@@ -271,32 +271,32 @@ order_compare:
     cpc r21, r25
     ret
 
-    // The horizon.
-order_late:
-    rcall order_horizon
+    // Too late: answers with the horizon.
+frame_late:
+    rcall frame_horizon
     movw r18, r22
     movw r20, r24
     ldi r24, {LATE} | {MOMENT}
     ret
 
-    // Lease, limits.
-order_extend:
-    rcall order_check
+    // Extend: lease, limits.
+frame_extend:
+    rcall frame_check
     brcs 8f
     movw r30, r16
     ld r24, Z+
-    rcall order_put_off
-    brcs order_late
-    // Limits for each motor by its number, or none: how hard it may brake.
-order_limits:
+    rcall frame_move_end
+    brcs frame_late
+    // Limits, how hard a motor may brake: three bytes for each motor, by its number, or none.
+frame_limits:
     subi r16, -5
     sbci r17, -1
     ldi r24, 5
     sub r14, r24
     ldi r20, 0
     breq 2f
-1:  rcall order_motor
-    rcall order_point
+1:  rcall frame_motor
+    rcall frame_point_to_epochs
     movw r26, r16
     ld r24, X+
     std Z+{STATE}+1, r24
@@ -311,21 +311,21 @@ order_limits:
     brne 1b
 2:  ldi r24, {ACCEPTED}
     ret
-8:  rjmp order_bad
+8:  rjmp frame_bad
 
-    // Until, two bytes for each motor.
-order_trim:
+    // Trim: the new end, and two bytes for each motor: how many to take off its queue.
+frame_trim:
     lds r24, steps_stepper+{COUNT}
     lsl r24
     subi r24, -4
     cp r24, r14
     brne 8b
-    // Twice: at first only whether they can all be had.
+    // Twice: first only check that all queues have so many bytes.
     set
 1:  ldi r20, 0
-2:  rcall order_motor
-    rcall order_point
-    ldd r24, Z+{BEHIND}
+2:  rcall frame_motor
+    rcall frame_point_to_epochs
+    ldd r24, Z+{WAITING}
     add r30, r24
     adc r31, r1
     lsl r24
@@ -354,7 +354,7 @@ order_trim:
     brtc 4f
     movw r30, r16
     ldi r24, {UNTIL}
-    rcall order_put_off
+    rcall frame_move_end
     brcs 6f
     clt
     rjmp 1b
@@ -370,17 +370,17 @@ order_trim:
     dec r24
     cpi r24, {LAST}
     brsh 7f
-    rjmp order_late
+    rjmp frame_late
 7:  ldi r24, {FULL}
     ret
 
-    // The lease's state is r24 from now on, its end what is at Z. Carry: that cannot be.
-order_put_off:
+    // Moves the end of the lease to the tick at Z, and sets its state to r24. Carry: too late.
+frame_move_end:
     push r30
     push r31
     push r24
-    rcall order_latch
-    rcall order_horizon
+    rcall frame_update_lease
+    rcall frame_horizon
     pop r18
     pop r31
     pop r30
@@ -392,7 +392,7 @@ order_put_off:
 1:  cpi r18, {LAST}
     breq 3f
     push r18
-    rcall order_compare
+    rcall frame_compare
     pop r18
     brmi 2f
 3:  ld r22, Z
@@ -400,19 +400,19 @@ order_put_off:
     ldd r24, Z+2
     ldd r25, Z+3
     mov r20, r18
-    rcall order_set_state
-    rcall order_go_on
+    rcall frame_set_lease
+    rcall frame_cancel_end
     clc
     ret
 2:  sec
     ret
 
-    // The lease is what the first byte at r16:17 says, up to r22 to r25.
-order_set:
+    // Stores a lease: its state from the first byte at r16:17, its end from r22 to r25.
+frame_store_lease:
     movw r30, r16
     ld r20, Z
-order_set_state:
-    order_lease
+frame_set_lease:
+    frame_lease
     st Z, r20
     std Z+{MOVED}, r1
     std Z+{LEASE_AT}, r22
@@ -421,8 +421,8 @@ order_set_state:
     std Z+{LEASE_AT}+3, r25
     ret
 
-    // Carry: r14 bytes at r16:17 are no lease and limits for all motors, or none.
-order_check:
+    // Carry: the r14 bytes at r16:17 are not a lease, followed by limits for all motors or for none.
+frame_check:
     movw r30, r16
     mov r24, r14
     subi r24, 5
@@ -453,8 +453,8 @@ order_check:
 2:  sec
     ret
 
-    // The motor Y of the number r20. Uses r24, r25.
-order_motor:
+    // Points Y to the motor of the number r20. Uses r24, r25.
+frame_motor:
     mov r24, r20
     lds r25, steps_stepper+{SWAP}
     tst r25
@@ -474,69 +474,69 @@ order_motor:
     sbci r29, hi8(-(steps_motors))
     ret
 
-    // Z: at the motor's parts.
-order_point:
+    // Points Z to the motor's epochs.
+frame_point_to_epochs:
     movw r30, r28
-    subi r30, lo8(-({PARTS}))
-    sbci r31, hi8(-({PARTS}))
+    subi r30, lo8(-({EPOCHS}))
+    sbci r31, hi8(-({EPOCHS}))
     ret
 
-    // The end of the lease, which some motors await, is no end any more.
-order_go_on:
-    order_each
-1:  rcall order_point
+    // Motors that wait for the end of the lease do so no more.
+frame_cancel_end:
+    frame_each
+1:  rcall frame_point_to_epochs
     ldd r25, Z+{STATE}
-    sbrs r25, {AWAITS}
+    sbrs r25, {END_NEXT}
     rjmp 3f
     std Z+{STATE}, r1
     std Z+{IS_DUE}, r1
     ldd r24, Y+{FLAGS}
-    sbrs r25, {WAITS}
+    sbrs r25, {SWITCH_TOO}
     andi r24, 0xff - (1 << {SWITCH})
     std Y+{FLAGS}, r24
     .irp at, 0,1,2,3
-    ldd r24, Z+{AWAITED_AT}+\at
+    ldd r24, Z+{EPOCH_SWITCH_AT}+\at
     std Y+{SWITCH_AT}+\at, r24
     .endr
-3:  order_next 1b
+3:  frame_next 1b
     ret
 
-    // For Rust: the lease is over if the horizon has passed its end, or a motor could not follow its plan.
-steps_look_at_lease:
+    // For Rust: the next routine.
+steps_update_lease:
     push r28
     push r29
-    rcall order_latch
+    rcall frame_update_lease
     pop r29
     pop r28
     ret
 
-    // The lease is over if the horizon has passed its end, or a motor could not follow its plan. r20: its state.
-order_latch:
+    // Notes that the lease is over, if the horizon has passed its end, or a motor could not follow its plan. r20: its state.
+frame_update_lease:
     lds r20, steps_lease
     sbrc r20, {FAULT_BIT}
     rjmp steps_lapse
     cpi r20, {UNTIL}
     brne 1f
-    rcall order_horizon
+    rcall frame_horizon
     ldi r30, lo8(steps_lease+{LEASE_AT})
     ldi r31, hi8(steps_lease+{LEASE_AT})
-    rcall order_compare
+    rcall frame_compare
     brmi steps_lapse
     ldi r20, {UNTIL}
 1:  ret
 
-    // It is over at its end, or as soon as can be if that is sooner. r20: its state.
+    // The lease is over at its end, or at the horizon if that is sooner. r20: its state.
 steps_lapse:
-    rcall order_horizon
-    order_lease
+    rcall frame_horizon
+    frame_lease
     ld r20, Z
     andi r20, 3
     cpi r20, {LAST}
     breq 1f
     adiw r30, {LEASE_AT}
-    rcall order_compare
+    rcall frame_compare
     brmi 2f
-1:  order_lease
+1:  frame_lease
     std Z+{LEASE_AT}, r22
     std Z+{LEASE_AT}+1, r23
     std Z+{LEASE_AT}+2, r24
@@ -545,7 +545,7 @@ steps_lapse:
     movw r20, r24
 2:  ldi r24, {LAPSED}
     sts steps_lease, r24
-    call steps_await_all
+    call brake_all_at_end
     ldi r20, {LAPSED}
     ret
     "#,
@@ -555,21 +555,21 @@ steps_lapse:
     MOTOR_SIZE = const size_of::<Motor>(),
     TRACK_SIZE = const size_of::<Track>(),
     AT = const offset_of!(Stepper, tracks) + offset_of!(Track, at),
-    BOTH = const mode::BOTH,
-    BESIDE = const mode::BESIDE,
+    TWO_RINGS = const mode::TWO_RINGS,
+    MERGE_AND_B = const mode::MERGE_AND_B,
     HORIZON = const offset_of!(Motor, horizon),
     FLAGS = const offset_of!(Motor, flags),
     SWITCH = const flag::SWITCH,
     SWITCH_AT = const offset_of!(Motor, switch_at),
-    PARTS = const offset_of!(Motor, parts),
-    BEHIND = const offset_of!(Motor, behind) - offset_of!(Motor, parts),
-    IS_DUE = const offset_of!(Motor, is_due) - offset_of!(Motor, parts),
-    AWAITED_AT = const OF_SWITCH + offset_of!(super::motor::Switch, at),
+    EPOCHS = const offset_of!(Motor, epochs),
+    WAITING = const offset_of!(Motor, waiting_epochs) - offset_of!(Motor, epochs),
+    IS_DUE = const offset_of!(Motor, is_due) - offset_of!(Motor, epochs),
+    EPOCH_SWITCH_AT = const OF_SWITCH + offset_of!(super::motor::Switch, at),
     STATE = const super::brake::STATE,
-    AWAITS = const state::AWAITS,
-    WAITS = const state::WAITS,
-    LEASE_AT = const offset_of!(Lease, at),
-    MOVED = const offset_of!(Lease, moved),
+    END_NEXT = const state::END_NEXT,
+    SWITCH_TOO = const state::SWITCH_TOO,
+    LEASE_AT = const offset_of!(CurrentLease, at),
+    MOVED = const offset_of!(CurrentLease, moved),
     UNTIL = const lease::UNTIL,
     LAST = const lease::LAST,
     LAPSED = const lease::LAPSED,
@@ -585,37 +585,37 @@ steps_lapse:
     BRAKE = const kind::BRAKE,
 );
 
-const _: () = assert!(size_of::<Part>() == 3);
+const _: () = assert!(size_of::<EpochBytes>() == 3);
 const _: () = assert!(lease::UNTIL == 1 && lease::LAST == 2);
 
 unsafe extern "C" {
     fn steps_horizon() -> u32;
-    fn steps_order(bytes: *const u8, len: u8, kind: u8) -> u64;
-    fn steps_look_at_lease();
+    fn steps_plan_frame(bytes: *const u8, len: u8, kind: u8) -> u64;
+    fn steps_update_lease();
 }
 
 impl Stepper {
-    /// Does what the bytes of a frame of this kind say: Switch, Extend, Trim, Brake. Gives an [`answer`], and its moment.
+    /// Does what a frame of this kind says: Switch, Extend, Trim or Brake. Gives an [`answer`], and its tick.
     #[inline(always)]
-    pub(crate) fn order(&mut self, kind: u8, bytes: &[u8]) -> (u8, Tick32) {
-        // SAFETY: the assembly uses the motors and their lease, which are whose this is.
+    pub(crate) fn obey_plan_frame(&mut self, kind: u8, bytes: &[u8]) -> (u8, Tick32) {
+        // SAFETY: the assembly uses the motors and their lease, which belong to whoever has the stepper.
         let [m0, m1, m2, m3, _, _, answer, _] =
-            unsafe { steps_order(bytes.as_ptr(), bytes.len() as u8, kind) }.to_le_bytes();
+            unsafe { steps_plan_frame(bytes.as_ptr(), bytes.len() as u8, kind) }.to_le_bytes();
         (answer, Tick32(u32::from_le_bytes([m0, m1, m2, m3])))
     }
 
-    /// The first tick at which a switch would be accepted. Some motor is configured.
+    /// The first tick at which a switch would be accepted. Some motor must be configured.
     #[inline(always)]
-    pub(super) fn first_open(&self) -> Tick32 {
+    pub(super) fn first_changeable(&self) -> Tick32 {
         // SAFETY: as above.
         Tick32(unsafe { steps_horizon() })
     }
 
-    /// The lease, which is over once the horizon has passed its end.
+    /// The lease, brought up to date: it is over once the horizon has passed its end.
     #[inline(always)]
-    pub(crate) fn lease(&mut self) -> Lease {
+    pub(crate) fn lease(&mut self) -> CurrentLease {
         // SAFETY: as above.
-        unsafe { steps_look_at_lease() };
-        Lease::get()
+        unsafe { steps_update_lease() };
+        CurrentLease::get()
     }
 }

@@ -1,23 +1,24 @@
-//! Motors that share DIR lines, in one ring: one step after the other, each with what its line needs.
+//! Motors that share DIR lines, in one ring, one event after the other.
 //!
-//! The step that is due first is found; its line is turned if need be, once all that looked at it have had their hold. All that are due with it,
-//! or nearly so, and find their lines right go into the same group. A step of a stop that must wait for its line is late, and nothing else of its motor is.
+//! The motor with the earliest step is found. If its DIR line must turn, it turns when all motors on that line have had their hold time. All steps that
+//! are due within half the spacing of groups, and find their DIR lines right, go into the same group. A step of a stop that must wait for its DIR line is
+//! late; the other steps of that motor keep their ticks.
 //!
 //! # Registers of the processor
 //! | | |
 //! |---|---|
-//! | r2 to r5 | until when steps go together |
-//! | r6 to r9 | when the first is due, or can be |
+//! | r2 to r5 | steps up to this tick go into the same group |
+//! | r6 to r9 | the earliest step's tick, or when it can be made |
 //! | r10:11 | the motor whose step that is, or 0 |
-//! | r12, r13 | counters of motors, and of groups |
-//! | r16, r17 | a DIR line; the steps that go together |
+//! | r12, r13 | counters of motors, and of events |
+//! | r16, r17 | a DIR line; the steps of the group |
 
 use super::motor::{Motor, flag};
 use super::pins::Lines;
-use super::ring::Ring;
-use super::stepper::{APART, COUNT, Stepper, Track};
+use super::ring::{GROUPS, Ring};
+use super::stepper::{COUNT, SPACING, Stepper, Track};
 use super::times;
-use crate::engine::tuning::stepper::{BATCH, ROOM};
+use crate::engine::tuning::shared_dir::{BATCH, REFILL_BELOW};
 use core::arch::global_asm;
 use core::mem::offset_of;
 
@@ -35,17 +36,17 @@ global_asm!(
     breq .+2
     rjmp \again
     .endm
-    // Z: at the motor's parts; the flags say whether it knows when its next step is due: Z if not.
-    .macro shared_is_due
-    rcall shared_point
+    // Points Z to the motor's epochs. Z flag: the motor's next step is not known yet.
+    .macro shared_knows_due
+    rcall shared_point_to_epochs
     ldd r24, Z+{IS_DUE}
     tst r24
     .endm
 
-    .section .text.steps_fill_shared, "ax", @progbits
-    .global steps_fill_shared
-    // For the task. Uses all registers.
-steps_fill_shared:
+    .section .text.shared_fill, "ax", @progbits
+    .global shared_fill
+    // For the refill. Uses all registers.
+shared_fill:
     ldi r24, {BATCH}
     mov r13, r24
 shared_again:
@@ -55,34 +56,34 @@ shared_again:
     lds r24, steps_stepper+{HEAD}
     sub r26, r24
     dec r26
-    cpi r26, 4 * {ROOM}
+    cpi r26, 4 * ({GROUPS} - {REFILL_BELOW})
     brsh 1f
     ret
-    // Whose step is due first?
+    // Which motor has the earliest step?
 1:  clr r10
     clr r11
     shared_each
-2:  shared_is_due
+2:  shared_knows_due
     brne 5f
     call steps_settle
-    rcall shared_at
+    rcall shared_pending_tick
     store_4 r18, r19, r20, r21, {LAST}
     call steps_plan
-    rcall shared_point
+    rcall shared_point_to_epochs
     cpi r24, 3
     ldi r24, 1
     breq .+2
     ldi r24, 0
     std Z+{IS_DUE}, r24
-    rcall shared_at
+    rcall shared_pending_tick
     store_4 r18, r19, r20, r21, {LAST}
     movw r30, r28
     adiw r30, {HORIZON}
-    rcall shared_reach
+    rcall shared_raise_to
     movw r30, r28
-    adiw r30, {FREE}
-    rcall shared_reach
-    shared_is_due
+    adiw r30, {DIR_FREE}
+    rcall shared_raise_to
+    shared_knows_due
     breq 4f
 5:  load_4 r18, r19, r20, r21, {DUE}
     mov r24, r10
@@ -100,7 +101,7 @@ shared_again:
     // Is it due within the window?
     ldi r28, lo8(steps_motors)
     ldi r29, hi8(steps_motors)
-    rcall shared_at
+    rcall shared_pending_tick
     store_4 r18, r19, r20, r21, {LAST}
     call plan_window
     mov r24, r10
@@ -111,25 +112,25 @@ shared_again:
     cpc r20, r8
     cpc r21, r9
     brpl shared_turn
-    // No: a filler, out of the way of what may come soon after.
+    // No: a filler, 512 ticks before the window ends, so that the next event has room.
 6:  brtc .+2
     ret
     subi r19, 2
     sbci r20, 0
     sbci r21, 0
-    call steps_push_filler
+    call put_shared_filler
     rjmp shared_more
 
-    // Its line.
+    // Turn its DIR line, if need be.
 shared_turn:
     movw r28, r10
-    rcall shared_faces
+    rcall shared_check_dir
     breq shared_make
     ldd r16, Y+{DIR}
     movw r22, r6
     movw r24, r8
-    lds r18, steps_times+{EARLY}
-    lds r19, steps_times+{EARLY}+1
+    lds r18, steps_times+{DIR_EARLY}
+    lds r19, steps_times+{DIR_EARLY}+1
     sub r22, r18
     sbc r23, r19
     sbc r24, r1
@@ -141,17 +142,17 @@ shared_turn:
     ldd r18, Y+{LEVELS}
     eor r18, r16
     std Y+{LEVELS}, r18
-    compare_4 r22, r23, r24, r25, {FREE}, r18
+    compare_4 r22, r23, r24, r25, {DIR_FREE}, r18
     brpl 2f
-    load_4 r22, r23, r24, r25, {FREE}
+    load_4 r22, r23, r24, r25, {DIR_FREE}
 2:  shared_next 1b
     movw r18, r22
     movw r20, r24
     clr r22
     mov r23, r16
-    call steps_put
-    lds r24, steps_times+{LEAD}
-    lds r25, steps_times+{LEAD}+1
+    call put_shared
+    lds r24, steps_times+{DIR_SETUP}
+    lds r25, steps_times+{DIR_SETUP}+1
     add r18, r24
     adc r19, r25
     adc r20, r1
@@ -164,11 +165,11 @@ shared_turn:
     movw r6, r18
     movw r8, r20
 
-    // All that go together.
+    // Collect all steps that share the group.
 shared_make:
     movw r2, r6
     movw r4, r8
-    lds r24, steps_stepper+{APART}
+    lds r24, steps_stepper+{SPACING}
     lsr r24
     add r2, r24
     adc r3, r1
@@ -176,7 +177,7 @@ shared_make:
     adc r5, r1
     clr r17
     shared_each
-1:  shared_is_due
+1:  shared_knows_due
     breq 2f
     load_4 r22, r23, r24, r25, {DUE}
     cp r2, r22
@@ -184,28 +185,28 @@ shared_make:
     cpc r4, r24
     cpc r5, r25
     brmi 2f
-    rcall shared_faces
+    rcall shared_check_dir
     brne 2f
     std Z+{IS_DUE}, r1
     ldd r24, Y+{STEP}
     or r17, r24
     load_4 r22, r23, r24, r25, {DUE}
-    call plan_make
+    call plan_make_step
     call steps_settle
     movw r18, r6
     movw r20, r8
-    lds r24, steps_stepper+{APART}
+    lds r24, steps_stepper+{SPACING}
     add r18, r24
     adc r19, r1
     adc r20, r1
     adc r21, r1
-    lds r24, steps_times+{KEEP}
-    lds r25, steps_times+{KEEP}+1
+    lds r24, steps_times+{DIR_HOLD}
+    lds r25, steps_times+{DIR_HOLD}+1
     add r18, r24
     adc r19, r25
     adc r20, r1
     adc r21, r1
-    store_4 r18, r19, r20, r21, {FREE}
+    store_4 r18, r19, r20, r21, {DIR_FREE}
 2:  shared_next 1b
     movw r18, r6
     movw r20, r8
@@ -217,35 +218,35 @@ shared_make:
     or r26, r3
     breq 3f
     clr r23
-    call steps_put
+    call put_shared
     add r18, r2
     adc r19, r3
     adc r20, r1
     adc r21, r1
-3:  call steps_put
+3:  call put_shared
 shared_more:
     dec r13
     breq .+2
     rjmp shared_again
     ret
 
-    // Z: at the motor's parts.
-shared_point:
+    // Points Z to the epochs of the motor Y.
+shared_point_to_epochs:
     movw r30, r28
-    subi r30, lo8(-({PARTS}))
-    sbci r31, hi8(-({PARTS}))
+    subi r30, lo8(-({EPOCHS}))
+    sbci r31, hi8(-({EPOCHS}))
     ret
 
-    // The tick of the pending group, r18 to r21.
-shared_at:
+    // r18 to r21 is the tick of the pending group.
+shared_pending_tick:
     lds r18, steps_stepper+{AT}
     lds r19, steps_stepper+{AT}+1
     lds r20, steps_stepper+{AT}+2
     lds r21, steps_stepper+{AT}+3
     ret
 
-    // What is at Z is not before r18 to r21. Uses r24.
-shared_reach:
+    // Raises the tick at Z to r18 to r21, if it is earlier. Uses r24.
+shared_raise_to:
     ld r24, Z
     cp r24, r18
     ldd r24, Z+1
@@ -261,9 +262,9 @@ shared_reach:
     std Z+3, r21
 1:  ret
 
-    // Z: the DIR line of the motor Y is as its next step needs it. Z+ is at its parts. Uses r24, r25.
-shared_faces:
-    rcall shared_point
+    // Z flag: the DIR line of the motor Y has the level that its next step needs. Points Z to its epochs. Uses r24, r25.
+shared_check_dir:
+    rcall shared_point_to_epochs
     ldd r24, Y+{LEVELS}
     ldd r25, Y+{DIR}
     and r24, r25
@@ -277,29 +278,30 @@ shared_faces:
     ret
     "#,
     BATCH = const BATCH,
-    ROOM = const ROOM,
+    GROUPS = const GROUPS,
+    REFILL_BELOW = const REFILL_BELOW,
     COUNT = const COUNT,
-    APART = const APART,
+    SPACING = const SPACING,
     TAIL_AT = const offset_of!(Stepper, tracks) + offset_of!(Track, ring) + offset_of!(Ring, tail_at),
     HEAD = const offset_of!(Stepper, tracks) + offset_of!(Track, ring) + offset_of!(Ring, head),
     AT = const offset_of!(Stepper, tracks) + offset_of!(Track, at),
     MOTOR_SIZE = const size_of::<Motor>(),
-    PARTS = const offset_of!(Motor, parts),
-    IS_DUE = const offset_of!(Motor, is_due) - offset_of!(Motor, parts),
-    LINE_FLAGS = const offset_of!(Motor, lines) + Lines::FLAGS - offset_of!(Motor, parts),
+    EPOCHS = const offset_of!(Motor, epochs),
+    IS_DUE = const offset_of!(Motor, is_due) - offset_of!(Motor, epochs),
+    LINE_FLAGS = const offset_of!(Motor, lines) + Lines::FLAGS - offset_of!(Motor, epochs),
     DUE = const offset_of!(Motor, due),
     LAST = const offset_of!(Motor, last),
     HORIZON = const offset_of!(Motor, horizon),
-    FREE = const offset_of!(Motor, free),
+    DIR_FREE = const offset_of!(Motor, dir_free),
     LEVELS = const offset_of!(Motor, levels),
     FLAGS = const offset_of!(Motor, flags),
     STEP = const offset_of!(Motor, step),
     DIR = const offset_of!(Motor, dir),
-    EARLY = const times::EARLY,
-    LEAD = const times::LEAD,
-    KEEP = const times::KEEP,
+    DIR_EARLY = const times::DIR_EARLY,
+    DIR_SETUP = const times::DIR_SETUP,
+    DIR_HOLD = const times::DIR_HOLD,
     PULSE = const times::PULSE,
 );
 
-// The bits that say which way a segment goes, and what a line's level is for it.
+// `shared_check_dir` combines these bits: which way a segment goes, and which level of DIR is forward.
 const _: () = assert!(flag::BACKWARD == 0 && Lines::FORWARD_HIGH == 1);
