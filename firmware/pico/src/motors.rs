@@ -6,7 +6,7 @@
 //! ticks of 8 ns; what a program says holds from the tick that [`Motors::tell`] gives back.
 //!
 //! When a move is done, its last step's period included, a function is called ([`Motors::on_done`]), and who awaits
-//! [`Motor::rests`] goes on.
+//! [`Motor::is_at_rest`] goes on.
 //!
 //! # What it takes
 //! State machines and DMA channels with the motors' numbers: up to four motors leave PIO block 1 and all its state machines to the
@@ -25,7 +25,7 @@
 //!   (0x40, 0x80 or 0xc0 in the NVIC's IPR; the timer's has 0xc0).
 //!
 //! Who does all the same runs a motor dry: then all stop at once, without ramps, and count what they did; moves that were done
-//! before are told, the one under way is not. From then on [`Motors::tell`] and [`Motor::rests`] say [`NotArmed`](Reason::NotArmed),
+//! before are told, the one under way is not. From then on [`Motors::tell`] and [`Motor::is_at_rest`] say [`NotArmed`](Reason::NotArmed),
 //! until [`Motors::arm`] begins again.
 //!
 //! # What is not
@@ -37,7 +37,7 @@ use crate::machine::Board;
 use crate::regs;
 use crate::start::{self, Shared};
 use crate::steps::MOTORS;
-use crate::steps::stepper::Pace;
+use crate::steps::stepper::FillTiming;
 use core::future::Future;
 use core::marker::PhantomData;
 use core::pin::{Pin, pin};
@@ -57,13 +57,13 @@ pub use pulsetrain_core::wire::{Refusal, Stopped};
 pub const TICKS_PER_S: u32 = TICK_HZ;
 
 /// How often motors are looked after, at least, µs.
-const ROUND_US: u32 = 1400;
+const LONGEST_ROUND_US: u32 = 1400;
 
 /// And at most: an alarm that is not ahead comes after 72 min.
 const SHORTEST_ROUND_US: u32 = 5;
 
 /// Futures that wait for one motor; of more the oldest is woken for nothing, and waits again.
-const WAITING: usize = 4;
+const WAKERS_PER_MOTOR: usize = 4;
 
 /// Times that all motors have in common.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -102,7 +102,7 @@ pub struct Done {
 struct State {
     board: Board,
     on_done: Option<fn(Motors, Done)>,
-    wakers: [[Option<Waker>; WAITING]; MOTORS],
+    wakers: [[Option<Waker>; WAKERS_PER_MOTOR]; MOTORS],
     /// Times that motors were armed, wrapping.
     armings: u32,
 }
@@ -112,7 +112,7 @@ static STATE: Shared<Option<State>> = Shared::new(None);
 /// Has the state, with the interrupt kept out; the DMA's still comes.
 fn with<T>(f: impl FnOnce(&mut State) -> T) -> T {
     regs::NVIC_ICER.write(regs::TIMER_IRQ_1);
-    regs::settle();
+    regs::barrier();
     // SAFETY: only main and the timer's interrupt, on one core, call this: who else could has no `Motors`. The interrupt is kept
     // out, or it is what calls. No `f` in this file calls `with`, nor anybody else's code.
     let done = unsafe {
@@ -129,13 +129,13 @@ fn with<T>(f: impl FnOnce(&mut State) -> T) -> T {
 }
 
 /// The timer's interrupt: words for the motors, and what was done.
-extern "C" fn look_after() {
+extern "C" fn timer_interrupt() {
     // Alarm 1's bit, of what was raised.
     regs::TIMER_INTR.write(1 << 1);
     let motors = with(|state| {
-        while state.board.go_on() {}
+        while state.board.fill_motors() {}
         let now = clock::millis(state.board.clock.now());
-        state.board.look_after(now);
+        state.board.update_idle(now);
         Motors::of(state.board.motors())
     });
     while let Some(done) = with(State::take_done) {
@@ -150,7 +150,7 @@ extern "C" fn look_after() {
     }
     let us = with(State::spare_us);
     // With nothing between: an alarm that is set for a time that is past comes after 72 min.
-    regs::free(|| regs::TIMER_ALARM1.write(regs::TIMER_RAW.read().wrapping_add(us)));
+    regs::interrupt_free(|| regs::TIMER_ALARM1.write(regs::TIMER_RAW.read().wrapping_add(us)));
 }
 
 /// Wakes who waits for a motor: that is the executor's code, so outside of `with`.
@@ -167,9 +167,9 @@ impl State {
     fn spare_us(&mut self) -> u32 {
         let now = self.board.clock.now();
         let done = self.board.next_done().map_or(u64::MAX, |done| done.saturating_sub(now));
-        let done = u32::try_from(done).map_or(ROUND_US, clock::us);
+        let done = u32::try_from(done).map_or(LONGEST_ROUND_US, clock::us);
         // A little later, so that it is over.
-        (self.board.spare_us().min(done) + 2).clamp(SHORTEST_ROUND_US, ROUND_US)
+        (self.board.spare_us().min(done) + 2).clamp(SHORTEST_ROUND_US, LONGEST_ROUND_US)
     }
 
     fn take_done(&mut self) -> Option<Done> {
@@ -187,22 +187,22 @@ impl State {
     }
 
     /// How waiting for a motor ends that was begun at that arming; `None`: it does not yet.
-    fn waited(&self, motor: u8, arming: u32) -> Option<Result<(), Refusal>> {
+    fn rest_outcome(&self, motor: u8, arming: u32) -> Option<Result<(), Refusal>> {
         if !self.board.is_armed() || self.armings != arming {
             return Some(Err(Refusal::of(Reason::NotArmed)));
         }
-        self.board.is_told(motor).then_some(Ok(()))
+        self.board.is_motor_done(motor).then_some(Ok(()))
     }
 
     /// Keeps a waker, unless it has it. If there was no room, `waker` is then the one that waited for longest, and true.
-    fn keep(&mut self, motor: u8, waker: &mut Option<Waker>) -> bool {
+    fn keep_waker(&mut self, motor: u8, waker: &mut Option<Waker>) -> bool {
         let Some(places) = self.wakers.get_mut(usize::from(motor)) else { return false };
         if places.iter().flatten().any(|kept| waker.as_ref().is_some_and(|waker| waker.will_wake(kept))) {
             return false;
         }
         // The newest is last.
         places.rotate_left(1);
-        core::mem::swap(&mut places[WAITING - 1], waker);
+        core::mem::swap(&mut places[WAKERS_PER_MOTOR - 1], waker);
         waker.is_some()
     }
 }
@@ -211,11 +211,11 @@ impl State {
 #[derive(Clone, Copy, Debug)]
 pub struct Motors {
     count: u8,
-    here: Here,
+    here: NotSend,
 }
 
 /// What cannot be sent to another core, nor be had by an interrupt.
-type Here = PhantomData<*const ()>;
+type NotSend = PhantomData<*const ()>;
 
 /// Fails to compile if one can be sent: then there are two `is_sent`.
 const _: fn() = {
@@ -252,17 +252,17 @@ impl Motors {
         clock::take_pins();
         // SAFETY: the caller's promise.
         let mut board = unsafe { Board::begin() };
-        board.pace = Pace::of_interrupt(motors.len() as u8);
+        board.timing = FillTiming::of_interrupt(motors.len() as u8);
         board.configure(&configuration)?;
         regs::enable_interrupts();
-        let wakers = [const { [const { None }; WAITING] }; MOTORS];
+        let wakers = [const { [const { None }; WAKERS_PER_MOTOR] }; MOTORS];
         let mut state = State { board, on_done: None, wakers, armings: 0 };
         state.arm()?;
         // SAFETY: the interrupt is not let in yet.
         unsafe {
             STATE.with(|place| *place = Some(state));
         }
-        start::set_handler(TIMER_IRQ_1, look_after);
+        start::set_handler(TIMER_IRQ_1, timer_interrupt);
         // Behind the DMA's.
         regs::NVIC_IPR0.write(0xc0 << 8);
         regs::TIMER_INTE.write(1 << 1);
@@ -301,7 +301,7 @@ impl Motors {
     /// they were to do is forgotten, without "done"; positions are what they did, coils and drivers hold.
     pub fn stop(self) -> Stopped {
         let stopped = with(|state| state.board.stop_now());
-        look_after_soon();
+        pend_timer_interrupt();
         stopped
     }
 
@@ -311,7 +311,7 @@ impl Motors {
     /// [`Reason::Moving`].
     pub fn release(self) -> Result<(), Refusal> {
         with(|state| state.board.release())?;
-        look_after_soon();
+        pend_timer_interrupt();
         Ok(())
     }
 
@@ -346,7 +346,7 @@ impl Motors {
 }
 
 /// Has the timer's interrupt come now.
-fn look_after_soon() {
+fn pend_timer_interrupt() {
     regs::NVIC_ISPR.write(regs::TIMER_IRQ_1);
 }
 
@@ -379,7 +379,7 @@ fn tell(verbs: &[(u8, Verb)]) -> Result<Obeyed, Refusal> {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Motor {
     number: u8,
-    here: Here,
+    here: NotSend,
 }
 
 impl Motor {
@@ -432,7 +432,7 @@ impl Motor {
     /// Whether nothing is left: the last move is done, its last period included, or was halted.
     #[must_use]
     pub fn is_at_rest(self) -> bool {
-        with(|state| state.board.is_told(self.number))
+        with(|state| state.board.is_motor_done(self.number))
     }
 
     /// Waits until it [is at rest](Motor::is_at_rest).
@@ -441,26 +441,26 @@ impl Motor {
     /// [`Reason::NotArmed`] as soon as motors are not armed, or were not at some time since this was called: they may not have done
     /// what they were to do.
     pub fn rests(self) -> impl Future<Output = Result<(), Refusal>> {
-        Rests { motor: self, arming: with(|state| state.armings) }
+        RestFuture { motor: self, arming: with(|state| state.armings) }
     }
 }
 
-/// See [`Motor::rests`].
-struct Rests {
+/// See [`Motor::is_at_rest`].
+struct RestFuture {
     motor: Motor,
     arming: u32,
 }
 
-impl Future for Rests {
+impl Future for RestFuture {
     type Output = Result<(), Refusal>;
 
     fn poll(self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<Self::Output> {
-        let Rests { motor: Motor { number, .. }, arming } = *self;
+        let RestFuture { motor: Motor { number, .. }, arming } = *self;
         // Cloned and dropped out here: that is the executor's code.
         let mut waker = Some(context.waker().clone());
         let (waited, is_older) = with(|state| {
-            let waited = state.waited(number, arming);
-            (waited, waited.is_none() && state.keep(number, &mut waker))
+            let waited = state.rest_outcome(number, arming);
+            (waited, waited.is_none() && state.keep_waker(number, &mut waker))
         });
         if let Some(older) = waker.filter(|_| is_older) {
             older.wake();
@@ -486,14 +486,14 @@ pub fn block_on<F: Future>(future: F) -> F::Output {
 const TIMER_IRQ_1: usize = 1;
 
 /// Interrupts of the chip (§2.3.2).
-const INTERRUPTS: usize = 32;
+const INTERRUPT_COUNT: usize = 32;
 
 /// What the library has of them.
-const TAKEN: [usize; 2] = [TIMER_IRQ_1, 11];
+const TAKEN_INTERRUPTS: [usize; 2] = [TIMER_IRQ_1, 11];
 
 /// No interrupt of the program's: the library has it, or there is none of that number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct NotYours {
+pub struct InterruptTaken {
     /// Which.
     pub interrupt: usize,
 }
@@ -502,14 +502,14 @@ pub struct NotYours {
 /// in by the NVIC's ISER, which is the program's to do. One without a handler ends the program.
 ///
 /// # Errors
-/// [`NotYours`]; nothing changes then.
+/// [`InterruptTaken`]; nothing changes then.
 ///
 /// # Safety
 /// The interrupt is not let in yet. The handler takes no longer than the [module](self) allows, at its priority, and has what others have too only as Rust
 /// allows for threads. It lets nobody else in by `cpsie` who keeps interrupts out.
-pub unsafe fn set_handler(interrupt: usize, handler: extern "C" fn()) -> Result<(), NotYours> {
-    if interrupt >= INTERRUPTS || TAKEN.contains(&interrupt) {
-        return Err(NotYours { interrupt });
+pub unsafe fn set_handler(interrupt: usize, handler: extern "C" fn()) -> Result<(), InterruptTaken> {
+    if interrupt >= INTERRUPT_COUNT || TAKEN_INTERRUPTS.contains(&interrupt) {
+        return Err(InterruptTaken { interrupt });
     }
     start::set_handler(interrupt, handler);
     Ok(())

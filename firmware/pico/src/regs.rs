@@ -20,7 +20,7 @@ impl Reg {
     /// Sets it.
     #[inline(always)]
     pub(crate) fn write(self, value: u32) {
-        // SAFETY: as above. Only addresses given to a DMA change what memory means to Rust: see `Channel`.
+        // SAFETY: as above. Only addresses given to a DMA change what memory means to Rust: see `DmaChannel`.
         unsafe { core::ptr::write_volatile(self.0 as *mut u32, value) }
     }
 
@@ -242,9 +242,9 @@ impl Pio {
 ///
 /// Whoever gives it addresses answers for the memory: that nobody else has it, and that it stays.
 #[derive(Clone, Copy)]
-pub(crate) struct Channel(pub(crate) u8);
+pub(crate) struct DmaChannel(pub(crate) u8);
 
-impl Channel {
+impl DmaChannel {
     const fn at(self, offset: u32) -> Reg {
         Reg(0x5000_0000 + 0x40 * self.0 as u32 + offset)
     }
@@ -388,7 +388,7 @@ pub(crate) fn disable_interrupts() {
 
 /// Runs `f` with interrupts off; they are on otherwise.
 #[inline(always)]
-pub(crate) fn free<T>(f: impl FnOnce() -> T) -> T {
+pub(crate) fn interrupt_free<T>(f: impl FnOnce() -> T) -> T {
     disable_interrupts();
     let done = f();
     enable_interrupts();
@@ -404,7 +404,7 @@ pub(crate) fn wait_for_interrupt() {
 
 /// What was written to the processor's own registers has its effect.
 #[inline(always)]
-pub(crate) fn settle() {
+pub(crate) fn barrier() {
     // SAFETY: it changes nothing.
     unsafe { asm!("dsb", "isb", options(nostack, preserves_flags)) }
 }

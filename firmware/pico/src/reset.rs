@@ -8,21 +8,21 @@ use core::panic::PanicInfo;
 use pulsetrain_core::wire::message::Cause;
 
 /// Before a reset of the watchdog's, µs. The counter goes down by two (erratum E1).
-const PATIENCE: u32 = 500_000;
+const WATCHDOG_US: u32 = 500_000;
 
 /// Notes for the program that begins next: this one runs; it was ended by a panic or a fault. Only the watchdog's reset leaves
 /// them there (§4.7.5).
-const RUNS: u32 = 0x50_a6_5e_1e;
-const ENDED: u32 = 0x50_a6_5e_1f;
+const NOTE_RUNNING: u32 = 0x50_a6_5e_1e;
+const NOTE_FAULT: u32 = 0x50_a6_5e_1f;
 
 /// Why the program began.
-pub(crate) fn why() -> Cause {
+pub(crate) fn cause() -> Cause {
     let note = regs::WATCHDOG_SCRATCH0.read();
     regs::WATCHDOG_SCRATCH0.write(0);
     // §2.10.6: bits 8, 16.
     let chip = regs::CHIP_RESET.read();
     // The boot ROM begins a program that it has just written to the flash by the watchdog too.
-    if regs::WATCHDOG_REASON.read() & 0b11 != 0 && matches!(note, RUNS | ENDED) {
+    if regs::WATCHDOG_REASON.read() & 0b11 != 0 && matches!(note, NOTE_RUNNING | NOTE_FAULT) {
         Cause::Watchdog
     } else if chip & 1 << 16 != 0 {
         Cause::ResetLine
@@ -32,18 +32,18 @@ pub(crate) fn why() -> Cause {
 }
 
 /// Starts the watchdog.
-pub(crate) fn begin() {
+pub(crate) fn start_watchdog() {
     // §2.13.5: all but the oscillators.
     regs::PSM_WDSEL.write(0x1_fffc);
     kick_watchdog();
-    regs::WATCHDOG_SCRATCH0.write(RUNS);
+    regs::WATCHDOG_SCRATCH0.write(NOTE_RUNNING);
     regs::WATCHDOG_CTRL.write(1 << 30);
 }
 
 /// To be called more often than twice a second.
 #[inline(always)]
 pub(crate) fn kick_watchdog() {
-    regs::WATCHDOG_LOAD.write(2 * PATIENCE);
+    regs::WATCHDOG_LOAD.write(2 * WATCHDOG_US);
 }
 
 /// Ends the program: motors stop, the watchdog resets the chip.
@@ -54,7 +54,7 @@ fn end() -> ! {
             Pio(block).ctrl().write(0);
         }
     }
-    regs::WATCHDOG_SCRATCH0.write(ENDED);
+    regs::WATCHDOG_SCRATCH0.write(NOTE_FAULT);
     regs::WATCHDOG_CTRL.write(1 << 31 | 1 << 30);
     loop {
         core::hint::spin_loop();

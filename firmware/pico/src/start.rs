@@ -79,7 +79,7 @@ reset:
     str r1, [r0]
     ldr r0, =stack_bottom
     ldr r1, =stack_top
-    ldr r3, ={PAINT}
+    ldr r3, ={STACK_FILL}
 5:  stmia r0!, {{r3}}
     cmp r0, r1
     blo 5b
@@ -88,7 +88,7 @@ reset:
     .pool
     .size reset, . - reset
     "#,
-    PAINT = const PAINT,
+    STACK_FILL = const STACK_FILL,
     VECTORS = const VECTORS,
     VTOR = const 0xe000_ed08_u32,
 );
@@ -97,20 +97,21 @@ reset:
 const VECTORS: usize = 48;
 
 /// What the stack is full of before it is used.
-const PAINT: u32 = 0xa5a5_a5a5;
+const STACK_FILL: u32 = 0xa5a5_a5a5;
 
 unsafe extern "C" {
-    static stack_bottom: [u32; STACK / 4];
+    static stack_bottom: [u32; STACK_BYTES / 4];
 }
 
 /// Bytes of the stack: memory.ld says so too.
-const STACK: usize = 16_384;
+const STACK_BYTES: usize = 16_384;
 
 /// Fewest bytes of stack that were never used.
 pub(crate) fn stack_left() -> u16 {
     // SAFETY: the linker's symbol is where the stack's memory begins, of which only what lies above the stack pointer changes
     // meanwhile; each word is read as the machine has it.
-    let words = (0..STACK / 4).take_while(|word| unsafe { (&raw const stack_bottom[*word]).read_volatile() } == PAINT);
+    let words = (0..STACK_BYTES / 4)
+        .take_while(|word| unsafe { (&raw const stack_bottom[*word]).read_volatile() } == STACK_FILL);
     (words.count() * 4) as u16
 }
 
@@ -126,15 +127,15 @@ pub(crate) fn set_handler(number: usize, handler: extern "C" fn()) {
 }
 
 /// Something there is one of, which main takes and nobody else.
-pub(crate) struct Once<T>(core::cell::UnsafeCell<T>);
+pub(crate) struct StaticCell<T>(core::cell::UnsafeCell<T>);
 
 // SAFETY: `take` hands it out once; who has it keeps it to itself, or shares what it becomes a part of by `Shared`.
-unsafe impl<T> Sync for Once<T> {}
+unsafe impl<T> Sync for StaticCell<T> {}
 
-impl<T> Once<T> {
+impl<T> StaticCell<T> {
     /// `value`, to be taken.
-    pub(crate) const fn new(value: T) -> Once<T> {
-        Once(core::cell::UnsafeCell::new(value))
+    pub(crate) const fn new(value: T) -> StaticCell<T> {
+        StaticCell(core::cell::UnsafeCell::new(value))
     }
 
     /// Takes it.

@@ -9,15 +9,15 @@ use pulsetrain_core::wire::frame::check;
 use pulsetrain_core::wire::settings::SETTINGS_LEN;
 
 /// Where the copies are.
-const PLACES: [u32; 2] = [FLASH_ROOM, FLASH_ROOM + SECTOR as u32];
+const COPY_ADDRESSES: [u32; 2] = [FLASH_ROOM, FLASH_ROOM + SECTOR as u32];
 
 /// Number and settings, without their CRC.
-const CHECKED: usize = 1 + SETTINGS_LEN;
-const LEN: usize = CHECKED + 2;
+const CHECKED_BYTES: usize = 1 + SETTINGS_LEN;
+const COPY_BYTES: usize = CHECKED_BYTES + 2;
 
 /// What is in a sector.
 #[derive(Clone, Copy)]
-enum Copy {
+enum StoredCopy {
     None,
     /// Neither nothing nor settings.
     Damaged,
@@ -28,45 +28,45 @@ enum Copy {
     },
 }
 
-impl Copy {
-    fn of(bytes: &[u8; LEN]) -> Copy {
+impl StoredCopy {
+    fn of(bytes: &[u8; COPY_BYTES]) -> StoredCopy {
         let [number, settings @ .., high, low] = *bytes;
-        if check(&bytes[..CHECKED]) == [high, low] {
-            Copy::Whole { number, settings }
-        } else if *bytes == [0xff; LEN] {
-            Copy::None
+        if check(&bytes[..CHECKED_BYTES]) == [high, low] {
+            StoredCopy::Whole { number, settings }
+        } else if *bytes == [0xff; COPY_BYTES] {
+            StoredCopy::None
         } else {
-            Copy::Damaged
+            StoredCopy::Damaged
         }
     }
 
-    fn read(at: u32) -> Copy {
-        let mut bytes = [0; LEN];
+    fn read(at: u32) -> StoredCopy {
+        let mut bytes = [0; COPY_BYTES];
         // Who does not answer keeps nothing.
-        if flash::read(at, &mut bytes) { Copy::of(&bytes) } else { Copy::None }
+        if flash::read(at, &mut bytes) { StoredCopy::of(&bytes) } else { StoredCopy::None }
     }
 }
 
 /// What the flash keeps, as it was read last.
-pub(crate) struct Store([Copy; 2]);
+pub(crate) struct Store([StoredCopy; 2]);
 
 impl Store {
     /// Nothing was read yet.
-    pub(crate) const EMPTY: Store = Store([Copy::None; 2]);
+    pub(crate) const EMPTY: Store = Store([StoredCopy::None; 2]);
 
     /// Reads it. While nobody reads in place.
     pub(crate) fn read() -> Store {
-        Store(PLACES.map(Copy::read))
+        Store(COPY_ADDRESSES.map(StoredCopy::read))
     }
 
     /// Which copy holds.
     fn newest(&self) -> Option<usize> {
         match self.0 {
-            [Copy::Whole { number: first, .. }, Copy::Whole { number: second, .. }] => {
+            [StoredCopy::Whole { number: first, .. }, StoredCopy::Whole { number: second, .. }] => {
                 Some(usize::from(second.wrapping_sub(first) < 0x80))
             }
-            [Copy::Whole { .. }, _] => Some(0),
-            [_, Copy::Whole { .. }] => Some(1),
+            [StoredCopy::Whole { .. }, _] => Some(0),
+            [_, StoredCopy::Whole { .. }] => Some(1),
             _ => None,
         }
     }
@@ -74,14 +74,14 @@ impl Store {
     /// The settings, if any are kept.
     pub(crate) fn settings(&self) -> Option<&[u8; SETTINGS_LEN]> {
         match self.newest().map(|place| &self.0[place]) {
-            Some(Copy::Whole { settings, .. }) => Some(settings),
+            Some(StoredCopy::Whole { settings, .. }) => Some(settings),
             _ => None,
         }
     }
 
     /// Whether a copy is damaged.
     pub(crate) fn is_damaged(&self) -> bool {
-        self.0.iter().any(|copy| matches!(copy, Copy::Damaged))
+        self.0.iter().any(|copy| matches!(copy, StoredCopy::Damaged))
     }
 
     /// Keeps `settings` from now on, if the flash takes them: for 45 ms, at most 0.4 s, in which nobody may read in place, and `look` is
@@ -91,29 +91,29 @@ impl Store {
             return;
         }
         let (newest, number) = match self.newest().map(|place| (place, self.0[place])) {
-            Some((place, Copy::Whole { number, .. })) => (place, number),
+            Some((place, StoredCopy::Whole { number, .. })) => (place, number),
             _ => (1, 0),
         };
-        let mut bytes = [0; LEN];
+        let mut bytes = [0; COPY_BYTES];
         bytes[0] = number.wrapping_add(1);
-        bytes[1..CHECKED].copy_from_slice(settings);
-        let sum = check(&bytes[..CHECKED]);
-        bytes[CHECKED..].copy_from_slice(&sum);
+        bytes[1..CHECKED_BYTES].copy_from_slice(settings);
+        let sum = check(&bytes[..CHECKED_BYTES]);
+        bytes[CHECKED_BYTES..].copy_from_slice(&sum);
         let older = 1 - newest;
         self.0[older] = replace(older, &bytes, &mut look);
-        if matches!((self.0[older], self.0[newest]), (Copy::Whole { .. }, Copy::Damaged)) {
+        if matches!((self.0[older], self.0[newest]), (StoredCopy::Whole { .. }, StoredCopy::Damaged)) {
             // There is nothing left that it would tell.
-            flash::erase(PLACES[newest], &mut look);
-            self.0[newest] = Copy::read(PLACES[newest]);
+            flash::erase(COPY_ADDRESSES[newest], &mut look);
+            self.0[newest] = StoredCopy::read(COPY_ADDRESSES[newest]);
         }
     }
 }
 
 /// Writes a copy; what is there then.
-fn replace(place: usize, bytes: &[u8; LEN], look: &mut impl FnMut() -> u64) -> Copy {
-    let at = PLACES[place];
+fn replace(place: usize, bytes: &[u8; COPY_BYTES], look: &mut impl FnMut() -> u64) -> StoredCopy {
+    let at = COPY_ADDRESSES[place];
     if flash::erase(at, look) {
         flash::program(at, bytes, look);
     }
-    Copy::read(at)
+    StoredCopy::read(at)
 }

@@ -6,7 +6,7 @@
 
 use crate::clock::{Clock, TICK_HZ};
 use crate::regs::{self, usb};
-use crate::start::Once;
+use crate::start::StaticCell;
 
 /// Bytes of a packet, of every endpoint that has data.
 const PACKET: usize = 64;
@@ -24,7 +24,7 @@ const DATA_TO_HOST: u32 = TO_HOST | DATA;
 const NOTIFY_TO_HOST: u32 = TO_HOST | NOTIFY;
 
 /// Addresses of the endpoints that can be halted.
-const HALTS: [u32; 3] = [DATA, DATA_TO_HOST, NOTIFY_TO_HOST];
+const HALT_ENDPOINTS: [u32; 3] = [DATA, DATA_TO_HOST, NOTIFY_TO_HOST];
 
 /// Where packets lie in the controller's memory (§4.1.2.4): endpoint 0 has its place.
 const CONTROL_BUFFER: u32 = 0x100;
@@ -34,11 +34,11 @@ const IN_BUFFER: u32 = 0x280;
 
 /// Erratum E15: after some errors of the bus while a packet goes to the host the controller hangs, most of all at the end of a
 /// frame, where hubs cut off what is under way. So none is begun in the last fifth, as TinyUSB has it. Ticks.
-const LAST_IN: u64 = (TICK_HZ / 1000 * 4 / 5) as u64;
+const LATEST_IN: u64 = (TICK_HZ / 1000 * 4 / 5) as u64;
 
 /// A frame, by a host's and a board's clock (500 and 100 ppm, USB 2.0 §7.1.11), ticks; frames are counted modulo 2048.
 const LONGEST_FRAME: u64 = (TICK_HZ / 1000 + TICK_HZ / 1000 * 6 / 10_000 + 1) as u64;
-const FRAMES: u32 = 0x7ff;
+const FRAME_MASK: u32 = 0x7ff;
 
 /// Table 9-8. 1209:0001 is pid.codes' for tests; a serial port that does nothing else needs no driver that knows it.
 const fn device(serial: u8) -> [u8; 18] {
@@ -89,12 +89,12 @@ const fn text<const N: usize>(letters: &[u8]) -> [u8; N] {
 }
 
 /// The serial number as a text of USB's: 16 digits.
-type Serial = [u8; 34];
+type SerialText = [u8; 34];
 
-static SERIAL_TEXT: Once<Serial> = Once::new([0; 34]);
+static SERIAL_TEXT: StaticCell<SerialText> = StaticCell::new([0; 34]);
 
 /// Fills it with the number of the flash chip; `None` if there is none.
-fn serial(text: &'static mut Serial, id: Option<[u8; 8]>) -> Option<&'static Serial> {
+fn serial(text: &'static mut SerialText, id: Option<[u8; 8]>) -> Option<&'static SerialText> {
     let digits = id?.into_iter().flat_map(|byte| [byte >> 4, byte & 15]);
     (text[0], text[1]) = (text.len() as u8, 3);
     for (place, digit) in text[2..].chunks_exact_mut(2).zip(digits) {
@@ -105,7 +105,7 @@ fn serial(text: &'static mut Serial, id: Option<[u8; 8]>) -> Option<&'static Ser
 
 /// What a transfer of endpoint 0 waits for.
 #[derive(Clone, Copy, PartialEq)]
-enum Stage {
+enum ControlStage {
     Idle,
     /// The host takes a packet; then the rest.
     Send,
@@ -119,18 +119,18 @@ enum Stage {
 
 /// The device.
 pub(crate) struct Usb {
-    stage: Stage,
+    stage: ControlStage,
     /// Still to be sent on endpoint 0, and whether the next packet is DATA1.
     rest: &'static [u8],
     data1: bool,
     /// The address that holds when the transfer is over.
     address: Option<u8>,
     /// What the host told of the port's speed: kept for it, used for nothing.
-    coding: [u8; 7],
+    line_coding: [u8; 7],
     configured: bool,
     /// Text 3, if there is one.
-    serial: Option<&'static Serial>,
-    /// Endpoints that the host has halted, bit by [`HALTS`]; and what was ready to go to the host then.
+    serial: Option<&'static SerialText>,
+    /// Endpoints that the host has halted, bit by [`HALT_ENDPOINTS`]; and what was ready to go to the host then.
     halted: u8,
     kept: Option<u32>,
     /// A program has the port open, as far as its computer tells; and whether that is news.
@@ -145,9 +145,9 @@ pub(crate) struct Usb {
     in_data1: bool,
     /// The last packet was full: without another the host does not know that it was the last.
     full: bool,
-    /// The present frame's number, and the tick at which it began.
+    /// The present frame's number, and the tick at which it frame_began.
     frame: u32,
-    began: u64,
+    frame_began: u64,
 }
 
 impl Usb {
@@ -172,11 +172,11 @@ impl Usb {
         usb::INTE.write(1 << 17 | 1 << 16 | 1 << 12 | 1 << 4);
         usb::SIE_CTRL.write(1 << 29 | 1 << 16);
         Usb {
-            stage: Stage::Idle,
+            stage: ControlStage::Idle,
             rest: &[],
             data1: false,
             address: None,
-            coding: [0, 0xc2, 1, 0, 0, 0, 8],
+            line_coding: [0, 0xc2, 1, 0, 0, 0, 8],
             configured: false,
             serial: serial(text, id),
             halted: 0,
@@ -189,7 +189,7 @@ impl Usb {
             in_data1: false,
             full: false,
             frame: 0,
-            began: 0,
+            frame_began: 0,
         }
     }
 
@@ -205,20 +205,20 @@ impl Usb {
     fn serve(&mut self, now: u64) {
         // To be read, or the interrupt stays. A frame is seen late, never early.
         let frame = usb::SOF_RD.read();
-        let frames = frame.wrapping_sub(self.frame) & FRAMES;
+        let frames = frame.wrapping_sub(self.frame) & FRAME_MASK;
         if frames != 0 {
             self.frame = frame;
-            self.began = now.min(self.began + u64::from(frames) * LONGEST_FRAME);
+            self.frame_began = now.min(self.frame_began + u64::from(frames) * LONGEST_FRAME);
         }
         let status = usb::SIE_STATUS.read();
         if status & usb::BUS_RESET != 0 {
             usb::SIE_STATUS.write(usb::BUS_RESET);
             usb::BUFF_STATUS.write(u32::MAX);
             usb::ADDR_ENDP.write(0);
-            (self.stage, self.address) = (Stage::Idle, None);
+            (self.stage, self.address) = (ControlStage::Idle, None);
             (self.configured, self.open) = (false, false);
             // Nothing is known of the frames to come.
-            self.began = now;
+            self.frame_began = now;
         }
         let done = usb::BUFF_STATUS.read() & 3;
         if done != 0 {
@@ -307,7 +307,7 @@ impl Usb {
     /// Lets go what there is.
     #[inline(always)]
     pub(crate) fn flush(&mut self, clock: &mut Clock) {
-        if (self.filled != 0 || self.full) && self.is_free() && clock.now() - self.began < LAST_IN {
+        if (self.filled != 0 || self.full) && self.is_free() && clock.now() - self.frame_began < LATEST_IN {
             self.hand_over();
         }
     }
@@ -344,7 +344,7 @@ impl Usb {
         };
         if let Some(descriptor) = descriptor {
             self.rest = &descriptor[..descriptor.len().min(length)];
-            self.stage = Stage::Send;
+            self.stage = ControlStage::Send;
             self.send_rest();
             return;
         }
@@ -360,17 +360,17 @@ impl Usb {
                 self.acknowledge();
             }
             // SET_LINE_CODING, GET_LINE_CODING, SET_CONTROL_LINE_STATE (CDC PSTN 1.2 §6.3.10 to §6.3.12).
-            0x2021 if length == self.coding.len() => {
-                self.stage = Stage::Take { acknowledge: true };
+            0x2021 if length == self.line_coding.len() => {
+                self.stage = ControlStage::Take { acknowledge: true };
                 usb::arm_half(0, true, 0, PACKET as u32 | usb::DATA1);
             }
             0x21a1 => {
-                for (at, byte) in (0..).zip(self.coding) {
+                for (at, byte) in (0..).zip(self.line_coding) {
                     usb::set_memory_byte(CONTROL_BUFFER + at, byte);
                 }
                 self.rest = &[];
-                self.stage = Stage::Send;
-                usb::arm_half(0, false, 0, self.coding.len().min(length) as u32 | usb::DATA1 | usb::FULL);
+                self.stage = ControlStage::Send;
+                usb::arm_half(0, false, 0, self.line_coding.len().min(length) as u32 | usb::DATA1 | usb::FULL);
             }
             // Nobody reads while the port is closed: then bytes to the host wait. Bit 0 is DTR.
             0x2221 => {
@@ -385,7 +385,7 @@ impl Usb {
             0x0302 if value == 0 && self.halt(second & 0xffff) => self.acknowledge(),
             // Not here (§4.1.2.6.3): the host sees a stall and goes on.
             _ => {
-                self.stage = Stage::Idle;
+                self.stage = ControlStage::Idle;
                 usb::EP_STALL_ARM.write(3);
                 usb::buffer_control(0, false).write(usb::STALL);
                 usb::buffer_control(0, true).write(usb::STALL);
@@ -396,11 +396,11 @@ impl Usb {
     /// Whether the host has halted an endpoint, by its address.
     #[inline(always)]
     fn is_halted(&self, index: u32) -> bool {
-        HALTS.iter().enumerate().any(|(bit, address)| *address == index && self.halted >> bit & 1 != 0)
+        HALT_ENDPOINTS.iter().enumerate().any(|(bit, address)| *address == index && self.halted >> bit & 1 != 0)
     }
 
     fn set_halted(&mut self, index: u32, on: bool) {
-        for (bit, _) in HALTS.iter().enumerate().filter(|(_, address)| **address == index) {
+        for (bit, _) in HALT_ENDPOINTS.iter().enumerate().filter(|(_, address)| **address == index) {
             self.halted = self.halted & !(1 << bit) | u8::from(on) << bit;
         }
     }
@@ -408,7 +408,7 @@ impl Usb {
     /// Halts an endpoint, whose address is `index`: it stalls until it is cleared; whether there is one. What was read or is to be
     /// sent stays. Endpoint 0 is never halted (USB 2.0 §9.4.5 leaves that open).
     fn halt(&mut self, index: u32) -> bool {
-        if !self.configured || !HALTS.contains(&index) {
+        if !self.configured || !HALT_ENDPOINTS.contains(&index) {
             return false;
         }
         if self.is_halted(index) {
@@ -482,24 +482,24 @@ impl Usb {
 
     fn control_done(&mut self) {
         match self.stage {
-            Stage::Send if !self.rest.is_empty() => self.send_rest(),
-            Stage::Send => {
-                self.stage = Stage::Take { acknowledge: false };
+            ControlStage::Send if !self.rest.is_empty() => self.send_rest(),
+            ControlStage::Send => {
+                self.stage = ControlStage::Take { acknowledge: false };
                 usb::arm_half(0, true, 0, PACKET as u32 | usb::DATA1);
             }
-            Stage::Take { acknowledge: true } => {
-                for (at, byte) in (0..).zip(&mut self.coding) {
+            ControlStage::Take { acknowledge: true } => {
+                for (at, byte) in (0..).zip(&mut self.line_coding) {
                     *byte = usb::memory_byte(CONTROL_BUFFER + at);
                 }
                 self.acknowledge();
             }
-            Stage::Acknowledge => {
+            ControlStage::Acknowledge => {
                 if let Some(address) = self.address.take() {
                     usb::ADDR_ENDP.write(address.into());
                 }
-                self.stage = Stage::Idle;
+                self.stage = ControlStage::Idle;
             }
-            Stage::Take { .. } | Stage::Idle => self.stage = Stage::Idle,
+            ControlStage::Take { .. } | ControlStage::Idle => self.stage = ControlStage::Idle,
         }
     }
 
@@ -515,7 +515,7 @@ impl Usb {
     }
 
     fn acknowledge(&mut self) {
-        self.stage = Stage::Acknowledge;
+        self.stage = ControlStage::Acknowledge;
         usb::arm_half(0, false, 0, usb::DATA1 | usb::FULL);
     }
 

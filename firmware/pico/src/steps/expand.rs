@@ -103,11 +103,11 @@ expand_steps:
 // is gentle. Out: r0 ticks that passed. It begins in the middle of eight steps, so that the last of them is the last word.
 global_asm!(
     r#"
-    .section .text.expand_surely, "ax", %progbits
-    .global expand_surely
-    .type expand_surely, %function
+    .section .text.expand_unchecked, "ax", %progbits
+    .global expand_unchecked
+    .type expand_unchecked, %function
     .thumb_func
-expand_surely:
+expand_unchecked:
     push {{r4-r7, lr}}
     mov r4, r8
     mov r5, r9
@@ -188,12 +188,12 @@ expand_surely:
     mov r8, r4
     mov r9, r5
     pop {{r4-r7, pc}}
-    .size expand_surely, . - expand_surely
+    .size expand_unchecked, . - expand_unchecked
     "#
 );
 
 unsafe extern "C" {
-    fn expand_surely(recurrence: *mut Recurrence, words: *mut u32, end: *mut u32, offset: u32, gentle: u32) -> u32;
+    fn expand_unchecked(recurrence: *mut Recurrence, words: *mut u32, end: *mut u32, offset: u32, gentle: u32) -> u32;
     fn expand_steps(recurrence: *mut Recurrence, words: *mut u32, end: *mut u32, stretch: *const Stretch) -> *mut u32;
 }
 
@@ -213,7 +213,7 @@ pub(crate) fn expand(recurrence: &mut Recurrence, words: &mut [u32], stretch: &S
         // SAFETY: there are so many words at least.
         let next = unsafe { start.add(count as usize) };
         // SAFETY: it writes words from `start` on up to `next`; the recurrence is laid out as in C.
-        rest.ticks -= unsafe { expand_surely(recurrence, start, next, offset, gentle.into()) };
+        rest.ticks -= unsafe { expand_unchecked(recurrence, start, next, offset, gentle.into()) };
         start = next;
     }
     if start == end {

@@ -4,9 +4,9 @@
 //! while the state machine still has eight. So nothing stale can be played; if nothing was written, it ends, and the state
 //! machine runs dry at the end of a word, where STEP is not active.
 
-use super::pio::Machine;
-use super::{MOTORS, RING};
-use crate::regs::{self, Channel};
+use super::pio::StateMachine;
+use super::{MOTORS, RING_WORDS};
+use crate::regs::{self, DmaChannel};
 use core::sync::atomic::{AtomicU32, Ordering, compiler_fence};
 
 /// What main and the interrupt know of a channel, both wrapping.
@@ -14,19 +14,19 @@ struct Feed {
     /// Words written: main's.
     written: AtomicU32,
     /// Words that the channel was told to take: main's with interrupts off, and the interrupt's.
-    told: AtomicU32,
+    started: AtomicU32,
 }
 
-static FEEDS: [Feed; MOTORS] = [const { Feed { written: AtomicU32::new(0), told: AtomicU32::new(0) } }; MOTORS];
+static FEEDS: [Feed; MOTORS] = [const { Feed { written: AtomicU32::new(0), started: AtomicU32::new(0) } }; MOTORS];
 
 impl Feed {
     /// Has a channel that is at rest go on, if there is something for it.
     #[inline(always)]
-    fn go_on(&self, channel: Channel) {
+    fn start_next(&self, channel: DmaChannel) {
         let written = self.written.load(Ordering::Acquire);
-        let more = written.wrapping_sub(self.told.load(Ordering::Relaxed));
+        let more = written.wrapping_sub(self.started.load(Ordering::Relaxed));
         if more != 0 {
-            self.told.store(written, Ordering::Relaxed);
+            self.started.store(written, Ordering::Relaxed);
             channel.trans_count_trig().write(more);
         }
     }
@@ -39,8 +39,8 @@ extern "C" fn dma_irq_0() {
     regs::DMA_INTS0.write(done);
     for (number, feed) in (0..).zip(&FEEDS) {
         // A machine that ran dry gets nothing more: it would be late.
-        if done & 1 << number != 0 && !Machine::of(number).is_dry() {
-            feed.go_on(Channel(number));
+        if done & 1 << number != 0 && !StateMachine::of(number).is_dry() {
+            feed.start_next(DmaChannel(number));
         }
     }
 }
@@ -48,7 +48,7 @@ extern "C" fn dma_irq_0() {
 /// §2.5.7, CTRL: words, from a ring (the lowest 13 bits of the address go around), at the FIFO's request, before others, and
 /// chained to itself, which is to nothing.
 const CTRL: u32 = 1 | 1 << 1 | 2 << 2 | 1 << 4 | 13 << 6;
-const _: () = assert!(RING * 4 == 1 << 13);
+const _: () = assert!(RING_WORDS * 4 == 1 << 13);
 
 /// The DMA takes orders, and its interrupt is let in.
 pub(crate) fn begin() {
@@ -57,13 +57,13 @@ pub(crate) fn begin() {
 }
 
 /// Sets a motor's channel up for the words from `ring` on, into a FIFO; nothing is written yet.
-pub(crate) fn set_up(motor: u8, ring: &[u32; RING], (fifo, request): (u32, u32)) {
-    let (channel, bit) = (Channel(motor), 1 << motor);
+pub(crate) fn set_up(motor: u8, ring: &[u32; RING_WORDS], (fifo, request): (u32, u32)) {
+    let (channel, bit) = (DmaChannel(motor), 1 << motor);
     regs::DMA_INTE0.clear(bit);
     regs::DMA_INTR.write(bit);
     let Some(feed) = FEEDS.get(usize::from(motor)) else { return };
     feed.written.store(0, Ordering::Relaxed);
-    feed.told.store(0, Ordering::Relaxed);
+    feed.started.store(0, Ordering::Relaxed);
     channel.read_addr().write(ring.as_ptr() as u32);
     channel.write_addr().write(fifo);
     channel.ctrl().write(CTRL | u32::from(motor) << 11 | request << 15);
@@ -77,12 +77,12 @@ pub(crate) fn publish(motor: u8, written: u32) {
     // The words are in memory before the DMA may read them.
     compiler_fence(Ordering::SeqCst);
     feed.written.store(written, Ordering::Release);
-    let channel = Channel(motor);
-    regs::free(|| {
+    let channel = DmaChannel(motor);
+    regs::interrupt_free(|| {
         // If it is done already and the interrupt is still to come, that finds these words.
         let busy = channel.ctrl().read() & 1 << 24 != 0;
         if !busy && regs::DMA_INTR.read() & 1 << motor == 0 {
-            feed.go_on(channel);
+            feed.start_next(channel);
         }
     });
 }
@@ -90,8 +90,8 @@ pub(crate) fn publish(motor: u8, written: u32) {
 /// Ends a motor's channel, whose state machine is halted; gives how many words it took, FIFO included, wrapping.
 ///
 /// Interrupts are off.
-pub(crate) fn end(motor: u8, ring: &[u32; RING]) -> u32 {
-    let (channel, bit) = (Channel(motor), 1 << motor);
+pub(crate) fn end(motor: u8, ring: &[u32; RING_WORDS]) -> u32 {
+    let (channel, bit) = (DmaChannel(motor), 1 << motor);
     // §2.5.5.3; erratum E13: an interrupt may come of it, which is not wanted.
     regs::DMA_INTE0.clear(bit);
     regs::DMA_ABORT.write(bit);
@@ -99,7 +99,7 @@ pub(crate) fn end(motor: u8, ring: &[u32; RING]) -> u32 {
     while channel.ctrl().read() & 1 << 24 != 0 {}
     regs::DMA_INTR.write(bit);
     let Some(feed) = FEEDS.get(usize::from(motor)) else { return 0 };
-    let told = feed.told.load(Ordering::Relaxed);
+    let started = feed.started.load(Ordering::Relaxed);
     let next = (channel.read_addr().read() - ring.as_ptr() as u32) >> 2;
-    told.wrapping_sub(told.wrapping_sub(next) & (RING as u32 - 1))
+    started.wrapping_sub(started.wrapping_sub(next) & (RING_WORDS as u32 - 1))
 }

@@ -19,4 +19,4 @@ pub(crate) mod stepper;
 pub(crate) const MOTORS: usize = 8;
 
 /// Words of a motor's ring: 8 KiB, at a multiple of that.
-pub(crate) const RING: usize = 2048;
+pub(crate) const RING_WORDS: usize = 2048;

@@ -8,8 +8,8 @@ use pulsetrain_core::wire::message::{Configuration, MotorSetup, NO_PIN, coil_pin
 use pulsetrain_core::wire::{Reason, Refusal};
 
 /// GPIOs that motors cannot have: the serial line, what the Pico needs itself, the gate; and those that are not there.
-const TAKEN: u32 = 0b11 | 0b111 << 23 | !0 << 29;
-const _: () = assert!(TAKEN >> GATE & 1 == 1);
+const RESERVED_PINS: u32 = 0b11 | 0b111 << 23 | !0 << 29;
+const _: () = assert!(RESERVED_PINS >> GATE & 1 == 1);
 
 /// The lines of a motor.
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -27,29 +27,29 @@ pub(crate) enum Lines {
 
 /// A motor's pins, one after the other.
 #[derive(Clone, Copy, PartialEq, Eq)]
-pub(crate) struct Wired {
+pub(crate) struct MotorPins {
     /// The lowest.
     pub(crate) base: u8,
     pub(crate) lines: Lines,
 }
 
-impl Wired {
+impl MotorPins {
     /// Of no motor.
-    pub(crate) const NONE: Wired = Wired { base: 0, lines: Lines::Coils { sequence: Sequence::Half } };
+    pub(crate) const NONE: MotorPins = MotorPins { base: 0, lines: Lines::Coils { sequence: Sequence::Half } };
 
     /// # Errors
     /// When PIO cannot have them so: a state machine's outputs are one after the other (§3.5.6).
-    fn of(setup: &MotorSetup) -> Result<Wired, Refusal> {
+    fn of(setup: &MotorSetup) -> Result<MotorPins, Refusal> {
         let MotorSetup { step_pin, dir_pin, forward_high, step_low, .. } = *setup;
         if let Some(sequence) = setup.coils() {
-            return Ok(Wired { base: step_pin, lines: Lines::Coils { sequence } });
+            return Ok(MotorPins { base: step_pin, lines: Lines::Coils { sequence } });
         }
         let (base, step_line) = match dir_pin.wrapping_sub(step_pin) {
             1 => (step_pin, 0),
             0xff => (dir_pin, 1),
             _ => return Err(Refusal { reason: Reason::PinMix, detail: u16::from(dir_pin) }),
         };
-        Ok(Wired { base, lines: Lines::StepDir { step_line, forward_high, step_low } })
+        Ok(MotorPins { base, lines: Lines::StepDir { step_line, forward_high, step_low } })
     }
 
     /// From the lowest to the highest.
@@ -74,8 +74,8 @@ impl Wired {
 
 /// All pins of a configuration.
 #[derive(Clone, Copy)]
-pub(crate) struct Layout {
-    pub(crate) motors: [Wired; MOTORS],
+pub(crate) struct PinLayout {
+    pub(crate) motors: [MotorPins; MOTORS],
     pub(crate) count: u8,
     /// The pin that enables all drivers, or [`NO_PIN`].
     pub(crate) enable: u8,
@@ -83,19 +83,19 @@ pub(crate) struct Layout {
     pub(crate) used: u32,
 }
 
-impl Layout {
+impl PinLayout {
     /// # Errors
     /// When a pin is not there, is used twice, or does not stand beside the others of its motor; when there are too many motors.
-    pub(crate) fn of(configuration: &Configuration<'_>) -> Result<Layout, Refusal> {
+    pub(crate) fn of(configuration: &Configuration<'_>) -> Result<PinLayout, Refusal> {
         let count = configuration.motors().len();
         if count > MOTORS {
             return Err(Refusal { reason: Reason::TooManyMotors, detail: MOTORS as u16 });
         }
         let (enable, mut used) = (configuration.enable_pin, 0);
-        let mut motors = [Wired::NONE; MOTORS];
+        let mut motors = [MotorPins::NONE; MOTORS];
         let mut take = |pin: u8| {
             let detail = u16::from(pin);
-            if pin >= 32 || TAKEN >> pin & 1 != 0 {
+            if pin >= 32 || RESERVED_PINS >> pin & 1 != 0 {
                 return Err(Refusal { reason: Reason::Pin, detail });
             }
             if used >> pin & 1 != 0 {
@@ -105,18 +105,18 @@ impl Layout {
             Ok(())
         };
         for (place, setup) in motors.iter_mut().zip(configuration.motors()) {
-            *place = Wired::of(&setup)?;
+            *place = MotorPins::of(&setup)?;
             place.pins().try_for_each(&mut take)?;
         }
         if enable != NO_PIN {
             take(enable)?;
         }
-        Ok(Layout { motors, count: count as u8, enable, used })
+        Ok(PinLayout { motors, count: count as u8, enable, used })
     }
 }
 
 /// Gives GPIOs back, bit by GPIO: they are nobody's, as after a reset, and float.
-pub(crate) fn free(pins: u32) {
+pub(crate) fn release(pins: u32) {
     regs::SIO_OE_CLR.write(pins);
     for pin in (0..30).filter(|pin| pins >> pin & 1 != 0) {
         // §2.19.2, §2.19.6.3.

@@ -3,7 +3,7 @@
 //! A machine waits for the gate, and takes word after word then: as `pulsetrain_core::words` has them. All machines see the gate
 //! in the same cycle. The gate is GPIO 25, which no header has; the Pico's LED is on it, and shines while motors are armed.
 
-use super::pins::{Lines, Wired};
+use super::pins::{Lines, MotorPins};
 use crate::regs::{self, Pio};
 use pulsetrain_core::words::{LONGEST_WAIT, SHORTEST_PULSE};
 
@@ -63,7 +63,7 @@ const AUTOPULL: u32 = 1 << 17;
 
 /// The state machine of a motor.
 #[derive(Clone, Copy)]
-pub(crate) struct Machine {
+pub(crate) struct StateMachine {
     pio: Pio,
     number: u8,
 }
@@ -72,12 +72,12 @@ pub(crate) struct Machine {
 pub(crate) fn close_gate() {
     regs::SIO_OUT_CLR.write(1 << GATE);
     regs::SIO_OE_SET.write(1 << GATE);
-    regs::pad(GATE).write(PAD);
+    regs::pad(GATE).write(PAD_OF_OUTPUT);
     regs::gpio_ctrl(GATE).write(5);
 }
 
 /// §2.19.6.3: input on, 4 mA, Schmitt trigger.
-const PAD: u32 = 1 << 6 | 1 << 4 | 1 << 1;
+const PAD_OF_OUTPUT: u32 = 1 << 6 | 1 << 4 | 1 << 1;
 
 /// Puts a block that is not used any more into reset: its programs are gone, its pins are nobody's.
 pub(crate) fn unload(block: u8) {
@@ -95,10 +95,10 @@ pub(crate) fn load(block: u8) {
     }
 }
 
-impl Machine {
+impl StateMachine {
     /// That of motor number `motor`.
-    pub(crate) const fn of(motor: u8) -> Machine {
-        Machine { pio: Pio(motor >> 2), number: motor & 3 }
+    pub(crate) const fn of(motor: u8) -> StateMachine {
+        StateMachine { pio: Pio(motor >> 2), number: motor & 3 }
     }
 
     /// The block that it is in.
@@ -117,9 +117,9 @@ impl Machine {
     }
 
     /// Sets it up before the gate, with nothing to do, its lines at `levels` and outputs.
-    pub(crate) fn set_up(self, wired: &Wired, pulse_ticks: u32, levels: u32) {
-        let Machine { pio, number } = self;
-        let (at, end) = match wired.lines {
+    pub(crate) fn set_up(self, wiring: &MotorPins, pulse_ticks: u32, levels: u32) {
+        let StateMachine { pio, number } = self;
+        let (at, end) = match wiring.lines {
             Lines::StepDir { .. } => (STEP_DIR, STEP_DIR_END),
             Lines::Coils { .. } => (COILS, COILS + 3),
         };
@@ -132,15 +132,15 @@ impl Machine {
         pio.txf(number).write(pulse_ticks.saturating_sub(SHORTEST_PULSE));
         self.execute(PULL);
         self.execute(MOV_Y_OSR);
-        self.set_lines(wired, levels);
+        self.set_lines(wiring, levels);
         // Nothing is left in its shift register, and no delay (§3.7, CTRL: SM_RESTART, CLKDIV_RESTART).
         pio.ctrl().set(self.bit() << 4 | self.bit() << 8);
         pio.shiftctrl(number).write(SHIFTCTRL | AUTOPULL);
         self.execute(JMP | u32::from(at));
-        for pin in wired.pins() {
-            regs::pad(pin).write(PAD);
+        for pin in wiring.pins() {
+            regs::pad(pin).write(PAD_OF_OUTPUT);
             // §2.19.2: PIO0 is function 6, PIO1 is 7. An inverted output is bit 8.
-            regs::gpio_ctrl(pin).write((6 + u32::from(pio.0)) | (u32::from(wired.is_inverted(pin)) << 8));
+            regs::gpio_ctrl(pin).write((6 + u32::from(pio.0)) | (u32::from(wiring.is_inverted(pin)) << 8));
         }
     }
 
@@ -154,7 +154,7 @@ impl Machine {
         self.pio.fdebug().write(self.bit() << 24);
     }
 
-    /// Whether it found no word since [`forget_stall`](Machine::forget_stall).
+    /// Whether it found no word since [`forget_stall`](StateMachine::forget_stall).
     #[inline(always)]
     pub(crate) fn is_dry(self) -> bool {
         stalled(self.pio.0) & self.bit() != 0
@@ -200,20 +200,20 @@ impl Machine {
     }
 
     /// Sets its lines, and makes them outputs, while it is halted.
-    pub(crate) fn set_lines(self, wired: &Wired, levels: u32) {
+    pub(crate) fn set_lines(self, wiring: &MotorPins, levels: u32) {
         let pinctrl = self.pio.pinctrl(self.number);
         // `set` reaches five pins at most: one after the other.
-        for pin in wired.pins() {
-            let level = levels >> (pin - wired.base) & 1;
+        for pin in wiring.pins() {
+            let level = levels >> (pin - wiring.base) & 1;
             pinctrl.write(1 << 26 | u32::from(pin) << 5);
             self.execute(SET_PINS | level);
             self.execute(SET_PINDIRS | 1);
         }
-        pinctrl.write(wired.span() << 20 | u32::from(wired.base));
+        pinctrl.write(wiring.span() << 20 | u32::from(wiring.base));
     }
 }
 
-/// The machines of a block that found no word since [`forget_stall`](Machine::forget_stall).
+/// The machines of a block that found no word since [`forget_stall`](StateMachine::forget_stall).
 #[inline(always)]
 pub(crate) fn stalled(block: u8) -> u32 {
     Pio(block).fdebug().read() >> 24 & 0xf

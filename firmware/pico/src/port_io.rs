@@ -1,6 +1,6 @@
 //! What is heard and said on a way to a host.
 
-use crate::winch::Ear;
+use crate::winch::TextInput;
 use pulsetrain_core::verbs::text;
 use pulsetrain_core::winch::letters::InMemory;
 use pulsetrain_core::winch::reply::{self, Reply};
@@ -8,40 +8,48 @@ use pulsetrain_core::wire::frame::Received;
 use pulsetrain_core::wire::{Decoder, MAX_FRAME, Millis, Service};
 
 /// Bytes that may wait to be sent: one frame, or lines.
-const ROOM: usize = 2048;
-const _: () = assert!(ROOM > MAX_FRAME);
+const REPLY_BYTES: usize = 2048;
+const _: () = assert!(REPLY_BYTES > MAX_FRAME);
 
 /// The longest line.
-const LONGEST: usize = if reply::LONGEST > text::LONGEST { reply::LONGEST } else { text::LONGEST };
+const LONGEST_LINE: usize = if reply::LONGEST > text::LONGEST { reply::LONGEST } else { text::LONGEST };
 
 /// What the lines of one packet may say at most, and a status: 32 of two bytes (`*` and a line's end), or as many `halt`s.
-const PACKET_SAYS: usize = 64 / "halt\n".len() * LONGEST + LONGEST;
-const _: () = assert!(PACKET_SAYS < ROOM && PACKET_SAYS > 32 * "err checksum 0\r\n".len() + LONGEST);
+const PACKET_REPLY_BYTES: usize = 64 / "halt\n".len() * LONGEST_LINE + LONGEST_LINE;
+const _: () =
+    assert!(PACKET_REPLY_BYTES < REPLY_BYTES && PACKET_REPLY_BYTES > 32 * "err checksum 0\r\n".len() + LONGEST_LINE);
 
 /// A line of text to a host.
-pub(crate) enum Line {
+pub(crate) enum TextLine {
     Winch(Reply),
     Verbs(text::Reply),
 }
 
 /// If no byte has left for so long, about ms, the host does not read: nothing waits for it.
-const STUCK: u16 = 20;
+const STUCK_MS: u16 = 20;
 
 /// One way's.
-pub(crate) struct Talk {
+pub(crate) struct PortIo {
     pub(crate) decoder: Decoder,
-    pub(crate) ear: Ear,
-    reply: [u8; ROOM],
+    pub(crate) text: TextInput,
+    reply: [u8; REPLY_BYTES],
     len: usize,
     sent: usize,
     /// When a byte left last, or nothing waited.
-    moved: Millis,
+    last_progress: Millis,
 }
 
-impl Talk {
+impl PortIo {
     /// Nothing was heard yet.
-    pub(crate) const fn new() -> Talk {
-        Talk { decoder: Decoder::new(), ear: Ear::new(), reply: [0; ROOM], len: 0, sent: 0, moved: Millis(0) }
+    pub(crate) const fn new() -> PortIo {
+        PortIo {
+            decoder: Decoder::new(),
+            text: TextInput::new(),
+            reply: [0; REPLY_BYTES],
+            len: 0,
+            sent: 0,
+            last_progress: Millis(0),
+        }
     }
 
     /// Whether all was handed over that was to be said.
@@ -51,13 +59,13 @@ impl Talk {
     }
 
     /// Forgets what was to be said.
-    pub(crate) const fn hush(&mut self) {
+    pub(crate) const fn discard_replies(&mut self) {
         (self.len, self.sent) = (0, 0);
     }
 
     /// Says a frame, which `write` writes and gives the length of; all before is out.
     #[inline(always)]
-    pub(crate) fn frame(&mut self, write: impl FnOnce(&mut [u8]) -> usize) {
+    pub(crate) fn write_frame(&mut self, write: impl FnOnce(&mut [u8]) -> usize) {
         self.sent = 0;
         self.len = write(&mut self.reply);
     }
@@ -73,16 +81,16 @@ impl Talk {
 
     /// Says a line of text, behind what waits; one that has no room is dropped.
     #[inline(never)]
-    pub(crate) fn say(&mut self, line: &Line) {
-        if ROOM - self.len < LONGEST {
+    pub(crate) fn push_line(&mut self, line: &TextLine) {
+        if REPLY_BYTES - self.len < LONGEST_LINE {
             self.reply.copy_within(self.sent..self.len, 0);
             (self.len, self.sent) = (self.len - self.sent, 0);
         }
         if self.has_room_for_line() {
             let room = &mut self.reply[self.len..];
             self.len += match line {
-                Line::Winch(reply) => usize::from(reply.write::<InMemory>(room)),
-                Line::Verbs(reply) => reply.write(room),
+                TextLine::Winch(reply) => usize::from(reply.write::<InMemory>(room)),
+                TextLine::Verbs(reply) => reply.write(room),
             };
         }
     }
@@ -90,21 +98,21 @@ impl Talk {
     /// Whether there is room for what a packet of lines may say.
     #[inline(always)]
     pub(crate) const fn has_room(&self) -> bool {
-        self.room() >= PACKET_SAYS
+        self.room() >= PACKET_REPLY_BYTES
     }
 
     /// Whether there is room for a line.
     pub(crate) const fn has_room_for_line(&self) -> bool {
-        self.room() >= LONGEST
+        self.room() >= LONGEST_LINE
     }
 
     const fn room(&self) -> usize {
-        ROOM - (self.len - self.sent)
+        REPLY_BYTES - (self.len - self.sent)
     }
 
     /// Whether the host does not read.
     pub(crate) const fn is_stuck(&self, now: Millis) -> bool {
-        now.since(self.moved) >= STUCK
+        now.since(self.last_progress) >= STUCK_MS
     }
 
     /// Sends what waits, as long as `send` takes a byte; whether one was sent.
@@ -118,7 +126,7 @@ impl Talk {
         }
         let moved = self.sent != sent;
         if moved || self.is_out() {
-            self.moved = now;
+            self.last_progress = now;
         }
         moved
     }
