@@ -146,8 +146,8 @@ impl Firmware {
             self.ports[Port::Uart as usize].text.mark_lost_byte();
         }
         // A done move stays in its queue until there is room to report it; but a host that does not read delays nothing.
-        let teller = self.text_port as usize;
-        while let io = &self.ports[teller]
+        let text_port = self.text_port as usize;
+        while let io = &self.ports[text_port]
             && (io.has_room_for_line() || io.text.is_muted() || io.is_stuck(now))
             && let Some(done) = self.winch.move_done(&mut self.board)
         {
@@ -252,9 +252,9 @@ impl Firmware {
         let reply = match self.winch.receive(&mut self.ports[port as usize].text, byte, is_obeyed) {
             TextEvent::Nothing => None,
             TextEvent::Answer(reply) => Some(reply),
-            TextEvent::Told(told) => {
+            TextEvent::Orders(orders) => {
                 self.text_port = port;
-                let reply = self.winch.give_orders(&mut self.board, &told);
+                let reply = self.winch.give_orders(&mut self.board, &orders);
                 // Words in between: the work of a dozen lines, as a packet may have, takes longer than the words last.
                 self.board.fill_motors();
                 Some(TextLine::Verbs(reply))

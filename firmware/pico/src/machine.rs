@@ -1,4 +1,4 @@
-//! What the [`Service`](pulsetrain_core::wire::Service) asks of a board, done on this one.
+//! The board behind the link: does what the [`Service`](pulsetrain_core::wire::Service) asks of it.
 
 use crate::clock::{self, Clock, TICK_HZ};
 use crate::regs;
@@ -25,24 +25,25 @@ use pulsetrain_core::wire::settings::SETTINGS_LEN;
 use pulsetrain_core::wire::{Baud, Encoder, Machine, Millis, Reason, Refusal, Stopped, Switched, Trimmed};
 use pulsetrain_core::{Epoch, Moment};
 
-/// A switch must be less than this ahead, ticks: moments are told apart within 2^31.
+/// A switch must be less than this ahead, ticks: 8.6 s. Ticks of 32 bits are told apart within 2^31; half of that leaves room for what is compared
+/// with it.
 const FARTHEST_SWITCH: u64 = 1 << 30;
 
-/// Motors that get words before others have their turn with the main loop.
+/// Motors that get words in one round of the main loop at most. Four take about 0.2 ms, and so long the host waits.
 const FILLS_A_ROUND: u32 = 4;
 
-/// News that the host has not been told yet; what does not fit is dropped.
+/// Events that wait for the host at most. More are dropped: a stop makes one, and a fault one for each motor.
 const MOST_EVENTS: usize = 8;
 
-/// Kinds of faults of a motor's queue.
+/// Kinds of faults of a motor's queue: a failed check, a bad item, a missed step.
 const FAULT_KINDS: usize = 3;
 
-/// What motors do that are told directly is worked out so much farther than words are to be written, ticks: 0.1 ms.
+/// Steps of verbs are worked out so much farther than words are written, ticks: 0.1 ms, so that a fill a little later finds them.
 const VERBS_MARGIN: u64 = TICK_HZ as u64 / 10_000;
 
 static VERBS: StaticCell<Verbs> = StaticCell::new(Verbs::new());
 
-/// Everything but the service that speaks for it.
+/// The board: all of it but the service and the ports.
 pub(crate) struct Board {
     pub(crate) clock: Clock,
     stepper: Stepper,
@@ -50,23 +51,23 @@ pub(crate) struct Board {
     /// The pins of the configuration, bit by GPIO.
     pins: u32,
     armed: bool,
-    /// A motion in the flash has the motors.
+    /// The motors follow a motion in the flash.
     baked: bool,
-    /// Motors are told directly, by what is in `verbs`; `obeyed` came of it last.
+    /// The motors follow `verbs`. `obeyed` is the answer to the last orders.
     verbs_run: bool,
-    /// At which pace.
+    /// When words are written meanwhile.
     pub(crate) timing: FillTiming,
     verbs: &'static mut Verbs,
     pub(crate) obeyed: Obeyed,
-    /// The rate of the session's line, to be set when that is quiet.
+    /// The new rate of the session's UART, which is set when all bytes at the old rate are sent.
     pub(crate) baud: Option<Baud>,
     events: [Option<Event>; MOST_EVENTS],
-    /// Faults that were told, kind by kind, bit by motor.
+    /// Faults that were reported, by kind, bit by motor.
     reported: [u8; FAULT_KINDS],
-    /// Motors that were stopped faster than they can, since they were armed, bit by motor.
+    /// Motors that were stopped while they were faster than their pull-in speed, since they were armed, bit by motor.
     uncertain: u8,
     was_idle: bool,
-    /// When the lease was over, if it is: noted before moments wrap.
+    /// The tick at which the lease lapsed: noted in 64 bits before 32 bits wrap.
     lapsed_at: Option<u64>,
     last_stop: Cause,
     last_reset: Cause,
@@ -82,20 +83,20 @@ struct EnableLine {
     /// Rest after which the drivers are released.
     idle_ms: Option<u16>,
     on: bool,
-    /// When something was last to be done.
+    /// When there was last something to do.
     busy_at: Millis,
 }
 
 impl EnableLine {
     const OFF: EnableLine = EnableLine { pin: NO_PIN, high: false, idle_ms: None, on: false, busy_at: Millis(0) };
 
-    /// Takes on a pin, and releases the drivers.
+    /// Sets the pin up, and releases the drivers.
     fn set_up(&mut self, pin: u8, high: bool, idle_ms: Option<u16>) {
         *self = EnableLine { pin, high, idle_ms, ..EnableLine::OFF };
         self.set(false);
         if pin != NO_PIN {
             regs::SIO_OE_SET.write(1 << pin);
-            // §2.19.6.3: input on, 4 mA, Schmitt trigger. §2.19.2: the processor's.
+            // §2.19.6.3: input on, 4 mA, Schmitt trigger. §2.19.2: driven by the processor.
             regs::pad(pin).write(1 << 6 | 1 << 4 | 1 << 1);
             regs::gpio_ctrl(pin).write(5);
         }
@@ -109,7 +110,7 @@ impl EnableLine {
         }
     }
 
-    /// Holds while there is something to do, and `idle_ms` longer. Whether it lets go just now.
+    /// Enables the drivers while there is something to do, and for `idle_ms` after it. Whether they were released just now.
     fn update(&mut self, now: Millis, idle: bool) -> bool {
         if !idle {
             self.busy_at = now;
@@ -128,7 +129,7 @@ impl EnableLine {
 }
 
 impl Board {
-    /// Starts clock and motors; it knows no pins yet.
+    /// Starts the clock and sets up what all motors share. No motor is configured yet.
     ///
     /// # Safety
     /// Only once.
@@ -173,7 +174,7 @@ impl Board {
         idle_ticks: 0,
     };
 
-    /// What cannot wait: words for the motors. Whether there was some of that to do.
+    /// Does what cannot wait: words for the motors. Whether there was something to do.
     #[inline(always)]
     pub(crate) fn fill_motors(&mut self) -> bool {
         let mut more = false;
@@ -181,7 +182,7 @@ impl Board {
             self.plan_verbs();
         }
         for _ in 0..FILLS_A_ROUND {
-            // Words that come after that would be steps at wrong times.
+            // After an underrun words would be steps at wrong times.
             if self.stepper.has_starved() {
                 self.stop_for_underrun();
             }
@@ -193,7 +194,7 @@ impl Board {
         more
     }
 
-    /// Works out what motors do that are told directly, as far as words are written.
+    /// Works out the steps of verbs, as far as words are written.
     #[inline(never)]
     fn plan_verbs(&mut self) {
         let Board { verbs, stepper, clock, timing, .. } = self;
@@ -206,11 +207,11 @@ impl Board {
 
     /// How long no motor needs words, µs.
     pub(crate) fn spare_us(&mut self) -> u32 {
-        let now = self.clock.moment();
+        let now = self.clock.now32();
         clock::us(self.stepper.ticks_to_next_fill(now))
     }
 
-    /// Whether words for the motors are more urgent than what the host says.
+    /// Whether words for the motors are more urgent than the host's frames.
     #[inline(always)]
     pub(crate) const fn is_behind(&self) -> bool {
         self.stepper.is_behind()
@@ -222,19 +223,19 @@ impl Board {
         self.stop(Cause::Starved);
     }
 
-    /// Sets up the pins that text's axes have, drivers off, motors at 0; whether that could be done. Frames' motors rest.
+    /// Configures the axes of text, with drivers off and positions at 0, while the motors of frames rest. Whether it could be done.
     pub(crate) fn configure_axes(&mut self) -> bool {
         winch::wiring().is_some_and(|wiring| self.configure(&wiring).is_ok())
     }
 
-    /// Switches the drivers on and has motors follow paths, whose steps come by [`push_slice`](Board::push_slice) and begin at `first` or
-    /// later, at least a millisecond from now.
+    /// Enables the drivers and has motors follow paths. Their steps come by [`push_slice`](Board::push_slice), and the first of them at tick `first` or later,
+    /// which is at least a millisecond from now.
     pub(crate) fn begin_paths(&mut self, first: u64) -> bool {
         self.stepper.set_known_until(Moment::of(first));
         self.arm().is_ok()
     }
 
-    /// The steps of all axes in the millisecond that begins at tick `begin` and ends at `end`.
+    /// Hands over the steps of all axes in the millisecond from tick `begin` to `end`.
     pub(crate) fn push_slice(&mut self, slices: [Slice; 4], begin: u64, end: u64) {
         for (motor, slice) in (0..).zip(slices) {
             if let Some(steps) = slice.steps(winch::SLICE_TICKS) {
@@ -244,13 +245,13 @@ impl Board {
         self.stepper.set_known_until(Moment::of(end));
     }
 
-    /// Whether nothing moves, and nothing is to.
+    /// Whether nothing moves, and nothing will.
     pub(crate) fn is_at_rest(&mut self) -> bool {
         let now = self.clock.now();
         !self.armed || (!self.baked && self.is_idle(now))
     }
 
-    /// Has a motion in the flash have the motors; gives its epoch. `None` if they cannot be set up so.
+    /// Configures and arms the motors for a motion in the flash, and returns its epoch. `None` if they cannot be set up so.
     pub(crate) fn begin_baked(&mut self, configuration: &Configuration<'_>) -> Option<Epoch> {
         self.configure(configuration).ok()?;
         self.arm().ok()?;
@@ -258,7 +259,7 @@ impl Board {
         Some(self.stepper.epoch().next())
     }
 
-    /// All motors begin that at `tick`; whether they do.
+    /// Has all motors begin that motion at `tick`. Whether they do.
     pub(crate) fn switch_baked(&mut self, epoch: Epoch, tick: u64) -> bool {
         self.was_idle = false;
         self.stepper.switch(epoch, Moment::of(tick), Lease::Off, &[])
@@ -269,13 +270,13 @@ impl Board {
         self.stepper.free(motor)
     }
 
-    /// Puts packed items of a motion in the flash last in a motor's queue, which has room for them.
+    /// Puts packed items of a motion in the flash last in a motor's queue. It has room for them.
     pub(crate) fn push_baked(&mut self, motor: u8, epoch: Epoch, packed: &[u8]) {
-        // There is room: that was asked.
+        // The caller has asked for the room.
         let _ = self.stepper.push(motor, epoch, packed);
     }
 
-    /// Whether a motion in the flash still has the motors; `fed`: all of it was handed over.
+    /// Whether the motors still follow a motion in the flash. `fed`: all of it is in the queues.
     pub(crate) fn update_baked(&mut self, fed: bool) -> bool {
         if fed && self.baked {
             let now = self.clock.now();
@@ -284,12 +285,12 @@ impl Board {
         self.baked
     }
 
-    /// While a motion in the flash has the motors nobody else does.
+    /// Refuses a host's request while the motors follow a motion in the flash.
     const fn check_free(&self) -> Result<(), Refusal> {
         if self.baked { Err(Refusal::of(Reason::Baked)) } else { Ok(()) }
     }
 
-    /// The clock, ticks, and the steps that the axes have made by then.
+    /// The clock, ticks, and the positions of the axes at that tick.
     pub(crate) fn positions(&mut self) -> (u64, [i32; 4]) {
         let now = self.clock.now();
         (now, [0, 1, 2, 3].map(|motor| self.stepper.position(motor, Moment::of(now))))
@@ -300,7 +301,7 @@ impl Board {
         self.armed
     }
 
-    /// What can wait a millisecond. Whether the UART lost a byte by itself.
+    /// Does what can wait a millisecond. Whether the UART's receiver lost a byte.
     pub(crate) fn housekeeping(&mut self, now: Millis, uart: &mut Uart) -> bool {
         uart.keep_receiving();
         let overrun = uart::has_overrun();
@@ -322,18 +323,18 @@ impl Board {
         overrun
     }
 
-    /// Tells that the lease ended in motion, once that is past.
+    /// Reports that the lease lapsed in motion, once its tick is past.
     fn report_lapse(&mut self) {
         let (_, Some(lapse)) = self.stepper.lease() else {
             self.lapsed_at = None;
             return;
         };
-        if self.lapsed_at.is_some() || self.clock.moment().is_before(lapse.at) {
+        if self.lapsed_at.is_some() || self.clock.now32().is_before(lapse.at) {
             return;
         }
-        self.lapsed_at = Some(self.clock.extended(lapse.at));
+        self.lapsed_at = Some(self.clock.to_u64(lapse.at));
         let (cause, motor) = match lapse.cause {
-            // Not in motion: that is Finished.
+            // At rest this is `Finished`.
             lease::Cause::NotExtended | lease::Cause::Ordered if !self.stepper.was_moving() => return,
             lease::Cause::NotExtended => (Cause::Lapsed, ALL_MOTORS),
             lease::Cause::Ordered => (Cause::Braked, ALL_MOTORS),
@@ -342,13 +343,13 @@ impl Board {
             lease::Cause::BadItem => (Cause::BadItem, self.stepper.at_fault()),
         };
         self.last_stop = cause;
-        // The queue's own faults are told for each motor.
+        // `report_faults` reports faults of queues, for each motor.
         if !matches!(cause, Cause::StepMissed | Cause::BadItem) {
             self.report(cause, motor, 0);
         }
     }
 
-    /// Tells what a motor's own queue asked for and could not be: each kind once, until motors are armed again.
+    /// Reports what queues asked for that could not be done: each kind once for each motor, until motors are armed again.
     fn report_faults(&mut self) {
         const CAUSES: [(u8, Cause); FAULT_KINDS] = [
             (flags::CHECK_FAILED, Cause::CheckFailed),
@@ -387,36 +388,36 @@ impl Board {
         Stopped { tick, uncertain }
     }
 
-    /// When the next move is done that is worked out, ticks.
+    /// The tick at which the next move is done, of those that are worked out.
     pub(crate) fn next_done(&self) -> Option<u64> {
         self.verbs.next_done()
     }
 
-    /// What can wait a millisecond, without a line to a host. Whether nothing moves, and nothing is to.
+    /// Notes the time, and releases drivers that have rested long enough; to be called every millisecond or so. Whether nothing moves, and nothing will.
     pub(crate) fn update_idle(&mut self, now: Millis) -> bool {
         let tick = self.clock.now();
         self.stepper.pass(Moment::of(tick));
         let idle = self.is_idle(tick);
-        // While motors are armed their coils let go by themselves, to the tick.
+        // While motors are armed the words release coils, at their tick.
         if self.power.update(now, idle) && !self.armed {
             self.stepper.release_coils();
         }
         idle
     }
 
-    /// Whether a motor that is told directly has nothing to do, and all that it did was told.
+    /// Whether a motor has no verb left to do, and all its done moves were reported.
     pub(crate) fn is_motor_done(&self, motor: u8) -> bool {
         self.verbs.motors().get(usize::from(motor)).is_none_or(|motor| motor.is_at_rest() && motor.is_told())
     }
 
-    /// Whether motors that rest, and are not told directly yet, would do that.
+    /// Whether these orders would be accepted, while motors rest and follow no verbs yet.
     pub(crate) fn check_orders(&mut self, orders: &Orders<'_>) -> Result<(), Refusal> {
         self.verbs.begin(self.stepper.limits(), 0);
         self.verbs.obey(orders).map(drop)
     }
 
-    /// Motors that are told directly forget what they do; with `all` false only [what has no end](Verbs::forsake). Gives, bit by motor,
-    /// which ones were faster than they can stop.
+    /// Has motors that follow verbs forget them; with `all` false only [those without an end](Verbs::forsake). Returns, bit by motor,
+    /// which were faster than their pull-in speed.
     pub(crate) fn halt(&mut self, all: bool) -> u8 {
         if !self.verbs_run {
             return 0;
@@ -427,10 +428,10 @@ impl Board {
         uncertain
     }
 
-    /// A move that was done and not told yet; also after motors were stopped.
+    /// A move that is done and was not reported yet; also after motors were stopped.
     pub(crate) fn move_done(&mut self) -> Option<Event> {
         let now = self.clock.now();
-        // An interrupt may have kept words back since they were looked at last. If none is dry by now, all was made that was to be.
+        // A motor may have run dry since the last look: then its move is not done. If none has by now, all steps up to now were made.
         if self.stepper.has_starved() {
             self.stop_for_underrun();
         }
@@ -442,7 +443,7 @@ impl Board {
         let now = self.clock.now();
         let ends = [Cause::Lapsed, Cause::Braked, Cause::RanDry, Cause::BadItem, Cause::CheckFailed, Cause::StepMissed];
         let tick = self.lapsed_at.filter(|_| ends.contains(&cause)).unwrap_or(now);
-        // That a host was lost, or a lease over, is the better reason for the same end.
+        // A lost host or a lapsed lease is the better reason for the same end.
         if cause == Cause::Finished && self.last_stop == Cause::None {
             self.last_stop = cause;
         }
@@ -451,12 +452,12 @@ impl Board {
         }
     }
 
-    /// Whether at tick `now` nothing moves, and nothing is to: a last period is over, too.
+    /// Whether at tick `now` nothing moves, and nothing will; the period after the last step of a verb is over, too.
     fn is_idle(&self, now: u64) -> bool {
         self.stepper.is_idle(Moment::of(now)) && (!self.verbs_run || self.verbs.rest_at(now))
     }
 
-    /// Has armed motors that rest be told directly from now on.
+    /// Has armed motors that rest follow verbs from now on.
     ///
     /// # Errors
     /// [`Reason::NotArmed`], [`Reason::Moving`].
@@ -468,7 +469,7 @@ impl Board {
         Ok(())
     }
 
-    /// Motors that rest, and are not told directly yet, would be from here on; so far nothing of theirs changes.
+    /// Prepares `verbs` for motors that rest and follow none yet. The motors themselves do not change: see [`run_verbs`](Board::run_verbs).
     fn prepare_verbs(&mut self) -> Result<(), Refusal> {
         let now = self.clock.now();
         if !self.armed {
@@ -477,14 +478,14 @@ impl Board {
         if !self.is_idle(now) {
             return Err(Refusal::of(Reason::Moving));
         }
-        // Nothing that is written comes after that: see `Words::fill`.
-        let written = self.clock.extended(self.stepper.horizon(Moment::of(now)));
+        // No word that is written ends later than that: see `Words::fill`.
+        let written = self.clock.to_u64(self.stepper.horizon(Moment::of(now)));
         let known = now.max(written) + u64::from(self.stepper.foresight(self.timing));
         self.verbs.begin(self.stepper.limits(), known);
         Ok(())
     }
 
-    /// They are: see [`prepare_verbs`](Board::prepare_verbs).
+    /// Has the motors follow the verbs that [`prepare_verbs`](Board::prepare_verbs) has prepared.
     fn run_verbs(&mut self) {
         self.stepper.set_timing(self.timing);
         self.stepper.set_known_until(Moment::of(self.verbs.known()));
@@ -588,7 +589,7 @@ impl Machine for Board {
     }
 
     fn discard(&mut self, epoch: Epoch) {
-        // Nothing of a host's is there.
+        // A motion in the flash has nothing of a host's in the queues.
         if !self.baked {
             self.stepper.discard(epoch);
         }
@@ -642,10 +643,10 @@ impl Machine for Board {
 
     fn brake(&mut self) -> u64 {
         if self.stepper.can_extend(Lease::Last) {
-            let at = self.stepper.horizon(self.clock.moment());
+            let at = self.stepper.horizon(self.clock.now32());
             self.stepper.lapse_at(Lapse { at, cause: lease::Cause::Ordered });
         }
-        let ended = self.lapsed_at.or_else(|| self.stepper.lease().1.map(|lapse| self.clock.extended(lapse.at)));
+        let ended = self.lapsed_at.or_else(|| self.stepper.lease().1.map(|lapse| self.clock.to_u64(lapse.at)));
         ended.unwrap_or(NO_LEASE)
     }
 
@@ -672,7 +673,7 @@ impl Machine for Board {
             self.prepare_verbs()?;
         }
         self.obeyed = self.verbs.obey(orders)?;
-        // Who is refused, or only asks, leaves motors as they are.
+        // Orders that are refused, or empty to ask for positions, change nothing.
         if !self.verbs_run && !orders.is_empty() {
             self.run_verbs();
         }
@@ -691,7 +692,7 @@ impl Machine for Board {
         }
         if let Some(settings) = settings {
             let Board { store, clock, .. } = self;
-            // Nothing needs words, and no motion is read from the flash.
+            // No motor needs words meanwhile, and no motion is read from the flash: nothing is armed.
             store.write(settings, || {
                 reset::kick_watchdog();
                 clock.now()
@@ -722,8 +723,8 @@ impl Machine for Board {
     }
 
     fn horizon(&mut self) -> u64 {
-        let now = self.clock.moment();
-        self.clock.extended(self.stepper.horizon(now))
+        let now = self.clock.now32();
+        self.clock.to_u64(self.stepper.horizon(now))
     }
 
     fn epoch(&self) -> Epoch {
@@ -731,7 +732,7 @@ impl Machine for Board {
     }
 
     fn position(&mut self, motor: u8) -> i32 {
-        let now = self.clock.moment();
+        let now = self.clock.now32();
         self.stepper.position(motor, now)
     }
 
@@ -768,13 +769,13 @@ impl Machine for Board {
             self.last_stop = Cause::HostLost;
         }
         self.halt(lost);
-        // They were its news.
+        // The events were for that host.
         self.events = [None; MOST_EVENTS];
         self.verbs.disown();
     }
 
     fn event(&mut self) -> Option<Event> {
-        // What was done comes before that all was.
+        // Done moves come before the event that all is finished.
         if let Some(done) = self.move_done() {
             return Some(done);
         }

@@ -1,4 +1,4 @@
-//! What is heard and said on a way to a host.
+//! The bytes of one port to a host: what is being read, and what waits to be sent.
 
 use crate::winch::TextInput;
 use pulsetrain_core::verbs::text;
@@ -7,14 +7,14 @@ use pulsetrain_core::winch::reply::{self, Reply};
 use pulsetrain_core::wire::frame::Received;
 use pulsetrain_core::wire::{Decoder, MAX_FRAME, Millis, Service};
 
-/// Bytes that may wait to be sent: one frame, or lines.
+/// Bytes that may wait to be sent: one frame, or lines of text.
 const REPLY_BYTES: usize = 2048;
 const _: () = assert!(REPLY_BYTES > MAX_FRAME);
 
-/// The longest line.
+/// Bytes of the longest line.
 const LONGEST_LINE: usize = if reply::LONGEST > text::LONGEST { reply::LONGEST } else { text::LONGEST };
 
-/// What the lines of one packet may say at most, and a status: 32 of two bytes (`*` and a line's end), or as many `halt`s.
+/// Bytes of the replies to one packet of 64 bytes, and of a status line: to 12 `halt`s, or to 32 lines of two bytes (`*` and a line's end).
 const PACKET_REPLY_BYTES: usize = 64 / "halt\n".len() * LONGEST_LINE + LONGEST_LINE;
 const _: () =
     assert!(PACKET_REPLY_BYTES < REPLY_BYTES && PACKET_REPLY_BYTES > 32 * "err checksum 0\r\n".len() + LONGEST_LINE);
@@ -25,22 +25,22 @@ pub(crate) enum TextLine {
     Verbs(text::Reply),
 }
 
-/// If no byte has left for so long, about ms, the host does not read: nothing waits for it.
+/// If no byte could be sent for so long, about ms, the host does not read, and nothing waits for it.
 const STUCK_MS: u16 = 20;
 
-/// One way's.
+/// One port's.
 pub(crate) struct PortIo {
     pub(crate) decoder: Decoder,
     pub(crate) text: TextInput,
     reply: [u8; REPLY_BYTES],
     len: usize,
     sent: usize,
-    /// When a byte left last, or nothing waited.
+    /// When a byte was sent last, or nothing waited.
     last_progress: Millis,
 }
 
 impl PortIo {
-    /// Nothing was heard yet.
+    /// Nothing was received yet.
     pub(crate) const fn new() -> PortIo {
         PortIo {
             decoder: Decoder::new(),
@@ -52,25 +52,25 @@ impl PortIo {
         }
     }
 
-    /// Whether all was handed over that was to be said.
+    /// Whether nothing waits to be sent.
     #[inline(always)]
     pub(crate) const fn is_out(&self) -> bool {
         self.sent == self.len
     }
 
-    /// Forgets what was to be said.
+    /// Drops what waits to be sent.
     pub(crate) const fn discard_replies(&mut self) {
         (self.len, self.sent) = (0, 0);
     }
 
-    /// Says a frame, which `write` writes and gives the length of; all before is out.
+    /// Puts a frame in the buffer, which is empty: `write` writes it and returns its length.
     #[inline(always)]
     pub(crate) fn write_frame(&mut self, write: impl FnOnce(&mut [u8]) -> usize) {
         self.sent = 0;
         self.len = write(&mut self.reply);
     }
 
-    /// Says on a way that is not the session's what there is to be said there, if nothing else is under way.
+    /// Answers a frame on a port that is not the session's, unless another answer still waits to be sent.
     #[inline(never)]
     pub(crate) fn turn_away(&mut self, received: Received) {
         if self.is_out() {
@@ -79,7 +79,7 @@ impl PortIo {
         }
     }
 
-    /// Says a line of text, behind what waits; one that has no room is dropped.
+    /// Puts a line of text behind what waits. It is dropped if there is no room.
     #[inline(never)]
     pub(crate) fn push_line(&mut self, line: &TextLine) {
         if REPLY_BYTES - self.len < LONGEST_LINE {
@@ -95,7 +95,7 @@ impl PortIo {
         }
     }
 
-    /// Whether there is room for what a packet of lines may say.
+    /// Whether there is room for the replies to a packet of lines.
     #[inline(always)]
     pub(crate) const fn has_room(&self) -> bool {
         self.room() >= PACKET_REPLY_BYTES
@@ -115,7 +115,7 @@ impl PortIo {
         now.since(self.last_progress) >= STUCK_MS
     }
 
-    /// Sends what waits, as long as `send` takes a byte; whether one was sent.
+    /// Sends what waits, as long as `send` takes bytes. Whether one was sent.
     #[inline(always)]
     pub(crate) fn send(&mut self, now: Millis, mut send: impl FnMut(u8) -> bool) -> bool {
         let sent = self.sent;

@@ -1,17 +1,18 @@
-//! The winch: text on the lines instead of frames, and motors that follow paths which the board works out itself.
+//! The winch: text instead of frames, and motors that follow paths which the board works out itself.
 //!
-//! docs/winch.md has the commands; what they mean and which steps come of them is `pulsetrain_core::winch`, the same code as the
-//! native winch's. Here is when: milliseconds are those of the board's clock, worked out as far ahead as words are written.
+//! docs/winch.md has the commands. What they mean, and which steps they make, is in `pulsetrain_core::winch`, which the native winch
+//! uses too. This file says when: the session's milliseconds are those of the board's clock, and are worked out as far ahead as words
+//! are written.
 //!
-//! # Who has the board
-//! As long as frames have not taken it and no motor of theirs moves, text is *on*. From the first command that enables the drivers,
-//! until `enable 0` has released them, text *drives*, and frames' Hello is refused. Text has one session, whose axes and settings are
-//! those of both lines, and an [`TextInput`] for each of them.
+//! # Whose the board is
+//! Text is *on* while no session of frames is open and no motor of frames moves. A command that enables the drivers starts *paths*:
+//! they run until `enable 0` has released the drivers, and meanwhile the Hello of frames is refused. There is one session of text, so
+//! that both ports have the same axes and settings, and a [`TextInput`] for each port.
 //!
 //! # Verbs
-//! Lines that tell motors directly (`pulsetrain_core::verbs::text`) enable the drivers, too, of the same axes, and text *tells* them
-//! until `enable 0`. Paths and verbs do not mix: who has the axes keeps them until then. After verbs text begins anew, since paths
-//! would not know where the axes are.
+//! Lines with verbs (`pulsetrain_core::verbs::text`) enable the same drivers, and *verbs run* until `enable 0`. Paths and verbs do not
+//! mix: whichever was first keeps the axes until then. After verbs a new session of text begins, since paths would not know where the
+//! axes are.
 
 use crate::clock::TICK_HZ;
 use crate::machine::Board;
@@ -27,13 +28,13 @@ use pulsetrain_core::wire::message::{Configuration, Event, MOTOR_SETUP_LEN};
 use pulsetrain_core::wire::orders::Orders;
 use pulsetrain_core::wire::{Machine, Reason, Refusal as Refused, Service, Settings};
 
-/// Ticks of a slice, a millisecond: slices begin at the clock's multiples of it.
+/// Ticks of a slice: a millisecond of the session. Slices begin at the clock's multiples of it.
 pub(crate) const SLICE_TICKS: u32 = TICK_HZ / 1000;
 
-/// Slices are worked out that begin this soon, ticks: what words are written for, and a while for the main loop.
+/// Slices are worked out if they begin so soon, ticks: as far ahead as words are written, and 0.1 ms for the main loop.
 const LOOK_AHEAD_OF_PATHS: u32 = LOOK_AHEAD + DIR_CLEARANCE + SLICE_TICKS / 10;
 
-/// Slices from a command that enables the drivers to the first one in which they may step.
+/// Slices from a command that enables the drivers to the first in which they may step: [`Board::begin_paths`] needs a millisecond.
 const FIRST_SLICE: u64 = 2;
 
 /// Pulses of 2 µs, and DIR 5 µs before them, ticks.
@@ -41,22 +42,22 @@ const PULSE_TICKS: u16 = 250;
 const SETUP_TICKS: u16 = 625;
 const _: () = assert!(PULSE_TICKS as u32 * 500_000 == TICK_HZ && SETUP_TICKS as u32 * 200_000 == TICK_HZ);
 
-// A DIR line turns within what is known: its set-up, and words of DIR and step, which last a pulse and more.
+// A change of DIR fits in the clearance: its set-up, and the words of DIR and of the step, which last a pulse and more each.
 const _: () = assert!(SETUP_TICKS as u32 + 4 * PULSE_TICKS as u32 <= DIR_CLEARANCE);
 
-/// STEP of the axes; DIR is the pin above. High is forward.
+/// GPIOs of the axes' STEP lines. DIR is the next pin; high is forward.
 const STEP_PINS: [u8; 4] = [2, 4, 6, 8];
-/// The drivers' common enable input; low is on.
+/// GPIO of the drivers' common enable line; low is on.
 const ENABLE_PIN: u8 = 22;
 
-/// The axes, as frames' motors.
+/// The axes, as a Configure of frames would have them.
 const AXES: [u8; 4 * MOTOR_SETUP_LEN] = {
     let mut axes = [0; 4 * MOTOR_SETUP_LEN];
     let mut axis = 0;
     while axis < 4 {
         let at = MOTOR_SETUP_LEN * axis;
         [axes[at], axes[at + 1], axes[at + 2]] = [STEP_PINS[axis], STEP_PINS[axis] + 1, FORWARD_HIGH];
-        // Text knows no pull-in speed: none is so slow that a stop at once is sure to be one.
+        // Text says no pull-in speed. So the longest interval: after a stop in motion the position is always uncertain.
         [axes[at + 4], axes[at + 5], axes[at + 6], axes[at + 7]] = [0xff; 4];
         axis += 1;
     }
@@ -66,7 +67,7 @@ const AXES: [u8; 4 * MOTOR_SETUP_LEN] = {
 /// Bit 0 of [`MotorSetup`](pulsetrain_core::wire::message::MotorSetup)'s flags.
 const FORWARD_HIGH: u8 = 1;
 
-/// Pins and times, as frames would configure them.
+/// Pins and times of the axes, as a Configure of frames would have them.
 pub(crate) fn wiring() -> Option<Configuration<'static>> {
     let mut wiring = Configuration::new(&AXES)?;
     (wiring.pulse_ticks, wiring.setup_ticks, wiring.hold_ticks) = (PULSE_TICKS, SETUP_TICKS, PULSE_TICKS);
@@ -74,15 +75,15 @@ pub(crate) fn wiring() -> Option<Configuration<'static>> {
     Some(wiring)
 }
 
-/// The axes cannot be had yet.
+/// The answer while motors still move: verbs cannot have the axes yet.
 const REFUSED_AS_MOVING: text::Reply = text::Reply::Refused(Refused::of(Reason::Moving));
 
-/// What is heard as text on a line.
+/// The reader of one port's text.
 pub(crate) struct TextInput {
     reader: Reader,
-    /// A zero has come since the last command: frames are spoken, and nothing is said as text.
+    /// A zero byte has come since the last command: the host speaks frames, and gets no text.
     muted: bool,
-    /// A status line is to be said.
+    /// A status line is to be sent.
     pub(crate) owes_status: bool,
 }
 
@@ -91,24 +92,24 @@ impl TextInput {
         TextInput { reader: Reader::new(), muted: false, owes_status: false }
     }
 
-    /// Whether frames are spoken: the line is no text alone.
+    /// Whether the host speaks frames, so that no text is sent.
     pub(crate) const fn is_muted(&self) -> bool {
         self.muted
     }
 
-    /// A line of which a byte was lost is noise.
+    /// Notes that a byte was lost: the line that it was in is not obeyed.
     pub(crate) fn mark_lost_byte(&mut self) {
         self.reader.push::<InMemory>(0xff);
     }
 }
 
-/// What a byte of a line has brought.
+/// What a byte of text completes.
 pub(crate) enum TextEvent {
     Nothing,
-    /// Something to say.
+    /// A line that has to be answered at once.
     Answer(TextLine),
-    /// Something to tell motors directly.
-    Told(Told),
+    /// Verbs for the motors.
+    Orders(Told),
 }
 
 impl TextEvent {
@@ -117,22 +118,22 @@ impl TextEvent {
     }
 }
 
-/// Text, as main has it.
+/// The state of text; main's.
 pub(crate) struct Winch {
     session: Session,
     on: bool,
-    /// Pins are text's.
+    /// The pins are configured for text.
     wired: bool,
     path_runs: bool,
-    /// Verbs have the axes.
+    /// The axes follow verbs.
     verbs_run: bool,
-    /// `enable 0` was said to them: they stop, and verbs lose them as soon as they rest.
+    /// `enable 0` came while verbs ran: the axes stop, and are released as soon as they rest.
     releasing: bool,
-    /// The beginning of the next slice to be worked out, ticks.
+    /// When the next slice that is to be worked out begins, ticks.
     next: u64,
     /// A status line is due.
     pub(crate) status_due: bool,
-    /// Axes that a deadman stopped at once, which is to be said.
+    /// Axes that a deadman stopped too fast, bit by axis, which is not yet reported.
     stopped_by_deadman: u8,
 }
 
@@ -157,7 +158,7 @@ impl Winch {
         self.on
     }
 
-    /// Takes a byte of a line; gives what is to be answered. `obeyed`: frames do not have the board.
+    /// Takes a byte of text. `obeyed`: no session of frames has the board.
     pub(crate) fn receive(&mut self, ear: &mut TextInput, byte: u8, obeyed: bool) -> TextEvent {
         if byte == 0 {
             // Frames have zeros, text has none.
@@ -167,12 +168,12 @@ impl Winch {
         }
         match ear.reader.push::<InMemory>(byte) {
             Heard::Nothing => TextEvent::Nothing,
-            // The winch does not know verbs.
+            // What is no command of the winch may be a verb.
             Heard::Refused(refusal @ Refusal { what: What::Command, .. }) if obeyed => {
                 match text::read(ear.reader.line()) {
                     Read::Told(told) => {
                         ear.muted = false;
-                        TextEvent::Told(told)
+                        TextEvent::Orders(told)
                     }
                     _ if ear.muted => TextEvent::Nothing,
                     Read::Refused(what, word) => TextEvent::Answer(TextLine::Verbs(text::Reply::Unread(what, word))),
@@ -193,7 +194,7 @@ impl Winch {
                         self.releasing = true;
                         TextEvent::Nothing
                     }
-                    // A stop goes to its end, whatever comes behind it.
+                    // A stop goes on to its end, whatever comes after it.
                     Verb::Enable if self.releasing => TextEvent::Answer(TextLine::Verbs(REFUSED_AS_MOVING)),
                     Verb::Enable if self.verbs_run => {
                         self.session.heard();
@@ -205,7 +206,7 @@ impl Winch {
         }
     }
 
-    /// Tells motors directly what a line says; gives what is to be answered.
+    /// Has motors follow the verbs of a line, and returns the answer.
     pub(crate) fn give_orders(&mut self, board: &mut Board, told: &Told) -> text::Reply {
         if self.path_runs {
             return text::Reply::Path;
@@ -229,9 +230,9 @@ impl Winch {
 
     fn obey(&mut self, board: &mut Board, orders: &Orders<'_>) -> Result<(), Refused> {
         if !self.verbs_run {
-            // What frames' motors have done is not text's to tell.
+            // Done moves of frames' motors are not for text.
             while board.move_done().is_some() {}
-            // A line that is refused does not enable the drivers.
+            // Checked first: a line that is refused must not enable the drivers.
             board.check_orders(orders)?;
             board.arm()?;
         }
@@ -239,19 +240,19 @@ impl Winch {
         board.obey(orders)
     }
 
-    /// A move of verbs that was done.
+    /// The report of a move that is done.
     pub(crate) fn move_done(&mut self, board: &mut Board) -> Option<text::Reply> {
         let Event { motor, tick, detail, .. } = if self.verbs_run { board.move_done()? } else { return None };
         Some(text::Reply::Done { axis: motor, tick, number: detail })
     }
 
-    /// What is to be said of axes that a deadman has stopped.
+    /// The report of axes that a deadman has stopped too fast.
     pub(crate) fn uncertain(&mut self) -> Option<text::Reply> {
         let axes = core::mem::take(&mut self.stopped_by_deadman);
         (axes != 0).then_some(text::Reply::Uncertain { axes })
     }
 
-    /// Sees to what a command has changed.
+    /// Does what the last command asks of the board.
     pub(crate) fn apply_command(&mut self, board: &mut Board, service: &mut Service) {
         if self.session.is_wired() && !self.wired {
             self.wired = board.configure_axes();
@@ -268,7 +269,7 @@ impl Winch {
         service.hold(self.path_runs || self.verbs_run);
     }
 
-    /// Works out the slices that are due, and hands their steps on.
+    /// Works out the slices that are due, and hands their steps over.
     #[inline(always)]
     pub(crate) fn advance(&mut self, board: &mut Board) {
         if self.on {
@@ -294,17 +295,17 @@ impl Winch {
         }
     }
 
-    /// What time brings; to be called every millisecond or so. Whether text begins anew.
+    /// Does what depends on time; to be called every millisecond or so. Whether a new session of text begins.
     pub(crate) fn poll(&mut self, board: &mut Board, service: &mut Service) -> bool {
         if self.verbs_run {
             if self.releasing || self.session.is_forsaken() {
                 let stopped = board.halt(true);
-                // Who says `enable 0` knows.
+                // Not after `enable 0`: that host asked for the stop.
                 self.stopped_by_deadman |= if self.releasing { 0 } else { stopped };
             }
-            // What was done is told first.
+            // Done moves are reported first.
             if board.next_done().is_none() && (!board.is_armed() || (self.releasing && board.is_at_rest())) {
-                // Nothing moves any more.
+                // It cannot be refused: nothing moves any more.
                 let _ = board.release();
                 board.host_gone(false);
                 (self.verbs_run, self.on) = (false, false);
@@ -317,11 +318,11 @@ impl Winch {
             if ran_dry || (self.session.has_stopped() && board.is_at_rest()) {
                 self.session.release();
                 self.path_runs = false;
-                // Nothing moves any more.
+                // It cannot be refused: nothing moves any more.
                 let _ = board.release();
-                // What there is to tell of text is no news for frames.
+                // Events of text are not for frames.
                 board.host_gone(false);
-                // If it ran dry nobody knows where the motors stand: as after a reset.
+                // After an underrun the session does not know where the axes are: text begins again, as after a reset.
                 self.on &= !ran_dry;
                 service.hold(false);
             }
@@ -338,11 +339,11 @@ impl Winch {
         begins
     }
 
-    /// What a status line says now.
+    /// The status line for now.
     pub(crate) fn status(&self, board: &mut Board) -> Reply {
         let (now, positions) = board.positions();
         let usec = (now / u64::from(TICK_HZ / 1_000_000)) as u32;
-        // Else the motors are those of frames.
+        // If text has not configured the pins, the positions are of frames' motors.
         Reply::Status { usec: usec.cast_signed(), positions: if self.wired { positions } else { [0; 4] } }
     }
 }

@@ -1,12 +1,12 @@
-//! A run's steps, one word each: what `pulsetrain_core::words::expand` does, in 75 or 91 cycles for eight steps of which
-//! none can be too soon or too late, and in 35 cycles for two of the others.
+//! A run's steps, one word each: what `pulsetrain_core::words::expand` does, in 75 or 91 cycles for eight steps that need no check, as none of them can be
+//! too soon or too late, and in 35 cycles for two that need it.
 
 use core::arch::global_asm;
 use pulsetrain_core::Recurrence;
 use pulsetrain_core::words::{Stretch, Sure, surely};
 
 // In: r0 the recurrence, r1 the first word, r2 the end of the words, r3 the stretch. Out: r0 the end of what was written.
-// Ticks and fraction of the accumulator are added up apart: what the fraction carries over is a step's ticks.
+// The accumulator's fraction and its ticks are added separately: what the fraction carries over goes into the step's ticks.
 global_asm!(
     r#"
     .section .text.expand_steps, "ax", %progbits
@@ -199,7 +199,7 @@ unsafe extern "C" {
 
 /// As [`pulsetrain_core::words::expand`], for 32 fraction bits.
 ///
-/// A call, so that it has the registers to itself.
+/// Not inlined, so that its loop has all registers.
 #[inline(never)]
 pub(crate) fn expand(recurrence: &mut Recurrence, words: &mut [u32], stretch: &Stretch) -> u32 {
     if words.is_empty() {
@@ -210,7 +210,7 @@ pub(crate) fn expand(recurrence: &mut Recurrence, words: &mut [u32], stretch: &S
     let mut rest = *stretch;
     if count != 0 {
         let offset = stretch.bits.wrapping_sub(stretch.gap);
-        // SAFETY: there are so many words at least.
+        // SAFETY: `count` is at most the number of words.
         let next = unsafe { start.add(count as usize) };
         // SAFETY: it writes words from `start` on up to `next`; the recurrence is laid out as in C.
         rest.ticks -= unsafe { expand_unchecked(recurrence, start, next, offset, gentle.into()) };

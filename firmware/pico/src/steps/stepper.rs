@@ -408,7 +408,7 @@ impl Stepper {
             StateMachine::of(number).forget_stall();
         }
         let value = regs::interrupt_free(|| regs::set_and_time(1 << GATE));
-        let at = Moment::of(clock.seen(value)).after(GATE_TICKS);
+        let at = Moment::of(clock.at_systick(value)).after(GATE_TICKS);
         for MotorParts { motor, tape, .. } in self.parts().1 {
             motor.words.start(tape, at);
         }
@@ -420,7 +420,7 @@ impl Stepper {
     /// Writes words for the next motor that needs some. Whether there is more to do: another motor may need words, or all must be stopped as words were late.
     #[inline(never)]
     pub(crate) fn fill(&mut self, clock: &mut Clock) -> bool {
-        let now = clock.moment();
+        let now = clock.now32();
         if !self.runs || now.is_before(self.next_fill) {
             return false;
         }
@@ -462,7 +462,7 @@ impl Stepper {
                 None => motor.words.fill(&mut motor.packed.waiting(pool), tape, ring, stretch, WORDS_PER_FILL, expand),
             };
             let has_news = motor.words.channel().has_news();
-            if !clock.moment().after(NEARLY_DRY).is_before(dry) {
+            if !clock.now32().after(NEARLY_DRY).is_before(dry) {
                 // Words that come too late would be steps at wrong times: better none at all. The caller looks at once, instead of sleeping first.
                 self.too_late = true;
                 return true;
@@ -557,7 +557,7 @@ impl Stepper {
             (tick, self.end_pulses())
         });
         // All pulses that were begun are over by then.
-        let fall = clock.moment().after(self.longest_pulse() + STEP_DIR_OVERHEAD);
+        let fall = clock.now32().after(self.longest_pulse() + STEP_DIR_OVERHEAD);
         let mut halt = HaltReport { tick, uncertain: 0, reached: [tick; MOTORS] };
         let (pool, parts) = self.parts();
         for MotorParts { number, motor, tape, ring } in parts {
@@ -583,7 +583,7 @@ impl Stepper {
             let last = ring[done.saturating_sub(1) as usize % RING_WORDS];
             words.stop(&mut items, made, lines(last));
         }
-        while in_pulse != 0 && clock.moment().is_before(fall) {}
+        while in_pulse != 0 && clock.now32().is_before(fall) {}
         for (block, mask) in blocks(in_pulse) {
             pio::halt(block, mask);
         }
