@@ -1,8 +1,8 @@
 //! Draws circles with two ULN2003 motors, on GPIO 2 to 5 and 6 to 9, without a host: direct digital synthesis of their speeds, as
 //! the Pico plotter (002) has it.
 //!
-//! 100 times a second a phase accumulator of 32 bits is incremented. A table of sines has the speeds for its upper bits, a quarter of a turn apart for the
-//! two motors, and [`convert`] makes periods of the speeds.
+//! 100 times a second a phase accumulator of 32 bits is incremented. A table of sines has the speeds for its upper bits, a quarter
+//! of a turn apart for the two motors, and [`convert`] makes periods of the speeds.
 #![no_std]
 #![no_main]
 

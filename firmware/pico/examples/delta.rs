@@ -86,8 +86,8 @@ fn steps([x, y, z]: [f32; 3]) -> Option<[i32; 3]> {
     Some(steps)
 }
 
-/// How far the first arm, in the plane y = 0, is turned down from level, rad: its end is on a circle around the axis, and a rod away
-/// from the effector.
+/// How far the first arm, in the plane y = 0, is turned down from level, rad: its end is on a circle around the axis, and a rod
+/// away from the effector.
 fn angle([x, y, z]: [f32; 3]) -> Option<f32> {
     // From the axis to the rod's lower end: to the right, and down.
     let (right, down) = (x + EFFECTOR - BASE, -z);

@@ -1,9 +1,10 @@
 //! Draws the Lorenz attractor, x to the right and z up, with two ULN2003 motors on GPIO 2 to 5 and 6 to 9, without a host, as the
 //! Pico plotter (002) does on an Etch-a-Sketch.
 //!
-//! 50 times a second the equations give the next target of each motor, in floating point that this processor has no unit for. Each motor gets the speed that
-//! brings it to its target from where it is. Speeds alone would not do: a motor makes whole steps, and the part of one that it loses or gains with each new
-//! speed would add up. `cargo xtask bench verbs` measures the time that it takes.
+//! 50 times a second the equations give the next target of each motor, in floating point that this processor has no unit for. Each
+//! motor gets the speed that brings it to its target from where it is. Speeds alone would not do: a motor makes whole steps, and
+//! the part of one that it loses or gains with each new speed would add up. `cargo xtask bench verbs` measures the time that it
+//! takes.
 #![no_std]
 #![no_main]
 

@@ -1,5 +1,5 @@
-//! A program for the library's tests: it makes the calls that a mailbox in RAM asks for, and writes the results there. Up to eight drivers, STEP
-//! on GPIO 2, 4, 6, …, DIR on the next ones; or up to five motors on coils, from GPIO 2 on.
+//! A program for the library's tests: it makes the calls that a mailbox in RAM asks for, and writes the results there. Up to eight
+//! drivers, STEP on GPIO 2, 4, 6, …, DIR on the next ones; or up to five motors on coils, from GPIO 2 on.
 //!
 //! `crates/testkit/src/mailbox.rs` has the other end, and finds it by its first word.
 #![no_std]
@@ -61,7 +61,7 @@ static WOKEN: [AtomicBool; FUTURES] = [const { AtomicBool::new(false) }; FUTURES
 /// How long the program's own interrupt takes, and how long `on_done`, ticks.
 static INTERRUPT_TICKS: AtomicU32 = AtomicU32::new(0);
 static ON_DONE_TICKS: AtomicU32 = AtomicU32::new(0);
-/// Steps that a motor is told to go on with when a move is done; 0: none.
+/// Steps of the next move that `on_done` orders when a move is done; 0: none.
 static CHAIN: AtomicU32 = AtomicU32::new(0);
 
 /// The interrupt of the timer's alarm 2, which the tests force.

@@ -13,8 +13,8 @@ const START_DELAY: u64 = TICK_HZ as u64 / 10;
 /// The motors' epoch begins so long before time 0, ticks: 1 ms, for the set-up of DIR before a first step.
 const EPOCH_LEAD: u64 = TICK_HZ as u64 / 1000;
 
-/// The motion that was baked into this image, if it is undamaged. To be called before the board's clock is started, which must be read every 0.1 s: this
-/// takes 40 cycles a byte and more.
+/// The motion that was baked into this image, if it is undamaged. To be called before the board's clock is started, which must be
+/// read every 0.1 s: this takes 40 cycles a byte and more.
 pub(crate) fn block() -> Option<Block<'static>> {
     let flash = flash::contents();
     let at = u32::from_le_bytes(*flash.get(POINTER..)?.first_chunk()?);

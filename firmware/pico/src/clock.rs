@@ -1,5 +1,5 @@
-//! The chip's clocks, and the board's clock: SysTick at 125 MHz, extended to 64 bits. It must be read at least once in 2^24 ticks (134 ms), or a wrap is
-//! missed.
+//! The chip's clocks, and the board's clock: SysTick at 125 MHz, extended to 64 bits. It must be read at least once in 2^24 ticks
+//! (134 ms), or a wrap is missed.
 
 use crate::regs;
 use pulsetrain_core::Moment;
@@ -125,8 +125,8 @@ pub(crate) const fn us(ticks: u32) -> u32 {
 /// The interrupts that end a sleep: they are masked, so that no handler runs, but they wake the processor.
 const WAKERS: u32 = regs::TIMER_IRQ_0 | regs::USBCTRL_IRQ;
 
-/// Sleeps for about `us` µs, or until USB has something or the DMA's interrupt comes. At least 2 µs: an alarm that is already past would come after
-/// 72 min.
+/// Sleeps for about `us` µs, or until USB has something or the DMA's interrupt comes. At least 2 µs: an alarm that is already past
+/// would come after 72 min.
 pub(crate) fn sleep(us: u32) {
     regs::TIMER_INTE.write(1);
     regs::disable_interrupts();

@@ -13,8 +13,8 @@ use pulsetrain_core::winch::reply::Reply;
 use pulsetrain_core::wire::frame::Received;
 use pulsetrain_core::wire::{Baud, Decoder, MAX_BODY, Millis, Service};
 
-/// Rounds of the main loop in a row that may leave the host's bytes unread, as motors need words. A round takes 0.2 ms then, so that a stop is
-/// read after 1.4 ms at most.
+/// Rounds of the main loop in a row that may leave the host's bytes unread, as motors need words. A round takes 0.2 ms then, so
+/// that a stop is read after 1.4 ms at most.
 const MOST_ROUNDS_UNHEARD: u32 = 7;
 
 /// How long the main loop sleeps at most, µs: while motors are armed, and while they are not.
@@ -23,7 +23,8 @@ const LONGEST_NAP_US: [u32; 2] = [200, 500];
 /// If so many bytes are unread on the UART, lines are obeyed though there is no room for their replies: its ring must not overflow.
 const UNREAD_LIMIT: usize = 768;
 
-/// If no frame of the session has come for so long, about ms, bytes are read as text too: a line gets the answer that frames have the board.
+/// If no frame of the session has come for so long, about ms, bytes are read as text too: a line gets the answer that frames have
+/// the board.
 const SESSION_SILENCE_MS: u16 = 100;
 
 /// The ports that a host may be on.
@@ -175,8 +176,8 @@ impl Firmware {
         }
     }
 
-    /// Takes what came on the UART, or else over USB, a packet's length at most. Whether there was something. One function for both, so that the
-    /// long code behind it is in the image once.
+    /// Takes what came on the UART, or else over USB, a packet's length at most. Whether there was something. One function for
+    /// both, so that the long code behind it is in the image once.
     #[inline(never)]
     fn receive(&mut self, now: Millis) -> bool {
         let mut packet = Packet::default();
@@ -324,8 +325,8 @@ impl Firmware {
         }
     }
 
-    /// Changes the rate of the UART once all bytes at the old rate are sent. A session over USB changes none: then the UART waits at 115 200 baud for
-    /// the next host.
+    /// Changes the rate of the UART once all bytes at the old rate are sent. A session over USB changes none: then the UART waits
+    /// at 115 200 baud for the next host.
     fn set_baud(&mut self) {
         if self.board.baud.is_some() && self.ports[Port::Uart as usize].is_out() && uart::is_out() {
             let asked = self.board.baud.take().filter(|_| self.port == Port::Uart);

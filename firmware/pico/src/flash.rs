@@ -1,7 +1,7 @@
 //! The flash: reading and writing it, and the unique number of its chip. The RP2040 has none of its own.
 //!
-//! The program is in RAM, so that the flash is free for commands. After each command the boot ROM's set-up for reading in place is restored.
-//! The chip is a Winbond W25Q16JV (datasheet rev. H, §8.2), whose commands here are those of all chips of its kind.
+//! The program is in RAM, so that the flash is free for commands. After each command the boot ROM's set-up for reading in place is
+//! restored. The chip is a Winbond W25Q16JV (datasheet rev. H, §8.2), whose commands here are those of all chips of its kind.
 
 use crate::clock::TICK_HZ;
 use crate::regs::{self, ssi};
@@ -30,17 +30,19 @@ const LONGEST_WRITE: u64 = TICK_HZ as u64 / 2;
 /// §4.10.13, CTRLR0: frames of 8 bits, one line each way.
 const FRAMES_OF_8_BITS: u32 = 7 << 16;
 
-/// Reads of the status register for one byte at most. A byte takes some 400 cycles of the processor: after so many reads the interface does not work.
+/// Reads of the status register for one byte at most. A byte takes some 400 cycles of the processor: after so many reads the
+/// interface does not work.
 const MOST_POLLS: u32 = 10_000;
 
 /// Where the processor reads the flash (§2.6).
 const XIP_BASE: usize = 0x1000_0000;
 
-/// The flash, but for the sectors of [`store`](crate::store). A byte that is not in the cache takes some 50 cycles: eight are read at a time, by a command of
-/// 32 bits at a quarter of the clock.
+/// The flash, but for the sectors of [`store`](crate::store). A byte that is not in the cache takes some 50 cycles: eight are read
+/// at a time, by a command of 32 bits at a quarter of the clock.
 pub(crate) const fn contents() -> &'static [u8] {
-    // SAFETY: nothing writes to this part of the flash while this program runs, and all of it can be read: a smaller chip repeats its contents. It must not
-    // be read while `transfer` has the interface, which calls nothing that reads it, nor while the chip is busy: `erase` and `program` return only after that.
+    // SAFETY: nothing writes to this part of the flash while this program runs, and all of it can be read: a smaller chip repeats
+    // its contents. It must not be read while `transfer` has the interface, which calls nothing that reads it, nor while the chip
+    // is busy: `erase` and `program` return only after that.
     unsafe { core::slice::from_raw_parts(core::ptr::with_exposed_provenance(XIP_BASE), FLASH_ROOM as usize) }
 }
 
@@ -56,7 +58,8 @@ pub(crate) fn read(at: u32, into: &mut [u8]) -> bool {
     transfer(&addressed(command::READ, at), &[], into)
 }
 
-/// Erases the sector at `at`, and waits until it is done. `clock` is called meanwhile, and returns the time, ticks. Whether it was done.
+/// Erases the sector at `at`, and waits until it is done. `clock` is called meanwhile, and returns the time, ticks. Whether it was
+/// done.
 pub(crate) fn erase(at: u32, clock: &mut impl FnMut() -> u64) -> bool {
     enable_write() && transfer(&addressed(command::SECTOR_ERASE, at), &[], &mut []) && is_done(clock)
 }

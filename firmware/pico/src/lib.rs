@@ -17,15 +17,15 @@
 //! - `regs`: the registers, and instructions that Rust has no functions for
 //!
 //! # Who makes the edges
-//! PIO's state machines, which nothing interrupts: each word says how long to wait. The firmware's main loop writes words up to 2.4 ms
-//! ahead, motor by motor, and does everything else in between. One interrupt, the DMA's, hands written words over: it must come within
-//! the eight words of a FIFO. If the main loop is late by 1.8 ms, or the interrupt by eight words, a state machine runs dry: it gets no
-//! more words, and all motors stop as soon as the main loop sees it. In the library a timer's interrupt does what the main loop does in
-//! the firmware, up to 1.9 ms ahead.
+//! PIO's state machines, which nothing interrupts: each word says how long to wait. The firmware's main loop writes words up to 2.4
+//! ms ahead, motor by motor, and does everything else in between. One interrupt, the DMA's, hands written words over: it must come
+//! within the eight words of a FIFO. If the main loop is late by 1.8 ms, or the interrupt by eight words, a state machine runs dry:
+//! it gets no more words, and all motors stop as soon as the main loop sees it. In the library a timer's interrupt does what the
+//! main loop does in the firmware, up to 1.9 ms ahead.
 //!
 //! # What is not
-//! Motions, but for the winch's paths and the evenly spaced steps of verbs: segments come from the host or from the flash, packed as in
-//! `pulsetrain_core::packing`.
+//! Motions, but for the winch's paths and the evenly spaced steps of verbs: segments come from the host or from the flash, packed
+//! as in `pulsetrain_core::packing`.
 #![no_std]
 
 mod baked;

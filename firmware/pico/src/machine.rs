@@ -25,8 +25,8 @@ use pulsetrain_core::wire::settings::SETTINGS_LEN;
 use pulsetrain_core::wire::{Baud, Encoder, Machine, Millis, Reason, Refusal, Stopped, Switched, Trimmed};
 use pulsetrain_core::{Epoch, Moment};
 
-/// A switch must be less than this ahead, ticks: 8.6 s. Ticks of 32 bits are told apart within 2^31; half of that leaves room for what is compared
-/// with it.
+/// A switch must be less than this ahead, ticks: 8.6 s. Ticks of 32 bits are told apart within 2^31; half of that leaves room for
+/// what is compared with it.
 const FARTHEST_SWITCH: u64 = 1 << 30;
 
 /// Motors that get words in one round of the main loop at most. Four take about 0.2 ms, and so long the host waits.
@@ -228,8 +228,8 @@ impl Board {
         winch::wiring().is_some_and(|wiring| self.configure(&wiring).is_ok())
     }
 
-    /// Enables the drivers and has motors follow paths. Their steps come by [`push_slice`](Board::push_slice), and the first of them at tick `first` or later,
-    /// which is at least a millisecond from now.
+    /// Enables the drivers and has motors follow paths. Their steps come by [`push_slice`](Board::push_slice), and the first of
+    /// them at tick `first` or later, which is at least a millisecond from now.
     pub(crate) fn begin_paths(&mut self, first: u64) -> bool {
         self.stepper.set_known_until(Moment::of(first));
         self.arm().is_ok()
@@ -393,7 +393,8 @@ impl Board {
         self.verbs.next_done()
     }
 
-    /// Notes the time, and releases drivers that have rested long enough; to be called every millisecond or so. Whether nothing moves, and nothing will.
+    /// Notes the time, and releases drivers that have rested long enough; to be called every millisecond or so. Whether nothing
+    /// moves, and nothing will.
     pub(crate) fn update_idle(&mut self, now: Millis) -> bool {
         let tick = self.clock.now();
         self.stepper.pass(Moment::of(tick));
@@ -416,8 +417,8 @@ impl Board {
         self.verbs.obey(orders).map(drop)
     }
 
-    /// Has motors that follow verbs forget them; with `all` false only [those without an end](Verbs::forsake). Returns, bit by motor,
-    /// which were faster than their pull-in speed.
+    /// Has motors that follow verbs forget them; with `all` false only [those without an end](Verbs::forsake). Returns, bit by
+    /// motor, which were faster than their pull-in speed.
     pub(crate) fn halt(&mut self, all: bool) -> u8 {
         if !self.verbs_run {
             return 0;
@@ -431,7 +432,8 @@ impl Board {
     /// A move that is done and was not reported yet; also after motors were stopped.
     pub(crate) fn move_done(&mut self) -> Option<Event> {
         let now = self.clock.now();
-        // A motor may have run dry since the last look: then its move is not done. If none has by now, all steps up to now were made.
+        // A motor may have run dry since the last look: then its move is not done. If none has by now, all steps up to now were
+        // made.
         if self.stepper.has_starved() {
             self.stop_for_underrun();
         }
@@ -469,7 +471,8 @@ impl Board {
         Ok(())
     }
 
-    /// Prepares `verbs` for motors that rest and follow none yet. The motors themselves do not change: see [`run_verbs`](Board::run_verbs).
+    /// Prepares `verbs` for motors that rest and follow none yet. The motors themselves do not change: see
+    /// [`run_verbs`](Board::run_verbs).
     fn prepare_verbs(&mut self) -> Result<(), Refusal> {
         let now = self.clock.now();
         if !self.armed {

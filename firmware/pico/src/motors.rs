@@ -10,27 +10,27 @@
 //!
 //! # What it uses
 //! State machines and DMA channels with the motors' numbers: up to four motors leave PIO block 1 and all its state machines to the
-//! program. The gate (GPIO 25), DMA interrupt 0, alarm 1 of the timer with its interrupt, and SysTick. The vectors, too: a program sets
-//! handlers of its own interrupts by [`set_handler`].
+//! program. The gate (GPIO 25), DMA interrupt 0, alarm 1 of the timer with its interrupt, and SysTick. The vectors, too: a program
+//! sets handlers of its own interrupts by [`set_handler`].
 //!
 //! # What a program may not do
 //! Delay the library's interrupts for long: by `cpsid`, or by an interrupt of its own with the same priority or a higher one.
-//! - The timer's comes when some motor has words left for 0.35 ms, and 0.05 ms more for each motor that there is. It has to write more
-//!   for all motors before those are used up. So it may be delayed for that time, less what its own round takes: for 0.25 ms at the shortest
-//!   periods, also as all motors begin at once (with eight 0.2 ms); with one motor 0.3 ms; with four 0.35 ms at 25 000 steps/s; with eight 0.3 ms at 62 500. What
-//!   [`Motors::on_done`] calls takes of the same, and so do orders, which delay it.
+//! - The timer's comes when some motor has words left for 0.35 ms, and 0.05 ms more for each motor that there is. It has to write
+//!   more for all motors before those are used up. So it may be delayed for that time, less what its own round takes: for 0.25 ms
+//!   at the shortest periods, also as all motors begin at once (with eight 0.2 ms); with one motor 0.3 ms; with four 0.35 ms at
+//!   25 000 steps/s; with eight 0.3 ms at 62 500. What [`Motors::on_done`] calls takes of the same, and so do orders, which delay it.
 //! - The DMA's hands words over when only the eight words of a FIFO are left: eight steps, or fewer where a motor turns.
 //!   So it may be delayed for seven of the shortest periods in use: 17 µs at 400 000 steps/s, 7 µs at a million. That is what
 //!   an interrupt of the highest priority may take at most, which all have after a reset; one that takes longer needs a lower one
 //!   (0x40, 0x80 or 0xc0 in the NVIC's IPR; the timer's has 0xc0).
 //!
-//! If a program delays them for longer, a motor runs dry. Then all motors stop at once, without ramps, and count the steps that they made; moves that were
-//! done before are reported, the one under way is not. From then on [`Motors::tell`] and [`Motor::rests`] say [`NotArmed`](Reason::NotArmed),
-//! until [`Motors::arm`] begins again.
+//! If a program delays them for longer, a motor runs dry. Then all motors stop at once, without ramps, and count the steps that
+//! they made; moves that were done before are reported, the one under way is not. From then on [`Motors::tell`] and
+//! [`Motor::rests`] say [`NotArmed`](Reason::NotArmed), until [`Motors::arm`] begins again.
 //!
 //! # What is not
-//! Ramps: a motor has a new speed from its next step on. Motors for the other core, or for a program's own interrupts: neither can have
-//! [`Motors`].
+//! Ramps: a motor has a new speed from its next step on. Motors for the other core, or for a program's own interrupts: neither can
+//! have [`Motors`].
 
 use crate::clock::{self, TICK_HZ};
 use crate::machine::Board;
@@ -113,8 +113,8 @@ static STATE: Shared<Option<State>> = Shared::new(None);
 fn with<T>(f: impl FnOnce(&mut State) -> T) -> T {
     regs::NVIC_ICER.write(regs::TIMER_IRQ_1);
     regs::barrier();
-    // SAFETY: only main and the timer's interrupt call this, on one core, as nobody else can have a `Motors`. The interrupt is disabled, or it is the
-    // caller. No `f` in this file calls `with`, nor any code of the program's.
+    // SAFETY: only main and the timer's interrupt call this, on one core, as nobody else can have a `Motors`. The interrupt is
+    // disabled, or it is the caller. No `f` in this file calls `with`, nor any code of the program's.
     let done = unsafe {
         STATE.with(|state| match state {
             Some(state) => f(state),
@@ -194,7 +194,8 @@ impl State {
         self.board.is_motor_done(motor).then_some(Ok(()))
     }
 
-    /// Keeps a waker, unless it is kept already. If there was no room, `waker` is then the one that has waited for longest, and the result is true.
+    /// Keeps a waker, unless it is kept already. If there was no room, `waker` is then the one that has waited for longest, and the
+    /// result is true.
     fn keep_waker(&mut self, motor: u8, waker: &mut Option<Waker>) -> bool {
         let Some(places) = self.wakers.get_mut(usize::from(motor)) else { return false };
         if places.iter().flatten().any(|kept| waker.as_ref().is_some_and(|waker| waker.will_wake(kept))) {
@@ -207,7 +208,8 @@ impl State {
     }
 }
 
-/// All motors. It can be used on the core that set them up, in main and in [`on_done`](Motors::on_done), and cannot be sent elsewhere.
+/// All motors. It can be used on the core that set them up, in main and in [`on_done`](Motors::on_done), and cannot be sent
+/// elsewhere.
 #[derive(Clone, Copy, Debug)]
 pub struct Motors {
     count: u8,
@@ -234,7 +236,8 @@ impl Motors {
     /// When a Pico cannot do it: see [`Reason`]; [`Reason::TooManyMotors`] with more than 8.
     ///
     /// # Safety
-    /// Only once, in main, on core 0, and before other parts of the chip are set up. Nothing else changes what the [module](self) uses.
+    /// Only once, in main, on core 0, and before other parts of the chip are set up. Nothing else changes what the [module](self)
+    /// uses.
     pub unsafe fn begin(motors: &[MotorSetup], times: Times) -> Result<Motors, Refusal> {
         let mut bytes = [0; MOTORS * MOTOR_SETUP_LEN];
         let too_many = Refusal { reason: Reason::TooManyMotors, detail: MOTORS as u16 };
@@ -284,21 +287,21 @@ impl Motors {
     /// Gives motors, by their numbers, up to eight orders. All take effect at the same tick, or none does.
     ///
     /// # Errors
-    /// [`Reason::NoSuchMotor`], [`Reason::Period`], [`Reason::Busy`]; [`Reason::NotArmed`] if motors [were stopped](Motors::stop), or
-    /// ran dry; [`Reason::Full`] with more than eight.
+    /// [`Reason::NoSuchMotor`], [`Reason::Period`], [`Reason::Busy`]; [`Reason::NotArmed`] if motors [were stopped](Motors::stop),
+    /// or ran dry; [`Reason::Full`] with more than eight.
     pub fn tell(self, verbs: &[(u8, Verb)]) -> Result<Obeyed, Refusal> {
         tell(verbs)
     }
 
-    /// Has `on_done` called for each move that is done, in the timer's interrupt, some 10 µs later. It may give motors new orders; the [module](self) says
-    /// how long it may take. If it [stops](Motors::stop) them and [arms](Motors::arm) them again, it is still called for other moves that were done by
-    /// then.
+    /// Has `on_done` called for each move that is done, in the timer's interrupt, some 10 µs later. It may give motors new orders;
+    /// the [module](self) says how long it may take. If it [stops](Motors::stop) them and [arms](Motors::arm) them again, it is
+    /// still called for other moves that were done by then.
     pub fn on_done(self, on_done: fn(Motors, Done)) {
         with(|state| state.on_done = Some(on_done));
     }
 
-    /// Stops all motors at once, without ramps. Returns the tick after which no step was begun, and which positions are uncertain. Their orders are
-    /// forgotten, and no "done" comes for them; positions count the steps that were made; coils and drivers hold.
+    /// Stops all motors at once, without ramps. Returns the tick after which no step was begun, and which positions are uncertain.
+    /// Their orders are forgotten, and no "done" comes for them; positions count the steps that were made; coils and drivers hold.
     pub fn stop(self) -> Stopped {
         let stopped = with(|state| state.board.stop_now());
         pend_timer_interrupt();
@@ -315,8 +318,9 @@ impl Motors {
         Ok(())
     }
 
-    /// Begins again after motors were [stopped](Motors::stop) or [released](Motors::release), or ran dry: enables the drivers. Positions stay, periods and
-    /// directions are as at first, moves are counted from 0. Nothing moves until there are orders. If motors are armed it does nothing.
+    /// Begins again after motors were [stopped](Motors::stop) or [released](Motors::release), or ran dry: enables the drivers.
+    /// Positions stay, periods and directions are as at first, moves are counted from 0. Nothing moves until there are orders. If
+    /// motors are armed it does nothing.
     ///
     /// # Errors
     /// None that is known, as the motors were configured.
@@ -437,7 +441,8 @@ impl Motor {
     /// Waits until it [is at rest](Motor::is_at_rest).
     ///
     /// # Errors
-    /// [`Reason::NotArmed`] as soon as motors are not armed, or were not at some time since this was called: the move may not be complete.
+    /// [`Reason::NotArmed`] as soon as motors are not armed, or were not at some time since this was called: the move may not be
+    /// complete.
     pub fn rests(self) -> impl Future<Output = Result<(), Refusal>> {
         RestFuture { motor: self, arming: with(|state| state.armings) }
     }
@@ -496,15 +501,16 @@ pub struct InterruptTaken {
     pub interrupt: usize,
 }
 
-/// Has `handler` called for an interrupt of the chip, by its number (RP2040 datasheet, §2.3.2): 0 to 31, but not 1 and 11. The program
-/// enables it by the NVIC's ISER. An interrupt without a handler ends the program.
+/// Has `handler` called for an interrupt of the chip, by its number (RP2040 datasheet, §2.3.2): 0 to 31, but not 1 and 11. The
+/// program enables it by the NVIC's ISER. An interrupt without a handler ends the program.
 ///
 /// # Errors
 /// [`InterruptTaken`]: nothing changes then.
 ///
 /// # Safety
-/// The interrupt is not enabled yet. The handler takes no longer than the [module](self) allows at its priority, and shares data with other code only as Rust
-/// allows between threads. It does not enable interrupts by `cpsie` where other code has disabled them.
+/// The interrupt is not enabled yet. The handler takes no longer than the [module](self) allows at its priority, and shares data
+/// with other code only as Rust allows between threads. It does not enable interrupts by `cpsie` where other code has disabled
+/// them.
 pub unsafe fn set_handler(interrupt: usize, handler: extern "C" fn()) -> Result<(), InterruptTaken> {
     if interrupt >= INTERRUPT_COUNT || TAKEN_INTERRUPTS.contains(&interrupt) {
         return Err(InterruptTaken { interrupt });

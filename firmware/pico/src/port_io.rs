@@ -14,7 +14,8 @@ const _: () = assert!(REPLY_BYTES > MAX_FRAME);
 /// Bytes of the longest line.
 const LONGEST_LINE: usize = if reply::LONGEST > text::LONGEST { reply::LONGEST } else { text::LONGEST };
 
-/// Bytes of the replies to one packet of 64 bytes, and of a status line: to 12 `halt`s, or to 32 lines of two bytes (`*` and a line's end).
+/// Bytes of the replies to one packet of 64 bytes, and of a status line: to 12 `halt`s, or to 32 lines of two bytes (`*` and a
+/// line's end).
 const PACKET_REPLY_BYTES: usize = 64 / "halt\n".len() * LONGEST_LINE + LONGEST_LINE;
 const _: () =
     assert!(PACKET_REPLY_BYTES < REPLY_BYTES && PACKET_REPLY_BYTES > 32 * "err checksum 0\r\n".len() + LONGEST_LINE);

@@ -1,7 +1,8 @@
 //! How the program begins and ends: the watchdog, and the cause of the last reset.
 //!
-//! The main loop kicks the watchdog every round. If it does not for half a second, the watchdog resets the chip, with PIO and pads, so
-//! that all lines float. A panic or a fault, which no input causes, stops the state machines and then has the watchdog reset the chip.
+//! The main loop kicks the watchdog every round. If it does not for half a second, the watchdog resets the chip, with PIO and pads,
+//! so that all lines float. A panic or a fault, which no input causes, stops the state machines and then has the watchdog reset the
+//! chip.
 
 use crate::regs::{self, Pio};
 use core::panic::PanicInfo;
@@ -10,7 +11,8 @@ use pulsetrain_core::wire::message::Cause;
 /// The watchdog resets the chip after so long, µs: 0.5 s. Its counter goes down by two (erratum E1).
 const WATCHDOG_US: u32 = 500_000;
 
-/// Notes for the program that begins next: this one was running; it was ended by a panic or a fault. Only a reset by the watchdog keeps them (§4.7.5).
+/// Notes for the program that begins next: this one was running; it was ended by a panic or a fault. Only a reset by the watchdog
+/// keeps them (§4.7.5).
 const NOTE_RUNNING: u32 = 0x50_a6_5e_1e;
 const NOTE_FAULT: u32 = 0x50_a6_5e_1f;
 

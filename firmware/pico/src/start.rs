@@ -8,9 +8,9 @@ use core::arch::global_asm;
 #[unsafe(link_section = ".boot2")]
 static BOOT2: [u8; 256] = rp2040_boot2::BOOT_LOADER_GENERIC_03H;
 
-// Vectors (ARMv6-M, B1.5.3; interrupts: RP2040 datasheet §2.3.2), which are copied to RAM too, and the first instructions. The firmware enables only
-// the DMA's interrupt; a program that uses the library also the timer's, and its own: see `set_handler`. Any other is a fault, and ends the
-// program.
+// Vectors (ARMv6-M, B1.5.3; interrupts: RP2040 datasheet §2.3.2), which are copied to RAM too, and the first instructions. The
+// firmware enables only the DMA's interrupt; a program that uses the library also the timer's, and its own: see `set_handler`. Any
+// other is a fault, and ends the program.
 global_asm!(
     r#"
     .section .vectors, "a", %progbits

@@ -1,7 +1,7 @@
 //! Settings in the last two sectors of the flash, kept without power: a copy in each sector, of which the newer one counts.
 //!
-//! A copy has a number, the settings and a CRC. A new copy overwrites the older one, so that the settings before it are still there if the
-//! supply fails meanwhile.
+//! A copy has a number, the settings and a CRC. A new copy overwrites the older one, so that the settings before it are still there
+//! if the supply fails meanwhile.
 
 use crate::flash::{self, SECTOR};
 use pulsetrain_core::baked::FLASH_ROOM;
@@ -84,8 +84,8 @@ impl Store {
         self.0.iter().any(|copy| matches!(copy, StoredCopy::Damaged))
     }
 
-    /// Keeps `settings`, if the flash takes them; the same settings are not written again. Takes 45 ms, at most 0.4 s, in which nothing may read the
-    /// flash in place. `clock` is called every now and then, and returns the time, ticks.
+    /// Keeps `settings`, if the flash takes them; the same settings are not written again. Takes 45 ms, at most 0.4 s, in which
+    /// nothing may read the flash in place. `clock` is called every now and then, and returns the time, ticks.
     pub(crate) fn write(&mut self, settings: &[u8; SETTINGS_LEN], mut clock: impl FnMut() -> u64) {
         if self.settings() == Some(settings) && !self.is_damaged() {
             return;

@@ -99,7 +99,8 @@ impl Uart {
         core::mem::replace(&mut self.lost, 0)
     }
 
-    /// Reads bytes, as many as `into` has room for. At the end of the ring it reads up to there: the next call reads on from its beginning.
+    /// Reads bytes, as many as `into` has room for. At the end of the ring it reads up to there: the next call reads on from its
+    /// beginning.
     #[inline(always)]
     pub(crate) fn read<'a>(&mut self, into: &'a mut [u8]) -> &'a [u8] {
         self.check_for_overflow();

@@ -33,7 +33,8 @@ const OUT_BUFFER: u32 = 0x200;
 const IN_BUFFER: u32 = 0x280;
 
 /// Erratum E15: after some errors of the bus while a packet goes to the host the controller hangs, most of all at the end of a
-/// frame, where hubs cut off what is under way. So no packet is started in the last fifth of a frame, as in TinyUSB. Ticks from the frame's start.
+/// frame, where hubs cut off what is under way. So no packet is started in the last fifth of a frame, as in TinyUSB. Ticks from the
+/// frame's start.
 const LATEST_IN: u64 = (TICK_HZ / 1000 * 4 / 5) as u64;
 
 /// The longest frame with the errors of both clocks, host's and board's (500 and 100 ppm, USB 2.0 §7.1.11), ticks.
@@ -164,12 +165,13 @@ impl Usb {
         for word in 0..0x40 {
             usb::memory(4 * word).write(0);
         }
-        // §4.1.4: connected to the pads; VBUS is taken as present, which nothing in this firmware reads (GPIO 24 would say it); as a device.
+        // §4.1.4: connected to the pads; VBUS is taken as present, which nothing in this firmware reads (GPIO 24 would say it); as
+        // a device.
         usb::MUXING.write(1 << 3 | 1);
         usb::PWR.write(1 << 3 | 1 << 2);
         usb::MAIN_CTRL.write(1);
-        // Interrupts of frames, requests, resets and buffers: they wake the main loop, and have no handler. Then a flag for each buffer of endpoint 0, and
-        // the pull-up.
+        // Interrupts of frames, requests, resets and buffers: they wake the main loop, and have no handler. Then a flag for each
+        // buffer of endpoint 0, and the pull-up.
         usb::INTE.write(1 << 17 | 1 << 16 | 1 << 12 | 1 << 4);
         usb::SIE_CTRL.write(1 << 29 | 1 << 16);
         Usb {
@@ -428,8 +430,8 @@ impl Usb {
         true
     }
 
-    /// Has an endpoint, whose address is `index`, go on from DATA0. Whether there is one. Bytes that came, or wait to be sent, are kept; the host does not
-    /// use the endpoint meanwhile.
+    /// Has an endpoint, whose address is `index`, go on from DATA0. Whether there is one. Bytes that came, or wait to be sent, are
+    /// kept; the host does not use the endpoint meanwhile.
     fn clear_halt(&mut self, index: u32) -> bool {
         let was_halted = self.is_halted(index);
         self.set_halted(index, false);

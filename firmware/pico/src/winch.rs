@@ -1,18 +1,18 @@
 //! The winch: text instead of frames, and motors that follow paths which the board works out itself.
 //!
-//! docs/winch.md has the commands. What they mean, and which steps they make, is in `pulsetrain_core::winch`, which the native winch
-//! uses too. This file says when: the session's milliseconds are those of the board's clock, and are worked out as far ahead as words
-//! are written.
+//! docs/winch.md has the commands. What they mean, and which steps they make, is in `pulsetrain_core::winch`, which the native
+//! winch uses too. This file says when: the session's milliseconds are those of the board's clock, and are worked out as far ahead
+//! as words are written.
 //!
 //! # Whose the board is
 //! Text is *on* while no session of frames is open and no motor of frames moves. A command that enables the drivers starts *paths*:
-//! they run until `enable 0` has released the drivers, and meanwhile the Hello of frames is refused. There is one session of text, so
-//! that both ports have the same axes and settings, and a [`TextInput`] for each port.
+//! they run until `enable 0` has released the drivers, and meanwhile the Hello of frames is refused. There is one session of text,
+//! so that both ports have the same axes and settings, and a [`TextInput`] for each port.
 //!
 //! # Verbs
-//! Lines with verbs (`pulsetrain_core::verbs::text`) enable the same drivers, and *verbs run* until `enable 0`. Paths and verbs do not
-//! mix: whichever was first keeps the axes until then. After verbs a new session of text begins, since paths would not know where the
-//! axes are.
+//! Lines with verbs (`pulsetrain_core::verbs::text`) enable the same drivers, and *verbs run* until `enable 0`. Paths and verbs do
+//! not mix: whichever was first keeps the axes until then. After verbs a new session of text begins, since paths would not know
+//! where the axes are.
 
 use crate::clock::TICK_HZ;
 use crate::machine::Board;

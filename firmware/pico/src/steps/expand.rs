@@ -1,5 +1,5 @@
-//! A run's steps, one word each: what `pulsetrain_core::words::expand` does, in 75 or 91 cycles for eight steps that need no check, as none of them can be
-//! too soon or too late, and in 35 cycles for two that need it.
+//! A run's steps, one word each: what `pulsetrain_core::words::expand` does, in 75 or 91 cycles for eight steps that need no check,
+//! as none of them can be too soon or too late, and in 35 cycles for two that need it.
 
 use core::arch::global_asm;
 use pulsetrain_core::Recurrence;

@@ -1,8 +1,8 @@
 //! From tapes to state machines: a DMA channel for each motor takes words from its ring, as far as they have been written.
 //!
-//! A channel is started only for words that are there. When it is done, its interrupt starts it for those that were written meanwhile,
-//! while the state machine still has eight in its FIFO. So no old word is ever played: if nothing was written, the channel rests, and
-//! the state machine runs dry at the end of a word, where STEP is not active.
+//! A channel is started only for words that are there. When it is done, its interrupt starts it for those that were written
+//! meanwhile, while the state machine still has eight in its FIFO. So no old word is ever played: if nothing was written, the
+//! channel rests, and the state machine runs dry at the end of a word, where STEP is not active.
 
 use super::pio::StateMachine;
 use super::{MOTORS, RING_WORDS};
@@ -87,7 +87,8 @@ pub(crate) fn publish(motor: u8, written: u32) {
     });
 }
 
-/// Ends a motor's channel, while its state machine is halted and interrupts are off. Returns how many words it took into the FIFO so far, wrapping.
+/// Ends a motor's channel, while its state machine is halted and interrupts are off. Returns how many words it took into the FIFO
+/// so far, wrapping.
 pub(crate) fn end(motor: u8, ring: &[u32; RING_WORDS]) -> u32 {
     let (channel, bit) = (DmaChannel(motor), 1 << motor);
     // §2.5.5.3. Its interrupt is disabled first, as an abort may raise it (erratum E13).

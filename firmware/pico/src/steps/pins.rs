@@ -7,8 +7,8 @@ use pulsetrain_core::output::Sequence;
 use pulsetrain_core::wire::message::{Configuration, MotorSetup, NO_PIN, coil_pins};
 use pulsetrain_core::wire::{Reason, Refusal};
 
-/// GPIOs that motors cannot have, bit by GPIO: 0 and 1 are the serial line, 23 to 25 are the Pico's own, the gate among them, and from 29 on no
-/// header has them.
+/// GPIOs that motors cannot have, bit by GPIO: 0 and 1 are the serial line, 23 to 25 are the Pico's own, the gate among them, and
+/// from 29 on no header has them.
 const RESERVED_PINS: u32 = 0b11 | 0b111 << 23 | !0 << 29;
 const _: () = assert!(RESERVED_PINS >> GATE & 1 == 1);
 

@@ -1,7 +1,7 @@
 //! The state machines: one for each motor, and two programs that are in both blocks.
 //!
-//! A state machine waits for the gate, and then takes word after word, as `pulsetrain_core::words` has them. All machines see the gate
-//! in the same cycle. The gate is GPIO 25, which no header has; the Pico's LED is on it, and shines while motors are armed.
+//! A state machine waits for the gate, and then takes word after word, as `pulsetrain_core::words` has them. All machines see the
+//! gate in the same cycle. The gate is GPIO 25, which no header has; the Pico's LED is on it, and shines while motors are armed.
 
 use super::pins::{Lines, MotorPins};
 use crate::regs::{self, Pio};
@@ -49,7 +49,8 @@ const _: () = assert!(COILS_AT as usize == STEP_DIR_AT as usize + STEP_DIR_PROGR
 /// The instruction that ends the pulse of a driver.
 const STEP_DIR_END_AT: u8 = STEP_DIR_AT + 6;
 
-/// Instructions that the processor executes on a halted state machine: `pull block`, `mov y, osr`, `set pindirs`, `set pins`, `jmp`, `jmp !osre`.
+/// Instructions that the processor executes on a halted state machine: `pull block`, `mov y, osr`, `set pindirs`, `set pins`,
+/// `jmp`, `jmp !osre`.
 const PULL: u32 = 0x80a0;
 const MOV_Y_OSR: u32 = 0xa047;
 const SET_PINDIRS: u32 = 0xe080;
@@ -57,7 +58,8 @@ const SET_PINS: u32 = 0xe000;
 const JMP: u32 = 0x0000;
 const JMP_NOT_OSRE: u32 = 0x00e0;
 
-/// §3.7, SHIFTCTRL: both FIFOs are joined for sending; a word is pulled when all bits of the one before are used; bit 0 comes first.
+/// §3.7, SHIFTCTRL: both FIFOs are joined for sending; a word is pulled when all bits of the one before are used; bit 0 comes
+/// first.
 const SHIFTCTRL: u32 = 1 << 30 | 1 << 19;
 const AUTOPULL: u32 = 1 << 17;
 
@@ -176,7 +178,8 @@ impl StateMachine {
         self.pio.addr(self.number).read() as u8 > STEP_DIR_AT + CHANGE_OFFSET
     }
 
-    /// Has a machine that was halted in its pulse end the pulse when it is enabled again, and then wait for the gate. It takes no word more.
+    /// Has a machine that was halted in its pulse end the pulse when it is enabled again, and then wait for the gate. It takes no
+    /// word more.
     #[inline(always)]
     pub(crate) fn end_with_pulse(self) {
         self.pio.shiftctrl(self.number).write(SHIFTCTRL);

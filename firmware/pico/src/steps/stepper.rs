@@ -65,8 +65,9 @@ impl FillTiming {
     /// Of verbs, by the main loop. Half as far ahead, since a verb cannot change what is written.
     pub(crate) const VERBS: FillTiming = FillTiming::of_main_loop(12 * TENTH_MS);
 
-    /// Of verbs, by a timer's interrupt, for `count` motors. It comes as seldom as it can, so that the program has the processor: when the words
-    /// that are left last for one round of all motors, and for as long as the interrupt may be kept out. A verb then takes effect after 2 ms at most.
+    /// Of verbs, by a timer's interrupt, for `count` motors. It comes as seldom as it can, so that the program has the processor:
+    /// when the words that are left last for one round of all motors, and for as long as the interrupt may be kept out. A verb then
+    /// takes effect after 2 ms at most.
     pub(crate) const fn of_interrupt(count: u8) -> FillTiming {
         // One motor's words take about 0.05 ms to write, at its shortest period. A program may keep the interrupt out for 0.35 ms.
         let (kept_out, round) = (7 * TENTH_MS / 2, count as u32 * TENTH_MS / 2);
@@ -102,8 +103,8 @@ impl FillTiming {
 /// Words that a motor gets at a time, and at most a run more. Writing them takes some 0.05 ms: so long the other motors wait.
 const WORDS_PER_FILL: u32 = 512;
 
-/// Words come too late for a state machine that has less than this to do, ticks: the DMA's first transfer takes a while to begin, and an
-/// interrupt may come before it.
+/// Words come too late for a state machine that has less than this to do, ticks: the DMA's first transfer takes a while to begin,
+/// and an interrupt may come before it.
 const NEARLY_DRY: u32 = 200;
 
 /// From the opened gate to the first change of lines: 0.5 ms, so that there is time to write the first words.
@@ -118,12 +119,12 @@ pub(crate) const LONGEST_IDLE_MS: u16 = 8000;
 /// From the reading of SysTick to the first instruction of a state machine after the gate, ticks.
 const GATE_TICKS: u32 = 2;
 
-/// Items of one motor whose steps are worked out on the board. A path makes three items a millisecond, and [`LOOK_AHEAD`] is less than 3 ms;
-/// verbs ask for [room](Stepper::has_room) first.
+/// Items of one motor whose steps are worked out on the board. A path makes three items a millisecond, and [`LOOK_AHEAD`] is less
+/// than 3 ms; verbs ask for [room](Stepper::has_room) first.
 const LOCAL_ITEMS: usize = 32;
 
-/// No words are written for the last so many ticks before steps that are not known yet, as DIR changes before a step. 20 µs at least; more with a long
-/// set-up of DIR.
+/// No words are written for the last so many ticks before steps that are not known yet, as DIR changes before a step. 20 µs at
+/// least; more with a long set-up of DIR.
 pub(crate) const DIR_CLEARANCE: u32 = 2500;
 
 #[repr(C, align(8192))]
@@ -244,8 +245,8 @@ impl Stepper {
         }
     }
 
-    /// All steps up to tick `known` are in the queues. From the first call on, at rest, steps come by [`push_steps`](Stepper::push_steps) or
-    /// [`push_item`](Stepper::push_item), until the motors are stopped.
+    /// All steps up to tick `known` are in the queues. From the first call on, at rest, steps come by
+    /// [`push_steps`](Stepper::push_steps) or [`push_item`](Stepper::push_item), until the motors are stopped.
     pub(crate) const fn set_known_until(&mut self, known: Moment) {
         self.known_until = Some(known);
     }
@@ -288,7 +289,8 @@ impl Stepper {
         let epoch = self.epoch();
         let Some(queue) = self.memory.local_items.get_mut(usize::from(number)) else { return };
         let mut push = |item| {
-            // It has no room only if the main loop was late by milliseconds. Then the state machines have run dry, and all motors stop.
+            // It has no room only if the main loop was late by milliseconds. Then the state machines have run dry, and all motors
+            // stop.
             let _ = queue.push(Entry { epoch, item });
         };
         let direction = steps.direction;
@@ -417,7 +419,8 @@ impl Stepper {
         self.next_fill = at;
     }
 
-    /// Writes words for the next motor that needs some. Whether there is more to do: another motor may need words, or all must be stopped as words were late.
+    /// Writes words for the next motor that needs some. Whether there is more to do: another motor may need words, or all must be
+    /// stopped as words were late.
     #[inline(never)]
     pub(crate) fn fill(&mut self, clock: &mut Clock) -> bool {
         let now = clock.now32();
@@ -463,7 +466,8 @@ impl Stepper {
             };
             let has_news = motor.words.channel().has_news();
             if !clock.now32().after(NEARLY_DRY).is_before(dry) {
-                // Words that come too late would be steps at wrong times: better none at all. The caller looks at once, instead of sleeping first.
+                // Words that come too late would be steps at wrong times: better none at all. The caller looks at once, instead of
+                // sleeping first.
                 self.too_late = true;
                 return true;
             }
@@ -478,8 +482,9 @@ impl Stepper {
         false
     }
 
-    /// The motor whose words end first. Slow motors have up to 0.6 ms less than fast ones, as words for rest are written for less: if turns went on in order
-    /// after the main loop was late, a slow one could run dry while faster ones, that have time, get words.
+    /// The motor whose words end first. Slow motors have up to 0.6 ms less than fast ones, as words for rest are written for less:
+    /// if turns went on in order after the main loop was late, a slow one could run dry while faster ones, that have time, get
+    /// words.
     #[inline(never)]
     fn first_to_run_dry(&self, now: Moment) -> u8 {
         let mut first = (0, i32::MAX);
@@ -639,7 +644,8 @@ impl Stepper {
         }
     }
 
-    /// Switches all motors, or none if a switch waits for an earlier tick or one is committed too far. From `at` on the plan holds as long as `lease` says.
+    /// Switches all motors, or none if a switch waits for an earlier tick or one is committed too far. From `at` on the plan holds
+    /// as long as `lease` says.
     pub(crate) fn switch(&mut self, epoch: Epoch, at: Moment, lease: Lease, limits: &[u8]) -> bool {
         if self.motors().any(|motor| motor.words.channel().check_switch(at).is_err()) {
             return false;
@@ -667,8 +673,8 @@ impl Stepper {
         self.motors().all(|motor| motor.words.channel().check_extend(lease).is_ok())
     }
 
-    /// Takes bytes back from the end of each motor's queue; `counts` has two bytes for each motor. Returns the first motor that has fewer bytes unread:
-    /// then nothing changes.
+    /// Takes bytes back from the end of each motor's queue; `counts` has two bytes for each motor. Returns the first motor that has
+    /// fewer bytes unread: then nothing changes.
     pub(crate) fn take_back(&mut self, counts: &[u8]) -> Result<(), u8> {
         let counts = || counts.as_chunks().0.iter().map(|count| u16::from_le_bytes(*count));
         if let Some((number, _)) =
