@@ -104,7 +104,7 @@ impl Clock {
     }
 
     /// A tick within 2^31 of now, in 64 bits.
-    pub(crate) fn to_u64(&mut self, tick: Moment) -> u64 {
+    pub(crate) fn widen(&mut self, tick: Moment) -> u64 {
         let now = self.now();
         let ahead = tick.since(Moment::of(now)).cast_signed();
         now.wrapping_add_signed(i64::from(ahead))

@@ -332,7 +332,7 @@ impl Board {
         if self.lapsed_at.is_some() || self.clock.now32().is_before(lapse.at) {
             return;
         }
-        self.lapsed_at = Some(self.clock.to_u64(lapse.at));
+        self.lapsed_at = Some(self.clock.widen(lapse.at));
         let (cause, motor) = match lapse.cause {
             // At rest this is `Finished`.
             lease::Cause::NotExtended | lease::Cause::Ordered if !self.stepper.was_moving() => return,
@@ -482,7 +482,7 @@ impl Board {
             return Err(Refusal::of(Reason::Moving));
         }
         // No word that is written ends later than that: see `Words::fill`.
-        let written = self.clock.to_u64(self.stepper.horizon(Moment::of(now)));
+        let written = self.clock.widen(self.stepper.horizon(Moment::of(now)));
         let known = now.max(written) + u64::from(self.stepper.foresight(self.timing));
         self.verbs.begin(self.stepper.limits(), known);
         Ok(())
@@ -649,7 +649,7 @@ impl Machine for Board {
             let at = self.stepper.horizon(self.clock.now32());
             self.stepper.lapse_at(Lapse { at, cause: lease::Cause::Ordered });
         }
-        let ended = self.lapsed_at.or_else(|| self.stepper.lease().1.map(|lapse| self.clock.to_u64(lapse.at)));
+        let ended = self.lapsed_at.or_else(|| self.stepper.lease().1.map(|lapse| self.clock.widen(lapse.at)));
         ended.unwrap_or(NO_LEASE)
     }
 
@@ -727,7 +727,7 @@ impl Machine for Board {
 
     fn horizon(&mut self) -> u64 {
         let now = self.clock.now32();
-        self.clock.to_u64(self.stepper.horizon(now))
+        self.clock.widen(self.stepper.horizon(now))
     }
 
     fn epoch(&self) -> Epoch {
