@@ -37,7 +37,7 @@ struct Bench {
 impl Bench {
     fn new() -> Bench {
         let chip = VirtualPico::new().chip().clone();
-        Bench { chip, surely: address("expand_surely"), step_by_step: address("expand_steps") }
+        Bench { chip, surely: address("expand_unchecked"), step_by_step: address("expand_steps") }
     }
 
     fn put(&mut self, at: usize, words: &[u32]) {
