@@ -134,7 +134,7 @@ impl Checker<'_> {
         if let Some(line) = line {
             let Some(ident) = ident else { return wrong(format!("{target} says no name in its text"), None) };
             let source = std::fs::read_to_string(self.root.join(&file)).unwrap_or_default();
-            if source.lines().nth(line - 1).is_some_and(|line| has_word(line, ident)) {
+            if source.lines().nth(line - 1).is_some_and(|line| has_word(line, ident) && !is_comment(line)) {
                 return None;
             }
             return match self.defined(&file, link.text, ident, line) {
@@ -218,21 +218,26 @@ impl Checker<'_> {
 /// How well a line of code defines `ident`: 0 is best.
 fn defines(code: &str, ident: &str) -> Option<u8> {
     let code = code.trim_start();
-    if !has_word(code, ident) || code.starts_with("//") {
+    if !has_word(code, ident) || is_comment(code) {
         return None;
     }
     const KEYWORDS: [&str; 10] =
         ["fn", "struct", "enum", "trait", "const", "static", "mod", "type", "macro_rules!", ".macro"];
     let words: Vec<&str> = code.split([' ', '<', '(', ':', ';', '{', ',']).filter(|word| !word.is_empty()).collect();
     if words.windows(2).any(|pair| KEYWORDS.contains(&pair[0]) && pair[1] == ident) {
-        return Some(0);
+        // Of assembly Rust has a declaration alone: its label is better.
+        return Some(if code.contains("fn ") && code.ends_with(';') { 2 } else { 0 });
     }
     let rest = code.strip_prefix(ident);
     // A label, a field, a variant; a line of a table of names.
     if rest.is_some_and(|rest| rest.starts_with([':', ',', '(', ' ']) && !rest.starts_with("::")) {
         return Some(1);
     }
-    Some(2)
+    Some(3)
+}
+
+fn is_comment(code: &str) -> bool {
+    code.trim_start().starts_with("//")
 }
 
 struct Link<'a> {
