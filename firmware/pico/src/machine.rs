@@ -503,7 +503,7 @@ impl Machine for Board {
     fn info(&mut self) -> Info {
         Info {
             board: 2,
-            firmware: [0, 1, 0],
+            firmware: [0, 2, 0],
             tick_hz: TICK_HZ,
             fraction_bits: FRACTION_BITS as u8,
             max_motors: MOTORS as u8,

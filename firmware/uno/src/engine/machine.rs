@@ -413,7 +413,7 @@ impl Machine for Board {
             nonce: 0,
             tag: Tag::NONE,
             board: 1,
-            firmware: [0, 1, 0],
+            firmware: [0, 2, 0],
             tick_hz: TICK_HZ,
             fraction_bits: 16,
             max_motors: MAX_MOTORS as u8,

@@ -7,7 +7,7 @@ use pulsetrain_emulator::Rp2040;
 use pulsetrain_testkit::Random;
 
 /// The map of symbols of the Pico's image.
-const SYMBOLS: &str = include_str!("../../../images/pico.sym");
+const SYMBOLS: &str = include_str!("../../../../../testdata/pico.sym");
 
 /// Where a routine is, by its name.
 fn address(name: &str) -> u32 {

@@ -1,6 +1,6 @@
 """The client against a line of its own, and against virtual boards at pseudo-terminals.
 
-``python3 -m unittest`` in clients/python; `cargo xtask test` does it with all that it needs.
+``python3 -m unittest`` in python; `cargo xtask test` does it with all that it needs.
 """
 
 import contextlib
