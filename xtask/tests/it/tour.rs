@@ -58,15 +58,27 @@ fn the_check_finds_what_it_should() {
         .position(|line| line.starts_with("fn documents("))
         .expect("it has that function");
     let none: Vec<String> = Vec::new();
-    assert_eq!(check(&format!("[`documents`]({this}#L{line}), [a word]({this}) and `xtask/tests/it/tour.rs`, `it/tour.rs`")), none);
-    assert_eq!(check("[other](https://example.org/a.rs#L1) `out/a/steps.csv` `cargo run -- crates/x.rs` `a/b.rs{1}`"), none);
+    assert_eq!(
+        check(&format!("[`documents`]({this}#L{line}), [a word]({this}) and `xtask/tests/it/tour.rs`, `it/tour.rs`")),
+        none
+    );
+    assert_eq!(
+        check("[other](https://example.org/a.rs#L1) `out/a/steps.csv` `cargo run -- crates/x.rs` `a/b.rs{1}`"),
+        none
+    );
     assert_eq!(check("```\n[a](b.rs)\n```\n\n    [a](b.rs)\n    [a](b.rs)\n"), none);
-    assert_eq!(check(&format!("[`documents`]({this}#L1)")), [format!("{this}#L1 has no `documents`: it is in line {line}")]);
+    assert_eq!(
+        check(&format!("[`documents`]({this}#L1)")),
+        [format!("{this}#L1 has no `documents`: it is in line {line}")]
+    );
     let nobodys = ["nobody", "has", "this"].join("_");
     assert_eq!(check(&format!("[`{nobodys}`]({this}#L1)")), [format!("{this}#L1 has no `{nobodys}`")]);
     assert_eq!(check("[a](nowhere.md)"), ["nowhere.md is not there"]);
     assert_eq!(check("[a](../README.md#no-such-heading)"), ["../README.md has no heading #no-such-heading"]);
-    assert_eq!(check("see `crates/nowhere.rs`, `docs/nothing`"), ["`crates/nowhere.rs` is not there", "`docs/nothing` is not there"]);
+    assert_eq!(
+        check("see `crates/nowhere.rs`, `docs/nothing`"),
+        ["`crates/nowhere.rs` is not there", "`docs/nothing` is not there"]
+    );
     assert_eq!(check("[a](../docs/it/tour.rs)"), ["../docs/it/tour.rs is not there: ../xtask/tests/it/tour.rs is"]);
 }
 
@@ -138,10 +150,9 @@ impl Checker<'_> {
                 return None;
             }
             return match self.defined(&file, link.text, ident, line) {
-                Some(right) => wrong(
-                    format!("{target} has no `{ident}`: it is in line {right}"),
-                    Some(format!("{path}#L{right}")),
-                ),
+                Some(right) => {
+                    wrong(format!("{target} has no `{ident}`: it is in line {right}"), Some(format!("{path}#L{right}")))
+                }
                 None => wrong(format!("{target} has no `{ident}`"), None),
             };
         }
@@ -185,7 +196,8 @@ impl Checker<'_> {
         let name = path.file_name()?;
         let named = self.files.iter().filter(|file| file.file_name() == Some(name));
         let defines = |file: &&PathBuf| ident.is_none_or(|ident| self.defined(file, ident, ident, 0).is_some());
-        let common = |file: &Path| path.components().filter(|part| file.components().any(|other| other == *part)).count();
+        let common =
+            |file: &Path| path.components().filter(|part| file.components().any(|other| other == *part)).count();
         let candidates: Vec<&PathBuf> = named.filter(defines).collect();
         let most = candidates.iter().map(|file| common(file)).max()?;
         let mut best = candidates.iter().filter(|file| common(file) == most);

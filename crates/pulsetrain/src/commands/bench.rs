@@ -1,5 +1,7 @@
 //! `pulsetrain bench`: a board measures itself while it steps.
 
+use crate::arguments::At;
+use clap::Args;
 use miette::miette;
 use pulsetrain_board::remote::in_words;
 use pulsetrain_board::virtual_pico::VirtualPico;
@@ -12,12 +14,27 @@ use pulsetrain_motion::{Grid, Law, Time, boards};
 use serde::Serialize;
 
 use super::{drive_problem, port_problem};
-use crate::cli::Bench;
 use crate::console::{Console, Exit};
 use pulsetrain_motion::human::{self, Table};
 use pulsetrain_session::drive::{DriveError, Driven, session_number};
 use pulsetrain_session::lateness::Lateness;
 use pulsetrain_session::prepare::Prepared;
+
+#[derive(Args, Debug)]
+#[command(after_help = "\
+Sinusoids of growing speed on pins 8 (STEP) and 9 (DIR). On a real board disconnect the drivers first.
+
+Examples:
+  pulsetrain bench --board uno
+  pulsetrain bench --board pico
+  pulsetrain bench --port /dev/ttyACM0 --disconnected")]
+pub(crate) struct BenchArgs {
+    #[command(flatten)]
+    pub(crate) at: At,
+    /// Nothing is connected to pins 8 and 9 that may not move
+    #[arg(long)]
+    pub(crate) disconnected: bool,
+}
 
 /// Periods of the sinusoids, s.
 const PERIODS_S: [f64; 4] = [2.0, 1.0, 0.5, 0.25];
@@ -83,7 +100,7 @@ struct Rows {
     trouble: Vec<String>,
 }
 
-pub(crate) fn run(args: &Bench, console: &mut Console<'_>) -> miette::Result<Exit> {
+pub(crate) fn run(args: &BenchArgs, console: &mut Console<'_>) -> miette::Result<Exit> {
     let is_pico = match &args.at.port {
         Some(_) if !args.disconnected => {
             let help = "switch the drivers' supply off, or take the wires off, and say --disconnected";

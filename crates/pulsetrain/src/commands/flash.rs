@@ -1,5 +1,6 @@
 //! `pulsetrain flash`: the committed firmware, or another image, onto a board.
 
+use clap::Args;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -12,9 +13,35 @@ use pulsetrain_motion::quantity::nearest;
 use serde::Serialize;
 
 use super::port_problem;
-use crate::cli::Flash;
 use crate::console::{self, Console, Exit};
 use pulsetrain_motion::human;
+
+#[derive(Args, Debug)]
+#[command(after_help = "\
+An Uno (or a Nano with its newer bootloader) is programmed through its bootloader, at 115200 baud, after a reset by DTR; the older \
+bootloader of Nanos, at 57600 baud, is larger and leaves the firmware no room. A Pico is a drive as long as BOOTSEL is held while \
+it is plugged in: the firmware is copied there, and that drive is found by itself, or named with --port.
+
+Examples:
+  pulsetrain ports                              which port it is
+  pulsetrain flash uno --port /dev/ttyACM0
+  pulsetrain flash pico
+  pulsetrain flash pico --port /media/me/RPI-RP2")]
+pub(crate) struct FlashArgs {
+    /// Which board
+    #[arg(value_parser = ["uno", "pico"])]
+    pub(crate) board: String,
+    /// The Uno's serial port; the folder where the Pico's drive is [default for a Pico: the one that is found]
+    #[arg(long, value_name = "PORT")]
+    pub(crate) port: Option<String>,
+    /// Write this image instead of the firmware: Intel HEX for an Uno, UF2 for a Pico; for an Uno `winch`: the firmware that knows
+    /// StepperWinch's text, or `verbs`: that whose motors are told directly; both in place of plans
+    #[arg(long, value_name = "FILE")]
+    pub(crate) image: Option<PathBuf>,
+    /// Print what was done as JSON
+    #[arg(long)]
+    pub(crate) json: bool,
+}
 
 /// What was done.
 #[derive(Debug, Serialize)]
@@ -30,7 +57,7 @@ struct Flashed {
     verified: bool,
 }
 
-pub(crate) fn run(args: &Flash, console: &mut Console<'_>) -> miette::Result<Exit> {
+pub(crate) fn run(args: &FlashArgs, console: &mut Console<'_>) -> miette::Result<Exit> {
     let file = args.image.as_deref();
     let flashed = match (args.board.as_str(), &args.port) {
         ("uno", port) => {

@@ -10,7 +10,7 @@ use serde::Serialize;
 
 use super::store::{Kept, told};
 use super::{clock_off, port_problem};
-use crate::cli::At;
+use crate::arguments::At;
 use crate::console::{Console, Exit};
 use pulsetrain_motion::human::{self, Table};
 use pulsetrain_session::drive::{DriveError, session_number};

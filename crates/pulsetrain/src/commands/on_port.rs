@@ -12,8 +12,8 @@ use pulsetrain_trace::steps;
 use serde::Serialize;
 
 use super::rehearsal::Rehearsal;
+use super::run::RunArgs;
 use super::{clock_off, drive_problem, plan, port_problem, run_problem};
-use crate::cli::Run;
 use crate::console::{self, Console, Exit, access};
 use crate::interrupt;
 use crate::report::PlanReport;
@@ -73,7 +73,7 @@ pub(crate) fn run(
     prepared: &Prepared,
     planned: &[Planned],
     name: &str,
-    args: &Run,
+    args: &RunArgs,
     baud: Baud,
     folder: &Path,
     console: &mut Console<'_>,

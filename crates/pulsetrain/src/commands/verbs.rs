@@ -1,7 +1,10 @@
 //! `pulsetrain verbs`: motors told directly, in frames, by the lines that a Pico takes as text.
 
+use crate::arguments;
+use clap::{ArgGroup, Args};
 use std::ops::Range;
 use std::path::Path;
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, TryRecvError};
 
@@ -22,12 +25,38 @@ use super::info::UNO;
 use super::on_port::waits_aloud;
 use super::winch::typed;
 use super::{drive_problem, port_problem};
-use crate::cli::Verbs;
 use crate::console::{self, Console, Exit};
 use crate::winch::talk::meaning;
 use crate::{interrupt, serve};
 use pulsetrain_motion::human;
 use pulsetrain_session::drive::{session_number, set_up};
+
+/// A board whose motors are told directly.
+#[derive(Args, Debug)]
+#[command(after_help = "\
+A script has a line for each order, with its time, \"1.5 s: move x 100\"; without one they are read from the standard input. Axes x, y, z and a \
+are where text has them (docs/wiring.md): on an Uno the CNC shield's, which needs its image with verbs. Each order is answered by the tick \
+from which it holds, where its axes are then, and how many ticks later they step; each move by `done`. When no move is left it ends; what \
+runs on is halted, and of a virtual board the steps at its pins are counted. Ctrl-C stops all at once. docs/pico.md has the verbs.
+
+Examples:
+  pulsetrain verbs moves.txt --board uno
+  pulsetrain verbs --port /dev/ttyACM0
+  echo \"move xy 2000 100\" | pulsetrain verbs --board pico")]
+#[command(group = ArgGroup::new("told").args(["port", "board"]).required(true))]
+pub(crate) struct VerbsArgs {
+    /// Script of timed lines; without one they are read as they come
+    pub(crate) script: Option<PathBuf>,
+    /// The board at this serial port; opening it resets an Uno
+    #[arg(long, value_name = "PORT")]
+    pub(crate) port: Option<String>,
+    /// A virtual one; `uno` has the image with verbs
+    #[arg(long, value_name = "BOARD", value_parser = ["uno", "pico"])]
+    pub(crate) board: Option<String>,
+    /// Rate of the line, bits a second
+    #[arg(long, value_name = "RATE", default_value = "1000000", value_parser = arguments::baud)]
+    pub(crate) baud: Baud,
+}
 
 /// What a line may be.
 const HELP: &str = "\
@@ -46,7 +75,7 @@ const ROUNDS_PER_S: u64 = 100;
 /// A line of a script: when, s, and what.
 type Timed = (f64, Told);
 
-pub(crate) fn run(args: &Verbs, console: &mut Console<'_>) -> miette::Result<Exit> {
+pub(crate) fn run(args: &VerbsArgs, console: &mut Console<'_>) -> miette::Result<Exit> {
     interrupt::watch();
     // All of a script is read, and refused if need be, before anything moves.
     let script = args.script.as_deref().map(load).transpose()?;
