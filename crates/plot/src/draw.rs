@@ -68,6 +68,7 @@ const fn register() -> bool {
 
 #[cfg(not(target_arch = "wasm32"))]
 fn register() -> bool {
+    use plotters::style::{FontStyle, register_font};
     use std::sync::OnceLock;
 
     /// DejaVu Sans, reduced: see assets/LICENSE-DejaVu.txt. Registered as "sans-serif", which is also what the SVG asks for.
