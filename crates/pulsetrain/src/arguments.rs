@@ -2,7 +2,9 @@
 
 use std::path::PathBuf;
 
+use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::{ArgGroup, Args};
+use pulsetrain_board::BoardKind;
 use pulsetrain_core::wire::Baud;
 use pulsetrain_motion::quantity::{Base, Quantity};
 use pulsetrain_motion::{Time, boards, full_steps};
@@ -65,8 +67,8 @@ pub(crate) struct At {
     #[arg(long, value_name = "PORT")]
     pub(crate) port: Option<String>,
     /// A virtual one
-    #[arg(long, value_name = "BOARD", value_parser = ["uno", "pico"])]
-    pub(crate) board: Option<String>,
+    #[arg(long, value_name = "BOARD", value_parser = board_kind())]
+    pub(crate) board: Option<BoardKind>,
     /// Rate of the line, once the board is found
     #[arg(long, value_name = "BAUD", value_parser = baud, default_value = "1000000")]
     pub(crate) baud: Baud,
@@ -83,8 +85,8 @@ pub(crate) struct WinchAt {
     #[arg(long, value_name = "PORT")]
     pub(crate) port: Option<String>,
     /// A virtual one
-    #[arg(long, value_name = "BOARD", value_parser = ["uno", "pico"])]
-    pub(crate) board: Option<String>,
+    #[arg(long, value_name = "BOARD", value_parser = board_kind())]
+    pub(crate) board: Option<BoardKind>,
     /// This computer's own path generator, without a chip
     #[arg(long)]
     pub(crate) native: bool,
@@ -95,6 +97,11 @@ pub(crate) struct Table {
     /// Print the table as JSON
     #[arg(long)]
     pub(crate) json: bool,
+}
+
+/// A board with a firmware.
+pub(crate) fn board_kind() -> impl TypedValueParser<Value = BoardKind> {
+    PossibleValuesParser::new(BoardKind::NAMES).try_map(|name| BoardKind::named(&name).ok_or("no such board"))
 }
 
 pub(crate) fn board(name: &str) -> Result<String, String> {

@@ -2,6 +2,7 @@
 
 use crate::arguments;
 use clap::Args;
+use pulsetrain_board::BoardKind;
 use pulsetrain_motion::Time;
 use std::fs;
 use std::path::Path;
@@ -113,7 +114,7 @@ pub(crate) fn run(args: &BakeArgs, console: &mut Console<'_>) -> miette::Result<
     if let Some(ppm) = args.clock_ppm {
         prepared.calibrate(ppm);
     }
-    let is_pico = prepared.program.board.name == "pico";
+    let is_pico = BoardKind::named(&prepared.program.board.name) == Some(BoardKind::Pico);
     if is_pico && args.rehearse.is_some() {
         let help = "leave --rehearse out: a Pico's limits are of motors that read their motion from its flash";
         return Err(miette!(help = help, "{}: only images for an Uno are rehearsed", prepared.file));

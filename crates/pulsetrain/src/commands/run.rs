@@ -3,13 +3,13 @@
 use crate::arguments;
 use crate::arguments::Motion;
 use clap::Args;
+use pulsetrain_board::BoardKind;
 use pulsetrain_core::wire::Baud;
 use pulsetrain_motion::Time;
 use std::path::{Path, PathBuf};
 
 use miette::miette;
 use pulsetrain_board::Leased;
-use pulsetrain_motion::boards;
 
 use super::{drive_problem, on_port, plan, ports, run_problem};
 use crate::console::{self, Console, Exit, access};
@@ -105,18 +105,14 @@ pub(crate) fn run(args: &RunArgs, console: &mut Console<'_>) -> miette::Result<E
         return on_port::run(&prepared, &planned, name, args, baud, &folder, console);
     }
     let edges = Edges::of(&prepared.program);
-    let (recorded, runner) = match prepared.program.board.name.as_str() {
-        name if boards::is_uno(name) && !args.native => {
-            let mut driven = Driven::virtual_uno(&prepared, baud).map_err(drive_problem)?;
-            let runner = format!("virtual Uno, firmware {}", human::version(driven.board_mut().info().firmware));
+    let (recorded, runner) = match BoardKind::named(&prepared.program.board.name).filter(|_| !args.native) {
+        Some(kind) => {
+            let mut driven = Driven::on_virtual(kind, &prepared, baud).map_err(drive_problem)?;
+            let firmware = human::version(driven.board_mut().info().firmware);
+            let runner = format!("virtual {}, firmware {firmware}", kind.title());
             (to_files(&prepared, &planned, driven, edges, &folder, console)?, runner)
         }
-        "pico" if !args.native => {
-            let mut driven = Driven::virtual_pico(&prepared, baud).map_err(drive_problem)?;
-            let runner = format!("virtual Pico, firmware {}", human::version(driven.board_mut().info().firmware));
-            (to_files(&prepared, &planned, driven, edges, &folder, console)?, runner)
-        }
-        _ => {
+        None => {
             let driven = Driven::native(&prepared).map_err(advised)?;
             (to_files(&prepared, &planned, driven, Edges::default(), &folder, console)?, "native".to_owned())
         }

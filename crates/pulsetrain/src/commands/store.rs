@@ -3,8 +3,8 @@
 use crate::arguments;
 use clap::{ArgGroup, Args};
 use miette::miette;
-use pulsetrain_board::virtual_pico::VirtualPico;
-use pulsetrain_board::virtual_uno::VirtualUno;
+use pulsetrain_board::BoardKind;
+use pulsetrain_board::registry::Role;
 use pulsetrain_board::{Port, Remote, RemoteError, Serial};
 use pulsetrain_core::wire::settings::{AMAX, MOST_VMAX};
 use pulsetrain_core::wire::{Reason, Settings, Stored};
@@ -30,8 +30,8 @@ pub(crate) struct StoreArgs {
     #[arg(long, value_name = "PORT")]
     pub(crate) port: Option<String>,
     /// A virtual one, which forgets it again
-    #[arg(long, value_name = "BOARD", value_parser = ["uno", "pico"])]
-    pub(crate) board: Option<String>,
+    #[arg(long, value_name = "BOARD", value_parser = arguments::board_kind())]
+    pub(crate) board: Option<BoardKind>,
     /// Text's axes stop when no command was obeyed for so long, or "off"
     #[arg(long, value_name = "TIME", value_parser = arguments::kept_time)]
     pub(crate) deadman: Option<u16>,
@@ -111,8 +111,7 @@ pub(crate) fn run(args: &StoreArgs, console: &mut Console<'_>) -> miette::Result
     let limits = args.limits.as_deref().map(limits).transpose()?;
     let kept = match &args.port {
         Some(name) => store(Serial::open(name, false).map_err(port_problem)?, args, limits),
-        None if args.board.as_deref() == Some("pico") => store(VirtualPico::on_usb(), args, limits),
-        None => store(VirtualUno::new(), args, limits),
+        None => store(args.board.unwrap_or(BoardKind::Uno).virtual_board(Role::Plans), args, limits),
     };
     let stored = kept.map_err(problem)?;
     let kept = stored.settings.map(Kept::of);
@@ -182,6 +181,8 @@ mod tests {
     use super::*;
     use pulsetrain_board::Setup;
     use pulsetrain_board::shared::Shared;
+    use pulsetrain_board::virtual_pico::VirtualPico;
+    use pulsetrain_board::virtual_uno::VirtualUno;
     use pulsetrain_core::baked::FLASH_ROOM;
     use pulsetrain_core::wire::message::MotorSetup;
 

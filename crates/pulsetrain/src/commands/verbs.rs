@@ -2,6 +2,8 @@
 
 use crate::arguments;
 use clap::{ArgGroup, Args};
+use pulsetrain_board::BoardKind;
+use pulsetrain_board::registry::Role;
 use std::ops::Range;
 use std::path::Path;
 use std::path::PathBuf;
@@ -10,8 +12,6 @@ use std::sync::mpsc::{Receiver, TryRecvError};
 
 use miette::{LabeledSpan, MietteDiagnostic, NamedSource, Report, miette};
 use pulsetrain_board::remote::{image_name, in_words};
-use pulsetrain_board::virtual_pico::VirtualPico;
-use pulsetrain_board::virtual_uno::VirtualUno;
 use pulsetrain_board::{Board, Edge, Port, Remote, RemoteError, Serial, Setup};
 use pulsetrain_core::verbs::text::{self, LONGEST, Read, Reply, Told};
 use pulsetrain_core::verbs::{Course, Verb};
@@ -51,8 +51,8 @@ pub(crate) struct VerbsArgs {
     #[arg(long, value_name = "PORT")]
     pub(crate) port: Option<String>,
     /// A virtual one; `uno` has the image with verbs
-    #[arg(long, value_name = "BOARD", value_parser = ["uno", "pico"])]
-    pub(crate) board: Option<String>,
+    #[arg(long, value_name = "BOARD", value_parser = arguments::board_kind())]
+    pub(crate) board: Option<BoardKind>,
     /// Rate of the line, bits a second
     #[arg(long, value_name = "RATE", default_value = "1000000", value_parser = arguments::baud)]
     pub(crate) baud: Baud,
@@ -79,30 +79,19 @@ pub(crate) fn run(args: &VerbsArgs, console: &mut Console<'_>) -> miette::Result
     interrupt::watch();
     // All of a script is read, and refused if need be, before anything moves.
     let script = args.script.as_deref().map(load).transpose()?;
-    let is_uno = args.board.as_deref() == Some("uno");
+    let virtual_board = || args.board.unwrap_or(BoardKind::Pico).virtual_board(Role::Verbs);
     match (&args.port, script) {
         (Some(name), script) => {
             let port = Serial::open(name, true).map_err(port_problem)?;
             hold(port, name, args.baud, || lines(script), None, console)
         }
-        (None, Some(script)) if is_uno => {
-            hold(VirtualUno::with_verbs(), "", args.baud, || lines(Some(script)), Some(Pins::default()), console)
-        }
         (None, Some(script)) => {
-            hold(VirtualPico::on_usb(), "", args.baud, || lines(Some(script)), Some(Pins::default()), console)
+            hold(virtual_board(), "", args.baud, || lines(Some(script)), Some(Pins::default()), console)
         }
-        (None, None) if is_uno => {
-            let board = serve::Paced::new(VirtualUno::with_verbs());
+        (None, None) => {
+            let board = serve::Paced::new(virtual_board());
             hold(board, "", args.baud, || lines(None), Some(Pins::default()), console)
         }
-        (None, None) => hold(
-            serve::Paced::new(VirtualPico::on_usb()),
-            "",
-            args.baud,
-            || lines(None),
-            Some(Pins::default()),
-            console,
-        ),
     }
 }
 
@@ -509,6 +498,7 @@ mod tests {
     use super::*;
     use pulsetrain_board::PortError;
     use pulsetrain_board::shared::Shared;
+    use pulsetrain_board::virtual_pico::VirtualPico;
     use std::time::Duration;
 
     /// A board that is there for one host after the other, which do not hear all; its port is gone in the end.

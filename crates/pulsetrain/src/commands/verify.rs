@@ -4,7 +4,8 @@ use crate::arguments;
 use crate::arguments::Motion;
 use clap::{Args, ValueEnum};
 use miette::miette;
-use pulsetrain_motion::{Time, boards};
+use pulsetrain_board::BoardKind;
+use pulsetrain_motion::Time;
 use pulsetrain_trace::capture::{self, Capture};
 use pulsetrain_trace::verdict::{self, Align, JudgeError, Options};
 use std::path::PathBuf;
@@ -127,7 +128,7 @@ pub(crate) fn run(args: &VerifyArgs, console: &mut Console<'_>) -> miette::Resul
         if !report.ok && align == Align::None {
             console.print("Did the capture begin before the motion? Then say --align start, or start+rate\n")?;
         }
-        if !report.ok && !args.pins && boards::is_uno(&program.board.name) {
+        if !report.ok && !args.pins && BoardKind::named(&program.board.name) == Some(BoardKind::Uno) {
             console.print("Does it show an Uno's pins, a virtual one's too? Then say --pins\n")?;
         }
     }

@@ -3,6 +3,8 @@
 use crate::arguments;
 use crate::arguments::WinchAt;
 use clap::Args;
+use pulsetrain_board::BoardKind;
+use pulsetrain_board::registry::Role;
 use pulsetrain_motion::Time;
 use std::io::{BufRead, IsTerminal, stdin, stdout};
 use std::path::Path;
@@ -12,8 +14,6 @@ use std::thread;
 
 use miette::{Report, miette};
 use pulsetrain_board::native_winch::NativeWinch;
-use pulsetrain_board::virtual_pico::VirtualPico;
-use pulsetrain_board::virtual_uno::VirtualUno;
 use pulsetrain_board::{Port, PortError, Serial, VirtualBoard};
 use pulsetrain_motion::boards;
 use pulsetrain_motion::pins::PinKind;
@@ -73,7 +73,7 @@ pub(crate) fn run(args: &WinchArgs, console: &mut Console<'_>) -> miette::Result
     // All is read, and refused if need be, before anything moves.
     let script = script::load(path, args.length)?;
     let name = path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned();
-    let options = if args.at.native { Options::default() } else { options_of(args.at.board.as_deref()) };
+    let options = if args.at.native { Options::default() } else { options_of(kind(args)) };
     let folder =
         args.out.clone().unwrap_or_else(|| Path::new("out").join(path.file_stem().unwrap_or(path.as_os_str())));
     std::fs::create_dir_all(&folder).map_err(|error| {
@@ -92,8 +92,10 @@ pub(crate) fn run(args: &WinchArgs, console: &mut Console<'_>) -> miette::Result
             (run, judged)
         }
         None if args.at.native => virtually(NativeWinch::new(), "native winch", &name, &script, &options, console)?,
-        None if is_pico(args) => virtually(VirtualPico::new(), "virtual Pico", &name, &script, &options, console)?,
-        None => virtually(VirtualUno::with_winch(), "virtual Uno", &name, &script, &options, console)?,
+        None => {
+            let (board, runner) = (kind(args).virtual_board(Role::Winch), virtual_name(args));
+            virtually(board, &runner, &name, &script, &options, console)?
+        }
     };
     let Judged { report, picture } = judged;
     // What the axes did is told also where a file has no room; a script gets one value, and then it is the error.
@@ -147,16 +149,20 @@ fn virtually<B: VirtualBoard>(
     Ok((run, judged))
 }
 
-fn is_pico(args: &WinchArgs) -> bool {
-    args.at.board.as_deref() == Some("pico")
+fn kind(args: &WinchArgs) -> BoardKind {
+    args.at.board.unwrap_or(BoardKind::Uno)
+}
+
+fn virtual_name(args: &WinchArgs) -> String {
+    format!("virtual {}", kind(args).title())
 }
 
 /// How a virtual board is wired, and when it makes its edges.
-fn options_of(board: Option<&str>) -> Options {
-    if board == Some("pico") {
+fn options_of(board: BoardKind) -> Options {
+    if board == BoardKind::Pico {
         return Options::pico();
     }
-    let late = boards::find("uno").map_or(0, |row| row.lateness_ticks);
+    let late = boards::find(board.name()).map_or(0, |row| row.lateness_ticks);
     Options { constant_ticks: PinKind::Shield.constant_ticks().into(), late_ticks: late.into(), ..Options::default() }
 }
 
@@ -229,8 +235,7 @@ fn by_hand(args: &WinchArgs, console: &mut Console<'_>) -> miette::Result<Exit> 
     match &args.at.port {
         Some(port) => hold(meet_at(port)?, console),
         None if args.at.native => hold(meet(serve::Paced::new(NativeWinch::new()), "native winch")?, console),
-        None if is_pico(args) => hold(meet(serve::Paced::new(VirtualPico::new()), "virtual Pico")?, console),
-        None => hold(meet(serve::Paced::new(VirtualUno::with_winch()), "virtual Uno")?, console),
+        None => hold(meet(serve::Paced::new(kind(args).virtual_board(Role::Winch)), &virtual_name(args))?, console),
     }
 }
 
