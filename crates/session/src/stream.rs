@@ -3,7 +3,7 @@
 use crate::SessionError;
 use crate::timeline::{Placed, Timeline, tick_of};
 use pulsetrain_board::{Board, Sizer};
-use pulsetrain_core::{Entry, Epoch, Item, Moment, Segment};
+use pulsetrain_core::{Entry, Epoch, Item, Segment, Tick32};
 use pulsetrain_motion::Time;
 use pulsetrain_motion::law::Cursor;
 use pulsetrain_motion::program::Program;
@@ -105,7 +105,7 @@ impl<'a> Stream<'a> {
             sizer: board.sizer(motor),
             accumulator: (i128::from(zero) << fraction_bits) + (1 << (fraction_bits - 1)),
             waits: true,
-            next: VecDeque::from([Item::Anchor { tick: Moment::of(zero) }]),
+            next: VecDeque::from([Item::Anchor { tick: Tick32::of(zero) }]),
             dwell: 0,
             ended: false,
         };

@@ -5,7 +5,7 @@ use crate::flash;
 use crate::machine::Board;
 use crate::steps::MOTORS;
 use pulsetrain_core::baked::{Block, LONGEST_PIECE, POINTER, Player};
-use pulsetrain_core::{Epoch, Moment};
+use pulsetrain_core::{Epoch, Tick32};
 
 /// From power-up to the motion's time 0, ticks: 0.1 s, for drivers to be ready.
 const START_DELAY: u64 = TICK_HZ as u64 / 10;
@@ -33,7 +33,7 @@ impl BakedMotion {
         let epoch = board.begin_baked(&block.configuration)?;
         let zero = board.clock.now() + START_DELAY;
         let mut motors = block.motors();
-        let players = core::array::from_fn(|_| motors.next().map(|motor| Player::new(motor, Moment::of(zero))));
+        let players = core::array::from_fn(|_| motors.next().map(|motor| Player::new(motor, Tick32::of(zero))));
         let mut baked = BakedMotion { epoch, players };
         // Armed motors need words while the queues are filled, too: they are at rest.
         while board.fill_motors() {}

@@ -2,7 +2,7 @@
 //! (134 ms), or a wrap is missed.
 
 use crate::regs;
-use pulsetrain_core::Moment;
+use pulsetrain_core::Tick32;
 use pulsetrain_core::wire::Millis;
 
 /// Ticks per second; one tick is one cycle of processor, PIO and DMA.
@@ -99,14 +99,14 @@ impl Clock {
 
     /// Ticks since it was started, modulo 2^32.
     #[inline(always)]
-    pub(crate) fn now32(&mut self) -> Moment {
-        Moment::of(self.now())
+    pub(crate) fn now32(&mut self) -> Tick32 {
+        Tick32::of(self.now())
     }
 
     /// A tick within 2^31 of now, in 64 bits.
-    pub(crate) fn widen(&mut self, tick: Moment) -> u64 {
+    pub(crate) fn widen(&mut self, tick: Tick32) -> u64 {
         let now = self.now();
-        let ahead = tick.since(Moment::of(now)).cast_signed();
+        let ahead = tick.since(Tick32::of(now)).cast_signed();
         now.wrapping_add_signed(i64::from(ahead))
     }
 }

@@ -23,7 +23,7 @@ use pulsetrain_core::wire::message::{
 use pulsetrain_core::wire::orders::{Obeyed, Orders};
 use pulsetrain_core::wire::settings::SETTINGS_LEN;
 use pulsetrain_core::wire::{Baud, Encoder, Machine, Millis, Reason, Refusal, Stopped, Switched, Trimmed};
-use pulsetrain_core::{Epoch, Moment};
+use pulsetrain_core::{Epoch, Tick32};
 
 /// A switch must be less than this ahead, ticks: 8.6 s. Ticks of 32 bits are told apart within 2^31; half of that leaves room for
 /// what is compared with it.
@@ -201,7 +201,7 @@ impl Board {
         let until = clock.now() + u64::from(stepper.foresight(*timing)) + VERBS_MARGIN;
         if until >= verbs.known() + u64::from(timing.verb_slice) && stepper.has_room(MOST_ITEMS) {
             verbs.work_out::<FRACTION_BITS>(until, |motor, item| stepper.push_item(motor, item));
-            stepper.set_known_until(Moment::of(until));
+            stepper.set_known_until(Tick32::of(until));
         }
     }
 
@@ -231,7 +231,7 @@ impl Board {
     /// Enables the drivers and has motors follow paths. Their steps come by [`push_slice`](Board::push_slice), and the first of
     /// them at tick `first` or later, which is at least a millisecond from now.
     pub(crate) fn begin_paths(&mut self, first: u64) -> bool {
-        self.stepper.set_known_until(Moment::of(first));
+        self.stepper.set_known_until(Tick32::of(first));
         self.arm().is_ok()
     }
 
@@ -239,10 +239,10 @@ impl Board {
     pub(crate) fn push_slice(&mut self, slices: [Slice; 4], begin: u64, end: u64) {
         for (motor, slice) in (0..).zip(slices) {
             if let Some(steps) = slice.steps(winch::SLICE_TICKS) {
-                self.stepper.push_steps(motor, Moment::of(begin), steps);
+                self.stepper.push_steps(motor, Tick32::of(begin), steps);
             }
         }
-        self.stepper.set_known_until(Moment::of(end));
+        self.stepper.set_known_until(Tick32::of(end));
     }
 
     /// Whether nothing moves, and nothing will.
@@ -262,7 +262,7 @@ impl Board {
     /// Has all motors begin that motion at `tick`. Whether they do.
     pub(crate) fn switch_baked(&mut self, epoch: Epoch, tick: u64) -> bool {
         self.was_idle = false;
-        self.stepper.switch(epoch, Moment::of(tick), Lease::Off, &[])
+        self.stepper.switch(epoch, Tick32::of(tick), Lease::Off, &[])
     }
 
     /// Free bytes of a motor's queue.
@@ -293,7 +293,7 @@ impl Board {
     /// The clock, ticks, and the positions of the axes at that tick.
     pub(crate) fn positions(&mut self) -> (u64, [i32; 4]) {
         let now = self.clock.now();
-        (now, [0, 1, 2, 3].map(|motor| self.stepper.position(motor, Moment::of(now))))
+        (now, [0, 1, 2, 3].map(|motor| self.stepper.position(motor, Tick32::of(now))))
     }
 
     /// Whether motors are armed: the main loop may not sleep for long.
@@ -397,7 +397,7 @@ impl Board {
     /// moves, and nothing will.
     pub(crate) fn update_idle(&mut self, now: Millis) -> bool {
         let tick = self.clock.now();
-        self.stepper.pass(Moment::of(tick));
+        self.stepper.pass(Tick32::of(tick));
         let idle = self.is_idle(tick);
         // While motors are armed the words release coils, at their tick.
         if self.power.update(now, idle) && !self.armed {
@@ -456,7 +456,7 @@ impl Board {
 
     /// Whether at tick `now` nothing moves, and nothing will; the period after the last step of a verb is over, too.
     fn is_idle(&self, now: u64) -> bool {
-        self.stepper.is_idle(Moment::of(now)) && (!self.verbs_run || self.verbs.rest_at(now))
+        self.stepper.is_idle(Tick32::of(now)) && (!self.verbs_run || self.verbs.rest_at(now))
     }
 
     /// Has armed motors that rest follow verbs from now on.
@@ -482,7 +482,7 @@ impl Board {
             return Err(Refusal::of(Reason::Moving));
         }
         // No word that is written ends later than that: see `Words::fill`.
-        let written = self.clock.widen(self.stepper.horizon(Moment::of(now)));
+        let written = self.clock.widen(self.stepper.horizon(Tick32::of(now)));
         let known = now.max(written) + u64::from(self.stepper.foresight(self.timing));
         self.verbs.begin(self.stepper.limits(), known);
         Ok(())
@@ -491,7 +491,7 @@ impl Board {
     /// Has the motors follow the verbs that [`prepare_verbs`](Board::prepare_verbs) has prepared.
     fn run_verbs(&mut self) {
         self.stepper.set_timing(self.timing);
-        self.stepper.set_known_until(Moment::of(self.verbs.known()));
+        self.stepper.set_known_until(Tick32::of(self.verbs.known()));
         self.verbs_run = true;
     }
 }
@@ -535,7 +535,7 @@ impl Machine for Board {
         pins::release(self.pins & !layout.used);
         self.pins = layout.used;
         self.power.set_up(layout.enable, configuration.enable_high, idle_ms);
-        self.stepper.configure(&layout, configuration, Moment::of(now));
+        self.stepper.configure(&layout, configuration, Tick32::of(now));
         Ok(())
     }
 
@@ -612,7 +612,7 @@ impl Machine for Board {
             Switched::Late { horizon }
         } else if tick >= limit {
             Switched::Early { limit }
-        } else if self.stepper.switch(epoch, Moment::of(tick), lease, limits) {
+        } else if self.stepper.switch(epoch, Tick32::of(tick), lease, limits) {
             (self.was_idle, self.last_stop) = (false, Cause::None);
             Switched::Accepted
         } else {
@@ -628,7 +628,7 @@ impl Machine for Board {
         self.stepper.extend(lease, limits)
     }
 
-    fn trim(&mut self, until: Moment, bytes: &[u8]) -> Result<Trimmed, Refusal> {
+    fn trim(&mut self, until: Tick32, bytes: &[u8]) -> Result<Trimmed, Refusal> {
         self.check_free()?;
         let lease = Lease::Until(until);
         if !self.stepper.can_extend(Lease::Last) {

@@ -1,18 +1,16 @@
 //! An image of an Uno's flash that plays a motion from power-up on: the committed firmware without a line to a host, and right behind it
-//! a block that it finds there ([`pulsetrain_core::baked::narrow`]).
+//! a block that it finds there ([`pulsetrain_core::baked::avr`]).
 
 use std::fmt::Write as _;
 
 use pulsetrain_board::virtual_uno::{self, VirtualUno};
 use pulsetrain_board::{RemoteError, Setup, stk500};
+use pulsetrain_core::baked::avr::{FRACTION_BITS, HEAD_LEN, LONG, LONG_WAIT, LONGEST_PIECE, LONGEST_WAIT, MAGIC, ZERO};
 use pulsetrain_core::baked::crc32;
-use pulsetrain_core::baked::narrow::{
-    FRACTION_BITS, HEAD_LEN, LONG, LONG_WAIT, LONGEST_PIECE, LONGEST_WAIT, MAGIC, ZERO,
-};
 use pulsetrain_core::packing::Packing;
 use pulsetrain_core::wire::Baud;
 use pulsetrain_core::wire::message::MotorSetup;
-use pulsetrain_core::{Item, Moment, Segment};
+use pulsetrain_core::{Item, Segment, Tick32};
 use pulsetrain_motion::boards;
 use pulsetrain_motion::program::{Motor, Program, Wiring};
 
@@ -194,7 +192,7 @@ fn pieces(wired: &MotorSetup, direction: pulsetrain_core::Direction) -> Pieces {
 /// What a head begins with.
 fn anchor(wired: &MotorSetup) -> Vec<u8> {
     let mut first = pieces(wired, pulsetrain_core::Direction::Forward);
-    first.item(&Item::Anchor { tick: Moment(ZERO) });
+    first.item(&Item::Anchor { tick: Tick32(ZERO) });
     first.finish().0
 }
 

@@ -8,7 +8,7 @@ use std::time::Duration;
 
 use pulsetrain_board::Port;
 use pulsetrain_board::virtual_uno::{CYCLES_PER_S, VirtualUno};
-use pulsetrain_core::baked::narrow::ZERO;
+use pulsetrain_core::baked::avr::ZERO;
 use pulsetrain_motion::Time;
 use pulsetrain_motion::law::Cursor;
 use pulsetrain_motion::pins::PinKind;

@@ -245,7 +245,7 @@ fn stream(program: &Program, queue: u16, seconds: f64) -> Figures {
     }
 }
 
-/// Each epoch fits the registers of an 8-bit board ([`pulsetrain_core::narrow`]).
+/// Each epoch fits the registers of an 8-bit board ([`pulsetrain_core::avr`]).
 fn check_narrow(told: &[Entry]) {
     for epoch in told.chunk_by(|_, next| !matches!(next.item, Item::Anchor { .. })) {
         let packing = Packing { fraction_bits: 16, gain: 0 };

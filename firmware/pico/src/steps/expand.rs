@@ -1,9 +1,9 @@
-//! A run's steps, one word each: what `pulsetrain_core::words::expand` does, in 75 or 91 cycles for eight steps that need no check,
+//! A run's steps, one word each: what `pulsetrain_core::pio::expand` does, in 75 or 91 cycles for eight steps that need no check,
 //! as none of them can be too soon or too late, and in 35 cycles for two that need it.
 
 use core::arch::global_asm;
 use pulsetrain_core::Recurrence;
-use pulsetrain_core::words::{Stretch, Sure, surely};
+use pulsetrain_core::pio::{Stretch, Sure, surely};
 
 // In: r0 the recurrence, r1 the first word, r2 the end of the words, r3 the stretch. Out: r0 the end of what was written.
 // The accumulator's fraction and its ticks are added separately: what the fraction carries over goes into the step's ticks.
@@ -197,7 +197,7 @@ unsafe extern "C" {
     fn expand_steps(recurrence: *mut Recurrence, words: *mut u32, end: *mut u32, stretch: *const Stretch) -> *mut u32;
 }
 
-/// As [`pulsetrain_core::words::expand`], for 32 fraction bits.
+/// As [`pulsetrain_core::pio::expand`], for 32 fraction bits.
 ///
 /// Not inlined, so that its loop has all registers.
 #[inline(never)]

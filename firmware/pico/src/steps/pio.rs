@@ -1,11 +1,11 @@
 //! The state machines: one for each motor, and two programs that are in both blocks.
 //!
-//! A state machine waits for the gate, and then takes word after word, as `pulsetrain_core::words` has them. All machines see the
+//! A state machine waits for the gate, and then takes word after word, as `pulsetrain_core::pio` has them. All machines see the
 //! gate in the same cycle. The gate is GPIO 25, which no header has; the Pico's LED is on it, and shines while motors are armed.
 
 use super::pins::{Lines, MotorPins};
 use crate::regs::{self, Pio};
-use pulsetrain_core::words::{LONGEST_WAIT, SHORTEST_PULSE};
+use pulsetrain_core::pio::{LONGEST_WAIT, SHORTEST_PULSE};
 
 /// GPIO of the gate.
 pub(crate) const GATE: u8 = 25;

@@ -9,15 +9,15 @@ use crate::regs;
 use crate::start::StaticCell;
 use core::iter;
 use pulsetrain_core::lease::{self, Lapse, Lease};
-use pulsetrain_core::narrow::Pool;
 use pulsetrain_core::output::{Coils, Output, StepDir, StepDirSettings};
+use pulsetrain_core::packed_queue::{Fault, PackedQueue, Pool};
 use pulsetrain_core::packing::Packing;
+use pulsetrain_core::pio::{SHORTEST_PULSE, STEP_DIR_OVERHEAD, Tape, Words, lines};
 use pulsetrain_core::queue::{Items, Queue};
 use pulsetrain_core::verbs::Limits;
 use pulsetrain_core::winch::spacing::Steps;
 use pulsetrain_core::wire::message::{Configuration, QUEUE_PARTS, flags, limits_of};
-use pulsetrain_core::words::{Fault, Packed, SHORTEST_PULSE, STEP_DIR_OVERHEAD, Tape, Words, lines};
-use pulsetrain_core::{Entry, Epoch, Item, Moment, Segment};
+use pulsetrain_core::{Entry, Epoch, Item, Segment, Tick32};
 
 /// F.
 pub(crate) const FRACTION_BITS: u32 = 32;
@@ -148,7 +148,7 @@ static MEMORY: StaticCell<Memory> = StaticCell::new(Memory {
 /// One motor.
 pub(crate) struct MotorState {
     words: Words<FRACTION_BITS>,
-    packed: Packed,
+    packed: PackedQueue,
     wiring: MotorPins,
     pulse_ticks: u32,
     pull_in_ticks: u32,
@@ -159,7 +159,7 @@ pub(crate) struct MotorState {
 impl MotorState {
     const NONE: MotorState = MotorState {
         words: Words::new(MotorState::NO_OUTPUT, 0, SHORTEST_PULSE),
-        packed: Packed::new(Pool::<POOL_BYTES>::part(0, 0), Packing { fraction_bits: FRACTION_BITS, gain: 0 }),
+        packed: PackedQueue::new(Pool::<POOL_BYTES>::part(0, 0), Packing { fraction_bits: FRACTION_BITS, gain: 0 }),
         wiring: MotorPins::NONE,
         pulse_ticks: SHORTEST_PULSE,
         pull_in_ticks: 0,
@@ -209,9 +209,9 @@ pub(crate) struct Stepper {
     /// The motor that got words last had less than [`FillTiming::behind_below`].
     behind: bool,
     /// No motor needs words before this tick.
-    next_fill: Moment,
+    next_fill: Tick32,
     /// Steps are worked out on the board and known up to this tick. `None`: motors follow packed items.
-    known_until: Option<Moment>,
+    known_until: Option<Tick32>,
     timing: FillTiming,
     /// No words are written for the last so many ticks before steps that are not known yet: see [`DIR_CLEARANCE`].
     dir_clearance: u32,
@@ -237,7 +237,7 @@ impl Stepper {
             least_ahead: u32::MAX,
             too_late: false,
             behind: false,
-            next_fill: Moment(0),
+            next_fill: Tick32(0),
             known_until: None,
             timing: FillTiming::PLANS,
             dir_clearance: DIR_CLEARANCE,
@@ -247,7 +247,7 @@ impl Stepper {
 
     /// All steps up to tick `known` are in the queues. From the first call on, at rest, steps come by
     /// [`push_steps`](Stepper::push_steps) or [`push_item`](Stepper::push_item), until the motors are stopped.
-    pub(crate) const fn set_known_until(&mut self, known: Moment) {
+    pub(crate) const fn set_known_until(&mut self, known: Tick32) {
         self.known_until = Some(known);
     }
 
@@ -285,7 +285,7 @@ impl Stepper {
     }
 
     /// Has a motor make the steps of a path in the millisecond that begins at `begin`.
-    pub(crate) fn push_steps(&mut self, number: u8, begin: Moment, steps: Steps) {
+    pub(crate) fn push_steps(&mut self, number: u8, begin: Tick32, steps: Steps) {
         let epoch = self.epoch();
         let Some(queue) = self.memory.local_items.get_mut(usize::from(number)) else { return };
         let mut push = |item| {
@@ -331,7 +331,7 @@ impl Stepper {
     }
 
     /// Sets up the motors of a configuration that was checked, while nothing runs. Positions begin at 0.
-    pub(crate) fn configure(&mut self, layout: &PinLayout, configuration: &Configuration<'_>, now: Moment) {
+    pub(crate) fn configure(&mut self, layout: &PinLayout, configuration: &Configuration<'_>, now: Tick32) {
         if self.count > 4 && layout.count <= 4 {
             pio::unload(1);
         }
@@ -362,7 +362,7 @@ impl Stepper {
             let equal = POOL_BYTES / usize::from(layout.count.max(1));
             let by_need = POOL_BYTES / usize::from(QUEUE_PARTS) * usize::from(setup.queue_parts);
             let queue = if by_need == 0 { equal } else { by_need }.min(LONGEST_QUEUE_BYTES) as u16;
-            motor.packed = Packed::new(Pool::<POOL_BYTES>::part(at, queue), packing);
+            motor.packed = PackedQueue::new(Pool::<POOL_BYTES>::part(at, queue), packing);
             at += queue;
             (motor.wiring, motor.pulse_ticks, motor.pull_in_ticks) = (*wiring, pulse_ticks, setup.pull_in_ticks);
             motor.limits =
@@ -393,7 +393,7 @@ impl Stepper {
         let (pool, parts) = self.parts();
         for MotorParts { number, motor, tape, ring } in parts {
             let machine = StateMachine::of(number);
-            motor.packed.waiting(pool).clear();
+            motor.packed.items(pool).clear();
             motor.packed.forgive();
             motor.words.forgive();
             machine.set_up(&motor.wiring, motor.pulse_ticks, motor.words.levels());
@@ -410,7 +410,7 @@ impl Stepper {
             StateMachine::of(number).forget_stall();
         }
         let value = regs::interrupt_free(|| regs::set_and_time(1 << GATE));
-        let at = Moment::of(clock.at_systick(value)).after(GATE_TICKS);
+        let at = Tick32::of(clock.at_systick(value)).after(GATE_TICKS);
         for MotorParts { motor, tape, .. } in self.parts().1 {
             motor.words.start(tape, at);
         }
@@ -462,7 +462,7 @@ impl Stepper {
             let dry = motor.words.end().after(motor.words.overhead());
             match local_items.get_mut(index).filter(|_| self.known_until.is_some()) {
                 Some(items) => motor.words.fill(items, tape, ring, stretch, WORDS_PER_FILL, expand),
-                None => motor.words.fill(&mut motor.packed.waiting(pool), tape, ring, stretch, WORDS_PER_FILL, expand),
+                None => motor.words.fill(&mut motor.packed.items(pool), tape, ring, stretch, WORDS_PER_FILL, expand),
             };
             let has_news = motor.words.channel().has_news();
             if !clock.now32().after(NEARLY_DRY).is_before(dry) {
@@ -486,7 +486,7 @@ impl Stepper {
     /// if turns went on in order after the main loop was late, a slow one could run dry while faster ones, that have time, get
     /// words.
     #[inline(never)]
-    fn first_to_run_dry(&self, now: Moment) -> u8 {
+    fn first_to_run_dry(&self, now: Tick32) -> u8 {
         let mut first = (0, i32::MAX);
         for (number, motor) in (0..self.count).zip(&self.motors) {
             let ahead = motor.words.end().since(now).cast_signed();
@@ -511,7 +511,7 @@ impl Stepper {
     }
 
     /// How long the motors need nothing, ticks.
-    pub(crate) const fn ticks_to_next_fill(&self, now: Moment) -> u32 {
+    pub(crate) const fn ticks_to_next_fill(&self, now: Tick32) -> u32 {
         let wait = self.next_fill.since(now).cast_signed();
         match wait {
             _ if !self.runs => self.timing.longest_wait,
@@ -528,7 +528,7 @@ impl Stepper {
     }
 
     /// Notes the time while nothing runs. To be called at least once in 2^30 ticks.
-    pub(crate) fn pass(&mut self, now: Moment) {
+    pub(crate) fn pass(&mut self, now: Tick32) {
         if !self.runs {
             for motor in self.motors_mut() {
                 motor.words.channel_mut().pass(now);
@@ -572,9 +572,9 @@ impl Stepper {
             let is_done = in_pulse >> number & 1 != 0 || machine.has_changed_lines(&motor.wiring.lines);
             let done = if is_done { pulled } else { pulled.wrapping_sub(1) };
             let made = tape.position_after(done);
-            let (words, mut items) = (&mut motor.words, motor.packed.waiting(pool));
+            let (words, mut items) = (&mut motor.words, motor.packed.items(pool));
             let goes = made != words.channel().position() || !words.channel().is_idle(&items);
-            let apart = tape.apart(done.max(1), Moment::of(tick), words.overhead(), ring);
+            let apart = tape.apart(done.max(1), Tick32::of(tick), words.overhead(), ring);
             if goes && done != 0 && apart < motor.pull_in_ticks {
                 halt.uncertain |= 1 << number;
             }
@@ -582,7 +582,7 @@ impl Stepper {
                 && let Some(reached) = halt.reached.get_mut(usize::from(number))
             {
                 let (last, ..) = tape.last(done.max(1), words.overhead(), ring);
-                *reached -= u64::from(Moment::of(tick).since(last));
+                *reached -= u64::from(Tick32::of(tick).since(last));
             }
             // Before its first word the lines are as in that.
             let last = ring[done.saturating_sub(1) as usize % RING_WORDS];
@@ -646,7 +646,7 @@ impl Stepper {
 
     /// Switches all motors, or none if a switch waits for an earlier tick or one is committed too far. From `at` on the plan holds
     /// as long as `lease` says.
-    pub(crate) fn switch(&mut self, epoch: Epoch, at: Moment, lease: Lease, limits: &[u8]) -> bool {
+    pub(crate) fn switch(&mut self, epoch: Epoch, at: Tick32, lease: Lease, limits: &[u8]) -> bool {
         if self.motors().any(|motor| motor.words.channel().check_switch(at).is_err()) {
             return false;
         }
@@ -716,7 +716,7 @@ impl Stepper {
     }
 
     /// The first tick that no motor is committed to, not before `now`.
-    pub(crate) fn horizon(&self, now: Moment) -> Moment {
+    pub(crate) fn horizon(&self, now: Tick32) -> Tick32 {
         let horizons = self.motors().map(|motor| motor.words.channel().horizon());
         horizons.fold(now, |latest, horizon| if latest.is_before(horizon) { horizon } else { latest })
     }
@@ -732,7 +732,7 @@ impl Stepper {
     }
 
     /// Pulses that a motor has begun by now, forward less backward.
-    pub(crate) fn position(&self, number: u8, now: Moment) -> i32 {
+    pub(crate) fn position(&self, number: u8, now: Tick32) -> i32 {
         let index = usize::from(number);
         let (Some(motor), Some(tape), Some(WordRing(ring))) =
             (self.motor(number), self.memory.tapes.get(index), self.memory.rings.get(index))
@@ -743,7 +743,7 @@ impl Stepper {
     }
 
     /// Whether nothing is left to do on any motor: no step, no end of a pulse.
-    pub(crate) fn is_idle(&self, now: Moment) -> bool {
+    pub(crate) fn is_idle(&self, now: Tick32) -> bool {
         let follows = self.known_until.is_some() && self.memory.local_items.iter().any(|items| !items.is_empty());
         !self.runs || (!follows && self.motors().all(|motor| motor.words.is_idle(&motor.packed, now)))
     }

@@ -4,7 +4,7 @@
 use crate::engine::regs;
 use crate::engine::steps::task;
 use core::arch::global_asm;
-use pulsetrain_core::Moment;
+use pulsetrain_core::Tick32;
 
 /// Ticks per second; one tick is one processor cycle.
 pub(crate) const TICK_HZ: u32 = 16_000_000;
@@ -76,8 +76,8 @@ pub(crate) fn start() {
 
 /// Ticks since start-up, modulo 2^32.
 #[inline(always)]
-pub(crate) fn moment() -> Moment {
-    Moment(clock_moment_alone())
+pub(crate) fn moment() -> Tick32 {
+    Tick32(clock_moment_alone())
 }
 
 /// Ticks since start-up.

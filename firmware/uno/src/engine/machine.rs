@@ -22,7 +22,7 @@ use pulsetrain_core::wire::message::{ALL_MOTORS, Cause, Configuration, Event, In
 use pulsetrain_core::wire::orders::Orders;
 use pulsetrain_core::wire::settings::SETTINGS_LEN;
 use pulsetrain_core::wire::{Baud, Encoder, Machine, Millis, Reason, Refusal, Stopped, Switched};
-use pulsetrain_core::{Epoch, Moment};
+use pulsetrain_core::{Epoch, Tick32};
 
 /// A switch must be less than this ahead, ticks: moments are told apart within 2^31, and pulse and set-up reach beyond.
 const SWITCH_AHEAD: u64 = 1 << 30;
@@ -97,12 +97,12 @@ struct News {
     cause: Cause,
     motor: u8,
     /// When; it must be told within 2^31 ticks (two minutes).
-    at: Moment,
+    at: Tick32,
     detail: u32,
 }
 
 impl News {
-    const NONE: News = News { cause: Cause::None, motor: 0, at: Moment(0), detail: 0 };
+    const NONE: News = News { cause: Cause::None, motor: 0, at: Tick32(0), detail: 0 };
 }
 
 impl Board {
@@ -182,7 +182,7 @@ impl Board {
 
     /// Counts a round of the main loop that begins now.
     #[inline(always)]
-    pub(crate) fn count_round(&mut self, now: Moment) {
+    pub(crate) fn count_round(&mut self, now: Tick32) {
         let now = low_half(now.0);
         let round = now.wrapping_sub(self.woken);
         if round > self.measures.longest_round_ticks {
@@ -343,7 +343,7 @@ impl Board {
     }
 
     #[inline(never)]
-    fn tell_at(&mut self, at: Moment, cause: Cause, motor: u8, detail: u32) {
+    fn tell_at(&mut self, at: Tick32, cause: Cause, motor: u8, detail: u32) {
         // That a host was lost is the better reason for the same end.
         if cause == Cause::Finished && self.last_stop != Cause::HostLost {
             self.last_stop = cause;
@@ -374,18 +374,18 @@ impl Board {
 
 /// A moment within 2^31 ticks of now, in 64 bits.
 #[inline(never)]
-pub(crate) fn extended(moment: Moment) -> u64 {
+pub(crate) fn extended(moment: Tick32) -> u64 {
     let now = clock::now();
-    let ahead = moment.since(Moment::of(now)).cast_signed();
+    let ahead = moment.since(Tick32::of(now)).cast_signed();
     now.wrapping_add_signed(i64::from(ahead))
 }
 
 /// A moment of the past in 64 bits, if it was less than 2^32 ticks ago.
 // Its stack is not its caller's.
 #[inline(never)]
-fn past(moment: Moment) -> u64 {
+fn past(moment: Tick32) -> u64 {
     let now = clock::now();
-    now - u64::from(Moment::of(now).since(moment))
+    now - u64::from(Tick32::of(now).since(moment))
 }
 
 impl Machine for Board {
@@ -529,7 +529,7 @@ impl Machine for Board {
             Switched::Late { horizon }
         } else if tick >= limit {
             Switched::Early { limit }
-        } else if stepper.switch(epoch, Moment::of(tick)) {
+        } else if stepper.switch(epoch, Tick32::of(tick)) {
             Switched::Accepted
         } else {
             Switched::Full

@@ -44,7 +44,7 @@
 //!
 //! # What is not
 //! Motion, but for the winch's paths: segments come from the host, or from the flash, as `pulsetrain_core::packing`
-//! has them; when their steps are due is the recurrence of `pulsetrain_core::narrow::Registers`.
+//! has them; when their steps are due is the recurrence of `pulsetrain_core::avr::Registers`.
 #![allow(dead_code, reason = "a program uses a part of it")]
 
 pub(crate) mod clock;
@@ -63,14 +63,14 @@ pub(crate) mod vectors;
 pub(crate) use core::panic::PanicInfo;
 use machine::Board;
 use memory::Once;
-use pulsetrain_core::Moment;
+use pulsetrain_core::Tick32;
 use pulsetrain_core::wire::Millis;
 
 pub(crate) static BOARD: Once<Board> = Once::new(Board::new());
 
 /// Ticks / 2^14: 1.024 ms each.
 #[inline(always)]
-pub(crate) fn millis(now: Moment) -> Millis {
+pub(crate) fn millis(now: Tick32) -> Millis {
     let [_, b1, b2, b3] = now.0.to_le_bytes();
     // Shifted by bytes first: an AVR shifts by one bit at a time.
     Millis((u32::from_le_bytes([b1, b2, b3, 0]) >> 6) as u16)

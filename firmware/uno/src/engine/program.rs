@@ -13,7 +13,7 @@
 use crate::engine::link::Receiver;
 use crate::engine::machine::Board;
 use crate::engine::memory::REPLY_LEN;
-use pulsetrain_core::Moment;
+use pulsetrain_core::Tick32;
 use pulsetrain_core::wire::message::{Configuration, Reason, kind};
 use pulsetrain_core::wire::orders::Orders;
 use pulsetrain_core::wire::{Encoder, Millis, Refusal, Service};
@@ -138,7 +138,7 @@ pub(crate) trait Program: Sized + 'static {
 
     /// A move that was done and not told to the host yet: motor, tick, number.
     #[inline(always)]
-    fn take_done() -> Option<(u8, Moment, u32)> {
+    fn take_done() -> Option<(u8, Tick32, u32)> {
         None
     }
 

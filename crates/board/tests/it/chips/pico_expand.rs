@@ -2,7 +2,7 @@
 
 use pulsetrain_board::virtual_pico::VirtualPico;
 use pulsetrain_core::Recurrence;
-use pulsetrain_core::words::{MOST_SURELY, Stretch, Sure, expand, surely};
+use pulsetrain_core::pio::{MOST_SURELY, Stretch, Sure, expand, surely};
 use pulsetrain_emulator::Rp2040;
 use pulsetrain_testkit::Random;
 

@@ -6,7 +6,7 @@ use pulsetrain_board::{Board, Edge, Lease, Leased, Link, LinkError, Port, PortEr
 use pulsetrain_core::output::Sequence;
 use pulsetrain_core::wire::message::{Cause, flags};
 use pulsetrain_core::wire::{Baud, Command};
-use pulsetrain_core::{Direction, Entry, Epoch, Item, Moment};
+use pulsetrain_core::{Direction, Entry, Epoch, Item, Tick32};
 use pulsetrain_testkit::pico::{TICK_HZ, coils, run, step_dir};
 use std::cell::RefCell;
 use std::rc::Rc;
@@ -77,7 +77,7 @@ fn second_of_motion(board: &mut Remote<Side>, epoch: u8, mut meanwhile: impl FnM
     let from = board.now() + TICK_HZ / 10;
     // Coils are at the same phase after it.
     for (motor, count, ticks) in [(0, 10_000, 12_500), (1, 496, 250_000)] {
-        let anchor = Item::Anchor { tick: Moment::of(from) };
+        let anchor = Item::Anchor { tick: Tick32::of(from) };
         for item in [anchor, run(count, ticks, Direction::Forward)] {
             board.push(motor, Entry { epoch: Epoch(epoch), item }).expect("there is room");
         }
@@ -240,7 +240,7 @@ fn a_port_that_nobody_reads_does_not_keep_the_board() {
         board.configure(&setup()).expect("it takes it");
         let from = board.now() + TICK_HZ / 10;
         // Steps, and one that is asked for too late: news of each motor, and more at the end.
-        let anchor = Item::Anchor { tick: Moment::of(from) };
+        let anchor = Item::Anchor { tick: Tick32::of(from) };
         for motor in 0..2 {
             for item in [anchor, run(100, 125_000, Direction::Forward), anchor, run(1, 125_000, Direction::Forward)] {
                 board.push(motor, Entry { epoch: Epoch(1), item }).expect("there is room");

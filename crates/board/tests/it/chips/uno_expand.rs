@@ -1,7 +1,7 @@
 //! The firmware's expansion, in assembly, against the recurrence: random registers, on the emulated chip.
 
 use pulsetrain_board::virtual_uno;
-use pulsetrain_core::narrow::Registers;
+use pulsetrain_core::avr::Registers;
 use pulsetrain_emulator::Atmega328p;
 use pulsetrain_testkit::Random;
 use pulsetrain_testkit::lab::{SYMBOLS, address};

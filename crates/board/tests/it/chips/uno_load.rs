@@ -5,12 +5,12 @@
 
 use pulsetrain_board::virtual_uno::{self, VirtualUno};
 use pulsetrain_board::{Board, Edge, Lease, Leased, Native, Port, PortError, Remote, Setup, Shadowed};
-use pulsetrain_core::narrow::Registers;
+use pulsetrain_core::avr::Registers;
 use pulsetrain_core::packing::{CHECK_LEN, Check, MAX_PACKED_LEN, Packing, State};
 use pulsetrain_core::wire::frame::{Decoder, Received};
 use pulsetrain_core::wire::message::{Cause, kind};
 use pulsetrain_core::wire::{Baud, Encoder, MAX_FRAME};
-use pulsetrain_core::{Direction, Entry, Epoch, Item, Moment, Segment};
+use pulsetrain_core::{Direction, Entry, Epoch, Item, Segment, Tick32};
 use pulsetrain_testkit::lab::{EXACT, Lab, SOFTWARE, SYMBOLS, Timing, address};
 use pulsetrain_testkit::seed::{rounds, seed};
 use pulsetrain_testkit::{Random, TICK_HZ, native_config, uno_setup};
@@ -54,7 +54,7 @@ impl Model {
     /// The check that is right here.
     fn check(&self) -> Check {
         let Registers { tick, fraction, .. } = self.registers;
-        Check { position: (self.position as u16).wrapping_sub(self.origin), tick: Moment(tick), fraction }
+        Check { position: (self.position as u16).wrapping_sub(self.origin), tick: Tick32(tick), fraction }
     }
 
     /// The next record of `rest`; checks that are right are passed over.
@@ -121,7 +121,7 @@ impl Model {
         Read::Record(Some(steps))
     }
 
-    fn anchor(&mut self, tick: Moment) -> Read {
+    fn anchor(&mut self, tick: Tick32) -> Read {
         (self.registers.tick, self.registers.fraction) = (tick.0, 0x8000);
         (self.anchored, self.origin) = (true, self.position as u16);
         Read::Record(None)
@@ -268,11 +268,11 @@ fn random_stream(random: &mut Random, gain: i8) -> Vec<u8> {
     for number in 0..most {
         let garbage = |random: &mut Random, len| (0..1 + random.below(len)).map(|_| random.next() as u8).collect();
         let mut record = if number == 0 && !random.one_in(8) {
-            packed(&model, &Item::Anchor { tick: Moment(random.next() as u32) })
+            packed(&model, &Item::Anchor { tick: Tick32(random.next() as u32) })
         } else {
             match random.below(16) {
                 0 => packed(&model, &Item::Dwell { ticks: random.next() as u32 >> random.below(32) }),
-                1 => packed(&model, &Item::Anchor { tick: Moment(random.next() as u32) }),
+                1 => packed(&model, &Item::Anchor { tick: Tick32(random.next() as u32) }),
                 2 => packed_check(&model, random, true),
                 3 => packed_check(&model, random, false),
                 4 | 5 => garbage(random, 12),
@@ -526,7 +526,7 @@ impl Port for Damaging {
 /// A short plan of each motor: runs, waits, turns.
 fn plan(board: &mut impl Board, setup: &Setup, random: &mut Random, from: u64) {
     for motor in 0..setup.motors.len() {
-        let mut items = vec![Item::Anchor { tick: Moment::of(from) }];
+        let mut items = vec![Item::Anchor { tick: Tick32::of(from) }];
         let mut direction = Direction::Forward;
         for _ in 0..4 {
             items.push(Item::Dwell { ticks: 4000 + random.below(20_000) as u32 });

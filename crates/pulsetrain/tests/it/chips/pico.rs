@@ -11,7 +11,7 @@ use pulsetrain_board::{Board, Edge, Lease, Leased, Observer, Port, Remote, Remot
 use pulsetrain_core::verbs::Verb;
 use pulsetrain_core::wire::Baud;
 use pulsetrain_core::wire::message::{Cause, MotorSetup};
-use pulsetrain_core::{Direction, Entry, Epoch, Item, Moment, Segment};
+use pulsetrain_core::{Direction, Entry, Epoch, Item, Segment, Tick32};
 use pulsetrain_motion::{boards, file};
 use pulsetrain_testkit::folder::Folder;
 use std::io::ErrorKind;
@@ -360,7 +360,7 @@ fn the_table_says_what_the_firmware_has() {
             .unwrap();
         let from = pico.now() + pico.lead() + 2_000_000;
         for motor in 0..2 {
-            let mut items = vec![Item::Anchor { tick: Moment::of(from) }];
+            let mut items = vec![Item::Anchor { tick: Tick32::of(from) }];
             for turn in 0..300 {
                 let segment =
                     Segment { count: 1, interval: (200_000 + 777 * i64::from(turn % 5)) << 32, add: 0, add2: 0 };

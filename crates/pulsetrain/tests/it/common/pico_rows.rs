@@ -10,7 +10,7 @@ use pulsetrain_board::{Board, Edge, Lease, Leased, Remote, Setup};
 use pulsetrain_core::output::Sequence;
 use pulsetrain_core::wire::Baud;
 use pulsetrain_core::wire::message::{Cause, coil_pins};
-use pulsetrain_core::{Direction, Entry, Epoch, Item, Moment, Segment};
+use pulsetrain_core::{Direction, Entry, Epoch, Item, Segment, Tick32};
 use pulsetrain_motion::program::{CoilSequence, Limits, Motor, Program, Scale, Tolerance, Wiring};
 use pulsetrain_motion::{Grid, Law as Motion, Time, boards};
 use pulsetrain_testkit::pico::{TICK_HZ, coils};
@@ -505,7 +505,7 @@ pub(crate) const ULN_MOTORS: u8 = 6;
 
 /// Items of a motor that goes back and forth so that it turns at every phase; ticks and positions of its steps.
 fn reversals(start: u64, interval: u32) -> (Vec<Item>, Vec<(u64, i64)>) {
-    let (mut items, mut steps) = (vec![Item::Anchor { tick: Moment::of(start) }], Vec::new());
+    let (mut items, mut steps) = (vec![Item::Anchor { tick: Tick32::of(start) }], Vec::new());
     let (mut tick, mut position, mut direction) = (start, 0_i64, Direction::Forward);
     let mut turned = [[false; 8]; 2];
     for phase in 0..8 {

@@ -1,5 +1,5 @@
 //! The main loop of a board without a host: a motion that lies in the flash, right behind this image, begins with the board and is fed
-//! from there as a host would feed it. What the block is: [`pulsetrain_core::baked::narrow`].
+//! from there as a host would feed it. What the block is: [`pulsetrain_core::baked::avr`].
 //!
 //! # When nothing moves
 //! A block of which a bit is wrong, as in an image that was never baked, is none: no pin is touched. A motion that went wrong has its
@@ -11,11 +11,11 @@ use crate::engine::memory;
 use crate::engine::steps::pins::{MAX_MOTORS, Pin};
 use crate::engine::steps::task;
 use crate::engine::{BOARD, clock, link, millis, regs, reset};
-use pulsetrain_core::baked::narrow::{LONGEST_PIECE, MOTOR_LEN, NEAR, Player, Standing, ZERO, block};
+use pulsetrain_core::baked::avr::{LONGEST_PIECE, MOTOR_LEN, NEAR, Player, Standing, ZERO, block};
 use pulsetrain_core::lease::Lease;
 use pulsetrain_core::wire::message::{Cause, Configuration};
 use pulsetrain_core::wire::{Machine, Millis, Switched};
-use pulsetrain_core::{Epoch, Moment};
+use pulsetrain_core::{Epoch, Tick32};
 
 /// The motors'.
 const EPOCH: Epoch = Epoch(1);
@@ -74,7 +74,7 @@ fn standing(motor: u8) -> Standing {
     let stepper = task::lock();
     stepper.motor(motor).map_or(Standing { room: 0, near: false }, |motor| Standing {
         room: motor.room(),
-        near: motor.is_empty() && Moment(motor.registers.tick).is_before(soon),
+        near: motor.is_empty() && Tick32(motor.registers.tick).is_before(soon),
     })
 }
 

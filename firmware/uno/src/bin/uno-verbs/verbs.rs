@@ -29,8 +29,8 @@ use crate::engine::tuning::verbs::{
 };
 use core::arch::global_asm;
 use core::mem::offset_of;
-use pulsetrain_core::Moment;
-use pulsetrain_core::narrow::verbs::{MOTORS, Verbs};
+use pulsetrain_core::Tick32;
+use pulsetrain_core::avr::verbs::{MOTORS, Verbs};
 use pulsetrain_core::wire::message::{Configuration, Reason, image};
 use pulsetrain_core::wire::orders::{self, Orders};
 use pulsetrain_core::wire::{Encoder, Refusal};
@@ -220,7 +220,7 @@ impl Program for Told {
     }
 
     #[inline(always)]
-    fn take_done() -> Option<(u8, Moment, u32)> {
+    fn take_done() -> Option<(u8, Tick32, u32)> {
         take_done()
     }
 
@@ -345,7 +345,7 @@ fn rest() -> bool {
 
 /// A move that was done and not told yet: motor, tick, number.
 #[inline(never)]
-fn take_done() -> Option<(u8, Moment, u32)> {
+fn take_done() -> Option<(u8, Tick32, u32)> {
     if state() == NONE {
         return None;
     }
@@ -391,7 +391,7 @@ fn clear() -> u16 {
 /// For the task: sees to it that enough is known, and gives the limit. `limit` is what that is for others, [`AHEAD`] from now.
 #[unsafe(no_mangle)]
 extern "C" fn verbs_advance(limit: u32) -> u32 {
-    let now = Moment(limit).before(AHEAD);
+    let now = Tick32(limit).before(AHEAD);
     let place = &raw mut verbs_place;
     // SAFETY: the task calls this while verbs have the motors, and a guard would have kept it out.
     let place = unsafe { &mut *place };

@@ -23,7 +23,7 @@ use crate::engine::steps::task;
 use crate::engine::tuning::winch::{PATIENCE, SILENCE};
 use crate::engine::{clock, host, store, tuning};
 use core::arch::global_asm;
-use pulsetrain_core::Moment;
+use pulsetrain_core::Tick32;
 use pulsetrain_core::winch::text::Verb;
 use pulsetrain_core::wire::message::{Configuration, image};
 use pulsetrain_core::wire::settings::SETTINGS_LEN;
@@ -177,9 +177,9 @@ struct Asked {
     /// When the axes were last seen moving.
     moved: Millis,
     /// When the last status line was due.
-    reported: Moment,
+    reported: Tick32,
     /// When the last command came.
-    heard: Moment,
+    heard: Tick32,
 }
 
 /// See [`Asked`]. While text is on.
@@ -395,7 +395,7 @@ fn has_rested(now: Millis) -> bool {
 }
 
 /// Whether the deadman is to stop the axes.
-fn is_silent(now: Moment) -> bool {
+fn is_silent(now: Tick32) -> bool {
     let asked = asked();
     asked.deadman_ms != 0 && !asked.dead && feed::winch_has_passed(now, &mut asked.heard, asked.deadman_ms)
 }

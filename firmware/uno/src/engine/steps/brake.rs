@@ -16,8 +16,8 @@ use super::stepper;
 use super::times;
 use core::arch::global_asm;
 use core::mem::offset_of;
-use pulsetrain_core::Moment;
-use pulsetrain_core::narrow::Registers;
+use pulsetrain_core::Tick32;
+use pulsetrain_core::avr::Registers;
 
 /// Bits of a motor's braking state, by number.
 pub(crate) mod state {
@@ -51,7 +51,7 @@ pub(crate) struct Lease {
     pub(crate) state: u8,
     /// Not 0 if a motor was in motion when it was over.
     pub(crate) moved: u8,
-    pub(crate) at: Moment,
+    pub(crate) at: Tick32,
 }
 
 const _: () = assert!(offset_of!(Lease, state) == 0);
@@ -61,7 +61,7 @@ static mut LEASE: Lease = Lease::OFF;
 
 impl Lease {
     /// None.
-    pub(crate) const OFF: Lease = Lease { state: lease::OFF, moved: 0, at: Moment(0) };
+    pub(crate) const OFF: Lease = Lease { state: lease::OFF, moved: 0, at: Tick32(0) };
 
     /// To be asked by who has the stepper.
     #[inline(always)]

@@ -28,7 +28,7 @@ use super::register;
 use crate::engine::tuning::expand::{HURRY, LEAST, SOME};
 use core::arch::global_asm;
 use core::mem::offset_of;
-use pulsetrain_core::narrow::Registers;
+use pulsetrain_core::avr::Registers;
 
 const _: () = assert!(offset_of!(Registers, fraction) == 0);
 const _: () = assert!(offset_of!(Registers, tick) == 2);

@@ -13,9 +13,9 @@ use super::times::TIMES;
 use crate::Uses;
 use crate::engine::memory;
 use crate::engine::program::Program;
-use pulsetrain_core::narrow::Registers;
-use pulsetrain_core::{Direction, narrow::verbs::Steps};
-use pulsetrain_core::{Epoch, Moment};
+use pulsetrain_core::avr::Registers;
+use pulsetrain_core::{Direction, avr::verbs::Steps};
+use pulsetrain_core::{Epoch, Tick32};
 
 /// How many epochs may wait behind the one being run: that of the switch that waits, and one that is to replace it.
 pub(super) const PARTS: usize = 2;
@@ -87,14 +87,14 @@ pub(crate) struct Fault {
     /// What.
     pub(crate) reason: Reason,
     /// Of the step that could not be made; otherwise the scheduled tick up to which all was well.
-    pub(crate) tick: Moment,
+    pub(crate) tick: Tick32,
 }
 
 #[derive(Clone, Copy)]
 #[repr(C)]
 pub(super) struct Switch {
     pub(super) epoch: Epoch,
-    pub(super) at: Moment,
+    pub(super) at: Tick32,
 }
 
 /// What waits of an epoch.
@@ -145,13 +145,13 @@ pub(crate) struct Motor {
     pub(crate) start: u16,
     pub(crate) end: u16,
     /// The first tick that is not promised to anything: switches are taken from here on, and steps made.
-    pub(crate) horizon: Moment,
+    pub(crate) horizon: Tick32,
     /// Of the last thing that was done: a step, a turn of DIR, or nothing.
-    pub(crate) last: Moment,
+    pub(crate) last: Tick32,
     /// DIR stays until then.
-    pub(crate) free: Moment,
+    pub(crate) free: Tick32,
     /// When it goes over: the tick of the switch that waits, or of the end of the lease.
-    pub(crate) switch_at: Moment,
+    pub(crate) switch_at: Tick32,
     /// Steps forward minus backward, those of the segment being run included.
     pub(crate) position: i32,
     /// The lower bits of it at the last anchor.
@@ -159,7 +159,7 @@ pub(crate) struct Motor {
     /// The levels of STEP and DIR once all that was planned has been played.
     pub(crate) levels: u8,
     /// The next step's tick, where steps are looked at one by one.
-    pub(crate) due: Moment,
+    pub(crate) due: Tick32,
     /// More than zero: all intervals of the segment are those of [`plan`](super::plan)'s fast path, and shorter than 256 times
     /// this, ticks; at most 7.
     pub(crate) sure: u8,
@@ -173,7 +173,7 @@ pub(crate) struct Motor {
     pub(super) reason: u8,
     /// [`Fault::tick`]. Before that, with a lease, the position at the last anchor, wait or reversal: no step has come after it if that is the position
     /// still.
-    pub(super) fault_tick: Moment,
+    pub(super) fault_tick: Tick32,
     /// Whether `due` is known.
     pub(crate) is_due: bool,
     /// With leases, how it brakes: bits of [`state`], and the limit: mantissa, exponent and rest level. At zeros it rests after one step.
@@ -194,20 +194,20 @@ impl Motor {
         next: 0,
         start: 0,
         end: 0,
-        horizon: Moment(0),
-        last: Moment(0),
-        free: Moment(0),
-        switch_at: Moment(0),
+        horizon: Tick32(0),
+        last: Tick32(0),
+        free: Tick32(0),
+        switch_at: Tick32(0),
         position: 0,
         origin: 0,
         levels: 0,
-        due: Moment(0),
+        due: Tick32(0),
         sure: 0,
         parts: [Part::NONE; 1 + PARTS],
         behind: 0,
-        switch: Switch { epoch: Epoch(0), at: Moment(0) },
+        switch: Switch { epoch: Epoch(0), at: Tick32(0) },
         reason: 0,
-        fault_tick: Moment(0),
+        fault_tick: Tick32(0),
         is_due: false,
         braking: [0; BRAKING],
         lines: Lines::NONE,
@@ -293,7 +293,7 @@ impl Motor {
     pub(crate) fn settle(&mut self) {
         if self.has(flag::STEPPED) {
             self.set(flag::STEPPED, false);
-            let tick = Moment(self.registers.tick);
+            let tick = Tick32(self.registers.tick);
             let times = TIMES.get();
             self.last = tick;
             self.horizon = tick.after(u32::from(times.gap));
@@ -303,7 +303,7 @@ impl Motor {
 
     /// Nothing is planned before `now`: to be called while nothing is played, at least once in 2^30 ticks.
     #[inline(never)]
-    pub(crate) fn rest(&mut self, now: Moment) {
+    pub(crate) fn rest(&mut self, now: Tick32) {
         self.settle();
         (self.horizon, self.last, self.free) = (now.after(1), now, now);
         self.is_due = false;
@@ -374,7 +374,7 @@ impl Motor {
         let backward = steps.direction == Direction::Backward;
         let turns = backward != self.has(flag::BACKWARD);
         // What follows from the step before must be known if it turns round, or if there is room for a filler before this.
-        if turns || first.since(Moment(self.registers.tick)) >= u32::from(FILLER) {
+        if turns || first.since(Tick32(self.registers.tick)) >= u32::from(FILLER) {
             self.settle();
         }
         if turns {
@@ -415,7 +415,7 @@ impl Motor {
     }
 
     #[inline(never)]
-    fn fail(&mut self, reason: u8, tick: Moment) {
+    fn fail(&mut self, reason: u8, tick: Tick32) {
         if self.reason == 0 {
             (self.reason, self.fault_tick) = (reason, tick);
         }
@@ -429,5 +429,5 @@ impl Motor {
 /// A step cannot be made, or a record not be read, for a [`Reason`].
 #[unsafe(no_mangle)]
 extern "C" fn steps_fail(motor: &mut Motor, reason: u8, tick: u32) {
-    motor.fail(reason, Moment(tick));
+    motor.fail(reason, Tick32(tick));
 }

@@ -16,7 +16,7 @@ use super::stepper::{COUNT, SWAP, Stepper, Track};
 use super::task::mode;
 use core::arch::global_asm;
 use core::mem::offset_of;
-use pulsetrain_core::Moment;
+use pulsetrain_core::Tick32;
 use pulsetrain_core::wire::message::kind;
 
 const _: () = assert!(kind::SWITCH < kind::EXTEND && kind::EXTEND < kind::TRIM && kind::TRIM < kind::BRAKE);
@@ -597,18 +597,18 @@ unsafe extern "C" {
 impl Stepper {
     /// Does what the bytes of a frame of this kind say: Switch, Extend, Trim, Brake. Gives an [`answer`], and its moment.
     #[inline(always)]
-    pub(crate) fn order(&mut self, kind: u8, bytes: &[u8]) -> (u8, Moment) {
+    pub(crate) fn order(&mut self, kind: u8, bytes: &[u8]) -> (u8, Tick32) {
         // SAFETY: the assembly uses the motors and their lease, which are whose this is.
         let [m0, m1, m2, m3, _, _, answer, _] =
             unsafe { steps_order(bytes.as_ptr(), bytes.len() as u8, kind) }.to_le_bytes();
-        (answer, Moment(u32::from_le_bytes([m0, m1, m2, m3])))
+        (answer, Tick32(u32::from_le_bytes([m0, m1, m2, m3])))
     }
 
     /// The first tick at which a switch would be accepted. Some motor is configured.
     #[inline(always)]
-    pub(super) fn first_open(&self) -> Moment {
+    pub(super) fn first_open(&self) -> Tick32 {
         // SAFETY: as above.
-        Moment(unsafe { steps_horizon() })
+        Tick32(unsafe { steps_horizon() })
     }
 
     /// The lease, which is over once the horizon has passed its end.

@@ -15,7 +15,7 @@ use super::stepper::{Stepper, Track};
 use super::times;
 use core::arch::global_asm;
 use core::mem::offset_of;
-use pulsetrain_core::Moment;
+use pulsetrain_core::Tick32;
 
 global_asm!(
     r#"
@@ -286,7 +286,7 @@ unsafe extern "C" {
 impl Track {
     /// Publishes the pending group; one that does nothing at `tick` is the pending one then.
     #[inline(always)]
-    pub(super) fn push_nothing(&mut self, tick: Moment) {
+    pub(super) fn push_nothing(&mut self, tick: Tick32) {
         // SAFETY: the assembly uses this track, and its ring's groups that the interrupt does not read yet.
         unsafe { steps_push_nothing(self, tick.0) }
     }

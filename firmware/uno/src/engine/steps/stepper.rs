@@ -41,7 +41,7 @@ use core::mem::offset_of;
 use core::ptr::NonNull;
 use core::slice;
 use pulsetrain_core::wire::message::{self, Configuration};
-use pulsetrain_core::{Epoch, Moment};
+use pulsetrain_core::{Epoch, Tick32};
 
 /// The longest of pulse, set-up and hold, ticks: less than a filler, so that what is past need not be remembered longer.
 pub(crate) const LONGEST: u16 = 4_096;
@@ -108,7 +108,7 @@ impl Spacing {
             if beside { FASTEST[1] } else { FASTEST[0] }
         };
         let times = Times {
-            limit: Moment(0),
+            limit: Tick32(0),
             gap: made + 1,
             keep: (made + configuration.hold_ticks + u16::from(late) + slack).max(apart),
             lead: lead.max(apart),
@@ -140,13 +140,13 @@ pub(crate) enum Trouble {
 pub(super) struct Track {
     pub(super) ring: Ring,
     /// Tick of the pending group.
-    pub(super) at: Moment,
+    pub(super) at: Tick32,
     /// Ticks between two groups, at least.
     pub(super) apart: u8,
 }
 
 impl Track {
-    const NONE: Track = Track { ring: Ring::NONE, at: Moment(0), apart: 0 };
+    const NONE: Track = Track { ring: Ring::NONE, at: Tick32(0), apart: 0 };
 
     /// The compare register, and the ring's bit in `TIMSK1` and `TIFR1`.
     #[inline(always)]
@@ -159,7 +159,7 @@ impl Track {
 
     /// The next match is to be at `at`, or as soon as can be. Nothing may come between the time that is read and what is set by it.
     #[inline(never)]
-    fn resume(&self, at: Option<Moment>) {
+    fn resume(&self, at: Option<Tick32>) {
         let (compare, bit) = self.compare();
         regs::free(|| {
             let at = at.map_or_else(|| clock::read().wrapping_add(AGAIN), |at| low_half(at.0));
@@ -174,7 +174,7 @@ impl Track {
 
     /// Looks whether the interrupt still plays what it should, and mends it.
     #[inline(never)]
-    fn watch(&mut self, now: Moment, busy: bool) -> Option<Trouble> {
+    fn watch(&mut self, now: Tick32, busy: bool) -> Option<Trouble> {
         if regs::GPIOR0.read() & self.ring.starved() != 0 {
             let (compare, _) = self.compare();
             // The compare register still has the tick of the group that is next.
@@ -247,7 +247,7 @@ pub(crate) struct Stepper {
     flags: u8,
     trouble: Option<Trouble>,
     /// When motors were stopped last. Not on the stack, which is short just then.
-    halted: Moment,
+    halted: Tick32,
     /// How far ahead the rings were filled, ticks, at least.
     least_ahead: u16,
 }
@@ -277,7 +277,7 @@ impl Stepper {
             flags: 0,
             // `start` forgets it; it is zeros.
             trouble: Some(Trouble::Late { ticks: 0 }),
-            halted: Moment(0),
+            halted: Tick32(0),
             least_ahead: 0,
         }
     }
@@ -393,7 +393,7 @@ impl Stepper {
 
     /// Motors and lines of `configuration`; all motors at position 0. Not while it plays.
     #[inline(never)]
-    pub(crate) fn configure(&mut self, layout: &Layout, configuration: &Configuration<'_>, now: Moment) {
+    pub(crate) fn configure(&mut self, layout: &Layout, configuration: &Configuration<'_>, now: Tick32) {
         self.motors().for_each(|motor| motor.lines.float());
         let kind = layout.kind;
         let motors = configuration.motors();
@@ -462,7 +462,7 @@ impl Stepper {
 
     /// Begins to play, from a little after `now` on. Queues are empty.
     #[inline(never)]
-    pub(crate) fn start(&mut self, now: Moment) {
+    pub(crate) fn start(&mut self, now: Tick32) {
         let at = now.after(AHEAD / 2);
         // The lists of a merge begin with a filler each.
         let first = if self.merging { at.after(u32::from(FILLER)) } else { at };
@@ -545,7 +545,7 @@ impl Stepper {
             let left = self.unplayed(index, self.tail_of(index));
             let Some(motor) = self.motor_mut(index) else { break };
             let going = left != 0 || !motor.is_idle();
-            let interval = motor.registers.next_tick().since(Moment(motor.registers.tick));
+            let interval = motor.registers.next_tick().since(Tick32(motor.registers.tick));
             uncertain |= u8::from(going && interval < *slowest) << index;
             motor.uncount(left);
             motor.stop();
@@ -569,12 +569,12 @@ impl Stepper {
 
     /// When motors were [stopped](Stepper::stop) last: nothing that was due since then was made.
     #[inline(always)]
-    pub(crate) fn halted(&self) -> Moment {
+    pub(crate) fn halted(&self) -> Tick32 {
         self.halted
     }
 
     /// Notes that time goes on while nothing plays.
-    pub(crate) fn rest(&mut self, now: Moment) {
+    pub(crate) fn rest(&mut self, now: Tick32) {
         let count = self.count;
         // The merge asks all four.
         self.count = MAX_MOTORS as u8;
@@ -598,13 +598,13 @@ impl Stepper {
 
     /// The first tick at which a switch would be accepted.
     #[inline(never)]
-    pub(crate) fn horizon(&self) -> Moment {
+    pub(crate) fn horizon(&self) -> Tick32 {
         if self.count == 0 { self.tracks[0].at.after(1) } else { self.first_open() }
     }
 
     /// All motors go over to `epoch` at `at`, which is not before the horizon; or none does, because a switch waits for an earlier tick.
     #[inline(always)]
-    pub(crate) fn switch(&mut self, epoch: Epoch, at: Moment) -> bool {
+    pub(crate) fn switch(&mut self, epoch: Epoch, at: Tick32) -> bool {
         switch::all(epoch, at)
     }
 
@@ -679,7 +679,7 @@ impl Stepper {
 
     /// Looks whether the rings are played as they should, and mends it. To be called every millisecond.
     #[inline(never)]
-    pub(crate) fn watch(&mut self, now: Moment) {
+    pub(crate) fn watch(&mut self, now: Tick32) {
         let busy = !self.is_idle();
         let mut trouble = None;
         let mut least = self.least_ahead;

@@ -5,7 +5,7 @@ use super::plan::OF_SWITCH;
 use super::stepper;
 use core::arch::global_asm;
 use core::mem::offset_of;
-use pulsetrain_core::{Epoch, Moment};
+use pulsetrain_core::{Epoch, Tick32};
 
 global_asm!(
     r#"
@@ -85,7 +85,7 @@ unsafe extern "C" {
 /// At `at`, not before the horizon, all motors go over to `epoch`; or none does, because a switch waits for an earlier tick. One that waits at that
 /// tick or later is replaced. No motor awaits the end of a lease.
 #[inline(always)]
-pub(super) fn all(epoch: Epoch, at: Moment) -> bool {
+pub(super) fn all(epoch: Epoch, at: Tick32) -> bool {
     // SAFETY: the assembly uses the motors alone, which belong to who has the stepper.
     unsafe { steps_switch(at.0, epoch.0) != 0 }
 }

@@ -22,7 +22,7 @@ use core::arch::global_asm;
 use core::cell::UnsafeCell;
 use core::mem::offset_of;
 use core::ops::{Deref, DerefMut};
-use pulsetrain_core::narrow::Registers;
+use pulsetrain_core::avr::Registers;
 
 #[repr(transparent)]
 struct Place(UnsafeCell<Stepper>);

@@ -2,14 +2,14 @@
 
 use core::cell::UnsafeCell;
 use core::mem::offset_of;
-use pulsetrain_core::Moment;
+use pulsetrain_core::Tick32;
 
 /// Ticks. The assembly knows the layout.
 #[derive(Clone, Copy, Debug)]
 #[repr(C)]
 pub(crate) struct Times {
     /// Nothing is planned beyond this.
-    pub(crate) limit: Moment,
+    pub(crate) limit: Tick32,
     /// From a step to the next, at least.
     pub(crate) gap: u16,
     /// From a step until DIR may be turned.
@@ -33,7 +33,7 @@ pub(crate) struct Times {
 impl Times {
     /// Before the first configuration. Zeros take no flash.
     const NONE: Times = Times {
-        limit: Moment(0),
+        limit: Tick32(0),
         gap: 0,
         keep: 0,
         lead: 0,

@@ -19,7 +19,7 @@ use crate::engine::tuning;
 use crate::engine::tuning::winch::{AHEAD, CLEAR, FIRST, SLICES};
 use core::arch::global_asm;
 use core::mem::offset_of;
-use pulsetrain_core::Moment;
+use pulsetrain_core::Tick32;
 use pulsetrain_core::winch::spacing::TICKS;
 use pulsetrain_core::winch::text::Verb;
 use pulsetrain_core::wire::message::MOTOR_SETUP_LEN;
@@ -677,27 +677,27 @@ winch_begin:
 );
 
 unsafe extern "C" {
-    fn winch_pass(until: Moment);
-    fn winch_begin_trains(limit: Moment);
+    fn winch_pass(until: Tick32);
+    fn winch_begin_trains(limit: Tick32);
     fn winch_copy_shield() -> *const [u8; SHIELD];
     pub(super) fn winch_begin();
     pub(super) safe fn winch_do(verb: u8) -> u8;
     pub(super) safe fn winch_obey_axes(axes: u8, verb: u8);
     pub(super) fn winch_clock_and_positions(to: *mut i32);
     safe fn winch_rests() -> u8;
-    pub(super) safe fn winch_has_passed(now: Moment, then: &mut Moment, ms: u16) -> bool;
+    pub(super) safe fn winch_has_passed(now: Tick32, then: &mut Tick32, ms: u16) -> bool;
 }
 
 /// No slice begins before `now`. To be called at least once in 2^31 ticks while nothing drives.
 #[inline(always)]
-pub(crate) fn pass(now: Moment) {
+pub(crate) fn pass(now: Tick32) {
     // SAFETY: the task leaves the slices alone while nothing drives.
     unsafe { winch_pass(now) }
 }
 
 /// Trains and slices begin. The task is kept out, and rings have been started now.
 #[inline(always)]
-pub(crate) fn begin(now: Moment) {
+pub(crate) fn begin(now: Tick32) {
     // SAFETY: there is nothing in the lists yet but fillers, at their ends.
     unsafe { winch_begin_trains(now) };
     pass(now.after(FIRST));

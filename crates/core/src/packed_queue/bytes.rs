@@ -1,4 +1,4 @@
-//! Packed items that wait, byte by byte, epoch by epoch.
+//! Packed bytes that wait, epoch by epoch. What they mean is not known here.
 
 use crate::Epoch;
 
@@ -22,7 +22,7 @@ impl<const N: usize> Pool<N> {
     /// A motor that there is not, or a fifth, has no room at all.
     #[expect(clippy::cast_possible_truncation, reason = "N is checked in `new`")]
     #[must_use]
-    pub const fn share(motors: u8, motor: u8) -> Bytes {
+    pub const fn share(motors: u8, motor: u8) -> ByteQueue {
         // Divided here, not on the chip.
         let each = match motors {
             1 => N as u16,
@@ -32,18 +32,18 @@ impl<const N: usize> Pool<N> {
             _ => 0,
         };
         match motor {
-            0 => Bytes::new(0, each),
-            1 if motors > 1 => Bytes::new(each, each),
-            2 if motors > 2 => Bytes::new(each << 1, each),
-            3 if motors > 3 => Bytes::new((each << 1) + each, each),
-            _ => Bytes::new(0, 0),
+            0 => ByteQueue::new(0, each),
+            1 if motors > 1 => ByteQueue::new(each, each),
+            2 if motors > 2 => ByteQueue::new(each << 1, each),
+            3 if motors > 3 => ByteQueue::new((each << 1) + each, each),
+            _ => ByteQueue::new(0, 0),
         }
     }
 
     /// An empty queue in `len` bytes from `start` on; without room if they are not all there.
     #[must_use]
-    pub const fn part(start: u16, len: u16) -> Bytes {
-        if start as usize + len as usize <= N { Bytes::new(start, len) } else { Bytes::new(0, 0) }
+    pub const fn part(start: u16, len: u16) -> ByteQueue {
+        if start as usize + len as usize <= N { ByteQueue::new(start, len) } else { ByteQueue::new(0, 0) }
     }
 }
 
@@ -74,7 +74,7 @@ struct Part {
 
 /// A ring of bytes in a share of a [`Pool`], always the same one: each method that touches bytes is given it.
 #[derive(Clone, Debug)]
-pub struct Bytes {
+pub struct ByteQueue {
     /// The share.
     start: u16,
     end: u16,
@@ -88,10 +88,10 @@ pub struct Bytes {
     epochs: u8,
 }
 
-impl Bytes {
-    const fn new(start: u16, len: u16) -> Bytes {
+impl ByteQueue {
+    const fn new(start: u16, len: u16) -> ByteQueue {
         let unused = Part { epoch: Epoch(0), len: 0 };
-        Bytes { start, end: start + len, next: start, len: 0, parts: [unused; EPOCHS], epochs: 0 }
+        ByteQueue { start, end: start + len, next: start, len: 0, parts: [unused; EPOCHS], epochs: 0 }
     }
 
     /// Puts `bytes` of `epoch` last: all of them or, with an error, none.
@@ -101,7 +101,7 @@ impl Bytes {
     ///
     /// ```
     /// use pulsetrain_core::Epoch;
-    /// use pulsetrain_core::narrow::{Pool, PushRefused};
+    /// use pulsetrain_core::packed_queue::{Pool, PushRefused};
     /// let mut pool = Pool::<8>::new();
     /// let mut queue = Pool::<8>::share(2, 1);
     /// assert_eq!(queue.push(&mut pool, Epoch(0), &[1, 2, 3]), Ok(()));
@@ -118,27 +118,14 @@ impl Bytes {
         };
         let part = self.part_for(epoch).ok_or(PushRefused::TooManyEpochs)?;
         part.len += len;
-        let mut at = self.place(self.len);
-        if !cfg!(feature = "quick") {
-            // Copied in two pieces at most: on a larger chip four bytes at a time.
-            let (first, rest) = bytes.split_at_checked(usize::from(self.end - at)).unwrap_or((bytes, &[]));
-            for (part, at) in [(first, at), (rest, self.start)] {
-                let at = usize::from(at);
-                if let Some(places) = pool.0.get_mut(at..at + part.len()) {
-                    places.copy_from_slice(part);
-                }
-            }
-            self.len += len;
-            return Ok(());
-        }
-        for byte in bytes {
-            // `at` is always inside; said so, there is no code for a panic.
-            if let Some(place) = pool.0.get_mut(usize::from(at)) {
-                *place = *byte;
-            }
-            at += 1;
-            if at == self.end {
-                at = self.start;
+        let at = self.place(self.len);
+        // Copied in two pieces at most, since the ring's end may be between: a processor of 32 bits copies four bytes at a time.
+        let (first, rest) = bytes.split_at_checked(usize::from(self.end - at)).unwrap_or((bytes, &[]));
+        for (piece, at) in [(first, at), (rest, self.start)] {
+            let at = usize::from(at);
+            // Always inside. Written with `get_mut`, so that there is no code for a panic.
+            if let Some(places) = pool.0.get_mut(at..at + piece.len()) {
+                places.copy_from_slice(piece);
             }
         }
         self.len += len;
@@ -178,7 +165,7 @@ impl Bytes {
     ///
     /// ```
     /// use pulsetrain_core::Epoch;
-    /// use pulsetrain_core::narrow::Pool;
+    /// use pulsetrain_core::packed_queue::Pool;
     /// let mut pool = Pool::<8>::new();
     /// let mut queue = Pool::<8>::share(1, 0);
     /// queue.push(&mut pool, Epoch(0), &[1, 2, 3]).unwrap();
@@ -235,7 +222,7 @@ impl Bytes {
         let (first, rest) = out.split_at_mut(to_end);
         for (part, at) in [(first, self.next), (rest, self.start)] {
             let at = usize::from(at);
-            // Always inside; said so, there is no code for a panic.
+            // Always inside. Written with `get`, so that there is no code for a panic.
             if let Some(bytes) = pool.0.get(at..at + part.len()) {
                 part.copy_from_slice(bytes);
             }

@@ -1,6 +1,6 @@
 //! The recurrence with 16 fraction bits in 22 bytes.
 
-use crate::Moment;
+use crate::Tick32;
 
 /// The live registers of a segment being run: [`Recurrence`](crate::Recurrence) with 16 fraction bits, but narrower.
 ///
@@ -33,11 +33,11 @@ impl Registers {
 
     /// The scheduled tick of the next step.
     #[must_use]
-    pub const fn next_tick(&self) -> Moment {
+    pub const fn next_tick(&self) -> Tick32 {
         let [low, high, ticks_low, ticks_mid] = self.interval_low.to_le_bytes();
         let (_, carry) = self.fraction.overflowing_add(u16::from_le_bytes([low, high]));
         let ticks = u32::from_le_bytes([ticks_low, ticks_mid, self.interval_high, 0]);
-        Moment(self.tick.wrapping_add(ticks).wrapping_add(carry as u32))
+        Tick32(self.tick.wrapping_add(ticks).wrapping_add(carry as u32))
     }
 
     /// Goes on to the next step. [`left`](Registers::left) is the caller's to count.
@@ -88,10 +88,10 @@ mod tests {
                 // The step itself must be one that fits; what is left after the last one need not be.
                 prop_assume!((0..1 << 40).contains(&wide.interval) && i32::try_from(wide.add).is_ok());
                 let next = wide.accumulator.wrapping_add_signed(wide.interval) >> 16;
-                prop_assert_eq!(registers.next_tick(), Moment::of(next));
+                prop_assert_eq!(registers.next_tick(), Tick32::of(next));
                 wide.advance();
                 registers.advance();
-                prop_assert_eq!(registers.tick, Moment::of(wide.accumulator >> 16).0);
+                prop_assert_eq!(registers.tick, Tick32::of(wide.accumulator >> 16).0);
                 prop_assert_eq!(u64::from(registers.fraction), wide.accumulator & 0xffff);
                 let interval = u64::from(registers.interval_high) << 32 | u64::from(registers.interval_low);
                 prop_assert_eq!(interval, wide.interval.cast_unsigned() & MASK);

@@ -1,6 +1,6 @@
 //! A run's steps, one word each.
 
-use crate::{Moment, Recurrence};
+use crate::{Recurrence, Tick32};
 
 /// Up to where steps are worked out, and what their words say.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -22,7 +22,7 @@ pub type Expand = fn(&mut Recurrence, &mut [u32], &Stretch) -> u32;
 ///
 /// ```
 /// use pulsetrain_core::Recurrence;
-/// use pulsetrain_core::words::{Stretch, expand};
+/// use pulsetrain_core::pio::{Stretch, expand};
 /// let mut recurrence = Recurrence { accumulator: 1 << 31, interval: 100 << 32, add: 10 << 32, add2: 0 };
 /// let mut words = [0; 4];
 /// let taken = expand::<32>(&mut recurrence, &mut words, &Stretch { gap: 13, ticks: 330, bits: 0xa << 25 });
@@ -35,7 +35,7 @@ pub fn expand<const F: u32>(recurrence: &mut Recurrence, words: &mut [u32], stre
     for word in words {
         let mut next = *recurrence;
         next.advance();
-        let tick = |at: &Recurrence| Moment::of(at.accumulator >> F);
+        let tick = |at: &Recurrence| Tick32::of(at.accumulator >> F);
         let ticks = tick(&next).since(tick(recurrence));
         if ticks < stretch.gap || ticks >= left {
             break;

@@ -11,7 +11,7 @@ use crate::verbs::{Course, Verb};
 use crate::wire::Refusal;
 use crate::wire::message::Reason;
 use crate::wire::orders::{Next, Orders};
-use crate::{Direction, Moment};
+use crate::{Direction, Tick32};
 
 /// The longest period, ticks: 67 s at 16 MHz.
 pub const LONGEST_PERIOD: u32 = 1 << 30;
@@ -26,7 +26,7 @@ pub const MOTORS: usize = 4;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Steps {
     /// Of the first.
-    pub first: Moment,
+    pub first: Tick32,
     /// How many, at least 1.
     pub count: u16,
     /// Ticks from one to the next, [`LONGEST_PERIOD`] at most.
@@ -38,7 +38,7 @@ pub struct Steps {
 /// A move that is done: when, and how many then are, wrapping.
 #[derive(Clone, Copy, Debug)]
 struct Done {
-    at: Moment,
+    at: Tick32,
     number: u32,
 }
 
@@ -50,7 +50,7 @@ struct Told {
     task: Task,
     waiting: Task,
     /// Nothing happens before it.
-    open: Moment,
+    open: Tick32,
 }
 
 /// One motor: its state is that of [`crate::verbs::Motor`].
@@ -60,7 +60,7 @@ struct Motor {
     /// The same before the order that is being done: on the stack of a small board there is no room.
     before: Told,
     /// The last step, and which way it went; that as long as anything may follow from it.
-    last: Moment,
+    last: Tick32,
     facing: Option<Direction>,
     position: i32,
     done: u32,
@@ -74,7 +74,7 @@ struct Motor {
 }
 
 impl Motor {
-    fn obey(&mut self, verb: Verb, at: Moment, shortest: u16) -> Result<(), Reason> {
+    fn obey(&mut self, verb: Verb, at: Tick32, shortest: u16) -> Result<(), Reason> {
         match verb {
             Verb::Move { steps } => self.begin(Task::Steps(steps))?,
             Verb::Run => self.begin(Task::Endless)?,
@@ -125,13 +125,13 @@ impl Motor {
 
     /// When the last step's period is over.
     #[inline(never)]
-    fn rested(&self) -> Moment {
+    fn rested(&self) -> Tick32 {
         let Told { open, period, .. } = self.told;
         if self.facing.is_some() { later(open, self.last.after(period)) } else { open }
     }
 
     /// When the next step is due, unless the motor stands.
-    fn due(&self, turn: u16) -> Option<Moment> {
+    fn due(&self, turn: u16) -> Option<Tick32> {
         let rested = self.rested();
         let direction = self.told.course.direction()?;
         let turns = self.facing.is_some_and(|facing| facing != direction);
@@ -140,7 +140,7 @@ impl Motor {
 
     /// When the next step comes, if that is before `until`. Moves that are done by then are noted, and what waits behind them begins.
     #[inline(never)]
-    fn due_before(&mut self, until: Moment, turn: u16) -> Option<Moment> {
+    fn due_before(&mut self, until: Tick32, turn: u16) -> Option<Tick32> {
         loop {
             match self.told.task {
                 Task::Rest if self.told.waiting == Task::Rest => return None,
@@ -160,7 +160,7 @@ impl Motor {
     /// Notes that a move is done.
     // Apart, since who calls this has little stack.
     #[inline(never)]
-    fn end(&mut self, at: Moment) {
+    fn end(&mut self, at: Tick32) {
         self.told.task = Task::Rest;
         self.done = self.done.wrapping_add(1);
         self.untold += 1;
@@ -168,7 +168,7 @@ impl Motor {
     }
 
     #[inline(never)]
-    fn take(&mut self, until: Moment, turn: u16) -> Option<Steps> {
+    fn take(&mut self, until: Tick32, turn: u16) -> Option<Steps> {
         let next = self.next.take();
         if next.is_some() {
             return next;
@@ -204,7 +204,7 @@ impl Motor {
     }
 
     /// What is long past must not come back as the future: whatever the period, it is over, and the motor might as well begin at `until`.
-    fn forget(&mut self, until: Moment) {
+    fn forget(&mut self, until: Tick32) {
         if until.since(self.last) >= LONGEST_PERIOD {
             self.facing = None;
         }
@@ -215,7 +215,7 @@ impl Motor {
 
     /// How many moves were done by `now` and are not told.
     #[inline(never)]
-    fn past(&mut self, now: Moment) -> u8 {
+    fn past(&mut self, now: Tick32) -> u8 {
         let oldest = |motor: &Motor| motor.dones.get(usize::from(motor.untold.checked_sub(motor.past + 1)?)).copied();
         while oldest(self).is_some_and(|done| !now.is_before(done.at)) {
             self.past += 1;
@@ -223,11 +223,11 @@ impl Motor {
         self.past
     }
 
-    fn rests_at(&mut self, now: Moment) -> bool {
+    fn rests_at(&mut self, now: Tick32) -> bool {
         self.past(now) == self.untold && self.told.task == Task::Rest && self.told.waiting == Task::Rest
     }
 
-    fn next_step(&self, turn: u16) -> Option<Moment> {
+    fn next_step(&self, turn: u16) -> Option<Tick32> {
         match (self.told.task, self.told.waiting) {
             (Task::Rest, _) | (Task::Steps(0), Task::Rest | Task::Steps(0)) => None,
             _ => self.due(turn),
@@ -241,7 +241,7 @@ fn saturated(number: u32) -> u16 {
 }
 
 #[inline(never)]
-fn later(one: Moment, other: Moment) -> Moment {
+fn later(one: Tick32, other: Tick32) -> Tick32 {
     if one.is_before(other) { other } else { one }
 }
 
@@ -256,16 +256,16 @@ pub struct Verbs {
     shortest: u16,
     turn: u16,
     /// What happens before it is settled.
-    known: Moment,
+    known: Tick32,
     /// What came of the last order: from when on it holds, and what motors do there.
-    obeyed: (Moment, [Next; MOTORS]),
+    obeyed: (Tick32, [Next; MOTORS]),
 }
 
 impl Verbs {
     /// No motors.
     #[must_use]
     pub fn new() -> Verbs {
-        let open = Moment(0);
+        let open = Tick32(0);
         let told = Told { period: 0, course: Course::Forward, task: Task::Rest, waiting: Task::Rest, open };
         let none = Motor {
             told,
@@ -295,7 +295,7 @@ impl Verbs {
         &mut self,
         positions: impl Iterator<Item = i32>,
         (shortest, turn, period): (u16, u16, u32),
-        known: Moment,
+        known: Tick32,
     ) {
         (self.count, self.shortest, self.turn, self.known) = (0, shortest, turn, known);
         let open = known;
@@ -308,12 +308,12 @@ impl Verbs {
 
     /// What happens before this is settled: an order holds from there on.
     #[must_use]
-    pub const fn known(&self) -> Moment {
+    pub const fn known(&self) -> Tick32 {
         self.known
     }
 
     /// From now on, what happens before `until` is settled.
-    pub const fn foresee(&mut self, until: Moment) {
+    pub const fn foresee(&mut self, until: Tick32) {
         self.known = until;
     }
 
@@ -381,14 +381,14 @@ impl Verbs {
 
     /// What came of the last order, as an [`Obeyed`](crate::wire::orders::Obeyed) has it: from when on it holds, and what motors do there.
     #[must_use]
-    pub fn obeyed(&self) -> (Moment, &[Next]) {
+    pub fn obeyed(&self) -> (Tick32, &[Next]) {
         let (at, motors) = &self.obeyed;
         (*at, motors.get(..usize::from(self.count)).unwrap_or_default())
     }
 
     /// A move that was done by `now` and was not told yet: the motor, when, and how many of its moves are done with it, wrapping.
     /// However long that may be past, if this or [`rest_at`](Verbs::rest_at) was asked within 2^31 ticks, or motors were stopped.
-    pub fn take_done(&mut self, now: Moment) -> Option<(u8, Moment, u32)> {
+    pub fn take_done(&mut self, now: Tick32) -> Option<(u8, Tick32, u32)> {
         let (known, turn) = (self.known, self.turn);
         (0..).zip(&mut self.motors).find_map(|(number, motor)| {
             // What it did last may be over, and nobody have asked for more since.
@@ -401,7 +401,7 @@ impl Verbs {
     }
 
     /// See [`crate::verbs::Verbs::rest_at`].
-    pub fn rest_at(&mut self, now: Moment) -> bool {
+    pub fn rest_at(&mut self, now: Tick32) -> bool {
         // All of them are asked, whatever the first one says: what is past is noted.
         self.motors().iter_mut().fold(true, |rest, motor| rest & motor.rests_at(now))
     }
@@ -415,7 +415,7 @@ impl Verbs {
 
     /// All motors were stopped at once, after tick `at`: see [`crate::verbs::Motor::stop`]. `None`: not even what was due before was all
     /// made.
-    pub fn stop(&mut self, at: Option<Moment>) {
+    pub fn stop(&mut self, at: Option<Tick32>) {
         let (known, turn) = (self.known, self.turn);
         for motor in self.motors() {
             motor.due_before(known, turn);

@@ -1,10 +1,11 @@
 //! Channel and output of one motor → words on its tape.
 
-use super::{COILS_OVERHEAD, Expand, LONGEST_WAIT, Packed, STEP_DIR_OVERHEAD, Tape, WAIT_BITS};
-use crate::channel::{Channel, Event, Kind};
+use super::{COILS_OVERHEAD, Expand, LONGEST_WAIT, STEP_DIR_OVERHEAD, Stretch, Tape, WAIT_BITS};
+use crate::channel::{Ahead, Channel, Event, Kind};
 use crate::output::{Edge, Output};
+use crate::packed_queue::PackedQueue;
 use crate::queue::Items;
-use crate::{Direction, Moment};
+use crate::{Direction, Recurrence, Tick32};
 
 /// How far [`Words::fill`] came.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -29,16 +30,16 @@ pub struct Words<const F: u32> {
     levels: u32,
     step: u32,
     /// When the lines change in the last word.
-    end: Moment,
+    end: Tick32,
     /// Until when the last step, or the release of coils, takes.
-    busy: Option<Moment>,
+    busy: Option<Tick32>,
     setup_cut_short: bool,
 }
 
 /// A word that is due.
 #[derive(Clone, Copy)]
 struct Due {
-    tick: Moment,
+    tick: Tick32,
     bits: u32,
     sign: i32,
 }
@@ -59,7 +60,7 @@ impl<const F: u32> Words<F> {
             overhead,
             levels: 0,
             step,
-            end: Moment(0),
+            end: Tick32(0),
             busy: None,
             setup_cut_short: false,
         }
@@ -91,7 +92,7 @@ impl<const F: u32> Words<F> {
     /// When the lines change in the last word: the state machine has something to do up to then, and [`overhead`](Words::overhead)
     /// longer.
     #[must_use]
-    pub const fn end(&self) -> Moment {
+    pub const fn end(&self) -> Tick32 {
         self.end
     }
 
@@ -114,13 +115,13 @@ impl<const F: u32> Words<F> {
 
     /// Whether nothing is left to do by `now`: no step, no end of a pulse, no release of coils.
     #[must_use]
-    pub fn is_idle(&self, packed: &Packed, now: Moment) -> bool {
+    pub fn is_idle(&self, packed: &PackedQueue, now: Tick32) -> bool {
         let rests = self.busy.is_none_or(|busy| !now.is_before(busy)) && self.output.owed().is_none();
         rests && self.channel.is_done() && !packed.has(self.channel.epoch())
     }
 
     /// Notes that time is past `now`. To be called at least once in 2^30 ticks.
-    pub fn pass(&mut self, now: Moment) {
+    pub fn pass(&mut self, now: Tick32) {
         if self.busy.is_some_and(|busy| !now.is_before(busy)) {
             self.busy = None;
         }
@@ -142,7 +143,7 @@ impl<const F: u32> Words<F> {
         memory: &mut [u32; N],
         wait: u32,
     ) {
-        self.end = Moment(STEP_DIR_OVERHEAD).before(self.overhead);
+        self.end = Tick32(STEP_DIR_OVERHEAD).before(self.overhead);
         tape.begin(self.end, self.channel.position());
         self.put(
             tape,
@@ -152,7 +153,7 @@ impl<const F: u32> Words<F> {
     }
 
     /// The first word began at tick `at`: its lines change `wait` + [`STEP_DIR_OVERHEAD`] ticks later, whatever the motor.
-    pub fn start<const N: usize, const RUNS: usize>(&mut self, tape: &mut Tape<N, RUNS>, at: Moment) {
+    pub fn start<const N: usize, const RUNS: usize>(&mut self, tape: &mut Tape<N, RUNS>, at: Tick32) {
         tape.set_start(at);
         self.end = self.end.after(at.0);
         self.channel.pass(self.end.after(self.overhead));
@@ -178,14 +179,14 @@ impl<const F: u32> Words<F> {
     /// Writes words up to tick `until`, `most` of them or a few more: every step up to then is made, and the state machine has
     /// something to do until tick `least` at least, which is not after it.
     ///
-    /// Both go up from call to call, by less than 2^24 ticks. `items` are the motor's: a [`Packed`] with its memory, or what a board
+    /// Both go up from call to call, by less than 2^24 ticks. `items` are the motor's: a [`PackedQueue`] with its memory, or what a board
     /// has worked out itself. `expand` is the board's, or [`expand`](super::expand()).
     pub fn fill<const N: usize, const RUNS: usize>(
         &mut self,
         items: &mut impl Items,
         tape: &mut Tape<N, RUNS>,
         memory: &mut [u32; N],
-        [least, until]: [Moment; 2],
+        [least, until]: [Tick32; 2],
         most: u32,
         expand: Expand,
     ) -> Filled {
@@ -194,9 +195,9 @@ impl<const F: u32> Words<F> {
         // As far as a DIR edge may come before its step, and coils' release before the next one.
         let look = limit.after(self.output.lead_ticks()).after(self.overhead);
         let stop = tape.written().wrapping_add(most);
-        self.go_on(items, tape, memory, [limit, Moment(stop)], expand);
+        self.go_on(items, tape, memory, [limit, Tick32(stop)], expand);
         loop {
-            if !tape.has_room(2) || !Moment(tape.written()).is_before(Moment(stop)) {
+            if !tape.has_room(2) || !Tick32(tape.written()).is_before(Tick32(stop)) {
                 return Filled::Part;
             }
             if self.output.owed().is_none() && self.channel.waits_beyond(look) {
@@ -226,7 +227,7 @@ impl<const F: u32> Words<F> {
             if event.kind == Kind::Step {
                 // A segment that goes on where the one before ended: its first step is one of many, too.
                 let before = tape.written();
-                self.go_on(items, tape, memory, [limit, Moment(stop)], expand);
+                self.go_on(items, tape, memory, [limit, Tick32(stop)], expand);
                 if tape.written() != before {
                     continue;
                 }
@@ -234,7 +235,7 @@ impl<const F: u32> Words<F> {
             if let Some(due) = self.make(event) {
                 self.put(tape, memory, due);
                 if event.kind == Kind::Step {
-                    self.go_on(items, tape, memory, [limit, Moment(stop)], expand);
+                    self.go_on(items, tape, memory, [limit, Tick32(stop)], expand);
                 }
             }
         }
@@ -250,8 +251,8 @@ impl<const F: u32> Words<F> {
         &mut self,
         tape: &mut Tape<N, RUNS>,
         memory: &mut [u32; N],
-        until: Moment,
-        limit: Moment,
+        until: Tick32,
+        limit: Tick32,
     ) {
         // Coils' release is not an event: the word leaves it room.
         let release = if let Output::Coils(_) = self.output { self.output.owed() } else { None };
@@ -267,7 +268,7 @@ impl<const F: u32> Words<F> {
 
     // These are calls, so that each has the registers to itself: a run's steps need none of them.
     #[inline(never)]
-    fn peek(&mut self, items: &mut impl Items, look: Moment) -> Option<Event> {
+    fn peek(&mut self, items: &mut impl Items, look: Tick32) -> Option<Event> {
         self.channel.peek(items, look)
     }
 
@@ -311,7 +312,7 @@ impl<const F: u32> Words<F> {
         items: &mut impl Items,
         tape: &mut Tape<N, RUNS>,
         memory: &mut [u32; N],
-        limits: [Moment; 2],
+        limits: [Tick32; 2],
         expand: Expand,
     ) {
         if self.end != self.channel.place().tick {
@@ -333,16 +334,18 @@ impl<const F: u32> Words<F> {
         items: &mut impl Items,
         tape: &mut Tape<N, RUNS>,
         memory: &mut [u32; N],
-        [limit, stop]: [Moment; 2],
+        [limit, stop]: [Tick32; 2],
         expand: Expand,
     ) {
         let (bits, sign) = (self.step_bits(), self.sign());
         let before = tape.written();
-        while tape.has_room(2) && Moment(tape.written()).is_before(stop) {
+        while tape.has_room(2) && Tick32(tape.written()).is_before(stop) {
             let (at, len) = tape.space(sign);
             let Some(words) = memory.get_mut(at..at + len) else { break };
             let (tick, position) = (self.channel.place().tick, self.channel.position());
-            let taken = self.channel.go_on(items, limit, bits, words, expand);
+            let taken = self
+                .channel
+                .go_on(items, limit, |recurrence, ahead| expand_into(words, bits, expand, recurrence, ahead));
             if taken == 0 {
                 break;
             }
@@ -361,7 +364,7 @@ impl<const F: u32> Words<F> {
         &mut self,
         tape: &mut Tape<N, RUNS>,
         memory: &mut [u32; N],
-        [limit, stop]: [Moment; 2],
+        [limit, stop]: [Tick32; 2],
         expand: Expand,
     ) {
         let (bits, limit) = match &self.output {
@@ -373,11 +376,12 @@ impl<const F: u32> Words<F> {
             },
         };
         let sign = self.sign();
-        while tape.has_room(2) && Moment(tape.written()).is_before(stop) {
+        while tape.has_room(2) && Tick32(tape.written()).is_before(stop) {
             let (at, len) = tape.space(sign);
             let (tick, position) = (self.end, self.channel.position());
             let Some(words) = memory.get_mut(at..at + len) else { return };
-            let taken = self.channel.take_steps(limit, bits, words, expand);
+            let taken =
+                self.channel.take_steps(limit, |recurrence, ahead| expand_into(words, bits, expand, recurrence, ahead));
             if taken == 0 {
                 return;
             }
@@ -428,4 +432,19 @@ impl<const F: u32> Words<F> {
     const fn step_bits(&self) -> u32 {
         self.idle_bits() | self.step << WAIT_BITS
     }
+}
+
+/// Moves a recurrence on by the next steps of a run, as a channel asks: a word for each, as many as `words` has room for. Gives how many
+/// steps it took.
+#[inline(always)]
+fn expand_into(words: &mut [u32], bits: u32, expand: Expand, recurrence: &mut Recurrence, ahead: Ahead) -> u32 {
+    let most = usize::try_from(ahead.most).unwrap_or(usize::MAX);
+    let room = words.len().min(most);
+    let Some(words) = words.get_mut(..room) else { return 0 };
+    if room == 0 {
+        return 0;
+    }
+    // One word cannot wait for longer.
+    let stretch = Stretch { gap: ahead.gap, ticks: ahead.ticks.min(LONGEST_WAIT), bits };
+    expand(recurrence, words, &stretch)
 }

@@ -3,12 +3,12 @@
 use proptest::prelude::*;
 use pulsetrain_core::braking::{Limit, Next, Registers};
 use pulsetrain_core::lease::Cause;
-use pulsetrain_core::narrow::Pool;
 use pulsetrain_core::output::{Coils, Output, Sequence, StepDir, StepDirSettings};
+use pulsetrain_core::packed_queue::{Fault, PackedQueue, Pool};
 use pulsetrain_core::packing::{Check, MAX_PACKED_LEN, Packing, State};
+use pulsetrain_core::pio::{Filled, LONGEST_WAIT, Tape, Words, expand, lines};
 use pulsetrain_core::queue::Items;
-use pulsetrain_core::words::{Fault, Filled, LONGEST_WAIT, Packed, Tape, Words, expand, lines};
-use pulsetrain_core::{Axis, Direction, Entry, Epoch, Item, Lapse, Lease, Moment, Queue, Segment};
+use pulsetrain_core::{Axis, Direction, Entry, Epoch, Item, Lapse, Lease, Queue, Segment, Tick32};
 
 use Direction::{Backward, Forward};
 
@@ -71,14 +71,14 @@ type Levels = (u32, u32);
 struct Machine {
     kind: Kind,
     pool: Box<Pool<POOL>>,
-    packed: Packed,
+    packed: PackedQueue,
     packer: State,
     words: Words<F>,
     tape: Tape<N, RUNS>,
     memory: [u32; N],
     /// Words done, and when the lines changed in the last.
     done: u32,
-    tick: Moment,
+    tick: Tick32,
     levels: Vec<Levels>,
     /// Position after each word, with its tick: as the lines say.
     counted: Vec<(u32, i32)>,
@@ -89,13 +89,13 @@ impl Machine {
         let mut machine = Machine {
             kind,
             pool: Box::new(Pool::new()),
-            packed: Packed::new(Pool::<POOL>::part(0, POOL as u16), PACKING),
+            packed: PackedQueue::new(Pool::<POOL>::part(0, POOL as u16), PACKING),
             packer: State::default(),
             words: Words::new(kind.output(), kind.step_line(), kind.pulse()),
             tape: Tape::new(),
             memory: [0; N],
             done: 0,
-            tick: Moment(0),
+            tick: Tick32(0),
             levels: vec![(0, 0)],
             counted: vec![(0, 0)],
         };
@@ -106,9 +106,9 @@ impl Machine {
     /// The state machine's gate opens at tick `at`, and the lines change 1003 ticks later at first.
     fn start(&mut self, at: u32) {
         self.words.begin(&mut self.tape, &mut self.memory, 1000);
-        self.words.start(&mut self.tape, Moment(at));
+        self.words.start(&mut self.tape, Tick32(at));
         self.done = 0;
-        self.tick = Moment(at + 3).before(self.kind.overhead());
+        self.tick = Tick32(at + 3).before(self.kind.overhead());
     }
 
     fn push(&mut self, epoch: u8, items: &[Item]) {
@@ -123,8 +123,8 @@ impl Machine {
     fn fill(&mut self, until: u32, most: u32) -> Filled {
         let Machine { words, packed, pool, tape, memory, .. } = self;
         // It may have less to do.
-        let least = Moment(until - until / 1000 % 100);
-        words.fill(&mut packed.waiting(pool), tape, memory, [least, Moment(until)], most, expand::<F>)
+        let least = Tick32(until - until / 1000 % 100);
+        words.fill(&mut packed.items(pool), tape, memory, [least, Tick32(until)], most, expand::<F>)
     }
 
     /// Does the words whose lines change up to `now`.
@@ -132,7 +132,7 @@ impl Machine {
         while self.done != self.tape.written() {
             let word = self.memory[self.done as usize % N];
             let tick = self.tick.after((word & LONGEST_WAIT) + self.kind.overhead());
-            if Moment(now).is_before(tick) {
+            if Tick32(now).is_before(tick) {
                 break;
             }
             let before = self.levels.last().unwrap().1;
@@ -161,7 +161,7 @@ impl Machine {
         }
     }
 
-    fn change(&mut self, tick: Moment, levels: u32) {
+    fn change(&mut self, tick: Tick32, levels: u32) {
         if self.levels.last().unwrap().1 != levels {
             self.levels.push((tick.0, levels));
         }
@@ -170,14 +170,14 @@ impl Machine {
 
 /// The levels of the axis that has the same items.
 fn axis_levels(axis: &mut Axis<F, Queue<64>>, levels: &mut Vec<Levels>, until: u32) {
-    while let Some(edge) = axis.next(Moment(until)) {
+    while let Some(edge) = axis.next(Tick32(until)) {
         let before = levels.last().unwrap().1;
         let after = before & !edge.clear | edge.set;
         if after != before {
             levels.push((edge.tick.0, after));
         }
     }
-    axis.pass(Moment(until));
+    axis.pass(Tick32(until));
 }
 
 fn kinds() -> impl Strategy<Value = Kind> {
@@ -199,7 +199,7 @@ fn parts() -> impl Strategy<Value = Vec<Part>> {
 }
 
 fn items(kind: Kind, from: u32, parts: &[Part]) -> Vec<Item> {
-    let mut items = vec![Item::Anchor { tick: Moment(from) }, Item::Dwell { ticks: kind.turn() }];
+    let mut items = vec![Item::Anchor { tick: Tick32(from) }, Item::Dwell { ticks: kind.turn() }];
     let shortest = i64::from(kind.overhead()) + 1;
     let mut last = None;
     for (count, first, last_interval, forward, wait) in parts {
@@ -275,17 +275,17 @@ proptest! {
             prop_assert!(!machine.words.setup_cut_short());
             machine.play(now);
             axis_levels(&mut axis, &mut levels, now);
-            machine.tape.pass(Moment(now));
+            machine.tape.pass(Tick32(now));
             let by_lines = machine.counted.last().unwrap().1;
             if let Kind::StepDir { .. } = kind {
                 prop_assert_eq!(axis.channel().position(), by_lines);
             }
             let overhead = machine.words.overhead();
-            prop_assert_eq!(machine.tape.position_at(Moment(now), overhead, &machine.memory), axis.channel().position());
+            prop_assert_eq!(machine.tape.position_at(Tick32(now), overhead, &machine.memory), axis.channel().position());
             prop_assert_eq!(machine.tape.position_after(machine.done), axis.channel().position());
             if let [.., (before, was), (tick, is)] = machine.counted[..] {
                 let last = machine.tape.last(machine.done, overhead, &machine.memory);
-                prop_assert_eq!(last, (Moment(tick), if before == 0 { last.1 } else { tick - before }, is - was));
+                prop_assert_eq!(last, (Tick32(tick), if before == 0 { last.1 } else { tick - before }, is - was));
             }
             now += pace.min(ahead / 2);
         }
@@ -314,13 +314,13 @@ const DRIVER: Kind = Kind::StepDir { pulse: 10, setup: 20, forward_high: true, d
 fn begun(kind: Kind, items: &[Item]) -> Machine {
     let mut machine = Machine::new(kind);
     machine.push(1, items);
-    assert_eq!(machine.words.channel_mut().schedule_switch(Epoch(1), Moment(3000), Lease::Off, None), Ok(()));
+    assert_eq!(machine.words.channel_mut().schedule_switch(Epoch(1), Tick32(3000), Lease::Off, None), Ok(()));
     machine
 }
 
 #[test]
 fn all_that_is_between_is_in_a_word() {
-    let items = [Item::Anchor { tick: Moment(5000) }, run(2, 100, Forward), run(1, 200, Backward)];
+    let items = [Item::Anchor { tick: Tick32(5000) }, run(2, 100, Forward), run(1, 200, Backward)];
     let mut machine = begun(DRIVER, &items);
     assert_eq!(machine.fill(6000, 100), Filled::All);
     let words: Vec<_> = machine.memory[..machine.tape.written() as usize]
@@ -351,11 +351,11 @@ fn runs_after_a_missed_step_are_as_they_were_told() {
     // The first step of a run comes too soon, then one in its middle.
     for missed in [run(30, 5, Forward), bent(30, 100, -9)] {
         let items = [
-            Item::Anchor { tick: Moment(5000) },
+            Item::Anchor { tick: Tick32(5000) },
             run(20, 100, Forward),
             bent(24, 100, 1),
             missed,
-            Item::Anchor { tick: Moment(30_000) },
+            Item::Anchor { tick: Tick32(30_000) },
             bent(20, 120, 2),
             bent(25, 160, -3),
             run(20, 90, Forward),
@@ -365,13 +365,13 @@ fn runs_after_a_missed_step_are_as_they_were_told() {
         for item in items {
             axis.queue_mut().push(Entry { epoch: Epoch(1), item }).unwrap();
         }
-        axis.channel_mut().schedule_switch(Epoch(1), Moment(3000), Lease::Off, None).unwrap();
+        axis.channel_mut().schedule_switch(Epoch(1), Tick32(3000), Lease::Off, None).unwrap();
         let mut levels = vec![(0, 0)];
         for until in (4000..50_000).step_by(1000) {
             machine.fill(until, 10_000);
             machine.play(until);
             axis_levels(&mut axis, &mut levels, until);
-            machine.tape.pass(Moment(until));
+            machine.tape.pass(Tick32(until));
         }
         assert!(axis.channel().missed().is_some());
         assert_eq!(machine.words.channel().missed(), axis.channel().missed());
@@ -382,7 +382,7 @@ fn runs_after_a_missed_step_are_as_they_were_told() {
 
 #[test]
 fn dir_without_room_goes_with_the_step() {
-    let items = [Item::Anchor { tick: Moment(5000) }, run(1, 100, Backward), run(1, 15, Forward)];
+    let items = [Item::Anchor { tick: Tick32(5000) }, run(1, 100, Backward), run(1, 15, Forward)];
     let mut machine = begun(DRIVER, &items);
     assert_eq!(machine.fill(6000, 100), Filled::All);
     machine.play(6000);
@@ -392,14 +392,14 @@ fn dir_without_room_goes_with_the_step() {
 
 #[test]
 fn a_full_tape_waits_for_time_to_pass() {
-    let mut machine = begun(DRIVER, &[Item::Anchor { tick: Moment(5000) }, run(10_000, 20, Forward)]);
+    let mut machine = begun(DRIVER, &[Item::Anchor { tick: Tick32(5000) }, run(10_000, 20, Forward)]);
     assert_eq!(machine.fill(200_000, 10_000), Filled::Part);
     assert!(!machine.tape.has_room(2));
     let written = machine.tape.written();
     assert!((N as u32 - 1..=N as u32).contains(&written), "{written}");
     // A run is free once the next one has been done.
     let first = machine.memory[..N].to_vec();
-    machine.tape.pass(Moment(5000 + 20 * 521));
+    machine.tape.pass(Tick32(5000 + 20 * 521));
     assert_eq!(machine.fill(200_000, 10_000), Filled::Part);
     assert!((256..=262).contains(&(machine.tape.written() - written)));
     assert_eq!(machine.memory[264..], first[264..], "what is to be played stays");
@@ -407,7 +407,7 @@ fn a_full_tape_waits_for_time_to_pass() {
 
 #[test]
 fn no_more_is_written_than_was_allowed() {
-    let mut machine = begun(DRIVER, &[Item::Anchor { tick: Moment(5000) }, run(10_000, 20, Forward)]);
+    let mut machine = begun(DRIVER, &[Item::Anchor { tick: Tick32(5000) }, run(10_000, 20, Forward)]);
     assert_eq!(machine.fill(20_000, 10), Filled::Part);
     assert!(machine.tape.written() <= 10 + 256);
 }
@@ -416,20 +416,20 @@ fn no_more_is_written_than_was_allowed() {
 fn a_stop_counts_what_was_made() {
     for (kind, sign) in [(DRIVER, 1), (DRIVER, -1), (coils(Sequence::Half), 1), (coils(Sequence::Full), -1)] {
         let direction = if sign > 0 { Forward } else { Backward };
-        let mut machine = begun(kind, &[Item::Anchor { tick: Moment(5000) }, run(1000, 50, direction)]);
+        let mut machine = begun(kind, &[Item::Anchor { tick: Tick32(5000) }, run(1000, 50, direction)]);
         machine.fill(12_000, 1000);
         machine.play(6020);
         let made = machine.tape.position_after(machine.done);
         assert_eq!(made, 20 * sign);
         let (words, packed) = (&mut machine.words, &mut machine.packed);
-        words.stop(&mut packed.waiting(&machine.pool), made, lines(machine.memory[machine.done as usize - 1]));
+        words.stop(&mut packed.items(&machine.pool), made, lines(machine.memory[machine.done as usize - 1]));
         assert_eq!(words.channel().position(), made);
-        assert!(words.is_idle(packed, Moment(6020)));
+        assert!(words.is_idle(packed, Tick32(6020)));
         // It goes on from there: the coils are those of its position.
         machine.start(19_000);
         let before = machine.levels.last().unwrap().1;
-        machine.push(2, &[Item::Anchor { tick: Moment(30_000) }, run(1, 100, direction.reversed())]);
-        assert_eq!(machine.words.channel_mut().schedule_switch(Epoch(2), Moment(25_000), Lease::Off, None), Ok(()));
+        machine.push(2, &[Item::Anchor { tick: Tick32(30_000) }, run(1, 100, direction.reversed())]);
+        assert_eq!(machine.words.channel_mut().schedule_switch(Epoch(2), Tick32(25_000), Lease::Off, None), Ok(()));
         machine.fill(24_000, 1000);
         machine.play(24_000);
         if let Kind::Coils { .. } = kind {
@@ -455,8 +455,8 @@ fn coils(sequence: Sequence) -> Kind {
 #[test]
 fn checks_are_compared() {
     for off in [0, 1] {
-        let mut machine = begun(DRIVER, &[Item::Anchor { tick: Moment(5000) }, run(5, 100, Backward)]);
-        let check = Check { position: -5i16 as u16, tick: Moment(5500 + off), fraction: 1 << 15 };
+        let mut machine = begun(DRIVER, &[Item::Anchor { tick: Tick32(5000) }, run(5, 100, Backward)]);
+        let check = Check { position: -5i16 as u16, tick: Tick32(5500 + off), fraction: 1 << 15 };
         let mut bytes = [0; 10];
         let len = PACKING.pack_check(&check, &mut bytes).unwrap();
         machine.packed.push(&mut machine.pool, Epoch(1), &bytes[..len]).unwrap();
@@ -472,16 +472,16 @@ fn checks_are_compared() {
 
 #[test]
 fn bytes_that_are_none_end_their_epoch() {
-    let mut machine = begun(DRIVER, &[Item::Anchor { tick: Moment(5000) }, run(5, 100, Backward)]);
+    let mut machine = begun(DRIVER, &[Item::Anchor { tick: Tick32(5000) }, run(5, 100, Backward)]);
     machine.packed.push(&mut machine.pool, Epoch(1), &[0x37, 0, 1, 2, 3]).unwrap();
     // The first switch has been made: one may wait.
     assert_eq!(machine.fill(4000, 100), Filled::All);
-    machine.push(2, &[Item::Anchor { tick: Moment(9000) }, run(5, 100, Forward)]);
-    assert_eq!(machine.words.channel_mut().schedule_switch(Epoch(2), Moment(9000), Lease::Off, None), Ok(()));
+    machine.push(2, &[Item::Anchor { tick: Tick32(9000) }, run(5, 100, Forward)]);
+    assert_eq!(machine.words.channel_mut().schedule_switch(Epoch(2), Tick32(9000), Lease::Off, None), Ok(()));
     assert_eq!(machine.fill(20_000, 100), Filled::All);
     assert_eq!((machine.words.channel().position(), machine.packed.fault()), (0, Some(Fault::BadItem)));
-    assert!(machine.words.is_idle(&machine.packed, Moment(20_000)));
-    machine.packed.waiting(&machine.pool).clear();
+    assert!(machine.words.is_idle(&machine.packed, Tick32(20_000)));
+    machine.packed.items(&machine.pool).clear();
     assert_eq!(usize::from(machine.packed.room()), POOL);
 }
 
@@ -494,7 +494,7 @@ fn resets_and_reversals_in_a_row_are_no_items() {
         len += PACKING.pack_reset(&mut machine.packer, &mut bytes[len..]).unwrap();
     }
     machine.packed.push(&mut machine.pool, Epoch(1), &bytes[..len]).unwrap();
-    machine.push(1, &[Item::Anchor { tick: Moment(5000) }, run(5, 1 << 30, Backward), run(1, 5, Backward)]);
+    machine.push(1, &[Item::Anchor { tick: Tick32(5000) }, run(5, 1 << 30, Backward), run(1, 5, Backward)]);
     assert_eq!(machine.fill(20_000, 100), Filled::All);
     assert_eq!(machine.packed.fault(), None);
 }
@@ -506,15 +506,15 @@ fn what_is_no_item_makes_a_motor_brake() {
     let limit = Limit::new(150, 10 + F as u8, 0).unwrap();
     let check = |wrong: &[u8]| {
         let mut machine = Machine::new(DRIVER);
-        machine.push(1, &[Item::Anchor { tick: Moment(5000) }, run(50, 300, Forward)]);
+        machine.push(1, &[Item::Anchor { tick: Tick32(5000) }, run(50, 300, Forward)]);
         machine.packed.push(&mut machine.pool, Epoch(1), wrong).unwrap();
         machine.packed.push(&mut machine.pool, Epoch(2), &[1, 2, 3]).unwrap();
-        let lease = Lease::Until(Moment(40_000));
-        machine.words.channel_mut().schedule_switch(Epoch(1), Moment(3000), lease, Some(limit)).unwrap();
+        let lease = Lease::Until(Tick32(40_000));
+        machine.words.channel_mut().schedule_switch(Epoch(1), Tick32(3000), lease, Some(limit)).unwrap();
         for until in (3000..60_000).step_by(500) {
             while machine.fill(until, 100) == Filled::Part {}
             machine.play(until);
-            machine.tape.pass(Moment(until));
+            machine.tape.pass(Tick32(until));
         }
         let channel = machine.words.channel();
         assert_eq!(channel.lapse().map(|lapse| lapse.cause), Some(Cause::BadItem), "{wrong:?}");
@@ -549,7 +549,7 @@ fn ten_hours_lose_no_tick() {
         machine.packed.push(&mut machine.pool, Epoch(0), &bytes[..len]).unwrap();
     };
     let first = 10_000_000_u32;
-    push(&mut machine, &Item::Anchor { tick: Moment(first) });
+    push(&mut machine, &Item::Anchor { tick: Tick32(first) });
     let mut exact = (i128::from(first) << F) + (1 << (F - 1));
     let mut due = std::collections::VecDeque::new();
     let (mut number, mut steps, mut position) = (0_u64, 0_u64, 0_i32);
@@ -584,8 +584,8 @@ fn ten_hours_lose_no_tick() {
             }
         }
         assert_eq!(machine.words.channel().position(), position);
-        machine.words.pass(Moment(now as u32));
-        machine.tape.pass(Moment(now as u32));
+        machine.words.pass(Tick32(now as u32));
+        machine.tape.pass(Tick32(now as u32));
     }
     assert!(tick + HZ > TEN_HOURS && steps > 3_000_000, "{steps} steps up to tick {tick}");
     assert_eq!((machine.packed.fault(), machine.words.channel().missed()), (None, None));

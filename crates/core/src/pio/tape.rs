@@ -1,6 +1,6 @@
 //! The ring that words wait in. The words themselves are in memory that a DMA reads; here is what is known of them.
 
-use crate::Moment;
+use crate::Tick32;
 
 /// Words one after the other that all count the same.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -8,7 +8,7 @@ pub struct Run {
     /// Number of its first word, wrapping.
     pub first: u32,
     /// When the lines change in the word before its first.
-    pub tick: Moment,
+    pub tick: Tick32,
     /// The position before its first word.
     pub position: i32,
     /// What each of its words counts: 1, 0, −1.
@@ -45,19 +45,19 @@ impl<const N: usize, const RUNS: usize> Tape<N, RUNS> {
     /// An empty tape, at tick 0 and position 0: all zeros.
     #[must_use]
     pub const fn new() -> Tape<N, RUNS> {
-        let unused = Run { first: 0, tick: Moment(0), position: 0, sign: 0 };
+        let unused = Run { first: 0, tick: Tick32(0), position: 0, sign: 0 };
         Tape { written: 0, last: 0, first: 0, runs: [unused; RUNS] }
     }
 
     /// An empty tape whose first word comes after `tick`; words are numbered from 0 again.
-    pub const fn begin(&mut self, tick: Moment, position: i32) {
+    pub const fn begin(&mut self, tick: Tick32, position: i32) {
         (self.written, self.last, self.first) = (0, 0, 0);
         self.runs[0] = Run { first: 0, tick, position, sign: 0 };
     }
 
     /// Sets the tick that the first word comes after, which was not known when the tape [began](Tape::begin) and the words
     /// that are on it were written: ticks are counted from `tick` instead of 0.
-    pub fn set_start(&mut self, tick: Moment) {
+    pub fn set_start(&mut self, tick: Tick32) {
         for run in &mut self.runs {
             run.tick = run.tick.after(tick.0);
         }
@@ -98,7 +98,7 @@ impl<const N: usize, const RUNS: usize> Tape<N, RUNS> {
 
     /// Notes that `words` words were written where [`space`](Tape::space) said; the lines last changed at `tick` and the position
     /// was `position` before them, and each counts `sign`.
-    pub fn wrote(&mut self, words: u32, tick: Moment, position: i32, sign: i32) {
+    pub fn wrote(&mut self, words: u32, tick: Tick32, position: i32, sign: i32) {
         let last = &self.runs[Self::place(self.last)];
         if last.sign != sign || self.written.wrapping_sub(last.first) >= LONGEST_RUN {
             self.last = self.last.wrapping_add(1);
@@ -108,7 +108,7 @@ impl<const N: usize, const RUNS: usize> Tape<N, RUNS> {
     }
 
     /// Notes that time is past `now`: frees the runs that are over. To be called at least once in 2^30 ticks.
-    pub fn pass(&mut self, now: Moment) {
+    pub fn pass(&mut self, now: Tick32) {
         // The run before the one that is being done stays, for `last`, and the wait before that, for `apart`.
         while self.last.wrapping_sub(self.first) > 1 {
             let next = &self.runs[Self::place(self.first.wrapping_add(2))];
@@ -123,7 +123,7 @@ impl<const N: usize, const RUNS: usize> Tape<N, RUNS> {
     /// The position once the first `words` words (wrapping) have changed the lines.
     #[must_use]
     pub fn position_after(&self, words: u32) -> i32 {
-        let run = self.find(|run| !Moment(words).is_before(Moment(run.first)));
+        let run = self.find(|run| !Tick32(words).is_before(Tick32(run.first)));
         let within = words.wrapping_sub(run.first).cast_signed();
         run.position.wrapping_add(run.sign.wrapping_mul(within))
     }
@@ -131,9 +131,9 @@ impl<const N: usize, const RUNS: usize> Tape<N, RUNS> {
     /// What the last of the first `words` words (wrapping, at least 1) is: when it changed the lines, how long that was after
     /// the word before, and what it counts.
     #[must_use]
-    pub fn last(&self, words: u32, overhead: u32, memory: &[u32; N]) -> (Moment, u32, i32) {
+    pub fn last(&self, words: u32, overhead: u32, memory: &[u32; N]) -> (Tick32, u32, i32) {
         let last = words.wrapping_sub(1);
-        let run = self.find(|run| !Moment(last).is_before(Moment(run.first)));
+        let run = self.find(|run| !Tick32(last).is_before(Tick32(run.first)));
         let (mut tick, mut number) = (run.tick, run.first);
         loop {
             let lasts = self.lasts(number, overhead, memory);
@@ -150,11 +150,11 @@ impl<const N: usize, const RUNS: usize> Tape<N, RUNS> {
     /// are none: a wait is written as several. Of a next step that is not written yet it is known that it comes later than what is.
     #[must_use]
     #[inline(never)]
-    pub fn apart(&self, words: u32, now: Moment, overhead: u32, memory: &[u32; N]) -> u32 {
+    pub fn apart(&self, words: u32, now: Tick32, overhead: u32, memory: &[u32; N]) -> u32 {
         let last = words.wrapping_sub(1);
         let run_of = |number: u32| &self.runs[Self::place(number)];
         let mut current = self.last;
-        while current != self.first && Moment(last).is_before(Moment(run_of(current).first)) {
+        while current != self.first && Tick32(last).is_before(Tick32(run_of(current).first)) {
             current = current.wrapping_sub(1);
         }
         let run = run_of(current);
@@ -176,7 +176,7 @@ impl<const N: usize, const RUNS: usize> Tape<N, RUNS> {
 
     /// When the first step is due behind the first `words` words, the last of which is in run `current`; if none is written, when the last
     /// word is.
-    fn next(&self, current: u32, words: u32, overhead: u32, memory: &[u32; N]) -> Moment {
+    fn next(&self, current: u32, words: u32, overhead: u32, memory: &[u32; N]) -> Tick32 {
         let mut number = current;
         while number != self.last {
             number = number.wrapping_add(1);
@@ -196,7 +196,7 @@ impl<const N: usize, const RUNS: usize> Tape<N, RUNS> {
     /// The position at tick `now`, not before the last [`pass`](Tape::pass): steps whose edges are not after it. `memory` is where the
     /// words are.
     #[must_use]
-    pub fn position_at(&self, now: Moment, overhead: u32, memory: &[u32; N]) -> i32 {
+    pub fn position_at(&self, now: Tick32, overhead: u32, memory: &[u32; N]) -> i32 {
         let run = self.find(|run| !now.is_before(run.tick));
         if run.sign == 0 {
             return run.position;

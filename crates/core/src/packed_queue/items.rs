@@ -1,6 +1,6 @@
 //! Packed bytes that wait → items for a channel.
 
-use crate::narrow::{Bytes, Pool, PushRefused};
+use super::{ByteQueue, Pool, PushRefused};
 use crate::packing::{CHECK_LEN, MAX_PACKED_LEN, MOST_ONWARD, Packing, State, Units};
 use crate::queue::{Items, Place};
 use crate::{Direction, Epoch, Item, Recurrence};
@@ -32,8 +32,8 @@ const RESET: u8 = 0x0f;
 
 /// A motor's packed bytes in a share of a [`Pool`], always the same one: each method that touches bytes is given it.
 #[derive(Clone, Debug)]
-pub struct Packed {
-    bytes: Bytes,
+pub struct PackedQueue {
+    bytes: ByteQueue,
     packing: Packing,
     /// Of the epoch in front.
     state: State,
@@ -45,18 +45,18 @@ pub struct Packed {
     fault: Option<Fault>,
 }
 
-impl Packed {
+impl PackedQueue {
     /// An empty queue.
     #[must_use]
-    pub const fn new(bytes: Bytes, packing: Packing) -> Packed {
+    pub const fn new(bytes: ByteQueue, packing: Packing) -> PackedQueue {
         let (state, units) = (State::new(Direction::Forward), Units::UNKNOWN);
-        Packed { bytes, packing, state, lent: false, units, anchored_at: 0, fault: None }
+        PackedQueue { bytes, packing, state, lent: false, units, anchored_at: 0, fault: None }
     }
 
     /// Puts packed items of `epoch` last, whole ones: all of them or, with an error, none.
     ///
     /// # Errors
-    /// As [`Bytes::push`].
+    /// As [`ByteQueue::push`].
     pub fn push<const N: usize>(&mut self, pool: &mut Pool<N>, epoch: Epoch, packed: &[u8]) -> Result<(), PushRefused> {
         self.bytes.push(pool, epoch, packed)
     }
@@ -66,7 +66,7 @@ impl Packed {
         self.bytes.discard(epoch);
     }
 
-    /// Takes back the `len` bytes that were pushed last; see [`Bytes::drop_last`].
+    /// Takes back the `len` bytes that were pushed last; see [`ByteQueue::drop_last`].
     pub fn drop_last(&mut self, len: u16) {
         self.bytes.drop_last(len);
     }
@@ -95,8 +95,8 @@ impl Packed {
     }
 
     /// With the memory that its bytes are in, a channel's items.
-    pub const fn waiting<'a, const N: usize>(&'a mut self, pool: &'a Pool<N>) -> Waiting<'a, N> {
-        Waiting { packed: self, pool }
+    pub const fn items<'a, const N: usize>(&'a mut self, pool: &'a Pool<N>) -> PackedItems<'a, N> {
+        PackedItems { packed: self, pool }
     }
 
     /// Whether bytes of `epoch` are in front.
@@ -208,14 +208,14 @@ impl Packed {
     }
 }
 
-/// A [`Packed`] and its memory.
+/// A [`PackedQueue`] and its memory.
 #[derive(Debug)]
-pub struct Waiting<'a, const N: usize> {
-    packed: &'a mut Packed,
+pub struct PackedItems<'a, const N: usize> {
+    packed: &'a mut PackedQueue,
     pool: &'a Pool<N>,
 }
 
-impl<const N: usize> Items for Waiting<'_, N> {
+impl<const N: usize> Items for PackedItems<'_, N> {
     fn wait(&self, epoch: Epoch) -> bool {
         self.packed.has(epoch)
     }
