@@ -183,7 +183,7 @@ impl Board {
         }
         for _ in 0..FILLS_A_ROUND {
             // After an underrun words would be steps at wrong times.
-            if self.stepper.has_starved() {
+            if self.stepper.has_underrun() {
                 self.stop_for_underrun();
             }
             if !self.stepper.fill(&mut self.clock) {
@@ -434,7 +434,7 @@ impl Board {
         let now = self.clock.now();
         // A motor may have run dry since the last look: then its move is not done. If none has by now, all steps up to now were
         // made.
-        if self.stepper.has_starved() {
+        if self.stepper.has_underrun() {
             self.stop_for_underrun();
         }
         let (motor, tick, detail) = self.verbs.take_done(now)?;

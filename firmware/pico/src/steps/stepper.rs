@@ -538,7 +538,7 @@ impl Stepper {
 
     /// Whether a state machine ran dry, or words for one came too late.
     #[inline(always)]
-    pub(crate) fn has_starved(&self) -> bool {
+    pub(crate) fn has_underrun(&self) -> bool {
         let dry = || (pio::stalled(0) | if self.count > 4 { pio::stalled(1) } else { 0 }) != 0;
         self.runs && (self.too_late || dry())
     }
