@@ -6,7 +6,7 @@
 #![no_std]
 #![no_main]
 
-use pulsetrain_pico::motors::{Course, MotorSetup, Motors, Sequence, TICKS_PER_S, Times, Verb};
+use pulsetrain_pico::motors::{Heading, MotorSetup, Motors, Sequence, TICKS_PER_S, Times, Verb};
 
 /// How often speeds are set, Hz.
 const RATE_HZ: u32 = 100;
@@ -51,12 +51,12 @@ extern "C" fn main() -> ! {
 }
 
 fn course(speed: f32) -> Verb {
-    Verb::Course(if speed > 0.0 {
-        Course::Forward
+    Verb::Heading(if speed > 0.0 {
+        Heading::Forward
     } else if speed < 0.0 {
-        Course::Backward
+        Heading::Backward
     } else {
-        Course::Stationary
+        Heading::Stationary
     })
 }
 

@@ -14,11 +14,11 @@ use pulsetrain_core::lease::{self, Lapse, Lease};
 use pulsetrain_core::verbs::motor::MOST_ITEMS;
 use pulsetrain_core::verbs::{Motor, Verbs};
 use pulsetrain_core::winch::path::Slice;
-use pulsetrain_core::wire::machine::NO_LEASE;
 use pulsetrain_core::wire::message::{
     ALL_MOTORS, Cause, Configuration, Event, Info, LeaseState, Measures, NO_PIN, flags,
 };
 use pulsetrain_core::wire::orders::{Obeyed, Orders};
+use pulsetrain_core::wire::outcome::NO_LEASE;
 use pulsetrain_core::wire::settings::SETTINGS_LEN;
 use pulsetrain_core::wire::{Baud, Encoder, Machine, Millis, Reason, Refusal, Stopped, Switched, Trimmed};
 use pulsetrain_core::{Epoch, Tick32};
@@ -410,7 +410,7 @@ impl Board {
     /// Whether motors that rest, and are not told directly yet, would do that.
     pub(crate) fn would_obey(&mut self, orders: &Orders<'_>) -> Result<(), Refusal> {
         self.verbs.begin(self.stepper.limits(), 0);
-        self.verbs.obey(orders).map(drop)
+        orders.tell(&mut self.verbs).map(drop)
     }
 
     /// Motors that are told directly forget what they do; with `all` false only [what has no end](Verbs::forsake). Gives, bit by motor,
@@ -669,7 +669,7 @@ impl Machine for Board {
         if !self.obeys {
             self.meet()?;
         }
-        self.obeyed = self.verbs.obey(orders)?;
+        self.obeyed = orders.tell(&mut self.verbs)?;
         // Who is refused, or only asks, leaves motors as they are.
         if !self.obeys && !orders.is_empty() {
             self.begin_to_obey();

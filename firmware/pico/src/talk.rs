@@ -1,9 +1,9 @@
 //! What is heard and said on a way to a host.
 
 use crate::winch::Ear;
-use pulsetrain_core::verbs::text;
 use pulsetrain_core::winch::letters::InMemory;
 use pulsetrain_core::winch::reply::{self, Reply};
+use pulsetrain_core::winch::verb_lines as text;
 use pulsetrain_core::wire::frame::Received;
 use pulsetrain_core::wire::{Decoder, MAX_FRAME, Millis, Service};
 

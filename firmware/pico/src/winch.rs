@@ -9,7 +9,7 @@
 //! those of both lines, and an [`Ear`] for each of them.
 //!
 //! # Verbs
-//! Lines that tell motors directly (`pulsetrain_core::verbs::text`) enable the drivers, too, of the same axes, and text *tells* them
+//! Lines that tell motors directly (`pulsetrain_core::winch::verb_lines`) enable the drivers, too, of the same axes, and text *tells* them
 //! until `enable 0`. Paths and verbs do not mix: who has the axes keeps them until then. After verbs text begins anew, since paths
 //! would not know where the axes are.
 
@@ -17,12 +17,12 @@ use crate::clock::TICK_HZ;
 use crate::machine::Board;
 use crate::steps::stepper::{AHEAD, CLEAR};
 use crate::talk::Line;
-use pulsetrain_core::verbs::text::{self, Read, Told};
 use pulsetrain_core::winch::letters::InMemory;
 use pulsetrain_core::winch::path::Slice;
 use pulsetrain_core::winch::reply::Reply;
 use pulsetrain_core::winch::session::Session;
 use pulsetrain_core::winch::text::{Heard, Reader, Refusal, Verb, What};
+use pulsetrain_core::winch::verb_lines::{self as text, Read, Told};
 use pulsetrain_core::wire::message::{Configuration, Event, MOTOR_SETUP_LEN};
 use pulsetrain_core::wire::orders::Orders;
 use pulsetrain_core::wire::{Machine, Reason, Refusal as Refused, Service, Settings};
