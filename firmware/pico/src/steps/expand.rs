@@ -194,7 +194,13 @@ expand_unchecked:
 );
 
 unsafe extern "C" {
-    fn expand_unchecked(recurrence: *mut Recurrence, words: *mut u32, end: *mut u32, offset: u32, upper_stays: u32) -> u32;
+    fn expand_unchecked(
+        recurrence: *mut Recurrence,
+        words: *mut u32,
+        end: *mut u32,
+        offset: u32,
+        upper_stays: u32,
+    ) -> u32;
     fn expand_steps(recurrence: *mut Recurrence, words: *mut u32, end: *mut u32, stretch: *const Stretch) -> *mut u32;
 }
 
