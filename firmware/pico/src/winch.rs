@@ -10,9 +10,9 @@
 //! so that both ports have the same axes and settings, and a [`TextInput`] for each port.
 //!
 //! # Verbs
-//! Lines with verbs (`pulsetrain_core::winch::verb_lines`) enable the same drivers, and *verbs run* until `enable 0`. Paths and verbs do
-//! not mix: whichever was first keeps the axes until then. After verbs a new session of text begins, since paths would not know
-//! where the axes are.
+//! Lines with verbs (`pulsetrain_core::winch::verb_lines`) enable the same drivers, and *verbs run* until `enable 0`. Paths and
+//! verbs do not mix: whichever was first keeps the axes until then. After verbs a new session of text begins, since paths would not
+//! know where the axes are.
 
 use crate::clock::TICK_HZ;
 use crate::machine::Board;

@@ -99,9 +99,9 @@ expand_steps:
     "#
 );
 
-// In: r0 the recurrence, r1 the first word, r2 the end of the words, after it, r3 the bits less the gap, on the stack whether the upper
-// half of add stays as it is in all steps: then a step takes two instructions fewer. Out: r0 ticks that passed. It begins in the
-// middle of eight steps, so that the last of them is the last word.
+// In: r0 the recurrence, r1 the first word, r2 the end of the words, after it, r3 the bits less the gap, on the stack whether the
+// upper half of add stays as it is in all steps: then a step takes two instructions fewer. Out: r0 ticks that passed. It begins in
+// the middle of eight steps, so that the last of them is the last word.
 global_asm!(
     r#"
     .section .text.expand_unchecked, "ax", %progbits
