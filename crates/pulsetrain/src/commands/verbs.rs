@@ -13,9 +13,9 @@ use std::sync::mpsc::{Receiver, TryRecvError};
 use miette::{LabeledSpan, MietteDiagnostic, NamedSource, Report, miette};
 use pulsetrain_board::remote::{image_name, in_words};
 use pulsetrain_board::{Board, Edge, Port, Remote, RemoteError, Serial, Setup};
-use pulsetrain_core::verbs::text::{self, LONGEST, Read, Reply, Told};
-use pulsetrain_core::verbs::{Course, Verb};
+use pulsetrain_core::verbs::{Heading, Verb};
 use pulsetrain_core::winch::AXES;
+use pulsetrain_core::winch::verb_lines::{self as text, LONGEST, Read, Reply, Told};
 use pulsetrain_core::wire::message::{Cause, MotorSetup, Reason, image};
 use pulsetrain_core::wire::orders::Obeyed;
 use pulsetrain_core::wire::{Baud, Refusal};
@@ -227,7 +227,7 @@ impl Axis {
             Verb::Move { .. } => (self.moves, self.runs) = (self.moves + 1, false),
             Verb::Run => self.runs = true,
             Verb::Halt => (self.moves, self.runs, self.halted) = (0, false, from),
-            Verb::Course(course) => self.is_stationary = course == Course::Stationary,
+            Verb::Heading(course) => self.is_stationary = course == Heading::Stationary,
             Verb::Speed { .. } => {}
         }
     }
@@ -582,7 +582,7 @@ mod tests {
         assert!(axis.moves == 2 && !axis.runs, "a move ends a run");
         axis.done(25);
         assert_eq!(axis.moves, 1);
-        axis.hear(Verb::Course(Course::Stationary), 30);
+        axis.hear(Verb::Heading(Heading::Stationary), 30);
         axis.hear(Verb::Halt, 30);
         assert!(axis.moves == 0 && axis.is_stationary);
         axis.hear(Verb::Move { steps: 5 }, 40);
