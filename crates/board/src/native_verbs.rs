@@ -157,7 +157,7 @@ impl NativeVerbs {
     /// All motors forget what they were told: no step is made that was not worked out. Gives those, bit by motor, that stop between two
     /// steps: whoever of them was faster than it can stop may stand elsewhere than it counts.
     pub fn halt(&mut self) -> u8 {
-        self.verbs.forsake(true, |_| u64::MAX)
+        self.verbs.host_gone(true, |_| u64::MAX)
     }
 
     /// Whether nothing moves, and nothing is to.

@@ -117,7 +117,7 @@ impl<'a> Block<'a> {
     }
 
     /// The motors, in order.
-    pub fn motors(&self) -> impl Iterator<Item = Motor<'a>> {
+    pub fn motors(&self) -> impl Iterator<Item = BakedMotor<'a>> {
         let mut rest = self.pieces;
         let of = self.motors.as_chunks::<MOTOR_LEN>().0.iter().zip(self.lens()).zip(self.configuration.motors());
         of.map(move |((bytes, (head, turn)), setup)| {
@@ -128,7 +128,7 @@ impl<'a> Block<'a> {
             };
             let (head, turn) = (part(head), part(turn));
             let packing = Packing { fraction_bits: FRACTION_BITS, gain: setup.gain };
-            Motor { packing, head, turn, repeats: Repeats::from_bytes(bytes) }
+            BakedMotor { packing, head, turn, repeats: Repeats::from_bytes(bytes) }
         })
     }
 }
@@ -142,7 +142,7 @@ impl<'a> Block<'a> {
 /// | 9–16, 17–20 | the wait from the one to the other: ticks, and ticks · 2^-32 |
 /// | 21–24 | what of it lies below: ticks · 2^-64 |
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Motor<'a> {
+pub struct BakedMotor<'a> {
     /// How it is packed.
     pub packing: Packing,
     /// Pieces of what comes once, the first step after the first wait included; they begin as after an anchor.
@@ -199,7 +199,7 @@ impl Repeats {
 /// Gives out a motor's packed bytes, piece by piece, for ever if it repeats.
 #[derive(Clone, Debug)]
 pub struct Player<'a> {
-    motor: Motor<'a>,
+    motor: BakedMotor<'a>,
     /// What is next: the anchor.
     zero: Option<Tick32>,
     /// Then what is left of the wait before a turn: ticks, and ticks · 2^-32.
@@ -215,7 +215,7 @@ pub struct Player<'a> {
 impl<'a> Player<'a> {
     /// From the beginning: the motion's time 0 is the tick `zero`.
     #[must_use]
-    pub const fn new(motor: Motor<'a>, zero: Tick32) -> Player<'a> {
+    pub const fn new(motor: BakedMotor<'a>, zero: Tick32) -> Player<'a> {
         Player { motor, zero: Some(zero), wait: None, rest: motor.head, in_head: true, carry: 0 }
     }
 

@@ -35,24 +35,24 @@ pub enum Lease {
 
 /// Why motors brake.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Cause {
+pub enum LapseCause {
     /// The lease was not put off in time.
     NotExtended,
     /// The host said so.
     Ordered,
     /// A motor had nothing more to do before the lease's end.
-    RanDry,
+    Underrun,
     /// What waited was no item, or a check failed.
     BadItem,
     /// A step came too late, or too soon after another.
     StepMissed,
 }
 
-impl Cause {
+impl LapseCause {
     /// Whether the plan was at fault, or came too late.
     #[must_use]
     pub const fn is_fault(self) -> bool {
-        matches!(self, Cause::RanDry | Cause::BadItem | Cause::StepMissed)
+        matches!(self, LapseCause::Underrun | LapseCause::BadItem | LapseCause::StepMissed)
     }
 }
 
@@ -62,7 +62,7 @@ pub struct Lapse {
     /// Steps before it are the plan's. A motor that was at fault brakes earlier.
     pub at: Tick32,
     /// Why.
-    pub cause: Cause,
+    pub cause: LapseCause,
 }
 
 /// An extension that is refused, by all motors of a machine.

@@ -2,7 +2,7 @@
 //!
 //! [`StepDir`] drives STEP and DIR of a driver, [`Coils`] the four coils of a motor through a ULN2003.
 
-use crate::channel::{Event, Kind};
+use crate::channel::{EventKind, StepEvent};
 use crate::{Direction, Tick32};
 
 /// Lines that change at one tick; bit i is line i.
@@ -28,9 +28,9 @@ pub enum Output {
 impl Output {
     /// When the edge of `event` is due. A DIR edge comes its set-up before the step that it is for.
     #[must_use]
-    pub const fn due(&self, event: Event) -> Tick32 {
+    pub const fn due(&self, event: StepEvent) -> Tick32 {
         match (self, event.kind) {
-            (Output::StepDir(driver), Kind::Direction(_)) => event.tick.before(driver.setup_ticks),
+            (Output::StepDir(driver), EventKind::Direction(_)) => event.tick.before(driver.setup_ticks),
             _ => event.tick,
         }
     }
@@ -56,7 +56,7 @@ impl Output {
     }
 
     /// Makes the edge of `event` at `tick`: [`due`](Output::due), or later if that is past.
-    pub fn apply(&mut self, event: Event, tick: Tick32) -> Edge {
+    pub fn apply(&mut self, event: StepEvent, tick: Tick32) -> Edge {
         match self {
             Output::StepDir(driver) => driver.apply(event, tick),
             Output::Coils(coils) => coils.apply(event, tick),
@@ -135,13 +135,13 @@ impl StepDir {
         StepDir { step_line, dir_line, pulse_ticks, setup_ticks, forward_high, shared_dir, fall: None }
     }
 
-    fn apply(&mut self, event: Event, tick: Tick32) -> Edge {
+    fn apply(&mut self, event: StepEvent, tick: Tick32) -> Edge {
         match event.kind {
-            Kind::Step => {
+            EventKind::Step => {
                 self.fall = Some(tick.after(self.pulse_ticks));
                 Edge { tick, set: bit(self.step_line), clear: 0 }
             }
-            Kind::Direction(direction) => {
+            EventKind::Direction(direction) => {
                 let high = (direction == Direction::Forward) == self.forward_high;
                 let line = bit(self.dir_line);
                 if high { Edge { tick, set: line, clear: 0 } } else { Edge { tick, set: 0, clear: line } }
@@ -216,13 +216,13 @@ impl Coils {
         }
     }
 
-    fn apply(&mut self, event: Event, tick: Tick32) -> Edge {
+    fn apply(&mut self, event: StepEvent, tick: Tick32) -> Edge {
         match event.kind {
-            Kind::Direction(direction) => {
+            EventKind::Direction(direction) => {
                 self.direction = direction;
                 Edge { tick, set: 0, clear: 0 }
             }
-            Kind::Step => {
+            EventKind::Step => {
                 self.phase = self.phase.wrapping_add(self.phases()) & 7;
                 self.release = self.release_ticks.map(|ticks| tick.after(ticks));
                 self.change(tick, self.of_phase())

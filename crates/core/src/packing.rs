@@ -321,7 +321,7 @@ impl Packing {
     /// assert_eq!(packing.unpack(&mut there, &mut rest), Ok(None));
     /// ```
     pub fn pack(&self, state: &mut State, item: &Item, out: &mut [u8]) -> Result<usize, PackError> {
-        let mut writer = Writer { out, len: 0 };
+        let mut writer = ByteWriter { out, len: 0 };
         match *item {
             Item::Anchor { tick } => writer.control(Control::Anchor, &tick.0.to_le_bytes()),
             Item::Dwell { ticks } => writer.control(Control::Dwell, &ticks.to_le_bytes()),
@@ -360,7 +360,7 @@ impl Packing {
     /// # Errors
     /// When `out` is too short.
     pub fn pack_reset(&self, state: &mut State, out: &mut [u8]) -> Result<usize, PackError> {
-        let mut writer = Writer { out, len: 0 };
+        let mut writer = ByteWriter { out, len: 0 };
         writer.control(Control::Reset, &[]);
         let len = writer.finish()?;
         *state = State::new(state.direction);
@@ -372,7 +372,7 @@ impl Packing {
     /// # Errors
     /// When `out` is too short.
     pub fn pack_check(&self, check: &Check, out: &mut [u8]) -> Result<usize, PackError> {
-        let mut writer = Writer { out, len: 0 };
+        let mut writer = ByteWriter { out, len: 0 };
         writer.control(Control::Check, &check.position.to_le_bytes());
         writer.bytes(&check.tick.0.to_le_bytes());
         writer.bytes(&check.fraction.to_le_bytes());
@@ -576,7 +576,7 @@ impl Layout {
         1 + explicit + self.fields.iter().map(|&(_, width)| usize::from(width)).sum::<usize>()
     }
 
-    fn write(&self, count: u32, writer: &mut Writer<'_>) {
+    fn write(&self, count: u32, writer: &mut ByteWriter<'_>) {
         writer.bytes(&[self.count_code | self.width_code << 3 | self.wide << 5]);
         if self.count_code == EXPLICIT_COUNT {
             match u8::try_from(count) {
@@ -616,7 +616,7 @@ impl Exact {
         4 + usize::from(self.count) + self.registers.iter().map(|&width| usize::from(width)).sum::<usize>()
     }
 
-    fn write(&self, segment: &Segment, writer: &mut Writer<'_>) {
+    fn write(&self, segment: &Segment, writer: &mut ByteWriter<'_>) {
         let [interval, add, add2] = self.registers;
         writer.control(Control::Exact, &[interval | add << 4, add2 | self.count << 4]);
         writer.bytes(&segment.count.to_le_bytes()[..usize::from(self.count)]);
@@ -650,12 +650,12 @@ impl Exact {
 }
 
 /// Writes what fits and counts all.
-struct Writer<'a> {
+struct ByteWriter<'a> {
     out: &'a mut [u8],
     len: usize,
 }
 
-impl Writer<'_> {
+impl ByteWriter<'_> {
     fn bytes(&mut self, bytes: &[u8]) {
         if let Some(place) = self.out.get_mut(self.len..self.len + bytes.len()) {
             place.copy_from_slice(bytes);

@@ -175,11 +175,11 @@ impl Model {
         }
         self.braked = Some(at);
         self.last_stop = match cause {
-            lease::Cause::NotExtended => Cause::Lapsed,
-            lease::Cause::Ordered => Cause::Braked,
-            lease::Cause::RanDry => Cause::RanDry,
-            lease::Cause::BadItem => Cause::BadItem,
-            lease::Cause::StepMissed => Cause::StepMissed,
+            lease::LapseCause::NotExtended => Cause::Lapsed,
+            lease::LapseCause::Ordered => Cause::Braked,
+            lease::LapseCause::Underrun => Cause::RanDry,
+            lease::LapseCause::BadItem => Cause::BadItem,
+            lease::LapseCause::StepMissed => Cause::StepMissed,
         };
         let at_fault = |motor: &u8| self.native.faults(usize::from(*motor)).step_missed;
         let motor = (0..self.motors()).find(at_fault).unwrap_or(ALL_MOTORS);
@@ -554,11 +554,12 @@ impl Machine for Model {
         }
         if self.obeys {
             let motors = &self.motors;
-            let uncertain =
-                self.verbs.forsake(lost, |motor| motors.get(usize::from(motor)).map_or(0, |motor| motor.pull_in_ticks));
+            let uncertain = self
+                .verbs
+                .host_gone(lost, |motor| motors.get(usize::from(motor)).map_or(0, |motor| motor.pull_in_ticks));
             self.flag(uncertain);
         }
-        self.verbs.disown();
+        self.verbs.mute_moves();
     }
 
     fn obey(&mut self, orders: &Orders<'_>) -> Result<(), Refusal> {

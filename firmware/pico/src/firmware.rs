@@ -9,7 +9,7 @@ use crate::talk::{self, Talk};
 use crate::usb::{Packet, Usb};
 use crate::winch::{Brought, Ear, Winch};
 use crate::{clock, flash, regs, reset};
-use pulsetrain_core::winch::reply::Reply;
+use pulsetrain_core::winch::reply::LineReply;
 use pulsetrain_core::wire::frame::Received;
 use pulsetrain_core::wire::{Baud, Decoder, MAX_BODY, Millis, Service};
 
@@ -132,7 +132,7 @@ impl All {
         talk.ear = Ear::new();
         self.service.interrupted();
         if self.winch.is_on() {
-            self.say(Way::Usb, &talk::Line::Winch(Reply::Awake));
+            self.say(Way::Usb, &talk::Line::Winch(LineReply::Awake));
         }
     }
 
@@ -151,7 +151,7 @@ impl All {
             self.say_to_text(&talk::Line::Verbs(done));
         }
         if self.winch.look(&mut self.board, &mut self.service) {
-            self.say_to_text(&talk::Line::Winch(Reply::Awake));
+            self.say_to_text(&talk::Line::Winch(LineReply::Awake));
         }
         if let Some(uncertain) = self.winch.uncertain() {
             self.say_to_text(&talk::Line::Verbs(uncertain));

@@ -2,7 +2,7 @@
 
 use crate::winch::Ear;
 use pulsetrain_core::winch::letters::InMemory;
-use pulsetrain_core::winch::reply::{self, Reply};
+use pulsetrain_core::winch::reply::{self, LineReply};
 use pulsetrain_core::winch::verb_lines as text;
 use pulsetrain_core::wire::frame::Received;
 use pulsetrain_core::wire::{Decoder, MAX_FRAME, Millis, Service};
@@ -20,8 +20,8 @@ const _: () = assert!(PACKET_SAYS < ROOM && PACKET_SAYS > 32 * "err checksum 0\r
 
 /// A line of text to a host.
 pub(crate) enum Line {
-    Winch(Reply),
-    Verbs(text::Reply),
+    Winch(LineReply),
+    Verbs(text::VerbReply),
 }
 
 /// If no byte has left for so long, about ms, the host does not read: nothing waits for it.

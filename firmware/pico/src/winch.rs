@@ -19,10 +19,10 @@ use crate::steps::stepper::{AHEAD, CLEAR};
 use crate::talk::Line;
 use pulsetrain_core::winch::letters::InMemory;
 use pulsetrain_core::winch::path::Slice;
-use pulsetrain_core::winch::reply::Reply;
+use pulsetrain_core::winch::reply::LineReply;
 use pulsetrain_core::winch::session::Session;
-use pulsetrain_core::winch::text::{Heard, Reader, Refusal, Verb, What};
-use pulsetrain_core::winch::verb_lines::{self as text, Read, Told};
+use pulsetrain_core::winch::text::{Heard, LineCommand, LineError, LineFault, LineReader};
+use pulsetrain_core::winch::verb_lines::{self as text, LineOrders, VerbLine};
 use pulsetrain_core::wire::message::{Configuration, Event, MOTOR_SETUP_LEN};
 use pulsetrain_core::wire::orders::Orders;
 use pulsetrain_core::wire::{Machine, Reason, Refusal as Refused, Service, Settings};
@@ -75,11 +75,11 @@ pub(crate) fn wiring() -> Option<Configuration<'static>> {
 }
 
 /// The axes cannot be had yet.
-const MOVING: text::Reply = text::Reply::Refused(Refused::of(Reason::Moving));
+const MOVING: text::VerbReply = text::VerbReply::Refused(Refused::of(Reason::Moving));
 
 /// What is heard as text on a line.
 pub(crate) struct Ear {
-    reader: Reader,
+    reader: LineReader,
     /// A zero has come since the last command: frames are spoken, and nothing is said as text.
     quiet: bool,
     /// A status line is to be said.
@@ -88,7 +88,7 @@ pub(crate) struct Ear {
 
 impl Ear {
     pub(crate) const fn new() -> Ear {
-        Ear { reader: Reader::new(), quiet: false, owes_status: false }
+        Ear { reader: LineReader::new(), quiet: false, owes_status: false }
     }
 
     /// Whether frames are spoken: the line is no text alone.
@@ -108,11 +108,11 @@ pub(crate) enum Brought {
     /// Something to say.
     Answer(Line),
     /// Something to tell motors directly.
-    Told(Told),
+    Told(LineOrders),
 }
 
 impl Brought {
-    const fn answer(reply: Reply) -> Brought {
+    const fn answer(reply: LineReply) -> Brought {
         Brought::Answer(Line::Winch(reply))
     }
 }
@@ -168,32 +168,32 @@ impl Winch {
         match ear.reader.push::<InMemory>(byte) {
             Heard::Nothing => Brought::Nothing,
             // The winch does not know verbs.
-            Heard::Refused(refusal @ Refusal { what: What::Command, .. }) if obeyed => {
+            Heard::Refused(refusal @ LineError { what: LineFault::Command, .. }) if obeyed => {
                 match text::read(ear.reader.line()) {
-                    Read::Told(told) => {
+                    VerbLine::Orders(told) => {
                         ear.quiet = false;
                         Brought::Told(told)
                     }
                     _ if ear.quiet => Brought::Nothing,
-                    Read::Refused(what, word) => Brought::Answer(Line::Verbs(text::Reply::Unread(what, word))),
-                    Read::Unknown => Brought::answer(Reply::Refused(refusal)),
+                    VerbLine::Refused(what, word) => Brought::Answer(Line::Verbs(text::VerbReply::Unread(what, word))),
+                    VerbLine::Unknown => Brought::answer(LineReply::Refused(refusal)),
                 }
             }
             Heard::Refused(_) if ear.quiet => Brought::Nothing,
-            Heard::Refused(_) | Heard::Command(_) if !obeyed => Brought::answer(Reply::Taken),
-            Heard::Refused(refusal) => Brought::answer(Reply::Refused(refusal)),
+            Heard::Refused(_) | Heard::Command(_) if !obeyed => Brought::answer(LineReply::Taken),
+            Heard::Refused(refusal) => Brought::answer(LineReply::Refused(refusal)),
             Heard::Command(verb) => {
                 ear.quiet = false;
                 match verb {
-                    verb if self.tells && verb.has_flags() => Brought::Answer(Line::Verbs(text::Reply::Verbs)),
-                    Verb::Enable if self.tells && ear.reader.value() == 0 => {
+                    verb if self.tells && verb.has_flags() => Brought::Answer(Line::Verbs(text::VerbReply::Verbs)),
+                    LineCommand::Enable if self.tells && ear.reader.value() == 0 => {
                         self.session.heard();
                         self.ends = true;
                         Brought::Nothing
                     }
                     // A stop goes to its end, whatever comes behind it.
-                    Verb::Enable if self.ends => Brought::Answer(Line::Verbs(MOVING)),
-                    Verb::Enable if self.tells => {
+                    LineCommand::Enable if self.ends => Brought::Answer(Line::Verbs(MOVING)),
+                    LineCommand::Enable if self.tells => {
                         self.session.heard();
                         Brought::Nothing
                     }
@@ -204,9 +204,9 @@ impl Winch {
     }
 
     /// Tells motors directly what a line says; gives what is to be answered.
-    pub(crate) fn tell(&mut self, board: &mut Board, told: &Told) -> text::Reply {
+    pub(crate) fn tell(&mut self, board: &mut Board, told: &LineOrders) -> text::VerbReply {
         if self.drives {
-            return text::Reply::Path;
+            return text::VerbReply::Path;
         }
         if self.ends {
             return MOVING;
@@ -219,9 +219,9 @@ impl Winch {
         match done {
             Ok(()) => {
                 self.session.heard();
-                text::Reply::At { obeyed: board.obeyed, axes: told.axes() }
+                text::VerbReply::At { obeyed: board.obeyed, axes: told.axes() }
             }
-            Err(refused) => text::Reply::Refused(refused),
+            Err(refused) => text::VerbReply::Refused(refused),
         }
     }
 
@@ -238,15 +238,15 @@ impl Winch {
     }
 
     /// A move of verbs that was done.
-    pub(crate) fn move_done(&mut self, board: &mut Board) -> Option<text::Reply> {
+    pub(crate) fn move_done(&mut self, board: &mut Board) -> Option<text::VerbReply> {
         let Event { motor, tick, detail, .. } = if self.tells { board.move_done()? } else { return None };
-        Some(text::Reply::Done { axis: motor, tick, number: detail })
+        Some(text::VerbReply::Done { axis: motor, tick, number: detail })
     }
 
     /// What is to be said of axes that a deadman has stopped.
-    pub(crate) fn uncertain(&mut self) -> Option<text::Reply> {
+    pub(crate) fn uncertain(&mut self) -> Option<text::VerbReply> {
         let axes = core::mem::take(&mut self.stopped);
-        (axes != 0).then_some(text::Reply::Uncertain { axes })
+        (axes != 0).then_some(text::VerbReply::Uncertain { axes })
     }
 
     /// Sees to what a command has changed.
@@ -295,7 +295,7 @@ impl Winch {
     /// What time brings; to be called every millisecond or so. Whether text begins anew.
     pub(crate) fn look(&mut self, board: &mut Board, service: &mut Service) -> bool {
         if self.tells {
-            if self.ends || self.session.is_forsaken() {
+            if self.ends || self.session.deadman_expired() {
                 let stopped = board.halt(true);
                 // Who says `enable 0` knows.
                 self.stopped |= if self.ends { 0 } else { stopped };
@@ -337,10 +337,10 @@ impl Winch {
     }
 
     /// What a status line says now.
-    pub(crate) fn status(&self, board: &mut Board) -> Reply {
+    pub(crate) fn status(&self, board: &mut Board) -> LineReply {
         let (now, positions) = board.positions();
         let usec = (now / u64::from(TICK_HZ / 1_000_000)) as u32;
         // Else the motors are those of frames.
-        Reply::Status { usec: usec.cast_signed(), positions: if self.wired { positions } else { [0; 4] } }
+        LineReply::Status { usec: usec.cast_signed(), positions: if self.wired { positions } else { [0; 4] } }
     }
 }

@@ -65,7 +65,7 @@ pub const LONG: u8 = 0x80;
 
 /// Where a motor is when a piece is asked for.
 #[derive(Clone, Copy, Debug)]
-pub struct Standing {
+pub struct QueueState {
     /// Bytes that its queue takes.
     pub room: u16,
     /// There is nothing in the queue, and what was in it last ends within [`NEAR`].
@@ -74,7 +74,7 @@ pub struct Standing {
 
 /// Gives out a motor's packed bytes, piece by piece, for ever if it repeats. Addresses are the flash's.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Player {
+pub struct AvrPlayer {
     /// Where its turn begins, and its head ends; where its first gap begins, and its second; where that ends.
     turn: u16,
     gap: u16,
@@ -90,16 +90,16 @@ pub struct Player {
     waits: bool,
 }
 
-impl Player {
+impl AvrPlayer {
     /// From the beginning. `says`: where the block speaks of it; `head`: where its head lies; `flash` gives the byte at an address.
     #[must_use]
-    pub fn new(says: u16, head: u16, flash: impl Fn(u16) -> u8 + Copy) -> Player {
+    pub fn new(says: u16, head: u16, flash: impl Fn(u16) -> u8 + Copy) -> AvrPlayer {
         let turn = head.wrapping_add(word(says, flash));
         let gap = turn.wrapping_add(word(says.wrapping_add(2), flash));
         let longer = gap.wrapping_add(word(says.wrapping_add(4), flash));
         let end = longer.wrapping_add(word(says.wrapping_add(6), flash));
         let rest = long(says.wrapping_add(8), flash);
-        Player { turn, gap, longer, end, rest, carry: 0, next: head, upto: turn, waits: false }
+        AvrPlayer { turn, gap, longer, end, rest, carry: 0, next: head, upto: turn, waits: false }
     }
 
     /// Where its last piece ends, and the next motor's head begins.
@@ -116,8 +116,8 @@ impl Player {
 
     /// Puts the next packed bytes into the front of `out`, if the motor is where it takes them; gives their number: 0 if it is not,
     /// or if nothing is left.
-    pub fn next(&mut self, standing: Standing, flash: impl Fn(u16) -> u8, out: &mut [u8; LONGEST_PIECE]) -> usize {
-        if usize::from(standing.room) < LONGEST_PIECE || self.is_over() || (self.waits && !standing.near) {
+    pub fn next(&mut self, queue: QueueState, flash: impl Fn(u16) -> u8, out: &mut [u8; LONGEST_PIECE]) -> usize {
+        if usize::from(queue.room) < LONGEST_PIECE || self.is_over() || (self.waits && !queue.near) {
             return 0;
         }
         self.waits = false;
@@ -128,7 +128,7 @@ impl Player {
         if head & LONG != 0 {
             // Asked again when it is near, it goes out.
             self.waits = true;
-            if !standing.near {
+            if !queue.near {
                 return 0;
             }
         }

@@ -23,7 +23,7 @@ mod expand;
 mod tape;
 mod writer;
 
-pub use expand::{Expand, MOST_SURELY, Stretch, Sure, expand, surely};
+pub use expand::{Expand, MOST_UNCHECKED, Stretch, Unchecked, expand, unchecked_steps};
 pub use tape::{Run, Tape};
 pub use writer::{Filled, Words};
 

@@ -76,7 +76,7 @@ impl Verbs {
     pub fn begin(&mut self, motors: impl Iterator<Item = (Limits, i32)>, known: u64) {
         (self.count, self.known) = (0, known);
         for (motor, (limits, position)) in self.motors.iter_mut().zip(motors) {
-            *motor = motor.anew(limits, position, known);
+            *motor = motor.restarted(limits, position, known);
             self.count += 1;
         }
     }
@@ -171,11 +171,11 @@ impl Verbs {
         self.motors().iter().all(|motor| motor.rests_at(now))
     }
 
-    /// Nobody is there to say more: motors forget [what has no end](Motor::forsake); with `lost`, whatever they were told. Gives, bit by
+    /// Nobody is there to say more: motors forget [what has no end](Motor::drop_endless); with `lost`, whatever they were told. Gives, bit by
     /// motor, which ones leave steps out that were to come sooner than `pull_in` ticks of that motor after the last one: they may come to
     /// stand elsewhere than they count.
     #[must_use]
-    pub fn forsake(&mut self, lost: bool, pull_in: impl Fn(u8) -> u64) -> u8 {
+    pub fn host_gone(&mut self, lost: bool, pull_in: impl Fn(u8) -> u64) -> u8 {
         let mut uncertain = 0;
         for (number, motor) in (0..).zip(self.motors_mut()) {
             let was_faster = motor.gap().is_some_and(|gap| gap < pull_in(number));
@@ -183,7 +183,7 @@ impl Verbs {
                 // It is never refused; no step comes any more, whatever `at`.
                 let _ = motor.obey(Verb::Halt, 0);
             } else {
-                motor.forsake();
+                motor.drop_endless();
             }
             if was_faster && motor.gap().is_none() {
                 uncertain |= 1 << number;
@@ -192,9 +192,9 @@ impl Verbs {
         uncertain
     }
 
-    /// Who told motors what they do is gone: see [`Motor::disown`].
-    pub fn disown(&mut self) {
-        self.motors.iter_mut().for_each(Motor::disown);
+    /// Who told motors what they do is gone: see [`Motor::mute_moves`].
+    pub fn mute_moves(&mut self) {
+        self.motors.iter_mut().for_each(Motor::mute_moves);
     }
 
     /// All motors were stopped at once, each after the tick that `at` gives for its number: see [`Motor::stop`].

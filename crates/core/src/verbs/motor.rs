@@ -91,16 +91,16 @@ const STALE: u64 = 1 << 29;
 /// What is under way.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
-pub(crate) enum Task {
+pub(crate) enum Job {
     Rest,
     /// So many steps are left; with 0 the last one's period.
     Steps(u32),
     Endless,
 }
 
-impl Task {
+impl Job {
     const fn is_move(self) -> bool {
-        matches!(self, Task::Steps(_))
+        matches!(self, Job::Steps(_))
     }
 }
 
@@ -121,8 +121,8 @@ pub struct Motor {
     limits: Limits,
     period: u64,
     heading: Heading,
-    task: Task,
-    waiting: Task,
+    job: Job,
+    waiting: Job,
     /// Nothing happens before it.
     open: u64,
     /// The last step.
@@ -134,8 +134,8 @@ pub struct Motor {
     done: u32,
     /// Of `dones`, from the first on, these were not told yet.
     untold: u8,
-    /// Of the moves that are not told, wait or are under way, the oldest so many are [nobody's](Motor::disown).
-    disowned: u8,
+    /// Of the moves that are not told, wait or are under way, the oldest so many are [nobody's](Motor::mute_moves).
+    muted: u8,
     /// The last moves that were done, the newest first.
     dones: [Done; MOST_UNTOLD as usize],
 }
@@ -158,24 +158,24 @@ impl Motor {
             limits,
             period: limits.period as u64,
             heading: Heading::Forward,
-            task: Task::Rest,
-            waiting: Task::Rest,
+            job: Job::Rest,
+            waiting: Job::Rest,
             open,
             last: None,
             reached: None,
             position,
             done: 0,
             untold: 0,
-            disowned: 0,
+            muted: 0,
             dones: [Done { at: 0, number: 0 }; MOST_UNTOLD as usize],
         }
     }
 
     /// A [`new`](Motor::new) one in this one's place: moves count from 0, and those that were done and not told yet are still told first.
     #[must_use]
-    pub const fn anew(&self, limits: Limits, position: i32, open: u64) -> Motor {
-        let Motor { untold, disowned, dones, .. } = *self;
-        Motor { untold, disowned, dones, ..Motor::new(limits, position, open) }
+    pub const fn restarted(&self, limits: Limits, position: i32, open: u64) -> Motor {
+        let Motor { untold, muted, dones, .. } = *self;
+        Motor { untold, muted, dones, ..Motor::new(limits, position, open) }
     }
 
     /// Does what a verb says from tick `at` on: not before what was [worked out](Motor::work_out).
@@ -184,8 +184,8 @@ impl Motor {
     /// When it cannot be; nothing changes then.
     pub fn obey(&mut self, verb: Verb, at: u64) -> Result<(), Refused> {
         match verb {
-            Verb::Move { steps } => self.begin(Task::Steps(steps))?,
-            Verb::Run => self.begin(Task::Endless)?,
+            Verb::Move { steps } => self.begin(Job::Steps(steps))?,
+            Verb::Run => self.begin(Job::Endless)?,
             Verb::Speed { ticks } if u64::from(self.limits.shortest) <= ticks && ticks <= LONGEST_PERIOD => {
                 self.period = ticks;
             }
@@ -197,51 +197,51 @@ impl Motor {
         Ok(())
     }
 
-    fn begin(&mut self, task: Task) -> Result<(), Refused> {
-        if task.is_move() && u32::from(self.untold) + u32::from(self.task.is_move()) >= MOST_UNTOLD {
+    fn begin(&mut self, job: Job) -> Result<(), Refused> {
+        if job.is_move() && u32::from(self.untold) + u32::from(self.job.is_move()) >= MOST_UNTOLD {
             return Err(Refused::Busy);
         }
-        match (self.task, self.waiting) {
-            (Task::Rest | Task::Endless, _) => self.task = task,
-            (Task::Steps(_), Task::Rest) => self.waiting = task,
-            (Task::Steps(_), _) => return Err(Refused::Busy),
+        match (self.job, self.waiting) {
+            (Job::Rest | Job::Endless, _) => self.job = job,
+            (Job::Steps(_), Job::Rest) => self.waiting = job,
+            (Job::Steps(_), _) => return Err(Refused::Busy),
         }
         Ok(())
     }
 
     /// Nobody will say more: it forgets what would have no end, a run, and a move that waits for a way to go; what waits behind a move
     /// that has an end, or the move itself.
-    pub fn forsake(&mut self) {
+    pub fn drop_endless(&mut self) {
         let stands = self.heading == Heading::Stationary;
-        let ends = |task| match task {
-            Task::Rest => true,
-            Task::Steps(left) => left == 0 || !stands,
-            Task::Endless => false,
+        let ends = |job| match job {
+            Job::Rest => true,
+            Job::Steps(left) => left == 0 || !stands,
+            Job::Endless => false,
         };
-        if !ends(self.task) {
+        if !ends(self.job) {
             self.forget();
         } else if !ends(self.waiting) {
-            self.waiting = Task::Rest;
-            self.disowned = self.disowned.min(self.moves());
+            self.waiting = Job::Rest;
+            self.muted = self.muted.min(self.moves());
         }
     }
 
     /// Who told it what it does is gone, and who comes next has not told it: moves so far are never [told](Motor::take_done) as done. They
     /// count all the same.
-    pub const fn disown(&mut self) {
-        self.disowned = self.moves();
+    pub const fn mute_moves(&mut self) {
+        self.muted = self.moves();
     }
 
     /// Moves that are under way, wait, or were not told.
     const fn moves(&self) -> u8 {
-        self.untold + self.task.is_move() as u8 + self.waiting.is_move() as u8
+        self.untold + self.job.is_move() as u8 + self.waiting.is_move() as u8
     }
 
     /// It has nothing to do any more.
     fn forget(&mut self) {
-        (self.task, self.waiting) = (Task::Rest, Task::Rest);
+        (self.job, self.waiting) = (Job::Rest, Job::Rest);
         // Those that are left are the oldest.
-        self.disowned = self.disowned.min(self.moves());
+        self.muted = self.muted.min(self.moves());
     }
 
     /// It was stopped at once, and no step was begun after tick `at`: it has nothing to do, and no move was done later. What comes of it
@@ -259,22 +259,22 @@ impl Motor {
     /// for a channel of `F` fraction bits.
     pub fn work_out<const F: u32>(&mut self, until: u64, mut push: impl FnMut(Item)) {
         loop {
-            match self.task {
-                Task::Rest if self.waiting == Task::Rest => return,
-                Task::Rest => (self.task, self.waiting) = (self.waiting, Task::Rest),
-                Task::Steps(0) => {
+            match self.job {
+                Job::Rest if self.waiting == Job::Rest => return,
+                Job::Rest => (self.job, self.waiting) = (self.waiting, Job::Rest),
+                Job::Steps(0) => {
                     let due = self.rested();
                     if due >= until {
                         return;
                     }
-                    self.task = Task::Rest;
+                    self.job = Job::Rest;
                     self.note_done(due);
                 }
-                Task::Steps(_) | Task::Endless => {
+                Job::Steps(_) | Job::Endless => {
                     let Some((first, direction)) = self.due().filter(|(first, _)| *first < until) else { return };
                     let span = u32::try_from(until - 1 - first).unwrap_or(u32::MAX);
                     let mut count = times(span, self.period).saturating_add(1);
-                    if let Task::Steps(left) = &mut self.task {
+                    if let Job::Steps(left) = &mut self.job {
                         count = count.min(*left);
                         *left -= count;
                     }
@@ -333,16 +333,16 @@ impl Motor {
         self.dones[0] = Done { at, number: self.done };
     }
 
-    /// The oldest move that was done by tick `now` and was not told yet, nor is [nobody's](Motor::disown): when, and how many are done with
+    /// The oldest move that was done by tick `now` and was not told yet, nor is [nobody's](Motor::mute_moves): when, and how many are done with
     /// it, wrapping.
     pub fn take_done(&mut self, now: u64) -> Option<(u64, u32)> {
         loop {
             let Done { at, number } = self.oldest().filter(|done| done.at <= now)?;
             self.untold -= 1;
-            if self.disowned == 0 {
+            if self.muted == 0 {
                 return Some((at, number));
             }
-            self.disowned -= 1;
+            self.muted -= 1;
         }
     }
 
@@ -371,8 +371,8 @@ impl Motor {
     /// When the next step comes, if it is told nothing else; `None` if none does, now, or at all.
     #[must_use]
     pub fn next_step(&self) -> Option<u64> {
-        let next = match (self.task, self.waiting) {
-            (Task::Rest, _) | (Task::Steps(0), Task::Rest | Task::Steps(0)) => return None,
+        let next = match (self.job, self.waiting) {
+            (Job::Rest, _) | (Job::Steps(0), Job::Rest | Job::Steps(0)) => return None,
             _ => self.due(),
         };
         next.map(|(tick, _)| tick)
@@ -381,7 +381,7 @@ impl Motor {
     /// Whether nothing is left to work out, not even a last period, or a wait until it is told a way to go.
     #[must_use]
     pub fn is_at_rest(&self) -> bool {
-        self.task == Task::Rest && self.waiting == Task::Rest
+        self.job == Job::Rest && self.waiting == Job::Rest
     }
 
     /// The same by tick `now`: what it did last is done by then, too.

@@ -1,11 +1,11 @@
 //! What text asks of a board, and what time brings: all of it but lines, pins and the clock.
 //!
 //! It counts milliseconds by being told of each one; what it works out is played when the board says. Whoever has several
-//! lines to hosts has a [`Reader`] for each, and one session. On an Uno assembly does the same, firmware/uno/src/bin/uno-winch/winch.
+//! lines to hosts has a [`LineReader`] for each, and one session. On an Uno assembly does the same, firmware/uno/src/bin/uno-winch/winch.
 
 use super::path::{Limits, Path, Slice};
-use super::reply::Reply;
-use super::text::{Reader, Verb};
+use super::reply::LineReply;
+use super::text::{LineCommand, LineReader};
 use crate::wire::Settings;
 
 /// The interval of status lines at first, ms.
@@ -19,8 +19,8 @@ const STOPPED: u32 = 1 << 16;
 /// ```
 /// use pulsetrain_core::winch::letters::InMemory;
 /// use pulsetrain_core::winch::session::Session;
-/// use pulsetrain_core::winch::text::{Heard, Reader};
-/// let (mut session, mut reader) = (Session::new(), Reader::new());
+/// use pulsetrain_core::winch::text::{Heard, LineReader};
+/// let (mut session, mut reader) = (Session::new(), LineReader::new());
 /// let mut steps = 0;
 /// for byte in *b"enable 1\nv x 1000\n" {
 ///     if let Heard::Command(verb) = reader.push::<InMemory>(byte) {
@@ -89,7 +89,7 @@ impl Session {
     }
 
     /// Does what a line says that `reader` has just heard; gives what is to be answered.
-    pub fn obey(&mut self, verb: Verb, reader: &mut Reader) -> Option<Reply> {
+    pub fn obey(&mut self, verb: LineCommand, reader: &mut LineReader) -> Option<LineReply> {
         self.unheard_ms = 0;
         reader.obey(&mut self.paths);
         let value = reader.value();
@@ -97,29 +97,29 @@ impl Session {
         // The reader takes no more of these than 16 bits.
         let ms = u16::from_le_bytes([low, high]);
         match verb {
-            Verb::Target | Verb::Move | Verb::Drift => self.enable(),
-            Verb::Enable if value != 0 => self.enable(),
-            Verb::Enable => (self.wired, self.releasing) = (true, self.drives),
-            Verb::Impulse | Verb::Ramp => (self.wired, self.releasing) = (true, false),
-            Verb::Gains | Verb::Limits => self.wired = true,
-            Verb::Report => self.report_ms = ms,
-            Verb::Deadman => self.deadman_ms = ms,
-            Verb::Strict => reader.set_strict(value != 0),
-            Verb::Version => return Some(Reply::Id),
-            Verb::Ping => return Some(Reply::Awake),
-            Verb::Unknown => {}
+            LineCommand::Target | LineCommand::Move | LineCommand::Drift => self.enable(),
+            LineCommand::Enable if value != 0 => self.enable(),
+            LineCommand::Enable => (self.wired, self.releasing) = (true, self.drives),
+            LineCommand::Impulse | LineCommand::Ramp => (self.wired, self.releasing) = (true, false),
+            LineCommand::Gains | LineCommand::Limits => self.wired = true,
+            LineCommand::Report => self.report_ms = ms,
+            LineCommand::Deadman => self.deadman_ms = ms,
+            LineCommand::Strict => reader.set_strict(value != 0),
+            LineCommand::Version => return Some(LineReply::Id),
+            LineCommand::Ping => return Some(LineReply::Awake),
+            LineCommand::Unknown => {}
         }
         None
     }
 
-    /// Something else was told than what a [`Verb`] is: the silence is over.
+    /// Something else was told than what a [`LineCommand`] is: the silence is over.
     pub const fn heard(&mut self) {
         self.unheard_ms = 0;
     }
 
     /// Whether the silence lasts longer than it may.
     #[must_use]
-    pub const fn is_forsaken(&self) -> bool {
+    pub const fn deadman_expired(&self) -> bool {
         self.deadman_ms != 0 && self.unheard_ms > self.deadman_ms as u32
     }
 
@@ -198,7 +198,7 @@ mod tests {
     use crate::winch::text::Heard;
 
     fn tell(session: &mut Session, lines: &[u8]) {
-        let mut reader = Reader::new();
+        let mut reader = LineReader::new();
         for byte in lines {
             if let Heard::Command(verb) = reader.push::<InMemory>(*byte) {
                 assert_eq!(session.obey(verb, &mut reader), None);

@@ -71,9 +71,9 @@ pub mod kind {
 
 /// Reads a payload from the front.
 #[derive(Debug)]
-struct Reader<'a>(&'a [u8]);
+struct Payload<'a>(&'a [u8]);
 
-impl<'a> Reader<'a> {
+impl<'a> Payload<'a> {
     fn array<const N: usize>(&mut self) -> Option<[u8; N]> {
         let (head, rest) = self.0.split_first_chunk::<N>()?;
         self.0 = rest;
@@ -788,7 +788,7 @@ impl Info {
         }
     }
 
-    fn decode(reader: &mut Reader<'_>) -> Option<Info> {
+    fn decode(reader: &mut Payload<'_>) -> Option<Info> {
         Some(Info {
             nonce: reader.u32()?,
             tag: Tag(reader.u8()?),
@@ -973,7 +973,7 @@ impl Status {
         self.head.flags & flags::IDLE != 0
     }
 
-    fn decode(reader: &mut Reader<'_>) -> Option<Status> {
+    fn decode(reader: &mut Payload<'_>) -> Option<Status> {
         let tick = reader.u64()?;
         // Not before the clock was read, or but a little.
         let ahead = reader.u32()?.wrapping_sub(Tick32::of(tick).0).cast_signed();
@@ -1047,7 +1047,7 @@ impl Measures {
         frame.u64(self.idle_ticks);
     }
 
-    fn decode(reader: &mut Reader<'_>) -> Option<Measures> {
+    fn decode(reader: &mut Payload<'_>) -> Option<Measures> {
         Some(Measures {
             late: reader.u16()?,
             latest_ticks: reader.u16()?,
@@ -1097,7 +1097,7 @@ impl Event {
         frame.u32(self.detail);
     }
 
-    fn decode(reader: &mut Reader<'_>) -> Option<Event> {
+    fn decode(reader: &mut Payload<'_>) -> Option<Event> {
         Some(Event {
             cause: Cause::from_code(reader.u8()?)?,
             motor: reader.u8()?,
@@ -1218,7 +1218,7 @@ impl Reply {
     /// Gives the sequence number with it.
     #[must_use]
     pub fn decode(body: &[u8]) -> Option<(u8, Reply)> {
-        let mut reader = Reader(body);
+        let mut reader = Payload(body);
         let (seq, code) = (reader.u8()?, reader.u8()?);
         let reply = match code {
             kind::EVENT => Reply::Event(Event::decode(&mut reader)?),
@@ -1233,7 +1233,7 @@ impl Reply {
         reader.end((seq, reply))
     }
 
-    fn answer(kind: u8, reader: &mut Reader<'_>) -> Option<Reply> {
+    fn answer(kind: u8, reader: &mut Payload<'_>) -> Option<Reply> {
         Some(match kind {
             // Another version may go on otherwise: `version_of` reads that byte.
             kind::HELLO => {

@@ -15,7 +15,7 @@ use pulsetrain_core::packing::Packing;
 use pulsetrain_core::pio::{SHORTEST_PULSE, STEP_DIR_OVERHEAD, Tape, Words, lines};
 use pulsetrain_core::queue::{Items, Queue};
 use pulsetrain_core::verbs::Limits;
-use pulsetrain_core::winch::spacing::Steps;
+use pulsetrain_core::winch::spacing::SliceSteps;
 use pulsetrain_core::wire::message::{Configuration, QUEUE_PARTS, flags, limits_of};
 use pulsetrain_core::{Entry, Epoch, Item, Segment, Tick32};
 
@@ -274,7 +274,7 @@ impl Stepper {
     }
 
     /// Has a motor make steps in the millisecond that begins at `begin`.
-    pub(crate) fn follow(&mut self, number: u8, begin: Tick32, steps: Steps) {
+    pub(crate) fn follow(&mut self, number: u8, begin: Tick32, steps: SliceSteps) {
         let epoch = self.epoch();
         let Some(queue) = self.memory.followed.get_mut(usize::from(number)) else { return };
         let mut push = |item| {
