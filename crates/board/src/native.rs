@@ -664,7 +664,7 @@ impl Waiting {
 }
 
 impl Items for Waiting {
-    fn wait(&self, epoch: Epoch) -> bool {
+    fn has(&self, epoch: Epoch) -> bool {
         self.entries.front().is_some_and(|entry| entry.epoch == epoch)
     }
 

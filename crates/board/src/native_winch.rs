@@ -10,7 +10,7 @@ use crate::bridge::{self, CYCLES_PER_S, bit_cycles};
 use crate::native_verbs::NativeVerbs;
 use crate::{Config, Edge, MotorConfig, Port, PortError, VirtualBoard, Wiring};
 use pulsetrain_core::Direction;
-use pulsetrain_core::verbs::Limits;
+use pulsetrain_core::verbs::MotorTiming;
 use pulsetrain_core::winch::AXES;
 use pulsetrain_core::winch::letters::InMemory;
 use pulsetrain_core::winch::reply::{LONGEST, LineReply};
@@ -38,8 +38,8 @@ const SETUP: u64 = 80;
 const UNSENT: usize = 256;
 
 /// What axes can be told directly: their lines are low for as long as a pulse, DIR stays as long behind one; 1000 steps/s at first.
-const LIMITS: Limits =
-    Limits { shortest: 2 * PULSE as u32, turn: (2 * PULSE + SETUP) as u32, period: (CYCLES_PER_S / 1000) as u32 };
+const LIMITS: MotorTiming =
+    MotorTiming { shortest: 2 * PULSE as u32, turn: (2 * PULSE + SETUP) as u32, period: (CYCLES_PER_S / 1000) as u32 };
 
 // Steps of one axis are 100 µs apart at least, and a turn takes 124 µs: a pulse ends before the next DIR changes.
 const _: () = assert!(PULSE + SETUP < 1600 && SETUP < TICKS as u64);

@@ -15,7 +15,7 @@
 //!
 //! # Phase
 //! What repeats begins after a step, most often that before a turning point. The wait from there to the next step is no part of
-//! what is stored: [`Player`] makes it, so that each turn begins a period after the one before it. The period is told to 2^-64
+//! what is stored: [`Player`] makes it, so that each turn begins a period after the one before it. The period is stored to 2^-64
 //! ticks, and what lies below a fraction bit is carried from turn to turn: the error is never more than 2^-32 ticks, in any year.
 
 pub mod avr;
@@ -49,7 +49,7 @@ pub const MOTOR_LEN: usize = 25;
 /// What a block begins with.
 pub const MAGIC: &[u8; 4] = b"PTB1";
 
-/// A wait that is told at once at most, ticks.
+/// The longest wait that one item holds here, ticks: ticks of 32 bits are compared within 2^31.
 const LONGEST_DWELL: u32 = 1 << 30;
 
 /// CRC-32, reflected polynomial 0xedb88320, first and last all ones, as in Ethernet (IEEE 802.3, 3.2.9).

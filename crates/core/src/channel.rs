@@ -106,7 +106,7 @@ pub struct Channel<const F: u32> {
     assert_every_step: bool,
     /// The lease is over for this channel: what it makes is its stop.
     braking: bool,
-    /// All channels of the machine have been told of the lapse.
+    /// All channels of the machine know of the lapse.
     agreed: bool,
     /// It was in motion when the lease was over.
     moved: bool,
@@ -212,7 +212,7 @@ impl<const F: u32> Channel<F> {
                 return None;
             }
             if self.anchored
-                && let Some(direction) = items.heads()
+                && let Some(direction) = items.run_direction()
                 && let count @ 1.. = items.take_run(self.epoch, direction, &mut self.recurrence)
             {
                 self.left = count;
@@ -253,7 +253,7 @@ impl<const F: u32> Channel<F> {
         }
     }
 
-    /// A new channel begins to exist at tick `now`: ticks are told apart within 2^31, and its own beginning may be longer ago.
+    /// A new channel begins to exist at tick `now`: ticks can be compared within 2^31 only, and tick 0 may be longer ago.
     pub const fn open_from(&mut self, now: Tick32) {
         self.horizon = now;
     }
@@ -323,7 +323,7 @@ impl<const F: u32> Channel<F> {
         self.note_end();
     }
 
-    /// The lease is over at `lapse.at`, or was earlier already: all motors of a machine are told so when
+    /// The lease is over at `lapse.at`, or was earlier already: all channels of a machine are called so when
     /// [one of them says it](crate::lease::agreed), or at the horizon when the host says so.
     pub fn lapse_at(&mut self, lapse: Lapse) {
         if let Some(switch) = &mut self.switch {
@@ -364,7 +364,7 @@ impl<const F: u32> Channel<F> {
         self.lapse
     }
 
-    /// Whether its lease is over and not all channels have been [told](Channel::lapse_at).
+    /// Whether its lease is over and not all channels [know](Channel::lapse_at).
     #[must_use]
     pub const fn has_news(&self) -> bool {
         self.lapse.is_some() && !self.agreed
@@ -629,10 +629,10 @@ impl<const F: u32> Channel<F> {
         self.rest();
         self.missed = None;
         (self.lease, self.limit) = (switch.lease, switch.limit);
-        // Others, which look further ahead, may have told of a lapse that is yet to come for this one. Switches that were made since then stand.
-        let told = self.lapse.filter(|lapse| self.agreed && !self.braking && switch.at.is_before(lapse.at));
+        // A channel that looks further ahead may have found a lapse that is yet to come for this one. Switches that were made since then stand.
+        let known = self.lapse.filter(|lapse| self.agreed && !self.braking && switch.at.is_before(lapse.at));
         self.resume();
-        (self.lapse, self.agreed) = (told, told.is_some());
+        (self.lapse, self.agreed) = (known, known.is_some());
         self.horizon = self.horizon.or_later(switch.at);
         self.note_end();
     }
@@ -669,7 +669,7 @@ impl<const F: u32> Channel<F> {
 
     /// Whether something waits that is to be done.
     fn takes(&self, items: &impl Items) -> bool {
-        !self.braking && items.wait(self.epoch)
+        !self.braking && items.has(self.epoch)
     }
 
     /// With nothing planned: whether the next step, after the same interval as the last one, would come by `limit` and before `end`.
@@ -681,7 +681,7 @@ impl<const F: u32> Channel<F> {
         !limit.is_before(next) && next.is_before(end)
     }
 
-    /// The plan cannot be followed: the motor brakes at once, and all others are to be told.
+    /// The plan cannot be followed: the motor brakes at once, and all other channels are to know.
     #[inline(never)]
     fn fail(&mut self, cause: LapseCause, items: &mut impl Items) {
         if let Some(switch) = &mut self.switch {
@@ -696,7 +696,7 @@ impl<const F: u32> Channel<F> {
     #[inline(never)]
     fn brake(&mut self, lapse: Lapse, items: &mut impl Items) {
         if self.lapse.is_none() {
-            // Not told by others.
+            // This channel found it.
             if let Some(switch) = &mut self.switch {
                 switch.cancelled |= !switch.at.is_before(lapse.at);
             }

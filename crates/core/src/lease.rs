@@ -4,7 +4,7 @@
 //! - A lease begins with a switch that carries one. With [`Lease::Off`] (motions in flash, verbs) a plan holds as long as there is one.
 //! - [`Until`](Lease::Until) U: steps due before U are the plan's, none at U or later. An extension is accepted if U is not before the
 //!   horizon; it may be shorter. Nothing behind U is dropped before the horizon reaches U, so that a longer one restores it.
-//! - [`Last`](Lease::Last): all has been told; the plan ends by itself.
+//! - [`Last`](Lease::Last): the host has sent all of the plan, which ends by itself.
 //! - Once the horizon passes U the lease has [lapsed](Lapse). All motors brake from U (see [`braking`](crate::braking)), what waits of
 //!   their epoch is dropped, and what comes of it later is not kept. So is a switch that waits at U or later. Only another switch,
 //!   or the immediate stop, ends that.
@@ -27,9 +27,9 @@ use crate::{Channel, Tick32};
 pub enum Lease {
     /// As long as there is one.
     Off,
-    /// Up to this tick, without it. Less than 2^30 ticks ahead when it is told.
+    /// Up to this tick, without it. Less than 2^30 ticks ahead when it is set.
     Until(Tick32),
-    /// To its end, which has been told.
+    /// To its end, which the host has sent.
     Last,
 }
 
@@ -87,7 +87,7 @@ pub fn horizon<'a, const F: u32>(channels: impl Iterator<Item = &'a Channel<F>>)
     channels.map(Channel::horizon).reduce(Tick32::or_later)
 }
 
-/// What all channels are to be [told](Channel::lapse_at), if one of them has news.
+/// What to call [`Channel::lapse_at`] of all channels with, if one of them has news.
 pub fn agreed<'a, const F: u32>(channels: impl Iterator<Item = &'a Channel<F>> + Clone) -> Option<Lapse> {
     let open = horizon(channels.clone())?;
     let news = channels.filter(|channel| channel.has_news()).filter_map(Channel::lapse);

@@ -81,7 +81,7 @@ impl Output {
         }
     }
 
-    /// Fewest ticks between two steps to be told apart on the lines.
+    /// Fewest ticks between two steps, so that they are two on the lines.
     #[must_use]
     pub const fn gap_ticks(&self) -> u32 {
         match self {

@@ -290,13 +290,13 @@ impl Packing {
             return Err(PackError::NoSteps);
         }
         let (reset, state) =
-            if self.is_beyond_narrow(state, segment) { (2, &State::new(state.direction)) } else { (0, state) };
+            if self.is_beyond_32_bits(state, segment) { (2, &State::new(state.direction)) } else { (0, state) };
         let layout = self.layout(state, segment);
         Ok(reset + layout.map_or_else(|| Exact::of(segment).len(), |layout| layout.len(segment.count)))
     }
 
     /// Packs `item` into the front of `out`, moves `state` on and gives the number of bytes: at most
-    /// [`MAX_PACKED_LEN`]. A run in the other direction brings the reversal along, and a step whose predicted add narrow
+    /// [`MAX_PACKED_LEN`]. A run in the other direction brings the reversal along, and a step whose predicted add an 8-bit board's
     /// registers could not hold a reset.
     ///
     /// # Errors
@@ -330,7 +330,7 @@ impl Packing {
                 if direction != start.direction {
                     start = State::new(direction);
                     writer.control(Control::Reverse, &[]);
-                } else if self.is_beyond_narrow(&start, &segment) {
+                } else if self.is_beyond_32_bits(&start, &segment) {
                     start = State::new(direction);
                     writer.control(Control::Reset, &[]);
                 }
@@ -496,9 +496,9 @@ impl Packing {
         Ok(Item::Run { segment, direction: state.direction })
     }
 
-    /// Whether a step would be predicted from by an add that narrow registers do not hold: one step alone does not say
-    /// it anew, and add goes on growing by add2 meanwhile.
-    fn is_beyond_narrow(&self, state: &State, segment: &Segment) -> bool {
+    /// Whether a step would be predicted from by an add that an 8-bit board's registers do not hold: one step alone does not set
+    /// it, and add goes on growing by add2 meanwhile.
+    fn is_beyond_32_bits(&self, state: &State, segment: &Segment) -> bool {
         self.fraction_bits <= 16 && segment.count == 1 && i32::try_from(state.add).is_err()
     }
 

@@ -12,7 +12,7 @@ use pulsetrain_board::{
 };
 use pulsetrain_core::lease;
 use pulsetrain_core::packing::{Packing, State};
-use pulsetrain_core::verbs::{Limits, Verbs};
+use pulsetrain_core::verbs::{MotorTiming, Verbs};
 use pulsetrain_core::wire::message::{
     self, ALL_MOTORS, Cause, Configuration, Event, Info, Measures, QUEUE_PARTS, Reason, flags, limits_of,
 };
@@ -70,7 +70,7 @@ pub struct Model {
     was_idle: bool,
     /// The lease's end that was told as an event.
     braked: Option<u64>,
-    limits: Vec<Limits>,
+    limits: Vec<MotorTiming>,
     /// Motors are told directly, until they are released or stopped.
     obeys: bool,
     verbs: Verbs,
@@ -302,7 +302,7 @@ impl Machine for Model {
         let shortest = u32::from(pulse.max(1)) + 1;
         self.limits = configuration
             .motors()
-            .map(|_| Limits { shortest, turn: turn.max(shortest), period: FIRST_PERIOD.max(shortest) })
+            .map(|_| MotorTiming { shortest, turn: turn.max(shortest), period: FIRST_PERIOD.max(shortest) })
             .collect();
         let count = configuration.motors().len().max(1);
         self.motors = configuration

@@ -1,10 +1,10 @@
-//! Motors told directly, for an 8-bit chip: what [`crate::verbs`] has them do, step for step, in moments of 32 bits.
+//! Orders to motors on an 8-bit processor: the same steps as [`crate::verbs`], with ticks of 32 bits.
 //!
 //! StepRow come one evenly spaced row at a time ([`AvrVerbs::take`]), as a chip without a queue wants them. What differs from there:
-//! periods go up to [`LONGEST_PERIOD`], and fewer moves may be untold ([`MOST_UNTOLD`]). `tests/it/narrow_verbs.rs` compares the two.
+//! periods go up to [`LONGEST_PERIOD`], and fewer moves may wait to be reported ([`MOST_UNTOLD`]). `tests/it/avr_verbs.rs` compares the two.
 //!
-//! Moments are told apart within 2^31 ticks, so that time must be told to go on: all motors are to be [taken](AvrVerbs::take) from at
-//! least once in 2^29 ticks.
+//! Ticks of 32 bits can be compared within 2^31 ticks of each other. So [`AvrVerbs::take`] must be called for every motor at least once
+//! in 2^29 ticks.
 
 use crate::verbs::motor::Job;
 use crate::verbs::{Heading, Verb};
@@ -16,7 +16,7 @@ use crate::{Direction, Tick32};
 /// The longest period, ticks: 67 s at 16 MHz.
 pub const LONGEST_PERIOD: u32 = 1 << 30;
 
-/// Moves that may be under way, waiting, or done and not [told](AvrVerbs::take_done).
+/// Moves that may be under way, waiting, or done and not [reported](AvrVerbs::take_done): RAM is short.
 pub const MOST_UNTOLD: usize = 2;
 
 /// Motors at most.
@@ -65,7 +65,7 @@ struct AvrMotor {
     position: i32,
     done: u32,
     untold: u8,
-    /// So many of those, the oldest, are known to be past: moments tell it for 2^31 ticks alone.
+    /// So many of those, the oldest, are known to be past: from ticks of 32 bits alone that is known for 2^31 ticks.
     past: u8,
     /// The newest first.
     dones: [Done; MOST_UNTOLD],
@@ -253,7 +253,7 @@ fn later(one: Tick32, other: Tick32) -> Tick32 {
 pub struct AvrVerbs {
     motors: [AvrMotor; MOTORS],
     count: u8,
-    /// As in [`Limits`](crate::verbs::Limits).
+    /// As in [`MotorTiming`](crate::verbs::MotorTiming).
     shortest: u16,
     turn: u16,
     /// What happens before it is settled.
@@ -291,7 +291,7 @@ impl AvrVerbs {
     }
 
     /// Begins with motors at rest at these positions, [`MOTORS`] at most; nothing happens before `known`. Moves of the motors before that
-    /// were done and not told yet are [told](AvrVerbs::take_done) still. Limits are as in [`Limits`](crate::verbs::Limits).
+    /// were done and not reported yet are still [reported](AvrVerbs::take_done). Limits are as in [`MotorTiming`](crate::verbs::MotorTiming).
     pub fn begin(
         &mut self,
         positions: impl Iterator<Item = i32>,
@@ -387,7 +387,7 @@ impl AvrVerbs {
         (*at, motors.get(..usize::from(self.count)).unwrap_or_default())
     }
 
-    /// A move that was done by `now` and was not told yet: the motor, when, and how many of its moves are done with it, wrapping.
+    /// A move that was done by `now` and was not reported yet: the motor, when, and how many of its moves are done with it, wrapping.
     /// However long that may be past, if this or [`rest_at`](Verbs::rest_at) was asked within 2^31 ticks, or motors were stopped.
     pub fn take_done(&mut self, now: Tick32) -> Option<(u8, Tick32, u32)> {
         let (known, turn) = (self.known, self.turn);

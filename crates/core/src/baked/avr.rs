@@ -1,4 +1,5 @@
-//! The same for a board of 8 bits, an Uno: all that can be worked out beforehand is, and what plays it adds one number a turn.
+//! A motion in the flash of a board with an 8-bit processor, the Uno. The host works out all that can be worked out beforehand; the
+//! player adds one number a turn. It is no format of larger boards: theirs is [`baked`](super).
 //!
 //! # The block
 //! It lies right behind the firmware's image, at an even address. All integers are little-endian.
@@ -27,7 +28,7 @@
 //!
 //! # Phase
 //! As on larger boards, what lies below a fraction bit is carried from turn to turn: that a gap is one of two is all that comes of it.
-//! A period is told to 2^-48 ticks, so that n turns are off by n · 2^-48 ticks at most: in a year of turns of 3 ms that is 2^-15.
+//! A period is stored to 2^-48 ticks, so that n turns are off by n · 2^-48 ticks at most: in a year of turns of 3 ms that is 2^-15.
 
 /// F of the boards that have such blocks.
 pub const FRACTION_BITS: u32 = 16;
@@ -49,7 +50,7 @@ const _: () = assert!(crate::packing::MAX_PACKED_LEN <= LONGEST_PIECE && LONGEST
 pub const ZERO: u32 = 1_600_000;
 
 /// A wait of so many ticks or more is a piece of its own, which is handed over when all before it is done but for steps that lie
-/// ready: so the board's moments of 32 bits never have two of them to tell apart. What comes after it waits for its end as well,
+/// ready: so that the board, whose ticks have 32 bits, never has to tell two of them apart. What comes after it waits for its end as well,
 /// see [`NEAR`].
 pub const LONG_WAIT: u32 = 1 << 20;
 

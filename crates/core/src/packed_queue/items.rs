@@ -15,7 +15,7 @@ pub enum Fault {
 }
 
 /// Bytes that an item or a check takes at most.
-#[expect(clippy::cast_possible_truncation, reason = "checked beside it")]
+#[expect(clippy::cast_possible_truncation, reason = "checked in the next line")]
 const MOST_IN_FRONT: u16 = MAX_PACKED_LEN as u16;
 const _: () = assert!(CHECK_LEN <= MAX_PACKED_LEN && MAX_PACKED_LEN < 256);
 
@@ -216,7 +216,7 @@ pub struct PackedItems<'a, const N: usize> {
 }
 
 impl<const N: usize> Items for PackedItems<'_, N> {
-    fn wait(&self, epoch: Epoch) -> bool {
+    fn has(&self, epoch: Epoch) -> bool {
         self.packed.has(epoch)
     }
 
@@ -228,7 +228,7 @@ impl<const N: usize> Items for PackedItems<'_, N> {
         self.packed.take_run(self.pool, epoch, direction, registers)
     }
 
-    fn heads(&self) -> Option<Direction> {
+    fn run_direction(&self) -> Option<Direction> {
         Some(self.packed.state.direction)
     }
 

@@ -319,7 +319,7 @@ impl<const F: u32> Words<F> {
             return;
         }
         // Those that take none have nothing to gain: steps of verbs come by ones and twos.
-        if self.step != 0 && items.heads().is_some() && self.channel.goes_on(limits[0]) {
+        if self.step != 0 && items.run_direction().is_some() && self.channel.goes_on(limits[0]) {
             self.write_runs(items, tape, memory, limits, expand);
         } else {
             self.write_run(tape, memory, limits, expand);

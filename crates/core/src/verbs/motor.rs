@@ -1,4 +1,4 @@
-//! One motor that is told directly: verbs → evenly spaced steps.
+//! One motor that takes orders directly: verbs → evenly spaced steps.
 //!
 //! Between two steps there is never less than the period that holds when the second one is made, and exactly that unless the
 //! motor stood still, or had no steps to make, or had to turn. A verb counts from a tick on, `at`: the next step is then due a
@@ -6,7 +6,7 @@
 
 use crate::{Direction, Item, Segment, Tick32};
 
-/// What a motor can be told.
+/// An order to a motor.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Verb {
     /// So many steps, and then a done event, when the last one's period is over. Behind a move that is under way one more may
@@ -54,7 +54,7 @@ impl Heading {
 
 /// What a motor's lines allow, ticks.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Limits {
+pub struct MotorTiming {
     /// Shortest period, at least 1.
     pub shortest: u32,
     /// Fewest from a step to one the other way.
@@ -71,7 +71,7 @@ pub enum Refused {
         /// The shortest, ticks.
         shortest: u32,
     },
-    /// A move waits behind the one that is under way, or [`MOST_UNTOLD`] moves would be done and not told.
+    /// A move waits behind the one that is under way, or [`MOST_UNTOLD`] moves would be done and not reported.
     Busy,
 }
 
@@ -81,11 +81,11 @@ pub const LONGEST_PERIOD: u64 = 1 << 62;
 /// Items that [`Motor::work_out`] hands over at most: two moves, each an anchor, its first step, the others.
 pub const MOST_ITEMS: usize = 6;
 
-/// Moves that may be under way, waiting, or done and not [told](Motor::take_done): no more are taken, so that of none it is lost when
-/// it was done.
+/// Moves that may be under way, waiting, or done and not [reported](Motor::take_done). No more are taken, so that the time
+/// at which each was done is kept.
 pub const MOST_UNTOLD: u32 = 4;
 
-/// After so many ticks without a step the channel's accumulator is set anew: it tells ticks apart within 2^30.
+/// After so many ticks without a step the channel's accumulator is set by an anchor, since it can compare ticks within 2^30 only.
 const STALE: u64 = 1 << 29;
 
 /// What is under way.
@@ -107,8 +107,8 @@ impl Job {
 /// One motor.
 ///
 /// ```
-/// use pulsetrain_core::verbs::{Limits, Motor, Verb};
-/// let mut motor = Motor::new(Limits { shortest: 10, turn: 20, period: 1000 }, 0, 0);
+/// use pulsetrain_core::verbs::{MotorTiming, Motor, Verb};
+/// let mut motor = Motor::new(MotorTiming { shortest: 10, turn: 20, period: 1000 }, 0, 0);
 /// motor.obey(Verb::Move { steps: 3 }, 50).unwrap();
 /// assert_eq!(motor.next_step(), Some(50));
 /// motor.work_out::<32>(5000, |_| {});
@@ -118,7 +118,7 @@ impl Job {
 /// ```
 #[derive(Clone, Copy, Debug)]
 pub struct Motor {
-    limits: Limits,
+    limits: MotorTiming,
     period: u64,
     heading: Heading,
     job: Job,
@@ -132,9 +132,9 @@ pub struct Motor {
     position: i32,
     /// Moves done so far, as far as was worked out, wrapping.
     done: u32,
-    /// Of `dones`, from the first on, these were not told yet.
+    /// Of `dones`, from the first on, these were not reported yet.
     untold: u8,
-    /// Of the moves that are not told, wait or are under way, the oldest so many are [nobody's](Motor::mute_moves).
+    /// Of the moves that are not reported, wait or are under way, the oldest so many are [never reported](Motor::mute_moves).
     muted: u8,
     /// The last moves that were done, the newest first.
     dones: [Done; MOST_UNTOLD as usize],
@@ -149,11 +149,11 @@ struct Done {
 
 impl Motor {
     /// Of no board.
-    pub const NONE: Motor = Motor::new(Limits { shortest: 1, turn: 1, period: 1 }, 0, 0);
+    pub const NONE: Motor = Motor::new(MotorTiming { shortest: 1, turn: 1, period: 1 }, 0, 0);
 
     /// A motor at rest, facing forward; nothing happens before tick `open`.
     #[must_use]
-    pub const fn new(limits: Limits, position: i32, open: u64) -> Motor {
+    pub const fn new(limits: MotorTiming, position: i32, open: u64) -> Motor {
         Motor {
             limits,
             period: limits.period as u64,
@@ -171,9 +171,9 @@ impl Motor {
         }
     }
 
-    /// A [`new`](Motor::new) one in this one's place: moves count from 0, and those that were done and not told yet are still told first.
+    /// A [`new`](Motor::new) one in this one's place: moves count from 0, and those that were done and not reported yet are still reported first.
     #[must_use]
-    pub const fn restarted(&self, limits: Limits, position: i32, open: u64) -> Motor {
+    pub const fn restarted(&self, limits: MotorTiming, position: i32, open: u64) -> Motor {
         let Motor { untold, muted, dones, .. } = *self;
         Motor { untold, muted, dones, ..Motor::new(limits, position, open) }
     }
@@ -209,7 +209,7 @@ impl Motor {
         Ok(())
     }
 
-    /// Nobody will say more: it forgets what would have no end, a run, and a move that waits for a way to go; what waits behind a move
+    /// No order will come any more: it drops what would have no end, a run, and a move that waits for a way to go; what waits behind a move
     /// that has an end, or the move itself.
     pub fn drop_endless(&mut self) {
         let stands = self.heading == Heading::Stationary;
@@ -226,13 +226,13 @@ impl Motor {
         }
     }
 
-    /// Who told it what it does is gone, and who comes next has not told it: moves so far are never [told](Motor::take_done) as done. They
+    /// The host that gave the orders is gone, and the next one does not know them: moves so far are never [reported](Motor::take_done). They
     /// count all the same.
     pub const fn mute_moves(&mut self) {
         self.muted = self.moves();
     }
 
-    /// Moves that are under way, wait, or were not told.
+    /// Moves that are under way, wait, or were not reported.
     const fn moves(&self) -> u8 {
         self.untold + self.job.is_move() as u8 + self.waiting.is_move() as u8
     }
@@ -333,7 +333,7 @@ impl Motor {
         self.dones[0] = Done { at, number: self.done };
     }
 
-    /// The oldest move that was done by tick `now` and was not told yet, nor is [nobody's](Motor::mute_moves): when, and how many are done with
+    /// The oldest move that was done by tick `now` and was not reported yet, nor is [muted](Motor::mute_moves): when, and how many are done with
     /// it, wrapping.
     pub fn take_done(&mut self, now: u64) -> Option<(u64, u32)> {
         loop {
@@ -346,7 +346,7 @@ impl Motor {
         }
     }
 
-    /// When the oldest move that was worked out, and not told yet, is done.
+    /// When the oldest move that was worked out, and not reported yet, is done.
     #[must_use]
     pub fn next_done(&self) -> Option<u64> {
         self.oldest().map(|done| done.at)
@@ -356,7 +356,7 @@ impl Motor {
         self.dones.get(usize::from(self.untold.checked_sub(1)?)).copied()
     }
 
-    /// Whether all moves that were worked out have been told as done.
+    /// Whether all moves that were worked out have been reported as done.
     #[must_use]
     pub const fn is_told(&self) -> bool {
         self.untold == 0
@@ -368,7 +368,7 @@ impl Motor {
         self.position
     }
 
-    /// When the next step comes, if it is told nothing else; `None` if none does, now, or at all.
+    /// When the next step comes, if no other order comes; `None` if none does, now, or at all.
     #[must_use]
     pub fn next_step(&self) -> Option<u64> {
         let next = match (self.job, self.waiting) {
@@ -378,7 +378,7 @@ impl Motor {
         next.map(|(tick, _)| tick)
     }
 
-    /// Whether nothing is left to work out, not even a last period, or a wait until it is told a way to go.
+    /// Whether nothing is left to work out, not even a last period, or a wait until it has a heading.
     #[must_use]
     pub fn is_at_rest(&self) -> bool {
         self.job == Job::Rest && self.waiting == Job::Rest
@@ -390,7 +390,7 @@ impl Motor {
         self.is_at_rest() && (self.is_told() || self.dones[0].at <= now)
     }
 
-    /// How long after its last step the next one comes, ticks, if it is told nothing else; `None` if none does, or there was none.
+    /// How long after its last step the next one comes, ticks, if no other order comes; `None` if none does, or there was none.
     #[must_use]
     pub fn gap(&self) -> Option<u64> {
         Some(self.next_step()?.saturating_sub(self.last?.0))

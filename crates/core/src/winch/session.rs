@@ -1,6 +1,6 @@
 //! What text asks of a board, and what time brings: all of it but lines, pins and the clock.
 //!
-//! It counts milliseconds by being told of each one; what it works out is played when the board says. Whoever has several
+//! It counts milliseconds by one call for each; what it works out is played when the board says. Whoever has several
 //! lines to hosts has a [`LineReader`] for each, and one session. On an Uno assembly does the same, firmware/uno/src/bin/uno-winch/winch.
 
 use super::path::{Limits, Path, Slice};
@@ -50,7 +50,7 @@ pub struct Session {
     unheard_ms: u32,
     /// The drivers are to be off after so long a rest; 0: not.
     idle_ms: u16,
-    /// Since an axis went on, or the drivers were last told to be on.
+    /// Since an axis went on, or the drivers were last switched on.
     rested_ms: u16,
 }
 
@@ -112,7 +112,7 @@ impl Session {
         None
     }
 
-    /// Something else was told than what a [`LineCommand`] is: the silence is over.
+    /// A line came that is no [`LineCommand`]: the silence is over.
     pub const fn heard(&mut self) {
         self.unheard_ms = 0;
     }
@@ -223,7 +223,7 @@ mod tests {
         tell(&mut session, b"g x 5 1\nd x 100\n");
         let (ms, rested) = until_off(&mut session).expect("it rests at last");
         assert!(ms > 500 && rested >= 250, "{ms} {rested}");
-        // What switches them on begins the rest anew, also where nothing moves.
+        // A command that switches them on restarts the time of rest, also where nothing moves.
         tell(&mut session, b"enable 1\n");
         assert_eq!(until_off(&mut session).map(|off| off.0), Some(250));
         let mut session = Session::keeping(&Settings::default());

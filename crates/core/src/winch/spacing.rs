@@ -1,7 +1,7 @@
 //! From a millisecond of the path to the ticks of its steps: evenly spaced, anchored to the millisecond.
 //!
 //! Within a slice the path has one speed, so that its steps are one interval apart, and the first comes distance / speed
-//! into it. What is rounded is not carried on: each slice begins anew from the path's own position, at a tick that is a
+//! into it. What is rounded is not carried on: each slice starts from the path's own position, at a tick that is a
 //! multiple of a millisecond's ticks.
 //!
 //! - [`Slice::steps`]: to the nearest tick, for any clock; two quotients of 34 bits.

@@ -3,8 +3,8 @@
 //! A line is kept, and read at its end: a refused one changes nothing. On an Uno assembly does the same,
 //! firmware/uno/src/bin/uno-winch/winch/text.s; crates/board/tests/it/chips/winch_avr.rs compares them.
 
-use super::letters::{Letters, NAMES};
-use super::path::{self, FASTEST, FASTEST_DRIFT, GENTLEST, Gains, Limits, Path, STEEPEST};
+use super::letters::{COMMANDS, Letters, NAMES};
+use super::path::{self, FASTEST, FASTEST_DRIFT, Gains, Limits, MAX_ACCELERATION, MIN_ACCELERATION, Path};
 
 /// Axes: x, y, z, a.
 const COUNT: usize = 4;
@@ -81,6 +81,8 @@ impl LineCommand {
         matches!(self, LineCommand::Gains | LineCommand::Limits)
     }
 }
+
+const _: () = assert!(LineCommand::Unknown as u8 == COMMANDS, "the names stand in the order of the commands");
 
 /// Why a line was refused.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -338,7 +340,7 @@ impl LineReader {
         }
     }
 
-    /// The first fault is the one told.
+    /// Of several faults the first is reported.
     fn refuse(&mut self, what: LineFault) {
         if self.fault.what == LineFault::Nothing {
             self.fault = LineError { what, word: self.words };
@@ -664,7 +666,7 @@ impl LineReader {
             (true, 0) => (path::FREQUENCIES, LineFault::Frequency),
             (true, _) => (path::RATIOS, LineFault::Ratio),
             (false, 0) => ([0, u32::from(FASTEST) * 1000], LineFault::Range),
-            (false, _) => ([GENTLEST * 1000, STEEPEST * 1000], LineFault::Range),
+            (false, _) => ([MIN_ACCELERATION * 1000, MAX_ACCELERATION * 1000], LineFault::Range),
         };
         let Some(mut value) = number.scaled(if is_gain { of_gains } else { of_limits }) else { return out_of_range };
         if number.is_negative && value != 0 {

@@ -1,4 +1,4 @@
-//! Verbs as lines of text, beside the winch's, and what is said to them.
+//! Verbs as lines of text, in addition to the winch's lines, and the replies to them.
 //!
 //! | line | |
 //! |---|---|
@@ -172,12 +172,12 @@ pub enum VerbReply {
     },
     /// `err <what> <word>`: the line cannot be read.
     Unread(LineFault, u8),
-    /// `err period <shortest>`, `err busy <axis>`: it cannot be done; `err stopped`: motors stopped by themselves, and text begins anew;
+    /// `err period <shortest>`, `err busy <axis>`: it cannot be done; `err stopped`: motors stopped by themselves, and text starts again;
     /// `err moving`: the axes cannot be had, as motors of frames still move, or these after `enable 0`.
     Refused(Refusal),
     /// `err path`: the winch's paths have the axes; `enable 0` ends that.
     Path,
-    /// `err verbs`: the axes are told directly, and have no paths; `enable 0` ends that.
+    /// `err verbs`: the axes have orders, and no paths; `enable 0` ends that.
     Verbs,
 }
 

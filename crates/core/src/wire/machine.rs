@@ -18,7 +18,7 @@ pub trait Machine {
     /// [`extend`](Machine::extend), [`trim`](Machine::trim), [`brake`](Machine::brake).
     const PLANS: bool = true;
 
-    /// Whether its motors can be told directly: [`obey`](Machine::obey).
+    /// Whether its motors take orders directly: [`obey`](Machine::obey).
     const OBEYS: bool = false;
 
     /// Whether it keeps settings without power: [`store`](Machine::store).
@@ -115,7 +115,7 @@ pub trait Machine {
     /// The immediate, unplanned stop: no step begins from now on. The motors stay powered, but must be armed again.
     fn stop_now(&mut self) -> Stopped;
 
-    /// Has motors do what they are told directly, all of it or nothing. From then on, until they are released or stopped, no plans
+    /// Has motors obey orders, all of them or none. From then on, until they are released or stopped, no plans
     /// are taken.
     ///
     /// # Errors
@@ -190,7 +190,7 @@ pub trait Machine {
     /// to the end of its lease.
     fn host_gone(&mut self, lost: bool);
 
-    /// What the host has not been told yet, oldest first.
+    /// The next event that was not sent to the host yet, oldest first.
     fn event(&mut self) -> Option<Event>;
 }
 

@@ -537,7 +537,7 @@ pub const COILS: [u8; 3] = [240, 241, 242];
 pub const MOTOR_SETUP_LEN: usize = 8;
 
 /// Every board takes bodies of so many bytes: a configuration of four motors. How many more it takes, [`Info`] says.
-pub const LEAST_BODY: usize = 2 + 13 + 4 * MOTOR_SETUP_LEN;
+pub const MIN_BODY: usize = 2 + 13 + 4 * MOTOR_SETUP_LEN;
 
 /// What [`MotorSetup::queue_parts`] are parts of.
 pub const QUEUE_PARTS: u8 = 64;
@@ -670,7 +670,7 @@ impl<'a> Configuration<'a> {
 }
 
 /// Whether flags, parts of the queues and length of a configuration are right.
-// Apart: what a board needs in registers here need not be kept beside the fields.
+// A function of its own, so that the registers it needs are not kept while fields are written.
 #[inline(never)]
 fn is_configuration(head: &[u8; 13], motors: &[u8]) -> bool {
     let [_, _, _, _, _, _, _, flags, _, _, _, _, count] = *head;
@@ -802,7 +802,7 @@ impl Info {
             bauds: reader.u8()?,
             last_stop: Cause::from_code(reader.u8()?)?,
             last_reset: Cause::from_code(reader.u8()?)?,
-            max_body: reader.u8().filter(|len| (LEAST_BODY..=MAX_BODY).contains(&usize::from(*len)))?,
+            max_body: reader.u8().filter(|len| (MIN_BODY..=MAX_BODY).contains(&usize::from(*len)))?,
             image: reader.u8().unwrap_or(0),
         })
     }

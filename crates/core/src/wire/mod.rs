@@ -26,7 +26,7 @@ pub mod settings;
 pub use frame::{Decoder, Encoder, MAX_BODY, MAX_FRAME};
 pub use limits::{Baud, MAX_MOTORS, Millis, VERSION};
 pub use machine::Machine;
-pub use message::{Command, LEAST_BODY, Reply};
+pub use message::{Command, MIN_BODY, Reply};
 pub use outcome::{Reason, Refusal, Stopped, Switched, Trimmed};
 pub use service::Service;
 pub use settings::{Settings, Stored};

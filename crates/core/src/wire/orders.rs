@@ -34,7 +34,7 @@ pub struct Orders<'a> {
 }
 
 impl<'a> Orders<'a> {
-    /// Nothing is told, only asked.
+    /// No order: a question only.
     pub const NONE: Orders<'static> = Orders { bytes: &[] };
 
     /// Of a frame's payload; `None` if it is none.
@@ -45,18 +45,18 @@ impl<'a> Orders<'a> {
         (whole && orders.iter().all(|order| read(order).is_some())).then_some(Orders { bytes })
     }
 
-    /// Whether nothing is told.
+    /// Whether there is no order.
     #[must_use]
     pub const fn is_empty(&self) -> bool {
         self.bytes.is_empty()
     }
 
-    /// The motors, and what each is told.
+    /// The motors, and a verb for each.
     pub fn iter(&self) -> impl Iterator<Item = (u8, Verb)> + 'a {
         self.bytes.as_chunks::<ORDER_LEN>().0.iter().filter_map(read)
     }
 
-    /// What one motor is told, in order; `motor` is below 8. Those of others are not even read.
+    /// The verbs for one motor, in order; `motor` is below 8. Those of others are not decoded.
     pub fn of(&self, motor: u8) -> impl Iterator<Item = Verb> + 'a {
         let own = self.bytes.as_chunks::<ORDER_LEN>().0.iter().filter(move |[first, ..]| first & 15 == motor);
         own.filter_map(|order| Some(read(order)?.1))
@@ -172,7 +172,7 @@ impl Obeyed {
         obeyed
     }
 
-    /// What motors do from the tick on up to which their steps are worked out, unless they are told something else.
+    /// What motors do from the tick on up to which their steps are worked out, unless other orders come.
     #[must_use]
     pub fn by(verbs: &Verbs) -> Obeyed {
         Obeyed::new(verbs.known(), verbs.next_steps())

@@ -2,11 +2,11 @@
 
 use proptest::prelude::*;
 use pulsetrain_core::avr::verbs as avr;
-use pulsetrain_core::verbs::{Heading, Limits, Verb, Verbs};
+use pulsetrain_core::verbs::{Heading, MotorTiming, Verb, Verbs};
 use pulsetrain_core::wire::orders::{Orders, order};
 use pulsetrain_core::{Direction, Item, Tick32};
 
-const LIMITS: Limits = Limits { shortest: 300, turn: 900, period: 16_000 };
+const LIMITS: MotorTiming = MotorTiming { shortest: 300, turn: 900, period: 16_000 };
 const MOTORS: u8 = 3;
 
 /// Ticks and directions of a motor's steps, from items.

@@ -3,7 +3,7 @@
 use proptest::prelude::*;
 use pulsetrain_core::channel::EventKind;
 use pulsetrain_core::verbs::motor::{LONGEST_PERIOD, MOST_ITEMS, MOST_UNTOLD};
-use pulsetrain_core::verbs::{Heading, Limits, Motor, Refused, Verb, Verbs};
+use pulsetrain_core::verbs::{Heading, Motor, MotorTiming, Refused, Verb, Verbs};
 use pulsetrain_core::winch::text::LineFault;
 use pulsetrain_core::winch::verb_lines::{LONGEST, VerbLine, VerbReply, read};
 use pulsetrain_core::wire::frame::{Encoder, Received, Tag};
@@ -12,7 +12,7 @@ use pulsetrain_core::wire::orders::{MOST_ORDERS, NextStep, Obeyed, Orders, order
 use pulsetrain_core::wire::{Decoder, MAX_FRAME, Refusal};
 use pulsetrain_core::{Channel, Direction, Entry, Epoch, Item, Queue, Tick32};
 
-const LIMITS: Limits = Limits { shortest: 3, turn: 40, period: 25 };
+const LIMITS: MotorTiming = MotorTiming { shortest: 3, turn: 40, period: 25 };
 
 /// What a motor did: steps with their ticks, and the ticks at which moves were done.
 #[derive(Debug, Default, PartialEq)]
@@ -215,7 +215,7 @@ proptest! {
 
 /// Counts and ticks of steps, from the items alone: so many that a channel would take too long.
 fn count(steps: u32, ticks: u64, slice: u64) -> (u64, u64, u64) {
-    let limits = Limits { shortest: 1, turn: 1, period: 1 };
+    let limits = MotorTiming { shortest: 1, turn: 1, period: 1 };
     let mut motor = Motor::new(limits, 0, 0);
     motor.obey(Verb::Speed { ticks }, 1000).unwrap();
     motor.obey(Verb::Move { steps }, 1000).unwrap();

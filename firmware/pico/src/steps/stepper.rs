@@ -14,7 +14,7 @@ use pulsetrain_core::packed_queue::{Fault, PackedQueue, Pool};
 use pulsetrain_core::packing::Packing;
 use pulsetrain_core::pio::{SHORTEST_PULSE, STEP_DIR_OVERHEAD, Tape, Words, lines};
 use pulsetrain_core::queue::{Items, Queue};
-use pulsetrain_core::verbs::Limits;
+use pulsetrain_core::verbs::MotorTiming;
 use pulsetrain_core::winch::spacing::SliceSteps;
 use pulsetrain_core::wire::message::{Configuration, QUEUE_PARTS, flags, limits_of};
 use pulsetrain_core::{Entry, Epoch, Item, Segment, Tick32};
@@ -142,7 +142,7 @@ pub(crate) struct Motor {
     pulse_ticks: u32,
     pull_in_ticks: u32,
     /// What it can be told directly.
-    limits: Limits,
+    limits: MotorTiming,
 }
 
 impl Motor {
@@ -152,7 +152,7 @@ impl Motor {
         wired: Wired::NONE,
         pulse_ticks: SHORTEST_PULSE,
         pull_in_ticks: 0,
-        limits: Limits { shortest: 1, turn: 1, period: 1 },
+        limits: MotorTiming { shortest: 1, turn: 1, period: 1 },
     };
 
     const NO_OUTPUT: Output = Output::StepDir(StepDir::new(StepDirSettings {
@@ -264,7 +264,7 @@ impl Stepper {
     }
 
     /// What each motor can be told directly, and its position.
-    pub(crate) fn limits(&self) -> impl Iterator<Item = (Limits, i32)> {
+    pub(crate) fn limits(&self) -> impl Iterator<Item = (MotorTiming, i32)> {
         self.motors().map(|motor| (motor.limits, motor.words.channel().position()))
     }
 
@@ -746,11 +746,11 @@ fn blocks(motors: u8) -> impl Iterator<Item = (u8, u32)> {
 }
 
 /// What a motor can be told directly: `pulse` is what a pulse and the hold of DIR take, `setup` DIR's set-up, ticks.
-fn limits(words: &Words<FRACTION_BITS>, count: u8, setup: u32, pulse: u32) -> Limits {
+fn limits(words: &Words<FRACTION_BITS>, count: u8, setup: u32, pulse: u32) -> MotorTiming {
     let (work, turn) =
         if words.makes_pulses() { (STEP_TICKS, pulse.max(words.overhead()) + setup) } else { (PATTERN_TICKS, 0) };
     let shortest = (work * u32::from(count)).max(words.overhead() + 1);
-    Limits { shortest, turn: turn.max(shortest), period: FIRST_PERIOD.max(shortest) }
+    MotorTiming { shortest, turn: turn.max(shortest), period: FIRST_PERIOD.max(shortest) }
 }
 
 /// What a step costs of the processor's time while motors are told directly, with room for all else, cycles: of a driver, and of coils.
