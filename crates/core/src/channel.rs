@@ -610,7 +610,7 @@ impl<const F: u32> Channel<F> {
     #[inline(never)]
     fn miss(&mut self, tick: Tick32, items: &mut impl Items) {
         self.missed = self.missed.or(Some(tick));
-        // RegisterLimits are as after the run: who made it out may need them for the next one.
+        // The registers are left as after the run: a queue of packed items needs them to unpack the next one.
         let Recurrence { interval, add, add2, .. } = self.recurrence;
         let count = core::mem::take(&mut self.left);
         self.recurrence.load(&Segment { count, interval, add, add2 }.after(count));

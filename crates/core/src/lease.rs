@@ -38,7 +38,7 @@ pub enum Lease {
 pub enum LapseCause {
     /// The lease was not put off in time.
     NotExtended,
-    /// The host said so.
+    /// The host ordered it.
     Ordered,
     /// A motor had nothing more to do before the lease's end.
     Underrun,

@@ -1,6 +1,7 @@
 //! The output: events → edges of a motor's lines.
 //!
-//! [`StepDir`] drives STEP and DIR of a driver, [`Coils`] the four coils of a motor through a ULN2003.
+//! [`StepDir`] drives STEP and DIR of a driver, [`Coils`] the four coils of a motor through a ULN2003. When steps are due is the
+//! [channel's](crate::channel) to say; which pin a line is, and how it is set, the board's.
 
 use crate::channel::{EventKind, StepEvent};
 use crate::{Direction, Tick32};
@@ -173,7 +174,7 @@ impl Sequence {
 
 /// Patterns of the coils, half step after half step, forward; bit 0 is IN1.
 ///
-/// Forward is what the program of seed 002 puts on the pins and calls counterclockwise. Its `out pins, 4` puts
+/// Forward is what the program of the Pico plotter puts on the pins and calls counterclockwise. Its `out pins, 4` puts
 /// bit 0 on IN1, where its printed table has IN1 as the highest bit: the table's columns, read as headed, would turn
 /// the other way.
 pub const HALF_STEPS: [u8; 8] = [0x9, 0x8, 0xc, 0x4, 0x6, 0x2, 0x3, 0x1];

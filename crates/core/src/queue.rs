@@ -1,4 +1,5 @@
-//! The queue of a motor: what it will do, each item tagged with the epoch that it belongs to.
+//! The queue of a motor: what it will do, each item tagged with the epoch that it belongs to. [`Items`] is what a channel needs of a
+//! queue; [`Queue`] is the one of unpacked items, [`packed_queue`](crate::packed_queue) that of packed ones.
 
 use crate::{Direction, Recurrence, Segment, Tick32};
 

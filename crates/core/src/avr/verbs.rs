@@ -1,6 +1,6 @@
 //! Orders to motors on an 8-bit processor: the same steps as [`crate::verbs`], with ticks of 32 bits.
 //!
-//! StepRow come one evenly spaced row at a time ([`AvrVerbs::take`]), as a chip without a queue wants them. What differs from there:
+//! Steps come one evenly spaced row at a time ([`AvrVerbs::take`]), since the chip has no room for a queue of items. What differs from there:
 //! periods go up to [`LONGEST_PERIOD`], and fewer moves may wait to be reported ([`MOST_UNTOLD`]). `tests/it/avr_verbs.rs` compares the two.
 //!
 //! Ticks of 32 bits can be compared within 2^31 ticks of each other. So [`AvrVerbs::take`] must be called for every motor at least once
@@ -57,7 +57,7 @@ struct Setpoint {
 #[derive(Clone, Copy, Debug)]
 struct AvrMotor {
     setpoint: Setpoint,
-    /// The same before the order that is being done: on the stack of a small board there is no room.
+    /// Its copy from before the order that is being done. On the stack of a small board there is no room for it.
     before: Setpoint,
     /// The last step, and which way it went; that as long as anything may follow from it.
     last: Tick32,
@@ -69,7 +69,7 @@ struct AvrMotor {
     past: u8,
     /// The newest first.
     dones: [Done; MOST_UNTOLD],
-    /// StepRow that were taken for an order's sake, and are next.
+    /// A row of steps that was worked out early, because an order came, and that is the next to be taken.
     next: Option<StepRow>,
 }
 
@@ -158,7 +158,7 @@ impl AvrMotor {
     }
 
     /// Notes that a move is done.
-    // Apart, since who calls this has little stack.
+    // A call of its own, since its caller has little stack.
     #[inline(never)]
     fn end(&mut self, at: Tick32) {
         self.setpoint.job = Job::Rest;
@@ -246,7 +246,7 @@ fn later(one: Tick32, other: Tick32) -> Tick32 {
     if one.is_before(other) { other } else { one }
 }
 
-/// All motors of a board that obeys verbs, all with the same limits.
+/// All motors of a board that obeys verbs, all with the same timing.
 ///
 /// Zeros are such motors, too, none: each field is of integers, or of an enum that has a 0.
 #[derive(Clone, Debug)]
@@ -392,7 +392,7 @@ impl AvrVerbs {
     pub fn take_done(&mut self, now: Tick32) -> Option<(u8, Tick32, u32)> {
         let (known, turn) = (self.known, self.turn);
         (0..).zip(&mut self.motors).find_map(|(number, motor)| {
-            // What it did last may be over, and nobody have asked for more since.
+            // Its last move may be over since the last call.
             motor.due_before(known, turn);
             motor.past = motor.past(now).checked_sub(1)?;
             motor.untold -= 1;

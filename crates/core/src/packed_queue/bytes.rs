@@ -72,7 +72,7 @@ struct EpochBytes {
     len: u16,
 }
 
-/// A ring of bytes in a share of a [`Pool`], always the same one: each method that touches bytes is given it.
+/// A ring of bytes in a share of a [`Pool`]. Each method that touches bytes takes that pool, always the same one.
 #[derive(Clone, Debug)]
 pub struct ByteQueue {
     /// The share.

@@ -1,4 +1,4 @@
-//! A run's steps, one word each.
+//! A run's steps, one word each: the loop that has to be fast. The Pico's firmware has it in assembly; a test compares the two.
 
 use crate::{Recurrence, Tick32};
 
@@ -51,7 +51,7 @@ pub fn expand<const F: u32>(recurrence: &mut Recurrence, words: &mut [u32], stre
 /// [`unchecked_steps`] looks so many steps ahead at most.
 pub const MOST_UNCHECKED: u32 = 256;
 
-/// What is sure of the next steps.
+/// Next steps that need no check against [`Stretch`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Unchecked {
     /// [`expand`](expand()) takes so many; there may be more.
@@ -60,9 +60,9 @@ pub struct Unchecked {
     pub small_add: bool,
 }
 
-/// What is sure of the next steps, `most` at most, with 32 fraction bits: for who works them out without looking at each.
+/// How many of the next steps, `most` at most, need no check, with 32 fraction bits: a loop that checks none of them is faster.
 ///
-/// It reckons with the largest change of the interval at each of them. Where it cannot say, the count is 0.
+/// The largest change of the interval is taken for each of them, so that there may be more. If nothing can be said, the count is 0.
 #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "halves, whose ranges are looked at")]
 #[must_use]
 pub const fn unchecked_steps(recurrence: &Recurrence, stretch: &Stretch, most: u32) -> Unchecked {

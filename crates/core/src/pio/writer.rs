@@ -1,4 +1,4 @@
-//! Channel and output of one motor → words on its tape.
+//! Channel and output of one motor → words on its tape. When they are written, and how far ahead, the board says.
 
 use super::{COILS_OVERHEAD, Expand, LONGEST_WAIT, STEP_DIR_OVERHEAD, Stretch, Tape, WAIT_BITS};
 use crate::channel::{Ahead, Channel, EventKind, StepEvent};
@@ -127,7 +127,7 @@ impl<const F: u32> Words<F> {
         }
     }
 
-    /// Switches coils off, while no words are done; whoever sees to the lines does so too.
+    /// Switches coils off while no words are done. The caller does the same to the lines.
     pub fn release(&mut self) {
         if let Output::Coils(coils) = &mut self.output {
             coils.switch_off();

@@ -164,7 +164,7 @@ impl Verbs {
         }
     }
 
-    /// Whether no step will come, and nothing will be done, after tick `now` unless more is said; steps that were worked out may still
+    /// Whether no step will come, and nothing will be done, after tick `now` unless another order comes; steps that were worked out may still
     /// have to be made.
     #[must_use]
     pub fn rest_at(&self, now: u64) -> bool {

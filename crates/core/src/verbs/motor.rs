@@ -59,7 +59,7 @@ pub struct MotorTiming {
     pub shortest: u32,
     /// Fewest from a step to one the other way.
     pub turn: u32,
-    /// The period until another is said, at least `shortest`.
+    /// The period until a [`Verb::Speed`] sets another, at least `shortest`.
     pub period: u32,
 }
 

@@ -1,4 +1,5 @@
-//! All that is written or compared, in one piece: a board may keep it where its program is.
+//! All texts that the reader compares and replies write, in one piece: a board may keep it where its program is. It knows neither reader
+//! nor replies.
 
 /// How many names of commands there are.
 pub(super) const COMMANDS: u8 = 13;

@@ -1,6 +1,6 @@
 //! The path of one axis: the recurrence at 1 kHz, in fixed point.
 //!
-//! Source: seeds/003, `Path::pollForInterval`, whose loop has no fixed rate; this one has 1 ms. Every millisecond, all
+//! Source: StepperWinch, `Path::pollForInterval`, whose loop has no fixed rate; this one has 1 ms. Every millisecond, all
 //! from old values:
 //!
 //! - q″ = k (q_d − q) + b (q_d′ − q′), clamped to ±amax
@@ -55,9 +55,9 @@ pub const FREQUENCIES: [u32; 2] = [10_000, 20_000_000];
 /// Lowest and highest ζ, 10^-6.
 pub const RATIOS: [u32; 2] = [70_000, 5_000_000];
 
-/// vmax at first, steps/s. Source: seeds/003, `Path::Path`.
+/// vmax at first, steps/s. Source: StepperWinch, `Path::Path`.
 pub const FIRST_SPEED: u16 = 3500;
-/// amax at first, steps/s². Source: seeds/003, `Path::Path`.
+/// amax at first, steps/s². Source: StepperWinch, `Path::Path`.
 pub const FIRST_ACCELERATION: u32 = 35_000;
 /// The fastest that a path may go, steps/s; a higher vmax is taken as this.
 pub const FASTEST: u16 = 10_000;
@@ -96,7 +96,7 @@ struct Parts {
 pub struct Gains(Parts);
 
 impl Gains {
-    /// k = 4π², b = 1: 1 Hz, and it rings (ζ = 0.08). Source: seeds/003, `Path::Path`.
+    /// k = 4π², b = 1: 1 Hz, and it rings (ζ = 0.08). Source: StepperWinch, `Path::Path`.
     pub const DEFAULT: Gains =
         Gains::from_scaled(Scaled::product(1_000_000, 1_000_000, STIFFNESS.0, STIFFNESS.1), FIRST_DAMPING);
 

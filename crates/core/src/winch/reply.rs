@@ -1,4 +1,4 @@
-//! What a board says, as text.
+//! Replies to StepperWinch's lines, as text. Replies to verbs are [`verb_lines`](super::verb_lines)'.
 
 use super::letters::{Letters, REPLIES, text};
 use super::text::{LineError, LineFault};

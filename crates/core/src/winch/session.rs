@@ -1,6 +1,6 @@
-//! What text asks of a board, and what time brings: all of it but lines, pins and the clock.
+//! What lines of text have a whole board do, and when: four paths, drivers, status lines, the deadman. It has no line, no pin and no clock.
 //!
-//! It counts milliseconds by one call for each; what it works out is played when the board says. Whoever has several
+//! It counts milliseconds by one call for each; the board decides when the steps that it works out are made. A board with several
 //! lines to hosts has a [`LineReader`] for each, and one session. On an Uno assembly does the same, firmware/uno/src/bin/uno-winch/winch.
 
 use super::path::{Limits, Path, Slice};
@@ -174,7 +174,7 @@ impl Session {
         self.unreported_ms >= self.report_ms as u32
     }
 
-    /// A status line was said, or nobody is there to read one.
+    /// A status line was sent, or there is no host to read one.
     pub const fn reported(&mut self) {
         self.unreported_ms = 0;
     }

@@ -1,4 +1,4 @@
-//! Lines from the host, byte by byte, to commands.
+//! Lines from the host, byte by byte, to commands, and these done to paths. Drivers and status lines are [`session`](super::session)'s.
 //!
 //! A line is kept, and read at its end: a refused one changes nothing. On an Uno assembly does the same,
 //! firmware/uno/src/bin/uno-winch/winch/text.s; crates/board/tests/it/chips/winch_avr.rs compares them.

@@ -164,7 +164,7 @@ pub enum VerbReply {
         /// Of this axis, wrapping.
         number: u32,
     },
-    /// `uncertain <axes>`: a deadman stopped them between two steps, without a ramp. Text knows no pull-in speed: whoever was faster may
+    /// `uncertain <axes>`: a deadman stopped them between two steps, without a ramp. Text knows no pull-in speed: an axis that was faster may
     /// stand elsewhere than it counts.
     Uncertain {
         /// As [`LineOrders::axes`].

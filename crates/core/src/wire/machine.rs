@@ -1,4 +1,5 @@
-//! What a board must be able to do for the [`Service`](super::Service).
+//! What a board must be able to do for the [`Service`](super::Service): its motors, its clock, its line. How a board does it is not
+//! known here.
 
 use super::frame::Encoder;
 use super::limits::{Baud, MAX_MOTORS};
@@ -186,7 +187,7 @@ pub trait Machine {
     /// ([`Cause::BaudFellBack`](super::message::Cause::BaudFellBack)).
     fn rate_fell_back(&mut self);
 
-    /// The board has no host any more: the host said good-bye, or was silent for too long. Motors follow what is queued up
+    /// The board has no host any more: it sent Bye, or (`lost`) was silent for too long. Motors follow what is queued up
     /// to the end of its lease.
     fn host_gone(&mut self, lost: bool);
 

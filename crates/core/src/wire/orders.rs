@@ -1,4 +1,4 @@
-//! Verbs in frames: what a host tells motors directly, and what comes of it.
+//! Verbs in frames: orders to motors, and the answer. What verbs do is [`verbs`](crate::verbs)'.
 
 use super::frame::Encoder;
 use super::limits::MAX_MOTORS;
@@ -20,7 +20,7 @@ mod code {
     pub(super) const HALT: u8 = 4;
 }
 
-/// Verbs for motors, all from the same tick on; what they mean is [`verbs`](crate::verbs)' business.
+/// Verbs for motors, all from the same tick on; [`verbs`](crate::verbs) says what each does.
 ///
 /// | byte | |
 /// |---|---|

@@ -58,8 +58,8 @@ enum Change {
     FellBack,
 }
 
-/// The board's side of the link. The bytes that come are taken by a [`Decoder`](super::Decoder), or whatever does the same
-/// on a board, and frames are handed over whole.
+/// The board's side of the link. The bytes that come are taken by a [`Decoder`](super::Decoder), or by a board's own
+/// reader that does the same, and frames are handed over whole.
 #[derive(Clone, Debug)]
 pub struct Service {
     /// The newest session's; it is over unless `taken`.
@@ -86,7 +86,7 @@ pub struct Service {
     max_body: u8,
     events: u8,
     damaged: u16,
-    /// What the host heard last was no frame: nothing was said at this rate yet, or something else.
+    /// The line's last byte to the host was no frame's end: nothing was sent at this rate yet, or text was.
     new_rate: bool,
     /// Nobody may take the board.
     held: bool,
@@ -166,8 +166,7 @@ impl Service {
         self.taken && now.since(self.heard) >= self.silence_ms
     }
 
-    /// What there is to be said to something that came on a line that is not the session's: Hello is refused, all else is
-    /// nobody's. Writes it into the front of `out`, and gives its length, 0 if there is none.
+    /// Answers what came on a line that is not the session's: Hello is refused, all else gets no answer. Writes it into the front of `out`, and gives its length, 0 if there is none.
     pub fn turn_away(received: Received, body: &[u8], out: &mut [u8]) -> usize {
         let (Received::Frame(Tag::NONE), &[seq, kind::HELLO, _, _, _, _, _]) = (received, body) else { return 0 };
         let mut frame = Encoder::new(out);
@@ -252,7 +251,7 @@ impl Service {
             frame.u8(machine.flags());
             frame.u8(self.accepted);
             free(&mut frame, machine);
-        // Around a change of rate nobody may hear it.
+        // Around a change of rate the host may not receive it.
         } else if self.taken
             && !matches!(self.change, Change::Due(_) | Change::Trial { .. })
             && let Some(event) = machine.event()
@@ -262,7 +261,7 @@ impl Service {
             frame.u8(kind::EVENT);
             event.encode(&mut frame);
         }
-        // Nothing in it: nothing to be said.
+        // An empty frame: no reply is due.
         frame.finish(tag).unwrap_or(0)
     }
 

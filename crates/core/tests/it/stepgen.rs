@@ -330,7 +330,7 @@ proptest! {
     }
 }
 
-/// The patterns of seed 002's program as it puts them on the pins, bit 0 on IN1, from each of its own numbers: forward it goes
+/// The patterns of the Pico plotter's program as it puts them on the pins, bit 0 on IN1, from each of its own numbers: forward it goes
 /// through them as they stand.
 #[test]
 fn coils_go_the_way_of_the_seed() {

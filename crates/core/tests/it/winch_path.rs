@@ -7,7 +7,7 @@ use pulsetrain_core::winch::spacing::{TICKS, TOLERANCE_TICKS};
 
 const DT: f64 = 1e-3;
 
-/// seeds/003, Path.cpp, in f64, with the ramp of the later dialect.
+/// StepperWinch, Path.cpp, in f64, with the ramp of the later dialect.
 #[derive(Clone, Debug)]
 struct Exact {
     q: f64,
