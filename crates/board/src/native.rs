@@ -6,6 +6,7 @@
 use crate::lease::{ExtendRefused, Lease, LeaseState, Leased, TrimRefused};
 use crate::{Board, Sizer};
 use pulsetrain_core::braking::Limit;
+use pulsetrain_core::channels;
 use pulsetrain_core::lease::{self, Lapse, LapseCause};
 use pulsetrain_core::output::{Coils, Output, Sequence, StepDir, StepDirSettings};
 use pulsetrain_core::queue::{Items, Place};
@@ -832,7 +833,7 @@ impl<const F: u32> Motors<F> {
         if !self.axes.iter().any(|axis| axis.channel().has_news()) {
             return false;
         }
-        let Some(lapse) = lease::agreed(self.axes.iter().map(Axis::channel)) else { return false };
+        let Some(lapse) = channels::agreed_lapse(self.axes.iter().map(Axis::channel)) else { return false };
         self.axes.iter_mut().for_each(|axis| axis.channel_mut().lapse_at(lapse));
         true
     }

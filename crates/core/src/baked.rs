@@ -10,7 +10,7 @@
 //! | 8–11 | CRC-32 of bytes 12 to the last ([`crc32`]) |
 //! | 12 | n, bytes of the configuration |
 //! | 13… | n bytes: what Configure says ([`Configuration`]) |
-//! | then | 25 bytes for each motor: see [`Motor`] |
+//! | then | 25 bytes for each motor: see [`BakedMotor`] |
 //! | then | for each motor its head and its turn: pieces, each a byte with its length and as many packed bytes, whole items |
 //!
 //! # Phase
@@ -81,7 +81,7 @@ pub fn crc32(bytes: &[u8]) -> u32 {
 pub struct Block<'a> {
     /// Pins and times of all motors.
     pub configuration: Configuration<'a>,
-    /// [`Motor`]s, packed, and their pieces.
+    /// [`BakedMotor`]s, packed, and their pieces.
     motors: &'a [u8],
     pieces: &'a [u8],
 }

@@ -324,7 +324,7 @@ impl<const F: u32> Channel<F> {
     }
 
     /// The lease is over at `lapse.at`, or was earlier already: all channels of a machine are called so when
-    /// [one of them says it](crate::lease::agreed), or at the horizon when the host says so.
+    /// [one of them says it](crate::channels::agreed_lapse), or at the horizon when the host says so.
     pub fn lapse_at(&mut self, lapse: Lapse) {
         if let Some(switch) = &mut self.switch {
             if !switch.at.is_before(lapse.at) {

@@ -18,9 +18,9 @@
 //! # One for all
 //! A motor that runs dry before U, items that are none, a step that cannot be made: that motor brakes at once, and all others from the
 //! horizon. So whoever has several channels looks after each event whether one [has news](crate::Channel::has_news), and tells
-//! [what is agreed](agreed) to all.
+//! [what is agreed](crate::channels::agreed_lapse) to all.
 
-use crate::{Channel, Tick32};
+use crate::Tick32;
 
 /// How long a plan holds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -80,20 +80,4 @@ pub enum ExtendRefused {
         /// The first tick that would be accepted now.
         horizon: Tick32,
     },
-}
-
-/// The latest of all channels' horizons: the first tick that none has committed.
-pub fn horizon<'a, const F: u32>(channels: impl Iterator<Item = &'a Channel<F>>) -> Option<Tick32> {
-    channels.map(Channel::horizon).reduce(Tick32::or_later)
-}
-
-/// What to call [`Channel::lapse_at`] of all channels with, if one of them has news.
-pub fn agreed<'a, const F: u32>(channels: impl Iterator<Item = &'a Channel<F>> + Clone) -> Option<Lapse> {
-    let open = horizon(channels.clone())?;
-    let news = channels.filter(|channel| channel.has_news()).filter_map(Channel::lapse);
-    let since = |lapse: Lapse| if lapse.cause.is_fault() { Lapse { at: open, ..lapse } } else { lapse };
-    news.map(since).reduce(|one, other| {
-        let at = if other.at.is_before(one.at) { other.at } else { one.at };
-        Lapse { at, cause: if one.cause.is_fault() { one.cause } else { other.cause } }
-    })
 }

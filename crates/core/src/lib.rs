@@ -5,6 +5,7 @@
 //! - [`axis`]: one motor's queue, channel and output together
 //! - [`output`]: steps → pin edges: step/dir drivers and coils; pulse width, DIR setup and hold
 //! - [`channel`]: queue items → (tick, step or direction change)
+//! - [`channels`]: what the channels of one machine agree on: horizon, lapse
 //! - [`verbs`]: motors that take orders directly: so many steps, at this period, in this direction
 //! - [`pio`]: channel and output → words for the RP2040's state machines (PIO), which make the edges
 //! - [`avr`]: registers and verbs in the integers of an 8-bit processor (ATmega328P)
@@ -30,6 +31,7 @@ pub mod axis;
 pub mod baked;
 pub mod braking;
 pub mod channel;
+pub mod channels;
 pub mod lease;
 pub mod merge;
 pub mod output;

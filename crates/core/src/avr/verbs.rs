@@ -388,7 +388,7 @@ impl AvrVerbs {
     }
 
     /// A move that was done by `now` and was not reported yet: the motor, when, and how many of its moves are done with it, wrapping.
-    /// However long that may be past, if this or [`rest_at`](Verbs::rest_at) was asked within 2^31 ticks, or motors were stopped.
+    /// However long that may be past, if this or [`rest_at`](AvrVerbs::rest_at) was asked within 2^31 ticks, or motors were stopped.
     pub fn take_done(&mut self, now: Tick32) -> Option<(u8, Tick32, u32)> {
         let (known, turn) = (self.known, self.turn);
         (0..).zip(&mut self.motors).find_map(|(number, motor)| {

@@ -10,7 +10,7 @@
 //!
 //! All that a line says holds from the same tick on, and the answer says which. docs/pico.md has what the verbs mean.
 //!
-//! Lines are cut, and their checksums compared, by the winch's [`Reader`](super::text::Reader), which knows none of these
+//! Lines are cut, and their checksums compared, by the winch's [`LineReader`](super::text::LineReader), which knows none of these
 //! words.
 
 use super::AXES;

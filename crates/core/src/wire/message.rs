@@ -109,7 +109,7 @@ pub enum Command<'a> {
     ///
     /// | byte | |
     /// |---|---|
-    /// | 2 | the host's [`VERSION`](VERSION) |
+    /// | 2 | the host's [`VERSION`] |
     /// | 3–6 | a number of the host's choice, new for each session; the answer repeats it |
     Hello {
         /// The host's protocol.
@@ -686,7 +686,7 @@ fn is_configuration(head: &[u8; 13], motors: &[u8]) -> bool {
 ///
 /// | byte | |
 /// |---|---|
-/// | 2 | protocol: [`VERSION`](VERSION) |
+/// | 2 | protocol: [`VERSION`] |
 /// | 3–6 | the host's number from Hello |
 /// | 7 | the session's [`Tag`]: of all frames that follow, both ways |
 /// | 8 | board: 1 the Uno, 2 the Pico; 0 a model |

@@ -70,7 +70,7 @@ codes! {
 
 codes! {
     /// Why motors stopped, or what else the host should know. Sent once as an event; the last that stopped motors is in
-    /// [`Info`].
+    /// [`Info`](super::message::Info).
     Cause {
         /// Nothing yet.
         None = 0,

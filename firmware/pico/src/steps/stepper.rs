@@ -8,7 +8,8 @@ use crate::clock::{Clock, TICK_HZ};
 use crate::regs;
 use crate::start::Once;
 use core::iter;
-use pulsetrain_core::lease::{self, Lapse, Lease};
+use pulsetrain_core::channels;
+use pulsetrain_core::lease::{Lapse, Lease};
 use pulsetrain_core::output::{Coils, Output, StepDir, StepDirSettings};
 use pulsetrain_core::packed_queue::{Fault, PackedQueue, Pool};
 use pulsetrain_core::packing::Packing;
@@ -469,7 +470,7 @@ impl Stepper {
     #[inline(never)]
     fn agree(&mut self) {
         let channels = || self.motors.iter().take(usize::from(self.count)).map(|motor| motor.words.channel());
-        let Some(lapse) = lease::agreed(channels()) else { return };
+        let Some(lapse) = channels::agreed_lapse(channels()) else { return };
         if lapse.cause.is_fault()
             && let Some((number, _)) = (0..).zip(channels()).find(|(_, channel)| channel.has_news())
         {
