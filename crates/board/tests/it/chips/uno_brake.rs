@@ -1,7 +1,7 @@
 //! The firmware's braking rule, in assembly, against core's: random intervals and limits, on the emulated chip.
 
 use pulsetrain_board::virtual_uno;
-use pulsetrain_core::braking::{Limit, Next, Registers};
+use pulsetrain_core::braking::{Limit, Next, RegisterLimits};
 use pulsetrain_emulator::Atmega328p;
 use pulsetrain_testkit::Random;
 use pulsetrain_testkit::lab::{SYMBOLS, address};
@@ -83,7 +83,7 @@ impl Chip {
 fn parts_are_cores() {
     let chip = Atmega328p::new(&virtual_uno::image()).expect("an image");
     let mut chip = Chip { chip, entry: address(SYMBOLS, "load_leased"), most: 0 };
-    let registers = Registers::with_fraction_bits(16);
+    let registers = RegisterLimits::with_fraction_bits(16);
     let mut random = Random::new(seed(1));
     let mut seen = [0; 4];
     let mut most_usual = 0;

@@ -11,7 +11,7 @@ use crate::engine::memory;
 use crate::engine::steps::pins::{MAX_MOTORS, Pin};
 use crate::engine::steps::refill;
 use crate::engine::{BOARD, clock, link, millis, regs, reset};
-use pulsetrain_core::baked::avr::{LONGEST_PIECE, MOTOR_LEN, NEAR, Player, Standing, ZERO, block};
+use pulsetrain_core::baked::avr::{AvrPlayer, LONGEST_PIECE, MOTOR_LEN, NEAR, QueueState, ZERO, block};
 use pulsetrain_core::lease::Lease;
 use pulsetrain_core::wire::message::{Cause, Configuration};
 use pulsetrain_core::wire::{Machine, Millis, Switched};
@@ -70,10 +70,10 @@ pub(crate) unsafe fn main() -> ! {
 
 /// How much room the queue of a motor has, and whether it runs out soon.
 #[inline(never)]
-fn standing(motor: u8) -> Standing {
+fn standing(motor: u8) -> QueueState {
     let soon = clock::moment().after(NEAR);
     let stepper = refill::lock();
-    stepper.motor(motor).map_or(Standing { room: 0, near: false }, |motor| Standing {
+    stepper.motor(motor).map_or(QueueState { room: 0, near: false }, |motor| QueueState {
         room: motor.room(),
         near: motor.is_empty() && Tick32(motor.registers.tick).is_before(soon),
     })
@@ -81,7 +81,7 @@ fn standing(motor: u8) -> Standing {
 
 /// A motion that runs. The buffers for what is read of the flash are here too, since the stack has no room for them.
 struct Motion {
-    players: [Player; MAX_MOTORS],
+    players: [AvrPlayer; MAX_MOTORS],
     piece: [u8; LONGEST_PIECE],
     configuration: [u8; LONGEST_CONFIGURATION],
 }
@@ -105,7 +105,7 @@ impl Motion {
         let mut head = says.wrapping_add(MOTOR_LEN * u16::from(motors));
         let mut at = says;
         for player in self.players.iter_mut().take(usize::from(motors)) {
-            *player = Player::new(at, head, regs::flash);
+            *player = AvrPlayer::new(at, head, regs::flash);
             head = player.end();
             at = at.wrapping_add(MOTOR_LEN);
         }
@@ -141,7 +141,7 @@ impl Motion {
 
     /// Supervises the motors. `false` if the motion cannot go on.
     fn look(&self, board: &mut Board, now: Millis, lamp: Pin) -> bool {
-        board.supervise(now, self.players.iter().all(Player::is_over));
+        board.supervise(now, self.players.iter().all(AvrPlayer::is_over));
         while let Some(event) = board.event() {
             match event.cause {
                 Cause::Finished => {}

@@ -1,7 +1,7 @@
 //! Orders to motors: `pulsetrain_core::verbs` works out their steps, and the refill takes them from there.
 //!
 //! # Who does what
-//! Main takes orders. What happens before the tick [`known`](Verbs::known) is settled, and an order holds from there on. Each refill moves `known` on, so
+//! Main takes orders. What happens before the tick [`known`](AvrVerbs::known) is settled, and an order holds from there on. Each refill moves `known` on, so
 //! that it stays some time ahead ([`verbs_advance`]). A motor that has used up its steps takes the next evenly spaced ones before `known` right into
 //! its registers ([`verbs_take`]). The limit is a little before `known`, so that DIR can still be turned for a step at `known` itself.
 //!
@@ -30,7 +30,7 @@ use crate::engine::tuning::verbs::{
 use core::arch::global_asm;
 use core::mem::offset_of;
 use pulsetrain_core::Tick32;
-use pulsetrain_core::avr::verbs::{MOTORS, Verbs};
+use pulsetrain_core::avr::verbs::{AvrVerbs, MOTORS};
 use pulsetrain_core::wire::message::{Configuration, Reason, image};
 use pulsetrain_core::wire::orders::{self, Orders};
 use pulsetrain_core::wire::{Encoder, Refusal};
@@ -70,7 +70,7 @@ static mut LIMITS: Limits = Limits { shortest: 0, turn: 0, foresee: 0 };
 
 #[repr(C)]
 struct VerbsMemory {
-    verbs: Verbs,
+    verbs: AvrVerbs,
     /// Bit by motor: it has no more steps before `known`.
     used_up: u8,
 }
@@ -258,7 +258,7 @@ fn is_on() -> bool {
 /// Gives the first orders to armed motors that rest with empty queues. From then on orders have the motors.
 ///
 /// # Errors
-/// [`Reason::Timing`]: pulses are too long. All of [`Verbs::obey`].
+/// [`Reason::Timing`]: pulses are too long. All of [`AvrVerbs::obey`].
 #[inline(never)]
 fn begin(orders: &Orders<'_>) -> Result<(), Refusal> {
     let now = clock::moment();
@@ -292,7 +292,7 @@ fn begin(orders: &Orders<'_>) -> Result<(), Refusal> {
 /// the settled time lasts.
 ///
 /// # Errors
-/// All of [`Verbs::obey`]. [`Reason::Busy`]: that motor did not come to its second move.
+/// All of [`AvrVerbs::obey`]. [`Reason::Busy`]: that motor did not come to its second move.
 #[inline(never)]
 fn obey(orders: &Orders<'_>) -> Result<(), Refusal> {
     let end = clock::moment().after(u32::from(my_limits().foresee));
@@ -353,12 +353,12 @@ fn take_done() -> Option<(u8, Tick32, u32)> {
     place(&guard)?.verbs.take_done(now)
 }
 
-/// The host has left: see [`Verbs::forsake`].
+/// The host has left: see [`AvrVerbs::forsake`].
 #[inline(never)]
 fn host_left() {
     let guard = refill::lock();
     if let Some(place) = place(&guard) {
-        place.verbs.forsake();
+        place.verbs.drop_endless();
     }
 }
 

@@ -14,7 +14,7 @@ use crate::ThisProgram;
 use crate::engine::memory;
 use crate::engine::program::Program;
 use pulsetrain_core::avr::Registers;
-use pulsetrain_core::{Direction, avr::verbs::Steps};
+use pulsetrain_core::{Direction, avr::verbs::StepRow};
 use pulsetrain_core::{Epoch, Tick32};
 
 /// How many epochs may wait after the one being run: that of the switch that waits, and one that is to replace it.
@@ -371,9 +371,9 @@ impl Motor {
 
     /// Loads steps that come after all others, as a record with an anchor before it would.
     #[inline(never)]
-    pub(crate) fn follow(&mut self, steps: &Steps) {
+    pub(crate) fn follow(&mut self, steps: &StepRow) {
         // A single step may be further away than registers reach. It does not matter then from where its interval counts.
-        let Steps { first, count, .. } = *steps;
+        let StepRow { first, count, .. } = *steps;
         let period = steps.period.min(LONGEST_INTERVAL);
         let backward = steps.direction == Direction::Backward;
         let turns = backward != self.has(flag::BACKWARD);
