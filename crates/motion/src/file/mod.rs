@@ -24,7 +24,7 @@
 //!
 //! # What is here
 //! - [`load`], [`read`]: the two ways in; [`load_contents`], [`read_contents`]: the same, with how tables were read
-//! - [`FileError`], [`Problem`]: what is wrong, where, and what to do, for `miette` or as plain text
+//! - [`FileError`], [`Problem`]: what is wrong, where, and what to do, in parts or as plain text; [`Source`]: the text that it is in
 //! - `motor`, `machine`, `laws`, `path`, `formula`, `points`, `winch`: one module for each part of the file
 //! - `reader`: values with their places; problems are collected, so that one reading finds several
 
@@ -36,6 +36,7 @@ mod path;
 mod points;
 mod problem;
 mod reader;
+mod source;
 mod winch;
 
 use std::fs;
@@ -44,10 +45,9 @@ use std::ops::Range;
 use std::path::Path;
 use std::sync::Arc;
 
-use miette::NamedSource;
-
 pub use points::{ColumnUse, TableColumns};
 pub use problem::{BrokenPath, FileError, PathPoint, Problem};
+pub use source::Source;
 pub use winch::WinchScript;
 
 use crate::boards::{self, BoardRow};
@@ -105,7 +105,7 @@ pub fn load_winch(path: &Path) -> Result<WinchScript, FileError> {
 fn open(path: &Path) -> Result<(String, String), FileError> {
     let name = path.display().to_string();
     let text = fs::read_to_string(path).map_err(|error| {
-        let source = Arc::new(NamedSource::new(&name, String::new()));
+        let source = Arc::new(Source::new(&name, ""));
         let help = match error.kind() {
             io::ErrorKind::NotFound => Some("`pulsetrain new NAME` writes a motion file to begin with".to_owned()),
             _ => None,
@@ -145,7 +145,7 @@ pub fn read_contents(
 fn read_as<T>(text: &str, name: &str, what: impl Fn(&Section) -> Read<T>) -> Result<T, FileError> {
     // A byte order mark is no part of the text, and would shift every place.
     let text = text.strip_prefix('\u{feff}').unwrap_or(text);
-    let source = Arc::new(NamedSource::new(name, text.to_owned()));
+    let source = Arc::new(Source::new(name, text));
     let reader = Reader::new(Arc::clone(&source));
     let found = match toml_edit::Document::parse(text) {
         Ok(document) => what(&Section::root(&reader, document.as_table())),

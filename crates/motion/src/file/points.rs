@@ -4,11 +4,10 @@ use std::fmt;
 use std::ops::Range;
 use std::sync::Arc;
 
-use miette::NamedSource;
-
 use super::laws::{Context, load, position_unit, time_unit};
 use super::problem::Problem;
 use super::reader::{Node, Noted, Read, Section};
+use super::source::Source;
 use crate::columns::{Header, POINT, POSITIONS, ReadError, Role, Row, Stated, TIME, Table, has_decimal_comma, shown};
 use crate::quantity::{Base, Quantity, nearest};
 
@@ -86,7 +85,7 @@ pub(super) struct Points {
     pub(super) rows: Vec<(f64, Vec<f64>)>,
     /// Where each row is written.
     places: Vec<Range<usize>>,
-    source: Arc<NamedSource<String>>,
+    source: Arc<Source>,
 }
 
 impl Points {
@@ -100,7 +99,7 @@ impl Points {
 /// A file that is being read, and what the motion file says of it.
 struct Reading<'a> {
     file: Node<'a>,
-    source: Arc<NamedSource<String>>,
+    source: Arc<Source>,
     time: Option<(Node<'a>, f64)>,
     unit: Option<(Node<'a>, Quantity)>,
     choices: Option<(Node<'a>, Vec<Choice>)>,
@@ -114,13 +113,13 @@ pub(super) fn read<'a>(p: &Section<'a>, contexts: &[Context]) -> Read<Points> {
     let unit = p.get("unit").map(|node| Ok((node.clone(), position_unit(&node)?))).transpose();
     let text = load(&file, contexts[0].load)?;
     let text = text.strip_prefix('\u{feff}').unwrap_or(&text).to_owned();
-    let source = Arc::new(NamedSource::new(file.as_text().unwrap_or_default(), text));
+    let source = Arc::new(Source::new(file.as_text().unwrap_or_default(), text));
     Reading { file, source, time: time?, unit: unit?, choices: choices? }.points(p, contexts)
 }
 
 impl<'a> Reading<'a> {
     fn points(&self, p: &Section<'a>, contexts: &[Context]) -> Read<Points> {
-        let mut table = Table::new(self.source.inner().as_bytes());
+        let mut table = Table::new(self.source.text().as_bytes());
         let header = table.header().map_err(|error| self.note(&error, ""))?;
         let positions = contexts.iter().enumerate().map(|(k, context)| role(context, k, contexts.len()));
         let roles: Vec<Role<'_>> = [TIME].into_iter().chain(positions).collect();
@@ -353,7 +352,7 @@ impl<'a> Reading<'a> {
     /// A column's first numbers; none if it has anything else.
     fn numbers(&self, column: usize) -> Vec<f64> {
         const MOST: usize = 1000;
-        let mut table = Table::new(self.source.inner().as_bytes());
+        let mut table = Table::new(self.source.text().as_bytes());
         let mut numbers = Vec::new();
         if table.header().is_err() {
             return numbers;
@@ -381,7 +380,7 @@ impl<'a> Reading<'a> {
     /// Where a value of the motion file is written.
     fn place(&self, node: &Node) -> String {
         let source = &node.reader.source;
-        let (line, column) = Problem::new(source, String::new(), vec![(node.at.clone(), String::new())], None).place();
+        let (line, column) = source.place(node.at.start);
         format!("{}:{line}:{column}", source.name())
     }
 

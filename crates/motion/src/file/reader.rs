@@ -6,11 +6,11 @@ use std::cell::RefCell;
 use std::ops::{Range, RangeInclusive};
 use std::sync::Arc;
 
-use miette::NamedSource;
 use toml_edit::{ArrayOfTables, Item, TableLike, Value};
 
 use super::points::TableColumns;
 use super::problem::{BrokenPath, Problem};
+use super::source::Source;
 use super::winch::Winches;
 use crate::Time;
 use crate::quantity::{Base, Kind, Quantity, QuantityError, nearest};
@@ -27,7 +27,7 @@ const MAX_TIME_S: f64 = 6.0e10;
 
 /// The text and the problems found in it.
 pub(super) struct Reader {
-    pub(super) source: Arc<NamedSource<String>>,
+    pub(super) source: Arc<Source>,
     problems: RefCell<Vec<Problem>>,
     /// Found motor by motor, judged when all are read.
     pub(super) winches: RefCell<Winches>,
@@ -36,7 +36,7 @@ pub(super) struct Reader {
 }
 
 impl Reader {
-    pub(super) fn new(source: Arc<NamedSource<String>>) -> Reader {
+    pub(super) fn new(source: Arc<Source>) -> Reader {
         Reader { source, problems: RefCell::default(), winches: RefCell::default(), tables: RefCell::default() }
     }
 
@@ -423,12 +423,12 @@ impl<'a> Node<'a> {
 
     /// The place of bytes `offset..offset + length` of the text that is written here.
     pub(super) fn inside(&self, offset: usize, length: usize) -> Range<usize> {
-        let written = self.reader.source.inner().get(self.at.clone()).unwrap_or_default();
+        let written = self.reader.source.text().get(self.at.clone()).unwrap_or_default();
         // Escapes make the text differ from what is written; then the whole must do.
         let start = self.as_text().filter(|text| offset <= text.len()).and_then(|text| written.find(text));
         match start {
             Some(start) => {
-                let text = self.reader.source.inner();
+                let text = self.reader.source.text();
                 let from = text.floor_char_boundary(self.at.start + start + offset);
                 from..text.ceil_char_boundary((from + length.max(1)).min(self.at.end))
             }

@@ -3,11 +3,10 @@
 use std::ops::Range;
 use std::sync::Arc;
 
-use miette::NamedSource;
-
 use super::laws::{Loader, load};
 use super::problem::Problem;
 use super::reader::{Noted, Read, Reader, Section};
+use super::source::Source;
 use crate::Time;
 use crate::law::WinchCommand;
 use crate::quantity::Quantity;
@@ -85,8 +84,8 @@ pub(super) fn commands(p: &Section, loader: Loader, axis: char) -> Read<Vec<(Tim
     };
     match (p.get("file"), p.get("commands")) {
         (Some(file), None) => {
-            let source = Arc::new(NamedSource::new(file.as_text().unwrap_or_default(), load(&file, loader)?));
-            for (start, text) in lines_of(source.inner()) {
+            let source = Arc::new(Source::new(file.as_text().unwrap_or_default(), load(&file, loader)?));
+            for (start, text) in lines_of(source.text()) {
                 add(text, &|at, message| {
                     let labels = vec![(start + at.start..start + at.end, "here".to_owned())];
                     Problem::new(&source, message, labels, None)
@@ -126,7 +125,7 @@ pub struct WinchScript {
     /// Where each of them stands in `source`, bytes. With escapes in it that is longer than the line.
     pub places: Vec<Range<usize>>,
     /// The motion file, or the one that it names for its commands.
-    pub source: Arc<NamedSource<String>>,
+    pub source: Arc<Source>,
     /// How long the motion lasts, if it says so.
     pub duration: Option<Time>,
 }
@@ -151,8 +150,8 @@ pub(super) fn script(root: &Section, loader: Loader) -> Read<WinchScript> {
     let (mut lines, mut places) = (Vec::new(), Vec::new());
     let source = match p.get("file") {
         Some(file) => {
-            let source = Arc::new(NamedSource::new(file.text("file = \"lines.txt\"")?, load(&file, loader)?));
-            for (start, line) in lines_of(source.inner()) {
+            let source = Arc::new(Source::new(file.text("file = \"lines.txt\"")?, load(&file, loader)?));
+            for (start, line) in lines_of(source.text()) {
                 lines.push(line.to_owned());
                 places.push(start..start + line.len());
             }

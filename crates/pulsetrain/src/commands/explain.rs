@@ -13,7 +13,7 @@ use serde::Serialize;
 use super::plan;
 use crate::cli::Explain;
 use crate::console::{Console, Exit};
-use crate::diagnostic::advised;
+use crate::diagnostic::{WrongFile, advised};
 use pulsetrain_motion::human::{self, Table};
 use pulsetrain_session::estimate::Task;
 use pulsetrain_session::fit;
@@ -97,7 +97,9 @@ pub(crate) fn run(args: &Explain, console: &mut Console<'_>) -> miette::Result<E
     let mut prepared = match args.motion.prepare_any(Task::Plan, args.json, console) {
         Ok(prepared) => prepared,
         Err(report) => {
-            let Some(explanation) = report.downcast_ref::<FileError>().and_then(PathExplanations::new) else {
+            let Some(explanation) =
+                report.downcast_ref::<WrongFile>().and_then(|wrong| PathExplanations::new(wrong.error()))
+            else {
                 return Err(report);
             };
             if args.json {
