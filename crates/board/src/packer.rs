@@ -88,9 +88,8 @@ impl Packer {
 mod tests {
     use super::*;
     use proptest::prelude::*;
-    use pulsetrain_core::avr::Pool;
     use pulsetrain_core::channel::Channel;
-    use pulsetrain_core::pio::Packed;
+    use pulsetrain_core::packed_queue::{PackedQueue, Pool};
     use pulsetrain_core::{Direction, Epoch, Segment};
 
     const PACKING: Packing = Packing { fraction_bits: 16, gain: 0 };
@@ -141,13 +140,13 @@ mod tests {
     /// Does it all; gives where the motor ends, and whether a check failed.
     fn run(packed: &[u8], steps: u32) -> (i32, bool) {
         let mut pool = Pool::<4096>::new();
-        let mut queue = Packed::new(Pool::<4096>::share(1, 0), PACKING);
+        let mut queue = PackedQueue::new(Pool::<4096>::share(1, 0), PACKING);
         queue.push(&mut pool, Epoch(0), packed).unwrap();
         let mut channel = Channel::<16>::new(1, false);
         let mut now = Tick32(0);
         // A step and a change of direction at most in each round.
         for _ in 0..4 * steps + 1000 {
-            match channel.peek(&mut queue.waiting(&pool), now.after(1 << 20)) {
+            match channel.peek(&mut queue.items(&pool), now.after(1 << 20)) {
                 Some(event) => channel.take(event),
                 None => {
                     now = now.after(1 << 16);

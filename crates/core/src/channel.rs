@@ -11,7 +11,6 @@
 
 use crate::braking::{Limit, Registers};
 use crate::lease::{Cause, ExtendRefused, Lapse, Lease};
-use crate::pio::{Expand, LONGEST_WAIT, Stretch};
 use crate::queue::{Epoch, Item, Items, Place};
 use crate::{Direction, Recurrence, Segment, Tick32};
 
@@ -62,6 +61,17 @@ struct End {
     at: Tick32,
     /// A switch; else the lease is over then.
     is_switch: bool,
+}
+
+/// How far a run's next steps may be taken all at once: for the `advance` of [`Channel::take_steps`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Ahead {
+    /// No step comes sooner after the one before, ticks.
+    pub gap: u32,
+    /// All of them come less than this after the last step, ticks.
+    pub ticks: u32,
+    /// Steps at most; not 0, but for a run that has none.
+    pub most: u32,
 }
 
 /// Expands the items of one motor; `F` is the number of fraction bits, 1..=32.
@@ -462,13 +472,11 @@ impl<const F: u32> Channel<F> {
         }
     }
 
-    /// Takes steps of the run that is under way without an event for each: as many as `words` has room for, but none after
-    /// `limit`. Who works them out is `expand`: [`pio::expand`](crate::pio::expand()), or what a board has that does the
-    /// same.
+    /// Takes steps of the run that is under way without an event for each, but none after `limit`. `advance` moves the recurrence on by
+    /// as many steps as it wants and [`Ahead`] allows, and says how many.
     ///
-    /// A step that comes d ticks after the one before is written as d − the channel's gap + `bits`. Gives how many were
-    /// taken: 0 if the next one goes another way. For who has made nothing since the step before.
-    pub fn take_steps(&mut self, limit: Tick32, bits: u32, words: &mut [u32], expand: Expand) -> u32 {
+    /// Gives how many were taken: 0 if the next one goes another way. For callers that have made nothing since the step before.
+    pub fn take_steps(&mut self, limit: Tick32, advance: impl FnOnce(&mut Recurrence, Ahead) -> u32) -> u32 {
         if self.committed.is_some() || self.left == 0 || self.facing != Some(self.direction) || self.assert_every_step {
             return 0;
         }
@@ -480,25 +488,14 @@ impl<const F: u32> Channel<F> {
             _ => limit.after(1),
         };
         let last = self.last_tick();
-        let left = usize::try_from(self.left).unwrap_or(usize::MAX);
-        let room = words.len().min(left);
-        let Some(words) = words.get_mut(..room) else { return 0 };
-        if room == 0 || end.is_before(last) {
+        if end.is_before(last) {
             return 0;
         }
-        let stretch = Stretch { gap: self.gap, ticks: end.since(last).min(LONGEST_WAIT), bits };
-        let taken = expand(&mut self.recurrence, words, &stretch).min(self.left);
+        let ahead = Ahead { gap: self.gap, ticks: end.since(last), most: self.left };
+        let taken = advance(&mut self.recurrence, ahead).min(self.left);
         if taken > 0 {
-            self.left -= taken;
-            let moved = taken.cast_signed();
-            self.position = match self.direction {
-                Direction::Forward => self.position.wrapping_add(moved),
-                Direction::Backward => self.position.wrapping_sub(moved),
-            };
+            self.took(taken);
             self.horizon = self.last_tick().after(self.gap);
-            // As it was before the last of them.
-            let Recurrence { interval, add, add2, .. } = self.recurrence;
-            self.last_interval = interval.wrapping_sub(add.wrapping_sub(add2));
             self.stepped();
         }
         taken
@@ -525,35 +522,34 @@ impl<const F: u32> Channel<F> {
         &mut self,
         items: &mut impl Items,
         limit: Tick32,
-        bits: u32,
-        words: &mut [u32],
-        expand: Expand,
+        advance: impl FnOnce(&mut Recurrence, Ahead) -> u32,
     ) -> u32 {
         if self.left == 0 {
             self.left = items.take_run(self.epoch, self.direction, &mut self.recurrence);
         }
-        // As it is at the end of each fill: to ask for steps takes longer.
+        // Often nothing is due before the limit, and to find that out here is quicker than to call `advance`.
         if limit.is_before(self.next_tick()) {
             return 0;
         }
-        let left = usize::try_from(self.left).unwrap_or(usize::MAX);
-        let room = words.len().min(left);
-        let Some(words) = words.get_mut(..room) else { return 0 };
-        let ticks = limit.after(1).since(self.last_tick());
-        // Of 0 on there are at most so many, as a step before is not after the limit.
-        let stretch = Stretch { gap: self.gap, ticks: ticks.min(LONGEST_WAIT), bits };
-        let taken = if room == 0 { 0 } else { expand(&mut self.recurrence, words, &stretch).min(self.left) };
+        let ahead = Ahead { gap: self.gap, ticks: limit.after(1).since(self.last_tick()), most: self.left };
+        let taken = advance(&mut self.recurrence, ahead).min(self.left);
         if taken > 0 {
-            self.left -= taken;
-            self.position = match self.direction {
-                Direction::Forward => self.position.wrapping_add_unsigned(taken),
-                Direction::Backward => self.position.wrapping_sub_unsigned(taken),
-            };
-            // As it was before the last of them.
-            let Recurrence { interval, add, add2, .. } = self.recurrence;
-            self.last_interval = interval.wrapping_sub(add.wrapping_sub(add2));
+            self.took(taken);
         }
         taken
+    }
+
+    /// Counts steps of one run that the recurrence has made.
+    #[inline(always)]
+    fn took(&mut self, taken: u32) {
+        self.left -= taken;
+        self.position = match self.direction {
+            Direction::Forward => self.position.wrapping_add_unsigned(taken),
+            Direction::Backward => self.position.wrapping_sub_unsigned(taken),
+        };
+        // The interval as it was before the last of them.
+        let Recurrence { interval, add, add2, .. } = self.recurrence;
+        self.last_interval = interval.wrapping_sub(add.wrapping_sub(add2));
     }
 
     /// Notes that [`go_on`](Channel::go_on) took steps.

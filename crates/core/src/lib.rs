@@ -12,6 +12,7 @@
 //! - [`lease`]: how long a plan holds; [`braking`]: how a board brings a motor to rest by itself
 //! - [`shared_line`]: a DIR line of several motors while they brake
 //! - [`queue`]: items waiting, each tagged with its epoch
+//! - [`packed_queue`]: packed bytes that wait, and the items in them
 //! - [`packing`]: segments as few bytes
 //! - [`wire`]: frames and messages between host and board, and the board's side of the link
 //! - [`segment`]: the recurrence, exact
@@ -32,6 +33,7 @@ pub mod channel;
 pub mod lease;
 pub mod merge;
 pub mod output;
+pub mod packed_queue;
 pub mod packing;
 pub mod pio;
 pub mod queue;

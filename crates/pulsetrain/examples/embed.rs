@@ -54,7 +54,7 @@ pub(crate) fn swing<P: Port>(port: P) -> Result<Outcome, Box<dyn Error>> {
     println!("firmware {:?}, {} ticks a second", board.info().firmware, board.info().tick_hz);
 
     // From here on the board always has a plan that ends in rest: the cable may be pulled at any time.
-    let mut session = Session::new(board, &program)?;
+    let mut session = Session::new(board, program.clone())?;
     let mut pulses = 0;
     let mut on_pins = |edge: Edge| pulses += u64::from(edge.line == 8 && edge.level);
     let told = session.zero() + program.board.tick_hz * 13 / 10;

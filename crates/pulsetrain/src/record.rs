@@ -6,13 +6,13 @@ use miette::Diagnostic;
 use pulsetrain_board::{Edge, Observer, ScheduledStep};
 use pulsetrain_core::Direction;
 use pulsetrain_motion::LawError;
-use pulsetrain_motion::program::{Motor, Program, Wiring};
+use pulsetrain_motion::program::Program;
 use pulsetrain_trace::verdict::{EdgeJudge, JudgeError, Report};
 use pulsetrain_trace::{Line, steps, vcd_file};
 
 use pulsetrain_plot::machine::{Drawn, Figure, FigureReport};
 use pulsetrain_plot::{Errors, MotorPicture, Picture};
-use pulsetrain_session::lateness::{Edges, Lateness, Meter};
+use pulsetrain_session::lateness::{Edges, Lateness};
 use pulsetrain_session::prepare::Planned;
 
 /// Where the edges and steps of a run are written.
@@ -73,9 +73,6 @@ pub struct Recorder<'a, W: Write> {
     figures: Vec<Figure<'a>>,
     positions: Vec<i64>,
     tick_s: f64,
-    /// By line: the motor whose STEP it is, if lateness is measured.
-    steppers: Vec<Option<usize>>,
-    meter: Meter,
     /// The first thing that went wrong; what comes after is not recorded.
     error: Option<RecordError>,
 }
@@ -111,12 +108,6 @@ impl<'a, W: Write> Recorder<'a, W> {
         let tick_s = 1.0 / tick_hz as f64;
         let options = edges.options(program, None);
         let judge = EdgeJudge::new(tick_hz, lines, program, &options)?.keeping_errors();
-        let stepper = |line: &Line| {
-            let is_step = |motor: &Motor| line.names.contains(&format!("{}.step", motor.name));
-            program.motors.iter().position(is_step)
-        };
-        let steppers = lines.iter().map(stepper).collect();
-        let meter = Meter::new(program.motors.len(), edges.constant_ticks.into());
         let motors = program.motors.iter();
         let motors: Vec<_> =
             motors.map(|motor| MotorPicture::new(motor.name.clone(), motor.scale.clone(), 0.0)).collect();
@@ -129,8 +120,6 @@ impl<'a, W: Write> Recorder<'a, W> {
             figures: Figure::all(program, drawn),
             positions,
             tick_s,
-            steppers,
-            meter,
             error: None,
         })
     }
@@ -139,8 +128,8 @@ impl<'a, W: Write> Recorder<'a, W> {
     ///
     /// # Errors
     /// What went wrong on the way.
-    pub fn finish(self, planned: &[Planned]) -> Result<Recorded, RecordError> {
-        let Recorder { program, judge, files, mut picture, figures, tick_s, meter, error, .. } = self;
+    pub fn finish(self, planned: &[Planned], lateness: Lateness) -> Result<Recorded, RecordError> {
+        let Recorder { program, judge, files, mut picture, figures, tick_s, error, .. } = self;
         if let Some(error) = error {
             return Err(error);
         }
@@ -163,7 +152,7 @@ impl<'a, W: Write> Recorder<'a, W> {
         }
         let (figures, pictures) = figures.into_iter().filter_map(Figure::finish).unzip();
         picture.figures = pictures;
-        Ok(Recorded { verdict, picture, lateness: meter.finish(), figures })
+        Ok(Recorded { verdict, picture, lateness, figures })
     }
 
     /// Ends the files after the last edge of a run that did not come to its end.
@@ -193,11 +182,6 @@ impl<W: Write> Observer for Recorder<'_, W> {
         if self.error.is_some() {
             return;
         }
-        if edge.level
-            && let Some(Some(motor)) = self.steppers.get(usize::from(edge.line))
-        {
-            self.meter.edge(*motor, edge.tick);
-        }
         let edge = pulsetrain_trace::Edge { tick: edge.tick, line: edge.line, level: edge.level };
         let judged = self.judge.push(edge).map_err(JudgeError::from);
         self.note(judged);
@@ -210,10 +194,6 @@ impl<W: Write> Observer for Recorder<'_, W> {
     fn step(&mut self, step: ScheduledStep) {
         if self.error.is_some() {
             return;
-        }
-        // Of coils no single edge is a step's: the judge sees to them.
-        if self.program.motors.get(step.motor).is_some_and(|motor| matches!(motor.wiring, Wiring::StepDir { .. })) {
-            self.meter.scheduled(step.motor, step.tick);
         }
         let position = &mut self.positions[step.motor];
         *position += i64::from(step.direction.sign());

@@ -178,7 +178,7 @@ impl Stopped {
     /// What is said of a run that failed with `error`; `None` if the motors were not on their way.
     #[must_use]
     pub fn of(error: &DriveError) -> Option<Stopped> {
-        let DriveError::Halted { why, seen_s, whereabouts, .. } = error else { return None };
+        let DriveError::Halted { why, seen_s, positions, .. } = error else { return None };
         let (motor, late_s) = match &**why {
             DriveError::TooLate { motor, late_s, .. } => (Some(motor.clone()), Some(*late_s)),
             DriveError::QueueTooShort { motor, .. } => (Some(motor.clone()), None),
@@ -191,7 +191,7 @@ impl Stopped {
             motor,
             at_s: error.at_s().unwrap_or(*seen_s),
             late_s,
-            motors: whereabouts.motors.iter().map(place).collect(),
+            motors: positions.motors.iter().map(place).collect(),
         })
     }
 }

@@ -1,6 +1,8 @@
 //! Motions on the native board, on virtual boards and on real ones: a session, in bounded memory.
 
+use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
+use std::sync::mpsc::{Receiver, TryRecvError, channel};
 
 use pulsetrain_board::native::{ConfigError, Faults};
 use pulsetrain_board::remote::{image_name, in_words, name_of};
@@ -18,6 +20,8 @@ use pulsetrain_motion::program::{self, CoilSequence, DriverTiming, Motor, Progra
 use pulsetrain_plan::Settings;
 use pulsetrain_trace::{Line, lines};
 
+use crate::control::{Command, Event, Status};
+use crate::lateness::{Edges, Lateness, Meter};
 use crate::prepare::{Prepared, WORST_CLOCK_PPM};
 use crate::{Report, Session, SessionError};
 
@@ -78,14 +82,14 @@ pub enum DriveError {
         board: String,
     },
     /// The motors were on their way.
-    #[error("{why}\n{whereabouts}")]
+    #[error("{why}\n{positions}")]
     Halted {
         /// Why they did not come to the motion's end.
         why: Box<DriveError>,
         /// When that was seen, s of the laws.
         seen_s: f64,
         /// Where they are.
-        whereabouts: Whereabouts,
+        positions: Positions,
         /// What to do.
         advice: &'static str,
     },
@@ -102,8 +106,8 @@ impl DriveError {
     }
 
     /// The same with where the motors are.
-    pub(crate) fn halted(self, seen_s: f64, whereabouts: Whereabouts) -> DriveError {
-        DriveError::Halted { why: Box::new(self), seen_s, advice: whereabouts.advice(), whereabouts }
+    pub(crate) fn halted(self, seen_s: f64, positions: Positions) -> DriveError {
+        DriveError::Halted { why: Box::new(self), seen_s, advice: positions.advice(), positions }
     }
 
     /// From when on the motors brake, if that is known, s of the laws.
@@ -135,7 +139,7 @@ impl DriveError {
 
 /// Where the motors are after a run that did not come to its end, and how sure that is.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Whereabouts {
+pub struct Positions {
     /// Each motor's name and its steps forward minus backward since the board was set up.
     pub motors: Vec<(String, i64)>,
     /// How that is known.
@@ -150,20 +154,20 @@ pub enum Knowledge {
     /// The board counted them, and stopped them at once; one that was faster than its pull-in rate may have gone on.
     StoppedAtOnce,
     /// It is what the board was told; it cannot be asked.
-    Told {
+    Replayed {
         /// Other places where the motors may be: one for each message that the board may not have received. Empty if no answer was missing.
         or: Vec<Vec<i64>>,
     },
     /// The line broke before the board answered an order to brake. The counts are the last that the board reported.
     StopUnanswered,
     /// The board restarted and has lost its count: they were there when it was heard last.
-    HeardLast {
+    LastReport {
         /// Why it restarted.
         reset: Cause,
     },
 }
 
-impl Whereabouts {
+impl Positions {
     /// What to do before the next run.
     const fn advice(&self) -> &'static str {
         match self.by {
@@ -172,11 +176,11 @@ impl Whereabouts {
                 "nothing moves until the next run. Look where the motors are: one that was stopped at speed may have gone further than it \
                  counted; `pulsetrain info --port PORT` tells how the board fared"
             }
-            Knowledge::Told { .. } | Knowledge::StopUnanswered => {
+            Knowledge::Replayed { .. } | Knowledge::StopUnanswered => {
                 "look at the cable and at the board's supply. The motors brake within half a second, and nothing moves until the \
                  next run. An Uno that lost its supply, or whose port was opened again, was reset: look where the motors are"
             }
-            Knowledge::HeardLast { .. } => {
+            Knowledge::LastReport { .. } => {
                 "nothing moves until the next run. Bring the motors to where it is to begin: nobody knows where they are. Look for what \
                  reset the board: its supply, or another program that opened its port"
             }
@@ -184,7 +188,7 @@ impl Whereabouts {
     }
 }
 
-impl std::fmt::Display for Whereabouts {
+impl std::fmt::Display for Positions {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let list = |counts: &[i64]| {
             let each = self.motors.iter().zip(counts).map(|((name, _), steps)| format!("{name} at {steps} steps"));
@@ -195,7 +199,7 @@ impl std::fmt::Display for Whereabouts {
         match &self.by {
             Knowledge::Counted => write!(f, "the motors braked and rest: {motors}. The board counted that"),
             Knowledge::StoppedAtOnce => write!(f, "the motors were stopped at once: {motors}. The board counted that"),
-            Knowledge::Told { or } => {
+            Knowledge::Replayed { or } => {
                 write!(
                     f,
                     "by what the board was told the motors brake, and come to rest: {motors}. The board cannot be asked"
@@ -211,7 +215,7 @@ impl std::fmt::Display for Whereabouts {
                 "the board was told to stop, and did not answer. When it was heard last: {motors}; the motors have come to rest since, within \
                  their limits, but nobody knows where"
             ),
-            Knowledge::HeardLast { reset } => write!(
+            Knowledge::LastReport { reset } => write!(
                 f,
                 "the board restarted on the way ({}) and has lost its count. When it was heard last: {motors}; the motors stopped at \
                  once, soon after that",
@@ -222,13 +226,16 @@ impl std::fmt::Display for Whereabouts {
 }
 
 /// A prepared motion on a board, just before its laws begin.
-pub struct Driven<'a, B> {
-    session: Session<'a, B>,
-    program: &'a Program,
+pub struct Driven<B> {
+    session: Session<B>,
+    program: Arc<Program>,
     /// The lines of its traces, as they stand when the laws begin.
     pub lines: Vec<Line>,
     /// By the number that the board has for a line: which of `lines` it is.
     places: Vec<Option<u8>>,
+    /// By line: the motor whose STEP it is.
+    steppers: Vec<Option<usize>>,
+    meter: Meter,
 }
 
 /// The virtual Uno, and the native board that says which tick each of its steps was scheduled for.
@@ -237,46 +244,46 @@ pub type Uno = Shadowed<Remote<VirtualUno>>;
 /// The same of a virtual Pico.
 pub type Pico = Shadowed<Remote<VirtualPico>>;
 
-impl<'a> Driven<'a, Native> {
+impl Driven<Native> {
     /// Sends the beginning of the motion to the native board, and lets it come to the tick at which the laws begin.
     ///
     /// # Errors
     /// When the board cannot be wired so, or the plan is refused, which [`Prepared::plan`] would have said before.
-    pub fn native(prepared: &'a Prepared) -> Result<Driven<'a, Native>, DriveError> {
+    pub fn native(prepared: &Prepared) -> Result<Driven<Native>, DriveError> {
         let program = &prepared.program;
         let lines = lines::of(program);
         let places = (0..).map(Some).take(lines.len()).collect();
-        Driven::begin(native(program, Native::new)?, program, lines, places)
+        Driven::begin(native(program, Native::new)?, program, lines, places, Edges::default())
     }
 }
 
-impl<'a> Driven<'a, Uno> {
+impl Driven<Uno> {
     /// The same on the virtual Uno, at `baud`.
     ///
     /// # Errors
     /// As [`Driven::native`], and when the firmware refuses the configuration.
-    pub fn virtual_uno(prepared: &'a Prepared, baud: Baud) -> Result<Driven<'a, Uno>, DriveError> {
+    pub fn virtual_uno(prepared: &Prepared, baud: Baud) -> Result<Driven<Uno>, DriveError> {
         // One that was made just now has known nobody: the same session each time, to the cycle.
         Driven::with(prepared, |program| connect_as(VirtualUno::new(), program, baud, 1))
     }
 }
 
-impl<'a> Driven<'a, Pico> {
+impl Driven<Pico> {
     /// The same on the virtual Pico, over its USB; `baud` is the rate that the host reckons with.
     ///
     /// # Errors
     /// As [`Driven::native`], and when the firmware refuses the configuration.
-    pub fn virtual_pico(prepared: &'a Prepared, baud: Baud) -> Result<Driven<'a, Pico>, DriveError> {
+    pub fn virtual_pico(prepared: &Prepared, baud: Baud) -> Result<Driven<Pico>, DriveError> {
         Driven::with(prepared, |program| connect_as(VirtualPico::on_usb(), program, baud, 1))
     }
 }
 
-impl<'a, P: Port> Driven<'a, Shadowed<Remote<P>>> {
+impl<P: Port> Driven<Shadowed<Remote<P>>> {
     /// The same on the board at the other end of a port, at `baud`.
     ///
     /// # Errors
     /// As [`Driven::native`], and when nobody answers or the firmware refuses the configuration.
-    pub fn at(prepared: &'a Prepared, port: P, baud: Baud) -> Result<Driven<'a, Shadowed<Remote<P>>>, DriveError> {
+    pub fn at(prepared: &Prepared, port: P, baud: Baud) -> Result<Driven<Shadowed<Remote<P>>>, DriveError> {
         Driven::with(prepared, |program| connect(port, program, baud))
     }
 
@@ -285,16 +292,16 @@ impl<'a, P: Port> Driven<'a, Shadowed<Remote<P>>> {
     /// # Errors
     /// As [`Driven::at`].
     pub fn with(
-        prepared: &'a Prepared,
+        prepared: &Prepared,
         connect: impl FnOnce(&Program) -> Result<Remote<P>, RemoteError>,
-    ) -> Result<Driven<'a, Shadowed<Remote<P>>>, DriveError> {
+    ) -> Result<Driven<Shadowed<Remote<P>>>, DriveError> {
         let program = &prepared.program;
         let remote = connect(program)?;
         let lines = lines::of(program);
         let place = |pin: u8| place_of(&lines, pin);
         let places = (0..=LAST_PIN).map(place).collect();
         let board = Shadowed::new(remote, native(program, Native::unbounded)?);
-        Driven::begin(board, program, lines, places)
+        Driven::begin(board, program, lines, places, Edges::of(program))
     }
 
     /// The board's own measurements, and what is true of its firmware.
@@ -434,26 +441,23 @@ pub struct Ended {
     pub uncertain: Option<Vec<bool>>,
 }
 
-/// How a run is to go on.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Wish {
-    /// As planned.
-    GoOn,
-    /// To rest within the limits, as soon as possible.
-    Stop,
-    /// No further step.
-    StopNow,
-}
-
-impl<'a, B: Leased> Driven<'a, B> {
+impl<B: Leased> Driven<B> {
     fn begin(
         board: B,
-        program: &'a Program,
+        program: &Program,
         mut lines: Vec<Line>,
         places: Vec<Option<u8>>,
-    ) -> Result<Driven<'a, B>, DriveError> {
-        let of = |error| DriveError::of(program, error);
-        let mut session = Session::new(board, program).map_err(of)?;
+        edges: Edges,
+    ) -> Result<Driven<B>, DriveError> {
+        let program = Arc::new(program.clone());
+        let of = |error| DriveError::of(&program, error);
+        let stepper = |line: &Line| {
+            let is_step = |motor: &Motor| line.names.contains(&format!("{}.step", motor.name));
+            program.motors.iter().position(is_step)
+        };
+        let steppers = lines.iter().map(stepper).collect();
+        let meter = Meter::new(program.motors.len(), edges.constant_ticks.into());
+        let mut session = Session::new(board, Arc::clone(&program)).map_err(of)?;
         // A first step soon after the start has its DIR set before: in a trace that is where the line begins.
         let mut level = |edge: Edge| {
             if let Some(Some(place)) = places.get(usize::from(edge.line)) {
@@ -461,93 +465,119 @@ impl<'a, B: Leased> Driven<'a, B> {
             }
         };
         session.advance(session.zero() - 1, &mut level).map_err(of)?;
-        Ok(Driven { session, program, lines, places })
+        Ok(Driven { session, program, lines, places, steppers, meter })
     }
 
-    /// Runs it to its end; what is observed has the laws' time, and `watch` hears how far it is, s.
+    /// Runs it to its end. What is observed has the laws' time; `events` gets a status some 20 times a second.
     ///
     /// # Errors
     /// When the motion stopped before its end, or the board and the host count differently: faults of ours.
-    pub fn run(&mut self, observer: &mut impl Observer, watch: impl FnMut(f64)) -> Result<Ended, DriveError> {
-        self.run_until(observer, watch, || Wish::GoOn)
+    pub fn run(&mut self, observer: &mut impl Observer, events: impl FnMut(Event)) -> Result<Ended, DriveError> {
+        let (_, none) = channel();
+        self.run_with(&none, observer, events)
     }
 
-    /// The same, but when `wish` says so the motors come to rest within their limits, or at once.
+    /// The same, and obeys commands on the way. A paused motion ends if nobody is left who could send a command.
     ///
     /// # Errors
     /// As [`Driven::run`].
-    pub fn run_until(
+    pub fn run_with(
         &mut self,
+        commands: &Receiver<Command>,
         observer: &mut impl Observer,
-        mut watch: impl FnMut(f64),
-        wish: impl Fn() -> Wish,
+        mut events: impl FnMut(Event),
     ) -> Result<Ended, DriveError> {
-        /// So often `wish` is asked, ticks of the board for each second.
-        const LOOKS_PER_S: u64 = 20;
         let (zero, tick_hz) = (self.session.zero(), self.program.board.tick_hz);
-        let mut since = Since { zero, places: &self.places, observer };
-        let mut progress = |tick: u64| watch(tick.saturating_sub(zero) as f64 / tick_hz as f64);
+        let seconds = |tick: u64| tick.saturating_sub(zero) as f64 / tick_hz as f64;
+        let Driven { session, steppers, meter, places, .. } = self;
+        let mut since = Since { zero, places, steppers, meter, observer };
         let (mut ordered, mut stopped) = (false, false);
-        while !(self.session.is_complete() && self.is_past()) {
-            let now = self.session.board().now();
-            let obeyed = match wish() {
-                Wish::Stop if !ordered => {
-                    ordered = true;
-                    let last = self.session.last_step().filter(|_| self.session.is_complete());
-                    // If the whole plan was sent, the last step may have been made before the board got the order.
-                    self.session.stop().map(|at| stopped = last.is_none_or(|last| at <= last))
+        while session.is_paused() || !(session.is_complete() && is_past(session)) {
+            let now = session.board().now();
+            let command = match commands.try_recv() {
+                Ok(command) => Some(command),
+                Err(TryRecvError::Empty) => None,
+                Err(TryRecvError::Disconnected) if session.is_paused() && is_past(session) => {
+                    stopped = true;
+                    break;
                 }
-                Wish::StopNow => {
-                    let stop = self.session.board_mut().stop_now(now, &mut since);
-                    if let Some(error) = self.session.board().lost().cloned() {
-                        let seen_s = now.saturating_sub(zero) as f64 / tick_hz as f64;
-                        let mut report = self.session.run(&mut since, progress);
+                Err(TryRecvError::Disconnected) => None,
+            };
+            let obeyed = match command {
+                Some(Command::Stop) if !ordered => {
+                    ordered = true;
+                    let last = session.last_step().filter(|_| session.is_complete());
+                    session.stop().map(|at| {
+                        // If the whole plan was sent, the last step may have been made before the board got the order.
+                        stopped = last.is_none_or(|last| at <= last);
+                        events(Event::Stopping { at_s: seconds(at) });
+                    })
+                }
+                Some(Command::StopNow) => {
+                    let stop = session.board_mut().stop_now(now, &mut since);
+                    if let Some(error) = session.board().lost().cloned() {
+                        let mut report = session.run(&mut since, |tick| events(Event::Progress { at_s: seconds(tick) }));
                         report.stop_unanswered = true;
-                        return Err(DriveError::from(error).halted(seen_s, self.whereabouts(&report).0));
+                        return Err(DriveError::from(error).halted(seconds(now), self.positions(&report).0));
                     }
+                    let (positions, uncertain) = (stop.positions.clone(), stop.uncertain.clone());
+                    events(Event::StoppedAtOnce { positions, uncertain });
                     return Ok(Ended { counted: stop.positions, stopped: true, uncertain: Some(stop.uncertain) });
                 }
-                Wish::Stop | Wish::GoOn => Ok(()),
+                Some(command @ (Command::Pause | Command::Resume)) => {
+                    let done = match command {
+                        Command::Pause => session.pause().map(|rests| Event::Pausing { rests_s: seconds(rests) }),
+                        _ => session.resume().map(|tick| Event::Resuming { full_speed_s: seconds(tick) }),
+                    };
+                    // The motion goes on if it was refused.
+                    events(done.unwrap_or_else(|error| Event::Refused { command, why: error.to_string() }));
+                    Ok(())
+                }
+                Some(Command::Stop) | None => Ok(()),
             };
             let soon = now + tick_hz / LOOKS_PER_S;
-            let last = self.session.last_step().filter(|last| self.session.is_complete() && *last >= now);
+            let last = session.last_step().filter(|last| session.is_complete() && *last >= now);
             let until = last.map_or(soon, |last| soon.min(last));
-            if let Err(failure) = obeyed.and_then(|()| self.session.advance(until, &mut since)) {
-                let seen_s = self.session.board().now().saturating_sub(zero) as f64 / tick_hz as f64;
+            if let Err(failure) = obeyed.and_then(|()| session.advance(until, &mut since)) {
+                let seen_s = seconds(session.board().now());
                 // The motors brake: that is waited for.
-                let report = self.session.run(&mut since, progress);
-                let (whereabouts, stop) = self.whereabouts(&report);
-                // Why it stopped, which is told behind the refusal that followed from it.
-                let failure = match (DriveError::of(self.program, failure), stop) {
+                let report = session.run(&mut since, |tick| events(Event::Progress { at_s: seconds(tick) }));
+                let (positions, stop) = self.positions(&report);
+                // The board's refusal follows from why it stopped, which is what helps.
+                let failure = match (DriveError::of(&self.program, failure), stop) {
                     (DriveError::Remote(RemoteError::Refused { reason: Reason::NotArmed, .. }), Some(cause)) => {
                         RemoteError::Stopped { cause }.into()
                     }
                     (failure, _) => failure,
                 };
-                return Err(failure.halted(seen_s, whereabouts));
+                return Err(failure.halted(seen_s, positions));
             }
-            progress(self.session.board().now());
+            events(Event::Progress { at_s: seconds(session.board().now()) });
+            let status = session.status(zero);
+            events(Event::Status(Status { lateness: Some(since.meter.so_far()), ..status }));
         }
+        let progress = |tick| events(Event::Progress { at_s: seconds(tick) });
         let report = self.session.run(&mut since, progress);
-        let seen_s = self.session.board().now().saturating_sub(zero) as f64 / tick_hz as f64;
+        let seen_s = seconds(self.session.board().now());
         if let Some(error) = self.session.board().lost().cloned() {
-            return Err(DriveError::from(error).halted(seen_s, self.whereabouts(&report).0));
+            return Err(DriveError::from(error).halted(seen_s, self.positions(&report).0));
         }
         if let Some(failure) = report.failure.clone() {
-            return Err(DriveError::of(self.program, failure).halted(seen_s, self.whereabouts(&report).0));
+            return Err(DriveError::of(&self.program, failure).halted(seen_s, self.positions(&report).0));
         }
         let counts = report.counted.iter().zip(&report.replayed).zip(&report.faults);
-        let mut motors = self.program.motors.iter().zip(counts);
+        let program = Arc::clone(&self.program);
+        let mut motors = program.motors.iter().zip(counts);
         let missed =
             motors.find(|(_, ((counted, replayed), faults))| counted != replayed || **faults != Faults::default());
         if let Some((motor, _)) = missed {
             // A board that stopped when all was told has refused nothing: only its count shows it.
-            let (whereabouts, stop) = self.whereabouts(&report);
+            let (positions, stop) = self.positions(&report);
             let why = match stop {
                 Some(cause) => RemoteError::Stopped { cause }.into(),
                 None => DriveError::Missed { motor: motor.name.clone(), board: self.program.board.name.clone() },
             };
-            return Err(why.halted(seen_s, whereabouts));
+            return Err(why.halted(seen_s, positions));
         }
         // Last: what the board did is told first.
         if !self.session.board().agrees() {
@@ -557,11 +587,11 @@ impl<'a, B: Leased> Driven<'a, B> {
     }
 
     /// Where the motors are after a run that failed, and the stop at once if there was one.
-    fn whereabouts(&mut self, report: &Report) -> (Whereabouts, Option<Cause>) {
+    fn positions(&mut self, report: &Report) -> (Positions, Option<Cause>) {
         let heard = self.session.board().positions();
         let mut stop = None;
         let (counts, by) = match self.session.board_mut().fared() {
-            Ok(Fared { reset: Some(reset), .. }) => (heard, Knowledge::HeardLast { reset }),
+            Ok(Fared { reset: Some(reset), .. }) => (heard, Knowledge::LastReport { reset }),
             Ok(Fared { positions, last_stop, .. }) => match last_stop {
                 Cause::None | Cause::Finished | Cause::HostLost | Cause::Lapsed | Cause::Braked => {
                     (positions, Knowledge::Counted)
@@ -576,35 +606,57 @@ impl<'a, B: Leased> Driven<'a, B> {
             Err(_) if report.stop_unanswered => (heard, Knowledge::StopUnanswered),
             Err(_) => {
                 let mut told = report.replayed_otherwise.iter().chain([&report.replayed]).cloned();
-                (told.next().unwrap_or_default(), Knowledge::Told { or: told.collect() })
+                (told.next().unwrap_or_default(), Knowledge::Replayed { or: told.collect() })
             }
         };
         let names = self.program.motors.iter().map(|motor| motor.name.clone());
-        (Whereabouts { motors: names.zip(counts).collect(), by }, stop)
+        (Positions { motors: names.zip(counts).collect(), by }, stop)
     }
 
-    /// Whether the last step is past.
-    fn is_past(&self) -> bool {
-        self.session.last_step().is_none_or(|last| last < self.session.board().now())
+    /// How late pulses were, against the ticks that they were scheduled for: once the run is over.
+    pub fn lateness(&mut self) -> Lateness {
+        let constant_ticks = self.meter.so_far().constant_ticks;
+        std::mem::replace(&mut self.meter, Meter::new(0, constant_ticks)).finish()
     }
 }
 
-/// Counts an observer's ticks from the laws' beginning, and lines as traces have them.
+/// Whether the last step is past.
+fn is_past<B: Leased>(session: &Session<B>) -> bool {
+    session.last_step().is_none_or(|last| last < session.board().now())
+}
+
+/// So often a run looks for commands, and tells where it is, in a second of the board.
+const LOOKS_PER_S: u64 = 20;
+
+/// Counts an observer's ticks from the laws' beginning, and lines as traces have them; measures lateness.
 struct Since<'o, O> {
     zero: u64,
     places: &'o [Option<u8>],
+    steppers: &'o [Option<usize>],
+    meter: &'o mut Meter,
     observer: &'o mut O,
 }
 
 impl<O: Observer> Observer for Since<'_, O> {
     fn edge(&mut self, edge: Edge) {
         if let Some(Some(line)) = self.places.get(usize::from(edge.line)).copied() {
-            self.observer.edge(Edge { tick: edge.tick.saturating_sub(self.zero), line, level: edge.level });
+            let tick = edge.tick.saturating_sub(self.zero);
+            if edge.level
+                && let Some(motor) = self.steppers[usize::from(line)]
+            {
+                self.meter.edge(motor, tick);
+            }
+            self.observer.edge(Edge { tick, line, level: edge.level });
         }
     }
 
     fn step(&mut self, step: ScheduledStep) {
-        self.observer.step(ScheduledStep { tick: step.tick - self.zero, ..step });
+        let step = ScheduledStep { tick: step.tick - self.zero, ..step };
+        // No single edge of coils is a step's.
+        if self.steppers.contains(&Some(step.motor)) {
+            self.meter.scheduled(step.motor, step.tick);
+        }
+        self.observer.step(step);
     }
 }
 

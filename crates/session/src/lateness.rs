@@ -9,7 +9,7 @@ use pulsetrain_motion::boards;
 use pulsetrain_motion::pins::PinKind;
 use pulsetrain_motion::program::Program;
 use pulsetrain_trace::verdict::Options;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 /// Collects the lateness of every step.
 ///
@@ -43,7 +43,7 @@ struct Pending {
 }
 
 /// The lateness of a run.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Lateness {
     /// Edge tick − scheduled tick of an edge that is not late: the board's constant.
     pub constant_ticks: u64,
@@ -94,6 +94,12 @@ impl Meter {
             self.settle(motor, true);
             self.lost += self.motors[motor].scheduled.len() as u64;
         }
+        self.so_far()
+    }
+
+    /// What was matched so far.
+    #[must_use]
+    pub fn so_far(&self) -> Lateness {
         let edges = self.counts.values().sum();
         Lateness {
             constant_ticks: self.constant_ticks,

@@ -8,6 +8,7 @@
 //! state machines.
 
 use std::cell::Cell;
+use std::sync::mpsc::channel;
 
 use pulsetrain_board::{Edge, Observer};
 use pulsetrain_core::wire::Baud;
@@ -17,7 +18,8 @@ use pulsetrain_motion::time::common_period;
 use pulsetrain_motion::{Time, human};
 use pulsetrain_trace::verdict::{EdgeJudge, Failure, JudgeError, Report};
 
-use crate::drive::{DriveError, Driven, Wish};
+use crate::control::{Command, Event};
+use crate::drive::{DriveError, Driven};
 use crate::lateness::Edges;
 use crate::prepare::Prepared;
 
@@ -232,18 +234,25 @@ pub fn rehearse(
     let mut looker = Looker { judge: judge.map_err(|error| failed(error.into()))?, broken: &broken, error: None };
     // A little longer than is looked at, so that an edge that is late is seen.
     let until_s = length.until_s().map_or(f64::INFINITY, |until_s| until_s + STRIDE_S);
-    let progress = |seconds: f64| {
-        at_s.set(seconds);
-        watch(seconds.min(length.seconds));
+    // What the board says of a stop comes later than its edges: it has one stretch for that. Then, or at the end of what is looked at, it
+    // is stopped. Nothing is sent while motors come to rest after a failure.
+    let (orders, commands) = channel();
+    let mut was_broken = false;
+    let events = |event: Event| match event {
+        Event::Progress { at_s: seconds } => {
+            at_s.set(seconds);
+            watch(seconds.min(length.seconds));
+        }
+        Event::Status(_) => {
+            seen_s.set(at_s.get());
+            if std::mem::replace(&mut was_broken, broken.get()) || at_s.get() > until_s {
+                // The run holds the other end.
+                let _ = orders.send(Command::StopNow);
+            }
+        }
+        _ => {}
     };
-    // Asked before each stretch, and not while motors come to rest after a failure.
-    // What the board says of a stop comes later than its edges: it has one stretch for that.
-    let was_broken = Cell::new(false);
-    let wish = || {
-        seen_s.set(at_s.get());
-        if was_broken.replace(broken.get()) || at_s.get() > until_s { Wish::StopNow } else { Wish::GoOn }
-    };
-    let ended = driven.run_until(&mut looker, progress, wish);
+    let ended = driven.run_with(&commands, &mut looker, events);
     let Looker { judge, error, .. } = looker;
     let report = error.map_or_else(|| judge.finish(), Err).map_err(|error| failed(error.into()))?;
     let first = report.failures.iter().min_by(|one, other| one.at_s.total_cmp(&other.at_s)).cloned();
@@ -275,14 +284,14 @@ impl Observer for Looker<'_, '_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::drive::{Knowledge, Whereabouts};
+    use crate::drive::{Knowledge, Positions};
     use pulsetrain_board::RemoteError;
     use pulsetrain_core::wire::message::Cause;
     use pulsetrain_trace::verdict::Fault;
 
     /// What is told of an error, where the first step that is not as it should be was due at 0.25 s.
     fn told(why: DriveError) -> (Option<f64>, String) {
-        let halted = why.halted(0.3, Whereabouts { motors: Vec::new(), by: Knowledge::Counted });
+        let halted = why.halted(0.3, Positions { motors: Vec::new(), by: Knowledge::Counted });
         let first = Failure { motor: "a".to_owned(), step: 7, at_s: 0.25, fault: Fault::Missing { forward: true } };
         let what = What::session(halted, Some(0.3), Some(first));
         (what.at_s(), what.to_string())

@@ -3,3 +3,4 @@
 mod core_source;
 mod dependencies;
 mod no_clock;
+mod tour;

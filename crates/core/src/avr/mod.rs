@@ -1,7 +1,6 @@
 //! What boards have that are short of memory and of bits: nothing wider than 32 bits.
 //!
 //! # What is here
-//! - [`Bytes`]: packed items of one motor that wait, in its part of the [`Pool`] that all motors share
 //! - [`Registers`]: the live recurrence with 16 fraction bits, laid out for a step engine in assembly
 //! - [`verbs`]: motors told directly, step for step what [`crate::verbs`] has them do
 //!
@@ -13,9 +12,7 @@
 //! # What is not
 //! Pins, timers, the step engine that reads packed items: the firmware's.
 
-mod bytes;
 mod registers;
 pub mod verbs;
 
-pub use bytes::{Bytes, EPOCHS, Pool, PushRefused};
 pub use registers::Registers;

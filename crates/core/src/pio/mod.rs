@@ -2,7 +2,6 @@
 //!
 //! # What is here, top down
 //! - [`Words`]: channel and output of one motor → words, up to a tick
-//! - [`Packed`]: packed bytes that wait → items for its channel, checks compared
 //! - [`expand()`]: a run's steps, one word each: the loop that has to be fast
 //! - [`Tape`]: the ring that words wait in, and what was counted where in it
 //!
@@ -21,12 +20,10 @@
 //! Registers: a board's own. Its DMA takes words from a tape, its clock says how far.
 
 mod expand;
-mod packed;
 mod tape;
 mod writer;
 
 pub use expand::{Expand, MOST_SURELY, Stretch, Sure, expand, surely};
-pub use packed::{Fault, Packed, Waiting};
 pub use tape::{Run, Tape};
 pub use writer::{Filled, Words};
 

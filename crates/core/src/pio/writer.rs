@@ -1,10 +1,11 @@
 //! Channel and output of one motor → words on its tape.
 
-use super::{COILS_OVERHEAD, Expand, LONGEST_WAIT, Packed, STEP_DIR_OVERHEAD, Tape, WAIT_BITS};
-use crate::channel::{Channel, Event, Kind};
+use super::{COILS_OVERHEAD, Expand, LONGEST_WAIT, STEP_DIR_OVERHEAD, Stretch, Tape, WAIT_BITS};
+use crate::channel::{Ahead, Channel, Event, Kind};
 use crate::output::{Edge, Output};
+use crate::packed_queue::PackedQueue;
 use crate::queue::Items;
-use crate::{Direction, Tick32};
+use crate::{Direction, Recurrence, Tick32};
 
 /// How far [`Words::fill`] came.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -114,7 +115,7 @@ impl<const F: u32> Words<F> {
 
     /// Whether nothing is left to do by `now`: no step, no end of a pulse, no release of coils.
     #[must_use]
-    pub fn is_idle(&self, packed: &Packed, now: Tick32) -> bool {
+    pub fn is_idle(&self, packed: &PackedQueue, now: Tick32) -> bool {
         let rests = self.busy.is_none_or(|busy| !now.is_before(busy)) && self.output.owed().is_none();
         rests && self.channel.is_done() && !packed.has(self.channel.epoch())
     }
@@ -178,7 +179,7 @@ impl<const F: u32> Words<F> {
     /// Writes words up to tick `until`, `most` of them or a few more: every step up to then is made, and the state machine has
     /// something to do until tick `least` at least, which is not after it.
     ///
-    /// Both go up from call to call, by less than 2^24 ticks. `items` are the motor's: a [`Packed`] with its memory, or what a board
+    /// Both go up from call to call, by less than 2^24 ticks. `items` are the motor's: a [`PackedQueue`] with its memory, or what a board
     /// has worked out itself. `expand` is the board's, or [`expand`](super::expand()).
     pub fn fill<const N: usize, const RUNS: usize>(
         &mut self,
@@ -342,7 +343,9 @@ impl<const F: u32> Words<F> {
             let (at, len) = tape.space(sign);
             let Some(words) = memory.get_mut(at..at + len) else { break };
             let (tick, position) = (self.channel.place().tick, self.channel.position());
-            let taken = self.channel.go_on(items, limit, bits, words, expand);
+            let taken = self
+                .channel
+                .go_on(items, limit, |recurrence, ahead| expand_into(words, bits, expand, recurrence, ahead));
             if taken == 0 {
                 break;
             }
@@ -377,7 +380,8 @@ impl<const F: u32> Words<F> {
             let (at, len) = tape.space(sign);
             let (tick, position) = (self.end, self.channel.position());
             let Some(words) = memory.get_mut(at..at + len) else { return };
-            let taken = self.channel.take_steps(limit, bits, words, expand);
+            let taken =
+                self.channel.take_steps(limit, |recurrence, ahead| expand_into(words, bits, expand, recurrence, ahead));
             if taken == 0 {
                 return;
             }
@@ -428,4 +432,19 @@ impl<const F: u32> Words<F> {
     const fn step_bits(&self) -> u32 {
         self.idle_bits() | self.step << WAIT_BITS
     }
+}
+
+/// Moves a recurrence on by the next steps of a run, as a channel asks: a word for each, as many as `words` has room for. Gives how many
+/// steps it took.
+#[inline(always)]
+fn expand_into(words: &mut [u32], bits: u32, expand: Expand, recurrence: &mut Recurrence, ahead: Ahead) -> u32 {
+    let most = usize::try_from(ahead.most).unwrap_or(usize::MAX);
+    let room = words.len().min(most);
+    let Some(words) = words.get_mut(..room) else { return 0 };
+    if room == 0 {
+        return 0;
+    }
+    // One word cannot wait for longer.
+    let stretch = Stretch { gap: ahead.gap, ticks: ahead.ticks.min(LONGEST_WAIT), bits };
+    expand(recurrence, words, &stretch)
 }

@@ -1,12 +1,12 @@
 //! Words, done by a state machine that is a few lines long, make the edges of the axis that is told the same.
 
 use proptest::prelude::*;
-use pulsetrain_core::avr::Pool;
 use pulsetrain_core::braking::{Limit, Next, Registers};
 use pulsetrain_core::lease::Cause;
 use pulsetrain_core::output::{Coils, Output, Sequence, StepDir, StepDirSettings};
+use pulsetrain_core::packed_queue::{Fault, PackedQueue, Pool};
 use pulsetrain_core::packing::{Check, MAX_PACKED_LEN, Packing, State};
-use pulsetrain_core::pio::{Fault, Filled, LONGEST_WAIT, Packed, Tape, Words, expand, lines};
+use pulsetrain_core::pio::{Filled, LONGEST_WAIT, Tape, Words, expand, lines};
 use pulsetrain_core::queue::Items;
 use pulsetrain_core::{Axis, Direction, Entry, Epoch, Item, Lapse, Lease, Queue, Segment, Tick32};
 
@@ -71,7 +71,7 @@ type Levels = (u32, u32);
 struct Machine {
     kind: Kind,
     pool: Box<Pool<POOL>>,
-    packed: Packed,
+    packed: PackedQueue,
     packer: State,
     words: Words<F>,
     tape: Tape<N, RUNS>,
@@ -89,7 +89,7 @@ impl Machine {
         let mut machine = Machine {
             kind,
             pool: Box::new(Pool::new()),
-            packed: Packed::new(Pool::<POOL>::part(0, POOL as u16), PACKING),
+            packed: PackedQueue::new(Pool::<POOL>::part(0, POOL as u16), PACKING),
             packer: State::default(),
             words: Words::new(kind.output(), kind.step_line(), kind.pulse()),
             tape: Tape::new(),
@@ -124,7 +124,7 @@ impl Machine {
         let Machine { words, packed, pool, tape, memory, .. } = self;
         // It may have less to do.
         let least = Tick32(until - until / 1000 % 100);
-        words.fill(&mut packed.waiting(pool), tape, memory, [least, Tick32(until)], most, expand::<F>)
+        words.fill(&mut packed.items(pool), tape, memory, [least, Tick32(until)], most, expand::<F>)
     }
 
     /// Does the words whose lines change up to `now`.
@@ -422,7 +422,7 @@ fn a_stop_counts_what_was_made() {
         let made = machine.tape.position_after(machine.done);
         assert_eq!(made, 20 * sign);
         let (words, packed) = (&mut machine.words, &mut machine.packed);
-        words.stop(&mut packed.waiting(&machine.pool), made, lines(machine.memory[machine.done as usize - 1]));
+        words.stop(&mut packed.items(&machine.pool), made, lines(machine.memory[machine.done as usize - 1]));
         assert_eq!(words.channel().position(), made);
         assert!(words.is_idle(packed, Tick32(6020)));
         // It goes on from there: the coils are those of its position.
@@ -481,7 +481,7 @@ fn bytes_that_are_none_end_their_epoch() {
     assert_eq!(machine.fill(20_000, 100), Filled::All);
     assert_eq!((machine.words.channel().position(), machine.packed.fault()), (0, Some(Fault::BadItem)));
     assert!(machine.words.is_idle(&machine.packed, Tick32(20_000)));
-    machine.packed.waiting(&machine.pool).clear();
+    machine.packed.items(&machine.pool).clear();
     assert_eq!(usize::from(machine.packed.room()), POOL);
 }
 

@@ -18,7 +18,7 @@ use crate::console::{self, Console, Exit, access};
 use crate::interrupt;
 use crate::report::PlanReport;
 use pulsetrain_motion::human::{self, Table};
-use pulsetrain_session::drive::{Driven, Ended, Wish, connect_while};
+use pulsetrain_session::drive::{Driven, Ended, connect_while};
 use pulsetrain_session::prepare::{Planned, Prepared};
 
 /// A run on a real board. Nothing but the board saw its pins.
@@ -109,15 +109,7 @@ pub(crate) fn run(
     let mut scheduled = Scheduled { writer, error: None };
     let bar = console.progress(prepared.end_s(), &human::seconds_to(prepared.end_s(), 6));
     bar.stage("running");
-    let ended = driven.run_until(
-        &mut scheduled,
-        |seconds| bar.set(seconds),
-        || match interrupt::times() {
-            0 => Wish::GoOn,
-            1 => Wish::Stop,
-            _ => Wish::StopNow,
-        },
-    );
+    let ended = driven.run_with(&interrupt::commands(), &mut scheduled, |event| bar.follow(&event));
     drop(bar);
     let asked = ended.and_then(|ended| {
         let board = driven.board_mut();

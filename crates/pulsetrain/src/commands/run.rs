@@ -84,7 +84,7 @@ pub(crate) fn run(args: &Run, console: &mut Console<'_>) -> miette::Result<Exit>
 fn to_files<B: Leased>(
     prepared: &Prepared,
     planned: &[Planned],
-    driven: Driven<'_, B>,
+    driven: Driven<B>,
     edges: Edges,
     folder: &Path,
     console: &Console<'_>,
@@ -99,7 +99,7 @@ fn to_files<B: Leased>(
 pub(crate) fn record<B: Leased, W: std::io::Write>(
     prepared: &Prepared,
     planned: &[Planned],
-    mut driven: Driven<'_, B>,
+    mut driven: Driven<B>,
     files: Option<Files<W>>,
     edges: Edges,
     console: &Console<'_>,
@@ -110,11 +110,11 @@ pub(crate) fn record<B: Leased, W: std::io::Write>(
     let mut recorder = Recorder::new(&prepared.program, &drawn, &driven.lines, title, files, &edges)?;
     let bar = console.progress(prepared.end_s(), &human::seconds_to(prepared.end_s(), 6));
     bar.stage("running");
-    if let Err(error) = driven.run(&mut recorder, |seconds| bar.set(seconds)) {
+    if let Err(error) = driven.run(&mut recorder, |event| bar.follow(&event)) {
         recorder.close()?;
         return Ok(Err(error));
     }
-    Ok(Ok(recorder.finish(planned)?))
+    Ok(Ok(recorder.finish(planned, driven.lateness())?))
 }
 
 /// Writes a picture as SVG, or as PNG if the path says so.

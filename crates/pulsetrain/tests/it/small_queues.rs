@@ -216,7 +216,7 @@ fn stream(program: &Program, queue: u16, seconds: f64) -> Figures {
     let board = Watched::new(remote);
     let mut steps = 0;
     let mut observer = |edge: Edge| steps += u64::from(edge.level && edge.line < 16);
-    let mut session = match Session::new(board, program) {
+    let mut session = match Session::new(board, program.clone()) {
         Ok(session) => session,
         Err(error) => panic!("{error}"),
     };
@@ -390,7 +390,7 @@ mod chips {
         board.missing = board.room(0).div_ceil(2);
         let room = board.room(0);
         let mut edges = Vec::new();
-        let mut session = Session::new(board, program).unwrap_or_else(|error| panic!("{file}: {error}"));
+        let mut session = Session::new(board, program.clone()).unwrap_or_else(|error| panic!("{file}: {error}"));
         let report = session.run(&mut |edge: Edge| edges.push(edge), |_| {});
         let least_ms = 1e3 * session.board().least_ahead as f64 / TICK_HZ as f64;
         println!("{file}, {room} bytes a motor: {} edges, {least_ms:.1} ms to spare", edges.len());

@@ -150,8 +150,9 @@ fn a_main_loop_that_is_late_plays_nothing_late() {
         pair.pico.advance(until, &mut |edge: Edge| pair.edges.extend(as_line(&setup, edge)));
         if let Some(starved) = pair.pico.events().iter().find(|event| event.cause == Cause::Starved) {
             stopped += 1;
-            // It may still be so far behind that one runs dry while others are filled.
-            assert!(starved.tick < late + 62_500, "{tenths_of_ms}");
+            println!("{tenths_of_ms}: {} after", starved.tick - late);
+            // 0.4 ms. A motor may still run dry while others get words, and the event comes when all motors' steps are counted, which takes 0.3 ms.
+            assert!(starved.tick < late + 50_000, "{tenths_of_ms}");
             assert_first_edges_of(&mut pair, starved.tick);
             let status = pair.pico.status().expect("it answers");
             let motors = status.motors.as_slice();

@@ -176,7 +176,7 @@ const FLAGS: u16 = 23;
 const GAIN: u16 = 27;
 const NEXT: u16 = 28;
 const POSITION: u16 = 50;
-const SURE: u16 = 61;
+const PRECHECKED: u16 = 61;
 const READY: u16 = 62;
 const REASON: u16 = 77;
 const MOTOR_BYTES: u16 = 120;
@@ -325,7 +325,7 @@ struct Ends {
     refused: [u32; 3],
     wide: u32,
     segments: u32,
-    sure: u32,
+    prechecked: u32,
 }
 
 fn check_stream(loader: &mut Loader, random: &mut Random, ends: &mut Ends) {
@@ -386,14 +386,14 @@ fn check_stream(loader: &mut Loader, random: &mut Random, ends: &mut Ends) {
                 assert_eq!(loader.registers(), bytes_of(&model.registers), "{}", what());
                 let said = u16::from_le_bytes(loader.get(MOTOR + COUNT));
                 assert_eq!(u32::from(said), model.state.previous_count, "{} after {count:?}", what());
-                let [sure] = loader.get(MOTOR + SURE);
+                let [prechecked] = loader.get(MOTOR + PRECHECKED);
                 let (shortest, longest) = model.run();
-                if sure != 0 {
+                if prechecked != 0 {
                     // Its steps are not compared any longer.
-                    let most = 256 * u32::from(sure & 0x7f);
+                    let most = 256 * u32::from(prechecked & 0x7f);
                     let fits = shortest >= u32::from(loader.fastest) && longest < most;
                     assert!(fits, "{}: {shortest} to {longest} ticks, said to be below {most}", what());
-                    ends.sure += 1;
+                    ends.prechecked += 1;
                 }
                 if !model.is_narrow() {
                     ends.wide += 1;
@@ -415,13 +415,13 @@ fn the_loader_reads_what_core_reads_and_refuses_the_rest() {
         loader.fastest = [60, 78, 130][round as usize % 3];
         check_stream(&mut loader, &mut random, &mut ends);
     }
-    let Ends { read, refused: [missed, mismatch, bad], wide, segments, sure } = ends;
+    let Ends { read, refused: [missed, mismatch, bad], wide, segments, prechecked } = ends;
     println!(
-        "{segments} segments, {sure} of them sure; {read} streams read to the end, {wide} up to registers that are too wide; refused: \
+        "{segments} segments, {prechecked} of them prechecked; {read} streams read to the end, {wide} up to registers that are too wide; refused: \
          {bad} bad, {mismatch} by a check, {missed} without an anchor"
     );
 
-    assert!([read, missed, mismatch, bad, wide].iter().all(|number| *number > 50) && sure > 500);
+    assert!([read, missed, mismatch, bad, wide].iter().all(|number| *number > 50) && prechecked > 500);
 }
 
 // The whole board.

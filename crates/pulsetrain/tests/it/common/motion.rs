@@ -7,6 +7,7 @@ use pulsetrain_core::wire::Baud;
 use pulsetrain_core::wire::message::Cause;
 use pulsetrain_motion::pins::PinKind;
 use pulsetrain_motion::program::Motor;
+use pulsetrain_session::control::Event;
 use pulsetrain_session::drive::{Driven, Ended};
 use pulsetrain_session::lateness::{Lateness, Meter};
 use pulsetrain_session::prepare::Prepared;
@@ -180,12 +181,12 @@ impl Followed {
 ///
 /// # Errors
 /// When it cannot begin: the plan is refused. What goes wrong later is in [`Followed::trouble`].
-pub(crate) fn follow<'a, P: Port>(
-    prepared: &'a Prepared,
-    driven: &mut Driven<'a, Shadowed<Remote<P>>>,
+pub(crate) fn follow<P: Port>(
+    prepared: &Prepared,
+    driven: &mut Driven<Shadowed<Remote<P>>>,
     constant: u32,
     late_ticks: f64,
-    watch: impl FnMut(f64),
+    mut watch: impl FnMut(f64),
 ) -> Result<Followed, String> {
     let program = &prepared.program;
     let planned = prepared.plan(|_| {}).map_err(|error| error.to_string())?;
@@ -207,7 +208,11 @@ pub(crate) fn follow<'a, P: Port>(
         shortest: u64::MAX,
         backwards: 0,
     };
-    let ended: Result<Ended, _> = driven.run(&mut look, watch);
+    let ended: Result<Ended, _> = driven.run(&mut look, |event| {
+        if let Event::Progress { at_s } = event {
+            watch(at_s);
+        }
+    });
     let Look { judge, meter, shortest, backwards, .. } = look;
     let verdict = judge.finish().map_err(|error| error.to_string())?;
     let lateness: Lateness = meter.finish();

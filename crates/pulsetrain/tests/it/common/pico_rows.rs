@@ -349,7 +349,7 @@ fn motion_row(figure: u8, law: &str, prepared: &Prepared, timing: Timing) -> (Ro
         Ok(driven) => driven,
         Err(refused) => return (Row { verdict: format!("FAILS: {refused}"), ..row }, None),
     };
-    let mark = |driven: &mut Driven<'_, Pico>| {
+    let mark = |driven: &mut Driven<Pico>| {
         let chip = driven.board_mut().port().chip();
         (chip.cycle(), chip.asleep_cycles())
     };

@@ -9,7 +9,7 @@ use pulsetrain_board::virtual_uno::{self, VirtualUno};
 use pulsetrain_board::{Edge, Port, Remote, VirtualBoard};
 use pulsetrain_core::wire::Baud;
 use pulsetrain_plot::machine::Drawn;
-use pulsetrain_session::drive::{DriveError, Driven, Knowledge, Whereabouts, connect_as};
+use pulsetrain_session::drive::{DriveError, Driven, Knowledge, Positions, connect_as};
 use pulsetrain_session::lateness::Edges;
 use pulsetrain_session::prepare::Prepared;
 use std::io::{self, Write};
@@ -329,7 +329,7 @@ impl<P: Chip> Bench<P> {
         let recorder = Recorder::new(program, &drawn, &driven.lines, String::new(), Some(files), &Edges::of(program));
         let mut recorder = recorder.expect("it begins");
         let ended = driven.run(&mut recorder, |_| {});
-        let error = recorder.finish(&planned).expect_err("the disk is full");
+        let error = recorder.finish(&planned, driven.lateness()).expect_err("the disk is full");
         (self.judge(ended.err(), &line.all_edges()), error.to_string())
     }
 
@@ -389,9 +389,9 @@ impl<P: Chip> Bench<P> {
 }
 
 impl Seen {
-    fn whereabouts(&self) -> Option<&Whereabouts> {
+    fn positions(&self) -> Option<&Positions> {
         match &self.error {
-            Some(DriveError::Halted { whereabouts, .. }) => Some(whereabouts),
+            Some(DriveError::Halted { positions, .. }) => Some(positions),
             _ => None,
         }
     }
@@ -407,20 +407,20 @@ impl Seen {
 
     /// Whether the host says that the board was reset.
     fn was_reset(&self) -> bool {
-        self.whereabouts().is_some_and(|whereabouts| matches!(whereabouts.by, Knowledge::HeardLast { .. }))
+        self.positions().is_some_and(|positions| matches!(positions.by, Knowledge::LastReport { .. }))
     }
 
     /// Where the host says that the motors are, they are.
     fn check(&self) {
-        let Some(Whereabouts { motors, by }) = self.whereabouts() else { return };
+        let Some(Positions { motors, by }) = self.positions() else { return };
         let said: Vec<i64> = motors.iter().map(|(_, steps)| *steps).collect();
         let made = counts(&self.steps);
         match by {
             Knowledge::Counted | Knowledge::StoppedAtOnce => assert_eq!(said, made),
-            Knowledge::Told { or } => {
+            Knowledge::Replayed { or } => {
                 assert!(said == made || or.contains(&made), "{said:?} or {or:?}, but {made:?}")
             }
-            Knowledge::HeardLast { .. } | Knowledge::StopUnanswered => {
+            Knowledge::LastReport { .. } | Knowledge::StopUnanswered => {
                 // They were there on the way.
                 for (said, steps) in said.iter().zip(&self.steps) {
                     let mut count = 0;
