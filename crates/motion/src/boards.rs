@@ -7,8 +7,9 @@ mod uno;
 
 use std::ops::RangeInclusive;
 
+use crate::board::{Board, SegmentTicks, SharedSteps};
+use crate::motor::{DriverTiming, Motor, Wiring};
 use crate::pins::{self, PinKind, PinsError};
-use crate::program::{Board, DriverTiming, Motor, SegmentTicks, SharedSteps, Wiring};
 
 /// One row of the table: what plans are held against, and what else a user should know.
 #[derive(Clone, Debug, PartialEq)]
@@ -566,10 +567,10 @@ mod tests {
         let motor = |step, pulse_high_ns| Motor {
             name: "m".to_owned(),
             law: crate::Law::sine(100.0, crate::Time::SECOND, Some(1)).unwrap(),
-            wiring: crate::program::Wiring::StepDir { step, dir: 8, forward_high: true, enable: None },
+            wiring: crate::motor::Wiring::StepDir { step, dir: 8, forward_high: true, enable: None },
             timing: DriverTiming { pulse_high_ns, ..Default::default() },
-            limits: crate::program::Limits::default(),
-            scale: crate::program::Scale { unit: "step".to_owned(), steps_per_unit: 1.0, steps_per_rev: 200.0 },
+            limits: crate::motor::Limits::default(),
+            scale: crate::motor::Scale { unit: "step".to_owned(), steps_per_unit: 1.0, steps_per_rev: 200.0 },
             winding: None,
             driver: None,
         };
@@ -592,7 +593,7 @@ mod tests {
         // Two on port D have a ring each.
         let pair = |steps: [u8; 2], pulse_ns| {
             let own_dir = |step: u8| Motor {
-                wiring: crate::program::Wiring::StepDir { step, dir: step + 2, forward_high: true, enable: None },
+                wiring: crate::motor::Wiring::StepDir { step, dir: step + 2, forward_high: true, enable: None },
                 ..motor(step, pulse_ns)
             };
             row.shortest_intervals(&steps.map(own_dir))[1]

@@ -10,7 +10,7 @@ use std::cmp::Reverse;
 use std::fmt;
 use std::ops::RangeInclusive;
 
-use crate::program::{Motor, Wiring};
+use crate::motor::{Motor, Wiring};
 use pulsetrain_core::wire::message::coil_pins;
 
 /// A set of pins that the Uno's firmware drives together.
@@ -358,7 +358,7 @@ mod tests {
 
     #[test]
     fn coils_are_refused() {
-        let coils = Wiring::Coils { pins: [2, 3, 4, 5], sequence: crate::program::CoilSequence::Full };
+        let coils = Wiring::Coils { pins: [2, 3, 4, 5], sequence: crate::motor::CoilSequence::Full };
         let error = PinKind::of_wirings([("m", &coils)].into_iter()).unwrap_err();
         assert!(error.to_string().contains("motor `m` has four coil lines"));
     }

@@ -516,7 +516,8 @@ impl<B: Leased> Driven<B> {
                 Some(Command::StopNow) => {
                     let stop = session.board_mut().stop_now(now, &mut since);
                     if let Some(error) = session.board().lost().cloned() {
-                        let mut report = session.run(&mut since, |tick| events(Event::Progress { at_s: seconds(tick) }));
+                        let mut report =
+                            session.run(&mut since, |tick| events(Event::Progress { at_s: seconds(tick) }));
                         report.stop_unanswered = true;
                         return Err(DriveError::from(error).halted(seconds(now), self.positions(&report).0));
                     }

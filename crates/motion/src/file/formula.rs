@@ -1,6 +1,6 @@
 //! Formula laws: θ(t) in text with named parameters.
 
-use super::laws::Context;
+use super::context::Context;
 use super::reader::{Node, Read};
 use crate::Time;
 use crate::law::Law;

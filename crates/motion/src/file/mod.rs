@@ -28,6 +28,7 @@
 //! - `motor`, `machine`, `laws`, `path`, `formula`, `points`, `winch`: one module for each part of the file
 //! - `reader`: values with their places; problems are collected, so that one reading finds several
 
+mod context;
 mod formula;
 mod laws;
 mod machine;
@@ -37,7 +38,9 @@ mod points;
 mod problem;
 mod reader;
 mod source;
+mod table_columns;
 mod winch;
+mod winches;
 
 use std::fs;
 use std::io;
@@ -45,17 +48,17 @@ use std::ops::Range;
 use std::path::Path;
 use std::sync::Arc;
 
-pub use points::{ColumnUse, TableColumns};
 pub use problem::{BrokenPath, FileError, PathPoint, Problem};
 pub use source::Source;
+pub use table_columns::{ColumnUse, TableColumns};
 pub use winch::WinchScript;
 
 use crate::boards::{self, BoardRow};
-use crate::law::{Cursor, Law, LawError};
+use crate::law::{Cursor, Law};
 use crate::program::{LONGEST_IDLE_MS, Motor, Program, Tolerance};
 use crate::quantity::{Base, nearest};
 use crate::{Grid, Time};
-use laws::{Context, Loader};
+use context::{Context, Loader, refuse};
 use machine::Home;
 use motor::{Draft, Gearing};
 use reader::{Node, Noted, Read, Reader, Section};
@@ -513,8 +516,4 @@ fn read_motion(motion: &Section, draft: &Draft, load: Loader, timeline: &mut Tim
     }
     let law = context.blended(motion, law)?;
     timeline.push(motion, start?, law)
-}
-
-fn refuse(node: &Node, error: &LawError) -> Noted {
-    node.note("cannot be followed", error.to_string(), "")
 }

@@ -1,12 +1,12 @@
 //! Paths of a machine's tip: from `path.circle = { … }` to a law for each of its motors.
 
-use super::laws::{self, Context, Loader, interpolation, period};
+use super::context::{Context, Loader, refuse};
+use super::laws::{self, interpolation, period};
 use super::machine::{Draft, Kind};
 use super::motor::{self, Gearing};
 use super::points::{self, Points};
 use super::problem::{BrokenPath, PathPoint};
 use super::reader::{Node, Read, Section};
-use super::refuse;
 use crate::Time;
 use crate::law::extent::{Extent, farthest_beyond};
 use crate::law::formula::dimension::{Parameter, Unit};

@@ -1,56 +1,18 @@
 //! CSV files of times and positions.
 
-use std::fmt;
 use std::ops::Range;
 use std::sync::Arc;
 
-use super::laws::{Context, load, position_unit, time_unit};
+use super::context::{Context, load, position_unit, time_unit};
 use super::problem::Problem;
 use super::reader::{Node, Noted, Read, Section};
 use super::source::Source;
+use super::table_columns::{ColumnUse, TableColumns};
 use crate::columns::{Header, POINT, POSITIONS, ReadError, Role, Row, Stated, TIME, Table, has_decimal_comma, shown};
 use crate::quantity::{Base, Quantity, nearest};
 
 /// The keys of a table, of laws as of paths.
 pub(super) const KEYS: &[&str] = &["file", "time", "unit", "columns", "interpolation"];
-
-/// How the columns of a CSV file were read.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct TableColumns {
-    /// As the motion file calls it.
-    pub file: String,
-    /// Time first.
-    pub columns: Vec<ColumnUse>,
-    /// The others.
-    pub unused: Vec<String>,
-}
-
-/// How one column was read.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct ColumnUse {
-    /// "time", "angle", "position", "x".
-    pub what: String,
-    /// "column 2 `t`"
-    pub column: String,
-    /// As motion files write it.
-    pub unit: String,
-}
-
-/// `path.csv: time = column 2 `t`, s; angle = column 3 `a`, deg; column 1 `i` is not used`
-impl fmt::Display for TableColumns {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{}: ", self.file)?;
-        for (k, ColumnUse { what, column, unit }) in self.columns.iter().enumerate() {
-            let comma = if k > 0 { "; " } else { "" };
-            write!(f, "{comma}{what} = {column}, {unit}")?;
-        }
-        match self.unused.as_slice() {
-            [] => Ok(()),
-            [one] => write!(f, "; {one} is not used"),
-            several => write!(f, "; {} are not used", several.join(", ")),
-        }
-    }
-}
 
 /// A column as a motion file chooses it.
 enum Choice {
@@ -162,7 +124,7 @@ impl<'a> Reading<'a> {
         let unused = (0..header.titles.len()).filter(|column| !found.contains(column));
         let unused = unused.map(|column| header.called(column)).collect();
         let file = self.source.name().to_owned();
-        self.file.reader.told(TableColumns { file, columns, unused });
+        self.file.reader.note_table(TableColumns { file, columns, unused });
         Ok(points)
     }
 

@@ -8,10 +8,10 @@ use std::sync::Arc;
 
 use toml_edit::{ArrayOfTables, Item, TableLike, Value};
 
-use super::points::TableColumns;
 use super::problem::{BrokenPath, Problem};
 use super::source::Source;
-use super::winch::Winches;
+use super::table_columns::TableColumns;
+use super::winches::Winches;
 use crate::Time;
 use crate::quantity::{Base, Kind, Quantity, QuantityError, nearest};
 
@@ -72,7 +72,7 @@ impl Reader {
     }
 
     /// Notes how a table was read. What several motors share is read for each: once is enough.
-    pub(super) fn told(&self, columns: TableColumns) {
+    pub(super) fn note_table(&self, columns: TableColumns) {
         let mut tables = self.tables.borrow_mut();
         if !tables.contains(&columns) {
             tables.push(columns);

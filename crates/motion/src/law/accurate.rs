@@ -1,7 +1,6 @@
 //! Numbers of 106 bits that know how far they may be off: for places where a law hardly moves, which f64 cannot tell apart.
 
-use super::curve::ULP;
-use super::double::Double;
+use super::double::{Double, ULP};
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
 /// A number, and a bound on what rounding has put it off by; what is undefined is not a number.

@@ -1,7 +1,7 @@
 //! The analytic curves that pieces are made of.
 
 use super::accurate::Accurate;
-use super::double::Double;
+use super::double::{Double, ULP};
 use super::formula::{Terms, Window};
 
 /// Taylor coefficients of θ at a point: θ(u₀ + x) = Σ c_k x^k, k = 0..8, in steps per s^k.
@@ -113,9 +113,6 @@ pub enum Inverse {
         c: [f64; 3],
     },
 }
-
-/// 2^-53: the relative error of one rounding.
-pub(crate) const ULP: f64 = f64::EPSILON / 2.0;
 
 /// Covers the roundings of the bounds' own arithmetic, which is of terms of one sign.
 const OUTWARD: f64 = 1.0 + 256.0 * ULP;

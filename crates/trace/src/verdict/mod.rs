@@ -27,6 +27,7 @@
 mod align;
 mod film;
 mod matcher;
+mod matches;
 mod report;
 #[cfg(test)]
 mod tests;

@@ -6,11 +6,18 @@
 //! here is of the number as written: n = "30 rpm" is 180 deg/s, and so is not to be divided by 60. What may be a gear is one: 6·n is taken.
 
 use super::FormulaError;
-use super::parse::{Span, Typed, error};
+use super::tree::{Node, Span, error};
 use crate::law::double::Double;
 use crate::quantity::{Base, written};
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 use std::fmt;
+
+/// A number, and what it measures.
+#[derive(Clone, Debug)]
+pub(super) struct Typed {
+    pub(super) node: Node,
+    pub(super) measure: Measure,
+}
 
 /// Powers of an angle, of a length and of a number of steps; all 0 for a plain number.
 #[derive(Clone, Copy, Debug)]

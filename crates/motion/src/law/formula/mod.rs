@@ -1,9 +1,9 @@
 //! θ(t) in text: parsed, cut into windows of time, enclosed.
 //!
 //! # What is here
-//! - `parse`: text → tree, errors that point
+//! - `parse`: text → `tree`, errors that point
 //! - `dimension`: what the parts measure, and which go together; looked at while the text is read, and nowhere later
-//! - `resolve`: a tree on a window of time → a smooth expression; every branch is decided there, or the window is cut
+//! - `resolve`: a tree on a window of time → a `smooth` expression; every branch is decided there, or the window is cut
 //! - `form`: polynomials plus sinusoids, folded when the formula is read: their windows are plain [`Curve`]s
 //! - `tape`: any other smooth expression, as a flat list of operations that allocates nothing for a jet
 //! - `series`, `scalar`: Taylor recurrences, on f64 and on enclosures that follow the rounding of the same recurrence
@@ -25,20 +25,23 @@ mod parse;
 mod resolve;
 mod scalar;
 mod series;
+mod smooth;
 mod tape;
 mod terms;
+mod tree;
 
 use super::{Curve, Double, Entry, Law, LawError, Piece, meet};
 use crate::Time;
 use dimension::{Amount, Parameter, Unit};
 use form::Form;
 pub(crate) use parse::taken;
-use parse::{Kind, Node};
-use resolve::{NARROWEST_S, Resolver, Smooth, Stop};
+use resolve::{NARROWEST_S, Resolver, Stop};
+use smooth::Smooth;
 use std::sync::Arc;
 pub use tape::Window;
 use tape::{Tape, Undefined};
 pub use terms::Terms;
+use tree::{Kind, Node};
 
 /// What is wrong with the text of a formula, and where.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -133,7 +136,7 @@ impl Law {
         unit: &Unit,
         duration: Option<Time>,
     ) -> Result<Law, FormulaError> {
-        let whole = |message: String| parse::error((0, text.len()), message);
+        let whole = |message: String| tree::error((0, text.len()), message);
         let mut numbers = parameters.iter().flat_map(|p| [(&p.name, &p.outside), (&p.name, &p.in_trig)]);
         if let Some((name, Amount { value, .. })) = numbers.find(|(_, amount)| !amount.value.is_finite()) {
             return Err(whole(format!("the parameter `{name}` is {}: out of range", value.nearest())));

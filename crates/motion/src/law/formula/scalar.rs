@@ -1,6 +1,6 @@
 //! The numbers that Taylor recurrences run on: plain ones, and ones that know their range and their rounding error.
 
-use crate::law::curve::ULP;
+use crate::law::double::ULP;
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
 /// What a Taylor recurrence needs of a number.

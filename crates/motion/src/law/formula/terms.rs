@@ -1,12 +1,11 @@
 //! What polynomials, sinusoids, formulas and their sums are to 106 bits.
 
-use super::parse::{Condition, Function, Kind, Node, Test};
 use super::scalar::Scalar;
 use super::series::{self, Series};
+use super::tree::{Condition, Function, Kind, Node, Test};
 use crate::Time;
 use crate::law::accurate::Accurate;
-use crate::law::curve::ULP;
-use crate::law::double::Double;
+use crate::law::double::{Double, ULP};
 use std::sync::Arc;
 
 /// Σ factor·term(u + later) + offset: the same θ as the curve beside it, where f64 does not tell enough.
