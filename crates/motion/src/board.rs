@@ -17,7 +17,7 @@ pub struct Board {
     pub hardware_timed: bool,
     /// Whether it has one pulse length, DIR set-up and hold for all motors: the longest that a driver needs. See [`Program::timing`].
     pub one_timing: bool,
-    /// What a turn of DIR takes beside pulse, hold and set-up, ticks: from the step before it to the one after it.
+    /// What a turn of DIR takes besides pulse, hold and set-up, ticks: from the step before it to the one after it.
     pub turn_ticks: u32,
     /// What it needs between steps of different motors; `None` where their pulses may overlap.
     pub shared_steps: Option<SharedSteps>,

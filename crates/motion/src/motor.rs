@@ -56,7 +56,7 @@ pub enum Wiring {
         step: u8,
         /// DIR pin; motors may share one.
         dir: u8,
-        /// Level of DIR for forward: seeds 000 and 001 LOW, 003 HIGH.
+        /// Level of DIR for forward: LOW in the tutorial and the sweep article, HIGH in StepperWinch.
         forward_high: bool,
         /// Enable pin and the level that enables, if wired.
         enable: Option<(u8, bool)>,

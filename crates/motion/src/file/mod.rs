@@ -60,7 +60,7 @@ use crate::quantity::{Base, nearest};
 use crate::{Grid, Time};
 use context::{Context, Loader, refuse};
 use machine::Home;
-use motor::{Draft, Gearing};
+use motor::{Gearing, MotorDraft};
 use reader::{Node, Noted, Read, Reader, Section};
 
 /// A motion file's program, and how its tables were read.
@@ -313,14 +313,14 @@ impl Timeline {
     }
 
     /// All of it as one law.
-    fn finish(self, reader: &Reader, draft: &Draft) -> Read<Law> {
+    fn finish(self, reader: &Reader, draft: &MotorDraft) -> Read<Law> {
         let law = self.joined(reader, draft)?;
         let Some(backlash) = &draft.backlash else { return Ok(law) };
-        law.taking_up(backlash.steps, backlash.over)
+        law.with_backlash(backlash.steps, backlash.over)
             .map_err(|error| reader.note(backlash.at.clone(), "out of range", format!("`backlash`: {error}"), ""))
     }
 
-    fn joined(mut self, reader: &Reader, draft: &Draft) -> Read<Law> {
+    fn joined(mut self, reader: &Reader, draft: &MotorDraft) -> Read<Law> {
         match self.laws.len() {
             0 => {
                 let message = format!("motor `{}` has no motion", draft.name);
@@ -339,8 +339,8 @@ impl Timeline {
 /// `[[motion]]`: the timeline of each motor, in the motors' order.
 fn read_motions(
     root: &Section,
-    drafts: &[(String, Read<Draft>)],
-    machines: &[(String, Read<machine::Draft>)],
+    drafts: &[(String, Read<MotorDraft>)],
+    machines: &[(String, Read<machine::MachineDraft>)],
     homes: &mut [Option<Home>],
     load: Loader,
 ) -> Vec<Read<Timeline>> {
@@ -411,10 +411,11 @@ fn blame_nobody(timelines: &mut [Read<Timeline>]) {
 }
 
 /// The delta robot that a motor is an arm of.
-fn arm_of(motor: usize, machines: &[(String, Read<machine::Draft>)]) -> Option<&str> {
+fn arm_of(motor: usize, machines: &[(String, Read<machine::MachineDraft>)]) -> Option<&str> {
     machines.iter().find_map(|(name, draft)| {
         let draft = draft.as_ref().ok()?;
-        (matches!(draft.kind, machine::Kind::Delta { .. }) && draft.motors.contains(&motor)).then_some(name.as_str())
+        (matches!(draft.kind, machine::MachineKind::Delta { .. }) && draft.motors.contains(&motor))
+            .then_some(name.as_str())
     })
 }
 
@@ -422,8 +423,8 @@ fn arm_of(motor: usize, machines: &[(String, Read<machine::Draft>)]) -> Option<&
 fn read_path(
     motion: &Section,
     node: &Node,
-    machine: &machine::Draft,
-    drafts: &[(String, Read<Draft>)],
+    machine: &machine::MachineDraft,
+    drafts: &[(String, Read<MotorDraft>)],
     load: Loader,
     timelines: &mut [Read<Timeline>],
     last: Option<&[f64]>,
@@ -435,11 +436,11 @@ fn read_path(
         }
     }
     let motors = machine.motors.iter().map(|motor| drafts[*motor].1.as_ref().map_err(|Noted| Noted));
-    let reading = path::Reading { machine, motors: motors.collect::<Read<_>>()?, load };
+    let reading = path::PathReader { machine, motors: motors.collect::<Read<_>>()?, load };
     let path = reading.path(motion, last);
     let start = motion.get("start").map(|node| Ok((node.time("1 s")?, node))).transpose();
     let ((laws, end), start) = (path?, start?);
-    // When the last of them has done what was before; whoever never does is told by `push`.
+    // When the last of them has ended what came before; one that never ends is an error of `push`.
     let ends = machine.motors.iter().filter_map(|motor| timelines[*motor].as_ref().ok()?.end);
     let together = ends.fold(Time::ZERO, Time::max);
     let begin = start.as_ref().map_or(together, |(start, _)| *start);
@@ -457,7 +458,7 @@ fn read_path(
 }
 
 /// Which motors a motion is for.
-fn motors_of(motion: &Section, drafts: &[(String, Read<Draft>)]) -> Read<Vec<usize>> {
+fn motors_of(motion: &Section, drafts: &[(String, Read<MotorDraft>)]) -> Read<Vec<usize>> {
     let nodes = match (motion.get("motor"), motion.get("motors")) {
         (Some(_), Some(both)) => {
             return Err(both.note("one too many", "a motion has either `motor` or `motors`", "leave one of them out"));
@@ -481,7 +482,7 @@ fn motors_of(motion: &Section, drafts: &[(String, Read<Draft>)]) -> Read<Vec<usi
 }
 
 /// The motor that is named at `node`.
-fn motor_named(node: &Node, drafts: &[(String, Read<Draft>)]) -> Read<usize> {
+fn motor_named(node: &Node, drafts: &[(String, Read<MotorDraft>)]) -> Read<usize> {
     let name = node.text("motor = \"wheel\"")?;
     drafts.iter().position(|(known, _)| known == name).ok_or_else(|| {
         let names = || drafts.iter().map(|(name, _)| name.as_str());
@@ -493,7 +494,7 @@ fn motor_named(node: &Node, drafts: &[(String, Read<Draft>)]) -> Read<usize> {
     })
 }
 
-fn read_motion(motion: &Section, draft: &Draft, load: Loader, timeline: &mut Timeline) -> Read<()> {
+fn read_motion(motion: &Section, draft: &MotorDraft, load: Loader, timeline: &mut Timeline) -> Read<()> {
     if let Some(path) = motion.get("path") {
         return Err(path.note(
             "of a machine",

@@ -8,7 +8,9 @@ use super::problem::Problem;
 use super::reader::{Node, Noted, Read, Section};
 use super::source::Source;
 use super::table_columns::{ColumnUse, TableColumns};
-use crate::columns::{Header, POINT, POSITIONS, ReadError, Role, Row, Stated, TIME, Table, has_decimal_comma, shown};
+use crate::columns::{
+    CsvTable, Header, POINT, POSITIONS, ReadError, Role, Row, Stated, TIME, has_decimal_comma, shown,
+};
 use crate::quantity::{Base, Quantity, nearest};
 
 /// The keys of a table, of laws as of paths.
@@ -59,7 +61,7 @@ impl Points {
 }
 
 /// A file that is being read, and what the motion file says of it.
-struct Reading<'a> {
+struct TableReader<'a> {
     file: Node<'a>,
     source: Arc<Source>,
     time: Option<(Node<'a>, f64)>,
@@ -76,12 +78,12 @@ pub(super) fn read<'a>(p: &Section<'a>, contexts: &[Context]) -> Read<Points> {
     let text = load(&file, contexts[0].load)?;
     let text = text.strip_prefix('\u{feff}').unwrap_or(&text).to_owned();
     let source = Arc::new(Source::new(file.as_text().unwrap_or_default(), text));
-    Reading { file, source, time: time?, unit: unit?, choices: choices? }.points(p, contexts)
+    TableReader { file, source, time: time?, unit: unit?, choices: choices? }.points(p, contexts)
 }
 
-impl<'a> Reading<'a> {
+impl<'a> TableReader<'a> {
     fn points(&self, p: &Section<'a>, contexts: &[Context]) -> Read<Points> {
-        let mut table = Table::new(self.source.text().as_bytes());
+        let mut table = CsvTable::new(self.source.text().as_bytes());
         let header = table.header().map_err(|error| self.note(&error, ""))?;
         let positions = contexts.iter().enumerate().map(|(k, context)| role(context, k, contexts.len()));
         let roles: Vec<Role<'_>> = [TIME].into_iter().chain(positions).collect();
@@ -314,7 +316,7 @@ impl<'a> Reading<'a> {
     /// A column's first numbers; none if it has anything else.
     fn numbers(&self, column: usize) -> Vec<f64> {
         const MOST: usize = 1000;
-        let mut table = Table::new(self.source.text().as_bytes());
+        let mut table = CsvTable::new(self.source.text().as_bytes());
         let mut numbers = Vec::new();
         if table.header().is_err() {
             return numbers;

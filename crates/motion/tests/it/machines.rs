@@ -263,7 +263,7 @@ fn slack_is_of_the_machine() {
     let program = program(&text);
     assert_eq!(program.machines[0].slack, [8.0, 0.0]);
     let law = &program.motors[0].law;
-    assert!((at(law, 3.0) - at(&law.without_slack().unwrap(), 3.0) - 8.0).abs() < 1e-9);
+    assert!((at(law, 3.0) - at(&law.without_backlash().unwrap(), 3.0) - 8.0).abs() < 1e-9);
 }
 
 #[test]

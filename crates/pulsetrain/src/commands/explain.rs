@@ -285,7 +285,7 @@ fn refused(prepared: &Prepared, motor: &Motor, error: &PlanError, advice: String
         _ => None,
     };
     // Whoever slows a motion down does not slow down what takes up its slack: the advice says how long that has to take.
-    let is_limit = error.limit().is_some_and(|limit| limit != Limit::Line) && motor.law.slack_over().is_none();
+    let is_limit = error.limit().is_some_and(|limit| limit != Limit::Line) && motor.law.backlash_over().is_none();
     Refused {
         motor: motor.name.clone(),
         message: error.to_string(),

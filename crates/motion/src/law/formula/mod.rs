@@ -41,7 +41,7 @@ use std::sync::Arc;
 pub use tape::Window;
 use tape::{Tape, Undefined};
 pub use terms::Terms;
-use tree::{Kind, Node};
+use tree::{Expression, Operation};
 
 /// What is wrong with the text of a formula, and where.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -67,7 +67,7 @@ impl FormulaError {
 #[derive(Clone, Debug)]
 pub struct Formula {
     text: String,
-    tree: Node,
+    tree: Expression,
     duration: Option<Time>,
     parameters: Vec<ParameterUse>,
 }
@@ -149,8 +149,8 @@ impl Law {
         }
         let parsed = parse::parse(text, parameters, unit)?;
         let span = parsed.tree.span;
-        let scale = Node::new(Kind::Number(Double::from(unit.steps)), span)?;
-        let tree = Node::new(Kind::Multiply(scale, parsed.tree), span)?;
+        let scale = Expression::new(Operation::Number(Double::from(unit.steps)), span)?;
+        let tree = Expression::new(Operation::Multiply(scale, parsed.tree), span)?;
         let shown = |is_used: bool, amount: &Amount| is_used.then(|| (amount.value.nearest(), amount.unit.clone()));
         let parameters = parameters.iter().zip(parsed.used).map(|(p, [outside, in_trig])| ParameterUse {
             name: p.name.clone(),
@@ -172,11 +172,11 @@ impl Law {
             Law::Repeated(repeated) => repeated.law.formula_parameters(),
             Law::Blended(blended) => blended.law().formula_parameters(),
             Law::Warped(warped) => warped.law().formula_parameters(),
-            Law::TakeUp(take_up) => take_up.law().formula_parameters(),
+            Law::Backlash(backlash) => backlash.law().formula_parameters(),
             Law::Sine(_) | Law::Steady(_) | Law::Fixed(_) | Law::Circle(_) | Law::Lorenz(_) | Law::Winch(_) => {
                 Vec::new()
             }
-            Law::Slack(_) => Vec::new(),
+            Law::Compensation(_) => Vec::new(),
         }
     }
 }

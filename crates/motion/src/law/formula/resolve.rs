@@ -4,7 +4,7 @@ use super::form::Form;
 use super::scalar::Enclosed;
 use super::smooth::{Binary, Smooth};
 use super::tape::{LocalForm, Tape, Undefined};
-use super::tree::{Condition, Kind, Node, Span, Test};
+use super::tree::{Condition, Expression, Operation, Span, Test};
 use crate::Time;
 use crate::law::double::Double;
 use std::cmp::Ordering;
@@ -37,19 +37,19 @@ impl Resolver {
     }
 
     /// `node` with its branches decided.
-    pub(super) fn resolve(&self, node: &Node) -> Result<Smooth, Stop> {
+    pub(super) fn resolve(&self, node: &Expression) -> Result<Smooth, Stop> {
         let span = node.span;
         Ok(match &*node.kind {
-            Kind::Number(c) => Smooth::Form(Form::constant(*c), span),
-            Kind::Time => Smooth::Form(Form::time(), span),
-            Kind::Add(a, b) => Smooth::binary(Binary::Add, self.resolve(a)?, self.resolve(b)?, span),
-            Kind::Subtract(a, b) => Smooth::binary(Binary::Subtract, self.resolve(a)?, self.resolve(b)?, span),
-            Kind::Multiply(a, b) => Smooth::binary(Binary::Multiply, self.resolve(a)?, self.resolve(b)?, span),
-            Kind::Divide(a, b) => Smooth::binary(Binary::Divide, self.resolve(a)?, self.resolve(b)?, span),
-            Kind::Power(a, b) => Smooth::power(self.resolve(a)?, self.resolve(b)?, span),
-            Kind::Apply(function, a) => Smooth::apply(*function, self.resolve(a)?, span),
-            Kind::Floor(a) => Smooth::Form(Form::constant(self.floor(&self.resolve(a)?)?), span),
-            Kind::If(condition, a, b) => self.resolve(if self.decide(condition)? { a } else { b })?,
+            Operation::Number(c) => Smooth::Form(Form::constant(*c), span),
+            Operation::Time => Smooth::Form(Form::time(), span),
+            Operation::Add(a, b) => Smooth::binary(Binary::Add, self.resolve(a)?, self.resolve(b)?, span),
+            Operation::Subtract(a, b) => Smooth::binary(Binary::Subtract, self.resolve(a)?, self.resolve(b)?, span),
+            Operation::Multiply(a, b) => Smooth::binary(Binary::Multiply, self.resolve(a)?, self.resolve(b)?, span),
+            Operation::Divide(a, b) => Smooth::binary(Binary::Divide, self.resolve(a)?, self.resolve(b)?, span),
+            Operation::Power(a, b) => Smooth::power(self.resolve(a)?, self.resolve(b)?, span),
+            Operation::Apply(function, a) => Smooth::apply(*function, self.resolve(a)?, span),
+            Operation::Floor(a) => Smooth::Form(Form::constant(self.floor(&self.resolve(a)?)?), span),
+            Operation::If(condition, a, b) => self.resolve(if self.decide(condition)? { a } else { b })?,
         })
     }
 

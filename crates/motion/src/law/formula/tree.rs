@@ -18,26 +18,26 @@ pub(super) fn error(span: Span, message: impl Into<String>) -> FormulaError {
 
 /// An expression that is a number.
 #[derive(Clone, Debug)]
-pub(super) struct Node {
-    pub(super) kind: Arc<Kind>,
+pub(super) struct Expression {
+    pub(super) kind: Arc<Operation>,
     pub(super) span: Span,
     size: u32,
     depth: u32,
 }
 
 #[derive(Clone, Debug)]
-pub(super) enum Kind {
+pub(super) enum Operation {
     Number(Double),
     Time,
-    Add(Node, Node),
-    Subtract(Node, Node),
-    Multiply(Node, Node),
-    Divide(Node, Node),
-    Power(Node, Node),
-    Apply(Function, Node),
+    Add(Expression, Expression),
+    Subtract(Expression, Expression),
+    Multiply(Expression, Expression),
+    Divide(Expression, Expression),
+    Power(Expression, Expression),
+    Apply(Function, Expression),
     /// The largest whole number that is not larger.
-    Floor(Node),
-    If(Condition, Node, Node),
+    Floor(Expression),
+    If(Condition, Expression, Expression),
 }
 
 /// The smooth functions that have Taylor recurrences of their own.
@@ -57,7 +57,7 @@ pub(super) enum Function {
 /// An expression that is true or false.
 #[derive(Clone, Debug)]
 pub(super) enum Condition {
-    Is(Test, Node),
+    Is(Test, Expression),
     Not(Arc<Condition>),
     And(Arc<(Condition, Condition)>),
     Or(Arc<(Condition, Condition)>),
@@ -71,8 +71,8 @@ pub(super) enum Test {
     Zero,
 }
 
-impl Node {
-    pub(super) fn new(kind: Kind, span: Span) -> Result<Node, FormulaError> {
+impl Expression {
+    pub(super) fn new(kind: Operation, span: Span) -> Result<Expression, FormulaError> {
         let (size, depth) = kind.extent();
         if size > LARGEST {
             return Err(error(span, format!("the formula is too large: more than {LARGEST} operations")));
@@ -80,18 +80,20 @@ impl Node {
         if depth > DEEPEST {
             return Err(error(span, format!("the formula is nested more than {DEEPEST} deep")));
         }
-        Ok(Node { kind: Arc::new(kind), span, size, depth })
+        Ok(Expression { kind: Arc::new(kind), span, size, depth })
     }
 
     /// Whether what it is depends on the time.
     pub(super) fn has_branches(&self) -> bool {
         match &*self.kind {
-            Kind::Number(_) | Kind::Time => false,
-            Kind::Floor(_) | Kind::If(..) => true,
-            Kind::Apply(_, a) => a.has_branches(),
-            Kind::Add(a, b) | Kind::Subtract(a, b) | Kind::Multiply(a, b) | Kind::Divide(a, b) | Kind::Power(a, b) => {
-                a.has_branches() || b.has_branches()
-            }
+            Operation::Number(_) | Operation::Time => false,
+            Operation::Floor(_) | Operation::If(..) => true,
+            Operation::Apply(_, a) => a.has_branches(),
+            Operation::Add(a, b)
+            | Operation::Subtract(a, b)
+            | Operation::Multiply(a, b)
+            | Operation::Divide(a, b)
+            | Operation::Power(a, b) => a.has_branches() || b.has_branches(),
         }
     }
 
@@ -101,29 +103,31 @@ impl Node {
     }
 
     /// The same, written at another place: with its brackets.
-    pub(super) fn written_at(self, span: Span) -> Node {
-        Node { span, ..self }
+    pub(super) fn written_at(self, span: Span) -> Expression {
+        Expression { span, ..self }
     }
 
     /// A leaf.
-    pub(super) fn number(value: Double, span: Span) -> Node {
-        Node { kind: Arc::new(Kind::Number(value)), span, size: 1, depth: 1 }
+    pub(super) fn number(value: Double, span: Span) -> Expression {
+        Expression { kind: Arc::new(Operation::Number(value)), span, size: 1, depth: 1 }
     }
 }
 
-impl Kind {
+impl Operation {
     fn extent(&self) -> (u32, u32) {
-        let of = |nodes: &[&Node]| {
+        let of = |nodes: &[&Expression]| {
             let size = nodes.iter().fold(1_u32, |sum, n| sum.saturating_add(n.size));
             (size, 1 + nodes.iter().map(|n| n.depth).max().unwrap_or(0))
         };
         match self {
-            Kind::Number(_) | Kind::Time => (1, 1),
-            Kind::Add(a, b) | Kind::Subtract(a, b) | Kind::Multiply(a, b) | Kind::Divide(a, b) | Kind::Power(a, b) => {
-                of(&[a, b])
-            }
-            Kind::Apply(_, a) | Kind::Floor(a) => of(&[a]),
-            Kind::If(condition, a, b) => {
+            Operation::Number(_) | Operation::Time => (1, 1),
+            Operation::Add(a, b)
+            | Operation::Subtract(a, b)
+            | Operation::Multiply(a, b)
+            | Operation::Divide(a, b)
+            | Operation::Power(a, b) => of(&[a, b]),
+            Operation::Apply(_, a) | Operation::Floor(a) => of(&[a]),
+            Operation::If(condition, a, b) => {
                 let (size, depth) = of(&[a, b]);
                 let (c_size, c_depth) = condition.extent();
                 (size.saturating_add(c_size), depth.max(c_depth + 1))
