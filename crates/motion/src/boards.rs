@@ -7,8 +7,9 @@ mod uno;
 
 use std::ops::RangeInclusive;
 
+use crate::board::{Board, SegmentTicks, SharedSteps};
+use crate::motor::{DriverTiming, Motor, Wiring};
 use crate::pins::{self, PinKind, PinsError};
-use crate::program::{Board, DriverTiming, Motor, SegmentTicks, SharedSteps, Wiring};
 
 /// One row of the table: what plans are held against, and what else a user should know.
 #[derive(Clone, Debug, PartialEq)]
@@ -49,9 +50,9 @@ pub struct LineRow {
     pub delay_us: u32,
     /// So much longer it is for each byte of plans that the board has had to read in the last 10 ms, µs.
     pub delay_byte_us: u32,
-    /// What the line brings meanwhile beside that item, bytes.
+    /// What the line brings meanwhile besides that item, bytes.
     pub delay_bytes: u32,
-    /// What the line brings beside plans, bytes/s: extensions of the lease, and questions.
+    /// What the line brings besides plans, bytes/s: extensions of the lease, and questions.
     pub other_bytes_per_s: u32,
     /// How many bytes a byte of a plan takes on the line, with its share of a frame.
     pub frame_share: f64,
@@ -171,7 +172,7 @@ impl BoardRow {
             let is_pico = self.pin_rules == PinRules::Neighbours;
             let word = if is_pico { word_ticks(motors, self.board.tick_hz) } else { 0 };
             let has_coils = is_pico && motors.iter().any(|motor| matches!(motor.wiring, Wiring::Coils { .. }));
-            // Coils take it longer; beside drivers there may be more motors than there are pins for coils.
+            // Coils take it longer; besides drivers there may be more motors than there are pins for coils.
             let coils = |count: usize| pico::COILS.get(count).or(pico::COILS.last()).map_or(0, |ticks| *ticks);
             let of = |(count, ticks): (usize, &u32)| word.max(*ticks).max(if has_coils { coils(count) } else { 0 });
             return self.board.min_interval_ticks.iter().enumerate().map(of).collect();
@@ -212,7 +213,7 @@ impl BoardRow {
         (is_longer && !shares_dir(motors)).then(|| u32::try_from(longest * 1_000_000_000 / hz).unwrap_or(u32::MAX))
     }
 
-    /// The shortest interval of each of four motors on an Uno that has its motion in its flash, ticks: its image has no ring for the fourth beside a
+    /// The shortest interval of each of four motors on an Uno that has its motion in its flash, ticks: its image has no ring for the fourth next to a
     /// merge of three, so that all are merged, as they are with longer pulses.
     #[must_use]
     pub const fn shortest_of_four_baked(&self) -> Option<u32> {
@@ -283,7 +284,7 @@ fn word_ticks(motors: &[Motor], hz: u64) -> u32 {
     u32::try_from(pulse.max(3) + 3).unwrap_or(u32::MAX)
 }
 
-/// What a turn takes a Pico beside pulse, hold and set-up: the word that changes DIR begins when that of the step before is
+/// What a turn takes a Pico besides pulse, hold and set-up: the word that changes DIR begins when that of the step before is
 /// over, and ends before that of the step after.
 fn word_turn_ticks(motors: &[Motor], hz: u64) -> u32 {
     let word = u64::from(word_ticks(motors, hz));
@@ -566,10 +567,10 @@ mod tests {
         let motor = |step, pulse_high_ns| Motor {
             name: "m".to_owned(),
             law: crate::Law::sine(100.0, crate::Time::SECOND, Some(1)).unwrap(),
-            wiring: crate::program::Wiring::StepDir { step, dir: 8, forward_high: true, enable: None },
+            wiring: crate::motor::Wiring::StepDir { step, dir: 8, forward_high: true, enable: None },
             timing: DriverTiming { pulse_high_ns, ..Default::default() },
-            limits: crate::program::Limits::default(),
-            scale: crate::program::Scale { unit: "step".to_owned(), steps_per_unit: 1.0, steps_per_rev: 200.0 },
+            limits: crate::motor::Limits::default(),
+            scale: crate::motor::Scale { unit: "step".to_owned(), steps_per_unit: 1.0, steps_per_rev: 200.0 },
             winding: None,
             driver: None,
         };
@@ -592,7 +593,7 @@ mod tests {
         // Two on port D have a ring each.
         let pair = |steps: [u8; 2], pulse_ns| {
             let own_dir = |step: u8| Motor {
-                wiring: crate::program::Wiring::StepDir { step, dir: step + 2, forward_high: true, enable: None },
+                wiring: crate::motor::Wiring::StepDir { step, dir: step + 2, forward_high: true, enable: None },
                 ..motor(step, pulse_ns)
             };
             row.shortest_intervals(&steps.map(own_dir))[1]

@@ -9,13 +9,13 @@
 //! of any kind stand in such files: what is no known name or unit is therefore never read, least of all by its place.
 //!
 //! ```
-//! use pulsetrain_motion::columns::{Role, TIME, Table};
-//! let mut table = Table::new(b"i;a [deg];Time [ms]\n0;5;20\n");
+//! use pulsetrain_motion::columns::{Role, TIME, CsvTable};
+//! let mut table = CsvTable::new(b"i;a [deg];Time [ms]\n0;5;20\n");
 //! let header = table.header()?;
 //! let angle = Role { what: "the angle", own: None, names: &["a"], is_time: false, example: "angle [deg]" };
 //! let found = header.find(&[TIME, angle])?;
 //! assert_eq!(found, [2, 1]);
-//! assert!(Table::new(b"i,a\n0,5\n").header()?.find(&[TIME, angle]).is_err());
+//! assert!(CsvTable::new(b"i,a\n0,5\n").header()?.find(&[TIME, angle]).is_err());
 //! # Ok::<(), pulsetrain_motion::columns::ReadError>(())
 //! ```
 
@@ -43,7 +43,7 @@ pub struct ReadError {
     pub help: &'static str,
 }
 
-/// What is said of a decimal comma.
+/// The message about a decimal comma.
 pub(crate) const POINT: &str = "decimals are written with a point: 0.5";
 
 /// Whether it is a number but for its decimal comma.
@@ -327,7 +327,7 @@ fn with_unit(before: &str, written: &str) -> Option<(String, Stated)> {
     if ["per", "pro", "par", "por"].contains(&last) || unit(last).is_some() {
         return None;
     }
-    // A `step` alone may be a simulation's, and `m` the minute beside `h` and `s`.
+    // A `step` alone may be a simulation's, and `m` the minute next to `h` and `s`.
     let is_step = name.is_empty() && written.eq_ignore_ascii_case("step");
     if let Some(unit) = unmarked_unit(written).filter(|_| !is_step) {
         return Some((name, Stated::Unit(unit)));
@@ -548,8 +548,8 @@ impl Header<'_> {
 }
 
 /// The rows of a CSV file.
-pub struct Table<'a> {
-    form: Form<'a>,
+pub struct CsvTable<'a> {
+    form: Dialect<'a>,
     reader: Reader<&'a [u8]>,
     row: ByteRecord,
     /// The row was read for the header, but is one of numbers.
@@ -560,22 +560,22 @@ pub struct Table<'a> {
 
 /// What a file's bytes are to be taken for.
 #[derive(Clone, Copy)]
-struct Form<'a> {
+struct Dialect<'a> {
     bytes: &'a [u8],
     comment: u8,
     delimiter: u8,
 }
 
-impl<'a> Table<'a> {
+impl<'a> CsvTable<'a> {
     /// Of a file whose comments begin with `#`.
     #[must_use]
-    pub fn new(bytes: &'a [u8]) -> Table<'a> {
-        Table::with_comments(bytes, b'#')
+    pub fn new(bytes: &'a [u8]) -> CsvTable<'a> {
+        CsvTable::with_comments(bytes, b'#')
     }
 
     /// Of a file whose comments begin with another character.
     #[must_use]
-    pub fn with_comments(bytes: &'a [u8], comment: u8) -> Table<'a> {
+    pub fn with_comments(bytes: &'a [u8], comment: u8) -> CsvTable<'a> {
         let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
         let mut lines = bytes.split(|b| *b == b'\n').filter(|line| !line.starts_with(&[comment]));
         let first = lines.find(|line| !line.trim_ascii().is_empty()).unwrap_or_default();
@@ -588,8 +588,8 @@ impl<'a> Table<'a> {
             .comment(Some(comment))
             .delimiter(delimiter)
             .from_reader(bytes);
-        Table {
-            form: Form { bytes, comment, delimiter },
+        CsvTable {
+            form: Dialect { bytes, comment, delimiter },
             reader,
             row: ByteRecord::new(),
             kept: false,
@@ -600,7 +600,7 @@ impl<'a> Table<'a> {
     /// The header; rows come after it. To be asked for first.
     ///
     /// # Errors
-    /// As [`Table::next`].
+    /// As [`CsvTable::next`].
     pub fn header(&mut self) -> Result<Header<'a>, ReadError> {
         self.header_or(|_| false)
     }
@@ -608,7 +608,7 @@ impl<'a> Table<'a> {
     /// The header, which may be a row with numbers if `is_titles` knows it.
     ///
     /// # Errors
-    /// As [`Table::next`].
+    /// As [`CsvTable::next`].
     pub fn header_or(&mut self, is_titles: impl Fn(&[&[u8]]) -> bool) -> Result<Header<'a>, ReadError> {
         let header = self.first_row(is_titles)?;
         self.width = header.width;
@@ -669,7 +669,7 @@ impl<'a> Table<'a> {
     }
 }
 
-impl Form<'_> {
+impl Dialect<'_> {
     /// The titles in the comments above the first row, of `width` columns, as numpy writes them, and where they stand. No titles if a
     /// comment only seems to name columns.
     fn comments_above(self, row: usize, width: usize) -> Option<(Vec<Title>, Range<usize>)> {
@@ -719,7 +719,7 @@ fn names_columns(comment: &str) -> bool {
 /// One row of a table.
 #[derive(Clone, Copy)]
 pub struct Row<'t> {
-    form: Form<'t>,
+    form: Dialect<'t>,
     fields: &'t ByteRecord,
 }
 

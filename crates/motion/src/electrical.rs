@@ -1,11 +1,11 @@
-//! How fast a motor's winding lets it step: the calculator of seed 004, with its working.
+//! How fast a motor's winding lets it step: the calculator of the maximum-speed article, with its working.
 //!
 //! The current in a winding of inductance L on a supply V rises by I in L·I/V. A full step turns it from +I to −I, or
 //! from full to none and back, which takes L·I·2/V; no step can be faster and still have its torque.
 
 use std::ops::RangeInclusive;
 
-/// The source of the formula, as printed beside every figure.
+/// The source of the formula, as printed with every figure.
 pub const SOURCE: &str = "Daycounter stepper motor calculator, as quoted in seed 004: T = L·Imax·2/V";
 
 /// A full step that takes less or more than this is no motor's, s: its data are in other units.
@@ -129,7 +129,7 @@ impl Winding {
         ]
     }
 
-    /// The figures of a sketch that steps from an 8-bit timer, Timer2 at 16 MHz with the prescaler 128: seed 004's own working.
+    /// The figures of a sketch that steps from an 8-bit timer, Timer2 at 16 MHz with the prescaler 128: the maximum-speed article's own working.
     ///
     /// The sketch cuts the step time to whole microseconds, rounds up to whole counts, and writes that number of counts
     /// to a compare register; but a timer that is cleared on compare match runs one count longer than the register says
@@ -139,7 +139,7 @@ impl Winding {
     /// # Errors
     /// [`SketchError`] if the sketch has no count for such steps.
     pub fn sketch_figures(&self) -> Result<Vec<Figure>, SketchError> {
-        const SEED: &str = "seed 004, StepperDriver sketch";
+        const SKETCH: &str = "seed 004, StepperDriver sketch";
         const DATASHEET: &str = "ATmega328P DS40002061B, CTC mode: the counter runs 0..=OCR, OCR + 1 counts";
         let steps_per_rev = self.full_steps_per_rev * f64::from(self.microsteps);
         // A hair more than nothing, so that 140.0 computed as 139.999… does not lose a whole microsecond.
@@ -158,25 +158,36 @@ impl Winding {
         let real_rev_s = real_us * steps_per_rev / 1e6;
         let figure = |name, formula, value, unit, source| Figure { name, formula, value, unit, source };
         let count = |prescaler| format!("ceil({} us / {} us)", number(whole_us), number(self::tick_us(prescaler)));
-        let mut figures =
-            vec![figure("step in whole microseconds", "the sketch cuts the fraction off".into(), whole_us, "us", SEED)];
+        let mut figures = vec![figure(
+            "step in whole microseconds",
+            "the sketch cuts the fraction off".into(),
+            whole_us,
+            "us",
+            SKETCH,
+        )];
         if prescaler != seeds {
             let formula = format!("{}: the 8-bit register holds {MOST_COUNTS} at most", count(seeds));
-            figures.push(figure("counts that do not fit", formula, counts_of(seeds), "counts", SEED));
+            figures.push(figure("counts that do not fit", formula, counts_of(seeds), "counts", SKETCH));
             let formula = format!("in place of {seeds}: a count is {} us", number(tick_us));
             figures.push(figure("prescaler that fits", formula, f64::from(prescaler), "", TIMER2));
         }
         figures.extend([
-            figure("timer counts", count(prescaler), counts, "counts", SEED),
-            figure("announced step", format!("{} × {} us", number(counts), number(tick_us)), announced_us, "us", SEED),
+            figure("timer counts", count(prescaler), counts, "counts", SKETCH),
+            figure(
+                "announced step",
+                format!("{} × {} us", number(counts), number(tick_us)),
+                announced_us,
+                "us",
+                SKETCH,
+            ),
             figure(
                 "announced revolution",
                 format!("{} us × {}", number(announced_us), number(steps_per_rev)),
                 rev_s,
                 "s",
-                SEED,
+                SKETCH,
             ),
-            figure("announced speed", format!("1 / {} s", number(rev_s)), 1.0 / rev_s, "rev/s", SEED),
+            figure("announced speed", format!("1 / {} s", number(rev_s)), 1.0 / rev_s, "rev/s", SKETCH),
             figure(
                 "what the sketch really makes",
                 format!("({} + 1) × {} us", number(counts), number(tick_us)),
@@ -236,7 +247,7 @@ fn number(value: f64) -> String {
 mod tests {
     use super::*;
 
-    /// Seed 004's motor: 50 mH, 0.135 A, 12 V, 200 steps, eighth stepping.
+    /// The maximum-speed article's motor: 50 mH, 0.135 A, 12 V, 200 steps, eighth stepping.
     const SEED_004: Winding =
         Winding { inductance_h: 0.05, current_a: 0.135, voltage_v: 12.0, full_steps_per_rev: 200.0, microsteps: 8 };
 

@@ -28,7 +28,7 @@ pub enum FullStepsError {
 const HALF_STEP_OF_28BYJ_48: f64 = 5.625;
 
 impl FullStepsError {
-    /// What is wrong, beside the place.
+    /// What is wrong, without the place.
     #[must_use]
     pub const fn label(self) -> &'static str {
         match self {

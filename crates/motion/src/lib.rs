@@ -15,6 +15,7 @@
 //! Step times and segments (`pulsetrain-plan`), edges (`pulsetrain-trace`, `pulsetrain-board`).
 #![forbid(unsafe_code)]
 
+mod board;
 pub mod boards;
 pub mod columns;
 pub mod drivers;
@@ -25,6 +26,7 @@ pub mod grid;
 pub mod human;
 pub mod law;
 pub mod machine;
+mod motor;
 pub mod pins;
 pub mod program;
 pub mod quantity;

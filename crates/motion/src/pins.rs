@@ -10,7 +10,7 @@ use std::cmp::Reverse;
 use std::fmt;
 use std::ops::RangeInclusive;
 
-use crate::program::{Motor, Wiring};
+use crate::motor::{Motor, Wiring};
 use pulsetrain_core::wire::message::coil_pins;
 
 /// A set of pins that the Uno's firmware drives together.
@@ -292,9 +292,9 @@ mod tests {
     }
 
     /// STEP, DIR, and the enable line with its level.
-    type Pins = (u8, u8, Option<(u8, bool)>);
+    type UnoPins = (u8, u8, Option<(u8, bool)>);
 
-    fn kind_with(pins: &[Pins]) -> Result<PinKind, PinsError> {
+    fn kind_with(pins: &[UnoPins]) -> Result<PinKind, PinsError> {
         const NAMES: [&str; 4] = ["a", "b", "c", "d"];
         let wirings: Vec<Wiring> =
             pins.iter().map(|&(step, dir, enable)| Wiring::StepDir { step, dir, forward_high: true, enable }).collect();
@@ -303,11 +303,11 @@ mod tests {
 
     #[test]
     fn the_seeds_pins_fit() {
-        assert_eq!(kind(&[(8, 9)]), Ok(PinKind::PortB), "000");
-        assert_eq!(kind(&[(9, 8), (10, 8), (11, 8), (12, 8)]), Ok(PinKind::PortB), "001");
-        assert_eq!(kind(&[(2, 5), (3, 6), (4, 7), (12, 13)]), Ok(PinKind::Shield), "003");
+        assert_eq!(kind(&[(8, 9)]), Ok(PinKind::PortB), "the tutorial");
+        assert_eq!(kind(&[(9, 8), (10, 8), (11, 8), (12, 8)]), Ok(PinKind::PortB), "the sweep article");
+        assert_eq!(kind(&[(2, 5), (3, 6), (4, 7), (12, 13)]), Ok(PinKind::Shield), "StepperWinch");
         assert_eq!(kind(&[(2, 5), (3, 6), (4, 7)]), Ok(PinKind::PortD));
-        assert_eq!(kind(&[(6, 7)]), Ok(PinKind::PortD), "004");
+        assert_eq!(kind(&[(6, 7)]), Ok(PinKind::PortD), "the maximum-speed article");
         assert_eq!(kind(&[(9, 2)]), Ok(PinKind::Compare));
         assert_eq!(kind(&[(9, 8), (10, 13)]), Ok(PinKind::Compare));
     }
@@ -358,7 +358,7 @@ mod tests {
 
     #[test]
     fn coils_are_refused() {
-        let coils = Wiring::Coils { pins: [2, 3, 4, 5], sequence: crate::program::CoilSequence::Full };
+        let coils = Wiring::Coils { pins: [2, 3, 4, 5], sequence: crate::motor::CoilSequence::Full };
         let error = PinKind::of_wirings([("m", &coils)].into_iter()).unwrap_err();
         assert!(error.to_string().contains("motor `m` has four coil lines"));
     }

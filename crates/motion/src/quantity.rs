@@ -243,7 +243,7 @@ impl Quantity {
         if unit.is_empty() {
             return Err(QuantityError::NoUnit { number: number.to_owned() });
         }
-        let Some(Unit { name, base, per_seconds, per_s, scale }) = find_unit(unit) else {
+        let Some(KnownUnit { name, base, per_seconds, per_s, scale }) = find_unit(unit) else {
             let offset = start + length + (rest.len() - rest.trim_start().len());
             return Err(QuantityError::UnknownUnit { unit: unit.to_owned(), offset, meant: meant(magnitude, unit) });
         };
@@ -341,22 +341,22 @@ fn number_length(text: &str) -> usize {
 
 /// The size of a unit in its base's.
 #[derive(Clone, Copy)]
-enum Scale {
+enum UnitSize {
     Ratio { numerator: f64, denominator: f64, exact: Option<(u32, u64)> },
     Radian { denominator: f64 },
 }
 
-impl Scale {
+impl UnitSize {
     fn apply(self, magnitude: f64) -> f64 {
         match self {
-            Scale::Ratio { numerator, denominator, .. } => magnitude * numerator / denominator,
-            Scale::Radian { denominator } => magnitude / std::f64::consts::TAU / denominator,
+            UnitSize::Ratio { numerator, denominator, .. } => magnitude * numerator / denominator,
+            UnitSize::Radian { denominator } => magnitude / std::f64::consts::TAU / denominator,
         }
     }
 
     /// The exact value of a decimal number of this unit, if 62 bits hold it.
     fn exact(self, digits: &str) -> Option<Ratio> {
-        let Scale::Ratio { exact: Some((numerator, denominator)), .. } = self else { return None };
+        let UnitSize::Ratio { exact: Some((numerator, denominator)), .. } = self else { return None };
         let (mantissa, exponent) = match digits.split_once(['e', 'E']) {
             Some((mantissa, exponent)) => (mantissa, exponent.parse::<i32>().ok()?),
             None => (digits, 0),
@@ -374,25 +374,25 @@ impl Scale {
 }
 
 /// A unit that has been recognised.
-struct Unit {
+struct KnownUnit {
     name: &'static str,
     base: Base,
     per_seconds: u8,
     per_s: f64,
-    scale: Scale,
+    scale: UnitSize,
 }
 
-fn find_unit(unit: &str) -> Option<Unit> {
+fn find_unit(unit: &str) -> Option<KnownUnit> {
     let exactly = |&(name, base, n, d): &UnitRow, per_seconds, per_s| {
-        let scale = Scale::Ratio { numerator: f64::from(n), denominator: d as f64, exact: Some((n, d)) };
-        Unit { name, base, per_seconds, per_s, scale }
+        let scale = UnitSize::Ratio { numerator: f64::from(n), denominator: d as f64, exact: Some((n, d)) };
+        KnownUnit { name, base, per_seconds, per_s, scale }
     };
-    let radians = |per_seconds, per_s| Unit {
+    let radians = |per_seconds, per_s| KnownUnit {
         name: "rad",
         base: Base::Turn,
         per_seconds,
         per_s,
-        scale: Scale::Radian { denominator: per_s },
+        scale: UnitSize::Radian { denominator: per_s },
     };
     if let Some(row) = RATES.iter().find(|row| row.0 == unit) {
         return Some(exactly(row, 1, if row.0 == "rpm" { 60.0 } else { 1.0 }));
@@ -414,8 +414,8 @@ fn find_unit(unit: &str) -> Option<Unit> {
         return Some(radians(per_seconds, per_s));
     }
     let &(name, base, n, d) = UNITS.iter().find(|row| row.0 == amount && row.1.is_position())?;
-    let scale = Scale::Ratio { numerator: f64::from(n), denominator: d as f64 * per_s, exact: None };
-    Some(Unit { name, base, per_seconds, per_s, scale })
+    let scale = UnitSize::Ratio { numerator: f64::from(n), denominator: d as f64 * per_s, exact: None };
+    Some(KnownUnit { name, base, per_seconds, per_s, scale })
 }
 
 /// What somebody means who writes `number` with a unit that is not known.

@@ -4,7 +4,7 @@
 //! types. Laws are stated here a second time, in rational numbers.
 //!
 //! # What is here
-//! - [`Sine`]: 000's sinusoid, by arc cosines
+//! - [`Sine`]: the tutorial's sinusoid, by arc cosines
 //! - [`Trapezoid`]: speed up, cruise, slow down, by square roots; constant speed is one without the first and last
 //! - [`Waves`]: a constant speed and sinusoids, by Newton's iteration
 //! - [`Lorenz`]: the states of an orbit, by extrapolation; no step times: nobody has them but of an interpolant

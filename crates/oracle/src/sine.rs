@@ -1,8 +1,8 @@
-//! 000's sinusoid.
+//! The tutorial's sinusoid.
 
 use crate::crossing::{BITS, Crossing, Rational, Real, rational, real};
 
-/// θ = A − A·cos(2πt/T), stepped up and down `cycles` times. Source: seeds/000, eq. 1.
+/// θ = A − A·cos(2πt/T), stepped up and down `cycles` times. Source: the tutorial, eq. 1.
 ///
 /// The arc cosines depend on the swing alone: one [`Sine`] serves every period and every tick rate.
 #[derive(Clone, Debug)]

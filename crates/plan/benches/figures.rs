@@ -146,7 +146,7 @@ fn planning_and_acos_ns(law: &Law, settings: &Settings, steps: u64) -> (f64, f64
 /// The tutorial's steps in half a period.
 const SWING: u32 = 4000;
 
-/// Every step worked out by itself: one f64 arc cosine, and its tick. Source: seeds/000, eq. 3.
+/// Every step worked out by itself: one f64 arc cosine, and its tick. Source: the tutorial, eq. 3.
 fn half_period_of_acos() {
     let scale = UNO_HZ as f64 / std::f64::consts::TAU;
     let tick = |n: u32| ((1.0 - f64::from(n) * (2.0 / f64::from(SWING))).acos() * scale + 0.5) as u64;

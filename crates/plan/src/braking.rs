@@ -13,7 +13,7 @@ const ROUNDING: f64 = 1e-14;
 
 /// The limit of a motor that brakes with `acceleration` (steps/s², positive) at most, and may stop at once from `pull_in`
 /// steps/s and below, on a board of `tick_hz` with so many fraction bits. `None` if the board's numbers do not hold it: brakes so
-/// gentle or so hard that coming to rest within a step takes more than 2^62 or less than one 2^-F of a tick.
+/// soft or so hard that coming to rest within a step takes more than 2^62 or less than one 2^-F of a tick.
 ///
 /// ```
 /// let limit = pulsetrain_plan::braking_limit(10_000.0, 300.0, 16_000_000, 16).unwrap();
@@ -34,10 +34,10 @@ pub fn braking_limit(acceleration: f64, pull_in: f64, tick_hz: u64, fraction_bit
     Limit::new(mantissa as u8, u8::try_from(exponent).ok()?, level.floor().clamp(0.0, 255.0) as u8)
 }
 
-/// The gentlest limit that a board's own stop keeps from `rate` steps/s, steps/s²: below it, one unit of the board's
+/// The softest limit that a board's own stop keeps from `rate` steps/s, steps/s²: below it, one unit of the board's
 /// fraction is too much. See [`pulsetrain_core::braking`].
 #[must_use]
-pub fn gentlest_braking(rate: f64, tick_hz: u64, fraction_bits: u32) -> f64 {
+pub fn softest_braking(rate: f64, tick_hz: u64, fraction_bits: u32) -> f64 {
     rate.powi(3) / (tick_hz as f64 * (1u64 << fraction_bits) as f64)
 }
 
@@ -53,13 +53,13 @@ pub struct Stopping {
 /// How a motor brakes on a board, by its limits; without them as hard as its law has accelerated so far, or up to a sixth less.
 ///
 /// # Errors
-/// [`PlanError::TooGentle`] if the board cannot brake so gently.
+/// [`PlanError::BrakesTooHard`] if the board cannot brake so softly.
 pub fn stopping(peaks: &Certificate, limits: &Limits, board: &Board) -> Result<Stopping, PlanError> {
     let (speed, pull_in) = (peaks.peak_speed.0, limits.pull_in);
-    let least = gentlest_braking(speed, board.tick_hz, board.fraction_bits);
+    let least = softest_braking(speed, board.tick_hz, board.fraction_bits);
     let acceleration = match limits.max_acceleration {
         Some(limit) if limit < least && speed > pull_in => {
-            return Err(PlanError::TooGentle { speed, limit, least });
+            return Err(PlanError::BrakesTooHard { speed, limit, least });
         }
         Some(limit) => limit,
         None => rounded_down(peaks.peak_acceleration.0.max(speed / SOFTEST_STOP_S)).max(least),
@@ -114,8 +114,8 @@ mod tests {
     #[test]
     fn at_the_gentlest_limit_an_add_of_one_is_all() {
         let (hz, f, rate) = (16_000_000, 16, 160_000.0);
-        let gentlest = gentlest_braking(rate, hz, f);
-        assert_eq!(gentlest.round(), 3906.0);
+        let softest = softest_braking(rate, hz, f);
+        assert_eq!(softest.round(), 3906.0);
         let interval = (100 << 16) + 1;
         let add = |acceleration| {
             let limit = braking_limit(acceleration, 0.0, hz, f).unwrap();
@@ -124,7 +124,7 @@ mod tests {
                 next => panic!("{next:?}"),
             }
         };
-        assert_eq!(add(gentlest), 1);
-        assert!(add(8.0 * gentlest) >= 2);
+        assert_eq!(add(softest), 1);
+        assert!(add(8.0 * softest) >= 2);
     }
 }

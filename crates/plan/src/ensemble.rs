@@ -24,7 +24,7 @@ use pulsetrain_motion::program::{Program, Wiring};
 /// assert!(ensemble.certificate(0).steps > 0);
 /// ```
 pub struct Ensemble {
-    motors: Vec<Member>,
+    motors: Vec<MotorPlan>,
     groups: Vec<SharedDir>,
 }
 
@@ -44,7 +44,7 @@ pub struct Start {
     pub last_step: Option<(i64, Direction)>,
 }
 
-struct Member {
+struct MotorPlan {
     plan: Source,
     settings: Settings,
 }
@@ -116,7 +116,7 @@ impl Ensemble {
                 let place = groups[group].1.join(index, planner, &settings, &timing, &motor.wiring, last_step);
                 Source::Shared(group, place, Meter::new(&settings))
             };
-            motors.push(Member { plan, settings });
+            motors.push(MotorPlan { plan, settings });
         }
         Ok(Ensemble { motors, groups: groups.into_iter().map(|(_, group)| group).collect() })
     }

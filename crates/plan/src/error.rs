@@ -78,12 +78,12 @@ pub enum PlanError {
         /// The line's, bytes/s.
         limit: f64,
     },
-    /// The board cannot brake as gently as the motor needs it.
+    /// The softest braking of the board is harder than the motor allows.
     #[error(
         "it runs at up to {speed:.0} steps/s and may brake with {limit:.2} steps/s² at most; the board brakes with {least:.2} steps/s² at least \
          from there"
     )]
-    TooGentle {
+    BrakesTooHard {
         /// The largest of the law, steps/s.
         speed: f64,
         /// The motor's max_acceleration, steps/s².
@@ -182,7 +182,7 @@ impl PlanError {
             | PlanError::NotProvable { .. }
             | PlanError::TooFine { .. }
             | PlanError::TooLong { .. }
-            | PlanError::TooGentle { .. }
+            | PlanError::BrakesTooHard { .. }
             | PlanError::LineTooBusy { .. } => None,
         }
     }
@@ -205,7 +205,7 @@ impl PlanError {
             PlanError::Law(
                 LawError::Undefined { at_s, .. } | LawError::Jump { at_s, .. } | LawError::Backlash { at_s, .. },
             ) => Some(*at_s),
-            PlanError::Law(_) | PlanError::ToleranceTooTight { .. } | PlanError::TooGentle { .. } => None,
+            PlanError::Law(_) | PlanError::ToleranceTooTight { .. } | PlanError::BrakesTooHard { .. } => None,
         }
     }
 }

@@ -32,7 +32,7 @@ impl Quantiser {
 
 /// Where the accumulator stands when a segment begins.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Start {
+pub(crate) struct SegmentStart {
     /// Steps of the run that are done.
     pub(crate) done: f64,
     /// Accumulator minus ½, ticks of the curve's own time.
@@ -74,7 +74,7 @@ impl Target<'_> {
 /// The best segment of `count` steps, with its proof; `window` is where the law's bounds hold, ticks.
 pub(crate) fn fit(
     expansion: &Expansion,
-    start: &Start,
+    start: &SegmentStart,
     quantiser: &Quantiser,
     count: u32,
     window: (f64, f64),
@@ -164,7 +164,7 @@ fn zeros(target: &Target<'_>, m: f64) -> [f64; 3] {
 }
 
 /// Largest |scheduled − law| over the steps, from the board's own integers, ticks.
-fn replayed_misfit(target: &Target<'_>, segment: &Segment, start: &Start) -> f64 {
+fn replayed_misfit(target: &Target<'_>, segment: &Segment, start: &SegmentStart) -> f64 {
     let (mut accumulator, mut interval, mut add) = (i128::from(start.fraction), segment.interval, segment.add);
     let offset = (start.fraction as f64) / (1u64 << start.fraction_bits) as f64 - 0.5;
     let mut worst = 0.0f64;

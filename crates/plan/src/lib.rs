@@ -33,7 +33,7 @@ pub mod settings;
 mod shared_dir;
 mod stretch;
 
-pub use braking::{SOFTEST_STOP_S, Stopping, braking_limit, gentlest_braking, stopping};
+pub use braking::{SOFTEST_STOP_S, Stopping, braking_limit, softest_braking, stopping};
 pub use certificate::Certificate;
 pub use ensemble::{Ensemble, Start};
 pub use error::{PlanError, Refused};

@@ -154,7 +154,7 @@ impl Supply {
         }
         lane.held += bytes;
         lane.items.push_back((bytes, from));
-        // What fits beside the one before needs no other place, but its time on the line.
+        // What fits next to the one before needs no other place, but its time on the line.
         let left = lane.left;
         let delay_ticks = self.delay_ticks(from, bytes);
         // What there is room for before the motors move is with the board by then.
@@ -331,11 +331,11 @@ mod tests {
             let all = motors as f64 * bytes as f64 * byte;
             // A line that brings less than is wanted falls behind without end; one that brings more is a little behind only while the items of a step
             // come one after the other.
-            let (surely, never) = (all < 0.99 * ticks as f64 && held > delay + all, all > 1.01 * ticks as f64 || held < least);
+            let (provably, never) = (all < 0.99 * ticks as f64 && held > delay + all, all > 1.01 * ticks as f64 || held < least);
             match added {
                 Ok(()) => prop_assert!(!never, "{bytes} bytes, held for {held}, {all} for each step"),
                 Err(error) => {
-                    prop_assert!(!surely, "{bytes} bytes, held for {held}, {all} for each step: {error}");
+                    prop_assert!(!provably, "{bytes} bytes, held for {held}, {all} for each step: {error}");
                     prop_assert!(error.at_s().is_some());
                     if let PlanError::QueueTooShort { held_s, needed_s, .. } = error {
                         prop_assert!(held_s < needed_s);

@@ -7,7 +7,7 @@ use pulsetrain_core::Segment;
 pub struct Load {
     /// A step.
     pub step_ticks: u64,
-    /// A segment that goes the same way as that before it, beside its steps.
+    /// A segment that goes the same way as that before it, without its steps.
     pub onward_ticks: u64,
     /// One that turns, likewise.
     pub turning_ticks: u64,

@@ -230,7 +230,7 @@ impl Planner {
         let segment = fit.segment;
         if fit.dwell > 0 {
             self.registers.tick += fit.dwell as i64;
-            self.give(Move::Dwell { ticks: fit.dwell });
+            self.emit(Move::Dwell { ticks: fit.dwell });
         }
         let before = self.registers;
         self.registers.advance(&segment, fraction_bits);
@@ -243,11 +243,11 @@ impl Planner {
         self.check_spacing(&segment, &before)?;
         self.check_load(&segment, turns)?;
         self.certificate.add(&segment, direction, fit.bound);
-        self.give(Move::Run { segment, direction });
+        self.emit(Move::Run { segment, direction });
         Ok(())
     }
 
-    fn give(&mut self, next: Move) {
+    fn emit(&mut self, next: Move) {
         if let Some(meter) = &mut self.meter {
             meter.add(&next);
             self.certificate.bytes = meter.bytes();
@@ -350,7 +350,7 @@ impl Planner {
         let ticks = tick - self.registers.tick;
         if ticks >= IDLE_MARGIN_TICKS {
             self.registers.tick = tick;
-            self.give(Move::Dwell { ticks: ticks.unsigned_abs() });
+            self.emit(Move::Dwell { ticks: ticks.unsigned_abs() });
         }
     }
 
@@ -471,7 +471,7 @@ impl Planner {
         run
     }
 
-    /// Leaves the last step to the stretch that goes on from this one, if this one surely ends before it. Where its own numbers leave that open
+    /// Leaves the last step to the stretch that goes on from this one, if this one provably ends before it. Where its own numbers leave that open
     /// for some time, those of the other one may tell; or else the step is enclosed on both sides.
     fn settle_end(&self, run: &mut Run, touched: f64) {
         let (to, hz) = (run.stretch.to, run.frame.tick_hz);
@@ -495,7 +495,7 @@ impl Planner {
             } else {
                 let later = (next.origin.0 - run.origin.0) as f64 + (next.origin.1 - run.origin.1);
                 run.count = touched as u64;
-                run.reached_by = Some(next.surely_after(touched).1 * hz + later);
+                run.reached_by = Some(next.proven_after(touched).1 * hz + later);
             }
             return;
         }

@@ -1,7 +1,7 @@
 //! Steps in one direction along one stretch, as segments.
 
 use crate::expansion::{Expansion, Frame, ULP, exact_due};
-use crate::fit::{Fit, Quantiser, Start, fit, single};
+use crate::fit::{Fit, Quantiser, SegmentStart, fit, single};
 use crate::stretch::Stretch;
 use pulsetrain_core::packing::unit_shift;
 use pulsetrain_core::{Direction, Segment};
@@ -15,7 +15,7 @@ pub(crate) struct Run {
     pub(crate) count: u64,
     /// The last level is behind the stretch's end, by no more than a touch, but by some time at the speed there.
     pub(crate) touches: bool,
-    /// By when the last level is surely reached, ticks, if rounding leaves open whether that is before the stretch's end.
+    /// By when the last level is provably reached, ticks, if rounding leaves open whether that is before the stretch's end.
     pub(crate) reached_by: Option<f64>,
     /// The tick at which the curve's own time is 0: whole, and fraction.
     pub(crate) origin: (i64, f64),
@@ -66,10 +66,10 @@ impl Run {
     /// The time of step `j`, searched from `guess` (ticks of the curve's own time).
     ///
     /// Newton's method inside a bracket; where the law is too flat for its proof, the true time is enclosed
-    /// between the places where the law is surely below and surely above.
+    /// between the places where the law is provably below and provably above.
     pub(crate) fn due(&self, j: u64, guess: f64) -> (Due, Option<Expansion>) {
         if let Some(reached_by) = self.reached_by.filter(|_| j == self.count) {
-            return (Due::between(self.surely_before(j as f64).0 * self.frame.tick_hz, reached_by), None);
+            return (Due::between(self.proven_before(j as f64).0 * self.frame.tick_hz, reached_by), None);
         }
         let (due, expansion) = self.due_anywhere(j, guess);
         // What touches its last level is due at its end.
@@ -158,16 +158,16 @@ impl Run {
         self.touches || self.reached_by.is_some()
     }
 
-    /// The two sides of the last place where the law is surely below s, s.
-    fn surely_before(&self, s: f64) -> (f64, f64) {
+    /// The two sides of the last place where the law is provably below s, s.
+    fn proven_before(&self, s: f64) -> (f64, f64) {
         self.bisected(|u| {
             let (beyond, doubt) = self.beyond(u, s);
             beyond + doubt < 0.0
         })
     }
 
-    /// The two sides of the first place where the law is surely above s, s.
-    pub(crate) fn surely_after(&self, s: f64) -> (f64, f64) {
+    /// The two sides of the first place where the law is provably above s, s.
+    pub(crate) fn proven_after(&self, s: f64) -> (f64, f64) {
         self.bisected(|u| {
             let (beyond, doubt) = self.beyond(u, s);
             beyond - doubt <= 0.0
@@ -186,11 +186,11 @@ impl Run {
         (low, high)
     }
 
-    /// The time of s between the last place where the law is surely below it and the first where it is surely above.
+    /// The time of s between the last place where the law is provably below it and the first where it is provably above.
     ///
     /// A level beyond the stretch's end by no more than a touch is due at its end.
     fn enclosed(&self, s: f64) -> Due {
-        let (mut earliest, mut latest) = (self.surely_before(s).0, self.surely_after(s).1);
+        let (mut earliest, mut latest) = (self.proven_before(s).0, self.proven_after(s).1);
         let hz = self.frame.tick_hz;
         if latest >= self.stretch.to {
             let (at_end, doubt) = self.beyond(self.stretch.to, s);
@@ -297,7 +297,7 @@ fn longest_interval(segment: &Segment) -> i64 {
     if segment.add <= 0 || last.add >= 0 {
         return ends;
     }
-    // It rises at first and falls at last: the longest lies beside where add passes 0.
+    // It rises at first and falls at last: the longest lies near where add passes 0.
     let near = (segment.add / -segment.add2).clamp(0, i64::from(segment.count) - 2) as u32;
     ends.max(segment.after(near).interval).max(segment.after(near + 1).interval)
 }
@@ -305,7 +305,7 @@ fn longest_interval(segment: &Segment) -> i64 {
 /// The shortest interval between two steps of a segment of two or more, ticks · 2^F, and the number of the step
 /// after it.
 pub(crate) fn shortest_interval(segment: &Segment) -> (i64, u32) {
-    // Before step k (2..=count): I + (k−1)a + C(k−1,2)b, a parabola in k: least at an end, or beside its vertex
+    // Before step k (2..=count): I + (k−1)a + C(k−1,2)b, a parabola in k: least at an end, or near its vertex
     // where it falls at first and rises at last.
     let (second, last) = (segment.after(1), segment.after(segment.count - 1));
     let ends = (second.interval, 2).min((last.interval, segment.count));
@@ -314,8 +314,8 @@ pub(crate) fn shortest_interval(segment: &Segment) -> (i64, u32) {
     }
     let vertex = 1.5 - segment.add as f64 / segment.add2 as f64;
     let near = vertex.clamp(2.0, f64::from(segment.count)) as u32;
-    let beside = [near, (near + 1).min(segment.count)].map(|k| (segment.after(k - 1).interval, k));
-    ends.min(beside[0]).min(beside[1])
+    let near = [near, (near + 1).min(segment.count)].map(|k| (segment.after(k - 1).interval, k));
+    ends.min(near[0]).min(near[1])
 }
 
 /// How often an expansion is moved to the middle of the segment that it turns out to serve.
@@ -359,7 +359,7 @@ impl RunPlanner {
         let most = left.saturating_sub(self.run.ends_apart().into()).clamp(1, u64::from(rules.longest)) as u32;
         let quantiser = rules.quantiser(registers);
         let offset = (registers.fraction as f64) / quantiser.scale - 0.5;
-        let start = Start {
+        let start = SegmentStart {
             done: self.done as f64,
             tick: self.run.own_tick(registers.tick) + offset,
             fraction: registers.fraction,
@@ -373,7 +373,7 @@ impl RunPlanner {
 
     fn longest_fit(
         &mut self,
-        start: &Start,
+        start: &SegmentStart,
         quantiser: &Quantiser,
         most: u32,
         registers: &Registers,
@@ -468,7 +468,7 @@ impl RunPlanner {
     }
 
     /// One step, at the time that is proven best.
-    fn single(&mut self, start: &Start, quantiser: &Quantiser, registers: &Registers, rules: &Rules) -> Fit {
+    fn single(&mut self, start: &SegmentStart, quantiser: &Quantiser, registers: &Registers, rules: &Rules) -> Fit {
         let j = self.done + 1;
         let s = j as f64;
         let guess = self.last.map_or_else(|| self.run.guess(j), |last| last.tick + last.offset(s));
@@ -482,12 +482,12 @@ impl RunPlanner {
         let dwell = if wait >= rules.longest_wait - 2.0 { (wait - 0.5 * rules.longest_wait).floor() } else { 0.0 };
         let offset = start.fraction as f64 / quantiser.scale - 0.5;
         // A sum of whole ticks: after a long dwell nothing is left of the rounding of a far tick.
-        let start = Start { tick: self.run.own_tick(registers.tick + dwell as i64) + offset, ..*start };
+        let start = SegmentStart { tick: self.run.own_tick(registers.tick + dwell as i64) + offset, ..*start };
         let wanted = (due.tick - start.tick) * quantiser.scale;
         let unit = quantiser.units[0] as i64;
         let mut interval = quantiser.round(0, wanted).unwrap_or(quantiser.predicted.interval);
         if interval <= 0 {
-            // Due at once, or a rounding before that: the shortest interval that can be said.
+            // Due at once, or a rounding before that: the shortest interval that a segment can have.
             interval = (quantiser.predicted.interval - 1).rem_euclid(unit) + 1;
         }
         let accumulator = i128::from(start.fraction) + i128::from(interval);
@@ -539,7 +539,7 @@ fn shrinkage(misfit: f64, count: u32, allowance: f64, before: Option<(f64, f64)>
 
 /// How many steps one segment can likely take: the quartic and quintic terms that a cubic cannot follow, and the
 /// rounding of its differences.
-fn estimated_length(e: &Expansion, start: &Start, quantiser: &Quantiser, from: f64, allowance: f64) -> f64 {
+fn estimated_length(e: &Expansion, start: &SegmentStart, quantiser: &Quantiser, from: f64, allowance: f64) -> f64 {
     let q = e.q.map(f64::abs);
     let mut half = (from * 0.5).max(0.5);
     for _ in 0..3 {

@@ -44,7 +44,7 @@ impl Settings {
         }
     }
 
-    /// What the plan of a law that is `factor` times slower must keep to, said of the law itself.
+    /// What the plan of a law that is `factor` times slower must keep to, in terms of the law itself.
     ///
     /// θ(t/s) on ticks of f Hz has its steps at the very ticks that θ(t) has at s·f Hz; its speeds are s times, its
     /// accelerations s² times smaller, and so are the limits that they meet.

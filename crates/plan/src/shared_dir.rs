@@ -17,7 +17,7 @@ use std::collections::VecDeque;
 /// Motors whose steps must be kept apart: those of one DIR line, or all, if the board makes them one after the other.
 pub(crate) struct SharedDir {
     members: Vec<Member>,
-    lines: Vec<Line>,
+    lines: Vec<DirLine>,
     fraction_bits: u32,
     /// What the board needs between steps of any two members.
     steps: Option<SharedSteps>,
@@ -26,7 +26,7 @@ pub(crate) struct SharedDir {
 }
 
 /// A DIR line.
-struct Line {
+struct DirLine {
     /// `None` for coils.
     pin: Option<u8>,
     /// Longest pulse and hold of its motors, ticks.
@@ -88,7 +88,7 @@ impl SharedDir {
         };
         let known = self.lines.iter().position(|line| pin.is_some() && line.pin == pin);
         let index = known.unwrap_or_else(|| {
-            self.lines.push(Line { pin, keep_ticks: 0, setup_ticks: 0, last: None });
+            self.lines.push(DirLine { pin, keep_ticks: 0, setup_ticks: 0, last: None });
             self.lines.len() - 1
         });
         let line = &mut self.lines[index];
@@ -139,7 +139,7 @@ impl SharedDir {
 
     pub(crate) fn next_move(&mut self, place: usize) -> Result<Option<Move>, Refused> {
         loop {
-            if let Some(next) = self.members[place].give() {
+            if let Some(next) = self.members[place].next_ready() {
                 return Ok(Some(next));
             }
             // Others of the line may go on for ever.
@@ -148,7 +148,7 @@ impl SharedDir {
                 return Ok(None);
             }
             if !self.take_step()? {
-                return Ok(self.members[place].give());
+                return Ok(self.members[place].next_ready());
             }
         }
     }
@@ -286,7 +286,7 @@ impl Member {
     }
 
     /// Gives out the next move that is ready.
-    fn give(&mut self) -> Option<Move> {
+    fn next_ready(&mut self) -> Option<Move> {
         let (next, late) = self.out.pop_front()?;
         self.given_late = late;
         Some(next)

@@ -47,7 +47,7 @@ impl Stretch {
     }
 
     /// Where it ends: earliest and latest, s. Where more is known of the curve than f64 holds, that is between the last place where the
-    /// speed surely has its sign and the first where it surely has the other.
+    /// speed provably has its sign and the first where it provably has the other.
     pub(crate) fn end(&self, tick_hz: f64) -> (f64, f64) {
         let Some(turn) = self.turn else { return (self.to, self.to) };
         let close = SHARP_TICKS / tick_hz;
@@ -55,7 +55,7 @@ impl Stretch {
         let doubt = (self.curve.jet(self.to)[1].abs() + self.bounds.rounding[1]) / turn.least.max(0.0);
         let (low, high) = ((self.to - doubt).max(turn.window.0), (self.to + doubt).min(turn.window.1));
         let rises = self.rises();
-        // Whether θ surely goes on, and whether it surely goes back.
+        // Whether θ provably goes on, and whether it provably goes back.
         let way = |u: f64| match self.curve.accurate_speed(u) {
             Some((speed, doubt)) if speed.abs() > doubt => ((speed > 0.0) == rises, (speed > 0.0) != rises),
             _ => (false, false),
@@ -190,7 +190,7 @@ fn root(curve: &Curve, speed: impl Fn(f64) -> f64, mut low: f64, mut high: f64, 
     if at_low.is_nan() || at_high.is_nan() {
         return None;
     }
-    // At rest exactly at an end: the window before has told that of `low`.
+    // At rest exactly at an end: the window before has dealt with that of `low`.
     if at_low == 0.0 || at_high == 0.0 {
         return (at_low != 0.0).then_some(high);
     }

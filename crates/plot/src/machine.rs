@@ -60,7 +60,7 @@ impl Drawn {
     /// Of each machine; one whose path and take-up cannot be told apart has none.
     #[must_use]
     pub fn of(program: &Program) -> Drawn {
-        let law = |motor: &usize| program.motors[*motor].law.without_slack();
+        let law = |motor: &usize| program.motors[*motor].law.without_backlash();
         Drawn(program.machines.iter().map(|machine| machine.motors.iter().map(law).collect()).collect())
     }
 }

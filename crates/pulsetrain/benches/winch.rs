@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use pulsetrain_board::virtual_uno::{CYCLES_PER_S, VirtualUno};
 use pulsetrain_board::{Edge, Port};
-use pulsetrain_trace::winch::{Command, Options, Report, Told, judge};
+use pulsetrain_trace::winch::{Command, SentLine, WinchOptions, WinchReport, judge};
 
 /// STEP and DIR of x, y, z and a.
 const STEP: [u8; 4] = [2, 3, 4, 12];
@@ -117,7 +117,7 @@ impl Uno {
     }
 
     /// Sends a line; gives when it was told.
-    fn say(&mut self, line: &str) -> Told {
+    fn say(&mut self, line: &str) -> SentLine {
         let tick = self.tell(line);
         told_at(tick, line)
     }
@@ -128,10 +128,10 @@ impl Uno {
     }
 
     /// The judge's word of what was told and came of it.
-    fn judged(&self, told: &[Told]) -> Report {
+    fn judged(&self, told: &[SentLine]) -> WinchReport {
         let convert = |edge: &Edge| pulsetrain_trace::Edge { tick: edge.tick, line: edge.line, level: edge.level };
         let edges: Vec<_> = self.edges.iter().map(convert).collect();
-        let options = Options { constant_ticks: 17.0, late_ticks: 60.0, ..Options::default() };
+        let options = WinchOptions { constant_ticks: 17.0, late_ticks: 60.0, ..WinchOptions::default() };
         judge(told, &edges, &[], self.now(), &options, &mut ()).expect("edges in order")
     }
 
@@ -220,8 +220,8 @@ fn spacing(uno: &Uno, at: &str, speeds: [i32; 4]) {
 }
 
 /// A line that was there at a tick.
-fn told_at(tick: u64, line: &str) -> Told {
-    Told { tick, until: tick, command: Command::parse(line).expect("a line") }
+fn told_at(tick: u64, line: &str) -> SentLine {
+    SentLine { tick, until: tick, command: Command::parse(line).expect("a line") }
 }
 
 /// The row of the times to an effect.
@@ -300,7 +300,7 @@ fn switching_on() {
     switching_on_row(&format!("each behind `enable 0`, {LINES} lines"), &[(uno, told)]);
 }
 
-fn switching_on_row(which: &str, runs: &[(Uno, Vec<Told>)]) {
+fn switching_on_row(which: &str, runs: &[(Uno, Vec<SentLine>)]) {
     let (mut span, mut refused, mut ok) = ((f64::INFINITY, f64::NEG_INFINITY), 0, true);
     for (uno, told) in runs {
         let verdict = uno.judged(told);

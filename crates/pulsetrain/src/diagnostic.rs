@@ -2,8 +2,10 @@
 
 use std::error::Error;
 use std::fmt;
+use std::sync::Arc;
 
-use miette::{Diagnostic, Report};
+use miette::{Diagnostic, LabeledSpan, MietteError, MietteSpanContents, Report, SourceCode, SourceSpan, SpanContents};
+use pulsetrain_motion::file::{FileError, Problem, Source};
 use pulsetrain_session::drive::DriveError;
 use pulsetrain_session::prepare::Refusal;
 
@@ -48,5 +50,103 @@ impl<E: Error> Error for Advised<E> {
 impl<E: Advice> Diagnostic for Advised<E> {
     fn help<'a>(&'a self) -> Option<Box<dyn fmt::Display + 'a>> {
         self.0.advice().map(|advice| Box::new(advice) as Box<dyn fmt::Display>)
+    }
+}
+
+/// A text that reports show lines of.
+#[derive(Clone, Debug)]
+pub struct Excerpt(pub Arc<Source>);
+
+impl SourceCode for Excerpt {
+    fn read_span<'a>(
+        &'a self,
+        span: &SourceSpan,
+        lines_before: usize,
+        lines_after: usize,
+    ) -> Result<Box<dyn SpanContents<'a> + 'a>, MietteError> {
+        let lines = self.0.text().read_span(span, lines_before, lines_after)?;
+        let name = self.0.name().to_owned();
+        let (line, column, count) = (lines.line(), lines.column(), lines.line_count());
+        Ok(Box::new(MietteSpanContents::new_named(name, lines.data(), *lines.span(), line, column, count)))
+    }
+}
+
+/// What is wrong with a motion file: the first problem, with the others related to it.
+#[derive(Debug)]
+pub struct WrongFile {
+    error: FileError,
+    problems: Vec<WrongPlace>,
+}
+
+#[derive(Debug)]
+struct WrongPlace {
+    problem: Problem,
+    source: Excerpt,
+}
+
+impl WrongFile {
+    /// What the file's reader said.
+    #[must_use]
+    pub fn error(&self) -> &FileError {
+        &self.error
+    }
+}
+
+impl From<FileError> for WrongFile {
+    fn from(error: FileError) -> WrongFile {
+        let places = error.problems().iter();
+        let problems = places
+            .map(|problem| WrongPlace { problem: problem.clone(), source: Excerpt(Arc::clone(problem.source())) });
+        WrongFile { problems: problems.collect(), error }
+    }
+}
+
+impl fmt::Display for WrongFile {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.error.fmt(f)
+    }
+}
+
+impl Error for WrongFile {}
+
+impl Diagnostic for WrongFile {
+    fn help<'a>(&'a self) -> Option<Box<dyn fmt::Display + 'a>> {
+        self.problems.first()?.help()
+    }
+
+    fn source_code(&self) -> Option<&dyn SourceCode> {
+        self.problems.first()?.source_code()
+    }
+
+    fn labels(&self) -> Option<Box<dyn Iterator<Item = LabeledSpan> + '_>> {
+        self.problems.first()?.labels()
+    }
+
+    fn related<'a>(&'a self) -> Option<Box<dyn Iterator<Item = &'a dyn Diagnostic> + 'a>> {
+        Some(Box::new(self.problems.iter().skip(1).map(|problem| problem as &dyn Diagnostic)))
+    }
+}
+
+impl fmt::Display for WrongPlace {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.problem.fmt(f)
+    }
+}
+
+impl Error for WrongPlace {}
+
+impl Diagnostic for WrongPlace {
+    fn help<'a>(&'a self) -> Option<Box<dyn fmt::Display + 'a>> {
+        self.problem.advice().map(|advice| Box::new(advice) as Box<dyn fmt::Display>)
+    }
+
+    fn source_code(&self) -> Option<&dyn SourceCode> {
+        Some(&self.source)
+    }
+
+    fn labels(&self) -> Option<Box<dyn Iterator<Item = LabeledSpan> + '_>> {
+        Some(Box::new(
+            self.problem.labels().map(|(at, label)| LabeledSpan::new(Some(label.to_owned()), at.start, at.len())),
+        ))
     }
 }

@@ -5,14 +5,14 @@ use std::path::Path;
 use pulsetrain_motion::{Time, file};
 use pulsetrain_session::prepare::Prepared;
 
-use crate::diagnostic::advised;
+use crate::diagnostic::{WrongFile, advised};
 
 /// Reads a motion file and puts it on `board` if that is given; endless laws stay so.
 ///
 /// # Errors
 /// When the file is wrong, or does not fit the board.
 pub fn endless(path: &Path, board: Option<&str>) -> miette::Result<Prepared> {
-    let contents = file::load_contents(path)?;
+    let contents = file::load_contents(path).map_err(WrongFile::from)?;
     Prepared::new(path.display().to_string(), contents, board).map_err(advised)
 }
 

@@ -18,9 +18,9 @@ use pulsetrain_session::prepare::Planned;
 /// Where the edges and steps of a run are written.
 pub struct Files<W: Write> {
     /// Every edge of every line.
-    pub trace: vcd_file::Writer<W>,
+    pub trace: vcd_file::EdgeWriter<W>,
     /// Every step.
-    pub steps: steps::Writer<W>,
+    pub steps: steps::StepWriter<W>,
 }
 
 impl<W: Write> Files<W> {
@@ -32,8 +32,8 @@ impl<W: Write> Files<W> {
         let names: Vec<String> = program.motors.iter().map(|motor| motor.name.clone()).collect();
         let tick_hz = program.board.tick_hz;
         Ok(Files {
-            trace: vcd_file::Writer::new(trace, tick_hz, lines)?,
-            steps: steps::Writer::new(steps, tick_hz, &names)?,
+            trace: vcd_file::EdgeWriter::new(trace, tick_hz, lines)?,
+            steps: steps::StepWriter::new(steps, tick_hz, &names)?,
         })
     }
 }

@@ -34,7 +34,7 @@ pub trait Client {
 pub struct Service<B, C, W: Write> {
     board: B,
     client: C,
-    trace: Option<vcd_file::Writer<W>>,
+    trace: Option<vcd_file::EdgeWriter<W>>,
     present: bool,
     clients: u64,
     bytes: Vec<u8>,
@@ -49,7 +49,7 @@ impl<B: VirtualBoard, C: Client, W: Write> Service<B, C, W> {
     pub fn new(board: B, client: C, trace: Option<W>) -> io::Result<Service<B, C, W>> {
         let lines: Vec<Line> = board.traced().map(|pin| Line::named(format!("pin{pin}"))).collect();
         let trace =
-            trace.map(|out| vcd_file::Writer::new(out, board.cycles_per_s(), &lines)).transpose().map_err(untraced)?;
+            trace.map(|out| vcd_file::EdgeWriter::new(out, board.cycles_per_s(), &lines)).transpose().map_err(untraced)?;
         let (bytes, edges) = (Vec::new(), Vec::new());
         Ok(Service { board, client, trace, present: false, clients: 0, bytes, edges })
     }
@@ -128,7 +128,7 @@ impl<B: VirtualBoard, C: Client, W: Write> Service<B, C, W> {
     /// # Errors
     /// When it cannot be written.
     pub fn finish(self) -> io::Result<()> {
-        self.trace.map_or(Ok(()), vcd_file::Writer::finish).map_err(untraced)
+        self.trace.map_or(Ok(()), vcd_file::EdgeWriter::finish).map_err(untraced)
     }
 }
 

@@ -79,8 +79,8 @@ fn slowdown(prepared: &Prepared, motor: &Motor, another: impl Fn() -> bool) -> O
 /// to be, and the time that goes with that. As long as there is time for another plan.
 fn least_over(prepared: &Prepared, motor: &Motor, another: impl Fn() -> bool) -> Option<(Option<f64>, f64)> {
     let settings = Settings::of(&prepared.program, motor);
-    let over_s = motor.law.slack_over()?.seconds();
-    let longer = |factor: f64| motor.law.with_slack_over(Time::from_seconds(over_s * factor));
+    let over_s = motor.law.backlash_over()?.seconds();
+    let longer = |factor: f64| motor.law.with_backlash_over(Time::from_seconds(over_s * factor));
     let fits = |factor: f64| longer(factor).is_some_and(|law| prepare::fits(&law, &settings));
     if let Some(factor) = least(|factor| another().then(|| fits(factor))) {
         return Some((None, over_s * factor));
@@ -385,7 +385,7 @@ fn easing(prepared: &Prepared, motors: &[&Motor], eased: &dyn Fn(&Law, Time) -> 
     for over_ms in EASES_MS {
         // As exact as the file's: it may be as long as the motion.
         let over = Time::from_ratio(1, 1000).times(over_ms);
-        let of = |motor: &&Motor| motor.law.changed_under_slack(|law| eased(law, over));
+        let of = |motor: &&Motor| motor.law.changed_under_backlash(|law| eased(law, over));
         let Some(laws) = motors.iter().map(of).collect::<Option<Vec<Law>>>() else { continue };
         let ease = time_assignment("ease", over.seconds());
         let all = |fits: &dyn Fn(&Law, &Settings) -> bool| {
@@ -430,7 +430,7 @@ fn parts_eased(law: &Law, over: Time) -> Option<Law> {
 
 /// The law with another beginning (or end) of that one of a motor's motions that begins (or ends) at `at_s`.
 fn with_part(law: &Law, at_s: f64, begins: bool, change: &dyn Fn(&Law) -> Option<Law>) -> Option<Law> {
-    law.changed_under_slack(|law| {
+    law.changed_under_backlash(|law| {
         let Law::Then(laws) = law else { return change(law) };
         let mut laws = laws.to_vec();
         let mut from = Time::ZERO;
@@ -510,7 +510,7 @@ pub fn advice(prepared: &Prepared, motor: &Motor, error: &PlanError) -> String {
     if let PlanError::NotProvable { bound_ticks, at_s, .. } = error {
         return not_provable(prepared, motor, *bound_ticks, *at_s);
     }
-    if let PlanError::TooGentle { least, .. } = error {
+    if let PlanError::BrakesTooHard { least, .. } = error {
         lines.push(format!(
             "a max_acceleration of {} steps/s² or more fits, or a slower motion",
             human::significant(rounded_up(*least), 3)
@@ -524,7 +524,7 @@ pub fn advice(prepared: &Prepared, motor: &Motor, error: &PlanError) -> String {
     let another = || tries.another([&motor.law]).is_ok();
     if error.limit() == Some(Limit::Line) {
         lines.extend(over_line(prepared));
-    } else if error.limit().is_some() && motor.law.slack_over().is_some() {
+    } else if error.limit().is_some() && motor.law.backlash_over().is_some() {
         lines.extend(least_over(prepared, motor, another).map(|(slower, over_s)| {
             let over = time_assignment("over", rounded_up(over_s));
             match slower {

@@ -380,7 +380,7 @@ impl<'a> Plans<'a> {
     /// Checks that the board can brake the motors as their limits want it, from what was planned.
     ///
     /// # Errors
-    /// [`PlanError::TooGentle`].
+    /// [`PlanError::BrakesTooHard`].
     fn brake(&self) -> Result<(), Refused> {
         self.program.motors.iter().enumerate().try_for_each(|(index, motor)| {
             let peaks = self.ensemble.certificate(index);

@@ -11,7 +11,7 @@
 //! # Ok::<(), pulsetrain_trace::ReadError>(())
 //! ```
 
-use pulsetrain_motion::columns::{ANGLES, Header, Role, Stated, TIME, Table};
+use pulsetrain_motion::columns::{ANGLES, CsvTable, Header, Role, Stated, TIME};
 use pulsetrain_motion::quantity::Base;
 
 use crate::ReadError;
@@ -94,7 +94,7 @@ pub const LONGEST_S: f64 = 1e6;
 /// # Errors
 /// If the header lacks a column or could mean several, names an unknown unit, a field is no number, or time goes back.
 pub fn read(bytes: &[u8]) -> Result<Track, ReadError> {
-    let mut table = Table::new(bytes);
+    let mut table = CsvTable::new(bytes);
     let header = table.header()?;
     if !header.is_there() {
         return Err(header.error("a header such as `time [s],angle [deg]`", "none"));

@@ -1,6 +1,6 @@
 //! Any file that can be judged: what it is shows in its content.
 
-use pulsetrain_motion::columns::Table;
+use pulsetrain_motion::columns::CsvTable;
 
 use crate::camera::{self, Track};
 use crate::steps::{self, StepTrace};
@@ -28,7 +28,7 @@ pub fn read(bytes: &[u8]) -> Result<Capture, ReadError> {
     if sigrok::is_sigrok(bytes) {
         return sigrok::read(bytes).map(Capture::Edges);
     }
-    let mut table = Table::new(bytes);
+    let mut table = CsvTable::new(bytes);
     let header = table.header()?;
     // A camera's track may have a column `motor`.
     let is_there = |name: &str| header.titles.iter().any(|title| title.is_called(name));

@@ -421,7 +421,7 @@ mod tests {
         found
     }
 
-    /// The same by a walk in small strides and halving: slow, and blind to what happens within a stride.
+    /// The same by a walk in small strides and halving: slow, and it misses what happens within a stride.
     fn walked(theta: impl Fn(f64) -> f64, end_s: f64, grid: Grid, strides: u32) -> Vec<(f64, bool)> {
         let start = theta(0.0);
         let (mut position, mut found) = (0, Vec::new());

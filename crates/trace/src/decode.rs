@@ -237,7 +237,7 @@ impl Driver {
     }
 }
 
-/// The patterns of one electrical turn, forward, from phase 0; IN1 is bit 0. Source: seed 002's program, which calls
+/// The patterns of one electrical turn, forward, from phase 0; IN1 is bit 0. Source: the Pico plotter's program, which calls
 /// this way counterclockwise.
 fn patterns(sequence: CoilSequence) -> &'static [u8] {
     match sequence {

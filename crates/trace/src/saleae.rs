@@ -3,7 +3,7 @@
 //! Logic 1's `Time[s], Channel 0` is read too, and times in ms, us or ns. Source: Saleae support, "Binary and CSV Export Formats - 2025
 //! Update".
 
-use pulsetrain_motion::columns::{Header, Row, Stated, TIME, Table, shown};
+use pulsetrain_motion::columns::{CsvTable, Header, Row, Stated, TIME, shown};
 
 use crate::levels::{Levels, level};
 use crate::{ReadError, Trace};
@@ -18,7 +18,7 @@ pub(crate) fn is_levels(header: &Header<'_>, first: Option<Row<'_>>) -> bool {
 }
 
 /// Whether the columns of all rows are a time and levels.
-pub(crate) fn has_only_levels(header: &Header<'_>, table: &mut Table<'_>) -> Result<bool, ReadError> {
+pub(crate) fn has_only_levels(header: &Header<'_>, table: &mut CsvTable<'_>) -> Result<bool, ReadError> {
     let Ok(found) = header.find(&[TIME]) else { return Ok(false) };
     while let Some(row) = table.next()? {
         if (0..header.width()).any(|k| k != found[0] && level(row.get(k)).is_none()) {
@@ -34,7 +34,7 @@ pub(crate) fn has_only_levels(header: &Header<'_>, table: &mut Table<'_>) -> Res
 /// # Errors
 /// If the header has no time with its unit, a level is another, time goes back, or is an ISO 8601 timestamp.
 pub fn read(bytes: &[u8]) -> Result<Trace, ReadError> {
-    let mut table = Table::new(bytes);
+    let mut table = CsvTable::new(bytes);
     let header = table.header()?;
     if !header.is_there() {
         return Err(header.error("the header `Time [s],Channel 0,…`", "none"));

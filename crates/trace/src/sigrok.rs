@@ -14,7 +14,7 @@
 //!
 //! Source: libsigrok's src/output/csv.c of 2015 to 2024.
 
-use pulsetrain_motion::columns::{Header, Row, Stated, TIME, Table, shown};
+use pulsetrain_motion::columns::{CsvTable, Header, Row, Stated, TIME, shown};
 
 use crate::levels::Levels;
 use crate::{ReadError, Trace};
@@ -38,7 +38,7 @@ pub fn read(bytes: &[u8]) -> Result<Trace, ReadError> {
         })
     };
     let names = comment("Channels").map(|(names, _)| names.split(", ").map(str::trim).collect::<Vec<&str>>());
-    let mut table = Table::with_comments(bytes, b';');
+    let mut table = CsvTable::with_comments(bytes, b';');
     let header = table.header_or(|row| names.as_ref().is_some_and(|names| are_titles(row, names)))?;
     let Some(names) = names else {
         return Err(header.error("a comment `; Channels (2/8): D0, D1` above", "none"));

@@ -8,7 +8,7 @@
 
 use std::io::{self, Write};
 
-use pulsetrain_motion::columns::{Stated, Table, shown};
+use pulsetrain_motion::columns::{CsvTable, Stated, shown};
 use pulsetrain_motion::quantity::Base;
 
 use crate::ReadError;
@@ -39,19 +39,19 @@ pub struct StepTrace {
 }
 
 /// Writes steps.csv one step at a time; positions count from 0.
-pub struct Writer<W: Write> {
+pub struct StepWriter<W: Write> {
     out: W,
     motors: Vec<(String, i64)>,
 }
 
-impl<W: Write> Writer<W> {
+impl<W: Write> StepWriter<W> {
     /// Writes the head of the file.
     ///
     /// # Errors
     /// What `out` gives.
-    pub fn new(mut out: W, tick_hz: u64, motors: &[String]) -> io::Result<Writer<W>> {
+    pub fn new(mut out: W, tick_hz: u64, motors: &[String]) -> io::Result<StepWriter<W>> {
         writeln!(out, "# pulsetrain steps, {TICK_HZ} {tick_hz}\n{}", HEADER.join(","))?;
-        Ok(Writer { out, motors: motors.iter().map(|name| (quoted(name), 0)).collect() })
+        Ok(StepWriter { out, motors: motors.iter().map(|name| (quoted(name), 0)).collect() })
     }
 
     /// Writes a row.
@@ -90,9 +90,9 @@ pub fn row_bytes(motor: &str, tick_hz: u64, at_s: f64) -> f64 {
 /// Writes all of a trace.
 ///
 /// # Errors
-/// As [`Writer::push`].
+/// As [`StepWriter::push`].
 pub fn write(trace: &StepTrace, out: impl Write) -> io::Result<()> {
-    let mut writer = Writer::new(out, trace.tick_hz, &trace.motors)?;
+    let mut writer = StepWriter::new(out, trace.tick_hz, &trace.motors)?;
     trace.steps.iter().try_for_each(|step| writer.push(*step))?;
     writer.finish().map(drop)
 }
@@ -113,7 +113,7 @@ fn quoted(name: &str) -> String {
 /// one before.
 pub fn read(bytes: &[u8]) -> Result<StepTrace, ReadError> {
     let tick_hz = tick_hz(bytes)?;
-    let mut table = Table::new(bytes);
+    let mut table = CsvTable::new(bytes);
     let header = table.header()?;
     if !header.is_there() {
         return Err(header.error("the header `motor,tick,dir,position`", "none"));

@@ -40,7 +40,7 @@ fn rescaled(ticks: u64, from_hz: u64, to_hz: u64) -> Option<u64> {
 }
 
 /// Writes a VCD file one edge at a time.
-pub struct Writer<W: Write> {
+pub struct EdgeWriter<W: Write> {
     out: vcd::Writer<W>,
     ids: Vec<IdCode>,
     tick_hz: u64,
@@ -62,13 +62,13 @@ pub fn edge_bytes(tick_hz: u64, at_s: f64) -> f64 {
     5.0 + (at_s * units_hz as f64).max(1.0).log10().ceil()
 }
 
-impl<W: Write> Writer<W> {
+impl<W: Write> EdgeWriter<W> {
     /// Writes the head: a scope for each motor, a signal for each name of each line (a shared DIR line has several), the
     /// levels before the first edge.
     ///
     /// # Errors
     /// What `out` gives; [`io::ErrorKind::InvalidInput`] for a tick rate of 0 or beyond 10^12 Hz.
-    pub fn new(out: W, tick_hz: u64, lines: &[Line]) -> io::Result<Writer<W>> {
+    pub fn new(out: W, tick_hz: u64, lines: &[Line]) -> io::Result<EdgeWriter<W>> {
         if tick_hz == 0 || tick_hz > 1_000_000_000_000 {
             return Err(invalid(format!("a tick rate of {tick_hz} Hz; 1 to 10^12 can be written")));
         }
@@ -105,7 +105,7 @@ impl<W: Write> Writer<W> {
             out.change_scalar(*id, line.initial)?;
         }
         out.end()?;
-        Ok(Writer { out, ids, tick_hz, units_hz, last: None })
+        Ok(EdgeWriter { out, ids, tick_hz, units_hz, last: None })
     }
 
     /// Writes an edge; not before the one before it.
@@ -151,9 +151,9 @@ fn word(name: &str) -> String {
 /// Writes all of a trace.
 ///
 /// # Errors
-/// As [`Writer::push`].
+/// As [`EdgeWriter::push`].
 pub fn write(trace: &Trace, out: impl Write) -> io::Result<()> {
-    let mut writer = Writer::new(out, trace.tick_hz, &trace.lines)?;
+    let mut writer = EdgeWriter::new(out, trace.tick_hz, &trace.lines)?;
     trace.edges.iter().try_for_each(|edge| writer.push(*edge))?;
     writer.finish()
 }

@@ -1,11 +1,11 @@
 //! Formula laws: θ(t) in text with named parameters.
 
-use super::laws::Context;
+use super::context::Context;
 use super::reader::{Node, Read};
 use crate::Time;
 use crate::law::Law;
 use crate::law::double::Double;
-use crate::law::formula::dimension::{Amount, Dimension, Parameter, Scale, Unit};
+use crate::law::formula::dimension::{Amount, Dimension, Parameter, Unit, WrittenUnit};
 use crate::law::formula::taken;
 use crate::quantity::{Base, Quantity};
 
@@ -130,7 +130,7 @@ impl Context<'_> {
             name: node.key.to_owned(),
             written: node.as_text().unwrap_or_default().trim().to_owned(),
             dimension,
-            scale: Some(Scale {
+            scale: Some(WrittenUnit {
                 number: quantity.number,
                 per_s: quantity.per_s,
                 base,

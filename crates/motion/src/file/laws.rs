@@ -1,29 +1,12 @@
 //! Law tables: from `law.sine = { … }` to [`Law`]s in steps and seconds.
 
-use std::io;
-use std::path::Path;
-
-use super::motor::Gearing;
+use super::context::{Context, position_unit, refuse};
 use super::points;
-use super::reader::{Node, Noted, Read, Reader, Section};
-use super::refuse;
+use super::reader::{Node, Read, Section};
 use super::winch;
 use crate::Time;
 use crate::law::{Begin, End, Interpolation, Law, LawError, SCurve, TimerRamp, dds_period};
-use crate::program::Limits;
 use crate::quantity::{Base, Quantity, nearest, written};
-
-/// Reads the text of a file that a motion file names, relative to it.
-pub(super) type Loader<'a> = &'a dyn Fn(&Path) -> io::Result<String>;
-
-/// Everything that a law's meaning depends on besides its own table.
-pub(super) struct Context<'a> {
-    pub(super) reader: &'a Reader,
-    pub(super) motor: &'a str,
-    pub(super) gearing: &'a Gearing,
-    pub(super) limits: &'a Limits,
-    pub(super) load: Loader<'a>,
-}
 
 /// Every law by name, with an example.
 const LAWS: &[(&str, &str)] = &[
@@ -387,25 +370,6 @@ impl Context<'_> {
     }
 }
 
-/// One of the unit of position that is named at `node`.
-pub(super) fn position_unit(node: &Node) -> Read<Quantity> {
-    let text = node.text("unit = \"rev\"")?;
-    // Read as one of it, so that every unit of position is known here too.
-    let one = Quantity::parse(&format!("1 {text}")).ok();
-    one.filter(|one| one.base.is_position() && one.per_seconds == 0 && !text.trim().is_empty()).ok_or_else(|| {
-        node.note(
-            "not a unit of position",
-            format!("`unit` must be a unit of position, but is \"{text}\""),
-            "one of: rev, deg, rad, mm, step, full-step",
-        )
-    })
-}
-
-/// Seconds in the unit of a table's times, which is named at `node`.
-pub(super) fn time_unit(node: &Node) -> Read<f64> {
-    node.word(&[("s", 1.0), ("ms", 1e-3), ("us", 1e-6), ("µs", 1e-6), ("ns", 1e-9), ("min", 60.0), ("h", 3600.0)])
-}
-
 /// What is laid through the rows of a table.
 pub(super) fn interpolation(p: &Section) -> Read<Interpolation> {
     p.get("interpolation").map_or(Ok(Interpolation::Monotone), |node| {
@@ -452,12 +416,4 @@ fn example(name: &str) -> &'static str {
 
 fn names() -> String {
     LAWS.iter().map(|law| law.0).collect::<Vec<_>>().join(", ")
-}
-
-/// A file that a motion file names; what cannot be read is noted.
-pub(super) fn load(file: &Node, load: Loader) -> Read<String> {
-    let path = file.text("file = \"path.csv\"")?;
-    load(Path::new(path)).map_err(|error| -> Noted {
-        file.note("cannot be read", format!("cannot read \"{path}\": {error}"), "paths are relative to the motion file")
-    })
 }

@@ -17,13 +17,13 @@ const DELTA_KEYS: &[&str] =
 const EXAMPLE: &str = "[machine.table] with kind = \"xy\" and motors = [\"x\", \"y\"]";
 
 /// A machine as its table describes it, its paths still to come.
-pub(super) struct Draft {
+pub(super) struct MachineDraft {
     pub(super) name: String,
     /// Where its table begins.
     pub(super) at: Range<usize>,
     /// Among the file's motors: x and y, or the arms.
     pub(super) motors: Vec<usize>,
-    pub(super) kind: Kind,
+    pub(super) kind: MachineKind,
     /// Of the tip, mm/s.
     pub(super) max_speed: Option<f64>,
     /// Of the tip, mm/s².
@@ -31,7 +31,7 @@ pub(super) struct Draft {
 }
 
 /// What sort of machine.
-pub(super) enum Kind {
+pub(super) enum MachineKind {
     Xy,
     Delta {
         arms: Delta,
@@ -41,7 +41,10 @@ pub(super) enum Kind {
 }
 
 /// `[machine]`: all machines, in the file's order, by name.
-pub(super) fn read_all(root: &Section, motors: &[(String, Read<motor::Draft>)]) -> Vec<(String, Read<Draft>)> {
+pub(super) fn read_all(
+    root: &Section,
+    motors: &[(String, Read<motor::MotorDraft>)],
+) -> Vec<(String, Read<MachineDraft>)> {
     let Some(node) = root.get("machine") else { return Vec::new() };
     let Ok(machines) = node.any_section("machine".to_owned(), EXAMPLE) else { return Vec::new() };
     // `[machine]` with its keys right below it: the name is missing.
@@ -54,14 +57,18 @@ pub(super) fn read_all(root: &Section, motors: &[(String, Read<motor::Draft>)]) 
     machines.nodes().iter().map(|node| (node.key.to_owned(), read(node, motors, &mut taken))).collect()
 }
 
-fn read(node: &Node, motors: &[(String, Read<motor::Draft>)], taken: &mut Vec<(usize, String)>) -> Read<Draft> {
+fn read(
+    node: &Node,
+    motors: &[(String, Read<motor::MotorDraft>)],
+    taken: &mut Vec<(usize, String)>,
+) -> Read<MachineDraft> {
     let name = node.key.to_owned();
     let section = node.any_section(format!("machine `{name}`"), EXAMPLE)?;
     let is_delta = section
         .need("kind", "kind = \"xy\", or \"delta\"")
         .and_then(|node| node.word(&[("xy", false), ("delta", true)]))?;
     section.check_keys(if is_delta { DELTA_KEYS } else { XY_KEYS });
-    let kind = if is_delta { read_delta(&section) } else { Ok(Kind::Xy) };
+    let kind = if is_delta { read_delta(&section) } else { Ok(MachineKind::Xy) };
     let example = if is_delta { "motors = [\"a\", \"b\", \"c\"]" } else { "motors = [\"x\", \"y\"]" };
     let found = section.need("motors", example).and_then(|node| {
         let wanted = if is_delta { 3 } else { 2 };
@@ -87,7 +94,7 @@ fn read(node: &Node, motors: &[(String, Read<motor::Draft>)], taken: &mut Vec<(u
     };
     let max_speed = limit("max_speed", 1, "200 mm/s");
     let max_acceleration = limit("max_acceleration", 2, "2000 mm/s^2");
-    let draft = Draft {
+    let draft = MachineDraft {
         name,
         at: node.at.clone(),
         motors: found?,
@@ -95,7 +102,7 @@ fn read(node: &Node, motors: &[(String, Read<motor::Draft>)], taken: &mut Vec<(u
         max_speed: max_speed?,
         max_acceleration: max_acceleration?,
     };
-    if matches!(draft.kind, Kind::Xy) && (draft.max_speed.is_some() || draft.max_acceleration.is_some()) {
+    if matches!(draft.kind, MachineKind::Xy) && (draft.max_speed.is_some() || draft.max_acceleration.is_some()) {
         for (motor, gearing) in
             draft.motors.iter().filter_map(|motor| Some((motor, &motors[*motor].1.as_ref().ok()?.gearing)))
         {
@@ -114,7 +121,7 @@ fn read(node: &Node, motors: &[(String, Read<motor::Draft>)], taken: &mut Vec<(u
     Ok(draft)
 }
 
-fn read_delta(section: &Section) -> Read<Kind> {
+fn read_delta(section: &Section) -> Read<MachineKind> {
     let length = |key: &str, example: &str| {
         section.need(key, &format!("{key} = \"{example}\"")).and_then(|node| node.positive(Base::Length, 0, example))
     };
@@ -135,11 +142,11 @@ fn read_delta(section: &Section) -> Read<Kind> {
     });
     let angles = angles.transpose();
     let arms = Delta { base_mm: base?, upper_arm_mm: upper?, forearm_mm: forearm?, effector_mm: effector? };
-    Ok(Kind::Delta { arms, angles: angles? })
+    Ok(MachineKind::Delta { arms, angles: angles? })
 }
 
 /// The machine that a motion is for.
-pub(super) fn named<'a>(node: &Node, machines: &'a [(String, Read<Draft>)]) -> Read<&'a Draft> {
+pub(super) fn named<'a>(node: &Node, machines: &'a [(String, Read<MachineDraft>)]) -> Read<&'a MachineDraft> {
     let name = node.text("machine = \"table\"")?;
     match machines.iter().find(|(known, _)| known == name) {
         Some((_, draft)) => draft.as_ref().map_err(|Noted| Noted),
@@ -155,13 +162,13 @@ pub(super) fn named<'a>(node: &Node, machines: &'a [(String, Read<Draft>)]) -> R
     }
 }
 
-/// Where a machine's motors first come to be told where they are: when, and how many steps from their zero.
+/// Where a machine's motors are set to: when, and how many steps from their zero.
 pub(super) struct Home {
     pub(super) at: Time,
     pub(super) steps: Vec<f64>,
 }
 
-impl Draft {
+impl MachineDraft {
     /// The machine, its motors' laws being known.
     pub(super) fn finish(
         &self,
@@ -192,11 +199,11 @@ impl Draft {
         }
         let of = |k: usize| (gearings[k], &motors[self.motors[k]].scale);
         let (kinematics, unit) = match &self.kind {
-            Kind::Delta { arms, .. } => {
+            MachineKind::Delta { arms, .. } => {
                 let steps_per_rad = [0, 1, 2].map(|k| of(k).0.steps_per_rad());
                 (Kinematics::Delta { arms: *arms, steps_per_rad }, "mm".to_owned())
             }
-            Kind::Xy => {
+            MachineKind::Xy => {
                 let ((x, x_scale), (y, y_scale)) = (of(0), of(1));
                 let (steps_per_unit, unit) = match (x.steps_per_mm(), y.steps_per_mm()) {
                     (Some(x), Some(y)) => ([x, y], "mm"),

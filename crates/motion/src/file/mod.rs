@@ -24,10 +24,11 @@
 //!
 //! # What is here
 //! - [`load`], [`read`]: the two ways in; [`load_contents`], [`read_contents`]: the same, with how tables were read
-//! - [`FileError`], [`Problem`]: what is wrong, where, and what to do, for `miette` or as plain text
+//! - [`FileError`], [`Problem`]: what is wrong, where, and what to do, in parts or as plain text; [`Source`]: the text that it is in
 //! - `motor`, `machine`, `laws`, `path`, `formula`, `points`, `winch`: one module for each part of the file
 //! - `reader`: values with their places; problems are collected, so that one reading finds several
 
+mod context;
 mod formula;
 mod laws;
 mod machine;
@@ -36,7 +37,10 @@ mod path;
 mod points;
 mod problem;
 mod reader;
+mod source;
+mod table_columns;
 mod winch;
+mod winches;
 
 use std::fs;
 use std::io;
@@ -44,20 +48,19 @@ use std::ops::Range;
 use std::path::Path;
 use std::sync::Arc;
 
-use miette::NamedSource;
-
-pub use points::{ColumnUse, TableColumns};
 pub use problem::{BrokenPath, FileError, PathPoint, Problem};
+pub use source::Source;
+pub use table_columns::{ColumnUse, TableColumns};
 pub use winch::WinchScript;
 
 use crate::boards::{self, BoardRow};
-use crate::law::{Cursor, Law, LawError};
+use crate::law::{Cursor, Law};
 use crate::program::{LONGEST_IDLE_MS, Motor, Program, Tolerance};
 use crate::quantity::{Base, nearest};
 use crate::{Grid, Time};
-use laws::{Context, Loader};
+use context::{Context, Loader, refuse};
 use machine::Home;
-use motor::{Draft, Gearing};
+use motor::{Gearing, MotorDraft};
 use reader::{Node, Noted, Read, Reader, Section};
 
 /// A motion file's program, and how its tables were read.
@@ -105,7 +108,7 @@ pub fn load_winch(path: &Path) -> Result<WinchScript, FileError> {
 fn open(path: &Path) -> Result<(String, String), FileError> {
     let name = path.display().to_string();
     let text = fs::read_to_string(path).map_err(|error| {
-        let source = Arc::new(NamedSource::new(&name, String::new()));
+        let source = Arc::new(Source::new(&name, ""));
         let help = match error.kind() {
             io::ErrorKind::NotFound => Some("`pulsetrain new NAME` writes a motion file to begin with".to_owned()),
             _ => None,
@@ -145,7 +148,7 @@ pub fn read_contents(
 fn read_as<T>(text: &str, name: &str, what: impl Fn(&Section) -> Read<T>) -> Result<T, FileError> {
     // A byte order mark is no part of the text, and would shift every place.
     let text = text.strip_prefix('\u{feff}').unwrap_or(text);
-    let source = Arc::new(NamedSource::new(name, text.to_owned()));
+    let source = Arc::new(Source::new(name, text));
     let reader = Reader::new(Arc::clone(&source));
     let found = match toml_edit::Document::parse(text) {
         Ok(document) => what(&Section::root(&reader, document.as_table())),
@@ -310,14 +313,14 @@ impl Timeline {
     }
 
     /// All of it as one law.
-    fn finish(self, reader: &Reader, draft: &Draft) -> Read<Law> {
+    fn finish(self, reader: &Reader, draft: &MotorDraft) -> Read<Law> {
         let law = self.joined(reader, draft)?;
         let Some(backlash) = &draft.backlash else { return Ok(law) };
-        law.taking_up(backlash.steps, backlash.over)
+        law.with_backlash(backlash.steps, backlash.over)
             .map_err(|error| reader.note(backlash.at.clone(), "out of range", format!("`backlash`: {error}"), ""))
     }
 
-    fn joined(mut self, reader: &Reader, draft: &Draft) -> Read<Law> {
+    fn joined(mut self, reader: &Reader, draft: &MotorDraft) -> Read<Law> {
         match self.laws.len() {
             0 => {
                 let message = format!("motor `{}` has no motion", draft.name);
@@ -336,8 +339,8 @@ impl Timeline {
 /// `[[motion]]`: the timeline of each motor, in the motors' order.
 fn read_motions(
     root: &Section,
-    drafts: &[(String, Read<Draft>)],
-    machines: &[(String, Read<machine::Draft>)],
+    drafts: &[(String, Read<MotorDraft>)],
+    machines: &[(String, Read<machine::MachineDraft>)],
     homes: &mut [Option<Home>],
     load: Loader,
 ) -> Vec<Read<Timeline>> {
@@ -408,10 +411,11 @@ fn blame_nobody(timelines: &mut [Read<Timeline>]) {
 }
 
 /// The delta robot that a motor is an arm of.
-fn arm_of(motor: usize, machines: &[(String, Read<machine::Draft>)]) -> Option<&str> {
+fn arm_of(motor: usize, machines: &[(String, Read<machine::MachineDraft>)]) -> Option<&str> {
     machines.iter().find_map(|(name, draft)| {
         let draft = draft.as_ref().ok()?;
-        (matches!(draft.kind, machine::Kind::Delta { .. }) && draft.motors.contains(&motor)).then_some(name.as_str())
+        (matches!(draft.kind, machine::MachineKind::Delta { .. }) && draft.motors.contains(&motor))
+            .then_some(name.as_str())
     })
 }
 
@@ -419,8 +423,8 @@ fn arm_of(motor: usize, machines: &[(String, Read<machine::Draft>)]) -> Option<&
 fn read_path(
     motion: &Section,
     node: &Node,
-    machine: &machine::Draft,
-    drafts: &[(String, Read<Draft>)],
+    machine: &machine::MachineDraft,
+    drafts: &[(String, Read<MotorDraft>)],
     load: Loader,
     timelines: &mut [Read<Timeline>],
     last: Option<&[f64]>,
@@ -432,11 +436,11 @@ fn read_path(
         }
     }
     let motors = machine.motors.iter().map(|motor| drafts[*motor].1.as_ref().map_err(|Noted| Noted));
-    let reading = path::Reading { machine, motors: motors.collect::<Read<_>>()?, load };
+    let reading = path::PathReader { machine, motors: motors.collect::<Read<_>>()?, load };
     let path = reading.path(motion, last);
     let start = motion.get("start").map(|node| Ok((node.time("1 s")?, node))).transpose();
     let ((laws, end), start) = (path?, start?);
-    // When the last of them has done what was before; whoever never does is told by `push`.
+    // When the last of them has ended what came before; one that never ends is an error of `push`.
     let ends = machine.motors.iter().filter_map(|motor| timelines[*motor].as_ref().ok()?.end);
     let together = ends.fold(Time::ZERO, Time::max);
     let begin = start.as_ref().map_or(together, |(start, _)| *start);
@@ -454,7 +458,7 @@ fn read_path(
 }
 
 /// Which motors a motion is for.
-fn motors_of(motion: &Section, drafts: &[(String, Read<Draft>)]) -> Read<Vec<usize>> {
+fn motors_of(motion: &Section, drafts: &[(String, Read<MotorDraft>)]) -> Read<Vec<usize>> {
     let nodes = match (motion.get("motor"), motion.get("motors")) {
         (Some(_), Some(both)) => {
             return Err(both.note("one too many", "a motion has either `motor` or `motors`", "leave one of them out"));
@@ -478,7 +482,7 @@ fn motors_of(motion: &Section, drafts: &[(String, Read<Draft>)]) -> Read<Vec<usi
 }
 
 /// The motor that is named at `node`.
-fn motor_named(node: &Node, drafts: &[(String, Read<Draft>)]) -> Read<usize> {
+fn motor_named(node: &Node, drafts: &[(String, Read<MotorDraft>)]) -> Read<usize> {
     let name = node.text("motor = \"wheel\"")?;
     drafts.iter().position(|(known, _)| known == name).ok_or_else(|| {
         let names = || drafts.iter().map(|(name, _)| name.as_str());
@@ -490,7 +494,7 @@ fn motor_named(node: &Node, drafts: &[(String, Read<Draft>)]) -> Read<usize> {
     })
 }
 
-fn read_motion(motion: &Section, draft: &Draft, load: Loader, timeline: &mut Timeline) -> Read<()> {
+fn read_motion(motion: &Section, draft: &MotorDraft, load: Loader, timeline: &mut Timeline) -> Read<()> {
     if let Some(path) = motion.get("path") {
         return Err(path.note(
             "of a machine",
@@ -513,8 +517,4 @@ fn read_motion(motion: &Section, draft: &Draft, load: Loader, timeline: &mut Tim
     }
     let law = context.blended(motion, law)?;
     timeline.push(motion, start?, law)
-}
-
-fn refuse(node: &Node, error: &LawError) -> Noted {
-    node.note("cannot be followed", error.to_string(), "")
 }

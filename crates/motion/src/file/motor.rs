@@ -36,7 +36,7 @@ const KEYS: &[&str] = &[
 ];
 
 /// A motor as its table describes it, its motions still to come.
-pub(super) struct Draft {
+pub(super) struct MotorDraft {
     pub(super) name: String,
     /// Where its table begins.
     pub(super) at: Range<usize>,
@@ -47,13 +47,13 @@ pub(super) struct Draft {
     pub(super) timing: Read<DriverTiming>,
     pub(super) limits: Limits,
     pub(super) winding: Option<Winding>,
-    pub(super) backlash: Option<Backlash>,
+    pub(super) backlash: Option<BacklashTable>,
     pub(super) gearing: Gearing,
 }
 
 /// Slack behind a motor.
 #[derive(Clone, Debug)]
-pub(super) struct Backlash {
+pub(super) struct BacklashTable {
     pub(super) steps: f64,
     /// How long it takes to take it up.
     pub(super) over: Time,
@@ -82,37 +82,37 @@ pub(super) struct Pins(Vec<Pin>);
 
 struct Pin {
     number: u8,
-    role: Role,
+    role: PinRole,
     motor: String,
     at: Range<usize>,
 }
 
 #[derive(Clone, Copy, PartialEq, Eq)]
-enum Role {
+enum PinRole {
     Step,
     Dir,
     Enable { high: bool },
     Coil,
 }
 
-impl Role {
+impl PinRole {
     fn name(self) -> &'static str {
         match self {
-            Role::Step => "STEP",
-            Role::Dir => "DIR",
-            Role::Enable { .. } => "ENABLE",
-            Role::Coil => "a coil",
+            PinRole::Step => "STEP",
+            PinRole::Dir => "DIR",
+            PinRole::Enable { .. } => "ENABLE",
+            PinRole::Coil => "a coil",
         }
     }
 
-    /// DIR lines are shared as in seed 001, ENABLE lines as on a CNC shield; nothing else can be.
-    fn shares_with(self, other: Role) -> bool {
-        self == other && matches!(self, Role::Dir | Role::Enable { .. })
+    /// DIR lines are shared as in the sweep article, ENABLE lines as on a CNC shield; nothing else can be.
+    fn shares_with(self, other: PinRole) -> bool {
+        self == other && matches!(self, PinRole::Dir | PinRole::Enable { .. })
     }
 }
 
 impl Pins {
-    fn take(&mut self, node: &Node, role: Role, motor: &str, board: &BoardRow) -> Read<u8> {
+    fn take(&mut self, node: &Node, role: PinRole, motor: &str, board: &BoardRow) -> Read<u8> {
         let found = match (node.as_whole(), node.as_text()) {
             (Some(number), _) => board.pin(number),
             (None, Some(name)) => board.pin_named(name),
@@ -245,7 +245,7 @@ impl Gearing {
 }
 
 /// Reads one motor's table. Without a board its pins cannot be checked, and there is no wiring.
-pub(super) fn read(node: &Node, board: Option<&BoardRow>, pins: &mut Pins) -> Read<Draft> {
+pub(super) fn read(node: &Node, board: Option<&BoardRow>, pins: &mut Pins) -> Read<MotorDraft> {
     let name = node.key.to_owned();
     let example = "[motor.wheel] with its steps_per_rev, driver and pins";
     let section = node.section(format!("motor `{name}`"), KEYS, example)?;
@@ -267,7 +267,7 @@ pub(super) fn read(node: &Node, board: Option<&BoardRow>, pins: &mut Pins) -> Re
         limits.max_speed = winding.map(|winding| winding.max_speed());
     }
     let driver = driver.ok().flatten().map(|driver| driver.name);
-    Ok(Draft { name, at: node.at.clone(), wiring, driver, timing, limits, winding, backlash, gearing })
+    Ok(MotorDraft { name, at: node.at.clone(), wiring, driver, timing, limits, winding, backlash, gearing })
 }
 
 fn read_driver(section: &Section) -> Read<Option<&'static Driver>> {
@@ -424,7 +424,7 @@ fn read_wiring(
     let wires = table.section(format!("the pin table of motor `{name}`"), &known, example)?;
     let enable = wires.get("enable").map(|node| {
         let level = section.get("enabled").map_or(Ok(false), |node| node.word(LEVELS));
-        level.and_then(|high| Ok((pins.take(&node, Role::Enable { high }, name, board)?, high)))
+        level.and_then(|high| Ok((pins.take(&node, PinRole::Enable { high }, name, board)?, high)))
     });
     let coils = wires.get("in");
     if let Some(coils) = coils {
@@ -453,7 +453,7 @@ fn read_wiring(
         return Err(table.note("needs `in`", message, format!("write, for example: {COILS}")));
     }
     let mut pin = |key: &str, role| pins.take(&wires.need(key, STEP_DIR)?, role, name, board);
-    let (step, dir) = (pin("step", Role::Step), pin("dir", Role::Dir));
+    let (step, dir) = (pin("step", PinRole::Step), pin("dir", PinRole::Dir));
     let forward = section
         .need("forward", "forward = \"high\" (the level of DIR that is forward; if it turns the wrong way, \"low\")")
         .and_then(|node| node.word(LEVELS));
@@ -478,7 +478,7 @@ fn read_coils(
     pins: &mut Pins,
 ) -> Read<Wiring> {
     let list = node.list("in = [2, 3, 4, 5]")?;
-    let taken: Vec<u8> = list.iter().filter_map(|node| pins.take(node, Role::Coil, name, board).ok()).collect();
+    let taken: Vec<u8> = list.iter().filter_map(|node| pins.take(node, PinRole::Coil, name, board).ok()).collect();
     if list.len() != 4 {
         let message = format!("`in` must list four pins, IN1 to IN4, but lists {}", list.len());
         return Err(node.note("four pins", message, ""));
@@ -560,7 +560,7 @@ fn read_limits(section: &Section, gearing: &Gearing) -> Read<Limits> {
 }
 
 /// `backlash = { slack = "6 step", over = "20 ms" }`.
-fn read_backlash(node: &Node, gearing: &Gearing) -> Read<Backlash> {
+fn read_backlash(node: &Node, gearing: &Gearing) -> Read<BacklashTable> {
     const EXAMPLE: &str = "backlash = { slack = \"6 step\", over = \"20 ms\" }";
     let p = node.section("the backlash".to_owned(), &["slack", "over"], EXAMPLE)?;
     let slack = p.need("slack", EXAMPLE).and_then(|node| {
@@ -569,11 +569,11 @@ fn read_backlash(node: &Node, gearing: &Gearing) -> Read<Backlash> {
         node.above_zero(steps)
     });
     let over = p.need("over", EXAMPLE).and_then(|node| node.duration("20 ms"));
-    Ok(Backlash { steps: slack?, over: over?, at: node.at.clone() })
+    Ok(BacklashTable { steps: slack?, over: over?, at: node.at.clone() })
 }
 
 /// `[motor]`: all motors, in the file's order.
-pub(super) fn read_all(root: &Section, board: Option<&BoardRow>) -> Vec<(String, Read<Draft>)> {
+pub(super) fn read_all(root: &Section, board: Option<&BoardRow>) -> Vec<(String, Read<MotorDraft>)> {
     let Ok(node) = root.need("motor", "[motor.wheel] with its steps_per_rev, driver and pins") else {
         return Vec::new();
     };

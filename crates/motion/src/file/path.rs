@@ -1,12 +1,12 @@
 //! Paths of a machine's tip: from `path.circle = { … }` to a law for each of its motors.
 
-use super::laws::{self, Context, Loader, interpolation, period};
-use super::machine::{Draft, Kind};
+use super::context::{Context, Loader, refuse};
+use super::laws::{self, interpolation, period};
+use super::machine::{MachineDraft, MachineKind};
 use super::motor::{self, Gearing};
 use super::points::{self, Points};
 use super::problem::{BrokenPath, PathPoint};
 use super::reader::{Node, Read, Section};
-use super::refuse;
 use crate::Time;
 use crate::law::extent::{Extent, farthest_beyond};
 use crate::law::formula::dimension::{Parameter, Unit};
@@ -34,12 +34,12 @@ const COORDINATES: [&str; 3] = ["x", "y", "z"];
 const MEETS_STEPS: f64 = 1e-3;
 
 /// A path, coordinate by coordinate: in steps of an xy machine's motors, in mm of a delta robot's effector.
-struct Path<'a> {
+struct TipPath<'a> {
     coordinates: Vec<Law>,
-    form: Form<'a>,
+    form: PathForm<'a>,
 }
 
-enum Form<'a> {
+enum PathForm<'a> {
     /// In text, with its parameters.
     Text { texts: Vec<&'a str>, parameters: Vec<Parameter>, mm_per_unit: f64, duration: Time },
     /// Polynomials; rows of a file can be pointed at.
@@ -49,13 +49,13 @@ enum Form<'a> {
 }
 
 /// A machine and what its paths are read with.
-pub(super) struct Reading<'a> {
-    pub(super) machine: &'a Draft,
-    pub(super) motors: Vec<&'a motor::Draft>,
+pub(super) struct PathReader<'a> {
+    pub(super) machine: &'a MachineDraft,
+    pub(super) motors: Vec<&'a motor::MotorDraft>,
     pub(super) load: Loader<'a>,
 }
 
-impl Reading<'_> {
+impl PathReader<'_> {
     /// `path = { … }` of a motion, with its `repeat` and `ease`: the law of each motor, steps, and where a delta robot's arms
     /// are at its end.
     pub(super) fn path(&self, motion: &Section, last: Option<&[f64]>) -> Read<(Vec<Law>, Vec<f64>)> {
@@ -78,7 +78,7 @@ impl Reading<'_> {
         let gearings = COORDINATES.map(Gearing::of_mm);
         let limits = Limits::default();
         let contexts: Vec<Context<'_>> = match self.machine.kind {
-            Kind::Xy => self
+            MachineKind::Xy => self
                 .motors
                 .iter()
                 .map(|motor| Context {
@@ -89,7 +89,7 @@ impl Reading<'_> {
                     load: self.load,
                 })
                 .collect(),
-            Kind::Delta { .. } => COORDINATES
+            MachineKind::Delta { .. } => COORDINATES
                 .iter()
                 .zip(&gearings)
                 .map(|(name, gearing)| Context {
@@ -117,8 +117,8 @@ impl Reading<'_> {
             }
         }?;
         let joints = match &self.machine.kind {
-            Kind::Xy => read.coordinates.clone(),
-            Kind::Delta { arms, .. } => self.arms(arms, path, &read)?,
+            MachineKind::Xy => read.coordinates.clone(),
+            MachineKind::Delta { arms, .. } => self.arms(arms, path, &read)?,
         };
         let (repeat, ease) = (repeat?, ease?);
         let timed = |laws: Vec<Law>| -> Read<Vec<Law>> {
@@ -143,8 +143,10 @@ impl Reading<'_> {
         self.keeps_to_limits(path, &read.coordinates, &eased)?;
         self.keeps_to_limits(path, &eased, &eased)?;
         let end = match &self.machine.kind {
-            Kind::Delta { angles, .. } => self.arms_fit(motion, path, &joints, *angles, repeat.is_some(), last)?,
-            Kind::Xy => Vec::new(),
+            MachineKind::Delta { angles, .. } => {
+                self.arms_fit(motion, path, &joints, *angles, repeat.is_some(), last)?
+            }
+            MachineKind::Xy => Vec::new(),
         };
         Ok((timed(joints)?, end))
     }
@@ -152,15 +154,15 @@ impl Reading<'_> {
     /// Lorenz's and DDS's figures are of two motors that move along their own axes.
     fn xy_only(&self, path: &Node) -> Read<()> {
         match self.machine.kind {
-            Kind::Xy => Ok(()),
-            Kind::Delta { .. } => {
+            MachineKind::Xy => Ok(()),
+            MachineKind::Delta { .. } => {
                 let message = format!("`{}` is a path of xy machines", path.key);
                 Err(path.note("not of a delta robot", message, "a delta robot has formula, table and lines"))
             }
         }
     }
 
-    fn circle<'a>(&self, contexts: &[Context<'_>], node: &Node<'a>) -> Read<Path<'a>> {
+    fn circle<'a>(&self, contexts: &[Context<'_>], node: &Node<'a>) -> Read<TipPath<'a>> {
         self.xy_only(node)?;
         let p = parameters(node, &["radius", "period", "frequency", "cycles", "dds"])?;
         let period = period(&p, "circle");
@@ -175,10 +177,10 @@ impl Reading<'_> {
             .collect();
         let (period, cycles) = (period?, cycles?);
         let laws = radii?.into_iter().enumerate().map(|(k, radius)| Law::circle(radius, period, cycles, k));
-        Ok(Path { coordinates: made(node, laws)?, form: Form::Other })
+        Ok(TipPath { coordinates: made(node, laws)?, form: PathForm::Other })
     }
 
-    fn lorenz<'a>(&self, contexts: &[Context<'_>], node: &Node<'a>) -> Read<Path<'a>> {
+    fn lorenz<'a>(&self, contexts: &[Context<'_>], node: &Node<'a>) -> Read<TipPath<'a>> {
         self.xy_only(node)?;
         let known = ["sigma", "rho", "beta", "start", "axes", "scale", "speed", "duration"];
         let p = parameters(node, &known)?;
@@ -225,11 +227,11 @@ impl Reading<'_> {
         let orbit = Orbit { sigma: sigma?, rho: rho?, beta: beta?, start: start? };
         let (axes, speed, duration) = (axes?, speed?, duration?);
         let laws = scale?.into_iter().zip(axes).map(|(scale, axis)| Law::lorenz(orbit, axis, scale, speed, duration));
-        Ok(Path { coordinates: made(node, laws)?, form: Form::Other })
+        Ok(TipPath { coordinates: made(node, laws)?, form: PathForm::Other })
     }
 
     /// Straight lines from rest to rest.
-    fn lines<'a>(&self, contexts: &[Context<'_>], node: &Node<'a>) -> Read<Path<'a>> {
+    fn lines<'a>(&self, contexts: &[Context<'_>], node: &Node<'a>) -> Read<TipPath<'a>> {
         let p = parameters(node, &["points", "unit", "speed", "acceleration", "pause"])?;
         let mm = p.need("unit", "unit = \"mm\"").and_then(|node| mm_per_unit(&node));
         let limit = |key: &str, per_seconds, of_machine: Option<f64>, example| match (p.get(key), of_machine) {
@@ -280,7 +282,7 @@ impl Reading<'_> {
                     "leave it out; to wait there, give `pause`",
                 ));
             }
-            if let Kind::Delta { arms, .. } = &self.machine.kind {
+            if let MachineKind::Delta { arms, .. } = &self.machine.kind {
                 self.reaches(arms, &corner).map_err(|why| point.note("out of reach", why, WITHIN_REACH))?;
             }
             corners.push(corner);
@@ -298,14 +300,14 @@ impl Reading<'_> {
             Law::then(laws)?.shifted(corners[0][k] * steps_per_mm[k])
         };
         let coordinates = made(node, (0..contexts.len()).map(law))?;
-        Ok(Path { coordinates, form: Form::Polynomials { table: None } })
+        Ok(TipPath { coordinates, form: PathForm::Polynomials { table: None } })
     }
 
     /// What each arm of a delta robot does while its effector follows a path.
-    fn arms(&self, robot: &Delta, node: &Node, path: &Path<'_>) -> Read<Vec<Law>> {
+    fn arms(&self, robot: &Delta, node: &Node, path: &TipPath<'_>) -> Read<Vec<Law>> {
         let steps_per_rad = |arm: usize| self.motors[arm].gearing.steps_per_rad();
         let laws = match &path.form {
-            Form::Text { texts, parameters, mm_per_unit, duration } => {
+            PathForm::Text { texts, parameters, mm_per_unit, duration } => {
                 // In the formula's own unit, so that its parameters mean the same.
                 let robot = robot.in_unit(*mm_per_unit);
                 // What its coordinates measure has been looked at; the robot's lengths in the text are plain numbers.
@@ -317,7 +319,7 @@ impl Reading<'_> {
                 };
                 made(node, (0..3).map(law))?
             }
-            Form::Polynomials { table } => {
+            PathForm::Polynomials { table } => {
                 if let Some((file, points)) = table {
                     for (row, (_, point)) in points.rows.iter().enumerate() {
                         self.reaches(robot, point)
@@ -330,7 +332,7 @@ impl Reading<'_> {
                 let tip = [x.clone(), y.clone(), z.clone()];
                 made(node, (0..3).map(|arm| Law::delta_arm(robot, arm, &tip, steps_per_rad(arm))))?
             }
-            Form::Other => return Err(node.note("not here", "a delta robot cannot follow this path", "")),
+            PathForm::Other => return Err(node.note("not here", "a delta robot cannot follow this path", "")),
         };
         // All of it is looked at, in enclosures: where an arm does not reach, its law has no value.
         for law in &laws {
@@ -385,8 +387,8 @@ impl Reading<'_> {
             return Ok(());
         }
         let mm_per_step = |k: usize| match self.machine.kind {
-            Kind::Xy => 1.0 / self.motors[k].gearing.steps_per_mm().unwrap_or(f64::INFINITY),
-            Kind::Delta { .. } => 1.0,
+            MachineKind::Xy => 1.0 / self.motors[k].gearing.steps_per_mm().unwrap_or(f64::INFINITY),
+            MachineKind::Delta { .. } => 1.0,
         };
         let in_mm = |laws| -> Vec<(&Law, f64)> {
             let laws: &[Law] = laws;
@@ -473,8 +475,8 @@ impl Reading<'_> {
         let motors: Vec<&str> = self.motors.iter().map(|motor| motor.name.as_str()).collect();
         let motors = motors.join(", ");
         let is = match &self.machine.kind {
-            Kind::Xy => format!("an xy machine, motors {motors}"),
-            Kind::Delta { arms, angles } => {
+            MachineKind::Xy => format!("an xy machine, motors {motors}"),
+            MachineKind::Delta { arms, angles } => {
                 let Delta { base_mm, upper_arm_mm, forearm_mm, effector_mm } = arms;
                 let angles = angles.map_or_else(String::new, |(least, most)| {
                     format!(", arms from {:.1}° to {:.1}°", least.to_degrees(), most.to_degrees())
@@ -533,7 +535,7 @@ impl Reading<'_> {
                     );
                     let mut cursors: Vec<Cursor> = joints.iter().map(Cursor::new).collect();
                     let look = |at: Time| {
-                        let Kind::Delta { arms, .. } = &self.machine.kind else { return None };
+                        let MachineKind::Delta { arms, .. } = &self.machine.kind else { return None };
                         let mut rad = [0.0; 3];
                         for ((rad, cursor), motor) in rad.iter_mut().zip(&mut cursors).zip(&self.motors) {
                             *rad = cursor.at(at).ok()?.position / motor.gearing.steps_per_rad();
@@ -583,7 +585,7 @@ fn ends(law: &Law) -> Result<[f64; 2], LawError> {
     Ok([first, law.end().map_or(Ok(first), |end| cursor.at(end).map(|sample| sample.position))?])
 }
 
-fn formula<'a>(contexts: &[Context<'_>], node: &Node<'a>) -> Read<Path<'a>> {
+fn formula<'a>(contexts: &[Context<'_>], node: &Node<'a>) -> Read<TipPath<'a>> {
     let names = &COORDINATES[..contexts.len()];
     let known = [names, &["unit", "duration", "where"]].concat();
     let p = parameters(node, &known)?;
@@ -605,7 +607,7 @@ fn formula<'a>(contexts: &[Context<'_>], node: &Node<'a>) -> Read<Path<'a>> {
         };
         let written = text.text(&format!("{name} = \"20*cos(2*pi*t)\""))?;
         let law = context.formula_of(&text, written, &parameters, &unit, duration)?;
-        // Where it is undefined or jumps is told here, in the coordinate's own words.
+        // Where it is undefined or jumps is an error here, in terms of the coordinate.
         if is_delta && let Some(error) = broken(&law) {
             return Err(refuse(&text, &error));
         }
@@ -613,13 +615,13 @@ fn formula<'a>(contexts: &[Context<'_>], node: &Node<'a>) -> Read<Path<'a>> {
         texts.push(written);
     }
     let form = match duration {
-        Some(duration) => Form::Text { texts, parameters, mm_per_unit: scale, duration },
-        None => Form::Other,
+        Some(duration) => PathForm::Text { texts, parameters, mm_per_unit: scale, duration },
+        None => PathForm::Other,
     };
-    Ok(Path { coordinates, form })
+    Ok(TipPath { coordinates, form })
 }
 
-fn table<'a>(contexts: &[Context<'_>], node: &Node<'a>) -> Read<Path<'a>> {
+fn table<'a>(contexts: &[Context<'_>], node: &Node<'a>) -> Read<TipPath<'a>> {
     let p = parameters(node, points::KEYS)?;
     let interpolation = interpolation(&p);
     let file = p.need("file", "file = \"path.csv\"")?;
@@ -630,7 +632,7 @@ fn table<'a>(contexts: &[Context<'_>], node: &Node<'a>) -> Read<Path<'a>> {
         Law::table(&rows, interpolation)
     };
     let coordinates = made(node, (0..contexts.len()).map(law))?;
-    Ok(Path { coordinates, form: Form::Polynomials { table: Some((file, points)) } })
+    Ok(TipPath { coordinates, form: PathForm::Polynomials { table: Some((file, points)) } })
 }
 
 /// Millimetres in a unit of length.

@@ -1,57 +1,20 @@
 //! CSV files of times and positions.
 
-use std::fmt;
 use std::ops::Range;
 use std::sync::Arc;
 
-use miette::NamedSource;
-
-use super::laws::{Context, load, position_unit, time_unit};
+use super::context::{Context, load, position_unit, time_unit};
 use super::problem::Problem;
 use super::reader::{Node, Noted, Read, Section};
-use crate::columns::{Header, POINT, POSITIONS, ReadError, Role, Row, Stated, TIME, Table, has_decimal_comma, shown};
+use super::source::Source;
+use super::table_columns::{ColumnUse, TableColumns};
+use crate::columns::{
+    CsvTable, Header, POINT, POSITIONS, ReadError, Role, Row, Stated, TIME, has_decimal_comma, shown,
+};
 use crate::quantity::{Base, Quantity, nearest};
 
 /// The keys of a table, of laws as of paths.
 pub(super) const KEYS: &[&str] = &["file", "time", "unit", "columns", "interpolation"];
-
-/// How the columns of a CSV file were read.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct TableColumns {
-    /// As the motion file calls it.
-    pub file: String,
-    /// Time first.
-    pub columns: Vec<ColumnUse>,
-    /// The others.
-    pub unused: Vec<String>,
-}
-
-/// How one column was read.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct ColumnUse {
-    /// "time", "angle", "position", "x".
-    pub what: String,
-    /// "column 2 `t`"
-    pub column: String,
-    /// As motion files write it.
-    pub unit: String,
-}
-
-/// `path.csv: time = column 2 `t`, s; angle = column 3 `a`, deg; column 1 `i` is not used`
-impl fmt::Display for TableColumns {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{}: ", self.file)?;
-        for (k, ColumnUse { what, column, unit }) in self.columns.iter().enumerate() {
-            let comma = if k > 0 { "; " } else { "" };
-            write!(f, "{comma}{what} = {column}, {unit}")?;
-        }
-        match self.unused.as_slice() {
-            [] => Ok(()),
-            [one] => write!(f, "; {one} is not used"),
-            several => write!(f, "; {} are not used", several.join(", ")),
-        }
-    }
-}
 
 /// A column as a motion file chooses it.
 enum Choice {
@@ -86,7 +49,7 @@ pub(super) struct Points {
     pub(super) rows: Vec<(f64, Vec<f64>)>,
     /// Where each row is written.
     places: Vec<Range<usize>>,
-    source: Arc<NamedSource<String>>,
+    source: Arc<Source>,
 }
 
 impl Points {
@@ -98,9 +61,9 @@ impl Points {
 }
 
 /// A file that is being read, and what the motion file says of it.
-struct Reading<'a> {
+struct TableReader<'a> {
     file: Node<'a>,
-    source: Arc<NamedSource<String>>,
+    source: Arc<Source>,
     time: Option<(Node<'a>, f64)>,
     unit: Option<(Node<'a>, Quantity)>,
     choices: Option<(Node<'a>, Vec<Choice>)>,
@@ -114,13 +77,13 @@ pub(super) fn read<'a>(p: &Section<'a>, contexts: &[Context]) -> Read<Points> {
     let unit = p.get("unit").map(|node| Ok((node.clone(), position_unit(&node)?))).transpose();
     let text = load(&file, contexts[0].load)?;
     let text = text.strip_prefix('\u{feff}').unwrap_or(&text).to_owned();
-    let source = Arc::new(NamedSource::new(file.as_text().unwrap_or_default(), text));
-    Reading { file, source, time: time?, unit: unit?, choices: choices? }.points(p, contexts)
+    let source = Arc::new(Source::new(file.as_text().unwrap_or_default(), text));
+    TableReader { file, source, time: time?, unit: unit?, choices: choices? }.points(p, contexts)
 }
 
-impl<'a> Reading<'a> {
+impl<'a> TableReader<'a> {
     fn points(&self, p: &Section<'a>, contexts: &[Context]) -> Read<Points> {
-        let mut table = Table::new(self.source.inner().as_bytes());
+        let mut table = CsvTable::new(self.source.text().as_bytes());
         let header = table.header().map_err(|error| self.note(&error, ""))?;
         let positions = contexts.iter().enumerate().map(|(k, context)| role(context, k, contexts.len()));
         let roles: Vec<Role<'_>> = [TIME].into_iter().chain(positions).collect();
@@ -163,7 +126,7 @@ impl<'a> Reading<'a> {
         let unused = (0..header.titles.len()).filter(|column| !found.contains(column));
         let unused = unused.map(|column| header.called(column)).collect();
         let file = self.source.name().to_owned();
-        self.file.reader.told(TableColumns { file, columns, unused });
+        self.file.reader.note_table(TableColumns { file, columns, unused });
         Ok(points)
     }
 
@@ -353,7 +316,7 @@ impl<'a> Reading<'a> {
     /// A column's first numbers; none if it has anything else.
     fn numbers(&self, column: usize) -> Vec<f64> {
         const MOST: usize = 1000;
-        let mut table = Table::new(self.source.inner().as_bytes());
+        let mut table = CsvTable::new(self.source.text().as_bytes());
         let mut numbers = Vec::new();
         if table.header().is_err() {
             return numbers;
@@ -381,7 +344,7 @@ impl<'a> Reading<'a> {
     /// Where a value of the motion file is written.
     fn place(&self, node: &Node) -> String {
         let source = &node.reader.source;
-        let (line, column) = Problem::new(source, String::new(), vec![(node.at.clone(), String::new())], None).place();
+        let (line, column) = source.place(node.at.start);
         format!("{}:{line}:{column}", source.name())
     }
 

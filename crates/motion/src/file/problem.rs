@@ -4,11 +4,11 @@ use std::fmt::{self, Write as _};
 use std::ops::Range;
 use std::sync::Arc;
 
-use miette::{Diagnostic, LabeledSpan, NamedSource, SourceCode};
+use super::source::Source;
 
 /// Everything that is wrong with a motion file; at least one [`Problem`].
 ///
-/// As a [`Diagnostic`] it is the first problem, with the others as related ones.
+/// As an error it is the first problem; [`problems`](FileError::problems) has them all.
 #[derive(Clone, Debug)]
 pub struct FileError {
     problems: Vec<Problem>,
@@ -21,7 +21,7 @@ pub struct Problem {
     labels: Vec<(Range<usize>, String)>,
     help: Option<String>,
     path: Option<Box<BrokenPath>>,
-    source: Arc<NamedSource<String>>,
+    source: Arc<Source>,
 }
 
 /// A machine's path that breaks a limit somewhere: the path around that place.
@@ -59,7 +59,7 @@ impl FileError {
     }
 
     /// A problem with the file as a whole.
-    pub(super) fn whole(source: &Arc<NamedSource<String>>, message: String, help: Option<String>) -> FileError {
+    pub(super) fn whole(source: &Arc<Source>, message: String, help: Option<String>) -> FileError {
         FileError { problems: vec![Problem::new(source, message, Vec::new(), help)] }
     }
 
@@ -85,7 +85,7 @@ impl FileError {
 
 impl Problem {
     pub(super) fn new(
-        source: &Arc<NamedSource<String>>,
+        source: &Arc<Source>,
         message: String,
         labels: Vec<(Range<usize>, String)>,
         help: Option<String>,
@@ -126,14 +126,22 @@ impl Problem {
     /// Line and column (characters), from 1, of its first label.
     #[must_use]
     pub fn place(&self) -> (usize, usize) {
-        let text = self.source.inner();
-        let at = self.labels.first().map_or(0, |(span, _)| span.start.min(text.len()));
-        let before = &text.as_bytes()[..at];
-        let line = before.iter().filter(|b| **b == b'\n').count() + 1;
-        let line_start = before.iter().rposition(|b| *b == b'\n').map_or(0, |n| n + 1);
-        // Bytes that do not continue a character.
-        let column = before[line_start..].iter().filter(|b| **b & 0xC0 != 0x80).count() + 1;
-        (line, column)
+        self.source.place(self.labels.first().map_or(0, |(span, _)| span.start))
+    }
+
+    /// The text that it is in.
+    #[must_use]
+    pub fn source(&self) -> &Arc<Source> {
+        &self.source
+    }
+
+    /// The places that it is about, bytes of its [`source`](Problem::source), each with what is there.
+    pub fn labels(&self) -> impl Iterator<Item = (Range<usize>, &str)> {
+        let length = self.source.text().len();
+        self.labels.iter().map(move |(span, label)| {
+            let start = span.start.min(length);
+            (start..span.end.clamp(start, length), label.as_str())
+        })
     }
 
     /// Whether another problem says the same of the same place.
@@ -150,24 +158,6 @@ impl fmt::Display for Problem {
 
 impl std::error::Error for Problem {}
 
-impl Diagnostic for Problem {
-    fn help<'a>(&'a self) -> Option<Box<dyn fmt::Display + 'a>> {
-        self.help.as_ref().map(|help| Box::new(help) as Box<dyn fmt::Display>)
-    }
-
-    fn source_code(&self) -> Option<&dyn SourceCode> {
-        Some(&*self.source)
-    }
-
-    fn labels(&self) -> Option<Box<dyn Iterator<Item = LabeledSpan> + '_>> {
-        let length = self.source.inner().len();
-        Some(Box::new(self.labels.iter().map(move |(span, label)| {
-            let (start, end) = (span.start.min(length), span.end.min(length));
-            LabeledSpan::new(Some(label.clone()), start, end.saturating_sub(start))
-        })))
-    }
-}
-
 impl fmt::Display for FileError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         self.problems[0].fmt(f)
@@ -175,21 +165,3 @@ impl fmt::Display for FileError {
 }
 
 impl std::error::Error for FileError {}
-
-impl Diagnostic for FileError {
-    fn help<'a>(&'a self) -> Option<Box<dyn fmt::Display + 'a>> {
-        self.problems[0].help()
-    }
-
-    fn source_code(&self) -> Option<&dyn SourceCode> {
-        self.problems[0].source_code()
-    }
-
-    fn labels(&self) -> Option<Box<dyn Iterator<Item = LabeledSpan> + '_>> {
-        self.problems[0].labels()
-    }
-
-    fn related<'a>(&'a self) -> Option<Box<dyn Iterator<Item = &'a dyn Diagnostic> + 'a>> {
-        Some(Box::new(self.problems[1..].iter().map(|problem| problem as &dyn Diagnostic)))
-    }
-}

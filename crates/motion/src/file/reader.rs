@@ -6,12 +6,12 @@ use std::cell::RefCell;
 use std::ops::{Range, RangeInclusive};
 use std::sync::Arc;
 
-use miette::NamedSource;
 use toml_edit::{ArrayOfTables, Item, TableLike, Value};
 
-use super::points::TableColumns;
 use super::problem::{BrokenPath, Problem};
-use super::winch::Winches;
+use super::source::Source;
+use super::table_columns::TableColumns;
+use super::winches::Winches;
 use crate::Time;
 use crate::quantity::{Base, Kind, Quantity, QuantityError, nearest};
 
@@ -27,7 +27,7 @@ const MAX_TIME_S: f64 = 6.0e10;
 
 /// The text and the problems found in it.
 pub(super) struct Reader {
-    pub(super) source: Arc<NamedSource<String>>,
+    pub(super) source: Arc<Source>,
     problems: RefCell<Vec<Problem>>,
     /// Found motor by motor, judged when all are read.
     pub(super) winches: RefCell<Winches>,
@@ -36,7 +36,7 @@ pub(super) struct Reader {
 }
 
 impl Reader {
-    pub(super) fn new(source: Arc<NamedSource<String>>) -> Reader {
+    pub(super) fn new(source: Arc<Source>) -> Reader {
         Reader { source, problems: RefCell::default(), winches: RefCell::default(), tables: RefCell::default() }
     }
 
@@ -72,7 +72,7 @@ impl Reader {
     }
 
     /// Notes how a table was read. What several motors share is read for each: once is enough.
-    pub(super) fn told(&self, columns: TableColumns) {
+    pub(super) fn note_table(&self, columns: TableColumns) {
         let mut tables = self.tables.borrow_mut();
         if !tables.contains(&columns) {
             tables.push(columns);
@@ -92,21 +92,21 @@ pub(super) struct Node<'a> {
     pub(super) key: &'a str,
     /// Where it is written.
     pub(super) at: Range<usize>,
-    form: Form<'a>,
+    form: Content<'a>,
 }
 
 #[derive(Clone, Copy)]
-enum Form<'a> {
+enum Content<'a> {
     Value(&'a Value),
     Table(&'a dyn TableLike),
     Tables(&'a ArrayOfTables),
 }
 
-impl<'a> Form<'a> {
-    fn of(value: &'a Value) -> Form<'a> {
+impl<'a> Content<'a> {
+    fn of(value: &'a Value) -> Content<'a> {
         match value {
-            Value::InlineTable(table) => Form::Table(table),
-            value => Form::Value(value),
+            Value::InlineTable(table) => Content::Table(table),
+            value => Content::Value(value),
         }
     }
 }
@@ -150,9 +150,9 @@ impl<'a> Section<'a> {
         let (key, item) = self.table.get_key_value(key)?;
         let form = match item {
             Item::None => return None,
-            Item::Value(value) => Form::of(value),
-            Item::Table(table) => Form::Table(table),
-            Item::ArrayOfTables(tables) => Form::Tables(tables),
+            Item::Value(value) => Content::of(value),
+            Item::Table(table) => Content::Table(table),
+            Item::ArrayOfTables(tables) => Content::Tables(tables),
         };
         // Tables that a dotted key or a deeper header implies have no place of their own.
         let at = item.span().filter(|span| !span.is_empty()).or_else(|| key.span()).unwrap_or_else(|| self.at.clone());
@@ -182,13 +182,13 @@ impl<'a> Node<'a> {
     /// What it is in TOML, in words.
     fn form(&self) -> &'static str {
         match self.form {
-            Form::Value(Value::String(_)) => "a text",
-            Form::Value(Value::Float(number)) if !number.value().is_finite() => "not finite",
-            Form::Value(Value::Integer(_) | Value::Float(_)) => "a bare number",
-            Form::Value(Value::Boolean(_)) => "true or false",
-            Form::Value(Value::Datetime(_)) => "a date",
-            Form::Value(Value::Array(_)) | Form::Tables(_) => "a list",
-            Form::Value(Value::InlineTable(_)) | Form::Table(_) => "a table",
+            Content::Value(Value::String(_)) => "a text",
+            Content::Value(Value::Float(number)) if !number.value().is_finite() => "not finite",
+            Content::Value(Value::Integer(_) | Value::Float(_)) => "a bare number",
+            Content::Value(Value::Boolean(_)) => "true or false",
+            Content::Value(Value::Datetime(_)) => "a date",
+            Content::Value(Value::Array(_)) | Content::Tables(_) => "a list",
+            Content::Value(Value::InlineTable(_)) | Content::Table(_) => "a table",
         }
     }
 
@@ -214,7 +214,7 @@ impl<'a> Node<'a> {
     /// The text, if it is one.
     pub(super) fn as_text(&self) -> Option<&'a str> {
         match self.form {
-            Form::Value(value) => value.as_str(),
+            Content::Value(value) => value.as_str(),
             _ => None,
         }
     }
@@ -234,19 +234,19 @@ impl<'a> Node<'a> {
     /// The table, whatever its keys.
     pub(super) fn any_section(&self, name: String, example: &str) -> Read<Section<'a>> {
         match self.form {
-            Form::Table(table) => Ok(Section { reader: self.reader, name, at: self.at.clone(), table }),
+            Content::Table(table) => Ok(Section { reader: self.reader, name, at: self.at.clone(), table }),
             _ => Err(self.wrong("a table", example)),
         }
     }
 
     /// Whether it is a table.
     pub(super) fn is_table(&self) -> bool {
-        matches!(self.form, Form::Table(_))
+        matches!(self.form, Content::Table(_))
     }
 
     /// Whether it is a table that has `key`.
     pub(super) fn has(&self, key: &str) -> bool {
-        matches!(self.form, Form::Table(table) if table.contains_key(key))
+        matches!(self.form, Content::Table(table) if table.contains_key(key))
     }
 
     /// The members of a list of anything.
@@ -258,17 +258,19 @@ impl<'a> Node<'a> {
             form,
         };
         match self.form {
-            Form::Value(Value::Array(array)) => {
-                Ok(array.iter().map(|value| member(value.span(), Form::of(value))).collect())
+            Content::Value(Value::Array(array)) => {
+                Ok(array.iter().map(|value| member(value.span(), Content::of(value))).collect())
             }
-            Form::Tables(tables) => Ok(tables.iter().map(|table| member(table.span(), Form::Table(table))).collect()),
+            Content::Tables(tables) => {
+                Ok(tables.iter().map(|table| member(table.span(), Content::Table(table))).collect())
+            }
             _ => Err(self.wrong("a list in brackets", example)),
         }
     }
 
     /// A whole number, if it is one; also as 1e9.
     pub(super) fn as_whole(&self) -> Option<i64> {
-        let Form::Value(value) = self.form else { return None };
+        let Content::Value(value) = self.form else { return None };
         // What an f64 near 2^63 comes to is cut to the range of i64.
         let of_float = |number: &f64| number.fract() == 0.0 && number.abs() < 9.3e18;
         value.as_integer().or_else(|| value.as_float().filter(of_float).map(|number| number as i64))
@@ -297,8 +299,8 @@ impl<'a> Node<'a> {
     /// A bare number, if it is one.
     pub(super) fn as_number(&self) -> Option<f64> {
         match self.form {
-            Form::Value(Value::Integer(number)) => Some(*number.value() as f64),
-            Form::Value(Value::Float(number)) => Some(*number.value()).filter(|number| number.is_finite()),
+            Content::Value(Value::Integer(number)) => Some(*number.value() as f64),
+            Content::Value(Value::Float(number)) => Some(*number.value()).filter(|number| number.is_finite()),
             _ => None,
         }
     }
@@ -423,12 +425,12 @@ impl<'a> Node<'a> {
 
     /// The place of bytes `offset..offset + length` of the text that is written here.
     pub(super) fn inside(&self, offset: usize, length: usize) -> Range<usize> {
-        let written = self.reader.source.inner().get(self.at.clone()).unwrap_or_default();
+        let written = self.reader.source.text().get(self.at.clone()).unwrap_or_default();
         // Escapes make the text differ from what is written; then the whole must do.
         let start = self.as_text().filter(|text| offset <= text.len()).and_then(|text| written.find(text));
         match start {
             Some(start) => {
-                let text = self.reader.source.inner();
+                let text = self.reader.source.text();
                 let from = text.floor_char_boundary(self.at.start + start + offset);
                 from..text.ceil_char_boundary((from + length.max(1)).min(self.at.end))
             }

@@ -3,11 +3,11 @@
 use std::ops::Range;
 use std::sync::Arc;
 
-use miette::NamedSource;
-
-use super::laws::{Loader, load};
+use super::context::{Loader, load};
 use super::problem::Problem;
 use super::reader::{Noted, Read, Reader, Section};
+use super::source::Source;
+use super::winches::Moved;
 use crate::Time;
 use crate::law::WinchCommand;
 use crate::quantity::Quantity;
@@ -26,36 +26,10 @@ pub(super) fn axis(p: &Section, motor: &str) -> Read<char> {
     is_axis(name).ok_or_else(|| node.note("not an axis", "`axis` must be one of x, y, z, a", ""))
 }
 
-/// The winches of a file, list by list: motors whose lines are the same have one list.
-#[derive(Default)]
-pub(super) struct Winches(Vec<List>);
-
-/// A list, and what it is for.
-struct List {
-    lines: Vec<String>,
-    /// Axes that motors are.
-    driven: Vec<char>,
-    told: Told,
-}
-
-/// Axes that are told to move, each with what is wrong where that is said first if no motor with that list is that axis.
-type Told = Vec<(char, Problem)>;
-
-impl Winches {
-    fn add(&mut self, lines: Vec<String>, axis: char, told: Told) {
-        match self.0.iter_mut().find(|list| list.lines == lines) {
-            Some(list) => list.driven.push(axis),
-            None => self.0.push(List { lines, driven: vec![axis], told }),
-        }
-    }
-}
-
 /// Notes axes that a list tells to move and that no motor with that list is: a plan would drop what text would send.
 pub(super) fn refuse_strays(reader: &Reader) {
-    for List { driven, told, .. } in reader.winches.take().0 {
-        for (_, problem) in told.into_iter().filter(|(axis, _)| !driven.contains(axis)) {
-            reader.note_problem(problem);
-        }
+    for problem in reader.winches.take().strays() {
+        reader.note_problem(problem);
     }
 }
 
@@ -63,7 +37,7 @@ pub(super) fn refuse_strays(reader: &Reader) {
 pub(super) fn commands(p: &Section, loader: Loader, axis: char) -> Read<Vec<(Time, WinchCommand)>> {
     let mut commands = Vec::new();
     let mut last = Time::ZERO;
-    let (mut lines, mut told) = (Vec::new(), Told::new());
+    let (mut lines, mut moved) = (Vec::new(), Moved::new());
     let mut add = |line: &str, wrong: &dyn Fn(Range<usize>, String) -> Problem| {
         let note = |at, message| p.reader.note_problem(wrong(at, message));
         let command = parse(line, axis).map_err(|error| note(error.at, error.message))?;
@@ -71,11 +45,11 @@ pub(super) fn commands(p: &Section, loader: Loader, axis: char) -> Read<Vec<(Tim
             return Err(note(0..line.len(), "commands must stand in order of their times".into()));
         }
         for (axis, at) in command.moved {
-            if told.iter().all(|(known, _)| *known != axis) {
+            if moved.iter().all(|(known, _)| *known != axis) {
                 let message = format!(
                     "axis {axis} is told to move, and no motor with these lines is that axis: add one, or take the axis out"
                 );
-                told.push((axis, wrong(at, message)));
+                moved.push((axis, wrong(at, message)));
             }
         }
         lines.push(line.to_owned());
@@ -85,8 +59,8 @@ pub(super) fn commands(p: &Section, loader: Loader, axis: char) -> Read<Vec<(Tim
     };
     match (p.get("file"), p.get("commands")) {
         (Some(file), None) => {
-            let source = Arc::new(NamedSource::new(file.as_text().unwrap_or_default(), load(&file, loader)?));
-            for (start, text) in lines_of(source.inner()) {
+            let source = Arc::new(Source::new(file.as_text().unwrap_or_default(), load(&file, loader)?));
+            for (start, text) in lines_of(source.text()) {
                 add(text, &|at, message| {
                     let labels = vec![(start + at.start..start + at.end, "here".to_owned())];
                     Problem::new(&source, message, labels, None)
@@ -114,7 +88,7 @@ pub(super) fn commands(p: &Section, loader: Loader, axis: char) -> Read<Vec<(Tim
             p.need("commands", "commands = [\"0 s: a x 100\"]")?;
         }
     }
-    p.reader.winches.borrow_mut().add(lines, axis, told);
+    p.reader.winches.borrow_mut().add(lines, axis, moved);
     Ok(commands)
 }
 
@@ -126,7 +100,7 @@ pub struct WinchScript {
     /// Where each of them stands in `source`, bytes. With escapes in it that is longer than the line.
     pub places: Vec<Range<usize>>,
     /// The motion file, or the one that it names for its commands.
-    pub source: Arc<NamedSource<String>>,
+    pub source: Arc<Source>,
     /// How long the motion lasts, if it says so.
     pub duration: Option<Time>,
 }
@@ -151,8 +125,8 @@ pub(super) fn script(root: &Section, loader: Loader) -> Read<WinchScript> {
     let (mut lines, mut places) = (Vec::new(), Vec::new());
     let source = match p.get("file") {
         Some(file) => {
-            let source = Arc::new(NamedSource::new(file.text("file = \"lines.txt\"")?, load(&file, loader)?));
-            for (start, line) in lines_of(source.inner()) {
+            let source = Arc::new(Source::new(file.text("file = \"lines.txt\"")?, load(&file, loader)?));
+            for (start, line) in lines_of(source.text()) {
                 lines.push(line.to_owned());
                 places.push(start..start + line.len());
             }

@@ -1,7 +1,6 @@
 //! Numbers of 106 bits that know how far they may be off: for places where a law hardly moves, which f64 cannot tell apart.
 
-use super::curve::ULP;
-use super::double::Double;
+use super::double::{Double, ULP};
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
 /// A number, and a bound on what rounding has put it off by; what is undefined is not a number.
@@ -21,7 +20,7 @@ const QUOTIENT: f64 = 32.0 * ULP * ULP;
 /// The same of a function, and of what was rounded to a [`Double`] by some operations.
 const STEP: f64 = 64.0 * ULP * ULP;
 /// Added to every error, and far below any step: products that small lose their lower halves.
-const LEAST: f64 = 1e-280;
+const SMALLEST_ERROR: f64 = 1e-280;
 /// Covers the roundings of the errors' own arithmetic.
 const OUTWARD: f64 = 1.0 + 16.0 * ULP;
 /// Beyond, an angle is not known to a turn, rad.
@@ -63,7 +62,7 @@ impl Accurate {
     }
 
     fn result(value: Double, carried: f64, relative: f64) -> Accurate {
-        Accurate { value, error: (carried + relative * value.hi.abs()) * OUTWARD + LEAST }
+        Accurate { value, error: (carried + relative * value.hi.abs()) * OUTWARD + SMALLEST_ERROR }
     }
 
     /// `value` of a function that its argument's error puts off by `carried`, and roundings by some of `size` and its own.

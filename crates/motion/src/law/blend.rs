@@ -147,7 +147,7 @@ impl Law {
             }
             Law::Then(laws) => laws.iter().flat_map(Law::behind).collect(),
             Law::Warped(warped) => warped.law().behind(),
-            Law::TakeUp(_) => self.without_slack().map_or_else(Vec::new, |law| law.behind()),
+            Law::Backlash(_) => self.without_backlash().map_or_else(Vec::new, |law| law.behind()),
             _ => Vec::new(),
         }
     }

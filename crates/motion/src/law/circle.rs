@@ -16,15 +16,15 @@ pub struct Circle {
     sine: bool,
 }
 
-/// Bits of the seed's phase accumulator. Source: seeds/002, "DDS phase accumulation".
+/// Bits of the Pico plotter's phase accumulator. Source: its article, "DDS phase accumulation".
 const ACCUMULATOR_BITS: u32 = 32;
 
 /// The period nearest to `period` that direct digital synthesis makes: a phase accumulator of 32 bits to which a whole
-/// number M is added once in `update`. T = 2^32·`update`/M. Source: seeds/002.
+/// number M is added once in `update`. T = 2^32·`update`/M. Source: the Pico plotter.
 ///
 /// ```
 /// use pulsetrain_motion::{Time, law::dds_period};
-/// // 50 Hz, as in the seed: 2^32/200 is no whole number, and 4 s come out 89 ns longer.
+/// // 50 Hz, as the Pico plotter has it: 2^32/200 is no whole number, and 4 s come out 89 ns longer.
 /// let update = Time::from_ratio(1, 50);
 /// let period = dds_period(Time::from_seconds(4.0), update)?;
 /// assert!(((period.seconds() - 4.0) * 1e9 - 89.4).abs() < 0.1);
@@ -120,7 +120,7 @@ mod tests {
         }
     }
 
-    /// What the seed's interrupt does, in its own integers.
+    /// What the Pico plotter's interrupt does, in its own integers.
     #[test]
     fn the_phase_is_that_of_an_accumulator() {
         let update = Time::from_ratio(1, 50);

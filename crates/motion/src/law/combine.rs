@@ -204,7 +204,7 @@ pub(super) fn then(laws: Arc<[Law]>) -> impl Iterator<Item = Result<Piece, LawEr
 }
 
 /// One law of a sum: the piece at hand, or where it stayed.
-struct Term {
+struct Summand {
     pieces: Pieces,
     piece: Option<Piece>,
     rests_at: Double,
@@ -212,8 +212,8 @@ struct Term {
 
 /// The pieces of all `laws` at once, cut wherever one of them begins a piece.
 pub(super) fn sum(laws: &[Law]) -> impl Iterator<Item = Result<Piece, LawError>> + use<> {
-    let mut terms: Vec<Term> =
-        laws.iter().map(|law| Term { pieces: law.pieces(), piece: None, rests_at: Double::ZERO }).collect();
+    let mut terms: Vec<Summand> =
+        laws.iter().map(|law| Summand { pieces: law.pieces(), piece: None, rests_at: Double::ZERO }).collect();
     let mut at = Time::ZERO;
     std::iter::from_fn(move || {
         for term in &mut terms {
@@ -234,7 +234,7 @@ pub(super) fn sum(laws: &[Law]) -> impl Iterator<Item = Result<Piece, LawError>>
     })
 }
 
-fn merge(terms: &[Term], start: Time, end: Time) -> Result<Piece, LawError> {
+fn merge(terms: &[Summand], start: Time, end: Time) -> Result<Piece, LawError> {
     let mut merged = Piece::rest(start, end, Double::ZERO)?;
     let mut level = Double::ZERO;
     let mut sum: Vec<f64> = vec![0.0];

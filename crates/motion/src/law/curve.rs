@@ -1,7 +1,7 @@
 //! The analytic curves that pieces are made of.
 
 use super::accurate::Accurate;
-use super::double::Double;
+use super::double::{Double, ULP};
 use super::formula::{Terms, Window};
 
 /// Taylor coefficients of θ at a point: θ(u₀ + x) = Σ c_k x^k, k = 0..8, in steps per s^k.
@@ -34,7 +34,7 @@ pub enum Curve {
         /// Phase at u = 0, rad.
         phase: f64,
     },
-    /// x0 + factor·x with linear·x + quadratic·x² = u − u0: intervals linear in the step number (004's ramp).
+    /// x0 + factor·x with linear·x + quadratic·x² = u − u0: intervals linear in the step number (the maximum-speed article's ramp).
     TimerRamp {
         /// When x is 0, s.
         u0: f64,
@@ -105,7 +105,7 @@ pub enum Inverse {
         /// How far rounding has put x0 off, steps; 0 for a sine from its bottom.
         doubt: f64,
     },
-    /// u = Σ c_k (x − x0)^k with k ≤ 2: intervals linear in the step number (004's ramp).
+    /// u = Σ c_k (x − x0)^k with k ≤ 2: intervals linear in the step number (the maximum-speed article's ramp).
     Quadratic {
         /// Position of the expansion, steps.
         x0: f64,
@@ -113,9 +113,6 @@ pub enum Inverse {
         c: [f64; 3],
     },
 }
-
-/// 2^-53: the relative error of one rounding.
-pub(crate) const ULP: f64 = f64::EPSILON / 2.0;
 
 /// Covers the roundings of the bounds' own arithmetic, which is of terms of one sign.
 const OUTWARD: f64 = 1.0 + 256.0 * ULP;
@@ -155,7 +152,7 @@ impl Curve {
         }
     }
 
-    /// Of a curve that surely is at rest at u = 0: θ there, what it has moved by u, and what rounding does to that, steps.
+    /// Of a curve that is provably at rest at u = 0: θ there, what it has moved by u, and what rounding does to that, steps.
     ///
     /// Near there this tells more than the difference of two values.
     #[must_use]
@@ -211,13 +208,13 @@ impl Curve {
     /// Where a law hardly moves this tells more than the difference of two values.
     #[must_use]
     pub fn beyond(&self, u: f64, level: [f64; 3]) -> Option<(f64, f64)> {
-        told(self.accurate(u, &level)?[0])
+        if_finite(self.accurate(u, &level)?[0])
     }
 
     /// The speed at u, and how far that may be off, steps/s; `None` where no more is known than f64 holds.
     #[must_use]
     pub fn accurate_speed(&self, u: f64) -> Option<(f64, f64)> {
-        told(self.accurate(u, &[])?[1])
+        if_finite(self.accurate(u, &[])?[1])
     }
 
     /// This curve as terms of 106 bits, if it can be had so.
@@ -495,7 +492,7 @@ impl Curve {
 }
 
 /// The number nearest to `x`, and how far that may be off.
-fn told(x: Accurate) -> Option<(f64, f64)> {
+fn if_finite(x: Accurate) -> Option<(f64, f64)> {
     x.is_finite().then(|| (x.nearest(), x.error + 2.0 * ULP * x.nearest().abs()))
 }
 

@@ -5,6 +5,9 @@
 use crate::Time;
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
+/// 2^-53: the relative error of one rounding.
+pub(crate) const ULP: f64 = f64::EPSILON / 2.0;
+
 /// `hi` + `lo`, |lo| ≤ ½ ulp(hi).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Double {

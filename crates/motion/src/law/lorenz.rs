@@ -5,7 +5,7 @@
 //!
 //! Each piece is the Taylor polynomial of the orbit about the piece's beginning; it ends where its last terms come to
 //! 1e-17 of the orbit's size. Orbits that differ by that much part within some tens of time units, whoever computes
-//! them: what is said of a motion is relative to the polynomials.
+//! them: what is proven of a motion is relative to the polynomials.
 
 use super::{Class, Curve, Double, Entry, FARTHEST, Law, LawError, Piece, checked};
 use crate::Time;
@@ -45,14 +45,14 @@ const NOTHING: f64 = 1e-270;
 /// Pieces are no shorter, in units of the equations' time: an orbit that needs more runs away.
 const SHORTEST: f64 = 1e-7;
 
-type Series = [f64; TERMS];
+type TaylorSeries = [f64; TERMS];
 
 impl Orbit {
     /// Lorenz's own parameters, from a point near the attractor.
     pub const CLASSIC: Orbit = Orbit { sigma: 10.0, rho: 28.0, beta: 8.0 / 3.0, start: [1.0, 1.0, 25.0] };
 
     /// The Taylor series of x, y and z from a state on.
-    fn expand(&self, state: [f64; 3]) -> [Series; 3] {
+    fn expand(&self, state: [f64; 3]) -> [TaylorSeries; 3] {
         let [mut x, mut y, mut z] = [[0.0; TERMS]; 3];
         [x[0], y[0], z[0]] = state;
         for k in 0..TERMS - 1 {
@@ -69,7 +69,7 @@ impl Orbit {
 }
 
 /// How far a state's series serve, in units of the equations' time.
-fn reach(series: &[Series; 3]) -> f64 {
+fn reach(series: &[TaylorSeries; 3]) -> f64 {
     let size = |k: usize| series.iter().map(|s| s[k].abs()).fold(0.0, f64::max);
     // One of the last terms may happen to be small; at a fixed point all of them are.
     (TERMS - 4..TERMS)

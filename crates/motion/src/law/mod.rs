@@ -14,6 +14,7 @@
 
 mod accurate;
 mod arm;
+mod backlash;
 mod blend;
 mod circle;
 mod combine;
@@ -26,13 +27,13 @@ mod lorenz;
 mod profile;
 mod steady;
 mod table;
-mod take_up;
 mod timer_ramp;
 mod warp;
 pub mod winch;
 mod workload;
 
 use crate::Time;
+pub use backlash::{Backlash, Compensation};
 pub use blend::{Begin, Behind, Blended, End};
 pub use circle::{Circle, dds_period};
 pub use combine::{Changed, Repeated};
@@ -46,7 +47,6 @@ use std::ops::RangeInclusive;
 use std::sync::Arc;
 pub use steady::Steady;
 pub use table::Interpolation;
-pub use take_up::{Slack, TakeUp};
 pub use timer_ramp::TimerRamp;
 pub use warp::Warped;
 pub use winch::{WinchCommand, WinchSettings};
@@ -234,7 +234,7 @@ pub type Pieces = Box<dyn Iterator<Item = Result<Piece, LawError>> + Send>;
 /// A motion law θ(t), t ≥ 0 s, θ in steps. Copies share what is large.
 #[derive(Clone, Debug)]
 pub enum Law {
-    /// 000's sinusoid: θ = A − A·cos(2πt/T), in half periods.
+    /// The tutorial's sinusoid: θ = A − A·cos(2πt/T), in half periods.
     Sine(Sine),
     /// Constant speed, rest included.
     Steady(Steady),
@@ -246,7 +246,7 @@ pub enum Law {
     Lorenz(Lorenz),
     /// θ(t) in text.
     Formula(Arc<formula::Formula>),
-    /// 003's path under a list of timed commands.
+    /// StepperWinch's path under a list of timed commands.
     Winch(Arc<winch::Winch>),
     /// All of them at once.
     Sum(Arc<[Law]>),
@@ -261,12 +261,12 @@ pub enum Law {
     /// One law whose own time is slowed to a halt, or begins from one.
     Warped(Arc<Warped>),
     /// One law, and what takes up slack at its turns.
-    TakeUp(Arc<TakeUp>),
+    Backlash(Arc<Backlash>),
     /// What takes up slack at a law's turns.
-    Slack(Arc<Slack>),
+    Compensation(Arc<Compensation>),
 }
 
-/// θ = A − A·cos(2πt/T). Source: seeds/000, eq. 1.
+/// θ = A − A·cos(2πt/T). Source: the tutorial, eq. 1.
 #[derive(Clone, Debug)]
 pub struct Sine {
     /// A, steps; may be negative, not 0.
@@ -287,7 +287,7 @@ pub struct Fixed {
 }
 
 impl Law {
-    /// θ = A − A·cos(2πt/T): `amplitude` A in steps, `cycles` periods or endless. Source: seeds/000, eq. 1.
+    /// θ = A − A·cos(2πt/T): `amplitude` A in steps, `cycles` periods or endless. Source: the tutorial, eq. 1.
     ///
     /// ```
     /// use pulsetrain_motion::{Law, Time};
@@ -309,7 +309,7 @@ impl Law {
         Ok(Law::Sine(Sine { amplitude, period, cycles }))
     }
 
-    /// 001's sweep: a sinusoid from the bottom at rest, endless, after `delay` at rest; `swing_steps` may be odd.
+    /// The sweep article's sweep: a sinusoid from the bottom at rest, endless, after `delay` at rest; `swing_steps` may be odd.
     ///
     /// θ = swing/2·(1 − cos 2πf(t − delay)).
     ///
@@ -370,8 +370,8 @@ impl Law {
             Law::Repeated(repeated) => Box::new(repeated.pieces()),
             Law::Blended(blended) => Box::new(blended.pieces()),
             Law::Warped(warped) => Box::new(warped.pieces()),
-            Law::TakeUp(take_up) => Box::new(take_up.pieces()),
-            Law::Slack(slack) => Box::new(slack.pieces()),
+            Law::Backlash(backlash) => Box::new(backlash.pieces()),
+            Law::Compensation(slack) => Box::new(slack.pieces()),
         }
     }
 
@@ -392,8 +392,8 @@ impl Law {
             Law::Repeated(repeated) => repeated.times.map(|n| repeated.period.times(n)),
             Law::Blended(blended) => blended.end(),
             Law::Warped(warped) => warped.end(),
-            Law::TakeUp(take_up) => take_up.end(),
-            Law::Slack(slack) => slack.end(),
+            Law::Backlash(backlash) => backlash.end(),
+            Law::Compensation(slack) => slack.end(),
         }
     }
 
@@ -442,8 +442,8 @@ impl Law {
             Law::Repeated(repeated) => repeated.law.class(),
             Law::Blended(blended) => blended.class(),
             Law::Warped(warped) => warped.class(),
-            Law::TakeUp(take_up) => take_up.class(),
-            Law::Slack(_) => Slack::class(),
+            Law::Backlash(backlash) => backlash.class(),
+            Law::Compensation(_) => Compensation::class(),
         }
     }
 }

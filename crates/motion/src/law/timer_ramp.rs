@@ -1,9 +1,9 @@
-//! 004's ramp: intervals linear in the step number, counted in ticks of a timer.
+//! The maximum-speed article's ramp: intervals linear in the step number, counted in ticks of a timer.
 
 use super::{Class, Curve, Double, Entry, Law, LawError, Piece, checked};
 use crate::Time;
 
-/// 004's move, in its own terms. Source: seeds/004, `setup()` and the timer's interrupt.
+/// The maximum-speed article's move, in its own terms. Source: its sketch, `setup()` and the timer's interrupt.
 ///
 /// Counts are intervals: the sketch's register holds one less than the interval that the chip makes of it
 /// (ATmega328P DS40002061B §18.7.2: CTC), and it is the caller who adds that one.
@@ -22,7 +22,7 @@ pub struct TimerRamp {
 }
 
 /// What `setup()` makes of the wanted ramp, ticks and steps.
-struct Ramp {
+struct Intervals {
     initial: i64,
     delta: i64,
     during: i64,
@@ -36,15 +36,15 @@ struct Run {
 }
 
 impl TimerRamp {
-    fn ramp(&self) -> Ramp {
+    fn ramp(&self) -> Intervals {
         let (start, cruise) = (i64::from(self.start_count), i64::from(self.cruise_count));
         match i64::from(self.accelerate_during) {
-            0 => Ramp { initial: cruise, delta: 0, during: 0 },
+            0 => Intervals { initial: cruise, delta: 0, during: 0 },
             during => match (start - cruise) / during {
                 // A delta below 1: a shorter ramp of 1 each step, from the longest interval on.
-                ..=0 if cruise < start => Ramp { initial: start, delta: 1, during: start - cruise },
-                ..=0 => Ramp { initial: cruise, delta: 0, during: 0 },
-                delta => Ramp { initial: cruise + delta * during, delta, during },
+                ..=0 if cruise < start => Intervals { initial: start, delta: 1, during: start - cruise },
+                ..=0 => Intervals { initial: cruise, delta: 0, during: 0 },
+                delta => Intervals { initial: cruise + delta * during, delta, during },
             },
         }
     }
@@ -54,7 +54,7 @@ impl TimerRamp {
     /// Moves shorter than both ramps turn round early, and ones shorter than one ramp only accelerate, as there. The
     /// one thing not copied is that its 8-bit register wraps when such a move slows down past the initial interval.
     fn runs(&self) -> [Run; 3] {
-        let Ramp { initial, delta, during } = self.ramp();
+        let Intervals { initial, delta, during } = self.ramp();
         let steps = self.steps.unsigned_abs().min(i64::MAX as u64) as i64;
         // The interrupt of step k sees steps − k + 1 left: it slows down from step `turn` + 1 on.
         let turn = if during > 0 && steps >= during { steps - during } else { steps };
@@ -70,7 +70,7 @@ impl TimerRamp {
 }
 
 impl Law {
-    /// 004's ramp: θ reaches each whole step exactly when the sketch makes it; in between, t is quadratic in θ.
+    /// The maximum-speed article's ramp: θ reaches each whole step exactly when the sketch makes it; in between, t is quadratic in θ.
     ///
     /// The speed changes abruptly from step to step, as the sketch's does, and the pieces say so: where two of them
     /// meet it is [`Entry::SpeedJump`]. The beginning is not marked: the motor must stand the first interval's speed.

@@ -1,6 +1,6 @@
-//! 003's path: a second-order filter that follows timed commands, stepped at exactly 1 kHz.
+//! StepperWinch's path: a second-order filter that follows timed commands, stepped at exactly 1 kHz.
 //!
-//! Source: seeds/003, `Path::pollForInterval`: acceleration from the old state, clamped; position with the old speed;
+//! Source: StepperWinch, `Path::pollForInterval`: acceleration from the old state, clamped; position with the old speed;
 //! speed; the target drifts; the speed is clamped. The sketch's loop has no fixed rate; this one has 1 ms.
 //!
 //! Between the milliseconds the recurrence says nothing. Taken by its word the speed would jump at each; here it goes
@@ -30,7 +30,7 @@ pub struct WinchSettings {
 }
 
 impl Default for WinchSettings {
-    /// 1 Hz, b = 1.0 (it rings), and the limits that a board begins with. Source: seeds/003, `Path::Path`.
+    /// 1 Hz, b = 1.0 (it rings), and the limits that a board begins with. Source: StepperWinch, `Path::Path`.
     fn default() -> WinchSettings {
         let omega = std::f64::consts::TAU;
         WinchSettings {
@@ -139,7 +139,7 @@ impl WinchCommand {
 
 /// The filter's state, in the sketch's terms.
 #[derive(Clone, Copy, Debug)]
-struct Path {
+struct Filter {
     q: f64,
     speed: f64,
     /// What the filter follows; on its way to `target` while a ramp speed is set.
@@ -150,7 +150,7 @@ struct Path {
     settings: WinchSettings,
 }
 
-impl Path {
+impl Filter {
     fn obey(&mut self, command: WinchCommand) {
         match command {
             WinchCommand::Target(x) => self.target = x,
@@ -195,7 +195,8 @@ impl Winch {
 
     pub(super) fn pieces(self: Arc<Winch>) -> impl Iterator<Item = Result<Piece, LawError>> {
         let settings = self.settings;
-        let mut path = Path { q: 0.0, speed: 0.0, reference: 0.0, target: 0.0, drift: 0.0, ramp_speed: 0.0, settings };
+        let mut path =
+            Filter { q: 0.0, speed: 0.0, reference: 0.0, target: 0.0, drift: 0.0, ramp_speed: 0.0, settings };
         let mut next = 0;
         let last = self.duration.unwrap_or(Time::MAX);
         let mut start = Time::ZERO;
@@ -246,7 +247,7 @@ mod tests {
         ];
         let law = Law::winch(&commands, WinchSettings::default(), Some(Time::from_seconds(4.0))).unwrap();
         let mut cursor = Cursor::new(&law);
-        // seeds/003, Path.cpp, in f64.
+        // StepperWinch's Path.cpp, in f64.
         let (mut q, mut qd, mut q_d, mut qd_d) = (0.0_f64, 0.0_f64, 0.0_f64, 0.0_f64);
         let (mut k, mut b) = (4.0 * std::f64::consts::PI.powi(2), 1.0);
         let (mut qd_max, mut qdd_max) = (3500.0, 35_000.0);

@@ -66,9 +66,9 @@ impl Law {
             Law::Repeated(repeated) => repeated.law.workload(until),
             Law::Blended(blended) => blended.law().workload(until),
             Law::Warped(warped) => warped.law().workload(until),
-            Law::TakeUp(take_up) => {
+            Law::Backlash(backlash) => {
                 // About a turn in each piece.
-                let law = take_up.law().workload(until);
+                let law = backlash.law().workload(until);
                 Workload { pieces: 2.0 * law.pieces, ..law }
             }
             Law::Fixed(fixed) => {
@@ -79,12 +79,12 @@ impl Law {
             }
             Law::Sine(_) | Law::Steady(_) | Law::Circle(_) | Law::Lorenz(_) => self.first_pieces(until, MOST_PIECES),
             Law::Formula(formula) => self.pieces_all_over(formula, until),
-            Law::Slack(_) => self.first_pieces(until, MOST_PIECES),
+            Law::Compensation(_) => self.first_pieces(until, MOST_PIECES),
             Law::Winch(_) => self.first_pieces(until, MOST_PIECES_OF_A_WINCH),
         }
     }
 
-    /// Of its first pieces, as if it went on like that. What breaks is not told here.
+    /// Of its first pieces, as if it went on like that. Errors of the law are left to whoever follows it.
     fn first_pieces(&self, until: Time, most: usize) -> Workload {
         let (seen, at) = self.in_first_pieces(until, most, Piece::way);
         if at <= Time::ZERO { seen } else { seen.times(until.seconds() / at.seconds()) }

@@ -1,4 +1,4 @@
-//! The example files say what the seeds do, with the seeds' own numbers.
+//! The example files say what the articles and sketches do that they are from, with those' own numbers.
 
 use std::path::{Path, PathBuf};
 

@@ -54,10 +54,10 @@ fn check(what: &str, piece: &Piece, part: f64, f: &dyn Fn(Wide) -> Wide) {
     }
 }
 
-type Formula = (&'static str, fn(Wide) -> Wide);
+type KnownFormula = (&'static str, fn(Wide) -> Wide);
 
 /// Each function at least once, in arguments that are sinusoids, polynomials, and neither.
-const FORMULAS: [Formula; 14] = [
+const FORMULAS: [KnownFormula; 14] = [
     ("1000*t + 300*sin(7*t) + 50*cos(31*t + 1)", |t| {
         wide(1000.0) * &t + wide(300.0) * (wide(7.0) * &t).sin() + wide(50.0) * (wide(31.0) * t + wide(1.0)).cos()
     }),

@@ -1,6 +1,6 @@
 //! Law × tick rate → steps, largest error, shortest interval: one table that a reviewer reads.
 //!
-//! `cargo xtask golden` writes it anew.
+//! `cargo xtask golden` writes it again.
 
 use crate::common::laws::{constant_speed, sine, trapezoid, waves};
 use crate::common::lorenz::lorenz;

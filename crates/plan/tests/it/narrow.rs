@@ -32,14 +32,14 @@ fn check(moves: &[Move], settings: &Settings) -> Result<(), TestCaseError> {
         let item = Item::Run { segment, direction };
         let len = packing.pack(&mut here, &item, &mut bytes).unwrap();
         let mut rest = &bytes[..len];
-        let Some(Item::Run { segment: said, .. }) = packing.unpack(&mut there, &mut rest).unwrap() else {
+        let Some(Item::Run { segment: unpacked, .. }) = packing.unpack(&mut there, &mut rest).unwrap() else {
             return Err(TestCaseError::fail("no run"));
         };
         prop_assert_eq!(here, there);
-        prop_assert_eq!((said.count, said.interval), (segment.count, segment.interval));
-        for done in 0..said.count {
-            let Segment { add, add2, .. } = said.after(done);
-            prop_assert!(i32::try_from(add).is_ok() && i32::try_from(add2).is_ok(), "{said:?} after {done} steps");
+        prop_assert_eq!((unpacked.count, unpacked.interval), (segment.count, segment.interval));
+        for done in 0..unpacked.count {
+            let Segment { add, add2, .. } = unpacked.after(done);
+            prop_assert!(i32::try_from(add).is_ok() && i32::try_from(add2).is_ok(), "{unpacked:?} after {done} steps");
         }
     }
     Ok(())

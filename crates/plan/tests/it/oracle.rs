@@ -38,7 +38,7 @@ fn every_step_of_the_tutorial() {
     }
 }
 
-/// 001's odd swings, on the default grid.
+/// The sweep article's odd swings, on the default grid.
 #[test]
 fn every_step_of_odd_swings() {
     for (swing, period) in [(25_u32, (1, 4)), (1, (2, 1))] {

@@ -10,21 +10,21 @@ const TICK_HZ: u64 = 16_000_000;
 
 /// A step of a plan.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-struct Step {
+struct TimedStep {
     tick: i128,
     direction: Direction,
 }
 
 /// Ticks of moves, in wide integers.
 #[derive(Default)]
-struct Replay {
+struct LevelReplay {
     accumulator: i128,
-    steps: Vec<Step>,
+    steps: Vec<TimedStep>,
 }
 
-impl Replay {
-    fn new() -> Replay {
-        Replay { accumulator: 1 << 15, ..Replay::default() }
+impl LevelReplay {
+    fn new() -> LevelReplay {
+        LevelReplay { accumulator: 1 << 15, ..LevelReplay::default() }
     }
 
     fn take(&mut self, next: Move) {
@@ -32,7 +32,7 @@ impl Replay {
             Move::Dwell { ticks } => self.accumulator += i128::from(ticks) << 16,
             Move::Run { segment, direction } => {
                 let steps = (1..=segment.count).map(|k| (self.accumulator + segment.span(k)) >> 16);
-                self.steps.extend(steps.map(|tick| Step { tick, direction }));
+                self.steps.extend(steps.map(|tick| TimedStep { tick, direction }));
                 self.accumulator += segment.span(segment.count);
             }
         }
@@ -74,9 +74,9 @@ fn program(laws: Vec<Law>, timing: DriverTiming) -> Program {
 }
 
 /// Plans the motors together, one move of each in turn.
-fn together(program: &Program) -> Result<Vec<(Vec<Step>, Certificate)>, Refused> {
+fn together(program: &Program) -> Result<Vec<(Vec<TimedStep>, Certificate)>, Refused> {
     let mut ensemble = Ensemble::new(program)?;
-    let mut replays: Vec<Replay> = program.motors.iter().map(|_| Replay::new()).collect();
+    let mut replays: Vec<LevelReplay> = program.motors.iter().map(|_| LevelReplay::new()).collect();
     loop {
         let mut moved = false;
         for (motor, replay) in replays.iter_mut().enumerate() {
@@ -93,10 +93,10 @@ fn together(program: &Program) -> Result<Vec<(Vec<Step>, Certificate)>, Refused>
 }
 
 /// Plans a motor as if the line were its own.
-fn alone(program: &Program, motor: usize) -> (Vec<Step>, Certificate) {
+fn alone(program: &Program, motor: usize) -> (Vec<TimedStep>, Certificate) {
     let motor = &program.motors[motor];
     let mut planner = Planner::new(&motor.law, &Settings::of(program, motor)).unwrap();
-    let mut replay = Replay::new();
+    let mut replay = LevelReplay::new();
     while let Some(next) = planner.next_move().unwrap() {
         replay.take(next);
     }
@@ -273,7 +273,7 @@ fn drivers_of_other_lines_keep_steps_apart() {
     };
     let shortest_turn = |program: &Program| {
         let plans = together(program).unwrap();
-        let mut line: Vec<Step> = plans.into_iter().take(2).flat_map(|(steps, _)| steps).collect();
+        let mut line: Vec<TimedStep> = plans.into_iter().take(2).flat_map(|(steps, _)| steps).collect();
         line.sort_by_key(|step| step.tick);
         line.windows(2)
             .filter(|pair| pair[0].direction != pair[1].direction)
@@ -296,7 +296,7 @@ fn a_plan_ends_although_others_on_its_line_do_not() {
     let program =
         program(laws, DriverTiming { pulse_high_ns: 1000, pulse_low_ns: 1000, dir_setup_ns: 200, dir_hold_ns: 200 });
     let mut ensemble = Ensemble::new(&program).unwrap();
-    let mut ends = Replay::new();
+    let mut ends = LevelReplay::new();
     while let Some(next) = ensemble.next_move(1).unwrap() {
         ends.take(next);
     }

@@ -21,18 +21,18 @@ fn exact(x: f64) -> Rational {
 }
 
 /// A piece of polynomials in rational numbers.
-struct Exact {
+struct ExactRows {
     start: Rational,
     zero: Rational,
     c: Vec<Rational>,
 }
 
-impl Exact {
-    fn new(piece: &Piece) -> Exact {
+impl ExactRows {
+    fn new(piece: &Piece) -> ExactRows {
         let time = |time: Time| rational(time.raw(), 1 << 64);
         let mut c: Vec<Rational> = polynomial(piece).iter().map(|c| exact(*c)).collect();
         c[0] += rational(piece.origin.into(), 1);
-        Exact { start: time(piece.start), zero: time(piece.zero), c }
+        ExactRows { start: time(piece.start), zero: time(piece.zero), c }
     }
 
     fn at(&self, t: &Rational) -> Rational {
@@ -59,7 +59,7 @@ fn check_steps(what: &str, law: &Law, settings: &Settings) {
     let ends = pieces.iter().flat_map(|piece| [piece.first(), piece.last()].map(|u| (piece, u)));
     let farthest = ends.map(|(piece, u)| (piece.origin as f64 + piece.curve.value(u)).abs()).fold(0.0, f64::max);
     let slack = rational(farthest as i128 + 1, 1 << 50);
-    let pieces: Vec<Exact> = pieces.iter().map(Exact::new).collect();
+    let pieces: Vec<ExactRows> = pieces.iter().map(ExactRows::new).collect();
     let theta = |t: Rational| {
         let t = if t < rational(0, 1) { rational(0, 1) } else { t };
         let t = if t > end { end.clone() } else { t };
@@ -186,7 +186,7 @@ fn curves_that_hardly_bend_are_within_their_certificates() {
     }
 }
 
-/// Rows of a straight line are rounded: that is no acceleration. A parabola's is told.
+/// Rows of a straight line are rounded: that is no acceleration. A parabola's is given.
 #[test]
 fn a_straight_line_in_a_table_has_no_acceleration() {
     for (rows, every_ms, per_row, from) in [(4, 1000, 10.0, 0.0), (2001, 10, 0.37, 0.0), (20_001, 1, 0.037, 1000.0)] {
@@ -200,8 +200,8 @@ fn a_straight_line_in_a_table_has_no_acceleration() {
         let line = table(&|k| ((from + per_row * k) * 1000.0).round() / 1000.0 * (3200.0 / 360.0));
         assert_eq!(acceleration(&line), 0.0);
         let every_s = f64::from(every_ms) / 1000.0;
-        let told = acceleration(&table(&|k| from + 0.5 * (every_s * k).powi(2)));
-        assert!((0.5..3.0).contains(&told), "{told}");
+        let found = acceleration(&table(&|k| from + 0.5 * (every_s * k).powi(2)));
+        assert!((0.5..3.0).contains(&found), "{found}");
     }
 }
 
@@ -273,7 +273,7 @@ fn tables_of_years_are_planned() {
     );
 }
 
-/// Times are told apart as the board tells them, also late in a long table.
+/// Times are told apart as the board does it, also late in a long table.
 #[test]
 fn late_rows_meet() {
     let rows: Vec<(f64, f64)> = (0..40).map(|k| (1e7 + 0.1 * f64::from(k), 20_000.0 * f64::from(k * k % 7))).collect();
@@ -309,7 +309,7 @@ fn a_slow_law_passes_a_level_where_pieces_meet() {
                 piece(1, 0, [far, speed + 3.0 * way, -3.0 * way, way]),
                 piece(2, origin, [from, speed, 0.0, 0.25]),
             ];
-            let exact_pieces: Vec<Exact> = pieces.iter().map(Exact::new).collect();
+            let exact_pieces: Vec<ExactRows> = pieces.iter().map(ExactRows::new).collect();
             let joint = rational(2, 1);
             assert_eq!(exact_pieces[1].at(&joint), exact_pieces[2].at(&joint));
             let law = Law::Fixed(Fixed { pieces: pieces.into(), class: Class::ClosedForm });

@@ -16,7 +16,7 @@ use serde::Serialize;
 
 use super::plan;
 use crate::console::{Console, Exit};
-use crate::diagnostic::advised;
+use crate::diagnostic::{WrongFile, advised};
 use pulsetrain_motion::human::{self, Table};
 use pulsetrain_session::estimate::Task;
 use pulsetrain_session::fit;
@@ -116,7 +116,9 @@ pub(crate) fn run(args: &ExplainArgs, console: &mut Console<'_>) -> miette::Resu
     let mut prepared = match args.motion.prepare_any(Task::Plan, args.json, console) {
         Ok(prepared) => prepared,
         Err(report) => {
-            let Some(explanation) = report.downcast_ref::<FileError>().and_then(PathExplanations::new) else {
+            let Some(explanation) =
+                report.downcast_ref::<WrongFile>().and_then(|wrong| PathExplanations::new(wrong.error()))
+            else {
                 return Err(report);
             };
             if args.json {
@@ -302,7 +304,7 @@ fn refused(prepared: &Prepared, motor: &Motor, error: &PlanError, advice: String
         _ => None,
     };
     // Whoever slows a motion down does not slow down what takes up its slack: the advice says how long that has to take.
-    let is_limit = error.limit().is_some_and(|limit| limit != Limit::Line) && motor.law.slack_over().is_none();
+    let is_limit = error.limit().is_some_and(|limit| limit != Limit::Line) && motor.law.backlash_over().is_none();
     Refused {
         motor: motor.name.clone(),
         message: error.to_string(),

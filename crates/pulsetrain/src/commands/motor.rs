@@ -9,6 +9,7 @@ use serde::Serialize;
 use std::path::PathBuf;
 
 use crate::console::{Console, Exit};
+use crate::diagnostic::WrongFile;
 use pulsetrain_motion::human::{self, Table};
 
 #[derive(Args, Debug)]
@@ -131,7 +132,7 @@ fn windings(args: &MotorArgs) -> miette::Result<Vec<(String, Winding)>> {
 
 fn from_file(args: &MotorArgs) -> miette::Result<Vec<(String, Winding)>> {
     let Some(path) = &args.file else { return Ok(Vec::new()) };
-    let program = file::load(path)?;
+    let program = file::load(path).map_err(WrongFile::from)?;
     let windings: Vec<_> = program.motors.into_iter().filter_map(|motor| Some((motor.name, motor.winding?))).collect();
     if windings.is_empty() {
         let help = "give a motor its electrical data: inductance, current, voltage";

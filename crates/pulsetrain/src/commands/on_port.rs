@@ -103,7 +103,7 @@ pub(crate) fn run(
     let firmware = human::version(driven.board_mut().info().firmware);
     let names: Vec<String> = program.motors.iter().map(|motor| motor.name.clone()).collect();
     let path = folder.join("steps.csv");
-    let writer = steps::Writer::new(console::create(&path)?, program.board.tick_hz, &names)
+    let writer = steps::StepWriter::new(console::create(&path)?, program.board.tick_hz, &names)
         .map_err(|error| access("write", &path, error))?;
     let mut scheduled = Scheduled { writer, error: None };
     let bar = console.progress(prepared.end_s(), &human::seconds_to(prepared.end_s(), 6));
@@ -225,7 +225,7 @@ fn print(report: &PortReport, planned: &[Planned], console: &mut Console<'_>) ->
 
 /// Writes the steps as they are scheduled.
 struct Scheduled<W: std::io::Write> {
-    writer: steps::Writer<W>,
+    writer: steps::StepWriter<W>,
     error: Option<std::io::Error>,
 }
 

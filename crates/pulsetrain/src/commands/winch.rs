@@ -17,7 +17,7 @@ use pulsetrain_board::native_winch::NativeWinch;
 use pulsetrain_board::{Port, PortError, Serial, VirtualBoard};
 use pulsetrain_motion::boards;
 use pulsetrain_motion::pins::PinKind;
-use pulsetrain_trace::winch::{AXES, Options, Status};
+use pulsetrain_trace::winch::{AXES, Status, WinchOptions};
 use pulsetrain_trace::{Line, Trace, steps, vcd_file};
 
 use super::OtherImage;
@@ -73,7 +73,7 @@ pub(crate) fn run(args: &WinchArgs, console: &mut Console<'_>) -> miette::Result
     // All is read, and refused if need be, before anything moves.
     let script = script::load(path, args.length)?;
     let name = path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned();
-    let options = if args.at.native { Options::default() } else { options_of(kind(args)) };
+    let options = if args.at.native { WinchOptions::default() } else { options_of(kind(args)) };
     let folder =
         args.out.clone().unwrap_or_else(|| Path::new("out").join(path.file_stem().unwrap_or(path.as_os_str())));
     std::fs::create_dir_all(&folder).map_err(|error| {
@@ -139,7 +139,7 @@ fn virtually<B: VirtualBoard>(
     runner: &str,
     name: &str,
     script: &Script,
-    options: &Options,
+    options: &WinchOptions,
     console: &Console<'_>,
 ) -> miette::Result<(Run, Judged)> {
     let (mut talk, board) = meet(board, runner)?;
@@ -158,12 +158,12 @@ fn virtual_name(args: &WinchArgs) -> String {
 }
 
 /// How a virtual board is wired, and when it makes its edges.
-fn options_of(board: BoardKind) -> Options {
+fn options_of(board: BoardKind) -> WinchOptions {
     if board == BoardKind::Pico {
-        return Options::pico();
+        return WinchOptions::pico();
     }
     let late = boards::find(board.name()).map_or(0, |row| row.lateness_ticks);
-    Options { constant_ticks: PinKind::Shield.constant_ticks().into(), late_ticks: late.into(), ..Options::default() }
+    WinchOptions { constant_ticks: PinKind::Shield.constant_ticks().into(), late_ticks: late.into(), ..WinchOptions::default() }
 }
 
 /// A board that speaks text, and what it calls itself.
@@ -194,7 +194,7 @@ fn watcher(script: &Script, console: &Console<'_>) -> impl FnMut(f64) -> Wish {
 }
 
 /// What was seen, but for report and picture; says which files.
-fn write_files(run: &Run, folder: &Path, options: &Options, has_edges: bool) -> miette::Result<&'static str> {
+fn write_files(run: &Run, folder: &Path, options: &WinchOptions, has_edges: bool) -> miette::Result<&'static str> {
     let begin_us = run.begin as f64 / run.tick_hz as f64 * 1e6;
     let mut table = String::from("time_s,x,y,z,a\n");
     for Status { usec, positions: [x, y, z, a] } in &run.statuses {
@@ -206,7 +206,7 @@ fn write_files(run: &Run, folder: &Path, options: &Options, has_edges: bool) -> 
     }
     let broken = |error| access("write", folder, error);
     // Ticks of both files are the board's.
-    let Options { step, dir, .. } = *options;
+    let WinchOptions { step, dir, .. } = *options;
     let last = run.edges.iter().map(|edge| edge.line).chain(step).chain(dir).max().unwrap_or(0);
     let mut lines: Vec<Line> = (0..=last.max(19)).map(|pin| Line::named(format!("pin{pin}"))).collect();
     for (axis, (step, dir)) in AXES.iter().zip(step.into_iter().zip(dir)) {
@@ -217,7 +217,7 @@ fn write_files(run: &Run, folder: &Path, options: &Options, has_edges: bool) -> 
     vcd_file::write(&trace, console::create(&folder.join("trace.vcd"))?).map_err(broken)?;
     let names = AXES.map(String::from);
     let mut rows =
-        steps::Writer::new(console::create(&folder.join("steps.csv"))?, run.tick_hz, &names).map_err(broken)?;
+        steps::StepWriter::new(console::create(&folder.join("steps.csv"))?, run.tick_hz, &names).map_err(broken)?;
     let mut forward = [false; 4];
     for edge in &run.edges {
         if let Some(axis) = dir.iter().position(|line| *line == edge.line) {

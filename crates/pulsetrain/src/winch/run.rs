@@ -6,7 +6,7 @@ use std::time::Duration;
 use pulsetrain_board::{Port, PortError, VirtualBoard};
 use pulsetrain_motion::program::Scale;
 use pulsetrain_trace::Edge;
-use pulsetrain_trace::winch::{self, AXES, Command, Onlooker, Options, Order, Status, Told};
+use pulsetrain_trace::winch::{self, AXES, Command, Onlooker, Order, SentLine, Status, WinchOptions};
 use serde::Serialize;
 
 use super::script::Script;
@@ -45,7 +45,7 @@ pub struct Run {
     /// When it ended, ticks.
     pub end: u64,
     /// The lines that were sent.
-    pub told: Vec<Told>,
+    pub told: Vec<SentLine>,
     /// The last of them is not of the script: whoever looked on wanted a stop.
     pub is_stopped: bool,
     /// How many were not, as the run ended before their time.
@@ -137,7 +137,7 @@ struct Sent {
 
 impl Sent {
     fn run(self, tick_hz: u64, tick: impl Fn(Duration) -> u64) -> Run {
-        let told = |(soonest, latest, command): &(Duration, Duration, Command)| Told {
+        let told = |(soonest, latest, command): &(Duration, Duration, Command)| SentLine {
             tick: tick(*soonest),
             until: tick(*latest),
             command: *command,
@@ -332,7 +332,7 @@ pub struct Report {
     pub troubles: Vec<Trouble>,
     /// What the judge says of the pins' edges.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub verdict: Option<winch::Report>,
+    pub verdict: Option<winch::WinchReport>,
     /// Without edges: what the board says of itself.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub word: Option<Vec<Word>>,
@@ -387,8 +387,8 @@ pub struct Judged {
 ///
 /// # Errors
 /// When the edges are not in order of time.
-pub fn judge(run: &Run, names: Names<'_>, options: &Options) -> Result<Judged, winch::OutOfOrder> {
-    let options = &Options { origin_s: run.begin as f64 / options.tick_hz, ..options.clone() };
+pub fn judge(run: &Run, names: Names<'_>, options: &WinchOptions) -> Result<Judged, winch::OutOfOrder> {
+    let options = &WinchOptions { origin_s: run.begin as f64 / options.tick_hz, ..options.clone() };
     let mut drawing = Drawing::new(run, options);
     let verdict = winch::judge(&run.told, &run.edges, &run.statuses, run.end, options, &mut drawing)?;
     let report = Report { verdict: Some(verdict), ..names.report(run) };
@@ -399,7 +399,7 @@ pub fn judge(run: &Run, names: Names<'_>, options: &Options) -> Result<Judged, w
 #[must_use]
 pub fn by_word(run: &Run, names: Names<'_>) -> Judged {
     let tick_hz = run.tick_hz as f64;
-    let options = Options { tick_hz, origin_s: run.begin as f64 / tick_hz, ..Options::default() };
+    let options = WinchOptions { tick_hz, origin_s: run.begin as f64 / tick_hz, ..WinchOptions::default() };
     let mut drawing = Drawing::new(run, &options);
     let mut compared = Compared { run, drawing: &mut drawing, next: [0; 4], words: Vec::new() };
     compared.words.extend(AXES.map(|axis| Word {
@@ -410,7 +410,7 @@ pub fn by_word(run: &Run, names: Names<'_>) -> Judged {
         is_at_rest: true,
         is_judged: true,
     }));
-    let is_known = winch::foretell(&run.told, run.end, &options, &mut compared);
+    let is_known = winch::predict(&run.told, run.end, &options, &mut compared);
     let mut words = compared.words;
     for (word, is_known) in words.iter_mut().zip(is_known) {
         word.is_judged = word.is_at_rest && is_known;
@@ -472,7 +472,7 @@ struct Drawing {
 const POINTS: u64 = 1000;
 
 impl Drawing {
-    fn new(run: &Run, options: &Options) -> Drawing {
+    fn new(run: &Run, options: &WinchOptions) -> Drawing {
         let axis = |axis: usize| {
             let scale = Scale { unit: "step".into(), steps_per_unit: 1.0, steps_per_rev: 1.0 };
             MotorPicture::new(AXES[axis].to_string(), scale, options.bound_steps)
@@ -608,7 +608,7 @@ fn hundredths(steps: f64) -> String {
 }
 
 impl Report {
-    fn edges(&self, verdict: &winch::Report, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+    fn edges(&self, verdict: &winch::WinchReport, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(f, "Every edge, against the path in f64:\n")?;
         let mut table =
             Table::new(["axis", "steps", "ends at", "the path", "farthest from it", "rms", "shortest interval"]);

@@ -4,13 +4,15 @@ use std::ops::Range;
 use std::path::Path;
 use std::sync::Arc;
 
-use miette::{LabeledSpan, MietteDiagnostic, NamedSource, Report};
+use miette::{LabeledSpan, MietteDiagnostic, Report};
+use pulsetrain_motion::file::Source;
 use pulsetrain_motion::quantity::{Base, Quantity};
 use pulsetrain_motion::{Time, file};
 use pulsetrain_trace::winch::Command;
 
 use super::talk::with_checksum;
 use crate::console;
+use crate::diagnostic::{Excerpt, WrongFile};
 use pulsetrain_motion::human;
 
 /// What is sent to a board, and when.
@@ -55,7 +57,7 @@ const MOTION: &str = "toml";
 /// With the place, when a line is not what a strict board takes, or times go back.
 pub fn load(path: &Path, length: Option<Time>) -> miette::Result<Script> {
     let (lines, duration) = if path.extension().is_some_and(|ending| ending == MOTION) {
-        let script = file::load_winch(path)?;
+        let script = file::load_winch(path).map_err(WrongFile::from)?;
         // The file has been checked: what is wrong now is what a law takes and a board does not.
         let lines = script.lines.iter().map(String::as_str).zip(script.places);
         (read(lines, &script.source)?, script.duration)
@@ -87,7 +89,7 @@ pub fn load(path: &Path, length: Option<Time>) -> miette::Result<Script> {
 /// # Errors
 /// With the place.
 pub fn parse(text: &str, name: &str) -> miette::Result<Vec<Line>> {
-    let source = Arc::new(NamedSource::new(name, text.to_owned()));
+    let source = Arc::new(Source::new(name, text));
     let lines = text.split_inclusive('\n').scan(0, |next, raw| {
         let start = *next;
         *next += raw.len();
@@ -98,10 +100,7 @@ pub fn parse(text: &str, name: &str) -> miette::Result<Vec<Line>> {
 }
 
 /// Reads lines, each with its place in the source; blank ones are none.
-fn read<'a>(
-    texts: impl Iterator<Item = (&'a str, Range<usize>)>,
-    source: &Arc<NamedSource<String>>,
-) -> miette::Result<Vec<Line>> {
+fn read<'a>(texts: impl Iterator<Item = (&'a str, Range<usize>)>, source: &Arc<Source>) -> miette::Result<Vec<Line>> {
     let mut lines: Vec<Line> = Vec::new();
     let mut board = Board::default();
     for (line, place) in texts.filter(|(line, _)| !line.is_empty()) {
@@ -110,7 +109,7 @@ fn read<'a>(
             let is_verbatim = place.len() == line.len();
             let at = if is_verbatim { place.start + at.start..place.start + at.end } else { place.clone() };
             let diagnostic = MietteDiagnostic::new(message).with_help(help).with_label(LabeledSpan::at(at, "here"));
-            Report::new(diagnostic).with_source_code(Arc::clone(source))
+            Report::new(diagnostic).with_source_code(Excerpt(Arc::clone(source)))
         };
         let whole = 0..line.len();
         let Some((when, told)) = line.split_once(':') else {

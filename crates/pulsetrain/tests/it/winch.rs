@@ -21,7 +21,7 @@ use pulsetrain_board::{Edge, Port, PortError, VirtualBoard};
 use pulsetrain_core::wire::Baud;
 use pulsetrain_motion::pins::PinKind;
 use pulsetrain_testkit::folder::Folder;
-use pulsetrain_trace::winch::{Options, Report};
+use pulsetrain_trace::winch::{WinchOptions, WinchReport};
 
 const NAMES: Names<'_> = Names { script: "script", runner: "native winch", board: "StepperWinch" };
 
@@ -39,19 +39,23 @@ fn run_on(board: impl VirtualBoard, script: &Script) -> Run {
     on_virtual(&mut talk, script, |_| RunWish::GoOn).unwrap()
 }
 
-fn verdict(run: &Run) -> Report {
-    verdict_as(run, &Options::default())
+fn verdict(run: &Run) -> WinchReport {
+    verdict_as(run, &WinchOptions::default())
 }
 
-fn verdict_as(run: &Run, options: &Options) -> Report {
+fn verdict_as(run: &Run, options: &WinchOptions) -> WinchReport {
     let Judged { report, .. } = judge(run, NAMES, options).unwrap();
     report.verdict.unwrap()
 }
 
 /// When an Uno makes its edges: a constant later, and within what its merge moves them.
-fn of_uno() -> Options {
+fn of_uno() -> WinchOptions {
     let late = pulsetrain_motion::boards::find("uno").unwrap().lateness_ticks;
-    Options { constant_ticks: PinKind::Shield.constant_ticks().into(), late_ticks: late.into(), ..Options::default() }
+    WinchOptions {
+        constant_ticks: PinKind::Shield.constant_ticks().into(),
+        late_ticks: late.into(),
+        ..WinchOptions::default()
+    }
 }
 
 /// Gains, limits, targets in mid-move, an impulse, a drift, a ramp, a stop.
@@ -258,7 +262,7 @@ fn a_stop_is_a_planned_one() {
     let seconds = (run.end - run.begin) as f64 / 16e6;
     assert!((3.0..3.2).contains(&seconds), "{seconds}");
     assert!(!talk.port().is_enabled(), "drivers are off");
-    let report = judge(&run, NAMES, &Options::default()).unwrap().report;
+    let report = judge(&run, NAMES, &WinchOptions::default()).unwrap().report;
     assert_eq!((report.lines, report.unsent), (1, 1), "the stop is no line of the script");
     let text = report.to_string();
     assert!(text.contains("1 line in ") && text.contains("Its last line was not sent"), "{text}");

@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 
 use pulsetrain_motion::LawError;
 
-use super::align::Matches;
+use super::matches::Matches;
 use super::report::{Fault, MotorReport};
 use crate::crossing::{Crossing, Crossings, Instant};
 
@@ -52,9 +52,6 @@ pub(crate) struct Made {
     /// It comes so soon after a turn of DIR or a step of another motor that it may have been put off.
     pub(crate) may_be_put_off: bool,
 }
-
-/// A matched step, for alignment: its tick in the trace and how late it is, ticks of the trace.
-pub(crate) type Match = (u64, f64);
 
 pub(crate) struct Matcher {
     crossings: Crossings,

@@ -27,6 +27,7 @@
 mod align;
 mod film;
 mod matcher;
+mod matches;
 mod report;
 #[cfg(test)]
 mod tests;
@@ -251,7 +252,7 @@ impl<'a> Judge<'a> {
         let sample_ticks = options.sample_hz.map_or(0, |sample_hz| (tick_hz as f64 / sample_hz).ceil() as u64);
         let spare_ticks = own_clock.max(sample_ticks);
         let bound = bound + spare_ticks as f64;
-        // What a turn of DIR takes the board itself, beside the drivers' times.
+        // What a turn of DIR takes the board itself, besides the drivers' times.
         let turn = (f64::from(program.board.turn_ticks) / scale).ceil() as u64;
         // What a step waits for steps of other motors where the board makes one after the other.
         let apart = program.board.shared_steps.map(|steps| (f64::from(steps.apart_ticks) / scale).ceil());

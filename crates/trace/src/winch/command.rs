@@ -5,7 +5,7 @@ use std::ops::{Range, RangeInclusive};
 /// Axes, in the order of their letters in a status line.
 pub const AXES: [char; 4] = ['x', 'y', 'z', 'a'];
 
-/// What an axis is told. The letters are the protocol's.
+/// What a line orders of an axis. The letters are the protocol's.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Order {
     /// `a`: the target is this position, steps.
@@ -72,11 +72,11 @@ pub struct WrongLine {
 /// Every command, with its values.
 const COMMANDS: &str = "a, d, v, r, s, g, l, enable, srate, deadman, strict, version, ping";
 
-/// Bytes and words of a line at most.
+/// Bytes and tokens of a line at most.
 const LONGEST: usize = 80;
 const MOST_WORDS: usize = 10;
 
-/// What is said to the lines of `docs/pico.md`, which tell motors directly: a script is of paths, and they have none.
+/// What is answered to lines of `docs/pico.md`, which drive motors directly: a script is of paths, and those lines have none.
 const VERB: &str = "scripts are of paths, and this tells motors directly: nothing would judge it. Without SCRIPT, `pulsetrain winch` \
                     takes such lines from the standard input";
 
@@ -104,12 +104,12 @@ impl Command {
             return Err(wrong(LONGEST..line.len(), "a line has at most 80 bytes"));
         }
         let (line, is_checked) = checked(line)?;
-        let words = words(line);
-        let Some(((name, name_at), values)) = words.split_first() else {
+        let tokens = tokens(line);
+        let Some(((name, name_at), values)) = tokens.split_first() else {
             return Err(wrong(whole, "a command is missing"));
         };
-        if words.len() > MOST_WORDS {
-            return Err(wrong(words[MOST_WORDS].1.start..line.len(), "a line has at most 10 words"));
+        if tokens.len() > MOST_WORDS {
+            return Err(wrong(tokens[MOST_WORDS].1.start..line.len(), "a line has at most 10 words"));
         }
         let mut command = Command { is_checked, ..Command::default() };
         if let "a" | "d" | "v" | "r" | "s" | "g" | "l" = *name {
@@ -167,17 +167,17 @@ fn checked(line: &str) -> Result<(&str, bool), WrongLine> {
     Err(WrongLine { at: rest.len()..line.trim_end().len(), message })
 }
 
-type Word<'a> = (&'a str, Range<usize>);
+type Token<'a> = (&'a str, Range<usize>);
 
-fn words(line: &str) -> Vec<Word<'_>> {
+fn tokens(line: &str) -> Vec<Token<'_>> {
     let mut next = 0;
-    let words = line.split([' ', '\t']).map(|word| {
+    let tokens = line.split([' ', '\t']).map(|word| {
         let start = next;
         // Each separator is one byte.
         next += word.len() + 1;
         (word, start..start + word.len())
     });
-    words.filter(|(word, _)| !word.is_empty()).collect()
+    tokens.filter(|(word, _)| !word.is_empty()).collect()
 }
 
 /// Axes by their places in [`AXES`].
@@ -186,7 +186,7 @@ fn axes(flags: &str) -> Option<Vec<usize>> {
     places.filter(|places| places.iter().enumerate().all(|(n, place)| !places[..n].contains(place)))
 }
 
-fn exactly<'a>(count: usize, values: &'a [Word<'a>], line: &str) -> Result<&'a [Word<'a>], WrongLine> {
+fn exactly<'a>(count: usize, values: &'a [Token<'a>], line: &str) -> Result<&'a [Token<'a>], WrongLine> {
     if values.len() == count {
         return Ok(values);
     }
@@ -196,7 +196,7 @@ fn exactly<'a>(count: usize, values: &'a [Word<'a>], line: &str) -> Result<&'a [
     Err(WrongLine { at: at..line.len(), message })
 }
 
-fn single(name: &str, value: &Word<'_>) -> Result<Order, WrongLine> {
+fn single(name: &str, value: &Token<'_>) -> Result<Order, WrongLine> {
     let steps = i64::from(i32::MIN)..=i64::from(i32::MAX);
     Ok(match name {
         "a" => Order::Target(whole_number(value, steps)? as f64),
@@ -207,7 +207,7 @@ fn single(name: &str, value: &Word<'_>) -> Result<Order, WrongLine> {
     })
 }
 
-fn pair(name: &str, values: &[Word<'_>]) -> Result<Order, WrongLine> {
+fn pair(name: &str, values: &[Token<'_>]) -> Result<Order, WrongLine> {
     let [first, second] = values else {
         return Err(WrongLine { at: 0..0, message: "2 values wanted".to_owned() });
     };
@@ -223,7 +223,7 @@ fn pair(name: &str, values: &[Word<'_>]) -> Result<Order, WrongLine> {
     Ok(Order::Limits { speed: rounded(speed, 1e3), acceleration: rounded(acceleration, 1e3) })
 }
 
-fn whole_number((text, at): &Word<'_>, range: RangeInclusive<i64>) -> Result<i64, WrongLine> {
+fn whole_number((text, at): &Token<'_>, range: RangeInclusive<i64>) -> Result<i64, WrongLine> {
     let number = text.parse::<i64>().ok().filter(|number| range.contains(number));
     number.ok_or_else(|| WrongLine {
         at: at.clone(),
@@ -231,7 +231,7 @@ fn whole_number((text, at): &Word<'_>, range: RangeInclusive<i64>) -> Result<i64
     })
 }
 
-fn decimal((text, at): &Word<'_>, range: RangeInclusive<f64>, message: &str) -> Result<f64, WrongLine> {
+fn decimal((text, at): &Token<'_>, range: RangeInclusive<f64>, message: &str) -> Result<f64, WrongLine> {
     // f64 reads "inf" and "nan" too, which no board does.
     let is_number = text.starts_with(|first: char| first.is_ascii_digit() || "+-.".contains(first));
     let number = text.parse::<f64>().ok().filter(|number| is_number && range.contains(number));

@@ -3,7 +3,7 @@
 use std::collections::HashSet;
 
 use super::path::Board;
-use super::{Differing, Drivers, Options, Seen, THRESHOLD, Told};
+use super::{Differing, Drivers, Seen, SentLine, THRESHOLD, WinchOptions};
 
 /// Ways that are followed at once. Of nine lines that may each act in any of eight milliseconds, before any axis has stepped, there are more:
 /// then those in which all lines took about as long.
@@ -24,18 +24,18 @@ struct Way {
 }
 
 /// The millisecond from whose beginning on each line acts.
-pub(super) fn find(told: &[Told], seen: &Seen, ms_end: u64, options: &Options) -> Vec<u64> {
+pub(super) fn find(sent: &[SentLine], seen: &Seen, ms_end: u64, options: &WinchOptions) -> Vec<u64> {
     let ms_of = |tick: u64| tick as f64 / options.tick_hz * 1e3;
-    let windows: Vec<(u64, u64)> = told
+    let windows: Vec<(u64, u64)> = sent
         .iter()
-        .map(|told| (ms_of(told.tick).ceil() as u64, ms_of(told.until).ceil() as u64 + options.effect_ms))
+        .map(|sent| (ms_of(sent.tick).ceil() as u64, ms_of(sent.until).ceil() as u64 + options.effect_ms))
         .collect();
     let mut ways =
         vec![Way { board: Board::START, effects: Vec::new(), differing: Differing::default(), distance: 0.0 }];
     let mut drivers = Drivers::new(&seen.drives);
     let mut next = [0; 4];
     for ms in 0..ms_end {
-        branch(&mut ways, told, &windows, ms);
+        branch(&mut ways, sent, &windows, ms);
         for (axis, steps) in seen.steps.iter().enumerate() {
             let before = steps[..next[axis]].last().map_or(0, |step| step.position);
             let count = steps[next[axis]..].partition_point(|step| step.ms < (ms + 1) as f64);
@@ -68,7 +68,7 @@ pub(super) fn find(told: &[Told], seen: &Seen, ms_end: u64, options: &Options) -
 }
 
 /// Each way goes on with none, one or more of the lines that may act from now on.
-fn branch(ways: &mut Vec<Way>, told: &[Told], windows: &[(u64, u64)], ms: u64) {
+fn branch(ways: &mut Vec<Way>, sent: &[SentLine], windows: &[(u64, u64)], ms: u64) {
     let due = |way: &Way| windows.get(way.effects.len()).filter(|window| window.0 <= ms).copied();
     if ways.iter().all(|way| due(way).is_none()) {
         return;
@@ -82,7 +82,7 @@ fn branch(ways: &mut Vec<Way>, told: &[Told], windows: &[(u64, u64)], ms: u64) {
         if ms < last {
             ways.push(way.clone());
         }
-        way.board.obey(&told[way.effects.len()].command);
+        way.board.obey(&sent[way.effects.len()].command);
         way.effects.push(ms);
         open.push(way);
     }
@@ -121,10 +121,10 @@ impl Way {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::winch::{Command, Step, see};
+    use crate::winch::{AxisStep, Command, see};
 
     /// What is seen of paths on which each line acts in a given millisecond.
-    fn seen(lines: &[(u64, &str)], ms_end: u64, options: &Options) -> Seen {
+    fn seen(lines: &[(u64, &str)], ms_end: u64, options: &WinchOptions) -> Seen {
         let mut board = Board::START;
         let mut seen = see(&[], options).unwrap();
         for ms in 0..ms_end {
@@ -141,7 +141,7 @@ mod tests {
                     }
                     let forward = beyond > 0.0;
                     let position = if forward { position + 1 } else { position - 1 };
-                    let mut step = Step { ms: 0.0, position, forward };
+                    let mut step = AxisStep { ms: 0.0, position, forward };
                     step.ms = ms as f64 + (step.wanted_at() - from) / moved;
                     steps.push(step);
                 }
@@ -165,18 +165,18 @@ mod tests {
             (700, "a x 0"),
             (702, "enable 0"),
         ];
-        let options = Options::default();
+        let options = WinchOptions::default();
         let seen = seen(&lines, 1500, &options);
         // All that is known of each: within 6 ms before, and 2 more of doubt.
-        let told: Vec<Told> = lines
+        let sent: Vec<SentLine> = lines
             .iter()
             .zip([1, 0, 3, 4, 1, 0, 5])
             .map(|((ms, line), early)| {
                 let tick = (ms - early) * 16_000;
-                Told { tick, until: tick + 32_000, command: Command::parse(line).unwrap() }
+                SentLine { tick, until: tick + 32_000, command: Command::parse(line).unwrap() }
             })
             .collect();
-        let found = find(&told, &seen, 1500, &options);
+        let found = find(&sent, &seen, 1500, &options);
         // What makes no difference yet is taken as soon as it may be: gains and limits of axes at rest.
         assert_eq!(found, [2, 5, 8, 402, 406, 700, 702]);
     }
@@ -198,17 +198,17 @@ mod tests {
             (20, "d a 11"),
             (21, "d y 4"),
         ];
-        let options = Options::default();
-        let told: Vec<Told> = lines
+        let options = WinchOptions::default();
+        let sent: Vec<SentLine> = lines
             .iter()
             .map(|(ms, line)| {
                 let tick = (ms - TOOK) * 16_000;
-                Told { tick, until: tick + 32_000, command: Command::parse(line).unwrap() }
+                SentLine { tick, until: tick + 32_000, command: Command::parse(line).unwrap() }
             })
             .collect();
         let seen = seen(&lines, 600, &options);
         let first = seen.steps.iter().flatten().map(|step| step.ms).fold(f64::INFINITY, f64::min);
         assert!(first > 24.0, "a step at {first} ms already");
-        assert_eq!(find(&told, &seen, 600, &options), lines.map(|(ms, _)| ms));
+        assert_eq!(find(&sent, &seen, 600, &options), lines.map(|(ms, _)| ms));
     }
 }

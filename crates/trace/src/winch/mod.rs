@@ -1,7 +1,7 @@
 //! The judge of boards that work out their own path: do the edges follow StepperWinch's recurrence?
 //!
 //! # What is here
-//! - [`judge`]: lines that were sent, and edges → a [`Report`]
+//! - [`judge`]: lines that were sent, and edges → a [`WinchReport`]
 //! - [`Command`]: lines, read
 //! - `path`: the recurrence in f64
 //! - `effects`: in which millisecond each line came into effect
@@ -25,12 +25,12 @@ use serde::Serialize;
 /// 1/64 step beyond the middle between two steps: where a path makes the next one.
 const THRESHOLD: f64 = 0.5 + 1.0 / 64.0;
 
-/// Faults that are told one by one.
-const TOLD_FAULTS: usize = 8;
+/// Faults that are listed one by one.
+const LISTED_FAULTS: usize = 8;
 
 /// A line that was sent.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Told {
+pub struct SentLine {
     /// Tick of the board's clock before which it cannot have been there.
     pub tick: u64,
     /// The latest tick at which it can have been there.
@@ -50,7 +50,7 @@ pub struct Status {
 
 /// How a board is wired, when it does what, and what is allowed.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Options {
+pub struct WinchOptions {
     /// Ticks per second.
     pub tick_hz: f64,
     /// STEP lines of x, y, z and a; a step is a rising edge.
@@ -75,10 +75,10 @@ pub struct Options {
     pub shortest_ticks: u64,
 }
 
-impl Default for Options {
+impl Default for WinchOptions {
     /// An Uno with a CNC shield: edges to the tick, within 0.1 step, as docs/winch.md has it; times of an A4988, 1 µs.
-    fn default() -> Options {
-        Options {
+    fn default() -> WinchOptions {
+        WinchOptions {
             tick_hz: 16e6,
             step: [2, 3, 4, 12],
             dir: [5, 6, 7, 13],
@@ -94,24 +94,24 @@ impl Default for Options {
     }
 }
 
-impl Options {
+impl WinchOptions {
     /// A Pico with drivers on the pins of docs/wiring.md: edges to the tick, the same times of a driver.
     #[must_use]
-    pub fn pico() -> Options {
-        Options {
+    pub fn pico() -> WinchOptions {
+        WinchOptions {
             tick_hz: 125e6,
             step: [2, 4, 6, 8],
             dir: [3, 5, 7, 9],
             enable: 22,
             shortest_ticks: 125,
-            ..Options::default()
+            ..WinchOptions::default()
         }
     }
 }
 
 /// The verdict.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Report {
+pub struct WinchReport {
     /// No bound broke.
     pub ok: bool,
     /// x, y, z and a.
@@ -122,7 +122,7 @@ pub struct Report {
     /// for axes. Where a line makes no difference at first, the shortest that agrees.
     pub effect_ms: Option<(f64, f64)>,
     /// The first faults.
-    pub faults: Vec<Fault>,
+    pub faults: Vec<WinchFault>,
     /// All of them.
     pub fault_count: usize,
 }
@@ -157,7 +157,7 @@ pub struct AxisReport {
 
 /// A bound that broke.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Fault {
+pub struct WinchFault {
     /// x, y, z or a.
     pub axis: char,
     /// When, s from the origin.
@@ -183,7 +183,7 @@ impl Onlooker for () {
 
 /// A step as it was seen.
 #[derive(Clone, Copy, Debug)]
-struct Step {
+struct AxisStep {
     /// When the path was to want it: the edge less the board's constant, ms.
     ms: f64,
     /// Position after it.
@@ -191,7 +191,7 @@ struct Step {
     forward: bool,
 }
 
-impl Step {
+impl AxisStep {
     /// Where the path is as it wants this step.
     fn wanted_at(self) -> f64 {
         self.position as f64 + if self.forward { THRESHOLD - 1.0 } else { 1.0 - THRESHOLD }
@@ -205,7 +205,7 @@ impl Step {
     }
 
     /// Shows the step to its axis' path, which may take it in.
-    fn show(self, board: &mut Board, axis: usize, begin_ms: u64, options: &Options) {
+    fn show(self, board: &mut Board, axis: usize, begin_ms: u64, options: &WinchOptions) {
         /// Steps that a board makes are so near to its own path, besides its lateness.
         const NEAR: f64 = 0.01;
         let (behind, speed) = (self.behind(board, axis, begin_ms), board.speed(axis));
@@ -217,49 +217,49 @@ impl Step {
 
 /// Judges a run from tick 0 of the board's clock, when it stands at 0, to the beginning of the millisecond of `end`.
 ///
-/// `told` and `edges` are in order of time; lines of `edges` are the board's pins.
+/// `sent` and `edges` are in order of time; lines of `edges` are the board's pins.
 ///
 /// # Errors
 /// When edges are not in order.
 pub fn judge(
-    told: &[Told],
+    sent: &[SentLine],
     edges: &[Edge],
     statuses: &[Status],
     end: u64,
-    options: &Options,
+    options: &WinchOptions,
     onlooker: &mut impl Onlooker,
-) -> Result<Report, OutOfOrder> {
+) -> Result<WinchReport, OutOfOrder> {
     let mut seen = see(edges, options)?;
     let ms_end = (end as f64 / options.tick_hz * 1e3) as u64;
-    let told = &with_deadman(told, end, options);
-    let effects = effects::find(told, &seen, ms_end, options);
-    follow(told, &effects, &mut seen, ms_end, options, onlooker);
+    let sent = &with_deadman(sent, end, options);
+    let effects = effects::find(sent, &seen, ms_end, options);
+    follow(sent, &effects, &mut seen, ms_end, options, onlooker);
     seen.compare(statuses, options);
     let tick_ms = 1e3 / options.tick_hz;
     let is_for_axes = |command: &Command| {
         *command != Command::HALT && (command.enables || command.orders.iter().any(Option::is_some))
     };
-    let took = told.iter().zip(&effects).filter(|(told, _)| is_for_axes(&told.command));
-    let took = took.map(|(told, effect)| *effect as f64 - told.until as f64 * tick_ms);
+    let took = sent.iter().zip(&effects).filter(|(sent, _)| is_for_axes(&sent.command));
+    let took = took.map(|(sent, effect)| *effect as f64 - sent.until as f64 * tick_ms);
     let effect_ms = took.fold(None, |span: Option<(f64, f64)>, ms| {
         Some(span.map_or((ms, ms), |(low, high)| (low.min(ms), high.max(ms))))
     });
     let Seen { axes, faults, fault_count, .. } = seen;
-    Ok(Report { ok: fault_count == 0, axes, statuses: statuses.len(), effect_ms, faults, fault_count })
+    Ok(WinchReport { ok: fault_count == 0, axes, statuses: statuses.len(), effect_ms, faults, fault_count })
 }
 
 /// The paths alone, if each line acts in the first millisecond after it can have come.
 ///
 /// For boards whose pins nobody sees: in a move they may be a few milliseconds off it. Gives for each axis whether it comes to
 /// rest at the same place all the same: not after a drift, or a stop in mid-move, until it has an absolute target again.
-pub fn foretell(told: &[Told], end: u64, options: &Options, onlooker: &mut impl Onlooker) -> [bool; 4] {
+pub fn predict(sent: &[SentLine], end: u64, options: &WinchOptions, onlooker: &mut impl Onlooker) -> [bool; 4] {
     let ms = |tick: u64| (tick as f64 / options.tick_hz * 1e3).ceil() as u64;
-    let told = with_deadman(told, end, options);
-    let mut lines = told.iter().peekable();
+    let sent = with_deadman(sent, end, options);
+    let mut lines = sent.iter().peekable();
     let mut board = Board::START;
     for now in 0..ms(end) {
-        while let Some(told) = lines.next_if(|told| ms(told.until) <= now) {
-            board.obey(&told.command);
+        while let Some(sent) = lines.next_if(|sent| ms(sent.until) <= now) {
+            board.obey(&sent.command);
         }
         for (axis, path) in board.paths.iter().enumerate() {
             onlooker.path(axis, now as f64 * 1e-3 - options.origin_s, path.position, board.speed(axis));
@@ -273,19 +273,19 @@ pub fn foretell(told: &[Told], end: u64, options: &Options, onlooker: &mut impl 
 const DEADMAN_LATE_MS: u64 = 6;
 
 /// The lines, and what a deadman does between them: as long after a line as one has asked for, unless the next is there before.
-fn with_deadman(told: &[Told], end: u64, options: &Options) -> Vec<Told> {
+fn with_deadman(sent: &[SentLine], end: u64, options: &WinchOptions) -> Vec<SentLine> {
     let ticks = |ms: u64| (ms as f64 * 1e-3 * options.tick_hz) as u64;
-    let mut all = Vec::with_capacity(told.len());
+    let mut all = Vec::with_capacity(sent.len());
     let mut deadman_ms = 0;
-    for (at, line) in told.iter().enumerate() {
+    for (at, line) in sent.iter().enumerate() {
         all.push(*line);
         deadman_ms = line.command.deadman_ms.map_or(deadman_ms, u64::from);
         if deadman_ms == 0 {
             continue;
         }
         let (tick, until) = (line.tick + ticks(deadman_ms), line.until + ticks(deadman_ms + DEADMAN_LATE_MS));
-        if told.get(at + 1).map_or(end, |next| next.tick) > tick {
-            all.push(Told { tick, until, command: Command::HALT });
+        if sent.get(at + 1).map_or(end, |next| next.tick) > tick {
+            all.push(SentLine { tick, until, command: Command::HALT });
         }
     }
     all
@@ -305,39 +305,39 @@ pub struct OutOfOrder {
 struct Seen {
     /// When the drivers went on or off, ticks.
     drives: Vec<(u64, bool)>,
-    steps: [Vec<Step>; 4],
+    steps: [Vec<AxisStep>; 4],
     /// Edges of the same steps, ticks.
     ticks: [Vec<u64>; 4],
     axes: [AxisReport; 4],
-    faults: Vec<Fault>,
+    faults: Vec<WinchFault>,
     fault_count: usize,
 }
 
 impl Seen {
     fn fault(&mut self, axis: usize, at_s: f64, what: impl FnOnce() -> String) {
-        if self.faults.len() < TOLD_FAULTS {
-            self.faults.push(Fault { axis: AXES[axis], at_s, what: what() });
+        if self.faults.len() < LISTED_FAULTS {
+            self.faults.push(WinchFault { axis: AXES[axis], at_s, what: what() });
         }
         self.fault_count += 1;
     }
 
     /// Each status says what the pins have done.
-    fn compare(&mut self, statuses: &[Status], options: &Options) {
+    fn compare(&mut self, statuses: &[Status], options: &WinchOptions) {
         /// How far the reading of the clock and of the positions may be apart, µs.
         const APART: u64 = 30;
         let ticks_per_us = options.tick_hz / 1e6;
         for status in statuses {
             let at = |usec: u64| (usec as f64 * ticks_per_us) as u64;
-            for (axis, said) in status.positions.into_iter().enumerate() {
+            for (axis, reported) in status.positions.into_iter().enumerate() {
                 let ticks = &self.ticks[axis];
                 let first = ticks.partition_point(|tick| *tick <= at(status.usec.saturating_sub(APART)));
                 let last = ticks.partition_point(|tick| *tick <= at(status.usec + APART));
                 let made = |count: usize| if count == 0 { 0 } else { self.steps[axis][count - 1].position };
                 // Positions are 32 bits that wrap.
-                let agrees = (first..=last).any(|count| made(count) as i32 == said);
+                let agrees = (first..=last).any(|count| made(count) as i32 == reported);
                 if !agrees {
                     let (made, at_s) = (made(last), status.usec as f64 * 1e-6 - options.origin_s);
-                    self.fault(axis, at_s, || format!("it says position {said}, but its pulses make {made}"));
+                    self.fault(axis, at_s, || format!("it says position {reported}, but its pulses make {made}"));
                 }
             }
         }
@@ -345,7 +345,7 @@ impl Seen {
 }
 
 /// Edges to steps, and what a driver needs of them.
-fn see(edges: &[Edge], options: &Options) -> Result<Seen, OutOfOrder> {
+fn see(edges: &[Edge], options: &WinchOptions) -> Result<Seen, OutOfOrder> {
     let name = |axis: usize| AxisReport { axis: AXES[axis].to_string(), ..AxisReport::default() };
     let mut seen = Seen {
         drives: Vec::new(),
@@ -386,7 +386,7 @@ fn see(edges: &[Edge], options: &Options) -> Result<Seen, OutOfOrder> {
             continue;
         }
         risen[axis] = Some(tick);
-        // A row of such steps is told once.
+        // A row of such steps is one fault.
         let is_driven = seen.drives.last().is_some_and(|(_, on)| *on);
         if !is_driven && !std::mem::replace(&mut undriven[axis], true) {
             seen.fault(axis, at_s, || "a step while the drivers are off (ENABLE is high)".to_owned());
@@ -407,7 +407,7 @@ fn see(edges: &[Edge], options: &Options) -> Result<Seen, OutOfOrder> {
         report.position += if forward { 1 } else { -1 };
         report.steps += 1;
         let ms = (tick as f64 - options.constant_ticks) / options.tick_hz * 1e3;
-        seen.steps[axis].push(Step { ms, position: report.position, forward });
+        seen.steps[axis].push(AxisStep { ms, position: report.position, forward });
         seen.ticks[axis].push(tick);
     }
     Ok(seen)
@@ -425,7 +425,7 @@ impl<'a> Drivers<'a> {
     }
 
     /// Whether they are on at the end of the next millisecond.
-    fn at_end_of(&mut self, ms: u64, options: &Options) -> bool {
+    fn at_end_of(&mut self, ms: u64, options: &WinchOptions) -> bool {
         let end = ((ms + 1) as f64 * 1e-3 * options.tick_hz) as u64;
         while let Some(((tick, on), later)) = self.edges.split_first()
             && *tick <= end
@@ -441,8 +441,8 @@ impl<'a> Drivers<'a> {
 struct Differing(u64);
 
 impl Differing {
-    /// Goes on by a millisecond; whether they have differed for too long now: said once.
-    fn go_on(&mut self, differ: bool, options: &Options) -> bool {
+    /// Goes on by a millisecond; whether they have differed for too long now: that is true once.
+    fn go_on(&mut self, differ: bool, options: &WinchOptions) -> bool {
         self.0 = if differ { self.0 + 1 } else { 0 };
         self.0 == options.release_ms
     }
@@ -450,15 +450,15 @@ impl Differing {
 
 /// Goes along the paths, with each line in its millisecond, and looks at every step.
 fn follow(
-    told: &[Told],
+    sent: &[SentLine],
     effects: &[u64],
     seen: &mut Seen,
     ms_end: u64,
-    options: &Options,
+    options: &WinchOptions,
     onlooker: &mut impl Onlooker,
 ) {
     let mut board = Board::START;
-    let mut lines = told.iter().zip(effects).peekable();
+    let mut lines = sent.iter().zip(effects).peekable();
     let mut next = [0; 4];
     let mut squares = [0.0; 4];
     // Said once for each time that an axis is lost.
@@ -467,8 +467,8 @@ fn follow(
     let drives = std::mem::take(&mut seen.drives);
     let (mut drivers, mut differing) = (Drivers::new(&drives), Differing::default());
     for ms in 0..ms_end {
-        while let Some((told, _)) = lines.next_if(|(_, effect)| **effect <= ms) {
-            board.obey(&told.command);
+        while let Some((sent, _)) = lines.next_if(|(_, effect)| **effect <= ms) {
+            board.obey(&sent.command);
         }
         let (mut positions, mut allowed) = ([0; 4], [0.0; 4]);
         for axis in 0..4 {

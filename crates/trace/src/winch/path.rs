@@ -1,6 +1,6 @@
 //! The path of one axis in f64, once a millisecond.
 //!
-//! Source: seeds/003, `Path::pollForInterval`, at a fixed 1 kHz, with docs/winch.md's ramp, impulse and stop. Written for the
+//! Source: StepperWinch, `Path::pollForInterval`, at a fixed 1 kHz, with docs/winch.md's ramp, impulse and stop. Written for the
 //! judge: it shares nothing with the boards' fixed point (`pulsetrain_core::winch::path`).
 
 use super::command::{Command, Order};
@@ -192,7 +192,7 @@ impl Path {
     ///
     /// That is done only where the path alone says too little: elsewhere no step moves it.
     pub(super) fn see(&mut self, behind: f64, after_s: f64, within: f64) {
-        if self.doubt.steps() > LEAST_DOUBT
+        if self.doubt.steps() > NEGLIGIBLE_DOUBT_STEPS
             && let Some((position, speed)) = self.doubt.see(-behind, after_s, within)
         {
             self.position += position;
@@ -205,7 +205,7 @@ impl Path {
 const TURN: f64 = 4_294_967_296.0;
 
 /// Below that the path is judged by itself, steps.
-const LEAST_DOUBT: f64 = 0.05;
+const NEGLIGIBLE_DOUBT_STEPS: f64 = 0.05;
 
 /// What a board may cut in a millisecond: of what acts on the speed, of the speed as it acts, steps/s, and of the result, steps/s.
 const CUT: f64 = 1.0 / 4_194_304.0;
@@ -411,8 +411,8 @@ mod tests {
             (20.0, 5.0, 10e3, 250e3, 0.05),
         ] {
             let (mut path, mut board) = (Path::START, Path::START);
-            let (mut doubt, mut apart, mut blind) = (0.0_f64, 0.0_f64, Path::START);
-            for path in [&mut path, &mut board, &mut blind] {
+            let (mut doubt, mut apart, mut guess) = (0.0_f64, 0.0_f64, Path::START);
+            for path in [&mut path, &mut board, &mut guess] {
                 path.obey(Order::Gains { frequency_hz, ratio });
                 path.obey(Order::Limits { speed, acceleration });
             }
@@ -421,10 +421,10 @@ mod tests {
                 if ms == next {
                     next += 20 + random(1000.0) as u32;
                     let order = order(&mut random);
-                    [&mut path, &mut board, &mut blind].into_iter().for_each(|path| path.obey(order));
+                    [&mut path, &mut board, &mut guess].into_iter().for_each(|path| path.obey(order));
                 }
                 path.tick();
-                blind.tick();
+                guess.tick();
                 coarse(&mut board);
                 let name = format!("{frequency_hz} Hz, {ratio}, ms {ms}");
                 assert!(
@@ -440,7 +440,7 @@ mod tests {
                     "{name}: {path:?} {board:?}"
                 );
                 doubt = doubt.max(path.doubt.steps());
-                apart = apart.max((blind.position - board.position).abs());
+                apart = apart.max((guess.position - board.position).abs());
             }
             println!("{frequency_hz} Hz, {ratio}: doubt {doubt:.4}, without steps {apart:.4}");
             assert!(doubt < most, "{frequency_hz} Hz, {ratio}: {doubt}");

@@ -1,4 +1,4 @@
-//! What the parts of a formula measure: angles, lengths, steps or plain numbers; which of them go together, and what is said if not.
+//! What the parts of a formula measure: angles, lengths, steps or plain numbers; which of them go together, and the message if they do not.
 //!
 //! Time has no part in it: times are numbers of seconds, frequencies of Hz, and a speed measures what its position does.
 //!
@@ -6,11 +6,18 @@
 //! here is of the number as written: n = "30 rpm" is 180 deg/s, and so is not to be divided by 60. What may be a gear is one: 6·n is taken.
 
 use super::FormulaError;
-use super::parse::{Span, Typed, error};
+use super::tree::{Expression, Span, error};
 use crate::law::double::Double;
 use crate::quantity::{Base, written};
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 use std::fmt;
+
+/// A number, and what it measures.
+#[derive(Clone, Debug)]
+pub(super) struct Typed {
+    pub(super) node: Expression,
+    pub(super) measure: Measure,
+}
 
 /// Powers of an angle, of a length and of a number of steps; all 0 for a plain number.
 #[derive(Clone, Copy, Debug)]
@@ -43,7 +50,7 @@ pub(crate) struct Parameter {
     pub(crate) written: String,
     pub(crate) dimension: Dimension,
     /// How its unit is written; `None` for a plain number.
-    pub(crate) scale: Option<Scale>,
+    pub(crate) scale: Option<WrittenUnit>,
     /// A speed, acceleration or jerk.
     pub(crate) is_rate: bool,
     pub(crate) outside: Amount,
@@ -53,7 +60,7 @@ pub(crate) struct Parameter {
 
 /// How a quantity is written.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Scale {
+pub(crate) struct WrittenUnit {
     /// The number, without its unit.
     pub(crate) number: f64,
     /// What a rate is divided by, s: 60 of rpm.
@@ -446,7 +453,7 @@ impl Place<'_> {
         format!("{} is {}", self.quoted(part.node.span), part.measure.dimension)
     }
 
-    /// What a sum, a comparison or a choice between `a` and `b` is; `rule` ends what is said if they do not go together.
+    /// What a sum, a comparison or a choice between `a` and `b` is; `rule` ends the message if they do not go together.
     pub(super) fn alike(&self, a: &Typed, b: &Typed, rule: &str) -> Result<Measure, FormulaError> {
         let (x, y) = (a.measure, b.measure);
         self.not_converted(a, false)?;
@@ -460,7 +467,7 @@ impl Place<'_> {
             uses: x.uses.and(y.uses.iter()),
             is_rate: x.is_rate || y.is_rate,
             is_inverse: x.is_inverse || y.is_inverse,
-            // A number beside one in rad is in rad, too; one that is known not to be makes no angle.
+            // A number next to one in rad is in rad, too; one that is known not to be makes no angle.
             radians: x.radians.zip(y.radians).map(|(a, b)| a.min(b)).or(x.radians).or(y.radians),
             has_time: x.has_time || y.has_time,
             has_parameter: x.has_parameter || y.has_parameter,
@@ -476,7 +483,7 @@ impl Place<'_> {
         }
         for (plain, other) in [(a, b), (b, a)] {
             if plain.measure.dimension.is_plain() {
-                self.plain_beside(plain, other)?;
+                self.plain_next_to(plain, other)?;
                 return Ok(Measure { has_plain_term: true, ..both(other.measure.dimension) });
             }
         }
@@ -508,8 +515,8 @@ impl Place<'_> {
         Ok(all.measure)
     }
 
-    /// A plain number that stands beside what has a dimension takes the unit of this place, if there is one.
-    fn plain_beside(&self, plain: &Typed, other: &Typed) -> Result<(), FormulaError> {
+    /// A plain number that stands next to what has a dimension takes the unit of this place, if there is one.
+    fn plain_next_to(&self, plain: &Typed, other: &Typed) -> Result<(), FormulaError> {
         if other.measure.dimension.angle != 0.0 {
             self.not_in_radians(plain)?;
         }
@@ -603,7 +610,7 @@ impl Place<'_> {
             return None;
         }
         let by_hand = |parameter: &Parameter, power: f64| {
-            let Some(Scale { number, per_s, base, .. }) = parameter.scale else { return false };
+            let Some(WrittenUnit { number, per_s, base, .. }) = parameter.scale else { return false };
             let here = (parameter.amount(self.in_trig).value.nearest() / number).abs().powf(power);
             let is_same = is_near(here, 1.0);
             let makes = |literal: f64| is_near(literal, here) && (base == Base::FullStep || !may_be_gear(literal));
@@ -669,7 +676,7 @@ impl Place<'_> {
         Err(error(part.node.span, message).helped(help))
     }
 
-    /// What a product is, of two numbers or one over the other. A time that is converted by hand stands beside the factor: T/1000, 60*T.
+    /// What a product is, of two numbers or one over the other. A time that is converted by hand stands next to the factor: T/1000, 60*T.
     pub(super) fn product(&self, product: Typed) -> Result<Typed, FormulaError> {
         let Measure { constant, literals, uses, .. } = &product.measure;
         let is_bare = constant.is_some() && literals.len == 1 && uses.iter().all(|(_, power)| power == 1.0);

@@ -1,6 +1,6 @@
 //! Polynomials plus sinusoids of t, with coefficients of 106 bits: what most formulas come down to.
 
-use super::parse::Function;
+use super::tree::Function;
 use crate::Time;
 use crate::law::Curve;
 use crate::law::double::Double;

@@ -1,9 +1,9 @@
 //! θ(t) in text: parsed, cut into windows of time, enclosed.
 //!
 //! # What is here
-//! - `parse`: text → tree, errors that point
+//! - `parse`: text → `tree`, errors that point
 //! - `dimension`: what the parts measure, and which go together; looked at while the text is read, and nowhere later
-//! - `resolve`: a tree on a window of time → a smooth expression; every branch is decided there, or the window is cut
+//! - `resolve`: a tree on a window of time → a `smooth` expression; every branch is decided there, or the window is cut
 //! - `form`: polynomials plus sinusoids, folded when the formula is read: their windows are plain [`Curve`]s
 //! - `tape`: any other smooth expression, as a flat list of operations that allocates nothing for a jet
 //! - `series`, `scalar`: Taylor recurrences, on f64 and on enclosures that follow the rounding of the same recurrence
@@ -25,20 +25,23 @@ mod parse;
 mod resolve;
 mod scalar;
 mod series;
+mod smooth;
 mod tape;
 mod terms;
+mod tree;
 
 use super::{Curve, Double, Entry, Law, LawError, Piece, meet};
 use crate::Time;
 use dimension::{Amount, Parameter, Unit};
 use form::Form;
 pub(crate) use parse::taken;
-use parse::{Kind, Node};
-use resolve::{NARROWEST_S, Resolver, Smooth, Stop};
+use resolve::{NARROWEST_S, Resolver, Stop};
+use smooth::Smooth;
 use std::sync::Arc;
 pub use tape::Window;
 use tape::{Tape, Undefined};
 pub use terms::Terms;
+use tree::{Expression, Operation};
 
 /// What is wrong with the text of a formula, and where.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -64,7 +67,7 @@ impl FormulaError {
 #[derive(Clone, Debug)]
 pub struct Formula {
     text: String,
-    tree: Node,
+    tree: Expression,
     duration: Option<Time>,
     parameters: Vec<ParameterUse>,
 }
@@ -133,7 +136,7 @@ impl Law {
         unit: &Unit,
         duration: Option<Time>,
     ) -> Result<Law, FormulaError> {
-        let whole = |message: String| parse::error((0, text.len()), message);
+        let whole = |message: String| tree::error((0, text.len()), message);
         let mut numbers = parameters.iter().flat_map(|p| [(&p.name, &p.outside), (&p.name, &p.in_trig)]);
         if let Some((name, Amount { value, .. })) = numbers.find(|(_, amount)| !amount.value.is_finite()) {
             return Err(whole(format!("the parameter `{name}` is {}: out of range", value.nearest())));
@@ -146,8 +149,8 @@ impl Law {
         }
         let parsed = parse::parse(text, parameters, unit)?;
         let span = parsed.tree.span;
-        let scale = Node::new(Kind::Number(Double::from(unit.steps)), span)?;
-        let tree = Node::new(Kind::Multiply(scale, parsed.tree), span)?;
+        let scale = Expression::new(Operation::Number(Double::from(unit.steps)), span)?;
+        let tree = Expression::new(Operation::Multiply(scale, parsed.tree), span)?;
         let shown = |is_used: bool, amount: &Amount| is_used.then(|| (amount.value.nearest(), amount.unit.clone()));
         let parameters = parameters.iter().zip(parsed.used).map(|(p, [outside, in_trig])| ParameterUse {
             name: p.name.clone(),
@@ -169,11 +172,11 @@ impl Law {
             Law::Repeated(repeated) => repeated.law.formula_parameters(),
             Law::Blended(blended) => blended.law().formula_parameters(),
             Law::Warped(warped) => warped.law().formula_parameters(),
-            Law::TakeUp(take_up) => take_up.law().formula_parameters(),
+            Law::Backlash(backlash) => backlash.law().formula_parameters(),
             Law::Sine(_) | Law::Steady(_) | Law::Fixed(_) | Law::Circle(_) | Law::Lorenz(_) | Law::Winch(_) => {
                 Vec::new()
             }
-            Law::Slack(_) => Vec::new(),
+            Law::Compensation(_) => Vec::new(),
         }
     }
 }

@@ -1,17 +1,14 @@
 //! Text → expression tree. Functions with branches or simple identities are spelled out by the smooth ones here.
 
 use super::FormulaError;
-use super::dimension::{Measure, Parameter, Place, Unit};
+use super::dimension::{Measure, Parameter, Place, Typed, Unit};
+use super::tree::{Condition, Expression, Function, Operation, Span, Test, error};
 use crate::columns::POINT;
 use crate::law::double::Double;
 use std::sync::Arc;
 
 /// Brackets and signs nest no deeper, and so no text overflows the stack.
 const NESTED: u32 = 64;
-/// The tree is no deeper; a sum of n terms is n deep.
-const DEEPEST: u32 = 256;
-/// Operations in a formula at most, those that stand for shorthands counted.
-const LARGEST: u32 = 4000;
 
 /// The name of a constant that is written as its Greek letter.
 fn in_letters(word: &str) -> &str {
@@ -22,79 +19,14 @@ fn in_letters(word: &str) -> &str {
     }
 }
 
-/// Where in the text: byte offset and length.
-pub(super) type Span = (usize, usize);
-
-/// An expression that is a number.
-#[derive(Clone, Debug)]
-pub(super) struct Node {
-    pub(super) kind: Arc<Kind>,
-    pub(super) span: Span,
-    size: u32,
-    depth: u32,
-}
-
-#[derive(Clone, Debug)]
-pub(super) enum Kind {
-    Number(Double),
-    Time,
-    Add(Node, Node),
-    Subtract(Node, Node),
-    Multiply(Node, Node),
-    Divide(Node, Node),
-    Power(Node, Node),
-    Apply(Function, Node),
-    /// The largest whole number that is not larger.
-    Floor(Node),
-    If(Condition, Node, Node),
-}
-
-/// The smooth functions that have Taylor recurrences of their own.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Function {
-    Negative,
-    Sine,
-    Cosine,
-    Exponential,
-    Logarithm,
-    Root,
-    Arcsine,
-    Arctangent,
-    HyperbolicTangent,
-}
-
-/// An expression that is true or false.
-#[derive(Clone, Debug)]
-pub(super) enum Condition {
-    Is(Test, Node),
-    Not(Arc<Condition>),
-    And(Arc<(Condition, Condition)>),
-    Or(Arc<(Condition, Condition)>),
-}
-
-/// What is asked of a number.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Test {
-    Positive,
-    NotNegative,
-    Zero,
-}
-
-/// A number, and what it measures.
-#[derive(Clone, Debug)]
-pub(super) struct Typed {
-    pub(super) node: Node,
-    pub(super) measure: Measure,
-}
-
-enum Term {
+enum Operand {
     Number(Typed),
     Truth(Condition, Span),
 }
 
 /// A formula that has been read.
 pub(super) struct Parsed {
-    pub(super) tree: Node,
+    pub(super) tree: Expression,
     /// Of each parameter, whether it stands outside of sin, cos and tan, and whether in them.
     pub(super) used: Vec<[bool; 2]>,
 }
@@ -157,92 +89,8 @@ pub(super) fn parse(text: &str, parameters: &[Parameter], unit: &Unit) -> Result
     Ok(Parsed { tree: whole.node, used: parser.used })
 }
 
-pub(super) fn error(span: Span, message: impl Into<String>) -> FormulaError {
-    FormulaError { offset: span.0, length: span.1, message: message.into(), help: String::new() }
-}
-
 fn join(a: Span, b: Span) -> Span {
     (a.0, b.0 + b.1 - a.0)
-}
-
-impl Node {
-    pub(super) fn new(kind: Kind, span: Span) -> Result<Node, FormulaError> {
-        let (size, depth) = kind.extent();
-        if size > LARGEST {
-            return Err(error(span, format!("the formula is too large: more than {LARGEST} operations")));
-        }
-        if depth > DEEPEST {
-            return Err(error(span, format!("the formula is nested more than {DEEPEST} deep")));
-        }
-        Ok(Node { kind: Arc::new(kind), span, size, depth })
-    }
-
-    /// Whether what it is depends on the time.
-    pub(super) fn has_branches(&self) -> bool {
-        match &*self.kind {
-            Kind::Number(_) | Kind::Time => false,
-            Kind::Floor(_) | Kind::If(..) => true,
-            Kind::Apply(_, a) => a.has_branches(),
-            Kind::Add(a, b) | Kind::Subtract(a, b) | Kind::Multiply(a, b) | Kind::Divide(a, b) | Kind::Power(a, b) => {
-                a.has_branches() || b.has_branches()
-            }
-        }
-    }
-
-    /// How many it is made of.
-    pub(super) fn size(&self) -> u32 {
-        self.size
-    }
-
-    /// A leaf.
-    fn number(value: Double, span: Span) -> Node {
-        Node { kind: Arc::new(Kind::Number(value)), span, size: 1, depth: 1 }
-    }
-}
-
-impl Kind {
-    fn extent(&self) -> (u32, u32) {
-        let of = |nodes: &[&Node]| {
-            let size = nodes.iter().fold(1_u32, |sum, n| sum.saturating_add(n.size));
-            (size, 1 + nodes.iter().map(|n| n.depth).max().unwrap_or(0))
-        };
-        match self {
-            Kind::Number(_) | Kind::Time => (1, 1),
-            Kind::Add(a, b) | Kind::Subtract(a, b) | Kind::Multiply(a, b) | Kind::Divide(a, b) | Kind::Power(a, b) => {
-                of(&[a, b])
-            }
-            Kind::Apply(_, a) | Kind::Floor(a) => of(&[a]),
-            Kind::If(condition, a, b) => {
-                let (size, depth) = of(&[a, b]);
-                let (c_size, c_depth) = condition.extent();
-                (size.saturating_add(c_size), depth.max(c_depth + 1))
-            }
-        }
-    }
-}
-
-impl Condition {
-    fn extent(&self) -> (u32, u32) {
-        match self {
-            Condition::Is(_, node) => (node.size, node.depth),
-            Condition::Not(inner) => {
-                let (size, depth) = inner.extent();
-                (size, depth + 1)
-            }
-            Condition::And(pair) | Condition::Or(pair) => {
-                let (a, b) = (pair.0.extent(), pair.1.extent());
-                (a.0.saturating_add(b.0), a.1.max(b.1) + 1)
-            }
-        }
-    }
-
-    fn depth_checked(self, span: Span) -> Result<Condition, FormulaError> {
-        let (size, depth) = self.extent();
-        if size > LARGEST || depth > DEEPEST {
-            return Err(error(span, "the condition is too large"));
-        }
-        Ok(self)
-    }
 }
 
 struct Parser<'a> {
@@ -334,24 +182,26 @@ impl<'a> Parser<'a> {
         Err(error(here, format!("a `*` is missing here: write `{left}*{}{bracket}`", in_letters(word))))
     }
 
-    fn number(&self, term: Term) -> Result<Typed, FormulaError> {
+    fn number(&self, term: Operand) -> Result<Typed, FormulaError> {
         match term {
-            Term::Number(number) => Ok(number),
-            Term::Truth(_, span) => Err(error(span, "a number is expected, but this is a condition: use if(…, …, …)")),
+            Operand::Number(number) => Ok(number),
+            Operand::Truth(_, span) => {
+                Err(error(span, "a number is expected, but this is a condition: use if(…, …, …)"))
+            }
         }
     }
 
-    fn truth(&self, term: Term) -> Result<(Condition, Span), FormulaError> {
+    fn truth(&self, term: Operand) -> Result<(Condition, Span), FormulaError> {
         match term {
-            Term::Truth(condition, span) => Ok((condition, span)),
-            Term::Number(number) => {
+            Operand::Truth(condition, span) => Ok((condition, span)),
+            Operand::Number(number) => {
                 Err(error(number.node.span, "a condition is expected, such as t < 2, but this is a number"))
             }
         }
     }
 
     /// or
-    fn either(&mut self) -> Result<Term, FormulaError> {
+    fn either(&mut self) -> Result<Operand, FormulaError> {
         let here = self.here();
         self.descend(here)?;
         let mut left = self.both()?;
@@ -360,25 +210,25 @@ impl<'a> Parser<'a> {
             let right = self.both()?;
             let (b, to) = self.truth(right)?;
             let span = join(from, to);
-            left = Term::Truth(Condition::Or(Arc::new((a, b))).depth_checked(span)?, span);
+            left = Operand::Truth(Condition::Or(Arc::new((a, b))).depth_checked(span)?, span);
         }
         self.depth -= 1;
         Ok(left)
     }
 
-    fn both(&mut self) -> Result<Term, FormulaError> {
+    fn both(&mut self) -> Result<Operand, FormulaError> {
         let mut left = self.inverted()?;
         while self.take_any(&["and", "&&"]).is_some() {
             let (a, from) = self.truth(left)?;
             let right = self.inverted()?;
             let (b, to) = self.truth(right)?;
             let span = join(from, to);
-            left = Term::Truth(Condition::And(Arc::new((a, b))).depth_checked(span)?, span);
+            left = Operand::Truth(Condition::And(Arc::new((a, b))).depth_checked(span)?, span);
         }
         Ok(left)
     }
 
-    fn inverted(&mut self) -> Result<Term, FormulaError> {
+    fn inverted(&mut self) -> Result<Operand, FormulaError> {
         self.blank();
         // `!=` is no negation, and `not(` is handled alike.
         let bang = self.rest().starts_with('!') && !self.rest().starts_with("!=");
@@ -389,10 +239,10 @@ impl<'a> Parser<'a> {
         self.depth -= 1;
         let (condition, to) = self.truth(inner)?;
         let span = join(from, to);
-        Ok(Term::Truth(Condition::Not(Arc::new(condition)).depth_checked(span)?, span))
+        Ok(Operand::Truth(Condition::Not(Arc::new(condition)).depth_checked(span)?, span))
     }
 
-    fn comparison(&mut self) -> Result<Term, FormulaError> {
+    fn comparison(&mut self) -> Result<Operand, FormulaError> {
         let first = self.sum()?;
         let mut chain: Option<(Condition, Span)> = None;
         let mut left = first;
@@ -402,7 +252,8 @@ impl<'a> Parser<'a> {
             let b = self.number(right)?;
             self.place.alike(&a, &b, "they cannot be compared")?;
             let span = join(a.node.span, b.node.span);
-            let difference = |x: &Typed, y: &Typed| Node::new(Kind::Subtract(x.node.clone(), y.node.clone()), span);
+            let difference =
+                |x: &Typed, y: &Typed| Expression::new(Operation::Subtract(x.node.clone(), y.node.clone()), span);
             let is = match symbol {
                 "<" => Condition::Is(Test::Positive, difference(&b, &a)?),
                 "<=" => Condition::Is(Test::NotNegative, difference(&b, &a)?),
@@ -415,12 +266,12 @@ impl<'a> Parser<'a> {
                 None => (is, span),
                 Some((before, from)) => (Condition::And(Arc::new((before, is))).depth_checked(span)?, join(from, span)),
             });
-            left = Term::Number(b);
+            left = Operand::Number(b);
         }
-        Ok(chain.map_or(left, |(condition, span)| Term::Truth(condition, span)))
+        Ok(chain.map_or(left, |(condition, span)| Operand::Truth(condition, span)))
     }
 
-    fn sum(&mut self) -> Result<Term, FormulaError> {
+    fn sum(&mut self) -> Result<Operand, FormulaError> {
         let mut left = self.product()?;
         while let Some(symbol) = self.take_any(&["+", "-"]) {
             let a = self.number(left)?;
@@ -433,13 +284,13 @@ impl<'a> Parser<'a> {
             let measure = self.place.alike(&a, &b, rule)?.with_constant(constant);
             let (a, b) = (a.node, b.node);
             let span = join(a.span, b.span);
-            let kind = if is_sum { Kind::Add(a, b) } else { Kind::Subtract(a, b) };
-            left = Term::Number(Typed { node: Node::new(kind, span)?, measure });
+            let kind = if is_sum { Operation::Add(a, b) } else { Operation::Subtract(a, b) };
+            left = Operand::Number(Typed { node: Expression::new(kind, span)?, measure });
         }
         Ok(left)
     }
 
-    fn product(&mut self) -> Result<Term, FormulaError> {
+    fn product(&mut self) -> Result<Operand, FormulaError> {
         let mut left = self.factor()?;
         while let Some(symbol) = self.take_any(&["*", "/"]) {
             let a = self.number(left)?;
@@ -449,21 +300,21 @@ impl<'a> Parser<'a> {
             let measure = if is_product { a.measure.times(&b.measure) } else { a.measure.over(&b.measure) };
             let (a, b) = (a.node, b.node);
             let span = join(a.span, b.span);
-            let kind = if is_product { Kind::Multiply(a, b) } else { Kind::Divide(a, b) };
-            left = Term::Number(self.place.product(Typed { node: Node::new(kind, span)?, measure })?);
+            let kind = if is_product { Operation::Multiply(a, b) } else { Operation::Divide(a, b) };
+            left = Operand::Number(self.place.product(Typed { node: Expression::new(kind, span)?, measure })?);
         }
         Ok(left)
     }
 
-    fn factor(&mut self) -> Result<Term, FormulaError> {
+    fn factor(&mut self) -> Result<Operand, FormulaError> {
         let factor = self.signed()?;
-        let (Term::Number(Typed { node: Node { span, .. }, .. }) | Term::Truth(_, span)) = &factor;
+        let (Operand::Number(Typed { node: Expression { span, .. }, .. }) | Operand::Truth(_, span)) = &factor;
         self.check_no_factor(*span)?;
         Ok(factor)
     }
 
     /// Signs bind less than powers: -2^2 is -4.
-    fn signed(&mut self) -> Result<Term, FormulaError> {
+    fn signed(&mut self) -> Result<Operand, FormulaError> {
         self.blank();
         let from = self.at;
         let Some(symbol) = self.take_any(&["-", "+"]) else { return self.power() };
@@ -472,15 +323,15 @@ impl<'a> Parser<'a> {
         self.depth -= 1;
         let Typed { node, measure } = self.number(inner)?;
         if symbol == "+" {
-            return Ok(Term::Number(Typed { node, measure }));
+            return Ok(Operand::Number(Typed { node, measure }));
         }
         let span = join((from, 1), node.span);
-        let node = Node::new(Kind::Apply(Function::Negative, node), span)?;
-        Ok(Term::Number(Typed { node, measure: measure.negative() }))
+        let node = Expression::new(Operation::Apply(Function::Negative, node), span)?;
+        Ok(Operand::Number(Typed { node, measure: measure.negative() }))
     }
 
     /// To the right first: 2^3^2 is 2^9; the exponent may have a sign.
-    fn power(&mut self) -> Result<Term, FormulaError> {
+    fn power(&mut self) -> Result<Operand, FormulaError> {
         let base = self.atom()?;
         if self.take("^").is_none() {
             return Ok(base);
@@ -490,10 +341,10 @@ impl<'a> Parser<'a> {
         let exponent = self.number(exponent)?;
         let measure = self.place.power(&base, &exponent)?;
         let span = join(base.node.span, exponent.node.span);
-        Ok(Term::Number(Typed { node: Node::new(Kind::Power(base.node, exponent.node), span)?, measure }))
+        Ok(Operand::Number(Typed { node: Expression::new(Operation::Power(base.node, exponent.node), span)?, measure }))
     }
 
-    fn atom(&mut self) -> Result<Term, FormulaError> {
+    fn atom(&mut self) -> Result<Operand, FormulaError> {
         self.blank();
         let from = self.at;
         if let Some(open) = self.take("(") {
@@ -501,8 +352,10 @@ impl<'a> Parser<'a> {
             let close = self.close(open)?;
             let span = join(open, close);
             return Ok(match inner {
-                Term::Number(Typed { node, measure }) => Term::Number(Typed { node: Node { span, ..node }, measure }),
-                Term::Truth(condition, _) => Term::Truth(condition, span),
+                Operand::Number(Typed { node, measure }) => {
+                    Operand::Number(Typed { node: node.written_at(span), measure })
+                }
+                Operand::Truth(condition, _) => Operand::Truth(condition, span),
             });
         }
         match self.rest().chars().next() {
@@ -517,7 +370,7 @@ impl<'a> Parser<'a> {
         }
     }
 
-    fn literal(&mut self) -> Result<Term, FormulaError> {
+    fn literal(&mut self) -> Result<Operand, FormulaError> {
         let bytes = self.rest().as_bytes();
         let digits = |from: usize| bytes[from.min(bytes.len())..].iter().take_while(|b| b.is_ascii_digit()).count();
         let mut length = digits(0);
@@ -538,29 +391,29 @@ impl<'a> Parser<'a> {
         let value = value.ok_or_else(|| error(span, "this is no number that can be used"))?;
         self.at += length;
         let exact = Double::decimal(text).unwrap_or(Double::from(value));
-        let node = Node::new(Kind::Number(exact), span)?;
-        Ok(Term::Number(Typed { node, measure: Measure::number(value) }))
+        let node = Expression::new(Operation::Number(exact), span)?;
+        Ok(Operand::Number(Typed { node, measure: Measure::number(value) }))
     }
 
-    fn name(&mut self, span: Span) -> Result<Term, FormulaError> {
+    fn name(&mut self, span: Span) -> Result<Operand, FormulaError> {
         let name = &self.text[span.0..span.0 + span.1];
         self.blank();
         if self.rest().starts_with('(') && FUNCTIONS.iter().any(|f| f.0 == name) {
             return self.call(name, span);
         }
         let (kind, measure) = if name == "t" {
-            (Kind::Time, Measure::TIME)
+            (Operation::Time, Measure::TIME)
         } else if let Some(index) = self.place.parameters.iter().position(|known| known.name == name) {
             let in_trig = self.place.in_trig;
             self.used[index][usize::from(in_trig)] = true;
             let parameter = &self.place.parameters[index];
-            (Kind::Number(parameter.amount(in_trig).value), Measure::of(index, parameter))
+            (Operation::Number(parameter.amount(in_trig).value), Measure::of(index, parameter))
         } else if let Some((_, value)) = CONSTANTS.iter().find(|(known, _)| *known == name) {
-            (Kind::Number(*value), Measure::number(value.nearest()))
+            (Operation::Number(*value), Measure::number(value.nearest()))
         } else {
             return Err(self.unknown(name, span));
         };
-        Ok(Term::Number(Typed { node: Node::new(kind, span)?, measure }))
+        Ok(Operand::Number(Typed { node: Expression::new(kind, span)?, measure }))
     }
 
     fn unknown(&self, name: &str, span: Span) -> FormulaError {
@@ -585,7 +438,7 @@ impl<'a> Parser<'a> {
         FormulaError { help, ..error(span, message) }
     }
 
-    fn call(&mut self, name: &str, word: Span) -> Result<Term, FormulaError> {
+    fn call(&mut self, name: &str, word: Span) -> Result<Operand, FormulaError> {
         let open = self.expect("(")?;
         let mut terms = Vec::new();
         let outside = self.place.in_trig;
@@ -609,19 +462,19 @@ impl<'a> Parser<'a> {
         self.shorthand(name, terms, span)
     }
 
-    fn shorthand(&mut self, name: &str, terms: Vec<Term>, span: Span) -> Result<Term, FormulaError> {
-        let make = |kind| Node::new(kind, span);
-        let number = |x: f64| Node::number(Double::from(x), span);
-        let apply = |f, x: &Node| make(Kind::Apply(f, x.clone()));
-        let add = |a: Node, b: Node| make(Kind::Add(a, b));
-        let sub = |a: &Node, b: &Node| make(Kind::Subtract(a.clone(), b.clone()));
-        let div = |a: &Node, b: &Node| make(Kind::Divide(a.clone(), b.clone()));
-        let branch = |c: Condition, a: &Node, b: &Node| make(Kind::If(c, a.clone(), b.clone()));
-        let negative = |x: &Node| apply(Function::Negative, x);
-        let at_least = |a: &Node, b: &Node| Ok(Condition::Is(Test::NotNegative, sub(a, b)?));
-        let magnitude = |x: &Node| branch(Condition::Is(Test::NotNegative, x.clone()), x, &negative(x)?);
-        let half_turn = Node::number(Double::PI, span);
-        let quarter = Node::number(Double::PI * Double::from(0.5), span);
+    fn shorthand(&mut self, name: &str, terms: Vec<Operand>, span: Span) -> Result<Operand, FormulaError> {
+        let make = |kind| Expression::new(kind, span);
+        let number = |x: f64| Expression::number(Double::from(x), span);
+        let apply = |f, x: &Expression| make(Operation::Apply(f, x.clone()));
+        let add = |a: Expression, b: Expression| make(Operation::Add(a, b));
+        let sub = |a: &Expression, b: &Expression| make(Operation::Subtract(a.clone(), b.clone()));
+        let div = |a: &Expression, b: &Expression| make(Operation::Divide(a.clone(), b.clone()));
+        let branch = |c: Condition, a: &Expression, b: &Expression| make(Operation::If(c, a.clone(), b.clone()));
+        let negative = |x: &Expression| apply(Function::Negative, x);
+        let at_least = |a: &Expression, b: &Expression| Ok(Condition::Is(Test::NotNegative, sub(a, b)?));
+        let magnitude = |x: &Expression| branch(Condition::Is(Test::NotNegative, x.clone()), x, &negative(x)?);
+        let half_turn = Expression::number(Double::PI, span);
+        let quarter = Expression::number(Double::PI * Double::from(0.5), span);
 
         if name == "if" || name == "piecewise" {
             if terms.len().is_multiple_of(2) {
@@ -639,16 +492,16 @@ impl<'a> Parser<'a> {
             }
             let values: Vec<&Typed> = values.iter().rev().collect();
             let measure = self.place.all_alike(&values, &format!("`{name}` gives values of one kind"))?;
-            return Ok(Term::Number(Typed { node, measure }));
+            return Ok(Operand::Number(Typed { node, measure }));
         }
         if name == "not" {
             let mut terms = terms;
             let (condition, _) = self.truth(terms.remove(0))?;
-            return Ok(Term::Truth(Condition::Not(Arc::new(condition)).depth_checked(span)?, span));
+            return Ok(Operand::Truth(Condition::Not(Arc::new(condition)).depth_checked(span)?, span));
         }
         let arguments: Vec<Typed> = terms.into_iter().map(|t| self.number(t)).collect::<Result<_, _>>()?;
         let (factor, measure) = self.measure(name, &arguments)?;
-        let arguments: Vec<Node> = arguments.into_iter().map(|argument| argument.node).collect();
+        let arguments: Vec<Expression> = arguments.into_iter().map(|argument| argument.node).collect();
         let node = match (name, arguments.as_slice()) {
             ("sin", [x]) => apply(Function::Sine, x)?,
             ("cos", [x]) => apply(Function::Cosine, x)?,
@@ -675,9 +528,9 @@ impl<'a> Parser<'a> {
             ("exp", [x]) => apply(Function::Exponential, x)?,
             ("ln" | "log", [x]) => apply(Function::Logarithm, x)?,
             ("sqrt", [x]) => apply(Function::Root, x)?,
-            ("pow", [x, y]) => make(Kind::Power(x.clone(), y.clone()))?,
+            ("pow", [x, y]) => make(Operation::Power(x.clone(), y.clone()))?,
             ("hypot", [x, y]) => {
-                let square = |x: &Node| make(Kind::Power(x.clone(), number(2.0)));
+                let square = |x: &Expression| make(Operation::Power(x.clone(), number(2.0)));
                 apply(Function::Root, &add(square(x)?, square(y)?)?)?
             }
             ("abs", [x]) => magnitude(x)?,
@@ -691,20 +544,20 @@ impl<'a> Parser<'a> {
                 let raised = branch(at_least(x, low)?, x, low)?;
                 branch(at_least(high, &raised)?, &raised, high)?
             }
-            ("floor", [x]) => make(Kind::Floor(x.clone()))?,
-            ("ceil", [x]) => negative(&make(Kind::Floor(negative(x)?))?)?,
-            ("round", [x]) => make(Kind::Floor(add(x.clone(), number(0.5))?))?,
+            ("floor", [x]) => make(Operation::Floor(x.clone()))?,
+            ("ceil", [x]) => negative(&make(Operation::Floor(negative(x)?))?)?,
+            ("round", [x]) => make(Operation::Floor(add(x.clone(), number(0.5))?))?,
             ("mod", [x, m]) => {
-                let whole = make(Kind::Floor(div(x, m)?))?;
-                sub(x, &make(Kind::Multiply(m.clone(), whole))?)?
+                let whole = make(Operation::Floor(div(x, m)?))?;
+                sub(x, &make(Operation::Multiply(m.clone(), whole))?)?
             }
             _ => return Err(error(span, format!("`{name}` is unknown"))),
         };
         let node = match factor {
-            Some(factor) => make(Kind::Multiply(Node::number(factor, span), node))?,
+            Some(factor) => make(Operation::Multiply(Expression::number(factor, span), node))?,
             None => node,
         };
-        Ok(Term::Number(Typed { node, measure }))
+        Ok(Operand::Number(Typed { node, measure }))
     }
 
     /// What a function of numbers gives, and by which factor its value comes in this place's unit.

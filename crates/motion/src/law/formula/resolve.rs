@@ -1,38 +1,13 @@
 //! What a formula is on one window of time: every branch decided, what is a form folded into one.
 
 use super::form::Form;
-use super::parse::{Condition, Function, Kind, Node, Span, Test};
 use super::scalar::Enclosed;
+use super::smooth::{Binary, Smooth};
 use super::tape::{LocalForm, Tape, Undefined};
+use super::tree::{Condition, Expression, Operation, Span, Test};
 use crate::Time;
 use crate::law::double::Double;
 use std::cmp::Ordering;
-
-/// An expression without branches.
-#[derive(Clone, Debug)]
-pub(super) enum Smooth {
-    Form(Form, Span),
-    Unary(Unary, Box<Smooth>, Span),
-    Binary(Binary, Box<(Smooth, Smooth)>, Span),
-}
-
-#[derive(Clone, Copy, Debug)]
-pub(super) enum Unary {
-    Scale(f64),
-    Offset(f64),
-    Reciprocal,
-    WholePower(u32),
-    Power(f64),
-    Apply(Function),
-}
-
-#[derive(Clone, Copy, Debug)]
-pub(super) enum Binary {
-    Add,
-    Subtract,
-    Multiply,
-    Divide,
-}
 
 /// Why a window cannot be taken as it is.
 pub(super) enum Stop {
@@ -56,92 +31,25 @@ const MOST_WHOLE: f64 = 9_007_199_254_740_992.0;
 /// The narrowest window, s.
 pub(super) const NARROWEST_S: f64 = 1e-12;
 
-impl Smooth {
-    fn as_constant(&self) -> Option<Double> {
-        match self {
-            Smooth::Form(form, _) => form.as_constant(),
-            _ => None,
-        }
-    }
-
-    fn unary(op: Unary, x: Smooth, span: Span) -> Smooth {
-        Smooth::Unary(op, Box::new(x), span)
-    }
-
-    fn apply(function: Function, x: Smooth, span: Span) -> Smooth {
-        if let Smooth::Form(form, _) = &x
-            && let Some(form) = form.clone().applied(function).filter(Form::is_finite)
-        {
-            return Smooth::Form(form, span);
-        }
-        match function {
-            Function::Negative => Smooth::unary(Unary::Scale(-1.0), x, span),
-            _ => Smooth::unary(Unary::Apply(function), x, span),
-        }
-    }
-
-    fn binary(op: Binary, a: Smooth, b: Smooth, span: Span) -> Smooth {
-        if let (Smooth::Form(x, _), Smooth::Form(y, _)) = (&a, &b) {
-            let form = match op {
-                Binary::Add => Some(x.clone().plus(y.clone())),
-                Binary::Subtract => Some(x.clone().plus(y.clone().times(-Double::ONE))),
-                Binary::Multiply => x.product(y),
-                Binary::Divide => y.as_constant().and_then(|y| x.clone().divided(y)),
-            };
-            if let Some(form) = form.filter(Form::is_finite) {
-                return Smooth::Form(form, span);
-            }
-        }
-        let constant = |x: &Smooth| x.as_constant().map(Double::nearest);
-        match (op, constant(&a), constant(&b)) {
-            (Binary::Add, Some(c), _) => Smooth::unary(Unary::Offset(c), b, span),
-            (Binary::Add, _, Some(c)) => Smooth::unary(Unary::Offset(c), a, span),
-            (Binary::Subtract, _, Some(c)) => Smooth::unary(Unary::Offset(-c), a, span),
-            (Binary::Multiply, Some(c), _) => Smooth::unary(Unary::Scale(c), b, span),
-            (Binary::Multiply, _, Some(c)) => Smooth::unary(Unary::Scale(c), a, span),
-            _ => Smooth::Binary(op, Box::new((a, b)), span),
-        }
-    }
-
-    fn power(a: Smooth, b: Smooth, span: Span) -> Smooth {
-        let Some(exponent) = b.as_constant() else {
-            // a^b = exp(b·ln a)
-            let product = Smooth::binary(Binary::Multiply, b, Smooth::apply(Function::Logarithm, a, span), span);
-            return Smooth::apply(Function::Exponential, product, span);
-        };
-        if let Smooth::Form(form, _) = &a
-            && let Some(form) = form.power(exponent).filter(Form::is_finite)
-        {
-            return Smooth::Form(form, span);
-        }
-        let n = exponent.nearest();
-        if n.fract() != 0.0 || n.abs() > 64.0 {
-            return Smooth::unary(Unary::Power(n), a, span);
-        }
-        let power = Smooth::unary(Unary::WholePower(n.abs() as u32), a, span);
-        if n < 0.0 { Smooth::unary(Unary::Reciprocal, power, span) } else { power }
-    }
-}
-
 impl Resolver {
     fn span_s(&self) -> f64 {
         (self.end - self.start).seconds()
     }
 
     /// `node` with its branches decided.
-    pub(super) fn resolve(&self, node: &Node) -> Result<Smooth, Stop> {
+    pub(super) fn resolve(&self, node: &Expression) -> Result<Smooth, Stop> {
         let span = node.span;
         Ok(match &*node.kind {
-            Kind::Number(c) => Smooth::Form(Form::constant(*c), span),
-            Kind::Time => Smooth::Form(Form::time(), span),
-            Kind::Add(a, b) => Smooth::binary(Binary::Add, self.resolve(a)?, self.resolve(b)?, span),
-            Kind::Subtract(a, b) => Smooth::binary(Binary::Subtract, self.resolve(a)?, self.resolve(b)?, span),
-            Kind::Multiply(a, b) => Smooth::binary(Binary::Multiply, self.resolve(a)?, self.resolve(b)?, span),
-            Kind::Divide(a, b) => Smooth::binary(Binary::Divide, self.resolve(a)?, self.resolve(b)?, span),
-            Kind::Power(a, b) => Smooth::power(self.resolve(a)?, self.resolve(b)?, span),
-            Kind::Apply(function, a) => Smooth::apply(*function, self.resolve(a)?, span),
-            Kind::Floor(a) => Smooth::Form(Form::constant(self.floor(&self.resolve(a)?)?), span),
-            Kind::If(condition, a, b) => self.resolve(if self.decide(condition)? { a } else { b })?,
+            Operation::Number(c) => Smooth::Form(Form::constant(*c), span),
+            Operation::Time => Smooth::Form(Form::time(), span),
+            Operation::Add(a, b) => Smooth::binary(Binary::Add, self.resolve(a)?, self.resolve(b)?, span),
+            Operation::Subtract(a, b) => Smooth::binary(Binary::Subtract, self.resolve(a)?, self.resolve(b)?, span),
+            Operation::Multiply(a, b) => Smooth::binary(Binary::Multiply, self.resolve(a)?, self.resolve(b)?, span),
+            Operation::Divide(a, b) => Smooth::binary(Binary::Divide, self.resolve(a)?, self.resolve(b)?, span),
+            Operation::Power(a, b) => Smooth::power(self.resolve(a)?, self.resolve(b)?, span),
+            Operation::Apply(function, a) => Smooth::apply(*function, self.resolve(a)?, span),
+            Operation::Floor(a) => Smooth::Form(Form::constant(self.floor(&self.resolve(a)?)?), span),
+            Operation::If(condition, a, b) => self.resolve(if self.decide(condition)? { a } else { b })?,
         })
     }
 

@@ -1,6 +1,6 @@
 //! The numbers that Taylor recurrences run on: plain ones, and ones that know their range and their rounding error.
 
-use crate::law::curve::ULP;
+use crate::law::double::ULP;
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
 /// What a Taylor recurrence needs of a number.
@@ -73,7 +73,7 @@ pub(super) struct Enclosed {
 }
 
 /// Added to errors, and to bounds at 0: far below any step, and far enough above what a processor is slow with.
-const LEAST: f64 = 1e-280;
+const SMALLEST_BOUND: f64 = 1e-280;
 /// Units in the last place that the functions are widened by.
 const SLACK: f64 = 8.0 * ULP;
 
@@ -91,10 +91,10 @@ impl Enclosed {
 
     /// One operation's result in `low..=high` whose operands' errors make `carried`: rounds outward.
     fn result(low: f64, high: f64, carried: f64) -> Enclosed {
-        let low = if low.abs() < LEAST { low - LEAST } else { low.next_down() };
-        let high = if high.abs() < LEAST { high + LEAST } else { high.next_up() };
+        let low = if low.abs() < SMALLEST_BOUND { low - SMALLEST_BOUND } else { low.next_down() };
+        let high = if high.abs() < SMALLEST_BOUND { high + SMALLEST_BOUND } else { high.next_up() };
         let magnitude = low.abs().max(high.abs()) + carried;
-        Enclosed { low, high, error: (carried + ULP * magnitude) * (1.0 + 8.0 * ULP) + LEAST }
+        Enclosed { low, high, error: (carried + ULP * magnitude) * (1.0 + 8.0 * ULP) + SMALLEST_BOUND }
     }
 
     /// Whether it is 0, and is computed as 0.
@@ -106,8 +106,8 @@ impl Enclosed {
     fn function(low: f64, high: f64, carried: f64) -> Enclosed {
         let (low, high) = (low - SLACK * low.abs(), high + SLACK * high.abs());
         let magnitude = low.abs().max(high.abs()) + carried;
-        let error = (carried + 2.0 * ULP * magnitude) * (1.0 + 8.0 * ULP) + LEAST;
-        Enclosed { low: low - LEAST, high: high + LEAST, error }
+        let error = (carried + 2.0 * ULP * magnitude) * (1.0 + 8.0 * ULP) + SMALLEST_BOUND;
+        Enclosed { low: low - SMALLEST_BOUND, high: high + SMALLEST_BOUND, error }
     }
 
     /// `f`, rising, whose slope is `slope` at most.

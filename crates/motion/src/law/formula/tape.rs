@@ -1,13 +1,13 @@
 //! A branch-free formula as a flat list of operations on a stack, and its windows in time.
 
 use super::form::Form;
-use super::parse::{Function, Span};
-use super::resolve::{Binary, Smooth, Unary};
 use super::scalar::{Enclosed, Scalar};
 use super::series::{self, Series};
+use super::smooth::{Binary, Smooth, Unary};
+use super::tree::{Function, Span};
 use crate::Time;
-use crate::law::curve::{Bounds, Jet, ULP};
-use crate::law::double::Double;
+use crate::law::curve::{Bounds, Jet};
+use crate::law::double::{Double, ULP};
 use std::sync::Arc;
 
 #[derive(Clone, Copy, Debug)]

@@ -1,15 +1,14 @@
 //! What polynomials, sinusoids, formulas and their sums are to 106 bits.
 
-use super::parse::{Condition, Function, Kind, Node, Test};
 use super::scalar::Scalar;
 use super::series::{self, Series};
+use super::tree::{Condition, Expression, Function, Operation, Test};
 use crate::Time;
 use crate::law::accurate::Accurate;
-use crate::law::curve::ULP;
-use crate::law::double::Double;
+use crate::law::double::{Double, ULP};
 use std::sync::Arc;
 
-/// Σ factor·term(u + later) + offset: the same θ as the curve beside it, where f64 does not tell enough.
+/// Σ factor·term(u + later) + offset: the same θ as the curve that it belongs to, for where f64 is not exact enough.
 #[derive(Clone, Debug)]
 pub struct Terms {
     terms: Vec<Term>,
@@ -18,19 +17,19 @@ pub struct Terms {
 
 #[derive(Clone, Debug)]
 struct Term {
-    source: Source,
+    source: Basis,
     factor: Accurate,
     later: Double,
 }
 
 #[derive(Clone, Debug)]
-enum Source {
+enum Basis {
     /// Σ c_k t^k.
     Polynomial(Arc<[Accurate]>),
     /// cos(omega·t + phase).
     Cosine { omega: Accurate, phase: Accurate },
     /// A formula, as it is written: a power keeps its zero, which a sum of harmonics loses. Its branches are decided where t is `middle`.
-    Formula { tree: Node, middle: Accurate },
+    Formula { tree: Expression, middle: Accurate },
     /// Others in another time, Σ c_k u^k.
     Warped { terms: Box<Terms>, time: Arc<[Accurate]> },
 }
@@ -39,14 +38,14 @@ enum Source {
 type Dual = Series<Accurate, 2>;
 
 impl Terms {
-    fn one(source: Source, factor: Accurate, later: Double) -> Terms {
+    fn one(source: Basis, factor: Accurate, later: Double) -> Terms {
         Terms { terms: vec![Term { source, factor, later }], offset: Accurate::ZERO }
     }
 
     /// A window of a formula from `start` to `end`, less `origin`.
-    pub(super) fn of_formula(tree: &Node, start: Time, end: Time, origin: i64) -> Terms {
+    pub(super) fn of_formula(tree: &Expression, start: Time, end: Time, origin: i64) -> Terms {
         let middle = Accurate::of(Double::from(start) + Double::from(end - start) * Double::from(0.5));
-        let source = Source::Formula { tree: tree.clone(), middle };
+        let source = Basis::Formula { tree: tree.clone(), middle };
         let mut terms = Terms::one(source, Accurate::ONE, Double::from(start));
         terms.raise(-Double::from(origin));
         terms
@@ -60,12 +59,12 @@ impl Terms {
             Accurate { value: Double::from(c), error }
         };
         let c = c.iter().enumerate().map(coefficient).collect();
-        Terms::one(Source::Polynomial(c), Accurate::ONE, Double::ZERO)
+        Terms::one(Basis::Polynomial(c), Accurate::ONE, Double::ZERO)
     }
 
     /// speed·t from `start` on, less `origin`.
     pub(crate) fn of_line(speed: f64, start: Time, origin: i64) -> Terms {
-        let line = Source::Polynomial([Accurate::ZERO, Accurate::from(speed)].into());
+        let line = Basis::Polynomial([Accurate::ZERO, Accurate::from(speed)].into());
         let mut terms = Terms::one(line, Accurate::ONE, Double::from(start));
         terms.raise(-Double::from(origin));
         terms
@@ -73,12 +72,12 @@ impl Terms {
 
     /// The same in another time, Σ c_k u^k.
     pub(crate) fn warped(self, time: [Accurate; 5]) -> Terms {
-        Terms::one(Source::Warped { terms: Box::new(self), time: time.into() }, Accurate::ONE, Double::ZERO)
+        Terms::one(Basis::Warped { terms: Box::new(self), time: time.into() }, Accurate::ONE, Double::ZERO)
     }
 
     /// Of offset + amplitude·cos(omega·u + phase) with just these numbers.
     pub(crate) fn of_cosine(offset: f64, amplitude: f64, omega: f64, phase: f64) -> Terms {
-        let source = Source::Cosine { omega: Accurate::from(omega), phase: Accurate::from(phase) };
+        let source = Basis::Cosine { omega: Accurate::from(omega), phase: Accurate::from(phase) };
         let mut terms = Terms::one(source, Accurate::from(amplitude), Double::ZERO);
         terms.raise(Double::from(offset));
         terms
@@ -103,10 +102,10 @@ impl Terms {
         for Term { source, factor, later } in &self.terms {
             let t = [u[0] + Accurate::of(*later), u[1]];
             let own = match source {
-                Source::Polynomial(c) => polynomial(c, &t),
-                Source::Cosine { omega, phase } => series::sin_cos(&[*omega * t[0] + *phase, *omega * t[1]]).1,
-                Source::Formula { tree, middle } => tree.at(&t, *middle),
-                Source::Warped { terms, time } => terms.along(polynomial(time, &t), &[]),
+                Basis::Polynomial(c) => polynomial(c, &t),
+                Basis::Cosine { omega, phase } => series::sin_cos(&[*omega * t[0] + *phase, *omega * t[1]]).1,
+                Basis::Formula { tree, middle } => tree.at(&t, *middle),
+                Basis::Warped { terms, time } => terms.along(polynomial(time, &t), &[]),
             };
             sum = plus(&sum, &own.map(|own| *factor * own));
         }
@@ -147,18 +146,18 @@ fn whole(x: &Dual) -> Option<i32> {
     (is_exact && n.fract() == 0.0 && n.abs() <= 64.0).then_some(n as i32)
 }
 
-impl Node {
+impl Expression {
     /// Value and slope at `t`, its branches decided at `middle`.
     fn at(&self, t: &Dual, middle: Accurate) -> Dual {
-        let of = |node: &Node| node.at(t, middle);
+        let of = |node: &Expression| node.at(t, middle);
         match &*self.kind {
-            Kind::Number(c) => constant(Accurate::of(*c)),
-            Kind::Time => *t,
-            Kind::Add(a, b) => plus(&of(a), &of(b)),
-            Kind::Subtract(a, b) => plus(&of(a), &of(b).map(|b| -b)),
-            Kind::Multiply(a, b) => series::multiply(&of(a), &of(b)),
-            Kind::Divide(a, b) => series::divide(&of(a), &of(b)),
-            Kind::Power(a, b) => {
+            Operation::Number(c) => constant(Accurate::of(*c)),
+            Operation::Time => *t,
+            Operation::Add(a, b) => plus(&of(a), &of(b)),
+            Operation::Subtract(a, b) => plus(&of(a), &of(b).map(|b| -b)),
+            Operation::Multiply(a, b) => series::multiply(&of(a), &of(b)),
+            Operation::Divide(a, b) => series::divide(&of(a), &of(b)),
+            Operation::Power(a, b) => {
                 let (base, exponent) = (of(a), of(b));
                 match whole(&exponent) {
                     Some(n) => {
@@ -168,7 +167,7 @@ impl Node {
                     None => series::exp(&series::multiply(&exponent, &series::ln(&base))),
                 }
             }
-            Kind::Apply(function, a) => {
+            Operation::Apply(function, a) => {
                 let x = of(a);
                 match function {
                     Function::Negative => x.map(|x| -x),
@@ -182,8 +181,8 @@ impl Node {
                     Function::HyperbolicTangent => series::tanh(&x),
                 }
             }
-            Kind::Floor(a) => constant(Accurate::exact(a.in_middle(middle).floor())),
-            Kind::If(condition, a, b) => of(if condition.holds(middle) { a } else { b }),
+            Operation::Floor(a) => constant(Accurate::exact(a.in_middle(middle).floor())),
+            Operation::If(condition, a, b) => of(if condition.holds(middle) { a } else { b }),
         }
     }
 

@@ -72,8 +72,8 @@ pub(crate) fn packed_bytes(law: &Law, settings: &Settings) -> Result<usize, Plan
         };
         let mut buffer = [0; MAX_PACKED_LEN];
         let len = packing.pack(&mut here, &item, &mut buffer).expect("a segment with steps");
-        let said = packing.unpack(&mut there, &mut &buffer[..len]).expect("what was packed").expect("an item");
-        assert_eq!(in_use(said), in_use(item));
+        let unpacked = packing.unpack(&mut there, &mut &buffer[..len]).expect("what was packed").expect("an item");
+        assert_eq!(in_use(unpacked), in_use(item));
         bytes += len;
     }
     Ok(bytes)

@@ -1,6 +1,6 @@
 //! Backlash: the slack of belts and gears, taken up quickly whenever a motor turns round.
 //!
-//! What the motor drives stands still while the slack is taken up. Source: seeds/002, "Slop in the etch a sketch mechanism".
+//! What the motor drives stands still while the slack is taken up. Source: the Pico plotter, "Slop in the etch a sketch mechanism".
 
 use super::combine;
 use super::{Class, Curve, Double, Entry, Law, LawError, Piece, Pieces, checked};
@@ -10,14 +10,14 @@ use std::sync::Arc;
 
 /// A law whose motor goes farther by the slack after each turning point, within `over`, on a cubic from rest to rest.
 #[derive(Clone, Debug)]
-pub struct TakeUp {
+pub struct Backlash {
     /// The law, then what is added to it.
     sum: [Law; 2],
 }
 
 /// What is added to a law at its turning points.
 #[derive(Clone, Debug)]
-pub struct Slack {
+pub struct Compensation {
     law: Law,
     steps: f64,
     over: Time,
@@ -39,7 +39,7 @@ impl Law {
     ///
     /// ```
     /// use pulsetrain_motion::{Law, Time, law::Cursor};
-    /// let law = Law::sine(100.0, Time::SECOND, Some(1))?.taking_up(8.0, Time::from_ratio(1, 50))?;
+    /// let law = Law::sine(100.0, Time::SECOND, Some(1))?.with_backlash(8.0, Time::from_ratio(1, 50))?;
     /// let mut cursor = Cursor::new(&law);
     /// let mut at = |s| cursor.at(Time::from_seconds(s)).map(|sample| sample.position);
     /// assert_eq!(at(0.5)?, 200.0); // the top
@@ -49,11 +49,11 @@ impl Law {
     ///
     /// # Errors
     /// [`LawError::Parameter`] if the slack is not 0 to 1e9 steps, or `over` not 1e-6 to 1e3 s.
-    pub fn taking_up(self, slack: f64, over: Time) -> Result<Law, LawError> {
+    pub fn with_backlash(self, slack: f64, over: Time) -> Result<Law, LawError> {
         checked("slack", slack, "steps", |s| (0.0..=1e9).contains(&s))?;
         checked("time to take it up", over.seconds(), "s", |s| (1e-6..=1e3).contains(&s))?;
-        let added = Law::Slack(Arc::new(Slack { law: self.clone(), steps: slack, over }));
-        Ok(Law::TakeUp(Arc::new(TakeUp { sum: [self, added] })))
+        let added = Law::Compensation(Arc::new(Compensation { law: self.clone(), steps: slack, over }));
+        Ok(Law::Backlash(Arc::new(Backlash { sum: [self, added] })))
     }
 
     /// This law as what the motor drives makes it: without what takes up slack. `None` if that cannot be told apart.
@@ -61,85 +61,87 @@ impl Law {
     /// ```
     /// use pulsetrain_motion::{Law, Time, law::Cursor};
     /// let seconds = Time::from_seconds;
-    /// let law = Law::sine(100.0, seconds(1.0), None)?.taking_up(8.0, seconds(0.02))?;
+    /// let law = Law::sine(100.0, seconds(1.0), None)?.with_backlash(8.0, seconds(0.02))?;
     /// // Halted after the turn at 0.5 s: on its way back, and 8 steps further.
     /// let halted = law.eased_out(Time::ZERO, seconds(0.55), seconds(0.1))?;
     /// let at = |law: &Law| Cursor::new(law).at(seconds(0.65)).map(|sample| sample.position);
-    /// assert!((at(&halted)? - (at(&halted.without_slack().unwrap())? - 8.0)).abs() < 1e-9);
+    /// assert!((at(&halted)? - (at(&halted.without_backlash().unwrap())? - 8.0)).abs() < 1e-9);
     /// # Ok::<(), pulsetrain_motion::LawError>(())
     /// ```
     #[must_use]
-    pub fn without_slack(&self) -> Option<Law> {
-        self.with_take_up(&|take_up| Some(take_up.sum[0].clone()))
+    pub fn without_backlash(&self) -> Option<Law> {
+        self.map_backlash(&|backlash| Some(backlash.sum[0].clone()))
     }
 
     /// Within which time this law takes up slack; `None` if nowhere.
     #[must_use]
-    pub fn slack_over(&self) -> Option<Time> {
+    pub fn backlash_over(&self) -> Option<Time> {
         match self {
-            Law::TakeUp(take_up) => take_up.slack().map(|slack| slack.over),
-            Law::Then(laws) => laws.iter().find_map(Law::slack_over),
-            Law::Blended(blended) => blended.law().slack_over(),
-            Law::Warped(warped) => warped.law().slack_over(),
+            Law::Backlash(backlash) => backlash.slack().map(|slack| slack.over),
+            Law::Then(laws) => laws.iter().find_map(Law::backlash_over),
+            Law::Blended(blended) => blended.law().backlash_over(),
+            Law::Warped(warped) => warped.law().backlash_over(),
             _ => None,
         }
     }
 
     /// This law with its slack taken up within another time; `None` if that is no law.
     #[must_use]
-    pub fn with_slack_over(&self, over: Time) -> Option<Law> {
-        self.with_take_up(&|take_up| take_up.sum[0].clone().taking_up(take_up.slack()?.steps, over).ok())
+    pub fn with_backlash_over(&self, over: Time) -> Option<Law> {
+        self.map_backlash(&|backlash| backlash.sum[0].clone().with_backlash(backlash.slack()?.steps, over).ok())
     }
 
     /// What `change` makes of this law; where slack is taken up, of the law without, whose slack is taken up again.
     #[must_use]
-    pub fn changed_under_slack(&self, change: impl Fn(&Law) -> Option<Law>) -> Option<Law> {
-        if !self.takes_up() {
+    pub fn changed_under_backlash(&self, change: impl Fn(&Law) -> Option<Law>) -> Option<Law> {
+        if !self.has_backlash() {
             return change(self);
         }
-        self.with_take_up(&|take_up| {
-            let slack = take_up.slack()?;
-            change(&take_up.sum[0])?.taking_up(slack.steps, slack.over).ok()
+        self.map_backlash(&|backlash| {
+            let slack = backlash.slack()?;
+            change(&backlash.sum[0])?.with_backlash(slack.steps, slack.over).ok()
         })
     }
 
     /// This law with something else in place of each law that takes up slack. Motion files have those of whole motors alone, to which a
     /// stop or a pause may have come.
-    fn with_take_up(&self, change: &impl Fn(&TakeUp) -> Option<Law>) -> Option<Law> {
+    fn map_backlash(&self, change: &impl Fn(&Backlash) -> Option<Law>) -> Option<Law> {
         match self {
-            Law::TakeUp(take_up) => change(take_up),
+            Law::Backlash(backlash) => change(backlash),
             Law::Then(laws) => {
-                Law::then(laws.iter().map(|law| law.with_take_up(change)).collect::<Option<Vec<Law>>>()?).ok()
+                Law::then(laws.iter().map(|law| law.map_backlash(change)).collect::<Option<Vec<Law>>>()?).ok()
             }
-            Law::Blended(blended) if blended.law().takes_up() => blended.stop_of(blended.law().with_take_up(change)?),
-            Law::Warped(warped) => Some(Law::Warped(Arc::new(warped.of(warped.law().with_take_up(change)?)))),
-            law => (!law.takes_up()).then(|| law.clone()),
+            Law::Blended(blended) if blended.law().has_backlash() => {
+                blended.stop_of(blended.law().map_backlash(change)?)
+            }
+            Law::Warped(warped) => Some(Law::Warped(Arc::new(warped.of(warped.law().map_backlash(change)?)))),
+            law => (!law.has_backlash()).then(|| law.clone()),
         }
     }
 
     /// Whether slack is taken up anywhere in it.
-    fn takes_up(&self) -> bool {
+    fn has_backlash(&self) -> bool {
         match self {
-            Law::TakeUp(_) | Law::Slack(_) => true,
-            Law::Sum(laws) | Law::Then(laws) => laws.iter().any(Law::takes_up),
-            Law::Changed(changed) => changed.law.takes_up(),
-            Law::Repeated(repeated) => repeated.law.takes_up(),
-            Law::Blended(blended) => blended.law().takes_up(),
-            Law::Warped(warped) => warped.law().takes_up(),
+            Law::Backlash(_) | Law::Compensation(_) => true,
+            Law::Sum(laws) | Law::Then(laws) => laws.iter().any(Law::has_backlash),
+            Law::Changed(changed) => changed.law.has_backlash(),
+            Law::Repeated(repeated) => repeated.law.has_backlash(),
+            Law::Blended(blended) => blended.law().has_backlash(),
+            Law::Warped(warped) => warped.law().has_backlash(),
             _ => false,
         }
     }
 }
 
-impl TakeUp {
+impl Backlash {
     /// The law without what takes up slack.
     pub(super) const fn law(&self) -> &Law {
         &self.sum[0]
     }
 
-    fn slack(&self) -> Option<&Slack> {
+    fn slack(&self) -> Option<&Compensation> {
         match &self.sum[1] {
-            Law::Slack(slack) => Some(slack),
+            Law::Compensation(compensation) => Some(compensation),
             _ => None,
         }
     }
@@ -157,7 +159,7 @@ impl TakeUp {
     }
 }
 
-impl Slack {
+impl Compensation {
     pub(super) fn end(&self) -> Option<Time> {
         self.law.end().map(|end| end + self.over)
     }
@@ -166,7 +168,7 @@ impl Slack {
         Class::Enclosed
     }
 
-    pub(super) fn pieces(self: Arc<Slack>) -> impl Iterator<Item = Result<Piece, LawError>> {
+    pub(super) fn pieces(self: Arc<Compensation>) -> impl Iterator<Item = Result<Piece, LawError>> {
         Added {
             turns: Turns::new(self.law.pieces()),
             slack: self,
@@ -178,9 +180,9 @@ impl Slack {
     }
 }
 
-/// The pieces of a [`Slack`].
+/// The pieces of a [`Compensation`].
 struct Added {
-    slack: Arc<Slack>,
+    slack: Arc<Compensation>,
     turns: Turns,
     ready: VecDeque<Result<Piece, LawError>>,
     /// Up to when there are pieces.
@@ -196,8 +198,8 @@ impl Iterator for Added {
     fn next(&mut self) -> Option<Self::Item> {
         while self.ready.is_empty() && !self.ended {
             let turns = self.turns.of_a_piece();
-            let mut take_up = |turns: Vec<_>| turns.into_iter().try_for_each(|(at, way)| self.take_up(at, way));
-            match turns.map(|turns| turns.and_then(&mut take_up)) {
+            let mut compensate = |turns: Vec<_>| turns.into_iter().try_for_each(|(at, way)| self.compensate(at, way));
+            match turns.map(|turns| turns.and_then(&mut compensate)) {
                 Some(Ok(())) => {
                     // A turn may yet begin at the farthest point so far, not before it.
                     self.rest_until(self.turns.farthest.0);
@@ -225,7 +227,7 @@ impl Added {
     }
 
     /// From `when` on.
-    fn take_up(&mut self, when: Time, direction: f64) -> Result<(), LawError> {
+    fn compensate(&mut self, when: Time, direction: f64) -> Result<(), LawError> {
         if when < self.at {
             return Err(LawError::Backlash { at_s: when.seconds(), until_s: self.at.seconds() });
         }
@@ -318,13 +320,13 @@ mod tests {
     /// Largest |law with slack taken up − law − expected| over a law's looks.
     #[track_caller]
     fn check(law: Law, slack: f64, over_s: f64, looks: &[(f64, f64)]) {
-        let taking_up = law.clone().taking_up(slack, seconds(over_s)).unwrap();
-        let (mut plain, mut with) = (Cursor::new(&law), Cursor::new(&taking_up));
+        let with_backlash = law.clone().with_backlash(slack, seconds(over_s)).unwrap();
+        let (mut plain, mut with) = (Cursor::new(&law), Cursor::new(&with_backlash));
         for &(at_s, expected) in looks {
             let added = with.at(seconds(at_s)).unwrap().position - plain.at(seconds(at_s)).unwrap().position;
             assert!((added - expected).abs() < 1e-6, "{added} at {at_s} s");
         }
-        assert_eq!(taking_up.without_slack().unwrap().end(), law.end());
+        assert_eq!(with_backlash.without_backlash().unwrap().end(), law.end());
     }
 
     #[test]
@@ -338,7 +340,7 @@ mod tests {
     }
 
     #[test]
-    fn a_rest_at_the_turn_ends_before_the_take_up_begins() {
+    fn a_rest_at_the_turn_ends_before_the_compensation_begins() {
         let move_by = |d: f64| Law::trapezoid(d, 400.0, 4000.0, 4000.0).unwrap();
         let law = Law::then(vec![move_by(100.0), Law::rest(Time::SECOND).unwrap(), move_by(-100.0)]).unwrap();
         let turn = move_by(100.0).end().unwrap().seconds() + 1.0;
@@ -350,8 +352,8 @@ mod tests {
         // Turns at 0.5, 1, 1.5 s.
         let sine = Law::sine(500.0, Time::SECOND, Some(2)).unwrap();
         check(sine.clone(), 10.0, 0.4, &[(0.7, -5.0), (1.0, -10.0), (1.45, 0.0)]);
-        let taking_up = sine.taking_up(10.0, seconds(0.6)).unwrap();
-        let error = taking_up.pieces().find_map(Result::err).unwrap();
+        let with_backlash = sine.with_backlash(10.0, seconds(0.6)).unwrap();
+        let error = with_backlash.pieces().find_map(Result::err).unwrap();
         let LawError::Backlash { at_s, until_s } = error else { panic!("{error}") };
         assert!((at_s - 1.0).abs() < 1e-9 && (until_s - 1.1).abs() < 1e-9, "{error}");
     }
@@ -365,7 +367,7 @@ mod tests {
 
     #[test]
     fn an_endless_law_without_turns_has_pieces_all_the_way() {
-        let law = Law::speed(1000.0, None).unwrap().taking_up(5.0, seconds(0.1)).unwrap();
+        let law = Law::speed(1000.0, None).unwrap().with_backlash(5.0, seconds(0.1)).unwrap();
         assert_eq!(law.end(), None);
         assert_eq!(Cursor::new(&law).at(seconds(1e6)).unwrap().position, 1e9);
     }
