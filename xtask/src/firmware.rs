@@ -16,14 +16,16 @@ const FLASH: u64 = 32_768 - 512;
 /// Bytes of RAM.
 const RAM: u64 = 2048;
 
-/// Where images are committed, each with its map of symbols beside it.
+/// Where the images that users flash and virtual boards run are committed: inside the crate, so that its package has them.
 pub(crate) const IMAGES: &str = "crates/board/images";
+/// Where what only tests need is committed: maps of symbols, images of parts of the firmware.
+const TEST_DATA: &str = "testdata";
 /// The programs of firmware/uno, which its images are called after.
 pub(crate) const PROGRAMS: [&str; 4] = ["uno", "uno-winch", "uno-verbs", "uno-baked"];
 /// Sources of the programs and their engine.
 const SOURCES: &str = "firmware/uno/src/";
 /// Of the winch the assembly alone, committed for a test on the emulated chip.
-const WINCH: &str = "crates/board/images/winch.hex";
+const WINCH: &str = "testdata/winch.hex";
 
 /// Bytes of flash that each image leaves free, at least: what the next change of the firmware needs.
 const FREE: u64 = 500;
@@ -31,7 +33,7 @@ const FREE: u64 = 500;
 /// A program that was built.
 struct Built {
     name: &'static str,
-    /// Its image and its map of symbols, by their names in [`IMAGES`].
+    /// Its image and its map of symbols, by their paths in the repository.
     files: [(String, String); 2],
     size: Size,
 }
@@ -41,7 +43,7 @@ pub(crate) fn uno() -> Done {
     let built = built_uno()?;
     print!("{}", table(&built));
     for (name, text) in built.iter().flat_map(|built| &built.files) {
-        write(&root().join(IMAGES).join(name), text)?;
+        write(&root().join(name), text)?;
     }
     write(&root().join(WINCH), &read(built_winch()?)?)?;
     has_room(&built)
@@ -70,8 +72,7 @@ pub(crate) fn check_uno() -> Done {
 pub(crate) fn measure_uno() -> Done<String> {
     let programs = built_uno()?;
     for (name, built) in programs.iter().flat_map(|program| &program.files) {
-        let committed = format!("{IMAGES}/{name}");
-        same(&committed, &read(root().join(&committed))?, built)?;
+        same(name, &read(root().join(name))?, built)?;
     }
     same(WINCH, &read(root().join(WINCH))?, &read(built_winch()?)?)?;
     has_room(&programs)?;
@@ -158,7 +159,7 @@ fn built_uno() -> Done<Vec<Built>> {
         let image = built.join(format!("{name}.hex"));
         run(command("avr-objcopy").args(["-O", "ihex", "-R", ".eeprom"]).arg(&elf).arg(&image))?;
         let symbols = symbols(&output(command("avr-nm").arg("-n").arg(&elf))?);
-        let files = [(format!("{name}.hex"), read(image)?), (format!("{name}.sym"), symbols)];
+        let files = [(format!("{IMAGES}/{name}.hex"), read(image)?), (format!("{TEST_DATA}/{name}.sym"), symbols)];
         Ok(Built { name, files, size: Size::of(&sections)? })
     };
     PROGRAMS.into_iter().map(program).collect()

@@ -10,9 +10,9 @@ const MATPLOTLIB: &str = "matplotlib==3.11.2";
 /// What holds its types.
 const MYPY: &str = "mypy==2.4.1";
 
-/// The types of clients/python, and its tests, against virtual boards at the ends of pseudo-terminals.
+/// The types of python, and its tests, against virtual boards at the ends of pseudo-terminals.
 pub(crate) fn test_client() -> Done {
-    let client = root().join("clients/python");
+    let client = root().join("python");
     with(PYSERIAL)?;
     with(MATPLOTLIB)?;
     let python = with(MYPY)?;

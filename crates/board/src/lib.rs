@@ -8,7 +8,7 @@
 //! - [`replay`]: what motors do whose lease ends, worked out by the host
 //! - [`native_verbs`]: the same with motors that are told directly
 //! - [`remote`]: a board at the other end of a [`Port`], through `link`, the host's side of docs/protocol.md
-//! - [`serial`]: a real serial port, in real time; [`stk500`]: an Uno's bootloader, at any port
+//! - `serial`: a real serial port, in real time (behind the feature of that name); [`stk500`]: an Uno's bootloader, at any port
 //! - [`shadow`]: any board beside a native one that is told the same: what was scheduled, and what came of it
 //! - [`virtual_uno`], [`virtual_pico`]: the Uno's and the Pico's firmware on an emulated chip, as such a port; `bridge`: the Uno's
 //!   USB, as far as time goes
@@ -32,6 +32,7 @@ pub mod native_winch;
 mod packer;
 pub mod remote;
 pub mod replay;
+#[cfg(feature = "serial")]
 pub mod serial;
 pub mod shadow;
 pub mod shared;
@@ -158,6 +159,7 @@ pub use native::{
 };
 pub use pulsetrain_emulator::{hex, image};
 pub use remote::{Port, PortError, Remote, RemoteError, Setup};
+#[cfg(feature = "serial")]
 pub use serial::Serial;
 pub use shadow::Shadowed;
 pub use sizer::Sizer;

@@ -10,7 +10,7 @@ use pulsetrain_core::lease::{self, Cause, Lapse};
 use pulsetrain_core::output::{Coils, Output, Sequence, StepDir, StepDirSettings};
 use pulsetrain_core::queue::{Items, Place};
 use pulsetrain_core::shared_line::{self, SharedLine};
-use pulsetrain_core::{Axis, Channel, Direction, Entry, Epoch, Item, Merge, Moment, channel};
+use pulsetrain_core::{Axis, Channel, Direction, Entry, Epoch, Item, Merge, Tick32, channel};
 use std::collections::VecDeque;
 
 /// Motors at most.
@@ -200,13 +200,13 @@ pub struct Faults {
 ///
 /// ```
 /// use pulsetrain_board::{Config, Edge, MotorConfig, Native, Wiring};
-/// use pulsetrain_core::{Direction, Entry, Epoch, Item, Moment, Segment};
+/// use pulsetrain_core::{Direction, Entry, Epoch, Item, Tick32, Segment};
 ///
 /// let wiring = Wiring::StepDir { step: 8, dir: 9, forward_high: true, pulse_ticks: 10, setup_ticks: 5 };
 /// let motor = MotorConfig { wiring, pull_in_ticks: 1000 };
 /// let mut board = Native::new(&Config { fraction_bits: 16, motors: vec![motor] })?;
 /// let segment = Segment { count: 2, interval: 100 << 16, add: 0, add2: 0 };
-/// for item in [Item::Anchor { tick: Moment(0) }, Item::Run { segment, direction: Direction::Forward }] {
+/// for item in [Item::Anchor { tick: Tick32(0) }, Item::Run { segment, direction: Direction::Forward }] {
 ///     board.push(0, Entry { epoch: Epoch(0), item }).expect("room");
 /// }
 /// let mut edges = Vec::new();
@@ -307,7 +307,7 @@ impl Native {
         } else if tick >= limit {
             Err(SwitchRefused::Early { limit })
         } else {
-            self.engine.switch(epoch, Moment::of(tick), lease, limits).map_err(|_| SwitchRefused::Full)
+            self.engine.switch(epoch, Tick32::of(tick), lease, limits).map_err(|_| SwitchRefused::Full)
         };
         if answer.is_err() {
             self.engine.discard(epoch);
@@ -319,7 +319,7 @@ impl Native {
     #[must_use]
     pub fn horizon(&self) -> u64 {
         // No axis is committed further ahead than the longest set-up or pulse.
-        let ahead = self.engine.horizons().map(|horizon| horizon.since(Moment::of(self.now)));
+        let ahead = self.engine.horizons().map(|horizon| horizon.since(Tick32::of(self.now)));
         self.now + ahead.filter(|&ahead| ahead < 1 << 31).max().map_or(0, u64::from)
     }
 
@@ -339,7 +339,7 @@ impl Native {
         while self.now <= until {
             let end = until.min(self.now + STRETCH - 1);
             let mut watch = Watch { now: self.now, motors: &mut self.motors, observer };
-            self.engine.run(Moment::of(end), &mut watch);
+            self.engine.run(Tick32::of(end), &mut watch);
             self.now = end + 1;
             self.note_lapse();
         }
@@ -347,21 +347,21 @@ impl Native {
 
     /// All motors brake from `tick` on, unless they do already.
     pub fn brake_at(&mut self, tick: u64) {
-        self.engine.lapse_at(Lapse { at: Moment::of(tick), cause: Cause::Ordered });
+        self.engine.lapse_at(Lapse { at: Tick32::of(tick), cause: Cause::Ordered });
         self.note_lapse();
     }
 
     /// Since when the lease is over: while that is near enough to be told.
     fn note_lapse(&mut self) {
         self.lapsed = self.engine.lease().1.map(|lapse| {
-            let known = self.lapsed.filter(|(at, _)| Moment::of(*at) == lapse.at);
+            let known = self.lapsed.filter(|(at, _)| Tick32::of(*at) == lapse.at);
             (known.map_or_else(|| self.near(lapse.at), |(at, _)| at), lapse.cause)
         });
     }
 
     /// The tick of a moment within 2^31 of now.
-    fn near(&self, moment: Moment) -> u64 {
-        let ahead = moment.since(Moment::of(self.now)).cast_signed();
+    fn near(&self, moment: Tick32) -> u64 {
+        let ahead = moment.since(Tick32::of(self.now)).cast_signed();
         self.now.saturating_add_signed(ahead.into())
     }
 
@@ -370,7 +370,7 @@ impl Native {
         let limit = self.now + (1 << 30);
         match lease {
             Lease::Until(tick) if tick >= limit => Err(limit),
-            Lease::Until(tick) => Ok(lease::Lease::Until(Moment::of(tick))),
+            Lease::Until(tick) => Ok(lease::Lease::Until(Tick32::of(tick))),
             Lease::Last => Ok(lease::Lease::Last),
         }
     }
@@ -566,18 +566,18 @@ struct Watch<'a, O> {
 
 /// What a stepgen tells as it runs.
 trait Witness {
-    fn step(&mut self, motor: usize, tick: Moment, direction: Direction);
+    fn step(&mut self, motor: usize, tick: Tick32, direction: Direction);
     fn edge(&mut self, edge: pulsetrain_core::output::Edge);
 }
 
 impl<O: Observer> Watch<'_, O> {
-    fn extended(&self, tick: Moment) -> u64 {
-        self.now + u64::from(tick.since(Moment::of(self.now)))
+    fn extended(&self, tick: Tick32) -> u64 {
+        self.now + u64::from(tick.since(Tick32::of(self.now)))
     }
 }
 
 impl<O: Observer> Witness for Watch<'_, O> {
-    fn step(&mut self, motor: usize, tick: Moment, direction: Direction) {
+    fn step(&mut self, motor: usize, tick: Tick32, direction: Direction) {
         let tick = self.extended(tick);
         let counts = &mut self.motors[motor];
         counts.position += i64::from(direction.sign());
@@ -605,7 +605,7 @@ trait Engine: std::fmt::Debug + Send + Sync {
     fn switch(
         &mut self,
         epoch: Epoch,
-        at: Moment,
+        at: Tick32,
         lease: lease::Lease,
         limits: &[Limit],
     ) -> Result<(), channel::SwitchRefused>;
@@ -618,8 +618,8 @@ trait Engine: std::fmt::Debug + Send + Sync {
     fn was_moving(&self) -> bool;
     fn hold(&mut self, ticks: u32);
     fn discard(&mut self, epoch: Epoch);
-    fn horizons(&self) -> Box<dyn Iterator<Item = Moment> + '_>;
-    fn run(&mut self, until: Moment, witness: &mut dyn Witness);
+    fn horizons(&self) -> Box<dyn Iterator<Item = Tick32> + '_>;
+    fn run(&mut self, until: Tick32, witness: &mut dyn Witness);
     /// Whether each motor had something left to do.
     fn stop(&mut self) -> Vec<bool>;
     fn is_idle(&self) -> bool;
@@ -751,7 +751,7 @@ impl<const F: u32> Motors<F> {
     fn pull(
         &mut self,
         motor: usize,
-        until: Moment,
+        until: Tick32,
         witness: &mut dyn Witness,
     ) -> Option<pulsetrain_core::output::Edge> {
         if let Some(edge) = self.ready.get_mut(motor)?.pop_front() {
@@ -770,7 +770,7 @@ impl<const F: u32> Motors<F> {
     }
 
     /// After a lapse: whose step comes first on a DIR line; it is put off as the line needs it.
-    fn first_on(&mut self, line: usize, until: Moment) -> Option<usize> {
+    fn first_on(&mut self, line: usize, until: Tick32) -> Option<usize> {
         let motors: Vec<usize> = self
             .sharing
             .members
@@ -808,7 +808,7 @@ impl<const F: u32> Motors<F> {
     fn next(
         &mut self,
         motor: usize,
-        until: Moment,
+        until: Tick32,
         witness: &mut dyn Witness,
     ) -> Option<pulsetrain_core::output::Edge> {
         let axis = &mut self.axes[motor];
@@ -855,7 +855,7 @@ impl<const F: u32> Engine for Axes<F> {
     fn switch(
         &mut self,
         epoch: Epoch,
-        at: Moment,
+        at: Tick32,
         lease: lease::Lease,
         limits: &[Limit],
     ) -> Result<(), channel::SwitchRefused> {
@@ -913,11 +913,11 @@ impl<const F: u32> Engine for Axes<F> {
         }
     }
 
-    fn horizons(&self) -> Box<dyn Iterator<Item = Moment> + '_> {
+    fn horizons(&self) -> Box<dyn Iterator<Item = Tick32> + '_> {
         Box::new(self.axes().iter().map(|axis| axis.channel().horizon()))
     }
 
-    fn run(&mut self, until: Moment, witness: &mut dyn Witness) {
+    fn run(&mut self, until: Tick32, witness: &mut dyn Witness) {
         let Axes { motors, merge } = self;
         merge.reopen();
         while let Some(edge) = merge.next(|motor| motors.pull(motor, until, witness)) {

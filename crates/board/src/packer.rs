@@ -1,7 +1,7 @@
 //! Items of one epoch and motor → packed bytes, with checks in between.
 
 use pulsetrain_core::packing::{CHECK_LEN, Check, MAX_PACKED_LEN, PackError, Packing, State};
-use pulsetrain_core::{Item, Moment};
+use pulsetrain_core::{Item, Tick32};
 
 /// Longest that one item gets, with a check before it.
 pub(crate) const MAX_LEN: usize = CHECK_LEN + MAX_PACKED_LEN;
@@ -64,8 +64,8 @@ impl Packer {
     }
 
     /// The tick of the accumulator after all this.
-    pub(crate) fn tick(&self) -> Moment {
-        Moment::of(self.accumulator >> self.bits())
+    pub(crate) fn tick(&self) -> Tick32 {
+        Tick32::of(self.accumulator >> self.bits())
     }
 
     /// F.
@@ -89,8 +89,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
     use pulsetrain_core::channel::Channel;
-    use pulsetrain_core::narrow::Pool;
-    use pulsetrain_core::words::Packed;
+    use pulsetrain_core::packed_queue::{PackedQueue, Pool};
     use pulsetrain_core::{Direction, Epoch, Segment};
 
     const PACKING: Packing = Packing { fraction_bits: 16, gain: 0 };
@@ -112,7 +111,7 @@ mod tests {
             let mut packed = Vec::new();
             let mut checks = Vec::new();
             let (mut steps, mut moved) = (0, 0);
-            for item in [Item::Anchor { tick: Moment(1000) }].iter().chain(&items) {
+            for item in [Item::Anchor { tick: Tick32(1000) }].iter().chain(&items) {
                 let before = packer;
                 let mut bytes = [0; MAX_LEN];
                 let len = packer.pack(item, &mut bytes).unwrap();
@@ -141,13 +140,13 @@ mod tests {
     /// Does it all; gives where the motor ends, and whether a check failed.
     fn run(packed: &[u8], steps: u32) -> (i32, bool) {
         let mut pool = Pool::<4096>::new();
-        let mut queue = Packed::new(Pool::<4096>::share(1, 0), PACKING);
+        let mut queue = PackedQueue::new(Pool::<4096>::share(1, 0), PACKING);
         queue.push(&mut pool, Epoch(0), packed).unwrap();
         let mut channel = Channel::<16>::new(1, false);
-        let mut now = Moment(0);
+        let mut now = Tick32(0);
         // A step and a change of direction at most in each round.
         for _ in 0..4 * steps + 1000 {
-            match channel.peek(&mut queue.waiting(&pool), now.after(1 << 20)) {
+            match channel.peek(&mut queue.items(&pool), now.after(1 << 20)) {
                 Some(event) => channel.take(event),
                 None => {
                     now = now.after(1 << 16);

@@ -19,7 +19,7 @@ use pulsetrain_core::wire::message::{
 };
 use pulsetrain_core::wire::orders::{ORDER_LEN, Obeyed, Orders, order};
 use pulsetrain_core::wire::{Baud, Command, Reason, Reply, Settings, Stopped, Stored, Switched, Trimmed};
-use pulsetrain_core::{Entry, Epoch, Item, Moment};
+use pulsetrain_core::{Entry, Epoch, Item, Tick32};
 use std::collections::VecDeque;
 use std::time::Duration;
 
@@ -70,7 +70,7 @@ const CLOCK_DOUBT: u64 = 100;
 const REST: Duration = Duration::from_secs(30);
 
 /// A line to a board: bytes, and a clock of its own.
-pub trait Port {
+pub trait Port: Send {
     /// Time since the port was opened.
     fn now(&self) -> Duration;
 
@@ -947,7 +947,7 @@ impl<P: Port> Remote<P> {
         let limit = self.now() + (1 << 30);
         match lease {
             Lease::Until(tick) if tick >= limit => Err(limit),
-            Lease::Until(tick) => Ok(lease::Lease::Until(Moment::of(tick))),
+            Lease::Until(tick) => Ok(lease::Lease::Until(Tick32::of(tick))),
             Lease::Last => Ok(lease::Lease::Last),
         }
     }
@@ -968,7 +968,7 @@ impl<P: Port> Remote<P> {
                 self.ahead = status.head.horizon.saturating_sub(status.head.tick);
                 if let message::LeaseState::Lapsed(at) = status.head.lease {
                     let now = status.head.tick;
-                    let ahead = at.since(Moment::of(now)).cast_signed();
+                    let ahead = at.since(Tick32::of(now)).cast_signed();
                     self.note_lapse(now.saturating_add_signed(ahead.into()), None, now);
                 }
                 if answer.asked >= self.told {
@@ -1145,7 +1145,7 @@ impl<P: Port> Board for Remote<P> {
         while motor.waiting.pop_front_if(|item| item.until + taken < tick).is_some() {}
         // Ticks of one queue are within 2^31 of now.
         let until =
-            |begins: Moment| tick.saturating_add_signed(begins.0.wrapping_sub(tick as u32).cast_signed().into());
+            |begins: Tick32| tick.saturating_add_signed(begins.0.wrapping_sub(tick as u32).cast_signed().into());
         let until = until(begins);
         motor.waiting.push_back(Waiting { epoch: entry.epoch, until, len, before });
         motor.packed.extend_from_slice(&bytes[..len]);

@@ -5,7 +5,7 @@
 
 use crate::ScheduledStep;
 use pulsetrain_core::braking::{Limit, Next, Registers};
-use pulsetrain_core::{Direction, Item, Moment, Segment};
+use pulsetrain_core::{Direction, Item, Segment, Tick32};
 
 /// A motor, and what it was sent.
 #[derive(Clone, Debug)]
@@ -193,9 +193,9 @@ impl Walk<'_> {
     }
 
     /// The tick of a moment within 2^31 of where the motor is.
-    fn near(&self, moment: Moment, fraction_bits: u32) -> u64 {
+    fn near(&self, moment: Tick32, fraction_bits: u32) -> u64 {
         let here = tick_of(self.accumulator, fraction_bits);
-        here.saturating_add_signed(moment.since(Moment::of(here)).cast_signed().into())
+        here.saturating_add_signed(moment.since(Tick32::of(here)).cast_signed().into())
     }
 
     /// The lease is over, before the next step; with none planned, it would come after the same interval as the last one.

@@ -265,7 +265,7 @@ impl<B: Leased> Leased for Shadowed<B> {
 mod tests {
     use super::*;
     use crate::{Config, MotorConfig, Wiring};
-    use pulsetrain_core::{Direction, Item, Moment, Segment};
+    use pulsetrain_core::{Direction, Item, Segment, Tick32};
 
     fn config() -> Config {
         let wiring = Wiring::StepDir { step: 8, dir: 9, forward_high: true, pulse_ticks: 10, setup_ticks: 5 };
@@ -293,7 +293,7 @@ mod tests {
         let mut board = Shadowed::new(Native::unbounded(&config()).expect("it can be wired so"), shadow);
         let segment = Segment { count: 1, interval: 100 << 16, add: 0, add2: 0 };
         let run = Item::Run { segment, direction: Direction::Forward };
-        for item in [Item::Anchor { tick: Moment(0) }].into_iter().chain(std::iter::repeat_n(run, runs)) {
+        for item in [Item::Anchor { tick: Tick32(0) }].into_iter().chain(std::iter::repeat_n(run, runs)) {
             board.push(0, Entry { epoch: Epoch(0), item }).expect("it has room");
         }
         let mut seen = Seen::default();

@@ -2,8 +2,7 @@
 
 use crate::{Port, PortError};
 use pulsetrain_core::wire::Baud;
-use std::cell::{RefCell, RefMut};
-use std::rc::Rc;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 /// A port, and as many clones as there are hosts. Edges of the board's pins stay with the port itself: no host takes them from another.
@@ -21,30 +20,30 @@ use std::time::Duration;
 /// # Ok::<(), RemoteError>(())
 /// ```
 #[derive(Debug)]
-pub struct Shared<P>(Rc<RefCell<P>>);
+pub struct Shared<P>(Arc<Mutex<P>>);
 
 impl<P> Shared<P> {
     /// A port that nobody has yet.
     pub fn new(port: P) -> Shared<P> {
-        Shared(Rc::new(RefCell::new(port)))
+        Shared(Arc::new(Mutex::new(port)))
     }
 
     /// The port itself. No host can use it meanwhile.
-    pub fn port(&self) -> RefMut<'_, P> {
-        self.0.borrow_mut()
+    pub fn port(&self) -> MutexGuard<'_, P> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
 // Also of ports that are not to be cloned.
 impl<P> Clone for Shared<P> {
     fn clone(&self) -> Shared<P> {
-        Shared(Rc::clone(&self.0))
+        Shared(Arc::clone(&self.0))
     }
 }
 
 impl<P: Port> Port for Shared<P> {
     fn now(&self) -> Duration {
-        self.0.borrow().now()
+        self.port().now()
     }
 
     fn send(&mut self, bytes: &[u8]) -> Result<(), PortError> {

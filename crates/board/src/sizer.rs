@@ -11,9 +11,9 @@ use pulsetrain_core::packing::{Packing, State};
 /// ```
 /// use pulsetrain_board::Sizer;
 /// use pulsetrain_core::packing::Packing;
-/// use pulsetrain_core::{Direction, Item, Moment, Segment};
+/// use pulsetrain_core::{Direction, Item, Tick32, Segment};
 ///
-/// let anchor = Item::Anchor { tick: Moment(0) };
+/// let anchor = Item::Anchor { tick: Tick32(0) };
 /// let segment = Segment { count: 40, interval: 100 << 16, add: 0, add2: 0 };
 /// let run = Item::Run { segment, direction: Direction::Forward };
 ///

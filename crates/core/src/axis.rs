@@ -6,7 +6,7 @@
 use crate::channel::{Channel, Kind};
 use crate::output::{Edge, Output};
 use crate::queue::Items;
-use crate::{Direction, Moment};
+use crate::{Direction, Tick32};
 
 /// One motor: `F` fraction bits, and what its items wait in: a [`Queue`](crate::Queue), or what a host has in its place.
 #[derive(Clone, Debug)]
@@ -15,7 +15,7 @@ pub struct Axis<const F: u32, Q> {
     channel: Channel<F>,
     output: Output,
     /// No edge may be before it.
-    open: Moment,
+    open: Tick32,
     /// What the DIR line was last asked to say by this motor.
     facing: Option<Direction>,
     setup_cut_short: bool,
@@ -29,14 +29,14 @@ impl<const F: u32, Q: Items> Axis<F, Q> {
             queue,
             channel: Channel::new(output.gap_ticks(), output.asserts_every_step()),
             output,
-            open: Moment(0),
+            open: Tick32(0),
             facing: None,
             setup_cut_short: false,
         }
     }
 
     /// The next edge that comes not after `until`.
-    pub fn next(&mut self, until: Moment) -> Option<Edge> {
+    pub fn next(&mut self, until: Tick32) -> Option<Edge> {
         let owed = self.output.owed();
         // As far as a DIR edge may come before its step, so that its tick does not hang on how `until` moves on. Also in mid-pulse:
         // switches that are past must not look as if they waited.
@@ -75,7 +75,7 @@ impl<const F: u32, Q: Items> Axis<F, Q> {
     }
 
     /// Notes that time is past `now`: see [`Channel::pass`].
-    pub fn pass(&mut self, now: Moment) {
+    pub fn pass(&mut self, now: Tick32) {
         self.channel.pass(now);
         self.open = now.after(1);
     }
@@ -110,14 +110,14 @@ impl<const F: u32, Q: Items> Axis<F, Q> {
 
     /// The next step, if it is scheduled up to `look`, and whether it is committed; goes over and lapses up to there. For motors that
     /// share a DIR line: `look` is as far as any of them looks, its own [lead](Axis::lead_ticks) included.
-    pub fn scheduled(&mut self, look: Moment) -> Option<(Moment, bool)> {
+    pub fn scheduled(&mut self, look: Tick32) -> Option<(Tick32, bool)> {
         self.channel.peek(&mut self.queue, look);
         self.channel.scheduled().filter(|(tick, _)| !look.is_before(*tick))
     }
 
     /// The first step that a DIR edge can still come its set-up before.
     #[must_use]
-    pub const fn soonest_turn(&self) -> Moment {
+    pub const fn soonest_turn(&self) -> Tick32 {
         self.open.after(self.output.lead_ticks())
     }
 

@@ -18,11 +18,11 @@
 //! what is stored: [`Player`] makes it, so that each turn begins a period after the one before it. The period is told to 2^-64
 //! ticks, and what lies below a fraction bit is carried from turn to turn: the error is never more than 2^-32 ticks, in any year.
 
-pub mod narrow;
+pub mod avr;
 
 use crate::packing::{MAX_PACKED_LEN, Packing, State};
 use crate::wire::message::{Command, Configuration, kind};
-use crate::{Direction, Item, Moment, Segment};
+use crate::{Direction, Item, Segment, Tick32};
 
 /// Where an image's word is that says where its block begins, from the beginning of the flash on, bytes; 0 if there is none, as in
 /// every image that was not baked. In a Pico's image that is a vector that the processor has no use for (ARMv6-M, B1.5.3: 7).
@@ -201,7 +201,7 @@ impl Repeats {
 pub struct Player<'a> {
     motor: Motor<'a>,
     /// What is next: the anchor.
-    zero: Option<Moment>,
+    zero: Option<Tick32>,
     /// Then what is left of the wait before a turn: ticks, and ticks · 2^-32.
     wait: Option<(u64, u32)>,
     /// Then these pieces.
@@ -215,7 +215,7 @@ pub struct Player<'a> {
 impl<'a> Player<'a> {
     /// From the beginning: the motion's time 0 is the tick `zero`.
     #[must_use]
-    pub const fn new(motor: Motor<'a>, zero: Moment) -> Player<'a> {
+    pub const fn new(motor: Motor<'a>, zero: Tick32) -> Player<'a> {
         Player { motor, zero: Some(zero), wait: None, rest: motor.head, in_head: true, carry: 0 }
     }
 

@@ -12,14 +12,13 @@
 use crate::braking::{Limit, Registers};
 use crate::lease::{Cause, ExtendRefused, Lapse, Lease};
 use crate::queue::{Epoch, Item, Items, Place};
-use crate::words::{Expand, LONGEST_WAIT, Stretch};
-use crate::{Direction, Moment, Recurrence, Segment};
+use crate::{Direction, Recurrence, Segment, Tick32};
 
 /// What happens at a tick.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Event {
     /// The scheduled tick: of the step itself, or of the step that a change of direction is for.
-    pub tick: Moment,
+    pub tick: Tick32,
     /// What happens.
     pub kind: Kind,
 }
@@ -39,7 +38,7 @@ pub enum SwitchRefused {
     /// The tick is already committed.
     Late {
         /// The first tick at which a switch would be accepted now.
-        horizon: Moment,
+        horizon: Tick32,
     },
     /// Another waits, for an earlier tick.
     Full,
@@ -48,7 +47,7 @@ pub enum SwitchRefused {
 #[derive(Clone, Copy, Debug)]
 struct Switch {
     epoch: Epoch,
-    at: Moment,
+    at: Tick32,
     /// What begins with it.
     lease: Lease,
     limit: Limit,
@@ -59,9 +58,20 @@ struct Switch {
 /// What ends the plan that is being followed.
 #[derive(Clone, Copy, Debug)]
 struct End {
-    at: Moment,
+    at: Tick32,
     /// A switch; else the lease is over then.
     is_switch: bool,
+}
+
+/// How far a run's next steps may be taken all at once: for the `advance` of [`Channel::take_steps`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Ahead {
+    /// No step comes sooner after the one before, ticks.
+    pub gap: u32,
+    /// All of them come less than this after the last step, ticks.
+    pub ticks: u32,
+    /// Steps at most; not 0, but for a run that has none.
+    pub most: u32,
 }
 
 /// Expands the items of one motor; `F` is the number of fraction bits, 1..=32.
@@ -75,16 +85,16 @@ pub struct Channel<const F: u32> {
     last_interval: i64,
     /// Steps of the segment still to be made.
     left: u32,
-    horizon: Moment,
+    horizon: Tick32,
     gap: u32,
     position: i32,
     /// The tick of the next step, if its direction has been asserted: the step is then committed.
-    committed: Option<Moment>,
+    committed: Option<Tick32>,
     /// Of the switch and the lease: looked at with each event.
     end: Option<End>,
     lapse: Option<Lapse>,
     /// The next step is not made before.
-    not_before: Option<Moment>,
+    not_before: Option<Tick32>,
     /// Which way the steps of the segment go.
     direction: Direction,
     /// What the DIR line was last asked to say.
@@ -101,7 +111,7 @@ pub struct Channel<const F: u32> {
     /// It was in motion when the lease was over.
     moved: bool,
     epoch: Epoch,
-    missed: Option<Moment>,
+    missed: Option<Tick32>,
     lease: Lease,
     /// How hard the motor may brake.
     limit: Limit,
@@ -128,7 +138,7 @@ impl<const F: u32> Channel<F> {
             assert_every_step,
             gap: if gap == 0 { 1 } else { gap },
             position: 0,
-            horizon: Moment(0),
+            horizon: Tick32(0),
             epoch: Epoch(0),
             switch: None,
             end: None,
@@ -146,7 +156,7 @@ impl<const F: u32> Channel<F> {
     /// The next event that is not after `limit`; it stays next until [`take`](Channel::take).
     ///
     /// `limit` goes up from call to call, by less than 2^30 ticks beyond the last [`pass`](Channel::pass).
-    pub fn peek(&mut self, items: &mut impl Items, limit: Moment) -> Option<Event> {
+    pub fn peek(&mut self, items: &mut impl Items, limit: Tick32) -> Option<Event> {
         loop {
             if let Some(tick) = self.committed {
                 return Some(Event { tick, kind: Kind::Step });
@@ -238,13 +248,13 @@ impl<const F: u32> Channel<F> {
     }
 
     /// A new channel begins to exist at tick `now`: ticks are told apart within 2^31, and its own beginning may be longer ago.
-    pub const fn open_from(&mut self, now: Moment) {
+    pub const fn open_from(&mut self, now: Tick32) {
         self.horizon = now;
     }
 
     /// Notes that time is past `now`. To be called at least once in 2^30 ticks, after all events up to `now` have
     /// been taken.
-    pub fn pass(&mut self, now: Moment) {
+    pub fn pass(&mut self, now: Tick32) {
         self.horizon = self.horizon.or_later(now.after(1));
         // An accumulator that is left behind would come back as the future.
         if self.left == 0 && matches!(now.since(self.last_tick()), 0x4000_0000..0x8000_0000) {
@@ -263,7 +273,7 @@ impl<const F: u32> Channel<F> {
     pub fn schedule_switch(
         &mut self,
         epoch: Epoch,
-        at: Moment,
+        at: Tick32,
         lease: Lease,
         limit: Option<Limit>,
     ) -> Result<(), SwitchRefused> {
@@ -380,13 +390,13 @@ impl<const F: u32> Channel<F> {
 
     /// The tick that the next step is scheduled for, if it is known, and whether it is committed: for motors that share a DIR line.
     #[must_use]
-    pub fn scheduled(&self) -> Option<(Moment, bool)> {
+    pub fn scheduled(&self) -> Option<(Tick32, bool)> {
         (self.left > 0).then(|| (self.next_tick(), self.committed.is_some()))
     }
 
     /// The next step, which is not committed, is not made before `tick`: another motor needs the DIR line until then. Its accumulator stays.
     /// After a lapse only.
-    pub const fn put_off(&mut self, tick: Option<Moment>) {
+    pub const fn put_off(&mut self, tick: Option<Tick32>) {
         self.not_before = tick;
     }
 
@@ -394,7 +404,7 @@ impl<const F: u32> Channel<F> {
     ///
     /// # Errors
     /// As there.
-    pub fn check_switch(&self, at: Moment) -> Result<(), SwitchRefused> {
+    pub fn check_switch(&self, at: Tick32) -> Result<(), SwitchRefused> {
         if at.is_before(self.horizon) {
             return Err(SwitchRefused::Late { horizon: self.horizon });
         }
@@ -422,7 +432,7 @@ impl<const F: u32> Channel<F> {
 
     /// The first tick that is not committed: a switch is accepted from there on.
     #[must_use]
-    pub const fn horizon(&self) -> Moment {
+    pub const fn horizon(&self) -> Tick32 {
         self.horizon
     }
 
@@ -434,7 +444,7 @@ impl<const F: u32> Channel<F> {
 
     /// The tick of the first step that this epoch asked for and that could not be made.
     #[must_use]
-    pub const fn missed(&self) -> Option<Moment> {
+    pub const fn missed(&self) -> Option<Tick32> {
         self.missed
     }
 
@@ -462,13 +472,11 @@ impl<const F: u32> Channel<F> {
         }
     }
 
-    /// Takes steps of the run that is under way without an event for each: as many as `words` has room for, but none after
-    /// `limit`. Who works them out is `expand`: [`words::expand`](crate::words::expand()), or what a board has that does the
-    /// same.
+    /// Takes steps of the run that is under way without an event for each, but none after `limit`. `advance` moves the recurrence on by
+    /// as many steps as it wants and [`Ahead`] allows, and says how many.
     ///
-    /// A step that comes d ticks after the one before is written as d − the channel's gap + `bits`. Gives how many were
-    /// taken: 0 if the next one goes another way. For who has made nothing since the step before.
-    pub fn take_steps(&mut self, limit: Moment, bits: u32, words: &mut [u32], expand: Expand) -> u32 {
+    /// Gives how many were taken: 0 if the next one goes another way. For callers that have made nothing since the step before.
+    pub fn take_steps(&mut self, limit: Tick32, advance: impl FnOnce(&mut Recurrence, Ahead) -> u32) -> u32 {
         if self.committed.is_some() || self.left == 0 || self.facing != Some(self.direction) || self.assert_every_step {
             return 0;
         }
@@ -480,25 +488,14 @@ impl<const F: u32> Channel<F> {
             _ => limit.after(1),
         };
         let last = self.last_tick();
-        let left = usize::try_from(self.left).unwrap_or(usize::MAX);
-        let room = words.len().min(left);
-        let Some(words) = words.get_mut(..room) else { return 0 };
-        if room == 0 || end.is_before(last) {
+        if end.is_before(last) {
             return 0;
         }
-        let stretch = Stretch { gap: self.gap, ticks: end.since(last).min(LONGEST_WAIT), bits };
-        let taken = expand(&mut self.recurrence, words, &stretch).min(self.left);
+        let ahead = Ahead { gap: self.gap, ticks: end.since(last), most: self.left };
+        let taken = advance(&mut self.recurrence, ahead).min(self.left);
         if taken > 0 {
-            self.left -= taken;
-            let moved = taken.cast_signed();
-            self.position = match self.direction {
-                Direction::Forward => self.position.wrapping_add(moved),
-                Direction::Backward => self.position.wrapping_sub(moved),
-            };
+            self.took(taken);
             self.horizon = self.last_tick().after(self.gap);
-            // As it was before the last of them.
-            let Recurrence { interval, add, add2, .. } = self.recurrence;
-            self.last_interval = interval.wrapping_sub(add.wrapping_sub(add2));
             self.stepped();
         }
         taken
@@ -506,7 +503,7 @@ impl<const F: u32> Channel<F> {
 
     /// Whether steps up to `limit` are runs one after the other, as far as is known: no switch, no lapse and no other item comes between, and the
     /// step before was the last event.
-    pub(crate) fn goes_on(&self, limit: Moment) -> bool {
+    pub(crate) fn goes_on(&self, limit: Tick32) -> bool {
         let ends = self.end.is_some_and(|end| !limit.is_before(end.at));
         let steady = self.anchored && self.facing == Some(self.direction) && !self.assert_every_step;
         let last = self.last_tick();
@@ -524,36 +521,35 @@ impl<const F: u32> Channel<F> {
     pub(crate) fn go_on(
         &mut self,
         items: &mut impl Items,
-        limit: Moment,
-        bits: u32,
-        words: &mut [u32],
-        expand: Expand,
+        limit: Tick32,
+        advance: impl FnOnce(&mut Recurrence, Ahead) -> u32,
     ) -> u32 {
         if self.left == 0 {
             self.left = items.take_run(self.epoch, self.direction, &mut self.recurrence);
         }
-        // As it is at the end of each fill: to ask for steps takes longer.
+        // Often nothing is due before the limit, and to find that out here is quicker than to call `advance`.
         if limit.is_before(self.next_tick()) {
             return 0;
         }
-        let left = usize::try_from(self.left).unwrap_or(usize::MAX);
-        let room = words.len().min(left);
-        let Some(words) = words.get_mut(..room) else { return 0 };
-        let ticks = limit.after(1).since(self.last_tick());
-        // Of 0 on there are at most so many, as a step before is not after the limit.
-        let stretch = Stretch { gap: self.gap, ticks: ticks.min(LONGEST_WAIT), bits };
-        let taken = if room == 0 { 0 } else { expand(&mut self.recurrence, words, &stretch).min(self.left) };
+        let ahead = Ahead { gap: self.gap, ticks: limit.after(1).since(self.last_tick()), most: self.left };
+        let taken = advance(&mut self.recurrence, ahead).min(self.left);
         if taken > 0 {
-            self.left -= taken;
-            self.position = match self.direction {
-                Direction::Forward => self.position.wrapping_add_unsigned(taken),
-                Direction::Backward => self.position.wrapping_sub_unsigned(taken),
-            };
-            // As it was before the last of them.
-            let Recurrence { interval, add, add2, .. } = self.recurrence;
-            self.last_interval = interval.wrapping_sub(add.wrapping_sub(add2));
+            self.took(taken);
         }
         taken
+    }
+
+    /// Counts steps of one run that the recurrence has made.
+    #[inline(always)]
+    fn took(&mut self, taken: u32) {
+        self.left -= taken;
+        self.position = match self.direction {
+            Direction::Forward => self.position.wrapping_add_unsigned(taken),
+            Direction::Backward => self.position.wrapping_sub_unsigned(taken),
+        };
+        // The interval as it was before the last of them.
+        let Recurrence { interval, add, add2, .. } = self.recurrence;
+        self.last_interval = interval.wrapping_sub(add.wrapping_sub(add2));
     }
 
     /// Notes that [`go_on`](Channel::go_on) took steps.
@@ -564,7 +560,7 @@ impl<const F: u32> Channel<F> {
 
     /// Whether the next event is a step of the run that is under way, after `limit`, and no switch or lapse comes before.
     #[must_use]
-    pub const fn waits_beyond(&self, limit: Moment) -> bool {
+    pub const fn waits_beyond(&self, limit: Tick32) -> bool {
         let ends = match self.end {
             Some(end) => !limit.is_before(end.at),
             None => false,
@@ -606,7 +602,7 @@ impl<const F: u32> Channel<F> {
 
     /// A step that was due at `tick` cannot be made.
     #[inline(never)]
-    fn miss(&mut self, tick: Moment, items: &mut impl Items) {
+    fn miss(&mut self, tick: Tick32, items: &mut impl Items) {
         self.missed = self.missed.or(Some(tick));
         // Registers are as after the run: who made it out may need them for the next one.
         let Recurrence { interval, add, add2, .. } = self.recurrence;
@@ -671,11 +667,11 @@ impl<const F: u32> Channel<F> {
     }
 
     /// With nothing planned: whether the next step, after the same interval as the last one, would come by `limit` and before `end`.
-    const fn runs_dry(&self, limit: Moment, end: Moment) -> bool {
+    const fn runs_dry(&self, limit: Tick32, end: Tick32) -> bool {
         if self.braking || self.fresh || !(self.lapse.is_some() || matches!(self.lease, Lease::Until(_))) {
             return false;
         }
-        let next = Moment::of(self.recurrence.accumulator.wrapping_add_signed(self.last_interval) >> F);
+        let next = Tick32::of(self.recurrence.accumulator.wrapping_add_signed(self.last_interval) >> F);
         !limit.is_before(next) && next.is_before(end)
     }
 
@@ -752,7 +748,7 @@ impl<const F: u32> Channel<F> {
     }
 
     /// When the next step can be made that is due at `tick`, or was.
-    const fn possible(&self, tick: Moment) -> Moment {
+    const fn possible(&self, tick: Tick32) -> Tick32 {
         let tick = tick.or_later(self.horizon);
         match self.not_before {
             Some(open) => tick.or_later(open),
@@ -761,12 +757,12 @@ impl<const F: u32> Channel<F> {
     }
 
     /// The scheduled tick of the last step, or the end of the wait after it.
-    const fn last_tick(&self) -> Moment {
-        Moment::of(self.recurrence.accumulator >> F)
+    const fn last_tick(&self) -> Tick32 {
+        Tick32::of(self.recurrence.accumulator >> F)
     }
 
     /// The scheduled tick of the next step.
-    const fn next_tick(&self) -> Moment {
-        Moment::of(self.recurrence.accumulator.wrapping_add_signed(self.recurrence.interval) >> F)
+    const fn next_tick(&self) -> Tick32 {
+        Tick32::of(self.recurrence.accumulator.wrapping_add_signed(self.recurrence.interval) >> F)
     }
 }

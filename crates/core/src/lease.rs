@@ -20,7 +20,7 @@
 //! horizon. So whoever has several channels looks after each event whether one [has news](crate::Channel::has_news), and tells
 //! [what is agreed](agreed) to all.
 
-use crate::{Channel, Moment};
+use crate::{Channel, Tick32};
 
 /// How long a plan holds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -28,7 +28,7 @@ pub enum Lease {
     /// As long as there is one.
     Off,
     /// Up to this tick, without it. Less than 2^30 ticks ahead when it is told.
-    Until(Moment),
+    Until(Tick32),
     /// To its end, which has been told.
     Last,
 }
@@ -60,7 +60,7 @@ impl Cause {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Lapse {
     /// Steps before it are the plan's. A motor that was at fault brakes earlier.
-    pub at: Moment,
+    pub at: Tick32,
     /// Why.
     pub cause: Cause,
 }
@@ -73,18 +73,18 @@ pub enum ExtendRefused {
     /// It is over.
     Lapsed {
         /// Since then.
-        at: Moment,
+        at: Tick32,
     },
     /// The tick is committed already.
     Late {
         /// The first tick that would be accepted now.
-        horizon: Moment,
+        horizon: Tick32,
     },
 }
 
 /// The latest of all channels' horizons: the first tick that none has committed.
-pub fn horizon<'a, const F: u32>(channels: impl Iterator<Item = &'a Channel<F>>) -> Option<Moment> {
-    channels.map(Channel::horizon).reduce(Moment::or_later)
+pub fn horizon<'a, const F: u32>(channels: impl Iterator<Item = &'a Channel<F>>) -> Option<Tick32> {
+    channels.map(Channel::horizon).reduce(Tick32::or_later)
 }
 
 /// What all channels are to be [told](Channel::lapse_at), if one of them has news.

@@ -6,16 +6,17 @@
 //! - [`output`]: steps → pin edges: step/dir drivers and coils; pulse width, DIR setup and hold
 //! - [`channel`]: queue items → (tick, step or direction change)
 //! - [`verbs`]: motors told directly: so many steps, one every so many ticks, this way or that
-//! - [`words`]: channel and output → words for state machines that make the edges
-//! - [`narrow`]: queues of packed bytes, registers and verbs for small boards
+//! - [`pio`]: channel and output → words for state machines that make the edges
+//! - [`avr`]: queues of packed bytes, registers and verbs for small boards
 //! - [`baked`]: a motion that lies in a board's flash, and how it is played
 //! - [`lease`]: how long a plan holds; [`braking`]: how a board brings a motor to rest by itself
 //! - [`shared_line`]: a DIR line of several motors while they brake
 //! - [`queue`]: items waiting, each tagged with its epoch
+//! - [`packed_queue`]: packed bytes that wait, and the items in them
 //! - [`packing`]: segments as few bytes
 //! - [`wire`]: frames and messages between host and board, and the board's side of the link
 //! - [`segment`]: the recurrence, exact
-//! - [`moment`]: wrap-safe time
+//! - [`tick32`]: wrap-safe time
 //!
 //! # What is not
 //! Registers, clocks, links: firmware's and `pulsetrain-board`'s. Laws and planning: the host's.
@@ -24,28 +25,29 @@
 #![deny(clippy::float_arithmetic)]
 #![deny(clippy::cast_possible_truncation)]
 
+pub mod avr;
 pub mod axis;
 pub mod baked;
 pub mod braking;
 pub mod channel;
 pub mod lease;
 pub mod merge;
-pub mod moment;
-pub mod narrow;
 pub mod output;
+pub mod packed_queue;
 pub mod packing;
+pub mod pio;
 pub mod queue;
 pub mod segment;
 pub mod shared_line;
+pub mod tick32;
 pub mod verbs;
 pub mod winch;
 pub mod wire;
-pub mod words;
 
 pub use axis::Axis;
 pub use channel::Channel;
 pub use lease::{Lapse, Lease};
 pub use merge::Merge;
-pub use moment::Moment;
 pub use queue::{Entry, Epoch, Item, Queue};
 pub use segment::{Direction, Recurrence, Segment};
+pub use tick32::Tick32;

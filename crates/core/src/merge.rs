@@ -1,6 +1,6 @@
 //! The merge: edges of all motors in one time-ordered stream.
 
-use crate::Moment;
+use crate::Tick32;
 use crate::output::Edge;
 
 /// Merges up to `N` (at most 32) streams of edges, each in order, none more than 2^31 ticks from another.
@@ -8,8 +8,8 @@ use crate::output::Edge;
 /// Edges at one tick come out as one; those that change nothing do not come out at all.
 ///
 /// ```
-/// use pulsetrain_core::{Merge, Moment, output::Edge};
-/// let edge = |tick, set, clear| Edge { tick: Moment(tick), set, clear };
+/// use pulsetrain_core::{Merge, Tick32, output::Edge};
+/// let edge = |tick, set, clear| Edge { tick: Tick32(tick), set, clear };
 /// let mut streams = [vec![edge(7, 1, 0), edge(9, 0, 1)].into_iter(), vec![edge(7, 2, 0), edge(8, 2, 0)].into_iter()];
 /// let mut merge = Merge::<2>::new();
 /// merge.reopen();
@@ -70,8 +70,8 @@ impl<const N: usize> Merge<N> {
         self.levels
     }
 
-    fn earliest(&mut self, pull: &mut impl FnMut(usize) -> Option<Edge>) -> Option<Moment> {
-        let mut earliest: Option<Moment> = None;
+    fn earliest(&mut self, pull: &mut impl FnMut(usize) -> Option<Edge>) -> Option<Tick32> {
+        let mut earliest: Option<Tick32> = None;
         for stream in streams(self.open) {
             if self.heads[stream].is_none() {
                 self.heads[stream] = pull(stream);

@@ -3,13 +3,13 @@
 //! [`StepDir`] drives STEP and DIR of a driver, [`Coils`] the four coils of a motor through a ULN2003.
 
 use crate::channel::{Event, Kind};
-use crate::{Direction, Moment};
+use crate::{Direction, Tick32};
 
 /// Lines that change at one tick; bit i is line i.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Edge {
     /// When.
-    pub tick: Moment,
+    pub tick: Tick32,
     /// Lines that go high.
     pub set: u32,
     /// Lines that go low.
@@ -28,7 +28,7 @@ pub enum Output {
 impl Output {
     /// When the edge of `event` is due. A DIR edge comes its set-up before the step that it is for.
     #[must_use]
-    pub const fn due(&self, event: Event) -> Moment {
+    pub const fn due(&self, event: Event) -> Tick32 {
         match (self, event.kind) {
             (Output::StepDir(driver), Kind::Direction(_)) => event.tick.before(driver.setup_ticks),
             _ => event.tick,
@@ -38,7 +38,7 @@ impl Output {
     /// When the output has an edge of its own to make if no event comes before: the end of a pulse, or the release
     /// of the coils. The end of a pulse always comes first.
     #[must_use]
-    pub const fn owed(&self) -> Option<Moment> {
+    pub const fn owed(&self) -> Option<Tick32> {
         match self {
             Output::StepDir(driver) => driver.fall,
             Output::Coils(coils) => coils.release,
@@ -56,7 +56,7 @@ impl Output {
     }
 
     /// Makes the edge of `event` at `tick`: [`due`](Output::due), or later if that is past.
-    pub fn apply(&mut self, event: Event, tick: Moment) -> Edge {
+    pub fn apply(&mut self, event: Event, tick: Tick32) -> Edge {
         match self {
             Output::StepDir(driver) => driver.apply(event, tick),
             Output::Coils(coils) => coils.apply(event, tick),
@@ -106,7 +106,7 @@ pub struct StepDir {
     setup_ticks: u32,
     forward_high: bool,
     shared_dir: bool,
-    fall: Option<Moment>,
+    fall: Option<Tick32>,
 }
 
 /// What a [`StepDir`] needs to know. The time that DIR must stay after a pulse is the planner's to keep.
@@ -135,7 +135,7 @@ impl StepDir {
         StepDir { step_line, dir_line, pulse_ticks, setup_ticks, forward_high, shared_dir, fall: None }
     }
 
-    fn apply(&mut self, event: Event, tick: Moment) -> Edge {
+    fn apply(&mut self, event: Event, tick: Tick32) -> Edge {
         match event.kind {
             Kind::Step => {
                 self.fall = Some(tick.after(self.pulse_ticks));
@@ -190,7 +190,7 @@ pub struct Coils {
     direction: Direction,
     /// The lines that are high.
     now: u32,
-    release: Option<Moment>,
+    release: Option<Tick32>,
 }
 
 impl Coils {
@@ -216,7 +216,7 @@ impl Coils {
         }
     }
 
-    fn apply(&mut self, event: Event, tick: Moment) -> Edge {
+    fn apply(&mut self, event: Event, tick: Tick32) -> Edge {
         match event.kind {
             Kind::Direction(direction) => {
                 self.direction = direction;
@@ -232,7 +232,7 @@ impl Coils {
 
     /// Makes as many steps as there are `words`, the last of them at `tick`, the way that the one before went: each word gets the
     /// lines that are high after its step, from bit `shift` on.
-    pub(crate) fn run(&mut self, words: &mut [u32], shift: u32, tick: Moment) {
+    pub(crate) fn run(&mut self, words: &mut [u32], shift: u32, tick: Tick32) {
         let phases = self.phases();
         for word in words {
             self.phase = self.phase.wrapping_add(phases) & 7;
@@ -266,7 +266,7 @@ impl Coils {
         }
     }
 
-    const fn change(&mut self, tick: Moment, now: u32) -> Edge {
+    const fn change(&mut self, tick: Tick32, now: u32) -> Edge {
         let edge = Edge { tick, set: now & !self.now, clear: self.now & !now };
         self.now = now;
         edge

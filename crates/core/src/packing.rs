@@ -51,7 +51,7 @@
 //! segment, but the previous count is then at least [`COUNT_AFTER_EXACT`]: what follows a segment that was cut was
 //! planned in the units of the whole.
 
-use crate::{Direction, Item, Moment, Recurrence, Segment};
+use crate::{Direction, Item, Recurrence, Segment, Tick32};
 
 /// The longest packed item: a reversal and an exact segment.
 pub const MAX_PACKED_LEN: usize = 2 + 4 + 4 + 3 * 8;
@@ -96,7 +96,7 @@ pub struct Check {
     /// Steps since the last anchor, forward minus backward, modulo 2^16: what the count was there need not be known.
     pub position: u16,
     /// The accumulator, waits included: its tick.
-    pub tick: Moment,
+    pub tick: Tick32,
     /// And what is below, 2^-16 ticks.
     pub fraction: u16,
 }
@@ -414,7 +414,7 @@ impl Packing {
                 0 => now = State::new(now.direction.reversed()),
                 1 => now = State::new(now.direction),
                 2 => break Some(Item::Dwell { ticks: u32::from_le_bytes(take(&mut rest)?) }),
-                3 => break Some(Item::Anchor { tick: Moment(u32::from_le_bytes(take(&mut rest)?)) }),
+                3 => break Some(Item::Anchor { tick: Tick32(u32::from_le_bytes(take(&mut rest)?)) }),
                 4 => {
                     let said = Exact::read(&mut rest)?;
                     let [interval, add, add2] = now.with(&said);
@@ -771,7 +771,7 @@ mod tests {
     #[test]
     fn waits_and_anchors_are_six_bytes() {
         check(
-            &[Item::Anchor { tick: Moment(0x0102_0304) }, Item::Dwell { ticks: 5 }],
+            &[Item::Anchor { tick: Tick32(0x0102_0304) }, Item::Dwell { ticks: 5 }],
             &[0b11111, 0, 4, 3, 2, 1, 0b10111, 0, 5, 0, 0, 0],
         );
     }
@@ -835,7 +835,7 @@ mod tests {
 
     #[test]
     fn a_check_is_ten_bytes_and_passed_over() {
-        let check = Check { position: 0x0102, tick: Moment(0x0304_0506), fraction: 0x0708 };
+        let check = Check { position: 0x0102, tick: Tick32(0x0304_0506), fraction: 0x0708 };
         let mut bytes = [0; CHECK_LEN + 6];
         assert_eq!(PACKING.pack_check(&check, &mut bytes), Ok(CHECK_LEN));
         assert_eq!(bytes[..CHECK_LEN], [0b101_111, 0, 2, 1, 6, 5, 4, 3, 8, 7]);

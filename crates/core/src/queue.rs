@@ -1,6 +1,6 @@
 //! The queue of a motor: what it will do, each item tagged with the epoch that it belongs to.
 
-use crate::{Direction, Moment, Recurrence, Segment};
+use crate::{Direction, Recurrence, Segment, Tick32};
 
 /// A numbered generation of the plan; the numbers wrap.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
@@ -21,7 +21,7 @@ pub enum Item {
     /// Sets the accumulator to `tick` + ½. It is the first item of every epoch.
     Anchor {
         /// Less than 2^31 ticks ahead when it is reached.
-        tick: Moment,
+        tick: Tick32,
     },
     /// Steps.
     Run {
@@ -52,7 +52,7 @@ pub struct Place {
     /// Steps forward minus steps backward, wrapping.
     pub position: i32,
     /// The accumulator's tick.
-    pub tick: Moment,
+    pub tick: Tick32,
     /// And what is below, 2^-16 ticks.
     pub fraction: u16,
 }
@@ -132,7 +132,7 @@ impl<const N: usize> Queue<N> {
     #[must_use]
     pub const fn new() -> Queue<N> {
         // Nothing but zeros, so that a static queue takes no room in an image.
-        let unused = Entry { epoch: Epoch(0), item: Item::Anchor { tick: Moment(0) } };
+        let unused = Entry { epoch: Epoch(0), item: Item::Anchor { tick: Tick32(0) } };
         Queue { entries: [unused; N], first: 0, len: 0 }
     }
 

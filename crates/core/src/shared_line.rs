@@ -5,7 +5,7 @@
 //! [put off](crate::Channel::put_off) until the last step has had its pulse and hold, and the line its setup. Its motor's accumulator does not
 //! move by that.
 
-use crate::Moment;
+use crate::Tick32;
 
 /// Such a line: what keeps steps apart that want it at different levels.
 #[derive(Clone, Copy, Debug)]
@@ -13,7 +13,7 @@ pub struct SharedLine {
     apart_ticks: u32,
     level: Option<bool>,
     /// From when on it can be needed at the other level.
-    open: Option<Moment>,
+    open: Option<Tick32>,
 }
 
 impl SharedLine {
@@ -26,24 +26,24 @@ impl SharedLine {
     /// From when on a step can be made with the line at `level`, if it must be turned for that. No
     /// turn that is not made yet can serve a step before `soonest`.
     #[must_use]
-    pub fn open(&self, level: bool, soonest: Moment) -> Option<Moment> {
+    pub fn open(&self, level: bool, soonest: Tick32) -> Option<Tick32> {
         let turns = self.level != Some(level);
         turns.then(|| self.open.map_or(soonest, |open| open.or_later(soonest)))
     }
 
     /// Notes that time is past `now`. To be called at least once in 2^30 ticks.
-    pub fn pass(&mut self, now: Moment) {
+    pub fn pass(&mut self, now: Tick32) {
         self.open = self.open.filter(|open| now.is_before(*open));
     }
 
     /// A step was made at `tick` with the line at `level`.
-    pub const fn made(&mut self, tick: Moment, level: bool) {
+    pub const fn made(&mut self, tick: Tick32, level: bool) {
         (self.level, self.open) = (Some(level), Some(tick.after(self.apart_ticks)));
     }
 }
 
 /// Of the next steps of a line's motors, each with its tick and whether it is committed, in order of the motors: which one goes first.
-pub fn first(steps: impl Iterator<Item = Option<(Moment, bool)>>) -> Option<usize> {
+pub fn first(steps: impl Iterator<Item = Option<(Tick32, bool)>>) -> Option<usize> {
     let known = steps.enumerate().filter_map(|(motor, step)| step.map(|step| (motor, step)));
     let first = known.reduce(|one, other| {
         let ((_, (tick, committed)), (_, (other_tick, also))) = (one, other);

@@ -277,7 +277,7 @@ const TURN_TICKS: [u32; 2] = [24 + 48 + 24, 60 + 16 + 60 + 2 * 76];
 const TURN_TICKS_BY_COMPARE: [u32; 2] = [2 * GROUPS_APART_BESIDE_TICKS[0], 2 * GROUPS_APART_BESIDE_TICKS[1]];
 
 /// What a word of a Pico's state machine takes at least: the longest pulse of all motors and three cycles, which
-/// `pulsetrain_core::words` has. Steps are no closer, and DIR changes in a word of its own.
+/// `pulsetrain_core::pio` has. Steps are no closer, and DIR changes in a word of its own.
 fn word_ticks(motors: &[Motor], hz: u64) -> u32 {
     let pulse = DriverTiming::longest(motors).ticks(hz).pulse_high;
     u32::try_from(pulse.max(3) + 3).unwrap_or(u32::MAX)

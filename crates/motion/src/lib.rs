@@ -8,6 +8,7 @@
 //! - [`pins`]: which pins of an Uno work together
 //! - [`columns`]: CSV files, with columns by their names and units
 //! - [`law`]: θ(t) as a stream of analytic pieces; [`machine`]: several motors that draw one figure
+//! - [`human`]: numbers as people read them
 //! - [`quantity`]: numbers with units; [`time`]: law time, exact
 //!
 //! # What is not
@@ -21,6 +22,7 @@ pub mod electrical;
 pub mod file;
 pub mod full_steps;
 pub mod grid;
+pub mod human;
 pub mod law;
 pub mod machine;
 pub mod pins;

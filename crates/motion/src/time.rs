@@ -82,6 +82,30 @@ impl Time {
     }
 }
 
+/// The most of the longest period's turns in which [`common_period`] looks.
+pub const MOST_PERIODS: u64 = 64;
+
+/// The time after which all of some periods are over together; `None` if that is longer than [`MOST_PERIODS`] of the longest one.
+///
+/// ```
+/// use pulsetrain_motion::{Time, time::common_period};
+/// let periods = [2.0, 3.0].map(Time::from_seconds);
+/// assert_eq!(common_period(&periods), Some(Time::from_seconds(6.0)));
+/// assert_eq!(common_period(&[1.0, 1.001].map(Time::from_seconds)), None);
+/// ```
+#[must_use]
+pub fn common_period(periods: &[Time]) -> Option<Time> {
+    let longest = periods.iter().max().copied().unwrap_or(Time::ZERO);
+    let fits = |all: Time| {
+        periods.iter().all(|period| {
+            let times = (all.raw() + period.raw() / 2) / period.raw();
+            // Periods such as 1/3 s are rounded to 2^-64 s.
+            (all.raw() - times * period.raw()).abs() <= times
+        })
+    };
+    (1..=MOST_PERIODS).map(|k| longest.times(k)).find(|all| fits(*all))
+}
+
 impl Add for Time {
     type Output = Time;
     fn add(self, other: Time) -> Time {

@@ -23,10 +23,17 @@ use pulsetrain_motion::program::{Program, Wiring};
 /// while let Some(_move) = ensemble.next_move(0).unwrap() {}
 /// assert!(ensemble.certificate(0).steps > 0);
 /// ```
-pub struct Ensemble<'a> {
-    motors: Vec<Member<'a>>,
-    groups: Vec<SharedDir<'a>>,
+pub struct Ensemble {
+    motors: Vec<Member>,
+    groups: Vec<SharedDir>,
 }
+
+/// A plan may be worked out on another thread than the one that read the file.
+const _: () = {
+    const fn is_send<T: Send + 'static>() {}
+    is_send::<Ensemble>();
+    is_send::<Planner>();
+};
 
 /// Where a motor is when a plan begins.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -37,24 +44,24 @@ pub struct Start {
     pub last_step: Option<(i64, Direction)>,
 }
 
-struct Member<'a> {
-    plan: Source<'a>,
+struct Member {
+    plan: Source,
     settings: Settings,
 }
 
-enum Source<'a> {
+enum Source {
     /// A motor with a DIR line of its own.
-    Alone(Box<Planner<'a>>),
+    Alone(Box<Planner>),
     /// One whose steps are kept apart from those of others: which group, which member of it, and what its moves cost after steps were put off.
     Shared(usize, usize, Meter),
 }
 
-impl<'a> Ensemble<'a> {
+impl Ensemble {
     /// Prepares to plan all motors of a program.
     ///
     /// # Errors
     /// If the tolerance is below what can be proven.
-    pub fn new(program: &'a Program) -> Result<Ensemble<'a>, Refused> {
+    pub fn new(program: &Program) -> Result<Ensemble, Refused> {
         Ensemble::slowed(program, 1.0)
     }
 
@@ -62,7 +69,7 @@ impl<'a> Ensemble<'a> {
     ///
     /// # Errors
     /// As [`Ensemble::new`].
-    pub fn slowed(program: &'a Program, factor: f64) -> Result<Ensemble<'a>, Refused> {
+    pub fn slowed(program: &Program, factor: f64) -> Result<Ensemble, Refused> {
         Ensemble::assemble(program, factor, program.motors.iter().map(|motor| (&motor.law, None)))
     }
 
@@ -72,18 +79,18 @@ impl<'a> Ensemble<'a> {
     ///
     /// # Errors
     /// If the tolerance is below what can be proven.
-    pub fn from(program: &'a Program, starts: &[Start]) -> Result<Ensemble<'a>, Refused> {
+    pub fn from(program: &Program, starts: &[Start]) -> Result<Ensemble, Refused> {
         let laws = program.motors.iter().map(|motor| &motor.law);
         Ensemble::assemble(program, 1.0, laws.zip(starts.iter().map(Some)))
     }
 
-    fn assemble<'s>(
+    fn assemble<'a>(
         program: &Program,
         slower: f64,
-        laws: impl Iterator<Item = (&'a Law, Option<&'s Start>)>,
-    ) -> Result<Ensemble<'a>, Refused> {
+        laws: impl Iterator<Item = (&'a Law, Option<&'a Start>)>,
+    ) -> Result<Ensemble, Refused> {
         let mut motors = Vec::with_capacity(program.motors.len());
-        let mut groups: Vec<(Option<u8>, SharedDir<'a>)> = Vec::new();
+        let mut groups: Vec<(Option<u8>, SharedDir)> = Vec::new();
         let steps = program.board.shared_steps;
         for (index, (motor, (law, start))) in program.motors.iter().zip(laws).enumerate() {
             let settings = Settings::of(program, motor).slowed(slower);

@@ -53,8 +53,8 @@ const LIMIT_SLACK: f64 = 1e-6;
 /// assert!(planner.certificate().bound_ticks <= 1.0);
 /// # Ok::<(), pulsetrain_plan::PlanError>(())
 /// ```
-pub struct Planner<'a> {
-    pieces: Pieces<'a>,
+pub struct Planner {
+    pieces: Pieces,
     settings: Settings,
     rules: Rules,
     registers: Registers,
@@ -125,12 +125,12 @@ struct End {
     speed: f64,
 }
 
-impl<'a> Planner<'a> {
+impl Planner {
     /// Prepares to plan `law`.
     ///
     /// # Errors
     /// If the tolerance is below what can be proven, [`LEAST_TOLERANCE_TICKS`].
-    pub fn new(law: &'a Law, settings: &Settings) -> Result<Planner<'a>, PlanError> {
+    pub fn new(law: &Law, settings: &Settings) -> Result<Planner, PlanError> {
         let tolerance_ticks = settings.tolerance_ticks;
         if tolerance_ticks.is_nan() || tolerance_ticks < LEAST_TOLERANCE_TICKS {
             return Err(PlanError::ToleranceTooTight { tolerance_ticks, least_ticks: LEAST_TOLERANCE_TICKS });
@@ -180,7 +180,7 @@ impl<'a> Planner<'a> {
     ///
     /// # Errors
     /// As for [`Planner::new`].
-    pub fn from(origin: Origin, law: &'a Law, settings: &Settings) -> Result<Planner<'a>, PlanError> {
+    pub fn from(origin: Origin, law: &Law, settings: &Settings) -> Result<Planner, PlanError> {
         let mut planner = Planner::new(law, settings)?;
         planner.position = origin.position;
         planner.start = Some((0, origin.theta, 0.0));

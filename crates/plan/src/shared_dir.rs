@@ -15,8 +15,8 @@ use pulsetrain_motion::program::{DriverTicks, SharedSteps, Wiring};
 use std::collections::VecDeque;
 
 /// Motors whose steps must be kept apart: those of one DIR line, or all, if the board makes them one after the other.
-pub(crate) struct SharedDir<'a> {
-    members: Vec<Member<'a>>,
+pub(crate) struct SharedDir {
+    members: Vec<Member>,
     lines: Vec<Line>,
     fraction_bits: u32,
     /// What the board needs between steps of any two members.
@@ -37,11 +37,11 @@ struct Line {
     last: Option<(i64, bool)>,
 }
 
-struct Member<'a> {
+struct Member {
     motor: usize,
     /// Index of its DIR line.
     line: usize,
-    planner: Planner<'a>,
+    planner: Planner,
     /// The level of the line for a step forward.
     forward_high: bool,
     min_interval_ticks: i64,
@@ -67,8 +67,8 @@ struct Member<'a> {
     ended: bool,
 }
 
-impl<'a> SharedDir<'a> {
-    pub(crate) fn new(fraction_bits: u32, steps: Option<SharedSteps>) -> SharedDir<'a> {
+impl SharedDir {
+    pub(crate) fn new(fraction_bits: u32, steps: Option<SharedSteps>) -> SharedDir {
         SharedDir { members: Vec::new(), lines: Vec::new(), fraction_bits, steps, made: None }
     }
 
@@ -76,7 +76,7 @@ impl<'a> SharedDir<'a> {
     pub(crate) fn join(
         &mut self,
         motor: usize,
-        planner: Planner<'a>,
+        planner: Planner,
         settings: &Settings,
         timing: &DriverTicks,
         wiring: &Wiring,
@@ -222,7 +222,7 @@ fn level(direction: Direction, forward_high: bool) -> bool {
     (direction == Direction::Forward) == forward_high
 }
 
-impl Member<'_> {
+impl Member {
     fn refused(&self, error: PlanError) -> Refused {
         Refused { motor: self.motor, error }
     }

@@ -7,12 +7,12 @@
 
 use std::error::Error;
 
-use pulsetrain::drive::connect;
-use pulsetrain::session::Session;
 use pulsetrain_board::virtual_uno::VirtualUno;
 use pulsetrain_board::{Edge, Port, Serial};
 use pulsetrain_core::wire::Baud;
 use pulsetrain_motion::file;
+use pulsetrain_session::Session;
+use pulsetrain_session::drive::connect;
 
 /// The same as a motion file; it may as well be built from `pulsetrain_motion`'s types.
 const MOTION: &str = r#"
@@ -54,7 +54,7 @@ pub(crate) fn swing<P: Port>(port: P) -> Result<Outcome, Box<dyn Error>> {
     println!("firmware {:?}, {} ticks a second", board.info().firmware, board.info().tick_hz);
 
     // From here on the board always has a plan that ends in rest: the cable may be pulled at any time.
-    let mut session = Session::new(board, &program)?;
+    let mut session = Session::new(board, program.clone())?;
     let mut pulses = 0;
     let mut on_pins = |edge: Edge| pulses += u64::from(edge.line == 8 && edge.level);
     let told = session.zero() + program.board.tick_hz * 13 / 10;

@@ -15,7 +15,7 @@ use pulsetrain::winch::script::{Script, parse};
 use pulsetrain::winch::talk::Talk;
 use pulsetrain_board::virtual_uno::VirtualUno;
 
-static FONT: &[u8] = include_bytes!("../assets/DejaVuSans-subset.ttf");
+static FONT: &[u8] = include_bytes!("../../plot/assets/DejaVuSans-subset.ttf");
 const SIZE: (u32, u32) = (1200, 400);
 const INK: RGBColor = RGBColor(40, 40, 40);
 const GRID: RGBColor = RGBColor(225, 225, 225);

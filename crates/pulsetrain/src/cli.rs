@@ -12,9 +12,12 @@ use pulsetrain_motion::quantity::{Base, Quantity};
 use pulsetrain_motion::{Time, boards, full_steps};
 
 use crate::commands::{self, RunStopped};
+use crate::consent::{self, Consent, LongMotion};
 use crate::console::{Console, Exit};
-use crate::estimate::{self, Consent, Estimate, LongMotion, Task};
-use crate::prepare::{Prepared, WORST_CLOCK_PPM};
+use crate::diagnostic::advised;
+use crate::load;
+use pulsetrain_session::estimate::{Estimate, Task};
+use pulsetrain_session::prepare::{Prepared, WORST_CLOCK_PPM};
 
 const EXIT_CODES: &str = "\
 Exit codes:
@@ -281,16 +284,16 @@ pub(crate) struct Motion {
 impl Motion {
     /// The motion, `self.length` of it, if it is of usual length or meant to be long. Nobody is asked about one that is refused at once.
     pub(crate) fn prepare(&self, task: Task, json: bool, console: &mut Console<'_>) -> miette::Result<Prepared> {
-        let prepared = Prepared::endless(&self.file, self.board.as_deref())?;
+        let prepared = load::endless(&self.file, self.board.as_deref())?;
         if !self.yes && Estimate::of(&prepared, self.length, task).is_much() {
-            prepared.begins()?;
+            prepared.begins().map_err(advised)?;
         }
         self.agreed(prepared, task, json, console)
     }
 
     /// The same of one that may be refused: what is wrong is what is to be shown.
     pub(crate) fn prepare_any(&self, task: Task, json: bool, console: &mut Console<'_>) -> miette::Result<Prepared> {
-        self.agreed(Prepared::endless(&self.file, self.board.as_deref())?, task, json, console)
+        self.agreed(load::endless(&self.file, self.board.as_deref())?, task, json, console)
     }
 
     fn agreed(
@@ -300,8 +303,8 @@ impl Motion {
         json: bool,
         console: &mut Console<'_>,
     ) -> miette::Result<Prepared> {
-        estimate::agree(&prepared, Consent { length: self.length, task, yes: self.yes, json }, console)?;
-        Ok(prepared.ending(self.length)?)
+        consent::agree(&prepared, Consent { length: self.length, task, yes: self.yes, json }, console)?;
+        prepared.ending(self.length).map_err(advised)
     }
 }
 

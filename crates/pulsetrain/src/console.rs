@@ -6,6 +6,7 @@ use std::path::Path;
 
 use indicatif::{ProgressBar, ProgressStyle};
 use miette::Diagnostic;
+use pulsetrain_session::control::Event;
 
 /// How a command ended; the process's exit code.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -122,6 +123,13 @@ impl Progress {
     /// How much of the length is done.
     pub fn set(&self, done: f64) {
         self.bar.set_position((done / self.length * PROGRESS_PARTS as f64) as u64);
+    }
+
+    /// The same of a run, by what it tells.
+    pub fn follow(&self, event: &Event) {
+        if let Event::Progress { at_s } = event {
+            self.set(*at_s);
+        }
     }
 }
 

@@ -5,16 +5,15 @@ use std::io::{self, Write};
 use miette::Diagnostic;
 use pulsetrain_board::{Edge, Observer, ScheduledStep};
 use pulsetrain_core::Direction;
-use pulsetrain_motion::pins::PinKind;
-use pulsetrain_motion::program::{Motor, Program, Wiring};
-use pulsetrain_motion::{LawError, boards};
-use pulsetrain_trace::verdict::{EdgeJudge, JudgeError, Options, Report};
+use pulsetrain_motion::LawError;
+use pulsetrain_motion::program::Program;
+use pulsetrain_trace::verdict::{EdgeJudge, JudgeError, Report};
 use pulsetrain_trace::{Line, steps, vcd_file};
 
-use crate::figure::{Drawn, Figure, FigureReport};
-use crate::lateness::{Lateness, Meter};
-use crate::plot::{Errors, MotorPicture, Picture};
-use crate::prepare::Planned;
+use pulsetrain_plot::machine::{Drawn, Figure, FigureReport};
+use pulsetrain_plot::{Errors, MotorPicture, Picture};
+use pulsetrain_session::lateness::{Edges, Lateness};
+use pulsetrain_session::prepare::Planned;
 
 /// Where the edges and steps of a run are written.
 pub struct Files<W: Write> {
@@ -36,39 +35,6 @@ impl<W: Write> Files<W> {
             trace: vcd_file::Writer::new(trace, tick_hz, lines)?,
             steps: steps::Writer::new(steps, tick_hz, &names)?,
         })
-    }
-}
-
-/// When edges come, after the ticks that they are scheduled for.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Edges {
-    /// The board's constant, ticks.
-    pub constant_ticks: u32,
-    /// How much later they may be, ticks.
-    pub late_ticks: u32,
-}
-
-impl Edges {
-    /// Those of a program's board: of an Uno, by the pins that the program uses.
-    #[must_use]
-    pub fn of(program: &Program) -> Edges {
-        let Some(row) = boards::find(&program.board.name) else { return Edges::default() };
-        match row.pin_kind(&program.motors) {
-            Ok(Some(PinKind::Compare)) => Edges { constant_ticks: PinKind::Compare.constant_ticks(), late_ticks: 0 },
-            Ok(Some(kind)) => Edges { constant_ticks: kind.constant_ticks(), late_ticks: row.lateness_ticks },
-            Ok(None) | Err(_) => Edges::default(),
-        }
-    }
-
-    /// How a run's edges are judged, whose ticks count from the laws' beginning: to the laws' end, or to a time of theirs, s.
-    #[must_use]
-    pub fn options(&self, program: &Program, until_s: Option<f64>) -> Options {
-        Options {
-            constant_ticks: i64::from(self.constant_ticks),
-            bound_ticks: Some(program.tolerance.ticks(program.board.tick_hz) + f64::from(self.late_ticks)),
-            until_s,
-            ..Options::default()
-        }
     }
 }
 
@@ -107,9 +73,6 @@ pub struct Recorder<'a, W: Write> {
     figures: Vec<Figure<'a>>,
     positions: Vec<i64>,
     tick_s: f64,
-    /// By line: the motor whose STEP it is, if lateness is measured.
-    steppers: Vec<Option<usize>>,
-    meter: Meter,
     /// The first thing that went wrong; what comes after is not recorded.
     error: Option<RecordError>,
 }
@@ -145,12 +108,6 @@ impl<'a, W: Write> Recorder<'a, W> {
         let tick_s = 1.0 / tick_hz as f64;
         let options = edges.options(program, None);
         let judge = EdgeJudge::new(tick_hz, lines, program, &options)?.keeping_errors();
-        let stepper = |line: &Line| {
-            let is_step = |motor: &Motor| line.names.contains(&format!("{}.step", motor.name));
-            program.motors.iter().position(is_step)
-        };
-        let steppers = lines.iter().map(stepper).collect();
-        let meter = Meter::new(program.motors.len(), edges.constant_ticks.into());
         let motors = program.motors.iter();
         let motors: Vec<_> =
             motors.map(|motor| MotorPicture::new(motor.name.clone(), motor.scale.clone(), 0.0)).collect();
@@ -163,8 +120,6 @@ impl<'a, W: Write> Recorder<'a, W> {
             figures: Figure::all(program, drawn),
             positions,
             tick_s,
-            steppers,
-            meter,
             error: None,
         })
     }
@@ -173,8 +128,8 @@ impl<'a, W: Write> Recorder<'a, W> {
     ///
     /// # Errors
     /// What went wrong on the way.
-    pub fn finish(self, planned: &[Planned]) -> Result<Recorded, RecordError> {
-        let Recorder { program, judge, files, mut picture, figures, tick_s, meter, error, .. } = self;
+    pub fn finish(self, planned: &[Planned], lateness: Lateness) -> Result<Recorded, RecordError> {
+        let Recorder { program, judge, files, mut picture, figures, tick_s, error, .. } = self;
         if let Some(error) = error {
             return Err(error);
         }
@@ -197,7 +152,7 @@ impl<'a, W: Write> Recorder<'a, W> {
         }
         let (figures, pictures) = figures.into_iter().filter_map(Figure::finish).unzip();
         picture.figures = pictures;
-        Ok(Recorded { verdict, picture, lateness: meter.finish(), figures })
+        Ok(Recorded { verdict, picture, lateness, figures })
     }
 
     /// Ends the files after the last edge of a run that did not come to its end.
@@ -227,11 +182,6 @@ impl<W: Write> Observer for Recorder<'_, W> {
         if self.error.is_some() {
             return;
         }
-        if edge.level
-            && let Some(Some(motor)) = self.steppers.get(usize::from(edge.line))
-        {
-            self.meter.edge(*motor, edge.tick);
-        }
         let edge = pulsetrain_trace::Edge { tick: edge.tick, line: edge.line, level: edge.level };
         let judged = self.judge.push(edge).map_err(JudgeError::from);
         self.note(judged);
@@ -244,10 +194,6 @@ impl<W: Write> Observer for Recorder<'_, W> {
     fn step(&mut self, step: ScheduledStep) {
         if self.error.is_some() {
             return;
-        }
-        // Of coils no single edge is a step's: the judge sees to them.
-        if self.program.motors.get(step.motor).is_some_and(|motor| matches!(motor.wiring, Wiring::StepDir { .. })) {
-            self.meter.scheduled(step.motor, step.tick);
         }
         let position = &mut self.positions[step.motor];
         *position += i64::from(step.direction.sign());

@@ -9,11 +9,11 @@ use pulsetrain_plan::Certificate;
 use pulsetrain_trace::verdict;
 use serde::Serialize;
 
-use crate::drive::DriveError;
-use crate::figure::FigureReport;
-use crate::human::{self, Table};
-use crate::lateness::Lateness;
-use crate::pause::Paused;
+use pulsetrain_motion::human::{self, Table};
+use pulsetrain_plot::machine::FigureReport;
+use pulsetrain_session::drive::DriveError;
+use pulsetrain_session::lateness::Lateness;
+use pulsetrain_session::pause::Paused;
 
 /// What was planned.
 #[derive(Clone, Debug, Serialize)]
@@ -178,7 +178,7 @@ impl Stopped {
     /// What is said of a run that failed with `error`; `None` if the motors were not on their way.
     #[must_use]
     pub fn of(error: &DriveError) -> Option<Stopped> {
-        let DriveError::Halted { why, seen_s, whereabouts, .. } = error else { return None };
+        let DriveError::Halted { why, seen_s, positions, .. } = error else { return None };
         let (motor, late_s) = match &**why {
             DriveError::TooLate { motor, late_s, .. } => (Some(motor.clone()), Some(*late_s)),
             DriveError::QueueTooShort { motor, .. } => (Some(motor.clone()), None),
@@ -191,7 +191,7 @@ impl Stopped {
             motor,
             at_s: error.at_s().unwrap_or(*seen_s),
             late_s,
-            motors: whereabouts.motors.iter().map(place).collect(),
+            motors: positions.motors.iter().map(place).collect(),
         })
     }
 }

@@ -1,21 +1,22 @@
 //! Pause and resume: changes to the same laws in another time.
 
-use crate::pause::{self, Shelf};
+use crate::pause;
 use crate::{Session, SessionError};
 use pulsetrain_board::{Leased, SwitchRefused};
 use pulsetrain_motion::Time;
 use pulsetrain_motion::program::Program;
 use pulsetrain_plan::{Ensemble, Move, Refused, Start};
+use std::sync::Arc;
 
 /// A program, and how its laws' time goes.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Course<'a> {
-    program: &'a Program,
-    gait: Gait,
+#[derive(Clone, Debug)]
+pub(crate) struct Playback {
+    program: Arc<Program>,
+    law_time: LawTime,
 }
 
 #[derive(Clone, Copy, Debug)]
-enum Gait {
+enum LawTime {
     /// It began at `from` of the laws, at the session's zero, and came up to speed over a while.
     Going { from: Time, over: Time },
     /// It is at, or comes to, a halt at `at` of the laws; the motors rest from tick `rests` on.
@@ -24,23 +25,26 @@ enum Gait {
     Stopped,
 }
 
-impl<'a> Course<'a> {
-    pub(crate) fn begun(program: &'a Program) -> Course<'a> {
-        Course { program, gait: Gait::Going { from: Time::ZERO, over: Time::ZERO } }
+impl Playback {
+    pub(crate) fn begun(program: Arc<Program>) -> Playback {
+        Playback { program, law_time: LawTime::Going { from: Time::ZERO, over: Time::ZERO } }
+    }
+
+    pub(crate) const fn is_paused(&self) -> bool {
+        matches!(self.law_time, LawTime::Halted { .. })
     }
 
     pub(crate) fn stopped(&mut self) {
-        self.gait = Gait::Stopped;
+        self.law_time = LawTime::Stopped;
     }
 }
 
 /// Parts of the motors' limits that are asked for, one after the other, if the planner refuses what was found.
 const CAUTION: [f64; 3] = [1.0, 0.8, 0.5];
 
-impl<'a, B: Leased> Session<'a, B> {
+impl<B: Leased> Session<B> {
     /// Slows the laws' time to a halt, within the limits and as soon as they allow, all motors together: they stay on their
-    /// paths. Gives the tick from which on all of them rest; [`Session::resume`] goes on from there. What is made on the way
-    /// is kept on `shelf`.
+    /// paths. Gives the tick from which on all of them rest; [`Session::resume`] goes on from there.
     ///
     /// During an easing into motion it is first let come to its end. A motion that is paused already stays so.
     ///
@@ -50,7 +54,7 @@ impl<'a, B: Leased> Session<'a, B> {
     /// that the motors can do; or as [`Session::change`]. The motion goes on then.
     ///
     /// ```
-    /// # use pulsetrain_session::{Session, pause::Shelf};
+    /// # use pulsetrain_session::Session;
     /// # use pulsetrain_board::{Config, Edge, MotorConfig, Native, Wiring};
     /// # let text = pulsetrain_motion::template::motion_file("example");
     /// # let no_files = |_: &std::path::Path| Err(std::io::ErrorKind::NotFound.into());
@@ -59,24 +63,23 @@ impl<'a, B: Leased> Session<'a, B> {
     /// # let motors = vec![MotorConfig { wiring, pull_in_ticks: 1 }];
     /// # let board = Native::new(&Config { fraction_bits: program.board.fraction_bits, motors }).unwrap();
     /// # let mut nobody = |_: Edge| {};
-    /// let shelf = Shelf::default();
-    /// let mut session = Session::new(board, &program)?;
+    /// let mut session = Session::new(board, program)?;
     /// session.advance(session.zero() + 1_000_000, &mut nobody)?;
-    /// let rests = session.pause(&shelf)?;
+    /// let rests = session.pause()?;
     /// session.advance(rests + 5_000_000, &mut nobody)?;
-    /// session.resume(&shelf)?;
+    /// session.resume()?;
     /// assert_eq!(session.run(&mut nobody, |_| {}).failure, None);
     /// # Ok::<(), pulsetrain_session::SessionError>(())
     /// ```
-    pub fn pause(&mut self, shelf: &'a Shelf) -> Result<u64, SessionError> {
+    pub fn pause(&mut self) -> Result<u64, SessionError> {
         let hz = self.pace.tick_hz;
-        let (from, eased) = match self.course.gait {
-            Gait::Going { from, over } => (from, over),
-            Gait::Halted { rests, .. } => return Ok(rests),
-            Gait::Stopped => return Err(SessionError::Late { at: self.earliest(), latest: self.told() }),
+        let (from, eased) = match self.playback.law_time {
+            LawTime::Going { from, over } => (from, over),
+            LawTime::Halted { rests, .. } => return Ok(rests),
+            LawTime::Stopped => return Err(SessionError::Late { at: self.earliest(), latest: self.told() }),
         };
         let at_speed = self.stream.zero() + ticks(eased, hz);
-        let program = self.course.program;
+        let program = Arc::clone(&self.playback.program);
         self.attempt(|session, caution, spare| {
             let at = (session.earliest() + spare).max(at_speed);
             // Past its last step a motion is over, even where its laws still come to rest.
@@ -90,12 +93,12 @@ impl<'a, B: Leased> Session<'a, B> {
             // Ticks of a session stay far below 2^62.
             let since = Time::from_ratio(at.wrapping_sub(session.stream.zero()).cast_signed(), hz);
             let time = from + since - eased.divided_by(2);
-            let easing = pause::quickest_halt(program, time, caution)?;
+            let easing = pause::quickest_halt(&program, time, caution)?;
             let takes = ticks(easing.after + easing.over, hz);
-            session.go_over(at, shelf.keep(pause::halting(program, time, easing)?), takes)?;
+            session.go_over(at, Arc::new(pause::halting(&program, time, easing)?), takes)?;
             let rests = at + takes;
             let at = time + easing.after + easing.over.divided_by(2);
-            session.course = Course { program, gait: Gait::Halted { at, rests } };
+            session.playback = Playback { program: Arc::clone(&program), law_time: LawTime::Halted { at, rests } };
             Ok(rests)
         })
     }
@@ -105,19 +108,19 @@ impl<'a, B: Leased> Session<'a, B> {
     /// # Errors
     /// [`SessionError::NotPaused`]; [`SessionError::Early`] while the motors do not rest yet; [`SessionError::Pause`] where
     /// the laws themselves take all that the motors can do; or as [`Session::change`]. The motors stay at rest then.
-    pub fn resume(&mut self, shelf: &'a Shelf) -> Result<u64, SessionError> {
+    pub fn resume(&mut self) -> Result<u64, SessionError> {
         let hz = self.pace.tick_hz;
-        let Gait::Halted { at: from, rests } = self.course.gait else { return Err(SessionError::NotPaused) };
+        let LawTime::Halted { at: from, rests } = self.playback.law_time else { return Err(SessionError::NotPaused) };
         if !self.is_complete() || self.earliest() < rests {
             return Err(SessionError::Early { at: self.earliest(), earliest: rests });
         }
-        let program = self.course.program;
+        let program = Arc::clone(&self.playback.program);
         self.attempt(|session, caution, spare| {
             let at = session.earliest() + spare;
-            let over = pause::quickest_start(program, from, caution)?;
+            let over = pause::quickest_start(&program, from, caution)?;
             let takes = ticks(over, hz);
-            session.go_over(at, shelf.keep(pause::starting(program, from, over)?), takes)?;
-            session.course = Course { program, gait: Gait::Going { from, over } };
+            session.go_over(at, Arc::new(pause::starting(&program, from, over)?), takes)?;
+            session.playback = Playback { program: Arc::clone(&program), law_time: LawTime::Going { from, over } };
             Ok(at + takes)
         })
     }
@@ -125,7 +128,7 @@ impl<'a, B: Leased> Session<'a, B> {
     /// Tries again what was refused by the planner, with more caution, or came too late, with more time to spare.
     fn attempt(
         &mut self,
-        mut change: impl FnMut(&mut Session<'a, B>, f64, u64) -> Result<u64, SessionError>,
+        mut change: impl FnMut(&mut Session<B>, f64, u64) -> Result<u64, SessionError>,
     ) -> Result<u64, SessionError> {
         let (mut cautions, mut spare) = (CAUTION.into_iter().peekable(), 0);
         loop {

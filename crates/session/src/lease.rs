@@ -11,7 +11,7 @@ use pulsetrain_motion::program::{Program, Wiring};
 use pulsetrain_plan::{Refused, Stopping, stopping};
 
 /// How the motors of a plan brake.
-pub(crate) fn brakings(stream: &Stream<'_>) -> Result<Vec<Stopping>, SessionError> {
+pub(crate) fn brakings(stream: &Stream) -> Result<Vec<Stopping>, SessionError> {
     let program = stream.program();
     let of = |(motor, m): (usize, &pulsetrain_motion::program::Motor)| {
         let stopping = stopping(&stream.certificate(motor), &m.limits, &program.board);
@@ -21,7 +21,7 @@ pub(crate) fn brakings(stream: &Stream<'_>) -> Result<Vec<Stopping>, SessionErro
 }
 
 /// The longest lease for what was handed over, after tick `least` and up to `reach`. `None` if there is none yet.
-pub(crate) fn longest(stream: &Stream<'_>, timelines: &[Timeline], least: u64, reach: u64) -> Option<Lease> {
+pub(crate) fn longest(stream: &Stream, timelines: &[Timeline], least: u64, reach: u64) -> Option<Lease> {
     let known = stream.known();
     let is_over = || timelines.iter().filter_map(Timeline::last_tick).all(|last| last < reach);
     if known.is_none() && is_over() {

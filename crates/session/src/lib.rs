@@ -20,16 +20,24 @@
 //! Planning (`pulsetrain-plan`), boards (`pulsetrain-board`), files and terminals (`pulsetrain`).
 #![forbid(unsafe_code)]
 
+pub mod control;
+pub mod drive;
 mod error;
+pub mod estimate;
+pub mod fit;
 mod halt;
+pub mod lateness;
 mod lease;
 pub mod pause;
+pub mod prepare;
+pub mod rehearsal;
 mod stream;
 mod timeline;
 
 pub use error::SessionError;
 
-use halt::Course;
+use control::{MotorStatus, Status};
+use halt::Playback;
 use pulsetrain_board::lease::{ExtendRefused, Lease, LeaseState, Leased};
 use pulsetrain_board::{Faults, Observer, SwitchRefused};
 use pulsetrain_core::Epoch;
@@ -39,6 +47,7 @@ use pulsetrain_motion::program::Program;
 use pulsetrain_plan::line::{AHEAD_MS, KEPT};
 use pulsetrain_plan::{Certificate, Origin, Start};
 use std::collections::VecDeque;
+use std::sync::Arc;
 use stream::Stream;
 use timeline::{Step, Timeline};
 
@@ -47,6 +56,9 @@ const PATIENCE_S: u64 = 5;
 
 /// So often a beginning is sent again that came too late.
 const RETRIES: u32 = 3;
+
+/// A beginning may lie so far ahead of the board's time, s: a board tells ticks within 2^31 of its time apart, on a Pico 17 s.
+pub const FARTHEST_BEGIN_S: u64 = 10;
 
 /// A lease that ends within so many ms is short.
 const SHORT_MS: u64 = 40;
@@ -58,9 +70,9 @@ const MOST_ASKED: std::ops::RangeInclusive<u64> = 3..=6;
 const ASKED_EVERY_MS: u64 = 8;
 
 /// A program on its way into a board. Ticks are the board's, in 64 bits.
-pub struct Session<'a, B> {
+pub struct Session<B> {
     board: B,
-    stream: Stream<'a>,
+    stream: Stream,
     timelines: Vec<Timeline>,
     /// How the motors brake, as the board has accepted it.
     limits: Vec<Limit>,
@@ -88,7 +100,7 @@ pub struct Session<'a, B> {
     /// The line broke before the board answered an order to brake.
     stop_unanswered: bool,
     /// The program that was begun, or changed to, and how far its time is.
-    course: Course<'a>,
+    playback: Playback,
 }
 
 /// A plan that is followed up to a tick.
@@ -178,16 +190,29 @@ pub struct Report {
     pub failure: Option<SessionError>,
 }
 
-impl<'a, B: Leased> Session<'a, B> {
+impl<B: Leased> Session<B> {
     /// Plans the beginning of `program` and sends it; the laws begin 1 ms or a little more from now.
     ///
     /// # Errors
     /// When the plan is refused, the board is not idle, or its queue is too short. Nothing moves then.
-    pub fn new(mut board: B, program: &'a Program) -> Result<Session<'a, B>, SessionError> {
+    pub fn new(board: B, program: impl Into<Arc<Program>>) -> Result<Session<B>, SessionError> {
+        Session::begin(board, program.into(), None)
+    }
+
+    /// The same, with the laws' time 0 at a tick of the board: several boards can begin together.
+    ///
+    /// # Errors
+    /// As [`Session::new`], and [`SessionError::Early`] or [`SessionError::Late`] for a tick that the board cannot be told of in time, or that lies
+    /// more than [`FARTHEST_BEGIN_S`] ahead.
+    pub fn begin_at(board: B, program: impl Into<Arc<Program>>, zero: u64) -> Result<Session<B>, SessionError> {
+        Session::begin(board, program.into(), Some(zero))
+    }
+
+    fn begin(mut board: B, program: Arc<Program>, wanted: Option<u64>) -> Result<Session<B>, SessionError> {
         if !board.is_idle() {
             return Err(SessionError::Busy);
         }
-        let pace = Pace::of(program, board.lead());
+        let pace = Pace::of(&program, board.lead());
         let counts = board.positions();
         let motors = program.motors.len();
         if counts.len() < motors {
@@ -199,9 +224,17 @@ impl<'a, B: Leased> Session<'a, B> {
         let (mut took, mut tries) = (0, 0);
         let (zero, begun) = loop {
             let called = board.now();
-            let zero = called + pace.tick_hz.div_ceil(1000) + 4 * pace.lead + pace.link + 2 * took;
-            let stream = Stream::new(program, zero, &counts, board.epoch().next(), &board)?;
-            let begun = Begun::new(&mut board, stream, &timelines, &capacity, &pace)?;
+            let earliest = called + pace.tick_hz.div_ceil(1000) + 4 * pace.lead + pace.link + 2 * took;
+            let zero = wanted.unwrap_or(earliest);
+            if zero < earliest {
+                return Err(SessionError::Early { at: zero, earliest });
+            }
+            let latest = called + FARTHEST_BEGIN_S * pace.tick_hz;
+            if zero > latest {
+                return Err(SessionError::Late { at: zero, latest });
+            }
+            let stream = Stream::new(Arc::clone(&program), zero, &counts, board.epoch().next(), &board)?;
+            let begun = Beginning::new(&mut board, stream, &timelines, &capacity, &pace)?;
             match begun.switch(&mut board) {
                 Ok(()) => break (zero, begun),
                 // Planning and sending took longer than was allowed for: once more, with time for that.
@@ -231,7 +264,7 @@ impl<'a, B: Leased> Session<'a, B> {
             ended: None,
             unanswered: None,
             stop_unanswered: false,
-            course: Course::begun(program),
+            playback: Playback::begun(program),
         };
         session.fill()?;
         Ok(session)
@@ -369,7 +402,7 @@ impl<'a, B: Leased> Session<'a, B> {
     fn brake_from(&mut self, at: u64) {
         self.timelines = self.ended_at(at);
         (self.over, self.ended, self.replaced) = (true, Some(at), None);
-        self.course.stopped();
+        self.playback.stopped();
     }
 
     /// What the motors do if they brake from tick `until` on.
@@ -439,7 +472,7 @@ impl<'a, B: Leased> Session<'a, B> {
     /// When the board cannot be told, or does not say since when: the motors brake at the end of their lease then, or sooner.
     pub fn stop(&mut self) -> Result<u64, SessionError> {
         self.over = true;
-        self.course.stopped();
+        self.playback.stopped();
         self.look()?;
         if let Some(at) = self.ended {
             return Ok(at);
@@ -486,16 +519,17 @@ impl<'a, B: Leased> Session<'a, B> {
     ///
     /// # Errors
     /// When `at` is too early or too late, or another change waits, or the new plan is refused; the old one goes on.
-    pub fn change(&mut self, at: u64, program: &'a Program) -> Result<(), SessionError> {
-        self.go_over(at, program, 0)?;
-        self.course = Course::begun(program);
+    pub fn change(&mut self, at: u64, program: impl Into<Arc<Program>>) -> Result<(), SessionError> {
+        let program = program.into();
+        self.go_over(at, Arc::clone(&program), 0)?;
+        self.playback = Playback::begun(program);
         Ok(())
     }
 
     /// As [`Session::change`]. The first `proven` ticks are planned before the board hears of the change. If that plan is refused, nothing changes.
-    fn go_over(&mut self, at: u64, program: &'a Program, proven: u64) -> Result<(), SessionError> {
+    fn go_over(&mut self, at: u64, program: Arc<Program>, proven: u64) -> Result<(), SessionError> {
         let (motors, old) = (program.motors.len(), self.timelines.len());
-        let pace = Pace::of(program, self.pace.link);
+        let pace = Pace::of(&program, self.pace.link);
         if motors != old || (pace.tick_hz, pace.fraction_bits) != (self.pace.tick_hz, self.pace.fraction_bits) {
             return Err(SessionError::Motors { program: motors, board: old });
         }
@@ -519,10 +553,10 @@ impl<'a, B: Leased> Session<'a, B> {
             starts.push(Start { origin, last_step: self.timelines[motor].last_before(at)[0].map(from_there) });
             datums.push(datum);
         }
-        halt::prove(program, &starts, proven)?;
+        halt::prove(&program, &starts, proven)?;
         let epoch = self.next_epoch();
         let stream = Stream::from(program, at, &starts, datums, epoch, &self.board)?;
-        let begun = Begun::new(&mut self.board, stream, &self.timelines, &self.capacity, &pace)?;
+        let begun = Beginning::new(&mut self.board, stream, &self.timelines, &self.capacity, &pace)?;
         if let Err(error) = begun.switch(&mut self.board) {
             if let SessionError::Lost(_) = error {
                 // It may have been accepted all the same.
@@ -586,6 +620,36 @@ impl<'a, B: Leased> Session<'a, B> {
             return self.timelines.get(motor)?.count_before(after);
         }
         self.expected().get(motor)?.count_before(after)
+    }
+
+    /// Where everything is. Times are seconds since tick `zero`.
+    pub fn status(&mut self, zero: u64) -> Status {
+        let now = self.board.now();
+        let tick_s = 1.0 / self.pace.tick_hz as f64;
+        let motors = (0..self.capacity.len()).map(|motor| {
+            let state = self.state(motor, now).ok();
+            let position = state.map_or_else(|| self.count_at(motor, now).unwrap_or_default(), |state| state.count);
+            MotorStatus {
+                position,
+                target: state.map(|state| state.theta),
+                speed: state.map(|state| state.speed),
+                queue: (self.board.room(motor), self.capacity[motor]),
+            }
+        });
+        let motors = motors.collect();
+        let committed = self.told();
+        Status {
+            at_s: now.saturating_sub(zero) as f64 * tick_s,
+            lease_s: (committed != u64::MAX).then(|| committed.saturating_sub(now) as f64 * tick_s),
+            motors,
+            lateness: None,
+        }
+    }
+
+    /// Whether the motion is paused, or comes to a pause.
+    #[must_use]
+    pub fn is_paused(&self) -> bool {
+        self.playback.is_paused()
     }
 
     /// The first tick at which a change can be made now.
@@ -683,25 +747,25 @@ fn too_short(motor: usize, capacity: &[usize], ticks: u64, pace: &Pace) -> Sessi
 }
 
 /// The beginning of a plan, in the board's queues.
-struct Begun<'a> {
-    stream: Stream<'a>,
+struct Beginning {
+    stream: Stream,
     timelines: Vec<Timeline>,
     limits: Vec<Limit>,
     lease: Lease,
     joined: u64,
 }
 
-impl<'a> Begun<'a> {
+impl Beginning {
     /// Hands a plan over that takes over from `timelines`: as much of it as there is room for.
     fn new<B: Leased>(
         board: &mut B,
-        stream: Stream<'a>,
+        stream: Stream,
         timelines: &[Timeline],
         capacity: &[usize],
         pace: &Pace,
-    ) -> Result<Begun<'a>, SessionError> {
+    ) -> Result<Beginning, SessionError> {
         let epoch = stream.epoch();
-        let begun = Begun::hand_over(board, stream, timelines, capacity, pace);
+        let begun = Beginning::hand_over(board, stream, timelines, capacity, pace);
         if begun.is_err() {
             board.discard(epoch);
         }
@@ -710,11 +774,11 @@ impl<'a> Begun<'a> {
 
     fn hand_over<B: Leased>(
         board: &mut B,
-        mut stream: Stream<'a>,
+        mut stream: Stream,
         timelines: &[Timeline],
         capacity: &[usize],
         pace: &Pace,
-    ) -> Result<Begun<'a>, SessionError> {
+    ) -> Result<Beginning, SessionError> {
         let mut timelines = timelines.to_vec();
         timelines.iter_mut().for_each(|timeline| timeline.cut(stream.zero()));
         let (zero, reach) = (stream.zero(), stream.zero() + pace.ahead);
@@ -728,7 +792,7 @@ impl<'a> Begun<'a> {
         let limits = brakings.iter().map(|braking| braking.limit).collect();
         let joined = lease::joined(&timelines, &brakings, stream.program(), zero);
         match (lease::longest(&stream, &timelines, joined, reach), handed.short) {
-            (Some(lease), _) => Ok(Begun { stream, timelines, limits, lease, joined }),
+            (Some(lease), _) => Ok(Beginning { stream, timelines, limits, lease, joined }),
             (None, short) => Err(too_short(short.unwrap_or_default(), capacity, 0, pace)),
         }
     }

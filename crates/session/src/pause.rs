@@ -3,8 +3,6 @@
 //! All motors share one time: their paths and their phases stay what they were. A pause takes as long as the motor that has
 //! least to spare needs; where a law brakes by itself as hard as it may, it is first let go on.
 
-use std::cell::OnceCell;
-
 use pulsetrain_motion::law::Cursor;
 use pulsetrain_motion::program::{Motor, Program};
 use pulsetrain_motion::{Law, LawError, Time};
@@ -216,39 +214,4 @@ pub fn paused(program: &Program, at: Time, until: Option<Time>) -> Result<(Progr
         goes_on_s: goes_on.map(|(at, over)| (at.seconds(), (at + over).seconds())),
     };
     Ok((program, paused))
-}
-
-/// Programs that are made on the way, and kept as long as whoever follows them.
-///
-/// ```
-/// # let text = pulsetrain_motion::template::motion_file("example");
-/// # let no_files = |_: &std::path::Path| Err(std::io::ErrorKind::NotFound.into());
-/// # let program = pulsetrain_motion::file::read(&text, "example.toml", &no_files).unwrap();
-/// let shelf = pulsetrain_session::pause::Shelf::default();
-/// let kept = shelf.keep(program.clone());
-/// let other = shelf.keep(program);
-/// assert_eq!(kept.motors.len(), other.motors.len());
-/// ```
-#[derive(Clone, Debug, Default)]
-pub struct Shelf(OnceCell<Box<(Program, Shelf)>>);
-
-impl Shelf {
-    /// Keeps a program.
-    pub fn keep(&self, program: Program) -> &Program {
-        let mut last = self;
-        while let Some(taken) = last.0.get() {
-            last = &taken.1;
-        }
-        &last.0.get_or_init(|| Box::new((program, Shelf::default()))).0
-    }
-}
-
-impl Drop for Shelf {
-    fn drop(&mut self) {
-        // One after the other: a long row would be too deep for one within the other.
-        let mut next = self.0.take();
-        while let Some(mut taken) = next {
-            next = taken.1.0.take();
-        }
-    }
 }

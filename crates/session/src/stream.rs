@@ -3,12 +3,13 @@
 use crate::SessionError;
 use crate::timeline::{Placed, Timeline, tick_of};
 use pulsetrain_board::{Board, Sizer};
-use pulsetrain_core::{Entry, Epoch, Item, Moment, Segment};
+use pulsetrain_core::{Entry, Epoch, Item, Segment, Tick32};
 use pulsetrain_motion::Time;
 use pulsetrain_motion::law::Cursor;
 use pulsetrain_motion::program::Program;
 use pulsetrain_plan::{Certificate, Ensemble, LONGEST_WAIT_TICKS, Move, Start};
 use std::collections::VecDeque;
+use std::sync::Arc;
 
 /// Longest wait of one item, ticks. A longer rest is told bit by bit, so that a motor's accumulator never is far from the board's time.
 const LONGEST_DWELL_TICKS: u64 = 1 << 28;
@@ -16,18 +17,18 @@ const LONGEST_DWELL_TICKS: u64 = 1 << 28;
 /// The θ that counts of a motor start from: whole steps, and rest.
 pub(crate) type Datum = (i64, f64);
 
-pub(crate) struct Stream<'a> {
-    program: &'a Program,
-    ensemble: Ensemble<'a>,
+pub(crate) struct Stream {
+    program: Arc<Program>,
+    ensemble: Ensemble,
     epoch: Epoch,
     /// The board's tick at which the laws' time is 0.
     zero: u64,
-    lanes: Vec<Lane<'a>>,
+    lanes: Vec<Lane>,
 }
 
 /// What a motor is told.
-struct Lane<'a> {
-    cursor: Cursor<'a>,
+struct Lane {
+    cursor: Cursor,
     datum: Datum,
     sizer: Sizer,
     /// After the items that the board was handed, ticks · 2^F.
@@ -61,43 +62,45 @@ pub(crate) struct Handed {
 /// So many items of each motor are handed over at once: then the lease is put off.
 const ITEMS_AT_ONCE: usize = 16;
 
-impl<'a> Stream<'a> {
+impl Stream {
     /// A program from the beginning: its laws begin where the motors are, at `counts`.
     pub(crate) fn new<B: Board>(
-        program: &'a Program,
+        program: Arc<Program>,
         zero: u64,
         counts: &[i64],
         epoch: Epoch,
         board: &B,
-    ) -> Result<Stream<'a>, SessionError> {
+    ) -> Result<Stream, SessionError> {
         let datums = program.motors.iter().zip(counts).enumerate().map(|(motor, (m, count))| {
             let first = Cursor::new(&m.law).at(Time::ZERO).map_err(|error| SessionError::Law { motor, error })?;
             Ok((first.whole - count, first.fraction))
         });
         let datums = datums.collect::<Result<Vec<_>, SessionError>>()?;
-        Ok(Stream::assemble(program, Ensemble::new(program)?, zero, datums, epoch, board))
+        let ensemble = Ensemble::new(&program)?;
+        Ok(Stream::assemble(program, ensemble, zero, datums, epoch, board))
     }
 
     /// A program that takes over from another, whose datums it keeps.
     pub(crate) fn from<B: Board>(
-        program: &'a Program,
+        program: Arc<Program>,
         zero: u64,
         starts: &[Start],
         datums: Vec<Datum>,
         epoch: Epoch,
         board: &B,
-    ) -> Result<Stream<'a>, SessionError> {
-        Ok(Stream::assemble(program, Ensemble::from(program, starts)?, zero, datums, epoch, board))
+    ) -> Result<Stream, SessionError> {
+        let ensemble = Ensemble::from(&program, starts)?;
+        Ok(Stream::assemble(program, ensemble, zero, datums, epoch, board))
     }
 
     fn assemble<B: Board>(
-        program: &'a Program,
-        ensemble: Ensemble<'a>,
+        program: Arc<Program>,
+        ensemble: Ensemble,
         zero: u64,
         datums: Vec<Datum>,
         epoch: Epoch,
         board: &B,
-    ) -> Stream<'a> {
+    ) -> Stream {
         let fraction_bits = program.board.fraction_bits;
         let lane = |(motor, datum): (usize, Datum)| Lane {
             cursor: Cursor::new(&program.motors[motor].law),
@@ -105,7 +108,7 @@ impl<'a> Stream<'a> {
             sizer: board.sizer(motor),
             accumulator: (i128::from(zero) << fraction_bits) + (1 << (fraction_bits - 1)),
             waits: true,
-            next: VecDeque::from([Item::Anchor { tick: Moment::of(zero) }]),
+            next: VecDeque::from([Item::Anchor { tick: Tick32::of(zero) }]),
             dwell: 0,
             ended: false,
         };
@@ -113,8 +116,8 @@ impl<'a> Stream<'a> {
         Stream { program, ensemble, epoch, zero, lanes }
     }
 
-    pub(crate) fn program(&self) -> &'a Program {
-        self.program
+    pub(crate) fn program(&self) -> &Program {
+        &self.program
     }
 
     pub(crate) fn zero(&self) -> u64 {
@@ -236,7 +239,7 @@ impl<'a> Stream<'a> {
     }
 }
 
-impl Lane<'_> {
+impl Lane {
     /// Whether all was handed over.
     fn is_told(&self) -> bool {
         self.ended && self.next.is_empty()

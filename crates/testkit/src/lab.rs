@@ -8,7 +8,7 @@ use pulsetrain_core::verbs::Limits;
 use pulsetrain_core::wire::Baud;
 
 /// The map of symbols of the Uno's image.
-pub const SYMBOLS: &str = include_str!("../../board/images/uno.sym");
+pub const SYMBOLS: &str = include_str!("../../../testdata/uno.sym");
 
 /// Where a routine is in the flash, as a word's address, or a variable in RAM, as a byte's: by its name in a map of symbols.
 pub fn address(map: &str, name: &str) -> u16 {

@@ -36,7 +36,7 @@ pub use random::Random;
 
 use pulsetrain_board::{Board, Config, Edge, MotorConfig, Setup, Wiring};
 use pulsetrain_core::wire::message::MotorSetup;
-use pulsetrain_core::{Direction, Entry, Epoch, Item, Moment, Segment};
+use pulsetrain_core::{Direction, Entry, Epoch, Item, Segment, Tick32};
 
 /// Ticks per second of an Uno, and of the model board.
 pub const TICK_HZ: u64 = 16_000_000;
@@ -99,7 +99,7 @@ pub fn run(count: u32, interval: i64) -> Item {
 
 /// Items of an epoch that begins at a tick, for motor 0.
 pub fn tell(board: &mut impl Board, epoch: u8, from: u64, items: &[Item]) {
-    let anchor = Item::Anchor { tick: Moment::of(from) };
+    let anchor = Item::Anchor { tick: Tick32::of(from) };
     for item in [anchor].iter().chain(items) {
         board.push(0, Entry { epoch: Epoch(epoch), item: *item }).expect("room");
     }

@@ -7,7 +7,7 @@ use pulsetrain_core::verbs::{Course, Verb};
 use pulsetrain_core::wire::message::Reason;
 use std::time::Duration;
 
-const IMAGE: &[u8] = include_bytes!("../../board/images/mailbox.uf2");
+const IMAGE: &[u8] = include_bytes!("../../../testdata/mailbox.uf2");
 
 /// The mailbox's first word, and where the others are, in words from there.
 const MAGIC: [u8; 4] = 0x6d61_696c_u32.to_le_bytes();

@@ -22,7 +22,7 @@ use pulsetrain_core::wire::settings::SETTINGS_LEN;
 use pulsetrain_core::wire::{
     Baud, Decoder, Encoder, MAX_BODY, MAX_FRAME, Machine, Millis, Refusal, Service, Stopped, Switched, Trimmed,
 };
-use pulsetrain_core::{Epoch, Moment};
+use pulsetrain_core::{Epoch, Tick32};
 use std::collections::VecDeque;
 use std::time::Duration;
 
@@ -196,9 +196,9 @@ impl Model {
     }
 
     /// The tick of a moment within 2^31 of now.
-    fn near(&self, moment: Moment) -> u64 {
+    fn near(&self, moment: Tick32) -> u64 {
         let now = self.native.now();
-        now.saturating_add_signed(moment.since(Moment::of(now)).cast_signed().into())
+        now.saturating_add_signed(moment.since(Tick32::of(now)).cast_signed().into())
     }
 
     /// How many items at the end of a motor's queue have so many bytes; `None`: none have.
@@ -434,7 +434,7 @@ impl Machine for Model {
         self.armed && self.native.extend(self.lease_of(lease), &limits).is_ok()
     }
 
-    fn trim(&mut self, until: Moment, bytes: &[u8]) -> Result<Trimmed, Refusal> {
+    fn trim(&mut self, until: Tick32, bytes: &[u8]) -> Result<Trimmed, Refusal> {
         if !self.armed {
             return Err(Refusal::of(Reason::NotArmed));
         }
@@ -473,9 +473,9 @@ impl Machine for Model {
     fn lease(&self) -> (u8, u32) {
         let state = match Leased::lease(&self.native) {
             LeaseState::Off => message::LeaseState::Off,
-            LeaseState::Until(until) => message::LeaseState::Until(Moment::of(until)),
+            LeaseState::Until(until) => message::LeaseState::Until(Tick32::of(until)),
             LeaseState::Last => message::LeaseState::Last,
-            LeaseState::Lapsed { at, .. } => message::LeaseState::Lapsed(Moment::of(at)),
+            LeaseState::Lapsed { at, .. } => message::LeaseState::Lapsed(Tick32::of(at)),
         };
         state.to_parts()
     }

@@ -8,7 +8,7 @@ use pulsetrain_core::braking::Limit;
 use pulsetrain_core::output::Sequence;
 use pulsetrain_core::wire::Baud;
 use pulsetrain_core::wire::message::{MotorSetup, coil_pins};
-use pulsetrain_core::{Direction, Entry, Epoch, Item, Moment, Segment};
+use pulsetrain_core::{Direction, Entry, Epoch, Item, Segment, Tick32};
 
 /// Ticks per second.
 pub const TICK_HZ: u64 = 125_000_000;
@@ -16,7 +16,7 @@ pub const TICK_HZ: u64 = 125_000_000;
 /// GPIO of the gate: no motor's.
 const GATE: u8 = 25;
 
-/// A word lasts so long beyond pulse and wait: see `pulsetrain_core::words`.
+/// A word lasts so long beyond pulse and wait: see `pulsetrain_core::pio`.
 const STEP_DIR_OVERHEAD: u32 = 3;
 
 /// STEP on `pin`, DIR on the next.
@@ -276,7 +276,7 @@ pub fn as_line(setup: &Setup, edge: Edge) -> Option<Edge> {
 pub fn random_items(setup: &Setup, motor: &MotorSetup, random: &mut Random, from: u64, fastest: u64) -> Vec<Item> {
     let room = 3 * overhead(setup, motor) + u32::from(setup.setup_ticks) + u32::from(setup.hold_ticks);
     let mut direction = if random.one_in(2) { Direction::Forward } else { Direction::Backward };
-    let mut items = vec![Item::Anchor { tick: Moment::of(from) }, Item::Dwell { ticks: room }];
+    let mut items = vec![Item::Anchor { tick: Tick32::of(from) }, Item::Dwell { ticks: room }];
     let interval = |random: &mut Random| (fastest as f64 * 100f64.powf(random.fraction().powi(2))) as i64;
     let mut now = interval(random);
     for _ in 0..random.between(2, 16) {

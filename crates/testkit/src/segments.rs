@@ -3,7 +3,7 @@
 use super::{Random, TICK_HZ, pico};
 use pulsetrain_board::{Lease, Leased, Observer, SwitchRefused};
 use pulsetrain_core::packing::{MAX_PACKED_LEN, Packing, State};
-use pulsetrain_core::{Direction, Entry, Epoch, Item, Moment, Recurrence, Segment};
+use pulsetrain_core::{Direction, Entry, Epoch, Item, Recurrence, Segment, Tick32};
 use std::collections::VecDeque;
 
 /// The board that segments are for.
@@ -101,7 +101,7 @@ impl Source {
             direction: Direction::Forward,
             interval: chip.tick_hz as f64 / law.rate,
             due: VecDeque::new(),
-            ahead: Some(Item::Anchor { tick: Moment::of(start) }),
+            ahead: Some(Item::Anchor { tick: Tick32::of(start) }),
             end,
             packed: 0,
         }
@@ -149,8 +149,8 @@ impl Source {
         for _ in 0..count {
             self.recurrence.advance();
             // The accumulator has the lowest of their bits.
-            let now = Moment::of(self.recurrence.accumulator >> chip.fraction_bits);
-            self.tick += u64::from(now.since(Moment::of(self.tick)));
+            let now = Tick32::of(self.recurrence.accumulator >> chip.fraction_bits);
+            self.tick += u64::from(now.since(Tick32::of(self.tick)));
             self.due.push_back(self.tick);
         }
         self.interval = self.recurrence.interval as f64 / chip.ticks();

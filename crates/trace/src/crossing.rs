@@ -56,8 +56,8 @@ pub struct Crossing {
 }
 
 /// The crossings of one law, in order.
-pub struct Crossings<'a> {
-    pieces: Pieces<'a>,
+pub struct Crossings {
+    pieces: Pieces,
     grid: Grid,
     tick_hz: u64,
     /// θ at the start: origin and value of the first piece's curve.
@@ -98,10 +98,10 @@ struct Stretch {
     ends_slow: bool,
 }
 
-impl<'a> Crossings<'a> {
+impl Crossings {
     /// From t = 0 s and position 0 on, in ticks of `tick_hz`.
     #[must_use]
-    pub fn new(law: &'a Law, grid: Grid, tick_hz: u64) -> Crossings<'a> {
+    pub fn new(law: &Law, grid: Grid, tick_hz: u64) -> Crossings {
         Crossings {
             pieces: law.pieces(),
             grid,

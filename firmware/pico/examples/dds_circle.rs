@@ -1,8 +1,8 @@
-//! Draws circles with two ULN2003 motors, on GPIO 2 to 5 and 6 to 9, without a host: direct digital synthesis of their speeds, as seed
-//! 002 does it.
+//! Draws circles with two ULN2003 motors, on GPIO 2 to 5 and 6 to 9, without a host: direct digital synthesis of their speeds, as
+//! the Pico plotter (002) has it.
 //!
-//! A phase accumulator of 32 bits goes on 100 times a second; a table of sines makes speeds of its upper bits, a quarter of a turn
-//! apart for the two motors, and [`convert`] periods of the speeds.
+//! 100 times a second a phase accumulator of 32 bits is incremented. A table of sines has the speeds for its upper bits, a quarter
+//! of a turn apart for the two motors, and [`convert`] makes periods of the speeds.
 #![no_std]
 #![no_main]
 
@@ -11,13 +11,13 @@ use pulsetrain_pico::motors::{Course, MotorSetup, Motors, Sequence, TICKS_PER_S,
 /// How often speeds are set, Hz.
 const RATE_HZ: u32 = 100;
 
-/// A circle takes so long, s.
+/// The time for a circle, s.
 const PERIOD_S: u32 = 8;
 
 /// Its radius, half steps.
 const RADIUS: f32 = 400.0;
 
-/// How far the accumulator goes each time: all of it in [`PERIOD_S`].
+/// The increment of the accumulator: 2^32 in [`PERIOD_S`].
 const INCREMENT: u32 = ((1 << 32) / (RATE_HZ * PERIOD_S) as u64) as u32;
 
 /// The largest speed, half steps/s.
@@ -30,17 +30,17 @@ extern "C" fn main() -> ! {
     let Ok(motors) = (unsafe { Motors::begin(&wiring, Times::default()) }) else { panic!() };
     let mut sines = [0.0; 256];
     for (at, sine) in (0..).zip(&mut sines) {
-        // In the middle of what the accumulator's upper bits stand for.
+        // The sine in the middle of the phases that share these upper bits.
         *sine = FASTEST * libm::sinf((at as f32 + 0.5) * 2.0 * core::f32::consts::PI / 256.0);
     }
     let speed = |phase: u32| sines[(phase >> 24) as usize];
-    // A speed holds until the next: it is that of the time's middle.
+    // A speed holds until the next one: it is the speed in the middle of that time.
     let (mut phase, mut next) = (INCREMENT / 2, motors.now());
     let _ = motors.tell(&[(0, Verb::Run), (1, Verb::Run)]);
     loop {
         let speeds = [speed(phase), speed(phase.wrapping_add(1 << 30))];
         let [x, y] = speeds.map(|speed| (course(speed), Verb::Speed { ticks: convert(speed) }));
-        // Periods of speeds that the motors have are not refused: they stopped, and what is drawn is not what it ought to be.
+        // These periods are never too short. So the motors have stopped, and the drawing is wrong.
         if motors.tell(&[(0, x.0), (0, x.1), (1, y.0), (1, y.1)]).is_err() {
             panic!();
         }
@@ -60,8 +60,8 @@ fn course(speed: f32) -> Verb {
     })
 }
 
-/// A speed, half steps/s, as the wait from step to step. It is its inverse: twice the wait is half the speed.
+/// The period from step to step at a speed in half steps/s, ticks. It is the inverse: twice the period is half the speed.
 fn convert(speed: f32) -> u64 {
-    // From a step in ten seconds on; slower ones are as slow as that.
+    // Speeds below a step in ten seconds are taken for that.
     (TICKS_PER_S as f32 / speed.abs().max(0.1)) as u64
 }

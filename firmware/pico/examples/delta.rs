@@ -1,8 +1,8 @@
-//! A delta robot that picks and places without a host: three ULN2003 motors, on GPIO 2 to 5, 6 to 9 and 10 to 13, by their positions
-//! alone.
+//! A delta robot that picks and places without a host: three ULN2003 motors, on GPIO 2 to 5, 6 to 9 and 10 to 13. It uses
+//! moves only.
 //!
-//! Arms hang from a base, at 120° from each other, each turned by a motor; rods join them to the effector. Where the effector is to
-//! be says how far each arm is turned; each way is three moves that begin and end together.
+//! Arms hang from a base, at 120° from each other, each turned by a motor; rods connect them to the effector. The position of the
+//! effector determines the angles of the arms; each of its ways is three moves that begin and end together.
 #![no_std]
 #![no_main]
 
@@ -16,7 +16,7 @@ const ARM: f32 = 70.0;
 const ROD: f32 = 160.0;
 const EFFECTOR: f32 = 20.0;
 
-/// Half steps of a turn.
+/// Half steps of a turn of the motor.
 const TURN: f32 = 4096.0;
 
 /// The shortest period, ticks: 800 half steps/s.
@@ -32,7 +32,7 @@ const WAY: [[f32; 3]; 6] = [
     [-30.0, 30.0, -150.0],
 ];
 
-/// Moves that were done: counted in the interrupt.
+/// Moves that are done, counted in the interrupt.
 static DONE: AtomicU32 = AtomicU32::new(0);
 
 #[unsafe(no_mangle)]
@@ -41,31 +41,31 @@ extern "C" fn main() -> ! {
     // SAFETY: once, and nothing else is set up.
     let Ok(motors) = (unsafe { Motors::begin(&wiring, Times::default()) }) else { panic!() };
     motors.on_done(|_, _| DONE.store(DONE.load(Ordering::Relaxed) + 1, Ordering::Relaxed));
-    // Arms begin level.
+    // The arms are level at first.
     let (mut stand, mut moves) = ([0_i32; 3], 0);
     for point in WAY.iter().cycle() {
-        // What is out of reach is left out.
+        // Points out of reach are left out.
         let Some(target) = steps(*point) else { continue };
         let way = [0, 1, 2].map(|arm| target[arm] - stand[arm]);
         let longest = way.iter().map(|way| way.unsigned_abs()).max().unwrap_or(0);
         for (arm, way) in (0..).zip(way) {
             let course = if way < 0 { Course::Backward } else { Course::Forward };
-            // All arrive together: the shorter the way, the longer the period.
+            // The shorter an arm's way, the longer its period, so that all arrive together.
             let ticks = u64::from(longest) * u64::from(PERIOD) / u64::from(way.unsigned_abs().max(1));
-            // Not refused: motors rest, and it is longer than the shortest.
+            // It cannot be refused: the motors rest, and the period is longer than the shortest.
             let _ = motors.tell(&[(arm, Verb::Course(course)), (arm, Verb::Speed { ticks })]);
         }
         let [a, b, c] = way.map(|way| Verb::Move { steps: way.unsigned_abs() });
         let _ = motors.tell(&[(0, a), (1, b), (2, c)]);
         for motor in (0..3).filter_map(|number| motors.motor(number)) {
             if block_on(motor.rests()).is_err() {
-                // They stopped on the way, and the effector is somewhere else.
+                // The motors stopped on the way: the effector is somewhere else.
                 panic!();
             }
         }
         stand = target;
         moves += 3;
-        // Each way is three moves, also where an arm stays as it is.
+        // Each way is three moves, even if an arm does not turn.
         if DONE.load(Ordering::Relaxed) != moves {
             panic!();
         }
@@ -86,8 +86,8 @@ fn steps([x, y, z]: [f32; 3]) -> Option<[i32; 3]> {
     Some(steps)
 }
 
-/// How far the first arm, in the plane y = 0, is turned down from level, rad: its end is on a circle around the axis, and a rod away
-/// from the effector.
+/// How far the first arm, in the plane y = 0, is turned down from level, rad: its end is on a circle around the axis, and a rod
+/// away from the effector.
 fn angle([x, y, z]: [f32; 3]) -> Option<f32> {
     // From the axis to the rod's lower end: to the right, and down.
     let (right, down) = (x + EFFECTOR - BASE, -z);

@@ -1,24 +1,25 @@
-//! Draws the Lorenz attractor, x to the right and z up, with two ULN2003 motors on GPIO 2 to 5 and 6 to 9, without a host: as seed 002
-//! does it on an Etch-a-Sketch.
+//! Draws the Lorenz attractor, x to the right and z up, with two ULN2003 motors on GPIO 2 to 5 and 6 to 9, without a host, as the
+//! Pico plotter (002) does on an Etch-a-Sketch.
 //!
-//! 50 times a second the equations say, in floating point that this processor has no unit for, where the motors are to be by the next
-//! time, and each gets the speed that brings it there from where it is. Speeds alone would not do: a motor that is told a new one
-//! makes whole steps, and what it loses or gains of one each time adds up. `cargo xtask bench verbs` says what it takes.
+//! 50 times a second the equations give the next target of each motor, in floating point that this processor has no unit for. Each
+//! motor gets the speed that brings it to its target from where it is. Speeds alone would not do: a motor makes whole steps, and
+//! the part of one that it loses or gains with each new speed would add up. `cargo xtask bench verbs` measures the time that it
+//! takes.
 #![no_std]
 #![no_main]
 
 use pulsetrain_pico::motors::{Course, MotorSetup, Motors, Sequence, TICKS_PER_S, Times, Verb};
 
-/// How often motors are told, Hz.
+/// How often speeds are set, Hz.
 const RATE_HZ: u32 = 50;
 
-/// The equations' time in a second, and their parameters.
+/// The time of the equations that passes in a second, and their parameters, which Lorenz chose.
 const PACE: f32 = 0.25;
 const SIGMA: f32 = 10.0;
 const RHO: f32 = 28.0;
 const BETA: f32 = 8.0 / 3.0;
 
-/// Half steps for a unit.
+/// Half steps for a unit of the equations.
 const SCALE: f32 = 12.0;
 
 /// Where it begins: x, y, z.
@@ -36,12 +37,12 @@ extern "C" fn main() -> ! {
     loop {
         let rates = [SIGMA * (y - x), x * (RHO - z) - y, x * y - BETA * z];
         [x, y, z] = [x + step * rates[0], y + step * rates[1], z + step * rates[2]];
-        // No orders: where the motors are from where on some would hold.
+        // Without orders `tell` returns the positions at the tick from which orders would take effect.
         let Ok(obeyed) = motors.tell(&[]) else { panic!() };
         let [at_x, at_z, ..] = obeyed.motors() else { panic!() };
         let right = verbs(SCALE * (x - BEGIN[0]) - at_x.position as f32);
         let up = verbs(SCALE * (z - BEGIN[2]) - at_z.position as f32);
-        // Periods of speeds that the motors have are not refused: they stopped, and what is drawn is not what it ought to be.
+        // These periods are never too short. So the motors have stopped, and the drawing is wrong.
         if motors.tell(&[(0, right.0), (0, right.1), (1, up.0), (1, up.1)]).is_err() {
             panic!();
         }
@@ -50,7 +51,7 @@ extern "C" fn main() -> ! {
     }
 }
 
-/// So many half steps until the next time: which way, and the wait from one to the next. Less than one waits until it is one.
+/// Direction and period for so many half steps until speeds are set again. Less than one half step waits until it is one.
 fn verbs(steps: f32) -> (Verb, Verb) {
     let course = if steps >= 1.0 {
         Course::Forward

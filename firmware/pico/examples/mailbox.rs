@@ -1,5 +1,5 @@
-//! A program for the library's tests: it does what a mailbox in RAM asks for, and tells there what came of it. Up to eight drivers, STEP
-//! on GPIO 2, 4, 6, …, DIR on the next ones; or up to five motors on coils, from GPIO 2 on.
+//! A program for the library's tests: it makes the calls that a mailbox in RAM asks for, and writes the results there. Up to eight
+//! drivers, STEP on GPIO 2, 4, 6, …, DIR on the next ones; or up to five motors on coils, from GPIO 2 on.
 //!
 //! `crates/testkit/src/mailbox.rs` has the other end, and finds it by its first word.
 #![no_std]
@@ -10,11 +10,11 @@ use core::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use core::task::{Context, Poll, RawWaker, RawWakerVTable, Waker};
 use pulsetrain_pico::motors::{Course, Done, MotorSetup, Motors, Refusal, Sequence, Times, Verb, set_handler};
 
-/// Futures, and done moves that are kept.
+/// How many futures, and done moves, the mailbox has room for.
 const FUTURES: usize = 6;
 const DONES: usize = 64;
 
-/// Words of a call.
+/// Arguments of a call at most.
 const ARGUMENTS: usize = 28;
 
 #[repr(C)]
@@ -25,16 +25,16 @@ struct Mailbox {
     /// The number of the call, and of the last one that was answered.
     call: AtomicU32,
     answered: AtomicU32,
-    /// What is asked for: see [`Program::serve`].
+    /// Which call: see [`serve`].
     what: AtomicU32,
     arguments: [AtomicU32; ARGUMENTS],
-    /// 0, or a [`Refusal`]'s reason with its detail in the upper half; then what the call gives.
+    /// 0, or the reason of a [`Refusal`] with its detail in the upper half; then the results of the call.
     refused: AtomicU32,
-    given: [AtomicU32; 4],
+    results: [AtomicU32; 4],
     /// Done moves so far, and the last of them: motor, tick's lower half, number.
     dones: AtomicU32,
     done: [[AtomicU32; 3]; DONES],
-    /// Each future's: 0 while it waits, 1 done, 2 refused; and how often it was polled.
+    /// For each future: 0 while it waits, 1 done, 2 refused; and how often it was polled.
     futures: [[AtomicU32; 2]; FUTURES],
     /// How often the program's own interrupt came.
     interrupts: AtomicU32,
@@ -48,7 +48,7 @@ static MAILBOX: Mailbox = Mailbox {
     what: AtomicU32::new(0),
     arguments: [const { AtomicU32::new(0) }; ARGUMENTS],
     refused: AtomicU32::new(0),
-    given: [const { AtomicU32::new(0) }; 4],
+    results: [const { AtomicU32::new(0) }; 4],
     dones: AtomicU32::new(0),
     done: [const { [const { AtomicU32::new(0) }; 3] }; DONES],
     futures: [const { [const { AtomicU32::new(0) }; 2] }; FUTURES],
@@ -61,16 +61,16 @@ static WOKEN: [AtomicBool; FUTURES] = [const { AtomicBool::new(false) }; FUTURES
 /// How long the program's own interrupt takes, and how long `on_done`, ticks.
 static INTERRUPT_TICKS: AtomicU32 = AtomicU32::new(0);
 static ON_DONE_TICKS: AtomicU32 = AtomicU32::new(0);
-/// Steps that a motor is told to go on with when a move is done; 0: none.
+/// Steps of the next move that `on_done` orders when a move is done; 0: none.
 static CHAIN: AtomicU32 = AtomicU32::new(0);
 
-/// The timer's alarm 2, which the tests have forced.
+/// The interrupt of the timer's alarm 2, which the tests force.
 const OWN: usize = 2;
 
-/// Bits to be cleared of what is forced (§4.6.5, INTF; §2.1.2).
+/// Clears bits of the forced interrupts (§4.6.5, INTF; §2.1.2).
 const TIMER_INTF_CLEAR: usize = 0x4005_4000 + 0x3c + 0x3000;
 
-/// Of the NVIC (ARMv6-M, B3.4): who is let in, priorities of 0 to 3.
+/// Registers of the NVIC (ARMv6-M, B3.4): enabled interrupts, priorities of 0 to 3.
 const ISER: usize = 0xe000_e100;
 const IPR0: usize = 0xe000_e400;
 /// SysTick's value, which counts down, modulo 2^24 (B3.3).
@@ -109,13 +109,13 @@ fn on_done(motors: Motors, done: Done) {
     if steps != 0
         && let Some(motor) = motors.motor(done.motor)
     {
-        // If it is refused, no more are done.
+        // If it is refused, the chain of moves ends.
         let _ = motor.move_steps(steps);
     }
     spin(ON_DONE_TICKS.load(Ordering::Relaxed));
 }
 
-/// Wakers are numbers of futures.
+/// The data of a waker is the number of its future.
 const WAKING: RawWakerVTable = RawWakerVTable::new(
     |number| RawWaker::new(number, &WAKING),
     |number| wake(number as usize),
@@ -143,7 +143,7 @@ extern "C" fn main() -> ! {
     // SAFETY: once, and nothing else is set up.
     let Ok(motors) = (unsafe { Motors::begin(&wiring[..count], times) }) else { panic!() };
     motors.on_done(on_done);
-    // SAFETY: it is not let in yet, shares atomics alone, and how long it takes is what the tests are about.
+    // SAFETY: it is not enabled yet, and shares only atomics. How long it takes is what the tests are about.
     if unsafe { set_handler(OWN, own_interrupt) }.is_err() {
         panic!();
     }
@@ -176,30 +176,30 @@ extern "C" fn main() -> ! {
             WOKEN[number].store(false, Ordering::Relaxed);
             let [state, polls] = &MAILBOX.futures[number];
             polls.store(polls.load(Ordering::Relaxed) + 1, Ordering::Relaxed);
-            // SAFETY: the table does with the number what wakers are for, on any thread.
+            // SAFETY: the table's functions treat the number as wakers must, on any thread.
             let waker = unsafe { Waker::new(number as *const (), &WAKING) };
             if let Poll::Ready(ended) = Pin::new(future).poll(&mut Context::from_waker(&waker)) {
                 state.store(if ended.is_ok() { 1 } else { 2 }, Ordering::Relaxed);
                 *place = None;
             }
         }
-        // SAFETY: it waits for an interrupt.
+        // SAFETY: it only waits for an interrupt.
         unsafe { core::arch::asm!("wfi") }
     }
 }
 
 const WAIT: u32 = 10;
 
-/// Calls of the library but waiting for rest.
+/// Calls of the library, but for waiting for rest.
 fn serve(motors: Motors, what: u32, asked: &[u32; ARGUMENTS]) -> Result<(), Refusal> {
-    let give = |given: [u32; 4]| {
-        for (place, given) in MAILBOX.given.iter().zip(given) {
-            place.store(given, Ordering::Relaxed);
+    let answer = |results: [u32; 4]| {
+        for (place, results) in MAILBOX.results.iter().zip(results) {
+            place.store(results, Ordering::Relaxed);
         }
     };
     let halves = |tick: u64| [tick as u32, (tick >> 32) as u32];
     match what {
-        // Tells asked[0] things: motor, verb, number; gives the tick.
+        // Gives asked[0] orders: motor, verb, number. Returns the tick.
         1 => {
             let mut verbs = [(0, Verb::Halt); 9];
             let verbs = &mut verbs[..asked[0] as usize];
@@ -216,22 +216,22 @@ fn serve(motors: Motors, what: u32, asked: &[u32; ARGUMENTS]) -> Result<(), Refu
                 *place = (*motor as u8, verb);
             }
             let [low, high] = halves(motors.tell(verbs)?.tick);
-            give([low, high, 0, 0]);
+            answer([low, high, 0, 0]);
         }
         2 => motors.arm()?,
-        // Gives the tick, and whose position is uncertain.
+        // Returns the tick, and whose position is uncertain.
         3 => {
             let stopped = motors.stop();
             let [low, high] = halves(stopped.tick);
-            give([low, high, u32::from(stopped.uncertain), 0]);
+            answer([low, high, u32::from(stopped.uncertain), 0]);
         }
         4 => motors.release()?,
-        // Keeps all interrupts out for asked[0] ticks.
+        // Disables interrupts for asked[0] ticks.
         5 => {
-            // SAFETY: only time passes.
+            // SAFETY: it only delays interrupts.
             unsafe { core::arch::asm!("cpsid i") };
             spin(asked[0]);
-            // SAFETY: they were let in before.
+            // SAFETY: they were enabled before.
             unsafe { core::arch::asm!("cpsie i") };
         }
         // Its own interrupt takes asked[0] ticks and has priority asked[1].
@@ -244,19 +244,19 @@ fn serve(motors: Motors, what: u32, asked: &[u32; ARGUMENTS]) -> Result<(), Refu
             ON_DONE_TICKS.store(asked[0], Ordering::Relaxed);
             CHAIN.store(asked[1], Ordering::Relaxed);
         }
-        // Motor asked[0]: position, whether it rests, whether all are armed; and the clock.
+        // Returns of motor asked[0] the position and whether it rests; whether all are armed; and the clock.
         8 => {
             let (mut position, mut rests) = (0, false);
             if let Some(motor) = motors.motor(asked[0] as u8) {
                 (position, rests) = (motor.position(), motor.is_at_rest());
             }
-            give([position.cast_unsigned(), rests.into(), motors.is_armed().into(), motors.now() as u32]);
+            answer([position.cast_unsigned(), rests.into(), motors.is_armed().into(), motors.now() as u32]);
         }
-        // Whether interrupt asked[0] may be the program's: it is one that never comes.
+        // Returns whether interrupt asked[0] is refused to the program.
         9 => {
             // SAFETY: only asked for those that are refused.
             let refused = unsafe { set_handler(asked[0] as usize, own_interrupt) }.is_err();
-            give([refused.into(), 0, 0, 0]);
+            answer([refused.into(), 0, 0, 0]);
         }
         _ => {}
     }

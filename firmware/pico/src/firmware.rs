@@ -1,95 +1,98 @@
 //! The board that hosts drive: start-up and the main loop.
 
-use crate::baked::{self, Baked};
-use crate::link::{self, Line};
+use crate::baked::{self, BakedMotion};
 use crate::machine::Board;
-use crate::start::Once;
+use crate::port_io::{PortIo, TextLine};
+use crate::start::StaticCell;
 use crate::store::Store;
-use crate::talk::{self, Talk};
+use crate::uart::{self, Uart};
 use crate::usb::{Packet, Usb};
-use crate::winch::{Brought, Ear, Winch};
+use crate::winch::{TextEvent, TextInput, Winch};
 use crate::{clock, flash, regs, reset};
 use pulsetrain_core::winch::reply::Reply;
 use pulsetrain_core::wire::frame::Received;
 use pulsetrain_core::wire::{Baud, Decoder, MAX_BODY, Millis, Service};
 
-/// So many rounds of the main loop may pass in which the host is not heard, as motors need words; 0.2 ms each.
-const MOST_DEAF: u32 = 7;
+/// Rounds of the main loop in a row that may leave the host's bytes unread, as motors need words. A round takes 0.2 ms then, so
+/// that a stop is read after 1.4 ms at most.
+const MOST_ROUNDS_UNHEARD: u32 = 7;
 
-/// How long the main loop sleeps at most, µs: while motors are armed, and else.
-const NAP: [u32; 2] = [200, 500];
+/// How long the main loop sleeps at most, µs: while motors are armed, and while they are not.
+const LONGEST_NAP_US: [u32; 2] = [200, 500];
 
-/// As long as fewer bytes than this wait on the UART, lines wait for room to be answered.
-const PATIENCE: usize = 768;
+/// If so many bytes are unread on the UART, lines are obeyed though there is no room for their replies: its ring must not overflow.
+const UNREAD_LIMIT: usize = 768;
 
-/// If no frame of the session has come for so long, about ms, a line is told that frames have the board.
-const SILENCE: u16 = 100;
+/// If no frame of the session has come for so long, about ms, bytes are read as text too: a line gets the answer that frames have
+/// the board.
+const SESSION_SILENCE_MS: u16 = 100;
 
-/// The ways to a host.
+/// The ports that a host may be on.
 #[derive(Clone, Copy, PartialEq, Eq)]
-enum Way {
+enum Port {
     Uart,
     Usb,
 }
 
-impl Way {
-    const ALL: [Way; 2] = [Way::Uart, Way::Usb];
+impl Port {
+    const ALL: [Port; 2] = [Port::Uart, Port::Usb];
 }
 
-/// All there is one of.
-struct All {
+/// The board with its service, its ports and its text.
+struct Firmware {
     board: Board,
     service: Service,
-    line: Line,
+    uart: Uart,
     usb: Usb,
-    /// What is heard and said on each of them.
-    talks: &'static mut [Talk; 2],
-    /// The session's; while there is none, that of the last frame.
-    way: Way,
-    /// By which motors were told as text last: there is to be room for what they have done.
-    teller: Way,
+    /// The bytes of each port, by [`Port`].
+    ports: &'static mut [PortIo; 2],
+    /// The port of the session; without a session, that of the last frame.
+    port: Port,
+    /// The port that verbs came from last. Moves that are done are reported when it has room.
+    text_port: Port,
     winch: &'static mut Winch,
     /// The motion in the flash, while it runs.
-    baked: Option<Baked>,
+    baked: Option<BakedMotion>,
 }
 
-// The stack has no room for these.
-static TALKS: Once<[Talk; 2]> = Once::new([const { Talk::new() }; 2]);
-static WINCH: Once<Winch> = Once::new(Winch::new());
+// Statics, as the stack has no room for these.
+static PORTS: StaticCell<[PortIo; 2]> = StaticCell::new([const { PortIo::new() }; 2]);
+static WINCH: StaticCell<Winch> = StaticCell::new(Winch::new());
 
-/// The whole firmware: what the committed image does.
+/// Runs the whole firmware, as the committed image does.
 ///
 /// # Safety
-/// Only once, as what the start-up code calls; never with [`motors`](crate::motors) beside it.
+/// Only once, called by the start-up code, and never in a program that uses [`motors`](crate::motors).
 pub unsafe fn run() -> ! {
     clock::set_up();
     clock::take_pins();
     let block = baked::block();
     // SAFETY: the caller's promise.
-    let (mut board, line, usb) = unsafe { (Board::begin(), Line::open(), Usb::open(flash::unique_id())) };
+    let (mut board, uart, usb) = unsafe { (Board::begin(), Uart::open(), Usb::open(flash::unique_id())) };
     // SAFETY: as above.
-    let (talks, winch) = unsafe { (TALKS.take(), WINCH.take()) };
+    let (ports, winch) = unsafe { (PORTS.take(), WINCH.take()) };
     board.store = Store::read();
-    let baked = block.and_then(|block| Baked::begin(&mut board, &block));
-    let (way, teller) = (Way::Uart, Way::Uart);
-    let mut all = All { board, service: Service::new(MAX_BODY), line, usb, talks, way, teller, winch, baked };
-    reset::begin();
+    let baked = block.and_then(|block| BakedMotion::begin(&mut board, &block));
+    let (port, text_port) = (Port::Uart, Port::Uart);
+    let mut firmware =
+        Firmware { board, service: Service::new(MAX_BODY), uart, usb, ports, port, text_port, winch, baked };
+    reset::start_watchdog();
     regs::enable_interrupts();
-    all.run()
+    firmware.run()
 }
 
-impl All {
+impl Firmware {
     fn run(&mut self) -> ! {
         let mut last = Millis(0);
         let mut woken = 0;
         // Text is on from the beginning.
         self.housekeeping(last);
-        let mut deaf = 0;
+        let mut unheard = 0;
         loop {
             reset::kick_watchdog();
-            self.winch.go_on(&mut self.board);
-            let fed = self.feed();
-            let more = self.board.go_on() || fed;
+            self.winch.advance(&mut self.board);
+            let fed = self.feed_baked();
+            let more = self.board.fill_motors() || fed;
             let now = self.board.clock.now();
             self.count_round(now - woken);
             woken = now;
@@ -98,207 +101,207 @@ impl All {
             if self.usb.was_opened() {
                 self.greet();
             }
-            // Over USB the host waits, and the UART has room for all that may come.
-            deaf = if self.board.is_behind() && deaf < MOST_DEAF { deaf + 1 } else { 0 };
-            let (heard, spoke) = if deaf == 0 { (self.listen(millis), self.speak(millis)) } else { (false, false) };
+            // Nothing is lost meanwhile: over USB the host waits, and the UART's ring takes all that may come.
+            unheard = if self.board.is_behind() && unheard < MOST_ROUNDS_UNHEARD { unheard + 1 } else { 0 };
+            let (received, sent) =
+                if unheard == 0 { (self.receive(millis), self.send_replies(millis)) } else { (false, false) };
             if millis != last {
                 last = millis;
                 self.set_baud();
                 self.housekeeping(millis);
             }
-            if !(more || heard || spoke) {
+            if !(more || received || sent) {
                 self.nap();
                 woken = self.board.clock.now();
             }
         }
     }
 
-    /// Goes on with the motion in the flash; whether there was something to do.
+    /// Fills queues from the motion in the flash. Whether there was something to do.
     #[inline(always)]
-    fn feed(&mut self) -> bool {
+    fn feed_baked(&mut self) -> bool {
         let Some(baked) = &mut self.baked else { return false };
-        if self.board.looks_baked(baked.is_over()) {
-            return baked.go_on(&mut self.board);
+        if self.board.update_baked(baked.is_over()) {
+            return baked.feed(&mut self.board);
         }
         self.baked = None;
         false
     }
 
-    /// Whoever has USB's port open now has said nothing yet, and heard nothing.
+    /// A program has just opened the USB port: forgets the bytes of the program before, and greets if text is on.
     #[inline(never)]
     fn greet(&mut self) {
-        let talk = &mut self.talks[Way::Usb as usize];
-        talk.hush();
-        talk.ear = Ear::new();
+        let io = &mut self.ports[Port::Usb as usize];
+        io.discard_replies();
+        io.text = TextInput::new();
         self.service.interrupted();
         if self.winch.is_on() {
-            self.say(Way::Usb, &talk::Line::Winch(Reply::Awake));
+            self.push_line(Port::Usb, &TextLine::Winch(Reply::Awake));
         }
     }
 
-    /// What can wait a millisecond.
+    /// Does what can wait a millisecond.
     #[inline(never)]
     fn housekeeping(&mut self, now: Millis) {
-        if self.board.housekeeping(now, &mut self.line) {
-            self.talks[Way::Uart as usize].ear.lose();
+        if self.board.housekeeping(now, &mut self.uart) {
+            self.ports[Port::Uart as usize].text.mark_lost_byte();
         }
-        // One that has no room yet is told later: it is not taken off before. Nobody waits for a host that does not read.
-        let teller = self.teller as usize;
-        while let talk = &self.talks[teller]
-            && (talk.has_room_for_line() || talk.ear.is_quiet() || talk.is_stuck(now))
+        // A done move stays in its queue until there is room to report it; but a host that does not read delays nothing.
+        let text_port = self.text_port as usize;
+        while let io = &self.ports[text_port]
+            && (io.has_room_for_line() || io.text.is_muted() || io.is_stuck(now))
             && let Some(done) = self.winch.move_done(&mut self.board)
         {
-            self.say_to_text(&talk::Line::Verbs(done));
+            self.push_line_to_text_ports(&TextLine::Verbs(done));
         }
-        if self.winch.look(&mut self.board, &mut self.service) {
-            self.say_to_text(&talk::Line::Winch(Reply::Awake));
+        if self.winch.poll(&mut self.board, &mut self.service) {
+            self.push_line_to_text_ports(&TextLine::Winch(Reply::Awake));
         }
         if let Some(uncertain) = self.winch.uncertain() {
-            self.say_to_text(&talk::Line::Verbs(uncertain));
+            self.push_line_to_text_ports(&TextLine::Verbs(uncertain));
         }
-        if core::mem::take(&mut self.winch.report) {
-            for talk in &mut *self.talks {
-                talk.ear.owes_status = true;
+        if core::mem::take(&mut self.winch.status_due) {
+            for io in &mut *self.ports {
+                io.text.owes_status = true;
             }
         }
     }
 
-    /// Says a line wherever text is spoken.
-    fn say_to_text(&mut self, line: &talk::Line) {
-        for way in Way::ALL {
-            if !self.ear(way).is_quiet() {
-                self.say(way, line);
+    /// Sends a line on each port where text is spoken.
+    fn push_line_to_text_ports(&mut self, line: &TextLine) {
+        for port in Port::ALL {
+            if !self.text_input(port).is_muted() {
+                self.push_line(port, line);
             }
         }
     }
 
-    /// Takes what came on the UART, or else over USB: a packet's length at most; whether there was something. One place for both:
-    /// the way into the board is long, and is there once.
+    /// Takes what came on the UART, or else over USB, a packet's length at most. Whether there was something. One function for
+    /// both, so that the long code behind it is in the image once.
     #[inline(never)]
-    fn listen(&mut self, now: Millis) -> bool {
+    fn receive(&mut self, now: Millis) -> bool {
         let mut packet = Packet::default();
-        let unread = self.line.waiting();
-        let (way, mut bytes) = if unread != 0 && !self.waits(Way::Uart, unread, now) {
-            (Way::Uart, self.line.read(packet.as_flattened_mut()))
-        } else if self.waits(Way::Usb, 0, now) {
+        let unread = self.uart.waiting();
+        let (port, mut bytes) = if unread != 0 && !self.must_wait(Port::Uart, unread, now) {
+            (Port::Uart, self.uart.read(packet.as_flattened_mut()))
+        } else if self.must_wait(Port::Usb, 0, now) {
             return false;
         } else {
-            (Way::Usb, self.usb.read(&mut packet))
+            (Port::Usb, self.usb.read(&mut packet))
         };
         if bytes.is_empty() {
             return false;
         }
-        if way == Way::Uart && self.line.take_gap() {
-            self.talks[Way::Uart as usize].ear.lose();
+        if port == Port::Uart && self.uart.take_gap() {
+            self.ports[Port::Uart as usize].text.mark_lost_byte();
         }
         let most = &mut self.board.measures.most_unread;
         *most = (*most).max(unread as u16);
-        if way == Way::Usb {
+        if port == Port::Usb {
             self.usb.presume_open();
         }
         while let [byte, rest @ ..] = bytes {
             let is_taken = self.service.is_taken();
-            let talk = &mut self.talks[way as usize];
-            if is_taken && way == self.way && self.service.silence(now) < SILENCE {
-                let (taken, received) = feed(&mut talk.decoder, bytes);
+            let io = &mut self.ports[port as usize];
+            if is_taken && port == self.port && self.service.silence(now) < SESSION_SILENCE_MS {
+                let (taken, received) = feed(&mut io.decoder, bytes);
                 bytes = bytes.get(taken..).unwrap_or_default();
-                self.service.receive(received, talk.decoder.body(), now, &mut self.board);
+                self.service.receive(received, io.decoder.body(), now, &mut self.board);
                 continue;
             }
             bytes = rest;
-            self.text(way, *byte);
+            self.receive_text_byte(port, *byte);
             // Frames begin with a zero: before there is one it is all text.
-            if self.ear(way).is_quiet() {
-                self.frame(way, *byte, now);
+            if self.text_input(port).is_muted() {
+                self.receive_frame_byte(port, *byte, now);
             }
         }
         true
     }
 
-    fn ear(&self, way: Way) -> &Ear {
-        &self.talks[way as usize].ear
+    fn text_input(&self, port: Port) -> &TextInput {
+        &self.ports[port as usize].text
     }
 
-    /// Whether lines wait until there is room for what they would say. If the host does not read, or bytes would be lost, they do
-    /// not.
+    /// Whether lines must wait until there is room for their replies. Not if the host does not read, nor if bytes would be lost.
     #[inline(always)]
-    fn waits(&self, way: Way, unread: usize, now: Millis) -> bool {
-        let talk = &self.talks[way as usize];
-        !talk.has_room() && !talk.ear.is_quiet() && !talk.is_stuck(now) && unread < PATIENCE
+    fn must_wait(&self, port: Port, unread: usize, now: Millis) -> bool {
+        let io = &self.ports[port as usize];
+        !io.has_room() && !io.text.is_muted() && !io.is_stuck(now) && unread < UNREAD_LIMIT
     }
 
-    /// A byte that may be a frame's, beside text.
-    fn frame(&mut self, way: Way, byte: u8, now: Millis) {
-        let talk = &mut self.talks[way as usize];
-        let received = talk.decoder.push(byte);
-        if self.way != way {
+    /// Takes a byte that may be of a frame; it was also read as text.
+    fn receive_frame_byte(&mut self, port: Port, byte: u8, now: Millis) {
+        let io = &mut self.ports[port as usize];
+        let received = io.decoder.push(byte);
+        if self.port != port {
             if self.service.is_taken() {
-                return talk.turn_away(received);
+                return io.turn_away(received);
             }
             if let Received::Frame(_) = received {
-                self.way = way;
+                self.port = port;
                 self.service.interrupted();
             }
         }
-        self.service.receive(received, talk.decoder.body(), now, &mut self.board);
+        self.service.receive(received, io.decoder.body(), now, &mut self.board);
     }
 
-    /// A byte of a line.
+    /// Takes a byte of a line of text.
     #[inline(never)]
-    fn text(&mut self, way: Way, byte: u8) {
+    fn receive_text_byte(&mut self, port: Port, byte: u8) {
         let is_obeyed = self.winch.is_on() && !self.service.is_taken();
-        let reply = match self.winch.hear(&mut self.talks[way as usize].ear, byte, is_obeyed) {
-            Brought::Nothing => None,
-            Brought::Answer(reply) => Some(reply),
-            Brought::Told(told) => {
-                self.teller = way;
-                let reply = self.winch.tell(&mut self.board, &told);
-                // A packet has a dozen lines, whose work together is longer than words last.
-                self.board.go_on();
-                Some(talk::Line::Verbs(reply))
+        let reply = match self.winch.receive(&mut self.ports[port as usize].text, byte, is_obeyed) {
+            TextEvent::Nothing => None,
+            TextEvent::Answer(reply) => Some(reply),
+            TextEvent::Orders(orders) => {
+                self.text_port = port;
+                let reply = self.winch.give_orders(&mut self.board, &orders);
+                // Words in between: the work of a dozen lines, as a packet may have, takes longer than the words last.
+                self.board.fill_motors();
+                Some(TextLine::Verbs(reply))
             }
         };
         if is_obeyed {
-            self.winch.settle(&mut self.board, &mut self.service);
+            self.winch.apply_command(&mut self.board, &mut self.service);
         }
         if let Some(reply) = reply {
-            self.say(way, &reply);
+            self.push_line(port, &reply);
         }
     }
 
-    /// Says a line of text. Nobody hears it while USB's port is closed.
-    fn say(&mut self, way: Way, line: &talk::Line) {
-        if way == Way::Uart || self.usb.is_open() {
-            self.talks[way as usize].say(line);
+    /// Sends a line of text. It is dropped while the USB port is closed.
+    fn push_line(&mut self, port: Port, line: &TextLine) {
+        if port == Port::Uart || self.usb.is_open() {
+            self.ports[port as usize].push_line(line);
             self.service.interrupted();
         }
     }
 
-    /// Sends what there is to say, as far as the lines take it; whether there was something.
+    /// Sends replies, as far as the ports take them. Whether there was something.
     #[inline(never)]
-    fn speak(&mut self, now: Millis) -> bool {
-        let talk = &mut self.talks[self.way as usize];
-        if !talk.is_out() && self.service.is_lost(now) {
-            // Nobody takes it, and the session ends only when something else can be said.
-            talk.hush();
+    fn send_replies(&mut self, now: Millis) -> bool {
+        let io = &mut self.ports[self.port as usize];
+        if !io.is_out() && self.service.is_lost(now) {
+            // Nobody reads what waits, and the session can end only when another reply can be sent.
+            io.discard_replies();
             self.service.interrupted();
         }
-        // The change of rate is that of the UART, which is quiet until then.
-        if talk.is_out() && !(self.way == Way::Uart && self.board.baud.is_some()) {
-            talk.frame(|reply| self.service.poll(now, &mut self.board, reply));
+        // Before a change of the UART's rate nothing more is sent on it.
+        if io.is_out() && !(self.port == Port::Uart && self.board.baud.is_some()) {
+            io.write_frame(|reply| self.service.poll(now, &mut self.board, reply));
         }
-        for way in Way::ALL {
-            let talk = &mut self.talks[way as usize];
-            if talk.ear.owes_status && talk.is_out() {
-                talk.ear.owes_status = false;
-                self.report(way);
+        for port in Port::ALL {
+            let io = &mut self.ports[port as usize];
+            if io.text.owes_status && io.is_out() {
+                io.text.owes_status = false;
+                self.push_status(port);
             }
         }
-        let [uart, usb] = &mut *self.talks;
+        let [uart, usb] = &mut *self.ports;
         let to_uart = uart.send(now, |byte| {
-            let can_send = link::can_send();
+            let can_send = uart::can_send();
             if can_send {
-                link::send(byte);
+                uart::send(byte);
             }
             can_send
         });
@@ -313,21 +316,21 @@ impl All {
         to_uart || to_usb
     }
 
-    /// Says where the axes are, on a way that has text alone.
+    /// Sends a status line, on a port that has only text.
     #[inline(never)]
-    fn report(&mut self, way: Way) {
-        if self.winch.is_on() && !self.service.is_taken() && !self.ear(way).is_quiet() {
+    fn push_status(&mut self, port: Port) {
+        if self.winch.is_on() && !self.service.is_taken() && !self.text_input(port).is_muted() {
             let status = self.winch.status(&mut self.board);
-            self.say(way, &talk::Line::Winch(status));
+            self.push_line(port, &TextLine::Winch(status));
         }
     }
 
-    /// Changes the rate of the UART when all is out that was said at the old one. A session over USB changes none: there the
-    /// UART waits at 115 200 baud for the next host.
+    /// Changes the rate of the UART once all bytes at the old rate are sent. A session over USB changes none: then the UART waits
+    /// at 115 200 baud for the next host.
     fn set_baud(&mut self) {
-        if self.board.baud.is_some() && self.talks[Way::Uart as usize].is_out() && link::is_out() {
-            let asked = self.board.baud.take().filter(|_| self.way == Way::Uart);
-            self.line.set_baud(asked.unwrap_or(Baud::B115200));
+        if self.board.baud.is_some() && self.ports[Port::Uart as usize].is_out() && uart::is_out() {
+            let asked = self.board.baud.take().filter(|_| self.port == Port::Uart);
+            self.uart.set_baud(asked.unwrap_or(Baud::B115200));
         }
     }
 
@@ -337,17 +340,17 @@ impl All {
         measures.rounds = measures.rounds.wrapping_add(1);
     }
 
-    /// Sleeps until something may be to do.
+    /// Sleeps until there may be something to do.
     fn nap(&mut self) {
         let before = self.board.clock.now();
-        let us = if self.board.is_armed() { self.board.spare_us().min(NAP[0]) } else { NAP[1] };
+        let us = if self.board.is_armed() { self.board.spare_us().min(LONGEST_NAP_US[0]) } else { LONGEST_NAP_US[1] };
         clock::sleep(us);
         let slept = self.board.clock.now() - before;
         self.board.measures.idle_ticks = self.board.measures.idle_ticks.wrapping_add(slept);
     }
 }
 
-/// As [`Decoder::feed`]: a call, so that it has the registers to itself.
+/// [`Decoder::feed`], not inlined, so that its loop has all registers.
 #[inline(never)]
 fn feed(decoder: &mut Decoder, bytes: &[u8]) -> (usize, Received) {
     decoder.feed(bytes)

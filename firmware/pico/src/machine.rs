@@ -1,14 +1,16 @@
-//! What the [`Service`](pulsetrain_core::wire::Service) asks of a board, done on this one.
+//! The board behind the link: does what the [`Service`](pulsetrain_core::wire::Service) asks of it.
 
 use crate::clock::{self, Clock, TICK_HZ};
-use crate::link::{self, Line, WINDOW};
 use crate::regs;
 use crate::reset;
-use crate::start::{self, Once};
+use crate::start::{self, StaticCell};
 use crate::steps::MOTORS;
-use crate::steps::pins::{self, Layout};
-use crate::steps::stepper::{FRACTION_BITS, Halt, LONGEST, LONGEST_IDLE_MS, POOL, Pace, Stepper};
+use crate::steps::pins::{self, PinLayout};
+use crate::steps::stepper::{
+    FRACTION_BITS, FillTiming, HaltReport, LONGEST_IDLE_MS, LONGEST_PULSE, POOL_BYTES, Stepper,
+};
 use crate::store::Store;
+use crate::uart::{self, Uart, WINDOW};
 use crate::winch;
 use pulsetrain_core::lease::{self, Lapse, Lease};
 use pulsetrain_core::verbs::motor::MOST_ITEMS;
@@ -21,51 +23,52 @@ use pulsetrain_core::wire::message::{
 use pulsetrain_core::wire::orders::{Obeyed, Orders};
 use pulsetrain_core::wire::settings::SETTINGS_LEN;
 use pulsetrain_core::wire::{Baud, Encoder, Machine, Millis, Reason, Refusal, Stopped, Switched, Trimmed};
-use pulsetrain_core::{Epoch, Moment};
+use pulsetrain_core::{Epoch, Tick32};
 
-/// A switch must be less than this ahead, ticks: moments are told apart within 2^31.
-const SWITCH_AHEAD: u64 = 1 << 30;
+/// A switch must be less than this ahead, ticks: 8.6 s. Ticks of 32 bits are told apart within 2^31; half of that leaves room for
+/// what is compared with it.
+const FARTHEST_SWITCH: u64 = 1 << 30;
 
-/// Motors that get words before others have their turn with the main loop.
+/// Motors that get words in one round of the main loop at most. Four take about 0.2 ms, and so long the host waits.
 const FILLS_A_ROUND: u32 = 4;
 
-/// News that the host has not been told yet; what does not fit is dropped.
-const NEWS: usize = 8;
+/// Events that wait for the host at most. More are dropped: a stop makes one, and a fault one for each motor.
+const MOST_EVENTS: usize = 8;
 
-/// Kinds of faults of a motor's queue.
-const FAULTS: usize = 3;
+/// Kinds of faults of a motor's queue: a failed check, a bad item, a missed step.
+const FAULT_KINDS: usize = 3;
 
-/// What motors do that are told directly is worked out so much farther than words are to be written, ticks: 0.1 ms.
-const FARTHER: u64 = TICK_HZ as u64 / 10_000;
+/// Steps of verbs are worked out so much farther than words are written, ticks: 0.1 ms, so that a fill a little later finds them.
+const VERBS_MARGIN: u64 = TICK_HZ as u64 / 10_000;
 
-static VERBS: Once<Verbs> = Once::new(Verbs::new());
+static VERBS: StaticCell<Verbs> = StaticCell::new(Verbs::new());
 
-/// Everything but the service that speaks for it.
+/// The board: all of it but the service and the ports.
 pub(crate) struct Board {
     pub(crate) clock: Clock,
     stepper: Stepper,
-    power: Power,
+    power: EnableLine,
     /// The pins of the configuration, bit by GPIO.
     pins: u32,
     armed: bool,
-    /// A motion in the flash has the motors.
+    /// The motors follow a motion in the flash.
     baked: bool,
-    /// Motors are told directly, by what is in `verbs`; `obeyed` came of it last.
-    obeys: bool,
-    /// At which pace.
-    pub(crate) pace: Pace,
+    /// The motors follow `verbs`. `obeyed` is the answer to the last orders.
+    verbs_run: bool,
+    /// When words are written meanwhile.
+    pub(crate) timing: FillTiming,
     verbs: &'static mut Verbs,
     pub(crate) obeyed: Obeyed,
-    /// The rate of the session's line, to be set when that is quiet.
+    /// The new rate of the session's UART, which is set when all bytes at the old rate are sent.
     pub(crate) baud: Option<Baud>,
-    news: [Option<Event>; NEWS],
-    /// Faults that were told, kind by kind, bit by motor.
-    told: [u8; FAULTS],
-    /// Motors that were stopped faster than they can, since they were armed, bit by motor.
+    events: [Option<Event>; MOST_EVENTS],
+    /// Faults that were reported, by kind, bit by motor.
+    reported: [u8; FAULT_KINDS],
+    /// Motors that were stopped while they were faster than their pull-in speed, since they were armed, bit by motor.
     uncertain: u8,
     was_idle: bool,
-    /// When the lease was over, if it is: noted before moments wrap.
-    ended: Option<u64>,
+    /// The tick at which the lease lapsed: noted in 64 bits before 32 bits wrap.
+    lapsed_at: Option<u64>,
     last_stop: Cause,
     last_reset: Cause,
     pub(crate) measures: Measures,
@@ -73,27 +76,27 @@ pub(crate) struct Board {
 }
 
 /// The enable line of the drivers.
-struct Power {
+struct EnableLine {
     pin: u8,
     /// Enable is active high.
     high: bool,
     /// Rest after which the drivers are released.
     idle_ms: Option<u16>,
     on: bool,
-    /// When something was last to be done.
-    busy: Millis,
+    /// When there was last something to do.
+    busy_at: Millis,
 }
 
-impl Power {
-    const OFF: Power = Power { pin: NO_PIN, high: false, idle_ms: None, on: false, busy: Millis(0) };
+impl EnableLine {
+    const OFF: EnableLine = EnableLine { pin: NO_PIN, high: false, idle_ms: None, on: false, busy_at: Millis(0) };
 
-    /// Takes on a pin, and releases the drivers.
+    /// Sets the pin up, and releases the drivers.
     fn set_up(&mut self, pin: u8, high: bool, idle_ms: Option<u16>) {
-        *self = Power { pin, high, idle_ms, ..Power::OFF };
+        *self = EnableLine { pin, high, idle_ms, ..EnableLine::OFF };
         self.set(false);
         if pin != NO_PIN {
             regs::SIO_OE_SET.write(1 << pin);
-            // §2.19.6.3: input on, 4 mA, Schmitt trigger. §2.19.2: the processor's.
+            // §2.19.6.3: input on, 4 mA, Schmitt trigger. §2.19.2: driven by the processor.
             regs::pad(pin).write(1 << 6 | 1 << 4 | 1 << 1);
             regs::gpio_ctrl(pin).write(5);
         }
@@ -107,16 +110,16 @@ impl Power {
         }
     }
 
-    /// Holds while there is something to do, and `idle_ms` longer. Whether it lets go just now.
-    fn look(&mut self, now: Millis, idle: bool) -> bool {
+    /// Enables the drivers while there is something to do, and for `idle_ms` after it. Whether they were released just now.
+    fn update(&mut self, now: Millis, idle: bool) -> bool {
         if !idle {
-            self.busy = now;
+            self.busy_at = now;
             if !self.on {
                 self.set(true);
             }
             return false;
         }
-        let rests = self.idle_ms.is_some_and(|idle_ms| now.since(self.busy) >= idle_ms);
+        let rests = self.idle_ms.is_some_and(|idle_ms| now.since(self.busy_at) >= idle_ms);
         let goes = self.on && rests;
         if goes {
             self.set(false);
@@ -126,7 +129,7 @@ impl Power {
 }
 
 impl Board {
-    /// Starts clock and motors; it knows no pins yet.
+    /// Starts the clock and sets up what all motors share. No motor is configured yet.
     ///
     /// # Safety
     /// Only once.
@@ -135,23 +138,23 @@ impl Board {
             clock: Clock::start(),
             // SAFETY: the caller's promise.
             stepper: unsafe { Stepper::begin() },
-            power: Power::OFF,
+            power: EnableLine::OFF,
             pins: 0,
             armed: false,
             baked: false,
-            obeys: false,
-            pace: Pace::NEAR,
+            verbs_run: false,
+            timing: FillTiming::VERBS,
             // SAFETY: the caller's promise.
             verbs: unsafe { VERBS.take() },
             obeyed: Obeyed::NONE,
             baud: None,
-            news: [None; NEWS],
-            told: [0; FAULTS],
+            events: [None; MOST_EVENTS],
+            reported: [0; FAULT_KINDS],
             uncertain: 0,
             was_idle: true,
-            ended: None,
+            lapsed_at: None,
             last_stop: Cause::None,
-            last_reset: reset::why(),
+            last_reset: reset::cause(),
             measures: Board::NO_MEASURES,
             store: Store::EMPTY,
         }
@@ -171,17 +174,17 @@ impl Board {
         idle_ticks: 0,
     };
 
-    /// What cannot wait: words for the motors. Whether there was some of that to do.
+    /// Does what cannot wait: words for the motors. Whether there was something to do.
     #[inline(always)]
-    pub(crate) fn go_on(&mut self) -> bool {
+    pub(crate) fn fill_motors(&mut self) -> bool {
         let mut more = false;
-        if self.obeys {
-            self.work_out();
+        if self.verbs_run {
+            self.plan_verbs();
         }
         for _ in 0..FILLS_A_ROUND {
-            // Words that come after that would be steps at wrong times.
+            // After an underrun words would be steps at wrong times.
             if self.stepper.has_starved() {
-                self.starved();
+                self.stop_for_underrun();
             }
             if !self.stepper.fill(&mut self.clock) {
                 break;
@@ -191,64 +194,64 @@ impl Board {
         more
     }
 
-    /// Works out what motors do that are told directly, as far as words are written.
+    /// Works out the steps of verbs, as far as words are written.
     #[inline(never)]
-    fn work_out(&mut self) {
-        let Board { verbs, stepper, clock, pace, .. } = self;
-        let until = clock.now() + u64::from(stepper.foresight(*pace)) + FARTHER;
-        if until >= verbs.known() + u64::from(pace.slice) && stepper.has_room(MOST_ITEMS) {
-            verbs.work_out::<FRACTION_BITS>(until, |motor, item| stepper.take(motor, item));
-            stepper.follow_from(Moment::of(until));
+    fn plan_verbs(&mut self) {
+        let Board { verbs, stepper, clock, timing, .. } = self;
+        let until = clock.now() + u64::from(stepper.foresight(*timing)) + VERBS_MARGIN;
+        if until >= verbs.known() + u64::from(timing.verb_slice) && stepper.has_room(MOST_ITEMS) {
+            verbs.work_out::<FRACTION_BITS>(until, |motor, item| stepper.push_item(motor, item));
+            stepper.set_known_until(Tick32::of(until));
         }
     }
 
     /// How long no motor needs words, µs.
     pub(crate) fn spare_us(&mut self) -> u32 {
-        let now = self.clock.moment();
-        clock::us(self.stepper.spare(now))
+        let now = self.clock.now32();
+        clock::us(self.stepper.ticks_to_next_fill(now))
     }
 
-    /// Whether words for the motors are more urgent than what the host says.
+    /// Whether words for the motors are more urgent than the host's frames.
     #[inline(always)]
     pub(crate) const fn is_behind(&self) -> bool {
         self.stepper.is_behind()
     }
 
     #[inline(never)]
-    fn starved(&mut self) {
+    fn stop_for_underrun(&mut self) {
         self.measures.starved = self.measures.starved.saturating_add(1);
         self.stop(Cause::Starved);
     }
 
-    /// Sets up the pins that text's axes have, drivers off, motors at 0; whether that could be done. Frames' motors rest.
-    pub(crate) fn wire(&mut self) -> bool {
+    /// Configures the axes of text, with drivers off and positions at 0, while the motors of frames rest. Whether it could be done.
+    pub(crate) fn configure_axes(&mut self) -> bool {
         winch::wiring().is_some_and(|wiring| self.configure(&wiring).is_ok())
     }
 
-    /// Switches the drivers on and has motors follow paths, whose steps come by [`follow`](Board::follow) and begin at `first` or
-    /// later, at least a millisecond from now.
-    pub(crate) fn drive(&mut self, first: u64) -> bool {
-        self.stepper.follow_from(Moment::of(first));
+    /// Enables the drivers and has motors follow paths. Their steps come by [`push_slice`](Board::push_slice), and the first of
+    /// them at tick `first` or later, which is at least a millisecond from now.
+    pub(crate) fn begin_paths(&mut self, first: u64) -> bool {
+        self.stepper.set_known_until(Tick32::of(first));
         self.arm().is_ok()
     }
 
-    /// The steps of all axes in the millisecond that begins at tick `begin` and ends at `end`.
-    pub(crate) fn follow(&mut self, slices: [Slice; 4], begin: u64, end: u64) {
+    /// Hands over the steps of all axes in the millisecond from tick `begin` to `end`.
+    pub(crate) fn push_slice(&mut self, slices: [Slice; 4], begin: u64, end: u64) {
         for (motor, slice) in (0..).zip(slices) {
-            if let Some(steps) = slice.steps(winch::SLICE) {
-                self.stepper.follow(motor, Moment::of(begin), steps);
+            if let Some(steps) = slice.steps(winch::SLICE_TICKS) {
+                self.stepper.push_steps(motor, Tick32::of(begin), steps);
             }
         }
-        self.stepper.follow_from(Moment::of(end));
+        self.stepper.set_known_until(Tick32::of(end));
     }
 
-    /// Whether nothing moves, and nothing is to.
-    pub(crate) fn rests(&mut self) -> bool {
+    /// Whether nothing moves, and nothing will.
+    pub(crate) fn is_at_rest(&mut self) -> bool {
         let now = self.clock.now();
         !self.armed || (!self.baked && self.is_idle(now))
     }
 
-    /// Has a motion in the flash have the motors; gives its epoch. `None` if they cannot be set up so.
+    /// Configures and arms the motors for a motion in the flash, and returns its epoch. `None` if they cannot be set up so.
     pub(crate) fn begin_baked(&mut self, configuration: &Configuration<'_>) -> Option<Epoch> {
         self.configure(configuration).ok()?;
         self.arm().ok()?;
@@ -256,25 +259,25 @@ impl Board {
         Some(self.stepper.epoch().next())
     }
 
-    /// All motors begin that at `tick`; whether they do.
+    /// Has all motors begin that motion at `tick`. Whether they do.
     pub(crate) fn switch_baked(&mut self, epoch: Epoch, tick: u64) -> bool {
         self.was_idle = false;
-        self.stepper.switch(epoch, Moment::of(tick), Lease::Off, &[])
+        self.stepper.switch(epoch, Tick32::of(tick), Lease::Off, &[])
     }
 
     /// Free bytes of a motor's queue.
-    pub(crate) fn room(&self, motor: u8) -> u16 {
+    pub(crate) fn free_bytes(&self, motor: u8) -> u16 {
         self.stepper.free(motor)
     }
 
-    /// Puts packed items of a motion in the flash last in a motor's queue, which has room for them.
-    pub(crate) fn feed(&mut self, motor: u8, epoch: Epoch, packed: &[u8]) {
-        // There is room: that was asked.
+    /// Puts packed items of a motion in the flash last in a motor's queue. It has room for them.
+    pub(crate) fn push_baked(&mut self, motor: u8, epoch: Epoch, packed: &[u8]) {
+        // The caller has asked for the room.
         let _ = self.stepper.push(motor, epoch, packed);
     }
 
-    /// Whether a motion in the flash still has the motors; `fed`: all of it was handed over.
-    pub(crate) fn looks_baked(&mut self, fed: bool) -> bool {
+    /// Whether the motors still follow a motion in the flash. `fed`: all of it is in the queues.
+    pub(crate) fn update_baked(&mut self, fed: bool) -> bool {
         if fed && self.baked {
             let now = self.clock.now();
             self.baked = !self.is_idle(now);
@@ -282,15 +285,15 @@ impl Board {
         self.baked
     }
 
-    /// While a motion in the flash has the motors nobody else does.
+    /// Refuses a host's request while the motors follow a motion in the flash.
     const fn check_free(&self) -> Result<(), Refusal> {
         if self.baked { Err(Refusal::of(Reason::Baked)) } else { Ok(()) }
     }
 
-    /// The clock, ticks, and the steps that the axes have made by then.
+    /// The clock, ticks, and the positions of the axes at that tick.
     pub(crate) fn positions(&mut self) -> (u64, [i32; 4]) {
         let now = self.clock.now();
-        (now, [0, 1, 2, 3].map(|motor| self.stepper.position(motor, Moment::of(now))))
+        (now, [0, 1, 2, 3].map(|motor| self.stepper.position(motor, Tick32::of(now))))
     }
 
     /// Whether motors are armed: the main loop may not sleep for long.
@@ -298,40 +301,40 @@ impl Board {
         self.armed
     }
 
-    /// What can wait a millisecond. Whether the UART lost a byte by itself.
-    pub(crate) fn housekeeping(&mut self, now: Millis, line: &mut Line) -> bool {
-        line.look_after();
-        let overrun = link::has_overrun();
-        let lost = line.take_loss().saturating_add(overrun.into());
+    /// Does what can wait a millisecond. Whether the UART's receiver lost a byte.
+    pub(crate) fn housekeeping(&mut self, now: Millis, uart: &mut Uart) -> bool {
+        uart.keep_receiving();
+        let overrun = uart::has_overrun();
+        let lost = uart.take_lost_bytes().saturating_add(overrun.into());
         if lost != 0 {
             let all = u32::from(self.measures.lost_bytes).saturating_add(lost);
             self.measures.lost_bytes = u16::try_from(all).unwrap_or(u16::MAX);
-            self.tell(Cause::Overrun, ALL_MOTORS, lost);
+            self.report(Cause::Overrun, ALL_MOTORS, lost);
         }
-        let idle = self.look_after(now);
+        let idle = self.update_idle(now);
         if self.armed {
-            self.look_at_lease();
-            self.look_at_motors();
+            self.report_lapse();
+            self.report_faults();
             if idle && !self.was_idle {
-                self.tell(Cause::Finished, ALL_MOTORS, 0);
+                self.report(Cause::Finished, ALL_MOTORS, 0);
             }
             self.was_idle = idle;
         }
         overrun
     }
 
-    /// Tells that the lease ended in motion, once that is past.
-    fn look_at_lease(&mut self) {
+    /// Reports that the lease lapsed in motion, once its tick is past.
+    fn report_lapse(&mut self) {
         let (_, Some(lapse)) = self.stepper.lease() else {
-            self.ended = None;
+            self.lapsed_at = None;
             return;
         };
-        if self.ended.is_some() || self.clock.moment().is_before(lapse.at) {
+        if self.lapsed_at.is_some() || self.clock.now32().is_before(lapse.at) {
             return;
         }
-        self.ended = Some(self.clock.extended(lapse.at));
+        self.lapsed_at = Some(self.clock.widen(lapse.at));
         let (cause, motor) = match lapse.cause {
-            // Not in motion: that is Finished.
+            // At rest this is `Finished`.
             lease::Cause::NotExtended | lease::Cause::Ordered if !self.stepper.was_moving() => return,
             lease::Cause::NotExtended => (Cause::Lapsed, ALL_MOTORS),
             lease::Cause::Ordered => (Cause::Braked, ALL_MOTORS),
@@ -340,15 +343,15 @@ impl Board {
             lease::Cause::BadItem => (Cause::BadItem, self.stepper.at_fault()),
         };
         self.last_stop = cause;
-        // The queue's own faults are told for each motor.
+        // `report_faults` reports faults of queues, for each motor.
         if !matches!(cause, Cause::StepMissed | Cause::BadItem) {
-            self.tell(cause, motor, 0);
+            self.report(cause, motor, 0);
         }
     }
 
-    /// Tells what a motor's own queue asked for and could not be: each kind once, until motors are armed again.
-    fn look_at_motors(&mut self) {
-        const CAUSES: [(u8, Cause); FAULTS] = [
+    /// Reports what queues asked for that could not be done: each kind once for each motor, until motors are armed again.
+    fn report_faults(&mut self) {
+        const CAUSES: [(u8, Cause); FAULT_KINDS] = [
             (flags::CHECK_FAILED, Cause::CheckFailed),
             (flags::BAD_ITEM, Cause::BadItem),
             (flags::STEP_MISSED, Cause::StepMissed),
@@ -356,9 +359,9 @@ impl Board {
         for motor in 0..self.stepper.count() {
             let faults = self.stepper.faults(motor);
             for (kind, (flag, cause)) in CAUSES.into_iter().enumerate() {
-                if faults & flag != 0 && self.told[kind] & 1 << motor == 0 {
-                    self.told[kind] |= 1 << motor;
-                    self.tell(cause, motor, 0);
+                if faults & flag != 0 && self.reported[kind] & 1 << motor == 0 {
+                    self.reported[kind] |= 1 << motor;
+                    self.report(cause, motor, 0);
                 }
             }
         }
@@ -366,11 +369,11 @@ impl Board {
 
     /// The immediate stop.
     fn stop(&mut self, cause: Cause) -> Stopped {
-        let Halt { tick, uncertain, reached } = self.stepper.stop(&mut self.clock);
+        let HaltReport { tick, uncertain, reached } = self.stepper.stop(&mut self.clock);
         self.baked = false;
         self.uncertain |= uncertain;
-        if self.obeys {
-            self.obeys = false;
+        if self.verbs_run {
+            self.verbs_run = false;
             self.verbs.stop(|motor| reached.get(usize::from(motor)).copied().unwrap_or(0));
         }
         if self.armed {
@@ -379,44 +382,45 @@ impl Board {
                 self.last_stop = cause;
             }
             if !matches!(cause, Cause::StopNow | Cause::None) {
-                self.tell(cause, ALL_MOTORS, 0);
+                self.report(cause, ALL_MOTORS, 0);
             }
         }
         Stopped { tick, uncertain }
     }
 
-    /// When the next move is done that is worked out, ticks.
+    /// The tick at which the next move is done, of those that are worked out.
     pub(crate) fn next_done(&self) -> Option<u64> {
         self.verbs.next_done()
     }
 
-    /// What can wait a millisecond, without a line to a host. Whether nothing moves, and nothing is to.
-    pub(crate) fn look_after(&mut self, now: Millis) -> bool {
+    /// Notes the time, and releases drivers that have rested long enough; to be called every millisecond or so. Whether nothing
+    /// moves, and nothing will.
+    pub(crate) fn update_idle(&mut self, now: Millis) -> bool {
         let tick = self.clock.now();
-        self.stepper.rest(Moment::of(tick));
+        self.stepper.pass(Tick32::of(tick));
         let idle = self.is_idle(tick);
-        // While motors are armed their coils let go by themselves, to the tick.
-        if self.power.look(now, idle) && !self.armed {
+        // While motors are armed the words release coils, at their tick.
+        if self.power.update(now, idle) && !self.armed {
             self.stepper.release_coils();
         }
         idle
     }
 
-    /// Whether a motor that is told directly has nothing to do, and all that it did was told.
-    pub(crate) fn is_told(&self, motor: u8) -> bool {
+    /// Whether a motor has no verb left to do, and all its done moves were reported.
+    pub(crate) fn is_motor_done(&self, motor: u8) -> bool {
         self.verbs.motors().get(usize::from(motor)).is_none_or(|motor| motor.is_at_rest() && motor.is_told())
     }
 
-    /// Whether motors that rest, and are not told directly yet, would do that.
-    pub(crate) fn would_obey(&mut self, orders: &Orders<'_>) -> Result<(), Refusal> {
+    /// Whether these orders would be accepted, while motors rest and follow no verbs yet.
+    pub(crate) fn check_orders(&mut self, orders: &Orders<'_>) -> Result<(), Refusal> {
         self.verbs.begin(self.stepper.limits(), 0);
         self.verbs.obey(orders).map(drop)
     }
 
-    /// Motors that are told directly forget what they do; with `all` false only [what has no end](Verbs::forsake). Gives, bit by motor,
-    /// which ones were faster than they can stop.
+    /// Has motors that follow verbs forget them; with `all` false only [those without an end](Verbs::forsake). Returns, bit by
+    /// motor, which were faster than their pull-in speed.
     pub(crate) fn halt(&mut self, all: bool) -> u8 {
-        if !self.obeys {
+        if !self.verbs_run {
             return 0;
         }
         let stepper = &self.stepper;
@@ -425,49 +429,51 @@ impl Board {
         uncertain
     }
 
-    /// A move that was done and not told yet; also after motors were stopped.
+    /// A move that is done and was not reported yet; also after motors were stopped.
     pub(crate) fn move_done(&mut self) -> Option<Event> {
         let now = self.clock.now();
-        // An interrupt may have kept words back since they were looked at last. If none is dry by now, all was made that was to be.
+        // A motor may have run dry since the last look: then its move is not done. If none has by now, all steps up to now were
+        // made.
         if self.stepper.has_starved() {
-            self.starved();
+            self.stop_for_underrun();
         }
         let (motor, tick, detail) = self.verbs.take_done(now)?;
         Some(Event { cause: Cause::MoveDone, motor, tick, detail })
     }
 
-    fn tell(&mut self, cause: Cause, motor: u8, detail: u32) {
+    fn report(&mut self, cause: Cause, motor: u8, detail: u32) {
         let now = self.clock.now();
         let ends = [Cause::Lapsed, Cause::Braked, Cause::RanDry, Cause::BadItem, Cause::CheckFailed, Cause::StepMissed];
-        let tick = self.ended.filter(|_| ends.contains(&cause)).unwrap_or(now);
-        // That a host was lost, or a lease over, is the better reason for the same end.
+        let tick = self.lapsed_at.filter(|_| ends.contains(&cause)).unwrap_or(now);
+        // A lost host or a lapsed lease is the better reason for the same end.
         if cause == Cause::Finished && self.last_stop == Cause::None {
             self.last_stop = cause;
         }
-        if let Some(place) = self.news.iter_mut().find(|news| news.is_none()) {
+        if let Some(place) = self.events.iter_mut().find(|news| news.is_none()) {
             *place = Some(Event { cause, motor, tick, detail });
         }
     }
 
-    /// Whether at tick `now` nothing moves, and nothing is to: a last period is over, too.
+    /// Whether at tick `now` nothing moves, and nothing will; the period after the last step of a verb is over, too.
     fn is_idle(&self, now: u64) -> bool {
-        self.stepper.is_idle(Moment::of(now)) && (!self.obeys || self.verbs.rest_at(now))
+        self.stepper.is_idle(Tick32::of(now)) && (!self.verbs_run || self.verbs.rest_at(now))
     }
 
-    /// Has armed motors that rest be told directly from now on.
+    /// Has armed motors that rest follow verbs from now on.
     ///
     /// # Errors
     /// [`Reason::NotArmed`], [`Reason::Moving`].
     pub(crate) fn begin_verbs(&mut self) -> Result<(), Refusal> {
-        if !self.obeys {
-            self.meet()?;
-            self.begin_to_obey();
+        if !self.verbs_run {
+            self.prepare_verbs()?;
+            self.run_verbs();
         }
         Ok(())
     }
 
-    /// Motors that rest, and are not told directly yet, would be from here on; so far nothing of theirs changes.
-    fn meet(&mut self) -> Result<(), Refusal> {
+    /// Prepares `verbs` for motors that rest and follow none yet. The motors themselves do not change: see
+    /// [`run_verbs`](Board::run_verbs).
+    fn prepare_verbs(&mut self) -> Result<(), Refusal> {
         let now = self.clock.now();
         if !self.armed {
             return Err(Refusal::of(Reason::NotArmed));
@@ -475,18 +481,18 @@ impl Board {
         if !self.is_idle(now) {
             return Err(Refusal::of(Reason::Moving));
         }
-        // Nothing that is written comes after that: see `Words::fill`.
-        let written = self.clock.extended(self.stepper.horizon(Moment::of(now)));
-        let known = now.max(written) + u64::from(self.stepper.foresight(self.pace));
+        // No word that is written ends later than that: see `Words::fill`.
+        let written = self.clock.widen(self.stepper.horizon(Tick32::of(now)));
+        let known = now.max(written) + u64::from(self.stepper.foresight(self.timing));
         self.verbs.begin(self.stepper.limits(), known);
         Ok(())
     }
 
-    /// They are: see [`meet`](Board::meet).
-    fn begin_to_obey(&mut self) {
-        self.stepper.set_pace(self.pace);
-        self.stepper.follow_from(Moment::of(self.verbs.known()));
-        self.obeys = true;
+    /// Has the motors follow the verbs that [`prepare_verbs`](Board::prepare_verbs) has prepared.
+    fn run_verbs(&mut self) {
+        self.stepper.set_timing(self.timing);
+        self.stepper.set_known_until(Tick32::of(self.verbs.known()));
+        self.verbs_run = true;
     }
 }
 
@@ -497,11 +503,11 @@ impl Machine for Board {
     fn info(&mut self) -> Info {
         Info {
             board: 2,
-            firmware: [0, 1, 0],
+            firmware: [0, 2, 0],
             tick_hz: TICK_HZ,
             fraction_bits: FRACTION_BITS as u8,
             max_motors: MOTORS as u8,
-            pool: POOL as u16,
+            pool: POOL_BYTES as u16,
             window: WINDOW,
             bauds: 0b1_1111,
             last_stop: self.last_stop,
@@ -517,19 +523,19 @@ impl Machine for Board {
             return Err(Refusal::of(Reason::Moving));
         }
         let Configuration { pulse_ticks, setup_ticks, hold_ticks, idle_ms, .. } = *configuration;
-        if pulse_ticks.max(setup_ticks).max(hold_ticks) > LONGEST {
-            return Err(Refusal { reason: Reason::Timing, detail: LONGEST });
+        if pulse_ticks.max(setup_ticks).max(hold_ticks) > LONGEST_PULSE {
+            return Err(Refusal { reason: Reason::Timing, detail: LONGEST_PULSE });
         }
         let has_coils = configuration.motors().any(|motor| motor.coils().is_some());
         if has_coils && idle_ms.is_some_and(|ms| ms > LONGEST_IDLE_MS) {
             return Err(Refusal { reason: Reason::Timing, detail: LONGEST_IDLE_MS });
         }
-        let layout = Layout::of(configuration)?;
+        let layout = PinLayout::of(configuration)?;
         self.stop(Cause::None);
-        pins::free(self.pins & !layout.used);
+        pins::release(self.pins & !layout.used);
         self.pins = layout.used;
         self.power.set_up(layout.enable, configuration.enable_high, idle_ms);
-        self.stepper.configure(&layout, configuration, Moment::of(now));
+        self.stepper.configure(&layout, configuration, Tick32::of(now));
         Ok(())
     }
 
@@ -540,11 +546,11 @@ impl Machine for Board {
         }
         if !self.armed {
             self.power.set(true);
-            self.power.busy = clock::millis(self.clock.now());
+            self.power.busy_at = clock::millis(self.clock.now());
             self.armed = true;
             self.last_stop = Cause::None;
             self.was_idle = true;
-            (self.told, self.uncertain) = ([0; FAULTS], 0);
+            (self.reported, self.uncertain) = ([0; FAULT_KINDS], 0);
             self.stepper.start(&mut self.clock);
         }
         Ok(())
@@ -579,14 +585,14 @@ impl Machine for Board {
         if motor >= self.motors() {
             return Err(Refusal { reason: Reason::NoSuchMotor, detail });
         }
-        if self.obeys {
+        if self.verbs_run {
             return Err(Refusal::of(Reason::Obeying));
         }
         self.stepper.push(motor, epoch, packed).ok_or(Refusal { reason: Reason::Full, detail })
     }
 
     fn discard(&mut self, epoch: Epoch) {
-        // Nothing of a host's is there.
+        // A motion in the flash has nothing of a host's in the queues.
         if !self.baked {
             self.stepper.discard(epoch);
         }
@@ -597,16 +603,16 @@ impl Machine for Board {
         if !self.armed {
             return Err(Refusal::of(Reason::NotArmed));
         }
-        if self.obeys {
+        if self.verbs_run {
             return Err(Refusal::of(Reason::Obeying));
         }
         let horizon = self.horizon();
-        let limit = self.clock.now() + SWITCH_AHEAD;
+        let limit = self.clock.now() + FARTHEST_SWITCH;
         let switched = if tick < horizon {
             Switched::Late { horizon }
         } else if tick >= limit {
             Switched::Early { limit }
-        } else if self.stepper.switch(epoch, Moment::of(tick), lease, limits) {
+        } else if self.stepper.switch(epoch, Tick32::of(tick), lease, limits) {
             (self.was_idle, self.last_stop) = (false, Cause::None);
             Switched::Accepted
         } else {
@@ -622,7 +628,7 @@ impl Machine for Board {
         self.stepper.extend(lease, limits)
     }
 
-    fn trim(&mut self, until: Moment, bytes: &[u8]) -> Result<Trimmed, Refusal> {
+    fn trim(&mut self, until: Tick32, bytes: &[u8]) -> Result<Trimmed, Refusal> {
         self.check_free()?;
         let lease = Lease::Until(until);
         if !self.stepper.can_extend(Lease::Last) {
@@ -640,10 +646,10 @@ impl Machine for Board {
 
     fn brake(&mut self) -> u64 {
         if self.stepper.can_extend(Lease::Last) {
-            let at = self.stepper.horizon(self.clock.moment());
+            let at = self.stepper.horizon(self.clock.now32());
             self.stepper.lapse_at(Lapse { at, cause: lease::Cause::Ordered });
         }
-        let ended = self.ended.or_else(|| self.stepper.lease().1.map(|lapse| self.clock.extended(lapse.at)));
+        let ended = self.lapsed_at.or_else(|| self.stepper.lease().1.map(|lapse| self.clock.widen(lapse.at)));
         ended.unwrap_or(NO_LEASE)
     }
 
@@ -666,13 +672,13 @@ impl Machine for Board {
         if !self.armed {
             return Err(Refusal::of(Reason::NotArmed));
         }
-        if !self.obeys {
-            self.meet()?;
+        if !self.verbs_run {
+            self.prepare_verbs()?;
         }
         self.obeyed = self.verbs.obey(orders)?;
-        // Who is refused, or only asks, leaves motors as they are.
-        if !self.obeys && !orders.is_empty() {
-            self.begin_to_obey();
+        // Orders that are refused, or empty to ask for positions, change nothing.
+        if !self.verbs_run && !orders.is_empty() {
+            self.run_verbs();
         }
         self.was_idle &= self.verbs.motors().iter().all(Motor::is_at_rest);
         Ok(())
@@ -689,7 +695,7 @@ impl Machine for Board {
         }
         if let Some(settings) = settings {
             let Board { store, clock, .. } = self;
-            // Nothing needs words, and no motion is read from the flash.
+            // No motor needs words meanwhile, and no motion is read from the flash: nothing is armed.
             store.write(settings, || {
                 reset::kick_watchdog();
                 clock.now()
@@ -720,8 +726,8 @@ impl Machine for Board {
     }
 
     fn horizon(&mut self) -> u64 {
-        let now = self.clock.moment();
-        self.clock.extended(self.stepper.horizon(now))
+        let now = self.clock.now32();
+        self.clock.widen(self.stepper.horizon(now))
     }
 
     fn epoch(&self) -> Epoch {
@@ -729,7 +735,7 @@ impl Machine for Board {
     }
 
     fn position(&mut self, motor: u8) -> i32 {
-        let now = self.clock.moment();
+        let now = self.clock.now32();
         self.stepper.position(motor, now)
     }
 
@@ -758,7 +764,7 @@ impl Machine for Board {
     }
 
     fn rate_fell_back(&mut self) {
-        self.tell(Cause::BaudFellBack, ALL_MOTORS, 0);
+        self.report(Cause::BaudFellBack, ALL_MOTORS, 0);
     }
 
     fn host_gone(&mut self, lost: bool) {
@@ -766,18 +772,18 @@ impl Machine for Board {
             self.last_stop = Cause::HostLost;
         }
         self.halt(lost);
-        // They were its news.
-        self.news = [None; NEWS];
+        // The events were for that host.
+        self.events = [None; MOST_EVENTS];
         self.verbs.disown();
     }
 
     fn event(&mut self) -> Option<Event> {
-        // What was done comes before that all was.
+        // Done moves come before the event that all is finished.
         if let Some(done) = self.move_done() {
             return Some(done);
         }
-        let first = self.news[0].take()?;
-        self.news.rotate_left(1);
+        let first = self.events[0].take()?;
+        self.events.rotate_left(1);
         Some(first)
     }
 }

@@ -1,43 +1,43 @@
-//! Motors for a program of one's own on the Pico, without a host: MOVE, SPEED and DIRECTION, without waiting.
+//! Motors for a program of one's own on the Pico, without a host: MOVE, SPEED and DIRECTION, which do not wait.
 //!
 //! # How it goes
 //! [`Motors::begin`] sets up clocks, pins and state machines, and a timer's interrupt that works out steps and writes words for the
-//! motors ahead of time, up to 1.9 ms. The program does what it likes meanwhile: it may compute for seconds. Steps come on their
-//! ticks of 8 ns; what a program says holds from the tick that [`Motors::tell`] gives back.
+//! motors, up to 1.9 ms ahead. The program does what it likes meanwhile: it may compute for seconds. Steps come on their
+//! ticks of 8 ns; orders take effect at the tick that [`Motors::tell`] returns.
 //!
-//! When a move is done, its last step's period included, a function is called ([`Motors::on_done`]), and who awaits
-//! [`Motor::rests`] goes on.
+//! When a move is done, with the period after its last step, a function is called ([`Motors::on_done`]), and futures of
+//! [`Motor::rests`] are ready.
 //!
-//! # What it takes
+//! # What it uses
 //! State machines and DMA channels with the motors' numbers: up to four motors leave PIO block 1 and all its state machines to the
-//! program. The gate (GPIO 25), DMA interrupt 0, alarm 1 of the timer with its interrupt, and SysTick. The vectors, too: a program's
-//! own interrupts come by [`set_handler`].
+//! program. The gate (GPIO 25), DMA interrupt 0, alarm 1 of the timer with its interrupt, and SysTick. The vectors, too: a program
+//! sets handlers of its own interrupts by [`set_handler`].
 //!
 //! # What a program may not do
-//! Keep the library's interrupts out for long: by `cpsid`, or by an interrupt of its own that they wait for.
-//! - The timer's comes when some motor has words left for 0.35 ms, and for 0.05 ms more for each motor that there is, and has to write
-//!   more for all before they are used up. So it may be kept out for that, less what its own round takes: for 0.25 ms at the shortest
-//!   periods, also as all motors begin at once (with eight 0.2 ms); with one motor 0.3 ms; with four 0.35 ms at 25 000 steps/s; with eight 0.3 ms at 62 500. What
-//!   [`Motors::on_done`] calls takes of the same, and so do orders, which keep it out.
-//! - The DMA's hands on what was written as soon as the eight words of a FIFO are all that is left: eight steps, or fewer at a turn.
-//!   So it may be kept out for seven of the shortest periods in use: 17 µs at 400 000 steps/s, 7 µs at a million. That is what
-//!   an interrupt of the highest priority may take at most, and after a reset all have that; one that takes longer needs a lower one
+//! Delay the library's interrupts for long: by `cpsid`, or by an interrupt of its own with the same priority or a higher one.
+//! - The timer's comes when some motor has words left for 0.35 ms, and 0.05 ms more for each motor that there is. It has to write
+//!   more for all motors before those are used up. So it may be delayed for that time, less what its own round takes: for 0.25 ms
+//!   at the shortest periods, also as all motors begin at once (with eight 0.2 ms); with one motor 0.3 ms; with four 0.35 ms at
+//!   25 000 steps/s; with eight 0.3 ms at 62 500. What [`Motors::on_done`] calls takes of the same, and so do orders, which delay it.
+//! - The DMA's hands words over when only the eight words of a FIFO are left: eight steps, or fewer where a motor turns.
+//!   So it may be delayed for seven of the shortest periods in use: 17 µs at 400 000 steps/s, 7 µs at a million. That is what
+//!   an interrupt of the highest priority may take at most, which all have after a reset; one that takes longer needs a lower one
 //!   (0x40, 0x80 or 0xc0 in the NVIC's IPR; the timer's has 0xc0).
 //!
-//! Who does all the same runs a motor dry: then all stop at once, without ramps, and count what they did; moves that were done
-//! before are told, the one under way is not. From then on [`Motors::tell`] and [`Motor::rests`] say [`NotArmed`](Reason::NotArmed),
-//! until [`Motors::arm`] begins again.
+//! If a program delays them for longer, a motor runs dry. Then all motors stop at once, without ramps, and count the steps that
+//! they made; moves that were done before are reported, the one under way is not. From then on [`Motors::tell`] and
+//! [`Motor::rests`] say [`NotArmed`](Reason::NotArmed), until [`Motors::arm`] begins again.
 //!
 //! # What is not
-//! Ramps: a motor has a new speed with its next step. Motors for the other core, or for interrupts of one's own: neither can get at
-//! [`Motors`].
+//! Ramps: a motor has a new speed from its next step on. Motors for the other core, or for a program's own interrupts: neither can
+//! have [`Motors`].
 
 use crate::clock::{self, TICK_HZ};
 use crate::machine::Board;
 use crate::regs;
 use crate::start::{self, Shared};
 use crate::steps::MOTORS;
-use crate::steps::stepper::Pace;
+use crate::steps::stepper::FillTiming;
 use core::future::Future;
 use core::marker::PhantomData;
 use core::pin::{Pin, pin};
@@ -56,25 +56,25 @@ pub use pulsetrain_core::wire::{Refusal, Stopped};
 /// Ticks a second: a tick is 8 ns.
 pub const TICKS_PER_S: u32 = TICK_HZ;
 
-/// How often motors are looked after, at least, µs.
-const ROUND_US: u32 = 1400;
+/// The timer's interrupt comes after so long at most, µs: before the words that are written for rest, 1.8 ms, are used up.
+const LONGEST_ROUND_US: u32 = 1400;
 
-/// And at most: an alarm that is not ahead comes after 72 min.
+/// And after so long at least, µs: an alarm that is already past when it is set would come after 72 min.
 const SHORTEST_ROUND_US: u32 = 5;
 
-/// Futures that wait for one motor; of more the oldest is woken for nothing, and waits again.
-const WAITING: usize = 4;
+/// Futures that can wait for one motor. Of more, the oldest is woken too early, finds its motor moving, and waits again.
+const WAKERS_PER_MOTOR: usize = 4;
 
-/// Times that all motors have in common.
+/// Times that hold for all motors.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Times {
-    /// STEP is active so long, ticks, at most 62 500.
+    /// How long STEP is active, ticks, at most 62 500.
     pub pulse_ticks: u16,
-    /// DIR is right so long before a step, ticks, at most 62 500.
+    /// DIR changes at least so long before a step, ticks, at most 62 500.
     pub setup_ticks: u16,
-    /// DIR stays so long after a pulse, ticks, at most 62 500.
+    /// DIR stays at least so long after a pulse, ticks, at most 62 500.
     pub hold_ticks: u16,
-    /// Coils are released after so long a rest, ms, at most 8000; `None`: they hold.
+    /// Coils are released after they have rested so long, ms, at most 8000; `None`: they hold.
     pub release_ms: Option<u16>,
     /// The pin that enables all drivers, and whether it is active high.
     pub enable: Option<(u8, bool)>,
@@ -87,59 +87,59 @@ impl Default for Times {
     }
 }
 
-/// A move that was done.
+/// A move that is done.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Done {
-    /// Whose, counted from 0.
+    /// The motor, counted from 0.
     pub motor: u8,
     /// When the last step's period was over, ticks.
     pub tick: u64,
-    /// The motor's moves that are done by then, wrapping.
+    /// How many of the motor's moves are done by then, wrapping.
     pub number: u32,
 }
 
-/// What main and the timer's interrupt have.
+/// What main and the timer's interrupt share.
 struct State {
     board: Board,
     on_done: Option<fn(Motors, Done)>,
-    wakers: [[Option<Waker>; WAITING]; MOTORS],
-    /// Times that motors were armed, wrapping.
+    wakers: [[Option<Waker>; WAKERS_PER_MOTOR]; MOTORS],
+    /// How often motors were armed, wrapping.
     armings: u32,
 }
 
 static STATE: Shared<Option<State>> = Shared::new(None);
 
-/// Has the state, with the interrupt kept out; the DMA's still comes.
+/// Calls `f` with the state, while the timer's interrupt is disabled; the DMA's is not.
 fn with<T>(f: impl FnOnce(&mut State) -> T) -> T {
     regs::NVIC_ICER.write(regs::TIMER_IRQ_1);
-    regs::settle();
-    // SAFETY: only main and the timer's interrupt, on one core, call this: who else could has no `Motors`. The interrupt is kept
-    // out, or it is what calls. No `f` in this file calls `with`, nor anybody else's code.
+    regs::barrier();
+    // SAFETY: only main and the timer's interrupt call this, on one core, as nobody else can have a `Motors`. The interrupt is
+    // disabled, or it is the caller. No `f` in this file calls `with`, nor any code of the program's.
     let done = unsafe {
         STATE.with(|state| match state {
             Some(state) => f(state),
-            // Nobody has a `Motors` or a `Motor` before.
+            // There is no `Motors` before the state is there.
             None => panic!(),
         })
     };
-    // What `f` wrote is in memory before the interrupt comes.
+    // What `f` wrote must be in memory before the interrupt comes.
     compiler_fence(Ordering::SeqCst);
     regs::NVIC_ISER.write(regs::TIMER_IRQ_1);
     done
 }
 
-/// The timer's interrupt: words for the motors, and what was done.
-extern "C" fn look_after() {
+/// The timer's interrupt: writes words for the motors, and reports done moves.
+extern "C" fn timer_interrupt() {
     // Alarm 1's bit, of what was raised.
     regs::TIMER_INTR.write(1 << 1);
     let motors = with(|state| {
-        while state.board.go_on() {}
+        while state.board.fill_motors() {}
         let now = clock::millis(state.board.clock.now());
-        state.board.look_after(now);
+        state.board.update_idle(now);
         Motors::of(state.board.motors())
     });
     while let Some(done) = with(State::take_done) {
-        // Outside of `with`: they may tell motors what to do next.
+        // Outside of `with`, as it may give motors new orders.
         if let Some(on_done) = with(|state| state.on_done) {
             on_done(motors, done);
         }
@@ -149,11 +149,11 @@ extern "C" fn look_after() {
         (0..motors.count).for_each(wake);
     }
     let us = with(State::spare_us);
-    // With nothing between: an alarm that is set for a time that is past comes after 72 min.
-    regs::free(|| regs::TIMER_ALARM1.write(regs::TIMER_RAW.read().wrapping_add(us)));
+    // With interrupts off, so that nothing comes between: an alarm that is set too late comes after 72 min.
+    regs::interrupt_free(|| regs::TIMER_ALARM1.write(regs::TIMER_RAW.read().wrapping_add(us)));
 }
 
-/// Wakes who waits for a motor: that is the executor's code, so outside of `with`.
+/// Wakes the futures that wait for a motor. Outside of `with`, as wakers are the executor's code.
 fn wake(motor: u8) {
     with(|state| state.wakers.get_mut(usize::from(motor)).map(core::mem::take))
         .into_iter()
@@ -167,9 +167,9 @@ impl State {
     fn spare_us(&mut self) -> u32 {
         let now = self.board.clock.now();
         let done = self.board.next_done().map_or(u64::MAX, |done| done.saturating_sub(now));
-        let done = u32::try_from(done).map_or(ROUND_US, clock::us);
-        // A little later, so that it is over.
-        (self.board.spare_us().min(done) + 2).clamp(SHORTEST_ROUND_US, ROUND_US)
+        let done = u32::try_from(done).map_or(LONGEST_ROUND_US, clock::us);
+        // 2 µs later, so that the period of the move is over by then.
+        (self.board.spare_us().min(done) + 2).clamp(SHORTEST_ROUND_US, LONGEST_ROUND_US)
     }
 
     fn take_done(&mut self) -> Option<Done> {
@@ -177,47 +177,49 @@ impl State {
         Some(Done { motor, tick, number: detail })
     }
 
-    /// Arms the motors, which rest and are told directly from then on.
+    /// Arms the motors. They rest, and follow verbs from then on.
     fn arm(&mut self) -> Result<(), Refusal> {
         self.board.arm()?;
-        // Words are written from now on; nothing is told.
+        // Words are written from now on, for rest until there are orders.
         self.board.begin_verbs()?;
         self.armings = self.armings.wrapping_add(1);
         Ok(())
     }
 
-    /// How waiting for a motor ends that was begun at that arming; `None`: it does not yet.
-    fn waited(&self, motor: u8, arming: u32) -> Option<Result<(), Refusal>> {
+    /// The outcome of waiting for a motor since that arming. `None`: it still moves.
+    fn rest_outcome(&self, motor: u8, arming: u32) -> Option<Result<(), Refusal>> {
         if !self.board.is_armed() || self.armings != arming {
             return Some(Err(Refusal::of(Reason::NotArmed)));
         }
-        self.board.is_told(motor).then_some(Ok(()))
+        self.board.is_motor_done(motor).then_some(Ok(()))
     }
 
-    /// Keeps a waker, unless it has it. If there was no room, `waker` is then the one that waited for longest, and true.
-    fn keep(&mut self, motor: u8, waker: &mut Option<Waker>) -> bool {
+    /// Keeps a waker, unless it is kept already. If there was no room, `waker` is then the one that has waited for longest, and the
+    /// result is true.
+    fn keep_waker(&mut self, motor: u8, waker: &mut Option<Waker>) -> bool {
         let Some(places) = self.wakers.get_mut(usize::from(motor)) else { return false };
         if places.iter().flatten().any(|kept| waker.as_ref().is_some_and(|waker| waker.will_wake(kept))) {
             return false;
         }
         // The newest is last.
         places.rotate_left(1);
-        core::mem::swap(&mut places[WAITING - 1], waker);
+        core::mem::swap(&mut places[WAKERS_PER_MOTOR - 1], waker);
         waker.is_some()
     }
 }
 
-/// All motors, on the core that began them, in main and in [`on_done`](Motors::on_done): it can be sent to nobody else.
+/// All motors. It can be used on the core that set them up, in main and in [`on_done`](Motors::on_done), and cannot be sent
+/// elsewhere.
 #[derive(Clone, Copy, Debug)]
 pub struct Motors {
     count: u8,
-    here: Here,
+    here: NotSend,
 }
 
-/// What cannot be sent to another core, nor be had by an interrupt.
-type Here = PhantomData<*const ()>;
+/// Keeps a type from being sent to another core, or to an interrupt.
+type NotSend = PhantomData<*const ()>;
 
-/// Fails to compile if one can be sent: then there are two `is_sent`.
+/// Does not compile if `Motors` can be sent: then there are two `is_sent`.
 const _: fn() = {
     trait Sent<A> {
         fn is_sent() {}
@@ -228,13 +230,14 @@ const _: fn() = {
 };
 
 impl Motors {
-    /// Sets up the chip at 125 MHz and the motors, whose drivers are enabled; nothing moves.
+    /// Sets up the chip at 125 MHz and the motors, and enables their drivers. Nothing moves.
     ///
     /// # Errors
-    /// What a Pico cannot do: see [`Reason`]; [`Reason::TooManyMotors`] with more than 8.
+    /// When a Pico cannot do it: see [`Reason`]; [`Reason::TooManyMotors`] with more than 8.
     ///
     /// # Safety
-    /// Only once, in main, on core 0, and before other parts of the chip are set up; nothing else changes what the [module](self) takes.
+    /// Only once, in main, on core 0, and before other parts of the chip are set up. Nothing else changes what the [module](self)
+    /// uses.
     pub unsafe fn begin(motors: &[MotorSetup], times: Times) -> Result<Motors, Refusal> {
         let mut bytes = [0; MOTORS * MOTOR_SETUP_LEN];
         let too_many = Refusal { reason: Reason::TooManyMotors, detail: MOTORS as u16 };
@@ -252,18 +255,18 @@ impl Motors {
         clock::take_pins();
         // SAFETY: the caller's promise.
         let mut board = unsafe { Board::begin() };
-        board.pace = Pace::of_interrupt(motors.len() as u8);
+        board.timing = FillTiming::of_interrupt(motors.len() as u8);
         board.configure(&configuration)?;
         regs::enable_interrupts();
-        let wakers = [const { [const { None }; WAITING] }; MOTORS];
+        let wakers = [const { [const { None }; WAKERS_PER_MOTOR] }; MOTORS];
         let mut state = State { board, on_done: None, wakers, armings: 0 };
         state.arm()?;
-        // SAFETY: the interrupt is not let in yet.
+        // SAFETY: the interrupt is not enabled yet.
         unsafe {
             STATE.with(|place| *place = Some(state));
         }
-        start::set_handler(TIMER_IRQ_1, look_after);
-        // Behind the DMA's.
+        start::set_handler(TIMER_IRQ_1, timer_interrupt);
+        // The lowest priority: after the DMA's.
         regs::NVIC_IPR0.write(0xc0 << 8);
         regs::TIMER_INTE.write(1 << 1);
         regs::TIMER_ALARM1.write(regs::TIMER_RAW.read().wrapping_add(SHORTEST_ROUND_US));
@@ -281,51 +284,51 @@ impl Motors {
         (number < self.count).then_some(Motor { number, here: PhantomData })
     }
 
-    /// Tells motors, by their numbers, what to do, all from the same tick on, or none of it; up to eight things.
+    /// Gives motors, by their numbers, up to eight orders. All take effect at the same tick, or none does.
     ///
     /// # Errors
-    /// [`Reason::NoSuchMotor`], [`Reason::Period`], [`Reason::Busy`]; [`Reason::NotArmed`] if motors [were stopped](Motors::stop), or
-    /// stopped since their words were late; [`Reason::Full`] with more than eight.
+    /// [`Reason::NoSuchMotor`], [`Reason::Period`], [`Reason::Busy`]; [`Reason::NotArmed`] if motors [were stopped](Motors::stop),
+    /// or ran dry; [`Reason::Full`] with more than eight.
     pub fn tell(self, verbs: &[(u8, Verb)]) -> Result<Obeyed, Refusal> {
         tell(verbs)
     }
 
-    /// Calls `on_done` with each move that is done, in the timer's interrupt, some 10 µs later. It may tell motors what to do
-    /// next; how long it may take the [module](self) says. If it [stops](Motors::stop) them and [arms](Motors::arm) them again, it is
-    /// still told of others that were done by then.
+    /// Has `on_done` called for each move that is done, in the timer's interrupt, some 10 µs later. It may give motors new orders;
+    /// the [module](self) says how long it may take. If it [stops](Motors::stop) them and [arms](Motors::arm) them again, it is
+    /// still called for other moves that were done by then.
     pub fn on_done(self, on_done: fn(Motors, Done)) {
         with(|state| state.on_done = Some(on_done));
     }
 
-    /// Stops all motors at once, without ramps; tells after which tick no step was begun, and whose position is uncertain. What
-    /// they were to do is forgotten, without "done"; positions are what they did, coils and drivers hold.
+    /// Stops all motors at once, without ramps. Returns the tick after which no step was begun, and which positions are uncertain.
+    /// Their orders are forgotten, and no "done" comes for them; positions count the steps that were made; coils and drivers hold.
     pub fn stop(self) -> Stopped {
         let stopped = with(|state| state.board.stop_now());
-        look_after_soon();
+        pend_timer_interrupt();
         stopped
     }
 
-    /// Releases drivers and coils of motors that rest, which are then not armed.
+    /// Releases drivers and coils of motors that rest. They are not armed then.
     ///
     /// # Errors
     /// [`Reason::Moving`].
     pub fn release(self) -> Result<(), Refusal> {
         with(|state| state.board.release())?;
-        look_after_soon();
+        pend_timer_interrupt();
         Ok(())
     }
 
-    /// Begins again after motors were [stopped](Motors::stop) or [released](Motors::release), or stopped since words were late: enables
-    /// drivers; positions stay, periods and directions are as at first, moves are counted from 0. Nothing moves until it is told. If
+    /// Begins again after motors were [stopped](Motors::stop) or [released](Motors::release), or ran dry: enables the drivers.
+    /// Positions stay, periods and directions are as at first, moves are counted from 0. Nothing moves until there are orders. If
     /// motors are armed it does nothing.
     ///
     /// # Errors
-    /// None that is known: they were configured.
+    /// None that is known, as the motors were configured.
     pub fn arm(self) -> Result<(), Refusal> {
         with(|state| if state.board.is_armed() { Ok(()) } else { state.arm() })
     }
 
-    /// Whether motors can be told what to do: since [`begin`](Motors::begin) or [`arm`](Motors::arm) nothing stopped them.
+    /// Whether motors take orders: nothing has stopped them since [`begin`](Motors::begin) or [`arm`](Motors::arm).
     #[must_use]
     pub fn is_armed(self) -> bool {
         with(|state| state.board.is_armed())
@@ -345,8 +348,8 @@ impl Motors {
     }
 }
 
-/// Has the timer's interrupt come now.
-fn look_after_soon() {
+/// Makes the timer's interrupt come now.
+fn pend_timer_interrupt() {
     regs::NVIC_ISPR.write(regs::TIMER_IRQ_1);
 }
 
@@ -366,7 +369,7 @@ fn tell(verbs: &[(u8, Verb)]) -> Result<Obeyed, Refusal> {
     }
     let orders = Orders::decode(used.as_flattened()).ok_or(full)?;
     let obeyed = with(|state| state.board.obey(&orders).map(|()| state.board.obeyed))?;
-    // Who waits for a motor's rest has it now.
+    // Motors that were halted rest now: futures are ready.
     for (motor, verb) in verbs {
         if *verb == Verb::Halt {
             wake(*motor);
@@ -375,15 +378,15 @@ fn tell(verbs: &[(u8, Verb)]) -> Result<Obeyed, Refusal> {
     Ok(obeyed)
 }
 
-/// One motor; as [`Motors`], it stays on its core.
+/// One motor. As [`Motors`], it cannot be sent to the other core.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Motor {
     number: u8,
-    here: Here,
+    here: NotSend,
 }
 
 impl Motor {
-    /// MOVE: exactly `steps` steps, then done. Behind a move under way one may wait.
+    /// MOVE: makes exactly `steps` steps, then is done. One move may wait behind the one under way.
     ///
     /// # Errors
     /// [`Reason::Busy`] if one waits already.
@@ -391,7 +394,7 @@ impl Motor {
         tell(&[(self.number, Verb::Move { steps })])
     }
 
-    /// Steps without an end.
+    /// Makes steps without an end.
     ///
     /// # Errors
     /// [`Reason::Busy`] if a move waits behind one.
@@ -399,15 +402,15 @@ impl Motor {
         tell(&[(self.number, Verb::Run)])
     }
 
-    /// SPEED: exactly `ticks` from step to step. A wait is not a velocity: see docs/pico.md.
+    /// SPEED: the period, exactly `ticks` from step to step. A period is not a velocity: see docs/pico.md.
     ///
     /// # Errors
-    /// [`Reason::Period`] if it is shorter than this motor's shortest, which is the number with it, or longer than 2^62.
+    /// [`Reason::Period`] if it is longer than 2^62, or shorter than this motor's shortest, which is the refusal's detail.
     pub fn set_period(self, ticks: u64) -> Result<Obeyed, Refusal> {
         tell(&[(self.number, Verb::Speed { ticks })])
     }
 
-    /// DIRECTION: forward, backward, stationary; also in mid-move.
+    /// DIRECTION: forward, backward or stationary; also during a move.
     ///
     /// # Errors
     /// None but what [`Motors::tell`] says of all.
@@ -415,7 +418,7 @@ impl Motor {
         tell(&[(self.number, Verb::Course(course))])
     }
 
-    /// Forgets move and run, and what waits.
+    /// Ends a move or a run, and forgets the move that waits.
     ///
     /// # Errors
     /// As [`set_direction`](Motor::set_direction).
@@ -423,44 +426,44 @@ impl Motor {
         tell(&[(self.number, Verb::Halt)])
     }
 
-    /// Steps forward less steps backward by now: pulses begun, wrapping.
+    /// The position now: steps forward less steps backward, counted when their pulses begin, wrapping.
     #[must_use]
     pub fn position(self) -> i32 {
         with(|state| state.board.position(self.number))
     }
 
-    /// Whether nothing is left: the last move is done, its last period included, or was halted.
+    /// Whether it has no order left: the last move is done, with the period after its last step, or was halted.
     #[must_use]
     pub fn is_at_rest(self) -> bool {
-        with(|state| state.board.is_told(self.number))
+        with(|state| state.board.is_motor_done(self.number))
     }
 
     /// Waits until it [is at rest](Motor::is_at_rest).
     ///
     /// # Errors
-    /// [`Reason::NotArmed`] as soon as motors are not armed, or were not at some time since this was called: they may not have done
-    /// what they were to do.
+    /// [`Reason::NotArmed`] as soon as motors are not armed, or were not at some time since this was called: the move may not be
+    /// complete.
     pub fn rests(self) -> impl Future<Output = Result<(), Refusal>> {
-        Rests { motor: self, arming: with(|state| state.armings) }
+        RestFuture { motor: self, arming: with(|state| state.armings) }
     }
 }
 
-/// See [`Motor::rests`].
-struct Rests {
+/// The future of [`Motor::rests`].
+struct RestFuture {
     motor: Motor,
     arming: u32,
 }
 
-impl Future for Rests {
+impl Future for RestFuture {
     type Output = Result<(), Refusal>;
 
     fn poll(self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<Self::Output> {
-        let Rests { motor: Motor { number, .. }, arming } = *self;
-        // Cloned and dropped out here: that is the executor's code.
+        let RestFuture { motor: Motor { number, .. }, arming } = *self;
+        // Cloned and dropped outside of `with`, as wakers are the executor's code.
         let mut waker = Some(context.waker().clone());
         let (waited, is_older) = with(|state| {
-            let waited = state.waited(number, arming);
-            (waited, waited.is_none() && state.keep(number, &mut waker))
+            let waited = state.rest_outcome(number, arming);
+            (waited, waited.is_none() && state.keep_waker(number, &mut waker))
         });
         if let Some(older) = waker.filter(|_| is_older) {
             older.wake();
@@ -477,39 +480,40 @@ pub fn block_on<F: Future>(future: F) -> F::Output {
         if let Poll::Ready(output) = future.as_mut().poll(&mut context) {
             return output;
         }
-        // The timer's interrupt ends it.
+        // The timer's interrupt ends the sleep.
         regs::wait_for_interrupt();
     }
 }
 
-/// The timer's alarm 1, of the chip's interrupts.
+/// The number of the interrupt of the timer's alarm 1.
 const TIMER_IRQ_1: usize = 1;
 
-/// Interrupts of the chip (§2.3.2).
-const INTERRUPTS: usize = 32;
+/// The number of the chip's interrupts (§2.3.2).
+const INTERRUPT_COUNT: usize = 32;
 
-/// What the library has of them.
-const TAKEN: [usize; 2] = [TIMER_IRQ_1, 11];
+/// The interrupts that the library uses: that of the timer, and 11, the DMA's.
+const TAKEN_INTERRUPTS: [usize; 2] = [TIMER_IRQ_1, 11];
 
-/// No interrupt of the program's: the library has it, or there is none of that number.
+/// The interrupt cannot be the program's: the library uses it, or there is none of that number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct NotYours {
-    /// Which.
+pub struct InterruptTaken {
+    /// Its number.
     pub interrupt: usize,
 }
 
-/// Has `handler` called for an interrupt of the chip, by its number (RP2040 datasheet, §2.3.2): 0 to 31, but 1 and 11. It comes as soon as it is let
-/// in by the NVIC's ISER, which is the program's to do. One without a handler ends the program.
+/// Has `handler` called for an interrupt of the chip, by its number (RP2040 datasheet, §2.3.2): 0 to 31, but not 1 and 11. The
+/// program enables it by the NVIC's ISER. An interrupt without a handler ends the program.
 ///
 /// # Errors
-/// [`NotYours`]; nothing changes then.
+/// [`InterruptTaken`]: nothing changes then.
 ///
 /// # Safety
-/// The interrupt is not let in yet. The handler takes no longer than the [module](self) allows, at its priority, and has what others have too only as Rust
-/// allows for threads. It lets nobody else in by `cpsie` who keeps interrupts out.
-pub unsafe fn set_handler(interrupt: usize, handler: extern "C" fn()) -> Result<(), NotYours> {
-    if interrupt >= INTERRUPTS || TAKEN.contains(&interrupt) {
-        return Err(NotYours { interrupt });
+/// The interrupt is not enabled yet. The handler takes no longer than the [module](self) allows at its priority, and shares data
+/// with other code only as Rust allows between threads. It does not enable interrupts by `cpsie` where other code has disabled
+/// them.
+pub unsafe fn set_handler(interrupt: usize, handler: extern "C" fn()) -> Result<(), InterruptTaken> {
+    if interrupt >= INTERRUPT_COUNT || TAKEN_INTERRUPTS.contains(&interrupt) {
+        return Err(InterruptTaken { interrupt });
     }
     start::set_handler(interrupt, handler);
     Ok(())

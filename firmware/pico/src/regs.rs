@@ -1,7 +1,7 @@
-//! The RP2040's registers, and the few instructions that Rust has no words for.
+//! The RP2040's registers, and the few instructions that Rust has no functions for.
 //!
-//! Sections are those of the RP2040 datasheet (build of 2024-10-15) and the ARMv6-M manual (DDI 0419). Everything here is safe to
-//! call but what hands memory to a DMA.
+//! Sections are those of the RP2040 datasheet (build of 2024-10-15) and the ARMv6-M manual (DDI 0419). All of it is safe to call,
+//! but for what hands memory to a DMA.
 
 use core::arch::asm;
 
@@ -20,7 +20,7 @@ impl Reg {
     /// Sets it.
     #[inline(always)]
     pub(crate) fn write(self, value: u32) {
-        // SAFETY: as above. Only addresses given to a DMA change what memory means to Rust: see `Channel`.
+        // SAFETY: as above. Only addresses given to a DMA change what memory means to Rust: see `DmaChannel`.
         unsafe { core::ptr::write_volatile(self.0 as *mut u32, value) }
     }
 
@@ -119,7 +119,7 @@ pub(crate) mod ssi {
     pub(crate) const RFNE: u32 = 1 << 3;
 }
 
-/// §2.19.6.2: what drives the chip select of the flash, bits 8 and 9: the interface; 2: low; 3: high.
+/// §2.19.6.2: what drives the chip select of the flash, bits 8 and 9. 0: the interface; 2: low; 3: high.
 pub(crate) const QSPI_SS_CTRL: Reg = Reg(0x4001_800c);
 
 /// §2.20.2: the chip and its revision.
@@ -240,11 +240,11 @@ impl Pio {
 
 /// One of the DMA's channels (§2.5.7).
 ///
-/// Whoever gives it addresses answers for the memory: that nobody else has it, and that it stays.
+/// The caller that sets its addresses must own the memory for as long as the channel runs.
 #[derive(Clone, Copy)]
-pub(crate) struct Channel(pub(crate) u8);
+pub(crate) struct DmaChannel(pub(crate) u8);
 
-impl Channel {
+impl DmaChannel {
     const fn at(self, offset: u32) -> Reg {
         Reg(0x5000_0000 + 0x40 * self.0 as u32 + offset)
     }
@@ -273,7 +273,7 @@ impl Channel {
     }
 }
 
-/// §2.5.7: finished channels, before and behind the mask, and the mask; channels to be ended.
+/// §2.5.7: finished channels, before the mask; the mask; finished channels, after the mask; channels to be ended.
 pub(crate) const DMA_INTR: Reg = Reg(0x5000_0400);
 pub(crate) const DMA_INTE0: Reg = Reg(0x5000_0404);
 pub(crate) const DMA_INTS0: Reg = Reg(0x5000_040c);
@@ -340,21 +340,21 @@ pub(crate) mod usb {
         memory(0x80 + 8 * endpoint + 4 * out as u32)
     }
 
-    /// The half of it that is one buffer's: 0 or 1.
+    /// The half of it that belongs to buffer 0 or 1.
     #[inline(always)]
     pub(crate) fn buffer_half(endpoint: u32, out: bool, half: u32) -> u32 {
         buffer_control(endpoint, out).read() >> (16 * half) & 0xffff
     }
 
-    /// Sets it, while the controller has nothing to do with it.
+    /// Sets a half, while it is not the controller's.
     pub(crate) fn set_half(endpoint: u32, out: bool, half: u32, bits: u32) {
         let address = buffer_control(endpoint, out).0 + 2 * half;
         // SAFETY: as in `set_memory_byte`.
         unsafe { core::ptr::write_volatile(address as *mut u16, bits as u16) }
     }
 
-    /// Gives a buffer to the controller: AVAILABLE comes 3 cycles of clk_usb, 8 of the processor's, after the other bits
-    /// (§4.1.2.5.1). The other half is the controller's, and is left alone.
+    /// Gives a buffer to the controller: AVAILABLE is set 3 cycles of clk_usb, 8 of the processor, after the other
+    /// bits (§4.1.2.5.1). The other half may be the controller's, and is not written.
     pub(crate) fn arm_half(endpoint: u32, out: bool, half: u32, bits: u32) {
         let write = |bits: u32| set_half(endpoint, out, half, bits);
         write(bits);
@@ -372,44 +372,44 @@ pub(crate) fn take_out_of_reset(blocks: u32) {
     while RESETS_DONE.read() & blocks != blocks {}
 }
 
-/// Lets interrupts in.
+/// Enables interrupts.
 #[inline(always)]
 pub(crate) fn enable_interrupts() {
     // SAFETY: the one interrupt that there is shares nothing with main but atomics. No `nomem`: nothing moves past it.
     unsafe { asm!("cpsie i", options(nostack, preserves_flags)) }
 }
 
-/// Keeps interrupts out.
+/// Disables interrupts.
 #[inline(always)]
 pub(crate) fn disable_interrupts() {
-    // SAFETY: that takes nothing from anybody.
+    // SAFETY: it only delays interrupts.
     unsafe { asm!("cpsid i", options(nostack, preserves_flags)) }
 }
 
-/// Runs `f` with interrupts off; they are on otherwise.
+/// Runs `f` with interrupts off, and enables them after it.
 #[inline(always)]
-pub(crate) fn free<T>(f: impl FnOnce() -> T) -> T {
+pub(crate) fn interrupt_free<T>(f: impl FnOnce() -> T) -> T {
     disable_interrupts();
     let done = f();
     enable_interrupts();
     done
 }
 
-/// Sleeps until an interrupt is pending, even one that is kept out.
+/// Sleeps until an interrupt is pending, even one that is disabled by `cpsid`.
 #[inline(always)]
 pub(crate) fn wait_for_interrupt() {
-    // SAFETY: it does nothing.
+    // SAFETY: it only waits.
     unsafe { asm!("dsb", "wfi", options(nostack, preserves_flags)) }
 }
 
-/// What was written to the processor's own registers has its effect.
+/// Waits until writes to the processor's own registers have taken effect.
 #[inline(always)]
-pub(crate) fn settle() {
+pub(crate) fn barrier() {
     // SAFETY: it changes nothing.
     unsafe { asm!("dsb", "isb", options(nostack, preserves_flags)) }
 }
 
-/// Sets the GPIO bits of `mask` and reads SysTick as soon as can be after it: always the same number of cycles.
+/// Sets the GPIO bits of `mask`, and reads SysTick right after it: always the same number of cycles later.
 #[inline(always)]
 pub(crate) fn set_and_time(mask: u32) -> u32 {
     let value: u32;

@@ -1,16 +1,16 @@
-//! What comes before main: vectors, the copy to RAM; the stack; and memory that there is one of.
+//! What comes before main: vectors, the copy to RAM, the stack; and cells for statics.
 
 use core::arch::global_asm;
 
-/// The second stage of the boot ROM's start-up (§2.8.1): sets up the flash for reading, by its slowest command, which all
-/// flash chips know; this program is copied to RAM once.
+/// The second stage of the boot ROM's start-up (§2.8.1): sets up the flash for reading by its slowest command, which all
+/// flash chips know. That is fast enough: the program is copied to RAM once.
 #[used]
 #[unsafe(link_section = ".boot2")]
 static BOOT2: [u8; 256] = rp2040_boot2::BOOT_LOADER_GENERIC_03H;
 
-// Vectors (ARMv6-M, B1.5.3; interrupts: RP2040 datasheet §2.3.2), which are copied to RAM too, and what the first instructions are. The firmware lets in no
-// interrupt but the DMA's; a program that uses the library, also the timer's and its own: `set_handler`. Whatever else comes is a
-// fault, and ends the program.
+// Vectors (ARMv6-M, B1.5.3; interrupts: RP2040 datasheet §2.3.2), which are copied to RAM too, and the first instructions. The
+// firmware enables only the DMA's interrupt; a program that uses the library also the timer's, and its own: see `set_handler`. Any
+// other is a fault, and ends the program.
 global_asm!(
     r#"
     .section .vectors, "a", %progbits
@@ -22,7 +22,7 @@ vectors:
     .rept 3
     .word 0
     .endr
-    .word 0                     @ 7, which the processor has no use for: where a baked motion is (pulsetrain_core::baked::POINTER)
+    .word 0                     @ 7, which the processor does not use: where a baked motion is (pulsetrain_core::baked::POINTER)
     .rept 3
     .word 0
     .endr
@@ -79,7 +79,7 @@ reset:
     str r1, [r0]
     ldr r0, =stack_bottom
     ldr r1, =stack_top
-    ldr r3, ={PAINT}
+    ldr r3, ={STACK_FILL}
 5:  stmia r0!, {{r3}}
     cmp r0, r1
     blo 5b
@@ -88,7 +88,7 @@ reset:
     .pool
     .size reset, . - reset
     "#,
-    PAINT = const PAINT,
+    STACK_FILL = const STACK_FILL,
     VECTORS = const VECTORS,
     VTOR = const 0xe000_ed08_u32,
 );
@@ -96,45 +96,46 @@ reset:
 /// Vectors: 16 of the processor, 32 of interrupts.
 const VECTORS: usize = 48;
 
-/// What the stack is full of before it is used.
-const PAINT: u32 = 0xa5a5_a5a5;
+/// The stack is filled with this word before it is used, so that one can see how much was used.
+const STACK_FILL: u32 = 0xa5a5_a5a5;
 
 unsafe extern "C" {
-    static stack_bottom: [u32; STACK / 4];
+    static stack_bottom: [u32; STACK_BYTES / 4];
 }
 
-/// Bytes of the stack: memory.ld says so too.
-const STACK: usize = 16_384;
+/// Bytes of the stack, as in memory.ld.
+const STACK_BYTES: usize = 16_384;
 
-/// Fewest bytes of stack that were never used.
+/// Bytes of the stack that were never used.
 pub(crate) fn stack_left() -> u16 {
     // SAFETY: the linker's symbol is where the stack's memory begins, of which only what lies above the stack pointer changes
     // meanwhile; each word is read as the machine has it.
-    let words = (0..STACK / 4).take_while(|word| unsafe { (&raw const stack_bottom[*word]).read_volatile() } == PAINT);
+    let words = (0..STACK_BYTES / 4)
+        .take_while(|word| unsafe { (&raw const stack_bottom[*word]).read_volatile() } == STACK_FILL);
     (words.count() * 4) as u16
 }
 
 unsafe extern "C" {
-    /// The vectors that interrupts are taken from.
+    /// The vectors in RAM, which the processor uses.
     static mut ram_vectors: [u32; VECTORS];
 }
 
-/// Has `handler` called for interrupt `number` (§2.3.2), which is not let in yet.
+/// Sets the handler of interrupt `number` (§2.3.2), which is not enabled yet.
 pub(crate) fn set_handler(number: usize, handler: extern "C" fn()) {
     // SAFETY: a word of the table; the processor reads it only when that interrupt comes.
     unsafe { (&raw mut ram_vectors[16 + number]).write_volatile(handler as usize as u32) }
 }
 
-/// Something there is one of, which main takes and nobody else.
-pub(crate) struct Once<T>(core::cell::UnsafeCell<T>);
+/// A static value that main takes once.
+pub(crate) struct StaticCell<T>(core::cell::UnsafeCell<T>);
 
-// SAFETY: `take` hands it out once; who has it keeps it to itself, or shares what it becomes a part of by `Shared`.
-unsafe impl<T> Sync for Once<T> {}
+// SAFETY: `take` hands it out once; its owner does not share it, or shares what it is part of by `Shared`.
+unsafe impl<T> Sync for StaticCell<T> {}
 
-impl<T> Once<T> {
+impl<T> StaticCell<T> {
     /// `value`, to be taken.
-    pub(crate) const fn new(value: T) -> Once<T> {
-        Once(core::cell::UnsafeCell::new(value))
+    pub(crate) const fn new(value: T) -> StaticCell<T> {
+        StaticCell(core::cell::UnsafeCell::new(value))
     }
 
     /// Takes it.
@@ -148,22 +149,22 @@ impl<T> Once<T> {
     }
 }
 
-/// Something that main and one interrupt have in turn.
+/// A static value that main and one interrupt use in turn.
 pub(crate) struct Shared<T>(core::cell::UnsafeCell<T>);
 
-// SAFETY: who calls `with` promises that nobody else has it meanwhile.
+// SAFETY: the callers of `with` promise that nobody else uses it meanwhile.
 unsafe impl<T> Sync for Shared<T> {}
 
 impl<T> Shared<T> {
-    /// `value`, to be had.
+    /// `value`, to be used by `with`.
     pub(crate) const fn new(value: T) -> Shared<T> {
         Shared(core::cell::UnsafeCell::new(value))
     }
 
-    /// Has it.
+    /// Calls `f` with it.
     ///
     /// # Safety
-    /// Nobody else has it until `f` is back: the interrupt is kept out, or it is the interrupt that calls; and `f` does not call this.
+    /// Nobody else uses it until `f` returns: the interrupt is disabled, or it is the caller; and `f` does not call this.
     pub(crate) unsafe fn with<U>(&self, f: impl FnOnce(&mut T) -> U) -> U {
         // SAFETY: the caller's promise.
         f(unsafe { &mut *self.0.get() })

@@ -1,22 +1,23 @@
-//! The winch: text on the lines instead of frames, and motors that follow paths which the board works out itself.
+//! The winch: text instead of frames, and motors that follow paths which the board works out itself.
 //!
-//! docs/winch.md has the commands; what they mean and which steps come of them is `pulsetrain_core::winch`, the same code as the
-//! native winch's. Here is when: milliseconds are those of the board's clock, worked out as far ahead as words are written.
+//! docs/winch.md has the commands. What they mean, and which steps they make, is in `pulsetrain_core::winch`, which the native
+//! winch uses too. This file says when: the session's milliseconds are those of the board's clock, and are worked out as far ahead
+//! as words are written.
 //!
-//! # Who has the board
-//! As long as frames have not taken it and no motor of theirs moves, text is *on*. From the first command that enables the drivers,
-//! until `enable 0` has released them, text *drives*, and frames' Hello is refused. Text has one session, whose axes and settings are
-//! those of both lines, and an [`Ear`] for each of them.
+//! # Whose the board is
+//! Text is *on* while no session of frames is open and no motor of frames moves. A command that enables the drivers starts *paths*:
+//! they run until `enable 0` has released the drivers, and meanwhile the Hello of frames is refused. There is one session of text,
+//! so that both ports have the same axes and settings, and a [`TextInput`] for each port.
 //!
 //! # Verbs
-//! Lines that tell motors directly (`pulsetrain_core::verbs::text`) enable the drivers, too, of the same axes, and text *tells* them
-//! until `enable 0`. Paths and verbs do not mix: who has the axes keeps them until then. After verbs text begins anew, since paths
-//! would not know where the axes are.
+//! Lines with verbs (`pulsetrain_core::verbs::text`) enable the same drivers, and *verbs run* until `enable 0`. Paths and verbs do
+//! not mix: whichever was first keeps the axes until then. After verbs a new session of text begins, since paths would not know
+//! where the axes are.
 
 use crate::clock::TICK_HZ;
 use crate::machine::Board;
-use crate::steps::stepper::{AHEAD, CLEAR};
-use crate::talk::Line;
+use crate::port_io::TextLine;
+use crate::steps::stepper::{DIR_CLEARANCE, LOOK_AHEAD};
 use pulsetrain_core::verbs::text::{self, Read, Told};
 use pulsetrain_core::winch::letters::InMemory;
 use pulsetrain_core::winch::path::Slice;
@@ -27,36 +28,36 @@ use pulsetrain_core::wire::message::{Configuration, Event, MOTOR_SETUP_LEN};
 use pulsetrain_core::wire::orders::Orders;
 use pulsetrain_core::wire::{Machine, Reason, Refusal as Refused, Service, Settings};
 
-/// Ticks of a slice, a millisecond: slices begin at the clock's multiples of it.
-pub(crate) const SLICE: u32 = TICK_HZ / 1000;
+/// Ticks of a slice: a millisecond of the session. Slices begin at the clock's multiples of it.
+pub(crate) const SLICE_TICKS: u32 = TICK_HZ / 1000;
 
-/// Slices are worked out that begin this soon, ticks: what words are written for, and a while for the main loop.
-const KNOWN: u32 = AHEAD + CLEAR + SLICE / 10;
+/// Slices are worked out if they begin so soon, ticks: as far ahead as words are written, and 0.1 ms for the main loop.
+const LOOK_AHEAD_OF_PATHS: u32 = LOOK_AHEAD + DIR_CLEARANCE + SLICE_TICKS / 10;
 
-/// Slices from a command that enables the drivers to the first one in which they may step.
-const FIRST: u64 = 2;
+/// Slices from a command that enables the drivers to the first in which they may step: [`Board::begin_paths`] needs a millisecond.
+const FIRST_SLICE: u64 = 2;
 
 /// Pulses of 2 µs, and DIR 5 µs before them, ticks.
-const PULSE: u16 = 250;
-const SETUP: u16 = 625;
-const _: () = assert!(PULSE as u32 * 500_000 == TICK_HZ && SETUP as u32 * 200_000 == TICK_HZ);
+const PULSE_TICKS: u16 = 250;
+const SETUP_TICKS: u16 = 625;
+const _: () = assert!(PULSE_TICKS as u32 * 500_000 == TICK_HZ && SETUP_TICKS as u32 * 200_000 == TICK_HZ);
 
-// A DIR line turns within what is known: its set-up, and words of DIR and step, which last a pulse and more.
-const _: () = assert!(SETUP as u32 + 4 * PULSE as u32 <= CLEAR);
+// A change of DIR fits in the clearance: its set-up, and the words of DIR and of the step, which last a pulse and more each.
+const _: () = assert!(SETUP_TICKS as u32 + 4 * PULSE_TICKS as u32 <= DIR_CLEARANCE);
 
-/// STEP of the axes; DIR is the pin above. High is forward.
+/// GPIOs of the axes' STEP lines. DIR is the next pin; high is forward.
 const STEP_PINS: [u8; 4] = [2, 4, 6, 8];
-/// The drivers' common enable input; low is on.
+/// GPIO of the drivers' common enable line; low is on.
 const ENABLE_PIN: u8 = 22;
 
-/// The axes, as frames' motors.
+/// The axes, as a Configure of frames would have them.
 const AXES: [u8; 4 * MOTOR_SETUP_LEN] = {
     let mut axes = [0; 4 * MOTOR_SETUP_LEN];
     let mut axis = 0;
     while axis < 4 {
         let at = MOTOR_SETUP_LEN * axis;
         [axes[at], axes[at + 1], axes[at + 2]] = [STEP_PINS[axis], STEP_PINS[axis] + 1, FORWARD_HIGH];
-        // Text knows no pull-in speed: none is so slow that a stop at once is sure to be one.
+        // Text says no pull-in speed. So the longest interval: after a stop in motion the position is always uncertain.
         [axes[at + 4], axes[at + 5], axes[at + 6], axes[at + 7]] = [0xff; 4];
         axis += 1;
     }
@@ -66,74 +67,74 @@ const AXES: [u8; 4 * MOTOR_SETUP_LEN] = {
 /// Bit 0 of [`MotorSetup`](pulsetrain_core::wire::message::MotorSetup)'s flags.
 const FORWARD_HIGH: u8 = 1;
 
-/// Pins and times, as frames would configure them.
+/// Pins and times of the axes, as a Configure of frames would have them.
 pub(crate) fn wiring() -> Option<Configuration<'static>> {
     let mut wiring = Configuration::new(&AXES)?;
-    (wiring.pulse_ticks, wiring.setup_ticks, wiring.hold_ticks) = (PULSE, SETUP, PULSE);
+    (wiring.pulse_ticks, wiring.setup_ticks, wiring.hold_ticks) = (PULSE_TICKS, SETUP_TICKS, PULSE_TICKS);
     wiring.enable_pin = ENABLE_PIN;
     Some(wiring)
 }
 
-/// The axes cannot be had yet.
-const MOVING: text::Reply = text::Reply::Refused(Refused::of(Reason::Moving));
+/// The answer while motors still move: verbs cannot have the axes yet.
+const REFUSED_AS_MOVING: text::Reply = text::Reply::Refused(Refused::of(Reason::Moving));
 
-/// What is heard as text on a line.
-pub(crate) struct Ear {
+/// The reader of one port's text.
+pub(crate) struct TextInput {
     reader: Reader,
-    /// A zero has come since the last command: frames are spoken, and nothing is said as text.
-    quiet: bool,
-    /// A status line is to be said.
+    /// A zero byte has come since the last command: the host speaks frames, and gets no text.
+    muted: bool,
+    /// A status line is to be sent.
     pub(crate) owes_status: bool,
 }
 
-impl Ear {
-    pub(crate) const fn new() -> Ear {
-        Ear { reader: Reader::new(), quiet: false, owes_status: false }
+impl TextInput {
+    pub(crate) const fn new() -> TextInput {
+        TextInput { reader: Reader::new(), muted: false, owes_status: false }
     }
 
-    /// Whether frames are spoken: the line is no text alone.
-    pub(crate) const fn is_quiet(&self) -> bool {
-        self.quiet
+    /// Whether the host speaks frames, so that no text is sent.
+    pub(crate) const fn is_muted(&self) -> bool {
+        self.muted
     }
 
-    /// A line of which a byte was lost is noise.
-    pub(crate) fn lose(&mut self) {
+    /// Notes that a byte was lost: the line that it was in is not obeyed.
+    pub(crate) fn mark_lost_byte(&mut self) {
         self.reader.push::<InMemory>(0xff);
     }
 }
 
-/// What a byte of a line has brought.
-pub(crate) enum Brought {
+/// What a byte of text completes.
+pub(crate) enum TextEvent {
     Nothing,
-    /// Something to say.
-    Answer(Line),
-    /// Something to tell motors directly.
-    Told(Told),
+    /// A line that has to be answered at once.
+    Answer(TextLine),
+    /// Verbs for the motors.
+    Orders(Told),
 }
 
-impl Brought {
-    const fn answer(reply: Reply) -> Brought {
-        Brought::Answer(Line::Winch(reply))
+impl TextEvent {
+    const fn answer(reply: Reply) -> TextEvent {
+        TextEvent::Answer(TextLine::Winch(reply))
     }
 }
 
-/// Text, as main has it.
+/// The state of text; main's.
 pub(crate) struct Winch {
     session: Session,
     on: bool,
-    /// Pins are text's.
+    /// The pins are configured for text.
     wired: bool,
-    drives: bool,
-    /// Verbs have the axes.
-    tells: bool,
-    /// `enable 0` was said to them: they stop, and verbs lose them as soon as they rest.
-    ends: bool,
-    /// The beginning of the next slice to be worked out, ticks.
+    path_runs: bool,
+    /// The axes follow verbs.
+    verbs_run: bool,
+    /// `enable 0` came while verbs ran: the axes stop, and are released as soon as they rest.
+    releasing: bool,
+    /// When the next slice that is to be worked out begins, ticks.
     next: u64,
     /// A status line is due.
-    pub(crate) report: bool,
-    /// Axes that a deadman stopped at once, which is to be said.
-    stopped: u8,
+    pub(crate) status_due: bool,
+    /// Axes that a deadman stopped too fast, bit by axis, which is not yet reported.
+    stopped_by_deadman: u8,
 }
 
 impl Winch {
@@ -143,12 +144,12 @@ impl Winch {
             session: Session::new(),
             on: false,
             wired: false,
-            drives: false,
-            tells: false,
-            ends: false,
+            path_runs: false,
+            verbs_run: false,
+            releasing: false,
             next: 0,
-            report: false,
-            stopped: 0,
+            status_due: false,
+            stopped_by_deadman: 0,
         }
     }
 
@@ -157,64 +158,66 @@ impl Winch {
         self.on
     }
 
-    /// Takes a byte of a line; gives what is to be answered. `obeyed`: frames do not have the board.
-    pub(crate) fn hear(&mut self, ear: &mut Ear, byte: u8, obeyed: bool) -> Brought {
+    /// Takes a byte of text. `obeyed`: no session of frames has the board.
+    pub(crate) fn receive(&mut self, ear: &mut TextInput, byte: u8, obeyed: bool) -> TextEvent {
         if byte == 0 {
             // Frames have zeros, text has none.
-            ear.quiet = true;
+            ear.muted = true;
             ear.reader.restart();
-            return Brought::Nothing;
+            return TextEvent::Nothing;
         }
         match ear.reader.push::<InMemory>(byte) {
-            Heard::Nothing => Brought::Nothing,
-            // The winch does not know verbs.
+            Heard::Nothing => TextEvent::Nothing,
+            // What is no command of the winch may be a verb.
             Heard::Refused(refusal @ Refusal { what: What::Command, .. }) if obeyed => {
                 match text::read(ear.reader.line()) {
                     Read::Told(told) => {
-                        ear.quiet = false;
-                        Brought::Told(told)
+                        ear.muted = false;
+                        TextEvent::Orders(told)
                     }
-                    _ if ear.quiet => Brought::Nothing,
-                    Read::Refused(what, word) => Brought::Answer(Line::Verbs(text::Reply::Unread(what, word))),
-                    Read::Unknown => Brought::answer(Reply::Refused(refusal)),
+                    _ if ear.muted => TextEvent::Nothing,
+                    Read::Refused(what, word) => TextEvent::Answer(TextLine::Verbs(text::Reply::Unread(what, word))),
+                    Read::Unknown => TextEvent::answer(Reply::Refused(refusal)),
                 }
             }
-            Heard::Refused(_) if ear.quiet => Brought::Nothing,
-            Heard::Refused(_) | Heard::Command(_) if !obeyed => Brought::answer(Reply::Taken),
-            Heard::Refused(refusal) => Brought::answer(Reply::Refused(refusal)),
+            Heard::Refused(_) if ear.muted => TextEvent::Nothing,
+            Heard::Refused(_) | Heard::Command(_) if !obeyed => TextEvent::answer(Reply::Taken),
+            Heard::Refused(refusal) => TextEvent::answer(Reply::Refused(refusal)),
             Heard::Command(verb) => {
-                ear.quiet = false;
+                ear.muted = false;
                 match verb {
-                    verb if self.tells && verb.has_flags() => Brought::Answer(Line::Verbs(text::Reply::Verbs)),
-                    Verb::Enable if self.tells && ear.reader.value() == 0 => {
-                        self.session.heard();
-                        self.ends = true;
-                        Brought::Nothing
+                    verb if self.verbs_run && verb.has_flags() => {
+                        TextEvent::Answer(TextLine::Verbs(text::Reply::Verbs))
                     }
-                    // A stop goes to its end, whatever comes behind it.
-                    Verb::Enable if self.ends => Brought::Answer(Line::Verbs(MOVING)),
-                    Verb::Enable if self.tells => {
+                    Verb::Enable if self.verbs_run && ear.reader.value() == 0 => {
                         self.session.heard();
-                        Brought::Nothing
+                        self.releasing = true;
+                        TextEvent::Nothing
                     }
-                    _ => self.session.obey(verb, &mut ear.reader).map_or(Brought::Nothing, Brought::answer),
+                    // A stop goes on to its end, whatever comes after it.
+                    Verb::Enable if self.releasing => TextEvent::Answer(TextLine::Verbs(REFUSED_AS_MOVING)),
+                    Verb::Enable if self.verbs_run => {
+                        self.session.heard();
+                        TextEvent::Nothing
+                    }
+                    _ => self.session.obey(verb, &mut ear.reader).map_or(TextEvent::Nothing, TextEvent::answer),
                 }
             }
         }
     }
 
-    /// Tells motors directly what a line says; gives what is to be answered.
-    pub(crate) fn tell(&mut self, board: &mut Board, told: &Told) -> text::Reply {
-        if self.drives {
+    /// Has motors follow the verbs of a line, and returns the answer.
+    pub(crate) fn give_orders(&mut self, board: &mut Board, told: &Told) -> text::Reply {
+        if self.path_runs {
             return text::Reply::Path;
         }
-        if self.ends {
-            return MOVING;
+        if self.releasing {
+            return REFUSED_AS_MOVING;
         }
-        self.wired = self.wired || board.wire();
+        self.wired = self.wired || board.configure_axes();
         let done = match told.orders() {
             Some(orders) if self.wired => self.obey(board, &orders),
-            _ => return MOVING,
+            _ => return REFUSED_AS_MOVING,
         };
         match done {
             Ok(()) => {
@@ -226,51 +229,51 @@ impl Winch {
     }
 
     fn obey(&mut self, board: &mut Board, orders: &Orders<'_>) -> Result<(), Refused> {
-        if !self.tells {
-            // What frames' motors have done is not text's to tell.
+        if !self.verbs_run {
+            // Done moves of frames' motors are not for text.
             while board.move_done().is_some() {}
-            // A line that is refused does not enable the drivers.
-            board.would_obey(orders)?;
+            // Checked first: a line that is refused must not enable the drivers.
+            board.check_orders(orders)?;
             board.arm()?;
         }
-        self.tells = true;
+        self.verbs_run = true;
         board.obey(orders)
     }
 
-    /// A move of verbs that was done.
+    /// The report of a move that is done.
     pub(crate) fn move_done(&mut self, board: &mut Board) -> Option<text::Reply> {
-        let Event { motor, tick, detail, .. } = if self.tells { board.move_done()? } else { return None };
+        let Event { motor, tick, detail, .. } = if self.verbs_run { board.move_done()? } else { return None };
         Some(text::Reply::Done { axis: motor, tick, number: detail })
     }
 
-    /// What is to be said of axes that a deadman has stopped.
+    /// The report of axes that a deadman has stopped too fast.
     pub(crate) fn uncertain(&mut self) -> Option<text::Reply> {
-        let axes = core::mem::take(&mut self.stopped);
+        let axes = core::mem::take(&mut self.stopped_by_deadman);
         (axes != 0).then_some(text::Reply::Uncertain { axes })
     }
 
-    /// Sees to what a command has changed.
-    pub(crate) fn settle(&mut self, board: &mut Board, service: &mut Service) {
+    /// Does what the last command asks of the board.
+    pub(crate) fn apply_command(&mut self, board: &mut Board, service: &mut Service) {
         if self.session.is_wired() && !self.wired {
-            self.wired = board.wire();
+            self.wired = board.configure_axes();
         }
-        if self.session.drives() && !self.drives {
-            let next = (board.clock.now() / u64::from(SLICE) + FIRST) * u64::from(SLICE);
-            self.drives = self.wired && board.drive(next);
-            if self.drives {
+        if self.session.drives() && !self.path_runs {
+            let next = (board.clock.now() / u64::from(SLICE_TICKS) + FIRST_SLICE) * u64::from(SLICE_TICKS);
+            self.path_runs = self.wired && board.begin_paths(next);
+            if self.path_runs {
                 self.next = next;
             } else {
                 self.session.release();
             }
         }
-        service.hold(self.drives || self.tells);
+        service.hold(self.path_runs || self.verbs_run);
     }
 
-    /// Works out the slices that are due, and hands their steps on.
+    /// Works out the slices that are due, and hands their steps over.
     #[inline(always)]
-    pub(crate) fn go_on(&mut self, board: &mut Board) {
+    pub(crate) fn advance(&mut self, board: &mut Board) {
         if self.on {
-            let ahead = if self.drives { KNOWN } else { 0 };
+            let ahead = if self.path_runs { LOOK_AHEAD_OF_PATHS } else { 0 };
             let until = board.clock.now() + u64::from(ahead);
             while self.next <= until {
                 self.slice(board);
@@ -282,65 +285,65 @@ impl Winch {
     fn slice(&mut self, board: &mut Board) {
         if self.session.is_report_due() {
             self.session.reported();
-            self.report = true;
+            self.status_due = true;
         }
         let slices: [Slice; 4] = self.session.millisecond();
         let begin = self.next;
-        self.next += u64::from(SLICE);
-        if self.drives {
-            board.follow(slices, begin, self.next);
+        self.next += u64::from(SLICE_TICKS);
+        if self.path_runs {
+            board.push_slice(slices, begin, self.next);
         }
     }
 
-    /// What time brings; to be called every millisecond or so. Whether text begins anew.
-    pub(crate) fn look(&mut self, board: &mut Board, service: &mut Service) -> bool {
-        if self.tells {
-            if self.ends || self.session.is_forsaken() {
+    /// Does what depends on time; to be called every millisecond or so. Whether a new session of text begins.
+    pub(crate) fn poll(&mut self, board: &mut Board, service: &mut Service) -> bool {
+        if self.verbs_run {
+            if self.releasing || self.session.is_forsaken() {
                 let stopped = board.halt(true);
-                // Who says `enable 0` knows.
-                self.stopped |= if self.ends { 0 } else { stopped };
+                // Not after `enable 0`: that host asked for the stop.
+                self.stopped_by_deadman |= if self.releasing { 0 } else { stopped };
             }
-            // What was done is told first.
-            if board.next_done().is_none() && (!board.is_armed() || (self.ends && board.rests())) {
-                // Nothing moves any more.
+            // Done moves are reported first.
+            if board.next_done().is_none() && (!board.is_armed() || (self.releasing && board.is_at_rest())) {
+                // It cannot be refused: nothing moves any more.
                 let _ = board.release();
                 board.host_gone(false);
-                (self.tells, self.on) = (false, false);
+                (self.verbs_run, self.on) = (false, false);
                 service.hold(false);
             }
             return false;
         }
-        if self.drives {
+        if self.path_runs {
             let ran_dry = !board.is_armed();
-            if ran_dry || (self.session.has_stopped() && board.rests()) {
+            if ran_dry || (self.session.has_stopped() && board.is_at_rest()) {
                 self.session.release();
-                self.drives = false;
-                // Nothing moves any more.
+                self.path_runs = false;
+                // It cannot be refused: nothing moves any more.
                 let _ = board.release();
-                // What there is to tell of text is no news for frames.
+                // Events of text are not for frames.
                 board.host_gone(false);
-                // If it ran dry nobody knows where the motors stand: as after a reset.
+                // After an underrun the session does not know where the axes are: text begins again, as after a reset.
                 self.on &= !ran_dry;
                 service.hold(false);
             }
             return false;
         }
-        let on = !service.is_taken() && board.rests();
+        let on = !service.is_taken() && board.is_at_rest();
         let begins = on && !self.on;
         if begins {
             let kept = board.store.settings().and_then(|bytes| Settings::decode(bytes)).unwrap_or_default();
             *self = Winch { session: Session::keeping(&kept), ..Winch::new() };
-            self.next = (board.clock.now() / u64::from(SLICE) + 1) * u64::from(SLICE);
+            self.next = (board.clock.now() / u64::from(SLICE_TICKS) + 1) * u64::from(SLICE_TICKS);
         }
         self.on = on;
         begins
     }
 
-    /// What a status line says now.
+    /// The status line for now.
     pub(crate) fn status(&self, board: &mut Board) -> Reply {
         let (now, positions) = board.positions();
         let usec = (now / u64::from(TICK_HZ / 1_000_000)) as u32;
-        // Else the motors are those of frames.
+        // If text has not configured the pins, the positions are of frames' motors.
         Reply::Status { usec: usec.cast_signed(), positions: if self.wired { positions } else { [0; 4] } }
     }
 }

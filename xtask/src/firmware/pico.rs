@@ -16,14 +16,14 @@ const RAM: u32 = 248 * 1024;
 
 /// The firmware itself, and where its map of symbols is committed.
 const FIRMWARE: &str = "pico";
-const SYMBOLS: &str = "crates/board/images/pico.sym";
+const SYMBOLS: &str = "testdata/pico.sym";
 /// The committed images: the firmware, and the library's examples.
 const IMAGES: [(&str, &str); 5] = [
     (FIRMWARE, "crates/board/images/pico.uf2"),
     ("examples/dds_circle", "crates/board/images/dds_circle.uf2"),
     ("examples/lorenz", "crates/board/images/lorenz.uf2"),
     ("examples/delta", "crates/board/images/delta.uf2"),
-    ("examples/mailbox", "crates/board/images/mailbox.uf2"),
+    ("examples/mailbox", "testdata/mailbox.uf2"),
 ];
 
 /// Builds the firmware and its examples, prints what they take and writes the committed images.

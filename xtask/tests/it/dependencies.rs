@@ -5,21 +5,38 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::process::Command;
 
 /// Each crate of ours, and those of ours that it may know; tests and benches included, but for [`IN_TESTS`].
-const MAY_KNOW: [(&str, &[&str]); 11] = [
+const MAY_KNOW: [(&str, &[&str]); 13] = [
     ("pulsetrain-core", &[]),
     ("pulsetrain-motion", &["pulsetrain-core"]),
     ("pulsetrain-plan", &["pulsetrain-core", "pulsetrain-motion"]),
     // The judge is independent of what it judges: it knows the law, never the plan, nor the fixed point of a board's path.
     ("pulsetrain-trace", &["pulsetrain-motion"]),
     ("pulsetrain-board", &["pulsetrain-core", "pulsetrain-emulator"]),
-    ("pulsetrain-session", &["pulsetrain-board", "pulsetrain-core", "pulsetrain-motion", "pulsetrain-plan"]),
     (
-        "pulsetrain",
+        "pulsetrain-session",
+        &["pulsetrain-board", "pulsetrain-core", "pulsetrain-motion", "pulsetrain-plan", "pulsetrain-trace"],
+    ),
+    (
+        "pulsetrain-bake",
         &[
             "pulsetrain-board",
             "pulsetrain-core",
             "pulsetrain-motion",
             "pulsetrain-plan",
+            "pulsetrain-session",
+            "pulsetrain-trace",
+        ],
+    ),
+    ("pulsetrain-plot", &["pulsetrain-motion"]),
+    (
+        "pulsetrain",
+        &[
+            "pulsetrain-bake",
+            "pulsetrain-board",
+            "pulsetrain-core",
+            "pulsetrain-motion",
+            "pulsetrain-plan",
+            "pulsetrain-plot",
             "pulsetrain-session",
             "pulsetrain-trace",
         ],

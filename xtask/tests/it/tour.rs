@@ -11,7 +11,7 @@ use std::path::{Component, Path, PathBuf};
 const ENDINGS: [&str; 16] =
     ["rs", "md", "toml", "txt", "s", "ld", "h", "py", "hex", "uf2", "sym", "svg", "png", "csv", "rules", "yml"];
 /// Folders of the repository: a path in back quotes that begins with one exists, whatever it ends with.
-const FOLDERS: [&str; 9] = ["clients", "crates", "docs", "examples", "firmware", "fuzz", "python", "testdata", "xtask"];
+const FOLDERS: [&str; 8] = ["crates", "docs", "examples", "firmware", "fuzz", "python", "testdata", "xtask"];
 /// What is no part of the repository.
 const NOT_OURS: [&str; 5] = [".git", "target", "out", "corpus", "artifacts"];
 

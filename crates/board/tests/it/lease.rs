@@ -7,7 +7,7 @@ use pulsetrain_board::{Board, Config, Edge, MotorConfig, Native, Observer, Sched
 use pulsetrain_core::braking::Limit;
 use pulsetrain_core::lease::Cause;
 use pulsetrain_core::output::{Output, StepDir, StepDirSettings};
-use pulsetrain_core::{Axis, Direction, Entry, Epoch, Item, Moment, Queue, Segment};
+use pulsetrain_core::{Axis, Direction, Entry, Epoch, Item, Queue, Segment, Tick32};
 
 use Direction::{Backward, Forward};
 
@@ -113,7 +113,7 @@ fn piece() -> impl Strategy<Value = Piece> {
 fn items(f: u32, pieces: &[Piece], delay: u32, forward: bool) -> Vec<Item> {
     let mut direction = if forward { Forward } else { Backward };
     let mut accumulator = (i128::from(ZERO + u64::from(delay)) << f) + (1 << (f - 1));
-    let anchor = |accumulator: i128| Item::Anchor { tick: Moment::of((accumulator >> f) as u64) };
+    let anchor = |accumulator: i128| Item::Anchor { tick: Tick32::of((accumulator >> f) as u64) };
     let mut items = vec![anchor(accumulator)];
     for piece in pieces {
         match *piece {
@@ -358,10 +358,10 @@ fn axis_steps<const F: u32>(items: &[Item], until: u64, limit: Limit) -> Vec<(u6
     };
     let mut axis = Axis::<F, Queue<32>>::new(Output::StepDir(StepDir::new(settings)), Queue::new());
     items.iter().for_each(|item| axis.queue_mut().push(Entry { epoch: EPOCH, item: *item }).unwrap());
-    let lease = pulsetrain_core::Lease::Until(Moment::of(until));
-    axis.channel_mut().schedule_switch(EPOCH, Moment::of(ZERO), lease, Some(limit)).unwrap();
+    let lease = pulsetrain_core::Lease::Until(Tick32::of(until));
+    axis.channel_mut().schedule_switch(EPOCH, Tick32::of(ZERO), lease, Some(limit)).unwrap();
     let mut steps = Vec::new();
-    let mut now = Moment(0);
+    let mut now = Tick32(0);
     while axis.channel().lapse().is_none() || !axis.is_idle() {
         now = now.after(5000);
         let mut position = axis.channel().position();
@@ -495,7 +495,7 @@ fn run(count: u32, ticks: i64, direction: Direction) -> Item {
 fn two(more: &[Item], lease: Lease) -> (Native, Lab, [Vec<Item>; 2]) {
     let dirs = [0, 1];
     let (mut board, lab) = (board(F, &dirs), Lab::new(&dirs));
-    let anchor = Item::Anchor { tick: Moment::of(ZERO) };
+    let anchor = Item::Anchor { tick: Tick32::of(ZERO) };
     let items = [[&[anchor, run(50, 200, Forward)], more].concat(), vec![anchor, run(200, 200, Backward)]];
     for (motor, items) in items.iter().enumerate() {
         items.iter().for_each(|item| board.push(motor, Entry { epoch: EPOCH, item: *item }).unwrap());
@@ -539,7 +539,7 @@ fn whatever_is_wrong_with_one_motor_all_brake() {
         board.push(0, Entry { epoch: EPOCH, item: run(5, 200, Forward) }).unwrap();
         assert_eq!(board.room(0), room);
         let counted = lab.counted[0];
-        for item in [Item::Anchor { tick: Moment(70_000) }, run(5, 200, Backward), Item::Dwell { ticks: 0 }] {
+        for item in [Item::Anchor { tick: Tick32(70_000) }, run(5, 200, Backward), Item::Dwell { ticks: 0 }] {
             board.push(0, Entry { epoch: Epoch(2), item }).unwrap();
         }
         assert_eq!(board.extend(Lease::Last, &[]), Err(ExtendRefused::Lapsed { at }));
@@ -582,7 +582,7 @@ fn a_switch_behind_the_end_of_the_lease_is_not_made() {
     // The first switch has been made: one may wait.
     board.advance(ZERO, &mut lab);
     for motor in 0..2 {
-        board.push(motor, Entry { epoch: Epoch(2), item: Item::Anchor { tick: Moment(9000) } }).unwrap();
+        board.push(motor, Entry { epoch: Epoch(2), item: Item::Anchor { tick: Tick32(9000) } }).unwrap();
         board.push(motor, Entry { epoch: Epoch(2), item: run(9, 500, Forward) }).unwrap();
     }
     let room = board.room(0);
@@ -603,7 +603,7 @@ fn an_extension_reaches_the_lease_that_a_switch_will_begin() {
     // The first switch has been made: one may wait.
     board.advance(ZERO, &mut lab);
     for motor in 0..2 {
-        let items = [Item::Anchor { tick: Moment(8500) }, run(20, 500, Forward), Item::Dwell { ticks: 0 }];
+        let items = [Item::Anchor { tick: Tick32(8500) }, run(20, 500, Forward), Item::Dwell { ticks: 0 }];
         items.iter().for_each(|item| board.push(motor, Entry { epoch: Epoch(2), item: *item }).unwrap());
     }
     assert_eq!(board.switch(Epoch(2), 8500, Lease::Until(8600), &[]), Ok(()));
@@ -625,7 +625,7 @@ fn a_brake_keeps_a_switch_that_waits_from_being_made() {
     let (mut board, mut lab, _) = two(&[], Lease::Until(9000));
     board.advance(30_000, &mut lab);
     let counted = lab.counted.clone();
-    board.push(0, Entry { epoch: Epoch(2), item: Item::Anchor { tick: Moment(40_000) } }).unwrap();
+    board.push(0, Entry { epoch: Epoch(2), item: Item::Anchor { tick: Tick32(40_000) } }).unwrap();
     board.push(0, Entry { epoch: Epoch(2), item: run(9, 500, Forward) }).unwrap();
     assert_eq!(board.switch(Epoch(2), 40_000, Lease::Last, &[]), Ok(()));
     assert_eq!(board.brake(), Some(9000));

@@ -6,7 +6,7 @@ use pulsetrain_board::{Board, Edge, Native, Observer, Port, Remote, ScheduledSte
 use pulsetrain_core::braking::Limit;
 use pulsetrain_core::lease::Cause;
 use pulsetrain_core::wire::message::{self, ALL_MOTORS};
-use pulsetrain_core::{Entry, Epoch, Item, Moment};
+use pulsetrain_core::{Entry, Epoch, Item, Tick32};
 use pulsetrain_testkit::faulty::{Faulty, Rates};
 use pulsetrain_testkit::model::ModelPort;
 use pulsetrain_testkit::{Random, TICK_HZ, model_setup, native_config, run, tell, unseen};
@@ -46,7 +46,7 @@ fn rest_at(items: &[Item], from: u64, until: u64) -> i64 {
 }
 
 fn rest_with(limit: Limit, items: &[Item], from: u64, until: u64) -> i64 {
-    let items: Vec<Item> = [Item::Anchor { tick: Moment::of(from) }].iter().chain(items).copied().collect();
+    let items: Vec<Item> = [Item::Anchor { tick: Tick32::of(from) }].iter().chain(items).copied().collect();
     let sent = Sent { start: Start::at(from, 16), items: &items, limit, gap_ticks: 17, line: None };
     Replay::new([sent], &[], 16, Some(until)).map(|step| i64::from(step.direction.sign())).sum()
 }

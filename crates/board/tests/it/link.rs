@@ -7,7 +7,7 @@ use pulsetrain_board::{
 use pulsetrain_core::wire::frame::{Received, Tag};
 use pulsetrain_core::wire::message::{Cause, Info, Missing, kind};
 use pulsetrain_core::wire::{Baud, Command, Decoder, Encoder, MAX_FRAME, Reason, Reply};
-use pulsetrain_core::{Entry, Epoch, Item, Moment};
+use pulsetrain_core::{Entry, Epoch, Item, Tick32};
 use pulsetrain_testkit::faulty::{Faulty, Rates};
 use pulsetrain_testkit::model::ModelPort;
 use pulsetrain_testkit::{TICK_HZ, model_setup, run, tell, unseen};
@@ -195,7 +195,7 @@ fn a_queue_takes_what_it_has_room_for_and_tells_of_new_room() {
     assert_eq!(capacity, 1024);
     let from = remote.now() + TICK_HZ / 5;
     let mut sizer = remote.sizer(0);
-    let anchor = Item::Anchor { tick: Moment::of(from) };
+    let anchor = Item::Anchor { tick: Tick32::of(from) };
     let mut left = capacity - sizer.size(&anchor);
     remote.push(0, Entry { epoch: Epoch(1), item: anchor }).unwrap();
     let mut steps = 0;

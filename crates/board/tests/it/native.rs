@@ -6,7 +6,7 @@ use pulsetrain_board::{
     Config, Edge, Lease, Leased, MotorConfig, Native, Observer, ScheduledStep, SwitchRefused, Wiring,
 };
 use pulsetrain_core::output::Sequence;
-use pulsetrain_core::{Direction, Entry, Epoch, Item, Moment, Segment};
+use pulsetrain_core::{Direction, Entry, Epoch, Item, Segment, Tick32};
 
 use Direction::{Backward, Forward};
 
@@ -35,7 +35,7 @@ fn push(board: &mut Native, motor: usize, epoch: u8, items: &[Item]) {
 }
 
 fn anchor(tick: u64) -> Item {
-    Item::Anchor { tick: Moment::of(tick) }
+    Item::Anchor { tick: Tick32::of(tick) }
 }
 
 fn run(fraction_bits: u32, count: u32, ticks: u32, direction: Direction) -> Item {

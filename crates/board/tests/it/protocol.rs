@@ -10,7 +10,7 @@ use pulsetrain_core::wire::service::{SILENCE_MS, TRIAL_MS};
 use pulsetrain_core::wire::{
     Baud, Command, Decoder, Encoder, LEAST_BODY, MAX_BODY, MAX_FRAME, MAX_MOTORS, Reply, Settings, Switched, VERSION,
 };
-use pulsetrain_core::{Epoch, Moment};
+use pulsetrain_core::{Epoch, Tick32};
 use pulsetrain_testkit::model::ModelPort;
 use std::time::Duration;
 
@@ -123,7 +123,7 @@ fn layouts_are_as_long_as_their_tables() {
     check("Discard", command(Command::Discard { epoch: Epoch(1) }));
     check("Switch", command(Command::Switch { epoch: Epoch(1), tick: 5, lease: Lease::Last, limits: &[] }));
     check("Extend", command(Command::Extend { lease: Lease::Last, limits: &[] }));
-    check("Trim", command(Command::Trim { until: Moment(5), bytes: &[] }));
+    check("Trim", command(Command::Trim { until: Tick32(5), bytes: &[] }));
     check("LeaseField", size_of::<LeaseField>());
     check("Baud", command(Command::Baud { baud: Baud::B1M }));
     let reply = |encode: &dyn Fn(&mut Encoder<'_>)| {

@@ -4,7 +4,7 @@
 //! motor stood still, or had no steps to make, or had to turn. A verb counts from a tick on, `at`: the next step is then due a
 //! (new) period after the last one, or at `at` if that is past. So a speed that was slow does not have to end first.
 
-use crate::{Direction, Item, Moment, Segment};
+use crate::{Direction, Item, Segment, Tick32};
 
 /// What a motor can be told.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -293,7 +293,7 @@ impl Motor {
         };
         let mut gap = self.reached.map_or(STALE, |reached| first - reached);
         if gap >= STALE {
-            push(Item::Anchor { tick: Moment::of(first).before(1) });
+            push(Item::Anchor { tick: Tick32::of(first).before(1) });
             gap = 1;
         }
         let last = first + u64::from(count - 1) * self.period;

@@ -6,7 +6,7 @@ use super::orders::Orders;
 use super::settings::SETTINGS_LEN;
 use super::{Baud, MAX_MOTORS, service};
 use crate::lease::Lease;
-use crate::{Epoch, Moment};
+use crate::{Epoch, Tick32};
 
 /// Why a board does not do what a correct frame asks; a number that explains it, as [`Reason`] says.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -151,7 +151,7 @@ pub trait Machine {
     ///
     /// # Errors
     /// [`Reason::NotArmed`].
-    fn trim(&mut self, until: Moment, bytes: &[u8]) -> Result<Trimmed, Refusal> {
+    fn trim(&mut self, until: Tick32, bytes: &[u8]) -> Result<Trimmed, Refusal> {
         let _ = (until, bytes);
         Ok(Trimmed::NoLease)
     }

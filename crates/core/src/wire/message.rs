@@ -14,7 +14,7 @@ use super::{Baud, MAX_MOTORS};
 use crate::braking::Limit;
 use crate::lease::Lease;
 use crate::output::Sequence;
-use crate::{Epoch, Moment};
+use crate::{Epoch, Tick32};
 
 /// What a command is, byte 1 of its body.
 pub mod kind {
@@ -328,7 +328,7 @@ pub enum Command<'a> {
     /// | 6… | bytes to drop, two for each configured motor |
     Trim {
         /// The new end of the lease.
-        until: Moment,
+        until: Tick32,
         /// Two bytes for each configured motor.
         bytes: &'a [u8],
     },
@@ -348,7 +348,7 @@ pub type LeaseField = [u8; 5];
 const fn lease_bytes(lease: Lease) -> LeaseField {
     match lease {
         Lease::Off => [0; 5],
-        Lease::Until(Moment(tick)) => {
+        Lease::Until(Tick32(tick)) => {
             let [a, b, c, d] = tick.to_le_bytes();
             [1, a, b, c, d]
         }
@@ -374,7 +374,7 @@ pub(super) fn is_lease(payload: &[u8]) -> bool {
 #[inline(always)]
 pub(super) const fn lease_of([state, tick @ ..]: LeaseField) -> Lease {
     match state {
-        1 => Lease::Until(Moment(u32::from_le_bytes(tick))),
+        1 => Lease::Until(Tick32(u32::from_le_bytes(tick))),
         _ => Lease::Last,
     }
 }
@@ -508,7 +508,7 @@ impl<'a> Command<'a> {
         if kind == kind::TRIM {
             let (until, bytes) = payload.split_first_chunk()?;
             let whole = bytes.len() & 1 == 0 && bytes.len() <= 2 * MAX_MOTORS;
-            return whole.then_some(Command::Trim { until: Moment(u32::from_le_bytes(*until)), bytes });
+            return whole.then_some(Command::Trim { until: Tick32(u32::from_le_bytes(*until)), bytes });
         }
         let (head, rest) = if kind == kind::SWITCH { payload.split_at_checked(9)? } else { (&[][..], payload) };
         let (field, limits) = rest.split_first_chunk()?;
@@ -1013,11 +1013,11 @@ pub enum LeaseState {
     #[default]
     Off,
     /// The plan holds up to this tick.
-    Until(Moment),
+    Until(Tick32),
     /// The plan holds to its end.
     Last,
     /// It is over since this tick.
-    Lapsed(Moment),
+    Lapsed(Tick32),
 }
 
 impl LeaseState {
@@ -1026,18 +1026,18 @@ impl LeaseState {
     pub const fn to_parts(self) -> (u8, u32) {
         match self {
             LeaseState::Off => (0, 0),
-            LeaseState::Until(Moment(tick)) => (1, tick),
+            LeaseState::Until(Tick32(tick)) => (1, tick),
             LeaseState::Last => (2, 0),
-            LeaseState::Lapsed(Moment(tick)) => (3, tick),
+            LeaseState::Lapsed(Tick32(tick)) => (3, tick),
         }
     }
 
     const fn from_parts(state: u8, tick: u32) -> Option<LeaseState> {
         match state {
             0 => Some(LeaseState::Off),
-            1 => Some(LeaseState::Until(Moment(tick))),
+            1 => Some(LeaseState::Until(Tick32(tick))),
             2 => Some(LeaseState::Last),
-            3 => Some(LeaseState::Lapsed(Moment(tick))),
+            3 => Some(LeaseState::Lapsed(Tick32(tick))),
             _ => None,
         }
     }
@@ -1083,7 +1083,7 @@ impl Status {
     fn decode(reader: &mut Reader<'_>) -> Option<Status> {
         let tick = reader.u64()?;
         // Not before the clock was read, or but a little.
-        let ahead = reader.u32()?.wrapping_sub(Moment::of(tick).0).cast_signed();
+        let ahead = reader.u32()?.wrapping_sub(Tick32::of(tick).0).cast_signed();
         let horizon = tick.saturating_add_signed(ahead.into());
         let (epoch, marks, accepted) = (Epoch(reader.u8()?), reader.u8()?, reader.u8()?);
         let lease = LeaseState::from_parts(marks >> 4, reader.u32()?)?;

@@ -23,7 +23,7 @@ use super::message::{Configuration, LIMIT_LEN, LeaseField, Missing, Reason, is_l
 use super::orders::Orders;
 use super::settings::{self, SETTINGS_LEN};
 use super::{Baud, LEAST_BODY, MAX_BODY, Millis, VERSION};
-use crate::{Epoch, Moment};
+use crate::{Epoch, Tick32};
 
 /// How long a board listens at a new rate before it goes back to 115 200 baud, ms.
 pub const TRIAL_MS: u16 = 250;
@@ -525,7 +525,7 @@ impl Service {
             kind::CLOCK => frame.u64(machine.clock()),
             kind::STATUS => {
                 frame.u64(machine.clock());
-                frame.u32(Moment::of(machine.horizon()).0);
+                frame.u32(Tick32::of(machine.horizon()).0);
                 frame.u8(machine.epoch().0);
                 let (state, tick) = machine.lease();
                 frame.u8(machine.flags() | state << 4);
@@ -586,7 +586,7 @@ pub(super) fn obey_plan<M: Machine>(
             if bytes.len() != 2 * usize::from(machine.motors()) {
                 return Err(bad);
             }
-            machine.trim(Moment(u32::from_le_bytes(*until)), bytes)?.to_parts()
+            machine.trim(Tick32(u32::from_le_bytes(*until)), bytes)?.to_parts()
         }
         kind::BRAKE if payload.is_empty() => {
             let braked = machine.brake();

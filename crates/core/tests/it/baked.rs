@@ -1,10 +1,10 @@
 //! Motions in flash: blocks, and what comes out of them turn by turn, in exact integers.
 
-use pulsetrain_core::baked::narrow;
+use pulsetrain_core::baked::avr;
 use pulsetrain_core::baked::{Block, FRACTION_BITS, HEAD_LEN, LONGEST_PIECE, MAGIC, Motor, Player, Repeats, crc32};
 use pulsetrain_core::packing::{MAX_PACKED_LEN, Packing, State};
 use pulsetrain_core::wire::message::{Configuration, MotorSetup};
-use pulsetrain_core::{Direction, Item, Moment, Segment};
+use pulsetrain_core::{Direction, Item, Segment, Tick32};
 
 const PACKING: Packing = Packing { fraction_bits: FRACTION_BITS, gain: 3 };
 
@@ -78,7 +78,7 @@ fn nothing_adds_up_in_a_year() {
         .sum();
     let turn = piece(State::new(Direction::Forward), true, &turn);
     let motor = Motor { packing: PACKING, head: &head, turn: &turn, repeats: Some(repeats) };
-    let mut player = Player::new(motor, Moment(77));
+    let mut player = Player::new(motor, Tick32(77));
     let (mut steps, mut out) = (Steps::of(), [0; LONGEST_PIECE]);
     // The anchor, the head and the first turn.
     for _ in 0..3 {
@@ -107,7 +107,7 @@ fn long_waits_go_in_parts() {
     let repeats = Repeats { ticks, part: 7, rest: 0, from: Direction::Forward, to: Direction::Forward };
     let head = piece(State::default(), false, &[run(1, 1000, Direction::Forward)]);
     let motor = Motor { packing: PACKING, head: &head, turn: &[], repeats: Some(repeats) };
-    let mut player = Player::new(motor, Moment(0));
+    let mut player = Player::new(motor, Tick32(0));
     let (mut steps, mut out) = (Steps::of(), [0; LONGEST_PIECE]);
     for _ in 0..2 {
         let len = player.next(LONGEST_PIECE, &mut out);
@@ -129,7 +129,7 @@ fn long_waits_go_in_parts() {
 #[test]
 fn a_motion_that_ends_is_over() {
     let head = piece(State::default(), false, &[run(5, 1000, Direction::Backward)]);
-    let mut player = Player::new(Motor { packing: PACKING, head: &head, turn: &[], repeats: None }, Moment(0));
+    let mut player = Player::new(Motor { packing: PACKING, head: &head, turn: &[], repeats: None }, Tick32(0));
     let (mut steps, mut out) = (Steps::of(), [0; LONGEST_PIECE]);
     for _ in 0..2 {
         assert!(!player.is_over());
@@ -182,36 +182,36 @@ fn a_block_is_read_whole_or_not_at_all() {
     }
 }
 
-/// A narrow block of one motor at an address, as an Uno has it.
-fn narrow_block(at: u16, parts: [&[u8]; 4], rest: u32) -> Vec<u8> {
+/// A block of one motor at an address, as an Uno has it.
+fn avr_block(at: u16, parts: [&[u8]; 4], rest: u32) -> Vec<u8> {
     let mut body = vec![1, 2, 0xaa, 0xbb];
     body.extend(parts.iter().flat_map(|part| (part.len() as u16).to_le_bytes()));
     body.extend(rest.to_le_bytes());
     body.extend(parts.concat());
-    let len = narrow::HEAD_LEN + body.len() as u16;
+    let len = avr::HEAD_LEN + body.len() as u16;
     let mut flash = vec![0xff; usize::from(at)];
-    flash.extend(narrow::MAGIC.to_le_bytes());
+    flash.extend(avr::MAGIC.to_le_bytes());
     flash.extend(len.to_le_bytes());
     flash.extend(crc32(&body).to_le_bytes());
     flash.extend(&body);
     flash
 }
 
-const HERE: narrow::Standing = narrow::Standing { room: narrow::LONGEST_PIECE as u16, near: true };
-const FAR: narrow::Standing = narrow::Standing { near: false, ..HERE };
+const HERE: avr::Standing = avr::Standing { room: avr::LONGEST_PIECE as u16, near: true };
+const FAR: avr::Standing = avr::Standing { near: false, ..HERE };
 
 /// Ten years of an Uno's turns of 3 ms: of two gaps there is the longer one as often as the product says.
 #[test]
-fn nothing_adds_up_in_ten_years_of_a_narrow_player() {
+fn nothing_adds_up_in_ten_years_of_a_player_of_8_bits() {
     let rest = 0x9abc_def1;
-    let flash = narrow_block(66, [&[2, 10, 11, 1, 12], &[3, 1, 2, 3, 1, 4], &[1, 5], &[2, 6, 6]], rest);
+    let flash = avr_block(66, [&[2, 10, 11, 1, 12], &[3, 1, 2, 3, 1, 4], &[1, 5], &[2, 6, 6]], rest);
     let read = |at: u16| flash[usize::from(at)];
-    let (says, end) = narrow::block(66, 32_256, read).unwrap();
+    let (says, end) = avr::block(66, 32_256, read).unwrap();
     assert_eq!((says, usize::from(end)), (76, flash.len()));
-    let mut player = narrow::Player::new(says + 4, says + 4 + narrow::MOTOR_LEN, read);
+    let mut player = avr::Player::new(says + 4, says + 4 + avr::MOTOR_LEN, read);
     assert_eq!(player.end(), end);
-    let mut out = [0; narrow::LONGEST_PIECE];
-    let mut next = |player: &mut narrow::Player| {
+    let mut out = [0; avr::LONGEST_PIECE];
+    let mut next = |player: &mut avr::Player| {
         let len = player.next(HERE, read, &mut out);
         out[..len].to_vec()
     };
@@ -231,30 +231,30 @@ fn nothing_adds_up_in_ten_years_of_a_narrow_player() {
 
 /// A gap alone is a turn; a head alone ends; a long wait goes out, and what is behind it, when the motor is near.
 #[test]
-fn narrow_players_wait_and_end() {
-    let flash = narrow_block(0, [&[1, 10], &[], &[narrow::LONG | 2, 7, 7, 1, 8], &[1, 9]], 0);
+fn players_of_8_bits_wait_and_end() {
+    let flash = avr_block(0, [&[1, 10], &[], &[avr::LONG | 2, 7, 7, 1, 8], &[1, 9]], 0);
     let read = |at: u16| flash[usize::from(at)];
-    let mut player = narrow::Player::new(14, 14 + narrow::MOTOR_LEN, read);
-    let mut out = [0; narrow::LONGEST_PIECE];
-    assert_eq!(player.next(narrow::Standing { room: 39, ..HERE }, read, &mut out), 0, "no room");
+    let mut player = avr::Player::new(14, 14 + avr::MOTOR_LEN, read);
+    let mut out = [0; avr::LONGEST_PIECE];
+    assert_eq!(player.next(avr::Standing { room: 39, ..HERE }, read, &mut out), 0, "no room");
     assert_eq!((player.next(FAR, read, &mut out), out[0]), (1, 10));
     for _ in 0..3 {
         assert_eq!((player.next(FAR, read, &mut out), player.next(HERE, read, &mut out), out[1]), (0, 2, 7));
         assert_eq!((player.next(FAR, read, &mut out), player.next(HERE, read, &mut out), out[0]), (0, 1, 8));
     }
-    let flash = narrow_block(0, [&[1, 10], &[], &[], &[]], 0);
+    let flash = avr_block(0, [&[1, 10], &[], &[], &[]], 0);
     let read = |at: u16| flash[usize::from(at)];
-    let mut player = narrow::Player::new(14, 14 + narrow::MOTOR_LEN, read);
+    let mut player = avr::Player::new(14, 14 + avr::MOTOR_LEN, read);
     assert!(!player.is_over());
     assert_eq!(player.next(HERE, read, &mut out), 1);
     assert!(player.is_over() && player.next(HERE, read, &mut out) == 0);
 }
 
-/// Any bit of a narrow block that is wrong is found, and one that would reach into the bootloader.
+/// Any bit of such a block that is wrong is found, and one that would reach into the bootloader.
 #[test]
-fn narrow_blocks_are_whole_or_none() {
-    let flash = narrow_block(0, [&[1, 10], &[1, 3], &[1, 4], &[1, 5]], 7);
-    let whole = |flash: &[u8], limit| narrow::block(0, limit, |at| flash.get(usize::from(at)).copied().unwrap_or(0xff));
+fn avr_blocks_are_whole_or_none() {
+    let flash = avr_block(0, [&[1, 10], &[1, 3], &[1, 4], &[1, 5]], 7);
+    let whole = |flash: &[u8], limit| avr::block(0, limit, |at| flash.get(usize::from(at)).copied().unwrap_or(0xff));
     let len = flash.len() as u16;
     assert!(whole(&flash, len).is_some() && whole(&flash, len - 1).is_none());
     for bit in 0..8 * flash.len() {

@@ -1,8 +1,9 @@
 //! Tests of the crate, in one binary.
 
+mod avr_verbs;
 mod baked;
 mod braking;
-mod narrow_verbs;
+mod pio;
 mod service;
 mod stepgen;
 mod verbs;
@@ -10,4 +11,3 @@ mod winch_golden;
 mod winch_path;
 mod winch_text;
 mod wire;
-mod words;

@@ -14,7 +14,7 @@ use pulsetrain_core::wire::{
     Baud, Command, Decoder, Encoder, LEAST_BODY, MAX_BODY, MAX_FRAME, Machine, Millis, Refusal, Reply, Service,
     Settings, Stopped, Stored, Switched, Trimmed, VERSION,
 };
-use pulsetrain_core::{Epoch, Moment};
+use pulsetrain_core::{Epoch, Tick32};
 
 /// Says yes to everything.
 #[derive(Default)]
@@ -101,7 +101,7 @@ impl Machine for Notebook {
         self.note(format!("{:?}", Command::Extend { lease, limits }));
         !self.has_lapsed
     }
-    fn trim(&mut self, until: Moment, bytes: &[u8]) -> Result<Trimmed, Refusal> {
+    fn trim(&mut self, until: Tick32, bytes: &[u8]) -> Result<Trimmed, Refusal> {
         self.note(format!("{:?}", Command::Trim { until, bytes }));
         Ok(if self.has_lapsed { Trimmed::NoLease } else { Trimmed::Accepted })
     }
@@ -110,7 +110,7 @@ impl Machine for Notebook {
         if self.has_lapsed { NO_LEASE } else { 0x1234_5678_9abc }
     }
     fn lease(&self) -> (u8, u32) {
-        LeaseState::Lapsed(Moment(12)).to_parts()
+        LeaseState::Lapsed(Tick32(12)).to_parts()
     }
     fn stop_now(&mut self) -> Stopped {
         self.note(format!("{:?}", Command::StopNow));
@@ -288,7 +288,7 @@ proptest! {
                         epoch: Epoch(11),
                         flags: 5,
                         accepted: 0,
-                        lease: LeaseState::Lapsed(Moment(12)),
+                        lease: LeaseState::Lapsed(Tick32(12)),
                     };
                     prop_assert_eq!(status.head, head);
                     let motor = |motor| MotorStatus { position: -1 - i32::from(motor), free: 100 + u16::from(motor), faults: motor };
@@ -344,7 +344,7 @@ fn what_was_accepted_is_told_by_its_number() {
         }
     }
     let (mut service, mut machine) = taken();
-    let extend = |tick| Command::Extend { lease: Lease::Until(Moment(tick)), limits: &[128, 61, 0, 255, 0, 9] };
+    let extend = |tick| Command::Extend { lease: Lease::Until(Tick32(tick)), limits: &[128, 61, 0, 255, 0, 9] };
     let tell = |service: &mut Service, machine: &mut Notebook, command: &Command<'_>, seq: u8| {
         say(service, machine, &frame(command, seq, Tag(1)), 0);
     };
@@ -367,7 +367,7 @@ fn what_was_accepted_is_told_by_its_number() {
     assert_eq!(accepted(&mut service, &mut machine), Some(2));
     assert_eq!(machine.asked.iter().filter(|asked| asked.starts_with("Extend")).count(), 2);
     // Questions: the number is theirs only if they were accepted.
-    let until = Moment(7);
+    let until = Tick32(7);
     let switch = |tick| Command::Switch { epoch: Epoch(2), tick, lease: Lease::Last, limits: &[] };
     let trim = Command::Trim { until, bytes: &[1, 0, 2, 0] };
     let mut seq = 6;

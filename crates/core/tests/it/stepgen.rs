@@ -5,7 +5,7 @@ use proptest::prelude::*;
 use pulsetrain_core::channel::{Channel, Kind, SwitchRefused};
 use pulsetrain_core::lease::Lease;
 use pulsetrain_core::output::{Coils, Edge, HALF_STEPS, Output, Sequence, StepDir, StepDirSettings};
-use pulsetrain_core::{Axis, Direction, Entry, Epoch, Item, Merge, Moment, Queue, Segment};
+use pulsetrain_core::{Axis, Direction, Entry, Epoch, Item, Merge, Queue, Segment, Tick32};
 
 use Direction::{Backward, Forward};
 
@@ -33,7 +33,7 @@ fn run(count: u32, ticks: i64, direction: Direction) -> Item {
 }
 
 fn anchor(tick: u32) -> Item {
-    Item::Anchor { tick: Moment(tick) }
+    Item::Anchor { tick: Tick32(tick) }
 }
 
 fn push<const N: usize>(axis: &mut Axis<F, Queue<N>>, epoch: u8, items: &[Item]) {
@@ -44,8 +44,8 @@ fn push<const N: usize>(axis: &mut Axis<F, Queue<N>>, epoch: u8, items: &[Item])
 
 /// All edges up to `until`.
 fn edges<const N: usize>(axis: &mut Axis<F, Queue<N>>, until: u32) -> Vec<Edge> {
-    let edges = std::iter::from_fn(|| axis.next(Moment(until))).collect();
-    axis.pass(Moment(until));
+    let edges = std::iter::from_fn(|| axis.next(Tick32(until))).collect();
+    axis.pass(Tick32(until));
     edges
 }
 
@@ -186,7 +186,7 @@ proptest! {
         let new: Vec<Item> = [anchor(at), Item::Dwell { ticks: PULSE + HOLD + SETUP }].into_iter().chain(new.into_iter().skip(1)).collect();
         push(&mut axis, 1, &new);
         let horizon = axis.channel().horizon();
-        match axis.channel_mut().schedule_switch(Epoch(1), Moment(at), Lease::Off, None) {
+        match axis.channel_mut().schedule_switch(Epoch(1), Tick32(at), Lease::Off, None) {
             Ok(()) => prop_assert!(at >= horizon.0),
             Err(refused) => {
                 prop_assert!(at < horizon.0);
@@ -255,7 +255,7 @@ proptest! {
         for (gap, epoch, ahead) in switches {
             now += gap;
             look(&mut axis, now);
-            let _ = axis.channel_mut().schedule_switch(Epoch(epoch), Moment(now.wrapping_add(ahead >> (epoch * 9))), Lease::Off, None);
+            let _ = axis.channel_mut().schedule_switch(Epoch(epoch), Tick32(now.wrapping_add(ahead >> (epoch * 9))), Lease::Off, None);
         }
         look(&mut axis, now + (1 << 16));
         axis.stop();
@@ -272,7 +272,7 @@ proptest! {
         let streams: Vec<Vec<Edge>> = streams
             .into_iter()
             .map(|stream| {
-                let mut tick = Moment(from);
+                let mut tick = Tick32(from);
                 stream.into_iter().map(|(gap, set, clear)| { tick = tick.after(gap); Edge { tick, set, clear: clear & !set } }).collect()
             })
             .collect();
@@ -282,7 +282,7 @@ proptest! {
 
         let (mut levels, mut next) = (0, merged.iter());
         for offset in 0..240 {
-            let tick = Moment(from).after(offset);
+            let tick = Tick32(from).after(offset);
             let before = levels;
             for edge in streams.iter().flatten().filter(|edge| edge.tick == tick) {
                 levels = (levels & !edge.clear) | edge.set;
@@ -364,7 +364,7 @@ fn the_direction_comes_before_its_step_with_its_tick() {
         queue.push(Entry { epoch: Epoch(0), item }).unwrap();
     }
     let events: Vec<_> = std::iter::from_fn(|| {
-        let event = channel.peek(&mut queue, Moment(END))?;
+        let event = channel.peek(&mut queue, Tick32(END))?;
         channel.take(event);
         Some((event.tick.0, event.kind))
     })
@@ -385,7 +385,7 @@ fn time_wraps() {
     for quarter in 0..4 {
         assert_eq!(edges(&mut axis, quarter << 30), []);
     }
-    axis.pass(Moment(u32::MAX - 500));
+    axis.pass(Tick32(u32::MAX - 500));
     push(&mut axis, 0, &[anchor(u32::MAX - 99), run(3, 100, Forward)]);
     let ticks: Vec<u32> = edges(&mut axis, 1000).iter().map(|edge| edge.tick.0).collect();
     assert_eq!(ticks, [0u32.wrapping_sub(SETUP), 0, PULSE, 100, 100 + PULSE, 200, 200 + PULSE]);
@@ -424,16 +424,16 @@ fn what_comes_too_late_is_not_made() {
     assert_eq!(edges(&mut axis, 350).len(), 7);
     push(&mut axis, 0, &[run(3, 20, Forward)]);
     assert_eq!(edges(&mut axis, 500), []);
-    assert_eq!(axis.channel().missed(), Some(Moment(320)));
+    assert_eq!(axis.channel().missed(), Some(Tick32(320)));
     assert!(axis.is_idle());
     push(&mut axis, 0, &[run(3, 1000, Forward), anchor(900), run(1, 100, Forward)]);
-    assert_eq!(edges(&mut axis, 2000)[0].tick, Moment(1000));
+    assert_eq!(edges(&mut axis, 2000)[0].tick, Tick32(1000));
 }
 
 #[test]
 fn one_switch_waits_and_a_sooner_one_replaces_it() {
     let mut channel = Channel::<F>::new(1, false);
-    let mut switch = |epoch, at| channel.schedule_switch(Epoch(epoch), Moment(at), Lease::Off, None);
+    let mut switch = |epoch, at| channel.schedule_switch(Epoch(epoch), Tick32(at), Lease::Off, None);
     assert_eq!(switch(1, 2000), Ok(()));
     assert_eq!(switch(2, 2001), Err(SwitchRefused::Full));
     assert_eq!(switch(2, 2000), Ok(()));
@@ -442,12 +442,12 @@ fn one_switch_waits_and_a_sooner_one_replaces_it() {
     let mut queue = Queue::<1>::new();
     let mut epochs = Vec::new();
     for now in [999, 1000, 1999, 2000] {
-        assert_eq!(channel.peek(&mut queue, Moment(now)), None);
+        assert_eq!(channel.peek(&mut queue, Tick32(now)), None);
         epochs.push(channel.epoch().0);
     }
     assert_eq!(epochs, [0, 3, 3, 3]);
-    let mut switch = |epoch, at| channel.schedule_switch(Epoch(epoch), Moment(at), Lease::Off, None);
-    assert_eq!(switch(4, 999), Err(SwitchRefused::Late { horizon: Moment(1000) }));
+    let mut switch = |epoch, at| channel.schedule_switch(Epoch(epoch), Tick32(at), Lease::Off, None);
+    assert_eq!(switch(4, 999), Err(SwitchRefused::Late { horizon: Tick32(1000) }));
     assert_eq!(switch(4, 3000), Ok(()));
 }
 
@@ -469,7 +469,7 @@ fn a_shared_dir_line_says_every_step_its_direction() {
     push(&mut axes[1], 0, &[anchor(50), run(2, 100, Backward)]);
     let mut merge = Merge::<2>::new();
     let edges: Vec<(u32, u32, u32)> =
-        std::iter::from_fn(|| merge.next(|i| axes[i].next(Moment(1000)))).map(|e| (e.tick.0, e.set, e.clear)).collect();
+        std::iter::from_fn(|| merge.next(|i| axes[i].next(Tick32(1000)))).map(|e| (e.tick.0, e.set, e.clear)).collect();
     let expected = [
         (97, 4, 0),
         (100, 1, 0),

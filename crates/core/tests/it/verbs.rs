@@ -10,7 +10,7 @@ use pulsetrain_core::wire::frame::{Encoder, Received, Tag};
 use pulsetrain_core::wire::message::{self, Command, Reason, kind};
 use pulsetrain_core::wire::orders::{MOST_ORDERS, Next, Obeyed, Orders, order};
 use pulsetrain_core::wire::{Decoder, MAX_FRAME, Refusal};
-use pulsetrain_core::{Channel, Direction, Entry, Epoch, Item, Moment, Queue};
+use pulsetrain_core::{Channel, Direction, Entry, Epoch, Item, Queue, Tick32};
 
 const LIMITS: Limits = Limits { shortest: 3, turn: 40, period: 25 };
 
@@ -101,7 +101,7 @@ fn by_slices(script: &[(u64, Verb)], cut: Cut, end: u64, slices: &[u64]) -> (Mad
         assert!(items <= MOST_ITEMS);
         known = next;
         // A channel whose limit is a little short takes the rest with the next slice.
-        let limit = Moment::of(known).before(1);
+        let limit = Tick32::of(known).before(1);
         while let Some(event) = channel.peek(&mut queue, limit) {
             channel.take(event);
             match event.kind {
@@ -226,8 +226,8 @@ fn count(steps: u32, ticks: u64, slice: u64) -> (u64, u64, u64) {
             Item::Anchor { tick } => {
                 // The tick with these low bits in the slice.
                 let from = known - slice;
-                at = from + u64::from(tick.since(Moment::of(from)).cast_signed().max(0).cast_unsigned());
-                if tick.is_before(Moment::of(from)) {
+                at = from + u64::from(tick.since(Tick32::of(from)).cast_signed().max(0).cast_unsigned());
+                if tick.is_before(Tick32::of(from)) {
                     at = from - 1;
                 }
             }

@@ -7,7 +7,7 @@ use pulsetrain_core::wire::frame::{Received, Tag, framed_len};
 use pulsetrain_core::wire::message::{Configuration, MAX_PACKED, MotorSetup};
 use pulsetrain_core::wire::settings::{AMAX, MOST_VMAX};
 use pulsetrain_core::wire::{Baud, Command, Decoder, Encoder, MAX_BODY, MAX_FRAME, Settings, VERSION};
-use pulsetrain_core::{Epoch, Moment};
+use pulsetrain_core::{Epoch, Tick32};
 
 fn framed(body: &[u8], tag: Tag) -> Vec<u8> {
     let mut out = [0; MAX_FRAME];
@@ -123,7 +123,7 @@ fn all_changes_of_up_to_three_bits_are_found() {
         Command::Switch {
             epoch: Epoch(5),
             tick: 0x0123_4567_89ab,
-            lease: Lease::Until(Moment(0x4567_99ab)),
+            lease: Lease::Until(Tick32(0x4567_99ab)),
             limits: &[221, 32, 0],
         },
         Command::Configure(Configuration::new(&motors).unwrap()),
@@ -234,7 +234,7 @@ proptest! {
         configuration.idle_ms = (flags & 1 != 0).then_some(times[4]);
         configuration.enable_high = flags & 2 != 0;
         configuration.enable_pin = epoch;
-        let lease = if flags % 2 == 0 { Lease::Last } else { Lease::Until(Moment(nonce)) };
+        let lease = if flags % 2 == 0 { Lease::Last } else { Lease::Until(Tick32(nonce)) };
         let limits: Vec<u8> = (0..flags).flat_map(|motor| [epoch | 0x80, 61 - motor, motor]).collect();
         let command = match which {
             0 => Command::Hello { version: epoch, nonce },
@@ -256,7 +256,7 @@ proptest! {
                 Command::Store(Some(Settings { deadman_ms, idle_ms, silence_ms, vmax, amax }))
             }
             14 => Command::Extend { lease, limits: &limits },
-            15 => Command::Trim { until: Moment(nonce), bytes: &packed[..packed.len().min(16) & !1] },
+            15 => Command::Trim { until: Tick32(nonce), bytes: &packed[..packed.len().min(16) & !1] },
             16 => Command::Brake,
             _ => Command::Data { motor: flags, epoch: Epoch(epoch), packed: &packed },
         };

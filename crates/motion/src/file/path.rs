@@ -345,7 +345,7 @@ impl Reading<'_> {
                 });
                 return Err(match why {
                     Some(why) => {
-                        let mut cursors: Vec<Cursor<'_>> = path.coordinates.iter().map(Cursor::new).collect();
+                        let mut cursors: Vec<Cursor> = path.coordinates.iter().map(Cursor::new).collect();
                         let tip = |at: Time| {
                             let tip = cursors.iter_mut().map(|cursor| Some(cursor.at(at).ok()?.position));
                             Some((tip.collect::<Option<Vec<f64>>>()?, None))
@@ -422,7 +422,7 @@ impl Reading<'_> {
                     at.seconds(),
                     place.join(", "),
                 );
-                let mut cursors: Vec<(Cursor<'_>, f64)> =
+                let mut cursors: Vec<(Cursor, f64)> =
                     terms.iter().map(|(law, scale)| (Cursor::new(law), *scale)).collect();
                 let look = |at: Time| {
                     let samples = cursors.iter_mut().map(|(cursor, scale)| Some((cursor.at(at).ok()?, *scale)));
@@ -531,7 +531,7 @@ impl Reading<'_> {
                         at.seconds(),
                         degrees(limit)
                     );
-                    let mut cursors: Vec<Cursor<'_>> = joints.iter().map(Cursor::new).collect();
+                    let mut cursors: Vec<Cursor> = joints.iter().map(Cursor::new).collect();
                     let look = |at: Time| {
                         let Kind::Delta { arms, .. } = &self.machine.kind else { return None };
                         let mut rad = [0.0; 3];

@@ -18,7 +18,7 @@ impl Law {
         if tip.iter().any(|law| law.end().is_none()) {
             return Err(LawError::Parameter("the path never ends".into()));
         }
-        let mut terms: [(Pieces<'_>, Option<Piece>); 3] = [0, 1, 2].map(|k| (tip[k].pieces(), None));
+        let mut terms: [(Pieces, Option<Piece>); 3] = [0, 1, 2].map(|k| (tip[k].pieces(), None));
         let (mut at, mut laws) = (Time::ZERO, Vec::new());
         'stretches: loop {
             for (pieces, piece) in &mut terms {

@@ -3,6 +3,7 @@
 use super::combine::{MOST_PARTS, too_many};
 use super::{Class, Cursor, Curve, Double, Entry, Law, LawError, Piece, Sample, checked};
 use crate::Time;
+use std::sync::Arc;
 
 /// How a law begins that is not at rest at its beginning.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -126,7 +127,7 @@ impl Law {
                 }
             }
         };
-        Ok(Law::Blended(Box::new(Blended {
+        Ok(Law::Blended(Arc::new(Blended {
             law: self,
             head,
             tail: None,
@@ -196,8 +197,7 @@ impl Law {
                 Some(ramp.piece())
             }
         };
-        drop(cursor);
-        Ok(Law::Blended(Box::new(Blended { law: self, head: None, tail, shift: 0.0, lost, jump: false })))
+        Ok(Law::Blended(Arc::new(Blended { law: self, head: None, tail, shift: 0.0, lost, jump: false })))
     }
 
     /// This law up to `at`, then braked to rest by `braking` (steps/s²): how an endless law is brought to an end.
@@ -235,7 +235,7 @@ impl Law {
             curve: Curve::Polynomial(curve),
             entry: Entry::Continuous,
         };
-        Ok(Law::Blended(Box::new(Blended {
+        Ok(Law::Blended(Arc::new(Blended {
             law: self,
             head: None,
             tail: Some(tail),
@@ -509,21 +509,22 @@ impl Blended {
         self.law.class().max(least)
     }
 
-    pub(super) fn pieces(&self) -> impl Iterator<Item = Result<Piece, LawError>> + '_ {
+    pub(super) fn pieces(&self) -> impl Iterator<Item = Result<Piece, LawError>> + use<> {
         let from = self.head.as_ref().map_or(Time::ZERO, |head| head.end);
         let to = self.tail.as_ref().map_or(Time::MAX, |tail| tail.start);
+        let shift = Double::from(self.shift);
         // An endless law is stopped by its tail.
         let middle = self.law.pieces().take_while(move |piece| !piece.as_ref().is_ok_and(|p| p.start >= to));
         let middle = middle.filter_map(move |piece| match piece {
             Ok(mut piece) => {
                 piece.start = piece.start.max(from);
                 piece.end = piece.end.min(to);
-                (piece.start < piece.end).then(|| piece.raise(Double::from(self.shift)).map(|()| piece))
+                (piece.start < piece.end).then(|| piece.raise(shift).map(|()| piece))
             }
             Err(error) => Some(Err(error)),
         });
         let mut jump = self.jump;
-        let pieces = self.head.iter().cloned().map(Ok).chain(middle).chain(self.tail.iter().cloned().map(Ok));
+        let pieces = self.head.clone().into_iter().map(Ok).chain(middle).chain(self.tail.clone().into_iter().map(Ok));
         pieces.map(move |piece| {
             let mut piece = piece?;
             if std::mem::take(&mut jump) {

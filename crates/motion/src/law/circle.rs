@@ -74,7 +74,7 @@ impl Circle {
     }
 
     /// From turning point to turning point: half periods, but for a sine's first and last quarter.
-    pub(super) fn pieces(&self) -> impl Iterator<Item = Result<Piece, LawError>> + '_ {
+    pub(super) fn pieces(self) -> impl Iterator<Item = Result<Piece, LawError>> {
         let end = self.end().unwrap_or(Time::MAX);
         let half = self.period.divided_by(2);
         let before = if self.sine { self.period.divided_by(4) } else { Time::ZERO };

@@ -3,6 +3,7 @@
 use super::formula::Terms;
 use super::{Curve, Double, Entry, Law, LawError, Piece, Pieces, Workload, checked};
 use crate::Time;
+use std::sync::Arc;
 
 /// θ = factor·law(t − delay) + offset, at rest before `delay`.
 #[derive(Clone, Debug)]
@@ -32,7 +33,7 @@ impl Law {
     /// # Errors
     /// [`LawError::Parameter`] if there is none.
     pub fn sum(laws: Vec<Law>) -> Result<Law, LawError> {
-        some(laws).map(Law::Sum)
+        Ok(Law::Sum(some(laws)?.into()))
     }
 
     /// `laws` one after the other, each from where the one before ended. Only the last may be endless.
@@ -43,7 +44,7 @@ impl Law {
         let laws = some(laws)?;
         match laws.iter().take(laws.len() - 1).position(|law| law.end().is_none()) {
             Some(row) => Err(LawError::Parameter(format!("motion {} is endless: nothing can follow it", row + 1))),
-            None => Ok(Law::Then(laws)),
+            None => Ok(Law::Then(laws.into())),
         }
     }
 
@@ -75,7 +76,7 @@ impl Law {
     }
 
     fn changed(self, factor: f64, offset: f64, delay: Time) -> Law {
-        Law::Changed(Box::new(Changed { law: self, factor, offset, delay }))
+        Law::Changed(Arc::new(Changed { law: self, factor, offset, delay }))
     }
 
     /// This law `times` times or for ever, each time from where it ended.
@@ -99,7 +100,7 @@ impl Law {
             last = piece.last_position();
         }
         let net = last - first.unwrap_or(last);
-        Ok(Law::Repeated(Box::new(Repeated { law: self, period, times, net })))
+        Ok(Law::Repeated(Arc::new(Repeated { law: self, period, times, net })))
     }
 }
 
@@ -113,10 +114,10 @@ fn some(laws: Vec<Law>) -> Result<Vec<Law>, LawError> {
 }
 
 impl Changed {
-    pub(super) fn pieces(&self) -> Pieces<'_> {
+    pub(super) fn pieces(self: Arc<Changed>) -> impl Iterator<Item = Result<Piece, LawError>> {
         let mut waiting = self.delay > Time::ZERO;
         let mut inner = self.law.pieces().peekable();
-        Box::new(std::iter::from_fn(move || {
+        std::iter::from_fn(move || {
             if std::mem::take(&mut waiting) {
                 let first = match inner.peek()? {
                     Ok(piece) => piece.first_position(),
@@ -125,7 +126,7 @@ impl Changed {
                 return Some(Piece::rest(Time::ZERO, self.delay, self.place(first)));
             }
             Some(inner.next()?.map_err(|error| error.later(self.delay)).and_then(|piece| self.change(piece)))
-        }))
+        })
     }
 
     pub(super) fn workload(&self, until: Time) -> Workload {
@@ -150,9 +151,10 @@ impl Changed {
 }
 
 impl Repeated {
-    pub(super) fn pieces(&self) -> impl Iterator<Item = Result<Piece, LawError>> + '_ {
+    pub(super) fn pieces(self: Arc<Repeated>) -> impl Iterator<Item = Result<Piece, LawError>> {
+        let period = self.period;
         (0..self.times.unwrap_or(u64::MAX))
-            .map(|k| (k, self.period.times(k)))
+            .map(move |k| (k, period.times(k)))
             .take_while(|&(_, by)| by < Time::MAX)
             .flat_map(move |(k, by)| {
                 let net = self.net
@@ -168,9 +170,9 @@ impl Repeated {
 }
 
 /// The pieces of `laws` one after the other.
-pub(super) fn then(laws: &[Law]) -> impl Iterator<Item = Result<Piece, LawError>> + '_ {
-    let mut laws = laws.iter();
-    let mut current: Option<(Pieces<'_>, Time)> = None;
+pub(super) fn then(laws: Arc<[Law]>) -> impl Iterator<Item = Result<Piece, LawError>> {
+    let mut next = 0;
+    let mut current: Option<(Pieces, Time)> = None;
     let mut start = Time::ZERO;
     let mut position: Option<Double> = None;
     // What is added to the positions of the law at hand, once its first piece is known.
@@ -178,7 +180,8 @@ pub(super) fn then(laws: &[Law]) -> impl Iterator<Item = Result<Piece, LawError>
     std::iter::from_fn(move || {
         loop {
             let Some((pieces, by)) = current.as_mut() else {
-                current = Some((laws.next()?.pieces(), start));
+                current = Some((laws.get(next)?.pieces(), start));
+                next += 1;
                 offset = None;
                 continue;
             };
@@ -201,15 +204,15 @@ pub(super) fn then(laws: &[Law]) -> impl Iterator<Item = Result<Piece, LawError>
 }
 
 /// One law of a sum: the piece at hand, or where it stayed.
-struct Term<'a> {
-    pieces: Pieces<'a>,
+struct Term {
+    pieces: Pieces,
     piece: Option<Piece>,
     rests_at: Double,
 }
 
 /// The pieces of all `laws` at once, cut wherever one of them begins a piece.
-pub(super) fn sum(laws: &[Law]) -> impl Iterator<Item = Result<Piece, LawError>> + '_ {
-    let mut terms: Vec<Term<'_>> =
+pub(super) fn sum(laws: &[Law]) -> impl Iterator<Item = Result<Piece, LawError>> + use<> {
+    let mut terms: Vec<Term> =
         laws.iter().map(|law| Term { pieces: law.pieces(), piece: None, rests_at: Double::ZERO }).collect();
     let mut at = Time::ZERO;
     std::iter::from_fn(move || {
@@ -231,7 +234,7 @@ pub(super) fn sum(laws: &[Law]) -> impl Iterator<Item = Result<Piece, LawError>>
     })
 }
 
-fn merge(terms: &[Term<'_>], start: Time, end: Time) -> Result<Piece, LawError> {
+fn merge(terms: &[Term], start: Time, end: Time) -> Result<Piece, LawError> {
     let mut merged = Piece::rest(start, end, Double::ZERO)?;
     let mut level = Double::ZERO;
     let mut sum: Vec<f64> = vec![0.0];

@@ -19,7 +19,7 @@ pub struct Sample {
     pub acceleration: f64,
 }
 
-/// Gives a law's position at times that mostly grow.
+/// Gives a law's position at times that mostly grow. It has its own copy of the law.
 ///
 /// Memory is constant. Going back over a few pieces is free; further back starts from the beginning again.
 ///
@@ -32,20 +32,26 @@ pub struct Sample {
 /// assert_eq!(cursor.at(Time::from_seconds(9.0))?.speed, 0.0);
 /// # Ok::<(), pulsetrain_motion::LawError>(())
 /// ```
-pub struct Cursor<'a> {
-    law: &'a Law,
-    pieces: Pieces<'a>,
+pub struct Cursor {
+    law: Law,
+    pieces: Pieces,
     recent: VecDeque<Piece>,
 }
+
+/// Whoever follows a law may do so on another thread than the one that made it.
+const _: () = {
+    const fn is_send<T: Send + 'static>() {}
+    is_send::<Cursor>();
+};
 
 /// Pieces kept for going back.
 const KEPT: usize = 8;
 
-impl<'a> Cursor<'a> {
+impl Cursor {
     /// At the beginning of `law`.
     #[must_use]
-    pub fn new(law: &'a Law) -> Cursor<'a> {
-        Cursor { law, pieces: law.pieces(), recent: VecDeque::with_capacity(KEPT) }
+    pub fn new(law: &Law) -> Cursor {
+        Cursor { law: law.clone(), pieces: law.pieces(), recent: VecDeque::with_capacity(KEPT) }
     }
 
     /// The law at `t`; before its beginning and past its end it is at rest.
@@ -54,7 +60,7 @@ impl<'a> Cursor<'a> {
     /// The law's own: where it is undefined or jumps, on the way to `t`.
     pub fn at(&mut self, t: Time) -> Result<Sample, LawError> {
         if self.recent.front().is_some_and(|piece| t < piece.start && piece.start > Time::ZERO) {
-            *self = Cursor::new(self.law);
+            *self = Cursor::new(&self.law);
         }
         while self.recent.back().is_none_or(|piece| piece.end < t) {
             match self.pieces.next() {

@@ -35,7 +35,7 @@ pub(crate) fn farthest_beyond(
     extent: Extent,
     limit: f64,
 ) -> Result<Option<(Time, f64)>, LawError> {
-    let mut terms: Vec<(Pieces<'_>, Option<Piece>)> = laws.iter().map(|(law, _)| (law.pieces(), None)).collect();
+    let mut terms: Vec<(Pieces, Option<Piece>)> = laws.iter().map(|(law, _)| (law.pieces(), None)).collect();
     let (mut at, mut worst) = (Time::ZERO, None);
     for _ in 0..MOST_STRETCHES {
         for (pieces, piece) in &mut terms {

@@ -129,7 +129,7 @@ impl Lorenz {
         Class::Interpolant
     }
 
-    pub(super) fn pieces(&self) -> impl Iterator<Item = Result<Piece, LawError>> + '_ {
+    pub(super) fn pieces(self) -> impl Iterator<Item = Result<Piece, LawError>> {
         let last = self.duration.unwrap_or(Time::MAX);
         let (mut state, mut start) = (self.orbit.start, Time::ZERO);
         std::iter::from_fn(move || {

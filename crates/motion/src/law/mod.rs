@@ -42,6 +42,7 @@ use double::Double;
 pub use formula::{FormulaError, ParameterUse};
 pub use lorenz::{Lorenz, Orbit};
 pub use profile::SCurve;
+use std::ops::RangeInclusive;
 use std::sync::Arc;
 pub use steady::Steady;
 pub use table::Interpolation;
@@ -120,37 +121,40 @@ impl Piece {
         self.end = self.end + by;
     }
 
-    /// The same in parts that are short enough for f64 to tell their times, if it is a polynomial: each counts its time from its own start,
-    /// but for those on either side of the piece's zero.
-    fn parts(&self) -> impl Iterator<Item = Result<Piece, LawError>> + '_ {
+    /// The numbers of its [parts](Piece::part).
+    fn parts(&self) -> RangeInclusive<i128> {
         let part = Time::from_seconds(LONGEST_PART_S);
         // Part 0 is twice as long, on both sides of the zero.
         let number = |at: Time| match (at - self.zero).raw().div_euclid(part.raw()) {
             k @ ..=-2 => k + 1,
             k => k.max(0),
         };
-        let begins = move |k: i128| self.zero + Time::from_raw(part.raw() * if k > 0 { k } else { k - 1 });
-        let (first, last) = match &self.curve {
-            Curve::Polynomial(c) if c.len() > 1 => (number(self.start), number(self.end - Time::from_raw(1))),
-            _ => (0, 0),
-        };
-        (first..=last).map(move |k| {
-            let mut cut = self.clone();
-            if k > first {
-                cut.start = begins(k);
-                cut.entry = Entry::Continuous;
-            }
-            if k < last {
-                cut.end = begins(k + 1);
-            }
-            if let (Curve::Polynomial(c), true) = (&mut cut.curve, k != 0) {
-                cut.zero = begins(k);
-                let level = curve::shift(c, Double::from(cut.zero) - Double::from(self.zero));
-                c[0] = 0.0;
-                cut.raise(level)?;
-            }
-            Ok(cut)
-        })
+        match &self.curve {
+            Curve::Polynomial(c) if c.len() > 1 => number(self.start)..=number(self.end - Time::from_raw(1)),
+            _ => 0..=0,
+        }
+    }
+
+    /// Part `k` of all its [`parts`](Piece::parts). Parts of a polynomial are short enough for f64 to tell their times: each counts its time
+    /// from its own start, but for those on either side of the piece's zero.
+    fn part(&self, k: i128, parts: &RangeInclusive<i128>) -> Result<Piece, LawError> {
+        let part = Time::from_seconds(LONGEST_PART_S);
+        let begins = |k: i128| self.zero + Time::from_raw(part.raw() * if k > 0 { k } else { k - 1 });
+        let mut cut = self.clone();
+        if k > *parts.start() {
+            cut.start = begins(k);
+            cut.entry = Entry::Continuous;
+        }
+        if k < *parts.end() {
+            cut.end = begins(k + 1);
+        }
+        if let (Curve::Polynomial(c), true) = (&mut cut.curve, k != 0) {
+            cut.zero = begins(k);
+            let level = curve::shift(c, Double::from(cut.zero) - Double::from(self.zero));
+            c[0] = 0.0;
+            cut.raise(level)?;
+        }
+        Ok(cut)
     }
 
     /// Rest at `position`.
@@ -223,9 +227,11 @@ pub enum LawError {
 }
 
 /// The pieces of a law, in order of time, without gaps, from t = 0 s; it never ends for an endless law.
-pub type Pieces<'a> = Box<dyn Iterator<Item = Result<Piece, LawError>> + 'a>;
+///
+/// It has its own share of the law, so that it may be kept and sent to another thread.
+pub type Pieces = Box<dyn Iterator<Item = Result<Piece, LawError>> + Send>;
 
-/// A motion law θ(t), t ≥ 0 s, θ in steps.
+/// A motion law θ(t), t ≥ 0 s, θ in steps. Copies share what is large.
 #[derive(Clone, Debug)]
 pub enum Law {
     /// 000's sinusoid: θ = A − A·cos(2πt/T), in half periods.
@@ -243,21 +249,21 @@ pub enum Law {
     /// 003's path under a list of timed commands.
     Winch(Arc<winch::Winch>),
     /// All of them at once.
-    Sum(Vec<Law>),
+    Sum(Arc<[Law]>),
     /// One after the other, each from where the one before ended.
-    Then(Vec<Law>),
+    Then(Arc<[Law]>),
     /// One law scaled, shifted or delayed.
-    Changed(Box<Changed>),
+    Changed(Arc<Changed>),
     /// One law over and over.
-    Repeated(Box<Repeated>),
+    Repeated(Arc<Repeated>),
     /// One law with another beginning or end.
-    Blended(Box<Blended>),
+    Blended(Arc<Blended>),
     /// One law whose own time is slowed to a halt, or begins from one.
-    Warped(Box<Warped>),
+    Warped(Arc<Warped>),
     /// One law, and what takes up slack at its turns.
-    TakeUp(Box<TakeUp>),
+    TakeUp(Arc<TakeUp>),
     /// What takes up slack at a law's turns.
-    Slack(Box<Slack>),
+    Slack(Arc<Slack>),
 }
 
 /// θ = A − A·cos(2πt/T). Source: seeds/000, eq. 1.
@@ -349,22 +355,22 @@ impl Law {
 
     /// The pieces from t = 0 s on.
     #[must_use]
-    pub fn pieces(&self) -> Pieces<'_> {
-        match self {
-            Law::Sine(sine) => Box::new((0..sine.half_periods()).map(|k| Ok(sine.half_period(k)))),
+    pub fn pieces(&self) -> Pieces {
+        match self.clone() {
+            Law::Sine(sine) => Box::new((0..sine.half_periods()).map(move |k| Ok(sine.half_period(k)))),
             Law::Steady(steady) => Box::new(steady.pieces()),
-            Law::Fixed(fixed) => Box::new(fixed.pieces.iter().flat_map(Piece::parts)),
+            Law::Fixed(fixed) => Box::new(fixed.pieces()),
             Law::Circle(circle) => Box::new(circle.pieces()),
             Law::Lorenz(lorenz) => Box::new(lorenz.pieces()),
             Law::Formula(formula) => Box::new(formula.pieces()),
             Law::Winch(winch) => Box::new(winch.pieces()),
-            Law::Sum(laws) => Box::new(combine::sum(laws)),
+            Law::Sum(laws) => Box::new(combine::sum(&laws)),
             Law::Then(laws) => Box::new(combine::then(laws)),
-            Law::Changed(changed) => changed.pieces(),
+            Law::Changed(changed) => Box::new(changed.pieces()),
             Law::Repeated(repeated) => Box::new(repeated.pieces()),
             Law::Blended(blended) => Box::new(blended.pieces()),
-            Law::Warped(warped) => warped.pieces(),
-            Law::TakeUp(take_up) => take_up.pieces(),
+            Law::Warped(warped) => Box::new(warped.pieces()),
+            Law::TakeUp(take_up) => Box::new(take_up.pieces()),
             Law::Slack(slack) => Box::new(slack.pieces()),
         }
     }
@@ -462,6 +468,17 @@ fn meet(position: Double, piece: &Piece, tolerance: f64) -> Result<(), LawError>
         Ok(())
     } else {
         Err(LawError::Jump { at_s: piece.start.seconds(), from: position.nearest(), to: next.nearest() })
+    }
+}
+
+impl Fixed {
+    fn pieces(self) -> impl Iterator<Item = Result<Piece, LawError>> {
+        let pieces = self.pieces;
+        (0..pieces.len()).flat_map(move |index| {
+            let pieces = Arc::clone(&pieces);
+            let parts = pieces[index].parts();
+            parts.clone().map(move |k| pieces[index].part(k, &parts))
+        })
     }
 }
 

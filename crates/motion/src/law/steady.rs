@@ -58,7 +58,7 @@ impl Steady {
         Some((Time::ZERO, Time::from_raw(((steps << shift) + mantissa / 2) / mantissa)))
     }
 
-    pub(super) fn pieces(&self) -> impl Iterator<Item = Result<Piece, LawError>> + '_ {
+    pub(super) fn pieces(self) -> impl Iterator<Item = Result<Piece, LawError>> {
         let end = self.duration.unwrap_or(Time::MAX);
         // A power of two, so that every window starts at an exact time.
         let length = libm::exp2(libm::floor(libm::log2((WINDOW_STEPS / self.speed.abs()).clamp(1e-6, LONGEST_S))));

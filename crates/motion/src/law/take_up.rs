@@ -6,6 +6,7 @@ use super::combine;
 use super::{Class, Curve, Double, Entry, Law, LawError, Piece, Pieces, checked};
 use crate::Time;
 use std::collections::VecDeque;
+use std::sync::Arc;
 
 /// A law whose motor goes farther by the slack after each turning point, within `over`, on a cubic from rest to rest.
 #[derive(Clone, Debug)]
@@ -51,8 +52,8 @@ impl Law {
     pub fn taking_up(self, slack: f64, over: Time) -> Result<Law, LawError> {
         checked("slack", slack, "steps", |s| (0.0..=1e9).contains(&s))?;
         checked("time to take it up", over.seconds(), "s", |s| (1e-6..=1e3).contains(&s))?;
-        let added = Law::Slack(Box::new(Slack { law: self.clone(), steps: slack, over }));
-        Ok(Law::TakeUp(Box::new(TakeUp { sum: [self, added] })))
+        let added = Law::Slack(Arc::new(Slack { law: self.clone(), steps: slack, over }));
+        Ok(Law::TakeUp(Arc::new(TakeUp { sum: [self, added] })))
     }
 
     /// This law as what the motor drives makes it: without what takes up slack. `None` if that cannot be told apart.
@@ -111,7 +112,7 @@ impl Law {
                 Law::then(laws.iter().map(|law| law.with_take_up(change)).collect::<Option<Vec<Law>>>()?).ok()
             }
             Law::Blended(blended) if blended.law().takes_up() => blended.stop_of(blended.law().with_take_up(change)?),
-            Law::Warped(warped) => Some(Law::Warped(Box::new(warped.of(warped.law().with_take_up(change)?)))),
+            Law::Warped(warped) => Some(Law::Warped(Arc::new(warped.of(warped.law().with_take_up(change)?)))),
             law => (!law.takes_up()).then(|| law.clone()),
         }
     }
@@ -151,8 +152,8 @@ impl TakeUp {
         self.law().class().max(Class::Enclosed)
     }
 
-    pub(super) fn pieces(&self) -> Pieces<'_> {
-        Box::new(combine::sum(&self.sum))
+    pub(super) fn pieces(&self) -> impl Iterator<Item = Result<Piece, LawError>> + use<> {
+        combine::sum(&self.sum)
     }
 }
 
@@ -165,10 +166,10 @@ impl Slack {
         Class::Enclosed
     }
 
-    pub(super) fn pieces(&self) -> impl Iterator<Item = Result<Piece, LawError>> + '_ {
+    pub(super) fn pieces(self: Arc<Slack>) -> impl Iterator<Item = Result<Piece, LawError>> {
         Added {
-            slack: self,
             turns: Turns::new(self.law.pieces()),
+            slack: self,
             ready: VecDeque::new(),
             at: Time::ZERO,
             level: 0.0,
@@ -178,9 +179,9 @@ impl Slack {
 }
 
 /// The pieces of a [`Slack`].
-struct Added<'a> {
-    slack: &'a Slack,
-    turns: Turns<'a>,
+struct Added {
+    slack: Arc<Slack>,
+    turns: Turns,
     ready: VecDeque<Result<Piece, LawError>>,
     /// Up to when there are pieces.
     at: Time,
@@ -189,7 +190,7 @@ struct Added<'a> {
     ended: bool,
 }
 
-impl Iterator for Added<'_> {
+impl Iterator for Added {
     type Item = Result<Piece, LawError>;
 
     fn next(&mut self) -> Option<Self::Item> {
@@ -215,7 +216,7 @@ impl Iterator for Added<'_> {
     }
 }
 
-impl Added<'_> {
+impl Added {
     fn rest_until(&mut self, until: Time) {
         if until > self.at {
             self.ready.push_back(Piece::rest(self.at, until, Double::from(self.level)));
@@ -242,8 +243,8 @@ impl Added<'_> {
 }
 
 /// Finds the turning points of a law.
-struct Turns<'a> {
-    pieces: Pieces<'a>,
+struct Turns {
+    pieces: Pieces,
     /// The way it goes, ±1; 0 before its first motion.
     direction: f64,
     /// When and where it was farthest in that direction.
@@ -251,8 +252,8 @@ struct Turns<'a> {
     begun: bool,
 }
 
-impl<'a> Turns<'a> {
-    fn new(pieces: Pieces<'a>) -> Turns<'a> {
+impl Turns {
+    fn new(pieces: Pieces) -> Turns {
         Turns { pieces, direction: 0.0, farthest: (Time::ZERO, Double::ZERO), begun: false }
     }
 

@@ -6,9 +6,10 @@
 //! higher than the law's, and accelerations are |θ''|·rate² + |θ'|·1.5/over at most.
 
 use super::accurate::Accurate;
-use super::{Class, Curve, Double, Entry, Law, LawError, Piece, Pieces, checked};
+use super::{Class, Curve, Double, Entry, Law, LawError, Piece, checked};
 use crate::Time;
 use std::collections::VecDeque;
+use std::sync::Arc;
 
 /// A law from some time of its own on, with an easing.
 #[derive(Clone, Debug)]
@@ -91,7 +92,7 @@ impl Law {
     fn warped(self, from: Time, over: Time, ease: Ease) -> Result<Law, LawError> {
         checked("time of the law", from.seconds(), "s", |t| (0.0..=1e12).contains(&t))?;
         checked("duration of the easing", over.seconds(), "s", |t| (1e-6..=1e6).contains(&t))?;
-        Ok(Law::Warped(Box::new(Warped { law: self, from, ease })))
+        Ok(Law::Warped(Arc::new(Warped { law: self, from, ease })))
     }
 }
 
@@ -187,14 +188,14 @@ impl Warped {
         self.law.class().max(Class::Enclosed)
     }
 
-    pub(super) fn pieces(&self) -> Pieces<'_> {
+    pub(super) fn pieces(&self) -> impl Iterator<Item = Result<Piece, LawError>> + use<> {
         let mut stretches: VecDeque<Stretch> = self.stretches().into();
         let mut inner = self.law.pieces();
         // The law's piece at hand, and how far the warped law is.
         let mut piece: Option<Piece> = None;
         let mut at = Time::ZERO;
         let mut entered = false;
-        Box::new(std::iter::from_fn(move || {
+        std::iter::from_fn(move || {
             loop {
                 let stretch = *stretches.front()?;
                 if at >= stretch.end {
@@ -239,6 +240,6 @@ impl Warped {
                 at = end;
                 return Some(Ok(warped));
             }
-        }))
+        })
     }
 }

@@ -193,10 +193,10 @@ impl Winch {
         self.duration
     }
 
-    pub(super) fn pieces(&self) -> impl Iterator<Item = Result<Piece, LawError>> + '_ {
+    pub(super) fn pieces(self: Arc<Winch>) -> impl Iterator<Item = Result<Piece, LawError>> {
         let settings = self.settings;
         let mut path = Path { q: 0.0, speed: 0.0, reference: 0.0, target: 0.0, drift: 0.0, ramp_speed: 0.0, settings };
-        let mut commands = self.commands.iter().peekable();
+        let mut next = 0;
         let last = self.duration.unwrap_or(Time::MAX);
         let mut start = Time::ZERO;
         (0..i64::MAX >> 2).map_while(move |ms| {
@@ -210,8 +210,9 @@ impl Winch {
             if ms > 0 {
                 path.step();
             }
-            while let Some((_, command)) = commands.next_if(|(at, _)| *at <= now) {
+            while let Some((_, command)) = self.commands.get(next).filter(|(at, _)| *at <= now) {
                 path.obey(*command);
+                next += 1;
             }
             // Around `now` the speed goes from the last millisecond's to this one's.
             let change = (path.speed - before.speed) / DT;

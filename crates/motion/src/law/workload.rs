@@ -3,6 +3,7 @@
 use super::formula::Formula;
 use super::{Law, Piece};
 use crate::Time;
+use std::sync::Arc;
 
 /// About how much there is of a law. What repeats is looked at once, a formula for its first pieces and at places all over its span, and
 /// another law of no structure for its first pieces alone.
@@ -95,7 +96,7 @@ impl Law {
     }
 
     /// Of a formula's first pieces, and of a window in each of some spans behind them, as if the span went on like that.
-    fn pieces_all_over(&self, formula: &Formula, until: Time) -> Workload {
+    fn pieces_all_over(&self, formula: &Arc<Formula>, until: Time) -> Workload {
         let (mut seen, first) = self.in_first_pieces(until, MOST_PIECES, Piece::way_by_speed);
         let left_s = (until - first).seconds();
         // The first spans are the shortest: what begins a motion is often soon over. Ends at round times would meet its branches and periods.

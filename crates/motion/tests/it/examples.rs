@@ -128,7 +128,7 @@ fn the_picos_two_coils_draw_a_circle() {
         let [x, y, _] = tip(&program, at_s);
         assert!((x.hypot(y) - 1.0).abs() < 1e-6, "({x}, {y}) mm at {at_s} s");
     }
-    let mut cursors: Vec<Cursor<'_>> = program.motors[1..].iter().map(|motor| Cursor::new(&motor.law)).collect();
+    let mut cursors: Vec<Cursor> = program.motors[1..].iter().map(|motor| Cursor::new(&motor.law)).collect();
     let mut speeds = |at_s| -> Vec<f64> {
         cursors.iter_mut().map(|cursor| cursor.at(Time::from_seconds(at_s)).unwrap().speed.abs()).collect()
     };

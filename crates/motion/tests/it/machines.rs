@@ -176,7 +176,7 @@ fn the_lorenz_equations_hold_along_its_path() {
     let [mut x, mut y] = [0, 1].map(|motor: usize| Cursor::new(&xy.motors[motor].law));
     let mut z = Cursor::new(&z.motors[0].law);
     // Of 2 mm a unit and 80 steps a mm; half a unit of time a second.
-    let of = |cursor: &mut Cursor<'_>, t| {
+    let of = |cursor: &mut Cursor, t| {
         let sample = cursor.at(Time::from_seconds(t)).unwrap();
         (sample.position / 160.0, sample.speed / 160.0 / 0.5)
     };

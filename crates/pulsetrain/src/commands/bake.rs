@@ -8,13 +8,17 @@ use pulsetrain_board::virtual_uno::VirtualUno;
 use serde::Serialize;
 
 use super::rehearsal::Rehearsal;
-use crate::bake::rehearsal::{self, Length};
-use crate::bake::{BakeError, Image, PicoImage, PutOff, Size, Sketch, sketch};
 use crate::cli::Bake;
+use crate::consent::{self, Consent};
 use crate::console::{self, Console, Exit};
-use crate::estimate::{self, Consent, Task};
-use crate::human;
-use crate::prepare::Prepared;
+use crate::diagnostic::advised;
+use crate::load;
+use pulsetrain_bake::rehearsal;
+use pulsetrain_bake::{BakeError, Image, PicoImage, PutOff, Size, Sketch, sketch};
+use pulsetrain_motion::human;
+use pulsetrain_session::estimate::Task;
+use pulsetrain_session::prepare::Prepared;
+use pulsetrain_session::rehearsal::Length;
 
 /// What a sketch comes to.
 #[derive(Debug, Serialize)]
@@ -49,11 +53,11 @@ struct BakedImage {
 }
 
 pub(crate) fn run(args: &Bake, console: &mut Console<'_>) -> miette::Result<Exit> {
-    let mut prepared = Prepared::endless(&args.file, args.board.as_deref())?;
+    let mut prepared = load::endless(&args.file, args.board.as_deref())?;
     let consent = Consent { length: args.length, task: Task::Plan, yes: args.yes, json: args.json };
-    estimate::agree(&prepared, consent, console)?;
+    consent::agree(&prepared, consent, console)?;
     if args.length.is_some() {
-        prepared = prepared.ending(args.length)?;
+        prepared = prepared.ending(args.length).map_err(advised)?;
     }
     if let Some(ppm) = args.clock_ppm {
         prepared.calibrate(ppm);
@@ -224,7 +228,7 @@ const fn ends(endless: bool) -> &'static str {
 
 fn problem(prepared: &Prepared, error: BakeError) -> miette::Report {
     match error {
-        BakeError::Plan(refused) => prepared.refuse(refused).into(),
+        BakeError::Plan(refused) => advised(prepared.refuse(refused)),
         error => miette!(help = error.advice(), "{}: {error}", prepared.file),
     }
 }
@@ -262,7 +266,7 @@ mod tests {
         let file = folder.join("pair.toml");
         let text = format!("board = \"uno\"\ntolerance = \"1 us\"\n{}{}", motor(2, 5), motor(3, 6));
         console::write(&file, text.as_bytes()).unwrap();
-        let mut prepared = Prepared::endless(&file, None).unwrap();
+        let mut prepared = load::endless(&file, None).unwrap();
         prepared.program.board.min_interval_ticks = vec![60; 4];
         prepared
     }

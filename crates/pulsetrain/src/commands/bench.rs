@@ -14,11 +14,10 @@ use serde::Serialize;
 use super::{drive_problem, port_problem};
 use crate::cli::Bench;
 use crate::console::{Console, Exit};
-use crate::drive::{DriveError, Driven, session_number};
-use crate::human::{self, Table};
-use crate::lateness::{Lateness, Meter};
-use crate::prepare::Prepared;
-use crate::record::Edges;
+use pulsetrain_motion::human::{self, Table};
+use pulsetrain_session::drive::{DriveError, Driven, session_number};
+use pulsetrain_session::lateness::Lateness;
+use pulsetrain_session::prepare::Prepared;
 
 /// Periods of the sinusoids, s.
 const PERIODS_S: [f64; 4] = [2.0, 1.0, 0.5, 0.25];
@@ -235,23 +234,22 @@ fn measure<P: Port>(
     port: P,
     baud: Baud,
 ) -> Result<Row, DriveError> {
-    let edges = Edges::of(&prepared.program);
     let mut driven = Driven::at(prepared, port, baud)?;
-    let row = measured(&mut driven, &edges, amplitude, period_s);
+    let row = measured(&mut driven, amplitude, period_s);
     driven.close();
     row
 }
 
 fn measured<P: Port>(
-    driven: &mut Driven<'_, Shadowed<Remote<P>>>,
-    edges: &Edges,
+    driven: &mut Driven<Shadowed<Remote<P>>>,
     amplitude: f64,
     period_s: f64,
 ) -> Result<Row, DriveError> {
     driven.board_mut().measures(true)?;
     let began = driven.board_mut().now();
-    let mut pins = Pins { meter: Meter::new(1, edges.constant_ticks.into()), steps: 0 };
-    driven.run(&mut pins, |_| {})?;
+    let mut steps = Steps(0);
+    driven.run(&mut steps, |_| {})?;
+    let (steps, pins) = (steps.0, driven.lateness());
     let board = driven.board_mut();
     let span = (board.now() - began) as f64;
     let said: Measures = board.measures(false)?;
@@ -261,9 +259,9 @@ fn measured<P: Port>(
     Ok(Row {
         period_s,
         peak_steps_per_s: std::f64::consts::TAU * amplitude / period_s,
-        steps: pins.steps,
+        steps,
         busy: awake / span,
-        cycles_per_step: awake / pins.steps.max(1) as f64,
+        cycles_per_step: awake / steps.max(1) as f64,
         compares_missed: Some(said.late),
         latest_ticks: Some(said.latest_ticks),
         starved: said.starved,
@@ -272,27 +270,18 @@ fn measured<P: Port>(
         most_unread_bytes: said.most_unread,
         stack_left_bytes: said.stack_left,
         events,
-        pins: Some(pins.meter.finish()),
+        pins: Some(pins),
     })
 }
 
-/// Looks at the one STEP line.
-struct Pins {
-    meter: Meter,
-    steps: u64,
-}
+/// Counts scheduled steps.
+struct Steps(u64);
 
-impl Observer for Pins {
-    fn edge(&mut self, edge: Edge) {
-        // The lines of a program begin with its first motor's STEP.
-        if edge.line == 0 && edge.level {
-            self.meter.edge(0, edge.tick);
-        }
-    }
+impl Observer for Steps {
+    fn edge(&mut self, _: Edge) {}
 
-    fn step(&mut self, step: ScheduledStep) {
-        self.steps += 1;
-        self.meter.scheduled(0, step.tick);
+    fn step(&mut self, _: ScheduledStep) {
+        self.0 += 1;
     }
 }
 

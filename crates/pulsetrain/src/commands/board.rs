@@ -17,8 +17,9 @@ use pulsetrain_motion::Time;
 use super::flash::named;
 use crate::cli::Board;
 use crate::console::{self, Console, Exit};
+use crate::interrupt;
 use crate::serve::{self, Client, Nobody, Service, Socket};
-use crate::{human, interrupt};
+use pulsetrain_motion::human;
 
 pub(crate) fn run(args: &Board, console: &mut Console<'_>) -> miette::Result<Exit> {
     if args.bootloader.is_some() && args.board != "uno" {

@@ -5,7 +5,7 @@ use serde::Serialize;
 
 use crate::cli;
 use crate::console::{Console, Exit};
-use crate::human::{self, Table};
+use pulsetrain_motion::human::{self, Table};
 
 #[derive(Serialize)]
 struct Row {

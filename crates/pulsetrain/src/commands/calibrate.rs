@@ -7,9 +7,9 @@ use serde::Serialize;
 use super::{drive_problem, port_problem};
 use crate::cli::Calibrate;
 use crate::console::{Console, Exit};
-use crate::drive::session_number;
-use crate::human;
-use crate::prepare::WORST_CLOCK_PPM;
+use pulsetrain_motion::human;
+use pulsetrain_session::drive::session_number;
+use pulsetrain_session::prepare::WORST_CLOCK_PPM;
 
 /// What was found.
 #[derive(Debug, Serialize)]

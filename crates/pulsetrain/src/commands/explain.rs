@@ -13,10 +13,11 @@ use serde::Serialize;
 use super::plan;
 use crate::cli::Explain;
 use crate::console::{Console, Exit};
-use crate::estimate::Task;
-use crate::fit;
-use crate::human::{self, Table};
-use crate::prepare::{Planned, Prepared, Refusal};
+use crate::diagnostic::advised;
+use pulsetrain_motion::human::{self, Table};
+use pulsetrain_session::estimate::Task;
+use pulsetrain_session::fit;
+use pulsetrain_session::prepare::{Planned, Prepared, Refusal};
 
 /// Rows of the table around the place.
 const ROWS: u32 = 9;
@@ -136,7 +137,7 @@ pub(crate) fn run(args: &Explain, console: &mut Console<'_>) -> miette::Result<E
             }
             None
         }
-        Err(refusal) => return Err(refusal.into()),
+        Err(refusal) => return Err(advised(refusal)),
     };
     if args.json {
         console.print_json(&explanation)?;

@@ -14,7 +14,7 @@ use serde::Serialize;
 use super::port_problem;
 use crate::cli::Flash;
 use crate::console::{self, Console, Exit};
-use crate::human;
+use pulsetrain_motion::human;
 
 /// What was done.
 #[derive(Debug, Serialize)]

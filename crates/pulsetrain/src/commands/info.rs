@@ -12,8 +12,8 @@ use super::store::{Kept, told};
 use super::{clock_off, port_problem};
 use crate::cli::At;
 use crate::console::{Console, Exit};
-use crate::drive::{DriveError, session_number};
-use crate::human::{self, Table};
+use pulsetrain_motion::human::{self, Table};
+use pulsetrain_session::drive::{DriveError, session_number};
 
 /// What a board says; all of it is the board's own word.
 #[derive(Debug, Serialize)]

@@ -31,11 +31,12 @@ use pulsetrain_board::{LinkError, PortError, RemoteError};
 
 pub(crate) use self::other_image::{OtherImage, offered};
 use crate::console;
-use crate::drive::DriveError;
-use crate::human;
-use crate::prepare::WORST_CLOCK_PPM;
+use crate::diagnostic::advised;
 use crate::report::{PlanReport, Stopped, StoppedReport};
-use crate::session::SessionError;
+use pulsetrain_motion::human;
+use pulsetrain_session::SessionError;
+use pulsetrain_session::drive::DriveError;
+use pulsetrain_session::prepare::WORST_CLOCK_PPM;
 
 /// What is wrong with a port, with what to do where the error itself does not say.
 pub(crate) fn port_problem(error: PortError) -> Report {
@@ -128,7 +129,7 @@ pub(crate) fn drive_problem(error: DriveError) -> Report {
             );
             return miette!(help = help, "{error}");
         }
-        _ => return Report::new(error),
+        _ => return advised(error),
     };
     miette!(help = help, "{error}")
 }

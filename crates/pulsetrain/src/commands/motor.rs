@@ -7,7 +7,7 @@ use serde::Serialize;
 
 use crate::cli::Motor;
 use crate::console::{Console, Exit};
-use crate::human::{self, Table};
+use pulsetrain_motion::human::{self, Table};
 
 #[derive(Serialize)]
 struct Report {

@@ -15,11 +15,11 @@ use super::rehearsal::Rehearsal;
 use super::{clock_off, drive_problem, plan, port_problem, run_problem};
 use crate::cli::Run;
 use crate::console::{self, Console, Exit, access};
-use crate::drive::{Driven, Ended, Wish, connect_while};
-use crate::human::{self, Table};
 use crate::interrupt;
-use crate::prepare::{Planned, Prepared};
 use crate::report::PlanReport;
+use pulsetrain_motion::human::{self, Table};
+use pulsetrain_session::drive::{Driven, Ended, connect_while};
+use pulsetrain_session::prepare::{Planned, Prepared};
 
 /// A run on a real board. Nothing but the board saw its pins.
 #[derive(Debug, Serialize)]
@@ -109,15 +109,7 @@ pub(crate) fn run(
     let mut scheduled = Scheduled { writer, error: None };
     let bar = console.progress(prepared.end_s(), &human::seconds_to(prepared.end_s(), 6));
     bar.stage("running");
-    let ended = driven.run_until(
-        &mut scheduled,
-        |seconds| bar.set(seconds),
-        || match interrupt::times() {
-            0 => Wish::GoOn,
-            1 => Wish::Stop,
-            _ => Wish::StopNow,
-        },
-    );
+    let ended = driven.run_with(&interrupt::commands(), &mut scheduled, |event| bar.follow(&event));
     drop(bar);
     let asked = ended.and_then(|ended| {
         let board = driven.board_mut();

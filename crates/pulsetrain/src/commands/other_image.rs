@@ -7,7 +7,7 @@ use pulsetrain_board::{Remote, Serial};
 use super::flash;
 use super::info::UNO;
 use crate::console::Console;
-use crate::drive::session_number;
+use pulsetrain_session::drive::session_number;
 
 /// What a command says of such a board.
 #[derive(Clone, Copy, Debug, thiserror::Error)]

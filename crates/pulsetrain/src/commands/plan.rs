@@ -4,9 +4,10 @@ use pulsetrain_motion::Time;
 
 use crate::cli::Plan;
 use crate::console::{Console, Exit};
-use crate::estimate::Task;
-use crate::prepare::{Planned, Prepared};
+use crate::diagnostic::advised;
 use crate::report::{MotorReport, PlanReport, TableReport, unlimited};
+use pulsetrain_session::estimate::Task;
+use pulsetrain_session::prepare::{Planned, Prepared};
 
 pub(crate) fn run(args: &Plan, console: &mut Console<'_>) -> miette::Result<Exit> {
     let mut prepared = args.motion.prepare(Task::Plan, args.json, console)?;
@@ -25,7 +26,7 @@ pub(crate) fn run(args: &Plan, console: &mut Console<'_>) -> miette::Result<Exit
 pub(crate) fn plan(prepared: &mut Prepared, console: &Console<'_>) -> miette::Result<Vec<Planned>> {
     let bar = console.progress(prepared.end_s(), "the motion");
     bar.stage("planning");
-    let planned = prepared.plan_by_need(|seconds| bar.set(seconds))?;
+    let planned = prepared.plan_by_need(|seconds| bar.set(seconds)).map_err(advised)?;
     Ok(planned)
 }
 

@@ -3,15 +3,17 @@
 use super::{plan, run};
 use crate::cli::Plot;
 use crate::console::{Console, Exit};
-use crate::drive::Driven;
-use crate::estimate::Task;
-use crate::record::{Edges, Files};
+use crate::diagnostic::advised;
+use crate::record::Files;
+use pulsetrain_session::drive::Driven;
+use pulsetrain_session::estimate::Task;
+use pulsetrain_session::lateness::Edges;
 
 pub(crate) fn run(args: &Plot, console: &mut Console<'_>) -> miette::Result<Exit> {
     let mut prepared = args.motion.prepare(Task::Native { files: false }, false, console)?;
     let planned = plan::plan(&mut prepared, console)?;
     let path = args.out.clone().unwrap_or_else(|| args.motion.file.with_extension("svg"));
-    let driven = Driven::native(&prepared)?;
+    let driven = Driven::native(&prepared).map_err(advised)?;
     let recorded = run::record(&prepared, &planned, driven, None::<Files<std::io::Sink>>, Edges::default(), console)?;
     let recorded = recorded.map_err(super::drive_problem)?;
     run::draw(&recorded.picture, &path)?;

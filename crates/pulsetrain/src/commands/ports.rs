@@ -9,8 +9,8 @@ use serde::Serialize;
 use super::flash;
 use crate::cli::Ports;
 use crate::console::{Console, Exit};
-use crate::drive::session_number;
-use crate::human::{self, Table};
+use pulsetrain_motion::human::{self, Table};
+use pulsetrain_session::drive::session_number;
 
 /// What is at a port, as its USB device says.
 #[derive(Debug, Serialize)]

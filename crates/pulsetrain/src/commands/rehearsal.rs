@@ -5,11 +5,11 @@ use pulsetrain_core::wire::Baud;
 use pulsetrain_motion::Time;
 use serde::Serialize;
 
-use crate::bake::rehearsal::{Length, Rehearsed};
 use crate::console::Console;
-use crate::drive::rehearsal;
-use crate::human;
-use crate::prepare::Prepared;
+use pulsetrain_motion::human;
+use pulsetrain_session::prepare::Prepared;
+use pulsetrain_session::rehearsal;
+use pulsetrain_session::rehearsal::{Length, Rehearsed};
 
 /// A motion that was played as it should be, as reports have it.
 #[derive(Debug, Serialize)]

@@ -9,14 +9,16 @@ use pulsetrain_motion::boards;
 use super::{drive_problem, on_port, plan, ports, run_problem};
 use crate::cli::Run;
 use crate::console::{self, Console, Exit, access};
-use crate::drive::{DriveError, Driven};
-use crate::estimate::Task;
-use crate::figure::Drawn;
-use crate::human;
-use crate::plot::Picture;
-use crate::prepare::{Planned, Prepared, usual_baud};
-use crate::record::{Edges, Files, Recorded, Recorder};
+use crate::diagnostic::advised;
+use crate::record::{Files, Recorded, Recorder};
 use crate::report::RunReport;
+use pulsetrain_motion::human;
+use pulsetrain_plot::Picture;
+use pulsetrain_plot::machine::Drawn;
+use pulsetrain_session::drive::{DriveError, Driven};
+use pulsetrain_session::estimate::Task;
+use pulsetrain_session::lateness::Edges;
+use pulsetrain_session::prepare::{Planned, Prepared, usual_baud};
 
 pub(crate) fn run(args: &Run, console: &mut Console<'_>) -> miette::Result<Exit> {
     let task = match &args.port {
@@ -29,7 +31,7 @@ pub(crate) fn run(args: &Run, console: &mut Console<'_>) -> miette::Result<Exit>
         prepared.calibrate(ppm);
     }
     if let Some(at) = args.pause_at {
-        prepared.pause(at, args.resume_at)?;
+        prepared.pause(at, args.resume_at).map_err(advised)?;
     }
     let baud = args.baud.unwrap_or_else(|| usual_baud(&prepared.program.board.name));
     if !args.native {
@@ -56,7 +58,7 @@ pub(crate) fn run(args: &Run, console: &mut Console<'_>) -> miette::Result<Exit>
             (to_files(&prepared, &planned, driven, edges, &folder, console)?, runner)
         }
         _ => {
-            let driven = Driven::native(&prepared)?;
+            let driven = Driven::native(&prepared).map_err(advised)?;
             (to_files(&prepared, &planned, driven, Edges::default(), &folder, console)?, "native".to_owned())
         }
     };
@@ -82,7 +84,7 @@ pub(crate) fn run(args: &Run, console: &mut Console<'_>) -> miette::Result<Exit>
 fn to_files<B: Leased>(
     prepared: &Prepared,
     planned: &[Planned],
-    driven: Driven<'_, B>,
+    driven: Driven<B>,
     edges: Edges,
     folder: &Path,
     console: &Console<'_>,
@@ -97,7 +99,7 @@ fn to_files<B: Leased>(
 pub(crate) fn record<B: Leased, W: std::io::Write>(
     prepared: &Prepared,
     planned: &[Planned],
-    mut driven: Driven<'_, B>,
+    mut driven: Driven<B>,
     files: Option<Files<W>>,
     edges: Edges,
     console: &Console<'_>,
@@ -108,11 +110,11 @@ pub(crate) fn record<B: Leased, W: std::io::Write>(
     let mut recorder = Recorder::new(&prepared.program, &drawn, &driven.lines, title, files, &edges)?;
     let bar = console.progress(prepared.end_s(), &human::seconds_to(prepared.end_s(), 6));
     bar.stage("running");
-    if let Err(error) = driven.run(&mut recorder, |seconds| bar.set(seconds)) {
+    if let Err(error) = driven.run(&mut recorder, |event| bar.follow(&event)) {
         recorder.close()?;
         return Ok(Err(error));
     }
-    Ok(Ok(recorder.finish(planned)?))
+    Ok(Ok(recorder.finish(planned, driven.lateness())?))
 }
 
 /// Writes a picture as SVG, or as PNG if the path says so.

@@ -11,9 +11,9 @@ use super::info::{UNO, listed, motor_list};
 use super::{drive_problem, port_problem};
 use crate::cli::Stop;
 use crate::console::{Console, Exit};
-use crate::drive::session_number;
-use crate::human;
 use crate::winch::talk::{Said, Talk, with_checksum};
+use pulsetrain_motion::human;
+use pulsetrain_session::drive::session_number;
 
 /// How a board stopped, by its own word.
 #[derive(Debug, Serialize)]

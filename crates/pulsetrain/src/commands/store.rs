@@ -11,8 +11,8 @@ use serde::Serialize;
 use super::{drive_problem, port_problem};
 use crate::cli::Store;
 use crate::console::{Console, Exit};
-use crate::drive::session_number;
-use crate::human;
+use pulsetrain_motion::human;
+use pulsetrain_session::drive::session_number;
 
 /// What a board keeps; 0 is its own way.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]

@@ -24,9 +24,10 @@ use super::winch::typed;
 use super::{drive_problem, port_problem};
 use crate::cli::Verbs;
 use crate::console::{self, Console, Exit};
-use crate::drive::{session_number, set_up};
 use crate::winch::talk::meaning;
-use crate::{human, interrupt, serve};
+use crate::{interrupt, serve};
+use pulsetrain_motion::human;
+use pulsetrain_session::drive::{session_number, set_up};
 
 /// What a line may be.
 const HELP: &str = "\

@@ -6,18 +6,20 @@ use pulsetrain_trace::capture::{self, Capture};
 use pulsetrain_trace::verdict::{self, Align, JudgeError, Options};
 
 use crate::cli::{Alignment, Verify};
+use crate::consent::{self, Consent};
 use crate::console::{self, Console, Exit};
-use crate::estimate::{self, Consent, Task};
-use crate::prepare::Prepared;
-use crate::record::Edges;
+use crate::diagnostic::advised;
+use crate::load;
 use crate::report::VerdictTable;
+use pulsetrain_session::estimate::Task;
+use pulsetrain_session::lateness::Edges;
 
 pub(crate) fn run(args: &Verify, console: &mut Console<'_>) -> miette::Result<Exit> {
     // Where an endless motion is cut does not matter if it is after what is judged.
     let length = args.motion.length.or(args.until.map(|until| until + Time::SECOND));
-    let prepared = Prepared::endless(&args.motion.file, args.motion.board.as_deref())?;
-    estimate::agree(&prepared, Consent { length, task: Task::Plan, yes: args.motion.yes, json: args.json }, console)?;
-    let prepared = prepared.ending(length)?;
+    let prepared = load::endless(&args.motion.file, args.motion.board.as_deref())?;
+    consent::agree(&prepared, Consent { length, task: Task::Plan, yes: args.motion.yes, json: args.json }, console)?;
+    let prepared = prepared.ending(length).map_err(advised)?;
     let program = &prepared.program;
     let shown = args.capture.display();
     let bytes = console::read(&args.capture)?;

@@ -24,7 +24,8 @@ use crate::winch::run::{Judged, Names, Run, Wish, by_word, judge, on_port, on_vi
 use crate::winch::script::{self, Script};
 use crate::winch::talk::Talk;
 use crate::winch::terminal::Terminal;
-use crate::{human, interrupt, serve};
+use crate::{interrupt, serve};
+use pulsetrain_motion::human;
 
 pub(crate) fn run(args: &Winch, console: &mut Console<'_>) -> miette::Result<Exit> {
     // Ctrl-C is to stop the axes first.

@@ -11,8 +11,8 @@ use serde::Serialize;
 
 use super::script::Script;
 use super::talk::{Said, Talk, meaning};
-use crate::human::{self, Table};
-use crate::plot::{Errors, MotorPicture, Picture};
+use pulsetrain_motion::human::{self, Table};
+use pulsetrain_plot::{Errors, MotorPicture, Picture};
 
 /// A byte on the line at 115 200 baud, the same at what an Uno's bridge makes of it, and a frame of USB before the first one.
 pub(super) const BYTE: Duration = Duration::from_nanos(86_806);

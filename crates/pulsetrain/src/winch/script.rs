@@ -10,7 +10,8 @@ use pulsetrain_motion::{Time, file};
 use pulsetrain_trace::winch::Command;
 
 use super::talk::with_checksum;
-use crate::{console, human};
+use crate::console;
+use pulsetrain_motion::human;
 
 /// What is sent to a board, and when.
 #[derive(Clone, Debug, PartialEq)]

@@ -1,14 +1,14 @@
 //! Tables for boards without a host: what they hold, and that nothing adds up in what repeats.
 
+use pulsetrain::load;
 use std::path::Path;
 use std::{fs, io};
 
-use pulsetrain::bake::table::check_lines;
-use pulsetrain::bake::table::{PERIOD_BITS, Turn};
-use pulsetrain::bake::{BakeError, Image, PutOff, Room, Row, Sketch, Table, tables};
 use pulsetrain::cli;
 use pulsetrain::console::Exit;
-use pulsetrain::prepare::Prepared;
+use pulsetrain_bake::table::check_lines;
+use pulsetrain_bake::table::{PERIOD_BITS, Turn};
+use pulsetrain_bake::{BakeError, Image, PutOff, Room, Row, Sketch, Table, tables};
 use pulsetrain_board::hex;
 use pulsetrain_motion::file;
 use pulsetrain_motion::program::Program;
@@ -274,7 +274,7 @@ mod chips {
             flash
         };
         // As fast a plan: that of a board whose clock is so much faster.
-        let mut fast = Prepared::endless(Path::new(SWEEP), None).unwrap();
+        let mut fast = load::endless(Path::new(SWEEP), None).unwrap();
         assert_eq!(flash(&[]), Image::new(&fast.program).unwrap().flash);
         fast.calibrate(3000.0);
         let baked = flash(&["--clock-ppm=3000"]);
@@ -317,7 +317,7 @@ mod chips {
         let folder = Folder::new("bake-shared");
         let (file, image, drawn) = (folder.path("two.toml"), folder.path("two.hex"), folder.path("two"));
         fs::write(&file, text).unwrap();
-        let program = Prepared::endless(Path::new(&file), None).unwrap().program;
+        let program = load::endless(Path::new(&file), None).unwrap().program;
         let mut ensemble = Ensemble::new(&program).unwrap();
         (0..2).for_each(|motor| while ensemble.next_move(motor).unwrap().is_some() {});
         let planned = [0, 1].map(|motor| ensemble.certificate(motor));
@@ -364,10 +364,10 @@ mod chips {
     /// Of what repeats, the steps of one turn are told.
     #[test]
     fn steps_that_wait_in_each_turn_count_once() {
-        let once = Image::new(&Prepared::endless(Path::new(SWEEP), None).unwrap().program).unwrap().put_off;
+        let once = Image::new(&load::endless(Path::new(SWEEP), None).unwrap().program).unwrap().put_off;
         let cut = |seconds: f64| {
             let time = Some(pulsetrain_motion::Time::from_seconds(seconds));
-            Image::new(&Prepared::load(Path::new(SWEEP), None, time).unwrap().program).unwrap().put_off
+            Image::new(&load::load(Path::new(SWEEP), None, time).unwrap().program).unwrap().put_off
         };
         // All four motors begin again every 2 s. A turn begins in the widest gap, and so not at once.
         let [short, long] = [2.0, 3.5].map(|seconds| cut(seconds).steps);

@@ -1,13 +1,13 @@
 //! The commands as a user has them: output, files, exit codes. `UPDATE_EXPECT=1` rewrites the golden files.
 
+use pulsetrain::load;
 use std::io::{self, Write};
 
 use expect_test::{ExpectFile, expect_file};
 use pulsetrain::cli;
 use pulsetrain::console::Exit;
-use pulsetrain::estimate::{Estimate, Task};
-use pulsetrain::prepare::Prepared;
 use pulsetrain_motion::Time;
+use pulsetrain_session::estimate::{Estimate, Task};
 use pulsetrain_testkit::folder::Folder;
 
 struct Outcome {
@@ -216,7 +216,7 @@ fn formulas_whose_rate_changes_are_estimated_over_their_whole_span() {
     let file = folder.path("changing.toml");
     let of = |law: &str| {
         std::fs::write(&file, one_motor(&format!("law.formula = {{ {law} }}"))).unwrap();
-        Estimate::of(&Prepared::endless(file.as_ref(), None).unwrap(), None, Task::Plan)
+        Estimate::of(&load::endless(file.as_ref(), None).unwrap(), None, Task::Plan)
     };
     let burst = of("theta = \"if(t < 3, 0.01*sin(2*pi*1000*t), 0)\", unit = \"rev\", duration = \"1 h\"");
     assert!(!burst.is_much() && burst.steps < 3e4, "{burst}");
@@ -263,7 +263,7 @@ fn waits_are_said_beforehand() {
     // A native board looks at each second of the days between two steps.
     std::fs::write(folder.path("slow.csv"), "0,0\n1e6,1\n").unwrap();
     std::fs::write(&file, one_motor("law.table = { file = \"slow.csv\", unit = \"deg\" }")).unwrap();
-    let slow = Prepared::endless(file.as_ref(), None).unwrap();
+    let slow = load::endless(file.as_ref(), None).unwrap();
     let estimate = Estimate::of(&slow, None, Task::Native { files: true });
     assert!(!estimate.is_much() && estimate.running_s.is_some_and(|s| (5.0..60.0).contains(&s)), "{estimate}");
     assert!(pulsetrain(&["plan", &example("tutorial.toml")]).err.is_empty());
@@ -272,9 +272,8 @@ fn waits_are_said_beforehand() {
 #[test]
 fn an_hour_is_begun_at_once_and_estimates_are_near() {
     let hour = Some(Time::from_ratio(3600, 1));
-    let of = |name: &str, length, task| {
-        Estimate::of(&Prepared::endless(example(name).as_ref(), None).unwrap(), length, task)
-    };
+    let of =
+        |name: &str, length, task| Estimate::of(&load::endless(example(name).as_ref(), None).unwrap(), length, task);
     for task in [Task::Plan, Task::Virtual, Task::Native { files: true }, Task::Port] {
         let estimate = of("sweep.toml", hour, task);
         assert!(!estimate.is_much(), "{estimate}");

@@ -1,11 +1,11 @@
 //! docs/first-motion.md: what it tells a beginner to type is understood, and its drawings have the files' pins.
 
+use pulsetrain::load;
 use std::fs;
 use std::path::{Path, PathBuf};
 
 use pulsetrain::cli;
 use pulsetrain::console::Exit;
-use pulsetrain::prepare::Prepared;
 use pulsetrain_motion::program::Wiring;
 
 const PAGE: &str = include_str!("../../../../docs/first-motion.md");
@@ -47,7 +47,7 @@ fn every_command_is_understood() {
 
 #[test]
 fn drawings_have_the_pins_of_the_files() {
-    let pins = |path: &Path| match Prepared::endless(path, None).unwrap().program.motors[0].wiring {
+    let pins = |path: &Path| match load::endless(path, None).unwrap().program.motors[0].wiring {
         Wiring::StepDir { step, dir, .. } => vec![step, dir],
         Wiring::Coils { pins, .. } => pins.to_vec(),
     };
@@ -81,7 +81,7 @@ const FOLLOWED: f64 = 200.0;
 fn motors_follow_what_the_page_has_them_do() {
     let mut found = 0;
     for words in commands().into_iter().filter(|words| words[0] == "run" && words.contains(&"--port")) {
-        let prepared = Prepared::load(&root().join(words[1]), None, None).unwrap();
+        let prepared = load::load(&root().join(words[1]), None, None).unwrap();
         for (motor, planned) in prepared.program.motors.iter().zip(prepared.plan(|_| ()).unwrap()) {
             let (acceleration, _) = planned.certificate.peak_acceleration;
             // A gear behind the motor: what its own rotor does.

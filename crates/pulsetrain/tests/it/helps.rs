@@ -1,9 +1,10 @@
 //! What a refusal says to write: it is TOML, it is read where it belongs, and the motion fits then.
 
-use pulsetrain::fit;
-use pulsetrain::prepare::{Prepared, Refusal};
+use pulsetrain::load;
 use pulsetrain_motion::{Time, file};
 use pulsetrain_plan::PlanError;
+use pulsetrain_session::fit;
+use pulsetrain_session::prepare::Refusal;
 use pulsetrain_testkit::folder::Folder;
 
 /// A motor, and a motion to be added.
@@ -20,7 +21,7 @@ fn advice(name: &str, text: &str) -> Option<String> {
 fn advice_for(name: &str, text: &str, length: Option<Time>) -> Option<String> {
     let folder = Folder::new(&format!("helps-{name}"));
     let file = folder.write("x.toml", text);
-    let prepared = Prepared::load(file.as_ref(), None, length).unwrap_or_else(|error| panic!("{error:?}\n{text}"));
+    let prepared = load::load(file.as_ref(), None, length).unwrap_or_else(|error| panic!("{error:?}\n{text}"));
     match prepared.plan(|_| ()) {
         Ok(planned) => {
             assert!(planned.iter().all(|motor| motor.certificate.steps > 0), "{name} makes no step:\n{text}");
@@ -255,7 +256,7 @@ fn what_takes_long_to_try_is_said_to_be_untried() {
     let law = "law.formula = { theta = \"20000*sin(0.2*t)\", unit = \"step\", duration = \"100000 s\" }";
     let folder = Folder::new("helps-long");
     let file = folder.write("x.toml", &motion(LIMITS, law));
-    let prepared = Prepared::load(file.as_ref(), None, None).unwrap();
+    let prepared = load::load(file.as_ref(), None, None).unwrap();
     let said = |error: &PlanError| fit::advice(&prepared, &prepared.program.motors[0], error);
     let Err(Refusal::Plan { advice, error, .. }) = prepared.plan(|_| ()) else { panic!("it begins at once") };
     assert!(matches!(error, PlanError::SpeedJump { .. }), "{error}");

@@ -1,12 +1,12 @@
 //! Sessions over the link: to a model board, by a line that has faults.
 
-use pulsetrain::drive::connect_as;
-use pulsetrain::session::{Session, SessionError};
 use pulsetrain_board::{Board, Edge, Port, Remote, RemoteError};
 use pulsetrain_core::wire::message::Cause;
 use pulsetrain_core::wire::{Baud, Reason};
 use pulsetrain_motion::program::{self, DriverTiming, Limits, Motor, Program, Scale, Tolerance};
 use pulsetrain_motion::{Grid, Law, Time};
+use pulsetrain_session::drive::connect_as;
+use pulsetrain_session::{Session, SessionError};
 use pulsetrain_testkit::faulty::{Faulty, Rates};
 use pulsetrain_testkit::model::ModelPort;
 use pulsetrain_testkit::{TICK_HZ, model_setup};
@@ -85,7 +85,7 @@ impl Run {
 /// Runs the program; `trouble` may do to the line what it likes, every 0.1 s.
 fn run(baud: Baud, seed: u64, mut trouble: impl FnMut(u32, &mut Line)) -> Run {
     let program = two_sines();
-    let mut session = Session::new(connect(baud, seed), &program).unwrap();
+    let mut session = Session::new(connect(baud, seed), program.clone()).unwrap();
     let mut edges = Vec::new();
     let mut observer = |edge: Edge| edges.push(edge);
     let mut failure = None;
@@ -188,7 +188,7 @@ fn what_lasts_longer_ends_in_a_stop() {
 #[test]
 fn a_host_that_vanishes_leaves_motors_to_brake_and_the_board_to_the_next() {
     let program = two_sines();
-    let mut session = Session::new(connect(Baud::B2M, 1), &program).unwrap();
+    let mut session = Session::new(connect(Baud::B2M, 1), program.clone()).unwrap();
     let mut edges = Vec::new();
     session.advance(session.zero() + TICK_HZ, &mut |edge: Edge| edges.push(edge)).unwrap();
     let mut remote = session.into_board();
@@ -214,7 +214,7 @@ fn a_host_that_vanishes_leaves_motors_to_brake_and_the_board_to_the_next() {
 #[test]
 fn a_board_that_refuses_to_go_on_says_why() {
     let program = two_sines();
-    let mut session = Session::new(connect(Baud::B1M, 1), &program).unwrap();
+    let mut session = Session::new(connect(Baud::B1M, 1), program.clone()).unwrap();
     let half = session.zero() + TICK_HZ / 2;
     session.advance(half, &mut |_: Edge| {}).unwrap();
     // As if somebody else had stopped it: it is not armed any more.
@@ -234,7 +234,7 @@ fn a_board_that_refuses_to_go_on_says_why() {
 fn an_immediate_stop_counts_right_and_must_be_armed_again() {
     let program = two_sines();
     let mut edges = Vec::new();
-    let mut session = Session::new(connect(Baud::B1M, 1), &program).unwrap();
+    let mut session = Session::new(connect(Baud::B1M, 1), program.clone()).unwrap();
     session.advance(session.zero() + TICK_HZ * 2 / 3, &mut |edge: Edge| edges.push(edge)).unwrap();
     let mut remote = session.into_board();
     remote.port_mut().set(Rates { drop: 300, flip: 100, delay: 100, duplicate: 300 });
@@ -248,7 +248,7 @@ fn an_immediate_stop_counts_right_and_must_be_armed_again() {
 
     remote.arm().unwrap();
     assert!(remote.is_idle());
-    let mut session = Session::new(remote, &program).unwrap();
+    let mut session = Session::new(remote, program.clone()).unwrap();
     let report = session.run(&mut |edge: Edge| edges.push(edge), |_| {});
     assert_eq!(report.failure, None);
     assert_eq!(report.counted, pulses(&edges));
@@ -290,7 +290,7 @@ fn run_with_silence(program: &Program, pool: u16, from: Duration, lasts: Duratio
     /// What an Uno can have unread.
     const WINDOW: u16 = 127;
     let port = Faulty::new(ModelPort::with_memory(pool, WINDOW), 1);
-    let mut session = Session::new(connect_as(port, program, Baud::B1M, 7).unwrap(), program).unwrap();
+    let mut session = Session::new(connect_as(port, program, Baud::B1M, 7).unwrap(), program.clone()).unwrap();
     let mut edges = Vec::new();
     let mut observer = |edge: Edge| edges.push(edge);
     let begins = session.board().now() + (from.as_secs_f64() * TICK_HZ as f64) as u64;

@@ -2,7 +2,7 @@
 
 use proptest::prelude::*;
 use pulsetrain_board::{Config, Edge, MotorConfig, Native, Wiring};
-use pulsetrain_core::{Direction, Entry, Epoch, Item, Moment, Segment};
+use pulsetrain_core::{Direction, Entry, Epoch, Item, Segment, Tick32};
 use pulsetrain_motion::file;
 use pulsetrain_motion::program::Program;
 use pulsetrain_plan::{Ensemble, Move};
@@ -56,7 +56,7 @@ fn passes(program: &Program, segments: &[(Segment, Direction)]) -> bool {
             board.advance(until, &mut |edge: Edge| edges.push(edge));
         }
     };
-    push(&mut board, Item::Anchor { tick: Moment(0) });
+    push(&mut board, Item::Anchor { tick: Tick32(0) });
     for &(segment, direction) in segments {
         push(&mut board, Item::Run { segment, direction });
     }

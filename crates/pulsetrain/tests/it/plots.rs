@@ -1,8 +1,8 @@
 //! Plots of the tutorial's motion, from its own equations.
 
-use pulsetrain::plot::{Errors, MotorPicture, Picture};
 use pulsetrain_motion::program::Scale;
 use pulsetrain_motion::{Law, Time};
+use pulsetrain_plot::{Errors, MotorPicture, Picture};
 use pulsetrain_testkit::folder::Folder;
 
 /// The tutorial's equation 3, on the Uno's ticks.

@@ -1,6 +1,6 @@
 //! Sessions with queues as small as an Uno's: what streams through them, and with how much time to spare.
 
-use pulsetrain::session::{Session, SessionError};
+use pulsetrain::load;
 use pulsetrain_board::lease::{ExtendRefused, Lease, LeaseState, Leased, TrimRefused};
 use pulsetrain_board::{
     Board, Edge, Faults, Observer, Port, PortError, Remote, RemoteError, Setup, Sizer, StopReport, SwitchRefused,
@@ -12,6 +12,7 @@ use pulsetrain_core::wire::message::MotorSetup;
 use pulsetrain_core::{Entry, Epoch, Item, Segment};
 use pulsetrain_motion::program::{self, DriverTiming, Limits, Motor, Program, Scale, Tolerance};
 use pulsetrain_motion::{Grid, Law, Time};
+use pulsetrain_session::{Session, SessionError};
 use pulsetrain_testkit::model::ModelPort;
 use std::time::Duration;
 
@@ -215,7 +216,7 @@ fn stream(program: &Program, queue: u16, seconds: f64) -> Figures {
     let board = Watched::new(remote);
     let mut steps = 0;
     let mut observer = |edge: Edge| steps += u64::from(edge.level && edge.line < 16);
-    let mut session = match Session::new(board, program) {
+    let mut session = match Session::new(board, program.clone()) {
         Ok(session) => session,
         Err(error) => panic!("{error}"),
     };
@@ -245,7 +246,7 @@ fn stream(program: &Program, queue: u16, seconds: f64) -> Figures {
     }
 }
 
-/// Each epoch fits the registers of an 8-bit board ([`pulsetrain_core::narrow`]).
+/// Each epoch fits the registers of an 8-bit board ([`pulsetrain_core::avr`]).
 fn check_narrow(told: &[Entry]) {
     for epoch in told.chunk_by(|_, next| !matches!(next.item, Item::Anchor { .. })) {
         let packing = Packing { fraction_bits: 16, gain: 0 };
@@ -347,12 +348,11 @@ fn ramps_of_four_motors_fit_their_queues() {
 mod chips {
     use super::*;
     use crate::common::rigs;
-    use pulsetrain::drive::connect_as;
-    use pulsetrain::prepare::Prepared;
     use pulsetrain_board::virtual_uno::VirtualUno;
     use pulsetrain_core::Direction;
     use pulsetrain_motion::pins::PinKind;
     use pulsetrain_plan::{Ensemble, Move};
+    use pulsetrain_session::drive::connect_as;
     use std::path::Path;
 
     /// Steps of four motors on one DIR line come one after the other, ticks.
@@ -384,13 +384,13 @@ mod chips {
     /// Runs an example for `seconds` at most through half of each queue; each step is the plan's.
     fn run_with_half(file: &str, seconds: i64) {
         let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples").join(file);
-        let prepared = Prepared::load(&path, None, Some(Time::from_ratio(seconds, 1))).unwrap();
+        let prepared = load::load(&path, None, Some(Time::from_ratio(seconds, 1))).unwrap();
         let program = &prepared.program;
         let mut board = Watched::new(connect_as(VirtualUno::new(), program, Baud::B1M, 1).unwrap());
         board.missing = board.room(0).div_ceil(2);
         let room = board.room(0);
         let mut edges = Vec::new();
-        let mut session = Session::new(board, program).unwrap_or_else(|error| panic!("{file}: {error}"));
+        let mut session = Session::new(board, program.clone()).unwrap_or_else(|error| panic!("{file}: {error}"));
         let report = session.run(&mut |edge: Edge| edges.push(edge), |_| {});
         let least_ms = 1e3 * session.board().least_ahead as f64 / TICK_HZ as f64;
         println!("{file}, {room} bytes a motor: {} edges, {least_ms:.1} ms to spare", edges.len());

@@ -1,5 +1,6 @@
 //! Sessions on the native board: what it does under them is the plan, tick by tick, or a stop that the host knows.
 
+mod control;
 mod interleavings;
 mod onward;
 mod session;

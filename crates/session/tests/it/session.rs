@@ -12,7 +12,6 @@ use pulsetrain_core::{Direction, Entry, Epoch, Item};
 use pulsetrain_motion::program::{self, DriverTiming, Limits, Motor, Program, Scale, Tolerance};
 use pulsetrain_motion::{Grid, Law, Time, law::Cursor};
 use pulsetrain_plan::{Ensemble, Move, Settings};
-use pulsetrain_session::pause::Shelf;
 use pulsetrain_session::{Session, SessionError};
 use pulsetrain_testkit::limits;
 use std::collections::VecDeque;
@@ -322,7 +321,7 @@ fn programs() -> impl Strategy<Value = Program> {
 }
 
 /// Steps are pulses, and both are what the host replays; nothing comes closer than it may.
-fn check_counts<B: Leased>(session: &Session<'_, B>, lab: &Lab, program: &Program) -> Result<(), TestCaseError> {
+fn check_counts<B: Leased>(session: &Session<B>, lab: &Lab, program: &Program) -> Result<(), TestCaseError> {
     let now = session.board().now();
     for (motor, steps) in lab.steps.iter().enumerate() {
         let count: i64 = steps.iter().map(|(_, sign)| sign).sum();
@@ -340,7 +339,7 @@ fn check_counts<B: Leased>(session: &Session<'_, B>, lab: &Lab, program: &Progra
 }
 
 /// At every step that is remembered the host knows the count before and after, and between steps as well.
-fn check_replay<B: Leased>(session: &Session<'_, B>, lab: &Lab, ticks: &[u64]) -> Result<(), TestCaseError> {
+fn check_replay<B: Leased>(session: &Session<B>, lab: &Lab, ticks: &[u64]) -> Result<(), TestCaseError> {
     for (motor, steps) in lab.steps.iter().enumerate() {
         let mut count = 0;
         for &(tick, sign) in steps {
@@ -365,7 +364,7 @@ fn check_acceleration(steps: &[(u64, i64)], limit: f64, doubt: f64) -> Result<()
 }
 
 /// Lets the board come to rest without the host.
-fn let_run_out<B: Leased>(session: &mut Session<'_, B>, lab: &mut Lab) {
+fn let_run_out<B: Leased>(session: &mut Session<B>, lab: &mut Lab) {
     let told = session.told();
     let end = session.last_step().unwrap_or(0).max(session.board().now());
     let end = if told == u64::MAX { end } else { end.max(told) };
@@ -379,7 +378,7 @@ proptest! {
     fn a_session_changes_no_tick(program in programs(), capacity in 128usize..=256) {
         let Some(planned) = planned(&program) else { return Err(TestCaseError::reject("no plan")) };
         let mut lab = Lab::new(&program);
-        let mut session = Session::new(Bench::new(&program, capacity), &program).unwrap();
+        let mut session = Session::new(Bench::new(&program, capacity), program.clone()).unwrap();
         let mut progress = 0;
         let report = session.run(&mut lab, |tick| progress = progress.max(tick));
         prop_assert_eq!(report.failure, None);
@@ -401,7 +400,7 @@ proptest! {
     ) {
         prop_assume!(planned(&program).is_some());
         let mut lab = Lab::new(&program);
-        let mut session = Session::new(Bench::new(&program, capacity), &program).unwrap();
+        let mut session = Session::new(Bench::new(&program, capacity), program.clone()).unwrap();
         prop_assert_eq!(session.advance((lost_s * TICK_HZ as f64) as u64, &mut lab), Ok(()));
         let_run_out(&mut session, &mut lab);
         prop_assert!(session.board().is_idle());
@@ -419,7 +418,7 @@ proptest! {
     ) {
         prop_assume!(planned(&program).is_some());
         let mut lab = Lab::new(&program);
-        let mut session = Session::new(Bench::new(&program, 256), &program).unwrap();
+        let mut session = Session::new(Bench::new(&program, 256), program.clone()).unwrap();
         prop_assert_eq!(session.advance((asleep_s * TICK_HZ as f64) as u64, &mut lab), Ok(()));
         if session.is_complete() {
             return Ok(());
@@ -445,7 +444,7 @@ proptest! {
     ) {
         prop_assume!(planned(&program).is_some());
         let mut lab = Lab::new(&program);
-        let mut session = Session::new(Bench::new(&program, 256), &program).unwrap();
+        let mut session = Session::new(Bench::new(&program, 256), program.clone()).unwrap();
         prop_assert_eq!(session.advance((stops_s * TICK_HZ as f64) as u64, &mut lab), Ok(()));
         let stops = session.stop();
         prop_assert!(stops.is_ok(), "{:?}", stops);
@@ -468,7 +467,7 @@ proptest! {
         prop_assume!(planned(&program).is_some());
         let arena: Vec<std::cell::OnceCell<Program>> = changes.iter().map(|_| std::cell::OnceCell::new()).collect();
         let mut lab = Lab::new(&program);
-        let mut session = Session::new(Bench::new(&program, 256), &program).unwrap();
+        let mut session = Session::new(Bench::new(&program, 256), program.clone()).unwrap();
         let mut current = &program;
         for ((after_s, ahead, (law, hardest)), cell) in changes.iter().zip(&arena) {
             let until = session.board().now() + (after_s * TICK_HZ as f64) as u64;
@@ -481,7 +480,7 @@ proptest! {
                 motor.law = onward(state, law, *hardest);
             }
             let next = cell.get_or_init(|| next);
-            match session.change(at, next) {
+            match session.change(at, next.clone()) {
                 Ok(()) => current = next,
                 // Motors that share a DIR line may want to turn too close together, or step by step.
                 Err(SessionError::Plan(_)) if lab.is_shared() => continue,
@@ -514,14 +513,13 @@ proptest! {
         pauses in prop::collection::vec((0.0..0.6f64, 0.0..0.3f64), 1..4),
     ) {
         let Some(planned) = planned(&program) else { return Err(TestCaseError::reject("no plan")) };
-        let shelf = Shelf::default();
         let mut lab = Lab::new(&program);
-        let mut session = Session::new(Bench::new(&program, 256), &program).unwrap();
+        let mut session = Session::new(Bench::new(&program, 256), program.clone()).unwrap();
         let ticks = |seconds: f64| (seconds * TICK_HZ as f64) as u64;
         for (after_s, rest_s) in pauses {
             let until = session.board().now() + ticks(after_s);
             prop_assert_eq!(session.advance(until, &mut lab), Ok(()));
-            let rests = match session.pause(&shelf) {
+            let rests = match session.pause() {
                 Ok(rests) => rests,
                 // Over by then, or too much for one motor; or motors that share a DIR line turn too close together.
                 Err(SessionError::Late { .. } | SessionError::Pause(_)) => continue,
@@ -533,19 +531,19 @@ proptest! {
                 Err(SessionError::Plan(_) | SessionError::QueueTooShort { .. }) if lab.is_shared() => continue,
                 Err(error) => return Err(TestCaseError::fail(error.to_string())),
             };
-            prop_assert_eq!(session.pause(&shelf), Ok(rests), "once is enough");
+            prop_assert_eq!(session.pause(), Ok(rests), "once is enough");
             prop_assert_eq!(session.advance(rests, &mut lab), Ok(()));
             check_counts(&session, &lab, &program)?;
             let halted = lab.counted.clone();
             prop_assert_eq!(session.advance(rests + ticks(rest_s), &mut lab), Ok(()));
             prop_assert_eq!(&lab.counted, &halted, "at rest");
-            match session.resume(&shelf) {
+            match session.resume() {
                 Ok(at_speed) => prop_assert!(at_speed > rests),
                 Err(SessionError::Pause(_)) => return Ok(()),
                 Err(SessionError::Plan(_) | SessionError::QueueTooShort { .. }) if lab.is_shared() => return Ok(()),
                 Err(error) => return Err(TestCaseError::fail(error.to_string())),
             }
-            prop_assert_eq!(session.resume(&shelf), Err(SessionError::NotPaused));
+            prop_assert_eq!(session.resume(), Err(SessionError::NotPaused));
         }
         let report = session.run(&mut lab, |_| {});
         prop_assert_eq!(report.failure, None);
@@ -564,7 +562,6 @@ proptest! {
     }
 }
 
-/// A motion that is getting up to speed is paused once it is. While the board has not begun that, the session says when to ask again.
 #[test]
 fn a_beginning_that_came_too_late_is_sent_again() {
     let limits = Limits { max_speed: None, max_acceleration: Some(20_000.0), pull_in: 0.0 };
@@ -574,7 +571,7 @@ fn a_beginning_that_came_too_late_is_sent_again() {
         let mut bench = Bench::new(&program, 256);
         bench.late_switches = late;
         let mut lab = Lab::new(&program);
-        match Session::new(bench, &program) {
+        match Session::new(bench, program.clone()) {
             Ok(mut session) => {
                 let report = session.run(&mut lab, |_| {});
                 assert_eq!((begins, report.failure, report.counted, &lab.counted), (true, None, vec![500], &vec![500]));
@@ -584,26 +581,26 @@ fn a_beginning_that_came_too_late_is_sent_again() {
     }
 }
 
+/// A motion that is getting up to speed is paused once it is. While the board has not begun that, the session says when to ask again.
 #[test]
 fn a_pause_behind_a_change_that_waits_is_asked_for_again() {
     let law = Law::trapezoid(-783.632, 2_703.109_272, 14_202.035_558, 14_202.035_558).unwrap();
     let law = law.delayed(Time::from_raw(244_849_131_954_227_328)).unwrap();
     let limits = Limits { max_speed: None, max_acceleration: Some(15_622.239), pull_in: 0.0 };
     let program = program(16, vec![motor(0, law, false, limits)]);
-    let shelf = Shelf::default();
     let mut lab = Lab::new(&program);
-    let mut session = Session::new(Bench::new(&program, 256), &program).unwrap();
+    let mut session = Session::new(Bench::new(&program, 256), program.clone()).unwrap();
     assert_eq!(session.advance(session.board().now() + 290_808, &mut lab), Ok(()));
-    let rests = session.pause(&shelf).unwrap();
+    let rests = session.pause().unwrap();
     assert_eq!(session.advance(rests, &mut lab), Ok(()));
-    let at_speed = session.resume(&shelf).unwrap();
-    let Err(SessionError::Waiting { at, until }) = session.pause(&shelf) else {
+    let at_speed = session.resume().unwrap();
+    let Err(SessionError::Waiting { at, until }) = session.pause() else {
         panic!("the board goes over to the resumption first")
     };
     assert!(session.board().now() <= until && until < at && at == at_speed);
     assert_eq!(session.advance(until, &mut lab), Ok(()));
     let rests = loop {
-        match session.pause(&shelf) {
+        match session.pause() {
             Ok(rests) => break rests,
             Err(SessionError::Waiting { at: again, until }) => {
                 assert!(again == at && until > session.board().now());
@@ -614,7 +611,7 @@ fn a_pause_behind_a_change_that_waits_is_asked_for_again() {
     };
     assert_eq!(session.advance(rests, &mut lab), Ok(()));
     check_counts(&session, &lab, &program).unwrap();
-    session.resume(&shelf).unwrap();
+    session.resume().unwrap();
     assert_eq!(session.run(&mut lab, |_| {}).failure, None);
     check_counts(&session, &lab, &program).unwrap();
 }
@@ -626,24 +623,23 @@ fn after_a_pause_every_motor_is_as_late_as_the_others() {
     let laws = [sine(400.0, 1.0), sine(-150.0, 0.5), sine(90.0, 0.25)];
     let program = program(16, laws.into_iter().enumerate().map(|(k, law)| motor(k, law, false, limits)).collect());
     let run = |pauses: bool| {
-        let shelf = Shelf::default();
         let mut lab = Lab::new(&program);
-        let mut session = Session::new(Bench::new(&program, 256), &program).unwrap();
+        let mut session = Session::new(Bench::new(&program, 256), program.clone()).unwrap();
         let zero = session.zero();
         let mut at_speed = 0;
         if pauses {
             session.advance(zero + TICK_HZ * 13 / 10, &mut lab).unwrap();
-            let rests = session.pause(&shelf).unwrap();
+            let rests = session.pause().unwrap();
             assert!(rests < session.board().now() + TICK_HZ / 2, "paused after {rests} ticks");
-            assert_eq!(session.resume(&shelf), Err(SessionError::Early { at: session.earliest(), earliest: rests }));
+            assert_eq!(session.resume(), Err(SessionError::Early { at: session.earliest(), earliest: rests }));
             session.advance(rests + TICK_HZ / 3, &mut lab).unwrap();
-            at_speed = session.resume(&shelf).unwrap();
+            at_speed = session.resume().unwrap();
             // During the easing another pause waits for its end.
             session.advance(session.zero(), &mut lab).unwrap();
-            let rests = session.pause(&shelf).unwrap();
+            let rests = session.pause().unwrap();
             assert!(rests > at_speed);
             session.advance(rests, &mut lab).unwrap();
-            at_speed = session.resume(&shelf).unwrap();
+            at_speed = session.resume().unwrap();
         }
         assert_eq!(session.run(&mut lab, |_| {}).failure, None);
         (lab.steps, zero, at_speed)
@@ -676,21 +672,20 @@ fn a_motion_that_brakes_as_hard_as_it_may_is_paused_when_it_can_be() {
     let limits = Limits { max_speed: None, max_acceleration: Some(1000.5), pull_in: 0.0 };
     let law = Law::trapezoid(1000.0, 1000.0, 1000.0, 1000.0).unwrap();
     let program = program(16, vec![motor(0, law, false, limits)]);
-    let shelf = Shelf::default();
     let mut lab = Lab::new(&program);
-    let mut session = Session::new(Bench::new(&program, 256), &program).unwrap();
+    let mut session = Session::new(Bench::new(&program, 256), program.clone()).unwrap();
     session.advance(session.zero() + TICK_HZ * 5 / 4, &mut lab).unwrap();
-    let rests = session.pause(&shelf).unwrap();
+    let rests = session.pause().unwrap();
     session.advance(rests, &mut lab).unwrap();
     check_acceleration(&lab.steps[0], 1000.5, 1.5).unwrap();
-    session.resume(&shelf).unwrap();
+    session.resume().unwrap();
     let report = session.run(&mut lab, |_| {});
     assert_eq!((report.failure, report.counted), (None, vec![1000]));
     check_acceleration(&lab.steps[0], 1000.5, 1.5).unwrap();
 }
 
 /// From the last steps of the plan on, the motors slow down within their limits.
-fn check_stops<B: Leased>(session: &Session<'_, B>, lab: &Lab, program: &Program) -> Result<(), TestCaseError> {
+fn check_stops<B: Leased>(session: &Session<B>, lab: &Lab, program: &Program) -> Result<(), TestCaseError> {
     for (motor, (steps, m)) in lab.steps.iter().zip(&program.motors).enumerate() {
         let Some(limit) = m.limits.max_acceleration else { continue };
         // Steps on a shared DIR line may be put off.
@@ -713,7 +708,7 @@ fn check_stops<B: Leased>(session: &Session<'_, B>, lab: &Lab, program: &Program
 }
 
 /// Whether steps seen up to now differ from what the host replays.
-fn deviates<B: Leased>(session: &Session<'_, B>, lab: &Lab, since: usize, before: i64) -> bool {
+fn deviates<B: Leased>(session: &Session<B>, lab: &Lab, since: usize, before: i64) -> bool {
     let mut count = before;
     lab.steps[0][since..].iter().any(|(tick, sign)| {
         let was = session.count_at(0, tick - 1);
@@ -730,7 +725,7 @@ fn noticed(flip: Option<(usize, u32)>) -> bool {
     let mut bench = Bench::new(&program, 256);
     bench.flip = flip;
     let mut lab = Lab::new(&program);
-    let mut session = Session::new(bench, &program).unwrap();
+    let mut session = Session::new(bench, program.clone()).unwrap();
     for slice in 1..50 {
         let (since, before) = (lab.steps[0].len(), session.board().positions()[0]);
         let until = slice * TICK_HZ / 20;
@@ -758,7 +753,7 @@ fn an_endless_law_runs_until_it_is_stopped() {
     let law = Law::sine(500.0, Time::SECOND, None).unwrap();
     let program = program(32, vec![motor(0, law, false, Limits::default())]);
     let mut lab = Lab::new(&program);
-    let mut session = Session::new(Bench::new(&program, 96), &program).unwrap();
+    let mut session = Session::new(Bench::new(&program, 96), program.clone()).unwrap();
     session.advance(100 * TICK_HZ, &mut lab).unwrap();
     assert!(!session.is_complete());
     session.stop().unwrap();
@@ -773,19 +768,19 @@ fn what_cannot_be_sent_is_refused_before_anything_moves() {
     let law = Law::sine(500.0, Time::SECOND, None).unwrap();
     let one = program(32, vec![motor(0, law.clone(), false, Limits::default())]);
     let two = program(32, (0..2).map(|m| motor(m, law.clone(), false, Limits::default())).collect());
-    let begin = |bench: Bench, program: &Program| Session::new(bench, program).err();
+    let begin = |bench: Bench, program: &Program| Session::new(bench, program.clone()).err();
     for capacity in [0, 1] {
         let none = begin(Bench::new(&one, capacity), &one);
         assert!(matches!(none, Some(SessionError::QueueTooShort { motor: 0, .. })), "{none:?}");
     }
     assert_eq!(begin(Bench::new(&one, 256), &two), Some(SessionError::Motors { program: 2, board: 1 }));
-    let mut session = Session::new(Bench::new(&one, 256), &one).unwrap();
+    let mut session = Session::new(Bench::new(&one, 256), one.clone()).unwrap();
     let earliest = session.earliest();
-    assert_eq!(session.change(earliest - 1, &one), Err(SessionError::Early { at: earliest - 1, earliest }));
-    assert_eq!(session.change(earliest, &one), Err(SessionError::Waiting { at: earliest, until: session.zero() + 1 }));
+    assert_eq!(session.change(earliest - 1, one.clone()), Err(SessionError::Early { at: earliest - 1, earliest }));
+    assert_eq!(session.change(earliest, one.clone()), Err(SessionError::Waiting { at: earliest, until: session.zero() + 1 }));
     session.advance(session.zero(), &mut |_: Edge| {}).unwrap();
     let latest = session.told();
-    assert_eq!(session.change(latest + 1, &one), Err(SessionError::Late { at: latest + 1, latest }));
+    assert_eq!(session.change(latest + 1, one.clone()), Err(SessionError::Late { at: latest + 1, latest }));
 }
 
 #[test]
@@ -795,7 +790,7 @@ fn a_queue_without_room_for_what_comes_next_is_a_stop() {
     let mut lab = Lab::new(&program);
     let mut bench = Bench::new(&program, 256);
     bench.full_after = 60;
-    let mut session = Session::new(bench, &program).unwrap();
+    let mut session = Session::new(bench, program.clone()).unwrap();
     let report = session.run(&mut lab, |_| {});
     assert!(matches!(report.failure, Some(SessionError::QueueTooShort { motor: 0, .. })), "{:?}", report.failure);
     assert_eq!(report.counted, report.replayed);
@@ -815,7 +810,7 @@ proptest! {
         let mut lab = Lab::new(&program);
         let mut bench = Bench::new(&program, 256);
         bench.delay = delay;
-        let mut session = Session::new(bench, &program).unwrap();
+        let mut session = Session::new(bench, program.clone()).unwrap();
         prop_assert_eq!(session.advance((cut_s * TICK_HZ as f64) as u64, &mut lab), Ok(()));
         let bench = session.board_mut();
         bench.lost = Some(RemoteError::Link(LinkError::Lost));
@@ -846,9 +841,8 @@ proptest! {
         let limits = Limits { max_speed: None, max_acceleration: Some(limit), pull_in: 0.0 };
         let up = |part: f64| Law::trapezoid(20_000.0, speed * part, limit * 0.9, limit * 0.9).unwrap();
         let program = program(bits, parts.iter().enumerate().map(|(k, part)| motor(k, up(*part), false, limits)).collect());
-        let shelf = Shelf::default();
         let mut lab = Lab::new(&program);
-        let mut session = Session::new(Bench::new(&program, 256), &program).unwrap();
+        let mut session = Session::new(Bench::new(&program, 256), program.clone()).unwrap();
         session.advance(TICK_HZ, &mut lab).unwrap();
         let at = session.earliest() + ahead;
         let mut next = program.clone();
@@ -856,7 +850,7 @@ proptest! {
             let state = session.state(index, at).unwrap();
             motor.law = onward(state, &Law::trapezoid(100.0, speed, limit * 0.9, limit * 0.9).unwrap(), limit * 0.9);
         }
-        session.change(at, shelf.keep(next)).unwrap();
+        session.change(at, next).unwrap();
         let until = at.saturating_add_signed(after).max(session.board().now());
         session.advance(until, &mut lab).unwrap();
         if stops {
@@ -881,7 +875,7 @@ proptest! {
             motor.law = onward(state, &Law::trapezoid(-100.0, speed, limit, limit).unwrap(), limit);
         }
         let before = lab.counted.clone();
-        session.change(at, shelf.keep(next)).unwrap();
+        session.change(at, next).unwrap();
         let report = session.run(&mut lab, |_| {});
         prop_assert_eq!(report.failure, None);
         prop_assert_eq!(&lab.counted, &before.iter().map(|count| count - 100).collect::<Vec<_>>());
@@ -896,7 +890,7 @@ fn a_stop_that_is_not_answered_leaves_no_count() {
     let program = program(16, vec![motor(0, Law::trapezoid(20_000.0, 2000.0, 9000.0, 9000.0).unwrap(), false, limits)]);
     for hears in [false, true] {
         let mut lab = Lab::new(&program);
-        let mut session = Session::new(Bench::new(&program, 256), &program).unwrap();
+        let mut session = Session::new(Bench::new(&program, 256), program.clone()).unwrap();
         session.advance(TICK_HZ, &mut lab).unwrap();
         session.board_mut().cut_at_brake = Some(hears);
         assert_eq!(session.stop(), Err(SessionError::Lost(RemoteError::Link(LinkError::Lost))));
@@ -918,7 +912,7 @@ fn a_motor_may_rest_for_longer_than_its_ticks_last() {
         let program = program(bits, vec![motor(0, late.clone(), false, limits), motor(1, on.clone(), false, limits)]);
         let planned = planned(&program).unwrap();
         let mut lab = Lab::new(&program);
-        let mut session = Session::new(Bench::new(&program, 256), &program).unwrap();
+        let mut session = Session::new(Bench::new(&program, 256), program.clone()).unwrap();
         let report = session.run(&mut lab, |_| {});
         assert_eq!((report.failure, &report.counted), (None, &report.replayed));
         for (steps, planned) in lab.steps.iter().zip(&planned) {

@@ -56,8 +56,8 @@ pub(crate) struct Made {
 /// A matched step, for alignment: its tick in the trace and how late it is, ticks of the trace.
 pub(crate) type Match = (u64, f64);
 
-pub(crate) struct Matcher<'a> {
-    crossings: Crossings<'a>,
+pub(crate) struct Matcher {
+    crossings: Crossings,
     /// Next crossings; nothing is known beyond an optional one.
     wanted: VecDeque<Crossing>,
     made: VecDeque<Made>,
@@ -100,8 +100,8 @@ impl Sums {
     }
 }
 
-impl<'a> Matcher<'a> {
-    pub(crate) fn new(motor: &str, crossings: Crossings<'a>, limits: Limits, timebase: Timebase) -> Matcher<'a> {
+impl Matcher {
+    pub(crate) fn new(motor: &str, crossings: Crossings, limits: Limits, timebase: Timebase) -> Matcher {
         let report =
             MotorReport { motor: motor.to_owned(), bound_ticks: limits.bound * limits.scale, ..MotorReport::default() };
         Matcher {

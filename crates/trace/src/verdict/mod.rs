@@ -235,7 +235,7 @@ pub(crate) struct Judge<'a> {
     last_tick: u64,
     /// The last step of each motor.
     last_steps: Vec<Option<u64>>,
-    motors: Vec<Matcher<'a>>,
+    motors: Vec<Matcher>,
 }
 
 impl<'a> Judge<'a> {
@@ -276,7 +276,7 @@ impl<'a> Judge<'a> {
             };
             Matcher::new(&motor.name, Crossings::new(&motor.law, program.grid, tick_hz), limits, timebase)
         });
-        let motors: Vec<Matcher<'_>> = motors.collect();
+        let motors: Vec<Matcher> = motors.collect();
         let last_steps = vec![None; motors.len()];
         let until = options.until_s.map(|until_s| {
             let (tick, fraction) = Time::from_seconds(until_s).ticks(tick_hz);

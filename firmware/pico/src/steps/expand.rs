@@ -1,12 +1,12 @@
-//! A run's steps, one word each: what `pulsetrain_core::words::expand` does, in 75 or 91 cycles for eight steps of which
-//! none can be too soon or too late, and in 35 cycles for two of the others.
+//! A run's steps, one word each: what `pulsetrain_core::pio::expand` does, in 75 or 91 cycles for eight steps that need no check,
+//! as none of them can be too soon or too late, and in 35 cycles for two that need it.
 
 use core::arch::global_asm;
 use pulsetrain_core::Recurrence;
-use pulsetrain_core::words::{Stretch, Sure, surely};
+use pulsetrain_core::pio::{Stretch, Sure, surely};
 
 // In: r0 the recurrence, r1 the first word, r2 the end of the words, r3 the stretch. Out: r0 the end of what was written.
-// Ticks and fraction of the accumulator are added up apart: what the fraction carries over is a step's ticks.
+// The accumulator's fraction and its ticks are added separately: what the fraction carries over goes into the step's ticks.
 global_asm!(
     r#"
     .section .text.expand_steps, "ax", %progbits
@@ -103,11 +103,11 @@ expand_steps:
 // is gentle. Out: r0 ticks that passed. It begins in the middle of eight steps, so that the last of them is the last word.
 global_asm!(
     r#"
-    .section .text.expand_surely, "ax", %progbits
-    .global expand_surely
-    .type expand_surely, %function
+    .section .text.expand_unchecked, "ax", %progbits
+    .global expand_unchecked
+    .type expand_unchecked, %function
     .thumb_func
-expand_surely:
+expand_unchecked:
     push {{r4-r7, lr}}
     mov r4, r8
     mov r5, r9
@@ -188,18 +188,18 @@ expand_surely:
     mov r8, r4
     mov r9, r5
     pop {{r4-r7, pc}}
-    .size expand_surely, . - expand_surely
+    .size expand_unchecked, . - expand_unchecked
     "#
 );
 
 unsafe extern "C" {
-    fn expand_surely(recurrence: *mut Recurrence, words: *mut u32, end: *mut u32, offset: u32, gentle: u32) -> u32;
+    fn expand_unchecked(recurrence: *mut Recurrence, words: *mut u32, end: *mut u32, offset: u32, gentle: u32) -> u32;
     fn expand_steps(recurrence: *mut Recurrence, words: *mut u32, end: *mut u32, stretch: *const Stretch) -> *mut u32;
 }
 
-/// As [`pulsetrain_core::words::expand`], for 32 fraction bits.
+/// As [`pulsetrain_core::pio::expand`], for 32 fraction bits.
 ///
-/// A call, so that it has the registers to itself.
+/// Not inlined, so that its loop has all registers.
 #[inline(never)]
 pub(crate) fn expand(recurrence: &mut Recurrence, words: &mut [u32], stretch: &Stretch) -> u32 {
     if words.is_empty() {
@@ -210,10 +210,10 @@ pub(crate) fn expand(recurrence: &mut Recurrence, words: &mut [u32], stretch: &S
     let mut rest = *stretch;
     if count != 0 {
         let offset = stretch.bits.wrapping_sub(stretch.gap);
-        // SAFETY: there are so many words at least.
+        // SAFETY: `count` is at most the number of words.
         let next = unsafe { start.add(count as usize) };
         // SAFETY: it writes words from `start` on up to `next`; the recurrence is laid out as in C.
-        rest.ticks -= unsafe { expand_surely(recurrence, start, next, offset, gentle.into()) };
+        rest.ticks -= unsafe { expand_unchecked(recurrence, start, next, offset, gentle.into()) };
         start = next;
     }
     if start == end {

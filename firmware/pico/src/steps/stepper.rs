@@ -1,155 +1,166 @@
 //! All motors: filling their tapes, starting and stopping together.
 
 use super::expand::expand;
-use super::pins::{Layout, Lines, Wired};
-use super::pio::{self, GATE, Machine};
-use super::{MOTORS, RING, feed};
+use super::pins::{Lines, MotorPins, PinLayout};
+use super::pio::{self, GATE, StateMachine};
+use super::{MOTORS, RING_WORDS, feed};
 use crate::clock::{Clock, TICK_HZ};
 use crate::regs;
-use crate::start::Once;
+use crate::start::StaticCell;
 use core::iter;
 use pulsetrain_core::lease::{self, Lapse, Lease};
-use pulsetrain_core::narrow::Pool;
 use pulsetrain_core::output::{Coils, Output, StepDir, StepDirSettings};
+use pulsetrain_core::packed_queue::{Fault, PackedQueue, Pool};
 use pulsetrain_core::packing::Packing;
+use pulsetrain_core::pio::{SHORTEST_PULSE, STEP_DIR_OVERHEAD, Tape, Words, lines};
 use pulsetrain_core::queue::{Items, Queue};
 use pulsetrain_core::verbs::Limits;
 use pulsetrain_core::winch::spacing::Steps;
 use pulsetrain_core::wire::message::{Configuration, QUEUE_PARTS, flags, limits_of};
-use pulsetrain_core::words::{Fault, Packed, SHORTEST_PULSE, STEP_DIR_OVERHEAD, Tape, Words, lines};
-use pulsetrain_core::{Entry, Epoch, Item, Moment, Segment};
+use pulsetrain_core::{Entry, Epoch, Item, Segment, Tick32};
 
 /// F.
 pub(crate) const FRACTION_BITS: u32 = 32;
 
-/// Bytes of all queues together.
-pub(crate) const POOL: usize = 32_768;
+/// Bytes of all motors' queues together: what is left of the RAM, and a multiple of [`QUEUE_PARTS`].
+pub(crate) const POOL_BYTES: usize = 32_768;
 
-/// Bytes of one motor's queue at most.
-const LONGEST_QUEUE: usize = 8192;
+/// Bytes of one motor's queue at most: a quarter of all.
+const LONGEST_QUEUE_BYTES: usize = 8192;
 
-/// Runs of a tape.
-const RUNS: usize = 128;
+/// Runs of a tape: words that all count the same. A motor that turns at every step has a run for each word.
+const TAPE_RUNS: usize = 128;
 
-/// Words are written so far ahead, ticks: 2.4 ms. A switch can be no sooner.
-pub(crate) const AHEAD: u32 = TICK_HZ / 10_000 * 24;
+/// The look-ahead of plans and paths, ticks: 2.4 ms. Words are written so far ahead, and a switch can be no sooner.
+pub(crate) const LOOK_AHEAD: u32 = TICK_HZ / 10_000 * 24;
 
-/// How far ahead words are written, and when again; all in ticks.
+/// When words are written, and how far ahead; all in ticks.
 #[derive(Clone, Copy)]
-pub(crate) struct Pace {
-    /// So far.
-    ahead: u32,
-    /// When no more than this is left.
-    refill: u32,
-    /// A motor whose words end sooner gets some, if another needs them.
-    soon: u32,
-    /// Words for rest are written if the last step is sooner.
-    least: u32,
+pub(crate) struct FillTiming {
+    /// Words are written for steps up to so long after now.
+    look_ahead: u32,
+    /// A motor gets words when no more than this is left.
+    refill_below: u32,
+    /// A motor gets words with the others if it has less than this left: then the next round comes later.
+    refill_early_below: u32,
+    /// Words for rest are written up to so long after now, where steps end sooner.
+    rest_look_ahead: u32,
     /// All motors are looked at again after so long at most.
-    spare: u32,
-    /// Words that are due by now may wait so long: the more of them are written at a time the less each takes.
-    late: u32,
-    /// A motor that has less comes before what the host says.
-    behind: u32,
-    /// What motors do that are told directly is worked out for so long at least at once: each time takes some 2000 cycles a motor.
-    pub(crate) slice: u32,
+    longest_wait: u32,
+    /// Words that are due may wait so long: the more of them are written at a time, the less time each takes.
+    longest_delay: u32,
+    /// A motor that has less than this left is behind: its words come before the host's frames.
+    behind_below: u32,
+    /// The steps of verbs are worked out for so long at least at a time: each time takes some 2000 cycles a motor.
+    pub(crate) verb_slice: u32,
 }
 
 /// 0.1 ms, ticks.
 const TENTH_MS: u32 = TICK_HZ / 10_000;
 
-impl Pace {
-    /// Of plans and paths.
-    const FAR: Pace = Pace::of_main_loop(AHEAD);
+impl FillTiming {
+    /// Of plans and paths, by the main loop.
+    const PLANS: FillTiming = FillTiming::of_main_loop(LOOK_AHEAD);
 
-    /// Of motors that are told directly, by the main loop: what is written can be told otherwise no more.
-    pub(crate) const NEAR: Pace = Pace::of_main_loop(12 * TENTH_MS);
+    /// Of verbs, by the main loop. Half as far ahead, since a verb cannot change what is written.
+    pub(crate) const VERBS: FillTiming = FillTiming::of_main_loop(12 * TENTH_MS);
 
-    /// The same by an interrupt, as seldom as can be: it comes while the words that are left last for a round of so many motors, and as
-    /// much longer as it may be late. A verb then holds 2 ms later at most.
-    pub(crate) const fn of_interrupt(count: u8) -> Pace {
-        // A motor's part of a round takes 0.05 ms or so, at its shortest period.
+    /// Of verbs, by a timer's interrupt, for `count` motors. It comes as seldom as it can, so that the program has the processor:
+    /// when the words that are left last for one round of all motors, and for as long as the interrupt may be kept out. A verb then
+    /// takes effect after 2 ms at most.
+    pub(crate) const fn of_interrupt(count: u8) -> FillTiming {
+        // One motor's words take about 0.05 ms to write, at its shortest period. A program may keep the interrupt out for 0.35 ms.
         let (kept_out, round) = (7 * TENTH_MS / 2, count as u32 * TENTH_MS / 2);
-        let (ahead, refill) = (18 * TENTH_MS, kept_out + round);
-        Pace {
-            ahead,
-            refill,
-            soon: refill + 6 * TENTH_MS,
-            least: ahead,
-            spare: ahead - refill,
-            late: 0,
-            behind: 0,
-            slice: 4 * TENTH_MS,
+        let (look_ahead, refill_below) = (18 * TENTH_MS, kept_out + round);
+        FillTiming {
+            look_ahead,
+            refill_below,
+            refill_early_below: refill_below + 6 * TENTH_MS,
+            rest_look_ahead: look_ahead,
+            longest_wait: look_ahead - refill_below,
+            longest_delay: 0,
+            behind_below: 0,
+            verb_slice: 4 * TENTH_MS,
         }
     }
 
-    const fn of_main_loop(ahead: u32) -> Pace {
-        let refill = ahead / 4 * 3;
-        let spare = ahead / 8;
-        Pace { ahead, refill, soon: refill, least: refill, spare, late: spare, behind: ahead / 2, slice: TENTH_MS }
+    const fn of_main_loop(look_ahead: u32) -> FillTiming {
+        let refill_below = look_ahead / 4 * 3;
+        let longest_wait = look_ahead / 8;
+        FillTiming {
+            look_ahead,
+            refill_below,
+            refill_early_below: refill_below,
+            rest_look_ahead: refill_below,
+            longest_wait,
+            longest_delay: longest_wait,
+            behind_below: look_ahead / 2,
+            verb_slice: TENTH_MS,
+        }
     }
 }
 
-/// Words that a motor gets before the next one has its turn, and a run more at most.
-const TURN: u32 = 512;
+/// Words that a motor gets at a time, and at most a run more. Writing them takes some 0.05 ms: so long the other motors wait.
+const WORDS_PER_FILL: u32 = 512;
 
-/// Words that are handed over when a state machine has less than that to do may come too late, ticks: the way to the DMA's
-/// first transfer, and an interrupt before it.
+/// Words come too late for a state machine that has less than this to do, ticks: the DMA's first transfer takes a while to begin,
+/// and an interrupt may come before it.
 const NEARLY_DRY: u32 = 200;
 
-/// From the gate to the first change of lines: 0.5 ms, in which the first words are written.
+/// From the opened gate to the first change of lines: 0.5 ms, so that there is time to write the first words.
 const FIRST_WAIT: u32 = TICK_HZ / 2000;
 
 /// The longest pulse and set-up, ticks: 0.5 ms.
-pub(crate) const LONGEST: u16 = 62_500;
+pub(crate) const LONGEST_PULSE: u16 = 62_500;
 
-/// A coil's release must be sooner than that after a step, ms: ticks are told apart within 2^31.
+/// Coils are released at most so long after a step, ms: a `Tick32` tells ticks apart within 2^31, which is 17 s.
 pub(crate) const LONGEST_IDLE_MS: u16 = 8000;
 
-/// SysTick is read so many ticks before the first instruction behind the gate.
+/// From the reading of SysTick to the first instruction of a state machine after the gate, ticks.
 const GATE_TICKS: u32 = 2;
 
-/// Items of a motor whose steps are worked out here: of a path three a millisecond, and [`AHEAD`] is less than three of those; of verbs
-/// no more than there is [room](Stepper::has_room) for.
-const FOLLOWED: usize = 32;
+/// Items of one motor whose steps are worked out on the board. A path makes three items a millisecond, and [`LOOK_AHEAD`] is less
+/// than 3 ms; verbs ask for [room](Stepper::has_room) first.
+const LOCAL_ITEMS: usize = 32;
 
-/// Before steps that are not known yet nothing is written for so long, ticks: longer than DIR is turned before one.
-pub(crate) const CLEAR: u32 = 2500;
+/// No words are written for the last so many ticks before steps that are not known yet, as DIR changes before a step. 20 µs at
+/// least; more with a long set-up of DIR.
+pub(crate) const DIR_CLEARANCE: u32 = 2500;
 
 #[repr(C, align(8192))]
-struct Ring([u32; RING]);
+struct WordRing([u32; RING_WORDS]);
 
-/// What is large, and nothing but zeros at first: so it takes no room in the image.
+/// The large memory. All zeros at first, so that it takes no room in the image.
 pub(crate) struct Memory {
-    rings: [Ring; MOTORS],
-    tapes: [Tape<RING, RUNS>; MOTORS],
-    pool: Pool<POOL>,
-    followed: [Queue<FOLLOWED>; MOTORS],
+    rings: [WordRing; MOTORS],
+    tapes: [Tape<RING_WORDS, TAPE_RUNS>; MOTORS],
+    pool: Pool<POOL_BYTES>,
+    local_items: [Queue<LOCAL_ITEMS>; MOTORS],
 }
 
-static MEMORY: Once<Memory> = Once::new(Memory {
-    rings: [const { Ring([0; RING]) }; MOTORS],
+static MEMORY: StaticCell<Memory> = StaticCell::new(Memory {
+    rings: [const { WordRing([0; RING_WORDS]) }; MOTORS],
     tapes: [const { Tape::new() }; MOTORS],
     pool: Pool::new(),
-    followed: [const { Queue::new() }; MOTORS],
+    local_items: [const { Queue::new() }; MOTORS],
 });
 
 /// One motor.
-pub(crate) struct Motor {
+pub(crate) struct MotorState {
     words: Words<FRACTION_BITS>,
-    packed: Packed,
-    wired: Wired,
+    packed: PackedQueue,
+    wiring: MotorPins,
     pulse_ticks: u32,
     pull_in_ticks: u32,
-    /// What it can be told directly.
+    /// What verbs may ask of it.
     limits: Limits,
 }
 
-impl Motor {
-    const NONE: Motor = Motor {
-        words: Words::new(Motor::NO_OUTPUT, 0, SHORTEST_PULSE),
-        packed: Packed::new(Pool::<POOL>::part(0, 0), Packing { fraction_bits: FRACTION_BITS, gain: 0 }),
-        wired: Wired::NONE,
+impl MotorState {
+    const NONE: MotorState = MotorState {
+        words: Words::new(MotorState::NO_OUTPUT, 0, SHORTEST_PULSE),
+        packed: PackedQueue::new(Pool::<POOL_BYTES>::part(0, 0), Packing { fraction_bits: FRACTION_BITS, gain: 0 }),
+        wiring: MotorPins::NONE,
         pulse_ticks: SHORTEST_PULSE,
         pull_in_ticks: 0,
         limits: Limits { shortest: 1, turn: 1, period: 1 },
@@ -165,45 +176,45 @@ impl Motor {
     }));
 }
 
-/// A motor and what is its own.
-struct Parts<'a> {
+/// A motor with its tape and its ring.
+struct MotorParts<'a> {
     number: u8,
-    motor: &'a mut Motor,
-    tape: &'a mut Tape<RING, RUNS>,
-    ring: &'a mut [u32; RING],
+    motor: &'a mut MotorState,
+    tape: &'a mut Tape<RING_WORDS, TAPE_RUNS>,
+    ring: &'a mut [u32; RING_WORDS],
 }
 
 /// How all motors were stopped.
-pub(crate) struct Halt {
+pub(crate) struct HaltReport {
     /// No step was begun after it.
     pub(crate) tick: u64,
     /// Motors that were faster than they can stop at once, bit by motor.
     pub(crate) uncertain: u8,
-    /// Up to then each motor did what it was to do: up to `tick`, or to the end of its words, if it ran dry.
+    /// Up to when each motor followed its plan: `tick`, or the end of its words if it ran dry.
     pub(crate) reached: [u64; MOTORS],
 }
 
 /// All motors.
 pub(crate) struct Stepper {
-    motors: [Motor; MOTORS],
+    motors: [MotorState; MOTORS],
     count: u8,
     memory: &'static mut Memory,
     /// The gate is open.
     runs: bool,
-    /// Which motor has the next turn.
-    turn: u8,
+    /// The motor that is looked at next.
+    next_motor: u8,
     least_ahead: u32,
     /// A motor's words came too late, and were kept back.
     too_late: bool,
-    /// The motor that got words last had less than its [pace](Pace)'s `behind`.
+    /// The motor that got words last had less than [`FillTiming::behind_below`].
     behind: bool,
-    /// No motor needs words before.
-    due: Moment,
-    /// Steps are worked out here and known up to then; else motors do what was packed.
-    known: Option<Moment>,
-    pace: Pace,
-    /// Before steps that are not known yet nothing is written for so long, ticks: longer than DIR is turned before one.
-    clear: u32,
+    /// No motor needs words before this tick.
+    next_fill: Tick32,
+    /// Steps are worked out on the board and known up to this tick. `None`: motors follow packed items.
+    known_until: Option<Tick32>,
+    timing: FillTiming,
+    /// No words are written for the last so many ticks before steps that are not known yet: see [`DIR_CLEARANCE`].
+    dir_clearance: u32,
     /// The motor that could not follow its plan last, so that all brake.
     at_fault: u8,
 }
@@ -217,53 +228,53 @@ impl Stepper {
         pio::close_gate();
         feed::begin();
         Stepper {
-            motors: [Motor::NONE; MOTORS],
+            motors: [MotorState::NONE; MOTORS],
             count: 0,
             // SAFETY: the caller's promise.
             memory: unsafe { MEMORY.take() },
             runs: false,
-            turn: 0,
+            next_motor: 0,
             least_ahead: u32::MAX,
             too_late: false,
             behind: false,
-            due: Moment(0),
-            known: None,
-            pace: Pace::FAR,
-            clear: CLEAR,
+            next_fill: Tick32(0),
+            known_until: None,
+            timing: FillTiming::PLANS,
+            dir_clearance: DIR_CLEARANCE,
             at_fault: 0,
         }
     }
 
-    /// From the next [`start`](Stepper::start) on, or from where all motors rest, their steps come by [`follow`](Stepper::follow) or
-    /// [`take`](Stepper::take): there are none before `known`.
-    pub(crate) const fn follow_from(&mut self, known: Moment) {
-        self.known = Some(known);
+    /// All steps up to tick `known` are in the queues. From the first call on, at rest, steps come by
+    /// [`push_steps`](Stepper::push_steps) or [`push_item`](Stepper::push_item), until the motors are stopped.
+    pub(crate) const fn set_known_until(&mut self, known: Tick32) {
+        self.known_until = Some(known);
     }
 
-    /// From now on, until it stops, words are written at another pace.
-    pub(crate) const fn set_pace(&mut self, pace: Pace) {
-        self.pace = pace;
+    /// Sets when words are written, until the motors are stopped.
+    pub(crate) const fn set_timing(&mut self, timing: FillTiming) {
+        self.timing = timing;
     }
 
-    /// So far ahead steps have to be known at a pace, ticks.
-    pub(crate) const fn foresight(&self, pace: Pace) -> u32 {
-        pace.ahead + self.clear
+    /// How far ahead steps have to be known, ticks.
+    pub(crate) const fn foresight(&self, timing: FillTiming) -> u32 {
+        timing.look_ahead + self.dir_clearance
     }
 
     /// Whether each motor's queue has room for `items` items more.
     pub(crate) fn has_room(&self, items: usize) -> bool {
-        self.memory.followed.iter().all(|queue| queue.credit() >= items)
+        self.memory.local_items.iter().all(|queue| queue.credit() >= items)
     }
 
-    /// Has a motor do an item: there is room.
-    pub(crate) fn take(&mut self, number: u8, item: Item) {
+    /// Puts an item last in a motor's queue. The caller has asked whether there is [room](Stepper::has_room).
+    pub(crate) fn push_item(&mut self, number: u8, item: Item) {
         let epoch = self.epoch();
-        if let Some(queue) = self.memory.followed.get_mut(usize::from(number)) {
+        if let Some(queue) = self.memory.local_items.get_mut(usize::from(number)) {
             let _ = queue.push(Entry { epoch, item });
         }
     }
 
-    /// What each motor can be told directly, and its position.
+    /// What verbs may ask of each motor, and its position.
     pub(crate) fn limits(&self) -> impl Iterator<Item = (Limits, i32)> {
         self.motors().map(|motor| (motor.limits, motor.words.channel().position()))
     }
@@ -273,12 +284,13 @@ impl Stepper {
         self.motor(motor).map_or(0, |motor| motor.pull_in_ticks)
     }
 
-    /// Has a motor make steps in the millisecond that begins at `begin`.
-    pub(crate) fn follow(&mut self, number: u8, begin: Moment, steps: Steps) {
+    /// Has a motor make the steps of a path in the millisecond that begins at `begin`.
+    pub(crate) fn push_steps(&mut self, number: u8, begin: Tick32, steps: Steps) {
         let epoch = self.epoch();
-        let Some(queue) = self.memory.followed.get_mut(usize::from(number)) else { return };
+        let Some(queue) = self.memory.local_items.get_mut(usize::from(number)) else { return };
         let mut push = |item| {
-            // If it has no room the main loop was late by several milliseconds, and the state machines have run dry.
+            // It has no room only if the main loop was late by milliseconds. Then the state machines have run dry, and all motors
+            // stop.
             let _ = queue.push(Entry { epoch, item });
         };
         let direction = steps.direction;
@@ -299,38 +311,38 @@ impl Stepper {
         self.count
     }
 
-    /// The motors with what is theirs, and the memory of their queues.
-    fn all(&mut self) -> (&mut Pool<POOL>, impl Iterator<Item = Parts<'_>>) {
+    /// All motors with their memory, and the pool of their queues.
+    fn parts(&mut self) -> (&mut Pool<POOL_BYTES>, impl Iterator<Item = MotorParts<'_>>) {
         let Memory { rings, tapes, pool, .. } = &mut *self.memory;
         let places = (0..).zip(&mut self.motors).zip(tapes).zip(rings).take(usize::from(self.count));
-        (pool, places.map(|(((number, motor), tape), Ring(ring))| Parts { number, motor, tape, ring }))
+        (pool, places.map(|(((number, motor), tape), WordRing(ring))| MotorParts { number, motor, tape, ring }))
     }
 
-    fn motor(&self, motor: u8) -> Option<&Motor> {
+    fn motor(&self, motor: u8) -> Option<&MotorState> {
         self.motors.get(usize::from(motor)).filter(|_| motor < self.count)
     }
 
-    fn motors(&self) -> impl Iterator<Item = &Motor> {
+    fn motors(&self) -> impl Iterator<Item = &MotorState> {
         self.motors.iter().take(usize::from(self.count))
     }
 
-    fn motors_mut(&mut self) -> impl Iterator<Item = &mut Motor> {
+    fn motors_mut(&mut self) -> impl Iterator<Item = &mut MotorState> {
         self.motors.iter_mut().take(usize::from(self.count))
     }
 
-    /// Takes on a configuration that is possible; nothing runs. Counts begin at 0.
-    pub(crate) fn configure(&mut self, layout: &Layout, configuration: &Configuration<'_>, now: Moment) {
+    /// Sets up the motors of a configuration that was checked, while nothing runs. Positions begin at 0.
+    pub(crate) fn configure(&mut self, layout: &PinLayout, configuration: &Configuration<'_>, now: Tick32) {
         if self.count > 4 && layout.count <= 4 {
             pio::unload(1);
         }
-        (self.count, self.turn) = (layout.count, 0);
+        (self.count, self.next_motor) = (layout.count, 0);
         let mut at = 0;
         let pulse_ticks = u32::from(configuration.pulse_ticks).max(SHORTEST_PULSE);
         let setup_ticks = u32::from(configuration.setup_ticks).max(pulse_ticks + STEP_DIR_OVERHEAD);
         let release_ticks = configuration.idle_ms.map(|ms| u32::from(ms.max(1)) * (TICK_HZ / 1000));
         let motors = self.motors.iter_mut().zip(configuration.motors()).zip(&layout.motors);
-        for ((motor, setup), wired) in motors {
-            let (output, step_line) = match wired.lines {
+        for ((motor, setup), wiring) in motors {
+            let (output, step_line) = match wiring.lines {
                 Lines::StepDir { step_line, forward_high, .. } => {
                     let (dir_line, shared_dir) = (1 - step_line, false);
                     let settings =
@@ -339,25 +351,25 @@ impl Stepper {
                 }
                 Lines::Coils { sequence } => {
                     let mut lines = [0; 4];
-                    for (line, pin) in lines.iter_mut().zip(wired.pins()) {
-                        *line = pin - wired.base;
+                    for (line, pin) in lines.iter_mut().zip(wiring.pins()) {
+                        *line = pin - wiring.base;
                     }
                     (Output::Coils(Coils::new(lines, sequence, release_ticks)), 0)
                 }
             };
             motor.words = Words::new(output, step_line, pulse_ticks);
             let packing = Packing { fraction_bits: FRACTION_BITS, gain: setup.gain };
-            let equal = POOL / usize::from(layout.count.max(1));
-            let by_need = POOL / usize::from(QUEUE_PARTS) * usize::from(setup.queue_parts);
-            let queue = if by_need == 0 { equal } else { by_need }.min(LONGEST_QUEUE) as u16;
-            motor.packed = Packed::new(Pool::<POOL>::part(at, queue), packing);
+            let equal = POOL_BYTES / usize::from(layout.count.max(1));
+            let by_need = POOL_BYTES / usize::from(QUEUE_PARTS) * usize::from(setup.queue_parts);
+            let queue = if by_need == 0 { equal } else { by_need }.min(LONGEST_QUEUE_BYTES) as u16;
+            motor.packed = PackedQueue::new(Pool::<POOL_BYTES>::part(at, queue), packing);
             at += queue;
-            (motor.wired, motor.pulse_ticks, motor.pull_in_ticks) = (*wired, pulse_ticks, setup.pull_in_ticks);
+            (motor.wiring, motor.pulse_ticks, motor.pull_in_ticks) = (*wiring, pulse_ticks, setup.pull_in_ticks);
             motor.limits =
                 limits(&motor.words, layout.count, setup_ticks, pulse_ticks + u32::from(configuration.hold_ticks));
             motor.words.channel_mut().open_from(now);
         }
-        self.clear = CLEAR.max(setup_ticks + 4 * (pulse_ticks + STEP_DIR_OVERHEAD));
+        self.dir_clearance = DIR_CLEARANCE.max(setup_ticks + 4 * (pulse_ticks + STEP_DIR_OVERHEAD));
         let blocks = layout.count.div_ceil(4);
         for block in 0..blocks {
             pio::load(block);
@@ -370,21 +382,21 @@ impl Stepper {
     /// Sets up a motor's state machine, before the gate, and its pins.
     fn set_up_machine(&self, number: u8) {
         if let Some(motor) = self.motor(number) {
-            Machine::of(number).set_up(&motor.wired, motor.pulse_ticks, motor.words.levels());
+            StateMachine::of(number).set_up(&motor.wiring, motor.pulse_ticks, motor.words.levels());
         }
     }
 
-    /// Opens the gate: all state machines begin in the same cycle. Queues are empty, faults forgotten.
+    /// Opens the gate: all state machines begin in the same cycle, with empty queues and no faults.
     pub(crate) fn start(&mut self, clock: &mut Clock) {
         let mut machines = [0; 2];
-        self.memory.followed.iter_mut().for_each(Queue::clear);
-        let (pool, all) = self.all();
-        for Parts { number, motor, tape, ring } in all {
-            let machine = Machine::of(number);
-            motor.packed.waiting(pool).clear();
+        self.memory.local_items.iter_mut().for_each(Queue::clear);
+        let (pool, parts) = self.parts();
+        for MotorParts { number, motor, tape, ring } in parts {
+            let machine = StateMachine::of(number);
+            motor.packed.items(pool).clear();
             motor.packed.forgive();
             motor.words.forgive();
-            machine.set_up(&motor.wired, motor.pulse_ticks, motor.words.levels());
+            machine.set_up(&motor.wiring, motor.pulse_ticks, motor.words.levels());
             feed::set_up(number, ring, machine.fifo());
             motor.words.begin(tape, ring, FIRST_WAIT);
             feed::publish(number, tape.written());
@@ -393,81 +405,101 @@ impl Stepper {
         for (block, mask) in (0..).zip(machines).filter(|(_, mask)| *mask != 0) {
             pio::enable(block, mask);
         }
-        // By now each has its first word.
+        // Each has its first word by now. It stalled while it had none, which is no underrun.
         for number in 0..self.count {
-            Machine::of(number).forget_stall();
+            StateMachine::of(number).forget_stall();
         }
-        let value = regs::free(|| regs::set_and_time(1 << GATE));
-        let at = Moment::of(clock.seen(value)).after(GATE_TICKS);
-        for Parts { motor, tape, .. } in self.all().1 {
+        let value = regs::interrupt_free(|| regs::set_and_time(1 << GATE));
+        let at = Tick32::of(clock.at_systick(value)).after(GATE_TICKS);
+        for MotorParts { motor, tape, .. } in self.parts().1 {
             motor.words.start(tape, at);
         }
         (self.runs, self.too_late, self.behind) = (true, false, false);
         self.least_ahead = u32::MAX;
-        self.due = at;
+        self.next_fill = at;
     }
 
-    /// Writes words for the next motor that needs some; whether there was one.
+    /// Writes words for the next motor that needs some. Whether there is more to do: another motor may need words, or all must be
+    /// stopped as words were late.
     #[inline(never)]
     pub(crate) fn fill(&mut self, clock: &mut Clock) -> bool {
-        let now = clock.moment();
-        if !self.runs || now.is_before(self.due) {
+        let now = clock.now32();
+        if !self.runs || now.is_before(self.next_fill) {
             return false;
         }
-        let pace = self.pace;
-        let mut spare = pace.spare;
-        let (mut least, mut until) = (now.after(pace.least), now.after(pace.ahead));
-        if let Some(known) = self.known {
-            let last = known.before(self.clear);
+        let timing = self.timing;
+        let mut wait = timing.longest_wait;
+        let (mut least, mut until) = (now.after(timing.rest_look_ahead), now.after(timing.look_ahead));
+        if let Some(known) = self.known_until {
+            let last = known.before(self.dir_clearance);
             until = if last.is_before(until) { last } else { until };
             least = if last.is_before(least) { last } else { least };
         }
-        let Memory { rings, tapes, pool, followed } = &mut *self.memory;
+        if self.behind {
+            self.next_motor = self.first_to_run_dry(now);
+        }
+        let Memory { rings, tapes, pool, local_items } = &mut *self.memory;
         for _ in 0..self.count {
-            let number = self.turn;
-            self.turn = if number + 1 >= self.count { 0 } else { number + 1 };
+            let number = self.next_motor;
+            self.next_motor = if number + 1 >= self.count { 0 } else { number + 1 };
             let index = usize::from(number);
-            let (Some(motor), Some(tape), Some(Ring(ring))) =
+            let (Some(motor), Some(tape), Some(WordRing(ring))) =
                 (self.motors.get_mut(index), tapes.get_mut(index), rings.get_mut(index))
             else {
                 continue;
             };
             let ahead = motor.words.end().since(now).cast_signed();
-            if ahead >= pace.soon.cast_signed() {
-                spare = spare.min(ahead.cast_unsigned() - pace.refill);
+            if ahead >= timing.refill_early_below.cast_signed() {
+                wait = wait.min(ahead.cast_unsigned() - timing.refill_below);
                 continue;
             }
             tape.pass(now);
             motor.words.pass(now);
-            // Then it comes before what the host says.
-            self.behind = ahead < pace.behind.cast_signed();
+            // Then words come before the host's frames.
+            self.behind = ahead < timing.behind_below.cast_signed();
             self.least_ahead = self.least_ahead.min(ahead.max(0).cast_unsigned());
             let stretch = [least, until];
             let dry = motor.words.end().after(motor.words.overhead());
-            match followed.get_mut(index).filter(|_| self.known.is_some()) {
-                Some(items) => motor.words.fill(items, tape, ring, stretch, TURN, expand),
-                None => motor.words.fill(&mut motor.packed.waiting(pool), tape, ring, stretch, TURN, expand),
+            match local_items.get_mut(index).filter(|_| self.known_until.is_some()) {
+                Some(items) => motor.words.fill(items, tape, ring, stretch, WORDS_PER_FILL, expand),
+                None => motor.words.fill(&mut motor.packed.items(pool), tape, ring, stretch, WORDS_PER_FILL, expand),
             };
             let has_news = motor.words.channel().has_news();
-            if !clock.moment().after(NEARLY_DRY).is_before(dry) {
-                // Late words would be late steps: better none.
+            if !clock.now32().after(NEARLY_DRY).is_before(dry) {
+                // Words that come too late would be steps at wrong times: better none at all. The caller looks at once, instead of
+                // sleeping first.
                 self.too_late = true;
-                return false;
+                return true;
             }
             feed::publish(number, tape.written());
             if has_news {
-                self.agree();
+                self.share_lapse();
             }
             return true;
         }
-        self.due = now.after(spare);
+        self.next_fill = now.after(wait);
         self.behind = false;
         false
     }
 
-    /// A motor has noticed that its lease is over: all others are told, from when on.
+    /// The motor whose words end first. Slow motors have up to 0.6 ms less than fast ones, as words for rest are written for less:
+    /// if turns went on in order after the main loop was late, a slow one could run dry while faster ones, that have time, get
+    /// words.
     #[inline(never)]
-    fn agree(&mut self) {
+    fn first_to_run_dry(&self, now: Tick32) -> u8 {
+        let mut first = (0, i32::MAX);
+        for (number, motor) in (0..self.count).zip(&self.motors) {
+            let ahead = motor.words.end().since(now).cast_signed();
+            if ahead < first.1 {
+                first = (number, ahead);
+            }
+        }
+        first.0
+    }
+
+    /// A motor has noticed that its lease is over: all others brake from the same tick on.
+    #[inline(never)]
+    fn share_lapse(&mut self) {
         let channels = || self.motors.iter().take(usize::from(self.count)).map(|motor| motor.words.channel());
         let Some(lapse) = lease::agreed(channels()) else { return };
         if lapse.cause.is_fault()
@@ -478,25 +510,25 @@ impl Stepper {
         self.lapse_at(lapse);
     }
 
-    /// How long motors may be left alone, ticks.
-    pub(crate) const fn spare(&self, now: Moment) -> u32 {
-        let spare = self.due.since(now).cast_signed();
-        match spare {
-            _ if !self.runs => self.pace.spare,
-            // One needs words by now.
-            ..=0 => self.pace.late,
-            spare => spare.cast_unsigned(),
+    /// How long the motors need nothing, ticks.
+    pub(crate) const fn ticks_to_next_fill(&self, now: Tick32) -> u32 {
+        let wait = self.next_fill.since(now).cast_signed();
+        match wait {
+            _ if !self.runs => self.timing.longest_wait,
+            // A motor needs words by now.
+            ..=0 => self.timing.longest_delay,
+            wait => wait.cast_unsigned(),
         }
     }
 
-    /// Whether words are more urgent than what the host says.
+    /// Whether words are more urgent than the host's frames.
     #[inline(always)]
     pub(crate) const fn is_behind(&self) -> bool {
         self.runs && self.behind
     }
 
-    /// Notes that time goes on, while nothing runs.
-    pub(crate) fn rest(&mut self, now: Moment) {
+    /// Notes the time while nothing runs. To be called at least once in 2^30 ticks.
+    pub(crate) fn pass(&mut self, now: Tick32) {
         if !self.runs {
             for motor in self.motors_mut() {
                 motor.words.channel_mut().pass(now);
@@ -504,7 +536,7 @@ impl Stepper {
         }
     }
 
-    /// Whether a state machine found no word, or nearly: what it was to do is late.
+    /// Whether a state machine ran dry, or words for one came too late.
     #[inline(always)]
     pub(crate) fn has_starved(&self) -> bool {
         let dry = || (pio::stalled(0) | if self.count > 4 { pio::stalled(1) } else { 0 }) != 0;
@@ -512,15 +544,15 @@ impl Stepper {
     }
 
     /// The immediate stop: halts all state machines, and counts what they did.
-    pub(crate) fn stop(&mut self, clock: &mut Clock) -> Halt {
-        (self.known, self.pace) = (None, Pace::FAR);
+    pub(crate) fn stop(&mut self, clock: &mut Clock) -> HaltReport {
+        (self.known_until, self.timing) = (None, FillTiming::PLANS);
         if !self.runs {
             let tick = clock.now();
-            return Halt { tick, uncertain: 0, reached: [tick; MOTORS] };
+            return HaltReport { tick, uncertain: 0, reached: [tick; MOTORS] };
         }
         self.runs = false;
-        // No interrupt starts a channel again, or comes between a halt and the end of a pulse.
-        let (tick, in_pulse) = regs::free(|| {
+        // With interrupts off: none may start a DMA channel again, or come between a halt and the end of a pulse.
+        let (tick, in_pulse) = regs::interrupt_free(|| {
             pio::halt(0, 0xf);
             if self.count > 4 {
                 pio::halt(1, 0xf);
@@ -529,20 +561,20 @@ impl Stepper {
             regs::SIO_OUT_CLR.write(1 << GATE);
             (tick, self.end_pulses())
         });
-        // By then all pulses that were begun are over, whatever is done meanwhile.
-        let fall = clock.moment().after(self.longest_pulse() + STEP_DIR_OVERHEAD);
-        let mut halt = Halt { tick, uncertain: 0, reached: [tick; MOTORS] };
-        let (pool, all) = self.all();
-        for Parts { number, motor, tape, ring } in all {
-            let machine = Machine::of(number);
-            let taken = regs::free(|| feed::end(number, ring));
+        // All pulses that were begun are over by then.
+        let fall = clock.now32().after(self.longest_pulse() + STEP_DIR_OVERHEAD);
+        let mut halt = HaltReport { tick, uncertain: 0, reached: [tick; MOTORS] };
+        let (pool, parts) = self.parts();
+        for MotorParts { number, motor, tape, ring } in parts {
+            let machine = StateMachine::of(number);
+            let taken = regs::interrupt_free(|| feed::end(number, ring));
             let pulled = taken.wrapping_sub(machine.waiting());
-            let is_done = in_pulse >> number & 1 != 0 || machine.has_changed_lines(&motor.wired.lines);
+            let is_done = in_pulse >> number & 1 != 0 || machine.has_changed_lines(&motor.wiring.lines);
             let done = if is_done { pulled } else { pulled.wrapping_sub(1) };
             let made = tape.position_after(done);
-            let (words, mut items) = (&mut motor.words, motor.packed.waiting(pool));
+            let (words, mut items) = (&mut motor.words, motor.packed.items(pool));
             let goes = made != words.channel().position() || !words.channel().is_idle(&items);
-            let apart = tape.apart(done.max(1), Moment::of(tick), words.overhead(), ring);
+            let apart = tape.apart(done.max(1), Tick32::of(tick), words.overhead(), ring);
             if goes && done != 0 && apart < motor.pull_in_ticks {
                 halt.uncertain |= 1 << number;
             }
@@ -550,27 +582,27 @@ impl Stepper {
                 && let Some(reached) = halt.reached.get_mut(usize::from(number))
             {
                 let (last, ..) = tape.last(done.max(1), words.overhead(), ring);
-                *reached -= u64::from(Moment::of(tick).since(last));
+                *reached -= u64::from(Tick32::of(tick).since(last));
             }
             // Before its first word the lines are as in that.
-            let last = ring[done.saturating_sub(1) as usize % RING];
+            let last = ring[done.saturating_sub(1) as usize % RING_WORDS];
             words.stop(&mut items, made, lines(last));
         }
-        while in_pulse != 0 && clock.moment().is_before(fall) {}
+        while in_pulse != 0 && clock.now32().is_before(fall) {}
         for (block, mask) in blocks(in_pulse) {
             pio::halt(block, mask);
         }
         halt
     }
 
-    /// Lets the pulses go on that state machines were halted in, each to its own end; gives whose, bit by motor. The gate is closed.
+    /// Lets state machines that were halted in a pulse go on to its end, and returns which, bit by motor. The gate is closed.
     ///
-    /// Nobody works out anything before: so long STEP stays active beyond its pulse.
+    /// To be called right after the halt: until then STEP stays active longer than its pulse.
     fn end_pulses(&self) -> u8 {
         let mut in_pulse = 0;
         for (number, motor) in (0..self.count).zip(&self.motors) {
-            let machine = Machine::of(number);
-            if matches!(motor.wired.lines, Lines::StepDir { .. }) && machine.is_in_pulse() {
+            let machine = StateMachine::of(number);
+            if matches!(motor.wiring.lines, Lines::StepDir { .. }) && machine.is_in_pulse() {
                 machine.end_with_pulse();
                 in_pulse |= 1 << number;
             }
@@ -586,12 +618,12 @@ impl Stepper {
         self.motors().map(|motor| motor.pulse_ticks).max().unwrap_or(0)
     }
 
-    /// Takes the current from coils; nothing runs.
+    /// Switches the current of all coils off, while nothing runs.
     pub(crate) fn release_coils(&mut self) {
         for (number, motor) in (0..self.count).zip(&mut self.motors) {
-            if let Lines::Coils { .. } = motor.wired.lines {
+            if let Lines::Coils { .. } = motor.wiring.lines {
                 motor.words.release();
-                Machine::of(number).set_lines(&motor.wired, motor.words.levels());
+                StateMachine::of(number).set_lines(&motor.wiring, motor.words.levels());
             }
         }
     }
@@ -612,8 +644,9 @@ impl Stepper {
         }
     }
 
-    /// Switches all motors, or none if a switch waits for an earlier tick or one is committed too far. From `at` on the plan holds as long as `lease` says.
-    pub(crate) fn switch(&mut self, epoch: Epoch, at: Moment, lease: Lease, limits: &[u8]) -> bool {
+    /// Switches all motors, or none if a switch waits for an earlier tick or one is committed too far. From `at` on the plan holds
+    /// as long as `lease` says.
+    pub(crate) fn switch(&mut self, epoch: Epoch, at: Tick32, lease: Lease, limits: &[u8]) -> bool {
         if self.motors().any(|motor| motor.words.channel().check_switch(at).is_err()) {
             return false;
         }
@@ -624,7 +657,7 @@ impl Stepper {
         true
     }
 
-    /// Has the plan hold as long as `lease` says; `false`, and nothing changes, if a motor refuses.
+    /// Extends the lease of all motors to `lease`. `false`, and nothing changes, if one refuses.
     pub(crate) fn extend(&mut self, lease: Lease, limits: &[u8]) -> bool {
         if !self.can_extend(lease) {
             return false;
@@ -635,13 +668,13 @@ impl Stepper {
         true
     }
 
-    /// Whether [`extend`](Stepper::extend) would be right now.
+    /// Whether [`extend`](Stepper::extend) would be accepted now.
     pub(crate) fn can_extend(&self, lease: Lease) -> bool {
         self.motors().all(|motor| motor.words.channel().check_extend(lease).is_ok())
     }
 
-    /// Takes back bytes from the end of each motor's queue, two bytes of `counts` each; the first motor that has not so many unread, and then
-    /// nothing changes.
+    /// Takes bytes back from the end of each motor's queue; `counts` has two bytes for each motor. Returns the first motor that has
+    /// fewer bytes unread: then nothing changes.
     pub(crate) fn take_back(&mut self, counts: &[u8]) -> Result<(), u8> {
         let counts = || counts.as_chunks().0.iter().map(|count| u16::from_le_bytes(*count));
         if let Some((number, _)) =
@@ -655,14 +688,14 @@ impl Stepper {
         Ok(())
     }
 
-    /// All motors brake from there, if they do not already.
+    /// Has all motors brake from the lapse's tick on, if they do not already.
     pub(crate) fn lapse_at(&mut self, lapse: Lapse) {
         for motor in self.motors_mut() {
             motor.words.channel_mut().lapse_at(lapse);
         }
     }
 
-    /// How long the plan holds, and since when it is over, if it is.
+    /// The lease, and its lapse if it is over.
     pub(crate) fn lease(&self) -> (Lease, Option<Lapse>) {
         let lease = self.motor(0).map_or(Lease::Off, |motor| motor.words.channel().lease());
         if lease == Lease::Off {
@@ -683,7 +716,7 @@ impl Stepper {
     }
 
     /// The first tick that no motor is committed to, not before `now`.
-    pub(crate) fn horizon(&self, now: Moment) -> Moment {
+    pub(crate) fn horizon(&self, now: Tick32) -> Tick32 {
         let horizons = self.motors().map(|motor| motor.words.channel().horizon());
         horizons.fold(now, |latest, horizon| if latest.is_before(horizon) { horizon } else { latest })
     }
@@ -699,9 +732,9 @@ impl Stepper {
     }
 
     /// Pulses that a motor has begun by now, forward less backward.
-    pub(crate) fn position(&self, number: u8, now: Moment) -> i32 {
+    pub(crate) fn position(&self, number: u8, now: Tick32) -> i32 {
         let index = usize::from(number);
-        let (Some(motor), Some(tape), Some(Ring(ring))) =
+        let (Some(motor), Some(tape), Some(WordRing(ring))) =
             (self.motor(number), self.memory.tapes.get(index), self.memory.rings.get(index))
         else {
             return 0;
@@ -710,12 +743,12 @@ impl Stepper {
     }
 
     /// Whether nothing is left to do on any motor: no step, no end of a pulse.
-    pub(crate) fn is_idle(&self, now: Moment) -> bool {
-        let follows = self.known.is_some() && self.memory.followed.iter().any(|items| !items.is_empty());
+    pub(crate) fn is_idle(&self, now: Tick32) -> bool {
+        let follows = self.known_until.is_some() && self.memory.local_items.iter().any(|items| !items.is_empty());
         !self.runs || (!follows && self.motors().all(|motor| motor.words.is_idle(&motor.packed, now)))
     }
 
-    /// What is wrong with a motor's queue: [`flags`] of the motor.
+    /// What is wrong with a motor's queue: see [`flags`].
     pub(crate) fn faults(&self, motor: u8) -> u8 {
         let Some(motor) = self.motor(motor) else { return 0 };
         let missed = if motor.words.channel().missed().is_some() { flags::STEP_MISSED } else { 0 };
@@ -729,12 +762,12 @@ impl Stepper {
             }
     }
 
-    /// Least that any motor had left when it was filled, ticks.
+    /// The least that any motor had left when it got words, ticks.
     pub(crate) const fn least_ahead(&self) -> u32 {
         self.least_ahead
     }
 
-    /// It is measured anew.
+    /// Begins to measure again.
     pub(crate) const fn reset_measures(&mut self) {
         self.least_ahead = u32::MAX;
     }
@@ -745,7 +778,7 @@ fn blocks(motors: u8) -> impl Iterator<Item = (u8, u32)> {
     (0..).zip([u32::from(motors & 0xf), u32::from(motors >> 4)]).filter(|(_, mask)| *mask != 0)
 }
 
-/// What a motor can be told directly: `pulse` is what a pulse and the hold of DIR take, `setup` DIR's set-up, ticks.
+/// What verbs may ask of a motor: `pulse` is the time of a pulse with the hold of DIR, `setup` the set-up of DIR, ticks.
 fn limits(words: &Words<FRACTION_BITS>, count: u8, setup: u32, pulse: u32) -> Limits {
     let (work, turn) =
         if words.makes_pulses() { (STEP_TICKS, pulse.max(words.overhead()) + setup) } else { (PATTERN_TICKS, 0) };
@@ -753,9 +786,9 @@ fn limits(words: &Words<FRACTION_BITS>, count: u8, setup: u32, pulse: u32) -> Li
     Limits { shortest, turn: turn.max(shortest), period: FIRST_PERIOD.max(shortest) }
 }
 
-/// What a step costs of the processor's time while motors are told directly, with room for all else, cycles: of a driver, and of coils.
+/// What a step of a verb takes of the processor's time, with room for everything else, cycles: for a driver, and for coils.
 const STEP_TICKS: u32 = 125;
 const PATTERN_TICKS: u32 = 1000;
 
-/// The period until another is said, ticks: 1000 steps/s, as fast as the motors of seed 002 turn.
+/// The period until a verb sets another, ticks: 1000 steps/s, as fast as the motors of the Pico plotter (002) turn.
 const FIRST_PERIOD: u32 = TICK_HZ / 1000;

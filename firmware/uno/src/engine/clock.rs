@@ -1,17 +1,16 @@
-//! The board's clock: Timer1 at 16 MHz, extended to 64 bits by looking at it often enough: at least once in 65 536 ticks
-//! (4.1 ms), or a wrap is missed.
+//! The board's clock: Timer1 at 16 MHz, extended to 64 bits. It must be read at least once in 65 536 ticks (4.1 ms), or a wrap is missed.
 
 use crate::engine::regs;
-use crate::engine::steps::task;
+use crate::engine::steps::refill;
 use core::arch::global_asm;
-use pulsetrain_core::Moment;
+use pulsetrain_core::Tick32;
 
 /// Ticks per second; one tick is one processor cycle.
 pub(crate) const TICK_HZ: u32 = 16_000_000;
 
-// clock_moment: gives the clock's lower half in r22 to r25, as C has it. When Timer1 shows less than last time it has wrapped.
-// Interrupts are off for 6 cycles: they use the byte that all its registers share (DS40002061B §16.3).
-// clock_moment_alone: the same for main, which keeps the task out of it.
+// clock_moment: gives the lower half of the clock in r22 to r25, as C does. When Timer1 shows less than last time, it has wrapped.
+// Interrupts are off for 6 cycles, since all registers of Timer1 share one byte for their high halves (DS40002061B §16.3).
+// clock_moment_alone: the same for main; it keeps the refill interrupt out.
 global_asm!(
     r#"
     .section .bss.clock, "aw", @nobits
@@ -65,38 +64,38 @@ unsafe extern "C" {
     static mut CLOCK: u64;
 }
 
-/// Starts Timer1 at tick 0: normal mode, undivided, pins free (DS40002061B §16.11.1-2).
+/// Starts Timer1 at tick 0: normal mode, no prescaler, output pins not connected (DS40002061B §16.11.1-2).
 pub(crate) fn start() {
     regs::TCCR1B.write(0);
     regs::TCCR1A.write(0);
     regs::TIMSK1.write(0);
-    regs::free(|| regs::TCNT1.write(0));
+    regs::critical(|| regs::TCNT1.write(0));
     regs::TCCR1B.write(1);
 }
 
 /// Ticks since start-up, modulo 2^32.
 #[inline(always)]
-pub(crate) fn moment() -> Moment {
-    Moment(clock_moment_alone())
+pub(crate) fn moment() -> Tick32 {
+    Tick32(clock_moment_alone())
 }
 
 /// Ticks since start-up.
 #[inline(never)]
 pub(crate) fn now() -> u64 {
-    let _out = task::keep_out();
+    let _out = refill::block();
     moment();
-    // SAFETY: only `clock_moment` writes it, which nobody calls meanwhile: the task is kept out.
+    // SAFETY: only `clock_moment` writes it, and the refill interrupt, which calls it too, is kept out.
     unsafe { CLOCK }
 }
 
-/// What Timer1 says at a moment.
+/// The count of Timer1 at a tick.
 #[inline(always)]
 pub(crate) const fn low_half(moment: u32) -> u16 {
     let [b0, b1, _, _] = moment.to_le_bytes();
     u16::from_le_bytes([b0, b1])
 }
 
-/// Timer1 as it stands.
+/// The count of Timer1 now.
 #[inline(always)]
 pub(crate) fn read() -> u16 {
     regs::timer1()

@@ -1,36 +1,35 @@
-//! The main loop of a board that has a host: frames and text, answers, and all that is looked after beside the steps.
+//! The main loop of a board that has a host: it reads frames and text, replies, and supervises the motors.
 
-use crate::Uses;
+use crate::ThisProgram;
 use crate::engine::link::{self, LONGEST_BODY, Receiver, Unread};
 use crate::engine::machine::Board;
-use crate::engine::memory::{self, Once, REPLY_LEN};
+use crate::engine::memory::{self, REPLY_LEN, Singleton};
 use crate::engine::program::Program;
-use crate::engine::steps::task;
+use crate::engine::steps::refill;
 use crate::engine::tuning::host::{BYTES_A_ROUND, POLLS};
 use crate::engine::{BOARD, clock, millis, regs, reset};
 use pulsetrain_core::wire::frame::Received;
 use pulsetrain_core::wire::{Millis, Service};
 
-/// A reply on its way to the line.
+/// A reply that is being sent.
 struct Reply {
     bytes: &'static mut [u8; REPLY_LEN],
-    /// Its next byte: of `bytes`, or of the winch's line.
+    /// Its next byte: in `bytes`, or in the winch's line.
     next: *const u8,
     len: u8,
     sent: u8,
 }
 
-static SERVICE: Once<Service> = Once::new(Service::UNSET);
+static SERVICE: Singleton<Service> = Singleton::new(Service::UNSET);
 
-/// Runs a program that has a host: all that main does.
+/// The whole program, if it has a host.
 ///
 /// # Safety
 /// To be called by main, which the start-up code calls once; nobody else takes `program`.
 #[inline(always)]
-pub(crate) unsafe fn main(program: &'static Once<Uses>) -> ! {
+pub(crate) unsafe fn main(program: &'static Singleton<ThisProgram>) -> ! {
     memory::paint_stack();
-    // SAFETY: the caller's promise. The references are taken here, not handed over by `begin`, so that the
-    // compiler knows the addresses.
+    // SAFETY: the caller's promise. The references are taken here and not returned by `begin`, so that the compiler knows the addresses.
     unsafe {
         begin();
         let service = SERVICE.take();
@@ -41,7 +40,7 @@ pub(crate) unsafe fn main(program: &'static Once<Uses>) -> ! {
     }
 }
 
-/// Makes all that there is one of. Apart from main: what it needs of the stack is free again afterwards.
+/// Initialises what there is one of. Not inlined into main, so that its stack is free again afterwards.
 ///
 /// # Safety
 /// To be called first, and once.
@@ -53,14 +52,20 @@ unsafe fn begin() {
     link::start();
 }
 
-/// The main loop. What it calls is not inlined: so the deepest call decides how much stack is needed, not their sum.
-fn run(board: &mut Board, service: &mut Service, program: &mut Uses, receiver: &mut Receiver, reply: &mut Reply) -> ! {
+/// The main loop. What it calls is not inlined, so that the deepest call decides how much stack is needed, not the sum of all.
+fn run(
+    board: &mut Board,
+    service: &mut Service,
+    program: &mut ThisProgram,
+    receiver: &mut Receiver,
+    reply: &mut Reply,
+) -> ! {
     let mut last = Millis(0);
-    // Something came that was not answered yet.
+    // A frame was read and is not answered yet.
     let mut due = false;
-    // So that text is on before the first byte can have come.
+    // Text must be on before the first byte can come.
     program.look(board, service, receiver, last);
-    // Idle mode: timer and line go on (§10.3).
+    // Idle mode: timers and line keep running (§10.3).
     regs::SMCR.write(1);
     regs::enable_interrupts();
     loop {
@@ -69,12 +74,11 @@ fn run(board: &mut Board, service: &mut Service, program: &mut Uses, receiver: &
         board.count_round(now);
         let now = millis(now);
         let next = now != last;
-        // Once in four is enough, and a motor may need the time; text is said as soon as there is some, at rest each time that Timer0 wakes main
-        // up: a millisecond that ended in the round before would be seen a sleep later. Not just when four divides it:
-        // rounds may be longer than one.
+        // The service is asked every fourth millisecond: that is enough, and motors may need the time. At rest it is asked each time that Timer0 wakes
+        // main up, so that text is sent at once. Compare all bits above the lowest two: a round may last longer than a millisecond.
         let looks = (now.0 ^ last.0) & !3 != 0;
-        // Frames and answers take the deepest calls of all; rings last for several of them.
-        task::keep_out_if_shared();
+        // Reading and answering frames takes the deepest calls of all. Rings last for several of them.
+        refill::block_if_shared();
         let heard = listen(board, service, program, receiver, now);
         due |= heard;
         if reply.sent < reply.len {
@@ -84,12 +88,12 @@ fn run(board: &mut Board, service: &mut Service, program: &mut Uses, receiver: &
         {
             speak(board, service, program, receiver, reply, now);
             due = false;
-            if Uses::PLANS {
-                // The host waits for it before it streams more. Elsewhere bytes that have come are taken first.
+            if ThisProgram::PLANS {
+                // The host waits for the reply before it streams more. Other programs take the bytes that have come first.
                 reply.go_on();
             }
         }
-        task::let_in();
+        refill::allow();
         if next {
             last = now;
             if looks {
@@ -103,15 +107,15 @@ fn run(board: &mut Board, service: &mut Service, program: &mut Uses, receiver: &
 }
 
 impl Reply {
-    /// Sends its next bytes, as long as the line takes one every few polls: at 1 Mbaud all of them. The host waits for it, and a
-    /// round of the main loop for each byte would keep it waiting.
+    /// Sends as many of its bytes as the line takes without much waiting: at 1 Mbaud all of them. One byte in each round of the main loop would keep the
+    /// host waiting.
     #[inline(always)]
     fn go_on(&mut self) {
         let mut polls = POLLS;
         while self.sent < self.len && polls != 0 {
             polls -= 1;
             if link::can_send() {
-                // SAFETY: so many bytes are there, which nobody writes until all are sent.
+                // SAFETY: `len` bytes are there, and nobody writes them until all are sent.
                 link::send(unsafe { self.next.read() });
                 self.next = self.next.wrapping_add(1);
                 self.sent += 1;
@@ -121,15 +125,21 @@ impl Reply {
     }
 }
 
-/// Takes bytes from the line, lines or up to the end of a frame; whether it came to one.
+/// Reads lines, or bytes up to the end of a frame. `true` if a frame has ended.
 #[inline(always)]
-fn listen(board: &mut Board, service: &mut Service, program: &mut Uses, receiver: &mut Receiver, now: Millis) -> bool {
+fn listen(
+    board: &mut Board,
+    service: &mut Service,
+    program: &mut ThisProgram,
+    receiver: &mut Receiver,
+    now: Millis,
+) -> bool {
     let count = if program.is_on() && !service.is_taken() {
         program.listen(board, receiver)
     } else {
         unread(board, receiver).bytes
     };
-    // Before frames are read: the line before a Hello may have been the one that switches the drivers on.
+    // Before frames are read, since the line before a Hello may have switched the drivers on.
     service.hold(program.drives());
     if count == 0 {
         return false;
@@ -142,7 +152,7 @@ fn listen(board: &mut Board, service: &mut Service, program: &mut Uses, receiver
     true
 }
 
-/// What has come, noted.
+/// How many bytes wait; noted in the measures.
 #[inline(never)]
 pub(crate) fn unread(board: &mut Board, receiver: &mut Receiver) -> Unread {
     let unread = receiver.unread();
@@ -150,24 +160,24 @@ pub(crate) fn unread(board: &mut Board, receiver: &mut Receiver) -> Unread {
     unread
 }
 
-/// Does what a frame asks.
+/// Does what a frame asks for.
 #[inline(never)]
 fn hear(board: &mut Board, service: &mut Service, received: Received, body: &[u8], now: Millis) {
     service.receive(received, body, now, board);
 }
 
-/// Asks the service for a reply, then the program.
+/// Asks the service for a reply, and then the program.
 #[inline(never)]
 fn speak(
     board: &mut Board,
     service: &mut Service,
-    program: &mut Uses,
+    program: &mut ThisProgram,
     receiver: &Receiver,
     reply: &mut Reply,
     now: Millis,
 ) {
     reply.sent = 0;
-    // As long as there is text alone, the service has nothing to say.
+    // While only text is read, the service has nothing to say.
     reply.len = if program.has_line() { 0 } else { service.poll(now, board, reply.bytes) as u8 };
     reply.next = reply.bytes.as_ptr();
     if reply.len == 0 {

@@ -1,19 +1,18 @@
 //! The serial line: USART0 at 8 bits, no parity, one stop bit.
 //!
 //! # What is here
-//! - this file: the interrupt that takes bytes from the host, rates, bytes to the host
+//! - this file: the receive interrupt (USART_RX), baud rates, bytes to the host
 //! - [`receive`]: from bytes to frames
 //!
-//! Bytes from the host are taken into half a page of 256 bytes, so that the low byte of an address is all there is to a ring;
-//! EEARL, which is of no other use here, holds that of the place for the next byte. The interrupt lets the step interrupts in
-//! after 14 cycles: its own enable bit is off meanwhile, so that it cannot nest in itself. Bytes to the host are handed over
-//! by the main loop when the USART is free.
+//! The receive interrupt puts bytes into a circular buffer of 128 bytes, half of a page of RAM: so the low byte of an address is enough to point into it.
+//! EEARL, which is free while no settings are stored, holds the head. After 14 cycles the interrupt lets the step interrupts in. It cannot nest in
+//! itself, because its own enable bit is off meanwhile. The main loop sends bytes to the host when the USART is free.
 //!
-//! It lets nobody in, and takes 30 cycles instead of 43, while nothing but plain steps is in the ring of one fast motor,
-//! or in the rings of two that the compare hardware steps: the task says so ([`AT_ONCE`](crate::engine::steps::register::AT_ONCE)).
+//! While [`RX_NO_NESTING`](crate::engine::steps::register::RX_NO_NESTING) is set, the interrupt lets nobody in and takes 30 cycles instead of 43. The
+//! refill sets it where steps have the time to wait: with one fast motor, or two that the compare hardware steps, and only plain steps in their rings.
 //!
-//! Bytes are lost when the USART has two and a third on its way (DS40002061B §20.7.3), or when the main loop is half a page
-//! behind. Both are counted; the frame fails its CRC.
+//! A byte is lost when two and a third wait in the USART (DS40002061B §20.7.3), or when the main loop is 128 bytes behind. Both are counted, and the
+//! frame fails its CRC.
 
 mod receive;
 
@@ -27,30 +26,30 @@ use pulsetrain_core::wire::Baud;
 /// Bytes that may wait to be read.
 pub(crate) const WINDOW: u16 = PAGE as u16 - 1;
 
-/// Bytes that the receive page has.
+/// Bytes of the receive page.
 pub(crate) const PAGE: u8 = 128;
 
 /// UCSR0B (§20.11.3): receiver and transmitter on; bit 7 is the receive interrupt.
 pub(crate) const ON: u8 = 0x18;
 pub(crate) const ON_WITH_INTERRUPT: u8 = ON | 0x80;
 
-/// The receive interrupt lets others in, until the task says otherwise: what is to be played now needs them in time.
+/// The receive interrupt nests again, until the refill says otherwise: other events than plain steps must be played in time.
 #[inline(always)]
-pub(crate) fn let_others_in() {
-    // SAFETY: a bit that nobody else writes meanwhile: the task is out, or this is the task.
+pub(crate) fn nest_again() {
+    // SAFETY: nobody else writes the bit meanwhile: the refill is kept out, or this is the refill.
     unsafe {
-        core::arch::asm!("cbi {}, {}", const register::EECR, const register::AT_ONCE);
+        core::arch::asm!("cbi {}, {}", const register::EECR, const register::RX_NO_NESTING);
     }
 }
 
-/// The transmitter alone.
+/// UCSR0B: the transmitter alone.
 const CLOSED: u8 = 0x08;
 
-/// USART_RX, put where the vector is (vectors.rs), which saves the jump. No flag is touched before the registers are back.
+/// The interrupt USART_RX. It lies at its vector (vectors.rs), which saves a jump. Up to the first `pop` no instruction changes a flag.
 macro_rules! receive_interrupt {
     () => {
         r#"
-    .macro count_lost                   // keeps flags and registers
+    .macro receive_count_lost           // keeps flags and registers
     in r24, {SREG}
     push r24
     lds r24, receive_lost
@@ -60,7 +59,7 @@ macro_rules! receive_interrupt {
     out {SREG}, r24
     .endm
     // 4 response                       //                              4
-    sbic {EECR}, {AT_ONCE}              // 2 (skips): one more than here in all
+    sbic {EECR}, {RX_NO_NESTING}        // 2 (skips): one more than here in all
     rjmp 5f
     push r24                            // 2                             6
     ldi r24, {ON}                       // 1                             7
@@ -87,7 +86,7 @@ macro_rules! receive_interrupt {
     reti                                // 4                            42, 9 of them closed
 
     // A byte was lost before this one.
-3:  count_lost
+3:  receive_count_lost
     rjmp 1b
 
     // The end of the page: another lap.
@@ -101,7 +100,7 @@ macro_rules! receive_interrupt {
     ldi r30, 0
     rjmp 2b
 
-    // Nobody is let in, and registers are kept where the step interrupts keep them.            sbic 1 + rjmp 2: 7
+    // Without nesting: registers are saved where the step interrupts save them.                sbic 1 + rjmp 2: 7
 5:  out {SAVE24}, r24                   // 1                             8
     out {SAVE30}, r30                   // 1                             9
     out {SAVE31}, r31                   // 1                            10
@@ -119,7 +118,7 @@ macro_rules! receive_interrupt {
     in r30, {SAVE30}                    // 1                            25
     in r31, {SAVE31}                    // 1                            26
     reti                                // 4                            30
-8:  count_lost
+8:  receive_count_lost
     rjmp 6b
 9:  lds r24, receive_lap                // 11 more: no flag is touched
     ldi r30, {PAGE}
@@ -151,27 +150,27 @@ pub(crate) fn start() {
     set_baud(Baud::B115200);
 }
 
-/// In place of [`start`] where nobody is heard: the line's pins, which the bootloader had, are free. The receive interrupt is enabled, as the
-/// task wants it to be, and never comes.
+/// In place of [`start`] in a program without a line: frees the pins, which the bootloader used. The receive interrupt is enabled, as the refill
+/// expects it, but never comes.
 pub(crate) fn leave() {
     regs::UCSR0B.write(0x80);
 }
 
-/// Changes the rate; the last byte must be out. What came in before is to be dropped: [`Receiver::reset`].
+/// Changes the baud rate. The last byte must be out. Drop what came in before: [`Receiver::reset`].
 #[inline(never)]
 pub(crate) fn set_baud(baud: Baud) {
-    // Double speed (U2X) throughout: 16 MHz / 8 / (n + 1), exact but for 115 200, which becomes 117 647 (+2.1 %).
+    // Double speed (U2X) always: 16 MHz / 8 / (n + 1). That is exact but for 115 200, which becomes 117 647 (+2.1 %).
     regs::UCSR0A.set(0x02);
-    regs::free(|| regs::UBRR0.write(u16::from(divisor(baud) - 1)));
+    regs::critical(|| regs::UBRR0.write(u16::from(divisor(baud) - 1)));
     open();
 }
 
-/// Nothing is taken off the line, until [`open`]; what came is dropped (§20.8.6).
+/// Closes the receiver until [`open`]. What came is dropped (§20.8.6).
 pub(crate) fn close() {
     regs::UCSR0B.write(CLOSED);
 }
 
-/// Bytes are taken again.
+/// Opens the receiver.
 pub(crate) fn open() {
     regs::UCSR0B.write(ON_WITH_INTERRUPT);
 }
@@ -182,13 +181,13 @@ pub(crate) fn can_send() -> bool {
     regs::UCSR0A.read() & 0x20 != 0
 }
 
-/// Hands over a byte; see [`can_send`].
+/// Sends a byte; see [`can_send`].
 #[inline(always)]
 pub(crate) fn send(byte: u8) {
     regs::UDR0.write(byte);
 }
 
-/// 2 000 000 / `divisor` baud.
+/// The rate is 2 000 000 baud / `divisor`.
 const fn divisor(baud: Baud) -> u8 {
     match baud {
         Baud::B115200 => 17,

@@ -1,6 +1,6 @@
-//! What the [`Service`](pulsetrain_core::wire::Service) asks of a board, done on this one.
+//! The board's side of the wire protocol: what its [`Service`](pulsetrain_core::wire::Service) asks for.
 
-use crate::Uses;
+use crate::ThisProgram;
 use crate::engine::clock::low_half;
 use crate::engine::clock::{self, TICK_HZ};
 use crate::engine::link::{self, WINDOW};
@@ -8,48 +8,48 @@ use crate::engine::link::{Receiver, Unread};
 use crate::engine::memory;
 use crate::engine::program::Program;
 use crate::engine::regs;
-use crate::engine::steps::brake::{Lease, lease};
+use crate::engine::steps::brake::{CurrentLease, lease};
 use crate::engine::steps::motor;
-use crate::engine::steps::orders::answer;
 use crate::engine::steps::pins::{Layout, MAX_MOTORS, Pin};
-use crate::engine::steps::stepper::{self, LONGEST, Trouble};
-use crate::engine::steps::task;
+use crate::engine::steps::plan_frames::answer;
+use crate::engine::steps::refill;
+use crate::engine::steps::stepper::{self, LONGEST, RingFault};
 use crate::engine::store;
-use pulsetrain_core::lease::Lease as CoreLease;
+use pulsetrain_core::lease::Lease;
 use pulsetrain_core::wire::frame::Tag;
 use pulsetrain_core::wire::machine::NO_LEASE;
 use pulsetrain_core::wire::message::{ALL_MOTORS, Cause, Configuration, Event, Info, Measures, flags, kind};
 use pulsetrain_core::wire::orders::Orders;
 use pulsetrain_core::wire::settings::SETTINGS_LEN;
 use pulsetrain_core::wire::{Baud, Encoder, Machine, Millis, Reason, Refusal, Stopped, Switched};
-use pulsetrain_core::{Epoch, Moment};
+use pulsetrain_core::{Epoch, Tick32};
 
-/// A switch must be less than this ahead, ticks: moments are told apart within 2^31, and pulse and set-up reach beyond.
-const SWITCH_AHEAD: u64 = 1 << 30;
+/// A switch must be less than this ahead, ticks. Ticks are compared within 2^31, and pulse and set-up reach beyond a switch.
+const MAX_SWITCH_AHEAD: u64 = 1 << 30;
 
-/// Bits of [`Board::told`], by number.
-mod told {
+/// Bits of [`Board::reported`], by number.
+mod reported {
     /// The host asked motors to brake.
-    pub(super) const ORDERED: u8 = 6;
-    /// That the lease is over was told.
-    pub(super) const LAPSE: u8 = 7;
+    pub(super) const BRAKE_ASKED: u8 = 6;
+    /// The end of the lease was reported.
+    pub(super) const LEASE_END: u8 = 7;
 }
 
-/// Everything but the service that speaks for it.
+/// All of the board but the service.
 pub(crate) struct Board {
     power: Power,
     armed: bool,
     pull_in: [u32; MAX_MOTORS],
-    /// To be set when the line is quiet; whether the last byte is on its way.
+    /// A baud rate to be set when the last reply is out, and whether its last byte has left the data register.
     pub(crate) baud: Option<(Baud, bool)>,
-    /// What the host has not been told yet: the oldest two, [`Cause::None`] for none; what does not fit is dropped.
-    news: [News; 2],
-    /// Faults that were told, bit by motor; and bits of [`told`].
-    told: u8,
-    /// Something was to be done when that was looked at last.
+    /// Events for the host: the oldest two, [`Cause::None`] for none. What does not fit is dropped.
+    events: [PendingEvent; 2],
+    /// Faults that were reported, bit by motor; and bits of [`reported`].
+    reported: u8,
+    /// A motor had something to do when that was asked last.
     was_busy: bool,
-    /// When the round being made began, or the last rest ended, modulo 2^16.
-    woken: u16,
+    /// When this round of the main loop began, or the last sleep ended, modulo 2^16.
+    round_start: u16,
     last_stop: Cause,
     last_reset: Cause,
     pub(crate) measures: Measures,
@@ -60,10 +60,10 @@ struct Power {
     pin: Pin,
     /// Enable is active high.
     high: bool,
-    /// Rest after which the drivers are released.
+    /// The drivers are released after so long a rest.
     idle_ms: Option<u16>,
     on: bool,
-    /// When something was last to be done.
+    /// When a motor last had something to do.
     busy: Millis,
 }
 
@@ -75,8 +75,8 @@ impl Power {
         self.pin.set(on == self.high);
     }
 
-    /// Holds while there is something to do, and `idle_ms` longer.
-    fn look(&mut self, now: Millis, idle: bool) {
+    /// Powers the drivers while there is something to do, and `idle_ms` longer.
+    fn update(&mut self, now: Millis, idle: bool) {
         if !idle {
             self.busy = now;
             if !self.on {
@@ -91,32 +91,32 @@ impl Power {
     }
 }
 
-/// What the host is to be told.
+/// An event for the host.
 #[derive(Clone, Copy)]
-struct News {
+struct PendingEvent {
     cause: Cause,
     motor: u8,
-    /// When; it must be told within 2^31 ticks (two minutes).
-    at: Moment,
+    /// When. It must be reported within 2^31 ticks (two minutes).
+    at: Tick32,
     detail: u32,
 }
 
-impl News {
-    const NONE: News = News { cause: Cause::None, motor: 0, at: Moment(0), detail: 0 };
+impl PendingEvent {
+    const NONE: PendingEvent = PendingEvent { cause: Cause::None, motor: 0, at: Tick32(0), detail: 0 };
 }
 
 impl Board {
-    /// A board that knows no pins, not started: zeros, which take no flash. [`Board::begin`] comes before its use.
+    /// A board without pins, not started: zeros, which take no flash. Call [`Board::begin`] before its use.
     pub(crate) const fn new() -> Board {
         Board {
             power: Power { pin: Pin::UNSET, ..Power::OFF },
             armed: false,
             pull_in: [0; MAX_MOTORS],
             baud: Some((Baud::B115200, false)),
-            news: [News::NONE; 2],
-            told: 0,
+            events: [PendingEvent::NONE; 2],
+            reported: 0,
             was_busy: false,
-            woken: 0,
+            round_start: 0,
             last_stop: Cause::None,
             last_reset: Cause::None,
             measures: Board::NO_MEASURES,
@@ -129,9 +129,9 @@ impl Board {
         self.baud = None;
         self.last_reset = last_reset;
         // SAFETY: main calls this once.
-        unsafe { task::lock().begin() };
+        unsafe { refill::lock().begin() };
         clock::start();
-        task::start();
+        refill::start();
     }
 
     const NO_MEASURES: Measures = Measures {
@@ -148,9 +148,9 @@ impl Board {
         idle_ticks: 0,
     };
 
-    /// Lets some time pass: while motors move without a sleep, from which interrupts wake up later.
+    /// Lets some time pass. While motors move it does not sleep, since interrupts wake up from a sleep later.
     pub(crate) fn wait(&self) {
-        // Nobody writes it here.
+        // There is no line: nobody writes the head.
         let head = regs::EEARL.read();
         if self.was_busy {
             regs::watch_while_head_is(head);
@@ -159,40 +159,40 @@ impl Board {
         }
     }
 
-    /// Waits until an interrupt comes, unless bytes wait already.
+    /// Waits for an interrupt, unless bytes wait already.
     #[inline(always)]
     pub(crate) fn rest(&mut self, receiver: &Receiver) {
         let idle = if self.was_busy {
             receiver.watch()
         } else {
             let before = low_half(clock::moment().0);
-            // Not for 2^16 ticks: Timer0 interrupts it.
+            // Less than 2^16 ticks: Timer0 interrupts it.
             receiver.sleep();
             low_half(clock::moment().0).wrapping_sub(before)
         };
         memory::add(&mut self.measures.idle_ticks, idle);
-        self.woken = low_half(clock::moment().0);
+        self.round_start = low_half(clock::moment().0);
     }
 
-    /// Whether a motor moved when it was looked for last.
+    /// Whether a motor moved when that was asked last.
     #[inline(always)]
     pub(crate) const fn was_busy(&self) -> bool {
         self.was_busy
     }
 
-    /// Counts a round of the main loop that begins now.
+    /// Counts a round of the main loop, which begins now.
     #[inline(always)]
-    pub(crate) fn count_round(&mut self, now: Moment) {
+    pub(crate) fn count_round(&mut self, now: Tick32) {
         let now = low_half(now.0);
-        let round = now.wrapping_sub(self.woken);
+        let round = now.wrapping_sub(self.round_start);
         if round > self.measures.longest_round_ticks {
             self.measures.longest_round_ticks = round;
         }
-        self.woken = now;
+        self.round_start = now;
         memory::add(&mut self.measures.rounds, 1);
     }
 
-    /// Notes how many bytes wait to be read, and what was lost of them.
+    /// Notes how many bytes wait to be read, and how many were lost.
     #[inline(always)]
     pub(crate) fn note(&mut self, unread: &Unread) {
         let bytes = u16::from(unread.bytes);
@@ -207,14 +207,14 @@ impl Board {
     #[inline(never)]
     fn overrun(&mut self, lost: u8) {
         self.measures.lost_bytes = self.measures.lost_bytes.saturating_add(u16::from(lost));
-        self.tell(Cause::Overrun, ALL_MOTORS, u32::from(lost));
+        self.report(Cause::Overrun, ALL_MOTORS, u32::from(lost));
     }
 
-    /// What can wait a millisecond. The line's rate is changed here, when the last answer is out.
+    /// What can wait a millisecond. A new baud rate is set here, when the last reply is out.
     #[inline(never)]
     pub(crate) fn housekeeping(&mut self, now: Millis, receiver: &mut Receiver) {
         match self.baud {
-            // The last byte has gone from the data register into the shift register by now; out it is a round later.
+            // The last byte has gone from the data register into the shift register by now. A round later it is out.
             Some((baud, false)) if link::can_send() => self.baud = Some((baud, true)),
             Some((baud, true)) => {
                 self.baud = None;
@@ -223,47 +223,47 @@ impl Board {
             }
             _ => {}
         }
-        self.look_after(now, true);
+        self.supervise(now, true);
     }
 
-    /// Looks after motors and drivers, each millisecond or so. `over`: nothing waits elsewhere that they are to do.
+    /// Supervises motors and drivers, every millisecond or so. `over`: no steps wait elsewhere.
     #[inline(always)]
-    pub(crate) fn look_after(&mut self, now: Millis, over: bool) {
-        task::call();
-        let mut stepper = task::lock();
+    pub(crate) fn supervise(&mut self, now: Millis, over: bool) {
+        refill::run_now();
+        let mut stepper = refill::lock();
         let moment = clock::moment();
         if self.armed {
             stepper.watch(moment);
             drop(stepper);
-            self.look_for_faults();
-            self.look_at_motors();
+            self.report_ring_faults();
+            self.report_motor_faults();
         } else {
             stepper.rest(moment);
         }
-        // Motors that were stopped are released after a while, too.
+        // Drivers of motors that were stopped are released after a while, too.
         let idle = over && self.rests();
-        self.power.look(now, idle);
+        self.power.update(now, idle);
         if idle && self.was_busy {
-            self.tell(Cause::Finished, ALL_MOTORS, 0);
+            self.report(Cause::Finished, ALL_MOTORS, 0);
         }
         self.was_busy = !idle;
     }
 
-    /// Tells each motor's faults, once.
+    /// Reports what went wrong in the rings.
     #[inline(never)]
-    fn look_for_faults(&mut self) {
-        let trouble = task::lock().trouble();
-        if let Some(trouble) = trouble {
-            match trouble {
-                Trouble::Late { ticks } => {
+    fn report_ring_faults(&mut self) {
+        let fault = refill::lock().take_fault();
+        if let Some(fault) = fault {
+            match fault {
+                RingFault::Late { ticks } => {
                     self.measures.late = self.measures.late.saturating_add(1);
                     self.measures.latest_ticks = self.measures.latest_ticks.max(ticks);
-                    // Two are remembered until they are told: one is left for why it stops.
-                    if self.news[0].cause == Cause::None {
-                        self.tell(Cause::EdgeLate, ALL_MOTORS, u32::from(ticks));
+                    // Two events are kept until they are reported: leave one for the cause of a stop.
+                    if self.events[0].cause == Cause::None {
+                        self.report(Cause::EdgeLate, ALL_MOTORS, u32::from(ticks));
                     }
                 }
-                Trouble::Starved => {
+                RingFault::Underrun => {
                     self.measures.starved = self.measures.starved.saturating_add(1);
                     self.stop(Cause::Starved, ALL_MOTORS, 0);
                 }
@@ -271,46 +271,46 @@ impl Board {
         }
     }
 
-    /// Tells what a motor's own queue asked for and could not be.
+    /// Reports what went wrong in a motor's queue, and the end of the lease.
     #[inline(never)]
-    fn look_at_motors(&mut self) {
-        let lease = if Uses::LEASES { task::lock().lease() } else { Lease::OFF };
+    fn report_motor_faults(&mut self) {
+        let lease = if ThisProgram::LEASES { refill::lock().lease() } else { CurrentLease::OFF };
         for motor in 0..self.motors() {
-            let fault = task::lock().motor_mut(motor).and_then(|motor| motor.fault());
+            let fault = refill::lock().motor_mut(motor).and_then(|motor| motor.fault());
             let Some(fault) = fault else { continue };
-            let cause = match fault.reason {
-                motor::Reason::Missed => Cause::StepMissed,
-                motor::Reason::Mismatch => Cause::CheckFailed,
-                motor::Reason::Bad => Cause::BadItem,
-                motor::Reason::Dry => Cause::RanDry,
+            let cause = match fault.kind {
+                motor::FaultKind::Missed => Cause::StepMissed,
+                motor::FaultKind::Mismatch => Cause::CheckFailed,
+                motor::FaultKind::Bad => Cause::BadItem,
+                motor::FaultKind::Underrun => Cause::RanDry,
             };
-            if self.told & 1 << motor == 0 {
-                self.told |= 1 << motor;
+            if self.reported & 1 << motor == 0 {
+                self.reported |= 1 << motor;
                 if lease.state == lease::OFF {
-                    self.tell(cause, motor, fault.tick.0);
+                    self.report(cause, motor, fault.tick.0);
                 } else {
-                    self.told |= 1 << told::LAPSE;
-                    self.tell_at(lease.at, cause, motor, 0);
+                    self.reported |= 1 << reported::LEASE_END;
+                    self.report_at(lease.at, cause, motor, 0);
                 }
             }
         }
-        if !Uses::LEASES || lease.state != lease::LAPSED {
-            // What is told now is another lease's.
-            if Uses::LEASES && lease.state != lease::OFF {
-                self.told = 0;
+        if !ThisProgram::LEASES || lease.state != lease::LAPSED {
+            // Another lease has begun: what happens from now on is reported.
+            if ThisProgram::LEASES && lease.state != lease::OFF {
+                self.reported = 0;
             }
-        } else if lease.moved != 0 && self.told & 1 << told::LAPSE == 0 {
-            let cause = if self.told & 1 << told::ORDERED != 0 { Cause::Braked } else { Cause::Lapsed };
-            self.told |= 1 << told::LAPSE;
-            self.tell_at(lease.at, cause, ALL_MOTORS, 0);
+        } else if lease.moved != 0 && self.reported & 1 << reported::LEASE_END == 0 {
+            let cause = if self.reported & 1 << reported::BRAKE_ASKED != 0 { Cause::Braked } else { Cause::Lapsed };
+            self.reported |= 1 << reported::LEASE_END;
+            self.report_at(lease.at, cause, ALL_MOTORS, 0);
         }
     }
 
-    /// The immediate stop. Bit by motor: it was faster than it can stop at once.
+    /// The immediate stop. Gives, bit by motor, whether it was faster than it can stop at once.
     #[inline(never)]
     fn stop(&mut self, cause: Cause, motor: u8, detail: u32) -> Stopped {
-        let uncertain = task::lock().stop(&self.pull_in);
-        Uses::stop(cause == Cause::Starved);
+        let uncertain = refill::lock().stop(&self.pull_in);
+        ThisProgram::stop(cause == Cause::Starved);
         self.was_busy = false;
         if self.armed {
             self.armed = false;
@@ -318,15 +318,15 @@ impl Board {
                 self.last_stop = cause;
             }
             if cause != Cause::StopNow {
-                self.tell(cause, motor, detail);
+                self.report(cause, motor, detail);
             }
         }
-        Stopped { tick: extended(task::lock().halted()), uncertain }
+        Stopped { tick: extended(refill::lock().halted()), uncertain }
     }
 
-    /// Takes on a configuration that is possible.
+    /// Applies a configuration that was checked.
     #[inline(never)]
-    fn set_up(&mut self, layout: &Layout, configuration: &Configuration<'_>) {
+    fn apply(&mut self, layout: &Layout, configuration: &Configuration<'_>) {
         self.power.pin.float();
         let high = configuration.enable_high;
         layout.enable.drive(!high);
@@ -334,29 +334,29 @@ impl Board {
         for (place, motor) in self.pull_in.iter_mut().zip(configuration.motors()) {
             *place = motor.pull_in_ticks;
         }
-        task::lock().configure(layout, configuration, clock::moment());
+        refill::lock().configure(layout, configuration, clock::moment());
     }
 
     #[inline(never)]
-    fn tell(&mut self, cause: Cause, motor: u8, detail: u32) {
-        self.tell_at(clock::moment(), cause, motor, detail);
+    fn report(&mut self, cause: Cause, motor: u8, detail: u32) {
+        self.report_at(clock::moment(), cause, motor, detail);
     }
 
     #[inline(never)]
-    fn tell_at(&mut self, at: Moment, cause: Cause, motor: u8, detail: u32) {
-        // That a host was lost is the better reason for the same end.
+    fn report_at(&mut self, at: Tick32, cause: Cause, motor: u8, detail: u32) {
+        // If the host was lost before, that stays the cause.
         if cause == Cause::Finished && self.last_stop != Cause::HostLost {
             self.last_stop = cause;
         }
-        if let Some(place) = self.news.iter_mut().find(|news| news.cause == Cause::None) {
-            *place = News { cause, motor, at, detail };
+        if let Some(place) = self.events.iter_mut().find(|event| event.cause == Cause::None) {
+            *place = PendingEvent { cause, motor, at, detail };
         }
     }
 
     #[inline(never)]
     fn is_idle(&self) -> bool {
-        // Verbs first: they note what is past.
-        Uses::rest() && task::lock().is_idle()
+        // The program first: it notes which moves are done.
+        ThisProgram::rest() && refill::lock().is_idle()
     }
 
     /// Whether the motors are powered, or were before they stopped by themselves.
@@ -372,25 +372,25 @@ impl Board {
     }
 }
 
-/// A moment within 2^31 ticks of now, in 64 bits.
+/// A tick within 2^31 ticks of now, in 64 bits.
 #[inline(never)]
-pub(crate) fn extended(moment: Moment) -> u64 {
+pub(crate) fn extended(moment: Tick32) -> u64 {
     let now = clock::now();
-    let ahead = moment.since(Moment::of(now)).cast_signed();
+    let ahead = moment.since(Tick32::of(now)).cast_signed();
     now.wrapping_add_signed(i64::from(ahead))
 }
 
-/// A moment of the past in 64 bits, if it was less than 2^32 ticks ago.
-// Its stack is not its caller's.
+/// A tick of the past in 64 bits, if it was less than 2^32 ticks ago.
+// Not inlined, so that its stack is not added to its caller's.
 #[inline(never)]
-fn past(moment: Moment) -> u64 {
+fn past(moment: Tick32) -> u64 {
     let now = clock::now();
-    now - u64::from(Moment::of(now).since(moment))
+    now - u64::from(Tick32::of(now).since(moment))
 }
 
 impl Machine for Board {
-    const PLANS: bool = Uses::PLANS;
-    const OBEYS: bool = Uses::OBEYS;
+    const PLANS: bool = ThisProgram::PLANS;
+    const OBEYS: bool = ThisProgram::OBEYS;
     const STORES: bool = true;
 
     fn store(&mut self, settings: Option<&[u8; SETTINGS_LEN]>) -> Result<(), Refusal> {
@@ -413,13 +413,13 @@ impl Machine for Board {
             nonce: 0,
             tag: Tag::NONE,
             board: 1,
-            firmware: [0, 1, 0],
+            firmware: [0, 2, 0],
             tick_hz: TICK_HZ,
             fraction_bits: 16,
             max_motors: MAX_MOTORS as u8,
-            pool: if Uses::PLANS { memory::POOL as u16 } else { 0 },
+            pool: if ThisProgram::PLANS { memory::POOL as u16 } else { 0 },
             max_body: 0,
-            image: Uses::IMAGE,
+            image: ThisProgram::IMAGE,
             window: WINDOW,
             bauds: 0b1_1111,
             last_stop: self.last_stop,
@@ -437,13 +437,13 @@ impl Machine for Board {
             return Err(Refusal { reason: Reason::Timing, detail: LONGEST });
         }
         let mut layout = Layout::of(configuration)?;
-        if layout.is_shared() && !Uses::SHARED {
+        if layout.is_shared() && !ThisProgram::SHARED {
             return Err(Refusal::of(Reason::SharedDir));
         }
         layout.part(configuration.motors().len() as u8, pulse_ticks);
         self.stop(Cause::None, ALL_MOTORS, 0);
-        self.set_up(&layout, configuration);
-        Uses::set_up(configuration);
+        self.apply(&layout, configuration);
+        ThisProgram::set_up(configuration);
         Ok(())
     }
 
@@ -456,8 +456,8 @@ impl Machine for Board {
             self.power.set(true);
             self.armed = true;
             self.last_stop = Cause::None;
-            self.told = 0;
-            task::lock().start(clock::moment());
+            self.reported = 0;
+            refill::lock().start(clock::moment());
         }
         Ok(())
     }
@@ -468,17 +468,17 @@ impl Machine for Board {
             return Err(Refusal::of(Reason::Moving));
         }
         self.stop(Cause::None, ALL_MOTORS, 0);
-        self.news = [News::NONE; 2];
+        self.events = [PendingEvent::NONE; 2];
         self.power.set(false);
         Ok(())
     }
 
     fn motors(&self) -> u8 {
-        task::lock().count()
+        refill::lock().count()
     }
 
     fn free(&self, motor: u8) -> u16 {
-        task::lock().motor(motor).map_or(0, |motor| motor.room())
+        refill::lock().motor(motor).map_or(0, |motor| motor.room())
     }
 
     #[inline(never)]
@@ -486,50 +486,50 @@ impl Machine for Board {
         if !self.armed {
             return Err(Refusal::of(Reason::NotArmed));
         }
-        if Uses::is_obeying() {
+        if ThisProgram::is_obeying() {
             return Err(Refusal::of(Reason::Obeying));
         }
         let detail = u16::from(motor);
         let full = Refusal { reason: Reason::Full, detail };
         let len = packed.len() as u16;
-        let mut stepper = task::lock();
+        let mut stepper = refill::lock();
         let Some(axis) = stepper.motor_mut(motor) else {
             return Err(Refusal { reason: Reason::NoSuchMotor, detail });
         };
-        if Uses::LEASES && axis.drops(epoch) {
+        if ThisProgram::LEASES && axis.drops(epoch) {
             return Ok(());
         }
         let room = axis.push(epoch, len).ok_or(full)?;
         drop(stepper);
-        // The task may go on meanwhile: it takes from the other end.
+        // The refill may run meanwhile: it takes bytes from the other end.
         room.write(packed);
-        if let Some(axis) = task::lock().motor_mut(motor) {
+        if let Some(axis) = refill::lock().motor_mut(motor) {
             axis.pushed(epoch, len);
         }
         Ok(())
     }
 
     fn discard(&mut self, epoch: Epoch) {
-        task::lock().discard(epoch);
+        refill::lock().discard(epoch);
     }
 
-    // For the motion that lies in the flash: it has no lease, and no frame begins one.
+    // For the motion in the flash: it has no lease, and no frame begins one.
     #[inline(never)]
-    fn switch(&mut self, epoch: Epoch, tick: u64, _: CoreLease, _: &[u8]) -> Result<Switched, Refusal> {
+    fn switch(&mut self, epoch: Epoch, tick: u64, _: Lease, _: &[u8]) -> Result<Switched, Refusal> {
         if !self.armed {
             return Err(Refusal::of(Reason::NotArmed));
         }
-        if Uses::is_obeying() {
+        if ThisProgram::is_obeying() {
             return Err(Refusal::of(Reason::Obeying));
         }
-        let mut stepper = task::lock();
-        let limit = clock::now() + SWITCH_AHEAD;
+        let mut stepper = refill::lock();
+        let limit = clock::now() + MAX_SWITCH_AHEAD;
         let horizon = extended(stepper.horizon());
         let switched = if tick < horizon {
             Switched::Late { horizon }
         } else if tick >= limit {
             Switched::Early { limit }
-        } else if stepper.switch(epoch, Moment::of(tick)) {
+        } else if stepper.switch(epoch, Tick32::of(tick)) {
             Switched::Accepted
         } else {
             Switched::Full
@@ -544,9 +544,9 @@ impl Machine for Board {
         if !self.armed {
             return Err(Refusal::of(Reason::NotArmed));
         }
-        let mut stepper = task::lock();
-        let (answer, moment) = stepper.order(kind, payload);
-        // The answer to what was asked last stays.
+        let mut stepper = refill::lock();
+        let (answer, moment) = stepper.obey_plan_frame(kind, payload);
+        // A repeated Extend does not change the last answer.
         if kind == kind::EXTEND && answer != answer::MALFORMED {
             return Ok(answer == answer::ACCEPTED);
         }
@@ -557,7 +557,7 @@ impl Machine for Board {
             return Err(Refusal::of(Reason::Malformed));
         }
         if kind == kind::BRAKE {
-            self.told |= 1 << told::ORDERED;
+            self.reported |= 1 << reported::BRAKE_ASKED;
             if *code != answer::ACCEPTED {
                 *tick = NO_LEASE.to_le_bytes();
             }
@@ -571,10 +571,10 @@ impl Machine for Board {
     }
 
     fn lease(&self) -> (u8, u32) {
-        if !Uses::LEASES {
+        if !ThisProgram::LEASES {
             return (lease::OFF, 0);
         }
-        let lease = task::lock().lease();
+        let lease = refill::lock().lease();
         (lease.state, lease.at.0)
     }
 
@@ -587,18 +587,18 @@ impl Machine for Board {
         if !self.armed {
             return Err(Refusal::of(Reason::NotArmed));
         }
-        if Uses::is_obeying() {
-            return Uses::obey(orders);
+        if ThisProgram::is_obeying() {
+            return ThisProgram::obey(orders);
         }
-        if !self.is_idle() || !task::lock().is_empty() {
+        if !self.is_idle() || !refill::lock().is_empty() {
             return Err(Refusal::of(Reason::Moving));
         }
-        Uses::begin(orders)
+        ThisProgram::begin(orders)
     }
 
     #[inline(always)]
     fn obeyed(&self, frame: &mut Encoder<'_>) {
-        Uses::encode_obeyed(frame);
+        ThisProgram::encode_obeyed(frame);
     }
 
     #[inline(always)]
@@ -622,35 +622,35 @@ impl Machine for Board {
 
     #[inline(never)]
     fn horizon(&mut self) -> u64 {
-        let horizon = task::lock().horizon();
+        let horizon = refill::lock().horizon();
         extended(horizon)
     }
 
     fn epoch(&self) -> Epoch {
-        task::lock().epoch()
+        refill::lock().epoch()
     }
 
     #[inline(never)]
     fn position(&mut self, motor: u8) -> i32 {
-        task::call();
-        let stepper = task::lock();
+        refill::run_now();
+        let stepper = refill::lock();
         stepper.position(motor, stepper.tail_of(motor))
     }
 
     fn faults(&self, motor: u8) -> u8 {
-        task::lock().motor(motor).map_or(0, stepper::faults)
+        refill::lock().motor(motor).map_or(0, stepper::faults)
     }
 
     #[inline(never)]
     fn measures(&mut self) -> &mut Measures {
-        self.measures.least_ahead_ticks = task::lock().least_ahead();
+        self.measures.least_ahead_ticks = refill::lock().least_ahead();
         self.measures.stack_left = memory::stack_left();
         &mut self.measures
     }
 
     fn reset_measures(&mut self) {
         self.measures = Board::NO_MEASURES;
-        task::lock().reset_measures();
+        refill::lock().reset_measures();
     }
 
     fn can_baud(&self, _: Baud) -> bool {
@@ -662,33 +662,33 @@ impl Machine for Board {
     }
 
     fn rate_fell_back(&mut self) {
-        self.tell(Cause::BaudFellBack, ALL_MOTORS, 0);
+        self.report(Cause::BaudFellBack, ALL_MOTORS, 0);
     }
 
     fn host_gone(&mut self, lost: bool) {
         if lost && !self.rests() {
             self.last_stop = Cause::HostLost;
         }
-        if Uses::is_obeying() {
+        if ThisProgram::is_obeying() {
             if lost {
                 self.stop(Cause::None, ALL_MOTORS, 0);
             } else {
-                Uses::forsake();
+                ThisProgram::host_left();
             }
         }
     }
 
     #[inline(never)]
     fn event(&mut self) -> Option<Event> {
-        // What was done comes before that all was.
-        if let Some((motor, at, detail)) = Uses::take_done() {
+        // A move that is done is reported before the motors' rest.
+        if let Some((motor, at, detail)) = ThisProgram::take_done() {
             return Some(Event { cause: Cause::MoveDone, motor, tick: past(at), detail });
         }
-        let [News { cause, motor, at, detail }, second] = self.news;
+        let [PendingEvent { cause, motor, at, detail }, second] = self.events;
         if cause == Cause::None {
             return None;
         }
-        self.news = [second, News::NONE];
+        self.events = [second, PendingEvent::NONE];
         Some(Event { cause, motor, tick: extended(at), detail })
     }
 }

@@ -1,23 +1,23 @@
-//! The 2048 bytes of RAM, and what each is for.
+//! The map of the 2048 bytes of RAM.
 //!
 //! | address | bytes | what |
 //! |---|---|---|
-//! | 0x100 | 128 | receive page: what the USART's interrupt takes |
-//! | 0x180 | 72 | [`Receiver`]: the frame that is coming in |
-//! | 0x1c8 | 56 | the reply being sent |
+//! | 0x100 | 128 | receive page: bytes from the line |
+//! | 0x180 | 72 | [`Receiver`]: the frame that is being received |
+//! | 0x1c8 | 56 | the reply that is being sent |
 //! | 0x200 | 256 | ring A; the only ring, if one is enough |
-//! | 0x300 | 256 | ring B; the lists of a merge (and trains of the winch, in what its lists leave; or a ring behind three of them); else more of the queues |
-//! | 0x400 | [`POOL`] | the motors' queues; while text is on, the winch's paths, its reader and the line being sent; while verbs have the motors, what they do |
-//! | then | | initialised variables, others |
-//! | to 0x900 | at least 245 | stack, downwards: 192 is the most that a test saw |
-//! | | of uno-winch 235, of uno-verbs 270 | 154 and 248 are the most that tests saw |
+//! | 0x300 | 256 | ring B; or the lists of a merge (and behind them the winch's trains, or the short ring B of the shield); or more of the queues |
+//! | 0x400 | [`POOL`] | the motors' queues; in uno-winch the paths, the reader and the line that is being sent; in uno-verbs the motors' orders |
+//! | then | | initialised variables, then others |
+//! | to 0x900 | at least 245 | stack, downwards: tests saw 192 used at most |
+//! | | uno-winch 235, uno-verbs 270 | tests saw 154 and 248 used at most |
 //!
-//! In uno-baked the first page has its motion, and nothing else.
+//! In uno-baked the first page has the motion's state, and nothing else.
 //!
-//! memory.ld makes the linker refuse an image that is laid out otherwise, or has less stack; `cargo xtask firmware uno` prints
-//! what came out. Up to the queues nothing is set at start-up by the code that sets variables.
+//! memory.ld makes the linker refuse another layout, or less stack. `cargo xtask firmware uno` prints the sizes. The start-up code does not initialise
+//! what is below the variables.
 
-use crate::Uses;
+use crate::ThisProgram;
 use crate::engine::link::Receiver;
 use crate::engine::program::Program;
 use crate::engine::regs;
@@ -25,8 +25,8 @@ use core::arch::global_asm;
 use core::mem::MaybeUninit;
 use pulsetrain_core::wire::message::QUEUE_PARTS;
 
-/// Bytes of all motors' queues together; [`PAGE`] more where one ring and no merge serves them.
-pub(crate) const POOL: usize = Uses::POOL;
+/// Bytes of all motors' queues together. There are [`PAGE`] more where one ring is enough and nothing is merged.
+pub(crate) const POOL: usize = ThisProgram::POOL;
 /// Bytes of a ring.
 const PAGE: usize = 256;
 /// Room for the longest reply: Status of four motors, and a zero before it.
@@ -60,14 +60,14 @@ unsafe extern "C" {
     static mut receive_page: u8;
 }
 
-/// The first page, zeros, where nobody is heard.
+/// The first page, zeroed, in a program without a line.
 ///
 /// # Safety
 /// Only once, and in place of [`take`].
 pub(crate) unsafe fn take_first_page<T>() -> &'static mut MaybeUninit<T> {
     const { assert!(size_of::<T>() <= PAGE && align_of::<T>() <= PAGE) };
     let page = (&raw mut receive_page).cast::<MaybeUninit<T>>();
-    // SAFETY: it has so many bytes, and is the caller's.
+    // SAFETY: the page has so many bytes, and belongs to the caller.
     unsafe {
         page.cast::<u8>().write_bytes(0, PAGE);
         &mut *page
@@ -84,33 +84,33 @@ unsafe extern "C" {
     static queues: u8;
 }
 
-/// What there is one of in these pages.
+/// The receiver and the buffer for replies.
 ///
 /// # Safety
 /// Only once.
 pub(crate) unsafe fn take() -> (&'static mut Receiver, &'static mut [u8; REPLY_LEN]) {
     let (frame, bytes) = (&raw mut receiver, &raw mut reply);
-    // SAFETY: the caller's promise; any byte is one of a reply.
+    // SAFETY: the caller's promise. Any bytes are a valid reply.
     unsafe { ((*frame).write(Receiver::new()), &mut *bytes) }
 }
 
 /// First address and length, in bytes, of the memory that all motors' queues share. `with_page`: it includes page B, which nothing else uses then.
 #[inline(always)]
 pub(crate) fn queue_memory(with_page: bool) -> (u16, u16) {
-    // Only addresses are taken here.
+    // Only addresses are taken.
     let (start, bytes) =
         if with_page { ((&raw const ring_b_page).addr(), PAGE + POOL) } else { ((&raw const queues).addr(), POOL) };
     (start as u16, bytes as u16)
 }
 
-/// Bytes of the queue of one of `motors` motors, of `bytes` in all: so many parts of them ([`QUEUE_PARTS`]), or an equal part.
+/// Bytes for the queue of one of `motors` motors, of `bytes` in all: `parts` of [`QUEUE_PARTS`] parts, or an equal share if `parts` is 0.
 #[inline(never)]
 pub(crate) fn queue_len(bytes: u16, motors: u8, parts: u8) -> u16 {
     const { assert!((PAGE + POOL) as u32 * (QUEUE_PARTS as u32) < 1 << 16 && QUEUE_PARTS == 64) };
     if parts != 0 {
         return (bytes * u16::from(parts)) >> 6;
     }
-    // Divided by subtracting: it is done once a motor, and a division takes more of the flash.
+    // Divides by subtracting: it runs once a motor, and a division would take more flash.
     let (mut each, mut left) = (0, bytes);
     while left >= u16::from(motors) {
         left -= u16::from(motors);
@@ -120,12 +120,12 @@ pub(crate) fn queue_len(bytes: u16, motors: u8, parts: u8) -> u16 {
 }
 
 // queue_fill: 7 cycles a byte.
-//   r24:25  where the first byte goes, in X then
+//   r24:25  where the first byte goes (then X)
 //   r22:23  the queue's first address, and
-//   r20:21  last + 1
-//   r18:19  the bytes, in Z then
+//   r20:21  its last + 1
+//   r18:19  the bytes (then Z)
 //   r16     how many, not 0
-// Inside, r20 counts up to the queue's end; r24 is what goes on at its beginning.
+// Inside, r20 counts the bytes up to the queue's end, and r24 those that go on at its beginning.
 global_asm!(
     r#"
     .section .text.queue_fill, "ax", @progbits
@@ -161,7 +161,7 @@ unsafe extern "C" {
 /// Writes `bytes`, 1 to 255, into the queue between `start` and `end`, from `at` on.
 #[inline(always)]
 pub(crate) fn fill_queue(at: u16, start: u16, end: u16, bytes: &[u8]) {
-    // SAFETY: `at` is inside what `queue` gave, of which no reference exists; the assembly reads it at other times.
+    // SAFETY: `at` is inside what `queue_memory` gave, to which no reference exists. The assembly does not read these bytes yet.
     unsafe { queue_fill(at, start, end, bytes.as_ptr(), bytes.len() as u8) };
 }
 
@@ -192,18 +192,18 @@ unsafe extern "C" {
     fn add_to(number: *mut u8, amount: u16, bytes: u8);
 }
 
-/// Adds to a number of `BYTES` bytes, which may wrap. The compiler's own way takes four times as much of the flash.
+/// Adds to a number of `BYTES` bytes, which may wrap. The compiler's own code would take four times as much flash.
 #[inline(always)]
 pub(crate) fn add<T>(number: &mut T, amount: u16) {
-    // SAFETY: it has so many bytes, and any are an integer.
+    // SAFETY: the number has so many bytes, and any bytes are a valid integer.
     unsafe { add_to((&raw mut *number).cast(), amount, size_of::<T>() as u8) };
 }
 
-/// What the stack is filled with at start-up, to see later how far it came.
+/// The free stack is filled with this at start-up, so that its deepest use can be seen later.
 pub(crate) const PAINT: u8 = 0xc5;
 
 unsafe extern "C" {
-    /// The first byte after everything that is not stack: the linker's.
+    /// The first byte of the stack, as the linker has it.
     static mut _end: u8;
     static mut reset_note: u16;
     #[link_name = "end_of_program"]
@@ -215,9 +215,9 @@ pub(crate) fn end_of_program() -> ! {
     stop_and_reset()
 }
 
-/// What the reset note said, and what it says from now on.
+/// Replaces the reset note, and gives the old one.
 pub(crate) fn exchange_reset_note(new: u16) -> u16 {
-    // SAFETY: only `end_of_program` touches it too, and that does not return. Any bytes are valid.
+    // SAFETY: only `end_of_program` writes it too, and that does not return. Any bytes are valid.
     unsafe {
         let old = (&raw const reset_note).read_volatile();
         (&raw mut reset_note).write_volatile(new);
@@ -225,14 +225,14 @@ pub(crate) fn exchange_reset_note(new: u16) -> u16 {
     }
 }
 
-/// Fills the free stack with [`PAINT`]; to be called first, from main.
+/// Fills the free stack with [`PAINT`]. Main must call it first.
 #[inline(always)]
 pub(crate) fn paint_stack() {
     let mut at = &raw mut _end;
-    // Well below what main itself has on the stack.
+    // Main itself uses less than 32 bytes of stack here.
     let end = usize::from(regs::SP.read()) - 32;
     while at.addr() < end {
-        // SAFETY: between the end of all statics and the stack pointer there is nothing.
+        // SAFETY: nothing lies between the end of all statics and the stack pointer.
         unsafe { at.write_volatile(PAINT) };
         at = at.wrapping_add(1);
     }
@@ -242,7 +242,7 @@ pub(crate) fn paint_stack() {
 pub(crate) fn stack_left() -> u16 {
     let mut left = 0;
     let mut at = &raw const _end;
-    // SAFETY: the loop ends at the first byte that the stack used, at the latest at the stack itself.
+    // SAFETY: the loop ends at the first byte that the stack has used.
     while unsafe { at.read_volatile() } == PAINT {
         at = at.wrapping_add(1);
         left += 1;
@@ -250,16 +250,16 @@ pub(crate) fn stack_left() -> u16 {
     left
 }
 
-/// Something there is one of, which main takes and nobody else.
-pub(crate) struct Once<T>(core::cell::UnsafeCell<T>);
+/// A value that exists once. Main takes it, and nobody else.
+pub(crate) struct Singleton<T>(core::cell::UnsafeCell<T>);
 
-// SAFETY: `take` hands it out once, to main; interrupts do not know of it.
-unsafe impl<T> Sync for Once<T> {}
+// SAFETY: `take` hands it out once, to main. Interrupts do not use it.
+unsafe impl<T> Sync for Singleton<T> {}
 
-impl<T> Once<T> {
+impl<T> Singleton<T> {
     /// `value`, to be taken.
-    pub(crate) const fn new(value: T) -> Once<T> {
-        Once(core::cell::UnsafeCell::new(value))
+    pub(crate) const fn new(value: T) -> Singleton<T> {
+        Singleton(core::cell::UnsafeCell::new(value))
     }
 
     /// Takes it.
@@ -273,8 +273,8 @@ impl<T> Once<T> {
     }
 }
 
-// What the compiler calls to copy and fill memory: compiler_builtins' own are fast on large machines, and take a
-// thousand bytes here. Arguments are in r24:25, r22:23 and r20:21, the result in r24:25 (avr-gcc's convention).
+// The compiler calls these to copy and fill memory. Those of compiler_builtins are made for large machines and take a thousand bytes.
+// Arguments are in r24:25, r22:23 and r20:21, the result in r24:25 (the convention of avr-gcc).
 global_asm!(
     r#"
     .section .text.memory, "ax", @progbits

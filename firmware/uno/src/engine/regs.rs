@@ -1,8 +1,7 @@
-//! The ATmega328P's registers, and the few instructions that Rust has no words for.
+//! The ATmega328P's registers, and the few instructions that Rust has no names for.
 //!
-//! Sections are those of the data sheet DS40002061B. Everything here is safe to call: no register here moves memory, and what
-//! the interrupts share is said where it is shared. `unsafe` is needed elsewhere only where assembly is called, or memory at a
-//! fixed address used.
+//! Sections are those of the data sheet DS40002061B. Everything here is safe to call: no register here moves memory, and a register that an interrupt
+//! uses too says so.
 
 use core::arch::asm;
 
@@ -11,53 +10,52 @@ use core::arch::asm;
 pub(crate) struct Reg8(u16);
 
 impl Reg8 {
-    /// What it holds.
+    /// Its value.
     #[inline(always)]
     pub(crate) fn read(self) -> u8 {
-        // SAFETY: only the constants below make one of these; each is a register of this chip, always there to be read.
+        // SAFETY: only the constants below are of this type. Each is a register of this chip, which can always be read.
         unsafe { core::ptr::read_volatile(usize::from(self.0) as *const u8) }
     }
 
     /// Sets it.
     #[inline(always)]
     pub(crate) fn write(self, value: u8) {
-        // SAFETY: as above; no register among the constants below changes what memory means to Rust.
+        // SAFETY: as above. No register below changes what memory means to Rust.
         unsafe { core::ptr::write_volatile(usize::from(self.0) as *mut u8, value) }
     }
 
-    /// Sets the bits of `mask`. Not for registers that an interrupt changes too, unless interrupts are off.
+    /// Sets the bits of `mask`. If an interrupt changes the register too, interrupts must be off.
     #[inline(always)]
     pub(crate) fn set(self, mask: u8) {
         self.write(self.read() | mask);
     }
 
-    /// Clears the bits of `mask`. Not for registers that an interrupt changes too, unless interrupts are off.
+    /// Clears the bits of `mask`. If an interrupt changes the register too, interrupts must be off.
     #[inline(always)]
     pub(crate) fn clear(self, mask: u8) {
         self.write(self.read() & !mask);
     }
 }
 
-/// A register of 16 bits. All of Timer1's share one byte (TEMP, §16.3): reading and writing go through [`free`] where an
-/// interrupt uses it too.
+/// A register of 16 bits. All of Timer1's share one byte (TEMP, §16.3), so use [`critical`] where an interrupt uses one of them too.
 #[derive(Clone, Copy)]
 pub(crate) struct Reg16(u16);
 
 impl Reg16 {
-    /// What it holds: low byte first, which latches the high one. Interrupts must be off.
+    /// Its value: the low byte first, which latches the high one. Interrupts must be off.
     #[inline(always)]
     pub(crate) fn read(self) -> u16 {
         let low = Reg8(self.0).read();
         u16::from_le_bytes([low, Reg8(self.0 + 1).read()])
     }
 
-    /// Its high byte, which no other register shares on reading: only counters are latched.
+    /// Its high byte. That needs no critical section: only counters are latched on reading.
     #[inline(always)]
     pub(crate) fn high(self) -> u8 {
         Reg8(self.0 + 1).read()
     }
 
-    /// Sets it: high byte first, which waits for the low one. Interrupts must be off.
+    /// Sets it: the high byte first, which waits for the low one. Interrupts must be off.
     #[inline(always)]
     pub(crate) fn write(self, value: u16) {
         let [low, high] = value.to_le_bytes();
@@ -84,7 +82,7 @@ impl Port {
     }
 }
 
-/// None: no register is there to be touched.
+/// No port.
 pub(crate) const NO_PORT: Port = Port(0);
 /// Port B: pins 8 to 13.
 pub(crate) const PORT_B: Port = Port(0x25);
@@ -95,15 +93,15 @@ pub(crate) const PORT_D: Port = Port(0x2b);
 
 /// §16.11.9: flags of Timer1, cleared by writing ones.
 pub(crate) const TIFR1: Reg8 = Reg8(0x36);
-/// §8.6.6: free storage; [`flags`](crate::engine::steps::ring::flags) of the step interrupts.
+/// §8.6.6: general purpose; the [`flags`](crate::engine::steps::ring::flags) of the step interrupts.
 pub(crate) const GPIOR0: Reg8 = Reg8(0x3e);
-/// §8.6.1: the EEPROM's address, free storage but for moments at rest: [`store`](crate::engine::store).
+/// §8.6.1: the EEPROM's address; the head of the receive page, except while [`store`](crate::engine::store) runs.
 pub(crate) const EEARL: Reg8 = Reg8(0x41);
 /// §10.11.1: sleep mode and enable.
 pub(crate) const SMCR: Reg8 = Reg8(0x53);
 /// §11.9.1: why the chip was reset.
 pub(crate) const MCUSR: Reg8 = Reg8(0x54);
-/// §7.5.1: the stack pointer. Only to be read.
+/// §7.5.1: the stack pointer. Only read.
 pub(crate) const SP: Reg16 = Reg16(0x5d);
 /// §7.3.1.
 pub(crate) const SREG: Reg8 = Reg8(0x5f);
@@ -132,35 +130,34 @@ pub(crate) const UCSR0C: Reg8 = Reg8(0xc2);
 pub(crate) const UBRR0: Reg16 = Reg16(0xc4);
 pub(crate) const UDR0: Reg8 = Reg8(0xc6);
 
-/// Runs `work` with interrupts off, and puts the flag back as it was. What is in `work` counts into the longest time that
-/// an interrupt can be kept waiting: a few instructions, no more.
+/// Runs `work` with interrupts off, and restores the flag. `work` adds to the longest time that an interrupt can be kept waiting, so it must be a few
+/// instructions only.
 #[inline(always)]
-pub(crate) fn free<R>(work: impl FnOnce() -> R) -> R {
-    let status = free_begin();
+pub(crate) fn critical<R>(work: impl FnOnce() -> R) -> R {
+    let status = critical_begin();
     let result = work();
-    free_end(status);
+    critical_end(status);
     result
 }
 
-/// Interrupts off; what [`free_end`] needs.
+/// Disables interrupts; gives what [`critical_end`] needs.
 #[inline(always)]
-pub(crate) fn free_begin() -> u8 {
+pub(crate) fn critical_begin() -> u8 {
     let status = SREG.read();
-    // SAFETY: turning interrupts off breaks no rule of Rust's. The assembler block also keeps the compiler from moving
-    // memory accesses out of the stretch.
+    // SAFETY: turning interrupts off breaks no rule of Rust's. The block also keeps the compiler from moving memory accesses across it.
     unsafe { asm!("cli") };
     status
 }
 
-/// Interrupts as they were.
+/// Restores the interrupt flag.
 #[inline(always)]
-pub(crate) fn free_end(status: u8) {
+pub(crate) fn critical_end(status: u8) {
     // SAFETY: a barrier for the compiler, no instruction.
     unsafe { asm!("") };
     SREG.write(status);
 }
 
-/// Timer1's counter. Interrupts are off for 6 cycles, because they use the byte that all its registers share (§16.3).
+/// The count of Timer1. Interrupts are off for 6 cycles, because all its registers share one byte (§16.3).
 #[inline(always)]
 pub(crate) fn timer1() -> u16 {
     let (low, high): (u8, u8);
@@ -181,29 +178,29 @@ pub(crate) fn timer1() -> u16 {
     u16::from_le_bytes([low, high])
 }
 
-/// The compiler moves no access to memory across this.
+/// The compiler moves no memory access across this.
 #[inline(always)]
 pub(crate) fn barrier() {
     // SAFETY: no instruction.
     unsafe { asm!("") };
 }
 
-/// Lets interrupts in.
+/// Enables interrupts.
 #[inline(always)]
 pub(crate) fn enable_interrupts() {
-    // SAFETY: the interrupts of this firmware touch registers, their own page and nothing that Rust holds a reference to.
+    // SAFETY: the interrupts of this firmware touch registers, their own page, and nothing that Rust holds a reference to.
     unsafe { asm!("sei") };
 }
 
-/// Keeps interrupts out from here on.
+/// Disables interrupts.
 #[inline(always)]
 pub(crate) fn disable_interrupts() {
     // SAFETY: breaks no rule of Rust's.
     unsafe { asm!("cli") };
 }
 
-/// Sleeps until an interrupt has run, if [`EEARL`] is `head` and `SMCR` allows it. Interrupts are on afterwards; they are off for
-/// 5 cycles, and the sleep itself is one more before any comes in (§7.7): so none can slip in between.
+/// Sleeps until an interrupt has run, if [`EEARL`] is `head` and `SMCR` allows it. Interrupts are on afterwards. They are off for 5 cycles, and none can
+/// come between the test and the sleep, since `sei` lets one more instruction run (§7.7).
 #[inline(always)]
 pub(crate) fn sleep_while_head_is(head: u8) {
     // SAFETY: as `enable_interrupts`.
@@ -223,7 +220,7 @@ pub(crate) fn sleep_while_head_is(head: u8) {
     }
 }
 
-/// Looks at [`EEARL`] 192 times, as long as it is `head`, and gives how many cycles that took, those of interrupts not counted.
+/// Reads [`EEARL`] up to 192 times, as long as it is `head`. Gives how many cycles that took, without those of interrupts.
 #[inline(always)]
 pub(crate) fn watch_while_head_is(head: u8) -> u16 {
     let mut cycles: u16 = 0;
@@ -246,16 +243,16 @@ pub(crate) fn watch_while_head_is(head: u8) -> u16 {
     cycles
 }
 
-/// The byte of the flash at an address.
+/// A byte of the flash.
 #[inline(always)]
 pub(crate) fn flash(at: u16) -> u8 {
     let byte;
-    // SAFETY: reads what no program of ours changes; every address is one of the flash's 32 KiB.
+    // SAFETY: no program of ours changes the flash; every address is one of its 32 KiB.
     unsafe { asm!("lpm {byte}, Z", byte = out(reg) byte, in("Z") at, options(pure, nomem, nostack, preserves_flags)) };
     byte
 }
 
-/// Restarts the watchdog's time.
+/// Restarts the watchdog.
 #[inline(always)]
 pub(crate) fn kick_watchdog() {
     // SAFETY: breaks no rule of Rust's.

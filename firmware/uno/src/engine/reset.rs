@@ -1,26 +1,26 @@
-//! How the program begins and how it ends: the watchdog, and why there was a reset.
+//! How the program begins and ends: the watchdog, and the cause of the last reset.
 //!
-//! The main loop kicks the watchdog every round. If it does not for a second, the watchdog's interrupt stops all motors at
-//! once, leaves a note, and lets the watchdog reset the chip. A panic, which no input reaches, ends in the same way.
+//! The main loop restarts the watchdog every round. If it does not for a second, the watchdog's interrupt stops all motors at once, leaves a note in RAM,
+//! and lets the watchdog reset the chip. A panic, which no input reaches, ends in the same way.
 //!
-//! Bootloaders clear MCUSR, so that it often says nothing (§11.9.1): a note in RAM that survives a reset, but not the loss
-//! of power, tells the reset line from power-on then.
+//! Bootloaders clear MCUSR, so that it often says nothing (§11.9.1). The note in RAM survives a reset, but not the loss of power, and so tells the reset
+//! line from power-on.
 
 use crate::engine::{memory, regs};
 use core::arch::global_asm;
 use pulsetrain_core::wire::message::Cause;
 
-/// The program ran before this reset.
+/// The note: the program ran before this reset.
 const RAN: u8 = 0x5a;
-/// It was ended by the watchdog, or by a panic.
+/// The note: the program was ended by the watchdog, or by a panic.
 const ENDED: u8 = 0xa6;
 
-// The vector is WDT (§12.4). Nothing returns from here: the watchdog's second end, 16 ms later, resets the chip (§11.9.2).
+// Interrupt WDT (§12.4). Nothing returns from here: 16 ms later the watchdog overflows again and resets the chip (§11.9.2).
 global_asm!(
     r#"
     .section .text.watchdog_interrupt, "ax", @progbits
-    .global __vector_6, end_of_program, end_of_program_loop
-__vector_6:
+    .global wdt, end_of_program, end_of_program_loop
+wdt:
 end_of_program:
     cli
     ldi r24, 0
@@ -51,13 +51,13 @@ pub(crate) fn end() -> ! {
     memory::end_of_program()
 }
 
-/// Why the program began; starts the watchdog.
+/// The cause of the last reset. Starts the watchdog.
 pub(crate) fn begin() -> Cause {
     let flags = regs::MCUSR.read();
     regs::MCUSR.write(0);
     regs::disable_interrupts();
     regs::kick_watchdog();
-    // 1 s, first an interrupt, then a reset; both writes within four cycles (§11.9.2).
+    // Time-out 1 s, first an interrupt, then a reset. Both writes must be within four cycles (§11.9.2).
     regs::WDTCSR.write(0x18);
     regs::WDTCSR.write(0x4e);
     let note = memory::exchange_reset_note(u16::from_le_bytes([RAN; 2]));

@@ -1,17 +1,16 @@
-//! Settings in the EEPROM, which keeps them without power (DS40002061B §8.4, §8.6): from address 0 on, and their CRC behind them.
+//! Settings in the EEPROM, which keeps them without power (DS40002061B §8.4, §8.6): from address 0 on, followed by their CRC.
 //!
-//! The EEPROM's address register holds the head of the receive page and the page of ring B otherwise (link.rs, steps/ring.rs), its
-//! data register is the step interrupts': both are put back, and no motor moves while they are used.
+//! Otherwise the EEPROM's address register holds the head of the receive page and the page of ring B (link.rs, steps/ring.rs), and its data register
+//! belongs to the step interrupts. So both are restored, and no motor moves while they are used.
 
 use crate::engine::{clock, link, regs};
 use core::arch::global_asm;
 use pulsetrain_core::wire::frame::check;
 use pulsetrain_core::wire::settings::SETTINGS_LEN;
 
-// store_get: r20 bytes of the EEPROM, from r22 on, to r24:25. Interrupts are off for 16 cycles, 4 of which the processor is
-// halted for.
-// store_put: r22 to r24, unless it is there already; returns when it is done, 3.4 ms later. Nothing comes from the line, and nothing
-// moves, so that nobody else uses the address.
+// store_get: reads r20 bytes of the EEPROM, from address r22 on, to r24:25. Interrupts are off for 16 cycles, during 4 of which the processor is halted.
+// store_put: writes r22 to address r24, unless it is there already. It returns when the byte is written, 3.4 ms later. The line is closed and nothing
+// moves, so that nobody else uses the address register.
 global_asm!(
     r#"
     .section .text.store, "ax", @progbits
@@ -68,7 +67,7 @@ unsafe extern "C" {
     safe fn store_put(at: u8, byte: u8);
 }
 
-/// What is kept, into `settings`; zeros, and `false`, if nothing was stored, or it was damaged. While no motor moves.
+/// Reads the settings. `false`, and zeros, if none were stored or they are damaged. No motor may move.
 #[inline(never)]
 pub(crate) fn read(settings: &mut [u8; SETTINGS_LEN]) -> bool {
     let mut sum = [0; 2];
@@ -83,12 +82,12 @@ pub(crate) fn read(settings: &mut [u8; SETTINGS_LEN]) -> bool {
 
 #[inline(always)]
 fn get(at: u8, into: &mut [u8]) {
-    // SAFETY: so many bytes are there to be written.
+    // SAFETY: `into` has so many bytes.
     unsafe { store_get(into.as_mut_ptr(), at, into.len() as u8) }
 }
 
-/// Keeps `settings`: 3.4 ms for each byte that is another than before. What comes on the line meanwhile is lost; the host sends it
-/// again. While no motor is powered.
+/// Stores `settings`: 3.4 ms for each byte that changes. Bytes that come on the line meanwhile are lost, and the host sends them again. No motor may be
+/// powered.
 #[inline(never)]
 pub(crate) fn write(settings: &[u8; SETTINGS_LEN]) {
     link::close();
@@ -102,7 +101,7 @@ fn put(at: u8, bytes: &[u8]) {
     for (at, byte) in (at..).zip(bytes) {
         store_put(at, *byte);
         regs::kick_watchdog();
-        // Which must be looked at every 4 ms.
+        // The clock must be read every 4 ms.
         clock::moment();
     }
 }

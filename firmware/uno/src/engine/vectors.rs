@@ -1,14 +1,14 @@
-//! The interrupt vectors and what comes before main.
+//! The interrupt vectors, and what runs before main.
 //!
-//! Vectors that are not used are never enabled, so that there is room between the others: the receive interrupt is where its
-//! vector is, and over those that follow.
+//! Unused vectors are never enabled, so that their room is free. The receive interrupt starts at its vector and goes on over those that follow, which
+//! saves a jump.
 
 use crate::engine::link::{self, receive_interrupt};
 use crate::engine::steps::register;
 use crate::engine::steps::ring::flags;
 use core::arch::global_asm;
 
-// Four bytes each (DS40002061B §12.4). The short jump takes 2 cycles; the linker says if it does not reach.
+// Four bytes each (DS40002061B §12.4). A short jump takes 2 cycles; the linker fails if it does not reach.
 global_asm!(
     r#"
     .section .vectors, "ax", @progbits
@@ -16,16 +16,16 @@ global_asm!(
 __vectors:
     jmp __init
     .org 4 * 6
-    jmp __vector_6                      // WDT
+    jmp wdt                             // WDT
     .org 4 * 11
-    rjmp __vector_11                    // TIMER1_COMPA
+    rjmp timer1_compa                   // TIMER1_COMPA
     .org 4 * 12
     sbic {FLAGS}, {B_ON_PORTD}          // TIMER1_COMPB: 2 (skips)
-    rjmp ring_b_on_portd
-    rjmp __vector_12
+    rjmp timer1_compb_portd
+    rjmp timer1_compb
     .org 4 * 16
     push r24                            // TIMER0_OVF: 4 response, 2     6
-    rjmp steps_task_begin               // 2                             8
+    rjmp timer0_ovf                     // 2                             8
     "#,
     FLAGS = const register::GPIOR0,
     B_ON_PORTD = const flags::B_ON_PORTD,
@@ -34,7 +34,9 @@ __vectors:
 global_asm!(
     r#"
     .section .vectors
-    .org 4 * 18                         // USART_RX
+    .org 4 * 18
+    .global usart_rx
+usart_rx:
     "#,
     receive_interrupt!(),
     HEAD = const register::EEARL,
@@ -48,13 +50,13 @@ global_asm!(
     UDR0 = const 0xc6,
     OVERRUN = const 3,
     EECR = const register::EECR,
-    AT_ONCE = const register::AT_ONCE,
+    RX_NO_NESTING = const register::RX_NO_NESTING,
     SAVE24 = const register::GPIOR1,
     SAVE30 = const register::GPIOR2,
     SAVE31 = const register::EEDR,
 );
 
-// `__do_copy_data` and `__do_clear_bss`, libgcc's, are in the sections .init4 between .init2 and .init9.
+// libgcc's `__do_copy_data` and `__do_clear_bss` are in the sections .init4, between .init2 and .init9.
 global_asm!(
     r#"
     .section .init2, "ax", @progbits

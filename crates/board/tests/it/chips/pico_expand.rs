@@ -2,12 +2,12 @@
 
 use pulsetrain_board::virtual_pico::VirtualPico;
 use pulsetrain_core::Recurrence;
-use pulsetrain_core::words::{MOST_SURELY, Stretch, Sure, expand, surely};
+use pulsetrain_core::pio::{MOST_SURELY, Stretch, Sure, expand, surely};
 use pulsetrain_emulator::Rp2040;
 use pulsetrain_testkit::Random;
 
 /// The map of symbols of the Pico's image.
-const SYMBOLS: &str = include_str!("../../../images/pico.sym");
+const SYMBOLS: &str = include_str!("../../../../../testdata/pico.sym");
 
 /// Where a routine is, by its name.
 fn address(name: &str) -> u32 {
@@ -37,7 +37,7 @@ struct Bench {
 impl Bench {
     fn new() -> Bench {
         let chip = VirtualPico::new().chip().clone();
-        Bench { chip, surely: address("expand_surely"), step_by_step: address("expand_steps") }
+        Bench { chip, surely: address("expand_unchecked"), step_by_step: address("expand_steps") }
     }
 
     fn put(&mut self, at: usize, words: &[u32]) {

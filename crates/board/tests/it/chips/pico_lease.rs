@@ -6,7 +6,7 @@ use pulsetrain_core::Direction::Forward;
 use pulsetrain_core::braking::Limit;
 use pulsetrain_core::lease::Cause;
 use pulsetrain_core::output::Sequence;
-use pulsetrain_core::{Epoch, Item, Moment};
+use pulsetrain_core::{Epoch, Item, Tick32};
 use pulsetrain_testkit::Random;
 use pulsetrain_testkit::pico::{Pair, TICK_HZ, coils, overhead, random_items, run, step_dir};
 
@@ -103,7 +103,7 @@ fn a_motor_that_runs_dry_has_all_brake() {
     let from = pair.pico.now() + pair.pico.lead() + TICK_HZ / 100;
     // 20 000 steps/s for 20 ms, and for a second; no wait says that the first one's motion ends.
     for (motor, count) in [(0, 400), (1, 20_000)] {
-        pair.push_all(motor, 1, &[Item::Anchor { tick: Moment::of(from) }, run(count, 6250, Forward)]);
+        pair.push_all(motor, 1, &[Item::Anchor { tick: Tick32::of(from) }, run(count, 6250, Forward)]);
     }
     // 400 000 steps/s²: R = 139 754 ticks.
     let limit = Limit::new(136, 49, 0).expect("it is one");

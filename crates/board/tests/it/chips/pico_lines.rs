@@ -6,44 +6,43 @@ use pulsetrain_board::{Board, Edge, Lease, Leased, Link, LinkError, Port, PortEr
 use pulsetrain_core::output::Sequence;
 use pulsetrain_core::wire::message::{Cause, flags};
 use pulsetrain_core::wire::{Baud, Command};
-use pulsetrain_core::{Direction, Entry, Epoch, Item, Moment};
+use pulsetrain_core::{Direction, Entry, Epoch, Item, Tick32};
 use pulsetrain_testkit::pico::{TICK_HZ, coils, run, step_dir};
-use std::cell::RefCell;
-use std::rc::Rc;
+use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 /// One line of a Pico that has programs on both.
 #[derive(Clone)]
 struct Side {
-    board: Rc<RefCell<VirtualPico>>,
+    board: Arc<Mutex<VirtualPico>>,
     line: Line,
 }
 
 impl Port for Side {
     fn now(&self) -> Duration {
-        self.board.borrow().now()
+        self.board.lock().unwrap().now()
     }
     fn send(&mut self, bytes: &[u8]) -> Result<(), PortError> {
-        self.board.borrow_mut().send_on(self.line, bytes);
+        self.board.lock().unwrap().send_on(self.line, bytes);
         Ok(())
     }
     fn receive(&mut self, until: Duration, into: &mut Vec<u8>) -> Result<(), PortError> {
-        self.board.borrow_mut().receive_on(self.line, until, into);
+        self.board.lock().unwrap().receive_on(self.line, until, into);
         Ok(())
     }
     fn set_baud(&mut self, baud: Baud) -> Result<(), PortError> {
         // USB has no rate.
-        if self.line == Line::Usb { Ok(()) } else { self.board.borrow_mut().set_baud(baud) }
+        if self.line == Line::Usb { Ok(()) } else { self.board.lock().unwrap().set_baud(baud) }
     }
     fn edges(&mut self, into: &mut Vec<Edge>) {
-        self.board.borrow_mut().edges(into);
+        self.board.lock().unwrap().edges(into);
     }
 }
 
 /// Both lines of a Pico whose USB port is open.
 fn sides() -> [Side; 2] {
-    let board = Rc::new(RefCell::new(VirtualPico::on_usb()));
-    [Line::Uart, Line::Usb].map(|line| Side { board: Rc::clone(&board), line })
+    let board = Arc::new(Mutex::new(VirtualPico::on_usb()));
+    [Line::Uart, Line::Usb].map(|line| Side { board: Arc::clone(&board), line })
 }
 
 /// Says on a line what a link has to say, hears what comes, for `ms`.
@@ -77,7 +76,7 @@ fn second_of_motion(board: &mut Remote<Side>, epoch: u8, mut meanwhile: impl FnM
     let from = board.now() + TICK_HZ / 10;
     // Coils are at the same phase after it.
     for (motor, count, ticks) in [(0, 10_000, 12_500), (1, 496, 250_000)] {
-        let anchor = Item::Anchor { tick: Moment::of(from) };
+        let anchor = Item::Anchor { tick: Tick32::of(from) };
         for item in [anchor, run(count, ticks, Direction::Forward)] {
             board.push(motor, Entry { epoch: Epoch(epoch), item }).expect("there is room");
         }
@@ -183,7 +182,7 @@ fn the_uart_falls_back_though_somebody_spoke_over_usb() {
         assert_eq!(board.set_baud(Baud::B2M), Ok(Baud::B2M));
         drop(board);
         // Its program is gone; the next one opens the adapter at 115 200 baud.
-        uart.board.borrow_mut().set_baud(Baud::B115200).expect("it is there");
+        uart.board.lock().unwrap().set_baud(Baud::B115200).expect("it is there");
         let mut hello = Link::new(20 + round);
         hello.hello(usb.now());
         talk(&mut usb, &mut hello, 1000);
@@ -240,7 +239,7 @@ fn a_port_that_nobody_reads_does_not_keep_the_board() {
         board.configure(&setup()).expect("it takes it");
         let from = board.now() + TICK_HZ / 10;
         // Steps, and one that is asked for too late: news of each motor, and more at the end.
-        let anchor = Item::Anchor { tick: Moment::of(from) };
+        let anchor = Item::Anchor { tick: Tick32::of(from) };
         for motor in 0..2 {
             for item in [anchor, run(100, 125_000, Direction::Forward), anchor, run(1, 125_000, Direction::Forward)] {
                 board.push(motor, Entry { epoch: Epoch(1), item }).expect("there is room");
@@ -249,7 +248,7 @@ fn a_port_that_nobody_reads_does_not_keep_the_board() {
         assert_eq!(board.switch(Epoch(1), from, Lease::Last, &[]), Ok(()));
         drop(board);
         // What the firmware tells from here on stays where it is.
-        let mut pico = uart.board.borrow_mut();
+        let mut pico = uart.board.lock().unwrap();
         if unplugged {
             pico.chip_mut().usb_plug(false);
         } else {
@@ -264,7 +263,7 @@ fn a_port_that_nobody_reads_does_not_keep_the_board() {
         assert!(status.motors.as_slice()[0].position >= 100);
         assert!(status.motors.as_slice()[0].faults & flags::STEP_MISSED != 0);
         board.close();
-        let mut pico = uart.board.borrow_mut();
+        let mut pico = uart.board.lock().unwrap();
         pico.chip_mut().usb_plug(true);
         pico.chip_mut().usb_open(true);
         drop(pico);

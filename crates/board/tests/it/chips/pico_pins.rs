@@ -5,7 +5,7 @@ use pulsetrain_board::{Board, Edge, Lease, Leased, Remote, RemoteError, Setup};
 use pulsetrain_core::output::{HALF_STEPS, Sequence};
 use pulsetrain_core::wire::Reason;
 use pulsetrain_core::wire::message::MotorSetup;
-use pulsetrain_core::{Direction, Entry, Epoch, Item, Moment};
+use pulsetrain_core::{Direction, Entry, Epoch, Item, Tick32};
 use pulsetrain_emulator::Level;
 use pulsetrain_testkit::pico::{Pair, TICK_HZ, as_line, coil_levels, coils, pins_of, run, step_dir};
 
@@ -34,7 +34,7 @@ fn wait(pico: &mut Remote<VirtualPico>, ticks: u64) {
 /// Tells a motor an epoch that begins in 20 ms, and waits until then.
 fn begin(pico: &mut Remote<VirtualPico>, motor: usize, epoch: u8, runs: &[Item]) {
     let from = pico.now() + pico.lead() + TICK_HZ / 50;
-    for item in [Item::Anchor { tick: Moment::of(from) }].iter().chain(runs) {
+    for item in [Item::Anchor { tick: Tick32::of(from) }].iter().chain(runs) {
         pico.push(motor, Entry { epoch: Epoch(epoch), item: *item }).expect("there is room");
     }
     let switched = pico.switch(Epoch(epoch), from, Lease::Last, &[]);
@@ -160,7 +160,7 @@ fn coils_after_a_stop_obey_the_idle_time() {
                 let from = pair.pico.now() + pair.pico.lead() + TICK_HZ / 50;
                 // The other motor goes on, so that the coils alone may be at rest when it comes.
                 for (number, item) in [(0, run(20, 250_000, Backward)), (1, run(1_000_000, 10_000, Forward))] {
-                    for item in [Item::Anchor { tick: Moment::of(from) }, item] {
+                    for item in [Item::Anchor { tick: Tick32::of(from) }, item] {
                         pair.pico.push(number, Entry { epoch: Epoch(round + 1), item }).expect("there is room");
                     }
                 }

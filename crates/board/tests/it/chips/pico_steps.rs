@@ -3,7 +3,7 @@
 use pulsetrain_board::virtual_pico::VirtualPico;
 use pulsetrain_board::{Board, Edge, Lease, Leased, Remote, Setup};
 use pulsetrain_core::wire::message::MotorSetup;
-use pulsetrain_core::{Direction, Entry, Epoch, Item, Moment, Segment};
+use pulsetrain_core::{Direction, Entry, Epoch, Item, Segment, Tick32};
 
 #[test]
 fn steps_come_when_they_are_due() {
@@ -14,7 +14,7 @@ fn steps_come_when_they_are_due() {
     let at = remote.now() + remote.lead() + 1_000_000;
     for motor in 0..2 {
         let segment = Segment { count: 100, interval: 1000 << 32, add: 0, add2: 0 };
-        for item in [Item::Anchor { tick: Moment::of(at) }, Item::Run { segment, direction: Direction::Forward }] {
+        for item in [Item::Anchor { tick: Tick32::of(at) }, Item::Run { segment, direction: Direction::Forward }] {
             remote.push(motor, Entry { epoch: Epoch(1), item }).expect("room");
         }
     }

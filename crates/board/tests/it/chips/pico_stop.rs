@@ -4,7 +4,7 @@
 use pulsetrain_board::{Board, Edge, Setup, StopReport};
 use pulsetrain_core::output::{HALF_STEPS, Sequence};
 use pulsetrain_core::wire::message::{Cause, MotorSetup};
-use pulsetrain_core::{Direction, Item, Moment};
+use pulsetrain_core::{Direction, Item, Tick32};
 use pulsetrain_testkit::Random;
 use pulsetrain_testkit::held::hold_for;
 use pulsetrain_testkit::pico::{Pair, TICK_HZ, as_line, coil_levels, coils, pins_of, run, step_dir, stopped_driver};
@@ -21,14 +21,14 @@ fn under_way(pulse_ticks: u16) -> Pair {
     let mut pair = Pair::new(&setup);
     let from = pair.pico.now() + pair.pico.lead() + TICK_HZ / 100;
     let word = i64::from(pulse_ticks) + 3;
-    pair.push(0, 1, &[Item::Anchor { tick: Moment::of(from) }, run(1_000_000, 2 * word + 300, Direction::Backward)]);
-    let mut turning = vec![Item::Anchor { tick: Moment::of(from) }];
+    pair.push(0, 1, &[Item::Anchor { tick: Tick32::of(from) }, run(1_000_000, 2 * word + 300, Direction::Backward)]);
+    let mut turning = vec![Item::Anchor { tick: Tick32::of(from) }];
     for _ in 0..400 {
         turning.push(run(2, 10_000, Direction::Forward));
         turning.push(run(1, 10_000, Direction::Backward));
     }
     pair.push(1, 1, &turning);
-    pair.push(2, 1, &[Item::Anchor { tick: Moment::of(from) }, run(100_000, 19_997, Direction::Forward)]);
+    pair.push(2, 1, &[Item::Anchor { tick: Tick32::of(from) }, run(100_000, 19_997, Direction::Forward)]);
     assert_eq!(pair.switch(1, from), Ok(()));
     pair.advance(from + TICK_HZ / 500);
     pair
@@ -78,7 +78,7 @@ fn a_pulse_that_a_stop_catches_ends_soon_after_its_told_length() {
         let from = pair.pico.now() + pair.pico.lead() + TICK_HZ / 100;
         for motor in 0..8 {
             let items =
-                [Item::Anchor { tick: Moment::of(from) }, run(1_000_000, interval + motor as i64, Direction::Forward)];
+                [Item::Anchor { tick: Tick32::of(from) }, run(1_000_000, interval + motor as i64, Direction::Forward)];
             pair.push(motor, 1, &items);
         }
         assert_eq!(pair.switch(1, from), Ok(()));
@@ -139,7 +139,7 @@ fn a_main_loop_that_is_late_plays_nothing_late() {
         let mut pair = Pair::new(&setup);
         let from = pair.pico.now() + pair.pico.lead() + TICK_HZ / 100;
         for (motor, ticks) in (0..).zip([1000, 40_000, 500, 100_000, 3333, 1111]) {
-            let items = [Item::Anchor { tick: Moment::of(from) }, run(1_000_000, ticks, Direction::Forward)];
+            let items = [Item::Anchor { tick: Tick32::of(from) }, run(1_000_000, ticks, Direction::Forward)];
             pair.push(motor, 1, &items);
         }
         assert_eq!(pair.switch(1, from), Ok(()));
@@ -150,8 +150,9 @@ fn a_main_loop_that_is_late_plays_nothing_late() {
         pair.pico.advance(until, &mut |edge: Edge| pair.edges.extend(as_line(&setup, edge)));
         if let Some(starved) = pair.pico.events().iter().find(|event| event.cause == Cause::Starved) {
             stopped += 1;
-            // It may still be so far behind that one runs dry while others are filled.
-            assert!(starved.tick < late + 62_500, "{tenths_of_ms}");
+            println!("{tenths_of_ms}: {} after", starved.tick - late);
+            // 0.4 ms. A motor may still run dry while others get words, and the event comes when all motors' steps are counted, which takes 0.3 ms.
+            assert!(starved.tick < late + 50_000, "{tenths_of_ms}");
             assert_first_edges_of(&mut pair, starved.tick);
             let status = pair.pico.status().expect("it answers");
             let motors = status.motors.as_slice();
@@ -175,7 +176,7 @@ fn a_processor_that_does_not_keep_up_stops_all() {
     let mut pair = Pair::new(&setup);
     let from = pair.pico.now() + pair.pico.lead() + TICK_HZ / 100;
     for motor in 0..8 {
-        pair.push(motor, 1, &[Item::Anchor { tick: Moment::of(from) }, run(1_000_000, 60, Direction::Forward)]);
+        pair.push(motor, 1, &[Item::Anchor { tick: Tick32::of(from) }, run(1_000_000, 60, Direction::Forward)]);
     }
     assert_eq!(pair.switch(1, from), Ok(()));
     pair.pico.advance(from + TICK_HZ / 10, &mut |edge: Edge| pair.edges.extend(as_line(&setup, edge)));
@@ -201,7 +202,7 @@ fn a_main_loop_that_was_held_up_hears_a_stop_soon() {
     let mut pair = Pair::new(&Setup { pulse_ticks: 13, setup_ticks: 20, motors, ..Setup::default() });
     let from = pair.pico.now() + pair.pico.lead() + TICK_HZ / 100;
     for motor in 0..8 {
-        pair.push(motor, 1, &[Item::Anchor { tick: Moment::of(from) }, run(1_000_000, 200, Direction::Forward)]);
+        pair.push(motor, 1, &[Item::Anchor { tick: Tick32::of(from) }, run(1_000_000, 200, Direction::Forward)]);
     }
     assert_eq!(pair.switch(1, from), Ok(()));
     pair.advance(from + TICK_HZ / 50);
@@ -236,7 +237,7 @@ fn only_who_was_faster_than_its_pull_in_is_uncertain() {
             let motors = motors.map(|motor| MotorSetup { pull_in_ticks: pull_in, ..motor }).to_vec();
             let mut pair = Pair::new(&Setup { pulse_ticks: 13, setup_ticks: 20, motors, ..Setup::default() });
             let from = pair.pico.now() + pair.pico.lead() + TICK_HZ / 100;
-            let forward = [Item::Anchor { tick: Moment::of(from) }, run(1000, interval.into(), Direction::Forward)];
+            let forward = [Item::Anchor { tick: Tick32::of(from) }, run(1000, interval.into(), Direction::Forward)];
             let turning = [Direction::Forward, Direction::Backward].map(|direction| run(3, interval.into(), direction));
             let turning: Vec<_> = std::iter::once(forward[0]).chain((0..20).flat_map(|_| turning)).collect();
             for (motor, items) in (0..).zip([&forward[..], &turning, &forward]) {

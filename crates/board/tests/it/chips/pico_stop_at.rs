@@ -6,7 +6,7 @@ use pulsetrain_board::{Board, Edge, Lease, Leased, Port, PortError, Remote, Setu
 use pulsetrain_core::output::{HALF_STEPS, Sequence};
 use pulsetrain_core::wire::Baud;
 use pulsetrain_core::wire::message::MotorSetup;
-use pulsetrain_core::{Direction, Entry, Epoch, Item, Moment};
+use pulsetrain_core::{Direction, Entry, Epoch, Item, Tick32};
 use pulsetrain_testkit::held::hold_up;
 use pulsetrain_testkit::pico::{TICK_HZ, as_line, coil_levels, coils, run, step_dir, stopped_driver};
 use std::collections::BTreeSet;
@@ -70,7 +70,7 @@ fn under_way(setup: &Setup, intervals: &[i64]) -> (Remote<Held>, Vec<Edge>, u64)
     board.advance(soon, &mut |_: Edge| {});
     let from = board.now() + board.lead() + TICK_HZ / 50;
     for (motor, interval) in intervals.iter().enumerate() {
-        let mut items = vec![Item::Anchor { tick: Moment::of(from) }];
+        let mut items = vec![Item::Anchor { tick: Tick32::of(from) }];
         // A word for DIR in each turn; the others go straight on.
         for turn in 0..40 {
             let direction = if motor % 2 == 1 && turn % 2 == 1 { Backward } else { Forward };

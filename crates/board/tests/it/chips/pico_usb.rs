@@ -2,7 +2,7 @@
 
 use pulsetrain_board::virtual_pico::{CYCLES_PER_S, VirtualPico};
 use pulsetrain_board::{Board, Link, Port, Setup};
-use pulsetrain_core::{Direction, Item, Moment};
+use pulsetrain_core::{Direction, Item, Tick32};
 use pulsetrain_emulator::{Observer, Rp2040, UsbState};
 use pulsetrain_testkit::Random;
 use pulsetrain_testkit::pico::{Pair, TICK_HZ, overhead, random_items, run, step_dir};
@@ -49,7 +49,7 @@ fn asked_all_the_time(mut meanwhile: impl FnMut(u32, &mut Pair)) -> Pair {
     let setup = Setup { pulse_ticks: 125, motors: vec![step_dir(2)], ..Setup::default() };
     let mut pair = Pair::over(VirtualPico::on_usb(), &setup);
     let from = pair.pico.now() + pair.pico.lead() + TICK_HZ / 100;
-    let mut items = vec![Item::Anchor { tick: Moment::of(from) }];
+    let mut items = vec![Item::Anchor { tick: Tick32::of(from) }];
     items.extend((0..500).map(|number| run(20 + number % 3, 24_000 + 7 * i64::from(number), Direction::Forward)));
     pair.push(0, 1, &items);
     assert_eq!(pair.switch(1, from), Ok(()));

@@ -8,7 +8,7 @@ use pulsetrain_core::verbs::{Course, Limits, Verb};
 use pulsetrain_core::wire::message::{Cause, MotorSetup, Reason, flags};
 use pulsetrain_core::wire::orders::{Obeyed, Orders, order};
 use pulsetrain_core::wire::{Baud, MAX_MOTORS};
-use pulsetrain_core::{Entry, Epoch, Item, Moment};
+use pulsetrain_core::{Entry, Epoch, Item, Tick32};
 use pulsetrain_testkit::Random;
 use pulsetrain_testkit::pico::{TICK_HZ, as_line, coils, native_config, overhead, step_dir};
 use std::time::Duration;
@@ -503,7 +503,7 @@ fn a_first_order_that_does_nothing_changes_nothing() {
     let pico = &mut pair.pico;
     let from = pico.now() + pico.lead() + TICK_HZ / 10;
     let push = |pico: &mut Remote<VirtualPico>, item| pico.push(0, Entry { epoch: Epoch(1), item }).expect("room");
-    push(pico, Item::Anchor { tick: Moment::of(from) });
+    push(pico, Item::Anchor { tick: Tick32::of(from) });
     let refused = pico.tell_motors(&[(0, Verb::Speed { ticks: 3 })]).expect_err("too short");
     assert!(matches!(refused, RemoteError::Refused { reason: Reason::Period, detail: 254, .. }), "{refused}");
     assert_eq!(pico.tell_motors(&[]).expect("a question").motors()[0].position, 0);
@@ -542,7 +542,7 @@ fn plans_and_verbs_keep_apart() {
     let pico = &mut pair.pico;
     let from = pico.now() + pico.lead() + TICK_HZ / 100;
     for item in [
-        Item::Anchor { tick: Moment::of(from) },
+        Item::Anchor { tick: Tick32::of(from) },
         pulsetrain_testkit::pico::run(500, 12_500, pulsetrain_core::Direction::Forward),
     ] {
         pico.push(0, Entry { epoch: Epoch(1), item }).expect("room");
@@ -561,7 +561,7 @@ fn plans_and_verbs_keep_apart() {
     ] {
         assert_eq!(refused(pico.tell_motors(&orders).expect_err("it cannot be")), (reason, detail));
     }
-    pico.push(0, Entry { epoch: Epoch(2), item: Item::Anchor { tick: Moment(0) } }).expect("the host knows no better");
+    pico.push(0, Entry { epoch: Epoch(2), item: Item::Anchor { tick: Tick32(0) } }).expect("the host knows no better");
     pico.advance(pico.now() + TICK_HZ / 10, &mut |_: Edge| {});
     assert!(pico.switch(Epoch(2), pico.now() + TICK_HZ / 10, Lease::Last, &[]).is_err());
     assert_eq!(pico.error().cloned().map(refused).map(|(reason, _)| reason), Some(Reason::Obeying));

@@ -3,7 +3,7 @@
 use pulsetrain_board::virtual_pico::VirtualPico;
 use pulsetrain_board::{Board, Port, Setup};
 use pulsetrain_core::output::Sequence;
-use pulsetrain_core::{Direction, Item, Moment, Segment};
+use pulsetrain_core::{Direction, Item, Segment, Tick32};
 use pulsetrain_testkit::pico::{Pair, TICK_HZ, coils, run, step_dir};
 
 fn setup() -> Setup {
@@ -35,7 +35,7 @@ fn play(pair: &mut Pair, epoch: u8, seconds: u64) {
         };
         let there = Segment { count, interval: (period as i64) << 32, add, add2: 0 };
         let items = [
-            Item::Anchor { tick: Moment::of(from) },
+            Item::Anchor { tick: Tick32::of(from) },
             Item::Run { segment: there, direction: Direction::Forward },
             Item::Dwell { ticks: 3_000_000 },
             Item::Run { segment: back, direction: Direction::Backward },
@@ -79,8 +79,8 @@ fn long_waits_between_steps() {
     // The longest wait that an item can be, and two of them.
     let long = Item::Dwell { ticks: (1 << 31) - 1 };
     let short = Item::Dwell { ticks: 20_000_000 };
-    pair.push(0, 1, &[Item::Anchor { tick: Moment::of(from) }, step, long, step, short, step]);
-    pair.push(1, 1, &[Item::Anchor { tick: Moment::of(from) }, step, long, long, step, short, step]);
+    pair.push(0, 1, &[Item::Anchor { tick: Tick32::of(from) }, step, long, step, short, step]);
+    pair.push(1, 1, &[Item::Anchor { tick: Tick32::of(from) }, step, long, long, step, short, step]);
     assert_eq!(pair.switch(1, from), Ok(()));
     let end = from + (2 << 31) + TICK_HZ;
     while pair.pico.now() < end {

@@ -21,7 +21,7 @@ const MOTOR_BYTES: u16 = 120;
 const BRAKES: u8 = 1 << 2;
 const ANCHORED: u8 = 1 << 3;
 const UNREADABLE: u8 = 1 << 4;
-/// What a part may take at most, with what finds out whether its steps are sure, cycles.
+/// What a part may take at most, with the check of its intervals, cycles.
 const MOST_CYCLES: u64 = 700;
 
 struct Chip {
@@ -82,7 +82,7 @@ impl Chip {
 #[test]
 fn parts_are_cores() {
     let chip = Atmega328p::new(&virtual_uno::image()).expect("an image");
-    let mut chip = Chip { chip, entry: address(SYMBOLS, "steps_load_leased"), most: 0 };
+    let mut chip = Chip { chip, entry: address(SYMBOLS, "load_leased"), most: 0 };
     let registers = Registers::with_fraction_bits(16);
     let mut random = Random::new(seed(1));
     let mut seen = [0; 4];

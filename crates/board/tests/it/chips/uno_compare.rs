@@ -7,7 +7,7 @@
 
 use pulsetrain_board::{Board, Faults, Lease, Leased};
 use pulsetrain_core::wire::message::Cause;
-use pulsetrain_core::{Direction, Entry, Epoch, Item, Moment, Segment};
+use pulsetrain_core::{Direction, Entry, Epoch, Item, Segment, Tick32};
 use pulsetrain_testkit::lab::{EXACT, Lab, SOFTWARE, Timing, said, uno};
 use pulsetrain_testkit::{Random, TICK_HZ, uno_setup};
 
@@ -62,7 +62,7 @@ fn turns_of(pins: &[(u8, u8)], timing: Timing, seed: u64) -> (usize, bool) {
     let mut pending: Vec<Vec<Item>> = Vec::new();
     for motor in 0..pins.len() as u64 {
         let mut direction = Direction::Forward;
-        let mut items = vec![Item::Anchor { tick: Moment::of(from) }];
+        let mut items = vec![Item::Anchor { tick: Tick32::of(from) }];
         items.push(Item::Dwell { ticks: (20_000 + behind * motor) as u32 });
         for (turn, count, interval) in &parts {
             // A run begins an interval after what was before.

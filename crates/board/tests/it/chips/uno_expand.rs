@@ -1,7 +1,7 @@
 //! The firmware's expansion, in assembly, against the recurrence: random registers, on the emulated chip.
 
 use pulsetrain_board::virtual_uno;
-use pulsetrain_core::narrow::Registers;
+use pulsetrain_core::avr::Registers;
 use pulsetrain_emulator::Atmega328p;
 use pulsetrain_testkit::Random;
 use pulsetrain_testkit::lab::{SYMBOLS, address};
@@ -20,8 +20,8 @@ const STACK: u16 = 0x8f0;
 /// Where the ring's tail is: data address of OCR0A.
 const TAIL_AT: u16 = 0x47;
 /// Of a motor, behind the registers: whether all intervals are shorter than 256 ticks; and the bit that says, to a list, that bit 8 and those above it are the same of all of them.
-const SURE: u16 = REGISTERS + 61;
-const EVEN: u8 = 0x80;
+const PRECHECKED: u16 = REGISTERS + 61;
+const HIGH_FIXED: u8 = 0x80;
 const RETURN: u16 = 0x3ff0;
 
 fn bytes_of(registers: &Registers) -> Vec<u8> {
@@ -168,11 +168,11 @@ struct Filled {
 }
 
 /// Expands `n` steps into a ring of a page, from its beginning, that is played up to `tail`.
-fn fill(chip: &mut Atmega328p, entry: u16, registers: &Registers, n: u8, tail: u8, sure: u8) -> Filled {
+fn fill(chip: &mut Atmega328p, entry: u16, registers: &Registers, n: u8, tail: u8, prechecked: u8) -> Filled {
     chip.write_data(TAIL_AT, tail, &mut ());
-    chip.write_data(SURE, sure, &mut ());
+    chip.write_data(PRECHECKED, prechecked, &mut ());
     let cycles = call(chip, entry, TICKS, false, registers, n);
-    chip.write_data(SURE, 0, &mut ());
+    chip.write_data(PRECHECKED, 0, &mut ());
     let ram = |address: u16| chip.ram()[usize::from(address - 0x100)];
     let head = u16::from(chip.register(24));
     let tick = |group: u16| u16::from_le_bytes([ram(TICKS + group + 2), ram(TICKS + group + 1)]);
@@ -191,7 +191,7 @@ fn even_lists_are_the_recurrence() {
     const START: u16 = 0xa0;
     const GROUPS: u64 = 24;
     let (mut chip, [_, list, ..]) = chip();
-    let ring = address(SYMBOLS, "steps_expand_beside");
+    let ring = address(SYMBOLS, "steps_expand_shield_b");
     let mut random = Random::new(3);
     for round in 0..4000 {
         let n = 1 + (random.next() % 31) as u8;
@@ -208,11 +208,11 @@ fn even_lists_are_the_recurrence() {
             add2: change(&mut random, 5000),
             left: u16::from(n) + (random.next() % 1000) as u16,
         };
-        for (sure, is_ring) in [(EVEN | 1, false), (EVEN | 1, true), (0, true)] {
+        for (prechecked, is_ring) in [(HIGH_FIXED | 1, false), (HIGH_FIXED | 1, true), (0, true)] {
             let n = if is_ring { n.min(23) } else { n };
             let first = START + 4 * random.below(GROUPS) as u16;
             let (expected, ticks) = advanced(&registers, n);
-            chip.write_data(SURE, sure, &mut ());
+            chip.write_data(PRECHECKED, prechecked, &mut ());
             let (entry, at) = if is_ring { (ring, TICKS + first) } else { (list, TICKS) };
             call(&mut chip, entry, at, false, &registers, n);
             let ram = |address: u16| chip.ram()[usize::from(address - 0x100)];
@@ -244,7 +244,7 @@ fn a_ring_takes_what_it_has_room_for() {
     let mut nearest = (0, 0);
     for round in 0..4000 {
         let n = 1 + (random.next() % 100) as u8;
-        // Intervals of 100 to 200 ticks that stay between 60 and 255 for 100 steps, as those of segments that are sure do; or
+        // Intervals of 100 to 200 ticks that stay between 60 and 255 for 100 steps, as those of prechecked segments do; or
         // that do not change.
         let steady = round % 4 == 0;
         let ticks = 100 + random.next() % 100;
@@ -260,8 +260,8 @@ fn a_ring_takes_what_it_has_room_for() {
         };
         let room = 14 + (random.next() % 50) as u8;
         let tail = (4 * room + 1).wrapping_add((random.next() % 3) as u8);
-        let sure = (random.next() % 2) as u8;
-        let filled = fill(&mut chip, entry, &registers, n, tail, sure);
+        let prechecked = (random.next() % 2) as u8;
+        let filled = fill(&mut chip, entry, &registers, n, tail, prechecked);
         // So much that fewer than four groups are left, or all.
         let made = filled.ticks.len();
         assert!(made == usize::from(n) || (room as usize - 3..=room as usize).contains(&made), "{made} of {n}, {room}");
@@ -274,7 +274,7 @@ fn a_ring_takes_what_it_has_room_for() {
         assert_eq!(filled.registers, bytes_of(&expected), "round {round}, {made} of {n} steps of {registers:?}");
         assert_eq!(chip.register(5), n - made as u8);
         // Where there is less room than for 32, all are published at once.
-        if sure == 1 && !steady && made == usize::from(n) && room < 32 {
+        if prechecked == 1 && !steady && made == usize::from(n) && room < 32 {
             match n {
                 14 => nearest.0 = filled.cycles,
                 24 => nearest.1 = filled.cycles,

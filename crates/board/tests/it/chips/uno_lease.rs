@@ -10,7 +10,7 @@ use pulsetrain_core::braking::Limit;
 use pulsetrain_core::lease::Cause as LeaseCause;
 use pulsetrain_core::wire::Baud;
 use pulsetrain_core::wire::message::Cause;
-use pulsetrain_core::{Direction, Entry, Epoch, Item, Moment, Segment};
+use pulsetrain_core::{Direction, Entry, Epoch, Item, Segment, Tick32};
 use pulsetrain_testkit::lab::{EXACT, Lab, SOFTWARE, Timing};
 use pulsetrain_testkit::seed::{rounds, seed};
 use pulsetrain_testkit::{Random, TICK_HZ, uno_setup};
@@ -48,7 +48,7 @@ fn limit(acceleration: f64, rest_level: u8) -> Limit {
 fn items(random: &mut Random, motors: usize, room: u64, from: u64) -> Vec<Item> {
     let fastest = [600, 900, 1400, 2200][motors - 1];
     let mut tick = from + room + random.below(20_000);
-    let mut items = vec![Item::Anchor { tick: Moment::of(tick) }];
+    let mut items = vec![Item::Anchor { tick: Tick32::of(tick) }];
     let mut accumulator = ((tick as i128) << 16) + (1 << 15);
     let mut direction = Direction::Forward;
     let interval = |random: &mut Random| (fastest as f64 * 12f64.powf(random.fraction().powi(2))) as i64;
@@ -63,7 +63,7 @@ fn items(random: &mut Random, motors: usize, room: u64, from: u64) -> Vec<Item> 
             if goes_on && random.one_in(3) {
                 tick = (accumulator >> 16) as u64 + ticks;
                 accumulator = ((tick as i128) << 16) + (1 << 15);
-                items.push(Item::Anchor { tick: Moment::of(tick) });
+                items.push(Item::Anchor { tick: Tick32::of(tick) });
             } else {
                 accumulator += (ticks as i128) << 16;
                 items.push(Item::Dwell { ticks: ticks as u32 });

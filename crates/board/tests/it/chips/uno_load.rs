@@ -5,12 +5,12 @@
 
 use pulsetrain_board::virtual_uno::{self, VirtualUno};
 use pulsetrain_board::{Board, Edge, Lease, Leased, Native, Port, PortError, Remote, Setup, Shadowed};
-use pulsetrain_core::narrow::Registers;
+use pulsetrain_core::avr::Registers;
 use pulsetrain_core::packing::{CHECK_LEN, Check, MAX_PACKED_LEN, Packing, State};
 use pulsetrain_core::wire::frame::{Decoder, Received};
 use pulsetrain_core::wire::message::{Cause, kind};
 use pulsetrain_core::wire::{Baud, Encoder, MAX_FRAME};
-use pulsetrain_core::{Direction, Entry, Epoch, Item, Moment, Segment};
+use pulsetrain_core::{Direction, Entry, Epoch, Item, Segment, Tick32};
 use pulsetrain_testkit::lab::{EXACT, Lab, SOFTWARE, SYMBOLS, Timing, address};
 use pulsetrain_testkit::seed::{rounds, seed};
 use pulsetrain_testkit::{Random, TICK_HZ, native_config, uno_setup};
@@ -54,7 +54,7 @@ impl Model {
     /// The check that is right here.
     fn check(&self) -> Check {
         let Registers { tick, fraction, .. } = self.registers;
-        Check { position: (self.position as u16).wrapping_sub(self.origin), tick: Moment(tick), fraction }
+        Check { position: (self.position as u16).wrapping_sub(self.origin), tick: Tick32(tick), fraction }
     }
 
     /// The next record of `rest`; checks that are right are passed over.
@@ -121,7 +121,7 @@ impl Model {
         Read::Record(Some(steps))
     }
 
-    fn anchor(&mut self, tick: Moment) -> Read {
+    fn anchor(&mut self, tick: Tick32) -> Read {
         (self.registers.tick, self.registers.fraction) = (tick.0, 0x8000);
         (self.anchored, self.origin) = (true, self.position as u16);
         Read::Record(None)
@@ -176,7 +176,7 @@ const FLAGS: u16 = 23;
 const GAIN: u16 = 27;
 const NEXT: u16 = 28;
 const POSITION: u16 = 50;
-const SURE: u16 = 61;
+const PRECHECKED: u16 = 61;
 const READY: u16 = 62;
 const REASON: u16 = 77;
 const MOTOR_BYTES: u16 = 120;
@@ -268,11 +268,11 @@ fn random_stream(random: &mut Random, gain: i8) -> Vec<u8> {
     for number in 0..most {
         let garbage = |random: &mut Random, len| (0..1 + random.below(len)).map(|_| random.next() as u8).collect();
         let mut record = if number == 0 && !random.one_in(8) {
-            packed(&model, &Item::Anchor { tick: Moment(random.next() as u32) })
+            packed(&model, &Item::Anchor { tick: Tick32(random.next() as u32) })
         } else {
             match random.below(16) {
                 0 => packed(&model, &Item::Dwell { ticks: random.next() as u32 >> random.below(32) }),
-                1 => packed(&model, &Item::Anchor { tick: Moment(random.next() as u32) }),
+                1 => packed(&model, &Item::Anchor { tick: Tick32(random.next() as u32) }),
                 2 => packed_check(&model, random, true),
                 3 => packed_check(&model, random, false),
                 4 | 5 => garbage(random, 12),
@@ -325,7 +325,7 @@ struct Ends {
     refused: [u32; 3],
     wide: u32,
     segments: u32,
-    sure: u32,
+    prechecked: u32,
 }
 
 fn check_stream(loader: &mut Loader, random: &mut Random, ends: &mut Ends) {
@@ -386,14 +386,14 @@ fn check_stream(loader: &mut Loader, random: &mut Random, ends: &mut Ends) {
                 assert_eq!(loader.registers(), bytes_of(&model.registers), "{}", what());
                 let said = u16::from_le_bytes(loader.get(MOTOR + COUNT));
                 assert_eq!(u32::from(said), model.state.previous_count, "{} after {count:?}", what());
-                let [sure] = loader.get(MOTOR + SURE);
+                let [prechecked] = loader.get(MOTOR + PRECHECKED);
                 let (shortest, longest) = model.run();
-                if sure != 0 {
+                if prechecked != 0 {
                     // Its steps are not compared any longer.
-                    let most = 256 * u32::from(sure & 0x7f);
+                    let most = 256 * u32::from(prechecked & 0x7f);
                     let fits = shortest >= u32::from(loader.fastest) && longest < most;
                     assert!(fits, "{}: {shortest} to {longest} ticks, said to be below {most}", what());
-                    ends.sure += 1;
+                    ends.prechecked += 1;
                 }
                 if !model.is_narrow() {
                     ends.wide += 1;
@@ -415,13 +415,13 @@ fn the_loader_reads_what_core_reads_and_refuses_the_rest() {
         loader.fastest = [60, 78, 130][round as usize % 3];
         check_stream(&mut loader, &mut random, &mut ends);
     }
-    let Ends { read, refused: [missed, mismatch, bad], wide, segments, sure } = ends;
+    let Ends { read, refused: [missed, mismatch, bad], wide, segments, prechecked } = ends;
     println!(
-        "{segments} segments, {sure} of them sure; {read} streams read to the end, {wide} up to registers that are too wide; refused: \
+        "{segments} segments, {prechecked} of them prechecked; {read} streams read to the end, {wide} up to registers that are too wide; refused: \
          {bad} bad, {mismatch} by a check, {missed} without an anchor"
     );
 
-    assert!([read, missed, mismatch, bad, wide].iter().all(|number| *number > 50) && sure > 500);
+    assert!([read, missed, mismatch, bad, wide].iter().all(|number| *number > 50) && prechecked > 500);
 }
 
 // The whole board.
@@ -526,7 +526,7 @@ impl Port for Damaging {
 /// A short plan of each motor: runs, waits, turns.
 fn plan(board: &mut impl Board, setup: &Setup, random: &mut Random, from: u64) {
     for motor in 0..setup.motors.len() {
-        let mut items = vec![Item::Anchor { tick: Moment::of(from) }];
+        let mut items = vec![Item::Anchor { tick: Tick32::of(from) }];
         let mut direction = Direction::Forward;
         for _ in 0..4 {
             items.push(Item::Dwell { ticks: 4000 + random.below(20_000) as u32 });

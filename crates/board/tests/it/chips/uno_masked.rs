@@ -11,7 +11,7 @@ use std::collections::BTreeMap;
 use std::time::Duration;
 
 /// Words of a vector (DS40002061B §12.4).
-const TASK: u16 = 2 * 16;
+const REFILL: u16 = 2 * 16;
 const STEPS: [u16; 2] = [2 * 11, 2 * 12];
 const RECEIVE: u16 = 2 * 18;
 
@@ -88,8 +88,8 @@ fn moving(pins: &[(u8, u8)], rate: f64) -> (BTreeMap<u16, u64>, u16) {
 #[test]
 fn interrupts_are_kept_out_as_long_as_the_table_says() {
     // Where ring B's interrupt closes again what it has opened for ring A's.
-    let window = address(SYMBOLS, "ring_b_window");
-    let [mut receive, mut at_once, mut task, mut steps, mut again, mut others] = [0; 6];
+    let window = address(SYMBOLS, "timer1_compb_window");
+    let [mut receive, mut not_nested, mut refill, mut steps, mut again, mut others] = [0; 6];
     let mut stack_left = u16::MAX;
     for (pins, rate) in [
         (&[(2, 5)][..], 20e3),
@@ -103,12 +103,12 @@ fn interrupts_are_kept_out_as_long_as_the_table_says() {
         stack_left = stack_left.min(left);
         for (from, cycles) in longest {
             let place = match from {
-                // It lets nobody in beside plain steps of the compare hardware.
-                RECEIVE if pins[0].0 == 9 => &mut at_once,
+                // It lets nobody in while the compare hardware makes plain steps.
+                RECEIVE if pins[0].0 == 9 => &mut not_nested,
                 RECEIVE => &mut receive,
-                TASK => &mut task,
+                REFILL => &mut refill,
                 from if STEPS.contains(&from) => &mut steps,
-                // Behind `cli`.
+                // After `cli`.
                 from if (window..window + 2).contains(&from) => &mut again,
                 _ => &mut others,
             };
@@ -119,10 +119,10 @@ fn interrupts_are_kept_out_as_long_as_the_table_says() {
         }
     }
     println!(
-        "receive {receive} or {at_once}, task {task}, steps {steps}, again {again}, others {others} cycles; {stack_left} bytes of stack"
+        "receive {receive} or {not_nested}, refill {refill}, steps {steps}, again {again}, others {others} cycles; {stack_left} bytes of stack"
     );
     // With the 4 cycles of the response, without the instruction that follows `sei`.
-    assert!(task <= 16 && steps <= 76);
-    assert!(receive <= 16 && at_once <= 48 && again <= 32 && others <= 16);
+    assert!(refill <= 16 && steps <= 76);
+    assert!(receive <= 16 && not_nested <= 48 && again <= 32 && others <= 16);
     assert!(stack_left >= 40);
 }

@@ -2,7 +2,7 @@
 
 use pulsetrain_board::{Board, Faults, Lease, Leased, Setup, SwitchRefused};
 use pulsetrain_core::wire::message::Cause;
-use pulsetrain_core::{Direction, Entry, Epoch, Item, Moment, Segment};
+use pulsetrain_core::{Direction, Entry, Epoch, Item, Segment, Tick32};
 use pulsetrain_testkit::lab::{EXACT, Lab, SHARED, SOFTWARE, Timing, Uno, uno};
 use pulsetrain_testkit::{Random, TICK_HZ, uno_setup};
 
@@ -76,7 +76,7 @@ fn random_setup(pins: &Pins, random: &mut Random) -> Setup {
 fn random_items(pins: &Pins, setup: &Setup, random: &mut Random, from: u64, forward: bool) -> Vec<Item> {
     let (fastest, room) = (pins.fastest(), room_for_dir(setup));
     let mut direction = if forward { Direction::Forward } else { Direction::Backward };
-    let mut items = vec![Item::Anchor { tick: Moment::of(from) }, Item::Dwell { ticks: room as u32 }];
+    let mut items = vec![Item::Anchor { tick: Tick32::of(from) }, Item::Dwell { ticks: room as u32 }];
     let interval = |random: &mut Random| (fastest as f64 * 30f64.powf(random.fraction().powi(2))) as i64;
     let mut now = interval(random);
     for _ in 0..random.between(2, 12) {

@@ -3,7 +3,7 @@
 use pulsetrain_board::virtual_uno::VirtualUno;
 use pulsetrain_board::{Board, Edge, Lease, Leased, Remote, RemoteError, Setup};
 use pulsetrain_core::wire::Reason;
-use pulsetrain_core::{Entry, Epoch, Item, Moment};
+use pulsetrain_core::{Entry, Epoch, Item, Tick32};
 use pulsetrain_emulator::{Level, Port};
 use pulsetrain_testkit::lab::{Lab, uno};
 use pulsetrain_testkit::{TICK_HZ, run, uno_setup};
@@ -98,10 +98,10 @@ fn enable_follows_the_motors() {
         let mut edges = Vec::new();
         for epoch in 1..=2 {
             let from = board.now() + board.lead() + TICK_HZ / 10;
-            for item in [Item::Anchor { tick: Moment::of(from) }, run(100, 16_000)] {
+            for item in [Item::Anchor { tick: Tick32::of(from) }, run(100, 16_000)] {
                 board.push(0, Entry { epoch: Epoch(epoch), item }).expect("room");
             }
-            board.push(1, Entry { epoch: Epoch(epoch), item: Item::Anchor { tick: Moment::of(from) } }).expect("room");
+            board.push(1, Entry { epoch: Epoch(epoch), item: Item::Anchor { tick: Tick32::of(from) } }).expect("room");
             board.switch(Epoch(epoch), from, Lease::Last, &[]).expect("in time");
             edges.clear();
             board.advance(from + 100 * 16_000 + TICK_HZ / 2, &mut |edge: Edge| edges.push(edge));
@@ -137,7 +137,7 @@ fn pulses_are_as_long_as_asked() {
             let mut lab = Lab::default();
             let from = board.now() + board.lead() + TICK_HZ / 100;
             for motor in 0..pins.len() {
-                for item in [Item::Anchor { tick: Moment::of(from + 3000 * motor as u64) }, run(20, 16_000)] {
+                for item in [Item::Anchor { tick: Tick32::of(from + 3000 * motor as u64) }, run(20, 16_000)] {
                     board.push(motor, Entry { epoch: Epoch(1), item }).expect("room");
                 }
             }

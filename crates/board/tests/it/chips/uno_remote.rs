@@ -3,7 +3,7 @@
 use pulsetrain_board::{Board, Edge, Faults, Lease, Leased, Port, PortError, Remote, Setup, virtual_uno::VirtualUno};
 use pulsetrain_core::wire::Baud;
 use pulsetrain_core::wire::message::{Cause, MotorSetup};
-use pulsetrain_core::{Direction, Entry, Epoch, Item, Moment, Segment};
+use pulsetrain_core::{Direction, Entry, Epoch, Item, Segment, Tick32};
 use pulsetrain_testkit::segments::{Law, Stream};
 use pulsetrain_testkit::uno_setup;
 use std::time::Duration;
@@ -24,7 +24,7 @@ fn the_firmware_finds_its_checks_right_at_every_rate() {
         let push = |remote: &mut Remote<VirtualUno>, item| {
             remote.push(0, Entry { epoch: Epoch(1), item }).unwrap();
         };
-        push(&mut remote, Item::Anchor { tick: Moment::of(from) });
+        push(&mut remote, Item::Anchor { tick: Tick32::of(from) });
         let mut ticks = 0;
         // Each one different from the one before: as many bytes as fit, and some checks among them.
         for k in 0_i64.. {

@@ -2,7 +2,7 @@
 
 use pulsetrain_board::{Board, Lease, Leased, Setup};
 use pulsetrain_core::wire::message::flags;
-use pulsetrain_core::{Direction, Entry, Epoch, Item, Moment, Segment};
+use pulsetrain_core::{Direction, Entry, Epoch, Item, Segment, Tick32};
 use pulsetrain_testkit::lab::{Lab, said, uno};
 use pulsetrain_testkit::{Random, TICK_HZ, uno_setup};
 
@@ -28,7 +28,7 @@ fn begin(setup: &Setup, shift: u64, interval: u64, count: u32) -> (pulsetrain_te
     let shared = setup.motors.len() == 4 && setup.motors[0].dir_pin == setup.motors[1].dir_pin;
     for motor in 0..setup.motors.len() {
         let mut push = |item| board.push(motor, Entry { epoch: Epoch(1), item }).expect("room");
-        push(Item::Anchor { tick: Moment::of(from) });
+        push(Item::Anchor { tick: Tick32::of(from) });
         push(Item::Dwell { ticks: 1000 + 97 * motor as u32 });
         let segment = Segment { count, interval: (interval as i64) << 16, add: 0, add2: 0 };
         for turn in 0..3 {

@@ -4,7 +4,7 @@ use pulsetrain_board::virtual_uno::VirtualUno;
 use pulsetrain_board::{Board, Faults, Lease, Leased, Port};
 use pulsetrain_core::wire::Baud;
 use pulsetrain_core::wire::message::Cause;
-use pulsetrain_core::{Direction, Entry, Epoch, Item, Moment, Segment};
+use pulsetrain_core::{Direction, Entry, Epoch, Item, Segment, Tick32};
 use pulsetrain_testkit::lab::{EXACT, Lab, SOFTWARE, Timing, said, uno, uno_after};
 use pulsetrain_testkit::{TICK_HZ, uno_setup};
 use std::time::Duration;
@@ -35,7 +35,7 @@ fn across(port: VirtualUno, wrap: u64, pins: &[(u8, u8)], timing: Timing) {
     for (epoch, from, count) in [(1, from, 600), (2, wrap + TICK_HZ / 10, 300)] {
         for motor in 0..pins.len() {
             for item in
-                [Item::Anchor { tick: Moment::of(from) }, Item::Dwell { ticks: 2000 }, run(count, 4001, epoch == 1)]
+                [Item::Anchor { tick: Tick32::of(from) }, Item::Dwell { ticks: 2000 }, run(count, 4001, epoch == 1)]
             {
                 board.push(motor, Entry { epoch: Epoch(epoch), item }).expect("room");
             }
@@ -96,7 +96,7 @@ fn timer_1_wraps_between_steps() {
             let from = (board.now() + board.lead() + TICK_HZ / 10).next_multiple_of(1 << 16);
             for motor in 0..pins.len() {
                 let dwell = Item::Dwell { ticks: 65_536 - interval as u32 % 65_536 + motor as u32 * 3 };
-                for item in [Item::Anchor { tick: Moment::of(from - 1) }, dwell, run(12, interval, true)] {
+                for item in [Item::Anchor { tick: Tick32::of(from - 1) }, dwell, run(12, interval, true)] {
                     board.push(motor, Entry { epoch: Epoch(1), item }).expect("room");
                 }
             }
@@ -118,7 +118,7 @@ fn epochs_and_sequence_numbers_wrap() {
         let epoch = Epoch(number as u8);
         let from = board.now() + board.lead() + TICK_HZ / 100;
         for item in
-            [Item::Anchor { tick: Moment::of(from) }, Item::Dwell { ticks: 1000 }, run(5, 3000, number % 3 == 0)]
+            [Item::Anchor { tick: Tick32::of(from) }, Item::Dwell { ticks: 1000 }, run(5, 3000, number % 3 == 0)]
         {
             board.push(0, Entry { epoch, item }).expect("room");
         }
@@ -139,7 +139,7 @@ fn a_queue_that_ends_is_a_motor_that_stands() {
         let mut lab = Lab::default();
         let from = board.now() + board.lead() + TICK_HZ / 10;
         for motor in 0..pins.len() {
-            for item in [Item::Anchor { tick: Moment::of(from) }, Item::Dwell { ticks: 1000 }, run(777, 800, true)] {
+            for item in [Item::Anchor { tick: Tick32::of(from) }, Item::Dwell { ticks: 1000 }, run(777, 800, true)] {
                 board.push(motor, Entry { epoch: Epoch(1), item }).expect("room");
             }
         }

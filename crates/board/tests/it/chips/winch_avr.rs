@@ -1,7 +1,7 @@
 //! The winch in the Uno's assembly against core's: random lines, the same answers; random commands to a path, the same bits;
 //! and what a tick and a byte cost.
 //!
-//! images/winch.hex is the assembly of firmware/uno/src/bin/uno-winch/winch, behind winch_entries.s: `cargo xtask firmware uno`.
+//! testdata/winch.hex is the assembly of firmware/uno/src/bin/uno-winch/winch, behind winch_entries.s: `cargo xtask firmware uno`.
 
 use pulsetrain_core::winch::letters::InMemory;
 use pulsetrain_core::winch::path::Path;
@@ -13,7 +13,7 @@ use pulsetrain_testkit::Random;
 use pulsetrain_testkit::seed::{rounds, seed};
 use std::collections::VecDeque;
 
-const IMAGE: &str = include_str!("../../../images/winch.hex");
+const IMAGE: &str = include_str!("../../../../../testdata/winch.hex");
 /// Entries, by winch_entries.s; in words.
 const TICK: u16 = 0;
 const LISTEN: u16 = 2;

@@ -49,7 +49,7 @@ fn measures(uno: &Uno) -> Measures {
 
 /// Where the image has a jump to itself.
 fn forever() -> u16 {
-    address(include_str!("../../../images/uno-winch.sym"), "end_of_program_loop")
+    address(include_str!("../../../../../testdata/uno-winch.sym"), "end_of_program_loop")
 }
 
 /// The next interrupt takes so many cycles more, and keeps all others out: the processor waits at its vector.

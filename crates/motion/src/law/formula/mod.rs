@@ -188,19 +188,27 @@ impl Formula {
         self.tree.size()
     }
 
-    pub(super) fn pieces(&self) -> Windows<'_> {
-        Windows { formula: self, start: Time::ZERO, length: 1.0, position: None, known: None, forced: 0, failed: false }
+    pub(super) fn pieces(self: &Arc<Formula>) -> Windows {
+        Windows {
+            formula: Arc::clone(self),
+            start: Time::ZERO,
+            length: 1.0,
+            position: None,
+            known: None,
+            forced: 0,
+            failed: false,
+        }
     }
 
     /// The windows from `start` on; the first is as long as can be there.
-    pub(super) fn pieces_from(&self, start: Time) -> Windows<'_> {
+    pub(super) fn pieces_from(self: &Arc<Formula>, start: Time) -> Windows {
         Windows { start, length: LONGEST_S, ..self.pieces() }
     }
 }
 
 /// The pieces of a formula.
-pub(super) struct Windows<'a> {
-    formula: &'a Formula,
+pub(super) struct Windows {
+    formula: Arc<Formula>,
     start: Time,
     /// The next window's length, s.
     length: f64,
@@ -219,7 +227,7 @@ enum Known {
     Tape(Arc<Tape>),
 }
 
-impl Iterator for Windows<'_> {
+impl Iterator for Windows {
     type Item = Result<Piece, LawError>;
 
     fn next(&mut self) -> Option<Self::Item> {
@@ -232,7 +240,7 @@ impl Iterator for Windows<'_> {
     }
 }
 
-impl Windows<'_> {
+impl Windows {
     fn window(&mut self) -> Result<Piece, LawError> {
         let start = self.start;
         let last = self.formula.duration.unwrap_or(Time::MAX);

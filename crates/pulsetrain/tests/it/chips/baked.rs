@@ -4,22 +4,24 @@
 //! Each edge is within its certificate, a tick, and what the firmware is known to be late (`BoardRow::lateness_ticks`, 0 with the compare
 //! hardware), as in any run on an Uno; times count from the board's clock, which has the laws' zero at tick [`ZERO`].
 
+use pulsetrain::load;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use pulsetrain::bake::rehearsal::{self, Length, What, lamp, options};
-use pulsetrain::bake::{BakeError, Image};
 use pulsetrain::cli;
 use pulsetrain::console::Exit;
-use pulsetrain::prepare::{Prepared, Refusal};
+use pulsetrain_bake::rehearsal::{self, What, lamp, options};
+use pulsetrain_bake::{BakeError, Image};
 use pulsetrain_board::virtual_uno::{self, VirtualUno};
 use pulsetrain_board::{Port, hex, stk500};
+use pulsetrain_core::baked::avr::{HEAD_LEN, ZERO};
 use pulsetrain_core::baked::crc32;
-use pulsetrain_core::baked::narrow::{HEAD_LEN, ZERO};
 use pulsetrain_motion::program::Program;
 use pulsetrain_motion::{boards, file};
 use pulsetrain_plan::PlanError;
+use pulsetrain_session::prepare::{Prepared, Refusal};
+use pulsetrain_session::rehearsal::Length;
 use pulsetrain_testkit::folder::Folder;
 use pulsetrain_trace::Trace;
 use pulsetrain_trace::verdict::{self, Report};
@@ -32,7 +34,7 @@ fn example(file: &str) -> PathBuf {
 }
 
 fn read_example(file: &str) -> Program {
-    Prepared::endless(&example(file), None).unwrap().program
+    load::endless(&example(file), None).unwrap().program
 }
 
 /// A program as `pulsetrain bake` reads it.

@@ -3,10 +3,9 @@
 use std::io;
 use std::time::Duration;
 
-use pulsetrain::bake::{BakeError, PicoImage};
 use pulsetrain::cli;
 use pulsetrain::console::Exit;
-use pulsetrain::prepare::{Prepared, Refusal};
+use pulsetrain_bake::{BakeError, PicoImage};
 use pulsetrain_board::virtual_pico::{self, VirtualPico};
 use pulsetrain_board::{Board, Edge, Port, Remote, RemoteError, Setup, image};
 use pulsetrain_core::baked::POINTER;
@@ -15,6 +14,7 @@ use pulsetrain_core::wire::{Reason, Settings};
 use pulsetrain_motion::program::Program;
 use pulsetrain_motion::{boards, file};
 use pulsetrain_plan::PlanError;
+use pulsetrain_session::prepare::{Prepared, Refusal};
 use pulsetrain_trace::verdict::{self, Align, Options, Report};
 use pulsetrain_trace::{Line, Trace};
 

@@ -1,21 +1,22 @@
 //! A board whose clock is off by half a percent, in simulated time: what `run --clock-ppm` corrects, by the host's clock.
 
+use pulsetrain::load;
 use std::path::Path;
 
-use pulsetrain::drive::Driven;
-use pulsetrain::prepare::Prepared;
 use pulsetrain_board::skewed::Skewed;
 use pulsetrain_board::virtual_uno::VirtualUno;
 use pulsetrain_board::{Edge, RemoteError};
 use pulsetrain_core::wire::Baud;
 use pulsetrain_motion::boards;
 use pulsetrain_motion::pins::PinKind;
+use pulsetrain_session::drive::Driven;
+use pulsetrain_session::prepare::Prepared;
 use pulsetrain_trace::verdict::{self, Align, Options, Report};
 use pulsetrain_trace::{Edge as Traced, Trace};
 
 fn prepared() -> Prepared {
     let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples/tutorial-3s.toml");
-    Prepared::load(&file, Some("uno"), None).unwrap()
+    load::load(&file, Some("uno"), None).unwrap()
 }
 
 /// A run on a board whose clock is `off` ppm fast, planned for one that is `planned` ppm fast, as the host's clock sees it.
@@ -59,7 +60,10 @@ fn a_board_of_another_kind_is_not_a_clock_that_is_off() {
     prepared.program.board.tick_hz = 20_000_000;
     let error = Driven::at(&prepared, VirtualUno::new(), Baud::B1M).err().expect("refused");
     assert!(
-        matches!(error, pulsetrain::drive::DriveError::Remote(RemoteError::OtherBoard { wanted_hz: 20_000_000, .. })),
+        matches!(
+            error,
+            pulsetrain_session::drive::DriveError::Remote(RemoteError::OtherBoard { wanted_hz: 20_000_000, .. })
+        ),
         "{error}"
     );
 }

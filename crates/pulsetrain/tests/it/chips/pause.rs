@@ -1,13 +1,12 @@
 //! Pauses and stops on the virtual Uno: the committed firmware on an emulated chip.
 
-use pulsetrain::drive::connect;
-use pulsetrain::pause::Shelf;
-use pulsetrain::session::Session;
 use pulsetrain_board::virtual_uno::VirtualUno;
 use pulsetrain_board::{Board, Edge, Faults};
 use pulsetrain_core::wire::Baud;
 use pulsetrain_motion::program::{self, DriverTiming, Limits, Motor, Program, Scale, Tolerance};
 use pulsetrain_motion::{Grid, Law, Time, boards};
+use pulsetrain_session::Session;
+use pulsetrain_session::drive::connect;
 
 const TIMING: DriverTiming =
     DriverTiming { pulse_high_ns: 1000, pulse_low_ns: 1000, dir_setup_ns: 500, dir_hold_ns: 500 };
@@ -44,19 +43,18 @@ fn a_pause_on_the_chip_keeps_count_and_phase() {
     let sine = |a, period| Law::sine(a, Time::from_seconds(period), Some((3.0 / period) as u64)).unwrap();
     let program = program(vec![motor(9, 8, sine(150.0, 1.5)), motor(10, 7, sine(-100.0, 0.75))]);
     let run = |pauses: bool| {
-        let shelf = Shelf::default();
         let mut edges = Vec::new();
         let mut observer = |edge: Edge| edges.push(edge);
-        let mut session = Session::new(connect(VirtualUno::new(), &program, Baud::B1M).unwrap(), &program).unwrap();
+        let mut session = Session::new(connect(VirtualUno::new(), &program, Baud::B1M).unwrap(), program.clone()).unwrap();
         let zero = session.zero();
         let mut at_speed = 0;
         if pauses {
             session.advance(zero + 12_000_000, &mut observer).unwrap();
-            let rests = session.pause(&shelf).unwrap();
+            let rests = session.pause().unwrap();
             session.advance(rests + 8_000_000, &mut observer).unwrap();
             let counts: Vec<_> = (0..2).map(|motor| session.count_at(motor, rests).unwrap()).collect();
             assert_eq!(session.board().positions(), counts);
-            at_speed = session.resume(&shelf).unwrap();
+            at_speed = session.resume().unwrap();
         }
         let report = session.run(&mut observer, |_| {});
         assert_eq!((report.failure, &report.counted), (None, &report.replayed));
@@ -89,7 +87,7 @@ fn a_stop_on_the_chip_is_the_tail_that_was_planned() {
         let mut pulses = 0;
         let mut observer = |edge: Edge| pulses += i64::from(edge.line == 8 && edge.level);
         let board = connect(VirtualUno::new(), &program, Baud::B1M).unwrap();
-        let mut session = Session::new(board, &program).unwrap();
+        let mut session = Session::new(board, program.clone()).unwrap();
         session.advance(session.zero() + tenths * 1_600_000, &mut observer).unwrap();
         session.stop().unwrap();
         let report = session.run(&mut observer, |_| {});

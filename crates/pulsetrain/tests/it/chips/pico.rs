@@ -2,8 +2,7 @@
 
 use pulsetrain::cli;
 use pulsetrain::console::Exit;
-use pulsetrain::drive::{Driven, connect_while};
-use pulsetrain::prepare::Prepared;
+use pulsetrain::load;
 use pulsetrain_board::native::QUEUE_LEN;
 use pulsetrain_board::shared::Shared;
 use pulsetrain_board::virtual_pico::VirtualPico;
@@ -11,8 +10,9 @@ use pulsetrain_board::{Board, Edge, Lease, Leased, Observer, Port, Remote, Remot
 use pulsetrain_core::verbs::Verb;
 use pulsetrain_core::wire::Baud;
 use pulsetrain_core::wire::message::{Cause, MotorSetup};
-use pulsetrain_core::{Direction, Entry, Epoch, Item, Moment, Segment};
+use pulsetrain_core::{Direction, Entry, Epoch, Item, Segment, Tick32};
 use pulsetrain_motion::{boards, file};
+use pulsetrain_session::drive::{Driven, connect_while};
 use pulsetrain_testkit::folder::Folder;
 use std::io::ErrorKind;
 use std::time::Duration;
@@ -169,7 +169,7 @@ fn all_steps_are_told_of_a_board_that_has_been_on_for_long() {
         }
     }
     let file = concat!(env!("CARGO_MANIFEST_DIR"), "/../../examples/tutorial.toml");
-    let prepared = Prepared::load(file.as_ref(), Some("pico"), None).unwrap();
+    let prepared = load::load(file.as_ref(), Some("pico"), None).unwrap();
     for seconds in [0, 9, 20, 40] {
         let mut board = VirtualPico::on_usb();
         let until = Duration::from_secs(seconds);
@@ -188,7 +188,7 @@ fn all_steps_are_told_of_a_board_that_has_been_on_for_long() {
 fn a_run_that_is_over_gives_its_board_away() {
     let board = Shared::new(VirtualPico::on_usb());
     let file = concat!(env!("CARGO_MANIFEST_DIR"), "/../../examples/tutorial.toml");
-    let prepared = Prepared::load(file.as_ref(), Some("pico"), None).unwrap();
+    let prepared = load::load(file.as_ref(), Some("pico"), None).unwrap();
     let mut driven = Driven::at(&prepared, board.clone(), Baud::B1M).unwrap();
     driven.run(&mut |_: Edge| {}, |_| {}).unwrap();
     driven.close();
@@ -360,7 +360,7 @@ fn the_table_says_what_the_firmware_has() {
             .unwrap();
         let from = pico.now() + pico.lead() + 2_000_000;
         for motor in 0..2 {
-            let mut items = vec![Item::Anchor { tick: Moment::of(from) }];
+            let mut items = vec![Item::Anchor { tick: Tick32::of(from) }];
             for turn in 0..300 {
                 let segment =
                     Segment { count: 1, interval: (200_000 + 777 * i64::from(turn % 5)) << 32, add: 0, add2: 0 };

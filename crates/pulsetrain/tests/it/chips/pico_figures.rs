@@ -5,11 +5,11 @@ use crate::common::pico_rows::{
     ABOVE, BETWEEN_TURNS, Case, IN_SHORT, Row, ULN_MOTORS, alike, made, on_coils, promised, sinusoids, start, sweep,
     uln2003,
 };
-use pulsetrain::prepare::Refusal;
 use pulsetrain_board::virtual_pico::VirtualPico;
 use pulsetrain_core::output::Sequence;
 use pulsetrain_motion::boards;
 use pulsetrain_plan::PlanError;
+use pulsetrain_session::prepare::Refusal;
 use pulsetrain_testkit::seed::rounds;
 
 /// Rates are tried 2.5 % apart, and random speeds have a mean that is not exactly what was asked for.

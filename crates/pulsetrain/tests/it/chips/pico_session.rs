@@ -4,9 +4,6 @@
 use crate::common::onward::onward;
 use crate::common::random::each;
 use proptest::prelude::*;
-use pulsetrain::drive::connect;
-use pulsetrain::pause::Shelf;
-use pulsetrain::session::{Session, SessionError};
 use pulsetrain_board::virtual_pico::VirtualPico;
 use pulsetrain_board::{Board, Edge, Faults, Remote};
 use pulsetrain_core::Direction;
@@ -14,12 +11,14 @@ use pulsetrain_core::wire::Baud;
 use pulsetrain_motion::program::{DriverTiming, Limits, Motor, Program, Scale, Tolerance, Wiring};
 use pulsetrain_motion::{Grid, Law, Time, boards};
 use pulsetrain_plan::{Ensemble, Move};
+use pulsetrain_session::drive::connect;
+use pulsetrain_session::{Session, SessionError};
 
 const TICK_HZ: u64 = 125_000_000;
 const TIMING: DriverTiming =
     DriverTiming { pulse_high_ns: 1000, pulse_low_ns: 1000, dir_setup_ns: 500, dir_hold_ns: 500 };
 
-type Pico<'a> = Session<'a, Remote<VirtualPico>>;
+type Pico = Session<Remote<VirtualPico>>;
 
 /// STEP of motor m is pin 2 + 2m, DIR the next.
 fn motor(index: usize, law: Law, limits: Limits) -> Motor {
@@ -116,8 +115,8 @@ impl Pins {
     }
 }
 
-fn begin(program: &Program) -> Pico<'_> {
-    Session::new(connect(VirtualPico::on_usb(), program, Baud::B1M).unwrap(), program).unwrap()
+fn begin(program: &Program) -> Pico {
+    Session::new(connect(VirtualPico::on_usb(), program, Baud::B1M).unwrap(), program.clone()).unwrap()
 }
 
 fn ticks(seconds: f64) -> u64 {
@@ -125,7 +124,7 @@ fn ticks(seconds: f64) -> u64 {
 }
 
 /// What the board counts is what the pins did, and both are what the host replays, at each step that it remembers.
-fn check_counts(session: &Pico<'_>, pins: &Pins) -> Result<(), TestCaseError> {
+fn check_counts(session: &Pico, pins: &Pins) -> Result<(), TestCaseError> {
     let now = session.board().now();
     prop_assert_eq!(session.board().positions(), pins.counted());
     for (motor, steps) in pins.steps.iter().enumerate() {
@@ -145,7 +144,7 @@ fn check_counts(session: &Pico<'_>, pins: &Pins) -> Result<(), TestCaseError> {
 }
 
 /// Lets the board come to rest.
-fn run_out(session: &mut Pico<'_>, pins: &mut Pins) {
+fn run_out(session: &mut Pico, pins: &mut Pins) {
     let end = session.last_step().unwrap_or(0).max(session.board().now()) + TICK_HZ / 100;
     session.board_mut().advance(end, &mut |edge: Edge| pins.see(edge));
     // It says so when it is asked next.
@@ -211,13 +210,12 @@ fn stops_pauses_and_changes_keep_the_count() {
     each(CASES, (programs(), pauses, change, 0.0..0.3f64), |(program, pauses, change, stop_s)| {
         prop_assume!(planned(&program).is_some());
         let cell = std::cell::OnceCell::new();
-        let shelf = Shelf::default();
         let mut pins = Pins::new(&program);
         let mut session = begin(&program);
         for (after_s, rest_s) in pauses {
             let until = session.board().now() + ticks(after_s);
             prop_assert_eq!(session.advance(until, &mut |edge: Edge| pins.see(edge)), Ok(()));
-            let rests = match session.pause(&shelf) {
+            let rests = match session.pause() {
                 Ok(rests) => rests,
                 // Over by then, not at speed yet, or too much for one motor.
                 Err(SessionError::Late { .. } | SessionError::Waiting { .. } | SessionError::Pause(_)) => continue,
@@ -227,7 +225,7 @@ fn stops_pauses_and_changes_keep_the_count() {
             let halted = pins.counted();
             prop_assert_eq!(session.advance(rests + ticks(rest_s), &mut |edge: Edge| pins.see(edge)), Ok(()));
             prop_assert_eq!(pins.counted(), halted, "at rest");
-            match session.resume(&shelf) {
+            match session.resume() {
                 Ok(at_speed) => prop_assert!(at_speed > rests),
                 Err(SessionError::Pause(_)) => return Ok(()),
                 Err(error) => return Err(TestCaseError::fail(error.to_string())),
@@ -245,7 +243,7 @@ fn stops_pauses_and_changes_keep_the_count() {
             motor.law = onward(state, &law, hardest);
         }
         let next = cell.get_or_init(|| next);
-        session.change(at, next).map_err(|error| TestCaseError::fail(error.to_string()))?;
+        session.change(at, next.clone()).map_err(|error| TestCaseError::fail(error.to_string()))?;
         prop_assert_eq!(session.zero(), at);
         prop_assert_eq!(session.advance(at + ticks(stop_s), &mut |edge: Edge| pins.see(edge)), Ok(()));
         session.stop().map_err(|error| TestCaseError::fail(error.to_string()))?;

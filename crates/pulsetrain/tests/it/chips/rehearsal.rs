@@ -3,16 +3,16 @@
 
 use std::io;
 
-use pulsetrain::bake::rehearsal::Rehearsed;
-use pulsetrain::drive::DriveError;
-use pulsetrain::drive::rehearsal::{Failed, Length, What, rehearse};
-use pulsetrain::prepare::Prepared;
 use pulsetrain_board::RemoteError;
 use pulsetrain_core::wire::Baud;
 use pulsetrain_core::wire::message::Cause;
 use pulsetrain_motion::law::Cursor;
 use pulsetrain_motion::program::Motor;
 use pulsetrain_motion::{Time, file};
+use pulsetrain_session::drive::DriveError;
+use pulsetrain_session::prepare::Prepared;
+use pulsetrain_session::rehearsal::Rehearsed;
+use pulsetrain_session::rehearsal::{Failed, Length, What, rehearse};
 use pulsetrain_trace::verdict::{Failure, Fault};
 
 const PINS: [(u8, u8); 4] = [(2, 5), (3, 6), (4, 7), (12, 13)];

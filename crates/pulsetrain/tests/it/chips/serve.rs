@@ -1,19 +1,18 @@
 //! A virtual Uno for any serial client: through memory, in virtual time; and through a pseudo-terminal and a socket.
 
-use std::cell::RefCell;
 use std::io;
-use std::rc::Rc;
+use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-use pulsetrain::drive::connect;
 use pulsetrain::serve::{Client, Service};
-use pulsetrain::session::Session;
 use pulsetrain_board::virtual_uno::VirtualUno;
 use pulsetrain_board::{Board, Edge, Port, PortError, Remote};
 use pulsetrain_core::wire::Baud;
 use pulsetrain_core::wire::message::Cause;
 use pulsetrain_motion::program::Program;
 use pulsetrain_motion::{file, pins::PinKind};
+use pulsetrain_session::Session;
+use pulsetrain_session::drive::connect;
 use pulsetrain_trace::vcd_file;
 use pulsetrain_trace::verdict::{self, Align, Options};
 
@@ -54,32 +53,32 @@ struct Between {
 
 /// The board's end.
 #[derive(Clone, Default)]
-struct Pipe(Rc<RefCell<Between>>);
+struct Pipe(Arc<Mutex<Between>>);
 
 impl Client for Pipe {
     fn poll(&mut self, into: &mut Vec<u8>) -> io::Result<bool> {
-        let mut between = self.0.borrow_mut();
+        let mut between = self.0.lock().unwrap();
         into.append(&mut between.to_board);
         Ok(between.present)
     }
 
     fn send(&mut self, bytes: &[u8]) -> io::Result<()> {
-        self.0.borrow_mut().to_client.extend_from_slice(bytes);
+        self.0.lock().unwrap().to_client.extend_from_slice(bytes);
         Ok(())
     }
 
     fn rate(&self) -> Option<u32> {
-        Some(self.0.borrow().rate)
+        Some(self.0.lock().unwrap().rate)
     }
 }
 
 /// A file in memory.
 #[derive(Clone, Default)]
-struct Memory(Rc<RefCell<Vec<u8>>>);
+struct Memory(Arc<Mutex<Vec<u8>>>);
 
 impl io::Write for Memory {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        self.0.borrow_mut().extend_from_slice(bytes);
+        self.0.lock().unwrap().extend_from_slice(bytes);
         Ok(bytes.len())
     }
 
@@ -101,7 +100,7 @@ impl Through {
 
     fn to(uno: VirtualUno, trace: Option<Memory>) -> Through {
         let pipe = Pipe::default();
-        *pipe.0.borrow_mut() = Between { present: true, rate: 115_200, ..Between::default() };
+        *pipe.0.lock().unwrap() = Between { present: true, rate: 115_200, ..Between::default() };
         Through { service: Service::new(uno, pipe.clone(), trace).unwrap(), pipe }
     }
 
@@ -118,21 +117,21 @@ impl Port for Through {
     }
 
     fn send(&mut self, bytes: &[u8]) -> Result<(), PortError> {
-        self.pipe.0.borrow_mut().to_board.extend_from_slice(bytes);
+        self.pipe.0.lock().unwrap().to_board.extend_from_slice(bytes);
         Ok(())
     }
 
     fn receive(&mut self, until: Duration, into: &mut Vec<u8>) -> Result<(), PortError> {
-        while self.pipe.0.borrow().to_client.is_empty() && self.now() < until {
+        while self.pipe.0.lock().unwrap().to_client.is_empty() && self.now() < until {
             let end = until.min(self.now() + Duration::from_millis(1));
             self.service.round(end).unwrap();
         }
-        into.append(&mut self.pipe.0.borrow_mut().to_client);
+        into.append(&mut self.pipe.0.lock().unwrap().to_client);
         Ok(())
     }
 
     fn set_baud(&mut self, baud: Baud) -> Result<(), PortError> {
-        self.pipe.0.borrow_mut().rate = baud.rate();
+        self.pipe.0.lock().unwrap().rate = baud.rate();
         Ok(())
     }
 }
@@ -143,13 +142,13 @@ fn a_client_runs_a_motion_and_the_trace_shows_it() {
     let memory = Memory::default();
     let board = connect(Through::new(Some(memory.clone())), &program, Baud::B500k).unwrap();
     assert_eq!(board.link().baud(), Baud::B500k);
-    let mut session = Session::new(board, &program).unwrap();
+    let mut session = Session::new(board, program.clone()).unwrap();
     let report = session.run(&mut |_: Edge| {}, |_| {});
     assert_eq!((report.failure, report.counted), (None, vec![0]));
     let port = session.into_board().close();
     port.service.finish().unwrap();
 
-    let trace = vcd_file::read(&memory.0.borrow()).unwrap();
+    let trace = vcd_file::read(&memory.0.lock().unwrap()).unwrap();
     assert!(trace.lines.iter().any(|line| line.names.iter().any(|name| name.ends_with("pin8"))));
     let late = pulsetrain_motion::boards::find("uno").unwrap().lateness_ticks;
     let bound = program.tolerance.ticks(program.board.tick_hz) + f64::from(late);
@@ -177,7 +176,7 @@ impl io::Write for Disk {
 #[test]
 fn a_trace_that_has_no_room_is_named() {
     let pipe = Pipe::default();
-    *pipe.0.borrow_mut() =
+    *pipe.0.lock().unwrap() =
         Between { present: true, rate: 115_200, to_board: b"a x 200\n".to_vec(), ..Between::default() };
     let ends = |room: usize| -> io::Result<()> {
         let mut service = Service::new(VirtualUno::with_winch(), pipe.clone(), Some(Disk(room)))?;
@@ -199,7 +198,7 @@ fn a_client_that_does_not_wait_is_heard() {
     // With the opening, before the board has begun: clients of StepperWinch do not wait for `awake`.
     through.send(b"version\nd x 30\nd x 12\n").unwrap();
     through.rounds(1500);
-    let text = String::from_utf8(through.pipe.0.borrow().to_client.clone()).unwrap();
+    let text = String::from_utf8(through.pipe.0.lock().unwrap().to_client.clone()).unwrap();
     let lines: Vec<_> = text.lines().filter(|line| !line.starts_with("txyza")).collect();
     assert_eq!(lines, ["awake", "id StepperWinch Nov 21 2026"]);
     // It rings about 42.
@@ -215,9 +214,9 @@ fn opening_again_resets_the_board() {
     board.advance(began + 16_000_000, &mut |_: Edge| {});
     let mut port = board.close();
     assert_eq!(port.service.clients(), 1);
-    port.pipe.0.borrow_mut().present = false;
+    port.pipe.0.lock().unwrap().present = false;
     port.rounds(5);
-    *port.pipe.0.borrow_mut() = Between { present: true, rate: 115_200, ..Between::default() };
+    *port.pipe.0.lock().unwrap() = Between { present: true, rate: 115_200, ..Between::default() };
     let board = Remote::open(port, 2).unwrap();
     assert_eq!(board.port().service.clients(), 2);
     assert_eq!(board.info().last_reset, Cause::ResetLine);
@@ -229,9 +228,7 @@ fn opening_again_resets_the_board() {
 #[cfg(unix)]
 mod pty {
     use super::{Memory, program, program_for, real::folder};
-    use pulsetrain::drive::connect;
     use pulsetrain::serve::{Client, Pty, Service};
-    use pulsetrain::session::Session;
     use pulsetrain_board::virtual_pico::VirtualPico;
     use pulsetrain_board::virtual_uno::VirtualUno;
     use pulsetrain_board::{Edge, Link, LinkError, Port, PortError, Remote, VirtualBoard};
@@ -239,12 +236,14 @@ mod pty {
     use pulsetrain_core::wire::message::Cause;
     use pulsetrain_motion::program::Program;
     use pulsetrain_motion::{Law, Time};
+    use pulsetrain_session::Session;
+    use pulsetrain_session::drive::connect;
     use pulsetrain_trace::vcd_file;
     use serialport::{SerialPort, TTYPort};
-    use std::cell::{Cell, RefCell};
     use std::io::{self, Read, Write};
     use std::path::{Path, PathBuf};
-    use std::rc::Rc;
+    use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
+    use std::sync::{Arc, Mutex};
     use std::time::Duration;
 
     const ROUND: Duration = Duration::from_millis(1);
@@ -252,14 +251,14 @@ mod pty {
     /// Bytes that one end wrote and the other one has not read yet.
     #[derive(Default)]
     struct UnderWay {
-        to_board: Cell<usize>,
-        to_client: Cell<usize>,
+        to_board: AtomicUsize,
+        to_client: AtomicUsize,
     }
 
     /// The board's end.
     struct Counting {
         pty: Pty,
-        under_way: Rc<UnderWay>,
+        under_way: Arc<UnderWay>,
     }
 
     impl Client for Counting {
@@ -268,8 +267,8 @@ mod pty {
             loop {
                 let had = into.len();
                 let present = self.pty.poll(into)?;
-                left.set(left.get() - (into.len() - had));
-                if !present || left.get() == 0 {
+                left.fetch_sub(into.len() - had, Relaxed);
+                if !present || left.load(Relaxed) == 0 {
                     return Ok(present);
                 }
                 std::thread::yield_now();
@@ -277,7 +276,7 @@ mod pty {
         }
 
         fn send(&mut self, bytes: &[u8]) -> io::Result<()> {
-            self.under_way.to_client.set(self.under_way.to_client.get() + bytes.len());
+            self.under_way.to_client.store(self.under_way.to_client.load(Relaxed) + bytes.len(), Relaxed);
             self.pty.send(bytes)
         }
 
@@ -288,24 +287,24 @@ mod pty {
 
     /// A board that is served.
     struct Served<B> {
-        service: RefCell<Service<B, Counting, Memory>>,
-        under_way: Rc<UnderWay>,
+        service: Mutex<Service<B, Counting, Memory>>,
+        under_way: Arc<UnderWay>,
         link: PathBuf,
         trace: Memory,
     }
 
     impl Served<VirtualUno> {
-        fn new(link: PathBuf) -> Rc<Served<VirtualUno>> {
+        fn new(link: PathBuf) -> Arc<Served<VirtualUno>> {
             Served::of(VirtualUno::new(), link)
         }
     }
 
     impl<B: VirtualBoard> Served<B> {
-        fn of(board: B, link: PathBuf) -> Rc<Served<B>> {
-            let (under_way, trace) = (Rc::new(UnderWay::default()), Memory::default());
-            let client = Counting { pty: Pty::new(&link).unwrap(), under_way: Rc::clone(&under_way) };
-            let service = RefCell::new(Service::new(board, client, Some(trace.clone())).unwrap());
-            Rc::new(Served { service, under_way, link, trace })
+        fn of(board: B, link: PathBuf) -> Arc<Served<B>> {
+            let (under_way, trace) = (Arc::new(UnderWay::default()), Memory::default());
+            let client = Counting { pty: Pty::new(&link).unwrap(), under_way: Arc::clone(&under_way) };
+            let service = Mutex::new(Service::new(board, client, Some(trace.clone())).unwrap());
+            Arc::new(Served { service, under_way, link, trace })
         }
 
         fn rounds(&self, rounds: u32) {
@@ -315,15 +314,15 @@ mod pty {
         }
 
         fn round_until(&self, until: Duration) {
-            self.service.borrow_mut().round(until).unwrap();
+            self.service.lock().unwrap().round(until).unwrap();
         }
 
         fn now(&self) -> Duration {
-            self.service.borrow().now()
+            self.service.lock().unwrap().now()
         }
 
         fn clients(&self) -> u64 {
-            self.service.borrow().clients()
+            self.service.lock().unwrap().clients()
         }
 
         fn leads_to(&self) -> PathBuf {
@@ -331,25 +330,25 @@ mod pty {
         }
 
         /// As `pulsetrain run --port LINK` does.
-        fn open(self: &Rc<Served<B>>) -> Terminal<B> {
+        fn open(self: &Arc<Served<B>>) -> Terminal<B> {
             self.open_at(&self.link)
         }
 
-        fn open_at(self: &Rc<Served<B>>, name: &Path) -> Terminal<B> {
+        fn open_at(self: &Arc<Served<B>>, name: &Path) -> Terminal<B> {
             let terminal = serialport::new(name.display().to_string(), 115_200).timeout(Duration::from_secs(3600));
-            Terminal { terminal: terminal.open_native().unwrap(), served: Rc::clone(self) }
+            Terminal { terminal: terminal.open_native().unwrap(), served: Arc::clone(self) }
         }
 
         /// Ends it; when the motion's STEP rose, s of the chip.
-        fn steps(self: Rc<Served<B>>) -> Vec<f64> {
+        fn steps(self: Arc<Served<B>>) -> Vec<f64> {
             self.rises("pin8")
         }
 
         /// Ends it; when a pin rose, s of the chip.
-        fn rises(self: Rc<Served<B>>, pin: &str) -> Vec<f64> {
-            let Served { service, trace, .. } = Rc::into_inner(self).expect("no client has it");
-            service.into_inner().finish().unwrap();
-            let trace = vcd_file::read(&trace.0.borrow()).unwrap();
+        fn rises(self: Arc<Served<B>>, pin: &str) -> Vec<f64> {
+            let Served { service, trace, .. } = Arc::into_inner(self).expect("no client has it");
+            service.into_inner().unwrap().finish().unwrap();
+            let trace = vcd_file::read(&trace.0.lock().unwrap()).unwrap();
             let is_step = |line: u8| trace.lines[usize::from(line)].names.iter().any(|name| name.ends_with(pin));
             let rises = trace.edges.iter().filter(|edge| edge.level && is_step(edge.line));
             rises.map(|edge| edge.tick as f64 / trace.tick_hz as f64).collect()
@@ -359,14 +358,14 @@ mod pty {
     /// The client's end: time passes as the client waits.
     struct Terminal<B> {
         terminal: TTYPort,
-        served: Rc<Served<B>>,
+        served: Arc<Served<B>>,
     }
 
     impl<B> Drop for Terminal<B> {
         fn drop(&mut self) {
             // What was not read by then is not.
-            self.served.under_way.to_board.set(0);
-            self.served.under_way.to_client.set(0);
+            self.served.under_way.to_board.store(0, Relaxed);
+            self.served.under_way.to_client.store(0, Relaxed);
         }
     }
 
@@ -377,16 +376,16 @@ mod pty {
 
         fn send(&mut self, bytes: &[u8]) -> Result<(), PortError> {
             let to_board = &self.served.under_way.to_board;
-            to_board.set(to_board.get() + bytes.len());
+            to_board.store(to_board.load(Relaxed) + bytes.len(), Relaxed);
             self.terminal.write_all(bytes).unwrap();
             Ok(())
         }
 
         fn receive(&mut self, until: Duration, into: &mut Vec<u8>) -> Result<(), PortError> {
-            while self.served.under_way.to_client.get() == 0 && self.now() < until {
+            while self.served.under_way.to_client.load(Relaxed) == 0 && self.now() < until {
                 self.served.round_until(until.min(self.now() + ROUND));
             }
-            let (had, came) = (into.len(), self.served.under_way.to_client.take());
+            let (had, came) = (into.len(), self.served.under_way.to_client.swap(0, Relaxed));
             into.resize(had + came, 0);
             self.terminal.read_exact(&mut into[had..]).unwrap();
             Ok(())
@@ -410,7 +409,7 @@ mod pty {
         for (clients, baud) in [(1, Baud::B115200), (2, Baud::B1M)] {
             let board = connect(served.open(), program, baud).unwrap();
             assert_eq!(board.link().baud(), baud);
-            let mut session = Session::new(board, program).unwrap();
+            let mut session = Session::new(board, program.clone()).unwrap();
             let report = session.run(&mut |_: Edge| {}, |_| {});
             assert_eq!((report.failure, report.counted), (None, vec![0]));
             drop(session.into_board().close());
@@ -429,7 +428,7 @@ mod pty {
         program.motors[0].law = Law::sine(100.0, Time::SECOND, Some(10)).unwrap();
         let served = Served::new(folder("pty-killed").join("uno"));
         let board = connect(served.open(), &program, Baud::B1M).unwrap();
-        let mut session = Session::new(board, &program).unwrap();
+        let mut session = Session::new(board, program.clone()).unwrap();
         session.advance(session.zero() + 4_000_000, &mut |_: Edge| {}).unwrap();
         // Without good-bye.
         drop(session);
@@ -469,7 +468,7 @@ mod pty {
             terminal.send(b"version\nping\na x 1").unwrap();
             served.rounds(100);
             assert_eq!(served.clients(), clients);
-            let mut said = vec![0; served.under_way.to_client.take()];
+            let mut said = vec![0; served.under_way.to_client.swap(0, Relaxed)];
             terminal.terminal.read_exact(&mut said).unwrap();
             let said = String::from_utf8(said).unwrap();
             let lines: Vec<&str> = said.lines().filter(|line| !line.starts_with("txyza")).collect();
@@ -526,7 +525,7 @@ mod pty {
         drop(first);
         served.rounds(100);
         assert_eq!(served.clients(), 2);
-        let mut said = vec![0; served.under_way.to_client.take()];
+        let mut said = vec![0; served.under_way.to_client.swap(0, Relaxed)];
         second.read_exact(&mut said).unwrap();
         assert_eq!(String::from_utf8(said).unwrap().lines().next(), Some("awake"));
         drop(second);

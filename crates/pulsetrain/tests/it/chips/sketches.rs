@@ -2,14 +2,14 @@
 //! installs what they need.
 #![cfg(target_os = "linux")]
 
+use pulsetrain::load;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::Duration;
 
-use pulsetrain::bake::{BakeError, Sketch};
-use pulsetrain::prepare::Prepared;
+use pulsetrain_bake::{BakeError, Sketch};
 use pulsetrain_board::virtual_uno::VirtualUno;
 use pulsetrain_board::{Port, hex, stk500};
 use pulsetrain_core::Segment;
@@ -106,7 +106,7 @@ fn laid(program: &Program, image: &[u8], seconds: f64, late_ticks: f64) -> Laid 
 }
 
 /// The ticks of a motor's planned steps.
-fn planned<'a>(ensemble: &'a mut Ensemble<'_>, motor: usize) -> impl Iterator<Item = u64> + 'a {
+fn planned<'a>(ensemble: &'a mut Ensemble, motor: usize) -> impl Iterator<Item = u64> + 'a {
     let mut at = 1i128 << 15;
     let moves = std::iter::from_fn(move || ensemble.next_move(motor).unwrap());
     moves.flat_map(move |next| {
@@ -162,7 +162,7 @@ fn keeps(what: &str, program: &Program, seconds: f64, late_ticks: f64) -> Laid {
 }
 
 fn example_keeps(file: &str, seconds: f64, late_ticks: f64) -> Laid {
-    let program = Prepared::endless(&example(file), None).unwrap().program;
+    let program = load::endless(&example(file), None).unwrap().program;
     keeps(file, &program, seconds, late_ticks)
 }
 

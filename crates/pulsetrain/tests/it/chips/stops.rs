@@ -5,20 +5,19 @@
 //! `PULSETRAIN_ROUNDS` as many times as many, which `cargo xtask soak --stops N` sets.
 
 use crate::common::rigs::{self, check_limits, counts};
-use pulsetrain::drive::connect_as;
-use pulsetrain::prepare::{Prepared, usual_baud};
-use pulsetrain::session::{Session, SessionError};
 use pulsetrain_board::virtual_pico::VirtualPico;
 use pulsetrain_board::virtual_uno::VirtualUno;
 use pulsetrain_board::{Board, Edge, Port, PortError};
 use pulsetrain_core::wire::Baud;
 use pulsetrain_motion::boards;
 use pulsetrain_plan::SOFTEST_STOP_S;
+use pulsetrain_session::drive::connect_as;
+use pulsetrain_session::prepare::{Prepared, usual_baud};
+use pulsetrain_session::{Session, SessionError};
 use pulsetrain_testkit::Random;
 use pulsetrain_testkit::model::ModelPort;
 use pulsetrain_testkit::seed::{rounds, seed};
-use std::cell::RefCell;
-use std::rc::Rc;
+use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 /// Of a usual run, on each board.
@@ -29,11 +28,11 @@ const STOPS: u64 = 6;
 const LEASE: Duration = Duration::from_millis(600);
 
 /// A cable to a board that may be cut at an instant. Clones are the same one.
-struct Cable<P>(Rc<RefCell<Ends<P>>>);
+struct Cable<P>(Arc<Mutex<Ends<P>>>);
 
 impl<P> Clone for Cable<P> {
     fn clone(&self) -> Cable<P> {
-        Cable(Rc::clone(&self.0))
+        Cable(Arc::clone(&self.0))
     }
 }
 
@@ -61,16 +60,16 @@ fn gone() -> PortError {
 
 impl<P: Port> Port for Cable<P> {
     fn now(&self) -> Duration {
-        self.0.borrow().port.now()
+        self.0.lock().unwrap().port.now()
     }
 
     fn send(&mut self, bytes: &[u8]) -> Result<(), PortError> {
-        let mut ends = self.0.borrow_mut();
+        let mut ends = self.0.lock().unwrap();
         if ends.is_cut() { Err(gone()) } else { ends.port.send(bytes) }
     }
 
     fn receive(&mut self, until: Duration, into: &mut Vec<u8>) -> Result<(), PortError> {
-        let mut ends = self.0.borrow_mut();
+        let mut ends = self.0.lock().unwrap();
         let soon = ends.cut.map_or(until, |cut| until.min(cut));
         ends.port.receive(soon, into)?;
         if ends.is_cut() {
@@ -82,7 +81,7 @@ impl<P: Port> Port for Cable<P> {
     }
 
     fn set_baud(&mut self, baud: Baud) -> Result<(), PortError> {
-        self.0.borrow_mut().port.set_baud(baud)
+        self.0.lock().unwrap().port.set_baud(baud)
     }
 }
 
@@ -115,14 +114,14 @@ impl<P: Port> Stopped<P> {
         let mut random = self.random(seed);
         let prepared = rigs::motion(self.board, &mut random);
         let program = &prepared.program;
-        let cable = Cable(Rc::new(RefCell::new(Ends { port: (self.fresh)(), cut: None })));
+        let cable = Cable(Arc::new(Mutex::new(Ends { port: (self.fresh)(), cut: None })));
         let board = connect_as(cable.clone(), program, usual_baud(self.board), 1).map_err(|error| error.to_string())?;
-        let mut session = Session::new(board, program).map_err(|error| error.to_string())?;
+        let mut session = Session::new(board, program.clone()).map_err(|error| error.to_string())?;
         let at = Duration::from_secs_f64(prepared.end_s() * random.fraction());
         let cut = cable.now() + at;
-        cable.0.borrow_mut().cut = Some(cut);
+        cable.0.lock().unwrap().cut = Some(cut);
         let report = session.run(&mut |_: Edge| {}, |_| {});
-        let mut ends = cable.0.borrow_mut();
+        let mut ends = cable.0.lock().unwrap();
         ends.run(cut + LEASE + longest_stop(&prepared));
         let mut edges = Vec::new();
         ends.port.edges(&mut edges);
@@ -152,7 +151,7 @@ impl<P: Port> Stopped<P> {
         let text = |error: SessionError| error.to_string();
         let board =
             connect_as((self.fresh)(), program, usual_baud(self.board), 1).map_err(|error| error.to_string())?;
-        let mut session = Session::new(board, program).map_err(text)?;
+        let mut session = Session::new(board, program.clone()).map_err(text)?;
         let at = (prepared.end_s() * hz as f64 * random.fraction()) as u64;
         let mut edges = Vec::new();
         let mut note = |edge: Edge| edges.push(edge);

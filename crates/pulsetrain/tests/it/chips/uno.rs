@@ -2,14 +2,15 @@
 
 use crate::common::motion::make;
 use crate::common::rows::{hour, tutorial};
-use pulsetrain::drive::{DriveError, Driven};
-use pulsetrain::prepare::Prepared;
+use pulsetrain::load;
 use pulsetrain_board::virtual_uno::VirtualUno;
 use pulsetrain_board::{Board, Edge, Remote, RemoteError, Setup};
 use pulsetrain_core::wire::Baud;
 use pulsetrain_core::wire::message::MotorSetup;
 use pulsetrain_motion::pins::PinKind;
 use pulsetrain_motion::{Time, boards};
+use pulsetrain_session::drive::{DriveError, Driven};
+use pulsetrain_session::prepare::Prepared;
 
 /// A period of 500 ms of ±200 steps, on one motor's pins.
 fn swing((step, dir): (u8, u8)) -> Prepared {
@@ -45,7 +46,7 @@ fn queues_are_as_long_as_the_table_says() {
 fn motors_on_one_dir_line_leave_some_of_the_stack() {
     let file = concat!(env!("CARGO_MANIFEST_DIR"), "/../../examples/sweep.toml");
     let length = Some(Time::from_ratio(10, 1));
-    let prepared = Prepared::load(std::path::Path::new(file), Some("uno"), length).expect("an example");
+    let prepared = load::load(std::path::Path::new(file), Some("uno"), length).expect("an example");
     let mut driven = Driven::at(&prepared, VirtualUno::new(), Baud::B1M).expect("it begins");
     driven.run(&mut |_: Edge| {}, |_| {}).expect("it comes to its end");
     let left = driven.board_mut().measures(false).expect("it answers").stack_left;

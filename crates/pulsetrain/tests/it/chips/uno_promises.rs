@@ -7,9 +7,9 @@ use crate::common::motion::make;
 use crate::common::rigs;
 use crate::common::rows::{Case, PROMISED, Row, fastest_plateau, tutorial, tutorial_row};
 use crate::common::uno::{MOST_CYCLES, SHIELD};
-use pulsetrain::prepare::Prepared;
 use pulsetrain_motion::program::{DriverTiming, Motor, Wiring};
 use pulsetrain_motion::{Law, Time, boards};
+use pulsetrain_session::prepare::Prepared;
 use pulsetrain_testkit::TICK_HZ;
 use std::f64::consts::TAU;
 

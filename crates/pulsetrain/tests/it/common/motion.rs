@@ -1,15 +1,16 @@
 //! Motions on virtual boards, whole: planned, streamed by a session, every step and edge held against the law.
 
 use super::uno::{Mark, Seen, idle_round};
-use pulsetrain::drive::{Driven, Ended};
-use pulsetrain::lateness::{Lateness, Meter};
-use pulsetrain::prepare::Prepared;
 use pulsetrain_board::{Edge, Observer, Port, Remote, ScheduledStep, Shadowed};
 use pulsetrain_core::Direction;
 use pulsetrain_core::wire::Baud;
 use pulsetrain_core::wire::message::Cause;
 use pulsetrain_motion::pins::PinKind;
 use pulsetrain_motion::program::Motor;
+use pulsetrain_session::control::Event;
+use pulsetrain_session::drive::{Driven, Ended};
+use pulsetrain_session::lateness::{Lateness, Meter};
+use pulsetrain_session::prepare::Prepared;
 use pulsetrain_trace::Line;
 use pulsetrain_trace::crossing::Crossings;
 use pulsetrain_trace::verdict::{EdgeJudge, Options};
@@ -23,8 +24,8 @@ const PHASE_STEPS: usize = 500;
 const TOUCH_TICKS: f64 = 50_000.0;
 
 /// One motor's scheduled steps against its law, by the judge's crossings.
-pub(crate) struct Schedule<'a> {
-    crossings: Crossings<'a>,
+pub(crate) struct Schedule {
+    crossings: Crossings,
     pub(crate) steps: u64,
     /// Largest |scheduled − exact| of steps that were not put off, ticks.
     pub(crate) largest: f64,
@@ -37,8 +38,8 @@ pub(crate) struct Schedule<'a> {
     pub(crate) wrong: u64,
 }
 
-impl<'a> Schedule<'a> {
-    fn new(prepared: &'a Prepared, motor: &'a Motor) -> Schedule<'a> {
+impl Schedule {
+    fn new(prepared: &Prepared, motor: &Motor) -> Schedule {
         let crossings = Crossings::new(&motor.law, prepared.program.grid, prepared.program.board.tick_hz);
         Schedule {
             crossings,
@@ -99,17 +100,17 @@ impl<'a> Schedule<'a> {
 }
 
 /// A motion as it was made.
-pub(crate) struct Made<'a> {
+pub(crate) struct Made {
     pub(crate) seen: Seen,
     /// By motor.
-    pub(crate) schedules: Vec<Schedule<'a>>,
+    pub(crate) schedules: Vec<Schedule>,
     /// What is proven of |scheduled − exact|, of all motors, ticks.
     pub(crate) certificate_ticks: f64,
     /// Fastest by the law, steps/s.
     pub(crate) peak_rate: f64,
 }
 
-impl Made<'_> {
+impl Made {
     /// Largest |scheduled − exact| of all motors, ticks.
     pub(crate) fn largest(&self) -> f64 {
         self.schedules.iter().map(|schedule| schedule.largest).fold(0.0, f64::max)
@@ -118,7 +119,7 @@ impl Made<'_> {
 
 struct Look<'a, 's> {
     judge: EdgeJudge<'a>,
-    schedules: &'s mut Vec<Schedule<'a>>,
+    schedules: &'s mut Vec<Schedule>,
     meter: Meter,
     /// By line: whose STEP it is.
     steppers: Vec<Option<usize>>,
@@ -154,10 +155,10 @@ fn stepper(line: &Line, motors: &[Motor]) -> Option<usize> {
 }
 
 /// What edges and steps of a motion came to, on any board.
-pub(crate) struct Followed<'a> {
+pub(crate) struct Followed {
     pub(crate) lateness: Lateness,
     /// By motor.
-    pub(crate) schedules: Vec<Schedule<'a>>,
+    pub(crate) schedules: Vec<Schedule>,
     /// What is proven of |scheduled − exact|, of all motors, ticks.
     pub(crate) certificate_ticks: f64,
     /// Fastest by the law, steps/s.
@@ -168,7 +169,7 @@ pub(crate) struct Followed<'a> {
     pub(crate) trouble: String,
 }
 
-impl Followed<'_> {
+impl Followed {
     /// Largest |scheduled − exact| of all motors, ticks.
     pub(crate) fn largest(&self) -> f64 {
         self.schedules.iter().map(|schedule| schedule.largest).fold(0.0, f64::max)
@@ -180,13 +181,13 @@ impl Followed<'_> {
 ///
 /// # Errors
 /// When it cannot begin: the plan is refused. What goes wrong later is in [`Followed::trouble`].
-pub(crate) fn follow<'a, P: Port>(
-    prepared: &'a Prepared,
-    driven: &mut Driven<'a, Shadowed<Remote<P>>>,
+pub(crate) fn follow<P: Port>(
+    prepared: &Prepared,
+    driven: &mut Driven<Shadowed<Remote<P>>>,
     constant: u32,
     late_ticks: f64,
-    watch: impl FnMut(f64),
-) -> Result<Followed<'a>, String> {
+    mut watch: impl FnMut(f64),
+) -> Result<Followed, String> {
     let program = &prepared.program;
     let planned = prepared.plan(|_| {}).map_err(|error| error.to_string())?;
     let certificate_ticks = planned.iter().map(|motor| motor.certificate.bound_ticks).fold(0.0, f64::max);
@@ -207,7 +208,11 @@ pub(crate) fn follow<'a, P: Port>(
         shortest: u64::MAX,
         backwards: 0,
     };
-    let ended: Result<Ended, _> = driven.run(&mut look, watch);
+    let ended: Result<Ended, _> = driven.run(&mut look, |event| {
+        if let Event::Progress { at_s } = event {
+            watch(at_s);
+        }
+    });
     let Look { judge, meter, shortest, backwards, .. } = look;
     let verdict = judge.finish().map_err(|error| error.to_string())?;
     let lateness: Lateness = meter.finish();
@@ -238,7 +243,7 @@ pub(crate) fn follow<'a, P: Port>(
 ///
 /// # Errors
 /// When it cannot begin: the plan is refused, the queue is too short. What goes wrong later is in [`Seen::trouble`].
-pub(crate) fn make<'a>(prepared: &'a Prepared, late_ticks: f64, watch: impl FnMut(f64)) -> Result<Made<'a>, String> {
+pub(crate) fn make(prepared: &Prepared, late_ticks: f64, watch: impl FnMut(f64)) -> Result<Made, String> {
     make_at(prepared, Baud::B1M, late_ticks, watch)
 }
 
@@ -246,12 +251,12 @@ pub(crate) fn make<'a>(prepared: &'a Prepared, late_ticks: f64, watch: impl FnMu
 ///
 /// # Errors
 /// As [`make`].
-pub(crate) fn make_at<'a>(
-    prepared: &'a Prepared,
+pub(crate) fn make_at(
+    prepared: &Prepared,
     baud: Baud,
     late_ticks: f64,
     watch: impl FnMut(f64),
-) -> Result<Made<'a>, String> {
+) -> Result<Made, String> {
     let kind = PinKind::of(&prepared.program.motors).map_err(|error| error.to_string())?;
     let mut driven = Driven::virtual_uno(prepared, baud).map_err(|error| error.to_string())?;
     let idle_round = idle_round(driven.board_mut().port());

@@ -5,11 +5,11 @@ use super::motion;
 use super::rigs;
 use super::rows::kilo;
 use super::uno::{MOST_CYCLES, P99_CYCLES, SHIELD};
-use pulsetrain::prepare::Prepared;
 use pulsetrain_core::wire::Baud;
 use pulsetrain_motion::boards;
 use pulsetrain_motion::{Law, Time};
 use pulsetrain_plan::{Line, Way};
+use pulsetrain_session::prepare::Prepared;
 use pulsetrain_testkit::Random;
 use std::f64::consts::TAU;
 

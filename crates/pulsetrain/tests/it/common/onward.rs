@@ -1,7 +1,7 @@
 //! Laws that a motion is changed to: from where the motor is.
 
-use pulsetrain::session::MotorState;
 use pulsetrain_motion::{Law, Time};
+use pulsetrain_session::MotorState;
 
 /// Brakes from `state`, and then does `law`.
 pub(crate) fn onward(state: MotorState, law: &Law, braking: f64) -> Law {

@@ -1,12 +1,12 @@
 //! The Pico's figures: streams on the virtual Pico, over its USB, every edge held against its scheduled tick.
 
-use pulsetrain::lateness::{Lateness, Meter};
 use pulsetrain_board::virtual_pico::VirtualPico;
 use pulsetrain_board::{Board, Edge, Observer, Remote, ScheduledStep, Setup};
 use pulsetrain_core::output::Sequence;
 use pulsetrain_core::wire::message::{Cause, MotorSetup};
 use pulsetrain_motion::drivers;
 use pulsetrain_motion::program::DriverTiming;
+use pulsetrain_session::lateness::{Lateness, Meter};
 use pulsetrain_testkit::pico::{TICK_HZ, coils, pins_of, step_dir};
 use pulsetrain_testkit::segments::{Chip, Law, Stream};
 

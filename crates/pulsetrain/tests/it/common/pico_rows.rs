@@ -2,17 +2,18 @@
 
 use super::motion::{Followed, follow};
 use super::pico::{COILS, Run, Seen, Timing, stream};
-use pulsetrain::drive::{Driven, Pico};
-use pulsetrain::lateness::Lateness;
-use pulsetrain::prepare::Prepared;
+use pulsetrain::load;
 use pulsetrain_board::virtual_pico::VirtualPico;
 use pulsetrain_board::{Board, Edge, Lease, Leased, Remote, Setup};
 use pulsetrain_core::output::Sequence;
 use pulsetrain_core::wire::Baud;
 use pulsetrain_core::wire::message::{Cause, coil_pins};
-use pulsetrain_core::{Direction, Entry, Epoch, Item, Moment, Segment};
+use pulsetrain_core::{Direction, Entry, Epoch, Item, Segment, Tick32};
 use pulsetrain_motion::program::{CoilSequence, Limits, Motor, Program, Scale, Tolerance, Wiring};
 use pulsetrain_motion::{Grid, Law as Motion, Time, boards};
+use pulsetrain_session::drive::{Driven, Pico};
+use pulsetrain_session::lateness::Lateness;
+use pulsetrain_session::prepare::Prepared;
 use pulsetrain_testkit::pico::{TICK_HZ, coils};
 use pulsetrain_testkit::segments::{Chip, Law};
 
@@ -325,7 +326,7 @@ fn prepared(file: &str, motors: Vec<Motor>) -> Prepared {
 }
 
 /// A motion, planned and streamed by a session over USB: a row for all edges, and what was scheduled.
-fn motion_row<'a>(figure: u8, law: &str, prepared: &'a Prepared, timing: Timing) -> (Row, Option<Followed<'a>>) {
+fn motion_row(figure: u8, law: &str, prepared: &Prepared, timing: Timing) -> (Row, Option<Followed>) {
     let motors = prepared.program.motors.len();
     let mut row = Row {
         figure,
@@ -348,7 +349,7 @@ fn motion_row<'a>(figure: u8, law: &str, prepared: &'a Prepared, timing: Timing)
         Ok(driven) => driven,
         Err(refused) => return (Row { verdict: format!("FAILS: {refused}"), ..row }, None),
     };
-    let mark = |driven: &mut Driven<'_, Pico>| {
+    let mark = |driven: &mut Driven<Pico>| {
         let chip = driven.board_mut().port().chip();
         (chip.cycle(), chip.asleep_cycles())
     };
@@ -406,7 +407,7 @@ pub(crate) fn made(prepared: &Prepared) -> Row {
 pub(crate) fn sweep(seconds: i64) -> Vec<Row> {
     let file = concat!(env!("CARGO_MANIFEST_DIR"), "/../../examples/sweep.toml");
     let length = Some(Time::from_ratio(seconds, 1));
-    let original = Prepared::load(std::path::Path::new(file), None, length).expect("an example");
+    let original = load::load(std::path::Path::new(file), None, length).expect("an example");
     let timing = Timing::of("A4988");
     let laws = original.program.motors.iter().map(|motor| motor.law.clone());
     let motors = (0_u8..).zip(laws.clone().chain(laws)).map(|(number, law)| motor(number, law, timing)).collect();
@@ -505,7 +506,7 @@ pub(crate) const ULN_MOTORS: u8 = 6;
 
 /// Items of a motor that goes back and forth so that it turns at every phase; ticks and positions of its steps.
 fn reversals(start: u64, interval: u32) -> (Vec<Item>, Vec<(u64, i64)>) {
-    let (mut items, mut steps) = (vec![Item::Anchor { tick: Moment::of(start) }], Vec::new());
+    let (mut items, mut steps) = (vec![Item::Anchor { tick: Tick32::of(start) }], Vec::new());
     let (mut tick, mut position, mut direction) = (start, 0_i64, Direction::Forward);
     let mut turned = [[false; 8]; 2];
     for phase in 0..8 {

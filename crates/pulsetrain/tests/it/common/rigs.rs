@@ -1,11 +1,11 @@
 //! Random motions within the limits of a board and of its motors.
 
 use super::uno::{COMPARE, PORT_B, Pins, SHIELD, TUTORIAL};
-use pulsetrain::prepare::Prepared;
 use pulsetrain_board::Edge;
 use pulsetrain_motion::boards::{self, BoardRow};
 use pulsetrain_motion::program::{DriverTiming, Limits, Motor, Program, Scale, Tolerance, Wiring};
 use pulsetrain_motion::{Grid, Law, Time};
+use pulsetrain_session::prepare::Prepared;
 use pulsetrain_testkit::Random;
 use pulsetrain_testkit::limits::{Step, check_acceleration, check_last_step};
 use std::f64::consts::TAU;

@@ -2,10 +2,11 @@
 
 use super::motion;
 use super::uno::{COMPARE, MOST_CYCLES, P99_CYCLES, PORT_B, Pins, Run, SHIELD, Seen, TUTORIAL, pins_text, stream};
-use pulsetrain::lateness::Lateness;
-use pulsetrain::prepare::Prepared;
+use pulsetrain::load;
 use pulsetrain_motion::program::{DriverTiming, Limits, Motor, Program, Scale, Tolerance, Wiring};
 use pulsetrain_motion::{Grid, Law as Motion, Time, boards};
+use pulsetrain_session::lateness::Lateness;
+use pulsetrain_session::prepare::Prepared;
 use pulsetrain_testkit::TICK_HZ;
 use pulsetrain_testkit::segments::Law;
 
@@ -486,7 +487,7 @@ fn motion_row_and_phases(
 pub(crate) fn hour(seconds: i64) -> Vec<Row> {
     let file = concat!(env!("CARGO_MANIFEST_DIR"), "/../../examples/sweep.toml");
     let length = Some(Time::from_ratio(seconds, 1));
-    let prepared = Prepared::load(std::path::Path::new(file), None, length).expect("an example");
+    let prepared = load::load(std::path::Path::new(file), None, length).expect("an example");
     let law = format!("001's four motors, {seconds} s");
     // Steps of several motors at one time wait for one another.
     let (mut all, phases) = motion_row_and_phases(4, law.clone(), &prepared, SHARED_CYCLES, true);

@@ -1,12 +1,12 @@
 //! The Uno's figures: streams and motions on the virtual Uno, every edge held against its scheduled tick.
 
-use pulsetrain::lateness::{Lateness, Meter};
 use pulsetrain_board::virtual_uno::VirtualUno;
 use pulsetrain_board::{Board, Edge, Observer, Remote, ScheduledStep};
 use pulsetrain_core::wire::Baud;
 use pulsetrain_core::wire::message::Cause;
 use pulsetrain_motion::pins::PinKind;
 use pulsetrain_motion::program;
+use pulsetrain_session::lateness::{Lateness, Meter};
 use pulsetrain_testkit::segments::{Law, Stream};
 use pulsetrain_testkit::{TICK_HZ, uno_setup};
 

@@ -5,7 +5,7 @@ use super::plan::{EPOCH, Plan, Told, ZERO};
 use super::printed::Print;
 use pulsetrain_board::lease::{Lease, LeaseState, Leased};
 use pulsetrain_board::{Edge, Faults};
-use pulsetrain_core::Moment;
+use pulsetrain_core::Tick32;
 use pulsetrain_core::lease;
 use pulsetrain_core::wire::frame::Received;
 use pulsetrain_core::wire::message::kind;
@@ -185,7 +185,7 @@ impl Board {
             seen.gap |= !is_frame || !is_old;
             if is_frame && is_old && kind == kind::EXTEND && mutation == Mutation::BoardForgetsLease {
                 let Lease::Until(previous) = self.ledger.previous else { return };
-                self.model.extend(lease::Lease::Until(Moment::of(previous)), &[]);
+                self.model.extend(lease::Lease::Until(Tick32::of(previous)), &[]);
             }
             return;
         }

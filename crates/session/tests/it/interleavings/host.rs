@@ -6,7 +6,7 @@ use super::plan::{EPOCH, Plan, Told, ZERO};
 use super::printed::Print;
 use pulsetrain_board::lease::Lease;
 use pulsetrain_board::link::Link;
-use pulsetrain_core::Moment;
+use pulsetrain_core::Tick32;
 use pulsetrain_core::lease;
 use pulsetrain_core::wire::message::{Cause, LeaseState, limit_bytes};
 use pulsetrain_core::wire::{Command, Reply, Trimmed};
@@ -189,7 +189,7 @@ impl Host {
         };
         let lens = self.told.iter().enumerate().map(|(motor, told)| plan.last_packed(motor, *told).len());
         let bytes: Vec<u8> = lens.flat_map(|len| u16::try_from(len).expect("few bytes").to_le_bytes()).collect();
-        self.ask(&Command::Trim { until: Moment::of(until), bytes: &bytes });
+        self.ask(&Command::Trim { until: Tick32::of(until), bytes: &bytes });
         self.asked = Some(Asked::Trim(until));
         self.tell();
     }
@@ -303,7 +303,7 @@ impl Host {
 /// A lease in the form that frames carry: 32 bits of the tick.
 fn moment_of(lease: Lease) -> lease::Lease {
     match lease {
-        Lease::Until(until) => lease::Lease::Until(Moment::of(until)),
+        Lease::Until(until) => lease::Lease::Until(Tick32::of(until)),
         Lease::Last => lease::Lease::Last,
     }
 }

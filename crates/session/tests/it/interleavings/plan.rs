@@ -6,7 +6,7 @@ use pulsetrain_board::replay::{Replay, Sent, Start};
 use pulsetrain_core::braking::Limit;
 use pulsetrain_core::packing::{Packing, State};
 use pulsetrain_core::wire::message::MotorSetup;
-use pulsetrain_core::{Direction, Epoch, Item, Moment, Segment};
+use pulsetrain_core::{Direction, Epoch, Item, Segment, Tick32};
 
 /// F of the board.
 const FRACTION_BITS: u32 = 16;
@@ -56,7 +56,7 @@ impl Plan {
     /// So many motors, the first of which goes through so many portions at its top speed. The second one is slower and goes the other way.
     pub(crate) fn new(motors: usize, at_top: usize) -> Plan {
         use Direction::{Backward, Forward};
-        let anchor = Item::Anchor { tick: Moment::of(ZERO) };
+        let anchor = Item::Anchor { tick: Tick32::of(ZERO) };
         // Less than 1.5 times slower from one step to the next.
         let down = |direction| vec![run(direction, 3, 56, 20), Item::Dwell { ticks: 0 }];
         let mut main = vec![vec![anchor, run(Forward, 3, 100, -20)]];

@@ -1,41 +1,42 @@
-//! The main loop of a board without a host: a motion that lies in the flash, right behind this image, begins with the board and is fed
-//! from there as a host would feed it. What the block is: [`pulsetrain_core::baked::narrow`].
+//! The main loop of a board without a host. A motion is stored in the flash, right behind this image. It begins when the board starts, and the main
+//! loop feeds it to the motors as a host would. [`pulsetrain_core::baked::avr`] describes its format.
 //!
 //! # When nothing moves
-//! A block of which a bit is wrong, as in an image that was never baked, is none: no pin is touched. A motion that went wrong has its
-//! motors stopped at once, and so has one after a reset by the watchdog, since nobody knows where they are: the lamp shines, if no motor
-//! has its pin, until the board's next start.
+//! If a bit of the motion is wrong, or none was stored, no pin is touched. If something goes wrong while it runs, all motors are stopped at once.
+//! After a reset by the watchdog nothing moves either, since nobody knows where the motors are. In these cases the board's LED (pin 13) is lit until
+//! the next start, if no motor uses that pin.
 
 use crate::engine::machine::Board;
 use crate::engine::memory;
 use crate::engine::steps::pins::{MAX_MOTORS, Pin};
-use crate::engine::steps::task;
+use crate::engine::steps::refill;
 use crate::engine::{BOARD, clock, link, millis, regs, reset};
-use pulsetrain_core::baked::narrow::{LONGEST_PIECE, MOTOR_LEN, NEAR, Player, Standing, ZERO, block};
+use pulsetrain_core::baked::avr::{LONGEST_PIECE, MOTOR_LEN, NEAR, Player, Standing, ZERO, block};
 use pulsetrain_core::lease::Lease;
 use pulsetrain_core::wire::message::{Cause, Configuration};
 use pulsetrain_core::wire::{Machine, Millis, Switched};
-use pulsetrain_core::{Epoch, Moment};
+use pulsetrain_core::{Epoch, Tick32};
 
-/// The motors'.
+/// The epoch of the motion.
 const EPOCH: Epoch = Epoch(1);
 
-/// It begins so long before the motion, ticks: 1 ms, for DIR's set-up before a first step.
+/// The epoch begins so long before the motion, ticks: 1 ms, for the set-up of DIR before the first step.
 const BEFORE: u32 = 16_000;
+const _: () = assert!(BEFORE == clock::TICK_HZ / 1000);
 
-/// The first address that is the bootloader's.
+/// The first address of the bootloader: optiboot takes 512 bytes.
 const LIMIT: u16 = 32_768 - 512;
 
-/// Bytes of a configuration at most.
+/// Bytes of a configuration, at most.
 const LONGEST_CONFIGURATION: usize = 13 + 8 * MAX_MOTORS;
 
 unsafe extern "C" {
-    /// The first byte of the flash behind this image: the linker's.
+    /// The first byte of the flash behind this image, as the linker has it.
     #[link_name = "__data_load_end"]
     static IMAGE_END: u8;
 }
 
-/// All that main does.
+/// The whole program.
 ///
 /// # Safety
 /// To be called by main, which the start-up code calls once; nobody else takes the board.
@@ -67,18 +68,18 @@ pub(crate) unsafe fn main() -> ! {
     }
 }
 
-/// Where a motor is that is to be fed.
+/// How much room the queue of a motor has, and whether it runs out soon.
 #[inline(never)]
 fn standing(motor: u8) -> Standing {
     let soon = clock::moment().after(NEAR);
-    let stepper = task::lock();
+    let stepper = refill::lock();
     stepper.motor(motor).map_or(Standing { room: 0, near: false }, |motor| Standing {
         room: motor.room(),
-        near: motor.is_empty() && Moment(motor.registers.tick).is_before(soon),
+        near: motor.is_empty() && Tick32(motor.registers.tick).is_before(soon),
     })
 }
 
-/// A motion that runs. What is read of the flash is here too: the stack has no room to spare.
+/// A motion that runs. The buffers for what is read of the flash are here too, since the stack has no room for them.
 struct Motion {
     players: [Player; MAX_MOTORS],
     piece: [u8; LONGEST_PIECE],
@@ -86,7 +87,7 @@ struct Motion {
 }
 
 impl Motion {
-    /// Begins it: all motors at the same tick. `None` if the board cannot do that: then nothing moves.
+    /// Starts all motors at the same tick. `None` if the board cannot do that: then nothing moves.
     #[inline(never)]
     fn begin(&mut self, board: &mut Board, says: u16, end: u16) -> Option<()> {
         let len = regs::flash(says);
@@ -108,7 +109,7 @@ impl Motion {
             head = player.end();
             at = at.wrapping_add(MOTOR_LEN);
         }
-        // Its pieces are all that is left of the block.
+        // The motors' pieces must fill the rest of the block.
         if head != end {
             return None;
         }
@@ -117,17 +118,17 @@ impl Motion {
         (switched == Ok(Switched::Accepted)).then_some(())
     }
 
-    /// The main loop, until something is wrong.
+    /// The main loop. It ends when something is wrong.
     fn run(&mut self, board: &mut Board, lamp: Pin) {
         let mut last = millis(clock::moment());
-        // So that it is known from the first step on that motors are busy.
+        // Before the first step, so that the board knows that motors are busy.
         let mut well = self.look(board, last, lamp);
         while well {
             regs::kick_watchdog();
             let fed = self.feed(board);
             let now = millis(clock::moment());
             if now != last {
-                // It takes the task's time, and rounds may be longer than one.
+                // Every fourth millisecond or so: it keeps the refill out for a while. A round may last longer than a millisecond, so compare all bits.
                 if (now.0 ^ last.0) & !3 != 0 {
                     well = self.look(board, now, lamp);
                 }
@@ -138,13 +139,13 @@ impl Motion {
         }
     }
 
-    /// Looks after the board; whether all is well, or nearly so.
+    /// Supervises the motors. `false` if the motion cannot go on.
     fn look(&self, board: &mut Board, now: Millis, lamp: Pin) -> bool {
-        board.look_after(now, self.players.iter().all(Player::is_over));
+        board.supervise(now, self.players.iter().all(Player::is_over));
         while let Some(event) = board.event() {
             match event.cause {
                 Cause::Finished => {}
-                // It was made all the same.
+                // The edge was made, only later.
                 Cause::EdgeLate => lamp.drive(true),
                 _ => {
                     board.stop_now();
@@ -155,7 +156,7 @@ impl Motion {
         true
     }
 
-    /// Fills the motors' queues: a piece for each. Whether there may be more to do.
+    /// Gives each motor's queue another piece of the motion. `true` if there may be more to do.
     #[inline(never)]
     fn feed(&mut self, board: &mut Board) -> bool {
         let mut fed = false;
@@ -165,7 +166,7 @@ impl Motion {
             }
             let len = player.next(standing(motor), regs::flash, &mut self.piece);
             if let Some(piece @ [_, ..]) = self.piece.get(..len) {
-                // There is room, and it is armed, or this is not called any more.
+                // The player asked for the room, and the board is armed as long as this runs.
                 let _ = board.push(motor, EPOCH, piece);
                 fed = true;
             }

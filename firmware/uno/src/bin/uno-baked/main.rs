@@ -1,4 +1,4 @@
-//! The program without a host: it plays the motion that lies behind it in the flash.
+//! The program without a host: it plays the motion that is stored behind it in the flash.
 #![no_std]
 #![no_main]
 #![feature(asm_experimental_arch, optimize_attribute)]
@@ -11,13 +11,13 @@ mod baked;
 use core::arch::global_asm;
 use engine::program::Program;
 
-/// Plans, and nobody who speaks.
-pub(crate) struct Uses;
+/// Plans, and no line to a host.
+pub(crate) struct ThisProgram;
 
-impl Program for Uses {
+impl Program for ThisProgram {
     const IMAGE: u8 = 0;
     const PLANS: bool = true;
-    const BESIDE: bool = false;
+    const SHIELD_B: bool = false;
 }
 
 // Steps come from records in the queues.
@@ -26,13 +26,13 @@ global_asm!(
     ".set source_limit, steps_limit",
     ".set source_load, steps_load_record",
     ".set source_due, steps_due",
-    // How rings are filled: of one motor each, of motors that share DIR lines, and of one motor beside a merge.
-    ".global ring_apiece, ring_shared, ring_beside, ring_beside_soon, ring_beside_merge",
-    ".set ring_apiece, steps_fill",
-    ".set ring_shared, steps_fill_shared",
-    ".set ring_beside, steps_absent",
-    ".set ring_beside_soon, steps_absent",
-    ".set ring_beside_merge, steps_absent",
+    // How rings are filled: by one motor, and by motors that share DIR lines. Ring B of the shield is not supported here.
+    ".global ring_fill_one, ring_fill_shared, ring_fill_shield, ring_fill_shield_b, ring_merge_shield",
+    ".set ring_fill_one, one_motor_fill",
+    ".set ring_fill_shared, shared_fill",
+    ".set ring_fill_shield, steps_absent",
+    ".set ring_fill_shield_b, steps_absent",
+    ".set ring_merge_shield, steps_absent",
 );
 
 #[unsafe(no_mangle)]

@@ -1,4 +1,4 @@
-//! The program for motors that are told directly, in frames: speeds, moves, directions.
+//! The program for motors that get orders in frames: a speed, a move, a direction.
 #![no_std]
 #![no_main]
 #![feature(asm_experimental_arch, optimize_attribute)]
@@ -10,29 +10,29 @@ mod verbs;
 
 use core::arch::global_asm;
 use engine::host;
-use engine::memory::Once;
+use engine::memory::Singleton;
 /// Verbs, and nothing else.
-pub(crate) use verbs::Told as Uses;
+pub(crate) use verbs::VerbsProgram as ThisProgram;
 
-// Steps come from what motors are told.
+// Steps come from orders.
 global_asm!(
     ".global source_limit, source_load, source_due",
     ".set source_limit, verbs_limit",
     ".set source_load, verbs_load",
-    ".set source_due, verbs_soon",
-    // How rings are filled: of one motor each, of motors that share DIR lines, and of one motor beside a merge.
-    ".global ring_apiece, ring_shared, ring_beside, ring_beside_soon, ring_beside_merge",
-    ".set ring_apiece, steps_fill",
-    ".set ring_shared, steps_absent",
-    ".set ring_beside, steps_absent",
-    ".set ring_beside_soon, steps_absent",
-    ".set ring_beside_merge, steps_absent",
+    ".set source_due, verbs_due_soon",
+    // How rings are filled: by one motor. Shared DIR lines and ring B of the shield are not supported here.
+    ".global ring_fill_one, ring_fill_shared, ring_fill_shield, ring_fill_shield_b, ring_merge_shield",
+    ".set ring_fill_one, one_motor_fill",
+    ".set ring_fill_shared, steps_absent",
+    ".set ring_fill_shield, steps_absent",
+    ".set ring_fill_shield_b, steps_absent",
+    ".set ring_merge_shield, steps_absent",
 );
 
-static USES: Once<Uses> = Once::new(Uses);
+static PROGRAM: Singleton<ThisProgram> = Singleton::new(ThisProgram);
 
 #[unsafe(no_mangle)]
 extern "C" fn main() -> ! {
     // SAFETY: the start-up code calls main once.
-    unsafe { host::main(&USES) }
+    unsafe { host::main(&PROGRAM) }
 }

@@ -1,59 +1,59 @@
-//! Motors told directly: `pulsetrain_core::verbs`, from which the task gets their steps.
+//! Orders to motors: `pulsetrain_core::verbs` works out their steps, and the refill takes them from there.
 //!
-//! # Who works out what
-//! Main tells, the task asks. What happens before the tick [`known`](Verbs::known) is settled, and an order holds from there on. Each
-//! call of the task sees to it that this is a while away ([`verbs_advance`]); a motor that has used up its steps takes
-//! the next evenly spaced ones before it right into its registers ([`verbs_take`]). Nothing else is planned up to there: the limit is so
-//! long before it that DIR can be turned for a step at that very tick.
+//! # Who does what
+//! Main takes orders. What happens before the tick [`known`](Verbs::known) is settled, and an order holds from there on. Each refill moves `known` on, so
+//! that it stays some time ahead ([`verbs_advance`]). A motor that has used up its steps takes the next evenly spaced ones before `known` right into
+//! its registers ([`verbs_take`]). The limit is a little before `known`, so that DIR can still be turned for a step at `known` itself.
 //!
 //! # Where
-//! In the memory of the queues, which are empty as long as verbs have the motors: until these are released or stopped. Moves that were
-//! done and not told are still there then, until a plan comes.
+//! In the memory of the queues. These are empty as long as orders have the motors, until the motors are released or stopped. Moves that are done and not
+//! reported stay there even then, until a plan comes.
 //!
 //! # Cycles
-//! A motor's next steps: some 1000, once in every 0.8 to 1.2 ms.
+//! A motor's next steps take some 1000, once in every 0.8 to 1.2 ms.
 
 use crate::engine::clock;
 use crate::engine::machine::extended;
 use crate::engine::program::Program;
 use crate::engine::steps::motor::{Motor, flag};
 use crate::engine::steps::pins::MAX_MOTORS;
+use crate::engine::steps::refill::{self, Guard, mode};
 use crate::engine::steps::register;
 use crate::engine::steps::stepper::Stepper;
-use crate::engine::steps::task::{self, Guard, mode};
 use crate::engine::steps::times::{self, TIMES};
-use crate::engine::tuning::stepper::AHEAD;
-use crate::engine::tuning::task::SOONEST;
+use crate::engine::tuning::refill::MIN_PERIOD;
+use crate::engine::tuning::stepper::LOOK_AHEAD;
 use crate::engine::tuning::verbs::{
-    CLEAR, FORESEE, FORESEE_MORE, LONGEST_PULSE, SHORT_PULSE, SHORTEST, SHORTEST_OF_LONG, SOONER,
+    CLEARANCE, KNOWN_AHEAD, KNOWN_AHEAD_A_MOTOR, MARGIN, MAX_PULSE, SHORT_PULSE, SHORTEST_PERIOD,
+    SHORTEST_PERIOD_STRETCHED,
 };
 use core::arch::global_asm;
 use core::mem::offset_of;
-use pulsetrain_core::Moment;
-use pulsetrain_core::narrow::verbs::{MOTORS, Verbs};
+use pulsetrain_core::Tick32;
+use pulsetrain_core::avr::verbs::{MOTORS, Verbs};
 use pulsetrain_core::wire::message::{Configuration, Reason, image};
 use pulsetrain_core::wire::orders::{self, Orders};
 use pulsetrain_core::wire::{Encoder, Refusal};
 
-/// From a step to one the other way, ticks, beside pulse, hold and set-up: `keep` and `early` of no [`Times`] are more than that.
+/// From a step to one the other way, at least, ticks, beside pulse, hold and set-up: `dir_hold` and `dir_early` of any [`Times`] are no more than that.
 ///
-/// [`Times`]: crate::steps::times::Times
+/// [`Times`]: crate::engine::steps::times::Times
 const TURN: u16 = 640;
-/// Until another is said: 1000 steps/s.
+/// Until an order sets another one: 1000 steps/s.
 const PERIOD: u32 = clock::TICK_HZ / 1000;
 
-/// There is nothing to be told.
+/// There are no moves to report.
 const NONE: u8 = 0;
-/// Moves may be done and not told.
+/// There may be moves that are done and not reported.
 const STOPPED: u8 = 1;
-/// Verbs have the motors.
+/// Orders have the motors.
 pub(crate) const ON: u8 = 2;
 
-/// Which of these: main's, and the task's to look at.
+/// One of these. Main writes it, and the refill reads it.
 #[unsafe(export_name = "verbs_state")]
 static mut STATE: u8 = NONE;
 
-/// Counts of 64 cycles until the task is to see again whether enough is known, at most.
+/// How soon the refill must look at `known` again, at most, counts of 64 cycles.
 #[unsafe(export_name = "verbs_due")]
 static mut DUE: u8 = 0;
 
@@ -61,30 +61,30 @@ static mut DUE: u8 = 0;
 struct Limits {
     shortest: u16,
     turn: u16,
-    /// How soon what is known ends, when it has been put off.
+    /// From now to `known`, ticks, when it was moved.
     foresee: u16,
 }
 
-/// Of the configuration.
+/// Those of the configuration.
 static mut LIMITS: Limits = Limits { shortest: 0, turn: 0, foresee: 0 };
 
 #[repr(C)]
-struct Place {
+struct VerbsMemory {
     verbs: Verbs,
-    /// Bit by motor: it has no more steps before what is known.
+    /// Bit by motor: it has no more steps before `known`.
     used_up: u8,
 }
 
-const _: () = assert!(size_of::<Place>() <= Told::POOL && MOTORS == MAX_MOTORS);
+const _: () = assert!(size_of::<VerbsMemory>() <= VerbsProgram::POOL && MOTORS == MAX_MOTORS);
 
 // Where other programs have their queues.
 global_asm!(".global verbs_place", ".set verbs_place, queues");
 
-// What the engine asks of a program (see `program`), as long as verbs have the motors.
+// The routines that the engine asks of a program, as long as orders have the motors.
 global_asm!(
     r#"
     .section .text.verbs, "ax", @progbits
-    .global verbs_limit, verbs_load, verbs_soon
+    .global verbs_limit, verbs_load, verbs_due_soon
 verbs_limit:
     call steps_limit
     lds r18, verbs_state
@@ -92,7 +92,7 @@ verbs_limit:
     brne 1f
     call verbs_advance
     lds r18, steps_mode
-    cpi r18, {FILLED}
+    cpi r18, {MERGED_BY_SOURCE}
     brne 1f
     sts steps_times+{LIMIT}, r22
     sts steps_times+{LIMIT}+1, r23
@@ -133,8 +133,8 @@ verbs_load:
 1:  sec
     ret
 
-    // When verbs are due: that was counted from where this call of the task began, as Timer0 has done.
-verbs_soon:
+    // When the refill must look at `known` again. That was counted from the begin of this refill, and Timer0 has counted since.
+verbs_due_soon:
     lds r24, verbs_state
     cpi r24, {ON}
     brne 4f
@@ -143,10 +143,10 @@ verbs_soon:
     sub r24, r20
     brcs 1f
     sbic {TIFR0}, 0
-1:  ldi r24, {SOONEST}
-    cpi r24, {SOONEST}
+1:  ldi r24, {MIN_PERIOD}
+    cpi r24, {MIN_PERIOD}
     brsh 2f
-    ldi r24, {SOONEST}
+    ldi r24, {MIN_PERIOD}
 2:  cp r26, r24
     brlo 3f
     mov r26, r24
@@ -156,31 +156,31 @@ verbs_soon:
     ret
     "#,
     ON = const ON,
-    FILLED = const mode::FILLED,
+    MERGED_BY_SOURCE = const mode::MERGED_BY_SOURCE,
     LIMIT = const times::LIMIT,
-    USED_UP = const offset_of!(Place, used_up),
+    USED_UP = const offset_of!(VerbsMemory, used_up),
     MOTOR_SIZE = const size_of::<Motor>(),
     FLAGS = const offset_of!(Motor, flags),
     UNREADABLE = const flag::UNREADABLE,
     TCNT0 = const register::TCNT0,
     TIFR0 = const register::TIFR0,
-    SOONEST = const SOONEST,
+    MIN_PERIOD = const MIN_PERIOD,
 );
 
 #[expect(improper_ctypes, reason = "no other language knows it")]
 unsafe extern "C" {
-    static mut verbs_place: Place;
+    static mut verbs_place: VerbsMemory;
 }
 
-/// Verbs, and nothing else.
-pub(crate) struct Told;
+/// The program for orders.
+pub(crate) struct VerbsProgram;
 
-impl Program for Told {
+impl Program for VerbsProgram {
     const IMAGE: u8 = image::VERBS;
     const SHARED: bool = false;
-    const BESIDE: bool = false;
+    const SHIELD_B: bool = false;
     const OBEYS: bool = true;
-    // The limit is not always so far ahead.
+    // The limit is not always 3 ms ahead.
     const FILLER: u16 = 8192;
     const POOL: usize = 366;
 
@@ -220,13 +220,13 @@ impl Program for Told {
     }
 
     #[inline(always)]
-    fn take_done() -> Option<(u8, Moment, u32)> {
+    fn take_done() -> Option<(u8, Tick32, u32)> {
         take_done()
     }
 
     #[inline(always)]
-    fn forsake() {
-        forsake();
+    fn host_left() {
+        host_left();
     }
 }
 
@@ -236,35 +236,35 @@ fn state() -> u8 {
 }
 
 fn set_state(state: u8) {
-    // SAFETY: as above. The task looks for `ON` alone, which is set and unset while it is out.
+    // SAFETY: as above. The refill reads only whether it is `ON`, and that changes while it is out.
     unsafe { (&raw mut STATE).write_volatile(state) }
 }
 
-/// What there is, for who keeps the task out as long as it uses this. Only if there is something.
+/// The orders, if there are any, for a caller who keeps the refill out as long as it uses them.
 #[expect(clippy::mut_from_ref, reason = "main has one guard at a time")]
-fn place(_: &Guard) -> Option<&mut Place> {
+fn place(_: &Guard) -> Option<&mut VerbsMemory> {
     let place = &raw mut verbs_place;
-    // SAFETY: it was written before the state was one of these, and queues are empty; main has one guard at a time, and uses what
-    // it got from it before it gets it again.
+    // SAFETY: it was initialised before the state was one of these, and queues are empty. Main has one guard at a time, and gives up what it got from it
+    // before it takes the next.
     (state() != NONE).then(|| unsafe { &mut *place })
 }
 
-/// Whether verbs have the motors.
+/// Whether orders have the motors.
 #[inline(always)]
 fn is_on() -> bool {
     state() == ON
 }
 
-/// Has armed motors, which rest with empty queues, do what is ordered, if that can be: from then on verbs have them.
+/// Gives the first orders to armed motors that rest with empty queues. From then on orders have the motors.
 ///
 /// # Errors
-/// [`Reason::Timing`]: pulses are too long; as [`Verbs::obey`].
+/// [`Reason::Timing`]: pulses are too long. All of [`Verbs::obey`].
 #[inline(never)]
 fn begin(orders: &Orders<'_>) -> Result<(), Refusal> {
     let now = clock::moment();
-    let stepper = task::lock();
+    let stepper = refill::lock();
     if TIMES.get().pulse != 0 {
-        return Err(Refusal { reason: Reason::Timing, detail: LONGEST_PULSE });
+        return Err(Refusal { reason: Reason::Timing, detail: MAX_PULSE });
     }
     let Limits { shortest, turn, foresee } = my_limits();
     let limits = (shortest, turn, PERIOD);
@@ -272,8 +272,7 @@ fn begin(orders: &Orders<'_>) -> Result<(), Refusal> {
     let known = now.after(ahead.max(u32::from(foresee)));
     if state() == NONE {
         let place = &raw mut verbs_place;
-        // SAFETY: queues are empty, and nobody refers to this; zeros are what it may be (see `Verbs`). Not by value: that would be
-        // on the stack first.
+        // SAFETY: queues are empty, and nobody refers to this. Zeros are a valid state (see `Verbs`). Not by value: that would be on the stack first.
         unsafe { place.write_bytes(0, 1) };
         set_state(STOPPED);
     }
@@ -281,24 +280,24 @@ fn begin(orders: &Orders<'_>) -> Result<(), Refusal> {
     place.verbs.begin((0..stepper.count()).map(|motor| stepper.position(motor, stepper.tail_of(motor))), limits, known);
     place.verbs.obey(orders)?;
     place.used_up = 0;
-    // Who only asks leaves motors as they are.
+    // An empty order only asks, and leaves motors as they are.
     if !orders.is_empty() {
-        stepper.is_filled();
+        stepper.merge_by_source();
         set_state(ON);
     }
     Ok(())
 }
 
-/// Has motors do what is ordered. Waits until that can be: it can, unless in what is settled one move ends, the next one begins, and
-/// the motor has not come to that; as long as what is settled lasts, at most.
+/// Gives further orders. If a motor has two moves in the time that is settled, and has not come to the second yet, it waits for that, but no longer than
+/// the settled time lasts.
 ///
 /// # Errors
-/// As [`Verbs::obey`]; [`Reason::Busy`]: that motor did not come to it.
+/// All of [`Verbs::obey`]. [`Reason::Busy`]: that motor did not come to its second move.
 #[inline(never)]
 fn obey(orders: &Orders<'_>) -> Result<(), Refusal> {
     let end = clock::moment().after(u32::from(my_limits().foresee));
     loop {
-        let stepper = task::lock();
+        let stepper = refill::lock();
         let Some(place) = place(&stepper) else { return Err(Refusal::of(Reason::NotArmed)) };
         let Some(motor) = place.verbs.busy() else {
             place.verbs.obey(orders)?;
@@ -311,20 +310,20 @@ fn obey(orders: &Orders<'_>) -> Result<(), Refusal> {
     }
 }
 
-/// Writes what came of what was obeyed last.
+/// Writes the answer to the last orders.
 fn encode_obeyed(frame: &mut Encoder<'_>) {
-    let guard = task::lock();
+    let guard = refill::lock();
     if let Some(place) = place(&guard) {
         let (at, motors) = place.verbs.obeyed();
         orders::encode_obeyed(extended(at), motors, frame);
     }
 }
 
-/// Motors were stopped at once, so that what was due a shortest period before [`Stepper::halted`] was made. `dry`: not even that.
+/// Motors were stopped at once. Steps that were due a shortest period before [`Stepper::halted`] were made; after an underrun (`dry`) not even those.
 #[inline(never)]
 fn stop(dry: bool) {
     if is_on() {
-        let guard = task::lock();
+        let guard = refill::lock();
         if let Some(place) = place(&guard) {
             place.verbs.stop((!dry).then_some(guard.halted()));
         }
@@ -332,88 +331,88 @@ fn stop(dry: bool) {
     }
 }
 
-/// Whether nothing is left to be done, if verbs have the motors.
+/// Whether all orders are done.
 #[inline(never)]
 fn rest() -> bool {
     if !is_on() {
         return true;
     }
     let now = clock::moment();
-    let guard = task::lock();
+    let guard = refill::lock();
     place(&guard).is_none_or(|place| place.verbs.rest_at(now))
 }
 
-/// A move that was done and not told yet: motor, tick, number.
+/// A move that is done and not reported yet: motor, tick, number.
 #[inline(never)]
-fn take_done() -> Option<(u8, Moment, u32)> {
+fn take_done() -> Option<(u8, Tick32, u32)> {
     if state() == NONE {
         return None;
     }
     let now = clock::moment();
-    let guard = task::lock();
+    let guard = refill::lock();
     place(&guard)?.verbs.take_done(now)
 }
 
-/// Nobody tells motors any more: see [`Verbs::forsake`].
+/// The host has left: see [`Verbs::forsake`].
 #[inline(never)]
-fn forsake() {
-    let guard = task::lock();
+fn host_left() {
+    let guard = refill::lock();
     if let Some(place) = place(&guard) {
         place.verbs.forsake();
     }
 }
 
-/// Of the configuration.
+/// Those of the configuration.
 fn my_limits() -> Limits {
-    // SAFETY: `set_up` alone writes it, while neither main nor the task reads it.
+    // SAFETY: only `set_up` writes it, while neither main nor the refill reads it.
     unsafe { (&raw const LIMITS).read() }
 }
 
-/// Notes what the motors of a configuration can do.
+/// Notes the limits of a configuration's motors.
 #[inline(never)]
 fn set_up(configuration: &Configuration<'_>) {
     let Configuration { pulse_ticks, setup_ticks, hold_ticks, .. } = *configuration;
     let motors = configuration.motors().len() as u16;
     let limits = Limits {
-        shortest: if pulse_ticks <= SHORT_PULSE { SHORTEST } else { SHORTEST_OF_LONG } * motors,
+        shortest: if pulse_ticks <= SHORT_PULSE { SHORTEST_PERIOD } else { SHORTEST_PERIOD_STRETCHED } * motors,
         turn: TURN + pulse_ticks + setup_ticks + hold_ticks,
-        foresee: FORESEE + FORESEE_MORE * motors,
+        foresee: KNOWN_AHEAD + KNOWN_AHEAD_A_MOTOR * motors,
     };
-    // SAFETY: main alone writes it, while verbs do not have the motors.
+    // SAFETY: main alone writes it, while orders do not have the motors.
     unsafe { (&raw mut LIMITS).write(limits) }
 }
 
-/// From the limit to what is known, ticks.
+/// From the limit to `known`, ticks.
 fn clear() -> u16 {
-    TIMES.get().early + CLEAR
+    TIMES.get().dir_early + CLEARANCE
 }
 
-/// For the task: sees to it that enough is known, and gives the limit. `limit` is what that is for others, [`AHEAD`] from now.
+/// For the refill: moves `known` on if it is time, and gives the limit. `limit` is that of other programs, [`LOOK_AHEAD`] from now.
 #[unsafe(no_mangle)]
 extern "C" fn verbs_advance(limit: u32) -> u32 {
-    let now = Moment(limit).before(AHEAD);
+    let now = Tick32(limit).before(LOOK_AHEAD);
     let place = &raw mut verbs_place;
-    // SAFETY: the task calls this while verbs have the motors, and a guard would have kept it out.
+    // SAFETY: this is the refill, which a guard would have kept out.
     let place = unsafe { &mut *place };
     let foresee = my_limits().foresee;
-    let slice = u32::from(foresee / 2 - SOONER);
+    let slice = u32::from(foresee / 2 - MARGIN);
     let next = now.after(u32::from(foresee));
     let mut known = place.verbs.known();
-    // Ticks until it is to be put off.
+    // Ticks until `known` is to be moved.
     let mut left = known.after(slice).since(next).cast_signed();
     if left < 0 {
         (known, left) = (next, slice.cast_signed());
         place.verbs.foresee(known);
         place.used_up = 0;
     }
-    // Divided by 64: by bytes, an AVR shifts by one bit at a time.
+    // Divided by 64: shifted left and taken by bytes, as an AVR shifts by one bit at a time.
     let [_, due, more, _] = (left.cast_unsigned() << 2).to_le_bytes();
-    // SAFETY: one byte, the task's alone.
+    // SAFETY: one byte, which only the refill uses.
     unsafe { (&raw mut DUE).write(if more == 0 { due } else { u8::MAX }) };
     known.before(u32::from(clear())).0
 }
 
-/// For the task: the next steps of a motor that has none left, into its registers; gives 1 if there are none yet.
+/// For the refill: the next steps of a motor that has none left, into its registers. Gives 1 if there are none yet.
 #[unsafe(no_mangle)]
 extern "C" fn verbs_take(motor: &mut Motor) -> u8 {
     let number = Stepper::number_of(motor);
@@ -424,7 +423,7 @@ extern "C" fn verbs_take(motor: &mut Motor) -> u8 {
     if let Some(steps) = &taken {
         motor.follow(steps);
     }
-    // It is not asked in vain, which takes as long as steps do.
+    // If there are none before `known`, do not ask again: that takes as long as steps do.
     if taken.is_none() || place.verbs.has_all(number) {
         place.used_up |= 1 << number;
     }

@@ -1,4 +1,4 @@
-//! The program for StepperWinch's text: paths that the board works out itself.
+//! The program for StepperWinch's text: the board works out the paths itself.
 #![no_std]
 #![no_main]
 #![feature(asm_experimental_arch, optimize_attribute)]
@@ -10,9 +10,9 @@ mod winch;
 
 use core::arch::global_asm;
 use engine::host;
-use engine::memory::Once;
+use engine::memory::Singleton;
 /// Text, and nothing else.
-pub(crate) use winch::Winch as Uses;
+pub(crate) use winch::Winch as ThisProgram;
 
 // Steps come from the paths.
 global_asm!(
@@ -20,19 +20,19 @@ global_asm!(
     ".set source_limit, winch_limit",
     ".set source_load, winch_load",
     ".set source_due, winch_due",
-    // How rings are filled: of one motor each, of motors that share DIR lines, and of one motor beside a merge.
-    ".global ring_apiece, ring_shared, ring_beside, ring_beside_soon, ring_beside_merge",
-    ".set ring_apiece, steps_absent",
-    ".set ring_shared, steps_absent",
-    ".set ring_beside, steps_absent",
-    ".set ring_beside_soon, steps_absent",
-    ".set ring_beside_merge, steps_absent",
+    // How rings are filled: four motors are merged into one ring, always.
+    ".global ring_fill_one, ring_fill_shared, ring_fill_shield, ring_fill_shield_b, ring_merge_shield",
+    ".set ring_fill_one, steps_absent",
+    ".set ring_fill_shared, steps_absent",
+    ".set ring_fill_shield, steps_absent",
+    ".set ring_fill_shield_b, steps_absent",
+    ".set ring_merge_shield, steps_absent",
 );
 
-static USES: Once<Uses> = Once::new(Uses::new());
+static PROGRAM: Singleton<ThisProgram> = Singleton::new(ThisProgram::new());
 
 #[unsafe(no_mangle)]
 extern "C" fn main() -> ! {
     // SAFETY: the start-up code calls main once.
-    unsafe { host::main(&USES) }
+    unsafe { host::main(&PROGRAM) }
 }

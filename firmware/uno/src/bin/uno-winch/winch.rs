@@ -1,29 +1,30 @@
-//! The winch: text on the line instead of frames, and motors that follow paths which the board works out itself.
+//! The winch: text on the line instead of frames. Motors follow paths, which the board works out itself.
 //!
-//! docs/winch.md has the commands; what they mean is `pulsetrain_core::winch`. Paths, reader and replies are assembly that does
-//! the same (tick.s, command.s, text.s, reply.s), held to it by crates/board/tests/it/chips/winch_avr.rs.
+//! docs/winch.md describes the commands, and `pulsetrain_core::winch` defines them. Paths, reader and replies are assembly that does the same (tick.s,
+//! command.s, text.s, reply.s); crates/board/tests/it/chips/winch_avr.rs compares them.
 //!
 //! # What is here
 //! - this file: the main loop's side; lines, and what they ask for
-//! - [`feed`]: the task's side; from paths to the motors
+//! - [`feed`]: the refill's side; from paths to the motors
+//! - [`obey`]: main's side; what lines do to the paths
 //!
 //! # Who has the board
-//! As long as frames have not taken it and no motor of theirs moves, text is *on*: every byte goes to the reader of lines, and from
-//! a zero on to that of frames too, until there is a command; to either of them once. Paths and reader lie where frames have their
-//! queues. From the first command that enables the drivers, until `enable 0` has released them, text *drives*, and frames' Hello is
-//! refused.
+//! Text is *on* as long as frames have not taken the board and no motor moves for them. Then every byte goes to the reader of lines. From a zero on bytes
+//! go to the receiver of frames, too, until there is a command. Paths and reader are in the memory of the queues. From the first command that enables the
+//! drivers, until `enable 0` has released them, text *drives*, and a Hello in frames is refused.
 
 pub(crate) mod feed;
+mod obey;
 
 use crate::engine::link::{self, Receiver};
 use crate::engine::machine::Board;
 use crate::engine::memory::REPLY_LEN;
 use crate::engine::program::Program;
-use crate::engine::steps::task;
-use crate::engine::tuning::winch::{PATIENCE, SILENCE};
+use crate::engine::steps::refill;
+use crate::engine::tuning::winch::{BACKLOG, FRAMES_SILENT};
 use crate::engine::{clock, host, store, tuning};
 use core::arch::global_asm;
-use pulsetrain_core::Moment;
+use pulsetrain_core::Tick32;
 use pulsetrain_core::winch::text::Verb;
 use pulsetrain_core::wire::message::{Configuration, image};
 use pulsetrain_core::wire::settings::SETTINGS_LEN;
@@ -34,21 +35,21 @@ const PATHS: usize = 4 * PATH;
 const READER: usize = TEXT + 81;
 const LINE: usize = pulsetrain_core::winch::reply::LONGEST;
 
-/// Bytes of what a status line says: the clock and four positions.
+/// Bytes of the values of a status line: the clock and four positions.
 const VALUES: usize = 5 * 4;
-// Before value k is read `txyza` and k numbers have been written.
+// Value k is read before `txyza` and k numbers have been written over it.
 const _: () = assert!(5 + 12 * 4 <= LINE - VALUES + 4 * 4);
 
 const PATH: usize = 51;
 /// Where the reader has the line.
 const TEXT: usize = 25;
-/// Where a path has what gains say, and what limits do; as many bytes each.
+/// Where a path has its gains, and its limits; as many bytes each.
 const OF_GAINS: usize = 22;
 const OF_LIMITS: usize = 32;
-/// Where a path has its speed, whole steps/s, in 2 bytes.
+/// Where a path has its speed, whole steps/s, 2 bytes.
 const SPEED: usize = 18;
 
-/// Where settings are while they are read: so that their limits are values of the reader.
+/// Where settings are read to: so that their limits are where the reader has values.
 const SETTINGS: usize = reader::VALUES - 6;
 const _: () = assert!(SETTINGS_LEN == 6 + 2 * 4);
 
@@ -64,18 +65,18 @@ mod reader {
     pub(super) const CHECKED: u8 = 4;
 }
 
-/// What is said beside whats, as reply.s has it.
+/// What `winch_say` says beside refusals, as in reply.s.
 const AWAKE: u8 = 14;
 const ID: u8 = 15;
 const TAKEN: u8 = 16;
 
-/// From one status line to the next, at first, ms.
+/// Period of status lines at first, ms.
 const REPORT_MS: u8 = 200;
 
-/// The reader came to a zero.
+/// `winch_listen` returns this when it comes to a zero.
 const ZERO: u8 = 0x40;
 
-// The reader knows how long the receive page is.
+// text.s has the length of the receive page.
 const _: () = assert!(link::PAGE == 0x80);
 
 // Where other programs have their queues.
@@ -108,26 +109,26 @@ unsafe extern "C" {
     fn winch_status(out: *mut u8, values: *const i32) -> u8;
 }
 
-/// Text, as main knows it.
+/// The text protocol, as main knows it.
 pub(crate) struct Winch {
-    /// Text is read; only then is there anything [`asked`].
+    /// Text is read. Only then [`asked`] may be used.
     on: bool,
-    /// Frames were seen: nothing is said until there is a command.
+    /// Frames were seen: nothing is sent until there is a command.
     quiet: bool,
-    /// Pins are the shield's.
+    /// The shield's configuration is set.
     set_up: bool,
     /// Motors follow the paths.
     drives: bool,
-    /// What is to be said.
+    /// What is to be sent next, or 0.
     say: u8,
-    /// Where the line was at the last look that frames have.
+    /// The receiver's tail, when that was looked at last.
     seen: u8,
 }
 
 impl Program for Winch {
     const IMAGE: u8 = image::WINCH;
     const SHARED: bool = false;
-    const BESIDE: bool = false;
+    const SHIELD_B: bool = false;
 
     #[inline(always)]
     fn is_on(&self) -> bool {
@@ -161,32 +162,32 @@ impl Program for Winch {
     }
 }
 
-/// What text has asked for; where frames have their queues.
+/// What text has asked for. In the memory of the queues.
 #[repr(C)]
 struct Asked {
     /// The drivers are to be released when all axes rest.
     releasing: bool,
     /// The deadman has stopped the axes.
     dead: bool,
-    /// About which word something is to be said.
+    /// The word that the next reply is about.
     word: u8,
     report_ms: u16,
     deadman_ms: u16,
-    /// The drivers are released after so long a rest, if it is not 0.
+    /// The drivers are released after so long a rest, unless it is 0.
     idle_ms: u16,
     /// When the axes were last seen moving.
     moved: Millis,
     /// When the last status line was due.
-    reported: Moment,
+    reported: Tick32,
     /// When the last command came.
-    heard: Moment,
+    heard: Tick32,
 }
 
-/// See [`Asked`]. While text is on.
+/// See [`Asked`]. Only while text is on.
 #[inline(always)]
 fn asked() -> &'static mut Asked {
     let asked = &raw mut winch_asked;
-    // SAFETY: main's alone; each use ends before the next begins, and it was set when text became on.
+    // SAFETY: main's alone. Each use ends before the next begins, and it was initialised when text became on.
     unsafe { &mut *asked }
 }
 
@@ -196,16 +197,16 @@ impl Winch {
         Winch { on: false, quiet: false, set_up: false, drives: false, say: 0, seen: 0 }
     }
 
-    /// Begins anew.
+    /// Text becomes on.
     #[inline(never)]
     fn begin(&mut self) {
         if !self.quiet {
             self.say = AWAKE;
         }
         self.set_up = false;
-        // SAFETY: frames do not use the queues while text is on, and the task does not use paths while nothing drives.
-        unsafe { feed::winch_begin() };
-        // SAFETY: the reader is main's alone, and has room for values of as many bytes.
+        // SAFETY: frames do not use the queues while text is on, and the refill does not use paths while nothing drives.
+        unsafe { obey::winch_begin() };
+        // SAFETY: the reader is main's alone, and has room for so many bytes of values.
         let settings = unsafe { &mut *(&raw mut winch_reader).cast::<u8>().wrapping_add(SETTINGS).cast() };
         store::read(settings);
         let [deadman_low, deadman_high, idle_low, idle_high, .., amax_low, amax_high, amax_higher, _] = *settings;
@@ -213,23 +214,23 @@ impl Winch {
         asked.deadman_ms = u16::from_le_bytes([deadman_low, deadman_high]);
         asked.idle_ms = u16::from_le_bytes([idle_low, idle_high]);
         if amax_low | amax_high | amax_higher != 0 {
-            // The limits are where the command has them.
-            feed::winch_obey_axes(0b1111, Verb::Limits as u8);
+            // The limits are where the command would have them.
+            obey::winch_obey_axes(0b1111, Verb::Limits as u8);
         }
     }
 
-    /// Reads lines among the bytes that wait, and does what they say, up to one that is answered, or a zero. What is text alone is
-    /// dropped then; gives how many bytes were read that may be frames' too.
+    /// Reads the lines among the waiting bytes and does what they say, up to one with a reply, or a zero. Drops what is text alone. Gives how many of the
+    /// bytes it read may belong to frames too.
     ///
-    /// Of bytes that were lost nobody knows where: what waits is dropped, and the line that has begun is refused, or the next.
+    /// If bytes were lost, nobody knows where: what waits is dropped, and the line that has begun, or the next, is refused.
     #[inline(never)]
     fn hear_lines(&mut self, board: &mut Board, receiver: &mut Receiver) -> u8 {
         let (mut heard, mut taken) = (0, 0);
         loop {
-            // Nothing is done before it is known that what was read had not been overwritten.
+            // Nothing is done before it is known that the bytes were not overwritten.
             let unread = host::unread(board, receiver);
             if unread.lost != 0 {
-                // In their place a byte 1, which is no text: that text is on is one.
+                // A byte 1 in their place, which no text has. `on` is such a byte.
                 let _ = read((&raw const self.on).cast(), 1);
                 receiver.skip(unread.bytes);
                 return 0;
@@ -237,7 +238,7 @@ impl Winch {
             if heard & 0x80 != 0 {
                 self.hear(board, heard & 0x7f);
             } else if heard == ZERO && !self.quiet {
-                // Frames have zeros, text has none: it is theirs too.
+                // Frames have zeros, and text has none: this zero belongs to frames.
                 receiver.skip(taken - 1);
                 self.quiet = true;
                 return 0;
@@ -253,7 +254,7 @@ impl Winch {
                 count = count.min(tuning::host::BYTES_A_ROUND);
             }
             receiver.skip(taken);
-            if count == 0 || (self.say != 0 && count < PATIENCE) {
+            if count == 0 || (self.say != 0 && count < BACKLOG) {
                 return 0;
             }
             let left;
@@ -266,13 +267,13 @@ impl Winch {
     #[inline(never)]
     fn hear(&mut self, board: &mut Board, verb: u8) {
         self.quiet = false;
-        let needed = feed::winch_do(verb);
+        let needed = obey::winch_do(verb);
         let asked = asked();
         if asked.deadman_ms != 0 {
             asked.heard = clock::moment();
         }
-        if needed & feed::AXES == 0 {
-            // A refusal that was not sent yet is not forgotten for it.
+        if needed & obey::AXES == 0 {
+            // It does not replace a refusal that was not sent yet.
             if needed != 0 && (self.say == 0 || self.say >= AWAKE) {
                 self.say = needed;
             }
@@ -282,13 +283,13 @@ impl Winch {
             self.set_up = true;
             set_up_shield(board);
         }
-        if needed & feed::DRIVE != 0 && !self.drives {
+        if needed & obey::DRIVE != 0 && !self.drives {
             self.drives = true;
             drive(board);
         }
     }
 
-    /// What time brings. To be called every few milliseconds.
+    /// Does what is due by time. To be called every few milliseconds.
     #[inline(never)]
     fn watch(&mut self, board: &mut Board, service: &Service, receiver: &Receiver, millis: Millis) {
         let now = clock::moment();
@@ -296,16 +297,16 @@ impl Winch {
             let ran_dry = !board.is_armed();
             if ran_dry || has_rested(millis) {
                 self.drives = false;
-                // After that all stands still, and nobody knows where: as after a reset.
+                // After an underrun all stands still, and nobody knows where: start as after a reset.
                 self.on &= !ran_dry;
                 let _ = board.release();
             } else if is_silent(now) {
                 asked().dead = true;
-                feed::winch_obey_axes(0b1111, Verb::Enable as u8);
+                obey::winch_obey_axes(0b1111, Verb::Enable as u8);
             }
         } else {
             feed::pass(now);
-            if !self.on && receiver.ends_line(&mut self.seen) && service.silence(millis) >= SILENCE {
+            if !self.on && receiver.ends_line(&mut self.seen) && service.silence(millis) >= FRAMES_SILENT {
                 self.say = TAKEN;
             }
             let on = !service.is_taken() && board.rests();
@@ -316,75 +317,75 @@ impl Winch {
         }
     }
 
-    /// What is to be said now, if anything: its first byte and how many there are. It may be written to `out`.
+    /// What is to be sent now, if anything: its first byte, and how many there are. It may be written to `out`.
     #[inline(never)]
     fn say_next(&mut self, receiver: &Receiver, out: &mut [u8; REPLY_LEN]) -> (*const u8, u8) {
         let out = out.as_mut_ptr();
         let say = core::mem::replace(&mut self.say, 0);
         if say != 0 {
-            // SAFETY: there is room for the longest of these. That frames have the board is told about no word, whatever is read.
+            // SAFETY: `out` has room for the longest of these. TAKEN has no word, so it does not matter what the memory of the queues has there.
             return (out, unsafe { winch_say(out, say, (&raw const winch_asked.word).read()) });
         }
         let now = clock::moment();
         let asked = asked();
-        // Lines go before it.
+        // Lines are answered before a status is sent.
         if !self.on
             || self.quiet
-            || receiver.waiting() >= PATIENCE / 2
-            || !feed::winch_has_passed(now, &mut asked.reported, asked.report_ms)
+            || receiver.waiting() >= BACKLOG / 2
+            || !obey::winch_has_passed(now, &mut asked.reported, asked.report_ms)
         {
             return (out, 0);
         }
         let line = (&raw mut winch_line).cast::<u8>();
-        // At its end, so that each value has been read before it is written over.
+        // At the end of the line, so that each value is read before it is written over.
         let values = line.wrapping_add(LINE - VALUES).cast();
-        // SAFETY: the line is main's, and what was in it has been sent.
+        // SAFETY: the line is main's, and its last content has been sent.
         unsafe {
-            feed::winch_clock_and_positions(values);
+            obey::winch_clock_and_positions(values);
             (line, winch_status(line, values))
         }
     }
 }
 
-/// Takes on the winch's configuration. No motor moves.
+/// Sets the shield's configuration. No motor moves.
 #[inline(always)]
 fn set_up_shield(board: &mut Board) {
-    if let Some(mut configuration) = Configuration::new(feed::shield()) {
-        // STEP is high for 1.94 µs, for any driver on such a shield; DIR is right for 1 µs before and after.
+    if let Some(mut configuration) = Configuration::new(obey::shield()) {
+        // STEP is high for 1.94 µs, and DIR is right for 1 µs before and after: that suits any driver on such a shield.
         configuration.pulse_ticks = 31;
         configuration.setup_ticks = 16;
         configuration.hold_ticks = 16;
         configuration.enable_pin = 8;
-        // Nobody moves, and the pins are right.
+        // It cannot fail: nothing moves, and the pins are valid.
         let _ = board.configure(&configuration);
     }
 }
 
-/// Powers the motors, which take their steps from the paths. The task is out until there are trains, which it looks at.
+/// Powers the motors. The refill is kept out until there are trains, which it reads.
 #[inline(never)]
 fn drive(board: &mut Board) {
-    let _out = task::keep_out();
+    let _out = refill::block();
     let _ = board.arm();
-    let mut stepper = task::lock();
+    let mut stepper = refill::lock();
     feed::begin(clock::moment());
-    stepper.leave_room();
-    stepper.is_filled();
+    stepper.share_list_page();
+    stepper.merge_by_source();
 }
 
 /// Whether all paths are at rest, and the motors with them.
 #[inline(always)]
 fn has_arrived() -> bool {
-    let stepper = task::lock();
+    let stepper = refill::lock();
     feed::rests() && stepper.is_idle()
 }
 
-/// Lets the reader take bytes from the receive page, as [`winch_listen`] does.
+/// The reader takes bytes from the receive page: see [`winch_listen`].
 fn read(bytes: *const u8, count: u8) -> [u8; 2] {
-    // SAFETY: there are so many bytes; the reader is main's alone while text is on.
+    // SAFETY: so many bytes wait. The reader is main's alone while text is on.
     unsafe { winch_listen((&raw mut winch_reader).cast(), bytes, count) }.to_le_bytes()
 }
 
-/// Whether the drivers are to be released: all axes rest, and that was asked for, or they have for long enough.
+/// Whether the drivers are to be released: all axes rest, and a command asked for that, or they have rested long enough.
 fn has_rested(now: Millis) -> bool {
     let asked = asked();
     if !(asked.releasing || asked.idle_ms != 0) || !has_arrived() {
@@ -395,9 +396,9 @@ fn has_rested(now: Millis) -> bool {
 }
 
 /// Whether the deadman is to stop the axes.
-fn is_silent(now: Moment) -> bool {
+fn is_silent(now: Tick32) -> bool {
     let asked = asked();
-    asked.deadman_ms != 0 && !asked.dead && feed::winch_has_passed(now, &mut asked.heard, asked.deadman_ms)
+    asked.deadman_ms != 0 && !asked.dead && obey::winch_has_passed(now, &mut asked.heard, asked.deadman_ms)
 }
 
 /// A byte of the reader.

@@ -8,14 +8,14 @@ mod engine;
 
 use core::arch::global_asm;
 use engine::host;
-use engine::memory::Once;
+use engine::memory::Singleton;
 use engine::program::Program;
 use pulsetrain_core::wire::message::image;
 
 /// Plans, and nothing else.
-pub(crate) struct Uses;
+pub(crate) struct ThisProgram;
 
-impl Program for Uses {
+impl Program for ThisProgram {
     const IMAGE: u8 = image::PLANS;
     const PLANS: bool = true;
     const LEASES: bool = true;
@@ -25,22 +25,22 @@ impl Program for Uses {
 // Steps come from records in the queues, and from braking.
 global_asm!(
     ".global source_limit, source_load, source_due",
-    ".set source_limit, steps_limit_leased",
-    ".set source_load, steps_load_leased",
+    ".set source_limit, limit_leased",
+    ".set source_load, load_leased",
     ".set source_due, steps_due",
-    // How rings are filled: of one motor each, of motors that share DIR lines, and of one motor beside a merge.
-    ".global ring_apiece, ring_shared, ring_beside, ring_beside_soon, ring_beside_merge",
-    ".set ring_apiece, steps_fill",
-    ".set ring_shared, steps_fill_shared",
-    ".set ring_beside, steps_beside_turns",
-    ".set ring_beside_soon, beside_fill",
-    ".set ring_beside_merge, merge_beside",
+    // How rings are filled: by one motor, by motors that share DIR lines, and on the shield, where the motor on PORTB has a ring of its own.
+    ".global ring_fill_one, ring_fill_shared, ring_fill_shield, ring_fill_shield_b, ring_merge_shield",
+    ".set ring_fill_one, one_motor_fill",
+    ".set ring_fill_shared, shared_fill",
+    ".set ring_fill_shield, shield_fill",
+    ".set ring_fill_shield_b, shield_b_fill",
+    ".set ring_merge_shield, merge_shield",
 );
 
-static USES: Once<Uses> = Once::new(Uses);
+static PROGRAM: Singleton<ThisProgram> = Singleton::new(ThisProgram);
 
 #[unsafe(no_mangle)]
 extern "C" fn main() -> ! {
     // SAFETY: the start-up code calls main once.
-    unsafe { host::main(&USES) }
+    unsafe { host::main(&PROGRAM) }
 }

@@ -1,17 +1,17 @@
-//! From bytes in the receive page to frames: what `pulsetrain_core`'s `Decoder` does, byte for byte, in assembly.
+//! From bytes in the receive page to frames: `pulsetrain_core`'s `Decoder`, in assembly.
 //!
-//! The length comes first, so that nothing is held back: bytes of the body go where they belong and into the CRC at once, the
-//! three bytes after it behind it. The CRC takes a byte in 14 cycles (11 where its halves may change places), by multiplying where others shift: with x = high ^ byte
-//! and then x ^= x >> 4, it is high = low ^ x << 4 ^ x >> 3, low = x ^ x << 5.
+//! A frame begins with its length, so that no byte must be held back: bytes of the body go into the buffer and into the CRC at once, and the trailer
+//! of three bytes goes behind them. The CRC takes 14 cycles a byte (11 if its halves may swap). It multiplies where others shift: with x = high ^ byte and
+//! then x ^= x >> 4, the new CRC is high = low ^ x << 4 ^ x >> 3, low = x ^ x << 5.
 //!
-//! 21.5 cycles a byte of the body, 27.5 where a zero is meant (crates/board/tests/it/chips/uno_receive.rs prints and holds them).
+//! A byte of the body takes 21.5 cycles, 27.5 if it stands for a zero (crates/board/tests/it/chips/uno_receive.rs measures and holds them).
 
 use super::PAGE;
 use crate::engine::regs;
 use core::arch::global_asm;
 use pulsetrain_core::wire::frame::{Received, Tag, framed_len};
 
-/// The longest body that is taken: two such frames may be on their way at once.
+/// The longest body. Two such frames fit into the receive page.
 pub(crate) const LONGEST_BODY: usize = 57;
 
 const _: () = assert!(2 * framed_len(LONGEST_BODY) <= super::WINDOW as usize);
@@ -20,29 +20,29 @@ const _: () = assert!(2 * framed_len(LONGEST_BODY) <= super::WINDOW as usize);
 mod phase {
     /// The length, or a lone zero.
     pub(super) const START: u8 = 0;
-    /// COBS: codes and bytes of the body.
+    /// The body, in COBS: codes and bytes.
     pub(super) const BODY: u8 = 1;
-    /// The three bytes after it.
+    /// The three bytes of the trailer: CRC and tag.
     pub(super) const TRAILER: u8 = 2;
-    /// The zero.
+    /// The zero that ends the frame.
     pub(super) const END: u8 = 3;
-    /// No frame: up to the next zero.
+    /// No valid frame: skip to the next zero.
     pub(super) const NOISE: u8 = 4;
 }
 
-/// What `receive_frame` says beside tags.
+/// What `receive_frame` returns if it is not a tag.
 const MORE: u8 = 0x40;
 const DAMAGED: u8 = 0x80;
 
-/// The frame that is coming in.
+/// The frame that is being received.
 #[repr(C)]
 pub(crate) struct Receiver {
-    /// Low byte of the address of the next byte to be read.
+    /// Low byte of the address of the next byte to read.
     tail: u8,
     phase: u8,
-    /// Bytes that this phase still has.
+    /// Bytes of this phase that are still to come.
     left: u8,
-    /// Bytes that the run being read still has.
+    /// Bytes of this COBS run that are still to come.
     run: u8,
     /// The CRC so far, high byte first.
     sum: [u8; 2],
@@ -50,11 +50,11 @@ pub(crate) struct Receiver {
     len: u8,
     /// Where the next byte goes.
     at: u16,
-    /// The zero that COBS thinks before each body, the body, and the three bytes after it.
+    /// A zero, as COBS has one before each body; the body; and the trailer.
     body: [u8; 1 + LONGEST_BODY + 3],
-    /// What `receive_lap` was when the tail was last at the beginning of the page.
+    /// `receive_lap` when the tail was last at the beginning of the page.
     lap: u8,
-    /// What `receive_lost` was.
+    /// `receive_lost` when that was asked last.
     lost: u8,
 }
 
@@ -65,13 +65,13 @@ const AT: u8 = 7;
 const BODY: u8 = 9;
 
 // receive_frame: takes bytes from the receive page until a frame ends, or `count` are taken.
-//   r24:25  Receiver, in Y then
-//   r22     count, in r25 then
+//   r24:25  the Receiver (then Y)
+//   r22     count (then r25)
 //   r24     result: the tag of a frame, MORE or DAMAGED
 // Inside:
 //   r18 r19 CRC, high and low
 //   r20 r21 run, left
-//   r22 r23 16 and 32, to shift by
+//   r22 r23 16 and 32: multiplying by them shifts
 //   X       where the next byte goes
 //   Z       the receive page
 global_asm!(
@@ -126,7 +126,7 @@ receive_frame:
     brne 6f
     rjmp 5f
 
-    // The length: an even number of ones, and not too long.
+    // The length has an even number of ones, and is not too long.
 1:  next 11f
     breq 1b                             // a lone zero
     mov r0, r24
@@ -225,7 +225,7 @@ receive_frame:
 18: crc
     ret
 
-    // So many at once, r17: as there are, up to the end of the body or of the page.
+    // r17 bytes in one go: as many as have come, up to the end of the body or of the page.
 2:  mov r0, r21
     cp r25, r0
     brsh 20f
@@ -257,11 +257,11 @@ receive_frame:
     brne 2b
     ldi r21, 3
     rjmp 4b
-    // A zero.
+    // A zero inside the body: damaged.
 25: pop r17
     andi r30, {PAGE} - 1
     rjmp 7b
-    // A code stands for the zero before it, and says how far the next is. 6 more
+    // A COBS code: it stands for the zero before it, and says how far the next one is. 6 more
 26: mov r20, r24
     dec r20
     clr r24
@@ -283,17 +283,17 @@ receive_frame:
 unsafe extern "C" {
     fn receive_frame(receiver: *mut Receiver, count: u8) -> u8;
     static receive_page: u8;
-    /// The interrupt's: 0x80 and 0 in turn, whenever it comes to the end of the page.
+    /// The interrupt's: it toggles between 0x80 and 0 at each end of the page.
     static mut receive_lap: u8;
-    /// The interrupt's: bytes that the USART lost before one that came, modulo 256.
+    /// The interrupt's: counts bytes that the USART lost, modulo 256.
     static mut receive_lost: u8;
 }
 
-/// What has come.
+/// What has come from the line.
 pub(crate) struct Unread {
     /// Bytes that wait to be read.
     pub(crate) bytes: u8,
-    /// Bytes, or more, that were lost since this was asked last.
+    /// Bytes that were lost since this was asked last, at least.
     pub(crate) lost: u8,
 }
 
@@ -314,13 +314,13 @@ impl Receiver {
         }
     }
 
-    /// Drops what came in so far.
+    /// Drops all bytes that have come.
     pub(crate) fn reset(&mut self) {
         (self.tail, self.lap) = head();
         self.phase = phase::START;
     }
 
-    /// How many bytes wait. More than the page can keep were overwritten: what is left of them is dropped.
+    /// How many bytes wait. If more came than the page can hold, all of them are dropped, and counted as lost.
     #[inline(always)]
     pub(crate) fn unread(&mut self) -> Unread {
         let (head, lap) = head();
@@ -338,7 +338,7 @@ impl Receiver {
     }
 }
 
-/// What text asks of it.
+/// For the winch's reader of lines.
 impl Receiver {
     /// How many bytes wait, if none were overwritten.
     #[inline(always)]
@@ -346,21 +346,21 @@ impl Receiver {
         regs::EEARL.read().wrapping_sub(self.tail) & (PAGE - 1)
     }
 
-    /// Where the byte is that is to be read after `count` others. What follows behind the page's end goes on at its beginning.
+    /// The address of the byte to read after `count` others. After the end of the page it goes on at its beginning.
     #[inline(always)]
     pub(crate) fn after(&self, count: u8) -> *const u8 {
         (&raw const receive_page).wrapping_add(usize::from(self.tail.wrapping_add(count) & (PAGE - 1)))
     }
 
-    /// Whether the byte taken last ends a line; it is told once. `seen` is where that was asked last: in between nothing may have
-    /// come, as in the middle of a frame it would.
+    /// Whether the byte that was taken last ends a line; true once for each. `seen` is the tail when that was asked last. If it has changed the answer is
+    /// false: only a byte after which nothing came ends a line, not one in the middle of a frame.
     #[inline(always)]
     pub(crate) fn ends_line(&self, seen: &mut u8) -> bool {
         if core::mem::replace(seen, self.tail) != self.tail {
             return false;
         }
         let last = self.after(PAGE - 1).cast_mut();
-        // SAFETY: a byte of the page that has been taken: nobody reads it, and the interrupt may write over it.
+        // SAFETY: this byte has been taken: nobody reads it, and the interrupt may write over it.
         unsafe {
             let is_end = last.read_volatile() == b'\n';
             last.write_volatile(0);
@@ -368,7 +368,7 @@ impl Receiver {
         }
     }
 
-    /// Drops `count` of them, which are no frame's.
+    /// Drops `count` bytes that belong to no frame.
     #[inline(always)]
     pub(crate) fn skip(&mut self, count: u8) {
         let tail = self.tail + count;
@@ -380,12 +380,12 @@ impl Receiver {
 }
 
 impl Receiver {
-    /// Takes `count` of them, or fewer, up to the end of a frame.
+    /// Takes up to `count` bytes, up to the end of a frame.
     #[inline(always)]
     pub(crate) fn take(&mut self, count: u8) -> Received {
         let before = self.tail;
-        // SAFETY: so many bytes wait. The interrupt writes none of them until the tail is beyond them; it moves its head
-        // beyond a byte after it wrote it.
+        // SAFETY: `count` bytes wait. The interrupt writes over none of them until the tail has passed, and moves its head past a byte only after it has
+        // written it.
         let result = unsafe { receive_frame(self, count) };
         if self.tail < before {
             self.lap ^= PAGE;
@@ -397,14 +397,13 @@ impl Receiver {
         }
     }
 
-    /// The body of the frame that was completed last, until the next byte is taken.
+    /// The body of the frame that was completed last, valid until the next byte is taken.
     #[inline(always)]
     pub(crate) fn body(&self) -> &[u8] {
         self.body.get(1..=usize::from(self.len)).unwrap_or_default()
     }
 
-    /// Waits until a byte comes, but not for ever, and gives how many ticks it did nothing. It stays awake: an interrupt that
-    /// ends a sleep is 4 cycles later than others.
+    /// Waits a while for a byte, awake, and gives how many ticks it waited. It does not sleep, because an interrupt that ends a sleep is 4 cycles later.
     #[inline(always)]
     pub(crate) fn watch(&self) -> u16 {
         regs::watch_while_head_is(self.tail)
@@ -417,9 +416,9 @@ impl Receiver {
     }
 }
 
-/// Low byte of the address of the place for the next byte, and which lap that is. Interrupts are off for 5 cycles.
+/// Where the next byte from the line goes: low byte of its address, and the lap. Interrupts are off for 5 cycles.
 #[inline(always)]
 fn head() -> (u8, u8) {
     // SAFETY: as in `unread`.
-    regs::free(|| (regs::EEARL.read(), unsafe { (&raw const receive_lap).read_volatile() }))
+    regs::critical(|| (regs::EEARL.read(), unsafe { (&raw const receive_lap).read_volatile() }))
 }

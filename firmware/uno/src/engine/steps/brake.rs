@@ -1,100 +1,100 @@
-//! Braking: what a motor does whose lease is over, by core's rule (`pulsetrain_core::braking`), a part at a time.
+//! Braking: what a motor does at the end of its lease, by core's rule (`pulsetrain_core::braking`), one part of the stop at a time.
 //!
-//! A motor [awaits](state::AWAITS) the end of the lease as it awaits a switch, and goes over to its stop there ([`plan`](super::plan)). From then
-//! on it reads no records: its steps come from here.
+//! A motor [waits](state::END_NEXT) for the end of the lease as it waits for a switch, and begins its stop there ([`plan`](super::plan)). From then on it
+//! reads no records: its steps come from here.
 //!
 //! # The level in bytes
 //! The limit's mantissa M, its exponent E and its rest level L are bytes. So is the level: E is 61 at most and an interval has 39 bits, so that the level
 //! lies between -77 and 124.
 //!
 //! # Cycles
-//! A part takes 280 to 420, and what finds out whether its steps are sure.
+//! A part takes 280 to 420, and the check of its intervals (`load_count_steps`).
 
-use super::motor::{Motor, Part, Reason, Switch, flag};
+use super::motor::{EpochBytes, FaultKind, Motor, Switch, flag};
 use super::plan::OF_SWITCH;
 use super::stepper;
 use super::times;
 use core::arch::global_asm;
 use core::mem::offset_of;
-use pulsetrain_core::Moment;
-use pulsetrain_core::narrow::Registers;
+use pulsetrain_core::Tick32;
+use pulsetrain_core::avr::Registers;
 
 /// Bits of a motor's braking state, by number.
 pub(crate) mod state {
     /// Its next switch is the end of the lease.
-    pub(crate) const AWAITS: u8 = 0;
-    /// A switch waits at that tick or later.
-    pub(crate) const WAITS: u8 = 1;
+    pub(crate) const END_NEXT: u8 = 0;
+    /// A switch waits, too, at the end or later.
+    pub(crate) const SWITCH_TOO: u8 = 1;
     /// It makes the steps of its stop.
     pub(crate) const BRAKES: u8 = 2;
 }
 
-/// What a [`Lease`] is.
+/// States of a [`CurrentLease`].
 pub(crate) mod lease {
-    /// There is none.
+    /// There is no lease.
     pub(crate) const OFF: u8 = 0;
-    /// Plans hold up to its tick.
+    /// Plans hold up to the lease's tick.
     pub(crate) const UNTIL: u8 = 1;
     /// Plans hold to their end.
     pub(crate) const LAST: u8 = 2;
-    /// It is over.
+    /// The lease is over.
     pub(crate) const LAPSED: u8 = 3;
-    /// Or else it was one of these, and a motor cannot follow its plan: all brake as soon as they can, or at its tick if that is sooner.
+    /// Flag, with one of the states above: a motor cannot follow its plan. All brake as soon as they can, or at the lease's tick if that is sooner.
     pub(crate) const FAULT: u8 = 4;
 }
 
-/// How long plans hold. The assembly knows where it is.
+/// How long plans hold. The assembly finds it as `steps_lease`.
 #[derive(Clone, Copy)]
 #[repr(C)]
-pub(crate) struct Lease {
+pub(crate) struct CurrentLease {
     /// One of [`lease`].
     pub(crate) state: u8,
-    /// Not 0 if a motor was in motion when it was over.
+    /// Not 0 if a motor was moving at the end.
     pub(crate) moved: u8,
-    pub(crate) at: Moment,
+    pub(crate) at: Tick32,
 }
 
-const _: () = assert!(offset_of!(Lease, state) == 0);
+const _: () = assert!(offset_of!(CurrentLease, state) == 0);
 
 #[unsafe(export_name = "steps_lease")]
-static mut LEASE: Lease = Lease::OFF;
+static mut LEASE: CurrentLease = CurrentLease::OFF;
 
-impl Lease {
-    /// None.
-    pub(crate) const OFF: Lease = Lease { state: lease::OFF, moved: 0, at: Moment(0) };
+impl CurrentLease {
+    /// No lease.
+    pub(crate) const OFF: CurrentLease = CurrentLease { state: lease::OFF, moved: 0, at: Tick32(0) };
 
-    /// To be asked by who has the stepper.
+    /// The lease. Only whoever has the stepper may ask.
     #[inline(always)]
-    pub(crate) fn get() -> Lease {
-        // SAFETY: a copy; who has the stepper alone writes it.
+    pub(crate) fn get() -> CurrentLease {
+        // SAFETY: a copy. Only whoever has the stepper writes it.
         unsafe { (&raw const LEASE).read() }
     }
 
-    /// There is none from now on. To be called by who has the stepper.
+    /// Ends it without a stop. Only whoever has the stepper may call this.
     #[inline(always)]
     pub(crate) fn end() {
-        // SAFETY: who has the stepper alone writes it.
-        unsafe { (&raw mut LEASE).write(Lease::OFF) };
+        // SAFETY: only whoever has the stepper writes it.
+        unsafe { (&raw mut LEASE).write(CurrentLease::OFF) };
     }
 }
 
 global_asm!(
     r#"
-    // Z: at the parts of the motor Y.
-    .macro brake_point
+    // Points Z to the epochs of the motor Y.
+    .macro brake_point_to_epochs
     movw r30, r28
-    subi r30, lo8(-({PARTS}))
-    sbci r31, hi8(-({PARTS}))
+    subi r30, lo8(-({EPOCHS}))
+    sbci r31, hi8(-({EPOCHS}))
     .endm
 
-    .section .text.steps_load_leased, "ax", @progbits
-    .global steps_load_leased, steps_brake
-    // A program's source of steps: records of the queue, and parts of a stop.
-steps_load_leased:
+    .section .text.load_leased, "ax", @progbits
+    .global load_leased, steps_brake
+    // `source_load` of a program with leases: records of the queue, and parts of a stop.
+load_leased:
     ldd r24, Y+{FLAGS}
     sbrs r24, {UNREADABLE}
     jmp steps_load_record
-    brake_point
+    brake_point_to_epochs
     ldd r24, Z+{STATE}
     sbrc r24, {BRAKES}
     rjmp steps_brake
@@ -102,7 +102,7 @@ brake_none:
     sec
     ret
 
-    // The next part of a stop, from the motor Y's interval on; Z is at its parts. Carry: it rests.
+    // The next part of a stop, from the interval of the motor Y on. Z points to its epochs. Carry: it is at rest.
     // r18 to r22: the interval, and then what it grows by; r24 and r25: its upper eight bits, and the number of its leading one.
 steps_brake:
     ldd r18, Y+{INTERVAL}
@@ -115,7 +115,7 @@ steps_brake:
     movw r26, r20
     mov r24, r22
     tst r24
-    brmi brake_rest                     // as long as registers hold
+    brmi brake_at_rest                  // as long as registers hold
     ldi r25, 39
 1:  tst r24
     brne 2f
@@ -126,7 +126,7 @@ steps_brake:
     clr r0
     subi r25, 8
     brcc 1b
-brake_rest:                             // no interval
+brake_at_rest:                          // no interval
     std Z+{STATE}, r1
     sec
     ret
@@ -162,14 +162,14 @@ brake_rest:                             // no interval
     ldd r25, Z+{REST_LEVEL}
     cp r25, r26
     brlo 7f
-    // Slow enough after one step more.
+    // Slow enough for rest after one more step.
 6:  std Z+{STATE}, r1
     ldi r24, 1
     clr r18
     clr r19
     movw r20, r18
     rjmp 13f
-    // It grows by the interval / 2^(level + 1), which is less than 2^31,
+    // The interval grows by itself / 2^(level + 1), less than 2^31,
 7:  mov r24, r26
 8:  lsr r22
     ror r21
@@ -210,31 +210,31 @@ brake_rest:                             // no interval
     .endr
     std Y+{LEFT}, r24
     std Y+{LEFT}+1, r1
-    jmp steps_load_taken
+    jmp load_count_steps
 
-    .section .text.steps_stop, "ax", @progbits
-    .global steps_stop, steps_dry, steps_freshen, steps_fail_leased, steps_lease_goes_on, steps_limit_leased, steps_await_all
-    // From the plan: the lease is over, and the motor Y goes over to its stop. Z is at its parts, r25 its braking state, r22 and r23 have the steps
-    // that were left; those are off the position already.
-steps_stop:
+    .section .text.brake_begin, "ax", @progbits
+    .global brake_begin, brake_check_underrun, brake_note_rest, brake_fail, brake_check_lease_end, limit_leased, brake_all_at_end
+    // From the plan: the lease is over, and the motor Y begins its stop. Z points to its epochs, r25 is its braking state, r22:23 are the steps that were
+    // left. The position does not count those any more.
+brake_begin:
     or r22, r23
     mov r14, r22
-    // What waits of its epoch is dropped, and of that of a switch that is not made.
-    ldd r22, Z+{PART_EPOCH}
-    sbrc r25, {WAITS}
+    // Drops what waits of its epoch, and of that of a switch that will not be made.
+    ldd r22, Z+{EPOCH_RUNNING}
+    sbrc r25, {SWITCH_TOO}
     ldd r22, Z+{SWITCH_EPOCH}
     clt
-    call plan_pass_parts
-    call plan_reach_switch
+    call plan_drop_epochs
+    call plan_horizon_to_switch
     ldi r27, 0                          // its state
     ldd r24, Y+{FLAGS}
     sbrs r24, {ANCHORED}
     rjmp 7f
-    rcall brake_is_fresh
+    rcall brake_check_rest
     breq 7f
     tst r14
     brne 6f
-    rcall brake_last_interval
+    rcall brake_previous_interval
     std Y+{INTERVAL}, r22
     std Y+{INTERVAL}+1, r23
     std Y+{INTERVAL}+2, r24
@@ -249,8 +249,8 @@ steps_stop:
     std Z+{STATE}, r27
     jmp plan_slow
 
-    // The motor Y cannot follow its plan, for the reason r22, at r18 to r21: with a lease it brakes from the horizon, and all others as soon as they can.
-steps_fail_leased:
+    // The motor Y cannot follow its plan, for the fault r22, at r18 to r21. With a lease it brakes from its horizon, and all others as soon as they can.
+brake_fail:
     lds r24, steps_lease
     tst r24
     brne 1f
@@ -262,16 +262,16 @@ steps_fail_leased:
     ori r24, {FAULT}
     sts steps_lease, r24
 2:  call steps_settle
-    brake_point
-    std Z+{REASON}, r22
+    brake_point_to_epochs
+    std Z+{FAULT_KIND}, r22
     .irp at, 0,1,2,3
     ldd r2\at, Y+{HORIZON}+\at
     std Y+{SWITCH_AT}+\at, r2\at
     .endr
-    ldd r24, Z+{REASON}
+    ldd r24, Z+{FAULT_KIND}
     cpi r24, {MISSED}
     brne 3f
-    // The step comes then.
+    // Its next step comes at the horizon: the registers' tick is an interval before that.
     ldd r24, Y+{INTERVAL}+2
     sub r20, r24
     ldd r24, Y+{INTERVAL}+3
@@ -284,25 +284,25 @@ steps_fail_leased:
     .endr
 3:  ldd r24, Y+{FLAGS}
     ldd r25, Z+{STATE}
-    sbrs r25, {AWAITS}
-    rcall brake_await
+    sbrs r25, {END_NEXT}
+    rcall brake_wait_for_end
     ori r24, 1 << {UNREADABLE}
     std Y+{FLAGS}, r24
     ret
 
-    // The motor Y, whose flags are r24, awaits what is at its switch's tick. Z is at its parts. Uses r25.
-brake_await:
-    ldi r25, 1 << {AWAITS}
+    // The motor Y, whose flags are r24, waits for the end of the lease, at its switch's tick. Z points to its epochs. Uses r25.
+brake_wait_for_end:
+    ldi r25, 1 << {END_NEXT}
     sbrc r24, {SWITCH}
-    ori r25, 1 << {WAITS}
+    ori r25, 1 << {SWITCH_TOO}
     std Z+{STATE}, r25
     std Z+{IS_DUE}, r1
     ori r24, 1 << {SWITCH}
     std Y+{FLAGS}, r24
     ret
 
-    // The motor Y has begun a new epoch: the end of the lease may be near.
-steps_lease_goes_on:
+    // The motor Y has begun a new epoch. If the end of the lease is near, it must wait for that now.
+brake_check_lease_end:
     lds r24, steps_lease
     sbrs r24, 0
     ret
@@ -310,13 +310,13 @@ steps_lease_goes_on:
     lds r23, steps_times+{LIMIT}+1
     lds r24, steps_times+{LIMIT}+2
     lds r25, steps_times+{LIMIT}+3
-    rcall brake_is_near
-    brcs steps_await_end
+    rcall brake_check_end_near
+    brcs brake_motor_at_end
     ret
 
-    // Carry: the end of the lease is near the limit r22 to r25. What is planned at once reaches 1.5 ms beyond that at most, and this is 2 ms. r18 to r21:
-    // the end. Uses r26, r27, r30, r31.
-brake_is_near:
+    // Carry: the end of the lease, r18 to r21, is less than 2 ms after the limit r22 to r25. A batch reaches 1.5 ms beyond the limit at most. Uses r26, r27,
+    // r30, r31.
+brake_check_end_near:
     ldi r30, lo8(steps_lease+{AT})
     ldi r31, hi8(steps_lease+{AT})
     ld r18, Z
@@ -336,20 +336,20 @@ brake_is_near:
 1:  sec
 2:  ret
 
-    // A program's limit: 3 ms from now. All motors are told if the end of the lease is near.
-steps_limit_leased:
+    // `source_limit` of a program with leases: 3 ms from now. If the end of the lease is near, all motors wait for it from now on.
+limit_leased:
     call steps_limit
     lds r18, steps_lease
     sbrc r18, {FAULT_BIT}
     rjmp 2f
     cpi r18, {UNTIL}
     brne 1f
-    rcall brake_is_near
+    rcall brake_check_end_near
     brcc 1f
     .irp r, 22,23,24,25
     push r\r
     .endr
-    rcall steps_await_all
+    rcall brake_all_at_end
 3:  .irp r, 25,24,23,22
     pop r\r
     .endr
@@ -361,25 +361,25 @@ steps_limit_leased:
     rjmp 3b
 
     // All motors brake at r18 to r21.
-steps_await_all:
+brake_all_at_end:
     ldi r28, lo8(steps_motors)
     ldi r29, hi8(steps_motors)
     lds r22, steps_stepper+{COUNT}
-1:  rcall steps_await_end
+1:  rcall brake_motor_at_end
     subi r28, lo8(-({MOTOR_SIZE}))
     sbci r29, hi8(-({MOTOR_SIZE}))
     dec r22
     brne 1b
     ret
 
-    // The motor Y brakes at r18 to r21, not before its horizon, unless a switch comes first, it brakes already or rests. Uses r24, r25, Z.
-steps_await_end:
+    // The motor Y is to brake at r18 to r21, not before its horizon; unless a switch comes first, or it brakes already, or is at rest. Uses r24, r25, Z.
+brake_motor_at_end:
     ldd r24, Y+{FLAGS}
     sbrc r24, {UNREADABLE}
     ret
-    brake_point
+    brake_point_to_epochs
     ldd r25, Z+{STATE}
-    sbrc r25, {AWAITS}
+    sbrc r25, {END_NEXT}
     rjmp 1f
     sbrs r24, {SWITCH}
     rjmp 2f
@@ -392,38 +392,38 @@ steps_await_end:
     ldd r25, Y+{SWITCH_AT}+3
     cpc r21, r25
     brpl 3f
-2:  rcall brake_await
+2:  rcall brake_wait_for_end
 1:  std Y+{SWITCH_AT}, r18
     std Y+{SWITCH_AT}+1, r19
     std Y+{SWITCH_AT}+2, r20
     std Y+{SWITCH_AT}+3, r21
 3:  ret
 
-    // The motor Y is at rest until its next step. Uses r18, r19, r24.
-steps_freshen:
+    // Notes that the motor Y is at rest until its next step. Uses r18, r19, r24.
+brake_note_rest:
     movw r18, r30
-    brake_point
+    brake_point_to_epochs
     .irp at, 0,1,2,3
     ldd r24, Y+{POSITION}+\at
-    std Z+{FRESH_AT}+\at, r24
+    std Z+{REST_POSITION}+\at, r24
     .endr
     movw r30, r18
     ret
 
-    // Z: the motor Y, of whose segment no step is left, has made none since it was at rest; Z+ is at its parts. Uses r22, r23.
-brake_is_fresh:
+    // Z flag: the motor Y, which has no steps left, has made none since it was at rest. Points Z to its epochs. Uses r22, r23.
+brake_check_rest:
     ldd r22, Y+{POSITION}
-    ldd r23, Z+{FRESH_AT}
+    ldd r23, Z+{REST_POSITION}
     cp r22, r23
     .irp at, 1,2,3
     ldd r22, Y+{POSITION}+\at
-    ldd r23, Z+{FRESH_AT}+\at
+    ldd r23, Z+{REST_POSITION}+\at
     cpc r22, r23
     .endr
     ret
 
-    // The interval before the last step, r22 to r26: less by what it grew, and that was less by add2. Uses r25, r27.
-brake_last_interval:
+    // r22 to r26: the interval before the last step. That was less by `add`, which in turn was less by `add2` then. Uses r25, r27.
+brake_previous_interval:
     ldd r22, Y+{INTERVAL}
     ldd r23, Y+{INTERVAL}+1
     ldd r24, Y+{INTERVAL}+2
@@ -453,8 +453,8 @@ brake_last_interval:
     dec r26
     ret
 
-    // Carry: the motor Y, which has nothing to do, has run dry: with a lease that is not the last its next step would be due by r18 to r21. Keeps those, and T.
-steps_dry:
+    // Carry: an underrun. The motor Y has nothing to do, there is a lease that is not the last, and its next step would be due by r18 to r21. Keeps those, and T.
+brake_check_underrun:
     lds r24, steps_lease
     andi r24, 0xff - {LAST}
     breq 1f
@@ -462,10 +462,10 @@ steps_dry:
     andi r24, 1 << {ANCHORED} | 1 << {UNREADABLE}
     cpi r24, 1 << {ANCHORED}
     brne 1f
-    brake_point
-    rcall brake_is_fresh
+    brake_point_to_epochs
+    rcall brake_check_rest
     breq 1f
-    rcall brake_last_interval
+    rcall brake_previous_interval
     movw r30, r18
     movw r14, r20
     ldd r27, Y+{TICK}
@@ -494,30 +494,30 @@ steps_dry:
     POSITION = const offset_of!(Motor, position),
     HORIZON = const offset_of!(Motor, horizon),
     SWITCH_AT = const offset_of!(Motor, switch_at),
-    PART_EPOCH = const offset_of!(Part, epoch),
+    EPOCH_RUNNING = const offset_of!(EpochBytes, epoch),
     SWITCH_EPOCH = const OF_SWITCH + offset_of!(Switch, epoch),
-    FRESH_AT = const offset_of!(Motor, fault_tick) - offset_of!(Motor, parts),
-    WAITS = const state::WAITS,
-    AWAITS = const state::AWAITS,
-    REASON = const offset_of!(Motor, reason) - offset_of!(Motor, parts),
-    IS_DUE = const offset_of!(Motor, is_due) - offset_of!(Motor, parts),
-    MISSED = const Reason::Missed as u8,
+    REST_POSITION = const offset_of!(Motor, fault_tick) - offset_of!(Motor, epochs),
+    SWITCH_TOO = const state::SWITCH_TOO,
+    END_NEXT = const state::END_NEXT,
+    FAULT_KIND = const offset_of!(Motor, fault_kind) - offset_of!(Motor, epochs),
+    IS_DUE = const offset_of!(Motor, is_due) - offset_of!(Motor, epochs),
+    MISSED = const FaultKind::Missed as u8,
     UNTIL = const lease::UNTIL,
     LAPSED = const lease::LAPSED,
     FAULT = const lease::FAULT,
     FAULT_BIT = const lease::FAULT.trailing_zeros(),
-    AT = const offset_of!(Lease, at),
+    AT = const offset_of!(CurrentLease, at),
     LIMIT = const times::LIMIT,
     COUNT = const stepper::COUNT,
     MOTOR_SIZE = const size_of::<Motor>(),
     LAST = const lease::LAST,
-    MOVED = const offset_of!(Lease, moved),
+    MOVED = const offset_of!(CurrentLease, moved),
     UNREADABLE = const flag::UNREADABLE,
     INTERVAL = const offset_of!(Motor, registers) + offset_of!(Registers, interval_low),
     ADD = const offset_of!(Motor, registers) + offset_of!(Registers, add),
     ADD2 = const offset_of!(Motor, registers) + offset_of!(Registers, add2),
     LEFT = const offset_of!(Motor, registers) + offset_of!(Registers, left),
-    PARTS = const offset_of!(Motor, parts),
+    EPOCHS = const offset_of!(Motor, epochs),
     STATE = const STATE,
     BRAKES = const state::BRAKES,
     MANTISSA = const STATE + 1,
@@ -525,6 +525,6 @@ steps_dry:
     REST_LEVEL = const STATE + 3,
 );
 
-/// Where in a motor its braking state is, behind its parts; the limit follows.
-pub(super) const STATE: usize = offset_of!(Motor, braking) - offset_of!(Motor, parts);
+/// Where in a motor its braking state is, after its epochs. The limit follows.
+pub(super) const STATE: usize = offset_of!(Motor, braking) - offset_of!(Motor, epochs);
 const _: () = assert!(STATE + 3 < 64);

@@ -1,21 +1,18 @@
 //! Expansion: registers of a segment → ticks of its steps, n at a time.
 //!
-//! What [`Registers::advance`] does n times, with the registers in the
-//! processor's own: four additions for the time, four for the interval, four for its change. The time's fifth byte takes
-//! the carry; the sixth and the interval's fifth follow from the rest at the end.
+//! It does what [`Registers::advance`] does, n times, with the registers in those of the processor: four additions for the tick, four for the interval,
+//! four for `add`. The tick's fifth byte takes the carry. The tick's sixth byte, and the interval's fifth, are worked out at the end.
 //!
-//! # What the caller promises
-//! 1 ≤ n ≤ `left`, n ≤ 255, and before and after each of the n steps −32768 ≤ interval < 32768 ticks: then the time moves by
-//! less than 2^24 ticks, and the interval's fifth byte is its sign.
+//! # What the caller must see to
+//! 1 ≤ n ≤ `left` and n ≤ 255. Before and after each of the n steps −32768 ≤ interval < 32768 ticks. Then the tick moves by less than 2^24, and the
+//! interval's fifth byte is its sign.
 //!
 //! # Rings
-//! A ring is filled while it is played: the expansion publishes some steps, looks how much room there is by now, and goes on
-//! until all are made or the ring is full. What there was no room for stays in `left`. All groups that it comes to are a step's
-//! already, so that ticks alone are written.
+//! A ring is filled while it is played. So the expansion publishes some steps, looks how much room there is by now, and goes on until all are made or the
+//! ring is full. Steps that find no room stay in `left`. All groups toggle what a step toggles already, so that only ticks are written.
 //!
-//! Where the segment is sure and all its intervals are shorter than 256 ticks ([`Motor::sure`] is 1), they and their changes fit
-//! into 24 bits, and n of them into 16. The same holds of a list if bit 8 and those above it stay the same throughout ([`EVEN`]). Those
-//! loops are written out four times.
+//! If all intervals of a segment are shorter than 256 ticks ([`Motor::prechecked`] is 1), they and their changes fit into 24 bits, and the change of the
+//! tick into 16. The same holds for a list if all intervals have the same bits 8 and above ([`HIGH_FIXED`]). These loops are unrolled four times.
 //!
 //! # Cycles
 //! | into | changing law | shorter than 256 ticks | cruise (add = add2 = 0) | around n steps |
@@ -23,12 +20,13 @@
 //! | a ring | 19.5 | 15.75 | 11.5 | 80, and 40 each time that some are published |
 //! | a list | 18.5, or 14.75 | | 10.5 | 100, or 85 |
 
-use super::motor::{EVEN, Motor};
+use super::motor::{HIGH_FIXED, Motor};
 use super::register;
-use crate::engine::tuning::expand::{HURRY, LEAST, SOME};
+use super::ring::GROUPS;
+use crate::engine::tuning::expand::{PUBLISH_MIN, PUBLISH_STEPS, RING_LOW_BELOW};
 use core::arch::global_asm;
 use core::mem::offset_of;
-use pulsetrain_core::narrow::Registers;
+use pulsetrain_core::avr::Registers;
 
 const _: () = assert!(offset_of!(Registers, fraction) == 0);
 const _: () = assert!(offset_of!(Registers, tick) == 2);
@@ -38,29 +36,32 @@ const _: () = assert!(offset_of!(Registers, add) == 11);
 const _: () = assert!(offset_of!(Registers, add2) == 15);
 const _: () = assert!(offset_of!(Registers, left) == 19);
 
-// Bit 3 of their data addresses tells the tails apart.
+// `sbrc r20, 5` asks whether half of the ring is free.
+const _: () = assert!(GROUPS / 2 == 1 << 5);
+
+// Bit 3 of their data addresses tells the tails of ring A and B apart.
 const _: () = assert!((register::OCR0A + 0x20) & 8 == 0 && (register::OCR0B + 0x20) & 8 != 0);
 
-// Arguments: Y the registers (the motor), Z where the ticks go, r20 n, r17 the length of long pulses; for a ring r19, the data
-// address of its tail, r6, the low byte of Z, and first bytes of groups: r17 of the one that is pending, r18 of a step that is
-// followed by another, r7 of the last. For a ring of long pulses r18, what either edge toggles.
-// Result: r24, the low byte of where the last one went; for a ring r5, steps that there was no room for.
-// Keeps Y, r1 to r4, r7; r17 but for lists and rings; not X.
+// Arguments: Y the registers (the motor), Z where the ticks go, r20 n, r17 the length of long pulses. For a ring also: r19, the data
+// address of its tail; r6, the low byte of Z; and first bytes of groups: r17 of the pending one, r18 of a step that another follows, r7 of the last step.
+// For a ring of long pulses r18 is what either edge toggles.
+// Results: r24, the low byte of the last group's address; for a ring r5, how many steps found no room.
+// Keeps Y, r1 to r4 and r7; for lists and rings not r17; never X.
 // Registers of the processor while expanding:
 //   r0 r21         fraction
 //   r22 r23 r24    tick, its low three bytes
 //   r25 r26 r27 r8 interval, its low four bytes
 //   r9 to r12      add
 //   r13 to r16     add2
-//   r20            steps left of the batch
+//   r20            steps of this batch that are left
 //   r18 r19        first byte of a group; second tick of a long pulse
-//   r5             steps left beyond the batch (ring only)
+//   r5             steps after this batch (rings only)
 //   r6 r7 r17      see above
-//   Y              the Registers; Z where the ticks go
+//   Y              the registers; Z where the ticks go
 global_asm!(
     r#"
-    // The steps are taken off those that are left.
-    .macro expand_take                  //                              10
+    // Takes the steps off `left`.
+    .macro expand_count                 //                              10
     ldd r24, Y+19
     ldd r25, Y+20
     sub r24, r20
@@ -70,7 +71,7 @@ global_asm!(
     .endm
 
     .macro expand_enter                 //                              52
-    expand_take                         // 10                           10
+    expand_count                        // 10                           10
     ldd r0, Y+0                         // 17 x 2                       44
     ldd r21, Y+1
     ldd r22, Y+2
@@ -94,7 +95,7 @@ global_asm!(
     .endr
     .endm
 
-    .macro expand_leave_lawful          //                              8
+    .macro expand_leave_add             //                              8
     std Y+11, r9
     std Y+12, r10
     std Y+13, r11
@@ -143,9 +144,9 @@ global_asm!(
     adc r12, r16
     .endm
 
-    // What is needed where intervals stay below the next 256 ticks: their highest byte stays as it is.           40
-    .macro near_enter
-    expand_take
+    // Loads what changes where all intervals are shorter than 256 ticks: not the tick's and the interval's high bytes.           40
+    .macro short_enter
+    expand_count
     ldd r0, Y+0
     ldd r21, Y+1
     ldd r22, Y+2
@@ -161,7 +162,7 @@ global_asm!(
     ldd r14, Y+16
     ldd r15, Y+17
     .endm
-    .macro near_leave                   //                              33
+    .macro short_leave                  //                              33
     ldd r20, Y+2
     cp r22, r20
     ldd r20, Y+3
@@ -189,13 +190,13 @@ global_asm!(
     std Y+14, r11
     .endm
 
-    .macro expander name, store, cruise, even=0
+    .macro expander name, store, cruise, high_fixed=0
     .section .text.\name, "ax", @progbits
     .global \name
 \name:
-    .if \even
-    ldd r24, Y+{SURE}
-    sbrs r24, {EVEN_BIT}
+    .if \high_fixed
+    ldd r24, Y+{PRECHECKED}
+    sbrs r24, {HIGH_FIXED_BIT}
     rjmp 9f
     cpi r20, 2
     brlo 9f
@@ -222,7 +223,7 @@ global_asm!(
     advance_interval
     subi r20, 2                         // 1
     brne 2b                             // 2: 3 for two steps
-3:  expand_leave_lawful                 //                              8
+3:  expand_leave_add                    //                              8
 4:  expand_leave                        //                              32
     .if \cruise
 5:  sbrs r20, 0
@@ -239,30 +240,30 @@ global_asm!(
     brne 7b
     rjmp 4b
     .endif
-    .if \even
-10: near_enter
+    .if \high_fixed
+10: short_enter
     sbrs r20, 0
     rjmp 11f
-    advance_even \store
+    advance_high_fixed \store
 11: sbrs r20, 1
     rjmp 12f
-    advance_even \store
-    advance_even \store
+    advance_high_fixed \store
+    advance_high_fixed \store
 12: subi r20, 4
     brcs 14f
 13: .rept 4
-    advance_even \store
+    advance_high_fixed \store
     .endr
     subi r20, 4
     brcc 13b
-14: near_leave
+14: short_leave
     mov r24, r30
     ret
     .endif
     .endm
 
-    // Bit 8 of the interval and those above it stay: 24 bits of it and of its changes, and 16 of the time.   14 with a list's store
-    .macro advance_even store
+    // Bits 8 and above of the interval stay: 24 bits of it and of its changes are added, and 16 of the tick.   14 with a list's store
+    .macro advance_high_fixed store
     add r0, r25
     adc r21, r26
     adc r22, r27
@@ -276,27 +277,15 @@ global_asm!(
     adc r11, r15
     .endm
 
-    // What was left out of it, in the shorter code.
-    .macro near_end
-    mov r12, r11
-    lsl r12
-    sbc r12, r12
-    ldd r20, Y+2
-    cp r22, r20
-    ldd r20, Y+3
-    cpc r23, r20
-    adc r24, r1
-    .endm
-
-    // Into groups that toggle the same already.
+    // Into groups that toggle the right pins already.
     .macro ring_store                   //                              5
     std Z+1, r23
     std Z+2, r22
     subi r30, -4
     .endm
 
-    // Steps for the ring at once, r20, of the r5 that are left; \done if there are none, or no room.         16
-    .macro ring_some done
+    // r20: the size of the next batch into the ring, of the r5 steps that are left. \done if none are left, or there is no room.         16
+    .macro ring_next_batch done
     in r20, {TAIL_A}
     sbrc r19, 3
     in r20, {TAIL_B}
@@ -304,14 +293,14 @@ global_asm!(
     dec r20
     lsr r20
     lsr r20
-    cpi r20, {LEAST}
+    cpi r20, {PUBLISH_MIN}
     brsh .+2
     rjmp \done
-    cpi r20, {HURRY}
+    cpi r20, {GROUPS} - {RING_LOW_BELOW}
     brlo .+2
-    ldi r20, {LEAST}
+    ldi r20, {PUBLISH_MIN}
     sbrc r20, 5                         // it has 62 groups at most
-    ldi r20, {SOME}
+    ldi r20, {PUBLISH_STEPS}
     cp r5, r20
     brsh .+2
     mov r20, r5
@@ -319,7 +308,7 @@ global_asm!(
     sbrs r20, 0
     .endm
 
-    // Z becomes the pending group; the one that was, r6, is published with the first byte r17.     9
+    // Z becomes the pending group. The one that was pending, r6, is published with the first byte r17.     9
     .macro ring_publish
     st Z, r7
     eor r30, r6
@@ -333,8 +322,8 @@ global_asm!(
     .section .text.steps_expand_ring, "ax", @progbits
     .global steps_expand_ring
 steps_expand_ring:
-    // Segments whose intervals are all shorter than 256 ticks have a way of their own.
-    ldd r24, Y+{SURE}
+    // Segments whose intervals are all shorter than 256 ticks have loops of their own.
+    ldd r24, Y+{PRECHECKED}
     cpi r24, 1
     brne 9f
     cpi r20, 2
@@ -344,7 +333,7 @@ steps_expand_ring:
     mov r5, r20                         // keeps Z
     brne 8f
     rjmp 5f
-8:  ring_some 4f
+8:  ring_next_batch 4f
     rjmp 2f
 1:  advance_tick
     ring_store
@@ -363,8 +352,8 @@ steps_expand_ring:
     tst r5
     breq 4f
     rjmp 8b
-4:  expand_leave_lawful
-    // What there was no room for is left.
+4:  expand_leave_add
+    // Steps that found no room are left.
 3:  ldd r20, Y+19
     add r20, r5
     std Y+19, r20
@@ -372,7 +361,7 @@ steps_expand_ring:
     adc r20, r1
     std Y+20, r20
     expand_leave
-5:  ring_some 3b
+5:  ring_next_batch 3b
     rjmp 7f
 6:  advance_tick
     ring_store
@@ -388,8 +377,8 @@ steps_expand_ring:
     tst r5
     brne 5b
     rjmp 3b
-    // All intervals are shorter than 256 ticks: they, and their changes, have 24 bits, and the time has 16 that change.
-    .macro advance_near                 //                              15
+    // All intervals are shorter than 256 ticks: 24 bits of them and of their changes are added, and 16 of the tick.
+    .macro advance_short                //                              15
     add r0, r25
     adc r21, r26
     adc r22, r27
@@ -402,17 +391,17 @@ steps_expand_ring:
     adc r10, r14
     adc r11, r15
     .endm
-10: ring_some 13f
+10: ring_next_batch 13f
     rjmp 12f
-11: advance_near
+11: advance_short
 12: sbrs r20, 1
     rjmp 15f
-    advance_near
-    advance_near
+    advance_short
+    advance_short
 15: subi r20, 4
     brcs 14f
 16: .rept 4
-    advance_near
+    advance_short
     .endr
     subi r20, 4
     brcc 16b
@@ -420,7 +409,7 @@ steps_expand_ring:
     tst r5
     breq 13f
     rjmp 10b
-13: near_leave
+13: short_leave
     tst r5
     breq 19f
     ldd r20, Y+19
@@ -431,7 +420,7 @@ steps_expand_ring:
     std Y+20, r20
 19: mov r24, r30
     ret
-17: near_enter
+17: short_enter
     mov r5, r20
     cp r9, r1
     .irp r, 10,11,13,14,15
@@ -476,24 +465,25 @@ steps_expand_ring:
     .endm
 
     expander steps_expand_list, list_store, 1, 1
-    // The same into the ring behind lists.                                                         7
-    .macro beside_store
+    // The same into the short ring behind the lists.                                                         7
+    .macro shield_b_store
     std Z+1, r23
     std Z+2, r22
     subi r30, -4
     brcs .+2
     ldi r30, {START}
     .endm
-    expander steps_expand_beside, beside_store, 1, 1
+    expander steps_expand_shield_b, shield_b_store, 1, 1
     expander steps_expand_ring_long, ring_store_long, 0
     expander steps_expand_list_long, list_store_long, 0
     "#,
-    SOME = const SOME,
-    LEAST = const LEAST,
-    HURRY = const HURRY,
+    PUBLISH_STEPS = const PUBLISH_STEPS,
+    PUBLISH_MIN = const PUBLISH_MIN,
+    GROUPS = const GROUPS,
+    RING_LOW_BELOW = const RING_LOW_BELOW,
     TAIL_A = const register::OCR0A,
     TAIL_B = const register::OCR0B,
-    SURE = const offset_of!(Motor, sure),
-    EVEN_BIT = const EVEN.trailing_zeros(),
-    START = const super::ring::BEHIND_LISTS,
+    PRECHECKED = const offset_of!(Motor, prechecked),
+    HIGH_FIXED_BIT = const HIGH_FIXED.trailing_zeros(),
+    START = const super::ring::SHORT_RING_START,
 );

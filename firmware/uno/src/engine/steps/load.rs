@@ -1,4 +1,4 @@
-//! Records of the queue → registers of a segment, as `pulsetrain_core::packing` describes them.
+//! Records of the queue → registers of a segment. `pulsetrain_core::packing` has the format.
 //!
 //! # Registers of the processor
 //! | | |
@@ -7,25 +7,24 @@
 //! | X, Z | the next byte of its queue, and where the queue's memory ends |
 //! | r25 | the header, shifted to the right as its bits are used |
 //! | r14 | bit length of the previous count |
-//! | r15 | the narrow width, in bytes |
+//! | r15 | width of a field that is not a wide one, bytes |
 //! | r18 to r22 | a number of 40 bits |
 //! | r23, r24 | counters |
 //!
 //! # Cycles
-//! A segment of three corrections of one byte each takes some 460, 95 of which find out whether its steps need looking at;
-//! a second byte 12 more.
+//! A segment of three corrections of one byte each takes some 460, of which 95 check its intervals; a second byte of a correction takes 12 more.
 //!
-//! A record is whole in its frame, so that nobody looks whether its bytes are there before they are read: if more were read than
-//! there are, the record is bad, nothing of the epoch is made any more, and what was read came from the queue's own memory.
+//! A record is always whole in its frame, so nobody checks that a byte is there before it is read. If more were read than there are, the record is bad, and
+//! the rest of the epoch is dropped. What was read then came from the queue's own memory, so that no harm is done.
 
-use super::motor::{COUNT_AT_REST, EVEN, Motor, Part, Reason, flag};
-use super::task::mode;
-use super::times;
-use crate::Uses;
+use crate::ThisProgram;
 use crate::engine::program::Program;
+use crate::engine::steps::motor::{EpochBytes, FaultKind, HIGH_FIXED, Motor, flag};
+use crate::engine::steps::refill::mode;
+use crate::engine::steps::times;
 use core::arch::global_asm;
 use core::mem::offset_of;
-use pulsetrain_core::packing::{COUNT_AFTER_EXACT, Control};
+use pulsetrain_core::packing::COUNT_AFTER_EXACT;
 
 const _: () = assert!(COUNT_AFTER_EXACT == 255);
 
@@ -33,7 +32,7 @@ global_asm!(
     r#"
     .section .text.steps_load_record, "ax", @progbits
 
-    // The next byte, in \register.                                                                    5
+    // \register: the next byte.                                                                       5
     .macro next_byte register
     ld \register, X+
     cp r26, r30
@@ -41,7 +40,7 @@ global_asm!(
     rcall load_wrap
     .endm
 
-    // X may be where the queue's memory ends.
+    // X may be at the end of the queue's memory: then it goes on at the start.
 load_wrap:
     cpse r27, r31
     ret
@@ -49,12 +48,12 @@ load_wrap:
     ldd r27, Y+{START}+1
     ret
 
-    // The next byte, in r24.                                                                       12 with its call
+    // r24: the next byte.                                                                          12 with its call
 load_byte:
     next_byte r24
     ret
 
-    // r23 (0 to 5) bytes of two's complement, extended to r18 to r22.
+    // r18 to r22: a number of r23 bytes (0 to 5), sign-extended.
 load_number:
     clr r18
     clr r24
@@ -93,7 +92,7 @@ load_number:
     mov r22, r24
     ret
 
-    // A correction of r23 bytes in units of 2^(16 - r24) ticks, that exponent being held in 0 to 16: r18 to r22.
+    // r18 to r22: a correction of r23 bytes in units of 2^(16 - r24) ticks. The exponent is clamped to 0 to 16.
     //                                                              one byte 45, two 57; 4 to 8 more where 16 - r24 > 7
 load_correction:
     ldi r19, 16
@@ -102,7 +101,7 @@ load_correction:
     sub r19, r24
     brcc 1f
     clr r19                             // as fine as can be
-    // r21 = 2^(r19 mod 8): bits are shifted by multiplying
+    // r21 = 2^(r19 mod 8): multiplying by it shifts
 1:  ldi r21, 1
     sbrc r19, 0
     lsl r21
@@ -141,7 +140,7 @@ load_correction:
     andi r23, 0xf8
     brne load_shift_byte
     ret
-    // The same of more bytes, one bit at a time.
+    // The same for more bytes, which shifts one bit at a time.
 load_wide:
     push r19
     rcall load_number
@@ -184,7 +183,7 @@ load_shift_byte:
     std Y+\offset+3, r24
     .endm
 
-    // Whether the next field is wide is the next bit of r25; its width is put into r23, and Z says whether that is 0.   8
+    // The next bit of r25 says whether the next field is wide. r23: its width, bytes. Z flag: that is 0.   8
     .macro field_width
     mov r23, r15
     lsr r25
@@ -197,7 +196,7 @@ load_shift_byte:
     .endm
 
     .global steps_load_record
-    // Takes the next record. Carry: there is none, or none that can be read. No steps may be left. Keeps r2 to r13, r16, r17.
+    // Takes the next record. Carry: there is none, or it cannot be read. The motor must have no steps left. Keeps r2 to r13, r16, r17.
 steps_load_record:
     ldd r24, Y+{FLAGS}
     sbrc r24, {UNREADABLE}
@@ -243,7 +242,7 @@ load_none:
     cpi r24, 3
     breq load_have_count
     brsh 5f
-    // 0 to 2: more by a half, a quarter, an eighth.
+    // 0 to 2: the previous one and a half, a quarter, an eighth of it.
 4:  lsr r21
     ror r20
     dec r24
@@ -252,7 +251,7 @@ load_none:
     adc r19, r21
     brcc load_have_count
     rjmp load_bad
-    // 4 to 6: less by an eighth, a quarter, a half.
+    // 4 to 6: the previous one less an eighth, a quarter, a half of it.
 5:  subi r24, 7
 6:  lsr r21
     ror r20
@@ -283,7 +282,7 @@ load_have_count:
     std Y+{LEFT}+1, r19
     std Y+{COUNT}, r18
     std Y+{COUNT}+1, r19
-    // T: three steps or more, as nearly always.
+    // T: three steps or more, the usual case.
     cpi r18, 3
     cpc r19, r1
     set
@@ -312,7 +311,7 @@ load_have_count:
 1:  brts 2f
     ldd r24, Y+{LEFT}
     cpi r24, 2
-    brlo load_ran                       // one step
+    brlo load_segment                   // one step
 2:  field_width
     breq 3f
     ldd r24, Y+{GAIN}
@@ -321,9 +320,9 @@ load_have_count:
     subi r24, 2
     rcall load_correction
     load_add {ADD}
-3:  brtc load_ran                       // two steps
+3:  brtc load_segment                   // two steps
 4:  field_width
-    breq load_ran
+    breq load_segment
     ldd r24, Y+{GAIN}
     add r24, r14
     add r24, r14
@@ -331,16 +330,16 @@ load_have_count:
     subi r24, 5
     rcall load_correction
     load_add {ADD2}
-load_ran:
+load_segment:
     rcall load_consume
     brcc .+2
     ret
-    .global steps_load_taken
-steps_load_taken:
+    .global load_count_steps
+load_count_steps:
     ldd r24, Y+{FLAGS}
     sbrs r24, {ANCHORED}
     rjmp 4f
-    // All its steps are counted.
+    // Counts all its steps into the position.
     ldd r18, Y+{POSITION}
     ldd r19, Y+{POSITION}+1
     ldd r20, Y+{POSITION}+2
@@ -363,13 +362,13 @@ steps_load_taken:
     std Y+{POSITION}+2, r20
     std Y+{POSITION}+3, r21
 
-    // Are all intervals of the segment, n = r22 of them, fit to be made without looking? They are within n |add| + n² |add2| / 2
-    // of the first: r19:20 is |add| in 2^-8 ticks, r15 |add2|.                                       about 95
-    std Y+{SURE}, r1
+    // Prechecks the segment: are all its intervals fit for batches? They differ from the first by n |add| + n² |add2| / 2 at most, n = r22 steps.
+    // r19:20 is |add| in 2^-8 ticks, r15 |add2|.                                                           about 95
+    std Y+{PRECHECKED}, r1
     tst r23
-    breq load_sure
+    breq load_precheck
     rjmp 8f
-load_sure:
+load_precheck:
     ldd r24, Y+{ADD2}+3
     ldd r25, Y+{ADD2}+2
     ldd r15, Y+{ADD2}+1
@@ -390,10 +389,10 @@ load_sure:
 6:  or r25, r24
     breq .+2
     rjmp 7f                             // too much
-    // T: lists are merged, and add is more than n |add2|, so that its sign stays.
+    // T: there are lists, and |add| is more than n |add2|, so that the sign of add stays.
     clt
     lds r24, steps_mode
-    sbrc r24, {APIECE_BIT}
+    sbrc r24, {OWN_RING_BIT}
     rjmp 9f
     ldd r24, Y+{ADD2}
     ldd r30, Y+{ADD2}+3
@@ -413,7 +412,7 @@ load_sure:
 9:  inc r15
     brne .+2
     rjmp 7f
-    // From here on in 2^-8 ticks, r19:20: |add| + n |add2| / 2, and 2 for what is left out of it.
+    // r19:20, in 2^-8 ticks: |add| + n |add2| / 2, and 2 for what was rounded off.
     mul r22, r15
     lsr r1
     ror r0
@@ -423,7 +422,7 @@ load_sure:
     add r19, r0
     adc r20, r1
     brcs 7f
-    // n times that, in ticks
+    // r18:19, in ticks: n times that.
     mul r22, r19
     mov r24, r1
     mul r22, r20
@@ -450,12 +449,12 @@ load_sure:
     subi r20, 2
     sbci r21, 0
     brcs 7f
-    lds r18, steps_times+{FASTEST}
-    lds r19, steps_times+{FASTEST}+1
+    lds r18, steps_times+{MIN_INTERVAL}
+    lds r19, steps_times+{MIN_INTERVAL}+1
     cp r20, r18
     cpc r21, r19
     brlo 7f
-    // Whether bit 8 and those above it are the same of all of them: the first is the shortest or the longest.
+    // Do all intervals have the same bits 8 and above? The first one is the shortest or the longest.
     brtc 9f
     ldd r20, Y+{INTERVAL}+3
     ldd r24, Y+{ADD}+3
@@ -466,22 +465,22 @@ load_sure:
     mov r18, r20                        // the longest
     cpse r18, r21
     rjmp 9f
-    ori r25, {EVEN}
+    ori r25, {HIGH_FIXED}
 9:
     inc r25
-    std Y+{SURE}, r25
+    std Y+{PRECHECKED}, r25
 7:  clr r1
     clc
     ret
-    // More than 255 of them, if all are the same.
+    // More than 255 steps pass only if all intervals are the same.
 8:  .irp at, 0,1,2,3,4,5,6,7
     ldd r24, Y+{ADD}+\at
     or r1, r24
     .endr
     brne 7b
     ldi r22, 1
-    rjmp load_sure
-    // A motion without an anchor.
+    rjmp load_precheck
+    // A motion without an anchor: a fault.
 4:  std Y+{LEFT}, r1
     std Y+{LEFT}+1, r1
     ldi r22, {MISSED}
@@ -527,7 +526,7 @@ load_fail_here:
     ldd r21, Y+{TICK}+3
 load_fail:
     .if {LEASES}
-    call steps_fail_leased
+    call brake_fail
     .else
     clr r23
     movw r24, r28
@@ -535,242 +534,31 @@ load_fail:
     .endif
     sec
     ret
-
-    // A control record: r25 has its header.
-load_control:
-    lsr r25
-    lsr r25
-    lsr r25
-    cpi r25, 1
-    brlo load_reverse
-    breq load_reset
-    cpi r25, 4
-    brlo load_wait
-    brne 1f
-    rjmp load_exact
-1:  cpi r25, 5
-    brne 2f
-    rjmp load_check
-2:  rjmp load_bad
-
-load_reverse:
-    ldd r24, Y+{FLAGS}
-    ldi r25, 1 << {BACKWARD} | 1 << {TURN}
-    eor r24, r25
-    std Y+{FLAGS}, r24
-    .if {LEASES}
-    call steps_freshen
-    .endif
-load_reset:
-    call load_clear
-    rjmp load_consume
-
-    // Dwell or anchor: four bytes of ticks.
-load_wait:
-    push r25
-    call steps_settle
-    .if {LEASES}
-    call steps_freshen
-    .endif
-    ldi r23, 4
-    rcall load_number
-    pop r25
-    cpi r25, {DWELL}
-    brne 1f
-    ldd r24, Y+{FLAGS}
-    sbrs r24, {ANCHORED}
-    rjmp load_consume
-    load_add {TICK}
-    rjmp load_consume
-1:  std Y+{TICK}, r18
-    std Y+{TICK}+1, r19
-    std Y+{TICK}+2, r20
-    std Y+{TICK}+3, r21
-    ldi r24, 0x80
-    std Y+{FRACTION}, r1
-    std Y+{FRACTION}+1, r24
-    ldd r24, Y+{POSITION}
-    std Y+{ORIGIN}, r24
-    ldd r24, Y+{POSITION}+1
-    std Y+{ORIGIN}+1, r24
-    ldd r24, Y+{FLAGS}
-    ori r24, 1 << {ANCHORED}
-    std Y+{FLAGS}, r24
-    rjmp load_consume
-
-    // Position since the anchor, tick, fraction: all must be as they are here.
-load_check:
-    next_byte r18
-    next_byte r19
-    ldd r20, Y+{ORIGIN}
-    ldd r21, Y+{ORIGIN}+1
-    add r18, r20
-    adc r19, r21
-    ldd r20, Y+{POSITION}
-    ldd r21, Y+{POSITION}+1
-    eor r18, r20
-    eor r19, r21
-    or r18, r19                         // 0 as long as all agrees
-    .irp at, {TICK}, {TICK}+1, {TICK}+2, {TICK}+3, {FRACTION}, {FRACTION}+1
-    next_byte r24
-    ldd r19, Y+\at
-    eor r24, r19
-    or r18, r24
-    .endr
-    mov r15, r18
-    rcall load_consume
-    brcs 1f
-    ldd r24, Y+{FLAGS}
-    sbrs r24, {ANCHORED}
-    clr r15
-    tst r15
-    brne 2f
-    rjmp steps_load_record
-2:  ldi r22, {MISMATCH}
-    rjmp load_fail_here
-1:  ret
-
-    // A segment in full. r0: widths of interval and add; r14: of add2 and the count.
-load_exact:
-    rcall load_byte
-    mov r0, r24
-    rcall load_byte
-    mov r14, r24
-    swap r24
-    andi r24, 15
-    mov r23, r24
-    dec r24
-    cpi r24, 2
-    brsh load_bad_near                  // more steps than there are in 16 bits
-    rcall load_byte
-    mov r18, r24
-    clr r19
-    sbrs r23, 1
-    rjmp 1f
-    rcall load_byte
-    mov r19, r24
-1:  mov r24, r18
-    or r24, r19
-    breq load_bad_near
-    std Y+{LEFT}, r18
-    std Y+{LEFT}+1, r19
-    ldi r24, 255
-    tst r19
-    brne 2f
-    mov r18, r24
-2:  std Y+{COUNT}, r18
-    std Y+{COUNT}+1, r19
-
-    mov r23, r0
-    andi r23, 15
-    cpi r23, 7
-    brsh load_bad_near
-    cpi r23, 6
-    brne 3f
-    // As many bits as the register has, and one more for the sign.
-    ldi r23, 5
-    rcall load_number
-    rcall load_byte
-    tst r24
-    breq 4f
-load_bad_near:
-    rjmp load_bad
-3:  rcall load_number
-    sbrc r22, 7
-    rjmp load_bad
-4:  std Y+{INTERVAL}, r18
-    std Y+{INTERVAL}+1, r19
-    std Y+{INTERVAL}+2, r20
-    std Y+{INTERVAL}+3, r21
-    std Y+{INTERVAL}+4, r22
-
-    swap r0
-    ldd r24, Y+{LEFT}+1
-    ldd r25, Y+{LEFT}
-    tst r24
-    breq 5f
-    ldi r25, 3
-5:  mov r23, r0
-    andi r23, 15
-    cpi r25, 2
-    brlo 6f
-    rcall load_difference
-    brne load_bad_near
-    std Y+{ADD}, r18
-    std Y+{ADD}+1, r19
-    std Y+{ADD}+2, r20
-    std Y+{ADD}+3, r21
-    clr r23
-6:  tst r23
-    brne load_bad_near                  // a register without a use
-    mov r23, r14
-    andi r23, 15
-    cpi r25, 3
-    brlo 7f
-    rcall load_difference
-    brne load_bad_near
-    std Y+{ADD2}, r18
-    std Y+{ADD2}+1, r19
-    std Y+{ADD2}+2, r20
-    std Y+{ADD2}+3, r21
-    clr r23
-7:  tst r23
-    brne load_bad_near
-    rjmp load_ran
-
-    // r23 bytes of a number, r18 to r21; Z is clear if it has more than 32 bits.
-load_difference:
-    cpi r23, 5
-    brlo 1f
-    breq 1f
-    ret                                 // with Z clear
-1:  rcall load_number
-    mov r24, r21
-    lsl r24
-    sbc r24, r24
-    cp r24, r22
-    ret
-
-    .section .text.load_clear, "ax", @progbits
-    // No prediction.
-    .global load_clear
-load_clear:
-    ldi r24, {AT_REST}
-    std Y+{COUNT}, r24
-    std Y+{COUNT}+1, r1
-    .irp at, 0,1,2,3,4,5,6,7,8,9,10,11,12
-    std Y+{INTERVAL}+\at, r1
-    .endr
-    ret
     "#,
-    FRACTION = const offset_of!(Motor, registers),
     TICK = const offset_of!(Motor, registers) + 2,
     INTERVAL = const offset_of!(Motor, registers) + 6,
     ADD = const offset_of!(Motor, registers) + 11,
     ADD2 = const offset_of!(Motor, registers) + 15,
     LEFT = const offset_of!(Motor, registers) + 19,
     COUNT = const offset_of!(Motor, count),
-    AT_REST = const COUNT_AT_REST,
-    DWELL = const Control::Dwell as u8,
     FLAGS = const offset_of!(Motor, flags),
-    SURE = const offset_of!(Motor, sure),
-    EVEN = const EVEN,
-    APIECE_BIT = const mode::APIECE.trailing_zeros(),
-    FASTEST = const times::FASTEST,
+    PRECHECKED = const offset_of!(Motor, prechecked),
+    HIGH_FIXED = const HIGH_FIXED,
+    OWN_RING_BIT = const mode::ONE_RING.trailing_zeros(),
+    MIN_INTERVAL = const times::MIN_INTERVAL,
     GAIN = const offset_of!(Motor, gain),
     NEXT = const offset_of!(Motor, next),
-    READY = const offset_of!(Motor, parts) + offset_of!(Part, len),
+    READY = const offset_of!(Motor, epochs) + offset_of!(EpochBytes, len),
     START = const offset_of!(Motor, start),
     END = const offset_of!(Motor, end),
     HORIZON = const offset_of!(Motor, horizon),
     POSITION = const offset_of!(Motor, position),
-    ORIGIN = const offset_of!(Motor, origin),
     BACKWARD = const flag::BACKWARD,
-    TURN = const flag::TURN,
     ANCHORED = const flag::ANCHORED,
     UNREADABLE = const flag::UNREADABLE,
-    MISSED = const Reason::Missed as u8,
-    MISMATCH = const Reason::Mismatch as u8,
-    BAD = const Reason::Bad as u8,
-    LEASES = const Uses::LEASES as u8,
+    MISSED = const FaultKind::Missed as u8,
+    BAD = const FaultKind::Bad as u8,
+    LEASES = const ThisProgram::LEASES as u8,
 );
+
+mod control;

@@ -1,122 +1,67 @@
-//! Two to four motors in one ring: each has a list of ticks, and the merge takes the earliest of their heads.
+//! Two to four motors in one ring. Each has a list of ticks, and the merge takes the earliest of the lists' heads.
 //!
 //! # Lists
-//! A lane is one motor: up to 32 ticks that all toggle the same pins. When its list is used up, the motor says what it does
-//! next ([`plan`](super::plan)): a batch of steps, expanded into the list, or one thing (a turn of DIR, nothing at all). A long
-//! pulse is two ticks. All heads lie within 32 767 ticks of each other, as no motor does nothing for longer than 16 384.
+//! A lane is one motor: its list has up to 32 ticks that all toggle the same pins. When the list is used up, the motor says what it does next
+//! ([`plan`](super::plan)): a batch of steps, which is expanded into the list, or a single event. A long pulse is two ticks. All heads lie within 32 767
+//! ticks of each other, since two events of a motor are 16 384 apart at most.
 //!
-//! Lists that are used up together take longer to fill than a ring lasts: while the ring is nearly full, short lists of steps
-//! are filled up before (`merge_top_up`): what is left moves to the front, and more steps go behind it.
+//! If several lists are used up together, it takes longer to fill them than the ring lasts. So while the ring is nearly full, short lists of steps are
+//! topped up (`merge_top_up`): what is left moves to the front, and more steps go behind it.
 //!
 //! # Spacing
-//! Groups are at least W ticks apart, so that the interrupt has set the compare register before the next match, even if
-//! something kept it waiting. A tick less than W/2 after the last group (or before it) joins that group; one from W/2
-//! to W after it is put off to W. So no edge is early or late by more than W/2. Two ticks that toggle
-//! the same pin never share a group.
+//! Groups are at least W ticks apart. So the interrupt has set the compare register before the next match, even if something kept it waiting. A tick
+//! less than W/2 after the last group (or before it) joins that group. A tick from W/2 to W after it is put off to W. So no edge is early or late by more
+//! than W/2. Two ticks that toggle the same pin never share a group.
 //!
-//! W ≥ (match to compare register written, 27 to 39 cycles) + (the longest that an interrupt is kept waiting: 13 cycles as the
-//! task begins, 14 as a byte comes, and an instruction of main's), and W ≥ the interrupt's length + 4, so that delays die out:
-//! 48 for the short pulse, 60 for the long one and the shield, 76 for the shield's long one.
+//! W is 48 for the short pulse, 60 for the stretched one and the shield, 76 for the shield's stretched one, and 78 while ring B of the shield is in use;
+//! `tuning::stepper` has the reasons. With ring B a tick is put off by 24 at most, so that no edge is late by more than 60. A tick that comes before that
+//! joins the last group, and is early by up to 54.
 //!
-//! With a ring beside, whose interrupt may come first, it is 78, and a tick is put off by 24 at most, so that no edge is late by more than 60; one that
-//! comes before joins the last group, and is early by up to 54.
-//!
-//! # Orders
-//! Of four lanes the merge compares two pairs of heads and then the earlier of each. Of three it knows the order: there is a
-//! state for each of the 6, and a lane that has been put out mostly comes last, which one comparison says. Four lanes are the shield's with longer
-//! pulses alone: with the short one the motor on PORTB has a ring of its own ([`beside`](super::beside)), which is behind the lists, of which the third is half as
-//! long then. States of their own know that end.
+//! # Sorted lanes
+//! Of four lanes the merge compares two pairs of heads, and then the earlier of each. Of three it knows the order: the code has a state for each of the 6
+//! orders. A lane whose head was taken mostly comes last next time, and one comparison tells. Only the shield's longer pulses have four lanes. With the
+//! short pulse the motor on PORTB has ring B ([`shield_b`](super::shield_b)). That ring is behind the lists, and the third list is half as long then;
+//! the code has states of their own for that.
 //!
 //! # Cycles
-//! A step: 34 to 37 of four lanes, 31 to 33 of three, and expansion's 18.5. A list: 130, what the plan takes, and the expansion's beginning and end. A call of
-//! the task: 280; 90 for looking at the lists; 75 each time that groups are published.
+//! A step: 34 to 37 with four lanes, 31 to 33 with three, and 18.5 for its expansion. A list: 130, the plan, and the start and end of the expansion. A
+//! call: 280, 90 for checking the lists, and 75 each time that groups are published.
 
+use crate::engine::steps::refill::mode;
+use crate::engine::steps::register;
+use crate::engine::steps::ring::{GROUPS, Group, Ring, SHORT_RING_GROUPS, SHORT_RING_START, flags};
+use crate::engine::steps::stepper::{Stepper, Track};
 use crate::engine::tuning::merge::{
-    ENOUGH, FEEDS, FEW, FEW_BEFORE_SWITCH, FEW_OF_BESIDE, FEW_OF_MORE, FEW_OF_TWO, LOOKS, LOW, LOW_BESIDE, NEARLY,
-    PUT_OFF_BESIDE, ROOM,
+    LISTS, PASSES, PUBLISH_GROUPS, REFILL_BELOW, RESUME_BELOW, RING_LOW_BELOW, SHIELD_B_LOW_BELOW,
 };
-use crate::engine::tuning::plan::SURE_OF_LIMIT;
-use crate::engine::tuning::stepper::STEPS;
 use core::arch::global_asm;
 use core::mem::offset_of;
+pub(crate) use state::Merge;
+use state::{LANE_SIZE, Lane, MOTORS, NONE, SHORT_LANE, SHORT_LIST};
 
-use super::motor::{EVEN, Motor, flag};
-use super::plan::sure_now;
-use super::register;
-use super::ring::{BEHIND_LISTS, END_A, END_B, Group, Name, Ring, flags};
-use super::stepper::{Stepper, Track};
-use super::task::mode;
-
-/// Lanes; those of no motor are fed with fillers.
+/// Lanes. Those without a motor get fillers.
 pub(crate) const LANES: usize = 4;
 
 /// Ticks that a lane's list holds.
 pub(crate) const LIST: u8 = 32;
 
-/// One motor's list.
-#[derive(Clone, Copy, Debug)]
-#[repr(C)]
-struct Lane {
-    /// What the ticks in the list toggle.
-    masks: Group,
-    /// The list's first tick, taken out of it.
-    head: u16,
-    /// Low byte of the address of the second.
-    next: u8,
-}
-
-/// State of the merge; the assembly knows its layout.
-#[derive(Debug)]
-#[repr(C)]
-pub(crate) struct Merge {
-    lanes: [Lane; LANES],
-    /// The tick of the pending group + W.
-    deadline: u16,
-    /// What the pending group toggles.
-    pending: Group,
-    /// Low byte of the address of the pending group.
-    at: u8,
-    /// The ring's END bit.
-    end: u8,
-    /// W/2, or how far a tick is put off at most where a ring is beside; and W.
-    half: u8,
-    spacing: u8,
-    /// Data address of the ring's tail.
-    tail: u8,
-    /// How often the merge may look for more room before it comes back.
-    looks: u8,
-    /// How many lists may be filled before it comes back: the line waits meanwhile.
-    feeds: u8,
-    /// Lists with fewer bytes are filled up.
-    few_left: u8,
-    /// The lane without a head, or [`NONE`].
-    wanting: u8,
-    /// Motors.
-    motors: u8,
-    /// There is a ring beside the lists.
-    beside: bool,
-}
-
-const LANE_SIZE: usize = size_of::<Lane>();
-/// Where the number of motors is; without sorted lanes nobody asks.
-const MOTORS: usize = offset_of!(Merge, motors);
+mod state;
 
 global_asm!(
     r#"
-    // While merging:
+    // Registers while merging:
     //   r2:3 r4:5 r6:7 r8:9           heads of the lanes
     //   r10 to r13                    next of the lanes
-    //   r14:15 r20:21 r22:23 r28:29   masks of the lanes, rise and fall
-    //   r16:17                        masks of the pending group; if it is the first of a batch END in its rise, with sorted lanes for it: the rise
-    //                                 is in the state then
+    //   r14:15 r20:21 r22:23 r28:29   masks of the lanes: what a tick toggles, and what the end of its pulse toggles
+    //   r16:17                        masks of the pending group. The first group of a batch has the END mark in r16; what it toggles is in the state then
     //   r18:19                        deadline: tick of the pending group + W
     //   r24 r25                       W/2, W
-    //   r0                            groups that the ring has room for
-    //   X                             the pending group's place in the ring
+    //   r0                            groups that may still be put into the ring
+    //   X                             the pending group's address
     //   Z                             into the lists' page
 
-    // Makes the lane's head the pending group, and puts the one that was pending into the ring.    18
-    .macro put_out low, high, rise, fall, lane
+    // Puts the pending group into the ring, and makes the lane's head the pending group.           18
+    .macro emit low, high, at_tick, at_end, lane
     cp \low, r18                        // 1                            1
     cpc \high, r19                      // 1                            2
     brmi 3f                             // 1                            3
@@ -128,14 +73,14 @@ global_asm!(
     movw r18, \low                      // 1                            13
 1:  add r18, r25                        // 1                            14
     adc r19, r1                         // 1                            15
-    movw r16, \rise                     // 1                            16
+    movw r16, \at_tick                  // 1                            16
     dec r0                              // 1                            17
     breq 5f                             // 1                            18
 2:
     .endm
 
-    // What is rarer: the tick comes before the deadline. Joining takes 20 more, putting off 17.
-    .macro put_out_early low, high, rise, fall, lane
+    // The rarer case: the head comes before the deadline. Joining takes 20 more, putting off 17.
+    .macro emit_before_deadline low, high, at_tick, at_end, lane
 3:  movw r30, r18
     sub r30, r24
     sbc r31, r1
@@ -145,18 +90,18 @@ global_asm!(
     lds r30, steps_merge+{END}
     cp r16, r30
     breq 74f                            // the first of a batch
-    // It joins the pending group, unless that has some of its lines already.
-    mov r30, \rise
+    // It joins the pending group, unless both toggle the same line.
+    mov r30, \at_tick
     and r30, r16
     brne 4f
-    mov r30, \fall
+    mov r30, \at_end
     and r30, r17
     brne 4f
-    or r16, \rise
-    or r17, \fall
+    or r16, \at_tick
+    or r17, \at_end
     ldi r31, hi8(ring_b_page)
     rjmp 2b
-    // The pending group is put out; the next is put off to the deadline.
+    // The pending group goes into the ring, and the head is put off to the deadline.
 4:  st X+, r16
     st X+, r19
     st X+, r18
@@ -164,17 +109,17 @@ global_asm!(
     ldi r27, hi8(ring_a_page)
     ldi r31, hi8(ring_b_page)
     rjmp 1b
-74: movw r30, \rise
+74: movw r30, \at_tick
     rcall merge_join
     breq 2b
     rjmp 4b
-5:  rcall merge_look
+5:  rcall merge_publish_and_check
     brcc 2b
     ldi r24, \lane
-    rjmp merge_leave
+    rjmp merge_exit
     .endm
 
-    // The next tick of the lane.                                                                   8
+    // The next tick of the lane becomes its head.                                                  8
     .macro advance_0
     sbrc r10, 6                         // 2 (skips)                    2
     call merge_refill_0
@@ -199,14 +144,14 @@ global_asm!(
     ld r7, Z+
     mov r12, r30
     .endm
-    // The same where a ring is beside the lists: the third of them is shorter.
-    .macro advance_beside_0
+    // The same while ring B of the shield is in use: the third list is shorter.
+    .macro advance_shield_0
     advance_0
     .endm
-    .macro advance_beside_1
+    .macro advance_shield_1
     advance_1
     .endm
-    .macro advance_beside_2
+    .macro advance_shield_2
     sbrc r12, 5
     call merge_refill_2
     mov r30, r12
@@ -224,12 +169,12 @@ global_asm!(
     ldi r31, hi8(ring_b_page)
     .endm
 
-    // Lane a has the earliest head, c the latest; the first two are compared with what is next.        30
+    // Lane a has the earliest head, c the latest. After a's head was taken, its next one is compared with c and b.   30
     .macro merge_order_3 name, last, a, al, ah, ar, af, b, bl, bh, c, cl, ch
 \name\()_\a\()\b\()\c:
-    put_out r\al, r\ah, r\ar, r\af, \a
-    .ifc \name, beside
-    advance_beside_\a
+    emit r\al, r\ah, r\ar, r\af, \a
+    .ifc \name, shield
+    advance_shield_\a
     .else
     advance_\a
     .endif
@@ -245,9 +190,9 @@ global_asm!(
     cpc r\ah, r\bh
     brmi \name\()_\a\()\b\()\c
     rjmp \name\()_\b\()\a\()\c
-    put_out_early r\al, r\ah, r\ar, r\af, \a
+    emit_before_deadline r\al, r\ah, r\ar, r\af, \a
     .endm
-    // Three orders that follow each other as long as lanes take turns.
+    // Three orders that follow each other as long as the lanes take turns.
     .macro merge_turn_3 name, a, al, ah, ar, af, b, bl, bh, br, bf, c, cl, ch, cr, cf
     merge_order_3 \name, 0, \a, \al, \ah, \ar, \af, \b, \bl, \bh, \c, \cl, \ch
     merge_order_3 \name, 0, \b, \bl, \bh, \br, \bf, \c, \cl, \ch, \a, \al, \ah
@@ -260,7 +205,7 @@ global_asm!(
     cpc r\ah, r\bh
     brpl \late
     .endm
-    // The order of three lanes.
+    // Finds the order of three lanes.
     .macro merge_choose name
     before 2, 3, 4, 5, 53f
     before 4, 5, 6, 7, 51f
@@ -274,48 +219,48 @@ global_asm!(
     rjmp \name\()_120
 55: rjmp \name\()_210
     .endm
-    // Lane a (0 or 1) has the earlier head of the first two, b (2 or 3) of the others.             34 to 36
-    .macro merge_state name, a_low, a_high, a_rise, a_fall, a, b_low, b_high, b_rise, b_fall, b
+    // Lane a (0 or 1) has the earlier head of the first two, lane b (2 or 3) of the others.        34 to 36
+    .macro merge_state name, a_low, a_high, a_at_tick, a_at_end, a, b_low, b_high, b_at_tick, b_at_end, b
 \name:
     cp \a_low, \b_low                   // 1                            1
     cpc \a_high, \b_high                // 1                            2
     brmi .+2                            // 2, or 1 and 2                4 or 5
     rjmp 6f
-    put_out \a_low, \a_high, \a_rise, \a_fall, \a //                    22
+    emit \a_low, \a_high, \a_at_tick, \a_at_end, \a //                    22
     advance_\a                          //                              30
     cp r2, r4                           // 1                            31
     cpc r3, r5                          // 1                            32
     brmi .+2                            // 2, or 1                      34
     rjmp merge_1\b                      // 2                            35
     rjmp merge_0\b                      // 2                            36
-    put_out_early \a_low, \a_high, \a_rise, \a_fall, \a
-6:  put_out \b_low, \b_high, \b_rise, \b_fall, \b //                    23
+    emit_before_deadline \a_low, \a_high, \a_at_tick, \a_at_end, \a
+6:  emit \b_low, \b_high, \b_at_tick, \b_at_end, \b //                    23
     advance_\b                          //                              31 or 32
     cp r6, r8
     cpc r7, r9
     brmi .+2
     rjmp merge_\a\()3
     rjmp merge_\a\()2                   //                              37
-    put_out_early \b_low, \b_high, \b_rise, \b_fall, \b
+    emit_before_deadline \b_low, \b_high, \b_at_tick, \b_at_end, \b
     .endm
 
-    .macro point                        //                              2
+    .macro point_to_merge               //                              2
     ldi r28, lo8(steps_merge)
     ldi r29, hi8(steps_merge)
     .endm
 
-    // From Y, the state.                                                                           20
+    // Loads the masks of the lanes, from the state at Y.                                           20
     .macro load_masks
-    ldd r14, Y+{LANE0}+{RISE}
-    ldd r15, Y+{LANE0}+{FALL}
-    ldd r20, Y+{LANE1}+{RISE}
-    ldd r21, Y+{LANE1}+{FALL}
-    ldd r22, Y+{LANE2}+{RISE}
-    ldd r23, Y+{LANE2}+{FALL}
+    ldd r14, Y+{LANE0}+{AT_TICK}
+    ldd r15, Y+{LANE0}+{AT_END}
+    ldd r20, Y+{LANE1}+{AT_TICK}
+    ldd r21, Y+{LANE1}+{AT_END}
+    ldd r22, Y+{LANE2}+{AT_TICK}
+    ldd r23, Y+{LANE2}+{AT_END}
     ldd r24, Y+{HALF}
     ldd r25, Y+{SPACING}
-    ldd r0, Y+{LANE3}+{RISE}
-    ldd r29, Y+{LANE3}+{FALL}
+    ldd r0, Y+{LANE3}+{AT_TICK}
+    ldd r29, Y+{LANE3}+{AT_END}
     mov r28, r0
     .endm
 
@@ -342,35 +287,35 @@ global_asm!(
     std Y+\offset, r\register
     .endm
 
-    // Goes to \enough unless there is a ring beside, and that has run down. Uses r24, r25.
-    .macro beside_is_low enough
-    sbis {FLAGS_IO}, {BESIDE}
+    // Goes to \enough unless ring B of the shield is in use, and has run low. Uses r24, r25.
+    .macro unless_shield_b_is_low enough
+    sbis {FLAGS_IO}, {SHIELD_B}
     rjmp \enough
-    lds r24, steps_stepper+{RING_BESIDE}+{RING_HEAD}
+    lds r24, steps_stepper+{RING_B}+{RING_HEAD}
     in r25, {TAIL_B}
     sec
     sbc r25, r24
     brcc .+2
     subi r25, {START}
-    cpi r25, 4 * {LOW_BESIDE}
+    cpi r25, 4 * ({SHORT_RING_GROUPS} - {SHIELD_B_LOW_BELOW})
     brlo \enough
     .endm
-    // \end, where a list ends, if a ring is beside and that is the third lane's.
-    .macro shorter end
+    // Corrects \end, the end of a list, if it is the third one and ring B of the shield is in use.
+    .macro short_list_end end
     cpi \end, 2 * {LIST} * ({SHORT_LANE} + 1)
     brne 9f
-    sbis {FLAGS_IO}, {EXTRA_B}
+    sbis {FLAGS_IO}, {NOT_PLAIN_B}
     rjmp 9f
-    sbic {FLAGS_IO}, {BESIDE}
+    sbic {FLAGS_IO}, {SHIELD_B}
     ldi \end, {START}
 9:
     .endm
-    .macro each_kept what
+    .macro saved_registers what
     .irp r, 2,3,4,5,6,7,8,9,10,11,12,13,16,17,18,19
     \what r\r
     .endr
     .endm
-    .macro each_kept_back what
+    .macro saved_registers_reversed what
     .irp r, 19,18,17,16,13,12,11,10,9,8,7,6,5,4,3,2
     \what r\r
     .endr
@@ -378,8 +323,8 @@ global_asm!(
 
     .section .text.steps_merge_run, "ax", @progbits
     .global steps_merge_run
-    // For the task: merges until the ring is full or a motor does nothing more within the limit. Uses all registers. With sorted lanes, and no ring
-    // beside, carry is clear if lists were filled up until the ring ran down: it may be called again.
+    // For the refill: merges until the ring is full, or a motor has nothing more to do up to the limit. Uses all registers. Without ring B, carry is clear if
+    // lists were topped up until the ring had run down: it may be called again.
 steps_merge_run:
     lds r24, steps_merge+{AT}
     lds r30, steps_merge+{TAIL}
@@ -389,7 +334,7 @@ steps_merge_run:
     dec r17
     lsr r17
     lsr r17
-    cpi r17, {ROOM}
+    cpi r17, {GROUPS} - {REFILL_BELOW}
     brsh 1f
     ret
 1:  lds r24, steps_stepper+{TRACK_AT}
@@ -400,14 +345,14 @@ steps_merge_run:
     sts steps_merge+{DEADLINE}, r24
     sts steps_merge+{DEADLINE}+1, r25
     movw r18, r24
-    ldi r24, {MOST_FEEDS}
-    sts steps_merge+{FEEDS}, r24
-    ldi r24, {MOST_LOOKS}
-    sts steps_merge+{LOOKS}, r24
-    lds r16, steps_merge+{WANTING}
+    ldi r24, {MAX_LISTS}
+    sts steps_merge+{LISTS}, r24
+    ldi r24, {MAX_PASSES}
+    sts steps_merge+{PASSES}, r24
+    lds r16, steps_merge+{EMPTY_LANE}
     cpi r16, {NONE}
     breq 3f
-    // A lane has no head: the next of its list, which may have to be filled.
+    // A lane has no head: take the next tick of its list, which may have to be filled.
     ldi r24, {LANE_SIZE}
     mul r16, r24
     movw r6, r0
@@ -423,11 +368,11 @@ steps_merge_run:
     swap r24
     lsl r24
     lsl r24
-    shorter r24
+    short_list_end r24
     cp r30, r24
     brne 2f
     mov r30, r16
-    call merge_give
+    call merge_fill_list
     brcc 1f
     ret
 1:  movw r28, r6
@@ -438,18 +383,18 @@ steps_merge_run:
     ld r24, Z+
     std Y+{HEAD}+1, r24
     std Y+{NEXT}, r30
-3:  point
+3:  point_to_merge
     each_head fetch                     // 15 x 2
     mov r0, r17
-    ldd r17, Y+{PENDING_FALL}
+    ldd r17, Y+{PENDING_AT_END}
     ldd r16, Y+{END}
     ldd r26, Y+{AT}
     ldi r27, hi8(ring_a_page)
     ldi r31, hi8(ring_b_page)
-    ldi r30, {LOW}
+    ldi r30, {GROUPS} - {RING_LOW_BELOW}
     cp r0, r30
     brlo 4f
-    ldi r30, {FEW}
+    ldi r30, {PUBLISH_GROUPS}
     mov r0, r30
 4:  mov r30, r0
     load_masks                          // 20, and it uses r0
@@ -458,16 +403,16 @@ steps_merge_run:
     cpi r30, 4
     brlo .+2
     rjmp 56f
-    sbic {FLAGS_IO}, {EXTRA_B}
+    sbic {FLAGS_IO}, {NOT_PLAIN_B}
     rjmp 57f
 58: merge_choose merge
 
     merge_turn_3 merge, 0, 2, 3, 14, 15, 1, 4, 5, 20, 21, 2, 6, 7, 22, 23
     merge_turn_3 merge, 0, 2, 3, 14, 15, 2, 6, 7, 22, 23, 1, 4, 5, 20, 21
 
-57: sbis {FLAGS_IO}, {BESIDE}
+57: sbis {FLAGS_IO}, {SHIELD_B}
     rjmp 58b
-    jmp ring_beside_merge
+    jmp ring_merge_shield
 
 56:
     cp r2, r4
@@ -497,18 +442,18 @@ merge_publish:
     lds r25, steps_merge+{END}          // 2
     st X, r25                           // 2  END where the pending group will be
     ldi r29, hi8(ring_a_page)           // 1
-    lds r24, steps_merge+{PENDING_RISE} // 2
+    lds r24, steps_merge+{PENDING_AT_TICK} // 2
     st Y, r24                           // 2  and off the first one
     sts steps_merge+{AT}, r26           // 2
-    sts steps_merge+{PENDING_RISE}, r16 // 2
+    sts steps_merge+{PENDING_AT_TICK}, r16 // 2
     mov r16, r25                        // 1
 1:  ret                                 // 4, and 3 for the call
 
-    // Joins the masks r30:31 to the pending group unless it has some of them already, and sets Z if it has not. With sorted lanes that
-    // group is the first of a batch.                                                                27 with sorted lanes
+    // Joins the masks r30:31 to the pending group, the first of a batch, unless both toggle the same line. Z flag: joined.
+    //                                                                                              27
 merge_join:                             // call                         3
     push r0                             // 2                            5
-    lds r16, steps_merge+{PENDING_RISE}
+    lds r16, steps_merge+{PENDING_AT_TICK}
     mov r0, r30                         // 1                            6
     and r0, r16                         // 1                            7
     brne 1f                             // 1                            8
@@ -520,28 +465,28 @@ merge_join:                             // call                         3
     ldi r31, hi8(ring_b_page)           // 1                            14
     cp r1, r1                           // 1                            15
 1:
-    sts steps_merge+{PENDING_RISE}, r16
+    sts steps_merge+{PENDING_AT_TICK}, r16
     lds r16, steps_merge+{END}
     pop r0                              // 2                            17
     ret                                 // 4                            21
 
-    // Looks for more room, and goes on if there is enough; else carry is set.
-    // Groups have been put into the ring since it was published last.                              48, and 7 for the call
-merge_look:
+    // Publishes, and goes on if the ring has room enough; otherwise carry is set. Groups must have been put into the ring since it was published last.
+    //                                                                                              48, and 7 for the call
+merge_publish_and_check:
     lds r30, steps_merge+{AT}
     ldi r31, hi8(ring_a_page)
     lds r24, steps_merge+{END}
     st X, r24
     sts steps_merge+{AT}, r26
-    lds r25, steps_merge+{PENDING_RISE}
+    lds r25, steps_merge+{PENDING_AT_TICK}
     st Z, r25
-    sts steps_merge+{PENDING_RISE}, r16
+    sts steps_merge+{PENDING_AT_TICK}, r16
     mov r16, r24
-    lds r24, steps_merge+{LOOKS}
+    lds r24, steps_merge+{PASSES}
     subi r24, 1
     brcs 1f
-    sts steps_merge+{LOOKS}, r24
-    sbic {FLAGS_IO}, {EXTRA_B}
+    sts steps_merge+{PASSES}, r24
+    sbic {FLAGS_IO}, {NOT_PLAIN_B}
     rjmp 3f
 2:  lds r30, steps_merge+{TAIL}
     ldi r31, 0
@@ -552,31 +497,31 @@ merge_look:
     lsr r24
     lsr r24
     mov r0, r24
-    cpi r24, {LOW}
+    cpi r24, {GROUPS} - {RING_LOW_BELOW}
     brlo 4f
-    ldi r25, {FEW}
+    ldi r25, {PUBLISH_GROUPS}
     mov r0, r25
-4:  cpi r24, {ENOUGH}
+4:  cpi r24, {GROUPS} - {RESUME_BELOW}
     lds r24, steps_merge+{HALF}
     lds r25, steps_merge+{SPACING}
 1:  ret
-    // The ring beside, if there is one, must not run down.
-3:  beside_is_low 2b
-    each_kept push
+    // Ring B of the shield must not run empty.
+3:  unless_shield_b_is_low 2b
+    saved_registers push
     push r26
     push r27
-    call ring_beside_soon
+    call ring_fill_shield_b
     pop r27
     pop r26
-    each_kept_back pop
-    point
+    saved_registers_reversed pop
+    point_to_merge
     load_masks
     rjmp 2b
 
     .macro refill lane, next, offset
 merge_refill_\lane:                     // call                         3
     ldi r30, \lane                      // 1                            4
-    rcall merge_feed                    // 96                           100
+    rcall merge_refill_list             // 96                           100
     lds \next, steps_merge+\offset+{NEXT} // 2                         102
     ret                                 // 4                            106
     .endm
@@ -585,8 +530,8 @@ merge_refill_\lane:                     // call                         3
     refill 2, r12, {LANE2}
     refill 3, r13, {LANE3}
 
-    // Fills the list of the lane r30.                                                              85, and merge_give
-merge_feed:                             // call                         3
+    // Fills the list of the lane r30.                                                              85, and merge_fill_list
+merge_refill_list:                      // call                         3
     push r30                            // 2                            5
     rcall merge_publish                 // 28                           33
     pop r30                             // 2                            35
@@ -596,40 +541,40 @@ merge_feed:                             // call                         3
     push r26
     push r27
     push r30
-    // While a list is filled the ring beside, if there is one, runs down.
-    sbis {FLAGS_IO}, {EXTRA_B}
+    // While a list is filled, ring B of the shield runs down.
+    sbis {FLAGS_IO}, {NOT_PLAIN_B}
     rjmp 2f
-    beside_is_low 2f
-    each_kept push
+    unless_shield_b_is_low 2f
+    saved_registers push
     push r30
-    call ring_beside_soon
+    call ring_fill_shield_b
     pop r30
-    each_kept_back pop
+    saved_registers_reversed pop
 2:
-    rcall merge_give
+    rcall merge_fill_list
     pop r22
     pop r27
     pop r26
     pop r19
     pop r18
-    brcs merge_dry                      // 1
-    point                               // 2
+    brcs merge_no_steps                 // 1
+    point_to_merge                      // 2
     load_masks                          // 21
     ldi r31, hi8(ring_b_page)           // 1
     pop r0
     ret                                 // 4
 
-    // Nothing for the lane r22: what was r0 and two return addresses go.
-merge_dry:
+    // The motor of the lane r22 has nothing to do. Drops r0 and two return addresses from the stack.
+merge_no_steps:
     mov r24, r22
     .rept 5
     pop r0
     .endr
-merge_leave:
-    sts steps_merge+{WANTING}, r24
-    point
-    ldd r16, Y+{PENDING_RISE}
-    std Y+{PENDING_FALL}, r17
+merge_exit:
+    sts steps_merge+{EMPTY_LANE}, r24
+    point_to_merge
+    ldd r16, Y+{PENDING_AT_TICK}
+    std Y+{PENDING_AT_END}, r17
     each_head store
     sts steps_stepper+{RING}+{RING_PENDING}, r16
     sts steps_stepper+{RING}+{RING_PENDING}+1, r17
@@ -651,430 +596,65 @@ merge_leave:
     adiw r24, 1
     sts steps_stepper+{TRACK_AT}+2, r24
     sts steps_stepper+{TRACK_AT}+3, r25
-    // While the ring is nearly full (or has nothing), lists are filled up before they are used up: all of them at once take
-    // long.
+    // While the ring is nearly full (or could not be filled), lists are topped up, since it takes long to fill several at once.
 1:
     lds r24, steps_mode
-    cpi r24, {BESIDE_MODE}
+    cpi r24, {SHIELD_MODE}
     brne .+2
     ret
-    .global merge_fill_up
-merge_fill_up:
-    lds r2, steps_merge+{MOTORS}
-    ldi r28, lo8(steps_motors)
-    ldi r29, hi8(steps_motors)
-    ldi r24, lo8(steps_merge)
-    ldi r25, hi8(steps_merge)
-    movw r4, r24                        // the lane
-    ldi r24, 2 * {LIST}
-    mov r3, r24                         // where its list ends
-    // Those with enough left are passed over at once.
-2:  movw r30, r4
-    ldd r24, Z+{NEXT}
-    mov r25, r3
-    sub r25, r24
-    cpi r25, {FEW_BEFORE_SWITCH}
-    brsh 4f
-    ldd r24, Y+{FLAGS}
-    sbrc r24, {SWITCH}
-    rjmp 5f
-    lds r24, steps_merge+{FEW_LEFT}
-    cp r25, r24
-    brsh 4f
-5:  sbic {FLAGS_IO}, {EXTRA_B}
-    rcall merge_pause
-    rcall merge_top_up
-    brcc 3f
-4:
-    subi r28, lo8(-({MOTOR_SIZE}))
-    sbci r29, hi8(-({MOTOR_SIZE}))
-    ldi r24, {LANE_SIZE}
-    add r4, r24
-    adc r5, r1
-    ldi r24, 2 * {LIST}
-    add r24, r3
-    shorter r24
-    mov r3, r24
-    dec r2
-    brne 2b
-    sec
-3:  ret
 
-    // Between two lists that are filled up: the ring beside comes first if it has run down.
-merge_pause:
-    beside_is_low 1f
-    .irp r, 2,3,4,5,28,29
-    push r\r
-    .endr
-    call ring_beside_soon
-    .irp r, 29,28,5,4,3,2
-    pop r\r
-    .endr
-1:  ret
-
-    // Fills up the list of the lane r4:5, whose motor is Y, if it has few ticks left, which are steps, and more are to come. What its motor
-    // does about records and switches is done then too. Carry is clear if the ring has run down meanwhile.
-merge_top_up:
-    lds r24, steps_merge+{AT}
-    lds r30, steps_merge+{TAIL}
-    ldi r31, 0
-    ld r25, Z
-    sub r25, r24
-    cpi r25, 4 * {NEARLY}
-    brcs .+2
-    ret
-    movw r30, r4
-    ldd r6, Z+{NEXT}
-    mov r7, r3
-    sub r7, r6                          // bytes that are left
-    lds r24, steps_merge+{FEW_LEFT}
-    ldd r25, Y+{FLAGS}
-    sbrc r25, {SWITCH}
-    ldi r24, {FEW_BEFORE_SWITCH}
-    cp r7, r24
-    brsh 9f
-    ldd r24, Z+{RISE}
-    ldd r25, Y+{STEP}
-    tst r25                             // a lane of no motor
-    breq 9f
-    cp r24, r25
-    brne 9f
-    ldd r24, Y+{STEP_FALL}
-    cp r24, r25
-    brne 9f
-    mov r24, r7
-    lsr r24
-    neg r24
-    subi r24, -{LIST}
-    sbrc r3, 5
-    subi r24, {LIST} - {SHORT_LIST}
-    breq 9f                             // it is full, as it may be before a switch; no other is
-    lds r8, steps_times+{MOST}
-    sts steps_times+{MOST}, r24
-    sts steps_times+{ONLY_STEPS}, r24
-    call steps_plan
-    sts steps_times+{ONLY_STEPS}, r1
-    sts steps_times+{MOST}, r8
-    tst r24
-    brne 1f
-9:  sec
-    ret
-    // What is left goes before the r24 steps.
-1:  mov r20, r24
-    lsl r24
-    mov r30, r6
-    ldi r31, hi8(ring_b_page)
-    mov r26, r6
-    sub r26, r24
-    ldi r27, hi8(ring_b_page)
-    mov r6, r26
-    rjmp 4f
-3:  ld r25, Z+
-    st X+, r25
-    dec r7
-4:  tst r7
-    brne 3b
-    movw r30, r26                       // the last list ends with its page
-    call steps_expand_list
-    movw r30, r4
-    std Z+{NEXT}, r6
-    rjmp merge_top_up
-
-    // What the motor of lane r30 does next, into its list; r18:19 is the deadline. Carry: nothing. Keeps r2 to r13, r16, r17.
-merge_give:
-    lds r24, steps_merge+{FEEDS}
-    subi r24, 1
-    brcc 1f
-    ret
-1:  sts steps_merge+{FEEDS}, r24
-    push r30
-    ldi r24, {MOTOR_SIZE}
-    mul r30, r24
-    movw r28, r0
-    clr r1
-    subi r28, lo8(-(steps_motors))
-    sbci r29, hi8(-(steps_motors))
-    ldd r24, Y+{STEP}
-    tst r24
-    breq 1f
-    "#,
-    sure_now!("6f"),
-    r#"
-    lds r25, steps_times+{MOST}
-    cpi r30, {SHORT_LANE}
-    brne 8f
-    sbis {FLAGS_IO}, {EXTRA_B}
-    rjmp 8f
-    sbic {FLAGS_IO}, {BESIDE}
-    ldi r25, {SHORT_LIST}
-8:  cp r24, r25
-    brlo .+2
-    mov r24, r25
-    ldi r25, 1
-    rjmp 7f
-6:  cpi r30, {SHORT_LANE}
-    brne 6f
-    sbis {FLAGS_IO}, {EXTRA_B}
-    rjmp 6f
-    sbis {FLAGS_IO}, {BESIDE}
-    rjmp 6f
-    ldi r24, {SHORT_LIST}
-    sts steps_times+{MOST}, r24
-    call steps_plan
-    ldi r31, {STEPS}
-    sts steps_times+{MOST}, r31
-    rjmp 7f
-6:  call steps_plan
-7:  pop r30
-    tst r24
-    brne 2f
-    sec
-    ret
-    // Nobody's lane: nothing, a filler after the pending group.
-1:  pop r30
-    movw r20, r18
-    subi r21, 256 - ({FILLER} >> 8)
-    clr r22
-    clr r23
-    ldi r24, 1
-    clr r25
-2:  // X: the lane; r30: where its list ends
-    ldi r26, {LANE_SIZE}
-    mul r30, r26
-    movw r26, r0
-    clr r1
-    subi r26, lo8(-(steps_merge))
-    sbci r27, hi8(-(steps_merge))
-    inc r30
-    swap r30
-    lsl r30
-    lsl r30
-    shorter r30
-    ldi r31, hi8(ring_b_page)
-    cpi r25, 1
-    breq 3f
-    // one thing
-    st X+, r22
-    st X+, r23
-    adiw r26, 2
-    subi r30, 2
-    cpi r24, 1
-    breq 1f
-    subi r30, 2
-    st X, r30
-    st Z+, r20
-    st Z+, r21
-    lds r24, steps_times+{PULSE}
-    add r20, r24
-    lds r24, steps_times+{PULSE}+1
-    adc r21, r24
-    rjmp 2f
-1:  st X, r30
-2:  st Z+, r20
-    st Z+, r21
-    clc
-    ret
-    // r24 steps
-3:  ldd r22, Y+{STEP}
-    ldd r23, Y+{STEP_FALL}
-    st X+, r22
-    st X+, r23
-    adiw r26, 2
-    mov r20, r24
-    lsl r24
-    cpse r22, r23
-    lsl r24
-    sub r30, r24
-    st X, r30
-    .irp r, 8,9,10,11,12,13,16,17
-    push r\r
-    .endr
-    cp r22, r23
-    brne 4f
-    call steps_expand_list
-    rjmp 5f
-4:  lds r17, steps_times+{PULSE}
-    call steps_expand_list_long
-5:  .irp r, 17,16,13,12,11,10,9,8
-    pop r\r
-    .endr
-    clc
-    ret
-
-    // Three lanes with a ring beside the lists: states of their own, as the third list is shorter.
-    .section .text.merge_beside, "ax", @progbits
-    .global merge_beside
-merge_beside:
-    merge_choose beside
-    merge_turn_3 beside, 0, 2, 3, 14, 15, 1, 4, 5, 20, 21, 2, 6, 7, 22, 23
-    merge_turn_3 beside, 0, 2, 3, 14, 15, 2, 6, 7, 22, 23, 1, 4, 5, 20, 21
+    // Three lanes while ring B of the shield is in use: states of their own, because the third list is shorter.
+    .section .text.merge_shield, "ax", @progbits
+    .global merge_shield
+merge_shield:
+    merge_choose shield
+    merge_turn_3 shield, 0, 2, 3, 14, 15, 1, 4, 5, 20, 21, 2, 6, 7, 22, 23
+    merge_turn_3 shield, 0, 2, 3, 14, 15, 2, 6, 7, 22, 23, 1, 4, 5, 20, 21
     "#,
     LANE0 = const 0,
     LANE1 = const LANE_SIZE,
     LANE2 = const 2 * LANE_SIZE,
     LANE3 = const 3 * LANE_SIZE,
     MOTORS = const MOTORS,
-    RISE = const offset_of!(Lane, masks) + offset_of!(Group, rise),
-    FALL = const offset_of!(Lane, masks) + offset_of!(Group, fall),
+    AT_TICK = const offset_of!(Lane, masks) + offset_of!(Group, at_tick),
+    AT_END = const offset_of!(Lane, masks) + offset_of!(Group, at_end),
     HEAD = const offset_of!(Lane, head),
     NEXT = const offset_of!(Lane, next),
     DEADLINE = const offset_of!(Merge, deadline),
-    PENDING_RISE = const offset_of!(Merge, pending) + offset_of!(Group, rise),
-    PENDING_FALL = const offset_of!(Merge, pending) + offset_of!(Group, fall),
+    PENDING_AT_TICK = const offset_of!(Merge, pending) + offset_of!(Group, at_tick),
+    PENDING_AT_END = const offset_of!(Merge, pending) + offset_of!(Group, at_end),
     AT = const offset_of!(Merge, at),
     END = const offset_of!(Merge, end),
     HALF = const offset_of!(Merge, half),
     SPACING = const offset_of!(Merge, spacing),
     TAIL = const offset_of!(Merge, tail),
-    LOOKS = const offset_of!(Merge, looks),
-    FEEDS = const offset_of!(Merge, feeds),
+    PASSES = const offset_of!(Merge, passes),
+    LISTS = const offset_of!(Merge, lists_left),
     LANE_SIZE = const LANE_SIZE,
-    MOTOR_SIZE = const size_of::<Motor>(),
-    STEP = const offset_of!(Motor, step),
-    STEP_FALL = const offset_of!(Motor, step_fall),
-    PULSE = const super::times::PULSE,
-    WANTING = const offset_of!(Merge, wanting),
+    EMPTY_LANE = const offset_of!(Merge, empty_lane),
     NONE = const NONE,
     RING = const offset_of!(Stepper, tracks) + offset_of!(Track, ring),
     RING_HEAD = const offset_of!(Ring, head),
     RING_PENDING = const offset_of!(Ring, pending),
     TRACK_AT = const offset_of!(Stepper, tracks) + offset_of!(Track, at),
-    ROOM = const ROOM,
-    MOST_FEEDS = const FEEDS,
-    MOST_LOOKS = const LOOKS,
+    GROUPS = const GROUPS,
+    SHORT_RING_GROUPS = const SHORT_RING_GROUPS,
+    REFILL_BELOW = const REFILL_BELOW,
+    MAX_LISTS = const LISTS,
+    MAX_PASSES = const PASSES,
     FLAGS_IO = const register::GPIOR0,
-    EXTRA_B = const flags::EXTRA_B,
-    BESIDE = const flags::BESIDE,
-    LOW_BESIDE = const LOW_BESIDE,
-    RING_BESIDE = const offset_of!(Stepper, tracks) + size_of::<Track>() + offset_of!(Track, ring),
+    NOT_PLAIN_B = const flags::NOT_PLAIN_B,
+    SHIELD_B = const flags::SHIELD_B,
+    SHIELD_B_LOW_BELOW = const SHIELD_B_LOW_BELOW,
+    RING_B = const offset_of!(Stepper, tracks) + size_of::<Track>() + offset_of!(Track, ring),
     TAIL_B = const register::OCR0B,
-    START = const BEHIND_LISTS,
+    START = const SHORT_RING_START,
     SHORT_LANE = const SHORT_LANE,
-    SHORT_LIST = const SHORT_LIST,
-    STEPS = const STEPS,
-    BESIDE_MODE = const mode::BESIDE,
-    NEARLY = const NEARLY,
-    FEW_LEFT = const offset_of!(Merge, few_left),
-    FEW_BEFORE_SWITCH = const FEW_BEFORE_SWITCH,
-    FLAGS = const offset_of!(Motor, flags),
-    SWITCH = const flag::SWITCH,
-    TURN = const flag::TURN,
-    STEPPED = const flag::STEPPED,
-    ANCHORED = const flag::ANCHORED,
-    COMMITTED = const flag::COMMITTED,
-    SINGLY = const flag::SINGLY,
-    SURE = const offset_of!(Motor, sure),
-    EVEN = const EVEN,
-    SURE_OF_LIMIT = const SURE_OF_LIMIT,
-    LEFT = const offset_of!(Motor, registers) + 19,
-    FILLER = const super::plan::FILLER,
+    SHIELD_MODE = const mode::MERGE_AND_B,
     LIST = const LIST,
-    MOST = const super::times::MOST,
-    ONLY_STEPS = const super::times::ONLY_STEPS,
-    ENOUGH = const ENOUGH,
-    LOW = const LOW,
-    FEW = const FEW,
+    RESUME_BELOW = const RESUME_BELOW,
+    RING_LOW_BELOW = const RING_LOW_BELOW,
+    PUBLISH_GROUPS = const PUBLISH_GROUPS,
 );
 
-/// [`Merge::wanting`]: all lanes have heads.
-const NONE: u8 = 255;
-
-/// The one merge: the assembly knows it by this name. [`Merge::begin`] comes before its use: until then it is zeros, which take no
-/// flash.
-#[unsafe(export_name = "steps_merge")]
-static mut MERGE: Merge = Merge {
-    lanes: [Lane { masks: Group::NOTHING, head: 0, next: 0 }; LANES],
-    deadline: 0,
-    pending: Group::NOTHING,
-    at: 0,
-    end: 0,
-    half: 0,
-    spacing: 0,
-    tail: 0,
-    looks: 0,
-    feeds: 0,
-    few_left: 0,
-    wanting: 0,
-    motors: 0,
-    beside: false,
-};
-
-/// The lane whose list ends where the ring beside begins, if there is one, and the ticks that it holds then.
-const SHORT_LANE: u8 = 2;
-const SHORT_LIST: u8 = (BEHIND_LISTS - SHORT_LANE * 2 * LIST) / 2;
-
-impl Merge {
-    /// The one merge.
-    ///
-    /// # Safety
-    /// To be called once.
-    pub(crate) unsafe fn take() -> &'static mut Merge {
-        let merge = &raw mut MERGE;
-        // SAFETY: the caller's promise: no other reference exists.
-        unsafe { &mut *merge }
-    }
-
-    /// Byte after the list of `lane`.
-    fn end_of(&self, lane: u8) -> u8 {
-        if self.beside && lane == SHORT_LANE {
-            return BEHIND_LISTS;
-        }
-        (lane + 1).wrapping_mul(2 * LIST)
-    }
-
-    /// What `lane` has still to do that is in no group yet: how many ticks, and what each of them toggles.
-    pub(crate) fn listed(&self, lane: u8) -> (u8, Group) {
-        let entry = &self.lanes[usize::from(lane) % LANES];
-        let head = u8::from(self.wanting != lane);
-        (self.end_of(lane).wrapping_sub(entry.next) / 2 + head, entry.masks)
-    }
-
-    /// Begins anew: every lane has one tick to come, the low 16 bits of which are `first`, and at which it does nothing. `beside`: a ring is behind
-    /// the lists.
-    ///
-    /// Groups will be at least `spacing` ticks apart (W).
-    pub(crate) fn begin(&mut self, name: Name, motors: u8, beside: bool, spacing: u8, first: u16) {
-        let (end, tail) = match name {
-            Name::A => (END_A, register::OCR0A),
-            Name::B => (END_B, register::OCR0B),
-        };
-        self.spacing = spacing;
-        (self.motors, self.beside) = (motors, beside);
-        self.half = if beside { PUT_OFF_BESIDE } else { spacing / 2 };
-        self.end = end;
-        self.tail = tail + 0x20;
-        (self.at, self.pending) = (0, Group::NOTHING);
-        self.few_left = 2 * if motors == 2 {
-            FEW_OF_TWO
-        } else if beside {
-            FEW_OF_BESIDE
-        } else {
-            FEW_OF_MORE
-        } + 1;
-        self.clear(first);
-    }
-
-    /// Lists are not filled up before they are used up: what they leave of their page is another's. No motor waits for a switch then.
-    pub(crate) fn leave_room(&mut self) {
-        self.few_left = 0;
-    }
-
-    /// Whether steps are in lists, or anything else but fillers.
-    pub(crate) fn is_idle(&self) -> bool {
-        self.lanes.iter().all(|lane| lane.masks == Group::NOTHING)
-    }
-
-    /// Empties all lists but for a filler in each, at `first`.
-    #[inline(never)]
-    pub(crate) fn clear(&mut self, first: u16) {
-        self.wanting = NONE;
-        let mut next = 0u8;
-        for lane in &mut self.lanes {
-            next = next.wrapping_add(2 * LIST);
-            *lane = Lane { masks: Group::NOTHING, head: first, next };
-        }
-        if self.beside {
-            self.lanes[usize::from(SHORT_LANE)].next = BEHIND_LISTS;
-        }
-    }
-}
+mod lists;

@@ -1,23 +1,23 @@
-//! Which pins there are, and which of them one stepgen can serve together.
+//! Which pins can be used together, and how their edges are made.
 //!
-//! A pulse is made by one write to a port, so all STEP and DIR pins of a configuration lie where one interrupt reaches them:
+//! One write to a port makes an edge. So all STEP and DIR pins of a configuration must lie where one interrupt reaches them:
 //!
 //! | kind | STEP and DIR | edges by |
 //! |---|---|---|
-//! | [`Kind::Compare`] | one or two motors, STEP on 9 and 10, active high, DIR of its own on 2–13 | the timer, to the cycle |
+//! | [`Kind::Compare`] | one or two motors, STEP on 9 and 10, active high, each with a DIR of its own on 2–13 | the timer, to the cycle |
 //! | [`Kind::PortD`] | all on 2–7 | software, one port |
-//! | [`Kind::TwoOnD`] | two motors on 2–7, each with a DIR of its own, pulses up to 1 µs or over 1.9 µs | software, a ring each |
+//! | [`Kind::PortDTwoRings`] | two motors on 2–7, each with a DIR of its own, pulses up to 1 µs or over 1.9 µs | software, a ring each |
 //! | [`Kind::PortB`] | all on 8–13 | software, one port |
 //! | [`Kind::Shield`] | on 2–7, and one motor with STEP 12, DIR 13 (the CNC shield's A axis) | software, both ports |
-//! | `Kind::Beside` | the same of four motors, pulses up to 1 µs, in programs that have it | software, a ring for each port |
+//! | `Kind::ShieldTwoRings` | the same with four motors and pulses up to 1 µs, in programs that support it | software, a ring for each port |
 
-use crate::Uses;
+use crate::ThisProgram;
 use crate::engine::program::Program;
 use crate::engine::regs::{self, Port};
 use pulsetrain_core::wire::message::{Configuration, MotorSetup, NO_PIN};
 use pulsetrain_core::wire::{Reason, Refusal};
 
-/// Motors at most.
+/// Motors, at most.
 pub(crate) const MAX_MOTORS: usize = 4;
 
 /// How edges are made.
@@ -27,21 +27,21 @@ pub(crate) enum Kind {
     Compare,
     /// On PORTD.
     PortD,
-    /// On PORTD, two motors that have a ring each: its interrupts make the short pulse alone.
-    TwoOnD,
+    /// On PORTD, two motors with a ring each. The interrupt of ring B makes only the short pulse.
+    PortDTwoRings,
     /// On PORTB.
     PortB,
     /// On PORTD, and on PB4 and PB5 as bits 0 and 1.
     Shield,
     /// On PORTD, and one motor with a ring of its own on PORTB.
-    Beside,
+    ShieldTwoRings,
 }
 
 /// A pin: port and bit, or none.
 #[derive(Clone, Copy)]
 pub(crate) struct Pin {
     port: Port,
-    /// Its bit; 0 for no pin, to which everything can be done without effect.
+    /// Its bit. 0 for no pin: all operations are possible then, and do nothing.
     mask: u8,
 }
 
@@ -49,13 +49,13 @@ impl Pin {
     /// No pin.
     pub(crate) const NONE: Pin = Pin { port: regs::PORT_B, mask: 0 };
 
-    /// The board's lamp, pin 13.
+    /// The board's LED, pin 13.
     pub(crate) const LAMP: Pin = Pin { port: regs::PORT_B, mask: 1 << 5 };
 
-    /// Not even that: zeros, which take no flash. Nothing may be done to it.
+    /// Zeros, which take no flash. No operation is allowed.
     pub(crate) const UNSET: Pin = Pin { port: regs::NO_PORT, mask: 0 };
 
-    /// Pins 2 to 19 by their Arduino numbers; 0 and 1 are the serial line's.
+    /// Pins 2 to 19 by their Arduino numbers. 0 and 1 belong to the serial line.
     #[inline(never)]
     fn of(number: u8) -> Pin {
         let (port, bit) = match number {
@@ -67,18 +67,18 @@ impl Pin {
         Pin { port, mask: 1 << bit }
     }
 
-    /// Makes it an output at `high`. The level first, so that no other is seen.
+    /// Makes it an output at the level `high`. The level is set first, so that the pin never shows another.
     #[inline(never)]
     pub(crate) fn drive(self, high: bool) {
         self.set(high);
-        regs::free(|| self.port.direction().set(self.mask));
+        regs::critical(|| self.port.direction().set(self.mask));
     }
 
-    /// Sets the level of an output. An interrupt may be toggling its neighbours.
+    /// Sets the level of an output. Interrupts must be off for that, since they toggle other pins of the port.
     #[inline(never)]
     pub(crate) fn set(self, high: bool) {
         let levels = self.port.levels();
-        regs::free(|| if high { levels.set(self.mask) } else { levels.clear(self.mask) });
+        regs::critical(|| if high { levels.set(self.mask) } else { levels.clear(self.mask) });
     }
 
     /// Whether it is driven high.
@@ -89,12 +89,12 @@ impl Pin {
     /// Makes it an input without pull-up, as after a reset.
     #[inline(never)]
     pub(crate) fn float(self) {
-        regs::free(|| self.port.direction().clear(self.mask));
+        regs::critical(|| self.port.direction().clear(self.mask));
         self.set(false);
     }
 }
 
-/// The lines of one motor.
+/// The two lines of one motor.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Lines {
     /// STEP's bit in a group.
@@ -107,7 +107,7 @@ pub(crate) struct Lines {
 }
 
 impl Lines {
-    /// Where the flags are.
+    /// Where the flags are, for assembly.
     pub(super) const FLAGS: usize = core::mem::offset_of!(Lines, flags);
 
     /// None.
@@ -128,13 +128,13 @@ impl Lines {
         self.flags & Lines::STEP_LOW != 0
     }
 
-    /// Both lines as outputs at rest: STEP inactive, DIR low.
+    /// Makes both lines outputs: STEP inactive, DIR low.
     pub(crate) fn drive(self) {
         Pin::of(self.step_pin).drive(self.step_low());
         Pin::of(self.dir_pin).drive(false);
     }
 
-    /// Both lines as inputs.
+    /// Makes both lines inputs.
     pub(crate) fn float(self) {
         Pin::of(self.step_pin).float();
         Pin::of(self.dir_pin).float();
@@ -145,7 +145,7 @@ impl Lines {
         Pin::of(self.step_pin).set(self.step_low());
     }
 
-    /// What of it is high while STEP rests, as bits of a group.
+    /// Which of the lines are high while STEP rests, as bits of a group.
     pub(crate) fn levels(self) -> u8 {
         let mut levels = if self.step_low() { self.step } else { 0 };
         if Pin::of(self.dir_pin).is_high() {
@@ -160,17 +160,17 @@ impl Lines {
 pub(crate) struct Layout {
     /// How edges are made.
     pub(crate) kind: Kind,
-    /// DIR lines that more than one motor looks at: bit by pin.
+    /// DIR lines that more than one motor uses: bit by pin.
     shared: u16,
-    /// Enable of all drivers.
+    /// The enable line of all drivers.
     pub(crate) enable: Pin,
 }
 
 impl Layout {
-    /// Finds a stepgen that serves all pins of `configuration`.
+    /// Finds a way to serve all pins of `configuration`.
     ///
     /// # Errors
-    /// Which pin cannot be, and why.
+    /// Which pin cannot be used, and why.
     #[inline(never)]
     pub(crate) fn of(configuration: &Configuration<'_>) -> Result<Layout, Refusal> {
         let motors = configuration.motors();
@@ -203,19 +203,19 @@ impl Layout {
         Ok(Layout { kind, shared, enable })
     }
 
-    /// Gives two motors on PORTD a ring each, if they can have them; and the shield's motor on PORTB one of its own.
+    /// Gives two motors on PORTD a ring each, and the shield's motor on PORTB a ring of its own, if that is possible.
     #[inline(never)]
     pub(crate) fn part(&mut self, motors: u8, pulse_ticks: u16) {
-        if Uses::BESIDE
+        if ThisProgram::SHIELD_B
             && self.kind == Kind::Shield
             && self.shared == 0
             && motors == MAX_MOTORS as u8
             && pulse_ticks <= 16
         {
-            self.kind = Kind::Beside;
+            self.kind = Kind::ShieldTwoRings;
         }
         if self.kind == Kind::PortD && self.shared == 0 && motors == 2 && !matches!(pulse_ticks, 17..32) {
-            self.kind = Kind::TwoOnD;
+            self.kind = Kind::PortDTwoRings;
         }
     }
 
@@ -224,7 +224,7 @@ impl Layout {
         self.shared != 0
     }
 
-    /// The lines of `motor`, which is one of those that were checked.
+    /// The lines of `motor`, which has been checked.
     #[inline(never)]
     pub(crate) fn lines(&self, motor: &MotorSetup) -> Lines {
         let MotorSetup { step_pin, dir_pin, forward_high, step_low, .. } = *motor;
@@ -245,14 +245,14 @@ impl Layout {
     }
 }
 
-/// Who can make all these edges.
+/// The way to make all these edges.
 #[inline(never)]
 fn kind(configuration: &Configuration<'_>, steps: u16, dirs: u16, shared: u16) -> Result<Kind, Refusal> {
     const COMPARE: u16 = 0x0600;
     const PORT_D: u16 = 0x00fc;
     const PORT_B: u16 = 0x3f00;
     let all = steps | dirs;
-    // The compare hardware's pulses are high ones.
+    // The compare hardware makes pulses that are active high.
     let low = configuration.motors().any(|motor| motor.step_low);
     if steps & !COMPARE == 0 && shared == 0 && !low {
         return Ok(Kind::Compare);

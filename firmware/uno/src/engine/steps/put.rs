@@ -1,12 +1,12 @@
-//! One thing into a ring: into the pending group if it fits, else behind it.
+//! One event into a ring: it joins the pending group if it fits, else it follows that.
 //!
 //! # Registers of the processor
 //! | | |
 //! |---|---|
 //! | Y | the track |
 //! | r18 to r21 | the tick |
-//! | r22, r23 | what is toggled then, and at the end of a short pulse |
-//! | X | a group |
+//! | r22, r23 | what is toggled at the tick, and at the end of a short pulse |
+//! | X | a group's address |
 
 use super::motor::{Motor, flag};
 use super::register;
@@ -15,17 +15,17 @@ use super::stepper::{Stepper, Track};
 use super::times;
 use core::arch::global_asm;
 use core::mem::offset_of;
-use pulsetrain_core::Moment;
+use pulsetrain_core::Tick32;
 
 global_asm!(
     r#"
-    .section .text.steps_place, "ax", @progbits
-    .global steps_place
-    // One thing that the motor r14:15 does, as the plan says it, into the ring of the track r16:17. Keeps Y, which is that motor, r2 to r17.
-steps_place:
+    .section .text.put_planned, "ax", @progbits
+    .global put_planned
+    // Puts an event of the motor r14:15, as `steps_plan` gives it, into the ring of the track r16:17. Keeps r2 to r17, and returns the motor in Y.
+put_planned:
     movw r28, r16
     push r24
-    // The moment near the pending group's that has these lower bits.
+    // The plan gives the lower 16 bits of the tick: take the tick near the pending group's that has them.
     movw r18, r20
     ldd r24, Y+{AT}
     ldd r25, Y+{AT}+1
@@ -46,8 +46,8 @@ steps_place:
 2:  .irp r, 18,19,20,21
     push r\r
     .endr
-    call put_here
-    // If that is another, what follows must be looked at until all is in time again.
+    call put_or_join
+    // If the event was put off, steps must be planned singly until one is on time again.
     clr r25
     .irp r, 21,20,19,18
     pop r24
@@ -63,7 +63,7 @@ steps_place:
     pop r24
     cpi r24, 2
     brne 3f
-    // The end of a long pulse.
+    // The end of a long pulse is a group of its own.
     lds r24, steps_times+{PULSE}
     lds r25, steps_times+{PULSE}+1
     add r18, r24
@@ -71,26 +71,26 @@ steps_place:
     adc r20, r1
     adc r21, r1
     clr r23
-    call put_here
+    call put_or_join
 3:  movw r28, r14
     ret
 
-    .section .text.steps_put, "ax", @progbits
-    .global put_here
-    // Into the ring of the track Y, from r18 to r21 on. Gives its tick.
-put_here:
-    ldd r24, Y+{RISE}
+    .section .text.put_or_join, "ax", @progbits
+    .global put_or_join
+    // Puts an event into the ring of the track Y, at r18 to r21 or later. Gives its tick.
+put_or_join:
+    ldd r24, Y+{AT_TICK}
     and r24, r22
-    ldd r25, Y+{FALL}
+    ldd r25, Y+{AT_END}
     and r25, r23
     or r24, r25
     // An edge of the compare hardware needs a group of its own.
     mov r25, r22
     or r25, r23
-    ldd r26, Y+{EDGE}
+    ldd r26, Y+{COMPARE_BIT}
     and r25, r26
     or r24, r25
-    brne put_behind
+    brne put_after
     ldd r24, Y+{AT}
     cp r24, r18
     ldd r24, Y+{AT}+1
@@ -99,14 +99,14 @@ put_here:
     cpc r24, r20
     ldd r24, Y+{AT}+3
     cpc r24, r21
-    brmi put_behind
-    cbi {EECR}, {AT_ONCE}
-    ldd r24, Y+{RISE}
+    brmi put_after
+    cbi {EECR}, {RX_NO_NESTING}
+    ldd r24, Y+{AT_TICK}
     eor r24, r22
-    std Y+{RISE}, r24
-    ldd r24, Y+{FALL}
+    std Y+{AT_TICK}, r24
+    ldd r24, Y+{AT_END}
     eor r24, r23
-    std Y+{FALL}, r24
+    std Y+{AT_END}, r24
     com r26
     and r24, r26
     ldd r26, Y+{HEAD}
@@ -118,13 +118,13 @@ put_here:
     ldd r20, Y+{AT}+2
     ldd r21, Y+{AT}+3
     jmp put_prepare
-    // As soon as can be.
-put_behind:
+    // Not before the pending group's tick + spacing.
+put_after:
     ldd r24, Y+{AT}
     ldd r25, Y+{AT}+1
     ldd r26, Y+{AT}+2
     ldd r27, Y+{AT}+3
-    ldd r0, Y+{APART}
+    ldd r0, Y+{SPACING}
     add r24, r0
     adc r25, r1
     adc r26, r1
@@ -138,16 +138,16 @@ put_behind:
     movw r20, r26
     jmp put_push
 
-    .section .text.steps_push, "ax", @progbits
-    .global put_push, put_prepare, steps_push_nothing
-    // The pending group is published: the interrupt reads neither beyond its END nor the group after it before the last write.
+    .section .text.put_push, "ax", @progbits
+    .global put_push, put_prepare, put_filler
+    // Publishes the pending group, and makes this event the pending one. Before the last write the interrupt reads neither beyond the END mark nor the new group.
 put_push:
-    cbi {EECR}, {AT_ONCE}
+    cbi {EECR}, {RX_NO_NESTING}
     std Y+{AT}, r18
     std Y+{AT}+1, r19
     std Y+{AT}+2, r20
     std Y+{AT}+3, r21
-    rcall put_bits
+    rcall put_compare_bits
     ldd r24, Y+{END}
     or r25, r24
     ldd r24, Y+{HEAD}
@@ -170,22 +170,22 @@ put_push:
     std Y+{HEAD}, r24
     subi r26, 2
     mov r30, r22
-    rcall put_played
+    rcall put_published_byte
     st X, r25
-    std Y+{RISE}, r22
-    std Y+{FALL}, r23
-    // What is published of the pending group once a step follows it.
+    std Y+{AT_TICK}, r22
+    std Y+{AT_END}, r23
+    // The byte with which the pending group is published if a step follows.
 put_prepare:
     ldi r24, {GROUPS}
-    std Y+{UNLIKE}, r24
-    ldd r30, Y+{EDGE}
-    rcall put_played
+    std Y+{UNPRIMED}, r24
+    ldd r30, Y+{COMPARE_BIT}
+    rcall put_published_byte
     std Y+{BEFORE_STEP}, r25
     ret
 
-    // What the compare hardware and its interrupt do with r22 and r23: r25; r0 is the hardware's bit. Uses r31.
-put_bits:
-    ldd r0, Y+{EDGE}
+    // r25: what the compare hardware and its interrupt do at r22 and r23, as bits. r0 is the bit that stands for STEP. Uses r31.
+put_compare_bits:
+    ldd r0, Y+{COMPARE_BIT}
     clr r25
     mov r31, r22
     and r31, r0
@@ -197,18 +197,18 @@ put_bits:
     ori r25, {END_PULSE}
     ret
 
-    // The pending group's first byte when it is played and followed by one whose rise is r30: r25. Uses r0, r30, r31.
-put_played:
-    ldd r0, Y+{EDGE}
-    ldd r25, Y+{RISE}
+    // r25: the first byte of the pending group when it is published, and followed by a group that toggles r30 at its tick. Uses r0, r30, r31.
+put_published_byte:
+    ldd r0, Y+{COMPARE_BIT}
+    ldd r25, Y+{AT_TICK}
     tst r0
     breq 3f
     push r22
     push r23
     mov r22, r25
-    ldd r23, Y+{FALL}
+    ldd r23, Y+{AT_END}
     and r30, r0
-    rcall put_bits
+    rcall put_compare_bits
     cpse r30, r1
     rjmp 1f
     ori r25, {PLAY}
@@ -225,8 +225,8 @@ put_played:
     pop r22
 3:  ret
 
-    // For Rust: nothing in the ring of the track r24:25, at r20 to r23.
-steps_push_nothing:
+    // For Rust: a filler into the ring of the track r24:25, at r20 to r23.
+put_filler:
     push r28
     push r29
     movw r28, r24
@@ -239,15 +239,15 @@ steps_push_nothing:
     pop r28
     ret
 
-    .section .text.steps_put_shared, "ax", @progbits
-    .global steps_put, steps_push_filler
-    // Into the ring of motors that share DIR lines, from r18 to r21 on. Gives its tick. Y is used.
-steps_put:
+    .section .text.put_shared, "ax", @progbits
+    .global put_shared, put_shared_filler
+    // Puts an event of motors that share DIR lines, at r18 to r21 or later. Gives its tick. Uses Y.
+put_shared:
     ldi r28, lo8(steps_stepper+{TRACK})
     ldi r29, hi8(steps_stepper+{TRACK})
-    jmp put_here
-    // A filler of motors that share DIR lines, at r18 to r21. Y is used.
-steps_push_filler:
+    jmp put_or_join
+    // A filler of motors that share DIR lines, at r18 to r21. Uses Y.
+put_shared_filler:
     ldi r28, lo8(steps_stepper+{TRACK})
     ldi r29, hi8(steps_stepper+{TRACK})
     clr r22
@@ -256,22 +256,22 @@ steps_push_filler:
     "#,
     TRACK = const offset_of!(Stepper, tracks),
     AT = const offset_of!(Track, at),
-    APART = const offset_of!(Track, apart),
-    RISE = const offset_of!(Track, ring) + offset_of!(Ring, pending),
-    FALL = const offset_of!(Track, ring) + offset_of!(Ring, pending) + 1,
-    EDGE = const offset_of!(Track, ring) + offset_of!(Ring, edge),
+    SPACING = const offset_of!(Track, spacing),
+    AT_TICK = const offset_of!(Track, ring) + offset_of!(Ring, pending),
+    AT_END = const offset_of!(Track, ring) + offset_of!(Ring, pending) + 1,
+    COMPARE_BIT = const offset_of!(Track, ring) + offset_of!(Ring, compare_bit),
     HEAD = const offset_of!(Track, ring) + offset_of!(Ring, head),
     PAGE = const offset_of!(Track, ring) + offset_of!(Ring, page),
     END = const offset_of!(Track, ring) + offset_of!(Ring, end),
     START = const offset_of!(Track, ring) + offset_of!(Ring, start),
-    UNLIKE = const offset_of!(Track, ring) + offset_of!(Ring, unlike),
+    UNPRIMED = const offset_of!(Track, ring) + offset_of!(Ring, unprimed),
     BEFORE_STEP = const offset_of!(Track, ring) + offset_of!(Ring, before_step),
     FLAGS = const offset_of!(Motor, flags),
     SINGLY = const flag::SINGLY,
     PULSE = const times::PULSE,
     GROUPS = const GROUPS,
     EECR = const register::EECR,
-    AT_ONCE = const register::AT_ONCE,
+    RX_NO_NESTING = const register::RX_NO_NESTING,
     PLAIN = const hardware::PLAIN,
     PLAY = const hardware::PLAY,
     END_PULSE = const hardware::END_PULSE,
@@ -280,14 +280,14 @@ steps_push_filler:
 );
 
 unsafe extern "C" {
-    fn steps_push_nothing(track: *mut Track, tick: u32);
+    fn put_filler(track: *mut Track, tick: u32);
 }
 
 impl Track {
-    /// Publishes the pending group; one that does nothing at `tick` is the pending one then.
+    /// Publishes the pending group. A filler at `tick` becomes the pending one.
     #[inline(always)]
-    pub(super) fn push_nothing(&mut self, tick: Moment) {
+    pub(super) fn push_nothing(&mut self, tick: Tick32) {
         // SAFETY: the assembly uses this track, and its ring's groups that the interrupt does not read yet.
-        unsafe { steps_push_nothing(self, tick.0) }
+        unsafe { put_filler(self, tick.0) }
     }
 }

@@ -4,7 +4,7 @@ macro_rules! addresses {
     ($($(#[$meta:meta])* $name:ident = $address:literal;)*) => { $($(#[$meta])* pub(crate) const $name: u8 = $address;)* };
 }
 
-// In the I/O space: `in` and `out` reach them; data address 0x20 higher.
+// In the I/O space, for `in` and `out`; the data address is 0x20 higher.
 addresses! {
     /// Toggles PORTB's pins when written.
     PINB = 0x03;
@@ -16,35 +16,34 @@ addresses! {
     TIFR0 = 0x15;
     /// Timer 1's flags, cleared by writing ones.
     TIFR1 = 0x16;
-    /// Free storage, bit-addressable.
+    /// General purpose, bit-addressable: the flags of the step interrupts.
     GPIOR0 = 0x1e;
-    /// EEPROM control; where nothing is kept there, [`AT_ONCE`] is free storage, bit-addressable.
+    /// EEPROM control, bit-addressable. While no settings are stored it has a free bit: [`RX_NO_NESTING`].
     EECR = 0x1f;
-    /// EEPROM data; free storage but for moments at rest.
+    /// EEPROM data; general purpose while no settings are stored.
     EEDR = 0x20;
-    /// EEPROM address, low byte; free storage but for moments at rest.
+    /// EEPROM address, low byte; general purpose while no settings are stored.
     EEARL = 0x21;
-    /// EEPROM address, high byte: two bits (1024 bytes of EEPROM); free storage but for moments at rest.
+    /// EEPROM address, high byte (two bits, for 1024 bytes); general purpose while no settings are stored.
     EEARH = 0x22;
-    /// Timer 0's counter: when the task comes again.
+    /// Timer 0's counter: its overflow is the refill interrupt.
     TCNT0 = 0x26;
-    /// Timer 0's compare A; free storage.
+    /// Timer 0's compare A; general purpose, since Timer 0 does not use it.
     OCR0A = 0x27;
-    /// Timer 0's compare B; free storage.
+    /// Timer 0's compare B; general purpose.
     OCR0B = 0x28;
-    /// Free storage.
+    /// General purpose.
     GPIOR1 = 0x2a;
-    /// Free storage.
+    /// General purpose.
     GPIOR2 = 0x2b;
     /// Status.
     SREG = 0x3f;
 }
 
-/// Bit of EECR: EEPM0 (§8.6.3), which says nothing as long as no byte is written. While it is set the receive interrupt
-/// lets nobody in.
-pub(crate) const AT_ONCE: u8 = 4;
+/// Bit of EECR: EEPM0 (§8.6.3), which means nothing as long as no byte is written. While it is set the receive interrupt lets nobody in.
+pub(crate) const RX_NO_NESTING: u8 = 4;
 
-// Beyond it, by data address: `lds` and `sts`.
+// By data address, for `lds` and `sts`.
 addresses! {
     /// Timer 0's interrupt mask.
     TIMSK0 = 0x6e;
@@ -68,7 +67,7 @@ pub(crate) const fn io(register: u8) -> *mut u8 {
     core::ptr::without_provenance_mut(register as usize + 0x20)
 }
 
-/// A register by its data address.
+/// A register's data address as a pointer.
 #[inline(always)]
 pub(crate) const fn data(register: u8) -> *mut u8 {
     core::ptr::without_provenance_mut(register as usize)

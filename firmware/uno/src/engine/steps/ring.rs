@@ -1,359 +1,81 @@
-//! The rings and the interrupts that put them out.
+//! The rings: what the step interrupts play.
 //!
 //! # A ring
-//! One 256-byte page of 64 groups of four bytes, `[rise, high byte of next, low byte of next, fall]`. At its tick the
-//! interrupt toggles the pins in `rise`, sets the compare register to the *next* group's tick, and 1.0 µs later toggles the
-//! pins in `fall` (writing PINx toggles: ATmega328P DS40002061B §14.2.2). Everything is a group:
+//! One 256-byte page of 64 groups of four bytes: `[at_tick, high byte of next, low byte of next, at_end]`. At a group's tick the interrupt toggles the
+//! pins in `at_tick`. Then it sets the compare register to the tick of the *next* group, and 1.0 µs later it toggles the pins in `at_end` (writing PINx
+//! toggles: ATmega328P DS40002061B §14.2.2). Everything is a group:
 //!
-//! | what | rise | fall |
+//! | what | at_tick | at_end |
 //! |---|---|---|
 //! | a step with the short pulse | STEP | STEP |
 //! | either edge of a long pulse | STEP | 0 |
-//! | a change of direction | 0 | DIR |
-//! | nothing, to keep the compare register moving | 0 | 0 |
+//! | a turn of DIR | 0 | DIR |
+//! | a filler: it keeps the compare register moving | 0 | 0 |
 //!
-//! The last group of a ring is *pending*: its tick is in the compare register, but what follows it is not known yet.
-//! Its first byte is an END mark, and the interrupt stops there: late refills starve on a known step, and nothing
-//! stale is ever played again. [`Ring::push`] gives the pending group its successor and then, with one write, its own
-//! first byte.
-//!
-//! # The two interrupts
-//! Compare match A plays ring A: on PORTD (`Kind::PortD`), on PORTD with PB4 and PB5 as bits 0 and 1 (`Kind::Shield`), or the
-//! hardware's own pin 9 (`Kind::Compare`). Compare match B plays ring B: on PORTB, the hardware's pin 10, PORTD beside
-//! ring A (`Kind::TwoOnD`), or PORTB beside the merge of ring A (`Kind::Beside`).
-//!
-//! In the last case ring A has three motors, whose groups must not wait for long: ring B's interrupt makes its edge, looks whether
-//! match A waits, and if so lets it in before it goes on. Only then, so that nobody else comes in: the receive interrupt and the task rank
-//! behind match A. Its own compare register still has a tick that is past, so that it cannot interrupt itself. Should ring A have run dry,
-//! its match may be flagged without an interrupt of its own, and the task come in: it sees from where, and goes ([`task`](super::task)).
-//! Registers are kept in I/O registers that nothing else uses, and no flag is touched, so that SREG needs no care:
-//!
-//! | register | holds |
-//! |---|---|
-//! | GPIOR0 | [`flags`], bit-addressable |
-//! | GPIOR1, GPIOR2, EEDR | r24, r30, r31 of whoever was interrupted (put back before another interrupt is let in); the receive interrupt's too |
-//! | EEARH | page of ring B: 3; or 2, when there is no ring A |
-//! | OCR0A, OCR0B | low byte of the address of the next group to play, ring A and ring B |
-//!
-//! # Cycles
-//! From the match to the end, 4 for the interrupt and 3 for the edge's way to the pin and the vector's jump included (§7.7.1,
-//! §14.2.4); ring B's vector takes 1 or 2 more to tell the ports apart:
-//!
-//! | kind | to the rising edge | pulse | total |
-//! |---|---|---|---|
-//! | PORTD | 17 | 16 (1.0 µs) | 38 |
-//! | the same by ring B | 18 | 16 | 39 |
-//! | PORTB | 19 | 16 | 40 |
-//! | PORTD, long | 17 | 31 (1.94 µs) | 53 |
-//! | PORTB, long | 19 | 31 | 55 |
-//! | shield | 17, PB4 26 | 24 or 25, PB4 19 (1.19 µs) | 50 to 53 |
-//! | shield, long | the same | 36 or 37, PB4 31 | 62 to 65 |
-//! | compare, a plain step | by the hardware | 35 (2.19 µs) | 40 |
-//! | compare, another group | by the hardware | 46 | 67; toggling is switched after 54 |
-//! | PORTB beside a merge | 19 | 25 (1.6 µs) | 49 |
-//! | the same, match A waits | 19 | 73 (4.6 µs) | 97: 30 until match A is let in, its 37, and 30 |
+//! The last group of a ring is *pending*: its tick is in the compare register, but the group after it is not known yet. Its first byte is an END mark,
+//! where the interrupt stops. So an underrun stops at a step that was planned, and no old group is ever played again. `put_push` gives the pending group
+//! its successor, and then its own first byte, with one write: that publishes it.
 
 use core::arch::global_asm;
 
 use super::register;
 use crate::engine::memory::RING_PAGES;
 
-/// Bits of GPIOR0, which the interrupts look at and set.
+/// Bits of GPIOR0, which the interrupts read and set.
 pub(crate) mod flags {
-    /// Ring A is not plain PORTD with the short pulse: look at [`SHIELD`].
-    pub(crate) const EXTRA_A: u8 = 0;
-    /// Ring B has the 1.9 µs pulse.
-    pub(crate) const EXTRA_B: u8 = 1;
-    /// Ring A plays PB4 and PB5 too.
+    /// Ring A is not on PORTD alone, or has longer pulses: see [`SHIELD`].
+    pub(crate) const NOT_PLAIN_A: u8 = 0;
+    /// Ring B has the pulse of 1.9 µs, or is ring B of the shield.
+    pub(crate) const NOT_PLAIN_B: u8 = 1;
+    /// Ring A plays PB4 and PB5, too.
     pub(crate) const SHIELD: u8 = 2;
-    /// With [`EXTRA_B`]: ring B on PORTB is beside a merge on PORTD, behind its lists.
-    pub(crate) const BESIDE: u8 = SHIELD;
-    /// The shield's pulse is the 1.9 µs one; where there is no shield, ring B plays PORTD, as ring A does.
-    pub(crate) const SHIELD_LONG: u8 = 3;
-    /// See [`SHIELD_LONG`].
-    pub(crate) const B_ON_PORTD: u8 = SHIELD_LONG;
+    /// With [`NOT_PLAIN_B`]: this is ring B of the shield, next to a merged ring A.
+    pub(crate) const SHIELD_B: u8 = SHIELD;
+    /// The shield's pulse is the one of 1.9 µs. Without a shield: ring B plays PORTD, as ring A does.
+    pub(crate) const SHIELD_STRETCHED: u8 = 3;
+    /// See [`SHIELD_STRETCHED`].
+    pub(crate) const B_ON_PORTD: u8 = SHIELD_STRETCHED;
     /// Ring A reached its END mark.
-    pub(crate) const STARVED_A: u8 = 4;
+    pub(crate) const UNDERRUN_A: u8 = 4;
     /// Ring B reached its END mark.
-    pub(crate) const STARVED_B: u8 = 5;
+    pub(crate) const UNDERRUN_B: u8 = 5;
     /// Either of them, as a mask.
-    pub(crate) const STARVED: u8 = 1 << STARVED_A | 1 << STARVED_B;
-    /// With hardware edges on ring A, its DIR pin is on PORTB, not PORTD.
+    pub(crate) const UNDERRUN: u8 = 1 << UNDERRUN_A | 1 << UNDERRUN_B;
+    /// If the compare hardware makes ring A's edges: its DIR pin is on PORTB, not PORTD.
     pub(crate) const DIR_A_ON_PORTB: u8 = 6;
-    /// With hardware edges on ring B, its DIR pin is on PORTB, not PORTD.
+    /// If the compare hardware makes ring B's edges: its DIR pin is on PORTB, not PORTD.
     pub(crate) const DIR_B_ON_PORTB: u8 = 7;
 }
 
-/// First bytes of groups played by the compare hardware, beside the ring's END bit (which all of them have).
+/// Bits of the first byte of a group that the compare hardware plays; the ring's END bit is always set, too.
 pub(super) mod hardware {
-    /// A plain step, followed by another edge: the interrupt only ends the pulse. Without it the bits below count.
+    /// A plain step, followed by another edge: the interrupt only ends the pulse. The other bits mean nothing.
     pub(in crate::engine::steps) const PLAIN: u8 = 1 << 6;
-    /// A group to be played; without this and [`PLAIN`] it is the END.
+    /// A group to be played. Without this and [`PLAIN`] it is the END mark.
     pub(in crate::engine::steps) const PLAY: u8 = 1 << 5;
     /// The interrupt ends the pulse (force output compare).
     pub(in crate::engine::steps) const END_PULSE: u8 = 1 << 4;
-    /// The match toggled the pin.
+    /// The match has toggled the pin.
     pub(in crate::engine::steps) const TOGGLED: u8 = 1 << 3;
-    /// The next match toggles the pin.
+    /// The next match is to toggle the pin.
     pub(in crate::engine::steps) const NEXT_TOGGLES: u8 = 1 << 0;
 }
 
-/// END of ring A: PD1 is TXD, whose port bit nobody toggles.
+/// END bit of ring A: PD1 is TXD, whose port bit nobody toggles.
 pub(crate) const END_A: u8 = 1 << 1;
-/// END of ring B: PB7 is the crystal.
+/// END bit of ring B: PB7 is the crystal.
 pub(crate) const END_B: u8 = 1 << 7;
-/// END of ring B where it plays PORTD: PD0 is RXD.
-const END_B_ON_PORTD: u8 = 1 << 0;
+/// END bit of ring B if it plays PORTD: PD0 is RXD.
+pub(super) const END_B_ON_PORTD: u8 = 1 << 0;
 
-// Interrupt code of one ring: `\vector` is its name, `\pin` its PINx, `\ocr` OCR1xL, `\tail` where the tail is kept.
-// One macro, two interrupts: they differ in names, and in the shield's extra pins.
-global_asm!(
-    r#"
-    .macro ring_interrupt vector, load_page, tail, pin, ocr, end_bit, extra, starved, com_mask, com_toggle, foc, dir_on_portb, enable_mask, output
-    .global \vector
-\vector:                                // 4 response + 3 jump           7
-    out {SAVE24}, r24                   // 1                             8
-    out {SAVE30}, r30                   // 1                             9
-    out {SAVE31}, r31                   // 1                            10
-    in r30, \tail                       // 1                            11
-    \load_page                          // 1                            12
-    ld r24, Z+                          // 2                            14
-    sbrc r24, \end_bit                  // 2 (skips)                    16
-    rjmp 1f
-    out \pin, r24                       // 1  the rising edge           17
-    sbic {FLAGS}, \extra                // 2 (skips)                    19
-    rjmp 5f
-    ld r24, Z+                          // 2                            21
-    sts \ocr+1, r24                     // 2                            23
-    ld r24, Z+                          // 2                            25
-    sts \ocr, r24                       // 2                            27
-    ld r24, Z+                          // 2                            29
-    out \tail, r30                      // 1                            30
-    in r30, {SAVE30}                    // 1                            31
-    in r31, {SAVE31}                    // 1                            32
-    out \pin, r24                       // 1  the falling edge: 17 + 16 33
-    in r24, {SAVE24}                    // 1                            34
-    reti                                // 4                            38
+mod interrupts;
 
-    // END, or a group of the compare hardware              sbrc 1 + rjmp 2: 17
-1:  sbrs r24, 6                         // 2 (skips)                    19
-    rjmp 2f
-    ld r24, Z+                          // 2                            21
-    sts \ocr+1, r24                     // 2                            23
-    ld r24, Z+                          // 2                            25
-    sts \ocr, r24                       // 2                            27
-    ld r24, Z+                          // 2                            29
-    out \tail, r30                      // 1                            30
-    in r30, {SAVE30}                    // 1                            31
-    in r31, {SAVE31}                    // 1                            32
-    ldi r24, \foc                       // 1                            33
-    sts {TCCR1C}, r24                   // 2  the falling edge          35
-    in r24, {SAVE24}                    // 1                            36
-    reti                                // 4                            40
-
-    // The hardware's other groups, and END: rare, so flags and r25 go onto the stack.
-2:  push r25
-    in r25, {SREG}
-    push r25
-    mov r25, r24
-    sbrs r25, 5
-    rjmp 4f
-    ld r24, Z+
-    sts \ocr+1, r24
-    ld r24, Z+
-    sts \ocr, r24
-    ld r24, Z+
-    out \tail, r30
-    sbis {FLAGS}, \dir_on_portb
-    out {PIND}, r24
-    sbic {FLAGS}, \dir_on_portb
-    out {PINB}, r24
-    ldi r24, \foc
-    sbrc r25, 4
-    sts {TCCR1C}, r24
-    lds r24, {TCCR1A}
-    andi r24, \com_mask
-    sbrc r25, 0
-    ori r24, \com_toggle
-    sts {TCCR1A}, r24
-3:  pop r25
-    out {SREG}, r25
-    pop r25
-    in r24, {SAVE24}
-    in r30, {SAVE30}
-    in r31, {SAVE31}
-    reti
-
-    // END: no more matches are played, nor does the hardware toggle at any.
-4:  ldi r24, \foc
-    sbrc r25, 4
-    sts {TCCR1C}, r24
-    // A long pulse that was begun goes on: the port takes over its level.
-    sbrs r25, 3
-    rjmp 8f
-    sbic {PINB}, \output
-    sbi {PORTB}, \output
-8:
-    lds r24, {TCCR1A}
-    andi r24, \com_mask
-    sts {TCCR1A}, r24
-    lds r24, {TIMSK1}
-    andi r24, \enable_mask
-    sts {TIMSK1}, r24
-    sbi {FLAGS}, \starved
-    rjmp 3b
-    .endm
-
-    // The 1.9 us pulse                                      sbic 1 + rjmp 2: 20
-    .macro long_pulse tail, pin, ocr
-    ld r24, Z+                          // 2                            22
-    sts \ocr+1, r24                     // 2                            24
-    ld r24, Z+                          // 2                            26
-    sts \ocr, r24                       // 2                            28
-    ld r24, Z+                          // 2                            30
-    out \tail, r30                      // 1                            31
-    in r30, {SAVE30}                    // 1                            32
-    in r31, {SAVE31}                    // 1                            33
-    .endm
-
-    .macro wait cycles
-    .rept \cycles / 2
-    rjmp .+0
-    .endr
-    .rept \cycles % 2
-    nop
-    .endr
-    .endm
-
-    // Sections of this name come first: the vectors' short jumps must reach.
-    .text
-    ring_interrupt __vector_11, "ldi r31, hi8(ring_a_page)", {TAIL_A}, {PIND}, {OCR1A}, 1, {EXTRA_A}, {STARVED_A}, 0x3f, 0x40, 0x80, {DIR_A_ON_PORTB}, 0xfd, 1
-5:  sbic {FLAGS}, {SHIELD}              // 2 (skips)                    22
-    rjmp 6f
-    long_pulse {TAIL_A}, {PIND}, {OCR1A} // 13                          35
-    wait 12                             // 12                           47
-    out {PIND}, r24                     // 1  17 + 31                   48
-    in r24, {SAVE24}                    // 1                            49
-    reti                                // 4                            53
-
-    // The shield: bit 0 is PB4, bit 1 PB5 (in the fall alone). sbic 1 + rjmp 2: 23
-6:  sbrc r24, 0                         // 2 (skips), 1 if set
-    sbi {PINB}, 4                       // 2 if set                     25 or 26
-    long_pulse {TAIL_A}, {PIND}, {OCR1A} // 13                          38 or 39
-    sbic {FLAGS}, {SHIELD_LONG}         // 2 (skips), 1 if set          40 or 41
-    rjmp 8f
-7:  out {PIND}, r24                     // 1                            41 or 42
-    sbrc r24, 0                         // 2 (skips), 1 if set
-    sbi {PINB}, 4                       // 2 if set                     43 to 45
-    sbrc r24, 1                         // 2 (skips), 1 if set
-    sbi {PINB}, 5                       // 2 if set                     45 to 48
-    in r24, {SAVE24}                    // 1                            46 to 49
-    reti                                // 4                            50 to 53
-8:  wait 9                              // 9 + sbic 1 + rjmp 2 + rjmp 2 = 14, 12 more than the skip:
-    rjmp 7b                             // PB4 is high for 57 - 26 = 31 cycles, PORTD for 37 at most
-
-    ring_interrupt __vector_12, "in r31, {PAGE_B}", {TAIL_B}, {PINB}, {OCR1B}, 7, {EXTRA_B}, {STARVED_B}, 0xcf, 0x10, 0x40, {DIR_B_ON_PORTB}, 0xfb, 2
-5:
-    sbic {FLAGS}, {BESIDE}              // 2 (skips), 1 and 2           23 or 24
-    rjmp 6f
-    long_pulse {TAIL_B}, {PINB}, {OCR1B} // 13                          33
-    wait 14                             // 14                           47
-    out {PINB}, r24                     // 1                            48
-    in r24, {SAVE24}                    // 1                            49
-    reti                                // 4                            53
-
-    // Ring B on PORTB beside a merge on PORTD, behind its lists. If match A waits already, it comes first: nothing of what
-    // has been done so far is needed then but the edge.
-6:  sbis {TIFR1}, 1                     // 2 (skips), 1 and 2           26 or 27
-    rjmp 7f
-    in r24, {SAVE24}                    // 1                            27
-    in r30, {SAVE30}                    // 1                            28
-    sei                                 // 1                            29
-    in r31, {SAVE31}                    // 1                            30
-    .global ring_b_window
-ring_b_window:                          // match A is played here
-    cli
-    out {SAVE24}, r24
-    out {SAVE30}, r30
-    out {SAVE31}, r31
-    in r30, {TAIL_B}
-    in r31, {PAGE_B}
-    ld r24, Z+
-7:  ld r24, Z+                          // 2                            29
-    sts {OCR1B}+1, r24                  // 2                            31
-    ld r24, Z+                          // 2                            33
-    sts {OCR1B}, r24                    // 2                            35
-    ld r24, Z+                          // 2                            37
-    sbrs r30, 7                         // 2, or 1 and 1                39
-    ldi r30, {START}
-    out {TAIL_B}, r30                   // 1                            40
-    in r30, {SAVE30}                    // 1                            41
-    in r31, {SAVE31}                    // 1                            42
-    out {PINB}, r24                     // 1  the falling edge          43
-    in r24, {SAVE24}                    // 1                            44
-    reti                                // 4                            48
-
-    // Ring B on PORTD: the short pulse alone.
-    .global ring_b_on_portd
-ring_b_on_portd:                        // as the others, and 1            8
-    out {SAVE24}, r24                   // 1                             9
-    out {SAVE30}, r30                   // 1                             10
-    out {SAVE31}, r31                   // 1                            11
-    in r30, {TAIL_B}                    // 1                            12
-    in r31, {PAGE_B}                    // 1                            13
-    ld r24, Z+                          // 2                            15
-    sbrc r24, {END_ON_PORTD}            // 2 (skips)                    17
-    rjmp 2b
-    out {PIND}, r24                     // 1  the rising edge           18
-    ld r24, Z+                          // 2                            20
-    sts {OCR1B}+1, r24                  // 2                            22
-    ld r24, Z+                          // 2                            24
-    sts {OCR1B}, r24                    // 2                            26
-    ld r24, Z+                          // 2                            28
-    out {TAIL_B}, r30                   // 1                            29
-    in r30, {SAVE30}                    // 1                            30
-    in r31, {SAVE31}                    // 1                            31
-    wait 2                              // 2                            33
-    out {PIND}, r24                     // 1  the falling edge: 18 + 16 34
-    in r24, {SAVE24}                    // 1                            35
-    reti                                // 4                            39
-    "#,
-    SAVE24 = const register::GPIOR1,
-    SAVE30 = const register::GPIOR2,
-    SAVE31 = const register::EEDR,
-    PAGE_B = const register::EEARH,
-    TAIL_A = const register::OCR0A,
-    TAIL_B = const register::OCR0B,
-    FLAGS = const register::GPIOR0,
-    PIND = const register::PIND,
-    PINB = const register::PINB,
-    PORTB = const register::PORTB,
-    SREG = const register::SREG,
-    OCR1A = const register::OCR1A,
-    OCR1B = const register::OCR1B,
-    TCCR1A = const register::TCCR1A,
-    TCCR1C = const register::TCCR1C,
-    TIMSK1 = const register::TIMSK1,
-    EXTRA_A = const flags::EXTRA_A,
-    EXTRA_B = const flags::EXTRA_B,
-    SHIELD = const flags::SHIELD,
-    SHIELD_LONG = const flags::SHIELD_LONG,
-    STARVED_A = const flags::STARVED_A,
-    STARVED_B = const flags::STARVED_B,
-    DIR_A_ON_PORTB = const flags::DIR_A_ON_PORTB,
-    DIR_B_ON_PORTB = const flags::DIR_B_ON_PORTB,
-    END_ON_PORTD = const END_B_ON_PORTD.trailing_zeros(),
-    BESIDE = const flags::BESIDE,
-    START = const BEHIND_LISTS,
-    TIFR1 = const register::TIFR1,
-);
-
-// Looks at the groups from the newest to the next one to be played; 17 to 30 cycles each.
-//   r24:25  address of the pending group, in Z then
-//   r22     low byte of the address of the last to be looked at
-//   r20     levels
+// Counts steps in the groups from the newest to the next one to be played; 17 to 30 cycles each.
+//   r24:25  address of the pending group (then Z)
+//   r22     low byte of the address of the last group to count
+//   r20     levels of STEP and DIR
 //   r18 r19 STEP and DIR of the motor
-//   r16 r17 rise and fall of the group
+//   r16 r17 what the group toggles at its tick, and at its end
 //   r14     with the compare hardware the bit that stands for STEP, else 0
 //   r12     where the ring begins in its page
 global_asm!(
@@ -405,7 +127,15 @@ steps_unplayed:
 );
 
 unsafe extern "C" {
-    fn steps_unplayed(newest: *mut u8, last: u8, levels: u8, step_dir: u16, rise_fall: u16, edge: u8, start: u8) -> i8;
+    fn steps_unplayed(
+        newest: *mut u8,
+        last: u8,
+        levels: u8,
+        step_dir: u16,
+        tick_end: u16,
+        compare_bit: u8,
+        start: u8,
+    ) -> i8;
 }
 
 /// Bytes of a group.
@@ -414,108 +144,111 @@ pub(crate) const GROUP: u8 = 4;
 /// Groups of a page.
 pub(super) const GROUPS: u8 = 64;
 
-/// Where the ring beside lists begins in their page, which it ends with: 24 groups.
-pub(super) const BEHIND_LISTS: u8 = 0xa0;
+/// Where the short ring begins in its page: ring B of the shield, behind the lists of the merge.
+pub(super) const SHORT_RING_START: u8 = 0xa0;
 
-/// Which of the two.
+/// Groups of the short ring, which ends with the page.
+pub(super) const SHORT_RING_GROUPS: u8 = SHORT_RING_START.wrapping_neg() / GROUP;
+const _: () = assert!(SHORT_RING_GROUPS == 24 && GROUPS as u16 * GROUP as u16 == 256);
+
+/// Which of the two rings.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Name {
+pub(crate) enum RingName {
     /// Compare match A: PORTD, the shield, or pin 9 by hardware.
     A,
     /// Compare match B: PORTB, or pin 10 by hardware.
     B,
 }
 
-/// What one group does at its tick.
+/// What a group toggles.
 ///
-/// With the compare hardware the bit of [`Ring::edge`] stands for STEP: in `rise` the hardware toggles the pin at the tick, in
-/// `fall` the interrupt ends the pulse. All other bits of `fall` are toggled on the port of DIR.
+/// With the compare hardware the bit [`Ring::compare_bit`] stands for STEP: in `at_tick` the hardware toggles the pin at the tick, in `at_end` the
+/// interrupt ends the pulse. All other bits of `at_end` are toggled on the port of DIR.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(C)]
 pub(crate) struct Group {
-    /// What is toggled at the tick.
-    pub(crate) rise: u8,
-    /// What is toggled at the end of a short pulse.
-    pub(crate) fall: u8,
+    /// At the tick.
+    pub(crate) at_tick: u8,
+    /// At the end of a short pulse.
+    pub(crate) at_end: u8,
 }
 
 impl Group {
-    /// Nothing: it keeps the compare register moving.
-    pub(crate) const NOTHING: Group = Group { rise: 0, fall: 0 };
+    /// A filler.
+    pub(crate) const NOTHING: Group = Group { at_tick: 0, at_end: 0 };
 }
 
-/// The end of a ring where groups are put in; [`fill`](super::fill) knows the layout.
+/// The end of a ring where groups are added; [`one_motor`](super::one_motor) and others know the layout.
 #[derive(Debug)]
 #[repr(C)]
 pub(crate) struct Ring {
-    /// The page it lies in: the high byte of its addresses.
+    /// Its page: the high byte of its addresses.
     pub(super) page: u8,
-    /// The END bit, which also says which of the two it is.
+    /// The END bit, which also tells ring A from ring B.
     pub(super) end: u8,
     /// With the compare hardware the bit that stands for STEP; else 0.
-    pub(super) edge: u8,
+    pub(super) compare_bit: u8,
     /// Low byte of the address of the pending group.
     pub(super) head: u8,
-    /// What the pending group does.
+    /// What the pending group toggles.
     pub(super) pending: Group,
-    /// Its first byte once a step follows it.
+    /// The byte with which the pending group is published if a step follows.
     pub(super) before_step: u8,
-    /// The first byte of a step's group that is followed by another, and that of the last one.
-    pub(super) step_first: u8,
-    pub(super) step_last: u8,
+    /// The byte with which a step is published if another follows, and the first byte of a step that is pending.
+    pub(super) step_published: u8,
+    pub(super) step_pending: u8,
     /// The last byte of a step's group.
-    pub(super) step_fall: u8,
+    pub(super) step_end: u8,
     /// Data address of the tail.
     pub(super) tail_at: u8,
-    /// So many groups must be filled with steps until none toggles anything else: expansion then need not say what steps
-    /// toggle.
-    pub(super) unlike: u8,
-    /// Where it begins in its page: 0, or [`BEHIND_LISTS`].
+    /// So many groups must still be filled with steps until all groups of the ring toggle what a step toggles. At 0 an expansion writes ticks alone.
+    pub(super) unprimed: u8,
+    /// Where it begins in its page: 0, or [`SHORT_RING_START`].
     pub(super) start: u8,
 }
 
 impl Ring {
-    /// None: zeros, which take no flash. [`Ring::alone`] comes before anything is done with it.
+    /// Zeros, which take no flash. Call [`Ring::use_page_a`] or another before its use.
     pub(crate) const NONE: Ring = Ring {
         page: 0,
         end: 0,
-        edge: 0,
+        compare_bit: 0,
         head: 0,
         pending: Group::NOTHING,
         before_step: 0,
-        step_first: 0,
-        step_last: 0,
-        step_fall: 0,
+        step_published: 0,
+        step_pending: 0,
+        step_end: 0,
         tail_at: 0,
-        unlike: 0,
+        unprimed: 0,
         start: 0,
     };
 
-    /// Becomes one of the two; [`Ring::clear`] comes before its use. `end` is its END bit, `edge` the bit that stands for STEP if
-    /// the compare hardware makes its edges, else 0.
+    /// Sets which ring it is. Call [`Ring::clear`] before its use. `end` is its END bit; `compare_bit` the bit that stands for STEP if the compare hardware
+    /// makes its edges, else 0.
     #[inline(never)]
-    fn become_one(&mut self, name: Name, end: u8, edge: u8) {
-        *self = Ring { end, edge, unlike: GROUPS, ..Ring::NONE };
+    fn reset(&mut self, name: RingName, end: u8, compare_bit: u8) {
+        *self = Ring { end, compare_bit, unprimed: GROUPS, ..Ring::NONE };
         (self.page, self.tail_at) = match name {
-            Name::A => (RING_PAGES[0], 0x20 + register::OCR0A),
-            Name::B => (RING_PAGES[1], 0x20 + register::OCR0B),
+            RingName::A => (RING_PAGES[0], 0x20 + register::OCR0A),
+            RingName::B => (RING_PAGES[1], 0x20 + register::OCR0B),
         };
     }
 
-    /// A ring of PORTD, of the shield, or of PORTB.
-    pub(crate) fn plain(&mut self, name: Name) {
-        self.become_one(name, if name == Name::A { END_A } else { END_B }, 0);
+    /// Its interrupt makes the edges, on PORTD, on the shield, or on PORTB.
+    pub(crate) fn software(&mut self, name: RingName) {
+        self.reset(name, if name == RingName::A { END_A } else { END_B }, 0);
     }
 
-    /// Ring B on PORTD, beside ring A; GPIOR0 must say the same ([`flags::B_ON_PORTD`]).
+    /// Ring B plays PORTD, as ring A does. GPIOR0 must say so, too ([`flags::B_ON_PORTD`]).
     pub(crate) fn second_on_portd(&mut self) {
-        self.become_one(Name::B, END_B_ON_PORTD, 0);
+        self.reset(RingName::B, END_B_ON_PORTD, 0);
     }
 
-    /// Ring B on PORTB, beside the lists of a merge.
-    pub(crate) fn beside_lists(&mut self) {
-        self.plain(Name::B);
-        self.start = BEHIND_LISTS;
+    /// Ring B of the shield, behind the lists of a merge.
+    pub(crate) fn after_lists(&mut self) {
+        self.software(RingName::B);
+        self.start = SHORT_RING_START;
     }
 
     /// Where it begins in its page.
@@ -524,47 +257,47 @@ impl Ring {
         self.start
     }
 
-    /// So many bytes behind a place.
+    /// The place `bytes` after another.
     #[inline(always)]
     fn after(&self, at: u8, bytes: u8) -> u8 {
         let after = at.wrapping_add(bytes);
         if after < self.start() { self.start() } else { after }
     }
 
-    /// Bytes to one place from another before it, less `less`; the ring's end may be between them.
+    /// Bytes from one place to a later one, minus `less`. The end of the page may lie between them.
     #[inline(always)]
     fn distance(&self, to: u8, from: u8, less: u8) -> u8 {
         let distance = to.wrapping_sub(from).wrapping_sub(less);
         if u16::from(to) < u16::from(from) + u16::from(less) { distance.wrapping_sub(self.start()) } else { distance }
     }
 
-    /// A ring whose STEP edges the compare hardware makes on pin 9 (A) or 10 (B).
+    /// The compare hardware makes STEP edges on pin 9 (A) or 10 (B).
     ///
-    /// `dir_on_portb` says on which port the DIR pin is; GPIOR0 must say the same ([`flags::DIR_A_ON_PORTB`]).
-    pub(crate) fn hardware(&mut self, name: Name, dir_on_portb: bool) {
-        // A bit that no DIR pin of that port has: PD0 is RXD, PB7 the crystal.
-        let edge = if dir_on_portb { 1 << 7 } else { 1 << 0 };
-        self.become_one(name, if name == Name::A { END_A } else { END_B }, edge);
+    /// `dir_on_portb` says on which port the DIR pin is. GPIOR0 must say so, too ([`flags::DIR_A_ON_PORTB`]).
+    pub(crate) fn hardware(&mut self, name: RingName, dir_on_portb: bool) {
+        // A bit of no DIR pin on that port: PD0 is RXD, PB7 the crystal.
+        let compare_bit = if dir_on_portb { 1 << 7 } else { 1 << 0 };
+        self.reset(name, if name == RingName::A { END_A } else { END_B }, compare_bit);
     }
 
-    /// It is the only ring: in the page of ring A, whose other one is free for other things.
-    pub(crate) fn alone(&mut self) {
+    /// It is the only ring, in the page of ring A. The other page is free for other data.
+    pub(crate) fn use_page_a(&mut self) {
         self.page = RING_PAGES[0];
     }
 
-    /// Which of the two.
+    /// Ring A or B.
     #[inline(always)]
-    pub(crate) fn name(&self) -> Name {
-        if self.end == END_A { Name::A } else { Name::B }
+    pub(crate) fn name(&self) -> RingName {
+        if self.end == END_A { RingName::A } else { RingName::B }
     }
 
     /// With the compare hardware the bit that stands for STEP; else 0.
     #[inline(always)]
-    pub(crate) fn edge(&self) -> u8 {
-        self.edge
+    pub(crate) fn compare_bit(&self) -> u8 {
+        self.compare_bit
     }
 
-    /// What the pending group does.
+    /// What the pending group toggles.
     #[inline(always)]
     pub(crate) fn pending(&self) -> Group {
         self.pending
@@ -572,8 +305,8 @@ impl Ring {
 
     fn tail_register(&self) -> *mut u8 {
         register::io(match self.name() {
-            Name::A => register::OCR0A,
-            Name::B => register::OCR0B,
+            RingName::A => register::OCR0A,
+            RingName::B => register::OCR0B,
         })
     }
 
@@ -584,97 +317,99 @@ impl Ring {
 
     /// First byte of the pending group.
     #[inline(never)]
-    fn waiting(&self, group: Group) -> u8 {
-        if self.edge == 0 { self.end } else { self.end | self.bits(group) }
+    fn pending_byte(&self, group: Group) -> u8 {
+        if self.compare_bit == 0 { self.end } else { self.end | self.compare_bits(group) }
     }
 
-    /// What the compare hardware and its interrupt do with `group`.
-    fn bits(&self, group: Group) -> u8 {
+    /// What the compare hardware and its interrupt do in `group`, as bits.
+    fn compare_bits(&self, group: Group) -> u8 {
         let mut bits = 0;
-        if group.rise & self.edge != 0 {
+        if group.at_tick & self.compare_bit != 0 {
             bits |= hardware::TOGGLED;
         }
-        if group.fall & self.edge != 0 {
+        if group.at_end & self.compare_bit != 0 {
             bits |= hardware::END_PULSE;
         }
         bits
     }
 
-    /// First byte of `group` when it is played and followed by `next`.
+    /// First byte of `group` when it is published and followed by `next`.
     #[inline(never)]
-    fn played(&self, group: Group, next: Group) -> u8 {
-        if self.edge == 0 {
-            return group.rise;
+    fn published_byte(&self, group: Group, next: Group) -> u8 {
+        if self.compare_bit == 0 {
+            return group.at_tick;
         }
-        let step = Group { rise: self.edge, fall: self.edge };
-        match (group == step, next.rise & self.edge != 0) {
+        let step = Group { at_tick: self.compare_bit, at_end: self.compare_bit };
+        match (group == step, next.at_tick & self.compare_bit != 0) {
             (true, true) => self.end | hardware::PLAIN,
-            (_, true) => self.end | hardware::PLAY | hardware::NEXT_TOGGLES | self.bits(group),
-            (_, false) => self.end | hardware::PLAY | self.bits(group),
+            (_, true) => self.end | hardware::PLAY | hardware::NEXT_TOGGLES | self.compare_bits(group),
+            (_, false) => self.end | hardware::PLAY | self.compare_bits(group),
         }
     }
 
     /// Last byte of `group`.
     #[inline(always)]
-    fn last(&self, group: Group) -> u8 {
-        group.fall & !self.edge
+    fn end_byte(&self, group: Group) -> u8 {
+        group.at_end & !self.compare_bit
     }
 
-    /// Forgets all groups. The interrupt must be off.
+    /// Drops all groups. The interrupt must be off.
     #[inline(never)]
     pub(crate) fn clear(&mut self) {
         self.head = self.start();
         self.pending = Group::NOTHING;
         self.prepare();
-        // SAFETY: the interrupt of this ring is off (the caller's promise), so main is alone with page and tail.
+        // SAFETY: this ring's interrupt is off (the caller's promise), so nobody else uses the page and the tail.
         unsafe {
             self.group(self.start()).write_volatile(self.end);
             self.group(self.start() + 3).write_volatile(0);
             self.tail_register().write_volatile(self.start());
-            if self.name() == Name::B {
+            if self.name() == RingName::B {
                 register::io(register::EEARH).write_volatile(self.page);
             }
         }
     }
 
-    /// Groups that can be pushed now.
+    /// Groups that can be added now.
     #[inline(always)]
     pub(crate) fn free(&self) -> u8 {
         self.distance(self.tail(), self.head, 1) / GROUP
     }
 
-    /// Every step of its one motor is `step`, from now on; [`fill`](super::fill) needs to know.
+    /// From now on every step of its motor is `step`; [`one_motor`](super::one_motor) needs to know.
     #[inline(never)]
-    pub(crate) fn serve(&mut self, step: Group) {
-        self.step_first = self.played(step, step);
-        self.step_last = self.waiting(step);
-        self.step_fall = self.last(step);
+    pub(crate) fn set_step(&mut self, step: Group) {
+        self.step_published = self.published_byte(step, step);
+        self.step_pending = self.pending_byte(step);
+        self.step_end = self.end_byte(step);
     }
 
-    /// The pending group is another: works out what [`fill`](super::fill) publishes of it.
+    /// The pending group has changed: works out the byte with which it is published.
     fn prepare(&mut self) {
-        self.unlike = GROUPS;
-        self.before_step = self.played(self.pending, Group { rise: self.edge, fall: self.edge });
+        self.unprimed = GROUPS;
+        self.before_step =
+            self.published_byte(self.pending, Group { at_tick: self.compare_bit, at_end: self.compare_bit });
     }
 
-    /// Whether the pending group begins a long pulse of the compare hardware's, or is one of those ends: what becomes of it if the ring runs dry
-    /// is a stop's.
-    pub(crate) fn waits_in_pulse(&self) -> bool {
-        self.edge != 0 && self.pending.rise & self.edge != 0 && self.pending.fall & self.edge == 0
+    /// Whether the pending group is one edge of a long pulse that the compare hardware makes. If the ring is empty then, the motors must be stopped.
+    pub(crate) fn pending_begins_pulse(&self) -> bool {
+        self.compare_bit != 0
+            && self.pending.at_tick & self.compare_bit != 0
+            && self.pending.at_end & self.compare_bit == 0
     }
 
-    /// Whether the pending group is a step of the compare hardware's with the short pulse.
-    pub(crate) fn waits_plainly(&self) -> bool {
-        self.edge != 0 && self.pending == Group { rise: self.edge, fall: self.edge }
+    /// Whether the pending group is a step with the short pulse that the compare hardware makes.
+    pub(crate) fn pending_is_plain_step(&self) -> bool {
+        self.compare_bit != 0 && self.pending == Group { at_tick: self.compare_bit, at_end: self.compare_bit }
     }
 
-    /// If the next group is a plain step of the compare hardware's, it is made one that has the next match toggle. The interrupt must be off.
-    pub(crate) fn unplain(&mut self) {
+    /// If the next group is a plain step of the compare hardware, changes it to one that switches toggling on for the next match. The interrupt must be off.
+    pub(crate) fn next_match_toggles(&mut self) {
         use hardware::{END_PULSE, NEXT_TOGGLES, PLAIN, PLAY, TOGGLED};
         let group = self.group(self.tail());
-        // SAFETY: the interrupt, which alone reads it, is off.
+        // SAFETY: only the interrupt reads it, and that is off.
         unsafe {
-            if self.edge != 0 && group.read_volatile() & PLAIN != 0 {
+            if self.compare_bit != 0 && group.read_volatile() & PLAIN != 0 {
                 group.write_volatile(self.end | PLAY | NEXT_TOGGLES | TOGGLED | END_PULSE);
             }
         }
@@ -689,38 +424,38 @@ impl Ring {
     /// Low byte of the address of the next group to be played.
     #[inline(always)]
     pub(crate) fn tail(&self) -> u8 {
-        // SAFETY: one byte, read whole; the interrupt may move it on at any time.
+        // SAFETY: one byte, which the interrupt may move on at any time.
         unsafe { self.tail_register().read_volatile() }
     }
 
-    /// Steps of the groups from `tail` on, forward minus backward: those that make `lines`' STEP active while its DIR is
-    /// as it says. `levels` are those of STEP and DIR after the pending group, high where active and forward.
+    /// Steps in the groups from `tail` on, forward minus backward: those that make STEP active while DIR is forward. `levels` are those of STEP and DIR
+    /// after the pending group, high where active and forward.
     ///
-    /// The interrupt may play more meanwhile: what counts is the moment at which `tail` was the tail.
+    /// The interrupt may play more meanwhile. The result is right for the time at which `tail` was the tail.
     pub(crate) fn unplayed(&self, tail: u8, levels: u8, step: u8, dir: u8) -> i8 {
-        let Group { rise, fall } = self.pending;
-        if self.unlike == 0 {
-            // All are steps of the ring's one motor, the pending group too.
+        let Group { at_tick, at_end } = self.pending;
+        if self.unprimed == 0 {
+            // All groups are steps of the ring's one motor, the pending group too.
             let steps = (self.distance(self.head, self.tail(), 0) / GROUP + 1).cast_signed();
             return if levels & dir != 0 { steps } else { -steps };
         }
-        // SAFETY: reads the published groups alone, which nobody writes now.
+        // SAFETY: only reads published groups, which nobody writes now.
         unsafe {
             let newest = self.group(self.head);
-            // The pending group's own bytes are END and its fall: they are given by hand.
+            // The pending group has an END mark in place of its first byte, so pass what it toggles.
             steps_unplayed(
                 newest,
                 tail,
                 levels,
                 u16::from_le_bytes([step, dir]),
-                u16::from_le_bytes([rise, fall]),
-                self.edge,
+                u16::from_le_bytes([at_tick, at_end]),
+                self.compare_bit,
                 self.start,
             )
         }
     }
 
-    /// Whether no group is left to be played but fillers.
+    /// Whether all groups that are still to be played are fillers.
     pub(crate) fn is_idle(&self) -> bool {
         let mut at = self.tail();
         while at != self.head {
@@ -735,26 +470,26 @@ impl Ring {
     /// The published group at `index`.
     fn read(&self, index: u8) -> Group {
         let group = self.group(index);
-        // SAFETY: groups are written by main alone.
-        let (first, fall) = unsafe { (group.read_volatile(), group.wrapping_add(3).read_volatile()) };
-        if self.edge == 0 {
-            return Group { rise: first, fall };
+        // SAFETY: only main and the refill write groups, and the caller has the stepper.
+        let (first, at_end) = unsafe { (group.read_volatile(), group.wrapping_add(3).read_volatile()) };
+        if self.compare_bit == 0 {
+            return Group { at_tick: first, at_end };
         }
         let plain = first & hardware::PLAIN != 0;
-        let edge = |bit| if plain || first & bit != 0 { self.edge } else { 0 };
-        Group { rise: edge(hardware::TOGGLED), fall: fall | edge(hardware::END_PULSE) }
+        let edge = |bit| if plain || first & bit != 0 { self.compare_bit } else { 0 };
+        Group { at_tick: edge(hardware::TOGGLED), at_end: at_end | edge(hardware::END_PULSE) }
     }
 
     /// The compare register, and the ring's bit in TIMSK1 and TIFR1.
     fn compare(&self) -> (*mut u8, u8) {
         match self.name() {
-            Name::A => (register::data(register::OCR1A), 1 << 1),
-            Name::B => (register::data(register::OCR1B), 1 << 2),
+            RingName::A => (register::data(register::OCR1A), 1 << 1),
+            RingName::B => (register::data(register::OCR1B), 1 << 2),
         }
     }
 
-    /// The immediate stop: no group is played after this, nor does the hardware make an edge. A pulse that the hardware
-    /// began is ended. [`Ring::unplayed`] then says what was not played. Interrupts must be off.
+    /// The immediate stop: after this no group is played, and the hardware makes no edge. A short pulse that the hardware has begun is ended.
+    /// [`Ring::unplayed`] then counts what was not played. Interrupts must be off.
     #[inline(never)]
     pub(crate) fn halt(&mut self) {
         let (compare, bit) = self.compare();
@@ -764,43 +499,43 @@ impl Ring {
         // SAFETY: interrupts are off, so nobody else uses the timer's registers or their shared high byte.
         unsafe {
             mask.write_volatile(mask.read_volatile() & !bit);
-            if self.edge == 0 {
+            if self.compare_bit == 0 {
                 return;
             }
-            // No match within the next 65 000 ticks; whether one has just been, the flag says from here on.
+            // No match within the next 65 000 ticks. The flag tells whether one has just been.
             let low = counter.read_volatile();
             let high = counter.wrapping_add(1).read_volatile();
             let [low, high] = u16::from_le_bytes([low, high]).wrapping_sub(1).to_le_bytes();
             compare.wrapping_add(1).write_volatile(high);
             compare.write_volatile(low);
-            // Where the ring ran dry, the hardware has made the edge of the group that waits, too.
-            let dry = register::io(register::GPIOR0).read_volatile() & self.starved() != 0;
+            // After an underrun the hardware has made the pending group's edge, too.
+            let dry = register::io(register::GPIOR0).read_volatile() & self.underrun_flag() != 0;
             if flags.read_volatile() & bit != 0 || dry {
                 let tail = self.tail();
                 let group = if tail == self.head { self.pending } else { self.read(tail) };
-                if group.fall & self.edge != 0 {
+                if group.at_end & self.compare_bit != 0 {
                     for _ in 0..8 {
                         core::arch::asm!("rjmp .+0", "rjmp .+0");
                     }
                     force.write_volatile(match self.name() {
-                        Name::A => 1 << 7,
-                        Name::B => 1 << 6,
+                        RingName::A => 1 << 7,
+                        RingName::B => 1 << 6,
                     });
                 }
-                if group.rise & self.edge != 0 {
+                if group.at_tick & self.compare_bit != 0 {
                     self.skip(tail);
                 }
                 flags.write_volatile(bit);
             }
             let com = match self.name() {
-                Name::A => 0b11 << 6,
-                Name::B => 0b11 << 4,
+                RingName::A => 0b11 << 6,
+                RingName::B => 0b11 << 4,
             };
-            // A long pulse goes on until the caller ends it: the port takes over the level.
+            // A long pulse goes on until the caller ends it: the port takes over its level.
             let (pins, port) = (register::io(register::PINB), register::io(register::PORTB));
             let pin = match self.name() {
-                Name::A => 1 << 1,
-                Name::B => 1 << 2,
+                RingName::A => 1 << 1,
+                RingName::B => 1 << 2,
             };
             port.write_volatile(port.read_volatile() | pins.read_volatile() & pin);
             mode.write_volatile(mode.read_volatile() & !com);
@@ -809,10 +544,10 @@ impl Ring {
 
     /// The flag that says that it reached its END.
     #[inline(always)]
-    pub(crate) fn starved(&self) -> u8 {
+    pub(crate) fn underrun_flag(&self) -> u8 {
         match self.name() {
-            Name::A => 1 << flags::STARVED_A,
-            Name::B => 1 << flags::STARVED_B,
+            RingName::A => 1 << flags::UNDERRUN_A,
+            RingName::B => 1 << flags::UNDERRUN_B,
         }
     }
 

@@ -1,283 +1,111 @@
-//! The step generator: rings, motors, and who fills what.
+//! The step generator: motors, rings, and which way a ring is filled.
 //!
-//! | motors | who fills |
+//! | motors | who fills the ring |
 //! |---|---|
-//! | one, or two on the compare hardware or on PORTD | each its own ring: [`fill`](super::fill) |
-//! | two to four with DIR lines of their own | the merge: [`merge`](super::merge) |
-//! | `Kind::Beside` | the merge, and for the motor on PORTB [`beside`](super::beside) |
-//! | motors that share a DIR line | one step after the other: [`shared`](super::shared) |
+//! | one, or two on the compare hardware or on PORTD | each has a ring: [`one_motor`](super::one_motor) |
+//! | two to four, each with a DIR line of its own | [`merge`](super::merge) |
+//! | four on the shield (`Kind::ShieldTwoRings`) | [`merge`](super::merge), and for the motor on PORTB [`shield_b`](super::shield_b) |
+//! | motors that share a DIR line | [`shared_dir`](super::shared_dir) |
 //!
-//! [`task`] calls them.
+//! [`refill`] calls them.
 //!
 //! # Time
-//! The newest group of a ring is pending: its tick is fixed, what follows is not. Groups are at least `apart` ticks from each
-//! other; what would be nearer is put off, or joins the group that is there.
+//! The newest group of a ring is pending: its tick is fixed, the group after it is not known yet. Groups are at least `spacing` ticks apart. An event that
+//! would be nearer is put off, or joins the pending group.
 //!
 //! # DIR
-//! A DIR line toggles at the end of a group, after the pulse and hold of every step before that looked at the line, and its
-//! set-up before the step that it is for. Planners leave room for that ([`Spacing`]); where they did not, the step is not made.
+//! A DIR line turns at the end of a group. That is after the pulse and hold time of every earlier step on that line, and a set-up time before its own
+//! step. A planner must leave room for that ([`PulseTiming`]). If it did not, the step is not made.
 
-use super::beside;
-use super::brake::{Lease, lease};
-use super::merge::Merge;
-use super::motor::{COUNT_AT_REST, Motor, flag};
-use super::pins::{Kind, Layout, Lines, MAX_MOTORS};
-use super::plan::FILLER;
-use super::ring::{Group, Name, Ring, flags};
-use super::switch;
-use super::task::{self, mode};
-use super::times::{TIMES, Times};
-use crate::Uses;
-use crate::engine::clock::{self, low_half};
-use crate::engine::memory;
+use crate::ThisProgram;
+use crate::engine::clock::low_half;
 use crate::engine::program::Program;
-use crate::engine::regs::{self, Reg16};
-use crate::engine::tuning::stepper::{
-    AGAIN, AHEAD, APART as APART_SHORT, APART_BESIDE, APART_BESIDE_MERGE, APART_LONG, APART_OF_BESIDE, APART_SHIELD,
-    APART_TWO_COMPARE, EARLY, FALL, FALL_BESIDE, FALL_COMPARE, FASTEST, LATE, LATE_MOVED, LEAD, PULSE_BESIDE, STEPS,
-    TOO_LATE,
-};
+use crate::engine::steps::brake::{CurrentLease, lease};
+use crate::engine::steps::merge::Merge;
+use crate::engine::steps::motor::{COUNT_AT_REST, Motor, flag};
+use crate::engine::steps::pins::{Kind, Layout, Lines, MAX_MOTORS};
+use crate::engine::steps::plan::FILLER;
+use crate::engine::steps::refill::mode;
+use crate::engine::steps::ring::{Group, RingName, flags};
+use crate::engine::steps::times::TIMES;
+use crate::engine::steps::{refill, shield_b, switch};
+use crate::engine::tuning::stepper::{LOOK_AHEAD, SPACING_SHIELD_B};
+use crate::engine::{clock, memory, regs};
 use core::mem::offset_of;
 use core::ptr::NonNull;
 use core::slice;
-use pulsetrain_core::wire::message::{self, Configuration};
-use pulsetrain_core::{Epoch, Moment};
+use pulsetrain_core::wire::message;
+use pulsetrain_core::wire::message::Configuration;
+use pulsetrain_core::{Epoch, Tick32};
+use timing::PulseTiming;
+pub(crate) use track::RingFault;
+pub(super) use track::Track;
 
-/// The longest of pulse, set-up and hold, ticks: less than a filler, so that what is past need not be remembered longer.
+/// The longest of pulse, set-up and hold, ticks: less than a filler, so that no time before the last event matters.
 pub(crate) const LONGEST: u16 = 4_096;
+const _: () = assert!(LONGEST < FILLER);
 
-/// What a configuration asks of the spacing of groups.
-#[derive(Clone, Copy)]
-struct Spacing {
-    /// The interrupt's pulse is the one of 1.9 µs.
-    extra: bool,
-    /// The end of the pulse is a group of its own.
-    long: bool,
-    /// Between two groups, ticks.
-    apart: u8,
-}
+mod timing;
 
-impl Spacing {
-    const NONE: Spacing = Spacing { extra: false, long: false, apart: 0 };
-
-    /// Pulses of as many ticks as are asked for, or a little longer where that is what an interrupt makes; beyond that by
-    /// two groups. And the times that follow.
-    fn of(kind: Kind, configuration: &Configuration<'_>, merging: bool, shared: bool) -> (Spacing, Times) {
-        let beside = configuration.motors().len() > 1;
-        // What the interrupt makes without and with its flag, and the distance that takes.
-        let ((short, apart), (extra, apart_extra), fall) = match kind {
-            Kind::TwoOnD => ((16, APART_BESIDE), (16, APART_BESIDE), FALL),
-            Kind::PortD | Kind::PortB => ((16, APART_SHORT), (31, APART_LONG), FALL),
-            Kind::Shield => ((17, APART_SHIELD[0]), (31, APART_SHIELD[1]), FALL),
-            Kind::Beside => ((PULSE_BESIDE, APART_BESIDE_MERGE), (PULSE_BESIDE, APART_BESIDE_MERGE), FALL_BESIDE),
-            Kind::Compare => {
-                let apart = if beside { APART_TWO_COMPARE } else { APART_BESIDE };
-                ((35, apart), (35, apart), FALL_COMPARE)
-            }
-        };
-        let wanted = configuration.pulse_ticks;
-        let late = if merging || kind == Kind::TwoOnD { LATE_MOVED } else { LATE };
-        let mut spacing = Spacing { extra: false, long: false, apart };
-        let (mut pulse, mut made) = (0, short);
-        if wanted > short {
-            if wanted <= extra {
-                (spacing.extra, spacing.apart, made) = (true, apart_extra, extra);
-            } else {
-                spacing.long = true;
-                // Its first edge may be late, where the hardware does not make it; merged, its second may be early.
-                let more = match kind {
-                    Kind::Compare => 0,
-                    _ if merging => late + apart,
-                    _ => late,
-                };
-                pulse = (wanted + u16::from(more)).max(u16::from(apart));
-                made = pulse;
-            }
-        }
-        let apart = u16::from(spacing.apart);
-        // The merge moves edges by half of that, either way; with a ring beside by 24 and 54.
-        let slack = if merging { apart } else { 0 };
-        let lead = configuration.setup_ticks + u16::from(fall + late) + slack;
-        // An expansion counts the long pulse in 8 bits, and does not know the hardware's.
-        let singly = spacing.long && (kind == Kind::Compare || pulse > 255);
-        let fastest = if singly {
-            u16::MAX
-        } else if merging {
-            apart
-        } else {
-            if beside { FASTEST[1] } else { FASTEST[0] }
-        };
-        let times = Times {
-            limit: Moment(0),
-            gap: made + 1,
-            keep: (made + configuration.hold_ticks + u16::from(late) + slack).max(apart),
-            lead: lead.max(apart),
-            early: lead.max(apart) + EARLY.max(apart),
-            fastest: fastest.max(made.saturating_add(if spacing.long { apart } else { 0 })),
-            pulse,
-            most: if spacing.long { STEPS / 2 } else { STEPS },
-            shared,
-            only_steps: 0,
-        };
-        (spacing, times)
-    }
-}
-
-/// What went wrong in playing.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Trouble {
-    /// A compare was missed, or the ring was empty for a moment: a group was played so late.
-    Late {
-        /// Ticks.
-        ticks: u16,
-    },
-    /// The ring was empty for too long while steps were left.
-    Starved,
-}
-
-/// One ring and what is known of it; [`fill`](super::fill) knows the layout.
-#[repr(C)]
-pub(super) struct Track {
-    pub(super) ring: Ring,
-    /// Tick of the pending group.
-    pub(super) at: Moment,
-    /// Ticks between two groups, at least.
-    pub(super) apart: u8,
-}
-
-impl Track {
-    const NONE: Track = Track { ring: Ring::NONE, at: Moment(0), apart: 0 };
-
-    /// The compare register, and the ring's bit in `TIMSK1` and `TIFR1`.
-    #[inline(always)]
-    fn compare(&self) -> (Reg16, u8) {
-        match self.ring.name() {
-            Name::A => (regs::OCR1A, 1 << 1),
-            Name::B => (regs::OCR1B, 1 << 2),
-        }
-    }
-
-    /// The next match is to be at `at`, or as soon as can be. Nothing may come between the time that is read and what is set by it.
-    #[inline(never)]
-    fn resume(&self, at: Option<Moment>) {
-        let (compare, bit) = self.compare();
-        regs::free(|| {
-            let at = at.map_or_else(|| clock::read().wrapping_add(AGAIN), |at| low_half(at.0));
-            compare.write(at);
-            regs::TIFR1.write(bit);
-        });
-        regs::free(|| {
-            regs::GPIOR0.clear(self.ring.starved());
-            regs::TIMSK1.set(bit);
-        });
-    }
-
-    /// Looks whether the interrupt still plays what it should, and mends it.
-    #[inline(never)]
-    fn watch(&mut self, now: Moment, busy: bool) -> Option<Trouble> {
-        if regs::GPIOR0.read() & self.ring.starved() != 0 {
-            let (compare, _) = self.compare();
-            // The compare register still has the tick of the group that is next.
-            let count = clock::read();
-            let late = count.wrapping_sub(compare.read());
-            if busy && late >= TOO_LATE {
-                return Some(Trouble::Starved);
-            }
-            let empty = self.ring.is_empty();
-            if empty && self.ring.waits_in_pulse() {
-                return Some(Trouble::Starved);
-            }
-            if empty {
-                // It counts from here on, not from when the round began.
-                self.at = now.after(u32::from(count.wrapping_sub(low_half(now.0)).wrapping_add(LEAD)));
-            }
-            let at = empty.then_some(self.at);
-            // The hardware has made the edge of the group that waits, and toggles no more. A plain step does not say that it does again: another
-            // group follows it, or it becomes one that does.
-            if empty && self.ring.waits_plainly() {
-                self.push_nothing(self.at.after(u32::from(self.apart)));
-            } else if !empty {
-                self.ring.unplain();
-            }
-            self.resume(at);
-            return busy.then_some(Trouble::Late { ticks: late });
-        }
-        let (compare, bit) = self.compare();
-        // A match lies ahead, or its interrupt has been kept waiting for some cycles. If it is behind by 512 to 32 767, it
-        // was missed and would be found 65 536 ticks later. Whole bytes say that, with interrupts on.
-        let [_, high, ..] = now.0.to_le_bytes();
-        if !matches!(high.wrapping_sub(compare.high()), 2..0x80) || regs::TIFR1.read() & bit != 0 {
-            return None;
-        }
-        let late = low_half(now.0).wrapping_sub(regs::free(|| compare.read()));
-        self.resume(None);
-        (late != 0).then_some(Trouble::Late { ticks: late })
-    }
-
-    /// Whether no group is left to be played but fillers.
-    #[inline(never)]
-    fn is_idle(&self) -> bool {
-        self.ring.is_idle()
-    }
-}
+mod track;
 
 /// All motors; the assembly knows where they are.
 #[unsafe(export_name = "steps_motors")]
 static mut MOTORS: [Motor; MAX_MOTORS] = [const { Motor::NONE }; MAX_MOTORS];
 
-/// All motors of a configuration, and their rings.
+/// The motors of a configuration, and their rings.
 pub(crate) struct Stepper {
     pub(super) tracks: [Track; 2],
-    /// The merge, from [`Stepper::begin`] on.
+    /// The merge. [`Stepper::begin`] sets it.
     merge: Option<&'static mut Merge>,
-    /// The motors in use are the first ones.
+    /// Motors in use: the first ones.
     count: u8,
-    /// Two motors or more in one ring, each with a DIR line of its own: the merge fills it.
+    /// Two motors or more in one ring, each with a DIR line of its own. The merge fills it.
     merging: bool,
     /// Each motor has a ring of its own.
-    apiece: bool,
-    /// One motor has a ring of its own beside the merge of the others.
-    beside: bool,
-    /// Its number ^ that of the last one: it changes places with that.
+    own_rings: bool,
+    /// The shield's motor on PORTB has a ring of its own, ring B. The others are merged.
+    shield_b: bool,
+    /// Number of that motor ^ number of the last: it changes places with the last one.
     swap: u8,
     /// Between [`Stepper::start`] and [`Stepper::stop`].
     playing: bool,
-    spacing: Spacing,
+    timing: PulseTiming,
     /// GPIOR0: see [`flags`].
     flags: u8,
-    trouble: Option<Trouble>,
-    /// When motors were stopped last. Not on the stack, which is short just then.
-    halted: Moment,
-    /// How far ahead the rings were filled, ticks, at least.
+    fault: Option<RingFault>,
+    /// When motors were stopped last. Not on the stack, of which little is left just then.
+    halted: Tick32,
+    /// The shortest time for which the rings were filled, ticks.
     least_ahead: u16,
 }
 
-/// Where the distance of two groups of the first ring is.
-pub(super) const APART: usize = offset_of!(Stepper, tracks) + offset_of!(Track, apart);
+/// Where the spacing of the first ring is, for assembly.
+pub(super) const SPACING: usize = offset_of!(Stepper, tracks) + offset_of!(Track, spacing);
 
-/// Where [`Stepper::swap`] is.
+/// Where [`Stepper::swap`] is, for assembly.
 pub(super) const SWAP: usize = offset_of!(Stepper, swap);
 
-/// Where [`Stepper::count`] is.
+/// Where [`Stepper::count`] is, for assembly.
 pub(super) const COUNT: usize = offset_of!(Stepper, count);
 
 impl Stepper {
-    /// No motors; zeros, which take no flash. [`Stepper::begin`] comes before its use.
+    /// Zeros, which take no flash. Call [`Stepper::begin`] before its use.
     pub(crate) const fn new() -> Stepper {
         Stepper {
             tracks: [Track::NONE, Track::NONE],
             merge: None,
             count: 0,
             merging: false,
-            apiece: false,
-            beside: false,
+            own_rings: false,
+            shield_b: false,
             swap: 0,
             playing: false,
-            spacing: Spacing::NONE,
+            timing: PulseTiming::NONE,
             flags: 0,
-            // `start` forgets it; it is zeros.
-            trouble: Some(Trouble::Late { ticks: 0 }),
-            halted: Moment(0),
+            // All zeros; `start` clears it.
+            fault: Some(RingFault::Late { ticks: 0 }),
+            halted: Tick32(0),
             least_ahead: 0,
         }
     }
@@ -289,7 +117,7 @@ impl Stepper {
     pub(crate) unsafe fn begin(&mut self) {
         // SAFETY: the caller's promise.
         self.merge = Some(unsafe { Merge::take() });
-        self.tracks[0].ring.alone();
+        self.tracks[0].ring.use_page_a();
         self.reset_measures();
     }
 
@@ -299,45 +127,45 @@ impl Stepper {
     }
 
     /// The motors in use.
-    // The end of an iteration is worked out here, once for all loops: a product takes 22 bytes of the flash.
+    // Not inlined: the end of an iteration is a product, which takes 22 bytes of flash.
     #[inline(never)]
     fn motors(&self) -> slice::Iter<'_, Motor> {
-        // SAFETY: only this stepper and the assembly that it calls use them; as long as this borrow lasts, neither does.
+        // SAFETY: only this stepper and the assembly that it calls use them, and neither does as long as this borrow lasts.
         unsafe { slice::from_raw_parts((&raw const MOTORS).cast(), usize::from(self.count)) }.iter()
     }
 
-    /// The same, to be changed.
+    /// The motors in use, to be changed.
     #[inline(never)]
     fn motors_mut(&mut self) -> slice::IterMut<'_, Motor> {
         // SAFETY: as `motors`.
         unsafe { slice::from_raw_parts_mut((&raw mut MOTORS).cast(), usize::from(self.count)) }.iter_mut()
     }
 
-    /// Whether a motor has a ring of its own beside a merge: the last of them all.
+    /// Whether a motor has ring B of the shield: it is the last of them all.
     #[inline(always)]
-    fn is_beside(&self, slot: u8) -> bool {
-        self.beside && slot + 1 == self.count
+    fn is_shield_b(&self, slot: u8) -> bool {
+        self.shield_b && slot + 1 == self.count
     }
 
-    /// Whether any does.
+    /// Whether ring B of the shield is in use.
     #[inline(always)]
-    fn has_beside(&self) -> bool {
-        self.beside
+    fn has_shield_b(&self) -> bool {
+        self.shield_b
     }
 
-    /// Where a motor is among all, by its number: the one beside a merge changes places with the last one.
+    /// The place of a motor, by its number: the one with ring B of the shield changes places with the last one.
     #[inline(always)]
     fn slot(&self, motor: u8) -> u8 {
         let (swap, last) = (self.swap, MAX_MOTORS as u8 - 1);
         if swap != 0 && (motor == last || motor == last ^ swap) { motor ^ swap } else { motor }
     }
 
-    /// Where a motor is, by its number.
+    /// A pointer to a motor, by its number.
     #[inline(never)]
     fn place(&self, motor: u8) -> Option<NonNull<Motor>> {
         let motors = NonNull::new(&raw mut MOTORS)?.cast::<Motor>();
         let slot = self.slot(motor);
-        // SAFETY: there are as many and more.
+        // SAFETY: `count` is no more than there are.
         (motor < self.count).then(|| unsafe { motors.add(usize::from(slot)) })
     }
 
@@ -348,17 +176,17 @@ impl Stepper {
         self.place(motor).map(|motor| unsafe { motor.as_ref() })
     }
 
-    /// The same, to be changed.
+    /// A motor by its number, to be changed.
     #[inline(always)]
     pub(crate) fn motor_mut(&mut self, motor: u8) -> Option<&mut Motor> {
         // SAFETY: as `motors`.
         self.place(motor).map(|mut motor| unsafe { motor.as_mut() })
     }
 
-    /// The number of a motor, by where it is.
+    /// The place of a motor.
     pub(crate) fn number_of(motor: &Motor) -> u8 {
         let (mut at, mut number) = ((&raw const MOTORS).cast::<Motor>(), 0);
-        // Without a division: there are four at most.
+        // A loop, since a division takes more flash.
         while number < MAX_MOTORS as u8 - 1 && !core::ptr::eq(at, motor) {
             (at, number) = (at.wrapping_add(1), number + 1);
         }
@@ -368,9 +196,9 @@ impl Stepper {
     /// The rings in use.
     #[inline(never)]
     fn tracks_mut(&mut self) -> slice::IterMut<'_, Track> {
-        let count = if self.has_beside() {
+        let count = if self.has_shield_b() {
             2
-        } else if self.apiece {
+        } else if self.own_rings {
             self.count
         } else {
             1
@@ -381,65 +209,65 @@ impl Stepper {
     /// The ring of a motor.
     fn track(&self, motor: u8) -> &Track {
         let [first, second] = &self.tracks;
-        if self.is_beside(self.slot(motor)) || self.apiece && motor != 0 { second } else { first }
+        if self.is_shield_b(self.slot(motor)) || self.own_rings && motor != 0 { second } else { first }
     }
 
-    /// The same, to be changed.
+    /// The ring of a motor, to be changed.
     fn track_mut(&mut self, motor: u8) -> &mut Track {
-        let own = self.is_beside(self.slot(motor)) || self.apiece && motor != 0;
+        let own = self.is_shield_b(self.slot(motor)) || self.own_rings && motor != 0;
         let [first, second] = &mut self.tracks;
         if own { second } else { first }
     }
 
-    /// Motors and lines of `configuration`; all motors at position 0. Not while it plays.
+    /// Sets up motors and lines of `configuration`. All motors are at position 0. Nothing may be playing.
     #[inline(never)]
-    pub(crate) fn configure(&mut self, layout: &Layout, configuration: &Configuration<'_>, now: Moment) {
+    pub(crate) fn configure(&mut self, layout: &Layout, configuration: &Configuration<'_>, now: Tick32) {
         self.motors().for_each(|motor| motor.lines.float());
         let kind = layout.kind;
         let motors = configuration.motors();
         let all = motors.len() as u8;
         let shared = layout.is_shared();
-        self.apiece = matches!(kind, Kind::Compare | Kind::TwoOnD);
-        self.merging = all > 1 && !self.apiece && !shared;
-        let (spacing, times) = Spacing::of(kind, configuration, self.merging, shared);
-        let singly = times.fastest == u16::MAX;
-        self.spacing = spacing;
+        self.own_rings = matches!(kind, Kind::Compare | Kind::PortDTwoRings);
+        self.merging = all > 1 && !self.own_rings && !shared;
+        let (timing, times) = PulseTiming::of(kind, configuration, self.merging, shared);
+        let singly = times.min_interval == u16::MAX;
+        self.timing = timing;
         TIMES.set(times);
-        (self.beside, self.swap) = (kind == Kind::Beside, 0);
-        let (always, extra) = match kind {
-            Kind::Beside => (1 << flags::EXTRA_B | 1 << flags::BESIDE, 0),
-            Kind::Shield => (1 << flags::EXTRA_A | 1 << flags::SHIELD, 1 << flags::SHIELD_LONG),
-            Kind::PortB => (0, 1 << flags::EXTRA_B),
-            Kind::PortD | Kind::TwoOnD => (1 << flags::B_ON_PORTD, 1 << flags::EXTRA_A),
+        (self.shield_b, self.swap) = (kind == Kind::ShieldTwoRings, 0);
+        let (always, stretched) = match kind {
+            Kind::ShieldTwoRings => (1 << flags::NOT_PLAIN_B | 1 << flags::SHIELD_B, 0),
+            Kind::Shield => (1 << flags::NOT_PLAIN_A | 1 << flags::SHIELD, 1 << flags::SHIELD_STRETCHED),
+            Kind::PortB => (0, 1 << flags::NOT_PLAIN_B),
+            Kind::PortD | Kind::PortDTwoRings => (1 << flags::B_ON_PORTD, 1 << flags::NOT_PLAIN_A),
             Kind::Compare => (0, 0),
         };
-        self.flags = if spacing.extra { always | extra } else { always };
-        let first = if kind == Kind::PortB { Name::B } else { Name::A };
-        self.tracks[0].ring.plain(first);
+        self.flags = if timing.stretched { always | stretched } else { always };
+        let first = if kind == Kind::PortB { RingName::B } else { RingName::A };
+        self.tracks[0].ring.software(first);
         self.tracks[1].ring.second_on_portd();
         self.count = MAX_MOTORS as u8;
         self.motors_mut().for_each(|motor| *motor = Motor::NONE);
         self.count = all;
-        // With one ring, and no lists, page B is free.
+        // One ring without lists leaves page B to the queues.
         let (mut queue, bytes) = memory::queue_memory(all == 1 || shared);
         for (index, setup) in (0u8..).zip(motors) {
             let mut lines = layout.lines(&setup);
             if kind == Kind::Compare {
                 let track = self.track_mut(index);
                 let (name, dir) = if setup.step_pin == 10 {
-                    (Name::B, flags::DIR_B_ON_PORTB)
+                    (RingName::B, flags::DIR_B_ON_PORTB)
                 } else {
-                    (Name::A, flags::DIR_A_ON_PORTB)
+                    (RingName::A, flags::DIR_A_ON_PORTB)
                 };
                 let on_portb = setup.dir_pin >= 8;
                 track.ring.hardware(name, on_portb);
-                lines.step = track.ring.edge();
+                lines.step = track.ring.compare_bit();
                 self.flags |= u8::from(on_portb) << dir;
             }
-            if kind == Kind::Beside && setup.step_pin >= 8 {
-                // There are four.
+            if kind == Kind::ShieldTwoRings && setup.step_pin >= 8 {
+                // There are four motors.
                 self.swap = index ^ (MAX_MOTORS as u8 - 1);
-                self.tracks[1].ring.beside_lists();
+                self.tracks[1].ring.after_lists();
             }
             lines.drive();
             let (start, end) = (queue, queue + memory::queue_len(bytes, all, setup.queue_parts));
@@ -447,114 +275,114 @@ impl Stepper {
             if let Some(motor) = self.motor_mut(index) {
                 motor.lines = lines;
                 (motor.step, motor.dir) = (lines.step, lines.dir);
-                motor.step_fall = if spacing.long { 0 } else { lines.step };
+                motor.step_end = if timing.two_groups { 0 } else { lines.step };
                 motor.gain = setup.gain.clamp(-43, 18);
                 motor.count = COUNT_AT_REST;
                 (motor.start, motor.end, motor.next) = (start, end, start);
                 motor.set(flag::SINGLY, shared || singly);
             }
         }
-        if !self.apiece || all == 1 {
-            self.tracks[0].ring.alone();
+        if !self.own_rings || all == 1 {
+            self.tracks[0].ring.use_page_a();
         }
         self.rest(now);
     }
 
-    /// Begins to play, from a little after `now` on. Queues are empty.
+    /// Starts the rings, a little after `now`. Queues are empty.
     #[inline(never)]
-    pub(crate) fn start(&mut self, now: Moment) {
-        let at = now.after(AHEAD / 2);
-        // The lists of a merge begin with a filler each.
+    pub(crate) fn start(&mut self, now: Tick32) {
+        let at = now.after(LOOK_AHEAD / 2);
+        // Each list of a merge begins with a filler.
         let first = if self.merging { at.after(u32::from(FILLER)) } else { at };
         self.rest(first);
-        if self.beside {
-            // It has no list.
+        if self.shield_b {
+            // Ring B has no list.
             self.motors_mut().next_back().into_iter().for_each(|motor| motor.rest(at));
         }
-        self.trouble = None;
+        self.fault = None;
         regs::GPIOR0.write(self.flags);
-        crate::engine::link::let_others_in();
+        crate::engine::link::nest_again();
         for motor in self.motors_mut() {
             let lines = motor.lines;
             motor.levels = lines.levels();
             let forward = (motor.levels & lines.dir != 0) == lines.forward_high();
             motor.set(flag::TURN, !forward);
         }
-        let apart = self.spacing.apart;
-        let beside = self.has_beside();
-        let merged = self.count - u8::from(beside);
+        let spacing = self.timing.spacing;
+        let shield_b = self.has_shield_b();
+        let merged = self.count - u8::from(shield_b);
         if self.merging
             && let Some(merge) = &mut self.merge
         {
-            merge.begin(self.tracks[0].ring.name(), merged, beside, apart, low_half(first.0));
+            merge.begin(self.tracks[0].ring.name(), merged, shield_b, spacing, low_half(first.0));
         }
         for index in 0..self.count {
             let motor = self.motor(index);
-            let step = motor.map_or(Group::NOTHING, |motor| Group { rise: motor.step, fall: motor.step_fall });
-            self.track_mut(index).ring.serve(step);
+            let step = motor.map_or(Group::NOTHING, |motor| Group { at_tick: motor.step, at_end: motor.step_end });
+            self.track_mut(index).ring.set_step(step);
         }
         for track in self.tracks_mut() {
-            (track.at, track.apart) = (at, apart);
+            (track.at, track.spacing) = (at, spacing);
             track.ring.clear();
             track.resume(Some(at));
         }
-        if self.has_beside() {
-            self.tracks[1].apart = APART_OF_BESIDE;
-            beside::set_motor(&raw mut MOTORS, self.count - 1);
+        if self.has_shield_b() {
+            self.tracks[1].spacing = SPACING_SHIELD_B;
+            shield_b::set_motor(&raw mut MOTORS, self.count - 1);
         }
         self.playing = true;
-        task::set_mode(match (self.merging, self.apiece || self.count == 1, self.count) {
-            (true, ..) if self.has_beside() => mode::BESIDE,
+        refill::set_mode(match (self.merging, self.own_rings || self.count == 1, self.count) {
+            (true, ..) if self.has_shield_b() => mode::MERGE_AND_B,
             (true, ..) => mode::MERGE,
-            (_, true, 1) => mode::APIECE,
-            (_, true, _) => mode::BOTH,
+            (_, true, 1) => mode::ONE_RING,
+            (_, true, _) => mode::TWO_RINGS,
             _ => mode::SHARED,
         });
     }
 
-    /// What lists leave of their page is the program's from now on: see [`Merge::leave_room`]. It has just been started, with a merge.
+    /// The program may use what lists leave of their page: see [`Merge::share_page`]. To be called right after [`Stepper::start`], with a merge.
     #[inline(always)]
-    pub(crate) fn leave_room(&mut self) {
+    pub(crate) fn share_list_page(&mut self) {
         if let Some(merge) = &mut self.merge {
-            merge.leave_room();
+            merge.share_page();
         }
     }
 
-    /// From now on the program's `source_limit` calls the merge, if there is one: [`mode::FILLED`].
+    /// From now on the program's `source_limit` calls the merge, if there is one: [`mode::MERGED_BY_SOURCE`].
     #[inline(always)]
-    pub(crate) fn is_filled(&self) {
+    pub(crate) fn merge_by_source(&self) {
         if self.merging {
-            task::set_mode(mode::FILLED);
+            refill::set_mode(mode::MERGED_BY_SOURCE);
         }
     }
 
-    /// The immediate stop: plays no group more, and forgets all that was to come. A pulse that was begun still ends.
+    /// The immediate stop: plays no group more, and drops all plans. A pulse that has begun still ends.
     ///
-    /// Gives, bit by motor, whether it was going faster than `pull_in`; [`Stepper::halted`] when that was.
+    /// Gives, bit by motor, whether it was faster than `pull_in`. [`Stepper::halted`] is the time of the stop.
     #[inline(never)]
     pub(crate) fn stop(&mut self, pull_in: &[u32; MAX_MOTORS]) -> u8 {
         let mut uncertain = 0;
         self.playing = false;
-        task::set_mode(mode::NONE);
+        refill::set_mode(mode::NONE);
         for track in self.tracks_mut() {
-            regs::free(|| track.ring.halt());
+            regs::critical(|| track.ring.halt());
         }
-        // Here, and not when all is counted: what was due since then was not made.
+        // Now, and not after counting: no step that is due from now on was made.
         self.halted = clock::moment();
         for (index, slowest) in (0..self.count).zip(pull_in) {
             let left = self.unplayed(index, self.tail_of(index));
             let Some(motor) = self.motor_mut(index) else { break };
             let going = left != 0 || !motor.is_idle();
-            let interval = motor.registers.next_tick().since(Moment(motor.registers.tick));
+            let interval = motor.registers.next_tick().since(Tick32(motor.registers.tick));
             uncertain |= u8::from(going && interval < *slowest) << index;
             motor.uncount(left);
             motor.stop();
         }
-        if Uses::LEASES {
-            Lease::end();
+        if ThisProgram::LEASES {
+            CurrentLease::end();
         }
-        // A pulse of two groups may be under way: its end is no group's any more.
-        if self.spacing.long {
+        // A pulse of two groups may have begun. No group ends it now, so wait for as long as it lasts.
+        if self.timing.two_groups {
             for _ in 0..TIMES.get().pulse / 4 {
                 regs::kick_watchdog();
             }
@@ -567,48 +395,48 @@ impl Stepper {
         uncertain
     }
 
-    /// When motors were [stopped](Stepper::stop) last: nothing that was due since then was made.
+    /// When motors were [stopped](Stepper::stop) last. No step that was due later was made.
     #[inline(always)]
-    pub(crate) fn halted(&self) -> Moment {
+    pub(crate) fn halted(&self) -> Tick32 {
         self.halted
     }
 
-    /// Notes that time goes on while nothing plays.
-    pub(crate) fn rest(&mut self, now: Moment) {
+    /// Keeps the motors' times up to date while nothing plays.
+    pub(crate) fn rest(&mut self, now: Tick32) {
         let count = self.count;
-        // The merge asks all four.
+        // All four, since the merge asks all four.
         self.count = MAX_MOTORS as u8;
         self.motors_mut().for_each(|motor| motor.rest(now));
         self.count = count;
     }
 
-    /// Whether no motor's queue holds anything, of whatever epoch.
+    /// Whether all queues are empty, of all epochs.
     pub(crate) fn is_empty(&self) -> bool {
         self.motors().all(Motor::is_empty)
     }
 
-    /// Whether nothing is left to do: no event, no end of a pulse, no step in a ring, no end of a lease.
+    /// Whether nothing is left to do: no record, no end of a pulse, no step in a ring, no end of a lease.
     pub(crate) fn is_idle(&self) -> bool {
-        !(Uses::LEASES && Lease::get().state == lease::UNTIL)
+        !(ThisProgram::LEASES && CurrentLease::get().state == lease::UNTIL)
             && self.motors().all(Motor::is_idle)
             && self.tracks[0].is_idle()
-            && !((self.has_beside() || self.apiece && self.count > 1) && !self.tracks[1].is_idle())
+            && !((self.has_shield_b() || self.own_rings && self.count > 1) && !self.tracks[1].is_idle())
             && !(self.merging && self.merge.as_ref().is_some_and(|merge| !merge.is_idle()))
     }
 
     /// The first tick at which a switch would be accepted.
     #[inline(never)]
-    pub(crate) fn horizon(&self) -> Moment {
-        if self.count == 0 { self.tracks[0].at.after(1) } else { self.first_open() }
+    pub(crate) fn horizon(&self) -> Tick32 {
+        if self.count == 0 { self.tracks[0].at.after(1) } else { self.first_changeable() }
     }
 
-    /// All motors go over to `epoch` at `at`, which is not before the horizon; or none does, because a switch waits for an earlier tick.
+    /// All motors are to go over to `epoch` at `at`, which is not before the horizon. `false` if a switch waits for an earlier tick.
     #[inline(always)]
-    pub(crate) fn switch(&mut self, epoch: Epoch, at: Moment) -> bool {
+    pub(crate) fn switch(&mut self, epoch: Epoch, at: Tick32) -> bool {
         switch::all(epoch, at)
     }
 
-    /// Takes back what was pushed last of `epoch`, of all motors.
+    /// Drops what was pushed last of `epoch`, for all motors.
     pub(crate) fn discard(&mut self, epoch: Epoch) {
         self.motors_mut().for_each(|motor| motor.discard(epoch));
     }
@@ -618,22 +446,22 @@ impl Stepper {
         self.motors().next().map_or(Epoch(0), Motor::epoch)
     }
 
-    /// What went wrong in playing since this was asked last.
-    pub(crate) fn trouble(&mut self) -> Option<Trouble> {
-        self.trouble.take()
+    /// Takes the last fault of the rings.
+    pub(crate) fn take_fault(&mut self) -> Option<RingFault> {
+        self.fault.take()
     }
 
-    /// How far ahead the rings were filled, ticks, at least, while there was something to do.
+    /// The shortest time for which the rings were filled while there was something to do, ticks.
     pub(crate) fn least_ahead(&self) -> u16 {
         self.least_ahead
     }
 
-    /// [`Stepper::least_ahead`] begins anew.
+    /// Resets [`Stepper::least_ahead`].
     pub(crate) fn reset_measures(&mut self) {
         self.least_ahead = u16::MAX;
     }
 
-    /// Where the ring of a motor is played: low byte of the address of the next group.
+    /// Low byte of the address of the next group to be played in a motor's ring.
     pub(crate) fn tail_of(&self, motor: u8) -> u8 {
         self.track(motor).ring.tail()
     }
@@ -646,7 +474,7 @@ impl Stepper {
         motor.map_or(0, |motor| motor.planned().wrapping_sub(i32::from(unplayed)))
     }
 
-    /// Steps of a motor that were counted but not played yet, forward minus backward, when its ring was played up to `tail`.
+    /// Steps of a motor that are counted but were not played when its ring was played up to `tail`, forward minus backward.
     #[inline(never)]
     fn unplayed(&self, number: u8, tail: u8) -> i16 {
         let Some(Motor { lines, levels, .. }) = self.motor(number) else { return 0 };
@@ -658,50 +486,50 @@ impl Stepper {
         if !lines.forward_high() {
             levels ^= dir;
         }
-        // What is in no ring yet comes after what is.
-        let has_list = self.merging && !self.is_beside(self.slot(number));
+        // What is still in a list comes after what is in the ring.
+        let has_list = self.merging && !self.is_shield_b(self.slot(number));
         if has_list && let Some(merge) = &self.merge {
-            let (ticks, Group { rise, fall }) = merge.listed(self.slot(number));
-            if rise & step != 0 {
+            let (ticks, Group { at_tick, at_end }) = merge.listed(self.slot(number));
+            if at_tick & step != 0 {
                 let mut steps = i16::from(ticks);
-                if fall == 0 {
-                    // Every other tick ends a pulse, the last one does.
+                if at_end == 0 {
+                    // Every other tick ends a pulse, and the last tick does.
                     levels ^= if ticks & 1 == 0 { 0 } else { step };
                     steps /= 2;
                 }
                 count = if levels & dir != 0 { steps } else { -steps };
             } else if ticks != 0 {
-                levels ^= fall & dir;
+                levels ^= at_end & dir;
             }
         }
         count + i16::from(self.track(number).ring.unplayed(tail, levels, step, dir))
     }
 
-    /// Looks whether the rings are played as they should, and mends it. To be called every millisecond.
+    /// Checks that the rings are played as they should, and repairs what is wrong. To be called every millisecond.
     #[inline(never)]
-    pub(crate) fn watch(&mut self, now: Moment) {
+    pub(crate) fn watch(&mut self, now: Tick32) {
         let busy = !self.is_idle();
-        let mut trouble = None;
+        let mut fault = None;
         let mut least = self.least_ahead;
         for track in self.tracks_mut() {
-            trouble = track.watch(now, busy).or(trouble);
+            fault = track.watch(now, busy).or(fault);
             let ahead = track.at.since(now);
             if busy && ahead >> 16 == 0 {
                 least = least.min(low_half(ahead));
             }
         }
         self.least_ahead = least;
-        self.trouble = trouble.or(self.trouble);
+        self.fault = fault.or(self.fault);
     }
 }
 
-/// As [`flags`](pulsetrain_core::wire::message::flags) has the faults of a motor.
+/// The faults of a motor, as [`flags`](pulsetrain_core::wire::message::flags) has them.
 pub(crate) fn faults(motor: &Motor) -> u8 {
-    use super::motor::Reason;
-    match motor.fault().map(|fault| fault.reason) {
+    use super::motor::FaultKind;
+    match motor.fault().map(|fault| fault.kind) {
         None => 0,
-        Some(Reason::Missed | Reason::Dry) => message::flags::STEP_MISSED,
-        Some(Reason::Mismatch) => message::flags::CHECK_FAILED,
-        Some(Reason::Bad) => message::flags::BAD_ITEM,
+        Some(FaultKind::Missed | FaultKind::Underrun) => message::flags::STEP_MISSED,
+        Some(FaultKind::Mismatch) => message::flags::CHECK_FAILED,
+        Some(FaultKind::Bad) => message::flags::BAD_ITEM,
     }
 }

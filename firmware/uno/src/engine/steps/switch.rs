@@ -1,15 +1,15 @@
-//! Switches: at a tick all motors go over to another epoch. One may wait. The plan makes it ([`plan`](super::plan)).
+//! Switches: at a tick all motors go over to another epoch. One switch may wait; the plan makes it ([`plan`](super::plan)).
 
 use super::motor::{Motor, Switch, flag};
 use super::plan::OF_SWITCH;
 use super::stepper;
 use core::arch::global_asm;
 use core::mem::offset_of;
-use pulsetrain_core::{Epoch, Moment};
+use pulsetrain_core::{Epoch, Tick32};
 
 global_asm!(
     r#"
-    // Goes through the motors in use: Y.
+    // A loop over the motors in use: Y.
     .macro switch_each
     ldi r28, lo8(steps_motors)
     ldi r29, hi8(steps_motors)
@@ -23,11 +23,11 @@ global_asm!(
     .endm
     .section .text.steps_switch, "ax", @progbits
     .global steps_switch
-    // For Rust: r22 to r25 is the tick, r20 the epoch. r24: not 0 if it can be.
+    // For Rust: the tick is r22 to r25, the epoch r20. Result r24: not 0 if it was accepted.
 steps_switch:
     push r28
     push r29
-    // None may wait for an earlier one.
+    // Refused if a switch waits for an earlier tick.
     switch_each
 1:  ldd r18, Y+{FLAGS}
     sbrs r18, {SWITCH}
@@ -44,8 +44,8 @@ steps_switch:
 2:  switch_next 1b
     switch_each
 3:  movw r30, r28
-    subi r30, lo8(-({PARTS}))
-    sbci r31, hi8(-({PARTS}))
+    subi r30, lo8(-({EPOCHS}))
+    sbci r31, hi8(-({EPOCHS}))
     std Z+{EPOCH}, r20
     std Z+{AT}, r22
     std Z+{AT}+1, r23
@@ -69,23 +69,23 @@ steps_switch:
     "#,
     COUNT = const stepper::COUNT,
     MOTOR_SIZE = const size_of::<Motor>(),
-    PARTS = const offset_of!(Motor, parts),
+    EPOCHS = const offset_of!(Motor, epochs),
     FLAGS = const offset_of!(Motor, flags),
     SWITCH = const flag::SWITCH,
     EPOCH = const OF_SWITCH + offset_of!(Switch, epoch),
     AT = const OF_SWITCH + offset_of!(Switch, at),
     SWITCH_AT = const offset_of!(Motor, switch_at),
-    IS_DUE = const offset_of!(Motor, is_due) - offset_of!(Motor, parts),
+    IS_DUE = const offset_of!(Motor, is_due) - offset_of!(Motor, epochs),
 );
 
 unsafe extern "C" {
     fn steps_switch(at: u32, epoch: u8) -> u8;
 }
 
-/// At `at`, not before the horizon, all motors go over to `epoch`; or none does, because a switch waits for an earlier tick. One that waits at that
-/// tick or later is replaced. No motor awaits the end of a lease.
+/// All motors are to go over to `epoch` at `at`, which is not before the horizon. `false`, and nothing changes, if a switch waits for an earlier tick. A
+/// switch that waits for that tick or a later one is replaced. No motor waits for the end of a lease.
 #[inline(always)]
-pub(super) fn all(epoch: Epoch, at: Moment) -> bool {
-    // SAFETY: the assembly uses the motors alone, which belong to who has the stepper.
+pub(super) fn all(epoch: Epoch, at: Tick32) -> bool {
+    // SAFETY: the assembly uses only the motors, which belong to whoever has the stepper.
     unsafe { steps_switch(at.0, epoch.0) != 0 }
 }

@@ -1,16 +1,17 @@
 //! A short motion on a virtual board, run as `pulsetrain run` does, while something goes wrong; and what came of it.
 
 use super::line::{Fault, Line};
-use miette::Diagnostic;
-use pulsetrain::drive::{DriveError, Driven, Knowledge, Whereabouts, connect_as};
-use pulsetrain::figure::Drawn;
-use pulsetrain::prepare::Prepared;
-use pulsetrain::record::{Edges, Files, Recorder};
+use pulsetrain::load;
+use pulsetrain::record::{Files, Recorder};
 use pulsetrain_board::skewed::Skewed;
 use pulsetrain_board::virtual_pico::VirtualPico;
 use pulsetrain_board::virtual_uno::{self, VirtualUno};
 use pulsetrain_board::{Edge, Port, Remote, VirtualBoard};
 use pulsetrain_core::wire::Baud;
+use pulsetrain_plot::machine::Drawn;
+use pulsetrain_session::drive::{DriveError, Driven, Knowledge, Positions, connect_as};
+use pulsetrain_session::lateness::Edges;
+use pulsetrain_session::prepare::Prepared;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU32, Ordering};
@@ -249,7 +250,7 @@ impl<P: Chip> Bench<P> {
             BENCHES.fetch_add(1, Ordering::Relaxed)
         ));
         std::fs::write(&file, &text).expect("a folder for tests");
-        let prepared = Prepared::load(&file, None, None).expect("it is a motion file");
+        let prepared = load::load(&file, None, None).expect("it is a motion file");
         let line = Line::new(fresh.clone(), Fault::Nothing);
         let error = drive(&prepared, &line, 1);
         assert!(error.is_none(), "{}: {error:?}", P::NAME);
@@ -299,7 +300,7 @@ impl<P: Chip> Bench<P> {
     /// Runs it while the motion file is written over, and taken away.
     pub(crate) fn run_without_file(&self) -> Seen {
         let line = Line::new(self.fresh.clone(), Fault::Nothing);
-        let prepared = Prepared::load(&self.file, None, None).expect("it is a motion file");
+        let prepared = load::load(&self.file, None, None).expect("it is a motion file");
         let mut driven =
             Driven::with(&prepared, |program| connect_as(line.clone(), program, Baud::B1M, 1)).expect("it begins");
         let mut looks = 0;
@@ -328,7 +329,7 @@ impl<P: Chip> Bench<P> {
         let recorder = Recorder::new(program, &drawn, &driven.lines, String::new(), Some(files), &Edges::of(program));
         let mut recorder = recorder.expect("it begins");
         let ended = driven.run(&mut recorder, |_| {});
-        let error = recorder.finish(&planned).expect_err("the disk is full");
+        let error = recorder.finish(&planned, driven.lateness()).expect_err("the disk is full");
         (self.judge(ended.err(), &line.all_edges()), error.to_string())
     }
 
@@ -388,9 +389,9 @@ impl<P: Chip> Bench<P> {
 }
 
 impl Seen {
-    fn whereabouts(&self) -> Option<&Whereabouts> {
+    fn positions(&self) -> Option<&Positions> {
         match &self.error {
-            Some(DriveError::Halted { whereabouts, .. }) => Some(whereabouts),
+            Some(DriveError::Halted { positions, .. }) => Some(positions),
             _ => None,
         }
     }
@@ -406,20 +407,20 @@ impl Seen {
 
     /// Whether the host says that the board was reset.
     fn was_reset(&self) -> bool {
-        self.whereabouts().is_some_and(|whereabouts| matches!(whereabouts.by, Knowledge::HeardLast { .. }))
+        self.positions().is_some_and(|positions| matches!(positions.by, Knowledge::LastReport { .. }))
     }
 
     /// Where the host says that the motors are, they are.
     fn check(&self) {
-        let Some(Whereabouts { motors, by }) = self.whereabouts() else { return };
+        let Some(Positions { motors, by }) = self.positions() else { return };
         let said: Vec<i64> = motors.iter().map(|(_, steps)| *steps).collect();
         let made = counts(&self.steps);
         match by {
             Knowledge::Counted | Knowledge::StoppedAtOnce => assert_eq!(said, made),
-            Knowledge::Told { or } => {
+            Knowledge::Replayed { or } => {
                 assert!(said == made || or.contains(&made), "{said:?} or {or:?}, but {made:?}")
             }
-            Knowledge::HeardLast { .. } | Knowledge::StopUnanswered => {
+            Knowledge::LastReport { .. } | Knowledge::StopUnanswered => {
                 // They were there on the way.
                 for (said, steps) in said.iter().zip(&self.steps) {
                     let mut count = 0;
@@ -436,7 +437,7 @@ impl Seen {
     /// What the user reads; empty if nothing is wrong.
     pub(crate) fn said(&self) -> String {
         let Some(error) = &self.error else { return String::new() };
-        let help = error.help().map_or_else(String::new, |help| format!("\nhelp: {help}"));
+        let help = error.advice().map_or_else(String::new, |help| format!("\nhelp: {help}"));
         format!("{error}{help}")
     }
 }

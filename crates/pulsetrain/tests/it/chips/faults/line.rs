@@ -3,8 +3,7 @@
 use super::bench::Chip;
 use pulsetrain_board::{Edge, Link, Port, PortError};
 use pulsetrain_core::wire::Baud;
-use std::cell::RefCell;
-use std::rc::Rc;
+use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 /// A way on the line.
@@ -76,11 +75,11 @@ pub(crate) enum Fault {
 }
 
 /// The line. Clones are the same one.
-pub(crate) struct Line<P>(Rc<RefCell<Struck<P>>>);
+pub(crate) struct Line<P>(Arc<Mutex<Struck<P>>>);
 
 impl<P> Clone for Line<P> {
     fn clone(&self) -> Line<P> {
-        Line(Rc::clone(&self.0))
+        Line(Arc::clone(&self.0))
     }
 }
 
@@ -101,29 +100,29 @@ struct Struck<P> {
 impl<P: Chip> Line<P> {
     pub(crate) fn new(board: P, fault: Fault) -> Line<P> {
         let struck = Struck { board, fault, gone: [0; 2], swapped: None, held: Vec::new(), edges: Vec::new(), told: 0 };
-        Line(Rc::new(RefCell::new(struck)))
+        Line(Arc::new(Mutex::new(struck)))
     }
 
     /// From now on this goes wrong, and what did so far does no more.
     pub(crate) fn set(&self, fault: Fault) {
-        self.0.borrow_mut().fault = fault;
+        self.0.lock().unwrap().fault = fault;
     }
 
     /// Bytes that have gone so far.
     pub(crate) fn gone(&self, way: Way) -> u64 {
-        self.0.borrow().gone[way as usize]
+        self.0.lock().unwrap().gone[way as usize]
     }
 
     /// All edges so far.
     pub(crate) fn all_edges(&self) -> Vec<Edge> {
-        let mut struck = self.0.borrow_mut();
+        let mut struck = self.0.lock().unwrap();
         struck.look();
         struck.edges.clone()
     }
 
     /// Forgets the edges so far, but for the levels of the lines in `kept`.
     pub(crate) fn forget_edges(&self, kept: &[u8]) {
-        let mut struck = self.0.borrow_mut();
+        let mut struck = self.0.lock().unwrap();
         struck.look();
         let last = kept.iter().filter_map(|line| struck.edges.iter().rfind(|edge| edge.line == *line).copied());
         struck.edges = last.collect();
@@ -132,14 +131,14 @@ impl<P: Chip> Line<P> {
 
     /// Lets the board alone for so long: nobody listens.
     pub(crate) fn leave_alone(&self, lasts: Duration) {
-        let mut struck = self.0.borrow_mut();
+        let mut struck = self.0.lock().unwrap();
         let until = struck.board.now() + lasts;
         struck.run(until, &mut Vec::new());
     }
 
     /// The port's time at a tick of the board.
     pub(crate) fn time_of(&self, tick: u64) -> Duration {
-        let cycle = tick + self.0.borrow().board.zero().expect("its clock runs");
+        let cycle = tick + self.0.lock().unwrap().board.zero().expect("its clock runs");
         Duration::from_nanos((u128::from(cycle) * 1_000_000_000 / u128::from(P::CYCLES_PER_S)) as u64)
     }
 }
@@ -250,18 +249,18 @@ impl<P: Chip> Struck<P> {
 
 impl<P: Chip> Port for Line<P> {
     fn now(&self) -> Duration {
-        self.0.borrow().board.now()
+        self.0.lock().unwrap().board.now()
     }
 
     fn send(&mut self, bytes: &[u8]) -> Result<(), PortError> {
-        let mut struck = self.0.borrow_mut();
+        let mut struck = self.0.lock().unwrap();
         struck.is_there()?;
         let passed = struck.pass(Way::ToBoard, bytes);
         struck.board.send(&passed)
     }
 
     fn receive(&mut self, until: Duration, into: &mut Vec<u8>) -> Result<(), PortError> {
-        let mut struck = self.0.borrow_mut();
+        let mut struck = self.0.lock().unwrap();
         let had = into.len();
         while into.len() == had && struck.board.now() < until {
             let until = struck.strike(until);
@@ -278,13 +277,13 @@ impl<P: Chip> Port for Line<P> {
     }
 
     fn set_baud(&mut self, baud: Baud) -> Result<(), PortError> {
-        let mut struck = self.0.borrow_mut();
+        let mut struck = self.0.lock().unwrap();
         let baud = if matches!(struck.fault, Fault::Stuck) { Baud::B115200 } else { baud };
         struck.board.set_baud(baud)
     }
 
     fn edges(&mut self, into: &mut Vec<Edge>) {
-        let mut struck = self.0.borrow_mut();
+        let mut struck = self.0.lock().unwrap();
         struck.look();
         into.extend(&struck.edges[struck.told..]);
         struck.told = struck.edges.len();

@@ -12,7 +12,7 @@ winch_obey:
     rcall winch_obey_inside
     rjmp winch_leave
 
-; The same where all registers are free; r1 is any then.
+; The same for a caller that has all registers free. r1 may be anything afterwards.
 winch_obey_inside:
     movw r28, r24
     movw r30, r22
@@ -89,7 +89,7 @@ winch_obey_inside:
     std Y+44, r23
     rjmp 2b
 
-; From q to the target is r10-r15. With a ramp the reference has to go there yet.
+; r10-r15: from q to the target. With a ramp set, the reference still has to go there.
 7:
     ldd r18, Y+43
     ldd r19, Y+44
@@ -116,7 +116,7 @@ winch_obey_inside:
     std Y+42, r26
     ret
 
-; enable 0.
+; The command `enable 0`.
 10:
     std Y+20, r26
     std Y+21, r26
@@ -259,7 +259,7 @@ winch_factor:
     movw r20, r8
     ret
 
-; r10-r15 += the six bytes at Z, as far as 48 bits go. Z is behind them then.
+; r10-r15 += the six bytes at Z, modulo 2^48. Z then points after them.
 winch_add:
     ld r18, Z+
     add r10, r18
@@ -275,7 +275,7 @@ winch_add:
     adc r15, r18
     rjmp winch_bound
 
-; r10-r15 -= them.
+; The same, but subtracts.
 winch_subtract:
     ld r18, Z+
     sub r10, r18
@@ -303,7 +303,7 @@ winch_bound:
 1:
     ret
 
-; r10-r15 to Z, which is behind them then.
+; Stores r10-r15 at Z. Z then points after them.
 winch_keep:
     st Z+, r10
     st Z+, r11
@@ -313,7 +313,7 @@ winch_keep:
     st Z+, r15
     ret
 
-; void winch_start(Path *r24): four paths as they are at first.
+; void winch_start(Path *r24): initialises four paths.
 .global winch_start
 winch_start:
     movw r26, r24

@@ -1,53 +1,36 @@
-//! The task's side: every millisecond's steps, from the paths to the motors.
+//! The refill's side: the steps of every millisecond, from the paths to the motors.
 //!
-//! A slice is a millisecond of the board's clock: slices begin at its multiples of [`SLICE`], those before the drivers were
-//! on included. All four paths do one together. A motor whose path makes steps in it gets a train; there is room for two of
-//! them, in what the merge's lists leave of their page. `winch_load` takes them.
+//! A slice is a millisecond of the board's clock. Slices begin at multiples of [`SLICE`], also before the drivers were on. All four paths work out
+//! the same slice together. A motor that steps in it gets a train. There is room for two trains of each motor, behind the lists of the merge in their
+//! page. `winch_load` takes them.
 //!
-//! Nothing is planned beyond what is known: the limit is [`CLEAR`] before the next slice begins, so that DIR can be turned for
-//! a step at its very beginning.
+//! The limit is [`CLEARANCE`] before the next slice begins, so that DIR can be turned for a step at its very beginning.
 //!
-//! Main keeps the task out for 1340 cycles at most to obey a line, and for 3480 to take four positions at one time (measured with
-//! steps in between, four axes at 10 000 steps/s). Slices are worked out early enough for that: at least 8000 ticks were left,
-//! crates/board/tests/it/chips/winch_line.rs.
+//! Main keeps the refill out for 1340 cycles at most to obey a line, and for 3480 to take four positions at one time (measured with steps in between,
+//! four axes at 10 000 steps/s). Slices are worked out early enough for that: at least 8000 ticks were left (crates/board/tests/it/chips/winch_line.rs).
 
-use super::{Asked, reader};
 use crate::engine::steps::motor::{Motor, flag};
 use crate::engine::steps::plan::FILLER;
-use crate::engine::steps::{register, times};
+use crate::engine::steps::times;
 use crate::engine::tuning;
-use crate::engine::tuning::winch::{AHEAD, CLEAR, FIRST, SLICES};
+use crate::engine::tuning::winch::{CLEARANCE, FIRST_SLICE, LOOK_AHEAD, MAX_PERIOD};
 use core::arch::global_asm;
 use core::mem::offset_of;
-use pulsetrain_core::Moment;
+use pulsetrain_core::Tick32;
 use pulsetrain_core::winch::spacing::TICKS;
-use pulsetrain_core::winch::text::Verb;
-use pulsetrain_core::wire::message::MOTOR_SETUP_LEN;
 
 /// Ticks of a slice.
 pub(crate) const SLICE: u16 = TICKS;
 
-/// From one train to the other, bytes: what tick.s writes, and the slice's beginning, 4 bytes at [`BEGIN`].
+/// Bytes of a train: what tick.s writes, and the begin of its slice, 4 bytes at [`BEGIN`].
 pub(crate) const TRAIN: u8 = 16;
 const BEGIN: u8 = 10;
 
-/// Where a motor's trains are: in the merge's lists, which end each quarter of the page. A slice makes 11 steps at most.
+/// Bytes of the page for each motor: the list of its lane is at their end, its trains at their beginning. A slice has 11 steps at most.
 const LANE: u8 = 64;
 const _: () = assert!(2 * TRAIN + 2 * 11 <= LANE);
 
 const _: () = assert!(SLICE == SLICE >> 7 << 7 && SLICE >> 7 < 256);
-
-/// What a command needs: pins, and drivers that are on.
-pub(super) const AXES: u8 = 0x40;
-pub(super) const DRIVE: u8 = 0x80;
-
-// Numbers that the assembly compares with.
-const _: () = assert!(Verb::Enable as u8 + 1 == Verb::Report as u8 && Verb::Report as u8 + 1 == Verb::Deadman as u8);
-const _: () = assert!(Verb::Strict as u8 + 1 == Verb::Version as u8 && Verb::Version as u8 + 1 == Verb::Ping as u8);
-
-/// Bytes of the shield's motors.
-const SHIELD: usize = 4 * MOTOR_SETUP_LEN;
-const _: () = assert!(super::TEXT + SHIELD <= super::READER);
 
 global_asm!(
     r#"
@@ -55,9 +38,9 @@ global_asm!(
 winch_slice: .skip 4                    // the next slice
 
     .section .text.winch, "ax", @progbits
-    .global winch_limit, winch_load, winch_due, winch_pass, winch_begin_trains, winch_rests, winch_has_passed, winch_copy_shield, winch_clock_and_positions, winch_do, winch_obey_axes, winch_begin
-    // For the task, which has all registers free: works out the next slice, if it begins [`AHEAD`] from now and there is room, and gives
-    // the limit. That takes long, so that the ring is filled first.
+    .global winch_limit, winch_load, winch_due, winch_begin_trains, winch_rests
+    // `source_limit`: works out the next slice, if it begins within [`LOOK_AHEAD`] and there is room for its trains, and gives the limit. That takes
+    // long, so that the ring is filled first.
 winch_limit:
     call steps_merge_run
     call steps_limit
@@ -120,23 +103,23 @@ winch_limit:
     dec r17
     brne 3b
     rcall winch_next
-6:  subi r18, lo8({CLEAR})
-    sbci r19, hi8({CLEAR})
+6:  subi r18, lo8({CLEARANCE})
+    sbci r19, hi8({CLEARANCE})
     sbci r20, 0
     sbci r21, 0
     movw r22, r18
     movw r24, r20
     ret
 
-    // A call of the task works out one slice, and takes most of one.
+    // `source_due`: a refill works out one slice, and takes most of a slice's time for it.
 winch_due:
-    cpi r26, {SLICES}
+    cpi r26, {MAX_PERIOD}
     brlo 1f
-    ldi r26, {SLICES}
+    ldi r26, {MAX_PERIOD}
 1:  sec
     ret
 
-    // The next train of the winch , if there is one: its accumulator is an interval before its first step.
+    // `source_load`: the next train, if there is one. The registers' tick is an interval before its first step.
 winch_load:
     ldd r24, Y+{FLAGS}
     sbrc r24, {UNREADABLE}
@@ -178,7 +161,7 @@ winch_load:
     eor r23, r22                        // whether it turns round
     sbrs r22, {STEPPED}
     rjmp 2f
-    // What follows from the step before must be known if it turns round, or if there is room for a filler before it.
+    // A turn of DIR or a filler before this needs `dir_free` and `last`.
     sbrc r23, {BACKWARD}
     rjmp 4f
     movw r30, r24
@@ -199,7 +182,7 @@ winch_load:
     ldd r30, Y+{NEXT}
     ldd r31, Y+{NEXT}+1
     rcall 3f
-    // All of it is granted at once, to whoever asked what the motor does next: steps of known slices need no other look.
+    // Returns all steps to whoever called the plan: steps of known slices need no other check.
     pop r24
     pop r24
     ldd r24, Y+{LEFT}
@@ -229,8 +212,8 @@ winch_load:
     ldi r22, {TRAIN}
     eor r30, r22
     std Y+{NEXT}, r30
-    std Y+{SURE}, r1
-    // All its steps are counted.
+    std Y+{PRECHECKED}, r1
+    // Counts all its steps into the position.
     ldd r18, Y+{POSITION}
     ldd r19, Y+{POSITION}+1
     ldd r20, Y+{POSITION}+2
@@ -258,7 +241,7 @@ winch_load:
 8:  sec
     ret
 
-    // The next slice, r18 to r21; N: it is before r26, r27, r30, r31. Uses r22 to r25.
+    // r18 to r21: the next slice. N: it is before r26, r27, r30, r31. Uses r22 to r25.
 winch_is_before:
     lds r18, winch_slice
     lds r19, winch_slice+1
@@ -287,7 +270,7 @@ winch_next:
     sts winch_slice+3, r21
     ret
 
-    // The trains of four motors begin, in the lists' page, one lane after the other; the limit is r22 to r25.
+    // Empties the trains of four motors, and sets the limit to r22 to r25.
 winch_begin_trains:
     sts steps_times+{LIMIT}, r22
     sts steps_times+{LIMIT}+1, r23
@@ -340,287 +323,8 @@ winch_rests:
     dec r25
     brne 3b
     ret
-
-    // Does what a line says, the verb r24, but for what it asks of others: r24 is what to say, or which of {AXES} and {DRIVE}.
-winch_do:
-    ldi r30, lo8(winch_reader)
-    ldi r31, hi8(winch_reader)
-    sts winch_asked+{DEAD}, r1
-    mov r22, r24
-    ldd r18, Z+{VALUES}
-    ldd r19, Z+{VALUES}+1
-    cpi r22, {ENABLE}
-    brlo 3f
-    breq 2f
-    cpi r22, {DEADMAN}
-    brlo 6f
-    breq 7f
-    ldi r24, {AWAKE}
-    cpi r22, {VERSION}
-    brlo 8f
-    brne 1f
-    ldi r24, {ID}
-1:  ret
-2:  ldd r20, Z+{VALUES}+2
-    ldd r21, Z+{VALUES}+3
-    or r18, r19
-    or r18, r20
-    or r18, r21
-    ldi r24, 0b1111
-    ldi r23, {AXES}
-    ldi r25, 1
-    breq 5f
-    ldi r24, 0
-    rjmp 4f
-    // An axis' command
-3:  ldd r24, Z+{GIVEN}
-    ldi r23, {AXES}
-    cpi r22, {GAINS}
-    brsh 9f
-    cpi r22, {IMPULSE}
-    ldi r25, 0
-    brsh 5f
-4:  ldi r23, {AXES} | {DRIVE}
-    ldi r25, 0
-5:  sts winch_asked+{RELEASING}, r25
-    rjmp 10f
-9:  ldd r24, Z+{NAMED}
-10: push r23
-    rcall winch_obey_axes
-    pop r24
-    ret
-6:  sts winch_asked+{REPORT_MS}, r18
-    sts winch_asked+{REPORT_MS}+1, r19
-    rjmp 11f
-7:  sts winch_asked+{DEADMAN_MS}, r18
-    sts winch_asked+{DEADMAN_MS}+1, r19
-    rjmp 11f
-8:  ldi r24, {OVER}
-    cpse r18, r1
-    ori r24, {STRICT}
-    ldd r18, Z+{STAR}
-    cpse r18, r1
-    ori r24, {CHECKED}
-    st Z, r24
-11: ldi r24, 0
-    ret
-
-    // What the verb r22 says, to each of the axes r24.
-winch_obey_axes:
-    rcall winch_enter
-    mov r16, r22
-    mov r17, r24
-    ldi r24, lo8(winch_paths)
-    ldi r25, hi8(winch_paths)
-    movw r14, r24
-    ldi r28, lo8(winch_reader + {VALUES})
-    ldi r29, hi8(winch_reader + {VALUES})
-    lds r24, {TIMSK0}
-    push r24
-    sts {TIMSK0}, r1
-1:  lsr r17
-    brcc 2f
-    cpi r16, {OF_GAINS}
-    brsh 4f
-    .irp r, 14,15,16,17,28,29
-    push r\r
-    .endr
-    movw r24, r14
-    movw r22, r28
-    mov r20, r16
-    rcall winch_obey_inside
-    clr r1
-    .irp r, 29,28,17,16,15,14
-    pop r\r
-    .endr
-    mov r24, r16
-    subi r24, {GAINS}
-    cpi r24, 2
-    brsh 2f
-    // Gains and limits are worked out once: the others get those of this one, from r16 of Y on.
-    movw r28, r14
-    ldi r16, {OF_GAINS}
-    sbrc r24, 0
-    ldi r16, {OF_LIMITS}
-    rjmp 2f
-4:  movw r30, r28
-    add r30, r16
-    adc r31, r1
-    movw r26, r14
-    add r26, r16
-    adc r27, r1
-    ldi r24, {OF_LIMITS} - {OF_GAINS}
-5:  ld r25, Z+
-    st X+, r25
-    dec r24
-    brne 5b
-2:  movw r24, r14
-    adiw r24, {PATH}
-    movw r14, r24
-    cpi r16, {GAINS}
-    brsh 3f
-    adiw r28, 4
-3:  tst r17
-    brne 1b
-    pop r24
-    sts {TIMSK0}, r24
-    rjmp winch_leave
-
-    // The clock, in us, and the steps that four motors have made by then, to five places from r24:25 on.
-winch_clock_and_positions:
-    .irp r, 16,17,28,29
-    push r\r
-    .endr
-    movw r28, r24
-    lds r24, {TIMSK0}
-    push r24
-    sts {TIMSK0}, r1
-    call clock_moment
-    lds r18, clock
-    lds r19, clock+1
-    lds r20, clock+2
-    lds r21, clock+3
-    lds r22, clock+4
-    ldi r24, 4                          // of 2^-4 us
-1:  lsl r18
-    rol r19
-    rol r20
-    rol r21
-    rol r22
-    dec r24
-    brne 1b
-    in r17, {TAIL}
-    st Y+, r19
-    st Y+, r20
-    st Y+, r21
-    st Y+, r22
-    clr r16
-2:  mov r24, r16
-    mov r22, r17
-    call steps_position
-    st Y+, r22
-    st Y+, r23
-    st Y+, r24
-    st Y+, r25
-    inc r16
-    cpi r16, 4
-    brne 2b
-    pop r24
-    sts {TIMSK0}, r24
-    .irp r, 29,28,17,16
-    pop r\r
-    .endr
-    ret
-
-    // Whether at r22 to r25 it is r18:19 milliseconds since the moment at r20:21. That becomes so much later then, so that
-    // nothing adds up; or now, if it was twice as long.
-winch_has_passed:
-    movw r30, r20
-    movw r26, r18
-    ld r0, Z
-    sub r22, r0
-    ldd r0, Z+1
-    sbc r23, r0
-    ldd r0, Z+2
-    sbc r24, r0
-    ldd r0, Z+3
-    sbc r25, r0
-    ldi r21, {SLICE} >> 7               // r18 to r21: the milliseconds in ticks
-    clr r20
-    mul r26, r21
-    movw r18, r0
-    mul r27, r21
-    add r19, r0
-    adc r20, r1
-    clr r1
-    mov r21, r20
-    mov r20, r19
-    mov r19, r18
-    clr r18
-    lsr r21
-    ror r20
-    ror r19
-    ror r18
-    sub r22, r18
-    sbc r23, r19
-    sbc r24, r20
-    sbc r25, r21
-    brcs 2f
-    cp r22, r18
-    cpc r23, r19
-    cpc r24, r20
-    cpc r25, r21
-    brcs 1f
-    add r18, r22
-    adc r19, r23
-    adc r20, r24
-    adc r21, r25
-1:  ld r24, Z
-    add r18, r24
-    st Z+, r18
-    ld r24, Z
-    adc r19, r24
-    st Z+, r19
-    ld r24, Z
-    adc r20, r24
-    st Z+, r20
-    ld r24, Z
-    adc r21, r24
-    st Z+, r21
-    ldi r24, 1
-    ret
-2:  ldi r24, 0
-    ret
-
-    // The shield's motors, as a configuration has them, to where the reader has a line.
-winch_copy_shield:
-    ldi r26, lo8(winch_reader + {TEXT})
-    ldi r27, hi8(winch_reader + {TEXT})
-    movw r22, r26
-    ldi r30, lo8(winch_shield)
-    ldi r31, hi8(winch_shield)
-    ldi r24, {SHIELD}
-1:  lpm r25, Z+
-    st X+, r25
-    dec r24
-    brne 1b
-    movw r24, r22
-    ret
-winch_shield:
-    .byte 2, 5, 1, 0, 0, 0, 0, 0
-    .byte 3, 6, 1, 0, 0, 0, 0, 0
-    .byte 4, 7, 1, 0, 0, 0, 0, 0
-    .byte 12, 13, 1, 0, 0, 0, 0, 0
-    .balign 2
-
-    // The next slice is none that begins before r22 to r25.
-winch_pass:
-    movw r26, r22
-    movw r30, r24
-1:  rcall winch_is_before
-    brpl 2f
-    rcall winch_next
-    rjmp 1b
-2:  ret
-
-    // Text begins: paths, reader, and what was asked.
-winch_begin:
-    ldi r24, lo8(winch_paths)
-    ldi r25, hi8(winch_paths)
-    rcall winch_start
-    ldi r24, {OVER}
-    sts winch_reader, r24
-    ldi r30, lo8(winch_asked)
-    ldi r31, hi8(winch_asked)
-    ldi r24, {ASKED}
-1:  st Z+, r1
-    dec r24
-    brne 1b
-    ldi r24, {AT_FIRST_MS}
-    sts winch_asked+{REPORT_MS}, r24
-    ret
     "#,
-    SLICES = const SLICES,
+    MAX_PERIOD = const MAX_PERIOD,
     FILLER_HIGH = const FILLER >> 8,
     FLAGS = const offset_of!(Motor, flags),
     UNREADABLE = const flag::UNREADABLE,
@@ -632,85 +336,44 @@ winch_begin:
     MOTOR_TICK = const offset_of!(Motor, registers) + 2,
     INTERVAL = const offset_of!(Motor, registers) + 6,
     LEFT = const offset_of!(Motor, registers) + 19,
-    SURE = const offset_of!(Motor, sure),
+    PRECHECKED = const offset_of!(Motor, prechecked),
     POSITION = const offset_of!(Motor, position),
     LIMIT = const times::LIMIT,
-    SOONER = const tuning::stepper::AHEAD - AHEAD,
+    SOONER = const tuning::stepper::LOOK_AHEAD - LOOK_AHEAD,
     START = const offset_of!(Motor, start),
     NEXT = const offset_of!(Motor, next),
-    ASKED = const size_of::<Asked>(),
-    AT_FIRST_MS = const super::REPORT_MS,
-    DEAD = const offset_of!(Asked, dead),
-    RELEASING = const offset_of!(Asked, releasing),
-    REPORT_MS = const offset_of!(Asked, report_ms),
-    DEADMAN_MS = const offset_of!(Asked, deadman_ms),
-    VALUES = const reader::VALUES,
-    GIVEN = const reader::GIVEN,
-    NAMED = const reader::AXES,
-    OVER = const reader::OVER,
-    STRICT = const reader::STRICT,
-    CHECKED = const reader::CHECKED,
-    STAR = const reader::STAR,
-    IMPULSE = const Verb::Impulse as u8,
-    GAINS = const Verb::Gains as u8,
-    ENABLE = const Verb::Enable as u8,
-    DEADMAN = const Verb::Deadman as u8,
-    VERSION = const Verb::Version as u8,
-    AWAKE = const super::AWAKE,
-    ID = const super::ID,
-    AXES = const AXES,
-    DRIVE = const DRIVE,
-    TIMSK0 = const register::TIMSK0,
-    TAIL = const register::OCR0A,
     LANE = const LANE,
-    SHIELD = const SHIELD,
-    TEXT = const super::TEXT,
     SPEED = const super::SPEED,
-    OF_GAINS = const super::OF_GAINS,
-    OF_LIMITS = const super::OF_LIMITS,
     MOTOR_SIZE = const size_of::<Motor>(),
     BEGIN = const BEGIN,
     TRAIN = const TRAIN,
     SLICE = const SLICE,
-    CLEAR = const CLEAR,
+    CLEARANCE = const CLEARANCE,
     PATH = const super::PATHS / 4,
 );
 
 unsafe extern "C" {
-    fn winch_pass(until: Moment);
-    fn winch_begin_trains(limit: Moment);
-    fn winch_copy_shield() -> *const [u8; SHIELD];
-    pub(super) fn winch_begin();
-    pub(super) safe fn winch_do(verb: u8) -> u8;
-    pub(super) safe fn winch_obey_axes(axes: u8, verb: u8);
-    pub(super) fn winch_clock_and_positions(to: *mut i32);
+    fn winch_pass(until: Tick32);
+    fn winch_begin_trains(limit: Tick32);
     safe fn winch_rests() -> u8;
-    pub(super) safe fn winch_has_passed(now: Moment, then: &mut Moment, ms: u16) -> bool;
 }
 
-/// No slice begins before `now`. To be called at least once in 2^31 ticks while nothing drives.
+/// Skips slices that begin before `now`. To be called at least once in 2^31 ticks while nothing drives.
 #[inline(always)]
-pub(crate) fn pass(now: Moment) {
-    // SAFETY: the task leaves the slices alone while nothing drives.
+pub(crate) fn pass(now: Tick32) {
+    // SAFETY: the refill does not use slices while nothing drives.
     unsafe { winch_pass(now) }
 }
 
-/// Trains and slices begin. The task is kept out, and rings have been started now.
+/// Starts trains and slices. The refill is kept out, and the rings have just been started.
 #[inline(always)]
-pub(crate) fn begin(now: Moment) {
-    // SAFETY: there is nothing in the lists yet but fillers, at their ends.
+pub(crate) fn begin(now: Tick32) {
+    // SAFETY: the lists have only fillers yet, at their ends.
     unsafe { winch_begin_trains(now) };
-    pass(now.after(FIRST));
+    pass(now.after(FIRST_SLICE));
 }
 
-/// Four motors on the CNC shield, as a configuration has them. They are where the line was that has been read.
-#[inline(always)]
-pub(crate) fn shield() -> &'static [u8; SHIELD] {
-    // SAFETY: main alone uses the reader, and nobody before the next byte.
-    unsafe { &*winch_copy_shield() }
-}
-
-/// Whether no path moves, and no train waits. The task is to be kept out.
+/// Whether no path moves, and no train waits. The refill must be kept out.
 #[inline(always)]
 pub(crate) fn rests() -> bool {
     winch_rests() == 0

@@ -1,9 +1,9 @@
 ; What the board says, as text: pulsetrain_core::winch::reply::Reply, to the same bytes.
 ;
-;   u8 winch_say(u8 *r24, u8 r22, u8 r20)          about word r20 what r22 is: a What, or one of those behind it
+;   u8 winch_say(u8 *r24, u8 r22, u8 r20)          the reply r22 about the word r20: a What, or one of the numbers after those
 ;   u8 winch_status(u8 *r24, const i32 *r22)       the clock and four positions
 ;
-; Both write to r24 and give how many bytes. X is where the next one goes.
+; Both write to r24 and return how many bytes. X is where the next one goes.
 
 .section .text.winch, "ax", @progbits
 .global winch_say, winch_status, winch_powers
@@ -65,7 +65,7 @@ winch_status:
     brne 1b
     rjmp winch_end_line
 
-; Text r25.
+; Writes the text of the number r25.
 winch_append:
     ldi r30, lo8(winch_texts)
     ldi r31, hi8(winch_texts)
@@ -86,7 +86,7 @@ winch_append:
 4:
     ret
 
-; A space, and the number r18-r21. T: a digit has been written. Keeps r22, r23, r25.
+; Writes a space and the number r18-r21. T: a digit has been written. Keeps r22, r23, r25.
 winch_decimal:
     ldi r24, 0x20
     st X+, r24

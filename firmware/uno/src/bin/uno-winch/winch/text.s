@@ -46,7 +46,7 @@ winch_listen:
     cpse r21, r1
     adiw r26, 1
 
-; A byte: most are between + and ~, and not the first of a word.
+; A byte. Most bytes are between + and ~, and not the first of a word.
 2:
     subi r20, 1
     brcs 8f
@@ -85,7 +85,7 @@ winch_listen:
     mov r18, r21
     inc r18
 
-; A word begins behind a blank, unless the checksum does.
+; A word begins after a blank, unless it is the checksum.
 5:
     mov r24, r22
     rcall winch_is_blank
@@ -129,7 +129,7 @@ winch_listen:
     clr r24
     rjmp 20f
 
-; A zero: whatever came before is no line.
+; A zero: what came before is not a line.
 10:
     ldd r24, Y+0
     ori r24, 2
@@ -137,7 +137,7 @@ winch_listen:
     ldi r24, 0x40
     rjmp 20f
 
-; The line is over. Blanks at its end are none of it.
+; The line is complete. Blanks at its end do not belong to it.
 9:
     subi r21, 1
     brcs 24f
@@ -234,7 +234,7 @@ winch_listen:
     pop r28
     ret
 
-; Notes r25 as what is wrong with the line, at its present word, unless something was already.
+; Notes r25 as the error of the line, at the present word, unless there is one already.
 winch_refuse:
     ldd r24, Y+4
     tst r24
@@ -285,7 +285,7 @@ winch_begin_word:
     tst r24
     ret
 
-; The axis of the flag at X, which is passed by; carry: it is one.
+; The axis of the flag at X, which is skipped. Carry: it is an axis.
 winch_axis:
     ld r24, X+
     subi r24, 0x78
@@ -309,7 +309,7 @@ winch_bit:
     lsl r25
     ret
 
-; A sign, if there is one, is passed by; T: minus.
+; Skips a sign, if there is one. T: minus.
 winch_sign:
     clt
     ld r24, X
@@ -345,7 +345,7 @@ winch_tenfold:
     adc r21, r25
     ret
 
-; Reads the line: r24 is what is wrong with it.
+; Reads the line. r24: its error, or 0.
 winch_read:
     std Y+3, r1
     movw r30, r28
@@ -508,7 +508,7 @@ winch_read:
     ldi r24, 3                  ; Number
     ret
 
-; A number at X; carry: it is none.
+; Reads a number at X. Carry: there is none.
 winch_number:
     clr r18
     clr r19
@@ -607,7 +607,7 @@ winch_number:
 13:
     ret
 
-; The number is a decimal, that of gains or limits whose turn it is: r24 is what is wrong with it.
+; The number is a decimal: the next one of gains or limits. r24: its error, or 0.
 winch_take_decimal:
     subi r22, 0xfd
     cpi r16, 0x15
@@ -699,7 +699,7 @@ winch_take_decimal:
     rcall winch_is_nothing
     brne 10f
 
-; Between least and most; more than a limit's most is taken as that, but when strict.
+; Checks that it is between minimum and maximum. A limit that is too large is taken as the maximum, unless text is strict.
 7:
     mov r24, r16
     subi r24, 0x15
@@ -750,7 +750,7 @@ winch_compare:
     cpc r21, r24
     ret
 
-; r18-r21 is value r24; all is well.
+; Stores r18-r21 as value r24. No error.
 winch_store:
     rcall winch_place
     st Z, r18
@@ -760,7 +760,7 @@ winch_store:
     clr r24
     ret
 
-; Z: r18-r21 are 0. r25 is not kept.
+; Z flag: r18-r21 are 0. Uses r25.
 winch_is_nothing:
     mov r25, r18
     or r25, r19
@@ -768,7 +768,7 @@ winch_is_nothing:
     or r25, r21
     ret
 
-; Where value r24 is.
+; The address of value r24.
 winch_place:
     lsl r24
     lsl r24
@@ -778,7 +778,7 @@ winch_place:
     adc r31, r1
     ret
 
-; The number is a whole one, for the next flag that is an axis: r24 is what is wrong with it.
+; The number is an integer, for the next flag that is an axis. r24: its error, or 0.
 winch_take_whole:
     ldi r24, 3                  ; Number
     ldd r25, Y+0
@@ -810,7 +810,7 @@ winch_take_whole:
     rjmp 3f
     rcall winch_negate
 3:
-; Now the sign must be as it was written, but for 0.
+; The sign must still be the one that was written, unless the number is 0.
     mov r25, r21
     lsl r25
     sbc r25, r25
@@ -866,7 +866,7 @@ winch_take_whole:
     ldi r24, 4                  ; Range
     ret
 
-; Named twice, an axis moves by both.
+; An axis that is named twice moves by the sum.
 8:
     mov r25, r24
     rcall winch_place
@@ -882,7 +882,7 @@ winch_take_whole:
     brvs 7b
     rjmp winch_store
 
-; A ramp that is negative is none.
+; A negative ramp is no ramp.
 9:
     sbrs r21, 7
     rjmp 11f
@@ -913,13 +913,13 @@ winch_names:
     .asciz "strict"
     .asciz "version"
     .asciz "ping"
-; Least and most of f and of ζ, 10^-6; of vmax and of amax, 10^-3.
+; Minimum and maximum of f and of ζ, 10^-6; of vmax and of amax, 10^-3.
 winch_ranges:
     .long 10000, 20000000
     .long 70000, 5000000
     .long 0, 10000000
     .long 1000, 250000000
-; More than the fastest drift.
+; One more than the fastest drift.
 winch_drift:
     .long 15001
 .balign 2

@@ -18,7 +18,7 @@ winch_tick:
     rcall winch_tick_inside
     rjmp winch_leave
 
-; The same where all registers are free.
+; The same for a caller that has all registers free.
 winch_tick_inside:
     push r22
     push r23
@@ -59,7 +59,7 @@ winch_tick_inside:
     sbci r19, 0xff
 2:
 
-; rest = way - step; with another sign than the way, the step is all of it.
+; rest = way - step. If its sign is not that of the way, the step is the whole way.
     sub r2, r18
     sbc r3, r19
     sbc r4, r20
@@ -88,8 +88,7 @@ winch_tick_inside:
     rcall winch_clear
 5:
 
-; X, r22-r25: the four bytes of the gap that mean anything; r27: how many bytes its product with k is to be
-; shifted.
+; X = r22-r25: the four significant bytes of the gap. r27: by how many bytes its product with k must be shifted.
     ldd r25, Y+13
     ldd r24, Y+12
     ldd r23, Y+11
@@ -161,7 +160,7 @@ winch_tick_inside:
     adiw r30, 26
     rcall winch_term
 
-; r2-r7: the old speed, 48 bits. Stopping, the change is what would bring it to 0.
+; r2-r7: the old speed, 48 bits. While stopping, the change is what would bring it to 0.
 30:
     ldd r2, Y+14
     ldd r3, Y+15
@@ -517,7 +516,7 @@ winch_tick_inside:
     clr r1
     ret
 
-; Fetches what winch_enter has put onto the stack, and returns.
+; Restores what winch_enter has saved, and returns.
 winch_leave:
     clr r1
     pop r29
@@ -540,13 +539,13 @@ winch_leave:
     pop r2
     ret
 
-; Stopping: no products; r9 tells it to the position. It is 0 after a product.
+; Stopping: no products. r9 says so to the position's code; after a product it is 0.
 60:
     ldi r27, 1
     mov r9, r27
     rjmp 30b
 
-; Puts the caller's registers onto the stack, for winch_leave to fetch.
+; Saves the caller's registers on the stack; winch_leave restores them.
 winch_enter:
     pop r31
     pop r30
@@ -594,7 +593,7 @@ winch_move_gap:
 1:
     ret
 
-; X, and r18-r21, with the other sign.
+; Negates X, and r18-r21.
 winch_negate_x:
     com r25
     com r24

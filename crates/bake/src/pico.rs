@@ -1,0 +1,138 @@
+//! An image of a Pico's flash that plays a motion from power-up on: the committed firmware, and behind it a block that it finds
+//! there ([`pulsetrain_core::baked`]).
+//! What lies between two turns is the firmware's to make.
+
+use pulsetrain_board::virtual_pico::{self, VirtualPico};
+use pulsetrain_board::{RemoteError, Setup, image};
+use pulsetrain_core::baked::{FLASH_ROOM, LONGEST_PIECE, MAGIC, POINTER, Repeats, crc32};
+use pulsetrain_core::wire::Baud;
+use pulsetrain_motion::program::Program;
+
+use crate::streams::{Gap, Shape, Stream, streams};
+use crate::{BakeError, PutOff};
+use pulsetrain_session::drive;
+
+/// Where a Pico's flash is (RP2040 datasheet §2.6).
+const FLASH_AT: u32 = 0x1000_0000;
+
+/// The boot ROM wants sectors whole, or may leave parts of them as they were (RP2040 datasheet, erratum E14).
+const SECTOR: usize = 4096;
+
+/// What reading a segment from the flash takes the firmware beside all else, ticks: some 12 bytes, at 48 each by the command that
+/// every flash chip knows (8 bytes: 96 bits, each 4 ticks). (est.)
+const READ_TICKS: u32 = 600;
+
+/// How it takes pieces.
+const SHAPE: Shape = Shape { board: "a Pico", piece: LONGEST_PIECE, long: None, by_pairs: |_| false };
+
+/// An image of a Pico's flash.
+#[derive(Clone, Debug)]
+pub struct PicoImage {
+    /// From the beginning of the flash on.
+    pub flash: Vec<u8>,
+    /// Bytes of the motion in it.
+    pub block_bytes: usize,
+    /// Segments and waits of all motors.
+    pub items: usize,
+    /// Whether any motor goes on for ever.
+    pub endless: bool,
+    /// What of all motors' steps was put off.
+    pub put_off: PutOff,
+}
+
+impl PicoImage {
+    /// Bytes of a Pico's flash that an image may fill; the settings are behind them.
+    pub const ROOM: usize = FLASH_ROOM as usize;
+
+    /// The image of a program for the Pico. The committed firmware itself, on the virtual Pico, is asked whether it takes pins and
+    /// times.
+    ///
+    /// # Errors
+    /// [`BakeError`]: a motion that is refused, that does not repeat or does not fit, or pins that the firmware refuses.
+    pub fn new(program: &Program) -> Result<PicoImage, BakeError> {
+        PicoImage::within(program, PicoImage::ROOM)
+    }
+
+    /// The same in the first `flash_bytes` of the flash, [`ROOM`](PicoImage::ROOM) at most.
+    ///
+    /// # Errors
+    /// As [`PicoImage::new`].
+    pub fn within(program: &Program, flash_bytes: usize) -> Result<PicoImage, BakeError> {
+        if program.board.name != "pico" {
+            return Err(BakeError::Board { board: program.board.name.clone() });
+        }
+        drive::connect(VirtualPico::new(), program, Baud::B115200).map_err(Box::new)?;
+        let mut program = program.clone();
+        for (motors, ticks) in (1..).zip(&mut program.board.segment_ticks) {
+            ticks.onward += motors * READ_TICKS;
+            ticks.turning += motors * READ_TICKS;
+            // From no host.
+            ticks.heard = 0;
+        }
+        let mut flash = firmware()?;
+        let at = flash.len();
+        let limit = flash_bytes.min(PicoImage::ROOM).saturating_sub(at);
+        let setup = drive::setup(&program);
+        let streams = streams(&program, &setup, limit, SHAPE)?;
+        let block = block(&setup, &streams).ok_or(RemoteError::Nonsense).map_err(Box::new)?;
+        if block.len() > limit {
+            let whole_s = streams.iter().map(|stream| stream.length_s).fold(0.0, f64::max);
+            let bytes = block.len();
+            return Err(BakeError::TooLarge {
+                board: SHAPE.board,
+                bytes,
+                limit,
+                fits_s: whole_s * limit as f64 / bytes as f64,
+            });
+        }
+        flash[POINTER..POINTER + 4].copy_from_slice(&(at as u32).to_le_bytes());
+        flash.extend(&block);
+        flash.resize(flash.len().next_multiple_of(SECTOR), 0xff);
+        Ok(PicoImage {
+            flash,
+            block_bytes: block.len(),
+            items: streams.iter().map(|stream| stream.items).sum(),
+            endless: streams.iter().any(|stream| stream.repeats.is_some()),
+            put_off: streams.iter().map(|stream| stream.put_off).sum(),
+        })
+    }
+
+    /// As UF2, which a Pico's drive and `pulsetrain flash` take.
+    #[must_use]
+    pub fn uf2(&self) -> Vec<u8> {
+        image::to_uf2(&self.flash, FLASH_AT, virtual_pico::FAMILY)
+    }
+}
+
+/// The committed firmware, in whole sectors.
+fn firmware() -> Result<Vec<u8>, BakeError> {
+    let broken = |error: image::ImageError| BakeError::Player { what: error.to_string() };
+    let pieces = image::uf2(virtual_pico::IMAGE, virtual_pico::FAMILY).map_err(broken)?;
+    let mut flash = image::flat(&pieces, FLASH_AT, PicoImage::ROOM).map_err(broken)?;
+    flash.resize(flash.len().next_multiple_of(SECTOR), 0xff);
+    Ok(flash)
+}
+
+/// The block of all motors; `None` with more than 8 of them, or more than 2^32 bytes.
+fn block(setup: &Setup, streams: &[Stream]) -> Option<Vec<u8>> {
+    let motors = setup.motor_bytes();
+    let (head, motors) = setup.configuration(&motors)?.to_bytes();
+    let mut body = vec![u8::try_from(head.len() + motors.len()).ok()?];
+    body.extend(head);
+    body.extend(motors);
+    for Stream { head, turn, repeats, .. } in streams {
+        for part in [head, turn] {
+            body.extend(u32::try_from(part.len()).ok()?.to_le_bytes());
+        }
+        body.extend(Repeats::to_bytes(repeats.map(|Gap { wait, from, to }| Repeats {
+            ticks: (wait >> 64) as u64,
+            part: (wait >> 32) as u32,
+            rest: wait as u32,
+            from,
+            to,
+        })));
+    }
+    body.extend(streams.iter().flat_map(|stream| [&stream.head, &stream.turn]).flatten());
+    let len = u32::try_from(pulsetrain_core::baked::HEAD_LEN + body.len()).ok()?;
+    Some([&MAGIC[..], &len.to_le_bytes(), &crc32(&body).to_le_bytes(), &body].concat())
+}

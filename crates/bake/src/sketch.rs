@@ -1,0 +1,113 @@
+//! An Arduino sketch that plays tables: plain C++, tables in flash, no library.
+
+use std::fmt::Write as _;
+
+use pulsetrain_motion::program::{Program, Wiring};
+
+use crate::parts::{LEAD, Parts, Plan, Size, Wires};
+use crate::{BakeError, Row};
+
+/// The program without what is a motion's own: what its tables are made of, and what plays them.
+const TYPES: &str = include_str!("types.h");
+const PLAYER: &str = include_str!("player.h");
+
+/// Bytes of flash that are left for tables: 32 256, less what the program and the Arduino core take.
+const ROOM: usize = 32_256 - 4_096;
+
+/// What a sketch says of itself.
+pub const MADE: &str = "Made by pulsetrain bake";
+
+/// An Arduino sketch.
+#[derive(Clone, Debug)]
+pub struct Sketch {
+    /// The text of the .ino file.
+    pub text: String,
+    /// What its tables take.
+    pub size: Size,
+}
+
+impl Sketch {
+    /// The sketch of a program for the Uno. `title`: what it is called in its comments.
+    ///
+    /// # Errors
+    /// [`BakeError`]: what cannot be baked, other drivers than those with STEP and DIR, other pins than 2 to 13, too fast, too large.
+    pub fn new(program: &Program, title: &str) -> Result<Sketch, BakeError> {
+        let parts = Parts::of(program, ROOM)?;
+        let Size { rows, bytes, .. } = parts.size;
+        let (pulse, lamp) = (parts.pulse_loops(), parts.lamp());
+        let mut text = format!(
+            "// {title}\n// {MADE}: an Arduino Uno plays this motion by itself, from power-up on.\n\
+             // {rows} rows of tables, {bytes} bytes of flash.\n\n#include <Arduino.h>\n#include <avr/pgmspace.h>\n\
+             #include <avr/sleep.h>\n#include <util/delay_basic.h>\n\n#define MOST {motors}\nconst uint8_t MOTORS = MOST;\n\
+             const uint16_t PULSE = {pulse}; // loops of 4 cycles in which STEP is high\n\
+             const uint32_t LEAD = {LEAD};  // ticks before the motion begins\n\
+             const uint8_t LAMP = {lamp}; // on port B\n\n",
+            title = in_comment(title),
+            motors = program.motors.len()
+        );
+        text += TYPES;
+        text += &rows_and_plans(&parts);
+        text += PLAYER;
+        let _ = write!(
+            text,
+            "\nvoid setup() {{\n  // The Arduino core's clock would delay steps: millis() and delay() stand still from here on.\n  \
+             TIMSK0 = 0;\n{}  prepare();\n}}\n\nvoid loop() {{\n  play();\n}}\n",
+            pins(program)
+        );
+        Ok(Sketch { text, size: parts.size })
+    }
+}
+
+fn rows_and_plans(parts: &Parts) -> String {
+    let mut text = String::from("const Row rows[] PROGMEM = {\n");
+    let mut plans = String::from("const Plan plans[MOST] = {\n");
+    for Row { count, backward, ticks, part, add, add2 } in parts.tables.iter().flat_map(|table| &table.rows) {
+        let steps = count | if *backward { 0x8000 } else { 0 };
+        let _ = writeln!(text, "  {{ {steps}u, {part}u, {ticks}UL, {}, {} }},", number(*add), number(*add2));
+    }
+    for plan in parts.plans() {
+        let Plan { first, end, turn, base, period, rest, wires } = plan;
+        let Wires { step, dir, forward_high, setup, hold, .. } = wires;
+        let _ = writeln!(
+            plans,
+            "  {{ {first}, {end}, {turn}u, {}, {}, {rest}UL, {}, {}, {}, {}, {}, {setup}, {hold} }},",
+            fixed(base),
+            fixed(period),
+            step.0,
+            step.1,
+            dir.0,
+            dir.1,
+            u8::from(*forward_high)
+        );
+    }
+    text + "};\n\n" + &plans + "};\n\n"
+}
+
+/// Ticks · 2^-16 as the sketch's `Fixed`.
+fn fixed(value: u64) -> String {
+    format!("{{ {}u, {}UL }}", value & 0xffff, (value >> 16) & 0xffff_ffff)
+}
+
+/// The least number of 32 bits has no literal in C.
+fn number(value: i32) -> String {
+    if value == i32::MIN { "(-2147483647L - 1)".to_owned() } else { format!("{value}L") }
+}
+
+fn pins(program: &Program) -> String {
+    let mut text = String::new();
+    for motor in &program.motors {
+        let Wiring::StepDir { step, dir, enable, .. } = motor.wiring else { continue };
+        let _ = writeln!(text, "  pinMode({step}, OUTPUT); // {}", in_comment(&motor.name));
+        let _ = writeln!(text, "  pinMode({dir}, OUTPUT);");
+        if let Some((pin, level)) = enable {
+            let _ = writeln!(text, "  digitalWrite({pin}, {});", if level { "HIGH" } else { "LOW" });
+            let _ = writeln!(text, "  pinMode({pin}, OUTPUT);");
+        }
+    }
+    text
+}
+
+/// A line's comment ends with the line, and a backslash at its end would take the next one along.
+fn in_comment(text: &str) -> String {
+    text.replace(|c: char| c.is_control() || c == '\\', " ")
+}

@@ -1,0 +1,263 @@
+//! Packed bytes that wait → items for a channel.
+
+use super::{ByteQueue, Pool, PushRefused};
+use crate::packing::{CHECK_LEN, MAX_PACKED_LEN, MOST_ONWARD, Packing, State, Units};
+use crate::queue::{Items, Place};
+use crate::{Direction, Epoch, Item, Recurrence};
+
+/// What is wrong with packed bytes. The rest of their epoch is dropped.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Fault {
+    /// No packer makes them.
+    BadItem,
+    /// A check says that the motor ought to be elsewhere, or at another time.
+    CheckFailed,
+}
+
+/// Bytes that an item or a check takes at most.
+#[expect(clippy::cast_possible_truncation, reason = "checked beside it")]
+const MOST_IN_FRONT: u16 = MAX_PACKED_LEN as u16;
+const _: () = assert!(CHECK_LEN <= MAX_PACKED_LEN && MAX_PACKED_LEN < 256);
+
+/// A run that is taken onward has so many bytes behind it, or its own.
+#[expect(clippy::cast_possible_truncation, reason = "11")]
+const ONWARD_LEN: u16 = MOST_ONWARD as u16;
+
+/// How a check begins: control record 5.
+const CHECK: [u8; 2] = [0x2f, 0];
+
+/// Control records that are no items, of two bytes: reversal and reset. The state is new after each.
+const REVERSE: u8 = 0x07;
+const RESET: u8 = 0x0f;
+
+/// A motor's packed bytes in a share of a [`Pool`], always the same one: each method that touches bytes is given it.
+#[derive(Clone, Debug)]
+pub struct PackedQueue {
+    bytes: ByteQueue,
+    packing: Packing,
+    /// Of the epoch in front.
+    state: State,
+    /// Its registers are those of the channel: see [`Items::take_run`].
+    lent: bool,
+    units: Units,
+    /// Where the motor was at the last anchor.
+    anchored_at: i32,
+    fault: Option<Fault>,
+}
+
+impl PackedQueue {
+    /// An empty queue.
+    #[must_use]
+    pub const fn new(bytes: ByteQueue, packing: Packing) -> PackedQueue {
+        let (state, units) = (State::new(Direction::Forward), Units::UNKNOWN);
+        PackedQueue { bytes, packing, state, lent: false, units, anchored_at: 0, fault: None }
+    }
+
+    /// Puts packed items of `epoch` last, whole ones: all of them or, with an error, none.
+    ///
+    /// # Errors
+    /// As [`ByteQueue::push`].
+    pub fn push<const N: usize>(&mut self, pool: &mut Pool<N>, epoch: Epoch, packed: &[u8]) -> Result<(), PushRefused> {
+        self.bytes.push(pool, epoch, packed)
+    }
+
+    /// Takes back what was pushed last of `epoch`, which is not the one that is being run.
+    pub fn discard(&mut self, epoch: Epoch) {
+        self.bytes.discard(epoch);
+    }
+
+    /// Takes back the `len` bytes that were pushed last; see [`ByteQueue::drop_last`].
+    pub fn drop_last(&mut self, len: u16) {
+        self.bytes.drop_last(len);
+    }
+
+    /// Whether so many bytes of the newest epoch wait.
+    #[must_use]
+    pub fn can_drop_last(&self, len: u16) -> bool {
+        self.bytes.can_drop_last(len)
+    }
+
+    /// Free bytes: what the host may still send.
+    #[must_use]
+    pub const fn room(&self) -> u16 {
+        self.bytes.room()
+    }
+
+    /// What was wrong with bytes since the queue was [cleared](Items::clear) last.
+    #[must_use]
+    pub const fn fault(&self) -> Option<Fault> {
+        self.fault
+    }
+
+    /// Forgets what was wrong.
+    pub const fn forgive(&mut self) {
+        self.fault = None;
+    }
+
+    /// With the memory that its bytes are in, a channel's items.
+    pub const fn items<'a, const N: usize>(&'a mut self, pool: &'a Pool<N>) -> PackedItems<'a, N> {
+        PackedItems { packed: self, pool }
+    }
+
+    /// Whether bytes of `epoch` are in front.
+    #[must_use]
+    pub const fn has(&self, epoch: Epoch) -> bool {
+        self.bytes.waiting(epoch) > 0
+    }
+
+    fn take<const N: usize>(&mut self, pool: &Pool<N>, here: &Place) -> Option<Item> {
+        let epoch = self.bytes.first()?;
+        let len = self.bytes.waiting(epoch).min(MOST_IN_FRONT);
+        if let Some(front) = self.bytes.first_in_place(pool, len) {
+            if let [c0 @ (REVERSE | RESET), 0, ..] = *front {
+                self.begin_again(c0 == REVERSE);
+                return None;
+            }
+            return self.take_from(front, epoch, here);
+        }
+        let mut front = [0; MAX_PACKED_LEN];
+        let front = front.get_mut(..usize::from(len))?;
+        self.bytes.copy_first(pool, front);
+        self.take_from(front, epoch, here)
+    }
+
+    // A call, so that it is there once.
+    #[inline(never)]
+    fn take_from(&mut self, front: &[u8], epoch: Epoch, here: &Place) -> Option<Item> {
+        let mut rest = front;
+        if let [c0, c1, p0, p1, t0, t1, t2, t3, f0, f1, ..] = *rest
+            && [c0, c1] == CHECK
+        {
+            self.consume(CHECK_LEN);
+            let moved = here.position.wrapping_sub(self.anchored_at).to_le_bytes();
+            let agrees = moved[..2] == [p0, p1]
+                && here.tick.0 == u32::from_le_bytes([t0, t1, t2, t3])
+                && here.fraction == u16::from_le_bytes([f0, f1]);
+            if !agrees {
+                self.give_up(epoch, Fault::CheckFailed);
+            }
+            return None;
+        }
+        if let [c0 @ (REVERSE | RESET), 0, ..] = *rest {
+            self.begin_again(c0 == REVERSE);
+            return None;
+        }
+        let len = rest.len();
+        let unpacked = self.packing.unpack(&mut self.state, &mut rest);
+        self.consume(len - rest.len());
+        match unpacked {
+            Ok(Some(anchor @ Item::Anchor { .. })) => {
+                self.anchored_at = here.position;
+                Some(anchor)
+            }
+            Ok(item) => item,
+            Err(_) => {
+                self.give_up(epoch, Fault::BadItem);
+                None
+            }
+        }
+    }
+
+    /// See [`Items::take_run`].
+    #[inline(never)]
+    fn take_run<const N: usize>(
+        &mut self,
+        pool: &Pool<N>,
+        epoch: Epoch,
+        direction: Direction,
+        registers: &mut Recurrence,
+    ) -> u32 {
+        if self.state.direction != direction || self.bytes.waiting(epoch) < ONWARD_LEN {
+            return 0;
+        }
+        let front = self.bytes.first_in_place(pool, ONWARD_LEN).and_then(|front| front.first_chunk());
+        let Some(front) = front else { return 0 };
+        if !self.lent {
+            let State { interval, add, add2, .. } = self.state;
+            (registers.interval, registers.add, registers.add2) = (interval, add, add2);
+            self.lent = true;
+        }
+        let previous_count = self.state.previous_count;
+        let taken = self.packing.unpack_onward(&mut self.units, previous_count, registers, front);
+        let Some((count, taken)) = taken else { return 0 };
+        self.state.previous_count = count;
+        self.consume(taken);
+        count
+    }
+
+    /// A reversal, or a reset: nothing predicts what comes next.
+    fn begin_again(&mut self, reverses: bool) {
+        self.consume(2);
+        let was = self.state.direction;
+        self.state = State::new(if reverses { was.reversed() } else { was });
+    }
+
+    /// What comes next follows nothing.
+    fn begin(&mut self) {
+        (self.state, self.lent) = (State::default(), false);
+    }
+
+    fn consume(&mut self, len: usize) {
+        // No more than MAX_PACKED_LEN.
+        self.bytes.drop_first(u16::try_from(len).unwrap_or(0));
+    }
+
+    fn give_up(&mut self, epoch: Epoch, fault: Fault) {
+        self.fault = self.fault.or(Some(fault));
+        self.bytes.drop_first(self.bytes.waiting(epoch));
+    }
+}
+
+/// A [`PackedQueue`] and its memory.
+#[derive(Debug)]
+pub struct PackedItems<'a, const N: usize> {
+    packed: &'a mut PackedQueue,
+    pool: &'a Pool<N>,
+}
+
+impl<const N: usize> Items for PackedItems<'_, N> {
+    fn wait(&self, epoch: Epoch) -> bool {
+        self.packed.has(epoch)
+    }
+
+    fn take(&mut self, here: &Place) -> Option<Item> {
+        self.packed.take(self.pool, here)
+    }
+
+    fn take_run(&mut self, epoch: Epoch, direction: Direction, registers: &mut Recurrence) -> u32 {
+        self.packed.take_run(self.pool, epoch, direction, registers)
+    }
+
+    fn heads(&self) -> Option<Direction> {
+        Some(self.packed.state.direction)
+    }
+
+    fn end_runs(&mut self, registers: &Recurrence) {
+        if core::mem::take(&mut self.packed.lent) {
+            let Recurrence { interval, add, add2, .. } = *registers;
+            let state = &mut self.packed.state;
+            (state.interval, state.add, state.add2) = (interval, add, add2);
+        }
+    }
+
+    fn skip_to(&mut self, epoch: Epoch) {
+        self.packed.bytes.skip_to(epoch);
+        self.packed.begin();
+    }
+
+    fn clear(&mut self) {
+        self.packed.bytes.clear();
+        self.packed.begin();
+    }
+
+    fn drop_epoch(&mut self, epoch: Epoch, _: &Place) {
+        let waiting = self.packed.bytes.waiting(epoch);
+        if waiting > 0 {
+            self.packed.bytes.drop_first(waiting);
+        }
+    }
+
+    fn has_failed(&self) -> bool {
+        self.packed.fault.is_some()
+    }
+}

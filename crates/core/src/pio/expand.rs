@@ -1,0 +1,159 @@
+//! A run's steps, one word each.
+
+use crate::{Recurrence, Tick32};
+
+/// Up to where steps are worked out, and what their words say.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(C)]
+pub struct Stretch {
+    /// No step is sooner after the one before, ticks.
+    pub gap: u32,
+    /// All come within less than that, ticks; below 2^25.
+    pub ticks: u32,
+    /// What the lines do: in all words.
+    pub bits: u32,
+}
+
+/// Moves a recurrence on by as many steps as there are words, at least one; stops before the first that comes too soon or too
+/// late. Step by step it writes the ticks since the one before − the gap + the bits. Gives how many it wrote.
+pub type Expand = fn(&mut Recurrence, &mut [u32], &Stretch) -> u32;
+
+/// The [`Expand`] of any machine, for `F` fraction bits.
+///
+/// ```
+/// use pulsetrain_core::Recurrence;
+/// use pulsetrain_core::pio::{Stretch, expand};
+/// let mut recurrence = Recurrence { accumulator: 1 << 31, interval: 100 << 32, add: 10 << 32, add2: 0 };
+/// let mut words = [0; 4];
+/// let taken = expand::<32>(&mut recurrence, &mut words, &Stretch { gap: 13, ticks: 330, bits: 0xa << 25 });
+/// assert_eq!((taken, words), (2, [0x1400_0057, 0x1400_0061, 0, 0]));
+/// assert_eq!(recurrence.accumulator, (210 << 32) + (1 << 31));
+/// ```
+pub fn expand<const F: u32>(recurrence: &mut Recurrence, words: &mut [u32], stretch: &Stretch) -> u32 {
+    let mut left = stretch.ticks;
+    let mut taken = 0;
+    for word in words {
+        let mut next = *recurrence;
+        next.advance();
+        let tick = |at: &Recurrence| Tick32::of(at.accumulator >> F);
+        let ticks = tick(&next).since(tick(recurrence));
+        if ticks < stretch.gap || ticks >= left {
+            break;
+        }
+        left -= ticks;
+        *word = (ticks - stretch.gap).wrapping_add(stretch.bits);
+        *recurrence = next;
+        taken += 1;
+    }
+    taken
+}
+
+/// [`surely`] looks so many steps ahead at most.
+pub const MOST_SURELY: u32 = 256;
+
+/// What is sure of the next steps.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Sure {
+    /// [`expand`](expand()) takes so many; there may be more.
+    pub count: u32,
+    /// In all of them add is of one sign and within half a tick: its upper half stays as it is.
+    pub gentle: bool,
+}
+
+/// What is sure of the next steps, `most` at most, with 32 fraction bits: for who works them out without looking at each.
+///
+/// It reckons with the largest change of the interval at each of them. Where it cannot say, the count is 0.
+#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "halves, whose ranges are looked at")]
+#[must_use]
+pub const fn surely(recurrence: &Recurrence, stretch: &Stretch, most: u32) -> Sure {
+    const NOTHING: Sure = Sure { count: 0, gentle: false };
+    let most = if most < MOST_SURELY { most } else { MOST_SURELY };
+    // Whole ticks; add within 64 ticks, add2 within one.
+    let interval = (recurrence.interval >> 32) as u32;
+    let (add, add2) = ((recurrence.add >> 32) as i32, (recurrence.add2 >> 32) as i32);
+    if interval >= 1 << 23 || add.wrapping_add(64) as u32 >= 128 || add2.wrapping_add(1) as u32 >= 2 {
+        return NOTHING;
+    }
+    // 2^-16 ticks, rounded down: `last` by up to `rounded`.
+    let (add, add2, rounded) = ((recurrence.add >> 16) as i32, (recurrence.add2 >> 16) as i32, most + 1);
+    let last = add + add2 * most as i32;
+    let largest = if add.unsigned_abs() > last.unsigned_abs() { add.unsigned_abs() } else { last.unsigned_abs() };
+    // Of one step; then of all, ticks.
+    let change = largest + rounded;
+    if change >= 1 << 23 {
+        return NOTHING;
+    }
+    // It changes steadily: what holds at both ends holds between them.
+    let gentle = change < 1 << 15 && ((add >= 0 && last >= 0) || (add < 0 && last < -(rounded as i32)));
+    let change = ((change * most) >> 16) + 1;
+    if interval < stretch.gap + change {
+        return NOTHING;
+    }
+    // The fraction may carry one over.
+    let longest = interval + change + 1;
+    if most * longest < stretch.ticks {
+        return Sure { count: most, gentle };
+    }
+    // A division by shifts: a Cortex-M0+ has none.
+    let (mut count, mut bit) = (0, MOST_SURELY >> 1);
+    while bit != 0 {
+        if (count + bit) * longest < stretch.ticks && count + bit <= most {
+            count += bit;
+        }
+        bit >>= 1;
+    }
+    Sure { count, gentle }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn steady(interval: i64, add: i64) -> Recurrence {
+        Recurrence { accumulator: 0, interval: interval << 32, add, add2: 0 }
+    }
+
+    #[test]
+    fn a_steady_run_is_sure_up_to_the_end() {
+        let stretch = |ticks| Stretch { gap: 16, ticks, bits: 0 };
+        let sure = |count, gentle| Sure { count, gentle };
+        // 200 ticks, and 2 in case something was rounded off and carried over.
+        assert_eq!(surely(&steady(200, 0), &stretch(202 * 100), 128), sure(99, true));
+        assert_eq!(surely(&steady(200, 0), &stretch(202 * 128), 128), sure(127, true));
+        assert_eq!(surely(&steady(200, 0), &stretch(1 << 20), 128), sure(128, true));
+        assert_eq!(surely(&steady(15, 0), &stretch(1 << 20), 128), sure(0, false));
+        // A tick less with each step: after 128 steps it would be too soon.
+        assert_eq!(surely(&steady(140, -1 << 32), &stretch(1 << 20), 128), sure(0, false));
+        assert_eq!(surely(&steady(200, -1 << 32), &stretch(1 << 20), 128), sure(128, false));
+        assert_eq!(surely(&steady(200, -1 << 30), &stretch(1 << 20), 128), sure(128, true));
+    }
+
+    proptest! {
+        #[test]
+        fn what_is_sure_is_taken(
+            fraction: u32,
+            interval in 0i64..1 << 56,
+            scale in 8u32..40,
+            add in -1i64 << 40..1 << 40,
+            add2 in -1i64 << 34..1 << 34,
+            gap in 1u32..5000,
+            ticks in 1u32..1 << 25,
+            most in 1u32..300,
+        ) {
+            let recurrence =
+                Recurrence { accumulator: fraction.into(), interval: interval >> (scale - 8), add: add >> scale, add2: add2 >> scale };
+            let stretch = Stretch { gap, ticks, bits: 0 };
+            let sure = surely(&recurrence, &stretch, most);
+            prop_assert!(sure.count <= most);
+            let mut words = [0; 300];
+            let mut after = recurrence;
+            let taken = expand::<32>(&mut after, &mut words[..sure.count as usize], &stretch);
+            prop_assert_eq!(taken, sure.count);
+            if sure.gentle {
+                let upper = |add: i64| (add >> 31, add >> 32);
+                prop_assert_eq!(upper(after.add), upper(recurrence.add));
+            }
+        }
+    }
+}

@@ -1,0 +1,249 @@
+//! Pictures of a motion: machines' figures, position wanted and stepped, intervals, speed, and the error of every step.
+//!
+//! [`Picture`] takes the law and the steps as they come, in bounded memory; [`Picture::svg`] and [`Picture::png`] draw it.
+//!
+//! # What is here
+//! - [`Picture`], [`MotorPicture`]: what is drawn; `envelope`: many points in few pixels
+//! - [`machine`]: what a machine draws, wanted and stepped, and the distance between them
+//! - `draw`, `figure`, `axis`: panels, figures, axes
+//!
+//! # What is not
+//! Files (the command line writes them), the verdict (`pulsetrain-trace`).
+#![forbid(unsafe_code)]
+
+mod axis;
+mod draw;
+mod envelope;
+mod figure;
+pub mod machine;
+
+use std::path::Path;
+
+use pulsetrain_motion::law::{Cursor, Law};
+use pulsetrain_motion::program::Scale;
+use pulsetrain_motion::{LawError, Time};
+
+pub use envelope::Envelope;
+pub use figure::FigurePicture;
+
+/// Everything that the plots show.
+#[derive(Clone, Debug)]
+pub struct Picture {
+    /// The line above the panels.
+    pub title: String,
+    /// One period of the step timer, s.
+    pub tick_s: f64,
+    /// The motors, in the file's order.
+    pub motors: Vec<MotorPicture>,
+    /// What the errors of steps are.
+    pub errors: Errors,
+    /// What machines draw, in the file's order.
+    pub figures: Vec<FigurePicture>,
+}
+
+/// What the errors in a picture are.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Errors {
+    /// How late steps are, ticks, within what was proven.
+    #[default]
+    Ticks,
+    /// How far steps are behind a path, steps, within what is allowed.
+    Steps,
+    /// Nobody saw the steps, or the ticks: positions are what a board said of itself now and then.
+    Unknown,
+}
+
+impl Errors {
+    fn title(self, motor: &str, bound: &str) -> String {
+        match self {
+            Errors::Ticks => format!("Error of {motor}, ticks; proven: at most {bound}"),
+            Errors::Steps | Errors::Unknown => format!("Steps of {motor} behind the path, steps; allowed: {bound}"),
+        }
+    }
+
+    /// What the thick lines are.
+    const fn made(self) -> &'static str {
+        match self {
+            Errors::Ticks | Errors::Steps => "stepped",
+            Errors::Unknown => "as the board says",
+        }
+    }
+
+    /// What the thin line is.
+    const fn wanted(self) -> &'static str {
+        match self {
+            Errors::Ticks => "wanted by the law",
+            Errors::Steps | Errors::Unknown => "the path",
+        }
+    }
+}
+
+/// One motor's curves.
+#[derive(Clone, Debug)]
+pub struct MotorPicture {
+    /// As the file calls it.
+    pub name: String,
+    /// Steps to the user's unit.
+    pub scale: Scale,
+    /// The certificate's bound, ticks; of a path what is allowed, steps.
+    pub bound_ticks: f64,
+    wanted: Envelope,
+    wanted_speed: Envelope,
+    wanted_closely: Vec<(f64, f64)>,
+    stepped: Envelope,
+    stepped_speed: Envelope,
+    intervals: Envelope,
+    errors: Envelope,
+    first_steps: Vec<(f64, i64)>,
+    steps: u64,
+    last: (f64, i64),
+}
+
+/// Points of the law over its whole length, at least.
+const LAW_POINTS: f64 = 2000.0;
+/// And in each of its pieces, which may be many and short.
+const LEAST_POINTS_OF_A_PIECE: u32 = 8;
+/// Points of the law in the close view.
+const CLOSE_POINTS: u32 = 400;
+/// How many steps the close view shows.
+const FIRST_STEPS: usize = 16;
+
+impl MotorPicture {
+    /// A motor that has not moved yet.
+    #[must_use]
+    pub fn new(name: String, scale: Scale, bound_ticks: f64) -> MotorPicture {
+        MotorPicture {
+            name,
+            scale,
+            bound_ticks,
+            wanted: Envelope::default(),
+            wanted_speed: Envelope::default(),
+            wanted_closely: Vec::new(),
+            stepped: Envelope::default(),
+            stepped_speed: Envelope::default(),
+            intervals: Envelope::default(),
+            errors: Envelope::default(),
+            first_steps: Vec::new(),
+            steps: 0,
+            last: (0.0, 0),
+        }
+    }
+
+    /// Adds a point of the law: at `t` seconds it is at `theta` steps from its start, going at `speed` steps/s.
+    pub fn want(&mut self, t: f64, theta: f64, speed: f64) {
+        self.wanted.push(t, theta);
+        self.wanted_speed.push(t, speed);
+    }
+
+    /// Adds points all along the law, which must end; no turn of it is missed.
+    ///
+    /// # Errors
+    /// Where the law breaks.
+    pub fn want_law(&mut self, law: &Law) -> Result<(), LawError> {
+        let end = law.end().map_or(1.0, Time::seconds);
+        let mut start = None;
+        for piece in law.pieces() {
+            let piece = piece?;
+            let first = piece.curve.value(piece.first());
+            let (origin, zero) = *start.get_or_insert((piece.origin, first));
+            let part = (piece.last() - piece.first()) / end;
+            let points = ((LAW_POINTS * part).ceil().min(LAW_POINTS) as u32).max(LEAST_POINTS_OF_A_PIECE);
+            for k in 0..=points {
+                let u = piece.first() + (piece.last() - piece.first()) * f64::from(k) / f64::from(points);
+                let jet = piece.curve.jet(u);
+                self.want(piece.zero.seconds() + u, (piece.origin - origin) as f64 + (jet[0] - zero), jet[1]);
+            }
+        }
+        Ok(())
+    }
+
+    /// Adds a point for the [`Picture::close_view`].
+    pub fn want_close(&mut self, t: f64, theta: f64) {
+        self.wanted_closely.push((t, theta));
+    }
+
+    /// Adds points of the law in a stretch of time, s: for the [`Picture::close_view`].
+    ///
+    /// # Errors
+    /// Where the law breaks.
+    pub fn want_closely(&mut self, law: &Law, (from, to): (f64, f64)) -> Result<(), LawError> {
+        let mut cursor = Cursor::new(law);
+        let start = cursor.at(Time::ZERO)?.position;
+        for k in 0..=CLOSE_POINTS {
+            let t = from + (to - from) * f64::from(k) / f64::from(CLOSE_POINTS);
+            self.want_close(t, cursor.at(Time::from_seconds(t))?.position - start);
+        }
+        Ok(())
+    }
+
+    /// Adds a step: at `t` seconds the motor went to `position`.
+    pub fn step(&mut self, t: f64, position: i64) {
+        let (before, from) = self.last;
+        if self.stepped.span().is_none() {
+            self.stepped.push(0.0, from as f64);
+        }
+        // While points are few the staircase is drawn as one; among thousands it is a line.
+        if self.stepped.is_exact() {
+            self.stepped.push(t, from as f64);
+        }
+        self.stepped.push(t, position as f64);
+        if self.first_steps.len() < FIRST_STEPS {
+            self.first_steps.push((t, position));
+        }
+        self.steps += 1;
+        if self.steps > 1 && t > before {
+            self.intervals.push(self.steps as f64, t - before);
+            // One speed from step to step: a line between the middles would make a ramp of every rest.
+            let speed = (position - from) as f64 / (t - before);
+            self.stepped_speed.push(before, speed);
+            self.stepped_speed.push(t, speed);
+        }
+        self.last = (t, position);
+    }
+
+    /// Adds the error of the step at `t` seconds, in the unit of [`Picture::errors`].
+    pub fn error(&mut self, t: f64, late: f64) {
+        self.errors.push(t, late);
+    }
+
+    /// The staircase of the first steps inside `window`.
+    fn stairs(&self, window: (f64, f64)) -> Vec<(f64, f64)> {
+        let mut stairs = vec![(window.0, 0.0)];
+        let mut position = 0.0;
+        for &(t, to) in self.first_steps.iter().take_while(|(t, _)| *t <= window.1) {
+            stairs.extend([(t, position), (t, to as f64)]);
+            position = to as f64;
+        }
+        stairs.push((window.1, position));
+        stairs
+    }
+}
+
+impl Picture {
+    /// The stretch of time that the close view shows, s: around the first steps of the motor that is quickest to make
+    /// them; `None` when no motor steps twice.
+    #[must_use]
+    pub fn close_view(&self) -> Option<(f64, f64)> {
+        let spans = self.motors.iter().filter_map(|motor| match motor.first_steps[..] {
+            [first, .., last] => Some(((first.0 - 0.3 * (last.0 - first.0)).max(0.0), last.0)),
+            _ => None,
+        });
+        spans.min_by(|a, b| a.1.total_cmp(&b.1)).map(|(from, to)| (from, to + 0.05 * (to - from)))
+    }
+
+    /// The picture as SVG.
+    ///
+    /// # Errors
+    /// When the drawing library fails, in its words.
+    pub fn svg(&self) -> Result<String, String> {
+        draw::svg(self)
+    }
+
+    /// Writes the picture as PNG.
+    ///
+    /// # Errors
+    /// When the file cannot be written.
+    pub fn png(&self, path: &Path) -> Result<(), String> {
+        draw::png(self, path)
+    }
+}

@@ -1,0 +1,569 @@
+//! What would fit: how much slower a motion that is refused would have to be, and which boards do it as it is.
+
+use std::cell::Cell;
+use std::fmt;
+
+use pulsetrain_motion::law::{Begin, End, Law};
+use pulsetrain_motion::machine::Machine;
+use pulsetrain_motion::program::{Motor, Program, Tolerance};
+use pulsetrain_motion::quantity::{assignment, time_assignment};
+use pulsetrain_motion::{Grid, Time, boards, human};
+use pulsetrain_plan::error::Limit;
+use pulsetrain_plan::{Line, PlanError, Settings, Way};
+
+use crate::estimate;
+use crate::prepare::{self, Prepared};
+
+/// A motion slower than this is another motion.
+const SLOWEST: f64 = 1e4;
+/// The factor is found to this precision, as a ratio.
+const PRECISION: f64 = 1.002;
+/// Estimated time of all plans that are tried for one suggestion (an easing, a way to begin, a factor, a board), s.
+const MOST_TRYING_S: f64 = 1.0;
+
+/// Plans that are tried one after the other until their estimated times add up to the limit. No clock is read.
+struct Tries {
+    left_s: Cell<f64>,
+}
+
+/// There is no time to plan this: it takes about so long, s.
+struct TooLong(f64);
+
+impl Tries {
+    fn new() -> Tries {
+        Tries { left_s: Cell::new(MOST_TRYING_S) }
+    }
+
+    /// Takes the time for another plan of these laws, if there is as much.
+    fn another<'a>(&self, laws: impl IntoIterator<Item = &'a Law>) -> Result<(), TooLong> {
+        let planning_s = |law: &Law| law.end().map_or(f64::INFINITY, |end| estimate::planning_s(law.workload(end)));
+        self.take(laws.into_iter().map(planning_s).sum())
+    }
+
+    /// The same of so much of each law; where one is shorter there is not as much.
+    fn beginnings(&self, laws: &[Law], length: Time) -> Result<(), TooLong> {
+        let planning_s = |law: &Law| match law.end() {
+            Some(end) if end > length => estimate::planning_s(law.workload(length)),
+            _ => f64::INFINITY,
+        };
+        self.take(laws.iter().map(planning_s).sum())
+    }
+
+    fn take(&self, plan_s: f64) -> Result<(), TooLong> {
+        self.left_s.set(self.left_s.get() - plan_s);
+        if self.left_s.get() >= 0.0 { Ok(()) } else { Err(TooLong(plan_s)) }
+    }
+}
+
+/// What is said of a form for which there was no time.
+impl fmt::Display for TooLong {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, " (not tried: planning takes about {})", human::long_time(self.0))
+    }
+}
+
+/// The least factor by which a motor's law must be slowed down to fit, to three digits, rounded up; `None` if no factor
+/// helps.
+#[must_use]
+pub fn least_slowdown(prepared: &Prepared, motor: &Motor) -> Option<f64> {
+    slowdown(prepared, motor, || true)
+}
+
+/// The same, as long as there is time for another plan.
+fn slowdown(prepared: &Prepared, motor: &Motor, another: impl Fn() -> bool) -> Option<f64> {
+    let settings = Settings::of(&prepared.program, motor);
+    least(|factor| another().then(|| prepare::fits(&motor.law, &settings.slowed(factor))))
+}
+
+/// What a motor with slack wants whose plan does not fit: a longer time to take it up, s, if that is all; else how much slower its law has
+/// to be, and the time that goes with that. As long as there is time for another plan.
+fn least_over(prepared: &Prepared, motor: &Motor, another: impl Fn() -> bool) -> Option<(Option<f64>, f64)> {
+    let settings = Settings::of(&prepared.program, motor);
+    let over_s = motor.law.slack_over()?.seconds();
+    let longer = |factor: f64| motor.law.with_slack_over(Time::from_seconds(over_s * factor));
+    let fits = |factor: f64| longer(factor).is_some_and(|law| prepare::fits(&law, &settings));
+    if let Some(factor) = least(|factor| another().then(|| fits(factor))) {
+        return Some((None, over_s * factor));
+    }
+    slowdown(prepared, motor, another).map(|factor| (Some(factor), over_s * factor))
+}
+
+/// The least factor above 1 that fits, to three digits, rounded up. `fits` says nothing if there is no time to find out: then there is none.
+fn least(fits: impl Fn(f64) -> Option<bool>) -> Option<f64> {
+    let mut below = 1.0;
+    let mut above = 1.25;
+    while !fits(above)? {
+        below = above;
+        above *= 2.0;
+        if above > SLOWEST {
+            return None;
+        }
+    }
+    while above / below > PRECISION {
+        let middle = (above * below).sqrt();
+        if fits(middle)? { above = middle } else { below = middle }
+    }
+    // Rounded up, and a little more where a limit is met in jumps.
+    let rounded = rounded_up(above);
+    if fits(rounded)? {
+        return Some(rounded);
+    }
+    let rounded = rounded_up(rounded * 1.001);
+    fits(rounded)?.then_some(rounded)
+}
+
+/// To three digits, not less.
+#[must_use]
+pub fn rounded_up(value: f64) -> f64 {
+    let unit = 10f64.powf(value.log10().floor() - 2.0);
+    (value / unit).ceil() * unit
+}
+
+/// What a motor's law breaks by itself, each limit once: where one is broken it is lifted, to see the next.
+#[must_use]
+pub fn broken(law: &Law, settings: &Settings) -> Vec<PlanError> {
+    let mut settings = settings.clone();
+    let mut broken: Vec<PlanError> = Vec::new();
+    while let Err(error) = prepare::walk(law, &settings) {
+        let limit = error.limit();
+        if broken.iter().any(|known| known.limit() == limit) {
+            break;
+        }
+        broken.push(error);
+        match limit {
+            Some(Limit::Board) => (settings.min_interval_ticks, settings.load) = (1, None),
+            Some(Limit::MotorSpeed) => settings.limits.max_speed = None,
+            Some(Limit::MotorAcceleration) => settings.limits.max_acceleration = None,
+            Some(Limit::PullIn) => settings.limits.pull_in = f64::INFINITY,
+            Some(Limit::Line) | None => break,
+        }
+    }
+    broken
+}
+
+/// The boards that do the whole motion as it is.
+#[must_use]
+pub fn other_boards(prepared: &Prepared) -> Vec<String> {
+    boards_that_fit(prepared, || true).unwrap_or_default()
+}
+
+/// The same; `None` if there is no time for another plan.
+fn boards_that_fit(prepared: &Prepared, another: impl Fn() -> bool) -> Option<Vec<String>> {
+    let mut able = Vec::new();
+    for row in boards::table().into_iter().filter(|row| row.board.name != prepared.program.board.name) {
+        let name = row.board.name.clone();
+        let Ok(program) = prepared.program.clone().with_board(row.board) else { continue };
+        if !another() {
+            return None;
+        }
+        let line = prepared.line.as_ref().and_then(|_| prepare::usual_line(&program));
+        if prepare::all_fit(&program, line.as_ref(), 1.0) {
+            able.push(name);
+        }
+    }
+    Some(able)
+}
+
+/// No tolerance above this is offered, s: the motion itself is at fault then.
+const LOOSEST_S: f64 = 1e-3;
+/// Nor one above this part of the shortest interval between steps.
+const LOOSEST_PART: f64 = 0.05;
+/// So often a tolerance is raised to what the next place that breaks it wants.
+const RAISES: u32 = 8;
+
+/// What to do where the time of a step cannot be proven: a tolerance that can be, if that is worth the name, or another grid.
+fn not_provable(prepared: &Prepared, motor: &Motor, bound_ticks: f64, at_s: f64) -> String {
+    let settings = Settings::of(&prepared.program, motor);
+    let with = |tolerance_ticks: f64, grid: Grid| Settings { tolerance_ticks, grid, ..settings.clone() };
+    let loosest = LOOSEST_S * settings.tick_hz as f64;
+    let tries = Tries::new();
+    let mut tolerance = rounded_up(bound_ticks * 1.01);
+    for _ in 0..RAISES {
+        if tolerance.is_nan() || tolerance > loosest {
+            break;
+        }
+        if let Err(too_long) = tries.another([&motor.law]) {
+            return format!("{} may do{too_long}", assignment("tolerance", tolerance, "ticks"));
+        }
+        match prepare::planned(&motor.law, &with(tolerance, settings.grid)) {
+            Ok(certificate) => {
+                let shortest = certificate.shortest_interval_ticks.map_or(f64::INFINITY, |ticks| ticks as f64);
+                if tolerance > LOOSEST_PART * shortest {
+                    break;
+                }
+                return format!("{} can be proven", assignment("tolerance", tolerance, "ticks"));
+            }
+            Err(PlanError::NotProvable { bound_ticks, .. }) => tolerance = rounded_up(bound_ticks * 1.01),
+            Err(_) => break,
+        }
+    }
+    let mut lines = vec![format!(
+        "At {} the motion almost stands still exactly at a step, so the time of that step cannot be computed.",
+        human::seconds_to(at_s, 6)
+    )];
+    let grids = [
+        ("grid = \"nearest\"", Grid::NEAREST),
+        ("grid = { hysteresis = \"0.1 step\" }", Grid { hysteresis: 0.1 }),
+        ("grid = { hysteresis = \"0.2 step\" }", Grid { hysteresis: 0.2 }),
+    ];
+    let tries = Tries::new();
+    for (text, grid) in grids {
+        if let Err(too_long) = tries.another([&motor.law]) {
+            lines.push(format!("Steps are due elsewhere with {text}{too_long}."));
+        } else if prepare::fits(&motor.law, &with(settings.tolerance_ticks, grid)) {
+            lines.push(format!("steps are due elsewhere with {text}: that can be proven"));
+        } else {
+            continue;
+        }
+        return lines.join("\n");
+    }
+    lines.push("Move that point by 0.1 step.".to_owned());
+    lines.join("\n")
+}
+
+/// Easings that are tried, ms, the first that fits is offered.
+const EASES_MS: [u64; 12] = [500, 1000, 2000, 5000, 10_000, 20_000, 50_000, 200, 100, 50, 20, 10];
+
+/// What to do about a speed that changes too much at once, at `at_s` from one to another.
+fn smoother(prepared: &Prepared, motor: &Motor, at_s: f64, (from, to): (f64, f64)) -> Vec<String> {
+    let program = &prepared.program;
+    let is_of = |machine: &&Machine| machine.motors.iter().any(|k| program.motors[*k].name == motor.name);
+    if let Some(machine) = program.machines.iter().find(is_of) {
+        // Not where the motor's motions begin or end, but on the way.
+        let is_between = at_s > 0.0 && motor.law.end().is_some_and(|end| at_s < end.seconds());
+        if is_between {
+            return vec![
+                "the path does not go on as it came there: one that is repeated has to end in the direction, and as fast, as it begins; \
+                 paths that follow one another can have an `ease` each"
+                    .to_owned(),
+            ];
+        }
+        let motors: Vec<&Motor> = machine.motors.iter().map(|k| &program.motors[*k]).collect();
+        let ease = easing(prepared, &motors, &|law, over| law.clone().eased(over).ok());
+        let ease = ease.map_or_else(String::new, |ease| format!(": {ease}"));
+        return vec![format!("give the path an `ease`, which begins and ends at rest and keeps to it{ease}")];
+    }
+    let mut lines = Vec::new();
+    let whole = easing(prepared, &[motor], &|law, over| whole_eased(prepared, motor, law, over));
+    if let Some(ease) = whole {
+        // How it goes on is known of what is periodic.
+        let tried = prepared
+            .cut
+            .zip(motor.law.before_stop())
+            .filter(|(cut, law)| law.cycle().is_none_or(|(from, period)| from + period > cut.at));
+        let tried = tried.map(|(cut, _)| format!(" (tried for {})", human::seconds_to(cut.at.seconds(), 4)));
+        lines.push(format!("Start and stop gently: add {ease} to its [[motion]]{}.", tried.unwrap_or_default()));
+    } else if let Some(ease) = easing(prepared, &[motor], &parts_eased) {
+        lines.push(format!(
+            "Start and stop each of its motions gently: add {ease} to each [[motion]]. (Parts of `then` have to be motions of their own.)"
+        ));
+    }
+    let settings = Settings::of(program, motor);
+    // The next place may want something, too. What makes no step is no cure.
+    let tries = Tries::new();
+    let cures = |law: Option<Law>| {
+        law.filter(|law| tries.another([law]).is_ok()).filter(|law| match prepare::planned(law, &settings) {
+            Ok(plan) => plan.steps > 0,
+            Err(PlanError::SpeedJump { at_s: other, .. }) => other > at_s + 1e-6,
+            Err(_) => false,
+        })
+    };
+    let limits = (motor.limits.max_speed).zip(motor.limits.max_acceleration);
+    let begun = |begin: Begin| cures(with_part(&motor.law, at_s, true, &|law| law.clone().beginning(begin).ok()));
+    let ended = |end: End| cures(with_part(&motor.law, at_s, false, &|law| law.clone().ending(end).ok()));
+    let (how, ways) = if from == 0.0 {
+        let ramp = limits.and_then(|(max_speed, max_acceleration)| begun(Begin::Ramp { max_speed, max_acceleration }));
+        let behind =
+            limits.and_then(|(max_speed, max_acceleration)| begun(Begin::RampBehind { max_speed, max_acceleration }));
+        let stays = behind.as_ref().map(|law| {
+            let ramps = law.behind();
+            let steps = ramps.last().map_or(0.0, |behind| behind.steps.abs());
+            format!("begin = \"ramp-behind\" (stays {} steps behind the law)", human::significant(steps, 3))
+        });
+        let ways = [
+            ramp.map(|_| "begin = \"ramp\" (catches up with the law)".to_owned()),
+            stays,
+            // Not one that waits for the stop where an endless motion was cut: it makes no step.
+            begun(Begin::Delay).map(|_| "begin = \"delay\" (waits until the law comes to rest)".to_owned()),
+            begun(Begin::Jump).map(|_| "begin = \"jump\" (at once, if the motor can)".to_owned()),
+        ];
+        ("begins", ways)
+    } else if to == 0.0 {
+        let ramp = limits.and_then(|(max_speed, max_acceleration)| ended(End::Ramp { max_speed, max_acceleration }));
+        let behind =
+            limits.and_then(|(max_speed, max_acceleration)| ended(End::RampBehind { max_speed, max_acceleration }));
+        let short = behind.as_ref().map(|law| {
+            let steps = law.behind().iter().rfind(|behind| behind.ends).map_or(0.0, |behind| behind.steps.abs());
+            format!("end = \"ramp-behind\" (stops {} steps before the law does)", human::significant(steps, 3))
+        });
+        let ways = [
+            ramp.map(|_| "end = \"ramp\" (makes up for the way beforehand)".to_owned()),
+            short,
+            ended(End::Jump).map(|_| "end = \"jump\" (at once, if the motor can)".to_owned()),
+            None,
+        ];
+        ("ends", ways)
+    } else {
+        lines.push("smooth the law there, or give the motor the pull_in that it has".to_owned());
+        return lines;
+    };
+    let ways: Vec<String> = ways.into_iter().flatten().collect();
+    if !ways.is_empty() {
+        let or = if lines.is_empty() { "say" } else { "or say" };
+        lines.push(format!("{or} how it {how}: {}", ways.join(", ")));
+    }
+    if limits.is_none() {
+        lines.push(format!("a motor with `max_speed` and `max_acceleration` may also have a ramp where it {how}"));
+    }
+    lines
+}
+
+/// Whose driver's pulse limits the motor's rate, if that does.
+fn pulse_limit(prepared: &Prepared, motor: &Motor, settings: &Settings) -> Option<String> {
+    let program = &prepared.program;
+    let (name, board) = (&motor.name, &program.board.name);
+    let time = |ns: u32| human::seconds(f64::from(ns) * 1e-9);
+    let timing = program.timing(motor);
+    let row = boards::find(board);
+    // The rate that fits with pulses no longer than that, if it is a higher one.
+    let rate_with = |ns: u32| {
+        let mut shorter = program.clone();
+        for motor in &mut shorter.motors {
+            motor.timing.pulse_high_ns = motor.timing.pulse_high_ns.min(ns);
+        }
+        if let Some(row) = &row {
+            shorter.board.min_interval_ticks = row.shortest_intervals(&shorter.motors);
+        }
+        let least = Settings::of(&shorter, motor).min_interval_ticks;
+        (least < settings.min_interval_ticks).then(|| human::scaled(settings.tick_hz as f64 / least as f64, "steps/s"))
+    };
+    let driver = |motor: &Motor| motor.driver.map(|name| format!(" ({name})")).unwrap_or_default();
+    let (high, low) = (time(timing.pulse_high_ns), time(timing.pulse_low_ns));
+    let longest = program.lengthens_pulse(motor);
+    if let Some(longest) = longest
+        && let Some(rate) = rate_with(motor.timing.pulse_high_ns)
+    {
+        let (other, driver, own) = (&longest.name, driver(longest), time(motor.timing.pulse_high_ns));
+        return Some(format!(
+            "the limit is the pulse of motor {other}: {board} makes the pulses of all motors equally long, and the driver of {other}{driver} \
+             needs {high} HIGH; that of {name} needs {own} HIGH and {low} LOW, with which {rate} fit. A driver with a shorter pulse for \
+             motor {other} helps, or a board of its own"
+        ));
+    }
+    if let Some(together) = row.as_ref().and_then(|row| row.longest_pulse_together(&program.motors))
+        && let Some(rate) = rate_with(together)
+    {
+        let whose = longest.unwrap_or(motor);
+        // What is printed is to fit, too.
+        let (whose, driver, together) = (&whose.name, driver(whose), time(together - together % 100));
+        return Some(format!(
+            "the limit is the pulse: on these pins {board} works out each step by itself if pulses are longer than {together}, and the driver \
+             of {whose}{driver} needs {high} HIGH. With {together} HIGH {rate} fit"
+        ));
+    }
+    let pulse = timing.ticks(settings.tick_hz);
+    (settings.min_interval_ticks == pulse.pulse_high + pulse.pulse_low)
+        .then(|| format!("the limit is the driver's: a pulse takes {high} HIGH and {low} LOW"))
+}
+
+/// What is planned of a long motion at its beginning and its end, to try an easing there, beside that itself, s.
+const TRIED_S: f64 = 2.0;
+
+/// Whether a law that is eased over some time fits where it is eased, at its beginning and at its end.
+fn fits_at_ends(law: &Law, settings: &Settings, over: Time) -> bool {
+    let Some(end) = law.end() else { return false };
+    let tried = over + over + Time::from_seconds(TRIED_S);
+    // The end is tried from a halt before it, from which the motion comes as gently as it goes to its last one.
+    let last = law.clone().eased_in(end - tried, over);
+    prepare::fits_until(law, settings, tried) && last.is_ok_and(|last| prepare::fits(&last, settings))
+}
+
+/// The first easing with which all of these motors' plans fit, as it is written. Where there is no time for whole plans, it fits where it is
+/// eased, which is said.
+fn easing(prepared: &Prepared, motors: &[&Motor], eased: &dyn Fn(&Law, Time) -> Option<Law>) -> Option<String> {
+    let (tries, parts) = (Tries::new(), Tries::new());
+    for over_ms in EASES_MS {
+        // As exact as the file's: it may be as long as the motion.
+        let over = Time::from_ratio(1, 1000).times(over_ms);
+        let of = |motor: &&Motor| motor.law.changed_under_slack(|law| eased(law, over));
+        let Some(laws) = motors.iter().map(of).collect::<Option<Vec<Law>>>() else { continue };
+        let ease = time_assignment("ease", over.seconds());
+        let all = |fits: &dyn Fn(&Law, &Settings) -> bool| {
+            motors.iter().zip(&laws).all(|(motor, law)| fits(law, &Settings::of(&prepared.program, motor)))
+        };
+        match tries.another(&laws) {
+            Ok(()) if all(&prepare::fits) => return Some(ease),
+            Ok(()) => {}
+            Err(TooLong(whole_s)) => {
+                let tried = over + over + Time::from_seconds(TRIED_S);
+                // Both ends, not one after the other of a motion that is no longer than they are.
+                if parts.beginnings(&laws, tried + tried).is_err() {
+                    return None;
+                }
+                if all(&|law, settings| fits_at_ends(law, settings, over)) {
+                    let whole = human::long_time(whole_s);
+                    return Some(format!("{ease} (tried at both ends alone: planning all takes about {whole})"));
+                }
+            }
+        }
+    }
+    None
+}
+
+/// The law with an easing. One that was cut goes on for as long at its speed: what is shown while it gets there says nothing of that.
+fn whole_eased(prepared: &Prepared, motor: &Motor, law: &Law, over: Time) -> Option<Law> {
+    let Some((cut, uncut)) = prepared.cut.zip(law.before_stop()) else { return law.clone().eased(over).ok() };
+    let eased = uncut.clone().eased(over).ok()?;
+    let at = cut.at + over;
+    if eased.end().is_some_and(|end| end <= at) {
+        return Some(eased);
+    }
+    prepare::stopped(&eased, at, motor.limits, prepared.program.grid).ok()
+}
+
+/// A motor's motions, each with an easing; `None` if it has one.
+fn parts_eased(law: &Law, over: Time) -> Option<Law> {
+    let Law::Then(laws) = law else { return None };
+    let eased = laws.iter().map(|law| law.clone().eased(over).unwrap_or_else(|_| law.clone()));
+    Law::then(eased.collect()).ok()
+}
+
+/// The law with another beginning (or end) of that one of a motor's motions that begins (or ends) at `at_s`.
+fn with_part(law: &Law, at_s: f64, begins: bool, change: &dyn Fn(&Law) -> Option<Law>) -> Option<Law> {
+    law.changed_under_slack(|law| {
+        let Law::Then(laws) = law else { return change(law) };
+        let mut laws = laws.to_vec();
+        let mut from = Time::ZERO;
+        for part in &mut laws {
+            let to = part.end().map(|end| from + end);
+            let is_there = |time: Time| (time.seconds() - at_s).abs() < 1e-6;
+            if if begins { is_there(from) } else { to.is_some_and(is_there) } {
+                *part = change(part)?;
+                return Law::then(laws).ok();
+            }
+            from = to?;
+        }
+        None
+    })
+}
+
+/// Tolerances that are offered where a plan takes too many bytes: so many times what is asked for, and no more than this, s.
+const LOOSER: [f64; 3] = [2.0, 5.0, 10.0];
+const LOOSEST_OVER_LINE_S: f64 = 20e-6;
+
+/// What to do where the line does not bring the plans of all motors in time.
+fn over_line(prepared: &Prepared) -> Vec<String> {
+    let (program, line) = (&prepared.program, prepared.line.as_ref());
+    let tries = Tries::new();
+    let another = || tries.another(program.motors.iter().map(|motor| &motor.law)).is_ok();
+    let fits = |program: &Program, line: Option<&Line>, factor: f64| {
+        another().then(|| prepare::all_fit(program, line, factor))
+    };
+    let mut lines = Vec::new();
+    let usb = Line::of(program, Way::Usb);
+    let usual = prepare::usual_baud(&program.board.name).rate();
+    let uart = Line::of(program, Way::Uart(usual));
+    // Where both fit, the one that takes no other cable.
+    if line != usb.as_ref() && uart.as_ref() != line && fits(program, uart.as_ref(), 1.0) == Some(true) {
+        lines.push(format!("as it is, it fits over a line at {usual} baud (--baud)"));
+    } else if usb.is_some() && usb.as_ref() != line && fits(program, usb.as_ref(), 1.0) == Some(true) {
+        lines.push("as it is, it fits over the board's own USB".to_owned());
+    }
+    if let Some(factor) = least(|factor| fits(program, line, factor)) {
+        lines.push(format!("{} times slower it fits", human::significant(factor, 4)));
+    }
+    let hz = program.board.tick_hz as f64;
+    let looser = LOOSER.map(|times| times * program.tolerance.ticks(program.board.tick_hz));
+    let looser = looser.into_iter().filter(|ticks| ticks / hz <= LOOSEST_OVER_LINE_S);
+    for ticks in looser {
+        let mut other = program.clone();
+        other.tolerance = Tolerance::Ticks(ticks);
+        if fits(&other, line, 1.0) == Some(true) {
+            lines.push(format!("with {} it fits", time_assignment("tolerance", ticks / hz)));
+            break;
+        }
+    }
+    for count in (1..program.motors.len()).rev() {
+        let mut fewer = program.clone();
+        fewer.motors.truncate(count);
+        if program.machines.is_empty() && fits(&fewer, prepare::usual_line(&fewer).as_ref(), 1.0) == Some(true) {
+            let first = if count == 1 {
+                "with its first motor alone".to_owned()
+            } else {
+                format!("with the first {count} of its motors")
+            };
+            lines.push(format!("{first} it fits: the others can have a board of their own"));
+            break;
+        }
+    }
+    lines
+}
+
+/// What to do about a plan's error, in a few lines.
+#[must_use]
+pub fn advice(prepared: &Prepared, motor: &Motor, error: &PlanError) -> String {
+    let mut lines = Vec::new();
+    if let PlanError::ToleranceTooTight { least_ticks, .. } = error {
+        let least = human::seconds(least_ticks / prepared.program.board.tick_hz as f64);
+        return format!("{} is the least: {least} on this board", assignment("tolerance", *least_ticks, "ticks"));
+    }
+    if let PlanError::NotProvable { bound_ticks, at_s, .. } = error {
+        return not_provable(prepared, motor, *bound_ticks, *at_s);
+    }
+    if let PlanError::TooGentle { least, .. } = error {
+        lines.push(format!(
+            "a max_acceleration of {} steps/s² or more fits, or a slower motion",
+            human::significant(rounded_up(*least), 3)
+        ));
+    }
+    if let PlanError::SpeedJump { from, to, at_s, .. } = error {
+        lines.extend(smoother(prepared, motor, *at_s, (*from, *to)));
+    }
+    // What is looked for with some 20 plans is not looked for with long ones: `explain` does it.
+    let tries = Tries::new();
+    let another = || tries.another([&motor.law]).is_ok();
+    if error.limit() == Some(Limit::Line) {
+        lines.extend(over_line(prepared));
+    } else if error.limit().is_some() && motor.law.slack_over().is_some() {
+        lines.extend(least_over(prepared, motor, another).map(|(slower, over_s)| {
+            let over = time_assignment("over", rounded_up(over_s));
+            match slower {
+                None => format!("`backlash` takes up its slack too fast: {over} fits"),
+                Some(factor) => {
+                    let times = human::significant(factor, 4);
+                    format!("{times} times slower it fits, with {over} in `backlash`")
+                }
+            }
+        }));
+    } else if error.limit().is_some()
+        && let Some(factor) = slowdown(prepared, motor, another)
+    {
+        let times = human::significant(factor, 4);
+        // What was cut lasts as long as somebody wants it to.
+        let whole = motor.law.end().filter(|end| prepared.cut.is_none_or(|cut| *end < cut.at));
+        let fits = whole.map(|end| {
+            let (now, then) = (human::seconds_to(end.seconds(), 4), human::seconds_to(end.seconds() * factor, 4));
+            format!(": {then} instead of {now}")
+        });
+        lines.push(format!("{times} times slower it fits{}", fits.unwrap_or_default()));
+    }
+    if matches!(error.limit(), Some(Limit::Board | Limit::Line)) {
+        let settings = Settings::of(&prepared.program, motor);
+        if error.limit() == Some(Limit::Board) {
+            lines.extend(pulse_limit(prepared, motor, &settings));
+        }
+        let tries = Tries::new();
+        let laws = || prepared.program.motors.iter().map(|motor| &motor.law);
+        match boards_that_fit(prepared, || tries.another(laws()).is_ok()) {
+            None => {}
+            Some(boards) if boards.is_empty() => lines.push("no board in the table does it as it is".to_owned()),
+            Some(boards) => lines.push(format!("as it is, it fits: {}", boards.join(", "))),
+        }
+    }
+    if error.at_s().is_some() {
+        let is_usual = prepared.line.is_none() || prepared.line == prepare::usual_line(&prepared.program);
+        let with = if is_usual { "" } else { ", with the same --baud," };
+        lines.push(format!("`pulsetrain explain {}`{with} shows the place", prepared.file));
+    }
+    lines.join("\n")
+}

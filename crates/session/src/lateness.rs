@@ -1,0 +1,229 @@
+//! How late edges are: every STEP edge against the tick that was scheduled for it.
+//!
+//! Lateness is edge tick − scheduled tick − the board's constant. Scheduled ticks come from a stepgen that was told the
+//! same as the board; edges from the board's pins. Both come in order for each motor, in any order of one another.
+
+use std::collections::{BTreeMap, VecDeque};
+
+use pulsetrain_motion::boards;
+use pulsetrain_motion::pins::PinKind;
+use pulsetrain_motion::program::Program;
+use pulsetrain_trace::verdict::Options;
+use serde::{Deserialize, Serialize};
+
+/// Collects the lateness of every step.
+///
+/// ```
+/// use pulsetrain_session::lateness::Meter;
+/// let mut meter = Meter::new(1, 17);
+/// for scheduled in [100, 300, 500] {
+///     meter.scheduled(0, scheduled);
+/// }
+/// for edge in [117, 519] {
+///     meter.edge(0, edge);
+/// }
+/// let lateness = meter.finish();
+/// assert_eq!((lateness.edges, lateness.max_ticks, lateness.lost, lateness.extra), (2, 2, 1, 0));
+/// ```
+#[derive(Clone, Debug)]
+pub struct Meter {
+    constant_ticks: u64,
+    motors: Vec<Pending>,
+    /// How many edges were so many ticks late.
+    counts: BTreeMap<i64, u64>,
+    lost: u64,
+    extra: u64,
+}
+
+/// What of a motor could not be matched yet.
+#[derive(Clone, Debug, Default)]
+struct Pending {
+    scheduled: VecDeque<u64>,
+    edges: VecDeque<u64>,
+}
+
+/// The lateness of a run.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Lateness {
+    /// Edge tick − scheduled tick of an edge that is not late: the board's constant.
+    pub constant_ticks: u64,
+    /// STEP edges that were matched.
+    pub edges: u64,
+    /// Earliest, ticks; negative is before its time.
+    pub min_ticks: i64,
+    /// Half of the edges are not later.
+    pub p50_ticks: i64,
+    /// 99 of 100 are not later.
+    pub p99_ticks: i64,
+    /// Latest.
+    pub max_ticks: i64,
+    /// Steps scheduled that no edge came for.
+    pub lost: u64,
+    /// Edges that no step was scheduled for.
+    pub extra: u64,
+}
+
+impl Meter {
+    /// For so many motors, on a board whose edges come `constant_ticks` after their scheduled ticks.
+    #[must_use]
+    pub fn new(motors: usize, constant_ticks: u64) -> Meter {
+        let motors = vec![Pending::default(); motors];
+        Meter { constant_ticks, motors, counts: BTreeMap::new(), lost: 0, extra: 0 }
+    }
+
+    /// A step is due at `tick`, not before the one before it. Motors that are not there are not looked at.
+    pub fn scheduled(&mut self, motor: usize, tick: u64) {
+        if let Some(pending) = self.motors.get_mut(motor) {
+            pending.scheduled.push_back(tick + self.constant_ticks);
+            self.settle(motor, false);
+        }
+    }
+
+    /// STEP rose at `tick`, not before the edge before it.
+    pub fn edge(&mut self, motor: usize, tick: u64) {
+        if let Some(pending) = self.motors.get_mut(motor) {
+            pending.edges.push_back(tick);
+            self.settle(motor, false);
+        }
+    }
+
+    /// Matches what is left: no step and no edge comes any more.
+    #[must_use]
+    pub fn finish(mut self) -> Lateness {
+        for motor in 0..self.motors.len() {
+            self.settle(motor, true);
+            self.lost += self.motors[motor].scheduled.len() as u64;
+        }
+        self.so_far()
+    }
+
+    /// What was matched so far.
+    #[must_use]
+    pub fn so_far(&self) -> Lateness {
+        let edges = self.counts.values().sum();
+        Lateness {
+            constant_ticks: self.constant_ticks,
+            edges,
+            min_ticks: self.counts.keys().next().copied().unwrap_or(0),
+            p50_ticks: self.percentile(edges, 50),
+            p99_ticks: self.percentile(edges, 99),
+            max_ticks: self.counts.keys().next_back().copied().unwrap_or(0),
+            lost: self.lost,
+            extra: self.extra,
+        }
+    }
+
+    /// Matches edges and steps that are nearest to one another, as far as they are known.
+    fn settle(&mut self, motor: usize, all: bool) {
+        let Pending { scheduled, edges } = &mut self.motors[motor];
+        while let Some(&edge) = edges.front() {
+            // Nearest can be told when both neighbours are known.
+            if !all && (edges.len() < 2 || scheduled.back().is_none_or(|last| *last <= edge)) {
+                return;
+            }
+            edges.pop_front();
+            while let [Some(this), Some(next)] = [scheduled.front(), scheduled.get(1)]
+                && next.abs_diff(edge) < this.abs_diff(edge)
+            {
+                scheduled.pop_front();
+                self.lost += 1;
+            }
+            // A step that the next edge is nearer to is not this one's.
+            let Some(&due) = scheduled.front() else {
+                self.extra += 1;
+                continue;
+            };
+            if edges.front().is_some_and(|next| next.abs_diff(due) < edge.abs_diff(due)) {
+                self.extra += 1;
+                continue;
+            }
+            scheduled.pop_front();
+            *self.counts.entry(edge as i64 - due as i64).or_default() += 1;
+        }
+    }
+
+    /// The lateness that `percent` of the edges do not exceed.
+    fn percentile(&self, edges: u64, percent: u64) -> i64 {
+        let rank = (edges * percent).div_ceil(100);
+        let mut seen = 0;
+        let found = self.counts.iter().find(|(_, count)| {
+            seen += **count;
+            seen >= rank
+        });
+        found.map_or(0, |(late, _)| *late)
+    }
+}
+
+/// When edges come, after the ticks that they are scheduled for.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Edges {
+    /// The board's constant, ticks.
+    pub constant_ticks: u32,
+    /// How much later they may be, ticks.
+    pub late_ticks: u32,
+}
+
+impl Edges {
+    /// Those of a program's board: of an Uno, by the pins that the program uses.
+    #[must_use]
+    pub fn of(program: &Program) -> Edges {
+        let Some(row) = boards::find(&program.board.name) else { return Edges::default() };
+        match row.pin_kind(&program.motors) {
+            Ok(Some(PinKind::Compare)) => Edges { constant_ticks: PinKind::Compare.constant_ticks(), late_ticks: 0 },
+            Ok(Some(kind)) => Edges { constant_ticks: kind.constant_ticks(), late_ticks: row.lateness_ticks },
+            Ok(None) | Err(_) => Edges::default(),
+        }
+    }
+
+    /// How a run's edges are judged, whose ticks count from the laws' beginning: to the laws' end, or to a time of theirs, s.
+    #[must_use]
+    pub fn options(&self, program: &Program, until_s: Option<f64>) -> Options {
+        Options {
+            constant_ticks: i64::from(self.constant_ticks),
+            bound_ticks: Some(program.tolerance.ticks(program.board.tick_hz) + f64::from(self.late_ticks)),
+            until_s,
+            ..Options::default()
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Edges and schedule of one motor, given one after the other, and the other way round.
+    fn check(scheduled: &[u64], edges: &[u64], expected: (u64, i64, i64, u64, u64)) {
+        for edges_first in [false, true] {
+            let mut meter = Meter::new(1, 10);
+            let mut say = |as_edges: bool| {
+                let ticks = if as_edges { edges } else { scheduled };
+                ticks.iter().for_each(|tick| if as_edges { meter.edge(0, *tick) } else { meter.scheduled(0, *tick) });
+            };
+            say(edges_first);
+            say(!edges_first);
+            let got = meter.finish();
+            assert_eq!((got.edges, got.min_ticks, got.max_ticks, got.lost, got.extra), expected, "{edges_first}");
+        }
+    }
+
+    #[test]
+    fn each_edge_goes_with_its_step() {
+        check(&[100, 200, 300], &[110, 215, 310], (3, 0, 5, 0, 0));
+        check(&[100, 200, 300], &[110, 310], (2, 0, 0, 1, 0));
+        check(&[100, 200, 300], &[], (0, 0, 0, 3, 0));
+        check(&[], &[110], (0, 0, 0, 0, 1));
+        check(&[100, 200], &[110, 160, 210], (2, 0, 0, 0, 1));
+        check(&[100, 200], &[105, 210], (2, -5, 0, 0, 0));
+    }
+
+    #[test]
+    fn percentiles_are_those_of_all_edges() {
+        let mut meter = Meter::new(2, 0);
+        for k in 0..100 {
+            meter.scheduled(k % 2, 1000 * k as u64);
+            meter.edge(k % 2, 1000 * k as u64 + k as u64);
+        }
+        let lateness = meter.finish();
+        assert_eq!((lateness.p50_ticks, lateness.p99_ticks, lateness.max_ticks, lateness.lost), (49, 98, 99, 0));
+    }
+}

@@ -1,0 +1,155 @@
+//! Commands to a run, and the events that it tells.
+
+use pulsetrain_board::virtual_uno::VirtualUno;
+use pulsetrain_board::{Config, Edge, MotorConfig, Native, Remote, Wiring};
+use pulsetrain_motion::{file, template};
+use pulsetrain_session::control::{Command, Event, Status};
+use pulsetrain_session::drive::Driven;
+use pulsetrain_session::prepare::Prepared;
+use pulsetrain_session::{FARTHEST_BEGIN_S, Session, SessionError};
+use std::sync::mpsc::channel;
+use std::thread;
+
+/// Three turns there and back, a rest, three turns: 8 steps a full step, 200 a turn.
+fn prepared() -> Prepared {
+    let no_files = |_: &std::path::Path| Err(std::io::ErrorKind::NotFound.into());
+    let contents = file::read_contents(&template::motion_file("wheel"), "wheel.toml", &no_files);
+    Prepared::new("wheel.toml".to_owned(), contents.expect("it is a motion file"), None).expect("it fits an Uno")
+}
+
+fn status(event: &Event) -> Option<&Status> {
+    if let Event::Status(status) = event { Some(status) } else { None }
+}
+
+#[test]
+fn a_run_is_paused_and_goes_on_and_makes_every_step() {
+    let prepared = prepared();
+    let (commands, receiver) = channel();
+    let (mut told, mut rests_s, mut resumed) = (Vec::new(), f64::INFINITY, false);
+    let mut positions = Vec::new();
+    let mut driven = Driven::native(&prepared).unwrap();
+    let ended = driven.run_with(&receiver, &mut |_: Edge| {}, |event| {
+        if let Some(status) = status(&event) {
+            if status.at_s >= 1.0 && told.is_empty() {
+                commands.send(Command::Pause).unwrap();
+                commands.send(Command::Pause).unwrap();
+            }
+            if status.at_s > rests_s {
+                positions.push(status.motors[0].position);
+            }
+            if status.at_s > rests_s + 3.0 && !resumed {
+                resumed = true;
+                commands.send(Command::Resume).unwrap();
+                commands.send(Command::Resume).unwrap();
+            }
+        }
+        if let Event::Pausing { rests_s: at_s } = event {
+            rests_s = at_s;
+        }
+        if !matches!(event, Event::Progress { .. } | Event::Status(_)) {
+            told.push(event);
+        }
+    });
+    let ended = ended.unwrap();
+    assert_eq!((ended.counted, ended.stopped), (vec![4800], false));
+    // For three seconds it stands where it came to rest.
+    assert!(positions.len() > 50 && positions[..50].iter().all(|position| *position == positions[0]), "{positions:?}");
+    let [Event::Pausing { rests_s: first }, Event::Pausing { rests_s: second }, rest @ ..] = &told[..] else {
+        panic!("{told:?}")
+    };
+    assert_eq!(first, second, "once is enough");
+    let [Event::Resuming { full_speed_s }, Event::Refused { command: Command::Resume, why }] = rest else {
+        panic!("{told:?}")
+    };
+    assert!(*full_speed_s > first + 3.0 && why == "the motion is not paused", "{told:?}");
+    assert_eq!(driven.lateness().lost, 0);
+}
+
+/// Otherwise it would wait for ever.
+#[test]
+fn a_paused_run_ends_when_nobody_can_send_a_command() {
+    let prepared = prepared();
+    let (commands, receiver) = channel();
+    let mut commands = Some(commands);
+    let mut driven = Driven::native(&prepared).unwrap();
+    let ended = driven.run_with(&receiver, &mut |_: Edge| {}, |event| {
+        if status(&event).is_some_and(|status| status.at_s >= 1.0)
+            && let Some(commands) = commands.take()
+        {
+            commands.send(Command::Pause).unwrap();
+        }
+    });
+    let ended = ended.unwrap();
+    // It is paused near the far end of the first swing.
+    assert!(ended.stopped && (1600..=3200).contains(&ended.counted[0]), "{ended:?}");
+}
+
+/// Time, lease, law, queue and lateness are told as they are.
+#[test]
+fn a_status_says_where_everything_is() {
+    let prepared = prepared();
+    let mut driven = Driven::native(&prepared).unwrap();
+    let mut seen = Vec::new();
+    driven.run(&mut |_: Edge| {}, |event| seen.extend(status(&event).cloned())).unwrap();
+    let swing = |at_s: f64| 1600.0 * (1.0 - (std::f64::consts::PI * at_s).cos());
+    for status in seen.iter().filter(|status| status.at_s < 6.0) {
+        let motor = status.motors[0];
+        let (target, speed) = (motor.target.unwrap(), motor.speed.unwrap());
+        assert!((target - swing(status.at_s)).abs() < 1e-6, "{status:?}");
+        assert!((motor.position as f64 - target).abs() < 0.6 && speed.abs() < 5027.0, "{status:?}");
+        assert!(status.lease_s.is_some_and(|lease_s| lease_s > 0.0 && lease_s < 0.6), "{status:?}");
+        assert!(motor.queue.0 <= motor.queue.1 && motor.queue.1 > 0, "{status:?}");
+    }
+    let last = seen.last().unwrap();
+    assert_eq!((last.motors[0].position, last.lease_s), (4800, None));
+    // The last pulse is matched when it is known that none comes after it.
+    assert_eq!(last.lateness.as_ref().map(|lateness| (lateness.edges, lateness.max_ticks)), Some((23_999, 0)));
+    assert_eq!(driven.lateness().edges, 24_000);
+    let text = serde_json::to_string(&Event::Status(last.clone())).unwrap();
+    assert_eq!(serde_json::from_str::<Event>(&text).unwrap(), Event::Status(last.clone()));
+}
+
+#[test]
+fn a_session_lives_in_a_thread_of_its_own() {
+    const fn is_send<T: Send>() {}
+    const { is_send::<Session<Native>>() };
+    const { is_send::<Session<Remote<VirtualUno>>>() };
+    let prepared = prepared();
+    let mut driven = Driven::native(&prepared).unwrap();
+    let (commands, receiver) = channel();
+    let (events, told) = channel();
+    let run = thread::spawn(move || {
+        driven.run_with(&receiver, &mut |_: Edge| {}, |event| {
+            let _ = events.send(event);
+        })
+    });
+    commands.send(Command::Stop).unwrap();
+    let ended = run.join().unwrap().unwrap();
+    assert!(told.iter().any(|event| matches!(event, Event::Stopping { .. })));
+    assert!(ended.stopped || ended.counted == [4800], "{ended:?}");
+}
+
+#[test]
+fn a_session_begins_at_the_tick_that_it_is_told() {
+    let prepared = prepared();
+    let program = &prepared.program;
+    let wiring = Wiring::StepDir { step: 0, dir: 1, forward_high: true, pulse_ticks: 16, setup_ticks: 16 };
+    let motors = vec![MotorConfig { wiring, pull_in_ticks: 1 }];
+    let config = Config { fraction_bits: program.board.fraction_bits, motors };
+    let board = || Native::new(&config).unwrap();
+    let hz = program.board.tick_hz;
+    let mut first = None;
+    let mut session = Session::begin_at(board(), program.clone(), 3 * hz).unwrap();
+    assert_eq!(session.zero(), 3 * hz);
+    let mut look = |edge: Edge| first = first.or(Some(edge.tick).filter(|_| edge.level && edge.line == 0));
+    session.advance(4 * hz, &mut look).unwrap();
+    let after_s = (first.unwrap() - 3 * hz) as f64 / hz as f64;
+    let due_s = (1.0 - (0.5 + 1.0 / 64.0) / 1600.0_f64).acos() / std::f64::consts::PI;
+    assert!((after_s - due_s).abs() < 1e-6, "{after_s} {due_s}");
+
+    let latest = FARTHEST_BEGIN_S * hz;
+    assert!(Session::begin_at(board(), program.clone(), latest).is_ok());
+    let late = Session::begin_at(board(), program.clone(), latest + 1).err();
+    assert_eq!(late, Some(SessionError::Late { at: latest + 1, latest }));
+    assert!(matches!(Session::begin_at(board(), program.clone(), 5).err(), Some(SessionError::Early { at: 5, .. })));
+}
