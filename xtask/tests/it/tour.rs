@@ -58,15 +58,27 @@ fn the_check_finds_what_it_should() {
         .position(|line| line.starts_with("fn documents("))
         .expect("it has that function");
     let none: Vec<String> = Vec::new();
-    assert_eq!(check(&format!("[`documents`]({this}#L{line}), [a word]({this}) and `xtask/tests/it/tour.rs`, `it/tour.rs`")), none);
-    assert_eq!(check("[other](https://example.org/a.rs#L1) `out/a/steps.csv` `cargo run -- crates/x.rs` `a/b.rs{1}`"), none);
+    assert_eq!(
+        check(&format!("[`documents`]({this}#L{line}), [a word]({this}) and `xtask/tests/it/tour.rs`, `it/tour.rs`")),
+        none
+    );
+    assert_eq!(
+        check("[other](https://example.org/a.rs#L1) `out/a/steps.csv` `cargo run -- crates/x.rs` `a/b.rs{1}`"),
+        none
+    );
     assert_eq!(check("```\n[a](b.rs)\n```\n\n    [a](b.rs)\n    [a](b.rs)\n"), none);
-    assert_eq!(check(&format!("[`documents`]({this}#L1)")), [format!("{this}#L1 has no `documents`: it is in line {line}")]);
+    assert_eq!(
+        check(&format!("[`documents`]({this}#L1)")),
+        [format!("{this}#L1 has no `documents`: it is in line {line}")]
+    );
     let nobodys = ["nobody", "has", "this"].join("_");
     assert_eq!(check(&format!("[`{nobodys}`]({this}#L1)")), [format!("{this}#L1 has no `{nobodys}`")]);
     assert_eq!(check("[a](nowhere.md)"), ["nowhere.md is not there"]);
     assert_eq!(check("[a](../README.md#no-such-heading)"), ["../README.md has no heading #no-such-heading"]);
-    assert_eq!(check("see `crates/nowhere.rs`, `docs/nothing`"), ["`crates/nowhere.rs` is not there", "`docs/nothing` is not there"]);
+    assert_eq!(
+        check("see `crates/nowhere.rs`, `docs/nothing`"),
+        ["`crates/nowhere.rs` is not there", "`docs/nothing` is not there"]
+    );
     assert_eq!(check("[a](../docs/it/tour.rs)"), ["../docs/it/tour.rs is not there: ../xtask/tests/it/tour.rs is"]);
 }
 
@@ -134,14 +146,13 @@ impl Checker<'_> {
         if let Some(line) = line {
             let Some(ident) = ident else { return wrong(format!("{target} says no name in its text"), None) };
             let source = std::fs::read_to_string(self.root.join(&file)).unwrap_or_default();
-            if source.lines().nth(line - 1).is_some_and(|line| has_word(line, ident) && !is_comment(line)) {
+            if source.lines().nth(line - 1).is_some_and(|line| has_word(line, ident) && !only_mentions(line)) {
                 return None;
             }
             return match self.defined(&file, link.text, ident, line) {
-                Some(right) => wrong(
-                    format!("{target} has no `{ident}`: it is in line {right}"),
-                    Some(format!("{path}#L{right}")),
-                ),
+                Some(right) => {
+                    wrong(format!("{target} has no `{ident}`: it is in line {right}"), Some(format!("{path}#L{right}")))
+                }
                 None => wrong(format!("{target} has no `{ident}`"), None),
             };
         }
@@ -185,7 +196,8 @@ impl Checker<'_> {
         let name = path.file_name()?;
         let named = self.files.iter().filter(|file| file.file_name() == Some(name));
         let defines = |file: &&PathBuf| ident.is_none_or(|ident| self.defined(file, ident, ident, 0).is_some());
-        let common = |file: &Path| path.components().filter(|part| file.components().any(|other| other == *part)).count();
+        let common =
+            |file: &Path| path.components().filter(|part| file.components().any(|other| other == *part)).count();
         let candidates: Vec<&PathBuf> = named.filter(defines).collect();
         let most = candidates.iter().map(|file| common(file)).max()?;
         let mut best = candidates.iter().filter(|file| common(file) == most);
@@ -218,7 +230,7 @@ impl Checker<'_> {
 /// How well a line of code defines `ident`: 0 is best.
 fn defines(code: &str, ident: &str) -> Option<u8> {
     let code = code.trim_start();
-    if !has_word(code, ident) || is_comment(code) {
+    if !has_word(code, ident) || only_mentions(code) {
         return None;
     }
     const KEYWORDS: [&str; 10] =
@@ -236,8 +248,10 @@ fn defines(code: &str, ident: &str) -> Option<u8> {
     Some(3)
 }
 
-fn is_comment(code: &str) -> bool {
-    code.trim_start().starts_with("//")
+/// Whether a line of code defines nothing: a comment, or what an assembler is told of a name.
+fn only_mentions(code: &str) -> bool {
+    const MENTIONS: [&str; 5] = ["//", ".global", ".section", ".type", ".size"];
+    MENTIONS.iter().any(|begin| code.trim_start().starts_with(begin))
 }
 
 struct Link<'a> {
