@@ -1,6 +1,19 @@
-//! Core, built for the boards' processors: no float, no alloc, 16-bit `usize` on the AVR.
+//! What builds for other machines than this one: core for the boards' processors (no float, no alloc, 16-bit `usize` on the AVR), and all crates
+//! but the command line for a browser.
 
 use crate::command::{Done, cargo, command, run};
+
+/// All crates of the workspace but the command line and this one.
+const IN_A_BROWSER: [&str; 11] =
+    ["core", "emulator", "motion", "plan", "trace", "oracle", "board", "session", "bake", "plot", "testkit"];
+
+/// Checks that all crates but the command line build for wasm32.
+pub(crate) fn check_wasm() -> Done {
+    const TARGET: &str = "wasm32-unknown-unknown";
+    run(command("rustup").args(["target", "add", TARGET]))?;
+    let mut check = cargo(&format!("check --target {TARGET}"));
+    run(check.args(IN_A_BROWSER.iter().flat_map(|name| ["--package".to_owned(), format!("pulsetrain-{name}")])))
+}
 
 /// Builds `pulsetrain-core` for the Pico's Cortex-M0+ and the Uno's ATmega328P.
 pub(crate) fn build_core() -> Done {

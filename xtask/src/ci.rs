@@ -1,7 +1,7 @@
 //! What must hold before a change lands.
 
 use crate::command::{self, Done, cargo, command};
-use crate::{accept, cross_check, firmware, fuzz, test};
+use crate::{accept, boards, cross_check, firmware, fuzz, test};
 use std::time::Instant;
 
 /// Seconds that each fuzz target runs in CI.
@@ -15,10 +15,12 @@ const ACCEPT_SEED: u64 = 7;
 type Stage = (&'static str, fn() -> Done);
 
 /// Cheapest first: what fails, fails early.
-const STAGES: [Stage; 9] = [
+const STAGES: [Stage; 11] = [
     ("format", format),
     ("lints", || command::run(&mut cargo("clippy --workspace --all-targets -- -D warnings"))),
     ("documentation", documentation),
+    ("wasm32", boards::check_wasm),
+    ("packages", packages),
     // What the virtual boards run, in the tests as well, is what the sources say.
     ("images", || firmware::check_uno().and_then(|()| firmware::pico::check())),
     ("tests", || test::run(test::Tier::Gate)),
@@ -50,6 +52,13 @@ fn format() -> Done {
         command::run(&mut cargo(&format!("fmt --manifest-path {manifest} --check")))?;
     }
     Ok(())
+}
+
+/// What a program that embeds the crates would get: each package builds from its own files.
+fn packages() -> Done {
+    let ours = ["xtask", "pulsetrain-oracle", "pulsetrain-testkit"];
+    let mut package = cargo("package --workspace --quiet --allow-dirty --no-verify");
+    command::run(package.args(ours.iter().flat_map(|name| ["--exclude", name])))
 }
 
 fn documentation() -> Done {

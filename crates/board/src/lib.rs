@@ -13,6 +13,7 @@
 //! - [`virtual_uno`], [`virtual_pico`]: the Uno's and the Pico's firmware on an emulated chip, as such a port; `bridge`: the Uno's
 //!   USB, as far as time goes
 //! - [`native_winch`]: StepperWinch's text with core's own code instead of a firmware, as such a port
+//! - [`BoardKind`], [`registry`]: the boards that have a firmware: names, rates, images, virtual boards
 //! - [`VirtualBoard`]: what all of them can do; [`skewed`]: one whose clock is off; [`shared`]: a port for several hosts
 //! - [`BoardClock`]: such a board's clock, as the host sees it
 //!
@@ -30,6 +31,7 @@ pub mod native;
 pub mod native_verbs;
 pub mod native_winch;
 mod packer;
+pub mod registry;
 pub mod remote;
 pub mod replay;
 #[cfg(feature = "serial")]
@@ -128,9 +130,14 @@ pub struct Fared {
 /// A board in virtual time: time passes only while someone receives, and every edge of a pin is known.
 pub trait VirtualBoard: Port {
     /// Ticks of [`Port::now`] in a second.
-    const CYCLES_PER_S: u64 = virtual_uno::CYCLES_PER_S;
+    fn cycles_per_s(&self) -> u64 {
+        virtual_uno::CYCLES_PER_S
+    }
+
     /// The first and the last pin whose edges are worth a trace; an Uno's serial line is 0 and 1, its last pin A5.
-    const TRACED: std::ops::RangeInclusive<u8> = 2..=19;
+    fn traced(&self) -> std::ops::RangeInclusive<u8> {
+        2..=19
+    }
 
     /// What DTR does as a program opens the port: the board starts again, if it is wired so. Bytes under way are lost.
     fn reset(&mut self);
@@ -151,6 +158,32 @@ pub trait VirtualBoard: Port {
     }
 }
 
+impl<B: VirtualBoard + ?Sized> VirtualBoard for Box<B> {
+    fn cycles_per_s(&self) -> u64 {
+        (**self).cycles_per_s()
+    }
+
+    fn traced(&self) -> std::ops::RangeInclusive<u8> {
+        (**self).traced()
+    }
+
+    fn reset(&mut self) {
+        (**self).reset();
+    }
+
+    fn zero(&self) -> Option<u64> {
+        (**self).zero()
+    }
+
+    fn baud(&self) -> pulsetrain_core::wire::Baud {
+        (**self).baud()
+    }
+
+    fn follow(&mut self, rate: u32) -> Result<(), PortError> {
+        (**self).follow(rate)
+    }
+}
+
 pub use clock::BoardClock;
 pub use lease::{Lease, LeaseState, Leased};
 pub use link::{Link, LinkError};
@@ -158,6 +191,7 @@ pub use native::{
     Config, Edge, Faults, MotorConfig, Native, Observer, ScheduledStep, StopReport, SwitchRefused, Wiring,
 };
 pub use pulsetrain_emulator::{hex, image};
+pub use registry::BoardKind;
 pub use remote::{Port, PortError, Remote, RemoteError, Setup};
 #[cfg(feature = "serial")]
 pub use serial::Serial;

@@ -87,7 +87,7 @@ impl NativeVerbs {
         if !self.work_out(at) {
             return Err(Refusal::of(Reason::Full));
         }
-        self.verbs.obey(orders)
+        orders.tell(&mut self.verbs)
     }
 
     /// The first tick from which on a verb may hold.

@@ -98,6 +98,28 @@ pub trait Port: Send {
     }
 }
 
+impl<P: Port + ?Sized> Port for Box<P> {
+    fn now(&self) -> Duration {
+        (**self).now()
+    }
+
+    fn send(&mut self, bytes: &[u8]) -> Result<(), PortError> {
+        (**self).send(bytes)
+    }
+
+    fn receive(&mut self, until: Duration, into: &mut Vec<u8>) -> Result<(), PortError> {
+        (**self).receive(until, into)
+    }
+
+    fn set_baud(&mut self, baud: Baud) -> Result<(), PortError> {
+        (**self).set_baud(baud)
+    }
+
+    fn edges(&mut self, into: &mut Vec<Edge>) {
+        (**self).edges(into);
+    }
+}
+
 /// What is wrong with a port.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum PortError {

@@ -70,8 +70,13 @@ impl<B: Port> Port for Skewed<B> {
 }
 
 impl<B: VirtualBoard> VirtualBoard for Skewed<B> {
-    const CYCLES_PER_S: u64 = B::CYCLES_PER_S;
-    const TRACED: std::ops::RangeInclusive<u8> = B::TRACED;
+    fn cycles_per_s(&self) -> u64 {
+        self.board.cycles_per_s()
+    }
+
+    fn traced(&self) -> std::ops::RangeInclusive<u8> {
+        self.board.traced()
+    }
 
     fn reset(&mut self) {
         self.board.reset();

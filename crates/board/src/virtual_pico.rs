@@ -274,8 +274,13 @@ impl std::fmt::Debug for VirtualPico {
 }
 
 impl VirtualBoard for VirtualPico {
-    const CYCLES_PER_S: u64 = CYCLES_PER_S;
-    const TRACED: std::ops::RangeInclusive<u8> = 2..=28;
+    fn cycles_per_s(&self) -> u64 {
+        CYCLES_PER_S
+    }
+
+    fn traced(&self) -> std::ops::RangeInclusive<u8> {
+        2..=28
+    }
 
     /// Opens its own USB port anew, which the firmware hears of (DTR) and nothing is reset by; an adapter at the UART tells nothing.
     fn reset(&mut self) {

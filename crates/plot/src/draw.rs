@@ -1,20 +1,16 @@
 //! The panels.
 
-use std::path::Path;
-use std::sync::OnceLock;
-
+use image::codecs::png::PngEncoder;
+use image::{ColorType, ImageEncoder};
 use plotters::coord::Shift;
 use plotters::coord::cartesian::Cartesian2d;
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
-use plotters::style::{FontStyle, register_font};
 
 use crate::axis::{Axis, Labels};
 use crate::{Envelope, Errors, MotorPicture, Picture};
 use pulsetrain_motion::human;
 
-/// DejaVu Sans, reduced: see assets/LICENSE-DejaVu.txt. Registered as "sans-serif", which is also what the SVG asks for.
-static FONT: &[u8] = include_bytes!("../assets/DejaVuSans-subset.ttf");
 const FAMILY: &str = "sans-serif";
 
 /// Of Okabe and Ito: told apart by the colour-blind too. doi:10.1038/nmeth.1618
@@ -52,12 +48,31 @@ pub(super) fn svg(picture: &Picture) -> Result<String, String> {
     Ok(text)
 }
 
-pub(super) fn png(picture: &Picture, path: &Path) -> Result<(), String> {
+pub(super) fn png(picture: &Picture) -> Result<Vec<u8>, String> {
     let drawing = Drawing { scale: PNG_SCALE, joins: false };
-    drawing.draw(picture, BitMapBackend::new(path, drawing.size(picture)))
+    let (width, height) = drawing.size(picture);
+    let mut pixels = vec![0; 3 * width as usize * height as usize];
+    drawing.draw(picture, BitMapBackend::with_buffer(&mut pixels, (width, height)))?;
+    let mut file = Vec::new();
+    PngEncoder::new(&mut file)
+        .write_image(&pixels, width, height, ColorType::Rgb8)
+        .map_err(|error| error.to_string())?;
+    Ok(file)
 }
 
+/// In a browser plotters measures text with the page's own font.
+#[cfg(target_arch = "wasm32")]
+const fn register() -> bool {
+    true
+}
+
+#[cfg(not(target_arch = "wasm32"))]
 fn register() -> bool {
+    use plotters::style::{FontStyle, register_font};
+    use std::sync::OnceLock;
+
+    /// DejaVu Sans, reduced: see assets/LICENSE-DejaVu.txt. Registered as "sans-serif", which is also what the SVG asks for.
+    static FONT: &[u8] = include_bytes!("../assets/DejaVuSans-subset.ttf");
     static REGISTERED: OnceLock<bool> = OnceLock::new();
     *REGISTERED.get_or_init(|| register_font(FAMILY, FontStyle::Normal, FONT).is_ok())
 }

@@ -17,8 +17,6 @@ mod envelope;
 mod figure;
 pub mod machine;
 
-use std::path::Path;
-
 use pulsetrain_motion::law::{Cursor, Law};
 use pulsetrain_motion::program::Scale;
 use pulsetrain_motion::{LawError, Time};
@@ -239,11 +237,11 @@ impl Picture {
         draw::svg(self)
     }
 
-    /// Writes the picture as PNG.
+    /// The picture as a PNG file.
     ///
     /// # Errors
-    /// When the file cannot be written.
-    pub fn png(&self, path: &Path) -> Result<(), String> {
-        draw::png(self, path)
+    /// When the drawing library fails, in its words.
+    pub fn png(&self) -> Result<Vec<u8>, String> {
+        draw::png(self)
     }
 }

@@ -14,6 +14,7 @@
 //! - [`bake`]: standalone images and sketches; [`plot`]: pictures
 #![forbid(unsafe_code)]
 
+mod arguments;
 pub mod cli;
 mod commands;
 pub mod consent;

@@ -47,9 +47,9 @@ impl<B: VirtualBoard, C: Client, W: Write> Service<B, C, W> {
     /// # Errors
     /// When the trace cannot be begun.
     pub fn new(board: B, client: C, trace: Option<W>) -> io::Result<Service<B, C, W>> {
-        let lines: Vec<Line> = B::TRACED.map(|pin| Line::named(format!("pin{pin}"))).collect();
+        let lines: Vec<Line> = board.traced().map(|pin| Line::named(format!("pin{pin}"))).collect();
         let trace =
-            trace.map(|out| vcd_file::Writer::new(out, B::CYCLES_PER_S, &lines)).transpose().map_err(untraced)?;
+            trace.map(|out| vcd_file::Writer::new(out, board.cycles_per_s(), &lines)).transpose().map_err(untraced)?;
         let (bytes, edges) = (Vec::new(), Vec::new());
         Ok(Service { board, client, trace, present: false, clients: 0, bytes, edges })
     }
@@ -115,8 +115,9 @@ impl<B: VirtualBoard, C: Client, W: Write> Service<B, C, W> {
         self.edges.clear();
         self.board.edges(&mut self.edges);
         let (Some(trace), Some(zero)) = (&mut self.trace, self.board.zero()) else { return Ok(()) };
-        for edge in self.edges.iter().filter(|edge| B::TRACED.contains(&edge.line)) {
-            let line = edge.line - B::TRACED.start();
+        let traced = self.board.traced();
+        for edge in self.edges.iter().filter(|edge| traced.contains(&edge.line)) {
+            let line = edge.line - traced.start();
             trace.push(Edge { tick: edge.tick + zero, line, level: edge.level }).map_err(untraced)?;
         }
         Ok(())

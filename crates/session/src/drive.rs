@@ -5,12 +5,11 @@ use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::mpsc::{Receiver, TryRecvError, channel};
 
 use pulsetrain_board::native::{ConfigError, Faults};
+use pulsetrain_board::registry::Role;
 use pulsetrain_board::remote::{image_name, in_words, name_of};
-use pulsetrain_board::virtual_pico::VirtualPico;
-use pulsetrain_board::virtual_uno::VirtualUno;
 use pulsetrain_board::{
-    Config, Edge, Fared, Leased, LinkError, MotorConfig, Native, Observer, Port, Remote, RemoteError, ScheduledStep,
-    Setup, Shadowed, Wiring,
+    BoardKind, Config, Edge, Fared, Leased, LinkError, MotorConfig, Native, Observer, Port, Remote, RemoteError,
+    ScheduledStep, Setup, Shadowed, VirtualBoard, Wiring,
 };
 use pulsetrain_core::output::Sequence;
 use pulsetrain_core::wire::message::{Cause, MotorSetup, image};
@@ -238,12 +237,6 @@ pub struct Driven<B> {
     meter: Meter,
 }
 
-/// The virtual Uno, and the native board that says which tick each of its steps was scheduled for.
-pub type Uno = Shadowed<Remote<VirtualUno>>;
-
-/// The same of a virtual Pico.
-pub type Pico = Shadowed<Remote<VirtualPico>>;
-
 impl Driven<Native> {
     /// Sends the beginning of the motion to the native board, and lets it come to the tick at which the laws begin.
     ///
@@ -257,24 +250,14 @@ impl Driven<Native> {
     }
 }
 
-impl Driven<Uno> {
-    /// The same on the virtual Uno, at `baud`.
+impl Driven<Shadowed<Remote<Box<dyn VirtualBoard>>>> {
+    /// The same on a virtual board, at `baud`; a Pico by its USB, where `baud` is the rate that the host reckons with.
     ///
     /// # Errors
     /// As [`Driven::native`], and when the firmware refuses the configuration.
-    pub fn virtual_uno(prepared: &Prepared, baud: Baud) -> Result<Driven<Uno>, DriveError> {
-        // One that was made just now has known nobody: the same session each time, to the cycle.
-        Driven::with(prepared, |program| connect_as(VirtualUno::new(), program, baud, 1))
-    }
-}
-
-impl Driven<Pico> {
-    /// The same on the virtual Pico, over its USB; `baud` is the rate that the host reckons with.
-    ///
-    /// # Errors
-    /// As [`Driven::native`], and when the firmware refuses the configuration.
-    pub fn virtual_pico(prepared: &Prepared, baud: Baud) -> Result<Driven<Pico>, DriveError> {
-        Driven::with(prepared, |program| connect_as(VirtualPico::on_usb(), program, baud, 1))
+    pub fn on_virtual(kind: BoardKind, prepared: &Prepared, baud: Baud) -> Result<Self, DriveError> {
+        // A board that was made just now has known nobody: the same session each time, to the cycle.
+        Driven::with(prepared, |program| connect_as(kind.virtual_board(Role::Plans), program, baud, 1))
     }
 }
 
@@ -516,7 +499,8 @@ impl<B: Leased> Driven<B> {
                 Some(Command::StopNow) => {
                     let stop = session.board_mut().stop_now(now, &mut since);
                     if let Some(error) = session.board().lost().cloned() {
-                        let mut report = session.run(&mut since, |tick| events(Event::Progress { at_s: seconds(tick) }));
+                        let mut report =
+                            session.run(&mut since, |tick| events(Event::Progress { at_s: seconds(tick) }));
                         report.stop_unanswered = true;
                         return Err(DriveError::from(error).halted(seconds(now), self.positions(&report).0));
                     }

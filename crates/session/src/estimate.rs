@@ -1,10 +1,11 @@
 //! What a motion comes to before it is planned: steps, time, files.
 
+use pulsetrain_board::BoardKind;
 use std::fmt::{self, Display};
 
 use pulsetrain_motion::law::Workload;
 use pulsetrain_motion::program::{Board, Motor, Wiring};
-use pulsetrain_motion::{Time, boards, human};
+use pulsetrain_motion::{Time, human};
 use pulsetrain_trace::{steps, vcd_file};
 use serde::Serialize;
 
@@ -23,8 +24,6 @@ const SEGMENTS_PER_DECADE: f64 = 12.0;
 /// is looked at 20 times. An emulated chip is so many times as fast as a real one. By `run` of sweep.toml and pico.toml.
 const NATIVE_STEP_S: f64 = 2e-6;
 const NATIVE_SECOND_S: f64 = 2e-5;
-const VIRTUAL_UNO: f64 = 12.0;
-const VIRTUAL_PICO: f64 = 5.0;
 
 /// Beyond these somebody is asked.
 const MOST_STEPS: f64 = 5e7;
@@ -96,15 +95,15 @@ impl Estimate {
         }
         let files = matches!(task, Task::Native { files: true } | Task::Virtual | Task::Port);
         let native_s = all.steps * NATIVE_STEP_S + motion_s * NATIVE_SECOND_S;
+        let emulated = BoardKind::named(&program.board.name);
         Estimate {
             motion_s,
             steps: all.steps,
             planning_s,
             running_s: match task {
                 Task::Plan | Task::Port => None,
-                Task::Virtual if boards::is_uno(&program.board.name) => Some(motion_s / VIRTUAL_UNO),
-                Task::Virtual if program.board.name == "pico" => Some(motion_s / VIRTUAL_PICO),
-                Task::Virtual | Task::Native { .. } => Some(native_s),
+                Task::Virtual => Some(emulated.map_or(native_s, |kind| motion_s / kind.emulation_speed())),
+                Task::Native { .. } => Some(native_s),
             },
             file_bytes: files.then_some(row_bytes),
         }

@@ -1,5 +1,6 @@
 //! From a motion file to what can be planned: a board, settings for each motor, an end for endless laws.
 
+use pulsetrain_board::BoardKind;
 use pulsetrain_core::wire::Baud;
 use pulsetrain_motion::file::{Contents, TableColumns};
 use pulsetrain_motion::law::{Cursor, Law};
@@ -281,10 +282,10 @@ pub struct Planned {
     pub last_tick: u64,
 }
 
-/// The usual rate of the line to a board: what an Uno's USB bridge makes exactly and is fast enough for all, and what a Pico's clock makes exactly.
+/// The [usual rate](BoardKind::usual_baud) of the line to a board.
 #[must_use]
 pub fn usual_baud(board: &str) -> Baud {
-    if board == "pico" { Baud::B2M } else { Baud::B1M }
+    BoardKind::named(board).map_or(Baud::B1M, BoardKind::usual_baud)
 }
 
 /// The line by which plans usually come to a board: its own USB, or a UART at its [usual rate](usual_baud).

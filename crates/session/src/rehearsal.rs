@@ -10,7 +10,7 @@
 use std::cell::Cell;
 use std::sync::mpsc::channel;
 
-use pulsetrain_board::{Edge, Observer};
+use pulsetrain_board::{BoardKind, Edge, Observer};
 use pulsetrain_core::wire::Baud;
 use pulsetrain_motion::law::Cursor;
 use pulsetrain_motion::program::Program;
@@ -226,7 +226,7 @@ pub fn rehearse(
 ) -> Result<Rehearsed, Failed> {
     let program = &prepared.program;
     let failed = |what| Failed::new(program, baud, what);
-    let begun = Driven::virtual_uno(prepared, baud);
+    let begun = Driven::on_virtual(BoardKind::Uno, prepared, baud);
     let mut driven = begun.map_err(|error| failed(What::session(error, None, None)))?;
     let options = Edges::of(program).options(program, length.until_s());
     let judge = EdgeJudge::new(program.board.tick_hz, &driven.lines, program, &options);

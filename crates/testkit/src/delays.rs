@@ -6,7 +6,7 @@ use super::{Random, uno_setup};
 use pulsetrain_board::virtual_pico::VirtualPico;
 use pulsetrain_board::virtual_uno::VirtualUno;
 use pulsetrain_board::{Board, Edge, Remote, Setup};
-use pulsetrain_core::verbs::{Course, Verb};
+use pulsetrain_core::verbs::{Heading, Verb};
 use pulsetrain_core::wire::Baud;
 use pulsetrain_core::wire::orders::Obeyed;
 
@@ -61,8 +61,8 @@ pub fn delay(rate: u64, turns: bool, times: u32) -> Delay {
         let wait = 3 * slow + random.below(TICK_HZ / 200);
         pico.advance(pico.now() + wait, &mut |_: Edge| {});
         let verb = match (turns, forward) {
-            (true, true) => Verb::Course(Course::Forward),
-            (true, false) => Verb::Course(Course::Backward),
+            (true, true) => Verb::Heading(Heading::Forward),
+            (true, false) => Verb::Heading(Heading::Backward),
             (false, true) => Verb::Speed { ticks: slow },
             (false, false) => Verb::Speed { ticks: fast },
         };

@@ -3,7 +3,7 @@
 use super::pico::TICK_HZ;
 use pulsetrain_board::virtual_pico::VirtualPico;
 use pulsetrain_board::{Edge, Port};
-use pulsetrain_core::verbs::{Course, Verb};
+use pulsetrain_core::verbs::{Heading, Verb};
 use pulsetrain_core::wire::message::Reason;
 use std::time::Duration;
 
@@ -149,9 +149,9 @@ impl Mailbox {
                 Verb::Move { steps } => (0, steps),
                 Verb::Run => (1, 0),
                 Verb::Speed { ticks } => (2, u32::try_from(ticks).expect("a short one")),
-                Verb::Course(Course::Stationary) => (3, 0),
-                Verb::Course(Course::Forward) => (3, 1),
-                Verb::Course(Course::Backward) => (3, 2),
+                Verb::Heading(Heading::Stationary) => (3, 0),
+                Verb::Heading(Heading::Forward) => (3, 1),
+                Verb::Heading(Heading::Backward) => (3, 2),
                 Verb::Halt => (4, 0),
             };
             arguments.extend([*motor, kind, number]);

@@ -13,11 +13,11 @@ use pulsetrain_board::{
 use pulsetrain_core::lease;
 use pulsetrain_core::packing::{Packing, State};
 use pulsetrain_core::verbs::{Limits, Verbs};
-use pulsetrain_core::wire::machine::NO_LEASE;
 use pulsetrain_core::wire::message::{
     self, ALL_MOTORS, Cause, Configuration, Event, Info, Measures, QUEUE_PARTS, Reason, flags, limits_of,
 };
 use pulsetrain_core::wire::orders::{Obeyed, Orders};
+use pulsetrain_core::wire::outcome::NO_LEASE;
 use pulsetrain_core::wire::settings::SETTINGS_LEN;
 use pulsetrain_core::wire::{
     Baud, Decoder, Encoder, MAX_BODY, MAX_FRAME, Machine, Millis, Refusal, Service, Stopped, Switched, Trimmed,
@@ -573,7 +573,7 @@ impl Machine for Model {
             let motors = self.limits.iter().zip(positions).map(|(limits, position)| (*limits, position as i32));
             self.verbs.begin(motors, self.native.now() + AHEAD);
         }
-        self.obeyed = self.verbs.obey(orders)?;
+        self.obeyed = orders.tell(&mut self.verbs)?;
         // Who only asks leaves motors as they are.
         if !orders.is_empty() {
             self.obeys = true;

@@ -16,6 +16,8 @@ pub const SLICE: u64 = Uno::SLICE;
 
 /// A board that speaks text, with the pins and times of its axes.
 pub trait Wired: VirtualBoard + Clone {
+    /// Ticks of its clock in a second.
+    const CYCLES_PER_S: u64;
     /// STEP and DIR.
     const PINS: [(u8, u8); 4];
     /// Of all drivers; low is on.
@@ -31,6 +33,7 @@ pub trait Wired: VirtualBoard + Clone {
 }
 
 impl Wired for VirtualUno {
+    const CYCLES_PER_S: u64 = pulsetrain_board::virtual_uno::CYCLES_PER_S;
     const PINS: [(u8, u8); 4] = PINS;
     const ENABLE: u8 = ENABLE;
     // Ports D and B.
@@ -49,6 +52,7 @@ impl Wired for VirtualUno {
 }
 
 impl Wired for VirtualPico {
+    const CYCLES_PER_S: u64 = pulsetrain_board::virtual_pico::CYCLES_PER_S;
     const PINS: [(u8, u8); 4] = [(2, 3), (4, 5), (6, 7), (8, 9)];
     const ENABLE: u8 = 22;
     // The state machines make them.

@@ -6,7 +6,7 @@
 #![no_std]
 #![no_main]
 
-use pulsetrain_pico::motors::{Course, MotorSetup, Motors, Sequence, TICKS_PER_S, Times, Verb};
+use pulsetrain_pico::motors::{Heading, MotorSetup, Motors, Sequence, TICKS_PER_S, Times, Verb};
 
 /// How often speeds are set, Hz.
 const RATE_HZ: u32 = 100;
@@ -39,7 +39,7 @@ extern "C" fn main() -> ! {
     let _ = motors.tell(&[(0, Verb::Run), (1, Verb::Run)]);
     loop {
         let speeds = [speed(phase), speed(phase.wrapping_add(1 << 30))];
-        let [x, y] = speeds.map(|speed| (course(speed), Verb::Speed { ticks: convert(speed) }));
+        let [x, y] = speeds.map(|speed| (heading(speed), Verb::Speed { ticks: convert(speed) }));
         // These periods are never too short. So the motors have stopped, and the drawing is wrong.
         if motors.tell(&[(0, x.0), (0, x.1), (1, y.0), (1, y.1)]).is_err() {
             panic!();
@@ -50,13 +50,13 @@ extern "C" fn main() -> ! {
     }
 }
 
-fn course(speed: f32) -> Verb {
-    Verb::Course(if speed > 0.0 {
-        Course::Forward
+fn heading(speed: f32) -> Verb {
+    Verb::Heading(if speed > 0.0 {
+        Heading::Forward
     } else if speed < 0.0 {
-        Course::Backward
+        Heading::Backward
     } else {
-        Course::Stationary
+        Heading::Stationary
     })
 }
 

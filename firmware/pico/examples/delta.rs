@@ -8,7 +8,7 @@
 
 use core::sync::atomic::{AtomicU32, Ordering};
 use libm::{atan2f, cosf, roundf, sinf, sqrtf};
-use pulsetrain_pico::motors::{Course, MotorSetup, Motors, Sequence, TICKS_PER_S, Times, Verb, block_on};
+use pulsetrain_pico::motors::{Heading, MotorSetup, Motors, Sequence, TICKS_PER_S, Times, Verb, block_on};
 
 /// Geometry, mm: from the base's middle to the motors' axes; arms; rods; from the effector's middle to the rods.
 const BASE: f32 = 40.0;
@@ -49,11 +49,11 @@ extern "C" fn main() -> ! {
         let way = [0, 1, 2].map(|arm| target[arm] - stand[arm]);
         let longest = way.iter().map(|way| way.unsigned_abs()).max().unwrap_or(0);
         for (arm, way) in (0..).zip(way) {
-            let course = if way < 0 { Course::Backward } else { Course::Forward };
+            let heading = if way < 0 { Heading::Backward } else { Heading::Forward };
             // The shorter an arm's way, the longer its period, so that all arrive together.
             let ticks = u64::from(longest) * u64::from(PERIOD) / u64::from(way.unsigned_abs().max(1));
             // It cannot be refused: the motors rest, and the period is longer than the shortest.
-            let _ = motors.tell(&[(arm, Verb::Course(course)), (arm, Verb::Speed { ticks })]);
+            let _ = motors.tell(&[(arm, Verb::Heading(heading)), (arm, Verb::Speed { ticks })]);
         }
         let [a, b, c] = way.map(|way| Verb::Move { steps: way.unsigned_abs() });
         let _ = motors.tell(&[(0, a), (1, b), (2, c)]);

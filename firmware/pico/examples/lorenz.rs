@@ -8,7 +8,7 @@
 #![no_std]
 #![no_main]
 
-use pulsetrain_pico::motors::{Course, MotorSetup, Motors, Sequence, TICKS_PER_S, Times, Verb};
+use pulsetrain_pico::motors::{Heading, MotorSetup, Motors, Sequence, TICKS_PER_S, Times, Verb};
 
 /// How often speeds are set, Hz.
 const RATE_HZ: u32 = 50;
@@ -53,13 +53,13 @@ extern "C" fn main() -> ! {
 
 /// Direction and period for so many half steps until speeds are set again. Less than one half step waits until it is one.
 fn verbs(steps: f32) -> (Verb, Verb) {
-    let course = if steps >= 1.0 {
-        Course::Forward
+    let heading = if steps >= 1.0 {
+        Heading::Forward
     } else if steps <= -1.0 {
-        Course::Backward
+        Heading::Backward
     } else {
-        Course::Stationary
+        Heading::Stationary
     };
     let speed = steps.abs().max(1.0) * RATE_HZ as f32;
-    (Verb::Course(course), Verb::Speed { ticks: (TICKS_PER_S as f32 / speed) as u64 })
+    (Verb::Heading(heading), Verb::Speed { ticks: (TICKS_PER_S as f32 / speed) as u64 })
 }

@@ -8,7 +8,7 @@
 use core::pin::Pin;
 use core::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use core::task::{Context, Poll, RawWaker, RawWakerVTable, Waker};
-use pulsetrain_pico::motors::{Course, Done, MotorSetup, Motors, Refusal, Sequence, Times, Verb, set_handler};
+use pulsetrain_pico::motors::{Done, Heading, MotorSetup, Motors, Refusal, Sequence, Times, Verb, set_handler};
 
 /// How many futures, and done moves, the mailbox has room for.
 const FUTURES: usize = 6;
@@ -208,9 +208,9 @@ fn serve(motors: Motors, what: u32, asked: &[u32; ARGUMENTS]) -> Result<(), Refu
                     (0, steps) => Verb::Move { steps: *steps },
                     (1, _) => Verb::Run,
                     (2, ticks) => Verb::Speed { ticks: u64::from(*ticks) },
-                    (3, 0) => Verb::Course(Course::Stationary),
-                    (3, 1) => Verb::Course(Course::Forward),
-                    (3, _) => Verb::Course(Course::Backward),
+                    (3, 0) => Verb::Heading(Heading::Stationary),
+                    (3, 1) => Verb::Heading(Heading::Forward),
+                    (3, _) => Verb::Heading(Heading::Backward),
                     _ => Verb::Halt,
                 };
                 *place = (*motor as u8, verb);

@@ -16,11 +16,11 @@ use pulsetrain_core::lease::{self, Lapse, Lease};
 use pulsetrain_core::verbs::motor::MOST_ITEMS;
 use pulsetrain_core::verbs::{Motor, Verbs};
 use pulsetrain_core::winch::path::Slice;
-use pulsetrain_core::wire::machine::NO_LEASE;
 use pulsetrain_core::wire::message::{
     ALL_MOTORS, Cause, Configuration, Event, Info, LeaseState, Measures, NO_PIN, flags,
 };
 use pulsetrain_core::wire::orders::{Obeyed, Orders};
+use pulsetrain_core::wire::outcome::NO_LEASE;
 use pulsetrain_core::wire::settings::SETTINGS_LEN;
 use pulsetrain_core::wire::{Baud, Encoder, Machine, Millis, Reason, Refusal, Stopped, Switched, Trimmed};
 use pulsetrain_core::{Epoch, Tick32};
@@ -183,7 +183,7 @@ impl Board {
         }
         for _ in 0..FILLS_A_ROUND {
             // After an underrun words would be steps at wrong times.
-            if self.stepper.has_starved() {
+            if self.stepper.has_underrun() {
                 self.stop_for_underrun();
             }
             if !self.stepper.fill(&mut self.clock) {
@@ -414,7 +414,7 @@ impl Board {
     /// Whether these orders would be accepted, while motors rest and follow no verbs yet.
     pub(crate) fn check_orders(&mut self, orders: &Orders<'_>) -> Result<(), Refusal> {
         self.verbs.begin(self.stepper.limits(), 0);
-        self.verbs.obey(orders).map(drop)
+        orders.tell(&mut self.verbs).map(drop)
     }
 
     /// Has motors that follow verbs forget them; with `all` false only [those without an end](Verbs::forsake). Returns, bit by
@@ -434,7 +434,7 @@ impl Board {
         let now = self.clock.now();
         // A motor may have run dry since the last look: then its move is not done. If none has by now, all steps up to now were
         // made.
-        if self.stepper.has_starved() {
+        if self.stepper.has_underrun() {
             self.stop_for_underrun();
         }
         let (motor, tick, detail) = self.verbs.take_done(now)?;
@@ -675,7 +675,7 @@ impl Machine for Board {
         if !self.verbs_run {
             self.prepare_verbs()?;
         }
-        self.obeyed = self.verbs.obey(orders)?;
+        self.obeyed = orders.tell(&mut self.verbs)?;
         // Orders that are refused, or empty to ask for positions, change nothing.
         if !self.verbs_run && !orders.is_empty() {
             self.run_verbs();

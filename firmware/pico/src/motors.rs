@@ -48,7 +48,7 @@ use pulsetrain_core::wire::message::{Configuration, Event, MOTOR_SETUP_LEN, NO_P
 use pulsetrain_core::wire::orders::{MOST_ORDERS, ORDER_LEN, Orders, order};
 
 pub use pulsetrain_core::output::Sequence;
-pub use pulsetrain_core::verbs::{Course, Verb};
+pub use pulsetrain_core::verbs::{Heading, Verb};
 pub use pulsetrain_core::wire::message::{MotorSetup, Reason};
 pub use pulsetrain_core::wire::orders::Obeyed;
 pub use pulsetrain_core::wire::{Refusal, Stopped};
@@ -414,8 +414,8 @@ impl Motor {
     ///
     /// # Errors
     /// None but what [`Motors::tell`] says of all.
-    pub fn set_direction(self, course: Course) -> Result<Obeyed, Refusal> {
-        tell(&[(self.number, Verb::Course(course))])
+    pub fn set_direction(self, heading: Heading) -> Result<Obeyed, Refusal> {
+        tell(&[(self.number, Verb::Heading(heading))])
     }
 
     /// Ends a move or a run, and forgets the move that waits.

@@ -1,9 +1,9 @@
 //! The bytes of one port to a host: what is being read, and what waits to be sent.
 
 use crate::winch::TextInput;
-use pulsetrain_core::verbs::text;
 use pulsetrain_core::winch::letters::InMemory;
 use pulsetrain_core::winch::reply::{self, Reply};
+use pulsetrain_core::winch::verb_lines as text;
 use pulsetrain_core::wire::frame::Received;
 use pulsetrain_core::wire::{Decoder, MAX_FRAME, Millis, Service};
 

@@ -10,20 +10,20 @@
 //! so that both ports have the same axes and settings, and a [`TextInput`] for each port.
 //!
 //! # Verbs
-//! Lines with verbs (`pulsetrain_core::verbs::text`) enable the same drivers, and *verbs run* until `enable 0`. Paths and verbs do
-//! not mix: whichever was first keeps the axes until then. After verbs a new session of text begins, since paths would not know
-//! where the axes are.
+//! Lines with verbs (`pulsetrain_core::winch::verb_lines`) enable the same drivers, and *verbs run* until `enable 0`. Paths and
+//! verbs do not mix: whichever was first keeps the axes until then. After verbs a new session of text begins, since paths would not
+//! know where the axes are.
 
 use crate::clock::TICK_HZ;
 use crate::machine::Board;
 use crate::port_io::TextLine;
 use crate::steps::stepper::{DIR_CLEARANCE, LOOK_AHEAD};
-use pulsetrain_core::verbs::text::{self, Read, Told};
 use pulsetrain_core::winch::letters::InMemory;
 use pulsetrain_core::winch::path::Slice;
 use pulsetrain_core::winch::reply::Reply;
 use pulsetrain_core::winch::session::Session;
 use pulsetrain_core::winch::text::{Heard, Reader, Refusal, Verb, What};
+use pulsetrain_core::winch::verb_lines::{self as text, Read, Told};
 use pulsetrain_core::wire::message::{Configuration, Event, MOTOR_SETUP_LEN};
 use pulsetrain_core::wire::orders::Orders;
 use pulsetrain_core::wire::{Machine, Reason, Refusal as Refused, Service, Settings};

@@ -2,7 +2,7 @@
 
 use pulsetrain_board::{Board, Edge, Lease, Leased, Port, Remote, RemoteError};
 use pulsetrain_core::Epoch;
-use pulsetrain_core::verbs::{Course, Verb};
+use pulsetrain_core::verbs::{Heading, Verb};
 use pulsetrain_core::wire::message::{Cause, Reason, flags};
 use pulsetrain_testkit::model::ModelPort;
 use pulsetrain_testkit::{TICK_HZ, model_setup, run, tell};
@@ -50,7 +50,7 @@ fn who_is_left_alone_stops() {
         (1, Verb::Run),
         (2, Verb::Speed { ticks: 320_000 }),
         (2, Verb::Run),
-        (3, Verb::Course(Course::Stationary)),
+        (3, Verb::Heading(Heading::Stationary)),
     ];
     for says_bye in [true, false] {
         let mut remote = connect(4);

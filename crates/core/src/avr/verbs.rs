@@ -7,7 +7,7 @@
 //! least once in 2^29 ticks.
 
 use crate::verbs::motor::Task;
-use crate::verbs::{Course, Verb};
+use crate::verbs::{Heading, Verb};
 use crate::wire::Refusal;
 use crate::wire::message::Reason;
 use crate::wire::orders::{Next, Orders};
@@ -46,7 +46,7 @@ struct Done {
 #[derive(Clone, Copy, Debug)]
 struct Told {
     period: u32,
-    course: Course,
+    heading: Heading,
     task: Task,
     waiting: Task,
     /// Nothing happens before it.
@@ -84,7 +84,7 @@ impl Motor {
                     .filter(|ticks| (u32::from(shortest)..=LONGEST_PERIOD).contains(ticks))
                     .ok_or(Reason::Period)?;
             }
-            Verb::Course(course) => self.told.course = course,
+            Verb::Heading(heading) => self.told.heading = heading,
             Verb::Halt => self.halt(),
         }
         self.told.open = at;
@@ -110,7 +110,7 @@ impl Motor {
     }
 
     fn forsake(&mut self) {
-        let stands = self.told.course == Course::Stationary;
+        let stands = self.told.heading == Heading::Stationary;
         let ends = |task| match task {
             Task::Rest => true,
             Task::Steps(left) => left == 0 || !stands,
@@ -133,7 +133,7 @@ impl Motor {
     /// When the next step is due, unless the motor stands.
     fn due(&self, turn: u16) -> Option<Tick32> {
         let rested = self.rested();
-        let direction = self.told.course.direction()?;
+        let direction = self.told.heading.direction()?;
         let turns = self.facing.is_some_and(|facing| facing != direction);
         Some(if turns { later(rested, self.last.after(u32::from(turn))) } else { rested })
     }
@@ -177,7 +177,7 @@ impl Motor {
             self.forget(until);
             return None;
         };
-        let direction = self.told.course.direction()?;
+        let direction = self.told.heading.direction()?;
         let period = self.told.period;
         let most = match self.told.task {
             // What comes behind it may not be seen in 16 bits.
@@ -266,7 +266,7 @@ impl Verbs {
     #[must_use]
     pub fn new() -> Verbs {
         let open = Tick32(0);
-        let told = Told { period: 0, course: Course::Forward, task: Task::Rest, waiting: Task::Rest, open };
+        let told = Told { period: 0, heading: Heading::Forward, task: Task::Rest, waiting: Task::Rest, open };
         let none = Motor {
             told,
             before: told,
@@ -300,7 +300,7 @@ impl Verbs {
         (self.count, self.shortest, self.turn, self.known) = (0, shortest, turn, known);
         let open = known;
         for (motor, position) in self.motors.iter_mut().zip(positions) {
-            motor.told = Told { period, course: Course::Forward, task: Task::Rest, waiting: Task::Rest, open };
+            motor.told = Told { period, heading: Heading::Forward, task: Task::Rest, waiting: Task::Rest, open };
             (motor.facing, motor.position, motor.done, motor.next) = (None, position, 0, None);
             self.count += 1;
         }

@@ -3,25 +3,57 @@
 //! # What is here, top down
 //! - [`Verbs`]: all motors, and how far what they do is known
 //! - [`motor`]: one motor: from [`Verb`]s to evenly spaced steps, as items for its channel
-//! - [`text`]: verbs as lines of text
 //!
 //! What motors do is worked out a little ahead, slice after slice ([`Verbs::work_out`]); what was worked out stands. A verb holds
 //! from the end of the last slice on, for all motors that one order names from the same tick, and the answer says which
-//! ([`Obeyed`]): the same verbs at the same ticks make the same edges on every board.
+//! ([`Verbs::known`]): the same verbs at the same ticks make the same edges on every board.
 //!
 //! # What is not
-//! Acceleration: a motor that is told another speed has it with its next step. Ramps are whoever's who speaks, or a plan's.
+//! - Acceleration: a motor has a new speed with its next step. Ramps are the caller's task, or a plan's.
+//! - Bytes and lines: verbs in frames are [`wire::orders`](crate::wire::orders), verbs in text [`winch::verb_lines`](crate::winch::verb_lines).
 
 pub mod motor;
-pub mod text;
 
-pub use motor::{Course, Limits, Motor, Refused, Verb};
+pub use motor::{Heading, Limits, Motor, Refused, Verb};
 
 use crate::Item;
-use crate::wire::MAX_MOTORS;
-use crate::wire::machine::Refusal;
-use crate::wire::message::Reason;
-use crate::wire::orders::{Obeyed, Orders};
+
+/// Motors at most: a bit each in a byte.
+pub const MAX_MOTORS: usize = 8;
+
+/// Verbs for motors, all from the same tick on, in the order in which they are done.
+pub trait OrderList {
+    /// The motors, and what each is told.
+    fn iter(&self) -> impl Iterator<Item = (u8, Verb)>;
+
+    /// What one motor is told, in order.
+    fn of(&self, motor: u8) -> impl Iterator<Item = Verb> {
+        self.iter().filter_map(move |(other, verb)| (other == motor).then_some(verb))
+    }
+}
+
+impl OrderList for [(u8, Verb)] {
+    fn iter(&self) -> impl Iterator<Item = (u8, Verb)> {
+        <[(u8, Verb)]>::iter(self).copied()
+    }
+}
+
+/// Why orders are not obeyed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum OrderError {
+    /// There is no motor of this number.
+    NoSuchMotor {
+        /// The number.
+        motor: u8,
+    },
+    /// A motor refused one of its verbs.
+    Refused {
+        /// Which motor.
+        motor: u8,
+        /// Why.
+        why: Refused,
+    },
+}
 
 /// All motors of a board that obeys verbs.
 #[derive(Clone, Debug)]
@@ -83,21 +115,26 @@ impl Verbs {
     /// Does all of what is ordered, from [`known`](Verbs::known) on, or none of it.
     ///
     /// # Errors
-    /// [`Reason::NoSuchMotor`], [`Reason::Period`], [`Reason::Busy`].
-    pub fn obey(&mut self, orders: &Orders<'_>) -> Result<Obeyed, Refusal> {
+    /// What is wrong with the first order that cannot be obeyed; nothing changes then.
+    ///
+    /// ```
+    /// use pulsetrain_core::verbs::{Limits, OrderError, Verb, Verbs};
+    /// let mut verbs = Verbs::new();
+    /// verbs.begin([(Limits { shortest: 10, turn: 20, period: 1000 }, 0)].into_iter(), 50);
+    /// assert_eq!(verbs.obey(&[(0, Verb::Run)][..]), Ok(()));
+    /// assert_eq!(verbs.next_steps().collect::<Vec<_>>(), [(0, Some(50))]);
+    /// assert_eq!(verbs.obey(&[(1, Verb::Run)][..]), Err(OrderError::NoSuchMotor { motor: 1 }));
+    /// ```
+    pub fn obey<O: OrderList + ?Sized>(&mut self, orders: &O) -> Result<(), OrderError> {
         if let Some((motor, _)) = orders.iter().find(|(motor, _)| *motor >= self.count) {
-            return Err(Refusal { reason: Reason::NoSuchMotor, detail: u16::from(motor) });
+            return Err(OrderError::NoSuchMotor { motor });
         }
         // Each motor that is told something is tried first: a copy of all of them would take a board longer than what they are told.
         for (number, motor) in (0..).zip(self.motors()) {
             let mut trial = None;
             for verb in orders.of(number) {
-                trial.get_or_insert(*motor).obey(verb, self.known).map_err(|refused| match refused {
-                    Refused::Period { shortest } => {
-                        Refusal { reason: Reason::Period, detail: u16::try_from(shortest).unwrap_or(u16::MAX) }
-                    }
-                    Refused::Busy => Refusal { reason: Reason::Busy, detail: u16::from(number) },
-                })?;
+                let tried = trial.get_or_insert(*motor).obey(verb, self.known);
+                tried.map_err(|why| OrderError::Refused { motor: number, why })?;
             }
         }
         let known = self.known;
@@ -107,13 +144,12 @@ impl Verbs {
                 let _ = motor.obey(verb, known);
             }
         }
-        Ok(self.obeyed())
+        Ok(())
     }
 
-    /// How all motors are from [`known`](Verbs::known) on, unless they are told something else.
-    #[must_use]
-    pub fn obeyed(&self) -> Obeyed {
-        Obeyed::new(self.known, self.motors().iter().map(|motor| (motor.position(), motor.next_step())))
+    /// Where each motor is at [`known`](Verbs::known), and when its next step comes from there on, unless it is told something else.
+    pub fn next_steps(&self) -> impl Iterator<Item = (i32, Option<u64>)> {
+        self.motors().iter().map(|motor| (motor.position(), motor.next_step()))
     }
 
     /// Works out what all motors do up to tick `until` (not included; less than 2^30 after [`known`](Verbs::known)), and hands it

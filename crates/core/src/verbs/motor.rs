@@ -23,7 +23,7 @@ pub enum Verb {
         ticks: u64,
     },
     /// Which way.
-    Course(Course),
+    Heading(Heading),
     /// Forgets the move, or the run, and what waits behind it, without a done event.
     Halt,
 }
@@ -31,7 +31,7 @@ pub enum Verb {
 /// Which way a motor goes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[repr(u8)]
-pub enum Course {
+pub enum Heading {
     /// It stands; a move waits.
     Stationary = 0,
     /// The position counts up.
@@ -40,14 +40,14 @@ pub enum Course {
     Backward = 2,
 }
 
-impl Course {
+impl Heading {
     /// The direction; `None` if it stands.
     #[must_use]
     pub const fn direction(self) -> Option<Direction> {
         match self {
-            Course::Stationary => None,
-            Course::Forward => Some(Direction::Forward),
-            Course::Backward => Some(Direction::Backward),
+            Heading::Stationary => None,
+            Heading::Forward => Some(Direction::Forward),
+            Heading::Backward => Some(Direction::Backward),
         }
     }
 }
@@ -120,7 +120,7 @@ impl Task {
 pub struct Motor {
     limits: Limits,
     period: u64,
-    course: Course,
+    heading: Heading,
     task: Task,
     waiting: Task,
     /// Nothing happens before it.
@@ -157,7 +157,7 @@ impl Motor {
         Motor {
             limits,
             period: limits.period as u64,
-            course: Course::Forward,
+            heading: Heading::Forward,
             task: Task::Rest,
             waiting: Task::Rest,
             open,
@@ -190,7 +190,7 @@ impl Motor {
                 self.period = ticks;
             }
             Verb::Speed { .. } => return Err(Refused::Period { shortest: self.limits.shortest }),
-            Verb::Course(course) => self.course = course,
+            Verb::Heading(heading) => self.heading = heading,
             Verb::Halt => self.forget(),
         }
         self.open = self.open.max(at);
@@ -212,7 +212,7 @@ impl Motor {
     /// Nobody will say more: it forgets what would have no end, a run, and a move that waits for a way to go; what waits behind a move
     /// that has an end, or the move itself.
     pub fn forsake(&mut self) {
-        let stands = self.course == Course::Stationary;
+        let stands = self.heading == Heading::Stationary;
         let ends = |task| match task {
             Task::Rest => true,
             Task::Steps(left) => left == 0 || !stands,
@@ -318,7 +318,7 @@ impl Motor {
 
     /// When the next step is due, and which way it goes; `None` while the motor stands.
     fn due(&self) -> Option<(u64, Direction)> {
-        let direction = self.course.direction()?;
+        let direction = self.heading.direction()?;
         let turned = match self.last {
             Some((last, facing)) if facing != direction => last.saturating_add(u64::from(self.limits.turn)),
             _ => 0,

@@ -4,6 +4,7 @@
 //! - [`session`]: what lines ask of a whole board, and what time brings
 //! - [`text`]: bytes of lines → commands, and these done to four paths
 //! - [`reply`]: replies → bytes
+//! - [`verb_lines`]: lines that tell motors directly, beside StepperWinch's
 //! - [`spacing`]: a millisecond of a path → ticks of its steps
 //! - [`path`]: the recurrence of one axis, at 1 kHz
 //! - [`letters`]: the texts of both
@@ -22,6 +23,7 @@ pub mod reply;
 pub mod session;
 pub mod spacing;
 pub mod text;
+pub mod verb_lines;
 
 /// The axes, in the order of their bits, of paths, and of positions in a status.
 pub const AXES: [u8; 4] = *b"xyza";

@@ -1,79 +1,13 @@
 //! What a board must be able to do for the [`Service`](super::Service).
 
 use super::frame::Encoder;
-use super::message::{Configuration, Event, Info, Measures, Reason, kind};
+use super::limits::{Baud, MAX_MOTORS};
+use super::message::{Configuration, Event, Info, LIMIT_LEN, LeaseField, Measures, is_lease, kind, lease_of};
 use super::orders::Orders;
+use super::outcome::{NO_LEASE, Reason, Refusal, Stopped, Switched, Trimmed};
 use super::settings::SETTINGS_LEN;
-use super::{Baud, MAX_MOTORS, service};
 use crate::lease::Lease;
 use crate::{Epoch, Tick32};
-
-/// Why a board does not do what a correct frame asks; a number that explains it, as [`Reason`] says.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Refusal {
-    /// Why.
-    pub reason: Reason,
-    /// Pin, motor or limit.
-    pub detail: u16,
-}
-
-impl Refusal {
-    /// Without a number.
-    #[must_use]
-    pub const fn of(reason: Reason) -> Refusal {
-        Refusal { reason, detail: 0 }
-    }
-}
-
-/// How a switch went.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Switched {
-    /// It will be made.
-    Accepted,
-    /// A motor is committed beyond that tick.
-    Late {
-        /// The first tick at which a switch would be accepted now.
-        horizon: u64,
-    },
-    /// The tick is too far ahead to be told apart.
-    Early {
-        /// First tick that is too far.
-        limit: u64,
-    },
-    /// Another switch waits, for an earlier tick.
-    Full,
-}
-
-/// How a trim went.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Trimmed {
-    /// The bytes are dropped, and the lease has its new end.
-    Accepted,
-    /// A motor is committed beyond that end.
-    Late {
-        /// The first tick that would be accepted now.
-        horizon: u64,
-    },
-    /// So many bytes do not wait in a motor's queue: some were read already.
-    TooMany {
-        /// Which motor's.
-        motor: u8,
-    },
-    /// There is no lease, or it has lapsed.
-    NoLease,
-}
-
-/// What [`Machine::brake`] gives without a lease.
-pub const NO_LEASE: u64 = u64::MAX;
-
-/// An immediate stop, made.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Stopped {
-    /// No step was begun after it.
-    pub tick: u64,
-    /// Bit by motor: faster than it can stop at once, so that it may stand elsewhere.
-    pub uncertain: u8,
-}
 
 /// A board, as the [`Service`](super::Service) sees it. Everything is done at once; nothing waits.
 ///
@@ -170,7 +104,7 @@ pub trait Machine {
     where
         Self: Sized,
     {
-        service::obey_plan(self, kind, payload, code, tick)
+        obey_plan(self, kind, payload, code, tick)
     }
 
     /// What has become of the lease, as [`LeaseState::to_parts`](super::message::LeaseState::to_parts) gives it.
@@ -258,6 +192,51 @@ pub trait Machine {
 
     /// What the host has not been told yet, oldest first.
     fn event(&mut self) -> Option<Event>;
+}
+
+/// [`Machine::obey_plan`] of a machine that leaves it to this.
+fn obey_plan<M: Machine>(
+    machine: &mut M,
+    kind: u8,
+    payload: &[u8],
+    code: &mut u8,
+    tick: &mut [u8; 8],
+) -> Result<bool, Refusal> {
+    let bad = Refusal::malformed(kind);
+    let answer = match kind {
+        kind::EXTEND => {
+            let (field, limits) = lease_for(payload, machine.motors()).ok_or(bad)?;
+            return Ok(machine.extend(lease_of(*field), limits));
+        }
+        kind::TRIM => {
+            let (until, bytes) = payload.split_first_chunk().ok_or(bad)?;
+            if bytes.len() != 2 * usize::from(machine.motors()) {
+                return Err(bad);
+            }
+            machine.trim(Tick32(u32::from_le_bytes(*until)), bytes)?.to_parts()
+        }
+        kind::BRAKE if payload.is_empty() => {
+            let braked = machine.brake();
+            *tick = braked.to_le_bytes();
+            return Ok(braked != NO_LEASE);
+        }
+        kind::SWITCH => {
+            let (&[epoch, at @ ..], rest) = payload.split_first_chunk::<9>().ok_or(bad)?;
+            let (field, limits) = lease_for(rest, machine.motors()).ok_or(bad)?;
+            machine.switch(Epoch(epoch), u64::from_le_bytes(at), lease_of(*field), limits)?.to_parts()
+        }
+        _ => return Err(bad),
+    };
+    (*code, *tick) = (answer.0, answer.1.to_le_bytes());
+    Ok(answer.0 == 0)
+}
+
+/// A lease field, and limits for all of so many motors or none.
+#[inline(always)]
+fn lease_for(payload: &[u8], motors: u8) -> Option<(&LeaseField, &[u8])> {
+    let (field, limits) = payload.split_first_chunk()?;
+    let all = LIMIT_LEN * usize::from(motors);
+    ((limits.is_empty() || limits.len() == all) && is_lease(payload)).then_some((field, limits))
 }
 
 const _: () = assert!(MAX_MOTORS <= 8, "`uncertain` has a bit for each");

@@ -3,14 +3,17 @@
 //! Every body begins with the sequence number and the kind; what follows is said in a table at each type. All integers
 //! are little-endian.
 //!
+//! Why a board refuses, and why motors stopped, is in [`outcome`](super::outcome).
+//!
 //! The board writes its answers field by field into the frame ([`Info::encode`] and its like; Status, Switched and Stopped
 //! are [`service`](super::service)'s), the host reads them into structs ([`Reply::decode`]); commands the other way round ([`Command`]).
 
-use super::frame::{Encoder, Tag};
-use super::machine::{NO_LEASE, Stopped, Switched, Trimmed};
+use super::frame::{Encoder, MAX_BODY, Tag};
+use super::limits::{Baud, MAX_MOTORS, VERSION};
 use super::orders::{Obeyed, Orders};
+pub use super::outcome::{Cause, Missing, Reason};
+use super::outcome::{NO_LEASE, Stopped, Switched, Trimmed};
 use super::settings::{SETTINGS_LEN, Settings, Stored};
-use super::{Baud, MAX_MOTORS};
 use crate::braking::Limit;
 use crate::lease::Lease;
 use crate::output::Sequence;
@@ -66,119 +69,6 @@ pub mod kind {
     pub const REFUSED: u8 = 0xe2;
 }
 
-macro_rules! codes {
-    ($(#[$outer:meta])* $name:ident { $($(#[$inner:meta])* $variant:ident = $code:literal,)* }) => {
-        $(#[$outer])*
-        #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-        #[repr(u8)]
-        pub enum $name { $($(#[$inner])* $variant = $code,)* }
-
-        impl $name {
-            /// All of them.
-            pub const ALL: &'static [$name] = &[$($name::$variant),*];
-
-            /// What `code` stands for.
-            #[must_use]
-            pub const fn from_code(code: u8) -> Option<$name> {
-                match code {
-                    $($code => Some($name::$variant),)*
-                    _ => None,
-                }
-            }
-        }
-    };
-}
-
-codes! {
-    /// Why a board refuses what a correct frame asks. `detail` is the number that comes with it, 0 where none is told.
-    Reason {
-        /// No such kind, or not for a board: `detail` is the kind.
-        UnknownKind = 1,
-        /// The body is not as long as its kind says, or a field is out of its range; `detail` is the kind.
-        Malformed = 2,
-        /// Another host has the board, and is alive.
-        Taken = 3,
-        /// There is no configuration yet.
-        NotConfigured = 4,
-        /// The motors are not armed: never were, or stopped since.
-        NotArmed = 5,
-        /// Motors are moving.
-        Moving = 6,
-        /// `detail` is the motor.
-        NoSuchMotor = 7,
-        /// The queue has no room: the host sent more than its credit. `detail` is the motor.
-        Full = 8,
-        /// More motors than the board drives; `detail` is how many it does.
-        TooManyMotors = 9,
-        /// A pin that is not there or cannot be this; `detail` is the pin.
-        Pin = 10,
-        /// A pin that is used twice; `detail` is the pin.
-        PinTaken = 11,
-        /// Pins that no stepgen of this board serves together; `detail` is the first pin that does not fit.
-        PinMix = 12,
-        /// Pulse, set-up or hold is out of the board's range; `detail` is the limit, ticks; or the time after which coils
-        /// are released: `detail` is its limit, ms.
-        Timing = 13,
-        /// A rate that the line cannot do; `detail` is its code.
-        Baud = 14,
-        /// A period that is shorter than the motor's shortest, which is `detail`, ticks; or beyond 2^62.
-        Period = 15,
-        /// A move waits already behind the one that is under way, or four were not told as done yet; `detail` is the motor.
-        Busy = 16,
-        /// Motors are told directly, until they are released or stopped: no plan is taken.
-        Obeying = 17,
-        /// A motion in the board's flash runs: only StopNow is taken.
-        Baked = 18,
-        /// Motors that share a DIR line are not told directly on this board.
-        SharedDir = 19,
-    }
-}
-
-codes! {
-    /// Why motors stopped, or what else the host should know. Sent once as an event; the last that stopped motors is in
-    /// [`Info`].
-    Cause {
-        /// Nothing yet.
-        None = 0,
-        /// Everything queued was done, and ended in rest.
-        Finished = 1,
-        /// The host asked for the immediate stop.
-        StopNow = 2,
-        /// The host was silent for too long; a plan goes on to the end of its lease.
-        HostLost = 3,
-        /// Steps were left, and the step generator did not keep up: the motors stopped at once.
-        Starved = 4,
-        /// Packed bytes that no packer makes; `detail` is the tick up to which all was well, modulo 2^32, on an Uno.
-        BadItem = 5,
-        /// Position or accumulator were not those that the host expected; `detail` as with `BadItem`.
-        CheckFailed = 6,
-        /// A step was asked for too late, or too soon after another: it and what follows in its epoch were not made.
-        StepMissed = 7,
-        /// A compare was missed and made late; `detail` is by how many ticks.
-        EdgeLate = 9,
-        /// Bytes from the host were lost before they were read.
-        Overrun = 10,
-        /// The new rate was not heard in time: back to 115 200 baud.
-        BaudFellBack = 11,
-        /// The chip's watchdog started the program anew.
-        Watchdog = 12,
-        /// The supply voltage fell below the chip's limit.
-        BrownOut = 13,
-        /// The reset line, as when a port is opened.
-        ResetLine = 14,
-        /// Power came on.
-        PowerOn = 15,
-        /// A motor that is told directly has done a move, its last period included; `detail` is how many since it was armed.
-        MoveDone = 16,
-        /// The lease was not put off while motors were in motion: all brake from the event's tick on.
-        Lapsed = 17,
-        /// The host asked for it: all motors brake from the event's tick on.
-        Braked = 18,
-        /// A motor had no more plan under its lease: all brake from the event's tick on.
-        RanDry = 19,
-    }
-}
-
 /// Reads a payload from the front.
 #[derive(Debug)]
 struct Reader<'a>(&'a [u8]);
@@ -219,7 +109,7 @@ pub enum Command<'a> {
     ///
     /// | byte | |
     /// |---|---|
-    /// | 2 | the host's [`VERSION`](super::VERSION) |
+    /// | 2 | the host's [`VERSION`](VERSION) |
     /// | 3–6 | a number of the host's choice, new for each session; the answer repeats it |
     Hello {
         /// The host's protocol.
@@ -405,7 +295,7 @@ pub fn limits_of(bytes: &[u8]) -> impl Iterator<Item = Limit> {
 pub const LIMIT_LEN: usize = 3;
 
 /// Most packed bytes in one frame, to a board that takes the longest bodies; else three fewer than its longest body.
-pub const MAX_PACKED: usize = super::MAX_BODY - 3;
+pub const MAX_PACKED: usize = MAX_BODY - 3;
 
 /// Bytes of the payload of a command that always has as many; `None` for other kinds.
 pub(super) const fn len_of(kind: u8) -> Option<u8> {
@@ -646,6 +536,9 @@ pub const COILS: [u8; 3] = [240, 241, 242];
 /// Bytes of a [`MotorSetup`].
 pub const MOTOR_SETUP_LEN: usize = 8;
 
+/// Every board takes bodies of so many bytes: a configuration of four motors. How many more it takes, [`Info`] says.
+pub const LEAST_BODY: usize = 2 + 13 + 4 * MOTOR_SETUP_LEN;
+
 /// What [`MotorSetup::queue_parts`] are parts of.
 pub const QUEUE_PARTS: u8 = 64;
 
@@ -793,7 +686,7 @@ fn is_configuration(head: &[u8; 13], motors: &[u8]) -> bool {
 ///
 /// | byte | |
 /// |---|---|
-/// | 2 | protocol: [`VERSION`](super::VERSION) |
+/// | 2 | protocol: [`VERSION`](VERSION) |
 /// | 3–6 | the host's number from Hello |
 /// | 7 | the session's [`Tag`]: of all frames that follow, both ways |
 /// | 8 | board: 1 the Uno, 2 the Pico; 0 a model |
@@ -873,7 +766,7 @@ impl Info {
     // Most of it is constant on a board.
     #[inline(always)]
     pub fn encode(&self, frame: &mut Encoder<'_>) {
-        frame.u8(super::VERSION);
+        frame.u8(VERSION);
         frame.u32(self.nonce);
         frame.u8(self.tag.0);
         frame.u8(self.board);
@@ -909,7 +802,7 @@ impl Info {
             bauds: reader.u8()?,
             last_stop: Cause::from_code(reader.u8()?)?,
             last_reset: Cause::from_code(reader.u8()?)?,
-            max_body: reader.u8().filter(|len| (super::LEAST_BODY..=super::MAX_BODY).contains(&usize::from(*len)))?,
+            max_body: reader.u8().filter(|len| (LEAST_BODY..=MAX_BODY).contains(&usize::from(*len)))?,
             image: reader.u8().unwrap_or(0),
         })
     }
@@ -1319,18 +1212,6 @@ pub enum Reply {
     Event(Event),
 }
 
-codes! {
-    /// Why a frame was not taken.
-    Missing {
-        /// One before it did not arrive.
-        Gap = 0,
-        /// Nobody has taken the board: say Hello.
-        NotTaken = 1,
-        /// Its queue has no room.
-        NoRoom = 2,
-    }
-}
-
 impl Reply {
     /// Reads a body that came from a board; `None` if no board of this version writes it so.
     ///
@@ -1356,7 +1237,7 @@ impl Reply {
         Some(match kind {
             // Another version may go on otherwise: `version_of` reads that byte.
             kind::HELLO => {
-                reader.u8().filter(|version| *version == super::VERSION)?;
+                reader.u8().filter(|version| *version == VERSION)?;
                 Reply::Info(Info::decode(reader)?)
             }
             kind::CONFIGURE => {
@@ -1409,30 +1290,6 @@ impl Reply {
             kind::ARM | kind::RELEASE | kind::DISCARD | kind::BAUD | kind::BYE => Reply::Done { kind },
             _ => return None,
         })
-    }
-}
-
-impl Switched {
-    /// As the answer has it.
-    pub(super) const fn to_parts(self) -> (u8, u64) {
-        match self {
-            Switched::Accepted => (0, 0),
-            Switched::Late { horizon } => (1, horizon),
-            Switched::Early { limit } => (2, limit),
-            Switched::Full => (3, 0),
-        }
-    }
-}
-
-impl Trimmed {
-    /// As the answer has it.
-    pub(super) const fn to_parts(self) -> (u8, u64) {
-        match self {
-            Trimmed::Accepted => (0, 0),
-            Trimmed::Late { horizon } => (1, horizon),
-            Trimmed::TooMany { motor } => (2, motor as u64),
-            Trimmed::NoLease => (3, 0),
-        }
     }
 }
 

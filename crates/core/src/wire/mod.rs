@@ -5,6 +5,8 @@
 //! - [`machine`]: what a board must be able to do for it
 //! - [`message`]: commands, answers, events, byte by byte; [`orders`]: those that tell motors directly; [`settings`]: what a board
 //!   keeps without power
+//! - [`outcome`]: how it went, and why it was refused: codes
+//! - [`limits`]: the version, the rates of the line, numbers that all of it builds on
 //! - [`frame`]: bodies ↔ bytes on the line: COBS, CRC-16, a zero at the end
 //!
 //! docs/protocol.md says the same in tables, and a test holds the two against each other. Integers are little-endian.
@@ -13,107 +15,18 @@
 //! The host's side, with its windows, timeouts and credit: `pulsetrain-board`'s `link`.
 
 pub mod frame;
+pub mod limits;
 pub mod machine;
 pub mod message;
 pub mod orders;
+pub mod outcome;
 pub mod service;
 pub mod settings;
 
 pub use frame::{Decoder, Encoder, MAX_BODY, MAX_FRAME};
-pub use machine::{Machine, Refusal, Stopped, Switched, Trimmed};
-pub use message::{Command, Reason, Reply};
+pub use limits::{Baud, MAX_MOTORS, Millis, VERSION};
+pub use machine::Machine;
+pub use message::{Command, LEAST_BODY, Reply};
+pub use outcome::{Reason, Refusal, Stopped, Switched, Trimmed};
 pub use service::Service;
 pub use settings::{Settings, Stored};
-
-/// Of this description; a host that finds another one says so and goes away.
-pub const VERSION: u8 = 3;
-
-/// Motors that messages have room for.
-pub const MAX_MOTORS: usize = 8;
-
-/// Every board takes bodies of so many bytes: a configuration of four motors. How many more it takes, [`message::Info`] says.
-pub const LEAST_BODY: usize = 2 + 13 + 4 * message::MOTOR_SETUP_LEN;
-
-/// How fast the line is. Both ends begin at [`Baud::B115200`].
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
-#[repr(u8)]
-pub enum Baud {
-    /// 115 200 baud: the first, and the one to fall back to.
-    #[default]
-    B115200 = 0,
-    /// 250 000 baud.
-    B250k = 1,
-    /// 500 000 baud.
-    B500k = 2,
-    /// 1 000 000 baud.
-    B1M = 3,
-    /// 2 000 000 baud.
-    B2M = 4,
-}
-
-impl Baud {
-    /// All of them, by code.
-    pub const ALL: [Baud; 5] = [Baud::B115200, Baud::B250k, Baud::B500k, Baud::B1M, Baud::B2M];
-
-    /// Bits a second.
-    #[must_use]
-    pub const fn rate(self) -> u32 {
-        match self {
-            Baud::B115200 => 115_200,
-            Baud::B250k => 250_000,
-            Baud::B500k => 500_000,
-            Baud::B1M => 1_000_000,
-            Baud::B2M => 2_000_000,
-        }
-    }
-
-    /// Stop bits that a host puts behind each of its bytes; one is enough for every board. The second is a rest for a board that
-    /// is told much at a high rate, and takes each byte by an interrupt. At 115 200 baud, where text is told too, there is one.
-    ///
-    /// ```
-    /// use pulsetrain_core::wire::Baud;
-    /// assert_eq!((Baud::B115200.stop_bits(), Baud::B1M.stop_bits()), (1, 2));
-    /// ```
-    #[must_use]
-    pub const fn stop_bits(self) -> u8 {
-        match self {
-            Baud::B115200 => 1,
-            Baud::B250k | Baud::B500k | Baud::B1M | Baud::B2M => 2,
-        }
-    }
-
-    /// The rate that `code` stands for.
-    ///
-    /// ```
-    /// use pulsetrain_core::wire::Baud;
-    /// assert_eq!(Baud::from_code(3), Some(Baud::B1M));
-    /// assert_eq!(Baud::from_code(5), None);
-    /// ```
-    #[must_use]
-    pub const fn from_code(code: u8) -> Option<Baud> {
-        // A table would lie in a small board's RAM.
-        match code {
-            0 => Some(Baud::B115200),
-            1 => Some(Baud::B250k),
-            2 => Some(Baud::B500k),
-            3 => Some(Baud::B1M),
-            4 => Some(Baud::B2M),
-            _ => None,
-        }
-    }
-}
-
-/// About a millisecond each, wrapping after a minute: the clock of the link's own limits.
-///
-/// The Uno takes ticks / 2^14 (1.024 ms): no limit is that precise.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[repr(transparent)]
-pub struct Millis(pub u16);
-
-impl Millis {
-    /// Milliseconds from `earlier` to `self`, less than 65 536.
-    #[must_use]
-    pub const fn since(self, earlier: Millis) -> u16 {
-        self.0.wrapping_sub(earlier.0)
-    }
-}

@@ -1,8 +1,9 @@
 //! Verbs in frames: what a host tells motors directly, and what comes of it.
 
-use super::MAX_MOTORS;
 use super::frame::Encoder;
-use crate::verbs::{Course, Verb};
+use super::limits::MAX_MOTORS;
+use super::outcome::{Reason, Refusal};
+use crate::verbs::{Heading, OrderError, OrderList, Refused, Verb, Verbs};
 
 /// Verbs in one frame at most.
 pub const MOST_ORDERS: usize = 8;
@@ -14,7 +15,7 @@ pub const ORDER_LEN: usize = 9;
 mod code {
     pub(super) const MOVE: u8 = 0;
     pub(super) const SPEED: u8 = 1;
-    pub(super) const COURSE: u8 = 2;
+    pub(super) const HEADING: u8 = 2;
     pub(super) const RUN: u8 = 3;
     pub(super) const HALT: u8 = 4;
 }
@@ -61,9 +62,42 @@ impl<'a> Orders<'a> {
         own.filter_map(|order| Some(read(order)?.1))
     }
 
+    /// Has motors do all of it or, with an error, nothing; says what each motor does then.
+    ///
+    /// # Errors
+    /// [`Reason::NoSuchMotor`], [`Reason::Period`], [`Reason::Busy`].
+    pub fn tell(&self, verbs: &mut Verbs) -> Result<Obeyed, Refusal> {
+        verbs.obey(self)?;
+        Ok(Obeyed::by(verbs))
+    }
+
     /// Writes them.
     pub(super) fn encode(&self, frame: &mut Encoder<'_>) {
         frame.bytes(self.bytes);
+    }
+}
+
+impl OrderList for Orders<'_> {
+    fn iter(&self) -> impl Iterator<Item = (u8, Verb)> {
+        Orders::iter(self)
+    }
+
+    fn of(&self, motor: u8) -> impl Iterator<Item = Verb> {
+        Orders::of(self, motor)
+    }
+}
+
+impl From<OrderError> for Refusal {
+    fn from(error: OrderError) -> Refusal {
+        match error {
+            OrderError::NoSuchMotor { motor } => Refusal { reason: Reason::NoSuchMotor, detail: u16::from(motor) },
+            OrderError::Refused { why: Refused::Period { shortest }, .. } => {
+                Refusal { reason: Reason::Period, detail: u16::try_from(shortest).unwrap_or(u16::MAX) }
+            }
+            OrderError::Refused { motor, why: Refused::Busy } => {
+                Refusal { reason: Reason::Busy, detail: u16::from(motor) }
+            }
+        }
     }
 }
 
@@ -73,9 +107,9 @@ fn read(order: &[u8; ORDER_LEN]) -> Option<(u8, Verb)> {
     let verb = match (first >> 4, value) {
         (code::MOVE, steps) => Verb::Move { steps: u32::try_from(steps).ok()? },
         (code::SPEED, ticks) => Verb::Speed { ticks },
-        (code::COURSE, 0) => Verb::Course(Course::Stationary),
-        (code::COURSE, 1) => Verb::Course(Course::Forward),
-        (code::COURSE, 2) => Verb::Course(Course::Backward),
+        (code::HEADING, 0) => Verb::Heading(Heading::Stationary),
+        (code::HEADING, 1) => Verb::Heading(Heading::Forward),
+        (code::HEADING, 2) => Verb::Heading(Heading::Backward),
         (code::RUN, 0) => Verb::Run,
         (code::HALT, 0) => Verb::Halt,
         _ => return None,
@@ -89,7 +123,7 @@ pub const fn order(motor: u8, verb: Verb) -> [u8; ORDER_LEN] {
     let (code, value) = match verb {
         Verb::Move { steps } => (code::MOVE, steps as u64),
         Verb::Speed { ticks } => (code::SPEED, ticks),
-        Verb::Course(course) => (code::COURSE, course as u64),
+        Verb::Heading(heading) => (code::HEADING, heading as u64),
         Verb::Run => (code::RUN, 0),
         Verb::Halt => (code::HALT, 0),
     };
@@ -135,6 +169,12 @@ impl Obeyed {
             obeyed.count += 1;
         }
         obeyed
+    }
+
+    /// What motors do from the tick on up to which their steps are worked out, unless they are told something else.
+    #[must_use]
+    pub fn by(verbs: &Verbs) -> Obeyed {
+        Obeyed::new(verbs.known(), verbs.next_steps())
     }
 
     /// Each motor's.

@@ -17,12 +17,13 @@
 //!
 //! [`Reply::Missing`]: super::Reply::Missing
 
-use super::frame::{Encoder, Received, Tag};
-use super::machine::{Machine, NO_LEASE, Refusal, Stopped};
-use super::message::{Configuration, LIMIT_LEN, LeaseField, Missing, Reason, is_lease, kind, lease_of, len_of};
+use super::frame::{Encoder, MAX_BODY, Received, Tag};
+use super::limits::{Baud, Millis, VERSION};
+use super::machine::Machine;
+use super::message::{Configuration, LEAST_BODY, kind, len_of};
 use super::orders::Orders;
+use super::outcome::{Missing, Reason, Refusal, Stopped};
 use super::settings::{self, SETTINGS_LEN};
-use super::{Baud, LEAST_BODY, MAX_BODY, Millis, VERSION};
 use crate::{Epoch, Tick32};
 
 /// How long a board listens at a new rate before it goes back to 115 200 baud, ms.
@@ -371,7 +372,7 @@ impl Service {
         {
             let pushed = match payload {
                 [epoch, packed @ ..] if !packed.is_empty() => machine.push(kind & 7, Epoch(*epoch), packed),
-                _ => Err(malformed(kind)),
+                _ => Err(Refusal::malformed(kind)),
             };
             if let Err(Refusal { reason: Reason::Full, .. }) = pushed {
                 return self.miss(Missing::NoRoom);
@@ -409,7 +410,7 @@ impl Service {
         // An image without plans and orders moves no motor for frames.
         let drives = M::PLANS || M::OBEYS;
         if drives && kind == kind::CONFIGURE {
-            let configuration = Configuration::decode(payload).ok_or(malformed(kind))?;
+            let configuration = Configuration::decode(payload).ok_or(Refusal::malformed(kind))?;
             machine.configure(&configuration)?;
             let mut silence_ms = configuration.silence_ms;
             if M::STORES && silence_ms == 0 {
@@ -423,12 +424,12 @@ impl Service {
         if M::STORES && kind == kind::STORE {
             let settings = settings::of_payload(payload);
             if settings.is_none() && !payload.is_empty() {
-                return Err(malformed(kind));
+                return Err(Refusal::malformed(kind));
             }
             return machine.store(settings);
         }
         if M::OBEYS && kind == kind::ORDERS {
-            return machine.obey(&Orders::decode(payload).ok_or(malformed(kind))?);
+            return machine.obey(&Orders::decode(payload).ok_or(Refusal::malformed(kind))?);
         }
         if M::PLANS && matches!(kind, kind::SWITCH | kind::EXTEND | kind::TRIM | kind::BRAKE) {
             return self.obey_plan(kind, payload, machine);
@@ -437,7 +438,7 @@ impl Service {
             return Err(Refusal { reason: Reason::UnknownKind, detail: u16::from(kind) });
         };
         if payload.len() != usize::from(len) {
-            return Err(malformed(kind));
+            return Err(Refusal::malformed(kind));
         }
         if (!M::PLANS && kind == kind::DISCARD)
             || kind == kind::BRAKE
@@ -455,7 +456,7 @@ impl Service {
                 (self.answer.tick, self.answer.code) = (tick.to_le_bytes(), uncertain);
             }
             kind::BAUD => {
-                let baud = Baud::from_code(first).ok_or(malformed(kind))?;
+                let baud = Baud::from_code(first).ok_or(Refusal::malformed(kind))?;
                 if !machine.can_baud(baud) {
                     return Err(Refusal { reason: Reason::Baud, detail: u16::from(first) });
                 }
@@ -463,7 +464,7 @@ impl Service {
             }
             // With a tag: no session begins inside another.
             kind::HELLO => return Err(Refusal::of(Reason::Taken)),
-            kind::MEASURES if first > 1 => return Err(malformed(kind)),
+            kind::MEASURES if first > 1 => return Err(Refusal::malformed(kind)),
             kind::MEASURES if first == 1 => {
                 self.damaged = 0;
                 machine.reset_measures();
@@ -565,57 +566,6 @@ impl Service {
             _ => {}
         }
     }
-}
-
-/// [`Machine::obey_plan`] of a machine that leaves it to this.
-pub(super) fn obey_plan<M: Machine>(
-    machine: &mut M,
-    kind: u8,
-    payload: &[u8],
-    code: &mut u8,
-    tick: &mut [u8; 8],
-) -> Result<bool, Refusal> {
-    let bad = malformed(kind);
-    let answer = match kind {
-        kind::EXTEND => {
-            let (field, limits) = lease_for(payload, machine.motors()).ok_or(bad)?;
-            return Ok(machine.extend(lease_of(*field), limits));
-        }
-        kind::TRIM => {
-            let (until, bytes) = payload.split_first_chunk().ok_or(bad)?;
-            if bytes.len() != 2 * usize::from(machine.motors()) {
-                return Err(bad);
-            }
-            machine.trim(Tick32(u32::from_le_bytes(*until)), bytes)?.to_parts()
-        }
-        kind::BRAKE if payload.is_empty() => {
-            let braked = machine.brake();
-            *tick = braked.to_le_bytes();
-            return Ok(braked != NO_LEASE);
-        }
-        kind::SWITCH => {
-            let (&[epoch, at @ ..], rest) = payload.split_first_chunk::<9>().ok_or(bad)?;
-            let (field, limits) = lease_for(rest, machine.motors()).ok_or(bad)?;
-            machine.switch(Epoch(epoch), u64::from_le_bytes(at), lease_of(*field), limits)?.to_parts()
-        }
-        _ => return Err(bad),
-    };
-    (*code, *tick) = (answer.0, answer.1.to_le_bytes());
-    Ok(answer.0 == 0)
-}
-
-/// A lease field, and limits for all of so many motors or none.
-#[inline(always)]
-fn lease_for(payload: &[u8], motors: u8) -> Option<(&LeaseField, &[u8])> {
-    let (field, limits) = payload.split_first_chunk()?;
-    let all = LIMIT_LEN * usize::from(motors);
-    ((limits.is_empty() || limits.len() == all) && is_lease(payload)).then_some((field, limits))
-}
-
-/// Not as long as its kind says, or out of range.
-#[inline(never)]
-fn malformed(kind: u8) -> Refusal {
-    Refusal { reason: Reason::Malformed, detail: u16::from(kind) }
 }
 
 #[inline(never)]

@@ -2,7 +2,7 @@
 
 use proptest::prelude::*;
 use pulsetrain_core::avr::verbs as avr;
-use pulsetrain_core::verbs::{Course, Limits, Verb, Verbs};
+use pulsetrain_core::verbs::{Heading, Limits, Verb, Verbs};
 use pulsetrain_core::wire::orders::{Orders, order};
 use pulsetrain_core::{Direction, Item, Tick32};
 
@@ -38,7 +38,7 @@ fn a_verb() -> impl Strategy<Value = Verb> {
         3 => (300..20_000_u64).prop_map(|ticks| Verb::Speed { ticks }),
         1 => (20_000..u64::from(avr::LONGEST_PERIOD) + 1).prop_map(|ticks| Verb::Speed { ticks }),
         1 => prop::sample::select(vec![299, u64::from(avr::LONGEST_PERIOD) + 1]).prop_map(|ticks| Verb::Speed { ticks }),
-        3 => prop::sample::select(vec![Course::Stationary, Course::Forward, Course::Backward]).prop_map(Verb::Course),
+        3 => prop::sample::select(vec![Heading::Stationary, Heading::Forward, Heading::Backward]).prop_map(Verb::Heading),
         1 => Just(Verb::Halt),
     ]
 }
@@ -127,7 +127,7 @@ proptest! {
             // Two moves of each motor are all that it takes.
             prop_assert_eq!(both.avr.busy(), None);
             let mut tried = both.wide.clone();
-            let wide = tried.obey(&orders);
+            let wide = orders.tell(&mut tried);
             let avr = both.avr.obey(&orders);
             let too_long = orders.iter().any(|(_, verb)| matches!(verb, Verb::Speed { ticks } if ticks > u64::from(avr::LONGEST_PERIOD)));
             prop_assert_eq!(avr.is_ok(), wide.is_ok() && !too_long);
@@ -148,7 +148,7 @@ proptest! {
         let mut both = Both::new(0);
         let bytes: Vec<u8> = [order(0, Verb::Speed { ticks: period }), order(0, Verb::Run)].concat();
         let orders = Orders::decode(&bytes).unwrap();
-        both.wide.obey(&orders).unwrap();
+        orders.tell(&mut both.wide).unwrap();
         both.avr.obey(&orders).unwrap();
         both.known += ticks;
         let axes = &mut both.axes;
@@ -172,7 +172,7 @@ fn forsaken_and_stopped() {
         let mut both = Both::new(0);
         let bytes: Vec<u8> = orders.iter().flat_map(|(motor, verb)| order(*motor, *verb)).collect();
         let orders = Orders::decode(&bytes).unwrap();
-        both.wide.obey(&orders).unwrap();
+        orders.tell(&mut both.wide).unwrap();
         both.avr.obey(&orders).unwrap();
         both.go_on(100_000);
         both

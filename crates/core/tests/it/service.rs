@@ -3,11 +3,11 @@
 use proptest::prelude::*;
 use pulsetrain_core::lease::Lease;
 use pulsetrain_core::wire::frame::{Received, Tag};
-use pulsetrain_core::wire::machine::NO_LEASE;
 use pulsetrain_core::wire::message::{
     Configuration, Event, Info, LeaseState, Measures, Missing, MotorSetup, MotorStatus, Reason, StatusHead,
 };
 use pulsetrain_core::wire::orders::{Obeyed, Orders};
+use pulsetrain_core::wire::outcome::NO_LEASE;
 use pulsetrain_core::wire::service::{SILENCE_MS, TRIAL_MS};
 use pulsetrain_core::wire::settings::SETTINGS_LEN;
 use pulsetrain_core::wire::{

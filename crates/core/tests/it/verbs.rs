@@ -3,9 +3,9 @@
 use proptest::prelude::*;
 use pulsetrain_core::channel::Kind;
 use pulsetrain_core::verbs::motor::{LONGEST_PERIOD, MOST_ITEMS, MOST_UNTOLD};
-use pulsetrain_core::verbs::text::{LONGEST, Read, Reply, read};
-use pulsetrain_core::verbs::{Course, Limits, Motor, Refused, Verb, Verbs};
+use pulsetrain_core::verbs::{Heading, Limits, Motor, Refused, Verb, Verbs};
 use pulsetrain_core::winch::text::What;
+use pulsetrain_core::winch::verb_lines::{LONGEST, Read, Reply, read};
 use pulsetrain_core::wire::frame::{Encoder, Received, Tag};
 use pulsetrain_core::wire::message::{self, Command, Reason, kind};
 use pulsetrain_core::wire::orders::{MOST_ORDERS, Next, Obeyed, Orders, order};
@@ -39,7 +39,7 @@ impl Cut {
 
 /// A motor by the letter: looks at each tick whether a step is due.
 fn by_the_letter(script: &[(u64, Verb)], cut: Cut, end: u64) -> Made {
-    let (mut made, mut period, mut course) = (Made::default(), 25, Course::Forward);
+    let (mut made, mut period, mut course) = (Made::default(), 25, Heading::Forward);
     // Moves: steps left, without an end if None, and since when; the first is under way.
     let mut moves: Vec<(Option<u32>, u64)> = Vec::new();
     let mut script = script.iter().peekable();
@@ -56,7 +56,7 @@ fn by_the_letter(script: &[(u64, Verb)], cut: Cut, end: u64) -> Made {
                 Verb::Run => begin(None),
                 Verb::Speed { ticks } if ticks >= 3 => period = ticks,
                 Verb::Speed { .. } => {}
-                Verb::Course(to) => course = to,
+                Verb::Heading(to) => course = to,
                 Verb::Halt => moves.clear(),
             }
         }
@@ -136,9 +136,9 @@ fn verb() -> impl Strategy<Value = Verb> {
         3 => (0u32..9).prop_map(|steps| Verb::Move { steps }),
         1 => Just(Verb::Run),
         3 => (0u64..120).prop_map(|ticks| Verb::Speed { ticks }),
-        1 => Just(Verb::Course(Course::Stationary)),
-        2 => Just(Verb::Course(Course::Forward)),
-        2 => Just(Verb::Course(Course::Backward)),
+        1 => Just(Verb::Heading(Heading::Stationary)),
+        2 => Just(Verb::Heading(Heading::Forward)),
+        2 => Just(Verb::Heading(Heading::Backward)),
         1 => Just(Verb::Halt),
     ]
 }
@@ -291,7 +291,7 @@ fn what_cannot_be_is_refused_and_changes_nothing() {
     verbs.begin([(LIMITS, 5), (LIMITS, -5)].into_iter(), 100);
     let mut tell = |orders: &[(u8, Verb)]| {
         let bytes: Vec<u8> = orders.iter().flat_map(|(motor, verb)| order(*motor, *verb)).collect();
-        verbs.obey(&Orders::decode(&bytes).expect("whole orders"))
+        Orders::decode(&bytes).expect("whole orders").tell(&mut verbs)
     };
     let go = Verb::Move { steps: 1 };
     let refused = |reason, detail| Err(Refusal { reason, detail });
@@ -320,9 +320,9 @@ fn what_is_forgotten_is_nobodys_no_more() {
         |motor| motor.stop(10),
         // The first one is done, the second has no way to go.
         |motor| {
-            motor.obey(Verb::Course(Course::Stationary), 10).unwrap();
+            motor.obey(Verb::Heading(Heading::Stationary), 10).unwrap();
             motor.forsake();
-            motor.obey(Verb::Course(Course::Forward), 10).unwrap();
+            motor.obey(Verb::Heading(Heading::Forward), 10).unwrap();
         },
     ];
     for (number, forget) in ways.into_iter().enumerate() {
@@ -343,7 +343,7 @@ fn forsaken(orders: &[(u8, Verb)], lost: bool) -> ([i32; 2], u8) {
     let mut verbs = Verbs::new();
     verbs.begin([(LIMITS, 0); 2].into_iter(), 100);
     let bytes: Vec<u8> = orders.iter().flat_map(|(motor, verb)| order(*motor, *verb)).collect();
-    verbs.obey(&Orders::decode(&bytes).expect("whole orders")).expect("possible");
+    Orders::decode(&bytes).expect("whole orders").tell(&mut verbs).expect("possible");
     verbs.work_out::<32>(151, |_, _| {});
     let uncertain = verbs.forsake(lost, |motor| [30, 20][usize::from(motor)]);
     verbs.work_out::<32>(1 << 20, |_, _| {});
@@ -362,7 +362,7 @@ fn who_is_forsaken_stops() {
     // A move goes on to its end also with a run behind it.
     assert_eq!(forsaken(&[(0, go(20)), (0, Verb::Run), (1, go(10)), (1, go(4))], false), ([20, 14], 0));
     // Of what has no end without a word nothing is left; what comes before it is done.
-    let stands = Verb::Course(Course::Stationary);
+    let stands = Verb::Heading(Heading::Stationary);
     assert_eq!(forsaken(&[(0, stands), (0, go(5)), (1, stands), (1, go(0)), (1, go(3))], false), ([0, 0], 0));
     // At 16 ticks from step to step both are too fast; who has made all steps is not.
     let fast = Verb::Speed { ticks: 16 };
@@ -376,7 +376,7 @@ fn two_moves_each() -> Verbs {
     verbs.begin([(LIMITS, 0), (LIMITS, 0)].into_iter(), 100);
     let moves = |motor| [order(motor, Verb::Move { steps: 1 }), order(motor, Verb::Move { steps: 2 })].concat();
     let bytes = [moves(0), moves(1)].concat();
-    verbs.obey(&Orders::decode(&bytes).expect("whole orders")).expect("possible");
+    Orders::decode(&bytes).expect("whole orders").tell(&mut verbs).expect("possible");
     verbs.work_out::<32>(1000, |_, _| {});
     assert!(verbs.rest_at(175) && !verbs.rest_at(174));
     verbs
@@ -410,7 +410,7 @@ fn who_begins_anew_is_told_what_was_done_before() {
         verbs.stop(|_| 174);
         verbs.begin([(LIMITS, 0); 2].into_iter().take(count), 300);
         let one = order(0, Verb::Move { steps: 1 });
-        verbs.obey(&Orders::decode(&one).expect("one order")).expect("possible");
+        Orders::decode(&one).expect("one order").tell(&mut verbs).expect("possible");
         verbs.work_out::<32>(1000, |_, _| {});
         assert_eq!(told(&mut verbs), [(0, 125, 1), (0, 325, 1), (1, 125, 1)]);
     }
@@ -486,8 +486,8 @@ fn lines_say_what_orders_do() {
     told("move x 4294967295", &[(0, go(u32::MAX))]);
     told(" move\tax  +1   0 ", &[(3, go(1)), (0, go(0))]);
     told("speed xyza 4611686018427387904", &[0, 1, 2, 3].map(|axis| (axis, Verb::Speed { ticks: 1 << 62 })));
-    told("dir zx -1 0", &[(2, Verb::Course(Course::Backward)), (0, Verb::Course(Course::Stationary))]);
-    told("dir y 1", &[(1, Verb::Course(Course::Forward))]);
+    told("dir zx -1 0", &[(2, Verb::Heading(Heading::Backward)), (0, Verb::Heading(Heading::Stationary))]);
+    told("dir y 1", &[(1, Verb::Heading(Heading::Forward))]);
     told("run yz", &[(1, Verb::Run), (2, Verb::Run)]);
     told("halt", &[0, 1, 2, 3].map(|axis| (axis, Verb::Halt)));
     told("halt a", &[(3, Verb::Halt)]);

@@ -1,14 +1,18 @@
 //! `pulsetrain bake`: a motion that stays on a board.
 
+use crate::arguments;
+use clap::Args;
+use pulsetrain_board::BoardKind;
+use pulsetrain_motion::Time;
 use std::fs;
 use std::path::Path;
+use std::path::PathBuf;
 
 use miette::miette;
 use pulsetrain_board::virtual_uno::VirtualUno;
 use serde::Serialize;
 
 use super::rehearsal::Rehearsal;
-use crate::cli::Bake;
 use crate::consent::{self, Consent};
 use crate::console::{self, Console, Exit};
 use crate::diagnostic::advised;
@@ -19,6 +23,54 @@ use pulsetrain_motion::human;
 use pulsetrain_session::estimate::Task;
 use pulsetrain_session::prepare::Prepared;
 use pulsetrain_session::rehearsal::Length;
+
+#[derive(Args, Debug)]
+#[command(after_help = "\
+For an Arduino Uno and a Raspberry Pi Pico. An image is the firmware itself, which plays the motion from its flash, as exact and as fast as what a host sends (on a Pico nearly \
+so, on drivers and on coils). Endless motions that repeat keep their phase for ever: each turn begins at its own exact time, to 2^-48 of a tick on an Uno, 2^-64 on a Pico. A sketch is plain \
+C++ with tables in flash, for the Arduino IDE, without a library: slower, and motors wait for one another. It takes the Uno's Timer1, and stops millis() and delay().
+
+An Uno's image is rehearsed before it is written: the virtual Uno plays it, and each edge of its pins is held against the law. What the board does not keep up with is refused.
+
+Examples:
+  pulsetrain bake examples/sweep.toml --output sweep.hex          four motors, for ever
+  pulsetrain flash uno --port /dev/ttyACM0 --image sweep.hex      onto the Uno; `flash uno` alone brings the firmware back
+  pulsetrain bake examples/pico.toml --output motion.uf2          for a Pico
+  pulsetrain flash pico --image motion.uf2
+  pulsetrain bake examples/tutorial.toml --sketch tutorial        writes tutorial/tutorial.ino")]
+#[command(group(clap::ArgGroup::new("to").required(true).args(["sketch", "output"])))]
+pub(crate) struct BakeArgs {
+    /// Motion file (TOML)
+    pub(crate) file: PathBuf,
+    /// Write an Arduino sketch into this folder, which gives it its name
+    #[arg(long, value_name = "DIR")]
+    pub(crate) sketch: Option<PathBuf>,
+    /// Write an image of the board's flash there: Intel HEX of an Uno's, UF2 of a Pico's
+    #[arg(long, short, value_name = "FILE")]
+    pub(crate) output: Option<PathBuf>,
+    /// Hold the motion against this board's limits instead of the file's
+    #[arg(long, value_name = "BOARD", value_parser = arguments::board)]
+    pub(crate) board: Option<String>,
+    /// How much of an endless motion, with its unit; the planned stop comes after [default: it never ends]
+    #[arg(long = "for", value_name = "TIME", value_parser = arguments::duration, allow_hyphen_values = true)]
+    pub(crate) length: Option<Time>,
+    /// Go on with a motion that takes long to plan or to run, or makes large files, without being asked
+    #[arg(long)]
+    pub(crate) yes: bool,
+    /// How much faster than it should the board's clock runs, ppm, as `pulsetrain calibrate` tells: it is corrected for
+    #[arg(long, value_name = "PPM", value_parser = arguments::clock_ppm, allow_hyphen_values = true)]
+    pub(crate) clock_ppm: Option<f64>,
+    /// How much of it the virtual Uno plays before its image is written [default: all, 60 s at most; where motors repeat, until each
+    /// phase that they have to one another was seen]
+    #[arg(long, value_name = "TIME", value_parser = arguments::duration, allow_hyphen_values = true, conflicts_with = "sketch")]
+    pub(crate) rehearse: Option<Time>,
+    /// Write an Uno's image without that
+    #[arg(long, conflicts_with_all = ["rehearse", "sketch"])]
+    pub(crate) no_rehearsal: bool,
+    /// Print what it comes to as JSON
+    #[arg(long)]
+    pub(crate) json: bool,
+}
 
 /// What a sketch comes to.
 #[derive(Debug, Serialize)]
@@ -52,7 +104,7 @@ struct BakedImage {
     rehearsed: Option<Rehearsal>,
 }
 
-pub(crate) fn run(args: &Bake, console: &mut Console<'_>) -> miette::Result<Exit> {
+pub(crate) fn run(args: &BakeArgs, console: &mut Console<'_>) -> miette::Result<Exit> {
     let mut prepared = load::endless(&args.file, args.board.as_deref())?;
     let consent = Consent { length: args.length, task: Task::Plan, yes: args.yes, json: args.json };
     consent::agree(&prepared, consent, console)?;
@@ -62,7 +114,7 @@ pub(crate) fn run(args: &Bake, console: &mut Console<'_>) -> miette::Result<Exit
     if let Some(ppm) = args.clock_ppm {
         prepared.calibrate(ppm);
     }
-    let is_pico = prepared.program.board.name == "pico";
+    let is_pico = BoardKind::named(&prepared.program.board.name) == Some(BoardKind::Pico);
     if is_pico && args.rehearse.is_some() {
         let help = "leave --rehearse out: a Pico's limits are of motors that read their motion from its flash";
         return Err(miette!(help = help, "{}: only images for an Uno are rehearsed", prepared.file));
@@ -85,7 +137,7 @@ pub(crate) fn run(args: &Bake, console: &mut Console<'_>) -> miette::Result<Exit
     }
 }
 
-fn sketch(args: &Bake, prepared: &Prepared, folder: &Path, console: &mut Console<'_>) -> miette::Result<Exit> {
+fn sketch(args: &BakeArgs, prepared: &Prepared, folder: &Path, console: &mut Console<'_>) -> miette::Result<Exit> {
     let name = sketch_name(folder)?;
     let title = Path::new(&prepared.file).file_name().unwrap_or_default().to_string_lossy();
     let sketch = Sketch::new(&prepared.program, &title).map_err(|error| problem(prepared, error))?;
@@ -106,7 +158,7 @@ fn sketch(args: &Bake, prepared: &Prepared, folder: &Path, console: &mut Console
     Ok(Exit::Success)
 }
 
-fn pico(args: &Bake, prepared: &Prepared, path: &Path, console: &mut Console<'_>) -> miette::Result<Exit> {
+fn pico(args: &BakeArgs, prepared: &Prepared, path: &Path, console: &mut Console<'_>) -> miette::Result<Exit> {
     let image = PicoImage::new(&prepared.program).map_err(|error| problem(prepared, error))?;
     let PicoImage { items, block_bytes: motion_bytes, endless, put_off, ref flash } = image;
     let PutOff { steps: steps_put_off, longest_ticks: longest_put_off_ticks } = put_off;
@@ -117,7 +169,7 @@ fn pico(args: &Bake, prepared: &Prepared, path: &Path, console: &mut Console<'_>
     baked.say(args, prepared, PicoImage::ROOM, ("Pico", "pulsetrain flash pico"), console)
 }
 
-fn uno(args: &Bake, prepared: &Prepared, path: &Path, console: &mut Console<'_>) -> miette::Result<Exit> {
+fn uno(args: &BakeArgs, prepared: &Prepared, path: &Path, console: &mut Console<'_>) -> miette::Result<Exit> {
     let image = Image::new(&prepared.program).map_err(|error| problem(prepared, error))?;
     let Image { items, block_bytes: motion_bytes, endless, put_off, ref flash } = image;
     let PutOff { steps: steps_put_off, longest_ticks: longest_put_off_ticks } = put_off;
@@ -132,7 +184,7 @@ fn uno(args: &Bake, prepared: &Prepared, path: &Path, console: &mut Console<'_>)
 
 /// Plays an image on the virtual Uno, before it is written.
 fn rehearse(
-    args: &Bake,
+    args: &BakeArgs,
     prepared: &Prepared,
     flash: &[u8],
     put_off_ticks: u64,
@@ -156,7 +208,7 @@ impl BakedImage {
     /// Says it, of a board and of the command that writes to it.
     fn say(
         &self,
-        args: &Bake,
+        args: &BakeArgs,
         prepared: &Prepared,
         room: usize,
         (board, flash): (&str, &str),
@@ -279,7 +331,7 @@ mod tests {
         fn what_the_board_does_not_keep_up_with_is_refused_and_not_written() {
             let folder = std::env::temp_dir().join(format!("pulsetrain-rehearsal-{}", std::process::id()));
             let path = folder.join("pair.hex");
-            let mut args = Bake {
+            let mut args = BakeArgs {
                 file: folder.join("pair.toml"),
                 sketch: None,
                 output: Some(path.clone()),
@@ -291,7 +343,7 @@ mod tests {
                 no_rehearsal: false,
                 json: true,
             };
-            let bake = |args: &Bake, prepared: &Prepared| {
+            let bake = |args: &BakeArgs, prepared: &Prepared| {
                 let (mut out, mut err) = (Vec::new(), Vec::new());
                 let done =
                     uno(args, prepared, &path, &mut Console { out: &mut out, err: &mut err, err_is_terminal: false });

@@ -1,9 +1,11 @@
 //! `pulsetrain bench`: a board measures itself while it steps.
 
+use crate::arguments::At;
+use clap::Args;
 use miette::miette;
+use pulsetrain_board::BoardKind;
+use pulsetrain_board::registry::Role;
 use pulsetrain_board::remote::in_words;
-use pulsetrain_board::virtual_pico::VirtualPico;
-use pulsetrain_board::virtual_uno::VirtualUno;
 use pulsetrain_board::{Board, Edge, Observer, Port, Remote, ScheduledStep, Serial, Shadowed};
 use pulsetrain_core::wire::Baud;
 use pulsetrain_core::wire::message::{Cause, Measures};
@@ -12,12 +14,27 @@ use pulsetrain_motion::{Grid, Law, Time, boards};
 use serde::Serialize;
 
 use super::{drive_problem, port_problem};
-use crate::cli::Bench;
 use crate::console::{Console, Exit};
 use pulsetrain_motion::human::{self, Table};
 use pulsetrain_session::drive::{DriveError, Driven, session_number};
 use pulsetrain_session::lateness::Lateness;
 use pulsetrain_session::prepare::Prepared;
+
+#[derive(Args, Debug)]
+#[command(after_help = "\
+Sinusoids of growing speed on pins 8 (STEP) and 9 (DIR). On a real board disconnect the drivers first.
+
+Examples:
+  pulsetrain bench --board uno
+  pulsetrain bench --board pico
+  pulsetrain bench --port /dev/ttyACM0 --disconnected")]
+pub(crate) struct BenchArgs {
+    #[command(flatten)]
+    pub(crate) at: At,
+    /// Nothing is connected to pins 8 and 9 that may not move
+    #[arg(long)]
+    pub(crate) disconnected: bool,
+}
 
 /// Periods of the sinusoids, s.
 const PERIODS_S: [f64; 4] = [2.0, 1.0, 0.5, 0.25];
@@ -83,32 +100,35 @@ struct Rows {
     trouble: Vec<String>,
 }
 
-pub(crate) fn run(args: &Bench, console: &mut Console<'_>) -> miette::Result<Exit> {
-    let is_pico = match &args.at.port {
+pub(crate) fn run(args: &BenchArgs, console: &mut Console<'_>) -> miette::Result<Exit> {
+    let kind = match &args.at.port {
         Some(_) if !args.disconnected => {
             let help = "switch the drivers' supply off, or take the wires off, and say --disconnected";
             return Err(miette!(help = help, "this steps pin {STEP_PIN} and turns pin {DIR_PIN}"));
         }
-        Some(name) => is_pico(Serial::open(name, false).map_err(port_problem)?)?,
-        None => args.at.board.as_deref() == Some("pico"),
+        Some(name) => kind_of(Serial::open(name, false).map_err(port_problem)?)?,
+        None => args.at.board.unwrap_or(BoardKind::Uno),
     };
-    let (board, amplitude) = if is_pico { ("pico", PICO_STEPS) } else { ("uno", UNO_STEPS) };
+    let amplitude = match kind {
+        BoardKind::Uno => UNO_STEPS,
+        BoardKind::Pico => PICO_STEPS,
+    };
     let mut rows = Vec::new();
     // What the board cannot do, and why.
     let mut refused = Vec::new();
     for period_s in PERIODS_S {
-        let prepared = prepared(board, amplitude, period_s)?;
+        let prepared = prepared(kind.name(), amplitude, period_s)?;
         let measured = match &args.at.port {
             Some(name) => {
                 let port = Serial::open(name, false).map_err(port_problem)?;
                 measure(&prepared, (amplitude, period_s), port, args.at.baud).map(|row| Row { pins: None, ..row })
             }
-            None if is_pico => measure(&prepared, (amplitude, period_s), VirtualPico::on_usb(), args.at.baud),
-            None => measure(&prepared, (amplitude, period_s), VirtualUno::new(), args.at.baud),
+            None => measure(&prepared, (amplitude, period_s), kind.virtual_board(Role::Plans), args.at.baud),
         };
-        // It has no compares that could be missed.
+        // A Pico has no compares that could be missed.
+        let has_none = kind == BoardKind::Pico;
         let measured =
-            measured.map(|row| if is_pico { Row { compares_missed: None, latest_ticks: None, ..row } } else { row });
+            measured.map(|row| if has_none { Row { compares_missed: None, latest_ticks: None, ..row } } else { row });
         match measured {
             Ok(row) => rows.push(row),
             Err(error @ (DriveError::Session(_) | DriveError::TooLate { .. } | DriveError::QueueTooShort { .. })) => {
@@ -125,8 +145,8 @@ pub(crate) fn run(args: &Bench, console: &mut Console<'_>) -> miette::Result<Exi
         return Ok(exit);
     }
     let way = match &args.at.port {
-        Some(name) if is_pico => format!("streamed to the Pico at {name}"),
-        None if is_pico => "streamed over USB to the virtual Pico".to_owned(),
+        Some(name) if kind == BoardKind::Pico => format!("streamed to the Pico at {name}"),
+        None if kind == BoardKind::Pico => "streamed over USB to the virtual Pico".to_owned(),
         Some(name) => format!("streamed at {} baud to the Uno at {name}", human::count(args.at.baud.rate().into())),
         None => format!("streamed at {} baud to the virtual Uno", human::count(args.at.baud.rate().into())),
     };
@@ -145,7 +165,10 @@ pub(crate) fn run(args: &Bench, console: &mut Console<'_>) -> miette::Result<Exi
         "least ahead",
         "longest round",
     ]);
-    let tick_s = if is_pico { 1.0 / 125e6 } else { 1.0 / 16e6 };
+    let tick_s = match kind {
+        BoardKind::Uno => 1.0 / 16e6,
+        BoardKind::Pico => 1.0 / 125e6,
+    };
     // What is longer than a word tells is only known to be so.
     let ticks = |ticks: u16| {
         let time = human::seconds(f64::from(ticks) * tick_s);
@@ -190,14 +213,14 @@ pub(crate) fn run(args: &Bench, console: &mut Console<'_>) -> miette::Result<Exi
 }
 
 /// Whether the board at a port is a Pico, or else an Uno, by what its firmware says.
-fn is_pico(port: impl Port) -> miette::Result<bool> {
+fn kind_of(port: impl Port) -> miette::Result<BoardKind> {
     let remote = Remote::open(port, session_number()).map_err(|error| drive_problem(error.into()))?;
     let tick_hz = u64::from(remote.info().tick_hz);
     remote.close();
     let has_clock = |board: &str| boards::find(board).is_some_and(|row| row.board.tick_hz == tick_hz);
     match (has_clock("pico"), has_clock("uno")) {
-        (true, _) => Ok(true),
-        (_, true) => Ok(false),
+        (true, _) => Ok(BoardKind::Pico),
+        (_, true) => Ok(BoardKind::Uno),
         _ => Err(miette!("the board has a clock of {tick_hz} Hz: it is neither an Uno nor a Pico")),
     }
 }
@@ -288,6 +311,8 @@ impl Observer for Steps {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use pulsetrain_board::virtual_pico::VirtualPico;
+    use pulsetrain_board::virtual_uno::VirtualUno;
     use pulsetrain_board::{PortError, Setup};
     use pulsetrain_core::verbs::Verb;
     use pulsetrain_core::wire::message::MotorSetup;
@@ -330,8 +355,8 @@ mod tests {
 
         #[test]
         fn a_board_at_a_port_says_what_it_is() {
-            assert!(is_pico(VirtualPico::on_usb()).unwrap());
-            assert!(!is_pico(VirtualUno::new()).unwrap());
+            assert_eq!(kind_of(VirtualPico::on_usb()).unwrap(), BoardKind::Pico);
+            assert_eq!(kind_of(VirtualUno::new()).unwrap(), BoardKind::Uno);
         }
 
         #[test]

@@ -1,7 +1,11 @@
 //! `pulsetrain board`: a virtual board in real time.
 
+use crate::arguments;
+use clap::Args;
 use std::io::ErrorKind;
+use std::net::SocketAddr;
 use std::path::Path;
+use std::path::PathBuf;
 use std::time::Duration;
 
 use miette::miette;
@@ -15,13 +19,57 @@ use pulsetrain_board::virtual_uno::VirtualUno;
 use pulsetrain_motion::Time;
 
 use super::flash::named;
-use crate::cli::Board;
 use crate::console::{self, Console, Exit};
 use crate::interrupt;
 use crate::serve::{self, Client, Nobody, Service, Socket};
 use pulsetrain_motion::human;
 
-pub(crate) fn run(args: &Board, console: &mut Console<'_>) -> miette::Result<Exit> {
+#[derive(Args, Debug)]
+#[command(after_help = "\
+`uno`, `pico`: the firmware runs on an emulated chip behind a model of the Uno's USB bridge, or by the Pico's own USB. A client \
+that opens the port resets an Uno, as a real one. Over --pty it follows the rate that the client sets; over --tcp the line stays \
+at 115200 baud. Both speak StepperWinch's text too. `winch`: that text on this computer's own path \
+generator, without a chip; it takes next to nothing.
+
+Examples:
+  pulsetrain board uno --pty /tmp/uno               then: pulsetrain run FILE --port /tmp/uno
+  pulsetrain board pico --pty /tmp/pico             then: pulsetrain run FILE --board pico --port /tmp/pico
+  pulsetrain board uno --tcp 127.0.0.1:4000 --trace pins.vcd
+  pulsetrain board winch --pty /tmp/winch           then: pulsetrain winch --port /tmp/winch
+  pulsetrain board uno --image sweep.hex --trace pins.vcd         a baked motion, or a sketch
+  pulsetrain board pico --pty /tmp/pico --image motion.uf2 --trace pins.vcd
+  pulsetrain board uno --pty /tmp/uno --bootloader optiboot.hex
+                                                    then: pulsetrain flash uno --port /tmp/uno")]
+pub(crate) struct BoardArgs {
+    /// Which board
+    #[arg(value_parser = ["uno", "pico", "winch"])]
+    pub(crate) board: String,
+    /// Make a pseudo-terminal, and a link of this name to it, which is gone in the end
+    #[arg(long, value_name = "LINK", conflicts_with = "tcp")]
+    pub(crate) pty: Option<PathBuf>,
+    /// Listen at this address, for one client at a time
+    #[arg(long, value_name = "ADDRESS")]
+    pub(crate) tcp: Option<SocketAddr>,
+    /// Write every edge of every pin there (VCD); its time is the chip's
+    #[arg(long, value_name = "FILE")]
+    pub(crate) trace: Option<PathBuf>,
+    /// Only `uno`: a bootloader (Intel HEX), and a flash that is empty but for it, as of an Uno that was just bought
+    #[arg(long, value_name = "FILE")]
+    pub(crate) bootloader: Option<PathBuf>,
+    /// Any program instead of the firmware, such as a baked motion, for `uno` as Intel HEX, for `pico` as UF2; with --trace it needs neither
+    /// --pty nor --tcp. `uno`: `winch`, the firmware that knows StepperWinch's text, or `verbs`, that whose motors are told directly
+    #[arg(long, value_name = "FILE")]
+    pub(crate) image: Option<PathBuf>,
+    /// End after so much of the board's time, with its unit, as Ctrl-C would
+    #[arg(long = "for", value_name = "TIME", value_parser = arguments::duration, allow_hyphen_values = true)]
+    pub(crate) length: Option<Time>,
+    /// How much faster than it should the board's clock runs, ppm; an Uno's resonator may be off by 5000 either way
+    #[arg(long, value_name = "PPM", default_value_t = 0, allow_hyphen_values = true,
+          value_parser = clap::value_parser!(i32).range(-100_000..=100_000))]
+    pub(crate) clock_ppm: i32,
+}
+
+pub(crate) fn run(args: &BoardArgs, console: &mut Console<'_>) -> miette::Result<Exit> {
     if args.bootloader.is_some() && args.board != "uno" {
         return Err(miette!(help = "leave --bootloader out", "only `uno` has a bootloader that can be given"));
     }
@@ -53,7 +101,7 @@ pub(crate) fn run(args: &Board, console: &mut Console<'_>) -> miette::Result<Exi
 }
 
 #[cfg(unix)]
-fn on_pty(link: &Path, args: &Board, console: &mut Console<'_>) -> miette::Result<Exit> {
+fn on_pty(link: &Path, args: &BoardArgs, console: &mut Console<'_>) -> miette::Result<Exit> {
     let pty = serve::Pty::new(link).map_err(|error| match error.kind() {
         ErrorKind::AlreadyExists => {
             let help = "choose a name that is free; or remove it, if no virtual board is served there any more";
@@ -68,11 +116,11 @@ fn on_pty(link: &Path, args: &Board, console: &mut Console<'_>) -> miette::Resul
 }
 
 #[cfg(not(unix))]
-fn on_pty(_: &Path, _: &Board, _: &mut Console<'_>) -> miette::Result<Exit> {
+fn on_pty(_: &Path, _: &BoardArgs, _: &mut Console<'_>) -> miette::Result<Exit> {
     Err(miette!(help = "use --tcp ADDRESS", "this system has no pseudo-terminals"))
 }
 
-fn serve<C: Client>(client: C, place: &str, args: &Board, console: &mut Console<'_>) -> miette::Result<Exit> {
+fn serve<C: Client>(client: C, place: &str, args: &BoardArgs, console: &mut Console<'_>) -> miette::Result<Exit> {
     match args.board.as_str() {
         "winch" => serve_board(NativeWinch::new(), "winch", client, place, args, console),
         "pico" => {
@@ -132,7 +180,7 @@ fn serve_board<B: VirtualBoard, C: Client>(
     name: &str,
     client: C,
     place: &str,
-    args: &Board,
+    args: &BoardArgs,
     console: &mut Console<'_>,
 ) -> miette::Result<Exit> {
     let trace = args.trace.as_deref().map(console::create).transpose()?;

@@ -3,7 +3,7 @@
 use pulsetrain_motion::boards::{self, BoardRow};
 use serde::Serialize;
 
-use crate::cli;
+use crate::arguments;
 use crate::console::{Console, Exit};
 use pulsetrain_motion::human::{self, Table};
 
@@ -46,7 +46,7 @@ impl From<BoardRow> for Row {
     }
 }
 
-pub(crate) fn run(args: &cli::Table, console: &mut Console<'_>) -> miette::Result<Exit> {
+pub(crate) fn run(args: &arguments::Table, console: &mut Console<'_>) -> miette::Result<Exit> {
     let rows: Vec<Row> = boards::table().into_iter().map(Row::from).collect();
     if args.json {
         console.print_json(&rows)?;

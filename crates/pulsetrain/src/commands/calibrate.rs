@@ -1,15 +1,37 @@
 //! `pulsetrain calibrate`: a board's clock against this computer's.
 
+use crate::arguments;
+use clap::Args;
 use miette::miette;
 use pulsetrain_board::{Board, Port, Remote, RemoteError, Serial};
+use pulsetrain_motion::Time;
 use serde::Serialize;
 
 use super::{drive_problem, port_problem};
-use crate::cli::Calibrate;
 use crate::console::{Console, Exit};
 use pulsetrain_motion::human;
 use pulsetrain_session::drive::session_number;
 use pulsetrain_session::prepare::WORST_CLOCK_PPM;
+
+#[derive(Args, Debug)]
+#[command(after_help = "\
+An Uno has a ceramic resonator, off by up to 0.5 %, which moves with temperature; a Pico a crystal, off by 50 ppm or less.
+
+Examples:
+  pulsetrain calibrate --port /dev/ttyACM0
+  pulsetrain calibrate --port /dev/ttyACM0 --for \"10 min\"
+  pulsetrain run examples/tutorial.toml --port /dev/ttyACM0 --clock-ppm=-1250")]
+pub(crate) struct CalibrateArgs {
+    /// The board at this serial port
+    #[arg(long, value_name = "PORT")]
+    pub(crate) port: String,
+    /// How long its clock is watched: twice as long, twice as sure
+    #[arg(long = "for", value_name = "TIME", value_parser = arguments::duration, allow_hyphen_values = true, default_value = "60 s")]
+    pub(crate) length: Time,
+    /// Print what was found as JSON
+    #[arg(long)]
+    pub(crate) json: bool,
+}
 
 /// What was found.
 #[derive(Debug, Serialize)]
@@ -21,7 +43,7 @@ struct Found {
     seconds: f64,
 }
 
-pub(crate) fn run(args: &Calibrate, console: &mut Console<'_>) -> miette::Result<Exit> {
+pub(crate) fn run(args: &CalibrateArgs, console: &mut Console<'_>) -> miette::Result<Exit> {
     let seconds = args.length.seconds();
     let bar = console.progress(seconds, &human::seconds(seconds));
     bar.stage("comparing");

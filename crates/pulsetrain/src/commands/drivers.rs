@@ -3,7 +3,7 @@
 use pulsetrain_motion::drivers::{self, Driver, Input};
 use serde::Serialize;
 
-use crate::cli;
+use crate::arguments;
 use crate::console::{Console, Exit};
 use pulsetrain_motion::human::{self, Table};
 
@@ -54,7 +54,7 @@ impl From<&Driver> for Row {
     }
 }
 
-pub(crate) fn run(args: &cli::Table, console: &mut Console<'_>) -> miette::Result<Exit> {
+pub(crate) fn run(args: &arguments::Table, console: &mut Console<'_>) -> miette::Result<Exit> {
     let rows: Vec<Row> = drivers::table().iter().map(Row::from).collect();
     if args.json {
         console.print_json(&rows)?;

@@ -1,5 +1,9 @@
 //! `pulsetrain explain`: why a motion is refused, or how far it is from its limits.
 
+use crate::arguments;
+use crate::arguments::Motion;
+use clap::Args;
+use pulsetrain_core::wire::Baud;
 use std::fmt::{self, Display};
 
 use pulsetrain_motion::Time;
@@ -11,13 +15,28 @@ use pulsetrain_plan::{PlanError, Settings};
 use serde::Serialize;
 
 use super::plan;
-use crate::cli::Explain;
 use crate::console::{Console, Exit};
 use crate::diagnostic::advised;
 use pulsetrain_motion::human::{self, Table};
 use pulsetrain_session::estimate::Task;
 use pulsetrain_session::fit;
 use pulsetrain_session::prepare::{Planned, Prepared, Refusal};
+
+#[derive(Args, Debug)]
+#[command(after_help = "\
+Examples:
+  pulsetrain explain examples/tutorial-0.01s.toml
+  pulsetrain explain examples/tutorial.toml --board uno")]
+pub(crate) struct ExplainArgs {
+    #[command(flatten)]
+    pub(crate) motion: Motion,
+    /// Rate of the line that is to bring the plan to the board [default: 1000000; a Pico's own USB, which has no rate]
+    #[arg(long, value_name = "BAUD", value_parser = arguments::baud)]
+    pub(crate) baud: Option<Baud>,
+    /// Print the explanation as JSON
+    #[arg(long)]
+    pub(crate) json: bool,
+}
 
 /// Rows of the table around the place.
 const ROWS: u32 = 9;
@@ -93,7 +112,7 @@ struct Use {
     part: f64,
 }
 
-pub(crate) fn run(args: &Explain, console: &mut Console<'_>) -> miette::Result<Exit> {
+pub(crate) fn run(args: &ExplainArgs, console: &mut Console<'_>) -> miette::Result<Exit> {
     let mut prepared = match args.motion.prepare_any(Task::Plan, args.json, console) {
         Ok(prepared) => prepared,
         Err(report) => {

@@ -1,5 +1,9 @@
 //! `pulsetrain flash`: the committed firmware, or another image, onto a board.
 
+use crate::arguments;
+use clap::Args;
+use pulsetrain_board::BoardKind;
+use pulsetrain_board::registry::Role;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -7,19 +11,46 @@ use std::{fs, io};
 
 use miette::{Report, miette};
 use pulsetrain_board::stk500::{self, Bootloader, FlashError, Progress};
-use pulsetrain_board::{PortError, Serial, hex, image, serial, virtual_pico, virtual_uno};
+use pulsetrain_board::{PortError, Serial, hex, image, serial, virtual_pico};
 use pulsetrain_motion::quantity::nearest;
 use serde::Serialize;
 
 use super::port_problem;
-use crate::cli::Flash;
 use crate::console::{self, Console, Exit};
 use pulsetrain_motion::human;
+
+#[derive(Args, Debug)]
+#[command(after_help = "\
+An Uno (or a Nano with its newer bootloader) is programmed through its bootloader, at 115200 baud, after a reset by DTR; the older \
+bootloader of Nanos, at 57600 baud, is larger and leaves the firmware no room. A Pico is a drive as long as BOOTSEL is held while \
+it is plugged in: the firmware is copied there, and that drive is found by itself, or named with --port.
+
+Examples:
+  pulsetrain ports                              which port it is
+  pulsetrain flash uno --port /dev/ttyACM0
+  pulsetrain flash pico
+  pulsetrain flash pico --port /media/me/RPI-RP2")]
+pub(crate) struct FlashArgs {
+    /// Which board
+    #[arg(value_parser = arguments::board_kind())]
+    pub(crate) board: BoardKind,
+    /// The Uno's serial port; the folder where the Pico's drive is [default for a Pico: the one that is found]
+    #[arg(long, value_name = "PORT")]
+    pub(crate) port: Option<String>,
+    /// Write this image instead of the firmware: Intel HEX for an Uno, UF2 for a Pico; for an Uno `winch`: the firmware that knows
+    /// StepperWinch's text, or `verbs`: that whose motors are told directly; both in place of plans
+    #[arg(long, value_name = "FILE")]
+    pub(crate) image: Option<PathBuf>,
+    /// Print what was done as JSON
+    #[arg(long)]
+    pub(crate) json: bool,
+}
 
 /// What was done.
 #[derive(Debug, Serialize)]
 struct Flashed {
-    board: &'static str,
+    #[serde(serialize_with = "by_name")]
+    board: BoardKind,
     /// Port, or folder.
     place: String,
     bytes: usize,
@@ -30,42 +61,47 @@ struct Flashed {
     verified: bool,
 }
 
-pub(crate) fn run(args: &Flash, console: &mut Console<'_>) -> miette::Result<Exit> {
+pub(crate) fn run(args: &FlashArgs, console: &mut Console<'_>) -> miette::Result<Exit> {
     let file = args.image.as_deref();
-    let flashed = match (args.board.as_str(), &args.port) {
-        ("uno", port) => {
+    let flashed = match (args.board, &args.port) {
+        (BoardKind::Uno, port) => {
             let image = uno_image(file)?;
             let port = port.as_ref().ok_or_else(|| which_port(&serial::names()))?;
             uno(port, &image, console)?
         }
-        (_, port) => pico(port.as_deref(), file, console)?,
+        (BoardKind::Pico, port) => pico(port.as_deref(), file, console)?,
     };
     if args.json {
         console.print_json(&flashed)?;
         return Ok(Exit::Success);
     }
-    let is_own = args.image.as_ref().is_none_or(|file| args.board == "uno" && named(file).is_some());
+    let is_own = args.image.as_ref().is_none_or(|file| args.board == BoardKind::Uno && named(file).is_some());
     console.print(format_args!("{}\n", done(&flashed, is_own)))?;
     Ok(Exit::Success)
+}
+
+/// As motion files call it.
+fn by_name<S: serde::Serializer>(board: &BoardKind, to: S) -> Result<S::Ok, S::Error> {
+    to.serialize_str(board.name())
 }
 
 /// What was done, and what comes next: a firmware of this program's own answers hosts, another image may not.
 fn done(Flashed { board, place, bytes, .. }: &Flashed, is_own: bool) -> String {
     let bytes = human::count(*bytes as i128);
     match (*board, is_own) {
-        ("uno", true) => {
+        (BoardKind::Uno, true) => {
             format!(
                 "{bytes} bytes are on the Uno at {place}, and were read back; `pulsetrain info --port {place}` asks it"
             )
         }
-        ("uno", false) => format!(
+        (BoardKind::Uno, false) => format!(
             "{bytes} bytes are on the Uno at {place}, and were read back; they begin now. A baked motion answers no host: \
              `pulsetrain flash uno --port {place}` brings the firmware back"
         ),
-        (_, true) => format!(
+        (BoardKind::Pico, true) => format!(
             "{bytes} bytes were written to {place}; the Pico took them and has restarted: `pulsetrain ports` shows its port"
         ),
-        (_, false) => format!(
+        (BoardKind::Pico, false) => format!(
             "{bytes} bytes were written to {place}; the Pico took them and has restarted. `pulsetrain flash pico` brings the \
              firmware back"
         ),
@@ -82,12 +118,12 @@ fn which_port(names: &[String]) -> Report {
 }
 
 /// The names of an Uno's images, each of which stands in place of a file's.
-const NAMES: [&str; 3] = ["uno", "winch", "verbs"];
+const NAMES: [&str; 3] = [Role::Plans.image_name(), Role::Winch.image_name(), Role::Verbs.image_name()];
 
 /// The Uno's image of that name.
 pub(super) fn named(name: &Path) -> Option<Vec<u8>> {
-    let images = [virtual_uno::image, virtual_uno::winch_image, virtual_uno::verbs_image];
-    NAMES.iter().zip(images).find(|(known, _)| Path::new(known) == name).map(|(_, image)| image())
+    let role = Role::ALL.into_iter().find(|role| Path::new(role.image_name()) == name);
+    role.map(|role| BoardKind::Uno.image(role))
 }
 
 /// What an Uno takes in place of a name or file that is neither.
@@ -109,7 +145,7 @@ pub(super) fn write(port: &str, image: Option<&str>, console: &mut Console<'_>) 
 
 /// The image of that name or in that file; the firmware, if none is said.
 fn uno_image(file: Option<&Path>) -> miette::Result<Vec<u8>> {
-    let Some(file) = file else { return Ok(virtual_uno::image()) };
+    let Some(file) = file else { return Ok(BoardKind::Uno.image(Role::Plans)) };
     if let Some(image) = named(file) {
         return Ok(image);
     }
@@ -138,7 +174,13 @@ fn uno(name: &str, image: &[u8], console: &Console<'_>) -> miette::Result<Flashe
         match done {
             Ok(_) => {
                 let place = name.to_owned();
-                return Ok(Flashed { board: "uno", place, bytes: image.len(), baud: Some(rate), verified: true });
+                return Ok(Flashed {
+                    board: BoardKind::Uno,
+                    place,
+                    bytes: image.len(),
+                    baud: Some(rate),
+                    verified: true,
+                });
             }
             Err(FlashError::NoBootloader { .. }) => {}
             Err(error) => return Err(problem(name, error)),
@@ -189,7 +231,7 @@ const PIECE: usize = 16 * 1024;
 
 fn pico(folder: Option<&str>, file: Option<&Path>, console: &Console<'_>) -> miette::Result<Flashed> {
     let bytes = match file {
-        None => virtual_pico::IMAGE.to_vec(),
+        None => BoardKind::Pico.image(Role::Plans),
         Some(file) => console::read(file)?,
     };
     if let (Some(file), Err(error)) = (file, image::uf2(&bytes, virtual_pico::FAMILY)) {
@@ -217,7 +259,13 @@ fn pico(folder: Option<&str>, file: Option<&Path>, console: &Console<'_>) -> mie
             TAKEN.as_secs()
         ));
     }
-    Ok(Flashed { board: "pico", place: folder.display().to_string(), bytes: bytes.len(), baud: None, verified: false })
+    Ok(Flashed {
+        board: BoardKind::Pico,
+        place: folder.display().to_string(),
+        bytes: bytes.len(),
+        baud: None,
+        verified: false,
+    })
 }
 
 /// How long a Pico that has an image may take to begin with it.
@@ -370,13 +418,14 @@ mod tests {
     #[test]
     fn what_may_not_answer_is_not_said_to_be_asked() {
         let said = |board, is_own| {
-            let flashed = Flashed { board, place: "here".into(), bytes: 1234, baud: None, verified: board == "uno" };
+            let flashed =
+                Flashed { board, place: "here".into(), bytes: 1234, baud: None, verified: board == BoardKind::Uno };
             done(&flashed, is_own)
         };
-        for (board, asks) in [("uno", "pulsetrain info --port here"), ("pico", "pulsetrain ports")] {
+        for (board, asks) in [(BoardKind::Uno, "pulsetrain info --port here"), (BoardKind::Pico, "pulsetrain ports")] {
             let (own, other) = (said(board, true), said(board, false));
             assert!(own.contains("1234 bytes") && own.contains(asks), "{own}");
-            assert!(!other.contains(asks) && other.contains(&format!("pulsetrain flash {board}")), "{other}");
+            assert!(!other.contains(asks) && other.contains(&format!("pulsetrain flash {}", board.name())), "{other}");
         }
     }
 

@@ -1,8 +1,8 @@
 //! `pulsetrain info`: what a board says of itself.
 
+use pulsetrain_board::BoardKind;
+use pulsetrain_board::registry::Role;
 use pulsetrain_board::remote::{image_name, in_words};
-use pulsetrain_board::virtual_pico::VirtualPico;
-use pulsetrain_board::virtual_uno::VirtualUno;
 use pulsetrain_board::{Board, Port, Remote, RemoteError, Serial};
 use pulsetrain_core::wire::message::{Cause, flags, image};
 use pulsetrain_core::wire::{Baud, Reason, Stored, VERSION};
@@ -10,7 +10,7 @@ use serde::Serialize;
 
 use super::store::{Kept, told};
 use super::{clock_off, port_problem};
-use crate::cli::At;
+use crate::arguments::At;
 use crate::console::{Console, Exit};
 use pulsetrain_motion::human::{self, Table};
 use pulsetrain_session::drive::{DriveError, session_number};
@@ -69,8 +69,7 @@ pub(super) struct Said {
 pub(crate) fn run(args: &At, console: &mut Console<'_>) -> miette::Result<Exit> {
     let said = match &args.port {
         Some(name) => ask(Serial::open(name, false).map_err(port_problem)?, args.baud),
-        None if args.board.as_deref() == Some("pico") => ask(VirtualPico::on_usb(), args.baud),
-        None => ask(VirtualUno::new(), args.baud),
+        None => ask(args.board.unwrap_or(BoardKind::Uno).virtual_board(Role::Plans), args.baud),
     };
     let said = said.map_err(super::drive_problem)?;
     if args.json {
@@ -233,6 +232,7 @@ pub(super) fn ask<P: Port>(port: P, baud: Baud) -> Result<Said, DriveError> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use pulsetrain_board::virtual_uno::VirtualUno;
 
     /// A host that was killed leaves the motors to the stop at their queues' end: the board calls that done, as a motion's end.
     #[test]

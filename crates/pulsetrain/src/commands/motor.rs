@@ -1,13 +1,44 @@
 //! `pulsetrain motor`: how fast a winding lets a motor step.
 
+use crate::arguments;
+use clap::Args;
 use miette::miette;
 use pulsetrain_motion::electrical::{Figure, Winding, WindingError};
 use pulsetrain_motion::file;
 use serde::Serialize;
+use std::path::PathBuf;
 
-use crate::cli::Motor;
 use crate::console::{Console, Exit};
 use pulsetrain_motion::human::{self, Table};
+
+#[derive(Args, Debug)]
+#[command(after_help = "\
+Examples:
+  pulsetrain motor --inductance 50mH --current 0.135A --voltage 12V --steps-per-rev 200 --microsteps 8
+  pulsetrain motor --file examples/max-speed.toml")]
+pub(crate) struct MotorArgs {
+    /// Take the motors of a motion file that have electrical data
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["inductance", "current", "voltage"])]
+    pub(crate) file: Option<PathBuf>,
+    /// Inductance of one winding, e.g. 50mH
+    #[arg(long, value_name = "L", value_parser = arguments::inductance, required_unless_present = "file", allow_hyphen_values = true)]
+    pub(crate) inductance: Option<f64>,
+    /// Current of one winding as the driver is set, e.g. 0.135A
+    #[arg(long, value_name = "I", value_parser = arguments::current, required_unless_present = "file", allow_hyphen_values = true)]
+    pub(crate) current: Option<f64>,
+    /// Supply of the driver, e.g. 12V
+    #[arg(long, value_name = "V", value_parser = arguments::voltage, required_unless_present = "file", allow_hyphen_values = true)]
+    pub(crate) voltage: Option<f64>,
+    /// Full steps in one revolution
+    #[arg(long, value_name = "N", default_value_t = 200, value_parser = arguments::steps_per_rev)]
+    pub(crate) steps_per_rev: u32,
+    /// Steps that the driver makes of a full step
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=256))]
+    pub(crate) microsteps: u32,
+    /// Print the figures as JSON
+    #[arg(long)]
+    pub(crate) json: bool,
+}
 
 #[derive(Serialize)]
 struct Report {
@@ -35,7 +66,7 @@ impl From<Figure> for Row {
     }
 }
 
-pub(crate) fn run(args: &Motor, console: &mut Console<'_>) -> miette::Result<Exit> {
+pub(crate) fn run(args: &MotorArgs, console: &mut Console<'_>) -> miette::Result<Exit> {
     let motors = windings(args)?;
     let rows = |figures: Vec<Figure>| figures.into_iter().map(Row::from).collect();
     let reports: Vec<Report> = motors
@@ -83,7 +114,7 @@ fn section(rows: &[Row]) -> String {
     format!("{table}{}", sources.collect::<String>())
 }
 
-fn windings(args: &Motor) -> miette::Result<Vec<(String, Winding)>> {
+fn windings(args: &MotorArgs) -> miette::Result<Vec<(String, Winding)>> {
     let (Some(inductance_h), Some(current_a), Some(voltage_v)) = (args.inductance, args.current, args.voltage) else {
         return from_file(args);
     };
@@ -98,7 +129,7 @@ fn windings(args: &Motor) -> miette::Result<Vec<(String, Winding)>> {
     Ok(vec![("motor".into(), winding)])
 }
 
-fn from_file(args: &Motor) -> miette::Result<Vec<(String, Winding)>> {
+fn from_file(args: &MotorArgs) -> miette::Result<Vec<(String, Winding)>> {
     let Some(path) = &args.file else { return Ok(Vec::new()) };
     let program = file::load(path)?;
     let windings: Vec<_> = program.motors.into_iter().filter_map(|motor| Some((motor.name, motor.winding?))).collect();

@@ -1,14 +1,22 @@
 //! `pulsetrain new`: a motion file to start from.
 
+use clap::Args;
 use std::fs::OpenOptions;
 use std::io::Write;
+use std::path::PathBuf;
 
 use pulsetrain_motion::template;
 
-use crate::cli::New;
 use crate::console::{Console, Exit, access};
 
-pub(crate) fn run(args: &New, console: &mut Console<'_>) -> miette::Result<Exit> {
+#[derive(Args, Debug)]
+#[command(after_help = "Example:\n  pulsetrain new crank      writes crank.toml")]
+pub(crate) struct NewArgs {
+    /// Name of the motion; NAME.toml is written
+    pub(crate) name: PathBuf,
+}
+
+pub(crate) fn run(args: &NewArgs, console: &mut Console<'_>) -> miette::Result<Exit> {
     let name = &args.name;
     let path = if name.extension().is_some_and(|end| end == "toml") {
         name.clone()

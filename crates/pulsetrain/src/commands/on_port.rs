@@ -1,5 +1,6 @@
 //! `pulsetrain run FILE --port …`: a real board, whose own word is all that is known.
 
+use pulsetrain_board::BoardKind;
 use std::path::Path;
 
 use miette::miette;
@@ -7,13 +8,12 @@ use pulsetrain_board::remote::in_words;
 use pulsetrain_board::{Observer, ScheduledStep, Serial};
 use pulsetrain_core::Direction;
 use pulsetrain_core::wire::Baud;
-use pulsetrain_motion::boards;
 use pulsetrain_trace::steps;
 use serde::Serialize;
 
 use super::rehearsal::Rehearsal;
+use super::run::RunArgs;
 use super::{clock_off, drive_problem, plan, port_problem, run_problem};
-use crate::cli::Run;
 use crate::console::{self, Console, Exit, access};
 use crate::interrupt;
 use crate::report::PlanReport;
@@ -73,23 +73,22 @@ pub(crate) fn run(
     prepared: &Prepared,
     planned: &[Planned],
     name: &str,
-    args: &Run,
+    args: &RunArgs,
     baud: Baud,
     folder: &Path,
     console: &mut Console<'_>,
 ) -> miette::Result<Exit> {
     let program = &prepared.program;
-    let is_uno = boards::is_uno(&program.board.name);
-    if !is_uno && program.board.name != "pico" {
+    let Some(kind) = BoardKind::named(&program.board.name) else {
         let help = "add --board uno or --board pico, or write it in the file";
         return Err(miette!(help = help, "{} is planned for the board `{}`", prepared.file, program.board.name));
-    }
-    if args.rehearse.is_some() && !is_uno {
+    };
+    if args.rehearse.is_some() && !kind.is_rehearsed() {
         let help = "leave --rehearse out: a Pico's queues hold twenty times what an Uno's do, or more";
         return Err(miette!(help = help, "{}: only what an Uno is to run is rehearsed", prepared.file));
     }
     // Before the port is opened, which resets an Uno. Ctrl-C ends it at once, as nothing moves.
-    let rehearsed = match args.no_rehearsal || !is_uno {
+    let rehearsed = match args.no_rehearsal || !kind.is_rehearsed() {
         true => None,
         false => {
             let put_off = planned.iter().map(|planned| planned.certificate.longest_put_off_ticks).max();

@@ -1,15 +1,34 @@
 //! `pulsetrain plan`: plan and prove; nothing runs.
 
+use crate::arguments;
+use crate::arguments::Motion;
+use clap::Args;
+use pulsetrain_core::wire::Baud;
 use pulsetrain_motion::Time;
 
-use crate::cli::Plan;
 use crate::console::{Console, Exit};
 use crate::diagnostic::advised;
 use crate::report::{MotorReport, PlanReport, TableReport, unlimited};
 use pulsetrain_session::estimate::Task;
 use pulsetrain_session::prepare::{Planned, Prepared};
 
-pub(crate) fn run(args: &Plan, console: &mut Console<'_>) -> miette::Result<Exit> {
+#[derive(Args, Debug)]
+#[command(after_help = "\
+Examples:
+  pulsetrain plan examples/tutorial.toml
+  pulsetrain plan examples/tutorial.toml --board uno --json")]
+pub(crate) struct PlanArgs {
+    #[command(flatten)]
+    pub(crate) motion: Motion,
+    /// Rate of the line that is to bring the plan to the board [default: 1000000; a Pico's own USB, which has no rate]
+    #[arg(long, value_name = "BAUD", value_parser = arguments::baud)]
+    pub(crate) baud: Option<Baud>,
+    /// Print the report as JSON
+    #[arg(long)]
+    pub(crate) json: bool,
+}
+
+pub(crate) fn run(args: &PlanArgs, console: &mut Console<'_>) -> miette::Result<Exit> {
     let mut prepared = args.motion.prepare(Task::Plan, args.json, console)?;
     prepared.over_line(args.baud);
     let planned = plan(&mut prepared, console)?;

@@ -1,15 +1,30 @@
 //! `pulsetrain plot`: a picture of a motion, run on the native board.
 
 use super::{plan, run};
-use crate::cli::Plot;
+use crate::arguments::Motion;
 use crate::console::{Console, Exit};
 use crate::diagnostic::advised;
 use crate::record::Files;
+use clap::Args;
 use pulsetrain_session::drive::Driven;
 use pulsetrain_session::estimate::Task;
 use pulsetrain_session::lateness::Edges;
+use std::path::PathBuf;
 
-pub(crate) fn run(args: &Plot, console: &mut Console<'_>) -> miette::Result<Exit> {
+#[derive(Args, Debug)]
+#[command(after_help = "\
+Examples:
+  pulsetrain plot examples/tutorial.toml
+  pulsetrain plot examples/tutorial.toml --out tutorial.png")]
+pub(crate) struct PlotArgs {
+    #[command(flatten)]
+    pub(crate) motion: Motion,
+    /// Picture to write, .svg or .png [default: the file's name with .svg]
+    #[arg(long, value_name = "FILE")]
+    pub(crate) out: Option<PathBuf>,
+}
+
+pub(crate) fn run(args: &PlotArgs, console: &mut Console<'_>) -> miette::Result<Exit> {
     let mut prepared = args.motion.prepare(Task::Native { files: false }, false, console)?;
     let planned = plan::plan(&mut prepared, console)?;
     let path = args.out.clone().unwrap_or_else(|| args.motion.file.with_extension("svg"));

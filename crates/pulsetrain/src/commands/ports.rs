@@ -1,5 +1,6 @@
 //! `pulsetrain ports`: what is plugged in.
 
+use clap::Args;
 use std::path::Path;
 
 use pulsetrain_board::serial::{self, Listed, Usb};
@@ -7,10 +8,23 @@ use pulsetrain_board::{Remote, RemoteError, Serial};
 use serde::Serialize;
 
 use super::flash;
-use crate::cli::Ports;
 use crate::console::{Console, Exit};
 use pulsetrain_motion::human::{self, Table};
 use pulsetrain_session::drive::session_number;
+
+#[derive(Args, Debug)]
+#[command(after_help = "\
+Examples:
+  pulsetrain ports
+  pulsetrain ports --ask       open each, and ask whether Pulsetrain's firmware is there; that resets an Uno")]
+pub(crate) struct PortsArgs {
+    /// Open each port, and ask whether Pulsetrain's firmware is there. That resets an Uno
+    #[arg(long)]
+    pub(crate) ask: bool,
+    /// Print the list as JSON
+    #[arg(long)]
+    pub(crate) json: bool,
+}
 
 /// What is at a port, as its USB device says.
 #[derive(Debug, Serialize)]
@@ -27,7 +41,7 @@ struct Found {
     says: Option<String>,
 }
 
-pub(crate) fn run(args: &Ports, console: &mut Console<'_>) -> miette::Result<Exit> {
+pub(crate) fn run(args: &PortsArgs, console: &mut Console<'_>) -> miette::Result<Exit> {
     let mut found: Vec<Found> = serial::list().into_iter().map(|port| look(port, args.ask)).collect();
     found.extend(flash::drives().iter().map(|drive| found_drive(drive)));
     if args.json {

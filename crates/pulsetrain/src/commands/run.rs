@@ -1,13 +1,17 @@
 //! `pulsetrain run`: plan, run on the native board or a virtual one, judge, report, draw.
 
+use crate::arguments;
+use crate::arguments::Motion;
+use clap::Args;
+use pulsetrain_board::BoardKind;
+use pulsetrain_core::wire::Baud;
+use pulsetrain_motion::Time;
 use std::path::{Path, PathBuf};
 
 use miette::miette;
 use pulsetrain_board::Leased;
-use pulsetrain_motion::boards;
 
 use super::{drive_problem, on_port, plan, ports, run_problem};
-use crate::cli::Run;
 use crate::console::{self, Console, Exit, access};
 use crate::diagnostic::advised;
 use crate::record::{Files, Recorded, Recorder};
@@ -20,7 +24,62 @@ use pulsetrain_session::estimate::Task;
 use pulsetrain_session::lateness::Edges;
 use pulsetrain_session::prepare::{Planned, Prepared, usual_baud};
 
-pub(crate) fn run(args: &Run, console: &mut Console<'_>) -> miette::Result<Exit> {
+#[derive(Args, Debug)]
+#[command(after_help = "\
+Motions for the boards `uno` and `pico` run on a virtual one, the real firmware on an emulated chip;
+others on the native board, this computer's own stepgen.
+
+What an Uno at a port is to run is rehearsed before: the virtual one plays it, several times as fast, with each edge held against the law. What it \
+does not keep up with is refused, and nothing moves. A Pico's queues are far larger, and nothing is rehearsed for one.
+
+Files written to DIR:
+  report.json  what was planned, proven, run and judged
+  steps.csv    motor,tick,dir,position
+  trace.vcd    every edge of every line
+  plot.svg     position, intervals, speed and errors
+
+Examples:
+  pulsetrain run examples/tutorial.toml
+  pulsetrain run examples/sweep.toml --for \"60 s\" --out out/minute
+  pulsetrain run examples/sweep.toml --pause-at \"2 s\" --resume-at \"3 s\"
+  pulsetrain run examples/tutorial.toml --native
+  pulsetrain run examples/formula.toml --port /dev/ttyACM0")]
+pub(crate) struct RunArgs {
+    #[command(flatten)]
+    pub(crate) motion: Motion,
+    /// Where the files go [default: out/ and the file's name without .toml]
+    #[arg(long, value_name = "DIR")]
+    pub(crate) out: Option<PathBuf>,
+    /// Run it on this computer's own stepgen even if its board has a firmware, which would run it on an emulated chip
+    #[arg(long, conflicts_with = "port")]
+    pub(crate) native: bool,
+    /// Let the board at this serial port run it, in real time; Ctrl-C stops the motors as planned, twice at once
+    #[arg(long, value_name = "PORT")]
+    pub(crate) port: Option<String>,
+    /// Rate of the line to the board, once it is found [default: 1000000; 2000000 for a Pico, whose own USB has no rate]
+    #[arg(long, value_name = "BAUD", value_parser = arguments::baud, conflicts_with = "native")]
+    pub(crate) baud: Option<Baud>,
+    /// How much faster than it should the board's clock runs, ppm, as `pulsetrain calibrate` tells: it is corrected for
+    #[arg(long, value_name = "PPM", value_parser = arguments::clock_ppm, requires = "port", allow_hyphen_values = true)]
+    pub(crate) clock_ppm: Option<f64>,
+    /// Bring all motors to a halt on their paths from this time on, as soon as their limits allow
+    #[arg(long, value_name = "TIME", value_parser = arguments::duration, allow_hyphen_values = true)]
+    pub(crate) pause_at: Option<Time>,
+    /// Go on from the halt at this time of the run, or as soon as the motors rest
+    #[arg(long, value_name = "TIME", value_parser = arguments::duration, allow_hyphen_values = true, requires = "pause_at")]
+    pub(crate) resume_at: Option<Time>,
+    /// How much of it the virtual Uno plays before an Uno at the port is sent anything [default: all, 10 s at most]
+    #[arg(long, value_name = "TIME", value_parser = arguments::duration, allow_hyphen_values = true, requires = "port")]
+    pub(crate) rehearse: Option<Time>,
+    /// Begin at once, without that
+    #[arg(long, conflicts_with = "rehearse", requires = "port")]
+    pub(crate) no_rehearsal: bool,
+    /// Print the report as JSON
+    #[arg(long)]
+    pub(crate) json: bool,
+}
+
+pub(crate) fn run(args: &RunArgs, console: &mut Console<'_>) -> miette::Result<Exit> {
     let task = match &args.port {
         Some(_) => Task::Port,
         None if args.native => Task::Native { files: true },
@@ -46,18 +105,14 @@ pub(crate) fn run(args: &Run, console: &mut Console<'_>) -> miette::Result<Exit>
         return on_port::run(&prepared, &planned, name, args, baud, &folder, console);
     }
     let edges = Edges::of(&prepared.program);
-    let (recorded, runner) = match prepared.program.board.name.as_str() {
-        name if boards::is_uno(name) && !args.native => {
-            let mut driven = Driven::virtual_uno(&prepared, baud).map_err(drive_problem)?;
-            let runner = format!("virtual Uno, firmware {}", human::version(driven.board_mut().info().firmware));
+    let (recorded, runner) = match BoardKind::named(&prepared.program.board.name).filter(|_| !args.native) {
+        Some(kind) => {
+            let mut driven = Driven::on_virtual(kind, &prepared, baud).map_err(drive_problem)?;
+            let firmware = human::version(driven.board_mut().info().firmware);
+            let runner = format!("virtual {}, firmware {firmware}", kind.title());
             (to_files(&prepared, &planned, driven, edges, &folder, console)?, runner)
         }
-        "pico" if !args.native => {
-            let mut driven = Driven::virtual_pico(&prepared, baud).map_err(drive_problem)?;
-            let runner = format!("virtual Pico, firmware {}", human::version(driven.board_mut().info().firmware));
-            (to_files(&prepared, &planned, driven, edges, &folder, console)?, runner)
-        }
-        _ => {
+        None => {
             let driven = Driven::native(&prepared).map_err(advised)?;
             (to_files(&prepared, &planned, driven, Edges::default(), &folder, console)?, "native".to_owned())
         }
@@ -121,7 +176,10 @@ pub(crate) fn record<B: Leased, W: std::io::Write>(
 pub(crate) fn draw(picture: &Picture, path: &Path) -> miette::Result<()> {
     let ending = path.extension().map(|ending| ending.to_string_lossy().to_lowercase());
     match ending.as_deref() {
-        Some("png") => picture.png(path).map_err(|error| miette!("cannot write {}: {error}", path.display())),
+        Some("png") => {
+            let png = picture.png().map_err(|error| miette!("cannot draw {}: {error}", path.display()))?;
+            Ok(console::write(path, &png)?)
+        }
         Some("svg") => {
             let svg = picture.svg().map_err(|error| miette!("cannot draw {}: {error}", path.display()))?;
             Ok(console::write(path, svg.as_bytes())?)

@@ -1,5 +1,6 @@
 //! `pulsetrain stop`: a board's motors stop at once, whoever told them.
 
+use clap::Args;
 use std::time::Duration;
 
 use miette::{Report, miette};
@@ -9,11 +10,28 @@ use serde::Serialize;
 
 use super::info::{UNO, listed, motor_list};
 use super::{drive_problem, port_problem};
-use crate::cli::Stop;
 use crate::console::{Console, Exit};
 use crate::winch::talk::{Said, Talk, with_checksum};
 use pulsetrain_motion::human;
 use pulsetrain_session::drive::session_number;
+
+/// A board to be stopped.
+#[derive(Args, Debug)]
+#[command(after_help = "\
+For a board that still does what a host told it that has left, as a MOVE of hours or a baked motion. Axes that text has on paths brake \
+within their limits; the drivers of text's axes are off then. Opening its port resets an Uno, which stops it, too. It tells where all \
+motors are, and which were faster than they can stop, or may have been: those may stand elsewhere than they count.
+
+Examples:
+  pulsetrain stop --port /dev/ttyACM0")]
+pub(crate) struct StopArgs {
+    /// The board at this serial port
+    #[arg(long, value_name = "PORT")]
+    pub(crate) port: String,
+    /// Print what it says as JSON
+    #[arg(long)]
+    pub(crate) json: bool,
+}
 
 /// How a board stopped, by its own word.
 #[derive(Debug, Serialize)]
@@ -33,7 +51,7 @@ struct Stopped {
     uncertain: Vec<usize>,
 }
 
-pub(crate) fn run(args: &Stop, console: &mut Console<'_>) -> miette::Result<Exit> {
+pub(crate) fn run(args: &StopArgs, console: &mut Console<'_>) -> miette::Result<Exit> {
     let stopped = stop(|| Serial::open(&args.port, false))?;
     if args.json {
         console.print_json(&stopped)?;

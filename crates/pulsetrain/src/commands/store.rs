@@ -1,18 +1,56 @@
 //! `pulsetrain store`: settings that a board keeps without power.
 
+use crate::arguments;
+use clap::{ArgGroup, Args};
 use miette::miette;
-use pulsetrain_board::virtual_pico::VirtualPico;
-use pulsetrain_board::virtual_uno::VirtualUno;
+use pulsetrain_board::BoardKind;
+use pulsetrain_board::registry::Role;
 use pulsetrain_board::{Port, Remote, RemoteError, Serial};
 use pulsetrain_core::wire::settings::{AMAX, MOST_VMAX};
 use pulsetrain_core::wire::{Reason, Settings, Stored};
 use serde::Serialize;
 
 use super::{drive_problem, port_problem};
-use crate::cli::Store;
 use crate::console::{Console, Exit};
 use pulsetrain_motion::human;
 use pulsetrain_session::drive::session_number;
+
+/// What a board keeps.
+#[derive(Args, Debug)]
+#[command(after_help = "\
+What is not said stays as it was. Settings hold where nobody says otherwise: those of text from its next start on, `silence` from the next configuration on.
+
+Examples:
+  pulsetrain store --port /dev/ttyACM0
+  pulsetrain store --port /dev/ttyACM0 --deadman 500ms --limits 3000 20000
+  pulsetrain store --port /dev/ttyACM0 --clear")]
+#[command(group = ArgGroup::new("keeper").args(["port", "board"]).required(true))]
+pub(crate) struct StoreArgs {
+    /// The board at this serial port
+    #[arg(long, value_name = "PORT")]
+    pub(crate) port: Option<String>,
+    /// A virtual one, which forgets it again
+    #[arg(long, value_name = "BOARD", value_parser = arguments::board_kind())]
+    pub(crate) board: Option<BoardKind>,
+    /// Text's axes stop when no command was obeyed for so long, or "off"
+    #[arg(long, value_name = "TIME", value_parser = arguments::kept_time)]
+    pub(crate) deadman: Option<u16>,
+    /// Text releases the drivers when all axes have rested for so long, or "off"
+    #[arg(long, value_name = "TIME", value_parser = arguments::kept_time)]
+    pub(crate) idle: Option<u16>,
+    /// A host that does not say otherwise is lost after so long a silence, or "off" for 2 s
+    #[arg(long, value_name = "TIME", value_parser = arguments::kept_time)]
+    pub(crate) silence: Option<u16>,
+    /// Greatest speed, steps/s, and acceleration, steps/s², of text's axes at its start; 0 0: the board's own
+    #[arg(long, value_names = ["SPEED", "ACCELERATION"], num_args = 2, allow_negative_numbers = true)]
+    pub(crate) limits: Option<Vec<f64>>,
+    /// Forget all that was kept before
+    #[arg(long)]
+    pub(crate) clear: bool,
+    /// Print what it keeps as JSON
+    #[arg(long)]
+    pub(crate) json: bool,
+}
 
 /// What a board keeps; 0 is its own way.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -69,12 +107,11 @@ pub(super) fn told(kept: Option<&Kept>, is_damaged: bool) -> String {
     }
 }
 
-pub(crate) fn run(args: &Store, console: &mut Console<'_>) -> miette::Result<Exit> {
+pub(crate) fn run(args: &StoreArgs, console: &mut Console<'_>) -> miette::Result<Exit> {
     let limits = args.limits.as_deref().map(limits).transpose()?;
     let kept = match &args.port {
         Some(name) => store(Serial::open(name, false).map_err(port_problem)?, args, limits),
-        None if args.board.as_deref() == Some("pico") => store(VirtualPico::on_usb(), args, limits),
-        None => store(VirtualUno::new(), args, limits),
+        None => store(args.board.unwrap_or(BoardKind::Uno).virtual_board(Role::Plans), args, limits),
     };
     let stored = kept.map_err(problem)?;
     let kept = stored.settings.map(Kept::of);
@@ -116,7 +153,7 @@ fn limits(values: &[f64]) -> miette::Result<(u32, u32)> {
 }
 
 /// Changes what was said, and asks what is kept then.
-fn store<P: Port>(port: P, args: &Store, limits: Option<(u32, u32)>) -> Result<Stored, RemoteError> {
+fn store<P: Port>(port: P, args: &StoreArgs, limits: Option<(u32, u32)>) -> Result<Stored, RemoteError> {
     let mut board = Remote::open(port, session_number())?;
     let kept = settle(&mut board, args, limits);
     // Also after a refusal: the next command finds the board free.
@@ -124,7 +161,7 @@ fn store<P: Port>(port: P, args: &Store, limits: Option<(u32, u32)>) -> Result<S
     kept
 }
 
-fn settle<P: Port>(board: &mut Remote<P>, args: &Store, limits: Option<(u32, u32)>) -> Result<Stored, RemoteError> {
+fn settle<P: Port>(board: &mut Remote<P>, args: &StoreArgs, limits: Option<(u32, u32)>) -> Result<Stored, RemoteError> {
     let Stored { settings: before, is_damaged } = board.stored()?;
     let mut settings = if args.clear { Settings::default() } else { before.unwrap_or_default() };
     settings.deadman_ms = args.deadman.unwrap_or(settings.deadman_ms);
@@ -144,10 +181,12 @@ mod tests {
     use super::*;
     use pulsetrain_board::Setup;
     use pulsetrain_board::shared::Shared;
+    use pulsetrain_board::virtual_pico::VirtualPico;
+    use pulsetrain_board::virtual_uno::VirtualUno;
     use pulsetrain_core::baked::FLASH_ROOM;
     use pulsetrain_core::wire::message::MotorSetup;
 
-    const ASK: Store = Store {
+    const ASK: StoreArgs = StoreArgs {
         port: None,
         board: None,
         deadman: None,
@@ -195,7 +234,7 @@ mod tests {
             next.close();
             let kept =
                 Stored { settings: Some(Settings { deadman_ms: 400, ..Settings::default() }), is_damaged: false };
-            assert_eq!(store(board, &Store { deadman: Some(400), ..ASK }, None).unwrap(), kept);
+            assert_eq!(store(board, &StoreArgs { deadman: Some(400), ..ASK }, None).unwrap(), kept);
         }
 
         #[test]
@@ -203,7 +242,7 @@ mod tests {
             let kept =
                 Stored { settings: Some(Settings { silence_ms: 700, ..Settings::default() }), is_damaged: false };
             for uno in [VirtualUno::new(), VirtualUno::with_winch(), VirtualUno::with_verbs()] {
-                assert_eq!(store(uno, &Store { silence: Some(700), ..ASK }, None).unwrap(), kept);
+                assert_eq!(store(uno, &StoreArgs { silence: Some(700), ..ASK }, None).unwrap(), kept);
             }
         }
 
@@ -215,12 +254,12 @@ mod tests {
             settings.iter().for_each(|settings| board.store(settings).unwrap());
             let mut memory = board.close().chip().flash().to_vec();
             memory[FLASH_ROOM as usize + 4096 + 3] ^= 1;
-            let after = |args: &Store| store(VirtualPico::with_flash(&memory).unwrap(), args, None).unwrap();
+            let after = |args: &StoreArgs| store(VirtualPico::with_flash(&memory).unwrap(), args, None).unwrap();
             let damaged = Stored { settings: Some(settings[0]), is_damaged: true };
             assert_eq!(after(&ASK), damaged);
             let said = serde_json::to_value(Said { kept: damaged.settings.map(Kept::of), damaged: true }).unwrap();
             assert_eq!((&said["deadman_ms"], &said["damaged"]), (&400.into(), &true.into()));
-            assert_eq!(after(&Store { deadman: Some(400), ..ASK }), Stored { is_damaged: false, ..damaged });
+            assert_eq!(after(&StoreArgs { deadman: Some(400), ..ASK }), Stored { is_damaged: false, ..damaged });
         }
     }
 }

@@ -1,18 +1,21 @@
 //! `pulsetrain verbs`: motors told directly, in frames, by the lines that a Pico takes as text.
 
+use crate::arguments;
+use clap::{ArgGroup, Args};
+use pulsetrain_board::BoardKind;
+use pulsetrain_board::registry::Role;
 use std::ops::Range;
 use std::path::Path;
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, TryRecvError};
 
 use miette::{LabeledSpan, MietteDiagnostic, NamedSource, Report, miette};
 use pulsetrain_board::remote::{image_name, in_words};
-use pulsetrain_board::virtual_pico::VirtualPico;
-use pulsetrain_board::virtual_uno::VirtualUno;
 use pulsetrain_board::{Board, Edge, Port, Remote, RemoteError, Serial, Setup};
-use pulsetrain_core::verbs::text::{self, LONGEST, Read, Reply, Told};
-use pulsetrain_core::verbs::{Course, Verb};
+use pulsetrain_core::verbs::{Heading, Verb};
 use pulsetrain_core::winch::AXES;
+use pulsetrain_core::winch::verb_lines::{self as text, LONGEST, Read, Reply, Told};
 use pulsetrain_core::wire::message::{Cause, MotorSetup, Reason, image};
 use pulsetrain_core::wire::orders::Obeyed;
 use pulsetrain_core::wire::{Baud, Refusal};
@@ -22,12 +25,38 @@ use super::info::UNO;
 use super::on_port::waits_aloud;
 use super::winch::typed;
 use super::{drive_problem, port_problem};
-use crate::cli::Verbs;
 use crate::console::{self, Console, Exit};
 use crate::winch::talk::meaning;
 use crate::{interrupt, serve};
 use pulsetrain_motion::human;
 use pulsetrain_session::drive::{session_number, set_up};
+
+/// A board whose motors are told directly.
+#[derive(Args, Debug)]
+#[command(after_help = "\
+A script has a line for each order, with its time, \"1.5 s: move x 100\"; without one they are read from the standard input. Axes x, y, z and a \
+are where text has them (docs/wiring.md): on an Uno the CNC shield's, which needs its image with verbs. Each order is answered by the tick \
+from which it holds, where its axes are then, and how many ticks later they step; each move by `done`. When no move is left it ends; what \
+runs on is halted, and of a virtual board the steps at its pins are counted. Ctrl-C stops all at once. docs/pico.md has the verbs.
+
+Examples:
+  pulsetrain verbs moves.txt --board uno
+  pulsetrain verbs --port /dev/ttyACM0
+  echo \"move xy 2000 100\" | pulsetrain verbs --board pico")]
+#[command(group = ArgGroup::new("told").args(["port", "board"]).required(true))]
+pub(crate) struct VerbsArgs {
+    /// Script of timed lines; without one they are read as they come
+    pub(crate) script: Option<PathBuf>,
+    /// The board at this serial port; opening it resets an Uno
+    #[arg(long, value_name = "PORT")]
+    pub(crate) port: Option<String>,
+    /// A virtual one; `uno` has the image with verbs
+    #[arg(long, value_name = "BOARD", value_parser = arguments::board_kind())]
+    pub(crate) board: Option<BoardKind>,
+    /// Rate of the line, bits a second
+    #[arg(long, value_name = "RATE", default_value = "1000000", value_parser = arguments::baud)]
+    pub(crate) baud: Baud,
+}
 
 /// What a line may be.
 const HELP: &str = "\
@@ -46,34 +75,23 @@ const ROUNDS_PER_S: u64 = 100;
 /// A line of a script: when, s, and what.
 type Timed = (f64, Told);
 
-pub(crate) fn run(args: &Verbs, console: &mut Console<'_>) -> miette::Result<Exit> {
+pub(crate) fn run(args: &VerbsArgs, console: &mut Console<'_>) -> miette::Result<Exit> {
     interrupt::watch();
     // All of a script is read, and refused if need be, before anything moves.
     let script = args.script.as_deref().map(load).transpose()?;
-    let is_uno = args.board.as_deref() == Some("uno");
+    let virtual_board = || args.board.unwrap_or(BoardKind::Pico).virtual_board(Role::Verbs);
     match (&args.port, script) {
         (Some(name), script) => {
             let port = Serial::open(name, true).map_err(port_problem)?;
             hold(port, name, args.baud, || lines(script), None, console)
         }
-        (None, Some(script)) if is_uno => {
-            hold(VirtualUno::with_verbs(), "", args.baud, || lines(Some(script)), Some(Pins::default()), console)
-        }
         (None, Some(script)) => {
-            hold(VirtualPico::on_usb(), "", args.baud, || lines(Some(script)), Some(Pins::default()), console)
+            hold(virtual_board(), "", args.baud, || lines(Some(script)), Some(Pins::default()), console)
         }
-        (None, None) if is_uno => {
-            let board = serve::Paced::new(VirtualUno::with_verbs());
+        (None, None) => {
+            let board = serve::Paced::new(virtual_board());
             hold(board, "", args.baud, || lines(None), Some(Pins::default()), console)
         }
-        (None, None) => hold(
-            serve::Paced::new(VirtualPico::on_usb()),
-            "",
-            args.baud,
-            || lines(None),
-            Some(Pins::default()),
-            console,
-        ),
     }
 }
 
@@ -209,7 +227,7 @@ impl Axis {
             Verb::Move { .. } => (self.moves, self.runs) = (self.moves + 1, false),
             Verb::Run => self.runs = true,
             Verb::Halt => (self.moves, self.runs, self.halted) = (0, false, from),
-            Verb::Course(course) => self.is_stationary = course == Course::Stationary,
+            Verb::Heading(course) => self.is_stationary = course == Heading::Stationary,
             Verb::Speed { .. } => {}
         }
     }
@@ -480,6 +498,7 @@ mod tests {
     use super::*;
     use pulsetrain_board::PortError;
     use pulsetrain_board::shared::Shared;
+    use pulsetrain_board::virtual_pico::VirtualPico;
     use std::time::Duration;
 
     /// A board that is there for one host after the other, which do not hear all; its port is gone in the end.
@@ -563,7 +582,7 @@ mod tests {
         assert!(axis.moves == 2 && !axis.runs, "a move ends a run");
         axis.done(25);
         assert_eq!(axis.moves, 1);
-        axis.hear(Verb::Course(Course::Stationary), 30);
+        axis.hear(Verb::Heading(Heading::Stationary), 30);
         axis.hear(Verb::Halt, 30);
         assert!(axis.moves == 0 && axis.is_stationary);
         axis.hear(Verb::Move { steps: 5 }, 40);

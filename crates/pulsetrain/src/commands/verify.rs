@@ -1,11 +1,15 @@
 //! `pulsetrain verify`: a capture against the motion.
 
+use crate::arguments;
+use crate::arguments::Motion;
+use clap::{Args, ValueEnum};
 use miette::miette;
-use pulsetrain_motion::{Time, boards};
+use pulsetrain_board::BoardKind;
+use pulsetrain_motion::Time;
 use pulsetrain_trace::capture::{self, Capture};
 use pulsetrain_trace::verdict::{self, Align, JudgeError, Options};
+use std::path::PathBuf;
 
-use crate::cli::{Alignment, Verify};
 use crate::consent::{self, Consent};
 use crate::console::{self, Console, Exit};
 use crate::diagnostic::advised;
@@ -14,7 +18,53 @@ use crate::report::VerdictTable;
 use pulsetrain_session::estimate::Task;
 use pulsetrain_session::lateness::Edges;
 
-pub(crate) fn run(args: &Verify, console: &mut Console<'_>) -> miette::Result<Exit> {
+#[derive(Args, Debug)]
+#[command(after_help = "\
+Examples:
+  pulsetrain verify out/tutorial/trace.vcd examples/tutorial.toml --pins
+  pulsetrain verify capture.csv examples/tutorial.toml --pins --align start+rate
+  pulsetrain verify capture.csv examples/tutorial.toml --align start \\
+      --line \"Channel 0=wheel.step\" --line \"Channel 1=wheel.dir\"")]
+pub(crate) struct VerifyArgs {
+    /// What was captured
+    pub(crate) capture: PathBuf,
+    #[command(flatten)]
+    pub(crate) motion: Motion,
+    /// The capture shows an Uno's pins: its constant and its lateness are allowed for
+    #[arg(long)]
+    pub(crate) pins: bool,
+    /// What is fitted before judging
+    #[arg(long, value_enum, default_value_t = Alignment::None)]
+    pub(crate) align: Alignment,
+    /// Judge up to this time of the motion alone: for captures that end before the motion does
+    #[arg(long, value_name = "TIME", value_parser = arguments::duration, allow_hyphen_values = true, conflicts_with = "length")]
+    pub(crate) until: Option<Time>,
+    /// How often the analyser looked, e.g. "25 MHz": steps may be seen one sample late
+    #[arg(long, value_name = "RATE", value_parser = arguments::frequency)]
+    pub(crate) sample_rate: Option<f64>,
+    /// Which line a channel of the capture is, e.g. "Channel 0=wheel.step"; once for each channel
+    #[arg(long, value_name = "CHANNEL=LINE", value_parser = arguments::channel)]
+    pub(crate) line: Vec<(String, String)>,
+    /// Whose film it is, if the motion file has several motors
+    #[arg(long, value_name = "MOTOR")]
+    pub(crate) motor: Option<String>,
+    /// Print the verdict as JSON
+    #[arg(long)]
+    pub(crate) json: bool,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum Alignment {
+    /// The capture's time zero is the motion's
+    None,
+    /// The capture began some time before
+    Start,
+    /// The same, and its clock runs at another rate, which is told in ppm
+    #[value(name = "start+rate")]
+    StartAndRate,
+}
+
+pub(crate) fn run(args: &VerifyArgs, console: &mut Console<'_>) -> miette::Result<Exit> {
     // Where an endless motion is cut does not matter if it is after what is judged.
     let length = args.motion.length.or(args.until.map(|until| until + Time::SECOND));
     let prepared = load::endless(&args.motion.file, args.motion.board.as_deref())?;
@@ -78,7 +128,7 @@ pub(crate) fn run(args: &Verify, console: &mut Console<'_>) -> miette::Result<Ex
         if !report.ok && align == Align::None {
             console.print("Did the capture begin before the motion? Then say --align start, or start+rate\n")?;
         }
-        if !report.ok && !args.pins && boards::is_uno(&program.board.name) {
+        if !report.ok && !args.pins && BoardKind::named(&program.board.name) == Some(BoardKind::Uno) {
             console.print("Does it show an Uno's pins, a virtual one's too? Then say --pins\n")?;
         }
     }

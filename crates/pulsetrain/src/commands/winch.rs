@@ -1,14 +1,19 @@
 //! `pulsetrain winch`: StepperWinch's text, from a script or by hand.
 
+use crate::arguments;
+use crate::arguments::WinchAt;
+use clap::Args;
+use pulsetrain_board::BoardKind;
+use pulsetrain_board::registry::Role;
+use pulsetrain_motion::Time;
 use std::io::{BufRead, IsTerminal, stdin, stdout};
 use std::path::Path;
+use std::path::PathBuf;
 use std::sync::mpsc::{Receiver, channel};
 use std::thread;
 
 use miette::{Report, miette};
 use pulsetrain_board::native_winch::NativeWinch;
-use pulsetrain_board::virtual_pico::VirtualPico;
-use pulsetrain_board::virtual_uno::VirtualUno;
 use pulsetrain_board::{Port, PortError, Serial, VirtualBoard};
 use pulsetrain_motion::boards;
 use pulsetrain_motion::pins::PinKind;
@@ -17,7 +22,6 @@ use pulsetrain_trace::{Line, Trace, steps, vcd_file};
 
 use super::OtherImage;
 use super::run::draw;
-use crate::cli::Winch;
 use crate::console::{self, Console, Exit, access};
 use crate::winch::console::{ConsoleError, Ended, Plain, converse};
 use crate::winch::run::{Judged, Names, Run, Wish, by_word, judge, on_port, on_virtual, stands_elsewhere};
@@ -27,14 +31,49 @@ use crate::winch::terminal::Terminal;
 use crate::{interrupt, serve};
 use pulsetrain_motion::human;
 
-pub(crate) fn run(args: &Winch, console: &mut Console<'_>) -> miette::Result<Exit> {
+#[derive(Args, Debug)]
+#[command(after_help = "\
+A script has a line for each command, with its time, \"1.5 s: a x 100\"; or it is a motion file with law.winch. On a \
+virtual board every edge is judged against the path; of a real one its status lines are all that is known. Without a \
+script it is a console: in a terminal with the axes' positions, else line by line. docs/winch.md has the commands.
+
+Files written to DIR by a script:
+  report.json   what was sent and judged
+  plot.svg      position, intervals, speed, and how far steps are from the path
+  statuses.csv  what the board said of its axes
+  steps.csv, trace.vcd   every step and every edge, of virtual boards
+
+Examples:
+  pulsetrain winch examples/winch.toml --board uno
+  pulsetrain winch examples/winch.toml --board pico
+  pulsetrain winch script.txt --native --out out/script
+  pulsetrain winch --port /dev/ttyACM0
+  echo \"a x 200\" | pulsetrain winch --native
+  echo \"move x 2000\" | pulsetrain winch --board pico     MOVE, SPEED, DIRECTION: docs/pico.md")]
+pub(crate) struct WinchArgs {
+    /// Script of timed lines, or motion file (.toml) with law.winch; without one it is a console
+    pub(crate) script: Option<PathBuf>,
+    #[command(flatten)]
+    pub(crate) at: WinchAt,
+    /// How long the script lasts [default: the motion's duration, or 4 s after its last line]
+    #[arg(long = "for", value_name = "TIME", value_parser = arguments::duration, requires = "script", allow_hyphen_values = true)]
+    pub(crate) length: Option<Time>,
+    /// Where the files go [default: out/ and the script's name without its ending]
+    #[arg(long, value_name = "DIR", requires = "script")]
+    pub(crate) out: Option<PathBuf>,
+    /// Print the report as JSON
+    #[arg(long, requires = "script")]
+    pub(crate) json: bool,
+}
+
+pub(crate) fn run(args: &WinchArgs, console: &mut Console<'_>) -> miette::Result<Exit> {
     // Ctrl-C is to stop the axes first.
     interrupt::watch();
     let Some(path) = &args.script else { return by_hand(args, console) };
     // All is read, and refused if need be, before anything moves.
     let script = script::load(path, args.length)?;
     let name = path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned();
-    let options = if args.at.native { Options::default() } else { options_of(args.at.board.as_deref()) };
+    let options = if args.at.native { Options::default() } else { options_of(kind(args)) };
     let folder =
         args.out.clone().unwrap_or_else(|| Path::new("out").join(path.file_stem().unwrap_or(path.as_os_str())));
     std::fs::create_dir_all(&folder).map_err(|error| {
@@ -53,8 +92,10 @@ pub(crate) fn run(args: &Winch, console: &mut Console<'_>) -> miette::Result<Exi
             (run, judged)
         }
         None if args.at.native => virtually(NativeWinch::new(), "native winch", &name, &script, &options, console)?,
-        None if is_pico(args) => virtually(VirtualPico::new(), "virtual Pico", &name, &script, &options, console)?,
-        None => virtually(VirtualUno::with_winch(), "virtual Uno", &name, &script, &options, console)?,
+        None => {
+            let (board, runner) = (kind(args).virtual_board(Role::Winch), virtual_name(args));
+            virtually(board, &runner, &name, &script, &options, console)?
+        }
     };
     let Judged { report, picture } = judged;
     // What the axes did is told also where a file has no room; a script gets one value, and then it is the error.
@@ -108,16 +149,20 @@ fn virtually<B: VirtualBoard>(
     Ok((run, judged))
 }
 
-fn is_pico(args: &Winch) -> bool {
-    args.at.board.as_deref() == Some("pico")
+fn kind(args: &WinchArgs) -> BoardKind {
+    args.at.board.unwrap_or(BoardKind::Uno)
+}
+
+fn virtual_name(args: &WinchArgs) -> String {
+    format!("virtual {}", kind(args).title())
 }
 
 /// How a virtual board is wired, and when it makes its edges.
-fn options_of(board: Option<&str>) -> Options {
-    if board == Some("pico") {
+fn options_of(board: BoardKind) -> Options {
+    if board == BoardKind::Pico {
         return Options::pico();
     }
-    let late = boards::find("uno").map_or(0, |row| row.lateness_ticks);
+    let late = boards::find(board.name()).map_or(0, |row| row.lateness_ticks);
     Options { constant_ticks: PinKind::Shield.constant_ticks().into(), late_ticks: late.into(), ..Options::default() }
 }
 
@@ -186,12 +231,11 @@ fn write_files(run: &Run, folder: &Path, options: &Options, has_edges: bool) -> 
 }
 
 /// A console.
-fn by_hand(args: &Winch, console: &mut Console<'_>) -> miette::Result<Exit> {
+fn by_hand(args: &WinchArgs, console: &mut Console<'_>) -> miette::Result<Exit> {
     match &args.at.port {
         Some(port) => hold(meet_at(port)?, console),
         None if args.at.native => hold(meet(serve::Paced::new(NativeWinch::new()), "native winch")?, console),
-        None if is_pico(args) => hold(meet(serve::Paced::new(VirtualPico::new()), "virtual Pico")?, console),
-        None => hold(meet(serve::Paced::new(VirtualUno::with_winch()), "virtual Uno")?, console),
+        None => hold(meet(serve::Paced::new(kind(args).virtual_board(Role::Winch)), &virtual_name(args))?, console),
     }
 }
 

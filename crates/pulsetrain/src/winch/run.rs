@@ -99,8 +99,9 @@ pub fn on_virtual<B: VirtualBoard>(
 ) -> Result<Run, PortError> {
     // Its clock runs, as it has answered.
     let zero = talk.port().zero().unwrap_or(0);
-    let to_tick = move |at: Duration| ticks(at, B::CYCLES_PER_S) - zero;
-    send(talk, script, watch, |_, _| {}).map(|sent| sent.run(B::CYCLES_PER_S, to_tick))
+    let hz = talk.port().cycles_per_s();
+    let to_tick = move |at: Duration| ticks(at, hz) - zero;
+    send(talk, script, watch, |_, _| {}).map(|sent| sent.run(hz, to_tick))
 }
 
 /// The same on a real board, of which nothing is known but what it says.

@@ -777,7 +777,10 @@ fn what_cannot_be_sent_is_refused_before_anything_moves() {
     let mut session = Session::new(Bench::new(&one, 256), one.clone()).unwrap();
     let earliest = session.earliest();
     assert_eq!(session.change(earliest - 1, one.clone()), Err(SessionError::Early { at: earliest - 1, earliest }));
-    assert_eq!(session.change(earliest, one.clone()), Err(SessionError::Waiting { at: earliest, until: session.zero() + 1 }));
+    assert_eq!(
+        session.change(earliest, one.clone()),
+        Err(SessionError::Waiting { at: earliest, until: session.zero() + 1 })
+    );
     session.advance(session.zero(), &mut |_: Edge| {}).unwrap();
     let latest = session.told();
     assert_eq!(session.change(latest + 1, one.clone()), Err(SessionError::Late { at: latest + 1, latest }));

@@ -1,7 +1,7 @@
 //! The library for programs of one's own on the Pico, on the emulated chip: what it refuses, what it tells, how it stops and begins
 //! again, and how long its interrupts may be kept out.
 
-use pulsetrain_core::verbs::{Course, Verb};
+use pulsetrain_core::verbs::{Heading, Verb};
 use pulsetrain_core::wire::message::Reason;
 use pulsetrain_testkit::mailbox::{Mailbox, Waited};
 use pulsetrain_testkit::pico::TICK_HZ;
@@ -9,7 +9,7 @@ use pulsetrain_testkit::pico::TICK_HZ;
 const MS: u64 = TICK_HZ / 1000;
 const US: u64 = TICK_HZ / 1_000_000;
 
-const BACKWARD: Verb = Verb::Course(Course::Backward);
+const BACKWARD: Verb = Verb::Heading(Heading::Backward);
 
 fn steps(steps: u32) -> Verb {
     Verb::Move { steps }

@@ -4,7 +4,7 @@ use pulsetrain_board::native_verbs::NativeVerbs;
 use pulsetrain_board::virtual_pico::VirtualPico;
 use pulsetrain_board::{Board, Edge, Faults, Lease, Leased, Port, Remote, RemoteError, Setup};
 use pulsetrain_core::output::Sequence;
-use pulsetrain_core::verbs::{Course, Limits, Verb};
+use pulsetrain_core::verbs::{Heading, Limits, Verb};
 use pulsetrain_core::wire::message::{Cause, MotorSetup, Reason, flags};
 use pulsetrain_core::wire::orders::{Obeyed, Orders, order};
 use pulsetrain_core::wire::{Baud, MAX_MOTORS};
@@ -212,9 +212,9 @@ fn random_verb(limits: &Limits, random: &mut Random) -> Verb {
             let longest = if random.one_in(6) { 3 * TICK_HZ } else { shortest << random.between(1, 9) };
             Verb::Speed { ticks: random.between(shortest, longest) }
         }
-        8 => Verb::Course(Course::Stationary),
-        9 => Verb::Course(Course::Forward),
-        10 => Verb::Course(Course::Backward),
+        8 => Verb::Heading(Heading::Stationary),
+        9 => Verb::Heading(Heading::Forward),
+        10 => Verb::Heading(Heading::Backward),
         _ => Verb::Halt,
     }
 }
@@ -272,8 +272,8 @@ fn the_shortest_periods_hold() {
         pair.tell(&all(&|_| Verb::Run)).expect("it can");
         for turn in 0..6 {
             pair.advance(pair.pico.now() + TICK_HZ / 50);
-            let course = if turn % 2 == 0 { Course::Backward } else { Course::Forward };
-            pair.tell(&all(&|_| Verb::Course(course))).expect("it can");
+            let course = if turn % 2 == 0 { Heading::Backward } else { Heading::Forward };
+            pair.tell(&all(&|_| Verb::Heading(course))).expect("it can");
         }
         pair.tell(&all(&|_| Verb::Halt)).expect("it can");
         pair.advance(pair.pico.now() + TICK_HZ / 50);
@@ -487,7 +487,7 @@ fn moves_of_a_host_that_left_are_not_told_to_the_next() {
 #[test]
 fn who_waits_for_a_way_to_go_is_forgotten() {
     let mut pair = Pair::new(&drivers(2));
-    let stands = Verb::Course(Course::Stationary);
+    let stands = Verb::Heading(Heading::Stationary);
     pair.tell(&[(0, stands), (0, Verb::Move { steps: 5 }), (1, stands), (1, Verb::Run)]).expect("it can");
     pair.advance(pair.pico.now() + TICK_HZ / 50);
     let mut next = next_host(pair.pico.close());

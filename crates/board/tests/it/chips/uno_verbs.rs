@@ -4,7 +4,7 @@ use pulsetrain_board::native_verbs::NativeVerbs;
 use pulsetrain_board::virtual_uno::VirtualUno;
 use pulsetrain_board::{Board, Edge, Faults, Lease, Leased, Port, Remote, RemoteError, Setup};
 use pulsetrain_core::Epoch;
-use pulsetrain_core::verbs::{Course, Limits, Verb};
+use pulsetrain_core::verbs::{Heading, Limits, Verb};
 use pulsetrain_core::wire::Baud;
 use pulsetrain_core::wire::message::{Cause, Reason};
 use pulsetrain_core::wire::orders::{Obeyed, Orders, order};
@@ -143,9 +143,9 @@ fn random_verb(limits: &Limits, random: &mut Random) -> Verb {
             let longest = if random.one_in(6) { 3 * TICK_HZ } else { shortest << random.between(1, 9) };
             Verb::Speed { ticks: random.between(shortest, longest) }
         }
-        8 => Verb::Course(Course::Stationary),
-        9 => Verb::Course(Course::Forward),
-        10 => Verb::Course(Course::Backward),
+        8 => Verb::Heading(Heading::Stationary),
+        9 => Verb::Heading(Heading::Forward),
+        10 => Verb::Heading(Heading::Backward),
         _ => Verb::Halt,
     }
 }
@@ -206,8 +206,8 @@ fn the_shortest_periods_hold() {
                 pair.tell(&all(&|_| Verb::Run)).expect("it can");
                 for turn in 0..6 {
                     pair.advance(pair.uno.now() + TICK_HZ / 50);
-                    let course = if turn % 2 == 0 { Course::Backward } else { Course::Forward };
-                    pair.tell(&all(&|_| Verb::Course(course))).expect("it can");
+                    let course = if turn % 2 == 0 { Heading::Backward } else { Heading::Forward };
+                    pair.tell(&all(&|_| Verb::Heading(course))).expect("it can");
                 }
                 pair.tell(&all(&|_| Verb::Halt)).expect("it can");
                 pair.advance(pair.uno.now() + TICK_HZ / 50);

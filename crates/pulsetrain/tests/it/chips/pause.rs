@@ -45,7 +45,8 @@ fn a_pause_on_the_chip_keeps_count_and_phase() {
     let run = |pauses: bool| {
         let mut edges = Vec::new();
         let mut observer = |edge: Edge| edges.push(edge);
-        let mut session = Session::new(connect(VirtualUno::new(), &program, Baud::B1M).unwrap(), program.clone()).unwrap();
+        let mut session =
+            Session::new(connect(VirtualUno::new(), &program, Baud::B1M).unwrap(), program.clone()).unwrap();
         let zero = session.zero();
         let mut at_speed = 0;
         if pauses {

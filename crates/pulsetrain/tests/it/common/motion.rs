@@ -1,6 +1,7 @@
 //! Motions on virtual boards, whole: planned, streamed by a session, every step and edge held against the law.
 
 use super::uno::{Mark, Seen, idle_round};
+use pulsetrain_board::virtual_uno::VirtualUno;
 use pulsetrain_board::{Edge, Observer, Port, Remote, ScheduledStep, Shadowed};
 use pulsetrain_core::Direction;
 use pulsetrain_core::wire::Baud;
@@ -8,7 +9,7 @@ use pulsetrain_core::wire::message::Cause;
 use pulsetrain_motion::pins::PinKind;
 use pulsetrain_motion::program::Motor;
 use pulsetrain_session::control::Event;
-use pulsetrain_session::drive::{Driven, Ended};
+use pulsetrain_session::drive::{Driven, Ended, connect_as};
 use pulsetrain_session::lateness::{Lateness, Meter};
 use pulsetrain_session::prepare::Prepared;
 use pulsetrain_trace::Line;
@@ -258,7 +259,8 @@ pub(crate) fn make_at(
     watch: impl FnMut(f64),
 ) -> Result<Made, String> {
     let kind = PinKind::of(&prepared.program.motors).map_err(|error| error.to_string())?;
-    let mut driven = Driven::virtual_uno(prepared, baud).map_err(|error| error.to_string())?;
+    let mut driven = Driven::with(prepared, |program| connect_as(VirtualUno::new(), program, baud, 1))
+        .map_err(|error| error.to_string())?;
     let idle_round = idle_round(driven.board_mut().port());
     let began = Mark::of(driven.board_mut().port());
     driven.board_mut().port_mut().chip_mut().forget_masked();

@@ -4,14 +4,17 @@ use super::motion::{Followed, follow};
 use super::pico::{COILS, Run, Seen, Timing, stream};
 use pulsetrain::load;
 use pulsetrain_board::virtual_pico::VirtualPico;
-use pulsetrain_board::{Board, Edge, Lease, Leased, Remote, Setup};
+use pulsetrain_board::{Board, Edge, Lease, Leased, Remote, Setup, Shadowed};
 use pulsetrain_core::output::Sequence;
 use pulsetrain_core::wire::Baud;
 use pulsetrain_core::wire::message::{Cause, coil_pins};
 use pulsetrain_core::{Direction, Entry, Epoch, Item, Segment, Tick32};
 use pulsetrain_motion::program::{CoilSequence, Limits, Motor, Program, Scale, Tolerance, Wiring};
 use pulsetrain_motion::{Grid, Law as Motion, Time, boards};
-use pulsetrain_session::drive::{Driven, Pico};
+use pulsetrain_session::drive::{Driven, connect_as};
+
+/// A Pico, and the native board that says which tick each of its steps was scheduled for.
+type Pico = Shadowed<Remote<VirtualPico>>;
 use pulsetrain_session::lateness::Lateness;
 use pulsetrain_session::prepare::Prepared;
 use pulsetrain_testkit::pico::{TICK_HZ, coils};
@@ -345,7 +348,7 @@ fn motion_row(figure: u8, law: &str, prepared: &Prepared, timing: Timing) -> (Ro
         verdict: String::new(),
         reached: 0.0,
     };
-    let mut driven = match Driven::virtual_pico(prepared, Baud::B2M) {
+    let mut driven = match Driven::with(prepared, |program| connect_as(VirtualPico::on_usb(), program, Baud::B2M, 1)) {
         Ok(driven) => driven,
         Err(refused) => return (Row { verdict: format!("FAILS: {refused}"), ..row }, None),
     };

@@ -82,6 +82,8 @@ const GIVEN_UP: Duration = Duration::from_millis(2500);
 
 /// A virtual board with a firmware.
 pub(crate) trait Chip: VirtualBoard + Clone {
+    /// Ticks of its clock in a second.
+    const CYCLES_PER_S: u64;
     /// As motion files have it.
     const NAME: &str;
     /// STEP and DIR of each motor.
@@ -91,6 +93,7 @@ pub(crate) trait Chip: VirtualBoard + Clone {
 }
 
 impl Chip for VirtualUno {
+    const CYCLES_PER_S: u64 = pulsetrain_board::virtual_uno::CYCLES_PER_S;
     const NAME: &str = "uno";
     const PINS: [(u8, u8); 2] = [(9, 8), (10, 7)];
 
@@ -105,6 +108,7 @@ impl Chip for VirtualUno {
 }
 
 impl Chip for VirtualPico {
+    const CYCLES_PER_S: u64 = pulsetrain_board::virtual_pico::CYCLES_PER_S;
     const NAME: &str = "pico";
     const PINS: [(u8, u8); 2] = [(2, 3), (4, 5)];
 
@@ -131,6 +135,7 @@ impl Chip for VirtualPico {
 
 /// One whose clock is off.
 impl<P: Chip> Chip for Skewed<P> {
+    const CYCLES_PER_S: u64 = P::CYCLES_PER_S;
     const NAME: &str = P::NAME;
     const PINS: [(u8, u8); 2] = P::PINS;
 

@@ -10,12 +10,12 @@
 //!
 //! All that a line says holds from the same tick on, and the answer says which. docs/pico.md has what the verbs mean.
 //!
-//! Lines are cut, and their checksums compared, by the winch's [`Reader`](crate::winch::text::Reader), which knows none of these
+//! Lines are cut, and their checksums compared, by the winch's [`Reader`](super::text::Reader), which knows none of these
 //! words.
 
-use super::{Course, Verb};
-use crate::winch::AXES;
-use crate::winch::text::What;
+use super::AXES;
+use super::text::What;
+use crate::verbs::{Heading, Verb};
 use crate::wire::Refusal;
 use crate::wire::message::Reason;
 use crate::wire::orders::{ORDER_LEN, Obeyed, Orders, order};
@@ -56,7 +56,7 @@ impl Told {
 /// Reads a line, without its end and its checksum.
 ///
 /// ```
-/// use pulsetrain_core::verbs::text::{Read, read};
+/// use pulsetrain_core::winch::verb_lines::{Read, read};
 /// use pulsetrain_core::verbs::Verb;
 /// use pulsetrain_core::winch::text::What;
 /// let Read::Told(told) = read(b"move xz 100 8") else { panic!() };
@@ -135,9 +135,9 @@ fn verb(name: &[u8], value: &[u8]) -> Result<Verb, What> {
         number = number.saturating_mul(10).saturating_add(digit.into());
     }
     match (name, is_negative && number != 0, number) {
-        (b"dir", false, 0) => Ok(Verb::Course(Course::Stationary)),
-        (b"dir", false, 1) => Ok(Verb::Course(Course::Forward)),
-        (b"dir", true, 1) => Ok(Verb::Course(Course::Backward)),
+        (b"dir", false, 0) => Ok(Verb::Heading(Heading::Stationary)),
+        (b"dir", false, 1) => Ok(Verb::Heading(Heading::Forward)),
+        (b"dir", true, 1) => Ok(Verb::Heading(Heading::Backward)),
         (b"speed", false, ticks) => Ok(Verb::Speed { ticks }),
         (b"move", false, steps) => u32::try_from(steps).map(|steps| Verb::Move { steps }).map_err(|_| What::Range),
         _ => Err(What::Range),
@@ -189,7 +189,7 @@ impl Reply {
     /// Writes it, with CR LF, and says how many bytes it has; [`LONGEST`] at most.
     ///
     /// ```
-    /// use pulsetrain_core::verbs::text::{LONGEST, Reply};
+    /// use pulsetrain_core::winch::verb_lines::{LONGEST, Reply};
     /// let mut line = [0; LONGEST];
     /// let len = Reply::Done { axis: 3, tick: u64::MAX, number: 7 }.write(&mut line);
     /// assert_eq!(line[..len], *b"done a 18446744073709551615 7\r\n");

@@ -1,0 +1,191 @@
+//! Arguments that several commands have, and how their values are read.
+
+use std::path::PathBuf;
+
+use clap::builder::{PossibleValuesParser, TypedValueParser};
+use clap::{ArgGroup, Args};
+use pulsetrain_board::BoardKind;
+use pulsetrain_core::wire::Baud;
+use pulsetrain_motion::quantity::{Base, Quantity};
+use pulsetrain_motion::{Time, boards, full_steps};
+use pulsetrain_session::estimate::{Estimate, Task};
+use pulsetrain_session::prepare::{Prepared, WORST_CLOCK_PPM};
+
+use crate::consent::{self, Consent};
+use crate::console::Console;
+use crate::diagnostic::advised;
+use crate::load;
+
+/// A motion file, and how much of it.
+#[derive(Args, Debug)]
+pub(crate) struct Motion {
+    /// Motion file (TOML)
+    pub(crate) file: PathBuf,
+    /// Hold the motion against this board's limits instead of the file's
+    #[arg(long, value_name = "BOARD", value_parser = board)]
+    pub(crate) board: Option<String>,
+    /// How much of an endless motion, with its unit; the planned stop comes after [default: "10 s"]
+    #[arg(long = "for", value_name = "TIME", value_parser = duration, allow_hyphen_values = true)]
+    pub(crate) length: Option<Time>,
+    /// Go on with a motion that takes long to plan or to run, or makes large files, without being asked
+    #[arg(long)]
+    pub(crate) yes: bool,
+}
+
+impl Motion {
+    /// The motion, `self.length` of it, if it is of usual length or meant to be long. Nobody is asked about one that is refused at once.
+    pub(crate) fn prepare(&self, task: Task, json: bool, console: &mut Console<'_>) -> miette::Result<Prepared> {
+        let prepared = load::endless(&self.file, self.board.as_deref())?;
+        if !self.yes && Estimate::of(&prepared, self.length, task).is_much() {
+            prepared.begins().map_err(advised)?;
+        }
+        self.agreed(prepared, task, json, console)
+    }
+
+    /// The same of one that may be refused: what is wrong is what is to be shown.
+    pub(crate) fn prepare_any(&self, task: Task, json: bool, console: &mut Console<'_>) -> miette::Result<Prepared> {
+        self.agreed(load::endless(&self.file, self.board.as_deref())?, task, json, console)
+    }
+
+    fn agreed(
+        &self,
+        prepared: Prepared,
+        task: Task,
+        json: bool,
+        console: &mut Console<'_>,
+    ) -> miette::Result<Prepared> {
+        consent::agree(&prepared, Consent { length: self.length, task, yes: self.yes, json }, console)?;
+        prepared.ending(self.length).map_err(advised)
+    }
+}
+
+/// Which board is asked.
+#[derive(Args, Debug)]
+#[command(group = ArgGroup::new("asked").args(["port", "board"]).required(true))]
+pub(crate) struct At {
+    /// The board at this serial port
+    #[arg(long, value_name = "PORT")]
+    pub(crate) port: Option<String>,
+    /// A virtual one
+    #[arg(long, value_name = "BOARD", value_parser = board_kind())]
+    pub(crate) board: Option<BoardKind>,
+    /// Rate of the line, once the board is found
+    #[arg(long, value_name = "BAUD", value_parser = baud, default_value = "1000000")]
+    pub(crate) baud: Baud,
+    /// Print what it says as JSON
+    #[arg(long)]
+    pub(crate) json: bool,
+}
+
+/// Which board is talked to.
+#[derive(Args, Debug)]
+#[group(required = true, multiple = false)]
+pub(crate) struct WinchAt {
+    /// The board at this serial port; opening it resets an Uno
+    #[arg(long, value_name = "PORT")]
+    pub(crate) port: Option<String>,
+    /// A virtual one
+    #[arg(long, value_name = "BOARD", value_parser = board_kind())]
+    pub(crate) board: Option<BoardKind>,
+    /// This computer's own path generator, without a chip
+    #[arg(long)]
+    pub(crate) native: bool,
+}
+
+#[derive(Args, Debug)]
+pub(crate) struct Table {
+    /// Print the table as JSON
+    #[arg(long)]
+    pub(crate) json: bool,
+}
+
+/// A board with a firmware.
+pub(crate) fn board_kind() -> impl TypedValueParser<Value = BoardKind> {
+    PossibleValuesParser::new(BoardKind::NAMES).try_map(|name| BoardKind::named(&name).ok_or("no such board"))
+}
+
+pub(crate) fn board(name: &str) -> Result<String, String> {
+    let names = boards::table().into_iter().map(|row| row.board.name);
+    match (boards::find(name), boards::renamed(name)) {
+        (Some(row), _) => Ok(row.board.name),
+        (None, Some(board)) => Err(format!("say {board}: its firmware has these rates now")),
+        (None, None) => Err(format!("no such board; there are {}", names.collect::<Vec<_>>().join(", "))),
+    }
+}
+
+/// What a capture calls a line, and what it is: "Channel 0=wheel.step".
+pub(crate) fn channel(text: &str) -> Result<(String, String), String> {
+    match text.rsplit_once('=') {
+        Some((from, to)) if !from.is_empty() && !to.is_empty() => Ok((from.to_owned(), to.to_owned())),
+        _ => Err("write it like \"Channel 0=wheel.step\"".into()),
+    }
+}
+
+/// A positive quantity of one kind.
+pub(crate) fn positive(text: &str, base: Base, example: &str) -> Result<Quantity, String> {
+    measured(text, (base, 0), example)
+}
+
+pub(crate) fn measured(text: &str, kind: (Base, u8), example: &str) -> Result<Quantity, String> {
+    let quantity = Quantity::parse(text).map_err(|error| format!("{error}; write it like \"{example}\""))?;
+    if (quantity.base, quantity.per_seconds) != kind {
+        return Err(format!("this is {}; write it like \"{example}\"", quantity.kind()));
+    }
+    if quantity.value > 0.0 {
+        Ok(quantity)
+    } else {
+        let what = if kind == (Base::Time, 0) { "a time above 0" } else { "more than 0" };
+        Err(format!("it must be {what}; write it like \"{example}\""))
+    }
+}
+
+/// Full steps in a revolution.
+pub(crate) fn steps_per_rev(text: &str) -> Result<u32, String> {
+    let number = text.parse::<f64>().map_err(|_| "write a whole number, like 200".to_owned())?;
+    full_steps::checked(number).map_err(|error| format!("{error}; {}", error.advice()))
+}
+
+pub(crate) fn baud(text: &str) -> Result<Baud, String> {
+    let rates = Baud::ALL.map(|baud| baud.rate().to_string());
+    let found = Baud::ALL.into_iter().zip(&rates).find(|(_, rate)| *rate == text);
+    found.map(|(baud, _)| baud).ok_or_else(|| format!("the rates are {}", rates.join(", ")))
+}
+
+pub(crate) fn clock_ppm(text: &str) -> Result<f64, String> {
+    let ppm = text.parse::<f64>().map_err(|_| "write a number, like -1250".to_owned())?;
+    if ppm.abs() <= WORST_CLOCK_PPM {
+        Ok(ppm)
+    } else {
+        Err(format!("no board's clock is off by more than {WORST_CLOCK_PPM} ppm"))
+    }
+}
+
+pub(crate) fn duration(text: &str) -> Result<Time, String> {
+    let quantity = positive(text, Base::Time, "60 s")?;
+    quantity.time().ok_or_else(|| "this is not a time".into())
+}
+
+/// A time that a board keeps, ms; 0 is off.
+pub(crate) fn kept_time(text: &str) -> Result<u16, String> {
+    if text == "off" {
+        return Ok(0);
+    }
+    let ms = (duration(text)?.seconds() * 1000.0).round();
+    if (1.0..=65_535.0).contains(&ms) { Ok(ms as u16) } else { Err("a board keeps 1 ms to 65.535 s, or off".into()) }
+}
+
+pub(crate) fn frequency(text: &str) -> Result<f64, String> {
+    measured(text, (Base::Cycle, 1), "25 MHz").map(|quantity| quantity.value)
+}
+
+pub(crate) fn inductance(text: &str) -> Result<f64, String> {
+    positive(text, Base::Inductance, "50mH").map(|quantity| quantity.value)
+}
+
+pub(crate) fn current(text: &str) -> Result<f64, String> {
+    positive(text, Base::Current, "0.135A").map(|quantity| quantity.value)
+}
+
+pub(crate) fn voltage(text: &str) -> Result<f64, String> {
+    positive(text, Base::Voltage, "12V").map(|quantity| quantity.value)
+}
