@@ -266,7 +266,7 @@ fn majorant(c: &[f64; 8], x: f64) -> f64 {
     c[1..].iter().rev().fold(0.0, |sum, c| (sum + c.abs()) * x)
 }
 
-/// Bound on |Q(y) − t(n)| for |y| ≤ reach (facts: 2 and 3 of the proof in ARCHITECTURE.md, "Why a plan is right").
+/// Bound on |Q(y) − t(n)| for |y| ≤ reach (facts: 2 and 3 of the proof in docs/design/proof.md).
 ///
 /// `outside` is how far Q leaves the interval on which the law's eighth coefficient is bounded.
 fn reverted_remainder(c: &Jet, q: &[f64; 8], eighth: f64, rounding: &Jet, reach: f64, outside: f64) -> f64 {

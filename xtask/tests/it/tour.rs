@@ -146,7 +146,7 @@ impl Checker<'_> {
         if let Some(line) = line {
             let Some(ident) = ident else { return wrong(format!("{target} says no name in its text"), None) };
             let source = std::fs::read_to_string(self.root.join(&file)).unwrap_or_default();
-            if source.lines().nth(line - 1).is_some_and(|line| has_word(line, ident) && !is_comment(line)) {
+            if source.lines().nth(line - 1).is_some_and(|line| has_word(line, ident) && !only_mentions(line)) {
                 return None;
             }
             return match self.defined(&file, link.text, ident, line) {
@@ -230,7 +230,7 @@ impl Checker<'_> {
 /// How well a line of code defines `ident`: 0 is best.
 fn defines(code: &str, ident: &str) -> Option<u8> {
     let code = code.trim_start();
-    if !has_word(code, ident) || is_comment(code) {
+    if !has_word(code, ident) || only_mentions(code) {
         return None;
     }
     const KEYWORDS: [&str; 10] =
@@ -248,8 +248,10 @@ fn defines(code: &str, ident: &str) -> Option<u8> {
     Some(3)
 }
 
-fn is_comment(code: &str) -> bool {
-    code.trim_start().starts_with("//")
+/// Whether a line of code defines nothing: a comment, or what an assembler is told of a name.
+fn only_mentions(code: &str) -> bool {
+    const MENTIONS: [&str; 5] = ["//", ".global", ".section", ".type", ".size"];
+    MENTIONS.iter().any(|begin| code.trim_start().starts_with(begin))
 }
 
 struct Link<'a> {
