@@ -48,8 +48,10 @@ impl<B: VirtualBoard, C: Client, W: Write> Service<B, C, W> {
     /// When the trace cannot be begun.
     pub fn new(board: B, client: C, trace: Option<W>) -> io::Result<Service<B, C, W>> {
         let lines: Vec<Line> = board.traced().map(|pin| Line::named(format!("pin{pin}"))).collect();
-        let trace =
-            trace.map(|out| vcd_file::EdgeWriter::new(out, board.cycles_per_s(), &lines)).transpose().map_err(untraced)?;
+        let trace = trace
+            .map(|out| vcd_file::EdgeWriter::new(out, board.cycles_per_s(), &lines))
+            .transpose()
+            .map_err(untraced)?;
         let (bytes, edges) = (Vec::new(), Vec::new());
         Ok(Service { board, client, trace, present: false, clients: 0, bytes, edges })
     }

@@ -163,7 +163,11 @@ fn options_of(board: BoardKind) -> WinchOptions {
         return WinchOptions::pico();
     }
     let late = boards::find(board.name()).map_or(0, |row| row.lateness_ticks);
-    WinchOptions { constant_ticks: PinKind::Shield.constant_ticks().into(), late_ticks: late.into(), ..WinchOptions::default() }
+    WinchOptions {
+        constant_ticks: PinKind::Shield.constant_ticks().into(),
+        late_ticks: late.into(),
+        ..WinchOptions::default()
+    }
 }
 
 /// A board that speaks text, and what it calls itself.
