@@ -9,7 +9,7 @@
 //! - [`native_verbs`]: the same with motors that are told directly
 //! - [`remote`]: a board at the other end of a [`Port`], through `link`, the host's side of docs/protocol.md
 //! - `serial`: a real serial port, in real time (behind the feature of that name); [`stk500`]: an Uno's bootloader, at any port
-//! - [`shadow`]: any board beside a native one that is told the same: what was scheduled, and what came of it
+//! - [`reference`]: any board beside a native one that is told the same: what was scheduled, and what came of it
 //! - [`virtual_uno`], [`virtual_pico`]: the Uno's and the Pico's firmware on an emulated chip, as such a port; `bridge`: the Uno's
 //!   USB, as far as time goes
 //! - [`native_winch`]: StepperWinch's text with core's own code instead of a firmware, as such a port
@@ -31,12 +31,12 @@ pub mod native;
 pub mod native_verbs;
 pub mod native_winch;
 mod packer;
+pub mod reference;
 pub mod registry;
 pub mod remote;
 pub mod replay;
 #[cfg(feature = "serial")]
 pub mod serial;
-pub mod shadow;
 pub mod shared;
 mod sizer;
 pub mod skewed;
@@ -111,14 +111,14 @@ pub trait Board {
     ///
     /// # Errors
     /// When it cannot be asked.
-    fn fared(&mut self) -> Result<Fared, RemoteError> {
-        Ok(Fared { positions: self.positions(), last_stop: Cause::Finished, reset: None })
+    fn settle(&mut self) -> Result<AtRest, RemoteError> {
+        Ok(AtRest { positions: self.positions(), last_stop: Cause::Finished, reset: None })
     }
 }
 
 /// How a board fared, by its own word.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Fared {
+pub struct AtRest {
     /// Steps forward minus steps backward of each motor; from 0 on, if it was reset.
     pub positions: Vec<i64>,
     /// Why its motors stopped last.
@@ -191,9 +191,9 @@ pub use native::{
     Config, Edge, Faults, MotorConfig, Native, Observer, ScheduledStep, StopReport, SwitchRefused, Wiring,
 };
 pub use pulsetrain_emulator::{hex, image};
+pub use reference::WithReference;
 pub use registry::BoardKind;
 pub use remote::{Port, PortError, Remote, RemoteError, Setup};
 #[cfg(feature = "serial")]
 pub use serial::Serial;
-pub use shadow::Shadowed;
 pub use sizer::Sizer;

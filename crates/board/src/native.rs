@@ -219,7 +219,7 @@ pub struct Faults {
 #[derive(Clone, Debug)]
 pub struct Native {
     engine: Box<dyn Engine>,
-    motors: Vec<Motor>,
+    motors: Vec<NativeMotor>,
     /// The longest set-up or pulse: an axis is committed no further ahead, ticks.
     committed_ticks: u64,
     /// The first tick that has not been passed.
@@ -232,7 +232,7 @@ pub struct Native {
 
 /// What the board remembers of a motor beyond its axis.
 #[derive(Clone, Debug)]
-struct Motor {
+struct NativeMotor {
     position: i64,
     pull_in_ticks: u64,
     /// Ticks of the last step and the one before.
@@ -268,7 +268,7 @@ impl Native {
         let motors = config
             .motors
             .iter()
-            .map(|motor| Motor { position: 0, pull_in_ticks: motor.pull_in_ticks, last: [None; 2] })
+            .map(|motor| NativeMotor { position: 0, pull_in_ticks: motor.pull_in_ticks, last: [None; 2] })
             .collect();
         let longest = config.motors.iter().map(|motor| motor.wiring.longest_ticks()).max();
         Ok(Native { engine, motors, committed_ticks: longest.map_or(0, u64::from), now: 0, lapsed: None, extended: 0 })
@@ -561,7 +561,7 @@ impl Native {
 /// Counts for the board and tells the observer.
 struct Watch<'a, O> {
     now: u64,
-    motors: &'a mut [Motor],
+    motors: &'a mut [NativeMotor],
     observer: &'a mut O,
 }
 
@@ -636,15 +636,15 @@ impl Clone for Box<dyn Engine> {
 
 /// A motor's queue: as [`pulsetrain_core::Queue`], on the heap.
 #[derive(Clone, Debug)]
-struct Waiting {
+struct NativeQueue {
     entries: VecDeque<Entry>,
     /// Entries that it holds.
     most: usize,
 }
 
-impl Waiting {
-    const fn new(most: usize) -> Waiting {
-        Waiting { entries: VecDeque::new(), most }
+impl NativeQueue {
+    const fn new(most: usize) -> NativeQueue {
+        NativeQueue { entries: VecDeque::new(), most }
     }
 
     fn push(&mut self, entry: Entry) -> Result<(), Entry> {
@@ -664,7 +664,7 @@ impl Waiting {
     }
 }
 
-impl Items for Waiting {
+impl Items for NativeQueue {
     fn has(&self, epoch: Epoch) -> bool {
         self.entries.front().is_some_and(|entry| entry.epoch == epoch)
     }
@@ -723,7 +723,7 @@ struct Axes<const F: u32> {
 
 #[derive(Clone, Debug)]
 struct Motors<const F: u32> {
-    axes: Vec<Axis<F, Waiting>>,
+    axes: Vec<Axis<F, NativeQueue>>,
     sharing: Sharing,
     lines: Vec<SharedLine>,
     /// Edges of motors whose turn came before that of the one that was asked for.
@@ -732,13 +732,13 @@ struct Motors<const F: u32> {
 
 impl<const F: u32> Axes<F> {
     fn new(outputs: Vec<Output>, most: usize, sharing: Sharing) -> Axes<F> {
-        let axes: Vec<_> = outputs.into_iter().map(|output| Axis::new(output, Waiting::new(most))).collect();
+        let axes: Vec<_> = outputs.into_iter().map(|output| Axis::new(output, NativeQueue::new(most))).collect();
         let lines = sharing.apart_ticks.iter().copied().map(SharedLine::new).collect();
         let ready = vec![VecDeque::new(); axes.len()];
         Axes { motors: Motors { axes, sharing, lines, ready }, merge: Merge::new() }
     }
 
-    fn axes(&self) -> &[Axis<F, Waiting>] {
+    fn axes(&self) -> &[Axis<F, NativeQueue>] {
         &self.motors.axes
     }
 
@@ -929,7 +929,7 @@ impl<const F: u32> Engine for Axes<F> {
     }
 
     fn stop(&mut self) -> Vec<bool> {
-        let stop = |axis: &mut Axis<F, Waiting>| {
+        let stop = |axis: &mut Axis<F, NativeQueue>| {
             let going = !axis.channel().is_idle(axis.queue());
             axis.stop();
             going

@@ -83,12 +83,12 @@ pub struct NativeWinch {
     /// Edges to come, the earliest first.
     planned: BinaryHeap<Reverse<(u64, u8, bool)>>,
     edges: Vec<Edge>,
-    line: Line,
+    line: SerialLine,
 }
 
 /// The serial line; ticks are those of [`NativeWinch::now`].
 #[derive(Clone, Debug)]
-struct Line {
+struct SerialLine {
     baud: Baud,
     /// Bytes on their way to the board, and when each is there.
     coming: VecDeque<(u64, u8)>,
@@ -108,7 +108,7 @@ impl NativeWinch {
     /// One that has just been plugged in: it says `awake`, and its drivers are off.
     #[must_use]
     pub fn new() -> NativeWinch {
-        let line = Line {
+        let line = SerialLine {
             baud: Baud::B115200,
             coming: VecDeque::new(),
             going: VecDeque::new(),
@@ -363,7 +363,7 @@ impl NativeWinch {
     }
 }
 
-impl Line {
+impl SerialLine {
     fn byte_ticks(&self) -> u64 {
         10 * bit_cycles(self.baud.rate())
     }
@@ -386,7 +386,7 @@ impl Line {
 
 impl VirtualBoard for NativeWinch {
     fn reset(&mut self) {
-        let NativeWinch { now, line: Line { baud, .. }, .. } = *self;
+        let NativeWinch { now, line: SerialLine { baud, .. }, .. } = *self;
         *self = NativeWinch::new();
         (self.now, self.zero, self.line.baud) = (now, now, baud);
         (self.line.busy_to_board, self.line.busy_to_host) = (now, now);

@@ -9,7 +9,7 @@
 use crate::lease::{ExtendRefused, Lease, LeaseState, Leased, TrimRefused};
 use crate::link::{Answer, BITS, Link, LinkError};
 use crate::packer::{MAX_LEN, Packer};
-use crate::{Board, BoardClock, Edge, Fared, Faults, Observer, Sizer, StopReport, SwitchRefused};
+use crate::{AtRest, Board, BoardClock, Edge, Faults, Observer, Sizer, StopReport, SwitchRefused};
 use pulsetrain_core::braking::Limit;
 use pulsetrain_core::lease;
 use pulsetrain_core::packing::Packing;
@@ -362,7 +362,7 @@ impl Setup {
 
 /// An item in a board's queue.
 #[derive(Clone, Copy, Debug)]
-struct Waiting {
+struct QueuedItem {
     epoch: Epoch,
     /// When the board has taken it at the latest, if its switches are those that were accepted.
     until: u64,
@@ -373,7 +373,7 @@ struct Waiting {
 
 /// One motor, as far as the host remembers it.
 #[derive(Clone, Debug)]
-struct Motor {
+struct RemoteQueue {
     packing: Packing,
     /// Bytes of its queue.
     capacity: usize,
@@ -383,7 +383,7 @@ struct Motor {
     /// Packed, but not sent.
     packed: Vec<u8>,
     /// What the board may not have taken yet, in order.
-    waiting: VecDeque<Waiting>,
+    waiting: VecDeque<QueuedItem>,
     position: i64,
     faults: u8,
 }
@@ -395,7 +395,7 @@ pub struct Remote<P> {
     link: Link,
     info: Info,
     clock: BoardClock,
-    motors: Vec<Motor>,
+    motors: Vec<RemoteQueue>,
     epoch: Epoch,
     /// As far as the board has confirmed it.
     lease: LeaseState,
@@ -536,7 +536,7 @@ impl<P: Port> Remote<P> {
             return Err(RemoteError::Nonsense);
         }
         let fraction_bits = u32::from(self.info.fraction_bits);
-        let motor = |(motor, bytes): (&MotorSetup, &u16)| Motor {
+        let motor = |(motor, bytes): (&MotorSetup, &u16)| RemoteQueue {
             packing: Packing { fraction_bits, gain: motor.gain },
             capacity: usize::from(*bytes),
             epoch: None,
@@ -815,7 +815,7 @@ impl<P: Port> Remote<P> {
         if let Some(baud) = self.link.take_rate() {
             self.port.set_baud(baud)?;
         }
-        let portion = self.portion();
+        let portion = self.frame_budget();
         if portion == usize::MAX || now >= self.next_portion {
             self.port.send(&self.outbox[..portion.min(self.outbox.len())])?;
             self.outbox.drain(..portion.min(self.outbox.len()));
@@ -1035,7 +1035,7 @@ impl<P: Port> Remote<P> {
 
     /// How many bytes go out at once. The more the board has to do, the fewer, and not as fast as the line takes
     /// them: each keeps an Uno from its steps.
-    fn portion(&self) -> usize {
+    fn frame_budget(&self) -> usize {
         let tick = self.now();
         let least = self.motors.iter().map(|motor| motor.has(tick, self.epoch)).min().unwrap_or(0);
         let few = usize::from(self.info.pool) / PORTIONS;
@@ -1082,7 +1082,7 @@ impl<P: Port> Remote<P> {
     }
 }
 
-impl Motor {
+impl RemoteQueue {
     fn flush(&mut self, index: u8, link: &mut Link, now: Duration) {
         if let (Some(epoch), false) = (self.epoch, self.packed.is_empty()) {
             link.send(index, epoch, &self.packed, now);
@@ -1169,7 +1169,7 @@ impl<P: Port> Board for Remote<P> {
         let until =
             |begins: Tick32| tick.saturating_add_signed(begins.0.wrapping_sub(tick as u32).cast_signed().into());
         let until = until(begins);
-        motor.waiting.push_back(Waiting { epoch: entry.epoch, until, len, before });
+        motor.waiting.push_back(QueuedItem { epoch: entry.epoch, until, len, before });
         motor.packed.extend_from_slice(&bytes[..len]);
         self.tell();
         Ok(())
@@ -1282,7 +1282,7 @@ impl<P: Port> Board for Remote<P> {
         self.error()
     }
 
-    fn fared(&mut self) -> Result<Fared, RemoteError> {
+    fn settle(&mut self) -> Result<AtRest, RemoteError> {
         let clock = self.clock.clone();
         let is_lost = self.link.error().is_some();
         if is_lost {
@@ -1319,7 +1319,7 @@ impl<P: Port> Board for Remote<P> {
                 self.info.last_stop
             }
         };
-        Ok(Fared { positions, last_stop, reset: was_reset.then_some(self.info.last_reset) })
+        Ok(AtRest { positions, last_stop, reset: was_reset.then_some(self.info.last_reset) })
     }
 }
 
@@ -1400,7 +1400,7 @@ impl<P: Port> Leased for Remote<P> {
         }
         for ((index, motor), (len, count)) in (0..).zip(&mut self.motors).zip(lens.into_iter().zip(items)) {
             let kept = motor.waiting.len().saturating_sub(*count);
-            if let Some(Waiting { before, .. }) = motor.waiting.drain(kept..).next() {
+            if let Some(QueuedItem { before, .. }) = motor.waiting.drain(kept..).next() {
                 (motor.epoch, motor.packer) = before;
             }
             self.link.freed(index, len);
@@ -1425,7 +1425,7 @@ impl<P: Port> Leased for Remote<P> {
         self.link.withdraw();
         let sent = self.link.extending();
         self.link.forget_extensions();
-        self.motors.iter_mut().for_each(Motor::forget);
+        self.motors.iter_mut().for_each(RemoteQueue::forget);
         self.tell();
         let Ok(Answer { reply: Reply::Braked { tick }, .. }) = self.ask(&Command::Brake) else { return None };
         self.judge_extensions(sent, tick);

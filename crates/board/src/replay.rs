@@ -51,14 +51,14 @@ impl Start {
 #[derive(Clone, Debug)]
 pub struct Replay<'a> {
     motors: Vec<Walk<'a>>,
-    lines: Vec<Line>,
+    lines: Vec<DirLine>,
     fraction_bits: u32,
     registers: RegisterLimits,
     until: Option<u64>,
 }
 
 #[derive(Clone, Debug)]
-struct Line {
+struct DirLine {
     apart_ticks: u64,
     last: Option<(u64, bool)>,
 }
@@ -114,7 +114,7 @@ impl<'a> Replay<'a> {
             let members = members.filter(|((own, _), _)| *own == line);
             members.map(|((_, high), (tick, direction))| (tick, (direction == Direction::Forward) == high)).max()
         };
-        let line = |(line, ticks): (usize, &u64)| Line { apart_ticks: *ticks, last: last_of(line) };
+        let line = |(line, ticks): (usize, &u64)| DirLine { apart_ticks: *ticks, last: last_of(line) };
         let lines = apart_ticks.iter().enumerate().map(line).collect();
         Replay { motors, lines, fraction_bits, registers: RegisterLimits::with_fraction_bits(fraction_bits), until }
     }
@@ -138,7 +138,7 @@ impl Iterator for Replay<'_> {
             .map(|(line, forward_high)| (&mut lines[line], (direction == Direction::Forward) == forward_high));
         if walk.stop != Stop::NotYet {
             tick = tick.max(walk.open);
-            if let Some((Line { apart_ticks, last: Some((last, now)) }, level)) = &line
+            if let Some((DirLine { apart_ticks, last: Some((last, now)) }, level)) = &line
                 && now != level
             {
                 tick = tick.max(*last + *apart_ticks);

@@ -60,7 +60,7 @@ pub enum PicoError {
 
 /// The ways to a Pico; it has both at once.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum Line {
+pub enum PicoPort {
     /// UART0 on GPIO 0 and 1, through a USB adapter.
     Uart,
     /// Its own USB port.
@@ -71,9 +71,9 @@ pub enum Line {
 #[derive(Clone)]
 pub struct VirtualPico {
     chip: Rp2040,
-    outside: Outside,
+    outside: PicoOutputs,
     /// The one that it is a [`Port`] by.
-    line: Line,
+    line: PicoPort,
     /// The cycle of the firmware's tick 0.
     zero: u64,
     /// The rate of the adapter, and the one that it changes to at a cycle.
@@ -85,14 +85,14 @@ pub struct VirtualPico {
 
 /// What leaves the chip, until it is fetched.
 #[derive(Clone, Default)]
-struct Outside {
+struct PicoOutputs {
     edges: Vec<GpioEdge>,
     bytes: VecDeque<UartByte>,
     /// What the PC took over USB, and when.
     packets: VecDeque<(u64, Vec<u8>)>,
 }
 
-impl Observer for Outside {
+impl Observer for PicoOutputs {
     fn gpio(&mut self, edge: GpioEdge) {
         self.edges.push(edge);
     }
@@ -124,7 +124,7 @@ impl VirtualPico {
     /// # Errors
     /// [`PicoError::NoUsb`] if it is no USB serial port.
     pub fn opened(mut self) -> Result<VirtualPico, PicoError> {
-        self.line = Line::Usb;
+        self.line = PicoPort::Usb;
         self.chip.usb_plug(true);
         self.chip.usb_open(true);
         let end = self.chip.cycle() + ENUMERATION;
@@ -152,8 +152,8 @@ impl VirtualPico {
     pub fn with_flash(flash: &[u8]) -> Result<VirtualPico, PicoError> {
         let mut pico = VirtualPico {
             chip: Rp2040::new(flash)?,
-            outside: Outside::default(),
-            line: Line::Uart,
+            outside: PicoOutputs::default(),
+            line: PicoPort::Uart,
             zero: 0,
             baud: Baud::B115200,
             next_baud: None,
@@ -194,8 +194,8 @@ impl VirtualPico {
     }
 
     /// Hands over bytes on one of its lines, whichever it is a [`Port`] by.
-    pub fn send_on(&mut self, line: Line, bytes: &[u8]) {
-        if line == Line::Usb {
+    pub fn send_on(&mut self, line: PicoPort, bytes: &[u8]) {
+        if line == PicoPort::Usb {
             self.chip.usb_send(bytes);
             return;
         }
@@ -211,7 +211,7 @@ impl VirtualPico {
 
     /// Lets time pass until `until`, or until bytes have come on one of its lines; appends them to `into`. What comes on the
     /// other waits.
-    pub fn receive_on(&mut self, line: Line, until: Duration, into: &mut Vec<u8>) {
+    pub fn receive_on(&mut self, line: PicoPort, until: Duration, into: &mut Vec<u8>) {
         let until = u64::try_from(until.as_nanos().div_ceil(8)).unwrap_or(u64::MAX).saturating_add(self.zero);
         let had = into.len();
         // What has come while time passed for the other line.
@@ -227,8 +227,8 @@ impl VirtualPico {
     }
 
     /// Takes what has come on a line by `cycle`; through the adapter, if it was sent at its rate.
-    fn fetch(&mut self, line: Line, cycle: u64, into: &mut Vec<u8>) {
-        if line == Line::Usb {
+    fn fetch(&mut self, line: PicoPort, cycle: u64, into: &mut Vec<u8>) {
+        if line == PicoPort::Usb {
             while let Some((_, packet)) = self.outside.packets.pop_front_if(|(end, _)| *end <= cycle) {
                 into.extend(packet);
             }
@@ -284,7 +284,7 @@ impl VirtualBoard for VirtualPico {
 
     /// Opens its own USB port anew, which the firmware hears of (DTR) and nothing is reset by; an adapter at the UART tells nothing.
     fn reset(&mut self) {
-        if self.line == Line::Usb {
+        if self.line == PicoPort::Usb {
             for open in [false, true] {
                 self.outside.packets.clear();
                 self.chip.usb_open(open);

@@ -74,7 +74,7 @@ pub fn baked_image() -> Vec<u8> {
 #[derive(Clone)]
 pub struct VirtualUno {
     chip: Atmega328p,
-    outside: Outside,
+    outside: UnoOutputs,
     /// The cycle of the firmware's tick 0, once its clock runs.
     zero: Option<u64>,
     /// The rate of the bridge, bits a second, and the one that it changes to at a cycle.
@@ -112,14 +112,14 @@ pub enum BootloaderError {
 
 /// What leaves the chip, until it is fetched.
 #[derive(Clone, Default)]
-struct Outside {
+struct UnoOutputs {
     edges: Vec<PinEdge>,
     bytes: VecDeque<UartByte>,
     /// A reset of its own: its clock begins again.
     reset: bool,
 }
 
-impl Observer for Outside {
+impl Observer for UnoOutputs {
     fn pin(&mut self, edge: PinEdge) {
         self.edges.push(edge);
     }
@@ -206,7 +206,7 @@ impl VirtualUno {
     }
 
     fn plugged_in(chip: Atmega328p, bootloader: Option<u16>, foreign: bool) -> VirtualUno {
-        let (outside, rate) = (Outside::default(), Baud::B115200.rate());
+        let (outside, rate) = (UnoOutputs::default(), Baud::B115200.rate());
         let mut uno =
             VirtualUno { chip, outside, zero: None, rate, next_rate: None, line_busy: 0, bootloader, foreign };
         uno.reset();

@@ -79,7 +79,7 @@ fn register() -> bool {
 
 pub(super) type Area<DB> = DrawingArea<DB, Shift>;
 pub(super) type Chart<'a, DB> = ChartContext<'a, DB, Cartesian2d<Axis, Axis>>;
-pub(super) type Drawn<DB> = Result<(), DrawingAreaErrorKind<<DB as DrawingBackend>::ErrorType>>;
+pub(super) type DrawResult<DB> = Result<(), DrawingAreaErrorKind<<DB as DrawingBackend>::ErrorType>>;
 
 pub(super) struct Drawing {
     scale: u32,
@@ -123,7 +123,7 @@ impl Drawing {
         (self.px(WIDTH), self.px(height))
     }
 
-    fn panels<DB: DrawingBackend>(&self, picture: &Picture, root: &Area<DB>) -> Drawn<DB> {
+    fn panels<DB: DrawingBackend>(&self, picture: &Picture, root: &Area<DB>) -> DrawResult<DB> {
         root.fill(&WHITE)?;
         let (head, body) = root.split_vertically(self.px(HEAD + (legend_rows(picture) - 1) * LEGEND_ROW));
         self.heading(picture, &head)?;
@@ -196,7 +196,7 @@ impl Drawing {
     }
 
     /// The title, and the legend: a swatch and a name for each motor, then the law's line.
-    fn heading<DB: DrawingBackend>(&self, picture: &Picture, area: &Area<DB>) -> Drawn<DB> {
+    fn heading<DB: DrawingBackend>(&self, picture: &Picture, area: &Area<DB>) -> DrawResult<DB> {
         let title = if has_steps(picture) {
             format!("{} · tick {}", picture.title, human::seconds(picture.tick_s))
         } else {
@@ -252,7 +252,7 @@ impl Drawing {
         points: Vec<(f64, f64)>,
         colour: RGBColor,
         width: u32,
-    ) -> Drawn<DB> {
+    ) -> DrawResult<DB> {
         let style = colour.stroke_width(self.px(width));
         if self.joins {
             chart.draw_series(LineSeries::new(points, style))?;
@@ -272,7 +272,7 @@ impl Drawing {
     }
 
     /// The first steps, near enough to see each one.
-    fn close_view<DB: DrawingBackend>(&self, picture: &Picture, area: &Area<DB>) -> Drawn<DB> {
+    fn close_view<DB: DrawingBackend>(&self, picture: &Picture, area: &Area<DB>) -> DrawResult<DB> {
         let window = picture.close_view().unwrap_or((0.0, 1.0));
         let (factor, time_unit) = human::time_unit(window.1);
         let stairs: Vec<_> = picture.motors.iter().map(|motor| motor.stairs(window)).collect();
@@ -293,7 +293,7 @@ impl Drawing {
         Ok(())
     }
 
-    fn intervals<DB: DrawingBackend>(&self, picture: &Picture, area: &Area<DB>) -> Drawn<DB> {
+    fn intervals<DB: DrawingBackend>(&self, picture: &Picture, area: &Area<DB>) -> DrawResult<DB> {
         let range = join(picture.motors.iter().map(|m| m.intervals.range()));
         let steps = join(picture.motors.iter().map(|m| m.intervals.span()));
         let (factor, unit) = human::time_unit(range.map_or(1.0, |range| range.1));
@@ -323,7 +323,7 @@ impl Drawing {
         colour: RGBColor,
         area: &Area<DB>,
         time: &TimeAxis,
-    ) -> Drawn<DB> {
+    ) -> DrawResult<DB> {
         let bound = motor.bound_ticks;
         let (low, high) = motor.errors.range().unwrap_or((0.0, 0.0));
         // Wide enough for the bounds and for what breaks them.

@@ -5,7 +5,7 @@ use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 
 use crate::axis::{Axis, Labels};
-use crate::draw::{Area, Chart, Drawing, Drawn, GRID, INK, Panel, light};
+use crate::draw::{Area, Chart, DrawResult, Drawing, GRID, INK, Panel, light};
 use pulsetrain_motion::human;
 
 /// A machine's figure, wanted and stepped.
@@ -76,7 +76,7 @@ impl Drawing {
         figure: &FigurePicture,
         colour: RGBColor,
         areas: (&Area<DB>, &Area<DB>),
-    ) -> Drawn<DB> {
+    ) -> DrawResult<DB> {
         let unit = human::unit(&figure.unit);
         let (wanted, stepped) = (figure.flats(&figure.wanted), figure.flats(&figure.stepped));
         let space = if figure.in_space { ", in space" } else { ", y over x" };

@@ -10,7 +10,7 @@ use std::path::Path;
 use plotters::coord::Shift;
 use plotters::prelude::*;
 use plotters::style::{FontStyle, register_font};
-use pulsetrain::winch::run::{Wish, on_virtual};
+use pulsetrain::winch::run::{ScriptControl, on_virtual};
 use pulsetrain::winch::script::{Script, parse};
 use pulsetrain::winch::talk::Talk;
 use pulsetrain_board::virtual_uno::VirtualUno;
@@ -167,7 +167,7 @@ fn firmware(lines: &[(f64, String)], end_s: f64) -> Result<Vec<Step>, Failure> {
     let script = Script { lines: parse(&text, "lines").map_err(|error| error.to_string())?, end_s };
     let mut talk = Talk::new(VirtualUno::with_winch());
     talk.ask()?.ok_or("it does not speak text")?;
-    let run = on_virtual(&mut talk, &script, |_| Wish::GoOn)?;
+    let run = on_virtual(&mut talk, &script, |_| ScriptControl::GoOn)?;
     let (mut forward, mut position, mut steps) = (false, 0.0, Vec::new());
     for edge in &run.edges {
         if edge.line == DIR {

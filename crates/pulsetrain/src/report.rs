@@ -143,12 +143,12 @@ pub struct StoppedReport {
     /// What made the edges.
     pub runner: String,
     /// Why it ended, and where.
-    pub stopped: Stopped,
+    pub stopped: RunEnd,
 }
 
 /// Why motors were stopped before the motion's end.
 #[derive(Clone, Debug, Serialize)]
-pub struct Stopped {
+pub struct RunEnd {
     /// In words, with where the motors are.
     pub message: String,
     /// What to do.
@@ -174,10 +174,10 @@ pub struct StoppedMotor {
     pub steps: i64,
 }
 
-impl Stopped {
+impl RunEnd {
     /// What is said of a run that failed with `error`; `None` if the motors were not on their way.
     #[must_use]
-    pub fn of(error: &DriveError) -> Option<Stopped> {
+    pub fn of(error: &DriveError) -> Option<RunEnd> {
         let DriveError::Halted { why, seen_s, positions, .. } = error else { return None };
         let (motor, late_s) = match &**why {
             DriveError::TooLate { motor, late_s, .. } => (Some(motor.clone()), Some(*late_s)),
@@ -185,7 +185,7 @@ impl Stopped {
             _ => (None, None),
         };
         let place = |(name, steps): &(String, i64)| StoppedMotor { name: name.clone(), steps: *steps };
-        Some(Stopped {
+        Some(RunEnd {
             message: error.to_string(),
             help: String::new(),
             motor,
@@ -519,10 +519,10 @@ fn write_parameters(f: &mut fmt::Formatter<'_>, motors: &[MotorReport]) -> fmt::
 }
 
 /// One line of a table: what it is, and its value for a motor, if it has one; the last argument is a tick in s.
-type Line<M> = (&'static str, fn(&M, f64) -> Option<String>);
+type TableLine<M> = (&'static str, fn(&M, f64) -> Option<String>);
 
 /// A column for each motor; lines that no motor has a value for are left out.
-fn side_by_side<M>(motors: &[M], name: fn(&M) -> &String, lines: &[Line<M>], tick_s: f64) -> Table {
+fn side_by_side<M>(motors: &[M], name: fn(&M) -> &String, lines: &[TableLine<M>], tick_s: f64) -> Table {
     let mut table = Table::default().left(&[0]);
     table.row([String::new()].into_iter().chain(motors.iter().map(|motor| name(motor).clone())));
     for (what, value) in lines {
@@ -543,7 +543,7 @@ fn whole_ticks(ticks: u64, tick_s: f64) -> String {
     format!("{} ticks = {}", human::count(ticks.into()), human::seconds(ticks as f64 * tick_s))
 }
 
-const PLANNED: &[Line<MotorReport>] = &[
+const PLANNED: &[TableLine<MotorReport>] = &[
     ("steps", |m, _| Some(human::count(m.steps.into()))),
     ("final position", |m, _| {
         let steps = format!("{} steps", human::count(m.final_position.into()));
@@ -580,7 +580,7 @@ const ABREAST: usize = 3;
 /// A verdict as a table, a column for each motor; then the failures.
 pub struct VerdictTable<'a>(pub &'a verdict::Report);
 
-const SEEN: &[Line<verdict::MotorReport>] = &[
+const SEEN: &[TableLine<verdict::MotorReport>] = &[
     ("steps made", |m, _| {
         Some(format!("{} of {}", human::count(m.steps_got.into()), human::count(m.steps_wanted.into())))
     }),

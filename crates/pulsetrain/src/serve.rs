@@ -332,17 +332,17 @@ mod pty {
     #[derive(Debug)]
     pub struct Pty {
         /// A client has it.
-        served: Option<Terminal>,
+        served: Option<PtyEnd>,
         /// Where the link leads.
-        free: Terminal,
+        free: PtyEnd,
         /// What the last client had: another may have followed the link just before it was changed, and is served all the same.
-        before: Option<Terminal>,
+        before: Option<PtyEnd>,
         link: PathBuf,
     }
 
     /// The board's end.
     #[derive(Debug)]
-    struct Terminal {
+    struct PtyEnd {
         master: TTYPort,
         /// The client's end.
         name: String,
@@ -358,7 +358,7 @@ mod pty {
             if link.is_symlink() && !link.exists() {
                 std::fs::remove_file(link)?;
             }
-            let free = Terminal::new()?;
+            let free = PtyEnd::new()?;
             symlink(&free.name, link)?;
             Ok(Pty { served: None, free, before: None, link: link.to_owned() })
         }
@@ -367,7 +367,7 @@ mod pty {
         fn serve(&mut self) -> io::Result<()> {
             let mut name = self.link.clone().into_os_string();
             name.push(format!(".{}", std::process::id()));
-            let (aside, fresh) = (PathBuf::from(name), Terminal::new()?);
+            let (aside, fresh) = (PathBuf::from(name), PtyEnd::new()?);
             symlink(&fresh.name, &aside)?;
             std::fs::rename(&aside, &self.link).inspect_err(|_| drop(std::fs::remove_file(&aside)))?;
             self.served = Some(std::mem::replace(&mut self.free, fresh));
@@ -375,15 +375,15 @@ mod pty {
         }
     }
 
-    impl Terminal {
+    impl PtyEnd {
         /// The client's end is closed again: then the other end knows whether somebody has it open.
-        fn new() -> io::Result<Terminal> {
+        fn new() -> io::Result<PtyEnd> {
             let (mut master, mut client) = TTYPort::pair()?;
             // For a client that sets no rate; it stays as the client's end is closed.
             client.set_baud_rate(Baud::B115200.rate())?;
             master.set_timeout(Duration::ZERO)?;
             let name = client.name().ok_or_else(|| io::Error::other("the pseudo-terminal has no name"))?;
-            Ok(Terminal { master, name })
+            Ok(PtyEnd { master, name })
         }
 
         /// Takes what the client sent, and says whether one has it open.

@@ -8,8 +8,8 @@ use pulsetrain_board::native::{ConfigError, Faults};
 use pulsetrain_board::registry::Role;
 use pulsetrain_board::remote::{image_name, in_words, name_of};
 use pulsetrain_board::{
-    BoardKind, Config, Edge, Fared, Leased, LinkError, MotorConfig, Native, Observer, Port, Remote, RemoteError,
-    ScheduledStep, Setup, Shadowed, VirtualBoard, Wiring,
+    AtRest, BoardKind, Config, Edge, Leased, LinkError, MotorConfig, Native, Observer, Port, Remote, RemoteError,
+    ScheduledStep, Setup, VirtualBoard, Wiring, WithReference,
 };
 use pulsetrain_core::output::Sequence;
 use pulsetrain_core::wire::message::{Cause, MotorSetup, image};
@@ -250,7 +250,7 @@ impl Driven<Native> {
     }
 }
 
-impl Driven<Shadowed<Remote<Box<dyn VirtualBoard>>>> {
+impl Driven<WithReference<Remote<Box<dyn VirtualBoard>>>> {
     /// The same on a virtual board, at `baud`; a Pico by its USB, where `baud` is the rate that the host reckons with.
     ///
     /// # Errors
@@ -261,12 +261,12 @@ impl Driven<Shadowed<Remote<Box<dyn VirtualBoard>>>> {
     }
 }
 
-impl<P: Port> Driven<Shadowed<Remote<P>>> {
+impl<P: Port> Driven<WithReference<Remote<P>>> {
     /// The same on the board at the other end of a port, at `baud`.
     ///
     /// # Errors
     /// As [`Driven::native`], and when nobody answers or the firmware refuses the configuration.
-    pub fn at(prepared: &Prepared, port: P, baud: Baud) -> Result<Driven<Shadowed<Remote<P>>>, DriveError> {
+    pub fn at(prepared: &Prepared, port: P, baud: Baud) -> Result<Driven<WithReference<Remote<P>>>, DriveError> {
         Driven::with(prepared, |program| connect(port, program, baud))
     }
 
@@ -277,13 +277,13 @@ impl<P: Port> Driven<Shadowed<Remote<P>>> {
     pub fn with(
         prepared: &Prepared,
         connect: impl FnOnce(&Program) -> Result<Remote<P>, RemoteError>,
-    ) -> Result<Driven<Shadowed<Remote<P>>>, DriveError> {
+    ) -> Result<Driven<WithReference<Remote<P>>>, DriveError> {
         let program = &prepared.program;
         let remote = connect(program)?;
         let lines = lines::of(program);
         let place = |pin: u8| place_of(&lines, pin);
         let places = (0..=LAST_PIN).map(place).collect();
-        let board = Shadowed::new(remote, native(program, Native::unbounded)?);
+        let board = WithReference::new(remote, native(program, Native::unbounded)?);
         Driven::begin(board, program, lines, places, Edges::of(program))
     }
 
@@ -574,9 +574,9 @@ impl<B: Leased> Driven<B> {
     fn positions(&mut self, report: &Report) -> (Positions, Option<Cause>) {
         let heard = self.session.board().positions();
         let mut stop = None;
-        let (counts, by) = match self.session.board_mut().fared() {
-            Ok(Fared { reset: Some(reset), .. }) => (heard, Knowledge::LastReport { reset }),
-            Ok(Fared { positions, last_stop, .. }) => match last_stop {
+        let (counts, by) = match self.session.board_mut().settle() {
+            Ok(AtRest { reset: Some(reset), .. }) => (heard, Knowledge::LastReport { reset }),
+            Ok(AtRest { positions, last_stop, .. }) => match last_stop {
                 Cause::None | Cause::Finished | Cause::HostLost | Cause::Lapsed | Cause::Braked => {
                     (positions, Knowledge::Counted)
                 }

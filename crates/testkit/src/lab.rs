@@ -2,7 +2,7 @@
 
 use super::{TICK_HZ, native_config};
 use pulsetrain_board::virtual_uno::VirtualUno;
-use pulsetrain_board::{Board, Edge, Native, Observer, Remote, ScheduledStep, Setup, Shadowed};
+use pulsetrain_board::{Board, Edge, Native, Observer, Remote, ScheduledStep, Setup, WithReference};
 use pulsetrain_core::Direction;
 use pulsetrain_core::verbs::MotorTiming;
 use pulsetrain_core::wire::Baud;
@@ -20,7 +20,7 @@ pub fn address(map: &str, name: &str) -> u16 {
 }
 
 /// The virtual Uno, and the native board that is told the same.
-pub type Uno = Shadowed<Remote<VirtualUno>>;
+pub type Uno = WithReference<Remote<VirtualUno>>;
 
 /// A virtual Uno at 1 Mbaud, set up.
 pub fn uno(setup: &Setup) -> Uno {
@@ -42,7 +42,7 @@ pub fn uno_after(port: VirtualUno, setup: &Setup) -> Uno {
     remote.configure(setup).expect("it takes the configuration");
     let mut native = Native::unbounded(&native_config(setup)).expect("the native board takes it too");
     native.advance(remote.now() - 1, &mut |_: Edge| {});
-    Shadowed::new(remote, native)
+    WithReference::new(remote, native)
 }
 
 /// The counts as the board says them now.

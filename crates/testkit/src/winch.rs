@@ -70,7 +70,7 @@ impl Wired for VirtualPico {
 
 /// A step as a pin showed it, or as a path has it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Step {
+pub struct PinStep {
     pub tick: u64,
     pub forward: bool,
 }
@@ -91,31 +91,31 @@ pub struct Status {
 
 /// A board, what it said and what its pins did.
 #[derive(Clone)]
-pub struct Lab<B> {
+pub struct WinchLab<B> {
     pub port: B,
     pub edges: Vec<Edge>,
     pub lines: Vec<Line>,
     pub partial: Vec<u8>,
 }
 
-pub type Uno = Lab<VirtualUno>;
-pub type Pico = Lab<VirtualPico>;
+pub type Uno = WinchLab<VirtualUno>;
+pub type Pico = WinchLab<VirtualPico>;
 
-impl<B: Wired> Lab<B> {
+impl<B: Wired> WinchLab<B> {
     /// Ticks of a slice.
     pub const SLICE: u64 = B::CYCLES_PER_S / 1000;
 
     /// One that said `awake`.
-    pub fn new() -> Lab<B> {
-        let mut lab = Lab::around(B::start());
+    pub fn new() -> WinchLab<B> {
+        let mut lab = WinchLab::around(B::start());
         lab.run_ms(80);
         assert_eq!(lab.lines[0].text, "awake");
         lab
     }
 
     /// Of a board that nobody has listened to.
-    pub fn around(port: B) -> Lab<B> {
-        Lab { port, edges: Vec::new(), lines: Vec::new(), partial: Vec::new() }
+    pub fn around(port: B) -> WinchLab<B> {
+        WinchLab { port, edges: Vec::new(), lines: Vec::new(), partial: Vec::new() }
     }
 
     /// The board's clock, ticks.
@@ -180,7 +180,7 @@ impl<B: Wired> Lab<B> {
     }
 
     /// The pulses of an axis, each of the right length and with DIR in time.
-    pub fn steps(&self, axis: usize) -> Vec<Step> {
+    pub fn steps(&self, axis: usize) -> Vec<PinStep> {
         let ((step, dir), [pulse, setup]) = (B::PINS[axis], B::SHORTEST);
         let (mut forward, mut turned, mut begun, mut ended) = (false, 0, None, 0);
         let mut steps = Vec::new();
@@ -190,7 +190,7 @@ impl<B: Wired> Lab<B> {
                 (forward, turned) = (edge.level, edge.tick);
             } else if edge.level {
                 assert!(edge.tick >= turned + setup, "axis {axis}: DIR has turned {} ticks before", edge.tick - turned);
-                steps.push(Step { tick: edge.tick, forward });
+                steps.push(PinStep { tick: edge.tick, forward });
                 begun = Some(edge.tick);
             } else if let Some(begun) = begun.take() {
                 assert!(edge.tick - begun >= pulse, "axis {axis}: a pulse of {} ticks", edge.tick - begun);
@@ -230,19 +230,19 @@ impl<B: Wired> Lab<B> {
 
 /// Four of core's paths and their steps, slice by slice.
 #[derive(Clone)]
-pub struct Model<B> {
+pub struct PathModel<B> {
     reader: LineReader,
     paths: [Path; 4],
-    pub steps: [Vec<Step>; 4],
+    pub steps: [Vec<PinStep>; 4],
     /// The next slice.
     pub slice: u64,
     board: std::marker::PhantomData<B>,
 }
 
-impl<B: Wired> Model<B> {
-    pub fn new() -> Model<B> {
+impl<B: Wired> PathModel<B> {
+    pub fn new() -> PathModel<B> {
         let (reader, paths) = (LineReader::new(), [const { Path::new() }; 4]);
-        Model { reader, paths, steps: Default::default(), slice: 0, board: std::marker::PhantomData }
+        PathModel { reader, paths, steps: Default::default(), slice: 0, board: std::marker::PhantomData }
     }
 
     /// Goes on to a slice.
@@ -250,8 +250,8 @@ impl<B: Wired> Model<B> {
         while self.slice < slice {
             for (path, steps) in self.paths.iter_mut().zip(&mut self.steps) {
                 let slice = path.tick();
-                let begin = self.slice * Lab::<B>::SLICE;
-                let step = |tick: u64| Step { tick: begin + tick, forward: !slice.backward };
+                let begin = self.slice * WinchLab::<B>::SLICE;
+                let step = |tick: u64| PinStep { tick: begin + tick, forward: !slice.backward };
                 steps.extend(B::due(slice).into_iter().map(step));
             }
             self.slice += 1;
@@ -279,13 +279,14 @@ pub struct Said {
 
 /// Finds the slices at which the board did what lines say, each on all axes at once, so that the paths have the steps that
 /// were made. Gives how late the edges were, ticks, by axis, and the longest way from a line to its slice.
-pub fn follow<B: Wired>(lab: &Lab<B>, said: &[Said]) -> Result<([Vec<i64>; 4], u64), String> {
-    let made: [Vec<Step>; 4] = std::array::from_fn(|axis| lab.steps(axis));
-    let (mut model, mut longest) = (Model::<B>::new(), 0);
+pub fn follow<B: Wired>(lab: &WinchLab<B>, said: &[Said]) -> Result<([Vec<i64>; 4], u64), String> {
+    let made: [Vec<PinStep>; 4] = std::array::from_fn(|axis| lab.steps(axis));
+    let (mut model, mut longest) = (PathModel::<B>::new(), 0);
     for (at, Said { tick, line }) in said.iter().enumerate() {
-        let first = tick.div_ceil(Lab::<B>::SLICE);
+        let first = tick.div_ceil(WinchLab::<B>::SLICE);
         // Until the next line may act.
-        let until = said.get(at + 1).map_or(lab.now() / Lab::<B>::SLICE - 2, |next| next.tick / Lab::<B>::SLICE);
+        let until =
+            said.get(at + 1).map_or(lab.now() / WinchLab::<B>::SLICE - 2, |next| next.tick / WinchLab::<B>::SLICE);
         let mut why = String::new();
         let found = (first..=first + SLICES).find_map(|slice| {
             let mut model = model.clone();
@@ -296,7 +297,7 @@ pub fn follow<B: Wired>(lab: &Lab<B>, said: &[Said]) -> Result<([Vec<i64>; 4], u
             model.obey(line);
             let obeyed = model.clone();
             model.run_to(until);
-            match compare(&made, &model, until * Lab::<B>::SLICE) {
+            match compare(&made, &model, until * WinchLab::<B>::SLICE) {
                 Ok(_) => Some((obeyed, slice)),
                 Err(error) => {
                     why = error;
@@ -305,22 +306,22 @@ pub fn follow<B: Wired>(lab: &Lab<B>, said: &[Said]) -> Result<([Vec<i64>; 4], u
             }
         });
         let Some((obeyed, slice)) = found else { return Err(format!("{line:?} at {tick}: {why}")) };
-        longest = longest.max(slice * Lab::<B>::SLICE - tick);
+        longest = longest.max(slice * WinchLab::<B>::SLICE - tick);
         model = obeyed;
     }
-    let end = lab.now() / Lab::<B>::SLICE - 2;
+    let end = lab.now() / WinchLab::<B>::SLICE - 2;
     model.run_to(end);
-    compare(&made, &model, end * Lab::<B>::SLICE).map(|late| (late, longest))
+    compare(&made, &model, end * WinchLab::<B>::SLICE).map(|late| (late, longest))
 }
 
 /// Whether all steps before a tick are those of the model, and how late they were.
-fn compare<B: Wired>(made: &[Vec<Step>; 4], model: &Model<B>, until: u64) -> Result<[Vec<i64>; 4], String> {
+fn compare<B: Wired>(made: &[Vec<PinStep>; 4], model: &PathModel<B>, until: u64) -> Result<[Vec<i64>; 4], String> {
     let mut all: [Vec<i64>; 4] = Default::default();
     for (axis, late) in all.iter_mut().enumerate() {
         // A step at the end may be on either side of it.
         let (soon, sure) = (until + 200, until.saturating_sub(200));
         let (made, wanted) = (&made[axis], &model.steps[axis]);
-        let counts = |steps: &[Step], tick| steps.partition_point(|step| step.tick < tick);
+        let counts = |steps: &[PinStep], tick| steps.partition_point(|step| step.tick < tick);
         if counts(made, sure) > counts(wanted, soon) || counts(wanted, sure) > counts(made, soon) {
             return Err(format!("axis {axis}: {} steps, not {}", counts(made, sure), counts(wanted, sure)));
         }

@@ -3,7 +3,7 @@
 use proptest::prelude::*;
 use pulsetrain_board::lease::{ExtendRefused, Lease, LeaseState, Leased, TrimRefused};
 use pulsetrain_board::replay::{Replay, Sent, Start};
-use pulsetrain_board::{Board, Config, Edge, MotorConfig, Native, Observer, ScheduledStep, Shadowed, Wiring};
+use pulsetrain_board::{Board, Config, Edge, MotorConfig, Native, Observer, ScheduledStep, Wiring, WithReference};
 use pulsetrain_core::braking::Limit;
 use pulsetrain_core::lease::LapseCause;
 use pulsetrain_core::output::{Output, StepDir, StepDirSettings};
@@ -253,10 +253,10 @@ proptest! {
         let lines = (0..dirs.len()).map(|motor| shares(motor).then(|| (usize::from(dirs[motor]), motor % 2 == 0))).collect();
         let mut host = Host { f, plans: &plans, sent: vec![0; plans.len()], limits: &limits, lines };
         let shadow = board(f, &dirs);
-        let mut board = Shadowed::new(board(f, &dirs), shadow);
+        let mut board = WithReference::new(board(f, &dirs), shadow);
         let mut lab = Lab::new(&dirs);
 
-        let push = |host: &mut Host, board: &mut Shadowed<Native>, most: usize| {
+        let push = |host: &mut Host, board: &mut WithReference<Native>, most: usize| {
             for (motor, plan) in plans.iter().enumerate() {
                 for item in plan.iter().skip(host.sent[motor]).take(most) {
                     board.push(motor, Entry { epoch: EPOCH, item: *item }).unwrap();

@@ -2,7 +2,7 @@
 
 use pulsetrain_board::lease::{ExtendRefused, Lease, LeaseState, Leased, TrimRefused};
 use pulsetrain_board::replay::{Replay, Sent, Start};
-use pulsetrain_board::{Board, Edge, Native, Observer, Port, Remote, ScheduledStep, Shadowed};
+use pulsetrain_board::{Board, Edge, Native, Observer, Port, Remote, ScheduledStep, WithReference};
 use pulsetrain_core::braking::Limit;
 use pulsetrain_core::lease::LapseCause;
 use pulsetrain_core::wire::message::{self, ALL_MOTORS};
@@ -368,7 +368,7 @@ fn a_shadow_goes_by_the_lease_that_was_accepted() {
     }
     for seed in 0..20 {
         let shadow = Native::unbounded(&native_config(&model_setup(1))).unwrap();
-        let mut board = Shadowed::new(connect(seed), shadow);
+        let mut board = WithReference::new(connect(seed), shadow);
         let from = board.now() + 100 * MS;
         tell(&mut board, 1, from, &plan());
         board.switch(Epoch(1), from, Lease::Until(from + 60 * MS), &[limit()]).unwrap();

@@ -6,7 +6,7 @@ use miette::miette;
 use pulsetrain_board::BoardKind;
 use pulsetrain_board::registry::Role;
 use pulsetrain_board::remote::in_words;
-use pulsetrain_board::{Board, Edge, Observer, Port, Remote, ScheduledStep, Serial, Shadowed};
+use pulsetrain_board::{Board, Edge, Observer, Port, Remote, ScheduledStep, Serial, WithReference};
 use pulsetrain_core::wire::Baud;
 use pulsetrain_core::wire::message::{Cause, Measures};
 use pulsetrain_motion::program::{DriverTiming, Limits, Motor, Program, Scale, Tolerance, Wiring};
@@ -46,7 +46,7 @@ const DIR_PIN: u8 = 9;
 
 /// One sinusoid.
 #[derive(Debug, Serialize)]
-struct Row {
+struct BenchRow {
     period_s: f64,
     peak_steps_per_s: f64,
     steps: u64,
@@ -68,7 +68,7 @@ struct Row {
     pins: Option<Lateness>,
 }
 
-impl Row {
+impl BenchRow {
     /// What a board that is well does not have, one after the other.
     fn trouble(&self) -> Vec<String> {
         let counts = [
@@ -94,7 +94,7 @@ fn name(period_s: f64) -> String {
 /// All of it.
 #[derive(Debug, Serialize)]
 struct Rows {
-    measured: Vec<Row>,
+    measured: Vec<BenchRow>,
     refused: Vec<String>,
     /// Steps lost, and what else the board is not to do.
     trouble: Vec<String>,
@@ -121,14 +121,14 @@ pub(crate) fn run(args: &BenchArgs, console: &mut Console<'_>) -> miette::Result
         let measured = match &args.at.port {
             Some(name) => {
                 let port = Serial::open(name, false).map_err(port_problem)?;
-                measure(&prepared, (amplitude, period_s), port, args.at.baud).map(|row| Row { pins: None, ..row })
+                measure(&prepared, (amplitude, period_s), port, args.at.baud).map(|row| BenchRow { pins: None, ..row })
             }
             None => measure(&prepared, (amplitude, period_s), kind.virtual_board(Role::Plans), args.at.baud),
         };
         // A Pico has no compares that could be missed.
         let has_none = kind == BoardKind::Pico;
-        let measured =
-            measured.map(|row| if has_none { Row { compares_missed: None, latest_ticks: None, ..row } } else { row });
+        let measured = measured
+            .map(|row| if has_none { BenchRow { compares_missed: None, latest_ticks: None, ..row } } else { row });
         match measured {
             Ok(row) => rows.push(row),
             Err(error @ (DriveError::Session(_) | DriveError::TooLate { .. } | DriveError::QueueTooShort { .. })) => {
@@ -256,7 +256,7 @@ fn measure<P: Port>(
     (amplitude, period_s): (f64, f64),
     port: P,
     baud: Baud,
-) -> Result<Row, DriveError> {
+) -> Result<BenchRow, DriveError> {
     let mut driven = Driven::at(prepared, port, baud)?;
     let row = measured(&mut driven, amplitude, period_s);
     driven.close();
@@ -264,10 +264,10 @@ fn measure<P: Port>(
 }
 
 fn measured<P: Port>(
-    driven: &mut Driven<Shadowed<Remote<P>>>,
+    driven: &mut Driven<WithReference<Remote<P>>>,
     amplitude: f64,
     period_s: f64,
-) -> Result<Row, DriveError> {
+) -> Result<BenchRow, DriveError> {
     driven.board_mut().measures(true)?;
     let began = driven.board_mut().now();
     let mut steps = Steps(0);
@@ -279,7 +279,7 @@ fn measured<P: Port>(
     let told = board.events().into_iter().filter(|event| event.cause != Cause::Finished);
     let events = told.map(|event| in_words(event.cause)).collect();
     let awake = (span - said.idle_ticks as f64).max(0.0);
-    Ok(Row {
+    Ok(BenchRow {
         period_s,
         peak_steps_per_s: std::f64::consts::TAU * amplitude / period_s,
         steps,
@@ -377,7 +377,7 @@ mod tests {
             let row = measure(&prepared, (100.0, 0.5), VirtualUno::new(), Baud::B1M).unwrap();
             assert_eq!(row.trouble(), Vec::<String>::new());
             let events = vec![in_words(Cause::EdgeLate)];
-            let row = Row { compares_missed: Some(2), starved: 1, events, pins: None, ..row };
+            let row = BenchRow { compares_missed: Some(2), starved: 1, events, pins: None, ..row };
             assert_eq!(row.trouble(), ["2 compares missed", "1 times starved", "it said: an edge was late"]);
         }
 

@@ -8,7 +8,7 @@ use crate::console::{Console, Exit};
 use pulsetrain_motion::human::{self, Table};
 
 #[derive(Serialize)]
-struct Row {
+struct BoardTableRow {
     name: String,
     about: &'static str,
     tick_hz: u64,
@@ -26,9 +26,9 @@ struct Row {
     note: &'static str,
 }
 
-impl From<BoardRow> for Row {
-    fn from(row: BoardRow) -> Row {
-        Row {
+impl From<BoardRow> for BoardTableRow {
+    fn from(row: BoardRow) -> BoardTableRow {
+        BoardTableRow {
             name: row.board.name,
             about: row.about,
             tick_hz: row.board.tick_hz,
@@ -47,7 +47,7 @@ impl From<BoardRow> for Row {
 }
 
 pub(crate) fn run(args: &arguments::Table, console: &mut Console<'_>) -> miette::Result<Exit> {
-    let rows: Vec<Row> = boards::table().into_iter().map(Row::from).collect();
+    let rows: Vec<BoardTableRow> = boards::table().into_iter().map(BoardTableRow::from).collect();
     if args.json {
         console.print_json(&rows)?;
         return Ok(Exit::Success);

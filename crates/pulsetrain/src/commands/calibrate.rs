@@ -35,7 +35,7 @@ pub(crate) struct CalibrateArgs {
 
 /// What was found.
 #[derive(Debug, Serialize)]
-struct Found {
+struct ClockReport {
     /// How much faster than its nominal rate the board's clock runs by this computer's, and how much that may be off.
     clock_ppm: f64,
     within_ppm: f64,
@@ -55,7 +55,7 @@ pub(crate) fn run(args: &CalibrateArgs, console: &mut Console<'_>) -> miette::Re
         return Err(miette!(help = help, "{} is too short to compare clocks", human::seconds(seconds)));
     };
     if args.json {
-        console.print_json(&Found { clock_ppm, within_ppm, seconds })?;
+        console.print_json(&ClockReport { clock_ppm, within_ppm, seconds })?;
         return Ok(Exit::Success);
     }
     let (ppm, within) = (human::significant(clock_ppm, 4), human::significant(within_ppm, 2));

@@ -8,7 +8,7 @@ use crate::console::{Console, Exit};
 use pulsetrain_motion::human::{self, Table};
 
 #[derive(Serialize)]
-struct Row {
+struct DriverTableRow {
     name: &'static str,
     about: &'static str,
     input: &'static str,
@@ -28,10 +28,10 @@ struct Setting {
     setting: &'static str,
 }
 
-impl From<&Driver> for Row {
-    fn from(driver: &Driver) -> Row {
+impl From<&Driver> for DriverTableRow {
+    fn from(driver: &Driver) -> DriverTableRow {
         let timing = driver.timing();
-        Row {
+        DriverTableRow {
             name: driver.name,
             about: driver.about,
             input: match driver.input {
@@ -55,7 +55,7 @@ impl From<&Driver> for Row {
 }
 
 pub(crate) fn run(args: &arguments::Table, console: &mut Console<'_>) -> miette::Result<Exit> {
-    let rows: Vec<Row> = drivers::table().iter().map(Row::from).collect();
+    let rows: Vec<DriverTableRow> = drivers::table().iter().map(DriverTableRow::from).collect();
     if args.json {
         console.print_json(&rows)?;
         return Ok(Exit::Success);

@@ -17,7 +17,7 @@ use pulsetrain_session::drive::{DriveError, session_number};
 
 /// What a board says; all of it is the board's own word.
 #[derive(Debug, Serialize)]
-pub(super) struct Said {
+pub(super) struct BoardInfo {
     board: &'static str,
     firmware: String,
     protocol: u8,
@@ -123,7 +123,7 @@ pub(crate) fn run(args: &At, console: &mut Console<'_>) -> miette::Result<Exit> 
     Ok(Exit::Success)
 }
 
-impl Said {
+impl BoardInfo {
     /// What the board keeps, in words.
     pub(super) fn keeps(&self) -> String {
         if self.keeps_untold {
@@ -154,7 +154,7 @@ pub(super) fn motor_list(motors: &[usize]) -> String {
 /// [`Info`](pulsetrain_core::wire::message::Info)'s number of it.
 pub(super) const UNO: u8 = 1;
 
-pub(super) fn ask<P: Port>(port: P, baud: Baud) -> Result<Said, DriveError> {
+pub(super) fn ask<P: Port>(port: P, baud: Baud) -> Result<BoardInfo, DriveError> {
     /// Long enough for a first look at the clock's rate, most often; and how often it is looked again.
     const LOOK_S: f64 = 1.0;
     const LOOKS: usize = 4;
@@ -182,7 +182,7 @@ pub(super) fn ask<P: Port>(port: P, baud: Baud) -> Result<Said, DriveError> {
     };
     let verbs = remote.obeys()?;
     let compares = info.board == UNO;
-    let said = Said {
+    let said = BoardInfo {
         board: match info.board {
             UNO => "Arduino Uno",
             2 => "Raspberry Pi Pico",

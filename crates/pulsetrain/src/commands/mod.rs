@@ -32,7 +32,7 @@ use pulsetrain_board::{LinkError, PortError, RemoteError};
 pub(crate) use self::other_image::{OtherImage, offered};
 use crate::console;
 use crate::diagnostic::advised;
-use crate::report::{PlanReport, Stopped, StoppedReport};
+use crate::report::{PlanReport, RunEnd, StoppedReport};
 use pulsetrain_motion::human;
 use pulsetrain_session::SessionError;
 use pulsetrain_session::drive::DriveError;
@@ -72,11 +72,11 @@ pub(crate) struct RunStopped {
 
 /// What is wrong with a run. If the motors were on their way, what is known is written to `folder` first.
 pub(crate) fn run_problem(error: DriveError, plan: PlanReport, runner: String, folder: &Path) -> Report {
-    let stopped = Stopped::of(&error);
+    let stopped = RunEnd::of(&error);
     let problem = drive_problem(error);
     let Some(stopped) = stopped else { return problem };
     let help = problem.help().map_or_else(String::new, |help| help.to_string());
-    let stopped = Stopped { help: help.clone(), ..stopped };
+    let stopped = RunEnd { help: help.clone(), ..stopped };
     let report = Box::new(StoppedReport { plan, runner, stopped });
     let written = console::json(&report)
         .and_then(|text| Ok(console::write(&folder.join("report.json"), format!("{text}\n").as_bytes())?));

@@ -42,17 +42,17 @@ pub(crate) struct MotorArgs {
 }
 
 #[derive(Serialize)]
-struct Report {
+struct MotorReport {
     motor: String,
-    winding: Vec<Row>,
-    sketch: Vec<Row>,
+    winding: Vec<MotorRow>,
+    sketch: Vec<MotorRow>,
     /// Why the sketch has no figures.
     #[serde(skip_serializing_if = "Option::is_none")]
     sketch_cannot: Option<String>,
 }
 
 #[derive(Serialize)]
-struct Row {
+struct MotorRow {
     name: &'static str,
     value: f64,
     unit: &'static str,
@@ -60,24 +60,24 @@ struct Row {
     source: &'static str,
 }
 
-impl From<Figure> for Row {
-    fn from(figure: Figure) -> Row {
+impl From<Figure> for MotorRow {
+    fn from(figure: Figure) -> MotorRow {
         let Figure { name, formula, value, unit, source } = figure;
-        Row { name, value, unit, formula, source }
+        MotorRow { name, value, unit, formula, source }
     }
 }
 
 pub(crate) fn run(args: &MotorArgs, console: &mut Console<'_>) -> miette::Result<Exit> {
     let motors = windings(args)?;
-    let rows = |figures: Vec<Figure>| figures.into_iter().map(Row::from).collect();
-    let reports: Vec<Report> = motors
+    let rows = |figures: Vec<Figure>| figures.into_iter().map(MotorRow::from).collect();
+    let reports: Vec<MotorReport> = motors
         .into_iter()
         .map(|(motor, winding)| {
             let (sketch, sketch_cannot) = match winding.sketch_figures() {
                 Ok(figures) => (figures, None),
                 Err(error) => (Vec::new(), Some(error.to_string())),
             };
-            Report { motor, winding: rows(winding.figures()), sketch: rows(sketch), sketch_cannot }
+            MotorReport { motor, winding: rows(winding.figures()), sketch: rows(sketch), sketch_cannot }
         })
         .collect();
     if args.json {
@@ -96,7 +96,7 @@ pub(crate) fn run(args: &MotorArgs, console: &mut Console<'_>) -> miette::Result
 }
 
 /// Rows, then the sources, each once, with a number that the rows name.
-fn section(rows: &[Row]) -> String {
+fn section(rows: &[MotorRow]) -> String {
     let mut sources: Vec<&str> = Vec::new();
     let mut table = Table::new(["figure", "value", "formula", "source"]).left(&[0, 2, 3]);
     for row in rows {

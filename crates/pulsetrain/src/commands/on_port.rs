@@ -33,12 +33,12 @@ struct PortReport {
     #[serde(skip_serializing_if = "Option::is_none")]
     rehearsed: Option<Rehearsal>,
     /// What the board says.
-    says: Word,
+    says: BoardReport,
 }
 
 /// The board's own word.
 #[derive(Debug, Serialize)]
-struct Word {
+struct BoardReport {
     /// Steps of each motor, forward minus backward.
     counted: Vec<i64>,
     /// The user stopped it on the way.
@@ -62,7 +62,7 @@ struct Word {
     frames_repeated: u64,
 }
 
-impl Word {
+impl BoardReport {
     /// Whether every step came when it was due, as far as the board knows.
     const fn kept_up(&self) -> bool {
         self.compares_missed == 0 && self.starved == 0
@@ -122,7 +122,7 @@ pub(crate) fn run(
     let asked = asked.map_err(|error| run_problem(error, plan::report(prepared, planned), runner.clone(), folder));
     let (Ended { counted, stopped, uncertain }, measures, events, clock_ppm, frames_repeated) = asked?;
 
-    let says = Word {
+    let says = BoardReport {
         counted,
         stopped,
         uncertain,

@@ -11,7 +11,7 @@ use serde::Serialize;
 use super::info::{UNO, listed, motor_list};
 use super::{drive_problem, port_problem};
 use crate::console::{Console, Exit};
-use crate::winch::talk::{Said, Talk, with_checksum};
+use crate::winch::talk::{BoardLine, Talk, with_checksum};
 use pulsetrain_motion::human;
 use pulsetrain_session::drive::session_number;
 
@@ -35,7 +35,7 @@ pub(crate) struct StopArgs {
 
 /// How a board stopped, by its own word.
 #[derive(Debug, Serialize)]
-struct Stopped {
+struct StopReport {
     /// Something moved, or was to. Not told of paths that were not seen to move: they may have stopped before the first look.
     moved: Option<bool>,
     /// Opening the port has reset the board, which stops it, too.
@@ -61,10 +61,10 @@ pub(crate) fn run(args: &StopArgs, console: &mut Console<'_>) -> miette::Result<
     Ok(Exit::Success)
 }
 
-impl Stopped {
+impl StopReport {
     /// In words.
     fn told(&self) -> String {
-        let Stopped { moved, at_s, positions, uncertain, .. } = self;
+        let StopReport { moved, at_s, positions, uncertain, .. } = self;
         let when = at_s.map_or_else(String::new, |at| format!("{} after the board began; ", human::seconds(at)));
         if self.reset {
             let board = if self.text { "board" } else { "Uno" };
@@ -105,7 +105,7 @@ impl Stopped {
 
 /// Stops whatever the board at the port that `open` opens moves. Frames are asked first; if they are refused, as while text has the axes,
 /// text is next, and then those who may have the board until they leave it.
-fn stop<P: Port>(mut open: impl FnMut() -> Result<P, PortError>) -> miette::Result<Stopped> {
+fn stop<P: Port>(mut open: impl FnMut() -> Result<P, PortError>) -> miette::Result<StopReport> {
     let first = Remote::open_if_free(open().map_err(port_problem)?, session_number());
     let refused = match first.and_then(stop_frames) {
         Ok(stopped) => return Ok(stopped),
@@ -128,7 +128,7 @@ fn stop<P: Port>(mut open: impl FnMut() -> Result<P, PortError>) -> miette::Resu
     }
 }
 
-fn stop_frames<P: Port>(mut board: Remote<P>) -> Result<Stopped, RemoteError> {
+fn stop_frames<P: Port>(mut board: Remote<P>) -> Result<StopReport, RemoteError> {
     let moved = !board.status()?.is_idle();
     let (stopped, positions) = board.stop_motors()?;
     let tick_hz = f64::from(board.info().tick_hz);
@@ -137,7 +137,7 @@ fn stop_frames<P: Port>(mut board: Remote<P>) -> Result<Stopped, RemoteError> {
     board.close();
     let uncertain = (0..positions.len()).filter(|motor| stopped.uncertain >> motor & 1 == 1).collect();
     let (moved, at_s) = (Some(moved), Some(stopped.tick as f64 / tick_hz));
-    Ok(Stopped { moved, reset, text: false, at_s, positions, uncertain })
+    Ok(StopReport { moved, reset, text: false, at_s, positions, uncertain })
 }
 
 /// A period that no step of a stop ends: half a minute of a Pico. The answer has, for each axis, when its next step comes then: never, of one
@@ -183,15 +183,15 @@ struct Heard {
 }
 
 impl Heard {
-    fn hear(&mut self, said: &Said) {
+    fn hear(&mut self, said: &BoardLine) {
         let line = match said {
-            Said::Status(status) => {
+            BoardLine::Status(status) => {
                 self.first.get_or_insert(*status);
                 self.since = self.since.filter(|since| since.positions == status.positions).or(Some(*status));
                 self.last = Some(*status);
                 return;
             }
-            Said::Line(line) => line.as_str(),
+            BoardLine::Line(line) => line.as_str(),
         };
         match line {
             "err path" => self.paths = Some(true),
@@ -236,7 +236,7 @@ fn listen<P: Port>(
 }
 
 /// Stops axes that text drives: frames are refused meanwhile. `None` if the board does not answer as text, or frames have it.
-fn stop_text<P: Port>(talk: &mut Talk<P>) -> miette::Result<Option<Stopped>> {
+fn stop_text<P: Port>(talk: &mut Talk<P>) -> miette::Result<Option<StopReport>> {
     let mut heard = Heard::default();
     for round in 0..TRIES {
         for line in [NAMES_AND_STOPS, FORGET, RELEASE, "version"] {
@@ -266,11 +266,18 @@ fn stop_text<P: Port>(talk: &mut Talk<P>) -> miette::Result<Option<Stopped>> {
     }
     let uncertain: Vec<usize> = (0..AXES.len()).filter(|axis| before[*axis].1).collect();
     let positions = after.map(|(position, _)| position).to_vec();
-    Ok(Some(Stopped { moved: Some(!uncertain.is_empty()), reset: false, text: true, at_s: None, positions, uncertain }))
+    Ok(Some(StopReport {
+        moved: Some(!uncertain.is_empty()),
+        reset: false,
+        text: true,
+        at_s: None,
+        positions,
+        uncertain,
+    }))
 }
 
 /// Waits until paths have come to rest, as they were told.
-fn stop_paths<P: Port>(talk: &mut Talk<P>, mut heard: Heard) -> miette::Result<Stopped> {
+fn stop_paths<P: Port>(talk: &mut Talk<P>, mut heard: Heard) -> miette::Result<StopReport> {
     let end = talk.now() + BRAKED;
     let mut patience = talk.now() + STATUS;
     loop {
@@ -307,7 +314,7 @@ fn stop_paths<P: Port>(talk: &mut Talk<P>, mut heard: Heard) -> miette::Result<S
     let (Some(first), Some(last)) = (heard.first, heard.last) else {
         return Err(does_not_stop("it does not say where its axes are"));
     };
-    Ok(Stopped {
+    Ok(StopReport {
         moved: (first.positions != last.positions).then_some(true),
         reset: false,
         text: true,
@@ -335,7 +342,7 @@ mod tests {
 
     /// Has a Pico do what lines say, stops it 0.2 s later, and gives what is told, when and where x, y and z made their last steps, and
     /// when all was known. Times are since the stop was begun.
-    fn stopped(lines: &[&str]) -> (Stopped, [i64; 3], Duration, Duration) {
+    fn stopped(lines: &[&str]) -> (StopReport, [i64; 3], Duration, Duration) {
         const TICKS_PER_S: f64 = 125e6;
         let pico = Shared::new(VirtualPico::on_usb());
         let mut talk = Talk::new(pico.clone());
@@ -423,7 +430,7 @@ mod tests {
             assert_eq!(said.keeps(), "not told while motors are powered");
             assert!(said.moves && said.positions.len() == 1 && said.uncertain.is_empty(), "{said:?}");
             // It is stopped at 1000 steps/s, where 100 are sure.
-            let Stopped { moved, positions, uncertain, .. } = stop(|| Ok(port.clone())).unwrap();
+            let StopReport { moved, positions, uncertain, .. } = stop(|| Ok(port.clone())).unwrap();
             assert!(moved == Some(true) && positions[0] > 0, "{positions:?}");
             assert_eq!(uncertain, [0]);
             // A host that falls silent leaves nothing that moves.

@@ -92,7 +92,7 @@ fn figure(value: f64) -> String {
 
 /// The same, for programs.
 #[derive(Debug, Serialize)]
-struct Said {
+struct StoreReport {
     #[serde(flatten)]
     kept: Option<Kept>,
     /// What was stored last is damaged.
@@ -116,7 +116,7 @@ pub(crate) fn run(args: &StoreArgs, console: &mut Console<'_>) -> miette::Result
     let stored = kept.map_err(problem)?;
     let kept = stored.settings.map(Kept::of);
     if args.json {
-        console.print_json(&Said { kept, damaged: stored.is_damaged })?;
+        console.print_json(&StoreReport { kept, damaged: stored.is_damaged })?;
         return Ok(Exit::Success);
     }
     console.print(format_args!("the board keeps: {}\n", told(kept.as_ref(), stored.is_damaged)))?;
@@ -257,7 +257,8 @@ mod tests {
             let after = |args: &StoreArgs| store(VirtualPico::with_flash(&memory).unwrap(), args, None).unwrap();
             let damaged = Stored { settings: Some(settings[0]), is_damaged: true };
             assert_eq!(after(&ASK), damaged);
-            let said = serde_json::to_value(Said { kept: damaged.settings.map(Kept::of), damaged: true }).unwrap();
+            let said =
+                serde_json::to_value(StoreReport { kept: damaged.settings.map(Kept::of), damaged: true }).unwrap();
             assert_eq!((&said["deadman_ms"], &said["damaged"]), (&400.into(), &true.into()));
             assert_eq!(after(&StoreArgs { deadman: Some(400), ..ASK }), Stored { is_damaged: false, ..damaged });
         }

@@ -24,7 +24,7 @@ use super::OtherImage;
 use super::run::draw;
 use crate::console::{self, Console, Exit, access};
 use crate::winch::console::{ConsoleError, Ended, Plain, converse};
-use crate::winch::run::{Judged, Names, Run, Wish, by_word, judge, on_port, on_virtual, stands_elsewhere};
+use crate::winch::run::{Judged, Names, Run, ScriptControl, by_word, judge, on_port, on_virtual, stands_elsewhere};
 use crate::winch::script::{self, Script};
 use crate::winch::talk::Talk;
 use crate::winch::terminal::Terminal;
@@ -188,12 +188,12 @@ fn meet_at(port: &str) -> miette::Result<(Talk<Serial>, String)> {
         .map_err(|error| OtherImage::at(port, "winch").map_or(error, Report::new))
 }
 
-fn watcher(script: &Script, console: &Console<'_>) -> impl FnMut(f64) -> Wish {
+fn watcher(script: &Script, console: &Console<'_>) -> impl FnMut(f64) -> ScriptControl {
     let bar = console.progress(script.end_s, &human::seconds_to(script.end_s, 6));
     bar.stage("running");
     move |seconds| {
         bar.set(seconds);
-        if interrupt::wanted() { Wish::Stop } else { Wish::GoOn }
+        if interrupt::wanted() { ScriptControl::Stop } else { ScriptControl::GoOn }
     }
 }
 

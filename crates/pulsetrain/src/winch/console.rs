@@ -11,12 +11,12 @@ use pulsetrain_trace::winch::Status;
 
 use super::mirror::Mirror;
 use super::run::BYTE;
-use super::talk::{Said, Talk};
+use super::talk::{BoardLine, Talk};
 use crate::interrupt;
 
 /// What a person wants.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Wish {
+pub enum ConsoleInput {
     /// To say a line, or to have `help`, or to `quit`.
     Line(String),
     /// All axes stopped.
@@ -31,13 +31,13 @@ pub trait Person {
     ///
     /// # Errors
     /// When they cannot be heard any more.
-    fn wishes(&mut self) -> io::Result<Vec<Wish>>;
+    fn inputs(&mut self) -> io::Result<Vec<ConsoleInput>>;
 
     /// Shows what the board says.
     ///
     /// # Errors
     /// When it cannot be shown.
-    fn show(&mut self, said: &Said) -> io::Result<()>;
+    fn show(&mut self, said: &BoardLine) -> io::Result<()>;
 
     /// Shows a text for people.
     ///
@@ -123,16 +123,16 @@ pub fn converse<P: Port>(talk: &mut Talk<P>, person: &mut impl Person) -> Result
     let mut free = talk.now();
     let (mut refused, mut is_ending, mut ended) = (0, false, None);
     loop {
-        for wish in person.wishes()? {
-            match wish {
-                Wish::Stop => {
+        for input in person.inputs()? {
+            match input {
+                ConsoleInput::Stop => {
                     waiting.clear();
                     waiting.push_back(talk.as_wanted(STOP));
                     free = talk.now();
                 }
-                Wish::End => is_ending = true,
-                Wish::Line(_) if is_ending => {}
-                Wish::Line(line) => match line.trim() {
+                ConsoleInput::End => is_ending = true,
+                ConsoleInput::Line(_) if is_ending => {}
+                ConsoleInput::Line(line) => match line.trim() {
                     "" => {}
                     "help" | "?" => person.tell(HELP)?,
                     "quit" | "exit" => is_ending = true,
@@ -171,7 +171,7 @@ pub fn converse<P: Port>(talk: &mut Talk<P>, person: &mut impl Person) -> Result
         let until = if waiting.is_empty() { now + ROUND } else { free.min(now + ROUND) };
         let mut shown = Ok(());
         talk.wait(until, |at, said| {
-            if let Said::Status(status) = &said {
+            if let BoardLine::Status(status) = &said {
                 rest.see(*status, mirror.made());
             }
             refused += usize::from(said.is_refusal());
@@ -228,30 +228,30 @@ impl<'a> Plain<'a> {
 }
 
 impl Person for Plain<'_> {
-    fn wishes(&mut self) -> io::Result<Vec<Wish>> {
+    fn inputs(&mut self) -> io::Result<Vec<ConsoleInput>> {
         if interrupt::wanted() {
             let is_first = !std::mem::replace(&mut self.has_stopped, true);
-            return Ok(if is_first { vec![Wish::Stop, Wish::End] } else { vec![Wish::End] });
+            return Ok(if is_first { vec![ConsoleInput::Stop, ConsoleInput::End] } else { vec![ConsoleInput::End] });
         }
-        let mut wishes = Vec::new();
+        let mut inputs = Vec::new();
         loop {
             match self.lines.try_recv() {
-                Ok(line) => wishes.push(Wish::Line(line)),
-                Err(TryRecvError::Empty) => return Ok(wishes),
+                Ok(line) => inputs.push(ConsoleInput::Line(line)),
+                Err(TryRecvError::Empty) => return Ok(inputs),
                 Err(TryRecvError::Disconnected) => {
-                    wishes.push(Wish::End);
-                    return Ok(wishes);
+                    inputs.push(ConsoleInput::End);
+                    return Ok(inputs);
                 }
             }
         }
     }
 
-    fn show(&mut self, said: &Said) -> io::Result<()> {
+    fn show(&mut self, said: &BoardLine) -> io::Result<()> {
         match said {
-            Said::Status(Status { usec, positions: [x, y, z, a] }) => {
+            BoardLine::Status(Status { usec, positions: [x, y, z, a] }) => {
                 writeln!(self.out, "txyza {usec} {x} {y} {z} {a}")
             }
-            Said::Line(line) => writeln!(self.out, "{line}"),
+            BoardLine::Line(line) => writeln!(self.out, "{line}"),
         }
     }
 

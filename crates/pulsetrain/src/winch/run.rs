@@ -10,7 +10,7 @@ use pulsetrain_trace::winch::{self, AXES, Command, Onlooker, Order, SentLine, St
 use serde::Serialize;
 
 use super::script::Script;
-use super::talk::{Said, Talk, meaning};
+use super::talk::{BoardLine, Talk, meaning};
 use pulsetrain_motion::human::{self, Table};
 use pulsetrain_plot::{Errors, MotorPicture, Picture};
 
@@ -21,7 +21,7 @@ const USB_FRAME: Duration = Duration::from_millis(1);
 
 /// What whoever looks on wants.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Wish {
+pub enum ScriptControl {
     /// That it goes on.
     GoOn,
     /// That it ends: all axes are stopped within their limits.
@@ -95,7 +95,7 @@ pub fn stands_elsewhere<P: Port>(talk: &mut Talk<P>) -> Result<Option<[i32; 4]>,
 pub fn on_virtual<B: VirtualBoard>(
     talk: &mut Talk<B>,
     script: &Script,
-    watch: impl FnMut(f64) -> Wish,
+    watch: impl FnMut(f64) -> ScriptControl,
 ) -> Result<Run, PortError> {
     // Its clock runs, as it has answered.
     let zero = talk.port().zero().unwrap_or(0);
@@ -108,11 +108,15 @@ pub fn on_virtual<B: VirtualBoard>(
 ///
 /// # Errors
 /// When the port is gone.
-pub fn on_port<P: Port>(talk: &mut Talk<P>, script: &Script, watch: impl FnMut(f64) -> Wish) -> Result<Run, PortError> {
+pub fn on_port<P: Port>(
+    talk: &mut Talk<P>,
+    script: &Script,
+    watch: impl FnMut(f64) -> ScriptControl,
+) -> Result<Run, PortError> {
     // Its clock, from the status that came soonest.
     let mut zero_us = f64::INFINITY;
     let sent = send(talk, script, watch, |at, said| {
-        if let Said::Status(status) = said {
+        if let BoardLine::Status(status) = said {
             zero_us = zero_us.min(at.as_secs_f64() * 1e6 - status.usec as f64);
         }
     })?;
@@ -160,8 +164,8 @@ impl Sent {
 fn send<P: Port>(
     talk: &mut Talk<P>,
     script: &Script,
-    mut watch: impl FnMut(f64) -> Wish,
-    mut also: impl FnMut(Duration, &Said),
+    mut watch: impl FnMut(f64) -> ScriptControl,
+    mut also: impl FnMut(Duration, &BoardLine),
 ) -> Result<Sent, PortError> {
     /// How often progress is told.
     const SLICE: Duration = Duration::from_millis(50);
@@ -195,14 +199,14 @@ fn send<P: Port>(
             also(at, &said);
             health.heard(at, &said);
             match said {
-                Said::Status(status) => statuses.push(status),
-                Said::Line(ref line) if said.is_refusal() => {
+                BoardLine::Status(status) => statuses.push(status),
+                BoardLine::Line(ref line) if said.is_refusal() => {
                     refusals.push(Refusal { at_s: (at - begin).as_secs_f64(), said: line.clone() });
                 }
-                Said::Line(_) => {}
+                BoardLine::Line(_) => {}
             }
         })?;
-        if watch((talk.now() - begin).as_secs_f64()) == Wish::Stop && !stopped {
+        if watch((talk.now() - begin).as_secs_f64()) == ScriptControl::Stop && !stopped {
             stopped = true;
             end = end.min(talk.now() + AFTER_STOP);
             let stop = talk.as_wanted(STOP);
@@ -256,17 +260,17 @@ impl Health {
         }
     }
 
-    fn heard(&mut self, at: Duration, said: &Said) {
+    fn heard(&mut self, at: Duration, said: &BoardLine) {
         match said {
-            Said::Line(line) if line == "awake" => match self.pings.checked_sub(1) {
+            BoardLine::Line(line) if line == "awake" => match self.pings.checked_sub(1) {
                 Some(left) => self.pings = left,
                 None => {
                     let what = "it restarted (`awake`): positions, gains and limits are lost".to_owned();
                     self.trouble(at, what);
                 }
             },
-            Said::Line(_) => {}
-            Said::Status(status) => {
+            BoardLine::Line(_) => {}
+            BoardLine::Status(status) => {
                 if let Some((before, clock)) = self.last {
                     let passed = Duration::from_micros(status.usec.saturating_sub(clock));
                     let waited = at.saturating_sub(before);
@@ -313,7 +317,7 @@ fn ticks(at: Duration, tick_hz: u64) -> u64 {
 
 /// What a script came to.
 #[derive(Clone, Debug, Serialize)]
-pub struct Report {
+pub struct WinchReport {
     /// The script.
     pub script: String,
     /// What made the steps: "native winch", "virtual Uno", or "board at PORT".
@@ -335,12 +339,12 @@ pub struct Report {
     pub verdict: Option<winch::WinchReport>,
     /// Without edges: what the board says of itself.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub word: Option<Vec<Word>>,
+    pub word: Option<Vec<AxisReport>>,
 }
 
 /// An axis by the board's own word.
 #[derive(Clone, Debug, Serialize)]
-pub struct Word {
+pub struct AxisReport {
     /// x, y, z or a.
     pub axis: String,
     /// Its last position, steps.
@@ -356,7 +360,7 @@ pub struct Word {
     pub is_judged: bool,
 }
 
-impl Word {
+impl AxisReport {
     /// Whether it stands where it should, as far as that can be said.
     fn is_ok(&self) -> bool {
         // Half a step and the threshold's 1/64, and 0.1 of the path.
@@ -364,11 +368,11 @@ impl Word {
     }
 }
 
-impl Report {
+impl WinchReport {
     /// Whether nothing was refused, no bound broke, and the board was heard to the end.
     #[must_use]
     pub fn is_ok(&self) -> bool {
-        let word_ok = self.word.iter().flatten().all(Word::is_ok);
+        let word_ok = self.word.iter().flatten().all(AxisReport::is_ok);
         let all_well = self.refusals.is_empty() && self.troubles.is_empty();
         all_well && word_ok && self.verdict.as_ref().is_none_or(|verdict| verdict.ok)
     }
@@ -378,7 +382,7 @@ impl Report {
 #[derive(Clone, Debug)]
 pub struct Judged {
     /// What it came to.
-    pub report: Report,
+    pub report: WinchReport,
     /// The picture.
     pub picture: Picture,
 }
@@ -391,7 +395,7 @@ pub fn judge(run: &Run, names: Names<'_>, options: &WinchOptions) -> Result<Judg
     let options = &WinchOptions { origin_s: run.begin as f64 / options.tick_hz, ..options.clone() };
     let mut drawing = Drawing::new(run, options);
     let verdict = winch::judge(&run.told, &run.edges, &run.statuses, run.end, options, &mut drawing)?;
-    let report = Report { verdict: Some(verdict), ..names.report(run) };
+    let report = WinchReport { verdict: Some(verdict), ..names.report(run) };
     Ok(Judged { report, picture: drawing.finish(names.title()) })
 }
 
@@ -402,7 +406,7 @@ pub fn by_word(run: &Run, names: Names<'_>) -> Judged {
     let options = WinchOptions { tick_hz, origin_s: run.begin as f64 / tick_hz, ..WinchOptions::default() };
     let mut drawing = Drawing::new(run, &options);
     let mut compared = Compared { run, drawing: &mut drawing, next: [0; 4], words: Vec::new() };
-    compared.words.extend(AXES.map(|axis| Word {
+    compared.words.extend(AXES.map(|axis| AxisReport {
         axis: axis.to_string(),
         position: 0,
         wanted: 0.0,
@@ -415,7 +419,7 @@ pub fn by_word(run: &Run, names: Names<'_>) -> Judged {
     for (word, is_known) in words.iter_mut().zip(is_known) {
         word.is_judged = word.is_at_rest && is_known;
     }
-    let mut report = Report { word: Some(words), ..names.report(run) };
+    let mut report = WinchReport { word: Some(words), ..names.report(run) };
     if run.statuses.is_empty() && report.troubles.is_empty() {
         let what = "no status line came: without one nobody knows where the axes are".to_owned();
         report.troubles.push(Trouble { at_s: report.duration_s, what });
@@ -440,8 +444,8 @@ impl Names<'_> {
         format!("{} on the {}", self.script, self.runner)
     }
 
-    fn report(&self, run: &Run) -> Report {
-        Report {
+    fn report(&self, run: &Run) -> WinchReport {
+        WinchReport {
             script: self.script.to_owned(),
             runner: self.runner.to_owned(),
             board: self.board.to_owned(),
@@ -532,7 +536,7 @@ struct Compared<'a> {
     run: &'a Run,
     drawing: &'a mut Drawing,
     next: [usize; 4],
-    words: Vec<Word>,
+    words: Vec<AxisReport>,
 }
 
 impl Onlooker for Compared<'_> {
@@ -554,9 +558,9 @@ impl Onlooker for Compared<'_> {
     fn step(&mut self, _: usize, _: f64, _: i64, _: f64) {}
 }
 
-impl Display for Report {
+impl Display for WinchReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Report { script, runner, board, duration_s, lines, unsent, refusals, troubles, verdict, word } = self;
+        let WinchReport { script, runner, board, duration_s, lines, unsent, refusals, troubles, verdict, word } = self;
         let duration = human::seconds(*duration_s);
         let plural = if *lines == 1 { "" } else { "s" };
         writeln!(f, "{script}: {lines} line{plural} in {duration}, to the {runner} ({board})\n")?;
@@ -607,7 +611,7 @@ fn hundredths(steps: f64) -> String {
     human::significant((steps * 100.0).round() / 100.0, 9)
 }
 
-impl Report {
+impl WinchReport {
     fn edges(&self, verdict: &winch::WinchReport, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(f, "Every edge, against the path in f64:\n")?;
         let mut table =

@@ -19,14 +19,14 @@ use pulsetrain_motion::human;
 #[derive(Clone, Debug, PartialEq)]
 pub struct Script {
     /// In order of time.
-    pub lines: Vec<Line>,
+    pub lines: Vec<ScriptLine>,
     /// When it ends, s.
     pub end_s: f64,
 }
 
 /// A line, and when it is sent.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Line {
+pub struct ScriptLine {
     /// From the script's beginning, s.
     pub at_s: f64,
     /// As it is sent, without the line's end.
@@ -88,7 +88,7 @@ pub fn load(path: &Path, length: Option<Time>) -> miette::Result<Script> {
 ///
 /// # Errors
 /// With the place.
-pub fn parse(text: &str, name: &str) -> miette::Result<Vec<Line>> {
+pub fn parse(text: &str, name: &str) -> miette::Result<Vec<ScriptLine>> {
     let source = Arc::new(Source::new(name, text));
     let lines = text.split_inclusive('\n').scan(0, |next, raw| {
         let start = *next;
@@ -100,8 +100,11 @@ pub fn parse(text: &str, name: &str) -> miette::Result<Vec<Line>> {
 }
 
 /// Reads lines, each with its place in the source; blank ones are none.
-fn read<'a>(texts: impl Iterator<Item = (&'a str, Range<usize>)>, source: &Arc<Source>) -> miette::Result<Vec<Line>> {
-    let mut lines: Vec<Line> = Vec::new();
+fn read<'a>(
+    texts: impl Iterator<Item = (&'a str, Range<usize>)>,
+    source: &Arc<Source>,
+) -> miette::Result<Vec<ScriptLine>> {
+    let mut lines: Vec<ScriptLine> = Vec::new();
     let mut board = Board::default();
     for (line, place) in texts.filter(|(line, _)| !line.is_empty()) {
         let wrong = |at: Range<usize>, help: &str, message: String| {
@@ -129,7 +132,7 @@ fn read<'a>(texts: impl Iterator<Item = (&'a str, Range<usize>)>, source: &Arc<S
         let told_at = when.len() + 1 + (told.len() - told.trim_start().len());
         let command = Command::parse(text)
             .map_err(|error| wrong(told_at + error.at.start..told_at + error.at.end, OF_COMMANDS, error.message))?;
-        let line = Line { at_s, text: text.to_owned(), command };
+        let line = ScriptLine { at_s, text: text.to_owned(), command };
         board.hear(&line).map_err(|message| wrong(whole, OF_COMMANDS, message))?;
         lines.push(line);
     }
@@ -149,8 +152,8 @@ struct Board {
 
 impl Board {
     /// Takes a line; what is wrong with it, if anything.
-    fn hear(&mut self, line: &Line) -> Result<(), String> {
-        let Line { at_s, text, command } = line;
+    fn hear(&mut self, line: &ScriptLine) -> Result<(), String> {
+        let ScriptLine { at_s, text, command } = line;
         if self.strict && self.is_checked && !command.is_checked {
             return Err(format!("the board wants a checksum on each line by now: {}", with_checksum(text)));
         }

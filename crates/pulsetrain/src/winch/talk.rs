@@ -7,24 +7,24 @@ use pulsetrain_trace::winch::{Command, Status};
 
 /// What a board says.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Said {
+pub enum BoardLine {
     /// Where its axes are.
     Status(Status),
     /// Anything else, without its line's end.
     Line(String),
 }
 
-impl Said {
+impl BoardLine {
     /// Whether it has refused a line.
     #[must_use]
     pub fn is_refusal(&self) -> bool {
-        matches!(self, Said::Line(line) if ["err ", "dbg invalid ", "dbg excessive "].iter().any(|word| line.starts_with(word)))
+        matches!(self, BoardLine::Line(line) if ["err ", "dbg invalid ", "dbg excessive "].iter().any(|word| line.starts_with(word)))
     }
 
     /// Whether it has answered a line, or refused it. (A Pico's `done` comes of itself.)
     #[must_use]
     pub fn is_answer(&self) -> bool {
-        self.is_refusal() || matches!(self, Said::Line(line) if line == "awake" || line.starts_with("id "))
+        self.is_refusal() || matches!(self, BoardLine::Line(line) if line == "awake" || line.starts_with("id "))
     }
 }
 
@@ -171,7 +171,7 @@ impl<P: Port> Talk<P> {
     ///
     /// # Errors
     /// When the port is gone.
-    pub fn wait(&mut self, until: Duration, mut hear: impl FnMut(Duration, Said)) -> Result<(), PortError> {
+    pub fn wait(&mut self, until: Duration, mut hear: impl FnMut(Duration, BoardLine)) -> Result<(), PortError> {
         while self.port.now() < until {
             self.bytes.clear();
             self.port.receive(until, &mut self.bytes)?;
@@ -184,7 +184,7 @@ impl<P: Port> Talk<P> {
                 let line = String::from_utf8_lossy(&self.partial).trim().to_owned();
                 self.partial.clear();
                 if !line.is_empty() {
-                    let said = self.clock.read(&line).map_or(Said::Line(line), Said::Status);
+                    let said = self.clock.read(&line).map_or(BoardLine::Line(line), BoardLine::Status);
                     hear(self.port.now(), said);
                 }
             }
@@ -206,7 +206,7 @@ impl<P: Port> Talk<P> {
             self.tell(&question)?;
             let mut wants_checksum = false;
             self.wait(self.now() + ASK_AGAIN, |_, said| {
-                let Said::Line(line) = said else { return };
+                let BoardLine::Line(line) = said else { return };
                 wants_checksum |= line.starts_with("err checksum");
                 if let Some(id) = line.strip_prefix("id ") {
                     name = Some(id.to_owned());
@@ -226,7 +226,7 @@ impl<P: Port> Talk<P> {
         let mut first = None;
         while first.is_none() && self.now() < end {
             self.wait(end.min(self.now() + ASK_AGAIN), |_, said| {
-                if let (None, Said::Status(status)) = (first, said) {
+                if let (None, BoardLine::Status(status)) = (first, said) {
                     first = Some(status);
                 }
             })?;

@@ -10,8 +10,8 @@ use crossterm::terminal::{self, Clear, ClearType};
 use crossterm::{QueueableCommand, queue};
 use pulsetrain_trace::winch::{AXES, Status};
 
-use super::console::{Person, Wish};
-use super::talk::{Said, explain};
+use super::console::{ConsoleInput, Person};
+use super::talk::{BoardLine, explain};
 
 /// A terminal, raw until this is dropped.
 pub(crate) struct Terminal<'a> {
@@ -46,8 +46,8 @@ impl Drop for Terminal<'_> {
 }
 
 impl Person for Terminal<'_> {
-    fn wishes(&mut self) -> io::Result<Vec<Wish>> {
-        let (mut wishes, mut is_touched) = (Vec::new(), false);
+    fn inputs(&mut self) -> io::Result<Vec<ConsoleInput>> {
+        let (mut inputs, mut is_touched) = (Vec::new(), false);
         if let Ok((width, _)) = terminal::size() {
             self.screen.width = width.into();
         }
@@ -67,30 +67,30 @@ impl Person for Terminal<'_> {
                     self.has_stopped = false;
                     self.screen.print(&format!("> {line}"), &self.editor)?;
                     self.told.clone_from(&line);
-                    wishes.push(Wish::Line(line));
+                    inputs.push(ConsoleInput::Line(line));
                 }
-                Pressed::Interrupt if self.has_stopped => wishes.push(Wish::End),
+                Pressed::Interrupt if self.has_stopped => inputs.push(ConsoleInput::End),
                 Pressed::Interrupt => {
                     self.has_stopped = true;
                     self.screen.print("> enable 0      (Ctrl-C again, or quit, ends)", &self.editor)?;
-                    wishes.push(Wish::Stop);
+                    inputs.push(ConsoleInput::Stop);
                 }
-                Pressed::End => wishes.push(Wish::End),
+                Pressed::End => inputs.push(ConsoleInput::End),
             }
         }
         if is_touched {
             self.screen.draw(&self.editor)?;
         }
-        Ok(wishes)
+        Ok(inputs)
     }
 
-    fn show(&mut self, said: &Said) -> io::Result<()> {
+    fn show(&mut self, said: &BoardLine) -> io::Result<()> {
         match said {
-            Said::Status(status) => {
+            BoardLine::Status(status) => {
                 self.screen.see(*status);
                 self.screen.draw(&self.editor)
             }
-            Said::Line(line) => match explain(line, &self.told) {
+            BoardLine::Line(line) => match explain(line, &self.told) {
                 Some(meaning) => self.screen.print(&format!("{line}   ({meaning})"), &self.editor),
                 None => self.screen.print(line, &self.editor),
             },

@@ -8,12 +8,12 @@ use std::time::Duration;
 use proptest::prelude::*;
 use pulsetrain::cli;
 use pulsetrain::console::Exit;
-use pulsetrain::winch::console::{Ended, Person, Plain, Wish, converse};
+use pulsetrain::winch::console::{ConsoleInput, Ended, Person, Plain, converse};
 use pulsetrain::winch::run::{
-    Judged, Names, Run, Wish as RunWish, by_word, judge, on_port, on_virtual, stands_elsewhere,
+    Judged, Names, Run, ScriptControl, by_word, judge, on_port, on_virtual, stands_elsewhere,
 };
 use pulsetrain::winch::script::{self, Script};
-use pulsetrain::winch::talk::{Said, Talk};
+use pulsetrain::winch::talk::{BoardLine, Talk};
 use pulsetrain_board::native_winch::NativeWinch;
 use pulsetrain_board::virtual_pico::VirtualPico;
 use pulsetrain_board::virtual_uno::VirtualUno;
@@ -36,7 +36,7 @@ fn run(script: &Script) -> Run {
 fn run_on(board: impl VirtualBoard, script: &Script) -> Run {
     let mut talk = Talk::new(board);
     assert_eq!(talk.ask().unwrap().as_deref(), Some("StepperWinch Nov 21 2026"));
-    on_virtual(&mut talk, script, |_| RunWish::GoOn).unwrap()
+    on_virtual(&mut talk, script, |_| ScriptControl::GoOn).unwrap()
 }
 
 fn verdict(run: &Run) -> WinchReport {
@@ -255,7 +255,7 @@ fn a_stop_is_a_planned_one() {
     let mut talk = Talk::new(NativeWinch::new());
     talk.ask().unwrap();
     let script = script("0 s: v x 3000\n5 s: v x -3000", 20.0);
-    let wish = |at_s: f64| if at_s > 2.0 { RunWish::Stop } else { RunWish::GoOn };
+    let wish = |at_s: f64| if at_s > 2.0 { ScriptControl::Stop } else { ScriptControl::GoOn };
     let run = on_virtual(&mut talk, &script, wish).unwrap();
     let verdict = verdict(&run);
     assert!(verdict.ok, "{verdict:?}");
@@ -283,7 +283,7 @@ fn a_real_board_is_known_by_its_word() {
     let mut talk = Talk::new(NativeWinch::new());
     talk.ask().unwrap();
     let script = script("0 s: g xyza 2 1\n0.2 s: a xy 1000 -500\n1 s: a x 200", 4.0);
-    let run = on_port(&mut talk, &script, |_| RunWish::GoOn).unwrap();
+    let run = on_port(&mut talk, &script, |_| ScriptControl::GoOn).unwrap();
     let Judged { report, .. } = pulsetrain::winch::run::by_word(&run, NAMES);
     assert!(report.is_ok() && report.verdict.is_none(), "{report:?}");
     let word = report.word.clone().unwrap();
@@ -317,7 +317,7 @@ fn where_a_real_board_rests_after_a_drift_is_not_judged() {
     let mut run = {
         let mut talk = Talk::new(NativeWinch::new());
         talk.ask().unwrap();
-        on_port(&mut talk, &script(text, 6.0), |_| RunWish::GoOn).unwrap()
+        on_port(&mut talk, &script(text, 6.0), |_| ScriptControl::GoOn).unwrap()
     };
     assert_eq!(words(&run), ([false, true, true, false], true));
     let report = by_word(&run, NAMES).report.to_string();
@@ -331,7 +331,7 @@ fn where_a_real_board_rests_after_a_drift_is_not_judged() {
     let stopped = |text: &str| {
         let mut talk = Talk::new(NativeWinch::new());
         talk.ask().unwrap();
-        words(&on_port(&mut talk, &script(text, 6.0), |_| RunWish::GoOn).unwrap())
+        words(&on_port(&mut talk, &script(text, 6.0), |_| ScriptControl::GoOn).unwrap())
     };
     let to_100 = "0 s: g x 2 1\n0.1 s: a x 100\n";
     assert_eq!(stopped(&format!("{to_100}0.3 s: enable 0\n")), ([false, true, true, true], true));
@@ -343,7 +343,7 @@ fn a_real_board_that_stands_elsewhere_is_told() {
     let mut talk = Talk::new(NativeWinch::new());
     talk.ask().unwrap();
     assert_eq!(stands_elsewhere(&mut talk).unwrap(), None);
-    on_port(&mut talk, &script("0 s: g xyza 2 1\n0 s: a xa 100 -7", 4.0), |_| RunWish::GoOn).unwrap();
+    on_port(&mut talk, &script("0 s: g xyza 2 1\n0 s: a xa 100 -7", 4.0), |_| ScriptControl::GoOn).unwrap();
     assert_eq!(stands_elsewhere(&mut talk).unwrap(), Some([100, 0, 0, -7]));
     // One that says nothing is heard of later.
     let mut talk = Talk::new(Unwell { loses: "txyza", ..Unwell::new() });
@@ -355,7 +355,7 @@ fn a_real_board_that_stands_elsewhere_is_told() {
 fn a_picture_of_a_real_board_shows_no_steps() {
     let mut talk = Talk::new(NativeWinch::new());
     talk.ask().unwrap();
-    let run = on_port(&mut talk, &script("0 s: g x 2 1\n0 s: a x 100", 2.0), |_| RunWish::GoOn).unwrap();
+    let run = on_port(&mut talk, &script("0 s: g x 2 1\n0 s: a x 100", 2.0), |_| ScriptControl::GoOn).unwrap();
     let of_word = by_word(&run, NAMES).picture.svg().unwrap();
     for part in ["Position, step", "Speed, step", "x, as the board says", "the path"] {
         assert!(of_word.contains(part), "{part}");
@@ -419,7 +419,7 @@ fn a_real_board_is_heard_to_the_end() {
     let check = |board: Unwell, text: &str, expected: &[(f64, &str)]| {
         let mut talk = Talk::new(board);
         talk.ask().unwrap();
-        let run = on_port(&mut talk, &script(text, 5.0), |_| RunWish::GoOn).unwrap();
+        let run = on_port(&mut talk, &script(text, 5.0), |_| ScriptControl::GoOn).unwrap();
         let report = pulsetrain::winch::run::by_word(&run, NAMES).report;
         let troubles: Vec<_> = report.troubles.iter().map(|trouble| (trouble.at_s, &trouble.what[..])).collect();
         assert_eq!(troubles.len(), expected.len(), "{troubles:?}");
@@ -546,17 +546,17 @@ fn a_virtual_board_without_a_way_to_it_is_refused() {
 
 /// Someone who does one thing each look.
 struct Actor {
-    wishes: Vec<Wish>,
-    heard: Vec<Said>,
+    inputs: Vec<ConsoleInput>,
+    heard: Vec<BoardLine>,
     told: String,
 }
 
 impl Person for Actor {
-    fn wishes(&mut self) -> io::Result<Vec<Wish>> {
-        Ok(if self.wishes.is_empty() { vec![Wish::End] } else { vec![self.wishes.remove(0)] })
+    fn inputs(&mut self) -> io::Result<Vec<ConsoleInput>> {
+        Ok(if self.inputs.is_empty() { vec![ConsoleInput::End] } else { vec![self.inputs.remove(0)] })
     }
 
-    fn show(&mut self, said: &Said) -> io::Result<()> {
+    fn show(&mut self, said: &BoardLine) -> io::Result<()> {
         self.heard.push(said.clone());
         Ok(())
     }
@@ -573,33 +573,34 @@ impl Person for Actor {
 
 #[test]
 fn a_person_types_lines() {
-    let line = |text: &str| Wish::Line(text.to_owned());
-    let mut wishes =
+    let line = |text: &str| ConsoleInput::Line(text.to_owned());
+    let mut inputs =
         vec![line("help"), line("  "), line("srate 10"), line("v x 3000"), line("jump"), line("strict 1*1a")];
     // A second of nothing.
-    wishes.extend([const { Wish::Line(String::new()) }; 25]);
-    wishes.push(Wish::Stop);
-    wishes.extend([const { Wish::Line(String::new()) }; 10]);
-    wishes.extend([line("quit"), line("v x 9")]);
-    let mut actor = Actor { wishes, heard: Vec::new(), told: String::new() };
+    inputs.extend([const { ConsoleInput::Line(String::new()) }; 25]);
+    inputs.push(ConsoleInput::Stop);
+    inputs.extend([const { ConsoleInput::Line(String::new()) }; 10]);
+    inputs.extend([line("quit"), line("v x 9")]);
+    let mut actor = Actor { inputs, heard: Vec::new(), told: String::new() };
     let mut talk = Talk::new(NativeWinch::new());
     assert_eq!(converse(&mut talk, &mut actor).unwrap(), Ended { refused: 1, is_settled: true });
     assert!(actor.told.contains("go to") && actor.told.contains("enable 0"));
-    assert!(actor.heard.contains(&Said::Line("err command 1".to_owned())));
+    assert!(actor.heard.contains(&BoardLine::Line("err command 1".to_owned())));
     assert!(talk.port().positions()[0] > 500 && talk.port().is_at_rest(), "it was stopped");
-    assert_eq!(actor.wishes.len(), 1, "after `quit` nobody is asked");
+    assert_eq!(actor.inputs.len(), 1, "after `quit` nobody is asked");
 }
 
 #[test]
 fn a_stop_asks_for_no_checksums() {
-    let mut wishes: Vec<Wish> = ["strict 1", "v x 800"].map(|text| Wish::Line(text.to_owned())).to_vec();
-    wishes.push(Wish::Stop);
-    wishes.extend(["a x 0", "strict 0", "ping"].map(|text| Wish::Line(text.to_owned())));
-    wishes.extend([const { Wish::Line(String::new()) }; 3]);
-    let mut actor = Actor { wishes, heard: Vec::new(), told: String::new() };
+    let mut inputs: Vec<ConsoleInput> =
+        ["strict 1", "v x 800"].map(|text| ConsoleInput::Line(text.to_owned())).to_vec();
+    inputs.push(ConsoleInput::Stop);
+    inputs.extend(["a x 0", "strict 0", "ping"].map(|text| ConsoleInput::Line(text.to_owned())));
+    inputs.extend([const { ConsoleInput::Line(String::new()) }; 3]);
+    let mut actor = Actor { inputs, heard: Vec::new(), told: String::new() };
     let mut talk = Talk::new(NativeWinch::new());
     assert_eq!(converse(&mut talk, &mut actor).unwrap(), Ended { refused: 0, is_settled: true });
-    assert_eq!(actor.heard.last(), Some(&Said::Line("awake".to_owned())));
+    assert_eq!(actor.heard.last(), Some(&BoardLine::Line("awake".to_owned())));
 }
 
 #[test]

@@ -1,7 +1,7 @@
 //! A Pico has two lines at once, its UART and its own USB port, and one session: what is on the other one does not disturb
 //! it, and however it ends, the UART is at 115 200 baud again.
 
-use pulsetrain_board::virtual_pico::{Line, VirtualPico};
+use pulsetrain_board::virtual_pico::{PicoPort, VirtualPico};
 use pulsetrain_board::{Board, Edge, Lease, Leased, Link, LinkError, Port, PortError, Remote, Setup};
 use pulsetrain_core::output::Sequence;
 use pulsetrain_core::wire::message::{Cause, flags};
@@ -15,7 +15,7 @@ use std::time::Duration;
 #[derive(Clone)]
 struct Side {
     board: Arc<Mutex<VirtualPico>>,
-    line: Line,
+    line: PicoPort,
 }
 
 impl Port for Side {
@@ -32,7 +32,7 @@ impl Port for Side {
     }
     fn set_baud(&mut self, baud: Baud) -> Result<(), PortError> {
         // USB has no rate.
-        if self.line == Line::Usb { Ok(()) } else { self.board.lock().unwrap().set_baud(baud) }
+        if self.line == PicoPort::Usb { Ok(()) } else { self.board.lock().unwrap().set_baud(baud) }
     }
     fn edges(&mut self, into: &mut Vec<Edge>) {
         self.board.lock().unwrap().edges(into);
@@ -42,7 +42,7 @@ impl Port for Side {
 /// Both lines of a Pico whose USB port is open.
 fn sides() -> [Side; 2] {
     let board = Arc::new(Mutex::new(VirtualPico::on_usb()));
-    [Line::Uart, Line::Usb].map(|line| Side { board: Arc::clone(&board), line })
+    [PicoPort::Uart, PicoPort::Usb].map(|line| Side { board: Arc::clone(&board), line })
 }
 
 /// Says on a line what a link has to say, hears what comes, for `ms`.

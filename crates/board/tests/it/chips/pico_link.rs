@@ -1,7 +1,7 @@
 //! The link to the Pico's firmware by a line that has faults, over either of its lines: the edges are those of a clean run, to
 //! the tick; and a cable that is pulled.
 
-use pulsetrain_board::virtual_pico::{Line, VirtualPico};
+use pulsetrain_board::virtual_pico::{PicoPort, VirtualPico};
 use pulsetrain_board::{Board, Edge, Port, Remote, Setup};
 use pulsetrain_core::output::Sequence;
 use pulsetrain_core::wire::Baud;
@@ -125,7 +125,7 @@ fn a_ring_that_overflows_is_noticed() {
     const HELD: u64 = TICK_HZ / 1000 * 140;
     let mut board = Remote::open(VirtualPico::new(), 7).expect("it answers");
     board.configure(&Setup { pulse_ticks: 250, motors: vec![step_dir(2)], ..Setup::default() }).expect("it takes it");
-    board.port_mut().send_on(Line::Uart, &[0; 1500]);
+    board.port_mut().send_on(PicoPort::Uart, &[0; 1500]);
     hold_for(board.port_mut(), HELD);
     let soon = board.now() + TICK_HZ / 20;
     board.advance(soon, &mut |_: Edge| {});

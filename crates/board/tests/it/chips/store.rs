@@ -7,7 +7,7 @@ use pulsetrain_core::baked;
 use pulsetrain_core::wire::frame::check;
 use pulsetrain_core::wire::settings::SETTINGS_LEN;
 use pulsetrain_core::wire::{Baud, Reason, Settings, Stored};
-use pulsetrain_testkit::winch::{Lab, Wired};
+use pulsetrain_testkit::winch::{WinchLab, Wired};
 use std::time::Duration;
 
 const SETTINGS: Settings = Settings { deadman_ms: 400, idle_ms: 250, silence_ms: 600, vmax: 500_000, amax: 4_000_000 };
@@ -292,12 +292,12 @@ fn nothing_is_written_while_motors_are_powered() {
 }
 
 /// Levels of ENABLE, and when, ticks.
-fn enables<B: Wired>(lab: &Lab<B>) -> Vec<(u64, bool)> {
+fn enables<B: Wired>(lab: &WinchLab<B>) -> Vec<(u64, bool)> {
     lab.edges.iter().filter(|edge| edge.line == B::ENABLE).map(|edge| (edge.tick, edge.level)).collect()
 }
 
 fn text_begins_with_settings<B: Keeps>() {
-    let mut lab = Lab::around(B::with_text(&memory_with::<B>(&[SETTINGS])));
+    let mut lab = WinchLab::around(B::with_text(&memory_with::<B>(&[SETTINGS])));
     let ticks_a_ms = B::CYCLES_PER_S / 1000;
     lab.run_ms(80);
     assert_eq!(lab.lines[0].text, "awake");

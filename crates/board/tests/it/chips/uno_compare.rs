@@ -108,7 +108,7 @@ fn turns_of(pins: &[(u8, u8)], timing: Timing, seed: u64) -> (usize, bool) {
     board.advance(until, &mut lab);
     let told = board.board_mut().events();
     // Both turn so often here that a ring may run dry.
-    let ran_dry = board.board_mut().fared().expect("it answers").last_stop == Cause::Starved;
+    let ran_dry = board.board_mut().settle().expect("it answers").last_stop == Cause::Starved;
     if !ran_dry {
         assert!(board.agrees(), "the native board took something else");
         assert!(told.iter().all(|event| event.cause == Cause::Finished), "{told:?}");

@@ -4,7 +4,7 @@
 //! `PULSETRAIN_SEED` says other random bytes, `PULSETRAIN_ROUNDS` how many times as many.
 
 use pulsetrain_board::virtual_uno::{self, VirtualUno};
-use pulsetrain_board::{Board, Edge, Lease, Leased, Native, Port, PortError, Remote, Setup, Shadowed};
+use pulsetrain_board::{Board, Edge, Lease, Leased, Native, Port, PortError, Remote, Setup, WithReference};
 use pulsetrain_core::avr::Registers;
 use pulsetrain_core::packing::{CHECK_LEN, Check, MAX_PACKED_LEN, Packing, State};
 use pulsetrain_core::wire::frame::{Decoder, Received};
@@ -562,7 +562,7 @@ fn check_board(pins: &[(u8, u8)], timing: Timing, random: &mut Random) -> Cause 
     remote.configure(&setup).expect("it takes the configuration");
     let mut native = Native::unbounded(&native_config(&setup)).expect("the native board takes it too");
     native.advance(remote.now() - 1, &mut |_: Edge| {});
-    let mut board = Shadowed::new(remote, native);
+    let mut board = WithReference::new(remote, native);
     let from = board.now() + board.lead() + TICK_HZ / 100;
     plan(&mut board, &setup, random, from);
     board.switch(Epoch(1), from, Lease::Last, &[]).expect("it is in time");

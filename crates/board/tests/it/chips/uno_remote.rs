@@ -119,7 +119,7 @@ fn a_board_that_ran_dry_says_so_though_the_event_is_gone() {
         let until = board.now() + TICK_HZ / 10;
         board.advance(until, &mut |_: Edge| {});
         let told = board.events().into_iter().map(|event| event.cause).find(|cause| *cause == Cause::Starved);
-        let fared = board.fared().expect("it answers, though it refuses what was on its way");
+        let fared = board.settle().expect("it answers, though it refuses what was on its way");
         if told.is_some() {
             dry += 1;
             assert_eq!(fared.last_stop, Cause::Starved, "seed {seed}");

@@ -1,13 +1,13 @@
 //! The Pico's firmware as clients of the winch see it, on the virtual Pico, by its UART and its own USB: what it says, and its pins
 //! against core's paths, to the tick.
 
-use pulsetrain_board::virtual_pico::{Line, VirtualPico};
+use pulsetrain_board::virtual_pico::{PicoPort, VirtualPico};
 use pulsetrain_board::{Link, LinkError, Port, Remote, RemoteError, Setup};
 use pulsetrain_emulator::UsbState;
 use pulsetrain_testkit::Random;
 use pulsetrain_testkit::held::hold_for;
 use pulsetrain_testkit::pico::step_dir;
-use pulsetrain_testkit::winch::{Lab, Pico, Said, Status, Wired, follow};
+use pulsetrain_testkit::winch::{Pico, Said, Status, WinchLab, Wired, follow};
 
 /// Ticks of a slice, and of a µs.
 const SLICE: u64 = Pico::SLICE;
@@ -20,7 +20,7 @@ fn enable(pico: &Pico) -> Vec<(u64, bool)> {
 
 /// One by its own USB port, which has just been opened.
 fn on_usb() -> Pico {
-    let mut pico = Lab::around(VirtualPico::on_usb());
+    let mut pico = WinchLab::around(VirtualPico::on_usb());
     pico.run_ms(5);
     assert_eq!(pico.lines[0].text, "awake");
     pico
@@ -160,14 +160,14 @@ fn nobody_waits_for_who_does_not_read() {
         }
         heard
     };
-    port.send_on(Line::Usb, b"g xyza 5 1\n");
-    run(&mut port, Line::Usb, 10);
+    port.send_on(PicoPort::Usb, b"g xyza 5 1\n");
+    run(&mut port, PicoPort::Usb, 10);
     port.chip_mut().usb_fill(true);
-    port.send_on(Line::Usb, "nonsense\nd x 10\n".repeat(100).as_bytes());
-    port.send_on(Line::Uart, "d y 10\n".repeat(100).as_bytes());
-    run(&mut port, Line::Uart, 2500);
+    port.send_on(PicoPort::Usb, "nonsense\nd x 10\n".repeat(100).as_bytes());
+    port.send_on(PicoPort::Uart, "d y 10\n".repeat(100).as_bytes());
+    run(&mut port, PicoPort::Uart, 2500);
     port.chip_mut().usb_fill(false);
-    let heard = run(&mut port, Line::Usb, 300);
+    let heard = run(&mut port, PicoPort::Usb, 300);
     let text = String::from_utf8(heard).expect("text");
     let known = |line: &str| line.starts_with("txyza ") || line == "err command 1";
     assert!(text.ends_with("\r\n") && text.lines().all(known), "{text}");
@@ -285,7 +285,7 @@ fn hello_in_the_moment_of_a_command() {
     let mut had = [0, 0];
     for us in (0..3000).step_by(500) {
         let mut pico = on_usb();
-        pico.port.send_on(Line::Uart, b"v x 1000\n");
+        pico.port.send_on(PicoPort::Uart, b"v x 1000\n");
         let until = pico.port.now() + std::time::Duration::from_micros(us);
         while pico.port.now() < until {
             pico.port.receive(until, &mut Vec::new()).unwrap();
@@ -294,13 +294,13 @@ fn hello_in_the_moment_of_a_command() {
         match opened {
             Err(RemoteError::Link(LinkError::Taken)) => {
                 had[0] += 1;
-                let mut pico = Lab::around(pico.port);
+                let mut pico = WinchLab::around(pico.port);
                 pico.run_ms(100);
                 assert!(!pico.steps(0).is_empty(), "{us} us: text has it");
             }
             Ok(board) => {
                 had[1] += 1;
-                let mut pico = Lab::around(board.port().clone());
+                let mut pico = WinchLab::around(board.port().clone());
                 pico.run_ms(100);
                 assert_eq!(pico.steps(0).len(), 0, "{us} us: frames have it");
             }
@@ -311,7 +311,7 @@ fn hello_in_the_moment_of_a_command() {
 }
 
 /// What comes of a Hello on a line: why it is refused, if it is.
-fn hello_on(port: &mut VirtualPico, line: Line) -> Option<LinkError> {
+fn hello_on(port: &mut VirtualPico, line: PicoPort) -> Option<LinkError> {
     let mut link = Link::new(77);
     link.hello(port.now());
     let patience = port.now() + std::time::Duration::from_secs(8);
@@ -337,8 +337,8 @@ fn each_line_hears_of_the_other() {
         let until = port.now() + std::time::Duration::from_millis(ms);
         while port.now() < until {
             let next = (port.now() + std::time::Duration::from_millis(1)).min(until);
-            port.receive_on(Line::Usb, next, &mut lines[1]);
-            port.receive_on(Line::Uart, next, &mut lines[0]);
+            port.receive_on(PicoPort::Usb, next, &mut lines[1]);
+            port.receive_on(PicoPort::Uart, next, &mut lines[0]);
         }
     };
     run(&mut port, &mut lines, 210);
@@ -346,11 +346,11 @@ fn each_line_hears_of_the_other() {
         assert!(heard.starts_with(b"awake\r\ntxyza "), "{}", String::from_utf8_lossy(heard));
     }
     // Axes and settings are the same by both.
-    port.send_on(Line::Uart, b"g x 5 1\na x 50\n");
-    port.send_on(Line::Usb, b"srate 50\n");
+    port.send_on(PicoPort::Uart, b"g x 5 1\na x 50\n");
+    port.send_on(PicoPort::Usb, b"srate 50\n");
     run(&mut port, &mut lines, 30);
     // Text drives, and what it is told on one line holds frames off on both.
-    for line in [Line::Usb, Line::Uart] {
+    for line in [PicoPort::Usb, PicoPort::Uart] {
         assert_eq!(hello_on(&mut port.clone(), line), Some(LinkError::Taken), "{line:?}");
     }
     run(&mut port, &mut lines, 1470);
@@ -358,14 +358,14 @@ fn each_line_hears_of_the_other() {
         let text = String::from_utf8_lossy(heard);
         assert!(text.lines().count() > 25 && text.trim_end().ends_with(" 50 0 0 0"), "{text}");
     }
-    port.send_on(Line::Usb, b"enable 0\n");
+    port.send_on(PicoPort::Usb, b"enable 0\n");
     run(&mut port, &mut lines, 100);
     // Frames over USB; text on the UART.
     let mut board = Remote::open(port, 9).expect("it is free");
     board.configure(&Setup { pulse_ticks: 125, motors: vec![step_dir(10)], ..Setup::default() }).expect("it takes it");
     let mut port = board.port().clone();
     lines = [Vec::new(), Vec::new()];
-    port.send_on(Line::Uart, b"a x 5\nnonsense\n");
+    port.send_on(PicoPort::Uart, b"a x 5\nnonsense\n");
     run(&mut port, &mut lines, 100);
     assert_eq!(String::from_utf8_lossy(&lines[0]), "err taken\r\nerr taken\r\n");
 }

@@ -2,7 +2,7 @@
 
 use super::uno::{Mark, Seen, idle_round};
 use pulsetrain_board::virtual_uno::VirtualUno;
-use pulsetrain_board::{Edge, Observer, Port, Remote, ScheduledStep, Shadowed};
+use pulsetrain_board::{Edge, Observer, Port, Remote, ScheduledStep, WithReference};
 use pulsetrain_core::Direction;
 use pulsetrain_core::wire::Baud;
 use pulsetrain_core::wire::message::Cause;
@@ -184,7 +184,7 @@ impl Followed {
 /// When it cannot begin: the plan is refused. What goes wrong later is in [`Followed::trouble`].
 pub(crate) fn follow<P: Port>(
     prepared: &Prepared,
-    driven: &mut Driven<Shadowed<Remote<P>>>,
+    driven: &mut Driven<WithReference<Remote<P>>>,
     constant: u32,
     late_ticks: f64,
     mut watch: impl FnMut(f64),

@@ -4,7 +4,7 @@ use super::motion::{Followed, follow};
 use super::pico::{COILS, Run, Seen, Timing, stream};
 use pulsetrain::load;
 use pulsetrain_board::virtual_pico::VirtualPico;
-use pulsetrain_board::{Board, Edge, Lease, Leased, Remote, Setup, Shadowed};
+use pulsetrain_board::{Board, Edge, Lease, Leased, Remote, Setup, WithReference};
 use pulsetrain_core::output::Sequence;
 use pulsetrain_core::wire::Baud;
 use pulsetrain_core::wire::message::{Cause, coil_pins};
@@ -14,7 +14,7 @@ use pulsetrain_motion::{Grid, Law as Motion, Time, boards};
 use pulsetrain_session::drive::{Driven, connect_as};
 
 /// A Pico, and the native board that says which tick each of its steps was scheduled for.
-type Pico = Shadowed<Remote<VirtualPico>>;
+type Pico = WithReference<Remote<VirtualPico>>;
 use pulsetrain_session::lateness::Lateness;
 use pulsetrain_session::prepare::Prepared;
 use pulsetrain_testkit::pico::{TICK_HZ, coils};

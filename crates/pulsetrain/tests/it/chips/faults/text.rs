@@ -3,7 +3,7 @@
 use super::bench::{Chip, Moved};
 use super::some;
 use super::table::Row;
-use pulsetrain_testkit::winch::{Lab, Wired};
+use pulsetrain_testkit::winch::{WinchLab, Wired};
 
 /// Each axis has a target of its own: which lines were obeyed shows in where they end.
 const TARGETS: [i32; 4] = [37, 21, 50, 44];
@@ -40,7 +40,7 @@ pub(crate) fn rows<P: Chip + Wired>(fresh: &P, seed: u64) -> Vec<Row> {
                     "doubled" => sent.insert(at, bytes[at]),
                     _ => sent[at] ^= 1 << ((seed as usize + 3 * at) % 8),
                 }
-                let mut lab = Lab::around(fresh.clone());
+                let mut lab = WinchLab::around(fresh.clone());
                 lab.run_ms(80);
                 // Quick to come to rest.
                 lab.send("g xyza 8 1\n");

@@ -10,7 +10,7 @@ use std::collections::VecDeque;
 
 /// A board, whose edges are told, and a native one, whose steps are.
 #[derive(Debug)]
-pub struct Shadowed<B> {
+pub struct WithReference<B> {
     board: B,
     shadow: Native,
     /// The shadow took everything that the board took.
@@ -26,16 +26,16 @@ pub struct Shadowed<B> {
     extended: VecDeque<bool>,
 }
 
-impl<B: Board> Shadowed<B> {
+impl<B: Board> WithReference<B> {
     /// `shadow` has the same motors as `board`, queues that hold what the board's hold ([`Native::unbounded`]), and is new: it comes as far
     /// as the board, which may have been on for days.
     #[must_use]
-    pub fn new(board: B, mut shadow: Native) -> Shadowed<B> {
+    pub fn new(board: B, mut shadow: Native) -> WithReference<B> {
         if let Some(last) = board.now().checked_sub(1) {
             shadow.advance(last, &mut |_: Edge| {});
         }
         let (extending, extended) = (VecDeque::new(), VecDeque::new());
-        Shadowed { board, shadow, agree: true, steps: Vec::new(), held: None, extending, extended }
+        WithReference { board, shadow, agree: true, steps: Vec::new(), held: None, extending, extended }
     }
 
     /// The board itself.
@@ -80,7 +80,7 @@ impl<B: Board> Shadowed<B> {
     }
 }
 
-impl<B> Shadowed<B> {
+impl<B> WithReference<B> {
     /// The soonest of the ends that the lease may have.
     fn open(&self) -> Option<u64> {
         let leases = self.extending.iter().map(|(lease, _)| *lease).chain(self.held);
@@ -89,7 +89,7 @@ impl<B> Shadowed<B> {
     }
 }
 
-impl<B: Leased> Shadowed<B> {
+impl<B: Leased> WithReference<B> {
     /// Extends the shadow's lease as the board has extended its own.
     fn hear_of_extensions(&mut self) {
         while let Some(accepted) = self.board.extended() {
@@ -133,7 +133,7 @@ impl<O: Observer> Observer for Steps<'_, O> {
     }
 }
 
-impl<B: Leased> Board for Shadowed<B> {
+impl<B: Leased> Board for WithReference<B> {
     fn push(&mut self, motor: usize, entry: Entry) -> Result<(), Entry> {
         self.board.push(motor, entry)?;
         self.agree &= self.shadow.push(motor, entry).is_ok();
@@ -203,12 +203,12 @@ impl<B: Leased> Board for Shadowed<B> {
         self.agree && self.board.agrees()
     }
 
-    fn fared(&mut self) -> Result<crate::Fared, crate::RemoteError> {
-        self.board.fared()
+    fn settle(&mut self) -> Result<crate::AtRest, crate::RemoteError> {
+        self.board.settle()
     }
 }
 
-impl<B: Leased> Leased for Shadowed<B> {
+impl<B: Leased> Leased for WithReference<B> {
     fn switch(&mut self, epoch: Epoch, tick: u64, lease: Lease, limits: &[Limit]) -> Result<(), SwitchRefused> {
         self.await_extensions();
         let answer = self.board.switch(epoch, tick, lease, limits);
@@ -290,7 +290,7 @@ mod tests {
 
     /// So many runs of a step each, all told before the first; gives what was seen, and whether both agree.
     fn told(runs: usize, shadow: Native) -> (Seen, bool) {
-        let mut board = Shadowed::new(Native::unbounded(&config()).expect("it can be wired so"), shadow);
+        let mut board = WithReference::new(Native::unbounded(&config()).expect("it can be wired so"), shadow);
         let segment = Segment { count: 1, interval: 100 << 16, add: 0, add2: 0 };
         let run = Item::Run { segment, direction: Direction::Forward };
         for item in [Item::Anchor { tick: Tick32(0) }].into_iter().chain(std::iter::repeat_n(run, runs)) {
