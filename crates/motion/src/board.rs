@@ -15,7 +15,8 @@ pub struct Board {
     pub min_interval_ticks: Vec<u32>,
     /// Whether the edges are timed in hardware (then the default tolerance is 1 tick, else 1 µs).
     pub hardware_timed: bool,
-    /// Whether it has one pulse length, DIR set-up and hold for all motors: the longest that a driver needs. See [`Program::timing`].
+    /// Whether it has one pulse length, DIR set-up and hold for all motors: the longest that a driver needs. See
+    /// [`Program::timing`](crate::program::Program::timing).
     pub one_timing: bool,
     /// What a turn of DIR takes besides pulse, hold and set-up, ticks: from the step before it to the one after it.
     pub turn_ticks: u32,

@@ -456,7 +456,7 @@ impl Header<'_> {
         titles.join(&self.delimiter.to_string())
     }
 
-    /// Columns of other names whose unit tells what they are.
+    /// Columns of other names whose unit says what they are.
     fn with_unit(&self, role: &Role<'_>, roles: &[Role<'_>], found: &[Option<usize>]) -> Vec<usize> {
         let is = |title: &Title| {
             let fits = matches!(&title.unit, Stated::Unit(unit) | Stated::Unclear(Some(unit)) if role.fits(unit));

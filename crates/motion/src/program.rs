@@ -26,7 +26,7 @@ pub struct Program {
     pub queue_parts: Vec<u8>,
 }
 
-/// The longest [`Program::idle_ms`]: what every board can. A Pico tells ticks of 8 ns apart within 2^31.
+/// The longest [`Program::idle_ms`]: what every board can count. A Pico compares ticks of 8 ns within 2^31, which is 17 s.
 pub const LONGEST_IDLE_MS: u16 = 8000;
 
 /// Why a program cannot run on another board.

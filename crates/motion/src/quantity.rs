@@ -418,7 +418,7 @@ fn find_unit(unit: &str) -> Option<KnownUnit> {
     Some(KnownUnit { name, base, per_seconds, per_s, scale })
 }
 
-/// What somebody means who writes `number` with a unit that is not known.
+/// What is probably meant by `number` with a unit that is not known.
 fn meant(number: f64, unit: &str) -> Option<String> {
     let known = |unit: String| find_unit(&unit).is_some().then_some(unit);
     // Another name of the amount, of the time, or of both: rps, degrees/second.

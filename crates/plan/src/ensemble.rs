@@ -28,7 +28,7 @@ pub struct Ensemble {
     groups: Vec<SharedDir>,
 }
 
-/// A plan may be worked out on another thread than the one that read the file.
+// A plan may be worked out on another thread than the one that read the file.
 const _: () = {
     const fn is_send<T: Send + 'static>() {}
     is_send::<Ensemble>();

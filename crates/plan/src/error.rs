@@ -139,7 +139,7 @@ pub enum PlanError {
         /// steps/s.
         pull_in: f64,
     },
-    /// Numbers of 53 bits do not tell the law's step times well enough.
+    /// Numbers of 53 bits are too coarse for the law's step times.
     #[error(
         "the step at t = {at_s:.6} s can only be proven to {bound_ticks:.3} ticks, {tolerance_ticks} are asked for"
     )]

@@ -222,7 +222,7 @@ struct Window {
 const SHORTEST_MS: f64 = 2.0;
 const LONGER: f64 = 1.1;
 const TIMES: i32 = 50;
-/// A motor's queue has so many bytes at least: room for what a change tells it. `cargo test -p pulsetrain --test it small_queues` has about as many.
+/// A motor's queue has so many bytes at least: room for the items of a change. `cargo test -p pulsetrain --test it small_queues` has about as many.
 const LEAST_QUEUE: u64 = 48;
 
 impl Demand {

@@ -15,7 +15,7 @@ pub struct Load {
     pub heard_ticks: u64,
     /// So much of steps and segments may be put off, as a board works ahead.
     pub burst_ticks: u64,
-    /// So much of all may be put off, as the board has heard of segments long before they are due.
+    /// So much of all may be put off, since the board has segments long before they are due.
     pub heard_burst_ticks: u64,
 }
 

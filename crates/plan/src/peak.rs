@@ -44,7 +44,7 @@ pub(crate) fn peak(
         let rest = (order + 1..8)
             .rev()
             .fold(falling(8) * bounds.eighth * half, |sum, k| (sum + falling(k) * c[k].abs()) * half);
-        // Where terms cancel, rounding alone is left: no search for what it cannot tell.
+        // Where terms cancel, only rounding is left, in which there is no peak to look for.
         let noise = factorial * bounds.rounding[order];
         if value + rest > best.0 * (1.0 + precision) + noise && half > shortest {
             let quarter = half * 0.5;

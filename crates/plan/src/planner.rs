@@ -19,7 +19,7 @@ use std::collections::VecDeque;
 const TOUCH: f64 = 1e-9;
 /// A touch that an even speed would make later by less needs no regard, ticks.
 const TOUCH_TICKS: f64 = 1e-3;
-/// A piece that bends by no more than so many roundings of θ is straight, as far as anybody can tell.
+/// A piece that bends by no more than so many roundings of θ is straight: its bend is lost in rounding.
 const BEND_ROUNDINGS: f64 = 64.0;
 /// Waits longer than this are dwells, ticks: 24 bits serve every board's interval.
 pub const LONGEST_WAIT_TICKS: u32 = 1 << 24;

@@ -215,7 +215,7 @@ impl Run {
     }
 }
 
-/// The board's live registers as the host knows them, and how the wire predicts from them.
+/// A copy of the registers that the board has after the last segment, from which the wire's packing predicts the next one.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Registers {
     /// Tick of the accumulator.

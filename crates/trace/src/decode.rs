@@ -45,7 +45,7 @@ pub struct Backwards {
 
 /// Turns edges into the events of each motor.
 pub struct Decoder {
-    /// For each line, who listens: motor and role.
+    /// For each line, which motors it belongs to, and as what.
     listeners: Vec<Vec<(usize, Role)>>,
     levels: Vec<bool>,
     drivers: Vec<Driver>,

@@ -48,7 +48,7 @@ pub struct EdgeWriter<W: Write> {
     last: Option<u64>,
 }
 
-/// The coarsest that tells ticks exactly; the finest if none does.
+/// The coarsest timescale in which ticks are whole numbers; the finest if there is none.
 fn timescale(tick_hz: u64) -> (u32, TimescaleUnit, u64) {
     let exact = TIMESCALES.iter().find(|(_, _, hz)| hz % tick_hz == 0);
     *exact.unwrap_or(&TIMESCALES[TIMESCALES.len() - 1])
@@ -349,7 +349,7 @@ mod tests {
             &[true, false],
             &[(7, 0, false), (9, 1, true)],
         );
-        // A line that is first heard of later has an edge there, from LOW; the file need not end with a newline.
+        // A line that first appears later has an edge there, from LOW; the file need not end with a newline.
         check(&format!("{head}#0 0!\n#4 1\"\n"), 1_000_000, &[false, false], &[(4, 1, true)]);
         check(&format!("{head}#0 0!\n#4 1\""), 1_000_000, &[false, false], &[(4, 1, true)]);
     }

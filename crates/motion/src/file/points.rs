@@ -181,7 +181,7 @@ impl<'a> TableReader<'a> {
             }),
         };
         let columns = choices.iter().map(column).collect::<Read<Vec<usize>>>()?;
-        // Whoever writes names has read them.
+        // Names were read off the header; numbers may be counted wrongly.
         let counted = choices.iter().all(|choice| matches!(choice, Choice::Number(_)));
         let mut positions = columns[1..].iter().filter_map(|column| header.titles.get(*column));
         let time = positions.find(|title| title.is_one_of(TIME.names));

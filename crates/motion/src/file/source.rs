@@ -8,7 +8,7 @@ pub struct Source {
 }
 
 impl Source {
-    /// `name` is that of its file, as whoever reads the messages knows it.
+    /// `name` is that of its file, as messages show it.
     #[must_use]
     pub fn new(name: impl Into<String>, text: impl Into<String>) -> Source {
         Source { name: name.into(), text: text.into() }

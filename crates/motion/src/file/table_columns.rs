@@ -1,4 +1,4 @@
-//! How the columns of CSV files were read, for whoever wants to see it.
+//! How the columns of CSV files were read: `plan` prints it, so that a wrong column is seen.
 
 use std::fmt;
 

@@ -33,7 +33,7 @@ pub(super) fn refuse_strays(reader: &Reader) {
     }
 }
 
-/// What the commands, from the list or the file, tell that axis to do and when, in order.
+/// The orders of the commands, from the list or the file, for that axis, in order of time.
 pub(super) fn commands(p: &Section, loader: Loader, axis: char) -> Read<Vec<(Time, WinchCommand)>> {
     let mut commands = Vec::new();
     let mut last = Time::ZERO;

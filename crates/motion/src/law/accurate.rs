@@ -1,4 +1,4 @@
-//! Numbers of 106 bits that know how far they may be off: for places where a law hardly moves, which f64 cannot tell apart.
+//! Numbers of 106 bits, each with a bound on its error: for places where a law moves by less than f64 resolves.
 
 use super::double::{Double, ULP};
 use std::ops::{Add, Div, Mul, Neg, Sub};

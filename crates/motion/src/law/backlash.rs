@@ -287,7 +287,7 @@ impl Turns {
         Some(Ok(turns))
     }
 
-    /// Hears where the law goes; tells of a turn when it has come back far enough.
+    /// Takes where the law is at `at`; gives a turn once the law has come back far enough from it.
     fn go_on(&mut self, at: Time, position: Double) -> Option<(Time, f64)> {
         let by = (position - self.farthest.1).nearest();
         if self.direction == 0.0 {

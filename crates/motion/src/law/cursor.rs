@@ -38,7 +38,7 @@ pub struct Cursor {
     recent: VecDeque<Piece>,
 }
 
-/// Whoever follows a law may do so on another thread than the one that made it.
+// A law may be followed on another thread than the one that made it.
 const _: () = {
     const fn is_send<T: Send + 'static>() {}
     is_send::<Cursor>();

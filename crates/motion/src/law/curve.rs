@@ -154,7 +154,7 @@ impl Curve {
 
     /// Of a curve that is provably at rest at u = 0: θ there, what it has moved by u, and what rounding does to that, steps.
     ///
-    /// Near there this tells more than the difference of two values.
+    /// Near there this is more exact than the difference of two values.
     #[must_use]
     pub fn moved_from_rest(&self, u: f64) -> Option<(f64, f64, f64)> {
         let Curve::Polynomial(c) = self else { return None };
@@ -172,7 +172,7 @@ impl Curve {
         }
     }
 
-    /// The same curve as far as f64 tells it.
+    /// The same curve in f64 alone.
     pub(crate) fn plain(self) -> Curve {
         match self {
             Curve::Accurate { curve, .. } => *curve,
@@ -205,7 +205,7 @@ impl Curve {
     /// How far θ at u is beyond `level`, which is the sum of its parts, and how far that may be off, steps; `None` where no more is known
     /// than f64 holds.
     ///
-    /// Where a law hardly moves this tells more than the difference of two values.
+    /// Where a law hardly moves this is more exact than the difference of two values.
     #[must_use]
     pub fn beyond(&self, u: f64, level: [f64; 3]) -> Option<(f64, f64)> {
         if_finite(self.accurate(u, &level)?[0])

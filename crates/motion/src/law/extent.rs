@@ -20,7 +20,7 @@ const DEEPEST: u32 = 24;
 const MOST_STRETCHES: u32 = 1 << 18;
 /// What may pass, as part of the limit.
 const SLACK: f64 = 1e-9;
-/// Who is beyond a limit by so much more, as part of it, is farther beyond.
+/// A place counts as farther beyond a limit if it is so by that part of the value more: otherwise the search would not end.
 const FARTHER: f64 = 1e-3;
 
 /// When `laws` (side by side, each multiplied by its `scale`) are farthest beyond `limit`, if they pass it: the time, and what they are then,

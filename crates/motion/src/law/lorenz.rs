@@ -80,7 +80,7 @@ fn reach(series: &[TaylorSeries; 3]) -> f64 {
 impl Law {
     /// Coordinate 0, 1 or 2 of an orbit, `scale` steps for one of its units, `speed` of its units of time in a second.
     ///
-    /// What breaks (an orbit that runs away) its [`pieces`](Law::pieces) tell, with the time.
+    /// An orbit that runs away is an error of the law's [`pieces`](Law::pieces), with the time.
     ///
     /// ```
     /// use pulsetrain_motion::{Law, Time, law::{Cursor, Orbit}};

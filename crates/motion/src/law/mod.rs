@@ -82,7 +82,7 @@ impl Piece {
         (self.end - self.zero).seconds()
     }
 
-    /// θ at the curve's own time u as f64 tells it, with the whole steps.
+    /// θ at the curve's own time u, with the whole steps, to the precision of f64.
     fn rough_position(&self, u: f64) -> Double {
         Double::from(self.origin) + Double::from(self.curve.value(u))
     }

@@ -42,7 +42,7 @@ impl Law {
 
 impl Steady {
     /// From when on an endless one repeats, and after which time: after whole steps, for a second or two, or for one step if that takes longer.
-    /// `None` at rest, and where a step takes more than minutes and 2^-64 s do not tell how long.
+    /// `None` at rest, and where a step takes so many minutes that 2^-64 s are too coarse for its length.
     pub(super) fn cycle(&self) -> Option<(Time, Time)> {
         const FRACTION: u64 = (1 << 52) - 1;
         let speed = self.speed.abs();

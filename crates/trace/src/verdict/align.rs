@@ -14,7 +14,7 @@ const FIRST: u64 = 32;
 /// Feeds a judge with all events up to a tick of the trace.
 pub(super) type Feed<'f> = dyn FnMut(&mut dyn Listener, Option<u64>) -> Result<(), JudgeError> + 'f;
 
-/// Who takes the events of a trace.
+/// What takes the events of a trace.
 pub(super) trait Listener {
     fn event(&mut self, motor: usize, tick: u64, event: Event);
 }

@@ -368,7 +368,7 @@ fn alignment_breaks_nothing_that_holds_without() {
     let (program, trace) = tutorial();
     let mut steps = decode::steps(&trace, &program).unwrap();
     steps.steps.iter_mut().step_by(100).for_each(|step| step.tick += 1);
-    // Whoever wants the rate fitted says that another clock took the times: within one of its ticks.
+    // If the rate is to be fitted, another clock took the times: they are known within one of its ticks.
     for (align, spare) in [(Align::None, 0.0), (Align::Start, 0.0), (Align::StartAndRate, 1.0)] {
         let options = Options { align, bound_ticks: Some(1.5), ..Options::default() };
         let report = judge_steps(&steps, &program, &options).unwrap();
@@ -423,7 +423,7 @@ fn close_pairs_and_grazes_may_be_left_out() {
     check(level + 1e-10, &[], true, 1);
     check(level, &[(top, true), (top, false)], true, 0);
     check(level, &[(top, true)], false, 0);
-    // 1e-10 below: nobody can tell.
+    // 1e-10 below: within rounding.
     check(level - 1e-10, &[], true, 0);
     check(level - 1e-10, &[(top, true), (top, false)], true, 0);
     check(level - 1e-10, &[(top, true)], false, 0);

@@ -49,7 +49,7 @@ impl Board {
         }
     }
 
-    /// All that it is, to tell two of them apart.
+    /// All of its state, to compare two of them.
     pub(super) fn bits(&self) -> ([[u64; 11]; 4], [bool; 2]) {
         let bits = |path: &Path| {
             let Path { position, speed, reference, target, drift, ramp, .. } = *path;
@@ -111,7 +111,7 @@ impl Path {
     };
 
     fn obey(&mut self, order: Order) {
-        // Whoever is stopping has its target where it is.
+        // An axis that is stopping has its target where it is.
         if self.is_stopping {
             (self.target, self.reference) = (self.position, self.position);
             self.doubt.rebase();
@@ -144,7 +144,7 @@ impl Path {
             }
             Order::Ramp(speed) => self.ramp = speed,
             Order::Stop | Order::Halt => {
-                // Whoever is at rest stays where they are.
+                // An axis at rest stays where it is.
                 let is_at_rest = (self.position - self.reference).abs() < 0.01 && self.speed.abs() < 1.0;
                 self.depends_on_time |= !is_at_rest;
                 self.drift = 0.0;

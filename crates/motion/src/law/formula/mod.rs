@@ -104,7 +104,7 @@ const MEETING_STEPS: f64 = 1e-6;
 impl Law {
     /// θ(t) = `steps_per_unit` × `text`, for `duration` or for ever. See [`formula`](self) for the language.
     ///
-    /// What is wrong with the values of the formula (undefined, jumps) its [`pieces`](Law::pieces) tell, with the time.
+    /// A formula that is undefined or jumps somewhere is an error of the law's [`pieces`](Law::pieces), with the time.
     ///
     /// ```
     /// use pulsetrain_motion::{Law, Time};
