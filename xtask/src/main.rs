@@ -76,7 +76,7 @@ enum Task {
     ///
     /// As it is by default, on 2 cores, once all is built: about 10 minutes for each of 10 rounds, 25 minutes for 2000 motions (some 80 a
     /// minute), an hour for 12 fuzz targets of 10 minutes, two at a time: some three hours.
-    Soak(soak::Options),
+    Soak(soak::SoakOptions),
     /// Plan and run random realistic motions with the program itself, on all boards, and say how many that `plan` accepts break
     Accept(accept::Options),
     /// Give random and damaged input to everything that reads some

@@ -22,7 +22,7 @@ const CUTS: u64 = 4;
 
 /// What is tried.
 #[derive(clap::Args)]
-pub(crate) struct Options {
+pub(crate) struct SoakOptions {
     /// How many times all tests run, each time with the next seed
     #[arg(long, default_value_t = 10, value_name = "N")]
     rounds: u64,
@@ -46,7 +46,7 @@ pub(crate) struct Options {
     shard: Option<String>,
 }
 
-pub(crate) fn run(options: &Options) -> Done {
+pub(crate) fn run(options: &SoakOptions) -> Done {
     if let Some(package) = &options.mutants {
         return mutants(package, options.shard.as_deref());
     }

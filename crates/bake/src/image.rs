@@ -59,7 +59,7 @@ pub struct Image {
 
 impl Image {
     /// Bytes of an Uno's flash that an image may fill; the bootloader is behind them.
-    pub const ROOM: usize = stk500::room(stk500::RATES[0]);
+    pub const FLASH_BYTES: usize = stk500::room(stk500::RATES[0]);
 
     /// The image of a program for the Uno. The committed firmware itself, on the virtual Uno, is asked whether it takes pins and times.
     ///
@@ -79,7 +79,7 @@ impl Image {
         drive::connect(VirtualUno::new(), program, Baud::B115200).map_err(Box::new)?;
         let mut flash = virtual_uno::baked_image();
         flash.resize(flash.len().next_multiple_of(2), 0xff);
-        let limit = Image::ROOM.saturating_sub(flash.len());
+        let limit = Image::FLASH_BYTES.saturating_sub(flash.len());
         let setup = drive::setup(program);
         let streams = streams(program, &setup, limit, SHAPE)?;
         let block = block(&setup, has_lamp(program), &streams).ok_or(RemoteError::Nonsense).map_err(Box::new)?;

@@ -42,7 +42,7 @@ pub struct PicoImage {
 
 impl PicoImage {
     /// Bytes of a Pico's flash that an image may fill; the settings are behind them.
-    pub const ROOM: usize = FLASH_ROOM as usize;
+    pub const FLASH_BYTES: usize = FLASH_ROOM as usize;
 
     /// The image of a program for the Pico. The committed firmware itself, on the virtual Pico, is asked whether it takes pins and
     /// times.
@@ -50,10 +50,10 @@ impl PicoImage {
     /// # Errors
     /// [`BakeError`]: a motion that is refused, that does not repeat or does not fit, or pins that the firmware refuses.
     pub fn new(program: &Program) -> Result<PicoImage, BakeError> {
-        PicoImage::within(program, PicoImage::ROOM)
+        PicoImage::within(program, PicoImage::FLASH_BYTES)
     }
 
-    /// The same in the first `flash_bytes` of the flash, [`ROOM`](PicoImage::ROOM) at most.
+    /// The same in the first `flash_bytes` of the flash, [`FLASH_BYTES`](PicoImage::FLASH_BYTES) at most.
     ///
     /// # Errors
     /// As [`PicoImage::new`].
@@ -71,7 +71,7 @@ impl PicoImage {
         }
         let mut flash = firmware()?;
         let at = flash.len();
-        let limit = flash_bytes.min(PicoImage::ROOM).saturating_sub(at);
+        let limit = flash_bytes.min(PicoImage::FLASH_BYTES).saturating_sub(at);
         let setup = drive::setup(&program);
         let streams = streams(&program, &setup, limit, SHAPE)?;
         let block = block(&setup, &streams).ok_or(RemoteError::Nonsense).map_err(Box::new)?;
@@ -108,7 +108,7 @@ impl PicoImage {
 fn firmware() -> Result<Vec<u8>, BakeError> {
     let broken = |error: image::ImageError| BakeError::Player { what: error.to_string() };
     let pieces = image::uf2(virtual_pico::IMAGE, virtual_pico::FAMILY).map_err(broken)?;
-    let mut flash = image::flat(&pieces, FLASH_AT, PicoImage::ROOM).map_err(broken)?;
+    let mut flash = image::flat(&pieces, FLASH_AT, PicoImage::FLASH_BYTES).map_err(broken)?;
     flash.resize(flash.len().next_multiple_of(SECTOR), 0xff);
     Ok(flash)
 }

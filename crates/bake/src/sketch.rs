@@ -12,7 +12,7 @@ const TYPES: &str = include_str!("types.h");
 const PLAYER: &str = include_str!("player.h");
 
 /// Bytes of flash that are left for tables: 32 256, less what the program and the Arduino core take.
-const ROOM: usize = 32_256 - 4_096;
+const TABLE_BYTES: usize = 32_256 - 4_096;
 
 /// What a sketch says of itself.
 pub const MADE: &str = "Made by pulsetrain bake";
@@ -32,7 +32,7 @@ impl Sketch {
     /// # Errors
     /// [`BakeError`]: what cannot be baked, other drivers than those with STEP and DIR, other pins than 2 to 13, too fast, too large.
     pub fn new(program: &Program, title: &str) -> Result<Sketch, BakeError> {
-        let parts = Parts::of(program, ROOM)?;
+        let parts = Parts::of(program, TABLE_BYTES)?;
         let Size { rows, bytes, .. } = parts.size;
         let (pulse, lamp) = (parts.pulse_loops(), parts.lamp());
         let mut text = format!(

@@ -20,10 +20,10 @@ pub fn address(map: &str, name: &str) -> u16 {
 }
 
 /// The virtual Uno, and the native board that is told the same.
-pub type Uno = WithReference<Remote<VirtualUno>>;
+pub type UnoWithReference = WithReference<Remote<VirtualUno>>;
 
 /// A virtual Uno at 1 Mbaud, set up.
-pub fn uno(setup: &Setup) -> Uno {
+pub fn uno(setup: &Setup) -> UnoWithReference {
     uno_after(VirtualUno::new(), setup)
 }
 
@@ -36,7 +36,7 @@ pub fn verb_limits(setup: &Setup) -> MotorTiming {
 }
 
 /// The same of one that has been running for a while.
-pub fn uno_after(port: VirtualUno, setup: &Setup) -> Uno {
+pub fn uno_after(port: VirtualUno, setup: &Setup) -> UnoWithReference {
     let mut remote = Remote::open(port, 7).expect("it answers");
     assert_eq!(remote.set_baud(Baud::B1M), Ok(Baud::B1M));
     remote.configure(setup).expect("it takes the configuration");
@@ -46,7 +46,7 @@ pub fn uno_after(port: VirtualUno, setup: &Setup) -> Uno {
 }
 
 /// The counts as the board says them now.
-pub fn said(board: &mut Uno) -> Vec<i64> {
+pub fn said(board: &mut UnoWithReference) -> Vec<i64> {
     let status = board.board_mut().status().expect("it answers");
     status.motors.as_slice().iter().map(|motor| i64::from(motor.position)).collect()
 }

@@ -125,11 +125,11 @@ impl<B: Wired> WinchLab<B> {
     }
 
     /// Sends a line, and waits until the board has it.
-    pub fn say(&mut self, line: &str) -> Said {
+    pub fn say(&mut self, line: &str) -> SentLine {
         self.send(format!("{line}\n"));
         // USB's frame, and 87 µs a byte.
         self.run_ms(2 + line.len() as u64 / 11);
-        Said { tick: self.now() - Self::SLICE, line: line.to_owned() }
+        SentLine { tick: self.now() - Self::SLICE, line: line.to_owned() }
     }
 
     /// Sends bytes, at once.
@@ -272,17 +272,17 @@ pub const SLICES: u64 = 8;
 
 /// A line was sent so that the board had it at a tick.
 #[derive(Clone, Debug)]
-pub struct Said {
+pub struct SentLine {
     pub tick: u64,
     pub line: String,
 }
 
 /// Finds the slices at which the board did what lines say, each on all axes at once, so that the paths have the steps that
 /// were made. Gives how late the edges were, ticks, by axis, and the longest way from a line to its slice.
-pub fn follow<B: Wired>(lab: &WinchLab<B>, said: &[Said]) -> Result<([Vec<i64>; 4], u64), String> {
+pub fn follow<B: Wired>(lab: &WinchLab<B>, said: &[SentLine]) -> Result<([Vec<i64>; 4], u64), String> {
     let made: [Vec<PinStep>; 4] = std::array::from_fn(|axis| lab.steps(axis));
     let (mut model, mut longest) = (PathModel::<B>::new(), 0);
-    for (at, Said { tick, line }) in said.iter().enumerate() {
+    for (at, SentLine { tick, line }) in said.iter().enumerate() {
         let first = tick.div_ceil(WinchLab::<B>::SLICE);
         // Until the next line may act.
         let until =

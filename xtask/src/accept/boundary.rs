@@ -12,7 +12,7 @@ const RUNGS: u32 = 80;
 
 /// A row of the table: a board with so many motors.
 #[derive(Clone, Copy)]
-struct Row {
+struct BoundaryRow {
     board: &'static str,
     motors: usize,
 }
@@ -20,7 +20,7 @@ struct Row {
 /// Prints the table, of one board or of all that have a firmware.
 pub(super) fn run(program: &Program, board: Option<&str>) -> Done {
     let boards = BOARDS.into_iter().filter(|name| board.map_or(*name != "native", |board| board == *name));
-    let rows: Vec<Row> = boards.flat_map(|board| [2, 4].map(|motors| Row { board, motors })).collect();
+    let rows: Vec<BoundaryRow> = boards.flat_map(|board| [2, 4].map(|motors| BoundaryRow { board, motors })).collect();
     let cells = rows.iter().flat_map(|row| FREQUENCIES.map(|frequency| (*row, frequency)));
     let peaks = command::side_by_side(cells, |(row, frequency)| peak(program, row, frequency));
     let peaks: Vec<(f64, Option<f64>)> = peaks.into_iter().collect::<Done<_>>()?;
@@ -42,8 +42,8 @@ fn thousands(hz: f64) -> String {
 }
 
 /// What is promised, and the largest peak that runs, steps/s; rungs are taken to run below one that does.
-fn peak(program: &Program, row: Row, frequency: u32) -> Done<(f64, Option<f64>)> {
-    let Row { board, motors } = row;
+fn peak(program: &Program, row: BoundaryRow, frequency: u32) -> Done<(f64, Option<f64>)> {
+    let BoundaryRow { board, motors } = row;
     let folder = Folder::new(format!("boundary-{board}-{motors}-{frequency}"))?;
     folder.write("too-fast.toml", in_phase(board, motors, 1e9, frequency).files[0].1.as_str())?;
     let promised_hz = program.promised_hz(&folder, "too-fast.toml")?;

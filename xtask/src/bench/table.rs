@@ -6,18 +6,18 @@ use crate::command::{Done, Failure, cargo, output};
 /// Rows under a head.
 pub(crate) struct Table {
     head: Vec<String>,
-    rows: Vec<Row>,
+    rows: Vec<TableRow>,
 }
 
 /// One line of it.
-struct Row {
+struct TableRow {
     figure: usize,
     is_required: bool,
     /// From the law on.
     fields: Vec<String>,
 }
 
-impl Row {
+impl TableRow {
     fn verdict(&self) -> &str {
         self.fields.last().map_or("", String::as_str)
     }
@@ -75,12 +75,12 @@ impl Table {
     }
 }
 
-fn parse(line: &str) -> Done<Row> {
+fn parse(line: &str) -> Done<TableRow> {
     let bad = || Failure::Check(format!("not a row of figures: {line}"));
     let mut fields = line.split('\t').map(str::to_owned);
     let is_required = fields.next().and_then(|text| text.parse().ok()).ok_or_else(bad)?;
     let figure = fields.next().and_then(|text| text.parse().ok()).ok_or_else(bad)?;
-    Ok(Row { figure, is_required, fields: fields.collect() })
+    Ok(TableRow { figure, is_required, fields: fields.collect() })
 }
 
 #[cfg(test)]

@@ -12,7 +12,7 @@
 //!
 //! Where rp2040js is not the chip: xtask/cross-check/rp2040js.mjs lists it by name, and puts it right.
 
-use super::{Outcome, Tools};
+use super::{Comparison, Tools};
 use crate::command::{self, Done, Failure, root};
 use crate::random::Random;
 use std::path::{Path, PathBuf};
@@ -27,7 +27,7 @@ const OF_WIDE: usize = 4000;
 const LOWEST: u32 = 0x2001_0000;
 const WORDS: u16 = 0x4000;
 
-pub(super) fn instructions(tools: &Tools) -> Done<Outcome> {
+pub(super) fn instructions(tools: &Tools) -> Done<Comparison> {
     let mut random = Random::new(SEED);
     let mut cases = Vec::new();
     for word in (0..0xe800_u16).filter(|word| is_compared(*word)) {
@@ -69,10 +69,10 @@ pub(super) fn instructions(tools: &Tools) -> Done<Outcome> {
     }
     let faults = asked - cases.len();
     let compared = format!("{} cases (seed {SEED}) with each register, store, cycle; {faults} fault here", cases.len());
-    Ok(Outcome { what: "ARMv6-M instructions, with rp2040js", compared, differences, exceptions })
+    Ok(Comparison { what: "ARMv6-M instructions, with rp2040js", compared, differences, exceptions })
 }
 
-pub(super) fn program(tools: &Tools) -> Done<Outcome> {
+pub(super) fn program(tools: &Tools) -> Done<Comparison> {
     let image = tools.compile_arm()?;
     let ours = command::output(tools.ours_arm().arg("program").arg(&image))?;
     let theirs = command::output(tools.rp2040js().arg("program").arg(&image))?;
@@ -85,13 +85,13 @@ pub(super) fn program(tools: &Tools) -> Done<Outcome> {
     }
     let number = |at| ours.last().and_then(|line| line.split(' ').nth(at)).unwrap_or("0");
     let compared = format!("a program, {} instructions with each register, {} cycles", number(0), number(1));
-    Ok(Outcome { what: "ARMv6-M program, with rp2040js", compared, differences, exceptions })
+    Ok(Comparison { what: "ARMv6-M program, with rp2040js", compared, differences, exceptions })
 }
 
 /// Where rp2040js was put right: name, how often.
 type Met = Vec<(&'static str, usize)>;
 
-pub(super) fn firmware(tools: &Tools) -> Done<Outcome> {
+pub(super) fn firmware(tools: &Tools) -> Done<Comparison> {
     const INSTRUCTIONS: &str = "2000000";
     // What others wrote, and ours.
     let images = [vec![tools.compile_usb()?], committed()?].concat();
@@ -113,7 +113,7 @@ pub(super) fn firmware(tools: &Tools) -> Done<Outcome> {
             Err(failure) => differences.push(format!("{name}: {failure}")),
         }
     }
-    Ok(Outcome { what: "firmware, with rp2040js", compared: compared.join("; "), differences, exceptions: met })
+    Ok(Comparison { what: "firmware, with rp2040js", compared: compared.join("; "), differences, exceptions: met })
 }
 
 /// Every image of a Pico that is committed.
@@ -127,7 +127,7 @@ fn earlier(met: &Met, at: usize) -> usize {
     met.get(at).map_or(0, |(_, times)| *times)
 }
 
-pub(super) fn usb(tools: &Tools) -> Done<Outcome> {
+pub(super) fn usb(tools: &Tools) -> Done<Comparison> {
     const BYTES: usize = 1000;
     let ask = |image: &Path| -> Done<[(&'static str, String); 2]> {
         let ours = command::output(tools.ours_arm().arg("usb").arg(image))?;
@@ -156,7 +156,7 @@ pub(super) fn usb(tools: &Tools) -> Done<Outcome> {
         "rp2040-hal with usbd-serial enumerated by both, {BYTES} bytes there and back; {} firmware of ours enumerated by both",
         images.len()
     );
-    Ok(Outcome { what: "USB device, with rp2040js", compared, differences, exceptions: Vec::new() })
+    Ok(Comparison { what: "USB device, with rp2040js", compared, differences, exceptions: Vec::new() })
 }
 
 /// Answers, and what is after `met ` in the last line.

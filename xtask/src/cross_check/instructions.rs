@@ -12,7 +12,7 @@
 //!   skips them, and JMP and CALL beyond 64 K words for one word; the manual, CPSE, SBRC, SBRS, SBIC, SBIS: a two-word
 //!   instruction takes one word and one cycle more, others do not. PC and cycles alone are then ours.
 
-use super::{Outcome, Tools};
+use super::{Comparison, Tools};
 use crate::command::{Done, Failure};
 use crate::firmware;
 use crate::random::Random;
@@ -138,7 +138,7 @@ const FLASH_WORDS: u16 = 0x4000;
 /// Words of two-word instructions, for skips to jump over.
 const LONG: [u16; 4] = [0x9000, 0x9200, 0x940c, 0x940e];
 
-pub(super) fn compare(tools: &Tools) -> Done<Outcome> {
+pub(super) fn compare(tools: &Tools) -> Done<Comparison> {
     let mut random = Random::new(SEED);
     let mut opcodes: BTreeMap<&str, Vec<u16>> = BTreeMap::new();
     for opcode in 0..=u16::MAX {
@@ -194,7 +194,7 @@ pub(super) fn compare(tools: &Tools) -> Done<Outcome> {
         opcodes.len(),
         firmware::PROGRAMS.len()
     );
-    Ok(Outcome { what: "instructions, with simavr", compared, differences, exceptions: vec![("SKIP", skips)] })
+    Ok(Comparison { what: "instructions, with simavr", compared, differences, exceptions: vec![("SKIP", skips)] })
 }
 
 /// The flash that one of the Uno's images takes.

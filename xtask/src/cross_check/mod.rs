@@ -23,7 +23,7 @@ use crate::command::{Done, Failure};
 use tools::Tools;
 
 /// What one comparison found.
-struct Outcome {
+struct Comparison {
     what: &'static str,
     compared: String,
     /// Differences that nothing explains, in words.

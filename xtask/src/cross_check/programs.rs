@@ -1,13 +1,13 @@
 //! Programs in C: what they send, and the cycle of each output, in simavr and in ours.
 
-use super::{Outcome, Tools};
+use super::{Comparison, Tools};
 use crate::command::{self, Done};
 
 const PROGRAMS: [&str; 4] = ["crc_sort", "wide_integers", "floats", "recursion"];
 /// None of them takes longer.
 const MOST_CYCLES: &str = "50000000";
 
-pub(super) fn compare(tools: &Tools) -> Done<Outcome> {
+pub(super) fn compare(tools: &Tools) -> Done<Comparison> {
     let mut differences = Vec::new();
     let (mut outputs, mut cycles) = (0, 0);
     for name in PROGRAMS {
@@ -34,7 +34,7 @@ pub(super) fn compare(tools: &Tools) -> Done<Outcome> {
         PROGRAMS.len(),
         cycles as f64 / 1e6
     );
-    Ok(Outcome { what: "programs, with simavr", compared, differences, exceptions: Vec::new() })
+    Ok(Comparison { what: "programs, with simavr", compared, differences, exceptions: Vec::new() })
 }
 
 /// What a run printed.

@@ -12,7 +12,7 @@
 //!
 //! Where avr8js departs from the chip in what is compared: xtask/cross-check/avr8js.mjs lists it by name.
 
-use super::{Outcome, Tools};
+use super::{Comparison, Tools};
 use crate::command::{Done, Failure};
 use crate::random::Random;
 use std::collections::BTreeMap;
@@ -150,7 +150,7 @@ const GTCCR: u16 = 0x43;
 const DDR: [u16; 2] = [0x24, 0x2a];
 const PORT: [u16; 2] = [0x25, 0x2b];
 
-pub(super) fn compare(tools: &Tools) -> Done<Outcome> {
+pub(super) fn compare(tools: &Tools) -> Done<Comparison> {
     let mut random = Random::new(SEED);
     let mut names = Vec::new();
     let mut input = String::new();
@@ -196,7 +196,7 @@ pub(super) fn compare(tools: &Tools) -> Done<Outcome> {
         bytes += theirs.pushed.len() / 2;
     }
     let compared = format!("{} programs (seed {SEED}), {edges} edges, {bytes} bytes read", names.len());
-    Ok(Outcome { what: "timers, with avr8js", compared, differences, exceptions: stops.into_iter().collect() })
+    Ok(Comparison { what: "timers, with avr8js", compared, differences, exceptions: stops.into_iter().collect() })
 }
 
 /// Where comparing stops within a case: see avr8js.mjs.

@@ -2,5 +2,6 @@
 
 mod core_source;
 mod dependencies;
+mod names;
 mod no_clock;
 mod tour;

@@ -6,9 +6,33 @@ use std::path::{Path, PathBuf};
 
 /// Words that only this project's first authors used, as names of anything.
 const HOUSE_WORDS: [&str; 27] = [
-    "surely", "Sure", "gentle", "blind", "beside", "apiece", "give", "ROOM", "HURRY", "SOME", "LEAST", "Shadowed",
-    "portion", "Fared", "fared", "Wish", "Word", "Said", "Told", "Whereabouts", "forsake", "disown", "anew", "Moment",
-    "Course", "take_up", "narrow",
+    "surely",
+    "Sure",
+    "gentle",
+    "blind",
+    "beside",
+    "apiece",
+    "give",
+    "ROOM",
+    "HURRY",
+    "SOME",
+    "LEAST",
+    "Shadowed",
+    "portion",
+    "Fared",
+    "fared",
+    "Wish",
+    "Word",
+    "Said",
+    "Told",
+    "Whereabouts",
+    "forsake",
+    "disown",
+    "anew",
+    "Moment",
+    "Course",
+    "take_up",
+    "narrow",
 ];
 
 /// Keywords that a definition begins with.
@@ -34,7 +58,8 @@ fn a_type_name_has_one_meaning_in_its_crate() {
 #[test]
 fn no_name_is_a_house_word() {
     let keywords: Vec<&str> = TYPES.into_iter().chain(OTHERS).collect();
-    let found = crates().iter().flat_map(|folder| sources(folder)).flat_map(|file| {
+    let files: Vec<PathBuf> = crates().iter().flat_map(|folder| sources(folder)).collect();
+    let found = files.into_iter().flat_map(|file| {
         let names = definitions(&file, &keywords);
         names.into_iter().filter(|name| HOUSE_WORDS.contains(&name.as_str())).map(move |name| (file.clone(), name))
     });
@@ -53,10 +78,15 @@ fn part(folder: &Path, file: &Path) -> String {
     }
 }
 
+fn root() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).parent().expect("the repository").to_owned()
+}
+
 /// Folders of all crates of the repository.
 fn crates() -> Vec<PathBuf> {
-    let root = crate::root();
-    let inside = fs::read_dir(root.join("crates")).expect("there are crates").map(|entry| entry.expect("a folder").path());
+    let root = root();
+    let inside =
+        fs::read_dir(root.join("crates")).expect("there are crates").map(|entry| entry.expect("a folder").path());
     let mut all: Vec<PathBuf> = inside.collect();
     all.extend(["firmware/uno", "firmware/pico", "xtask"].map(|name| root.join(name)));
     all

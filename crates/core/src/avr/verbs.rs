@@ -37,7 +37,7 @@ pub struct StepRow {
 
 /// A move that is done: when, and how many then are, wrapping.
 #[derive(Clone, Copy, Debug)]
-struct Done {
+struct AvrDone {
     at: Tick32,
     number: u32,
 }
@@ -68,7 +68,7 @@ struct AvrMotor {
     /// So many of those, the oldest, are known to be past: from ticks of 32 bits alone that is known for 2^31 ticks.
     past: u8,
     /// The newest first.
-    dones: [Done; MOST_UNTOLD],
+    dones: [AvrDone; MOST_UNTOLD],
     /// A row of steps that was worked out early, because an order came, and that is the next to be taken.
     next: Option<StepRow>,
 }
@@ -164,7 +164,7 @@ impl AvrMotor {
         self.setpoint.job = Job::Rest;
         self.done = self.done.wrapping_add(1);
         self.untold += 1;
-        self.dones = [Done { at, number: self.done }, self.dones[0]];
+        self.dones = [AvrDone { at, number: self.done }, self.dones[0]];
     }
 
     #[inline(never)]
@@ -277,7 +277,7 @@ impl AvrVerbs {
             done: 0,
             untold: 0,
             past: 0,
-            dones: [Done { at: open, number: 0 }; MOST_UNTOLD],
+            dones: [AvrDone { at: open, number: 0 }; MOST_UNTOLD],
             next: None,
         };
         AvrVerbs {
@@ -396,7 +396,7 @@ impl AvrVerbs {
             motor.due_before(known, turn);
             motor.past = motor.past(now).checked_sub(1)?;
             motor.untold -= 1;
-            let Done { at, number: of_motor } = *motor.dones.get(usize::from(motor.untold))?;
+            let AvrDone { at, number: of_motor } = *motor.dones.get(usize::from(motor.untold))?;
             Some((number, at, of_motor))
         })
     }

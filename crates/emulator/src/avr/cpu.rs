@@ -6,7 +6,7 @@
 //! 8-4). What is written is there from cycle c + n on, at which the next instruction begins.
 
 use super::decode::{Op, Step, decode};
-use super::spm::Change;
+use super::spm::FlashChange;
 
 /// Bits of SREG.
 pub(super) mod flag {
@@ -52,7 +52,7 @@ pub(super) trait Io {
     /// `sleep`, which begins in `cycle`: whether the processor stops.
     fn sleep(&mut self, cycle: u64) -> bool;
     /// `spm` at word address `pc` that begins in `cycle`, with Z and R1:R0: what becomes of the flash.
-    fn store_program_memory(&mut self, pc: u16, z: u16, word: u16, cycle: u64) -> Option<Change>;
+    fn store_program_memory(&mut self, pc: u16, z: u16, word: u16, cycle: u64) -> Option<FlashChange>;
     /// `lpm` at word address `pc` that begins in `cycle`, with Z: what it reads if not the flash.
     fn load_program_memory(&mut self, pc: u16, z: u16, cycle: u64) -> Option<u8>;
     /// Whether nothing can be executed at a word address, as its section is being written.
@@ -197,11 +197,11 @@ impl Cpu {
     }
 
     /// What `spm` makes of the flash.
-    fn program(&mut self, change: Option<Change>) {
+    fn program(&mut self, change: Option<FlashChange>) {
         let (from, words) = match change {
             None => return,
-            Some(Change::Erase(from)) => (from, [0xffff; PAGE_WORDS]),
-            Some(Change::Write(from, words)) => {
+            Some(FlashChange::Erase(from)) => (from, [0xffff; PAGE_WORDS]),
+            Some(FlashChange::Write(from, words)) => {
                 let from = from & PC_MASK;
                 (from, std::array::from_fn(|at| words[at] & self.flash[usize::from(from) + at]))
             }

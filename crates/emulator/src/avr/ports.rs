@@ -8,7 +8,7 @@ use crate::{Level, Observer, PinEdge, Port};
 
 /// A port's registers and pins.
 #[derive(Clone, Copy, Default)]
-struct Pins {
+struct PortPins {
     ddr: u8,
     port: u8,
     /// Bits that a timer drives instead of `port`, and how.
@@ -26,7 +26,7 @@ struct Pins {
     changed_at: u64,
 }
 
-impl Pins {
+impl PortPins {
     fn direction(&self) -> u8 {
         self.ddr & !self.forced_in | self.forced_high
     }
@@ -51,7 +51,7 @@ pub(super) struct Change {
 
 #[derive(Clone, Default)]
 pub(super) struct Ports {
-    pins: [Pins; 3],
+    pins: [PortPins; 3],
     pull_ups_off: bool,
     /// Bits whose changes somebody wants to hear of, by port.
     pub(super) watched: [u8; 3],

@@ -4,7 +4,7 @@
 
 use super::cpu::Io;
 use super::peripherals::{OPEN, PRTIM0, PRTIM1, PRTIM2, PRUSART0, Peripherals, Pins, WDRF};
-use super::spm::{Change, NRWW_START, Store};
+use super::spm::{FlashChange, NRWW_START, Store};
 use super::timer::Timer;
 use super::timer8::{shared_clock, timer2_clock};
 use super::timer16::Wide;
@@ -413,7 +413,7 @@ impl<O: Observer> Io for Bus<'_, O> {
         self.peripherals.sleep(cycle, self.observer)
     }
 
-    fn store_program_memory(&mut self, pc: u16, z: u16, word: u16, cycle: u64) -> Option<Change> {
+    fn store_program_memory(&mut self, pc: u16, z: u16, word: u16, cycle: u64) -> Option<FlashChange> {
         let division = self.peripherals.division();
         let Peripherals { programming, boot, .. } = &mut *self.peripherals;
         let (boot, from_boot) = (*boot, pc >= *boot);

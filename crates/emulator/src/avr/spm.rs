@@ -48,7 +48,7 @@ pub(super) struct Store {
 
 /// What becomes of the flash.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(super) enum Change {
+pub(super) enum FlashChange {
     /// The page that begins at a word address is erased.
     Erase(u16),
     /// Words are programmed from a word address on: bits can only become 0.
@@ -137,7 +137,7 @@ impl SelfProgramming {
     }
 
     /// `spm`: what it changes, and for how many cycles the processor is halted.
-    pub(super) fn store(&mut self, store: Store) -> (Option<Change>, u64) {
+    pub(super) fn store(&mut self, store: Store) -> (Option<FlashChange>, u64) {
         if !store.from_boot || self.busy_until.is_some() || !self.is_asked(store.cycle + 1) {
             return (None, 0);
         }
@@ -153,14 +153,14 @@ impl SelfProgramming {
                 self.section_busy = false;
                 None
             }
-            command if command == PGERS | SPMEN => self.may_write(in_boot).then_some(Change::Erase(page)),
+            command if command == PGERS | SPMEN => self.may_write(in_boot).then_some(FlashChange::Erase(page)),
             command if command == PGWRT | SPMEN => {
                 let mut words = Box::new([0xffff; PAGE_WORDS as usize]);
                 for (word, loaded) in words.iter_mut().zip(&*self.buffer) {
                     *word = loaded.unwrap_or(0xffff);
                 }
                 self.clear_buffer();
-                self.may_write(in_boot).then_some(Change::Write(page, words))
+                self.may_write(in_boot).then_some(FlashChange::Write(page, words))
             }
             command if command == BLBSET | SPMEN => {
                 // The boot lock bits alone can be changed so: bits 5 to 2 of R0 (§27.8.8).

@@ -88,7 +88,7 @@ impl Channel {
 
 /// A transfer under way.
 #[derive(Clone, Copy)]
-struct Transfer {
+struct DmaTransfer {
     channel: usize,
     size: Size,
     from: u32,
@@ -128,7 +128,7 @@ impl Pacer {
 pub(super) struct Dma {
     channels: [Channel; CHANNELS],
     /// In the order of their issue.
-    under_way: [Option<Transfer>; 4],
+    under_way: [Option<DmaTransfer>; 4],
     pacers: [Pacer; 4],
     intr: u32,
     inte: [u32; 2],
@@ -228,7 +228,7 @@ impl Dma {
     }
 
     fn read_data(&mut self, slot: usize, cycle: u64, fabric: &mut Fabric) {
-        let Some(Transfer { channel: number, from, size, .. }) = self.under_way[slot] else { return };
+        let Some(DmaTransfer { channel: number, from, size, .. }) = self.under_way[slot] else { return };
         let data = match own_register(from) {
             Some(offset) => Ok(lane(self.read(offset), from, size)),
             None => fabric.read(from, size, cycle),
@@ -246,7 +246,7 @@ impl Dma {
         }
     }
 
-    fn write_data(&mut self, transfer: Transfer, cycle: u64, fabric: &mut Fabric, observer: &mut impl Observer) {
+    fn write_data(&mut self, transfer: DmaTransfer, cycle: u64, fabric: &mut Fabric, observer: &mut impl Observer) {
         let number = transfer.channel;
         self.channels[number].writing -= 1;
         // The chain, and the interrupt, come with the address phase of the last write: before its data.
@@ -429,7 +429,8 @@ impl Dma {
         let read_at = (cycle + 1).max(self.last_read_at + 1) + u64::from(fabric.read_waits(from));
         let write_at = (read_at + 2).max(self.last_write_at + 1) + u64::from(fabric.write_waits(to));
         (self.last_read_at, self.last_write_at) = (read_at, write_at);
-        self.under_way[slot] = Some(Transfer { channel: number, size, from, to, read_at, write_at, data: None, last });
+        self.under_way[slot] =
+            Some(DmaTransfer { channel: number, size, from, to, read_at, write_at, data: None, last });
     }
 
     fn schedule(&mut self, cycle: u64) {

@@ -52,12 +52,12 @@ pub(super) struct Flash {
     sent: usize,
     /// The page that is to be programmed.
     page: [u8; PAGE],
-    work: Option<Work>,
+    work: Option<FlashWork>,
 }
 
 /// What takes its time.
 #[derive(Clone)]
-struct Work {
+struct FlashWork {
     at: usize,
     /// What is programmed; `None`: a sector is erased.
     page: Option<[u8; PAGE]>,
@@ -160,7 +160,7 @@ impl Flash {
 
     fn begin(&mut self, at: usize, page: Option<[u8; PAGE]>, began: u64) {
         let takes_us = self.takes_us[usize::from(page.is_none())];
-        self.work = Some(Work { at, page, began, cycles: takes_us * self.clock_hz / 1_000_000, done: 0 });
+        self.work = Some(FlashWork { at, page, began, cycles: takes_us * self.clock_hz / 1_000_000, done: 0 });
     }
 
     /// What was done of the work by then.

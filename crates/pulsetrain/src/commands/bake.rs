@@ -166,7 +166,7 @@ fn pico(args: &BakeArgs, prepared: &Prepared, path: &Path, console: &mut Console
     let baked =
         BakedImage { file, items, motion_bytes, flash_bytes, endless, steps_put_off, longest_put_off_ticks, rehearsed };
     console::write(path, &image.uf2())?;
-    baked.say(args, prepared, PicoImage::ROOM, ("Pico", "pulsetrain flash pico"), console)
+    baked.say(args, prepared, PicoImage::FLASH_BYTES, ("Pico", "pulsetrain flash pico"), console)
 }
 
 fn uno(args: &BakeArgs, prepared: &Prepared, path: &Path, console: &mut Console<'_>) -> miette::Result<Exit> {
@@ -179,7 +179,7 @@ fn uno(args: &BakeArgs, prepared: &Prepared, path: &Path, console: &mut Console<
     let baked =
         BakedImage { file, items, motion_bytes, flash_bytes, endless, steps_put_off, longest_put_off_ticks, rehearsed };
     console::write(path, image.hex().as_bytes())?;
-    baked.say(args, prepared, Image::ROOM, ("Uno", "pulsetrain flash uno --port PORT"), console)
+    baked.say(args, prepared, Image::FLASH_BYTES, ("Uno", "pulsetrain flash uno --port PORT"), console)
 }
 
 /// Plays an image on the virtual Uno, before it is written.

@@ -42,7 +42,7 @@ pub(crate) struct MotorArgs {
 }
 
 #[derive(Serialize)]
-struct MotorReport {
+struct WindingReport {
     motor: String,
     winding: Vec<MotorRow>,
     sketch: Vec<MotorRow>,
@@ -70,14 +70,14 @@ impl From<Figure> for MotorRow {
 pub(crate) fn run(args: &MotorArgs, console: &mut Console<'_>) -> miette::Result<Exit> {
     let motors = windings(args)?;
     let rows = |figures: Vec<Figure>| figures.into_iter().map(MotorRow::from).collect();
-    let reports: Vec<MotorReport> = motors
+    let reports: Vec<WindingReport> = motors
         .into_iter()
         .map(|(motor, winding)| {
             let (sketch, sketch_cannot) = match winding.sketch_figures() {
                 Ok(figures) => (figures, None),
                 Err(error) => (Vec::new(), Some(error.to_string())),
             };
-            MotorReport { motor, winding: rows(winding.figures()), sketch: rows(sketch), sketch_cannot }
+            WindingReport { motor, winding: rows(winding.figures()), sketch: rows(sketch), sketch_cannot }
         })
         .collect();
     if args.json {

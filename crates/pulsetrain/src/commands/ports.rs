@@ -28,7 +28,7 @@ pub(crate) struct PortsArgs {
 
 /// What is at a port, as its USB device says.
 #[derive(Debug, Serialize)]
-struct PortReport {
+struct PortEntry {
     /// Port, or a Pico's drive.
     port: String,
     what: String,
@@ -42,7 +42,7 @@ struct PortReport {
 }
 
 pub(crate) fn run(args: &PortsArgs, console: &mut Console<'_>) -> miette::Result<Exit> {
-    let mut found: Vec<PortReport> = serial::list().into_iter().map(|port| look(port, args.ask)).collect();
+    let mut found: Vec<PortEntry> = serial::list().into_iter().map(|port| look(port, args.ask)).collect();
     found.extend(flash::drives().iter().map(|drive| found_drive(drive)));
     if args.json {
         console.print_json(&found)?;
@@ -52,12 +52,12 @@ pub(crate) fn run(args: &PortsArgs, console: &mut Console<'_>) -> miette::Result
     Ok(Exit::Success)
 }
 
-fn text(found: Vec<PortReport>) -> String {
+fn text(found: Vec<PortEntry>) -> String {
     if found.is_empty() {
         return NONE.to_owned();
     }
     let mut table = Table::new(["port", "what it is", "USB", "serial number", "says"]).left(&[0, 1, 2, 3, 4]);
-    for PortReport { port, what, usb, serial, says } in found {
+    for PortEntry { port, what, usb, serial, says } in found {
         table.row([port, what, usb.unwrap_or_default(), serial.unwrap_or_default(), says.unwrap_or_default()]);
     }
     table.to_string()
@@ -70,13 +70,13 @@ no serial port was found, and no Pico that waits for an image
 ";
 
 /// The drive of a Pico whose BOOTSEL was held.
-fn found_drive(drive: &Path) -> PortReport {
+fn found_drive(drive: &Path) -> PortEntry {
     let says = Some("`pulsetrain flash pico` writes the firmware".to_owned());
     let (port, what) = (drive.display().to_string(), "Raspberry Pi Pico, waiting for an image".to_owned());
-    PortReport { port, what, usb: None, serial: None, says }
+    PortEntry { port, what, usb: None, serial: None, says }
 }
 
-fn look(port: Listed, ask: bool) -> PortReport {
+fn look(port: Listed, ask: bool) -> PortEntry {
     let Listed { name, usb } = port;
     let what = usb.as_ref().map_or_else(|| "no USB device".to_owned(), what);
     let says = if !may_open(&name) {
@@ -87,7 +87,7 @@ fn look(port: Listed, ask: bool) -> PortReport {
         None
     };
     let ids = usb.as_ref().map(|usb| format!("{:04x}:{:04x}", usb.vendor, usb.product));
-    PortReport { port: name, what, usb: ids, serial: usb.and_then(|usb| usb.serial), says }
+    PortEntry { port: name, what, usb: ids, serial: usb.and_then(|usb| usb.serial), says }
 }
 
 /// Whether a port is the own USB of a board with our firmware, and no adapter or bridge: as far as this computer tells.

@@ -82,7 +82,7 @@ fn turns_of(pins: &[(u8, u8)], timing: Timing, seed: u64) -> (usize, bool) {
         items.reverse();
         pending.push(items);
     }
-    let fill = |board: &mut pulsetrain_testkit::lab::Uno, pending: &mut Vec<Vec<Item>>| {
+    let fill = |board: &mut pulsetrain_testkit::lab::UnoWithReference, pending: &mut Vec<Vec<Item>>| {
         for (motor, items) in pending.iter_mut().enumerate() {
             while let Some(item) = items.last() {
                 if board.room(motor) < 20 || board.push(motor, Entry { epoch: Epoch(1), item: *item }).is_err() {

@@ -3,7 +3,7 @@
 use pulsetrain_board::{Board, Faults, Lease, Leased, Setup, SwitchRefused};
 use pulsetrain_core::wire::message::Cause;
 use pulsetrain_core::{Direction, Entry, Epoch, Item, Segment, Tick32};
-use pulsetrain_testkit::lab::{EXACT, Lab, SHARED, SOFTWARE, Timing, Uno, uno};
+use pulsetrain_testkit::lab::{EXACT, Lab, SHARED, SOFTWARE, Timing, UnoWithReference, uno};
 use pulsetrain_testkit::{Random, TICK_HZ, uno_setup};
 
 /// Pins of motors (STEP, DIR), and what the edges' ticks are compared by.
@@ -102,7 +102,7 @@ fn random_items(pins: &Pins, setup: &Setup, random: &mut Random, from: u64, forw
 }
 
 /// Pushes an epoch of random items, as much of it as fits.
-fn push(board: &mut Uno, pins: &Pins, setup: &Setup, random: &mut Random, epoch: u8, from: u64) {
+fn push(board: &mut UnoWithReference, pins: &Pins, setup: &Setup, random: &mut Random, epoch: u8, from: u64) {
     let forward = random.below(2) == 0;
     for motor in 0..pins.pins.len() {
         for item in random_items(pins, setup, random, from, forward) {

@@ -22,7 +22,12 @@ const INTERVALS: [u64; 7] = [900, 900, 2500, 2500, 2500, 3500, 8000];
 
 /// Begins a motion of motors that step `interval` ticks apart, each a little after the one before, forward and, where they
 /// have a DIR line of their own, now and then backward.
-fn begin(setup: &Setup, shift: u64, interval: u64, count: u32) -> (pulsetrain_testkit::lab::Uno, Lab, u64) {
+fn begin(
+    setup: &Setup,
+    shift: u64,
+    interval: u64,
+    count: u32,
+) -> (pulsetrain_testkit::lab::UnoWithReference, Lab, u64) {
     let mut board = uno(setup);
     let from = board.now() + board.lead() + TICK_HZ / 100 + shift;
     let shared = setup.motors.len() == 4 && setup.motors[0].dir_pin == setup.motors[1].dir_pin;

@@ -7,7 +7,7 @@ use pulsetrain_emulator::UsbState;
 use pulsetrain_testkit::Random;
 use pulsetrain_testkit::held::hold_for;
 use pulsetrain_testkit::pico::step_dir;
-use pulsetrain_testkit::winch::{Pico, Said, Status, WinchLab, Wired, follow};
+use pulsetrain_testkit::winch::{Pico, SentLine, Status, WinchLab, Wired, follow};
 
 /// Ticks of a slice, and of a µs.
 const SLICE: u64 = Pico::SLICE;
@@ -27,7 +27,7 @@ fn on_usb() -> Pico {
 }
 
 /// Sends lines, each so long after the one before, ms.
-fn script(pico: &mut Pico, lines: &[(u64, &str)]) -> Vec<Said> {
+fn script(pico: &mut Pico, lines: &[(u64, &str)]) -> Vec<SentLine> {
     lines
         .iter()
         .map(|(wait, line)| {
@@ -107,7 +107,7 @@ fn steps_are_those_of_the_paths() {
                     let sent = pico.now();
                     let said = pico.say(line);
                     // USB takes no time.
-                    if by_usb { Said { tick: sent, ..said } } else { said }
+                    if by_usb { SentLine { tick: sent, ..said } } else { said }
                 })
                 .collect();
             pico.run_ms(1500);

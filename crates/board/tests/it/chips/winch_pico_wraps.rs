@@ -2,7 +2,7 @@
 //! time, asleep nearly all the while: it takes a minute or two.
 
 use pulsetrain_board::Port;
-use pulsetrain_testkit::winch::{Pico, Said, follow};
+use pulsetrain_testkit::winch::{Pico, SentLine, follow};
 use std::time::Duration;
 
 /// Lets it be until a second before so many µs of its clock. Nobody asks for a status meanwhile.
@@ -24,7 +24,7 @@ fn wait(pico: &mut Pico, us: u64) {
 fn across(pico: &mut Pico, us: u64) {
     wait(pico, us);
     let began = pico.now();
-    let said: Vec<Said> = [
+    let said: Vec<SentLine> = [
         (100, "srate 50"),
         (5, "l xyza 10000 100000"),
         (5, "g xyza 2 1"),

@@ -4,7 +4,7 @@ use pulsetrain_board::{LinkError, Remote, RemoteError};
 use pulsetrain_core::wire::Reason;
 use pulsetrain_testkit::Random;
 use pulsetrain_testkit::seed::{rounds, seed};
-use pulsetrain_testkit::winch::{ENABLE, SLICE, Said, Uno, follow};
+use pulsetrain_testkit::winch::{ENABLE, SLICE, SentLine, Uno, follow};
 
 /// Levels of the enable line, with their ticks.
 fn enable(uno: &Uno) -> Vec<(u64, bool)> {
@@ -12,7 +12,7 @@ fn enable(uno: &Uno) -> Vec<(u64, bool)> {
 }
 
 /// Sends lines, each so long after the one before, ms.
-fn script(uno: &mut Uno, lines: &[(u64, &str)]) -> Vec<Said> {
+fn script(uno: &mut Uno, lines: &[(u64, &str)]) -> Vec<SentLine> {
     lines
         .iter()
         .map(|(wait, line)| {

@@ -3,7 +3,7 @@
 
 use pulsetrain_board::Port;
 use pulsetrain_testkit::TICK_HZ;
-use pulsetrain_testkit::winch::{SLICE, Said, Uno, follow};
+use pulsetrain_testkit::winch::{SLICE, SentLine, Uno, follow};
 use std::time::Duration;
 
 /// A board whose clock has come to a second before `tick`, asleep nearly all the while.
@@ -24,7 +24,7 @@ fn before(tick: u64) -> Uno {
 /// Four axes set out before the wrap and are told otherwise after it; statuses and a deadman go on.
 fn across(tick: u64) -> Uno {
     let mut uno = before(tick);
-    let mut said: Vec<Said> = Vec::new();
+    let mut said: Vec<SentLine> = Vec::new();
     for (ms, line) in [
         (100, "srate 50"),
         (5, "l xyza 10000 100000"),

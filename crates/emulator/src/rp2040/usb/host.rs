@@ -42,7 +42,7 @@ pub enum UsbState {
 
 /// What the PC waits for, or does.
 #[derive(Clone, Debug)]
-enum Work {
+enum HostTask {
     /// For a device.
     Nothing,
     /// For a cycle, and then the next thing.
@@ -90,7 +90,7 @@ pub(super) struct Host {
     /// The cycle in which something happens next.
     pub(super) next: u64,
     plugged: bool,
-    work: Work,
+    work: HostTask,
     /// The transaction on the bus, and the cycle in which it is over.
     flight: Option<(u64, Pipe)>,
     /// Which pipe comes first.
@@ -128,7 +128,7 @@ impl Host {
             bus: Bus::new(),
             next: NEVER,
             plugged: false,
-            work: Work::Nothing,
+            work: HostTask::Nothing,
             flight: None,
             turn: 0,
             free: 0,
@@ -183,8 +183,8 @@ impl Host {
 
     pub(super) fn state(&self) -> UsbState {
         match self.work {
-            Work::Nothing => UsbState::Detached,
-            Work::GivenUp => UsbState::Failed,
+            HostTask::Nothing => UsbState::Detached,
+            HostTask::GivenUp => UsbState::Failed,
             _ if self.is_open => UsbState::Open,
             _ if self.configured => UsbState::Configured,
             _ => UsbState::Enumerating,
@@ -194,9 +194,9 @@ impl Host {
     /// Whether frames are on the bus: not before the end of the first reset.
     pub(super) fn makes_frames(&self) -> bool {
         match self.work {
-            Work::Nothing => false,
-            Work::Wait(_, after) => matches!(after, After::Ask { .. } | After::Address),
-            Work::Control(..) | Work::Idle | Work::GivenUp => true,
+            HostTask::Nothing => false,
+            HostTask::Wait(_, after) => matches!(after, After::Ask { .. } | After::Address),
+            HostTask::Control(..) | HostTask::Idle | HostTask::GivenUp => true,
         }
     }
 
@@ -214,8 +214,8 @@ impl Host {
             self.finish(pipe, cycle, controller, observer);
         }
         match self.work {
-            Work::Wait(until, after) if until <= cycle => self.go_on(after, cycle, controller),
-            Work::Control(_, deadline) if deadline <= cycle => self.work = Work::GivenUp,
+            HostTask::Wait(until, after) if until <= cycle => self.go_on(after, cycle, controller),
+            HostTask::Control(_, deadline) if deadline <= cycle => self.work = HostTask::GivenUp,
             _ => {}
         }
     }
@@ -224,13 +224,13 @@ impl Host {
     pub(super) fn plan(&mut self, cycle: u64, controller: &mut Controller) {
         controller.set_power(self.plugged);
         match (controller.is_attached(), &self.work) {
-            (false, Work::Nothing) => {}
+            (false, HostTask::Nothing) => {}
             (false, _) => self.detach(cycle),
-            (true, Work::Nothing) => {
+            (true, HostTask::Nothing) => {
                 self.suspend_at = NEVER;
-                self.work = Work::Wait(cycle + self.bus.milliseconds(DEBOUNCE_MS), After::Reset { second: false });
+                self.work = HostTask::Wait(cycle + self.bus.milliseconds(DEBOUNCE_MS), After::Reset { second: false });
             }
-            (true, Work::Idle) if self.wanted_open != self.is_open => {
+            (true, HostTask::Idle) if self.wanted_open != self.is_open => {
                 let interface = self.port.interface;
                 if self.wanted_open {
                     self.requests.push_back(Request::SetLineCoding(interface));
@@ -238,7 +238,7 @@ impl Host {
                 self.requests.push_back(Request::SetLineState(interface, self.wanted_open));
                 self.request(cycle);
             }
-            (true, Work::Idle) if self.configured && !self.asked.is_empty() => {
+            (true, HostTask::Idle) if self.configured && !self.asked.is_empty() => {
                 self.requests.extend(self.asked.drain(..));
                 self.request(cycle);
             }
@@ -249,8 +249,8 @@ impl Host {
         }
         let flight = self.flight.map_or(NEVER, |(end, _)| end);
         let work = match self.work {
-            Work::Wait(until, _) => until,
-            Work::Control(_, deadline) => deadline,
+            HostTask::Wait(until, _) => until,
+            HostTask::Control(_, deadline) => deadline,
             _ => NEVER,
         };
         self.next = flight.min(work).min(self.suspend_at);
@@ -264,7 +264,7 @@ impl Host {
 
     /// After a wait.
     fn go_on(&mut self, after: After, cycle: u64, controller: &mut Controller) {
-        let wait = |ms, then| Work::Wait(cycle + self.bus.milliseconds(ms), then);
+        let wait = |ms, then| HostTask::Wait(cycle + self.bus.milliseconds(ms), then);
         match after {
             After::Reset { second } => {
                 controller.bus_reset();
@@ -287,9 +287,9 @@ impl Host {
     fn request(&mut self, cycle: u64) {
         self.work = match self.requests.pop_front() {
             Some(request) => {
-                Work::Control(Transfer::new(request, self.packet0), cycle + self.bus.milliseconds(REQUEST_MS))
+                HostTask::Control(Transfer::new(request, self.packet0), cycle + self.bus.milliseconds(REQUEST_MS))
             }
-            None => Work::Idle,
+            None => HostTask::Idle,
         };
     }
 
@@ -298,12 +298,12 @@ impl Host {
         match (request, data) {
             (Request::FIRST_LOOK, [_, _, _, _, _, _, _, packet, ..]) if *packet != 0 => {
                 self.packet0 = Some((*packet).into());
-                self.work = Work::Wait(cycle, After::Reset { second: true });
+                self.work = HostTask::Wait(cycle, After::Reset { second: true });
                 return;
             }
             (Request::SetAddress(address), _) => {
                 self.address = address;
-                self.work = Work::Wait(cycle + self.bus.milliseconds(ADDRESS_MS), After::Address);
+                self.work = HostTask::Wait(cycle + self.bus.milliseconds(ADDRESS_MS), After::Address);
                 return;
             }
             (Request::DEVICE, [.., manufacturer, product, serial, _]) if data.len() == 18 => {
@@ -348,7 +348,7 @@ impl Host {
             }
             _ if request.is_optional() => {}
             _ => {
-                self.work = Work::GivenUp;
+                self.work = HostTask::GivenUp;
                 return;
             }
         }
@@ -372,7 +372,7 @@ impl Host {
         };
         match pipe {
             Pipe::Control => {
-                let Work::Control(transfer, _) = &self.work else { return None };
+                let HostTask::Control(transfer, _) = &self.work else { return None };
                 Some(match transfer.token() {
                     Token::Setup(packet) => {
                         let answer = if controller.has_address(self.address) {
@@ -406,7 +406,7 @@ impl Host {
 
     /// Whether an endpoint is being cleared.
     fn clears(&self) -> bool {
-        matches!(&self.work, Work::Control(Transfer { request: Request::ClearHalt(_), .. }, _))
+        matches!(&self.work, HostTask::Control(Transfer { request: Request::ClearHalt(_), .. }, _))
     }
 
     /// Bytes of the next packet to the device.
@@ -453,14 +453,14 @@ impl Host {
         if answer == Answer::Stall {
             controller.refused(number, direction, true);
             match &self.work {
-                Work::Control(transfer, _) if pipe == Pipe::Control && transfer.request.is_optional() => {
+                HostTask::Control(transfer, _) if pipe == Pipe::Control && transfer.request.is_optional() => {
                     let request = transfer.request;
                     self.answered(request, &[], cycle);
                 }
                 _ if pipe == Pipe::In => self.stalled[0] = true,
                 _ if pipe == Pipe::Out => self.stalled[1] = true,
                 _ if pipe == Pipe::Notifications => self.stalled[2] = true,
-                _ => self.work = Work::GivenUp,
+                _ => self.work = HostTask::GivenUp,
             }
             return;
         }
@@ -489,7 +489,7 @@ impl Host {
     }
 
     fn finish_control(&mut self, cycle: u64, controller: &mut Controller) {
-        let Work::Control(transfer, _) = &mut self.work else { return };
+        let HostTask::Control(transfer, _) = &mut self.work else { return };
         match transfer.token() {
             Token::Setup(packet) => {
                 controller.setup(packet);

@@ -254,7 +254,7 @@ fn what_is_damaged_does_not_move() {
     let program = sweep();
     let image = PicoImage::new(&program).unwrap();
     let committed = image::uf2(virtual_pico::IMAGE, virtual_pico::FAMILY).unwrap();
-    let committed = image::flat(&committed, 0x1000_0000, PicoImage::ROOM).unwrap();
+    let committed = image::flat(&committed, 0x1000_0000, PicoImage::FLASH_BYTES).unwrap();
     assert_eq!(committed[POINTER..POINTER + 4], [0; 4]);
     let begin = u32::from_le_bytes(*image.flash[POINTER..].first_chunk().unwrap()) as usize;
     assert!(image.flash[..begin].len().is_multiple_of(4096) && image.flash.len().is_multiple_of(4096));
