@@ -4,13 +4,13 @@
 use libfuzzer_sys::fuzz_target;
 use pulsetrain_core::winch::letters::InMemory;
 use pulsetrain_core::winch::path::{FASTEST, Path};
-use pulsetrain_core::winch::reply::{LONGEST, Reply};
+use pulsetrain_core::winch::reply::{LONGEST, LineReply};
 use pulsetrain_core::winch::spacing;
-use pulsetrain_core::winch::text::{Heard, Reader, Verb};
+use pulsetrain_core::winch::text::{Heard, LineCommand, LineReader};
 
 fuzz_target!(|input: (bool, Vec<u8>)| {
     let (strict, bytes) = input;
-    let mut reader = Reader::new();
+    let mut reader = LineReader::new();
     reader.set_strict(strict);
     let mut paths = [const { Path::new() }; 4];
     for byte in bytes.iter().take(2000) {
@@ -19,7 +19,7 @@ fuzz_target!(|input: (bool, Vec<u8>)| {
             Heard::Command(_) => reader.obey(&mut paths),
             Heard::Refused(refusal) => {
                 let mut line = [0; LONGEST];
-                let len = usize::from(Reply::Refused(refusal).write::<InMemory>(&mut line));
+                let len = usize::from(LineReply::Refused(refusal).write::<InMemory>(&mut line));
                 assert!(line[..len].ends_with(b"\r\n") && line[..len].is_ascii());
             }
         }
@@ -39,5 +39,5 @@ fuzz_target!(|input: (bool, Vec<u8>)| {
     reader.push::<InMemory>(b'\n');
     // With its checksum: a strict board that obeyed a line with one asks every line for its own.
     let heard = b"ping*10\n".iter().map(|byte| reader.push::<InMemory>(*byte)).last();
-    assert_eq!(heard, Some(Heard::Command(Verb::Ping)));
+    assert_eq!(heard, Some(Heard::Command(LineCommand::Ping)));
 });

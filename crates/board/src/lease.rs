@@ -3,7 +3,7 @@
 use crate::{Board, SwitchRefused};
 use pulsetrain_core::Epoch;
 use pulsetrain_core::braking::Limit;
-use pulsetrain_core::lease::Cause;
+use pulsetrain_core::lease::LapseCause;
 
 /// How long a plan holds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -28,7 +28,7 @@ pub enum LeaseState {
         /// Steps before it were the plan's.
         at: u64,
         /// Why.
-        cause: Cause,
+        cause: LapseCause,
         /// Whether a motor was in motion, so far: else the motion had just ended.
         in_motion: bool,
     },

@@ -6,7 +6,8 @@
 use crate::lease::{ExtendRefused, Lease, LeaseState, Leased, TrimRefused};
 use crate::{Board, Sizer};
 use pulsetrain_core::braking::Limit;
-use pulsetrain_core::lease::{self, Cause, Lapse};
+use pulsetrain_core::channels;
+use pulsetrain_core::lease::{self, Lapse, LapseCause};
 use pulsetrain_core::output::{Coils, Output, Sequence, StepDir, StepDirSettings};
 use pulsetrain_core::queue::{Items, Place};
 use pulsetrain_core::shared_line::{self, SharedLine};
@@ -224,7 +225,7 @@ pub struct Native {
     /// The first tick that has not been passed.
     now: u64,
     /// Since when the lease is over, and why.
-    lapsed: Option<(u64, Cause)>,
+    lapsed: Option<(u64, LapseCause)>,
     /// Accepted extensions that [`Leased::extended`] has not reported yet.
     extended: usize,
 }
@@ -347,7 +348,7 @@ impl Native {
 
     /// All motors brake from `tick` on, unless they do already.
     pub fn brake_at(&mut self, tick: u64) {
-        self.engine.lapse_at(Lapse { at: Tick32::of(tick), cause: Cause::Ordered });
+        self.engine.lapse_at(Lapse { at: Tick32::of(tick), cause: LapseCause::Ordered });
         self.note_lapse();
     }
 
@@ -664,7 +665,7 @@ impl Waiting {
 }
 
 impl Items for Waiting {
-    fn wait(&self, epoch: Epoch) -> bool {
+    fn has(&self, epoch: Epoch) -> bool {
         self.entries.front().is_some_and(|entry| entry.epoch == epoch)
     }
 
@@ -832,7 +833,7 @@ impl<const F: u32> Motors<F> {
         if !self.axes.iter().any(|axis| axis.channel().has_news()) {
             return false;
         }
-        let Some(lapse) = lease::agreed(self.axes.iter().map(Axis::channel)) else { return false };
+        let Some(lapse) = channels::agreed_lapse(self.axes.iter().map(Axis::channel)) else { return false };
         self.axes.iter_mut().for_each(|axis| axis.channel_mut().lapse_at(lapse));
         true
     }

@@ -6,7 +6,7 @@
 use crate::native::ConfigError;
 use crate::{Board, Config, Edge, Native, Observer};
 use pulsetrain_core::verbs::motor::MOST_ITEMS;
-use pulsetrain_core::verbs::{Limits, Verbs};
+use pulsetrain_core::verbs::{MotorTiming, Verbs};
 use pulsetrain_core::wire::message::Reason;
 use pulsetrain_core::wire::orders::{Obeyed, Orders};
 use pulsetrain_core::wire::{MAX_MOTORS, Refusal};
@@ -21,12 +21,12 @@ const SLICE: u64 = 1 << 20;
 /// ```
 /// use pulsetrain_board::native_verbs::NativeVerbs;
 /// use pulsetrain_board::{Config, Edge, MotorConfig, Wiring};
-/// use pulsetrain_core::verbs::{Limits, Verb};
+/// use pulsetrain_core::verbs::{MotorTiming, Verb};
 /// use pulsetrain_core::wire::orders::{Orders, order};
 ///
 /// let wiring = Wiring::StepDir { step: 2, dir: 3, forward_high: true, pulse_ticks: 10, setup_ticks: 5 };
 /// let config = Config { fraction_bits: 32, motors: vec![MotorConfig { wiring, pull_in_ticks: 0 }] };
-/// let mut board = NativeVerbs::new(&config, &[Limits { shortest: 20, turn: 30, period: 100 }])?;
+/// let mut board = NativeVerbs::new(&config, &[MotorTiming { shortest: 20, turn: 30, period: 100 }])?;
 /// let obeyed = board.obey(50, &Orders::decode(&order(0, Verb::Move { steps: 2 })).unwrap()).unwrap();
 /// assert_eq!((obeyed.tick, obeyed.motors()[0].wait), (50, 0));
 /// let mut rises = Vec::new();
@@ -51,7 +51,7 @@ impl NativeVerbs {
     ///
     /// # Errors
     /// When the configuration asks for what no board has, or has more than eight motors.
-    pub fn new(config: &Config, limits: &[Limits]) -> Result<NativeVerbs, ConfigError> {
+    pub fn new(config: &Config, limits: &[MotorTiming]) -> Result<NativeVerbs, ConfigError> {
         NativeVerbs::at(config, limits, &vec![0; limits.len()], 0)
     }
 
@@ -59,7 +59,12 @@ impl NativeVerbs {
     ///
     /// # Errors
     /// As [`new`](NativeVerbs::new), and with another number of positions.
-    pub fn at(config: &Config, limits: &[Limits], positions: &[i32], now: u64) -> Result<NativeVerbs, ConfigError> {
+    pub fn at(
+        config: &Config,
+        limits: &[MotorTiming],
+        positions: &[i32],
+        now: u64,
+    ) -> Result<NativeVerbs, ConfigError> {
         let count = config.motors.len();
         if count > MAX_MOTORS || limits.len() != count || positions.len() != count {
             return Err(ConfigError::Motors(count));
@@ -157,7 +162,7 @@ impl NativeVerbs {
     /// All motors forget what they were told: no step is made that was not worked out. Gives those, bit by motor, that stop between two
     /// steps: whoever of them was faster than it can stop may stand elsewhere than it counts.
     pub fn halt(&mut self) -> u8 {
-        self.verbs.forsake(true, |_| u64::MAX)
+        self.verbs.host_gone(true, |_| u64::MAX)
     }
 
     /// Whether nothing moves, and nothing is to.
@@ -185,7 +190,7 @@ mod tests {
     fn too_many_orders_at_once_are_refused() {
         let wiring = Wiring::StepDir { step: 2, dir: 3, forward_high: true, pulse_ticks: 2, setup_ticks: 5 };
         let config = Config { fraction_bits: 32, motors: vec![MotorConfig { wiring, pull_in_ticks: 0 }] };
-        let limits = Limits { shortest: 3, turn: 9, period: 3 };
+        let limits = MotorTiming { shortest: 3, turn: 9, period: 3 };
         let mut board = NativeVerbs::new(&config, &[limits]).expect("a board");
         let (mut steps, mut refused, mut rises) = (0, 0, 0);
         for time in 0..3000_u64 {

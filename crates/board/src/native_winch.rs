@@ -10,14 +10,14 @@ use crate::bridge::{self, CYCLES_PER_S, bit_cycles};
 use crate::native_verbs::NativeVerbs;
 use crate::{Config, Edge, MotorConfig, Port, PortError, VirtualBoard, Wiring};
 use pulsetrain_core::Direction;
-use pulsetrain_core::verbs::Limits;
+use pulsetrain_core::verbs::MotorTiming;
 use pulsetrain_core::winch::AXES;
 use pulsetrain_core::winch::letters::InMemory;
-use pulsetrain_core::winch::reply::{LONGEST, Reply};
+use pulsetrain_core::winch::reply::{LONGEST, LineReply};
 use pulsetrain_core::winch::session::Session;
 use pulsetrain_core::winch::spacing::TICKS;
-use pulsetrain_core::winch::text::{Heard, Reader, Refusal, Verb, What};
-use pulsetrain_core::winch::verb_lines::{self as text, Read, Told};
+use pulsetrain_core::winch::text::{Heard, LineCommand, LineError, LineFault, LineReader};
+use pulsetrain_core::winch::verb_lines::{self as text, LineOrders, VerbLine};
 use pulsetrain_core::wire::{Baud, Reason, Refusal as Refused};
 use std::cmp::Reverse;
 use std::collections::{BinaryHeap, VecDeque};
@@ -38,14 +38,14 @@ const SETUP: u64 = 80;
 const UNSENT: usize = 256;
 
 /// What axes can be told directly: their lines are low for as long as a pulse, DIR stays as long behind one; 1000 steps/s at first.
-const LIMITS: Limits =
-    Limits { shortest: 2 * PULSE as u32, turn: (2 * PULSE + SETUP) as u32, period: (CYCLES_PER_S / 1000) as u32 };
+const LIMITS: MotorTiming =
+    MotorTiming { shortest: 2 * PULSE as u32, turn: (2 * PULSE + SETUP) as u32, period: (CYCLES_PER_S / 1000) as u32 };
 
 // Steps of one axis are 100 µs apart at least, and a turn takes 124 µs: a pulse ends before the next DIR changes.
 const _: () = assert!(PULSE + SETUP < 1600 && SETUP < TICKS as u64);
 
 /// The axes cannot be had yet.
-const MOVING: text::Reply = text::Reply::Refused(Refused::of(Reason::Moving));
+const MOVING: text::VerbReply = text::VerbReply::Refused(Refused::of(Reason::Moving));
 
 /// A StepperWinch board in virtual time. One tick is 62.5 ns, as on the Uno.
 ///
@@ -69,7 +69,7 @@ pub struct NativeWinch {
     zero: u64,
     /// The next millisecond of the board's clock that has not begun.
     next_ms: u64,
-    reader: Reader,
+    reader: LineReader,
     session: Session,
     forward: [bool; 4],
     positions: [i32; 4],
@@ -79,7 +79,7 @@ pub struct NativeWinch {
     /// `enable 0` was said to them: they stop, and verbs lose them as soon as they rest.
     ends: bool,
     /// Lines about moves that were done, for which there was no room yet.
-    done: VecDeque<text::Reply>,
+    done: VecDeque<text::VerbReply>,
     /// Edges to come, the earliest first.
     planned: BinaryHeap<Reverse<(u64, u8, bool)>>,
     edges: Vec<Edge>,
@@ -119,7 +119,7 @@ impl NativeWinch {
             now: 0,
             zero: 0,
             next_ms: 0,
-            reader: Reader::new(),
+            reader: LineReader::new(),
             session: Session::new(),
             forward: [false; 4],
             positions: [0; 4],
@@ -137,7 +137,7 @@ impl NativeWinch {
 
     fn start(&mut self) {
         self.edges.push(Edge { tick: 0, line: ENABLE_PIN, level: true });
-        self.say(&Reply::Awake);
+        self.say(&LineReply::Awake);
     }
 
     /// Steps begun, of x, y, z and a.
@@ -188,7 +188,7 @@ impl NativeWinch {
             let (zero, planned) = (self.zero, &mut self.planned);
             let plan = |edge: Edge| planned.push(Reverse((zero + edge.tick, edge.line, edge.level)));
             verbs.advance(until - zero, &mut { plan });
-            let done = |(axis, tick, number)| text::Reply::Done { axis: axis as u8, tick, number };
+            let done = |(axis, tick, number)| text::VerbReply::Done { axis: axis as u8, tick, number };
             self.done.extend(verbs.done().into_iter().map(done));
         }
         while let Some(Reverse((at, line, level))) = self.planned.peek().copied()
@@ -213,7 +213,7 @@ impl NativeWinch {
         if self.session.is_report_due() && self.line.unsent(self.now) == 0 {
             self.session.reported();
             let usec = self.clock() / (CYCLES_PER_S / 1_000_000);
-            self.say(&Reply::Status { usec: (usec as u32).cast_signed(), positions: self.positions });
+            self.say(&LineReply::Status { usec: (usec as u32).cast_signed(), positions: self.positions });
         }
         self.next_ms += 1;
         let plays_at = self.zero + self.next_ms * u64::from(TICKS);
@@ -235,18 +235,18 @@ impl NativeWinch {
             self.answer(&done);
         }
         if let Some(verbs) = &mut self.verbs {
-            let stopped = if self.ends || self.session.is_forsaken() { verbs.halt() } else { 0 };
+            let stopped = if self.ends || self.session.deadman_expired() { verbs.halt() } else { 0 };
             let rests = verbs.is_idle();
             // Who says `enable 0` knows.
             if stopped != 0 && !self.ends {
-                self.answer(&text::Reply::Uncertain { axes: stopped });
+                self.answer(&text::VerbReply::Uncertain { axes: stopped });
             }
             // What was done is told first.
             if self.ends && rests && self.done.is_empty() {
                 (self.verbs, self.ends) = (None, false);
                 (self.session, self.positions) = (Session::new(), [0; 4]);
                 self.enable();
-                self.say(&Reply::Awake);
+                self.say(&LineReply::Awake);
             }
         }
         if self.session.has_stopped() && self.planned.is_empty() {
@@ -268,22 +268,26 @@ impl NativeWinch {
         let reply = match self.reader.push::<InMemory>(byte) {
             Heard::Nothing => return,
             // The winch does not know verbs.
-            Heard::Refused(refusal @ Refusal { what: What::Command, .. }) => match text::read(self.reader.line()) {
-                Read::Unknown => Some(Reply::Refused(refusal)),
-                Read::Refused(what, word) => return self.answer(&text::Reply::Unread(what, word)),
-                Read::Told(told) => {
-                    let reply = self.tell(&told);
-                    self.enable();
-                    return self.answer(&reply);
+            Heard::Refused(refusal @ LineError { what: LineFault::Command, .. }) => {
+                match text::read(self.reader.line()) {
+                    VerbLine::Unknown => Some(LineReply::Refused(refusal)),
+                    VerbLine::Refused(what, word) => return self.answer(&text::VerbReply::Unread(what, word)),
+                    VerbLine::Orders(told) => {
+                        let reply = self.tell(&told);
+                        self.enable();
+                        return self.answer(&reply);
+                    }
                 }
-            },
-            Heard::Refused(refusal) => Some(Reply::Refused(refusal)),
+            }
+            Heard::Refused(refusal) => Some(LineReply::Refused(refusal)),
             Heard::Command(verb) if self.verbs.is_some() && verb.has_flags() => {
-                return self.answer(&text::Reply::Verbs);
+                return self.answer(&text::VerbReply::Verbs);
             }
             // A stop goes to its end, whatever comes behind it.
-            Heard::Command(Verb::Enable) if self.ends && self.reader.value() != 0 => return self.answer(&MOVING),
-            Heard::Command(Verb::Enable) if self.verbs.is_some() => {
+            Heard::Command(LineCommand::Enable) if self.ends && self.reader.value() != 0 => {
+                return self.answer(&MOVING);
+            }
+            Heard::Command(LineCommand::Enable) if self.verbs.is_some() => {
                 self.session.heard();
                 self.ends = self.reader.value() == 0;
                 None
@@ -297,17 +301,17 @@ impl NativeWinch {
     }
 
     /// Tells axes directly what a line says; gives what is to be answered.
-    fn tell(&mut self, told: &Told) -> text::Reply {
+    fn tell(&mut self, told: &LineOrders) -> text::VerbReply {
         if self.session.drives() {
-            return text::Reply::Path;
+            return text::VerbReply::Path;
         }
         if self.ends {
             return MOVING;
         }
-        let Some(orders) = told.orders() else { return text::Reply::Refused(Refused::of(Reason::Malformed)) };
+        let Some(orders) = told.orders() else { return text::VerbReply::Refused(Refused::of(Reason::Malformed)) };
         // A first line that is refused changes nothing.
         let mut first = self.verbs.is_none().then(|| self.verbs_from_here());
-        let Some(verbs) = self.verbs.as_mut().or(first.as_mut()) else { return text::Reply::Path };
+        let Some(verbs) = self.verbs.as_mut().or(first.as_mut()) else { return text::VerbReply::Path };
         match verbs.obey(verbs.open(), &orders) {
             Ok(obeyed) => {
                 self.session.heard();
@@ -315,9 +319,9 @@ impl NativeWinch {
                     self.verbs = Some(verbs);
                     self.lower_dir();
                 }
-                text::Reply::At { obeyed, axes: told.axes() }
+                text::VerbReply::At { obeyed, axes: told.axes() }
             }
-            Err(refused) => text::Reply::Refused(refused),
+            Err(refused) => text::VerbReply::Refused(refused),
         }
     }
 
@@ -346,13 +350,13 @@ impl NativeWinch {
         }
     }
 
-    fn say(&mut self, reply: &Reply) {
+    fn say(&mut self, reply: &LineReply) {
         let mut text = [0; LONGEST];
         let len = reply.write::<InMemory>(&mut text);
         self.line.say(self.now, &text[..usize::from(len)]);
     }
 
-    fn answer(&mut self, reply: &text::Reply) {
+    fn answer(&mut self, reply: &text::VerbReply) {
         let mut text = [0; text::LONGEST];
         let len = reply.write(&mut text);
         self.line.say(self.now, &text[..len]);

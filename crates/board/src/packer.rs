@@ -7,7 +7,7 @@ use pulsetrain_core::{Item, Tick32};
 pub(crate) const MAX_LEN: usize = CHECK_LEN + MAX_PACKED_LEN;
 
 // Whatever the board: an item and its check are whole in a frame.
-const _: () = assert!(MAX_LEN + 3 <= pulsetrain_core::wire::LEAST_BODY);
+const _: () = assert!(MAX_LEN + 3 <= pulsetrain_core::wire::MIN_BODY);
 
 /// A check goes before steps once so many bytes have gone without one: about one in a frame.
 const CHECK_EVERY: usize = 64;

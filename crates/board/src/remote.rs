@@ -818,11 +818,11 @@ impl<P: Port> Remote<P> {
     fn hear_of_lease(&mut self) {
         while let Some(event) = self.link.event() {
             let cause = match event.cause {
-                Cause::Lapsed => Some(lease::Cause::NotExtended),
-                Cause::Braked => Some(lease::Cause::Ordered),
-                Cause::RanDry => Some(lease::Cause::RanDry),
-                Cause::BadItem | Cause::CheckFailed => Some(lease::Cause::BadItem),
-                Cause::StepMissed => Some(lease::Cause::StepMissed),
+                Cause::Lapsed => Some(lease::LapseCause::NotExtended),
+                Cause::Braked => Some(lease::LapseCause::Ordered),
+                Cause::RanDry => Some(lease::LapseCause::Underrun),
+                Cause::BadItem | Cause::CheckFailed => Some(lease::LapseCause::BadItem),
+                Cause::StepMissed => Some(lease::LapseCause::StepMissed),
                 _ => None,
             };
             if let Some(cause) = cause {
@@ -849,7 +849,7 @@ impl<P: Port> Remote<P> {
     }
 
     /// The board says, at its tick `now`, that the lease is over since `at`; an event has the `cause`, and says so only of motors in motion.
-    fn note_lapse(&mut self, at: u64, cause: Option<lease::Cause>, now: u64) {
+    fn note_lapse(&mut self, at: u64, cause: Option<lease::LapseCause>, now: u64) {
         let (accepted, begins) = self.leased;
         // That of the lease before, from which the switch is to lead away.
         let is_old = at <= accepted && now < begins;
@@ -862,7 +862,7 @@ impl<P: Port> Remote<P> {
             }
             LeaseState::Until(_) | LeaseState::Last if is_old => {}
             LeaseState::Until(_) | LeaseState::Last => {
-                let (why, in_motion) = (cause.unwrap_or(lease::Cause::NotExtended), cause.is_some());
+                let (why, in_motion) = (cause.unwrap_or(lease::LapseCause::NotExtended), cause.is_some());
                 self.lease = LeaseState::Lapsed { at, cause: why, in_motion };
             }
         }
@@ -921,7 +921,7 @@ impl<P: Port> Remote<P> {
         let ends_there = |(lease, _): &(Lease, Vec<Limit>)| tick.is_some_and(|at| *lease == Lease::Until(at));
         let was_over = match self.lease {
             LeaseState::Until(until) => tick == Some(until),
-            LeaseState::Lapsed { cause, .. } => cause != lease::Cause::Ordered,
+            LeaseState::Lapsed { cause, .. } => cause != lease::LapseCause::Ordered,
             LeaseState::Off | LeaseState::Last => tick.is_none(),
         };
         let last = self.unconfirmed.iter().take(sent).rposition(ends_there);
@@ -1410,7 +1410,9 @@ impl<P: Port> Leased for Remote<P> {
         match (tick, self.lease) {
             // An event was sooner, and knows the cause.
             (Some(_), LeaseState::Lapsed { .. }) => {}
-            (Some(at), _) => self.lease = LeaseState::Lapsed { at, cause: lease::Cause::Ordered, in_motion: false },
+            (Some(at), _) => {
+                self.lease = LeaseState::Lapsed { at, cause: lease::LapseCause::Ordered, in_motion: false }
+            }
             (None, _) => self.lease = LeaseState::Off,
         }
         tick

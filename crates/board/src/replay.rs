@@ -4,7 +4,7 @@
 //! both come to the same. Ticks are whole here, of any length.
 
 use crate::ScheduledStep;
-use pulsetrain_core::braking::{Limit, Next, Registers};
+use pulsetrain_core::braking::{BrakingPart, Limit, RegisterLimits};
 use pulsetrain_core::{Direction, Item, Segment, Tick32};
 
 /// A motor, and what it was sent.
@@ -53,7 +53,7 @@ pub struct Replay<'a> {
     motors: Vec<Walk<'a>>,
     lines: Vec<Line>,
     fraction_bits: u32,
-    registers: Registers,
+    registers: RegisterLimits,
     until: Option<u64>,
 }
 
@@ -116,7 +116,7 @@ impl<'a> Replay<'a> {
         };
         let line = |(line, ticks): (usize, &u64)| Line { apart_ticks: *ticks, last: last_of(line) };
         let lines = apart_ticks.iter().enumerate().map(line).collect();
-        Replay { motors, lines, fraction_bits, registers: Registers::with_fraction_bits(fraction_bits), until }
+        Replay { motors, lines, fraction_bits, registers: RegisterLimits::with_fraction_bits(fraction_bits), until }
     }
 }
 
@@ -154,7 +154,7 @@ impl Iterator for Replay<'_> {
 
 impl Walk<'_> {
     /// The tick of the next step.
-    fn scheduled(&mut self, fraction_bits: u32, registers: &Registers, until: Option<u64>) -> Option<u64> {
+    fn scheduled(&mut self, fraction_bits: u32, registers: &RegisterLimits, until: Option<u64>) -> Option<u64> {
         while self.run.count == 0 && self.stop == Stop::NotYet {
             match self.items.next() {
                 Some(item) => self.load(item, fraction_bits),
@@ -199,7 +199,7 @@ impl Walk<'_> {
     }
 
     /// The lease is over, before the next step; with none planned, it would come after the same interval as the last one.
-    fn brake(&mut self, registers: &Registers) {
+    fn brake(&mut self, registers: &RegisterLimits) {
         let interval = if self.run.count > 0 { self.run.interval } else { self.last_interval };
         if self.fresh {
             (self.run.count, self.stop) = (0, Stop::Rest);
@@ -208,18 +208,18 @@ impl Walk<'_> {
         }
     }
 
-    fn slow_down(&mut self, interval: i64, registers: &Registers) {
+    fn slow_down(&mut self, interval: i64, registers: &RegisterLimits) {
         let next = self.sent.limit.next(interval, registers);
         self.run = next.segment(interval).unwrap_or_default();
         self.stop = match next {
-            Next::Rest => Stop::Rest,
-            Next::LastStep => Stop::LastStep,
-            Next::Steps { .. } => Stop::Part,
+            BrakingPart::Rest => Stop::Rest,
+            BrakingPart::LastStep => Stop::LastStep,
+            BrakingPart::Steps { .. } => Stop::Part,
         };
     }
 
     /// Makes the next step at `tick`.
-    fn take(&mut self, tick: u64, registers: &Registers) {
+    fn take(&mut self, tick: u64, registers: &RegisterLimits) {
         self.last_interval = self.run.interval;
         self.accumulator += i128::from(self.run.interval);
         self.run = self.run.after(1);

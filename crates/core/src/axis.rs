@@ -3,7 +3,7 @@
 //! Nothing after the tick that is asked for is committed but the step that a DIR edge was made for. So at any tick the
 //! position counts the pulses that were begun, and all else can still be switched away.
 
-use crate::channel::{Channel, Kind};
+use crate::channel::{Channel, EventKind};
 use crate::output::{Edge, Output};
 use crate::queue::Items;
 use crate::{Direction, Tick32};
@@ -55,7 +55,7 @@ impl<const F: u32, Q: Items> Axis<F, Q> {
             return None;
         }
         let tick = due.or_later(self.open);
-        if let Kind::Direction(direction) = event.kind {
+        if let EventKind::Direction(direction) = event.kind {
             let turns = self.facing != Some(direction) || self.output.asserts_every_step();
             if tick != due && turns && self.channel.give_up_step(event, &mut self.queue) {
                 return self.next(until);

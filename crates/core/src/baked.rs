@@ -10,12 +10,12 @@
 //! | 8–11 | CRC-32 of bytes 12 to the last ([`crc32`]) |
 //! | 12 | n, bytes of the configuration |
 //! | 13… | n bytes: what Configure says ([`Configuration`]) |
-//! | then | 25 bytes for each motor: see [`Motor`] |
+//! | then | 25 bytes for each motor: see [`BakedMotor`] |
 //! | then | for each motor its head and its turn: pieces, each a byte with its length and as many packed bytes, whole items |
 //!
 //! # Phase
 //! What repeats begins after a step, most often that before a turning point. The wait from there to the next step is no part of
-//! what is stored: [`Player`] makes it, so that each turn begins a period after the one before it. The period is told to 2^-64
+//! what is stored: [`Player`] makes it, so that each turn begins a period after the one before it. The period is stored to 2^-64
 //! ticks, and what lies below a fraction bit is carried from turn to turn: the error is never more than 2^-32 ticks, in any year.
 
 pub mod avr;
@@ -49,7 +49,7 @@ pub const MOTOR_LEN: usize = 25;
 /// What a block begins with.
 pub const MAGIC: &[u8; 4] = b"PTB1";
 
-/// A wait that is told at once at most, ticks.
+/// The longest wait that one item holds here, ticks: ticks of 32 bits are compared within 2^31.
 const LONGEST_DWELL: u32 = 1 << 30;
 
 /// CRC-32, reflected polynomial 0xedb88320, first and last all ones, as in Ethernet (IEEE 802.3, 3.2.9).
@@ -81,7 +81,7 @@ pub fn crc32(bytes: &[u8]) -> u32 {
 pub struct Block<'a> {
     /// Pins and times of all motors.
     pub configuration: Configuration<'a>,
-    /// [`Motor`]s, packed, and their pieces.
+    /// [`BakedMotor`]s, packed, and their pieces.
     motors: &'a [u8],
     pieces: &'a [u8],
 }
@@ -117,7 +117,7 @@ impl<'a> Block<'a> {
     }
 
     /// The motors, in order.
-    pub fn motors(&self) -> impl Iterator<Item = Motor<'a>> {
+    pub fn motors(&self) -> impl Iterator<Item = BakedMotor<'a>> {
         let mut rest = self.pieces;
         let of = self.motors.as_chunks::<MOTOR_LEN>().0.iter().zip(self.lens()).zip(self.configuration.motors());
         of.map(move |((bytes, (head, turn)), setup)| {
@@ -128,7 +128,7 @@ impl<'a> Block<'a> {
             };
             let (head, turn) = (part(head), part(turn));
             let packing = Packing { fraction_bits: FRACTION_BITS, gain: setup.gain };
-            Motor { packing, head, turn, repeats: Repeats::from_bytes(bytes) }
+            BakedMotor { packing, head, turn, repeats: Repeats::from_bytes(bytes) }
         })
     }
 }
@@ -142,7 +142,7 @@ impl<'a> Block<'a> {
 /// | 9–16, 17–20 | the wait from the one to the other: ticks, and ticks · 2^-32 |
 /// | 21–24 | what of it lies below: ticks · 2^-64 |
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Motor<'a> {
+pub struct BakedMotor<'a> {
     /// How it is packed.
     pub packing: Packing,
     /// Pieces of what comes once, the first step after the first wait included; they begin as after an anchor.
@@ -199,7 +199,7 @@ impl Repeats {
 /// Gives out a motor's packed bytes, piece by piece, for ever if it repeats.
 #[derive(Clone, Debug)]
 pub struct Player<'a> {
-    motor: Motor<'a>,
+    motor: BakedMotor<'a>,
     /// What is next: the anchor.
     zero: Option<Tick32>,
     /// Then what is left of the wait before a turn: ticks, and ticks · 2^-32.
@@ -215,7 +215,7 @@ pub struct Player<'a> {
 impl<'a> Player<'a> {
     /// From the beginning: the motion's time 0 is the tick `zero`.
     #[must_use]
-    pub const fn new(motor: Motor<'a>, zero: Tick32) -> Player<'a> {
+    pub const fn new(motor: BakedMotor<'a>, zero: Tick32) -> Player<'a> {
         Player { motor, zero: Some(zero), wait: None, rest: motor.head, in_head: true, carry: 0 }
     }
 

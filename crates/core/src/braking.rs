@@ -4,7 +4,7 @@
 //! A motor brakes from the interval that its next step would have come after: I, ticks · 2^F. A [`Limit`] says how hard it may
 //! brake. The rule gives parts: so many steps, the interval of each longer than the one before by the same `add`; then
 //! the next part from the interval that was reached, until the motor rests. All is integers: whoever knows I, the limit and the
-//! board's [`Registers`] knows the tick of every step of the stop.
+//! board's [`RegisterLimits`] knows the tick of every step of the stop.
 //!
 //! Let R = M · 2^(E−7) be the interval from which a motor may come to rest within one step (R = hz · 2^F / √(2a) for a limit of a
 //! steps/s², rounded up), e the number of I's leading bit, and X its upper eight bits. With d = 2(E − e) and p = 181 · X
@@ -17,7 +17,7 @@
 //!
 //! - m ≤ L, the limit's rest level: one step more after I, and rest.
 //! - Else 2^min(m − 2, 7) steps, at least one; add = I / 2^(m+1) rounded down, at least 1, and no more than the board's registers hold.
-//! - Intervals of the registers' [longest](Registers::longest) or more are rest at once: 2^23 ticks on an Uno, 0.52 s. A part makes the
+//! - Intervals of the registers' [longest](RegisterLimits::longest) or more are rest at once: 2^23 ticks on an Uno, 0.52 s. A part makes the
 //!   interval 1.25 times as long at most, and an Uno's registers hold 2^24 ticks.
 //!
 //! # Why it is within the limit
@@ -35,8 +35,8 @@
 //!
 //! # What it costs
 //! A stop takes 1.39 to 2.00 times the v²/2a steps of an ideal one; `crates/core/tests/it/braking.rs` prints it. No division, one multiplication of
-//! two bytes a part. Where registers hold an add of 31 bits, 2^15 ticks with 16 fraction bits, a stop that is gentler
-//! than that at its end takes longer: [`Registers::with_fraction_bits`]. How much longer depends on hz: it is the host's to see to.
+//! two bytes a part. Where registers hold an add of 31 bits, 2^15 ticks with 16 fraction bits, a stop that is slower
+//! than that at its end takes longer: [`RegisterLimits::with_fraction_bits`]. How much longer depends on hz: it is the host's to see to.
 
 use crate::Segment;
 
@@ -109,23 +109,23 @@ impl Limit {
     /// How a motor goes on whose next step would come after `interval`, ticks · 2^F.
     ///
     /// ```
-    /// use pulsetrain_core::braking::{Limit, Next, Registers};
+    /// use pulsetrain_core::braking::{Limit, BrakingPart, RegisterLimits};
     /// // 16 MHz, 16 fraction bits, 10 000 steps/s²: R = 113 138 ticks.
     /// let limit = Limit::new(221, 32, 0).unwrap();
-    /// let registers = Registers::with_fraction_bits(16);
+    /// let registers = RegisterLimits::with_fraction_bits(16);
     /// // From 8000 steps/s, 2000 ticks: level 12.
-    /// assert_eq!(limit.next(2000 << 16, &registers), Next::Steps { count: 128, add: 16_000 });
-    /// assert_eq!(limit.next(120_000 << 16, &registers), Next::LastStep);
-    /// assert_eq!(limit.next(1 << 39, &registers), Next::Rest);
+    /// assert_eq!(limit.next(2000 << 16, &registers), BrakingPart::Steps { count: 128, add: 16_000 });
+    /// assert_eq!(limit.next(120_000 << 16, &registers), BrakingPart::LastStep);
+    /// assert_eq!(limit.next(1 << 39, &registers), BrakingPart::Rest);
     /// ```
     #[must_use]
-    pub const fn next(&self, interval: i64, registers: &Registers) -> Next {
+    pub const fn next(&self, interval: i64, registers: &RegisterLimits) -> BrakingPart {
         if interval <= 0 || interval >= registers.longest {
-            return Next::Rest;
+            return BrakingPart::Rest;
         }
         let level = self.level(interval.cast_unsigned());
         if level <= self.rest_level as i32 {
-            return Next::LastStep;
+            return BrakingPart::LastStep;
         }
         // Above the rest level, which is not negative.
         let level = level.cast_unsigned();
@@ -134,13 +134,13 @@ impl Limit {
         let add = if add > registers.most_add { registers.most_add } else { add };
         let part = level.saturating_sub(2);
         let count = 1 << if part < LONGEST_PART { part } else { LONGEST_PART };
-        Next::Steps { count, add }
+        BrakingPart::Steps { count, add }
     }
 }
 
 /// How a braking motor goes on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Next {
+pub enum BrakingPart {
     /// It rests where it is.
     Rest,
     /// One step more after the interval, and rest.
@@ -154,35 +154,35 @@ pub enum Next {
     },
 }
 
-impl Next {
+impl BrakingPart {
     /// The steps as a segment that begins with `interval`; `None` at rest.
     #[must_use]
     pub const fn segment(self, interval: i64) -> Option<Segment> {
         match self {
-            Next::Rest => None,
-            Next::LastStep => Some(Segment::single(interval)),
-            Next::Steps { count, add } => Some(Segment { count, interval, add, add2: 0 }),
+            BrakingPart::Rest => None,
+            BrakingPart::LastStep => Some(Segment::single(interval)),
+            BrakingPart::Steps { count, add } => Some(Segment { count, interval, add, add2: 0 }),
         }
     }
 }
 
 /// What a board's registers hold, as far as braking needs it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Registers {
+pub struct RegisterLimits {
     most_add: i64,
     longest: i64,
 }
 
-impl Registers {
+impl RegisterLimits {
     /// Those of boards with so many fraction bits, 1..=32. With 16 or fewer (an Uno) add has 32 bits and an interval is below 2^24 ticks: from 2^23
     /// on a motor rests.
-    /// Others have registers of 64 bits: add has no limit, and a motor rests from intervals of 2^30 ticks on, since moments wrap.
+    /// Others have registers of 64 bits: add has no limit, and a motor rests from intervals of 2^30 ticks on, since ticks on a board wrap.
     #[must_use]
-    pub const fn with_fraction_bits(fraction_bits: u32) -> Registers {
+    pub const fn with_fraction_bits(fraction_bits: u32) -> RegisterLimits {
         if fraction_bits <= 16 {
-            Registers { most_add: i32::MAX as i64, longest: 1 << (23 + fraction_bits) }
+            RegisterLimits { most_add: i32::MAX as i64, longest: 1 << (23 + fraction_bits) }
         } else {
-            Registers { most_add: i64::MAX, longest: 1 << (30 + fraction_bits) }
+            RegisterLimits { most_add: i64::MAX, longest: 1 << (30 + fraction_bits) }
         }
     }
 

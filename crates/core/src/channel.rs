@@ -9,23 +9,23 @@
 //!
 //! A lease ends a plan in the same way, but then the motor brakes: see [`lease`](crate::lease).
 
-use crate::braking::{Limit, Registers};
-use crate::lease::{Cause, ExtendRefused, Lapse, Lease};
+use crate::braking::{Limit, RegisterLimits};
+use crate::lease::{ExtendRefused, Lapse, LapseCause, Lease};
 use crate::queue::{Epoch, Item, Items, Place};
 use crate::{Direction, Recurrence, Segment, Tick32};
 
 /// What happens at a tick.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Event {
+pub struct StepEvent {
     /// The scheduled tick: of the step itself, or of the step that a change of direction is for.
     pub tick: Tick32,
     /// What happens.
-    pub kind: Kind,
+    pub kind: EventKind,
 }
 
 /// What an event is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Kind {
+pub enum EventKind {
     /// The next step, at this event's tick, needs the DIR line so.
     Direction(Direction),
     /// One step.
@@ -106,7 +106,7 @@ pub struct Channel<const F: u32> {
     assert_every_step: bool,
     /// The lease is over for this channel: what it makes is its stop.
     braking: bool,
-    /// All channels of the machine have been told of the lapse.
+    /// All channels of the machine know of the lapse.
     agreed: bool,
     /// It was in motion when the lease was over.
     moved: bool,
@@ -156,10 +156,10 @@ impl<const F: u32> Channel<F> {
     /// The next event that is not after `limit`; it stays next until [`take`](Channel::take).
     ///
     /// `limit` goes up from call to call, by less than 2^30 ticks beyond the last [`pass`](Channel::pass).
-    pub fn peek(&mut self, items: &mut impl Items, limit: Tick32) -> Option<Event> {
+    pub fn peek(&mut self, items: &mut impl Items, limit: Tick32) -> Option<StepEvent> {
         loop {
             if let Some(tick) = self.committed {
-                return Some(Event { tick, kind: Kind::Step });
+                return Some(StepEvent { tick, kind: EventKind::Step });
             }
             let tick = if self.left > 0 { self.next_tick() } else { self.last_tick() };
             // Before anything else: beyond the limit, ticks may be too far from others to be compared with them.
@@ -168,7 +168,7 @@ impl<const F: u32> Channel<F> {
                 let at_end = self.left == 0 && !self.takes(items);
                 if beyond || at_end || (self.anchored && !tick.is_before(end.at)) {
                     if at_end && self.runs_dry(limit, end.at) {
-                        self.fail(Cause::RanDry, items);
+                        self.fail(LapseCause::Underrun, items);
                         continue;
                     }
                     if limit.is_before(end.at) {
@@ -177,7 +177,7 @@ impl<const F: u32> Channel<F> {
                     if end.is_switch {
                         self.begin(items);
                     } else {
-                        let lapse = self.lapse.unwrap_or(Lapse { at: end.at, cause: Cause::NotExtended });
+                        let lapse = self.lapse.unwrap_or(Lapse { at: end.at, cause: LapseCause::NotExtended });
                         self.horizon = self.horizon.or_later(end.at);
                         self.brake(lapse, items);
                     }
@@ -201,14 +201,18 @@ impl<const F: u32> Channel<F> {
                     continue;
                 }
                 let turned = self.facing != Some(self.direction);
-                let kind = if turned || self.assert_every_step { Kind::Direction(self.direction) } else { Kind::Step };
-                return Some(Event { tick, kind });
+                let kind = if turned || self.assert_every_step {
+                    EventKind::Direction(self.direction)
+                } else {
+                    EventKind::Step
+                };
+                return Some(StepEvent { tick, kind });
             }
             if !self.takes(items) {
                 return None;
             }
             if self.anchored
-                && let Some(direction) = items.heads()
+                && let Some(direction) = items.run_direction()
                 && let count @ 1.. = items.take_run(self.epoch, direction, &mut self.recurrence)
             {
                 self.left = count;
@@ -220,21 +224,23 @@ impl<const F: u32> Channel<F> {
             items.end_runs(&self.recurrence);
             match items.take(&self.place()) {
                 Some(item) => self.load(item, items),
-                None if items.has_failed() && !failed_before && self.is_leased() => self.fail(Cause::BadItem, items),
+                None if items.has_failed() && !failed_before && self.is_leased() => {
+                    self.fail(LapseCause::BadItem, items)
+                }
                 None => {}
             }
         }
     }
 
     /// Commits the event that [`peek`](Channel::peek) gave: a step is counted here.
-    pub fn take(&mut self, event: Event) {
+    pub fn take(&mut self, event: StepEvent) {
         match event.kind {
-            Kind::Direction(direction) => {
+            EventKind::Direction(direction) => {
                 self.facing = Some(direction);
                 self.committed = Some(event.tick);
                 self.horizon = event.tick.after(1);
             }
-            Kind::Step => {
+            EventKind::Step => {
                 self.last_interval = self.recurrence.interval;
                 self.recurrence.advance();
                 self.left -= 1;
@@ -247,7 +253,7 @@ impl<const F: u32> Channel<F> {
         }
     }
 
-    /// A new channel begins to exist at tick `now`: ticks are told apart within 2^31, and its own beginning may be longer ago.
+    /// A new channel begins to exist at tick `now`: ticks can be compared within 2^31 only, and tick 0 may be longer ago.
     pub const fn open_from(&mut self, now: Tick32) {
         self.horizon = now;
     }
@@ -317,8 +323,8 @@ impl<const F: u32> Channel<F> {
         self.note_end();
     }
 
-    /// The lease is over at `lapse.at`, or was earlier already: all motors of a machine are told so when
-    /// [one of them says it](crate::lease::agreed), or at the horizon when the host says so.
+    /// The lease is over at `lapse.at`, or was earlier already: all channels of a machine are called so when
+    /// [one of them says it](crate::channels::agreed_lapse), or at the horizon when the host says so.
     pub fn lapse_at(&mut self, lapse: Lapse) {
         if let Some(switch) = &mut self.switch {
             if !switch.at.is_before(lapse.at) {
@@ -344,7 +350,7 @@ impl<const F: u32> Channel<F> {
 
     /// The direction that `event` asks for would come too late for its step. With a lease that has not lapsed, that step is not made, and the
     /// motor brakes; otherwise it is taken as it is, and the answer is `false`.
-    pub fn give_up_step(&mut self, event: Event, items: &mut impl Items) -> bool {
+    pub fn give_up_step(&mut self, event: StepEvent, items: &mut impl Items) -> bool {
         let gives_up = self.is_leased() && self.lapse.is_none();
         if gives_up {
             self.miss(event.tick, items);
@@ -358,7 +364,7 @@ impl<const F: u32> Channel<F> {
         self.lapse
     }
 
-    /// Whether its lease is over and not all channels have been [told](Channel::lapse_at).
+    /// Whether its lease is over and not all channels [know](Channel::lapse_at).
     #[must_use]
     pub const fn has_news(&self) -> bool {
         self.lapse.is_some() && !self.agreed
@@ -604,12 +610,12 @@ impl<const F: u32> Channel<F> {
     #[inline(never)]
     fn miss(&mut self, tick: Tick32, items: &mut impl Items) {
         self.missed = self.missed.or(Some(tick));
-        // Registers are as after the run: who made it out may need them for the next one.
+        // The registers are left as after the run: a queue of packed items needs them to unpack the next one.
         let Recurrence { interval, add, add2, .. } = self.recurrence;
         let count = core::mem::take(&mut self.left);
         self.recurrence.load(&Segment { count, interval, add, add2 }.after(count));
         if self.is_leased() {
-            self.fail(Cause::StepMissed, items);
+            self.fail(LapseCause::StepMissed, items);
         } else {
             self.rest();
         }
@@ -623,10 +629,10 @@ impl<const F: u32> Channel<F> {
         self.rest();
         self.missed = None;
         (self.lease, self.limit) = (switch.lease, switch.limit);
-        // Others, which look further ahead, may have told of a lapse that is yet to come for this one. Switches that were made since then stand.
-        let told = self.lapse.filter(|lapse| self.agreed && !self.braking && switch.at.is_before(lapse.at));
+        // A channel that looks further ahead may have found a lapse that is yet to come for this one. Switches that were made since then stand.
+        let known = self.lapse.filter(|lapse| self.agreed && !self.braking && switch.at.is_before(lapse.at));
         self.resume();
-        (self.lapse, self.agreed) = (told, told.is_some());
+        (self.lapse, self.agreed) = (known, known.is_some());
         self.horizon = self.horizon.or_later(switch.at);
         self.note_end();
     }
@@ -663,7 +669,7 @@ impl<const F: u32> Channel<F> {
 
     /// Whether something waits that is to be done.
     fn takes(&self, items: &impl Items) -> bool {
-        !self.braking && items.wait(self.epoch)
+        !self.braking && items.has(self.epoch)
     }
 
     /// With nothing planned: whether the next step, after the same interval as the last one, would come by `limit` and before `end`.
@@ -675,9 +681,9 @@ impl<const F: u32> Channel<F> {
         !limit.is_before(next) && next.is_before(end)
     }
 
-    /// The plan cannot be followed: the motor brakes at once, and all others are to be told.
+    /// The plan cannot be followed: the motor brakes at once, and all other channels are to know.
     #[inline(never)]
-    fn fail(&mut self, cause: Cause, items: &mut impl Items) {
+    fn fail(&mut self, cause: LapseCause, items: &mut impl Items) {
         if let Some(switch) = &mut self.switch {
             switch.cancelled = true;
         }
@@ -690,7 +696,7 @@ impl<const F: u32> Channel<F> {
     #[inline(never)]
     fn brake(&mut self, lapse: Lapse, items: &mut impl Items) {
         if self.lapse.is_none() {
-            // Not told by others.
+            // This channel found it.
             if let Some(switch) = &mut self.switch {
                 switch.cancelled |= !switch.at.is_before(lapse.at);
             }
@@ -729,7 +735,7 @@ impl<const F: u32> Channel<F> {
     #[inline(never)]
     const fn slow_down(&mut self) {
         let interval = self.recurrence.interval;
-        match self.limit.next(interval, &const { Registers::with_fraction_bits(F) }).segment(interval) {
+        match self.limit.next(interval, &const { RegisterLimits::with_fraction_bits(F) }).segment(interval) {
             Some(part) => {
                 self.recurrence.load(&part);
                 self.left = part.count;

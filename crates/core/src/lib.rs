@@ -5,9 +5,10 @@
 //! - [`axis`]: one motor's queue, channel and output together
 //! - [`output`]: steps → pin edges: step/dir drivers and coils; pulse width, DIR setup and hold
 //! - [`channel`]: queue items → (tick, step or direction change)
-//! - [`verbs`]: motors told directly: so many steps, one every so many ticks, this way or that
-//! - [`pio`]: channel and output → words for state machines that make the edges
-//! - [`avr`]: queues of packed bytes, registers and verbs for small boards
+//! - [`channels`]: what the channels of one machine agree on: horizon, lapse
+//! - [`verbs`]: motors that take orders directly: so many steps, at this period, in this direction
+//! - [`pio`]: channel and output → words for the RP2040's state machines (PIO), which make the edges
+//! - [`avr`]: registers and verbs in the integers of an 8-bit processor (ATmega328P)
 //! - [`baked`]: a motion that lies in a board's flash, and how it is played
 //! - [`lease`]: how long a plan holds; [`braking`]: how a board brings a motor to rest by itself
 //! - [`shared_line`]: a DIR line of several motors while they brake
@@ -19,7 +20,7 @@
 //! - [`tick32`]: wrap-safe time
 //!
 //! # What is not
-//! Registers, clocks, links: firmware's and `pulsetrain-board`'s. Laws and planning: the host's.
+//! Hardware registers, clocks, links: firmware's and `pulsetrain-board`'s. Laws and planning: the host's.
 #![no_std]
 #![forbid(unsafe_code)]
 #![deny(clippy::float_arithmetic)]
@@ -30,6 +31,7 @@ pub mod axis;
 pub mod baked;
 pub mod braking;
 pub mod channel;
+pub mod channels;
 pub mod lease;
 pub mod merge;
 pub mod output;

@@ -1,4 +1,4 @@
-//! The merge: edges of all motors in one time-ordered stream.
+//! The merge: edges of all motors in one time-ordered stream. When an edge is due is not decided here.
 
 use crate::Tick32;
 use crate::output::Edge;

@@ -1,8 +1,9 @@
 //! The output: events → edges of a motor's lines.
 //!
-//! [`StepDir`] drives STEP and DIR of a driver, [`Coils`] the four coils of a motor through a ULN2003.
+//! [`StepDir`] drives STEP and DIR of a driver, [`Coils`] the four coils of a motor through a ULN2003. When steps are due is the
+//! [channel's](crate::channel) to say; which pin a line is, and how it is set, the board's.
 
-use crate::channel::{Event, Kind};
+use crate::channel::{EventKind, StepEvent};
 use crate::{Direction, Tick32};
 
 /// Lines that change at one tick; bit i is line i.
@@ -28,9 +29,9 @@ pub enum Output {
 impl Output {
     /// When the edge of `event` is due. A DIR edge comes its set-up before the step that it is for.
     #[must_use]
-    pub const fn due(&self, event: Event) -> Tick32 {
+    pub const fn due(&self, event: StepEvent) -> Tick32 {
         match (self, event.kind) {
-            (Output::StepDir(driver), Kind::Direction(_)) => event.tick.before(driver.setup_ticks),
+            (Output::StepDir(driver), EventKind::Direction(_)) => event.tick.before(driver.setup_ticks),
             _ => event.tick,
         }
     }
@@ -56,7 +57,7 @@ impl Output {
     }
 
     /// Makes the edge of `event` at `tick`: [`due`](Output::due), or later if that is past.
-    pub fn apply(&mut self, event: Event, tick: Tick32) -> Edge {
+    pub fn apply(&mut self, event: StepEvent, tick: Tick32) -> Edge {
         match self {
             Output::StepDir(driver) => driver.apply(event, tick),
             Output::Coils(coils) => coils.apply(event, tick),
@@ -81,7 +82,7 @@ impl Output {
         }
     }
 
-    /// Fewest ticks between two steps to be told apart on the lines.
+    /// Fewest ticks between two steps, so that they are two on the lines.
     #[must_use]
     pub const fn gap_ticks(&self) -> u32 {
         match self {
@@ -135,13 +136,13 @@ impl StepDir {
         StepDir { step_line, dir_line, pulse_ticks, setup_ticks, forward_high, shared_dir, fall: None }
     }
 
-    fn apply(&mut self, event: Event, tick: Tick32) -> Edge {
+    fn apply(&mut self, event: StepEvent, tick: Tick32) -> Edge {
         match event.kind {
-            Kind::Step => {
+            EventKind::Step => {
                 self.fall = Some(tick.after(self.pulse_ticks));
                 Edge { tick, set: bit(self.step_line), clear: 0 }
             }
-            Kind::Direction(direction) => {
+            EventKind::Direction(direction) => {
                 let high = (direction == Direction::Forward) == self.forward_high;
                 let line = bit(self.dir_line);
                 if high { Edge { tick, set: line, clear: 0 } } else { Edge { tick, set: 0, clear: line } }
@@ -173,7 +174,7 @@ impl Sequence {
 
 /// Patterns of the coils, half step after half step, forward; bit 0 is IN1.
 ///
-/// Forward is what the program of seed 002 puts on the pins and calls counterclockwise. Its `out pins, 4` puts
+/// Forward is what the program of the Pico plotter puts on the pins and calls counterclockwise. Its `out pins, 4` puts
 /// bit 0 on IN1, where its printed table has IN1 as the highest bit: the table's columns, read as headed, would turn
 /// the other way.
 pub const HALF_STEPS: [u8; 8] = [0x9, 0x8, 0xc, 0x4, 0x6, 0x2, 0x3, 0x1];
@@ -216,13 +217,13 @@ impl Coils {
         }
     }
 
-    fn apply(&mut self, event: Event, tick: Tick32) -> Edge {
+    fn apply(&mut self, event: StepEvent, tick: Tick32) -> Edge {
         match event.kind {
-            Kind::Direction(direction) => {
+            EventKind::Direction(direction) => {
                 self.direction = direction;
                 Edge { tick, set: 0, clear: 0 }
             }
-            Kind::Step => {
+            EventKind::Step => {
                 self.phase = self.phase.wrapping_add(self.phases()) & 7;
                 self.release = self.release_ticks.map(|ticks| tick.after(ticks));
                 self.change(tick, self.of_phase())

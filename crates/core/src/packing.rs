@@ -290,13 +290,13 @@ impl Packing {
             return Err(PackError::NoSteps);
         }
         let (reset, state) =
-            if self.is_beyond_narrow(state, segment) { (2, &State::new(state.direction)) } else { (0, state) };
+            if self.is_beyond_32_bits(state, segment) { (2, &State::new(state.direction)) } else { (0, state) };
         let layout = self.layout(state, segment);
         Ok(reset + layout.map_or_else(|| Exact::of(segment).len(), |layout| layout.len(segment.count)))
     }
 
     /// Packs `item` into the front of `out`, moves `state` on and gives the number of bytes: at most
-    /// [`MAX_PACKED_LEN`]. A run in the other direction brings the reversal along, and a step whose predicted add narrow
+    /// [`MAX_PACKED_LEN`]. A run in the other direction brings the reversal along, and a step whose predicted add an 8-bit board's
     /// registers could not hold a reset.
     ///
     /// # Errors
@@ -321,7 +321,7 @@ impl Packing {
     /// assert_eq!(packing.unpack(&mut there, &mut rest), Ok(None));
     /// ```
     pub fn pack(&self, state: &mut State, item: &Item, out: &mut [u8]) -> Result<usize, PackError> {
-        let mut writer = Writer { out, len: 0 };
+        let mut writer = ByteWriter { out, len: 0 };
         match *item {
             Item::Anchor { tick } => writer.control(Control::Anchor, &tick.0.to_le_bytes()),
             Item::Dwell { ticks } => writer.control(Control::Dwell, &ticks.to_le_bytes()),
@@ -330,7 +330,7 @@ impl Packing {
                 if direction != start.direction {
                     start = State::new(direction);
                     writer.control(Control::Reverse, &[]);
-                } else if self.is_beyond_narrow(&start, &segment) {
+                } else if self.is_beyond_32_bits(&start, &segment) {
                     start = State::new(direction);
                     writer.control(Control::Reset, &[]);
                 }
@@ -360,7 +360,7 @@ impl Packing {
     /// # Errors
     /// When `out` is too short.
     pub fn pack_reset(&self, state: &mut State, out: &mut [u8]) -> Result<usize, PackError> {
-        let mut writer = Writer { out, len: 0 };
+        let mut writer = ByteWriter { out, len: 0 };
         writer.control(Control::Reset, &[]);
         let len = writer.finish()?;
         *state = State::new(state.direction);
@@ -372,7 +372,7 @@ impl Packing {
     /// # Errors
     /// When `out` is too short.
     pub fn pack_check(&self, check: &Check, out: &mut [u8]) -> Result<usize, PackError> {
-        let mut writer = Writer { out, len: 0 };
+        let mut writer = ByteWriter { out, len: 0 };
         writer.control(Control::Check, &check.position.to_le_bytes());
         writer.bytes(&check.tick.0.to_le_bytes());
         writer.bytes(&check.fraction.to_le_bytes());
@@ -496,9 +496,9 @@ impl Packing {
         Ok(Item::Run { segment, direction: state.direction })
     }
 
-    /// Whether a step would be predicted from by an add that narrow registers do not hold: one step alone does not say
-    /// it anew, and add goes on growing by add2 meanwhile.
-    fn is_beyond_narrow(&self, state: &State, segment: &Segment) -> bool {
+    /// Whether a step would be predicted from by an add that an 8-bit board's registers do not hold: one step alone does not set
+    /// it, and add goes on growing by add2 meanwhile.
+    fn is_beyond_32_bits(&self, state: &State, segment: &Segment) -> bool {
         self.fraction_bits <= 16 && segment.count == 1 && i32::try_from(state.add).is_err()
     }
 
@@ -576,7 +576,7 @@ impl Layout {
         1 + explicit + self.fields.iter().map(|&(_, width)| usize::from(width)).sum::<usize>()
     }
 
-    fn write(&self, count: u32, writer: &mut Writer<'_>) {
+    fn write(&self, count: u32, writer: &mut ByteWriter<'_>) {
         writer.bytes(&[self.count_code | self.width_code << 3 | self.wide << 5]);
         if self.count_code == EXPLICIT_COUNT {
             match u8::try_from(count) {
@@ -616,7 +616,7 @@ impl Exact {
         4 + usize::from(self.count) + self.registers.iter().map(|&width| usize::from(width)).sum::<usize>()
     }
 
-    fn write(&self, segment: &Segment, writer: &mut Writer<'_>) {
+    fn write(&self, segment: &Segment, writer: &mut ByteWriter<'_>) {
         let [interval, add, add2] = self.registers;
         writer.control(Control::Exact, &[interval | add << 4, add2 | self.count << 4]);
         writer.bytes(&segment.count.to_le_bytes()[..usize::from(self.count)]);
@@ -650,12 +650,12 @@ impl Exact {
 }
 
 /// Writes what fits and counts all.
-struct Writer<'a> {
+struct ByteWriter<'a> {
     out: &'a mut [u8],
     len: usize,
 }
 
-impl Writer<'_> {
+impl ByteWriter<'_> {
     fn bytes(&mut self, bytes: &[u8]) {
         if let Some(place) = self.out.get_mut(self.len..self.len + bytes.len()) {
             place.copy_from_slice(bytes);

@@ -1,4 +1,5 @@
-//! The queue of a motor: what it will do, each item tagged with the epoch that it belongs to.
+//! The queue of a motor: what it will do, each item tagged with the epoch that it belongs to. [`Items`] is what a channel needs of a
+//! queue; [`Queue`] is the one of unpacked items, [`packed_queue`](crate::packed_queue) that of packed ones.
 
 use crate::{Direction, Recurrence, Segment, Tick32};
 
@@ -60,7 +61,7 @@ pub struct Place {
 /// What a channel takes items from, one after the other, those of an epoch behind those of the epoch before.
 pub trait Items {
     /// Whether something of `epoch` is in front.
-    fn wait(&self, epoch: Epoch) -> bool;
+    fn has(&self, epoch: Epoch) -> bool;
 
     /// Takes what is in front; `None` if it is no item after all. `here` is where the channel is by then.
     fn take(&mut self, here: &Place) -> Option<Item>;
@@ -75,7 +76,7 @@ pub trait Items {
     }
 
     /// Which way a run goes that [`take_run`](Items::take_run) might take; `None` if it takes none.
-    fn heads(&self) -> Option<Direction> {
+    fn run_direction(&self) -> Option<Direction> {
         None
     }
 
@@ -90,7 +91,7 @@ pub trait Items {
 
     /// Drops what is in front of `epoch` itself, up to what is of another. `here` is where the channel is.
     fn drop_epoch(&mut self, epoch: Epoch, here: &Place) {
-        while self.wait(epoch) {
+        while self.has(epoch) {
             self.take(here);
         }
     }
@@ -102,7 +103,7 @@ pub trait Items {
 }
 
 impl<const N: usize> Items for Queue<N> {
-    fn wait(&self, epoch: Epoch) -> bool {
+    fn has(&self, epoch: Epoch) -> bool {
         self.front().is_some_and(|entry| entry.epoch == epoch)
     }
 

@@ -1,4 +1,4 @@
-//! Time on a board: 32 bits that wrap, compared through one function.
+//! Time on a board: ticks of 32 bits that wrap. They have no `<`; one function compares them, within 2^31 ticks. Hosts count in 64 bits.
 
 /// A tick of a board's step timer, modulo 2^32. It has no `<`: see [`Tick32::is_before`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]

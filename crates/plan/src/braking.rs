@@ -80,7 +80,7 @@ mod tests {
     use super::*;
     use dashu::rational::RBig;
     use proptest::prelude::*;
-    use pulsetrain_core::braking::{Next, Registers};
+    use pulsetrain_core::braking::{BrakingPart, RegisterLimits};
 
     proptest! {
         #[test]
@@ -119,8 +119,8 @@ mod tests {
         let interval = (100 << 16) + 1;
         let add = |acceleration| {
             let limit = braking_limit(acceleration, 0.0, hz, f).unwrap();
-            match limit.next(interval, &Registers::with_fraction_bits(f)) {
-                Next::Steps { add, .. } => add,
+            match limit.next(interval, &RegisterLimits::with_fraction_bits(f)) {
+                BrakingPart::Steps { add, .. } => add,
                 next => panic!("{next:?}"),
             }
         };

@@ -2,7 +2,7 @@
 
 use crate::pause::PauseError;
 use pulsetrain_board::{RemoteError, SwitchRefused};
-use pulsetrain_core::lease::Cause;
+use pulsetrain_core::lease::LapseCause;
 use pulsetrain_motion::LawError;
 use pulsetrain_plan::Refused;
 
@@ -50,7 +50,7 @@ pub enum SessionError {
         /// From when on the motors brake, s of the laws.
         at_s: f64,
         /// What happened there.
-        cause: Cause,
+        cause: LapseCause,
     },
     /// The board does not come to rest: a fault of the board, not of the motion.
     #[error("the motors should rest since {at_s:.3} s, but the board says that they still move: please report it")]
@@ -112,13 +112,13 @@ pub enum SessionError {
 }
 
 /// Why a lease was over before its time, in words.
-const fn in_words(cause: Cause) -> &'static str {
+const fn in_words(cause: LapseCause) -> &'static str {
     match cause {
-        Cause::NotExtended => "the lease was over",
-        Cause::Ordered => "a stop was ordered",
-        Cause::RanDry => "a motor had no more plan under its lease",
-        Cause::BadItem => "the board could not read a part of the plan",
-        Cause::StepMissed => "a step reached the board too late",
+        LapseCause::NotExtended => "the lease was over",
+        LapseCause::Ordered => "a stop was ordered",
+        LapseCause::Underrun => "a motor had no more plan under its lease",
+        LapseCause::BadItem => "the board could not read a part of the plan",
+        LapseCause::StepMissed => "a step reached the board too late",
     }
 }
 

@@ -34,7 +34,7 @@ use pulsetrain_board::lease::{ExtendRefused, Lease, LeaseState, Leased};
 use pulsetrain_board::{Faults, Observer, SwitchRefused};
 use pulsetrain_core::Epoch;
 use pulsetrain_core::braking::Limit;
-use pulsetrain_core::lease::Cause;
+use pulsetrain_core::lease::LapseCause;
 use pulsetrain_motion::program::Program;
 use pulsetrain_plan::line::{AHEAD_MS, KEPT};
 use pulsetrain_plan::{Certificate, Origin, Start};
@@ -327,7 +327,7 @@ impl<'a, B: Leased> Session<'a, B> {
         if let (None, Some((at, cause))) = (self.ended, self.lapsed()) {
             let was_over = self.over;
             self.brake_from(at);
-            if cause != Cause::Ordered && !was_over {
+            if cause != LapseCause::Ordered && !was_over {
                 return Err(self.failure(at, cause));
             }
         }
@@ -340,16 +340,16 @@ impl<'a, B: Leased> Session<'a, B> {
     }
 
     /// Since when the motors brake, as the board has it, and why. One that goes over to another plan after a stop is still at that stop.
-    fn lapsed(&self) -> Option<(u64, Cause)> {
+    fn lapsed(&self) -> Option<(u64, LapseCause)> {
         let LeaseState::Lapsed { at, cause, .. } = self.board.lease() else { return None };
         self.replaced.as_ref().is_none_or(|replaced| replaced.ended != Some(at)).then_some((at, cause))
     }
 
     /// Why the motors brake from tick `at` on, though nobody asked for it.
-    fn failure(&self, at: u64, cause: Cause) -> SessionError {
+    fn failure(&self, at: u64, cause: LapseCause) -> SessionError {
         let seconds = |ticks: u64| ticks as f64 / self.pace.tick_hz as f64;
         let at_s = seconds(at.saturating_sub(self.stream.zero()));
-        if cause != Cause::NotExtended {
+        if cause != LapseCause::NotExtended {
             return SessionError::Fault { at_s, cause };
         }
         match self.short.filter(|_| at.saturating_sub(self.filled) <= self.pace.margin()) {

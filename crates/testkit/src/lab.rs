@@ -4,7 +4,7 @@ use super::{TICK_HZ, native_config};
 use pulsetrain_board::virtual_uno::VirtualUno;
 use pulsetrain_board::{Board, Edge, Native, Observer, Remote, ScheduledStep, Setup, Shadowed};
 use pulsetrain_core::Direction;
-use pulsetrain_core::verbs::Limits;
+use pulsetrain_core::verbs::MotorTiming;
 use pulsetrain_core::wire::Baud;
 
 /// The map of symbols of the Uno's image.
@@ -28,11 +28,11 @@ pub fn uno(setup: &Setup) -> Uno {
 }
 
 /// What an Uno with verbs lets motors be told: docs/pico.md.
-pub fn verb_limits(setup: &Setup) -> Limits {
+pub fn verb_limits(setup: &Setup) -> MotorTiming {
     let pulse = u32::from(setup.pulse_ticks);
     let shortest = if pulse <= 16 { 368 } else { 413 } * setup.motors.len() as u32;
     let turn = 640 + pulse + u32::from(setup.setup_ticks) + u32::from(setup.hold_ticks);
-    Limits { shortest, turn, period: shortest.max(16_000) }
+    MotorTiming { shortest, turn, period: shortest.max(16_000) }
 }
 
 /// The same of one that has been running for a while.

@@ -12,7 +12,7 @@ use pulsetrain_board::{
 };
 use pulsetrain_core::lease;
 use pulsetrain_core::packing::{Packing, State};
-use pulsetrain_core::verbs::{Limits, Verbs};
+use pulsetrain_core::verbs::{MotorTiming, Verbs};
 use pulsetrain_core::wire::message::{
     self, ALL_MOTORS, Cause, Configuration, Event, Info, Measures, QUEUE_PARTS, Reason, flags, limits_of,
 };
@@ -70,7 +70,7 @@ pub struct Model {
     was_idle: bool,
     /// The lease's end that was told as an event.
     braked: Option<u64>,
-    limits: Vec<Limits>,
+    limits: Vec<MotorTiming>,
     /// Motors are told directly, until they are released or stopped.
     obeys: bool,
     verbs: Verbs,
@@ -175,11 +175,11 @@ impl Model {
         }
         self.braked = Some(at);
         self.last_stop = match cause {
-            lease::Cause::NotExtended => Cause::Lapsed,
-            lease::Cause::Ordered => Cause::Braked,
-            lease::Cause::RanDry => Cause::RanDry,
-            lease::Cause::BadItem => Cause::BadItem,
-            lease::Cause::StepMissed => Cause::StepMissed,
+            lease::LapseCause::NotExtended => Cause::Lapsed,
+            lease::LapseCause::Ordered => Cause::Braked,
+            lease::LapseCause::Underrun => Cause::RanDry,
+            lease::LapseCause::BadItem => Cause::BadItem,
+            lease::LapseCause::StepMissed => Cause::StepMissed,
         };
         let at_fault = |motor: &u8| self.native.faults(usize::from(*motor)).step_missed;
         let motor = (0..self.motors()).find(at_fault).unwrap_or(ALL_MOTORS);
@@ -302,7 +302,7 @@ impl Machine for Model {
         let shortest = u32::from(pulse.max(1)) + 1;
         self.limits = configuration
             .motors()
-            .map(|_| Limits { shortest, turn: turn.max(shortest), period: FIRST_PERIOD.max(shortest) })
+            .map(|_| MotorTiming { shortest, turn: turn.max(shortest), period: FIRST_PERIOD.max(shortest) })
             .collect();
         let count = configuration.motors().len().max(1);
         self.motors = configuration
@@ -554,11 +554,12 @@ impl Machine for Model {
         }
         if self.obeys {
             let motors = &self.motors;
-            let uncertain =
-                self.verbs.forsake(lost, |motor| motors.get(usize::from(motor)).map_or(0, |motor| motor.pull_in_ticks));
+            let uncertain = self
+                .verbs
+                .host_gone(lost, |motor| motors.get(usize::from(motor)).map_or(0, |motor| motor.pull_in_ticks));
             self.flag(uncertain);
         }
-        self.verbs.disown();
+        self.verbs.mute_moves();
     }
 
     fn obey(&mut self, orders: &Orders<'_>) -> Result<(), Refusal> {

@@ -5,7 +5,7 @@ use pulsetrain_board::virtual_uno::VirtualUno;
 use pulsetrain_board::{Edge, VirtualBoard};
 use pulsetrain_core::winch::letters::InMemory;
 use pulsetrain_core::winch::path::{Path, Slice};
-use pulsetrain_core::winch::text::{Heard, Reader};
+use pulsetrain_core::winch::text::{Heard, LineReader};
 use std::time::Duration;
 
 /// STEP and DIR of the axes on a CNC shield; ENABLE.
@@ -227,7 +227,7 @@ impl<B: Wired> Lab<B> {
 /// Four of core's paths and their steps, slice by slice.
 #[derive(Clone)]
 pub struct Model<B> {
-    reader: Reader,
+    reader: LineReader,
     paths: [Path; 4],
     pub steps: [Vec<Step>; 4],
     /// The next slice.
@@ -237,7 +237,7 @@ pub struct Model<B> {
 
 impl<B: Wired> Model<B> {
     pub fn new() -> Model<B> {
-        let (reader, paths) = (Reader::new(), [const { Path::new() }; 4]);
+        let (reader, paths) = (LineReader::new(), [const { Path::new() }; 4]);
         Model { reader, paths, steps: Default::default(), slice: 0, board: std::marker::PhantomData }
     }
 

@@ -9,7 +9,7 @@ use crate::uart::{self, Uart};
 use crate::usb::{Packet, Usb};
 use crate::winch::{TextEvent, TextInput, Winch};
 use crate::{clock, flash, regs, reset};
-use pulsetrain_core::winch::reply::Reply;
+use pulsetrain_core::winch::reply::LineReply;
 use pulsetrain_core::wire::frame::Received;
 use pulsetrain_core::wire::{Baud, Decoder, MAX_BODY, Millis, Service};
 
@@ -136,7 +136,7 @@ impl Firmware {
         io.text = TextInput::new();
         self.service.interrupted();
         if self.winch.is_on() {
-            self.push_line(Port::Usb, &TextLine::Winch(Reply::Awake));
+            self.push_line(Port::Usb, &TextLine::Winch(LineReply::Awake));
         }
     }
 
@@ -155,7 +155,7 @@ impl Firmware {
             self.push_line_to_text_ports(&TextLine::Verbs(done));
         }
         if self.winch.poll(&mut self.board, &mut self.service) {
-            self.push_line_to_text_ports(&TextLine::Winch(Reply::Awake));
+            self.push_line_to_text_ports(&TextLine::Winch(LineReply::Awake));
         }
         if let Some(uncertain) = self.winch.uncertain() {
             self.push_line_to_text_ports(&TextLine::Verbs(uncertain));

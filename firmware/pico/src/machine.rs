@@ -335,12 +335,12 @@ impl Board {
         self.lapsed_at = Some(self.clock.widen(lapse.at));
         let (cause, motor) = match lapse.cause {
             // At rest this is `Finished`.
-            lease::Cause::NotExtended | lease::Cause::Ordered if !self.stepper.was_moving() => return,
-            lease::Cause::NotExtended => (Cause::Lapsed, ALL_MOTORS),
-            lease::Cause::Ordered => (Cause::Braked, ALL_MOTORS),
-            lease::Cause::RanDry => (Cause::RanDry, self.stepper.at_fault()),
-            lease::Cause::StepMissed => (Cause::StepMissed, self.stepper.at_fault()),
-            lease::Cause::BadItem => (Cause::BadItem, self.stepper.at_fault()),
+            lease::LapseCause::NotExtended | lease::LapseCause::Ordered if !self.stepper.was_moving() => return,
+            lease::LapseCause::NotExtended => (Cause::Lapsed, ALL_MOTORS),
+            lease::LapseCause::Ordered => (Cause::Braked, ALL_MOTORS),
+            lease::LapseCause::Underrun => (Cause::RanDry, self.stepper.at_fault()),
+            lease::LapseCause::StepMissed => (Cause::StepMissed, self.stepper.at_fault()),
+            lease::LapseCause::BadItem => (Cause::BadItem, self.stepper.at_fault()),
         };
         self.last_stop = cause;
         // `report_faults` reports faults of queues, for each motor.
@@ -417,14 +417,14 @@ impl Board {
         orders.tell(&mut self.verbs).map(drop)
     }
 
-    /// Has motors that follow verbs forget them; with `all` false only [those without an end](Verbs::forsake). Returns, bit by
+    /// Has motors that follow verbs forget them; with `all` false only [those without an end](Verbs::host_gone). Returns, bit by
     /// motor, which were faster than their pull-in speed.
     pub(crate) fn halt(&mut self, all: bool) -> u8 {
         if !self.verbs_run {
             return 0;
         }
         let stepper = &self.stepper;
-        let uncertain = self.verbs.forsake(all, |motor| u64::from(stepper.pull_in_ticks(motor)));
+        let uncertain = self.verbs.host_gone(all, |motor| u64::from(stepper.pull_in_ticks(motor)));
         self.uncertain |= uncertain;
         uncertain
     }
@@ -647,7 +647,7 @@ impl Machine for Board {
     fn brake(&mut self) -> u64 {
         if self.stepper.can_extend(Lease::Last) {
             let at = self.stepper.horizon(self.clock.now32());
-            self.stepper.lapse_at(Lapse { at, cause: lease::Cause::Ordered });
+            self.stepper.lapse_at(Lapse { at, cause: lease::LapseCause::Ordered });
         }
         let ended = self.lapsed_at.or_else(|| self.stepper.lease().1.map(|lapse| self.clock.widen(lapse.at)));
         ended.unwrap_or(NO_LEASE)
@@ -774,7 +774,7 @@ impl Machine for Board {
         self.halt(lost);
         // The events were for that host.
         self.events = [None; MOST_EVENTS];
-        self.verbs.disown();
+        self.verbs.mute_moves();
     }
 
     fn event(&mut self) -> Option<Event> {

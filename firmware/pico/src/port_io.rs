@@ -2,7 +2,7 @@
 
 use crate::winch::TextInput;
 use pulsetrain_core::winch::letters::InMemory;
-use pulsetrain_core::winch::reply::{self, Reply};
+use pulsetrain_core::winch::reply::{self, LineReply};
 use pulsetrain_core::winch::verb_lines as text;
 use pulsetrain_core::wire::frame::Received;
 use pulsetrain_core::wire::{Decoder, MAX_FRAME, Millis, Service};
@@ -22,8 +22,8 @@ const _: () =
 
 /// A line of text to a host.
 pub(crate) enum TextLine {
-    Winch(Reply),
-    Verbs(text::Reply),
+    Winch(LineReply),
+    Verbs(text::VerbReply),
 }
 
 /// If no byte could be sent for so long, about ms, the host does not read, and nothing waits for it.

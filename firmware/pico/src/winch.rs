@@ -20,10 +20,10 @@ use crate::port_io::TextLine;
 use crate::steps::stepper::{DIR_CLEARANCE, LOOK_AHEAD};
 use pulsetrain_core::winch::letters::InMemory;
 use pulsetrain_core::winch::path::Slice;
-use pulsetrain_core::winch::reply::Reply;
+use pulsetrain_core::winch::reply::LineReply;
 use pulsetrain_core::winch::session::Session;
-use pulsetrain_core::winch::text::{Heard, Reader, Refusal, Verb, What};
-use pulsetrain_core::winch::verb_lines::{self as text, Read, Told};
+use pulsetrain_core::winch::text::{Heard, LineCommand, LineError, LineFault, LineReader};
+use pulsetrain_core::winch::verb_lines::{self as text, LineOrders, VerbLine};
 use pulsetrain_core::wire::message::{Configuration, Event, MOTOR_SETUP_LEN};
 use pulsetrain_core::wire::orders::Orders;
 use pulsetrain_core::wire::{Machine, Reason, Refusal as Refused, Service, Settings};
@@ -76,11 +76,11 @@ pub(crate) fn wiring() -> Option<Configuration<'static>> {
 }
 
 /// The answer while motors still move: verbs cannot have the axes yet.
-const REFUSED_AS_MOVING: text::Reply = text::Reply::Refused(Refused::of(Reason::Moving));
+const REFUSED_AS_MOVING: text::VerbReply = text::VerbReply::Refused(Refused::of(Reason::Moving));
 
 /// The reader of one port's text.
 pub(crate) struct TextInput {
-    reader: Reader,
+    reader: LineReader,
     /// A zero byte has come since the last command: the host speaks frames, and gets no text.
     muted: bool,
     /// A status line is to be sent.
@@ -89,7 +89,7 @@ pub(crate) struct TextInput {
 
 impl TextInput {
     pub(crate) const fn new() -> TextInput {
-        TextInput { reader: Reader::new(), muted: false, owes_status: false }
+        TextInput { reader: LineReader::new(), muted: false, owes_status: false }
     }
 
     /// Whether the host speaks frames, so that no text is sent.
@@ -109,11 +109,11 @@ pub(crate) enum TextEvent {
     /// A line that has to be answered at once.
     Answer(TextLine),
     /// Verbs for the motors.
-    Orders(Told),
+    Orders(LineOrders),
 }
 
 impl TextEvent {
-    const fn answer(reply: Reply) -> TextEvent {
+    const fn answer(reply: LineReply) -> TextEvent {
         TextEvent::Answer(TextLine::Winch(reply))
     }
 }
@@ -169,34 +169,36 @@ impl Winch {
         match ear.reader.push::<InMemory>(byte) {
             Heard::Nothing => TextEvent::Nothing,
             // What is no command of the winch may be a verb.
-            Heard::Refused(refusal @ Refusal { what: What::Command, .. }) if obeyed => {
+            Heard::Refused(refusal @ LineError { what: LineFault::Command, .. }) if obeyed => {
                 match text::read(ear.reader.line()) {
-                    Read::Told(told) => {
+                    VerbLine::Orders(orders) => {
                         ear.muted = false;
-                        TextEvent::Orders(told)
+                        TextEvent::Orders(orders)
                     }
                     _ if ear.muted => TextEvent::Nothing,
-                    Read::Refused(what, word) => TextEvent::Answer(TextLine::Verbs(text::Reply::Unread(what, word))),
-                    Read::Unknown => TextEvent::answer(Reply::Refused(refusal)),
+                    VerbLine::Refused(what, word) => {
+                        TextEvent::Answer(TextLine::Verbs(text::VerbReply::Unread(what, word)))
+                    }
+                    VerbLine::Unknown => TextEvent::answer(LineReply::Refused(refusal)),
                 }
             }
             Heard::Refused(_) if ear.muted => TextEvent::Nothing,
-            Heard::Refused(_) | Heard::Command(_) if !obeyed => TextEvent::answer(Reply::Taken),
-            Heard::Refused(refusal) => TextEvent::answer(Reply::Refused(refusal)),
+            Heard::Refused(_) | Heard::Command(_) if !obeyed => TextEvent::answer(LineReply::Taken),
+            Heard::Refused(refusal) => TextEvent::answer(LineReply::Refused(refusal)),
             Heard::Command(verb) => {
                 ear.muted = false;
                 match verb {
                     verb if self.verbs_run && verb.has_flags() => {
-                        TextEvent::Answer(TextLine::Verbs(text::Reply::Verbs))
+                        TextEvent::Answer(TextLine::Verbs(text::VerbReply::Verbs))
                     }
-                    Verb::Enable if self.verbs_run && ear.reader.value() == 0 => {
+                    LineCommand::Enable if self.verbs_run && ear.reader.value() == 0 => {
                         self.session.heard();
                         self.releasing = true;
                         TextEvent::Nothing
                     }
                     // A stop goes on to its end, whatever comes after it.
-                    Verb::Enable if self.releasing => TextEvent::Answer(TextLine::Verbs(REFUSED_AS_MOVING)),
-                    Verb::Enable if self.verbs_run => {
+                    LineCommand::Enable if self.releasing => TextEvent::Answer(TextLine::Verbs(REFUSED_AS_MOVING)),
+                    LineCommand::Enable if self.verbs_run => {
                         self.session.heard();
                         TextEvent::Nothing
                     }
@@ -207,24 +209,24 @@ impl Winch {
     }
 
     /// Has motors follow the verbs of a line, and returns the answer.
-    pub(crate) fn give_orders(&mut self, board: &mut Board, told: &Told) -> text::Reply {
+    pub(crate) fn give_orders(&mut self, board: &mut Board, orders: &LineOrders) -> text::VerbReply {
         if self.path_runs {
-            return text::Reply::Path;
+            return text::VerbReply::Path;
         }
         if self.releasing {
             return REFUSED_AS_MOVING;
         }
         self.wired = self.wired || board.configure_axes();
-        let done = match told.orders() {
+        let done = match orders.orders() {
             Some(orders) if self.wired => self.obey(board, &orders),
             _ => return REFUSED_AS_MOVING,
         };
         match done {
             Ok(()) => {
                 self.session.heard();
-                text::Reply::At { obeyed: board.obeyed, axes: told.axes() }
+                text::VerbReply::At { obeyed: board.obeyed, axes: orders.axes() }
             }
-            Err(refused) => text::Reply::Refused(refused),
+            Err(refused) => text::VerbReply::Refused(refused),
         }
     }
 
@@ -241,15 +243,15 @@ impl Winch {
     }
 
     /// The report of a move that is done.
-    pub(crate) fn move_done(&mut self, board: &mut Board) -> Option<text::Reply> {
+    pub(crate) fn move_done(&mut self, board: &mut Board) -> Option<text::VerbReply> {
         let Event { motor, tick, detail, .. } = if self.verbs_run { board.move_done()? } else { return None };
-        Some(text::Reply::Done { axis: motor, tick, number: detail })
+        Some(text::VerbReply::Done { axis: motor, tick, number: detail })
     }
 
     /// The report of axes that a deadman has stopped too fast.
-    pub(crate) fn uncertain(&mut self) -> Option<text::Reply> {
+    pub(crate) fn uncertain(&mut self) -> Option<text::VerbReply> {
         let axes = core::mem::take(&mut self.stopped_by_deadman);
-        (axes != 0).then_some(text::Reply::Uncertain { axes })
+        (axes != 0).then_some(text::VerbReply::Uncertain { axes })
     }
 
     /// Does what the last command asks of the board.
@@ -298,7 +300,7 @@ impl Winch {
     /// Does what depends on time; to be called every millisecond or so. Whether a new session of text begins.
     pub(crate) fn poll(&mut self, board: &mut Board, service: &mut Service) -> bool {
         if self.verbs_run {
-            if self.releasing || self.session.is_forsaken() {
+            if self.releasing || self.session.deadman_expired() {
                 let stopped = board.halt(true);
                 // Not after `enable 0`: that host asked for the stop.
                 self.stopped_by_deadman |= if self.releasing { 0 } else { stopped };
@@ -340,10 +342,10 @@ impl Winch {
     }
 
     /// The status line for now.
-    pub(crate) fn status(&self, board: &mut Board) -> Reply {
+    pub(crate) fn status(&self, board: &mut Board) -> LineReply {
         let (now, positions) = board.positions();
         let usec = (now / u64::from(TICK_HZ / 1_000_000)) as u32;
         // If text has not configured the pins, the positions are of frames' motors.
-        Reply::Status { usec: usec.cast_signed(), positions: if self.wired { positions } else { [0; 4] } }
+        LineReply::Status { usec: usec.cast_signed(), positions: if self.wired { positions } else { [0; 4] } }
     }
 }

@@ -5,7 +5,7 @@ use pulsetrain_board::lease::{ExtendRefused, Lease, LeaseState, Leased, TrimRefu
 use pulsetrain_board::replay::{Replay, Sent, Start};
 use pulsetrain_board::{Board, Config, Edge, MotorConfig, Native, Observer, ScheduledStep, Shadowed, Wiring};
 use pulsetrain_core::braking::Limit;
-use pulsetrain_core::lease::Cause;
+use pulsetrain_core::lease::LapseCause;
 use pulsetrain_core::output::{Output, StepDir, StepDirSettings};
 use pulsetrain_core::{Axis, Direction, Entry, Epoch, Item, Queue, Segment, Tick32};
 
@@ -520,7 +520,7 @@ fn ticks(lab: &Lab, motor: usize) -> Vec<u64> {
 /// The step after the 50th would come at tick 11 200.
 #[test]
 fn whatever_is_wrong_with_one_motor_all_brake() {
-    let check = |more: &[Item], cause: Cause, good: usize| {
+    let check = |more: &[Item], cause: LapseCause, good: usize| {
         let (mut board, mut lab, items) = two(more, Lease::Until(30_000));
         board.advance(60_000, &mut lab);
         let LeaseState::Lapsed { at, cause: why, in_motion: true } = board.lease() else {
@@ -547,15 +547,15 @@ fn whatever_is_wrong_with_one_motor_all_brake() {
         board.advance(80_000, &mut lab);
         assert_eq!((lab.counted[0], board.lease()), (counted - 5, LeaseState::Last));
     };
-    check(&[], Cause::RanDry, 2);
-    check(&[run(5, i64::from(PULSE), Forward)], Cause::StepMissed, 2);
+    check(&[], LapseCause::Underrun, 2);
+    check(&[run(5, i64::from(PULSE), Forward)], LapseCause::StepMissed, 2);
 }
 
 #[test]
 fn who_has_ended_with_a_wait_has_not_run_dry() {
     let (mut board, mut lab, items) = two(&[Item::Dwell { ticks: 0 }], Lease::Until(30_000));
     board.advance(60_000, &mut lab);
-    assert_eq!(board.lease(), LeaseState::Lapsed { at: 30_000, cause: Cause::NotExtended, in_motion: true });
+    assert_eq!(board.lease(), LeaseState::Lapsed { at: 30_000, cause: LapseCause::NotExtended, in_motion: true });
     assert_eq!(lab.counted[0], 50);
     assert_eq!(ticks(&lab, 1), replayed(&items[1], 30_000));
 }
@@ -565,7 +565,7 @@ fn a_lease_that_ends_when_nothing_moves_is_no_stop() {
     let (mut board, mut lab, _) = two(&[Item::Dwell { ticks: 0 }], Lease::Until(60_000));
     board.push(1, Entry { epoch: EPOCH, item: Item::Dwell { ticks: 0 } }).unwrap();
     board.advance(60_000, &mut lab);
-    assert_eq!(board.lease(), LeaseState::Lapsed { at: 60_000, cause: Cause::NotExtended, in_motion: false });
+    assert_eq!(board.lease(), LeaseState::Lapsed { at: 60_000, cause: LapseCause::NotExtended, in_motion: false });
     assert_eq!(lab.counted, [50, -200]);
 }
 
@@ -588,7 +588,7 @@ fn a_switch_behind_the_end_of_the_lease_is_not_made() {
     let room = board.room(0);
     assert_eq!(board.switch(Epoch(2), 9500, Lease::Until(20_000), &[]), Ok(()));
     board.advance(60_000, &mut lab);
-    assert_eq!(board.lease(), LeaseState::Lapsed { at: 9000, cause: Cause::NotExtended, in_motion: true });
+    assert_eq!(board.lease(), LeaseState::Lapsed { at: 9000, cause: LapseCause::NotExtended, in_motion: true });
     assert_eq!([ticks(&lab, 0), ticks(&lab, 1)], [replayed(&items[0], 9000), replayed(&items[1], 9000)]);
     assert!(board.is_idle() && board.room(0) > room);
     // Nor are those that come now, of that epoch.
@@ -610,7 +610,7 @@ fn an_extension_reaches_the_lease_that_a_switch_will_begin() {
     assert_eq!(board.extend(Lease::Until(14_100), &[]), Ok(()));
     assert_eq!(board.extend(Lease::Until(12_100), &[]), Ok(()));
     board.advance(60_000, &mut lab);
-    assert_eq!(board.lease(), LeaseState::Lapsed { at: 12_100, cause: Cause::NotExtended, in_motion: true });
+    assert_eq!(board.lease(), LeaseState::Lapsed { at: 12_100, cause: LapseCause::NotExtended, in_motion: true });
     let after = ticks(&lab, 0).into_iter().filter(|tick| (8500..12_100).contains(tick)).count();
     assert_eq!(after, 7);
 }
@@ -659,7 +659,7 @@ fn a_lease_stays_over_after_ticks_have_wrapped() {
     let (mut board, mut lab, _) = two(&[], Lease::Until(9000));
     board.advance(3 << 31, &mut lab);
     let counted = lab.counted.clone();
-    assert_eq!(board.lease(), LeaseState::Lapsed { at: 9000, cause: Cause::NotExtended, in_motion: true });
+    assert_eq!(board.lease(), LeaseState::Lapsed { at: 9000, cause: LapseCause::NotExtended, in_motion: true });
     assert_eq!(board.extend(Lease::Until((3 << 31) + 1000), &[]), Err(ExtendRefused::Lapsed { at: 9000 }));
     board.advance(4 << 31, &mut lab);
     assert_eq!(lab.counted, counted);

@@ -4,7 +4,7 @@ use pulsetrain_board::lease::{ExtendRefused, Lease, LeaseState, Leased, TrimRefu
 use pulsetrain_board::replay::{Replay, Sent, Start};
 use pulsetrain_board::{Board, Edge, Native, Observer, Port, Remote, ScheduledStep, Shadowed};
 use pulsetrain_core::braking::Limit;
-use pulsetrain_core::lease::Cause;
+use pulsetrain_core::lease::LapseCause;
 use pulsetrain_core::wire::message::{self, ALL_MOTORS};
 use pulsetrain_core::{Entry, Epoch, Item, Tick32};
 use pulsetrain_testkit::faulty::{Faulty, Rates};
@@ -170,7 +170,7 @@ fn a_lapse_is_an_event_and_another_switch_ends_it() {
     remote.advance(at + 600 * MS, &mut unseen);
     let told: Vec<_> = remote.events().iter().map(|event| (event.cause, event.motor, event.tick)).collect();
     assert_eq!(told, [(message::Cause::Lapsed, ALL_MOTORS, at)]);
-    assert_eq!(remote.lease(), LeaseState::Lapsed { at, cause: Cause::NotExtended, in_motion: true });
+    assert_eq!(remote.lease(), LeaseState::Lapsed { at, cause: LapseCause::NotExtended, in_motion: true });
     assert_eq!(remote.extend(Lease::Last, &[]), Err(ExtendRefused::Lapsed { at }));
     assert_eq!((remote.brake(), remote.lease()), (Some(at), remote.lease()));
     assert!(matches!(remote.trim(u64::MAX / 2, &[0]), Err(TrimRefused::Extend(_))));
@@ -229,7 +229,7 @@ fn brake_is_done_once_on_a_bad_line() {
         let events = remote.events();
         let in_motion = events.iter().any(|event| (event.cause, event.tick) == (message::Cause::Braked, at));
         told += u32::from(in_motion);
-        assert_eq!(remote.lease(), LeaseState::Lapsed { at, cause: Cause::Ordered, in_motion }, "seed {seed}");
+        assert_eq!(remote.lease(), LeaseState::Lapsed { at, cause: LapseCause::Ordered, in_motion }, "seed {seed}");
         assert_eq!(remote.positions(), [rest_at(&plan(), from, at)], "seed {seed}");
     }
     assert!(told > 15, "{told} events");

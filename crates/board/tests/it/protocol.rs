@@ -8,7 +8,7 @@ use pulsetrain_core::wire::message::{
 };
 use pulsetrain_core::wire::service::{SILENCE_MS, TRIAL_MS};
 use pulsetrain_core::wire::{
-    Baud, Command, Decoder, Encoder, LEAST_BODY, MAX_BODY, MAX_FRAME, MAX_MOTORS, Reply, Settings, Switched, VERSION,
+    Baud, Command, Decoder, Encoder, MAX_BODY, MAX_FRAME, MAX_MOTORS, MIN_BODY, Reply, Settings, Switched, VERSION,
 };
 use pulsetrain_core::{Epoch, Tick32};
 use pulsetrain_testkit::model::ModelPort;
@@ -159,7 +159,7 @@ fn numbers_are_those_of_the_code() {
     assert_eq!(rows("The line", "code"), bauds);
     let limits = [
         ("longest body", format!("{MAX_BODY} bytes")),
-        ("longest body that every board takes", format!("{LEAST_BODY} bytes")),
+        ("longest body that every board takes", format!("{MIN_BODY} bytes")),
         ("longest frame", format!("{MAX_FRAME} bytes")),
         ("most packed bytes in a frame", format!("{MAX_PACKED} bytes")),
         ("motors", MAX_MOTORS.to_string()),

@@ -1,8 +1,8 @@
-//! What boards have that are short of memory and of bits: nothing wider than 32 bits.
+//! The same motion in the integers of an 8-bit processor, the Uno's ATmega328P: nothing is wider than 40 bits.
 //!
 //! # What is here
 //! - [`Registers`]: the live recurrence with 16 fraction bits, laid out for a step engine in assembly
-//! - [`verbs`]: motors told directly, step for step what [`crate::verbs`] has them do
+//! - [`verbs`]: orders to motors, step for step what [`crate::verbs`] makes of them
 //!
 //! # What fits
 //! Intervals are 24.16 ticks, unsigned: 0 < interval < 2^24 ticks at every step, or a dwell goes before. add and add2
@@ -10,7 +10,8 @@
 //! come at wrong ticks, but never closer than the gap.
 //!
 //! # What is not
-//! Pins, timers, the step engine that reads packed items: the firmware's.
+//! - Pins, timers, the assembly that reads packed items: the firmware's.
+//! - The general parts of core: these know nothing of this module.
 
 mod registers;
 pub mod verbs;

@@ -1,8 +1,9 @@
-//! The recurrence with 16 fraction bits in 22 bytes.
+//! The recurrence with 16 fraction bits in 21 bytes: what registers of that width do, said in Rust. The Uno's assembly does the same, and
+//! a test compares the two.
 
 use crate::Tick32;
 
-/// The live registers of a segment being run: [`Recurrence`](crate::Recurrence) with 16 fraction bits, but narrower.
+/// The live registers of a segment being run: [`Recurrence`](crate::Recurrence) with 16 fraction bits, in fewer bytes.
 ///
 /// On the AVR there is no padding: the offsets are 0, 2, 6, 10, 11, 15, 19, and 21 bytes in all.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -62,7 +63,7 @@ mod tests {
 
     const MASK: u64 = (1 << 40) - 1;
 
-    fn narrow(recurrence: &Recurrence, left: u16) -> Registers {
+    fn in_21_bytes(recurrence: &Recurrence, left: u16) -> Registers {
         let [f0, f1, t0, t1, t2, t3, ..] = recurrence.accumulator.to_le_bytes();
         let [i0, i1, i2, i3, interval_high, ..] = recurrence.interval.to_le_bytes();
         Registers {
@@ -83,7 +84,7 @@ mod tests {
         ) {
             let (add, add2) = (i64::from(add >> tame), i64::from(add2 >> tame >> tame.min(8)));
             let mut wide = Recurrence { accumulator, interval, add, add2 };
-            let mut registers = narrow(&wide, steps);
+            let mut registers = in_21_bytes(&wide, steps);
             for _ in 0..steps {
                 // The step itself must be one that fits; what is left after the last one need not be.
                 prop_assume!((0..1 << 40).contains(&wide.interval) && i32::try_from(wide.add).is_ok());

@@ -1,4 +1,5 @@
-//! The same for a board of 8 bits, an Uno: all that can be worked out beforehand is, and what plays it adds one number a turn.
+//! A motion in the flash of a board with an 8-bit processor, the Uno. The host works out all that can be worked out beforehand; the
+//! player adds one number a turn. It is no format of larger boards: theirs is [`baked`](super).
 //!
 //! # The block
 //! It lies right behind the firmware's image, at an even address. All integers are little-endian.
@@ -27,7 +28,7 @@
 //!
 //! # Phase
 //! As on larger boards, what lies below a fraction bit is carried from turn to turn: that a gap is one of two is all that comes of it.
-//! A period is told to 2^-48 ticks, so that n turns are off by n · 2^-48 ticks at most: in a year of turns of 3 ms that is 2^-15.
+//! A period is stored to 2^-48 ticks, so that n turns are off by n · 2^-48 ticks at most: in a year of turns of 3 ms that is 2^-15.
 
 /// F of the boards that have such blocks.
 pub const FRACTION_BITS: u32 = 16;
@@ -49,7 +50,7 @@ const _: () = assert!(crate::packing::MAX_PACKED_LEN <= LONGEST_PIECE && LONGEST
 pub const ZERO: u32 = 1_600_000;
 
 /// A wait of so many ticks or more is a piece of its own, which is handed over when all before it is done but for steps that lie
-/// ready: so the board's moments of 32 bits never have two of them to tell apart. What comes after it waits for its end as well,
+/// ready: so that the board, whose ticks have 32 bits, never has to tell two of them apart. What comes after it waits for its end as well,
 /// see [`NEAR`].
 pub const LONG_WAIT: u32 = 1 << 20;
 
@@ -65,7 +66,7 @@ pub const LONG: u8 = 0x80;
 
 /// Where a motor is when a piece is asked for.
 #[derive(Clone, Copy, Debug)]
-pub struct Standing {
+pub struct QueueState {
     /// Bytes that its queue takes.
     pub room: u16,
     /// There is nothing in the queue, and what was in it last ends within [`NEAR`].
@@ -74,7 +75,7 @@ pub struct Standing {
 
 /// Gives out a motor's packed bytes, piece by piece, for ever if it repeats. Addresses are the flash's.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Player {
+pub struct AvrPlayer {
     /// Where its turn begins, and its head ends; where its first gap begins, and its second; where that ends.
     turn: u16,
     gap: u16,
@@ -90,16 +91,16 @@ pub struct Player {
     waits: bool,
 }
 
-impl Player {
+impl AvrPlayer {
     /// From the beginning. `says`: where the block speaks of it; `head`: where its head lies; `flash` gives the byte at an address.
     #[must_use]
-    pub fn new(says: u16, head: u16, flash: impl Fn(u16) -> u8 + Copy) -> Player {
+    pub fn new(says: u16, head: u16, flash: impl Fn(u16) -> u8 + Copy) -> AvrPlayer {
         let turn = head.wrapping_add(word(says, flash));
         let gap = turn.wrapping_add(word(says.wrapping_add(2), flash));
         let longer = gap.wrapping_add(word(says.wrapping_add(4), flash));
         let end = longer.wrapping_add(word(says.wrapping_add(6), flash));
         let rest = long(says.wrapping_add(8), flash);
-        Player { turn, gap, longer, end, rest, carry: 0, next: head, upto: turn, waits: false }
+        AvrPlayer { turn, gap, longer, end, rest, carry: 0, next: head, upto: turn, waits: false }
     }
 
     /// Where its last piece ends, and the next motor's head begins.
@@ -116,8 +117,8 @@ impl Player {
 
     /// Puts the next packed bytes into the front of `out`, if the motor is where it takes them; gives their number: 0 if it is not,
     /// or if nothing is left.
-    pub fn next(&mut self, standing: Standing, flash: impl Fn(u16) -> u8, out: &mut [u8; LONGEST_PIECE]) -> usize {
-        if usize::from(standing.room) < LONGEST_PIECE || self.is_over() || (self.waits && !standing.near) {
+    pub fn next(&mut self, queue: QueueState, flash: impl Fn(u16) -> u8, out: &mut [u8; LONGEST_PIECE]) -> usize {
+        if usize::from(queue.room) < LONGEST_PIECE || self.is_over() || (self.waits && !queue.near) {
             return 0;
         }
         self.waits = false;
@@ -128,7 +129,7 @@ impl Player {
         if head & LONG != 0 {
             // Asked again when it is near, it goes out.
             self.waits = true;
-            if !standing.near {
+            if !queue.near {
                 return 0;
             }
         }

@@ -67,12 +67,12 @@ pub enum PushRefused {
 
 /// What waits of an epoch.
 #[derive(Clone, Copy, Debug)]
-struct Part {
+struct EpochBytes {
     epoch: Epoch,
     len: u16,
 }
 
-/// A ring of bytes in a share of a [`Pool`], always the same one: each method that touches bytes is given it.
+/// A ring of bytes in a share of a [`Pool`]. Each method that touches bytes takes that pool, always the same one.
 #[derive(Clone, Debug)]
 pub struct ByteQueue {
     /// The share.
@@ -83,14 +83,14 @@ pub struct ByteQueue {
     /// Bytes waiting.
     len: u16,
     /// The epochs waiting, in order; the first may be empty.
-    parts: [Part; EPOCHS],
+    parts: [EpochBytes; EPOCHS],
     /// How many.
     epochs: u8,
 }
 
 impl ByteQueue {
     const fn new(start: u16, len: u16) -> ByteQueue {
-        let unused = Part { epoch: Epoch(0), len: 0 };
+        let unused = EpochBytes { epoch: Epoch(0), len: 0 };
         ByteQueue { start, end: start + len, next: start, len: 0, parts: [unused; EPOCHS], epochs: 0 }
     }
 
@@ -244,18 +244,18 @@ impl ByteQueue {
         self.epochs -= 1;
     }
 
-    fn newest(&self) -> Option<Part> {
+    fn newest(&self) -> Option<EpochBytes> {
         let last = usize::from(self.epochs).checked_sub(1)?;
         self.parts.get(last).copied()
     }
 
     /// Where more bytes of `epoch` are counted.
-    fn part_for(&mut self, epoch: Epoch) -> Option<&mut Part> {
+    fn part_for(&mut self, epoch: Epoch) -> Option<&mut EpochBytes> {
         if self.newest().is_none_or(|newest| newest.epoch != epoch) {
             if self.epochs > 0 && self.parts[0].len == 0 {
                 self.drop_front();
             }
-            *self.parts.get_mut(usize::from(self.epochs))? = Part { epoch, len: 0 };
+            *self.parts.get_mut(usize::from(self.epochs))? = EpochBytes { epoch, len: 0 };
             self.epochs += 1;
         }
         self.parts.get_mut(usize::from(self.epochs).wrapping_sub(1))

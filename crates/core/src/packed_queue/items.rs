@@ -1,4 +1,4 @@
-//! Packed bytes that wait → items for a channel.
+//! Packed bytes that wait → items for a channel. Checks among them are compared here, and go no further.
 
 use super::{ByteQueue, Pool, PushRefused};
 use crate::packing::{CHECK_LEN, MAX_PACKED_LEN, MOST_ONWARD, Packing, State, Units};
@@ -15,12 +15,13 @@ pub enum Fault {
 }
 
 /// Bytes that an item or a check takes at most.
-#[expect(clippy::cast_possible_truncation, reason = "checked beside it")]
+#[expect(clippy::cast_possible_truncation, reason = "checked in the next line")]
 const MOST_IN_FRONT: u16 = MAX_PACKED_LEN as u16;
 const _: () = assert!(CHECK_LEN <= MAX_PACKED_LEN && MAX_PACKED_LEN < 256);
 
-/// A run that is taken onward has so many bytes behind it, or its own.
-#[expect(clippy::cast_possible_truncation, reason = "11")]
+/// So many bytes must wait before a run is taken by [`Packing::unpack_onward`]: the longest that it takes, so that it need not look
+/// where they end.
+#[expect(clippy::cast_possible_truncation, reason = "it is 11")]
 const ONWARD_LEN: u16 = MOST_ONWARD as u16;
 
 /// How a check begins: control record 5.
@@ -30,7 +31,7 @@ const CHECK: [u8; 2] = [0x2f, 0];
 const REVERSE: u8 = 0x07;
 const RESET: u8 = 0x0f;
 
-/// A motor's packed bytes in a share of a [`Pool`], always the same one: each method that touches bytes is given it.
+/// A motor's packed bytes in a share of a [`Pool`]. Each method that touches bytes takes that pool, always the same one.
 #[derive(Clone, Debug)]
 pub struct PackedQueue {
     bytes: ByteQueue,
@@ -216,7 +217,7 @@ pub struct PackedItems<'a, const N: usize> {
 }
 
 impl<const N: usize> Items for PackedItems<'_, N> {
-    fn wait(&self, epoch: Epoch) -> bool {
+    fn has(&self, epoch: Epoch) -> bool {
         self.packed.has(epoch)
     }
 
@@ -228,7 +229,7 @@ impl<const N: usize> Items for PackedItems<'_, N> {
         self.packed.take_run(self.pool, epoch, direction, registers)
     }
 
-    fn heads(&self) -> Option<Direction> {
+    fn run_direction(&self) -> Option<Direction> {
         Some(self.packed.state.direction)
     }
 

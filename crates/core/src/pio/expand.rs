@@ -1,4 +1,4 @@
-//! A run's steps, one word each.
+//! A run's steps, one word each: the loop that has to be fast. The Pico's firmware has it in assembly; a test compares the two.
 
 use crate::{Recurrence, Tick32};
 
@@ -48,26 +48,26 @@ pub fn expand<const F: u32>(recurrence: &mut Recurrence, words: &mut [u32], stre
     taken
 }
 
-/// [`surely`] looks so many steps ahead at most.
-pub const MOST_SURELY: u32 = 256;
+/// [`unchecked_steps`] looks so many steps ahead at most.
+pub const MOST_UNCHECKED: u32 = 256;
 
-/// What is sure of the next steps.
+/// Next steps that need no check against [`Stretch`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Sure {
+pub struct Unchecked {
     /// [`expand`](expand()) takes so many; there may be more.
     pub count: u32,
     /// In all of them add is of one sign and within half a tick: its upper half stays as it is.
-    pub gentle: bool,
+    pub small_add: bool,
 }
 
-/// What is sure of the next steps, `most` at most, with 32 fraction bits: for who works them out without looking at each.
+/// How many of the next steps, `most` at most, need no check, with 32 fraction bits: a loop that checks none of them is faster.
 ///
-/// It reckons with the largest change of the interval at each of them. Where it cannot say, the count is 0.
+/// The largest change of the interval is taken for each of them, so that there may be more. If nothing can be said, the count is 0.
 #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "halves, whose ranges are looked at")]
 #[must_use]
-pub const fn surely(recurrence: &Recurrence, stretch: &Stretch, most: u32) -> Sure {
-    const NOTHING: Sure = Sure { count: 0, gentle: false };
-    let most = if most < MOST_SURELY { most } else { MOST_SURELY };
+pub const fn unchecked_steps(recurrence: &Recurrence, stretch: &Stretch, most: u32) -> Unchecked {
+    const NOTHING: Unchecked = Unchecked { count: 0, small_add: false };
+    let most = if most < MOST_UNCHECKED { most } else { MOST_UNCHECKED };
     // Whole ticks; add within 64 ticks, add2 within one.
     let interval = (recurrence.interval >> 32) as u32;
     let (add, add2) = ((recurrence.add >> 32) as i32, (recurrence.add2 >> 32) as i32);
@@ -84,7 +84,7 @@ pub const fn surely(recurrence: &Recurrence, stretch: &Stretch, most: u32) -> Su
         return NOTHING;
     }
     // It changes steadily: what holds at both ends holds between them.
-    let gentle = change < 1 << 15 && ((add >= 0 && last >= 0) || (add < 0 && last < -(rounded as i32)));
+    let small_add = change < 1 << 15 && ((add >= 0 && last >= 0) || (add < 0 && last < -(rounded as i32)));
     let change = ((change * most) >> 16) + 1;
     if interval < stretch.gap + change {
         return NOTHING;
@@ -92,17 +92,17 @@ pub const fn surely(recurrence: &Recurrence, stretch: &Stretch, most: u32) -> Su
     // The fraction may carry one over.
     let longest = interval + change + 1;
     if most * longest < stretch.ticks {
-        return Sure { count: most, gentle };
+        return Unchecked { count: most, small_add };
     }
     // A division by shifts: a Cortex-M0+ has none.
-    let (mut count, mut bit) = (0, MOST_SURELY >> 1);
+    let (mut count, mut bit) = (0, MOST_UNCHECKED >> 1);
     while bit != 0 {
         if (count + bit) * longest < stretch.ticks && count + bit <= most {
             count += bit;
         }
         bit >>= 1;
     }
-    Sure { count, gentle }
+    Unchecked { count, small_add }
 }
 
 #[cfg(test)]
@@ -117,16 +117,16 @@ mod tests {
     #[test]
     fn a_steady_run_is_sure_up_to_the_end() {
         let stretch = |ticks| Stretch { gap: 16, ticks, bits: 0 };
-        let sure = |count, gentle| Sure { count, gentle };
+        let sure = |count, small_add| Unchecked { count, small_add };
         // 200 ticks, and 2 in case something was rounded off and carried over.
-        assert_eq!(surely(&steady(200, 0), &stretch(202 * 100), 128), sure(99, true));
-        assert_eq!(surely(&steady(200, 0), &stretch(202 * 128), 128), sure(127, true));
-        assert_eq!(surely(&steady(200, 0), &stretch(1 << 20), 128), sure(128, true));
-        assert_eq!(surely(&steady(15, 0), &stretch(1 << 20), 128), sure(0, false));
+        assert_eq!(unchecked_steps(&steady(200, 0), &stretch(202 * 100), 128), sure(99, true));
+        assert_eq!(unchecked_steps(&steady(200, 0), &stretch(202 * 128), 128), sure(127, true));
+        assert_eq!(unchecked_steps(&steady(200, 0), &stretch(1 << 20), 128), sure(128, true));
+        assert_eq!(unchecked_steps(&steady(15, 0), &stretch(1 << 20), 128), sure(0, false));
         // A tick less with each step: after 128 steps it would be too soon.
-        assert_eq!(surely(&steady(140, -1 << 32), &stretch(1 << 20), 128), sure(0, false));
-        assert_eq!(surely(&steady(200, -1 << 32), &stretch(1 << 20), 128), sure(128, false));
-        assert_eq!(surely(&steady(200, -1 << 30), &stretch(1 << 20), 128), sure(128, true));
+        assert_eq!(unchecked_steps(&steady(140, -1 << 32), &stretch(1 << 20), 128), sure(0, false));
+        assert_eq!(unchecked_steps(&steady(200, -1 << 32), &stretch(1 << 20), 128), sure(128, false));
+        assert_eq!(unchecked_steps(&steady(200, -1 << 30), &stretch(1 << 20), 128), sure(128, true));
     }
 
     proptest! {
@@ -144,13 +144,13 @@ mod tests {
             let recurrence =
                 Recurrence { accumulator: fraction.into(), interval: interval >> (scale - 8), add: add >> scale, add2: add2 >> scale };
             let stretch = Stretch { gap, ticks, bits: 0 };
-            let sure = surely(&recurrence, &stretch, most);
+            let sure = unchecked_steps(&recurrence, &stretch, most);
             prop_assert!(sure.count <= most);
             let mut words = [0; 300];
             let mut after = recurrence;
             let taken = expand::<32>(&mut after, &mut words[..sure.count as usize], &stretch);
             prop_assert_eq!(taken, sure.count);
-            if sure.gentle {
+            if sure.small_add {
                 let upper = |add: i64| (add >> 31, add >> 32);
                 prop_assert_eq!(upper(after.add), upper(recurrence.add));
             }

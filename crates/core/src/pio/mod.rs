@@ -1,4 +1,4 @@
-//! Words for state machines that make a motor's edges: each a wait, and what the lines do after it.
+//! Words for the RP2040's PIO, whose state machines make a motor's edges: each word is a wait, and what the lines do after it.
 //!
 //! # What is here, top down
 //! - [`Words`]: channel and output of one motor → words, up to a tick
@@ -6,7 +6,7 @@
 //! - [`Tape`]: the ring that words wait in, and what was counted where in it
 //!
 //! A state machine takes one word after the other, and each lasts as long as it says: the ticks of all edges follow from
-//! the tick at which the first word begins. Who feeds it must never let it run dry. A word is
+//! the tick at which the first word begins. It must never run out of words. A word is
 //!
 //! | step/dir: bits | | coils: bits | |
 //! |---|---|---|---|
@@ -17,13 +17,14 @@
 //! and its lines change x + [`Words::overhead`] ticks after those of the word before.
 //!
 //! # What is not
-//! Registers: a board's own. Its DMA takes words from a tape, its clock says how far.
+//! - Hardware registers: a board's own. Its DMA takes words from a tape, its clock says how far.
+//! - The general parts of core: these know nothing of words.
 
 mod expand;
 mod tape;
 mod writer;
 
-pub use expand::{Expand, MOST_SURELY, Stretch, Sure, expand, surely};
+pub use expand::{Expand, MOST_UNCHECKED, Stretch, Unchecked, expand, unchecked_steps};
 pub use tape::{Run, Tape};
 pub use writer::{Filled, Words};
 

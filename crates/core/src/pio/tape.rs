@@ -1,4 +1,5 @@
-//! The ring that words wait in. The words themselves are in memory that a DMA reads; here is what is known of them.
+//! The ring that words wait in: which of them are written, and which position and tick each stands for. The words themselves are not
+//! here, but in memory that a DMA reads.
 
 use crate::Tick32;
 

@@ -1,7 +1,7 @@
-//! Channel and output of one motor → words on its tape.
+//! Channel and output of one motor → words on its tape. When they are written, and how far ahead, the board says.
 
 use super::{COILS_OVERHEAD, Expand, LONGEST_WAIT, STEP_DIR_OVERHEAD, Stretch, Tape, WAIT_BITS};
-use crate::channel::{Ahead, Channel, Event, Kind};
+use crate::channel::{Ahead, Channel, EventKind, StepEvent};
 use crate::output::{Edge, Output};
 use crate::packed_queue::PackedQueue;
 use crate::queue::Items;
@@ -127,7 +127,7 @@ impl<const F: u32> Words<F> {
         }
     }
 
-    /// Switches coils off, while no words are done; whoever sees to the lines does so too.
+    /// Switches coils off while no words are done. The caller does the same to the lines.
     pub fn release(&mut self) {
         if let Output::Coils(coils) = &mut self.output {
             coils.switch_off();
@@ -224,7 +224,7 @@ impl<const F: u32> Words<F> {
                 continue;
             }
             let Some(event) = event.filter(|event| !limit.is_before(self.output.due(*event))) else { break };
-            if event.kind == Kind::Step {
+            if event.kind == EventKind::Step {
                 // A segment that goes on where the one before ended: its first step is one of many, too.
                 let before = tape.written();
                 self.go_on(items, tape, memory, [limit, Tick32(stop)], expand);
@@ -234,7 +234,7 @@ impl<const F: u32> Words<F> {
             }
             if let Some(due) = self.make(event) {
                 self.put(tape, memory, due);
-                if event.kind == Kind::Step {
+                if event.kind == EventKind::Step {
                     self.go_on(items, tape, memory, [limit, Tick32(stop)], expand);
                 }
             }
@@ -268,20 +268,20 @@ impl<const F: u32> Words<F> {
 
     // These are calls, so that each has the registers to itself: a run's steps need none of them.
     #[inline(never)]
-    fn peek(&mut self, items: &mut impl Items, look: Tick32) -> Option<Event> {
+    fn peek(&mut self, items: &mut impl Items, look: Tick32) -> Option<StepEvent> {
         self.channel.peek(items, look)
     }
 
     /// Takes an event; gives its word, if the lines change.
     #[inline(never)]
-    fn make(&mut self, event: Event) -> Option<Due> {
+    fn make(&mut self, event: StepEvent) -> Option<Due> {
         let due = self.output.due(event);
         self.channel.take(event);
         let open = self.end.after(self.overhead);
         let tick = if due.is_before(open) { open } else { due };
         let edge = self.output.apply(event, tick);
         match event.kind {
-            Kind::Direction(_) => {
+            EventKind::Direction(_) => {
                 let before = self.levels;
                 self.change(edge);
                 if self.levels == before {
@@ -292,7 +292,7 @@ impl<const F: u32> Words<F> {
                 let fits = !event.tick.is_before(tick.after(self.overhead));
                 fits.then_some(Due { tick, bits: self.idle_bits(), sign: 0 })
             }
-            Kind::Step => {
+            EventKind::Step => {
                 if self.step == 0 {
                     self.change(edge);
                 } else {
@@ -319,7 +319,7 @@ impl<const F: u32> Words<F> {
             return;
         }
         // Those that take none have nothing to gain: steps of verbs come by ones and twos.
-        if self.step != 0 && items.heads().is_some() && self.channel.goes_on(limits[0]) {
+        if self.step != 0 && items.run_direction().is_some() && self.channel.goes_on(limits[0]) {
             self.write_runs(items, tape, memory, limits, expand);
         } else {
             self.write_run(tape, memory, limits, expand);

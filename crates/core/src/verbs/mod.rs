@@ -1,4 +1,4 @@
-//! Motors told directly: so many steps, one every so many ticks, this way or that.
+//! Motors that take orders directly, without a plan: so many steps, at this period, in this direction.
 //!
 //! # What is here, top down
 //! - [`Verbs`]: all motors, and how far what they do is known
@@ -14,7 +14,7 @@
 
 pub mod motor;
 
-pub use motor::{Heading, Limits, Motor, Refused, Verb};
+pub use motor::{Heading, Motor, MotorTiming, Refused, Verb};
 
 use crate::Item;
 
@@ -23,10 +23,10 @@ pub const MAX_MOTORS: usize = 8;
 
 /// Verbs for motors, all from the same tick on, in the order in which they are done.
 pub trait OrderList {
-    /// The motors, and what each is told.
+    /// The motors, and a verb for each.
     fn iter(&self) -> impl Iterator<Item = (u8, Verb)>;
 
-    /// What one motor is told, in order.
+    /// The verbs for one motor, in order.
     fn of(&self, motor: u8) -> impl Iterator<Item = Verb> {
         self.iter().filter_map(move |(other, verb)| (other == motor).then_some(verb))
     }
@@ -72,11 +72,11 @@ impl Verbs {
     }
 
     /// Begins with motors at rest, at these positions and within these limits, [`MAX_MOTORS`] at most; nothing happens before
-    /// `known`. Moves of the motors before that were done and not told yet are [told](Verbs::take_done) still.
-    pub fn begin(&mut self, motors: impl Iterator<Item = (Limits, i32)>, known: u64) {
+    /// `known`. Moves of the motors before that were done and not reported yet are still [reported](Verbs::take_done).
+    pub fn begin(&mut self, motors: impl Iterator<Item = (MotorTiming, i32)>, known: u64) {
         (self.count, self.known) = (0, known);
         for (motor, (limits, position)) in self.motors.iter_mut().zip(motors) {
-            *motor = motor.anew(limits, position, known);
+            *motor = motor.restarted(limits, position, known);
             self.count += 1;
         }
     }
@@ -97,7 +97,7 @@ impl Verbs {
         self.motors.get_mut(..usize::from(self.count)).unwrap_or_default()
     }
 
-    /// The oldest move of the first motor that has one which was done by tick `now` and was not told yet: the motor, when, and how
+    /// The oldest move of the first motor that has one which was done by tick `now` and was not reported yet: the motor, when, and how
     /// many of its moves are done with it, wrapping. Also one of a motor that is no more.
     pub fn take_done(&mut self, now: u64) -> Option<(u8, u64, u32)> {
         (0..).zip(&mut self.motors).find_map(|(number, motor)| {
@@ -106,7 +106,7 @@ impl Verbs {
         })
     }
 
-    /// When the next move that was worked out, and not told yet, is done.
+    /// When the next move that was worked out, and not reported yet, is done.
     #[must_use]
     pub fn next_done(&self) -> Option<u64> {
         self.motors.iter().filter_map(Motor::next_done).min()
@@ -118,9 +118,9 @@ impl Verbs {
     /// What is wrong with the first order that cannot be obeyed; nothing changes then.
     ///
     /// ```
-    /// use pulsetrain_core::verbs::{Limits, OrderError, Verb, Verbs};
+    /// use pulsetrain_core::verbs::{MotorTiming, OrderError, Verb, Verbs};
     /// let mut verbs = Verbs::new();
-    /// verbs.begin([(Limits { shortest: 10, turn: 20, period: 1000 }, 0)].into_iter(), 50);
+    /// verbs.begin([(MotorTiming { shortest: 10, turn: 20, period: 1000 }, 0)].into_iter(), 50);
     /// assert_eq!(verbs.obey(&[(0, Verb::Run)][..]), Ok(()));
     /// assert_eq!(verbs.next_steps().collect::<Vec<_>>(), [(0, Some(50))]);
     /// assert_eq!(verbs.obey(&[(1, Verb::Run)][..]), Err(OrderError::NoSuchMotor { motor: 1 }));
@@ -129,7 +129,7 @@ impl Verbs {
         if let Some((motor, _)) = orders.iter().find(|(motor, _)| *motor >= self.count) {
             return Err(OrderError::NoSuchMotor { motor });
         }
-        // Each motor that is told something is tried first: a copy of all of them would take a board longer than what they are told.
+        // Each motor that has an order is tried first, on a copy. A copy of all of them would take a board longer than the orders.
         for (number, motor) in (0..).zip(self.motors()) {
             let mut trial = None;
             for verb in orders.of(number) {
@@ -147,7 +147,7 @@ impl Verbs {
         Ok(())
     }
 
-    /// Where each motor is at [`known`](Verbs::known), and when its next step comes from there on, unless it is told something else.
+    /// Where each motor is at [`known`](Verbs::known), and when its next step comes from there on, unless another order comes.
     pub fn next_steps(&self) -> impl Iterator<Item = (i32, Option<u64>)> {
         self.motors().iter().map(|motor| (motor.position(), motor.next_step()))
     }
@@ -164,18 +164,18 @@ impl Verbs {
         }
     }
 
-    /// Whether no step will come, and nothing will be done, after tick `now` unless more is said; steps that were worked out may still
+    /// Whether no step will come, and nothing will be done, after tick `now` unless another order comes; steps that were worked out may still
     /// have to be made.
     #[must_use]
     pub fn rest_at(&self, now: u64) -> bool {
         self.motors().iter().all(|motor| motor.rests_at(now))
     }
 
-    /// Nobody is there to say more: motors forget [what has no end](Motor::forsake); with `lost`, whatever they were told. Gives, bit by
+    /// The host is gone, and no order will come: motors drop [what has no end](Motor::drop_endless); with `lost`, all orders. Gives, bit by
     /// motor, which ones leave steps out that were to come sooner than `pull_in` ticks of that motor after the last one: they may come to
     /// stand elsewhere than they count.
     #[must_use]
-    pub fn forsake(&mut self, lost: bool, pull_in: impl Fn(u8) -> u64) -> u8 {
+    pub fn host_gone(&mut self, lost: bool, pull_in: impl Fn(u8) -> u64) -> u8 {
         let mut uncertain = 0;
         for (number, motor) in (0..).zip(self.motors_mut()) {
             let was_faster = motor.gap().is_some_and(|gap| gap < pull_in(number));
@@ -183,7 +183,7 @@ impl Verbs {
                 // It is never refused; no step comes any more, whatever `at`.
                 let _ = motor.obey(Verb::Halt, 0);
             } else {
-                motor.forsake();
+                motor.drop_endless();
             }
             if was_faster && motor.gap().is_none() {
                 uncertain |= 1 << number;
@@ -192,9 +192,9 @@ impl Verbs {
         uncertain
     }
 
-    /// Who told motors what they do is gone: see [`Motor::disown`].
-    pub fn disown(&mut self) {
-        self.motors.iter_mut().for_each(Motor::disown);
+    /// Another host takes over: moves of the host before are not reported to it. See [`Motor::mute_moves`].
+    pub fn mute_moves(&mut self) {
+        self.motors.iter_mut().for_each(Motor::mute_moves);
     }
 
     /// All motors were stopped at once, each after the tick that `at` gives for its number: see [`Motor::stop`].

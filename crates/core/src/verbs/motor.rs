@@ -1,4 +1,4 @@
-//! One motor that is told directly: verbs → evenly spaced steps.
+//! One motor that takes orders directly: verbs → evenly spaced steps.
 //!
 //! Between two steps there is never less than the period that holds when the second one is made, and exactly that unless the
 //! motor stood still, or had no steps to make, or had to turn. A verb counts from a tick on, `at`: the next step is then due a
@@ -6,7 +6,7 @@
 
 use crate::{Direction, Item, Segment, Tick32};
 
-/// What a motor can be told.
+/// An order to a motor.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Verb {
     /// So many steps, and then a done event, when the last one's period is over. Behind a move that is under way one more may
@@ -54,12 +54,12 @@ impl Heading {
 
 /// What a motor's lines allow, ticks.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Limits {
+pub struct MotorTiming {
     /// Shortest period, at least 1.
     pub shortest: u32,
     /// Fewest from a step to one the other way.
     pub turn: u32,
-    /// The period until another is said, at least `shortest`.
+    /// The period until a [`Verb::Speed`] sets another, at least `shortest`.
     pub period: u32,
 }
 
@@ -71,7 +71,7 @@ pub enum Refused {
         /// The shortest, ticks.
         shortest: u32,
     },
-    /// A move waits behind the one that is under way, or [`MOST_UNTOLD`] moves would be done and not told.
+    /// A move waits behind the one that is under way, or [`MOST_UNTOLD`] moves would be done and not reported.
     Busy,
 }
 
@@ -81,34 +81,34 @@ pub const LONGEST_PERIOD: u64 = 1 << 62;
 /// Items that [`Motor::work_out`] hands over at most: two moves, each an anchor, its first step, the others.
 pub const MOST_ITEMS: usize = 6;
 
-/// Moves that may be under way, waiting, or done and not [told](Motor::take_done): no more are taken, so that of none it is lost when
-/// it was done.
+/// Moves that may be under way, waiting, or done and not [reported](Motor::take_done). No more are taken, so that the time
+/// at which each was done is kept.
 pub const MOST_UNTOLD: u32 = 4;
 
-/// After so many ticks without a step the channel's accumulator is set anew: it tells ticks apart within 2^30.
+/// After so many ticks without a step the channel's accumulator is set by an anchor, since it can compare ticks within 2^30 only.
 const STALE: u64 = 1 << 29;
 
 /// What is under way.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
-pub(crate) enum Task {
+pub(crate) enum Job {
     Rest,
     /// So many steps are left; with 0 the last one's period.
     Steps(u32),
     Endless,
 }
 
-impl Task {
+impl Job {
     const fn is_move(self) -> bool {
-        matches!(self, Task::Steps(_))
+        matches!(self, Job::Steps(_))
     }
 }
 
 /// One motor.
 ///
 /// ```
-/// use pulsetrain_core::verbs::{Limits, Motor, Verb};
-/// let mut motor = Motor::new(Limits { shortest: 10, turn: 20, period: 1000 }, 0, 0);
+/// use pulsetrain_core::verbs::{MotorTiming, Motor, Verb};
+/// let mut motor = Motor::new(MotorTiming { shortest: 10, turn: 20, period: 1000 }, 0, 0);
 /// motor.obey(Verb::Move { steps: 3 }, 50).unwrap();
 /// assert_eq!(motor.next_step(), Some(50));
 /// motor.work_out::<32>(5000, |_| {});
@@ -118,11 +118,11 @@ impl Task {
 /// ```
 #[derive(Clone, Copy, Debug)]
 pub struct Motor {
-    limits: Limits,
+    limits: MotorTiming,
     period: u64,
     heading: Heading,
-    task: Task,
-    waiting: Task,
+    job: Job,
+    waiting: Job,
     /// Nothing happens before it.
     open: u64,
     /// The last step.
@@ -132,10 +132,10 @@ pub struct Motor {
     position: i32,
     /// Moves done so far, as far as was worked out, wrapping.
     done: u32,
-    /// Of `dones`, from the first on, these were not told yet.
+    /// Of `dones`, from the first on, these were not reported yet.
     untold: u8,
-    /// Of the moves that are not told, wait or are under way, the oldest so many are [nobody's](Motor::disown).
-    disowned: u8,
+    /// Of the moves that are not reported, wait or are under way, the oldest so many are [never reported](Motor::mute_moves).
+    muted: u8,
     /// The last moves that were done, the newest first.
     dones: [Done; MOST_UNTOLD as usize],
 }
@@ -149,33 +149,33 @@ struct Done {
 
 impl Motor {
     /// Of no board.
-    pub const NONE: Motor = Motor::new(Limits { shortest: 1, turn: 1, period: 1 }, 0, 0);
+    pub const NONE: Motor = Motor::new(MotorTiming { shortest: 1, turn: 1, period: 1 }, 0, 0);
 
     /// A motor at rest, facing forward; nothing happens before tick `open`.
     #[must_use]
-    pub const fn new(limits: Limits, position: i32, open: u64) -> Motor {
+    pub const fn new(limits: MotorTiming, position: i32, open: u64) -> Motor {
         Motor {
             limits,
             period: limits.period as u64,
             heading: Heading::Forward,
-            task: Task::Rest,
-            waiting: Task::Rest,
+            job: Job::Rest,
+            waiting: Job::Rest,
             open,
             last: None,
             reached: None,
             position,
             done: 0,
             untold: 0,
-            disowned: 0,
+            muted: 0,
             dones: [Done { at: 0, number: 0 }; MOST_UNTOLD as usize],
         }
     }
 
-    /// A [`new`](Motor::new) one in this one's place: moves count from 0, and those that were done and not told yet are still told first.
+    /// A [`new`](Motor::new) one in this one's place: moves count from 0, and those that were done and not reported yet are still reported first.
     #[must_use]
-    pub const fn anew(&self, limits: Limits, position: i32, open: u64) -> Motor {
-        let Motor { untold, disowned, dones, .. } = *self;
-        Motor { untold, disowned, dones, ..Motor::new(limits, position, open) }
+    pub const fn restarted(&self, limits: MotorTiming, position: i32, open: u64) -> Motor {
+        let Motor { untold, muted, dones, .. } = *self;
+        Motor { untold, muted, dones, ..Motor::new(limits, position, open) }
     }
 
     /// Does what a verb says from tick `at` on: not before what was [worked out](Motor::work_out).
@@ -184,8 +184,8 @@ impl Motor {
     /// When it cannot be; nothing changes then.
     pub fn obey(&mut self, verb: Verb, at: u64) -> Result<(), Refused> {
         match verb {
-            Verb::Move { steps } => self.begin(Task::Steps(steps))?,
-            Verb::Run => self.begin(Task::Endless)?,
+            Verb::Move { steps } => self.begin(Job::Steps(steps))?,
+            Verb::Run => self.begin(Job::Endless)?,
             Verb::Speed { ticks } if u64::from(self.limits.shortest) <= ticks && ticks <= LONGEST_PERIOD => {
                 self.period = ticks;
             }
@@ -197,51 +197,51 @@ impl Motor {
         Ok(())
     }
 
-    fn begin(&mut self, task: Task) -> Result<(), Refused> {
-        if task.is_move() && u32::from(self.untold) + u32::from(self.task.is_move()) >= MOST_UNTOLD {
+    fn begin(&mut self, job: Job) -> Result<(), Refused> {
+        if job.is_move() && u32::from(self.untold) + u32::from(self.job.is_move()) >= MOST_UNTOLD {
             return Err(Refused::Busy);
         }
-        match (self.task, self.waiting) {
-            (Task::Rest | Task::Endless, _) => self.task = task,
-            (Task::Steps(_), Task::Rest) => self.waiting = task,
-            (Task::Steps(_), _) => return Err(Refused::Busy),
+        match (self.job, self.waiting) {
+            (Job::Rest | Job::Endless, _) => self.job = job,
+            (Job::Steps(_), Job::Rest) => self.waiting = job,
+            (Job::Steps(_), _) => return Err(Refused::Busy),
         }
         Ok(())
     }
 
-    /// Nobody will say more: it forgets what would have no end, a run, and a move that waits for a way to go; what waits behind a move
+    /// No order will come any more: it drops what would have no end, a run, and a move that waits for a way to go; what waits behind a move
     /// that has an end, or the move itself.
-    pub fn forsake(&mut self) {
+    pub fn drop_endless(&mut self) {
         let stands = self.heading == Heading::Stationary;
-        let ends = |task| match task {
-            Task::Rest => true,
-            Task::Steps(left) => left == 0 || !stands,
-            Task::Endless => false,
+        let ends = |job| match job {
+            Job::Rest => true,
+            Job::Steps(left) => left == 0 || !stands,
+            Job::Endless => false,
         };
-        if !ends(self.task) {
+        if !ends(self.job) {
             self.forget();
         } else if !ends(self.waiting) {
-            self.waiting = Task::Rest;
-            self.disowned = self.disowned.min(self.moves());
+            self.waiting = Job::Rest;
+            self.muted = self.muted.min(self.moves());
         }
     }
 
-    /// Who told it what it does is gone, and who comes next has not told it: moves so far are never [told](Motor::take_done) as done. They
+    /// The host that gave the orders is gone, and the next one does not know them: moves so far are never [reported](Motor::take_done). They
     /// count all the same.
-    pub const fn disown(&mut self) {
-        self.disowned = self.moves();
+    pub const fn mute_moves(&mut self) {
+        self.muted = self.moves();
     }
 
-    /// Moves that are under way, wait, or were not told.
+    /// Moves that are under way, wait, or were not reported.
     const fn moves(&self) -> u8 {
-        self.untold + self.task.is_move() as u8 + self.waiting.is_move() as u8
+        self.untold + self.job.is_move() as u8 + self.waiting.is_move() as u8
     }
 
     /// It has nothing to do any more.
     fn forget(&mut self) {
-        (self.task, self.waiting) = (Task::Rest, Task::Rest);
+        (self.job, self.waiting) = (Job::Rest, Job::Rest);
         // Those that are left are the oldest.
-        self.disowned = self.disowned.min(self.moves());
+        self.muted = self.muted.min(self.moves());
     }
 
     /// It was stopped at once, and no step was begun after tick `at`: it has nothing to do, and no move was done later. What comes of it
@@ -259,22 +259,22 @@ impl Motor {
     /// for a channel of `F` fraction bits.
     pub fn work_out<const F: u32>(&mut self, until: u64, mut push: impl FnMut(Item)) {
         loop {
-            match self.task {
-                Task::Rest if self.waiting == Task::Rest => return,
-                Task::Rest => (self.task, self.waiting) = (self.waiting, Task::Rest),
-                Task::Steps(0) => {
+            match self.job {
+                Job::Rest if self.waiting == Job::Rest => return,
+                Job::Rest => (self.job, self.waiting) = (self.waiting, Job::Rest),
+                Job::Steps(0) => {
                     let due = self.rested();
                     if due >= until {
                         return;
                     }
-                    self.task = Task::Rest;
+                    self.job = Job::Rest;
                     self.note_done(due);
                 }
-                Task::Steps(_) | Task::Endless => {
+                Job::Steps(_) | Job::Endless => {
                     let Some((first, direction)) = self.due().filter(|(first, _)| *first < until) else { return };
                     let span = u32::try_from(until - 1 - first).unwrap_or(u32::MAX);
                     let mut count = times(span, self.period).saturating_add(1);
-                    if let Task::Steps(left) = &mut self.task {
+                    if let Job::Steps(left) = &mut self.job {
                         count = count.min(*left);
                         *left -= count;
                     }
@@ -333,20 +333,20 @@ impl Motor {
         self.dones[0] = Done { at, number: self.done };
     }
 
-    /// The oldest move that was done by tick `now` and was not told yet, nor is [nobody's](Motor::disown): when, and how many are done with
+    /// The oldest move that was done by tick `now` and was not reported yet, nor is [muted](Motor::mute_moves): when, and how many are done with
     /// it, wrapping.
     pub fn take_done(&mut self, now: u64) -> Option<(u64, u32)> {
         loop {
             let Done { at, number } = self.oldest().filter(|done| done.at <= now)?;
             self.untold -= 1;
-            if self.disowned == 0 {
+            if self.muted == 0 {
                 return Some((at, number));
             }
-            self.disowned -= 1;
+            self.muted -= 1;
         }
     }
 
-    /// When the oldest move that was worked out, and not told yet, is done.
+    /// When the oldest move that was worked out, and not reported yet, is done.
     #[must_use]
     pub fn next_done(&self) -> Option<u64> {
         self.oldest().map(|done| done.at)
@@ -356,7 +356,7 @@ impl Motor {
         self.dones.get(usize::from(self.untold.checked_sub(1)?)).copied()
     }
 
-    /// Whether all moves that were worked out have been told as done.
+    /// Whether all moves that were worked out have been reported as done.
     #[must_use]
     pub const fn is_told(&self) -> bool {
         self.untold == 0
@@ -368,20 +368,20 @@ impl Motor {
         self.position
     }
 
-    /// When the next step comes, if it is told nothing else; `None` if none does, now, or at all.
+    /// When the next step comes, if no other order comes; `None` if none does, now, or at all.
     #[must_use]
     pub fn next_step(&self) -> Option<u64> {
-        let next = match (self.task, self.waiting) {
-            (Task::Rest, _) | (Task::Steps(0), Task::Rest | Task::Steps(0)) => return None,
+        let next = match (self.job, self.waiting) {
+            (Job::Rest, _) | (Job::Steps(0), Job::Rest | Job::Steps(0)) => return None,
             _ => self.due(),
         };
         next.map(|(tick, _)| tick)
     }
 
-    /// Whether nothing is left to work out, not even a last period, or a wait until it is told a way to go.
+    /// Whether nothing is left to work out, not even a last period, or a wait until it has a heading.
     #[must_use]
     pub fn is_at_rest(&self) -> bool {
-        self.task == Task::Rest && self.waiting == Task::Rest
+        self.job == Job::Rest && self.waiting == Job::Rest
     }
 
     /// The same by tick `now`: what it did last is done by then, too.
@@ -390,7 +390,7 @@ impl Motor {
         self.is_at_rest() && (self.is_told() || self.dones[0].at <= now)
     }
 
-    /// How long after its last step the next one comes, ticks, if it is told nothing else; `None` if none does, or there was none.
+    /// How long after its last step the next one comes, ticks, if no other order comes; `None` if none does, or there was none.
     #[must_use]
     pub fn gap(&self) -> Option<u64> {
         Some(self.next_step()?.saturating_sub(self.last?.0))

@@ -1,7 +1,10 @@
-//! All that is written or compared, in one piece: a board may keep it where its program is.
+//! All texts that the reader compares and replies write, in one piece: a board may keep it where its program is. It knows neither reader
+//! nor replies.
 
-/// Texts, each with a 0 at its end. The names of commands come first, in the order of
-/// [`Verb`](super::text::Verb).
+/// How many names of commands there are.
+pub(super) const COMMANDS: u8 = 13;
+
+/// Texts, each with a 0 at its end. The [`COMMANDS`] names come first, in the order of their codes.
 const TEXTS: &[u8] = b"\
 a\0d\0v\0r\0s\0g\0l\0enable\0srate\0deadman\0strict\0version\0ping\0\
 id StepperWinch Nov 21 2026\0awake\0txyza\0err \0\
@@ -46,7 +49,7 @@ pub(super) mod text {
 /// Where the texts of replies begin.
 pub(super) const REPLIES: u8 = {
     let (mut at, mut names) = (0, 0);
-    while names < super::text::Verb::Unknown as u8 {
+    while names < COMMANDS {
         if LETTERS[at as usize] == 0 {
             names += 1;
         }

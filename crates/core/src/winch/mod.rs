@@ -4,7 +4,7 @@
 //! - [`session`]: what lines ask of a whole board, and what time brings
 //! - [`text`]: bytes of lines → commands, and these done to four paths
 //! - [`reply`]: replies → bytes
-//! - [`verb_lines`]: lines that tell motors directly, beside StepperWinch's
+//! - [`verb_lines`]: lines that order motors directly: an addition to StepperWinch's
 //! - [`spacing`]: a millisecond of a path → ticks of its steps
 //! - [`path`]: the recurrence of one axis, at 1 kHz
 //! - [`letters`]: the texts of both

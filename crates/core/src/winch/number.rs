@@ -1,4 +1,4 @@
-//! Factors for a chip whose multiplier has 8 bits.
+//! Factors for a chip whose multiplier has 8 bits, and which has no floating point unit. No general arithmetic: what a path needs.
 
 /// m·2^−8n: a factor whose product is aligned by bytes, which an 8-bit chip moves for nothing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

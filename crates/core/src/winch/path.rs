@@ -1,6 +1,6 @@
 //! The path of one axis: the recurrence at 1 kHz, in fixed point.
 //!
-//! Source: seeds/003, `Path::pollForInterval`, whose loop has no fixed rate; this one has 1 ms. Every millisecond, all
+//! Source: StepperWinch, `Path::pollForInterval`, whose loop has no fixed rate; this one has 1 ms. Every millisecond, all
 //! from old values:
 //!
 //! - q″ = k (q_d − q) + b (q_d′ − q′), clamped to ±amax
@@ -55,16 +55,16 @@ pub const FREQUENCIES: [u32; 2] = [10_000, 20_000_000];
 /// Lowest and highest ζ, 10^-6.
 pub const RATIOS: [u32; 2] = [70_000, 5_000_000];
 
-/// vmax at first, steps/s. Source: seeds/003, `Path::Path`.
+/// vmax at first, steps/s. Source: StepperWinch, `Path::Path`.
 pub const FIRST_SPEED: u16 = 3500;
-/// amax at first, steps/s². Source: seeds/003, `Path::Path`.
+/// amax at first, steps/s². Source: StepperWinch, `Path::Path`.
 pub const FIRST_ACCELERATION: u32 = 35_000;
 /// The fastest that a path may go, steps/s; a higher vmax is taken as this.
 pub const FASTEST: u16 = 10_000;
 /// The highest acceleration of a path, steps/s²; a higher amax is taken as this.
-pub const STEEPEST: u32 = 250_000;
+pub const MAX_ACCELERATION: u32 = 250_000;
 /// The lowest acceleration that is taken, steps/s².
-pub const GENTLEST: u32 = 1;
+pub const MIN_ACCELERATION: u32 = 1;
 /// The fastest drift of a target, steps/s.
 pub const FASTEST_DRIFT: u16 = 15_000;
 
@@ -73,7 +73,7 @@ pub(super) const THRESHOLD: i32 = 33_792_000;
 /// A step, in 2^-16 millisteps.
 pub(super) const STEP: i32 = 1000 << 16;
 
-const _: () = assert!(STEEPEST < 256_000);
+const _: () = assert!(MAX_ACCELERATION < 256_000);
 const _: () = assert!(64 * (THRESHOLD as i64) == 33 * (STEP as i64));
 // In a tick: at most 15 thresholds are crossed, and a difference of speeds has 16 bits before the point.
 const _: () = assert!(FASTEST < 15_000 && FASTEST as u32 + (FASTEST_DRIFT as u32) < 1 << 15);
@@ -96,7 +96,7 @@ struct Parts {
 pub struct Gains(Parts);
 
 impl Gains {
-    /// k = 4π², b = 1: 1 Hz, and it rings (ζ = 0.08). Source: seeds/003, `Path::Path`.
+    /// k = 4π², b = 1: 1 Hz, and it rings (ζ = 0.08). Source: StepperWinch, `Path::Path`.
     pub const DEFAULT: Gains =
         Gains::from_scaled(Scaled::product(1_000_000, 1_000_000, STIFFNESS.0, STIFFNESS.1), FIRST_DAMPING);
 
@@ -148,14 +148,14 @@ impl Limits {
     /// [`FIRST_SPEED`] and [`FIRST_ACCELERATION`].
     pub const DEFAULT: Limits = Limits::of(FIRST_SPEED as u32 * 1000, FIRST_ACCELERATION * 1000);
 
-    /// Of `speed`, 10^-3 steps/s, and `acceleration`, 10^-3 steps/s², each at most [`FASTEST`] and [`STEEPEST`]: more is
-    /// taken as that. `None` if the acceleration is less than [`GENTLEST`]: nothing could stop then.
+    /// Of `speed`, 10^-3 steps/s, and `acceleration`, 10^-3 steps/s², each at most [`FASTEST`] and [`MAX_ACCELERATION`]: more is
+    /// taken as that. `None` if the acceleration is less than [`MIN_ACCELERATION`]: nothing could stop then.
     #[must_use]
     pub const fn new(speed: u32, acceleration: u32) -> Option<Limits> {
-        if acceleration < GENTLEST * 1000 {
+        if acceleration < MIN_ACCELERATION * 1000 {
             return None;
         }
-        let (fastest, steepest) = (FASTEST as u32 * 1000, STEEPEST * 1000);
+        let (fastest, steepest) = (FASTEST as u32 * 1000, MAX_ACCELERATION * 1000);
         let speed = if speed > fastest { fastest } else { speed };
         let acceleration = if acceleration > steepest { steepest } else { acceleration };
         Some(Limits::of(speed, acceleration))

@@ -1,14 +1,14 @@
-//! What a board says, as text.
+//! Replies to StepperWinch's lines, as text. Replies to verbs are [`verb_lines`](super::verb_lines)'.
 
 use super::letters::{Letters, REPLIES, text};
-use super::text::{Refusal, What};
+use super::text::{LineError, LineFault};
 
 /// The longest reply, bytes: a status of five numbers with eleven characters each.
 pub const LONGEST: usize = 5 + 5 * 12 + 2;
 
 /// A line to the host.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Reply {
+pub enum LineReply {
     /// `awake`: at start, and to `ping`.
     Awake,
     /// `id StepperWinch <date>`.
@@ -21,18 +21,18 @@ pub enum Reply {
         positions: [i32; 4],
     },
     /// `err <what> <word>`, and what would be taken; or `dbg`, where the original said it so.
-    Refused(Refusal),
+    Refused(LineError),
     /// `err taken`: frames have the board.
     Taken,
 }
 
 /// Bytes of a line being written.
-struct Writer<'a> {
+struct TextWriter<'a> {
     out: &'a mut [u8],
     len: u8,
 }
 
-impl Writer<'_> {
+impl TextWriter<'_> {
     /// What does not fit is lost.
     #[inline(never)]
     fn byte(&mut self, byte: u8) {
@@ -98,31 +98,31 @@ impl Writer<'_> {
     }
 }
 
-impl Reply {
+impl LineReply {
     /// Writes it, with CR LF, and says how many bytes it has; [`LONGEST`] at most.
     ///
     /// ```
     /// use pulsetrain_core::winch::letters::InMemory;
-    /// use pulsetrain_core::winch::reply::{LONGEST, Reply};
+    /// use pulsetrain_core::winch::reply::{LONGEST, LineReply};
     /// let mut line = [0; LONGEST];
-    /// let len = Reply::Status { usec: -7, positions: [1, -20, 0, i32::MIN] }.write::<InMemory>(&mut line);
+    /// let len = LineReply::Status { usec: -7, positions: [1, -20, 0, i32::MIN] }.write::<InMemory>(&mut line);
     /// assert_eq!(line[..usize::from(len)], *b"txyza -7 1 -20 0 -2147483648\r\n");
     /// ```
     #[inline(never)]
     pub fn write<L: Letters>(&self, out: &mut [u8]) -> u8 {
-        let mut to = Writer { out, len: 0 };
+        let mut to = TextWriter { out, len: 0 };
         match self {
-            Reply::Awake => to.text::<L>(text::AWAKE),
-            Reply::Id => to.text::<L>(text::ID),
-            Reply::Status { usec, positions } => {
+            LineReply::Awake => to.text::<L>(text::AWAKE),
+            LineReply::Id => to.text::<L>(text::ID),
+            LineReply::Status { usec, positions } => {
                 to.text::<L>(text::STATUS);
                 to.number(*usec);
                 for position in positions {
                     to.number(*position);
                 }
             }
-            Reply::Refused(refusal) => to.refusal::<L>(*refusal),
-            Reply::Taken => {
+            LineReply::Refused(refusal) => to.refusal::<L>(*refusal),
+            LineReply::Taken => {
                 to.text::<L>(text::ERROR);
                 to.text::<L>(text::TAKEN);
             }
@@ -133,18 +133,18 @@ impl Reply {
     }
 }
 
-impl Writer<'_> {
+impl TextWriter<'_> {
     #[inline(always)]
-    fn refusal<L: Letters>(&mut self, Refusal { what, word }: Refusal) {
+    fn refusal<L: Letters>(&mut self, LineError { what, word }: LineError) {
         let (what, hint) = match what {
-            What::Rate => return self.text::<L>(text::RATE),
-            What::Words => return self.text::<L>(text::WORDS),
-            What::Frequency => (What::Range, text::FREQUENCY),
-            What::Ratio => (What::Range, text::RATIO),
+            LineFault::Rate => return self.text::<L>(text::RATE),
+            LineFault::Words => return self.text::<L>(text::WORDS),
+            LineFault::Frequency => (LineFault::Range, text::FREQUENCY),
+            LineFault::Ratio => (LineFault::Range, text::RATIO),
             what => (what, 0),
         };
         self.text::<L>(text::ERROR);
-        self.text::<L>((what as u8).wrapping_sub(What::Command as u8).wrapping_add(text::FIRST_WHAT));
+        self.text::<L>((what as u8).wrapping_sub(LineFault::Command as u8).wrapping_add(text::FIRST_WHAT));
         self.number(word.into());
         if hint != 0 {
             self.text::<L>(hint);

@@ -1,11 +1,11 @@
-//! What text asks of a board, and what time brings: all of it but lines, pins and the clock.
+//! What lines of text have a whole board do, and when: four paths, drivers, status lines, the deadman. It has no line, no pin and no clock.
 //!
-//! It counts milliseconds by being told of each one; what it works out is played when the board says. Whoever has several
-//! lines to hosts has a [`Reader`] for each, and one session. On an Uno assembly does the same, firmware/uno/src/bin/uno-winch/winch.
+//! It counts milliseconds by one call for each; the board decides when the steps that it works out are made. A board with several
+//! lines to hosts has a [`LineReader`] for each, and one session. On an Uno assembly does the same, firmware/uno/src/bin/uno-winch/winch.
 
 use super::path::{Limits, Path, Slice};
-use super::reply::Reply;
-use super::text::{Reader, Verb};
+use super::reply::LineReply;
+use super::text::{LineCommand, LineReader};
 use crate::wire::Settings;
 
 /// The interval of status lines at first, ms.
@@ -19,8 +19,8 @@ const STOPPED: u32 = 1 << 16;
 /// ```
 /// use pulsetrain_core::winch::letters::InMemory;
 /// use pulsetrain_core::winch::session::Session;
-/// use pulsetrain_core::winch::text::{Heard, Reader};
-/// let (mut session, mut reader) = (Session::new(), Reader::new());
+/// use pulsetrain_core::winch::text::{Heard, LineReader};
+/// let (mut session, mut reader) = (Session::new(), LineReader::new());
 /// let mut steps = 0;
 /// for byte in *b"enable 1\nv x 1000\n" {
 ///     if let Heard::Command(verb) = reader.push::<InMemory>(byte) {
@@ -50,7 +50,7 @@ pub struct Session {
     unheard_ms: u32,
     /// The drivers are to be off after so long a rest; 0: not.
     idle_ms: u16,
-    /// Since an axis went on, or the drivers were last told to be on.
+    /// Since an axis went on, or the drivers were last switched on.
     rested_ms: u16,
 }
 
@@ -89,7 +89,7 @@ impl Session {
     }
 
     /// Does what a line says that `reader` has just heard; gives what is to be answered.
-    pub fn obey(&mut self, verb: Verb, reader: &mut Reader) -> Option<Reply> {
+    pub fn obey(&mut self, verb: LineCommand, reader: &mut LineReader) -> Option<LineReply> {
         self.unheard_ms = 0;
         reader.obey(&mut self.paths);
         let value = reader.value();
@@ -97,29 +97,29 @@ impl Session {
         // The reader takes no more of these than 16 bits.
         let ms = u16::from_le_bytes([low, high]);
         match verb {
-            Verb::Target | Verb::Move | Verb::Drift => self.enable(),
-            Verb::Enable if value != 0 => self.enable(),
-            Verb::Enable => (self.wired, self.releasing) = (true, self.drives),
-            Verb::Impulse | Verb::Ramp => (self.wired, self.releasing) = (true, false),
-            Verb::Gains | Verb::Limits => self.wired = true,
-            Verb::Report => self.report_ms = ms,
-            Verb::Deadman => self.deadman_ms = ms,
-            Verb::Strict => reader.set_strict(value != 0),
-            Verb::Version => return Some(Reply::Id),
-            Verb::Ping => return Some(Reply::Awake),
-            Verb::Unknown => {}
+            LineCommand::Target | LineCommand::Move | LineCommand::Drift => self.enable(),
+            LineCommand::Enable if value != 0 => self.enable(),
+            LineCommand::Enable => (self.wired, self.releasing) = (true, self.drives),
+            LineCommand::Impulse | LineCommand::Ramp => (self.wired, self.releasing) = (true, false),
+            LineCommand::Gains | LineCommand::Limits => self.wired = true,
+            LineCommand::Report => self.report_ms = ms,
+            LineCommand::Deadman => self.deadman_ms = ms,
+            LineCommand::Strict => reader.set_strict(value != 0),
+            LineCommand::Version => return Some(LineReply::Id),
+            LineCommand::Ping => return Some(LineReply::Awake),
+            LineCommand::Unknown => {}
         }
         None
     }
 
-    /// Something else was told than what a [`Verb`] is: the silence is over.
+    /// A line came that is no [`LineCommand`]: the silence is over.
     pub const fn heard(&mut self) {
         self.unheard_ms = 0;
     }
 
     /// Whether the silence lasts longer than it may.
     #[must_use]
-    pub const fn is_forsaken(&self) -> bool {
+    pub const fn deadman_expired(&self) -> bool {
         self.deadman_ms != 0 && self.unheard_ms > self.deadman_ms as u32
     }
 
@@ -174,7 +174,7 @@ impl Session {
         self.unreported_ms >= self.report_ms as u32
     }
 
-    /// A status line was said, or nobody is there to read one.
+    /// A status line was sent, or there is no host to read one.
     pub const fn reported(&mut self) {
         self.unreported_ms = 0;
     }
@@ -198,7 +198,7 @@ mod tests {
     use crate::winch::text::Heard;
 
     fn tell(session: &mut Session, lines: &[u8]) {
-        let mut reader = Reader::new();
+        let mut reader = LineReader::new();
         for byte in lines {
             if let Heard::Command(verb) = reader.push::<InMemory>(*byte) {
                 assert_eq!(session.obey(verb, &mut reader), None);
@@ -223,7 +223,7 @@ mod tests {
         tell(&mut session, b"g x 5 1\nd x 100\n");
         let (ms, rested) = until_off(&mut session).expect("it rests at last");
         assert!(ms > 500 && rested >= 250, "{ms} {rested}");
-        // What switches them on begins the rest anew, also where nothing moves.
+        // A command that switches them on restarts the time of rest, also where nothing moves.
         tell(&mut session, b"enable 1\n");
         assert_eq!(until_off(&mut session).map(|off| off.0), Some(250));
         let mut session = Session::keeping(&Settings::default());

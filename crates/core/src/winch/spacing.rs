@@ -1,7 +1,7 @@
 //! From a millisecond of the path to the ticks of its steps: evenly spaced, anchored to the millisecond.
 //!
 //! Within a slice the path has one speed, so that its steps are one interval apart, and the first comes distance / speed
-//! into it. What is rounded is not carried on: each slice begins anew from the path's own position, at a tick that is a
+//! into it. What is rounded is not carried on: each slice starts from the path's own position, at a tick that is a
 //! multiple of a millisecond's ticks.
 //!
 //! - [`Slice::steps`]: to the nearest tick, for any clock; two quotients of 34 bits.
@@ -24,7 +24,7 @@ pub const MOST_TICKS: u32 = 1 << 17;
 
 /// The steps of a slice, exact but for 2^-16 tick each.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Steps {
+pub struct SliceSteps {
     /// How many: at least 1.
     pub count: u8,
     /// Which way.
@@ -35,7 +35,7 @@ pub struct Steps {
     pub interval: u64,
 }
 
-impl Steps {
+impl SliceSteps {
     /// The ticks, counted from the slice's beginning, each the nearest one; the last may be the next slice's first.
     pub fn ticks(self) -> impl Iterator<Item = u32> {
         let mut next = self.first + (1 << 15);
@@ -72,7 +72,7 @@ impl Slice {
     /// assert_eq!(steps.ticks().collect::<Vec<_>>(), [10_417, 52_083, 93_750]);
     /// ```
     #[must_use]
-    pub fn steps(self, ticks: u32) -> Option<Steps> {
+    pub fn steps(self, ticks: u32) -> Option<SliceSteps> {
         let Slice { count, backward, distance, speed } = self;
         if count == 0 || speed == 0 {
             return None;
@@ -80,7 +80,7 @@ impl Slice {
         let part = |millisteps: u32| quotient((u64::from(millisteps) * u64::from(ticks)) << 16, speed);
         let interval = if count > 1 { part(STEP.unsigned_abs()) } else { 0 };
         let direction = if backward { Direction::Backward } else { Direction::Forward };
-        Some(Steps { count, direction, first: part(distance), interval })
+        Some(SliceSteps { count, direction, first: part(distance), interval })
     }
 
     /// When its steps are due, within [`TOLERANCE_TICKS`] of the exact times; `None` without steps.

@@ -1,10 +1,10 @@
-//! Lines from the host, byte by byte, to commands.
+//! Lines from the host, byte by byte, to commands, and these done to paths. Drivers and status lines are [`session`](super::session)'s.
 //!
 //! A line is kept, and read at its end: a refused one changes nothing. On an Uno assembly does the same,
 //! firmware/uno/src/bin/uno-winch/winch/text.s; crates/board/tests/it/chips/winch_avr.rs compares them.
 
-use super::letters::{Letters, NAMES};
-use super::path::{self, FASTEST, FASTEST_DRIFT, GENTLEST, Gains, Limits, Path, STEEPEST};
+use super::letters::{COMMANDS, Letters, NAMES};
+use super::path::{self, FASTEST, FASTEST_DRIFT, Gains, Limits, MAX_ACCELERATION, MIN_ACCELERATION, Path};
 
 /// Axes: x, y, z, a.
 const COUNT: usize = 4;
@@ -18,7 +18,7 @@ pub const MOST_WORDS: u8 = 10;
 /// What a command is called.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
-pub enum Verb {
+pub enum LineCommand {
     /// `a`: absolute targets, steps. Drivers are to be enabled.
     Target,
     /// `d`: the same, relative.
@@ -50,42 +50,44 @@ pub enum Verb {
     Unknown,
 }
 
-impl Verb {
+impl LineCommand {
     /// The `index`th of the names.
-    const fn of(index: u8) -> Verb {
+    const fn of(index: u8) -> LineCommand {
         match index {
-            0 => Verb::Target,
-            1 => Verb::Move,
-            2 => Verb::Drift,
-            3 => Verb::Impulse,
-            4 => Verb::Ramp,
-            5 => Verb::Gains,
-            6 => Verb::Limits,
-            7 => Verb::Enable,
-            8 => Verb::Report,
-            9 => Verb::Deadman,
-            10 => Verb::Strict,
-            11 => Verb::Version,
-            12 => Verb::Ping,
-            _ => Verb::Unknown,
+            0 => LineCommand::Target,
+            1 => LineCommand::Move,
+            2 => LineCommand::Drift,
+            3 => LineCommand::Impulse,
+            4 => LineCommand::Ramp,
+            5 => LineCommand::Gains,
+            6 => LineCommand::Limits,
+            7 => LineCommand::Enable,
+            8 => LineCommand::Report,
+            9 => LineCommand::Deadman,
+            10 => LineCommand::Strict,
+            11 => LineCommand::Version,
+            12 => LineCommand::Ping,
+            _ => LineCommand::Unknown,
         }
     }
 
     /// Whether it is for the paths of some axes, whose letters come next.
     #[must_use]
     pub const fn has_flags(self) -> bool {
-        (self as u8) <= Verb::Limits as u8
+        (self as u8) <= LineCommand::Limits as u8
     }
 
     const fn is_decimal(self) -> bool {
-        matches!(self, Verb::Gains | Verb::Limits)
+        matches!(self, LineCommand::Gains | LineCommand::Limits)
     }
 }
+
+const _: () = assert!(LineCommand::Unknown as u8 == COMMANDS, "the names stand in the order of the commands");
 
 /// Why a line was refused.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
-pub enum What {
+pub enum LineFault {
     /// Nothing is wrong.
     Nothing,
     /// No such command.
@@ -118,9 +120,9 @@ pub enum What {
 
 /// A refused line, of which nothing was done.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Refusal {
+pub struct LineError {
     /// Why.
-    pub what: What,
+    pub what: LineFault,
     /// In which word, counted from 1.
     pub word: u8,
 }
@@ -131,30 +133,30 @@ pub enum Heard {
     /// Nothing yet.
     Nothing,
     /// A command: the reader has it until the next byte.
-    Command(Verb),
+    Command(LineCommand),
     /// A line that was refused.
-    Refused(Refusal),
+    Refused(LineError),
 }
 
 /// Reads lines.
 ///
 /// ```
 /// use pulsetrain_core::winch::letters::InMemory;
-/// use pulsetrain_core::winch::text::{Heard, Reader, Verb, What};
-/// let mut reader = Reader::new();
+/// use pulsetrain_core::winch::text::{Heard, LineReader, LineCommand, LineFault};
+/// let mut reader = LineReader::new();
 /// let mut hear = |line: &[u8]| line.iter().map(|byte| reader.push::<InMemory>(*byte)).last().unwrap();
-/// assert_eq!(hear(b"a ax 5 7\n"), Heard::Command(Verb::Target));
+/// assert_eq!(hear(b"a ax 5 7\n"), Heard::Command(LineCommand::Target));
 /// let Heard::Refused(refusal) = hear(b"a x seven\n") else { panic!() };
-/// assert_eq!((refusal.what, refusal.word), (What::Number, 3));
+/// assert_eq!((refusal.what, refusal.word), (LineFault::Number, 3));
 /// ```
 #[derive(Clone, Debug)]
-pub struct Reader {
+pub struct LineReader {
     strict: bool,
     /// There was a right checksum since strictness was last set.
     checked: bool,
     /// A line has ended: the next byte begins another.
     over: bool,
-    verb: Verb,
+    verb: LineCommand,
     /// Axes among the flags.
     axes: u8,
     /// Axes with a value.
@@ -162,7 +164,7 @@ pub struct Reader {
     /// Words begun; when the line is read, that of the cursor.
     words: u8,
     /// What was wrong with it first.
-    fault: Refusal,
+    fault: LineError,
     /// A value for each axis; of gains and limits two.
     values: [i32; COUNT],
     /// Bytes of the line, without its end.
@@ -184,25 +186,25 @@ const FARTHEST: i8 = 32;
 /// An exponent that no number is brought back from, by as many digits as a line has beyond those that are kept.
 const FAR: u8 = 50;
 
-impl Default for Reader {
-    fn default() -> Reader {
-        Reader::new()
+impl Default for LineReader {
+    fn default() -> LineReader {
+        LineReader::new()
     }
 }
 
-impl Reader {
+impl LineReader {
     /// At the beginning of a line, not strict.
     #[must_use]
-    pub const fn new() -> Reader {
-        Reader {
+    pub const fn new() -> LineReader {
+        LineReader {
             strict: false,
             checked: false,
             over: true,
-            verb: Verb::Target,
+            verb: LineCommand::Target,
             axes: 0,
             given: 0,
             words: 0,
-            fault: Refusal { what: What::Nothing, word: 0 },
+            fault: LineError { what: LineFault::Nothing, word: 0 },
             values: [0; COUNT],
             len: 0,
             star: 0,
@@ -228,7 +230,7 @@ impl Reader {
     /// Takes a byte, and says at a line's end, unless the line is blank, what it was.
     pub fn push<L: Letters>(&mut self, byte: u8) -> Heard {
         if self.over {
-            (self.over, self.len, self.star, self.words, self.fault.what) = (false, 0, 0, 0, What::Nothing);
+            (self.over, self.len, self.star, self.words, self.fault.what) = (false, 0, 0, 0, LineFault::Nothing);
             self.put(0);
         }
         if byte == b'\n' || byte == b'\r' {
@@ -236,7 +238,7 @@ impl Reader {
             return self.end::<L>();
         }
         if self.len == LONGEST_LINE {
-            self.refuse(What::Long);
+            self.refuse(LineFault::Long);
             return Heard::Nothing;
         }
         if byte == b'*' && self.star == 0 {
@@ -246,11 +248,11 @@ impl Reader {
             if self.star == 0 && is_blank(self.before()) {
                 self.words += 1;
                 if self.words > MOST_WORDS {
-                    self.refuse(What::Words);
+                    self.refuse(LineFault::Words);
                 }
             }
             if !matches!(byte, 0x21..=0x7e) {
-                self.refuse(What::Noise);
+                self.refuse(LineFault::Noise);
             }
         }
         self.put(byte);
@@ -304,8 +306,8 @@ impl Reader {
     /// ```
     /// use pulsetrain_core::winch::letters::InMemory;
     /// use pulsetrain_core::winch::path::Path;
-    /// use pulsetrain_core::winch::text::{Heard, Reader};
-    /// let (mut reader, mut paths) = (Reader::new(), [const { Path::new() }; 4]);
+    /// use pulsetrain_core::winch::text::{Heard, LineReader};
+    /// let (mut reader, mut paths) = (LineReader::new(), [const { Path::new() }; 4]);
     /// for byte in *b"v y 1000\n" {
     ///     if let Heard::Command(_) = reader.push::<InMemory>(byte) {
     ///         reader.obey(&mut paths);
@@ -316,7 +318,7 @@ impl Reader {
     pub fn obey(&self, paths: &mut [Path; COUNT]) {
         let mut bits = self.axes();
         if !self.verb.has_flags() {
-            if self.verb != Verb::Enable || self.value() != 0 {
+            if self.verb != LineCommand::Enable || self.value() != 0 {
                 return;
             }
             bits = 0b1111;
@@ -324,13 +326,13 @@ impl Reader {
         for (path, value) in paths.iter_mut().zip(self.values) {
             if bits & 1 != 0 {
                 match self.verb {
-                    Verb::Gains => self.gains().iter().for_each(|gains| path.set_gains(gains)),
-                    Verb::Limits => self.limits().iter().for_each(|limits| path.set_limits(limits)),
-                    Verb::Target => path.set_target(value),
-                    Verb::Move => path.move_target(value),
-                    Verb::Impulse => path.push_reference(value),
-                    Verb::Drift => path.set_drift(low(value).cast_signed()),
-                    Verb::Ramp => path.set_ramp(low(value)),
+                    LineCommand::Gains => self.gains().iter().for_each(|gains| path.set_gains(gains)),
+                    LineCommand::Limits => self.limits().iter().for_each(|limits| path.set_limits(limits)),
+                    LineCommand::Target => path.set_target(value),
+                    LineCommand::Move => path.move_target(value),
+                    LineCommand::Impulse => path.push_reference(value),
+                    LineCommand::Drift => path.set_drift(low(value).cast_signed()),
+                    LineCommand::Ramp => path.set_ramp(low(value)),
                     _ => path.stop(),
                 }
             }
@@ -338,10 +340,10 @@ impl Reader {
         }
     }
 
-    /// The first fault is the one told.
-    fn refuse(&mut self, what: What) {
-        if self.fault.what == What::Nothing {
-            self.fault = Refusal { what, word: self.words };
+    /// Of several faults the first is reported.
+    fn refuse(&mut self, what: LineFault) {
+        if self.fault.what == LineFault::Nothing {
+            self.fault = LineError { what, word: self.words };
         }
     }
 
@@ -379,11 +381,11 @@ impl Reader {
             self.words == 0 || !(self.strict && self.checked)
         };
         // Whatever else is wrong comes from that; but the end of a line that is too long was not read.
-        if !is_right && self.fault.what != What::Long {
-            self.fault.what = What::Nothing;
-            self.refuse(What::Checksum);
+        if !is_right && self.fault.what != LineFault::Long {
+            self.fault.what = LineFault::Nothing;
+            self.refuse(LineFault::Checksum);
         }
-        if self.fault.what == What::Nothing {
+        if self.fault.what == LineFault::Nothing {
             if self.words == 0 {
                 return Heard::Nothing;
             }
@@ -391,7 +393,7 @@ impl Reader {
             self.refuse(what);
         }
         match self.fault.what {
-            What::Nothing => Heard::Command(self.verb),
+            LineFault::Nothing => Heard::Command(self.verb),
             _ => Heard::Refused(self.fault),
         }
     }
@@ -419,26 +421,26 @@ impl Reader {
     }
 
     /// Reads a line that is not blank; what is wrong with it, at the word of the cursor.
-    fn read<L: Letters>(&mut self) -> What {
+    fn read<L: Letters>(&mut self) -> LineFault {
         (self.at, self.words, self.axes, self.given, self.values) = (0, 0, 0, 0, [0; COUNT]);
         self.begin_word();
         if !self.find::<L>() {
-            return What::Command;
+            return LineFault::Command;
         }
         // Values that are wanted.
         let mut left = match self.verb {
-            Verb::Version | Verb::Ping => 0,
+            LineCommand::Version | LineCommand::Ping => 0,
             _ => 1,
         };
         let mut flag = 0;
         if self.verb.has_flags() {
             if !self.begin_word() {
-                return What::Missing;
+                return LineFault::Missing;
             }
             flag = self.at;
             left = self.read_flags();
             if self.axes == 0 || self.strict && left == u8::MAX {
-                return What::Flags;
+                return LineFault::Flags;
             }
             if self.verb.is_decimal() {
                 left = 2;
@@ -449,7 +451,7 @@ impl Reader {
         while self.begin_word() {
             if left == 0 {
                 if self.strict {
-                    return What::Extra;
+                    return LineFault::Extra;
                 }
                 self.skip_word();
                 continue;
@@ -468,13 +470,13 @@ impl Reader {
                 }
                 self.read_whole(axis)
             };
-            if what != What::Nothing {
+            if what != LineFault::Nothing {
                 return what;
             }
             index += 1;
         }
         // An axis without a value is left alone; with none at all nothing would be done.
-        if left != 0 && (all || index == 0) { What::Missing } else { What::Nothing }
+        if left != 0 && (all || index == 0) { LineFault::Missing } else { LineFault::Nothing }
     }
 
     /// Goes to the next word; whether there is one.
@@ -495,7 +497,7 @@ impl Reader {
     /// Finds the command that the word is.
     fn find<L: Letters>(&mut self) -> bool {
         let (begin, mut name, mut index) = (self.at, NAMES, 0);
-        while index < Verb::Unknown as u8 {
+        while index < LineCommand::Unknown as u8 {
             self.at = begin;
             let mut same = true;
             loop {
@@ -510,7 +512,7 @@ impl Reader {
                 }
             }
             if same && is_end(self.byte()) {
-                self.verb = Verb::of(index);
+                self.verb = LineCommand::of(index);
                 return true;
             }
             index += 1;
@@ -607,64 +609,64 @@ impl Reader {
     }
 
     /// Reads a whole number, the value of `axis`.
-    fn read_whole(&mut self, axis: u8) -> What {
-        let Some(number) = self.number() else { return What::Number };
+    fn read_whole(&mut self, axis: u8) -> LineFault {
+        let Some(number) = self.number() else { return LineFault::Number };
         if self.strict && number.is_cut {
-            return What::Number;
+            return LineFault::Number;
         }
         let Number { is_negative, digits, power, .. } = number;
         if power != 0 || digits > 0x7fff_ffff + u32::from(is_negative) {
-            return What::Range;
+            return LineFault::Range;
         }
         let mut value = digits.cast_signed();
         if is_negative {
             value = value.wrapping_neg();
         }
         self.given |= bit(axis);
-        let Some(place) = self.values.get_mut(usize::from(axis)) else { return What::Nothing };
+        let Some(place) = self.values.get_mut(usize::from(axis)) else { return LineFault::Nothing };
         match self.verb {
-            Verb::Move | Verb::Impulse => {
+            LineCommand::Move | LineCommand::Impulse => {
                 // Named twice, an axis moves by both.
                 let (sum, overflow) = place.overflowing_add(value);
                 if overflow {
-                    return What::Range;
+                    return LineFault::Range;
                 }
                 value = sum;
             }
-            Verb::Drift if digits > u32::from(FASTEST_DRIFT) => {
+            LineCommand::Drift if digits > u32::from(FASTEST_DRIFT) => {
                 // No motor goes so fast.
                 if self.strict || digits > 0x7fff_ffff {
-                    return What::Range;
+                    return LineFault::Range;
                 }
                 let fastest = i32::from(FASTEST_DRIFT);
                 value = if is_negative { -fastest } else { fastest };
             }
-            Verb::Strict if value.cast_unsigned() > 1 => return What::Range,
-            Verb::Enable if self.strict && value.cast_unsigned() > 1 => return What::Range,
-            Verb::Report if value <= 0 => return What::Rate,
-            Verb::Ramp if value < 0 => value = 0,
-            Verb::Ramp | Verb::Report | Verb::Deadman => {
+            LineCommand::Strict if value.cast_unsigned() > 1 => return LineFault::Range,
+            LineCommand::Enable if self.strict && value.cast_unsigned() > 1 => return LineFault::Range,
+            LineCommand::Report if value <= 0 => return LineFault::Rate,
+            LineCommand::Ramp if value < 0 => value = 0,
+            LineCommand::Ramp | LineCommand::Report | LineCommand::Deadman => {
                 let [_, _, b2, b3] = value.to_le_bytes();
                 if b2 | b3 != 0 {
-                    return What::Range;
+                    return LineFault::Range;
                 }
             }
             _ => {}
         }
         *place = value;
-        What::Nothing
+        LineFault::Nothing
     }
 
     /// Reads a decimal, the first or second of gains or limits.
-    fn read_decimal(&mut self, index: u8) -> What {
-        let Some(number) = self.number() else { return What::Number };
-        let is_gain = self.verb == Verb::Gains;
+    fn read_decimal(&mut self, index: u8) -> LineFault {
+        let Some(number) = self.number() else { return LineFault::Number };
+        let is_gain = self.verb == LineCommand::Gains;
         let [of_limits, of_gains] = PLACES;
         let (range, out_of_range) = match (is_gain, index) {
-            (true, 0) => (path::FREQUENCIES, What::Frequency),
-            (true, _) => (path::RATIOS, What::Ratio),
-            (false, 0) => ([0, u32::from(FASTEST) * 1000], What::Range),
-            (false, _) => ([GENTLEST * 1000, STEEPEST * 1000], What::Range),
+            (true, 0) => (path::FREQUENCIES, LineFault::Frequency),
+            (true, _) => (path::RATIOS, LineFault::Ratio),
+            (false, 0) => ([0, u32::from(FASTEST) * 1000], LineFault::Range),
+            (false, _) => ([MIN_ACCELERATION * 1000, MAX_ACCELERATION * 1000], LineFault::Range),
         };
         let Some(mut value) = number.scaled(if is_gain { of_gains } else { of_limits }) else { return out_of_range };
         if number.is_negative && value != 0 {
@@ -681,7 +683,7 @@ impl Reader {
         if let Some(place) = self.values.get_mut(usize::from(index)) {
             *place = value.cast_signed();
         }
-        What::Nothing
+        LineFault::Nothing
     }
 }
 

@@ -1,4 +1,4 @@
-//! Verbs as lines of text, beside the winch's, and what is said to them.
+//! Verbs as lines of text, in addition to the winch's lines, and the replies to them.
 //!
 //! | line | |
 //! |---|---|
@@ -10,11 +10,11 @@
 //!
 //! All that a line says holds from the same tick on, and the answer says which. docs/pico.md has what the verbs mean.
 //!
-//! Lines are cut, and their checksums compared, by the winch's [`Reader`](super::text::Reader), which knows none of these
+//! Lines are cut, and their checksums compared, by the winch's [`LineReader`](super::text::LineReader), which knows none of these
 //! words.
 
 use super::AXES;
-use super::text::What;
+use super::text::LineFault;
 use crate::verbs::{Heading, Verb};
 use crate::wire::Refusal;
 use crate::wire::message::Reason;
@@ -22,24 +22,24 @@ use crate::wire::orders::{ORDER_LEN, Obeyed, Orders, order};
 
 /// What a line says.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Read {
+pub enum VerbLine {
     /// Its first word is none of these.
     Unknown,
     /// It cannot be read: what is wrong, and in which word, counted from 1.
-    Refused(What, u8),
+    Refused(LineFault, u8),
     /// Something to do.
-    Told(Told),
+    Orders(LineOrders),
 }
 
 /// A line that was read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Told {
+pub struct LineOrders {
     orders: [[u8; ORDER_LEN]; AXES.len()],
     count: u8,
     axes: u8,
 }
 
-impl Told {
+impl LineOrders {
     /// The same as in a frame.
     #[must_use]
     pub fn orders(&self) -> Option<Orders<'_>> {
@@ -56,36 +56,36 @@ impl Told {
 /// Reads a line, without its end and its checksum.
 ///
 /// ```
-/// use pulsetrain_core::winch::verb_lines::{Read, read};
+/// use pulsetrain_core::winch::verb_lines::{VerbLine, read};
 /// use pulsetrain_core::verbs::Verb;
-/// use pulsetrain_core::winch::text::What;
-/// let Read::Told(told) = read(b"move xz 100 8") else { panic!() };
-/// let orders: Vec<_> = told.orders().unwrap().iter().collect();
+/// use pulsetrain_core::winch::text::LineFault;
+/// let VerbLine::Orders(line) = read(b"move xz 100 8") else { panic!() };
+/// let orders: Vec<_> = line.orders().unwrap().iter().collect();
 /// assert_eq!(orders, [(0, Verb::Move { steps: 100 }), (2, Verb::Move { steps: 8 })]);
-/// assert_eq!(read(b"move x many"), Read::Refused(What::Number, 3));
-/// assert_eq!(read(b"a x 5"), Read::Unknown);
+/// assert_eq!(read(b"move x many"), VerbLine::Refused(LineFault::Number, 3));
+/// assert_eq!(read(b"a x 5"), VerbLine::Unknown);
 /// ```
 #[must_use]
-pub fn read(line: &[u8]) -> Read {
+pub fn read(line: &[u8]) -> VerbLine {
     let mut words = line.split(|byte| *byte == b' ' || *byte == b'\t').filter(|word| !word.is_empty());
-    let Some(name) = words.next() else { return Read::Unknown };
+    let Some(name) = words.next() else { return VerbLine::Unknown };
     let (has_value, is_halt) = match name {
         b"move" | b"speed" | b"dir" => (true, false),
         b"run" => (false, false),
         b"halt" => (false, true),
-        _ => return Read::Unknown,
+        _ => return VerbLine::Unknown,
     };
-    let mut told = Told { orders: [[0; ORDER_LEN]; AXES.len()], count: 0, axes: 0 };
+    let mut line = LineOrders { orders: [[0; ORDER_LEN]; AXES.len()], count: 0, axes: 0 };
     let flags = match words.next() {
         Some(flags) => flags,
         None if is_halt => &AXES,
-        None => return Read::Refused(What::Missing, 2),
+        None => return VerbLine::Refused(LineFault::Missing, 2),
     };
     let (mut last, mut word) = (None, 2);
     for flag in flags {
-        let axis = (0..).zip(AXES).find(|(axis, name)| name == flag && told.axes >> axis & 1 == 0);
-        let Some((axis, _)) = axis else { return Read::Refused(What::Flags, 2) };
-        told.axes |= 1 << axis;
+        let axis = (0..).zip(AXES).find(|(axis, name)| name == flag && line.axes >> axis & 1 == 0);
+        let Some((axis, _)) = axis else { return VerbLine::Refused(LineFault::Flags, 2) };
+        line.axes |= 1 << axis;
         let verb = if has_value {
             let verb = match words.next() {
                 Some(value) => {
@@ -93,12 +93,12 @@ pub fn read(line: &[u8]) -> Read {
                     verb(name, value)
                 }
                 // One value is for all.
-                None if word == 3 => last.ok_or(What::Missing),
-                None => Err(What::Missing),
+                None if word == 3 => last.ok_or(LineFault::Missing),
+                None => Err(LineFault::Missing),
             };
             match verb {
                 Ok(verb) => verb,
-                Err(what) => return Read::Refused(what, if what == What::Missing { word + 1 } else { word }),
+                Err(what) => return VerbLine::Refused(what, if what == LineFault::Missing { word + 1 } else { word }),
             }
         } else if is_halt {
             Verb::Halt
@@ -106,31 +106,31 @@ pub fn read(line: &[u8]) -> Read {
             Verb::Run
         };
         last = Some(verb);
-        if let Some(place) = told.orders.get_mut(usize::from(told.count)) {
+        if let Some(place) = line.orders.get_mut(usize::from(line.count)) {
             *place = order(axis, verb);
         }
-        told.count += 1;
+        line.count += 1;
     }
     if words.next().is_some() {
-        return Read::Refused(What::Extra, word + 1);
+        return VerbLine::Refused(LineFault::Extra, word + 1);
     }
-    Read::Told(told)
+    VerbLine::Orders(line)
 }
 
 /// What `name` says with that value.
-fn verb(name: &[u8], value: &[u8]) -> Result<Verb, What> {
+fn verb(name: &[u8], value: &[u8]) -> Result<Verb, LineFault> {
     let (is_negative, digits) = match value {
         [b'-', digits @ ..] => (true, digits),
         [b'+', digits @ ..] | digits => (false, digits),
     };
     if digits.is_empty() {
-        return Err(What::Number);
+        return Err(LineFault::Number);
     }
     let mut number = 0_u64;
     for digit in digits {
         let digit = digit.wrapping_sub(b'0');
         if digit > 9 {
-            return Err(What::Number);
+            return Err(LineFault::Number);
         }
         number = number.saturating_mul(10).saturating_add(digit.into());
     }
@@ -139,20 +139,20 @@ fn verb(name: &[u8], value: &[u8]) -> Result<Verb, What> {
         (b"dir", false, 1) => Ok(Verb::Heading(Heading::Forward)),
         (b"dir", true, 1) => Ok(Verb::Heading(Heading::Backward)),
         (b"speed", false, ticks) => Ok(Verb::Speed { ticks }),
-        (b"move", false, steps) => u32::try_from(steps).map(|steps| Verb::Move { steps }).map_err(|_| What::Range),
-        _ => Err(What::Range),
+        (b"move", false, steps) => u32::try_from(steps).map(|steps| Verb::Move { steps }).map_err(|_| LineFault::Range),
+        _ => Err(LineFault::Range),
     }
 }
 
 /// A line to the host.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Reply {
+pub enum VerbReply {
     /// `at <tick> x <position> <ticks to the next step> …`: the axes that a line named. `-` instead of ticks: no step comes, or none
     /// within 2^32 ticks.
     At {
         /// From where on it holds, and what each axis does then.
         obeyed: Obeyed,
-        /// As [`Told::axes`].
+        /// As [`LineOrders::axes`].
         axes: u8,
     },
     /// `done <axis> <tick> <number>`: a move was done, the last step's period included; the axis' so many since it was enabled.
@@ -164,20 +164,20 @@ pub enum Reply {
         /// Of this axis, wrapping.
         number: u32,
     },
-    /// `uncertain <axes>`: a deadman stopped them between two steps, without a ramp. Text knows no pull-in speed: whoever was faster may
+    /// `uncertain <axes>`: a deadman stopped them between two steps, without a ramp. Text knows no pull-in speed: an axis that was faster may
     /// stand elsewhere than it counts.
     Uncertain {
-        /// As [`Told::axes`].
+        /// As [`LineOrders::axes`].
         axes: u8,
     },
     /// `err <what> <word>`: the line cannot be read.
-    Unread(What, u8),
-    /// `err period <shortest>`, `err busy <axis>`: it cannot be done; `err stopped`: motors stopped by themselves, and text begins anew;
+    Unread(LineFault, u8),
+    /// `err period <shortest>`, `err busy <axis>`: it cannot be done; `err stopped`: motors stopped by themselves, and text starts again;
     /// `err moving`: the axes cannot be had, as motors of frames still move, or these after `enable 0`.
     Refused(Refusal),
     /// `err path`: the winch's paths have the axes; `enable 0` ends that.
     Path,
-    /// `err verbs`: the axes are told directly, and have no paths; `enable 0` ends that.
+    /// `err verbs`: the axes have orders, and no paths; `enable 0` ends that.
     Verbs,
 }
 
@@ -185,19 +185,19 @@ pub enum Reply {
 pub const LONGEST: usize =
     "at ".len() + 20 + AXES.len() * (" x".len() + " -2147483648".len() + " 4294967295".len()) + 2;
 
-impl Reply {
+impl VerbReply {
     /// Writes it, with CR LF, and says how many bytes it has; [`LONGEST`] at most.
     ///
     /// ```
-    /// use pulsetrain_core::winch::verb_lines::{LONGEST, Reply};
+    /// use pulsetrain_core::winch::verb_lines::{LONGEST, VerbReply};
     /// let mut line = [0; LONGEST];
-    /// let len = Reply::Done { axis: 3, tick: u64::MAX, number: 7 }.write(&mut line);
+    /// let len = VerbReply::Done { axis: 3, tick: u64::MAX, number: 7 }.write(&mut line);
     /// assert_eq!(line[..len], *b"done a 18446744073709551615 7\r\n");
     /// ```
     pub fn write(&self, out: &mut [u8]) -> usize {
-        let mut to = Writer { out, len: 0 };
+        let mut to = LineWriter { out, len: 0 };
         match self {
-            Reply::At { obeyed, axes } => {
+            VerbReply::At { obeyed, axes } => {
                 to.text(b"at");
                 to.number(obeyed.tick);
                 for ((axis, next), name) in (0..).zip(obeyed.motors()).zip(AXES) {
@@ -212,13 +212,13 @@ impl Reply {
                     }
                 }
             }
-            Reply::Done { axis, tick, number } => {
+            VerbReply::Done { axis, tick, number } => {
                 to.text(b"done ");
                 to.text(&[name(u16::from(*axis))]);
                 to.number(*tick);
                 to.number((*number).into());
             }
-            Reply::Uncertain { axes } => {
+            VerbReply::Uncertain { axes } => {
                 to.text(b"uncertain ");
                 for (axis, name) in (0..).zip(AXES) {
                     if axes >> axis & 1 != 0 {
@@ -226,28 +226,28 @@ impl Reply {
                     }
                 }
             }
-            Reply::Unread(what, word) => {
+            VerbReply::Unread(what, word) => {
                 to.text(match what {
-                    What::Flags => b"err flags",
-                    What::Number => b"err number",
-                    What::Range => b"err range",
-                    What::Missing => b"err missing",
+                    LineFault::Flags => b"err flags",
+                    LineFault::Number => b"err number",
+                    LineFault::Range => b"err range",
+                    LineFault::Missing => b"err missing",
                     _ => b"err extra",
                 });
                 to.number((*word).into());
             }
-            Reply::Refused(Refusal { reason: Reason::Period, detail }) => {
+            VerbReply::Refused(Refusal { reason: Reason::Period, detail }) => {
                 to.text(b"err period");
                 to.number((*detail).into());
             }
-            Reply::Refused(Refusal { reason: Reason::Busy, detail }) => {
+            VerbReply::Refused(Refusal { reason: Reason::Busy, detail }) => {
                 to.text(b"err busy ");
                 to.text(&[name(*detail)]);
             }
-            Reply::Refused(Refusal { reason: Reason::NotArmed, .. }) => to.text(b"err stopped"),
-            Reply::Refused(_) => to.text(b"err moving"),
-            Reply::Path => to.text(b"err path"),
-            Reply::Verbs => to.text(b"err verbs"),
+            VerbReply::Refused(Refusal { reason: Reason::NotArmed, .. }) => to.text(b"err stopped"),
+            VerbReply::Refused(_) => to.text(b"err moving"),
+            VerbReply::Path => to.text(b"err path"),
+            VerbReply::Verbs => to.text(b"err verbs"),
         }
         to.text(b"\r\n");
         to.len
@@ -269,12 +269,12 @@ const fn name(axis: u16) -> u8 {
 }
 
 /// Bytes of a line being written; what does not fit is lost.
-struct Writer<'a> {
+struct LineWriter<'a> {
     out: &'a mut [u8],
     len: usize,
 }
 
-impl Writer<'_> {
+impl LineWriter<'_> {
     fn text(&mut self, text: &[u8]) {
         for byte in text {
             if let Some(place) = self.out.get_mut(self.len) {

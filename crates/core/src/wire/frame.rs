@@ -1,4 +1,4 @@
-//! Bodies ↔ bytes on the line.
+//! Bodies ↔ bytes on the line. What is in a body is [`message`](super::message)'s.
 //!
 //! | bytes | |
 //! |---|---|

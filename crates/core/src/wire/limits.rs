@@ -1,9 +1,9 @@
 //! What all of the protocol builds on: its version, the number of motors, the rates of the line, its clock.
 
-/// Of this description; a host that finds another one says so and goes away.
+/// The protocol's version. A host that meets a board with another one reports that and ends the session.
 pub const VERSION: u8 = 3;
 
-/// Motors that messages have room for.
+/// Motors that messages have room for: flags of motors have a bit each in a byte.
 pub const MAX_MOTORS: usize = 8;
 const _: () = assert!(MAX_MOTORS == crate::verbs::MAX_MOTORS, "orders name as many");
 
@@ -41,7 +41,7 @@ impl Baud {
     }
 
     /// Stop bits that a host puts behind each of its bytes; one is enough for every board. The second is a rest for a board that
-    /// is told much at a high rate, and takes each byte by an interrupt. At 115 200 baud, where text is told too, there is one.
+    /// receives much at a high rate, and takes each byte by an interrupt. At 115 200 baud, where text is sent too, there is one.
     ///
     /// ```
     /// use pulsetrain_core::wire::Baud;

@@ -1,4 +1,5 @@
-//! What a board must be able to do for the [`Service`](super::Service).
+//! What a board must be able to do for the [`Service`](super::Service): its motors, its clock, its line. How a board does it is not
+//! known here.
 
 use super::frame::Encoder;
 use super::limits::{Baud, MAX_MOTORS};
@@ -18,7 +19,7 @@ pub trait Machine {
     /// [`extend`](Machine::extend), [`trim`](Machine::trim), [`brake`](Machine::brake).
     const PLANS: bool = true;
 
-    /// Whether its motors can be told directly: [`obey`](Machine::obey).
+    /// Whether its motors take orders directly: [`obey`](Machine::obey).
     const OBEYS: bool = false;
 
     /// Whether it keeps settings without power: [`store`](Machine::store).
@@ -115,7 +116,7 @@ pub trait Machine {
     /// The immediate, unplanned stop: no step begins from now on. The motors stay powered, but must be armed again.
     fn stop_now(&mut self) -> Stopped;
 
-    /// Has motors do what they are told directly, all of it or nothing. From then on, until they are released or stopped, no plans
+    /// Has motors obey orders, all of them or none. From then on, until they are released or stopped, no plans
     /// are taken.
     ///
     /// # Errors
@@ -186,11 +187,11 @@ pub trait Machine {
     /// ([`Cause::BaudFellBack`](super::message::Cause::BaudFellBack)).
     fn rate_fell_back(&mut self);
 
-    /// The board has no host any more: the host said good-bye, or was silent for too long. Motors follow what is queued up
+    /// The board has no host any more: it sent Bye, or (`lost`) was silent for too long. Motors follow what is queued up
     /// to the end of its lease.
     fn host_gone(&mut self, lost: bool);
 
-    /// What the host has not been told yet, oldest first.
+    /// The next event that was not sent to the host yet, oldest first.
     fn event(&mut self) -> Option<Event>;
 }
 

@@ -71,9 +71,9 @@ pub mod kind {
 
 /// Reads a payload from the front.
 #[derive(Debug)]
-struct Reader<'a>(&'a [u8]);
+struct Payload<'a>(&'a [u8]);
 
-impl<'a> Reader<'a> {
+impl<'a> Payload<'a> {
     fn array<const N: usize>(&mut self) -> Option<[u8; N]> {
         let (head, rest) = self.0.split_first_chunk::<N>()?;
         self.0 = rest;
@@ -109,7 +109,7 @@ pub enum Command<'a> {
     ///
     /// | byte | |
     /// |---|---|
-    /// | 2 | the host's [`VERSION`](VERSION) |
+    /// | 2 | the host's [`VERSION`] |
     /// | 3–6 | a number of the host's choice, new for each session; the answer repeats it |
     Hello {
         /// The host's protocol.
@@ -537,7 +537,7 @@ pub const COILS: [u8; 3] = [240, 241, 242];
 pub const MOTOR_SETUP_LEN: usize = 8;
 
 /// Every board takes bodies of so many bytes: a configuration of four motors. How many more it takes, [`Info`] says.
-pub const LEAST_BODY: usize = 2 + 13 + 4 * MOTOR_SETUP_LEN;
+pub const MIN_BODY: usize = 2 + 13 + 4 * MOTOR_SETUP_LEN;
 
 /// What [`MotorSetup::queue_parts`] are parts of.
 pub const QUEUE_PARTS: u8 = 64;
@@ -670,7 +670,7 @@ impl<'a> Configuration<'a> {
 }
 
 /// Whether flags, parts of the queues and length of a configuration are right.
-// Apart: what a board needs in registers here need not be kept beside the fields.
+// A function of its own, so that the registers it needs are not kept while fields are written.
 #[inline(never)]
 fn is_configuration(head: &[u8; 13], motors: &[u8]) -> bool {
     let [_, _, _, _, _, _, _, flags, _, _, _, _, count] = *head;
@@ -686,7 +686,7 @@ fn is_configuration(head: &[u8; 13], motors: &[u8]) -> bool {
 ///
 /// | byte | |
 /// |---|---|
-/// | 2 | protocol: [`VERSION`](VERSION) |
+/// | 2 | protocol: [`VERSION`] |
 /// | 3–6 | the host's number from Hello |
 /// | 7 | the session's [`Tag`]: of all frames that follow, both ways |
 /// | 8 | board: 1 the Uno, 2 the Pico; 0 a model |
@@ -788,7 +788,7 @@ impl Info {
         }
     }
 
-    fn decode(reader: &mut Reader<'_>) -> Option<Info> {
+    fn decode(reader: &mut Payload<'_>) -> Option<Info> {
         Some(Info {
             nonce: reader.u32()?,
             tag: Tag(reader.u8()?),
@@ -802,7 +802,7 @@ impl Info {
             bauds: reader.u8()?,
             last_stop: Cause::from_code(reader.u8()?)?,
             last_reset: Cause::from_code(reader.u8()?)?,
-            max_body: reader.u8().filter(|len| (LEAST_BODY..=MAX_BODY).contains(&usize::from(*len)))?,
+            max_body: reader.u8().filter(|len| (MIN_BODY..=MAX_BODY).contains(&usize::from(*len)))?,
             image: reader.u8().unwrap_or(0),
         })
     }
@@ -973,7 +973,7 @@ impl Status {
         self.head.flags & flags::IDLE != 0
     }
 
-    fn decode(reader: &mut Reader<'_>) -> Option<Status> {
+    fn decode(reader: &mut Payload<'_>) -> Option<Status> {
         let tick = reader.u64()?;
         // Not before the clock was read, or but a little.
         let ahead = reader.u32()?.wrapping_sub(Tick32::of(tick).0).cast_signed();
@@ -1047,7 +1047,7 @@ impl Measures {
         frame.u64(self.idle_ticks);
     }
 
-    fn decode(reader: &mut Reader<'_>) -> Option<Measures> {
+    fn decode(reader: &mut Payload<'_>) -> Option<Measures> {
         Some(Measures {
             late: reader.u16()?,
             latest_ticks: reader.u16()?,
@@ -1097,7 +1097,7 @@ impl Event {
         frame.u32(self.detail);
     }
 
-    fn decode(reader: &mut Reader<'_>) -> Option<Event> {
+    fn decode(reader: &mut Payload<'_>) -> Option<Event> {
         Some(Event {
             cause: Cause::from_code(reader.u8()?)?,
             motor: reader.u8()?,
@@ -1218,7 +1218,7 @@ impl Reply {
     /// Gives the sequence number with it.
     #[must_use]
     pub fn decode(body: &[u8]) -> Option<(u8, Reply)> {
-        let mut reader = Reader(body);
+        let mut reader = Payload(body);
         let (seq, code) = (reader.u8()?, reader.u8()?);
         let reply = match code {
             kind::EVENT => Reply::Event(Event::decode(&mut reader)?),
@@ -1233,7 +1233,7 @@ impl Reply {
         reader.end((seq, reply))
     }
 
-    fn answer(kind: u8, reader: &mut Reader<'_>) -> Option<Reply> {
+    fn answer(kind: u8, reader: &mut Payload<'_>) -> Option<Reply> {
         Some(match kind {
             // Another version may go on otherwise: `version_of` reads that byte.
             kind::HELLO => {

@@ -3,7 +3,7 @@
 //! # What is here, top down
 //! - [`service`]: the board's side: frames in, replies out, everything else through [`Machine`]
 //! - [`machine`]: what a board must be able to do for it
-//! - [`message`]: commands, answers, events, byte by byte; [`orders`]: those that tell motors directly; [`settings`]: what a board
+//! - [`message`]: commands, answers, events, byte by byte; [`orders`]: verbs for motors; [`settings`]: what a board
 //!   keeps without power
 //! - [`outcome`]: how it went, and why it was refused: codes
 //! - [`limits`]: the version, the rates of the line, numbers that all of it builds on
@@ -26,7 +26,7 @@ pub mod settings;
 pub use frame::{Decoder, Encoder, MAX_BODY, MAX_FRAME};
 pub use limits::{Baud, MAX_MOTORS, Millis, VERSION};
 pub use machine::Machine;
-pub use message::{Command, LEAST_BODY, Reply};
+pub use message::{Command, MIN_BODY, Reply};
 pub use outcome::{Reason, Refusal, Stopped, Switched, Trimmed};
 pub use service::Service;
 pub use settings::{Settings, Stored};

@@ -1,4 +1,4 @@
-//! Verbs in frames: what a host tells motors directly, and what comes of it.
+//! Verbs in frames: orders to motors, and the answer. What verbs do is [`verbs`](crate::verbs)'.
 
 use super::frame::Encoder;
 use super::limits::MAX_MOTORS;
@@ -20,7 +20,7 @@ mod code {
     pub(super) const HALT: u8 = 4;
 }
 
-/// Verbs for motors, all from the same tick on; what they mean is [`verbs`](crate::verbs)' business.
+/// Verbs for motors, all from the same tick on; [`verbs`](crate::verbs) says what each does.
 ///
 /// | byte | |
 /// |---|---|
@@ -34,7 +34,7 @@ pub struct Orders<'a> {
 }
 
 impl<'a> Orders<'a> {
-    /// Nothing is told, only asked.
+    /// No order: a question only.
     pub const NONE: Orders<'static> = Orders { bytes: &[] };
 
     /// Of a frame's payload; `None` if it is none.
@@ -45,18 +45,18 @@ impl<'a> Orders<'a> {
         (whole && orders.iter().all(|order| read(order).is_some())).then_some(Orders { bytes })
     }
 
-    /// Whether nothing is told.
+    /// Whether there is no order.
     #[must_use]
     pub const fn is_empty(&self) -> bool {
         self.bytes.is_empty()
     }
 
-    /// The motors, and what each is told.
+    /// The motors, and a verb for each.
     pub fn iter(&self) -> impl Iterator<Item = (u8, Verb)> + 'a {
         self.bytes.as_chunks::<ORDER_LEN>().0.iter().filter_map(read)
     }
 
-    /// What one motor is told, in order; `motor` is below 8. Those of others are not even read.
+    /// The verbs for one motor, in order; `motor` is below 8. Those of others are not decoded.
     pub fn of(&self, motor: u8) -> impl Iterator<Item = Verb> + 'a {
         let own = self.bytes.as_chunks::<ORDER_LEN>().0.iter().filter(move |[first, ..]| first & 15 == motor);
         own.filter_map(|order| Some(read(order)?.1))
@@ -142,13 +142,13 @@ pub const fn order(motor: u8, verb: Verb) -> [u8; ORDER_LEN] {
 pub struct Obeyed {
     /// The tick from which on the order holds: steps before it are as they were to be.
     pub tick: u64,
-    motors: [Next; MAX_MOTORS],
+    motors: [NextStep; MAX_MOTORS],
     count: u8,
 }
 
 /// What a motor does from a tick on.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Next {
+pub struct NextStep {
     /// Steps forward less steps backward before it, modulo 2^32.
     pub position: i32,
     /// Ticks from there to the next step; [`u32::MAX`]: none, or later.
@@ -157,7 +157,8 @@ pub struct Next {
 
 impl Obeyed {
     /// Of no motors.
-    pub const NONE: Obeyed = Obeyed { tick: 0, motors: [Next { position: 0, wait: u32::MAX }; MAX_MOTORS], count: 0 };
+    pub const NONE: Obeyed =
+        Obeyed { tick: 0, motors: [NextStep { position: 0, wait: u32::MAX }; MAX_MOTORS], count: 0 };
 
     /// Of motors at tick `tick`: where each is, and when it steps next.
     #[must_use]
@@ -165,13 +166,13 @@ impl Obeyed {
         let mut obeyed = Obeyed { tick, ..Obeyed::NONE };
         for (place, (position, next)) in obeyed.motors.iter_mut().zip(motors) {
             let wait = next.and_then(|next| u32::try_from(next.saturating_sub(tick)).ok());
-            *place = Next { position, wait: wait.unwrap_or(u32::MAX) };
+            *place = NextStep { position, wait: wait.unwrap_or(u32::MAX) };
             obeyed.count += 1;
         }
         obeyed
     }
 
-    /// What motors do from the tick on up to which their steps are worked out, unless they are told something else.
+    /// What motors do from the tick on up to which their steps are worked out, unless other orders come.
     #[must_use]
     pub fn by(verbs: &Verbs) -> Obeyed {
         Obeyed::new(verbs.known(), verbs.next_steps())
@@ -179,7 +180,7 @@ impl Obeyed {
 
     /// Each motor's.
     #[must_use]
-    pub fn motors(&self) -> &[Next] {
+    pub fn motors(&self) -> &[NextStep] {
         self.motors.get(..usize::from(self.count)).unwrap_or_default()
     }
 
@@ -194,7 +195,7 @@ impl Obeyed {
         let (motors, rest) = rest.as_chunks::<8>();
         let mut obeyed = Obeyed { tick: u64::from_le_bytes(*tick), count: *count, ..Obeyed::NONE };
         for (place, [a, b, c, d, wait @ ..]) in obeyed.motors.iter_mut().zip(motors) {
-            *place = Next { position: i32::from_le_bytes([*a, *b, *c, *d]), wait: u32::from_le_bytes(*wait) };
+            *place = NextStep { position: i32::from_le_bytes([*a, *b, *c, *d]), wait: u32::from_le_bytes(*wait) };
         }
         let whole = rest.is_empty() && motors.len() == usize::from(*count) && motors.len() <= MAX_MOTORS;
         whole.then_some(obeyed)
@@ -203,10 +204,10 @@ impl Obeyed {
 
 /// Writes an [`Obeyed`] that a small board has no room for, of [`MAX_MOTORS`] at most.
 #[expect(clippy::cast_possible_truncation, reason = "at most 8")]
-pub fn encode_obeyed(tick: u64, motors: &[Next], frame: &mut Encoder<'_>) {
+pub fn encode_obeyed(tick: u64, motors: &[NextStep], frame: &mut Encoder<'_>) {
     frame.u64(tick);
     frame.u8(motors.len() as u8);
-    for Next { position, wait } in motors {
+    for NextStep { position, wait } in motors {
         frame.u32(position.cast_unsigned());
         frame.u32(*wait);
     }

@@ -24,7 +24,7 @@ macro_rules! codes {
 }
 
 codes! {
-    /// Why a board refuses what a correct frame asks. `detail` is the number that comes with it, 0 where none is told.
+    /// Why a board refuses what a correct frame asks. `detail` is the number that comes with it, 0 where there is none.
     Reason {
         /// No such kind, or not for a board: `detail` is the kind.
         UnknownKind = 1,
@@ -57,20 +57,20 @@ codes! {
         Baud = 14,
         /// A period that is shorter than the motor's shortest, which is `detail`, ticks; or beyond 2^62.
         Period = 15,
-        /// A move waits already behind the one that is under way, or four were not told as done yet; `detail` is the motor.
+        /// A move waits already behind the one that is under way, or four that are done were not reported yet; `detail` is the motor.
         Busy = 16,
-        /// Motors are told directly, until they are released or stopped: no plan is taken.
+        /// Motors have orders, until they are released or stopped: no plan is taken.
         Obeying = 17,
         /// A motion in the board's flash runs: only StopNow is taken.
         Baked = 18,
-        /// Motors that share a DIR line are not told directly on this board.
+        /// Motors that share a DIR line take no orders on this board.
         SharedDir = 19,
     }
 }
 
 codes! {
     /// Why motors stopped, or what else the host should know. Sent once as an event; the last that stopped motors is in
-    /// [`Info`].
+    /// [`Info`](super::message::Info).
     Cause {
         /// Nothing yet.
         None = 0,
@@ -94,7 +94,7 @@ codes! {
         Overrun = 10,
         /// The new rate was not heard in time: back to 115 200 baud.
         BaudFellBack = 11,
-        /// The chip's watchdog started the program anew.
+        /// The chip's watchdog restarted the program.
         Watchdog = 12,
         /// The supply voltage fell below the chip's limit.
         BrownOut = 13,
@@ -102,7 +102,7 @@ codes! {
         ResetLine = 14,
         /// Power came on.
         PowerOn = 15,
-        /// A motor that is told directly has done a move, its last period included; `detail` is how many since it was armed.
+        /// A motor has done a move that was ordered, its last period included; `detail` is how many since it was armed.
         MoveDone = 16,
         /// The lease was not put off while motors were in motion: all brake from the event's tick on.
         Lapsed = 17,
@@ -159,7 +159,7 @@ pub enum Switched {
         /// The first tick at which a switch would be accepted now.
         horizon: u64,
     },
-    /// The tick is too far ahead to be told apart.
+    /// The tick is too far ahead: ticks of 32 bits could not tell it from a past one.
     Early {
         /// First tick that is too far.
         limit: u64,
@@ -187,7 +187,7 @@ pub enum Trimmed {
     NoLease,
 }
 
-/// What [`Machine::brake`] gives without a lease.
+/// What [`Machine::brake`](super::Machine::brake) gives without a lease.
 pub const NO_LEASE: u64 = u64::MAX;
 
 /// An immediate stop, made.

@@ -2,7 +2,7 @@
 //!
 //! # Order
 //! A frame is taken when its sequence number is the next one; what comes again is answered again and not done again;
-//! what comes too early is not taken, and the host is told where to go back to ([`Reply::Missing`]). Data are
+//! what comes too early is not taken, and the host learns where to go back to ([`Reply::Missing`]). Data are
 //! acknowledged by the latest of them, and so are extensions of a lease: which of these was accepted, a number says. A command is answered once it is done; the host waits for that before it says
 //! more. What was asked last is remembered with its outcome, so that an answer that was lost can be given again.
 //!
@@ -20,7 +20,7 @@
 use super::frame::{Encoder, MAX_BODY, Received, Tag};
 use super::limits::{Baud, Millis, VERSION};
 use super::machine::Machine;
-use super::message::{Configuration, LEAST_BODY, kind, len_of};
+use super::message::{Configuration, MIN_BODY, kind, len_of};
 use super::orders::Orders;
 use super::outcome::{Missing, Reason, Refusal, Stopped};
 use super::settings::{self, SETTINGS_LEN};
@@ -37,7 +37,7 @@ pub const SILENCE_MS: u16 = 2000;
 struct Answer {
     seq: u8,
     kind: u8,
-    /// Why it was not done. Questions are answered anew whenever they are asked.
+    /// Why it was not done. Questions are answered with new values whenever they are asked.
     refused: Option<Refusal>,
     /// Of Switch, Trim, Brake and StopNow, with `code`: a tick, and how the switch or the trim went or which motors are uncertain.
     tick: [u8; 8],
@@ -58,8 +58,8 @@ enum Change {
     FellBack,
 }
 
-/// The board's side of the link. The bytes that come are taken by a [`Decoder`](super::Decoder), or whatever does the same
-/// on a board, and frames are handed over whole.
+/// The board's side of the link. The bytes that come are taken by a [`Decoder`](super::Decoder), or by a board's own
+/// reader that does the same, and frames are handed over whole.
 #[derive(Clone, Debug)]
 pub struct Service {
     /// The newest session's; it is over unless `taken`.
@@ -74,7 +74,7 @@ pub struct Service {
     answer_due: bool,
     ack_due: bool,
     missing_due: Option<Missing>,
-    /// The host was told where to go back to, and has not done so yet.
+    /// A Missing was sent that says where to go back to, and the host has not gone back yet.
     missing_told: bool,
     /// A Hello that is refused, by its sequence number.
     refusal_due: Option<u8>,
@@ -86,20 +86,20 @@ pub struct Service {
     max_body: u8,
     events: u8,
     damaged: u16,
-    /// What the host heard last was no frame: nothing was said at this rate yet, or something else.
+    /// The line's last byte to the host was no frame's end: nothing was sent at this rate yet, or text was.
     new_rate: bool,
     /// Nobody may take the board.
     held: bool,
 }
 
 impl Service {
-    /// Nobody has taken the board, which takes bodies of up to `max_body` bytes: of [`LEAST_BODY`] to [`MAX_BODY`]. The line is at
+    /// Nobody has taken the board, which takes bodies of up to `max_body` bytes: of [`MIN_BODY`] to [`MAX_BODY`]. The line is at
     /// 115 200 baud.
     ///
     /// # Panics
     /// With another `max_body`; where it is a constant, that shows when it is built.
     ///
-    /// [`LEAST_BODY`]: super::LEAST_BODY
+    /// [`MIN_BODY`]: super::MIN_BODY
     /// [`MAX_BODY`]: super::MAX_BODY
     #[must_use]
     pub const fn new(max_body: usize) -> Service {
@@ -138,7 +138,7 @@ impl Service {
     /// As `new`.
     #[expect(clippy::cast_possible_truncation, reason = "below 128")]
     pub const fn begin(&mut self, max_body: usize) {
-        assert!(LEAST_BODY <= max_body && max_body <= MAX_BODY);
+        assert!(MIN_BODY <= max_body && max_body <= MAX_BODY);
         self.max_body = max_body as u8;
         self.missing_due = None;
     }
@@ -160,14 +160,13 @@ impl Service {
     }
 
     /// Whether the host that has the board was silent for too long: [`poll`](Service::poll) ends its session. What is still under
-    /// way to it, on a line that does not take it, is to be dropped, and [`interrupted`](Service::interrupted) to be told so.
+    /// way to it, on a line that does not take it, is to be dropped, and [`interrupted`](Service::interrupted) is to be called.
     #[must_use]
     pub const fn is_lost(&self, now: Millis) -> bool {
         self.taken && now.since(self.heard) >= self.silence_ms
     }
 
-    /// What there is to be said to something that came on a line that is not the session's: Hello is refused, all else is
-    /// nobody's. Writes it into the front of `out`, and gives its length, 0 if there is none.
+    /// Answers what came on a line that is not the session's: Hello is refused, all else gets no answer. Writes it into the front of `out`, and gives its length, 0 if there is none.
     pub fn turn_away(received: Received, body: &[u8], out: &mut [u8]) -> usize {
         let (Received::Frame(Tag::NONE), &[seq, kind::HELLO, _, _, _, _, _]) = (received, body) else { return 0 };
         let mut frame = Encoder::new(out);
@@ -252,7 +251,7 @@ impl Service {
             frame.u8(machine.flags());
             frame.u8(self.accepted);
             free(&mut frame, machine);
-        // Around a change of rate nobody may hear it.
+        // Around a change of rate the host may not receive it.
         } else if self.taken
             && !matches!(self.change, Change::Due(_) | Change::Trial { .. })
             && let Some(event) = machine.event()
@@ -262,7 +261,7 @@ impl Service {
             frame.u8(kind::EVENT);
             event.encode(&mut frame);
         }
-        // Nothing in it: nothing to be said.
+        // An empty frame: no reply is due.
         frame.finish(tag).unwrap_or(0)
     }
 

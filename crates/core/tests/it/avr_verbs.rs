@@ -2,11 +2,11 @@
 
 use proptest::prelude::*;
 use pulsetrain_core::avr::verbs as avr;
-use pulsetrain_core::verbs::{Heading, Limits, Verb, Verbs};
+use pulsetrain_core::verbs::{Heading, MotorTiming, Verb, Verbs};
 use pulsetrain_core::wire::orders::{Orders, order};
 use pulsetrain_core::{Direction, Item, Tick32};
 
-const LIMITS: Limits = Limits { shortest: 300, turn: 900, period: 16_000 };
+const LIMITS: MotorTiming = MotorTiming { shortest: 300, turn: 900, period: 16_000 };
 const MOTORS: u8 = 3;
 
 /// Ticks and directions of a motor's steps, from items.
@@ -54,7 +54,7 @@ fn a_script() -> impl Strategy<Value = Vec<Told>> {
 /// Both, from the same tick on.
 struct Both {
     wide: Verbs,
-    avr: avr::Verbs,
+    avr: avr::AvrVerbs,
     known: u64,
     axes: Vec<Axis>,
     steps: Vec<Vec<(u32, Direction)>>,
@@ -62,7 +62,7 @@ struct Both {
 
 impl Both {
     fn new(known: u64) -> Both {
-        let (mut wide, mut avr) = (Verbs::new(), avr::Verbs::new());
+        let (mut wide, mut avr) = (Verbs::new(), avr::AvrVerbs::new());
         wide.begin((0..MOTORS).map(|motor| (LIMITS, i32::from(motor))), known);
         avr.begin((0..MOTORS).map(i32::from), (300, 900, 16_000), Tick32::of(known));
         let axes = (0..MOTORS).map(|_| Axis::default()).collect();
@@ -179,8 +179,8 @@ fn forsaken_and_stopped() {
     };
     let orders = [(0, Verb::Run), (1, Verb::Move { steps: 1000 }), (2, Verb::Speed { ticks: 90_000 }), (2, Verb::Run)];
     let mut both = told(&orders);
-    let _ = both.wide.forsake(false, |_| 0);
-    both.avr.forsake();
+    let _ = both.wide.host_gone(false, |_| 0);
+    both.avr.drop_endless();
     both.go_on(20_000_000);
     both.compare().unwrap();
     assert_eq!(both.steps[1].len(), 1000);
@@ -196,8 +196,8 @@ fn forsaken_and_stopped() {
 }
 
 /// A motor of an 8-bit board alone, told this at tick 0.
-fn avr_alone(orders: &[(u8, Verb)]) -> avr::Verbs {
-    let mut verbs = avr::Verbs::new();
+fn avr_alone(orders: &[(u8, Verb)]) -> avr::AvrVerbs {
+    let mut verbs = avr::AvrVerbs::new();
     verbs.begin([0, 0].into_iter(), (300, 900, 16_000), Tick32(0));
     let bytes: Vec<u8> = orders.iter().flat_map(|(motor, verb)| order(*motor, *verb)).collect();
     verbs.obey(&Orders::decode(&bytes).unwrap()).unwrap();

@@ -1,7 +1,9 @@
 //! Motions in flash: blocks, and what comes out of them turn by turn, in exact integers.
 
 use pulsetrain_core::baked::avr;
-use pulsetrain_core::baked::{Block, FRACTION_BITS, HEAD_LEN, LONGEST_PIECE, MAGIC, Motor, Player, Repeats, crc32};
+use pulsetrain_core::baked::{
+    BakedMotor, Block, FRACTION_BITS, HEAD_LEN, LONGEST_PIECE, MAGIC, Player, Repeats, crc32,
+};
 use pulsetrain_core::packing::{MAX_PACKED_LEN, Packing, State};
 use pulsetrain_core::wire::message::{Configuration, MotorSetup};
 use pulsetrain_core::{Direction, Item, Segment, Tick32};
@@ -77,7 +79,7 @@ fn nothing_adds_up_in_a_year() {
         .map(|item| if let Item::Run { segment, .. } = item { segment.span(segment.count) } else { 0 })
         .sum();
     let turn = piece(State::new(Direction::Forward), true, &turn);
-    let motor = Motor { packing: PACKING, head: &head, turn: &turn, repeats: Some(repeats) };
+    let motor = BakedMotor { packing: PACKING, head: &head, turn: &turn, repeats: Some(repeats) };
     let mut player = Player::new(motor, Tick32(77));
     let (mut steps, mut out) = (Steps::of(), [0; LONGEST_PIECE]);
     // The anchor, the head and the first turn.
@@ -106,7 +108,7 @@ fn long_waits_go_in_parts() {
     let ticks = (5 << 30) + 99;
     let repeats = Repeats { ticks, part: 7, rest: 0, from: Direction::Forward, to: Direction::Forward };
     let head = piece(State::default(), false, &[run(1, 1000, Direction::Forward)]);
-    let motor = Motor { packing: PACKING, head: &head, turn: &[], repeats: Some(repeats) };
+    let motor = BakedMotor { packing: PACKING, head: &head, turn: &[], repeats: Some(repeats) };
     let mut player = Player::new(motor, Tick32(0));
     let (mut steps, mut out) = (Steps::of(), [0; LONGEST_PIECE]);
     for _ in 0..2 {
@@ -129,7 +131,7 @@ fn long_waits_go_in_parts() {
 #[test]
 fn a_motion_that_ends_is_over() {
     let head = piece(State::default(), false, &[run(5, 1000, Direction::Backward)]);
-    let mut player = Player::new(Motor { packing: PACKING, head: &head, turn: &[], repeats: None }, Tick32(0));
+    let mut player = Player::new(BakedMotor { packing: PACKING, head: &head, turn: &[], repeats: None }, Tick32(0));
     let (mut steps, mut out) = (Steps::of(), [0; LONGEST_PIECE]);
     for _ in 0..2 {
         assert!(!player.is_over());
@@ -168,10 +170,10 @@ fn a_block_is_read_whole_or_not_at_all() {
     flash.extend([0xff; 100]);
     let read = Block::read(&flash).unwrap();
     assert_eq!((read.configuration.pulse_ticks, read.configuration.idle_ms), (250, Some(3)));
-    let motors: Vec<Motor<'_>> = read.motors().collect();
+    let motors: Vec<BakedMotor<'_>> = read.motors().collect();
     let other = Packing { gain: 0, ..PACKING };
-    assert_eq!(motors[0], Motor { packing: PACKING, head: &[1, 2, 3], turn: &[4, 5], repeats: Some(repeats) });
-    assert_eq!(motors[1..], [Motor { packing: other, head: &[6], turn: &[], repeats: None }]);
+    assert_eq!(motors[0], BakedMotor { packing: PACKING, head: &[1, 2, 3], turn: &[4, 5], repeats: Some(repeats) });
+    assert_eq!(motors[1..], [BakedMotor { packing: other, head: &[6], turn: &[], repeats: None }]);
     for bit in 0..8 * bytes.len() {
         let mut wrong = flash.clone();
         wrong[bit / 8] ^= 1 << (bit % 8);
@@ -197,8 +199,8 @@ fn avr_block(at: u16, parts: [&[u8]; 4], rest: u32) -> Vec<u8> {
     flash
 }
 
-const HERE: avr::Standing = avr::Standing { room: avr::LONGEST_PIECE as u16, near: true };
-const FAR: avr::Standing = avr::Standing { near: false, ..HERE };
+const HERE: avr::QueueState = avr::QueueState { room: avr::LONGEST_PIECE as u16, near: true };
+const FAR: avr::QueueState = avr::QueueState { near: false, ..HERE };
 
 /// Ten years of an Uno's turns of 3 ms: of two gaps there is the longer one as often as the product says.
 #[test]
@@ -208,10 +210,10 @@ fn nothing_adds_up_in_ten_years_of_a_player_of_8_bits() {
     let read = |at: u16| flash[usize::from(at)];
     let (says, end) = avr::block(66, 32_256, read).unwrap();
     assert_eq!((says, usize::from(end)), (76, flash.len()));
-    let mut player = avr::Player::new(says + 4, says + 4 + avr::MOTOR_LEN, read);
+    let mut player = avr::AvrPlayer::new(says + 4, says + 4 + avr::MOTOR_LEN, read);
     assert_eq!(player.end(), end);
     let mut out = [0; avr::LONGEST_PIECE];
-    let mut next = |player: &mut avr::Player| {
+    let mut next = |player: &mut avr::AvrPlayer| {
         let len = player.next(HERE, read, &mut out);
         out[..len].to_vec()
     };
@@ -234,9 +236,9 @@ fn nothing_adds_up_in_ten_years_of_a_player_of_8_bits() {
 fn players_of_8_bits_wait_and_end() {
     let flash = avr_block(0, [&[1, 10], &[], &[avr::LONG | 2, 7, 7, 1, 8], &[1, 9]], 0);
     let read = |at: u16| flash[usize::from(at)];
-    let mut player = avr::Player::new(14, 14 + avr::MOTOR_LEN, read);
+    let mut player = avr::AvrPlayer::new(14, 14 + avr::MOTOR_LEN, read);
     let mut out = [0; avr::LONGEST_PIECE];
-    assert_eq!(player.next(avr::Standing { room: 39, ..HERE }, read, &mut out), 0, "no room");
+    assert_eq!(player.next(avr::QueueState { room: 39, ..HERE }, read, &mut out), 0, "no room");
     assert_eq!((player.next(FAR, read, &mut out), out[0]), (1, 10));
     for _ in 0..3 {
         assert_eq!((player.next(FAR, read, &mut out), player.next(HERE, read, &mut out), out[1]), (0, 2, 7));
@@ -244,7 +246,7 @@ fn players_of_8_bits_wait_and_end() {
     }
     let flash = avr_block(0, [&[1, 10], &[], &[], &[]], 0);
     let read = |at: u16| flash[usize::from(at)];
-    let mut player = avr::Player::new(14, 14 + avr::MOTOR_LEN, read);
+    let mut player = avr::AvrPlayer::new(14, 14 + avr::MOTOR_LEN, read);
     assert!(!player.is_over());
     assert_eq!(player.next(HERE, read, &mut out), 1);
     assert!(player.is_over() && player.next(HERE, read, &mut out) == 0);

@@ -2,17 +2,17 @@
 
 use dashu::integer::UBig;
 use proptest::prelude::*;
-use pulsetrain_core::braking::{LARGEST_EXPONENT, Limit, Next, Registers};
+use pulsetrain_core::braking::{BrakingPart, LARGEST_EXPONENT, Limit, RegisterLimits};
 
 /// The intervals of a stop from `interval` on, and how many parts it has; part by part, 10^7 steps at most.
-fn stop(limit: Limit, registers: &Registers, interval: i64) -> (Vec<i64>, u32) {
+fn stop(limit: Limit, registers: &RegisterLimits, interval: i64) -> (Vec<i64>, u32) {
     let (mut intervals, mut interval, mut parts) = (Vec::new(), interval, 0);
     loop {
         let next = limit.next(interval, registers);
         let Some(segment) = next.segment(interval) else { return (intervals, parts) };
         parts += 1;
         intervals.extend((0..segment.count).map(|k| segment.after(k).interval));
-        if next == Next::LastStep {
+        if next == BrakingPart::LastStep {
             return (intervals, parts);
         }
         interval = segment.after(segment.count).interval;
@@ -66,10 +66,13 @@ fn what_is_no_limit_is_none() {
     assert_eq!(Limit::new(127, 20, 0), None);
     assert_eq!(Limit::new(128, LARGEST_EXPONENT + 1, 0), None);
     let limit = Limit::new(255, LARGEST_EXPONENT, 0).unwrap();
-    assert_eq!(limit.next(0, &Registers::with_fraction_bits(32)), Next::Rest);
-    assert_eq!(limit.next(-5, &Registers::with_fraction_bits(32)), Next::Rest);
-    assert_eq!(Limit::WITHIN_A_STEP.next(1, &Registers::with_fraction_bits(16)), Next::LastStep);
-    assert_eq!(Limit::WITHIN_A_STEP.next((1 << 39) - 1, &Registers::with_fraction_bits(16)), Next::LastStep);
+    assert_eq!(limit.next(0, &RegisterLimits::with_fraction_bits(32)), BrakingPart::Rest);
+    assert_eq!(limit.next(-5, &RegisterLimits::with_fraction_bits(32)), BrakingPart::Rest);
+    assert_eq!(Limit::WITHIN_A_STEP.next(1, &RegisterLimits::with_fraction_bits(16)), BrakingPart::LastStep);
+    assert_eq!(
+        Limit::WITHIN_A_STEP.next((1 << 39) - 1, &RegisterLimits::with_fraction_bits(16)),
+        BrakingPart::LastStep
+    );
 }
 
 /// A limit, and an interval that is shorter than its rest by up to 2^13, but long enough for the rule to hold.
@@ -90,7 +93,7 @@ proptest! {
 
     #[test]
     fn between_any_two_steps_the_deceleration_is_within_the_limit((f, limit, interval) in stops()) {
-        let registers = Registers::with_fraction_bits(f);
+        let registers = RegisterLimits::with_fraction_bits(f);
         let (intervals, _) = stop(limit, &registers, interval);
         let rest = rest_interval_times_128(limit);
         let square = &rest * &rest;
@@ -104,7 +107,7 @@ proptest! {
         // It rests where it may: at the rest level, or where a step would take too long.
         if let Some(&last) = intervals.last() {
             let next = limit.next(last, &registers);
-            prop_assert!(next == Next::LastStep || last >= registers.longest() / 5 * 3, "{last}");
+            prop_assert!(next == BrakingPart::LastStep || last >= registers.longest() / 5 * 3, "{last}");
         }
     }
 
@@ -112,14 +115,14 @@ proptest! {
     fn it_ends_whatever_the_limit_and_the_interval(
         f in 8u32..=32, m in 128..=255u8, e in 0..=LARGEST_EXPONENT, l: u8, interval: i64,
     ) {
-        let registers = Registers::with_fraction_bits(f);
+        let registers = RegisterLimits::with_fraction_bits(f);
         let limit = Limit::new(m, e, l).unwrap();
         let mut interval = interval;
         // Part by part: an add of 1 makes many of them, but the interval always grows, and never beyond 63 bits.
         for _ in 0..1000 {
             let Some(segment) = limit.next(interval, &registers).segment(interval) else { break };
             prop_assert!(segment.count >= 1 && segment.add >= 0 && segment.add <= registers.most_add());
-            if limit.next(interval, &registers) == Next::LastStep {
+            if limit.next(interval, &registers) == BrakingPart::LastStep {
                 break;
             }
             let after = i128::from(interval) + i128::from(segment.count) * i128::from(segment.add);
@@ -133,7 +136,7 @@ proptest! {
 /// How many steps a stop takes, against those of an ideal one: v²/2a, which is (R/I)².
 #[test]
 fn a_stop_takes_less_than_twice_the_steps_of_an_ideal_one() {
-    let registers = Registers::with_fraction_bits(32);
+    let registers = RegisterLimits::with_fraction_bits(32);
     let (mut least, mut most, mut sum, mut stops, mut parts_most) = (f64::INFINITY, 0.0f64, 0.0, 0u32, 0);
     for (mantissa, shorter, upper) in (128..=255u8)
         .step_by(5)

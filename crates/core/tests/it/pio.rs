@@ -1,8 +1,8 @@
 //! Words, done by a state machine that is a few lines long, make the edges of the axis that is told the same.
 
 use proptest::prelude::*;
-use pulsetrain_core::braking::{Limit, Next, Registers};
-use pulsetrain_core::lease::Cause;
+use pulsetrain_core::braking::{BrakingPart, Limit, RegisterLimits};
+use pulsetrain_core::lease::LapseCause;
 use pulsetrain_core::output::{Coils, Output, Sequence, StepDir, StepDirSettings};
 use pulsetrain_core::packed_queue::{Fault, PackedQueue, Pool};
 use pulsetrain_core::packing::{Check, MAX_PACKED_LEN, Packing, State};
@@ -517,10 +517,10 @@ fn what_is_no_item_makes_a_motor_brake() {
             machine.tape.pass(Tick32(until));
         }
         let channel = machine.words.channel();
-        assert_eq!(channel.lapse().map(|lapse| lapse.cause), Some(Cause::BadItem), "{wrong:?}");
-        let (position, registers) = (channel.position(), Registers::with_fraction_bits(F));
+        assert_eq!(channel.lapse().map(|lapse| lapse.cause), Some(LapseCause::BadItem), "{wrong:?}");
+        let (position, registers) = (channel.position(), RegisterLimits::with_fraction_bits(F));
         let (mut steps, mut interval) = (0, 300 << F);
-        while let Next::Steps { count, add } = limit.next(interval, &registers) {
+        while let BrakingPart::Steps { count, add } = limit.next(interval, &registers) {
             (steps, interval) = (steps + count, interval + i64::from(count) * add);
         }
         assert_eq!(position, 50 + steps.cast_signed() + 1, "{wrong:?}");

@@ -11,8 +11,8 @@ use pulsetrain_core::wire::outcome::NO_LEASE;
 use pulsetrain_core::wire::service::{SILENCE_MS, TRIAL_MS};
 use pulsetrain_core::wire::settings::SETTINGS_LEN;
 use pulsetrain_core::wire::{
-    Baud, Command, Decoder, Encoder, LEAST_BODY, MAX_BODY, MAX_FRAME, Machine, Millis, Refusal, Reply, Service,
-    Settings, Stopped, Stored, Switched, Trimmed, VERSION,
+    Baud, Command, Decoder, Encoder, MAX_BODY, MAX_FRAME, MIN_BODY, Machine, Millis, Refusal, Reply, Service, Settings,
+    Stopped, Stored, Switched, Trimmed, VERSION,
 };
 use pulsetrain_core::{Epoch, Tick32};
 
@@ -558,17 +558,17 @@ fn another_protocol_is_told_ours_and_not_taken() {
 /// The smallest board takes four motors' configuration, and nothing longer.
 #[test]
 fn small_boards_take_what_every_board_must() {
-    let (mut service, mut machine) = (Service::new(LEAST_BODY), Notebook::default());
-    say_in::<LEAST_BODY>(
+    let (mut service, mut machine) = (Service::new(MIN_BODY), Notebook::default());
+    say_in::<MIN_BODY>(
         &mut service,
         &mut machine,
         &frame(&Command::Hello { version: VERSION, nonce: 7 }, 0, Tag::NONE),
         0,
     );
     let Some((_, _, Reply::Info(info))) = hear(&mut service, &mut machine, 0) else { panic!("no info") };
-    assert_eq!(usize::from(info.max_body), LEAST_BODY);
+    assert_eq!(usize::from(info.max_body), MIN_BODY);
     let four = [MotorSetup::default().to_bytes(); 4].concat();
-    say_in::<LEAST_BODY>(
+    say_in::<MIN_BODY>(
         &mut service,
         &mut machine,
         &frame(&Command::Configure(Configuration::new(&four).unwrap()), 1, Tag(1)),
@@ -576,7 +576,7 @@ fn small_boards_take_what_every_board_must() {
     );
     assert!(matches!(hear(&mut service, &mut machine, 0), Some((_, 1, Reply::Configured(_)))));
     let five = [MotorSetup::default().to_bytes(); 5].concat();
-    say_in::<LEAST_BODY>(
+    say_in::<MIN_BODY>(
         &mut service,
         &mut machine,
         &frame(&Command::Configure(Configuration::new(&five).unwrap()), 2, Tag(1)),

@@ -2,7 +2,7 @@
 
 use dashu::rational::RBig;
 use proptest::prelude::*;
-use pulsetrain_core::channel::{Channel, Kind, SwitchRefused};
+use pulsetrain_core::channel::{Channel, EventKind, SwitchRefused};
 use pulsetrain_core::lease::Lease;
 use pulsetrain_core::output::{Coils, Edge, HALF_STEPS, Output, Sequence, StepDir, StepDirSettings};
 use pulsetrain_core::{Axis, Direction, Entry, Epoch, Item, Merge, Queue, Segment, Tick32};
@@ -330,7 +330,7 @@ proptest! {
     }
 }
 
-/// The patterns of seed 002's program as it puts them on the pins, bit 0 on IN1, from each of its own numbers: forward it goes
+/// The patterns of the Pico plotter's program as it puts them on the pins, bit 0 on IN1, from each of its own numbers: forward it goes
 /// through them as they stand.
 #[test]
 fn coils_go_the_way_of_the_seed() {
@@ -370,11 +370,11 @@ fn the_direction_comes_before_its_step_with_its_tick() {
     })
     .collect();
     let expected = [
-        (110, Kind::Direction(Forward)),
-        (110, Kind::Step),
-        (210, Kind::Step),
-        (260, Kind::Direction(Backward)),
-        (260, Kind::Step),
+        (110, EventKind::Direction(Forward)),
+        (110, EventKind::Step),
+        (210, EventKind::Step),
+        (260, EventKind::Direction(Backward)),
+        (260, EventKind::Step),
     ];
     assert_eq!(events, expected);
 }

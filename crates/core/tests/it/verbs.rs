@@ -1,18 +1,18 @@
 //! Motors told directly: every step at its tick, none lost, none twice, against a model that looks at each tick.
 
 use proptest::prelude::*;
-use pulsetrain_core::channel::Kind;
+use pulsetrain_core::channel::EventKind;
 use pulsetrain_core::verbs::motor::{LONGEST_PERIOD, MOST_ITEMS, MOST_UNTOLD};
-use pulsetrain_core::verbs::{Heading, Limits, Motor, Refused, Verb, Verbs};
-use pulsetrain_core::winch::text::What;
-use pulsetrain_core::winch::verb_lines::{LONGEST, Read, Reply, read};
+use pulsetrain_core::verbs::{Heading, Motor, MotorTiming, Refused, Verb, Verbs};
+use pulsetrain_core::winch::text::LineFault;
+use pulsetrain_core::winch::verb_lines::{LONGEST, VerbLine, VerbReply, read};
 use pulsetrain_core::wire::frame::{Encoder, Received, Tag};
 use pulsetrain_core::wire::message::{self, Command, Reason, kind};
-use pulsetrain_core::wire::orders::{MOST_ORDERS, Next, Obeyed, Orders, order};
+use pulsetrain_core::wire::orders::{MOST_ORDERS, NextStep, Obeyed, Orders, order};
 use pulsetrain_core::wire::{Decoder, MAX_FRAME, Refusal};
 use pulsetrain_core::{Channel, Direction, Entry, Epoch, Item, Queue, Tick32};
 
-const LIMITS: Limits = Limits { shortest: 3, turn: 40, period: 25 };
+const LIMITS: MotorTiming = MotorTiming { shortest: 3, turn: 40, period: 25 };
 
 /// What a motor did: steps with their ticks, and the ticks at which moves were done.
 #[derive(Debug, Default, PartialEq)]
@@ -105,8 +105,8 @@ fn by_slices(script: &[(u64, Verb)], cut: Cut, end: u64, slices: &[u64]) -> (Mad
         while let Some(event) = channel.peek(&mut queue, limit) {
             channel.take(event);
             match event.kind {
-                Kind::Direction(_) => {}
-                Kind::Step => made.steps.push((event.tick.0.into(), channel.direction())),
+                EventKind::Direction(_) => {}
+                EventKind::Step => made.steps.push((event.tick.0.into(), channel.direction())),
             }
         }
         assert!(queue.is_empty() && channel.missed().is_none());
@@ -117,7 +117,7 @@ fn by_slices(script: &[(u64, Verb)], cut: Cut, end: u64, slices: &[u64]) -> (Mad
         }
         assert!(motor.next_done().is_none_or(|at| at > told));
         if known == cut.at {
-            motor.disown();
+            motor.mute_moves();
         }
         while let Some((_, verb)) = script.next_if(|(at, _)| *at == known) {
             // A script may ask for what cannot be: then nothing happens.
@@ -186,9 +186,9 @@ proptest! {
     #[test]
     fn any_bytes_are_read(line in prop::collection::vec(prop_oneof![any::<u8>(), prop::sample::select(&b"move speed dir run halt xyza 0129-"[..])], 0..81)) {
         match read(&line) {
-            Read::Refused(_, word) => prop_assert!((2..=7).contains(&word)),
-            Read::Told(told) => prop_assert!((1..=4).contains(&told.orders().expect("orders").iter().count())),
-            Read::Unknown => {}
+            VerbLine::Refused(_, word) => prop_assert!((2..=7).contains(&word)),
+            VerbLine::Orders(told) => prop_assert!((1..=4).contains(&told.orders().expect("orders").iter().count())),
+            VerbLine::Unknown => {}
         }
         if let Some(orders) = Orders::decode(&line) {
             prop_assert_eq!(orders.iter().count() * 9, line.len());
@@ -215,7 +215,7 @@ proptest! {
 
 /// Counts and ticks of steps, from the items alone: so many that a channel would take too long.
 fn count(steps: u32, ticks: u64, slice: u64) -> (u64, u64, u64) {
-    let limits = Limits { shortest: 1, turn: 1, period: 1 };
+    let limits = MotorTiming { shortest: 1, turn: 1, period: 1 };
     let mut motor = Motor::new(limits, 0, 0);
     motor.obey(Verb::Speed { ticks }, 1000).unwrap();
     motor.obey(Verb::Move { steps }, 1000).unwrap();
@@ -300,10 +300,10 @@ fn what_cannot_be_is_refused_and_changes_nothing() {
     assert_eq!(tell(&[(1, go), (1, go), (1, go)]), refused(Reason::Busy, 1));
     // Of all that nothing was done.
     let obeyed = tell(&[]).expect("a question");
-    let rests = |position| Next { position, wait: u32::MAX };
+    let rests = |position| NextStep { position, wait: u32::MAX };
     assert_eq!((obeyed.tick, obeyed.motors()), (100, &[rests(5), rests(-5)][..]));
     let obeyed = tell(&[(1, go)]).expect("possible");
-    assert_eq!(obeyed.motors(), [rests(5), Next { position: -5, wait: 0 }]);
+    assert_eq!(obeyed.motors(), [rests(5), NextStep { position: -5, wait: 0 }]);
 }
 
 /// A move that is forgotten takes its place among those of nobody with it: the next one is told.
@@ -321,14 +321,14 @@ fn what_is_forgotten_is_nobodys_no_more() {
         // The first one is done, the second has no way to go.
         |motor| {
             motor.obey(Verb::Heading(Heading::Stationary), 10).unwrap();
-            motor.forsake();
+            motor.drop_endless();
             motor.obey(Verb::Heading(Heading::Forward), 10).unwrap();
         },
     ];
     for (number, forget) in ways.into_iter().enumerate() {
         let mut motor = begin();
         motor.work_out::<32>(10, |_| {});
-        motor.disown();
+        motor.mute_moves();
         forget(&mut motor);
         motor.obey(go, 10).unwrap();
         motor.work_out::<32>(1000, |_| {});
@@ -345,7 +345,7 @@ fn forsaken(orders: &[(u8, Verb)], lost: bool) -> ([i32; 2], u8) {
     let bytes: Vec<u8> = orders.iter().flat_map(|(motor, verb)| order(*motor, *verb)).collect();
     Orders::decode(&bytes).expect("whole orders").tell(&mut verbs).expect("possible");
     verbs.work_out::<32>(151, |_, _| {});
-    let uncertain = verbs.forsake(lost, |motor| [30, 20][usize::from(motor)]);
+    let uncertain = verbs.host_gone(lost, |motor| [30, 20][usize::from(motor)]);
     verbs.work_out::<32>(1 << 20, |_, _| {});
     assert!(verbs.rest_at(1 << 20), "{orders:?}");
     let positions: Vec<i32> = verbs.motors().iter().map(Motor::position).collect();
@@ -354,7 +354,7 @@ fn forsaken(orders: &[(u8, Verb)], lost: bool) -> ([i32; 2], u8) {
 
 /// Nobody is there any more: runs end, and moves too if the host was lost. Who was too fast to stop so is flagged.
 #[test]
-fn who_is_forsaken_stops() {
+fn a_motor_without_a_host_stops() {
     let go = |steps| Verb::Move { steps };
     let run_and_move = [(0, Verb::Run), (1, go(10))];
     assert_eq!(forsaken(&run_and_move, false), ([3, 10], 1));
@@ -478,7 +478,7 @@ fn what_came_of_orders_is_read_as_it_was_written() {
 #[test]
 fn lines_say_what_orders_do() {
     fn told(line: &str, expected: &[(u8, Verb)]) {
-        let Read::Told(told) = read(line.as_bytes()) else { panic!("{line}: {:?}", read(line.as_bytes())) };
+        let VerbLine::Orders(told) = read(line.as_bytes()) else { panic!("{line}: {:?}", read(line.as_bytes())) };
         assert_eq!(told.orders().expect("orders").iter().collect::<Vec<_>>(), expected, "{line}");
         assert_eq!(told.axes(), expected.iter().fold(0, |axes, (axis, _)| axes | 1 << axis));
     }
@@ -493,59 +493,59 @@ fn lines_say_what_orders_do() {
     told("halt a", &[(3, Verb::Halt)]);
 
     for (line, what, word) in [
-        ("move", What::Missing, 2),
-        ("move x", What::Missing, 3),
-        ("move xyz 1 2", What::Missing, 5),
-        ("move x 1 2", What::Extra, 4),
-        ("run x 1", What::Extra, 3),
-        ("move b 1", What::Flags, 2),
-        ("move xx 1", What::Flags, 2),
-        ("move x 4294967296", What::Range, 3),
-        ("move x -1", What::Range, 3),
-        ("move xy 1 1e3", What::Number, 4),
-        ("speed x -", What::Number, 3),
-        ("speed x 99999999999999999999999", What::Range, 3),
-        ("dir x 2", What::Range, 3),
+        ("move", LineFault::Missing, 2),
+        ("move x", LineFault::Missing, 3),
+        ("move xyz 1 2", LineFault::Missing, 5),
+        ("move x 1 2", LineFault::Extra, 4),
+        ("run x 1", LineFault::Extra, 3),
+        ("move b 1", LineFault::Flags, 2),
+        ("move xx 1", LineFault::Flags, 2),
+        ("move x 4294967296", LineFault::Range, 3),
+        ("move x -1", LineFault::Range, 3),
+        ("move xy 1 1e3", LineFault::Number, 4),
+        ("speed x -", LineFault::Number, 3),
+        ("speed x 99999999999999999999999", LineFault::Range, 3),
+        ("dir x 2", LineFault::Range, 3),
     ] {
         let refused = match read(line.as_bytes()) {
             // What no motor takes is refused by the motor.
-            Read::Told(told) if line.starts_with("speed") => {
+            VerbLine::Orders(told) if line.starts_with("speed") => {
                 assert_eq!(told.orders().expect("orders").iter().next(), Some((0, Verb::Speed { ticks: u64::MAX })));
                 continue;
             }
             refused => refused,
         };
-        assert_eq!(refused, Read::Refused(what, word), "{line}");
+        assert_eq!(refused, VerbLine::Refused(what, word), "{line}");
     }
     for line in ["", "  ", "a x 5", "mov x 1", "MOVE x 1", "enable 1"] {
-        assert_eq!(read(line.as_bytes()), Read::Unknown, "{line}");
+        assert_eq!(read(line.as_bytes()), VerbLine::Unknown, "{line}");
     }
 }
 
 #[test]
 fn replies_are_lines() {
-    fn check(reply: Reply, expected: &str) {
+    fn check(reply: VerbReply, expected: &str) {
         let mut line = [0; LONGEST];
         let len = reply.write(&mut line);
         assert_eq!(std::str::from_utf8(&line[..len]), Ok(format!("{expected}\r\n").as_str()));
     }
     let motors = [(i32::MIN, Some(7)), (5, None), (0, Some(u64::MAX)), (i32::MAX, Some(u64::from(u32::MAX - 1) + 7))];
     let obeyed = Obeyed::new(7, motors.into_iter());
-    check(Reply::At { obeyed, axes: 0b0101 }, "at 7 x -2147483648 0 z 0 -");
-    check(Reply::At { obeyed, axes: 0b1010 }, "at 7 y 5 - a 2147483647 4294967294");
-    check(Reply::Done { axis: 1, tick: 0, number: u32::MAX }, "done y 0 4294967295");
-    check(Reply::Unread(What::Missing, 3), "err missing 3");
-    check(Reply::Refused(Refusal { reason: Reason::Period, detail: 500 }), "err period 500");
-    check(Reply::Refused(Refusal { reason: Reason::Busy, detail: 2 }), "err busy z");
-    check(Reply::Refused(Refusal::of(Reason::NotArmed)), "err stopped");
-    check(Reply::Refused(Refusal::of(Reason::Moving)), "err moving");
-    check(Reply::Path, "err path");
-    check(Reply::Verbs, "err verbs");
+    check(VerbReply::At { obeyed, axes: 0b0101 }, "at 7 x -2147483648 0 z 0 -");
+    check(VerbReply::At { obeyed, axes: 0b1010 }, "at 7 y 5 - a 2147483647 4294967294");
+    check(VerbReply::Done { axis: 1, tick: 0, number: u32::MAX }, "done y 0 4294967295");
+    check(VerbReply::Unread(LineFault::Missing, 3), "err missing 3");
+    check(VerbReply::Refused(Refusal { reason: Reason::Period, detail: 500 }), "err period 500");
+    check(VerbReply::Refused(Refusal { reason: Reason::Busy, detail: 2 }), "err busy z");
+    check(VerbReply::Refused(Refusal::of(Reason::NotArmed)), "err stopped");
+    check(VerbReply::Refused(Refusal::of(Reason::Moving)), "err moving");
+    check(VerbReply::Path, "err path");
+    check(VerbReply::Verbs, "err verbs");
     // The longest of all: a tick of 20 digits, and the longest wait that is told.
     let tick = u64::MAX - u64::from(u32::MAX - 1);
     let worst = Obeyed::new(tick, [(i32::MIN, Some(u64::MAX)); 4].into_iter());
     let mut line = [0; 2 * LONGEST];
-    let len = Reply::At { obeyed: worst, axes: 0b1111 }.write(&mut line);
+    let len = VerbReply::At { obeyed: worst, axes: 0b1111 }.write(&mut line);
     assert!(line[..len].ends_with(b" a -2147483648 4294967294\r\n"), "{:?}", str::from_utf8(&line[..len]));
     assert_eq!(len, LONGEST);
 }

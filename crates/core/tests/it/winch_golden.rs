@@ -7,7 +7,7 @@
 use expect_test::expect_file;
 use pulsetrain_core::winch::letters::InMemory;
 use pulsetrain_core::winch::path::Path;
-use pulsetrain_core::winch::text::{Heard, Reader};
+use pulsetrain_core::winch::text::{Heard, LineReader};
 use std::fmt::Write as _;
 
 /// A motion of x: its lines with their milliseconds, and how long it is looked at, ms.
@@ -63,7 +63,7 @@ fn write(table: &mut String, motion: &Motion) {
         let _ = writeln!(table, "    {at} ms: {line}");
     }
     let _ = writeln!(table, "{:>8} {:>8} {:>10} {:>10} {:>12}", "ms", "steps", "+ offset", "steps/s", "fastest");
-    let (mut reader, mut paths) = (Reader::new(), [const { Path::new() }; 4]);
+    let (mut reader, mut paths) = (LineReader::new(), [const { Path::new() }; 4]);
     let mut lines = lines.iter().peekable();
     let mut fastest = 0;
     for now in 0..=*ms {

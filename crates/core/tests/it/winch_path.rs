@@ -2,12 +2,12 @@
 
 use proptest::prelude::*;
 use pulsetrain_core::Direction;
-use pulsetrain_core::winch::path::{FASTEST, FASTEST_DRIFT, Gains, Limits, Path, STEEPEST, Slice};
+use pulsetrain_core::winch::path::{FASTEST, FASTEST_DRIFT, Gains, Limits, MAX_ACCELERATION, Path, Slice};
 use pulsetrain_core::winch::spacing::{TICKS, TOLERANCE_TICKS};
 
 const DT: f64 = 1e-3;
 
-/// seeds/003, Path.cpp, in f64, with the ramp of the later dialect.
+/// StepperWinch, Path.cpp, in f64, with the ramp of the later dialect.
 #[derive(Clone, Debug)]
 struct Exact {
     q: f64,
@@ -65,7 +65,7 @@ impl Exact {
                 (self.k, self.b) = (omega * omega, 2.0 * omega * ratio);
             }
             Command::Limits(vmax, amax) => {
-                (self.vmax, self.amax) = (vmax.min(FASTEST.into()), amax.min(STEEPEST.into()));
+                (self.vmax, self.amax) = (vmax.min(FASTEST.into()), amax.min(MAX_ACCELERATION.into()));
             }
         }
         if self.ramp == 0.0 {
@@ -372,7 +372,7 @@ fn calm() -> impl Strategy<Value = [Command; 2]> {
     // Half of them at the edge.
     (gains, log(50.0, 10_000.0), prop_oneof![Just(0.0), 0.0..1.0]).prop_map(|((frequency, ratio), vmax, part)| {
         let least = (frequency * vmax).max(1.0);
-        let amax = least * (f64::from(STEEPEST) / least).powf(part);
+        let amax = least * (f64::from(MAX_ACCELERATION) / least).powf(part);
         [Command::Gains(frequency, ratio), Command::Limits(vmax, (amax * 1e3).ceil() / 1e3)]
     })
 }
@@ -434,7 +434,7 @@ proptest! {
         for (wait, command) in commands {
             obey(&mut path, command);
             if let Command::Limits(v, a) = command {
-                (vmax, amax) = (f64::from(FASTEST).min(v), f64::from(STEEPEST).min(a));
+                (vmax, amax) = (f64::from(FASTEST).min(v), f64::from(MAX_ACCELERATION).min(a));
             }
             for _ in 0..wait {
                 let before = f64::from(path.speed()) / 65_536.0;

@@ -12,7 +12,7 @@ use pulsetrain_board::virtual_uno::VirtualUno;
 use pulsetrain_board::{Board, Edge, Port, Remote, RemoteError, Serial, Setup};
 use pulsetrain_core::verbs::{Heading, Verb};
 use pulsetrain_core::winch::AXES;
-use pulsetrain_core::winch::verb_lines::{self as text, LONGEST, Read, Reply, Told};
+use pulsetrain_core::winch::verb_lines::{self as text, LONGEST, LineOrders, VerbLine, VerbReply};
 use pulsetrain_core::wire::message::{Cause, MotorSetup, Reason, image};
 use pulsetrain_core::wire::orders::Obeyed;
 use pulsetrain_core::wire::{Baud, Refusal};
@@ -43,7 +43,7 @@ const OF_SCRIPTS: &str = "a line is \"<time>: <verb>\", such as \"1.5 s: move x 
 const ROUNDS_PER_S: u64 = 100;
 
 /// A line of a script: when, s, and what.
-type Timed = (f64, Told);
+type Timed = (f64, LineOrders);
 
 pub(crate) fn run(args: &Verbs, console: &mut Console<'_>) -> miette::Result<Exit> {
     interrupt::watch();
@@ -125,10 +125,10 @@ fn load(path: &Path) -> miette::Result<Vec<Timed>> {
         }
         let told_at = line.len() - told.trim_start().len();
         match text::read(told.trim().as_bytes()) {
-            Read::Told(told) => lines.push((at_s, told)),
-            Read::Unknown => return Err(wrong(told_at..line.len(), "no such verb".to_owned())),
-            Read::Refused(what, word) => {
-                let refusal = written(&Reply::Unread(what, word));
+            VerbLine::Orders(told) => lines.push((at_s, told)),
+            VerbLine::Unknown => return Err(wrong(told_at..line.len(), "no such verb".to_owned())),
+            VerbLine::Refused(what, word) => {
+                let refusal = written(&VerbReply::Unread(what, word));
                 let message = meaning(&refusal).unwrap_or(refusal);
                 return Err(wrong(told_at..line.len(), message));
             }
@@ -141,7 +141,7 @@ fn load(path: &Path) -> miette::Result<Vec<Timed>> {
 }
 
 /// A reply as a board that speaks text writes it.
-fn written(reply: &Reply) -> String {
+fn written(reply: &VerbReply) -> String {
     let mut line = [0; LONGEST];
     let len = reply.write(&mut line);
     String::from_utf8_lossy(&line[..len]).trim_end().to_owned()
@@ -276,7 +276,7 @@ fn hold<P: Port>(
     console.print(format_args!(
         "{} ticks a second; axes {}\n",
         human::count(tick_hz.into()),
-        written(&Reply::At { obeyed: first, axes: ALL })
+        written(&VerbReply::At { obeyed: first, axes: ALL })
     ))?;
     let mut next: Option<Timed> = None;
     let mut has_ended = false;
@@ -340,9 +340,9 @@ impl<P: Port> Held<P> {
     /// Reads a line, and does it.
     fn read(&mut self, line: &str, console: &mut Console<'_>) -> miette::Result<()> {
         match text::read(line.as_bytes()) {
-            Read::Told(told) => self.tell(&told, console),
-            Read::Unknown => self.refuse("err command 1", console),
-            Read::Refused(what, word) => self.refuse(&written(&Reply::Unread(what, word)), console),
+            VerbLine::Orders(told) => self.tell(&told, console),
+            VerbLine::Unknown => self.refuse("err command 1", console),
+            VerbLine::Refused(what, word) => self.refuse(&written(&VerbReply::Unread(what, word)), console),
         }
     }
 
@@ -352,7 +352,7 @@ impl<P: Port> Held<P> {
         console.print(format_args!("{said}{means}\n"))
     }
 
-    fn tell(&mut self, told: &Told, console: &mut Console<'_>) -> miette::Result<()> {
+    fn tell(&mut self, told: &LineOrders, console: &mut Console<'_>) -> miette::Result<()> {
         let orders: Vec<(u8, Verb)> = told.orders().map(|orders| orders.iter().collect()).unwrap_or_default();
         match self.remote.tell_motors(&orders) {
             Ok(obeyed) => {
@@ -361,10 +361,10 @@ impl<P: Port> Held<P> {
                     self.axes[usize::from(axis)].hear(verb, obeyed.tick);
                 }
                 self.events(console)?;
-                console.print(format_args!("{}\n", written(&Reply::At { obeyed, axes: told.axes() })))
+                console.print(format_args!("{}\n", written(&VerbReply::At { obeyed, axes: told.axes() })))
             }
             Err(RemoteError::Refused { reason: reason @ (Reason::Period | Reason::Busy), detail, .. }) => {
-                self.refuse(&written(&Reply::Refused(Refusal { reason, detail })), console)
+                self.refuse(&written(&VerbReply::Refused(Refusal { reason, detail })), console)
             }
             Err(error) => Err(drive_problem(error.into())),
         }
@@ -409,7 +409,7 @@ impl<P: Port> Held<P> {
                     if let Some(axis) = self.axes.get_mut(usize::from(event.motor)) {
                         axis.done(event.tick);
                     }
-                    let done = Reply::Done { axis: event.motor, tick: event.tick, number: event.detail };
+                    let done = VerbReply::Done { axis: event.motor, tick: event.tick, number: event.detail };
                     console.print(format_args!("{}\n", written(&done)))?;
                 }
                 Cause::Finished => {}
@@ -454,7 +454,7 @@ impl<P: Port> Held<P> {
         let tick_hz = u64::from(self.remote.info().tick_hz);
         self.go_on(self.remote.now() + tick_hz / ROUNDS_PER_S, console)?;
         let obeyed = self.remote.tell_motors(&[]).map_err(|error| drive_problem(error.into()))?;
-        console.print(format_args!("{}\n", written(&Reply::At { obeyed, axes: ALL })))?;
+        console.print(format_args!("{}\n", written(&VerbReply::At { obeyed, axes: ALL })))?;
         self.go_on(obeyed.tick, console)?;
         let Held { remote, pins, refused, .. } = self;
         remote.close();
@@ -596,7 +596,7 @@ mod tests {
         #[test]
         fn a_move_ends_whatever_gets_lost() {
             let mut seen = [0, 0];
-            let Read::Told(told) = text::read(b"move x 0") else { panic!("a line") };
+            let VerbLine::Orders(told) = text::read(b"move x 0") else { panic!("a line") };
             for begin in (334_000..350_000).step_by(1000) {
                 let begin = Duration::from_micros(begin);
                 let port = Deaf::new(begin..begin + Duration::from_millis(6), Duration::from_secs(4));

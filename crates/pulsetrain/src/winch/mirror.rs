@@ -4,12 +4,12 @@ use std::time::Duration;
 
 use pulsetrain_core::winch::letters::InMemory;
 use pulsetrain_core::winch::session::Session;
-use pulsetrain_core::winch::text::{Heard, Reader};
+use pulsetrain_core::winch::text::{Heard, LineReader};
 
 /// A board at rest that hears the same lines, in the port's time. What a real one was told before is not known to it.
 #[derive(Clone, Debug)]
 pub(super) struct Mirror {
-    reader: Reader,
+    reader: LineReader,
     session: Session,
     /// Milliseconds of the port's time that are over.
     ms: u128,
@@ -20,7 +20,7 @@ pub(super) struct Mirror {
 impl Mirror {
     /// One that starts now.
     pub(super) const fn new(now: Duration) -> Mirror {
-        Mirror { reader: Reader::new(), session: Session::new(), ms: now.as_millis(), made: [0; 4] }
+        Mirror { reader: LineReader::new(), session: Session::new(), ms: now.as_millis(), made: [0; 4] }
     }
 
     /// Hears a line, now.

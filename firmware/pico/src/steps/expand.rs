@@ -3,7 +3,7 @@
 
 use core::arch::global_asm;
 use pulsetrain_core::Recurrence;
-use pulsetrain_core::pio::{Stretch, Sure, surely};
+use pulsetrain_core::pio::{Stretch, Unchecked, unchecked_steps};
 
 // In: r0 the recurrence, r1 the first word, r2 the end of the words, r3 the stretch. Out: r0 the end of what was written.
 // The accumulator's fraction and its ticks are added separately: what the fraction carries over goes into the step's ticks.
@@ -212,7 +212,7 @@ pub(crate) fn expand(recurrence: &mut Recurrence, words: &mut [u32], stretch: &S
     if words.is_empty() {
         return 0;
     }
-    let Sure { count, gentle } = surely(recurrence, stretch, words.len() as u32);
+    let Unchecked { count, small_add } = unchecked_steps(recurrence, stretch, words.len() as u32);
     let core::ops::Range { mut start, end } = words.as_mut_ptr_range();
     let mut rest = *stretch;
     if count != 0 {
@@ -220,7 +220,7 @@ pub(crate) fn expand(recurrence: &mut Recurrence, words: &mut [u32], stretch: &S
         // SAFETY: `count` is at most the number of words.
         let next = unsafe { start.add(count as usize) };
         // SAFETY: it writes words from `start` on up to `next`; the recurrence is laid out as in C.
-        rest.ticks -= unsafe { expand_unchecked(recurrence, start, next, offset, gentle.into()) };
+        rest.ticks -= unsafe { expand_unchecked(recurrence, start, next, offset, small_add.into()) };
         start = next;
     }
     if start == end {

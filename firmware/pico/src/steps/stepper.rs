@@ -8,14 +8,15 @@ use crate::clock::{Clock, TICK_HZ};
 use crate::regs;
 use crate::start::StaticCell;
 use core::iter;
-use pulsetrain_core::lease::{self, Lapse, Lease};
+use pulsetrain_core::channels;
+use pulsetrain_core::lease::{Lapse, Lease};
 use pulsetrain_core::output::{Coils, Output, StepDir, StepDirSettings};
 use pulsetrain_core::packed_queue::{Fault, PackedQueue, Pool};
 use pulsetrain_core::packing::Packing;
 use pulsetrain_core::pio::{SHORTEST_PULSE, STEP_DIR_OVERHEAD, Tape, Words, lines};
 use pulsetrain_core::queue::{Items, Queue};
-use pulsetrain_core::verbs::Limits;
-use pulsetrain_core::winch::spacing::Steps;
+use pulsetrain_core::verbs::MotorTiming;
+use pulsetrain_core::winch::spacing::SliceSteps;
 use pulsetrain_core::wire::message::{Configuration, QUEUE_PARTS, flags, limits_of};
 use pulsetrain_core::{Entry, Epoch, Item, Segment, Tick32};
 
@@ -153,7 +154,7 @@ pub(crate) struct MotorState {
     pulse_ticks: u32,
     pull_in_ticks: u32,
     /// What verbs may ask of it.
-    limits: Limits,
+    limits: MotorTiming,
 }
 
 impl MotorState {
@@ -163,7 +164,7 @@ impl MotorState {
         wiring: MotorPins::NONE,
         pulse_ticks: SHORTEST_PULSE,
         pull_in_ticks: 0,
-        limits: Limits { shortest: 1, turn: 1, period: 1 },
+        limits: MotorTiming { shortest: 1, turn: 1, period: 1 },
     };
 
     const NO_OUTPUT: Output = Output::StepDir(StepDir::new(StepDirSettings {
@@ -275,7 +276,7 @@ impl Stepper {
     }
 
     /// What verbs may ask of each motor, and its position.
-    pub(crate) fn limits(&self) -> impl Iterator<Item = (Limits, i32)> {
+    pub(crate) fn limits(&self) -> impl Iterator<Item = (MotorTiming, i32)> {
         self.motors().map(|motor| (motor.limits, motor.words.channel().position()))
     }
 
@@ -285,7 +286,7 @@ impl Stepper {
     }
 
     /// Has a motor make the steps of a path in the millisecond that begins at `begin`.
-    pub(crate) fn push_steps(&mut self, number: u8, begin: Tick32, steps: Steps) {
+    pub(crate) fn push_steps(&mut self, number: u8, begin: Tick32, steps: SliceSteps) {
         let epoch = self.epoch();
         let Some(queue) = self.memory.local_items.get_mut(usize::from(number)) else { return };
         let mut push = |item| {
@@ -502,7 +503,7 @@ impl Stepper {
     #[inline(never)]
     fn share_lapse(&mut self) {
         let channels = || self.motors.iter().take(usize::from(self.count)).map(|motor| motor.words.channel());
-        let Some(lapse) = lease::agreed(channels()) else { return };
+        let Some(lapse) = channels::agreed_lapse(channels()) else { return };
         if lapse.cause.is_fault()
             && let Some((number, _)) = (0..).zip(channels()).find(|(_, channel)| channel.has_news())
         {
@@ -780,11 +781,11 @@ fn blocks(motors: u8) -> impl Iterator<Item = (u8, u32)> {
 }
 
 /// What verbs may ask of a motor: `pulse` is the time of a pulse with the hold of DIR, `setup` the set-up of DIR, ticks.
-fn limits(words: &Words<FRACTION_BITS>, count: u8, setup: u32, pulse: u32) -> Limits {
+fn limits(words: &Words<FRACTION_BITS>, count: u8, setup: u32, pulse: u32) -> MotorTiming {
     let (work, turn) =
         if words.makes_pulses() { (STEP_TICKS, pulse.max(words.overhead()) + setup) } else { (PATTERN_TICKS, 0) };
     let shortest = (work * u32::from(count)).max(words.overhead() + 1);
-    Limits { shortest, turn: turn.max(shortest), period: FIRST_PERIOD.max(shortest) }
+    MotorTiming { shortest, turn: turn.max(shortest), period: FIRST_PERIOD.max(shortest) }
 }
 
 /// What a step of a verb takes of the processor's time, with room for everything else, cycles: for a driver, and for coils.

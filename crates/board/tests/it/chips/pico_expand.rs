@@ -2,7 +2,7 @@
 
 use pulsetrain_board::virtual_pico::VirtualPico;
 use pulsetrain_core::Recurrence;
-use pulsetrain_core::pio::{MOST_SURELY, Stretch, Sure, expand, surely};
+use pulsetrain_core::pio::{MOST_UNCHECKED, Stretch, Unchecked, expand, unchecked_steps};
 use pulsetrain_emulator::Rp2040;
 use pulsetrain_testkit::Random;
 
@@ -148,22 +148,22 @@ fn what_is_sure_comes_eight_at_a_time() {
     let (mut tried, mut odd) = ([0; 2], 0);
     while tried.iter().any(|tried| *tried < 1000) {
         let (recurrence, stretch) = (random_recurrence(random), random_stretch(random));
-        let most = 1 + random.below(u64::from(MOST_SURELY)) as u32;
-        let Sure { count, gentle } = surely(&recurrence, &stretch, most);
+        let most = 1 + random.below(u64::from(MOST_UNCHECKED)) as u32;
+        let Unchecked { count, small_add } = unchecked_steps(&recurrence, &stretch, most);
         if count == 0 {
             continue;
         }
         let (mut after, mut words) = (recurrence, vec![UNTOUCHED; count as usize]);
         assert_eq!(expand::<32>(&mut after, &mut words, &stretch), count);
         let offset = stretch.bits.wrapping_sub(stretch.gap);
-        let (ticks, cycles) = bench.call(bench.surely, &recurrence, count, offset, gentle.into());
+        let (ticks, cycles) = bench.call(bench.surely, &recurrence, count, offset, small_add.into());
         assert_eq!(bench.get(WORDS, count as usize), words, "{recurrence:?} {stretch:?}");
         assert_eq!(bench.recurrence(), after, "{recurrence:?} {stretch:?}");
         assert_eq!(ticks, ((after.accumulator >> 32) as u32).wrapping_sub((recurrence.accumulator >> 32) as u32));
         // 75 or 91 cycles for eight steps, and what is around them.
-        let (loops, each) = (u64::from(count.div_ceil(8)), if gentle { 9 } else { 11 });
+        let (loops, each) = (u64::from(count.div_ceil(8)), if small_add { 9 } else { 11 });
         assert!(cycles <= each * u64::from(count) + 3 * loops + 90, "{cycles} cycles for {count} steps");
-        tried[usize::from(gentle)] += 1;
+        tried[usize::from(small_add)] += 1;
         odd += u32::from(count % 8 != 0);
     }
     assert!(odd > 1000, "{odd} that are no multiple of 8");

@@ -4,7 +4,7 @@ use pulsetrain_board::lease::{Lease, LeaseState, Leased};
 use pulsetrain_board::{Board, Edge, Setup};
 use pulsetrain_core::Direction::Forward;
 use pulsetrain_core::braking::Limit;
-use pulsetrain_core::lease::Cause;
+use pulsetrain_core::lease::LapseCause;
 use pulsetrain_core::output::Sequence;
 use pulsetrain_core::{Epoch, Item, Tick32};
 use pulsetrain_testkit::Random;
@@ -73,8 +73,8 @@ fn random_host(kind: u64, seed: u64, tally: &mut Tally) {
         pair.advance(pair.pico.now() + TICK_HZ / 50);
     }
     match pair.native.lease() {
-        LeaseState::Lapsed { cause: Cause::NotExtended, in_motion: true, .. } => tally.lapsed += 1,
-        LeaseState::Lapsed { cause: Cause::Ordered, in_motion: true, .. } => tally.braked += 1,
+        LeaseState::Lapsed { cause: LapseCause::NotExtended, in_motion: true, .. } => tally.lapsed += 1,
+        LeaseState::Lapsed { cause: LapseCause::Ordered, in_motion: true, .. } => tally.braked += 1,
         LeaseState::Lapsed { cause, .. } => assert!(!cause.is_fault(), "kind {kind}, seed {seed}: {cause:?}"),
         LeaseState::Last => {}
         other => panic!("kind {kind}, seed {seed}: {other:?}"),
@@ -115,7 +115,7 @@ fn a_motor_that_runs_dry_has_all_brake() {
         pair.pico.advance(next, &mut |edge: Edge| edges.push(edge));
     }
     let dry = from + 400 * 6250;
-    let LeaseState::Lapsed { at, cause: Cause::RanDry, in_motion: true } = pair.pico.lease() else {
+    let LeaseState::Lapsed { at, cause: LapseCause::Underrun, in_motion: true } = pair.pico.lease() else {
         panic!("{:?}", pair.pico.lease())
     };
     assert!(at < dry + TICK_HZ / 200, "all brake soon");

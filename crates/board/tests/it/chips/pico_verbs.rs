@@ -4,7 +4,7 @@ use pulsetrain_board::native_verbs::NativeVerbs;
 use pulsetrain_board::virtual_pico::VirtualPico;
 use pulsetrain_board::{Board, Edge, Faults, Lease, Leased, Port, Remote, RemoteError, Setup};
 use pulsetrain_core::output::Sequence;
-use pulsetrain_core::verbs::{Heading, Limits, Verb};
+use pulsetrain_core::verbs::{Heading, MotorTiming, Verb};
 use pulsetrain_core::wire::message::{Cause, MotorSetup, Reason, flags};
 use pulsetrain_core::wire::orders::{Obeyed, Orders, order};
 use pulsetrain_core::wire::{Baud, MAX_MOTORS};
@@ -14,13 +14,13 @@ use pulsetrain_testkit::pico::{TICK_HZ, as_line, coils, native_config, overhead,
 use std::time::Duration;
 
 /// What the firmware lets a motor be told: docs/pico.md.
-fn limits(setup: &Setup, motor: &MotorSetup) -> Limits {
+fn limits(setup: &Setup, motor: &MotorSetup) -> MotorTiming {
     let (work, least) = (if motor.coils().is_some() { 1000 } else { 125 }, overhead(setup, motor) + 1);
     let shortest = (work * setup.motors.len() as u32).max(least);
     let pulse = u32::from(setup.pulse_ticks).max(3);
     let turn = (pulse + u32::from(setup.hold_ticks)).max(least - 1) + u32::from(setup.setup_ticks).max(pulse + 3);
     let turn = if motor.coils().is_some() { shortest } else { turn.max(shortest) };
-    Limits { shortest, turn, period: shortest.max(125_000) }
+    MotorTiming { shortest, turn, period: shortest.max(125_000) }
 }
 
 /// A virtual Pico and a native board that is told what the Pico obeyed.
@@ -202,7 +202,7 @@ fn random_setup(kind: u64, random: &mut Random) -> Setup {
     }
 }
 
-fn random_verb(limits: &Limits, random: &mut Random) -> Verb {
+fn random_verb(limits: &MotorTiming, random: &mut Random) -> Verb {
     match random.below(12) {
         0..3 => Verb::Move { steps: [0, 1, 2, 8, 100, 2000, u32::MAX][random.below(7) as usize] },
         3 => Verb::Run,

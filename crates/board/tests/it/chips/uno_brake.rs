@@ -1,7 +1,7 @@
 //! The firmware's braking rule, in assembly, against core's: random intervals and limits, on the emulated chip.
 
 use pulsetrain_board::virtual_uno;
-use pulsetrain_core::braking::{Limit, Next, Registers};
+use pulsetrain_core::braking::{BrakingPart, Limit, RegisterLimits};
 use pulsetrain_emulator::Atmega328p;
 use pulsetrain_testkit::Random;
 use pulsetrain_testkit::lab::{SYMBOLS, address};
@@ -42,7 +42,7 @@ impl Chip {
     }
 
     /// How a motor goes on that brakes from `interval`; whether it is to be asked again.
-    fn next(&mut self, limit: &Limit, interval: i64) -> (Next, bool) {
+    fn next(&mut self, limit: &Limit, interval: i64) -> (BrakingPart, bool) {
         self.put(MOTOR, &[0xa5; MOTOR_BYTES as usize]);
         self.put(MOTOR + INTERVAL, &interval.to_le_bytes()[..5]);
         self.put(MOTOR + LEFT, &[0, 0]);
@@ -66,13 +66,13 @@ impl Chip {
         let add = i32::from_le_bytes(self.get(MOTOR + ADD));
         let goes_on = self.get::<1>(MOTOR + STATE)[0] & BRAKES != 0;
         let next = match (self.chip.read_data(0x5f, &mut ()) & 1, left, add) {
-            (1, 0, _) => Next::Rest,
-            (0, 1, 0) => Next::LastStep,
-            (0, count, add) => Next::Steps { count: count.into(), add: add.into() },
+            (1, 0, _) => BrakingPart::Rest,
+            (0, 1, 0) => BrakingPart::LastStep,
+            (0, count, add) => BrakingPart::Steps { count: count.into(), add: add.into() },
             what => panic!("neither steps nor rest: {what:?}"),
         };
         assert_eq!(self.get::<5>(MOTOR + INTERVAL), interval.to_le_bytes()[..5], "the interval stays");
-        if next != Next::Rest {
+        if next != BrakingPart::Rest {
             assert_eq!(self.get::<4>(MOTOR + ADD + 4), [0; 4], "add2");
         }
         (next, goes_on)
@@ -83,7 +83,7 @@ impl Chip {
 fn parts_are_cores() {
     let chip = Atmega328p::new(&virtual_uno::image()).expect("an image");
     let mut chip = Chip { chip, entry: address(SYMBOLS, "steps_load_leased"), most: 0 };
-    let registers = Registers::with_fraction_bits(16);
+    let registers = RegisterLimits::with_fraction_bits(16);
     let mut random = Random::new(seed(1));
     let mut seen = [0; 4];
     let mut most_usual = 0;
@@ -109,12 +109,12 @@ fn parts_are_cores() {
         if interval >= 100 << 16 && (26..40).contains(&exponent) {
             most_usual = most_usual.max(chip.most);
         }
-        assert_eq!(goes_on, matches!(wanted, Next::Steps { .. }), "round {round}");
+        assert_eq!(goes_on, matches!(wanted, BrakingPart::Steps { .. }), "round {round}");
         seen[match wanted {
-            Next::Rest => 0,
-            Next::LastStep => 1,
-            Next::Steps { count: 1, .. } => 2,
-            Next::Steps { .. } => 3,
+            BrakingPart::Rest => 0,
+            BrakingPart::LastStep => 1,
+            BrakingPart::Steps { count: 1, .. } => 2,
+            BrakingPart::Steps { .. } => 3,
         }] += 1;
     }
     assert!(seen.iter().all(|times| *times > 100), "{seen:?}");

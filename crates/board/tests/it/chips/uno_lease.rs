@@ -7,7 +7,7 @@ use pulsetrain_board::replay::{Replay, Sent, Start};
 use pulsetrain_board::virtual_uno::VirtualUno;
 use pulsetrain_board::{Board, Faults, Remote, ScheduledStep, Setup};
 use pulsetrain_core::braking::Limit;
-use pulsetrain_core::lease::Cause as LeaseCause;
+use pulsetrain_core::lease::LapseCause;
 use pulsetrain_core::wire::Baud;
 use pulsetrain_core::wire::message::Cause;
 use pulsetrain_core::{Direction, Entry, Epoch, Item, Segment, Tick32};
@@ -220,9 +220,9 @@ fn run(pins: &Pins, seed: u64, ends: &mut Ends) {
     let lease = board.lease();
     let (until, in_motion) = match lease {
         LeaseState::Lapsed { at, cause, in_motion } => {
-            assert!(matches!(cause, LeaseCause::NotExtended | LeaseCause::Ordered), "{lease:?}");
+            assert!(matches!(cause, LapseCause::NotExtended | LapseCause::Ordered), "{lease:?}");
             // It may have been over before the order came.
-            ordered &= cause == LeaseCause::Ordered;
+            ordered &= cause == LapseCause::Ordered;
             (Some(at), in_motion)
         }
         LeaseState::Last => (None, false),

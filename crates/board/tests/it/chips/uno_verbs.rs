@@ -4,7 +4,7 @@ use pulsetrain_board::native_verbs::NativeVerbs;
 use pulsetrain_board::virtual_uno::VirtualUno;
 use pulsetrain_board::{Board, Edge, Faults, Lease, Leased, Port, Remote, RemoteError, Setup};
 use pulsetrain_core::Epoch;
-use pulsetrain_core::verbs::{Heading, Limits, Verb};
+use pulsetrain_core::verbs::{Heading, MotorTiming, Verb};
 use pulsetrain_core::wire::Baud;
 use pulsetrain_core::wire::message::{Cause, Reason};
 use pulsetrain_core::wire::orders::{Obeyed, Orders, order};
@@ -133,7 +133,7 @@ fn random_setup(pins: &Pins, random: &mut Random) -> Setup {
     setup
 }
 
-fn random_verb(limits: &Limits, random: &mut Random) -> Verb {
+fn random_verb(limits: &MotorTiming, random: &mut Random) -> Verb {
     match random.below(12) {
         0..3 => Verb::Move { steps: [0, 1, 2, 8, 100, 2000, u32::MAX][random.below(7) as usize] },
         3 => Verb::Run,

@@ -5,9 +5,9 @@
 
 use pulsetrain_core::winch::letters::InMemory;
 use pulsetrain_core::winch::path::Path;
-use pulsetrain_core::winch::reply::{LONGEST, Reply};
+use pulsetrain_core::winch::reply::{LONGEST, LineReply};
 use pulsetrain_core::winch::spacing::Train;
-use pulsetrain_core::winch::text::{Heard, Reader, Refusal, What};
+use pulsetrain_core::winch::text::{Heard, LineError, LineFault, LineReader};
 use pulsetrain_emulator::{Atmega328p, hex};
 use pulsetrain_testkit::Random;
 use pulsetrain_testkit::seed::{rounds, seed};
@@ -96,7 +96,7 @@ fn tick(chip: &mut Atmega328p, path: &Path) -> (Vec<u8>, Option<Train>, u64) {
 /// A reader of lines on the chip, beside core's: also for fuzz/fuzz_targets/winch_uno.rs.
 pub(crate) struct Readers {
     chip: Atmega328p,
-    core: Reader,
+    core: LineReader,
     /// Where in the page the next byte goes.
     tail: u8,
     /// The most cycles that bytes took, each, and those that ended a line.
@@ -105,14 +105,14 @@ pub(crate) struct Readers {
 
 impl Readers {
     pub(crate) fn new(strict: bool) -> Readers {
-        let mut readers = Readers { chip: chip(), core: Reader::new(), tail: 0, most: [0; 2] };
+        let mut readers = Readers { chip: chip(), core: LineReader::new(), tail: 0, most: [0; 2] };
         readers.restart(strict);
         readers
     }
 
     /// Without a line, and as if no checksum had ever come.
     fn restart(&mut self, strict: bool) {
-        self.core = Reader::new();
+        self.core = LineReader::new();
         self.core.set_strict(strict);
         put(&mut self.chip, READER, &[2 | u8::from(strict)]);
     }
@@ -277,7 +277,7 @@ fn written(chip: &mut Atmega328p, entry: u16, arguments: &[(u8, u16)]) -> String
     String::from_utf8(ram(chip, LINE, len.into()).to_vec()).unwrap()
 }
 
-fn reply(reply: Reply) -> String {
+fn reply(reply: LineReply) -> String {
     let mut line = [0; LONGEST];
     let len: usize = reply.write::<InMemory>(&mut line).into();
     String::from_utf8(line[..len].to_vec()).unwrap()
@@ -287,25 +287,25 @@ fn reply(reply: Reply) -> String {
 fn the_assembly_says_what_core_says() {
     let mut chip = chip();
     let whats = [
-        What::Command,
-        What::Flags,
-        What::Number,
-        What::Range,
-        What::Missing,
-        What::Extra,
-        What::Long,
-        What::Noise,
-        What::Checksum,
-        What::Frequency,
-        What::Ratio,
-        What::Rate,
-        What::Words,
+        LineFault::Command,
+        LineFault::Flags,
+        LineFault::Number,
+        LineFault::Range,
+        LineFault::Missing,
+        LineFault::Extra,
+        LineFault::Long,
+        LineFault::Noise,
+        LineFault::Checksum,
+        LineFault::Frequency,
+        LineFault::Ratio,
+        LineFault::Rate,
+        LineFault::Words,
     ];
     for (what, word) in whats.into_iter().zip([1, 2, 3, 4, 9, 10, 11, 40, 0, 3, 4, 2, 11]) {
         let said = written(&mut chip, SAY, &[(24, LINE), (22, what as u16), (20, word)]);
-        assert_eq!(said, reply(Reply::Refused(Refusal { what, word: word as u8 })));
+        assert_eq!(said, reply(LineReply::Refused(LineError { what, word: word as u8 })));
     }
-    for (what, of_core) in [(14, Reply::Awake), (15, Reply::Id)] {
+    for (what, of_core) in [(14, LineReply::Awake), (15, LineReply::Id)] {
         assert_eq!(written(&mut chip, SAY, &[(24, LINE), (22, what)]), reply(of_core));
     }
     assert_eq!(written(&mut chip, SAY, &[(24, LINE), (22, 16)]), "err taken\r\n");
@@ -320,7 +320,7 @@ fn the_assembly_says_what_core_says() {
         let (_, cycles) = call(&mut chip, STATUS, &[(24, LINE), (22, VALUES)]);
         most = most.max(cycles);
         let [usec, positions @ ..] = values;
-        assert_eq!(said, reply(Reply::Status { usec, positions }));
+        assert_eq!(said, reply(LineReply::Status { usec, positions }));
     }
     println!("a status line takes at most {most} cycles");
     assert!(most < 6000);
@@ -337,7 +337,7 @@ fn the_assembly_begins_as_core_does() {
 fn the_assembly_is_the_path() {
     let (mut chip, mut random, mut most, mut steps) = (chip(), Random::new(seed(353)), 0, 0);
     let mut longest = 0;
-    let (mut reader, mut paths) = (Reader::new(), [const { Path::new() }; 4]);
+    let (mut reader, mut paths) = (LineReader::new(), [const { Path::new() }; 4]);
     for round in 0..60_000 * rounds() {
         if round % 20 == 0 {
             for byte in line(&mut random).bytes() {
@@ -369,7 +369,7 @@ fn the_assembly_is_the_path() {
 #[test]
 fn the_assembly_takes_targets_at_any_distance() {
     let ends = [0, 1, -1, 100, 1 << 30, -1 << 30, i32::MAX - 1, i32::MAX, i32::MIN, i32::MIN + 1];
-    let (mut chip, mut reader) = (chip(), Reader::new());
+    let (mut chip, mut reader) = (chip(), LineReader::new());
     for (from, to) in ends.into_iter().flat_map(|from| ends.map(|to| (from, to))) {
         for verb in ["a", "d", "r"] {
             let mut paths = [const { Path::new() }; 4];
@@ -395,7 +395,7 @@ fn what_a_tick_costs() {
         ("10 000 steps/s", "l x 10000 100000\nv x 10000\n", 1100),
         ("10 000 steps/s with a ramp", "l x 10000 100000\ns x 12000\na x 100000\n", MOST_CYCLES_AN_AXIS),
     ] {
-        let (mut chip, mut reader, mut paths) = (chip(), Reader::new(), [const { Path::new() }; 4]);
+        let (mut chip, mut reader, mut paths) = (chip(), LineReader::new(), [const { Path::new() }; 4]);
         for byte in commands.bytes() {
             if let Heard::Command(_) = reader.push::<InMemory>(byte) {
                 reader.obey(&mut paths);

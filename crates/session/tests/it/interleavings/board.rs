@@ -9,7 +9,7 @@ use pulsetrain_core::Tick32;
 use pulsetrain_core::lease;
 use pulsetrain_core::wire::frame::Received;
 use pulsetrain_core::wire::message::kind;
-use pulsetrain_core::wire::{Command, Decoder, LEAST_BODY, MAX_FRAME, Machine, Millis, Service};
+use pulsetrain_core::wire::{Command, Decoder, MAX_FRAME, MIN_BODY, Machine, Millis, Service};
 use pulsetrain_testkit::model::Model;
 use std::fmt::{self, Write};
 
@@ -102,7 +102,7 @@ impl Board {
         let pool = queue * u16::try_from(plan.motors()).expect("two motors");
         Board {
             model: Model::new([pool, WINDOW]),
-            service: Service::new(LEAST_BODY),
+            service: Service::new(MIN_BODY),
             levels: 0,
             log: vec![Vec::new(); plan.motors()],
             ledger: Ledger {

@@ -5,7 +5,7 @@ use super::host::{Asked, Belief, Host};
 use super::plan::{PULL_IN_TICKS, Plan, Steps};
 use super::system::{State, System};
 use pulsetrain_board::lease::{Lease, LeaseState};
-use pulsetrain_core::lease::Cause;
+use pulsetrain_core::lease::LapseCause;
 use stateright::Property;
 
 impl System {
@@ -35,7 +35,10 @@ impl System {
             Property::eventually("all come to rest", |_, state: &State| state.board.verdict.is_final),
             sometimes("a run finishes", |_, state| state.is_finished()),
             sometimes("a lease lapses, and motors brake", |_, state| {
-                matches!(state.board.lease(), LeaseState::Lapsed { cause: Cause::NotExtended, in_motion: true, .. })
+                matches!(
+                    state.board.lease(),
+                    LeaseState::Lapsed { cause: LapseCause::NotExtended, in_motion: true, .. }
+                )
             }),
             sometimes("an extension comes just in time", |_, state| state.board.ledger.seen.just_in_time),
             sometimes("an extension is refused", |_, state| state.board.ledger.seen.refused),
@@ -71,7 +74,7 @@ impl System {
         }
         if self.most.brakes > 0 {
             all.push(sometimes("motors brake since the host said so", |_, state| {
-                matches!(state.board.lease(), LeaseState::Lapsed { cause: Cause::Ordered, in_motion: true, .. })
+                matches!(state.board.lease(), LeaseState::Lapsed { cause: LapseCause::Ordered, in_motion: true, .. })
             }));
             all.push(sometimes("nobody knows whether the order to brake came", |system, state| {
                 state.board.verdict.is_final && state.host.belief(&system.plan) == Belief::Unknown
@@ -142,11 +145,11 @@ impl Board {
         let Ledger { lease, braked, .. } = self.ledger;
         match (self.lease(), lease) {
             (LeaseState::Until(until), Lease::Until(accepted))
-            | (LeaseState::Lapsed { at: until, cause: Cause::NotExtended, .. }, Lease::Until(accepted)) => {
+            | (LeaseState::Lapsed { at: until, cause: LapseCause::NotExtended, .. }, Lease::Until(accepted)) => {
                 braked.is_none() && until == accepted
             }
             (LeaseState::Last, Lease::Last) => braked.is_none(),
-            (LeaseState::Lapsed { at, cause: Cause::Ordered, .. }, _) => braked == Some(at),
+            (LeaseState::Lapsed { at, cause: LapseCause::Ordered, .. }, _) => braked == Some(at),
             // The switch that begins it waits.
             (LeaseState::Off, _) => self.log.iter().all(Vec::is_empty),
             _ => false,

@@ -11,7 +11,7 @@ use crate::engine::memory;
 use crate::engine::steps::pins::{MAX_MOTORS, Pin};
 use crate::engine::steps::task;
 use crate::engine::{BOARD, clock, link, millis, regs, reset};
-use pulsetrain_core::baked::avr::{LONGEST_PIECE, MOTOR_LEN, NEAR, Player, Standing, ZERO, block};
+use pulsetrain_core::baked::avr::{AvrPlayer, LONGEST_PIECE, MOTOR_LEN, NEAR, QueueState, ZERO, block};
 use pulsetrain_core::lease::Lease;
 use pulsetrain_core::wire::message::{Cause, Configuration};
 use pulsetrain_core::wire::{Machine, Millis, Switched};
@@ -69,10 +69,10 @@ pub(crate) unsafe fn main() -> ! {
 
 /// Where a motor is that is to be fed.
 #[inline(never)]
-fn standing(motor: u8) -> Standing {
+fn standing(motor: u8) -> QueueState {
     let soon = clock::moment().after(NEAR);
     let stepper = task::lock();
-    stepper.motor(motor).map_or(Standing { room: 0, near: false }, |motor| Standing {
+    stepper.motor(motor).map_or(QueueState { room: 0, near: false }, |motor| QueueState {
         room: motor.room(),
         near: motor.is_empty() && Tick32(motor.registers.tick).is_before(soon),
     })
@@ -80,7 +80,7 @@ fn standing(motor: u8) -> Standing {
 
 /// A motion that runs. What is read of the flash is here too: the stack has no room to spare.
 struct Motion {
-    players: [Player; MAX_MOTORS],
+    players: [AvrPlayer; MAX_MOTORS],
     piece: [u8; LONGEST_PIECE],
     configuration: [u8; LONGEST_CONFIGURATION],
 }
@@ -104,7 +104,7 @@ impl Motion {
         let mut head = says.wrapping_add(MOTOR_LEN * u16::from(motors));
         let mut at = says;
         for player in self.players.iter_mut().take(usize::from(motors)) {
-            *player = Player::new(at, head, regs::flash);
+            *player = AvrPlayer::new(at, head, regs::flash);
             head = player.end();
             at = at.wrapping_add(MOTOR_LEN);
         }
@@ -140,7 +140,7 @@ impl Motion {
 
     /// Looks after the board; whether all is well, or nearly so.
     fn look(&self, board: &mut Board, now: Millis, lamp: Pin) -> bool {
-        board.look_after(now, self.players.iter().all(Player::is_over));
+        board.look_after(now, self.players.iter().all(AvrPlayer::is_over));
         while let Some(event) = board.event() {
             match event.cause {
                 Cause::Finished => {}

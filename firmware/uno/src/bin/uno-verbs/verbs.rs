@@ -1,7 +1,7 @@
 //! Motors told directly: `pulsetrain_core::verbs`, from which the task gets their steps.
 //!
 //! # Who works out what
-//! Main tells, the task asks. What happens before the tick [`known`](Verbs::known) is settled, and an order holds from there on. Each
+//! Main tells, the task asks. What happens before the tick [`known`](AvrVerbs::known) is settled, and an order holds from there on. Each
 //! call of the task sees to it that this is a while away ([`verbs_advance`]); a motor that has used up its steps takes
 //! the next evenly spaced ones before it right into its registers ([`verbs_take`]). Nothing else is planned up to there: the limit is so
 //! long before it that DIR can be turned for a step at that very tick.
@@ -30,7 +30,7 @@ use crate::engine::tuning::verbs::{
 use core::arch::global_asm;
 use core::mem::offset_of;
 use pulsetrain_core::Tick32;
-use pulsetrain_core::avr::verbs::{MOTORS, Verbs};
+use pulsetrain_core::avr::verbs::{AvrVerbs, MOTORS};
 use pulsetrain_core::wire::message::{Configuration, Reason, image};
 use pulsetrain_core::wire::orders::{self, Orders};
 use pulsetrain_core::wire::{Encoder, Refusal};
@@ -46,7 +46,7 @@ const PERIOD: u32 = clock::TICK_HZ / 1000;
 const NONE: u8 = 0;
 /// Moves may be done and not told.
 const STOPPED: u8 = 1;
-/// Verbs have the motors.
+/// AvrVerbs have the motors.
 pub(crate) const ON: u8 = 2;
 
 /// Which of these: main's, and the task's to look at.
@@ -70,7 +70,7 @@ static mut LIMITS: Limits = Limits { shortest: 0, turn: 0, foresee: 0 };
 
 #[repr(C)]
 struct Place {
-    verbs: Verbs,
+    verbs: AvrVerbs,
     /// Bit by motor: it has no more steps before what is known.
     used_up: u8,
 }
@@ -172,7 +172,7 @@ unsafe extern "C" {
     static mut verbs_place: Place;
 }
 
-/// Verbs, and nothing else.
+/// AvrVerbs, and nothing else.
 pub(crate) struct Told;
 
 impl Program for Told {
@@ -258,7 +258,7 @@ fn is_on() -> bool {
 /// Has armed motors, which rest with empty queues, do what is ordered, if that can be: from then on verbs have them.
 ///
 /// # Errors
-/// [`Reason::Timing`]: pulses are too long; as [`Verbs::obey`].
+/// [`Reason::Timing`]: pulses are too long; as [`AvrVerbs::obey`].
 #[inline(never)]
 fn begin(orders: &Orders<'_>) -> Result<(), Refusal> {
     let now = clock::moment();
@@ -293,7 +293,7 @@ fn begin(orders: &Orders<'_>) -> Result<(), Refusal> {
 /// the motor has not come to that; as long as what is settled lasts, at most.
 ///
 /// # Errors
-/// As [`Verbs::obey`]; [`Reason::Busy`]: that motor did not come to it.
+/// As [`AvrVerbs::obey`]; [`Reason::Busy`]: that motor did not come to it.
 #[inline(never)]
 fn obey(orders: &Orders<'_>) -> Result<(), Refusal> {
     let end = clock::moment().after(u32::from(my_limits().foresee));
@@ -354,12 +354,12 @@ fn take_done() -> Option<(u8, Tick32, u32)> {
     place(&guard)?.verbs.take_done(now)
 }
 
-/// Nobody tells motors any more: see [`Verbs::forsake`].
+/// Nobody tells motors any more: see [`AvrVerbs::forsake`].
 #[inline(never)]
 fn forsake() {
     let guard = task::lock();
     if let Some(place) = place(&guard) {
-        place.verbs.forsake();
+        place.verbs.drop_endless();
     }
 }
 

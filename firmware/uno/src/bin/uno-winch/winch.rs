@@ -24,7 +24,7 @@ use crate::engine::tuning::winch::{PATIENCE, SILENCE};
 use crate::engine::{clock, host, store, tuning};
 use core::arch::global_asm;
 use pulsetrain_core::Tick32;
-use pulsetrain_core::winch::text::Verb;
+use pulsetrain_core::winch::text::LineCommand;
 use pulsetrain_core::wire::message::{Configuration, image};
 use pulsetrain_core::wire::settings::SETTINGS_LEN;
 use pulsetrain_core::wire::{Machine, Millis, Service};
@@ -214,7 +214,7 @@ impl Winch {
         asked.idle_ms = u16::from_le_bytes([idle_low, idle_high]);
         if amax_low | amax_high | amax_higher != 0 {
             // The limits are where the command has them.
-            feed::winch_obey_axes(0b1111, Verb::Limits as u8);
+            feed::winch_obey_axes(0b1111, LineCommand::Limits as u8);
         }
     }
 
@@ -301,7 +301,7 @@ impl Winch {
                 let _ = board.release();
             } else if is_silent(now) {
                 asked().dead = true;
-                feed::winch_obey_axes(0b1111, Verb::Enable as u8);
+                feed::winch_obey_axes(0b1111, LineCommand::Enable as u8);
             }
         } else {
             feed::pass(now);

@@ -14,7 +14,7 @@ use crate::Uses;
 use crate::engine::memory;
 use crate::engine::program::Program;
 use pulsetrain_core::avr::Registers;
-use pulsetrain_core::{Direction, avr::verbs::Steps};
+use pulsetrain_core::{Direction, avr::verbs::StepRow};
 use pulsetrain_core::{Epoch, Tick32};
 
 /// How many epochs may wait behind the one being run: that of the switch that waits, and one that is to replace it.
@@ -48,7 +48,7 @@ pub(crate) mod flag {
     pub(crate) const COMMITTED: u8 = 5;
     /// A switch waits.
     pub(crate) const SWITCH: u8 = 6;
-    /// Steps are to be looked at one by one: the line of DIR is shared, pulses are longer than an expansion makes them, or a group was put
+    /// StepRow are to be looked at one by one: the line of DIR is shared, pulses are longer than an expansion makes them, or a group was put
     /// off.
     pub(crate) const SINGLY: u8 = 7;
 }
@@ -130,7 +130,7 @@ impl Room {
 #[repr(C)]
 pub(crate) struct Motor {
     pub(crate) registers: Registers,
-    /// Steps of the segment before.
+    /// StepRow of the segment before.
     pub(crate) count: u16,
     pub(crate) flags: u8,
     /// What a step toggles at its tick, and at the end of a short pulse: STEP, or 0 if the pulse is long.
@@ -152,7 +152,7 @@ pub(crate) struct Motor {
     pub(crate) free: Tick32,
     /// When it goes over: the tick of the switch that waits, or of the end of the lease.
     pub(crate) switch_at: Tick32,
-    /// Steps forward minus backward, those of the segment being run included.
+    /// StepRow forward minus backward, those of the segment being run included.
     pub(crate) position: i32,
     /// The lower bits of it at the last anchor.
     pub(crate) origin: u16,
@@ -353,7 +353,7 @@ impl Motor {
         self.next = self.start;
     }
 
-    /// Steps forward minus backward that were planned, played or not.
+    /// StepRow forward minus backward that were planned, played or not.
     pub(crate) fn planned(&self) -> i32 {
         let left = i32::from(self.registers.left);
         if self.has(flag::BACKWARD) { self.position.wrapping_add(left) } else { self.position.wrapping_sub(left) }
@@ -367,9 +367,9 @@ impl Motor {
 
     /// Takes on steps that come after all it has done: as a record of the queue would have it, with an anchor before it.
     #[inline(never)]
-    pub(crate) fn follow(&mut self, steps: &Steps) {
+    pub(crate) fn follow(&mut self, steps: &StepRow) {
         // One step alone may be further away than registers reach; from where its interval counts does not matter.
-        let Steps { first, count, .. } = *steps;
+        let StepRow { first, count, .. } = *steps;
         let period = steps.period.min(LONGEST_INTERVAL);
         let backward = steps.direction == Direction::Backward;
         let turns = backward != self.has(flag::BACKWARD);

@@ -21,7 +21,7 @@ use core::arch::global_asm;
 use core::mem::offset_of;
 use pulsetrain_core::Tick32;
 use pulsetrain_core::winch::spacing::TICKS;
-use pulsetrain_core::winch::text::Verb;
+use pulsetrain_core::winch::text::LineCommand;
 use pulsetrain_core::wire::message::MOTOR_SETUP_LEN;
 
 /// Ticks of a slice.
@@ -42,8 +42,14 @@ pub(super) const AXES: u8 = 0x40;
 pub(super) const DRIVE: u8 = 0x80;
 
 // Numbers that the assembly compares with.
-const _: () = assert!(Verb::Enable as u8 + 1 == Verb::Report as u8 && Verb::Report as u8 + 1 == Verb::Deadman as u8);
-const _: () = assert!(Verb::Strict as u8 + 1 == Verb::Version as u8 && Verb::Version as u8 + 1 == Verb::Ping as u8);
+const _: () = assert!(
+    LineCommand::Enable as u8 + 1 == LineCommand::Report as u8
+        && LineCommand::Report as u8 + 1 == LineCommand::Deadman as u8
+);
+const _: () = assert!(
+    LineCommand::Strict as u8 + 1 == LineCommand::Version as u8
+        && LineCommand::Version as u8 + 1 == LineCommand::Ping as u8
+);
 
 /// Bytes of the shield's motors.
 const SHIELD: usize = 4 * MOTOR_SETUP_LEN;
@@ -651,11 +657,11 @@ winch_begin:
     STRICT = const reader::STRICT,
     CHECKED = const reader::CHECKED,
     STAR = const reader::STAR,
-    IMPULSE = const Verb::Impulse as u8,
-    GAINS = const Verb::Gains as u8,
-    ENABLE = const Verb::Enable as u8,
-    DEADMAN = const Verb::Deadman as u8,
-    VERSION = const Verb::Version as u8,
+    IMPULSE = const LineCommand::Impulse as u8,
+    GAINS = const LineCommand::Gains as u8,
+    ENABLE = const LineCommand::Enable as u8,
+    DEADMAN = const LineCommand::Deadman as u8,
+    VERSION = const LineCommand::Version as u8,
     AWAKE = const super::AWAKE,
     ID = const super::ID,
     AXES = const AXES,
