@@ -414,10 +414,10 @@ impl Board {
     /// Whether these orders would be accepted, while motors rest and follow no verbs yet.
     pub(crate) fn check_orders(&mut self, orders: &Orders<'_>) -> Result<(), Refusal> {
         self.verbs.begin(self.stepper.limits(), 0);
-        orders.tell(&mut self.verbs).map(drop)
+        orders.tell(self.verbs).map(drop)
     }
 
-    /// Has motors that follow verbs forget them; with `all` false only [those without an end](Verbs::forsake). Returns, bit by
+    /// Has motors that follow verbs forget them; with `all` false only [those without an end](Verbs::host_gone). Returns, bit by
     /// motor, which were faster than their pull-in speed.
     pub(crate) fn halt(&mut self, all: bool) -> u8 {
         if !self.verbs_run {
@@ -675,7 +675,7 @@ impl Machine for Board {
         if !self.verbs_run {
             self.prepare_verbs()?;
         }
-        self.obeyed = orders.tell(&mut self.verbs)?;
+        self.obeyed = orders.tell(self.verbs)?;
         // Orders that are refused, or empty to ask for positions, change nothing.
         if !self.verbs_run && !orders.is_empty() {
             self.run_verbs();

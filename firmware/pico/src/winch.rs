@@ -171,9 +171,9 @@ impl Winch {
             // What is no command of the winch may be a verb.
             Heard::Refused(refusal @ LineError { what: LineFault::Command, .. }) if obeyed => {
                 match text::read(ear.reader.line()) {
-                    VerbLine::Orders(told) => {
+                    VerbLine::Orders(orders) => {
                         ear.muted = false;
-                        TextEvent::Orders(told)
+                        TextEvent::Orders(orders)
                     }
                     _ if ear.muted => TextEvent::Nothing,
                     VerbLine::Refused(what, word) => {
@@ -209,7 +209,7 @@ impl Winch {
     }
 
     /// Has motors follow the verbs of a line, and returns the answer.
-    pub(crate) fn give_orders(&mut self, board: &mut Board, told: &LineOrders) -> text::VerbReply {
+    pub(crate) fn give_orders(&mut self, board: &mut Board, orders: &LineOrders) -> text::VerbReply {
         if self.path_runs {
             return text::VerbReply::Path;
         }
@@ -217,14 +217,14 @@ impl Winch {
             return REFUSED_AS_MOVING;
         }
         self.wired = self.wired || board.configure_axes();
-        let done = match told.orders() {
+        let done = match orders.orders() {
             Some(orders) if self.wired => self.obey(board, &orders),
             _ => return REFUSED_AS_MOVING,
         };
         match done {
             Ok(()) => {
                 self.session.heard();
-                text::VerbReply::At { obeyed: board.obeyed, axes: told.axes() }
+                text::VerbReply::At { obeyed: board.obeyed, axes: orders.axes() }
             }
             Err(refused) => text::VerbReply::Refused(refused),
         }

@@ -25,7 +25,7 @@ pub(crate) enum Outcome {
 }
 
 /// What `plan` and `run` say with exit codes 0, 1 and 3, and with 2.
-enum Output {
+enum Printed {
     Report(Value),
     Refusal(String),
 }
@@ -33,9 +33,9 @@ enum Output {
 /// What `pulsetrain plan FILE --json` came to: the report, or the outcome that it is already.
 pub(crate) fn planned(ended: &Ended) -> Result<Value, Outcome> {
     match (ended.code, said(ended)?) {
-        (Some(0), Output::Report(report)) if report["motors"].is_array() => Ok(report),
-        (Some(2), Output::Refusal(message)) if is_ours(&message) => Err(Outcome::Broken(format!("plan: {message}"))),
-        (Some(2), Output::Refusal(message)) => Err(Outcome::Refused(message)),
+        (Some(0), Printed::Report(report)) if report["motors"].is_array() => Ok(report),
+        (Some(2), Printed::Refusal(message)) if is_ours(&message) => Err(Outcome::Broken(format!("plan: {message}"))),
+        (Some(2), Printed::Refusal(message)) => Err(Outcome::Refused(message)),
         (code, _) => Err(Outcome::Broken(format!("plan: exit code {code:?} with another report"))),
     }
 }
@@ -44,13 +44,13 @@ pub(crate) fn planned(ended: &Ended) -> Result<Value, Outcome> {
 pub(crate) fn ran(plan: &Value, ended: &Ended) -> Outcome {
     let report = match said(ended) {
         Err(outcome) => return outcome,
-        Ok(Output::Refusal(message)) => {
+        Ok(Printed::Refusal(message)) => {
             return Outcome::Broken(match ended.code {
                 Some(2) => format!("run: {message}"),
                 code => format!("run, exit code {code:?}: {message}"),
             });
         }
-        Ok(Output::Report(report)) => report,
+        Ok(Printed::Report(report)) => report,
     };
     let (verdict, lateness) = (&report["verdict"], &report["lateness"]);
     let (lost, extra) = (&lateness["lost"], &lateness["extra"]);
@@ -82,9 +82,9 @@ pub(crate) fn ran(plan: &Value, ended: &Ended) -> Outcome {
 pub(crate) fn verified(ended: &Ended) -> Outcome {
     match said(ended) {
         Err(outcome) => outcome,
-        Ok(Output::Report(verdict)) if ended.code == Some(0) && verdict["ok"] == true => Outcome::Passed,
-        Ok(Output::Report(verdict)) => Outcome::Broken(format!("verify: {}", failure(&verdict))),
-        Ok(Output::Refusal(message)) => Outcome::Broken(format!("verify: {message}")),
+        Ok(Printed::Report(verdict)) if ended.code == Some(0) && verdict["ok"] == true => Outcome::Passed,
+        Ok(Printed::Report(verdict)) => Outcome::Broken(format!("verify: {}", failure(&verdict))),
+        Ok(Printed::Refusal(message)) => Outcome::Broken(format!("verify: {message}")),
     }
 }
 
@@ -109,7 +109,7 @@ fn is_ours(message: &str) -> bool {
     message.contains("please report")
 }
 
-fn said(ended: &Ended) -> Result<Output, Outcome> {
+fn said(ended: &Ended) -> Result<Printed, Outcome> {
     let broken = |why: String| Err(Outcome::Broken(why));
     if ended.hung {
         return broken("it does not end".to_owned());
@@ -125,10 +125,10 @@ fn said(ended: &Ended) -> Result<Output, Outcome> {
         return broken(format!("exit code {code}, and no JSON: {}", stdout.lines().next().unwrap_or_default()));
     };
     match value["message"].as_str() {
-        None => Ok(Output::Report(value)),
+        None => Ok(Printed::Report(value)),
         // Such a file may be the generator's mistake.
-        Some(message) if value["filename"].is_string() => Ok(Output::Refusal(format!("in the file: {message}"))),
-        Some(message) => Ok(Output::Refusal(message.to_owned())),
+        Some(message) if value["filename"].is_string() => Ok(Printed::Refusal(format!("in the file: {message}"))),
+        Some(message) => Ok(Printed::Refusal(message.to_owned())),
     }
 }
 
