@@ -9,7 +9,7 @@
 //! - [`native_verbs`]: the same with motors that are told directly
 //! - [`remote`]: a board at the other end of a [`Port`], through `link`, the host's side of docs/protocol.md
 //! - `serial`: a real serial port, in real time (behind the feature of that name); [`stk500`]: an Uno's bootloader, at any port
-//! - [`reference`]: any board beside a native one that is told the same: what was scheduled, and what came of it
+//! - [`WithReference`] (`reference`): any board, and a native board that receives the same: what was scheduled, and what came of it
 //! - [`virtual_uno`], [`virtual_pico`]: the Uno's and the Pico's firmware on an emulated chip, as such a port; `bridge`: the Uno's
 //!   USB, as far as time goes
 //! - [`native_winch`]: StepperWinch's text with core's own code instead of a firmware, as such a port

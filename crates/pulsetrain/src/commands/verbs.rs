@@ -341,7 +341,7 @@ fn hold<P: Port>(
     held.finish(console)
 }
 
-/// All axes, as [`Told::axes`] has them.
+/// All axes, as [`LineOrders::axes`] has them.
 const ALL: u8 = 0b1111;
 
 /// The names of axes, one after the other.
