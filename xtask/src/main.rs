@@ -28,6 +28,7 @@ mod cross_check;
 mod firmware;
 mod fuzz;
 mod golden;
+mod map;
 mod pictures;
 mod python;
 mod random;
@@ -107,7 +108,7 @@ enum Task {
         /// The linker's file, such as target/thumbv6m-none-eabi/release/myfw
         elf: std::path::PathBuf,
     },
-    /// Measure every figure, print it, and write docs/benchmarks.md
+    /// Measure every figure, print it, and write docs/benchmarks/
     Bench {
         /// Only these, in emulated cycles: a section of the report
         only: Option<Figures>,
@@ -121,6 +122,8 @@ enum Task {
         #[arg(long, requires = "only", conflicts_with_all = ["hour", "rates"], value_name = "SEEDS", num_args = 0..=1, default_missing_value = "4")]
         motions: Option<u64>,
     },
+    /// Draw the modules of each crate and what they import, as Mermaid text
+    Map,
     /// Write the golden files anew; read the difference before you commit it
     Golden,
     /// Draw the documents' comparisons of the winch with the sketch; look at each before you commit it
@@ -182,6 +185,10 @@ fn main() -> ExitCode {
         Task::Bench { only: Some(Figures::Verbs), .. } => bench::verbs::run(),
         Task::Bench { only: Some(Figures::Pico), hour: false, .. } => bench::pico::run(),
         Task::Bench { only: Some(Figures::Pico), hour: true, .. } => bench::pico::hour(),
+        Task::Map => {
+            map::print(&command::root());
+            Ok(())
+        }
         Task::Golden => golden::run(),
         Task::Pictures => pictures::run(),
     };

@@ -37,7 +37,7 @@ impl Motion {
     pub(crate) fn prepare(&self, task: Task, json: bool, console: &mut Console<'_>) -> miette::Result<Prepared> {
         let prepared = load::endless(&self.file, self.board.as_deref())?;
         if !self.yes && Estimate::of(&prepared, self.length, task).is_much() {
-            prepared.begins().map_err(advised)?;
+            prepared.prove_beginning().map_err(advised)?;
         }
         self.agreed(prepared, task, json, console)
     }

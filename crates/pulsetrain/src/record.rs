@@ -13,7 +13,7 @@ use pulsetrain_trace::{Line, steps, vcd_file};
 use pulsetrain_plot::machine::{Drawn, Figure, FigureReport};
 use pulsetrain_plot::{Errors, MotorPicture, Picture};
 use pulsetrain_session::lateness::{Edges, Lateness};
-use pulsetrain_session::prepare::Planned;
+use pulsetrain_session::plans::Planned;
 
 /// Where the edges and steps of a run are written.
 pub struct Files<W: Write> {

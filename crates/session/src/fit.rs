@@ -12,6 +12,7 @@ use pulsetrain_plan::error::Limit;
 use pulsetrain_plan::{Line, PlanError, Settings, Way};
 
 use crate::estimate;
+use crate::plans;
 use crate::prepare::{self, Prepared};
 
 /// A motion slower than this is another motion.
@@ -72,7 +73,7 @@ pub fn least_slowdown(prepared: &Prepared, motor: &Motor) -> Option<f64> {
 /// The same, as long as there is time for another plan.
 fn slowdown(prepared: &Prepared, motor: &Motor, another: impl Fn() -> bool) -> Option<f64> {
     let settings = Settings::of(&prepared.program, motor);
-    least(|factor| another().then(|| prepare::fits(&motor.law, &settings.slowed(factor))))
+    least(|factor| another().then(|| plans::fits(&motor.law, &settings.slowed(factor))))
 }
 
 /// What a motor with slack wants whose plan does not fit: a longer time to take it up, s, if that is all; else how much slower its law has
@@ -81,7 +82,7 @@ fn least_over(prepared: &Prepared, motor: &Motor, another: impl Fn() -> bool) ->
     let settings = Settings::of(&prepared.program, motor);
     let over_s = motor.law.backlash_over()?.seconds();
     let longer = |factor: f64| motor.law.with_backlash_over(Time::from_seconds(over_s * factor));
-    let fits = |factor: f64| longer(factor).is_some_and(|law| prepare::fits(&law, &settings));
+    let fits = |factor: f64| longer(factor).is_some_and(|law| plans::fits(&law, &settings));
     if let Some(factor) = least(|factor| another().then(|| fits(factor))) {
         return Some((None, over_s * factor));
     }
@@ -124,7 +125,7 @@ pub fn rounded_up(value: f64) -> f64 {
 pub fn broken(law: &Law, settings: &Settings) -> Vec<PlanError> {
     let mut settings = settings.clone();
     let mut broken: Vec<PlanError> = Vec::new();
-    while let Err(error) = prepare::walk(law, &settings) {
+    while let Err(error) = plans::walk(law, &settings) {
         let limit = error.limit();
         if broken.iter().any(|known| known.limit() == limit) {
             break;
@@ -157,7 +158,7 @@ fn boards_that_fit(prepared: &Prepared, another: impl Fn() -> bool) -> Option<Ve
             return None;
         }
         let line = prepared.line.as_ref().and_then(|_| prepare::usual_line(&program));
-        if prepare::all_fit(&program, line.as_ref(), 1.0) {
+        if plans::all_fit(&program, line.as_ref(), 1.0) {
             able.push(name);
         }
     }
@@ -185,7 +186,7 @@ fn not_provable(prepared: &Prepared, motor: &Motor, bound_ticks: f64, at_s: f64)
         if let Err(too_long) = tries.another([&motor.law]) {
             return format!("{} may do{too_long}", assignment("tolerance", tolerance, "ticks"));
         }
-        match prepare::planned(&motor.law, &with(tolerance, settings.grid)) {
+        match plans::planned(&motor.law, &with(tolerance, settings.grid)) {
             Ok(certificate) => {
                 let shortest = certificate.shortest_interval_ticks.map_or(f64::INFINITY, |ticks| ticks as f64);
                 if tolerance > LOOSEST_PART * shortest {
@@ -210,7 +211,7 @@ fn not_provable(prepared: &Prepared, motor: &Motor, bound_ticks: f64, at_s: f64)
     for (text, grid) in grids {
         if let Err(too_long) = tries.another([&motor.law]) {
             lines.push(format!("Steps are due elsewhere with {text}{too_long}."));
-        } else if prepare::fits(&motor.law, &with(settings.tolerance_ticks, grid)) {
+        } else if plans::fits(&motor.law, &with(settings.tolerance_ticks, grid)) {
             lines.push(format!("steps are due elsewhere with {text}: that can be proven"));
         } else {
             continue;
@@ -262,7 +263,7 @@ fn smoother(prepared: &Prepared, motor: &Motor, at_s: f64, (from, to): (f64, f64
     // The next place may want something, too. What makes no step is no cure.
     let tries = Tries::new();
     let cures = |law: Option<Law>| {
-        law.filter(|law| tries.another([law]).is_ok()).filter(|law| match prepare::planned(law, &settings) {
+        law.filter(|law| tries.another([law]).is_ok()).filter(|law| match plans::planned(law, &settings) {
             Ok(plan) => plan.steps > 0,
             Err(PlanError::SpeedJump { at_s: other, .. }) => other > at_s + 1e-6,
             Err(_) => false,
@@ -375,7 +376,7 @@ fn fits_at_ends(law: &Law, settings: &Settings, over: Time) -> bool {
     let tried = over + over + Time::from_seconds(TRIED_S);
     // The end is tried from a halt before it, from which the motion comes as gently as it goes to its last one.
     let last = law.clone().eased_in(end - tried, over);
-    prepare::fits_until(law, settings, tried) && last.is_ok_and(|last| prepare::fits(&last, settings))
+    plans::fits_until(law, settings, tried) && last.is_ok_and(|last| plans::fits(&last, settings))
 }
 
 /// The first easing with which all of these motors' plans fit, as it is written. Where there is no time for whole plans, it fits where it is
@@ -392,7 +393,7 @@ fn easing(prepared: &Prepared, motors: &[&Motor], eased: &dyn Fn(&Law, Time) -> 
             motors.iter().zip(&laws).all(|(motor, law)| fits(law, &Settings::of(&prepared.program, motor)))
         };
         match tries.another(&laws) {
-            Ok(()) if all(&prepare::fits) => return Some(ease),
+            Ok(()) if all(&plans::fits) => return Some(ease),
             Ok(()) => {}
             Err(TooLong(whole_s)) => {
                 let tried = over + over + Time::from_seconds(TRIED_S);
@@ -456,9 +457,8 @@ fn over_line(prepared: &Prepared) -> Vec<String> {
     let (program, line) = (&prepared.program, prepared.line.as_ref());
     let tries = Tries::new();
     let another = || tries.another(program.motors.iter().map(|motor| &motor.law)).is_ok();
-    let fits = |program: &Program, line: Option<&Line>, factor: f64| {
-        another().then(|| prepare::all_fit(program, line, factor))
-    };
+    let fits =
+        |program: &Program, line: Option<&Line>, factor: f64| another().then(|| plans::all_fit(program, line, factor));
     let mut lines = Vec::new();
     let usb = Line::of(program, Way::Usb);
     let usual = prepare::usual_baud(&program.board.name).rate();

@@ -7,13 +7,8 @@ use pulsetrain_motion::law::{Cursor, Law};
 use pulsetrain_motion::pins::PinsError;
 use pulsetrain_motion::program::{BoardError, Limits, Program};
 use pulsetrain_motion::{Grid, LawError, Time, boards};
-use pulsetrain_plan::SOFTEST_STOP_S;
-use pulsetrain_plan::{
-    Certificate, Demand, Ensemble, Line, Move, PlanError, Planner, Refused, Settings, Supply, Way, stopping,
-};
+use pulsetrain_plan::{Line, PlanError, SOFTEST_STOP_S, Way};
 
-use crate::estimate::{Estimate, Task};
-use crate::fit;
 use crate::pause::{self, Easing, PauseError, Paused};
 
 /// How much of an endless motion is shown, s, if nobody says.
@@ -183,103 +178,11 @@ impl Prepared {
         };
     }
 
-    /// Plans every motor, all side by side; nothing is kept. `watch` hears how far the plan is, s.
-    ///
-    /// # Errors
-    /// When a plan would break a limit: with what would fit.
-    pub fn plan(&self, watch: impl FnMut(f64)) -> Result<Vec<Planned>, Refusal> {
-        self.try_plan(watch).map_err(|refused| self.refuse(refused))
-    }
-
-    /// The same. Where equal parts of the board's queues are too short, each motor gets as much as its plan needs.
-    ///
-    /// # Errors
-    /// As [`Prepared::plan`].
-    pub fn plan_by_need(&mut self, mut watch: impl FnMut(f64)) -> Result<Vec<Planned>, Refusal> {
-        let refused = match self.try_plan(&mut watch) {
-            Ok(planned) => return Ok(planned),
-            Err(refused) => refused,
-        };
-        if matches!(refused.error, PlanError::QueueTooShort { .. })
-            && let Some(shared) = self.with_queues_by_need()
-            && let Ok(planned) = shared.try_plan(watch)
-        {
-            *self = shared;
-            return Ok(planned);
-        }
-        Err(self.refuse(refused))
-    }
-
-    fn try_plan(&self, watch: impl FnMut(f64)) -> Result<Vec<Planned>, Refused> {
-        Plans::new(&self.program, self.line.as_ref())?.run(watch)
-    }
-
-    /// With queues that last equally long for all motors; `None` if there is no line, or no use in it.
-    fn with_queues_by_need(&self) -> Option<Prepared> {
-        let line = self.line.as_ref()?;
-        let motors = self.program.motors.len();
-        if motors < 2 {
-            return None;
-        }
-        let mut plans = Plans::new(&self.program, None).ok()?;
-        let mut demand =
-            Demand::new(self.program.board.tick_hz, (0..motors).map(|motor| plans.ensemble.settings(motor)));
-        while let Some((motor, from, next)) = plans.next_move().ok()? {
-            demand.add(motor, &next, from);
-        }
-        let mut shared = self.clone();
-        shared.program.queue_parts = demand.parts(line)?;
-        shared.line = Some(line.with_parts(&shared.program.queue_parts));
-        Some(shared)
-    }
-
-    /// Plans as much of the beginning as takes no time: what is wrong there need not wait for a long plan.
-    ///
-    /// # Errors
-    /// As [`Prepared::plan`].
-    pub fn begins(&self) -> Result<(), Refusal> {
-        const MOST_S: f64 = 0.2;
-        let planning_s = Estimate::of(self, Some(Time::SECOND), Task::Plan).planning_s;
-        let length = Time::from_seconds((MOST_S / planning_s).min(1.0));
-        // One that cannot be cut there, or stopped, may still be right.
-        let Ok(begun) = self.clone().ending(Some(length)) else { return Ok(()) };
-        let is_of_motion = |refused: &Refused| refused.error.at_s().is_some_and(|at_s| at_s < length.seconds());
-        match begun.try_plan(|_| {}) {
-            Err(refused) if is_of_motion(&refused) => Err(self.refuse(refused)),
-            _ => Ok(()),
-        }
-    }
-
-    /// A plan's refusal as the user should see it.
-    #[must_use]
-    pub fn refuse(&self, refused: Refused) -> Refusal {
-        // What would fit is looked for in laws that end. One that cannot be cut is its own problem, and is told as that.
-        let mut ended = self.clone();
-        let advice = match cut(&mut ended.program, None) {
-            Ok(now) => {
-                ended.cut = ended.cut.or(now);
-                fit::advice(&ended, &ended.program.motors[refused.motor], &refused.error)
-            }
-            Err((motor, error)) => format!("{motor}: {error}"),
-        };
-        let motor = self.program.motors[refused.motor].name.clone();
-        Refusal::Plan { file: self.file.clone(), motor, error: refused.error, advice }
-    }
-
     /// When the last law ends, s.
     #[must_use]
     pub fn end_s(&self) -> f64 {
         self.program.motors.iter().filter_map(|motor| motor.law.end()).map(Time::seconds).fold(0.0, f64::max)
     }
-}
-
-/// A motor's plan, in figures.
-#[derive(Clone, Debug)]
-pub struct Planned {
-    /// What is proven.
-    pub certificate: Certificate,
-    /// The tick of the last step.
-    pub last_tick: u64,
 }
 
 /// The [usual rate](BoardKind::usual_baud) of the line to a board.
@@ -292,175 +195,6 @@ pub fn usual_baud(board: &str) -> Baud {
 #[must_use]
 pub fn usual_line(program: &Program) -> Option<Line> {
     Line::of(program, Way::Usb).or_else(|| Line::of(program, Way::Uart(usual_baud(&program.board.name).rate())))
-}
-
-/// The moves of all motors, those of the motor that is least far first.
-pub struct Plans<'a> {
-    program: &'a Program,
-    ensemble: Ensemble,
-    supply: Option<Supply>,
-    clocks: Vec<Clock>,
-}
-
-/// How far a motor's moves go.
-#[derive(Clone, Copy, Debug)]
-struct Clock {
-    tick: u64,
-    /// In units of 2^-F tick.
-    fraction: i128,
-    last_step: u64,
-    ended: bool,
-}
-
-impl<'a> Plans<'a> {
-    /// Prepares to plan all motors of a program; their plans are held against the line, if there is one.
-    ///
-    /// # Errors
-    /// As [`Ensemble::new`].
-    pub fn new(program: &'a Program, line: Option<&Line>) -> Result<Plans<'a>, Refused> {
-        Plans::slowed(program, line, 1.0)
-    }
-
-    /// The same of laws that are `factor` times slower.
-    ///
-    /// # Errors
-    /// As [`Ensemble::new`].
-    pub fn slowed(program: &'a Program, line: Option<&Line>, factor: f64) -> Result<Plans<'a>, Refused> {
-        let clocks = vec![Clock::new(program.board.fraction_bits); program.motors.len()];
-        let ensemble = Ensemble::slowed(program, factor)?;
-        let supply =
-            line.map(|line| Supply::new(line.clone(), (0..clocks.len()).map(|motor| ensemble.settings(motor))));
-        Ok(Plans { program, ensemble, supply, clocks })
-    }
-
-    /// The motor that is least far, and to which tick; `None` when all have ended.
-    #[must_use]
-    fn least_far(&self) -> Option<(usize, u64)> {
-        let going = self.clocks.iter().enumerate().filter(|(_, clock)| !clock.ended);
-        going.map(|(motor, clock)| (motor, clock.tick)).min_by_key(|(_, tick)| *tick)
-    }
-
-    /// The next move of the motor that is least far, and the tick at which it begins; `None` when all have ended.
-    ///
-    /// # Errors
-    /// As [`Ensemble::next_move`], and where the line does not bring them in time.
-    fn next_move(&mut self) -> Result<Option<(usize, u64, Move)>, Refused> {
-        while let Some((motor, _)) = self.least_far() {
-            let clock = &mut self.clocks[motor];
-            match self.ensemble.next_move(motor)? {
-                Some(next) => {
-                    let from = clock.tick;
-                    let added = self.supply.as_mut().map_or(Ok(()), |supply| supply.add(motor, &next, from));
-                    added.map_err(|error| Refused { motor, error })?;
-                    clock.advance(&next, self.program.board.fraction_bits);
-                    return Ok(Some((motor, from, next)));
-                }
-                None => clock.ended = true,
-            }
-        }
-        Ok(None)
-    }
-
-    /// Plans all that is left; `watch` hears how far the plan is, s.
-    ///
-    /// # Errors
-    /// When a plan would break a limit, or the board could not brake the motors.
-    pub fn run(mut self, mut watch: impl FnMut(f64)) -> Result<Vec<Planned>, Refused> {
-        let mut moves: u32 = 0;
-        while let Some((_, from, _)) = self.next_move()? {
-            moves = moves.wrapping_add(1);
-            if moves.is_multiple_of(256) {
-                watch(from as f64 / self.program.board.tick_hz as f64);
-            }
-        }
-        self.brake()?;
-        Ok(self.finish())
-    }
-
-    /// Checks that the board can brake the motors as their limits want it, from what was planned.
-    ///
-    /// # Errors
-    /// [`PlanError::BrakesTooHard`].
-    fn brake(&self) -> Result<(), Refused> {
-        self.program.motors.iter().enumerate().try_for_each(|(index, motor)| {
-            let peaks = self.ensemble.certificate(index);
-            stopping(&peaks, &motor.limits, &self.program.board)
-                .map(drop)
-                .map_err(|error| Refused { motor: index, error })
-        })
-    }
-
-    /// The figures of every motor's plan.
-    #[must_use]
-    fn finish(&self) -> Vec<Planned> {
-        let motors = self.clocks.iter().enumerate();
-        motors
-            .map(|(motor, clock)| Planned { certificate: self.ensemble.certificate(motor), last_tick: clock.last_step })
-            .collect()
-    }
-}
-
-impl Clock {
-    fn new(fraction_bits: u32) -> Clock {
-        Clock { tick: 0, fraction: 1 << (fraction_bits - 1), last_step: 0, ended: false }
-    }
-
-    fn advance(&mut self, next: &Move, fraction_bits: u32) {
-        match next {
-            Move::Dwell { ticks } => self.tick += ticks,
-            Move::Run { segment, .. } => {
-                let fixed = (i128::from(self.tick) << fraction_bits) + self.fraction + segment.span(segment.count);
-                self.tick = (fixed >> fraction_bits) as u64;
-                self.fraction = fixed & ((1 << fraction_bits) - 1);
-                self.last_step = self.tick;
-            }
-        }
-    }
-}
-
-/// Plans a law by itself; nothing is kept but what is proven.
-///
-/// # Errors
-/// When that breaks one of `settings`: the first it meets.
-pub fn planned(law: &Law, settings: &Settings) -> Result<Certificate, PlanError> {
-    let mut planner = Planner::new(law, settings)?;
-    while planner.next_move()?.is_some() {}
-    Ok(planner.certificate().clone())
-}
-
-/// The same, for its errors alone.
-///
-/// # Errors
-/// As [`planned`].
-pub fn walk(law: &Law, settings: &Settings) -> Result<(), PlanError> {
-    planned(law, settings).map(drop)
-}
-
-/// Whether a law's plan keeps to `settings` up to some time, by itself.
-#[must_use]
-pub fn fits_until(law: &Law, settings: &Settings, until: Time) -> bool {
-    let Ok(mut planner) = Planner::new(law, settings) else { return false };
-    let (mut clock, last_tick) = (Clock::new(settings.fraction_bits), until.seconds() * settings.tick_hz as f64);
-    while (clock.tick as f64) < last_tick {
-        match planner.next_move() {
-            Ok(Some(next)) => clock.advance(&next, settings.fraction_bits),
-            Ok(None) => break,
-            Err(_) => return false,
-        }
-    }
-    true
-}
-
-/// Whether a law's plan keeps to `settings`, by itself.
-#[must_use]
-pub fn fits(law: &Law, settings: &Settings) -> bool {
-    walk(law, settings).is_ok()
-}
-
-/// Whether the plans of all motors keep to every limit, and come over the line in time, if their laws are `factor` times slower.
-#[must_use]
-pub fn all_fit(program: &Program, line: Option<&Line>, factor: f64) -> bool {
-    Plans::slowed(program, line, factor).and_then(|plans| plans.run(|_| {})).is_ok()
 }
 
 /// When each motor's law ends; `None`: never.
@@ -484,7 +218,7 @@ pub(crate) fn spans(program: &Program, length: Option<Time>) -> Vec<Time> {
 
 /// Gives every endless law an end: after `length`, or after the default but not before the finite laws end. A
 /// `length` that is given cuts finite laws too.
-fn cut(program: &mut Program, length: Option<Time>) -> Result<Option<Cut>, (String, LawError)> {
+pub(crate) fn cut(program: &mut Program, length: Option<Time>) -> Result<Option<Cut>, (String, LawError)> {
     let ends = ends(program);
     let Some(at) = cut_at(&ends, length) else { return Ok(None) };
     let goes_on = |end: &Option<Time>| end.is_none_or(|end| end > at);

@@ -1,4 +1,4 @@
-//! Figures: measured, compared with their bounds, printed, and written to docs/benchmarks.md.
+//! Figures: measured, compared with their bounds, printed, and written to docs/benchmarks/.
 
 mod first_run;
 mod peers;
@@ -49,7 +49,7 @@ pub(crate) fn run() -> Done {
 
     let report = report::markdown(&rows)?;
     print!("{report}");
-    report::write(&report)?;
+    report::write("host", &report)?;
     let broken: Vec<_> =
         rows.iter().filter(|row| !row.is_within()).map(|row| format!("{}: {}", row.law, row.what)).collect();
     if broken.is_empty() { Ok(()) } else { Err(Failure::Check(format!("beyond their bounds: {}", broken.join("; ")))) }

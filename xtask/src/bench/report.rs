@@ -1,10 +1,9 @@
-//! docs/benchmarks.md.
+//! Full tables of figures, a file each: docs/benchmarks/*.md. docs/benchmarks.md has what is promised, written by hand.
 
 use super::Row;
 use super::peers::{NOTE, PEERS};
 use crate::command::{Done, Failure, command, output, root};
 use std::fs;
-use std::path::PathBuf;
 
 /// The report's sections; [`Row::figure`] counts from 1.
 const FIGURES: [&str; 6] = [
@@ -20,10 +19,10 @@ const PREFACE: &str = "Times are the fastest of several runs. `native`: measured
 `hardware` stay empty until a firmware has run there. Bounds are upper ones; those in ns were set for a core where one \
 f64 acos costs 9 ns, so that elsewhere the ratio to an acos, measured in the same run, is what counts.";
 
-/// The whole report.
+/// The host's table.
 pub(crate) fn markdown(rows: &[Row]) -> Done<String> {
     let mut lines = vec![
-        "# Benchmarks".to_owned(),
+        "# The host: planning, and a first run".to_owned(),
         String::new(),
         format!("Written by `cargo xtask bench`; do not edit. {}", machine()?),
         String::new(),
@@ -51,54 +50,11 @@ pub(crate) fn markdown(rows: &[Row]) -> Done<String> {
     Ok(lines.join("\n"))
 }
 
-/// The sections that are written by commands of their own, in their order.
-pub(crate) const SECTIONS: [&str; 6] = ["uno", "uno-hour", "winch", "pico", "pico-hour", "verbs"];
-
-fn path() -> PathBuf {
-    root().join("docs/benchmarks.md")
-}
-
-fn marks(section: &str) -> [String; 2] {
-    [format!("<!-- {section} -->\n"), format!("<!-- end of {section} -->\n")]
-}
-
-/// A section of its own in a report, marks included.
-fn section<'a>(report: &'a str, name: &str) -> Option<&'a str> {
-    let [begin, end] = marks(name);
-    let from = report.find(&begin)?;
-    let to = report[from..].find(&end)?;
-    Some(&report[from..from + to + end.len()])
-}
-
-fn read() -> Done<String> {
-    let path = path();
-    fs::read_to_string(&path).map_err(|why| Failure::File { path, why })
-}
-
-fn save(report: &str) -> Done {
-    let path = path();
-    fs::write(&path, report).map_err(|why| Failure::File { path, why })
-}
-
-/// Writes the report; sections of their own stay as they are.
-pub(crate) fn write(report: &str) -> Done {
-    let old = read().unwrap_or_default();
-    let kept = SECTIONS.iter().filter_map(|name| section(&old, name));
-    save(&kept.fold(report.to_owned(), |report, section| format!("{report}\n{section}")))
-}
-
-/// Writes one section of its own.
-pub(crate) fn write_section(name: &str, text: &str) -> Done {
-    save(&replaced(&read()?, name, text))
-}
-
-fn replaced(old: &str, name: &str, text: &str) -> String {
-    let [begin, end] = marks(name);
-    let new = format!("{begin}{text}{end}");
-    match section(old, name) {
-        Some(section) => old.replace(section, &new),
-        None => format!("{old}\n{new}"),
-    }
+/// Writes a table of figures to its file, docs/benchmarks/NAME.md.
+pub(crate) fn write(name: &str, text: &str) -> Done {
+    let path = root().join(format!("docs/benchmarks/{name}.md"));
+    let written = path.parent().map_or(Ok(()), fs::create_dir_all).and_then(|()| fs::write(&path, text));
+    written.map_err(|why| Failure::File { path, why })
 }
 
 /// Three significant digits, or a few more before the point.
@@ -126,15 +82,6 @@ fn machine() -> Done<String> {
 #[cfg(test)]
 mod tests {
     use super::short;
-
-    #[test]
-    fn a_section_is_replaced_or_added() {
-        let once = super::replaced("# Report\n", "uno", "one\n");
-        assert_eq!(once, "# Report\n\n<!-- uno -->\none\n<!-- end of uno -->\n");
-        let both = super::replaced(&once, "uno-hour", "two\n");
-        let again = super::replaced(&both, "uno", "three\n");
-        assert_eq!(again, both.replace("one", "three"));
-    }
 
     #[test]
     fn numbers_are_short() {

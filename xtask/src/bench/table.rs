@@ -59,7 +59,7 @@ impl Table {
     /// Prints and writes a section; fails if something that was promised does not hold, after having written.
     pub(crate) fn finish(&self, section: &str, text: &str) -> Done {
         print!("{text}");
-        report::write_section(section, text)?;
+        report::write(section, text)?;
         let broken: Vec<_> = self.rows.iter().filter(|row| row.is_required && !row.holds()).collect();
         if broken.is_empty() {
             return Ok(());

@@ -38,6 +38,6 @@ pub(crate) fn run() -> Done {
         }
     }
     print!("{section}");
-    report::write_section("verbs", &section)?;
+    report::write("verbs", &section)?;
     if broken.is_empty() { Ok(()) } else { Err(Failure::Check(format!("not as asked for: {}", broken.join("; ")))) }
 }

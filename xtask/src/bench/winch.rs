@@ -40,6 +40,6 @@ pub(crate) fn run() -> Done {
         }
     }
     print!("{section}");
-    report::write_section("winch", &section)?;
+    report::write("winch", &section)?;
     if broken.is_empty() { Ok(()) } else { Err(Failure::Check(format!("not as asked for: {}", broken.join("; ")))) }
 }

@@ -20,7 +20,8 @@ use crate::diagnostic::{WrongFile, advised};
 use pulsetrain_motion::human::{self, Table};
 use pulsetrain_session::estimate::Task;
 use pulsetrain_session::fit;
-use pulsetrain_session::prepare::{Planned, Prepared, Refusal};
+use pulsetrain_session::plans::Planned;
+use pulsetrain_session::prepare::{Prepared, Refusal};
 
 #[derive(Args, Debug)]
 #[command(after_help = "\
@@ -132,7 +133,7 @@ pub(crate) fn run(args: &ExplainArgs, console: &mut Console<'_>) -> miette::Resu
     prepared.over_line(args.baud);
     let bar = console.progress(prepared.end_s(), "the motion");
     bar.stage("planning");
-    let planned = prepared.plan_by_need(|seconds| bar.set(seconds));
+    let planned = prepared.prove(|seconds| bar.set(seconds));
     drop(bar);
     let program = &prepared.program;
     let mut explanation = Explanation {

@@ -19,7 +19,8 @@ use crate::interrupt;
 use crate::report::PlanReport;
 use pulsetrain_motion::human::{self, Table};
 use pulsetrain_session::drive::{Driven, Ended, connect_while};
-use pulsetrain_session::prepare::{Planned, Prepared};
+use pulsetrain_session::plans::Planned;
+use pulsetrain_session::prepare::Prepared;
 
 /// A run on a real board. Nothing but the board saw its pins.
 #[derive(Debug, Serialize)]

@@ -10,7 +10,8 @@ use crate::console::{Console, Exit};
 use crate::diagnostic::advised;
 use crate::report::{MotorReport, PlanReport, TableReport, unlimited};
 use pulsetrain_session::estimate::Task;
-use pulsetrain_session::prepare::{Planned, Prepared};
+use pulsetrain_session::plans::Planned;
+use pulsetrain_session::prepare::Prepared;
 
 #[derive(Args, Debug)]
 #[command(after_help = "\
@@ -45,7 +46,7 @@ pub(crate) fn run(args: &PlanArgs, console: &mut Console<'_>) -> miette::Result<
 pub(crate) fn plan(prepared: &mut Prepared, console: &Console<'_>) -> miette::Result<Vec<Planned>> {
     let bar = console.progress(prepared.end_s(), "the motion");
     bar.stage("planning");
-    let planned = prepared.plan_by_need(|seconds| bar.set(seconds)).map_err(advised)?;
+    let planned = prepared.prove(|seconds| bar.set(seconds)).map_err(advised)?;
     Ok(planned)
 }
 

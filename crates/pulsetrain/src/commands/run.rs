@@ -22,7 +22,8 @@ use pulsetrain_plot::machine::Drawn;
 use pulsetrain_session::drive::{DriveError, Driven};
 use pulsetrain_session::estimate::Task;
 use pulsetrain_session::lateness::Edges;
-use pulsetrain_session::prepare::{Planned, Prepared, usual_baud};
+use pulsetrain_session::plans::Planned;
+use pulsetrain_session::prepare::{Prepared, usual_baud};
 
 #[derive(Args, Debug)]
 #[command(after_help = "\

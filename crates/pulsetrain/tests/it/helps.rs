@@ -21,8 +21,8 @@ fn advice(name: &str, text: &str) -> Option<String> {
 fn advice_for(name: &str, text: &str, length: Option<Time>) -> Option<String> {
     let folder = Folder::new(&format!("helps-{name}"));
     let file = folder.write("x.toml", text);
-    let prepared = load::load(file.as_ref(), None, length).unwrap_or_else(|error| panic!("{error:?}\n{text}"));
-    match prepared.plan(|_| ()) {
+    let mut prepared = load::load(file.as_ref(), None, length).unwrap_or_else(|error| panic!("{error:?}\n{text}"));
+    match prepared.prove(|_| ()) {
         Ok(planned) => {
             assert!(planned.iter().all(|motor| motor.certificate.steps > 0), "{name} makes no step:\n{text}");
             None
@@ -258,7 +258,7 @@ fn what_takes_long_to_try_is_said_to_be_untried() {
     let file = folder.write("x.toml", &motion(LIMITS, law));
     let prepared = load::load(file.as_ref(), None, None).unwrap();
     let said = |error: &PlanError| fit::advice(&prepared, &prepared.program.motors[0], error);
-    let Err(Refusal::Plan { advice, error, .. }) = prepared.plan(|_| ()) else { panic!("it begins at once") };
+    let Err(Refusal::Plan { advice, error, .. }) = prepared.clone().prove(|_| ()) else { panic!("it begins at once") };
     assert!(matches!(error, PlanError::SpeedJump { .. }), "{error}");
     let begins = "Start and stop gently: add ease = \"0.5 s\" (tried at both ends alone: planning all takes about ";
     assert!(advice.starts_with(begins) && !advice.contains("slower it fits"), "{advice}");

@@ -126,7 +126,7 @@ fn limits_on_what_is_heard_hold() {
 fn what_the_planner_takes_at_its_limit_the_board_does() {
     const SECONDS: f64 = 0.3;
     for amplitude in [3.2, 30.0, 300.0] {
-        let refused = |hz| alike(amplitude, hz, SECONDS).plan(|_| {}).err();
+        let refused = |hz| alike(amplitude, hz, SECONDS).prove(|_| {}).err();
         let (mut taken, mut beyond) = (10.0, 100_000.0);
         assert!(refused(taken).is_none());
         while beyond > 1.01 * taken {

@@ -70,7 +70,7 @@ fn two_motors_on_sinusoids_do_not_starve() {
         });
         let mut prepared = rigs::prepared(&boards::find("uno").expect("the Uno's row"), motors.collect());
         prepared.over_line(None);
-        prepared.plan_by_need(|_| {}).expect("`plan` accepts it");
+        prepared.prove(|_| {}).expect("`plan` accepts it");
         let made = make(&prepared, MOST_CYCLES as f64, |_| {}).expect("it begins");
         assert_eq!(made.seen.trouble, "", "{hertz} Hz, {rate} steps/s");
     }
@@ -119,11 +119,11 @@ fn queues_by_need_let_one_motor_turn_more_often() {
         rungs.take_while(|hertz| is_accepted(&mut motion(*hertz))).last().expect("10 Hz fits")
     };
     let equal = fastest(|prepared| prepared.plan(|_| {}).is_ok());
-    let by_need = fastest(|prepared| prepared.plan_by_need(|_| {}).is_ok());
+    let by_need = fastest(|prepared| prepared.prove(|_| {}).is_ok());
     println!("{equal} Hz with equal parts, {by_need} Hz by need");
     assert!(by_need >= 1.3 * equal, "{by_need} Hz, {equal} Hz with equal parts");
     let mut prepared = motion(by_need);
-    prepared.plan_by_need(|_| {}).expect("it was accepted");
+    prepared.prove(|_| {}).expect("it was accepted");
     let seen = make(&prepared, f64::from(MOST_CYCLES as u32), |_| {}).expect("it begins").seen;
     assert_eq!((seen.trouble.as_str(), seen.lateness.lost, seen.lateness.extra), ("", 0, 0));
 }

@@ -1,0 +1,183 @@
+//! The plans of all motors side by side, held against every limit and against the line.
+
+use pulsetrain_motion::program::Program;
+use pulsetrain_motion::{Law, Time};
+use pulsetrain_plan::{Certificate, Ensemble, Line, Move, PlanError, Planner, Refused, Settings, Supply, stopping};
+
+/// A motor's plan, in figures.
+#[derive(Clone, Debug)]
+pub struct Planned {
+    /// What is proven.
+    pub certificate: Certificate,
+    /// The tick of the last step.
+    pub last_tick: u64,
+}
+
+/// The moves of all motors, those of the motor that is least far first.
+pub struct Plans<'a> {
+    program: &'a Program,
+    pub(crate) ensemble: Ensemble,
+    supply: Option<Supply>,
+    clocks: Vec<Clock>,
+}
+
+/// How far a motor's moves go.
+#[derive(Clone, Copy, Debug)]
+struct Clock {
+    tick: u64,
+    /// In units of 2^-F tick.
+    fraction: i128,
+    last_step: u64,
+    ended: bool,
+}
+
+impl<'a> Plans<'a> {
+    /// Prepares to plan all motors of a program; their plans are held against the line, if there is one.
+    ///
+    /// # Errors
+    /// As [`Ensemble::new`].
+    pub fn new(program: &'a Program, line: Option<&Line>) -> Result<Plans<'a>, Refused> {
+        Plans::slowed(program, line, 1.0)
+    }
+
+    /// The same of laws that are `factor` times slower.
+    ///
+    /// # Errors
+    /// As [`Ensemble::new`].
+    pub fn slowed(program: &'a Program, line: Option<&Line>, factor: f64) -> Result<Plans<'a>, Refused> {
+        let clocks = vec![Clock::new(program.board.fraction_bits); program.motors.len()];
+        let ensemble = Ensemble::slowed(program, factor)?;
+        let supply =
+            line.map(|line| Supply::new(line.clone(), (0..clocks.len()).map(|motor| ensemble.settings(motor))));
+        Ok(Plans { program, ensemble, supply, clocks })
+    }
+
+    /// The motor that is least far, and to which tick; `None` when all have ended.
+    #[must_use]
+    fn least_far(&self) -> Option<(usize, u64)> {
+        let going = self.clocks.iter().enumerate().filter(|(_, clock)| !clock.ended);
+        going.map(|(motor, clock)| (motor, clock.tick)).min_by_key(|(_, tick)| *tick)
+    }
+
+    /// The next move of the motor that is least far, and the tick at which it begins; `None` when all have ended.
+    ///
+    /// # Errors
+    /// As [`Ensemble::next_move`], and where the line does not bring them in time.
+    pub(crate) fn next_move(&mut self) -> Result<Option<(usize, u64, Move)>, Refused> {
+        while let Some((motor, _)) = self.least_far() {
+            let clock = &mut self.clocks[motor];
+            match self.ensemble.next_move(motor)? {
+                Some(next) => {
+                    let from = clock.tick;
+                    let added = self.supply.as_mut().map_or(Ok(()), |supply| supply.add(motor, &next, from));
+                    added.map_err(|error| Refused { motor, error })?;
+                    clock.advance(&next, self.program.board.fraction_bits);
+                    return Ok(Some((motor, from, next)));
+                }
+                None => clock.ended = true,
+            }
+        }
+        Ok(None)
+    }
+
+    /// Plans all that is left; `watch` hears how far the plan is, s.
+    ///
+    /// # Errors
+    /// When a plan would break a limit, or the board could not brake the motors.
+    pub fn run(mut self, mut watch: impl FnMut(f64)) -> Result<Vec<Planned>, Refused> {
+        let mut moves: u32 = 0;
+        while let Some((_, from, _)) = self.next_move()? {
+            moves = moves.wrapping_add(1);
+            if moves.is_multiple_of(256) {
+                watch(from as f64 / self.program.board.tick_hz as f64);
+            }
+        }
+        self.brake()?;
+        Ok(self.finish())
+    }
+
+    /// Checks that the board can brake the motors as their limits want it, from what was planned.
+    ///
+    /// # Errors
+    /// [`PlanError::BrakesTooHard`].
+    fn brake(&self) -> Result<(), Refused> {
+        self.program.motors.iter().enumerate().try_for_each(|(index, motor)| {
+            let peaks = self.ensemble.certificate(index);
+            stopping(&peaks, &motor.limits, &self.program.board)
+                .map(drop)
+                .map_err(|error| Refused { motor: index, error })
+        })
+    }
+
+    /// The figures of every motor's plan.
+    #[must_use]
+    fn finish(&self) -> Vec<Planned> {
+        let motors = self.clocks.iter().enumerate();
+        motors
+            .map(|(motor, clock)| Planned { certificate: self.ensemble.certificate(motor), last_tick: clock.last_step })
+            .collect()
+    }
+}
+
+impl Clock {
+    fn new(fraction_bits: u32) -> Clock {
+        Clock { tick: 0, fraction: 1 << (fraction_bits - 1), last_step: 0, ended: false }
+    }
+
+    fn advance(&mut self, next: &Move, fraction_bits: u32) {
+        match next {
+            Move::Dwell { ticks } => self.tick += ticks,
+            Move::Run { segment, .. } => {
+                let fixed = (i128::from(self.tick) << fraction_bits) + self.fraction + segment.span(segment.count);
+                self.tick = (fixed >> fraction_bits) as u64;
+                self.fraction = fixed & ((1 << fraction_bits) - 1);
+                self.last_step = self.tick;
+            }
+        }
+    }
+}
+
+/// Plans a law by itself; nothing is kept but what is proven.
+///
+/// # Errors
+/// When that breaks one of `settings`: the first it meets.
+pub fn planned(law: &Law, settings: &Settings) -> Result<Certificate, PlanError> {
+    let mut planner = Planner::new(law, settings)?;
+    while planner.next_move()?.is_some() {}
+    Ok(planner.certificate().clone())
+}
+
+/// The same, for its errors alone.
+///
+/// # Errors
+/// As [`planned`].
+pub fn walk(law: &Law, settings: &Settings) -> Result<(), PlanError> {
+    planned(law, settings).map(drop)
+}
+
+/// Whether a law's plan keeps to `settings` up to some time, by itself.
+#[must_use]
+pub fn fits_until(law: &Law, settings: &Settings, until: Time) -> bool {
+    let Ok(mut planner) = Planner::new(law, settings) else { return false };
+    let (mut clock, last_tick) = (Clock::new(settings.fraction_bits), until.seconds() * settings.tick_hz as f64);
+    while (clock.tick as f64) < last_tick {
+        match planner.next_move() {
+            Ok(Some(next)) => clock.advance(&next, settings.fraction_bits),
+            Ok(None) => break,
+            Err(_) => return false,
+        }
+    }
+    true
+}
+
+/// Whether a law's plan keeps to `settings`, by itself.
+#[must_use]
+pub fn fits(law: &Law, settings: &Settings) -> bool {
+    walk(law, settings).is_ok()
+}
+
+/// Whether the plans of all motors keep to every limit, and come over the line in time, if their laws are `factor` times slower.
+#[must_use]
+pub fn all_fit(program: &Program, line: Option<&Line>, factor: f64) -> bool {
+    Plans::slowed(program, line, factor).and_then(|plans| plans.run(|_| {})).is_ok()
+}
