@@ -57,7 +57,7 @@ fn format() -> Done {
 /// What a program that embeds the crates would get: each package builds from its own files.
 fn packages() -> Done {
     let ours = ["xtask", "pulsetrain-oracle", "pulsetrain-testkit"];
-    let mut package = cargo("package --workspace --quiet --allow-dirty --no-verify");
+    let mut package = cargo("package --workspace --quiet --allow-dirty");
     command::run(package.args(ours.iter().flat_map(|name| ["--exclude", name])))
 }
 
