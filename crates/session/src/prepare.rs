@@ -1,4 +1,4 @@
-//! From a motion file to what can be planned: a board, settings for each motor, an end for endless laws.
+//! From a motion file to a motion that can be planned: chooses the board, gives endless laws an end, plans, and says what would fit.
 
 use pulsetrain_board::BoardKind;
 use pulsetrain_core::wire::Baud;
@@ -16,24 +16,24 @@ use crate::estimate::{Estimate, Task};
 use crate::fit;
 use crate::pause::{self, Easing, PauseError, Paused};
 
-/// How much of an endless motion is shown, s, if nobody says.
+/// Seconds of an endless motion that are planned if the user gives no length: enough to see it, short enough to wait for.
 pub const DEFAULT_LENGTH_S: f64 = 10.0;
 
-/// No board's clock is further off than this, ppm: twice what a ceramic resonator may be.
+/// The most that a board's clock can be off, ppm: twice the tolerance of a ceramic resonator (0.5 %).
 pub const WORST_CLOCK_PPM: f64 = 10_000.0;
 
 /// A motion that can be planned.
 #[derive(Clone, Debug)]
 pub struct Prepared {
-    /// The motion file, as it was called.
+    /// The name of the motion file, as the user gave it.
     pub file: String,
-    /// What it says; every law ends.
+    /// Its program. Every law ends after [`Prepared::ending`].
     pub program: Program,
-    /// Where laws that go on for longer were cut.
+    /// Where longer laws were cut; `None` if none was.
     pub cut: Option<Cut>,
-    /// The pause that was put in.
+    /// The pause that was inserted by [`Prepared::pause`].
     pub pause: Option<Paused>,
-    /// The line that brings its plan to the board while it runs; `None`: it does not come over a line.
+    /// The line over which the plan comes to the board while it runs; `None` if it does not come over a line.
     pub line: Option<Line>,
     /// How the columns of its CSV files were read.
     pub tables: Vec<TableColumns>,
@@ -44,7 +44,7 @@ pub struct Prepared {
 pub struct Cut {
     /// From the laws' beginning on.
     pub at: Time,
-    /// When it would have ended; `None`: never.
+    /// When the motion would have ended without the cut; `None` if never.
     pub end: Option<Time>,
 }
 
@@ -56,7 +56,7 @@ pub enum Refusal {
     Board {
         /// The motion file.
         file: String,
-        /// What is wrong.
+        /// Why it does not fit.
         error: BoardError,
     },
     /// The board cannot drive the pins of the motors together.
@@ -64,27 +64,27 @@ pub enum Refusal {
     Pins {
         /// The motion file.
         file: String,
-        /// Which are apart.
+        /// Which pins do not go together.
         error: PinsError,
-        /// What fits.
+        /// Which pins would fit.
         advice: String,
     },
-    /// A law breaks before it can be cut.
+    /// A law cannot be evaluated before the place where it is to be cut.
     #[error("{file}: motor {motor}: {error}")]
     Law {
         /// The motion file.
         file: String,
-        /// Whose.
+        /// The motor's name.
         motor: String,
-        /// How.
+        /// Why it cannot be evaluated.
         error: LawError,
     },
-    /// There is nothing left to pause.
+    /// The motion ends before the pause would begin.
     #[error("{file}: a pause at {at_s} s comes too late: the motion ends at {end_s} s")]
     Over {
         /// The motion file.
         file: String,
-        /// Asked for, s.
+        /// When the pause was to begin, s.
         at_s: f64,
         /// When the last law ends, s.
         end_s: f64,
@@ -102,9 +102,9 @@ pub enum Refusal {
     Plan {
         /// The motion file.
         file: String,
-        /// Whose.
+        /// The motor's name.
         motor: String,
-        /// Which limit, where.
+        /// Which limit, and where.
         error: PlanError,
         /// What would fit.
         advice: String,
@@ -112,7 +112,7 @@ pub enum Refusal {
 }
 
 impl Refusal {
-    /// What to do, where that is known.
+    /// What the user can do, if something is known to help.
     #[must_use]
     pub fn advice(&self) -> Option<&str> {
         match self {
@@ -123,7 +123,8 @@ impl Refusal {
 }
 
 impl Prepared {
-    /// What a motion file says, on `board` if that is given; endless laws stay so. `file` is its name.
+    /// The motion of a file, for the board named `board` if that is given, else for the file's own. Endless laws stay endless. `file` is the file's
+    /// name, for messages.
     ///
     /// # Errors
     /// When the motion does not fit the board.
@@ -142,10 +143,10 @@ impl Prepared {
         Ok(Prepared { file, program, cut: None, pause: None, line: None, tables })
     }
 
-    /// Cuts endless laws after `length`, and finite ones too if it is given.
+    /// Cuts the laws after `length`. Without one, only endless laws are cut: after [`DEFAULT_LENGTH_S`], but not before the finite laws end.
     ///
     /// # Errors
-    /// When a law breaks before it can be cut.
+    /// When a law cannot be evaluated before the cut.
     pub fn ending(self, length: Option<Time>) -> Result<Prepared, Refusal> {
         let Prepared { file, mut program, line, tables, .. } = self;
         let cut =
@@ -153,14 +154,14 @@ impl Prepared {
         Ok(Prepared { file, program, cut, pause: None, line, tables })
     }
 
-    /// Plans for a board whose clock runs `ppm` 10^-6 faster than its nominal rate: a second of the law is then a second of
-    /// whoever measured that. To whole ticks a second: on an Uno to 0.03 ppm.
+    /// Plans for a board whose clock runs `ppm` parts per million faster than its nominal rate, so that a second of the law is a second of the clock
+    /// that measured this. The rate is rounded to whole ticks a second: on an Uno to 0.03 ppm.
     pub fn calibrate(&mut self, ppm: f64) {
         let hz = &mut self.program.board.tick_hz;
         *hz = (*hz as f64 * (1.0 + ppm * 1e-6)).round() as u64;
     }
 
-    /// Has the motors come to a halt from `at` on, and go on at `until`; see [`pause::paused`].
+    /// Inserts a pause: the motors slow down to a halt from `at` on, and go on at `until`; see [`pause::paused`].
     ///
     /// # Errors
     /// When the motion is over by then, or leaves no room for it.
@@ -175,7 +176,7 @@ impl Prepared {
         Ok(())
     }
 
-    /// Its plan comes to the board over a UART at `baud`, or by the [usual way](usual_line).
+    /// Lets the plan come to the board over a UART at `baud`; without a rate, by the [usual line](usual_line).
     pub fn over_line(&mut self, baud: Option<Baud>) {
         self.line = match baud {
             Some(baud) => Line::of(&self.program, Way::Uart(baud.rate())),
@@ -183,15 +184,15 @@ impl Prepared {
         };
     }
 
-    /// Plans every motor, all side by side; nothing is kept. `watch` hears how far the plan is, s.
+    /// Plans all motors side by side, and keeps only the figures. `watch` gets the time up to which the plan has come, s.
     ///
     /// # Errors
-    /// When a plan would break a limit: with what would fit.
+    /// When a plan would break a limit, with advice on what would fit.
     pub fn plan(&self, watch: impl FnMut(f64)) -> Result<Vec<Planned>, Refusal> {
         self.try_plan(watch).map_err(|refused| self.refuse(refused))
     }
 
-    /// The same. Where equal parts of the board's queues are too short, each motor gets as much as its plan needs.
+    /// As [`Prepared::plan`]. If equal parts of the board's queues are too short, each motor gets a part by what its plan needs.
     ///
     /// # Errors
     /// As [`Prepared::plan`].
@@ -214,7 +215,7 @@ impl Prepared {
         Plans::new(&self.program, self.line.as_ref())?.run(watch)
     }
 
-    /// With queues that last equally long for all motors; `None` if there is no line, or no use in it.
+    /// This motion, with queues that last equally long for all motors. `None` if there is no line, one motor only, or no better way to share.
     fn with_queues_by_need(&self) -> Option<Prepared> {
         let line = self.line.as_ref()?;
         let motors = self.program.motors.len();
@@ -233,15 +234,16 @@ impl Prepared {
         Some(shared)
     }
 
-    /// Plans as much of the beginning as takes no time: what is wrong there need not wait for a long plan.
+    /// Plans as much of the beginning as takes 0.2 s at most, so that an error there is found before a long plan.
     ///
     /// # Errors
     /// As [`Prepared::plan`].
     pub fn begins(&self) -> Result<(), Refusal> {
+        /// Estimated planning time, s: too short to be noticed.
         const MOST_S: f64 = 0.2;
         let planning_s = Estimate::of(self, Some(Time::SECOND), Task::Plan).planning_s;
         let length = Time::from_seconds((MOST_S / planning_s).min(1.0));
-        // One that cannot be cut there, or stopped, may still be right.
+        // The whole motion may be right even if it cannot be cut or stopped there.
         let Ok(begun) = self.clone().ending(Some(length)) else { return Ok(()) };
         let is_of_motion = |refused: &Refused| refused.error.at_s().is_some_and(|at_s| at_s < length.seconds());
         match begun.try_plan(|_| {}) {
@@ -250,10 +252,10 @@ impl Prepared {
         }
     }
 
-    /// A plan's refusal as the user should see it.
+    /// A refused plan, with names and with advice for the user.
     #[must_use]
     pub fn refuse(&self, refused: Refused) -> Refusal {
-        // What would fit is looked for in laws that end. One that cannot be cut is its own problem, and is told as that.
+        // Advice needs laws that end. If a law cannot be cut, that is the problem to report.
         let mut ended = self.clone();
         let advice = match cut(&mut ended.program, None) {
             Ok(now) => {
@@ -273,16 +275,16 @@ impl Prepared {
     }
 }
 
-/// A motor's plan, in figures.
+/// The figures of a motor's plan.
 #[derive(Clone, Debug)]
 pub struct Planned {
-    /// What is proven.
+    /// What is proven of the plan: steps, shortest interval, highest speed and acceleration.
     pub certificate: Certificate,
     /// The tick of the last step.
     pub last_tick: u64,
 }
 
-/// The [usual rate](BoardKind::usual_baud) of the line to a board.
+/// The [usual rate](BoardKind::usual_baud) of the line to the board of that name; 1 Mbaud for a board without a firmware.
 #[must_use]
 pub fn usual_baud(board: &str) -> Baud {
     BoardKind::named(board).map_or(Baud::B1M, BoardKind::usual_baud)
@@ -294,7 +296,7 @@ pub fn usual_line(program: &Program) -> Option<Line> {
     Line::of(program, Way::Usb).or_else(|| Line::of(program, Way::Uart(usual_baud(&program.board.name).rate())))
 }
 
-/// The moves of all motors, those of the motor that is least far first.
+/// The moves of all motors, in the order of the ticks at which they begin.
 pub struct Plans<'a> {
     program: &'a Program,
     ensemble: Ensemble,
@@ -302,18 +304,18 @@ pub struct Plans<'a> {
     clocks: Vec<Clock>,
 }
 
-/// How far a motor's moves go.
+/// Up to which time a motor is planned.
 #[derive(Clone, Copy, Debug)]
 struct Clock {
     tick: u64,
-    /// In units of 2^-F tick.
+    /// The part of a tick after `tick`, in units of 2^-F tick.
     fraction: i128,
     last_step: u64,
     ended: bool,
 }
 
 impl<'a> Plans<'a> {
-    /// Prepares to plan all motors of a program; their plans are held against the line, if there is one.
+    /// Prepares to plan all motors of a program. If there is a line, their plans must come over it in time.
     ///
     /// # Errors
     /// As [`Ensemble::new`].
@@ -321,7 +323,7 @@ impl<'a> Plans<'a> {
         Plans::slowed(program, line, 1.0)
     }
 
-    /// The same of laws that are `factor` times slower.
+    /// As [`Plans::new`], with laws that are `factor` times slower.
     ///
     /// # Errors
     /// As [`Ensemble::new`].
@@ -333,17 +335,17 @@ impl<'a> Plans<'a> {
         Ok(Plans { program, ensemble, supply, clocks })
     }
 
-    /// The motor that is least far, and to which tick; `None` when all have ended.
+    /// The motor that is planned least far, and up to which tick; `None` when all have ended.
     #[must_use]
     fn least_far(&self) -> Option<(usize, u64)> {
         let going = self.clocks.iter().enumerate().filter(|(_, clock)| !clock.ended);
         going.map(|(motor, clock)| (motor, clock.tick)).min_by_key(|(_, tick)| *tick)
     }
 
-    /// The next move of the motor that is least far, and the tick at which it begins; `None` when all have ended.
+    /// The next move of the motor that is planned least far, and the tick at which it begins; `None` when all have ended.
     ///
     /// # Errors
-    /// As [`Ensemble::next_move`], and where the line does not bring them in time.
+    /// As [`Ensemble::next_move`], and where the line would not bring a move in time.
     fn next_move(&mut self) -> Result<Option<(usize, u64, Move)>, Refused> {
         while let Some((motor, _)) = self.least_far() {
             let clock = &mut self.clocks[motor];
@@ -361,7 +363,7 @@ impl<'a> Plans<'a> {
         Ok(None)
     }
 
-    /// Plans all that is left; `watch` hears how far the plan is, s.
+    /// Plans all that is left. `watch` gets the time up to which the plan has come, s.
     ///
     /// # Errors
     /// When a plan would break a limit, or the board could not brake the motors.
@@ -377,7 +379,7 @@ impl<'a> Plans<'a> {
         Ok(self.finish())
     }
 
-    /// Checks that the board can brake the motors as their limits want it, from what was planned.
+    /// Checks that the board can brake each motor within its limits, from the speeds that were planned.
     ///
     /// # Errors
     /// [`PlanError::BrakesTooHard`].
@@ -418,17 +420,17 @@ impl Clock {
     }
 }
 
-/// Plans a law by itself; nothing is kept but what is proven.
+/// Plans a single law and keeps only what is proven of the plan.
 ///
 /// # Errors
-/// When that breaks one of `settings`: the first it meets.
+/// The first limit of `settings` that the plan breaks.
 pub fn planned(law: &Law, settings: &Settings) -> Result<Certificate, PlanError> {
     let mut planner = Planner::new(law, settings)?;
     while planner.next_move()?.is_some() {}
     Ok(planner.certificate().clone())
 }
 
-/// The same, for its errors alone.
+/// As [`planned`], for its errors alone.
 ///
 /// # Errors
 /// As [`planned`].
@@ -436,7 +438,7 @@ pub fn walk(law: &Law, settings: &Settings) -> Result<(), PlanError> {
     planned(law, settings).map(drop)
 }
 
-/// Whether a law's plan keeps to `settings` up to some time, by itself.
+/// Whether the plan of a single law keeps to `settings` up to the time `until`.
 #[must_use]
 pub fn fits_until(law: &Law, settings: &Settings, until: Time) -> bool {
     let Ok(mut planner) = Planner::new(law, settings) else { return false };
@@ -451,7 +453,7 @@ pub fn fits_until(law: &Law, settings: &Settings, until: Time) -> bool {
     true
 }
 
-/// Whether a law's plan keeps to `settings`, by itself.
+/// Whether the plan of a single law keeps to `settings`.
 #[must_use]
 pub fn fits(law: &Law, settings: &Settings) -> bool {
     walk(law, settings).is_ok()
@@ -463,27 +465,26 @@ pub fn all_fit(program: &Program, line: Option<&Line>, factor: f64) -> bool {
     Plans::slowed(program, line, factor).and_then(|plans| plans.run(|_| {})).is_ok()
 }
 
-/// When each motor's law ends; `None`: never.
+/// When each motor's law ends; `None` for an endless law.
 fn ends(program: &Program) -> Vec<Option<Time>> {
     program.motors.iter().map(|motor| motor.law.end()).collect()
 }
 
-/// Where laws that go on are cut; `None`: nowhere.
+/// When longer laws are cut; `None` if no law is to be cut.
 fn cut_at(ends: &[Option<Time>], length: Option<Time>) -> Option<Time> {
     let is_endless = ends.iter().any(Option::is_none);
     let default = || ends.iter().copied().flatten().fold(Time::from_seconds(DEFAULT_LENGTH_S), Time::max);
     length.or_else(|| is_endless.then(default))
 }
 
-/// How much of each motor's law there is once it is cut, but for the stop.
+/// How long each motor's law lasts once it is cut, without the stop after the cut.
 pub(crate) fn spans(program: &Program, length: Option<Time>) -> Vec<Time> {
     let ends = ends(program);
     let at = cut_at(&ends, length).unwrap_or(Time::MAX);
     ends.into_iter().map(|end| end.map_or(at, |end| end.min(at))).collect()
 }
 
-/// Gives every endless law an end: after `length`, or after the default but not before the finite laws end. A
-/// `length` that is given cuts finite laws too.
+/// Cuts the laws as [`Prepared::ending`] says.
 fn cut(program: &mut Program, length: Option<Time>) -> Result<Option<Cut>, (String, LawError)> {
     let ends = ends(program);
     let Some(at) = cut_at(&ends, length) else { return Ok(None) };
@@ -505,8 +506,8 @@ fn cut(program: &mut Program, length: Option<Time>) -> Result<Option<Cut>, (Stri
     Ok(Some(Cut { at, end }))
 }
 
-/// Has a machine's motors come to a halt from `at` on along their path, as for a pause. `false` if there is no room for that within their
-/// limits: nothing is changed then.
+/// Slows a machine's motors down to a halt from `at` on, along their path, as for a pause. Returns false and changes nothing if their limits leave
+/// no room for that.
 fn keeps_to_path(program: &mut Program, motors: &[usize], at: Time) -> bool {
     let mut machine = program.clone();
     machine.motors = motors.iter().map(|motor| program.motors[*motor].clone()).collect();
@@ -525,14 +526,15 @@ pub(crate) fn stopped(law: &Law, at: Time, limits: Limits, grid: Grid) -> Result
     law.clone().stopped(at, braking, limits.pull_in)
 }
 
-/// How hard to brake, steps/s²: by the motor's limit, else by what the law itself asked for before, else softly; and a
-/// little less, so that the motor does not come to rest just where a step is due.
+/// How hard to brake, steps/s². By the motor's limit; else as hard as the law itself accelerated before; else softly. A little less than that, so
+/// that the motor does not come to rest just where a step is due, whose time would be undefined.
 fn braking(law: &Law, at: Time, limit: Option<f64>, grid: Grid) -> Result<f64, LawError> {
+    /// Places of the law whose acceleration is read: one each 10 ms.
     const LOOKS: u64 = 1000;
     let mut cursor = Cursor::new(law);
     let start = cursor.at(Time::ZERO)?;
     let mut hardest = 0.0_f64;
-    // The last seconds are looked at: the law is walked through once, whatever its length.
+    // Only the last seconds are read: a long law would take too long.
     let span = at.min(Time::from_seconds(DEFAULT_LENGTH_S));
     for k in 0..=LOOKS {
         let sample = cursor.at(at - span + span.times(k).divided_by(LOOKS))?;
@@ -545,7 +547,7 @@ fn braking(law: &Law, at: Time, limit: Option<f64>, grid: Grid) -> Result<f64, L
         return Ok(1.0);
     }
     let way = speed * speed / (2.0 * braking);
-    // θ in the direction of travel, from the law's start: rest comes half a step from where a step up would be due.
+    // θ in the direction of travel, from the law's start. The motor shall rest half a step from the level of a step.
     let theta = (from.position - start.position) * from.speed.signum() + way;
     let rest = grid.up_level(0) - 0.5;
     let longer = (rest - theta).rem_euclid(1.0);
