@@ -1,6 +1,6 @@
-//! A board with a reference: the native stepgen, told the very same.
+//! A board, and as its reference a native board that gets the same items.
 //!
-//! The board makes the edges, the reference says which tick each step was scheduled for.
+//! The board makes the edges. The reference knows the tick for which each step was scheduled.
 
 use crate::lease::{ExtendRefused, Lease, LeaseState, Leased, TrimRefused};
 use crate::{Board, Edge, Faults, Native, Observer, ScheduledStep, Sizer, StopReport, SwitchRefused};
@@ -8,43 +8,43 @@ use pulsetrain_core::braking::Limit;
 use pulsetrain_core::{Entry, Epoch};
 use std::collections::VecDeque;
 
-/// A board, whose edges are told, and a native one, whose steps are.
+/// A board and its reference: an observer gets the edges of the board and the scheduled steps of the reference.
 #[derive(Debug)]
 pub struct WithReference<B> {
     board: B,
     reference: Native,
-    /// The reference took everything that the board took.
-    agree: bool,
-    /// What the reference scheduled while nobody looked.
+    /// Whether the reference has accepted everything that the board accepted.
+    is_complete: bool,
+    /// Steps that the reference scheduled while there was no observer.
     steps: Vec<ScheduledStep>,
-    /// The lease that both have.
+    /// The lease of both.
     lease: Option<Lease>,
-    /// Extensions that the board has not answered, oldest first. The reference gets an extension when the board has accepted it. Until then the reference's
-    /// time does not pass the earliest end that is possible.
+    /// Extensions that the board has not answered, oldest first. The reference gets an extension once the board has accepted it. Until then the
+    /// reference's time does not pass the earliest possible end of the lease.
     extending: VecDeque<(Lease, Vec<Limit>)>,
     /// The board's answers, oldest first, that [`Leased::extended`] has not reported yet.
     extended: VecDeque<bool>,
 }
 
 impl<B: Board> WithReference<B> {
-    /// `reference` has the same motors as `board`, queues that hold what the board's hold ([`Native::unbounded`]), and is new: it comes as far
-    /// as the board, which may have been on for days.
+    /// `reference` must be new and have the same motors as `board`, and queues as long ([`Native::unbounded`]). Its time is brought to that of the
+    /// board, which may have been on for days.
     #[must_use]
     pub fn new(board: B, mut reference: Native) -> WithReference<B> {
         if let Some(last) = board.now().checked_sub(1) {
             reference.advance(last, &mut |_: Edge| {});
         }
         let (extending, extended) = (VecDeque::new(), VecDeque::new());
-        WithReference { board, reference, agree: true, steps: Vec::new(), lease: None, extending, extended }
+        WithReference { board, reference, is_complete: true, steps: Vec::new(), lease: None, extending, extended }
     }
 
-    /// The board itself.
+    /// The board.
     #[must_use]
     pub const fn board(&self) -> &B {
         &self.board
     }
 
-    /// The same, to ask it things.
+    /// The board, to send it commands. What is pushed there does not reach the reference.
     pub const fn board_mut(&mut self) -> &mut B {
         &mut self.board
     }
@@ -55,8 +55,8 @@ impl<B: Board> WithReference<B> {
         self.board
     }
 
-    /// Time has passed until the board answered, and switches that it had taken were made: the reference holds no more of them than it.
-    /// But it stays before the switch at `tick`, as the board was when it took it: an answer that was lost comes after its tick.
+    /// Brings the reference to the board's time, but not to `tick`: it can accept a switch only before the switch's tick. The board accepted it in
+    /// time, even if its answer was lost and came after that tick when it was repeated.
     fn follow_to_switch(&mut self, tick: u64) {
         let tick = self.earliest_end().map_or(tick, |open| open.min(tick));
         let passed = self.board.now().checked_sub(1).zip(self.reference.last_before_switch(tick));
@@ -65,7 +65,7 @@ impl<B: Board> WithReference<B> {
         }
     }
 
-    /// Lets the reference come as far as the board.
+    /// Brings the reference's time to `until`, but not past the earliest possible end of the lease.
     fn follow(&mut self, until: u64, observer: &mut impl Observer) {
         self.steps.drain(..).for_each(|step| observer.step(step));
         // After an immediate stop the board makes no more steps; the reference must not go on with its plan.
@@ -81,7 +81,7 @@ impl<B: Board> WithReference<B> {
 }
 
 impl<B> WithReference<B> {
-    /// The soonest of the ends that the lease may have.
+    /// The earliest possible end of the lease while the board has extensions to answer; else `None`.
     fn earliest_end(&self) -> Option<u64> {
         let leases = self.extending.iter().map(|(lease, _)| *lease).chain(self.lease);
         let ends = leases.filter_map(|lease| if let Lease::Until(tick) = lease { Some(tick) } else { None });
@@ -90,13 +90,13 @@ impl<B> WithReference<B> {
 }
 
 impl<B: Leased> WithReference<B> {
-    /// Extends the reference's lease as the board has extended its own.
+    /// Takes the board's answers to extensions, and gives the accepted ones to the reference.
     fn take_answers(&mut self) {
         while let Some(accepted) = self.board.extended() {
             if let Some((lease, limits)) = self.extending.pop_front()
                 && accepted
             {
-                self.agree &= self.reference.extend(lease, &limits).is_ok();
+                self.is_complete &= self.reference.extend(lease, &limits).is_ok();
                 self.lease = Some(lease);
             }
             self.extended.push_back(accepted);
@@ -104,7 +104,7 @@ impl<B: Leased> WithReference<B> {
     }
 }
 
-/// Keeps steps for who looks next.
+/// An observer that keeps the steps for the next observer.
 struct StepBuffer<'s>(&'s mut Vec<ScheduledStep>);
 
 impl Observer for StepBuffer<'_> {
@@ -115,6 +115,7 @@ impl Observer for StepBuffer<'_> {
     }
 }
 
+/// Passes on only the edges: those of the board.
 struct Edges<'o, O>(&'o mut O);
 
 impl<O: Observer> Observer for Edges<'_, O> {
@@ -123,6 +124,7 @@ impl<O: Observer> Observer for Edges<'_, O> {
     }
 }
 
+/// Passes on only the steps: those of the reference.
 struct Steps<'o, O>(&'o mut O);
 
 impl<O: Observer> Observer for Steps<'_, O> {
@@ -136,7 +138,7 @@ impl<O: Observer> Observer for Steps<'_, O> {
 impl<B: Leased> Board for WithReference<B> {
     fn push(&mut self, motor: usize, entry: Entry) -> Result<(), Entry> {
         self.board.push(motor, entry)?;
-        self.agree &= self.reference.push(motor, entry).is_ok();
+        self.is_complete &= self.reference.push(motor, entry).is_ok();
         Ok(())
     }
 
@@ -200,7 +202,7 @@ impl<B: Leased> Board for WithReference<B> {
     }
 
     fn agrees(&self) -> bool {
-        self.agree && self.board.agrees()
+        self.is_complete && self.board.agrees()
     }
 
     fn settle(&mut self) -> Result<crate::AtRest, crate::RemoteError> {
@@ -215,7 +217,7 @@ impl<B: Leased> Leased for WithReference<B> {
         self.follow_to_switch(tick);
         match answer {
             Ok(()) => {
-                self.agree &= self.reference.switch(epoch, tick, lease, limits).is_ok();
+                self.is_complete &= self.reference.switch(epoch, tick, lease, limits).is_ok();
                 self.lease = Some(lease);
             }
             Err(_) => Board::discard(&mut self.reference, epoch),
@@ -233,7 +235,7 @@ impl<B: Leased> Leased for WithReference<B> {
     fn trim(&mut self, until: u64, items: &[usize]) -> Result<(), TrimRefused> {
         self.await_extensions();
         self.board.trim(until, items)?;
-        self.agree &= self.reference.trim(until, items).is_ok();
+        self.is_complete &= self.reference.trim(until, items).is_ok();
         self.lease = Some(Lease::Until(until));
         Ok(())
     }
@@ -242,7 +244,7 @@ impl<B: Leased> Leased for WithReference<B> {
         let at = self.board.brake();
         self.take_answers();
         let at = at?;
-        // The reference is not as far as the board, and brakes where that does.
+        // The reference's time is behind the board's, so it can still brake at the same tick.
         self.reference.brake_at(at);
         Some(at)
     }
@@ -288,8 +290,8 @@ mod tests {
         }
     }
 
-    /// So many runs of a step each, all told before the first; gives what was seen, and whether both agree.
-    fn told(runs: usize, reference: Native) -> (Seen, bool) {
+    /// Pushes so many runs of one step each before any time passes. Returns what an observer saw, and whether the reference has everything.
+    fn run_all(runs: usize, reference: Native) -> (Seen, bool) {
         let mut board = WithReference::new(Native::unbounded(&config()).expect("it can be wired so"), reference);
         let segment = Segment { count: 1, interval: 100 << 16, add: 0, add2: 0 };
         let run = Item::Run { segment, direction: Direction::Forward };
@@ -303,9 +305,9 @@ mod tests {
 
     #[test]
     fn a_shadow_holds_what_the_board_holds_or_says_that_it_does_not() {
-        let (seen, agrees) = told(5000, Native::unbounded(&config()).expect("it can be wired so"));
+        let (seen, agrees) = run_all(5000, Native::unbounded(&config()).expect("it can be wired so"));
         assert_eq!((seen.rises, seen.steps, agrees), (5000, 5000, true));
-        let (seen, agrees) = told(5000, Native::new(&config()).expect("it can be wired so"));
+        let (seen, agrees) = run_all(5000, Native::new(&config()).expect("it can be wired so"));
         assert_eq!(seen.rises, 5000);
         assert!(seen.steps < 5000 && !agrees, "{} steps", seen.steps);
     }
