@@ -1,27 +1,28 @@
-//! A board's clock as the host sees it: readings, each within the time of its question and answer.
+//! A board's clock as the host has read it. The board answers some time between question and answer, so each reading has an uncertainty.
 
 use std::collections::VecDeque;
 use std::time::Duration;
 
-/// Readings kept.
+/// Readings that are kept: enough to have a quick one among them, few enough to search each time.
 const READINGS: usize = 16;
 
-/// How far a board's clock may be off its rate, 10^-6: a ceramic resonator's ±0.5 %.
+/// How far a board's clock may be off its nominal rate, ppm: ±0.5 % of a ceramic resonator.
 const WORST_PPM: f64 = 5000.0;
 
-/// So far apart must readings be to say anything of the rate, s.
+/// Seconds that two readings must be apart before a rate is computed from them.
 const SHORTEST_SPAN_S: f64 = 0.5;
 
-/// A tick that was read some time between two others.
+/// A tick that the clock showed some time between two host times.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Reading {
     tick: u64,
-    /// The middle of that time, and half of it, s.
+    /// The middle of those two times, s.
     at: f64,
+    /// Half of the time between them, s.
     within: f64,
 }
 
-/// What is known of a board's clock. Host times count from the same beginning as the link's.
+/// A board's clock: converts between its ticks and the host's time, which is that of the port ([`Port::now`](crate::Port::now)).
 ///
 /// ```
 /// use pulsetrain_board::BoardClock;
@@ -40,17 +41,19 @@ struct Reading {
 #[derive(Clone, Debug)]
 pub struct BoardClock {
     tick_hz: f64,
-    /// Where the long run begins that the rate is taken from.
+    /// The first good reading: the rate is computed from here to the last one.
     first: Option<Reading>,
     recent: VecDeque<Reading>,
-    /// The reading that says most, and the rate from there on: one straight line for both ways.
+    /// The most certain reading by now.
     best: Option<Reading>,
+    /// The rate with which ticks are extrapolated from `best`, ticks/s.
     rate_hz: f64,
+    /// How much faster than nominal the clock is, and how uncertain that is, ppm.
     ppm: Option<(f64, f64)>,
 }
 
 impl BoardClock {
-    /// A clock of that nominal rate that has not been read yet.
+    /// A clock of a nominal rate, ticks/s, that has not been read yet.
     #[must_use]
     pub fn new(tick_hz: u32) -> BoardClock {
         let tick_hz = f64::from(tick_hz);
@@ -70,7 +73,7 @@ impl BoardClock {
         }
         self.recent.push_back(reading);
 
-        // Old readings grow vague, as the rate is known to so much only.
+        // The older a reading is, the less certain is what follows from it: the rate is uncertain too.
         let vague = |reading: &Reading, ppm: f64| reading.within + (to - reading.at) * 1e-6 * ppm;
         let best_for = |ppm: f64| {
             let least = self.recent.iter().min_by(|a, b| vague(a, ppm).total_cmp(&vague(b, ppm)));
@@ -90,7 +93,7 @@ impl BoardClock {
         self.best = Some(last);
     }
 
-    /// How much faster than its nominal rate it runs, 10^-6, and how much that may be off.
+    /// How much faster than its nominal rate the clock runs, and how uncertain that is, ppm.
     ///
     /// `None` until readings half a second apart have come.
     #[must_use]
@@ -98,7 +101,7 @@ impl BoardClock {
         self.ppm
     }
 
-    /// The tick at a host time; `None` until the clock was read.
+    /// The tick at a host time, rounded down; `None` until the clock was read.
     #[must_use]
     pub fn tick_at(&self, time: Duration) -> Option<u64> {
         let reading = self.best?;
@@ -107,7 +110,7 @@ impl BoardClock {
         Some(reading.tick.saturating_add_signed(ticks as i64))
     }
 
-    /// The host time at which the clock shows `tick`; `None` until it was read.
+    /// The host time at which the clock shows `tick`; `None` until the clock was read.
     #[must_use]
     pub fn time_of(&self, tick: u64) -> Option<Duration> {
         let reading = self.best?;

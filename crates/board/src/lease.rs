@@ -1,35 +1,35 @@
-//! How long a board's plan holds, as a host says it: ticks are 64 bits here. What it means is [`pulsetrain_core::lease`]'s.
+//! The lease: up to which tick a board may follow its plan, from the host's side, with 64-bit ticks. [`pulsetrain_core::lease`] has the rules.
 
 use crate::{Board, SwitchRefused};
 use pulsetrain_core::Epoch;
 use pulsetrain_core::braking::Limit;
 use pulsetrain_core::lease::LapseCause;
 
-/// How long a plan holds.
+/// How long a board may follow its plan without hearing from the host. At the end of a lease all motors brake.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Lease {
-    /// Up to this tick, without it.
+    /// Up to this tick, exclusive.
     Until(u64),
-    /// To its end, which has been told.
+    /// To the plan's end, which the board has.
     Last,
 }
 
-/// What has become of a lease.
+/// The state of a board's lease.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LeaseState {
-    /// There is none.
+    /// There is no lease.
     Off,
     /// The plan holds up to this tick.
     Until(u64),
     /// The plan holds to its end.
     Last,
-    /// It is over.
+    /// The lease is over: the motors brake or rest.
     Lapsed {
-        /// Steps before it were the plan's.
+        /// Steps before this tick were the plan's; later ones are the stop's.
         at: u64,
-        /// Why.
+        /// Why it is over.
         cause: LapseCause,
-        /// Whether a motor was in motion, so far: else the motion had just ended.
+        /// Whether a motor is known to have been in motion then. If not, the motion had just ended, or the board has not reported it yet.
         in_motion: bool,
     },
 }
@@ -43,19 +43,19 @@ impl From<Lease> for LeaseState {
     }
 }
 
-/// An extension that was refused: what was told before stands.
+/// Why an extension was refused. The lease before it stands.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum ExtendRefused {
     /// No switch has begun a lease.
     #[error("there is no lease to extend: a switch begins one")]
     Off,
-    /// It is over: only a switch begins another.
+    /// The lease is over: only a switch begins a new one.
     #[error("the lease ended at tick {at}: the motors brake, or rest")]
     Lapsed {
-        /// Since then.
+        /// The tick at which it ended.
         at: u64,
     },
-    /// A motor is committed beyond that tick.
+    /// A motor is committed beyond the new end.
     #[error("the board is committed up to tick {horizon}")]
     Late {
         /// The first tick that would be accepted now.
@@ -64,21 +64,21 @@ pub enum ExtendRefused {
     /// The tick is 2^30 or more ahead of the board's time.
     #[error("the lease is too long: only ticks before {limit} can be told apart")]
     Early {
-        /// First tick that is too far.
+        /// The first tick that is too far ahead.
         limit: u64,
     },
-    /// Nothing can be said to the board any more; what it was told stands. [`Board::lost`] says why.
+    /// The board can no longer be reached; the lease that it has stands. [`Board::lost`] says why.
     #[error("nothing can be said to the board any more")]
     Lost,
 }
 
-/// Items that were not taken back: all of them wait as before.
+/// Why items were not taken back. All of them stay in their queues.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum TrimRefused {
     /// The new end of the lease is refused.
     #[error(transparent)]
     Extend(#[from] ExtendRefused),
-    /// One of them is being done, or has been.
+    /// A motor has begun one of the items already.
     #[error("motor {motor}: what is to be taken back has been begun")]
     Read {
         /// Index of the motor.
@@ -88,43 +88,44 @@ pub enum TrimRefused {
 
 /// A board whose plans hold by lease.
 pub trait Leased: Board {
-    /// Begins `epoch` at `tick`. All motors drop the rest of the old epoch then. The new plan holds as long as `lease` says.
+    /// Begins `epoch` at `tick` on all motors, with the given lease. They drop the rest of the old epoch: none of its steps at `tick` or later is
+    /// made.
     ///
-    /// `limits` say how hard each motor may brake. A motor that has none there keeps the limit that it has.
+    /// `limits` say how hard each motor may brake. A motor beyond their number keeps its limit.
     ///
-    /// A step of the old epoch at `tick` or later is not made. One switch may wait: another one replaces it at its tick or before.
+    /// One switch may wait for its tick. A further switch for the same tick or an earlier one replaces it.
     ///
     /// # Errors
-    /// All motors or none: when one refuses, the items of `epoch` are dropped, and the old plan goes on.
+    /// When one motor refuses, none switches: the items of `epoch` are dropped, and the old plan goes on.
     fn switch(&mut self, epoch: Epoch, tick: u64, lease: Lease, limits: &[Limit]) -> Result<(), SwitchRefused>;
 
-    /// Puts the end of the lease off, or earlier, and gives the motors other limits, if there are any.
+    /// Moves the end of the lease, and sets new braking limits for the motors that have one in `limits`.
     ///
-    /// A board at the end of a cable gets the extension behind all items that were pushed before. This call does not wait for the answer:
-    /// [`extended`](Leased::extended) gives it. Until then [`lease`](Leased::lease) keeps its value. With several on their way, the board may refuse
-    /// one and accept the next.
+    /// A board at the end of a cable gets the extension after all items that were pushed before. This call does not wait for the answer, which
+    /// [`extended`](Leased::extended) gives; until then [`lease`](Leased::lease) keeps its value. If several extensions are on their way, the board
+    /// may refuse one and accept the next.
     ///
     /// # Errors
-    /// All motors or none. A board at the end of a cable: what is known without asking it.
+    /// When one motor refuses, nothing changes. For a board at the end of a cable, only what is known without an answer is an error here.
     fn extend(&mut self, lease: Lease, limits: &[Limit]) -> Result<(), ExtendRefused>;
 
-    /// Takes back so many items from the end of each motor's queue; the plan that is left holds up to `until`.
+    /// Removes the last `items[m]` items of each motor's queue, and ends the lease at `until`.
     ///
     /// # Errors
-    /// All motors or none. If the line breaks before the answer, the plan holds up to `until`, or as [`lease`](Leased::lease) says.
+    /// When one motor refuses, nothing changes. If the line breaks before the answer, the lease ends at `until` or where [`lease`](Leased::lease) says.
     fn trim(&mut self, until: u64, items: &[usize]) -> Result<(), TrimRefused>;
 
-    /// All motors brake as soon as they can; gives the tick from which on. `None` if there is no lease, or the board is lost. If they brake
-    /// already, or the lease ends sooner, that tick.
+    /// Orders all motors to brake, and returns the tick from which they do: an earlier one if they brake already or the lease ends sooner. `None` if
+    /// there is no lease or the board is lost.
     fn brake(&mut self) -> Option<u64>;
 
-    /// How long the plan holds, as far as the board has confirmed it.
+    /// The lease, as far as the board has confirmed it.
     fn lease(&self) -> LeaseState;
 
-    /// The board's next answer to an extension: whether it accepted it. `None` if no further answer has come. Each answer is given once, in the order
-    /// of the extensions.
+    /// The board's next answer to an extension: whether the board accepted it. Answers come once each, in the order of the extensions; `None` if there
+    /// is no further one yet.
     fn extended(&mut self) -> Option<bool>;
 
-    /// Waits until the board has answered all extensions, or is lost. A switch and a trim wait by themselves.
+    /// Waits until the board has answered all extensions or is lost. [`switch`](Leased::switch) and [`trim`](Leased::trim) do so by themselves.
     fn await_extensions(&mut self) {}
 }

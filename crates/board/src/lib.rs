@@ -1,26 +1,34 @@
-//! Boards: what takes queue items and makes edges.
+//! Boards take queue items and make the edges of STEP, DIR and coils: on the PC, on an emulated chip, or at the other end of a cable.
 //!
 //! # What is here, top down
-//! - [`Board`]: what a session needs of any board
-//! - [`Leased`]: what it needs of one whose plans hold by lease
-//! - [`Sizer`]: what items take in its queues
-//! - [`native`]: the project's own stepgen on the PC, in virtual time
-//! - [`replay`]: what motors do whose lease ends, worked out by the host
-//! - [`native_verbs`]: the same with motors that are told directly
-//! - [`remote`]: a board at the other end of a [`Port`], through `link`, the host's side of docs/protocol.md
-//! - `serial`: a real serial port, in real time (behind the feature of that name); [`stk500`]: an Uno's bootloader, at any port
-//! - [`WithReference`] (`reference`): any board, and a native board that receives the same: what was scheduled, and what came of it
-//! - [`virtual_uno`], [`virtual_pico`]: the Uno's and the Pico's firmware on an emulated chip, as such a port; `bridge`: the Uno's
-//!   USB, as far as time goes
-//! - [`native_winch`]: StepperWinch's text with core's own code instead of a firmware, as such a port
-//! - [`BoardKind`], [`registry`]: the boards that have a firmware: names, rates, images, virtual boards
-//! - [`VirtualBoard`]: what all of them can do; [`skewed`]: one whose clock is off; [`shared`]: a port for several hosts
-//! - [`BoardClock`]: such a board's clock, as the host sees it
+//! - [`Board`], [`Leased`]: what a session needs of any board, and of one whose plans hold by lease; [`Sizer`]: the room that items take in a queue
+//! - [`native`]: the project's stepgen on the PC, in virtual time; [`native_verbs`]: the same, with motors that obey verbs
+//! - [`remote`]: a board at the other end of a [`Port`], through [`link`], the host's side of docs/protocol.md; [`BoardClock`]: its clock, as the
+//!   host has read it
+//! - `serial`: a serial port of this computer, in real time (the feature `serial`); [`shared`]: a port for several hosts
+//! - [`WithReference`] (`reference`): any board, next to a native board that gets the same items and so knows the tick of each step
+//! - [`replay`]: the steps of motors whose lease ends, computed from the items that were sent
+//! - [`BoardKind`] ([`registry`]): the boards that have a firmware, with their names, rates, images and virtual boards
+//! - [`VirtualBoard`]: what virtual boards have in common. [`virtual_uno`] and [`virtual_pico`] run the firmware on an emulated chip;
+//!   [`native_winch`] speaks StepperWinch's text without a firmware; [`skewed`] gives a virtual board a wrong clock; `bridge` times the Uno's USB
+//! - [`stk500`]: writes an Uno's flash through its bootloader
 //!
 //! # What is not
-//! Motion: a board does what was planned. The one motion that it makes by itself is the stop at a lease's end, which [`replay`] works out
-//! beforehand. Planning is `pulsetrain-plan`'s, keeping a queue filled the
-//! session's in `pulsetrain`.
+//! Planning is `pulsetrain-plan`'s: a board follows the plan that it gets. Keeping its queues filled is `pulsetrain-session`'s. The one motion that a
+//! board makes by itself is the stop at the end of a lease, and [`replay`] gives the steps of that stop.
+//!
+//! # Example
+//! The firmware of the Uno, on an emulated ATmega328P, says what it is:
+//! ```
+//! use pulsetrain_board::{BoardKind, Remote, registry::Role};
+//!
+//! let port = BoardKind::Uno.virtual_board(Role::Plans);
+//! // Each session on a board has another number.
+//! let uno = Remote::open(port, 1)?;
+//! let info = uno.info();
+//! assert_eq!((info.board, info.tick_hz), (BoardKind::Uno.number(), 16_000_000));
+//! # Ok::<(), pulsetrain_board::RemoteError>(())
+//! ```
 #![forbid(unsafe_code)]
 
 mod bridge;
@@ -47,18 +55,18 @@ pub mod virtual_uno;
 use pulsetrain_core::wire::message::Cause;
 use pulsetrain_core::{Entry, Epoch};
 
-/// What a session needs of a board.
+/// What a session needs of a board. Ticks are those of the board's clock, extended to 64 bits.
 ///
-/// A board at the end of a cable needs time to be told: whatever has `&mut self` may let time pass, so that
-/// [`now`](Board::now) and [`horizon`](Board::horizon) are later after it than before.
+/// Messages to a board at the end of a cable take time: every method with `&mut self` may let time pass, so that [`now`](Board::now) and
+/// [`horizon`](Board::horizon) may be later after it.
 pub trait Board {
-    /// Puts an item last in a motor's queue.
+    /// Appends an item to a motor's queue.
     ///
     /// # Errors
-    /// A full queue hands it back, and so does a motor that is not there.
+    /// Hands the item back if the queue is full or there is no such motor.
     fn push(&mut self, motor: usize, entry: Entry) -> Result<(), Entry>;
 
-    /// Takes back the items of `epoch` that were pushed last, of all motors.
+    /// Removes the items of `epoch` from the ends of all queues. `epoch` must not have begun.
     fn discard(&mut self, epoch: Epoch);
 
     /// Free room in a motor's queue, in the unit of [`sizer`](Board::sizer); 0 for a motor that is not there.
@@ -69,86 +77,87 @@ pub trait Board {
     /// Measures the items of one epoch, the first one first, in the unit that a motor's queue is measured in.
     fn sizer(&self, motor: usize) -> Sizer;
 
-    /// How long it may take to tell the board a thing and to hear that it was accepted, ticks; 0 if no time passes.
+    /// How long a command and its answer may take, ticks; 0 if no time passes.
     fn lead(&self) -> u64;
 
-    /// The first tick that is open on all motors: a switch is accepted from there on.
+    /// The first tick to which no motor is committed yet: a switch is accepted at this tick or later.
     fn horizon(&self) -> u64;
 
     /// The first tick that has not been passed.
     fn now(&self) -> u64;
 
-    /// The epoch that is being run, or that was run last.
+    /// The epoch that the motors follow, or followed last.
     fn epoch(&self) -> Epoch;
 
     /// Lets time pass, up to and with tick `until`.
     fn advance(&mut self, until: u64, observer: &mut impl Observer);
 
-    /// The immediate, unplanned stop: no step begins after `tick`.
+    /// Stops all motors at once, without braking: no step begins after `tick`.
     fn stop_now(&mut self, tick: u64, observer: &mut impl Observer) -> StopReport;
 
-    /// Steps forward minus steps backward of each motor: pulses begun so far.
+    /// Steps forward minus steps backward of each motor, by the pulses that have begun.
     fn positions(&self) -> Vec<i64>;
 
-    /// Whether nothing is left to do: no step, no end of a pulse.
+    /// Whether no step and no end of a pulse is left to do.
     fn is_idle(&self) -> bool;
 
-    /// What went wrong on a motor.
+    /// The faults of a motor; none for a motor that is not there.
     fn faults(&self, motor: usize) -> Faults;
 
-    /// Why the board cannot be told anything any more, if it cannot.
+    /// Why the board can no longer be used; `None` while it can.
     fn lost(&self) -> Option<&RemoteError> {
         None
     }
 
-    /// Whether its record of scheduled steps is complete. `false` is a fault of this program: that record then proves nothing.
+    /// Whether the record of scheduled steps is complete (see [`WithReference`]). If not, that is a fault of this program, and the record proves
+    /// nothing.
     fn agrees(&self) -> bool {
         true
     }
 
-    /// Lets the motors come to rest, and says what the board counted: also one that was lost, if it can be found again. Nothing is
-    /// to be told to it afterwards.
+    /// Waits until the motors rest, and reads the board's counts. Connects again to a board that was lost, if that is possible. The board must not be
+    /// used for motions afterwards.
     ///
     /// # Errors
-    /// When it cannot be asked.
+    /// When the board does not answer.
     fn settle(&mut self) -> Result<AtRest, RemoteError> {
         Ok(AtRest { positions: self.positions(), last_stop: Cause::Finished, reset: None })
     }
 }
 
-/// How a board fared, by its own word.
+/// A board's own report after its motors have come to rest.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct AtRest {
-    /// Steps forward minus steps backward of each motor; from 0 on, if it was reset.
+    /// Steps forward minus steps backward of each motor; counted from 0 since the reset, if there was one.
     pub positions: Vec<i64>,
-    /// Why its motors stopped last.
+    /// The cause of the last stop.
     pub last_stop: Cause,
-    /// Why it restarted, if it did since it was taken.
+    /// The cause of a restart during the session; `None` if it did not restart.
     pub reset: Option<Cause>,
 }
 
-/// A board in virtual time: time passes only while someone receives, and every edge of a pin is known.
+/// A board in virtual time: time passes only in [`Port::receive`], and every edge of a pin is known.
 pub trait VirtualBoard: Port {
-    /// Ticks of [`Port::now`] in a second.
+    /// Cycles of the board's clock in a second of [`Port::now`].
     fn cycles_per_s(&self) -> u64 {
         virtual_uno::CYCLES_PER_S
     }
 
-    /// The first and the last pin whose edges are worth a trace; an Uno's serial line is 0 and 1, its last pin A5.
+    /// The pins that a trace shows, first to last. An Uno's pins 0 and 1 are its serial line, and its last one is A5 (19).
     fn traced(&self) -> std::ops::RangeInclusive<u8> {
         2..=19
     }
 
-    /// What DTR does as a program opens the port: the board starts again, if it is wired so. Bytes under way are lost.
+    /// Does what DTR does when a program opens the port: the board restarts, if it is wired so. Bytes on their way are lost.
     fn reset(&mut self);
 
-    /// Tick 0 of the board's own clock, in ticks of [`Port::now`]'s; `None` until it runs.
+    /// The time of tick 0 of the board's clock, in cycles since time 0 of [`Port::now`]; `None` until that clock runs.
     fn zero(&self) -> Option<u64>;
 
-    /// The rate of the line.
+    /// The rate of the line at the host's end.
     fn baud(&self) -> pulsetrain_core::wire::Baud;
 
-    /// Takes on the rate that a client set, bits a second, if the board's end can.
+    /// Sets the rate that a client of the port has set, bits a second. Rates that the protocol does not have are ignored.
     ///
     /// # Errors
     /// As [`Port::set_baud`].

@@ -1,7 +1,7 @@
-//! The native board: core's queue, channel, output and merge for each motor, in virtual time.
+//! The native board: the stepgen of `pulsetrain_core` (channel, output and merge) on the PC, in virtual time.
 //!
-//! Ticks are 64 bits here; the moments of the stepgen are extended as time goes on. Time moves only by
-//! [`Native::advance`] and [`Native::stop_now`], and each tick is passed once.
+//! Ticks have 64 bits here; the stepgen's 32-bit ticks are extended as time goes on. Time passes only in [`Native::advance`] and
+//! [`Native::stop_now`], and each tick passes once.
 
 use crate::lease::{ExtendRefused, Lease, LeaseState, Leased, TrimRefused};
 use crate::{Board, Sizer};
@@ -14,31 +14,31 @@ use pulsetrain_core::shared_line::{self, SharedLine};
 use pulsetrain_core::{Axis, Channel, Direction, Entry, Epoch, Item, Merge, Tick32, channel};
 use std::collections::VecDeque;
 
-/// Motors at most.
+/// Most motors of a native board.
 pub const MAX_MOTORS: usize = 16;
 
-/// Items that the queue of a motor holds, unless it is [unbounded](Native::unbounded): room for motions beyond 10^6 steps/s.
+/// Items in a motor's queue, unless it is [unbounded](Native::unbounded): enough for motions of more than 10^6 steps/s.
 pub const QUEUE_LEN: usize = 1024;
 
-/// Lines at most.
+/// Most lines of a native board: an edge of core has its lines in 32 bits.
 pub const MAX_LINES: u8 = 32;
 
-/// Longest stretch that is run at once: moments are told apart within 2^31 ticks, and set-up and pulse reach beyond.
-const STRETCH: u64 = 1 << 29;
+/// Most ticks that the stepgen runs at once. It can compare ticks within 2^31, and DIR setup and pulses reach beyond the end.
+const LONGEST_RUN_TICKS: u64 = 1 << 29;
 
-/// Everything that a native board needs to know.
+/// The configuration of a native board.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Config {
-    /// F of the recurrence: 16, 24 or 32.
+    /// Fraction bits of an interval (F): 16, 24 or 32.
     pub fraction_bits: u32,
-    /// At most [`MAX_MOTORS`].
+    /// The motors, at most [`MAX_MOTORS`].
     pub motors: Vec<MotorConfig>,
 }
 
 /// One motor of a native board.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct MotorConfig {
-    /// Its lines, all below [`MAX_LINES`].
+    /// Its lines, all below [`MAX_LINES`], and their timing.
     pub wiring: Wiring,
     /// The shortest interval that the motor can start and stop at, ticks: see [`StopReport::uncertain`].
     pub pull_in_ticks: u64,
@@ -53,20 +53,20 @@ pub enum Wiring {
         step: u8,
         /// Line of DIR.
         dir: u8,
-        /// DIR is high for forward.
+        /// Whether DIR is high for forward.
         forward_high: bool,
-        /// STEP stays high so long, 1..2^29.
+        /// How long STEP stays high, ticks: 1 to 2^29 − 1.
         pulse_ticks: u32,
-        /// DIR changes so long before the step that it is for, below 2^29.
+        /// How long before a step DIR has its level, ticks: below 2^29.
         setup_ticks: u32,
     },
     /// Four coils.
     Coils {
-        /// IN1 to IN4.
+        /// The lines of IN1 to IN4.
         lines: [u8; 4],
-        /// How they are switched.
+        /// The order in which the coils are switched.
         sequence: Sequence,
-        /// Off if no step follows so soon after one, below 2^29; `None` holds.
+        /// The coils are switched off this long after the last step, ticks, below 2^29; `None` if they stay on.
         release_ticks: Option<u32>,
     },
 }
@@ -79,7 +79,7 @@ impl Wiring {
         }
     }
 
-    /// So long before a step its lines may have to change, ticks.
+    /// The longest time before a step at which a line changes for it, ticks.
     pub(crate) const fn lead_ticks(&self) -> u32 {
         match *self {
             Wiring::StepDir { setup_ticks, .. } => setup_ticks,
@@ -95,7 +95,7 @@ impl Wiring {
     }
 }
 
-/// A configuration that no board has.
+/// Why a configuration is refused.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum ConfigError {
     /// F is not one of 16, 24, 32.
@@ -104,45 +104,45 @@ pub enum ConfigError {
     /// More than [`MAX_MOTORS`].
     #[error("{0} motors: a native board has at most {MAX_MOTORS}")]
     Motors(usize),
-    /// A line that is not there.
+    /// There is no line of that number.
     #[error("line {0}: a native board has lines 0 to 31")]
     Line(u8),
-    /// A line that two things use, and that is not DIR of both.
+    /// A line is used twice, and not only as DIR.
     #[error("line {0} is used twice")]
     LineTaken(u8),
-    /// A pulse, set-up or release of 2^29 ticks or more, or a pulse of none.
+    /// A pulse, DIR setup or release of 2^29 ticks or more, or a pulse of 0 ticks.
     #[error("a time of {0} ticks: a native board keeps 1 to 2^29 - 1")]
     Ticks(u32),
 }
 
-/// One line that changes.
+/// A change of one line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Edge {
-    /// When.
+    /// When, ticks.
     pub tick: u64,
-    /// Which line.
+    /// The number of the line; of a board with pins, the pin.
     pub line: u8,
-    /// High?
+    /// Whether the line is high from then on.
     pub level: bool,
 }
 
-/// One step as the stepgen scheduled it.
+/// A step, at the tick for which the stepgen scheduled it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ScheduledStep {
     /// Index of the motor.
     pub motor: usize,
-    /// When.
+    /// When, ticks.
     pub tick: u64,
-    /// Which way it counts.
+    /// Whether the step counts up or down.
     pub direction: Direction,
 }
 
-/// What looks on while a board runs. Any `FnMut(Edge)` does.
+/// Gets the edges and steps of a board while it runs. Any `FnMut(Edge)` is one that ignores steps.
 pub trait Observer {
-    /// Edges come in order of ticks, those of one tick in order of lines.
+    /// An edge. Edges come in the order of their ticks, and of their lines within a tick.
     fn edge(&mut self, edge: Edge);
 
-    /// Steps come in order of ticks for each motor, before their edge.
+    /// A scheduled step. For each motor steps come in the order of their ticks, each before its edge.
     fn step(&mut self, step: ScheduledStep) {
         let _ = step;
     }
@@ -154,10 +154,10 @@ impl<T: FnMut(Edge)> Observer for T {
     }
 }
 
-/// A switch that was refused whole: the old plan goes on on all motors.
+/// Why a switch was refused. The old plan goes on on all motors.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum SwitchRefused {
-    /// A motor is committed beyond that tick.
+    /// A motor is committed beyond the switch's tick.
     #[error("the board is committed up to tick {horizon}")]
     Late {
         /// The first tick at which a switch would be accepted now.
@@ -166,38 +166,38 @@ pub enum SwitchRefused {
     /// The tick is 2^30 or more ahead of the board's time.
     #[error("the switch is too far ahead: only ticks before {limit} can be told apart")]
     Early {
-        /// First tick that is too far.
+        /// The first tick that is too far ahead.
         limit: u64,
     },
     /// Another switch waits, for an earlier tick.
     #[error("another switch waits already")]
     Full,
-    /// Nothing can be said to the board any more; what it was told stands. [`Board::lost`] says why.
+    /// The board can no longer be reached; it follows the plan that it has. [`Board::lost`] says why.
     #[error("nothing can be said to the board any more")]
     Lost,
 }
 
-/// What is left after an immediate stop.
+/// The result of an immediate stop.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct StopReport {
-    /// The tick after which no step was begun.
+    /// No step began after this tick.
     pub tick: u64,
-    /// Steps made, of each motor: exact.
+    /// Steps forward minus backward that each motor's pins made: exact.
     pub positions: Vec<i64>,
-    /// Whether the motor was faster than it can stop at once, so that it may stand elsewhere.
+    /// For each motor: whether it was faster than its pull-in rate, so that it may stand elsewhere than its pins counted.
     pub uncertain: Vec<bool>,
 }
 
-/// What went wrong on one motor, by a plan that no planner should have let through.
+/// Faults of one motor. Each comes from a plan that the planner should have refused.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Faults {
-    /// This epoch asked for a step that came too late, or too soon after another; what followed was dropped.
+    /// A step of this epoch came too late, or too soon after the one before. The rest of the epoch was dropped.
     pub step_missed: bool,
-    /// A DIR edge came later than its set-up before the step.
+    /// A DIR edge came less than the DIR setup before its step.
     pub setup_cut_short: bool,
 }
 
-/// A board in virtual time.
+/// The native board. See the [module](self).
 ///
 /// ```
 /// use pulsetrain_board::{Config, Edge, MotorConfig, Native, Wiring};
@@ -220,22 +220,22 @@ pub struct Faults {
 pub struct Native {
     engine: Box<dyn Engine>,
     motors: Vec<NativeMotor>,
-    /// The longest set-up or pulse: an axis is committed no further ahead, ticks.
+    /// The longest DIR setup or pulse, ticks: no axis is committed further ahead.
     committed_ticks: u64,
     /// The first tick that has not been passed.
     now: u64,
-    /// Since when the lease is over, and why.
+    /// The tick at which the lease ended, and why; `None` if it has not ended.
     lapsed: Option<(u64, LapseCause)>,
-    /// Accepted extensions that [`Leased::extended`] has not reported yet.
-    extended: usize,
+    /// How many accepted extensions [`Leased::extended`] has not reported yet.
+    unreported_extensions: usize,
 }
 
-/// What the board remembers of a motor beyond its axis.
+/// What the board keeps of a motor besides its axis.
 #[derive(Clone, Debug)]
 struct NativeMotor {
     position: i64,
     pull_in_ticks: u64,
-    /// Ticks of the last step and the one before.
+    /// The ticks of the last step and of the one before it.
     last: [Option<u64>; 2],
 }
 
@@ -243,12 +243,12 @@ impl Native {
     /// A board at tick 0, all lines low, all motors at position 0, in epoch 0.
     ///
     /// # Errors
-    /// When the configuration asks for what no board has.
+    /// When the configuration is not possible.
     pub fn new(config: &Config) -> Result<Native, ConfigError> {
         Native::with_queues(config, QUEUE_LEN)
     }
 
-    /// The same with queues of any length, so that it holds all that the board beside it holds.
+    /// As [`Native::new`], with queues of any length: for a reference of a board whose queues may be longer.
     ///
     /// # Errors
     /// As [`Native::new`].
@@ -271,25 +271,32 @@ impl Native {
             .map(|motor| NativeMotor { position: 0, pull_in_ticks: motor.pull_in_ticks, last: [None; 2] })
             .collect();
         let longest = config.motors.iter().map(|motor| motor.wiring.longest_ticks()).max();
-        Ok(Native { engine, motors, committed_ticks: longest.map_or(0, u64::from), now: 0, lapsed: None, extended: 0 })
+        Ok(Native {
+            engine,
+            motors,
+            committed_ticks: longest.map_or(0, u64::from),
+            now: 0,
+            lapsed: None,
+            unreported_extensions: 0,
+        })
     }
 
-    /// The same, with DIR lines that stay so long after a pulse: it matters to motors that share one while they brake.
+    /// This board, with DIR lines that keep their level for so many ticks after a pulse. It matters to motors that share a DIR line while they brake.
     #[must_use]
     pub fn with_dir_hold(mut self, ticks: u32) -> Native {
         self.engine.hold(ticks);
         self
     }
 
-    /// Puts an item last in a motor's queue.
+    /// Appends an item to a motor's queue.
     ///
     /// # Errors
-    /// A full queue hands it back, and so does a motor that is not there.
+    /// Hands the item back if the queue is full or there is no such motor.
     pub fn push(&mut self, motor: usize, entry: Entry) -> Result<(), Entry> {
         self.engine.push(motor, entry)
     }
 
-    /// Free places in a motor's queue.
+    /// Items that a motor's queue has room for; 0 for a motor that is not there.
     #[must_use]
     pub fn credit(&self, motor: usize) -> usize {
         self.engine.credit(motor)
@@ -316,7 +323,7 @@ impl Native {
         answer
     }
 
-    /// The first tick that is open on all motors: a switch is accepted from there on.
+    /// The first tick to which no motor is committed yet: a switch is accepted at this tick or later.
     #[must_use]
     pub fn horizon(&self) -> u64 {
         // No axis is committed further ahead than the longest set-up or pulse.
@@ -324,7 +331,7 @@ impl Native {
         self.now + ahead.filter(|&ahead| ahead < 1 << 31).max().map_or(0, u64::from)
     }
 
-    /// The last tick up to which it may come and still take a switch at `tick`; `None` if there is none.
+    /// The last tick that may pass before a switch at `tick` would be refused; `None` if it would be refused at once.
     pub(crate) fn last_before_switch(&self, tick: u64) -> Option<u64> {
         tick.checked_sub(1 + self.committed_ticks)
     }
@@ -335,10 +342,10 @@ impl Native {
         self.now
     }
 
-    /// Makes all edges up to and with tick `until`.
+    /// Lets time pass, up to and with tick `until`, and makes all edges of that time.
     pub fn advance(&mut self, until: u64, observer: &mut impl Observer) {
         while self.now <= until {
-            let end = until.min(self.now + STRETCH - 1);
+            let end = until.min(self.now + LONGEST_RUN_TICKS - 1);
             let mut watch = Watch { now: self.now, motors: &mut self.motors, observer };
             self.engine.run(Tick32::of(end), &mut watch);
             self.now = end + 1;
@@ -346,13 +353,13 @@ impl Native {
         }
     }
 
-    /// All motors brake from `tick` on, unless they do already.
+    /// Brakes all motors from `tick` on, unless they brake already.
     pub fn brake_at(&mut self, tick: u64) {
         self.engine.lapse_at(Lapse { at: Tick32::of(tick), cause: LapseCause::Ordered });
         self.note_lapse();
     }
 
-    /// Since when the lease is over: while that is near enough to be told.
+    /// Notes the end of the lease while its 32-bit tick is near enough to be extended to 64 bits.
     fn note_lapse(&mut self) {
         self.lapsed = self.engine.lease().1.map(|lapse| {
             let known = self.lapsed.filter(|(at, _)| Tick32::of(*at) == lapse.at);
@@ -360,14 +367,17 @@ impl Native {
         });
     }
 
-    /// The tick of a moment within 2^31 of now.
+    /// A 32-bit tick in 64 bits: the one within 2^31 of now.
     fn near(&self, moment: Tick32) -> u64 {
         let ahead = moment.since(Tick32::of(self.now)).cast_signed();
         self.now.saturating_add_signed(ahead.into())
     }
 
-    /// The lease as its channels know it, if ticks so far ahead can be told apart.
-    fn moment_of(&self, lease: Lease) -> Result<lease::Lease, u64> {
+    /// The lease with 32-bit ticks, as the channels have it.
+    ///
+    /// # Errors
+    /// The first tick that is too far ahead, if the lease ends there or later.
+    fn core_lease(&self, lease: Lease) -> Result<lease::Lease, u64> {
         let limit = self.now + (1 << 30);
         match lease {
             Lease::Until(tick) if tick >= limit => Err(limit),
@@ -376,10 +386,9 @@ impl Native {
         }
     }
 
-    /// Makes all edges up to and with `tick`, and then begins no step more, whatever was planned. A pulse that was
-    /// begun ends as it should.
+    /// Makes all edges up to and with `tick`, and then stops: no further step begins, whatever was planned. Pulses that have begun keep their length.
     ///
-    /// An unplanned stop: only for when no planned one will do. After it motors move again with an anchor.
+    /// A fast motor may turn further than it counts. To move again, a plan needs an anchor.
     pub fn stop_now(&mut self, tick: u64, observer: &mut impl Observer) -> StopReport {
         self.advance(tick, observer);
         let tick = self.now - 1;
@@ -390,32 +399,32 @@ impl Native {
             .zip(going)
             .map(|(motor, going)| {
                 let [Some(last), Some(before)] = motor.last else { return false };
-                // Slower than that since its last step, it is slow enough now.
+                // The motor has waited for longer than its pull-in interval since its last step: it can stop.
                 going && (last - before).max(tick - last) < motor.pull_in_ticks
             })
             .collect();
         StopReport { tick, positions: self.positions(), uncertain }
     }
 
-    /// Steps forward minus steps backward of each motor: pulses begun so far.
+    /// Steps forward minus steps backward of each motor, by the pulses that have begun.
     #[must_use]
     pub fn positions(&self) -> Vec<i64> {
         self.motors.iter().map(|motor| motor.position).collect()
     }
 
-    /// Whether nothing is left to do: no step, no end of a pulse.
+    /// Whether no step and no end of a pulse is left to do.
     #[must_use]
     pub fn idle(&self) -> bool {
         self.engine.is_idle()
     }
 
-    /// The epoch that a motor runs.
+    /// The epoch that a motor follows; `None` for a motor that is not there.
     #[must_use]
     pub fn epoch(&self, motor: usize) -> Option<Epoch> {
         self.engine.epoch(motor)
     }
 
-    /// What went wrong on a motor.
+    /// The faults of a motor; none for a motor that is not there.
     #[must_use]
     pub fn faults(&self, motor: usize) -> Faults {
         self.engine.faults(motor)
@@ -478,7 +487,7 @@ impl Board for Native {
 
 impl Leased for Native {
     fn switch(&mut self, epoch: Epoch, tick: u64, lease: Lease, limits: &[Limit]) -> Result<(), SwitchRefused> {
-        match self.moment_of(lease) {
+        match self.core_lease(lease) {
             Ok(lease) => self.switch_with(epoch, tick, lease, limits),
             Err(limit) => {
                 self.engine.discard(epoch);
@@ -488,20 +497,20 @@ impl Leased for Native {
     }
 
     fn extend(&mut self, lease: Lease, limits: &[Limit]) -> Result<(), ExtendRefused> {
-        let told = self.moment_of(lease).map_err(|limit| ExtendRefused::Early { limit })?;
+        let told = self.core_lease(lease).map_err(|limit| ExtendRefused::Early { limit })?;
         self.check_extend(lease)?;
         self.engine.extend(told, limits);
-        self.extended += 1;
+        self.unreported_extensions += 1;
         Ok(())
     }
 
     fn extended(&mut self) -> Option<bool> {
-        self.extended = self.extended.checked_sub(1)?;
+        self.unreported_extensions = self.unreported_extensions.checked_sub(1)?;
         Some(true)
     }
 
     fn trim(&mut self, until: u64, items: &[usize]) -> Result<(), TrimRefused> {
-        let lease = self.moment_of(Lease::Until(until)).map_err(|limit| ExtendRefused::Early { limit })?;
+        let lease = self.core_lease(Lease::Until(until)).map_err(|limit| ExtendRefused::Early { limit })?;
         self.check_extend(Lease::Until(until))?;
         self.engine.take_back(items).map_err(|motor| TrimRefused::Read { motor })?;
         self.engine.extend(lease, &[]);
@@ -516,7 +525,7 @@ impl Leased for Native {
         let at = match (lapsed, self.engine.lease().0) {
             (Some(at), _) => at,
             (None, lease::Lease::Until(until)) => self.horizon().min(self.near(until)),
-            // Or the switch that begins one waits.
+            // The switch that begins the lease may still wait for its tick.
             (None, lease::Lease::Last | lease::Lease::Off) => self.horizon(),
         };
         self.brake_at(self.horizon().min(at));
@@ -534,16 +543,16 @@ impl Leased for Native {
 }
 
 impl Native {
-    /// Whether all motors would take it.
+    /// Checks that all motors would accept an extension.
     fn check_extend(&self, lease: Lease) -> Result<(), ExtendRefused> {
         if let Lease::Until(until) = lease
             && until < self.horizon()
         {
-            // What else speaks against it says more.
+            // Any other reason says more.
             self.engine.check_extend(lease::Lease::Last).map_err(|refused| self.refusal(refused))?;
             return Err(ExtendRefused::Late { horizon: self.horizon() });
         }
-        let lease = self.moment_of(lease).map_err(|limit| ExtendRefused::Early { limit })?;
+        let lease = self.core_lease(lease).map_err(|limit| ExtendRefused::Early { limit })?;
         self.engine.check_extend(lease).map_err(|refused| self.refusal(refused))
     }
 
@@ -558,14 +567,14 @@ impl Native {
     }
 }
 
-/// Counts for the board and tells the observer.
+/// Counts the steps of all motors, and passes steps and edges to the observer with 64-bit ticks.
 struct Watch<'a, O> {
     now: u64,
     motors: &'a mut [NativeMotor],
     observer: &'a mut O,
 }
 
-/// What a stepgen tells as it runs.
+/// Gets the steps and edges of the stepgen while it runs.
 trait Witness {
     fn step(&mut self, motor: usize, tick: Tick32, direction: Direction);
     fn edge(&mut self, edge: pulsetrain_core::output::Edge);
@@ -597,12 +606,12 @@ impl<O: Observer> Witness for Watch<'_, O> {
     }
 }
 
-/// The stepgen of all motors, whatever its F.
+/// The stepgen of all motors, for any number of fraction bits.
 trait Engine: std::fmt::Debug + Send + Sync {
     fn boxed(&self) -> Box<dyn Engine>;
     fn push(&mut self, motor: usize, entry: Entry) -> Result<(), Entry>;
     fn credit(&self, motor: usize) -> usize;
-    /// With no limits the motors keep theirs.
+    /// Schedules a switch. A motor without a new limit keeps its own.
     fn switch(
         &mut self,
         epoch: Epoch,
@@ -612,7 +621,10 @@ trait Engine: std::fmt::Debug + Send + Sync {
     ) -> Result<(), channel::SwitchRefused>;
     fn check_extend(&self, lease: lease::Lease) -> Result<(), lease::ExtendRefused>;
     fn extend(&mut self, lease: lease::Lease, limits: &[Limit]);
-    /// Takes back so many items from the end of each queue; all or, with a motor that has not so many, none.
+    /// Removes so many items from the end of each queue.
+    ///
+    /// # Errors
+    /// The index of a motor with fewer items; then none is removed.
     fn take_back(&mut self, items: &[usize]) -> Result<(), usize>;
     fn lapse_at(&mut self, lapse: Lapse);
     fn lease(&self) -> (lease::Lease, Option<Lapse>);
@@ -621,7 +633,7 @@ trait Engine: std::fmt::Debug + Send + Sync {
     fn discard(&mut self, epoch: Epoch);
     fn horizons(&self) -> Box<dyn Iterator<Item = Tick32> + '_>;
     fn run(&mut self, until: Tick32, witness: &mut dyn Witness);
-    /// Whether each motor had something left to do.
+    /// Stops all motors at once. Returns for each whether it had something left to do.
     fn stop(&mut self) -> Vec<bool>;
     fn is_idle(&self) -> bool;
     fn epoch(&self, motor: usize) -> Option<Epoch>;
@@ -634,21 +646,21 @@ impl Clone for Box<dyn Engine> {
     }
 }
 
-/// A motor's queue: as [`pulsetrain_core::Queue`], on the heap.
+/// A motor's queue: like [`pulsetrain_core::Queue`], but on the heap.
 #[derive(Clone, Debug)]
 struct NativeQueue {
     entries: VecDeque<Entry>,
-    /// Entries that it holds.
-    most: usize,
+    /// Most entries that it holds.
+    capacity: usize,
 }
 
 impl NativeQueue {
-    const fn new(most: usize) -> NativeQueue {
-        NativeQueue { entries: VecDeque::new(), most }
+    const fn new(capacity: usize) -> NativeQueue {
+        NativeQueue { entries: VecDeque::new(), capacity }
     }
 
     fn push(&mut self, entry: Entry) -> Result<(), Entry> {
-        if self.entries.len() == self.most {
+        if self.entries.len() == self.capacity {
             return Err(entry);
         }
         self.entries.push_back(entry);
@@ -656,7 +668,7 @@ impl NativeQueue {
     }
 
     fn credit(&self) -> usize {
-        self.most - self.entries.len()
+        self.capacity - self.entries.len()
     }
 
     fn discard(&mut self, epoch: Epoch) {
@@ -682,12 +694,12 @@ impl Items for NativeQueue {
     }
 }
 
-/// Who shares a DIR line.
+/// Which motors share a DIR line.
 #[derive(Clone, Debug)]
 struct Sharing {
-    /// Of each motor: its line, if it shares one, and whether that is high for forward.
+    /// For each motor that shares a line: the index of that line, and whether it is high for forward.
     members: Vec<Option<(usize, bool)>>,
-    /// The longest pulse and setup of each line's motors.
+    /// For each line: the longest pulse plus the longest DIR setup of its motors, ticks.
     apart_ticks: Vec<u32>,
 }
 
@@ -715,18 +727,20 @@ impl Sharing {
     }
 }
 
+/// The stepgen with F fraction bits.
 #[derive(Clone, Debug)]
 struct Axes<const F: u32> {
     motors: Motors<F>,
     merge: Merge<MAX_MOTORS>,
 }
 
+/// The motors of a stepgen, and the DIR lines that they share.
 #[derive(Clone, Debug)]
 struct Motors<const F: u32> {
     axes: Vec<Axis<F, NativeQueue>>,
     sharing: Sharing,
     lines: Vec<SharedLine>,
-    /// Edges of motors whose turn came before that of the one that was asked for.
+    /// By motor: edges that had to be made before those of another motor on the same DIR line, and that nobody took yet.
     ready: Vec<VecDeque<pulsetrain_core::output::Edge>>,
 }
 
@@ -748,7 +762,7 @@ impl<const F: u32> Axes<F> {
 }
 
 impl<const F: u32> Motors<F> {
-    /// The next edge of a motor that comes not after `until`.
+    /// The next edge of a motor, up to tick `until`.
     fn pull(
         &mut self,
         motor: usize,
@@ -770,7 +784,7 @@ impl<const F: u32> Motors<F> {
         self.next(motor, until, witness)
     }
 
-    /// After a lapse: whose step comes first on a DIR line; it is put off as the line needs it.
+    /// After the end of the lease: the motor with the next step on a shared DIR line. If it brakes, its step is put off until the line may change.
     fn first_on(&mut self, line: usize, until: Tick32) -> Option<usize> {
         let motors: Vec<usize> = self
             .sharing
@@ -783,12 +797,12 @@ impl<const F: u32> Motors<F> {
         let lead = motors.iter().map(|motor| self.axes[*motor].lead_ticks()).max().unwrap_or(0);
         let steps = loop {
             let steps: Vec<_> = motors.iter().map(|motor| self.axes[*motor].scheduled(until.after(lead))).collect();
-            if !self.agree() {
+            if !self.share_lapse() {
                 break steps;
             }
         };
         motors.iter().find(|motor| self.axes[**motor].channel().lapse().is_some())?;
-        // What is left of the plan comes before all steps of the stop, and keeps its own steps apart.
+        // Planned steps come before all steps of the stop. The planner has kept them apart already.
         let is_planned = |motor: &usize| !self.axes[*motor].channel().is_braking();
         let planned = motors.iter().zip(&steps).map(|(motor, step)| step.filter(|_| is_planned(motor)));
         if let Some(place) = shared_line::first(planned.map(|step| step.map(|(tick, _)| (tick, false)))) {
@@ -816,7 +830,7 @@ impl<const F: u32> Motors<F> {
         let before = axis.channel().position();
         let edge = axis.next(until);
         let moved = axis.channel().position().wrapping_sub(before);
-        self.agree();
+        self.share_lapse();
         let edge = edge?;
         if moved != 0 {
             let direction = if moved == 1 { Direction::Forward } else { Direction::Backward };
@@ -828,8 +842,8 @@ impl<const F: u32> Motors<F> {
         Some(edge)
     }
 
-    /// Tells all of a lapse that one has noticed; whether there was one.
-    fn agree(&mut self) -> bool {
+    /// If one motor has noticed the end of the lease, gives it to all of them. Returns whether one had.
+    fn share_lapse(&mut self) -> bool {
         if !self.axes.iter().any(|axis| axis.channel().has_news()) {
             return false;
         }
@@ -953,19 +967,22 @@ impl<const F: u32> Engine for Axes<F> {
     }
 }
 
-/// The outputs of all motors, if their lines and times can be.
+/// The outputs of all motors.
+///
+/// # Errors
+/// When a line or a time is not possible.
 fn outputs(config: &Config) -> Result<Vec<Output>, ConfigError> {
     if config.motors.len() > MAX_MOTORS {
         return Err(ConfigError::Motors(config.motors.len()));
     }
-    // How often a line is used as DIR, and as anything else.
+    // How many times each line is used as DIR, and as anything else.
     let (mut as_dir, mut otherwise) = ([0; MAX_LINES as usize], [0; MAX_LINES as usize]);
     for MotorConfig { wiring, .. } in &config.motors {
         if let Wiring::StepDir { pulse_ticks: 0, .. } = wiring {
             return Err(ConfigError::Ticks(0));
         }
         let ticks = wiring.longest_ticks();
-        if u64::from(ticks) >= STRETCH {
+        if u64::from(ticks) >= LONGEST_RUN_TICKS {
             return Err(ConfigError::Ticks(ticks));
         }
         for line in wiring.lines() {

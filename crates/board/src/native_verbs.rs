@@ -1,7 +1,7 @@
-//! A native board whose motors are told directly: core's verbs and the native stepgen, in virtual time.
+//! A native board whose motors obey verbs (orders to single motors) instead of plans, in virtual time.
 //!
-//! What a verb means is core's, the same code as on a Pico; here is a clock. The same orders at the same ticks make the same edges
-//! as there: tests/it/chips/pico_verbs.rs compares them.
+//! The verbs are core's code, as on a Pico. The same orders at the same ticks make the same edges as there: tests/it/chips/pico_verbs.rs compares
+//! them.
 
 use crate::native::ConfigError;
 use crate::{Board, Config, Edge, Native, Observer};
@@ -13,7 +13,7 @@ use pulsetrain_core::wire::{MAX_MOTORS, Refusal};
 use pulsetrain_core::{Entry, Epoch};
 use std::collections::VecDeque;
 
-/// What is worked out at once, ticks.
+/// Most ticks that are computed at once, so that the items fit in the queues.
 const SLICE: u64 = 1 << 20;
 
 /// A board in virtual time that obeys verbs.
@@ -40,22 +40,22 @@ pub struct NativeVerbs {
     native: Native,
     verbs: Verbs,
     fraction_bits: u32,
-    /// So long before a step its DIR may have to change, ticks.
+    /// The longest time before a step at which its DIR changes, ticks.
     lead: u64,
-    /// Moves that were worked out and not asked for yet, of each motor: when they are done, and how many then are.
+    /// By motor: finished moves that were not read yet, each with its last tick and the number of moves that are finished then.
     done: Vec<VecDeque<(u64, u32)>>,
 }
 
 impl NativeVerbs {
-    /// A board at tick 0, all lines low, all motors at rest at position 0; `limits` are the motors', in order.
+    /// A board at tick 0, with all lines low, and all motors at rest at position 0. `limits` has the timing of each motor, in order.
     ///
     /// # Errors
-    /// When the configuration asks for what no board has, or has more than eight motors.
+    /// When the configuration is not possible, or has more than eight motors or another number of them than `limits`.
     pub fn new(config: &Config, limits: &[MotorTiming]) -> Result<NativeVerbs, ConfigError> {
         NativeVerbs::at(config, limits, &vec![0; limits.len()], 0)
     }
 
-    /// The same with its motors at `positions`, and its clock at tick `now`.
+    /// As [`new`](NativeVerbs::new), with the motors at `positions` and the clock at tick `now`.
     ///
     /// # Errors
     /// As [`new`](NativeVerbs::new), and with another number of positions.
@@ -80,11 +80,11 @@ impl NativeVerbs {
         Ok(NativeVerbs { native, verbs, fraction_bits: config.fraction_bits, lead, done })
     }
 
-    /// Does all of what is ordered, from tick `at` on, or none of it.
+    /// Obeys all of the orders from tick `at` on, or none of them.
     ///
     /// # Errors
-    /// As [`Verbs::obey`] says; [`Reason::Timing`] if `at` is before [`open`](NativeVerbs::open); [`Reason::Full`] if so many orders came
-    /// since time went on that the queues have no room: [`advance`](NativeVerbs::advance) first.
+    /// As [`Verbs::obey`]. [`Reason::Timing`] if `at` is before [`open`](NativeVerbs::open). [`Reason::Full`] if the queues have no room for that many
+    /// orders without time passing: [`advance`](NativeVerbs::advance) first.
     pub fn obey(&mut self, at: u64, orders: &Orders<'_>) -> Result<Obeyed, Refusal> {
         if at < self.open() {
             return Err(Refusal::of(Reason::Timing));
@@ -95,25 +95,25 @@ impl NativeVerbs {
         orders.tell(&mut self.verbs)
     }
 
-    /// The first tick from which on a verb may hold.
+    /// The first tick from which an order can be obeyed.
     #[must_use]
     pub fn open(&self) -> u64 {
         self.verbs.known().max(self.native.now() + self.lead)
     }
 
-    /// Makes all edges up to and with tick `until`.
+    /// Lets time pass, up to and with tick `until`, and makes all edges of that time.
     pub fn advance(&mut self, until: u64, observer: &mut impl Observer) {
         while self.native.now() <= until {
             let end = until.min(self.native.now() + SLICE - 1);
             let is_known = self.work_out(end + self.lead + 1);
-            // What is known has to be played first, so that there is room in the queues.
+            // The queues are full: play what is computed first, to make room.
             let known = self.verbs.known().saturating_sub(self.lead + 1);
             let end = if is_known { end } else { end.min(known).max(self.native.now()) };
             self.native.advance(end, observer);
         }
     }
 
-    /// Works out what motors do up to `until`; whether the queues had room for it.
+    /// Computes the motors' steps up to `until`. Returns false if the queues have no room for them.
     fn work_out(&mut self, until: u64) -> bool {
         while self.verbs.known() < until {
             let end = until.min(self.verbs.known() + SLICE);
@@ -129,7 +129,7 @@ impl NativeVerbs {
                 24 => self.verbs.work_out::<24>(end, push),
                 _ => self.verbs.work_out::<32>(end, push),
             }
-            // Here is room for them all, so that no move is refused for want of it.
+            // Finished moves are moved to a list of any length: core would refuse moves when its own short list is full.
             while let Some((motor, at, count)) = self.verbs.take_done(u64::MAX) {
                 self.done[usize::from(motor)].push_back((at, count));
             }
@@ -137,7 +137,7 @@ impl NativeVerbs {
         true
     }
 
-    /// Moves that were done by now and were not asked for yet, all of them: motor, tick, how many of this motor's are done with it.
+    /// The moves that have finished since the last call: motor, tick of the end, and how many moves of this motor are finished then.
     pub fn done(&mut self) -> Vec<(usize, u64, u32)> {
         let now = self.native.now();
         let of = |(index, done): (usize, &mut VecDeque<(u64, u32)>)| {
@@ -153,25 +153,25 @@ impl NativeVerbs {
         self.native.now()
     }
 
-    /// Steps forward less steps backward of each motor: pulses begun so far.
+    /// Steps forward minus steps backward of each motor, by the pulses that have begun.
     #[must_use]
     pub fn positions(&self) -> Vec<i64> {
         self.native.positions()
     }
 
-    /// All motors forget what they were told: no step is made that was not worked out. Gives those, bit by motor, that stop between two
-    /// steps: whoever of them was faster than it can stop may stand elsewhere than it counts.
+    /// Drops all orders: no step follows that is not computed already. Returns a bit for each motor that was stopped between two steps; such a motor may
+    /// stand elsewhere than it counts if it was faster than its pull-in rate.
     pub fn halt(&mut self) -> u8 {
         self.verbs.host_gone(true, |_| u64::MAX)
     }
 
-    /// Whether nothing moves, and nothing is to.
+    /// Whether nothing moves, and no order is left.
     #[must_use]
     pub fn is_idle(&self) -> bool {
         self.verbs.rest_at(self.native.now()) && self.native.is_idle()
     }
 
-    /// What went wrong on a motor: nothing, while the limits are its own.
+    /// The faults of a motor. There are none if its limits are right.
     #[must_use]
     pub fn faults(&self, motor: usize) -> crate::Faults {
         Board::faults(&self.native, motor)

@@ -1,10 +1,9 @@
-//! A board that speaks StepperWinch's text, without firmware: core's reader and session in virtual time.
+//! A board that obeys StepperWinch's text (docs/winch.md), without a firmware, in virtual time.
 //!
-//! What the text means and which steps it makes is core's, the same code as on a Pico; here are only a clock, a line and
-//! pins. (The Uno's firmware does the same in assembly: tests/it/chips/winch_avr.rs compares the two.) docs/winch.md says what such a
-//! board does.
+//! Core reads the text and computes the steps, with the same code as on a Pico; this module adds a clock, a serial line and pins. (The Uno's firmware
+//! does the same in assembly: tests/it/chips/winch_avr.rs compares the two.)
 //!
-//! Lines that tell axes directly are a Pico's, docs/pico.md, with ticks of 62.5 ns: [`NativeVerbs`] makes the steps.
+//! It also obeys the text form of verbs (docs/pico.md), with ticks of 62.5 ns: [`NativeVerbs`] makes those steps.
 
 use crate::bridge::{self, CYCLES_PER_S, bit_cycles};
 use crate::native_verbs::NativeVerbs;
@@ -25,31 +24,31 @@ use std::time::Duration;
 
 /// STEP of x, y, z and a: the CNC shield's pins.
 pub const STEP_PINS: [u8; 4] = [2, 3, 4, 12];
-/// DIR of the same; high is forward.
+/// DIR of x, y, z and a; high is forward.
 pub const DIR_PINS: [u8; 4] = [5, 6, 7, 13];
 /// The drivers' common enable input; low is on.
 pub const ENABLE_PIN: u8 = 8;
 
 /// How long STEP stays high, ticks: 2 µs.
 const PULSE: u64 = 32;
-/// So long before a step DIR has its level, ticks: 5 µs.
+/// How long before a step DIR has its level, ticks: 5 µs.
 const SETUP: u64 = 80;
-/// While so many bytes wait for the line, moves that are done are not told. Answers wait however many there are: none is lost.
+/// While this many bytes wait for the line, finished moves are not reported. Answers are never held back, so that none is lost.
 const UNSENT: usize = 256;
 
-/// What axes can be told directly: their lines are low for as long as a pulse, DIR stays as long behind one; 1000 steps/s at first.
+/// The timing for verbs, ticks: STEP is low for at least as long as a pulse, DIR is kept as long after one, and axes begin with 1000 steps/s.
 const LIMITS: MotorTiming =
     MotorTiming { shortest: 2 * PULSE as u32, turn: (2 * PULSE + SETUP) as u32, period: (CYCLES_PER_S / 1000) as u32 };
 
-// Steps of one axis are 100 µs apart at least, and a turn takes 124 µs: a pulse ends before the next DIR changes.
+// Steps of a path are at least 100 µs apart, 124 µs at a reversal: a pulse ends before DIR changes for the next one.
 const _: () = assert!(PULSE + SETUP < 1600 && SETUP < TICKS as u64);
 
-/// The axes cannot be had yet.
+/// The answer while the axes still stop after `enable 0`.
 const MOVING: text::VerbReply = text::VerbReply::Refused(Refused::of(Reason::Moving));
 
 /// A StepperWinch board in virtual time. One tick is 62.5 ns, as on the Uno.
 ///
-/// The slice of a path that is worked out in one millisecond is played in the next.
+/// Each millisecond it computes the steps of the path for the next one.
 ///
 /// ```
 /// use pulsetrain_board::native_winch::NativeWinch;
@@ -64,23 +63,24 @@ const MOVING: text::VerbReply = text::VerbReply::Refused(Refused::of(Reason::Mov
 /// ```
 #[derive(Debug)]
 pub struct NativeWinch {
-    /// Ticks since it was made; the board's own clock began at `zero`.
+    /// Ticks since the board was made.
     now: u64,
+    /// The tick at which the board's own clock began: at its last reset.
     zero: u64,
-    /// The next millisecond of the board's clock that has not begun.
+    /// The next millisecond of the board's clock.
     next_ms: u64,
     reader: LineReader,
     session: Session,
     forward: [bool; 4],
     positions: [i32; 4],
     is_enabled: bool,
-    /// Axes that are told directly.
+    /// The axes while they obey verbs instead of paths.
     verbs: Option<NativeVerbs>,
-    /// `enable 0` was said to them: they stop, and verbs lose them as soon as they rest.
-    ends: bool,
-    /// Lines about moves that were done, for which there was no room yet.
+    /// Whether axes that obey verbs got `enable 0`: they stop, and once they rest, they obey paths again.
+    is_stopping: bool,
+    /// Reports of finished moves that wait for the line.
     done: VecDeque<text::VerbReply>,
-    /// Edges to come, the earliest first.
+    /// Edges that are still to be made, the earliest first: tick, line, level.
     planned: BinaryHeap<Reverse<(u64, u8, bool)>>,
     edges: Vec<Edge>,
     line: SerialLine,
@@ -90,11 +90,13 @@ pub struct NativeWinch {
 #[derive(Clone, Debug)]
 struct SerialLine {
     baud: Baud,
-    /// Bytes on their way to the board, and when each is there.
-    coming: VecDeque<(u64, u8)>,
-    /// The same to the host.
-    going: VecDeque<(u64, u8)>,
+    /// Bytes on their way to the board, with the tick at which each arrives.
+    to_board: VecDeque<(u64, u8)>,
+    /// Bytes on their way to the host, with the tick at which each arrives.
+    to_host: VecDeque<(u64, u8)>,
+    /// The tick up to which the line to the board is busy.
     busy_to_board: u64,
+    /// The tick up to which the line to the host is busy.
     busy_to_host: u64,
 }
 
@@ -105,13 +107,13 @@ impl Default for NativeWinch {
 }
 
 impl NativeWinch {
-    /// One that has just been plugged in: it says `awake`, and its drivers are off.
+    /// A board that has just been plugged in: it sends `awake`, and its drivers are off.
     #[must_use]
     pub fn new() -> NativeWinch {
         let line = SerialLine {
             baud: Baud::B115200,
-            coming: VecDeque::new(),
-            going: VecDeque::new(),
+            to_board: VecDeque::new(),
+            to_host: VecDeque::new(),
             busy_to_board: 0,
             busy_to_host: 0,
         };
@@ -125,7 +127,7 @@ impl NativeWinch {
             positions: [0; 4],
             is_enabled: false,
             verbs: None,
-            ends: false,
+            is_stopping: false,
             done: VecDeque::new(),
             planned: BinaryHeap::new(),
             edges: Vec::new(),
@@ -140,7 +142,7 @@ impl NativeWinch {
         self.say(&LineReply::Awake);
     }
 
-    /// Steps begun, of x, y, z and a.
+    /// Steps forward minus backward of x, y, z and a, by the pulses that have begun.
     #[must_use]
     pub const fn positions(&self) -> [i32; 4] {
         self.positions
@@ -152,7 +154,7 @@ impl NativeWinch {
         self.is_enabled
     }
 
-    /// Whether no axis moves, or is to.
+    /// Whether no axis moves, and none has an order left.
     #[must_use]
     pub fn is_at_rest(&self) -> bool {
         self.session.is_at_rest() && self.verbs.as_ref().is_none_or(NativeVerbs::is_idle)
@@ -166,16 +168,16 @@ impl NativeWinch {
     fn run(&mut self, until: u64) {
         while self.now < until {
             let ms = self.zero + self.next_ms * u64::from(TICKS);
-            let byte = self.line.coming.front().map_or(u64::MAX, |byte| byte.0);
+            let byte = self.line.to_board.front().map_or(u64::MAX, |byte| byte.0);
             let next = until.min(ms).min(byte);
             self.play(next);
             self.now = next;
-            // A line that ends as a millisecond begins still acts on it.
+            // A byte that arrives as a millisecond begins is handled before it: a line that ends with it acts on this millisecond.
             if byte == next
-                && let Some((_, byte)) = self.line.coming.pop_front()
+                && let Some((_, byte)) = self.line.to_board.pop_front()
             {
                 let noise = self.line.baud != Baud::B115200;
-                self.hear(if noise { bridge::garbled(byte) } else { byte });
+                self.receive_byte(if noise { bridge::garbled(byte) } else { byte });
             } else if ms == next {
                 self.millisecond();
             }
@@ -208,7 +210,7 @@ impl NativeWinch {
         }
     }
 
-    /// Works out the millisecond after this one.
+    /// Computes the next millisecond, and sends the reports that are due.
     fn millisecond(&mut self) {
         if self.session.is_report_due() && self.line.unsent(self.now) == 0 {
             self.session.reported();
@@ -235,15 +237,15 @@ impl NativeWinch {
             self.answer(&done);
         }
         if let Some(verbs) = &mut self.verbs {
-            let stopped = if self.ends || self.session.deadman_expired() { verbs.halt() } else { 0 };
+            let stopped = if self.is_stopping || self.session.deadman_expired() { verbs.halt() } else { 0 };
             let rests = verbs.is_idle();
-            // Who says `enable 0` knows.
-            if stopped != 0 && !self.ends {
+            // A client that sent `enable 0` knows that the positions are uncertain.
+            if stopped != 0 && !self.is_stopping {
                 self.answer(&text::VerbReply::Uncertain { axes: stopped });
             }
-            // What was done is told first.
-            if self.ends && rests && self.done.is_empty() {
-                (self.verbs, self.ends) = (None, false);
+            // Finished moves are reported before `awake`.
+            if self.is_stopping && rests && self.done.is_empty() {
+                (self.verbs, self.is_stopping) = (None, false);
                 (self.session, self.positions) = (Session::new(), [0; 4]);
                 self.enable();
                 self.say(&LineReply::Awake);
@@ -255,7 +257,7 @@ impl NativeWinch {
         }
     }
 
-    /// Switches the drivers as they are to be.
+    /// Switches the drivers on while axes obey a path or verbs, else off.
     fn enable(&mut self) {
         let on = self.session.drives() || self.verbs.is_some();
         if on != self.is_enabled {
@@ -264,16 +266,16 @@ impl NativeWinch {
         }
     }
 
-    fn hear(&mut self, byte: u8) {
+    fn receive_byte(&mut self, byte: u8) {
         let reply = match self.reader.push::<InMemory>(byte) {
             Heard::Nothing => return,
-            // The winch does not know verbs.
+            // A line that is no command of paths may be one of verbs.
             Heard::Refused(refusal @ LineError { what: LineFault::Command, .. }) => {
                 match text::read(self.reader.line()) {
                     VerbLine::Unknown => Some(LineReply::Refused(refusal)),
                     VerbLine::Refused(what, word) => return self.answer(&text::VerbReply::Unread(what, word)),
-                    VerbLine::Orders(told) => {
-                        let reply = self.tell(&told);
+                    VerbLine::Orders(line) => {
+                        let reply = self.obey_verbs(&line);
                         self.enable();
                         return self.answer(&reply);
                     }
@@ -283,13 +285,13 @@ impl NativeWinch {
             Heard::Command(verb) if self.verbs.is_some() && verb.has_flags() => {
                 return self.answer(&text::VerbReply::Verbs);
             }
-            // A stop goes to its end, whatever comes behind it.
-            Heard::Command(LineCommand::Enable) if self.ends && self.reader.value() != 0 => {
+            // While the axes stop, they cannot be enabled again.
+            Heard::Command(LineCommand::Enable) if self.is_stopping && self.reader.value() != 0 => {
                 return self.answer(&MOVING);
             }
             Heard::Command(LineCommand::Enable) if self.verbs.is_some() => {
                 self.session.heard();
-                self.ends = self.reader.value() == 0;
+                self.is_stopping = self.reader.value() == 0;
                 None
             }
             Heard::Command(verb) => self.session.obey(verb, &mut self.reader),
@@ -300,16 +302,16 @@ impl NativeWinch {
         }
     }
 
-    /// Tells axes directly what a line says; gives what is to be answered.
-    fn tell(&mut self, told: &LineOrders) -> text::VerbReply {
+    /// Obeys a line of verbs, and returns the answer.
+    fn obey_verbs(&mut self, line: &LineOrders) -> text::VerbReply {
         if self.session.drives() {
             return text::VerbReply::Path;
         }
-        if self.ends {
+        if self.is_stopping {
             return MOVING;
         }
-        let Some(orders) = told.orders() else { return text::VerbReply::Refused(Refused::of(Reason::Malformed)) };
-        // A first line that is refused changes nothing.
+        let Some(orders) = line.orders() else { return text::VerbReply::Refused(Refused::of(Reason::Malformed)) };
+        // If the first line of verbs is refused, the axes go on obeying paths.
         let mut first = self.verbs.is_none().then(|| self.verbs_from_here());
         let Some(verbs) = self.verbs.as_mut().or(first.as_mut()) else { return text::VerbReply::Path };
         match verbs.obey(verbs.open(), &orders) {
@@ -319,13 +321,13 @@ impl NativeWinch {
                     self.verbs = Some(verbs);
                     self.lower_dir();
                 }
-                text::VerbReply::At { obeyed, axes: told.axes() }
+                text::VerbReply::At { obeyed, axes: line.axes() }
             }
             Err(refused) => text::VerbReply::Refused(refused),
         }
     }
 
-    /// Axes that can be told directly, where they stand.
+    /// The axes at their present positions, ready to obey verbs.
     fn verbs_from_here(&self) -> NativeVerbs {
         let motor = |axis: usize| MotorConfig {
             wiring: Wiring::StepDir {
@@ -341,7 +343,7 @@ impl NativeWinch {
         NativeVerbs::at(&config, &[LIMITS; AXES.len()], &self.positions, self.clock() + 1).expect("four axes")
     }
 
-    /// DIR is low where [`NativeVerbs`] begin.
+    /// Makes all DIR lines low, as [`NativeVerbs`] expects them at its beginning.
     fn lower_dir(&mut self) {
         let tick = self.clock();
         for (forward, line) in self.forward.iter_mut().zip(DIR_PINS).filter(|(forward, _)| **forward) {
@@ -368,7 +370,7 @@ impl SerialLine {
         10 * bit_cycles(self.baud.rate())
     }
 
-    /// Bytes that the board has said and that are not on the line yet.
+    /// How many bytes to the host are not on the line yet.
     fn unsent(&self, now: u64) -> usize {
         let left = self.busy_to_host.saturating_sub(now).div_ceil(self.byte_ticks());
         usize::try_from(left).unwrap_or(usize::MAX)
@@ -379,7 +381,7 @@ impl SerialLine {
         for byte in text {
             self.busy_to_host = self.busy_to_host.max(now) + self.byte_ticks();
             let byte = if at_wrong_rate { bridge::garbled(*byte) } else { *byte };
-            self.going.push_back((self.busy_to_host, byte));
+            self.to_host.push_back((self.busy_to_host, byte));
         }
     }
 }
@@ -390,7 +392,7 @@ impl VirtualBoard for NativeWinch {
         *self = NativeWinch::new();
         (self.now, self.zero, self.line.baud) = (now, now, baud);
         (self.line.busy_to_board, self.line.busy_to_host) = (now, now);
-        self.line.going.clear();
+        self.line.to_host.clear();
         self.edges.clear();
         self.start();
     }
@@ -413,7 +415,7 @@ impl Port for NativeWinch {
         let frame = bridge::next_frame(self.now);
         for byte in bytes {
             self.line.busy_to_board = self.line.busy_to_board.max(frame) + self.line.byte_ticks();
-            self.line.coming.push_back((self.line.busy_to_board, *byte));
+            self.line.to_board.push_back((self.line.busy_to_board, *byte));
         }
         Ok(())
     }
@@ -422,11 +424,11 @@ impl Port for NativeWinch {
         let until = bridge::cycles(until);
         let had = into.len();
         while into.len() == had && self.now < until {
-            // Bytes reach the host with the next frame of USB.
+            // Bytes reach the host with the next USB frame.
             let frame = bridge::next_frame(self.now);
             self.run(frame.min(until));
             while self.now == frame
-                && let Some((_, byte)) = self.line.going.pop_front_if(|(at, _)| *at <= frame)
+                && let Some((_, byte)) = self.line.to_host.pop_front_if(|(at, _)| *at <= frame)
             {
                 into.push(byte);
             }
@@ -434,7 +436,7 @@ impl Port for NativeWinch {
         Ok(())
     }
 
-    /// Text is spoken at 115 200 baud; at another rate both ends hear noise.
+    /// Text works at 115 200 baud. At another rate both ends receive wrong bytes.
     fn set_baud(&mut self, baud: Baud) -> Result<(), PortError> {
         self.line.baud = baud;
         Ok(())

@@ -1,30 +1,32 @@
-//! Items of one epoch and motor → packed bytes, with checks in between.
+//! Packs the items of one epoch of one motor into bytes, with checks in between.
 
 use pulsetrain_core::packing::{CHECK_LEN, Check, MAX_PACKED_LEN, PackError, Packing, State};
 use pulsetrain_core::{Item, Tick32};
 
-/// Longest that one item gets, with a check before it.
+/// Bytes of the longest item with a check before it.
 pub(crate) const MAX_LEN: usize = CHECK_LEN + MAX_PACKED_LEN;
 
-// Whatever the board: an item and its check are whole in a frame.
+// An item and its check fit in one frame of every board.
 const _: () = assert!(MAX_LEN + 3 <= pulsetrain_core::wire::MIN_BODY);
 
-/// A check goes before steps once so many bytes have gone without one: about one in a frame.
+/// Bytes after which a check goes before the next steps: about one check in a frame, so that a damaged item is noticed soon.
 const CHECK_EVERY: usize = 64;
 
-/// Queues of fewer bytes have no room for checks: what they hold is one epoch of a few frames and the end of another, and
-/// each begins with an anchor.
+/// Bytes of a queue from which checks are sent. A shorter queue has no room for them: it holds a few frames, and an epoch's anchor is a check too.
 const ROOM_FOR_CHECKS: usize = 256;
 
-/// Packs an epoch from its beginning on.
+/// Packs an epoch from its beginning.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Packer {
     packing: Packing,
     state: State,
-    /// Where the board should be after all this: ticks · 2^F, wrapping, and steps since the anchor.
+    /// The board's accumulator after the packed items, ticks · 2^F, wrapping.
     accumulator: u64,
+    /// Steps forward minus backward since the anchor, wrapping.
     moved: u16,
+    /// Bytes since the last check.
     unchecked: usize,
+    /// Whether the queue is long enough for checks.
     checks: bool,
 }
 
@@ -35,7 +37,7 @@ impl Packer {
         Packer { packing, state: State::default(), accumulator: 0, moved: 0, unchecked: 0, checks }
     }
 
-    /// Packs `item` into the front of `out`, perhaps after a check; gives the number of bytes.
+    /// Packs `item` into the front of `out`, after a check if one is due. Returns the number of bytes.
     ///
     /// # Errors
     /// When the item has no steps; nothing changes then.
@@ -55,7 +57,7 @@ impl Packer {
                 self.accumulator = self.accumulator.wrapping_add(u64::from(ticks) << self.bits());
             }
             Item::Run { segment, direction } => {
-                // A board's accumulator has fewer bits, and wraps; so do counts.
+                // The board's accumulator and counts have fewer bits and wrap, so these may wrap too.
                 self.accumulator = self.accumulator.wrapping_add(segment.span(segment.count) as u64);
                 self.moved = self.moved.wrapping_add((segment.count as u16).wrapping_mul(direction.sign() as u16));
             }
@@ -63,17 +65,17 @@ impl Packer {
         Ok(len + item_len)
     }
 
-    /// The tick of the accumulator after all this.
+    /// The tick of the accumulator after the packed items.
     pub(crate) fn tick(&self) -> Tick32 {
         Tick32::of(self.accumulator >> self.bits())
     }
 
-    /// F.
+    /// Fraction bits of the accumulator (F).
     const fn bits(&self) -> u32 {
         self.packing.fraction_bits
     }
 
-    /// What comes next is predicted from.
+    /// The state from which the packing predicts the next segment.
     pub(crate) const fn state(&self) -> State {
         self.state
     }
@@ -104,7 +106,7 @@ mod tests {
     }
 
     proptest! {
-        /// A board finds every check right, and does nothing behind one that it finds wrong.
+        /// A board finds every check right, and does nothing after one that it finds wrong.
         #[test]
         fn boards_agree_with_checks(items in prop::collection::vec(item(), 20..60), wrong in any::<prop::sample::Index>()) {
             let mut packer = Packer::new(PACKING, ROOM_FOR_CHECKS);
@@ -137,7 +139,7 @@ mod tests {
         }
     }
 
-    /// Does it all; gives where the motor ends, and whether a check failed.
+    /// Follows the packed items to their end. Returns the motor's position, and whether a check failed.
     fn run(packed: &[u8], steps: u32) -> (i32, bool) {
         let mut pool = Pool::<4096>::new();
         let mut queue = PackedQueue::new(Pool::<4096>::share(1, 0), PACKING);

@@ -1,6 +1,6 @@
-//! A board with a shadow: the native stepgen, told the very same.
+//! A board, and as its reference a native board that gets the same items.
 //!
-//! The board makes the edges, the shadow says which tick each step was scheduled for.
+//! The board makes the edges. The reference knows the tick for which each step was scheduled.
 
 use crate::lease::{ExtendRefused, Lease, LeaseState, Leased, TrimRefused};
 use crate::{Board, Edge, Faults, Native, Observer, ScheduledStep, Sizer, StopReport, SwitchRefused};
@@ -8,106 +8,106 @@ use pulsetrain_core::braking::Limit;
 use pulsetrain_core::{Entry, Epoch};
 use std::collections::VecDeque;
 
-/// A board, whose edges are told, and a native one, whose steps are.
+/// A board and its reference: an observer gets the edges of the board and the scheduled steps of the reference.
 #[derive(Debug)]
 pub struct WithReference<B> {
     board: B,
-    shadow: Native,
-    /// The shadow took everything that the board took.
-    agree: bool,
-    /// What the shadow scheduled while nobody looked.
+    reference: Native,
+    /// Whether the reference has accepted everything that the board accepted.
+    is_complete: bool,
+    /// Steps that the reference scheduled while there was no observer.
     steps: Vec<ScheduledStep>,
-    /// The lease that both have.
-    held: Option<Lease>,
-    /// Extensions that the board has not answered, oldest first. The shadow gets an extension when the board has accepted it. Until then the shadow's
-    /// time does not pass the earliest end that is possible.
+    /// The lease of both.
+    lease: Option<Lease>,
+    /// Extensions that the board has not answered, oldest first. The reference gets an extension once the board has accepted it. Until then the
+    /// reference's time does not pass the earliest possible end of the lease.
     extending: VecDeque<(Lease, Vec<Limit>)>,
     /// The board's answers, oldest first, that [`Leased::extended`] has not reported yet.
     extended: VecDeque<bool>,
 }
 
 impl<B: Board> WithReference<B> {
-    /// `shadow` has the same motors as `board`, queues that hold what the board's hold ([`Native::unbounded`]), and is new: it comes as far
-    /// as the board, which may have been on for days.
+    /// `reference` must be new and have the same motors as `board`, and queues as long ([`Native::unbounded`]). Its time is brought to that of the
+    /// board, which may have been on for days.
     #[must_use]
-    pub fn new(board: B, mut shadow: Native) -> WithReference<B> {
+    pub fn new(board: B, mut reference: Native) -> WithReference<B> {
         if let Some(last) = board.now().checked_sub(1) {
-            shadow.advance(last, &mut |_: Edge| {});
+            reference.advance(last, &mut |_: Edge| {});
         }
         let (extending, extended) = (VecDeque::new(), VecDeque::new());
-        WithReference { board, shadow, agree: true, steps: Vec::new(), held: None, extending, extended }
+        WithReference { board, reference, is_complete: true, steps: Vec::new(), lease: None, extending, extended }
     }
 
-    /// The board itself.
+    /// The board.
     #[must_use]
     pub const fn board(&self) -> &B {
         &self.board
     }
 
-    /// The same, to ask it things.
+    /// The board, to send it commands. What is pushed there does not reach the reference.
     pub const fn board_mut(&mut self) -> &mut B {
         &mut self.board
     }
 
-    /// The board, without its shadow.
+    /// The board, without its reference.
     #[must_use]
     pub fn into_board(self) -> B {
         self.board
     }
 
-    /// Time has passed until the board answered, and switches that it had taken were made: the shadow holds no more of them than it.
-    /// But it stays before the switch at `tick`, as the board was when it took it: an answer that was lost comes after its tick.
+    /// Brings the reference to the board's time, but not to `tick`: it can accept a switch only before the switch's tick. The board accepted it in
+    /// time, even if its answer was lost and came after that tick when it was repeated.
     fn follow_to_switch(&mut self, tick: u64) {
-        let tick = self.open().map_or(tick, |open| open.min(tick));
-        let passed = self.board.now().checked_sub(1).zip(self.shadow.last_before_switch(tick));
-        if let Some(last) = passed.map(|(now, before)| now.min(before)).filter(|last| self.shadow.now() <= *last) {
-            self.shadow.advance(last, &mut Kept(&mut self.steps));
+        let tick = self.earliest_end().map_or(tick, |open| open.min(tick));
+        let passed = self.board.now().checked_sub(1).zip(self.reference.last_before_switch(tick));
+        if let Some(last) = passed.map(|(now, before)| now.min(before)).filter(|last| self.reference.now() <= *last) {
+            self.reference.advance(last, &mut StepBuffer(&mut self.steps));
         }
     }
 
-    /// Lets the shadow come as far as the board.
+    /// Brings the reference's time to `until`, but not past the earliest possible end of the lease.
     fn follow(&mut self, until: u64, observer: &mut impl Observer) {
         self.steps.drain(..).for_each(|step| observer.step(step));
-        // After an immediate stop the board makes no more steps; the shadow must not go on with its plan.
+        // After an immediate stop the board makes no more steps; the reference must not go on with its plan.
         if matches!(self.board.lost(), Some(crate::RemoteError::Stopped { .. })) {
             return;
         }
-        let open = self.open().map_or(Some(until), |open| self.shadow.last_before_switch(open));
+        let open = self.earliest_end().map_or(Some(until), |open| self.reference.last_before_switch(open));
         let Some(until) = open.map(|last| last.min(until)) else { return };
-        if self.shadow.now() <= until {
-            self.shadow.advance(until, &mut Steps(observer));
+        if self.reference.now() <= until {
+            self.reference.advance(until, &mut Steps(observer));
         }
     }
 }
 
 impl<B> WithReference<B> {
-    /// The soonest of the ends that the lease may have.
-    fn open(&self) -> Option<u64> {
-        let leases = self.extending.iter().map(|(lease, _)| *lease).chain(self.held);
+    /// The earliest possible end of the lease while the board has extensions to answer; else `None`.
+    fn earliest_end(&self) -> Option<u64> {
+        let leases = self.extending.iter().map(|(lease, _)| *lease).chain(self.lease);
         let ends = leases.filter_map(|lease| if let Lease::Until(tick) = lease { Some(tick) } else { None });
         ends.min().filter(|_| !self.extending.is_empty())
     }
 }
 
 impl<B: Leased> WithReference<B> {
-    /// Extends the shadow's lease as the board has extended its own.
-    fn hear_of_extensions(&mut self) {
+    /// Takes the board's answers to extensions, and gives the accepted ones to the reference.
+    fn take_answers(&mut self) {
         while let Some(accepted) = self.board.extended() {
             if let Some((lease, limits)) = self.extending.pop_front()
                 && accepted
             {
-                self.agree &= self.shadow.extend(lease, &limits).is_ok();
-                self.held = Some(lease);
+                self.is_complete &= self.reference.extend(lease, &limits).is_ok();
+                self.lease = Some(lease);
             }
             self.extended.push_back(accepted);
         }
     }
 }
 
-/// Keeps steps for who looks next.
-struct Kept<'s>(&'s mut Vec<ScheduledStep>);
+/// An observer that keeps the steps for the next observer.
+struct StepBuffer<'s>(&'s mut Vec<ScheduledStep>);
 
-impl Observer for Kept<'_> {
+impl Observer for StepBuffer<'_> {
     fn edge(&mut self, _edge: Edge) {}
 
     fn step(&mut self, step: ScheduledStep) {
@@ -115,6 +115,7 @@ impl Observer for Kept<'_> {
     }
 }
 
+/// Passes on only the edges: those of the board.
 struct Edges<'o, O>(&'o mut O);
 
 impl<O: Observer> Observer for Edges<'_, O> {
@@ -123,6 +124,7 @@ impl<O: Observer> Observer for Edges<'_, O> {
     }
 }
 
+/// Passes on only the steps: those of the reference.
 struct Steps<'o, O>(&'o mut O);
 
 impl<O: Observer> Observer for Steps<'_, O> {
@@ -136,13 +138,13 @@ impl<O: Observer> Observer for Steps<'_, O> {
 impl<B: Leased> Board for WithReference<B> {
     fn push(&mut self, motor: usize, entry: Entry) -> Result<(), Entry> {
         self.board.push(motor, entry)?;
-        self.agree &= self.shadow.push(motor, entry).is_ok();
+        self.is_complete &= self.reference.push(motor, entry).is_ok();
         Ok(())
     }
 
     fn discard(&mut self, epoch: Epoch) {
         self.board.discard(epoch);
-        Board::discard(&mut self.shadow, epoch);
+        Board::discard(&mut self.reference, epoch);
     }
 
     fn room(&self, motor: usize) -> usize {
@@ -171,15 +173,15 @@ impl<B: Leased> Board for WithReference<B> {
 
     fn advance(&mut self, until: u64, observer: &mut impl Observer) {
         self.board.advance(until, &mut Edges(observer));
-        self.hear_of_extensions();
+        self.take_answers();
         self.follow(until, observer);
     }
 
     fn stop_now(&mut self, tick: u64, observer: &mut impl Observer) -> StopReport {
         let report = self.board.stop_now(tick, &mut Edges(observer));
-        self.hear_of_extensions();
+        self.take_answers();
         self.follow(report.tick, observer);
-        self.shadow.stop_now(report.tick, &mut Steps(observer));
+        self.reference.stop_now(report.tick, &mut Steps(observer));
         report
     }
 
@@ -200,7 +202,7 @@ impl<B: Leased> Board for WithReference<B> {
     }
 
     fn agrees(&self) -> bool {
-        self.agree && self.board.agrees()
+        self.is_complete && self.board.agrees()
     }
 
     fn settle(&mut self) -> Result<crate::AtRest, crate::RemoteError> {
@@ -215,10 +217,10 @@ impl<B: Leased> Leased for WithReference<B> {
         self.follow_to_switch(tick);
         match answer {
             Ok(()) => {
-                self.agree &= self.shadow.switch(epoch, tick, lease, limits).is_ok();
-                self.held = Some(lease);
+                self.is_complete &= self.reference.switch(epoch, tick, lease, limits).is_ok();
+                self.lease = Some(lease);
             }
-            Err(_) => Board::discard(&mut self.shadow, epoch),
+            Err(_) => Board::discard(&mut self.reference, epoch),
         }
         answer
     }
@@ -226,24 +228,24 @@ impl<B: Leased> Leased for WithReference<B> {
     fn extend(&mut self, lease: Lease, limits: &[Limit]) -> Result<(), ExtendRefused> {
         self.board.extend(lease, limits)?;
         self.extending.push_back((lease, limits.to_vec()));
-        self.hear_of_extensions();
+        self.take_answers();
         Ok(())
     }
 
     fn trim(&mut self, until: u64, items: &[usize]) -> Result<(), TrimRefused> {
         self.await_extensions();
         self.board.trim(until, items)?;
-        self.agree &= self.shadow.trim(until, items).is_ok();
-        self.held = Some(Lease::Until(until));
+        self.is_complete &= self.reference.trim(until, items).is_ok();
+        self.lease = Some(Lease::Until(until));
         Ok(())
     }
 
     fn brake(&mut self) -> Option<u64> {
         let at = self.board.brake();
-        self.hear_of_extensions();
+        self.take_answers();
         let at = at?;
-        // The shadow is not as far as the board, and brakes where that does.
-        self.shadow.brake_at(at);
+        // The reference's time is behind the board's, so it can still brake at the same tick.
+        self.reference.brake_at(at);
         Some(at)
     }
 
@@ -257,7 +259,7 @@ impl<B: Leased> Leased for WithReference<B> {
 
     fn await_extensions(&mut self) {
         self.board.await_extensions();
-        self.hear_of_extensions();
+        self.take_answers();
     }
 }
 
@@ -288,9 +290,9 @@ mod tests {
         }
     }
 
-    /// So many runs of a step each, all told before the first; gives what was seen, and whether both agree.
-    fn told(runs: usize, shadow: Native) -> (Seen, bool) {
-        let mut board = WithReference::new(Native::unbounded(&config()).expect("it can be wired so"), shadow);
+    /// Pushes so many runs of one step each before any time passes. Returns what an observer saw, and whether the reference has everything.
+    fn run_all(runs: usize, reference: Native) -> (Seen, bool) {
+        let mut board = WithReference::new(Native::unbounded(&config()).expect("it can be wired so"), reference);
         let segment = Segment { count: 1, interval: 100 << 16, add: 0, add2: 0 };
         let run = Item::Run { segment, direction: Direction::Forward };
         for item in [Item::Anchor { tick: Tick32(0) }].into_iter().chain(std::iter::repeat_n(run, runs)) {
@@ -303,9 +305,9 @@ mod tests {
 
     #[test]
     fn a_shadow_holds_what_the_board_holds_or_says_that_it_does_not() {
-        let (seen, agrees) = told(5000, Native::unbounded(&config()).expect("it can be wired so"));
+        let (seen, agrees) = run_all(5000, Native::unbounded(&config()).expect("it can be wired so"));
         assert_eq!((seen.rises, seen.steps, agrees), (5000, 5000, true));
-        let (seen, agrees) = told(5000, Native::new(&config()).expect("it can be wired so"));
+        let (seen, agrees) = run_all(5000, Native::new(&config()).expect("it can be wired so"));
         assert_eq!(seen.rises, 5000);
         assert!(seen.steps < 5000 && !agrees, "{} steps", seen.steps);
     }

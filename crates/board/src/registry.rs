@@ -1,13 +1,14 @@
-//! The boards that have a firmware of ours: one place for what a program needs to know of each before it asks.
+//! The boards that this project has a firmware for: what a program needs to know of each before it connects.
 //!
-//! Limits, pins and queues of all boards are rows of `pulsetrain_motion::boards`, by the same names. To add a board: a variant here, a row there.
+//! Limits, pins and queues of all boards are rows of `pulsetrain_motion::boards`, under the same names. A new board needs a variant here and a row
+//! there.
 
 use crate::VirtualBoard;
 use crate::virtual_pico::{self, VirtualPico};
 use crate::virtual_uno::{self, VirtualUno};
 use pulsetrain_core::wire::Baud;
 
-/// A board with a firmware of ours.
+/// A board that this project has a firmware for.
 ///
 /// ```
 /// use pulsetrain_board::{BoardKind, registry::Role};
@@ -25,14 +26,14 @@ pub enum BoardKind {
     Pico,
 }
 
-/// What a board is told by. An Uno has an image for each; a Pico's one image does all.
+/// How a host controls a board. An Uno has a firmware image for each way; a Pico's one image has all.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Role {
-    /// Plans, in frames.
+    /// By plans, in frames (docs/protocol.md).
     Plans,
-    /// StepperWinch's text.
+    /// By StepperWinch's text (docs/winch.md).
     Winch,
-    /// Verbs: motors told directly.
+    /// By verbs: orders to single motors (docs/pico.md).
     Verbs,
 }
 
@@ -90,8 +91,7 @@ impl BoardKind {
         }
     }
 
-    /// The rate of its line if nothing else is wanted: what an Uno's USB bridge makes exactly and is fast enough for all plans, and what a
-    /// Pico's clock makes exactly.
+    /// The default rate of its line. An Uno's USB bridge makes 1 Mbaud exactly, and it is enough for all plans. A Pico's clock makes 2 Mbaud exactly.
     #[must_use]
     pub const fn usual_baud(self) -> Baud {
         match self {
@@ -100,7 +100,7 @@ impl BoardKind {
         }
     }
 
-    /// How many times as fast as a real one the virtual board is on a PC, about. By `run` of sweep.toml and pico.toml.
+    /// About how many times as fast as a real board the virtual one is on a PC. Obtained with `run` of sweep.toml and pico.toml.
     #[must_use]
     pub const fn emulation_speed(self) -> f64 {
         match self {
@@ -109,13 +109,14 @@ impl BoardKind {
         }
     }
 
-    /// Whether a motion is tried on the virtual board before a real one gets it: an Uno's processor does everything, and its queues are short.
+    /// Whether a motion is rehearsed on the virtual board before a real one gets it. An Uno needs it: its processor does everything, and its queues
+    /// are short.
     #[must_use]
     pub const fn is_rehearsed(self) -> bool {
         matches!(self, BoardKind::Uno)
     }
 
-    /// The committed firmware for a role, as the board is programmed with it: an Uno's flash from address 0 on, a Pico's UF2 file.
+    /// The committed firmware for a role, in the form that programs the board: an Uno's flash from address 0, a Pico's UF2 file.
     #[must_use]
     pub fn image(self, role: Role) -> Vec<u8> {
         match (self, role) {
@@ -126,14 +127,15 @@ impl BoardKind {
         }
     }
 
-    /// The virtual board with the committed firmware for a role, just plugged in and opened: a Pico by its own USB.
+    /// The virtual board with the committed firmware for a role, just plugged in and with its port open. A Pico's port is its own USB, or its UART for
+    /// [`Role::Winch`].
     #[must_use]
     pub fn virtual_board(self, role: Role) -> Box<dyn VirtualBoard> {
         match (self, role) {
             (BoardKind::Uno, Role::Plans) => Box::new(VirtualUno::new()),
             (BoardKind::Uno, Role::Winch) => Box::new(VirtualUno::with_winch()),
             (BoardKind::Uno, Role::Verbs) => Box::new(VirtualUno::with_verbs()),
-            // Text comes by its UART, as by an Uno's.
+            // The firmware takes text on its UART, as an Uno does.
             (BoardKind::Pico, Role::Winch) => Box::new(VirtualPico::new()),
             (BoardKind::Pico, Role::Plans | Role::Verbs) => Box::new(VirtualPico::on_usb()),
         }

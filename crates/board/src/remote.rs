@@ -1,10 +1,10 @@
 //! A board at the other end of a line.
 //!
-//! What is pushed is packed and sent as soon as time passes ([`Board::advance`], [`Leased::switch`]). Time is the
-//! port's: a real one waits, a virtual one lets its board run. Ticks are the board's own, as its clock was read.
+//! Items that are pushed are packed, and sent when time passes ([`Board::advance`], [`Leased::switch`]). Time is the port's: a real port waits, a
+//! virtual one lets its board run. Ticks are those of the board's clock, as the host has read it.
 //!
-//! When the board is lost, nothing waits for it: what is pushed goes nowhere, switches are refused, time goes on, and
-//! [`Remote::error`] says why. What the board was told goes on to the end of its lease, from where the motors brake.
+//! A lost board blocks nobody: pushed items are dropped, switches are refused, time goes on, and [`Remote::error`] says why. The board follows the
+//! plan that it has to the end of its lease, where the motors brake.
 
 use crate::lease::{ExtendRefused, Lease, LeaseState, Leased, TrimRefused};
 use crate::link::{Answer, BITS, Link, LinkError};
@@ -26,73 +26,76 @@ use std::time::Duration;
 /// How often the board is asked for its status while time passes.
 const STATUS_EVERY: Duration = Duration::from_millis(50);
 
-/// A frame that is not full goes out when fewer are on their way, if it is half full; else when none is.
-const GATHERED: usize = 2;
-/// Or, full or not, when fewer than these are, if its queue is not half full: answers of a board that has much to do take some milliseconds.
-const NEEDED: usize = 3;
+/// A frame that is at least half full is sent if fewer than this many wait for their confirmation; an emptier one if none waits. A board has about the
+/// same work with a short frame as with a long one, so short ones are filled up first.
+const FRAMES_HALF_FULL: usize = 2;
+/// A frame for a queue that is less than half full is sent, full or not, if fewer than this many wait for their confirmation: a busy board takes some
+/// milliseconds for one.
+const FRAMES_FOR_SHORT_QUEUE: usize = 3;
 
-/// A board has enough to do when its queues are so full, all of them, %; and plenty.
-const ENOUGH: usize = 25;
-const PLENTY: usize = 50;
-/// What goes into a queue that is fuller than this, %, may wait for more.
-const FULL: usize = 75;
+/// When all queues are at least this full, %, the bytes that are sent at once are limited: each byte takes an Uno's time from its steps.
+const ENOUGH_PERCENT: usize = 25;
+/// When all queues are at least this full, %, the limit is half of that.
+const PLENTY_PERCENT: usize = 50;
+/// Items for a queue that is at least this full, %, are not sent yet: more are gathered, for longer frames.
+const FULL_PERCENT: usize = 75;
 
-/// A board that has plenty is sent so much of its queues' bytes at once, one part of so many; one that has enough twice as much.
-const PORTIONS: usize = 15;
+/// The limit for a board with plenty in its queues: one of this many parts of its queues' bytes. For a board with enough it is twice that.
+const LIMIT_PARTS: usize = 15;
 
-/// And so often: a frame of USB.
-const PORTION_EVERY: Duration = Duration::from_millis(1);
+/// How often bytes are sent under that limit: once in a frame of USB.
+const SEND_EVERY: Duration = Duration::from_millis(1);
 
-/// How often it is asked for room while a queue is fuller than half. The host knows by itself when items leave it; each question
-/// costs an Uno as much as a frame of data.
+/// How often the board is asked for room while a queue is more than half full. Not more often, as the host can compute when items leave it, and each
+/// request costs an Uno as much as a frame of data.
 const ROOM_EVERY: Duration = Duration::from_millis(10);
 
-/// Time passes so much in one round at most.
+/// The longest wait for the port before the queues are looked after again.
 const LONGEST_ROUND: Duration = Duration::from_millis(3);
 
-/// A reading of the board's clock, over USB bridges that hold bytes back for a millisecond or two each way.
+/// The most that a reading of the board's clock is uncertain by because USB bridges hold bytes back: 1 to 2 ms each way, with reserve.
 const BRIDGE_DELAY: Duration = Duration::from_millis(6);
 
-/// An item has left its queue so long after it was due to, whatever the host's idea of the board's clock: a thousandth of a
-/// second.
-const TAKEN_PER_S: u64 = 1000;
+/// An item counts as gone from its queue this long after the computed tick, as a fraction of a second: 1 ms covers the error of the host's clock
+/// reading.
+const TAKEN_MARGIN_PER_S: u64 = 1000;
 
-/// Time passes at least so much in each round, however close its end is estimated.
+/// The shortest wait for the port, so that a loop that waits for an estimated time always ends.
 const SHORTEST_ROUND: Duration = Duration::from_micros(10);
 
-/// Readings of the clock before the first motion.
+/// How many times the clock is read before the first motion: the quickest of several answers is the most certain.
 const FIRST_READINGS: usize = 8;
 
-/// No clock is further off than one part in so many: twice what a ceramic resonator may be.
-const CLOCK_DOUBT: u64 = 100;
+/// The most that a board's clock can be off, as one part in this many: 1 %, twice the tolerance of a ceramic resonator.
+const CLOCK_ERROR_PART: u64 = 100;
 
-/// How long motors that still move, for a host before this one, may take to come to rest.
-const REST: Duration = Duration::from_secs(30);
+/// How long motors that still move for an earlier host may take to come to rest.
+const LONGEST_REST: Duration = Duration::from_secs(30);
 
-/// A line to a board: bytes, and a clock of its own.
+/// A line to a board: sends and receives bytes, and has the host's clock.
 pub trait Port: Send {
     /// Time since the port was opened.
     fn now(&self) -> Duration;
 
-    /// Hands bytes over; they go out one after the other.
+    /// Queues bytes for sending. Does not wait until they are out.
     ///
     /// # Errors
     /// When the port is gone.
     fn send(&mut self, bytes: &[u8]) -> Result<(), PortError>;
 
-    /// Lets time pass until `until`, or until bytes have come; appends them to `into`.
+    /// Waits until `until`, or until bytes have come, and appends those to `into`.
     ///
     /// # Errors
     /// When the port is gone.
     fn receive(&mut self, until: Duration, into: &mut Vec<u8>) -> Result<(), PortError>;
 
-    /// Changes the rate once all bytes that were handed over are out.
+    /// Changes the rate, once all bytes that were given to [`send`](Port::send) are out.
     ///
     /// # Errors
-    /// When the port is gone, or cannot do it.
+    /// When the port is gone, or does not have that rate.
     fn set_baud(&mut self, baud: Baud) -> Result<(), PortError>;
 
-    /// The edges of the board's pins since the last call, appended to `into`, in board ticks: what a virtual port knows.
+    /// Appends the edges of the board's pins since the last call to `into`, in board ticks. Only virtual ports have any.
     fn edges(&mut self, into: &mut Vec<Edge>) {
         let _ = into;
     }
@@ -120,43 +123,43 @@ impl<P: Port + ?Sized> Port for Box<P> {
     }
 }
 
-/// What is wrong with a port.
+/// Why a port cannot be used.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum PortError {
-    /// There is none of that name.
+    /// There is no port of that name.
     #[error("there is no port {name}{}", listed(.there_are))]
     NotThere {
-        /// As it was asked for.
+        /// The name that the user gave.
         name: String,
-        /// What there is.
+        /// The names of the ports that there are.
         there_are: Vec<String>,
     },
-    /// Another program has it.
+    /// Another program uses the port.
     #[error("{name} is in use: close the program that has it open (an IDE's serial monitor, say)")]
     Busy {
-        /// The port.
+        /// The name of the port.
         name: String,
     },
-    /// The user may not open it.
+    /// The user has no permission to open the port.
     #[error("no permission to open {name}: on Linux, `sudo usermod -aG dialout $USER`, then log in again")]
     Denied {
-        /// The port.
+        /// The name of the port.
         name: String,
     },
-    /// It is there, but nothing that could be opened as a port.
+    /// The name exists, but it cannot be opened as a port.
     #[error("{name} cannot be opened as a serial port: {why}")]
     Unusable {
-        /// As it was asked for.
+        /// The name that the user gave.
         name: String,
-        /// What the system says.
+        /// The system's error.
         why: String,
     },
-    /// It was there, and is no more.
+    /// The port was open, and is gone.
     #[error("{name} is gone: {why}")]
     Gone {
-        /// The port.
+        /// The name of the port.
         name: String,
-        /// What the system says.
+        /// The system's error.
         why: String,
     },
 }
@@ -169,74 +172,74 @@ fn listed(ports: &[String]) -> String {
     }
 }
 
-/// Why a remote board cannot be used, or not any more.
+/// Why a remote board cannot be used.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum RemoteError {
-    /// The port.
+    /// The port failed.
     #[error(transparent)]
     Port(#[from] PortError),
-    /// The link.
+    /// The link failed.
     #[error(transparent)]
     Link(#[from] LinkError),
-    /// The board refuses.
-    #[error("the board refuses to {what}: {}", said(*.reason, *.detail))]
+    /// The board refused a command.
+    #[error("the board refuses to {what}: {}", reason_text(*.reason, *.detail))]
     Refused {
-        /// What it was to do.
+        /// What it was asked to do, to follow "the board refuses to".
         what: &'static str,
-        /// Why not.
+        /// Its reason.
         reason: Reason,
-        /// As [`Reason`] says.
+        /// A number that belongs to the reason; see [`Reason`].
         detail: u16,
     },
-    /// The board stopped by itself, and takes nothing more.
+    /// The board stopped by itself, and accepts no more of a plan.
     #[error("the board stopped: {}", in_words(*.cause))]
     Stopped {
-        /// Why.
+        /// The cause that it reported.
         cause: Cause,
     },
-    /// More orders than one frame has room for: none was sent.
+    /// There are more orders than fit in one frame. None was sent.
     #[error("{orders} orders are more than the board takes at once: {most}")]
     TooManyOrders {
-        /// How many they were.
+        /// The number of orders.
         orders: usize,
-        /// How many it takes.
+        /// The number that fits.
         most: usize,
     },
-    /// The answer was to something else.
+    /// The board's answer does not belong to the command.
     #[error("the board's answer makes no sense: its firmware is not what it says")]
     Nonsense,
-    /// Another kind of board than the plan is for.
+    /// The plan is for another kind of board.
     #[error(
         "the board is {is}, but the motion is planned for `{wanted}`: a clock of {wanted_hz} Hz, {wanted_bits} fraction bits"
     )]
     OtherBoard {
-        /// What it is: [`name_of`].
+        /// The connected board: [`name_of`].
         is: &'static str,
-        /// What was planned for, as a motion file calls it.
+        /// The board that the plan is for, by its name in motion files.
         wanted: String,
-        /// Its ticks a second.
+        /// That board's ticks per second.
         wanted_hz: u64,
-        /// Its F.
+        /// That board's fraction bits (F).
         wanted_bits: u32,
     },
-    /// An Uno with another of its images than is needed.
+    /// The Uno has another firmware image than is needed.
     #[error("the board has the image `{is}`, and this takes the image `{wanted}`")]
     OtherImage {
-        /// What it has: [`image_name`].
+        /// The image that it has: [`image_name`].
         is: &'static str,
-        /// What is needed.
+        /// The image that is needed: [`image_name`].
         wanted: &'static str,
     },
-    /// What was to be stored is not what it keeps then.
+    /// The board did not keep the settings that were stored.
     #[error("the board's memory did not take the settings: try again; if that does not help it is worn out")]
     NotKept,
-    /// Motors that the board moves for a host before this one do not come to rest.
+    /// Motors still move for an earlier host, and did not come to rest while this one waited.
     #[error("the board still moves motors for a host before this one")]
     StillMoving,
 }
 
-/// A refusal in words.
-fn said(reason: Reason, detail: u16) -> String {
+/// A refusal in words, for messages.
+fn reason_text(reason: Reason, detail: u16) -> String {
     match reason {
         Reason::UnknownKind if detail == u16::from(kind::ORDERS) => {
             "its firmware obeys no verbs; `pulsetrain flash uno --port PORT --image verbs` writes the Uno's that does"
@@ -273,7 +276,7 @@ fn said(reason: Reason, detail: u16) -> String {
     }
 }
 
-/// A cause in words: why a board stopped, or restarted.
+/// Why a board stopped or restarted, in words for messages.
 #[must_use]
 pub const fn in_words(cause: Cause) -> &'static str {
     match cause {
@@ -299,7 +302,7 @@ pub const fn in_words(cause: Cause) -> &'static str {
     }
 }
 
-/// What a board says that it is.
+/// The kind of board, by its Info, in words for messages.
 #[must_use]
 pub const fn name_of(info: &Info) -> &'static str {
     match info.board {
@@ -320,33 +323,33 @@ pub const fn image_name(number: u8) -> &'static str {
     }
 }
 
-/// What a board is to be configured for.
+/// The configuration of a board: what Configure of docs/protocol.md sends.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Setup {
-    /// STEP is active so long, ticks.
+    /// How long STEP is active, ticks.
     pub pulse_ticks: u16,
-    /// DIR is right so long before the step, ticks.
+    /// How long DIR has its level before a step, ticks.
     pub setup_ticks: u16,
-    /// DIR stays so long after the end of the pulse, ticks.
+    /// How long DIR keeps its level after the end of a pulse, ticks.
     pub hold_ticks: u16,
     /// The pin that enables all drivers, and whether it is active high.
     pub enable: Option<(u8, bool)>,
-    /// The motors are released after so long a rest, ms; `None`: they hold.
+    /// The motors are released after resting this long, ms; `None` if they hold.
     pub idle_ms: Option<u16>,
-    /// The board gives this host up after so long a silence, ms; 0: 2000.
+    /// The board ends the session after this silence of the host, ms; 0 means 2000.
     pub silence_ms: u16,
     /// The motors, at most 8.
     pub motors: Vec<MotorSetup>,
 }
 
 impl Setup {
-    /// Its motors, as a [`Configuration`] has them.
+    /// The motors, as the bytes of a [`Configuration`].
     #[must_use]
     pub fn motor_bytes(&self) -> Vec<u8> {
         self.motors.iter().flat_map(MotorSetup::to_bytes).collect()
     }
 
-    /// What Configure says; `motors` are its [`motor_bytes`](Setup::motor_bytes). `None` with more than 8 of them.
+    /// The message; `motors` are its [`motor_bytes`](Setup::motor_bytes). `None` with more than 8 motors.
     #[must_use]
     pub fn configuration<'m>(&self, motors: &'m [u8]) -> Option<Configuration<'m>> {
         let mut configuration = Configuration::new(motors)?;
@@ -360,29 +363,29 @@ impl Setup {
     }
 }
 
-/// An item in a board's queue.
+/// An item that the board may still have in its queue.
 #[derive(Clone, Copy, Debug)]
 struct QueuedItem {
     epoch: Epoch,
-    /// When the board has taken it at the latest, if its switches are those that were accepted.
+    /// The tick at which the item leaves the queue at the latest: when it begins, or at a switch to another epoch.
     until: u64,
     len: usize,
-    /// How it was before the item was packed.
+    /// The epoch and packer from before the item, to go back to if it is taken back.
     before: (Option<Epoch>, Packer),
 }
 
-/// One motor, as far as the host remembers it.
+/// What the host keeps of one motor.
 #[derive(Clone, Debug)]
 struct RemoteQueue {
     packing: Packing,
-    /// Bytes of its queue.
+    /// Bytes of its empty queue.
     capacity: usize,
-    /// The epoch that is being packed, and how far.
+    /// The epoch that is being packed, and its packer; `None` before the first item.
     epoch: Option<Epoch>,
     packer: Packer,
-    /// Packed, but not sent.
+    /// Bytes that are packed but not sent.
     packed: Vec<u8>,
-    /// What the board may not have taken yet, in order.
+    /// The items that may still be in the board's queue, in order.
     waiting: VecDeque<QueuedItem>,
     position: i64,
     faults: u8,
@@ -397,39 +400,42 @@ pub struct Remote<P> {
     clock: BoardClock,
     motors: Vec<RemoteQueue>,
     epoch: Epoch,
-    /// As far as the board has confirmed it.
+    /// The lease, as far as the board has confirmed it.
     lease: LeaseState,
-    /// Extensions on their way, oldest first, and the limits that they bring.
+    /// Extensions without an answer, oldest first, each with the braking limits that it brings.
     unconfirmed: VecDeque<(Lease, Vec<Limit>)>,
     /// The board's answers, oldest first, that [`Leased::extended`] has not reported yet.
     extended: VecDeque<bool>,
-    /// How hard each motor brakes.
+    /// How hard each motor may brake, as the board has confirmed it.
     limits: Vec<Limit>,
-    /// Of the switch that began the lease: when it was accepted, and for which tick.
-    leased: (u64, u64),
-    /// Ticks from the board's clock to its horizon, when it was asked last.
-    ahead: u64,
-    /// Whether the board was idle, when it was asked last after it was told something.
+    /// The switch that began the lease: the tick at which it was accepted, and the tick at which it is made.
+    lease_switch: (u64, u64),
+    /// Ticks from the board's time to its horizon, by its last status.
+    horizon_ticks: u64,
+    /// Whether the board was idle, by its last status after the last command that can move motors.
     idle: bool,
-    /// When it was told something last.
-    told: Duration,
-    asked_status: Duration,
-    asked_room: Duration,
-    /// No tick before it is left to pass.
-    passed: u64,
+    /// When the last command that can move motors was given.
+    commanded_at: Duration,
+    /// When the status was requested last.
+    status_requested_at: Duration,
+    /// When the room in the queues was requested last.
+    room_requested_at: Duration,
+    /// All ticks before this one have passed, whatever the clock's reading says: time never goes back.
+    passed_until: u64,
     edges: Vec<Edge>,
     events: Vec<Event>,
     error: Option<RemoteError>,
-    /// Handed out by the link, not sent; when its next portion may be.
+    /// Bytes of the link that are not sent yet.
     outbox: Vec<u8>,
-    next_portion: Duration,
-    /// Somebody waits for an answer.
-    waits: bool,
+    /// When the next of them may be sent.
+    next_send: Duration,
+    /// Whether an answer is waited for: then bytes are sent without limit.
+    awaits_answer: bool,
     inbox: Vec<u8>,
 }
 
 impl<P: Port> Remote<P> {
-    /// Takes the board at the other end: says Hello until it answers. `nonce` is to be another one each time.
+    /// Begins a session with the board at the other end: sends Hello until it answers. `nonce` must differ from that of the session before.
     ///
     /// # Errors
     /// When nobody answers, another host has the board, or it speaks another protocol.
@@ -439,17 +445,17 @@ impl<P: Port> Remote<P> {
         Remote::greet(port, link)
     }
 
-    /// The same, but does not wait for another who has the board.
+    /// As [`open`](Remote::open), but does not wait for a board that another host has.
     ///
     /// # Errors
-    /// As [`open`](Remote::open); when another host, or text, has the board, at its first word.
+    /// As [`open`](Remote::open). When another host or a client of its text has the board, at once.
     pub fn open_if_free(port: P, nonce: u32) -> Result<Remote<P>, RemoteError> {
         let mut link = Link::new(nonce);
         link.hello_if_free(port.now());
         Remote::greet(port, link)
     }
 
-    /// Goes on until Hello is answered.
+    /// Waits until Hello is answered.
     fn greet(port: P, link: Link) -> Result<Remote<P>, RemoteError> {
         let info = Info::NOBODY;
         let now = port.now();
@@ -464,19 +470,19 @@ impl<P: Port> Remote<P> {
             unconfirmed: VecDeque::new(),
             extended: VecDeque::new(),
             limits: Vec::new(),
-            leased: (0, 0),
-            ahead: 0,
+            lease_switch: (0, 0),
+            horizon_ticks: 0,
             idle: false,
-            told: now,
-            asked_status: now,
-            asked_room: now,
-            passed: 0,
+            commanded_at: now,
+            status_requested_at: now,
+            room_requested_at: now,
+            passed_until: 0,
             edges: Vec::new(),
             events: Vec::new(),
             error: None,
             outbox: Vec::new(),
-            next_portion: now,
-            waits: false,
+            next_send: now,
+            awaits_answer: false,
             inbox: Vec::new(),
         };
         match remote.answer()?.reply {
@@ -488,13 +494,13 @@ impl<P: Port> Remote<P> {
         Ok(remote)
     }
 
-    /// What the board is.
+    /// The board's Info: kind, firmware, tick rate and limits.
     #[must_use]
     pub const fn info(&self) -> &Info {
         &self.info
     }
 
-    /// Changes the rate of the line. Gives the one that both ends are at then: 115 200 baud if the new one failed.
+    /// Changes the rate of the line. Returns the rate that both ends have then: 115 200 baud if the new one did not work.
     ///
     /// # Errors
     /// When the board is lost, or refuses.
@@ -505,25 +511,24 @@ impl<P: Port> Remote<P> {
         Ok(self.link.baud())
     }
 
-    /// Waits until motors rest that the board still moves for a host before this one; while one moves, `goes_on` is asked again and again
-    /// whether to wait on.
+    /// Waits until motors rest that still move for an earlier host. Meanwhile it calls `goes_on` again and again, and waits as long as that returns true.
     ///
     /// # Errors
-    /// When the board is lost; [`RemoteError::StillMoving`] if `goes_on` says no, or if they do not rest within half a minute.
+    /// When the board is lost. [`RemoteError::StillMoving`] if `goes_on` returns false, or the motors do not rest within half a minute.
     pub fn wait_for_rest(&mut self, goes_on: impl FnMut() -> bool) -> Result<(), RemoteError> {
         self.at_rest(goes_on).map(drop)
     }
 
-    /// Has the board set up its pins, and arms it. Motors that move come to rest first: [`wait_for_rest`](Remote::wait_for_rest).
+    /// Configures the board's pins, and powers the motors ([`arm`](Remote::arm)). Waits first until motors rest that still move for an earlier host.
     ///
     /// # Errors
-    /// When the board is lost, or refuses; nothing is powered then.
+    /// When the board is lost or refuses. No motor is powered then.
     ///
     /// # Panics
     /// With more than 8 motors.
     pub fn configure(&mut self, setup: &Setup) -> Result<(), RemoteError> {
         if setup.motors.len() > usize::from(self.info.max_motors) {
-            // A frame that is too long would not even be refused.
+            // A board cannot refuse a frame that is too long for it: it drops that.
             let (what, reason) = ("take this configuration", Reason::TooManyMotors);
             return Err(RemoteError::Refused { what, reason, detail: u16::from(self.info.max_motors) });
         }
@@ -555,7 +560,7 @@ impl<P: Port> Remote<P> {
         Ok(())
     }
 
-    /// Powers the motors, with empty queues: also after [`Board::stop_now`].
+    /// Empties the queues and powers the motors. Needed again after [`Board::stop_now`].
     ///
     /// # Errors
     /// When the board is lost, or refuses.
@@ -563,14 +568,14 @@ impl<P: Port> Remote<P> {
         self.done("arm its motors", &Command::Arm)?;
         self.end_lease();
         for motor in &mut self.motors {
-            motor.forget();
+            motor.reset_packing();
             motor.waiting.clear();
         }
         self.status().map(drop)
     }
 
-    /// Stops all motors at once, without ramps, whoever told them to move. Gives after which tick no step was begun and whose position is
-    /// uncertain, and what each of the board's motors counts.
+    /// Stops all motors at once, without ramps, whichever host moved them. Returns the last tick at which a step may have begun, which positions are
+    /// uncertain, and the count of each of the board's motors.
     ///
     /// # Errors
     /// When the board is lost.
@@ -578,26 +583,26 @@ impl<P: Port> Remote<P> {
         let answer = self.ask(&Command::StopNow);
         self.end_lease();
         for motor in &mut self.motors {
-            motor.forget();
+            motor.reset_packing();
             motor.waiting.clear();
         }
         let answer = answer?;
         let Reply::Stopped { stopped, positions } = answer.reply else { return Err(refusal("stop", &answer)) };
         for (motor, position) in self.motors.iter_mut().zip(positions.as_slice()) {
-            motor.count(*position);
+            motor.set_count(*position);
         }
         Ok((stopped, positions.as_slice().iter().map(|position| i64::from(*position)).collect()))
     }
 
-    /// Takes the power from motors that rest.
+    /// Switches the power of resting motors off.
     ///
     /// # Errors
-    /// When the board is lost, or motors move.
+    /// When the board is lost, or a motor moves.
     pub fn release(&mut self) -> Result<(), RemoteError> {
         self.done("release its motors", &Command::Release)
     }
 
-    /// Asks the board how it is.
+    /// Reads the board's status.
     ///
     /// # Errors
     /// When the board is lost.
@@ -609,7 +614,7 @@ impl<P: Port> Remote<P> {
         }
     }
 
-    /// Asks the board what it measured of itself; with `reset`, everything begins anew first.
+    /// Reads the board's measurements of itself; `reset` restarts them from zero first.
     ///
     /// # Errors
     /// When the board is lost.
@@ -621,25 +626,25 @@ impl<P: Port> Remote<P> {
         }
     }
 
-    /// Tells motors directly: see [`Verbs`](pulsetrain_core::verbs::Verbs). `orders` are motors and what each is told, eight at most (six on an
-    /// Uno), all from the same tick on.
+    /// Sends verbs to motors ([`Verbs`](pulsetrain_core::verbs::Verbs)). `orders` are pairs of a motor and its verb, eight at most (six on an Uno). All of
+    /// them begin at the same tick.
     ///
-    /// Moves that are done are told as [`events`](Remote::events), [`Cause::MoveDone`].
+    /// The end of a move is reported by [`events`](Remote::events), as [`Cause::MoveDone`].
     ///
     /// # Errors
-    /// When the board is lost, or refuses, or takes fewer at once: nothing was done then.
+    /// When the board is lost or refuses, or when the orders do not fit in one frame. No order is obeyed then.
     ///
     /// # Panics
     /// With more than eight orders.
     pub fn tell_motors(&mut self, orders: &[(u8, Verb)]) -> Result<Obeyed, RemoteError> {
-        // A body has two bytes before them.
+        // A frame's body has two bytes before the orders.
         let most = (usize::from(self.info().max_body) - 2) / ORDER_LEN;
         if orders.len() > most {
             return Err(RemoteError::TooManyOrders { orders: orders.len(), most });
         }
         let bytes: Vec<u8> = orders.iter().flat_map(|(motor, verb)| order(*motor, *verb)).collect();
         let command = Command::Orders(Orders::decode(&bytes).expect("at most eight orders"));
-        self.told = self.port.now();
+        self.commanded_at = self.port.now();
         self.idle = false;
         let answer = self.ask(&command)?;
         match answer.reply {
@@ -648,7 +653,7 @@ impl<P: Port> Remote<P> {
         }
     }
 
-    /// Whether its motors can be told directly: [`tell_motors`](Remote::tell_motors).
+    /// Whether the board obeys verbs: [`tell_motors`](Remote::tell_motors).
     ///
     /// # Errors
     /// When the board is lost.
@@ -657,20 +662,19 @@ impl<P: Port> Remote<P> {
         Ok(!matches!(answer.reply, Reply::Refused { reason: Reason::UnknownKind, .. }))
     }
 
-    /// Has the board keep `settings` without power, in place of those before. They hold for configurations and text that come after.
+    /// Stores `settings` on the board, in place of those before. It keeps them without power, and uses them for later configurations and text.
     ///
     /// # Errors
-    /// When the board is lost, or refuses: its motors are powered, it keeps nothing, or limits are beyond what
-    /// [`Settings`] says.
+    /// When the board is lost or refuses: its motors are powered, it has no storage, or limits are out of the ranges of [`Settings`].
     pub fn store(&mut self, settings: &Settings) -> Result<(), RemoteError> {
         let stored = self.settings(Some(*settings))?;
         if stored.settings == Some(*settings) { Ok(()) } else { Err(RemoteError::NotKept) }
     }
 
-    /// What the board keeps without power.
+    /// Reads the settings that the board has stored.
     ///
     /// # Errors
-    /// When the board is lost, or refuses: its motors are powered, or it keeps nothing.
+    /// When the board is lost or refuses: its motors are powered, or it has no storage.
     pub fn stored(&mut self) -> Result<Stored, RemoteError> {
         self.settings(None)
     }
@@ -683,31 +687,31 @@ impl<P: Port> Remote<P> {
         }
     }
 
-    /// Gives the board up; what it was told goes on. Gives the port back.
+    /// Ends the session and returns the port. The board follows the plan that it has.
     pub fn close(mut self) -> P {
-        // Unanswered, it is over all the same: the board gives up a silent host.
+        // Without an answer the session ends too, as this host is silent from now on.
         let _ = self.done("say good-bye", &Command::Bye);
         self.port
     }
 
-    /// What the board said unasked since the last call.
+    /// The events that the board has reported since the last call.
     pub fn events(&mut self) -> Vec<Event> {
         std::mem::take(&mut self.events)
     }
 
-    /// Why the board cannot be used any more.
+    /// Why the board cannot be used any more; `None` while it can.
     #[must_use]
     pub const fn error(&self) -> Option<&RemoteError> {
         self.error.as_ref()
     }
 
-    /// The board's clock.
+    /// The board's clock, as the host has read it.
     #[must_use]
     pub const fn clock(&self) -> &BoardClock {
         &self.clock
     }
 
-    /// The link: its rate and counts.
+    /// The link: the line's rate, and counts of frames.
     #[must_use]
     pub const fn link(&self) -> &Link {
         &self.link
@@ -719,23 +723,23 @@ impl<P: Port> Remote<P> {
         &self.port
     }
 
-    /// The port, for what is not the link's.
+    /// The port, for what has nothing to do with the link. Bytes must not be sent or received here.
     pub const fn port_mut(&mut self) -> &mut P {
         &mut self.port
     }
 
-    /// Why it stopped says more than that its motors are not armed.
+    /// Replaces the refusal "not armed" by the cause of the stop that the board reported, which says more.
     fn refused(&self, refused: RemoteError) -> RemoteError {
-        match (&refused, self.told_stop()) {
+        match (&refused, self.reported_stop()) {
             (RemoteError::Refused { reason: Reason::NotArmed, .. }, Some(cause)) => RemoteError::Stopped { cause },
             _ => refused,
         }
     }
 
-    /// The stop that was none of the plan's, if the board told of one.
-    fn told_stop(&self) -> Option<Cause> {
-        let told = self.events.iter().rev().map(|event| event.cause);
-        told.into_iter().find(|cause| {
+    /// The cause of an unplanned stop, if the board has reported one.
+    fn reported_stop(&self) -> Option<Cause> {
+        let reported = self.events.iter().rev().map(|event| event.cause);
+        reported.into_iter().find(|cause| {
             matches!(
                 cause,
                 Cause::StopNow
@@ -754,7 +758,7 @@ impl<P: Port> Remote<P> {
         self.ask(&Command::Clock).map(drop)
     }
 
-    /// Asks for something that is answered by "done".
+    /// Sends a command that is answered by "done".
     fn done(&mut self, what: &'static str, command: &Command<'_>) -> Result<(), RemoteError> {
         let answer = self.ask(command)?;
         if let Reply::Done { .. } = answer.reply { Ok(()) } else { Err(refusal(what, &answer)) }
@@ -774,14 +778,14 @@ impl<P: Port> Remote<P> {
                 self.note(&answer);
                 return Ok(answer);
             }
-            self.waits = true;
+            self.awaits_answer = true;
             let done = self.round(Duration::MAX);
-            self.waits = false;
+            self.awaits_answer = false;
             done?;
         }
     }
 
-    /// Waits until nothing is on its way.
+    /// Waits until every frame is confirmed and every command answered.
     fn settle(&mut self) -> Result<(), RemoteError> {
         while !self.link.is_quiet() {
             self.round(Duration::MAX)?;
@@ -797,7 +801,7 @@ impl<P: Port> Remote<P> {
         Ok(())
     }
 
-    /// Sends what is due, and waits until `until`, or until the board says something, or something is due.
+    /// Sends what is due, and waits: until `until`, until bytes come from the board, or until something is due.
     fn round(&mut self, until: Duration) -> Result<(), RemoteError> {
         let done = self.try_round(until);
         if let Err(error) = &done {
@@ -815,20 +819,20 @@ impl<P: Port> Remote<P> {
         if let Some(baud) = self.link.take_rate() {
             self.port.set_baud(baud)?;
         }
-        let portion = self.frame_budget();
-        if portion == usize::MAX || now >= self.next_portion {
-            self.port.send(&self.outbox[..portion.min(self.outbox.len())])?;
-            self.outbox.drain(..portion.min(self.outbox.len()));
-            self.next_portion = now + PORTION_EVERY;
+        let budget = self.frame_budget();
+        if budget == usize::MAX || now >= self.next_send {
+            self.port.send(&self.outbox[..budget.min(self.outbox.len())])?;
+            self.outbox.drain(..budget.min(self.outbox.len()));
+            self.next_send = now + SEND_EVERY;
         }
         let mut due = self.link.deadline().unwrap_or(until).min(until);
         if !self.outbox.is_empty() {
-            due = due.min(self.next_portion);
+            due = due.min(self.next_send);
         }
         self.inbox.clear();
         self.port.receive(due.max(now + SHORTEST_ROUND), &mut self.inbox)?;
         self.link.input(&self.inbox, self.port.now());
-        self.hear_of_lease();
+        self.take_events();
         if let Some((reason, detail)) = self.link.refusal() {
             return Err(self.refused(RemoteError::Refused { what: "take more", reason, detail }));
         }
@@ -836,8 +840,8 @@ impl<P: Port> Remote<P> {
         Ok(())
     }
 
-    /// What the board said unasked, and of an extension.
-    fn hear_of_lease(&mut self) {
+    /// Takes the board's events, and its answers to extensions.
+    fn take_events(&mut self) {
         while let Some(event) = self.link.event() {
             let cause = match event.cause {
                 Cause::Lapsed => Some(lease::LapseCause::NotExtended),
@@ -851,7 +855,7 @@ impl<P: Port> Remote<P> {
                 self.note_lapse(event.tick, Some(cause), self.now());
             }
             if event.cause == Cause::Starved && self.lease != LeaseState::Off {
-                // An immediate stop: it ends no lease by the rule that the host replays.
+                // An immediate stop: the lease does not end by the rules that the host replays.
                 self.error.get_or_insert(RemoteError::Stopped { cause: event.cause });
             }
             self.events.push(event);
@@ -860,20 +864,21 @@ impl<P: Port> Remote<P> {
             && let Some((lease, limits)) = self.unconfirmed.pop_front()
         {
             match (accepted, self.lease) {
-                // An event of its end was sooner.
+                // The event of the lease's end came first.
                 (true, LeaseState::Lapsed { .. }) => self.limits = limits,
                 (true, _) => (self.lease, self.limits) = (lease.into(), limits),
-                // The board is to say why.
-                (false, _) => self.asked_status = Duration::ZERO,
+                // Request a status at once: it tells the reason.
+                (false, _) => self.status_requested_at = Duration::ZERO,
             }
             self.extended.push_back(accepted);
         }
     }
 
-    /// The board says, at its tick `now`, that the lease is over since `at`; an event has the `cause`, and says so only of motors in motion.
+    /// Notes that the lease ended at tick `at`, as the board reported at its tick `now`. An event has a `cause`, and comes only if motors were in motion; a
+    /// status has none.
     fn note_lapse(&mut self, at: u64, cause: Option<lease::LapseCause>, now: u64) {
-        let (accepted, begins) = self.leased;
-        // That of the lease before, from which the switch is to lead away.
+        let (accepted, begins) = self.lease_switch;
+        // The report may be of the lease before: the switch to the new one is accepted but not made yet.
         let is_old = at <= accepted && now < begins;
         match &mut self.lease {
             LeaseState::Off => {}
@@ -898,7 +903,7 @@ impl<P: Port> Remote<P> {
         limits: &[Limit],
     ) -> Result<(), SwitchRefused> {
         self.flush();
-        self.tell();
+        self.note_command();
         if self.error.is_some() || self.settle_extensions().is_err() {
             return Err(SwitchRefused::Lost);
         }
@@ -921,15 +926,15 @@ impl<P: Port> Remote<P> {
             }
         };
         for motor in self.motors.iter_mut().filter(|motor| motor.epoch == Some(epoch)) {
-            motor.forget();
+            motor.reset_packing();
             motor.drop_epoch(epoch);
         }
-        // The room that the dropped items took.
+        // Reads the room in the queues, as the board has dropped the items.
         let _ = self.status();
         Err(refused)
     }
 
-    /// There is none, and no extension on its way.
+    /// Notes that there is no lease, and that no extension will be answered.
     fn end_lease(&mut self) {
         self.lease = LeaseState::Off;
         self.unconfirmed.clear();
@@ -937,9 +942,9 @@ impl<P: Port> Remote<P> {
         self.link.forget_extensions();
     }
 
-    /// What became of the extensions before an order to brake, of which so many were sent: the motors brake from `tick` on. If a lease ends there, it
-    /// was over before the order came, and what was sent behind it was refused. Else the board accepted all.
-    fn judge_extensions(&mut self, sent: usize, tick: Option<u64>) {
+    /// Decides which extensions the board accepted before an order to brake; `sent` of them were sent, and the motors brake from `tick` on. If one of the
+    /// leases ends at that tick, it was over before the order came, and the extensions after it were refused. Else all were accepted.
+    fn decide_extensions(&mut self, sent: usize, tick: Option<u64>) {
         let ends_there = |(lease, _): &(Lease, Vec<Limit>)| tick.is_some_and(|at| *lease == Lease::Until(at));
         let was_over = match self.lease {
             LeaseState::Until(until) => tick == Some(until),
@@ -956,7 +961,7 @@ impl<P: Port> Remote<P> {
         }
     }
 
-    /// Waits until it is known what became of all extensions: the board tells only what it accepted last.
+    /// Waits until all extensions are answered. It must come before a further command: the board reports only the last one that it accepted.
     fn settle_extensions(&mut self) -> Result<(), RemoteError> {
         while self.link.extending() > 0 {
             self.round(Duration::MAX)?;
@@ -964,8 +969,11 @@ impl<P: Port> Remote<P> {
         Ok(())
     }
 
-    /// A lease as frames have it, if ticks so far ahead can be told apart; else the first that cannot.
-    fn moment_of(&self, lease: Lease) -> Result<lease::Lease, u64> {
+    /// The lease with 32-bit ticks, as frames have it.
+    ///
+    /// # Errors
+    /// The first tick that is too far ahead, if the lease ends there or later.
+    fn core_lease(&self, lease: Lease) -> Result<lease::Lease, u64> {
         let limit = self.now() + (1 << 30);
         match lease {
             Lease::Until(tick) if tick >= limit => Err(limit),
@@ -974,30 +982,30 @@ impl<P: Port> Remote<P> {
         }
     }
 
-    /// All motors' limits, if some are given: those that are not stay.
+    /// The limits of all motors, with the given ones in place of those before.
     fn limits_with(&self, given: &[Limit]) -> Vec<Limit> {
         let mut all = self.limits.clone();
         all.iter_mut().zip(given).for_each(|(limit, given)| *limit = *given);
         all
     }
 
-    /// What an answer says of clock and motors.
+    /// Takes the clock, counts and faults from an answer.
     fn note(&mut self, answer: &Answer) {
         match answer.reply {
-            Reply::Clock { tick } => self.clock.read(tick, answer.asked, answer.answered),
+            Reply::Clock { tick } => self.clock.read(tick, answer.asked_at, answer.answered_at),
             Reply::Status(status) => {
-                self.clock.read(status.head.tick, answer.asked, answer.answered);
-                self.ahead = status.head.horizon.saturating_sub(status.head.tick);
+                self.clock.read(status.head.tick, answer.asked_at, answer.answered_at);
+                self.horizon_ticks = status.head.horizon.saturating_sub(status.head.tick);
                 if let message::LeaseState::Lapsed(at) = status.head.lease {
                     let now = status.head.tick;
                     let ahead = at.since(Tick32::of(now)).cast_signed();
                     self.note_lapse(now.saturating_add_signed(ahead.into()), None, now);
                 }
-                if answer.asked >= self.told {
+                if answer.asked_at >= self.commanded_at {
                     self.idle = status.is_idle();
                 }
                 for (motor, said) in self.motors.iter_mut().zip(status.motors.as_slice()) {
-                    motor.count(said.position);
+                    motor.set_count(said.position);
                     motor.faults = said.faults;
                 }
             }
@@ -1005,7 +1013,7 @@ impl<P: Port> Remote<P> {
         }
     }
 
-    /// Hands what was packed over to the link.
+    /// Gives all packed bytes to the link.
     fn flush(&mut self) {
         let now = self.port.now();
         for (index, motor) in (0..).zip(&mut self.motors) {
@@ -1013,69 +1021,69 @@ impl<P: Port> Remote<P> {
         }
     }
 
-    /// The same, but for what may wait: as long as the board's queue is nearly full, or frames are on their way, more is gathered, so
-    /// that frames are long: what one costs a board is much the same, however long it is.
+    /// Gives packed bytes to the link, but gathers more of them while the board's queue is nearly full or enough frames are on their way: long frames
+    /// cost a board little more than short ones.
     fn gather(&mut self) {
         let (now, tick) = (self.port.now(), self.now());
         let much = self.link.max_packed() / 2;
         for (index, motor) in (0..).zip(&mut self.motors) {
-            let has = motor.has(tick, self.epoch);
-            let most = if has < PLENTY {
-                NEEDED
+            let percent_full = motor.percent_full(tick, self.epoch);
+            let most = if percent_full < PLENTY_PERCENT {
+                FRAMES_FOR_SHORT_QUEUE
             } else if motor.packed.len() > much {
-                GATHERED
+                FRAMES_HALF_FULL
             } else {
                 1
             };
-            if has < FULL && self.link.frames() < most {
+            if percent_full < FULL_PERCENT && self.link.frames() < most {
                 motor.flush(index, &mut self.link, now);
             }
         }
     }
 
-    /// How many bytes go out at once. The more the board has to do, the fewer, and not as fast as the line takes
-    /// them: each keeps an Uno from its steps.
+    /// How many bytes are sent at once. Few if the board's queues are full, as each byte takes an Uno's time from its steps; without limit if they are
+    /// not, or while an answer is waited for.
     fn frame_budget(&self) -> usize {
         let tick = self.now();
-        let least = self.motors.iter().map(|motor| motor.has(tick, self.epoch)).min().unwrap_or(0);
-        let few = usize::from(self.info.pool) / PORTIONS;
+        let least = self.motors.iter().map(|motor| motor.percent_full(tick, self.epoch)).min().unwrap_or(0);
+        let few = usize::from(self.info.pool) / LIMIT_PARTS;
         match least {
-            _ if self.waits => usize::MAX,
-            PLENTY.. => few.max(1),
-            ENOUGH.. => 2 * few.max(1),
+            _ if self.awaits_answer => usize::MAX,
+            PLENTY_PERCENT.. => few.max(1),
+            ENOUGH_PERCENT.. => 2 * few.max(1),
             _ => usize::MAX,
         }
     }
 
-    /// After so many ticks an item has left its queue.
-    fn taken(&self) -> u64 {
-        u64::from(self.info.tick_hz) / TAKEN_PER_S
+    /// Ticks after the computed one until an item counts as gone from its queue.
+    fn taken_margin(&self) -> u64 {
+        u64::from(self.info.tick_hz) / TAKEN_MARGIN_PER_S
     }
 
-    /// Notes that the board is being told something that it may move for.
-    fn tell(&mut self) {
-        self.told = self.port.now();
+    /// Notes that a command is sent that can move motors.
+    fn note_command(&mut self) {
+        self.commanded_at = self.port.now();
         self.idle = false;
     }
 
-    /// Asks what there is to ask while time passes.
-    fn look_after(&mut self) {
+    /// Requests the status and the room in the queues when they are due.
+    fn request_news(&mut self) {
         let now = self.port.now();
         if let Some(answer) = self.link.answer() {
             self.note(&answer);
         }
-        if now >= self.asked_status + STATUS_EVERY && !self.link.is_asking() {
-            self.asked_status = now;
+        if now >= self.status_requested_at + STATUS_EVERY && !self.link.is_asking() {
+            self.status_requested_at = now;
             self.link.ask(&Command::Status, now);
         }
         let full = (0..).zip(&self.motors).any(|(index, motor)| self.link.room(index) < motor.capacity / 2);
-        if full && now >= self.asked_room + ROOM_EVERY {
-            self.asked_room = now;
+        if full && now >= self.room_requested_at + ROOM_EVERY {
+            self.room_requested_at = now;
             self.link.poll(now);
         }
     }
 
-    /// A virtual board may be beyond `until`, to the end of a frame of USB: its later edges wait.
+    /// Passes the edges up to `until` on to the observer. A virtual board's time may be later, up to the end of a USB frame: its later edges wait.
     fn hand_over(&mut self, until: u64, observer: &mut impl Observer) {
         let due = self.edges.partition_point(|edge| edge.tick <= until);
         self.edges.drain(..due).for_each(|edge| observer.edge(edge));
@@ -1090,8 +1098,8 @@ impl RemoteQueue {
         }
     }
 
-    /// What was packed last is not to come, or has been dropped.
-    fn forget(&mut self) {
+    /// Drops what is packed, and begins the next item's epoch from a reset state.
+    fn reset_packing(&mut self) {
         self.epoch = None;
         self.packed.clear();
     }
@@ -1101,16 +1109,16 @@ impl RemoteQueue {
         while self.waiting.pop_back_if(|item| item.epoch == epoch).is_some() {}
     }
 
-    /// What is left of older epochs goes at `tick`.
+    /// Notes that the board drops the items of older epochs at `tick`.
     fn switch(&mut self, epoch: Epoch, tick: u64) {
         for item in self.waiting.iter_mut().filter(|item| item.epoch != epoch) {
             item.until = item.until.min(tick);
         }
     }
 
-    /// How full its queue is at tick `now`, by when the board takes what; %. None of it counts when what is packed waits for its switch,
-    /// which is to be asked for soon.
-    fn has(&self, now: u64, running: Epoch) -> usize {
+    /// How full the queue is at tick `now`, %, computed from when items leave it. 0 while an epoch is packed that has not begun: its switch comes soon,
+    /// and its items must be sent before.
+    fn percent_full(&self, now: u64, running: Epoch) -> usize {
         if self.epoch != Some(running) {
             return 0;
         }
@@ -1118,14 +1126,14 @@ impl RemoteQueue {
         100 * self.capacity.saturating_sub(free) / self.capacity.max(1)
     }
 
-    /// Room that there is at tick `now`, sent or not, by when the board takes what.
+    /// Room in the queue at tick `now`, computed from when items leave it; packed items count as if they were sent.
     fn room_at(&self, now: u64) -> usize {
         let left = self.waiting.iter().skip_while(|item| item.until < now).map(|item| item.len);
         self.capacity.saturating_sub(left.sum())
     }
 
-    /// The board counts in 32 bits.
-    fn count(&mut self, position: i32) {
+    /// Takes the board's count, which has 32 bits, into the 64-bit position.
+    fn set_count(&mut self, position: i32) {
         let moved = position.wrapping_sub(self.position as i32);
         self.position += i64::from(moved);
     }
@@ -1140,9 +1148,9 @@ fn refusal(what: &'static str, answer: &Answer) -> RemoteError {
 
 impl<P: Port> Board for Remote<P> {
     fn push(&mut self, index: usize, entry: Entry) -> Result<(), Entry> {
-        let (room, lost, taken) = (self.room(index), self.error.is_some(), self.taken());
+        let (room, lost, taken) = (self.room(index), self.error.is_some(), self.taken_margin());
         let Some(motor) = self.motors.get_mut(index) else { return Err(entry) };
-        let (now, tick) = (self.port.now(), self.clock.tick_at(self.port.now()).unwrap_or(0).max(self.passed));
+        let (now, tick) = (self.port.now(), self.clock.tick_at(self.port.now()).unwrap_or(0).max(self.passed_until));
         let fresh = motor.epoch != Some(entry.epoch);
         let before = (motor.epoch, motor.packer);
         let mut packer = if fresh { Packer::new(motor.packing, motor.capacity) } else { motor.packer };
@@ -1165,23 +1173,23 @@ impl<P: Port> Board for Remote<P> {
         motor.epoch = Some(entry.epoch);
         motor.packer = packer;
         while motor.waiting.pop_front_if(|item| item.until + taken < tick).is_some() {}
-        // Ticks of one queue are within 2^31 of now.
+        // Extends the 32-bit tick: ticks in a queue are within 2^31 of now.
         let until =
             |begins: Tick32| tick.saturating_add_signed(begins.0.wrapping_sub(tick as u32).cast_signed().into());
         let until = until(begins);
         motor.waiting.push_back(QueuedItem { epoch: entry.epoch, until, len, before });
         motor.packed.extend_from_slice(&bytes[..len]);
-        self.tell();
+        self.note_command();
         Ok(())
     }
 
     fn discard(&mut self, epoch: Epoch) {
         for motor in self.motors.iter_mut().filter(|motor| motor.epoch == Some(epoch)) {
-            motor.forget();
+            motor.reset_packing();
             motor.drop_epoch(epoch);
         }
         if self.error.is_none() && self.done("drop an epoch", &Command::Discard { epoch }).is_ok() {
-            // Without an answer the room stays what it was: too little.
+            // Errors are ignored: the room then stays too small, which does no harm.
             let _ = self.status();
         }
     }
@@ -1189,12 +1197,12 @@ impl<P: Port> Board for Remote<P> {
     fn room(&self, motor: usize) -> usize {
         let Some(queue) = self.motors.get(motor) else { return 0 };
         if self.error.is_some() {
-            // For nothing: but a host that waits for room would wait for ever.
+            // The items go nowhere, but a host that waits for room would wait for ever.
             return queue.capacity;
         }
         let said = u8::try_from(motor).map_or(0, |index| self.link.room(index).saturating_sub(queue.packed.len()));
-        // News of room is some milliseconds old. What is sent now arrives later still.
-        said.max(queue.room_at(self.now().saturating_sub(self.taken())))
+        // The reported room is some milliseconds old; the computed one may be greater. What is sent now arrives later still.
+        said.max(queue.room_at(self.now().saturating_sub(self.taken_margin())))
     }
 
     fn sizer(&self, motor: usize) -> Sizer {
@@ -1203,18 +1211,18 @@ impl<P: Port> Board for Remote<P> {
     }
 
     fn lead(&self) -> u64 {
-        // Half of all queues filled, as most that goes before a switch; a fault on the way; and the switch itself.
+        // Time to fill half of all queues, which is the most that is sent before a switch; for a repeat after an error; and for the switch itself.
         let fill = Duration::from_secs(BITS * u64::from(self.info.pool) / 2) / self.link.baud().rate();
         let lead = fill + 2 * self.link.shortest_timeout();
         (lead.as_secs_f64() * f64::from(self.info.tick_hz)) as u64
     }
 
     fn horizon(&self) -> u64 {
-        self.now() + self.ahead
+        self.now() + self.horizon_ticks
     }
 
     fn now(&self) -> u64 {
-        self.clock.tick_at(self.port.now()).unwrap_or(0).max(self.passed)
+        self.clock.tick_at(self.port.now()).unwrap_or(0).max(self.passed_until)
     }
 
     fn epoch(&self) -> Epoch {
@@ -1225,20 +1233,20 @@ impl<P: Port> Board for Remote<P> {
         while self.now() <= until {
             self.gather();
             if self.error.is_none() {
-                self.look_after();
+                self.request_news();
             }
             let end = self.clock.time_of(until.saturating_add(1)).unwrap_or_default();
             let next = self.port.now() + LONGEST_ROUND;
             if self.round(end.min(next)).is_err() {
-                // The board may run on, if it is a virtual one; its link is gone.
+                // The link is lost, but time goes on, and a virtual board runs on.
                 let gone = self.port.receive(end.max(self.port.now() + SHORTEST_ROUND), &mut self.inbox).is_err();
                 self.port.edges(&mut self.edges);
                 self.inbox.clear();
                 if gone {
-                    self.passed = until.saturating_add(1);
+                    self.passed_until = until.saturating_add(1);
                 }
             }
-            self.passed = self.passed.max(self.clock.tick_at(self.port.now()).unwrap_or(0).min(until + 1));
+            self.passed_until = self.passed_until.max(self.clock.tick_at(self.port.now()).unwrap_or(0).min(until + 1));
             self.hand_over(until, observer);
         }
         self.hand_over(until, observer);
@@ -1288,31 +1296,33 @@ impl<P: Port> Board for Remote<P> {
         if is_lost {
             self.take_again()?;
         }
-        // A board that stopped refuses each frame of data that is still on its way.
+        // A board that has stopped refuses each frame of data that was on its way.
         while !self.link.is_quiet() {
             match self.round(Duration::MAX) {
                 Ok(()) | Err(RemoteError::Refused { .. } | RemoteError::Stopped { .. }) => {}
                 Err(error) => return Err(error),
             }
         }
-        let Answer { reply: Reply::Clock { tick }, asked, answered } = self.ask(&Command::Clock)? else {
+        let Answer { reply: Reply::Clock { tick }, asked_at: asked, answered_at: answered } =
+            self.ask(&Command::Clock)?
+        else {
             return Err(RemoteError::Nonsense);
         };
-        // A clock that restarted is far behind; one that runs on is within what it may be off, and what readings are uncertain by. A
-        // board that still knows the session was not reset.
+        // If the board restarted, its clock is far behind. If not, the clock is right to within its tolerance and the uncertainty of the readings. A board
+        // that still has the session did not restart.
         let expected = clock.tick_at(asked).unwrap_or(0);
         let reading = 2 * (answered - asked) + BRIDGE_DELAY;
-        let doubt = expected / CLOCK_DOUBT + (reading.as_secs_f64() * f64::from(self.info.tick_hz)) as u64;
+        let doubt = expected / CLOCK_ERROR_PART + (reading.as_secs_f64() * f64::from(self.info.tick_hz)) as u64;
         let was_reset = is_lost && tick + doubt < expected;
         let status = self.at_rest(|| true)?;
         let counts = status.motors.as_slice().iter().map(|motor| i64::from(motor.position));
         let positions = if was_reset { counts.collect() } else { self.positions() };
         let is_armed = status.head.flags & flags::ARMED != 0;
-        let last_stop = match self.told_stop() {
+        let last_stop = match self.reported_stop() {
             _ if is_lost => self.info.last_stop,
             Some(cause) => cause,
             None if is_armed => Cause::Finished,
-            // The board keeps two events, and the stop may not be among them. The answer to Hello has its cause.
+            // A board keeps only two events, and that of the stop may be lost. The answer to a new Hello has the cause.
             None => {
                 self.done("say good-bye", &Command::Bye)?;
                 self.take_again()?;
@@ -1325,16 +1335,16 @@ impl<P: Port> Board for Remote<P> {
 
 impl<P: Port> Leased for Remote<P> {
     fn switch(&mut self, epoch: Epoch, tick: u64, lease: Lease, limits: &[Limit]) -> Result<(), SwitchRefused> {
-        let told = match self.moment_of(lease) {
-            Ok(told) => told,
+        let wire_lease = match self.core_lease(lease) {
+            Ok(wire_lease) => wire_lease,
             Err(limit) => {
                 self.discard(epoch);
                 return Err(SwitchRefused::Early { limit });
             }
         };
         let all = self.limits_with(limits);
-        self.switch_with(epoch, tick, told, if limits.is_empty() { &[] } else { &all })?;
-        (self.lease, self.limits, self.leased) = (lease.into(), all, (self.now(), tick));
+        self.switch_with(epoch, tick, wire_lease, if limits.is_empty() { &[] } else { &all })?;
+        (self.lease, self.limits, self.lease_switch) = (lease.into(), all, (self.now(), tick));
         Ok(())
     }
 
@@ -1347,23 +1357,23 @@ impl<P: Port> Leased for Remote<P> {
             LeaseState::Lapsed { at, .. } => return Err(ExtendRefused::Lapsed { at }),
             LeaseState::Until(_) | LeaseState::Last => {}
         }
-        let told = self.moment_of(lease).map_err(|limit| ExtendRefused::Early { limit })?;
+        let wire_lease = self.core_lease(lease).map_err(|limit| ExtendRefused::Early { limit })?;
         self.flush();
-        self.tell();
+        self.note_command();
         let all = self.limits_with(limits);
         let bytes: Vec<u8> =
             if limits.is_empty() { Vec::new() } else { all.iter().copied().flat_map(limit_bytes).collect() };
-        self.link.extend(told, &bytes, self.port.now());
+        self.link.extend(wire_lease, &bytes, self.port.now());
         self.unconfirmed.push_back((lease, all));
         Ok(())
     }
 
     fn trim(&mut self, until: u64, items: &[usize]) -> Result<(), TrimRefused> {
-        let lease = self.moment_of(Lease::Until(until)).map_err(|limit| ExtendRefused::Early { limit })?;
-        let lease::Lease::Until(moment) = lease else { return Err(ExtendRefused::Off.into()) };
-        // What is dropped is at the end of the board's queue then.
+        let lease = self.core_lease(Lease::Until(until)).map_err(|limit| ExtendRefused::Early { limit })?;
+        let lease::Lease::Until(end) = lease else { return Err(ExtendRefused::Off.into()) };
+        // Everything packed must be in the board's queue, as its last items are to be dropped.
         self.flush();
-        self.tell();
+        self.note_command();
         if self.error.is_some() || self.settle_extensions().is_err() {
             return Err(ExtendRefused::Lost.into());
         }
@@ -1375,8 +1385,8 @@ impl<P: Port> Leased for Remote<P> {
         }
         // A queue has fewer bytes than 2^16.
         let bytes: Vec<u8> = lens.iter().flat_map(|len| (*len as u16).to_le_bytes()).collect();
-        let Ok(answer) = self.ask(&Command::Trim { until: moment, bytes: &bytes }) else {
-            // The board may have taken it.
+        let Ok(answer) = self.ask(&Command::Trim { until: end, bytes: &bytes }) else {
+            // The board may have accepted it, so it counts as an extension without an answer.
             self.unconfirmed.push_back((Lease::Until(until), self.limits.clone()));
             return Err(ExtendRefused::Lost.into());
         };
@@ -1385,7 +1395,7 @@ impl<P: Port> Leased for Remote<P> {
             Reply::Trimmed(Trimmed::Late { horizon }) => return Err(ExtendRefused::Late { horizon }.into()),
             Reply::Trimmed(Trimmed::TooMany { motor }) => return Err(TrimRefused::Read { motor: motor.into() }),
             Reply::Trimmed(Trimmed::NoLease) => {
-                // Since when it is over, the board says.
+                // The status tells when the lease ended.
                 let _ = self.status();
                 return Err(match self.lease {
                     LeaseState::Lapsed { at, .. } => ExtendRefused::Lapsed { at }.into(),
@@ -1421,16 +1431,16 @@ impl<P: Port> Leased for Remote<P> {
             LeaseState::Until(_) | LeaseState::Last if self.error.is_some() => return None,
             LeaseState::Until(_) | LeaseState::Last => {}
         }
-        // The board would drop what it has not been sent.
+        // What was not sent yet would only be dropped by the board.
         self.link.withdraw();
         let sent = self.link.extending();
         self.link.forget_extensions();
-        self.motors.iter_mut().for_each(RemoteQueue::forget);
-        self.tell();
+        self.motors.iter_mut().for_each(RemoteQueue::reset_packing);
+        self.note_command();
         let Ok(Answer { reply: Reply::Braked { tick }, .. }) = self.ask(&Command::Brake) else { return None };
-        self.judge_extensions(sent, tick);
+        self.decide_extensions(sent, tick);
         match (tick, self.lease) {
-            // An event was sooner, and knows the cause.
+            // The event came first, and has the cause.
             (Some(_), LeaseState::Lapsed { .. }) => {}
             (Some(at), _) => {
                 self.lease = LeaseState::Lapsed { at, cause: lease::LapseCause::Ordered, in_motion: false }
@@ -1450,20 +1460,21 @@ impl<P: Port> Leased for Remote<P> {
 
     fn await_extensions(&mut self) {
         if self.error.is_none() {
-            // An error is kept.
+            // The error is kept in `self.error`.
             let _ = self.settle_extensions();
         }
     }
 }
 
 impl<P: Port> Remote<P> {
-    /// The last extension or trim that has no answer: the plan holds so long, or as [`lease`](Leased::lease) says, or as an extension before it.
+    /// The last extension or trim without an answer. The real lease is this one, the one of [`lease`](Leased::lease), or one of an extension in
+    /// between.
     #[must_use]
     pub fn unconfirmed(&self) -> Option<Lease> {
         self.unconfirmed.back().map(|(lease, _)| *lease)
     }
 
-    /// Takes a board that was lost, or has forgotten the session, with a new one.
+    /// Begins a new session with a board that was lost or has ended the session.
     fn take_again(&mut self) -> Result<(), RemoteError> {
         self.port.set_baud(Baud::B115200)?;
         self.link = Link::new(!self.info.nonce);
@@ -1475,9 +1486,9 @@ impl<P: Port> Remote<P> {
         Ok(())
     }
 
-    /// Waits until no motor moves, or `goes_on` says no.
+    /// Waits until no motor moves, as long as `goes_on` returns true.
     fn at_rest(&mut self, mut goes_on: impl FnMut() -> bool) -> Result<Status, RemoteError> {
-        let patience = self.port.now() + REST;
+        let patience = self.port.now() + LONGEST_REST;
         loop {
             let status = self.status()?;
             if status.head.flags & flags::BAKED != 0 {
@@ -1494,7 +1505,7 @@ impl<P: Port> Remote<P> {
         }
     }
 
-    /// Nobody knows whether the board stopped: it stops as it was planned at the latest.
+    /// The report of a stop whose answer did not come: every position is uncertain. At the latest the motors stop at the end of their lease.
     fn unknown_stop(&self) -> StopReport {
         StopReport { tick: self.now(), positions: self.positions(), uncertain: vec![true; self.motors.len()] }
     }

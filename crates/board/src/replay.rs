@@ -1,37 +1,37 @@
-//! What motors do that were sent items and whose lease ends at a tick: every step of the plan before it, and of the stop after it.
+//! The steps of motors whose lease ends at a known tick: those of the plan before it, and those of the stop after it.
 //!
-//! It knows the contract (`pulsetrain_core::lease`, `braking`, `shared_line`) and nothing of a channel: a host trusts its count because
-//! both come to the same. Ticks are whole here, of any length.
+//! A host uses it to know where the motors of a lost board came to rest. It follows the rules of `pulsetrain_core::lease`, `braking` and
+//! `shared_line`, but shares no code with the channels that run on a board: tests compare the two. Ticks have 64 bits here.
 
 use crate::ScheduledStep;
 use pulsetrain_core::braking::{BrakingPart, Limit, RegisterLimits};
 use pulsetrain_core::{Direction, Item, Segment, Tick32};
 
-/// A motor, and what it was sent.
+/// A motor, and the items that were sent for it.
 #[derive(Clone, Debug)]
 pub struct Sent<'a> {
-    /// Where it was before them.
+    /// The motor's state before the items.
     pub start: Start,
-    /// In order; each run can be followed by the board.
+    /// The items, in order. The board must be able to follow each run.
     pub items: &'a [Item],
-    /// How hard it brakes.
+    /// How hard the motor may brake.
     pub limit: Limit,
-    /// Its steps are so far apart at least, ticks: a pulse and one.
+    /// Least ticks between two of its steps: a pulse and one tick more.
     pub gap_ticks: u64,
-    /// The DIR line that it shares with others, if it does, by a number below that of the lines, and whether that is high for forward.
+    /// The index of the DIR line that the motor shares with others, and whether that line is high for forward; `None` for a line of its own.
     pub line: Option<(usize, bool)>,
 }
 
-/// A motor amid its plan, or before it.
+/// The state of a motor in its plan, or before it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Start {
-    /// Its last step, or the end of the wait after it, ticks · 2^F.
+    /// The time of its last step, or of the end of the wait after it, ticks · 2^F.
     pub accumulator: i128,
-    /// An anchor, a wait or a reversal came after its last step.
+    /// Whether an anchor, a wait or a reversal came after its last step. If its lease ends then, it rests at once.
     pub fresh: bool,
-    /// Where it goes, if it is not fresh.
+    /// Its direction, if it is not fresh.
     pub direction: Direction,
-    /// What its last step came after, ticks · 2^F: with nothing planned the next one would, too.
+    /// The interval before its last step, ticks · 2^F. With no further item, the stop begins from this interval.
     pub interval: i64,
     /// The tick and the direction of its last step, if it made one.
     pub last_step: Option<(u64, Direction)>,
@@ -46,8 +46,8 @@ impl Start {
     }
 }
 
-/// Steps in the order in which they are scheduled, those of one tick by motor. Where motors that brake share a DIR line, a step
-/// can be made later than one that comes after it here.
+/// An iterator over the steps, in the order of their scheduled ticks, and by motor within a tick. Motors that brake and share a DIR line may wait for
+/// it: their steps are made later than scheduled, so that the given ticks may descend there.
 #[derive(Clone, Debug)]
 pub struct Replay<'a> {
     motors: Vec<Walk<'a>>,
@@ -57,39 +57,48 @@ pub struct Replay<'a> {
     until: Option<u64>,
 }
 
+/// A DIR line that motors share.
 #[derive(Clone, Debug)]
 struct DirLine {
+    /// Least ticks between two steps that need it at different levels.
     apart_ticks: u64,
+    /// The last step of its motors: its tick, and the line's level.
     last: Option<(u64, bool)>,
 }
 
+/// A motor on its way through its items.
 #[derive(Clone, Debug)]
 struct Walk<'a> {
     sent: Sent<'a>,
     items: std::slice::Iter<'a, Item>,
-    /// Ticks · 2^F.
+    /// The time of its last step or wait, ticks · 2^F.
     accumulator: i128,
-    /// What is left of the run that is under way.
+    /// What is left of the current run, of the plan or of the stop.
     run: Segment,
     direction: Direction,
     fresh: bool,
     last_interval: i64,
-    /// When its next step can be made at the earliest, ticks.
+    /// The earliest tick of its next step.
     open: u64,
     stop: Stop,
 }
 
+/// How far a motor's stop is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Stop {
+    /// The motor follows its plan.
     NotYet,
+    /// It brakes, and a part of the stop will follow the current run.
     Part,
+    /// The current run is the last step of the stop.
     LastStep,
+    /// It rests.
     Rest,
 }
 
 impl<'a> Replay<'a> {
-    /// Motors whose lease ends at `until`; without it the plan goes on to its end. Steps that want one of the lines at different levels are
-    /// so many `apart_ticks` from each other: the longest pulse and hold, and the longest setup.
+    /// Replays motors whose lease ends at `until`; without that tick the plan goes on to its end. `apart_ticks` has for each shared DIR line the least
+    /// ticks between two steps that need it at different levels: the longest pulse, hold and setup of its motors.
     #[must_use]
     pub fn new(
         motors: impl IntoIterator<Item = Sent<'a>>,
@@ -153,7 +162,7 @@ impl Iterator for Replay<'_> {
 }
 
 impl Walk<'_> {
-    /// The tick of the next step.
+    /// The tick for which the next step is scheduled; `None` if there is none.
     fn scheduled(&mut self, fraction_bits: u32, registers: &RegisterLimits, until: Option<u64>) -> Option<u64> {
         while self.run.count == 0 && self.stop == Stop::NotYet {
             match self.items.next() {
@@ -192,13 +201,13 @@ impl Walk<'_> {
         }
     }
 
-    /// The tick of a moment within 2^31 of where the motor is.
-    fn near(&self, moment: Tick32, fraction_bits: u32) -> u64 {
+    /// A 32-bit tick in 64 bits: the one within 2^31 of the motor's own time.
+    fn near(&self, tick: Tick32, fraction_bits: u32) -> u64 {
         let here = tick_of(self.accumulator, fraction_bits);
-        here.saturating_add_signed(moment.since(Tick32::of(here)).cast_signed().into())
+        here.saturating_add_signed(tick.since(Tick32::of(here)).cast_signed().into())
     }
 
-    /// The lease is over, before the next step; with none planned, it would come after the same interval as the last one.
+    /// Begins the stop, as the lease ends before the next step. Without a planned step, the motor brakes from the interval of its last one.
     fn brake(&mut self, registers: &RegisterLimits) {
         let interval = if self.run.count > 0 { self.run.interval } else { self.last_interval };
         if self.fresh {

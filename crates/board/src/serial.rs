@@ -1,7 +1,7 @@
 //! A real serial port, in real time.
 //!
-//! A thread of its own reads, so that bytes have the time at which they came and none is lost while the host plans. This is
-//! the one place of the library that reads the wall clock: everything else is told the time.
+//! A separate thread reads, so that no byte is lost while the host plans. This is the only place of the library that reads the wall clock:
+//! everything else gets the time as an argument.
 
 use crate::{Port, PortError};
 use pulsetrain_core::wire::Baud;
@@ -13,13 +13,13 @@ use std::sync::{Arc, Mutex};
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
-/// How soon the reading thread notices that the port is closed.
+/// Longest wait of a read: how long the reading thread may take to notice that the port was closed.
 const READ_TIMEOUT: Duration = Duration::from_millis(50);
 
-/// How long a write may take: the longest row of frames at 115 200 baud, several times over.
+/// How long a write may take: several times what all unconfirmed frames take at 115 200 baud.
 const WRITE_TIMEOUT: Duration = Duration::from_secs(2);
 
-/// How long DTR is let go for a reset; an Uno's capacitor needs less than a millisecond.
+/// How long DTR is off for a reset. An Uno's capacitor needs less than a millisecond; some adapters are slower.
 const DTR_LOW: Duration = Duration::from_millis(20);
 
 /// A serial port of this computer.
@@ -29,25 +29,25 @@ pub struct Serial {
     port: Box<dyn SerialPort>,
     opened: Instant,
     bytes: Receiver<Vec<u8>>,
-    /// Why the reading thread ended.
+    /// Why the reading thread ended; `None` while it reads.
     broken: Arc<Mutex<Option<String>>>,
     closed: Arc<AtomicBool>,
     reader: Option<JoinHandle<()>>,
 }
 
 impl Serial {
-    /// Opens a port at 115 200 baud, for nobody else.
+    /// Opens a port at 115 200 baud, for this program alone.
     ///
-    /// With `reset`, DTR is let go and taken up again: an Uno begins anew. (Most systems do that on opening anyway, so that
-    /// without `reset` a board may still begin anew.)
+    /// With `reset`, DTR is switched off and on, which restarts an Uno. (Most systems do that on opening anyway, so that a board may restart without
+    /// `reset` too.)
     ///
     /// # Errors
-    /// When there is no such port, it is in use, or the user may not open it; each says what to do.
+    /// When there is no such port, it is in use, or the user may not open it. Each error says what to do.
     pub fn open(name: &str, reset: bool) -> Result<Serial, PortError> {
         Serial::open_at(name, reset, Baud::B115200.rate())
     }
 
-    /// The same at any rate, bits a second.
+    /// As [`open`](Serial::open), at any rate, bits a second.
     ///
     /// # Errors
     /// As [`open`](Serial::open).
@@ -56,13 +56,13 @@ impl Serial {
         let builder = if reset { builder.dtr_on_open(false) } else { builder };
         let mut port = builder.open().map_err(|error| refused(name, &error))?;
         if reset {
-            // Some adapters have the capacitor at RTS. A pseudo-terminal has neither, and needs none.
+            // Some adapters have the capacitor at RTS. Errors are ignored: a pseudo-terminal has neither line.
             let _ = port.write_request_to_send(false);
             thread::sleep(DTR_LOW);
             let _ = port.write_data_terminal_ready(true);
             let _ = port.write_request_to_send(true);
         }
-        // What came before belongs to nobody; a pseudo-terminal may not know how to drop it.
+        // Bytes from before the opening are no answers. A pseudo-terminal may not be able to drop them: errors are ignored.
         let _ = port.clear(ClearBuffer::Input);
         let mut input = port.try_clone().map_err(|error| refused(name, &error))?;
         port.set_timeout(WRITE_TIMEOUT).map_err(|error| refused(name, &error))?;
@@ -92,13 +92,13 @@ impl Serial {
     }
 }
 
-/// Reads until the port is closed, or gone.
+/// Reads until the port is closed or gone, and sends the bytes to the host's thread.
 fn read(input: &mut dyn Read, to_host: &Sender<Vec<u8>>, closed: &AtomicBool) -> io::Result<()> {
     let mut buffer = [0; 1024];
     while !closed.load(Ordering::Relaxed) {
         match input.read(&mut buffer) {
             Ok(0) => return Err(io::ErrorKind::UnexpectedEof.into()),
-            // Nobody listens any more.
+            // The receiver was dropped with the port.
             Ok(len) if to_host.send(buffer[..len].to_vec()).is_err() => return Ok(()),
             Ok(_) => {}
             Err(error) if matches!(error.kind(), io::ErrorKind::TimedOut | io::ErrorKind::Interrupted) => {}
@@ -112,7 +112,7 @@ impl Drop for Serial {
     fn drop(&mut self) {
         self.closed.store(true, Ordering::Relaxed);
         if let Some(reader) = self.reader.take() {
-            // It ends within READ_TIMEOUT; what it has to say has been said.
+            // The thread ends within READ_TIMEOUT, and its error is in `broken`.
             let _ = reader.join();
         }
     }
@@ -128,7 +128,7 @@ impl Port for Serial {
     }
 
     fn receive(&mut self, until: Duration, into: &mut Vec<u8>) -> Result<(), PortError> {
-        // An hour is as good as for ever: the caller comes again.
+        // At most an hour, as some systems cannot wait for longer; the caller tries again.
         let wait = until.saturating_sub(self.now()).min(Duration::from_secs(3600));
         match self.bytes.recv_timeout(wait) {
             Ok(bytes) => into.extend(bytes),
@@ -140,7 +140,7 @@ impl Port for Serial {
     }
 
     fn set_baud(&mut self, baud: Baud) -> Result<(), PortError> {
-        // Until the last byte is out of the computer; a bridge may still have some, and changes after them.
+        // Wait until the last byte is out of the computer. A USB bridge sends those that it has before it changes its rate.
         self.port.flush().map_err(|error| self.gone(error))?;
         let stop_bits = if baud.stop_bits() == 2 { StopBits::Two } else { StopBits::One };
         self.port.set_stop_bits(stop_bits).map_err(|error| self.gone(error))?;
@@ -148,17 +148,16 @@ impl Port for Serial {
     }
 }
 
-/// How often it is looked whether something has become of a device.
-const LOOK: Duration = Duration::from_millis(50);
+/// How often [`happens`] looks again.
+const LOOK_EVERY: Duration = Duration::from_millis(50);
 
-/// Whether something becomes of a device that is plugged in, such as that it goes away, within that time of the wall clock; looked
-/// for every 50 ms.
+/// Whether `has` returns true within a time of the wall clock; it is called every 50 ms. For instance, whether a device is unplugged or appears.
 pub fn happens(within: Duration, mut has: impl FnMut() -> bool) -> bool {
-    let looks = within.as_millis() / LOOK.as_millis();
+    let looks = within.as_millis() / LOOK_EVERY.as_millis();
     (0..=looks).any(|_| {
         let has = has();
         if !has {
-            thread::sleep(LOOK);
+            thread::sleep(LOOK_EVERY);
         }
         has
     })
@@ -175,16 +174,16 @@ pub fn names() -> Vec<String> {
 pub struct Listed {
     /// What [`Serial::open`] takes.
     pub name: String,
-    /// What its USB device says of itself, if it has one.
+    /// The identity of its USB device; `None` if it is no USB device.
     pub usb: Option<Usb>,
 }
 
-/// What a USB device says of itself.
+/// The identity that a USB device reports.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Usb {
-    /// Vendor.
+    /// Vendor ID.
     pub vendor: u16,
-    /// Product of that vendor.
+    /// Product ID.
     pub product: u16,
     /// The product's name.
     pub name: Option<String>,
@@ -192,10 +191,10 @@ pub struct Usb {
     pub serial: Option<String>,
 }
 
-/// The serial ports that this computer has, by name. Nothing is opened.
+/// The serial ports of this computer, sorted by name. No port is opened.
 #[must_use]
 pub fn list() -> Vec<Listed> {
-    // Without that folder, as in some containers, the library panics.
+    // The serialport library panics without that folder, which some containers do not have.
     if cfg!(target_os = "linux") && !std::path::Path::new("/sys/class/tty").exists() {
         return Vec::new();
     }
@@ -213,15 +212,15 @@ pub fn list() -> Vec<Listed> {
     ports
 }
 
-/// What an error on opening means.
+/// The meaning of an error on opening a port.
 fn refused(name: &str, error: &serialport::Error) -> PortError {
     let name = name.to_owned();
     match error.kind() {
-        // Windows says of a port in use that access is denied, and has no permissions on ports.
+        // Windows reports a port that is in use as access denied. It has no permissions on ports.
         ErrorKind::Io(io::ErrorKind::PermissionDenied) if cfg!(windows) => PortError::Busy { name },
         ErrorKind::Io(io::ErrorKind::PermissionDenied) => PortError::Denied { name },
         ErrorKind::Io(io::ErrorKind::NotFound) => PortError::NotThere { name, there_are: names() },
-        // Also what a port in use gives, which is there.
+        // A port that is in use may give this error too, but its file exists.
         ErrorKind::NoDevice if std::path::Path::new(&name).exists() => PortError::Busy { name },
         ErrorKind::NoDevice => PortError::NotThere { name, there_are: names() },
         ErrorKind::InvalidInput | ErrorKind::Unknown | ErrorKind::Io(_) => {

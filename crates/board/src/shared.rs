@@ -1,11 +1,11 @@
-//! A port that one host after the other opens, or several at once, as those of a computer are.
+//! A port that several hosts use, one after the other or at the same time, as programs on one computer may.
 
 use crate::{Port, PortError};
 use pulsetrain_core::wire::Baud;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-/// A port, and as many clones as there are hosts. Edges of the board's pins stay with the port itself: no host takes them from another.
+/// A port with a clone for each host. Edges of the board's pins stay with the port itself, so that no host takes them from another.
 ///
 /// ```
 /// use pulsetrain_board::{Remote, RemoteError, LinkError, shared::Shared};
@@ -23,18 +23,18 @@ use std::time::Duration;
 pub struct Shared<P>(Arc<Mutex<P>>);
 
 impl<P> Shared<P> {
-    /// A port that nobody has yet.
+    /// A port that no host uses yet.
     pub fn new(port: P) -> Shared<P> {
         Shared(Arc::new(Mutex::new(port)))
     }
 
-    /// The port itself. No host can use it meanwhile.
+    /// The port itself. Hosts wait until the guard is dropped.
     pub fn port(&self) -> MutexGuard<'_, P> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
-// Also of ports that are not to be cloned.
+// Not derived: `P` need not be `Clone`.
 impl<P> Clone for Shared<P> {
     fn clone(&self) -> Shared<P> {
         Shared(Arc::clone(&self.0))

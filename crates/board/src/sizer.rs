@@ -1,12 +1,12 @@
-//! What items take in a board's queue.
+//! The room that items take in a board's queue.
 
 use crate::packer::{MAX_LEN, Packer};
 use pulsetrain_core::Item;
 use pulsetrain_core::packing::{Packing, State};
 
-/// Measures the items of one epoch and one motor, the first one first: what the queue of a board needs to hold them.
+/// Measures the items of one epoch of one motor, in their order: in bytes for a packed queue, in items for a native board's.
 ///
-/// An epoch is packed from a reset state on, so that its size does not depend on what was sent before.
+/// Each epoch is packed from a reset state, so that its size does not depend on what was sent before.
 ///
 /// ```
 /// use pulsetrain_board::Sizer;
@@ -28,9 +28,9 @@ use pulsetrain_core::packing::{Packing, State};
 #[derive(Clone, Copy, Debug)]
 pub struct Sizer {
     packer: Packer,
-    /// Whether bytes are counted, or places for items.
+    /// Whether it counts bytes; else places for items.
     counts_bytes: bool,
-    /// What the epoch itself takes, until it is counted.
+    /// Room that the epoch itself takes, until the first item is measured.
     head: usize,
 }
 
@@ -38,33 +38,33 @@ impl Sizer {
     /// For a queue that has one place for each item.
     #[must_use]
     pub fn items() -> Sizer {
-        // Registers of any width.
+        // With 32 fraction bits every interval can be packed: the packer's result is not used here.
         let packer = Packer::new(Packing { fraction_bits: 32, gain: 0 }, 0);
         Sizer { packer, counts_bytes: false, head: 0 }
     }
 
-    /// For a queue of `capacity` bytes that holds items as [`pulsetrain_core::packing`] packs them, with checks in between
-    /// as a [`Remote`](crate::Remote) sends them: none where there is hardly room for the items.
+    /// For a queue of `capacity` bytes that holds packed items ([`pulsetrain_core::packing`]) with the checks that a [`Remote`](crate::Remote) sends
+    /// in between. A short queue gets no checks.
     #[must_use]
     pub fn packed(packing: Packing, capacity: usize) -> Sizer {
         Sizer { packer: Packer::new(packing, capacity), counts_bytes: true, head: 0 }
     }
 
-    /// The same, of a queue in which every epoch takes `head` for itself, before its first item.
+    /// This sizer, for a queue in which every epoch takes `head` units before its first item.
     #[must_use]
     pub const fn with_head(self, head: usize) -> Sizer {
         Sizer { head, ..self }
     }
 
-    /// What the next item of the epoch takes.
+    /// The room for the next item of the epoch, in the queue's unit.
     pub fn size(&mut self, item: &Item) -> usize {
         let head = std::mem::take(&mut self.head);
-        // What cannot be packed is no step: a board refuses it, and it must not look small.
+        // An item that cannot be packed is refused by the board. It must not look small here.
         let len = self.packer.pack(item, &mut [0; MAX_LEN]).unwrap_or(MAX_LEN);
         head + if self.counts_bytes { len } else { 1 }
     }
 
-    /// What the packed stream predicts of the segment after the items measured so far.
+    /// The state from which the packing predicts the next segment.
     #[must_use]
     pub const fn state(&self) -> State {
         self.packer.state()

@@ -1,12 +1,12 @@
-//! A virtual board whose clock is off, as an Uno's ceramic resonator is by up to half a percent.
+//! A virtual board whose clock runs too fast or too slow, as an Uno's ceramic resonator may by up to half a percent.
 
 use crate::{Edge, Port, PortError, VirtualBoard};
 use pulsetrain_core::wire::Baud;
 use std::time::Duration;
 
-/// A board whose chip runs faster than it should, or slower: what is a second for the host is another time for the chip.
+/// A board whose chip runs faster or slower than its nominal rate: a second of the host is more or less than a second of the chip.
 ///
-/// The line's rate is the chip's, so that both ends of it are off alike.
+/// The serial line is off by as much at both ends, so that bytes still come through.
 ///
 /// ```no_run
 /// use pulsetrain_board::{Port, skewed::Skewed, virtual_uno::VirtualUno};
@@ -25,7 +25,7 @@ pub struct Skewed<B> {
 }
 
 impl<B> Skewed<B> {
-    /// A board whose clock is `ppm` 10^-6 faster than its nominal rate (slower if negative); beyond ±100 000 it is taken as that.
+    /// A board whose clock is `ppm` parts per million faster than its nominal rate, or slower if negative; clamped to ±100 000.
     pub fn new(board: B, ppm: i32) -> Skewed<B> {
         Skewed { board, ppm: ppm.clamp(-100_000, 100_000) }
     }
@@ -55,7 +55,7 @@ impl<B: Port> Port for Skewed<B> {
     }
 
     fn receive(&mut self, until: Duration, into: &mut Vec<u8>) -> Result<(), PortError> {
-        // A nanosecond more, so that the host's time is reached whichever way both were rounded.
+        // Two nanoseconds more, so that the host's time is reached however the conversions were rounded.
         let until = self.chip_time(until).saturating_add(Duration::from_nanos(2));
         self.board.receive(until, into)
     }

@@ -1,19 +1,19 @@
-//! An Uno's bootloader, as the host speaks to it: the part of STK500 version 1 (Atmel AVR061) that Optiboot and the older
-//! ATmegaBOOT know. Flash alone; what was written is read back.
+//! Writes an Uno's flash through its bootloader: the part of STK500 version 1 (Atmel AVR061) that Optiboot and the older ATmegaBOOT know. What was
+//! written is read back.
 //!
-//! A bootloader listens for a second after a reset: whoever opens the port must have reset the board just before.
+//! A bootloader listens for about a second after a reset, so the board must have been reset just before.
 
 use crate::{Port, PortError};
 use std::time::Duration;
 use thiserror::Error;
 
-/// The rates that bootloaders have, bits a second: Optiboot's, on Unos and newer Nanos, and ATmegaBOOT's, on older Nanos.
+/// The rates of bootloaders, bits a second: of Optiboot, on Unos and newer Nanos, and of ATmegaBOOT, on older Nanos.
 pub const RATES: [u32; 2] = [115_200, 57_600];
 
 /// Bytes of an ATmega328P's flash.
 pub const FLASH_BYTES: usize = 32 * 1024;
 
-/// Bytes that a program may have: 32 KiB less the bootloader at that rate (Optiboot 512, ATmegaBOOT 2048).
+/// Bytes that a program may have: 32 KiB less the bootloader of that rate (Optiboot 512, ATmegaBOOT 2048).
 #[must_use]
 pub const fn room(rate: u32) -> usize {
     if rate == RATES[0] { FLASH_BYTES - 512 } else { FLASH_BYTES - 2048 }
@@ -22,7 +22,7 @@ pub const fn room(rate: u32) -> usize {
 /// Bytes of a page (ATmega328P DS40002061B §28.5).
 const PAGE: usize = 128;
 
-/// The ATmega328P's (DS40002061B §28.3), and the ATmega328's, which is the same but for its sleep.
+/// The signatures of the ATmega328P (DS40002061B §28.3) and of the ATmega328, which differs only in its sleep modes.
 const SIGNATURES: [[u8; 3]; 2] = [[0x1e, 0x95, 0x0f], [0x1e, 0x95, 0x14]];
 
 // Commands and answers (AVR061, chapter 4).
@@ -37,64 +37,65 @@ const END: u8 = 0x20;
 const IN_SYNC: u8 = 0x14;
 const OK: u8 = 0x10;
 
-/// The first question after a reset: 65 ms of start-up have passed. It waits in the chip's buffer, which has room for no
-/// more, while Optiboot blinks (0.4 s); so the next is sent that much later.
-const FIRST_ASKED: Duration = Duration::from_millis(120);
-const ASKED_AGAIN: Duration = Duration::from_millis(400);
-const QUESTIONS: u32 = 4;
+/// From the reset to the first request: the chip's start-up takes 65 ms.
+const FIRST_REQUEST: Duration = Duration::from_millis(120);
+/// From one request to the next. Optiboot blinks for 0.4 s before it reads, and the chip's receive buffer has room for one request only.
+const REQUEST_EVERY: Duration = Duration::from_millis(400);
+/// Requests before the search is given up: a bootloader listens for about a second.
+const REQUESTS: u32 = 4;
 
-/// An answer takes at most so long: a page has 20 ms on the line at 57 600 baud and 9 ms to be erased and written.
+/// How long an answer may take. A page takes 20 ms on the line at 57 600 baud, and 9 ms to be erased and written; the rest is for USB.
 const ANSWER: Duration = Duration::from_millis(500);
 
-/// What came in so long after the first answer belongs to no question.
+/// For this long after the first answer, bytes are dropped: they answer an earlier request.
 const DRAIN: Duration = Duration::from_millis(20);
 
 /// Why an Uno cannot be programmed.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 pub enum FlashError {
-    /// No bootloader answers at this rate.
+    /// No bootloader answered at this rate.
     #[error("no bootloader answers at {rate} baud")]
     NoBootloader {
         /// Bits a second.
         rate: u32,
     },
-    /// Another chip than an Uno's.
+    /// The chip is not an Uno's.
     #[error(
         "this is no Uno: its chip has the signature {:02x} {:02x} {:02x}, an ATmega328P 1e 95 0f", signature[0], signature[1],
         signature[2]
     )]
     OtherChip {
-        /// As the bootloader says.
+        /// The signature that the bootloader reported.
         signature: [u8; 3],
     },
-    /// The program does not fit before the bootloader.
+    /// The program is too long to fit before the bootloader.
     #[error("the program has {bytes} bytes; before the bootloader of {rate} baud there is room for {limit}")]
     TooLarge {
-        /// Of the program.
+        /// Bytes of the program.
         bytes: usize,
-        /// What fits.
+        /// Bytes that fit.
         limit: usize,
-        /// Bits a second.
+        /// The rate of the bootloader, bits a second.
         rate: u32,
     },
     /// The program has no bytes.
     #[error("the program is empty")]
     Empty,
-    /// The bootloader answered once, and then no more or something else, before anything was written.
+    /// The bootloader answered once, and then not or wrongly, before anything was written.
     #[error("the bootloader answers no more when it is to begin")]
     NotBegun,
-    /// The bootloader answered once, and then no more or something else.
+    /// The bootloader stopped answering, or answered wrongly, while flash was written or read back.
     #[error("the bootloader no longer answers, at address {address:#06x} of the {doing}")]
     LostSync {
-        /// Of flash.
+        /// The address in flash.
         address: usize,
         /// "writing" or "reading back".
         doing: &'static str,
     },
-    /// What was read back is something else.
+    /// A byte that was read back differs from what was written.
     #[error("at address {address:#06x} the board has {read:#04x}, {written:#04x} was written")]
     Mismatch {
-        /// Of flash: the first byte that differs.
+        /// The address in flash of the first byte that differs.
         address: usize,
         /// What was written.
         written: u8,
@@ -106,16 +107,16 @@ pub enum FlashError {
     Port(#[from] PortError),
 }
 
-/// How far it is: bytes written, then bytes read back.
+/// The progress of programming: first writing, then reading back.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Progress {
-    /// Bytes that were written.
+    /// How many bytes were written.
     Written(usize),
-    /// Bytes that were read back and are right.
+    /// How many bytes were read back and are right.
     Verified(usize),
 }
 
-/// A bootloader that has answered.
+/// A bootloader that has answered, at the other end of a port.
 #[derive(Debug)]
 pub struct Bootloader<P> {
     port: P,
@@ -123,19 +124,19 @@ pub struct Bootloader<P> {
 }
 
 impl<P: Port> Bootloader<P> {
-    /// Finds the bootloader of a board that was reset just now, behind a port that is at `rate`.
+    /// Finds the bootloader of a board that was reset just before. The port must be at `rate`, bits a second.
     ///
     /// # Errors
     /// [`FlashError::NoBootloader`], [`FlashError::OtherChip`], or the port's.
     pub fn find(port: P, rate: u32) -> Result<Bootloader<P>, FlashError> {
         let mut found = Bootloader { port, rate };
         let began = found.port.now();
-        for question in 0..QUESTIONS {
-            found.wait(began + FIRST_ASKED + ASKED_AGAIN * question)?;
+        for request in 0..REQUESTS {
+            found.wait(began + FIRST_REQUEST + REQUEST_EVERY * request)?;
             found.port.send(&[GET_SYNC, END])?;
-            let until = found.port.now() + ASKED_AGAIN;
+            let until = found.port.now() + REQUEST_EVERY;
             let mut answer = Vec::new();
-            // What a program said before the reset may come first.
+            // Bytes that a program sent before the reset may come first.
             while !answer.ends_with(&[IN_SYNC, OK]) && found.port.now() < until {
                 found.port.receive(until, &mut answer)?;
             }
@@ -155,12 +156,11 @@ impl<P: Port> Bootloader<P> {
         if SIGNATURES.contains(&signature) { Ok(()) } else { Err(FlashError::OtherChip { signature }) }
     }
 
-    /// Writes a program from address 0 on, reads it back, and starts it. What it does not fill of its last page becomes
-    /// erased flash; pages after it stay as they are.
+    /// Writes a program from address 0, reads it back, and starts it. The rest of its last page becomes erased flash; later pages are not changed.
     ///
     /// # Errors
-    /// [`FlashError`]: before anything is written [`FlashError::Empty`], [`FlashError::TooLarge`] and [`FlashError::NotBegun`]. After any
-    /// other the board has no whole program, and still its bootloader.
+    /// [`FlashError::Empty`], [`FlashError::TooLarge`] and [`FlashError::NotBegun`] come before anything is written. After any other error the board has
+    /// no complete program, but still its bootloader.
     pub fn program(mut self, image: &[u8], mut progress: impl FnMut(Progress)) -> Result<P, FlashError> {
         let limit = room(self.rate);
         if image.is_empty() {
@@ -187,7 +187,7 @@ impl<P: Port> Bootloader<P> {
             }
             progress(Progress::Verified(address + bytes.len()));
         }
-        // All is there and right; Optiboot is reset by its watchdog as it says so, and its answer may be lost.
+        // The answer does not matter: everything is written and right, and Optiboot's reset by its watchdog may cut the answer off.
         self.ask(&[LEAVE_PROGRAMMING], 0)?;
         Ok(self.port)
     }
@@ -198,12 +198,12 @@ impl<P: Port> Bootloader<P> {
         self.at(address, doing, &[LOAD_ADDRESS, low, high], 0).map(drop)
     }
 
-    /// Asks, and says where it was if there is no answer.
+    /// Sends a command, and turns a missing or wrong answer into an error with the address.
     fn at(&mut self, address: usize, doing: &'static str, ask: &[u8], bytes: usize) -> Result<Vec<u8>, FlashError> {
         self.ask(ask, bytes)?.ok_or(FlashError::LostSync { address, doing })
     }
 
-    /// A command: the bytes of its answer, or `None` if it is another than there should be.
+    /// Sends a command. Returns the `bytes` bytes of its answer, or `None` if the answer is missing or wrong.
     fn ask(&mut self, command: &[u8], bytes: usize) -> Result<Option<Vec<u8>>, FlashError> {
         self.port.send(&[command, &[END]].concat())?;
         let mut answer = Vec::new();
@@ -215,11 +215,11 @@ impl<P: Port> Bootloader<P> {
         Ok(whole.then(|| answer[1..=bytes].to_vec()))
     }
 
-    /// Lets time pass; what comes meanwhile is nobody's.
+    /// Waits until a time of the port, and drops the bytes that come meanwhile.
     fn wait(&mut self, until: Duration) -> Result<(), FlashError> {
-        let mut nobodys = Vec::new();
+        let mut dropped = Vec::new();
         while self.port.now() < until {
-            self.port.receive(until, &mut nobodys)?;
+            self.port.receive(until, &mut dropped)?;
         }
         Ok(())
     }

@@ -1,9 +1,9 @@
 //! The virtual Pico: the firmware's image on an emulated RP2040, behind a model of a USB adapter on its UART, or on its own
 //! USB port.
 //!
-//! It is a [`Port`] in virtual time: time passes only while someone receives, and every edge of a pin is known to the
-//! cycle. Through the adapter, bytes cross USB once a millisecond, then go over the line at its rate. By its own port they
-//! go as the bus has time and the firmware takes them; a program gets what has come with the end of each frame.
+//! It is a [`Port`] in virtual time: time passes only in [`Port::receive`], and every edge of a pin is known to the cycle. Through the adapter,
+//! bytes cross USB once a millisecond, then go over the line at its rate. On the Pico's own port they go as fast as the bus and the
+//! firmware allow; a program gets them at the end of each USB frame.
 
 use crate::{Edge, Port, PortError, VirtualBoard};
 use pulsetrain_core::wire::Baud;
@@ -14,51 +14,51 @@ use std::time::Duration;
 /// The firmware that `cargo xtask firmware pico` built, as a Pico's drive takes it (UF2).
 pub const IMAGE: &[u8] = include_bytes!("../images/pico.uf2");
 
-/// What a UF2 file calls the RP2040 (github.com/microsoft/uf2, families).
+/// The RP2040's family number in UF2 files (github.com/microsoft/uf2, families).
 pub const FAMILY: u32 = 0xe48b_ff56;
 
 /// Cycles per second; one tick of the firmware's clock is one cycle.
 pub const CYCLES_PER_S: u64 = 125_000_000;
 
-/// A frame of full-speed USB, 1 ms (USB 2.0, 8.4.3).
+/// Cycles in a frame of full-speed USB, 1 ms (USB 2.0, 8.4.3).
 const USB_FRAME: u64 = CYCLES_PER_S / 1000;
 
-/// A line that is sampled at a rate further off than this, of 1000, carries nothing.
+/// Thousandths by which the rates of the two ends may differ. With a larger difference, bytes are received wrong.
 const RATE_TOLERANCE: u64 = 45;
 
-/// The firmware starts its clock within so many cycles, or never.
+/// Cycles within which the firmware must start its clock (0.4 s). If it has not, it is not this project's.
 const START_UP: u64 = 50_000_000;
 
-/// A PC has enumerated the device and opened its port within so many cycles of its start, or never.
+/// Cycles within which the PC must have enumerated the device and opened its port (1 s). If it has not, the image has no USB serial port.
 const ENUMERATION: u64 = CYCLES_PER_S;
 
-/// SysTick counts down, modulo this.
+/// Period of SysTick, cycles: a 24-bit counter that counts down.
 const SYSTICK: u32 = 1 << 24;
 
-/// Why an image is none that the virtual Pico runs.
+/// Why the virtual Pico cannot run an image.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum PicoError {
-    /// It is no UF2 file for it.
+    /// The image is no UF2 file for a Pico.
     #[error(transparent)]
     Image(#[from] image::ImageError),
-    /// Its flash cannot hold it.
+    /// The image is too large for the flash.
     #[error(transparent)]
     TooLarge(#[from] pulsetrain_emulator::ImageTooLarge),
-    /// It does not start its clock: no firmware of ours.
+    /// The image does not start the clock: it is not this project's firmware.
     #[error("the image does not start the board's clock within {START_UP} cycles; the program is at {pc:#010x}")]
     NoClock {
-        /// Where it is.
+        /// The program counter then.
         pc: u32,
     },
     /// The PC cannot open its USB serial port.
     #[error("the USB serial port is not open within {ENUMERATION} cycles: {state:?}")]
     NoUsb {
-        /// How far the PC came.
+        /// How far the enumeration came.
         state: UsbState,
     },
 }
 
-/// The ways to a Pico; it has both at once.
+/// The two ports of a Pico; it has both at the same time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum PicoPort {
     /// UART0 on GPIO 0 and 1, through a USB adapter.
@@ -72,23 +72,23 @@ pub enum PicoPort {
 pub struct VirtualPico {
     chip: Rp2040,
     outside: PicoOutputs,
-    /// The one that it is a [`Port`] by.
+    /// The port that its [`Port`] implementation uses.
     line: PicoPort,
     /// The cycle of the firmware's tick 0.
     zero: u64,
-    /// The rate of the adapter, and the one that it changes to at a cycle.
+    /// The rate of the adapter, and a change of it: the cycle and the new rate.
     baud: Baud,
     next_baud: Option<(u64, Baud)>,
-    /// Sent by the adapter up to this cycle.
+    /// The cycle up to which the adapter is busy sending.
     line_busy: u64,
 }
 
-/// What leaves the chip, until it is fetched.
+/// Edges and bytes from the chip that nobody has taken yet.
 #[derive(Clone, Default)]
 struct PicoOutputs {
     edges: Vec<GpioEdge>,
     bytes: VecDeque<UartByte>,
-    /// What the PC took over USB, and when.
+    /// Bytes that the PC has received over USB, and the cycle of each.
     packets: VecDeque<(u64, Vec<u8>)>,
 }
 
@@ -119,10 +119,10 @@ impl VirtualPico {
         VirtualPico::new().opened().expect("the committed image enumerates: a test holds it")
     }
 
-    /// The same Pico by its own USB port: plugs it in and waits until the port is open.
+    /// This Pico, used through its own USB port: plugs it in and waits until the port is open.
     ///
     /// # Errors
-    /// [`PicoError::NoUsb`] if it is no USB serial port.
+    /// [`PicoError::NoUsb`] if the firmware has no USB serial port.
     pub fn opened(mut self) -> Result<VirtualPico, PicoError> {
         self.line = PicoPort::Usb;
         self.chip.usb_plug(true);
@@ -137,15 +137,15 @@ impl VirtualPico {
         Ok(self)
     }
 
-    /// A Pico with any firmware, a UF2 file, whose clock has just been started.
+    /// A Pico with an image of this project's firmware (a UF2 file), whose clock has just started.
     ///
     /// # Errors
-    /// When it is no such file, or no firmware of ours.
+    /// [`PicoError`] if it is no UF2 file for a Pico, is too large, or does not start the clock.
     pub fn with_image(uf2: &[u8]) -> Result<VirtualPico, PicoError> {
         VirtualPico::with_flash(&image::flat(&image::uf2(uf2, FAMILY)?, Rp2040::FLASH_ADDRESS, Rp2040::FLASH_BYTES)?)
     }
 
-    /// A Pico that has just been powered, whose flash holds `flash` from its beginning on: an image, or all of another one's.
+    /// A Pico with the given bytes at the beginning of its flash: an image, or the whole flash of another Pico. Its clock has just started.
     ///
     /// # Errors
     /// As [`VirtualPico::with_image`].
@@ -170,7 +170,7 @@ impl VirtualPico {
         Ok(pico)
     }
 
-    /// The chip, to look into.
+    /// The chip, to read its registers and memory.
     #[must_use]
     pub const fn chip(&self) -> &Rp2040 {
         &self.chip
@@ -193,7 +193,7 @@ impl VirtualPico {
         self.baud
     }
 
-    /// Hands over bytes on one of its lines, whichever it is a [`Port`] by.
+    /// Sends bytes on one of its two ports.
     pub fn send_on(&mut self, line: PicoPort, bytes: &[u8]) {
         if line == PicoPort::Usb {
             self.chip.usb_send(bytes);
@@ -209,15 +209,14 @@ impl VirtualPico {
         }
     }
 
-    /// Lets time pass until `until`, or until bytes have come on one of its lines; appends them to `into`. What comes on the
-    /// other waits.
+    /// Lets time pass until `until`, or until bytes have come on one of its two ports, and appends those to `into`. Bytes on the other port wait.
     pub fn receive_on(&mut self, line: PicoPort, until: Duration, into: &mut Vec<u8>) {
         let until = u64::try_from(until.as_nanos().div_ceil(8)).unwrap_or(u64::MAX).saturating_add(self.zero);
         let had = into.len();
-        // What has come while time passed for the other line.
+        // Bytes may have come while time passed for the other port.
         self.fetch(line, self.next_frame() - USB_FRAME, into);
         while into.len() == had && self.chip.cycle() < until {
-            // Bytes reach the host with the next frame of USB.
+            // Bytes reach the host with the next USB frame.
             let frame = self.next_frame();
             self.chip.run(frame.min(until), &mut self.outside);
             if self.chip.cycle() >= frame {
@@ -226,7 +225,7 @@ impl VirtualPico {
         }
     }
 
-    /// Takes what has come on a line by `cycle`; through the adapter, if it was sent at its rate.
+    /// Takes the bytes that have come on a port by `cycle`; those that the adapter got at a wrong rate are received wrong.
     fn fetch(&mut self, line: PicoPort, cycle: u64, into: &mut Vec<u8>) {
         if line == PicoPort::Usb {
             while let Some((_, packet)) = self.outside.packets.pop_front_if(|(end, _)| *end <= cycle) {
@@ -241,7 +240,7 @@ impl VirtualPico {
             self.change_rate(byte.end_cycle);
             let (own, theirs) = (bit_256(self.baud) / 256, u64::from(byte.cycles_per_bit));
             let off = own.abs_diff(theirs) * 1000 / own;
-            // At a wrong rate something comes, but not what was sent.
+            // At a wrong rate another byte is received.
             into.push(if off <= RATE_TOLERANCE { byte.byte() } else { byte.byte().rotate_left(3) ^ 0x5a });
         }
         self.change_rate(cycle);
@@ -255,7 +254,7 @@ impl VirtualPico {
         }
     }
 
-    /// The next frame of USB.
+    /// The cycle at which the next USB frame begins.
     fn next_frame(&self) -> u64 {
         ((self.chip.cycle() - self.zero) / USB_FRAME + 1) * USB_FRAME + self.zero
     }
@@ -282,7 +281,7 @@ impl VirtualBoard for VirtualPico {
         2..=28
     }
 
-    /// Opens its own USB port anew, which the firmware hears of (DTR) and nothing is reset by; an adapter at the UART tells nothing.
+    /// Closes and opens its own USB port: the firmware notices that by DTR, but is not reset. An adapter on the UART has no effect at all.
     fn reset(&mut self) {
         if self.line == PicoPort::Usb {
             for open in [false, true] {
@@ -296,7 +295,7 @@ impl VirtualBoard for VirtualPico {
         }
     }
 
-    /// The port's time begins with the firmware's clock.
+    /// Always known, as the port's time begins with the firmware's clock.
     fn zero(&self) -> Option<u64> {
         Some(0)
     }
@@ -334,7 +333,7 @@ impl Port for VirtualPico {
     }
 }
 
-/// 1/256 cycles of a bit.
+/// The length of a bit, 1/256 cycles.
 fn bit_256(baud: Baud) -> u64 {
     (CYCLES_PER_S * 256 + u64::from(baud.rate()) / 2) / u64::from(baud.rate())
 }

@@ -1,8 +1,8 @@
 //! The virtual Uno: the firmware's image on an emulated ATmega328P, behind a model of the Uno's USB bridge.
 //!
-//! It is a [`Port`] in virtual time: time passes only while someone receives, and every edge of a pin is known to the
-//! cycle. The bridge is an ATmega16U2 as on the real board: bytes cross USB once a millisecond, then go over the line
-//! at the rate that it can make, which at 115 200 baud is as far off as the chip's own.
+//! It is a [`Port`] in virtual time: time passes only in [`Port::receive`], and every edge of a pin is known to the cycle. The bridge is an
+//! ATmega16U2 as on the real board: bytes cross USB once a millisecond, then go over the line at the rate that the bridge can make. At 115 200 baud
+//! that rate is as far off as the chip's own.
 
 use crate::bridge::{bit_cycles, cycles, duration, garbled, next_frame};
 use crate::{Edge, Port, PortError, VirtualBoard};
@@ -15,37 +15,38 @@ use std::time::Duration;
 
 pub use crate::bridge::CYCLES_PER_S;
 
-/// The programs that `cargo xtask firmware uno` built: for plans, for text, for verbs, and for a motion that lies behind it.
+// The programs that `cargo xtask firmware uno` built: for plans, verbs, text, and a baked motion that is stored after the program.
 const IMAGE: &str = include_str!("../images/uno.hex");
 const VERBS: &str = include_str!("../images/uno-verbs.hex");
 const WINCH: &str = include_str!("../images/uno-winch.hex");
 const BAKED: &str = include_str!("../images/uno-baked.hex");
 
-/// DTR pulls the reset pin low for so long, through 100 nF and 1 kΩ.
+/// Cycles for which DTR pulls the reset pin low, through 100 nF and 1 kΩ: 100 µs.
 const RESET_PULSE: u64 = CYCLES_PER_S / 10_000;
 
-/// From the reset pin's release to the first instruction: 65 ms (DS40002061B, 9.4, SUT = 11).
+/// Cycles from the reset pin's release to the first instruction: 65 ms (DS40002061B, 9.4, SUT = 11).
 const START_UP: u64 = CYCLES_PER_S * 65 / 1000;
 
-/// A line that is sampled at a rate further off than this, of 1000, carries nothing.
+/// Thousandths by which the rates of the two ends may differ. With a larger difference, bytes are received wrong.
 const RATE_TOLERANCE: u64 = 45;
 
 /// Control register B of Timer1, and its counter (DS40002061B, 31).
 const TCCR1B: u16 = 0x81;
 const TCNT1: u16 = 0x84;
-/// CS12 to CS10: a tick is a cycle, as in the firmware. Bootloaders and the Arduino core divide.
+/// CS12 to CS10 for a timer tick of one cycle, as the firmware sets it. Bootloaders and the Arduino core use a divider: so this shows that the firmware
+/// has started its clock.
 const UNDIVIDED: u8 = 1;
 
-/// What the Arduino IDE locks when it burns a bootloader: programs cannot write it, nor read it.
+/// The lock bits that the Arduino IDE sets when it burns a bootloader: programs can neither write nor read it.
 const LOCKS: u8 = 0xcf;
 
-/// Cycles that the bootloader is run at a time; the fewest that a program takes to its clock's start are more.
+/// Cycles that the bootloader runs at a time. Fewer than any program needs to start its clock, so that this start is not missed.
 const BOOTLOADER_STRIDE: u64 = 64;
 
-/// The committed firmware for plans, as it lies in the flash from address 0 on.
+/// The committed firmware for plans, as flash has it from address 0.
 #[must_use]
 pub fn image() -> Vec<u8> {
-    // Held by a test: the image is committed and whole.
+    // This cannot fail: a test checks that the image is committed and complete.
     hex::parse(IMAGE, Atmega328p::FLASH_BYTES).unwrap_or_default()
 }
 
@@ -56,14 +57,14 @@ pub fn verbs_image() -> Vec<u8> {
     hex::parse(VERBS, Atmega328p::FLASH_BYTES).unwrap_or_default()
 }
 
-/// The committed firmware that knows `StepperWinch`'s text.
+/// The committed firmware that obeys `StepperWinch`'s text.
 #[must_use]
 pub fn winch_image() -> Vec<u8> {
     // As above.
     hex::parse(WINCH, Atmega328p::FLASH_BYTES).unwrap_or_default()
 }
 
-/// The committed firmware that plays a motion which lies right behind it.
+/// The committed firmware that plays a baked motion, which is stored right after it in flash.
 #[must_use]
 pub fn baked_image() -> Vec<u8> {
     // As above.
@@ -77,21 +78,22 @@ pub struct VirtualUno {
     outside: UnoOutputs,
     /// The cycle of the firmware's tick 0, once its clock runs.
     zero: Option<u64>,
-    /// The rate of the bridge, bits a second, and the one that it changes to at a cycle.
+    /// The rate of the bridge, bits a second.
     rate: u32,
+    /// A change of that rate: the cycle, and the new rate.
     next_rate: Option<(u64, u32)>,
-    /// Sent by the bridge up to this cycle.
+    /// The cycle up to which the bridge is busy sending.
     line_busy: u64,
-    /// Where the bootloader begins, word address, if there is one.
+    /// The word address at which the bootloader begins, if there is one.
     bootloader: Option<u16>,
-    /// Of its program nothing is known: all edges count, and tick 0 is the chip's reset.
+    /// Whether the program is not this project's firmware: then all edges are reported, and tick 0 is the chip's reset.
     foreign: bool,
 }
 
-/// Why there cannot be such an Uno.
+/// Why an Uno cannot have a bootloader and a program.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum BootloaderError {
-    /// Bootloaders begin where a boot section can (DS40002061B, table 27-7).
+    /// The bootloader does not begin at the start of a boot section (DS40002061B, table 27-7).
     #[error(
         "this is no bootloader of an ATmega328P: its first byte is at {start:#06x}, a boot section begins at 0x7000, \
          0x7800, 0x7c00 or 0x7e00"
@@ -100,22 +102,22 @@ pub enum BootloaderError {
         /// Address of its first byte.
         start: usize,
     },
-    /// The program reaches into it.
+    /// The program reaches into the bootloader.
     #[error("the program has {bytes} bytes, before the bootloader there is room for {limit}")]
     ImageTooLarge {
-        /// Of the program.
+        /// Bytes of the program.
         bytes: usize,
         /// Where the bootloader begins.
         limit: usize,
     },
 }
 
-/// What leaves the chip, until it is fetched.
+/// Edges and bytes from the chip that nobody has taken yet.
 #[derive(Clone, Default)]
 struct UnoOutputs {
     edges: Vec<PinEdge>,
     bytes: VecDeque<UartByte>,
-    /// A reset of its own: its clock begins again.
+    /// Whether the chip's watchdog has reset it, so that its clock starts again.
     reset: bool,
 }
 
@@ -140,19 +142,19 @@ impl VirtualUno {
         VirtualUno::with_image(&image()).expect("no image is larger than what it was parsed for")
     }
 
-    /// The same with the firmware that [obeys verbs](verbs_image).
+    /// As [`new`](VirtualUno::new), with the firmware that [obeys verbs](verbs_image).
     #[must_use]
     pub fn with_verbs() -> VirtualUno {
         VirtualUno::with_image(&verbs_image()).expect("no image is larger than what it was parsed for")
     }
 
-    /// The same with the firmware [for text](winch_image).
+    /// As [`new`](VirtualUno::new), with the firmware [for text](winch_image).
     #[must_use]
     pub fn with_winch() -> VirtualUno {
         VirtualUno::with_image(&winch_image()).expect("no image is larger than what it was parsed for")
     }
 
-    /// An Uno with any firmware.
+    /// An Uno with an image of this project's firmware.
     ///
     /// # Errors
     /// When the flash cannot hold it.
@@ -160,7 +162,7 @@ impl VirtualUno {
         Ok(VirtualUno::plugged_in(Atmega328p::new(image)?, None, false))
     }
 
-    /// An Uno with any program, whatever it does with Timer1: tick 0 is its reset, and each edge is seen from there on.
+    /// An Uno with any program, whatever that does with Timer1. Tick 0 is the reset, and every edge after it is reported.
     ///
     /// # Errors
     /// When the flash cannot hold it.
@@ -180,8 +182,7 @@ impl VirtualUno {
         Ok(VirtualUno::plugged_in(Atmega328p::new(program)?, None, true))
     }
 
-    /// An Uno as it is sold: a bootloader at the end of its flash, which each reset starts and which no program can
-    /// overwrite, and a program before it, or none (an empty one).
+    /// An Uno as it is sold: with a bootloader at the end of its flash, which every reset starts and no program can overwrite. `program` may be empty.
     ///
     /// # Errors
     /// [`BootloaderError`]: a bootloader for another chip, or a program that reaches into it.
@@ -213,7 +214,7 @@ impl VirtualUno {
         uno
     }
 
-    /// What DTR does as a program opens the port: the chip starts again. Bytes under way are lost.
+    /// Does what DTR does when a program opens the port: resets the chip. Bytes on their way are lost.
     pub fn reset(&mut self) {
         let now = self.chip.cycle();
         let until = now + RESET_PULSE + START_UP;
@@ -223,7 +224,7 @@ impl VirtualUno {
         self.line_busy = until;
     }
 
-    /// The chip, to look into.
+    /// The chip, to read its registers and memory.
     #[must_use]
     pub const fn chip(&self) -> &Atmega328p {
         &self.chip
@@ -240,13 +241,13 @@ impl VirtualUno {
         self.zero
     }
 
-    /// The rate of the line at the bridge's end, if it is one of the protocol's; else its first, 115 200 baud.
+    /// The rate of the line at the bridge's end. If the protocol does not have that rate: 115 200 baud.
     #[must_use]
     pub fn baud(&self) -> Baud {
         of_protocol(self.rate)
     }
 
-    /// Changes the rate to any, bits a second (from 1200 on), once all bytes that were handed over are out.
+    /// Changes the bridge's rate to any rate of 1200 bits a second or more, once all bytes that were sent to it are out.
     pub fn set_rate(&mut self, rate: u32) {
         self.next_rate = Some((self.line_busy.max(self.chip.cycle()), rate.max(1200)));
         self.change_rate(self.chip.cycle());
@@ -255,12 +256,12 @@ impl VirtualUno {
     fn run(&mut self, until: u64) {
         while self.zero.is_none() && self.chip.cycle() < until {
             if self.bootloader.is_some_and(|start| self.chip.pc() >= start) {
-                // It has Timer1 for a light. Programs start the clock later than this after it.
+                // The bootloader uses Timer1 for its light. A program starts its clock later than one stride after the bootloader.
                 self.chip.run(until.min(self.chip.cycle() + BOOTLOADER_STRIDE), &mut self.outside);
                 continue;
             }
             self.chip.step(&mut self.outside);
-            // Just started: no instruction is in the middle of a 16-bit register, whose common byte this reads.
+            // The clock was just started, so no instruction is between the two halves of a 16-bit access, which this read would disturb.
             if self.chip.read_data(TCCR1B, &mut ()) & 7 == UNDIVIDED {
                 let low = self.chip.read_data(TCNT1, &mut ());
                 let high = self.chip.read_data(TCNT1 + 1, &mut ());
@@ -273,14 +274,14 @@ impl VirtualUno {
         }
     }
 
-    /// Takes what has come over USB by `cycle`, if it was sent at the bridge's rate.
+    /// Takes the bytes that have come over USB by `cycle`; those that were sent at a wrong rate are received wrong.
     fn fetch(&mut self, cycle: u64, into: &mut Vec<u8>) {
         while let Some(byte) = self.outside.bytes.front().filter(|byte| byte.end_cycle <= cycle).copied() {
             self.outside.bytes.pop_front();
             self.change_rate(byte.end_cycle);
             let (own, theirs) = (bit_cycles(self.rate), u64::from(byte.cycles_per_bit));
             let off = own.abs_diff(theirs) * 1000 / own;
-            // At a wrong rate something comes, but not what was sent.
+            // At a wrong rate another byte is received.
             into.push(if off <= RATE_TOLERANCE { byte.byte() } else { garbled(byte.byte()) });
         }
         self.change_rate(cycle);
@@ -350,7 +351,7 @@ impl Port for VirtualUno {
         let until = cycles(until);
         let had = into.len();
         while into.len() == had && self.chip.cycle() < until {
-            // Bytes reach the host with the next frame of USB.
+            // Bytes reach the host with the next USB frame.
             let frame = next_frame(self.chip.cycle());
             self.run(frame.min(until));
             if self.chip.cycle() >= frame {
@@ -375,7 +376,7 @@ impl Port for VirtualUno {
     }
 }
 
-/// The protocol's rate of so many bits a second; its first if it has none such.
+/// The protocol's rate of so many bits a second; 115 200 baud if it does not have that rate.
 fn of_protocol(rate: u32) -> Baud {
     Baud::ALL.into_iter().find(|baud| baud.rate() == rate).unwrap_or_default()
 }

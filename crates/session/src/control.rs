@@ -1,4 +1,4 @@
-//! What a running session can be told, and what it tells: plain values, so that a thread, a page or another program can hold it.
+//! Commands to a running session, and its events and status, as plain values: a thread, a web page or another program can send and receive them.
 //!
 //! ```
 //! use pulsetrain_session::control::Command;
@@ -10,7 +10,7 @@
 use crate::lateness::Lateness;
 use serde::{Deserialize, Serialize};
 
-/// What a session can be told while it runs.
+/// A command to a running session.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(tag = "command", rename_all = "snake_case")]
 pub enum Command {
@@ -20,74 +20,74 @@ pub enum Command {
     Resume,
     /// Bring all motors to rest within their limits, as soon as possible. The motion is over then.
     Stop,
-    /// Make no further step. A motor that is faster than its pull-in rate may go further than it counts.
+    /// Make no further step. A motor that is faster than its pull-in rate may turn further than it counts.
     StopNow,
 }
 
-/// What a session tells. Times are seconds of the motion, from its begin on.
+/// An event of a running session. Times are seconds from the begin of the motion.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "event", rename_all = "snake_case")]
 pub enum Event {
-    /// The time that has passed.
+    /// Time has passed.
     Progress {
-        /// s.
+        /// Time of the motion, s.
         at_s: f64,
     },
-    /// Where everything is.
+    /// The state of all motors, of the lease and of the lateness.
     Status(Status),
-    /// A pause begins; all motors rest from a time on.
+    /// A pause begins.
     Pausing {
-        /// s.
+        /// When all motors rest, s.
         rests_s: f64,
     },
-    /// The motion goes on after a pause, and has its full speed from a time on.
+    /// The motion goes on after a pause.
     Resuming {
-        /// s.
+        /// When it has its full speed, s.
         full_speed_s: f64,
     },
-    /// All motors brake within their limits from a time on.
+    /// All motors come to rest within their limits.
     Stopping {
-        /// s.
+        /// When they begin to brake, s.
         at_s: f64,
     },
     /// No further step is made.
     StoppedAtOnce {
         /// Steps of each motor, as the board counted them.
         positions: Vec<i64>,
-        /// Whether each motor was too fast for that, and may be elsewhere.
+        /// For each motor: whether it was too fast to stop at once, and may stand elsewhere than it counted.
         uncertain: Vec<bool>,
     },
     /// A command was not obeyed, and the motion goes on as it was.
     Refused {
-        /// Which.
+        /// The refused command.
         command: Command,
-        /// Why not.
+        /// Why it was refused, for the user.
         why: String,
     },
 }
 
-/// Where a session is.
+/// The state of a session.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Status {
     /// Time of the motion, s.
     pub at_s: f64,
-    /// For how much longer the board moves the motors if it hears nothing more, s; `None`: to the end of the plan.
+    /// For how much longer the board follows the plan if it gets nothing more, s. `None` if it has the whole plan.
     pub lease_s: Option<f64>,
     /// The motors, in the file's order.
     pub motors: Vec<MotorStatus>,
-    /// How late pulses were so far, where that is measured.
+    /// How late the STEP edges were so far, where that is measured.
     pub lateness: Option<Lateness>,
 }
 
-/// Where a motor is.
+/// The state of a motor.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct MotorStatus {
     /// Steps made, forward minus backward.
     pub position: i64,
-    /// Where its law is, steps; `None` while the motor brakes for a stop.
+    /// The position of its law, steps; `None` while the motor brakes for a stop.
     pub target: Option<f64>,
-    /// The law's speed, steps/s.
+    /// The law's speed, steps/s; `None` while the motor brakes for a stop.
     pub speed: Option<f64>,
-    /// Room in its queue on the board, in the board's unit: free, and of the empty queue.
+    /// Room in its queue on the board, in the board's unit: now, and when the queue is empty.
     pub queue: (usize, usize),
 }

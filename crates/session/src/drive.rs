@@ -1,4 +1,5 @@
-//! Motions on the native board, on virtual boards and on real ones: a session, in bounded memory.
+//! Runs a prepared motion on the native board, a virtual board or a real one: connects, streams it by a [`Session`], and compares the counts.
+//! Nothing is collected on the way, so that a motion may last for days.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
@@ -36,66 +37,66 @@ pub enum DriveError {
     /// The board at the other end of the line.
     #[error(transparent)]
     Remote(#[from] RemoteError),
-    /// The host stood still: what comes next was not sent in time.
+    /// The host was too slow: the next part of the plan was not sent in time.
     #[error(
         "This computer was too slow: at {at_s:.3} s the board had no more plan for motor {motor}, and stopped the motors gently. More came \
          {:.1} ms too late.", 1e3 * .late_s
     )]
     TooLate {
-        /// The motor that had least.
+        /// The motor whose plan on the board ended soonest.
         motor: String,
         /// From when on the motors brake, s of the laws.
         at_s: f64,
-        /// How much later the host looked after the board again, s.
+        /// How long after that the host filled the queues again, s.
         late_s: f64,
     },
-    /// A queue of the board ran short, or does not hold what a plan begins with.
+    /// A queue of the board is too short: it ran empty before more could be there, or it does not hold the beginning of a plan.
     #[error(
         "at {at_s:.3} s the board's queue for motor {motor}, which takes {capacity} bytes, was used up before more of the plan could be there"
     )]
     QueueTooShort {
-        /// Whose.
+        /// The motor of that queue.
         motor: String,
-        /// When, s of the laws.
+        /// When it ran empty, s of the laws.
         at_s: f64,
-        /// Of the empty queue.
+        /// Bytes that the empty queue takes.
         capacity: usize,
-        /// Of each motor's queue with 1, 2, … motors, by the table of boards.
+        /// Bytes of each motor's queue with 1, 2, … motors, by the table of boards.
         queue_bytes: Vec<u32>,
     },
     /// The board dropped steps: a fault of the planner or the board, not of the motion.
     #[error("motor {motor} missed steps on the board `{board}`; please report this motion file")]
     Missed {
-        /// Where.
+        /// The board's name.
         board: String,
-        /// Whose.
+        /// The motor's name.
         motor: String,
     },
-    /// The reference beside the board is not what the board was told: a fault of ours, not of the motion.
+    /// The reference (a native board that gets the same data) lost some of them: a fault of this program, not of the motion.
     #[error(
         "The simulated copy of board `{board}` lost data that the board took, so this run cannot be judged. This is our fault; please report \
          this motion file."
     )]
     Reference {
-        /// Which board.
+        /// The board's name.
         board: String,
     },
-    /// The motors were on their way.
+    /// The run failed while the motors were in motion.
     #[error("{why}\n{positions}")]
     Halted {
         /// Why they did not come to the motion's end.
         why: Box<DriveError>,
-        /// When that was seen, s of the laws.
+        /// When the host noticed it, s of the laws.
         seen_s: f64,
-        /// Where they are.
+        /// Where the motors are.
         positions: Positions,
-        /// What to do.
+        /// What the user can do.
         advice: &'static str,
     },
 }
 
 impl DriveError {
-    /// What to do, where that is known.
+    /// What the user can do, if something is known to help.
     #[must_use]
     pub const fn advice(&self) -> Option<&'static str> {
         match self {
@@ -104,12 +105,12 @@ impl DriveError {
         }
     }
 
-    /// The same with where the motors are.
+    /// This error, with the positions of the motors.
     pub(crate) fn halted(self, seen_s: f64, positions: Positions) -> DriveError {
         DriveError::Halted { why: Box::new(self), seen_s, advice: positions.advice(), positions }
     }
 
-    /// From when on the motors brake, if that is known, s of the laws.
+    /// When the motors began to brake, s of the laws, if that is known.
     #[must_use]
     pub const fn at_s(&self) -> Option<f64> {
         match self {
@@ -121,7 +122,7 @@ impl DriveError {
         }
     }
 
-    /// With the motor's name, and without what is only a session's view of it.
+    /// A session's error with the motor's name instead of its index.
     fn of(program: &Program, error: SessionError) -> DriveError {
         let name = |motor: usize| program.motors.get(motor).map_or_else(String::new, |motor| motor.name.clone());
         match error {
@@ -136,30 +137,30 @@ impl DriveError {
     }
 }
 
-/// Where the motors are after a run that did not come to its end, and how sure that is.
+/// Where the motors are after a run that failed, and how that is known.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Positions {
     /// Each motor's name and its steps forward minus backward since the board was set up.
     pub motors: Vec<(String, i64)>,
-    /// How that is known.
+    /// How the steps are known.
     pub by: Knowledge,
 }
 
-/// How it is known where motors are.
+/// How the positions of motors are known, the surest way first.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Knowledge {
     /// The board counted them; they came to rest within their limits.
     Counted,
-    /// The board counted them, and stopped them at once; one that was faster than its pull-in rate may have gone on.
+    /// The board counted them, and stopped them at once. A motor that was faster than its pull-in rate may have turned further than it counted.
     StoppedAtOnce,
-    /// It is what the board was told; it cannot be asked.
+    /// The board cannot be reached. The host computed them from what it had sent.
     Replayed {
         /// Other places where the motors may be: one for each message that the board may not have received. Empty if no answer was missing.
         or: Vec<Vec<i64>>,
     },
     /// The line broke before the board answered an order to brake. The counts are the last that the board reported.
     StopUnanswered,
-    /// The board restarted and has lost its count: they were there when it was heard last.
+    /// The board restarted and has lost its count. These are the last counts that it reported before.
     LastReport {
         /// Why it restarted.
         reset: Cause,
@@ -167,7 +168,7 @@ pub enum Knowledge {
 }
 
 impl Positions {
-    /// What to do before the next run.
+    /// What the user has to do before the next run.
     const fn advice(&self) -> &'static str {
         match self.by {
             Knowledge::Counted => "the next run counts from here: move the motors to their start position first",
@@ -224,24 +225,24 @@ impl std::fmt::Display for Positions {
     }
 }
 
-/// A prepared motion on a board, just before its laws begin.
+/// A prepared motion on a board, at the tick before its laws begin.
 pub struct Driven<B> {
     session: Session<B>,
     program: Arc<Program>,
-    /// The lines of its traces, as they stand when the laws begin.
+    /// The lines of its traces, with their levels when the laws begin.
     pub lines: Vec<Line>,
-    /// By the number that the board has for a line: which of `lines` it is.
+    /// By the board's number of a line (native) or a pin: its index in `lines`; `None` for a pin that the motion does not use.
     places: Vec<Option<u8>>,
-    /// By line: the motor whose STEP it is.
+    /// By index in `lines`: the motor whose STEP it is.
     steppers: Vec<Option<usize>>,
     meter: Meter,
 }
 
 impl Driven<Native> {
-    /// Sends the beginning of the motion to the native board, and lets it come to the tick at which the laws begin.
+    /// Sends the beginning of the motion to the native board, and lets time pass to the tick before the laws begin.
     ///
     /// # Errors
-    /// When the board cannot be wired so, or the plan is refused, which [`Prepared::plan`] would have said before.
+    /// When the board cannot be wired so. When the plan is refused, which [`Prepared::plan`] would have found before.
     pub fn native(prepared: &Prepared) -> Result<Driven<Native>, DriveError> {
         let program = &prepared.program;
         let lines = lines::of(program);
@@ -251,18 +252,19 @@ impl Driven<Native> {
 }
 
 impl Driven<WithReference<Remote<Box<dyn VirtualBoard>>>> {
-    /// The same on a virtual board, at `baud`; a Pico by its USB, where `baud` is the rate that the host reckons with.
+    /// As [`Driven::native`], on a virtual board. An Uno's line runs at `baud`. A Pico is on its own USB, where `baud` only sets how long the host
+    /// expects bytes to take.
     ///
     /// # Errors
     /// As [`Driven::native`], and when the firmware refuses the configuration.
     pub fn on_virtual(kind: BoardKind, prepared: &Prepared, baud: Baud) -> Result<Self, DriveError> {
-        // A board that was made just now has known nobody: the same session each time, to the cycle.
+        // A new board had no session before. With a constant session number all runs are equal to the cycle.
         Driven::with(prepared, |program| connect_as(kind.virtual_board(Role::Plans), program, baud, 1))
     }
 }
 
 impl<P: Port> Driven<WithReference<Remote<P>>> {
-    /// The same on the board at the other end of a port, at `baud`.
+    /// As [`Driven::native`], on the board at the other end of a port, at `baud`.
     ///
     /// # Errors
     /// As [`Driven::native`], and when nobody answers or the firmware refuses the configuration.
@@ -270,7 +272,7 @@ impl<P: Port> Driven<WithReference<Remote<P>>> {
         Driven::with(prepared, |program| connect(port, program, baud))
     }
 
-    /// The same on a board that `connect` takes and sets up: [`connect`], or [`connect_as`].
+    /// As [`Driven::at`], on a board that the function `connect` takes and sets up: [`connect`], or [`connect_as`].
     ///
     /// # Errors
     /// As [`Driven::at`].
@@ -287,13 +289,13 @@ impl<P: Port> Driven<WithReference<Remote<P>>> {
         Driven::begin(board, program, lines, places, Edges::of(program))
     }
 
-    /// The board's own measurements, and what is true of its firmware.
+    /// The board at the other end of the line: its measurements, and the Info of its firmware.
     pub fn board_mut(&mut self) -> &mut Remote<P> {
         self.session.board_mut().board_mut()
     }
 
-    /// Gives the board up: what it was told goes on to its stop, and the next host need not wait until this one was silent for too long.
-    /// Gives the port back.
+    /// Ends the session with the board, and returns the port. Motors that move go on to their planned stop. The next host need not wait for this
+    /// one's silence to time out.
     pub fn close(self) -> P {
         self.session.into_board().into_board().close()
     }
@@ -310,10 +312,10 @@ pub fn connect<P: Port>(port: P, program: &Program, baud: Baud) -> Result<Remote
     connect_while(port, program, baud, || true)
 }
 
-/// The same; while the board still moves motors for a host before this one, `goes_on` is asked again and again whether to wait for them.
+/// As [`connect`]. While motors still move for an earlier host, this calls `goes_on` again and again, and waits as long as it returns true.
 ///
 /// # Errors
-/// As [`connect`], and [`RemoteError::StillMoving`] if it says no. The board is left as it was then, as after any other refusal.
+/// As [`connect`], and [`RemoteError::StillMoving`] once `goes_on` returns false. The board is left as it was after any refusal.
 pub fn connect_while<P: Port>(
     port: P,
     program: &Program,
@@ -323,7 +325,7 @@ pub fn connect_while<P: Port>(
     set_up_board(port, program, baud, session_number(), goes_on)
 }
 
-/// The same as [`connect`] with a session's number, which is to be another one than that of the session before it on the same board.
+/// As [`connect`], with a given session number. It must differ from that of the session before it on the same board.
 ///
 /// # Errors
 /// As [`connect`].
@@ -346,8 +348,10 @@ fn set_up_board<P: Port>(
     set_up(remote, &setup(program), baud, number, goes_on)
 }
 
-/// Brings the line to its rate, waits for motors that the board still moves for a host before this one, as [`connect_while`] does, and has it
-/// set up its pins. A board that refuses is left with Bye.
+/// Sets the line's rate, waits for motors that still move for an earlier host as [`connect_while`] does, and configures the board's pins.
+///
+/// # Errors
+/// When the board is lost or refuses. The session with it is ended then (by Bye).
 pub fn set_up<P: Port>(
     remote: Remote<P>,
     setup: &Setup,
@@ -359,17 +363,17 @@ pub fn set_up<P: Port>(
     match remote.wait_for_rest(goes_on).and_then(|()| remote.configure(setup)) {
         Ok(()) => Ok(remote),
         Err(error) => {
-            // A host that just falls silent would have what still moves stopped at once, and the board would not answer until then.
+            // Without Bye the board would count this host as lost: it would stop motors that still move at once, and answer nobody until then.
             remote.close();
             Err(error)
         }
     }
 }
 
-/// Whether it is the board that the program is planned for.
+/// Checks that the board is the one that the program is planned for, with the firmware for plans.
 fn check_board<P: Port>(remote: &mut Remote<P>, program: &Program) -> Result<(), RemoteError> {
     let (board, info) = (&program.board, remote.info());
-    // The plan's rate is the board's by the host's clock, if that was measured.
+    // A calibrated plan has the board's tick rate as the host's clock measured it, not the nominal one.
     let off_hz = u64::from(info.tick_hz).abs_diff(board.tick_hz) as f64;
     if off_hz > board.tick_hz as f64 * WORST_CLOCK_PPM * 1e-6 || u32::from(info.fraction_bits) != board.fraction_bits {
         return Err(RemoteError::OtherBoard {
@@ -385,14 +389,14 @@ fn check_board<P: Port>(remote: &mut Remote<P>, program: &Program) -> Result<(),
     }
 }
 
-/// Brings the line to its rate.
+/// Changes the line's rate to `baud`, if it has another one.
 fn at_rate<P: Port>(mut remote: Remote<P>, baud: Baud, number: u32) -> Result<Remote<P>, RemoteError> {
     if baud == remote.link().baud() {
         return Ok(remote);
     }
     match remote.set_baud(baud) {
         Ok(_) => Ok(remote),
-        // Neither heard the other any more: both begin again at the first rate, and stay there.
+        // Nothing came through at the new rate. Both ends fall back to the first rate, and stay there.
         Err(RemoteError::Link(LinkError::Lost)) => {
             let mut port = remote.close();
             port.set_baud(Baud::B115200)?;
@@ -405,7 +409,7 @@ fn at_rate<P: Port>(mut remote: Remote<P>, baud: Baud, number: u32) -> Result<Re
     }
 }
 
-/// A number that tells a session from those before it on the same board.
+/// A session number: differs from those before it in this process, and most likely from those of other processes.
 #[must_use]
 pub fn session_number() -> u32 {
     static SESSIONS: AtomicU32 = AtomicU32::new(0);
@@ -418,9 +422,9 @@ pub fn session_number() -> u32 {
 pub struct Ended {
     /// Steps of each motor, forward minus backward, as the board counted them.
     pub counted: Vec<i64>,
-    /// It was stopped on the way, as planned for a stop.
+    /// It was stopped before its end, within the motors' limits.
     pub stopped: bool,
-    /// It was stopped at once: motors that were too fast for that may stand elsewhere than they count.
+    /// If it was stopped at once: for each motor, whether it was too fast for that and may stand elsewhere than it counted.
     pub uncertain: Option<Vec<bool>>,
 }
 
@@ -441,7 +445,7 @@ impl<B: Leased> Driven<B> {
         let steppers = lines.iter().map(stepper).collect();
         let meter = Meter::new(program.motors.len(), edges.constant_ticks.into());
         let mut session = Session::new(board, Arc::clone(&program)).map_err(of)?;
-        // A first step soon after the start has its DIR set before: in a trace that is where the line begins.
+        // If the first step comes soon after the start, its DIR edge comes before the start: it becomes the line's initial level.
         let mut level = |edge: Edge| {
             if let Some(Some(place)) = places.get(usize::from(edge.line)) {
                 lines[usize::from(*place)].initial = edge.level;
@@ -451,16 +455,16 @@ impl<B: Leased> Driven<B> {
         Ok(Driven { session, program, lines, places, steppers, meter })
     }
 
-    /// Runs it to its end. What is observed has the laws' time; `events` gets a status some 20 times a second.
+    /// Runs the motion to its end. The observer's ticks count from the laws' time 0; `events` gets a status some 20 times a second.
     ///
     /// # Errors
-    /// When the motion stopped before its end, or the board and the host count differently: faults of ours.
+    /// When the motion stopped before its end, or the board and the host count differently, which is a fault of this program.
     pub fn run(&mut self, observer: &mut impl Observer, events: impl FnMut(Event)) -> Result<Ended, DriveError> {
         let (_, none) = channel();
         self.run_with(&none, observer, events)
     }
 
-    /// The same, and obeys commands on the way. A paused motion ends if nobody is left who could send a command.
+    /// As [`Driven::run`], and obeys commands on the way. A paused motion ends when the sender of `commands` is dropped.
     ///
     /// # Errors
     /// As [`Driven::run`].
@@ -475,12 +479,12 @@ impl<B: Leased> Driven<B> {
         let Driven { session, steppers, meter, places, .. } = self;
         let mut since = Since { zero, places, steppers, meter, observer };
         let (mut ordered, mut stopped) = (false, false);
-        while session.is_paused() || !(session.is_complete() && is_past(session)) {
+        while session.is_paused() || !(session.is_complete() && is_last_step_past(session)) {
             let now = session.board().now();
             let command = match commands.try_recv() {
                 Ok(command) => Some(command),
                 Err(TryRecvError::Empty) => None,
-                Err(TryRecvError::Disconnected) if session.is_paused() && is_past(session) => {
+                Err(TryRecvError::Disconnected) if session.is_paused() && is_last_step_past(session) => {
                     stopped = true;
                     break;
                 }
@@ -513,7 +517,7 @@ impl<B: Leased> Driven<B> {
                         Command::Pause => session.pause().map(|rests| Event::Pausing { rests_s: seconds(rests) }),
                         _ => session.resume().map(|tick| Event::Resuming { full_speed_s: seconds(tick) }),
                     };
-                    // The motion goes on if it was refused.
+                    // A refused pause or resumption changes nothing.
                     events(done.unwrap_or_else(|error| Event::Refused { command, why: error.to_string() }));
                     Ok(())
                 }
@@ -524,10 +528,10 @@ impl<B: Leased> Driven<B> {
             let until = last.map_or(soon, |last| soon.min(last));
             if let Err(failure) = obeyed.and_then(|()| session.advance(until, &mut since)) {
                 let seen_s = seconds(session.board().now());
-                // The motors brake: that is waited for.
+                // The motors brake: wait until they rest.
                 let report = session.run(&mut since, |tick| events(Event::Progress { at_s: seconds(tick) }));
                 let (positions, stop) = self.positions(&report);
-                // The board's refusal follows from why it stopped, which is what helps.
+                // A board that stopped by itself refuses what comes after it. The user needs the reason of the stop, not that refusal.
                 let failure = match (DriveError::of(&self.program, failure), stop) {
                     (DriveError::Remote(RemoteError::Refused { reason: Reason::NotArmed, .. }), Some(cause)) => {
                         RemoteError::Stopped { cause }.into()
@@ -555,7 +559,7 @@ impl<B: Leased> Driven<B> {
         let missed =
             motors.find(|(_, ((counted, replayed), faults))| counted != replayed || **faults != Faults::default());
         if let Some((motor, _)) = missed {
-            // A board that stopped when all was told has refused nothing: only its count shows it.
+            // A board that stopped after the whole plan was sent had nothing to refuse: only its count shows it.
             let (positions, stop) = self.positions(&report);
             let why = match stop {
                 Some(cause) => RemoteError::Stopped { cause }.into(),
@@ -563,19 +567,19 @@ impl<B: Leased> Driven<B> {
             };
             return Err(why.halted(seen_s, positions));
         }
-        // Last: what the board did is told first.
+        // This comes last: errors of the board are more useful than one of the reference.
         if !self.session.board().agrees() {
             return Err(DriveError::Reference { board: self.program.board.name.clone() });
         }
         Ok(Ended { counted: report.counted, stopped, uncertain: None })
     }
 
-    /// Where the motors are after a run that failed, and the stop at once if there was one.
+    /// Where the motors are after a run that failed, and the cause if the board stopped by itself.
     fn positions(&mut self, report: &Report) -> (Positions, Option<Cause>) {
-        let heard = self.session.board().positions();
+        let last_reported = self.session.board().positions();
         let mut stop = None;
         let (counts, by) = match self.session.board_mut().settle() {
-            Ok(AtRest { reset: Some(reset), .. }) => (heard, Knowledge::LastReport { reset }),
+            Ok(AtRest { reset: Some(reset), .. }) => (last_reported, Knowledge::LastReport { reset }),
             Ok(AtRest { positions, last_stop, .. }) => match last_stop {
                 Cause::None | Cause::Finished | Cause::HostLost | Cause::Lapsed | Cause::Braked => {
                     (positions, Knowledge::Counted)
@@ -587,32 +591,32 @@ impl<B: Leased> Driven<B> {
                     (positions, if brakes { Knowledge::Counted } else { Knowledge::StoppedAtOnce })
                 }
             },
-            Err(_) if report.stop_unanswered => (heard, Knowledge::StopUnanswered),
+            Err(_) if report.stop_unanswered => (last_reported, Knowledge::StopUnanswered),
             Err(_) => {
-                let mut told = report.replayed_otherwise.iter().chain([&report.replayed]).cloned();
-                (told.next().unwrap_or_default(), Knowledge::Replayed { or: told.collect() })
+                let mut possible = report.replayed_otherwise.iter().chain([&report.replayed]).cloned();
+                (possible.next().unwrap_or_default(), Knowledge::Replayed { or: possible.collect() })
             }
         };
         let names = self.program.motors.iter().map(|motor| motor.name.clone());
         (Positions { motors: names.zip(counts).collect(), by }, stop)
     }
 
-    /// How late pulses were, against the ticks that they were scheduled for: once the run is over.
+    /// How late the STEP edges of the run were, against their scheduled ticks. To be called once, after the run.
     pub fn lateness(&mut self) -> Lateness {
         let constant_ticks = self.meter.so_far().constant_ticks;
         std::mem::replace(&mut self.meter, Meter::new(0, constant_ticks)).finish()
     }
 }
 
-/// Whether the last step is past.
-fn is_past<B: Leased>(session: &Session<B>) -> bool {
+/// Whether the last step that was sent is past.
+fn is_last_step_past<B: Leased>(session: &Session<B>) -> bool {
     session.last_step().is_none_or(|last| last < session.board().now())
 }
 
-/// So often a run looks for commands, and tells where it is, in a second of the board.
+/// How many times in a second of the board's time a run takes a command and reports its status.
 const LOOKS_PER_S: u64 = 20;
 
-/// Counts an observer's ticks from the laws' beginning, and lines as traces have them; measures lateness.
+/// Passes edges and steps on to an observer: with ticks from the laws' time 0, and lines by their index in the traces. Measures lateness.
 struct Since<'o, O> {
     zero: u64,
     places: &'o [Option<u8>],
@@ -636,7 +640,7 @@ impl<O: Observer> Observer for Since<'_, O> {
 
     fn step(&mut self, step: ScheduledStep) {
         let step = ScheduledStep { tick: step.tick - self.zero, ..step };
-        // No single edge of coils is a step's.
+        // Coils are left out: no single edge of theirs is a step.
         if self.steppers.contains(&Some(step.motor)) {
             self.meter.scheduled(step.motor, step.tick);
         }
@@ -644,12 +648,12 @@ impl<O: Observer> Observer for Since<'_, O> {
     }
 }
 
-/// What a board on a line is to be configured for.
+/// The configuration of a board with a firmware, for a program.
 #[must_use]
 pub fn setup(program: &Program) -> Setup {
     let hz = program.board.tick_hz;
     let ticks = |ticks: u64| u16::try_from(ticks).unwrap_or(u16::MAX);
-    // What `Program::timing` has for each motor of such a board.
+    // One timing for all motors: these boards have only one. `Program::timing` gives the same for each of them.
     let timing = DriverTiming::longest(&program.motors).ticks(hz);
     let mut setup = Setup {
         idle_ms: program.idle_ms,
@@ -685,19 +689,19 @@ fn pull_in_ticks(motor: &Motor, hz: u64) -> u64 {
     if motor.limits.pull_in > 0.0 { (hz as f64 / motor.limits.pull_in) as u64 } else { u64::MAX }
 }
 
-/// Which line a pin is.
+/// The index of a pin's line; `None` for a pin that the program does not use.
 fn place_of(lines: &[Line], pin: u8) -> Option<u8> {
     let name = format!("pin{pin}");
     lines.iter().position(|line| line.names.contains(&name)).map(|line| line as u8)
 }
 
-/// The native board for a program.
+/// The native board for a program, made by `new`.
 fn native(program: &Program, new: fn(&Config) -> Result<Native, ConfigError>) -> Result<Native, ConfigError> {
     let hold = DriverTiming::longest(&program.motors).ticks(program.board.tick_hz).dir_hold;
     Ok(new(&config(program))?.with_dir_hold(u32::try_from(hold).unwrap_or(u32::MAX)))
 }
 
-/// Its lines are in the order of the program's traces.
+/// The native board's configuration. Its lines are in the order of the program's traces.
 fn config(program: &Program) -> Config {
     let lines = lines::of(program);
     let hz = program.board.tick_hz;

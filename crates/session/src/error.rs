@@ -6,7 +6,7 @@ use pulsetrain_core::lease::LapseCause;
 use pulsetrain_motion::LawError;
 use pulsetrain_plan::Refused;
 
-/// Why a session cannot begin, go on or change. The motors that are in motion brake within their limits then.
+/// Why a session cannot begin, go on or change. Motors that are in motion and get no more of a plan brake within their limits.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum SessionError {
     /// The board still runs something else.
@@ -20,36 +20,36 @@ pub enum SessionError {
         /// Motors of the board, or of the program before.
         board: usize,
     },
-    /// The plan is refused.
+    /// The planner refuses a motor's law: it breaks a limit.
     #[error("motor {}: {}", .0.motor, .0.error)]
     Plan(#[from] Refused),
-    /// A law breaks where the host looks at it.
+    /// A law cannot be evaluated where the host needs it.
     #[error("motor {motor}: {error}")]
     Law {
         /// Index of the motor in the program.
         motor: usize,
-        /// How.
+        /// Why it cannot be evaluated.
         error: LawError,
     },
-    /// The host stood still: what comes next was not sent in time.
+    /// The host was too slow: the next part of the plan was not sent in time.
     #[error(
         "this computer was too slow: at {at_s:.3} s the board had no more plan for motor {motor}, and stopped the motors gently; more came \
          {:.1} ms too late", 1e3 * .late_s
     )]
     Stopped {
-        /// Index of the motor that had least.
+        /// Index of the motor whose plan on the board ended soonest.
         motor: usize,
         /// From when on the motors brake, s of the laws.
         at_s: f64,
-        /// How much later the host looked after the board again, s.
+        /// How long after that the host filled the queues again, s.
         late_s: f64,
     },
-    /// The board could not follow what it was told: a fault of the planner or the board, not of the motion.
+    /// The board could not follow the plan: a fault of the planner or the board, not of the motion.
     #[error("at {at_s:.3} s {}, and the board stopped the motors gently: please report it", in_words(*.cause))]
     Fault {
         /// From when on the motors brake, s of the laws.
         at_s: f64,
-        /// What happened there.
+        /// The board's reason.
         cause: LapseCause,
     },
     /// The board does not come to rest: a fault of the board, not of the motion.
@@ -64,54 +64,54 @@ pub enum SessionError {
     /// The board did not accept a change.
     #[error("the change did not reach the board in time: {0}")]
     Switch(SwitchRefused),
-    /// Nothing can be said to the board any more.
+    /// The board can no longer be reached.
     #[error("the motion could not go on, so the motors brake: {0}")]
     Lost(RemoteError),
-    /// A queue of the board ran short, or does not hold what a plan begins with.
+    /// A queue of the board is too short: it ran empty before more could be there, or it does not hold the beginning of a plan.
     #[error(
         "at {at_s:.3} s the board's queue for motor {motor}, which takes {capacity}, was used up before more of the plan could be there"
     )]
     QueueTooShort {
         /// Index of the motor in the program.
         motor: usize,
-        /// When, s of the laws.
+        /// When it ran empty, s of the laws.
         at_s: f64,
-        /// Room in the empty queue.
+        /// Room in the empty queue, in the board's unit (bytes on a board with a firmware).
         capacity: usize,
     },
-    /// The motion leaves no room for a pause, or for going on.
+    /// The motion needs all that the motors can do: there is no room for a pause, or for a resumption.
     #[error(transparent)]
     Pause(PauseError),
-    /// Nothing was paused, or the motors were stopped since.
+    /// The motion is not paused, or its motors were stopped during the pause.
     #[error("the motion is not paused")]
     NotPaused,
-    /// A change before the board can be told.
+    /// A change at a tick that is too near: it cannot reach the board in time.
     #[error("tick {at} is too early for a change; the earliest is {earliest}")]
     Early {
-        /// Asked for.
+        /// The tick of the change, or of the begin.
         at: u64,
         /// First tick that can still be changed.
         earliest: u64,
     },
-    /// A change while the board has not made the last one, or a pause at a tick of which it knows nothing yet.
+    /// A change while another one waits for its tick, or a pause at a tick for which nothing was sent yet.
     #[error("tick {at} cannot be changed yet; ask again from tick {until} on")]
     Waiting {
-        /// Asked for.
+        /// The tick of the change, or of the begin.
         at: u64,
-        /// From then on it can be asked for again, and may be refused again.
+        /// From this tick on it can be tried again. It may be refused again.
         until: u64,
     },
-    /// A change in what the board was not told yet, or while the motors brake.
+    /// A change at a tick for which nothing was sent yet, or while the motors brake.
     #[error("tick {at} is too late for a change; after {latest} the motors brake, or nothing is told yet")]
     Late {
-        /// Asked for.
+        /// The tick of the change, or of the begin.
         at: u64,
         /// Last tick at which a change joins the motion.
         latest: u64,
     },
 }
 
-/// Why a lease was over before its time, in words.
+/// Why a lease ended early, for messages.
 const fn in_words(cause: LapseCause) -> &'static str {
     match cause {
         LapseCause::NotExtended => "the lease was over",

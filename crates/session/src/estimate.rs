@@ -1,4 +1,4 @@
-//! What a motion comes to before it is planned: steps, time, files.
+//! Estimates of a motion before it is planned: how many steps, how long, how large its files.
 
 use pulsetrain_board::BoardKind;
 use std::fmt::{self, Display};
@@ -11,42 +11,49 @@ use serde::Serialize;
 
 use crate::prepare::{Prepared, spans};
 
-/// What planning takes on a PC, s: a piece or a segment, and a step in it. By `plan` of sines of 1 to 10 000 steps, and of the examples, for hours.
+/// Seconds that planning a piece or a segment takes on a PC. Obtained with the command `plan`, of sines of 1 to 10 000 steps and of the examples.
 const SEGMENT_S: f64 = 1.2e-6;
+/// Seconds for each step in a segment, obtained in the same way.
 const STEP_S: f64 = 2e-8;
-/// The same of a turn within a piece, and of an operation of a formula in a piece or at a turn.
+/// Seconds for each turn within a piece, obtained in the same way.
 const TURN_S: f64 = 1.5e-6;
+/// Seconds for each operation of a formula, in a piece or at a turn, obtained in the same way.
 const OPERATION_S: f64 = 1e-7;
-/// A piece that bends has so many segments for each power of ten of its steps; no more than steps.
+/// Segments of a curved piece for each power of ten of its steps; it never has more segments than steps.
 const SEGMENTS_PER_DECADE: f64 = 12.0;
 
-/// What a run takes beside that, s: a step of the native board, judged, written and drawn; and a second of motion, which
-/// is looked at 20 times. An emulated chip is so many times as fast as a real one. By `run` of sweep.toml and pico.toml.
+/// Seconds that a run on the native board takes for each step, to make, judge, write and draw it. Obtained with `run` of sweep.toml and pico.toml.
 const NATIVE_STEP_S: f64 = 2e-6;
+/// Seconds that such a run takes for each second of motion, with its 20 reports of status. Obtained in the same way.
 const NATIVE_SECOND_S: f64 = 2e-5;
 
-/// Beyond these somebody is asked.
+// Beyond one of these limits the user is asked first: a motion file may ask for days of work by a slip of a digit.
+/// Steps of all motors.
 const MOST_STEPS: f64 = 5e7;
+/// Planning time, s.
 const MOST_PLANNING_S: f64 = 60.0;
+/// Running time on a virtual board, s.
 const MOST_RUNNING_S: f64 = 3600.0;
+/// Size of the files, bytes.
 const MOST_FILE_BYTES: f64 = 1e9;
-/// What is to be done with a motion.
+
+/// What the user wants done with a motion.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Task {
-    /// It is planned, or held against a capture.
+    /// It is planned, or compared with a capture.
     Plan,
-    /// It is run on the native board; `files` are written of it.
+    /// It is run on the native board.
     Native {
         /// Whether steps.csv and trace.vcd are written.
         files: bool,
     },
-    /// It is run on the virtual board that it is for, and files are written.
+    /// It is run on the virtual board that it is for, and its files are written.
     Virtual,
     /// It is run on a real board.
     Port,
 }
 
-/// What a motion comes to, about.
+/// The estimate; all figures are approximate.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Estimate {
     /// How long the motion lasts, s.
@@ -55,10 +62,10 @@ pub struct Estimate {
     pub steps: f64,
     /// How long it takes to plan it, s.
     pub planning_s: f64,
-    /// How long it takes to run it on a board that is none, s.
+    /// How long it takes to run it on the native or a virtual board, s.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub running_s: Option<f64>,
-    /// Of steps.csv and trace.vcd, bytes.
+    /// Size of steps.csv and trace.vcd, bytes.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub file_bytes: Option<f64>,
 }
@@ -80,7 +87,7 @@ impl Display for Estimate {
 }
 
 impl Estimate {
-    /// Of a motion that is not cut yet, `length` of it.
+    /// Estimates a motion that is not cut yet, as if it were cut after `length`.
     #[must_use]
     pub fn of(prepared: &Prepared, length: Option<Time>, task: Task) -> Estimate {
         let program = &prepared.program;
@@ -109,7 +116,7 @@ impl Estimate {
         }
     }
 
-    /// Whether it is so much that nobody should wait for it without having been asked.
+    /// Whether it is so much that the user should be asked first.
     #[must_use]
     pub fn is_much(&self) -> bool {
         self.steps > MOST_STEPS
@@ -119,7 +126,7 @@ impl Estimate {
     }
 }
 
-/// How long it takes to plan a law, about, s.
+/// About how long it takes to plan a law, s.
 pub(crate) fn planning_s(workload: Workload) -> f64 {
     (workload.pieces + segments_of(workload)) * SEGMENT_S
         + workload.steps * STEP_S
@@ -133,10 +140,10 @@ fn segments_of(workload: Workload) -> f64 {
     workload.pieces * steps_of_piece.min(SEGMENTS_PER_DECADE * (1.0 + steps_of_piece).log10())
 }
 
-/// Of steps.csv and trace.vcd, about.
+/// About how many bytes of steps.csv and trace.vcd a step takes.
 fn bytes_of_step(motor: &Motor, board: &Board, motion_s: f64) -> f64 {
     let edges = match motor.wiring {
-        // A pulse, and now and then a turn of DIR.
+        // Two edges of a pulse, and now and then one of DIR.
         Wiring::StepDir { .. } => 2.1,
         Wiring::Coils { .. } => 1.2,
     };

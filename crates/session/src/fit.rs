@@ -1,4 +1,4 @@
-//! What would fit: how much slower a motion that is refused would have to be, and which boards do it as it is.
+//! Advice for a refused motion: how much slower it would fit, with which easing, tolerance or line, and on which other boards.
 
 use std::cell::Cell;
 use std::fmt;
@@ -15,19 +15,19 @@ use crate::estimate;
 use crate::plans;
 use crate::prepare::{self, Prepared};
 
-/// A motion slower than this is another motion.
+/// The largest factor by which a motion is slowed down in the search: beyond it, it would be a different motion.
 const SLOWEST: f64 = 1e4;
-/// The factor is found to this precision, as a ratio.
+/// The search for the factor ends when its bounds differ by less than this ratio: the factor is printed to three or four digits.
 const PRECISION: f64 = 1.002;
 /// Estimated time of all plans that are tried for one suggestion (an easing, a way to begin, a factor, a board), s.
 const MOST_TRYING_S: f64 = 1.0;
 
-/// Plans that are tried one after the other until their estimated times add up to the limit. No clock is read.
+/// A budget of planning time for the plans that are tried. Only estimates are added up: with no clock, the advice is the same on every computer.
 struct Tries {
     left_s: Cell<f64>,
 }
 
-/// There is no time to plan this: it takes about so long, s.
+/// The budget is too small for a plan that takes about this long, s.
 struct TooLong(f64);
 
 impl Tries {
@@ -35,13 +35,19 @@ impl Tries {
         Tries { left_s: Cell::new(MOST_TRYING_S) }
     }
 
-    /// Takes the time for another plan of these laws, if there is as much.
+    /// Takes the time for a plan of these laws from the budget.
+    ///
+    /// # Errors
+    /// When not as much is left.
     fn another<'a>(&self, laws: impl IntoIterator<Item = &'a Law>) -> Result<(), TooLong> {
         let planning_s = |law: &Law| law.end().map_or(f64::INFINITY, |end| estimate::planning_s(law.workload(end)));
         self.take(laws.into_iter().map(planning_s).sum())
     }
 
-    /// The same of so much of each law; where one is shorter there is not as much.
+    /// As [`Tries::another`], for the first `length` of each law.
+    ///
+    /// # Errors
+    /// When not as much is left, or a law is shorter than `length`.
     fn beginnings(&self, laws: &[Law], length: Time) -> Result<(), TooLong> {
         let planning_s = |law: &Law| match law.end() {
             Some(end) if end > length => estimate::planning_s(law.workload(length)),
@@ -56,7 +62,7 @@ impl Tries {
     }
 }
 
-/// What is said of a form for which there was no time.
+/// The remark on advice that was not tried.
 impl fmt::Display for TooLong {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, " (not tried: planning takes about {})", human::long_time(self.0))
@@ -70,14 +76,14 @@ pub fn least_slowdown(prepared: &Prepared, motor: &Motor) -> Option<f64> {
     slowdown(prepared, motor, || true)
 }
 
-/// The same, as long as there is time for another plan.
+/// As [`least_slowdown`]; gives up once `another` says that there is no time for another plan.
 fn slowdown(prepared: &Prepared, motor: &Motor, another: impl Fn() -> bool) -> Option<f64> {
     let settings = Settings::of(&prepared.program, motor);
     least(|factor| another().then(|| plans::fits(&motor.law, &settings.slowed(factor))))
 }
 
-/// What a motor with slack wants whose plan does not fit: a longer time to take it up, s, if that is all; else how much slower its law has
-/// to be, and the time that goes with that. As long as there is time for another plan.
+/// For a motor with backlash whose plan does not fit: the time over which its slack should be taken up, s, and, if that alone does not help, the factor
+/// by which its law has to be slowed down too. Gives up once `another` says that there is no time for another plan.
 fn least_over(prepared: &Prepared, motor: &Motor, another: impl Fn() -> bool) -> Option<(Option<f64>, f64)> {
     let settings = Settings::of(&prepared.program, motor);
     let over_s = motor.law.backlash_over()?.seconds();
@@ -89,7 +95,7 @@ fn least_over(prepared: &Prepared, motor: &Motor, another: impl Fn() -> bool) ->
     slowdown(prepared, motor, another).map(|factor| (Some(factor), over_s * factor))
 }
 
-/// The least factor above 1 that fits, to three digits, rounded up. `fits` says nothing if there is no time to find out: then there is none.
+/// The least factor above 1 that fits, to three digits, rounded up. `fits` returns `None` if there is no time to try a factor; the search then gives up.
 fn least(fits: impl Fn(f64) -> Option<bool>) -> Option<f64> {
     let mut below = 1.0;
     let mut above = 1.25;
@@ -104,7 +110,7 @@ fn least(fits: impl Fn(f64) -> Option<bool>) -> Option<f64> {
         let middle = (above * below).sqrt();
         if fits(middle)? { above = middle } else { below = middle }
     }
-    // Rounded up, and a little more where a limit is met in jumps.
+    // The rounded factor is tried too: a limit that changes in jumps may refuse it. Then a little more may fit.
     let rounded = rounded_up(above);
     if fits(rounded)? {
         return Some(rounded);
@@ -113,14 +119,14 @@ fn least(fits: impl Fn(f64) -> Option<bool>) -> Option<f64> {
     fits(rounded)?.then_some(rounded)
 }
 
-/// To three digits, not less.
+/// Rounded up to three significant digits; `value` is positive.
 #[must_use]
 pub fn rounded_up(value: f64) -> f64 {
     let unit = 10f64.powf(value.log10().floor() - 2.0);
     (value / unit).ceil() * unit
 }
 
-/// What a motor's law breaks by itself, each limit once: where one is broken it is lifted, to see the next.
+/// All limits that a motor's law breaks by itself, each once: a broken limit is lifted to find the next one.
 #[must_use]
 pub fn broken(law: &Law, settings: &Settings) -> Vec<PlanError> {
     let mut settings = settings.clone();
@@ -142,13 +148,13 @@ pub fn broken(law: &Law, settings: &Settings) -> Vec<PlanError> {
     broken
 }
 
-/// The boards that do the whole motion as it is.
+/// The names of the other boards that can run the whole motion unchanged.
 #[must_use]
 pub fn other_boards(prepared: &Prepared) -> Vec<String> {
     boards_that_fit(prepared, || true).unwrap_or_default()
 }
 
-/// The same; `None` if there is no time for another plan.
+/// As [`other_boards`]; `None` once `another` says that there is no time for another plan.
 fn boards_that_fit(prepared: &Prepared, another: impl Fn() -> bool) -> Option<Vec<String>> {
     let mut able = Vec::new();
     for row in boards::table().into_iter().filter(|row| row.board.name != prepared.program.board.name) {
@@ -165,14 +171,14 @@ fn boards_that_fit(prepared: &Prepared, another: impl Fn() -> bool) -> Option<Ve
     Some(able)
 }
 
-/// No tolerance above this is offered, s: the motion itself is at fault then.
+/// No tolerance above this is offered, s: if it takes more, the motion itself is at fault.
 const LOOSEST_S: f64 = 1e-3;
-/// Nor one above this part of the shortest interval between steps.
+/// No tolerance above this fraction of the shortest interval between steps is offered: the intervals would be uneven.
 const LOOSEST_PART: f64 = 0.05;
-/// So often a tolerance is raised to what the next place that breaks it wants.
+/// How many times a tolerance is raised, each time to what the next place that breaks it needs.
 const RAISES: u32 = 8;
 
-/// What to do where the time of a step cannot be proven: a tolerance that can be, if that is worth the name, or another grid.
+/// Advice where the time of a step cannot be proven: a tolerance that can be, if it is not too loose, or another grid.
 fn not_provable(prepared: &Prepared, motor: &Motor, bound_ticks: f64, at_s: f64) -> String {
     let settings = Settings::of(&prepared.program, motor);
     let with = |tolerance_ticks: f64, grid: Grid| Settings { tolerance_ticks, grid, ..settings.clone() };
@@ -222,15 +228,15 @@ fn not_provable(prepared: &Prepared, motor: &Motor, bound_ticks: f64, at_s: f64)
     lines.join("\n")
 }
 
-/// Easings that are tried, ms, the first that fits is offered.
+/// Easings that are tried, ms, in this order: half a second and longer ones, then shorter ones. The first that fits is offered.
 const EASES_MS: [u64; 12] = [500, 1000, 2000, 5000, 10_000, 20_000, 50_000, 200, 100, 50, 20, 10];
 
-/// What to do about a speed that changes too much at once, at `at_s` from one to another.
+/// Advice on a speed that jumps from one value to another at `at_s`, by more than the motor's pull-in rate.
 fn smoother(prepared: &Prepared, motor: &Motor, at_s: f64, (from, to): (f64, f64)) -> Vec<String> {
     let program = &prepared.program;
     let is_of = |machine: &&Machine| machine.motors.iter().any(|k| program.motors[*k].name == motor.name);
     if let Some(machine) = program.machines.iter().find(is_of) {
-        // Not where the motor's motions begin or end, but on the way.
+        // The jump is on the path, not at its begin or end.
         let is_between = at_s > 0.0 && motor.law.end().is_some_and(|end| at_s < end.seconds());
         if is_between {
             return vec![
@@ -247,7 +253,7 @@ fn smoother(prepared: &Prepared, motor: &Motor, at_s: f64, (from, to): (f64, f64
     let mut lines = Vec::new();
     let whole = easing(prepared, &[motor], &|law, over| whole_eased(prepared, motor, law, over));
     if let Some(ease) = whole {
-        // How it goes on is known of what is periodic.
+        // Of a cut motion only the part before the cut was tried, unless that covers a whole period.
         let tried = prepared
             .cut
             .zip(motor.law.before_stop())
@@ -260,7 +266,7 @@ fn smoother(prepared: &Prepared, motor: &Motor, at_s: f64, (from, to): (f64, f64
         ));
     }
     let settings = Settings::of(program, motor);
-    // The next place may want something, too. What makes no step is no cure.
+    // A cure may leave a jump at a later place: that one gets its own advice. A plan without a step is no cure.
     let tries = Tries::new();
     let cures = |law: Option<Law>| {
         law.filter(|law| tries.another([law]).is_ok()).filter(|law| match plans::planned(law, &settings) {
@@ -284,7 +290,7 @@ fn smoother(prepared: &Prepared, motor: &Motor, at_s: f64, (from, to): (f64, f64
         let ways = [
             ramp.map(|_| "begin = \"ramp\" (catches up with the law)".to_owned()),
             stays,
-            // Not one that waits for the stop where an endless motion was cut: it makes no step.
+            // A law that never rests would be delayed until the cut, and makes no step: `cures` has refused it.
             begun(Begin::Delay).map(|_| "begin = \"delay\" (waits until the law comes to rest)".to_owned()),
             begun(Begin::Jump).map(|_| "begin = \"jump\" (at once, if the motor can)".to_owned()),
         ];
@@ -319,14 +325,14 @@ fn smoother(prepared: &Prepared, motor: &Motor, at_s: f64, (from, to): (f64, f64
     lines
 }
 
-/// Whose driver's pulse limits the motor's rate, if that does.
+/// Advice if a driver's pulse limits the motor's rate: whose driver it is, and which rate a shorter pulse allows.
 fn pulse_limit(prepared: &Prepared, motor: &Motor, settings: &Settings) -> Option<String> {
     let program = &prepared.program;
     let (name, board) = (&motor.name, &program.board.name);
     let time = |ns: u32| human::seconds(f64::from(ns) * 1e-9);
     let timing = program.timing(motor);
     let row = boards::find(board);
-    // The rate that fits with pulses no longer than that, if it is a higher one.
+    // The rate that would fit with pulses of at most so many nanoseconds, if it is higher than now.
     let rate_with = |ns: u32| {
         let mut shorter = program.clone();
         for motor in &mut shorter.motors {
@@ -355,7 +361,7 @@ fn pulse_limit(prepared: &Prepared, motor: &Motor, settings: &Settings) -> Optio
         && let Some(rate) = rate_with(together)
     {
         let whose = longest.unwrap_or(motor);
-        // What is printed is to fit, too.
+        // Rounded down to 100 ns, so that the printed pulse fits too.
         let (whose, driver, together) = (&whose.name, driver(whose), time(together - together % 100));
         return Some(format!(
             "the limit is the pulse: on these pins {board} works out each step by itself if pulses are longer than {together}, and the driver \
@@ -367,24 +373,24 @@ fn pulse_limit(prepared: &Prepared, motor: &Motor, settings: &Settings) -> Optio
         .then(|| format!("the limit is the driver's: a pulse takes {high} HIGH and {low} LOW"))
 }
 
-/// What is planned of a long motion at its beginning and its end, to try an easing there, beside that itself, s.
+/// Seconds that are planned next to an easing at the begin and the end of a long motion, to try that easing without planning all of it.
 const TRIED_S: f64 = 2.0;
 
-/// Whether a law that is eased over some time fits where it is eased, at its beginning and at its end.
+/// Whether the begin and the end of a law that is eased over `over` fit. The middle is not planned.
 fn fits_at_ends(law: &Law, settings: &Settings, over: Time) -> bool {
     let Some(end) = law.end() else { return false };
     let tried = over + over + Time::from_seconds(TRIED_S);
-    // The end is tried from a halt before it, from which the motion comes as gently as it goes to its last one.
+    // The end is planned from a halt before it, with an easing of the same length out of that halt.
     let last = law.clone().eased_in(end - tried, over);
     plans::fits_until(law, settings, tried) && last.is_ok_and(|last| plans::fits(&last, settings))
 }
 
-/// The first easing with which all of these motors' plans fit, as it is written. Where there is no time for whole plans, it fits where it is
-/// eased, which is said.
+/// The first easing with which the plans of all these motors fit, as a motion file has it. If there is no time for whole plans, only both ends are
+/// tried, and the text says so.
 fn easing(prepared: &Prepared, motors: &[&Motor], eased: &dyn Fn(&Law, Time) -> Option<Law>) -> Option<String> {
     let (tries, parts) = (Tries::new(), Tries::new());
     for over_ms in EASES_MS {
-        // As exact as the file's: it may be as long as the motion.
+        // Exact, as the file's value would be: an easing may be just as long as the motion.
         let over = Time::from_ratio(1, 1000).times(over_ms);
         let of = |motor: &&Motor| motor.law.changed_under_backlash(|law| eased(law, over));
         let Some(laws) = motors.iter().map(of).collect::<Option<Vec<Law>>>() else { continue };
@@ -397,7 +403,7 @@ fn easing(prepared: &Prepared, motors: &[&Motor], eased: &dyn Fn(&Law, Time) -> 
             Ok(()) => {}
             Err(TooLong(whole_s)) => {
                 let tried = over + over + Time::from_seconds(TRIED_S);
-                // Both ends, not one after the other of a motion that is no longer than they are.
+                // This is for long motions only: a motion no longer than its two ends is planned whole or not at all.
                 if parts.beginnings(&laws, tried + tried).is_err() {
                     return None;
                 }
@@ -411,7 +417,7 @@ fn easing(prepared: &Prepared, motors: &[&Motor], eased: &dyn Fn(&Law, Time) -> 
     None
 }
 
-/// The law with an easing. One that was cut goes on for as long at its speed: what is shown while it gets there says nothing of that.
+/// The law with an easing. An easing delays the motion, so a law that was cut is cut later by as much: the same part of it has to fit.
 fn whole_eased(prepared: &Prepared, motor: &Motor, law: &Law, over: Time) -> Option<Law> {
     let Some((cut, uncut)) = prepared.cut.zip(law.before_stop()) else { return law.clone().eased(over).ok() };
     let eased = uncut.clone().eased(over).ok()?;
@@ -422,14 +428,14 @@ fn whole_eased(prepared: &Prepared, motor: &Motor, law: &Law, over: Time) -> Opt
     prepare::stopped(&eased, at, motor.limits, prepared.program.grid).ok()
 }
 
-/// A motor's motions, each with an easing; `None` if it has one.
+/// A law of several motions, each with an easing; `None` for a single motion.
 fn parts_eased(law: &Law, over: Time) -> Option<Law> {
     let Law::Then(laws) = law else { return None };
     let eased = laws.iter().map(|law| law.clone().eased(over).unwrap_or_else(|_| law.clone()));
     Law::then(eased.collect()).ok()
 }
 
-/// The law with another beginning (or end) of that one of a motor's motions that begins (or ends) at `at_s`.
+/// Changes that one of a law's motions that begins at `at_s`, or ends there if `begins` is false; `None` if there is none.
 fn with_part(law: &Law, at_s: f64, begins: bool, change: &dyn Fn(&Law) -> Option<Law>) -> Option<Law> {
     law.changed_under_backlash(|law| {
         let Law::Then(laws) = law else { return change(law) };
@@ -448,11 +454,12 @@ fn with_part(law: &Law, at_s: f64, begins: bool, change: &dyn Fn(&Law) -> Option
     })
 }
 
-/// Tolerances that are offered where a plan takes too many bytes: so many times what is asked for, and no more than this, s.
+/// Factors by which the tolerance is raised where a plan takes too many bytes for its line.
 const LOOSER: [f64; 3] = [2.0, 5.0, 10.0];
+/// No tolerance above this is offered for that, s: a motion that needs more has too many steps for its line.
 const LOOSEST_OVER_LINE_S: f64 = 20e-6;
 
-/// What to do where the line does not bring the plans of all motors in time.
+/// Advice where the line does not bring the plans of all motors in time.
 fn over_line(prepared: &Prepared) -> Vec<String> {
     let (program, line) = (&prepared.program, prepared.line.as_ref());
     let tries = Tries::new();
@@ -463,7 +470,7 @@ fn over_line(prepared: &Prepared) -> Vec<String> {
     let usb = Line::of(program, Way::Usb);
     let usual = prepare::usual_baud(&program.board.name).rate();
     let uart = Line::of(program, Way::Uart(usual));
-    // Where both fit, the one that takes no other cable.
+    // If both lines would fit, the one that needs no other cable is offered.
     if line != usb.as_ref() && uart.as_ref() != line && fits(program, uart.as_ref(), 1.0) == Some(true) {
         lines.push(format!("as it is, it fits over a line at {usual} baud (--baud)"));
     } else if usb.is_some() && usb.as_ref() != line && fits(program, usb.as_ref(), 1.0) == Some(true) {
@@ -499,7 +506,7 @@ fn over_line(prepared: &Prepared) -> Vec<String> {
     lines
 }
 
-/// What to do about a plan's error, in a few lines.
+/// What the user can do about a plan's error, in a few lines.
 #[must_use]
 pub fn advice(prepared: &Prepared, motor: &Motor, error: &PlanError) -> String {
     let mut lines = Vec::new();
@@ -519,7 +526,7 @@ pub fn advice(prepared: &Prepared, motor: &Motor, error: &PlanError) -> String {
     if let PlanError::SpeedJump { from, to, at_s, .. } = error {
         lines.extend(smoother(prepared, motor, *at_s, (*from, *to)));
     }
-    // What is looked for with some 20 plans is not looked for with long ones: `explain` does it.
+    // A search takes some 20 plans. For long plans it is left to the command `explain`.
     let tries = Tries::new();
     let another = || tries.another([&motor.law]).is_ok();
     if error.limit() == Some(Limit::Line) {
@@ -539,7 +546,7 @@ pub fn advice(prepared: &Prepared, motor: &Motor, error: &PlanError) -> String {
         && let Some(factor) = slowdown(prepared, motor, another)
     {
         let times = human::significant(factor, 4);
-        // What was cut lasts as long as somebody wants it to.
+        // Only a motion that was not cut has a duration worth printing.
         let whole = motor.law.end().filter(|end| prepared.cut.is_none_or(|cut| *end < cut.at));
         let fits = whole.map(|end| {
             let (now, then) = (human::seconds_to(end.seconds(), 4), human::seconds_to(end.seconds() * factor, 4));

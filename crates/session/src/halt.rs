@@ -1,4 +1,4 @@
-//! Pause and resume: changes to the same laws in another time.
+//! Pause and resume: the program is changed to its own laws with their time slowed down or sped up.
 
 use crate::pause;
 use crate::{Session, SessionError};
@@ -8,20 +8,21 @@ use pulsetrain_motion::program::Program;
 use pulsetrain_plan::{Ensemble, Move, Refused, Start};
 use std::sync::Arc;
 
-/// A program, and how its laws' time goes.
+/// The program that is followed, and what its laws' time does.
 #[derive(Clone, Debug)]
 pub(crate) struct Playback {
     program: Arc<Program>,
     law_time: LawTime,
 }
 
+/// What the laws' time does.
 #[derive(Clone, Copy, Debug)]
 enum LawTime {
-    /// It began at `from` of the laws, at the session's zero, and came up to speed over a while.
+    /// It runs. At the session's zero it was `from`; it came up to full speed within `over`.
     Going { from: Time, over: Time },
-    /// It is at, or comes to, a halt at `at` of the laws; the motors rest from tick `rests` on.
+    /// It halts at `at`, and all motors rest from tick `rests` on.
     Halted { at: Time, rests: u64 },
-    /// The motors were stopped elsewhere.
+    /// The motors were stopped, and left their laws.
     Stopped,
 }
 
@@ -39,19 +40,19 @@ impl Playback {
     }
 }
 
-/// Parts of the motors' limits that are asked for, one after the other, if the planner refuses what was found.
+/// Fractions of the motors' limits that a pause or resumption may use, tried in this order: if the planner refuses one, the next is gentler.
 const CAUTION: [f64; 3] = [1.0, 0.8, 0.5];
 
 impl<B: Leased> Session<B> {
-    /// Slows the laws' time to a halt, within the limits and as soon as they allow, all motors together: they stay on their
-    /// paths. Gives the tick from which on all of them rest; [`Session::resume`] goes on from there.
+    /// Slows the laws' time to a halt as fast as the limits allow. All motors share that time, so that they stay on their paths. Returns the tick
+    /// from which all of them rest; [`Session::resume`] goes on from there.
     ///
-    /// During an easing into motion it is first let come to its end. A motion that is paused already stays so.
+    /// While the motion still speeds up after a pause, the halt begins when it has its full speed. A motion that is paused stays paused.
     ///
     /// # Errors
-    /// [`SessionError::Late`] when the motion ends before; [`SessionError::Waiting`] while another change waits, or the laws come up to speed
-    /// after a pause for longer than the board was told of: ask again when it says; [`SessionError::Pause`] where the laws themselves take all
-    /// that the motors can do; or as [`Session::change`]. The motion goes on then.
+    /// [`SessionError::Late`] when the motion ends before the halt could begin. [`SessionError::Waiting`] while another change waits, or while the
+    /// motion speeds up after a pause beyond what was sent: try again at the tick in the error. [`SessionError::Pause`] where the laws themselves
+    /// take all that the motors can do. Else as [`Session::change`]. The motion goes on after an error.
     ///
     /// ```
     /// # use pulsetrain_session::Session;
@@ -76,26 +77,29 @@ impl<B: Leased> Session<B> {
         let (from, eased) = match self.playback.law_time {
             LawTime::Going { from, over } => (from, over),
             LawTime::Halted { rests, .. } => return Ok(rests),
-            LawTime::Stopped => return Err(SessionError::Late { at: self.earliest(), latest: self.told() }),
+            LawTime::Stopped => return Err(SessionError::Late { at: self.earliest(), latest: self.committed_until() }),
         };
         let at_speed = self.stream.zero() + ticks(eased, hz);
         let program = Arc::clone(&self.playback.program);
-        self.attempt(|session, caution, spare| {
-            let at = (session.earliest() + spare).max(at_speed);
-            // Past its last step a motion is over, even where its laws still come to rest.
+        self.attempt(|session, caution, delay| {
+            let at = (session.earliest() + delay).max(at_speed);
+            // After its last step a motion is over, even if its laws still move by less than a step.
             if let Some(latest) = session.last_step().filter(|last| session.is_complete() && at > *last) {
                 return Err(SessionError::Late { at, latest });
             }
-            // It comes up to speed for longer than the board was told of.
-            if at == at_speed && at > session.told() {
-                return Err(SessionError::Waiting { at, until: session.board.now() + (at - session.told()) });
+            // The motion has its full speed only after what was sent: the state there is not known yet.
+            if at == at_speed && at > session.committed_until() {
+                return Err(SessionError::Waiting {
+                    at,
+                    until: session.board.now() + (at - session.committed_until()),
+                });
             }
             // Ticks of a session stay far below 2^62.
             let since = Time::from_ratio(at.wrapping_sub(session.stream.zero()).cast_signed(), hz);
             let time = from + since - eased.divided_by(2);
             let easing = pause::quickest_halt(&program, time, caution)?;
             let takes = ticks(easing.after + easing.over, hz);
-            session.go_over(at, Arc::new(pause::halting(&program, time, easing)?), takes)?;
+            session.change_proven(at, Arc::new(pause::halting(&program, time, easing)?), takes)?;
             let rests = at + takes;
             let at = time + easing.after + easing.over.divided_by(2);
             session.playback = Playback { program: Arc::clone(&program), law_time: LawTime::Halted { at, rests } };
@@ -103,11 +107,11 @@ impl<B: Leased> Session<B> {
         })
     }
 
-    /// Goes on after a pause, from where it left the laws; gives the tick from which on their time runs as ever.
+    /// Goes on after a pause, from where the laws' time halted. Returns the tick from which that time has its full speed.
     ///
     /// # Errors
-    /// [`SessionError::NotPaused`]; [`SessionError::Early`] while the motors do not rest yet; [`SessionError::Pause`] where
-    /// the laws themselves take all that the motors can do; or as [`Session::change`]. The motors stay at rest then.
+    /// [`SessionError::NotPaused`]; [`SessionError::Early`] while the motors still move; [`SessionError::Pause`] where the laws themselves take
+    /// all that the motors can do; else as [`Session::change`]. The motors stay at rest after an error.
     pub fn resume(&mut self) -> Result<u64, SessionError> {
         let hz = self.pace.tick_hz;
         let LawTime::Halted { at: from, rests } = self.playback.law_time else { return Err(SessionError::NotPaused) };
@@ -115,31 +119,31 @@ impl<B: Leased> Session<B> {
             return Err(SessionError::Early { at: self.earliest(), earliest: rests });
         }
         let program = Arc::clone(&self.playback.program);
-        self.attempt(|session, caution, spare| {
-            let at = session.earliest() + spare;
+        self.attempt(|session, caution, delay| {
+            let at = session.earliest() + delay;
             let over = pause::quickest_start(&program, from, caution)?;
             let takes = ticks(over, hz);
-            session.go_over(at, Arc::new(pause::starting(&program, from, over)?), takes)?;
+            session.change_proven(at, Arc::new(pause::starting(&program, from, over)?), takes)?;
             session.playback = Playback { program: Arc::clone(&program), law_time: LawTime::Going { from, over } };
             Ok(at + takes)
         })
     }
 
-    /// Tries again what was refused by the planner, with more caution, or came too late, with more time to spare.
+    /// Tries a change again if it was refused: more gently if the planner refused it, later if it came too late.
     fn attempt(
         &mut self,
         mut change: impl FnMut(&mut Session<B>, f64, u64) -> Result<u64, SessionError>,
     ) -> Result<u64, SessionError> {
-        let (mut cautions, mut spare) = (CAUTION.into_iter().peekable(), 0);
+        let (mut cautions, mut delay) = (CAUTION.into_iter().peekable(), 0);
         loop {
             let caution = cautions.peek().copied().unwrap_or(1.0);
-            match change(self, caution, spare) {
+            match change(self, caution, delay) {
                 Err(SessionError::Plan(_)) if cautions.len() > 1 => drop(cautions.next()),
-                // Planning takes its time, while that of a real board goes on.
+                // Planning took too long: a real board's time went on meanwhile.
                 Err(SessionError::Early { .. } | SessionError::Switch(SwitchRefused::Late { .. }))
-                    if spare < self.pace.spare =>
+                    if delay < self.pace.most_delay =>
                 {
-                    spare += self.pace.spare / 3;
+                    delay += self.pace.most_delay / 3;
                 }
                 done => return done,
             }
@@ -147,13 +151,16 @@ impl<B: Leased> Session<B> {
     }
 }
 
-/// Ticks within a time, or one more.
+/// A time in ticks, rounded down, plus one.
 fn ticks(time: Time, hz: u64) -> u64 {
     // Not negative, and an hour at most.
     time.ticks(hz).0.unsigned_abs() + 1
 }
 
-/// Plans the first `ticks` of a program, to see whether it is refused.
+/// Plans the first `ticks` of a program.
+///
+/// # Errors
+/// If that part is refused.
 pub(crate) fn prove(program: &Program, starts: &[Start], ticks: u64) -> Result<(), Refused> {
     if ticks == 0 {
         return Ok(());

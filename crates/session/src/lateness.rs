@@ -1,7 +1,7 @@
-//! How late edges are: every STEP edge against the tick that was scheduled for it.
+//! How late the STEP edges of a board are, each compared with the tick that was scheduled for it.
 //!
-//! Lateness is edge tick − scheduled tick − the board's constant. Scheduled ticks come from a stepgen that was told the
-//! same as the board; edges from the board's pins. Both come in order for each motor, in any order of one another.
+//! Lateness is edge tick − scheduled tick − the board's constant. Scheduled ticks come from a native board that gets the same items as the board
+//! (`WithReference`), edges from the board's pins. For each motor both come in order, but edges may come before or after their schedule.
 
 use std::collections::{BTreeMap, VecDeque};
 
@@ -29,13 +29,13 @@ use serde::{Deserialize, Serialize};
 pub struct Meter {
     constant_ticks: u64,
     motors: Vec<Pending>,
-    /// How many edges were so many ticks late.
+    /// By lateness in ticks: how many edges were that late.
     counts: BTreeMap<i64, u64>,
     lost: u64,
     extra: u64,
 }
 
-/// What of a motor could not be matched yet.
+/// A motor's scheduled ticks and edges that are not matched yet.
 #[derive(Clone, Debug, Default)]
 struct Pending {
     scheduled: VecDeque<u64>,
@@ -45,33 +45,33 @@ struct Pending {
 /// The lateness of a run.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Lateness {
-    /// Edge tick − scheduled tick of an edge that is not late: the board's constant.
+    /// Edge tick − scheduled tick of an edge that is not late, ticks: the board's constant.
     pub constant_ticks: u64,
     /// STEP edges that were matched.
     pub edges: u64,
-    /// Earliest, ticks; negative is before its time.
+    /// Least lateness, ticks; negative for an early edge.
     pub min_ticks: i64,
-    /// Half of the edges are not later.
+    /// Median lateness, ticks.
     pub p50_ticks: i64,
-    /// 99 of 100 are not later.
+    /// 99th percentile of the lateness, ticks.
     pub p99_ticks: i64,
-    /// Latest.
+    /// Greatest lateness, ticks.
     pub max_ticks: i64,
-    /// Steps scheduled that no edge came for.
+    /// Scheduled steps without an edge.
     pub lost: u64,
-    /// Edges that no step was scheduled for.
+    /// Edges without a scheduled step.
     pub extra: u64,
 }
 
 impl Meter {
-    /// For so many motors, on a board whose edges come `constant_ticks` after their scheduled ticks.
+    /// A meter for so many motors, on a board whose edges come `constant_ticks` after their scheduled ticks.
     #[must_use]
     pub fn new(motors: usize, constant_ticks: u64) -> Meter {
         let motors = vec![Pending::default(); motors];
         Meter { constant_ticks, motors, counts: BTreeMap::new(), lost: 0, extra: 0 }
     }
 
-    /// A step is due at `tick`, not before the one before it. Motors that are not there are not looked at.
+    /// Notes that a step of a motor is scheduled for `tick`. The ticks of a motor must not descend. Motors that are not there are ignored.
     pub fn scheduled(&mut self, motor: usize, tick: u64) {
         if let Some(pending) = self.motors.get_mut(motor) {
             pending.scheduled.push_back(tick + self.constant_ticks);
@@ -79,7 +79,7 @@ impl Meter {
         }
     }
 
-    /// STEP rose at `tick`, not before the edge before it.
+    /// Notes that a motor's STEP rose at `tick`. The ticks of a motor must not descend. Motors that are not there are ignored.
     pub fn edge(&mut self, motor: usize, tick: u64) {
         if let Some(pending) = self.motors.get_mut(motor) {
             pending.edges.push_back(tick);
@@ -87,7 +87,7 @@ impl Meter {
         }
     }
 
-    /// Matches what is left: no step and no edge comes any more.
+    /// Matches what is left, as no step and no edge comes any more.
     #[must_use]
     pub fn finish(mut self) -> Lateness {
         for motor in 0..self.motors.len() {
@@ -97,7 +97,7 @@ impl Meter {
         self.so_far()
     }
 
-    /// What was matched so far.
+    /// The lateness of what was matched so far.
     #[must_use]
     pub fn so_far(&self) -> Lateness {
         let edges = self.counts.values().sum();
@@ -113,11 +113,11 @@ impl Meter {
         }
     }
 
-    /// Matches edges and steps that are nearest to one another, as far as they are known.
+    /// Matches each edge with the nearest step, as far as the next ones are known; `all` matches the rest too.
     fn settle(&mut self, motor: usize, all: bool) {
         let Pending { scheduled, edges } = &mut self.motors[motor];
         while let Some(&edge) = edges.front() {
-            // Nearest can be told when both neighbours are known.
+            // The nearest step is known once the next edge and a later step have come.
             if !all && (edges.len() < 2 || scheduled.back().is_none_or(|last| *last <= edge)) {
                 return;
             }
@@ -128,7 +128,7 @@ impl Meter {
                 scheduled.pop_front();
                 self.lost += 1;
             }
-            // A step that the next edge is nearer to is not this one's.
+            // If the next edge is nearer to this step, this edge has no step.
             let Some(&due) = scheduled.front() else {
                 self.extra += 1;
                 continue;
@@ -154,7 +154,7 @@ impl Meter {
     }
 }
 
-/// When edges come, after the ticks that they are scheduled for.
+/// How long after its scheduled tick a STEP edge may come.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Edges {
     /// The board's constant, ticks.
@@ -164,7 +164,7 @@ pub struct Edges {
 }
 
 impl Edges {
-    /// Those of a program's board: of an Uno, by the pins that the program uses.
+    /// The values of a program's board; on an Uno they depend on the pins that the program uses.
     #[must_use]
     pub fn of(program: &Program) -> Edges {
         let Some(row) = boards::find(&program.board.name) else { return Edges::default() };
@@ -175,7 +175,7 @@ impl Edges {
         }
     }
 
-    /// How a run's edges are judged, whose ticks count from the laws' beginning: to the laws' end, or to a time of theirs, s.
+    /// How the edges of a run are judged, with ticks from the laws' time 0: up to `until_s` of the laws, or to their end.
     #[must_use]
     pub fn options(&self, program: &Program, until_s: Option<f64>) -> Options {
         Options {
@@ -191,7 +191,7 @@ impl Edges {
 mod tests {
     use super::*;
 
-    /// Edges and schedule of one motor, given one after the other, and the other way round.
+    /// One motor: all edges first and then the schedule, and the other way round, must give the same.
     fn check(scheduled: &[u64], edges: &[u64], expected: (u64, i64, i64, u64, u64)) {
         for edges_first in [false, true] {
             let mut meter = Meter::new(1, 10);

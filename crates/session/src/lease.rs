@@ -1,4 +1,4 @@
-//! How long a plan is said to hold, how hard the motors brake, and what they do if it ends.
+//! How far a lease may reach, how hard the motors may brake, and what they do when their lease ends.
 
 use crate::SessionError;
 use crate::stream::Stream;
@@ -10,7 +10,10 @@ use pulsetrain_core::braking::Limit;
 use pulsetrain_motion::program::{Program, Wiring};
 use pulsetrain_plan::{Refused, Stopping, stopping};
 
-/// How the motors of a plan brake.
+/// How hard each motor of a plan may brake.
+///
+/// # Errors
+/// When a motor's limits and its plan leave no way to brake that the board can do.
 pub(crate) fn brakings(stream: &Stream) -> Result<Vec<Stopping>, SessionError> {
     let program = stream.program();
     let of = |(motor, m): (usize, &pulsetrain_motion::program::Motor)| {
@@ -20,21 +23,25 @@ pub(crate) fn brakings(stream: &Stream) -> Result<Vec<Stopping>, SessionError> {
     program.motors.iter().enumerate().map(of).collect()
 }
 
-/// The longest lease for what was handed over, after tick `least` and up to `reach`. `None` if there is none yet.
-pub(crate) fn longest(stream: &Stream, timelines: &[Timeline], least: u64, reach: u64) -> Option<Lease> {
-    let known = stream.known();
-    let is_over = || timelines.iter().filter_map(Timeline::last_tick).all(|last| last < reach);
-    if known.is_none() && is_over() {
+/// The longest lease for what the board has, after tick `earliest` and up to `latest`. `None` if there is none yet.
+///
+/// A lease must not end after the last step that the board has of any motor that goes on: the board would run out of plan.
+pub(crate) fn longest(stream: &Stream, timelines: &[Timeline], earliest: u64, latest: u64) -> Option<Lease> {
+    let least_handed_over = stream.least_handed_over();
+    let is_over = || timelines.iter().filter_map(Timeline::last_tick).all(|last| last < latest);
+    if least_handed_over.is_none() && is_over() {
         return Some(Lease::Last);
     }
-    let until = known.map_or(reach, |(tick, _)| tick.min(reach));
-    (until > least).then_some(Lease::Until(until))
+    let until = least_handed_over.map_or(latest, |(tick, _)| tick.min(latest));
+    (until > earliest).then_some(Lease::Until(until))
 }
 
-/// From the first tick of a plan that takes over from another, up to which tick a motor that is in motion would have to rest at once: until it has
-/// made its first step. Where a law itself turns or rests, its motor has come to rest within less than a step. The first tick itself if
-/// there is no such motor.
-pub(crate) fn joined(timelines: &[Timeline], brakings: &[Stopping], program: &Program, from: u64) -> u64 {
+/// The first tick, from `from` on, at which all motors can brake, for a plan that takes over from another at `from`.
+///
+/// A motor brakes from its last interval, and a new plan has none before its first step: a lease that ended there would stop a fast motor at once.
+/// So the motors that are fast and go on in their direction have to make one step first. Slow ones, and those that turn or rest, may stop at
+/// once.
+pub(crate) fn brakeable_from(timelines: &[Timeline], brakings: &[Stopping], program: &Program, from: u64) -> u64 {
     let joins = timelines.iter().zip(brakings).filter_map(|(timeline, braking)| {
         let [Some((last, direction)), Some((before, way))] = timeline.last_before(from) else { return None };
         let interval = (last - before).max(from - last);
@@ -44,12 +51,12 @@ pub(crate) fn joined(timelines: &[Timeline], brakings: &[Stopping], program: &Pr
     joins.fold(from, u64::max)
 }
 
-/// What the motors have done, and will do, if their lease ends at `until`.
-pub(crate) fn ended(timelines: &[Timeline], limits: &[Limit], program: &Program, until: u64) -> Vec<Timeline> {
+/// Each motor's timeline if the lease ends at `until`: its plan before that tick, then the steps of its stop.
+pub(crate) fn braked_from(timelines: &[Timeline], limits: &[Limit], program: &Program, until: u64) -> Vec<Timeline> {
     let hz = program.board.tick_hz;
-    let told: Vec<(Start, Vec<Item>)> = timelines.iter().map(|timeline| timeline.from(until)).collect();
+    let rests: Vec<(Start, Vec<Item>)> = timelines.iter().map(|timeline| timeline.from(until)).collect();
     let lines = Lines::of(program);
-    let sent = told.iter().zip(limits).enumerate().map(|(motor, ((start, items), limit))| Sent {
+    let sent = rests.iter().zip(limits).enumerate().map(|(motor, ((start, items), limit))| Sent {
         start: *start,
         items,
         limit: *limit,
@@ -65,9 +72,9 @@ pub(crate) fn ended(timelines: &[Timeline], limits: &[Limit], program: &Program,
 
 /// The DIR lines that motors share.
 struct Lines {
-    /// By motor: its line, if it shares one, and whether that is high for forward.
+    /// For each motor that shares a DIR line: the index of that line, and whether it is high for forward.
     of_motors: Vec<Option<(usize, bool)>>,
-    /// Pulse, hold and setup of each line's motors.
+    /// For each line: ticks between two steps that need it at different levels. The longest pulse, DIR hold and DIR setup of its motors.
     apart_ticks: Vec<u64>,
 }
 

@@ -1,23 +1,44 @@
-//! The session: a program, streamed into a board so that the cable may be pulled at any moment.
+//! A session streams a motion program into a board while the motors run, and survives a pulled cable.
 //!
-//! The plan of all motors is one epoch of the board's queues, which is only appended to. A *lease* says up to which tick it holds, and is
-//! put off as more was handed over. If it is not put off in time, all motors brake by core's rule (`pulsetrain_core::braking`), which the
-//! session replays: it knows what each motor counts by any tick, whatever happens to the host or the cable.
+//! A *lease* says up to which tick the board may follow the plan. The session extends the lease as it sends more of the plan. If no extension
+//! comes in time, the motors brake within their limits (`pulsetrain_core::braking`). The host computes the same stop from the same numbers
+//! (`pulsetrain_board::replay`), so that it knows where each motor comes to rest, even if the line broke.
 //!
 //! # What is here, top down
-//! - [`Session`]: fills the queues, lets time pass, stops, changes to another program; `halt`: pauses and resumes
-//! - [`pause`]: how a motion is brought to a halt on its path, and goes on
-//! - `lease`: how long the plan may be said to hold, and what happens if that ends
-//! - `stream`: a program's plan as items, handed over as the queues have room
-//! - `timeline`: what a motor was told, replayed in integers
+//! - [`drive`]: a motion on the native board, on a virtual board or on a real one, from connecting to the final counts; [`rehearsal`]: the same on
+//!   the virtual Uno, with each edge judged, before a real Uno gets the motion
+//! - [`prepare`]: from a motion file to plans; [`estimate`]: how long and how large they will be; [`fit`]: what would fit if a plan is refused
+//! - [`Session`]: fills the queues, lets time pass, stops, changes to another program; `halt`: its pause and resume
+//! - [`control`]: commands and events of a running session, as values; [`lateness`]: how late the STEP edges were
+//! - [`pause`]: the quickest way to a halt and back, within all motors' limits
+//! - `lease`: how far the lease may reach, and what the motors do after its end
+//! - `stream`: a program's plan as queue items, sent as the queues have room
+//! - `timeline`: one motor's items in board ticks, replayed in integers
 //!
-//! # The end of a lease
-//! It never lies behind the last step that was handed over before it, of any motor that goes on: then data that come late never matter, and
-//! the replay is exact. It lies within [half a second](AHEAD_MS) of the board's time, so that motors do not run on for long without a
-//! host. And it lies where no motor would have to rest at once from a speed at which it cannot.
+//! # Where a lease may end
+//! Not after the last step that the board has of each motor that goes on: data that come late then make no difference, and the replay is exact.
+//! Not more than [half a second](AHEAD_MS) after the board's time: motors do not run on for long without a host. Not where a motor in motion
+//! would have to stop without braking.
 //!
 //! # What is not
-//! Planning (`pulsetrain-plan`), boards (`pulsetrain-board`), files and terminals (`pulsetrain`).
+//! Planning is `pulsetrain-plan`'s, and making edges is `pulsetrain-board`'s. Files and terminals are `pulsetrain`'s.
+//!
+//! # Example
+//! The template's motion on the native board, in virtual time:
+//! ```
+//! use pulsetrain_motion::{file, template};
+//! use pulsetrain_session::{drive::Driven, prepare::Prepared};
+//!
+//! let no_files = |_: &std::path::Path| Err(std::io::ErrorKind::NotFound.into());
+//! let contents = file::read_contents(&template::motion_file("example"), "example.toml", &no_files)?;
+//! let prepared = Prepared::new("example.toml".to_owned(), contents, None)?.ending(None)?;
+//! let mut driven = Driven::native(&prepared)?;
+//! let mut edges = 0;
+//! let ended = driven.run(&mut |_: pulsetrain_board::Edge| edges += 1, |_event| {})?;
+//! // The motor goes there and back, and each of its steps is a rising and a falling edge.
+//! assert!(!ended.stopped && edges > 0);
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
 #![forbid(unsafe_code)]
 
 pub mod control;
@@ -53,112 +74,117 @@ use std::sync::Arc;
 use stream::Stream;
 use timeline::{Step, Timeline};
 
-/// So long after the last step a board may take to say that its motors rest, s.
+/// Seconds that a board may take after the last step to report that its motors rest. A working board needs milliseconds; after this the session
+/// reports a fault ([`SessionError::Restless`]) instead of waiting for ever.
 const PATIENCE_S: u64 = 5;
 
-/// So often a beginning is sent again that came too late.
+/// How many times a beginning that reached the board too late is planned and sent again, each time with as much more time as the last one took.
 const RETRIES: u32 = 3;
 
-/// A beginning may lie so far ahead of the board's time, s: a board tells ticks within 2^31 of its time apart, on a Pico 17 s.
+/// Seconds that a beginning may lie ahead of the board's time. Boards have 32-bit clocks and can compare ticks within 2^31: 17 s on a Pico.
 pub const FARTHEST_BEGIN_S: u64 = 10;
 
-/// A lease that ends within so many ms is short.
+/// Milliseconds. When a lease ends sooner than this, the motors are about to brake, and the queues are filled completely: no room is reserved for
+/// a change.
 const SHORT_MS: u64 = 40;
 
-/// So many extensions of the lease may be on their way: what a queue holds need not last until two of them were answered, one after the other. Over a
-/// slow line more of them, one for each [`ASKED_EVERY_MS`] that telling takes: an answer comes late there. A fast line would bring an Uno more of them
-/// than it has time for.
-const MOST_ASKED: std::ops::RangeInclusive<u64> = 3..=6;
-const ASKED_EVERY_MS: u64 = 8;
+/// How many extensions may be without an answer at a time. With several, a short queue need not last until one was answered and the next one arrived.
+/// A slow line needs more of them, as answers come late there: one for each [`PENDING_PER_LINK_MS`] of the link's time. On a fast line more of them would
+/// cost an Uno too much processor time.
+const MOST_PENDING: std::ops::RangeInclusive<u64> = 3..=6;
+/// Milliseconds of the link's time for each extension without an answer; see [`MOST_PENDING`].
+const PENDING_PER_LINK_MS: u64 = 8;
 
-/// A program on its way into a board. Ticks are the board's, in 64 bits.
+/// Streams a program into a board. Ticks are the board's, extended to 64 bits.
 pub struct Session<B> {
     board: B,
     stream: Stream,
     timelines: Vec<Timeline>,
-    /// How the motors brake, as the board has accepted it.
+    /// How hard each motor may brake, as the board has accepted it.
     limits: Vec<Limit>,
-    /// How long the plan holds, as the board has accepted it: the lease of a change that waits, too.
-    held: Lease,
-    /// Extensions that the board has not answered, oldest first: what each says, and how the motors brake then.
-    asked: VecDeque<(Lease, Vec<Limit>)>,
-    /// What the last change replaced, until it is made.
+    /// The lease that the board has accepted. It belongs to the new plan already while a change waits for its tick.
+    confirmed_lease: Lease,
+    /// Extensions that the board has not answered, oldest first, each with the braking limits that it brings.
+    pending_extensions: VecDeque<(Lease, Vec<Limit>)>,
+    /// The plan before the last change, until the tick of that change is past.
     replaced: Option<Replaced>,
-    /// From this tick on all motors of the plan can brake: see [`lease::joined`].
-    joined: u64,
+    /// From this tick on every motor of the plan can brake: see [`lease::brakeable_from`].
+    brakeable_from: u64,
     pace: Pace,
-    /// Room in each motor's empty queue, in the board's own unit.
+    /// Room in each motor's empty queue, in the unit of the board's [`Sizer`](pulsetrain_board::Sizer).
     capacity: Vec<usize>,
-    /// The motor that was known least far when the queues were filled last, and what there was no room for.
-    least: usize,
-    short: Option<usize>,
-    /// When that was.
-    filled: u64,
-    /// Nothing more is to be sent, since when the motors brake, if they do.
-    over: bool,
-    ended: Option<u64>,
-    /// What each motor will have counted if a switch, whose answer did not come, was accepted.
+    /// The motor whose plan on the board ended soonest when the queues were filled last.
+    motor_behind: usize,
+    /// That motor, if its queue was full then.
+    motor_full: Option<usize>,
+    /// When the queues were filled last, tick.
+    filled_at: u64,
+    /// No more of the plan is sent: it was stopped, or the session failed.
+    is_over: bool,
+    /// The tick from which the motors brake, if they do.
+    braking_from: Option<u64>,
+    /// If the line broke before a switch was answered: what each motor will have counted if the board accepted it.
     unanswered: Option<Vec<i64>>,
     /// The line broke before the board answered an order to brake.
     stop_unanswered: bool,
-    /// The program that was begun, or changed to, and how far its time is.
+    /// The program that is followed, and whether its time runs, is paused or was stopped.
     playback: Playback,
 }
 
-/// A plan that is followed up to a tick.
+/// A plan that the board follows before tick `until`; then it changes to another one.
 #[derive(Clone)]
 struct Replaced {
     until: u64,
     timelines: Vec<Timeline>,
     limits: Vec<Limit>,
-    /// Since when the motors brake or rest after a stop, if they do.
-    ended: Option<u64>,
+    /// The tick from which the motors brake or rest after a stop, if there was one.
+    braking_from: Option<u64>,
 }
 
-/// How far ahead things are done, ticks.
+/// How far ahead of the board's time the session works, ticks.
 #[derive(Clone, Copy, Debug)]
 struct Pace {
     tick_hz: u64,
     fraction_bits: u32,
-    /// How long before a step a board must know of it: DIR setup, and the pulse and hold before.
+    /// How long before a step the board must have it: the DIR setup, and the pulse and DIR hold of the step before.
     lead: u64,
-    /// How long telling the board takes.
+    /// How long it takes to send a command and get its answer.
     link: u64,
-    /// Enough to have in the queue.
-    ahead: u64,
-    /// How much later, at most, a change is asked for that was planned too late.
-    spare: u64,
+    /// How far ahead of the board's time the plan is sent, at most.
+    look_ahead: u64,
+    /// How much a change that came too late may be put off when it is tried again, in all.
+    most_delay: u64,
 }
 
 impl Pace {
     fn of(program: &Program, link: u64) -> Pace {
         let tick_hz = program.board.tick_hz;
         let reversals = program.motors.iter().map(|motor| program.timing(motor).ticks(tick_hz).reversal());
-        // Boards tell ticks apart within 2^30.
+        // A board accepts ticks up to 2^30 ahead of its time.
         let within = |ticks: u64| ticks.clamp(1, 1 << 28);
         Pace {
             tick_hz,
             fraction_bits: program.board.fraction_bits,
             lead: reversals.max().unwrap_or(0) + 1,
             link,
-            ahead: within(tick_hz * AHEAD_MS / 1000),
-            spare: within(tick_hz / 20),
+            look_ahead: within(tick_hz * AHEAD_MS / 1000),
+            most_delay: within(tick_hz / 20),
         }
     }
 
-    /// How many extensions may be on their way.
-    fn most_asked(&self) -> usize {
-        let asked = self.link / (self.tick_hz * ASKED_EVERY_MS / 1000).max(1);
-        asked.clamp(*MOST_ASKED.start(), *MOST_ASKED.end()) as usize
+    /// How many extensions may be without an answer.
+    fn most_pending(&self) -> usize {
+        let pending = self.link / (self.tick_hz * PENDING_PER_LINK_MS / 1000).max(1);
+        pending.clamp(*MOST_PENDING.start(), *MOST_PENDING.end()) as usize
     }
 
-    /// What a board may need to be told the next thing in.
+    /// The least time in which the next part of a plan can reach the board.
     const fn margin(&self) -> u64 {
         self.lead + self.link + self.tick_hz / 500
     }
 }
 
-/// A motor at a tick, by its law.
+/// Where a motor is at a tick, by its law.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MotorState {
     /// Steps made before the tick.
@@ -178,7 +204,7 @@ pub struct Report {
     pub last_step: u64,
     /// Steps of each motor, forward minus backward, as the board counted them.
     pub counted: Vec<i64>,
-    /// The same as the host replayed them.
+    /// Steps of each motor, forward minus backward, as the host's replay has them.
     pub replayed: Vec<i64>,
     /// Other counts that are possible if the line broke before answers came: one entry for each change or extension without an answer, as if the
     /// board had accepted it and nothing after it. The last one comes first.
@@ -186,9 +212,9 @@ pub struct Report {
     /// The line broke before the board answered an order to brake. If the board obeyed the order, the motors stopped sooner than `replayed` says,
     /// and their counts are unknown.
     pub stop_unanswered: bool,
-    /// What went wrong on each motor.
+    /// The faults that the board reports for each motor.
     pub faults: Vec<Faults>,
-    /// Why the motors braked before the motion's end.
+    /// Why the motors braked before the motion's end; `None` if they did not.
     pub failure: Option<SessionError>,
 }
 
@@ -201,7 +227,7 @@ impl<B: Leased> Session<B> {
         Session::begin(board, program.into(), None)
     }
 
-    /// The same, with the laws' time 0 at a tick of the board: several boards can begin together.
+    /// As [`Session::new`], with the laws' time 0 at a given tick of the board: several boards can begin together.
     ///
     /// # Errors
     /// As [`Session::new`], and [`SessionError::Early`] or [`SessionError::Late`] for a tick that the board cannot be told of in time, or that lies
@@ -239,7 +265,7 @@ impl<B: Leased> Session<B> {
             let begun = Beginning::new(&mut board, stream, &timelines, &capacity, &pace)?;
             match begun.switch(&mut board) {
                 Ok(()) => break (zero, begun),
-                // Planning and sending took longer than was allowed for: once more, with time for that.
+                // Planning and sending took longer than the begin was put off. The next try leaves that much time.
                 Err(SessionError::Switch(SwitchRefused::Late { .. })) if tries < RETRIES => {
                     (took, tries) = (board.now() - called, tries + 1);
                 }
@@ -247,23 +273,23 @@ impl<B: Leased> Session<B> {
                 Err(error) => return Err(error),
             }
         };
-        let replaced = Replaced { until: zero, timelines, limits: begun.limits.clone(), ended: None };
+        let replaced = Replaced { until: zero, timelines, limits: begun.limits.clone(), braking_from: None };
         let mut session = Session {
             board,
             stream: begun.stream,
             timelines: begun.timelines,
             limits: begun.limits,
-            held: begun.lease,
-            asked: VecDeque::new(),
+            confirmed_lease: begun.lease,
+            pending_extensions: VecDeque::new(),
             replaced: Some(replaced),
-            joined: zero,
+            brakeable_from: zero,
             pace,
             capacity,
-            least: 0,
-            short: None,
-            filled: 0,
-            over: false,
-            ended: None,
+            motor_behind: 0,
+            motor_full: None,
+            filled_at: 0,
+            is_over: false,
+            braking_from: None,
             unanswered: None,
             stop_unanswered: false,
             playback: Playback::begun(program),
@@ -272,49 +298,51 @@ impl<B: Leased> Session<B> {
         Ok(session)
     }
 
-    /// Sends what the queues have room for, and puts the lease off.
+    /// Sends as much of the plan as the queues have room for, and extends the lease.
     ///
     /// # Errors
-    /// When the plan is refused, or the motors brake already: then nothing more is sent.
+    /// When the plan is refused, the board is lost, or the motors brake already. No more of the plan is sent after an error.
     pub fn fill(&mut self) -> Result<(), SessionError> {
         let filled = self.try_fill();
-        self.over |= filled.is_err();
+        self.is_over |= filled.is_err();
         filled
     }
 
     fn try_fill(&mut self) -> Result<(), SessionError> {
-        self.look()?;
-        // Where motors are about to brake, no room is kept for a change.
-        let is_short = self.told().saturating_sub(self.board.now()) < self.pace.tick_hz / 1000 * SHORT_MS;
-        let kept: Vec<usize> =
+        self.check_board()?;
+        // Motors that are about to brake need all of the room; else some of it is reserved for a change.
+        let is_short = self.committed_until().saturating_sub(self.board.now()) < self.pace.tick_hz / 1000 * SHORT_MS;
+        let reserved: Vec<usize> =
             self.capacity.iter().map(|capacity| if is_short { 0 } else { capacity / KEPT }).collect();
-        let mut more = !self.over;
+        let mut more = !self.is_over;
         while more {
-            let reach = self.reach();
-            let handed = self.stream.hand_over(&mut self.board, &mut self.timelines, &kept, reach)?;
-            (more, self.short) = (handed.more, handed.short);
+            let planned_up_to = self.planned_up_to();
+            let handed = self.stream.hand_over(&mut self.board, &mut self.timelines, &reserved, planned_up_to)?;
+            (more, self.motor_full) = (handed.has_more, handed.motor_full);
             self.extend()?;
         }
-        if let Some((_, motor)) = self.stream.known() {
-            self.least = motor;
+        if let Some((_, motor)) = self.stream.least_handed_over() {
+            self.motor_behind = motor;
         }
-        self.filled = self.board.now();
+        self.filled_at = self.board.now();
         Ok(())
     }
 
-    /// So far a plan may be handed over, or a lease lie.
-    fn reach(&self) -> u64 {
-        self.board.now().max(self.stream.zero()) + self.pace.ahead
+    /// The tick up to which the plan may be sent, and at which a lease may end at most.
+    fn planned_up_to(&self) -> u64 {
+        self.board.now().max(self.stream.zero()) + self.pace.look_ahead
     }
 
-    /// Puts the lease off, if that is worth it.
+    /// Extends the lease, if that moves its end by a quarter or more of what is left of it.
     fn extend(&mut self) -> Result<(), SessionError> {
-        self.confirm();
-        let last = self.asked.back().map_or(self.held, |(lease, _)| *lease);
-        let (Lease::Until(until), true) = (last, self.asked.len() < self.pace.most_asked()) else { return Ok(()) };
+        self.take_answers();
+        let last = self.pending_extensions.back().map_or(self.confirmed_lease, |(lease, _)| *lease);
+        let (Lease::Until(until), true) = (last, self.pending_extensions.len() < self.pace.most_pending()) else {
+            return Ok(());
+        };
         let brakings = lease::brakings(&self.stream)?;
-        let least = until.max(self.board.horizon());
-        let Some(next) = lease::longest(&self.stream, &self.timelines, least, self.reach()) else {
+        let earliest = until.max(self.board.horizon());
+        let Some(next) = lease::longest(&self.stream, &self.timelines, earliest, self.planned_up_to()) else {
             return Ok(());
         };
         if let Lease::Until(next) = next
@@ -323,75 +351,76 @@ impl<B: Leased> Session<B> {
             return Ok(());
         }
         let limits: Vec<Limit> = brakings.iter().map(|braking| braking.limit).collect();
-        // Of those on their way the board may refuse one and accept the next.
-        let is_known = self.asked.iter().all(|(_, asked)| *asked == limits) && limits == self.limits;
-        let told: &[Limit] = if is_known { &[] } else { &limits };
-        match self.board.extend(next, told) {
+        // The limits are left out only if every pending extension brings the same: the board may refuse any one of those.
+        let is_known = self.pending_extensions.iter().all(|(_, pending)| *pending == limits) && limits == self.limits;
+        let new_limits: &[Limit] = if is_known { &[] } else { &limits };
+        match self.board.extend(next, new_limits) {
             Ok(()) => {
-                self.asked.push_back((next, limits));
-                self.confirm();
+                self.pending_extensions.push_back((next, limits));
+                self.take_answers();
                 Ok(())
             }
-            // Then the board has no more than it had, or brakes: what it says of that is heard next.
+            // The old lease stands, or the motors brake already: the board's next answers tell which.
             Err(ExtendRefused::Late { .. } | ExtendRefused::Early { .. }) => Ok(()),
-            Err(ExtendRefused::Off | ExtendRefused::Lapsed { .. } | ExtendRefused::Lost) => self.look(),
+            Err(ExtendRefused::Off | ExtendRefused::Lapsed { .. } | ExtendRefused::Lost) => self.check_board(),
         }
     }
 
-    /// Notes what the board has answered.
-    fn confirm(&mut self) {
+    /// Takes the board's answers to extensions: an accepted one becomes the confirmed lease.
+    fn take_answers(&mut self) {
         while let Some(accepted) = self.board.extended() {
-            if let Some(answered) = self.asked.pop_front()
+            if let Some(answered) = self.pending_extensions.pop_front()
                 && accepted
             {
-                (self.held, self.limits) = answered;
+                (self.confirmed_lease, self.limits) = answered;
             }
         }
     }
 
-    /// Looks whether the motors brake.
-    fn look(&mut self) -> Result<(), SessionError> {
+    /// Looks whether the board is lost or its motors brake, and forgets steps that are long past.
+    fn check_board(&mut self) -> Result<(), SessionError> {
         let now = self.board.now();
-        self.confirm();
+        self.take_answers();
         if self.replaced.as_ref().is_some_and(|replaced| replaced.until < now) {
             self.replaced = None;
         }
         if let Some(why) = self.board.lost() {
             return if self.is_complete() { Ok(()) } else { Err(SessionError::Lost(why.clone())) };
         }
-        if let (None, Some((at, cause))) = (self.ended, self.lapsed()) {
-            let was_over = self.over;
+        if let (None, Some((at, cause))) = (self.braking_from, self.lapse()) {
+            let was_over = self.is_over;
             self.brake_from(at);
             if cause != LapseCause::Ordered && !was_over {
                 return Err(self.failure(at, cause));
             }
         }
         if !self.is_complete() {
-            // A lease that is over by now ends in a stop that is yet to be replayed.
-            let since = now.saturating_sub(self.pace.ahead / 2).min(self.told());
+            // Not beyond the lease's end: if the lease is over by now, the stop after it is still to be replayed.
+            let since = now.saturating_sub(self.pace.look_ahead / 2).min(self.committed_until());
             self.timelines.iter_mut().for_each(|timeline| timeline.forget(since));
         }
         Ok(())
     }
 
-    /// Since when the motors brake, as the board has it, and why. One that goes over to another plan after a stop is still at that stop.
-    fn lapsed(&self) -> Option<(u64, LapseCause)> {
+    /// The tick from which the motors brake, as the board reports it, and why. A change after a stop may wait for its tick: until then the board still
+    /// reports the old stop, which is no news.
+    fn lapse(&self) -> Option<(u64, LapseCause)> {
         let LeaseState::Lapsed { at, cause, .. } = self.board.lease() else { return None };
-        self.replaced.as_ref().is_none_or(|replaced| replaced.ended != Some(at)).then_some((at, cause))
+        self.replaced.as_ref().is_none_or(|replaced| replaced.braking_from != Some(at)).then_some((at, cause))
     }
 
-    /// Why the motors brake from tick `at` on, though nobody asked for it.
+    /// The error for motors that brake from tick `at` on without an order.
     fn failure(&self, at: u64, cause: LapseCause) -> SessionError {
         let seconds = |ticks: u64| ticks as f64 / self.pace.tick_hz as f64;
         let at_s = seconds(at.saturating_sub(self.stream.zero()));
         if cause != LapseCause::NotExtended {
             return SessionError::Fault { at_s, cause };
         }
-        match self.short.filter(|_| at.saturating_sub(self.filled) <= self.pace.margin()) {
-            Some(short) => self.too_short(short, at),
+        match self.motor_full.filter(|_| at.saturating_sub(self.filled_at) <= self.pace.margin()) {
+            Some(motor) => self.too_short(motor, at),
             None => {
                 let late_s = seconds(self.board.now().saturating_sub(at));
-                SessionError::Stopped { motor: self.least, at_s, late_s }
+                SessionError::Stopped { motor: self.motor_behind, at_s, late_s }
             }
         }
     }
@@ -400,27 +429,31 @@ impl<B: Leased> Session<B> {
         too_short(motor, &self.capacity, at.saturating_sub(self.stream.zero()), &self.pace)
     }
 
-    /// The motors brake from tick `at` on.
+    /// Notes that the motors brake from tick `at` on.
     fn brake_from(&mut self, at: u64) {
-        self.timelines = self.ended_at(at);
-        (self.over, self.ended, self.replaced) = (true, Some(at), None);
+        self.timelines = self.if_braked_from(at);
+        (self.is_over, self.braking_from, self.replaced) = (true, Some(at), None);
         self.playback.stopped();
     }
 
-    /// What the motors do if they brake from tick `until` on.
-    fn ended_at(&self, until: u64) -> Vec<Timeline> {
+    /// Each motor's timeline if all brake from tick `until` on.
+    fn if_braked_from(&self, until: u64) -> Vec<Timeline> {
         let (timelines, limits) = match &self.replaced {
-            Some(replaced) if replaced.ended == Some(until) => return replaced.timelines.clone(),
+            Some(replaced) if replaced.braking_from == Some(until) => return replaced.timelines.clone(),
             Some(replaced) if until < replaced.until => (&replaced.timelines, &replaced.limits),
             _ => (&self.timelines, &self.limits),
         };
-        lease::ended(timelines, limits, self.stream.program(), until)
+        lease::braked_from(timelines, limits, self.stream.program(), until)
     }
 
-    /// The same if nothing more is sent, by what the board has confirmed.
-    fn expected(&self) -> Vec<Timeline> {
-        let told = self.told();
-        if self.ended.is_some() || told == u64::MAX { self.timelines.clone() } else { self.ended_at(told) }
+    /// Each motor's timeline if no more is sent, by what the board has confirmed.
+    fn if_nothing_more_is_sent(&self) -> Vec<Timeline> {
+        let committed_until = self.committed_until();
+        if self.braking_from.is_some() || committed_until == u64::MAX {
+            self.timelines.clone()
+        } else {
+            self.if_braked_from(committed_until)
+        }
     }
 
     /// Lets time pass up to and with tick `until`, and keeps the queues filled meanwhile.
@@ -439,11 +472,11 @@ impl<B: Leased> Session<B> {
         filled
     }
 
-    /// Runs to the end of the plan, or until the motors rest; `progress` hears the tick from time to time.
+    /// Runs to the end of the plan, or until the motors rest; `progress` gets the board's tick from time to time.
     ///
     /// Does not return for endless laws: those need [`Session::advance`] and [`Session::stop`].
     pub fn run(&mut self, observer: &mut impl Observer, mut progress: impl FnMut(u64)) -> Report {
-        let step = self.pace.ahead / 2;
+        let step = self.pace.look_ahead / 2;
         let mut failure = None;
         while !self.is_complete() {
             let until = self.board.now() + step;
@@ -461,47 +494,47 @@ impl<B: Leased> Session<B> {
             self.board.advance(if self.board.now() <= last { until.min(last) } else { until }, observer);
             progress(self.board.now());
         }
-        // Edges of the time in which the board was lost.
+        // Lets the observer have the edges from the time in which the board was lost.
         self.board.advance(self.board.now().saturating_sub(1), observer);
-        // The board may have had more to say on the way.
-        failure = failure.or(self.look().err());
+        // A fault may have been reported after the queues were filled last.
+        failure = failure.or(self.check_board().err());
         self.report(failure)
     }
 
-    /// Brings all motors to rest within their limits, as soon as the board can be told; gives the tick at which they begin to brake.
+    /// Brings all motors to rest within their limits, as soon as the order reaches the board. Returns the tick at which they begin to brake.
     ///
     /// # Errors
-    /// When the board cannot be told, or does not say since when: the motors brake at the end of their lease then, or sooner.
+    /// When the order cannot be sent, or its answer does not come. The motors then brake at the end of their lease, or sooner.
     pub fn stop(&mut self) -> Result<u64, SessionError> {
-        self.over = true;
+        self.is_over = true;
         self.playback.stopped();
-        self.look()?;
-        if let Some(at) = self.ended {
+        self.check_board()?;
+        if let Some(at) = self.braking_from {
             return Ok(at);
         }
-        // Where a motor would have to rest at once, all go on for a step.
-        let joined = self.joined;
-        let is_joining = (self.stream.zero()..joined).contains(&self.board.horizon());
+        // Just after a change a motor may not be able to brake yet. Then the lease ends as soon as all of them can.
+        let brakeable_from = self.brakeable_from;
+        let is_joining = (self.stream.zero()..brakeable_from).contains(&self.board.horizon());
         if is_joining {
-            let limits = self.asked.back().map_or(&self.limits, |(_, limits)| limits).clone();
-            if self.board.extend(Lease::Until(joined), &limits).is_ok() {
-                self.asked.push_back((Lease::Until(joined), limits));
+            let limits = self.pending_extensions.back().map_or(&self.limits, |(_, limits)| limits).clone();
+            if self.board.extend(Lease::Until(brakeable_from), &limits).is_ok() {
+                self.pending_extensions.push_back((Lease::Until(brakeable_from), limits));
                 self.board.await_extensions();
-                self.confirm();
-                if self.held == Lease::Until(joined) {
-                    return Ok(joined);
+                self.take_answers();
+                if self.confirmed_lease == Lease::Until(brakeable_from) {
+                    return Ok(brakeable_from);
                 }
             }
         }
         let was_lost = self.board.lost().is_some();
         match self.board.brake() {
             Some(at) => {
-                self.confirm();
+                self.take_answers();
                 self.brake_from(at);
                 Ok(at)
             }
             None => {
-                self.look()?;
+                self.check_board()?;
                 match self.board.lost() {
                     Some(why) if !was_lost => {
                         self.stop_unanswered = true;
@@ -513,31 +546,30 @@ impl<B: Leased> Session<B> {
         }
     }
 
-    /// Goes over to another program at tick `at`, which is the time 0 of its laws.
+    /// Changes to another program at tick `at`, which is the time 0 of its laws.
     ///
-    /// Its laws speak of the same θ as those of the first program: they must begin within two steps of where the motors
-    /// are, and within the pull-in rate of their speed; see [`Session::state`]. Motors, wiring and
-    /// board must be the same. After a stop, `at` may be any tick once the motors rest.
+    /// Its laws have the θ of the first program: they must begin within two steps of where the motors are, and within the pull-in rate
+    /// of their speed; see [`Session::state`]. Motors, wiring and board must be the same. After a stop, `at` may be any tick once the motors rest.
     ///
     /// # Errors
     /// When `at` is too early or too late, or another change waits, or the new plan is refused; the old one goes on.
     pub fn change(&mut self, at: u64, program: impl Into<Arc<Program>>) -> Result<(), SessionError> {
         let program = program.into();
-        self.go_over(at, Arc::clone(&program), 0)?;
+        self.change_proven(at, Arc::clone(&program), 0)?;
         self.playback = Playback::begun(program);
         Ok(())
     }
 
-    /// As [`Session::change`]. The first `proven` ticks are planned before the board hears of the change. If that plan is refused, nothing changes.
-    fn go_over(&mut self, at: u64, program: Arc<Program>, proven: u64) -> Result<(), SessionError> {
+    /// As [`Session::change`], with the first `proven` ticks planned before anything is sent. If that plan is refused, nothing changes.
+    fn change_proven(&mut self, at: u64, program: Arc<Program>, proven: u64) -> Result<(), SessionError> {
         let (motors, old) = (program.motors.len(), self.timelines.len());
         let pace = Pace::of(&program, self.pace.link);
         if motors != old || (pace.tick_hz, pace.fraction_bits) != (self.pace.tick_hz, self.pace.fraction_bits) {
             return Err(SessionError::Motors { program: motors, board: old });
         }
-        // The limits of the plan that is replaced are those that the board has.
+        // All extensions must be answered: the old plan's limits have to be known as the board has them.
         self.board.await_extensions();
-        self.look()?;
+        self.check_board()?;
         let earliest = self.earliest();
         if at < earliest {
             return Err(SessionError::Early { at, earliest });
@@ -561,21 +593,21 @@ impl<B: Leased> Session<B> {
         let begun = Beginning::new(&mut self.board, stream, &self.timelines, &self.capacity, &pace)?;
         if let Err(error) = begun.switch(&mut self.board) {
             if let SessionError::Lost(_) = error {
-                // It may have been accepted all the same.
-                self.unanswered = Some(begun.expected());
+                // The board may have accepted the switch, and only its answer was lost.
+                self.unanswered = Some(begun.if_nothing_more_is_sent());
             }
             return Err(error);
         }
         let timelines = std::mem::replace(&mut self.timelines, begun.timelines);
         let limits = std::mem::replace(&mut self.limits, begun.limits);
-        self.replaced = Some(Replaced { until: at, timelines, limits, ended: self.ended });
-        (self.stream, self.held) = (begun.stream, begun.lease);
-        self.asked.clear();
-        (self.joined, self.over, self.ended) = (begun.joined, false, None);
+        self.replaced = Some(Replaced { until: at, timelines, limits, braking_from: self.braking_from });
+        (self.stream, self.confirmed_lease) = (begun.stream, begun.lease);
+        self.pending_extensions.clear();
+        (self.brakeable_from, self.is_over, self.braking_from) = (begun.brakeable_from, false, None);
         self.fill()
     }
 
-    /// The epoch after the one that the board was told last.
+    /// The epoch after the last one that was sent.
     fn next_epoch(&self) -> Epoch {
         self.stream.epoch().next()
     }
@@ -583,30 +615,31 @@ impl<B: Leased> Session<B> {
     /// The state of a motor at a tick that is not past: by its law, or at rest.
     ///
     /// # Errors
-    /// While the motor brakes for a stop, for ticks that the board was not told yet, or where its law breaks.
+    /// While the motor brakes for a stop, for ticks after [`committed_until`](Session::committed_until), or where its law cannot be evaluated.
     pub fn state(&mut self, motor: usize, tick: u64) -> Result<MotorState, SessionError> {
         let timeline = &self.timelines[motor];
         let count = timeline.count_before(tick).unwrap_or(0);
         let last = self.timelines.iter().filter_map(Timeline::last_tick).max().unwrap_or(0);
         let (whole, rest) = self.stream.datum(motor);
-        let told = self.told();
-        let rests = (self.ended.is_some() || told == u64::MAX) && tick > last;
+        let committed_until = self.committed_until();
+        let rests = (self.braking_from.is_some() || committed_until == u64::MAX) && tick > last;
         if rests {
             return Ok(MotorState { count, theta: (whole + count) as f64 + rest, speed: 0.0 });
         }
-        if tick > told {
-            return Err(SessionError::Late { at: tick, latest: told });
+        if tick > committed_until {
+            return Err(SessionError::Late { at: tick, latest: committed_until });
         }
-        let place = self.stream.place(motor, tick.max(self.stream.zero()), count)?;
-        let theta = (whole + count) as f64 + (rest + place.off);
+        let place = self.stream.law_at(motor, tick.max(self.stream.zero()), count)?;
+        let theta = (whole + count) as f64 + (rest + place.offset);
         let speed = if tick < self.stream.zero() { 0.0 } else { place.speed };
         Ok(MotorState { count, theta, speed })
     }
 
-    /// The tick up to which the motors follow their laws for sure: u64::MAX if that is to their end.
+    /// The tick up to which the motors follow their laws even if nothing more is sent: where the confirmed lease ends or the motors began to brake.
+    /// `u64::MAX` if the board has the plan to its end.
     #[must_use]
-    pub fn told(&self) -> u64 {
-        match (self.ended.or(self.lapsed().map(|(at, _)| at)), self.held) {
+    pub fn committed_until(&self) -> u64 {
+        match (self.braking_from.or(self.lapse().map(|(at, _)| at)), self.confirmed_lease) {
             (Some(at), _) => at,
             (None, Lease::Until(until)) => until,
             (None, Lease::Last) => u64::MAX,
@@ -618,13 +651,13 @@ impl<B: Leased> Session<B> {
     #[must_use]
     pub fn count_at(&self, motor: usize, tick: u64) -> Option<i64> {
         let after = tick.saturating_add(1);
-        if after <= self.told() || self.ended.is_some() {
+        if after <= self.committed_until() || self.braking_from.is_some() {
             return self.timelines.get(motor)?.count_before(after);
         }
-        self.expected().get(motor)?.count_before(after)
+        self.if_nothing_more_is_sent().get(motor)?.count_before(after)
     }
 
-    /// Where everything is. Times are seconds since tick `zero`.
+    /// The state of all motors and of the lease. Times are seconds since tick `zero`.
     pub fn status(&mut self, zero: u64) -> Status {
         let now = self.board.now();
         let tick_s = 1.0 / self.pace.tick_hz as f64;
@@ -639,16 +672,16 @@ impl<B: Leased> Session<B> {
             }
         });
         let motors = motors.collect();
-        let committed = self.told();
+        let committed_until = self.committed_until();
         Status {
             at_s: now.saturating_sub(zero) as f64 * tick_s,
-            lease_s: (committed != u64::MAX).then(|| committed.saturating_sub(now) as f64 * tick_s),
+            lease_s: (committed_until != u64::MAX).then(|| committed_until.saturating_sub(now) as f64 * tick_s),
             motors,
             lateness: None,
         }
     }
 
-    /// Whether the motion is paused, or comes to a pause.
+    /// Whether the motion is paused, or is slowing down to a pause.
     #[must_use]
     pub fn is_paused(&self) -> bool {
         self.playback.is_paused()
@@ -660,25 +693,25 @@ impl<B: Leased> Session<B> {
         self.board.horizon().max(self.board.now()) + self.pace.lead + self.pace.link
     }
 
-    /// The tick at which time is 0 for the laws that are being followed.
+    /// The tick at which the laws' time is 0; after a change, that of the new laws.
     #[must_use]
     pub fn zero(&self) -> u64 {
         self.stream.zero()
     }
 
-    /// Whether nothing more is to be sent.
+    /// Whether no more of the plan is to be sent: all of it was, or the motion was stopped or failed.
     #[must_use]
     pub fn is_complete(&self) -> bool {
-        self.over || self.held == Lease::Last
+        self.is_over || self.confirmed_lease == Lease::Last
     }
 
     /// The tick of the last step, if nothing more is sent.
     #[must_use]
     pub fn last_step(&self) -> Option<u64> {
-        self.expected().iter().filter_map(Timeline::last_tick).max()
+        self.if_nothing_more_is_sent().iter().filter_map(Timeline::last_tick).max()
     }
 
-    /// What is proven of a motor's plan, as far as it was read.
+    /// The figures proven of a motor's plan, as far as it was planned.
     #[must_use]
     pub fn certificate(&self, motor: usize) -> Certificate {
         self.stream.certificate(motor)
@@ -690,24 +723,24 @@ impl<B: Leased> Session<B> {
         &self.board
     }
 
-    /// The board, which a late host lets run on by itself.
+    /// The board, to let its time pass or read it without filling its queues.
     pub fn board_mut(&mut self) -> &mut B {
         &mut self.board
     }
 
-    /// Leaves the board to itself: the motors brake at the end of their lease.
+    /// Ends the session and returns the board. It gets no more of the plan: the motors brake at the end of their lease.
     #[must_use]
     pub fn into_board(self) -> B {
         self.board
     }
 
     fn report(&self, failure: Option<SessionError>) -> Report {
-        let on_the_way = self.asked.iter().rev().map(|(lease, limits)| match lease {
-            Lease::Until(until) => counts(&lease::ended(&self.timelines, limits, self.stream.program(), *until)),
+        let on_the_way = self.pending_extensions.iter().rev().map(|(lease, limits)| match lease {
+            Lease::Until(until) => counts(&lease::braked_from(&self.timelines, limits, self.stream.program(), *until)),
             Lease::Last => counts(&self.timelines),
         });
         let otherwise = self.unanswered.clone().into_iter().chain(on_the_way).collect();
-        let expected = self.expected();
+        let expected = self.if_nothing_more_is_sent();
         Report {
             zero: self.stream.zero(),
             last_step: expected.iter().filter_map(Timeline::last_tick).max().unwrap_or(self.stream.zero()),
@@ -720,25 +753,25 @@ impl<B: Leased> Session<B> {
         }
     }
 
-    /// The tick up to which there is nothing to do.
+    /// The tick at which the queues are to be filled next.
     fn next_event(&self) -> u64 {
         let now = self.board.now();
         if self.is_complete() {
             return u64::MAX;
         }
-        // In time for the end of what the queues hold, however little that is.
-        let soon = (self.told().saturating_sub(now) / 4).max(1);
+        // After a quarter of the time that the board can go on for, so that even a short queue is filled in time.
+        let soon = (self.committed_until().saturating_sub(now) / 4).max(1);
         now + if self.pace.link > 0 { soon.min(self.look_ticks()).max(self.pace.lead) } else { soon }
     }
 
-    /// How often to look whether there is room, where telling takes time: it goes out bit by bit.
+    /// How often to look for room in the queues of a board on a line, ticks: at least 640 times a second, as data go out little by little.
     const fn look_ticks(&self) -> u64 {
         let often = self.pace.tick_hz / 640;
         if self.pace.link < often { self.pace.link } else { often }
     }
 }
 
-/// What the motors will have counted in the end.
+/// What each motor will have counted at the end of its timeline.
 fn counts(timelines: &[Timeline]) -> Vec<i64> {
     timelines.iter().filter_map(|timeline| timeline.count_before(u64::MAX)).collect()
 }
@@ -748,17 +781,17 @@ fn too_short(motor: usize, capacity: &[usize], ticks: u64, pace: &Pace) -> Sessi
     SessionError::QueueTooShort { motor, at_s: ticks as f64 / pace.tick_hz as f64, capacity }
 }
 
-/// The beginning of a plan, in the board's queues.
+/// The beginning of a plan, which is in the board's queues but not yet followed.
 struct Beginning {
     stream: Stream,
     timelines: Vec<Timeline>,
     limits: Vec<Limit>,
     lease: Lease,
-    joined: u64,
+    brakeable_from: u64,
 }
 
 impl Beginning {
-    /// Hands a plan over that takes over from `timelines`: as much of it as there is room for.
+    /// Sends as much of a plan as there is room for. It takes over from `timelines` at its own tick 0.
     fn new<B: Leased>(
         board: &mut B,
         stream: Stream,
@@ -783,23 +816,23 @@ impl Beginning {
     ) -> Result<Beginning, SessionError> {
         let mut timelines = timelines.to_vec();
         timelines.iter_mut().for_each(|timeline| timeline.cut(stream.zero()));
-        let (zero, reach) = (stream.zero(), stream.zero() + pace.ahead);
+        let (zero, planned_up_to) = (stream.zero(), stream.zero() + pace.look_ahead);
         let handed = loop {
-            let handed = stream.hand_over(board, &mut timelines, &vec![0; capacity.len()], reach)?;
-            if !handed.more {
+            let handed = stream.hand_over(board, &mut timelines, &vec![0; capacity.len()], planned_up_to)?;
+            if !handed.has_more {
                 break handed;
             }
         };
         let brakings = lease::brakings(&stream)?;
         let limits = brakings.iter().map(|braking| braking.limit).collect();
-        let joined = lease::joined(&timelines, &brakings, stream.program(), zero);
-        match (lease::longest(&stream, &timelines, joined, reach), handed.short) {
-            (Some(lease), _) => Ok(Beginning { stream, timelines, limits, lease, joined }),
-            (None, short) => Err(too_short(short.unwrap_or_default(), capacity, 0, pace)),
+        let brakeable_from = lease::brakeable_from(&timelines, &brakings, stream.program(), zero);
+        match (lease::longest(&stream, &timelines, brakeable_from, planned_up_to), handed.motor_full) {
+            (Some(lease), _) => Ok(Beginning { stream, timelines, limits, lease, brakeable_from }),
+            (None, motor_full) => Err(too_short(motor_full.unwrap_or_default(), capacity, 0, pace)),
         }
     }
 
-    /// Has the board go over to it.
+    /// Has the board switch to this plan at its tick 0.
     fn switch<B: Leased>(&self, board: &mut B) -> Result<(), SessionError> {
         board.switch(self.stream.epoch(), self.stream.zero(), self.lease, &self.limits).map_err(|refused| {
             match board.lost() {
@@ -809,10 +842,12 @@ impl Beginning {
         })
     }
 
-    /// What the motors will have counted if nothing more is sent.
-    fn expected(&self) -> Vec<i64> {
+    /// What each motor will have counted if the switch is accepted and no more is sent.
+    fn if_nothing_more_is_sent(&self) -> Vec<i64> {
         match self.lease {
-            Lease::Until(until) => counts(&lease::ended(&self.timelines, &self.limits, self.stream.program(), until)),
+            Lease::Until(until) => {
+                counts(&lease::braked_from(&self.timelines, &self.limits, self.stream.program(), until))
+            }
             Lease::Last => counts(&self.timelines),
         }
     }

@@ -1,7 +1,7 @@
 //! Pause and resume: how the laws' time is slowed to a halt and brought up to speed again, within the motors' limits.
 //!
-//! All motors share one time: their paths and their phases stay what they were. A pause takes as long as the motor that has
-//! least to spare needs; where a law brakes by itself as hard as it may, it is first let go on.
+//! All motors share one time, so that their paths and phases do not change. The motor with the least reserve decides how long a pause takes.
+//! Where a law itself brakes as hard as its motor may, the slowing down begins later.
 
 use pulsetrain_motion::law::Cursor;
 use pulsetrain_motion::program::{Motor, Program};
@@ -12,105 +12,107 @@ use serde::Serialize;
 /// When the laws' time begins to be slowed, and how long that takes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Easing {
-    /// The laws go on for so long.
+    /// The laws go on unchanged for this time.
     pub after: Time,
-    /// Then their time comes to a halt within this, in which they do half of it.
+    /// Then the laws' time comes to a halt within this time. It advances by half of it meanwhile.
     pub over: Time,
 }
 
 /// Why motors cannot be paused or resumed.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum PauseError {
-    /// A law breaks where it is looked at.
+    /// A law cannot be evaluated where it has to be.
     #[error("motor {motor}: {error}")]
     Law {
         /// Index of the motor in the program.
         motor: usize,
-        /// How.
+        /// Why it cannot be evaluated.
         error: LawError,
     },
-    /// The laws ask for all that the motors can do, for too long.
+    /// The laws need all that the motors can do, for too long.
     #[error(
         "no {what} within {within_s} s keeps all motors to their max_acceleration: the motion itself takes all of it"
     )]
     NoRoom {
         /// "pause" or "resumption".
         what: &'static str,
-        /// So far it was looked, s.
+        /// How far ahead a place was searched, s.
         within_s: f64,
     },
 }
 
-/// How far ahead it is looked, s: first, and if that was not enough.
+/// How far ahead a place for the halt is searched, s: at first, and if there is none. The first one is short since it is sampled finer.
 const LOOK_S: [f64; 2] = [2.0, 30.0];
-/// At so many places of that.
-const LOOKS: usize = 4096;
-/// The shortest easing, s; others are longer by this factor each.
+/// Samples of each law in that time: every 0.5 ms at first.
+const SAMPLES: usize = 4096;
+/// The shortest easing that is tried, s: a shorter one would be hardly noticed.
 const SHORTEST_S: f64 = 0.01;
+/// Each further easing is longer by this factor: at most a tenth longer than needed.
 const LONGER: f64 = 1.1;
-/// Places of an easing that are looked at.
+/// Parts of an easing, at whose ends the limits are checked.
 const PLACES: usize = 48;
-/// Of the limit, so that what lies between two looks is within it too.
-const SPARE: f64 = 0.97;
-/// Motors without a limit are braked up to so many times as hard as their laws do.
+/// The fraction of a limit that may be used at a sample, so that the motion between two samples keeps to the limit too.
+const USABLE: f64 = 0.97;
+/// A motor without a limit may brake up to this many times as hard as its law accelerates.
 const UNLIMITED: f64 = 2.0;
 
-/// One motor, at the looks.
-struct Seen {
-    /// steps/s, steps/s².
+/// A motor's law, sampled over some time ahead.
+struct Samples {
+    /// Speed, steps/s, and acceleration, steps/s², at each sample.
     at: Vec<(f64, f64)>,
+    /// The most that the motor may accelerate, steps/s².
     limit: f64,
 }
 
-impl Seen {
-    fn of(motor: &Motor, from: Time, look: Time) -> Result<Seen, LawError> {
+impl Samples {
+    fn of(motor: &Motor, from: Time, look: Time) -> Result<Samples, LawError> {
         let mut cursor = Cursor::new(&motor.law);
-        let mut at = Vec::with_capacity(LOOKS + 1);
-        for k in 0..=LOOKS as u64 {
-            let sample = cursor.at(from + look.times(k).divided_by(LOOKS as u64))?;
+        let mut at = Vec::with_capacity(SAMPLES + 1);
+        for k in 0..=SAMPLES as u64 {
+            let sample = cursor.at(from + look.times(k).divided_by(SAMPLES as u64))?;
             at.push((sample.speed, sample.acceleration));
         }
         let limit = motor.limits.max_acceleration.unwrap_or_else(|| {
             let own = at.iter().map(|(speed, acceleration)| acceleration.abs().max(speed.abs() / SOFTEST_STOP_S));
             UNLIMITED * own.fold(0.0, f64::max)
         });
-        Ok(Seen { at, limit })
+        Ok(Samples { at, limit })
     }
 
-    /// Whether the motor stays within its limit where the laws' time is `part` of the look, and runs at `rate`, which
-    /// changes by `change` a second. What the law itself asks for was planned.
-    fn allows(&self, part: f64, rate: f64, change: f64, spare: f64) -> bool {
-        let place = (part * LOOKS as f64).round() as usize;
+    /// Whether the motor keeps to its limit at `part` (0 to 1) of the sampled time, while the laws' time runs at `rate` times its speed, which
+    /// changes by `change` a second. The acceleration of the law itself is always allowed: it was planned.
+    fn allows(&self, part: f64, rate: f64, change: f64, usable: f64) -> bool {
+        let place = (part * SAMPLES as f64).round() as usize;
         let Some((speed, acceleration)) = self.at.get(place).copied() else { return false };
-        let asked = (acceleration * rate * rate + speed * change).abs();
-        asked <= self.limit * spare || asked <= acceleration.abs() || speed == 0.0
+        let needed = (acceleration * rate * rate + speed * change).abs();
+        needed <= self.limit * usable || needed <= acceleration.abs() || speed == 0.0
     }
 }
 
-fn seen(program: &Program, from: Time, look_s: f64) -> Result<Vec<Seen>, PauseError> {
+fn sampled(program: &Program, from: Time, look_s: f64) -> Result<Vec<Samples>, PauseError> {
     let look = Time::from_seconds(look_s);
     let motors = program.motors.iter().enumerate();
-    motors.map(|(motor, m)| Seen::of(m, from, look).map_err(|error| PauseError::Law { motor, error })).collect()
+    motors.map(|(motor, m)| Samples::of(m, from, look).map_err(|error| PauseError::Law { motor, error })).collect()
 }
 
-/// Durations that are tried, s.
+/// Durations of an easing that are tried, s, the shortest first.
 fn durations(longest_s: f64) -> impl Iterator<Item = f64> {
     std::iter::successors(Some(SHORTEST_S), |s| Some(s * LONGER)).take_while(move |s| *s <= longest_s)
 }
 
-/// The quickest way to a halt for motors that are at `from` of their laws; `caution` up to 1: less if that was too much.
+/// The quickest way to a halt for motors that are at `from` of their laws. `caution` is the fraction of each limit that may be used, up to 1.
 ///
 /// # Errors
-/// When a law breaks, or leaves no room.
+/// When a law cannot be evaluated, or leaves no room.
 pub fn quickest_halt(program: &Program, from: Time, caution: f64) -> Result<Easing, PauseError> {
     for look_s in LOOK_S {
-        let seen = seen(program, from, look_s)?;
+        let motors = sampled(program, from, look_s)?;
         let fits = |after_s: f64, over_s: f64| {
             (0..=PLACES).all(|k| {
                 let x = k as f64 / PLACES as f64;
                 let time_s = after_s + over_s * (x - x * x * x + 0.5 * x * x * x * x);
                 let (rate, change) = (1.0 - x * x * (3.0 - 2.0 * x), -6.0 * x * (1.0 - x) / over_s);
-                seen.iter().all(|seen| seen.allows(time_s / look_s, rate, change, SPARE * caution))
+                motors.iter().all(|motor| motor.allows(time_s / look_s, rate, change, USABLE * caution))
             })
         };
         let mut best: Option<(f64, f64)> = None;
@@ -126,22 +128,22 @@ pub fn quickest_halt(program: &Program, from: Time, caution: f64) -> Result<Easi
     Err(PauseError::NoRoom { what: "pause", within_s: LOOK_S[1] })
 }
 
-/// How long motors take at least that halted at `from` of their laws, until their time runs as ever.
+/// The shortest time in which motors that halted at `from` of their laws come up to full speed. `caution` as for [`quickest_halt`].
 ///
 /// # Errors
 /// As [`quickest_halt`].
 pub fn quickest_start(program: &Program, from: Time, caution: f64) -> Result<Time, PauseError> {
     for look_s in LOOK_S {
-        let seen = seen(program, from, look_s)?;
+        let motors = sampled(program, from, look_s)?;
         let fits = |over_s: &f64| {
             (0..=PLACES).all(|k| {
                 let x = k as f64 / PLACES as f64;
                 let time_s = over_s * (x * x * x - 0.5 * x * x * x * x);
                 let (rate, change) = (x * x * (3.0 - 2.0 * x), 6.0 * x * (1.0 - x) / over_s);
-                seen.iter().all(|seen| seen.allows(time_s / look_s, rate, change, SPARE * caution))
+                motors.iter().all(|motor| motor.allows(time_s / look_s, rate, change, USABLE * caution))
             })
         };
-        // In an easing the laws do half of it.
+        // The laws' time advances by half of an easing: a sampled time serves one twice as long.
         if let Some(over_s) = durations(2.0 * look_s).find(fits) {
             return Ok(Time::from_seconds(over_s));
         }
@@ -158,30 +160,30 @@ fn with_laws(program: &Program, change: impl Fn(Law) -> Result<Law, LawError>) -
     Ok(program)
 }
 
-/// All laws from `from` on, up to a halt.
+/// The program from `from` of its laws on, slowed down to a halt.
 ///
 /// # Errors
-/// When a law cannot be followed so.
+/// When a law cannot be slowed so.
 pub fn halting(program: &Program, from: Time, easing: Easing) -> Result<Program, PauseError> {
     with_laws(program, |law| law.eased_out(from, easing.after, easing.over))
 }
 
-/// All laws from `from` on, from a halt.
+/// The program from `from` of its laws on, sped up from a halt within `over`.
 ///
 /// # Errors
-/// When a law cannot be followed so.
+/// When a law cannot be sped up so.
 pub fn starting(program: &Program, from: Time, over: Time) -> Result<Program, PauseError> {
     with_laws(program, |law| law.eased_in(from, over))
 }
 
-/// A pause that is part of a program: when its motors are where.
+/// When the motors slow down, rest and go on in a pause that is part of a program.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Paused {
-    /// They begin to slow down, s.
+    /// When they begin to slow down, s.
     pub slows_at_s: f64,
-    /// They rest, s.
+    /// When they rest, s.
     pub rests_at_s: f64,
-    /// They begin to move again, and run at the laws' speed, s.
+    /// When they begin to move again, and when they have their full speed, s; `None` if they do not go on.
     pub goes_on_s: Option<(f64, f64)>,
 }
 
@@ -189,7 +191,7 @@ pub struct Paused {
 /// later, it runs again.
 ///
 /// # Errors
-/// When a law breaks, or leaves no room.
+/// When a law cannot be evaluated, or leaves no room.
 pub fn paused(program: &Program, at: Time, until: Option<Time>) -> Result<(Program, Paused), PauseError> {
     let Easing { after, over } = quickest_halt(program, at, 1.0)?;
     let (slows, halt) = (at + after, at + after + over.divided_by(2));

@@ -1,4 +1,4 @@
-//! From a motion file to what can be planned: a board, settings for each motor, an end for endless laws.
+//! From a motion file to a motion that can be planned: chooses the board, gives endless laws an end, plans, and says what would fit.
 
 use pulsetrain_board::BoardKind;
 use pulsetrain_core::wire::Baud;
@@ -11,24 +11,24 @@ use pulsetrain_plan::{Line, PlanError, SOFTEST_STOP_S, Way};
 
 use crate::pause::{self, Easing, PauseError, Paused};
 
-/// How much of an endless motion is shown, s, if nobody says.
+/// Seconds of an endless motion that are planned if the user gives no length: enough to see it, short enough to wait for.
 pub const DEFAULT_LENGTH_S: f64 = 10.0;
 
-/// No board's clock is further off than this, ppm: twice what a ceramic resonator may be.
+/// The most that a board's clock can be off, ppm: twice the tolerance of a ceramic resonator (0.5 %).
 pub const WORST_CLOCK_PPM: f64 = 10_000.0;
 
 /// A motion that can be planned.
 #[derive(Clone, Debug)]
 pub struct Prepared {
-    /// The motion file, as it was called.
+    /// The name of the motion file, as the user gave it.
     pub file: String,
-    /// What it says; every law ends.
+    /// Its program. Every law ends after [`Prepared::ending`].
     pub program: Program,
-    /// Where laws that go on for longer were cut.
+    /// Where longer laws were cut; `None` if none was.
     pub cut: Option<Cut>,
-    /// The pause that was put in.
+    /// The pause that was inserted by [`Prepared::pause`].
     pub pause: Option<Paused>,
-    /// The line that brings its plan to the board while it runs; `None`: it does not come over a line.
+    /// The line over which the plan comes to the board while it runs; `None` if it does not come over a line.
     pub line: Option<Line>,
     /// How the columns of its CSV files were read.
     pub tables: Vec<TableColumns>,
@@ -39,7 +39,7 @@ pub struct Prepared {
 pub struct Cut {
     /// From the laws' beginning on.
     pub at: Time,
-    /// When it would have ended; `None`: never.
+    /// When the motion would have ended without the cut; `None` if never.
     pub end: Option<Time>,
 }
 
@@ -51,7 +51,7 @@ pub enum Refusal {
     Board {
         /// The motion file.
         file: String,
-        /// What is wrong.
+        /// Why it does not fit.
         error: BoardError,
     },
     /// The board cannot drive the pins of the motors together.
@@ -59,27 +59,27 @@ pub enum Refusal {
     Pins {
         /// The motion file.
         file: String,
-        /// Which are apart.
+        /// Which pins do not go together.
         error: PinsError,
-        /// What fits.
+        /// Which pins would fit.
         advice: String,
     },
-    /// A law breaks before it can be cut.
+    /// A law cannot be evaluated before the place where it is to be cut.
     #[error("{file}: motor {motor}: {error}")]
     Law {
         /// The motion file.
         file: String,
-        /// Whose.
+        /// The motor's name.
         motor: String,
-        /// How.
+        /// Why it cannot be evaluated.
         error: LawError,
     },
-    /// There is nothing left to pause.
+    /// The motion ends before the pause would begin.
     #[error("{file}: a pause at {at_s} s comes too late: the motion ends at {end_s} s")]
     Over {
         /// The motion file.
         file: String,
-        /// Asked for, s.
+        /// When the pause was to begin, s.
         at_s: f64,
         /// When the last law ends, s.
         end_s: f64,
@@ -97,9 +97,9 @@ pub enum Refusal {
     Plan {
         /// The motion file.
         file: String,
-        /// Whose.
+        /// The motor's name.
         motor: String,
-        /// Which limit, where.
+        /// Which limit, and where.
         error: PlanError,
         /// What would fit.
         advice: String,
@@ -107,7 +107,7 @@ pub enum Refusal {
 }
 
 impl Refusal {
-    /// What to do, where that is known.
+    /// What the user can do, if something is known to help.
     #[must_use]
     pub fn advice(&self) -> Option<&str> {
         match self {
@@ -118,7 +118,8 @@ impl Refusal {
 }
 
 impl Prepared {
-    /// What a motion file says, on `board` if that is given; endless laws stay so. `file` is its name.
+    /// The motion of a file, for the board named `board` if that is given, else for the file's own. Endless laws stay endless. `file` is the file's
+    /// name, for messages.
     ///
     /// # Errors
     /// When the motion does not fit the board.
@@ -137,10 +138,10 @@ impl Prepared {
         Ok(Prepared { file, program, cut: None, pause: None, line: None, tables })
     }
 
-    /// Cuts endless laws after `length`, and finite ones too if it is given.
+    /// Cuts the laws after `length`. Without one, only endless laws are cut: after [`DEFAULT_LENGTH_S`], but not before the finite laws end.
     ///
     /// # Errors
-    /// When a law breaks before it can be cut.
+    /// When a law cannot be evaluated before the cut.
     pub fn ending(self, length: Option<Time>) -> Result<Prepared, Refusal> {
         let Prepared { file, mut program, line, tables, .. } = self;
         let cut =
@@ -148,14 +149,14 @@ impl Prepared {
         Ok(Prepared { file, program, cut, pause: None, line, tables })
     }
 
-    /// Plans for a board whose clock runs `ppm` 10^-6 faster than its nominal rate: a second of the law is then a second of
-    /// whoever measured that. To whole ticks a second: on an Uno to 0.03 ppm.
+    /// Plans for a board whose clock runs `ppm` parts per million faster than its nominal rate, so that a second of the law is a second of the clock
+    /// that measured this. The rate is rounded to whole ticks a second: on an Uno to 0.03 ppm.
     pub fn calibrate(&mut self, ppm: f64) {
         let hz = &mut self.program.board.tick_hz;
         *hz = (*hz as f64 * (1.0 + ppm * 1e-6)).round() as u64;
     }
 
-    /// Has the motors come to a halt from `at` on, and go on at `until`; see [`pause::paused`].
+    /// Inserts a pause: the motors slow down to a halt from `at` on, and go on at `until`; see [`pause::paused`].
     ///
     /// # Errors
     /// When the motion is over by then, or leaves no room for it.
@@ -170,7 +171,7 @@ impl Prepared {
         Ok(())
     }
 
-    /// Its plan comes to the board over a UART at `baud`, or by the [usual way](usual_line).
+    /// Lets the plan come to the board over a UART at `baud`; without a rate, by the [usual line](usual_line).
     pub fn over_line(&mut self, baud: Option<Baud>) {
         self.line = match baud {
             Some(baud) => Line::of(&self.program, Way::Uart(baud.rate())),
@@ -202,14 +203,14 @@ fn ends(program: &Program) -> Vec<Option<Time>> {
     program.motors.iter().map(|motor| motor.law.end()).collect()
 }
 
-/// Where laws that go on are cut; `None`: nowhere.
+/// When longer laws are cut; `None` if no law is to be cut.
 fn cut_at(ends: &[Option<Time>], length: Option<Time>) -> Option<Time> {
     let is_endless = ends.iter().any(Option::is_none);
     let default = || ends.iter().copied().flatten().fold(Time::from_seconds(DEFAULT_LENGTH_S), Time::max);
     length.or_else(|| is_endless.then(default))
 }
 
-/// How much of each motor's law there is once it is cut, but for the stop.
+/// How long each motor's law lasts once it is cut, without the stop after the cut.
 pub(crate) fn spans(program: &Program, length: Option<Time>) -> Vec<Time> {
     let ends = ends(program);
     let at = cut_at(&ends, length).unwrap_or(Time::MAX);
@@ -239,8 +240,8 @@ pub(crate) fn cut(program: &mut Program, length: Option<Time>) -> Result<Option<
     Ok(Some(Cut { at, end }))
 }
 
-/// Has a machine's motors come to a halt from `at` on along their path, as for a pause. `false` if there is no room for that within their
-/// limits: nothing is changed then.
+/// Slows a machine's motors down to a halt from `at` on, along their path, as for a pause. Returns false and changes nothing if their limits leave
+/// no room for that.
 fn keeps_to_path(program: &mut Program, motors: &[usize], at: Time) -> bool {
     let mut machine = program.clone();
     machine.motors = motors.iter().map(|motor| program.motors[*motor].clone()).collect();
@@ -259,14 +260,15 @@ pub(crate) fn stopped(law: &Law, at: Time, limits: Limits, grid: Grid) -> Result
     law.clone().stopped(at, braking, limits.pull_in)
 }
 
-/// How hard to brake, steps/s²: by the motor's limit, else by what the law itself asked for before, else softly; and a
-/// little less, so that the motor does not come to rest just where a step is due.
+/// How hard to brake, steps/s². By the motor's limit; else as hard as the law itself accelerated before; else softly. A little less than that, so
+/// that the motor does not come to rest just where a step is due, whose time would be undefined.
 fn braking(law: &Law, at: Time, limit: Option<f64>, grid: Grid) -> Result<f64, LawError> {
+    /// Places of the law whose acceleration is read: one each 10 ms.
     const LOOKS: u64 = 1000;
     let mut cursor = Cursor::new(law);
     let start = cursor.at(Time::ZERO)?;
     let mut hardest = 0.0_f64;
-    // The last seconds are looked at: the law is walked through once, whatever its length.
+    // Only the last seconds are read: a long law would take too long.
     let span = at.min(Time::from_seconds(DEFAULT_LENGTH_S));
     for k in 0..=LOOKS {
         let sample = cursor.at(at - span + span.times(k).divided_by(LOOKS))?;
@@ -279,7 +281,7 @@ fn braking(law: &Law, at: Time, limit: Option<f64>, grid: Grid) -> Result<f64, L
         return Ok(1.0);
     }
     let way = speed * speed / (2.0 * braking);
-    // θ in the direction of travel, from the law's start: rest comes half a step from where a step up would be due.
+    // θ in the direction of travel, from the law's start. The motor shall rest half a step from the level of a step.
     let theta = (from.position - start.position) * from.speed.signum() + way;
     let rest = grid.up_level(0) - 0.5;
     let longer = (rest - theta).rem_euclid(1.0);

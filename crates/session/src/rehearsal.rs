@@ -1,11 +1,11 @@
-//! A motion's session with the virtual Uno, played before a real one is sent anything: each edge of its pins against the law, and what the
-//! board and the session themselves say.
+//! The rehearsal: before a real Uno gets a motion, a virtual Uno plays it. Each edge of its pins is compared with the law, and errors of the board
+//! and of the session are reported as on a real one.
 //!
-//! The planner holds steps, segments and the line against limits (`pulsetrain_plan::line`). What an Uno's one core does beside its steps, for these
-//! motors at these moments, no limit has: it is tried, as for what is baked.
+//! The planner checks steps, segments and the line against limits (`pulsetrain_plan::line`). But no limit covers everything that an Uno's
+//! processor has to do besides the steps, for these motors at these times: so it is tried, as it is for baked motions.
 //!
-//! Only for an Uno, whose queues hold 400 bytes in all and whose one core does everything. A Pico has 32 kB of them, and its pins are timed by
-//! state machines.
+//! Only an Uno needs it: its queues hold 400 bytes in all, and its one core does everything. A Pico's queues hold 32 kB, and state machines
+//! time its pins.
 
 use std::cell::Cell;
 use std::sync::mpsc::channel;
@@ -23,38 +23,39 @@ use crate::drive::{DriveError, Driven};
 use crate::lateness::Edges;
 use crate::prepare::Prepared;
 
-/// It is looked at so often, s: whether the lamp shines, and how far it is.
+/// Seconds of board time between two reports of progress, and so between two looks whether an edge was wrong.
 pub const STRIDE_S: f64 = 0.05;
 
-/// What is played at most, if nobody says how much, s.
+/// Seconds of a motion that a run rehearses if the user gives no length: about a second of waiting.
 pub const MOST_S: f64 = 10.0;
 
-/// A line as fast as that is not what is waited for.
+/// Bits a second. At this rate or more a faster line is no advice: the line is not what was too slow.
 const FAST_BAUD: u32 = Baud::B1M.rate();
 
 /// How much of a motion is played.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Length {
-    /// Of the laws' time, s.
+    /// How much of the laws' time is played, s.
     pub seconds: f64,
-    /// What there is to see, s: all of it, or, where motors repeat, each of their phases to one another. `None`: there are ever new ones.
+    /// The time after which nothing new comes, s: the whole motion, or, where laws repeat, every phase of theirs to one another. `None` if new
+    /// phases never end.
     pub all_s: Option<f64>,
-    /// Some motor goes on for ever.
+    /// Whether some motor's law never ends.
     pub endless: bool,
 }
 
 impl Length {
-    /// What is played at most, if nobody says how much, s.
+    /// Seconds that [`Length::of`] gives at most.
     pub const MOST_S: f64 = 60.0;
 
-    /// As much as there is to see, or [`MOST_S`](Length::MOST_S).
+    /// Up to where nothing new comes, but not more than [`MOST_S`](Length::MOST_S).
     #[must_use]
     pub fn of(program: &Program) -> Length {
         let whole = Length::exactly(program, f64::INFINITY);
         Length { seconds: whole.all_s.unwrap_or(f64::INFINITY).min(Length::MOST_S), ..whole }
     }
 
-    /// So much, or all of a motion that is over before.
+    /// So many seconds, or the whole of a shorter motion.
     #[must_use]
     pub fn exactly(program: &Program, seconds: f64) -> Length {
         let laws = || program.motors.iter().map(|motor| &motor.law);
@@ -63,44 +64,44 @@ impl Length {
         let Some(longest) = periods.iter().max() else {
             return Length { seconds: seconds.min(ends.seconds()), all_s: Some(ends.seconds()), endless: false };
         };
-        // Once all repeat, each phase; and two turns more, since what comes between two of them is made apart.
+        // All phases, from where all laws repeat. Two more periods, as the transition from one to the next is planned separately.
         let once = from.into_iter().fold(ends, Time::max);
         let all = common_period(&periods).map(|common| once + common + longest.times(2));
         Length { seconds, all_s: all.map(Time::seconds), endless: true }
     }
 
-    /// Whether it is all that there is to see.
+    /// Whether nothing new would come after it.
     #[must_use]
     pub fn is_all(&self) -> bool {
         self.all_s.is_some_and(|all| all <= self.seconds)
     }
 
-    /// The law's time up to which edges are looked for; `None`: to its end.
+    /// The law's time up to which edges are judged, s; `None` to judge to its end.
     #[must_use]
     pub fn until_s(&self) -> Option<f64> {
         (self.endless || !self.is_all()).then_some(self.seconds)
     }
 }
 
-/// A motion that was played as it should be.
+/// The result of a rehearsal in which every edge was right.
 #[derive(Clone, Debug)]
 pub struct Rehearsed {
-    /// How much of it.
+    /// How much of the motion was played.
     pub length: Length,
-    /// What is promised of each edge, ticks.
+    /// The promised bound on the error of each edge, ticks.
     pub bound_ticks: f64,
-    /// What the judge says of all.
+    /// The judge's figures for all edges.
     pub report: Report,
 }
 
 impl Rehearsed {
-    /// The furthest that an edge was off, ticks, but for [those that were put off](Rehearsed::put_off) by more than is promised.
+    /// The largest error of an edge, ticks, without [those that were put off](Rehearsed::put_off) by more than the bound.
     #[must_use]
     pub fn max_error_ticks(&self) -> f64 {
         self.report.motors.iter().map(|motor| motor.max_error_ticks.abs()).fold(0.0, f64::max)
     }
 
-    /// How many steps came later than that because motors share a DIR line, and how far behind the law at most, ticks.
+    /// How many steps came later than the bound because motors share a DIR line, and how much later than the law at most, ticks.
     #[must_use]
     pub fn put_off(&self) -> (u64, f64) {
         let steps = self.report.motors.iter().map(|motor| motor.steps_put_off).sum();
@@ -108,50 +109,50 @@ impl Rehearsed {
     }
 }
 
-/// A session that did not go as it should.
+/// A rehearsal that failed: the first error, and how fast the motors were then.
 #[derive(Debug, thiserror::Error)]
 #[error("rehearsed on the virtual Uno, {what}")]
 pub struct Failed {
-    /// In which way.
+    /// What went wrong.
     pub what: What,
-    /// How fast each motor is then, by the law, steps/s.
+    /// Each motor that turns at that time, and its speed by the law, steps/s.
     pub rates: Vec<(String, f64)>,
-    /// Of the line.
+    /// The rate of the rehearsed line.
     baud: Baud,
 }
 
-/// What went wrong.
+/// What went wrong in a rehearsal.
 #[derive(Debug, thiserror::Error)]
 pub enum What {
     /// The board, or the session, did not go on.
     #[error("{why}{}", place(.why, *.at_s, .first.as_ref()))]
     Session {
-        /// Why.
+        /// The error.
         why: Box<DriveError>,
-        /// When that was seen, s of the laws; `None`: it did not begin.
+        /// When it was noticed, s of the laws; `None` if the motion did not begin.
         at_s: Option<f64>,
-        /// If the board stopped its motors at once: the first step that was not made.
+        /// The first missing step, if the board stopped its motors at once.
         first: Option<Failure>,
     },
-    /// A step is not as it should be, and the board says nothing of it.
+    /// A step is wrong, and the board reported no error.
     #[error("{0}")]
     Edge(Failure),
-    /// The law breaks, or pins that cannot be judged.
+    /// The law cannot be evaluated, or the pins cannot be judged.
     #[error(transparent)]
     Judge(#[from] JudgeError),
 }
 
 impl What {
     fn session(error: DriveError, seen_s: Option<f64>, first: Option<Failure>) -> What {
-        // Where the virtual motors are is nobody's concern.
+        // The positions of virtual motors help nobody.
         let why = if let DriveError::Halted { why, .. } = error { why } else { Box::new(error) };
         let at_s = why.at_s().or(first.as_ref().map(|first| first.at_s)).or(seen_s);
-        // Motors that come to rest as planned only seem to be late then.
+        // Motors that brake leave their law: the judge then finds steps missing that are not the cause.
         let first = first.filter(|_| matches!(*why, DriveError::Remote(_)));
         What::Session { why, at_s, first }
     }
 
-    /// The laws' time.
+    /// When it went wrong, s of the laws.
     #[must_use]
     pub const fn at_s(&self) -> Option<f64> {
         match self {
@@ -162,7 +163,7 @@ impl What {
     }
 }
 
-/// When it was, where that is not said yet.
+/// When it went wrong, for messages that do not have it yet.
 fn place(why: &DriveError, at_s: Option<f64>, first: Option<&Failure>) -> String {
     match (why, first, at_s) {
         (DriveError::QueueTooShort { .. } | DriveError::TooLate { .. }, ..) | (_, None, None) => String::new(),
@@ -176,7 +177,7 @@ impl Failed {
         Failed { rates: what.at_s().map(|at_s| rates(program, at_s)).unwrap_or_default(), what, baud }
     }
 
-    /// What would do.
+    /// What the user can do.
     #[must_use]
     pub fn advice(&self) -> String {
         let moved = "this was a rehearsal: nothing was sent to the board at the port, and nothing has moved";
@@ -205,7 +206,7 @@ pub fn rates(program: &Program, at_s: f64) -> Vec<(String, f64)> {
     rates.collect()
 }
 
-/// What a board has less to do with, where its motors are as fast as that.
+/// Advice for a board that has too much to do: slower motors, with their speeds then.
 #[must_use]
 pub fn slower(rates: &[(String, f64)]) -> String {
     let rates: Vec<String> =
@@ -214,10 +215,10 @@ pub fn slower(rates: &[(String, f64)]) -> String {
     format!("slower motors{then}, or fewer that are fast at once")
 }
 
-/// Plays a motion as a run at `baud` tells it, as fast as the virtual Uno goes. `watch` hears how far it is, s.
+/// Plays a motion on the virtual Uno as a run at `baud` would, as fast as this computer emulates it. `watch` gets the time that was reached, s.
 ///
 /// # Errors
-/// [`Failed`]: the first thing that went wrong; what comes behind it is not played.
+/// [`Failed`]: the first error. Nothing after it is played.
 pub fn rehearse(
     prepared: &Prepared,
     baud: Baud,
@@ -231,11 +232,12 @@ pub fn rehearse(
     let options = Edges::of(program).options(program, length.until_s());
     let judge = EdgeJudge::new(program.board.tick_hz, &driven.lines, program, &options);
     let (at_s, seen_s, broken) = (Cell::new(0.0), Cell::new(0.0), Cell::new(false));
-    let mut looker = Looker { judge: judge.map_err(|error| failed(error.into()))?, broken: &broken, error: None };
-    // A little longer than is looked at, so that an edge that is late is seen.
+    let mut observer =
+        JudgingObserver { judge: judge.map_err(|error| failed(error.into()))?, broken: &broken, error: None };
+    // A little longer than what is judged, so that a late edge is seen too.
     let until_s = length.until_s().map_or(f64::INFINITY, |until_s| until_s + STRIDE_S);
-    // What the board says of a stop comes later than its edges: it has one stretch for that. Then, or at the end of what is looked at, it
-    // is stopped. Nothing is sent while motors come to rest after a failure.
+    // A board's report of a stop comes later than its edges. So after a wrong edge it gets one more stride before it is stopped. It is also stopped
+    // at the end of what is judged. No command is sent while motors brake after a failure.
     let (orders, commands) = channel();
     let mut was_broken = false;
     let events = |event: Event| match event {
@@ -246,14 +248,14 @@ pub fn rehearse(
         Event::Status(_) => {
             seen_s.set(at_s.get());
             if std::mem::replace(&mut was_broken, broken.get()) || at_s.get() > until_s {
-                // The run holds the other end.
+                // This cannot fail: the run keeps the receiver.
                 let _ = orders.send(Command::StopNow);
             }
         }
         _ => {}
     };
-    let ended = driven.run_with(&commands, &mut looker, events);
-    let Looker { judge, error, .. } = looker;
+    let ended = driven.run_with(&commands, &mut observer, events);
+    let JudgingObserver { judge, error, .. } = observer;
     let report = error.map_or_else(|| judge.finish(), Err).map_err(|error| failed(error.into()))?;
     let first = report.failures.iter().min_by(|one, other| one.at_s.total_cmp(&other.at_s)).cloned();
     match (ended, first) {
@@ -263,15 +265,15 @@ pub fn rehearse(
     }
 }
 
-/// Holds the pins' edges against the law.
-struct Looker<'a, 'b> {
+/// Passes the pins' edges to the judge.
+struct JudgingObserver<'a, 'b> {
     judge: EdgeJudge<'a>,
-    /// There is something to tell: no need to go on.
+    /// Set once an edge was wrong or could not be judged: the run need not go on.
     broken: &'b Cell<bool>,
     error: Option<JudgeError>,
 }
 
-impl Observer for Looker<'_, '_> {
+impl Observer for JudgingObserver<'_, '_> {
     fn edge(&mut self, edge: Edge) {
         if self.error.is_none() {
             let edge = pulsetrain_trace::Edge { tick: edge.tick, line: edge.line, level: edge.level };
@@ -289,7 +291,7 @@ mod tests {
     use pulsetrain_core::wire::message::Cause;
     use pulsetrain_trace::verdict::Fault;
 
-    /// What is told of an error, where the first step that is not as it should be was due at 0.25 s.
+    /// The time and the text for an error, where the first wrong step was due at 0.25 s.
     fn told(why: DriveError) -> (Option<f64>, String) {
         let halted = why.halted(0.3, Positions { motors: Vec::new(), by: Knowledge::Counted });
         let first = Failure { motor: "a".to_owned(), step: 7, at_s: 0.25, fault: Fault::Missing { forward: true } };
@@ -302,7 +304,7 @@ mod tests {
         let (at_s, said) = told(RemoteError::Stopped { cause: Cause::Starved }.into());
         let starved = "the board stopped: its step generator did not keep up; motor a: step 7 (forward) missing at t = 0.250000 s";
         assert_eq!((at_s, said.as_str()), (Some(0.25), starved));
-        // They have their times already.
+        // These messages have their times already.
         let (at_s, said) = told(DriveError::TooLate { motor: "a".to_owned(), at_s: 0.24, late_s: 0.01 });
         assert!(at_s == Some(0.24) && said.contains("at 0.240 s") && !said.contains("t ="), "{said}");
         let short =

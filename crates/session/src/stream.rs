@@ -1,4 +1,4 @@
-//! A program's plan as the items of one epoch, handed to the board as its queues have room; and the program's laws at any tick.
+//! A program's plan as the items of one epoch, sent to the board as its queues have room; and the program's laws at any tick.
 
 use crate::SessionError;
 use crate::timeline::{Placed, Timeline, tick_of};
@@ -11,12 +11,14 @@ use pulsetrain_plan::{Certificate, Ensemble, LONGEST_WAIT_TICKS, Move, Start};
 use std::collections::VecDeque;
 use std::sync::Arc;
 
-/// Longest wait of one item, ticks. A longer rest is told bit by bit, so that a motor's accumulator never is far from the board's time.
+/// Longest wait of one item, ticks: an eighth of what a 32-bit clock can tell apart. A longer rest is sent as several waits, so that the end of
+/// an item is never too far from the board's time.
 const LONGEST_DWELL_TICKS: u64 = 1 << 28;
 
-/// The θ that counts of a motor start from: whole steps, and rest.
+/// θ where a motor's count is 0: whole steps, and a fraction of a step.
 pub(crate) type Datum = (i64, f64);
 
+/// A program's plan on its way to the board.
 pub(crate) struct Stream {
     program: Arc<Program>,
     ensemble: Ensemble,
@@ -26,44 +28,46 @@ pub(crate) struct Stream {
     lanes: Vec<Lane>,
 }
 
-/// What a motor is told.
+/// The items of one motor, and how far they were sent.
 struct Lane {
     cursor: Cursor,
     datum: Datum,
     sizer: Sizer,
-    /// After the items that the board was handed, ticks · 2^F.
+    /// The motor's time after the items that were sent, ticks · 2^F.
     accumulator: i128,
-    /// Whether the last of them is an anchor or a wait.
+    /// Whether the last item that was sent is an anchor or a wait.
     waits: bool,
-    /// Items that were planned and not handed over, and the rest of a wait after them, ticks.
+    /// Items that were planned and not sent.
     next: VecDeque<Item>,
+    /// What is left of a wait after them, ticks.
     dwell: u64,
+    /// The planner has no more moves.
     ended: bool,
 }
 
 /// Where a motor's law is, seen from the step that the motor stands on.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Place {
+pub(crate) struct LawPlace {
     /// θ − count, steps.
-    pub(crate) off: f64,
+    pub(crate) offset: f64,
     /// steps/s.
     pub(crate) speed: f64,
 }
 
-/// How far a plan was handed over.
+/// How far [`Stream::hand_over`] came.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Handed {
-    /// There may be more to hand over at once.
-    pub(crate) more: bool,
-    /// The motor that is known least far, if it is since its queue is full.
-    pub(crate) short: Option<usize>,
+    /// The queues may have room for more.
+    pub(crate) has_more: bool,
+    /// The motor whose plan on the board ends soonest, if that is because its queue is full.
+    pub(crate) motor_full: Option<usize>,
 }
 
-/// So many items of each motor are handed over at once: then the lease is put off.
+/// Items of each motor that are sent before the lease is extended, on average: an extension for each item would load the line.
 const ITEMS_AT_ONCE: usize = 16;
 
 impl Stream {
-    /// A program from the beginning: its laws begin where the motors are, at `counts`.
+    /// A program from its beginning. Its laws begin where the motors are: `counts` is what the board has counted.
     pub(crate) fn new<B: Board>(
         program: Arc<Program>,
         zero: u64,
@@ -80,7 +84,7 @@ impl Stream {
         Ok(Stream::assemble(program, ensemble, zero, datums, epoch, board))
     }
 
-    /// A program that takes over from another, whose datums it keeps.
+    /// A program that takes over from another one and keeps its datums, so that θ stays the same.
     pub(crate) fn from<B: Board>(
         program: Arc<Program>,
         zero: u64,
@@ -136,37 +140,38 @@ impl Stream {
         self.ensemble.certificate(motor)
     }
 
-    /// The motor that the board knows least far ahead, and up to which tick: that of the last step that it was handed, or of the end
-    /// of the wait after it. `None` when all was handed over.
-    pub(crate) fn known(&self) -> Option<(u64, usize)> {
-        let going = self.lanes.iter().enumerate().filter(|(_, lane)| !lane.is_told());
+    /// The motor whose sent plan ends soonest, and the tick of that end: of its last sent step, or of the wait after it. `None` when the whole plan
+    /// was sent.
+    pub(crate) fn least_handed_over(&self) -> Option<(u64, usize)> {
+        let going = self.lanes.iter().enumerate().filter(|(_, lane)| !lane.is_handed_over());
         going.map(|(motor, lane)| (tick_of(lane.accumulator, self.program.board.fraction_bits), motor)).min()
     }
 
-    /// Hands a portion of the plan over up to tick `until`: the motor that is known least far first. The queues keep so many places free.
+    /// Sends a part of the plan up to tick `until`, always of the motor whose sent plan ends soonest. Leaves `reserved` room in each queue, in the
+    /// board's unit.
     pub(crate) fn hand_over<B: Board>(
         &mut self,
         board: &mut B,
         timelines: &mut [Timeline],
-        kept: &[usize],
+        reserved: &[usize],
         until: u64,
     ) -> Result<Handed, SessionError> {
         let fraction_bits = self.program.board.fraction_bits;
         let mut full = vec![false; self.lanes.len()];
         for _ in 0..ITEMS_AT_ONCE * self.lanes.len() {
-            let open = (0..self.lanes.len()).filter(|motor| !full[*motor] && !self.lanes[*motor].is_told());
+            let open = (0..self.lanes.len()).filter(|motor| !full[*motor] && !self.lanes[*motor].is_handed_over());
             let least = open.min_by_key(|motor| self.lanes[*motor].accumulator);
             let Some(motor) = least.filter(|motor| tick_of(self.lanes[*motor].accumulator, fraction_bits) < until)
             else {
                 return Ok(Handed {
-                    more: false,
-                    short: self.known().map(|(_, motor)| motor).filter(|motor| full[*motor]),
+                    has_more: false,
+                    motor_full: self.least_handed_over().map(|(_, motor)| motor).filter(|motor| full[*motor]),
                 });
             };
             let Some(item) = self.next_item(motor)? else { continue };
             let lane = &mut self.lanes[motor];
             let mut sizer = lane.sizer;
-            if board.room(motor) < sizer.size(&item) + kept[motor]
+            if board.room(motor) < sizer.size(&item) + reserved[motor]
                 || board.push(motor, Entry { epoch: self.epoch, item }).is_err()
             {
                 full[motor] = true;
@@ -179,10 +184,10 @@ impl Stream {
             lane.waits = !matches!(item, Item::Run { .. });
             timelines[motor].push(placed);
         }
-        Ok(Handed { more: true, short: None })
+        Ok(Handed { has_more: true, motor_full: None })
     }
 
-    /// The first item that was not handed over.
+    /// A motor's first item that was not sent; `None` at its end, or if the next one came out empty.
     fn next_item(&mut self, motor: usize) -> Result<Option<Item>, SessionError> {
         let lane = &mut self.lanes[motor];
         loop {
@@ -204,7 +209,7 @@ impl Stream {
                     let run = |segment| Item::Run { segment, direction };
                     let fraction_bits = self.program.board.fraction_bits;
                     let ticks = segment.interval >> fraction_bits;
-                    // A step that was put off may come after more than one interval says.
+                    // A step that waited for a shared DIR line may come after more time than one interval can express: a wait comes first.
                     if ticks < i64::from(LONGEST_WAIT_TICKS) {
                         lane.next.push_back(run(segment));
                     } else {
@@ -219,7 +224,7 @@ impl Stream {
                 }
                 None => {
                     lane.ended = true;
-                    // A motor that has nothing more to do while others go on has not run dry.
+                    // Without a wait at its end the board would take a motor that is done for one whose plan came too late.
                     if !lane.waits {
                         lane.next.push_back(Item::Dwell { ticks: 0 });
                     }
@@ -228,20 +233,20 @@ impl Stream {
         }
     }
 
-    /// Where the law of a motor that has counted to `count` is at `tick`.
-    pub(crate) fn place(&mut self, motor: usize, tick: u64, count: i64) -> Result<Place, SessionError> {
+    /// The law of a motor at `tick`, relative to the step `count` that the motor stands on.
+    pub(crate) fn law_at(&mut self, motor: usize, tick: u64, count: i64) -> Result<LawPlace, SessionError> {
         let lane = &mut self.lanes[motor];
         // Ticks of a session stay far below 2^62.
         let at = Time::from_ratio(tick.wrapping_sub(self.zero).cast_signed(), self.program.board.tick_hz);
         let sample = lane.cursor.at(at).map_err(|error| SessionError::Law { motor, error })?;
-        let off = (sample.whole - lane.datum.0 - count) as f64 + (sample.fraction - lane.datum.1);
-        Ok(Place { off, speed: sample.speed })
+        let offset = (sample.whole - lane.datum.0 - count) as f64 + (sample.fraction - lane.datum.1);
+        Ok(LawPlace { offset, speed: sample.speed })
     }
 }
 
 impl Lane {
-    /// Whether all was handed over.
-    fn is_told(&self) -> bool {
+    /// Whether the whole plan of this motor was sent.
+    fn is_handed_over(&self) -> bool {
         self.ended && self.next.is_empty()
     }
 }

@@ -1,19 +1,19 @@
-//! What a motor was told, replayed in integers: which step comes when, and what it has counted by then.
+//! The items that were sent for a motor, replayed in integers: the tick of each step, and the count at any tick.
 
 use pulsetrain_board::replay::Start;
 use pulsetrain_core::{Direction, Item, Segment};
 use std::collections::VecDeque;
 
-/// An item in its place in time.
+/// An item, and the time at which it begins.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Placed {
-    /// The accumulator before it, board ticks · 2^F, with all its high bits; for an anchor the one that it sets.
+    /// The accumulator before the item, board ticks · 2^F, not wrapped. For an anchor: the one that it sets.
     pub(crate) start: i128,
     pub(crate) item: Item,
 }
 
 impl Placed {
-    /// The accumulator after it.
+    /// The accumulator after the item.
     pub(crate) fn end(&self, fraction_bits: u32) -> i128 {
         match self.item {
             Item::Run { segment, .. } => self.start + segment.span(segment.count),
@@ -30,7 +30,7 @@ impl Placed {
     }
 }
 
-/// A run in its place.
+/// A run, and the time at which it begins.
 #[derive(Clone, Copy)]
 struct Steps {
     start: i128,
@@ -44,7 +44,7 @@ impl Steps {
         tick_of(self.start + self.segment.span(k), fraction_bits)
     }
 
-    /// How many of them come before `tick`; steps come in order.
+    /// How many of the steps come before `tick`. Their ticks ascend, so that a binary search finds it.
     fn before(&self, tick: u64, fraction_bits: u32) -> u32 {
         if self.tick(self.segment.count, fraction_bits) < tick {
             return self.segment.count;
@@ -65,7 +65,7 @@ impl Steps {
         Placed { start: self.start, item: Item::Run { segment: self.segment, direction: self.direction } }
     }
 
-    /// What is left after `k` steps, if there is something.
+    /// What is left of the run after `k` steps; `None` if nothing is.
     fn after(&self, k: u32) -> Option<Steps> {
         let left = || Steps { start: self.start + self.segment.span(k), segment: self.segment.after(k), ..*self };
         (k < self.segment.count).then(left)
@@ -80,22 +80,23 @@ pub(crate) fn tick_of(accumulator: i128, fraction_bits: u32) -> u64 {
 /// A step that was made or will be.
 pub(crate) type Step = (u64, Direction);
 
-/// All that a motor was told; steps long past are only counted.
+/// Everything that was sent for a motor. Steps that are long past are forgotten, and only their count is kept.
 #[derive(Clone, Debug)]
 pub(crate) struct Timeline {
     fraction_bits: u32,
-    /// Count before `since`.
+    /// The motor's count before tick `since`.
     count: i64,
+    /// Steps before this tick are forgotten.
     since: u64,
-    /// The two last steps of what is forgotten, the later one first.
+    /// The last two of the forgotten steps, the later one first.
     last: [Option<Step>; 2],
-    /// Before the items that are remembered.
+    /// The motor's state before the items in `placed`.
     start: Start,
     placed: VecDeque<Placed>,
 }
 
 impl Timeline {
-    /// A motor that stands at `count` and was not looked at before tick `since`.
+    /// A motor that stands at `count`, with nothing known of the time before tick `since`.
     pub(crate) fn new(fraction_bits: u32, count: i64, since: u64) -> Timeline {
         let start = Start::at(since, fraction_bits);
         Timeline { fraction_bits, count, since, last: [None; 2], start, placed: VecDeque::new() }
@@ -139,12 +140,12 @@ impl Timeline {
         self.last_before(u64::MAX)[0].map(|(tick, _)| tick)
     }
 
-    /// Adds what comes next.
+    /// Appends an item.
     pub(crate) fn push(&mut self, placed: Placed) {
         self.placed.push_back(placed);
     }
 
-    /// Adds a step of which only the tick is known.
+    /// Appends a step of which only the tick is known: a step of a stop.
     pub(crate) fn push_step(&mut self, tick: u64, direction: Direction) {
         let half = 1 << (self.fraction_bits - 1);
         let start = self.placed.back().map_or(self.start.accumulator, |placed| placed.end(self.fraction_bits));
@@ -154,7 +155,7 @@ impl Timeline {
         self.push(Placed { start, item: Item::Run { segment, direction } });
     }
 
-    /// Drops what comes at `tick` or later.
+    /// Drops all steps at `tick` or later.
     pub(crate) fn cut(&mut self, tick: u64) {
         while let Some(placed) = self.placed.pop_back() {
             if let Some(run) = placed.run()
@@ -166,7 +167,7 @@ impl Timeline {
         }
     }
 
-    /// Where the motor is at `tick`, and what it was told for later.
+    /// The motor's state at `tick`, and the items that were sent for after it.
     pub(crate) fn from(&self, tick: u64) -> (Start, Vec<Item>) {
         let mut start = self.start;
         let mut placed = self.placed.iter();
@@ -182,7 +183,7 @@ impl Timeline {
         (start, items)
     }
 
-    /// Forgets which steps came before `tick`; how many they were stays known.
+    /// Forgets the ticks of the steps before `tick`, but not how many they were.
     pub(crate) fn forget(&mut self, tick: u64) {
         self.since = self.since.max(tick);
         while let Some(placed) = self.placed.pop_front() {
@@ -207,7 +208,7 @@ impl Timeline {
     }
 }
 
-/// Takes a motor through what comes of an item before `tick`; gives how many of its steps that are.
+/// Moves `start` on through the part of an item that comes before `tick`. Returns how many steps that are.
 fn advance(start: &mut Start, placed: &Placed, tick: u64, fraction_bits: u32) -> u32 {
     let Some(run) = placed.run() else {
         (start.accumulator, start.fresh) = (placed.end(fraction_bits), true);

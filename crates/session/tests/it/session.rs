@@ -365,9 +365,9 @@ fn check_acceleration(steps: &[(u64, i64)], limit: f64, doubt: f64) -> Result<()
 
 /// Lets the board come to rest without the host.
 fn let_run_out<B: Leased>(session: &mut Session<B>, lab: &mut Lab) {
-    let told = session.told();
+    let committed_until = session.committed_until();
     let end = session.last_step().unwrap_or(0).max(session.board().now());
-    let end = if told == u64::MAX { end } else { end.max(told) };
+    let end = if committed_until == u64::MAX { end } else { end.max(committed_until) };
     session.board_mut().advance(end + 1000, lab);
 }
 
@@ -423,11 +423,11 @@ proptest! {
         if session.is_complete() {
             return Ok(());
         }
-        let told = session.told();
-        session.board_mut().advance(told + late, &mut lab);
+        let committed_until = session.committed_until();
+        session.board_mut().advance(committed_until + late, &mut lab);
         let refused = session.fill();
         let Err(SessionError::Stopped { at_s, late_s, .. }) = refused else { panic!("{refused:?}") };
-        prop_assert_eq!((at_s * TICK_HZ as f64).round() as u64, told - session.zero());
+        prop_assert_eq!((at_s * TICK_HZ as f64).round() as u64, committed_until - session.zero());
         prop_assert_eq!((late_s * TICK_HZ as f64).round() as u64, late + 1);
         let report = session.run(&mut lab, |_| {});
         prop_assert_eq!(&report.counted, &report.replayed);
@@ -690,12 +690,12 @@ fn check_stops<B: Leased>(session: &Session<B>, lab: &Lab, program: &Program) ->
         let Some(limit) = m.limits.max_acceleration else { continue };
         // Steps on a shared DIR line may be put off.
         let doubt = if lab.is_shared() { 1.5 + REVERSAL as f64 } else { 1.5 };
-        let first = steps.iter().position(|(tick, _)| *tick >= session.told()).unwrap_or(steps.len());
+        let first = steps.iter().position(|(tick, _)| *tick >= session.committed_until()).unwrap_or(steps.len());
         check_acceleration(&steps[first.saturating_sub(2)..], limit, doubt)?;
         limits::check_last_step(steps, TICK_HZ, limit, m.limits.pull_in)
             .map_err(|why| TestCaseError::fail(format!("motor {motor}: {why}")))?;
         let peak = session.certificate(motor).peak_speed.0;
-        let stopping = steps.last().map_or(0, |(tick, _)| tick.saturating_sub(session.told()));
+        let stopping = steps.last().map_or(0, |(tick, _)| tick.saturating_sub(session.committed_until()));
         // An ideal stop takes v/a. Core's takes up to twice as many steps, and at its end a step or two of 1/√(2a).
         let longest_s = 2.5 * peak / limit + 2.0 / (2.0 * limit).sqrt();
         let took_s = stopping as f64 / TICK_HZ as f64;
@@ -782,7 +782,7 @@ fn what_cannot_be_sent_is_refused_before_anything_moves() {
         Err(SessionError::Waiting { at: earliest, until: session.zero() + 1 })
     );
     session.advance(session.zero(), &mut |_: Edge| {}).unwrap();
-    let latest = session.told();
+    let latest = session.committed_until();
     assert_eq!(session.change(latest + 1, one.clone()), Err(SessionError::Late { at: latest + 1, latest }));
 }
 
