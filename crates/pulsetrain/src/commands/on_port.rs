@@ -1,4 +1,5 @@
-//! `pulsetrain run FILE --port …`: a real board, whose own word is all that is known.
+//! `pulsetrain run FILE --port …`: runs a motion on a real board. The board's own report is all that is known of the
+//! run.
 
 use pulsetrain_board::BoardKind;
 use std::path::Path;
@@ -21,7 +22,7 @@ use pulsetrain_motion::human::{self, Table};
 use pulsetrain_session::drive::{Driven, Ended, connect_while};
 use pulsetrain_session::prepare::{Planned, Prepared};
 
-/// A run on a real board. Nothing but the board saw its pins.
+/// The report of a run on a real board. Nobody but the board saw its pins.
 #[derive(Debug, Serialize)]
 struct PortReport {
     #[serde(flatten)]
@@ -29,24 +30,24 @@ struct PortReport {
     /// "board at PORT".
     runner: String,
     firmware: String,
-    /// Only on an Uno, and if it is wanted.
+    /// Only of an Uno, and only if the user wants a rehearsal.
     #[serde(skip_serializing_if = "Option::is_none")]
     rehearsed: Option<Rehearsal>,
-    /// What the board says.
+    /// The board's report.
     says: BoardReport,
 }
 
-/// The board's own word.
+/// The board's own report of a run.
 #[derive(Debug, Serialize)]
 struct BoardReport {
     /// Steps of each motor, forward minus backward.
     counted: Vec<i64>,
-    /// The user stopped it on the way.
+    /// Whether the user stopped the motion before its end.
     stopped: bool,
-    /// The user stopped it at once: whose motors may stand elsewhere than they count.
+    /// If the user stopped the motors at once: which of them may stand elsewhere than their counts.
     #[serde(skip_serializing_if = "Option::is_none")]
     uncertain: Option<Vec<bool>>,
-    /// Its clock against this computer's, ppm, and how much that may be off.
+    /// How much faster than this computer's clock the board's runs, ppm, and how much that may be off.
     clock_ppm: Option<(f64, f64)>,
     compares_missed: u16,
     latest_ticks: u16,
@@ -56,14 +57,14 @@ struct BoardReport {
     most_unread_bytes: u16,
     lost_bytes: u16,
     damaged_frames: u16,
-    /// What it said unasked, in words.
+    /// Events that the board reported by itself, in words.
     events: Vec<String>,
-    /// Frames that were sent again.
+    /// Frames that were sent more than once.
     frames_repeated: u64,
 }
 
 impl BoardReport {
-    /// Whether every step came when it was due, as far as the board knows.
+    /// Whether every step came when it was due, by the board's report.
     const fn kept_up(&self) -> bool {
         self.compares_missed == 0 && self.starved == 0
     }
@@ -87,7 +88,8 @@ pub(crate) fn run(
         let help = "leave --rehearse out: a Pico's queues hold twenty times what an Uno's do, or more";
         return Err(miette!(help = help, "{}: only what an Uno is to run is rehearsed", prepared.file));
     }
-    // Before the port is opened, which resets an Uno. Ctrl-C ends it at once, as nothing moves.
+    // The rehearsal comes before the port is opened, since opening resets an Uno. Ctrl-C ends the rehearsal at once:
+    // nothing moves yet.
     let rehearsed = match args.no_rehearsal || !kind.is_rehearsed() {
         true => None,
         false => {
@@ -140,7 +142,8 @@ pub(crate) fn run(
     };
     let plan = plan::report(prepared, planned);
     let report = PortReport { plan, runner, firmware, rehearsed, says };
-    // What the motors did is told also where a file has no room; a script gets one value, and then it is the error.
+    // The user sees what the motors did even if a file could not be written. A script reads one JSON value, which is
+    // then the error.
     if !args.json {
         console.print(&report.plan)?;
         print(&report, planned, console)?;
@@ -155,12 +158,13 @@ pub(crate) fn run(
     Ok(if report.says.kept_up() { Exit::Success } else { Exit::BoundBroken })
 }
 
-/// Whether to wait on for motors of a host before this one: until Ctrl-C. What nobody would see is said, once.
+/// A function that decides whether to wait on while the board still moves motors for an earlier host: until Ctrl-C. Its
+/// first call prints that it waits.
 pub(super) fn waits_aloud(console: &mut Console<'_>, port: &str) -> impl FnMut() -> bool {
     let mut waits = false;
     move || {
         if !std::mem::replace(&mut waits, true) {
-            // Where errors cannot be written nobody reads them.
+            // If standard error is closed nobody reads it.
             drop(writeln!(
                 console.err,
                 "The board still moves motors for a host before this one: this waits for them, half a minute at most. Ctrl-C ends the wait; \
@@ -223,7 +227,7 @@ fn print(report: &PortReport, planned: &[Planned], console: &mut Console<'_>) ->
     console.print("\n")
 }
 
-/// Writes the steps as they are scheduled.
+/// Writes the scheduled steps to a file.
 struct Scheduled<W: std::io::Write> {
     writer: steps::StepWriter<W>,
     error: Option<std::io::Error>,

@@ -1,4 +1,5 @@
-//! An Uno that has another of its images than a command needs: the right one is written, if who sits at the terminal wants it.
+//! An Uno runs another of its images than a command needs. At a terminal the user may let this program write the right
+//! one.
 
 use miette::{Diagnostic, Report};
 use pulsetrain_board::remote::{RemoteError, image_name};
@@ -9,13 +10,13 @@ use super::info::UNO;
 use crate::console::Console;
 use pulsetrain_session::drive::session_number;
 
-/// What a command says of such a board.
+/// The error for such a board.
 #[derive(Clone, Copy, Debug, thiserror::Error)]
 #[error("{}", RemoteError::OtherImage { is, wanted })]
 pub(crate) struct OtherImage {
-    /// What the board has: [`image_name`].
+    /// The image that the board runs: [`image_name`].
     pub(crate) is: &'static str,
-    /// What the command needs.
+    /// The image that the command needs.
     pub(crate) wanted: &'static str,
 }
 
@@ -26,7 +27,7 @@ impl Diagnostic for OtherImage {
 }
 
 impl OtherImage {
-    /// The image as `flash --image` has it; the one that is there from the start needs no name.
+    /// The image's name for `flash --image`. The board's first image needs none.
     fn image(&self) -> Option<&'static str> {
         Some(self.wanted).filter(|wanted| *wanted != "uno")
     }
@@ -36,7 +37,7 @@ impl OtherImage {
         format!("pulsetrain flash uno --port {port}{image}")
     }
 
-    /// What is wrong with the Uno at a port, if it answers and has another image than `wanted`.
+    /// The error for the Uno at a port, if it answers and runs another image than `wanted`.
     pub(crate) fn at(port: &str, wanted: &'static str) -> Option<OtherImage> {
         let remote = Remote::open_if_free(Serial::open(port, false).ok()?, session_number()).ok()?;
         let (board, image) = (remote.info().board, remote.info().image);
@@ -46,14 +47,15 @@ impl OtherImage {
     }
 }
 
-/// Whether the image that a refused command needs is on the board at `port` now: who sits at the terminal is asked, and it is written. `None` if it
-/// was refused for another reason, if nobody can be asked, or wants it.
+/// If a command was refused because of the board's image: asks the user at the terminal, and writes the right image to
+/// the board at `port`. `None` if the command was refused for another reason, if there is no terminal, or if the user
+/// says no.
 pub(crate) fn offered(refused: &Report, port: Option<&str>, console: &mut Console<'_>) -> Option<miette::Result<()>> {
     let (other, port) = (refused.downcast_ref::<OtherImage>()?, port?);
     wanted(other, port, |question| console.confirm(question)).then(|| flash::write(port, other.image(), console))
 }
 
-/// Whether who is asked wants it written.
+/// Whether the user wants the image written.
 fn wanted(other: &OtherImage, port: &str, ask: impl FnOnce(&str) -> Option<bool>) -> bool {
     let question = format!("At {port}, {other}. This would write it, and then begin again: `{}`", other.command(port));
     ask(&question) == Some(true)
