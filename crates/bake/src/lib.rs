@@ -12,11 +12,12 @@
 //!     steps_per_rev = 200
 //!     driver = "A4988"
 //!     pins = { step = 8, dir = 9 }
+//!     forward = "high"
 //!     max_acceleration = "50 rev/s^2"
 //!
 //!     [[motion]]
 //!     motor = "wheel"
-//!     law.sine = { amplitude = "1 rev", period = "2 s" } # no `cycles`: it never ends
+//!     law.sine = { amplitude = "1 rev", period = "2 s", cycles = "forever" }
 //! "#;
 //! let no_files = |_: &std::path::Path| Err(std::io::ErrorKind::NotFound.into());
 //! let mut program = file::read(text, "wheel.toml", &no_files)?;

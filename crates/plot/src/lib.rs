@@ -16,6 +16,7 @@
 //!     steps_per_rev = 200
 //!     driver = "A4988"
 //!     pins = { step = 8, dir = 9 }
+//!     forward = "high"
 //!     max_acceleration = "50 rev/s^2"
 //!
 //!     [[motion]]

@@ -1,7 +1,7 @@
 //! The Pico's figures, in cycles of the emulated chip: what `cargo xtask bench pico` collects.
 //!
 //! A table, fields between tabs, the first of which says whether the row is promised, or that it is a limit for the table of
-//! boards. With the argument `hour` an hour of 001's four motors, twice, instead; or as many seconds as the argument behind it says.
+//! boards. With the argument `hour` an hour of the sweep article's four motors, twice, instead; or as many seconds as the argument behind it says.
 
 #[path = "../tests/it/common/mod.rs"]
 mod common;

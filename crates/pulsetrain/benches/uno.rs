@@ -1,7 +1,7 @@
 //! The Uno's figures, in cycles of the emulated chip: what `cargo xtask bench uno` collects.
 //!
 //! A table, fields between tabs, the first of which says whether the row is promised, or that it is a limit for the table of
-//! boards. With the argument `hour` the hour of 001's four motors instead; with `figure-2` that figure alone; with `rates` what motions reach, too;
+//! boards. With the argument `hour` the hour of the sweep article's four motors instead; with `figure-2` that figure alone; with `rates` what motions reach, too;
 //! with `motions` and a number of seeds how fast whole motions run, and what of it `plan` accepts;
 //! with `pulse` and ticks what variations with such pulses reach, and their limits.
 

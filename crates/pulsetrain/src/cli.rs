@@ -7,7 +7,8 @@ use clap::{Parser, Subcommand};
 use miette::{GraphicalReportHandler, GraphicalTheme, JSONReportHandler};
 
 use crate::arguments::{At, Table};
-use crate::commands::{self, RunStopped};
+use crate::commands;
+use crate::commands::problems::RunStopped;
 use crate::consent::LongMotion;
 use crate::console::{Console, Exit};
 
@@ -151,7 +152,7 @@ pub fn run_on<A: Into<OsString> + Clone>(args: impl IntoIterator<Item = A>, cons
     let as_json = cli.command.wants_json();
     let mut outcome = obey(&cli.command, console);
     if let Err(refused) = &outcome
-        && let Some(written) = commands::offered(refused, cli.command.port(), console)
+        && let Some(written) = commands::other_image::offered(refused, cli.command.port(), console)
     {
         outcome = written.and_then(|()| obey(&cli.command, console));
     }

@@ -9,7 +9,7 @@ const TITLES: [&str; 5] = [
     "Laws with changing speed, streamed over USB: what is promised, and the fastest that holds",
     "Eight motors that start in one cycle",
     "Motors on ULN2003",
-    "001's four motors, twice",
+    "The sweep article's four motors, twice",
     "Load of the processor",
 ];
 

@@ -13,7 +13,7 @@ use pulsetrain_motion::program::{DriverTiming, Limits, Motor, Program, Scale, To
 use pulsetrain_motion::{Grid, Law, Time, boards};
 use serde::Serialize;
 
-use super::{drive_problem, port_problem};
+use super::problems::{drive_problem, port_problem};
 use crate::console::{Console, Exit};
 use pulsetrain_motion::human::{self, Table};
 use pulsetrain_session::drive::{DriveError, Driven, session_number};

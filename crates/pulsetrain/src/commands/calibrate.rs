@@ -7,7 +7,7 @@ use pulsetrain_board::{Board, Port, Remote, RemoteError, Serial};
 use pulsetrain_motion::Time;
 use serde::Serialize;
 
-use super::{drive_problem, port_problem};
+use super::problems::{drive_problem, port_problem};
 use crate::console::{Console, Exit};
 use pulsetrain_motion::human;
 use pulsetrain_session::drive::session_number;

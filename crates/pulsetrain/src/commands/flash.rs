@@ -15,7 +15,7 @@ use pulsetrain_board::{PortError, Serial, hex, image, serial, virtual_pico};
 use pulsetrain_motion::quantity::nearest;
 use serde::Serialize;
 
-use super::port_problem;
+use super::problems::port_problem;
 use crate::console::{self, Console, Exit};
 use pulsetrain_motion::human;
 

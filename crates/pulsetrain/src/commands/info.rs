@@ -8,8 +8,8 @@ use pulsetrain_core::wire::message::{Cause, flags, image};
 use pulsetrain_core::wire::{Baud, Reason, Stored, VERSION};
 use serde::Serialize;
 
+use super::problems::{clock_off, drive_problem, port_problem};
 use super::store::{Kept, told};
-use super::{clock_off, port_problem};
 use crate::arguments::At;
 use crate::console::{Console, Exit};
 use pulsetrain_motion::human::{self, Table};
@@ -71,7 +71,7 @@ pub(crate) fn run(args: &At, console: &mut Console<'_>) -> miette::Result<Exit> 
         Some(name) => ask(Serial::open(name, false).map_err(port_problem)?, args.baud),
         None => ask(args.board.unwrap_or(BoardKind::Uno).virtual_board(Role::Plans), args.baud),
     };
-    let said = said.map_err(super::drive_problem)?;
+    let said = said.map_err(drive_problem)?;
     if args.json {
         console.print_json(&said)?;
         return Ok(Exit::Success);

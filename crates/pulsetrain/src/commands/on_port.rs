@@ -12,12 +12,13 @@ use pulsetrain_core::wire::Baud;
 use pulsetrain_trace::steps;
 use serde::Serialize;
 
+use super::plan;
+use super::problems::{clock_off, drive_problem, port_problem, run_problem};
 use super::rehearsal::Rehearsal;
-use super::run::RunArgs;
-use super::{clock_off, drive_problem, plan, port_problem, run_problem};
 use crate::console::{self, Console, Exit, access};
 use crate::interrupt;
 use crate::report::PlanReport;
+use pulsetrain_motion::Time;
 use pulsetrain_motion::human::{self, Table};
 use pulsetrain_session::drive::{Driven, Ended, connect_while};
 use pulsetrain_session::prepare::{Planned, Prepared};
@@ -70,13 +71,25 @@ impl BoardReport {
     }
 }
 
-pub(crate) fn run(
+/// How the user wants a motion run on a real board.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct PortRun<'a> {
+    pub(super) port: &'a str,
+    /// Rate of the line, once the board is found.
+    pub(super) baud: Baud,
+    /// How much of the motion is rehearsed.
+    pub(super) rehearse: Option<Time>,
+    pub(super) no_rehearsal: bool,
+    /// Whether the report is printed as JSON.
+    pub(super) json: bool,
+    /// Where the files go.
+    pub(super) folder: &'a Path,
+}
+
+pub(super) fn run(
     prepared: &Prepared,
     planned: &[Planned],
-    name: &str,
-    args: &RunArgs,
-    baud: Baud,
-    folder: &Path,
+    PortRun { port: name, baud, rehearse, no_rehearsal, json, folder }: PortRun<'_>,
     console: &mut Console<'_>,
 ) -> miette::Result<Exit> {
     let program = &prepared.program;
@@ -84,17 +97,17 @@ pub(crate) fn run(
         let help = "add --board uno or --board pico, or write it in the file";
         return Err(miette!(help = help, "{} is planned for the board `{}`", prepared.file, program.board.name));
     };
-    if args.rehearse.is_some() && !kind.is_rehearsed() {
+    if rehearse.is_some() && !kind.is_rehearsed() {
         let help = "leave --rehearse out: a Pico's queues hold twenty times what an Uno's do, or more";
         return Err(miette!(help = help, "{}: only what an Uno is to run is rehearsed", prepared.file));
     }
     // The rehearsal comes before the port is opened, since opening resets an Uno. Ctrl-C ends the rehearsal at once:
     // nothing moves yet.
-    let rehearsed = match args.no_rehearsal || !kind.is_rehearsed() {
+    let rehearsed = match no_rehearsal || !kind.is_rehearsed() {
         true => None,
         false => {
             let put_off = planned.iter().map(|planned| planned.certificate.longest_put_off_ticks).max();
-            Some(Rehearsal::of_run(prepared, baud, args.rehearse, put_off.unwrap_or(0), console)?)
+            Some(Rehearsal::of_run(prepared, baud, rehearse, put_off.unwrap_or(0), console)?)
         }
     };
     interrupt::watch();
@@ -144,13 +157,13 @@ pub(crate) fn run(
     let report = PortReport { plan, runner, firmware, rehearsed, says };
     // The user sees what the motors did even if a file could not be written. A script reads one JSON value, which is
     // then the error.
-    if !args.json {
+    if !json {
         console.print(&report.plan)?;
         print(&report, planned, console)?;
     }
     written?;
     console::write(&folder.join("report.json"), format!("{}\n", console::json(&report)?).as_bytes())?;
-    if args.json {
+    if json {
         console.print_json(&report)?;
     } else {
         console.print(format_args!("{}: report.json, steps.csv (as scheduled)\n", folder.display()))?;

@@ -1,50 +1,23 @@
 //! An Uno runs another of its images than a command needs. At a terminal the user may let this program write the right
 //! one.
 
-use miette::{Diagnostic, Report};
-use pulsetrain_board::remote::{RemoteError, image_name};
+use miette::Report;
+use pulsetrain_board::remote::image_name;
 use pulsetrain_board::{Remote, Serial};
 
 use super::flash;
 use super::info::UNO;
+use super::problems::OtherImage;
 use crate::console::Console;
 use pulsetrain_session::drive::session_number;
 
-/// The error for such a board.
-#[derive(Clone, Copy, Debug, thiserror::Error)]
-#[error("{}", RemoteError::OtherImage { is, wanted })]
-pub(crate) struct OtherImage {
-    /// The image that the board runs: [`image_name`].
-    pub(crate) is: &'static str,
-    /// The image that the command needs.
-    pub(crate) wanted: &'static str,
-}
-
-impl Diagnostic for OtherImage {
-    fn help<'a>(&'a self) -> Option<Box<dyn std::fmt::Display + 'a>> {
-        Some(Box::new(format!("write it to the board: `{}`", self.command("PORT"))))
-    }
-}
-
-impl OtherImage {
-    /// The image's name for `flash --image`. The board's first image needs none.
-    fn image(&self) -> Option<&'static str> {
-        Some(self.wanted).filter(|wanted| *wanted != "uno")
-    }
-
-    fn command(&self, port: &str) -> String {
-        let image = self.image().map_or_else(String::new, |image| format!(" --image {image}"));
-        format!("pulsetrain flash uno --port {port}{image}")
-    }
-
-    /// The error for the Uno at a port, if it answers and runs another image than `wanted`.
-    pub(crate) fn at(port: &str, wanted: &'static str) -> Option<OtherImage> {
-        let remote = Remote::open_if_free(Serial::open(port, false).ok()?, session_number()).ok()?;
-        let (board, image) = (remote.info().board, remote.info().image);
-        remote.close();
-        let is = image_name(image);
-        (board == UNO && is != wanted).then_some(OtherImage { is, wanted })
-    }
+/// The error for the Uno at a port, if it answers and runs another image than `wanted`.
+pub(crate) fn image_at(port: &str, wanted: &'static str) -> Option<OtherImage> {
+    let remote = Remote::open_if_free(Serial::open(port, false).ok()?, session_number()).ok()?;
+    let (board, image) = (remote.info().board, remote.info().image);
+    remote.close();
+    let is = image_name(image);
+    (board == UNO && is != wanted).then_some(OtherImage { is, wanted })
 }
 
 /// If a command was refused because of the board's image: asks the user at the terminal, and writes the right image to

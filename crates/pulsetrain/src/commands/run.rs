@@ -11,7 +11,9 @@ use std::path::{Path, PathBuf};
 use miette::miette;
 use pulsetrain_board::Leased;
 
-use super::{drive_problem, on_port, plan, ports, run_problem};
+use super::on_port::{self, PortRun};
+use super::problems::{drive_problem, run_problem};
+use super::{plan, ports};
 use crate::console::{self, Console, Exit, access};
 use crate::diagnostic::advised;
 use crate::record::{Files, Recorded, Recorder};
@@ -103,7 +105,15 @@ pub(crate) fn run(args: &RunArgs, console: &mut Console<'_>) -> miette::Result<E
     let planned = plan::plan(&mut prepared, console)?;
     let folder = args.out.clone().unwrap_or_else(|| default_folder(&args.motion.file));
     if let Some(name) = &args.port {
-        return on_port::run(&prepared, &planned, name, args, baud, &folder, console);
+        let run = PortRun {
+            port: name,
+            baud,
+            rehearse: args.rehearse,
+            no_rehearsal: args.no_rehearsal,
+            json: args.json,
+            folder: &folder,
+        };
+        return on_port::run(&prepared, &planned, run, console);
     }
     let edges = Edges::of(&prepared.program);
     let (recorded, runner) = match BoardKind::named(&prepared.program.board.name).filter(|_| !args.native) {

@@ -9,7 +9,7 @@ use pulsetrain_trace::winch::{AXES, Status};
 use serde::Serialize;
 
 use super::info::{UNO, listed, motor_list};
-use super::{drive_problem, port_problem};
+use super::problems::{drive_problem, port_problem};
 use crate::console::{Console, Exit};
 use crate::winch::talk::{BoardLine, Talk, with_checksum};
 use pulsetrain_motion::human;

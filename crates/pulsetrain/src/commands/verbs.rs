@@ -23,8 +23,8 @@ use pulsetrain_motion::quantity::{Base, Quantity};
 
 use super::info::UNO;
 use super::on_port::waits_aloud;
+use super::problems::{drive_problem, port_problem};
 use super::winch::typed;
-use super::{drive_problem, port_problem};
 use crate::console::{self, Console, Exit};
 use crate::winch::talk::meaning;
 use crate::{interrupt, serve};

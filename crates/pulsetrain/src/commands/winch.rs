@@ -20,7 +20,8 @@ use pulsetrain_motion::pins::PinKind;
 use pulsetrain_trace::winch::{AXES, Status, WinchOptions};
 use pulsetrain_trace::{Line, Trace, steps, vcd_file};
 
-use super::OtherImage;
+use super::other_image::image_at;
+use super::problems;
 use super::run::draw;
 use crate::console::{self, Console, Exit, access};
 use crate::winch::console::{ConsoleError, Ended, Plain, converse};
@@ -122,7 +123,7 @@ fn port_problem(error: PortError) -> Report {
                         the script has it stop by itself";
             miette!(help = help, "{error}")
         }
-        error => super::port_problem(error),
+        error => problems::port_problem(error),
     }
 }
 
@@ -187,7 +188,7 @@ fn meet<P: Port>(port: P, place: &str) -> miette::Result<(Talk<P>, String)> {
 /// image.
 fn meet_at(port: &str) -> miette::Result<(Talk<Serial>, String)> {
     meet(Serial::open(port, true).map_err(port_problem)?, port)
-        .map_err(|error| OtherImage::at(port, "winch").map_or(error, Report::new))
+        .map_err(|error| image_at(port, "winch").map_or(error, Report::new))
 }
 
 fn watcher(script: &Script, console: &Console<'_>) -> impl FnMut(f64) -> ScriptControl {

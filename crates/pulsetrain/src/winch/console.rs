@@ -10,8 +10,7 @@ use pulsetrain_board::{Port, PortError};
 use pulsetrain_trace::winch::Status;
 
 use super::mirror::Mirror;
-use super::run::BYTE;
-use super::talk::{BoardLine, Talk};
+use super::talk::{BYTE, BoardLine, STOP, Talk};
 use crate::interrupt;
 
 /// Input of the person at the console.
@@ -66,9 +65,6 @@ impl From<io::Error> for ConsoleError {
         ConsoleError::Person(error)
     }
 }
-
-/// Stops all axes. [`Talk::as_wanted`] adds a checksum for a board that wants one.
-pub(super) const STOP: &str = "enable 0";
 
 /// The help of the console.
 pub const HELP: &str = "\

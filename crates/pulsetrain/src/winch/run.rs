@@ -10,14 +10,13 @@ use pulsetrain_trace::winch::{self, AXES, Command, Onlooker, Order, SentLine, St
 use serde::Serialize;
 
 use super::script::Script;
-use super::talk::{BoardLine, Talk, meaning};
+use super::talk::{BYTE, BoardLine, STOP, Talk, meaning};
 use pulsetrain_motion::human::{self, Table};
 use pulsetrain_plot::{Errors, MotorPicture, Picture};
 
-/// Time of a byte on the line at 115 200 baud; the shortest time of a byte that an Uno's USB bridge makes of it; and
-/// the frame of USB that the first byte may wait for.
-pub(super) const BYTE: Duration = Duration::from_nanos(86_806);
+/// The shortest time of a byte that an Uno's USB bridge makes of it: its rate is not exact.
 const FAST_BYTE: Duration = Duration::from_nanos(85_000);
+/// The first byte may wait for a frame of USB.
 const USB_FRAME: Duration = Duration::from_millis(1);
 
 /// What the caller of a running script wants.
@@ -29,8 +28,7 @@ pub enum ScriptControl {
     Stop,
 }
 
-/// The line that stops the axes, and how long the board gets to stop.
-const STOP: &str = super::console::STOP;
+/// How long the board gets to stop its axes.
 const AFTER_STOP: Duration = Duration::from_secs(1);
 
 /// Ticks a second of a run whose pins nobody sees.

@@ -118,6 +118,12 @@ pub struct Talk<P> {
     is_checked: bool,
 }
 
+/// Stops all axes. [`Talk::as_wanted`] adds a checksum for a board that wants one.
+pub(super) const STOP: &str = "enable 0";
+
+/// Time of a byte on the line at 115 200 baud.
+pub(super) const BYTE: Duration = Duration::from_nanos(86_806);
+
 /// The longest line that is kept. A longer one is noise.
 const LONGEST: usize = 1000;
 

@@ -97,7 +97,7 @@ fn examples_keep_to_the_law() {
     assert_eq!(tutorial.motors[0].steps_got, 8000);
     keeps("sweep", &read_example("sweep.toml"), 10.0);
     keeps("max-speed", &read_example("max-speed.toml"), 8.0);
-    // Seed 004's own ramp, whose speed jumps from step to step.
+    // The maximum-speed article's own ramp, whose speed jumps from step to step.
     let ramp = |turns: i32| {
         format!(
             "{{ ramp = {{ distance = \"{turns} rev\", tick = \"8 us\", slowest = 255, fastest = 18, during = 10 }} }}"
@@ -253,7 +253,7 @@ fn a_speed_goes_on_for_ever() {
     assert!(report.motors.iter().all(|motor| motor.drift_ppm.abs() < 0.05), "{report:?}");
 }
 
-/// 001's sweep, for a minute; with PULSETRAIN_ROUNDS=60 an hour.
+/// The sweep article's motion, for a minute; with PULSETRAIN_ROUNDS=60 an hour.
 #[test]
 fn the_sweep_keeps_its_phase() {
     let report = keeps("sweep", &read_example("sweep.toml"), 60.0 * pulsetrain_testkit::seed::rounds() as f64);

@@ -145,7 +145,7 @@ fn what_the_planner_takes_at_its_limit_the_board_does() {
     }
 }
 
-/// 001's four motors, twice, as `cargo xtask bench pico --hour` has them for an hour.
+/// The sweep article's four motors, twice, as `cargo xtask bench pico --hour` has them for an hour.
 #[test]
 fn eight_motors_keep_their_phase() {
     let rows = sweep(5);

@@ -123,7 +123,7 @@ fn scheduled_within_the_certificate() {
     assert!(largest <= made.certificate_ticks && largest > 0.5, "{largest} of {}", made.certificate_ticks);
 }
 
-/// 001's motors, as `cargo xtask bench uno --hour` has them for an hour.
+/// The sweep article's motors, as `cargo xtask bench uno --hour` has them for an hour.
 #[test]
 fn four_motors_on_one_dir_line_keep_their_phase() {
     let rows = hour(10);

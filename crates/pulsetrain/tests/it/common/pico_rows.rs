@@ -405,7 +405,7 @@ pub(crate) fn made(prepared: &Prepared) -> Row {
     motion_row(1, &prepared.file, prepared, Timing::of("TMC2209")).0
 }
 
-/// Figure 4: 001's four motors twice, each with a DIR line of its own, for so many seconds, then the planned stop. A row for all
+/// Figure 4: the sweep article's four motors twice, each with a DIR line of its own, for so many seconds, then the planned stop. A row for all
 /// edges, and one for each motor: what is left of its phase at the end.
 pub(crate) fn sweep(seconds: i64) -> Vec<Row> {
     let file = concat!(env!("CARGO_MANIFEST_DIR"), "/../../examples/sweep.toml");
@@ -414,8 +414,8 @@ pub(crate) fn sweep(seconds: i64) -> Vec<Row> {
     let timing = Timing::of("A4988");
     let laws = original.program.motors.iter().map(|motor| motor.law.clone());
     let motors = (0_u8..).zip(laws.clone().chain(laws)).map(|(number, law)| motor(number, law, timing)).collect();
-    let prepared = Prepared { cut: original.cut, ..prepared("001's sweep", motors) };
-    let law = format!("001's four motors twice, {seconds} s");
+    let prepared = Prepared { cut: original.cut, ..prepared("the sweep article's motion", motors) };
+    let law = format!("the sweep article's four motors twice, {seconds} s");
     let (all, followed) = motion_row(4, &law, &prepared, timing);
     let mut rows = vec![all.clone()];
     let schedules = followed.iter().flat_map(|followed| &followed.schedules);
@@ -437,7 +437,7 @@ pub(crate) fn sweep(seconds: i64) -> Vec<Row> {
     rows
 }
 
-/// Seed 002's table, half step 1 to 8, as its `out pins, 4` puts it on IN1 (bit 0) to IN4: forward.
+/// The Pico plotter's table, half step 1 to 8, as its `out pins, 4` puts it on IN1 (bit 0) to IN4: forward.
 const HALF: [u8; 8] = [0x9, 0x8, 0xc, 0x4, 0x6, 0x2, 0x3, 0x1];
 
 /// The pattern at a position: full steps have two coils on, wave steps one.

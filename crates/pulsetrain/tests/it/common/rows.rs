@@ -394,7 +394,7 @@ pub(crate) fn tutorial(period: Time, cycles: u64, (step, dir): (u8, u8), pulse_n
     }
 }
 
-/// Period (s, as a fraction), STEP and DIR: the seed's periods, the fastest by the compare hardware.
+/// Period (s, as a fraction), STEP and DIR: the sweep article's periods, the fastest by the compare hardware.
 pub(crate) const TUTORIALS: [((i64, u64), (u8, u8)); 7] = [
     ((500, 1), (8, 9)),
     ((10, 1), (8, 9)),
@@ -482,13 +482,13 @@ fn motion_row_and_phases(
     (row, phases)
 }
 
-/// Figure 4: 001's four motors on their shared DIR line, for so many seconds, then the planned stop. A row for all edges, and
+/// Figure 4: the sweep article's four motors on their shared DIR line, for so many seconds, then the planned stop. A row for all edges, and
 /// one for each motor: what is left of its phase at the end.
 pub(crate) fn hour(seconds: i64) -> Vec<Row> {
     let file = concat!(env!("CARGO_MANIFEST_DIR"), "/../../examples/sweep.toml");
     let length = Some(Time::from_ratio(seconds, 1));
     let prepared = load::load(std::path::Path::new(file), None, length).expect("an example");
-    let law = format!("001's four motors, {seconds} s");
+    let law = format!("the sweep article's four motors, {seconds} s");
     // Steps of several motors at one time wait for one another.
     let (mut all, phases) = motion_row_and_phases(4, law.clone(), &prepared, SHARED_CYCLES, true);
     all.required = format!("max ≤ {SHARED_CYCLES}");
