@@ -1,4 +1,4 @@
-//! Figures: measured, compared with their bounds, printed, and written to docs/benchmarks.md.
+//! Measures figures, compares them with their bounds, prints them, and writes docs/benchmarks.md.
 
 mod first_run;
 mod peers;
@@ -12,16 +12,16 @@ pub(crate) mod winch;
 use crate::command::{Done, Failure, cargo, output};
 use crate::ruckig;
 
-/// One measurement; an empty text where something does not apply.
+/// One measurement. A text is empty if it does not apply.
 struct Row {
-    /// Which of the report's figures it belongs to.
+    /// The report's figure that it belongs to.
     figure: usize,
     law: String,
     tick_hz: String,
     tolerance_ticks: String,
-    /// What was measured, with its unit.
+    /// The quantity, with its unit.
     what: String,
-    /// The value that it must not exceed.
+    /// The bound that the value must not exceed.
     bound: Option<f64>,
     value: f64,
 }
@@ -32,7 +32,7 @@ impl Row {
     }
 }
 
-/// Measures, prints and writes; fails if a bound is broken, after having written.
+/// Measures, prints and writes. Fails if a bound is broken, but only after writing.
 pub(crate) fn run() -> Done {
     let text = output(&mut cargo("bench --package pulsetrain-plan --bench figures"))?;
     let mut rows = text.lines().filter(|line| line.contains('\t')).map(parse).collect::<Done<Vec<_>>>()?;
@@ -55,7 +55,7 @@ pub(crate) fn run() -> Done {
     if broken.is_empty() { Ok(()) } else { Err(Failure::Check(format!("beyond their bounds: {}", broken.join("; ")))) }
 }
 
-/// What is measured without a step timer.
+/// The measurements that need no step timer.
 fn elsewhere(figure: usize, law: &str, what: &str, bound: Option<f64>, value: f64) -> Row {
     let (law, what) = (law.to_owned(), what.to_owned());
     Row { figure, law, tick_hz: String::new(), tolerance_ticks: String::new(), what, bound, value }

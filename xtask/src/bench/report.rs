@@ -1,4 +1,4 @@
-//! docs/benchmarks.md.
+//! Reads and writes docs/benchmarks.md.
 
 use super::Row;
 use super::peers::{NOTE, PEERS};
@@ -6,7 +6,7 @@ use crate::command::{Done, Failure, command, output, root};
 use std::fs;
 use std::path::PathBuf;
 
-/// The report's sections; [`Row::figure`] counts from 1.
+/// The report's sections. [`Row::figure`] counts them from 1.
 const FIGURES: [&str; 6] = [
     "Every step of the tutorial against exact times",
     "Planning with its certificate, one core",
@@ -51,7 +51,7 @@ pub(crate) fn markdown(rows: &[Row]) -> Done<String> {
     Ok(lines.join("\n"))
 }
 
-/// The sections that are written by commands of their own, in their order.
+/// The sections that have commands of their own, in their order.
 pub(crate) const SECTIONS: [&str; 6] = ["uno", "uno-hour", "winch", "pico", "pico-hour", "verbs"];
 
 fn path() -> PathBuf {
@@ -62,7 +62,7 @@ fn marks(section: &str) -> [String; 2] {
     [format!("<!-- {section} -->\n"), format!("<!-- end of {section} -->\n")]
 }
 
-/// A section of its own in a report, marks included.
+/// A section of its own in a report, with its marks.
 fn section<'a>(report: &'a str, name: &str) -> Option<&'a str> {
     let [begin, end] = marks(name);
     let from = report.find(&begin)?;
@@ -80,7 +80,7 @@ fn save(report: &str) -> Done {
     fs::write(&path, report).map_err(|why| Failure::File { path, why })
 }
 
-/// Writes the report; sections of their own stay as they are.
+/// Writes the report. Sections of their own stay as they are.
 pub(crate) fn write(report: &str) -> Done {
     let old = read().unwrap_or_default();
     let kept = SECTIONS.iter().filter_map(|name| section(&old, name));
@@ -101,7 +101,7 @@ fn replaced(old: &str, name: &str, text: &str) -> String {
     }
 }
 
-/// Three significant digits, or a few more before the point.
+/// Three significant digits, or more if the number has more before the point.
 fn short(value: f64) -> String {
     let digits = 2 - value.abs().max(1e-12).log10().floor() as i32;
     if value == 0.0 {
@@ -113,7 +113,7 @@ fn short(value: f64) -> String {
     }
 }
 
-/// The processor and the compiler.
+/// The processor and the compiler of this machine.
 fn machine() -> Done<String> {
     let info = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
     let model = info.lines().find_map(|line| line.strip_prefix("model name")).and_then(|rest| rest.split(": ").nth(1));

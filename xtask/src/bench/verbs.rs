@@ -1,4 +1,4 @@
-//! Figures of motors that are told directly: MOVE, SPEED, DIRECTION on the Pico's firmware and library, on the emulated chip.
+//! Figures of verbs: MOVE, SPEED and DIRECTION on the Pico's firmware and library, on the emulated chip.
 
 use super::report;
 use crate::command::{Done, Failure, cargo, output};
@@ -17,7 +17,7 @@ const ORIGINAL: [(&str, &str, &str); 4] = [
     ("cycles in 1/50 s", "lorenz", "5 740"),
 ];
 
-/// Measures, prints and writes; fails if something is not as it was asked for, after having written.
+/// Measures, prints and writes. Fails if a bound is broken, but only after writing.
 pub(crate) fn run() -> Done {
     let text = output(&mut cargo("bench --package pulsetrain-board --bench verbs"))?;
     let rows: Vec<Vec<&str>> =
