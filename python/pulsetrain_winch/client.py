@@ -1,4 +1,4 @@
-"""The client: one line a command, status lines as they come."""
+"""The client: sends a line for each command, and collects the board's lines."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ AXES = "xyza"
 #: The line's rate, baud; 8 data bits, no parity, 1 stop bit, no flow control.
 BAUD = 115_200
 
-#: So many statuses, and so many other lines, are kept for whoever has not asked for them yet; older ones are dropped.
+#: Number of statuses, and of other lines, that are kept until the program reads them. Older ones are dropped.
 KEPT = 10_000
 
-#: Bytes of a read: more than a board sends within a line's timeout.
+#: Bytes of a read: more than a board sends within the line's timeout.
 _READ = 4096
-#: Reads in a row that find so many: what an operating system may have kept, and no more, so that none waits for ever.
+#: Full reads in a row: enough for all that an operating system may have stored, but limited, so that no call lasts for ever.
 _READS = 16
 
 _WRAP = 1 << 32
@@ -28,7 +28,7 @@ _HALF = 1 << 31
 
 
 class Transport(Protocol):
-    """What a client needs of a line; ``serial.Serial`` has it."""
+    """The methods of a line that the client needs. ``serial.Serial`` has them."""
 
     def read(self, size: int) -> bytes:
         """Up to ``size`` bytes; none if nothing came within the line's own timeout."""
@@ -37,21 +37,21 @@ class Transport(Protocol):
         """Sends ``data``."""
 
     def close(self) -> None:
-        """Ends it."""
+        """Closes the line."""
 
 
 @dataclass(frozen=True)
 class Status:
-    """Where the motors are: one ``txyza`` line."""
+    """The motors' positions: one ``txyza`` line."""
 
-    #: The board's clock since this client first heard it, µs. It does not wrap; the line's own does, after 71.6 min.
+    #: The board's clock since this client's first status, µs. It does not wrap, though the number in the line does after 71.6 min.
     usec: int
     #: Steps made, by axis in the order of :data:`AXES`.
     positions: Tuple[int, int, int, int]
 
     @property
     def seconds(self) -> float:
-        """The board's clock since this client first heard it, s."""
+        """The board's clock since this client's first status, s."""
         return self.usec / 1e6
 
     def position(self, axis: str) -> int:
@@ -61,14 +61,14 @@ class Status:
 
 @dataclass(frozen=True)
 class Message:
-    """A line that is no status: ``awake``, ``id …``, ``dbg …``, ``err …``."""
+    """A line that is not a status: ``awake``, ``id …``, ``dbg …``, ``err …``."""
 
-    #: Its words.
+    #: The line's words.
     words: Tuple[str, ...]
 
     @property
     def is_error(self) -> bool:
-        """Whether the board has refused a line."""
+        """Whether this line refuses a command."""
         return self.words[0] == "err" or self.words[:2] in (("dbg", "invalid"), ("dbg", "excessive"))
 
     def __str__(self) -> str:
@@ -76,11 +76,11 @@ class Message:
 
 
 class CommandRefused(Exception):
-    """The board has refused a line and done nothing of it."""
+    """The board has refused a line and done nothing."""
 
 
 class NoAnswer(Exception):
-    """The board was asked, and said nothing in time."""
+    """The board did not answer in time."""
 
 
 def checksum(line: str) -> str:
@@ -99,13 +99,13 @@ class Winch:
     """A board, with the protocol's own verbs.
 
     Values are whole steps or steps/s; each command names its axes, as keywords (``x=5``) or as flags (``"xy"``).
-    A board answers motion and gains with nothing unless it refuses them: :meth:`check` raises what it has said.
+    A board answers commands of motion and gains only if it refuses them: :meth:`check` raises its refusals.
     """
 
     def __init__(
         self, transport: Transport, *, with_checksum: bool = False, clock: Callable[[], float] = time.monotonic
     ) -> None:
-        """Takes a line that is open. ``with_checksum``: each command carries one, which the original does not know."""
+        """Uses an open line. ``with_checksum``: each command gets a checksum, which the original sketch does not know."""
         self._transport = transport
         self._with_checksum = with_checksum
         self._clock = clock
@@ -128,7 +128,7 @@ class Winch:
         return cls(serial.Serial(port, BAUD, timeout=0.02), with_checksum=with_checksum)
 
     def close(self) -> None:
-        """Closes the line. The board goes on with what it was told."""
+        """Closes the line. The board goes on with its last commands."""
         self._transport.close()
 
     def __enter__(self) -> "Winch":
@@ -142,7 +142,7 @@ class Winch:
     ) -> None:
         self.close()
 
-    # What a client sends.
+    # Commands to the board.
 
     def move_to(self, **targets: int) -> None:
         """``a``: absolute targets, steps. The drivers are enabled."""
@@ -153,15 +153,15 @@ class Winch:
         self._axes("d", offsets)
 
     def drift(self, **speeds: int) -> None:
-        """``v``: the targets drift on at these speeds, steps/s, until told otherwise. The drivers are enabled."""
+        """``v``: the targets drift on at these speeds, steps/s, until the next command. The drivers are enabled."""
         self._axes("v", speeds)
 
     def impulse(self, **steps: int) -> None:
-        """``r``: reference and target move by so many steps at once, whatever ramp is set."""
+        """``r``: reference and target move by these steps at once, with any ramp."""
         self._axes("r", steps)
 
     def ramp(self, **speeds: int) -> None:
-        """``s``: the reference goes to new targets no faster than this, steps/s; 0 or less: at once."""
+        """``s``: the greatest speed of the reference to new targets, steps/s; 0 or less: it jumps."""
         self._axes("s", speeds)
 
     def gains(self, axes: str = AXES, *, frequency_hz: float, damping_ratio: float) -> None:
@@ -171,12 +171,12 @@ class Winch:
     def limits(self, axes: str = AXES, *, speed: float, acceleration: float) -> None:
         """``l``: the highest speed, steps/s, and acceleration, steps/s², at least 1.
 
-        More than 10 000 steps/s and 250 000 steps/s² is taken as that.
+        Larger values are reduced to 10 000 steps/s and 250 000 steps/s².
         """
         self.send(f"l {_flags(axes)} {_decimal(speed)} {_decimal(acceleration)}")
 
     def enable(self, on: bool = True) -> None:
-        """``enable``: drivers on; or the motors stopped within their limits, and then the drivers off."""
+        """``enable``: switches the drivers on; or stops the motors within their limits and then switches the drivers off."""
         self.send(f"enable {int(on)}")
 
     def report_every(self, milliseconds: int) -> None:
@@ -184,11 +184,11 @@ class Winch:
         self.send(f"srate {_whole(milliseconds)}")
 
     def strict(self, on: bool = True) -> None:
-        """``strict``: whether any irregularity of a line is refused. Boards with the original's firmware ignore it."""
+        """``strict``: whether the board refuses irregular lines. Boards with the original's firmware ignore it."""
         self.send(f"strict {int(on)}")
 
     def deadman(self, milliseconds: int) -> None:
-        """``deadman``: without a line for so long, ms, the board stops all axes; 0: never. The original ignores it."""
+        """``deadman``: after this time without a line, ms, the board stops all axes; 0: never. The original ignores it."""
         self.send(f"deadman {_whole(milliseconds)}")
 
     def send(self, line: str) -> None:
@@ -203,14 +203,14 @@ class Winch:
             raise ValueError(f"a line has at most 80 bytes and 10 words: {text!r}")
         self._transport.write(text.encode("ascii") + b"\n")
 
-    # What a client hears.
+    # Lines from the board.
 
     def poll(self) -> bool:
-        """Takes what has come from the line; whether anything had. It waits no longer than the line's timeout."""
+        """Reads what has come from the line. Gives whether there was anything. Waits no longer than the line's timeout."""
         return self._take() > 0
 
     def statuses(self, seconds: float) -> Iterator[Status]:
-        """Statuses as they come, for so many seconds of this computer's clock."""
+        """Statuses as they come, for a number of seconds by this computer's clock."""
         end = self._clock() + seconds
         while True:
             while self._statuses:
@@ -220,9 +220,9 @@ class Winch:
             self.poll()
 
     def latest(self) -> Optional[Status]:
-        """The last status of those that have come; ``None`` if none has since the last look.
+        """The newest status; ``None`` if none has come since the last call.
 
-        It waits no longer than the line's timeout, however often statuses come.
+        Waits no longer than the line's timeout, however often statuses come.
         """
         self._catch_up()
         last = self._statuses[-1] if self._statuses else None
@@ -230,28 +230,28 @@ class Winch:
         return last
 
     def messages(self) -> List[Message]:
-        """All other lines that have come since the last look."""
+        """All other lines since the last call."""
         taken = list(self._messages)
         self._messages.clear()
         return taken
 
     def check(self) -> None:
-        """Raises :exc:`CommandRefused` if the board has refused anything since the last check."""
+        """Raises :exc:`CommandRefused` if the board has refused a line since the last check."""
         errors = list(self._errors)
         self._errors.clear()
         if errors:
             raise CommandRefused("; ".join(str(error) for error in errors))
 
     def ping(self, timeout: float = 3.0) -> None:
-        """Waits until the board says ``awake``. Raises :exc:`NoAnswer` after ``timeout`` seconds.
+        """Waits until the board sends ``awake``. Raises :exc:`NoAnswer` after ``timeout`` seconds.
 
-        It asks again and again: an Uno whose port was just opened is deaf for about a second. What the board had said
-        before it was asked is no answer.
+        It asks again and again, since an Uno is deaf for about a second after its port was opened. Lines from before the
+        call are no answer.
         """
         self._ask("ping", "awake", timeout)
 
     def version(self, timeout: float = 3.0) -> str:
-        """What the board calls itself. Raises :exc:`NoAnswer` after ``timeout`` seconds."""
+        """The board's name for itself. Raises :exc:`NoAnswer` after ``timeout`` seconds."""
         return " ".join(self._ask("version", "id", timeout).words[1:])
 
     def wait_until_still(self, timeout: float, *, quiet: float = 0.5) -> Status:
@@ -296,16 +296,16 @@ class Winch:
         raise NoAnswer(f"no answer to {question!r} in {timeout} s")
 
     def _catch_up(self) -> None:
-        """Takes all that waits: a read that is not full has found the end."""
+        """Reads everything that waits: a read that is not full has reached the end."""
         for _ in range(_READS):
             if self._take() < _READ:
                 return
 
     def _take(self) -> int:
-        """Takes what one read finds; how many bytes."""
+        """Reads once. Gives the number of bytes."""
         data = self._transport.read(_READ)
         *lines, self._partial = (self._partial + data).split(b"\n")
-        # No line of a board is so long: it is noise.
+        # No line of a board is that long, so it is noise.
         self._partial = self._partial[-_READ:]
         for raw in lines:
             self._hear(raw.decode("ascii", "replace").split())
@@ -328,7 +328,7 @@ class Winch:
                 self._errors.append(message)
             return
         raw, positions = status
-        # Differences of a clock that wraps, as long as statuses are less than 35 minutes apart.
+        # The clock wraps, so only differences count. Statuses must be less than 35 minutes apart.
         if self._last_raw is not None:
             self._usec += (raw - self._last_raw + _HALF) % _WRAP - _HALF
         self._last_raw = raw
@@ -352,7 +352,7 @@ def _flags(axes: str) -> str:
 
 
 def _number(value: Union[int, float]) -> Union[int, float]:
-    # True is 1 to Python, and a mistake here.
+    # Python takes True for 1. Here it is a mistake.
     if isinstance(value, bool) or not math.isfinite(value):
         raise ValueError(f"not a number: {value!r}")
     return value
@@ -360,7 +360,7 @@ def _number(value: Union[int, float]) -> Union[int, float]:
 
 def _decimal(value: float) -> str:
     number = _number(value)
-    # All the digits of a large one would not fit into a line.
+    # A large number with all its digits would not fit into a line.
     return f"{number:.6f}" if abs(number) < 1e9 else f"{number:.9g}"
 
 

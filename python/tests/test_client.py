@@ -21,7 +21,7 @@ from .virtual import VirtualBoard, needs_boards, needs_pty
 
 
 class FakeLine:
-    """Keeps what was written; gives what was queued, one piece a read. Time goes on by 10 ms a read.
+    """Stores the written bytes, and gives the queued pieces, one for each read. Each read takes 10 ms.
 
     ``ever``: what comes in each read when the queue is empty.
     """
@@ -187,7 +187,7 @@ class Hearing(unittest.TestCase):
         self.assertEqual(line.written, b"version\n")
 
     def test_what_was_said_before_the_question_is_no_answer(self) -> None:
-        # One is read already, one waits; only what comes after the question is its answer.
+        # One is read already, one waits. Only a line after the question is its answer.
         line = FakeLine(b"awake\r\n", b"awake\r\n", b"", b"err number 3\r\n", b"", b"awake\r\n", b"late\r\n")
         winch = winch_on(line)
         winch.poll()
@@ -257,11 +257,11 @@ class PseudoTerminal(unittest.TestCase):
 
 @needs_boards
 class VirtualBoards(unittest.TestCase):
-    #: Boards that speak text.
+    #: Boards that read text.
     BOARDS = ["winch", "uno", "pico"]
 
     def assert_goes_to(self, winch: Winch, positions: Tuple[int, int, int, int]) -> None:
-        """It gets there, and stays."""
+        """The axis reaches its target, and stays there."""
         for status in winch.statuses(60.0):
             if status.positions == positions:
                 break

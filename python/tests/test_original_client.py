@@ -1,4 +1,4 @@
-"""A client that is none of ours, as those of the original are (docs/winch.md; the sketch's documents).
+"""A client of another author, like the original's clients (docs/winch.md; the sketch's documents).
 
 It opens the port and does not wait, sends whenever it likes, in bursts of several lines in one write, from a frame loop
 of 40 ms; it splits what comes at ``\\n``, strips it, takes lines of exactly 6 words that begin with ``txyza`` as where the
@@ -18,9 +18,9 @@ from .virtual import VirtualBoard, needs_boards
 #: Seven commands in one write of 80 bytes: more than the 64 that an Uno's own serial buffer holds.
 BURST = b"version\nenable 1\ng xyza 2.00 1.0\nl xyza 4000 40000\nsrate 40\nd xy 5 -5\nd za 7 -7\n"
 FRAME_S = 0.04
-#: Boards that speak text.
+#: Boards that read text.
 BOARDS = ["winch", "uno", "pico"]
-#: How long a computer may take for a few seconds of a board's time.
+#: How long a computer may need for a few seconds of a board's time, s.
 PATIENCE_S = 120.0
 
 
@@ -60,7 +60,7 @@ class Original(unittest.TestCase):
         self.assertEqual((len(BURST), BURST.count(b"\n")), (80, 7))
         with contextlib.ExitStack() as stack:
             ports = [stack.enter_context(VirtualBoard(board)) for _ in range(count)]
-            # Open and go: nobody waits for `awake`.
+            # The client sends at once, and does not wait for `awake`.
             clients = [OriginalClient(port) for port in ports]
             for client in clients:
                 stack.callback(client.close)
@@ -78,7 +78,7 @@ class Original(unittest.TestCase):
                 client.send(b"a xy %d %d\r\n" % (11 * number, -number))
             patience = time.monotonic() + PATIENCE_S
             for number, client in enumerate(clients):
-                # z and a were told relative moves: were one lost, or obeyed twice, they would end elsewhere.
+                # z and a make relative moves. If one were lost, or obeyed twice, they would end elsewhere.
                 end = [11 * number, -number, 1007, -1007]
                 while client.position != end and time.monotonic() < patience:
                     client.poll()

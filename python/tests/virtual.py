@@ -10,17 +10,17 @@ from typing import Optional
 
 
 def pulsetrain() -> Optional[str]:
-    """The program that is a virtual board: as the environment says, else as it was built last."""
+    """The program that runs a virtual board: the one in ``PULSETRAIN``, else the debug build, else the release build."""
     target = Path(__file__).resolve().parents[3] / "target"
     known = [os.environ.get("PULSETRAIN"), str(target / "debug/pulsetrain"), str(target / "release/pulsetrain")]
     return next((path for path in known if path and Path(path).exists()), None)
 
 
-#: For tests that go through pseudo-terminals.
+#: Marks tests that use pseudo-terminals.
 needs_pty = unittest.skipUnless(
     importlib.util.find_spec("serial") and hasattr(os, "openpty"), "needs pyserial and a pty"
 )
-#: For tests with virtual boards.
+#: Marks tests that use virtual boards.
 needs_boards = unittest.skipUnless(
     importlib.util.find_spec("serial") and hasattr(os, "openpty") and pulsetrain(),
     "needs pyserial, a pty, and pulsetrain: cargo build, or PULSETRAIN=…",
@@ -28,7 +28,7 @@ needs_boards = unittest.skipUnless(
 
 
 class VirtualBoard:
-    """`pulsetrain board BOARD --pty`, in real time if the computer can, until it is left."""
+    """Runs `pulsetrain board BOARD --pty`, in real time if the computer is fast enough, until the block ends."""
 
     def __init__(self, board: str) -> None:
         self.folder = tempfile.TemporaryDirectory()

@@ -1,9 +1,10 @@
-//! What others wrote for the Uno, and tests run on the virtual one: Debian's Arduino core with its bootloaders, its compiler, avrdude.
+//! Other people's software for the Uno, which tests run on the virtual one: Debian's Arduino core with its bootloaders,
+//! its compiler, and avrdude.
 
 use crate::command::{self, Done, command, install_debian, target_dir};
 use std::path::{Path, PathBuf};
 
-/// A file of each package, by which it is known to be there; and the package.
+/// A file by which an installed package is recognised, and the package.
 const PACKAGES: [(&str, &str); 4] = [
     ("/usr/share/arduino/hardware/arduino/avr/boards.txt", "arduino-core-avr"),
     ("/usr/bin/avr-g++", "gcc-avr"),
@@ -11,8 +12,8 @@ const PACKAGES: [(&str, &str); 4] = [
     ("/usr/bin/avrdude", "avrdude"),
 ];
 
-/// Installs it, and builds Optiboot: where its image is, as the tests of bootloaders ask for it. `None` where there is no Debian; those
-/// tests are for Linux alone.
+/// Installs these packages and builds Optiboot. Gives the variable with the image's path that the tests of bootloaders
+/// read. `None` on a system other than Debian; those tests run only on Linux.
 pub(crate) fn prepare() -> Done<Option<PathBuf>> {
     if !cfg!(target_os = "linux") {
         println!("the tests with Debian's Arduino core are left out: this is no Linux");
@@ -26,12 +27,12 @@ pub(crate) fn prepare() -> Done<Option<PathBuf>> {
     optiboot().map(Some)
 }
 
-/// Optiboot's source, as Debian has it.
+/// Optiboot's source in Debian's package.
 const OPTIBOOT: &str = "/usr/share/arduino/hardware/arduino/avr/bootloaders/optiboot/optiboot.c";
 
-/// Builds the Uno's Optiboot from Debian's source with its makefile's settings: Debian's own image has 532 bytes, 20 more than there are
-/// up to the end of the flash (the source is older than the compiler). These switches make it 512, the word with its version left out, which
-/// only people look at.
+/// Builds the Uno's Optiboot from Debian's source with its makefile's settings. Debian's own image has 532 bytes, 20
+/// more than fit at the end of the flash, since the source is older than the compiler. With these switches it has 512
+/// bytes. They leave out the version word, which only people read.
 fn optiboot() -> Done<PathBuf> {
     let (elf, image) = (target_dir().join("optiboot.elf"), target_dir().join("optiboot.hex"));
     let mut compiler = command("avr-gcc");

@@ -1,5 +1,5 @@
-//! What builds for other machines than this one: core for the boards' processors (no float, no alloc, 16-bit `usize` on the AVR), and all crates
-//! but the command line for a browser.
+//! Builds for other machines than this one: core for the boards' processors (no float, no alloc, 16-bit `usize` on the
+//! AVR), and all crates but the command line for a browser.
 
 use crate::command::{Done, cargo, command, run};
 
@@ -19,7 +19,7 @@ pub(crate) fn check_wasm() -> Done {
 pub(crate) fn build_core() -> Done {
     run(command("rustup").args(["target", "add", "thumbv6m-none-eabi"]))?;
     run(&mut cargo("build --package pulsetrain-core --target thumbv6m-none-eabi"))?;
-    // No core library is shipped for AVR: it is built here, which stable Rust does only when told to.
+    // No compiled core library exists for AVR. It is built here, which stable Rust allows only with RUSTC_BOOTSTRAP.
     run(command("rustup").args(["component", "add", "rust-src"]))?;
     run(cargo("build --release --package pulsetrain-core --target avr-none -Zbuild-std=core")
         .env("RUSTC_BOOTSTRAP", "1")

@@ -1,4 +1,4 @@
-//! What must hold before a change lands.
+//! The checks that must pass before a change lands.
 
 use crate::command::{self, Done, cargo, command};
 use crate::{accept, boards, cross_check, firmware, fuzz, test};
@@ -7,21 +7,21 @@ use std::time::Instant;
 /// Seconds that each fuzz target runs in CI.
 const FUZZ_SECONDS: u64 = 15;
 
-/// Random motions that CI plans and runs, and the seed that makes them. `cargo xtask soak` tries thousands.
+/// Number of random motions that CI plans and runs, and their seed. `cargo xtask soak` tries thousands.
 const ACCEPT_COUNT: u64 = 200;
 const ACCEPT_SEED: u64 = 7;
 
-/// A part of CI: its name, and what it does.
+/// A stage of CI: its name and its function.
 type Stage = (&'static str, fn() -> Done);
 
-/// Cheapest first: what fails, fails early.
+/// The cheapest stage comes first, so that a failure comes early.
 const STAGES: [Stage; 11] = [
     ("format", format),
     ("lints", || command::run(&mut cargo("clippy --workspace --all-targets -- -D warnings"))),
     ("documentation", documentation),
     ("wasm32", boards::check_wasm),
     ("packages", packages),
-    // What the virtual boards run, in the tests as well, is what the sources say.
+    // The committed images, which virtual boards run in the tests too, must be those of the sources.
     ("images", || firmware::check_uno().and_then(|()| firmware::pico::check())),
     ("tests", || test::run(test::Tier::Gate)),
     ("cross-check", cross_check::run),
@@ -30,7 +30,7 @@ const STAGES: [Stage; 11] = [
     ("fuzzing", || fuzz::run(FUZZ_SECONDS, None)),
 ];
 
-/// Runs every stage, and prints what each took.
+/// Runs every stage, and prints the time of each.
 pub(crate) fn run() -> Done {
     let mut took = Vec::new();
     for (name, stage) in STAGES {
@@ -54,7 +54,7 @@ fn format() -> Done {
     Ok(())
 }
 
-/// What a program that embeds the crates would get: each package builds from its own files.
+/// Checks what a program that embeds the crates gets: each package builds from its own files.
 fn packages() -> Done {
     let ours = ["xtask", "pulsetrain-oracle", "pulsetrain-testkit"];
     let mut package = cargo("package --workspace --quiet --allow-dirty");

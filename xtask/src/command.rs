@@ -1,4 +1,4 @@
-//! Running a command, and saying which.
+//! Runs commands and prints which.
 
 use std::ffi::OsStr;
 use std::io::{Read as _, Write as _, pipe as os_pipe};
@@ -19,15 +19,15 @@ pub(crate) enum Failure {
     /// A file could not be read or written.
     #[error("{}: {why}", path.display())]
     File { path: PathBuf, why: std::io::Error },
-    /// Some of those that ran side by side.
+    /// Some of several commands failed.
     #[error("{} failed:\n{}", .0.len(), .0.iter().map(|failure| format!("  {failure}")).collect::<Vec<_>>().join("\n"))]
     Several(Vec<Failure>),
-    /// Something was measured, and is not as it must be.
+    /// A measurement is not what it must be.
     #[error("{0}")]
     Check(String),
 }
 
-/// What a task gives back.
+/// The result of a task.
 pub(crate) type Done<T = ()> = Result<T, Failure>;
 
 /// The repository's top folder.
@@ -36,7 +36,7 @@ pub(crate) fn root() -> PathBuf {
     xtask.parent().unwrap_or(xtask).to_path_buf()
 }
 
-/// Where builds go.
+/// The folder of builds.
 pub(crate) fn target_dir() -> PathBuf {
     std::env::var_os("CARGO_TARGET_DIR").map_or_else(|| root().join("target"), PathBuf::from)
 }
@@ -55,15 +55,15 @@ pub(crate) fn cargo(arguments: &str) -> Command {
     cargo
 }
 
-/// Runs to the end, output as it comes.
+/// Runs a command to its end. Its output appears as it comes.
 pub(crate) fn run(command: &mut Command) -> Done {
     let text = announce(command);
     let status = command.status().map_err(|why| Failure::Start { command: text.clone(), why })?;
     if status.success() { Ok(()) } else { Err(Failure::Status { command: text, status }) }
 }
 
-/// Runs all of them to their ends, one on each core at a time, also if some fail: the failure names all that did. What each prints
-/// comes in one piece, when it has ended.
+/// Runs all commands to their ends, one on each core at a time, also if some fail: the failure names all that did. The
+/// output of a command is printed in one piece when the command has ended.
 pub(crate) fn run_side_by_side(commands: Vec<Command>) -> Done {
     let done = side_by_side(commands, |mut command| {
         let text = words(&command);
@@ -72,7 +72,7 @@ pub(crate) fn run_side_by_side(commands: Vec<Command>) -> Done {
     all(done).map(drop)
 }
 
-/// What each gave back; or all failures.
+/// All results, or all failures.
 pub(crate) fn all<T>(done: Vec<Done<T>>) -> Done<Vec<T>> {
     let (mut given, mut failures) = (Vec::new(), Vec::new());
     for one in done {
@@ -84,7 +84,7 @@ pub(crate) fn all<T>(done: Vec<Done<T>>) -> Done<Vec<T>> {
     if failures.is_empty() { Ok(given) } else { Err(Failure::Several(failures)) }
 }
 
-/// Does `work` on each of `items`, on each core at a time; gives what came of each, in their order.
+/// Does `work` on each of `items`, on each core at a time. Gives the results in the items' order.
 pub(crate) fn side_by_side<T, R: Send>(
     items: impl IntoIterator<Item = T, IntoIter: Send>,
     work: impl Fn(T) -> R + Sync,
@@ -95,7 +95,7 @@ pub(crate) fn side_by_side<T, R: Send>(
         for _ in 0..thread::available_parallelism().map_or(1, usize::from) {
             scope.spawn(|| {
                 loop {
-                    // The lock is held for that statement alone.
+                    // The lock is held only for this statement.
                     let next = unpoisoned(&waiting).next();
                     let Some((place, item)) = next else { break };
                     let result = work(item);
@@ -109,14 +109,14 @@ pub(crate) fn side_by_side<T, R: Send>(
     done.into_iter().map(|(_, result)| result).collect()
 }
 
-/// Runs to the end; what it says to standard output and to standard error comes then, below `text`, in the order in which it was said,
-/// and is given back.
+/// Runs a command to its end. Then prints its standard output and standard error below `text`, in the order in which
+/// they were written, and gives them.
 pub(crate) fn run_apart(command: &mut Command, text: &str) -> Done<String> {
     let start = |why| Failure::Start { command: text.to_owned(), why };
     let (mut said, says) = os_pipe().map_err(start)?;
     command.stdout(says.try_clone().map_err(start)?).stderr(says);
     let mut child = command.spawn().map_err(start)?;
-    // The pipe ends when nobody can write to it any more.
+    // The pipe ends when no process can write to it any more.
     command.stdout(Stdio::null()).stderr(Stdio::null());
     let mut all = Vec::new();
     said.read_to_end(&mut all).map_err(start)?;
@@ -131,13 +131,13 @@ fn unpoisoned<T>(mutex: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(std::sync::PoisonError::into_inner)
 }
 
-/// Runs to the end with `input` on standard input, and gives back standard output.
+/// Runs a command to its end with `input` on standard input. Gives its standard output.
 pub(crate) fn pipe(command: &mut Command, input: &str) -> Done<String> {
     let text = announce(command);
     let start = |why| Failure::Start { command: text.clone(), why };
     let mut child = command.stdin(Stdio::piped()).stdout(Stdio::piped()).spawn().map_err(start)?;
     let output = thread::scope(|scope| {
-        // Both pipes at once: a child may answer before it has read all.
+        // Both pipes are used at once, since a child may answer before it has read its whole input.
         let stdin = child.stdin.take();
         scope.spawn(move || stdin.map(|mut pipe| pipe.write_all(input.as_bytes())));
         child.wait_with_output()
@@ -150,14 +150,14 @@ pub(crate) fn pipe(command: &mut Command, input: &str) -> Done<String> {
     }
 }
 
-/// Runs to the end, and gives back standard output.
+/// Runs a command to its end. Gives its standard output.
 pub(crate) fn output(command: &mut Command) -> Done<String> {
     pipe(command, "")
 }
 
-/// Installs a Debian package, or says what to install.
+/// Installs a Debian package. If that fails, prints what to install.
 pub(crate) fn install_debian(package: &str) -> Done {
-    // As root sudo may be missing; as a user apt-get alone is refused.
+    // For root sudo may be missing. For a user apt-get alone is refused.
     let sudo: &[&str] = if output(command("id").arg("-u")).is_ok_and(|id| id.trim() == "0") {
         &[]
     } else {

@@ -1,7 +1,7 @@
-//! Firmware: built, measured, and its image written where `pulsetrain-board` takes it from.
+//! Builds the Uno's firmware, measures it, and writes its image where `pulsetrain-board` reads it.
 //!
-//! The committed image is what users run; it is small, and the same bytes come out of the same toolchain on any machine:
-//! no path is in it.
+//! Users run the committed image. It is small, and it contains no path, so the same toolchain makes the same bytes on
+//! any machine.
 
 pub(crate) mod pico;
 
@@ -11,34 +11,35 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-/// Flash that is the firmware's: 32 KiB less the Uno's bootloader (optiboot, 512 bytes).
+/// Bytes of flash for the firmware: 32 KiB less the Uno's bootloader (optiboot, 512 bytes).
 const FLASH: u64 = 32_768 - 512;
 /// Bytes of RAM.
 const RAM: u64 = 2048;
 
-/// Where the images that users flash and virtual boards run are committed: inside the crate, so that its package has them.
+/// The folder of the images that users flash and virtual boards run. It lies inside the crate, so that the crate's
+/// package has them.
 pub(crate) const IMAGES: &str = "crates/board/images";
-/// Where what only tests need is committed: maps of symbols, images of parts of the firmware.
+/// The folder of files that only tests need: maps of symbols, images of parts of the firmware.
 const TEST_DATA: &str = "testdata";
-/// The programs of firmware/uno, which its images are called after.
+/// The programs of firmware/uno. Their images have the same names.
 pub(crate) const PROGRAMS: [&str; 4] = ["uno", "uno-winch", "uno-verbs", "uno-baked"];
-/// Sources of the programs and their engine.
+/// The folder of the programs' and their engine's sources.
 const SOURCES: &str = "firmware/uno/src/";
-/// Of the winch the assembly alone, committed for a test on the emulated chip.
+/// The winch's assembly alone is committed, too, for a test on the emulated chip.
 const WINCH: &str = "testdata/winch.hex";
 
-/// Bytes of flash that each image leaves free, at least: what the next change of the firmware needs.
+/// Bytes of flash that each image must leave free for the next changes of the firmware.
 const FREE: u64 = 500;
 
 /// A program that was built.
 struct Built {
     name: &'static str,
-    /// Its image and its map of symbols, by their paths in the repository.
+    /// Its image and its map of symbols, with their paths in the repository.
     files: [(String, String); 2],
     size: Size,
 }
 
-/// Builds the Uno's firmware, prints what it takes and writes the committed images.
+/// Builds the Uno's firmware, prints its sizes, and writes the committed images.
 pub(crate) fn uno() -> Done {
     let built = built_uno()?;
     print!("{}", table(&built));
@@ -49,7 +50,8 @@ pub(crate) fn uno() -> Done {
     has_room(&built)
 }
 
-/// Builds the Uno's firmware; prints what its images take and how many lines each of its modules has, beside those of a commit before, if one is said.
+/// Builds the Uno's firmware, and prints the images' sizes and each module's number of lines; with a commit, also that
+/// commit's numbers.
 pub(crate) fn sizes(before: Option<&str>) -> Done {
     let built = built_uno()?;
     let before = before.map(lines_at).transpose()?;
@@ -62,13 +64,13 @@ fn write(path: &Path, text: &str) -> Done {
     written.map_err(|why| Failure::File { path: path.to_owned(), why })
 }
 
-/// Builds the Uno's firmware, and fails when something committed is another one.
+/// Builds the Uno's firmware, and fails if a committed file differs.
 pub(crate) fn check_uno() -> Done {
     print!("{}", measure_uno()?);
     Ok(())
 }
 
-/// The same, and gives what the programs take, as a table.
+/// Builds the Uno's firmware, and gives the programs' sizes as a table.
 pub(crate) fn measure_uno() -> Done<String> {
     let programs = built_uno()?;
     for (name, built) in programs.iter().flat_map(|program| &program.files) {
@@ -79,10 +81,10 @@ pub(crate) fn measure_uno() -> Done<String> {
     Ok(table(&programs))
 }
 
-/// Lines of each module.
+/// Number of lines of each module.
 type Lines = BTreeMap<String, usize>;
 
-/// A module of firmware/uno/src, by its file: without the folder, which says whose it is and has changed.
+/// A module of firmware/uno/src by its file, without the folder: files have moved between folders.
 fn module(path: &str) -> String {
     let path = path.strip_prefix("engine/").unwrap_or(path);
     path.strip_prefix("bin/").and_then(|path| path.split_once('/')).map_or(path, |(_, path)| path).to_owned()
@@ -144,7 +146,7 @@ fn same(image: &str, committed: &str, built: &str) -> Done {
 /// Builds the Uno's firmware under `target/`.
 fn built_uno() -> Done<Vec<Built>> {
     if command::run(command("avr-gcc").arg("--version")).is_err() {
-        // libgcc and the start-up code come with them.
+        // libgcc and the start-up code come with avr-gcc.
         install_debian("gcc-avr")?;
         install_debian("avr-libc")?;
     }
@@ -165,8 +167,8 @@ fn built_uno() -> Done<Vec<Built>> {
     PROGRAMS.into_iter().map(program).collect()
 }
 
-/// A map of symbols, from what avr-nm says: of routines and variables of assembly, and of Rust's that have names for it, the address, of the
-/// flash or of RAM, bytes, and the name. Others' names change with the compiler.
+/// A map of symbols from the output of avr-nm: address in flash or RAM, bytes, and name. It has the routines and
+/// variables of assembly, and those of Rust with fixed names. Other names change with the compiler.
 fn symbols(said: &str) -> String {
     let mut map = String::new();
     for line in said.lines() {
@@ -185,7 +187,7 @@ fn symbols(said: &str) -> String {
     map
 }
 
-/// Assembles what the Uno's winch has of its own. Gives the image's place.
+/// Assembles the part that only the Uno's winch has. Gives the image's path.
 fn built_winch() -> Done<PathBuf> {
     let (elf, image) = (target_dir().join("winch.elf"), target_dir().join("winch.hex"));
     run(command("avr-gcc")
@@ -201,22 +203,22 @@ fn built_winch() -> Done<PathBuf> {
     Ok(image)
 }
 
-/// A cargo that can build core for AVR, for which no compiled one exists: the pinned toolchain with its sources, which
-/// rustup brings; or, without rustup, Debian's.
+/// A cargo that can build core for AVR, for which no compiled core exists: the pinned toolchain with its sources from
+/// rustup, or Debian's if there is no rustup.
 fn build() -> Done<Command> {
     let mut cargo = if run(command("rustup").args(["component", "add", "rust-src"])).is_ok() {
         command("cargo")
     } else {
-        // Debian's rustc-web and cargo-web; they cannot be installed beside rustup.
+        // Debian's rustc-web and cargo-web cannot be installed together with rustup.
         install_debian("rust-web-src")?;
         command("/usr/bin/cargo")
     };
-    // This xtask was itself started by a cargo, whose choice of toolchain would go on.
+    // A cargo started this xtask. Its choice of toolchain must not reach the build.
     cargo.env_remove("RUSTUP_TOOLCHAIN").env_remove("CARGO").env("RUSTC_BOOTSTRAP", "1");
     Ok(cargo)
 }
 
-/// A build that nothing of this one's surroundings may reach: an image is the same wherever it is built.
+/// A build that no environment variable changes: an image is the same wherever it is built.
 fn alone(cargo: &mut Command) -> &mut Command {
     for (name, _) in std::env::vars_os() {
         if name.to_str().is_some_and(changes_images) {
@@ -226,7 +228,7 @@ fn alone(cargo: &mut Command) -> &mut Command {
     cargo
 }
 
-/// Whether a build is another one with that variable set.
+/// Whether an environment variable of that name changes a build.
 fn changes_images(name: &str) -> bool {
     const ALL: [&str; 6] = [
         "RUSTFLAGS",
@@ -240,7 +242,7 @@ fn changes_images(name: &str) -> bool {
     ALL.contains(&name) || of_target || name.starts_with("CARGO_PROFILE_")
 }
 
-/// What an image takes, bytes.
+/// The size of an image, bytes.
 struct Size {
     flash: u64,
     /// Pages of RAM, and its variables.
@@ -249,7 +251,7 @@ struct Size {
 }
 
 impl Size {
-    /// From avr-size's list of sections.
+    /// From the list of sections that avr-size prints.
     fn of(sections: &str) -> Done<Size> {
         let size = |name: &str| -> u64 {
             let line = sections.lines().find(|line| line.split_whitespace().next() == Some(name));
@@ -271,7 +273,7 @@ impl Size {
     }
 }
 
-/// What images take.
+/// The images' sizes as a table.
 fn table(built: &[Built]) -> String {
     let mut text = format!(
         "{:12} {:>6} {:>6} {:>6} {:>6} {:>10} {:>6}\n",
@@ -285,7 +287,7 @@ fn table(built: &[Built]) -> String {
     text
 }
 
-/// Whether each image leaves the flash that is promised.
+/// Fails if an image leaves less flash than [`FREE`].
 fn has_room(built: &[Built]) -> Done {
     match built.iter().find(|built| built.size.free() < FREE) {
         Some(Built { name, size, .. }) => Err(Failure::Check(format!(

@@ -1,10 +1,10 @@
-//! Fuzzing without more tools than the pinned toolchain and a C++ compiler: what cargo-fuzz sets, set here.
+//! Fuzzing with only the pinned toolchain and a C++ compiler: sets what cargo-fuzz would set.
 
 use crate::command::{self, Done, Failure, cargo, command, output, root};
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// Coverage counters for libFuzzer, in the fuzzed code alone (`--target` keeps them out of build scripts).
+/// Coverage counters for libFuzzer, only in the fuzzed code (`--target` keeps them out of build scripts).
 const RUSTFLAGS: &str = "--cfg fuzzing -Cdebug-assertions -Ccodegen-units=1 -Cpasses=sancov-module \
     -Cllvm-args=-sanitizer-coverage-level=4 -Cllvm-args=-sanitizer-coverage-inline-8bit-counters \
     -Cllvm-args=-sanitizer-coverage-pc-table -Cllvm-args=-sanitizer-coverage-trace-compares";
@@ -25,7 +25,7 @@ const TARGETS: [(&str, &[&str]); 12] = [
     ("winch_uno", &["fuzz/seeds/winch"]),
 ];
 
-/// Runs each target (or only `only`) for `seconds`; what breaks it stays in fuzz/artifacts.
+/// Runs each target (or only `only`) for `seconds`. Inputs that break it stay in fuzz/artifacts.
 pub(crate) fn run(seconds: u64, only: Option<&str>) -> Done {
     let targets: Vec<_> = TARGETS.into_iter().filter(|(name, _)| only.is_none_or(|only| only == *name)).collect();
     if targets.is_empty() {
@@ -38,9 +38,9 @@ pub(crate) fn run(seconds: u64, only: Option<&str>) -> Done {
         let corpus = made(root().join("fuzz/corpus").join(name))?;
         let artifacts = made(root().join("fuzz/artifacts").join(name))?;
         let mut fuzzer = command(binaries.join(name));
-        // The first folder takes new inputs; the others are read.
+        // libFuzzer writes new inputs to the first folder, and only reads the others.
         fuzzer.arg(corpus).args(seeds).arg(format!("-max_total_time={seconds}"));
-        // A hang is a failure too: no input of a few kilobytes needs seconds.
+        // A hang is a failure, too: no input of a few kilobytes needs seconds.
         fuzzer.args(["-timeout=10", "-rss_limit_mb=2048", "-print_final_stats=1", "-verbosity=0"]);
         fuzzer.arg(format!("-artifact_prefix={}/", artifacts.display()));
         fuzzers.push(fuzzer);
@@ -48,7 +48,7 @@ pub(crate) fn run(seconds: u64, only: Option<&str>) -> Done {
     command::run_side_by_side(fuzzers)
 }
 
-/// Builds all targets; gives back the folder with the binaries.
+/// Builds all targets. Gives the folder of the binaries.
 fn build() -> Done<PathBuf> {
     let host = output(command("rustc").args(["--print", "host-tuple"]))?.trim().to_owned();
     let target_dir = root().join("fuzz/target");

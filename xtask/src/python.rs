@@ -1,16 +1,16 @@
-//! Python: an environment of its own under the target folder, and the client's types and tests.
+//! Tests the Python client in an environment of its own under the target folder.
 
 use crate::command::{self, Done, cargo, command, root, target_dir};
 use std::path::PathBuf;
 
-/// What the client needs, from Python's registry.
+/// The packages that the client needs.
 const PYSERIAL: &str = "pyserial==3.5";
-/// What its example plots with.
+/// The package that its example plots with.
 const MATPLOTLIB: &str = "matplotlib==3.11.2";
-/// What holds its types.
+/// The package that checks its types.
 const MYPY: &str = "mypy==2.4.1";
 
-/// The types of python, and its tests, against virtual boards at the ends of pseudo-terminals.
+/// Checks the client's types, and runs its tests against virtual boards at pseudo-terminals.
 pub(crate) fn test_client() -> Done {
     let client = root().join("python");
     with(PYSERIAL)?;
@@ -20,7 +20,7 @@ pub(crate) fn test_client() -> Done {
     let cache = target_dir().join("mypy");
     let sources = ["pulsetrain_winch", "tests", "examples"];
     command::run(command(&python).args(types).arg(cache).args(sources).current_dir(&client))?;
-    // As the workspace's tests are built: an emulated chip in real time needs the optimizer.
+    // Built like the workspace's tests: an emulated chip needs the optimizer to run in real time.
     command::run(&mut cargo("build --profile test --package pulsetrain"))?;
     let pulsetrain = target_dir().join("debug").join(format!("pulsetrain{}", std::env::consts::EXE_SUFFIX));
     let mut tests = command(python);
@@ -28,12 +28,12 @@ pub(crate) fn test_client() -> Done {
     command::run(&mut tests)
 }
 
-/// A Python that has a package.
+/// The path of a Python that has a package.
 pub(crate) fn with(package: &str) -> Done<PathBuf> {
     let environment = target_dir().join("python");
     let bin = if cfg!(windows) { "Scripts" } else { "bin" };
     let python = environment.join(bin).join("python");
-    // Without pip it is what an attempt that failed has left.
+    // A Python without pip is left from an attempt that failed.
     if !environment.join(bin).join(if cfg!(windows) { "pip.exe" } else { "pip" }).exists() {
         let system = if cfg!(windows) { "python" } else { "python3" };
         let make = || command::run(command(system).args(["-m", "venv"]).arg(&environment));

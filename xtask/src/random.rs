@@ -1,4 +1,4 @@
-//! Random numbers that are the same everywhere.
+//! Random numbers that are equal on every machine.
 
 /// SplitMix64. Source: Steele, Lea, Flood, OOPSLA 2014.
 pub(crate) struct Random(u64);
@@ -41,7 +41,7 @@ impl Random {
         self.below(times) == 0
     }
 
-    /// One of `items`, which are some.
+    /// One of `items`, which must not be empty.
     pub(crate) fn pick<T: Copy>(&mut self, items: &[T]) -> T {
         items[usize::from(self.below(items.len() as u16))]
     }

@@ -1,4 +1,4 @@
-//! S-curve durations against those of the ruckig package: an independent time-optimal planner.
+//! Compares the durations of S-curves with those of the ruckig package, an independent time-optimal planner.
 
 use crate::command::{self, Done, Failure, cargo, command};
 use crate::python;
@@ -13,7 +13,7 @@ const TOLERANCE: f64 = 1e-6;
 const PACKAGE: &str = "ruckig==0.19.4";
 const SCRIPT: &str = "xtask/src/ruckig_durations.py";
 
-/// Compares [`MOVES`] random moves; gives back the largest relative difference of two durations.
+/// Compares [`MOVES`] random moves. Gives the largest relative difference of two durations.
 pub(crate) fn compare() -> Done<f64> {
     let moves = random_moves();
     let ours = cargo("run --quiet --release --package pulsetrain-motion --example s_curve_durations");

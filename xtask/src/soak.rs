@@ -1,4 +1,5 @@
-//! What takes hours: all tests with new seeds, random motions, fuzzing, and mutants. Run by hand, never by CI.
+//! Runs what takes hours: all tests with new seeds, random motions, fuzzing, and mutants. People start it; CI never
+//! does.
 
 use crate::command::{self, Done, Failure, cargo, command, target_dir};
 use crate::test::{self, Tier};
@@ -9,15 +10,15 @@ use std::time::{SystemTime, UNIX_EPOCH};
 
 /// The release of cargo-mutants that is installed.
 const MUTANTS: &str = "27.1.0";
-/// A mutant whose tests take longer hangs, s.
+/// If a mutant's tests take longer than this, s, they hang.
 const MUTANT_HANGS_S: u32 = 300;
-/// Crates whose mutants are tried, each by its own tests: what decides about steps and needs no chip.
+/// Crates whose mutants are tried, each with its own tests: the crates that decide about steps and need no chip.
 const MUTATED: [&str; 3] = ["pulsetrain-core", "pulsetrain-plan", "pulsetrain-trace"];
-/// What cargo-mutants ends with where no test noticed a mutant, and where tests hung.
+/// Exit codes of cargo-mutants: no test noticed a mutant, and tests hung.
 const SURVIVED: i32 = 2;
 const HUNG: i32 = 3;
 
-/// So many cuts `crates/pulsetrain/tests/it/chips/stops.rs` tries on each board in a round.
+/// Number of cuts that `crates/pulsetrain/tests/it/chips/stops.rs` tries on each board in a round.
 const CUTS: u64 = 4;
 
 /// What is tried.
@@ -56,7 +57,7 @@ pub(crate) fn run(options: &SoakOptions) -> Done {
     let now = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_secs());
     let seed = options.seed.unwrap_or(now);
     println!("xtask soak: --seed {seed}");
-    // One that fails does not keep the others from being tried.
+    // If one fails, the others are tried all the same.
     let seeds = (0..options.rounds).map(|round| seed.wrapping_add(round));
     let mut done: Vec<_> = seeds.map(|seed| test::run(Tier::Soak { seed })).collect();
     done.push(accept::run(&accept::Options::random(options.motions, seed)));
@@ -66,7 +67,7 @@ pub(crate) fn run(options: &SoakOptions) -> Done {
     Ok(())
 }
 
-/// Stops random motions on all boards, from `seed` on, or from the test's own; its lines say what came of it.
+/// Stops random motions on all boards, beginning with `seed`, or with the test's own seed. Prints the test's results.
 fn stops(cuts: u64, seed: Option<u64>) -> Done {
     let mut test = cargo("test --package pulsetrain --test it stops:: -- --nocapture");
     test.env("PULSETRAIN_ROUNDS", cuts.div_ceil(CUTS).to_string());
@@ -80,7 +81,7 @@ fn stops(cuts: u64, seed: Option<u64>) -> Done {
     Ok(())
 }
 
-/// Tries the mutants of a crate, and prints how many there were and which no test noticed.
+/// Tries the mutants of a crate. Prints their number, and which no test noticed.
 fn mutants(package: &str, shard: Option<&str>) -> Done {
     let (program, folder) = (installed()?, target_dir().join("mutants"));
     let mut mutants = command(program);
@@ -106,7 +107,7 @@ fn mutants(package: &str, shard: Option<&str>) -> Done {
     Ok(())
 }
 
-/// cargo-mutants, in a folder of its own: what users have installed stays as it is.
+/// cargo-mutants in a folder of its own, so that a user's installation does not change.
 fn installed() -> Done<PathBuf> {
     let folder = target_dir().join("tools");
     command::run(cargo(&format!("install cargo-mutants --version {MUTANTS} --locked --root")).arg(&folder))?;

@@ -1,4 +1,4 @@
-//! What a contributor runs before sending a change.
+//! Runs the tests that a contributor runs before sending a change.
 
 use crate::command::{self, Done, Failure, cargo, command};
 use crate::{arduino, boards, python, ruckig};
@@ -8,22 +8,22 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::Instant;
 
-/// How much a run of the tests takes in; `CONTRIBUTING.md` has the table.
+/// How much a run of the tests covers. `CONTRIBUTING.md` has the table.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Tier {
-    /// No firmware runs: what a change is tried with while it is written.
+    /// Tests without firmware, for trying a change while it is written.
     Quick,
-    /// All that guards a change.
+    /// All tests that guard a change.
     Change,
-    /// The gate's: property tests have more cases, and the long tests run too.
+    /// The gate's tests: property tests have more cases, and the long tests run, too.
     Gate,
-    /// The gate's, with another seed.
+    /// The gate's tests with another seed.
     Soak { seed: u64 },
 }
 
 /// Tests that run firmware on an emulated chip have a module of this name in their path.
 const CHIPS: &str = "chips";
-/// And those that only the gate waits for one of this name.
+/// Tests that only the gate runs have a module of this name in their path.
 const LONG: &str = "long";
 
 impl Tier {
@@ -36,7 +36,7 @@ impl Tier {
         }
     }
 
-    /// What the tests read from the environment.
+    /// The environment variables that the tests read.
     fn environment(self) -> Vec<(&'static str, String)> {
         let all = match self {
             Tier::Quick | Tier::Change => vec![],
@@ -49,8 +49,9 @@ impl Tier {
     }
 }
 
-/// All tests of the workspace and its documentation's examples. But for the quick tier also with Debian's bootloaders, those of the Python
-/// client, core built for the boards' processors, S-curves against ruckig.
+/// Runs all tests of the workspace and its documentation's examples. All but the quick tier also run those with
+/// Debian's bootloaders and those of the Python client, build core for the boards' processors, and compare S-curves
+/// with ruckig.
 pub(crate) fn run(tier: Tier) -> Done {
     let quick = tier == Tier::Quick;
     let optiboot = if quick { None } else { arduino::prepare()? };
@@ -82,7 +83,7 @@ pub(crate) fn run(tier: Tier) -> Done {
     Ok(())
 }
 
-/// How many of the modules that took longest are printed.
+/// Number of the slowest modules that are printed.
 const PRINTED: usize = 30;
 
 /// A binary that `cargo test` would run.
@@ -90,9 +91,9 @@ const PRINTED: usize = 30;
 struct Binary {
     executable: PathBuf,
     package: String,
-    /// The package's.
+    /// The package's name.
     folder: PathBuf,
-    /// What cargo calls it: `--test it`, `--lib`, `--bin pulsetrain`.
+    /// Its name for cargo: `--test it`, `--lib`, `--bin pulsetrain`.
     flag: String,
 }
 
@@ -101,14 +102,14 @@ struct Binary {
 struct Job {
     binary: Binary,
     module: String,
-    /// By their full names: a filter by a module's name would take those of others whose names end likewise.
+    /// The tests' full names. A filter by a module's name would also match modules whose names end alike.
     tests: Vec<String>,
-    /// The command that runs them alone, for a person.
+    /// The command that runs only them, for a person.
     text: String,
 }
 
 impl Binary {
-    /// What cargo says of it if it is a test.
+    /// From cargo's message about it. `None` if it is not a test.
     fn from_message(message: &Value) -> Option<Binary> {
         message["profile"]["test"].as_bool()?.then_some(())?;
         let target = &message["target"];
@@ -116,7 +117,7 @@ impl Binary {
             (kind @ ("test" | "bin" | "example" | "bench"), name) => format!("--{kind} {name}"),
             _ => "--lib".to_owned(),
         };
-        // `path+file:///…/crates/core#pulsetrain-core@0.1.0`, and without a name if the folder has the same.
+        // `path+file:///…/crates/core#pulsetrain-core@0.1.0`; the name is missing if the folder has the same name.
         let (path, version) = message["package_id"].as_str()?.rsplit_once('#')?;
         let package = version.split_once('@').map(|(name, _)| name).or_else(|| path.rsplit('/').next())?;
         Some(Binary {
@@ -127,19 +128,19 @@ impl Binary {
         })
     }
 
-    /// As cargo would run it, but its tests one by one.
+    /// Its command as cargo would run it, but with its tests one by one.
     fn command(&self) -> Command {
         let mut test = command(&self.executable);
         test.current_dir(&self.folder).env("CARGO_MANIFEST_DIR", &self.folder).env("RUST_TEST_THREADS", "1");
         test
     }
 
-    /// Its tests that `tier` takes, module by module; `listed` is what it says of them, a line each.
+    /// Its tests that belong to `tier`, module by module. `listed` is its list of tests, a line each.
     fn jobs(&self, listed: &str, tier: Tier) -> Vec<Job> {
         let mut modules = BTreeMap::<_, Vec<String>>::new();
         let tests = listed.lines().filter_map(|line| line.strip_suffix(": test"));
         for test in tests.filter(|test| tier.takes(test)) {
-            // `chips` itself is no module to run in one piece.
+            // `chips` itself is too large to be run in one piece.
             let inner = test.strip_prefix(CHIPS).and_then(|rest| rest.strip_prefix("::"));
             let past = test.len() - inner.unwrap_or(test).len();
             let module = inner.unwrap_or(test).find("::").map_or("", |end| &test[..past + end]);
@@ -163,13 +164,13 @@ impl Job {
         test
     }
 
-    /// What comes first has the lowest: firmware takes longest, and no core is to wait for the last of it.
+    /// The order of jobs; lower ones come first. Firmware takes longest, and no core should wait for the last of it.
     fn place(&self) -> (bool, &str) {
         (!self.module.starts_with(CHIPS), &self.binary.package)
     }
 }
 
-/// Builds all tests; gives those of a tier in the order in which they are to begin.
+/// Builds all tests. Gives those of a tier in the order in which they start.
 fn jobs(tier: Tier) -> Done<Vec<Job>> {
     let messages = command::output(&mut cargo("test --workspace --no-run --message-format json-render-diagnostics"))?;
     let mut jobs = Vec::new();
@@ -184,13 +185,13 @@ fn jobs(tier: Tier) -> Done<Vec<Job>> {
     Ok(jobs)
 }
 
-/// How long it took, by its own last line.
+/// How long it took, by its last line.
 fn seconds(said: &str) -> f64 {
     let last = said.rsplit_once("finished in ").and_then(|(_, rest)| rest.split_once('s'));
     last.and_then(|(number, _)| number.parse().ok()).unwrap_or(0.0)
 }
 
-/// What those that took longest took.
+/// The times of the slowest modules.
 fn longest(mut took: Vec<(f64, String)>) -> String {
     took.sort_by(|(a, _), (b, _)| b.total_cmp(a));
     let all: f64 = took.iter().map(|(seconds, _)| seconds).sum();

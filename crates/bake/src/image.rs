@@ -1,5 +1,6 @@
-//! An image of an Uno's flash that plays a motion from power-up on: the committed firmware without a line to a host, and right behind it
-//! a block that it finds there ([`pulsetrain_core::baked::avr`]).
+//! An image of an Uno's flash that plays a motion from power-up on. It holds the committed firmware and, right behind
+//! it, a block with the motion. The firmware finds that block at its start and then needs no host
+//! ([`pulsetrain_core::baked::avr`]).
 
 use std::fmt::Write as _;
 
@@ -14,17 +15,18 @@ use pulsetrain_core::{Item, Segment, Tick32};
 use pulsetrain_motion::boards;
 use pulsetrain_motion::program::{Motor, Program, Wiring};
 
+use crate::error::BakeError;
 use crate::streams::{Gap, LongWaits, Pieces, Shape, Stream, streams};
-use crate::{BakeError, PutOff};
+use crate::table::PutOff;
 use pulsetrain_session::drive;
 
-/// Motors that the firmware drives.
+/// Motors that the firmware drives at most.
 const MOST: usize = 4;
 
-/// The Uno's lamp, which bootloaders flash.
+/// The pin of the Uno's lamp, which bootloaders flash.
 const LAMP: u8 = 13;
 
-/// How it takes pieces.
+/// How the firmware reads a stream.
 const SHAPE: Shape = Shape {
     board: "an Uno",
     piece: LONGEST_PIECE,
@@ -32,39 +34,42 @@ const SHAPE: Shape = Shape {
     by_pairs: steps_singly,
 };
 
-/// Steps that are further apart than this leave time enough to look at each, ticks.
+/// Shortest interval, ticks, at which the firmware has the time to plan each step by itself.
 const FAR: u64 = 2048;
 
-/// Between two steps at least that nobody looks at, ticks, where two motors have a ring each (`firmware/uno/src/engine/tuning.rs`).
+/// Shortest interval, ticks, of steps that the firmware makes without planning each one, where two motors have a ring
+/// each (`firmware/uno/src/engine/tuning.rs`).
 const FASTEST: u64 = 130;
 
-/// A gap as long as this or longer is a wait and a step after so many ticks: intervals of 24 bits are what the firmware knows.
+/// From this many ticks on a gap becomes a wait and a step: the firmware's intervals have 24 bits.
 const SHORT_GAP: u64 = 1 << 20;
 const LAST_WAIT: u64 = 1 << 16;
 
 /// An image of an Uno's flash.
 #[derive(Clone, Debug)]
 pub struct Image {
-    /// From address 0 on.
+    /// The flash from address 0 on.
     pub flash: Vec<u8>,
-    /// Bytes of the motion in it.
+    /// Bytes of the motion in the image.
     pub block_bytes: usize,
     /// Segments and waits of all motors.
     pub items: usize,
     /// Whether any motor goes on for ever.
     pub endless: bool,
-    /// What of all motors' steps was put off.
+    /// The steps of all motors that a shared DIR line delays.
     pub put_off: PutOff,
 }
 
 impl Image {
-    /// Bytes of an Uno's flash that an image may fill; the bootloader is behind them.
+    /// Bytes of an Uno's flash that an image may fill. The bootloader lies behind them.
     pub const FLASH_BYTES: usize = stk500::room(stk500::RATES[0]);
 
-    /// The image of a program for the Uno. The committed firmware itself, on the virtual Uno, is asked whether it takes pins and times.
+    /// Makes the image of a program for the Uno. The committed firmware runs on the virtual Uno meanwhile, and says
+    /// whether it accepts the pins and the pulse times.
     ///
     /// # Errors
-    /// [`BakeError`]: a motion that is refused, that does not repeat or does not fit, or pins that the firmware refuses.
+    /// [`BakeError`]: the planner refuses the motion, the motion does not repeat or does not fit, or the firmware
+    /// refuses the pins.
     pub fn new(program: &Program) -> Result<Image, BakeError> {
         if program.board.name != "uno" {
             return Err(BakeError::Board { board: program.board.name.clone() });
@@ -99,7 +104,7 @@ impl Image {
         })
     }
 
-    /// As Intel HEX, which `pulsetrain flash` and avrdude take.
+    /// The image as Intel HEX, which `pulsetrain flash` and avrdude write.
     #[must_use]
     pub fn hex(&self) -> String {
         let mut text = String::new();
@@ -117,10 +122,11 @@ impl Image {
     }
 }
 
-/// Whether the firmware would make each of a segment's steps by itself, at 1000 cycles each, though they are a few hundred ticks apart: two
-/// motors that come to such a segment at once, as where a ramp ends, ran dry by that. It does if add2 is a tick or more, and add and add2,
-/// as far as it allows for them in seven steps, may change the interval by what it is (`firmware/uno/src/engine/steps/plan.rs`, `load.rs`). In two
-/// steps add2 does not count.
+/// Whether the firmware would plan each step of this segment by itself, at 1000 cycles each, though the steps are a few
+/// hundred ticks apart. Where a ramp ends, two motors can come to such a segment at once: that was an underrun. The
+/// firmware plans step by step if add2 is a tick or more and if add and add2, by its estimate for seven steps, could
+/// bring the interval below the shortest one (`firmware/uno/src/engine/steps/plan.rs`, `load.rs`). In two steps add2
+/// has no effect.
 fn steps_singly(&Segment { count, interval, add, add2 }: &Segment) -> bool {
     let [interval, add, add2] = [interval, add, add2].map(i64::unsigned_abs);
     let change = 8 * add + 128 * add2 + (1 << FRACTION_BITS);
@@ -130,7 +136,8 @@ fn steps_singly(&Segment { count, interval, add, add2 }: &Segment) -> bool {
         && interval < change + (FASTEST << FRACTION_BITS)
 }
 
-/// What the firmware would take, and an image without a host should not, or would refuse in words of its own.
+/// Refuses what the firmware would accept although an image without a host must not have it, and what the firmware
+/// would refuse in words of its own.
 fn check(program: &Program) -> Result<(), BakeError> {
     let refuse = |motor: &Motor, what: String| Err(BakeError::Wiring { motor: motor.name.clone(), what });
     if let Some(motor) = program.motors.get(MOST) {
@@ -153,7 +160,7 @@ fn check(program: &Program) -> Result<(), BakeError> {
     Ok(())
 }
 
-/// Whether the lamp's pin is nobody's.
+/// Whether no motor has the lamp's pin.
 pub(super) fn has_lamp(program: &Program) -> bool {
     program.motors.iter().all(|motor| match motor.wiring {
         Wiring::StepDir { step, dir, enable, .. } => {
@@ -163,7 +170,8 @@ pub(super) fn has_lamp(program: &Program) -> bool {
     })
 }
 
-/// The block of all motors; `None` with more than 8 of them. One that is longer than its length can say does not fit anyway.
+/// The block of all motors. `None` with more than 8 motors. A block that is longer than its length field can say does
+/// not fit into the flash anyway.
 fn block(setup: &Setup, lamp: bool, streams: &[Stream]) -> Option<Vec<u8>> {
     let motors = setup.motor_bytes();
     let (head, motors) = setup.configuration(&motors)?.to_bytes();
@@ -189,14 +197,14 @@ fn pieces(wired: &MotorSetup, direction: pulsetrain_core::Direction) -> Pieces {
     Pieces::new(Packing { fraction_bits: FRACTION_BITS, gain: wired.gain }, SHAPE, direction)
 }
 
-/// What a head begins with.
+/// Bytes that a block's head begins with.
 fn anchor(wired: &MotorSetup) -> Vec<u8> {
     let mut first = pieces(wired, pulsetrain_core::Direction::Forward);
     first.item(&Item::Anchor { tick: Tick32(ZERO) });
     first.finish().0
 }
 
-/// The gap, and the one that is 2^-16 ticks longer; and what of it lies below, ticks · 2^-48.
+/// The gap, ticks; the gap that is 2^-16 ticks longer; and the remainder below the first one, ticks · 2^-48.
 fn gaps(&Gap { wait, from, to }: &Gap, wired: &MotorSetup) -> ([Vec<u8>; 2], u32) {
     let below = 64 - FRACTION_BITS;
     let of = |wait: i128| {

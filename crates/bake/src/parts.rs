@@ -1,11 +1,11 @@
-//! What the player on an Uno (`player.h`) is told of a motion: tables, lines, times.
+//! A motion in the form that the sketch's player (`player.h`) reads: tables, lines and times.
 
 use pulsetrain_motion::program::{Motor, Program, Wiring};
 
-use crate::table::{Load, PERIOD_BITS, Row, Table, Turn, Work};
-use crate::{BakeError, PutOff, Room, tables};
+use crate::error::BakeError;
+use crate::table::{Load, PERIOD_BITS, PutOff, Room, Row, Table, Turn, Work, tables};
 
-/// Motors that the player drives.
+/// Motors that the player drives at most.
 pub(super) const MOST: usize = 4;
 
 /// Ticks of an Uno in a second.
@@ -14,27 +14,30 @@ const HZ: u64 = 16_000_000;
 /// Steps a second at most, of all motors together.
 const MOST_STEPS_PER_S: f64 = 14_000.0;
 
-/// Cycles that a step takes the player beside its pulse, in which it waits, with one motor to four. Measured on the emulated chip with
-/// Debian's avr-gcc (`tests/it/chips/sketches.rs`, `the_greatest_rate_can_be_kept`): some 990, 1025, 1065, 1110.
+/// Cycles that the player needs for a step, without its pulse (the player waits during the pulse), with one to four
+/// motors. Measured on the emulated chip with Debian's avr-gcc (`tests/it/chips/sketches.rs`,
+/// `the_greatest_rate_can_be_kept`): some 990, 1025, 1065, 1110.
 const STEP_CYCLES: [f64; MOST] = [1_020.0, 1_060.0, 1_100.0, 1_145.0];
 
-/// Cycles that a row takes it, and a turn of DIR beside setup and hold: measured, 330 and some 400.
+/// Cycles that the player needs for a row, and for a reversal of DIR without its setup and hold. Measured: 330 and some
+/// 400.
 const ROW_CYCLES: f64 = 360.0;
 const TURN_CYCLES: f64 = 450.0;
 
-/// Cycles from an edge (of a pulse its second) to the next where they are made as soon as can be.
+/// Cycles from one edge to the next where edges follow one another as soon as the player can make them. The edge before
+/// may be the second one of a pulse.
 const NEXT_CYCLES: u64 = 110;
 
-/// A pulse, setup or hold at most, ticks: during all of them the player waits, and compares times within 16 bits.
+/// Longest pulse, setup or hold, ticks. The player waits during all of them, and compares times within 16 bits.
 const LONGEST: u64 = 1_000;
 
-/// Ticks from the start of the counter to the motion's time zero: the first events are worked out before.
+/// Ticks from the start of the counter to the motion's time zero. The player works out the first events in this time.
 pub(super) const LEAD: u32 = 16_000;
 
-/// What stands for a row that there is none of.
+/// Marks a row index where there is no row.
 const NEVER: u16 = 0xffff;
 
-/// What a baked motion takes.
+/// The size of a baked motion.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Size {
     /// Rows of all tables.
@@ -43,18 +46,18 @@ pub struct Size {
     pub bytes: usize,
     /// Whether any motor goes on for ever.
     pub endless: bool,
-    /// What of all motors' steps was put off.
+    /// The steps of all motors that a shared DIR line delays.
     pub put_off: PutOff,
 }
 
-/// A motion as the player takes it.
+/// A motion in the player's terms.
 pub(super) struct Parts {
     pub(super) tables: Vec<Table>,
     pub(super) wires: Vec<Wires>,
     pub(super) size: Size,
 }
 
-/// A motor's lines as masks of ports B and D, and its times, ticks.
+/// A motor's lines as masks of ports B and D, and its times in ticks.
 pub(super) struct Wires {
     pub(super) step: (u8, u8),
     pub(super) dir: (u8, u8),
@@ -67,20 +70,20 @@ pub(super) struct Wires {
 
 /// What `player.h` calls a Plan.
 pub(super) struct Plan<'a> {
-    /// Rows, counted through all tables.
+    /// Row indices, counted through all tables.
     pub(super) first: u16,
     pub(super) end: u16,
     pub(super) turn: u16,
     /// Ticks · 2^-16, 48 bits.
     pub(super) base: u64,
     pub(super) period: u64,
-    /// Of the period, ticks · 2^-48.
+    /// The rest of the period, ticks · 2^-48.
     pub(super) rest: u32,
     pub(super) wires: &'a Wires,
 }
 
 impl Parts {
-    /// `bytes`: room for rows.
+    /// `bytes`: the flash that is free for rows.
     pub(super) fn of(program: &Program, bytes: usize) -> Result<Parts, BakeError> {
         if program.board.name != "uno" {
             return Err(BakeError::Board { board: program.board.name.clone() });
@@ -98,7 +101,8 @@ impl Parts {
         let tables = tables(program, Room { bytes, rate_hz: hz / step })?;
         let waits = wires.iter().map(|wires| wires.setup + wires.hold).max().unwrap_or(0);
         let work = Work { step, row: ROW_CYCLES, turn: TURN_CYCLES + waits as f64 };
-        // In every stretch the steps of all motors must be worked out while those before are made.
+        // In every stretch of time the player must work out the steps of all motors while it makes the steps before
+        // them.
         let loads: Vec<Load> = tables.iter().map(|table| table.load(&work)).collect();
         let load: f64 = loads.iter().map(|load| load.busy).sum();
         if load > 1.0 {
@@ -122,7 +126,7 @@ impl Parts {
         pulse_loops(&self.wires)
     }
 
-    /// The Uno's lamp, pin 13, unless a motor has it.
+    /// The Uno's lamp, pin 13, unless a motor has that pin.
     pub(super) fn lamp(&self) -> u8 {
         let lamp = 1 << 5;
         let used = self.wires.iter().any(|wires| (wires.step.0 | wires.dir.0) & lamp != 0);
@@ -138,7 +142,7 @@ impl Parts {
                 None => (NEVER, 0, 0, 0),
                 Some(Turn { from, base, period }) => {
                     let below = PERIOD_BITS - 16;
-                    // Times wrap with 32 bits of ticks: so may the period.
+                    // The player's times wrap with 32 bits of ticks, so the period may wrap, too.
                     ((begin + from) as u16, base, (period >> below) as u64, period as u32)
                 }
             };
@@ -148,14 +152,14 @@ impl Parts {
     }
 }
 
-/// STEP is high for so many loops of 4 cycles, as long as the slowest driver needs.
+/// For how many loops of 4 cycles STEP is high: as long as the slowest driver needs.
 fn pulse_loops(wires: &[Wires]) -> u16 {
     let ticks = wires.iter().map(|wires| wires.pulse.min(LONGEST)).max().unwrap_or(0);
     ticks.div_ceil(4).max(1) as u16
 }
 
-/// What each motor's steps must be apart in the plan, ticks: the one may be late by steps of all others and turns of all, the other
-/// come in time, and STEP must be low in between.
+/// The least distance of a motor's steps in the plan, ticks. The first of two steps may be late, by the steps and
+/// reversals of all other motors, and the second may be in time. STEP must be low between them all the same.
 fn shortest_intervals(wires: &[Wires]) -> impl Iterator<Item = u64> + '_ {
     let pulse = 4 * u64::from(pulse_loops(wires));
     let steps = (wires.len() as u64 - 1) * (pulse + NEXT_CYCLES);
@@ -163,7 +167,7 @@ fn shortest_intervals(wires: &[Wires]) -> impl Iterator<Item = u64> + '_ {
     wires.iter().map(move |wires| steps + turns + pulse + NEXT_CYCLES.max(wires.low))
 }
 
-/// Where an Uno's pin is: which of its ports B, C and D (0 to 2), and its bit there; `None` of what is no pin of motors.
+/// Where an Uno's pin is: its port B, C or D (0 to 2), and its bit there. `None` of a pin that cannot drive a motor.
 pub(super) const fn place(pin: u8) -> Option<(usize, u8)> {
     match pin {
         2..=7 => Some((2, 1 << pin)),

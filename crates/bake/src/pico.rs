@@ -1,6 +1,6 @@
-//! An image of a Pico's flash that plays a motion from power-up on: the committed firmware, and behind it a block that it finds
-//! there ([`pulsetrain_core::baked`]).
-//! What lies between two turns is the firmware's to make.
+//! An image of a Pico's flash that plays a motion from power-up on. It holds the committed firmware and, behind it, a
+//! block with the motion that the firmware finds at its start ([`pulsetrain_core::baked`]). The firmware itself works
+//! out the gap between two turns.
 
 use pulsetrain_board::virtual_pico::{self, VirtualPico};
 use pulsetrain_board::{RemoteError, Setup, image};
@@ -8,52 +8,55 @@ use pulsetrain_core::baked::{FLASH_ROOM, LONGEST_PIECE, MAGIC, POINTER, Repeats,
 use pulsetrain_core::wire::Baud;
 use pulsetrain_motion::program::Program;
 
+use crate::error::BakeError;
 use crate::streams::{Gap, Shape, Stream, streams};
-use crate::{BakeError, PutOff};
+use crate::table::PutOff;
 use pulsetrain_session::drive;
 
-/// Where a Pico's flash is (RP2040 datasheet §2.6).
+/// Address of a Pico's flash (RP2040 datasheet §2.6).
 const FLASH_AT: u32 = 0x1000_0000;
 
-/// The boot ROM wants sectors whole, or may leave parts of them as they were (RP2040 datasheet, erratum E14).
+/// An image has whole sectors: of a sector that is given in part the boot ROM may leave the rest unwritten (RP2040
+/// datasheet, erratum E14).
 const SECTOR: usize = 4096;
 
-/// What reading a segment from the flash takes the firmware beside all else, ticks: some 12 bytes, at 48 each by the command that
-/// every flash chip knows (8 bytes: 96 bits, each 4 ticks). (est.)
+/// Ticks that the firmware needs in addition to read a segment from the flash: some 12 bytes, at 48 ticks each with the
+/// command that every flash chip knows (8 bytes: 96 bits, each 4 ticks). (est.)
 const READ_TICKS: u32 = 600;
 
-/// How it takes pieces.
+/// How the firmware reads a stream.
 const SHAPE: Shape = Shape { board: "a Pico", piece: LONGEST_PIECE, long: None, by_pairs: |_| false };
 
 /// An image of a Pico's flash.
 #[derive(Clone, Debug)]
 pub struct PicoImage {
-    /// From the beginning of the flash on.
+    /// The flash from its beginning on.
     pub flash: Vec<u8>,
-    /// Bytes of the motion in it.
+    /// Bytes of the motion in the image.
     pub block_bytes: usize,
     /// Segments and waits of all motors.
     pub items: usize,
     /// Whether any motor goes on for ever.
     pub endless: bool,
-    /// What of all motors' steps was put off.
+    /// The steps of all motors that a shared DIR line delays.
     pub put_off: PutOff,
 }
 
 impl PicoImage {
-    /// Bytes of a Pico's flash that an image may fill; the settings are behind them.
+    /// Bytes of a Pico's flash that an image may fill. The settings lie behind them.
     pub const FLASH_BYTES: usize = FLASH_ROOM as usize;
 
-    /// The image of a program for the Pico. The committed firmware itself, on the virtual Pico, is asked whether it takes pins and
-    /// times.
+    /// Makes the image of a program for the Pico. The committed firmware runs on the virtual Pico meanwhile, and says
+    /// whether it accepts the pins and the pulse times.
     ///
     /// # Errors
-    /// [`BakeError`]: a motion that is refused, that does not repeat or does not fit, or pins that the firmware refuses.
+    /// [`BakeError`]: the planner refuses the motion, the motion does not repeat or does not fit, or the firmware
+    /// refuses the pins.
     pub fn new(program: &Program) -> Result<PicoImage, BakeError> {
         PicoImage::within(program, PicoImage::FLASH_BYTES)
     }
 
-    /// The same in the first `flash_bytes` of the flash, [`FLASH_BYTES`](PicoImage::FLASH_BYTES) at most.
+    /// Makes the image within the first `flash_bytes` of the flash, [`FLASH_BYTES`](PicoImage::FLASH_BYTES) at most.
     ///
     /// # Errors
     /// As [`PicoImage::new`].
@@ -66,7 +69,7 @@ impl PicoImage {
         for (motors, ticks) in (1..).zip(&mut program.board.segment_ticks) {
             ticks.onward += motors * READ_TICKS;
             ticks.turning += motors * READ_TICKS;
-            // From no host.
+            // A baked motion comes from no host.
             ticks.heard = 0;
         }
         let mut flash = firmware()?;
@@ -97,7 +100,7 @@ impl PicoImage {
         })
     }
 
-    /// As UF2, which a Pico's drive and `pulsetrain flash` take.
+    /// The image as UF2, which a Pico's drive and `pulsetrain flash` accept.
     #[must_use]
     pub fn uf2(&self) -> Vec<u8> {
         image::to_uf2(&self.flash, FLASH_AT, virtual_pico::FAMILY)
@@ -113,7 +116,7 @@ fn firmware() -> Result<Vec<u8>, BakeError> {
     Ok(flash)
 }
 
-/// The block of all motors; `None` with more than 8 of them, or more than 2^32 bytes.
+/// The block of all motors. `None` with more than 8 motors or more than 2^32 bytes.
 fn block(setup: &Setup, streams: &[Stream]) -> Option<Vec<u8>> {
     let motors = setup.motor_bytes();
     let (head, motors) = setup.configuration(&motors)?.to_bytes();

@@ -1,16 +1,16 @@
-// What does.
+// A motor while it moves.
 struct Motor {
-  uint16_t row, left;            // the next row; steps left of the present one
+  uint16_t row, left;            // the next row; steps left in the present row
   bool backward, going;
-  Fixed at, interval, add, add2; // the next step, and how it goes on
+  Fixed at, interval, add, add2; // time of the next step, and the interval after it with its differences
   Fixed base;
   uint32_t carry;
 };
 Motor motors[MOST];
 
-// Edges that are worked out, and not made yet: ticks since the event before; pins to toggle; whether they are toggled
-// again after a pulse (STEP) or stay (DIR); how long it comes after the event before at least, loops of 4 cycles. The
-// producer writes at `head`, the interrupt reads at `tail`.
+// The look-ahead: edges that are worked out, but not made yet. An event has the ticks since the event before; the pins to
+// toggle; whether they are toggled again after a pulse (STEP) or stay (DIR); and its least distance from the event
+// before, loops of 4 cycles. The main program writes at `head`, the interrupt reads at `tail`.
 struct Event {
   uint16_t wait;
   uint8_t b, d;
@@ -21,17 +21,17 @@ const uint8_t EVENTS = 64;
 Event events[EVENTS];
 volatile uint8_t head, tail;
 volatile bool ran_dry;
-const uint16_t LONGEST = 0x7000; // a wait
-const uint16_t EARLY = 256; // ticks that DIR comes earlier than it must, where there is room
-const uint8_t ENTRY = 74;  // ticks from when an event is due to when it is looked at, at the latest
-const uint8_t SPREAD = 16; // ticks by which that may be earlier
-const int16_t AGAIN = 30;  // ticks from a look at the counter to a look at the event
-const int16_t RETURN = 60; // ticks to leave and come again
+const uint16_t LONGEST = 0x7000; // longest wait of one event, ticks: times are compared within 16 bits
+const uint16_t EARLY = 256; // ticks by which DIR comes earlier than it must, where there is room
+const uint8_t ENTRY = 74;  // ticks from an event's time to its edge, at the latest
+const uint8_t SPREAD = 16; // ticks by which the interrupt may come earlier than that
+const int16_t AGAIN = 30;  // ticks from reading the counter to the event's edge
+const int16_t RETURN = 60; // ticks to leave the interrupt and enter it again
 
-// An event is written before it is given away, and read before its place is.
+// The compiler must not move reads and writes of an event across those of head and tail.
 #define KEEP_ORDER() __asm__ volatile("" ::: "memory")
 
-// Lasts `cycles` longer than with 0; 15 at most. (`lpm` takes 3 cycles, a skip 1, `rjmp` 2.)
+// Takes `cycles` cycles more than with 0; 15 at most. (`lpm` takes 3 cycles, a skip 1, `rjmp` 2.)
 static inline void wait_cycles(uint8_t cycles) {
   __asm__ volatile(
       "sbrc %0, 0\n\trjmp .+0\n\t"
@@ -41,16 +41,16 @@ static inline void wait_cycles(uint8_t cycles) {
       : : "r"(cycles) : "r0");
 }
 
-// Makes what is due. It is the only interrupt: each edge comes the same time after it is due, to the cycle, but for
-// those that lie closer together than it takes itself, or than a driver's DIR needs. Being late moves nothing that comes
-// later: OCR1A goes on from when an event was due.
+// Makes the edges. This is the only interrupt, so each edge comes a constant time after its event's time, to the cycle.
+// Only edges that lie closer together than this interrupt, or than a driver's DIR needs, are later. A late edge delays no
+// other one: OCR1A counts on from the event's time.
 ISR(TIMER1_COMPA_vect) {
   uint8_t next = tail;
   const Event *event = &events[next];
   for (;;) {
     uint8_t b = event->b, d = event->d;
     bool pulse = event->pulse;
-    // An instruction that was under way, sleep, and the loop below make some cycles more or less.
+    // The present instruction, sleep, and the loop below change the delay by some cycles: wait for the difference.
     uint8_t early = (uint8_t)(OCR1AL + ENTRY) - TCNT1L;
     wait_cycles(early < SPREAD ? early : 0);
     PINB = b;
@@ -80,8 +80,8 @@ ISR(TIMER1_COMPA_vect) {
     if (left > RETURN) {
       return;
     }
-    // Too soon for leaving and coming again: it is waited for, and made as late as the interrupt would make it. (A
-    // compare value that has passed would wait for a whole turn of the counter.)
+    // Too soon to leave the interrupt: wait here, and make the edge with the interrupt's usual delay. (A compare value
+    // that has passed would match only after a whole turn of the counter.)
     while ((int16_t)(TCNT1 - due) < ENTRY - AGAIN) {}
     TIFR1 = _BV(OCF1A);
   }
@@ -98,7 +98,7 @@ static Fixed signed_fixed(int32_t value) {
   return fixed;
 }
 
-// To the motor's next step. What repeats begins each time at its own exact time, so that nothing adds up.
+// Goes to the motor's next step. Each turn begins at its own exact time, so that no rounding error grows.
 static void advance(uint8_t number) {
   Motor &motor = motors[number];
   const Plan &plan = plans[number];
@@ -138,7 +138,7 @@ static void advance(uint8_t number) {
 
 bool started;
 
-// Begins once the ring is full, or all is in it.
+// Starts the timer once the ring is full, or contains the whole motion.
 static void start() {
   if (!started) {
     started = true;
@@ -149,7 +149,8 @@ static void start() {
   }
 }
 
-// Steps came faster than they could be worked out: better none than late ones. The lamp shines.
+// Underrun: steps came faster than they could be worked out. The motors stop, since late steps are worse than none. The
+// lamp is on.
 static void stop_if_dry() {
   if (ran_dry) {
     DDRB |= LAMP;
@@ -158,9 +159,9 @@ static void stop_if_dry() {
   }
 }
 
-uint32_t last; // tick of the event that was put in last
+uint32_t last; // tick of the newest event
 
-// Puts an event in, with others before it that do nothing if it is far away; waits while there is no room.
+// Adds an event. If it is far away, events that do nothing come before it. Waits while the ring is full.
 static void put(uint32_t tick, uint8_t b, uint8_t d, bool pulse, uint8_t after) {
   for (;;) {
     uint32_t wait = tick - last;
@@ -169,7 +170,7 @@ static void put(uint32_t tick, uint8_t b, uint8_t d, bool pulse, uint8_t after) 
     while (next == tail) {
       start();
       stop_if_dry();
-      // Asleep it is interrupted without delay. Many events wait: that the ring runs dry just here cannot be.
+      // A sleeping processor answers an interrupt with a constant delay. The ring is full, so there is no underrun here.
       sleep_cpu();
     }
     Event &event = events[head];
@@ -187,14 +188,14 @@ static void put(uint32_t tick, uint8_t b, uint8_t d, bool pulse, uint8_t after) 
   }
 }
 
-// Ticks as loops of 4 cycles.
+// Converts ticks to loops of 4 cycles.
 static uint8_t loops(uint16_t ticks) {
   return (ticks + 3) / 4;
 }
 
 uint8_t dir_b, dir_d; // levels of the DIR lines
 
-// The next step of whichever motor is first, and all that come at the same tick.
+// Adds the earliest step of all motors, and all steps in the same tick. Gives false at the end of the motion.
 static bool produce() {
   const Motor *first = 0;
   uint8_t number = 0;
@@ -238,8 +239,8 @@ static bool produce() {
   if (turn_b | turn_d) {
     dir_b ^= turn_b;
     dir_d ^= turn_d;
-    // DIR after the hold and before the setup, and in the middle of what room there is. Where another motor's step has
-    // taken that room the interrupt keeps both times, and makes this step later: it is still the next one.
+    // DIR changes after the hold and before the setup, in the middle of the time between. If another motor's step has
+    // taken that time, the interrupt keeps hold and setup all the same, and makes this step later.
     uint32_t gap = tick - last, need = 4 * PULSE + hold + setup;
     uint32_t spare = gap > need ? (gap - need) / 2 : 0;
     uint32_t lead = setup + (spare < EARLY ? spare : EARLY);
@@ -249,7 +250,7 @@ static bool produce() {
   return true;
 }
 
-// Before the first tick.
+// Prepares the motors and the timer, before the first tick.
 static void prepare() {
   set_sleep_mode(SLEEP_MODE_IDLE);
   sleep_enable();
@@ -268,7 +269,7 @@ static void prepare() {
   }
 }
 
-// From the first tick to the last, if there is one.
+// Plays the motion to its end, if it has one.
 static void play() {
   while (produce()) {
     stop_if_dry();

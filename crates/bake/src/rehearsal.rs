@@ -1,8 +1,9 @@
-//! What `bake` makes for an Uno, played on the virtual one before it is written: the firmware's own image, each edge of its pins against
-//! the law, and its lamp, which is all that such a board says.
+//! Plays an Uno's image on the virtual Uno before anybody writes it to a real one. The image is the firmware's own;
+//! each edge of its pins is compared with the law. The lamp is checked, too, since it is the only sign that such a
+//! board gives.
 //!
-//! The planner's limits are of a firmware that has its segments in time. Whether the main loop brings them in time, for these motors at
-//! these moments, nobody adds up: it is tried.
+//! The planner's limits hold for a firmware that has its segments in time. Whether the main loop brings them in time
+//! depends on all motors and on the instants at which they need segments. There is no formula for that, so it is tried.
 
 use std::time::Duration;
 
@@ -19,71 +20,72 @@ use pulsetrain_session::rehearsal::{Length, Rehearsed, STRIDE_S, rates, slower};
 
 use crate::image;
 
-/// The clock begins within so long after a reset, or never: a bootloader waits, then the flash is looked at.
+/// The motion's clock starts within this time after a reset, or never: the bootloader waits first, then the firmware
+/// looks at the flash.
 const START: Duration = Duration::from_secs(3);
 
 /// An Uno's pins, as the board numbers them.
 const PINS: u8 = 20;
 
-/// A motion that was not.
+/// Why a rehearsal failed.
 #[derive(Debug, thiserror::Error)]
 #[error("rehearsed on the virtual Uno, {what}")]
 pub struct Failed {
-    /// In which way.
+    /// What went wrong.
     pub what: What,
-    /// How fast each motor is then, by the law, steps/s.
+    /// How fast each motor is then by its law, steps/s.
     pub rates: Vec<(String, f64)>,
-    /// Whether the pins are timed by the Uno's hardware.
+    /// Whether the Uno's timers make the edges.
     by_hardware: bool,
 }
 
-/// What went wrong, at which of the laws' times.
+/// What went wrong, and when by the laws' time.
 #[derive(Debug, thiserror::Error)]
 pub enum What {
-    /// No clock was begun.
+    /// The motion's clock did not start.
     #[error("the board does not begin the motion")]
     NoStart,
-    /// The watchdog, or a fault.
+    /// The watchdog reset the board, or the firmware met a fault.
     #[error("the board restarted at t = {at_s:.3} s or shortly before")]
     Reset {
-        /// When it was seen.
+        /// When that was seen.
         at_s: f64,
     },
-    /// A motor stands, and so do all others then.
+    /// A motor stopped, and with it all others.
     #[error("{}", stopped(.motor, *.step, *.at_s, *.dry))]
     Stopped {
-        /// Whose step is the first that was not made.
+        /// The motor whose step is missing first.
         motor: String,
-        /// Which, from 1.
+        /// The number of that step, from 1.
         step: u64,
-        /// When it was due.
+        /// When the step was due.
         at_s: f64,
-        /// It had no steps left to make: others went on, until the board saw it.
+        /// The motor had no steps left to make. Other motors went on until the firmware noticed.
         dry: bool,
     },
-    /// A step is not as it should be.
+    /// A step is too early, too late, or in the wrong direction.
     #[error("{first}{}", if *.stopped { "; then the board stopped all motors" } else { "" })]
     Edge {
-        /// The first.
+        /// The first such failure.
         first: Failure,
-        /// All motors stand, and the lamp shines.
+        /// Whether all motors stopped and the lamp is on.
         stopped: bool,
     },
-    /// The board's own word: the lamp shines, though each edge is where it should be.
+    /// The lamp is on, though each edge is where it should be.
     #[error(
         "the board says that an edge was late by more than is promised, at t = {at_s:.3} s or shortly before: its lamp shines"
     )]
     Lamp {
-        /// When it was seen.
+        /// When that was seen.
         at_s: f64,
     },
-    /// The law breaks, or pins that cannot be judged.
+    /// The law has no value somewhere, or the pins cannot be judged.
     #[error(transparent)]
     Judge(#[from] JudgeError),
 }
 
 impl What {
-    /// The laws' time.
+    /// When it happened, by the laws' time.
     #[must_use]
     pub const fn at_s(&self) -> Option<f64> {
         match self {
@@ -110,7 +112,7 @@ impl Failed {
         Failed { rates: what.at_s().map(|at_s| rates(program, at_s)).unwrap_or_default(), what, by_hardware }
     }
 
-    /// What would do.
+    /// What the user can do.
     #[must_use]
     pub fn advice(&self) -> String {
         if self.what.at_s().is_none() {
@@ -126,10 +128,11 @@ impl Failed {
     }
 }
 
-/// Plays an image of a program's motion, and holds its pins against the law. `watch` hears how far it is, s.
+/// Plays the image of a program's motion and compares its pins with the law. Calls `watch` with the laws' time that is
+/// reached, s.
 ///
 /// # Errors
-/// [`Failed`]: the first thing that went wrong; what comes behind it is not played.
+/// [`Failed`]: the first thing that went wrong. Nothing behind it is played.
 pub fn rehearse(
     uno: &mut VirtualUno,
     program: &Program,
@@ -144,7 +147,7 @@ pub fn rehearse(
     let (lead_s, second) = (f64::from(ZERO) / CYCLES_PER_S as f64, hz as f64 / CYCLES_PER_S as f64);
     let (mut zero, mut at_s, mut shines) = (None, 0.0, false);
     let mut last_steps = [0; PINS as usize];
-    // A little longer than is looked at, so that an edge that is late is seen.
+    // Play a little longer than is judged, so that a late edge is seen.
     while at_s < length.seconds + STRIDE_S && !shines && !judge.has_failed() {
         at_s += STRIDE_S;
         let mut orderly = true;
@@ -170,7 +173,7 @@ pub fn rehearse(
         let bound_ticks = options.bound_ticks.unwrap_or_default();
         return if shines { Err(failed(What::Lamp { at_s })) } else { Ok(Rehearsed { length, bound_ticks, report }) };
     };
-    // Of a motor that stands all steps from there on are missing.
+    // Once a motor has stopped, all its later steps are missing.
     let stands = report.motors.iter().find(|motor| motor.motor == first.motor);
     let stands = stands.is_some_and(|motor| motor.steps_got < first.step);
     Err(failed(match first {
@@ -191,8 +194,8 @@ fn step_pin(motor: &Motor) -> Option<usize> {
     }
 }
 
-/// How a baked motion is judged: each edge within its certificate, a tick, and what the firmware is known to be late; times count from
-/// the board's clock.
+/// The bound on each edge of a baked motion: the certificate, a tick, and the lateness that the firmware is known to
+/// have. Times count from the board's clock.
 #[must_use]
 pub fn options(program: &Program, until_s: Option<f64>) -> Options {
     let edges = Edges::of(program);
@@ -205,17 +208,17 @@ pub fn options(program: &Program, until_s: Option<f64>) -> Options {
     }
 }
 
-/// The lines of an Uno's pins.
+/// The STEP and DIR lines on an Uno's pins.
 #[must_use]
 pub fn lines() -> Vec<Line> {
     (0..PINS).map(|pin| Line::named(format!("pin{pin}"))).collect()
 }
 
-/// Hands over all edges of the pins that were not yet, until so long after the clock's tick 0. `false`: the clock does not run.
+/// Hands over the edges that are new, until the given time after the clock's tick 0. `false`: the clock does not run.
 #[must_use]
 pub fn play(uno: &mut VirtualUno, until_s: f64, each: &mut dyn FnMut(Edge)) -> bool {
     let latest = uno.now() + START;
-    // A virtual Uno is always there.
+    // A virtual Uno is never unplugged.
     let run = |uno: &mut VirtualUno, until| uno.receive(until, &mut Vec::new()).is_ok();
     while uno.zero().is_none() {
         if !run(uno, uno.now() + Duration::from_millis(1)) || uno.now() >= latest {
@@ -235,7 +238,7 @@ pub fn play(uno: &mut VirtualUno, until_s: f64, each: &mut dyn FnMut(Edge)) -> b
     uno.zero().is_some()
 }
 
-/// Whether the lamp shines, if no motor has its pin.
+/// Whether the lamp is on, if no motor has its pin.
 pub fn lamp(uno: &mut VirtualUno) -> bool {
     // DDRB and PORTB (DS40002061B, 31), bit 5.
     [0x24, 0x25].iter().all(|register| uno.chip_mut().read_data(*register, &mut ()) & 1 << 5 != 0)

@@ -1,20 +1,21 @@
-//! An Arduino sketch that plays tables: plain C++, tables in flash, no library.
+//! An Arduino sketch that plays tables: plain C++ with its tables in flash, and no library.
 
 use std::fmt::Write as _;
 
 use pulsetrain_motion::program::{Program, Wiring};
 
+use crate::error::BakeError;
 use crate::parts::{LEAD, Parts, Plan, Size, Wires};
-use crate::{BakeError, Row};
+use crate::table::Row;
 
-/// The program without what is a motion's own: what its tables are made of, and what plays them.
+/// The part of the program that is the same for every motion: the types of its tables, and the player.
 const TYPES: &str = include_str!("types.h");
 const PLAYER: &str = include_str!("player.h");
 
-/// Bytes of flash that are left for tables: 32 256, less what the program and the Arduino core take.
+/// Bytes of flash for tables: 32 256, less the program and the Arduino core.
 const TABLE_BYTES: usize = 32_256 - 4_096;
 
-/// What a sketch says of itself.
+/// The mark by which `bake` knows a sketch that it has made.
 pub const MADE: &str = "Made by pulsetrain bake";
 
 /// An Arduino sketch.
@@ -22,15 +23,16 @@ pub const MADE: &str = "Made by pulsetrain bake";
 pub struct Sketch {
     /// The text of the .ino file.
     pub text: String,
-    /// What its tables take.
+    /// The size of its tables.
     pub size: Size,
 }
 
 impl Sketch {
-    /// The sketch of a program for the Uno. `title`: what it is called in its comments.
+    /// Makes the sketch of a program for the Uno. `title` is its name in its comments.
     ///
     /// # Errors
-    /// [`BakeError`]: what cannot be baked, other drivers than those with STEP and DIR, other pins than 2 to 13, too fast, too large.
+    /// [`BakeError`]: a driver without STEP and DIR, pins other than 2 to 13, or a motion that is too fast or too
+    /// large.
     pub fn new(program: &Program, title: &str) -> Result<Sketch, BakeError> {
         let parts = Parts::of(program, TABLE_BYTES)?;
         let Size { rows, bytes, .. } = parts.size;
@@ -107,7 +109,7 @@ fn pins(program: &Program) -> String {
     text
 }
 
-/// A line's comment ends with the line, and a backslash at its end would take the next one along.
+/// A line's comment ends with the line, and a backslash at its end would make the next line part of the comment.
 fn in_comment(text: &str) -> String {
     text.replace(|c: char| c.is_control() || c == '\\', " ")
 }

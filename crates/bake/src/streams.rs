@@ -1,7 +1,8 @@
-//! Plans as packed bytes, in pieces, with what repeats cut out of them: what images for the Pico and for the Uno hold.
+//! Plans as packed bytes, in pieces, for images of the Pico and of the Uno. A repeating motion is cut down to its first
+//! turn.
 //!
-//! What repeats is cut in the widest gap between two steps, as for tables; the wait there is apart, so that each turn begins at its own
-//! exact time.
+//! The cut lies in the widest gap between two steps, as for tables. The wait in that gap is stored by itself, so that
+//! each turn begins at its own exact time.
 
 use pulsetrain_board::Setup;
 use pulsetrain_core::packing::{MAX_PACKED_LEN, PackError, Packing, State};
@@ -10,60 +11,61 @@ use pulsetrain_motion::Time;
 use pulsetrain_motion::program::{Motor, Program};
 use pulsetrain_plan::{Ensemble, Move};
 
-use crate::table::{self, Cut, PutOff, Turns, Unrolled};
-use crate::{BakeError, TURNS};
+use crate::error::BakeError;
+use crate::table::{self, Cut, PutOff, TURNS, Turns, Unrolled};
 
-/// Longest wait of one item, ticks.
+/// The longest wait that one item can hold, ticks.
 const LONGEST_DWELL: u64 = 1 << 30;
 
-/// How a board takes pieces.
+/// How a board's firmware reads a stream.
 #[derive(Clone, Copy)]
 pub(super) struct Shape {
-    /// Which, with its article.
+    /// The board, with its article.
     pub(super) board: &'static str,
     /// Packed bytes of a piece at most.
     pub(super) piece: usize,
-    /// Waits that are pieces of their own.
+    /// Which waits become pieces of their own.
     pub(super) long: Option<LongWaits>,
-    /// Which segments the board would rather have two steps at a time: the same ticks.
+    /// Which segments are split into segments of two steps, since the firmware need not plan those step by step. The
+    /// ticks do not change.
     pub(super) by_pairs: fn(&Segment) -> bool,
 }
 
-/// Waits that are pieces of their own, with a mark.
+/// Waits that become pieces of their own, with a mark in the piece's length.
 #[derive(Clone, Copy)]
 pub(super) struct LongWaits {
-    /// From so many ticks on.
+    /// The least wait that becomes such a piece, ticks.
     pub(super) from: u64,
-    /// So many in one.
+    /// The longest wait of one such piece, ticks.
     pub(super) most: u64,
-    /// In the piece's length.
+    /// The mark in the piece's length.
     pub(super) mark: u8,
 }
 
-/// What a motor's motion is on a board.
+/// A motor's motion in a board's flash.
 pub(super) struct Stream {
-    /// Pieces of what comes once, the first step after the first wait included.
+    /// Pieces that are played once; they include the first step after the first wait.
     pub(super) head: Vec<u8>,
-    /// Pieces of what comes again and again, without that step.
+    /// Pieces that are played again and again; they leave that step out.
     pub(super) turn: Vec<u8>,
     pub(super) repeats: Option<Gap>,
     /// Segments and waits.
     pub(super) items: usize,
-    /// What of the motion it holds, s.
+    /// The time of the motion that the stream holds, s.
     pub(super) length_s: f64,
     pub(super) put_off: PutOff,
 }
 
-/// What lies between a turn's last step and the next one's first.
+/// The gap between a turn's last step and the next turn's first one.
 #[derive(Clone, Copy)]
 pub(super) struct Gap {
-    /// Ticks · 2^-64; it is longer than a pulse: see `Unrolled::cut`.
+    /// Ticks · 2^-64. The gap is longer than a pulse: see `Unrolled::cut`.
     pub(super) wait: i128,
     pub(super) from: Direction,
     pub(super) to: Direction,
 }
 
-/// The streams of all motors; no plan is unrolled further than `room` bytes can hold.
+/// The streams of all motors. No plan is unrolled further than `room` bytes can hold.
 pub(super) fn streams(program: &Program, setup: &Setup, room: usize, shape: Shape) -> Result<Vec<Stream>, BakeError> {
     let mut ensemble = Ensemble::new(program).map_err(BakeError::Plan)?;
     let motors = program.motors.iter().zip(&setup.motors).enumerate();
@@ -87,7 +89,7 @@ pub(super) fn streams(program: &Program, setup: &Setup, room: usize, shape: Shap
                 fits = Some(plan.tick() as f64 / hz as f64);
             }
             if let Some(fits_s) = fits.filter(|_| bytes > most) {
-                // Of others it is not known yet: as much.
+                // How many bytes the other motors need is not known yet. They are taken to need as much.
                 let fits_s = fits_s / program.motors.len() as f64;
                 return Err(BakeError::TooLarge { board: shape.board, bytes, limit: room, fits_s });
             }
@@ -101,7 +103,7 @@ pub(super) fn streams(program: &Program, setup: &Setup, room: usize, shape: Shap
     Ok(streams)
 }
 
-/// A motor's plan as bytes; what repeats is cut out of it.
+/// A motor's plan as bytes. A repeating plan is cut down to its first turn.
 fn stream(
     plan: &Unrolled,
     motor: &Motor,
@@ -124,7 +126,8 @@ fn stream(
     let mut turn = pieces(second.way);
     turn.reset();
     plan.part(Some(second), end).for_each(|next| turn.push(&next));
-    // From the last step of a turn to the first of the next: the first wait, and what the turn's steps are shorter than a period.
+    // The gap from the last step of a turn to the first of the next: the first wait, and the difference between a
+    // period and the turn's steps.
     // 2^-64 s · ticks/s: ticks · 2^-64.
     let apart = second.at - begin.at - (end.at - begin.at);
     let wait = cycle.1.raw() * i128::from(hz) + (apart << (64 - program.board.fraction_bits));
@@ -136,7 +139,7 @@ fn stream(
     Ok((stream, Some(plan.turns(&cut, cycle.1, hz))))
 }
 
-/// Packed items, in pieces.
+/// Packed items, cut into pieces.
 pub(super) struct Pieces {
     packing: Packing,
     shape: Shape,
@@ -219,7 +222,7 @@ impl Pieces {
 mod tests {
     use super::*;
 
-    /// The tick of each step, ticks · 2^-16, and how many segments they came in.
+    /// The tick of each step, ticks · 2^-16, and the number of segments that the steps came in.
     fn ticks(shape: Shape, moves: &[Move]) -> (Vec<i64>, usize) {
         let packing = Packing { fraction_bits: 16, gain: 0 };
         let mut pieces = Pieces::new(packing, shape, Direction::Forward);
@@ -246,7 +249,7 @@ mod tests {
     fn pairs_of_a_segments_steps_have_its_ticks() {
         let whole = Shape { board: "a board", piece: 60, long: None, by_pairs: |_| false };
         let pairs = Shape { by_pairs: |segment| segment.add2.unsigned_abs() > 1 << 16, ..whole };
-        // A ramp's last segments on an Uno, at 52 837 steps/s, and what comes then.
+        // A ramp's last segments on an Uno, at 52 837 steps/s, and the segment after them.
         let run = |count, interval, add, add2| Move::Run {
             segment: Segment { count, interval, add, add2 },
             direction: Direction::Forward,

@@ -1,8 +1,9 @@
-//! A motor's plan as rows of a table that an Uno's program can play, and what of it repeats for ever.
+//! A motor's plan as rows of a table that an Uno's program can play, and the rows that repeat.
 //!
-//! What repeats begins in the widest gap between two steps, most often at a turning point. The time of the step before that gap is
-//! kept apart: each turn adds the period to it, in ticks of 2^-48, so that nothing adds up over the years; the gap takes up what
-//! that moves. Step by step a turn is the one before it, put off by the period to within a tick.
+//! The repeating part (a turn) begins in the widest gap between two steps, most often at a turning point. The time of
+//! the step before that gap is kept by itself: each turn adds the period to it, in ticks of 2^-48, so that no rounding
+//! error grows over the years. The gap absorbs the difference. Each step of a turn comes a period after its step in the
+//! turn before, to within a tick.
 
 use std::collections::VecDeque;
 
@@ -12,27 +13,27 @@ use pulsetrain_motion::program::{Motor, Program};
 use pulsetrain_motion::time::{MOST_PERIODS, common_period};
 use pulsetrain_plan::Move;
 
-use crate::BakeError;
+use crate::error::BakeError;
 
-/// The longest wait, ticks: times are compared within half the range of 32 bits.
+/// The longest wait, ticks: the player compares times within half the range of 32 bits.
 const LONGEST_WAIT: u64 = 1 << 31;
-/// Bits of a tick that the period is told to.
+/// Bits after the point of a period in ticks.
 pub const PERIOD_BITS: u32 = 48;
 
-/// A row: `count` steps, or a wait if it is 0.
+/// A row: `count` steps, or a wait if `count` is 0.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Row {
-    /// Steps, at most 2^15 − 1; 0: a wait.
+    /// Steps, at most 2^15 − 1; 0 is a wait.
     pub count: u16,
-    /// Which way they go.
+    /// The direction of the steps.
     pub backward: bool,
-    /// The interval to the first step, or the wait: ticks.
+    /// Whole ticks of the interval to the first step, or of the wait.
     pub ticks: u32,
-    /// Of the interval: ticks · 2^-16.
+    /// The rest of that interval, ticks · 2^-16.
     pub part: u16,
     /// Added to the interval after each step, ticks · 2^-16.
     pub add: i32,
-    /// Added to that.
+    /// Added to `add` after each step, ticks · 2^-16.
     pub add2: i32,
 }
 
@@ -54,27 +55,27 @@ impl Row {
     }
 }
 
-/// A motor's rows, from tick 0, fraction ½, on.
+/// A motor's rows. They begin at tick 0, fraction ½.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Table {
-    /// In order.
+    /// The rows in order.
     pub rows: Vec<Row>,
-    /// What repeats; `None` of a motion that ends.
+    /// The rows that repeat. `None` of a motion that ends.
     pub turn: Option<Turn>,
-    /// Steps of the rows.
+    /// Number of steps in the rows.
     pub steps: u64,
     /// The shortest interval between two steps, ticks.
     pub shortest: u64,
-    /// What of the steps was put off.
+    /// The steps that a shared DIR line delays.
     pub put_off: PutOff,
 }
 
-/// Steps that come later than their law has them, since motors share a DIR line; what repeats counts once.
+/// Steps that come later than their law has them, because motors share a DIR line. Repeated steps count once.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct PutOff {
-    /// How many.
+    /// Number of delayed steps.
     pub steps: u64,
-    /// The longest that one waits, ticks.
+    /// The longest delay of one step, ticks.
     pub longest_ticks: u64,
 }
 
@@ -95,7 +96,8 @@ impl std::iter::Sum for PutOff {
 }
 
 impl Table {
-    /// Steps of the rows from one on, as a player makes them that begins at `at` (ticks · 2^-16): when, and whether backward.
+    /// The steps of the rows from row `from` on, for a player that begins at `at` (ticks · 2^-16): each with its time
+    /// and whether it goes backward.
     pub fn played(&self, from: usize, mut at: u64) -> impl Iterator<Item = (u64, bool)> + '_ {
         self.rows[from..].iter().flat_map(move |row| {
             let (begin, segment) = (at, row.segment());
@@ -104,7 +106,7 @@ impl Table {
         })
     }
 
-    /// How much of its time a player is busy with these steps where they are the most work.
+    /// The share of its time that a player needs for these steps, where they are the most work.
     #[must_use]
     pub fn load(&self, work: &Work) -> Load {
         let mut worst = Load { busy: 0.0, steps_per_tick: 0.0 };
@@ -112,7 +114,7 @@ impl Table {
         let mut window: VecDeque<(u64, f64)> = VecDeque::new();
         let (mut at, mut due, mut way) = (0, 0.0, None);
         let again = self.turn.map_or(&[][..], |turn| &self.rows[turn.from..]);
-        // Short turns as often as they fill the window.
+        // A turn that is shorter than the window is repeated until it fills the window.
         let steps: usize = again.iter().map(|row| usize::from(row.count)).sum();
         let times = 1 + 2 * Load::STEPS / steps.max(1);
         for row in self.rows.iter().chain(std::iter::repeat_n(again, times).flatten()) {
@@ -142,58 +144,59 @@ impl Table {
     }
 }
 
-/// What a player has to do, ticks.
+/// The player's work, ticks.
 #[derive(Clone, Copy, Debug)]
 pub struct Work {
     /// For a step.
     pub step: f64,
-    /// For a row, beside its steps.
+    /// For a row, in addition to its steps.
     pub row: f64,
-    /// For a turn of DIR, beside the step after it.
+    /// For a reversal of DIR, in addition to the step after it.
     pub turn: f64,
 }
 
-/// How busy a player is with a motor where it is busiest.
+/// The stretch of a motor's motion that is the most work for a player.
 #[derive(Clone, Copy, Debug)]
 pub struct Load {
-    /// Work by time.
+    /// Work divided by time.
     pub busy: f64,
-    /// How fast the steps are there.
+    /// The step rate there.
     pub steps_per_tick: f64,
 }
 
 impl Load {
-    /// Steps that are looked at together. Those of four motors are no more than the events that a player works out ahead: a stretch
-    /// with more work than time is no longer than what lies ready.
+    /// Number of steps in the stretch that is looked at. Those of four motors are no more than the events that a player
+    /// works out ahead. So a stretch with more work than time is no longer than the player's look-ahead.
     const STEPS: usize = 15;
 }
 
-/// What repeats for ever.
+/// The rows that repeat for ever.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Turn {
-    /// The row that it begins with; the last row ends it.
+    /// The first row that repeats. The last row of the table is the last that repeats.
     pub from: usize,
-    /// When the first one begins, ticks · 2^-16: the time of the step before.
+    /// When the first turn begins, ticks · 2^-16: the time of the step before it.
     pub base: u64,
     /// Ticks · 2^-[`PERIOD_BITS`].
     pub period: u128,
 }
 
-/// A plan, move by move.
+/// A plan, unrolled move by move.
 #[derive(Clone, Debug)]
 pub struct Unrolled {
     fraction_bits: u32,
-    /// Ticks · 2^-F.
+    /// The end of the last move, ticks · 2^-F.
     at: i128,
     moves: Vec<Planned>,
     steps: u64,
-    /// Of the last step, ticks · 2^-F.
+    /// The time of the last step, ticks · 2^-F.
     last: Option<i128>,
-    /// Between two steps, ticks · 2^-F.
+    /// The shortest interval between two steps, ticks · 2^-F.
     shortest: i128,
 }
 
-/// A move, where it begins: ticks · 2^-F, steps before it, and by how many ticks it was put off.
+/// A move with its beginning in ticks · 2^-F, the number of steps before it, and the ticks by which a shared DIR line
+/// delays it.
 #[derive(Clone, Debug)]
 struct Planned {
     at: i128,
@@ -211,7 +214,7 @@ impl Planned {
     }
 }
 
-/// A step of a plan: when (ticks · 2^-F), in which move, which one of its steps (from 1 on), which way.
+/// A step of a plan: its time (ticks · 2^-F), its move, its number in that move (from 1 on), and its direction.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Step {
     pub(super) at: i128,
@@ -220,41 +223,41 @@ pub(super) struct Step {
     pub(super) way: Direction,
 }
 
-/// Where a turn is cut out of a plan.
+/// A turn that was cut out of a plan.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Cut {
-    /// The number of the step before it, counted from 0, and how many steps it has.
+    /// The number of the step before the turn, counted from 0, and the number of its steps.
     first: u64,
     turn_steps: u64,
-    /// The step before it, its own first one, and its last.
+    /// The step before the turn, the turn's first step, and its last.
     pub(super) begin: Step,
     pub(super) second: Step,
     pub(super) end: Step,
-    /// From its last step to the next turn's first one, ticks · 2^-F rounded down.
+    /// From the turn's last step to the next turn's first one, ticks · 2^-F rounded down.
     seam: i128,
 }
 
 impl Unrolled {
-    /// Before the first move.
+    /// A plan before its first move.
     #[must_use]
     pub const fn new(fraction_bits: u32) -> Unrolled {
         let at = 1 << (fraction_bits - 1);
         Unrolled { fraction_bits, at, moves: Vec::new(), steps: 0, last: None, shortest: i128::MAX }
     }
 
-    /// The tick that it has come to.
+    /// The tick at which the last move ends.
     #[must_use]
     pub const fn tick(&self) -> u64 {
         (self.at >> self.fraction_bits) as u64
     }
 
-    /// How many moves it has.
+    /// The number of moves so far.
     #[must_use]
     pub const fn moves(&self) -> usize {
         self.moves.len()
     }
 
-    /// The tick that a move begins at.
+    /// The tick at which a move begins.
     #[must_use]
     pub fn tick_of(&self, number: usize) -> u64 {
         self.moves.get(number).map_or(self.tick(), |planned| (planned.at >> self.fraction_bits) as u64)
@@ -266,7 +269,7 @@ impl Unrolled {
         u64::try_from(self.shortest >> self.fraction_bits).unwrap_or(u64::MAX)
     }
 
-    /// The next move of the plan, and by how many ticks it was put off.
+    /// Adds the next move of the plan, and the ticks by which a shared DIR line delays it.
     pub fn push(&mut self, next: Move, put_off_ticks: u64) {
         let planned = Planned { at: self.at, before: self.steps, next, put_off_ticks };
         match next {
@@ -284,7 +287,7 @@ impl Unrolled {
         self.moves.push(planned);
     }
 
-    /// Its steps from one on, counted from 0.
+    /// The plan's steps from one on, counted from 0.
     fn steps_from(&self, first: u64) -> impl Iterator<Item = Step> + '_ {
         let begin = self.moves.partition_point(|planned| planned.before + u64::from(planned.steps()) <= first);
         self.moves.iter().enumerate().skip(begin).flat_map(move |(number, planned)| {
@@ -300,7 +303,7 @@ impl Unrolled {
         })
     }
 
-    /// The table of it. `cycle`: from which time on it repeats, and after which time.
+    /// Makes the table of the plan. `cycle`: when the motion begins to repeat, and its period.
     ///
     /// # Errors
     /// [`BakeError::NotPeriodic`], [`BakeError::NoStep`], [`BakeError::Wait`].
@@ -330,7 +333,7 @@ impl Unrolled {
         Ok(Table { rows: rows.rows, turn: Some(turn), steps: first + 1 + turn_steps, shortest, put_off })
     }
 
-    /// A turn that was cut out, as it is played.
+    /// A turn that was cut out, in the player's terms.
     pub(super) fn turns(&self, cut: &Cut, period: Time, hz: u64) -> Turns {
         let ticks = |at: i128| ((at << 16) >> self.fraction_bits).cast_unsigned() as u64;
         let steps = self.steps_from(cut.first + 1).take(cut.turn_steps as usize);
@@ -342,7 +345,7 @@ impl Unrolled {
         }
     }
 
-    /// What was put off of it, up to and with a step, or of all of it.
+    /// The steps that a shared DIR line delays, up to and with a step, or all of them.
     pub(super) fn put_off(&self, upto: Option<Step>) -> PutOff {
         let mut put_off = PutOff::default();
         let most = upto.map_or(self.moves.len(), |upto| upto.number + 1);
@@ -350,12 +353,12 @@ impl Unrolled {
         put_off
     }
 
-    /// All its moves.
+    /// All moves of the plan as rows.
     pub(super) fn all(&self) -> impl Iterator<Item = Move> + '_ {
         self.moves.iter().map(|planned| planned.next)
     }
 
-    /// Where the first turn is cut out of a plan that repeats from a time on, after another.
+    /// Cuts the first turn out of a plan that repeats. `from`: when it begins to repeat.
     ///
     /// # Errors
     /// [`BakeError::NotPeriodic`], [`BakeError::NoStep`].
@@ -368,8 +371,9 @@ impl Unrolled {
         let name = || motor.name.clone();
         let no_step = || BakeError::NoStep { motor: name(), after_s, period_s };
         let (first, turn_steps) = self.gap(from, turn, hz).ok_or_else(no_step)?;
-        // Each step a period later is the same, but for what both certificates allow, and for a wait for a shared DIR line: which of two steps that
-        // are due together comes first may be another in each period.
+        // A step comes again a period later, within both steps' certificates. Where motors share a DIR line a wait for
+        // that line comes on top: which of two steps that are due together comes first may differ from period to
+        // period.
         let allowed = (2.0 * program.tolerance.ticks(hz) + 2.0) as i128;
         let put_off = |step: Step| i128::from(self.moves[step.number].put_off_ticks);
         let pairs = self.steps_from(first + 1).zip(self.steps_from(first + 1 + turn_steps)).take(turn_steps as usize);
@@ -385,7 +389,7 @@ impl Unrolled {
         let mut ends = self.steps_from(first);
         let (begin, second) = ends.next().zip(ends.next()).ok_or_else(no_step)?;
         let end = self.steps_from(first + turn_steps).next().ok_or_else(no_step)?;
-        // Where a turn ends and the next begins the gap takes up what the steps before it were moved.
+        // Where a turn ends and the next begins, the gap absorbs the shift of the steps before it.
         let seam = second.at - begin.at - (end.at - begin.at - turn);
         let timing = program.timing(motor).ticks(hz);
         let needed = if begin.way == second.way { timing.pulse_high + timing.pulse_low } else { timing.reversal() };
@@ -395,7 +399,8 @@ impl Unrolled {
         Ok(Cut { first, turn_steps, begin, second, end, seam })
     }
 
-    /// The step before the widest gap of the first period after `from`, and how many steps a period has; `None` if it has none.
+    /// The step before the widest gap of the first period after `from`, and the number of steps in a period. `None` if
+    /// a period has no steps.
     fn gap(&self, from: Time, period: i128, hz: u64) -> Option<(u64, u64)> {
         let from = i128::from(from.ticks(hz).0) << self.fraction_bits;
         let pairs = (0..).zip(self.steps_from(0).zip(self.steps_from(1)));
@@ -408,7 +413,7 @@ impl Unrolled {
         (steps > 0).then_some((first, steps))
     }
 
-    /// The moves of what comes after a step (or from the beginning), up to and with another.
+    /// The moves after a step (or from the beginning) up to and with another.
     pub(super) fn part(&self, after: Option<Step>, upto: Step) -> impl Iterator<Item = Move> + '_ {
         let begin = after.map_or(0, |after| after.number);
         (begin..=upto.number).filter_map(move |number| {
@@ -422,7 +427,7 @@ impl Unrolled {
     }
 }
 
-/// Rows, as they are made.
+/// Collects rows.
 struct Rows<'a> {
     rows: Vec<Row>,
     motor: &'a str,
@@ -443,7 +448,7 @@ impl Rows<'_> {
         }
     }
 
-    /// Waits from one step to the next count together.
+    /// Waits between two steps are added up.
     fn wait(&mut self, ticks: u64) -> Result<u32, BakeError> {
         self.waited = self.waited.saturating_add(ticks);
         let seconds = |ticks: u64| ticks as f64 / self.hz as f64;
@@ -452,7 +457,8 @@ impl Rows<'_> {
         fits.ok_or_else(|| BakeError::Wait { motor: self.motor.to_owned(), wait_s, limit_s })
     }
 
-    /// As few rows as the fields hold: a segment whose differences are too large for them goes step by step.
+    /// Makes as few rows as the fields allow. A segment whose differences are too large for the fields becomes a row
+    /// for each step.
     fn run(&mut self, mut left: Segment, direction: Direction) -> Result<(), BakeError> {
         let backward = direction == Direction::Backward;
         while left.count > 0 {
@@ -468,7 +474,7 @@ impl Rows<'_> {
     }
 }
 
-/// The tick up to which so many rows of all tables last.
+/// The tick at which the first `rows` rows of all tables end.
 #[must_use]
 pub fn tick_of(tables: &[Table], rows: usize) -> u64 {
     let mut begins: Vec<u64> = tables.iter().flat_map(Table::begins).collect();
@@ -476,8 +482,69 @@ pub fn tick_of(tables: &[Table], rows: usize) -> u64 {
     begins.get(rows).map_or(u64::MAX, |begin| begin >> 16)
 }
 
-/// From when on an endless motor repeats, and after which time; with others on its DIR line only together with them, since they put
-/// its steps off. `None` of a motor that ends.
+/// Turns that are planned of a motion that repeats. More than one is planned, since a turn is compared with the one
+/// after it, and the cut may lie anywhere in the first. The tables hold the steps before the first turn, and one turn.
+pub(crate) const TURNS: u64 = 3;
+
+/// The limits of a player.
+#[derive(Clone, Copy, Debug)]
+pub struct Room {
+    /// Bytes for all motors' tables.
+    pub bytes: usize,
+    /// Highest step rate of a motor that steps alone, steps/s.
+    pub rate_hz: f64,
+}
+
+impl Room {
+    /// No limit.
+    pub const ANY: Room = Room { bytes: usize::MAX, rate_hz: f64::INFINITY };
+}
+
+/// The tables of all motors of a program. An endless law must repeat; its table repeats, too.
+///
+/// # Errors
+/// [`BakeError`]: a motion that is refused or does not repeat, that is too fast or too large, or whose waits are too long.
+pub fn tables(program: &Program, room: Room) -> Result<Vec<Table>, BakeError> {
+    let hz = program.board.tick_hz as f64;
+    let mut ensemble = pulsetrain_plan::Ensemble::new(program).map_err(BakeError::Plan)?;
+    let mut tables = Vec::new();
+    for (index, motor) in program.motors.iter().enumerate() {
+        let cycle = cycle(program, motor)?;
+        let end = cycle.map(|(from, period)| {
+            let (ticks, _) = (from + period.times(TURNS)).ticks(program.board.tick_hz);
+            ticks.max(0).cast_unsigned()
+        });
+        // More moves have more rows than fit: no plan is unrolled further, however long the motion.
+        let most = (room.bytes / Row::BYTES).saturating_mul(if cycle.is_some() { 1 + TURNS as usize } else { 1 });
+        let mut plan = Unrolled::new(program.board.fraction_bits);
+        while end.is_none_or(|end| plan.tick() <= end) {
+            let Some(next) = ensemble.next_move(index).map_err(BakeError::Plan)? else { break };
+            plan.push(next, ensemble.put_off_ticks(index));
+            let rate_hz = hz / plan.shortest() as f64;
+            if rate_hz > room.rate_hz {
+                // The law's own peak, as far as it is known, is what the motion must be slowed by.
+                let rate_hz = rate_hz.max(ensemble.certificate(index).peak_speed.0);
+                return Err(BakeError::TooFast { rate_hz, limit_hz: room.rate_hz });
+            }
+            if plan.moves() > most {
+                let fits_s = plan.tick_of(room.bytes / Row::BYTES) as f64 / hz;
+                let bytes = plan.moves() * Row::BYTES;
+                return Err(BakeError::TooLarge { board: "an Uno", bytes, limit: room.bytes, fits_s });
+            }
+        }
+        tables.push(plan.table(motor, program, cycle)?);
+    }
+    let bytes = tables.iter().map(|table| table.rows.len()).sum::<usize>() * Row::BYTES;
+    if bytes > room.bytes {
+        let fits_s = tick_of(&tables, room.bytes / Row::BYTES) as f64 / hz;
+        return Err(BakeError::TooLarge { board: "an Uno", bytes, limit: room.bytes, fits_s });
+    }
+    check_lines(program, &tables)?;
+    Ok(tables)
+}
+
+/// When an endless motor begins to repeat, and its period. Motors on one DIR line delay one another's steps, so they
+/// repeat only together. `None` of a motor that ends.
 ///
 /// # Errors
 /// [`BakeError::Endless`], [`BakeError::NoCommonPeriod`].
@@ -502,18 +569,18 @@ pub fn cycle(program: &Program, motor: &Motor) -> Result<Option<(Time, Time)>, B
     Ok(Some((from, common)))
 }
 
-/// A motor's turn, as what is played for ever.
+/// A motor's turn as it is played for ever.
 #[derive(Clone, Debug)]
 pub(super) struct Turns {
-    /// When the first one begins, and after how long it comes again, ticks · 2^-16.
+    /// When the first turn begins, and the period, ticks · 2^-16.
     begins: u64,
     period: u64,
-    /// Its steps, from where it begins on: when, and whether backward.
+    /// The turn's steps from its beginning on: each with its time and whether it goes backward.
     steps: Vec<(u64, bool)>,
 }
 
 impl Turns {
-    /// Its steps for ever.
+    /// The turn's steps, repeated for ever.
     fn played(&self) -> impl Iterator<Item = (u64, bool)> + '_ {
         (0..).flat_map(|turn: u64| {
             let begins = self.begins + turn * self.period;
@@ -522,8 +589,8 @@ impl Turns {
     }
 }
 
-/// Whether motors that share a DIR line leave it the time to turn between their opposite steps, for ever: each repeats its own turn of
-/// the plan, which began at another step than its neighbour's.
+/// Whether motors that share a DIR line leave it the time to change between their opposite steps, for ever. Each motor
+/// repeats a turn of its own, which may begin at another step than its neighbour's.
 ///
 /// # Errors
 /// [`BakeError::Meet`].
@@ -536,7 +603,7 @@ pub fn check_lines(program: &Program, tables: &[Table]) -> Result<(), BakeError>
     check_turns(program, &turns.collect::<Vec<_>>())
 }
 
-/// The same of turns; `None` of a motor that ends.
+/// [`check_lines`] for turns. `None` stands for a motor that ends.
 ///
 /// # Errors
 /// [`BakeError::Meet`].

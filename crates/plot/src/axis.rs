@@ -6,7 +6,7 @@ use plotters::coord::ranged1d::{KeyPointHint, NoDefaultFormatting, Ranged, Value
 
 use pulsetrain_motion::human;
 
-/// From `low` to `high`, which differ; both positive when `log`.
+/// A range of numbers from `low` to `high`, which differ. Both are positive if `log`.
 #[derive(Clone, Debug)]
 pub(super) struct Axis {
     low: f64,
@@ -15,17 +15,17 @@ pub(super) struct Axis {
     labels: Labels,
 }
 
-/// How the ticks of an axis read.
+/// How the labels of an axis are written.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Labels {
-    /// The number, multiplied by this.
+    /// The number, multiplied by this factor.
     Number(f64),
-    /// Seconds with their own unit: "10 µs", "1 ms".
+    /// Seconds with a unit that fits each label: "10 µs", "1 ms".
     Seconds,
 }
 
 impl Axis {
-    /// A linear axis around `range`, with `margin` (a part of the range) at both ends.
+    /// A linear axis around `range`, with `margin` (a share of the range) at both ends.
     pub(super) fn linear(range: Option<(f64, f64)>, margin: f64, labels: Labels) -> Axis {
         let (low, high) = range.unwrap_or((0.0, 1.0));
         let span = if high - low > 1e-12 * high.abs().max(low.abs()) { high - low } else { high.abs().max(1.0) };
@@ -41,7 +41,7 @@ impl Axis {
     fn linear_ticks(&self, most: usize) -> Vec<f64> {
         let rough = (self.high - self.low) / most.max(1) as f64;
         let decade = 10f64.powf(rough.log10().floor());
-        // 1, 2, 5 or 10 decades: the last is always enough.
+        // A step of 1, 2, 5 or 10 decades: the last one is always large enough.
         let step = [1.0, 2.0, 5.0].iter().map(|m| m * decade).find(|step| *step >= rough).unwrap_or(10.0 * decade);
         let (first, last) = ((self.low / step).ceil() as i64, (self.high / step).floor() as i64);
         (first..=last).map(|k| k as f64 * step).collect()
@@ -75,7 +75,7 @@ impl Ranged for Axis {
         } else {
             (value - self.low) / (self.high - self.low)
         };
-        // What lies outside stays near, so that pixels fit an i32.
+        // What lies outside is drawn just outside, so that pixels fit an i32.
         from + (part.clamp(-1.0, 2.0) * f64::from(to - from)).round() as i32
     }
 

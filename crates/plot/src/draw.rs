@@ -1,4 +1,4 @@
-//! The panels.
+//! Draws the panels.
 
 use image::codecs::png::PngEncoder;
 use image::{ColorType, ImageEncoder};
@@ -13,7 +13,7 @@ use pulsetrain_motion::human;
 
 const FAMILY: &str = "sans-serif";
 
-/// Of Okabe and Ito: told apart by the colour-blind too. doi:10.1038/nmeth.1618
+/// The motors' colours by Okabe and Ito, which colour-blind readers can tell apart. doi:10.1038/nmeth.1618
 const COLOURS: [RGBColor; 7] = [
     RGBColor(0, 114, 178),
     RGBColor(213, 94, 0),
@@ -26,19 +26,19 @@ const COLOURS: [RGBColor; 7] = [
 pub(super) const INK: RGBColor = RGBColor(40, 40, 40);
 pub(super) const GRID: RGBColor = RGBColor(225, 225, 225);
 
-/// Lengths are in units of the SVG; a PNG has `PNG_SCALE` pixels for each.
+/// Lengths in the SVG's units. A PNG has `PNG_SCALE` pixels for each.
 const WIDTH: u32 = 1200;
 const PNG_SCALE: u32 = 2;
-/// In pixels.
+/// A stroke that is shorter than this many pixels becomes part of the next one.
 const SHORTEST_STROKE: i32 = 4;
 const HEAD: u32 = 64;
 const LEGEND_ROW: u32 = 22;
 const PANEL_HEIGHT: u32 = 350;
 const ERRORS_HEIGHT: u32 = 300;
-/// Of a machine's figure: its panels are about square inside.
+/// Height of the panels of a machine's figure, which are about square inside.
 const FIGURE_HEIGHT: u32 = 598;
 
-/// Above this ratio an axis of intervals is logarithmic.
+/// If the longest interval is more than this many times the shortest one, the axis is logarithmic.
 const LOG_ABOVE: f64 = 30.0;
 
 pub(super) fn svg(picture: &Picture) -> Result<String, String> {
@@ -60,7 +60,7 @@ pub(super) fn png(picture: &Picture) -> Result<Vec<u8>, String> {
     Ok(file)
 }
 
-/// In a browser plotters measures text with the page's own font.
+/// In a browser plotters measures text with the page's own font, so there is nothing to register.
 #[cfg(target_arch = "wasm32")]
 const fn register() -> bool {
     true
@@ -71,7 +71,8 @@ fn register() -> bool {
     use plotters::style::{FontStyle, register_font};
     use std::sync::OnceLock;
 
-    /// DejaVu Sans, reduced: see assets/LICENSE-DejaVu.txt. Registered as "sans-serif", which is also what the SVG asks for.
+    /// Registers DejaVu Sans, reduced (assets/LICENSE-DejaVu.txt), as "sans-serif", which is also the font that the SVG
+    /// names.
     static FONT: &[u8] = include_bytes!("../assets/DejaVuSans-subset.ttf");
     static REGISTERED: OnceLock<bool> = OnceLock::new();
     *REGISTERED.get_or_init(|| register_font(FAMILY, FontStyle::Normal, FONT).is_ok())
@@ -83,11 +84,11 @@ pub(super) type DrawResult<DB> = Result<(), DrawingAreaErrorKind<<DB as DrawingB
 
 pub(super) struct Drawing {
     scale: u32,
-    /// Whether the backend joins the strokes of a line well; the bitmap's throws spikes at sharp corners.
+    /// Whether the backend joins the strokes of a line well. The bitmap backend makes spikes at sharp corners.
     joins: bool,
 }
 
-/// What is around the curves of one panel.
+/// What surrounds the curves of a panel: title, axes, labels.
 pub(super) struct Panel<'a> {
     pub(super) title: &'a str,
     pub(super) x_title: &'a str,
@@ -257,7 +258,7 @@ impl Drawing {
         if self.joins {
             chart.draw_series(LineSeries::new(points, style))?;
         } else {
-            // Ends are rounded to pixels: strokes of a few pixels would look jagged.
+            // plotters rounds the ends of a stroke to pixels: strokes of a few pixels would look jagged.
             let mut last = None;
             let mut points = points;
             points.retain(|point| {
@@ -271,7 +272,7 @@ impl Drawing {
         Ok(())
     }
 
-    /// The first steps, near enough to see each one.
+    /// The first steps, with each one visible.
     fn close_view<DB: DrawingBackend>(&self, picture: &Picture, area: &Area<DB>) -> DrawResult<DB> {
         let window = picture.close_view().unwrap_or((0.0, 1.0));
         let (factor, time_unit) = human::time_unit(window.1);
@@ -302,7 +303,7 @@ impl Drawing {
                 ("Interval before each step".into(), Axis::logarithmic((low, high), Labels::Seconds))
             }
             _ => {
-                // From 0 on: a jitter of one tick must not look like a mountain range.
+                // The axis begins at 0: with a tight one a jitter of one tick would look like a mountain range.
                 let range = range.map(|range| (0.0, range.1));
                 (format!("Interval before each step, {unit}"), Axis::linear(range, 0.05, Labels::Number(factor)))
             }
@@ -326,7 +327,7 @@ impl Drawing {
     ) -> DrawResult<DB> {
         let bound = motor.bound_ticks;
         let (low, high) = motor.errors.range().unwrap_or((0.0, 0.0));
-        // Wide enough for the bounds and for what breaks them.
+        // The axis holds the bounds and the errors that break them.
         let range = (low.min(-1.2 * bound), high.max(1.2 * bound));
         let title = title.title(&motor.name, &human::significant(bound, 3));
         let y = Axis::linear(Some(range), 0.08, Labels::Number(1.0));
@@ -373,7 +374,7 @@ fn stepped_label(motor: &MotorPicture, errors: Errors) -> String {
 
 /// Column (in units of the SVG) and row of each entry of the legend, the law's last.
 fn legend_places(picture: &Picture) -> Vec<(u32, u32)> {
-    // 9 units are wider than nearly every character of this size.
+    // Nearly every character of this size is narrower than 9 units.
     let labels = picture.motors.iter().map(|motor| stepped_label(motor, picture.errors));
     let widths = labels.chain([picture.errors.wanted().to_owned()]);
     let widths = widths.map(|label| SWATCH + 28 + 9 * label.chars().count() as u32);
@@ -393,12 +394,12 @@ fn legend_rows(picture: &Picture) -> u32 {
     legend_places(picture).last().map_or(1, |place| place.1 + 1)
 }
 
-/// Whether each step was seen, so that its interval and its error can be drawn.
+/// Whether each step was seen: only then are intervals and errors known.
 fn has_steps(picture: &Picture) -> bool {
     picture.errors != Errors::Unknown
 }
 
-/// Rows of panels above those of errors.
+/// Rows of panels above the panels of errors.
 fn upper_rows(picture: &Picture) -> u32 {
     if has_steps(picture) { 2 } else { 1 }
 }
@@ -413,13 +414,13 @@ fn error_panels(picture: &Picture) -> (usize, usize) {
     (picture.motors.len().div_ceil(abreast).max(1), abreast)
 }
 
-/// Paler, so that the law's line is seen on it; opaque, so that strokes may overlap.
+/// Makes a colour paler, so that the law's line is visible on it, and opaque, so that strokes may overlap.
 pub(super) fn light(colour: RGBColor) -> RGBColor {
     let pale = |c: u8| 255 - ((255 - u32::from(c)) * 55 / 100) as u8;
     RGBColor(pale(colour.0), pale(colour.1), pale(colour.2))
 }
 
-/// The unit of the position axes: the motors' own if they agree, else steps.
+/// The unit of the position axes: the motors' unit if they agree, else steps.
 struct Unit {
     name: String,
     own: bool,

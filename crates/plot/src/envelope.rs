@@ -1,8 +1,9 @@
-//! A curve of any length in bounded memory, with nothing hidden.
+//! A curve of any length in bounded memory, which hides no extreme value.
 
-/// Points with growing x, kept one by one while they are few, then as first, lowest, highest and last of each column.
+/// Points with growing x. While they are few each one is kept; then the first, lowest, highest and last point of each
+/// column.
 ///
-/// Columns are merged in pairs as the curve grows, so that no range need be known beforehand.
+/// Two neighbouring columns become one as the curve grows, so that the range need not be known beforehand.
 #[derive(Clone, Debug, Default)]
 pub struct Envelope {
     points: Vec<(f64, f64)>,
@@ -13,9 +14,9 @@ pub struct Envelope {
     range: Option<(f64, f64)>,
 }
 
-/// Columns at most, and at least half as many: as fine as the lines are thick.
+/// Columns at most; after a merge there are half as many. They are as fine as the lines are thick.
 const COLUMNS: usize = 1024;
-/// Points are kept as they are up to this number.
+/// Up to this number each point is kept.
 const POINTS: usize = 3000;
 
 #[derive(Clone, Copy, Debug)]
@@ -44,7 +45,7 @@ impl Column {
 }
 
 impl Envelope {
-    /// Adds a point; x must not be below the last one's. Points that are no numbers are left out.
+    /// Adds a point. Its x must not be below the x of the point before. A point with NaN or an infinity is ignored.
     pub fn push(&mut self, x: f64, y: f64) {
         if !x.is_finite() || !y.is_finite() {
             return;
@@ -65,7 +66,7 @@ impl Envelope {
         }
     }
 
-    /// From single points to columns.
+    /// Sorts the single points into columns.
     fn fold(&mut self) {
         let points = std::mem::take(&mut self.points);
         let span = self.last.0 - self.start;
@@ -95,7 +96,7 @@ impl Envelope {
         }
     }
 
-    /// What to draw, in order of x: every point, or up to four for each column.
+    /// The points to draw in order of x: each point, or up to four for each column.
     #[must_use]
     pub fn points(&self) -> Vec<(f64, f64)> {
         if self.columns.is_empty() {
@@ -111,12 +112,12 @@ impl Envelope {
         points
     }
 
-    /// For each column x, lowest and highest y; empty while every point is there by itself.
+    /// For each column its x, and its lowest and highest y. Empty while each point is kept.
     pub fn bars(&self) -> impl Iterator<Item = (f64, f64, f64)> {
         self.columns.iter().map(|column| (column.lowest.0, column.lowest.1, column.highest.1))
     }
 
-    /// Whether every point that was added is still there by itself.
+    /// Whether each point is still kept.
     #[must_use]
     pub fn is_exact(&self) -> bool {
         self.columns.is_empty()

@@ -1,4 +1,4 @@
-//! The figures that machines draw: from above, or in space.
+//! Draws the figures of machines, from above or in perspective.
 
 use plotters::coord::cartesian::Cartesian2d;
 use plotters::prelude::*;
@@ -8,31 +8,31 @@ use crate::axis::{Axis, Labels};
 use crate::draw::{Area, Chart, DrawResult, Drawing, GRID, INK, Panel, light};
 use pulsetrain_motion::human;
 
-/// A machine's figure, wanted and stepped.
+/// A machine's figure, as the law has it and as the steps draw it.
 #[derive(Clone, Debug, Default)]
 pub struct FigurePicture {
-    /// As the file calls the machine.
+    /// The machine's name in the motion file.
     pub name: String,
     /// The unit of all points.
     pub unit: String,
-    /// Whether z matters: then it is drawn in projection.
+    /// Whether z matters. If it does the figure is drawn in projection.
     pub in_space: bool,
-    /// The wanted tip, in order of time.
+    /// Points of the tip by the law, in order of time.
     pub wanted: Vec<[f64; 3]>,
-    /// The stepped one, step by step.
+    /// Points of the tip by the steps, step by step.
     pub stepped: Vec<[f64; 3]>,
-    /// The wanted one during some steps near the beginning.
+    /// Points of the tip by the law, during the steps of the close view.
     pub close_wanted: Vec<[f64; 3]>,
-    /// Those steps.
+    /// The steps of the close view.
     pub close_stepped: Vec<[f64; 3]>,
 }
 
-/// Where a figure in space is looked at from: turned about z, and from above, degrees.
+/// From where a figure in space is seen, degrees: turned about z, and from above.
 const TURNED_DEG: f64 = -55.0;
 const FROM_ABOVE_DEG: f64 = 25.0;
-/// Width over height of what is inside a panel's axes, near enough for circles to look round.
+/// Width over height inside a panel's axes, near enough that circles look round.
 const SHAPE: f64 = 490.0 / 518.0;
-/// What is left free around a figure, as part of it.
+/// The margin around a figure, as a share of its size.
 const MARGIN: f64 = 0.06;
 
 type Flat = (f64, f64);
@@ -44,7 +44,7 @@ impl FigurePicture {
         }
         let (sin, cos) = TURNED_DEG.to_radians().sin_cos();
         let (rise, fall) = FROM_ABOVE_DEG.to_radians().sin_cos();
-        // Right is at a right angle to the way of looking; what is farther away is higher.
+        // The picture's x axis is at a right angle to the line of sight. Points that are farther away are drawn higher.
         (cos * x - sin * y, fall * z + rise * (sin * x + cos * y))
     }
 
@@ -53,7 +53,7 @@ impl FigurePicture {
     }
 }
 
-/// Both axes around all of the points, in one scale.
+/// Both axes around all points, at one scale.
 fn axes<'a>(points: impl Iterator<Item = &'a Flat>) -> (Axis, Axis) {
     let (mut low, mut high) = ((f64::MAX, f64::MAX), (f64::MIN, f64::MIN));
     for (x, y) in points {
@@ -70,7 +70,7 @@ fn axes<'a>(points: impl Iterator<Item = &'a Flat>) -> (Axis, Axis) {
 }
 
 impl Drawing {
-    /// All of a figure, and steps near its beginning beside it.
+    /// Draws the whole figure and, next to it, some steps near its beginning.
     pub(super) fn figure<DB: DrawingBackend>(
         &self,
         figure: &FigurePicture,
@@ -87,7 +87,7 @@ impl Drawing {
         let (wanted, stepped) = (figure.flats(&figure.close_wanted), figure.flats(&figure.close_stepped));
         let title = format!("{} steps near its beginning, {unit}{space}", figure.close_stepped.len().saturating_sub(1));
         let mut chart = self.figure_chart(figure, areas.1, &title, &[&wanted, &stepped])?;
-        // Each motor's step by itself is a stroke along an axis: corners are where the tip stands.
+        // Each motor's step is a stroke of its own along an axis, so corners are places where the tip stood.
         self.line(&mut chart, stepped.clone(), light(colour), 3)?;
         chart.draw_series(stepped.into_iter().map(|point| Circle::new(point, self.px(3), colour.filled())))?;
         self.line(&mut chart, wanted, INK, 1)
@@ -122,7 +122,7 @@ impl Drawing {
         for (a, b) in edges.edges() {
             chart.draw_series([PathElement::new(vec![figure.flat(a), figure.flat(b)], stroke)])?;
         }
-        // Each axis is labelled along the edge that is in front.
+        // Each axis has its labels along the edge in front.
         let style = self.font(13).pos(Pos::new(HPos::Center, VPos::Center));
         for (axis, name) in ["x", "y", "z"].into_iter().enumerate() {
             for (part, label) in
@@ -155,7 +155,7 @@ impl Box3 {
         around
     }
 
-    /// No side is less than a third of the longest, so that labels have room.
+    /// Makes no side shorter than a third of the longest one, so that labels have room.
     fn not_flat(mut self) -> Box3 {
         let least = self.longest() / 3.0;
         for (low, high) in self.low.iter_mut().zip(&mut self.high) {
@@ -169,10 +169,10 @@ impl Box3 {
         self.low.iter().zip(&self.high).map(|(low, high)| high - low).fold(0.0, f64::max)
     }
 
-    /// A coordinate as a label, to a thousandth of the longest side.
+    /// Writes a coordinate as a label, rounded to a thousandth of the longest side.
     fn number(&self, coordinate: f64) -> String {
         let unit = 10_f64.powf((self.longest() / 1000.0).max(f64::MIN_POSITIVE).log10().ceil());
-        // Adding 0 makes no -0 of it.
+        // Adding 0 turns −0 into 0.
         human::significant((coordinate / unit).round() * unit + 0.0, 6)
     }
 
@@ -191,9 +191,9 @@ impl Box3 {
         })
     }
 
-    /// A place along the edge in front, `part` of the way from low to high.
+    /// A point on the edge in front, at the share `part` of the way from low to high.
     fn label(&self, axis: usize, part: f64) -> [f64; 3] {
-        // Seen from where the picture is, low y is in front, and low x at the left of it.
+        // From the picture's point of view low y is in front, and low x is on the left.
         let mut place = match axis {
             0 => [0.0, self.low[1], self.low[2]],
             1 => [self.high[0], 0.0, self.low[2]],

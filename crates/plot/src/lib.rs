@@ -1,11 +1,55 @@
-//! Pictures of a motion: machines' figures, position wanted and stepped, intervals, speed, and the error of every step.
+//! Pictures of a motion: position by the law and by the steps, intervals, speed, the error of every step, and the figures
+//! that machines draw.
 //!
-//! [`Picture`] takes the law and the steps as they come, in bounded memory; [`Picture::svg`] and [`Picture::png`] draw it.
+//! [`Picture`] collects the law and the steps while they come, in bounded memory. [`Picture::svg`] and [`Picture::png`]
+//! draw it.
 //!
-//! # What is here
-//! - [`Picture`], [`MotorPicture`]: what is drawn; `envelope`: many points in few pixels
-//! - [`machine`]: what a machine draws, wanted and stepped, and the distance between them
+//! ```
+//! use pulsetrain_motion::file;
+//! use pulsetrain_plot::{Errors, MotorPicture, Picture};
+//!
+//! let text = r#"
+//!     board = "native"
+//!     tolerance = "1 us"
+//!
+//!     [motor.wheel]
+//!     steps_per_rev = 200
+//!     driver = "A4988"
+//!     pins = { step = 8, dir = 9 }
+//!     forward = "high"
+//!     max_acceleration = "50 rev/s^2"
+//!
+//!     [[motion]]
+//!     motor = "wheel"
+//!     law.sine = { amplitude = "1 rev", period = "2 s", cycles = 1 }
+//! "#;
+//! let no_files = |_: &std::path::Path| Err(std::io::ErrorKind::NotFound.into());
+//! let program = file::read(text, "wheel.toml", &no_files)?;
+//! let wheel = &program.motors[0];
+//!
+//! // A motor by its name, with the user's unit and the bound of its errors, ticks.
+//! let mut motor = MotorPicture::new(wheel.name.clone(), wheel.scale.clone(), 1.0);
+//! motor.want_law(&wheel.law)?;
+//! for (t, position, late_ticks) in [(0.01, 1, 0.2), (0.02, 2, -0.4), (0.03, 3, 0.1)] {
+//!     motor.step(t, position);
+//!     motor.error(t, late_ticks);
+//! }
+//! let picture = Picture {
+//!     title: "wheel.toml on native".to_owned(),
+//!     tick_s: 1.0 / program.board.tick_hz as f64,
+//!     motors: vec![motor],
+//!     errors: Errors::Ticks,
+//!     figures: Vec::new(),
+//! };
+//! assert!(picture.svg()?.starts_with("<svg"));
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+//!
+//! # What is here, top down
+//! - [`Picture`], [`MotorPicture`]: what is drawn
+//! - [`machine`]: a machine's figure by the law and by the steps, and the distance between them
 //! - `draw`, `figure`, `axis`: panels, figures, axes
+//! - `envelope`: many points in few pixels
 //!
 //! # What is not
 //! Files (the command line writes them), the verdict (`pulsetrain-trace`).
@@ -24,7 +68,7 @@ use pulsetrain_motion::{LawError, Time};
 pub use envelope::Envelope;
 pub use figure::FigurePicture;
 
-/// Everything that the plots show.
+/// A picture's content, which collects the law and the steps while a motion runs.
 #[derive(Clone, Debug)]
 pub struct Picture {
     /// The line above the panels.
@@ -33,21 +77,21 @@ pub struct Picture {
     pub tick_s: f64,
     /// The motors, in the file's order.
     pub motors: Vec<MotorPicture>,
-    /// What the errors of steps are.
+    /// How the errors of steps are measured.
     pub errors: Errors,
-    /// What machines draw, in the file's order.
+    /// The machines' figures, in the file's order.
     pub figures: Vec<FigurePicture>,
 }
 
-/// What the errors in a picture are.
+/// How the errors in a picture are measured.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Errors {
-    /// How late steps are, ticks, within what was proven.
+    /// By how many ticks steps are late. The bound is the proven one.
     #[default]
     Ticks,
-    /// How far steps are behind a path, steps, within what is allowed.
+    /// By how many steps the motor is behind a path. The bound is the allowed one.
     Steps,
-    /// Nobody saw the steps, or the ticks: positions are what a board said of itself now and then.
+    /// Nobody saw the single steps. Positions are those that a board reported now and then.
     Unknown,
 }
 
@@ -59,7 +103,7 @@ impl Errors {
         }
     }
 
-    /// What the thick lines are.
+    /// The name of the thick lines in the legend.
     const fn made(self) -> &'static str {
         match self {
             Errors::Ticks | Errors::Steps => "stepped",
@@ -67,7 +111,7 @@ impl Errors {
         }
     }
 
-    /// What the thin line is.
+    /// The name of the thin line in the legend.
     const fn wanted(self) -> &'static str {
         match self {
             Errors::Ticks => "wanted by the law",
@@ -79,11 +123,11 @@ impl Errors {
 /// One motor's curves.
 #[derive(Clone, Debug)]
 pub struct MotorPicture {
-    /// As the file calls it.
+    /// The motor's name in the motion file.
     pub name: String,
-    /// Steps to the user's unit.
+    /// How steps become the user's unit.
     pub scale: Scale,
-    /// The certificate's bound, ticks; of a path what is allowed, steps.
+    /// The bound of the errors: the certificate's, ticks; of a path the allowed one, steps.
     pub bound_ticks: f64,
     wanted: Envelope,
     wanted_speed: Envelope,
@@ -99,11 +143,11 @@ pub struct MotorPicture {
 
 /// Points of the law over its whole length, at least.
 const LAW_POINTS: f64 = 2000.0;
-/// And in each of its pieces, which may be many and short.
+/// Points of the law in each of its pieces, at least: pieces may be many and short.
 const LEAST_POINTS_OF_A_PIECE: u32 = 8;
 /// Points of the law in the close view.
 const CLOSE_POINTS: u32 = 400;
-/// How many steps the close view shows.
+/// Number of steps that the close view shows.
 const FIRST_STEPS: usize = 16;
 
 impl MotorPicture {
@@ -133,10 +177,10 @@ impl MotorPicture {
         self.wanted_speed.push(t, speed);
     }
 
-    /// Adds points all along the law, which must end; no turn of it is missed.
+    /// Adds points along the whole law, which must end. No reversal is left out.
     ///
     /// # Errors
-    /// Where the law breaks.
+    /// If the law has no value somewhere.
     pub fn want_law(&mut self, law: &Law) -> Result<(), LawError> {
         let end = law.end().map_or(1.0, Time::seconds);
         let mut start = None;
@@ -160,10 +204,10 @@ impl MotorPicture {
         self.wanted_closely.push((t, theta));
     }
 
-    /// Adds points of the law in a stretch of time, s: for the [`Picture::close_view`].
+    /// Adds points of the law between two times, s, for the [`Picture::close_view`].
     ///
     /// # Errors
-    /// Where the law breaks.
+    /// If the law has no value somewhere.
     pub fn want_closely(&mut self, law: &Law, (from, to): (f64, f64)) -> Result<(), LawError> {
         let mut cursor = Cursor::new(law);
         let start = cursor.at(Time::ZERO)?.position;
@@ -180,7 +224,7 @@ impl MotorPicture {
         if self.stepped.span().is_none() {
             self.stepped.push(0.0, from as f64);
         }
-        // While points are few the staircase is drawn as one; among thousands it is a line.
+        // While points are few the steps are drawn as a staircase, among thousands as a line.
         if self.stepped.is_exact() {
             self.stepped.push(t, from as f64);
         }
@@ -191,7 +235,7 @@ impl MotorPicture {
         self.steps += 1;
         if self.steps > 1 && t > before {
             self.intervals.push(self.steps as f64, t - before);
-            // One speed from step to step: a line between the middles would make a ramp of every rest.
+            // The speed is constant from step to step: a line between the middles would make a ramp of every rest.
             let speed = (position - from) as f64 / (t - before);
             self.stepped_speed.push(before, speed);
             self.stepped_speed.push(t, speed);
@@ -204,7 +248,7 @@ impl MotorPicture {
         self.errors.push(t, late);
     }
 
-    /// The staircase of the first steps inside `window`.
+    /// The staircase of the first steps within `window`.
     fn stairs(&self, window: (f64, f64)) -> Vec<(f64, f64)> {
         let mut stairs = vec![(window.0, 0.0)];
         let mut position = 0.0;
@@ -218,8 +262,8 @@ impl MotorPicture {
 }
 
 impl Picture {
-    /// The stretch of time that the close view shows, s: around the first steps of the motor that is quickest to make
-    /// them; `None` when no motor steps twice.
+    /// The time range of the close view, s. It lies around the first steps of the motor that makes them soonest. `None`
+    /// if no motor steps twice.
     #[must_use]
     pub fn close_view(&self) -> Option<(f64, f64)> {
         let spans = self.motors.iter().filter_map(|motor| match motor.first_steps[..] {
@@ -232,7 +276,7 @@ impl Picture {
     /// The picture as SVG.
     ///
     /// # Errors
-    /// When the drawing library fails, in its words.
+    /// If the drawing library fails; the text is the library's.
     pub fn svg(&self) -> Result<String, String> {
         draw::svg(self)
     }
@@ -240,7 +284,7 @@ impl Picture {
     /// The picture as a PNG file.
     ///
     /// # Errors
-    /// When the drawing library fails, in its words.
+    /// If the drawing library fails; the text is the library's.
     pub fn png(&self) -> Result<Vec<u8>, String> {
         draw::png(self)
     }

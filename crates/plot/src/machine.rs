@@ -1,7 +1,7 @@
-//! What a machine draws, wanted and stepped, and how far the one is from the other.
+//! The figure that a machine draws, by the law and by the steps, and the distance between the two.
 //!
-//! Between two of its steps a motor stands, and the wanted tip goes on: errors are largest just before a step or just
-//! after one, and are taken there. Of motors with slack the drawn tip follows only once the slack is taken up.
+//! Between two steps a motor stands while the law goes on. So errors are largest just before or just after a step, and
+//! are measured there. A motor with backlash moves the tip only after its slack is used up.
 
 use std::cmp::Reverse;
 use std::collections::{BinaryHeap, VecDeque};
@@ -15,20 +15,20 @@ use serde::Serialize;
 
 use crate::FigurePicture;
 
-/// How far a machine's figure is from the wanted one, at its worst.
+/// The largest errors of a machine's figure.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct FigureReport {
-    /// As the file calls the machine.
+    /// The machine's name in the motion file.
     pub machine: String,
     /// The unit of the tip's coordinates.
     pub unit: String,
-    /// Largest |wanted − stepped| of any of its motors, steps.
+    /// Largest |θ − position| of any of its motors, steps.
     pub motor_steps: f64,
-    /// Largest distance of the tip from where it is wanted at that time, units.
+    /// Largest distance of the tip from the law's point of the same time, units.
     pub tip: f64,
-    /// Largest distance of the tip from the wanted figure, whenever that is there, units. Of a circle it is the radial error.
+    /// Largest distance of the tip from the law's figure at any time, units. Of a circle this is the radial error.
     pub off_figure: f64,
-    /// Steps in a unit, of an xy machine whose motors have the same.
+    /// Steps in a unit, of an xy machine whose motors agree.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub steps_per_unit: Option<f64>,
 }
@@ -52,12 +52,12 @@ impl Display for FigureReport {
     }
 }
 
-/// The laws of a program's machines as what their motors drive makes them: without what takes up slack.
+/// The laws of a program's machines for what the motors drive: without the extra way that uses up slack.
 #[derive(Clone, Debug)]
 pub struct Drawn(Vec<Option<Vec<Law>>>);
 
 impl Drawn {
-    /// Of each machine; one whose path and take-up cannot be told apart has none.
+    /// The laws of each machine. `None` if path and slack cannot be separated.
     #[must_use]
     pub fn of(program: &Program) -> Drawn {
         let law = |motor: &usize| program.motors[*motor].law.without_backlash();
@@ -65,38 +65,38 @@ impl Drawn {
     }
 }
 
-/// Follows a machine while it runs.
+/// Measures a machine while it runs.
 pub struct Figure<'a> {
     machine: &'a Machine,
-    /// Steps that came, the earliest first: boards tell them motor by motor, stretch by stretch.
+    /// Steps that were reported, the earliest first. Boards report them motor by motor and stretch by stretch.
     waiting: BinaryHeap<Reverse<Step>>,
-    /// Of each of its motors; empty if slack and path cannot be told apart.
+    /// The state of each of its motors. Empty if path and slack cannot be separated.
     joints: Vec<Joint>,
     worst: Worst,
     stepped: Trail,
-    /// When, s, and where the tip went, near the beginning.
+    /// Time, s, and place of the tip, near the beginning.
     close: VecDeque<(f64, [f64; 3])>,
     tick_s: f64,
     end_s: f64,
 }
 
-/// A step: its tick, then which of the machine's motors made it, and where it went.
+/// A step: its tick, the index of the motor in the machine, and the motor's position after it.
 type Step = (u64, usize, i64);
 
-/// Steps that wait for those of other motors before them, at most; far more than boards tell of one motor at a time.
+/// Steps that may wait for earlier steps of other motors. Boards report far fewer of one motor at a time.
 const MOST_WAITING: usize = 1 << 21;
 
-/// One of the machine's motors.
+/// One motor of the machine.
 struct Joint {
     cursor: Cursor,
     /// θ at time zero, steps.
     start: f64,
     slack: f64,
-    /// The way of the first step, ±1.
+    /// The direction of the first step, ±1.
     first: f64,
     position: f64,
     steps: u64,
-    /// Where what it drives is, steps.
+    /// Position of what the motor drives, steps.
     drawn: f64,
 }
 
@@ -107,17 +107,17 @@ struct Worst {
     off_figure: f64,
 }
 
-/// How many points the wanted figure is drawn with.
+/// Number of points of the law's figure.
 const WANTED_POINTS: u32 = 6000;
-/// Steps in the close view.
+/// Number of steps in the close view.
 const CLOSE_STEPS: usize = 60;
-/// So many of them at most before each motor has stepped twice.
+/// Number of steps in the close view at most, until each motor has stepped twice.
 const CLOSE_BEFORE: usize = 16;
-/// Points of the wanted figure in it.
+/// Number of points of the law's figure in the close view.
 const CLOSE_POINTS: u32 = 600;
 
 impl<'a> Figure<'a> {
-    /// Of each of the program's machines, before the first step.
+    /// One for each of the program's machines, before the first step.
     pub fn all(program: &'a Program, drawn: &'a Drawn) -> Vec<Figure<'a>> {
         let machines = program.machines.iter().zip(&drawn.0);
         machines.map(|(machine, laws)| Figure::new(program, machine, laws.as_deref().unwrap_or_default())).collect()
@@ -149,7 +149,7 @@ impl<'a> Figure<'a> {
         figure
     }
 
-    /// Hears of a step: at `tick` the program's motor `motor` went to `position`.
+    /// Takes a step: at `tick` the program's motor `motor` went to `position`.
     pub fn step(&mut self, motor: usize, tick: u64, position: i64) {
         let Some(k) = self.machine.motors.iter().position(|own| *own == motor) else { return };
         if self.joints.is_empty() {
@@ -161,7 +161,7 @@ impl<'a> Figure<'a> {
         }
     }
 
-    /// Makes the earliest steps, until `left` are waiting. Those of one tick are one move.
+    /// Makes the earliest steps until `left` are waiting. Steps of one tick are one move of the tip.
     fn go_on(&mut self, left: usize) {
         while self.waiting.len() > left
             && let Some(Reverse((tick, k, position))) = self.waiting.pop()
@@ -180,7 +180,7 @@ impl<'a> Figure<'a> {
             self.stepped.push(tip);
             if self.close.len() <= CLOSE_STEPS {
                 self.close.push_back((t, tip));
-                // A single motor's steps are no figure: the view begins a little before all of them have stepped.
+                // A single motor's steps are no figure: the view begins a little before all motors have stepped.
                 if self.close.len() > CLOSE_BEFORE && self.joints.iter().any(|joint| joint.steps < 2) {
                     self.close.pop_front();
                 }
@@ -188,12 +188,12 @@ impl<'a> Figure<'a> {
         }
     }
 
-    /// Where the tip is.
+    /// The place of the tip by the steps.
     fn drawn(&self) -> Option<[f64; 3]> {
         self.machine.tip(&self.joints.iter().map(|joint| joint.drawn).collect::<Vec<f64>>())
     }
 
-    /// Where each motor is wanted, and the tip with them.
+    /// The position of each motor by the law, and the place of the tip with it.
     fn wanted(&mut self, t: f64) -> Option<(Vec<f64>, [f64; 3])> {
         let at = Time::from_seconds(t.clamp(0.0, self.end_s));
         let steps = self.joints.iter_mut().map(|joint| Some(joint.cursor.at(at).ok()?.position - joint.start));
@@ -214,9 +214,10 @@ impl<'a> Figure<'a> {
         }
     }
 
-    /// How far `drawn` is from the figure near its point `tip` of time `t`: Newton's method along the tangent.
+    /// The distance of `drawn` from the law's figure near its point `tip` of time `t`, by Newton's method along the
+    /// tangent.
     fn nearest(&mut self, t: f64, tip: [f64; 3], drawn: [f64; 3]) -> f64 {
-        /// For the tangent, s: positions are exact to some 1e-12.
+        /// The time over which the tangent is taken, s. Positions are exact to some 1e-12, so the tangent is, to some 1e-7.
         const ASIDE_S: f64 = 1e-5;
         let (mut at, mut here, mut least) = (t, tip, distance(tip, drawn));
         for _ in 0..4 {
@@ -224,7 +225,7 @@ impl<'a> Figure<'a> {
             let along = minus(ahead, here);
             let square = dot(along, along);
             let to = at + ASIDE_S * dot(minus(drawn, here), along) / square;
-            // At rest there is no tangent; and far away the figure may have turned.
+            // At rest there is no tangent, and far away from the point the figure may have turned.
             if !to.is_finite() || (to - t).abs() > 0.05 {
                 break;
             }
@@ -235,7 +236,7 @@ impl<'a> Figure<'a> {
         least
     }
 
-    /// The figures' errors, and the picture; `None` where slack and path cannot be told apart.
+    /// The errors of the figure, and its picture. `None` if path and slack cannot be separated.
     pub fn finish(mut self) -> Option<(FigureReport, FigurePicture)> {
         self.go_on(0);
         let end_s = self.end_s;
@@ -245,7 +246,7 @@ impl<'a> Figure<'a> {
             (0..=points).filter_map(|k| Some(self.wanted(at(k))?.1)).collect::<Vec<_>>()
         };
         let wanted = sample(0.0, end_s, WANTED_POINTS);
-        // A cursor goes forward again from its beginning.
+        // The cursor goes only forward, so a new one begins here.
         let close_wanted = sample(begin, until, CLOSE_POINTS);
         let steps_per_unit = match &self.machine.kinematics {
             Kinematics::Xy { steps_per_unit: [x, y] } if x == y => Some(*x),
@@ -276,21 +277,22 @@ impl<'a> Figure<'a> {
 }
 
 impl Joint {
-    /// The motor goes to `position`; what it drives follows when the slack is taken up.
+    /// Moves the motor to `position`. What it drives follows once the slack is used up.
     fn go_to(&mut self, position: f64) {
         if self.first == 0.0 {
             self.first = (position - self.position).signum();
         }
         self.position = position;
         self.steps += 1;
-        // Forward first: what is driven is pushed along from behind, and stays ahead by up to the slack when it turns.
+        // The first way counts as forward: the motor pushes what it drives, which stays ahead by up to the slack when
+        // the motor turns.
         let (least, most) =
             if self.first > 0.0 { (position, position + self.slack) } else { (position - self.slack, position) };
         self.drawn = self.drawn.clamp(least, most);
     }
 }
 
-/// Points of a curve of any length, in bounded memory: of too many every second one is left out.
+/// Points of a curve of any length in bounded memory: if there are too many, every second one is removed.
 #[derive(Default)]
 struct Trail {
     points: Vec<[f64; 3]>,

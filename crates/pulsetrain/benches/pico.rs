@@ -1,7 +1,8 @@
-//! The Pico's figures, in cycles of the emulated chip: what `cargo xtask bench pico` collects.
+//! The Pico's figures, in cycles of the emulated chip. `cargo xtask bench pico` collects them.
 //!
-//! A table, fields between tabs, the first of which says whether the row is promised, or that it is a limit for the table of
-//! boards. With the argument `hour` an hour of 001's four motors, twice, instead; or as many seconds as the argument behind it says.
+//! Prints a table with tabs between the fields. The first field says whether the row is promised, or is a limit for the
+//! table of boards. With the argument `hour` it prints an hour of the sweep article's four motors, twice; with a number
+//! behind `hour`, that many seconds.
 
 #[path = "../tests/it/common/mod.rs"]
 mod common;
@@ -13,11 +14,11 @@ use common::pico_rows::{
 use pulsetrain_board::virtual_pico::VirtualPico;
 use pulsetrain_core::output::Sequence;
 
-/// So long each rate is tried, s of the board's time; then the fastest once more, for longer.
+/// How long each rate is tried, s of the board's time. The fastest rate that holds is tried again for longer.
 const TRY_S: f64 = 0.05;
-/// What is promised, or is a limit for good.
+/// Figures that are promised, and limits that hold for ever.
 const LONG_S: f64 = 0.5;
-/// Variations; and what the board does while its queues last, which are full at first.
+/// Variations; and how fast the board is while its queues last, which are full at the beginning.
 const SHORT_S: f64 = 0.1;
 
 fn main() {
@@ -32,7 +33,7 @@ fn main() {
         show(&case.row(&pico, ABOVE * case.required.unwrap_or(0.0), LONG_S), true);
     }
     show(&sinusoids(624e3, 1), true);
-    // For the table of boards, each number of motors.
+    // For the table of boards, with each number of motors.
     for motors in 1..=8 {
         limit("SHORTEST", motors, shortest(1, LONG_S, Case::changing(motors, "TMC2209")));
         let queued_and_heard = |steps, case| [SHORT_S, LONG_S].map(|seconds| shortest(steps, seconds, case));
@@ -62,7 +63,7 @@ fn main() {
     show(&start().row(&pico, 100e3, SHORT_S), true);
     for sequence in [Sequence::Wave, Sequence::Full, Sequence::Half] {
         for rate in [1000, 50_000] {
-            // The first is what 28BYJ-48 motors do at most.
+            // The first rate is the highest of 28BYJ-48 motors.
             show(&uln2003(&pico, sequence, rate), rate == 1000);
         }
     }
@@ -75,7 +76,8 @@ fn main() {
     }
 }
 
-/// What so many steps of each motor take at least for so long, ticks, when speeds and lengths swing: on the whole.
+/// The least time on average that a number of steps of each motor takes, ticks, when speeds and lengths swing, over a
+/// run of the given length.
 fn shortest(steps: u32, seconds: f64, case: Case) -> f64 {
     let row = case.fastest(&VirtualPico::on_usb(), &rates(case.driver), TRY_S, seconds);
     show(&row, false);
@@ -83,7 +85,7 @@ fn shortest(steps: u32, seconds: f64, case: Case) -> f64 {
     125e6 * f64::from(steps) / row.reached
 }
 
-/// For the table of boards.
+/// Prints a limit for the table of boards.
 fn limit(table: &str, motors: usize, ticks: f64) {
     println!("limit\t{table}\t{motors}\t{}", ticks.ceil());
 }

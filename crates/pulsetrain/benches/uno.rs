@@ -1,9 +1,12 @@
-//! The Uno's figures, in cycles of the emulated chip: what `cargo xtask bench uno` collects.
+//! The Uno's figures, in cycles of the emulated chip. `cargo xtask bench uno` collects them.
 //!
-//! A table, fields between tabs, the first of which says whether the row is promised, or that it is a limit for the table of
-//! boards. With the argument `hour` the hour of 001's four motors instead; with `figure-2` that figure alone; with `rates` what motions reach, too;
-//! with `motions` and a number of seeds how fast whole motions run, and what of it `plan` accepts;
-//! with `pulse` and ticks what variations with such pulses reach, and their limits.
+//! Prints a table with tabs between the fields. The first field says whether the row is promised, or is a limit for the
+//! table of boards. Arguments:
+//! - `hour`: the hour of the sweep article's four motors instead
+//! - `figure-2`: only that figure
+//! - `rates`: the rates of motions, too
+//! - `motions` and a number of seeds: how fast whole motions run, and what `plan` accepts of them
+//! - `pulse` and ticks: the rates of variations with such pulses, and their limits
 
 #[path = "../tests/it/common/mod.rs"]
 mod common;
@@ -18,18 +21,18 @@ use pulsetrain_motion::pins::PinKind;
 use pulsetrain_testkit::TICK_HZ;
 use std::thread;
 
-/// So long each rate is tried, s of the board's time; then the fastest once more, for longer.
+/// How long each rate is tried, s of the board's time. The fastest rate that holds is tried again for longer.
 const TRY_S: f64 = 0.4;
 const LONG_S: f64 = 4.0;
-/// Limits are so much slower than the fastest rate that held.
+/// A limit is the fastest rate that held, divided by this margin.
 const MARGIN: f64 = 1.025;
-/// With so many other random segments what is promised is tried again, for so long each.
+/// Promised rates are tried again with this many other random segments, each for this time.
 const SEEDS: u64 = 40;
 const SEED_S: f64 = 2.0;
-/// Variations run so long.
+/// How long a variation runs.
 const SHORT_S: f64 = 1.0;
 
-/// Rates of motions are so far apart, a part of themselves.
+/// Neighbouring rates of motions differ by this share.
 const RUNG: f64 = 0.05;
 
 fn main() {
@@ -53,7 +56,7 @@ fn main() {
     lines.iter().for_each(|line| println!("{line}"));
 }
 
-/// Figure 8: whole motions. A row is printed once it is known.
+/// Prints figure 8: whole motions. Each row is printed as soon as it is known.
 fn motions(seeds: u64) {
     println!("promised\tfigure\tmotion\tbaud\t1 motor\t2 motors\t3 motors\t4 motors\tverdict");
     for baud in [Baud::B1M, Baud::B115200] {
@@ -67,7 +70,8 @@ fn motions(seeds: u64) {
     }
 }
 
-/// Of each cell: steps/s that run, what `plan` accepts of it, and, at the rate for which that was said, what is promised and wanted.
+/// For each cell: the rate that runs and the rate that `plan` accepts, steps/s, and the promised and the wanted rate
+/// where there is one.
 fn motions_line(sort: &Sort, baud: Baud, cells: &[Cell; 4]) -> String {
     let is_promised = baud == Baud::B1M;
     let k = |rate: f64| format!("{:.1}", rate / 1e3);
@@ -86,7 +90,7 @@ fn motions_line(sort: &Sort, baud: Baud, cells: &[Cell; 4]) -> String {
     format!("{is_promised}\t8\t{}\t{}\t{}\t{verdict}", sort.name(), baud.rate(), texts.join("\t"))
 }
 
-/// Figure 2 alone, a case to a core.
+/// Prints figure 2 alone, with a case on each core.
 fn figure_2() -> Vec<String> {
     let rates = rates();
     thread::scope(|scope| {
@@ -100,7 +104,8 @@ fn figure_2() -> Vec<String> {
     })
 }
 
-/// The variations with pulses of so many ticks alone, a case to a core, and what they say for the table of boards.
+/// Prints the variations with pulses of so many ticks, with a case on each core, and their limits for the table of
+/// boards.
 fn of_pulse(ticks: u16) -> Vec<String> {
     let rates = rates();
     let longer = variations().into_iter().filter(|case| case.pulse_ticks == LONGER_PULSES[0]);
@@ -121,7 +126,7 @@ fn of_pulse(ticks: u16) -> Vec<String> {
     measured.iter().map(|(_, row)| line(row)).chain(limits(&measured)).collect()
 }
 
-/// The fastest rates alone.
+/// Prints the fastest rates alone.
 fn fastest() -> Vec<String> {
     let rates = rates();
     figure_2().into_iter().chain(PROMISED.iter().map(|case| line(&fastest_plateau(case, &rates)))).collect()
@@ -131,7 +136,7 @@ fn figures() -> Vec<String> {
     let mut lines = Vec::new();
     for tutorial in TUTORIALS {
         lines.push(line(&tutorial_row(tutorial, 1000, true)));
-        // The example files' own pulses; the longest period once is enough.
+        // The pulses are those of the example files. The longest period runs once.
         if tutorial.0 == (500, 1) {
             continue;
         }
@@ -148,7 +153,7 @@ fn figures() -> Vec<String> {
     }
     lines.extend(cases.iter().map(|case| line(&fastest_plateau(case, &rates))));
     lines.extend(limits(&measured));
-    // What is promised is to hold whatever the segments.
+    // A promise must hold with any segments.
     lines.extend(cases.iter().map(|case| line(&case.others(SEEDS, SEED_S))));
     for case in cases {
         for share in [0.1, 0.25, 0.5, 1.0] {
@@ -159,18 +164,18 @@ fn figures() -> Vec<String> {
     lines
 }
 
-/// What the table of boards says of them.
+/// Prints the limits for the table of boards.
 fn limits(measured: &[(Case, Row)]) -> impl Iterator<Item = String> {
-    // Motors in phase set no limit to rates, but the board commits itself farthest ahead with them.
+    // Motors in phase do not limit the rates, but with them the board commits itself farthest ahead.
     let horizon = measured.iter().filter_map(|(_, row)| row.seen.as_ref()).map(|seen| seen.horizon_ticks).max();
     let limits = measured.iter().filter(|(case, _)| case.is_limit());
     limits.filter_map(move |(case, row)| limit(case, row, horizon.unwrap_or(0)))
 }
 
-/// What the table of boards says of it: the board's name, how the edges are made, motors, pulse, shortest interval, lateness and
-/// horizon, ticks; bytes of its queues.
+/// A limit for the table of boards: the board's name, how the edges are made, motors; pulse, shortest interval,
+/// lateness and horizon in ticks; bytes of its queues.
 fn limit(case: &Case, row: &Row, horizon: u64) -> Option<String> {
-    // It may be less than what is promised, and is the limit all the same.
+    // The limit may be less than what is promised.
     let seen = row.seen.as_ref().filter(|_| !row.verdict.starts_with("FAILS"))?;
     let by = match kind_of(&case.pins[..case.motors]) {
         PinKind::Compare => "compare",
@@ -178,7 +183,7 @@ fn limit(case: &Case, row: &Row, horizon: u64) -> Option<String> {
         _ => "software",
     };
     let late = seen.lateness.max_ticks.max(-seen.lateness.min_ticks);
-    // A step of the ladder slower than what held: other random segments, and longer runs, may come together worse.
+    // A rate slower than the one that held: other random segments, and longer runs, may coincide worse.
     let interval = (MARGIN * TICK_HZ as f64 / row.asked).ceil() as u64;
     Some(format!(
         "limit\tuno\t{by}\t{}\t{}\t{interval}\t{late}\t{}\t{}",

@@ -1,6 +1,7 @@
-//! The winch's figures on the virtual Uno, in cycles of the emulated chip: what `cargo xtask bench winch` collects.
+//! The winch's figures on the virtual Uno, in cycles of the emulated chip. `cargo xtask bench winch` collects them.
 //!
-//! A table, fields between tabs: what, at what, the figure; a last field says `FAILS` where it is not what was asked for.
+//! Prints a table with tabs between the fields: the quantity, its condition, the figure. A last field is `FAILS` if a
+//! bound is broken.
 
 use std::time::Duration;
 
@@ -17,18 +18,18 @@ const USB_FRAME: u64 = CYCLES_PER_S / 1000;
 /// A byte of the bridge at 115 200 baud: 10 bits of 136 cycles.
 const BYTE: u64 = 1360;
 
-/// As stiff and quick as it may be: speeds are reached soon.
+/// The stiffest and quickest gains, with which speeds are reached soon.
 const QUICK: [&str; 2] = ["g xyza 5 1", "l xyza 10000 250000"];
 
-/// Lines of 7 bytes that 115 200 baud carries a second: none may be lost.
+/// Lines of 7 bytes a second that 115 200 baud carries: none may be lost.
 const FULL_RATE: f64 = 115_200.0 / 70.0;
 
-/// What the original needs with four axes at 10 000 steps/s, of which it makes not all: the share of the time.
+/// Share of its time that the original would need for four axes at 10 000 steps/s, of which it does not make all.
 const MOST_LOAD: f64 = 0.795;
 
 const AGAINST_PATH: &str = "steps against the path";
 const TO_EFFECT: &str = "from a line's last byte to its effect";
-/// What the judge looks at, and docs/winch.md says, ms.
+/// The greatest delay of a line's effect, ms, that the judge and docs/winch.md allow.
 const LONGEST_MS: f64 = 6.0;
 
 fn main() {
@@ -38,7 +39,7 @@ fn main() {
         uno.drift(&format!("{speed} {speed} {speed} {speed}"));
         load(&uno, &format!("{speed} steps/s each"));
     }
-    // A constant speed costs the least: nothing pulls.
+    // A constant speed costs the least time, since no axis accelerates.
     let mut swinging = uno.clone();
     swinging.drift("9000 9000 9000 9000");
     for line in ["g xyza 1 0.07", "d xyza 100 100 100 100"] {
@@ -50,7 +51,7 @@ fn main() {
         spacing(&uno, &format!("{speed} steps/s, 4 axes"), [speed; 4]);
     }
     spacing(&uno, "10000, 9990, −9970 and 9930 steps/s", [10_000, 9990, -9970, 9930]);
-    // As costly lines as there are at the full rate.
+    // The lines that cost the most time, at the line's full rate.
     effect(&uno, 0, None);
     effect(&uno, 0, Some("g yza 5 1"));
     for between in ["d y 0", "d yza 0 0 0", "g y 5 1", "g yza 5 1", "g yza 1.147198 0.333333"] {
@@ -78,7 +79,7 @@ struct Uno {
 }
 
 impl Uno {
-    /// One that has said `awake`.
+    /// A board that has sent `awake`.
     fn start() -> Uno {
         let mut uno = Uno { port: VirtualUno::with_winch(), edges: Vec::new(), text: Vec::new() };
         uno.run(0.2);
@@ -86,7 +87,7 @@ impl Uno {
         uno
     }
 
-    /// One that has been told its first lines.
+    /// A board that has got its first lines.
     fn new() -> Uno {
         let mut uno = Uno::start();
         for line in QUICK {
@@ -108,7 +109,7 @@ impl Uno {
         }
     }
 
-    /// Sends a line; gives the tick at which its last byte is there, if the line was free.
+    /// Sends a line. Gives the tick at which its last byte arrives, if the line was free.
     fn tell(&mut self, line: &str) -> u64 {
         let cycle = self.port.chip().cycle();
         let there = (cycle / USB_FRAME + 1) * USB_FRAME + (line.len() as u64 + 1) * BYTE;
@@ -116,18 +117,18 @@ impl Uno {
         there - self.port.zero().unwrap_or(0)
     }
 
-    /// Sends a line; gives when it was told.
+    /// Sends a line. Gives when it was sent.
     fn say(&mut self, line: &str) -> SentLine {
         let tick = self.tell(line);
         told_at(tick, line)
     }
 
-    /// Lines that were refused, since the text was forgotten.
+    /// Number of refused lines since the text was last cleared.
     fn refused(&self) -> usize {
         self.text.windows(3).filter(|word| word == b"err").count()
     }
 
-    /// The judge's word of what was told and came of it.
+    /// The judge's verdict on the lines and the edges.
     fn judged(&self, told: &[SentLine]) -> WinchReport {
         let convert = |edge: &Edge| pulsetrain_trace::Edge { tick: edge.tick, line: edge.line, level: edge.level };
         let edges: Vec<_> = self.edges.iter().map(convert).collect();
@@ -135,21 +136,22 @@ impl Uno {
         judge(told, &edges, &[], self.now(), &options, &mut ()).expect("edges in order")
     }
 
-    /// All axes at these speeds, for good.
+    /// All axes at these speeds, for ever.
     fn drift(&mut self, speeds: &str) {
         self.tell(&format!("v xyza {speeds}"));
         self.run(3.0);
         self.edges.clear();
     }
 
-    /// The share of the time that interrupts take, the paths among them; the chip goes on as if nobody had looked.
+    /// The share of the time that interrupts take, the paths among them. The measurement does not disturb the chip.
     fn load(&self, seconds: f64) -> f64 {
-        /// Words of the table of vectors, but for the reset's.
+        /// Words of the table of vectors, without the reset's.
         const VECTORS: std::ops::Range<u16> = 2..52;
         let mut chip = self.port.chip().clone();
         let begin = chip.cycle();
         let end = begin + (seconds * CYCLES_PER_S as f64) as u64;
-        // Where the stack was as the outermost interrupt came: it is over when the stack is there again.
+        // The stack pointer when the outermost interrupt came. The interrupt is over when the stack pointer is back
+        // there.
         let (mut came_at, mut inside) = (None, 0);
         while chip.cycle() < end {
             let (before, stack) = (chip.cycle(), chip.sp());
@@ -170,7 +172,7 @@ impl Uno {
         rises.map(|edge| edge.tick as f64).collect()
     }
 
-    /// Steps forward minus steps backward since the edges were forgotten.
+    /// Steps forward minus steps backward since the edges were last cleared.
     fn counted(&self, axis: usize) -> i64 {
         let (mut forward, mut count) = (true, 0);
         for edge in &self.edges {
@@ -184,10 +186,10 @@ impl Uno {
     }
 }
 
-/// How far steps of constant speed are from where the path wants them, and their intervals from each other.
+/// How far steps of constant speed are from the path, and how much their intervals differ.
 fn spacing(uno: &Uno, at: &str, speeds: [i32; 4]) {
     let mut uno = uno.clone();
-    // Whoever is behind its drift goes at its limit: no axis catches up with another.
+    // An axis that is behind its drift moves at its limit, so no axis catches up with another.
     for (axis, speed) in ["x", "y", "z", "a"].into_iter().zip(speeds) {
         uno.tell(&format!("l {axis} {} 250000", speed.abs()));
     }
@@ -203,7 +205,7 @@ fn spacing(uno: &Uno, at: &str, speeds: [i32; 4]) {
             return row(AGAINST_PATH, at, &format!("{} steps of {wanted}", rises.len()), false);
         }
         let off: Vec<f64> = (0..).zip(&rises).map(|(n, tick)| tick - rises[0] - f64::from(n) * interval).collect();
-        // Where the path is to a constant, which is the board's.
+        // The path's time up to a constant, which is the board's delay.
         let mean = off.iter().sum::<f64>() / off.len() as f64;
         errors.extend(off.iter().map(|off| (off - mean) / TICKS_PER_US));
         intervals.extend(rises.windows(2).map(|pair| (pair[1] - pair[0] - interval) / TICKS_PER_US));
@@ -219,20 +221,20 @@ fn spacing(uno: &Uno, at: &str, speeds: [i32; 4]) {
     row("intervals against the exact one", at, &format!("max ±{:.2} µs", most(&intervals)), most(&intervals) <= 8.0);
 }
 
-/// A line that was there at a tick.
+/// A line and the tick at which it arrived.
 fn told_at(tick: u64, line: &str) -> SentLine {
     SentLine { tick, until: tick, command: Command::parse(line).expect("a line") }
 }
 
-/// The row of the times to an effect.
+/// Prints a row with the times to an effect.
 fn effect_row(at: &str, (least, most): (f64, f64), refused: usize, holds: bool) {
     let refused_too = if refused == 0 { String::new() } else { format!(" ({refused} refused)") };
     let holds = holds && refused == 0 && most <= LONGEST_MS;
     row(TO_EFFECT, at, &format!("{least:.2} to {most:.2} ms{refused_too}"), holds);
 }
 
-/// From a line's last byte to the slice of the path that obeys it, while the other axes go at `speed`. `between`: what the
-/// line is full of between these lines; it changes nothing of any path.
+/// The time from a line's last byte to the slice of the path that obeys it, while the other axes go at `speed`.
+/// `between`: a command that fills the line between these lines and changes no path.
 fn effect(uno: &Uno, speed: u32, between: Option<&str>) {
     const LINES: usize = 60;
     let mut uno = uno.clone();
@@ -242,7 +244,7 @@ fn effect(uno: &Uno, speed: u32, between: Option<&str>) {
     uno.run(1.0);
     let mut lines = (0..LINES).map(to_and_fro);
     if let Some(between) = between {
-        // 37 ms of them before each, all at once: byte follows byte.
+        // 37 ms of them come before each line, byte after byte.
         let fill = format!("{between}\n").repeat(435 / (between.len() + 1));
         let mut text = String::new();
         let cycle = uno.port.chip().cycle();
@@ -268,19 +270,19 @@ fn effect(uno: &Uno, speed: u32, between: Option<&str>) {
     effect_row(&at, verdict.effect_ms.unwrap_or((f64::NAN, f64::NAN)), uno.refused(), verdict.ok);
 }
 
-/// The `n`th of lines that turn x round. Spaces change when it ends, and nothing else.
+/// The `n`th of the lines that reverse x. Spaces change when it ends, and nothing else.
 fn to_and_fro(n: usize) -> String {
     let sign = if n.is_multiple_of(2) { "" } else { "-" };
     format!("v x {sign}5000{}", " ".repeat(n % 13))
 }
 
-/// The same of lines that switch the drivers on: the first that a board is told, and each behind an `enable 0`.
+/// The times of lines that switch the drivers on: a board's first one, and each one after an `enable 0`.
 fn switching_on() {
     const LINES: usize = 60;
     let start = Uno::start();
     let first = |n| {
         let mut uno = start.clone();
-        // The phase of the line to the board's rounds.
+        // The line's phase against the board's rounds.
         uno.run(n as f64 * 0.000_371);
         let told = uno.say(&to_and_fro(n));
         uno.run(0.3);
@@ -288,13 +290,13 @@ fn switching_on() {
     };
     let runs: Vec<_> = (0..LINES).map(first).collect();
     switching_on_row(&format!("the first line that a board is told, {LINES} times"), &runs);
-    // No other lines: the figure is of these alone.
+    // No other lines: the figure is only about these.
     let (mut uno, mut told) = (start, Vec::new());
     for n in 0..LINES {
         told.push(uno.say(&to_and_fro(n)));
         uno.run(0.1371);
         told.push(uno.say("enable 0"));
-        // It does less than 1000 steps/s: 30 ms to stop, and 20 at most to release.
+        // The axis makes less than 1000 steps/s: it takes 30 ms to stop, and 20 ms at most to release.
         uno.run(0.0913);
     }
     switching_on_row(&format!("each behind `enable 0`, {LINES} lines"), &[(uno, told)]);
@@ -304,7 +306,7 @@ fn switching_on_row(which: &str, runs: &[(Uno, Vec<SentLine>)]) {
     let (mut span, mut refused, mut ok) = ((f64::INFINITY, f64::NEG_INFINITY), 0, true);
     for (uno, told) in runs {
         let verdict = uno.judged(told);
-        // Each of them did: low is on.
+        // Each of them switched the drivers on, whose enable line is active low.
         let switched = uno.edges.iter().filter(|edge| edge.line == ENABLE && !edge.level).count();
         let wanted = told.iter().filter(|told| told.command.enables).count();
         ok &= verdict.ok && verdict.effect_ms.is_some() && switched == wanted;
@@ -315,7 +317,7 @@ fn switching_on_row(which: &str, runs: &[(Uno, Vec<SentLine>)]) {
     effect_row(&format!("the drivers off until then, {which}"), span, refused, ok);
 }
 
-/// Lines back to back at the line's full rate, with the other axes at full speed.
+/// Sends lines back to back at the line's full rate, with the other axes at full speed.
 fn commands(uno: &Uno) {
     const LINES: usize = 3000;
     let mut uno = uno.clone();

@@ -1,4 +1,5 @@
-//! A program that drives a board through the library: follows a law for a while, asks where the motor is, and stops it.
+//! A program that drives a board through the library: it follows a law for a while, asks for the motor's position, and
+//! stops it.
 //!
 //! ```console
 //! $ cargo run --release --example embed                    # the virtual Uno: the firmware's bytes on an emulated chip
@@ -14,7 +15,7 @@ use pulsetrain_motion::file;
 use pulsetrain_session::Session;
 use pulsetrain_session::drive::connect;
 
-/// The same as a motion file; it may as well be built from `pulsetrain_motion`'s types.
+/// The motion as a file. A program may also build it from `pulsetrain_motion`'s types.
 const MOTION: &str = r#"
 board = "uno"
 tolerance = "1 us"
@@ -32,28 +33,28 @@ motor = "pendulum"
 law.sine = { amplitude = "45 deg", period = "2 s" }
 "#;
 
-/// What came of it.
+/// The result of the swing.
 #[derive(Debug, PartialEq, Eq)]
 pub(crate) struct Outcome {
-    /// Where the motor was expected to be when it was told to stop, steps.
+    /// Where the motor should be when the stop is sent, steps.
     pub(crate) when_told: i64,
-    /// Where the board says that it came to rest, steps.
+    /// Where the motor came to rest by the board's report, steps.
     pub(crate) at_rest: i64,
-    /// Rising edges of STEP; none are known of a real board.
+    /// Rising edges of STEP. None are known of a real board.
     pub(crate) pulses: u64,
 }
 
 /// Lets a pendulum swing for 1.3 s, and stops it within its limits.
 ///
 /// # Errors
-/// When the board is not there, refuses, or is lost; each error says what to do.
+/// If the board is not there, refuses, or is lost. Each error says what to do.
 pub(crate) fn swing<P: Port>(port: P) -> Result<Outcome, Box<dyn Error>> {
     let no_other_file = |_: &std::path::Path| Err(std::io::ErrorKind::NotFound.into());
     let program = file::read(MOTION, "pendulum", &no_other_file)?;
     let board = connect(port, &program, Baud::B1M)?;
     println!("firmware {:?}, {} ticks a second", board.info().firmware, board.info().tick_hz);
 
-    // From here on the board always has a plan that ends in rest: the cable may be pulled at any time.
+    // From here on the board always has a plan that ends at rest, so the cable may be pulled at any time.
     let mut session = Session::new(board, program.clone())?;
     let mut pulses = 0;
     let mut on_pins = |edge: Edge| pulses += u64::from(edge.line == 8 && edge.level);

@@ -1,8 +1,8 @@
-//! The pictures of docs/winch.md that show the firmware beside the sketch: `cargo xtask pictures` runs this.
+//! Draws the pictures of docs/winch.md that compare the firmware with the sketch. `cargo xtask pictures` runs this.
 //!
-//! The firmware's steps are the pins' edges of the virtual Uno. The sketch's are those of a model of its path and its step
-//! generator (`Path.cpp`, `Stepper.cpp`), in this file: an interrupt every 100 µs, and a main loop that is taken to come by
-//! once a millisecond.
+//! The firmware's steps are edges of the virtual Uno's pins. The sketch's steps come from a model of its path and step
+//! generator (`Path.cpp`, `Stepper.cpp`) in this file: an interrupt every 100 µs, and a main loop that is assumed to
+//! run once a millisecond.
 
 use std::ops::Range;
 use std::path::Path;
@@ -19,7 +19,7 @@ static FONT: &[u8] = include_bytes!("../../plot/assets/DejaVuSans-subset.ttf");
 const SIZE: (u32, u32) = (1200, 400);
 const INK: RGBColor = RGBColor(40, 40, 40);
 const GRID: RGBColor = RGBColor(225, 225, 225);
-/// Of Okabe and Ito.
+/// Colours by Okabe and Ito, which colour-blind readers can tell apart.
 const OURS: RGBColor = RGBColor(0, 114, 178);
 const SKETCH: RGBColor = RGBColor(213, 94, 0);
 
@@ -104,7 +104,7 @@ fn end() -> Result<[Panel; 2], Failure> {
     ])
 }
 
-/// A far target, and limits that come down in mid-move.
+/// A far target, and limits that are lowered during the move.
 fn limits() -> Result<[Panel; 2], Failure> {
     let far = [(0.0, "l x 2000 8000"), (0.0, "g x 1 1"), (0.0, "a x 4000")];
     let down = [(0.0, "l x 10000 100000"), (0.0, "g x 4 1"), (0.0, "v x 4000"), (1.0, "l x 500 5000")];
@@ -134,7 +134,7 @@ fn both(theirs: Points, ours: Points, look: Look) -> Vec<Curve> {
     ]
 }
 
-/// One over each interval: the lowest and the highest of every 5 ms.
+/// The speed as one over each interval: the lowest and the highest of every 5 ms.
 fn speeds(steps: &[Step]) -> Points {
     const BIN_S: f64 = 5e-3;
     let speed = |pair: &[Step]| (pair[1].at_s, 1.0 / (pair[1].at_s - pair[0].at_s));
@@ -152,13 +152,13 @@ fn speeds(steps: &[Step]) -> Points {
 /// A step of x.
 #[derive(Clone, Copy)]
 struct Step {
-    /// From the first line, s.
+    /// Time since the first line, s.
     at_s: f64,
-    /// After it.
+    /// Position after the step.
     position: f64,
 }
 
-/// What the firmware on the virtual Uno makes of lines.
+/// The firmware's steps on the virtual Uno for some lines.
 fn firmware(lines: &[(f64, String)], end_s: f64) -> Result<Vec<Step>, Failure> {
     /// STEP and DIR of x on a CNC shield; forward is high.
     const STEP: u8 = 2;
@@ -180,9 +180,9 @@ fn firmware(lines: &[(f64, String)], end_s: f64) -> Result<Vec<Step>, Failure> {
     Ok(steps)
 }
 
-/// What the sketch makes of them, by its sources: one axis of it.
+/// The sketch's steps for some lines, by a model of one axis.
 fn sketch(lines: &[(f64, String)], end_s: f64) -> Vec<Step> {
-    /// `Timer1.initialize(100)`; and a round of the main loop, of which so many µs are taken.
+    /// `Timer1.initialize(100)`; and the length of a round of the main loop, µs.
     const INTERRUPT_US: u32 = 100;
     const LOOP_US: u32 = 1000;
     let mut sketch = Sketch::new();
@@ -268,7 +268,7 @@ impl Sketch {
         }
     }
 
-    /// `Stepper::pollForInterval`; whether it made a step.
+    /// `Stepper::pollForInterval`. Gives whether it made a step.
     fn poll_stepper(&mut self, interval_us: u32) -> bool {
         self.elapsed_us += interval_us;
         if self.elapsed_us < self.interval_us {
@@ -307,7 +307,7 @@ struct Panel {
     x: Range<f64>,
     y: Range<f64>,
     curves: Vec<Curve>,
-    /// Where no curve is.
+    /// A place in the panel without a curve, for the legend.
     legend: SeriesLabelPosition,
 }
 

@@ -1,4 +1,4 @@
-//! Arguments that several commands have, and how their values are read.
+//! Arguments that several commands share, and how their values are read.
 
 use std::path::PathBuf;
 
@@ -33,7 +33,8 @@ pub(crate) struct Motion {
 }
 
 impl Motion {
-    /// The motion, `self.length` of it, if it is of usual length or meant to be long. Nobody is asked about one that is refused at once.
+    /// Prepares the motion, cut to `self.length`. Asks the user first if planning or running it takes long, but not if
+    /// the planner refuses the motion at once.
     pub(crate) fn prepare(&self, task: Task, json: bool, console: &mut Console<'_>) -> miette::Result<Prepared> {
         let prepared = load::endless(&self.file, self.board.as_deref())?;
         if !self.yes && Estimate::of(&prepared, self.length, task).is_much() {
@@ -42,7 +43,7 @@ impl Motion {
         self.agreed(prepared, task, json, console)
     }
 
-    /// The same of one that may be refused: what is wrong is what is to be shown.
+    /// Prepares the motion even if the planner refuses it, for commands that show why it is refused.
     pub(crate) fn prepare_any(&self, task: Task, json: bool, console: &mut Console<'_>) -> miette::Result<Prepared> {
         self.agreed(load::endless(&self.file, self.board.as_deref())?, task, json, console)
     }
@@ -99,7 +100,7 @@ pub(crate) struct Table {
     pub(crate) json: bool,
 }
 
-/// A board with a firmware.
+/// Reads the name of a board that has a firmware.
 pub(crate) fn board_kind() -> impl TypedValueParser<Value = BoardKind> {
     PossibleValuesParser::new(BoardKind::NAMES).try_map(|name| BoardKind::named(&name).ok_or("no such board"))
 }
@@ -113,7 +114,7 @@ pub(crate) fn board(name: &str) -> Result<String, String> {
     }
 }
 
-/// What a capture calls a line, and what it is: "Channel 0=wheel.step".
+/// Reads what a capture calls a line, and which line that is: "Channel 0=wheel.step".
 pub(crate) fn channel(text: &str) -> Result<(String, String), String> {
     match text.rsplit_once('=') {
         Some((from, to)) if !from.is_empty() && !to.is_empty() => Ok((from.to_owned(), to.to_owned())),
@@ -121,7 +122,7 @@ pub(crate) fn channel(text: &str) -> Result<(String, String), String> {
     }
 }
 
-/// A positive quantity of one kind.
+/// Reads a positive quantity of one kind.
 pub(crate) fn positive(text: &str, base: Base, example: &str) -> Result<Quantity, String> {
     measured(text, (base, 0), example)
 }
@@ -139,7 +140,7 @@ pub(crate) fn measured(text: &str, kind: (Base, u8), example: &str) -> Result<Qu
     }
 }
 
-/// Full steps in a revolution.
+/// Reads a motor's full steps in a revolution.
 pub(crate) fn steps_per_rev(text: &str) -> Result<u32, String> {
     let number = text.parse::<f64>().map_err(|_| "write a whole number, like 200".to_owned())?;
     full_steps::checked(number).map_err(|error| format!("{error}; {}", error.advice()))
@@ -165,7 +166,7 @@ pub(crate) fn duration(text: &str) -> Result<Time, String> {
     quantity.time().ok_or_else(|| "this is not a time".into())
 }
 
-/// A time that a board keeps, ms; 0 is off.
+/// Reads a time that a board stores, ms; 0 means off.
 pub(crate) fn kept_time(text: &str) -> Result<u16, String> {
     if text == "off" {
         return Ok(0);

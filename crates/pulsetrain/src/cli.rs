@@ -1,4 +1,4 @@
-//! The command line: what can be said, and who does it.
+//! The command line: its commands, and what runs each of them.
 
 use std::ffi::OsString;
 use std::io::Write;
@@ -7,7 +7,8 @@ use clap::{Parser, Subcommand};
 use miette::{GraphicalReportHandler, GraphicalTheme, JSONReportHandler};
 
 use crate::arguments::{At, Table};
-use crate::commands::{self, RunStopped};
+use crate::commands;
+use crate::commands::problems::RunStopped;
 use crate::consent::LongMotion;
 use crate::console::{Console, Exit};
 
@@ -84,7 +85,7 @@ Examples:
 }
 
 impl Command {
-    /// The port of those that need one of an Uno's images.
+    /// The port of a command that needs one of an Uno's images.
     fn port(&self) -> Option<&str> {
         match self {
             Command::Run(args) => args.port.as_deref(),
@@ -135,7 +136,7 @@ pub fn run<A: Into<OsString> + Clone>(
     run_on(args, &mut Console { out, err, err_is_terminal: false })
 }
 
-/// The same on a console that may be a terminal.
+/// Runs a command on a console, which may be a terminal.
 pub fn run_on<A: Into<OsString> + Clone>(args: impl IntoIterator<Item = A>, console: &mut Console<'_>) -> Exit {
     let cli = match Cli::try_parse_from(args) {
         Ok(cli) => cli,
@@ -151,7 +152,7 @@ pub fn run_on<A: Into<OsString> + Clone>(args: impl IntoIterator<Item = A>, cons
     let as_json = cli.command.wants_json();
     let mut outcome = obey(&cli.command, console);
     if let Err(refused) = &outcome
-        && let Some(written) = commands::offered(refused, cli.command.port(), console)
+        && let Some(written) = commands::other_image::offered(refused, cli.command.port(), console)
     {
         outcome = written.and_then(|()| obey(&cli.command, console));
     }
@@ -187,7 +188,7 @@ fn finish(outcome: miette::Result<Exit>, as_json: bool, console: &mut Console<'_
     outcome.unwrap_or_else(|report| {
         let mut text = String::new();
         let stopped = report.downcast_ref::<RunStopped>();
-        // A script reads standard output; who broke the pipe does not want to hear of it.
+        // A script reads standard output. If its reader has closed the pipe, there is nobody left to show the error to.
         if let (true, Some(RunStopped { report, .. })) = (as_json, stopped) {
             let _ = console.print_json(report);
         } else if as_json && JSONReportHandler::new().render_report(&mut text, report.as_ref()).is_ok() {
@@ -199,13 +200,14 @@ fn finish(outcome: miette::Result<Exit>, as_json: bool, console: &mut Console<'_
         if handler.render_report(&mut text, report.as_ref()).is_err() {
             text = format!("{report}\n");
         }
-        // So it heads each problem behind the first: all are errors. No line of a file begins without a margin.
+        // miette prints a help line below each problem, so the marker of the command goes in front of each problem
+        // behind the first. No line of a file begins without a margin.
         complain(console, &text.replace("\nError: \n", "\n"));
         if stopped.is_some() { Exit::Stopped } else { Exit::Refused }
     })
 }
 
-/// A report in JSON; one of a long motion has its estimate in figures, too.
+/// A report as JSON. The report of a long motion contains its estimate, too.
 fn with_estimate(text: String, report: &miette::Report) -> String {
     let estimate = report.downcast_ref::<LongMotion>().and_then(|long| serde_json::to_value(long.estimate()).ok());
     match (serde_json::from_str::<serde_json::Value>(&text), estimate) {
@@ -217,7 +219,7 @@ fn with_estimate(text: String, report: &miette::Report) -> String {
     }
 }
 
-/// When the errors' own stream is closed, only the exit code is left to say it.
+/// If the errors' own stream is closed, the exit code is the only sign of the error.
 fn complain(console: &mut Console<'_>, message: &dyn std::fmt::Display) {
     drop(write!(console.err, "{message}"));
 }

@@ -1,4 +1,4 @@
-//! A long motion is planned or run only if the user agrees.
+//! Asks the user before a long motion is planned or run.
 
 use miette::Diagnostic;
 use pulsetrain_motion::{Time, human};
@@ -8,31 +8,31 @@ use pulsetrain_session::prepare::Prepared;
 
 use crate::console::Console;
 
-/// From this waiting time on the command says how long it will take, s.
+/// From this waiting time on, s, the command prints how long it will take.
 const WORTH_SAYING_S: f64 = 5.0;
 
-/// A motion that is longer than anybody is likely to want.
+/// A motion that is longer than the user probably wants.
 #[derive(Debug, thiserror::Error, Diagnostic)]
 pub enum LongMotion {
-    /// Nobody has said that it is meant.
+    /// The user has not said that the length is meant.
     #[error("{file}: this motion is long: {estimate}")]
     #[diagnostic(help("say --yes if it is meant; or take its beginning: --for \"10 s\""))]
     Unasked {
         /// The motion file.
         file: String,
-        /// What it comes to.
+        /// Its estimated length, time and files.
         estimate: Estimate,
     },
-    /// Somebody was asked, and does not want it.
+    /// The user was asked, and said no.
     #[error("{file}: nothing was planned")]
     #[diagnostic(help("--for \"10 s\" takes the beginning of a long motion"))]
     Declined {
         /// The motion file.
         file: String,
-        /// What it comes to.
+        /// Its estimated length, time and files.
         estimate: Estimate,
     },
-    /// No board counts so far.
+    /// The motion is longer than any board's tick counter.
     #[error(
         "{file}: this motion is too long: {estimate}. Board `{board}` can count {} ({:.2e} s) at most.",
         human::long_time(*.limit_s), .limit_s
@@ -43,15 +43,15 @@ pub enum LongMotion {
         file: String,
         /// The board.
         board: String,
-        /// When its ticks end, s.
+        /// When the board's counter ends, s.
         limit_s: f64,
-        /// What the motion comes to.
+        /// The motion's estimated length, time and files.
         estimate: Estimate,
     },
 }
 
 impl LongMotion {
-    /// What the motion comes to.
+    /// The motion's estimated length, time and files.
     #[must_use]
     pub const fn estimate(&self) -> &Estimate {
         match self {
@@ -62,23 +62,23 @@ impl LongMotion {
     }
 }
 
-/// How much of a motion is meant, and who can be asked.
+/// The length that the user wants, and who can be asked about it.
 #[derive(Clone, Copy, Debug)]
 pub struct Consent {
-    /// What is wanted of the motion.
+    /// The wanted length. `None`: as in the file.
     pub length: Option<Time>,
-    /// What is to be done with it.
+    /// The command's work.
     pub task: Task,
-    /// It was said that a long one is meant.
+    /// The user gave `--yes`.
     pub yes: bool,
-    /// A script reads the output: it cannot be asked.
+    /// The output is for a script, which cannot be asked.
     pub json: bool,
 }
 
-/// Goes on at once with a motion of usual length; asks whether a long one is meant.
+/// Goes on at once with a motion of usual length. Asks the user whether a long one is meant.
 ///
 /// # Errors
-/// [`LongMotion`]: nobody is there to say so, or says no; or no board counts so far.
+/// [`LongMotion`]: nobody can be asked, the user says no, or no board's counter reaches that far.
 pub fn agree(prepared: &Prepared, consent: Consent, console: &mut Console<'_>) -> Result<(), LongMotion> {
     let estimate = Estimate::of(prepared, consent.length, consent.task);
     let (file, board) = (prepared.file.clone(), &prepared.program.board);

@@ -8,7 +8,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use miette::Diagnostic;
 use pulsetrain_session::control::Event;
 
-/// How a command ended; the process's exit code.
+/// How a command ended: the process's exit code.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Exit {
     /// All is well: code 0.
@@ -27,7 +27,7 @@ impl From<Exit> for std::process::ExitCode {
     }
 }
 
-/// A file, or the output, that could not be read or written.
+/// A file, or the output, cannot be read or written.
 #[derive(Debug, thiserror::Error, Diagnostic)]
 #[error("cannot {action} {what}: {error}")]
 pub struct Access {
@@ -68,18 +68,18 @@ impl Console<'_> {
         self.print(format_args!("{}\n", json(value)?))
     }
 
-    /// Says something beside the result. Nobody needs to hear it.
+    /// Prints a remark that is not part of the result. If it cannot be printed, the command goes on.
     pub fn tell(&mut self, text: impl Display) {
         let _ = write!(self.err, "{text}").and_then(|()| self.err.flush());
     }
 
-    /// Says something and asks whether to go on. `None` if nobody can be asked: errors or input are no terminal.
+    /// Prints a remark and asks whether to go on. `None` if standard error or standard input is no terminal.
     pub fn confirm(&mut self, text: &str) -> Option<bool> {
         let is_terminal = self.err_is_terminal && io::stdin().is_terminal();
         ask(&mut io::stdin().lock(), self.err, is_terminal, text)
     }
 
-    /// A progress bar of `length`, counted in `unit`; hidden when nobody watches.
+    /// A progress bar of `length`, counted in `unit`. It is hidden if standard error is no terminal.
     #[must_use]
     pub fn progress(&self, length: f64, unit: &str) -> Progress {
         if !self.err_is_terminal {
@@ -94,7 +94,7 @@ impl Console<'_> {
     }
 }
 
-/// Asks a terminal whether to go on: "y" and "yes" are yes, anything else is no. `None` if there is no terminal.
+/// Asks at a terminal whether to go on: "y" and "yes" mean yes, everything else no. `None` if there is no terminal.
 fn ask(input: &mut dyn BufRead, output: &mut dyn Write, is_terminal: bool, text: &str) -> Option<bool> {
     if !is_terminal {
         return None;
@@ -107,7 +107,7 @@ fn ask(input: &mut dyn BufRead, output: &mut dyn Write, is_terminal: bool, text:
 
 const PROGRESS_PARTS: u64 = 10_000;
 
-/// A progress bar. It is gone when this is dropped.
+/// A progress bar. It disappears when this is dropped.
 #[derive(Debug)]
 pub struct Progress {
     bar: ProgressBar,
@@ -115,17 +115,17 @@ pub struct Progress {
 }
 
 impl Progress {
-    /// What is being done now: one or two words.
+    /// Names the present work in one or two words.
     pub fn stage(&self, name: &'static str) {
         self.bar.set_message(name);
     }
 
-    /// How much of the length is done.
+    /// Sets how much of the length is done.
     pub fn set(&self, done: f64) {
         self.bar.set_position((done / self.length * PROGRESS_PARTS as f64) as u64);
     }
 
-    /// The same of a run, by what it tells.
+    /// Sets how much is done by an event of a run.
     pub fn follow(&self, event: &Event) {
         if let Event::Progress { at_s } = event {
             self.set(*at_s);

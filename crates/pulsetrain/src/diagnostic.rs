@@ -1,4 +1,4 @@
-//! Library errors as the command line prints them: with the advice that belongs to them.
+//! Library errors as the command line prints them, with advice.
 
 use std::error::Error;
 use std::fmt;
@@ -9,9 +9,9 @@ use pulsetrain_motion::file::{FileError, Problem, Source};
 use pulsetrain_session::drive::DriveError;
 use pulsetrain_session::prepare::Refusal;
 
-/// A library error that may know what to do about it.
+/// A library error that may have advice.
 pub trait Advice: Error + Send + Sync + 'static {
-    /// What to do, where that is known.
+    /// What the user can do, if that is known.
     fn advice(&self) -> Option<&str>;
 }
 
@@ -53,7 +53,7 @@ impl<E: Advice> Diagnostic for Advised<E> {
     }
 }
 
-/// A text that reports show lines of.
+/// A text of which reports show lines.
 #[derive(Clone, Debug)]
 pub struct Excerpt(pub Arc<Source>);
 
@@ -71,7 +71,7 @@ impl SourceCode for Excerpt {
     }
 }
 
-/// What is wrong with a motion file: the first problem, with the others related to it.
+/// The error for a motion file: its first problem, with the other problems related to it.
 #[derive(Debug)]
 pub struct WrongFile {
     error: FileError,
@@ -85,7 +85,7 @@ struct WrongPlace {
 }
 
 impl WrongFile {
-    /// What the file's reader said.
+    /// The reader's error.
     #[must_use]
     pub fn error(&self) -> &FileError {
         &self.error

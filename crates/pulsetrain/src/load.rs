@@ -1,4 +1,4 @@
-//! Motion files from the disk, ready to be planned.
+//! Reads motion files from the disk and prepares them for planning.
 
 use std::path::Path;
 
@@ -7,7 +7,7 @@ use pulsetrain_session::prepare::Prepared;
 
 use crate::diagnostic::{WrongFile, advised};
 
-/// Reads a motion file and puts it on `board` if that is given; endless laws stay so.
+/// Reads a motion file, and puts it on `board` if that is given. Endless laws stay endless.
 ///
 /// # Errors
 /// When the file is wrong, or does not fit the board.
@@ -16,10 +16,10 @@ pub fn endless(path: &Path, board: Option<&str>) -> miette::Result<Prepared> {
     Prepared::new(path.display().to_string(), contents, board).map_err(advised)
 }
 
-/// The same, and cuts endless laws after `length`.
+/// Reads a motion file, and cuts its endless laws after `length`.
 ///
 /// # Errors
-/// As [`endless`], and when a law breaks before it can be cut.
+/// As [`endless`], and if a law has no value before the cut.
 pub fn load(path: &Path, board: Option<&str>, length: Option<Time>) -> miette::Result<Prepared> {
     endless(path, board)?.ending(length).map_err(advised)
 }

@@ -1,4 +1,4 @@
-//! A run as it is seen: files, verdict and picture, all while it goes on.
+//! Records a run while it goes on: files, verdict and picture.
 
 use std::io::{self, Write};
 
@@ -15,7 +15,7 @@ use pulsetrain_plot::{Errors, MotorPicture, Picture};
 use pulsetrain_session::lateness::{Edges, Lateness};
 use pulsetrain_session::plans::Planned;
 
-/// Where the edges and steps of a run are written.
+/// The files for the edges and steps of a run.
 pub struct Files<W: Write> {
     /// Every edge of every line.
     pub trace: vcd_file::EdgeWriter<W>,
@@ -24,7 +24,7 @@ pub struct Files<W: Write> {
 }
 
 impl<W: Write> Files<W> {
-    /// Begins the files of a run of `program`, with its lines as they stand when the laws begin.
+    /// Begins the files of a run of `program`, with its lines at their levels of time zero.
     ///
     /// # Errors
     /// When they cannot be written.
@@ -44,27 +44,27 @@ pub enum RecordError {
     /// A file cannot be written.
     #[error("cannot write the run's files: {0}")]
     Write(io::Error),
-    /// There is no verdict.
+    /// The judge cannot give a verdict.
     #[error(transparent)]
     Judge(#[from] JudgeError),
-    /// A law breaks where it is drawn.
+    /// A law has no value where it is drawn.
     #[error("motor {motor}: {error}")]
     Law {
-        /// Whose.
+        /// The motor whose law it is.
         motor: String,
-        /// How.
+        /// The law's error.
         error: LawError,
     },
 }
 
-// The message has all of it: as a source it would be told twice.
+// The message contains its source, so `source` gives none: else the text would be printed twice.
 impl From<io::Error> for RecordError {
     fn from(error: io::Error) -> RecordError {
         RecordError::Write(error)
     }
 }
 
-/// Looks on while a board runs.
+/// Observes a board while it runs.
 pub struct Recorder<'a, W: Write> {
     program: &'a Program,
     judge: EdgeJudge<'a>,
@@ -73,26 +73,26 @@ pub struct Recorder<'a, W: Write> {
     figures: Vec<Figure<'a>>,
     positions: Vec<i64>,
     tick_s: f64,
-    /// The first thing that went wrong; what comes after is not recorded.
+    /// The first error. Nothing is recorded after it.
     error: Option<RecordError>,
 }
 
-/// A run as it was judged and drawn.
+/// The verdict and the picture of a run.
 #[derive(Debug)]
 pub struct Recorded {
-    /// What the judge says of the edges.
+    /// The judge's verdict on the edges.
     pub verdict: Report,
     /// The picture.
     pub picture: Picture,
     /// How late STEP edges were against their scheduled ticks.
     pub lateness: Lateness,
-    /// How far machines' figures were off, in the file's order.
+    /// The errors of machines' figures, in the file's order.
     pub figures: Vec<FigureReport>,
 }
 
 impl<'a, W: Write> Recorder<'a, W> {
-    /// Before the first edge, on a board whose edges come `constant_ticks` after their scheduled ticks, and up to
-    /// `late_ticks` later: those are added to the bound. `drawn` is [`Drawn::of`] the program.
+    /// Begins before the first edge. The board's edges come `constant_ticks` after their scheduled ticks, and up to
+    /// `late_ticks` later, so both are added to the bound. `drawn` is [`Drawn::of`] the program.
     ///
     /// # Errors
     /// When the program cannot be judged.
@@ -124,10 +124,10 @@ impl<'a, W: Write> Recorder<'a, W> {
         })
     }
 
-    /// The verdict and the picture, after the last edge.
+    /// Ends the recording after the last edge. Gives the verdict and the picture.
     ///
     /// # Errors
-    /// What went wrong on the way.
+    /// The first error of the recording.
     pub fn finish(self, planned: &[Planned], lateness: Lateness) -> Result<Recorded, RecordError> {
         let Recorder { program, judge, files, mut picture, figures, tick_s, error, .. } = self;
         if let Some(error) = error {
@@ -140,7 +140,7 @@ impl<'a, W: Write> Recorder<'a, W> {
         let mut verdict = judge.finish_with(&mut |motor, tick, late| {
             picture.motors[motor].error(tick as f64 * tick_s, late);
         })?;
-        // The constant is the board's, and told with the lateness: the trace begins where the laws do.
+        // The lateness contains the board's constant delay. So the trace's time zero is that of the laws.
         verdict.alignment.shift_s = 0.0;
         let window = picture.close_view();
         for ((drawn, motor), planned) in picture.motors.iter_mut().zip(&program.motors).zip(planned) {
@@ -155,10 +155,10 @@ impl<'a, W: Write> Recorder<'a, W> {
         Ok(Recorded { verdict, picture, lateness, figures })
     }
 
-    /// Ends the files after the last edge of a run that did not come to its end.
+    /// Ends the files of a run that stopped early.
     ///
     /// # Errors
-    /// What went wrong on the way.
+    /// The first error of the recording.
     pub fn close(self) -> Result<(), RecordError> {
         if let Some(error) = self.error {
             return Err(error);
@@ -200,7 +200,7 @@ impl<W: Write> Observer for Recorder<'_, W> {
         self.picture.motors[step.motor].step(step.tick as f64 * self.tick_s, *position);
         self.figures.iter_mut().for_each(|figure| figure.step(step.motor, step.tick, *position));
         if let Some(files) = &mut self.files {
-            // A native board has 16 motors at most.
+            // A native board has at most 16 motors, so the index fits.
             let motor = step.motor as u8;
             let forward = step.direction == Direction::Forward;
             let written = files.steps.push(steps::Step { motor, tick: step.tick, forward });

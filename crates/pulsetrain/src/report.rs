@@ -1,4 +1,4 @@
-//! What a plan or a run comes to: for machines as JSON, for people as a table.
+//! Reports of plans and runs: JSON for programs, tables for people.
 
 use std::fmt::{self, Display};
 
@@ -15,25 +15,25 @@ use pulsetrain_session::drive::DriveError;
 use pulsetrain_session::lateness::Lateness;
 use pulsetrain_session::pause::Paused;
 
-/// What was planned.
+/// The report of a plan.
 #[derive(Clone, Debug, Serialize)]
 pub struct PlanReport {
     /// The motion file.
     pub file: String,
     /// The board whose limits hold.
     pub board: String,
-    /// Its ticks per second.
+    /// Ticks per second of the board.
     pub tick_hz: u64,
-    /// The accepted |scheduled − exact|, ticks.
+    /// The greatest |scheduled − exact| that the file allows, ticks.
     pub tolerance_ticks: f64,
     /// From time zero to the last step, stops included, s.
     pub duration_s: f64,
-    /// Where a motion was cut, s; the planned stop comes after.
+    /// When the motion was cut, s. The planned stop comes after that.
     pub cut_at_s: Option<f64>,
-    /// When it would have ended, s; `None` if it was not cut, or is endless.
+    /// When the motion would have ended, s. `None` if it was not cut, or is endless.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub uncut_s: Option<f64>,
-    /// The pause that was asked for.
+    /// The pause that the user wants.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub pause: Option<Paused>,
     /// How the columns of CSV files were read.
@@ -41,7 +41,7 @@ pub struct PlanReport {
     pub tables: Vec<TableReport>,
     /// The motors, in the file's order.
     pub motors: Vec<MotorReport>,
-    /// What a user should know beside the figures: a line each.
+    /// Warnings for the user, a line each.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub notes: Vec<String>,
 }
@@ -49,29 +49,29 @@ pub struct PlanReport {
 /// How the columns of a CSV file were read.
 #[derive(Clone, Debug, Serialize)]
 pub struct TableReport {
-    /// As the motion file calls it.
+    /// The file's name in the motion file.
     pub file: String,
-    /// Time first.
+    /// The column of the times.
     pub columns: Vec<ColumnReport>,
-    /// The others.
+    /// The columns of the values.
     pub unused: Vec<String>,
-    /// All of it, in words.
+    /// The whole reading in words.
     pub summary: String,
 }
 
 /// How one column was read.
 #[derive(Clone, Debug, Serialize)]
 pub struct ColumnReport {
-    /// "time", "angle", "position", "x".
+    /// The kind of its values: "time", "angle", "position", "x".
     pub is: String,
-    /// "column 2 `t`"
+    /// Its place and name: "column 2 `t`".
     pub column: String,
-    /// As motion files write it.
+    /// Its unit as in motion files.
     pub unit: String,
 }
 
 impl TableReport {
-    /// From what was read.
+    /// From the columns that were read.
     #[must_use]
     pub fn new(table: &TableColumns) -> TableReport {
         let column = |column: &ColumnUse| ColumnReport {
@@ -88,7 +88,7 @@ impl TableReport {
     }
 }
 
-/// What was planned, run and judged.
+/// The report of a run.
 #[derive(Clone, Debug, Serialize)]
 pub struct RunReport {
     /// What was planned and proven.
@@ -96,14 +96,14 @@ pub struct RunReport {
     pub plan: PlanReport,
     /// What made the edges: "native", or "virtual Uno" with its firmware's version.
     pub runner: String,
-    /// What the judge says of them.
+    /// The judge's verdict on the edges.
     pub verdict: verdict::Report,
-    /// How late they were against their scheduled ticks.
+    /// Lateness of the edges against their scheduled ticks.
     pub lateness: Lateness,
-    /// How far machines' figures were off.
+    /// The errors of machines' figures.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub figures: Vec<FigureReport>,
-    /// What did not go as it should; `None` if no bound broke and no step was lost or added.
+    /// Why the run failed. `None` if no bound broke and no step was lost or added.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub failure: Option<String>,
 }
@@ -134,7 +134,7 @@ impl RunReport {
     }
 }
 
-/// What a run was that ended before the motion did.
+/// The report of a run that ended before the motion did.
 #[derive(Clone, Debug, Serialize)]
 pub struct StoppedReport {
     /// What was planned and proven.
@@ -142,40 +142,40 @@ pub struct StoppedReport {
     pub plan: PlanReport,
     /// What made the edges.
     pub runner: String,
-    /// Why it ended, and where.
+    /// Why and where it ended.
     pub stopped: RunEnd,
 }
 
 /// Why motors were stopped before the motion's end.
 #[derive(Clone, Debug, Serialize)]
 pub struct RunEnd {
-    /// In words, with where the motors are.
+    /// The reason in words, with the motors' positions.
     pub message: String,
-    /// What to do.
+    /// Advice.
     pub help: String,
-    /// The motor that the board had no more plan for, if that is why.
+    /// The motor whose plan came too late, if that is the reason.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub motor: Option<String>,
-    /// From when on the motors brake, or when it was seen that they had been stopped, s of the laws.
+    /// When the motors began to brake, or when it was seen that they had stopped, s of the laws' time.
     pub at_s: f64,
-    /// How much later than that more of the plan came, s.
+    /// How much later the next part of the plan came, s.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub late_s: Option<f64>,
-    /// Where the motors are.
+    /// The motors' positions.
     pub motors: Vec<StoppedMotor>,
 }
 
-/// Where a motor is after a stop.
+/// The position of a motor after a stop.
 #[derive(Clone, Debug, Serialize)]
 pub struct StoppedMotor {
-    /// As the file calls it.
+    /// The motor's name in the file.
     pub name: String,
     /// Steps forward minus steps backward since the board was set up.
     pub steps: i64,
 }
 
 impl RunEnd {
-    /// What is said of a run that failed with `error`; `None` if the motors were not on their way.
+    /// The report of a run that failed with `error`. `None` if the motors had not begun to move.
     #[must_use]
     pub fn of(error: &DriveError) -> Option<RunEnd> {
         let DriveError::Halted { why, seen_s, positions, .. } = error else { return None };
@@ -196,10 +196,10 @@ impl RunEnd {
     }
 }
 
-/// What a verdict says that is not ok.
+/// The failure text of a verdict that is not ok.
 const BROKE: &str = "a bound broke";
 
-/// The last line of a verdict: it says PASS where the exit code is 0, and nowhere else.
+/// Writes the last line of a verdict. It is PASS exactly if the exit code is 0.
 fn conclude(f: &mut fmt::Formatter<'_>, failure: Option<&str>) -> fmt::Result {
     match failure {
         None => writeln!(f, "PASS: no bound broke"),
@@ -207,7 +207,7 @@ fn conclude(f: &mut fmt::Formatter<'_>, failure: Option<&str>) -> fmt::Result {
     }
 }
 
-/// The verdict, after the plan.
+/// The verdict for people; the plan is printed before it.
 impl Display for RunReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let RunReport { runner, verdict, lateness, figures, failure, .. } = self;
@@ -234,10 +234,10 @@ fn write_figures(f: &mut fmt::Formatter<'_>, figures: &[FigureReport]) -> fmt::R
     figures.iter().try_for_each(|figure| writeln!(f, "{figure}"))
 }
 
-/// What was planned for one motor.
+/// The plan of one motor.
 #[derive(Clone, Debug, Serialize)]
 pub struct MotorReport {
-    /// As the file calls it.
+    /// The motor's name in the file.
     pub name: String,
     /// Steps in both directions.
     pub steps: u64,
@@ -247,13 +247,13 @@ pub struct MotorReport {
     pub segments: u64,
     /// Payload of the packed segments, bytes.
     pub bytes: u64,
-    /// The same for one step.
+    /// Payload bytes for each step.
     pub bytes_per_step: f64,
-    /// Proven: no scheduled tick is farther from the exact time, ticks.
+    /// The proven bound: no scheduled tick is farther from the exact time, ticks.
     pub bound_ticks: f64,
-    /// The same, s.
+    /// The proven bound, s.
     pub bound_s: f64,
-    /// What the proof is relative to: "closed form", "enclosed", "relative to the interpolant".
+    /// What the proof compares with: "closed form", "enclosed", "relative to the interpolant".
     pub class: &'static str,
     /// Highest step rate: one over the shortest interval, steps/s.
     pub peak_rate: Option<f64>,
@@ -265,47 +265,47 @@ pub struct MotorReport {
     pub peak_acceleration: Peak,
     /// The motor's limit of it, steps/s²; `None` if the file gives none.
     pub max_acceleration: Option<f64>,
-    /// Pairs of opposite steps dropped, since they were too close.
+    /// Pairs of opposite steps that were dropped because they were too close to one another.
     pub pairs_dropped: u64,
-    /// Largest |position − θ| that dropping led to, steps.
+    /// Largest |position − θ| because of dropped pairs, steps.
     pub worst_position_error: f64,
-    /// Steps put off because another motor had the shared DIR line.
+    /// Steps that a shared DIR line delays.
     pub steps_put_off: u64,
-    /// Longest time that a step was put off, ticks.
+    /// Longest delay of a step by a shared DIR line, ticks.
     pub longest_put_off_ticks: u64,
-    /// How far motions stay behind their laws, which begin or end with `ramp-behind`.
+    /// How far the motor stays behind motions that begin or end with `ramp-behind`.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub behind: Vec<BehindReport>,
     /// The user's unit of position.
     pub unit: String,
-    /// Steps in one of it.
+    /// Steps in one unit.
     pub steps_per_unit: f64,
-    /// The formulas that have parameters, each once.
+    /// The formulas that have parameters. Equal ones are listed once.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub formulas: Vec<FormulaReport>,
 }
 
-/// What a formula was read with.
+/// The parameters that a formula was read with.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct FormulaReport {
     /// Its parameters, in the file's order.
     pub parameters: Vec<ParameterReport>,
 }
 
-/// A parameter of a formula, as it was used.
+/// A parameter's value.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct ParameterReport {
     /// Its name.
     pub name: String,
-    /// As the file has it.
+    /// The value as the file has it.
     pub written: String,
-    /// What it is outside of sin, cos and tan; `None` if it is not used there.
+    /// The value outside of sin, cos and tan. `None` if it is not used there.
     pub outside: Option<Amount>,
-    /// What it is in sin, cos and tan; `None` if it is not used there.
+    /// The value in sin, cos and tan, rad. `None` if it is not used there.
     pub in_trig: Option<Amount>,
 }
 
-/// A number and its unit, which is empty for a plain number.
+/// A number and its unit. The unit of a plain number is empty.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Amount {
     /// The number.
@@ -339,7 +339,7 @@ impl Display for ParameterReport {
         let mut notes: Vec<String> = outside.iter().filter(|amount| !is_written(amount)).map(said).collect();
         if let Some(amount) = in_trig.as_ref().filter(|amount| !is_written(amount) && outside.as_ref() != Some(*amount))
         {
-            // Only angles have another number outside.
+            // Only angles have another value in sin than outside.
             let place = if amount.unit.starts_with("rad") { " in sin" } else { "" };
             notes.push(format!("{}{place}", said(amount)));
         }
@@ -351,18 +351,18 @@ impl Display for ParameterReport {
     }
 }
 
-/// A ramp that does not make up for the way that it loses.
+/// A ramp that loses distance and does not make up for it.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct BehindReport {
-    /// The way that it loses, steps; negative of a law that goes backward there.
+    /// The distance that it loses, steps; negative if the law goes backward there.
     pub steps: f64,
-    /// How long it takes, s: from its end on the motor is so much behind.
+    /// The ramp's length, s. From its end on the motor is behind by that distance.
     pub ramp_s: f64,
-    /// It is the motion's end.
+    /// Whether the ramp ends the motion.
     pub ends: bool,
 }
 
-/// The largest value of something, and when.
+/// The largest value of a quantity, and when.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct Peak {
     /// The value.
@@ -377,7 +377,7 @@ impl From<(f64, f64)> for Peak {
     }
 }
 
-/// One line of the motors whose acceleration nothing limits, and of the largest that the motion asks of them.
+/// A line that names the motors without an acceleration limit, with the largest acceleration of the motion.
 pub(crate) fn unlimited(motors: &[MotorReport]) -> Option<String> {
     let unlimited =
         motors.iter().filter(|motor| motor.max_acceleration.is_none() && motor.peak_acceleration.value > 0.0);
@@ -403,7 +403,7 @@ pub(crate) fn unlimited(motors: &[MotorReport]) -> Option<String> {
     }
 }
 
-/// A class in the words of reports.
+/// The name of a proof's class in reports.
 #[must_use]
 pub fn class_name(class: Class) -> &'static str {
     match class {
@@ -414,7 +414,7 @@ pub fn class_name(class: Class) -> &'static str {
 }
 
 impl MotorReport {
-    /// From what was proven of a motor's plan.
+    /// From the certificate of a motor's plan.
     #[must_use]
     pub fn new(motor: &Motor, board: &Board, certificate: &Certificate) -> MotorReport {
         let tick_s = 1.0 / board.tick_hz as f64;
@@ -447,7 +447,7 @@ impl MotorReport {
         }
     }
 
-    /// A peak in steps (per s, per s²), in the user's unit if that is another, and when.
+    /// A peak in steps (per s, per s²), also in the user's unit if that is another, and its time.
     fn in_units(&self, peak: Peak, per: &str) -> String {
         let steps = human::scaled(peak.value, &format!("steps{per}"));
         let at = human::seconds(peak.at_s);
@@ -457,17 +457,17 @@ impl MotorReport {
         format!("{steps} = {} at {at}", self.in_own_unit(peak.value, per))
     }
 
-    /// Steps (per s, per s²) in the user's unit.
+    /// Converts steps (per s, per s²) to the user's unit.
     fn in_own_unit(&self, steps: f64, per: &str) -> String {
         human::scaled(steps / self.steps_per_unit, &format!("{}{per}", human::unit(&self.unit)))
     }
 
-    /// Whether it is to move, by less than makes a step.
+    /// Whether the motor is to move, but by less than one step.
     fn stays(&self) -> bool {
         self.steps == 0 && (self.peak_speed.value > 0.0 || !self.behind.is_empty())
     }
 
-    /// How far a motion stays behind its law, and where that comes from.
+    /// How far the motor stays behind its law, and because of which ramps.
     fn behind(&self, behind: &BehindReport) -> String {
         let (steps, ramp) = (human::significant(behind.steps.abs(), 4), human::seconds(behind.ramp_s));
         let own = human::significant(behind.steps.abs() / self.steps_per_unit, 4);
@@ -476,7 +476,7 @@ impl MotorReport {
         format!("{steps} steps{own}, {when} a ramp of {ramp}")
     }
 
-    /// The same of all its ramps that end it, or begin it.
+    /// How far the motor stays behind because of all ramps that end motions, or that begin them.
     fn all_behind(&self, ends: bool) -> Option<String> {
         let said: Vec<String> =
             self.behind.iter().filter(|behind| behind.ends == ends).map(|behind| self.behind(behind)).collect();
@@ -488,7 +488,7 @@ impl MotorReport {
     }
 }
 
-/// The parameters of a motor's formulas; motions that are the same in this have them once.
+/// The parameters of a motor's formulas. Motions with the same parameters list them once.
 fn formulas(motor: &Motor) -> Vec<FormulaReport> {
     let mut formulas: Vec<FormulaReport> = Vec::new();
     for parameters in motor.law.formula_parameters() {
@@ -500,7 +500,7 @@ fn formulas(motor: &Motor) -> Vec<FormulaReport> {
     formulas
 }
 
-/// A line for each formula, and motors that have the same parameters on one.
+/// A line for each formula. Motors with the same parameters share a line.
 fn write_parameters(f: &mut fmt::Formatter<'_>, motors: &[MotorReport]) -> fmt::Result {
     let mut lines: Vec<(&FormulaReport, Vec<&str>)> = Vec::new();
     for motor in motors {
@@ -518,10 +518,11 @@ fn write_parameters(f: &mut fmt::Formatter<'_>, motors: &[MotorReport]) -> fmt::
     if lines.is_empty() { Ok(()) } else { writeln!(f) }
 }
 
-/// One line of a table: what it is, and its value for a motor, if it has one; the last argument is a tick in s.
+/// A table's line: its name, and its value for a motor, if that has one. The last argument of the function is the
+/// length of a tick, s.
 type TableLine<M> = (&'static str, fn(&M, f64) -> Option<String>);
 
-/// A column for each motor; lines that no motor has a value for are left out.
+/// Prints a column for each motor, and leaves out lines without a value.
 fn side_by_side<M>(motors: &[M], name: fn(&M) -> &String, lines: &[TableLine<M>], tick_s: f64) -> Table {
     let mut table = Table::default().left(&[0]);
     table.row([String::new()].into_iter().chain(motors.iter().map(|motor| name(motor).clone())));
@@ -574,10 +575,10 @@ const PLANNED: &[TableLine<MotorReport>] = &[
     ("stops before it", |m, _| m.all_behind(true)),
 ];
 
-/// Motors side by side in one table.
+/// Motors side by side in a table.
 const ABREAST: usize = 3;
 
-/// A verdict as a table, a column for each motor; then the failures.
+/// A verdict as a table with a column for each motor; then its failures.
 pub struct VerdictTable<'a>(pub &'a verdict::Report);
 
 const SEEN: &[TableLine<verdict::MotorReport>] = &[
@@ -612,7 +613,7 @@ fn measured(time: verdict::Measured) -> String {
     format!("{} of {}", human::seconds(time.seen_ns * 1e-9), human::seconds(f64::from(time.needed_ns) * 1e-9))
 }
 
-/// Failures that are printed; the report has more.
+/// How many failures are printed. The report has all that the verdict kept.
 const FAILURES_SHOWN: usize = 10;
 
 impl Display for VerdictTable<'_> {
@@ -622,7 +623,7 @@ impl Display for VerdictTable<'_> {
     }
 }
 
-/// All of a verdict but its last line.
+/// Writes a verdict without its last line.
 fn write_verdict(f: &mut fmt::Formatter<'_>, report: &verdict::Report) -> fmt::Result {
     let tick_s = 1.0 / report.tick_hz as f64;
     for motors in report.motors.chunks(ABREAST) {
@@ -694,7 +695,7 @@ mod tests {
     use super::*;
     use pulsetrain_trace::verdict::Alignment;
 
-    /// PASS and exit code 0 go together: what is added to a verdict that is ok is told.
+    /// PASS and exit code 0 go together. A verdict that is ok may have additions, which are printed.
     #[test]
     fn a_run_that_lost_or_added_steps_says_so_and_does_not_pass() {
         let plan = PlanReport {

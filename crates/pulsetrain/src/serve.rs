@@ -1,7 +1,7 @@
-//! Virtual boards in real time: for a client at the other end of a pseudo-terminal or a socket, or for this program.
+//! Runs virtual boards in real time, for a client at a pseudo-terminal or a socket, or for this program.
 //!
-//! [`Service::round`] knows no clock: it is told how far to come. [`in_real_time`] tells it the time of day. [`Paced`] is a
-//! virtual board for whoever looks at it as time goes by.
+//! [`Service::round`] knows no clock: its caller gives the board's time to reach. [`in_real_time`] gives it the time of
+//! day. [`Paced`] makes a port of a virtual board that keeps pace with the time of day.
 
 use std::io::{self, Read, Write};
 use std::net::{SocketAddr, TcpListener, TcpStream};
@@ -12,25 +12,25 @@ use pulsetrain_board::{Port, PortError, VirtualBoard};
 use pulsetrain_core::wire::Baud;
 use pulsetrain_trace::{Edge, Line, vcd_file};
 
-/// Where a client comes and goes.
+/// A place where clients come and go: a pseudo-terminal or a socket.
 pub trait Client {
-    /// Takes what the client sent, and says whether there is one.
+    /// Receives the client's bytes, and says whether there is a client.
     ///
     /// # Errors
-    /// When no client can come any more.
+    /// If no client can come any more.
     fn poll(&mut self, into: &mut Vec<u8>) -> io::Result<bool>;
 
-    /// Hands bytes over to the client. One that has gone away does not get them: that is no error.
+    /// Sends bytes to the client. If the client has gone away they are lost, which is no error.
     ///
     /// # Errors
-    /// When no client can come any more.
+    /// If no client can come any more.
     fn send(&mut self, bytes: &[u8]) -> io::Result<()>;
 
-    /// The rate that the client set, if it can.
+    /// The rate that the client has set, if it can set one.
     fn rate(&self) -> Option<u32>;
 }
 
-/// A virtual board and its client.
+/// A virtual board with its client.
 pub struct Service<B, C, W: Write> {
     board: B,
     client: C,
@@ -42,10 +42,10 @@ pub struct Service<B, C, W: Write> {
 }
 
 impl<B: VirtualBoard, C: Client, W: Write> Service<B, C, W> {
-    /// A board that has just been plugged in; edges are written to `trace`.
+    /// Starts a board that has just been plugged in. Its edges are written to `trace`.
     ///
     /// # Errors
-    /// When the trace cannot be begun.
+    /// If the trace cannot be written.
     pub fn new(board: B, client: C, trace: Option<W>) -> io::Result<Service<B, C, W>> {
         let lines: Vec<Line> = board.traced().map(|pin| Line::named(format!("pin{pin}"))).collect();
         let trace = trace
@@ -62,31 +62,32 @@ impl<B: VirtualBoard, C: Client, W: Write> Service<B, C, W> {
         self.board.now()
     }
 
-    /// Clients so far.
+    /// Number of clients so far.
     #[must_use]
     pub const fn clients(&self) -> u64 {
         self.clients
     }
 
-    /// Takes what the client sent, lets the board come to `until`, and hands over what it said meanwhile.
+    /// Receives the client's bytes, lets the board run to `until`, and sends the board's bytes.
     ///
     /// # Errors
-    /// When no client can come any more, or the trace cannot be written.
+    /// If no client can come any more, or the trace cannot be written.
     pub fn round(&mut self, until: Duration) -> io::Result<()> {
         self.bytes.clear();
         let present = self.client.poll(&mut self.bytes)?;
         if present && !self.present {
-            // DTR, as the port is opened.
+            // Opening the port raises DTR, which resets the board.
             self.trace_edges()?;
             self.board.reset();
             self.clients += 1;
-            // Whatever the client before it had.
+            // Bytes for the client before this one are dropped.
             self.board.set_baud(Baud::B115200).map_err(io::Error::other)?;
             self.begin()?;
         }
         self.present = present;
         if present {
-            // A client changes its rate when nothing is under way, so what has come since is at the new one.
+            // A client changes its rate while no bytes are on their way, so the bytes of this round are at the new
+            // rate.
             if let Some(rate) = self.client.rate() {
                 self.board.follow(rate).map_err(io::Error::other)?;
             }
@@ -102,8 +103,9 @@ impl<B: VirtualBoard, C: Client, W: Write> Service<B, C, W> {
         self.trace_edges()
     }
 
-    /// Lets the firmware begin before it gets what the client has sent already: clients of StepperWinch do not wait for
-    /// `awake`. A real Uno is deaf for a second or two more, in its bootloader; so is a virtual one that has one.
+    /// Lets the firmware start before it gets the client's first bytes: clients of StepperWinch do not wait for
+    /// `awake`. A real Uno is deaf for a second or two longer, in its bootloader; so is a virtual one that has a
+    /// bootloader.
     fn begin(&mut self) -> io::Result<()> {
         let listens = self.board.now() + UNTIL_IT_LISTENS;
         let mut said = Vec::new();
@@ -128,39 +130,40 @@ impl<B: VirtualBoard, C: Client, W: Write> Service<B, C, W> {
     /// Ends the trace.
     ///
     /// # Errors
-    /// When it cannot be written.
+    /// If it cannot be written.
     pub fn finish(self) -> io::Result<()> {
         self.trace.map_or(Ok(()), vcd_file::EdgeWriter::finish).map_err(untraced)
     }
 }
 
-/// What is full is the trace's disk, not the line to the client.
+/// Names the trace in an error, since the full disk is the trace's and not the client's.
 fn untraced(error: io::Error) -> io::Error {
     io::Error::new(error.kind(), format!("its trace cannot be written: {error}"))
 }
 
-/// A firmware listens within so long after its reset.
+/// A firmware reads its line this long after a reset, at the latest.
 const UNTIL_IT_LISTENS: Duration = Duration::from_millis(10);
 
-/// How long the host sleeps between rounds: a frame of USB.
+/// How long the thread sleeps between rounds: a frame of USB.
 const ROUND: Duration = Duration::from_millis(1);
 
-/// A chip that is further behind is not caught up with: its time goes on from where it is.
+/// If the board is further behind, it does not catch up: its time goes on from there.
 const FARTHEST_BEHIND: Duration = Duration::from_millis(100);
 
-/// One that is further ahead goes on at once: a reset is a leap of 65 ms, and clients may come in close succession.
+/// If the board is further ahead, its lead counts as a leap. A reset is a leap of 65 ms, and clients may come in quick
+/// succession.
 const FARTHEST_AHEAD: Duration = Duration::from_millis(100);
 
-/// A virtual board that keeps pace with the time of day, as a port.
+/// A virtual board as a port that keeps pace with the time of day.
 #[derive(Debug)]
 pub struct Paced<B> {
     board: B,
-    /// When the board's time was 0.
+    /// The time of day at which the board's time was 0.
     began: Instant,
 }
 
 impl<B: Port> Paced<B> {
-    /// From now on.
+    /// Keeps pace from now on.
     pub fn new(board: B) -> Paced<B> {
         let began = Instant::now();
         Paced { began: began.checked_sub(board.now()).unwrap_or(began), board }
@@ -183,7 +186,7 @@ impl<B: Port> Port for Paced<B> {
             self.board.receive(due.min(until), into)?;
             let behind = due.saturating_sub(self.board.now()).min(until.saturating_sub(self.board.now()));
             if behind > FARTHEST_BEHIND {
-                // Not caught up with: its time goes on from where it is.
+                // The board does not catch up: its time goes on from here.
                 self.began += behind;
             }
             if into.len() == had && behind < ROUND && self.board.now() < until {
@@ -202,7 +205,8 @@ impl<B: Port> Port for Paced<B> {
     }
 }
 
-/// Lets a virtual board keep pace with the time of day until `stop` says so of its own time. Gives the time that it fell behind.
+/// Lets a virtual board keep pace with the time of day until `stop`, which gets the board's time, is true. Gives the
+/// time that the board fell behind.
 ///
 /// # Errors
 /// As [`Service::round`].
@@ -210,12 +214,12 @@ pub fn in_real_time<B: VirtualBoard, C: Client, W: Write>(
     service: &mut Service<B, C, W>,
     stop: impl Fn(Duration) -> bool,
 ) -> io::Result<Duration> {
-    // Of the chip's time: what was let go, and what it leapt ahead in resets, one for each client.
+    // The board's time that was given up, and its leaps ahead in resets, one for each client.
     let (mut lost, mut leapt) = (Duration::ZERO, Duration::ZERO);
     let began = Instant::now();
     while !stop(service.now()) {
         let due = (began.elapsed() + leapt).saturating_sub(lost);
-        // In short strides, so that a slow computer still hears its client and Ctrl-C.
+        // The rounds are short, so that a slow computer still hears its client and Ctrl-C.
         service.round(due.min(service.now() + 10 * ROUND))?;
         let due = (began.elapsed() + leapt).saturating_sub(lost);
         let behind = due.saturating_sub(service.now());
@@ -230,7 +234,7 @@ pub fn in_real_time<B: VirtualBoard, C: Client, W: Write>(
     Ok(lost)
 }
 
-/// No client, ever: for boards that have nothing to say.
+/// Stands for no client, for boards that need none.
 #[derive(Clone, Copy, Debug)]
 pub struct Nobody;
 
@@ -248,7 +252,7 @@ impl Client for Nobody {
     }
 }
 
-/// One client at a time on a socket. Its rate is not known, so that the line stays at 115 200 baud.
+/// A socket with one client at a time. A socket has no rate, so the board's line stays at 115 200 baud.
 #[derive(Debug)]
 pub struct Socket {
     listener: TcpListener,
@@ -259,17 +263,17 @@ impl Socket {
     /// Listens at an address.
     ///
     /// # Errors
-    /// When somebody else does, or it is none of this computer's.
+    /// If another program listens there, or the address is not this computer's.
     pub fn listen(address: SocketAddr) -> io::Result<Socket> {
         let listener = TcpListener::bind(address)?;
         listener.set_nonblocking(true)?;
         Ok(Socket { listener, stream: None })
     }
 
-    /// Where it listens: the port that was found, if 0 was asked for.
+    /// The address, with the port that the system chose if 0 was given.
     ///
     /// # Errors
-    /// When the system does not say.
+    /// If the system does not tell.
     pub fn address(&self) -> io::Result<SocketAddr> {
         self.listener.local_addr()
     }
@@ -293,14 +297,14 @@ impl Client for Socket {
         match stream.read(&mut buffer) {
             Ok(len) if len > 0 => into.extend_from_slice(&buffer[..len]),
             Err(error) if error.kind() == io::ErrorKind::WouldBlock => {}
-            // It said good-bye, or is gone without a word.
+            // The client has closed the connection, or it broke.
             Ok(_) | Err(_) => self.stream = None,
         }
         Ok(self.stream.is_some())
     }
 
     fn send(&mut self, bytes: &[u8]) -> io::Result<()> {
-        // A client that does not read loses what does not fit, as at a real port.
+        // If a client does not read, bytes that do not fit are lost, as at a real port.
         let gone = |error: io::Error| error.kind() != io::ErrorKind::WouldBlock;
         if self.stream.as_mut().is_some_and(|stream| stream.write_all(bytes).is_err_and(gone)) {
             self.stream = None;
@@ -327,15 +331,17 @@ mod pty {
     use std::path::{Path, PathBuf};
     use std::time::Duration;
 
-    /// Pseudo-terminals, with a link to the one that is free, which is gone in the end. Each client gets a new one: it finds no
-    /// rate, no lock and no byte of the one before, and a client that closes is not mistaken for the next, however soon that opens.
+    /// A pseudo-terminal for each client, with a link to the one that is free. The link is removed in the end. With a
+    /// new terminal a client finds no rate, no lock and no byte of the client before, and one that closes is not
+    /// mistaken for the next one, however soon that opens.
     #[derive(Debug)]
     pub struct Pty {
-        /// A client has it.
+        /// Whether a client has it open.
         served: Option<PtyEnd>,
-        /// Where the link leads.
+        /// Where the link points to.
         free: PtyEnd,
-        /// What the last client had: another may have followed the link just before it was changed, and is served all the same.
+        /// The last client's terminal: another client may have followed the link just before it changed, and is served
+        /// there all the same.
         before: Option<PtyEnd>,
         link: PathBuf,
     }
@@ -349,12 +355,13 @@ mod pty {
     }
 
     impl Pty {
-        /// Makes both.
+        /// Makes the terminal and the link.
         ///
         /// # Errors
-        /// When there is a file of that name, or none can be made there.
+        /// If a file of that name exists, or none can be made there.
         pub fn new(link: &Path) -> io::Result<Pty> {
-            // One that leads nowhere was left by a run that was killed. The new terminal may have the old one's name.
+            // A link that points nowhere was left by a run that was killed. The new terminal may have the old one's
+            // name.
             if link.is_symlink() && !link.exists() {
                 std::fs::remove_file(link)?;
             }
@@ -363,7 +370,8 @@ mod pty {
             Ok(Pty { served: None, free, before: None, link: link.to_owned() })
         }
 
-        /// A client has the free one: the link leads to another, without a moment in which there is none.
+        /// A client has opened the free terminal: makes a new one and points the link to it in one step, so that there
+        /// always is a link.
         fn serve(&mut self) -> io::Result<()> {
             let mut name = self.link.clone().into_os_string();
             name.push(format!(".{}", std::process::id()));
@@ -376,22 +384,22 @@ mod pty {
     }
 
     impl PtyEnd {
-        /// The client's end is closed again: then the other end knows whether somebody has it open.
+        /// Closes the client's end again, so that the board's end can tell whether a client has it open.
         fn new() -> io::Result<PtyEnd> {
             let (mut master, mut client) = TTYPort::pair()?;
-            // For a client that sets no rate; it stays as the client's end is closed.
+            // The rate for a client that sets none. It stays when the client's end is closed.
             client.set_baud_rate(Baud::B115200.rate())?;
             master.set_timeout(Duration::ZERO)?;
             let name = client.name().ok_or_else(|| io::Error::other("the pseudo-terminal has no name"))?;
             Ok(PtyEnd { master, name })
         }
 
-        /// Takes what the client sent, and says whether one has it open.
+        /// Receives the client's bytes, and says whether a client has the terminal open.
         fn hear(&mut self, into: &mut Vec<u8>) -> bool {
             let mut buffer = [0; 1024];
             match self.master.read(&mut buffer) {
                 Ok(len) => into.extend_from_slice(&buffer[..len]),
-                // Somebody is there, and silent.
+                // A client is there, and has sent nothing.
                 Err(error) => return error.kind() == io::ErrorKind::TimedOut,
             }
             true
@@ -402,7 +410,8 @@ mod pty {
         fn poll(&mut self, into: &mut Vec<u8>) -> io::Result<bool> {
             if let Some(mut served) = self.served.take() {
                 if !served.hear(into) {
-                    // The next one is served from the next look on, so that the board sees it come.
+                    // The next client is served from the next round on, so that the board first sees that this one is
+                    // gone.
                     self.before = Some(served);
                     return Ok(false);
                 }
@@ -422,7 +431,7 @@ mod pty {
         }
 
         fn send(&mut self, bytes: &[u8]) -> io::Result<()> {
-            // A client that does not read loses what does not fit, as at a real port.
+            // If a client does not read, bytes that do not fit are lost, as at a real port.
             if let Some(served) = &mut self.served {
                 let _ = served.master.write(bytes);
             }
@@ -436,7 +445,7 @@ mod pty {
 
     impl Drop for Pty {
         fn drop(&mut self) {
-            // If somebody else took it away, it is gone all the same; what they put there is theirs.
+            // If another program has removed the link, that is no error; and what it put there stays.
             if std::fs::read_link(&self.link).is_ok_and(|to| to == Path::new(&self.free.name)) {
                 let _ = std::fs::remove_file(&self.link);
             }

@@ -1,23 +1,23 @@
-//! The largest peak that runs: sinusoids in phase, at some frequencies.
+//! Finds the largest peak rate that runs, for sinusoids in phase at some frequencies.
 
 use super::motions::in_phase;
 use super::outcome::Outcome;
 use super::{BOARDS, Folder, Program};
 use crate::command::{self, Done};
 
-/// Hz.
+/// Frequencies of the sinusoids, Hz.
 const FREQUENCIES: [u32; 5] = [1, 3, 10, 30, 60];
-/// Peaks that are tried: what is promised, and so many rungs of 5 % below it.
+/// Peak rates that are tried: the promised one, and this many below it, each 5 % lower.
 const RUNGS: u32 = 80;
 
-/// A row of the table: a board with so many motors.
+/// A row of the table: a board with a number of motors.
 #[derive(Clone, Copy)]
 struct BoundaryRow {
     board: &'static str,
     motors: usize,
 }
 
-/// Prints the table, of one board or of all that have a firmware.
+/// Prints the table for one board, or for all that have a firmware.
 pub(super) fn run(program: &Program, board: Option<&str>) -> Done {
     let boards = BOARDS.into_iter().filter(|name| board.map_or(*name != "native", |board| board == *name));
     let rows: Vec<BoundaryRow> = boards.flat_map(|board| [2, 4].map(|motors| BoundaryRow { board, motors })).collect();
@@ -41,14 +41,14 @@ fn thousands(hz: f64) -> String {
     format!("{:.decimals$}", hz / 1000.0)
 }
 
-/// What is promised, and the largest peak that runs, steps/s; rungs are taken to run below one that does.
+/// The promised peak rate, and the largest that runs, steps/s. If a rate runs, all lower ones are taken to run, too.
 fn peak(program: &Program, row: BoundaryRow, frequency: u32) -> Done<(f64, Option<f64>)> {
     let BoundaryRow { board, motors } = row;
     let folder = Folder::new(format!("boundary-{board}-{motors}-{frequency}"))?;
     folder.write("too-fast.toml", in_phase(board, motors, 1e9, frequency).files[0].1.as_str())?;
     let promised_hz = program.promised_hz(&folder, "too-fast.toml")?;
     let at = |rung: u32| promised_hz * 0.95_f64.powf(f64::from(rung));
-    // The first rung that runs is after `fails`, and `runs` at most.
+    // The first rate that runs lies behind `fails`, at `runs` at the latest.
     let (mut fails, mut runs) = (None, RUNGS);
     while fails.map_or(0, |rung| rung + 1) < runs {
         let rung = fails.map_or(0, |rung| (rung + runs) / 2);

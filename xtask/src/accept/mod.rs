@@ -1,4 +1,4 @@
-//! Random realistic motions, planned and run as a user does it, by the program itself: what `plan` accepts must run.
+//! Plans and runs random realistic motions with the program that users run. What `plan` accepts must run.
 
 mod boundary;
 mod motions;
@@ -17,7 +17,7 @@ use std::sync::mpsc;
 use std::thread;
 use std::time::{Duration, Instant};
 
-/// What is tried.
+/// Which motions are tried.
 #[derive(clap::Args)]
 pub(crate) struct Options {
     /// How many motions
@@ -44,18 +44,18 @@ pub(crate) struct Options {
 }
 
 impl Options {
-    /// So many motions, on all boards by turns.
+    /// This many random motions, with the boards in turn.
     pub(crate) fn random(count: u64, seed: u64) -> Options {
         Options { count, seed, only: None, board: None, baud: None, keep: false, boundary: false }
     }
 }
 
-/// A process that takes longer than that is taken to hang, s. Those of a motion take a few.
+/// If a process takes longer than this, s, it is taken to hang. The processes of a motion take a few seconds.
 const HANGS_S: u64 = 300;
-/// One in so many runs that pass has its trace judged anew, from the file.
+/// Of the runs that pass, one in this many has its trace judged again, from the file.
 const VERIFIED: u64 = 4;
 
-/// Tries motions, prints what came of them, and fails if any broke.
+/// Tries motions, prints the outcomes, and fails if any broke.
 pub(crate) fn run(options: &Options) -> Done {
     let program = Program::build(options.baud)?;
     if options.boundary {
@@ -78,7 +78,7 @@ pub(crate) fn run(options: &Options) -> Done {
     print!("{}", report(options, &tried));
     println!("\n{} motions in {took_s:.0} s: {:.0} a minute", tried.len(), 60.0 * tried.len() as f64 / took_s);
     let broken = tried.iter().filter(|tried| tried.outcome.is_failure()).count();
-    // The rates are promised at 1 Mbaud.
+    // The boards' rates are promised at 1 Mbaud.
     let too_many = options.baud.is_none() && promised::line(&tried).1;
     let passed = tried.iter().filter(|tried| matches!(tried.outcome, Outcome::Passed)).count();
     match (broken, passed) {
@@ -99,7 +99,7 @@ impl Outcome {
         }
     }
 
-    /// The place in [`COLUMNS`], and what was said.
+    /// The place in [`COLUMNS`], and the program's message.
     fn column(&self) -> (usize, &str) {
         match self {
             Outcome::Refused(why) => (0, why),
@@ -109,22 +109,22 @@ impl Outcome {
     }
 }
 
-/// What can come of a motion.
+/// The possible outcomes of a motion.
 const COLUMNS: [&str; 3] = ["refused", "passed", "broken"];
 
-/// A motion, and what came of it.
+/// A motion and its outcome.
 struct Tried {
     number: u64,
     board: &'static str,
     motors: usize,
-    /// An Uno is to follow it: see [`promised::is_promised`].
+    /// Whether an Uno must follow it: see [`promised::is_promised`].
     promised: bool,
     outcome: Outcome,
     /// Where its files are, or were.
     folder: PathBuf,
 }
 
-/// Tables and lists of what came of motions.
+/// Tables and lists of the outcomes.
 fn report(options: &Options, tried: &[Tried]) -> String {
     let baud = options.baud.map_or_else(String::new, |baud| format!(" --baud {baud}"));
     let mut rows: BTreeMap<(usize, usize), [usize; 3]> = BTreeMap::new();
@@ -190,7 +190,7 @@ impl Program {
         Ok(Program { binary, baud })
     }
 
-    /// Makes a motion, plans it, runs it; one in some is judged a second time, from its trace.
+    /// Makes a motion, plans and runs it. Some are judged a second time, from their traces.
     fn attempt(&self, options: &Options, number: u64, board: &'static str) -> Done<Tried> {
         let seed = options.seed;
         let folder = Folder::new(format!("seed-{seed}-{number}-{board}"))?;
@@ -227,7 +227,7 @@ impl Program {
         Ok(outcome::verified(&self.say(folder, "verify", &[&[&trace, "motion.toml"], until, pins])?))
     }
 
-    /// What `plan` says that the board does at most of so many motors on such pins and drivers, steps/s of each.
+    /// The rate that `plan` promises for this many motors on such pins and drivers, steps/s of each.
     fn promised_hz(&self, folder: &Folder, too_fast: &str) -> Done<f64> {
         let ended = self.say(folder, "plan", &[&[too_fast, "--yes"]])?;
         let said = String::from_utf8_lossy(&ended.stdout);
@@ -240,7 +240,7 @@ impl Program {
         })
     }
 
-    /// Runs a command of it in a folder, with `--json`.
+    /// Runs a command of the program in a folder, with `--json`.
     fn say(&self, folder: &Folder, name: &str, arguments: &[&[&str]]) -> Done<Ended> {
         let mut command = command(&self.binary);
         command.current_dir(&folder.0).arg(name).args(arguments.concat()).arg("--json");
@@ -252,7 +252,7 @@ impl Program {
     }
 }
 
-/// Runs to the end, or ends it after `limit`.
+/// Runs a process to its end, or ends it after `limit`.
 fn ended(command: &mut Command, limit: Duration) -> Done<Ended> {
     let text = format!("{command:?}");
     let failure = |why| Failure::Start { command: text.clone(), why };
@@ -263,7 +263,7 @@ fn ended(command: &mut Command, limit: Duration) -> Done<Ended> {
         let sender = sender.clone();
         thread::spawn(move || {
             let mut said = Vec::new();
-            // What was said before a pipe broke counts.
+            // Output before a pipe broke is kept.
             let _ = pipe.map(|mut pipe| pipe.read_to_end(&mut said));
             let _ = sender.send(());
             said
@@ -272,7 +272,7 @@ fn ended(command: &mut Command, limit: Duration) -> Done<Ended> {
     let stdout = read(child.stdout.take().map(|pipe| Box::new(pipe) as Box<dyn Read + Send>));
     let stderr = read(child.stderr.take().map(|pipe| Box::new(pipe) as Box<dyn Read + Send>));
     let until = Instant::now() + limit;
-    // Both pipes end when it does.
+    // Both pipes end with the process.
     let hung = (0..2).any(|_| ends.recv_timeout(until.saturating_duration_since(Instant::now())).is_err());
     if hung {
         child.kill().map_err(failure)?;
@@ -282,14 +282,14 @@ fn ended(command: &mut Command, limit: Duration) -> Done<Ended> {
     Ok(Ended { code: status.code(), stdout, stderr, hung })
 }
 
-/// Where `run` writes, in a motion's folder.
+/// The folder in a motion's folder that `run` writes to.
 const RUN: &str = "run";
 
 /// A motion's folder, below the target folder.
 struct Folder(PathBuf);
 
 impl Folder {
-    /// An empty one.
+    /// Makes an empty one.
     fn new(name: String) -> Done<Folder> {
         let folder = Folder(target_dir().join("accept").join(name));
         if folder.0.exists() {
@@ -304,7 +304,7 @@ impl Folder {
         fs::write(&path, text).map_err(|why| self.failure(&path, why))
     }
 
-    /// What `run` wrote may be large, and comes again.
+    /// The files of `run` may be large, and can be made again.
     fn remove_run(&self) -> Done {
         let run = self.0.join(RUN);
         if run.exists() { fs::remove_dir_all(&run).map_err(|why| self.failure(&run, why)) } else { Ok(()) }

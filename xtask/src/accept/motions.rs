@@ -1,37 +1,39 @@
-//! Random motion files as users write them: a law or a path for each motor, on a board, with drivers, pins and limits.
+//! Random motion files like those of users: a law or a path for each motor, on a board, with drivers, pins and limits.
 //!
-//! A motion is a function of its seed, its number and its board alone.
+//! A motion depends only on its seed, its number and its board.
 
 use crate::random::Random;
 use std::f64::consts::{PI, TAU};
 use std::fmt::Write as _;
 
-/// Boards that have a motion run, in the order in which they take turns.
+/// Boards that run motions, in the order in which they take turns.
 pub(crate) const BOARDS: [&str; 3] = ["native", "uno", "pico"];
 
-/// Motions last so long, s.
+/// Length of motions, s.
 const SPAN_S: f64 = 2.0;
-/// They are shorter if all motors together would make more steps than that: each takes time and a line in two files.
+/// A motion is shorter if all motors together would make more steps than this, since each step takes time and a line in
+/// two files.
 const MOST_STEPS: f64 = 1_500_000.0;
-/// A motion's fastest motor goes at such a share of what the board promises.
+/// Rate of a motion's fastest motor, as a share of the board's promise.
 const SLOWEST_SHARE: f64 = 0.02;
 
-/// A motion file and what belongs to it.
+/// A motion file with its data.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Motion {
-    /// Name and text of its files; the first is the motion file.
+    /// Names and texts of its files. The first is the motion file.
     pub(crate) files: Vec<(String, String)>,
-    /// How many motors it has.
+    /// Number of motors.
     pub(crate) motors: usize,
-    /// It never ends: commands are to be told for how long.
+    /// Whether it never ends: then the commands need `--for`.
     pub(crate) endless: bool,
-    /// The fastest that a motor is to go, steps/s.
+    /// The fastest rate that a motor should have, steps/s.
     pub(crate) rate: f64,
-    /// The largest acceleration ÷ (2π · fastest rate) of all motors, Hz: of a sinusoid that is its frequency. `None` where a law's is not known.
+    /// The largest acceleration ÷ (2π · fastest rate) of all motors, Hz: of a sinusoid that is its frequency. `None` if
+    /// it is unknown for one of the laws.
     pub(crate) turns_hz: Option<f64>,
 }
 
-/// The motors of a motion, as they are wired: what a board's promise depends on.
+/// The motors of a motion and their wiring, on which a board's promise depends.
 pub(crate) struct Rig {
     board: &'static str,
     seed: u64,
@@ -39,7 +41,7 @@ pub(crate) struct Rig {
     random: Random,
     motors: Vec<Motor>,
     shares_dir: bool,
-    /// They are of one make and do the same at the same time: that is hardest.
+    /// Whether all motors are of one make and move alike at the same time, which is hardest for a board.
     alike: bool,
 }
 
@@ -47,9 +49,9 @@ pub(crate) struct Rig {
 #[derive(Clone, Debug)]
 struct Motor {
     name: &'static str,
-    /// Its table's lines, up to its limits.
+    /// The lines of its table, up to its limits.
     text: String,
-    /// What amounts are given in, and steps in one of it.
+    /// The unit of its amounts, and the steps in one unit.
     unit: &'static str,
     per_unit: f64,
     per_rev: f64,
@@ -57,10 +59,10 @@ struct Motor {
     per_mm: f64,
 }
 
-/// Names in their order; the first four are the axes of StepperWinch's text.
+/// Motors' names in order. The first four are the axes of StepperWinch's text.
 const NAMES: [&str; 8] = ["x", "y", "z", "a", "b", "c", "d", "e"];
 
-/// Drivers with STEP and DIR, and microsteps that they have.
+/// Drivers with STEP and DIR, and their microsteps.
 const DRIVERS: [(&str, &[u16]); 6] = [
     ("A4988", &[1, 2, 4, 8, 16]),
     ("DRV8825", &[1, 2, 4, 8, 16, 32]),
@@ -70,20 +72,20 @@ const DRIVERS: [(&str, &[u16]); 6] = [
     ("TB6600", &[1, 2, 4, 8, 16, 32]),
 ];
 
-/// STEP and DIR of an Uno's motors.
+/// STEP and DIR pins of an Uno's motors.
 type UnoPins = &'static [(u8, u8)];
 
-/// What works together on an Uno; as many motors as are needed take the first of a row that has as many.
+/// Pins that work together on an Uno. A motion takes the first motors of a row that has enough.
 const UNO_PINS: [UnoPins; 7] = [
-    // The compare hardware's.
+    // Pins of the compare hardware.
     &[(9, 8), (10, 11)],
     &[(9, 7), (10, 6)],
-    // Ports D and B.
+    // Pins on ports D and B.
     &[(2, 5), (3, 6), (4, 7)],
     &[(8, 11), (9, 12), (10, 13)],
-    // The CNC shield's.
+    // The CNC shield's pins.
     &[(2, 5), (3, 6), (4, 7), (12, 13)],
-    // One DIR line.
+    // One DIR line for all motors.
     &[(9, 8), (10, 8), (11, 8), (12, 8)],
     &[(2, 5), (3, 5), (4, 5)],
 ];
@@ -116,16 +118,17 @@ impl Rig {
         Rig { board, seed, number, random, motors, shares_dir, alike }
     }
 
-    /// A motion of these motors that no board keeps up with: the refusal says what it promises.
+    /// A motion of these motors that no board can follow: the refusal then contains the board's promise.
     pub(crate) fn too_fast(&self) -> String {
         let mut text = format!("board = \"{}\"\n", self.board);
         if self.board == "pico" {
-            // With a wide tolerance the rate is the first limit that is met, not the segments.
+            // With a wide tolerance the rate is the first limit that is met, and not the segments.
             text.push_str("tolerance = \"100 us\"\n");
         }
         for (index, motor) in self.motors.iter().enumerate() {
             let Motor { name, text: table, .. } = motor;
-            // The others rest: steps of motors that share a DIR line would come too close before.
+            // The other motors rest: else steps of motors that share a DIR line would come too close before the rate is
+            // met.
             let amplitude = if index == 0 { 1_000_000_000.0 } else { 0.001 };
             let law = format!("law.sine = {{ amplitude = \"{amplitude} step\", frequency = \"1 Hz\" }}");
             let _ = write!(text, "\n[motor.{name}]\n{table}\n[[motion]]\nmotor = \"{name}\"\n{law}\n");
@@ -203,7 +206,7 @@ impl Rig {
     }
 }
 
-/// Sinusoids in phase that peak at `rate` steps/s.
+/// Sinusoids in phase with a peak of `rate` steps/s.
 pub(crate) fn in_phase(board: &str, motors: usize, rate: f64, frequency: u32) -> Motion {
     let pins = if board == "uno" { [(2, 5), (3, 6), (4, 7), (12, 13)] } else { [(2, 3), (4, 5), (6, 7), (8, 9)] };
     let mut text = format!("board = \"{board}\"\n");
@@ -246,7 +249,7 @@ fn native_pins(random: &mut Random) -> Vec<Pins> {
         .collect()
 }
 
-/// STEP and DIR are neighbours; a ULN2003's four lines follow one another.
+/// STEP and DIR are neighbouring pins. A ULN2003's four lines follow one another.
 fn pico_pins(random: &mut Random) -> Vec<Pins> {
     const LAST_COILS: [u8; 4] = [22, 26, 27, 28];
     let coils = match random.below(3) {
@@ -318,13 +321,13 @@ impl Motor {
         Motor { name, text, unit, per_unit, per_rev, per_mm }
     }
 
-    /// So many steps, steps/s, … as a user writes it: four digits and the unit.
+    /// An amount as a user writes it: four digits and the unit.
     fn amount(&self, steps: f64, per: &str) -> String {
         format!("\"{} {}{per}\"", number(steps / self.per_unit), self.unit)
     }
 }
 
-/// Four digits, no exponent.
+/// Four digits without an exponent.
 fn number(value: f64) -> String {
     digits(value, 4)
 }
@@ -338,31 +341,31 @@ fn digits(value: f64, digits: i32) -> String {
     if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').to_owned() } else { text }
 }
 
-/// What one motor does.
+/// The motion of one motor.
 #[derive(Clone)]
 struct Law {
     /// The lines after `motor`.
     text: String,
-    /// Most that it accelerates by, steps/s², where that is known.
+    /// The largest acceleration, steps/s², if it is known.
     acceleration: Option<f64>,
-    /// It begins or ends with the ramps of the motor's limits: these are needed.
+    /// Whether it begins or ends with ramps, which need the motor's limits.
     has_ramps: bool,
-    /// Its peak, steps/s.
+    /// Its peak rate, steps/s.
     rate: f64,
 }
 
-/// A motion while it is made.
+/// A motion while it is built.
 struct Part {
     random: Random,
-    /// Peak of the motor at hand, steps/s.
+    /// Peak rate of the motor that is being built, steps/s.
     rate: f64,
     span_s: f64,
-    /// Further files.
+    /// Further files of the motion.
     tables: Vec<(String, String)>,
     endless: bool,
 }
 
-/// What a motor by itself may do.
+/// The laws of a motor that moves by itself.
 const LAWS: [&str; 13] = [
     "sine",
     "sine with a phase",
@@ -381,11 +384,11 @@ const LAWS: [&str; 13] = [
 
 impl Part {
     fn law_kind(&mut self, shares_dir: bool) -> &'static str {
-        // One DIR line is the sweeps' case.
+        // With one DIR line it is a sweep.
         if shares_dir && self.random.once_in(3) { "sweep" } else { self.random.pick(&LAWS) }
     }
 
-    /// Hz; as fast as 60 Hz at times. A whole cycle fits.
+    /// A frequency, Hz; sometimes as fast as 60 Hz. A whole cycle fits into the motion.
     fn frequency(&mut self) -> f64 {
         let fastest: f64 = if self.random.once_in(6) { 60.0 } else { 10.0 };
         self.random.decades(-0.3, fastest.log10()).max(1.0 / self.span_s)
@@ -432,7 +435,7 @@ impl Part {
                 format!("law.s_curve = {}\n", self.s_curve(motor, distance, rate, ramp_s))
             }
             "to and fro" => {
-                // Turns that are frequent, at times.
+                // Sometimes with frequent reversals.
                 let times = self.random.decades(0.0, 1.6).round().min(self.span_s * 20.0).max(1.0);
                 let way_s = self.span_s / (2.0 * times);
                 let ramp_s = way_s * (0.1 + 0.4 * self.random.unit());
@@ -485,7 +488,7 @@ impl Part {
                 )
             }
             "swing" => {
-                // Whole half swings: it ends at rest.
+                // Whole half swings, so that it ends at rest.
                 let swings = (2.0 * self.frequency() * self.span_s).round().max(1.0);
                 let frequency = swings / (2.0 * self.span_s);
                 let (theta, more) = self.random.pick(&[
@@ -494,7 +497,7 @@ impl Part {
                     ("a*sin(2*pi*f*t)^2 + a*t^2*(3 - 2*t/T)/(10*T*T)", "T"),
                 ]);
                 let more = if more == "T" { format!(", T = \"{span} s\"") } else { more.to_owned() };
-                // Of a·sin³ it is 3aω², where the peak is 1.155aω.
+                // The acceleration of a·sin³ is 3aω², and its peak rate 1.155aω.
                 law.acceleration = Some(2.7 * rate * TAU * frequency);
                 format!(
                     "law.formula = {{ theta = \"{theta}\", unit = \"{}\", duration = \"{span} s\", \
@@ -511,10 +514,10 @@ impl Part {
                 format!("{manner}law.speed = {{ speed = {speed}, duration = \"{span} s\" }}\n")
             }
             _ => {
-                // An axis' own letter; others look at x's commands.
+                // A motor named as an axis has commands of its own; others use x's.
                 let axis = if NAMES[..4].contains(&motor.name) { motor.name } else { "x" };
                 let cutoff = self.random.pick(&[2.0, 4.0, 8.0]);
-                // A critically damped step of 1 is at most ω/e fast.
+                // A critically damped step of 1 has a speed of ω/e at most.
                 let target = (rate * std::f64::consts::E / (TAU * cutoff)).round();
                 let back_s = number(self.span_s / 2.0);
                 format!(
@@ -528,10 +531,10 @@ impl Part {
         law
     }
 
-    /// How a law that does not begin at rest comes to it: by the motor's ramps, or in a time.
+    /// How a law that does not begin at rest is reached: by the motor's ramps, or within a time.
     fn manner(&mut self, law: &mut Law) -> String {
         if self.random.once_in(3) {
-            // They make up for the way that they lose.
+            // These ramps make up for the distance that they lose.
             self.rate /= 1.5;
             law.has_ramps = true;
             law.acceleration = Some(self.rate / (0.1 * self.span_s));
@@ -542,7 +545,7 @@ impl Part {
         format!("ease = \"{} s\"\n", number(ease_s))
     }
 
-    /// max_speed and max_acceleration: both, one, or none, and at times hardly more than the law needs.
+    /// max_speed and max_acceleration: both, one or none, and sometimes hardly more than the law needs.
     fn limits(&mut self, motor: &Motor, law: &Law) -> String {
         let more = if law.has_ramps { 1.6 } else { 1.05 };
         let slack = if self.random.once_in(3) { 1.0 } else { 1.5 };
@@ -581,7 +584,7 @@ impl Part {
         )
     }
 
-    /// Two sinusoids that swell and die away, looked at at a round rate and written with few decimals.
+    /// A table of two sinusoids that grow and fade, sampled at a round rate and written with few decimals.
     fn table(&mut self, motor: &Motor) -> String {
         let rows_per_s = self.random.pick(&[20.0, 50.0, 100.0, 200.0]);
         let step_s = 1.0 / rows_per_s;
@@ -597,7 +600,7 @@ impl Part {
             let swell = (PI * t / self.span_s).sin().powi(2);
             let [first, second] = frequencies.map(|frequency| (TAU * frequency * t).sin());
             let value = amplitude * swell * (share * first + (1.0 - share) * second);
-            // -0.00 is a line of no recorder.
+            // No recorder writes -0.00.
             let value = format!("{value:.decimals$}");
             let is_zero = value.parse() == Ok(0.0);
             let _ = writeln!(text, "{t:.3},{}", if is_zero { "0" } else { &value });
@@ -609,7 +612,7 @@ impl Part {
         law
     }
 
-    /// A machine of the first motors, at times: its kind, how many motors it has, and its text.
+    /// Sometimes a machine of the first motors: its kind, its number of motors, and its text.
     fn machine(&mut self, motors: &[Motor]) -> Option<(&'static str, usize, String)> {
         match (motors, self.random.below(12)) {
             ([x, y, z, ..], 0) => Some(("delta", 3, self.delta([x, y, z]))),
@@ -623,7 +626,7 @@ impl Part {
     }
 
     fn path(&mut self, x: &Motor, y: &Motor) -> (&'static str, String) {
-        // The motor with more steps in a mm is the one that limits.
+        // The motor with more steps in a mm sets the limit.
         let speed = self.rate / x.per_mm.max(y.per_mm);
         let span = number(self.span_s);
         match self.random.below(4) {
@@ -636,7 +639,7 @@ impl Part {
                 ("circle", format!("ease = \"{ease} s\"\npath.circle = {circle}\n"))
             }
             1 => {
-                // The figure's speed is at most some 200 units of it in each of its seconds.
+                // The speed of the figure is at most some 200 of its units a second.
                 let figure_speed = self.random.decades(-0.5, 0.5);
                 let (scale, figure_speed) = (number(speed / 200.0 / figure_speed), number(figure_speed));
                 let ease = number(self.time(0.05, 0.3));
@@ -673,7 +676,7 @@ impl Part {
 
     fn delta(&mut self, motors: [&Motor; 3]) -> String {
         let per_rev = motors.map(|motor| motor.per_rev).into_iter().fold(1.0, f64::max);
-        // A joint of a 70 mm arm; straight lines ask for up to some twice that of it.
+        // Speed of a joint of a 70 mm arm. Straight lines need up to some twice that.
         let speed = (self.rate / per_rev * TAU * 35.0).min(1500.0);
         let names = motors.map(|motor| format!("\"{}\"", motor.name)).join(", ");
         let mut text = format!(
@@ -723,7 +726,7 @@ mod tests {
     use std::io::ErrorKind;
     use std::path::Path;
 
-    /// About what each board does of so many motors.
+    /// The approximate promise of each board for this many motors.
     const PROMISED_HZ: f64 = 20_000.0;
 
     fn each(count: u64, mut look: impl FnMut(u64, &'static str, Motion)) {
@@ -746,7 +749,7 @@ mod tests {
         assert_ne!(Rig::new(6, 0, "uno").motion(PROMISED_HZ), Rig::new(5, 0, "uno").motion(PROMISED_HZ));
     }
 
-    /// What a reader takes no exception to: the planner and the boards are tried, not the reader.
+    /// The reader of motion files accepts all of them: this is a test of the planner and the boards, not of the reader.
     #[test]
     fn all_motions_are_read() {
         each(100, |number, board, motion| {

@@ -1,36 +1,36 @@
-//! What came of a motion: from exit codes and what the program said.
+//! The outcome of a motion, by the program's exit codes and output.
 
 use serde_json::Value;
 
 /// How a process ended.
 #[derive(Debug, Default)]
 pub(crate) struct Ended {
-    /// `None`: by a signal.
+    /// The exit code. `None` if a signal ended it.
     pub(crate) code: Option<i32>,
     pub(crate) stdout: Vec<u8>,
     pub(crate) stderr: Vec<u8>,
-    /// It was ended, as it did not come to an end.
+    /// It did not come to an end, and was ended.
     pub(crate) hung: bool,
 }
 
-/// What came of a motion; all but [`Outcome::Passed`] with what was said.
+/// The outcome of a motion. All but [`Outcome::Passed`] have the program's message.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum Outcome {
-    /// `plan` refuses it.
+    /// `plan` refused it.
     Refused(String),
-    /// It ran, and all is as planned.
+    /// It ran, and the result is as planned.
     Passed,
-    /// Anything else: a fault. That the motors stopped on the way is one: what is accepted is to run.
+    /// Anything else is a fault, also that the motors stopped on the way: an accepted motion must run.
     Broken(String),
 }
 
-/// What `plan` and `run` say with exit codes 0, 1 and 3, and with 2.
+/// The JSON of `plan` and `run`: a report with exit codes 0, 1 and 3, a refusal with exit code 2.
 enum Printed {
     Report(Value),
     Refusal(String),
 }
 
-/// What `pulsetrain plan FILE --json` came to: the report, or the outcome that it is already.
+/// Reads the output of `pulsetrain plan FILE --json`: the report, or the outcome if there is none.
 pub(crate) fn planned(ended: &Ended) -> Result<Value, Outcome> {
     match (ended.code, said(ended)?) {
         (Some(0), Printed::Report(report)) if report["motors"].is_array() => Ok(report),
@@ -40,7 +40,7 @@ pub(crate) fn planned(ended: &Ended) -> Result<Value, Outcome> {
     }
 }
 
-/// What `pulsetrain run FILE --json` came to, of which `plan` said that.
+/// Reads the output of `pulsetrain run FILE --json`; `plan` is the report of the command `plan`.
 pub(crate) fn ran(plan: &Value, ended: &Ended) -> Outcome {
     let report = match said(ended) {
         Err(outcome) => return outcome,
@@ -60,7 +60,7 @@ pub(crate) fn ran(plan: &Value, ended: &Ended) -> Outcome {
         Some(0) if !is_whole => {
             Outcome::Broken(format!("exit code 0: verdict {}, lost {lost}, added {extra}", verdict["ok"]))
         }
-        // What was run is what was planned, and what was planned is what the pins made.
+        // The run must have the plan's steps, and the pins must show them.
         Some(0) if report["motors"] != plan["motors"] => Outcome::Broken("run's plan is not plan's".to_owned()),
         Some(0) => match wrong_end(&report) {
             Some(wrong) => Outcome::Broken(wrong),
@@ -78,7 +78,7 @@ pub(crate) fn ran(plan: &Value, ended: &Ended) -> Outcome {
     }
 }
 
-/// What `pulsetrain verify` came to, of the trace of a run that passed.
+/// Reads the output of `pulsetrain verify` for the trace of a run that passed.
 pub(crate) fn verified(ended: &Ended) -> Outcome {
     match said(ended) {
         Err(outcome) => outcome,
@@ -88,14 +88,14 @@ pub(crate) fn verified(ended: &Ended) -> Outcome {
     }
 }
 
-/// The first bound that broke.
+/// The first broken bound.
 fn failure(verdict: &Value) -> String {
     let failure = &verdict["failures"][0];
     let text = |key: &str| failure[key].as_str().unwrap_or("?").to_owned();
     format!("{} of motor {} at {} s", text("fault"), text("motor"), failure["at_s"])
 }
 
-/// A motor that the pins left elsewhere than the plan does.
+/// A motor whose pins end at another position than the plan.
 fn wrong_end(report: &Value) -> Option<String> {
     let motors = report["motors"].as_array()?.iter().zip(report["verdict"]["motors"].as_array()?);
     let wrong = |plan: &Value, seen: &Value| plan["final_position"] != seen["position_got"];
@@ -104,7 +104,7 @@ fn wrong_end(report: &Value) -> Option<String> {
     })
 }
 
-/// Whether the program says itself that it is at fault.
+/// Whether the program says that the fault is its own.
 fn is_ours(message: &str) -> bool {
     message.contains("please report")
 }
@@ -126,13 +126,13 @@ fn said(ended: &Ended) -> Result<Printed, Outcome> {
     };
     match value["message"].as_str() {
         None => Ok(Printed::Report(value)),
-        // Such a file may be the generator's mistake.
+        // Such a file may be a mistake of the generator.
         Some(message) if value["filename"].is_string() => Ok(Printed::Refusal(format!("in the file: {message}"))),
         Some(message) => Ok(Printed::Refusal(message.to_owned())),
     }
 }
 
-/// What kind of message it is: its first line, without numbers and motors' names, and without the file's name before it.
+/// The kind of a message: its first line, without numbers, motors' names, and the file's name at its beginning.
 pub(crate) fn kind(message: &str) -> String {
     let line = message.lines().next().unwrap_or_default();
     let line = line.split_once(".toml: ").or_else(|| line.split_once(".toml:")).map_or(line, |(_, rest)| rest);
@@ -155,7 +155,7 @@ pub(crate) fn kind(message: &str) -> String {
     kind
 }
 
-/// A word with `#` for each number in it.
+/// A word with `#` in place of each number.
 fn blanked(word: &str) -> String {
     let mut blanked = String::new();
     let is_part = |c: char| c.is_ascii_digit() || matches!(c, '.' | '-' | '\u{2212}');
@@ -165,7 +165,7 @@ fn blanked(word: &str) -> String {
         blanked.push_str(before);
         blanked.push('#');
         let number = rest[at..].trim_start_matches(is_part);
-        // The full stop of a sentence is no part of its last number.
+        // The full stop of a sentence is not part of its last number.
         blanked.push_str(if number.is_empty() && rest.ends_with('.') { "." } else { "" });
         rest = number;
     }
@@ -200,7 +200,7 @@ mod tests {
         Outcome::Broken(why.to_owned())
     }
 
-    /// As `--json` has them.
+    /// The outputs as `--json` writes them.
     fn error(message: &str) -> String {
         format!(
             r#"{{"message": "{message}","severity": "error","causes": [],"help": "slower","labels": [],"related": []}}"#

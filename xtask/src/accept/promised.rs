@@ -1,28 +1,30 @@
-//! Motions that an Uno is to follow at 1 Mbaud: slower than 90 % of the rates that `cargo xtask bench uno --motions` asks for.
+//! Motions that an Uno must follow at 1 Mbaud: slower than 90 % of the rates that `cargo xtask bench uno --motions`
+//! wants.
 
 use super::Tried;
 use super::motions::Motion;
 use super::outcome::Outcome;
 
-/// Up to so many Hz of turning, the rates of 1 to 4 motors, 1000 steps/s each.
+/// Rates of 1 to 4 motors in 1000 steps/s, for reversals at up to this many Hz.
 const RATES: [(f64, [f64; 4]); 3] =
     [(5.0, [140.0, 70.0, 32.0, 20.0]), (15.0, [140.0, 65.0, 30.0, 12.0]), (35.0, [135.0, 50.0, 7.0, 2.0])];
-/// Slower than this share of them.
+/// A promised motion is slower than this share of these rates.
 const SHARE: f64 = 0.9;
 
-/// Whether a motion is one of them. `promised_hz` is what the board promises for its pins and drivers, steps/s. A motion that turns at more than 35 Hz
-/// is not one of them, nor is one whose turning is not known.
+/// Whether a motion is promised. `promised_hz` is the board's promise for its pins and drivers, steps/s. A motion is
+/// not promised if its reversals are faster than 35 Hz, or unknown.
 pub(super) fn is_promised(motion: &Motion, promised_hz: f64) -> bool {
     let row = motion.turns_hz.and_then(|hz| RATES.iter().find(|(to_hz, _)| hz <= *to_hz));
     let rate = row.and_then(|(_, rates)| rates.get(motion.motors - 1));
     rate.is_some_and(|rate| motion.rate < SHARE * promised_hz.min(1e3 * rate))
 }
 
-/// Of them so many may be refused: 2 %, or two, where few were tried.
+/// Of the promised motions this many may be refused: 2 %, or two if few were tried.
 const MOST_REFUSED: f64 = 0.02;
 const FEW_REFUSED: usize = 2;
 
-/// How many of them are refused, and whether that is too many. Limits of a motor that the file itself sets are no refusals of the board's.
+/// How many promised motions are refused, and whether that is too many. A refusal because of limits in the file itself
+/// does not count.
 pub(super) fn line(tried: &[Tried]) -> (String, bool) {
     let of: Vec<&Tried> = tried.iter().filter(|tried| tried.promised).collect();
     if of.is_empty() {
@@ -62,7 +64,7 @@ mod tests {
         check(3, 6e3, Some(35.0), true);
         check(3, 6e3, Some(36.0), false);
         check(3, 6e3, None, false);
-        // What the board promises is less.
+        // The board's promise is lower.
         check(1, 22e3, Some(1.0), true);
         check(1, 23e3, Some(1.0), false);
     }

@@ -1,13 +1,13 @@
-//! What somebody meets who has Rust and nothing else: the time of the first command of the README.
+//! The time of the README's first command for a user who has Rust and nothing else.
 
 use crate::command::{self, Done, Failure, cargo, command, root};
 use std::time::Instant;
 
 /// Wall times.
 pub(crate) struct FirstRun {
-    /// `cargo run --release -- run examples/tutorial.toml` in a clean clone, dependencies not yet downloaded, s.
+    /// `cargo run --release -- run examples/tutorial.toml` in a clean clone, with no dependency downloaded, s.
     pub(crate) first_s: f64,
-    /// The same of the binary that it built, s.
+    /// The run of the binary that this built, s.
     pub(crate) again_s: f64,
 }
 

@@ -1,15 +1,15 @@
-//! The Pico's figures: on the emulated chip, in its cycles, which are the same on every machine.
+//! The Pico's figures: cycles of the emulated chip, which are the same on every machine.
 
 use super::table::Table;
 use crate::command::{Done, Failure, root};
 use std::fs;
 
-/// Titles of the figures, by number.
+/// Titles of the figures, from 1 on.
 const TITLES: [&str; 5] = [
     "Laws with changing speed, streamed over USB: what is promised, and the fastest that holds",
     "Eight motors that start in one cycle",
     "Motors on ULN2003",
-    "001's four motors, twice",
+    "The sweep article's four motors, twice",
     "Load of the processor",
 ];
 
@@ -21,7 +21,7 @@ is a cycle off its tick, and the board reports nothing; rates are tried 2.5 % ap
 454 k, as speeds swing by 10 %) the search ends. What changes by ±10 % does so from segment to segment. The chip's buses are not \
 modelled where DMA and processor want the same bank of RAM at once.";
 
-/// Figures 1, 2, 3 and 5, and a short 4.
+/// Figures 1, 2, 3 and 5, and a short figure 4.
 pub(crate) fn run() -> Done {
     let (table, limits) = Table::measured("pico", "")?;
     write_limits(&limits)?;
@@ -42,7 +42,7 @@ pub(crate) fn hour() -> Done {
     table.finish("pico-hour", &text)
 }
 
-/// What the table of boards says of the Pico: names, for how many motors at most, and what they are.
+/// The Pico's limits in the table of boards: their names, the largest number of motors, and their docs.
 const LIMITS: [(&str, usize, &str); 5] = [
     ("SHORTEST", 8, "Shortest interval that holds for good, of each of 1 to 8 motors."),
     ("COILS", 6, "The same of each of 1 to 6 motors on coils."),
@@ -55,7 +55,7 @@ const LIMITS: [(&str, usize, &str); 5] = [
     ("HEARD", 8, "What more it is if they come from the host meanwhile, of each of 1 to 8 motors."),
 ];
 
-/// Writes what the table of boards says of the Pico.
+/// Writes the Pico's limits into the table of boards.
 fn write_limits(limits: &[String]) -> Done {
     let path = root().join("crates/motion/src/boards/pico.rs");
     fs::write(&path, limits_source(limits)?).map_err(|why| Failure::File { path, why })
@@ -82,7 +82,7 @@ fn limits_source(limits: &[String]) -> Done<String> {
         }
         let missing = || Failure::Check(format!("{name}: a number of motors has no rate that holds: {limits:?}"));
         let mut intervals: Vec<usize> = shortest.into_iter().collect::<Option<_>>().ok_or_else(missing)?;
-        // What more motors do, fewer do too.
+        // What holds for more motors also holds for fewer.
         for place in (1..intervals.len()).rev() {
             intervals[place - 1] = intervals[place - 1].min(intervals[place]);
         }

@@ -3,17 +3,17 @@
 use super::report;
 use crate::command::{Done, Failure, cargo, output};
 
-/// Rows under a head.
+/// The rows under a head.
 pub(crate) struct Table {
     head: Vec<String>,
     rows: Vec<TableRow>,
 }
 
-/// One line of it.
+/// One row.
 struct TableRow {
     figure: usize,
     is_required: bool,
-    /// From the law on.
+    /// The fields from the law on.
     fields: Vec<String>,
 }
 
@@ -28,7 +28,8 @@ impl TableRow {
 }
 
 impl Table {
-    /// Runs a bench of the package `pulsetrain`. Gives its table, and the lines that are limits for the table of boards.
+    /// Runs a bench of the package `pulsetrain`. Gives its table, and its lines that are limits for the table of
+    /// boards.
     pub(crate) fn measured(bench: &str, arguments: &str) -> Done<(Table, Vec<String>)> {
         let text = output(&mut cargo(&format!("bench --package pulsetrain --bench {bench} {arguments}")))?;
         let mut lines = text.lines().filter(|line| line.contains('\t'));
@@ -39,7 +40,7 @@ impl Table {
         Ok((Table { head, rows }, limits.into_iter().map(str::to_owned).collect()))
     }
 
-    /// A table for each figure that there is; `titles` are theirs, from 1 on.
+    /// A table for each figure that has rows. `titles` count from figure 1.
     pub(crate) fn markdown(&self, board: &str, titles: &[&str]) -> String {
         let mut text = String::new();
         for (figure, title) in (1..).zip(titles) {
@@ -56,7 +57,7 @@ impl Table {
         text
     }
 
-    /// Prints and writes a section; fails if something that was promised does not hold, after having written.
+    /// Prints and writes a section. Fails if a promise does not hold, but only after writing.
     pub(crate) fn finish(&self, section: &str, text: &str) -> Done {
         print!("{text}");
         report::write(section, text)?;

@@ -1,11 +1,11 @@
-//! The Uno's figures: on the emulated chip, in its cycles, which are the same on every machine.
+//! The Uno's figures: cycles of the emulated chip, which are the same on every machine.
 
 use super::table::Table;
 use crate::command::{Done, Failure, root};
 use crate::firmware;
 use std::fs;
 
-/// Titles of the figures, by number.
+/// Titles of the figures, from 1 on.
 const TITLES: [&str; 8] = [
     "The tutorial's sinusoid, every step and edge",
     "Sustained rates while following changing laws: the fastest that holds",
@@ -44,41 +44,41 @@ pub(crate) fn hour() -> Done {
     table.finish("uno-hour", &text)
 }
 
-/// Figure 2 alone, printed and not written: what a change of the firmware does to the rates that are promised.
+/// Prints figure 2 alone and writes nothing: how a change of the firmware affects the promised rates.
 pub(crate) fn figure_2() -> Done {
     let (table, _) = measure("-- figure-2")?;
     print!("{}", table.markdown("Uno", &TITLES));
     Ok(())
 }
 
-/// Figure 8 alone, printed and not written: how fast whole motions run, with so many seeds.
+/// Prints figure 8 alone and writes nothing: how fast whole motions run, with `seeds` random seeds.
 pub(crate) fn motions(seeds: u64) -> Done {
     let (table, _) = measure(&format!("-- motions {seeds}"))?;
     print!("{}", table.markdown("Uno", &TITLES));
     Ok(())
 }
 
-/// Runs the bench; limits for the table of boards beside its rows.
+/// Runs the bench. Gives its rows, and the limits for the table of boards.
 fn measure(arguments: &str) -> Done<(Table, Vec<Limit>)> {
     let (table, limits) = Table::measured("uno", arguments)?;
     Ok((table, limits.iter().filter_map(|line| Limit::parse(line)).collect()))
 }
 
-/// How edges are made, as far as it decides what rates hold.
+/// How edges are made, as far as rates depend on it.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum By {
     /// By the compare hardware.
     Compare,
-    /// By software, for two motors on port D that have a ring each.
+    /// By software, for two motors on port D with a ring each.
     Pair,
-    /// By software, of one ring.
+    /// By software, with one ring.
     Software,
 }
 
-/// The table of limits.
+/// The file with the limits, a part of the table of boards.
 const TABLE: &str = "crates/motion/src/boards/uno.rs";
 
-/// What a number of motors can do for good at one rate; all in ticks.
+/// The limits of one number of motors that go on for ever, ticks.
 struct Limit {
     by: By,
     motors: usize,
@@ -86,7 +86,7 @@ struct Limit {
     interval: u32,
     late: u32,
     horizon: u32,
-    /// Bytes.
+    /// Bytes of the queues.
     queues: u32,
 }
 
@@ -113,10 +113,11 @@ impl Limit {
     }
 }
 
-/// The pulses that limits are measured for, ticks. With the last the firmware works out each step by itself, whatever the pins.
+/// Pulses that limits are measured for, ticks. With the last one the firmware works out each step by itself on all
+/// pins.
 const PULSES: [u32; 4] = [16, 31, 80, 256];
 
-/// Writes what the table of boards says of the Uno.
+/// Writes the Uno's limits into the table of boards.
 fn write_limits(limits: &[Limit]) -> Done {
     let path = root().join(TABLE);
     fs::write(&path, limits_source(limits)?).map_err(|why| Failure::File { path, why })
@@ -125,10 +126,11 @@ fn write_limits(limits: &[Limit]) -> Done {
 fn limits_source(limits: &[Limit]) -> Done<String> {
     let shortest = |by: By, motors: usize, pulse: u32| {
         let of = limits.iter().filter(|l| l.by == by && (l.motors, l.pulse) == (motors, pulse));
-        // Where several kinds of pins were measured, what all of them do.
+        // If several kinds of pins were measured, the limit holds for all of them.
         let missing = || Failure::Check(format!("no rate holds for {motors} motors with pulses of {pulse} ticks"));
         let interval = of.map(|limit| limit.interval).max().ok_or_else(missing)?;
-        // A rung less than what two rings do when they are staggered: motors that come to go in step have them run dry sooner.
+        // Two rings get one rate less than they reach when the motors are staggered: if the motors come to step
+        // together, their rings run empty sooner.
         Ok(if by == By::Pair { interval + interval.div_ceil(40) } else { interval })
     };
     let row = |by: By, motors: usize| -> Done<String> {

@@ -1,4 +1,4 @@
-//! Figures of motors that are told directly: MOVE, SPEED, DIRECTION on the Pico's firmware and library, on the emulated chip.
+//! Figures of verbs: MOVE, SPEED and DIRECTION on the Pico's firmware and library, on the emulated chip.
 
 use super::report;
 use crate::command::{Done, Failure, cargo, output};
@@ -6,7 +6,7 @@ use crate::command::{Done, Failure, cargo, output};
 const PREFACE: &str = "Emulated: the committed images on the RP2040 of `crates/emulator`, 125 MHz; no board was connected. A delay is \
 counted from the last bit of the order on the UART, at 2 Mbaud, to the first step that is other than it would have been; what is asked \
 for is six steps or 2 ms, whichever is longer. Load is the share of all cycles in which the processor does not sleep. The original is \
-the driver and the demo of docs/sources.md, 002; what it does was seen in `crates/emulator/tests/it/three_machine_motor.rs`, or is its \
+the driver and the demo of the Pico plotter (docs/sources.md); what it does was seen in `crates/emulator/tests/it/three_machine_motor.rs`, or is its \
 author's figure.";
 
 /// What the original does, by the beginning of a row.
@@ -17,7 +17,7 @@ const ORIGINAL: [(&str, &str, &str); 4] = [
     ("cycles in 1/50 s", "lorenz", "5 740"),
 ];
 
-/// Measures, prints and writes; fails if something is not as it was asked for, after having written.
+/// Measures, prints and writes. Fails if a bound is broken, but only after writing.
 pub(crate) fn run() -> Done {
     let text = output(&mut cargo("bench --package pulsetrain-board --bench verbs"))?;
     let rows: Vec<Vec<&str>> =

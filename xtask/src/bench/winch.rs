@@ -20,7 +20,7 @@ const ORIGINAL: [(&str, &str, &str); 7] = [
     ("steps against the path", "1234 steps/s, 4 axes", "0.08 % slow"),
 ];
 
-/// Measures, prints and writes; fails if something is not as it was asked for, after having written.
+/// Measures, prints and writes. Fails if a bound is broken, but only after writing.
 pub(crate) fn run() -> Done {
     let text = output(&mut cargo("bench --package pulsetrain --bench winch"))?;
     let rows: Vec<Vec<&str>> =

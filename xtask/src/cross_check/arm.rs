@@ -18,12 +18,12 @@ use crate::random::Random;
 use std::path::{Path, PathBuf};
 
 const SEED: u64 = 2040;
-/// Cases of each half-word, and of those whose result is decided by the values of two registers.
+/// Cases of each half-word, and of those half-words whose result depends on the values of two registers.
 const OF_WORD: usize = 2;
 const OF_ARITHMETIC: usize = 40;
 /// Cases of instructions of two half-words.
 const OF_WIDE: usize = 4000;
-/// Addresses that cases use: words of RAM from here on, beyond the code.
+/// Addresses that cases use: words of RAM from here on, behind the code.
 const LOWEST: u32 = 0x2001_0000;
 const WORDS: u16 = 0x4000;
 
@@ -88,12 +88,12 @@ pub(super) fn program(tools: &Tools) -> Done<Comparison> {
     Ok(Comparison { what: "ARMv6-M program, with rp2040js", compared, differences, exceptions })
 }
 
-/// Where rp2040js was put right: name, how often.
+/// Where rp2040js was corrected: the name of the correction, and how often.
 type Met = Vec<(&'static str, usize)>;
 
 pub(super) fn firmware(tools: &Tools) -> Done<Comparison> {
     const INSTRUCTIONS: &str = "2000000";
-    // What others wrote, and ours.
+    // Other people's programs, and ours.
     let images = [vec![tools.compile_usb()?], committed()?].concat();
     let (mut differences, mut compared, mut met) = (Vec::new(), Vec::new(), Met::new());
     for image in images {
@@ -109,14 +109,14 @@ pub(super) fn firmware(tools: &Tools) -> Done<Comparison> {
                     .collect();
                 compared.push(format!("{name}: {}", lines.join(" ")));
             }
-            // It has said where they part.
+            // The answer says where the two differ.
             Err(failure) => differences.push(format!("{name}: {failure}")),
         }
     }
     Ok(Comparison { what: "firmware, with rp2040js", compared: compared.join("; "), differences, exceptions: met })
 }
 
-/// Every image of a Pico that is committed.
+/// Every committed image of a Pico.
 fn committed() -> Done<Vec<PathBuf>> {
     let folder = root().join("crates/board/images");
     let files = std::fs::read_dir(&folder).map_err(|why| Failure::File { path: folder, why })?;
@@ -133,7 +133,7 @@ pub(super) fn usb(tools: &Tools) -> Done<Comparison> {
         let ours = command::output(tools.ours_arm().arg("usb").arg(image))?;
         Ok([("ours", ours), ("rp2040js", command::output(tools.rp2040js().arg("usb").arg(image))?)])
     };
-    // What both send, each byte with its bits turned.
+    // Both must send each byte with its bits turned.
     let back: String = (0..BYTES).map(|at| format!("{:02x}", !((at * 7 + at / 256) as u8))).collect();
     let expected = format!("Open {back}");
     let mut differences = Vec::new();
@@ -142,7 +142,7 @@ pub(super) fn usb(tools: &Tools) -> Done<Comparison> {
             differences.push(format!("{side}: {:.60}..., {} characters", answer.trim(), answer.trim().len()));
         }
     }
-    // Our firmware has no answer for such bytes; but it is a serial port to both.
+    // Our firmware does not answer such bytes, but both must see it as a serial port.
     // The library's examples have no USB.
     let images = [root().join("crates/board/images/pico.uf2")];
     for image in &images {
@@ -159,7 +159,7 @@ pub(super) fn usb(tools: &Tools) -> Done<Comparison> {
     Ok(Comparison { what: "USB device, with rp2040js", compared, differences, exceptions: Vec::new() })
 }
 
-/// Answers, and what is after `met ` in the last line.
+/// The answers, and the corrections after `met ` in the last line.
 fn split(text: &str) -> Done<(Vec<&str>, Met)> {
     const NAMES: [&str; 6] = ["SHIFT", "CARRY", "STORE", "BANK", "LINK", "STACK"];
     let mut lines: Vec<_> = text.lines().collect();
@@ -188,14 +188,14 @@ fn is_compared(word: u16) -> bool {
     }
 }
 
-/// A line for both sides: the half-words, flags and registers.
+/// A case for both sides: the half-words, flags and registers.
 fn case(words: [u16; 2], random: &mut Random) -> String {
     let mut line = format!("{:x} {:x} {:x} ", words[0], words[1], random.below(16));
     for number in 0..15 {
         let any = random.next() as u32;
         let address = LOWEST + 4 * u32::from(random.below(WORDS));
         let value = match random.below(8) {
-            // The stack pointer is always one.
+            // The stack pointer is always such an address.
             _ if number == 13 => address,
             0 => any,
             1 => random.pick(&[0, 1, 31, 32, 33, 255, 256, 0x7fff_ffff, 0x8000_0000, u32::MAX]),

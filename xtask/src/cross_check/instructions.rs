@@ -25,7 +25,7 @@ const OF_OPCODE: usize = 2;
 /// Cases of each mnemonic, at least.
 const OF_MNEMONIC: usize = 400;
 
-/// Mask, bits under it, mnemonic.
+/// Mask, the bits under it, and the mnemonic.
 const ENCODINGS: [(u16, u16, &str); 99] = [
     (0xffff, 0x0000, "NOP"),
     (0xff00, 0x0100, "MOVW"),
@@ -90,7 +90,7 @@ const ENCODINGS: [(u16, u16, &str); 99] = [
     (0xffff, 0x9518, "RETI"),
     (0xffff, 0x95a8, "WDR"),
     (0xffff, 0x95c8, "LPM"),
-    // A longer address is beyond the flash.
+    // A longer address would lie beyond the flash.
     (0xffff, 0x940c, "JMP"),
     (0xffff, 0x940e, "CALL"),
     (0xff00, 0x9600, "ADIW"),
@@ -160,7 +160,7 @@ pub(super) fn compare(tools: &Tools) -> Done<Comparison> {
         let words = words_of(tools, image)?;
         of_images.extend(words.windows(3).map(|words| [words[0], words[1], words[2]]));
     }
-    // Constants among them are instructions, too, which nobody executes.
+    // Constants between them are compared as instructions, too, though nobody executes them.
     let before = cases.len();
     for words in of_images {
         let Some(mnemonic) = mnemonic(words[0]).filter(|mnemonic| !is_undefined(mnemonic, words[0])) else { continue };
@@ -197,13 +197,13 @@ pub(super) fn compare(tools: &Tools) -> Done<Comparison> {
     Ok(Comparison { what: "instructions, with simavr", compared, differences, exceptions: vec![("SKIP", skips)] })
 }
 
-/// The flash that one of the Uno's images takes.
+/// The contents of the flash of one of the Uno's images.
 fn words_of(tools: &Tools, image: &str) -> Done<Vec<u16>> {
     let bytes = tools.flash_of(&format!("{}/{image}.hex", firmware::IMAGES))?;
     Ok(bytes.chunks_exact(2).map(|word| u16::from_le_bytes([word[0], word[1]])).collect())
 }
 
-/// Whether an operand of a word of its own is an address that both have: data that is plain memory, or code.
+/// Whether both sides have memory or code at an address that is an operand in a word of its own.
 fn is_plain(mnemonic: &str, operand: u16) -> bool {
     match mnemonic {
         "LDS" | "STS" => {
@@ -218,7 +218,8 @@ fn mnemonic(opcode: u16) -> Option<&'static str> {
     ENCODINGS.iter().find(|(mask, bits, _)| opcode & mask == *bits).map(|(_, _, mnemonic)| *mnemonic)
 }
 
-/// A pointer that is stepped and an operand at once. Source: DS40002198, LD, ST and LPM: "the result is undefined".
+/// Whether a pointer is changed by an instruction that also uses it as operand. Source: DS40002198, LD, ST and LPM:
+/// "the result is undefined".
 fn is_undefined(mnemonic: &str, opcode: u16) -> bool {
     let operand = opcode >> 4 & 31;
     mnemonic.contains(['+', '-'])
@@ -240,7 +241,7 @@ fn pointer(mnemonic: &str) -> Option<u16> {
     }
 }
 
-/// Whether simavr counts the words of what is skipped wrongly.
+/// Whether simavr counts the words of a skipped instruction wrongly.
 fn is_misjudged_skip(mnemonic: &str, case: &str) -> bool {
     let skips = ["CPSE", "SBRC", "SBRS", "SBIC", "SBIS"].contains(&mnemonic);
     let next = case.split(' ').nth(4).and_then(|word| u16::from_str_radix(word, 16).ok()).unwrap_or(0);
@@ -267,7 +268,7 @@ impl Case {
     fn random(mnemonic: &str, opcode: u16, random: &mut Random) -> Case {
         let mut registers = [0; 32];
         for register in &mut registers {
-            // Edges of carry, sign and zero come too seldom by themselves.
+            // Values at which carry, sign and zero change come too seldom by chance.
             let corner = random.once_in(4);
             *register = if corner { random.pick(&[0, 1, 0x7f, 0x80, 0xfe, 0xff]) } else { random.next() as u8 };
         }
@@ -283,7 +284,7 @@ impl Case {
             let value = match mnemonic {
                 "IJMP" | "ICALL" => random.below(FLASH_WORDS),
                 "LPM" | "LPM Z" | "LPM Z+" => random.below(2 * FLASH_WORDS - 1),
-                // A step into its own pointer is nothing that the manual describes.
+                // The manual does not describe a step into the pointer itself.
                 _ if mnemonic.contains('-') => address(random, 26) + 1,
                 _ if mnemonic.contains("+q") => {
                     let q = opcode >> 8 & 0x20 | opcode >> 7 & 0x18 | opcode & 7;
@@ -309,7 +310,7 @@ impl Case {
         Case { pc, sreg: random.below(256), sp, words, registers }
     }
 
-    /// A line as the harnesses read it: xtask/cross-check/simavr.c. Gives it, too.
+    /// Writes the state as the harnesses read it (xtask/cross-check/simavr.c), and gives it.
     fn write(&self, into: &mut String) -> String {
         let begin = into.len();
         let Case { pc, sreg, sp, words: [first, second, third], registers } = self;
@@ -324,7 +325,8 @@ impl Case {
     }
 }
 
-/// An address of the data memory that is plain memory in both: SRAM mostly, a register below `registers`, or a GPIOR.
+/// An address of data memory that is plain memory on both sides: mostly SRAM, else a register below `registers`, or a
+/// GPIOR.
 fn address(random: &mut Random, registers: u16) -> u16 {
     match random.below(8) {
         0 => random.below(registers),

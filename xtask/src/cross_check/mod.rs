@@ -22,20 +22,20 @@ mod tools;
 use crate::command::{Done, Failure};
 use tools::Tools;
 
-/// What one comparison found.
+/// The result of one comparison.
 struct Comparison {
     what: &'static str,
     compared: String,
-    /// Differences that nothing explains, in words.
+    /// Unexplained differences, in words.
     differences: Vec<String>,
-    /// Where the other side is known not to be the chip: name, how often it was met.
+    /// Where the other side is known to differ from the chip: the name of the difference, and how often it was met.
     exceptions: Vec<(&'static str, usize)>,
 }
 
-/// Differences that are printed of each comparison; the rest is counted.
+/// Number of differences that are printed for each comparison. The others are only counted.
 const SHOWN: usize = 20;
 
-/// All comparisons, and a table of them; fails on any difference that is not explained.
+/// Makes all comparisons, and prints a table. Fails if any difference is unexplained.
 pub(crate) fn run() -> Done {
     let tools = Tools::prepare()?;
     let outcomes = [

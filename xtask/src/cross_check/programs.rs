@@ -4,7 +4,7 @@ use super::{Comparison, Tools};
 use crate::command::{self, Done};
 
 const PROGRAMS: [&str; 4] = ["crc_sort", "wide_integers", "floats", "recursion"];
-/// None of them takes longer.
+/// Longest run of a program, cycles.
 const MOST_CYCLES: &str = "50000000";
 
 pub(super) fn compare(tools: &Tools) -> Done<Comparison> {
@@ -37,13 +37,13 @@ pub(super) fn compare(tools: &Tools) -> Done<Comparison> {
     Ok(Comparison { what: "programs, with simavr", compared, differences, exceptions: Vec::new() })
 }
 
-/// What a run printed.
+/// The output of a run.
 struct Output {
     /// `CYCLE BYTE`, `CYCLE mark BYTE`, `CYCLE end`.
     timed: Vec<String>,
-    /// What left the UART: without a cycle, as simavr takes 11 bits for a byte.
+    /// The bytes that left the UART, without cycles, since simavr takes 11 bits for a byte.
     sent: Vec<String>,
-    /// The cycle of the end.
+    /// The cycle at which it ended.
     end: Option<u64>,
 }
 

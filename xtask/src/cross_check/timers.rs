@@ -199,17 +199,17 @@ pub(super) fn compare(tools: &Tools) -> Done<Comparison> {
     Ok(Comparison { what: "timers, with avr8js", compared, differences, exceptions: stops.into_iter().collect() })
 }
 
-/// Where comparing stops within a case: see avr8js.mjs.
+/// Where avr8js is known to be wrong, so that comparing stops within a case: see avr8js.mjs.
 const STOPS: [&str; 3] = ["DOWN", "TOP", "WINDOW"];
 
-/// What a case printed.
+/// The output of a case.
 struct Answer {
     end: String,
     /// Readings, in hexadecimal.
     pushed: String,
     /// Cycle, and pin with level.
     edges: Vec<(u64, String)>,
-    /// From which cycle on the answer is no evidence, and why.
+    /// The cycle from which on the answer is no evidence, and why.
     stop: Option<(u64, String)>,
 }
 
@@ -233,7 +233,7 @@ impl Answer {
         })
     }
 
-    /// The first difference before `until`, in words.
+    /// The first difference before the cycle `until`, in words.
     fn differs(&self, ours: &Answer, until: Option<u64>) -> Option<String> {
         let before = |edges: &[(u64, String)]| -> Vec<(u64, String)> {
             edges.iter().filter(|(cycle, _)| until.is_none_or(|until| *cycle < until)).cloned().collect()
@@ -253,9 +253,9 @@ impl Answer {
     }
 }
 
-/// In order of time and pin, and without what no one sees: two edges of a pin in one cycle.
+/// Sorts edges by time and pin, and removes those that nobody can see: two edges of a pin in one cycle.
 fn settled(mut edges: Vec<(u64, String)>) -> Vec<(u64, String)> {
-    // Stable: the last one of a pin in a cycle is what the pin is then.
+    // The sort is stable, so the last edge of a pin in a cycle is its level then.
     edges.sort_by_key(|(cycle, edge)| (*cycle, edge.get(..2).map(str::to_owned)));
     let mut levels: BTreeMap<String, String> = BTreeMap::new();
     let mut left: Vec<(u64, String)> = Vec::new();
@@ -277,7 +277,7 @@ fn answers(text: &str) -> Done<Vec<Answer>> {
     text.lines().map(read).collect()
 }
 
-/// Machine code, and the cycle at which it will have got to its end.
+/// A program's machine code, and the cycle at which it will have reached its end.
 struct Code {
     words: Vec<u16>,
     cycle: u32,
@@ -360,7 +360,7 @@ fn program(timer: &Timer, mode: &Mode, (select, divider): (u8, u16), random: &mu
     };
     let mut code = Code { words: Vec::new(), cycle: 0 };
     let max = if wide { 0xffff } else { 0xff };
-    // Short periods, so that a case sees several; now and then one that it does not see the end of.
+    // Periods are short, so that a case sees several; now and then there is one whose end it does not see.
     let top = match mode.top {
         Top::Fixed(top) => top,
         _ if random.once_in(8) => random.between(3, max),
@@ -370,7 +370,7 @@ fn program(timer: &Timer, mode: &Mode, (select, divider): (u8, u16), random: &mu
         Kind::Normal => random.between(max - 60, max),
         _ => random.between(1, (top - 1).min(60)),
     };
-    // Near where the counter will be in the time that a case has.
+    // A value near the counter's at the end of the case.
     let value = |random: &mut Random| match mode.kind {
         Kind::Normal if random.once_in(2) => random.between(max - 50, max),
         Kind::Normal => random.between(1, 80),
@@ -386,7 +386,7 @@ fn program(timer: &Timer, mode: &Mode, (select, divider): (u8, u16), random: &mu
     for (ddr, pins) in DDR.into_iter().zip(timer.pins) {
         code.set(ddr, pins);
     }
-    // In mode 0 as after reset: compare values are taken at once.
+    // In mode 0, the mode after reset, compare values act at once.
     for address in timer.compare {
         let value = if Some(address) == top_register { top } else { value(random) };
         set(&mut code, address, value);
@@ -398,7 +398,7 @@ fn program(timer: &Timer, mode: &Mode, (select, divider): (u8, u16), random: &mu
     code.set(timer.control_a, control_a(actions));
     code.set(timer.control_b, control_b);
     if let Some(address) = timer.capture.filter(|_| mode.top == Top::Capture) {
-        // It can be written in such a mode only (16.6.3).
+        // The register can be written only in such a mode (16.6.3).
         set(&mut code, address, top);
     }
     // avr8js counts its prescaler from the instruction that selects the clock: a whole number of timer clocks after the
@@ -413,7 +413,7 @@ fn program(timer: &Timer, mode: &Mode, (select, divider): (u8, u16), random: &mu
 
     let mut top_changes = u16::from(random.once_in(3));
     for _ in 0..random.between(20, 60) {
-        // Long ones up to 1.5 periods, as far as time allows.
+        // Long waits of up to 1.5 periods, as far as time allows.
         let long = u32::from(top.min(400)) * 3 / 2;
         let long = long.min(40_000 / divider_cycles) as u16;
         let clocks = if random.once_in(10) { random.below(long) } else { random.below(6) };
@@ -426,7 +426,7 @@ fn program(timer: &Timer, mode: &Mode, (select, divider): (u8, u16), random: &mu
                 }
             }
             6..=9 => code.read_masked(timer.flags, FLAGS),
-            // avr8js clears all of them whichever is written.
+            // avr8js clears all flags, whichever is written.
             10..=11 => code.set(timer.flags, FLAGS),
             12..=13 => {
                 let address = random.pick(&timer.compare);

@@ -1,10 +1,11 @@
-//! The sides: our emulator, simavr behind a harness of ours in C, avr8js and rp2040js behind ones in JavaScript.
+//! The compared sides: our emulator, simavr with a harness of ours in C, avr8js and rp2040js with harnesses in
+//! JavaScript.
 
 use crate::command::{self, Done, Failure, cargo, command, root, target_dir};
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-/// Debian packages, and a file that each brings.
+/// Debian packages, and a file of each by which it is recognised.
 const PACKAGES: [(&str, &str); 5] = [
     ("gcc", "/usr/bin/cc"),
     ("gcc-avr", "/usr/bin/avr-gcc"),
@@ -13,14 +14,14 @@ const PACKAGES: [(&str, &str); 5] = [
     ("libelf-dev", "/usr/include/libelf.h"),
 ];
 
-/// What is built and installed for the comparisons.
+/// The tools that are built and installed for the comparisons.
 pub(super) struct Tools {
     /// Under the target folder.
     folder: PathBuf,
 }
 
 impl Tools {
-    /// Installs and builds what is missing.
+    /// Installs and builds the tools that are missing.
     pub(super) fn prepare() -> Done<Tools> {
         for (package, brings) in PACKAGES {
             if !Path::new(brings).exists() {
@@ -33,7 +34,7 @@ impl Tools {
         let folder = target_dir().join("cross-check");
         let failed = |why| Failure::File { path: folder.clone(), why };
         std::fs::create_dir_all(&folder).map_err(failed)?;
-        // simavr is under the GPL: it is run here, and no part of what is shipped.
+        // simavr has the GPL: it runs here, and is no part of what the project distributes.
         command::run(
             command("cc").args(["-O2", "-Wall", "-Wextra", "-Werror", "-o"]).arg(folder.join("simavr")).args([
                 "-I/usr/include/simavr",
@@ -83,7 +84,8 @@ impl Tools {
         let target = self.folder.join("usb-serial");
         let source = root().join("xtask/cross-check/usb_serial");
         command::run(command("rustup").args(["target", "add", TARGET]))?;
-        // Beside its manifest, so that no other configuration holds; link.x is cortex-m-rt's, memory.x its own.
+        // The package is built next to its manifest, so that no other configuration applies. link.x is cortex-m-rt's;
+        // memory.x is its own.
         let mut build = cargo("build --quiet --release --locked --target");
         build.arg(TARGET).current_dir(&source).env("CARGO_TARGET_DIR", &target);
         command::run(build.env("RUSTFLAGS", format!("-Clink-arg=-Tlink.x -Clink-arg=-L{}", source.display())))?;
@@ -104,14 +106,14 @@ impl Tools {
         Ok(image)
     }
 
-    /// Gives `cases` to one side; they stay in the target folder, for whoever looks into a difference.
+    /// Runs one side with `cases`. They stay in the target folder, for a person who looks into a difference.
     pub(super) fn ask(&self, name: &str, side: &mut Command, cases: &str) -> Done<String> {
         let path = self.folder.join(name).with_extension("txt");
         std::fs::write(&path, cases).map_err(|why| Failure::File { path, why })?;
         command::pipe(side, cases)
     }
 
-    /// What an image in Intel HEX has for the flash.
+    /// The contents of the flash by an image in Intel HEX.
     pub(super) fn flash_of(&self, image: &str) -> Done<Vec<u8>> {
         let path = self.folder.join("flash.bin");
         command::run(command("avr-objcopy").args(["-I", "ihex", "-O", "binary", image]).arg(&path))?;

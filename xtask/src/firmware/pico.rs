@@ -1,4 +1,4 @@
-//! The Pico's firmware: from the linker's ELF to the UF2 file that a board takes.
+//! The Pico's firmware: from the linker's ELF file to the UF2 file that a Pico reads.
 
 use super::{Done, Failure, alone, command, root, run, target_dir};
 use object::elf::{PT_LOAD, ProgramHeader32};
@@ -8,13 +8,13 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::{env, fs};
 
-/// Flash of a Pico, without the two sectors of its settings, and where it is.
+/// Bytes of a Pico's flash without the two sectors of its settings, and its address.
 const FLASH: u32 = 2040 * 1024;
 const FLASH_AT: u32 = 0x1000_0000;
 /// RAM, without the stack.
 const RAM: u32 = 248 * 1024;
 
-/// The firmware itself, and where its map of symbols is committed.
+/// The firmware, and the path of its map of symbols.
 const FIRMWARE: &str = "pico";
 const SYMBOLS: &str = "testdata/pico.sym";
 /// The committed images: the firmware, and the library's examples.
@@ -26,7 +26,7 @@ const IMAGES: [(&str, &str); 5] = [
     ("examples/mailbox", "testdata/mailbox.uf2"),
 ];
 
-/// Builds the firmware and its examples, prints what they take and writes the committed images.
+/// Builds the firmware and its examples, prints their sizes, and writes the committed images.
 pub(crate) fn build() -> Done {
     let folder = compiled()?;
     for (name, image) in IMAGES {
@@ -40,7 +40,7 @@ pub(crate) fn build() -> Done {
     Ok(())
 }
 
-/// Builds the firmware and its examples, and fails when a committed image is another one.
+/// Builds the firmware and its examples, and fails if a committed image differs.
 pub(crate) fn check() -> Done {
     let folder = compiled()?;
     IMAGES.into_iter().try_for_each(|(name, image)| check_one(&folder, name, image))?;
@@ -49,16 +49,16 @@ pub(crate) fn check() -> Done {
 
 /// The page that says how to write a program of one's own.
 const PAGE: &str = "docs/pico.md";
-/// What it calls the repository's folder, as seen from the program's.
+/// The repository's folder as the page names it, seen from the program's folder.
 const NEIGHBOUR: &str = "../pulsetrain/";
 
-/// Builds the program of [`PAGE`] as it says, outside of the repository, and makes a UF2 file of it.
+/// Builds the program of [`PAGE`] as the page says, outside of the repository, and makes a UF2 file of it.
 fn check_own() -> Done {
     let path = root().join(PAGE);
     let page = fs::read_to_string(&path).map_err(|why| Failure::File { path, why })?;
     let folder = env::temp_dir().join(format!("pulsetrain-own-{}", std::process::id()));
     let done = build_own(&page, &folder);
-    // What cannot be removed is a temporary file.
+    // A temporary file that cannot be removed does no harm.
     let _ = fs::remove_dir_all(&folder);
     done
 }
@@ -85,13 +85,13 @@ fn build_own(page: &str, folder: &Path) -> Done {
     convert(&target.join("thumbv6m-none-eabi/release/myfw"))
 }
 
-/// The block of a page whose first line ends with that name, as a comment.
+/// The block of a page whose first line is a comment that ends with that name.
 fn block<'a>(page: &'a str, name: &str) -> Option<&'a str> {
     let blocks = page.split("\n```").skip(1).step_by(2).filter_map(|block| Some(block.split_once('\n')?.1));
     blocks.into_iter().find(|block| block.lines().next().and_then(|line| line.split(' ').nth(1)) == Some(name))
 }
 
-/// Makes a UF2 file of what the linker wrote, beside it, and prints what it takes.
+/// Makes a UF2 file next to the linker's file, and prints its size.
 pub(crate) fn convert(elf: &Path) -> Done {
     let Linked { uf2, table, .. } = linked(elf)?;
     let path = elf.with_extension("uf2");
@@ -125,14 +125,14 @@ fn same(image: &str, built: &[u8]) -> Done {
     )))
 }
 
-/// Set where this program stands in for rustc: see [`as_rustc`].
+/// The variable is set if this program runs in place of rustc: see [`as_rustc`].
 const AS_RUSTC: &str = "PULSETRAIN_AS_RUSTC";
 
-/// What rustc says, if this program was started by cargo in its place (`RUSTC_WRAPPER`), with the arguments for it.
+/// Runs rustc if cargo has started this program in its place (`RUSTC_WRAPPER`). Gives rustc's exit code.
 ///
-/// Cargo tells crates apart by a hash, of which symbols are made, and of them the order of functions. Of a crate outside of the
-/// workspace, as core is of the firmware's, it is made of the folder that it lies in. Here it is made of name and version: the
-/// image is the same wherever it is built.
+/// Cargo gives each crate a hash, from which symbols get their names and functions their order. For a crate outside of
+/// the workspace, such as core for the firmware's, it depends on the crate's folder. Here it depends on name and
+/// version instead, so that the image is the same wherever it is built.
 pub(crate) fn as_rustc() -> Option<ExitCode> {
     env::var_os(AS_RUSTC)?;
     let mut arguments = env::args().skip(1);
@@ -145,14 +145,14 @@ pub(crate) fn as_rustc() -> Option<ExitCode> {
     Some(if status.success() { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }
 
-/// Builds the firmware and its examples under `target/`; gives the folder.
+/// Builds the firmware and its examples under `target/`. Gives the folder.
 fn compiled() -> Done<PathBuf> {
     let target = "thumbv6m-none-eabi";
     run(command("rustup").args(["target", "add", target]))?;
-    // Not that of a build in which this program had no part: cargo would take what is there.
+    // Not in the folder of a build without this program as rustc, since cargo would use what lies there.
     let folder = target_dir().join("pico-image");
     let mut cargo = command("cargo");
-    // This xtask was itself started by a cargo, whose choice of toolchain would go on. `-Z location-detail` is in the
+    // A cargo started this xtask. Its choice of toolchain must not reach the build. `-Z location-detail` is in the
     // folder's configuration.
     cargo.env_remove("RUSTUP_TOOLCHAIN").env_remove("CARGO").env("RUSTC_BOOTSTRAP", "1");
     let this = env::current_exe().map_err(|why| Failure::File { path: "xtask".into(), why })?;
@@ -164,12 +164,12 @@ fn compiled() -> Done<PathBuf> {
     Ok(folder.join(target).join("release"))
 }
 
-/// What is made of what the linker wrote.
+/// The outputs for a linked file.
 struct Linked {
     uf2: Vec<u8>,
-    /// What it takes.
+    /// Its size, in words.
     table: String,
-    /// The addresses of routines and variables of assembly.
+    /// The addresses of assembly's routines and variables.
     symbols: String,
 }
 
@@ -182,13 +182,13 @@ fn linked(path: &Path) -> Done<Linked> {
     Ok(Linked { uf2: uf2(&flash(&segments)?), table: table(&segments), symbols: symbols(&elf) })
 }
 
-/// What is to be loaded.
+/// A segment to load.
 struct Segment<'a> {
-    /// Where it is while the program runs, and where it is stored.
+    /// Its address while the program runs, and its address in the flash.
     address: u32,
     stored: u32,
     bytes: &'a [u8],
-    /// Bytes in memory: more if the rest is zeros.
+    /// Bytes in memory. If there are more than in the file, the rest is zeros.
     size: u32,
 }
 
@@ -208,7 +208,7 @@ fn segments<'a>(elf: &Elf<'a>) -> Option<Vec<Segment<'a>>> {
     loaded.map(segment).collect()
 }
 
-/// A line for each symbol that assembly makes global: address and name. Those of Rust change with the compiler.
+/// A line for each global symbol of assembly: address and name. Rust's symbols change with the compiler.
 fn symbols(elf: &Elf<'_>) -> String {
     let global = elf.symbols().filter(|symbol| symbol.is_global() && symbol.is_definition());
     let mut all: Vec<_> = global.filter_map(|symbol| Some((symbol.address() & !1, symbol.name().ok()?))).collect();
@@ -217,7 +217,7 @@ fn symbols(elf: &Elf<'_>) -> String {
     all.iter().map(|(address, name)| format!("{address:#010x} {name}\n")).collect()
 }
 
-/// The content of the flash, from its beginning.
+/// The contents of the flash from its beginning.
 fn flash(segments: &[Segment<'_>]) -> Done<Vec<u8>> {
     let mut flash = Vec::new();
     for Segment { stored, bytes, .. } in segments.iter().filter(|segment| !segment.bytes.is_empty()) {
@@ -237,7 +237,8 @@ fn flash(segments: &[Segment<'_>]) -> Done<Vec<u8>> {
 
 /// Blocks of 512 bytes with 256 bytes of the flash each: github.com/microsoft/uf2, README.
 ///
-/// The emulator has a writer, too, which `bake` uses; xtask knows no crate of ours (ARCHITECTURE.md), so that it builds before they do.
+/// The emulator has a writer, too, for `bake`. But xtask builds before the other crates, so it uses none of them
+/// (ARCHITECTURE.md).
 fn uf2(flash: &[u8]) -> Vec<u8> {
     const PAYLOAD: usize = 256;
     const HAS_FAMILY: u32 = 0x2000;
@@ -258,7 +259,7 @@ fn uf2(flash: &[u8]) -> Vec<u8> {
     file
 }
 
-/// What the image takes.
+/// The image's size, in words.
 fn table(segments: &[Segment<'_>]) -> String {
     let flash: usize = segments.iter().map(|segment| segment.bytes.len()).sum();
     let in_ram = segments.iter().filter(|segment| segment.address >> 24 == 0x20);
@@ -274,7 +275,7 @@ fn table(segments: &[Segment<'_>]) -> String {
 mod tests {
     use super::*;
 
-    /// An ELF file with one segment, stored at the flash's beginning, at home in RAM.
+    /// An ELF file with one segment, which is stored at the flash's beginning and runs in RAM.
     fn elf(bytes: &[u8]) -> Vec<u8> {
         let mut elf = vec![0; 52];
         elf[..7].copy_from_slice(b"\x7fELF\x01\x01\x01");

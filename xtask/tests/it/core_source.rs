@@ -1,4 +1,4 @@
-//! What boards run: no float, no allocator, no `unsafe`, no division on the step path.
+//! Checks the code that boards run: no float, no allocator, no `unsafe`, no division on the step path.
 //!
 //! The compiler forbids `unsafe` and `std` already; this reads the tokens, so that a float in a type, or a division
 //! that a board would do in 3000 cycles, cannot come in unseen either.
@@ -8,12 +8,12 @@ use std::path::Path;
 
 /// Functions that may divide, since no board calls them between two steps: (file, function).
 const OFF_THE_STEP_PATH: [(&str, &str); 5] = [
-    // Closed forms of the recurrence: the host's replay, and a board's once in a switch.
+    // Closed forms of the recurrence, for the host's replay and for a board's switch to a new epoch.
     ("segment.rs", "span"),
     ("segment.rs", "after"),
-    // A pool's shares: constants, which the compiler divides.
+    // Shares of a pool: constants, which the compiler divides.
     ("bytes.rs", "share"),
-    // The reader of lines, not of steps; on an AVR it is assembly (firmware/uno/src/bin/uno-winch/winch/text.s).
+    // Reads lines, not steps. On an AVR it is assembly (firmware/uno/src/bin/uno-winch/winch/text.s).
     ("text.rs", "number"),
     ("text.rs", "scaled"),
 ];
@@ -43,7 +43,7 @@ fn core_is_no_std_and_forbids_unsafe() {
     assert!(source.contains("#![no_std]") && source.contains("#![forbid(unsafe_code)]"));
 }
 
-/// The scan itself: what it must find, and what it must let pass.
+/// Checks the scan itself: what it must find, and what it must not.
 #[test]
 fn the_scan_finds_what_it_should() {
     fn check(source: &str, expected: &[&str]) {

@@ -1,15 +1,16 @@
-//! Which crate may know which: the arrows of ARCHITECTURE.md, read from `cargo metadata`.
+//! Checks which crate depends on which: the arrows of ARCHITECTURE.md, by `cargo metadata`.
 
 use serde_json::Value;
 use std::collections::{BTreeMap, BTreeSet};
 use std::process::Command;
 
-/// Each crate of ours, and those of ours that it may know; tests and benches included, but for [`IN_TESTS`].
+/// Each crate of ours, and the crates of ours that it may depend on. Tests and benches count, except [`IN_TESTS`].
 const MAY_KNOW: [(&str, &[&str]); 13] = [
     ("pulsetrain-core", &[]),
     ("pulsetrain-motion", &["pulsetrain-core"]),
     ("pulsetrain-plan", &["pulsetrain-core", "pulsetrain-motion"]),
-    // The judge is independent of what it judges: it knows the law, never the plan, nor the fixed point of a board's path.
+    // The judge is independent of what it judges: it depends on the law, never on the plan or the fixed point of a
+    // board's path.
     ("pulsetrain-trace", &["pulsetrain-motion"]),
     ("pulsetrain-board", &["pulsetrain-core", "pulsetrain-emulator"]),
     (
@@ -41,22 +42,22 @@ const MAY_KNOW: [(&str, &[&str]); 13] = [
             "pulsetrain-trace",
         ],
     ),
-    // The truth that tests compare with: it knows nothing of ours.
+    // Tests compare with the oracle's exact times, so it depends on none of our crates.
     ("pulsetrain-oracle", &[]),
-    // What it says of a firmware must be independent of who wrote it.
+    // What the emulator says of a firmware must be independent of the firmware's authors.
     ("pulsetrain-emulator", &[]),
     ("pulsetrain-testkit", &["pulsetrain-board", "pulsetrain-core", "pulsetrain-emulator"]),
     ("xtask", &[]),
 ];
 
-/// What tests and benches may know besides.
+/// What tests and benches may depend on in addition.
 const IN_TESTS: [(&str, &str); 6] = [
     ("pulsetrain-plan", "pulsetrain-oracle"),
     ("pulsetrain-plan", "pulsetrain-testkit"),
     ("pulsetrain-board", "pulsetrain-testkit"),
     ("pulsetrain-session", "pulsetrain-testkit"),
     ("pulsetrain", "pulsetrain-testkit"),
-    // Whether the motion files that `xtask accept` makes are any.
+    // Whether the motion files of `xtask accept` can be read.
     ("xtask", "pulsetrain-motion"),
 ];
 
@@ -74,7 +75,7 @@ fn no_arrow_turns_round() {
     }
 }
 
-/// What runs on boards needs nothing but the language: no dependency that could bring an allocator or floats.
+/// Code for boards depends only on the language: no dependency may bring an allocator or floats.
 #[test]
 fn core_depends_on_nothing() {
     let metadata = metadata();
@@ -83,7 +84,7 @@ fn core_depends_on_nothing() {
     assert!(normal.is_empty(), "pulsetrain-core depends on {normal:?}");
 }
 
-/// No program of users has what tests share.
+/// No program for users contains what tests share.
 #[test]
 fn only_tests_know_the_testkit() {
     let metadata = metadata();
@@ -94,12 +95,12 @@ fn only_tests_know_the_testkit() {
     }
 }
 
-/// For each crate of the workspace, those of the workspace that it names in its manifest.
+/// For each crate of the workspace, the crates of the workspace in its manifest.
 fn known() -> BTreeMap<String, Vec<String>> {
     let metadata = metadata();
     packages(&metadata)
         .map(|package| {
-            // Ours are those that come from a path.
+            // Our crates are those with a path.
             let ours = dependencies(package).filter(|d| d["source"].is_null());
             (text(&package["name"]), ours.map(|d| text(&d["name"])).collect())
         })

@@ -1,10 +1,11 @@
-//! A type's name has one meaning in its crate, and names are words that an engineer of another project would know.
+//! Checks that a type's name has one meaning in its crate, and that names are words that an engineer of another project
+//! would know.
 
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// Words that only this project's first authors used, as names of anything.
+/// Words that only this project's first authors used. They are forbidden as names.
 const HOUSE_WORDS: [&str; 27] = [
     "surely",
     "Sure",
@@ -67,7 +68,8 @@ fn no_name_is_a_house_word() {
     assert!(found.is_empty(), "words that a stranger has to look up:\n{}", found.join("\n"));
 }
 
-/// Within it a type's name has one meaning: a crate; of the emulator a chip, and of the Uno's firmware a program, which are apart.
+/// A type's name has one meaning within such a part: a crate, a chip of the emulator, or a program of the Uno's
+/// firmware.
 fn part(folder: &Path, file: &Path) -> String {
     let inside = file.strip_prefix(folder.join("src")).unwrap_or(file);
     let parts: Vec<String> = inside.iter().map(|part| part.to_string_lossy().into_owned()).collect();
@@ -82,7 +84,7 @@ pub(crate) fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).parent().expect("the repository").to_owned()
 }
 
-/// Folders of all crates of the repository.
+/// The folders of all crates of the repository.
 fn crates() -> Vec<PathBuf> {
     let root = root();
     let inside =
@@ -109,7 +111,7 @@ fn sources(folder: &Path) -> Vec<PathBuf> {
     found
 }
 
-/// The names that a file defines with one of some keywords, outside of its tests; associated types and what is inside of functions are left out.
+/// The names that a file defines with some keywords. Tests, associated types and the insides of functions are left out.
 fn definitions(file: &Path, keywords: &[&str]) -> Vec<String> {
     let text = fs::read_to_string(file).expect("it is text");
     let before_tests = text.split("#[cfg(test)]\nmod tests").next().unwrap_or_default();

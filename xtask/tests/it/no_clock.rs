@@ -1,8 +1,9 @@
-//! No library but a real serial port, and no test, depends on the wall clock: times are arguments.
+//! Checks that no library except a real serial port, and no test, depends on the wall clock: times are arguments.
 
 use std::path::{Path, PathBuf};
 
-/// What may read the clock: measurements, what says how long it took, real ports, and the virtual board that is to keep pace.
+/// Files that may read the clock: measurements, the times of progress messages, real ports, and the virtual board that
+/// keeps pace with real time.
 const MAY: [&str; 8] = [
     "/benches/",
     "xtask/src/accept/",
@@ -13,7 +14,7 @@ const MAY: [&str; 8] = [
     "crates/board/src/serial.rs",
     "crates/pulsetrain/src/serve.rs",
 ];
-/// How it is read, and how it is waited for.
+/// Ways to read the clock, and to wait for it.
 const CLOCKS: [&str; 3] = ["Instant::now", "SystemTime", "thread::sleep"];
 
 #[test]

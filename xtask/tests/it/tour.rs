@@ -1,18 +1,19 @@
-//! Documents point at what exists: every relative link, every line of code that a link names, every path in back quotes.
+//! Checks that documents point at existing things: every relative link, every line of code that a link names, every
+//! path in back quotes.
 //!
-//! A link such as [`Channel::peek`](../crates/core/src/channel.rs#L149) says that the line has the last identifier of its text. With
-//! `UPDATE_EXPECT=1` this test writes the line of that identifier's definition in its place. A file that moved, and whose name
-//! is still the only one of its kind, it finds too.
+//! A link such as [`Channel::peek`](../crates/core/src/channel.rs#L149) says that this line contains the last
+//! identifier of its text. With `UPDATE_EXPECT=1` this test writes the line of that identifier's definition into the
+//! link. It also finds a file that has moved, if no other file has its name.
 
 use std::fmt::Write as _;
 use std::path::{Component, Path, PathBuf};
 
-/// What a path in back quotes ends with. Others are commands, or what programs write.
+/// Endings of paths in back quotes. Other words in back quotes are commands, or files that programs write.
 const ENDINGS: [&str; 16] =
     ["rs", "md", "toml", "txt", "s", "ld", "h", "py", "hex", "uf2", "sym", "svg", "png", "csv", "rules", "yml"];
-/// Folders of the repository: a path in back quotes that begins with one exists, whatever it ends with.
+/// Folders of the repository. A path in back quotes that begins with one of them must exist, whatever its ending.
 const FOLDERS: [&str; 8] = ["crates", "docs", "examples", "firmware", "fuzz", "python", "testdata", "xtask"];
-/// What is no part of the repository.
+/// Folders that are no part of the repository.
 const NOT_OURS: [&str; 5] = [".git", "target", "out", "corpus", "artifacts"];
 
 #[test]
@@ -25,7 +26,7 @@ fn what_documents_point_at_exists() {
         let text = std::fs::read_to_string(root.join(document)).expect("a document");
         let references = Checker { root: &root, files: &files, document }.check(&text);
         let mut updated = text.clone();
-        // From the last one on: places before it stay what they are.
+        // From the last to the first, so that earlier places stay valid.
         for reference in references.iter().rev() {
             match &reference.instead {
                 Some(instead) if update => updated.replace_range(reference.from..reference.to, instead),
@@ -42,7 +43,7 @@ fn what_documents_point_at_exists() {
     assert!(wrong.is_empty(), "UPDATE_EXPECT=1 mends lines and moved files:\n{wrong}");
 }
 
-/// The check itself: what it must find, and what it must let pass.
+/// Checks the check itself: what it must find, and what it must not.
 #[test]
 fn the_check_finds_what_it_should() {
     let root = root();
@@ -82,13 +83,13 @@ fn the_check_finds_what_it_should() {
     assert_eq!(check("[a](../docs/it/tour.rs)"), ["../docs/it/tour.rs is not there: ../xtask/tests/it/tour.rs is"]);
 }
 
-/// Something that a document names and that is not so.
+/// A reference of a document that is wrong.
 struct Wrong {
-    /// The bytes of the document that say it.
+    /// The bytes of the reference in the document.
     from: usize,
     to: usize,
     problem: String,
-    /// What would be right, if it is known.
+    /// The right reference, if it is known.
     instead: Option<String>,
 }
 
@@ -104,7 +105,7 @@ impl Checker<'_> {
         let (mut at, mut is_fenced, mut before_is_empty, mut was_indented) = (0, false, true, false);
         for line in text.split_inclusive('\n') {
             let is_fence = line.trim_start().starts_with("```");
-            // Four blanks after an empty line are code.
+            // Four blanks after an empty line begin code.
             let is_indented = line.starts_with("    ") && (before_is_empty || was_indented);
             if !is_fence && !is_fenced && !is_indented {
                 wrong.extend(links(line).filter_map(|link| self.check_link(&link, at)));
@@ -191,7 +192,8 @@ impl Checker<'_> {
         Some(Wrong { from, to: from + path.len(), problem, instead })
     }
 
-    /// The only file of that name, or the only one that is most like `path`; with `ident`, of those that define it.
+    /// The only file of that name, or the only one most similar to `path`. With `ident`, only files that define it
+    /// count.
     fn moved(&self, path: &Path, ident: Option<&str>) -> Option<PathBuf> {
         let name = path.file_name()?;
         let named = self.files.iter().filter(|file| file.file_name() == Some(name));
@@ -207,8 +209,8 @@ impl Checker<'_> {
         }
     }
 
-    /// The line in which `file` defines `ident`: of several, the one in what `text` names before it (`Channel` in `Channel::peek`), or the
-    /// one nearest to `line`.
+    /// The line in which `file` defines `ident`. Of several, the one within what `text` names before it (`Channel` in
+    /// `Channel::peek`), or the one nearest to `line`.
     fn defined(&self, file: &Path, text: &str, ident: &str, line: usize) -> Option<usize> {
         let source = std::fs::read_to_string(self.root.join(file)).ok()?;
         let owner = text.trim_matches('`').rsplit_once("::").and_then(|(owner, _)| last_identifier(owner));
@@ -237,18 +239,18 @@ fn defines(code: &str, ident: &str) -> Option<u8> {
         ["fn", "struct", "enum", "trait", "const", "static", "mod", "type", "macro_rules!", ".macro"];
     let words: Vec<&str> = code.split([' ', '<', '(', ':', ';', '{', ',']).filter(|word| !word.is_empty()).collect();
     if words.windows(2).any(|pair| KEYWORDS.contains(&pair[0]) && pair[1] == ident) {
-        // Of assembly Rust has a declaration alone: its label is better.
+        // Rust only declares what assembly defines: the label is better.
         return Some(if code.contains("fn ") && code.ends_with(';') { 2 } else { 0 });
     }
     let rest = code.strip_prefix(ident);
-    // A label, a field, a variant; a line of a table of names.
+    // A label, a field or a variant; or a line of a table of names.
     if rest.is_some_and(|rest| rest.starts_with([':', ',', '(', ' ']) && !rest.starts_with("::")) {
         return Some(1);
     }
     Some(3)
 }
 
-/// Whether a line of code defines nothing: a comment, or what an assembler is told of a name.
+/// Whether a line of code defines nothing: a comment, or an assembler's directive about a name.
 fn only_mentions(code: &str) -> bool {
     const MENTIONS: [&str; 5] = ["//", ".global", ".section", ".type", ".size"];
     MENTIONS.iter().any(|begin| code.trim_start().starts_with(begin))
@@ -266,7 +268,7 @@ fn links(line: &str) -> impl Iterator<Item = Link<'_>> {
     line.match_indices("](").filter_map(move |(middle, _)| {
         let from = middle + 2;
         let to = from + line[from..].find(')')?;
-        // The bracket that the text began with: texts may have brackets of their own in back quotes.
+        // The bracket that opened the text: a text may have brackets of its own in back quotes.
         let mut depth = 0;
         let begin = line[..middle].char_indices().rev().find(|(_, c)| {
             depth += match c {
@@ -281,7 +283,7 @@ fn links(line: &str) -> impl Iterator<Item = Link<'_>> {
     })
 }
 
-/// What stands in single back quotes in one line, and where.
+/// The texts in single back quotes in one line, with their places.
 fn quoted(line: &str) -> impl Iterator<Item = (usize, &str)> {
     let quotes: Vec<usize> = line.match_indices('`').map(|(at, _)| at).collect();
     let pairs: Vec<(usize, usize)> = quotes.chunks_exact(2).map(|pair| (pair[0] + 1, pair[1])).collect();
@@ -317,7 +319,7 @@ fn normal(path: &Path) -> PathBuf {
     })
 }
 
-/// The way from a folder to a file, both in the repository.
+/// The relative path from a folder to a file, both in the repository.
 fn relative(folder: &Path, file: &Path) -> String {
     let common = folder.components().zip(file.components()).take_while(|(one, other)| one == other).count();
     let up = "../".repeat(folder.components().count() - common);

@@ -1,4 +1,4 @@
-//! `pulsetrain bake`: a motion that stays on a board.
+//! `pulsetrain bake`: writes a motion that a board plays without a computer.
 
 use crate::arguments;
 use clap::Args;
@@ -72,34 +72,34 @@ pub(crate) struct BakeArgs {
     pub(crate) json: bool,
 }
 
-/// What a sketch comes to.
+/// The sketch that was made.
 #[derive(Debug, Serialize)]
 struct BakedSketch {
-    /// The .ino file.
+    /// Path of the .ino file.
     file: String,
     rows: usize,
     table_bytes: usize,
-    /// It repeats for ever.
+    /// Whether the motion repeats for ever.
     endless: bool,
-    /// Steps that wait for a DIR line that motors share, and how long at most; of what repeats, in one turn.
+    /// The steps that a shared DIR line delays, and their longest delay; of a repeating motion, in one turn.
     steps_put_off: u64,
     longest_put_off_ticks: u64,
 }
 
-/// What an image comes to.
+/// The image that was made.
 #[derive(Debug, Serialize)]
 struct BakedImage {
     file: String,
     /// Segments and waits.
     items: usize,
-    /// Of the motion, and of all that the image takes.
+    /// Bytes of the motion, and of the whole image.
     motion_bytes: usize,
     flash_bytes: usize,
     endless: bool,
-    /// Steps that wait for a DIR line that motors share, and how long at most; of what repeats, in one turn.
+    /// The steps that a shared DIR line delays, and their longest delay; of a repeating motion, in one turn.
     steps_put_off: u64,
     longest_put_off_ticks: u64,
-    /// Only for an Uno, and if it is wanted.
+    /// Only for an Uno, and only if the user wants a rehearsal.
     #[serde(skip_serializing_if = "Option::is_none")]
     rehearsed: Option<Rehearsal>,
 }
@@ -182,7 +182,7 @@ fn uno(args: &BakeArgs, prepared: &Prepared, path: &Path, console: &mut Console<
     baked.say(args, prepared, Image::FLASH_BYTES, ("Uno", "pulsetrain flash uno --port PORT"), console)
 }
 
-/// Plays an image on the virtual Uno, before it is written.
+/// Plays an image on the virtual Uno, before the image is written.
 fn rehearse(
     args: &BakeArgs,
     prepared: &Prepared,
@@ -205,7 +205,7 @@ fn rehearse(
 }
 
 impl BakedImage {
-    /// Says it, of a board and of the command that writes to it.
+    /// Prints the image's size, with the board and the command that writes it to the board.
     fn say(
         &self,
         args: &BakeArgs,
@@ -241,7 +241,8 @@ impl BakedImage {
     }
 }
 
-/// An image is called as what it is: another name is another board's image, or a file that somebody wrote.
+/// Checks that the file's name ends as the board's images do. Another ending is another board's image, or a file that
+/// somebody wrote.
 fn check_ending(path: &Path, ending: &str, what: &str) -> miette::Result<()> {
     if path.extension().is_some_and(|is| is.eq_ignore_ascii_case(ending)) {
         return Ok(());
@@ -250,7 +251,7 @@ fn check_ending(path: &Path, ending: &str, what: &str) -> miette::Result<()> {
     Err(miette!(help = help, "{} does not end in .{ending}: {what}", path.display()))
 }
 
-/// Leaves alone what somebody wrote: a sketch is written over if it was made here.
+/// Refuses to write over a sketch that somebody wrote. A sketch of this program carries its mark.
 fn check_own(path: &Path) -> miette::Result<()> {
     let Ok(text) = fs::read(path) else { return Ok(()) };
     if String::from_utf8_lossy(&text).lines().take(2).any(|line| line.contains(sketch::MADE)) {
@@ -260,7 +261,7 @@ fn check_own(path: &Path) -> miette::Result<()> {
     Err(miette!(help = help, "{} is there, and was not made by `pulsetrain bake`", path.display()))
 }
 
-/// Says which steps are not where their law has them.
+/// Prints which steps are delayed and so are not where their law has them.
 fn say_put_off(put_off: PutOff, prepared: &Prepared, endless: bool, console: &mut Console<'_>) -> miette::Result<()> {
     let PutOff { steps, longest_ticks } = put_off;
     if steps == 0 {
@@ -285,7 +286,7 @@ fn problem(prepared: &Prepared, error: BakeError) -> miette::Report {
     }
 }
 
-/// A sketch is called as its folder.
+/// The Arduino IDE wants a sketch to have its folder's name.
 fn sketch_name(folder: &Path) -> miette::Result<String> {
     let name = folder.file_name().map(|name| name.to_string_lossy().into_owned()).filter(|name| is_name(name));
     name.ok_or_else(|| {
@@ -305,7 +306,7 @@ mod tests {
     use super::*;
     use crate::console::json;
 
-    /// Two motors in step with one another, with a ring each, as the planner takes them at any rate.
+    /// Two motors in step with one another, with a ring each, at the highest rate that the planner allows.
     fn prepared(hz: f64, folder: &Path) -> Prepared {
         let motor = |step: u8, dir: u8| {
             format!(
@@ -323,7 +324,7 @@ mod tests {
         prepared
     }
 
-    /// Those that run firmware on an emulated chip.
+    /// Tests that run firmware on an emulated chip.
     mod chips {
         use super::*;
 
@@ -357,11 +358,11 @@ mod tests {
             assert!(said.contains("t = 0."), "{said}");
             assert!(help.contains("m2 at ") && help.contains("k steps/s") && help.contains("--no-rehearsal"), "{help}");
             assert!(!path.exists(), "nothing is written");
-            // Without it there is a file, and nothing is said of a rehearsal.
+            // Without a rehearsal the file is written, and the report has none.
             args.no_rehearsal = true;
             assert!(!bake(&args, &fast).unwrap().contains("rehearsed") && path.exists());
             std::fs::remove_file(&path).unwrap();
-            // A part of it that the board makes is told as that.
+            // A rehearsal of a part of the motion says that it is a part.
             (args.no_rehearsal, args.json) = (false, false);
             let slow = prepared(30_000.0, &folder);
             args.rehearse = Some(pulsetrain_motion::Time::from_seconds(0.2));

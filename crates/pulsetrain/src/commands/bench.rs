@@ -13,7 +13,7 @@ use pulsetrain_motion::program::{DriverTiming, Limits, Motor, Program, Scale, To
 use pulsetrain_motion::{Grid, Law, Time, boards};
 use serde::Serialize;
 
-use super::{drive_problem, port_problem};
+use super::problems::{drive_problem, port_problem};
 use crate::console::{Console, Exit};
 use pulsetrain_motion::human::{self, Table};
 use pulsetrain_session::drive::{DriveError, Driven, session_number};
@@ -38,13 +38,14 @@ pub(crate) struct BenchArgs {
 
 /// Periods of the sinusoids, s.
 const PERIODS_S: [f64; 4] = [2.0, 1.0, 0.5, 0.25];
-/// On an Uno the tutorial's amplitude, whose own sketch manages the first at a third of its speed; a Pico is faster.
+/// Half strokes in steps. On an Uno it is the tutorial's amplitude; the tutorial's own sketch makes the first of these
+/// periods at a third of its speed. A Pico is faster.
 const UNO_STEPS: f64 = 2000.0;
 const PICO_STEPS: f64 = 19_000.0;
 const STEP_PIN: u8 = 8;
 const DIR_PIN: u8 = 9;
 
-/// One sinusoid.
+/// The figures of one sinusoid.
 #[derive(Debug, Serialize)]
 struct BenchRow {
     period_s: f64,
@@ -52,9 +53,9 @@ struct BenchRow {
     steps: u64,
     /// Share of the time that the processor was awake.
     busy: f64,
-    /// Cycles awake for each step, receiving and all.
+    /// Processor cycles for each step; they include receiving.
     cycles_per_step: f64,
-    /// Of an Uno; a Pico has no compares.
+    /// Only of an Uno: a Pico's hardware has no compares to miss.
     compares_missed: Option<u16>,
     latest_ticks: Option<u16>,
     starved: u16,
@@ -62,14 +63,14 @@ struct BenchRow {
     longest_round_ticks: u16,
     most_unread_bytes: u16,
     stack_left_bytes: u16,
-    /// What it said unasked, in words; not that everything was done.
+    /// Events that the board reported by itself, in words, without the one that the motion is over.
     events: Vec<&'static str>,
-    /// Seen on the pins: of a virtual board alone.
+    /// Seen on the pins: only of a virtual board.
     pins: Option<Lateness>,
 }
 
 impl BenchRow {
-    /// What a board that is well does not have, one after the other.
+    /// The faults of this run, in words. A board that works has none.
     fn trouble(&self) -> Vec<String> {
         let counts = [
             (self.pins.as_ref().map_or(0, |pins| pins.lost), "steps without an edge"),
@@ -78,7 +79,7 @@ impl BenchRow {
             (self.starved.into(), "times starved"),
         ];
         let counted = counts.into_iter().filter(|(count, _)| *count > 0).map(|(count, what)| format!("{count} {what}"));
-        // What has no compares makes edges at their very tick.
+        // A board without compares makes each edge exactly in its tick.
         let timed = self.pins.as_ref().filter(|_| self.compares_missed.is_none());
         let off = timed.map(|pins| pins.max_ticks.max(-pins.min_ticks)).filter(|ticks| *ticks > 0);
         let off = off.map(|ticks| format!("an edge {ticks} cycles off its tick"));
@@ -86,17 +87,17 @@ impl BenchRow {
     }
 }
 
-/// A sinusoid in words.
+/// A sinusoid's name in the output.
 fn name(period_s: f64) -> String {
     format!("a sinusoid of {period_s} s")
 }
 
-/// All of it.
+/// The whole report.
 #[derive(Debug, Serialize)]
 struct Rows {
     measured: Vec<BenchRow>,
     refused: Vec<String>,
-    /// Steps lost, and what else the board is not to do.
+    /// Steps lost, and the other faults of all runs.
     trouble: Vec<String>,
 }
 
@@ -114,7 +115,7 @@ pub(crate) fn run(args: &BenchArgs, console: &mut Console<'_>) -> miette::Result
         BoardKind::Pico => PICO_STEPS,
     };
     let mut rows = Vec::new();
-    // What the board cannot do, and why.
+    // Which sinusoids the board cannot play, and why.
     let mut refused = Vec::new();
     for period_s in PERIODS_S {
         let prepared = prepared(kind.name(), amplitude, period_s)?;
@@ -125,7 +126,7 @@ pub(crate) fn run(args: &BenchArgs, console: &mut Console<'_>) -> miette::Result
             }
             None => measure(&prepared, (amplitude, period_s), kind.virtual_board(Role::Plans), args.at.baud),
         };
-        // A Pico has no compares that could be missed.
+        // A Pico has no compares that it could miss.
         let has_none = kind == BoardKind::Pico;
         let measured = measured
             .map(|row| if has_none { BenchRow { compares_missed: None, latest_ticks: None, ..row } } else { row });
@@ -169,7 +170,7 @@ pub(crate) fn run(args: &BenchArgs, console: &mut Console<'_>) -> miette::Result
         BoardKind::Uno => 1.0 / 16e6,
         BoardKind::Pico => 1.0 / 125e6,
     };
-    // What is longer than a word tells is only known to be so.
+    // A counter that is full only says that the time was at least this long.
     let ticks = |ticks: u16| {
         let time = human::seconds(f64::from(ticks) * tick_s);
         if ticks == u16::MAX { format!("≥ {time}") } else { time }
@@ -212,7 +213,7 @@ pub(crate) fn run(args: &BenchArgs, console: &mut Console<'_>) -> miette::Result
     Ok(exit)
 }
 
-/// Whether the board at a port is a Pico, or else an Uno, by what its firmware says.
+/// Whether the board at a port is a Pico or an Uno, by its firmware's answer.
 fn kind_of(port: impl Port) -> miette::Result<BoardKind> {
     let remote = Remote::open(port, session_number()).map_err(|error| drive_problem(error.into()))?;
     let tick_hz = u64::from(remote.info().tick_hz);
@@ -225,7 +226,7 @@ fn kind_of(port: impl Port) -> miette::Result<BoardKind> {
     }
 }
 
-/// A period of a sinusoid.
+/// One sinusoid's motion for the board.
 fn prepared(board: &str, amplitude: f64, period_s: f64) -> miette::Result<Prepared> {
     let board = boards::find(board).ok_or_else(|| miette!("the table of boards lacks the board"))?.board;
     let law = Law::sine(amplitude, Time::from_seconds(period_s), Some(1)).map_err(|error| miette!("{error}"))?;
@@ -318,10 +319,10 @@ mod tests {
     use pulsetrain_core::wire::message::MotorSetup;
     use std::time::Duration;
 
-    /// A Pico one of whose edges is not seen.
+    /// A Pico of which one edge is not seen.
     struct Blink {
         pico: VirtualPico,
-        /// Edges of STEP until then.
+        /// Edges of STEP before the missing one.
         edges: usize,
     }
 
@@ -349,7 +350,7 @@ mod tests {
         }
     }
 
-    /// Those that run firmware on an emulated chip.
+    /// Tests that run firmware on an emulated chip.
     mod chips {
         use super::*;
 
@@ -381,7 +382,7 @@ mod tests {
             assert_eq!(row.trouble(), ["2 compares missed", "1 times starved", "it said: an edge was late"]);
         }
 
-        /// A move of a host before is done when this one comes.
+        /// The board reports the end of an earlier host's move when this host connects.
         #[test]
         fn what_was_told_before_is_no_trouble() {
             let driver = MotorSetup { step_pin: 2, dir_pin: 3, ..MotorSetup::default() };

@@ -137,7 +137,7 @@ fn serve<C: Client>(client: C, place: &str, args: &BoardArgs, console: &mut Cons
     }
 }
 
-/// A Pico with that program; by its USB port if it has one, or else by its UART.
+/// A Pico with that program. Its port is its USB if the program has USB, else its UART.
 fn programmed(file: &Path) -> miette::Result<VirtualPico> {
     let help = "it takes what `cargo xtask uf2` and `pulsetrain bake` write for a Pico: docs/pico.md";
     let pico = VirtualPico::with_image(&console::read(file)?)
@@ -159,7 +159,7 @@ fn flashed(file: &Path) -> miette::Result<VirtualUno> {
     VirtualUno::with_program(&image).map_err(|error| miette!(help = help, "{}: {error}", file.display()))
 }
 
-/// What an Uno's flash holds, from a file.
+/// Reads the contents of an Uno's flash from a file.
 fn read_hex(file: &Path, help: &str) -> miette::Result<Vec<u8>> {
     let text = String::from_utf8_lossy(&console::read(file)?).into_owned();
     hex::parse(&text, stk500::FLASH_BYTES).map_err(|error| match error {
@@ -168,7 +168,7 @@ fn read_hex(file: &Path, help: &str) -> miette::Result<Vec<u8>> {
     })
 }
 
-/// An Uno that has a bootloader and nothing else.
+/// An Uno that has only a bootloader.
 fn just_bought(file: &Path) -> miette::Result<VirtualUno> {
     let help = "a bootloader of an Uno is at the end of its flash: Optiboot's 512 bytes from 0x7e00 on";
     let image = read_hex(file, help)?;

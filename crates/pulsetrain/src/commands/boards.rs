@@ -13,14 +13,15 @@ struct BoardTableRow {
     about: &'static str,
     tick_hz: u64,
     max_motors: usize,
-    /// With 1, 2, … motors; the last serves for more.
+    /// Limits with 1, 2, … motors. The last one holds for more motors.
     min_interval_ticks: Vec<u32>,
     hardware_timed: bool,
     lateness_ticks: u32,
     horizon_ticks: u32,
     ram_bytes: Option<u32>,
     flash_bytes: Option<u32>,
-    /// Each motor's, with 1, 2, … motors; the last serves for more, none is no limit.
+    /// Each motor's limit with 1, 2, … motors. The last one holds for more motors; if there are none, there is no
+    /// limit.
     queue_bytes: Vec<u32>,
     source: String,
     note: &'static str,

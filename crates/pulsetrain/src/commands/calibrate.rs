@@ -1,4 +1,4 @@
-//! `pulsetrain calibrate`: a board's clock against this computer's.
+//! `pulsetrain calibrate`: compares a board's clock with this computer's.
 
 use crate::arguments;
 use clap::Args;
@@ -7,7 +7,7 @@ use pulsetrain_board::{Board, Port, Remote, RemoteError, Serial};
 use pulsetrain_motion::Time;
 use serde::Serialize;
 
-use super::{drive_problem, port_problem};
+use super::problems::{drive_problem, port_problem};
 use crate::console::{Console, Exit};
 use pulsetrain_motion::human;
 use pulsetrain_session::drive::session_number;
@@ -33,13 +33,14 @@ pub(crate) struct CalibrateArgs {
     pub(crate) json: bool,
 }
 
-/// What was found.
+/// The result.
 #[derive(Debug, Serialize)]
 struct ClockReport {
-    /// How much faster than its nominal rate the board's clock runs by this computer's, and how much that may be off.
+    /// How much faster than its nominal rate the board's clock runs by this computer's clock, ppm, and how much that
+    /// figure may be off.
     clock_ppm: f64,
     within_ppm: f64,
-    /// How long it was watched, s of the board.
+    /// How long the clock was watched, s by the board's clock.
     seconds: f64,
 }
 
@@ -67,7 +68,7 @@ pub(crate) fn run(args: &CalibrateArgs, console: &mut Console<'_>) -> miette::Re
     Ok(Exit::Success)
 }
 
-/// What the figure says of the board's clock.
+/// What the figure means for the board's clock.
 fn way(clock_ppm: f64, within_ppm: f64) -> &'static str {
     if clock_ppm.abs() <= within_ppm {
         "whether it runs faster or slower cannot be told"
@@ -78,7 +79,7 @@ fn way(clock_ppm: f64, within_ppm: f64) -> &'static str {
     }
 }
 
-/// What to do about it.
+/// What the user can do about it.
 fn advice(clock_ppm: f64, within_ppm: f64, port: &str) -> String {
     if clock_ppm.abs() <= within_ppm {
         return format!(
@@ -98,10 +99,10 @@ fn advice(clock_ppm: f64, within_ppm: f64, port: &str) -> String {
     )
 }
 
-/// Watches a board's clock for so long: how much faster than its nominal rate it runs, ppm, and how much that may be off. `None` if that
-/// was too short to say anything. `watch` hears how much of the time has passed, s.
+/// Watches a board's clock for a time. Gives how much faster than its nominal rate it runs, ppm, and how much that may
+/// be off. `None` if the time was too short for an estimate. Calls `watch` with the time that has passed, s.
 fn compare<P: Port>(port: P, seconds: f64, mut watch: impl FnMut(f64)) -> Result<Option<(f64, f64)>, RemoteError> {
-    /// How often the progress is told.
+    /// How often `watch` is called.
     const LOOKS_PER_S: f64 = 5.0;
     let mut board = Remote::open(port, session_number())?;
     let hz = f64::from(board.info().tick_hz);
@@ -146,11 +147,12 @@ mod tests {
         }
     }
 
-    /// Those that run firmware on an emulated chip.
+    /// Tests that run firmware on an emulated chip.
     mod chips {
         use super::*;
 
-        /// In simulated time: the estimate holds the truth within what it says of itself, and says what is of use.
+        /// In simulated time the true rate lies within the estimate's own bounds, and the bounds are narrow enough to
+        /// be useful.
         #[test]
         fn a_clock_that_is_off_is_found_out() {
             for off in [5000, -5000, 0, 37] {
@@ -163,7 +165,7 @@ mod tests {
             assert!((ppm + 40.0).abs() <= within && within < 1500.0, "{ppm} ± {within}");
         }
 
-        /// As `calibrate` says of too short a time.
+        /// The message of `calibrate` if the time is too short.
         #[test]
         fn a_minute_tells_it_to_some_70_ppm() {
             let (ppm, within) = compare(Skewed::new(VirtualUno::new(), -1250), 60.0, |_| {}).unwrap().unwrap();

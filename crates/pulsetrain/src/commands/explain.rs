@@ -1,4 +1,4 @@
-//! `pulsetrain explain`: why a motion is refused, or how far it is from its limits.
+//! `pulsetrain explain`: why the planner refuses a motion, or how far the motion is from its limits.
 
 use crate::arguments;
 use crate::arguments::Motion;
@@ -61,7 +61,7 @@ struct Refused {
     curve: Vec<Point>,
     least_slowdown: Option<f64>,
     other_boards: Vec<String>,
-    /// What else this motor breaks, and what the others do, each by itself.
+    /// What else this motor breaks, and what each other motor breaks.
     also: Vec<Also>,
     #[serde(skip)]
     advice: String,
@@ -69,7 +69,7 @@ struct Refused {
     limit: Option<LimitLine>,
 }
 
-/// A limit that is broken, beside the first.
+/// A broken limit other than the first one.
 #[derive(Serialize)]
 struct Also {
     motor: String,
@@ -86,7 +86,7 @@ struct Point {
     acceleration: f64,
 }
 
-/// What is compared with the limit, and the limit itself.
+/// The quantity that the limit is for, and the limit.
 #[derive(Clone, Copy)]
 struct LimitLine {
     of: fn(&Point) -> f64,
@@ -95,7 +95,7 @@ struct LimitLine {
     value: f64,
 }
 
-/// How much of each limit a motor's plan uses; `None` where there is no limit.
+/// The share of each limit that a motor's plan uses. `None` where there is no limit.
 #[derive(Serialize)]
 struct Margins {
     motor: String,
@@ -109,7 +109,7 @@ struct Margins {
 struct Use {
     used: f64,
     limit: f64,
-    /// used/limit, or limit/used for intervals: 1 is all of it.
+    /// used/limit, or limit/used for intervals: 1 means that the limit is reached.
     part: f64,
 }
 
@@ -168,11 +168,11 @@ pub(crate) fn run(args: &ExplainArgs, console: &mut Console<'_>) -> miette::Resu
     } else if let Some(report) = plan_report {
         console.print(format_args!("{report}It fits. Of each limit it uses:\n\n{}", table_of(&explanation.margins)))?;
     }
-    // The motion may be refused; explaining that was what was asked for.
+    // The planner may refuse the motion here: the user wants that explained.
     Ok(Exit::Success)
 }
 
-/// Why a file is refused in which nothing but machines' paths is wrong.
+/// Why a file is refused of which only machines' paths are wrong.
 #[derive(Serialize)]
 struct PathExplanations<'a> {
     file: &'a str,
@@ -211,7 +211,7 @@ struct PathRow<'a> {
 }
 
 impl<'a> PathExplanations<'a> {
-    /// `None` if anything else is wrong, too: that comes first.
+    /// `None` if anything else in the file is wrong, too, since that error comes first.
     fn new(error: &'a FileError) -> Option<PathExplanations<'a>> {
         let problems = error.problems();
         let refusals = problems.iter().map(|problem| Some(PathExplanation::new(problem, problem.path()?)));
@@ -304,7 +304,8 @@ fn refused(prepared: &Prepared, motor: &Motor, error: &PlanError, advice: String
         }
         _ => None,
     };
-    // Whoever slows a motion down does not slow down what takes up its slack: the advice says how long that has to take.
+    // If the user slows the motion down, using up its slack takes as long as before. So the advice says how long that
+    // has to take.
     let is_limit = error.limit().is_some_and(|limit| limit != Limit::Line) && motor.law.backlash_over().is_none();
     Refused {
         motor: motor.name.clone(),
@@ -322,7 +323,7 @@ fn refused(prepared: &Prepared, motor: &Motor, error: &PlanError, advice: String
     }
 }
 
-/// All limits that are broken but the one that was met first.
+/// All broken limits except the one that is met first.
 fn also(prepared: &Prepared, first: &Motor, met: &PlanError) -> Vec<Also> {
     let motors = prepared.program.motors.iter().flat_map(|motor| {
         let is_first = motor.name == first.name;
@@ -344,13 +345,14 @@ fn acceleration(point: &Point) -> f64 {
     point.acceleration.abs()
 }
 
-/// The law around the place: twice as long after it as before, since a limit is met on the way up.
+/// Points of the law around the place. The range is twice as long after it as before, since a motion meets a limit on
+/// its way up.
 fn curve(motor: &Motor, at_s: f64) -> Vec<Point> {
     let end_s = motor.law.end().map_or(at_s * 2.0, Time::seconds);
     let span = (0.1 * end_s).min(at_s.max(0.01 * end_s));
     let (from, to) = ((at_s - span).max(0.0), (at_s + 2.0 * span).min(end_s));
     let mut cursor = Cursor::new(&motor.law);
-    // The place itself is among the points.
+    // The place itself is one of the points.
     let times = (0..ROWS).map(|k| from + (to - from) * f64::from(k) / f64::from(ROWS - 1));
     let mut times: Vec<f64> = times.chain([at_s]).collect();
     times.sort_by(f64::total_cmp);
@@ -379,7 +381,7 @@ fn text_of(explanation: &Explanation, refused: &Refused) -> String {
     text
 }
 
-/// The points, with a bar for what breaks the limit: `│` is the limit.
+/// The points, with a bar for the quantity that breaks the limit. `│` is the limit.
 fn curve_table(refused: &Refused) -> Table {
     let mut table = match refused.limit {
         Some(_) => Table::new(["", "time", "position, steps", "speed, steps/s", "acceleration, steps/s²", ""]),

@@ -1,4 +1,4 @@
-//! `pulsetrain flash`: the committed firmware, or another image, onto a board.
+//! `pulsetrain flash`: writes the committed firmware, or another image, to a board.
 
 use crate::arguments;
 use clap::Args;
@@ -15,7 +15,7 @@ use pulsetrain_board::{PortError, Serial, hex, image, serial, virtual_pico};
 use pulsetrain_motion::quantity::nearest;
 use serde::Serialize;
 
-use super::port_problem;
+use super::problems::port_problem;
 use crate::console::{self, Console, Exit};
 use pulsetrain_motion::human;
 
@@ -46,18 +46,19 @@ pub(crate) struct FlashArgs {
     pub(crate) json: bool,
 }
 
-/// What was done.
+/// The result.
 #[derive(Debug, Serialize)]
 struct Flashed {
     #[serde(serialize_with = "by_name")]
     board: BoardKind,
-    /// Port, or folder.
+    /// The Uno's port, or the folder of the Pico's drive.
     place: String,
     bytes: usize,
-    /// Of the bootloader, bits a second.
+    /// The bootloader's rate, bits a second.
     #[serde(skip_serializing_if = "Option::is_none")]
     baud: Option<u32>,
-    /// Whether every byte was read back and is right: never of a Pico, whose drive is gone as soon as it has all.
+    /// Whether every byte was read back and is right. Never of a Pico: its drive is gone as soon as it has the whole
+    /// image.
     verified: bool,
 }
 
@@ -80,12 +81,12 @@ pub(crate) fn run(args: &FlashArgs, console: &mut Console<'_>) -> miette::Result
     Ok(Exit::Success)
 }
 
-/// As motion files call it.
+/// The board's name in motion files.
 fn by_name<S: serde::Serializer>(board: &BoardKind, to: S) -> Result<S::Ok, S::Error> {
     to.serialize_str(board.name())
 }
 
-/// What was done, and what comes next: a firmware of this program's own answers hosts, another image may not.
+/// Prints what was written, and the next command. This program's own firmware answers hosts; another image may not.
 fn done(Flashed { board, place, bytes, .. }: &Flashed, is_own: bool) -> String {
     let bytes = human::count(*bytes as i128);
     match (*board, is_own) {
@@ -108,7 +109,7 @@ fn done(Flashed { board, place, bytes, .. }: &Flashed, is_own: bool) -> String {
     }
 }
 
-/// An Uno's port is not guessed: another board may be at the only one there is.
+/// An Uno's port is not guessed: the only port may be another board's.
 fn which_port(names: &[String]) -> Report {
     let help = "`pulsetrain ports` tells what is at each";
     match names {
@@ -117,7 +118,7 @@ fn which_port(names: &[String]) -> Report {
     }
 }
 
-/// The names of an Uno's images, each of which stands in place of a file's.
+/// The names of an Uno's images, which the user may give instead of a file.
 const NAMES: [&str; 3] = [Role::Plans.image_name(), Role::Winch.image_name(), Role::Verbs.image_name()];
 
 /// The Uno's image of that name.
@@ -126,7 +127,7 @@ pub(super) fn named(name: &Path) -> Option<Vec<u8>> {
     role.map(|role| BoardKind::Uno.image(role))
 }
 
-/// What an Uno takes in place of a name or file that is neither.
+/// The help for a name that is neither an image's nor a file's.
 fn uno_images(name: &Path) -> String {
     let near = name.to_str().and_then(|name| nearest(name, NAMES));
     let near = near.map_or_else(String::new, |near| format!("did you mean `{near}`? "));
@@ -135,15 +136,16 @@ fn uno_images(name: &Path) -> String {
     )
 }
 
-/// Writes one of the firmware's images to the Uno at a port, and says so to who looks on: results are another command's.
+/// Writes one of the firmware's images to the Uno at a port. Prints only to standard error, since the results are those
+/// of another command.
 pub(super) fn write(port: &str, image: Option<&str>, console: &mut Console<'_>) -> miette::Result<()> {
     let flashed = uno(port, &uno_image(image.map(Path::new))?, console)?;
-    // Where errors cannot be written nobody reads them.
+    // If standard error is closed nobody reads it.
     drop(writeln!(console.err, "{}", done(&flashed, true)));
     Ok(())
 }
 
-/// The image of that name or in that file; the firmware, if none is said.
+/// The image of that name or in that file. Without a name it is the firmware.
 fn uno_image(file: Option<&Path>) -> miette::Result<Vec<u8>> {
     let Some(file) = file else { return Ok(BoardKind::Uno.image(Role::Plans)) };
     if let Some(image) = named(file) {
@@ -193,7 +195,7 @@ fn uno(name: &str, image: &[u8], console: &Console<'_>) -> miette::Result<Flashe
     Err(miette!(help = help, "no Uno's bootloader answers at {name}, neither at {new} nor at {old} baud"))
 }
 
-/// What is wrong, with what to do.
+/// The error, with advice.
 fn problem(name: &str, error: FlashError) -> Report {
     let help = match &error {
         FlashError::Port(PortError::Gone { .. }) => {
@@ -222,11 +224,11 @@ fn problem(name: &str, error: FlashError) -> Report {
     miette!(help = help, "{name}: {error}")
 }
 
-/// What says that a folder is a chip's drive, and of which.
+/// The file by which a folder is a chip's drive. It also names the chip.
 const INFO: &str = "INFO_UF2.TXT";
-/// The name of the file that is written; the chip does not look at it.
+/// The name of the file that is written. The chip ignores it.
 const COPY: &str = "pulsetrain.uf2";
-/// Written at a time, so that the progress moves.
+/// Bytes that are written at a time, so that the progress bar moves.
 const PIECE: usize = 16 * 1024;
 
 fn pico(folder: Option<&str>, file: Option<&Path>, console: &Console<'_>) -> miette::Result<Flashed> {
@@ -246,7 +248,7 @@ fn pico(folder: Option<&str>, file: Option<&Path>, console: &Console<'_>) -> mie
     let bar = console.progress(bytes.len() as f64, &format!("{} KB", bytes.len().div_ceil(1000)));
     bar.stage("writing");
     copy(&path, &bytes, |done| bar.set(done as f64)).or_else(|(written, error)| {
-        // The chip begins anew as soon as it has the last block: the drive goes away under our hands, if not at once.
+        // The chip restarts as soon as it has the last block, so the drive may disappear while the file is still open.
         if written == bytes.len() && goes(&folder, TAKEN) { Ok(()) } else { Err(not_written(&path, &error)) }
     })?;
     bar.stage("waiting for it to begin");
@@ -268,17 +270,17 @@ fn pico(folder: Option<&str>, file: Option<&Path>, console: &Console<'_>) -> mie
     })
 }
 
-/// How long a Pico that has an image may take to begin with it.
+/// How long a Pico may take to start its new image.
 const TAKEN: Duration = Duration::from_secs(5);
 
-/// Whether a Pico's drive goes away soon. What is read from it after it was written says nothing, the computer has its copy; nor does
-/// the folder where somebody mounted it by hand, so that its device is looked for too.
+/// Whether a Pico's drive disappears within a time. Reading the file back shows nothing, since the computer has a copy
+/// in memory. Nor does a folder that the user mounted by hand, so the drive's device is checked, too.
 fn goes(folder: &Path, within: Duration) -> bool {
     let device = device_of(folder, &fs::read_to_string("/proc/mounts").unwrap_or_default());
     serial::happens(within, || !folder.join(INFO).exists() || device.as_ref().is_some_and(|device| !device.exists()))
 }
 
-/// Writes a file; an error comes with the bytes that were handed over before it.
+/// Writes a file. An error comes with the number of bytes that were written before it.
 fn copy(path: &Path, bytes: &[u8], progress: impl Fn(usize)) -> Result<(), (usize, io::Error)> {
     let mut file = fs::File::create(path).map_err(|error| (0, error))?;
     let mut done = 0;
@@ -301,7 +303,7 @@ fn not_written(path: &Path, error: &io::Error) -> Report {
     miette!(help = help, "cannot write {}: {error}", path.display())
 }
 
-/// Whether a folder is the drive of a Pico.
+/// Checks that a folder is a Pico's drive.
 fn check(folder: &Path) -> miette::Result<()> {
     let hold = "hold BOOTSEL as you plug the Pico in: its drive is called RPI-RP2";
     if !folder.is_dir() {
@@ -346,7 +348,7 @@ pub(crate) fn drives() -> Vec<PathBuf> {
     folders.into_iter().filter(|folder| check(folder).is_ok()).collect()
 }
 
-/// Where file systems of drives' kind are mounted.
+/// Folders in which systems mount removable drives.
 fn mounted(table: &str) -> Vec<PathBuf> {
     let is_drive = |kind: &str| matches!(kind, "vfat" | "msdos" | "fuseblk");
     mounts(table).filter(|(_, _, kind)| is_drive(kind)).map(|(_, folder, _)| folder).collect()
@@ -359,7 +361,7 @@ fn device_of(folder: &Path, table: &str) -> Option<PathBuf> {
     device.starts_with("/dev").then_some(device)
 }
 
-/// Device, folder and kind of what is mounted, as /proc/mounts says (fstab(5): blanks are written as \040).
+/// Device, folder and file system of each mount in /proc/mounts (fstab(5): blanks are written as \040).
 fn mounts(table: &str) -> impl Iterator<Item = (PathBuf, PathBuf, &str)> {
     let path = |field: &str| PathBuf::from(field.replace("\\040", " "));
     table.lines().filter_map(move |line| {

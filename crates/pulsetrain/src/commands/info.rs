@@ -1,4 +1,4 @@
-//! `pulsetrain info`: what a board says of itself.
+//! `pulsetrain info`: prints what a board reports of itself.
 
 use pulsetrain_board::BoardKind;
 use pulsetrain_board::registry::Role;
@@ -8,26 +8,26 @@ use pulsetrain_core::wire::message::{Cause, flags, image};
 use pulsetrain_core::wire::{Baud, Reason, Stored, VERSION};
 use serde::Serialize;
 
+use super::problems::{clock_off, drive_problem, port_problem};
 use super::store::{Kept, told};
-use super::{clock_off, port_problem};
 use crate::arguments::At;
 use crate::console::{Console, Exit};
 use pulsetrain_motion::human::{self, Table};
 use pulsetrain_session::drive::{DriveError, session_number};
 
-/// What a board says; all of it is the board's own word.
+/// A board's report of itself. Nothing else confirms it.
 #[derive(Debug, Serialize)]
 pub(super) struct BoardInfo {
     board: &'static str,
     firmware: String,
     protocol: u8,
-    /// Which of its images an Uno has.
+    /// Which of its images an Uno runs.
     image: Option<&'static str>,
-    /// Plans that a host streams.
+    /// Whether the image plays plans that a host streams.
     plans: bool,
-    /// Lines of text, as StepperWinch's.
+    /// Whether the image reads StepperWinch's text.
     text: bool,
-    /// Motors can be told directly.
+    /// Whether the image obeys verbs.
     verbs: bool,
     tick_hz: u32,
     fraction_bits: u8,
@@ -38,15 +38,15 @@ pub(super) struct BoardInfo {
     baud: u32,
     last_stop: &'static str,
     last_reset: &'static str,
-    /// A motion in its flash runs.
+    /// Whether the board plays a motion from its flash.
     baked: bool,
-    /// Motors move, or are to.
+    /// Whether motors move, or wait to move.
     pub(super) moves: bool,
-    /// Steps of each motor that is set up, forward minus backward.
+    /// Steps of each motor, forward minus backward.
     pub(super) positions: Vec<i32>,
-    /// Motors that were stopped above their pull-in speed and may stand elsewhere than they count.
+    /// Indices of motors that were stopped above their pull-in speed: they may stand elsewhere than their counts.
     pub(super) uncertain: Vec<usize>,
-    /// The board's clock against this computer's, ppm, and how much that may be off.
+    /// How much faster than this computer's clock the board's runs, ppm, and how much that may be off.
     clock_ppm: Option<(f64, f64)>,
     clock_s: f64,
     stack_left_bytes: u16,
@@ -54,15 +54,15 @@ pub(super) struct BoardInfo {
     longest_round_ticks: u16,
     lost_bytes: u16,
     damaged_frames: u16,
-    /// Of boards that compare each edge with a timer: not of a Pico, which has none.
+    /// Only of boards that compare each edge with a timer. A Pico has no such timer.
     compares_missed: Option<u16>,
     latest_ticks: Option<u16>,
     starved: u16,
-    /// What it keeps without power.
+    /// The settings that the board keeps without power.
     keeps: Option<Kept>,
-    /// Something damaged was found where it keeps that.
+    /// Whether the stored settings are damaged.
     keeps_damaged: bool,
-    /// It does not tell what it keeps while its motors are powered.
+    /// Whether the board did not report its settings, because its motors are powered.
     keeps_untold: bool,
 }
 
@@ -71,7 +71,7 @@ pub(crate) fn run(args: &At, console: &mut Console<'_>) -> miette::Result<Exit> 
         Some(name) => ask(Serial::open(name, false).map_err(port_problem)?, args.baud),
         None => ask(args.board.unwrap_or(BoardKind::Uno).virtual_board(Role::Plans), args.baud),
     };
-    let said = said.map_err(super::drive_problem)?;
+    let said = said.map_err(drive_problem)?;
     if args.json {
         console.print_json(&said)?;
         return Ok(Exit::Success);
@@ -124,7 +124,7 @@ pub(crate) fn run(args: &At, console: &mut Console<'_>) -> miette::Result<Exit> 
 }
 
 impl BoardInfo {
-    /// What the board keeps, in words.
+    /// The stored settings, in words.
     pub(super) fn keeps(&self) -> String {
         if self.keeps_untold {
             return "not told while motors are powered".to_owned();
@@ -133,7 +133,8 @@ impl BoardInfo {
     }
 }
 
-/// Why a board stopped last. Its queue ends in a stop in either case: it cannot tell a motion that was over from one whose host was killed.
+/// Why a board stopped last. Every queue ends in a stop, so the board cannot tell a finished motion from one whose host
+/// was killed.
 fn stopped(why: &str) -> String {
     if why == in_words(Cause::Finished) {
         return format!("{why} that was queued: to the motion's end, or to the stop that was planned for a lost host");
@@ -141,21 +142,22 @@ fn stopped(why: &str) -> String {
     why.to_owned()
 }
 
-/// What each motor counts, in order.
+/// Numbers in order, separated by commas.
 pub(super) fn listed<N: ToString>(positions: &[N]) -> String {
     positions.iter().map(N::to_string).collect::<Vec<_>>().join(", ")
 }
 
-/// Motors by their numbers in the board's set-up, from 0.
+/// Motors by their indices in the board's set-up, from 0.
 pub(super) fn motor_list(motors: &[usize]) -> String {
     format!("motor {}", listed(motors))
 }
 
-/// [`Info`](pulsetrain_core::wire::message::Info)'s number of it.
+/// The Uno's number in [`Info`](pulsetrain_core::wire::message::Info).
 pub(super) const UNO: u8 = 1;
 
 pub(super) fn ask<P: Port>(port: P, baud: Baud) -> Result<BoardInfo, DriveError> {
-    /// Long enough for a first look at the clock's rate, most often; and how often it is looked again.
+    /// The clock is looked at again after this time, up to `LOOKS` times. The first look is most often enough for an
+    /// estimate.
     const LOOK_S: f64 = 1.0;
     const LOOKS: usize = 4;
     let mut remote = Remote::open(port, session_number())?;
@@ -176,7 +178,7 @@ pub(super) fn ask<P: Port>(port: P, baud: Baud) -> Result<BoardInfo, DriveError>
     let (stored, keeps_untold) = match remote.stored() {
         Ok(stored) => (stored, false),
         Err(RemoteError::Refused { reason: Reason::Moving | Reason::Baked, .. }) => (Stored::default(), true),
-        // A board that knows no settings.
+        // This board knows no settings.
         Err(RemoteError::Refused { .. }) => (Stored::default(), false),
         Err(error) => return Err(error.into()),
     };
@@ -234,14 +236,15 @@ mod tests {
     use super::*;
     use pulsetrain_board::virtual_uno::VirtualUno;
 
-    /// A host that was killed leaves the motors to the stop at their queues' end: the board calls that done, as a motion's end.
+    /// If a host is killed, its motors run to the stop at the end of their queues. The board reports that as it reports
+    /// a motion's end.
     #[test]
     fn an_end_may_be_a_lost_host_s() {
         assert!(stopped(in_words(Cause::Finished)).contains("lost host"));
         assert_eq!(stopped(in_words(Cause::StopNow)), "the host asked for an immediate stop");
     }
 
-    /// Those that run firmware on an emulated chip.
+    /// Tests that run firmware on an emulated chip.
     mod chips {
         use super::*;
 

@@ -95,7 +95,7 @@ pub(crate) fn run(args: &MotorArgs, console: &mut Console<'_>) -> miette::Result
     Ok(Exit::Success)
 }
 
-/// Rows, then the sources, each once, with a number that the rows name.
+/// The rows, then each source once, with a number that the rows name.
 fn section(rows: &[MotorRow]) -> String {
     let mut sources: Vec<&str> = Vec::new();
     let mut table = Table::new(["figure", "value", "formula", "source"]).left(&[0, 2, 3]);

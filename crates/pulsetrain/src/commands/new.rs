@@ -24,7 +24,7 @@ pub(crate) fn run(args: &NewArgs, console: &mut Console<'_>) -> miette::Result<E
         name.with_added_extension("toml")
     };
     let stem = path.file_stem().map(|stem| stem.to_string_lossy().into_owned()).unwrap_or_default();
-    // Nobody's file is overwritten.
+    // An existing file is never overwritten.
     let mut file =
         OpenOptions::new().write(true).create_new(true).open(&path).map_err(|error| access("write", &path, error))?;
     file.write_all(template::motion_file(&stem).as_bytes()).map_err(|error| access("write", &path, error))?;

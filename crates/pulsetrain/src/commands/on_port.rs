@@ -1,4 +1,5 @@
-//! `pulsetrain run FILE --port …`: a real board, whose own word is all that is known.
+//! `pulsetrain run FILE --port …`: runs a motion on a real board. The board's own report is all that is known of the
+//! run.
 
 use pulsetrain_board::BoardKind;
 use std::path::Path;
@@ -11,18 +12,19 @@ use pulsetrain_core::wire::Baud;
 use pulsetrain_trace::steps;
 use serde::Serialize;
 
+use super::plan;
+use super::problems::{clock_off, drive_problem, port_problem, run_problem};
 use super::rehearsal::Rehearsal;
-use super::run::RunArgs;
-use super::{clock_off, drive_problem, plan, port_problem, run_problem};
 use crate::console::{self, Console, Exit, access};
 use crate::interrupt;
 use crate::report::PlanReport;
+use pulsetrain_motion::Time;
 use pulsetrain_motion::human::{self, Table};
 use pulsetrain_session::drive::{Driven, Ended, connect_while};
 use pulsetrain_session::plans::Planned;
 use pulsetrain_session::prepare::Prepared;
 
-/// A run on a real board. Nothing but the board saw its pins.
+/// The report of a run on a real board. Nobody but the board saw its pins.
 #[derive(Debug, Serialize)]
 struct PortReport {
     #[serde(flatten)]
@@ -30,24 +32,24 @@ struct PortReport {
     /// "board at PORT".
     runner: String,
     firmware: String,
-    /// Only on an Uno, and if it is wanted.
+    /// Only of an Uno, and only if the user wants a rehearsal.
     #[serde(skip_serializing_if = "Option::is_none")]
     rehearsed: Option<Rehearsal>,
-    /// What the board says.
+    /// The board's report.
     says: BoardReport,
 }
 
-/// The board's own word.
+/// The board's own report of a run.
 #[derive(Debug, Serialize)]
 struct BoardReport {
     /// Steps of each motor, forward minus backward.
     counted: Vec<i64>,
-    /// The user stopped it on the way.
+    /// Whether the user stopped the motion before its end.
     stopped: bool,
-    /// The user stopped it at once: whose motors may stand elsewhere than they count.
+    /// If the user stopped the motors at once: which of them may stand elsewhere than their counts.
     #[serde(skip_serializing_if = "Option::is_none")]
     uncertain: Option<Vec<bool>>,
-    /// Its clock against this computer's, ppm, and how much that may be off.
+    /// How much faster than this computer's clock the board's runs, ppm, and how much that may be off.
     clock_ppm: Option<(f64, f64)>,
     compares_missed: u16,
     latest_ticks: u16,
@@ -57,26 +59,38 @@ struct BoardReport {
     most_unread_bytes: u16,
     lost_bytes: u16,
     damaged_frames: u16,
-    /// What it said unasked, in words.
+    /// Events that the board reported by itself, in words.
     events: Vec<String>,
-    /// Frames that were sent again.
+    /// Frames that were sent more than once.
     frames_repeated: u64,
 }
 
 impl BoardReport {
-    /// Whether every step came when it was due, as far as the board knows.
+    /// Whether every step came when it was due, by the board's report.
     const fn kept_up(&self) -> bool {
         self.compares_missed == 0 && self.starved == 0
     }
 }
 
-pub(crate) fn run(
+/// How the user wants a motion run on a real board.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct PortRun<'a> {
+    pub(super) port: &'a str,
+    /// Rate of the line, once the board is found.
+    pub(super) baud: Baud,
+    /// How much of the motion is rehearsed.
+    pub(super) rehearse: Option<Time>,
+    pub(super) no_rehearsal: bool,
+    /// Whether the report is printed as JSON.
+    pub(super) json: bool,
+    /// Where the files go.
+    pub(super) folder: &'a Path,
+}
+
+pub(super) fn run(
     prepared: &Prepared,
     planned: &[Planned],
-    name: &str,
-    args: &RunArgs,
-    baud: Baud,
-    folder: &Path,
+    PortRun { port: name, baud, rehearse, no_rehearsal, json, folder }: PortRun<'_>,
     console: &mut Console<'_>,
 ) -> miette::Result<Exit> {
     let program = &prepared.program;
@@ -84,16 +98,17 @@ pub(crate) fn run(
         let help = "add --board uno or --board pico, or write it in the file";
         return Err(miette!(help = help, "{} is planned for the board `{}`", prepared.file, program.board.name));
     };
-    if args.rehearse.is_some() && !kind.is_rehearsed() {
+    if rehearse.is_some() && !kind.is_rehearsed() {
         let help = "leave --rehearse out: a Pico's queues hold twenty times what an Uno's do, or more";
         return Err(miette!(help = help, "{}: only what an Uno is to run is rehearsed", prepared.file));
     }
-    // Before the port is opened, which resets an Uno. Ctrl-C ends it at once, as nothing moves.
-    let rehearsed = match args.no_rehearsal || !kind.is_rehearsed() {
+    // The rehearsal comes before the port is opened, since opening resets an Uno. Ctrl-C ends the rehearsal at once:
+    // nothing moves yet.
+    let rehearsed = match no_rehearsal || !kind.is_rehearsed() {
         true => None,
         false => {
             let put_off = planned.iter().map(|planned| planned.certificate.longest_put_off_ticks).max();
-            Some(Rehearsal::of_run(prepared, baud, args.rehearse, put_off.unwrap_or(0), console)?)
+            Some(Rehearsal::of_run(prepared, baud, rehearse, put_off.unwrap_or(0), console)?)
         }
     };
     interrupt::watch();
@@ -141,14 +156,15 @@ pub(crate) fn run(
     };
     let plan = plan::report(prepared, planned);
     let report = PortReport { plan, runner, firmware, rehearsed, says };
-    // What the motors did is told also where a file has no room; a script gets one value, and then it is the error.
-    if !args.json {
+    // The user sees what the motors did even if a file could not be written. A script reads one JSON value, which is
+    // then the error.
+    if !json {
         console.print(&report.plan)?;
         print(&report, planned, console)?;
     }
     written?;
     console::write(&folder.join("report.json"), format!("{}\n", console::json(&report)?).as_bytes())?;
-    if args.json {
+    if json {
         console.print_json(&report)?;
     } else {
         console.print(format_args!("{}: report.json, steps.csv (as scheduled)\n", folder.display()))?;
@@ -156,12 +172,13 @@ pub(crate) fn run(
     Ok(if report.says.kept_up() { Exit::Success } else { Exit::BoundBroken })
 }
 
-/// Whether to wait on for motors of a host before this one: until Ctrl-C. What nobody would see is said, once.
+/// A function that decides whether to wait on while the board still moves motors for an earlier host: until Ctrl-C. Its
+/// first call prints that it waits.
 pub(super) fn waits_aloud(console: &mut Console<'_>, port: &str) -> impl FnMut() -> bool {
     let mut waits = false;
     move || {
         if !std::mem::replace(&mut waits, true) {
-            // Where errors cannot be written nobody reads them.
+            // If standard error is closed nobody reads it.
             drop(writeln!(
                 console.err,
                 "The board still moves motors for a host before this one: this waits for them, half a minute at most. Ctrl-C ends the wait; \
@@ -224,7 +241,7 @@ fn print(report: &PortReport, planned: &[Planned], console: &mut Console<'_>) ->
     console.print("\n")
 }
 
-/// Writes the steps as they are scheduled.
+/// Writes the scheduled steps to a file.
 struct Scheduled<W: std::io::Write> {
     writer: steps::StepWriter<W>,
     error: Option<std::io::Error>,

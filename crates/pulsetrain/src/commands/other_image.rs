@@ -1,59 +1,34 @@
-//! An Uno that has another of its images than a command needs: the right one is written, if who sits at the terminal wants it.
+//! An Uno runs another of its images than a command needs. At a terminal the user may let this program write the right
+//! one.
 
-use miette::{Diagnostic, Report};
-use pulsetrain_board::remote::{RemoteError, image_name};
+use miette::Report;
+use pulsetrain_board::remote::image_name;
 use pulsetrain_board::{Remote, Serial};
 
 use super::flash;
 use super::info::UNO;
+use super::problems::OtherImage;
 use crate::console::Console;
 use pulsetrain_session::drive::session_number;
 
-/// What a command says of such a board.
-#[derive(Clone, Copy, Debug, thiserror::Error)]
-#[error("{}", RemoteError::OtherImage { is, wanted })]
-pub(crate) struct OtherImage {
-    /// What the board has: [`image_name`].
-    pub(crate) is: &'static str,
-    /// What the command needs.
-    pub(crate) wanted: &'static str,
+/// The error for the Uno at a port, if it answers and runs another image than `wanted`.
+pub(crate) fn image_at(port: &str, wanted: &'static str) -> Option<OtherImage> {
+    let remote = Remote::open_if_free(Serial::open(port, false).ok()?, session_number()).ok()?;
+    let (board, image) = (remote.info().board, remote.info().image);
+    remote.close();
+    let is = image_name(image);
+    (board == UNO && is != wanted).then_some(OtherImage { is, wanted })
 }
 
-impl Diagnostic for OtherImage {
-    fn help<'a>(&'a self) -> Option<Box<dyn std::fmt::Display + 'a>> {
-        Some(Box::new(format!("write it to the board: `{}`", self.command("PORT"))))
-    }
-}
-
-impl OtherImage {
-    /// The image as `flash --image` has it; the one that is there from the start needs no name.
-    fn image(&self) -> Option<&'static str> {
-        Some(self.wanted).filter(|wanted| *wanted != "uno")
-    }
-
-    fn command(&self, port: &str) -> String {
-        let image = self.image().map_or_else(String::new, |image| format!(" --image {image}"));
-        format!("pulsetrain flash uno --port {port}{image}")
-    }
-
-    /// What is wrong with the Uno at a port, if it answers and has another image than `wanted`.
-    pub(crate) fn at(port: &str, wanted: &'static str) -> Option<OtherImage> {
-        let remote = Remote::open_if_free(Serial::open(port, false).ok()?, session_number()).ok()?;
-        let (board, image) = (remote.info().board, remote.info().image);
-        remote.close();
-        let is = image_name(image);
-        (board == UNO && is != wanted).then_some(OtherImage { is, wanted })
-    }
-}
-
-/// Whether the image that a refused command needs is on the board at `port` now: who sits at the terminal is asked, and it is written. `None` if it
-/// was refused for another reason, if nobody can be asked, or wants it.
+/// If a command was refused because of the board's image: asks the user at the terminal, and writes the right image to
+/// the board at `port`. `None` if the command was refused for another reason, if there is no terminal, or if the user
+/// says no.
 pub(crate) fn offered(refused: &Report, port: Option<&str>, console: &mut Console<'_>) -> Option<miette::Result<()>> {
     let (other, port) = (refused.downcast_ref::<OtherImage>()?, port?);
     wanted(other, port, |question| console.confirm(question)).then(|| flash::write(port, other.image(), console))
 }
 
-/// Whether who is asked wants it written.
+/// Whether the user wants the image written.
 fn wanted(other: &OtherImage, port: &str, ask: impl FnOnce(&str) -> Option<bool>) -> bool {
     let question = format!("At {port}, {other}. This would write it, and then begin again: `{}`", other.command(port));
     ask(&question) == Some(true)

@@ -1,5 +1,6 @@
 //! `pulsetrain plot`: a picture of a motion, run on the native board.
 
+use super::problems::drive_problem;
 use super::{plan, run};
 use crate::arguments::Motion;
 use crate::console::{Console, Exit};
@@ -30,7 +31,7 @@ pub(crate) fn run(args: &PlotArgs, console: &mut Console<'_>) -> miette::Result<
     let path = args.out.clone().unwrap_or_else(|| args.motion.file.with_extension("svg"));
     let driven = Driven::native(&prepared).map_err(advised)?;
     let recorded = run::record(&prepared, &planned, driven, None::<Files<std::io::Sink>>, Edges::default(), console)?;
-    let recorded = recorded.map_err(super::drive_problem)?;
+    let recorded = recorded.map_err(drive_problem)?;
     run::draw(&recorded.picture, &path)?;
     console.print(format_args!("{}\n", path.display()))?;
     Ok(if recorded.verdict.ok { Exit::Success } else { Exit::BoundBroken })

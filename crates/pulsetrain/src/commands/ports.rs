@@ -26,17 +26,17 @@ pub(crate) struct PortsArgs {
     pub(crate) json: bool,
 }
 
-/// What is at a port, as its USB device says.
+/// What is at a port, by its USB device's numbers.
 #[derive(Debug, Serialize)]
 struct PortEntry {
-    /// Port, or a Pico's drive.
+    /// The port, or a Pico's drive.
     port: String,
     what: String,
     #[serde(skip_serializing_if = "Option::is_none")]
     usb: Option<String>,
     #[serde(skip_serializing_if = "Option::is_none")]
     serial: Option<String>,
-    /// The answer, if it was asked; or what is to be done.
+    /// The board's answer if the user wants it, or what the user can do.
     #[serde(skip_serializing_if = "Option::is_none")]
     says: Option<String>,
 }
@@ -90,15 +90,16 @@ fn look(port: Listed, ask: bool) -> PortEntry {
     PortEntry { port: name, what, usb: ids, serial: usb.and_then(|usb| usb.serial), says }
 }
 
-/// Whether a port is the own USB of a board with our firmware, and no adapter or bridge: as far as this computer tells.
+/// Whether a port is the USB of a board with our firmware, and not an adapter or a bridge, as far as this computer
+/// knows.
 pub(super) fn is_own_usb(name: &str) -> bool {
-    // A link to a port has another name.
+    // A symbolic link to a port has another name.
     let path = |name: &str| std::fs::canonicalize(name).unwrap_or_else(|_| name.into());
     let is_own = |port: &Listed| port.usb.as_ref().is_some_and(|usb| (usb.vendor, usb.product) == OWN_USB);
     serial::list().iter().any(|port| is_own(port) && path(&port.name) == path(name))
 }
 
-/// What a Pico with our firmware says of itself.
+/// The USB name of a Pico with our firmware.
 const OWN_USB: (u16, u16) = (0x1209, 0x0001);
 
 /// Boards and adapters by their USB numbers. Sources: the udev and boards.txt files of the Arduino cores (arduino,
@@ -129,7 +130,7 @@ fn what(usb: &Usb) -> String {
     }
 }
 
-/// What answers at a port.
+/// Asks the board at a port for its report.
 fn answer(name: &str) -> String {
     let port = match Serial::open(name, false) {
         Ok(port) => port,
@@ -146,7 +147,8 @@ fn answer(name: &str) -> String {
     }
 }
 
-/// Whether the user may read and write a device, access lists included (access(2)); it is not opened, which would reset an Uno.
+/// Whether the user may read and write a device, access lists included (access(2)). The device is not opened, since
+/// that would reset an Uno.
 #[cfg(target_os = "linux")]
 fn may_open(name: &str) -> bool {
     use rustix::fs::{Access, access};
@@ -158,7 +160,7 @@ fn may_open(_: &str) -> bool {
     true
 }
 
-/// What is to be done about a device that the user may not open.
+/// What the user can do about a device that they may not open.
 #[cfg(target_os = "linux")]
 fn no_permission(name: &str) -> String {
     use std::os::unix::fs::MetadataExt;
@@ -171,7 +173,7 @@ fn no_permission(_: &str) -> String {
     String::new()
 }
 
-/// The same from the number of the device's group and the text of /etc/group (group(5)).
+/// The advice for a device whose group has the number `gid`; `groups` is the text of /etc/group (group(5)).
 #[cfg(target_os = "linux")]
 fn how_to_join(group: u32, groups: &str) -> String {
     let fields = groups.lines().map(|line| line.split(':').collect::<Vec<_>>());
@@ -218,12 +220,12 @@ mod tests {
         assert_eq!((found.port, found.what.as_str()), (name.clone(), "Arduino Uno"));
         assert_eq!((found.usb.as_deref(), found.serial.as_deref()), (Some("2341:0043"), Some("7593")));
         assert_eq!(found.says, None, "it was not asked");
-        // What is no USB device is not asked even so.
+        // A port without a USB device is never opened.
         let plain = look(Listed { name, usb: None }, true);
         assert_eq!((plain.what.as_str(), plain.says), ("no USB device", None));
     }
 
-    /// Each number is told as what it is, once.
+    /// Each USB number is in the table once.
     #[test]
     fn known_numbers_are_there_once() {
         for (vendor, product, name) in KNOWN {

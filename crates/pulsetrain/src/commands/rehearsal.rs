@@ -1,4 +1,4 @@
-//! What the virtual Uno made of a motion before an Uno gets it: of `bake` and of `run --port`.
+//! Plays a motion on the virtual Uno before a real Uno gets it, for `bake` and `run --port`.
 
 use miette::miette;
 use pulsetrain_core::wire::Baud;
@@ -11,31 +11,32 @@ use pulsetrain_session::prepare::Prepared;
 use pulsetrain_session::rehearsal;
 use pulsetrain_session::rehearsal::{Length, Rehearsed};
 
-/// A motion that was played as it should be, as reports have it.
+/// A rehearsal that succeeded, as reports have it.
 #[derive(Debug, Serialize)]
 pub(super) struct Rehearsal {
-    /// Of the laws' time, s.
+    /// How much was played, s of the laws' time.
     seconds: f64,
-    /// What there is to see, s; none if motors come to ever new phases.
+    /// How long it takes until everything was seen once, s. `None` if the motors' phases never repeat.
     #[serde(skip_serializing_if = "Option::is_none")]
     of_seconds: Option<f64>,
-    /// Of all steps but those that were put off.
+    /// Lateness of all steps that no shared DIR line delays.
     max_error_ticks: f64,
     bound_ticks: f64,
-    /// Steps that came later than the bound since motors share a DIR line, how far behind the law, and how far they may.
+    /// Steps that are later than the bound because motors share a DIR line, with their greatest lateness and the
+    /// greatest that is allowed.
     steps_put_off: u64,
     longest_put_off_ticks: f64,
     put_off_bound_ticks: f64,
-    /// The same, behind "rehearsed".
+    /// The result in words, to follow "rehearsed".
     #[serde(skip)]
     pub(super) says: String,
 }
 
 impl Rehearsal {
-    /// `put_off_ticks`: by how much the plan puts a step off at most.
+    /// `put_off_ticks`: the longest delay of a step in the plan.
     ///
     /// # Errors
-    /// When one came later than that and what is promised of all others.
+    /// If a step is later than that delay and the bound of all other steps allow.
     pub(super) fn new(done: &Rehearsed, put_off_ticks: u64, prepared: &Prepared) -> miette::Result<Rehearsal> {
         let Length { seconds, all_s, endless } = done.length;
         let (max_error_ticks, bound_ticks) = (done.max_error_ticks(), done.bound_ticks);
@@ -86,7 +87,8 @@ impl Rehearsal {
         })
     }
 
-    /// Plays a run's session, or as much of it as is asked for, before anything is sent to the Uno at a port.
+    /// Plays a run's session on the virtual Uno, or as much of it as the user wants, before anything is sent to the Uno
+    /// at a port.
     pub(super) fn of_run(
         prepared: &Prepared,
         baud: Baud,

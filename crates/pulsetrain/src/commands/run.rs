@@ -11,7 +11,9 @@ use std::path::{Path, PathBuf};
 use miette::miette;
 use pulsetrain_board::Leased;
 
-use super::{drive_problem, on_port, plan, ports, run_problem};
+use super::on_port::{self, PortRun};
+use super::problems::{drive_problem, run_problem};
+use super::{plan, ports};
 use crate::console::{self, Console, Exit, access};
 use crate::diagnostic::advised;
 use crate::record::{Files, Recorded, Recorder};
@@ -95,15 +97,24 @@ pub(crate) fn run(args: &RunArgs, console: &mut Console<'_>) -> miette::Result<E
     }
     let baud = args.baud.unwrap_or_else(|| usual_baud(&prepared.program.board.name));
     if !args.native {
-        // A Pico's own USB has no baud: without --baud it is reckoned with where it is seen to be there, as by the virtual Pico it is.
+        // A Pico's own USB has no baud rate. Without --baud a rate limits the plan only if the port is not that USB; a
+        // virtual Pico is reached by USB.
         let by_uart = args.port.as_deref().is_some_and(|name| !ports::is_own_usb(name));
         prepared.over_line(if by_uart { Some(baud) } else { args.baud });
     }
-    // All is planned, and refused if need be, before anything moves or is written.
+    // The whole motion is planned, and perhaps refused, before anything moves or is written.
     let planned = plan::plan(&mut prepared, console)?;
     let folder = args.out.clone().unwrap_or_else(|| default_folder(&args.motion.file));
     if let Some(name) = &args.port {
-        return on_port::run(&prepared, &planned, name, args, baud, &folder, console);
+        let run = PortRun {
+            port: name,
+            baud,
+            rehearse: args.rehearse,
+            no_rehearsal: args.no_rehearsal,
+            json: args.json,
+            folder: &folder,
+        };
+        return on_port::run(&prepared, &planned, run, console);
     }
     let edges = Edges::of(&prepared.program);
     let (recorded, runner) = match BoardKind::named(&prepared.program.board.name).filter(|_| !args.native) {
@@ -122,7 +133,8 @@ pub(crate) fn run(args: &RunArgs, console: &mut Console<'_>) -> miette::Result<E
         recorded.map_err(|error| run_problem(error, plan::report(&prepared, &planned), runner.clone(), &folder))?;
     let Recorded { verdict, picture, lateness, figures } = recorded;
     let report = RunReport::new(plan::report(&prepared, &planned), runner, verdict, lateness, figures);
-    // The verdict is told also where a file has no room; a script gets one value, and then it is the error.
+    // The user sees the verdict even if a file could not be written. A script reads one JSON value, which is then the
+    // error.
     if !args.json {
         console.print(&report.plan)?;
         console.print(&report)?;
@@ -151,7 +163,7 @@ fn to_files<B: Leased>(
     record(prepared, planned, driven, Some(files), edges, console)
 }
 
-/// Runs a motion that has been planned, with a progress bar. The files of one that does not come to its end are ended there.
+/// Runs a planned motion, with a progress bar. If the run ends early its files end there, complete to that point.
 pub(crate) fn record<B: Leased, W: std::io::Write>(
     prepared: &Prepared,
     planned: &[Planned],
@@ -173,7 +185,7 @@ pub(crate) fn record<B: Leased, W: std::io::Write>(
     Ok(Ok(recorder.finish(planned, driven.lateness())?))
 }
 
-/// Writes a picture as SVG, or as PNG if the path says so.
+/// Writes a picture as SVG, or as PNG if the path ends in .png.
 pub(crate) fn draw(picture: &Picture, path: &Path) -> miette::Result<()> {
     let ending = path.extension().map(|ending| ending.to_string_lossy().to_lowercase());
     match ending.as_deref() {

@@ -1,4 +1,4 @@
-//! `pulsetrain stop`: a board's motors stop at once, whoever told them.
+//! `pulsetrain stop`: stops a board's motors at once, whichever program moves them.
 
 use clap::Args;
 use std::time::Duration;
@@ -9,13 +9,13 @@ use pulsetrain_trace::winch::{AXES, Status};
 use serde::Serialize;
 
 use super::info::{UNO, listed, motor_list};
-use super::{drive_problem, port_problem};
+use super::problems::{drive_problem, port_problem};
 use crate::console::{Console, Exit};
 use crate::winch::talk::{BoardLine, Talk, with_checksum};
 use pulsetrain_motion::human;
 use pulsetrain_session::drive::session_number;
 
-/// A board to be stopped.
+/// The board's port.
 #[derive(Args, Debug)]
 #[command(after_help = "\
 For a board that still does what a host told it that has left, as a MOVE of hours or a baked motion. Axes that text has on paths brake \
@@ -33,21 +33,23 @@ pub(crate) struct StopArgs {
     pub(crate) json: bool,
 }
 
-/// How a board stopped, by its own word.
+/// The board's report of a stop.
 #[derive(Debug, Serialize)]
 struct StopReport {
-    /// Something moved, or was to. Not told of paths that were not seen to move: they may have stopped before the first look.
+    /// Whether motors moved, or waited to move. `None` for paths whose positions did not change: they may have stopped
+    /// before the first status.
     moved: Option<bool>,
-    /// Opening the port has reset the board, which stops it, too.
+    /// Whether opening the port has reset the board, which also stops its motors.
     reset: bool,
-    /// Text had its axes: those with paths stopped within their limits, those told directly at once.
+    /// Whether the axes were driven by text. Axes with paths stopped within their limits, axes that verbs move at once.
     text: bool,
-    /// Of frames, no step was begun after that; of paths, when the board said where they are: s of its clock. Verbs in text tell none.
+    /// When the motors stopped, s by the board's clock. Of frames: no step was begun after it. Of paths: the time of
+    /// the positions. `None` for verbs in text.
     at_s: Option<f64>,
     /// Steps of each motor, or of text's axes x, y, z and a: forward minus backward.
     positions: Vec<i64>,
-    /// Motors that may stand elsewhere: of frames those above their pull-in speed, of text, which knows none, all that were stepping and
-    /// had no ramp.
+    /// Motors that may stand elsewhere than their counts. Of frames: those that were above their pull-in speed. Of
+    /// verbs in text, which knows no pull-in speed: all that were stepping.
     uncertain: Vec<usize>,
 }
 
@@ -62,7 +64,7 @@ pub(crate) fn run(args: &StopArgs, console: &mut Console<'_>) -> miette::Result<
 }
 
 impl StopReport {
-    /// In words.
+    /// The report in words.
     fn told(&self) -> String {
         let StopReport { moved, at_s, positions, uncertain, .. } = self;
         let when = at_s.map_or_else(String::new, |at| format!("{} after the board began; ", human::seconds(at)));
@@ -103,19 +105,21 @@ impl StopReport {
     }
 }
 
-/// Stops whatever the board at the port that `open` opens moves. Frames are asked first; if they are refused, as while text has the axes,
-/// text is next, and then those who may have the board until they leave it.
+/// Stops all motors of the board at the port that `open` opens. It tries frames first. The board refuses frames while
+/// text or another host has the axes, so it tries text next. If another host has them, it waits until that host leaves
+/// the board.
 fn stop<P: Port>(mut open: impl FnMut() -> Result<P, PortError>) -> miette::Result<StopReport> {
     let first = Remote::open_if_free(open().map_err(port_problem)?, session_number());
     let refused = match first.and_then(stop_frames) {
         Ok(stopped) => return Ok(stopped),
-        // What speaks text alone does not answer frames.
+        // A board that speaks only text does not answer frames.
         Err(refused @ RemoteError::Link(LinkError::Taken | LinkError::Nobody)) => refused,
         Err(error) => return Err(drive_problem(error.into())),
     };
     let mut talk = Talk::new(open().map_err(port_problem)?);
     if let Some(mut stopped) = stop_text(&mut talk)? {
-        // What knows no frames is an Uno, or is like one: if it began when its port was opened it has lost what it did.
+        // A board that knows no frames is an Uno, or behaves like one: if it started when its port was opened, that
+        // reset has stopped its motors.
         let is_young = stopped.at_s.is_none_or(|at| at < talk.now().as_secs_f64());
         stopped.reset = refused == RemoteError::Link(LinkError::Nobody) && is_young && stopped.moved != Some(true);
         return Ok(stopped);
@@ -132,7 +136,7 @@ fn stop_frames<P: Port>(mut board: Remote<P>) -> Result<StopReport, RemoteError>
     let moved = !board.status()?.is_idle();
     let (stopped, positions) = board.stop_motors()?;
     let tick_hz = f64::from(board.info().tick_hz);
-    // One that does not begin anew as its port is opened still has its motors.
+    // If opening the port does not reset the board, its motors are still set up.
     let reset = board.info().board == UNO && !moved && positions.is_empty();
     board.close();
     let uncertain = (0..positions.len()).filter(|motor| stopped.uncertain >> motor & 1 == 1).collect();
@@ -140,43 +144,46 @@ fn stop_frames<P: Port>(mut board: Remote<P>) -> Result<StopReport, RemoteError>
     Ok(StopReport { moved, reset, text: false, at_s, positions, uncertain })
 }
 
-/// A period that no step of a stop ends: half a minute of a Pico. The answer has, for each axis, when its next step comes then: never, of one
-/// that rests. So it stops who steps, and names them; text has no question for that.
+/// The longest period that no step ends during a stop: half a minute on a Pico. The board's answer says for each axis
+/// when its next step comes, which is never for an axis at rest. So this line stops the axes that step, and its answer
+/// names them; text has no other question for that.
 const NAMES_AND_STOPS: &str = "speed xyza 4294967294";
-/// Then they forget what they were to do, and the answer has where they are.
+/// Then the axes forget their moves and runs. The answer has their positions.
 const FORGET: &str = "halt";
-/// Paths stop within their limits; then, and after verbs, the drivers are off.
+/// Paths stop within their limits. Then the drivers go off, for paths and for verbs.
 const RELEASE: &str = "enable 0";
-/// Shorter than any period may be: refused as that once paths have left the axes, and as theirs before.
+/// Shorter than any period: the board refuses it with `err period` once paths have left the axes, and with `err path`
+/// before.
 const STILL: &str = "speed x 1";
 
-/// A line is answered within that, also through an adapter that holds bytes back.
+/// The board answers a line within this time, also through an adapter that holds bytes back.
 const ANSWER: Duration = Duration::from_millis(100);
-/// How often lines are said, if nobody answers: a board that has just begun is deaf for a second or two.
+/// How often the lines are repeated if nobody answers. A board that has just started is deaf for a second or two.
 const TRIES: usize = 40;
-/// Axes that have stopped and wait for their drivers to be released take no longer than that.
+/// Longest time until stopped axes have released their drivers.
 const RELEASED: Duration = Duration::from_secs(2);
-/// A path that brakes may take that long.
+/// Longest time that a path takes to brake.
 const BRAKED: Duration = Duration::from_secs(60);
-/// Statuses come each 0.2 s, if nobody has said otherwise.
+/// Longest wait for a status. Statuses come every 0.2 s unless a host has changed that.
 const STATUS: Duration = Duration::from_millis(500);
-/// A path whose steps were so far apart, by the board's clock, counts as stopped on boards that cannot be asked, µs.
+/// A path without a step for this time, µs by the board's clock, counts as stopped. For boards that know no verbs,
+/// which cannot answer whether it has.
 const REST_US: u64 = 500_000;
 
-/// What a board has said since it was told to stop.
+/// What the board has sent since the stop began.
 #[derive(Debug, Default)]
 struct Heard {
-    /// It obeys lines.
+    /// The board answers lines of text.
     answers: bool,
-    /// A program that sends frames has it.
+    /// A program that sends frames has the board.
     is_taken: bool,
-    /// Answers to verbs: the first and the last.
+    /// The board's answers to verbs.
     ats: Vec<[(i64, bool); AXES.len()]>,
-    /// Paths have the axes, as of the last answer; `None` if the board does not say.
+    /// Whether paths have the axes, by the last answer. `None` if the board does not say.
     paths: Option<bool>,
-    /// `awake` came after verbs were answered: they have left the axes.
+    /// `awake` came after an answer to a verb: the axes are free.
     is_released: bool,
-    /// The first status, and those since the positions are what they are.
+    /// The first status, the first one with the present positions, and the last one.
     first: Option<Status>,
     since: Option<Status>,
     last: Option<Status>,
@@ -196,7 +203,7 @@ impl Heard {
         match line {
             "err path" => self.paths = Some(true),
             "err taken" => self.is_taken = true,
-            // On USB one comes as the port is opened.
+            // On USB the board also sends `awake` when the port is opened.
             "awake" => self.is_released |= !self.ats.is_empty(),
             _ if line.starts_with("id ") => self.answers = true,
             _ if line.starts_with("err period ") => self.paths = Some(false),
@@ -204,13 +211,13 @@ impl Heard {
         }
     }
 
-    /// Whether positions have been the same for so long.
+    /// Whether positions have not changed for [`REST_US`].
     fn is_still(&self) -> bool {
         matches!((self.since, self.last), (Some(since), Some(last)) if last.usec - since.usec >= REST_US)
     }
 }
 
-/// `at <tick> x <position> <wait> …`: where each axis is, and whether a step is to come.
+/// `at <tick> x <position> <wait> …`: each axis's position, and whether it has a step to come.
 fn read_at(line: &str) -> Option<[(i64, bool); AXES.len()]> {
     let mut words = line.strip_prefix("at ")?.split(' ').skip(1);
     let mut axes = [(0, false); AXES.len()];
@@ -235,12 +242,13 @@ fn listen<P: Port>(
     Ok(())
 }
 
-/// Stops axes that text drives: frames are refused meanwhile. `None` if the board does not answer as text, or frames have it.
+/// Stops axes that text drives. `None` if the board does not answer text, or a host that sends frames has it.
 fn stop_text<P: Port>(talk: &mut Talk<P>) -> miette::Result<Option<StopReport>> {
     let mut heard = Heard::default();
     for round in 0..TRIES {
         for line in [NAMES_AND_STOPS, FORGET, RELEASE, "version"] {
-            // One that wants checksums does not say so behind a question in frames.
+            // A board that is strict ignores lines without a checksum, but cannot say so, so every second round has
+            // checksums.
             let line = if round % 2 == 1 { with_checksum(line) } else { line.to_owned() };
             talk.tell(&line).map_err(port_problem)?;
         }
@@ -276,7 +284,7 @@ fn stop_text<P: Port>(talk: &mut Talk<P>) -> miette::Result<Option<StopReport>> 
     }))
 }
 
-/// Waits until paths have come to rest, as they were told.
+/// Waits until paths have come to rest after `enable 0`.
 fn stop_paths<P: Port>(talk: &mut Talk<P>, mut heard: Heard) -> miette::Result<StopReport> {
     let end = talk.now() + BRAKED;
     let mut patience = talk.now() + STATUS;
@@ -292,7 +300,7 @@ fn stop_paths<P: Port>(talk: &mut Talk<P>, mut heard: Heard) -> miette::Result<S
             _ => {}
         }
         if heard.first.is_none() && talk.now() >= patience {
-            // As it is at first: whoever said otherwise is gone.
+            // The statuses' usual interval: the program that changed it is gone.
             let line = talk.as_wanted("srate 200");
             talk.tell(&line).map_err(port_problem)?;
             patience = end;
@@ -301,7 +309,7 @@ fn stop_paths<P: Port>(talk: &mut Talk<P>, mut heard: Heard) -> miette::Result<S
             return Err(does_not_stop("its axes still move"));
         }
     }
-    // What comes from here on is where they came to rest.
+    // The next status has the positions at rest.
     heard.last = None;
     let until = talk.now() + STATUS;
     listen(talk, &mut heard, until, |heard| heard.last.is_some())?;
@@ -340,8 +348,8 @@ mod tests {
     use pulsetrain_core::wire::Baud;
     use pulsetrain_core::wire::message::MotorSetup;
 
-    /// Has a Pico do what lines say, stops it 0.2 s later, and gives what is told, when and where x, y and z made their last steps, and
-    /// when all was known. Times are since the stop was begun.
+    /// Lets a Pico obey lines and stops it 0.2 s later. Gives the report, the time and position of the last steps of x,
+    /// y and z, and when the report came. Times count from the beginning of the stop.
     fn stopped(lines: &[&str]) -> (StopReport, [i64; 3], Duration, Duration) {
         const TICKS_PER_S: f64 = 125e6;
         let pico = Shared::new(VirtualPico::on_usb());
@@ -351,7 +359,7 @@ mod tests {
         }
         talk.wait(talk.now() + Duration::from_millis(200), |_, said| assert!(!said.is_refusal(), "{said:?}")).unwrap();
         let begun = pico.now();
-        // Whoever has the port open leaves the edges there.
+        // The program that has the port open also takes its edges, so they are read from the board itself.
         let mut edges = Vec::new();
         pico.port().edges(&mut edges);
         let stopped = stop(|| Ok(pico.clone())).unwrap();
@@ -378,7 +386,7 @@ mod tests {
         assert!(waits.help().is_some_and(|help| help.to_string().contains("pulsetrain stop --port PORT")));
     }
 
-    /// Those that run firmware on an emulated chip.
+    /// Tests that run firmware on an emulated chip.
     mod chips {
         use super::*;
 
@@ -391,7 +399,7 @@ mod tests {
         /// Paths brake: 4000 steps/s by 20 000 steps/s² take 0.2 s and 400 steps.
         #[test]
         fn axes_on_paths_brake_and_are_asked_where_they_came_to_rest() {
-            // A board that is strict refuses what has no checksum.
+            // A strict board refuses a line without a checksum.
             for lines in [&["l x 4000 20000", "v x 4000"][..], &["strict 1", "l x 4000 20000", "v x 4000"]] {
                 let lines =
                     lines.iter().map(|line| if lines.len() == 3 { with_checksum(line) } else { (*line).to_owned() });
@@ -405,7 +413,8 @@ mod tests {
             }
         }
 
-        /// x runs, y goes back, z has done its move, a was told to wait: all are where the pins have them, and x and y are named.
+        /// x runs, y goes backward, z has done its move, a has no order: the counts agree with the pins, and x and y
+        /// are named.
         #[test]
         fn axes_told_directly_stop_soon_and_their_places_are_told() {
             let lines = ["speed xyz 12500 50000 12500", "dir ya -1 0", "run xa", "move y 100000", "move z 40"];
@@ -417,7 +426,7 @@ mod tests {
             assert!(last < Duration::from_millis(15) && known < Duration::from_millis(500), "{last:?} {known:?}");
         }
 
-        /// A MOVE of a day that a host left behind: the next one is told, and may end it.
+        /// A host has left a MOVE of a day behind. The next host learns of it, and may end it.
         #[test]
         fn what_a_host_left_behind_is_told_and_stopped() {
             let mut host = Remote::open(VirtualPico::on_usb(), 1).unwrap();
@@ -429,7 +438,7 @@ mod tests {
             let said = info::ask(port.clone(), Baud::B1M).unwrap();
             assert_eq!(said.keeps(), "not told while motors are powered");
             assert!(said.moves && said.positions.len() == 1 && said.uncertain.is_empty(), "{said:?}");
-            // It is stopped at 1000 steps/s, where 100 are sure.
+            // It is stopped at 1000 steps/s; its pull-in speed is 100 steps/s.
             let StopReport { moved, positions, uncertain, .. } = stop(|| Ok(port.clone())).unwrap();
             assert!(moved == Some(true) && positions[0] > 0, "{positions:?}");
             assert_eq!(uncertain, [0]);

@@ -1,4 +1,4 @@
-//! `pulsetrain store`: settings that a board keeps without power.
+//! `pulsetrain store`: changes and prints the settings that a board keeps without power.
 
 use crate::arguments;
 use clap::{ArgGroup, Args};
@@ -10,7 +10,7 @@ use pulsetrain_core::wire::settings::{AMAX, MOST_VMAX};
 use pulsetrain_core::wire::{Reason, Settings, Stored};
 use serde::Serialize;
 
-use super::{drive_problem, port_problem};
+use super::problems::{drive_problem, port_problem};
 use crate::console::{Console, Exit};
 use pulsetrain_motion::human;
 use pulsetrain_session::drive::session_number;
@@ -52,7 +52,7 @@ pub(crate) struct StoreArgs {
     pub(crate) json: bool,
 }
 
-/// What a board keeps; 0 is its own way.
+/// A board's stored settings. 0 means the board's default.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub(super) struct Kept {
     deadman_ms: u16,
@@ -69,7 +69,7 @@ impl Kept {
         Kept { deadman_ms, idle_ms, silence_ms, steps_per_s, steps_per_s2 }
     }
 
-    /// In words.
+    /// The settings in words.
     fn told(&self) -> String {
         let time = |ms: u16| human::seconds(f64::from(ms) / 1000.0);
         let [speed, acceleration] = [self.steps_per_s, self.steps_per_s2].map(figure);
@@ -85,21 +85,21 @@ impl Kept {
     }
 }
 
-/// A speed or an acceleration as it was said, whole ones in groups of three digits.
+/// A speed or an acceleration in the user's digits; whole numbers in groups of three digits.
 fn figure(value: f64) -> String {
     if value.fract() == 0.0 { human::count(value as i128) } else { value.to_string() }
 }
 
-/// The same, for programs.
+/// The settings for JSON.
 #[derive(Debug, Serialize)]
 struct StoreReport {
     #[serde(flatten)]
     kept: Option<Kept>,
-    /// What was stored last is damaged.
+    /// Whether the newest copy is damaged.
     damaged: bool,
 }
 
-/// What a board keeps, in words, and whether something damaged was found in its place.
+/// The stored settings in words, and whether they are damaged.
 pub(super) fn told(kept: Option<&Kept>, is_damaged: bool) -> String {
     match (kept.map_or("nothing".to_owned(), Kept::told), is_damaged) {
         (told, false) => told,
@@ -123,7 +123,7 @@ pub(crate) fn run(args: &StoreArgs, console: &mut Console<'_>) -> miette::Result
     Ok(Exit::Success)
 }
 
-/// What is wrong, with what to do.
+/// The error, with advice.
 fn problem(error: RemoteError) -> miette::Report {
     match error {
         RemoteError::Refused { reason: Reason::Moving, .. } => {
@@ -134,7 +134,7 @@ fn problem(error: RemoteError) -> miette::Report {
     }
 }
 
-/// Speed and acceleration of text, in thousandths.
+/// Speed and acceleration of text's axes, in thousandths.
 fn limits(values: &[f64]) -> miette::Result<(u32, u32)> {
     let thousandths = |value: f64| (value * 1000.0).round();
     let (vmax, amax) = match values {
@@ -152,11 +152,11 @@ fn limits(values: &[f64]) -> miette::Result<(u32, u32)> {
     Err(miette!(help = help, "--limits of {told} steps/s² are beyond what a board takes"))
 }
 
-/// Changes what was said, and asks what is kept then.
+/// Stores the settings that the user gave, and reads what is stored then.
 fn store<P: Port>(port: P, args: &StoreArgs, limits: Option<(u32, u32)>) -> Result<Stored, RemoteError> {
     let mut board = Remote::open(port, session_number())?;
     let kept = settle(&mut board, args, limits);
-    // Also after a refusal: the next command finds the board free.
+    // Also after a refusal, so that the next command finds the board free.
     board.close();
     kept
 }
@@ -169,7 +169,7 @@ fn settle<P: Port>(board: &mut Remote<P>, args: &StoreArgs, limits: Option<(u32,
     settings.silence_ms = args.silence.unwrap_or(settings.silence_ms);
     (settings.vmax, settings.amax) = limits.unwrap_or((settings.vmax, settings.amax));
     let says = args.deadman.or(args.idle).or(args.silence).is_some() || limits.is_some();
-    // The same once more takes the place of what is damaged.
+    // Storing the same values again replaces a damaged copy.
     if args.clear || settings != before.unwrap_or_default() || (says && is_damaged) {
         board.store(&settings)?;
     }
@@ -213,11 +213,11 @@ mod tests {
         assert_eq!(told(None, true), "nothing (what was stored last is damaged: store it again)");
     }
 
-    /// Those that run firmware on an emulated chip.
+    /// Tests that run firmware on an emulated chip.
     mod chips {
         use super::*;
 
-        /// As a run leaves a Pico: who asks is told what to do, and the next one finds the board free.
+        /// A run has left a Pico with powered motors: `store` gives advice, and the next host finds the board free.
         #[test]
         fn armed_motors_keep_settings_from_being_told_and_nobody_out() {
             let board = Shared::new(VirtualPico::on_usb());
@@ -246,7 +246,7 @@ mod tests {
             }
         }
 
-        /// The newer of two copies is damaged: to say again what the older one has mends that.
+        /// The newer of two copies is damaged: storing the older one's values again repairs it.
         #[test]
         fn the_same_once_more_mends_what_is_damaged() {
             let mut board = Remote::open(VirtualPico::on_usb(), 1).unwrap();

@@ -1,4 +1,4 @@
-//! `pulsetrain verbs`: motors told directly, in frames, by the lines that a Pico takes as text.
+//! `pulsetrain verbs`: moves motors by verbs, sent in frames. Its lines are those that a Pico takes as text.
 
 use crate::arguments;
 use clap::{ArgGroup, Args};
@@ -23,8 +23,8 @@ use pulsetrain_motion::quantity::{Base, Quantity};
 
 use super::info::UNO;
 use super::on_port::waits_aloud;
+use super::problems::{drive_problem, port_problem};
 use super::winch::typed;
-use super::{drive_problem, port_problem};
 use crate::console::{self, Console, Exit};
 use crate::winch::talk::meaning;
 use crate::{interrupt, serve};
@@ -58,7 +58,7 @@ pub(crate) struct VerbsArgs {
     pub(crate) baud: Baud,
 }
 
-/// What a line may be.
+/// The lines that the user may type.
 const HELP: &str = "\
 \x20 move <axes> <n>…            n steps, 0 to 2^32 - 1           run <axes>     steps without an end
   speed <axes> <ticks>…       from step to step                halt <axes>    forget move and run; `halt`: all axes
@@ -66,18 +66,18 @@ const HELP: &str = "\
 axes are letters of xyza, with a value for each or one for all: `move xy 100 200`, `speed xy 125000`; docs/pico.md has what they mean
 ";
 
-/// What is wrong with a script's line.
+/// The help below an error in a script's line.
 const OF_SCRIPTS: &str = "a line is \"<time>: <verb>\", such as \"1.5 s: move x 100\"; docs/pico.md has the verbs";
 
-/// How often lines and events are looked for, as part of a second.
+/// How often a second lines and events are read.
 const ROUNDS_PER_S: u64 = 100;
 
-/// A line of a script: when, s, and what.
+/// A script's line: its time, s, and its orders.
 type Timed = (f64, LineOrders);
 
 pub(crate) fn run(args: &VerbsArgs, console: &mut Console<'_>) -> miette::Result<Exit> {
     interrupt::watch();
-    // All of a script is read, and refused if need be, before anything moves.
+    // The whole script is read, and perhaps refused, before anything moves.
     let script = args.script.as_deref().map(load).transpose()?;
     let virtual_board = || args.board.unwrap_or(BoardKind::Pico).virtual_board(Role::Verbs);
     match (&args.port, script) {
@@ -95,11 +95,11 @@ pub(crate) fn run(args: &VerbsArgs, console: &mut Console<'_>) -> miette::Result
     }
 }
 
-/// Where lines come from.
+/// The source of the lines.
 enum Lines {
-    /// A script's, which are left of it.
+    /// The rest of a script.
     Script(std::vec::IntoIter<Timed>),
-    /// Someone's who types, or a program's.
+    /// Lines from standard input: a user's or a program's.
     Typed(Receiver<String>),
 }
 
@@ -107,7 +107,7 @@ fn lines(script: Option<Vec<Timed>>) -> Lines {
     script.map_or_else(|| Lines::Typed(typed()), |script| Lines::Script(script.into_iter()))
 }
 
-/// What is told by a line, whether of a file or typed.
+/// A line without its comment.
 fn without_comment(line: &str) -> &str {
     line.split('#').next().unwrap_or_default().trim_end()
 }
@@ -159,24 +159,25 @@ fn load(path: &Path) -> miette::Result<Vec<Timed>> {
     Ok(lines)
 }
 
-/// A reply as a board that speaks text writes it.
+/// A reply in the text that a board would write.
 fn written(reply: &VerbReply) -> String {
     let mut line = [0; LONGEST];
     let len = reply.write(&mut line);
     String::from_utf8_lossy(&line[..len]).trim_end().to_owned()
 }
 
-/// Axes x, y, z and a, on the pins that text has them on: docs/wiring.md. Pulses and times are those of the slowest drivers.
+/// Axes x, y, z and a, on the same pins as StepperWinch's text (docs/wiring.md). Pulses and times are those of the
+/// slowest drivers.
 fn wiring(is_uno: bool) -> Setup {
     let (pins, enable) =
         if is_uno { ([(2, 5), (3, 6), (4, 7), (12, 13)], 8) } else { ([(2, 3), (4, 5), (6, 7), (8, 9)], 22) };
-    // 1.94 and 2 µs, 5 µs.
+    // Pulse 1.94 µs on an Uno and 2 µs on a Pico; setup 5 µs.
     let (pulse_ticks, setup_ticks) = if is_uno { (31, 80) } else { (250, 625) };
     let motor = |(step_pin, dir_pin)| MotorSetup {
         step_pin,
         dir_pin,
         forward_high: true,
-        // None is known: whoever is stopped between two steps is named.
+        // No pull-in speed is known, so each motor that is stopped between two steps counts as uncertain.
         pull_in_ticks: u32::MAX,
         ..MotorSetup::default()
     };
@@ -190,7 +191,7 @@ fn wiring(is_uno: bool) -> Setup {
     }
 }
 
-/// What a virtual board's pins have counted.
+/// Steps that were counted on a virtual board's pins.
 #[derive(Clone, Debug, Default)]
 struct Pins {
     forward: [bool; AXES.len()],
@@ -209,19 +210,19 @@ impl Pins {
     }
 }
 
-/// What an axis was told and has not done.
+/// The orders of an axis that are not done.
 #[derive(Clone, Copy, Debug, Default)]
 struct Axis {
-    /// Moves that are not done.
+    /// Number of moves that are not done.
     moves: u32,
     runs: bool,
     is_stationary: bool,
-    /// What was done before that tick is not among the moves: they were forgotten then.
+    /// Tick of the last halt. A `done` from before it is of a move that the halt has removed already.
     halted: u64,
 }
 
 impl Axis {
-    /// It is told that, from a tick on.
+    /// The axis gets a verb, which holds from a tick on.
     fn hear(&mut self, verb: Verb, from: u64) {
         match verb {
             Verb::Move { .. } => (self.moves, self.runs) = (self.moves + 1, false),
@@ -232,7 +233,7 @@ impl Axis {
         }
     }
 
-    /// A move was done at that tick.
+    /// The board reports that a move was done at that tick.
     fn done(&mut self, tick: u64) {
         if tick >= self.halted {
             self.moves = self.moves.saturating_sub(1);
@@ -240,19 +241,19 @@ impl Axis {
     }
 }
 
-/// A board that is told lines.
+/// A board that this command moves by verbs.
 struct Held<P> {
     remote: Remote<P>,
     setup: Setup,
     axes: [Axis; AXES.len()],
     pins: Option<Pins>,
     refused: usize,
-    /// When the board was asked last whether all rests, while moves are waited for; and whether it did.
+    /// When the board was last asked whether all axes rest, while moves are waited for, and its answer.
     looked: Option<(u64, bool)>,
 }
 
-/// Takes the board at a port, with what it says of its axes; while it still moves motors for a host before this one, `goes_on` is asked whether
-/// to wait on. One that refuses is left with Bye.
+/// Connects to the board at a port, sets it up, and reads its axes. While the board still moves motors for an earlier
+/// host, `goes_on` decides whether to wait on. If the board refuses, the connection is closed with Bye.
 fn take<P: Port>(
     port: P,
     baud: Baud,
@@ -267,7 +268,7 @@ fn take<P: Port>(
     }
     let setup = wiring(is_uno);
     let mut remote = set_up(remote, &setup, baud, number, goes_on)?;
-    // One that cannot be told directly says so before anything else.
+    // A board without verbs refuses here, before anything else is sent.
     match remote.tell_motors(&[]) {
         Ok(first) => Ok((remote, setup, first)),
         Err(error) => {
@@ -277,7 +278,8 @@ fn take<P: Port>(
     }
 }
 
-/// `name` is the port's, which a virtual board has none of; `lines` are begun to be read once the board is there.
+/// Runs the command on a board. `name` is the port's name, empty for a virtual board. `lines` is called once the board
+/// is connected, so that no line is read before.
 fn hold<P: Port>(
     port: P,
     name: &str,
@@ -341,22 +343,22 @@ fn hold<P: Port>(
     held.finish(console)
 }
 
-/// All axes, as [`LineOrders::axes`] has them.
+/// A mask of all axes, as [`LineOrders::axes`] has it.
 const ALL: u8 = 0b1111;
 
-/// The names of axes, one after the other.
+/// The letters of axes, one after the other.
 fn names(is_one: impl Fn(usize) -> bool) -> String {
     let named = AXES.iter().enumerate().filter(|(axis, _)| is_one(*axis));
     named.map(|(_, name)| char::from(*name)).collect()
 }
 
 impl<P: Port> Held<P> {
-    /// Whether a move will be done.
+    /// Whether a move is still to be done. A stationary axis would never finish its move.
     fn waits(&self) -> bool {
         self.axes.iter().any(|axis| axis.moves > 0 && !axis.is_stationary)
     }
 
-    /// Reads a line, and does it.
+    /// Reads a line, and sends its orders.
     fn read(&mut self, line: &str, console: &mut Console<'_>) -> miette::Result<()> {
         match text::read(line.as_bytes()) {
             VerbLine::Orders(told) => self.tell(&told, console),
@@ -375,7 +377,8 @@ impl<P: Port> Held<P> {
         let orders: Vec<(u8, Verb)> = told.orders().map(|orders| orders.iter().collect()).unwrap_or_default();
         match self.remote.tell_motors(&orders) {
             Ok(obeyed) => {
-                // An answer that got lost comes again: what it is about may be done, and told, by then.
+                // An answer that got lost is sent again. Its orders may be done, and their `done` received, before it
+                // comes.
                 for (axis, verb) in orders {
                     self.axes[usize::from(axis)].hear(verb, obeyed.tick);
                 }
@@ -389,7 +392,7 @@ impl<P: Port> Held<P> {
         }
     }
 
-    /// Lets time pass, and prints what is done.
+    /// Lets time pass, and prints what the board reports.
     fn go_on(&mut self, until: u64, console: &mut Console<'_>) -> miette::Result<()> {
         let Held { remote, setup, pins, .. } = self;
         remote.advance(until, &mut |edge: Edge| {
@@ -403,7 +406,8 @@ impl<P: Port> Held<P> {
         self.events(console)
     }
 
-    /// A `done` may get lost: asks once a second whether all rests. If it does twice, no move is left.
+    /// A `done` may get lost, so the board is asked once a second whether all axes rest. After two answers that they
+    /// do, no move is left.
     fn look(&mut self, console: &mut Console<'_>) -> miette::Result<()> {
         let (now, tick_hz) = (self.remote.now(), u64::from(self.remote.info().tick_hz));
         let (at, rested) = *self.looked.get_or_insert((now, false));
@@ -441,7 +445,7 @@ impl<P: Port> Held<P> {
         Ok(())
     }
 
-    /// No further step, as Ctrl-C has it.
+    /// Stops at once, for Ctrl-C: no further step is begun.
     fn stop(mut self, console: &mut Console<'_>) -> miette::Result<Exit> {
         let (stopped, positions) = self.remote.stop_motors().map_err(|error| drive_problem(error.into()))?;
         let counts: Vec<String> =
@@ -455,12 +459,12 @@ impl<P: Port> Held<P> {
         Ok(Exit::BoundBroken)
     }
 
-    /// Takes leave of the board, and says what it does then; of a virtual one, whether its pins agree with what it counts.
+    /// Ends the run: prints the positions, and for a virtual board whether its pins agree with them.
     fn finish(mut self, console: &mut Console<'_>) -> miette::Result<Exit> {
         let runs = names(|axis| self.axes[axis].runs);
         let waits = names(|axis| self.axes[axis].moves > 0);
         if !runs.is_empty() {
-            // Bye would stop them, too; so their places are known.
+            // Bye would also stop them. A halt first makes their positions known.
             let orders: Vec<(u8, Verb)> =
                 (0..).zip(&self.axes).filter(|(_, axis)| axis.runs).map(|(axis, _)| (axis, Verb::Halt)).collect();
             self.remote.tell_motors(&orders).map_err(|error| drive_problem(error.into()))?;
@@ -469,7 +473,7 @@ impl<P: Port> Held<P> {
         if !waits.is_empty() {
             console.print(format_args!("moves of stationary axes are forgotten: {waits}\n"))?;
         }
-        // What was halted has a last period, and pulses an end.
+        // Wait for the last period of a halted axis, and for the end of pulses.
         let tick_hz = u64::from(self.remote.info().tick_hz);
         self.go_on(self.remote.now() + tick_hz / ROUNDS_PER_S, console)?;
         let obeyed = self.remote.tell_motors(&[]).map_err(|error| drive_problem(error.into()))?;
@@ -501,7 +505,7 @@ mod tests {
     use pulsetrain_board::virtual_pico::VirtualPico;
     use std::time::Duration;
 
-    /// A board that is there for one host after the other, which do not hear all; its port is gone in the end.
+    /// A board for several hosts in turn, whose answers are lost for a while. Its port is gone in the end.
     #[derive(Clone)]
     struct Deaf {
         board: Shared<VirtualPico>,
@@ -515,7 +519,7 @@ mod tests {
         }
     }
 
-    /// Tells a board lines; how that ends, and what is said.
+    /// Runs lines on a board. Gives how that ended, and what was printed.
     fn held(port: Deaf, lines: Lines) -> (miette::Result<Exit>, String) {
         let (mut out, mut err) = (Vec::new(), Vec::new());
         let mut console = Console { out: &mut out, err: &mut err, err_is_terminal: false };
@@ -549,7 +553,7 @@ mod tests {
         }
     }
 
-    /// Nothing is wrong with the lines of a script that is not there.
+    /// If the script's file is missing, the help must not be about its lines.
     #[test]
     fn who_names_no_file_is_not_told_of_lines() {
         let error = load(Path::new("no such script.txt")).unwrap_err();
@@ -557,7 +561,7 @@ mod tests {
         assert!(error.help().is_none());
     }
 
-    /// A pin's edge that is left out is a step that is not counted.
+    /// If the pins miss an edge, the counts differ.
     #[test]
     fn pins_count_each_rise_of_step_the_way_that_dir_has() {
         let setup = wiring(true);
@@ -590,11 +594,11 @@ mod tests {
         assert_eq!(axis.moves, 1, "the one that was done is an earlier one, told late");
     }
 
-    /// Those that run firmware on an emulated chip.
+    /// Tests that run firmware on an emulated chip.
     mod chips {
         use super::*;
 
-        /// A move that a host has left behind goes on when the next one waits for it no longer.
+        /// An earlier host's move goes on if the next host gives up waiting for it.
         #[test]
         fn a_board_that_still_moves_is_left_moving() {
             let port = Deaf::new(Duration::ZERO..Duration::ZERO, Duration::from_secs(9));
@@ -603,7 +607,7 @@ mod tests {
             first.tell_motors(&[(0, Verb::Move { steps: 100_000 })]).unwrap();
             first.close();
             assert_eq!(take(port.clone(), Baud::B1M, || false).err(), Some(RemoteError::StillMoving));
-            // Longer than a host may be silent.
+            // Longer than the silence after which a host counts as lost.
             let (mut idle, until) = (port.clone(), port.now() + Duration::from_secs(3));
             while idle.now() < until {
                 idle.receive(until, &mut Vec::new()).unwrap();
@@ -611,8 +615,8 @@ mod tests {
             assert!(!Remote::open(port, 3).unwrap().status().unwrap().is_idle());
         }
 
-        /// Of a move that is done at once the answer is lost, and said again after the `done`, or the `done` is, which is said once: it is no move
-        /// that is still to be done.
+        /// Of a move that is done at once, either the answer is lost, so that it comes after the `done`, or the `done`
+        /// is lost, which is sent only once. In both cases no move may be left to wait for.
         #[test]
         fn a_move_ends_whatever_gets_lost() {
             let mut seen = [0, 0];

@@ -1,4 +1,4 @@
-//! `pulsetrain verify`: a capture against the motion.
+//! `pulsetrain verify`: judges a capture against the motion.
 
 use crate::arguments;
 use crate::arguments::Motion;
@@ -65,7 +65,7 @@ pub(crate) enum Alignment {
 }
 
 pub(crate) fn run(args: &VerifyArgs, console: &mut Console<'_>) -> miette::Result<Exit> {
-    // Where an endless motion is cut does not matter if it is after what is judged.
+    // Where an endless motion is cut does not matter if it is cut after the judged part.
     let length = args.motion.length.or(args.until.map(|until| until + Time::SECOND));
     let prepared = load::endless(&args.motion.file, args.motion.board.as_deref())?;
     consent::agree(&prepared, Consent { length, task: Task::Plan, yes: args.motion.yes, json: args.json }, console)?;
@@ -94,7 +94,7 @@ pub(crate) fn run(args: &VerifyArgs, console: &mut Console<'_>) -> miette::Resul
     let until_s = args.until.map(Time::seconds);
     let mut options = Options { align, until_s, sample_hz: args.sample_rate, ..Options::default() };
     if args.pins {
-        // What is seen on pins comes the board's constant after its scheduled tick, and may be late.
+        // Edges on pins come the board's constant delay after their scheduled ticks, and may be late on top.
         let edges = Edges::of(program);
         options.constant_ticks = edges.constant_ticks.into();
         let tolerance = program.tolerance.ticks(program.board.tick_hz);

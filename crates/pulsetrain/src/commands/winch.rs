@@ -1,4 +1,4 @@
-//! `pulsetrain winch`: StepperWinch's text, from a script or by hand.
+//! `pulsetrain winch`: StepperWinch's text, from a script or typed.
 
 use crate::arguments;
 use crate::arguments::WinchAt;
@@ -20,7 +20,8 @@ use pulsetrain_motion::pins::PinKind;
 use pulsetrain_trace::winch::{AXES, Status, WinchOptions};
 use pulsetrain_trace::{Line, Trace, steps, vcd_file};
 
-use super::OtherImage;
+use super::other_image::image_at;
+use super::problems;
 use super::run::draw;
 use crate::console::{self, Console, Exit, access};
 use crate::winch::console::{ConsoleError, Ended, Plain, converse};
@@ -67,10 +68,10 @@ pub(crate) struct WinchArgs {
 }
 
 pub(crate) fn run(args: &WinchArgs, console: &mut Console<'_>) -> miette::Result<Exit> {
-    // Ctrl-C is to stop the axes first.
+    // Watch Ctrl-C first: it must stop the axes.
     interrupt::watch();
     let Some(path) = &args.script else { return by_hand(args, console) };
-    // All is read, and refused if need be, before anything moves.
+    // The whole script is read, and perhaps refused, before anything moves.
     let script = script::load(path, args.length)?;
     let name = path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned();
     let options = if args.at.native { WinchOptions::default() } else { options_of(kind(args)) };
@@ -98,7 +99,8 @@ pub(crate) fn run(args: &WinchArgs, console: &mut Console<'_>) -> miette::Result
         }
     };
     let Judged { report, picture } = judged;
-    // What the axes did is told also where a file has no room; a script gets one value, and then it is the error.
+    // The user sees what the axes did even if a file could not be written. A script reads one JSON value, which is then
+    // the error.
     if !args.json {
         console.print(&report)?;
     }
@@ -113,7 +115,7 @@ pub(crate) fn run(args: &WinchArgs, console: &mut Console<'_>) -> miette::Result
     Ok(if report.is_ok() { Exit::Success } else { Exit::BoundBroken })
 }
 
-/// What is wrong with a port of a board that is told in text: it has no lease.
+/// The error for a port whose board reads text. The advice differs from other boards', since text has no lease.
 fn port_problem(error: PortError) -> Report {
     match error {
         PortError::Gone { .. } => {
@@ -121,11 +123,11 @@ fn port_problem(error: PortError) -> Report {
                         the script has it stop by itself";
             miette!(help = help, "{error}")
         }
-        error => super::port_problem(error),
+        error => problems::port_problem(error),
     }
 }
 
-/// Nothing was sent to a board that a script cannot be judged on.
+/// The error for a board on which a script cannot be judged. Nothing was sent to it.
 fn begins_elsewhere(port: &str, [x, y, z, a]: [i32; 4]) -> Report {
     let help = "go to 0 by hand (`a xyza 0 0 0 0`), or plug the board in anew, which also brings back gains and limits";
     miette!(
@@ -157,7 +159,7 @@ fn virtual_name(args: &WinchArgs) -> String {
     format!("virtual {}", kind(args).title())
 }
 
-/// How a virtual board is wired, and when it makes its edges.
+/// A virtual board's wiring, and when it makes its edges.
 fn options_of(board: BoardKind) -> WinchOptions {
     if board == BoardKind::Pico {
         return WinchOptions::pico();
@@ -170,7 +172,7 @@ fn options_of(board: BoardKind) -> WinchOptions {
     }
 }
 
-/// A board that speaks text, and what it calls itself.
+/// Connects to a board that reads text. Gives its name, too.
 fn meet<P: Port>(port: P, place: &str) -> miette::Result<(Talk<P>, String)> {
     let mut talk = Talk::new(port);
     let board = talk.ask().map_err(port_problem)?.ok_or_else(|| {
@@ -182,10 +184,11 @@ fn meet<P: Port>(port: P, place: &str) -> miette::Result<(Talk<P>, String)> {
     Ok((talk, board))
 }
 
-/// The same at a port. One that does not is asked in frames whether it is an Uno with another image.
+/// Connects to a board at a port. If it does not answer text, it is asked in frames whether it is an Uno with another
+/// image.
 fn meet_at(port: &str) -> miette::Result<(Talk<Serial>, String)> {
     meet(Serial::open(port, true).map_err(port_problem)?, port)
-        .map_err(|error| OtherImage::at(port, "winch").map_or(error, Report::new))
+        .map_err(|error| image_at(port, "winch").map_or(error, Report::new))
 }
 
 fn watcher(script: &Script, console: &Console<'_>) -> impl FnMut(f64) -> ScriptControl {
@@ -197,7 +200,7 @@ fn watcher(script: &Script, console: &Console<'_>) -> impl FnMut(f64) -> ScriptC
     }
 }
 
-/// What was seen, but for report and picture; says which files.
+/// Writes the run's files except report and picture, and gives their names.
 fn write_files(run: &Run, folder: &Path, options: &WinchOptions, has_edges: bool) -> miette::Result<&'static str> {
     let begin_us = run.begin as f64 / run.tick_hz as f64 * 1e6;
     let mut table = String::from("time_s,x,y,z,a\n");
@@ -209,7 +212,7 @@ fn write_files(run: &Run, folder: &Path, options: &WinchOptions, has_edges: bool
         return Ok("statuses.csv");
     }
     let broken = |error| access("write", folder, error);
-    // Ticks of both files are the board's.
+    // Ticks in both files count by the board's clock.
     let WinchOptions { step, dir, .. } = *options;
     let last = run.edges.iter().map(|edge| edge.line).chain(step).chain(dir).max().unwrap_or(0);
     let mut lines: Vec<Line> = (0..=last.max(19)).map(|pin| Line::named(format!("pin{pin}"))).collect();
@@ -234,7 +237,7 @@ fn write_files(run: &Run, folder: &Path, options: &WinchOptions, has_edges: bool
     Ok("statuses.csv, steps.csv, trace.vcd")
 }
 
-/// A console.
+/// Runs the console.
 fn by_hand(args: &WinchArgs, console: &mut Console<'_>) -> miette::Result<Exit> {
     match &args.at.port {
         Some(port) => hold(meet_at(port)?, console),
@@ -246,19 +249,19 @@ fn by_hand(args: &WinchArgs, console: &mut Console<'_>) -> miette::Result<Exit> 
 fn hold<P: Port>((mut talk, board): (Talk<P>, String), console: &mut Console<'_>) -> miette::Result<Exit> {
     let ended = if stdin().is_terminal() && stdout().is_terminal() {
         console.print(format_args!("{board}; `help` tells the commands, Ctrl-C stops all axes, `quit` ends\n"))?;
-        // Positions are to be seen as they change.
+        // The screen shows positions as they change.
         talk.tell(&talk.as_wanted("srate 50")).map_err(port_problem)?;
         let ended = Terminal::new(console.out)
             .map_err(ConsoleError::from)
             .and_then(|mut terminal| converse(&mut talk, &mut terminal));
-        // As it was at first; if the port is gone, that is told already.
+        // Back to the usual interval. If the port is gone, that is reported already.
         ended.and_then(|_| Ok(talk.tell(&talk.as_wanted("srate 200"))?)).map(|()| Exit::Success)
     } else {
         match converse(&mut talk, &mut Plain::new(typed(), console.out)) {
             Ok(Ended { refused: 0, is_settled: true }) => Ok(Exit::Success),
-            // As of a script.
+            // Also a script with a refused line ends with this exit code.
             Ok(_) => Ok(Exit::BoundBroken),
-            // A reader that has gone away (`| head`) ends it.
+            // If the reader of the output has gone away (`| head`), the console ends.
             Err(ConsoleError::Person(error)) if error.kind() == std::io::ErrorKind::BrokenPipe => Ok(Exit::Success),
             Err(error) => Err(error),
         }
@@ -269,13 +272,13 @@ fn hold<P: Port>((mut talk, board): (Talk<P>, String), console: &mut Console<'_>
     })
 }
 
-/// Lines of the standard input, as they come.
+/// Lines of standard input, as they come.
 pub(super) fn typed() -> Receiver<String> {
     let (to_console, lines) = channel();
-    // It ends with the input, or with the program.
+    // The thread ends with the input, or with the program.
     thread::spawn(move || {
         for line in stdin().lock().split(b'\n').map_while(Result::ok) {
-            // What is no text is for the board to refuse.
+            // A line that is not text goes to the board, which refuses it.
             if to_console.send(String::from_utf8_lossy(&line).into_owned()).is_err() {
                 return;
             }

@@ -1,4 +1,4 @@
-//! A board and a person: lines typed, replies and positions shown.
+//! A console for a board that reads text: a person types lines and sees replies and positions.
 
 use std::collections::VecDeque;
 use std::io;
@@ -10,67 +10,63 @@ use pulsetrain_board::{Port, PortError};
 use pulsetrain_trace::winch::Status;
 
 use super::mirror::Mirror;
-use super::run::BYTE;
-use super::talk::{BoardLine, Talk};
+use super::talk::{BYTE, BoardLine, STOP, Talk};
 use crate::interrupt;
 
-/// What a person wants.
+/// Input of the person at the console.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum ConsoleInput {
-    /// To say a line, or to have `help`, or to `quit`.
+    /// A line for the board, or `help` or `quit` for the console.
     Line(String),
-    /// All axes stopped.
+    /// A wish to stop all axes.
     Stop,
-    /// To end.
+    /// A wish to end the console.
     End,
 }
 
-/// Whoever sits at the console.
+/// The person at the console: a terminal, or standard input and output.
 pub trait Person {
-    /// What they have wanted since the last look.
+    /// The input since the last call.
     ///
     /// # Errors
-    /// When they cannot be heard any more.
+    /// If no more input can be read.
     fn inputs(&mut self) -> io::Result<Vec<ConsoleInput>>;
 
-    /// Shows what the board says.
+    /// Shows what the board has sent.
     ///
     /// # Errors
-    /// When it cannot be shown.
+    /// If it cannot be shown.
     fn show(&mut self, said: &BoardLine) -> io::Result<()>;
 
-    /// Shows a text for people.
+    /// Shows a text of the console itself.
     ///
     /// # Errors
-    /// When it cannot be shown.
+    /// If it cannot be shown.
     fn tell(&mut self, text: &str) -> io::Result<()>;
 
-    /// Whether, having ended, they wait until the axes rest.
+    /// Whether the console, once its input has ended, waits until the axes rest.
     fn waits_for_rest(&self) -> bool;
 }
 
-/// Why a console ended.
+/// Why a console failed.
 #[derive(Debug, thiserror::Error, Diagnostic)]
 pub enum ConsoleError {
-    /// The port is gone.
+    /// The board's port is gone.
     #[error(transparent)]
     Port(#[from] PortError),
-    /// So is the person.
+    /// Input or output failed.
     #[error("the console cannot go on: {0}")]
     Person(io::Error),
 }
 
-// The message has all of it: as a source it would be told twice.
+// The message contains its source, so `source` gives none: else the text would be printed twice.
 impl From<io::Error> for ConsoleError {
     fn from(error: io::Error) -> ConsoleError {
         ConsoleError::Person(error)
     }
 }
 
-/// Stops all axes; as the board wants it: [`Talk::as_wanted`].
-pub(super) const STOP: &str = "enable 0";
-
-/// What can be typed.
+/// The help of the console.
 pub const HELP: &str = "\
 \x20 a <axes> <steps>…           go to: `a xy 100 -50`     d <axes> <steps>…    go on by
   v <axes> <steps/s>…         drift on and on, ±15 000  r <axes> <steps>…    impulse
@@ -84,42 +80,42 @@ pub const HELP: &str = "\
   help, quit    of this console; quit leaves the board as it is
 ";
 
-/// How often the board and the person are listened to.
+/// How often the board and the person are read.
 const ROUND: Duration = Duration::from_millis(40);
 
-/// Axes that have not moved for so long, by the board's clock, rest, if no line has told them to go on, µs.
+/// Axes rest if they have not moved for this time, µs by the board's clock, and no line makes them go on.
 const REST_US: u64 = 500_000;
 
-/// By more than so many steps the mirror leads only an axis that does not do as it does: what a line is late for comes to less
-/// where the axis makes none in [`REST_US`].
+/// Steps by which the mirror may lead the board's axes. A larger lead shows that the board does not follow the lines as
+/// the mirror does. The lateness of lines makes less of a lead, since the axis makes no step in [`REST_US`].
 const LEAD_STEPS: u64 = 3;
 
-/// And so long it is waited for: with the gains at first a move rings for ten seconds and more.
+/// The longest wait for rest. With the default gains a move rings for ten seconds and more.
 const LONGEST_WAIT: Duration = Duration::from_secs(30);
 
 /// How a console ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Ended {
-    /// Lines that the board has refused.
+    /// Number of lines that the board refused.
     pub refused: usize,
-    /// Nobody was to wait for the axes to rest, or they do.
+    /// Whether the axes rest, or nobody was to wait for that.
     pub is_settled: bool,
 }
 
-/// Bytes of lines that are sent at once: of so many each line has its answer, docs/winch.md. The next ones follow when the board
-/// has been silent for a while.
+/// Bytes of lines that are sent at once: the board answers each line if there are no more than these (docs/winch.md).
+/// The next lines follow once the board has been silent for a while.
 const BURST: usize = 64;
 const SILENCE: Duration = Duration::from_millis(20);
 
-/// Lets a person talk to a board until they end it.
+/// Connects a person with a board until the person ends it.
 ///
 /// # Errors
-/// When either is gone.
+/// If the board's port or the person's input or output fails.
 pub fn converse<P: Port>(talk: &mut Talk<P>, person: &mut impl Person) -> Result<Ended, ConsoleError> {
     let mut rest = Rest::default();
     let mut mirror = Mirror::new(talk.now());
     let mut waiting = VecDeque::new();
-    // When the next lines may be sent.
+    // The time from which the next lines may be sent.
     let mut free = talk.now();
     let (mut refused, mut is_ending, mut ended) = (0, false, None);
     loop {
@@ -186,11 +182,11 @@ pub fn converse<P: Port>(talk: &mut Talk<P>, person: &mut impl Person) -> Result
     }
 }
 
-/// Whether axes rest.
+/// Watches for the axes to rest.
 #[derive(Clone, Copy, Debug, Default)]
 struct Rest {
     since: Option<Status>,
-    /// Where the mirror's axes were then.
+    /// The mirror's positions at that time.
     mirrored: [i64; 4],
     is_reached: bool,
 }
@@ -205,15 +201,16 @@ impl Rest {
         }
     }
 
-    /// Whether the board's axes rest, and are not only slow: so the mirror says, or it has gone on without them. Then the board
-    /// does not do what the mirror took it to: it has refused a line, or a deadman that it keeps has stopped it.
+    /// Whether the board's axes rest, and are not only slow. They do if the mirror's axes rest, too. They also do if
+    /// the mirror's axes have gone on alone: then the board does not follow the lines, because it has refused one or
+    /// because its stored deadman has stopped it.
     fn is_complete(&self, mirror: &Mirror) -> bool {
         let leads = mirror.made().iter().zip(self.mirrored).any(|(now, then)| now.abs_diff(then) > LEAD_STEPS);
         self.is_reached && (leads || mirror.is_at_rest())
     }
 }
 
-/// Someone without a terminal, a file or a program: lines come, and all that the board says is printed.
+/// A person without a terminal, for files and programs: lines come in, and all that the board sends is printed.
 pub struct Plain<'a> {
     lines: Receiver<String>,
     out: &'a mut dyn io::Write,
@@ -221,7 +218,7 @@ pub struct Plain<'a> {
 }
 
 impl<'a> Plain<'a> {
-    /// Lines end when whoever sends them is gone.
+    /// `lines` is closed when its sender has no more.
     pub fn new(lines: Receiver<String>, out: &'a mut dyn io::Write) -> Plain<'a> {
         Plain { lines, out, has_stopped: false }
     }

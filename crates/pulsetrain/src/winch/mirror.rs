@@ -1,4 +1,4 @@
-//! What a board does with the lines that it was told, reckoned here: core's reader and paths, without pins.
+//! A model of the board: follows the lines that were sent, with core's own reader and paths, but without pins.
 
 use std::time::Duration;
 
@@ -6,24 +6,24 @@ use pulsetrain_core::winch::letters::InMemory;
 use pulsetrain_core::winch::session::Session;
 use pulsetrain_core::winch::text::{Heard, LineReader};
 
-/// A board at rest that hears the same lines, in the port's time. What a real one was told before is not known to it.
+/// A board at rest that gets the same lines, in the port's time. It does not know what the real board got earlier.
 #[derive(Clone, Debug)]
 pub(super) struct Mirror {
     reader: LineReader,
     session: Session,
-    /// Milliseconds of the port's time that are over.
+    /// Milliseconds of the port's time that the model has passed.
     ms: u128,
     /// Steps of each axis since the start, forward minus backward.
     made: [i64; 4],
 }
 
 impl Mirror {
-    /// One that starts now.
+    /// A model that starts now.
     pub(super) const fn new(now: Duration) -> Mirror {
         Mirror { reader: LineReader::new(), session: Session::new(), ms: now.as_millis(), made: [0; 4] }
     }
 
-    /// Hears a line, now.
+    /// Gives it a line, now.
     pub(super) fn tell(&mut self, line: &str, now: Duration) {
         self.go_on(now);
         for byte in line.bytes().chain(*b"\n") {
@@ -33,7 +33,7 @@ impl Mirror {
         }
     }
 
-    /// Lets time pass until now.
+    /// Lets its time pass until now.
     pub(super) fn go_on(&mut self, now: Duration) {
         while self.ms < now.as_millis() {
             self.ms += 1;
@@ -47,12 +47,12 @@ impl Mirror {
         }
     }
 
-    /// Where each axis is, from where it was at the start, steps.
+    /// The position of each axis, from its position at the start, steps.
     pub(super) const fn made(&self) -> [i64; 4] {
         self.made
     }
 
-    /// Whether no axis goes on, or is to: while the drivers are off none does.
+    /// Whether no axis moves or will move. While the drivers are off none does.
     pub(super) fn is_at_rest(&self) -> bool {
         !self.session.drives() || self.session.is_at_rest()
     }

@@ -1,4 +1,4 @@
-//! A script on a board: sent line by line at its times, then judged, drawn and written down.
+//! Runs a script on a board: sends each line at its time, then judges, draws and writes down the run.
 
 use std::fmt::{self, Display};
 use std::time::Duration;
@@ -10,32 +10,31 @@ use pulsetrain_trace::winch::{self, AXES, Command, Onlooker, Order, SentLine, St
 use serde::Serialize;
 
 use super::script::Script;
-use super::talk::{BoardLine, Talk, meaning};
+use super::talk::{BYTE, BoardLine, STOP, Talk, meaning};
 use pulsetrain_motion::human::{self, Table};
 use pulsetrain_plot::{Errors, MotorPicture, Picture};
 
-/// A byte on the line at 115 200 baud, the same at what an Uno's bridge makes of it, and a frame of USB before the first one.
-pub(super) const BYTE: Duration = Duration::from_nanos(86_806);
+/// The shortest time of a byte that an Uno's USB bridge makes of it: its rate is not exact.
 const FAST_BYTE: Duration = Duration::from_nanos(85_000);
+/// The first byte may wait for a frame of USB.
 const USB_FRAME: Duration = Duration::from_millis(1);
 
-/// What whoever looks on wants.
+/// What the caller of a running script wants.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ScriptControl {
-    /// That it goes on.
+    /// The script goes on.
     GoOn,
-    /// That it ends: all axes are stopped within their limits.
+    /// The script ends: all axes stop within their limits.
     Stop,
 }
 
-/// How that is told, and how long the board is given for it.
-const STOP: &str = super::console::STOP;
+/// How long the board gets to stop its axes.
 const AFTER_STOP: Duration = Duration::from_secs(1);
 
-/// Ticks of a run on a board whose pins nobody sees.
+/// Ticks a second of a run whose pins nobody sees.
 const UNSEEN_TICK_HZ: u64 = 16_000_000;
 
-/// What happened in a run. Times are the board's clock.
+/// What happened in a run. Times are by the board's clock.
 #[derive(Clone, Debug)]
 pub struct Run {
     /// Ticks in a second.
@@ -46,15 +45,15 @@ pub struct Run {
     pub end: u64,
     /// The lines that were sent.
     pub told: Vec<SentLine>,
-    /// The last of them is not of the script: whoever looked on wanted a stop.
+    /// Whether the last of them is the stop that the user wanted, and not the script's.
     pub is_stopped: bool,
-    /// How many were not, as the run ended before their time.
+    /// Number of lines that were not sent, because the run ended before their time.
     pub unsent: usize,
     /// Status lines that came.
     pub statuses: Vec<Status>,
     /// Lines that were refused.
     pub refusals: Vec<Refusal>,
-    /// What a board that is well does not do.
+    /// Faults that a board in order does not have.
     pub troubles: Vec<Trouble>,
     /// All edges of the pins, if they are known.
     pub edges: Vec<Edge>,
@@ -63,57 +62,57 @@ pub struct Run {
 /// A line that the board refused.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Refusal {
-    /// When it said so, s from the script's beginning.
+    /// When the refusal came, s from the script's beginning.
     pub at_s: f64,
-    /// In its words.
+    /// The board's text.
     pub said: String,
 }
 
-/// A board restarted in mid-script, or fell silent.
+/// A board restarted during the script, or fell silent.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Trouble {
     /// When that was seen, s from the script's beginning.
     pub at_s: f64,
-    /// What.
+    /// The fault in words.
     pub what: String,
 }
 
-/// Where the axes of a real board stand that are not at 0, as it says itself; `None` if they are there, or it says nothing for
-/// a second. It is judged by its word from 0 on.
+/// The positions of a real board's axes by its next status, if they are not all 0. `None` if they are, or if no status
+/// comes for a second. Without edges a run is judged by the board's positions, which must count from 0.
 ///
 /// # Errors
-/// When the port is gone.
+/// If the port is gone.
 pub fn stands_elsewhere<P: Port>(talk: &mut Talk<P>) -> Result<Option<[i32; 4]>, PortError> {
     let status = talk.status(Duration::from_secs(1))?;
     Ok(status.map(|status| status.positions).filter(|positions| *positions != [0; 4]))
 }
 
-/// Runs a script on a virtual board, which has been asked for its name; `watch` hears the script's time, s.
+/// Runs a script on a virtual board that has given its name. Calls `watch` with the script's time, s.
 ///
 /// # Errors
-/// When the port is gone.
+/// If the port is gone.
 pub fn on_virtual<B: VirtualBoard>(
     talk: &mut Talk<B>,
     script: &Script,
     watch: impl FnMut(f64) -> ScriptControl,
 ) -> Result<Run, PortError> {
-    // Its clock runs, as it has answered.
+    // The board has answered, so its clock runs.
     let zero = talk.port().zero().unwrap_or(0);
     let hz = talk.port().cycles_per_s();
     let to_tick = move |at: Duration| ticks(at, hz) - zero;
     send(talk, script, watch, |_, _| {}).map(|sent| sent.run(hz, to_tick))
 }
 
-/// The same on a real board, of which nothing is known but what it says.
+/// Runs a script on a real board, of which only the text that it sends is known.
 ///
 /// # Errors
-/// When the port is gone.
+/// If the port is gone.
 pub fn on_port<P: Port>(
     talk: &mut Talk<P>,
     script: &Script,
     watch: impl FnMut(f64) -> ScriptControl,
 ) -> Result<Run, PortError> {
-    // Its clock, from the status that came soonest.
+    // The board's time zero, by the status that took the shortest time to arrive.
     let mut zero_us = f64::INFINITY;
     let sent = send(talk, script, watch, |at, said| {
         if let BoardLine::Status(status) = said {
@@ -125,11 +124,11 @@ pub fn on_port<P: Port>(
     Ok(sent.run(UNSEEN_TICK_HZ, move |at| ((at.as_secs_f64() * 1e6 - zero_us).max(0.0) * ticks_per_us) as u64))
 }
 
-/// What was sent and heard, in the port's time.
+/// Lines that were sent and received, in the port's time.
 struct Sent {
     begin: Duration,
     end: Duration,
-    /// Each line with the times at which it is there, at the soonest and at the latest.
+    /// Each line, with the earliest and the latest time at which the board has it.
     told: Vec<(Duration, Duration, Command)>,
     is_stopped: bool,
     unsent: usize,
@@ -167,7 +166,7 @@ fn send<P: Port>(
     mut watch: impl FnMut(f64) -> ScriptControl,
     mut also: impl FnMut(Duration, &BoardLine),
 ) -> Result<Sent, PortError> {
-    /// How often progress is told.
+    /// How often `watch` is called.
     const SLICE: Duration = Duration::from_millis(50);
     let begin = talk.now();
     let at = |seconds: f64| begin + Duration::from_secs_f64(seconds);
@@ -175,7 +174,7 @@ fn send<P: Port>(
     let (mut told, mut statuses, mut refusals) = (Vec::new(), Vec::new(), Vec::new());
     let mut health = Health::new(begin);
     let mut lines = script.lines.iter().take_while(|line| line.at_s <= script.end_s).peekable();
-    // When the line is free again, at the soonest and at the latest.
+    // When the line to the board is free again: the earliest and the latest time.
     let (mut soonest, mut free) = (begin, begin);
     let mut tell = |talk: &mut Talk<P>, health: &mut Health, text: &str, command: Command| {
         talk.tell(text)?;
@@ -220,30 +219,31 @@ fn send<P: Port>(
     Ok(Sent { begin, end, told, is_stopped: stopped, unsent, statuses, refusals, troubles: health.troubles, edges })
 }
 
-/// Looks whether the board goes on as a board does: it begins once, and its statuses come.
+/// Checks that the board runs on: it starts once, and its statuses come in time.
 struct Health {
     begin: Duration,
-    /// The interval of statuses until the next one: while it changes, the longer.
+    /// The longest interval until the next status. After `srate` it is the longer of both.
     due: Duration,
-    /// The interval after that.
+    /// The interval after the next status.
     next_due: Duration,
-    /// The last status: when it came, by the port, and its clock, µs.
+    /// The last status: its time of arrival by the port, and its clock, µs.
     last: Option<(Duration, u64)>,
-    /// `ping`s that have not been answered.
+    /// Number of `ping`s without an answer.
     pings: usize,
     troubles: Vec<Trouble>,
 }
 
-/// What a status may be late by the board's own clock: other replies may have the line.
+/// How late a status may be by the board's clock: other replies may occupy the line.
 const STATUS_LATE: Duration = Duration::from_millis(50);
-/// What this computer may be late to hear it.
+/// How late this computer may receive a status.
 const HEARD_LATE: Duration = Duration::from_millis(300);
-/// Two clocks do not differ by so much between two statuses, unless one restarted: a resonator is within 0.5 % of 65 s.
+/// If the two clocks differ by more than this between two statuses, the board has restarted. (A resonator's error is
+/// 0.5 % at most, which is 0.33 s in the longest interval of 65 s.)
 const CLOCKS_APART: Duration = Duration::from_secs(1);
 
 impl Health {
     fn new(begin: Duration) -> Health {
-        // What a board begins with.
+        // The interval of a board that has just started.
         let due = Duration::from_millis(200);
         Health { begin, due, next_due: due, last: None, pings: 0, troubles: Vec::new() }
     }
@@ -289,7 +289,7 @@ impl Health {
         }
     }
 
-    /// Whether a status is overdue by the port's time.
+    /// Reports a status that is overdue by the port's time.
     fn look(&mut self, now: Duration) {
         let waited = now.saturating_sub(self.last.map_or(self.begin, |last| last.0));
         if waited > self.due + HEARD_LATE {
@@ -315,61 +315,61 @@ fn ticks(at: Duration, tick_hz: u64) -> u64 {
     (at.as_nanos() * u128::from(tick_hz) / 1_000_000_000) as u64
 }
 
-/// What a script came to.
+/// The report of a script.
 #[derive(Clone, Debug, Serialize)]
 pub struct WinchReport {
-    /// The script.
+    /// The script's name.
     pub script: String,
     /// What made the steps: "native winch", "virtual Uno", or "board at PORT".
     pub runner: String,
-    /// What the board calls itself.
+    /// The board's name for itself.
     pub board: String,
-    /// How long it lasted, s.
+    /// How long the run lasted, s.
     pub duration_s: f64,
     /// Lines of the script that were sent.
     pub lines: usize,
-    /// Those that were not: it ended before their time.
+    /// Number of lines that were not sent, because the run ended before their time.
     pub unsent: usize,
-    /// Lines refused.
+    /// Lines that the board refused.
     pub refusals: Vec<Refusal>,
-    /// What a board that is well does not do.
+    /// Faults that a board in order does not have.
     pub troubles: Vec<Trouble>,
-    /// What the judge says of the pins' edges.
+    /// The judge's verdict on the pins' edges.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub verdict: Option<winch::WinchReport>,
-    /// Without edges: what the board says of itself.
+    /// If no edges are known: the positions that the board reported.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub word: Option<Vec<AxisReport>>,
 }
 
-/// An axis by the board's own word.
+/// An axis by the board's own positions.
 #[derive(Clone, Debug, Serialize)]
 pub struct AxisReport {
     /// x, y, z or a.
     pub axis: String,
-    /// Its last position, steps.
+    /// The axis's last position, steps.
     pub position: i32,
-    /// Where the path is then, steps.
+    /// The path's position at that time, steps.
     pub wanted: f64,
-    /// Largest distance of a status from the path, steps.
+    /// Largest distance of a reported position from the path, steps.
     pub farthest: f64,
-    /// The path is at rest there.
+    /// Whether the path is at rest there.
     pub is_at_rest: bool,
-    /// It rests there whichever milliseconds the lines acted in. In a move, after a drift and after a stop in mid-move each
-    /// millisecond makes a difference, and nobody saw it.
+    /// Whether the path's rest is known. The place where it rests after a drift, or after a stop during a move, depends
+    /// on the millisecond in which the board read the line, and nobody saw that millisecond.
     pub is_judged: bool,
 }
 
 impl AxisReport {
-    /// Whether it stands where it should, as far as that can be said.
+    /// Whether the axis stands where it should, as far as that is known.
     fn is_ok(&self) -> bool {
-        // Half a step and the threshold's 1/64, and 0.1 of the path.
+        // Half a step, the threshold's 1/64, and 0.1 for the path.
         !self.is_judged || (f64::from(self.position) - self.wanted).abs() < 0.62
     }
 }
 
 impl WinchReport {
-    /// Whether nothing was refused, no bound broke, and the board was heard to the end.
+    /// Whether the board refused no line, no bound broke, and the board answered to the end.
     #[must_use]
     pub fn is_ok(&self) -> bool {
         let word_ok = self.word.iter().flatten().all(AxisReport::is_ok);
@@ -378,10 +378,10 @@ impl WinchReport {
     }
 }
 
-/// A run with its judgement.
+/// A run with its verdict.
 #[derive(Clone, Debug)]
 pub struct Judged {
-    /// What it came to.
+    /// The report.
     pub report: WinchReport,
     /// The picture.
     pub picture: Picture,
@@ -390,7 +390,7 @@ pub struct Judged {
 /// Judges a run by its edges.
 ///
 /// # Errors
-/// When the edges are not in order of time.
+/// If the edges are not in order of time.
 pub fn judge(run: &Run, names: Names<'_>, options: &WinchOptions) -> Result<Judged, winch::OutOfOrder> {
     let options = &WinchOptions { origin_s: run.begin as f64 / options.tick_hz, ..options.clone() };
     let mut drawing = Drawing::new(run, options);
@@ -399,7 +399,7 @@ pub fn judge(run: &Run, names: Names<'_>, options: &WinchOptions) -> Result<Judg
     Ok(Judged { report, picture: drawing.finish(names.title()) })
 }
 
-/// What is to be said of a run whose edges nobody saw.
+/// Judges a run without edges, by the positions that the board reported.
 #[must_use]
 pub fn by_word(run: &Run, names: Names<'_>) -> Judged {
     let tick_hz = run.tick_hz as f64;
@@ -428,14 +428,14 @@ pub fn by_word(run: &Run, names: Names<'_>) -> Judged {
     Judged { report, picture }
 }
 
-/// What things are called in a report.
+/// The names in a report.
 #[derive(Clone, Copy, Debug)]
 pub struct Names<'a> {
-    /// The script.
+    /// The script's name.
     pub script: &'a str,
     /// What made the steps.
     pub runner: &'a str,
-    /// What the board calls itself.
+    /// The board's name for itself.
     pub board: &'a str,
 }
 
@@ -460,19 +460,19 @@ impl Names<'_> {
     }
 }
 
-/// Draws as it looks on.
+/// Draws the run while the judge follows the path.
 struct Drawing {
     axes: [MotorPicture; 4],
     is_told: [bool; 4],
-    /// The path, for the close view.
+    /// The path's points for the close view.
     closely: [Vec<(f64, f64)>; 4],
-    /// Of so many milliseconds one is drawn.
+    /// Of this many milliseconds one is drawn.
     every_ms: u64,
     ms: [u64; 4],
     tick_s: f64,
 }
 
-/// Points of a path in the picture, or somewhat more.
+/// Number of points of a path in the picture; it may be somewhat more.
 const POINTS: u64 = 1000;
 
 impl Drawing {
@@ -508,7 +508,7 @@ impl Drawing {
     }
 }
 
-/// So many milliseconds of the path are kept for the close view.
+/// Number of the path's milliseconds that are kept for the close view.
 const CLOSE: usize = 2000;
 
 impl Onlooker for Drawing {
@@ -531,7 +531,7 @@ impl Onlooker for Drawing {
     }
 }
 
-/// Compares statuses with the path, and draws both.
+/// Compares the reported positions with the path, and draws both.
 struct Compared<'a> {
     run: &'a Run,
     drawing: &'a mut Drawing,
@@ -606,7 +606,7 @@ impl Display for WinchReport {
     }
 }
 
-/// To two digits after the point.
+/// Rounds to two digits after the point.
 fn hundredths(steps: f64) -> String {
     human::significant((steps * 100.0).round() / 100.0, 9)
 }

@@ -1,4 +1,4 @@
-//! Timed lines, from a file: plain text, or a motion file with a winch.
+//! Reads scripts of timed lines: plain text, or a motion file with `law.winch`.
 
 use std::ops::Range;
 use std::path::Path;
@@ -15,50 +15,50 @@ use crate::console;
 use crate::diagnostic::{Excerpt, WrongFile};
 use pulsetrain_motion::human;
 
-/// What is sent to a board, and when.
+/// Lines for a board, with their times.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Script {
-    /// In order of time.
+    /// The lines in order of time.
     pub lines: Vec<ScriptLine>,
-    /// When it ends, s.
+    /// When the script ends, s.
     pub end_s: f64,
 }
 
-/// A line, and when it is sent.
+/// A line and its time.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ScriptLine {
-    /// From the script's beginning, s.
+    /// When it is sent, s from the script's beginning.
     pub at_s: f64,
-    /// As it is sent, without the line's end.
+    /// The text that is sent, without the line's end.
     pub text: String,
-    /// What it says.
+    /// The command in it.
     pub command: Command,
 }
 
-/// A script without a duration ends so long after its last line, s.
+/// A script without a duration ends this long after its last line, s.
 const AFTER_S: f64 = 4.0;
 
-/// A line this near to where a deadman strikes may come before it or after it, s.
+/// If a line and the deadman's time are closer than this, s, it is uncertain which comes first.
 const NEAR_DEADMAN_S: f64 = 0.05;
 
-/// What a refusal says of the form of a line, and of what stands in it.
+/// Help below an error: the form of a line, and what may stand in it.
 const HELP: &str = "a line is \"<time>: <command>\", such as \"1.5 s: a x 100\"; docs/winch.md has the commands";
 const OF_COMMANDS: &str = "docs/winch.md has the commands and their limits; so has `help` in the console";
 
-/// A motion file's ending; any other file is plain text.
+/// The ending of motion files. Any other file is plain text.
 const MOTION: &str = "toml";
 
-/// Reads a script, to end after `length` if that is given.
+/// Reads a script. With `length` it ends after that time.
 ///
-/// Plain text has a line for each command, `<time>: <command>`; what comes after a `#` is a comment. Of
-/// a motion file the lines of its `law.winch` are taken.
+/// In plain text each line is `<time>: <command>`, and `#` begins a comment. In a motion file the lines are those of
+/// `law.winch`.
 ///
 /// # Errors
-/// With the place, when a line is not what a strict board takes, or times go back.
+/// With the place in the file, if a strict board would refuse a line, or if times go back.
 pub fn load(path: &Path, length: Option<Time>) -> miette::Result<Script> {
     let (lines, duration) = if path.extension().is_some_and(|ending| ending == MOTION) {
         let script = file::load_winch(path).map_err(WrongFile::from)?;
-        // The file has been checked: what is wrong now is what a law takes and a board does not.
+        // The motion file's own checks have passed. What is wrong now is a line that a law allows and a board does not.
         let lines = script.lines.iter().map(String::as_str).zip(script.places);
         (read(lines, &script.source)?, script.duration)
     } else {
@@ -87,7 +87,7 @@ pub fn load(path: &Path, length: Option<Time>) -> miette::Result<Script> {
 /// ```
 ///
 /// # Errors
-/// With the place.
+/// With the place in the text.
 pub fn parse(text: &str, name: &str) -> miette::Result<Vec<ScriptLine>> {
     let source = Arc::new(Source::new(name, text));
     let lines = text.split_inclusive('\n').scan(0, |next, raw| {
@@ -99,7 +99,7 @@ pub fn parse(text: &str, name: &str) -> miette::Result<Vec<ScriptLine>> {
     read(lines, &source)
 }
 
-/// Reads lines, each with its place in the source; blank ones are none.
+/// Reads lines, each with its place in the source. Blank lines are ignored.
 fn read<'a>(
     texts: impl Iterator<Item = (&'a str, Range<usize>)>,
     source: &Arc<Source>,
@@ -108,7 +108,7 @@ fn read<'a>(
     let mut board = Board::default();
     for (line, place) in texts.filter(|(line, _)| !line.is_empty()) {
         let wrong = |at: Range<usize>, help: &str, message: String| {
-            // With escapes in it only the whole can be shown.
+            // A string with escapes does not match its source place by place, so the error points at the whole string.
             let is_verbatim = place.len() == line.len();
             let at = if is_verbatim { place.start + at.start..place.start + at.end } else { place.clone() };
             let diagnostic = MietteDiagnostic::new(message).with_help(help).with_label(LabeledSpan::at(at, "here"));
@@ -127,7 +127,7 @@ fn read<'a>(
             let message = format!("times go back: the line before is sent at {}", human::seconds(before.at_s));
             return Err(wrong(0..when.len(), "put the lines in order of their times", message));
         }
-        // As it is sent: a checksum is of that.
+        // Take the text as it is sent, since a checksum is of exactly that.
         let text = told.trim();
         let told_at = when.len() + 1 + (told.len() - told.trim_start().len());
         let command = Command::parse(text)
@@ -139,19 +139,19 @@ fn read<'a>(
     Ok(lines)
 }
 
-/// What lines before ask of the next one.
+/// What earlier lines require of the next one.
 #[derive(Default)]
 struct Board {
     strict: bool,
-    /// There was a checksum since strictness was last set.
+    /// Whether a line had a checksum since strictness was last set.
     is_checked: bool,
-    /// When the last line came, s, and how long a silence may be.
+    /// The time of the last line, s, and the longest silence that the deadman allows, s.
     last_s: f64,
     deadman_ms: u16,
 }
 
 impl Board {
-    /// Takes a line; what is wrong with it, if anything.
+    /// Checks a line. Gives the error, if there is one.
     fn hear(&mut self, line: &ScriptLine) -> Result<(), String> {
         let ScriptLine { at_s, text, command } = line;
         if self.strict && self.is_checked && !command.is_checked {
@@ -159,7 +159,8 @@ impl Board {
         }
         let strikes_s = self.last_s + f64::from(self.deadman_ms) * 1e-3;
         if self.deadman_ms != 0 && (at_s - strikes_s).abs() < NEAR_DEADMAN_S {
-            // With a shorter deadman what is before that is before the last line.
+            // With a deadman shorter than that a line before it would come before the last line, so the advice leaves
+            // that out.
             let before = if f64::from(self.deadman_ms) * 1e-3 < NEAR_DEADMAN_S { "" } else { " before that or" };
             return Err(format!(
                 "it comes as the deadman strikes, at {}: nobody can say which is first; send it {}{before} after it",
@@ -227,7 +228,7 @@ mod tests {
     }
 
     proptest! {
-        /// Any text is read or refused, and a refusal can be shown.
+        /// Any text is either read or refused, and each refusal can be printed.
         #[test]
         fn any_text(text in prop::collection::vec(prop_oneof![
             3 => prop::sample::select(vec!["0 s: ", "1 ms:", "a ", "x ", "xyza", " 5", "-1", "g x 1 1", "#", "\n", "\r\n", ":", "é"]).prop_map(String::from),
@@ -284,7 +285,7 @@ mod tests {
         let message = "a whole number from -15000 to 15000 is wanted".to_owned();
         let law = "commands = [\n  \"0 s: g x 1 1\",\n  \"1 s: v x 16000\",\n]";
         assert_eq!(refused(law, "my.toml"), ("16000".to_owned(), message.clone()));
-        // One with escapes is shown as a whole.
+        // The error points at the whole of a string with escapes.
         let law = "commands = [\"1 s: v x\\u002016000\"]";
         assert_eq!(refused(law, "my.toml"), ("\"1 s: v x\\u002016000\"".to_owned(), message.clone()));
         std::fs::write(folder.join("lines.txt"), "# é\n0 s: g x 1 1\n1 s: v x 16000\n").unwrap();

@@ -1,34 +1,34 @@
-//! Lines to a board and from it.
+//! Sends lines to a board and receives its lines.
 
 use std::time::Duration;
 
 use pulsetrain_board::{Edge, Port, PortError};
 use pulsetrain_trace::winch::{Command, Status};
 
-/// What a board says.
+/// A line from the board.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum BoardLine {
-    /// Where its axes are.
+    /// A status: the axes' positions.
     Status(Status),
-    /// Anything else, without its line's end.
+    /// Any other line, without its end.
     Line(String),
 }
 
 impl BoardLine {
-    /// Whether it has refused a line.
+    /// Whether the line refuses a command.
     #[must_use]
     pub fn is_refusal(&self) -> bool {
         matches!(self, BoardLine::Line(line) if ["err ", "dbg invalid ", "dbg excessive "].iter().any(|word| line.starts_with(word)))
     }
 
-    /// Whether it has answered a line, or refused it. (A Pico's `done` comes of itself.)
+    /// Whether the line answers a command or refuses it. (A Pico's `done` comes unasked.)
     #[must_use]
     pub fn is_answer(&self) -> bool {
         self.is_refusal() || matches!(self, BoardLine::Line(line) if line == "awake" || line.starts_with("id "))
     }
 }
 
-/// A line with its checksum, as docs/winch.md has it.
+/// Adds a line's checksum (docs/winch.md).
 ///
 /// ```
 /// assert_eq!(pulsetrain::winch::talk::with_checksum("a x 1"), "a x 1*28");
@@ -39,7 +39,7 @@ pub fn with_checksum(line: &str) -> String {
     format!("{line}*{sum:02x}")
 }
 
-/// What a refusal means, for people: of `err <what> <word>` and of `dbg …`, by docs/winch.md.
+/// The meaning of a refusal for people: of `err <what> <word>` and of `dbg …` (docs/winch.md).
 ///
 /// ```
 /// use pulsetrain::winch::talk::meaning;
@@ -81,7 +81,7 @@ pub fn meaning(line: &str) -> Option<String> {
     Some(format!("{}{means}", place.unwrap_or_default()))
 }
 
-/// The same, if it was `told` that is refused: with the limit that it is beyond.
+/// The meaning of a refusal of the line `told`, with the limit that the line broke.
 ///
 /// ```
 /// use pulsetrain::winch::talk::explain;
@@ -90,13 +90,13 @@ pub fn meaning(line: &str) -> Option<String> {
 /// ```
 #[must_use]
 pub fn explain(line: &str, told: &str) -> Option<String> {
-    /// What is wrong with the line itself, whatever state the board is in.
+    /// The meaning of an error in the line itself, which does not depend on the board's state.
     const OF_THE_LINE: [&str; 6] = ["number", "range", "missing", "flags", "extra", "long"];
     let means = meaning(line)?;
     let mut words = line.split(' ').skip(1);
     let is_of_the_line = words.next().is_some_and(|what| OF_THE_LINE.contains(&what));
     Some(match (is_of_the_line, words.next(), Command::parse(told)) {
-        // Who tells axes directly has other commands.
+        // Axes that verbs move have other commands.
         (true, Some(word), Err(wrong)) if !wrong.message.starts_with("unknown command") => {
             format!("word {word}: {wrong}")
         }
@@ -104,24 +104,30 @@ pub fn explain(line: &str, told: &str) -> Option<String> {
     })
 }
 
-/// A port to a board that speaks text.
+/// A port to a board that reads text.
 #[derive(Debug)]
 pub struct Talk<P> {
     port: P,
     bytes: Vec<u8>,
-    /// What has come of a line.
+    /// The received part of a line.
     partial: Vec<u8>,
     clock: Clock,
     edges: Vec<Edge>,
-    /// A line with a right checksum was sent since strictness was last told, or a board has refused one without: a strict
-    /// board wants one on each line.
+    /// Whether a line with a right checksum was sent since strictness was last set, or the board has refused a line
+    /// without one. A strict board wants a checksum on each line.
     is_checked: bool,
 }
 
-/// The longest line that is kept; what is longer is noise.
+/// Stops all axes. [`Talk::as_wanted`] adds a checksum for a board that wants one.
+pub(super) const STOP: &str = "enable 0";
+
+/// Time of a byte on the line at 115 200 baud.
+pub(super) const BYTE: Duration = Duration::from_nanos(86_806);
+
+/// The longest line that is kept. A longer one is noise.
 const LONGEST: usize = 1000;
 
-/// How often a board is asked for its name, and for how long.
+/// How often a board is asked for its name, and how long it is waited for.
 const ASK_AGAIN: Duration = Duration::from_millis(250);
 const ASK_FOR: Duration = Duration::from_secs(4);
 
@@ -151,7 +157,7 @@ impl<P: Port> Talk<P> {
     /// Sends a line.
     ///
     /// # Errors
-    /// When the port is gone.
+    /// If the port is gone.
     pub fn tell(&mut self, line: &str) -> Result<(), PortError> {
         let is_right =
             line.split_once('*').is_some_and(|(rest, _)| with_checksum(rest).eq_ignore_ascii_case(line.trim_end()));
@@ -160,17 +166,18 @@ impl<P: Port> Talk<P> {
         self.port.send(format!("{line}\n").as_bytes())
     }
 
-    /// A line of this program's own, as the board takes it: with a checksum if there was one before. One that nobody has asked
-    /// for would lock out who types none.
+    /// A line of this program's own in the form that the board accepts: with a checksum if lines before had one. A
+    /// checksum that the user has not begun with would make the board strict, and it would refuse the lines that the
+    /// user types.
     #[must_use]
     pub fn as_wanted(&self, line: &str) -> String {
         if self.is_checked { with_checksum(line) } else { line.to_owned() }
     }
 
-    /// Lets time pass until `until`, and hands over what the board says meanwhile, with the time at which it came.
+    /// Lets time pass until `until`. Calls the function with each line from the board and its time.
     ///
     /// # Errors
-    /// When the port is gone.
+    /// If the port is gone.
     pub fn wait(&mut self, until: Duration, mut hear: impl FnMut(Duration, BoardLine)) -> Result<(), PortError> {
         while self.port.now() < until {
             self.bytes.clear();
@@ -193,11 +200,11 @@ impl<P: Port> Talk<P> {
         Ok(())
     }
 
-    /// Asks the board what it is until it answers, and gives its answer; `None` if it does not speak text. A board that has
-    /// just been reset is deaf for a second or two.
+    /// Asks the board for its name until it answers. `None` if it does not answer in text. A board that has just been
+    /// reset is deaf for a second or two.
     ///
     /// # Errors
-    /// When the port is gone.
+    /// If the port is gone.
     pub fn ask(&mut self) -> Result<Option<String>, PortError> {
         let end = self.now() + ASK_FOR;
         let mut name = None;
@@ -217,10 +224,10 @@ impl<P: Port> Talk<P> {
         Ok(name)
     }
 
-    /// The next status that comes, `None` if none does within `time`.
+    /// The next status. `None` if none comes within `time`.
     ///
     /// # Errors
-    /// When the port is gone.
+    /// If the port is gone.
     pub fn status(&mut self, time: Duration) -> Result<Option<Status>, PortError> {
         let end = self.now() + time;
         let mut first = None;
@@ -234,20 +241,20 @@ impl<P: Port> Talk<P> {
         Ok(first)
     }
 
-    /// The edges of the board's pins since the last call: what a virtual board knows.
+    /// The edges of the board's pins since the last call. Only a virtual board knows them.
     pub fn edges(&mut self) -> Vec<Edge> {
         std::mem::take(&mut self.edges)
     }
 }
 
-/// A board's clock without the wraps of its signed 32 bits.
+/// Extends the board's clock, whose signed 32 bits wrap.
 #[derive(Clone, Copy, Debug, Default)]
 struct Clock {
     last: Option<u64>,
 }
 
 impl Clock {
-    /// A status line. Statuses must be less than 71 minutes apart.
+    /// Reads a status line. Statuses must be less than 71 minutes apart.
     fn read(&mut self, line: &str) -> Option<Status> {
         let mut words = line.strip_prefix("txyza ")?.split(' ').map(str::parse::<i32>);
         let mut number = || words.next()?.ok();

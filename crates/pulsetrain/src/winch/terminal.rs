@@ -1,4 +1,5 @@
-//! A person at a terminal: what is said scrolls by, the last two rows are the axes' positions and the line being typed.
+//! A person at a terminal. The board's lines scroll; the last two rows hold the axes' positions and the line being
+//! typed.
 
 use std::io::{self, Write};
 use std::time::Duration;
@@ -13,21 +14,21 @@ use pulsetrain_trace::winch::{AXES, Status};
 use super::console::{ConsoleInput, Person};
 use super::talk::{BoardLine, explain};
 
-/// A terminal, raw until this is dropped.
+/// A terminal in raw mode until this is dropped.
 pub(crate) struct Terminal<'a> {
     screen: Screen<&'a mut dyn Write>,
     editor: Editor,
-    /// Ctrl-C came; the next one ends.
+    /// Whether Ctrl-C has come once. The next one ends the console.
     has_stopped: bool,
-    /// The line typed last, which a refusal is of.
+    /// The last line that was typed: a refusal is about it.
     told: String,
 }
 
 impl<'a> Terminal<'a> {
-    /// Takes the terminal over.
+    /// Sets the terminal to raw mode.
     ///
     /// # Errors
-    /// When it is none.
+    /// If it is no terminal.
     pub(crate) fn new(out: &'a mut dyn Write) -> io::Result<Terminal<'a>> {
         terminal::enable_raw_mode()?;
         let mut terminal =
@@ -39,7 +40,7 @@ impl<'a> Terminal<'a> {
 
 impl Drop for Terminal<'_> {
     fn drop(&mut self) {
-        // There is nobody left to tell of an error.
+        // Nobody is left who could see an error.
         let _ = self.screen.end();
         let _ = terminal::disable_raw_mode();
     }
@@ -106,7 +107,7 @@ impl Person for Terminal<'_> {
     }
 }
 
-/// The last two rows, and what scrolls by above them. The cursor is in the last one.
+/// The last two rows and the scrolling part above them. The cursor is in the last row.
 struct Screen<W> {
     out: W,
     width: usize,
@@ -154,15 +155,15 @@ impl<W: Write> Screen<W> {
         self.rows(editor)
     }
 
-    /// A line above the two rows.
+    /// Writes a line above the two rows.
     fn print(&mut self, line: &str, editor: &Editor) -> io::Result<()> {
         queue!(self.out, MoveUp(1), MoveToColumn(0), Clear(ClearType::FromCursorDown), Print(line), Print("\r\n"))?;
         self.rows(editor)
     }
 
-    /// Both rows, from the upper one on.
+    /// Writes both rows, from the upper one on.
     fn rows(&mut self, editor: &Editor) -> io::Result<()> {
-        // What is wider would wrap, and be more rows.
+        // A wider text would wrap into more rows.
         let most = self.width.saturating_sub(1);
         let positions: String = self.positions().chars().take(most).collect();
         let room = most.saturating_sub(PROMPT.len());
@@ -173,21 +174,21 @@ impl<W: Write> Screen<W> {
     }
 }
 
-/// The line being typed, and those before it. Lines are printable ASCII.
+/// The line being typed, and earlier lines. Lines are printable ASCII.
 #[derive(Clone, Debug, Default)]
 struct Editor {
     text: String,
     cursor: usize,
     history: Vec<String>,
-    /// Which line of the history is shown, and what was typed before it was.
+    /// Which line of the history is shown, and the text that was typed before.
     recalled: Option<(usize, String)>,
 }
 
-/// What a key did.
+/// What a key does.
 #[derive(Clone, Debug, PartialEq, Eq)]
 enum Pressed {
     Nothing,
-    /// A letter that no line has.
+    /// The key is a letter that no line may contain.
     Strange(char),
     Line(String),
     Interrupt,
@@ -245,7 +246,7 @@ impl Editor {
         Pressed::Line(line)
     }
 
-    /// Shows the line before the one that is shown, or the one after it.
+    /// Shows the earlier or the later line of the history.
     fn recall(&mut self, before: bool) {
         let (at, typed) = match &self.recalled {
             Some((at, typed)) => (*at, typed.clone()),
@@ -258,7 +259,7 @@ impl Editor {
         self.cursor = self.text.len();
     }
 
-    /// As much of the line as fits, with the cursor in it, and where the cursor is.
+    /// The part of the line around the cursor that fits, and the cursor's column in it.
     fn shown(&self, room: usize) -> (&str, usize) {
         let from = self.cursor.saturating_sub(room);
         (&self.text[from..self.text.len().min(from + room)], self.cursor - from)

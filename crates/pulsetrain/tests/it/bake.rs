@@ -1,4 +1,4 @@
-//! Tables for boards without a host: what they hold, and that nothing adds up in what repeats.
+//! Tables for boards without a host: their contents, and that no error grows as turns repeat.
 
 use pulsetrain::load;
 use std::path::Path;
@@ -42,7 +42,7 @@ fn refused(program: &Program) -> BakeError {
     Sketch::new(program, "refused").map(|sketch| sketch.size).unwrap_err()
 }
 
-/// Steps of rows from a time on (ticks · 2^-16), as the sketch makes them: time and way.
+/// Steps of rows from a time on (ticks · 2^-16), as the sketch makes them: time and direction.
 fn played(rows: &[Row], mut at: u128) -> Vec<(u128, bool)> {
     let mut steps = Vec::new();
     for row in rows {
@@ -61,7 +61,7 @@ fn played(rows: &[Row], mut at: u128) -> Vec<(u128, bool)> {
     steps
 }
 
-/// The same from the planner.
+/// Steps of the planner in the same form.
 fn planned(program: &Program, most: usize) -> Vec<(u128, bool)> {
     let mut ensemble = Ensemble::new(program).unwrap();
     let (mut at, mut steps) = (0x8000i128, Vec::new());
@@ -122,7 +122,7 @@ fn what_repeats_is_the_plan_and_a_turn_ends_where_the_next_begins() {
         assert_eq!([head, turn.clone()].concat(), steps);
         let plan = planned(&program, steps.len() + turn.len());
         assert_eq!(steps, plan[..steps.len()], "{motion}");
-        // The next turn is what the planner goes on with, within both certificates and a tick.
+        // The next turn has the planner's next steps, within both certificates and a tick.
         for (step, later) in turn.iter().zip(&plan[steps.len()..]) {
             let moved = step.0 + (period >> (PERIOD_BITS - 16));
             assert!(moved.abs_diff(later.0) <= 3 << 16 && step.1 == later.1, "{motion}: {moved} {later:?}");
@@ -130,7 +130,7 @@ fn what_repeats_is_the_plan_and_a_turn_ends_where_the_next_begins() {
     }
 }
 
-/// A year of turns, added up as the sketch does it, against the product.
+/// Adds up a year of turns as the sketch does, and compares with the product.
 #[test]
 fn nothing_adds_up_in_a_year() {
     for seconds in ["0.73", "1", "0.3000000007", "2.71828182845"] {
@@ -138,7 +138,7 @@ fn nothing_adds_up_in_a_year() {
             "law.sine = {{ amplitude = \"0.2 rev\", period = \"{seconds} s\", cycles = \"forever\" }}"
         ));
         let Turn { base, period, .. } = table(&program).turn.expect("it repeats");
-        // As the sketch, but for the wrapping of ticks: 16 bits below them, and 32 bits more beside.
+        // As the sketch does, but without the wrapping of ticks: 16 bits below the point, and 32 more for the rest.
         let (step, rest) = ((period >> 32) as u64, period as u32);
         let (mut at, mut carry) = (u128::from(base), 0u32);
         let turns = (365.25 * 86_400.0 / seconds.parse::<f64>().unwrap()) as u64;
@@ -147,7 +147,7 @@ fn nothing_adds_up_in_a_year() {
             let (sum, over) = carry.overflowing_add(rest);
             (carry, at) = (sum, at + u128::from(over));
         }
-        // n · P, exact: P has units of 2^-64 s.
+        // n · P is exact: P has units of 2^-64 s.
         let law = program.motors[0].law.cycle().unwrap().1.raw().cast_unsigned();
         let product = (law * u128::from(HZ) * u128::from(turns)) >> 48;
         let apart = (at - u128::from(base)).abs_diff(product);
@@ -163,7 +163,7 @@ fn what_cannot_be_baked_is_told() {
     assert!(
         matches!(tables(&waits, Room::ANY), Err(BakeError::Wait { limit_s, .. }) if (134.0..135.0).contains(&limit_s))
     );
-    // Waits that are short enough each, and not together.
+    // Each wait is short enough, but their sum is not.
     let waits = program(
         "law.then = [ { rest = \"100 s\" }, { rest = \"50 s\" }, { sine = { amplitude = \"0.1 rev\", period = \"1 s\", cycles = 1 } } ]",
     );
@@ -180,7 +180,7 @@ fn what_cannot_be_baked_is_told() {
     assert!(matches!(Sketch::new(&pico, "pico"), Err(BakeError::Board { .. })));
 }
 
-/// Steps that are made late where motors meet must leave those after them their time.
+/// Where motors meet, some steps are late. They must still leave the next steps their time.
 #[test]
 fn a_motor_that_is_too_fast_beside_others_is_told() {
     let long = "pulse_high = \"30 us\"\ndir_setup = \"30 us\"";
@@ -197,7 +197,7 @@ fn a_motor_that_is_too_fast_beside_others_is_told() {
     assert!(Sketch::new(&wired(long, "step = 8, dir = 9", fast), "alone").is_ok(), "alone it is not");
 }
 
-/// Opposite steps on one line that come too close, as no plan has them, are found in what repeats.
+/// No plan has opposite steps on one line that come too close. If a repeating table has them, they are found.
 #[test]
 fn opposite_steps_that_meet_on_a_line_are_found() {
     let line = ["8", "9"]
@@ -221,7 +221,7 @@ fn opposite_steps_that_meet_on_a_line_are_found() {
     }
 }
 
-/// What a user calls things cannot take part of the program along.
+/// A user's names cannot break the program's text.
 #[test]
 fn names_stay_in_their_comments() {
     let name = "a\\";
@@ -257,7 +257,7 @@ fn a_file_of_the_users_own_is_not_written_over() {
     assert_eq!(fs::read_to_string(&file).unwrap(), own);
 }
 
-/// Those that run firmware on an emulated chip.
+/// Tests that run firmware on an emulated chip.
 mod chips {
     use super::*;
 
@@ -273,7 +273,7 @@ mod chips {
             assert_eq!(json["flash_bytes"], flash.len());
             flash
         };
-        // As fast a plan: that of a board whose clock is so much faster.
+        // An equally fast plan, for a board whose clock is faster by this share.
         let mut fast = load::endless(Path::new(SWEEP), None).unwrap();
         assert_eq!(flash(&[]), Image::new(&fast.program).unwrap().flash);
         fast.calibrate(3000.0);
@@ -284,7 +284,7 @@ mod chips {
         assert!(out.contains("with the firmware, of 32 256"), "{out}");
     }
 
-    /// As the motion file itself, or the image of another board.
+    /// The output may not be the motion file itself, and its name may not be that of another board's image.
     #[test]
     fn an_image_is_named_as_what_it_is() {
         let folder = Folder::new("bake-name");
@@ -304,7 +304,8 @@ mod chips {
         assert_eq!(command(&["--output", &folder.path("SWEEP.HEX")]).0, Exit::Success);
     }
 
-    /// Two motors on one DIR line that go opposite ways: the steps that wait for the line are told, of an image and of a sketch, as `run` tells them.
+    /// Two motors on one DIR line that move in opposite directions: an image, a sketch and `run` report the steps that
+    /// the line delays.
     #[test]
     fn steps_that_wait_for_a_shared_dir_line_are_told() {
         let swing = |sign: &str| {
@@ -344,7 +345,7 @@ mod chips {
                 "{json}"
             );
             if to[0] == "--output" {
-                // Those that wait for longer than is promised of the others are told apart from them.
+                // Steps whose delay is longer than the bound of other steps are reported by themselves.
                 let seen = &json["rehearsed"];
                 let (late, bound) =
                     (seen["longest_put_off_ticks"].as_f64().unwrap(), seen["bound_ticks"].as_f64().unwrap());
@@ -361,7 +362,7 @@ mod chips {
         }
     }
 
-    /// Of what repeats, the steps of one turn are told.
+    /// Of a repeating motion the steps of one turn are reported.
     #[test]
     fn steps_that_wait_in_each_turn_count_once() {
         let once = Image::new(&load::endless(Path::new(SWEEP), None).unwrap().program).unwrap().put_off;
@@ -369,7 +370,7 @@ mod chips {
             let time = Some(pulsetrain_motion::Time::from_seconds(seconds));
             Image::new(&load::load(Path::new(SWEEP), None, time).unwrap().program).unwrap().put_off
         };
-        // All four motors begin again every 2 s. A turn begins in the widest gap, and so not at once.
+        // All four motors begin again every 2 s. A turn begins in the widest gap, so not at once.
         let [short, long] = [2.0, 3.5].map(|seconds| cut(seconds).steps);
         assert!(
             once.longest_ticks > 0 && short <= once.steps && once.steps <= long,
@@ -379,7 +380,7 @@ mod chips {
 
     #[test]
     fn what_does_not_repeat_is_told() {
-        // Half a step is left over each time.
+        // Each time half a step is left over.
         let drifts = program(
             "repeat = \"forever\"\nlaw.then = [ { rest = \"0.1 s\" }, { trapezoid = { distance = \"10.5 step\", speed = \"100 step/s\", \
              acceleration = \"8 rev/s^2\" } } ]",
@@ -403,10 +404,10 @@ mod chips {
         assert!(Sketch::new(&apart("0.75"), "apart").is_ok() && Image::new(&apart("0.75")).is_ok(), "4 s and 3 s");
     }
 
-    /// As much as there is room for is baked; a motion of a day is refused as soon as its beginning does not fit, with what would.
+    /// A motion that fits is baked. A motion of a day is refused as soon as its beginning does not fit, with advice.
     #[test]
     fn what_is_too_large_is_told_with_what_would_fit() {
-        /// Whether it fits in the flash, or why not.
+        /// Whether it fits into the flash, or why not.
         type Way<'a> = &'a dyn Fn(&Program) -> Result<bool, BakeError>;
         let law =
             |cycles: u32| format!("law.sine = {{ amplitude = \"3 rev\", period = \"1.7 s\", cycles = {cycles} }}");
@@ -421,7 +422,7 @@ mod chips {
             assert!(way(&program(&law(cycles(fits_s)))).is_ok_and(|fits| fits), "{fits_s} s");
             let more = way(&program(&law(cycles(fits_s + 3.4))));
             assert!(matches!(more, Err(BakeError::TooLarge { .. })), "{fits_s} s: {more:?}");
-            // Two motors have half of it each.
+            // Each of two motors has half of the flash.
             let two = ["8, dir = 9", "10, dir = 11"].map(|pins| {
                 let name = if pins.starts_with('8') { "one" } else { "two" };
                 motor(name, "driver = \"A4988\"", &format!("step = {pins}"), &law(cycles(0.8 * fits_s)))
@@ -451,7 +452,7 @@ mod chips {
             assert!(matches!(&error, BakeError::Wiring { motor, .. } if motor == "wheel"), "{error}");
             assert!(error.to_string().contains(why), "{error}");
         }
-        // Of an image, what the firmware says to pins and times.
+        // An image is refused with the firmware's reason for pins and times.
         for (driver, pins, why) in [
             ("driver = \"A4988\"", "step = 13, dir = 9", "the bootloader flashes"),
             ("driver = \"A4988\"", "step = 14, dir = 9", "14"),
@@ -468,7 +469,7 @@ mod chips {
         for error in [refused(&coils), Image::new(&coils).map(|image| image.items).unwrap_err()] {
             assert!(error.to_string().contains("its coils cannot be baked"), "{error}");
         }
-        // The longest that are taken, and what uses the lamp's pin without harm.
+        // The longest times that the firmware accepts, and a use of the lamp's pin that does no harm.
         let long = wired("pulse_high = \"62.5 us\"\ndir_setup = \"62.5 us\"", "step = 8, dir = 13", SINE);
         assert!(Sketch::new(&long, "long").is_ok() && Image::new(&long).is_ok());
     }

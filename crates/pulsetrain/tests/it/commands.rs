@@ -22,7 +22,7 @@ fn pulsetrain(args: &[&str]) -> Outcome {
     Outcome { exit, out: String::from_utf8(out).unwrap(), err: String::from_utf8(err).unwrap() }
 }
 
-/// From the package's folder, where tests run: golden files must not depend on where the project is.
+/// Tests run in the package's folder, so that golden files do not depend on the project's place.
 const EXAMPLES: &str = "../../examples";
 
 fn example(name: &str) -> String {
@@ -64,7 +64,7 @@ fn motor_of_seed_004() {
     assert_eq!(from_file.out.replace("stepper:", "motor:"), flags.out);
 }
 
-/// A count that the sketch's register does not hold is said as such; and what is no motor's is refused.
+/// If the sketch's register cannot hold a count, the output says so. Data that no motor has are refused.
 #[test]
 fn a_motor_whose_counts_do_not_fit_or_that_is_none() {
     let motor = |inductance: &str, more: &[&str]| {
@@ -122,7 +122,7 @@ fn circles(repeat: &str) -> String {
     )
 }
 
-/// Each of these went on for days without a word.
+/// Each of these once ran for days without a message.
 #[test]
 fn long_motions_are_not_begun_without_a_word() {
     let folder = Folder::new("long");
@@ -132,7 +132,7 @@ fn long_motions_are_not_begun_without_a_word() {
     let motions: &[(String, &[&str])] = &[
         (one_motor("law.sine = { amplitude = \"1 rev\", period = \"1 s\", cycles = 1e18 }"), &[]),
         (one_motor("law.sine = { amplitude = \"1 rev\", period = \"1 s\", cycles = 1_000_000_000_000_000_000 }"), &[]),
-        // No step at all: half a step is the first.
+        // It makes no step, since the first step is at half a step.
         (one_motor("law.sine = { amplitude = \"0.1 step\", period = \"1 s\", cycles = 1e9 }"), &[]),
         (one_motor(forever), &["--for", "1e9 s"]),
         (one_motor("repeat = 1e9\nlaw.sine = { amplitude = \"1 rev\", period = \"1 s\" }"), &[]),
@@ -185,7 +185,7 @@ fn long_motions_are_not_begun_without_a_word() {
         assert!(said["help"].as_str().unwrap().contains("--yes"), "{said}");
         assert!(said["estimate"]["motion_s"].as_f64().unwrap() >= 9e8, "{said}");
         assert!(said["estimate"]["planning_s"].as_f64().unwrap() > 60.0, "{said}");
-        // Its beginning alone is a motion like any other.
+        // Its beginning alone is a usual motion.
         if more.is_empty() {
             let outcome = pulsetrain(&["plan", &file, "--for", "2 s"]);
             assert_eq!(outcome.exit, Exit::Success, "{text}\n{}", outcome.err);
@@ -194,7 +194,7 @@ fn long_motions_are_not_begun_without_a_word() {
     assert!(!std::path::Path::new(&out).exists() && !std::path::Path::new(&image).exists());
 }
 
-/// The ticks of an Uno end after 2^62 of 62.5 ns.
+/// An Uno's clock ends after 2^62 ticks of 62.5 ns.
 #[test]
 fn what_no_board_counts_is_refused_whatever_is_said() {
     let folder = Folder::new("too-long");
@@ -209,7 +209,7 @@ fn what_no_board_counts_is_refused_whatever_is_said() {
     }
 }
 
-/// What a formula does in its first seconds is not what it does for hours.
+/// The first seconds of a formula say nothing about its later hours.
 #[test]
 fn formulas_whose_rate_changes_are_estimated_over_their_whole_span() {
     let folder = Folder::new("changing");
@@ -231,14 +231,14 @@ fn formulas_whose_rate_changes_are_estimated_over_their_whole_span() {
 fn a_long_motion_that_is_meant_is_begun() {
     let folder = Folder::new("meant");
     let file = folder.path("long.toml");
-    // 65 million steps of one speed, which are planned in no time.
+    // 65 million steps at one speed take no time to plan.
     std::fs::write(&file, one_motor("law.speed = { speed = \"3000 step/s\", duration = \"6 h\" }")).unwrap();
     assert_eq!(pulsetrain(&["plan", &file]).exit, Exit::Refused);
     let said: serde_json::Value = serde_json::from_str(&pulsetrain(&["plan", &file, "--yes", "--json"]).out).unwrap();
     assert_eq!(said["motors"][0]["steps"], 64_800_000);
 }
 
-/// Turns take time, also where there are few steps. Beyond 5 s that is said before it begins.
+/// Reversals take time, also where there are few steps. If it is more than 5 s, the command says so before it begins.
 #[test]
 fn waits_are_said_beforehand() {
     let folder = Folder::new("waits");
@@ -246,7 +246,7 @@ fn waits_are_said_beforehand() {
     let trembles = |seconds: u32| {
         let law = format!("theta = \"0.5*sin(2*pi*1e4*t)\", unit = \"deg\", duration = \"{seconds} s\"");
         std::fs::write(&file, one_motor(&format!("law.formula = {{ {law} }}"))).unwrap();
-        // It begins too fast: nothing is planned.
+        // Its beginning is too fast: nothing is planned.
         let outcome = pulsetrain(&["plan", &file]);
         assert_eq!(outcome.exit, Exit::Refused);
         outcome.err
@@ -255,7 +255,7 @@ fn waits_are_said_beforehand() {
     assert!(said.contains("trembles.toml: this takes a while: about 1 100 000 steps in 1.7 min, "), "{said}");
     assert!(said.contains("the speed goes from 0.0"), "{said}");
     assert!(!trembles(1).contains("this takes a while"));
-    // Nobody is asked about a longer one, whose beginning is refused.
+    // The user is not asked about a longer one, since its beginning is refused.
     let said = trembles(1000);
     assert!(said.contains("the speed goes from 0.0") && !said.contains("this motion is long"), "{said}");
     let outcome = pulsetrain(&["explain", &file]);
@@ -303,7 +303,7 @@ fn an_hour_is_begun_at_once_and_estimates_are_near() {
     }
 }
 
-/// The planner holds what the file limits; the rest is the user's to know, and is said once.
+/// The planner keeps the limits in the file. The output says once what the file does not limit.
 #[test]
 fn motors_without_max_acceleration_are_named_in_one_line() {
     let lines = |outcome: &Outcome| -> Vec<String> {
@@ -339,7 +339,7 @@ fn plans() {
     assert_eq!(report["motors"].as_array().unwrap().len(), 4);
 }
 
-/// Each parameter of a formula with the numbers that it stands for: one in sin, another in the motion's unit.
+/// Each parameter of a formula with its values: one inside sin, another one in the motion's unit.
 #[test]
 fn a_plan_says_what_a_formula_s_parameters_are() {
     let folder = Folder::new("parameters");
@@ -390,7 +390,7 @@ fn explanations() {
     check(&["explain", &example("s-curve.toml")], Exit::Success, expect_file!["golden/explain-s-curve.txt"]);
 }
 
-/// Two motors, three limits, one beyond the board's: the first is met, all are told.
+/// Two motors, three limits, one of them the board's: the first one is met, and all are printed.
 #[test]
 fn all_that_a_motion_breaks_is_explained() {
     let folder = Folder::new("breaks");
@@ -423,7 +423,7 @@ fn all_that_a_motion_breaks_is_explained() {
     assert_eq!(said["refusal"]["also"].as_array().map(Vec::len), Some(all.len() - 1), "{said}");
 }
 
-/// A gear the wrong way round leaves nothing to do, which is no error; but it is told.
+/// With a gear the wrong way round nothing moves, which is no error; but the output says so.
 #[test]
 fn a_motor_whose_motion_makes_no_step_is_named() {
     let folder = Folder::new("still");
@@ -443,7 +443,7 @@ fn a_motor_whose_motion_makes_no_step_is_named() {
     assert!(!plan("405:25792").contains(note), "{}", plan("405:25792"));
 }
 
-/// How long a motion without an end would last is nobody's business.
+/// The length of an endless motion is not printed.
 #[test]
 fn what_never_ends_is_told_no_other_length() {
     let folder = Folder::new("endless");
@@ -463,7 +463,7 @@ fn what_never_ends_is_told_no_other_length() {
     assert!(said.contains("times slower it fits") && !said.contains("instead of"), "{said}");
 }
 
-/// A disk that is full is told behind the verdict, not in its place.
+/// If the disk is full, the error comes after the verdict, not in its place.
 #[cfg(target_os = "linux")]
 #[test]
 fn a_verdict_is_told_where_its_files_have_no_room() {
@@ -499,7 +499,7 @@ fn several_problems_are_told_one_below_the_other() {
     assert!(!outcome.err.contains("Error:") && !outcome.err.contains("\n\n\n"), "{}", outcome.err);
 }
 
-/// What is said to fit does fit, and a little less slow does not.
+/// What the advice offers fits, and a little faster than that does not.
 #[test]
 fn the_slowdown_that_explain_names_is_enough_and_needed() {
     let folder = Folder::new("slowdown");
@@ -526,7 +526,7 @@ fn the_fastest_variant_runs_on_the_native_board() {
     assert_eq!(outcome.exit, Exit::Success, "{}{}", outcome.out, outcome.err);
 }
 
-/// Every example that fits runs, its files are there, and its own trace and steps pass the judge.
+/// Every example that fits its board runs and writes its files, and the judge accepts its trace and its steps.
 #[test]
 fn examples_run_and_verify() {
     let folder = Folder::new("examples");
@@ -555,7 +555,7 @@ fn examples_run_and_verify() {
     assert!(ran >= 10);
 }
 
-/// A winch path, which comes to rest ever more slowly, at a step's level.
+/// A winch path that comes to rest ever more slowly near a step's level.
 #[test]
 fn a_path_that_comes_to_rest_at_a_level_passes() {
     let folder = Folder::new("level");
@@ -584,7 +584,7 @@ fn a_step_that_lacks_breaks_a_bound() {
     let file = example("tutorial.toml");
     pulsetrain(&["run", &file, "--native", "--out", &folder.path("run")]);
     let steps = std::fs::read_to_string(folder.0.join("run/trace.vcd")).unwrap();
-    // Without the 1000th pulse: a rise and a fall of STEP.
+    // Without the 1000th pulse, which is a rise and a fall of STEP.
     let mut edges = 0;
     let step_code =
         steps.lines().find(|line| line.starts_with("$var")).and_then(|line| line.split(' ').nth(3)).unwrap();
@@ -603,7 +603,8 @@ fn a_step_that_lacks_breaks_a_bound() {
     assert!(outcome.out.contains("FAIL"), "{}", outcome.out);
 }
 
-/// An analyser's own names for its channels say nothing; the user does. Its last line may lack a newline.
+/// An analyser's names for its channels have no meaning; the user gives it. The last line of a capture may lack a
+/// newline.
 #[test]
 fn channels_are_what_the_user_says() {
     let folder = Folder::new("channels");
@@ -630,7 +631,7 @@ fn channels_are_what_the_user_says() {
     assert!(outcome.err.contains("has no lines"), "{}", outcome.err);
 }
 
-/// A capture of an endless motion ends somewhere on the way, without the planned stop.
+/// A capture of an endless motion ends during the motion, without the planned stop.
 #[test]
 fn a_capture_is_judged_as_far_as_the_user_says() {
     let folder = Folder::new("until");
@@ -671,7 +672,7 @@ fn a_plan_says_how_tables_were_read() {
     assert_eq!((table["file"].as_str(), table["summary"].as_str()), (Some("a.csv"), Some(said)));
     assert_eq!((table["columns"][0]["is"].as_str(), table["columns"][0]["unit"].as_str()), (Some("time"), Some("ms")));
     assert_eq!(table["unused"][0].as_str(), Some("column 1 `i`"));
-    // Refused as a whole: nothing is planned.
+    // The whole file is refused: nothing is planned.
     std::fs::write(folder.0.join("a.csv"), "i,a [rad]\n0,0\n1,20\n").unwrap();
     let outcome = pulsetrain(&["plan", &file]);
     assert_eq!((outcome.exit, outcome.out.as_str()), (Exit::Refused, ""));
@@ -689,7 +690,7 @@ fn new_files_can_be_planned_and_are_not_overwritten() {
     assert!(again.err.contains("cannot write"), "{}", again.err);
 }
 
-/// Pins that the firmware cannot move together are refused before anything is planned, with what fits.
+/// Pins that the firmware cannot use together are refused before the planning, with advice.
 #[test]
 fn pins_apart_are_refused_with_what_fits() {
     let folder = Folder::new("pins");
@@ -723,7 +724,7 @@ fn keeps_settings(board: &str) {
     assert_eq!((&json["deadman_ms"], &json["idle_ms"]), (&0.into(), &3000.into()));
 }
 
-/// A reader that goes away, as `head` does.
+/// A reader of the output that goes away, as `head` does.
 struct Gone;
 
 impl Write for Gone {
@@ -744,7 +745,7 @@ fn a_broken_pipe_changes_no_exit_code() {
     assert_eq!(cli::run(["pulsetrain", "plan", "missing.toml"], &mut Gone, &mut Gone), Exit::Refused);
 }
 
-/// Those that run firmware on an emulated chip.
+/// Tests that run firmware on an emulated chip.
 mod chips {
     use super::*;
 
@@ -753,8 +754,8 @@ mod chips {
         ["uno", "pico"].into_iter().for_each(keeps_settings);
     }
 
-    /// One motor just below the fastest rate, in segments of few steps: its queue runs dry, at different stages of the session. That is no fault
-    /// of the planner.
+    /// One motor just below the highest rate, with few steps in a segment: there is an underrun, at different stages of
+    /// the session. That is no fault of the planner.
     #[test]
     fn what_does_not_reach_the_board_in_time_is_refused() {
         let folder = Folder::new("dry");
@@ -809,7 +810,7 @@ mod chips {
             assert!(outcome.out.contains("pause: slows down from 400 ms on, rests from"), "{}", outcome.out);
             assert!(outcome.out.contains("; goes on at 900 ms, at speed from"), "{}", outcome.out);
         }
-        // Without the one there is no other.
+        // Without the first there is no second.
         let (file, out) = (example("tutorial.toml"), folder.path("run"));
         let outcome = pulsetrain(&["run", &file, "--native", "--pause-at", "0.4 s", "--json", "--out", &out]);
         assert_eq!(outcome.exit, Exit::Success, "{}", outcome.err);
@@ -818,7 +819,7 @@ mod chips {
         assert!(report["motors"][0]["final_position"].as_i64().unwrap() > 2000);
     }
 
-    /// What a virtual board says of itself, and how it measures itself: emulated cycles, the same every time.
+    /// A virtual board's report, and its measurements of itself: emulated cycles, equal on every run.
     #[test]
     fn a_virtual_uno_tells_of_itself() {
         let json = |args: &[&str]| -> serde_json::Value {
@@ -835,7 +836,7 @@ mod chips {
         assert!(info["keeps"].is_null());
     }
 
-    /// Files for the Uno run on the virtual one; its trace passes the judge as what it is, the pins.
+    /// Files for the Uno run on the virtual one, and the judge accepts the trace as one of its pins.
     #[test]
     fn examples_for_the_uno_run_on_its_firmware() {
         let folder = Folder::new("firmware");
@@ -843,7 +844,7 @@ mod chips {
         for entry in std::fs::read_dir(EXAMPLES).unwrap() {
             let path = entry.unwrap().path();
             let file = path.display().to_string();
-            // What is too fast for an Uno is said by the planner.
+            // The planner refuses what is too fast for an Uno.
             if path.extension().is_none_or(|ending| ending != "toml")
                 || pulsetrain(&["plan", &file, "--for", "3 s"]).exit == Exit::Refused
             {
@@ -863,7 +864,7 @@ mod chips {
         assert!(ran >= 10, "{ran}");
     }
 
-    /// TB6600: pulses of 10 µs, of which the Uno makes one after the other where a DIR line is shared.
+    /// TB6600: pulses of 10 µs. On a shared DIR line the Uno makes them one after the other.
     #[test]
     fn long_pulses_on_one_dir_line_wait_for_each_other() {
         let folder = Folder::new("long-pulses");
@@ -879,7 +880,7 @@ mod chips {
             motor("x", 9, 8),
             motor("y", 10, 8)
         );
-        // A third that has a DIR line of its own, and turns: all come from one ring.
+        // A third motor has a DIR line of its own, and reverses: all edges come from one ring.
         let three = format!(
             "{two}{}[[motion]]\nmotor = \"z\"\nlaw.sine = {{ amplitude = \"30 step\", period = \"100 ms\", cycles = 3 }}\n",
             motor("z", 11, 12)
@@ -894,7 +895,7 @@ mod chips {
         }
     }
 
-    /// A little slower than the limit the board keeps up; above it nothing is begun, and what is said to fit does.
+    /// A little below the limit the board keeps up. Above it nothing begins, and the advice fits.
     #[test]
     fn rates_with_long_pulses_are_what_an_uno_does() {
         let folder = Folder::new("rates-of-long-pulses");
@@ -940,7 +941,8 @@ mod chips {
         }
     }
 
-    /// Turns often: the session goes over to new epochs faster than it looks at its board, and the stepgen beside it is told as many.
+    /// Frequent reversals: the session switches epochs faster than it reads the board, and the reference board gets as
+    /// many.
     #[test]
     fn schedules_are_the_boards_where_epochs_are_short() {
         let folder = Folder::new("often");
@@ -970,13 +972,14 @@ mod chips {
             let trace = folder.path(image);
             let outcome = pulsetrain(&["board", "uno", "--image", image, "--trace", &trace, "--for", "50 ms"]);
             assert_eq!(outcome.exit, Exit::Success, "{image}: {}{}", outcome.out, outcome.err);
-            // Taken from the program itself: only the port is missing.
+            // The program prints it itself: only the port is missing.
             let outcome = pulsetrain(&["flash", "uno", "--port", "/dev/ttyNOT-THERE", "--image", image]);
             assert!(outcome.err.contains("there is no port /dev/ttyNOT-THERE"), "{image}: {}", outcome.err);
         }
     }
 
-    /// Orders in frames: of each board done lines come, and its pins have what it counts. On an Uno 800 steps/s for 0.1 s are 80.
+    /// Verbs in frames: each board reports `done`, and its counts agree with its pins. On an Uno 800 steps/s for 0.1 s
+    /// are 80 steps.
     #[test]
     fn verbs_are_told_in_frames() {
         let folder = Folder::new("verbs");
@@ -1002,13 +1005,13 @@ mod chips {
             assert_eq!(rest, "y -50, z 0, a 0", "{board}");
             assert!(out.ends_with("PASS: as the board counts\n"), "{board}: {out}");
         }
-        // What a board refuses is printed, and told by the exit code.
+        // A refusal of the board is printed, and changes the exit code.
         let (exit, out, _) = told("pico", "0 s: move x 100\n0 s: move x 1\n0 s: move x 1\n0 s: speed x 3\n");
         assert_eq!(exit, Exit::BoundBroken, "{out}");
         assert!(out.contains("err busy x: a move waits already") && out.contains("err period 500: "), "{out}");
         assert!(out.contains("steps at the pins: x 101, "), "{out}");
         assert!(out.ends_with("FAIL: lines refused: 2; the pins are as the board counts\n"), "{out}");
-        // What cannot be read moves nothing.
+        // A script that cannot be read moves nothing.
         for (text, place) in [
             ("0 s: move x 1\n1 s: move x many\n", "word 3: not a number"),
             ("1 s: move x 1\n0 s: halt\n", "times go back: the line before is told at 1 s"),

@@ -1,4 +1,5 @@
-//! docs/first-motion.md: what it tells a beginner to type is understood, and its drawings have the files' pins.
+//! docs/first-motion.md: the program accepts what the page tells a beginner to type, and its drawings have the files'
+//! pins.
 
 use pulsetrain::load;
 use std::fs;
@@ -14,7 +15,7 @@ fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../..")
 }
 
-/// Commands of ours, as words; what stands behind two blanks is a remark.
+/// Commands of this program, as words. Behind two blanks there is a remark.
 fn commands() -> Vec<Vec<&'static str>> {
     let lines = PAGE.split("```text\n").skip(1).filter_map(|rest| rest.split("```").next()).flat_map(str::lines);
     let ours = lines.filter_map(|line| line.split_once("pulsetrain ").map(|(_, rest)| rest));
@@ -29,7 +30,7 @@ fn every_command_is_understood() {
         assert!(commands.iter().any(|words| words[0] == wanted), "no command `{wanted}` was found in the page");
     }
     for words in commands {
-        // Not run: the help of a command is printed only if all before it is right.
+        // Nothing runs: with `--help` a command prints its help only if everything before it is right.
         let args = std::iter::once("pulsetrain").chain(words.iter().copied().filter(|word| !word.contains('"')));
         let args: Vec<&str> = args.filter(|word| !matches!(*word, "s" | "--for")).chain(["--help"]).collect();
         let (mut out, mut err) = (Vec::new(), Vec::new());
@@ -74,7 +75,7 @@ fn drawings_have_the_pins_of_the_files() {
     }
 }
 
-/// What motors follow on the desk, with a small load, rev/s².
+/// The acceleration that a motor on the desk follows with a small load, rev/s².
 const FOLLOWED: f64 = 200.0;
 
 #[test]
@@ -84,7 +85,7 @@ fn motors_follow_what_the_page_has_them_do() {
         let prepared = load::load(&root().join(words[1]), None, None).unwrap();
         for (motor, planned) in prepared.program.motors.iter().zip(prepared.plan(|_| ()).unwrap()) {
             let (acceleration, _) = planned.certificate.peak_acceleration;
-            // A gear behind the motor: what its own rotor does.
+            // With a gear behind the motor, this is the rotor's own acceleration.
             let asked = acceleration / motor.scale.steps_per_rev;
             assert!(asked <= FOLLOWED, "{}: {asked} rev/s²", words[1]);
             if words[1].contains("first-") {

@@ -1,4 +1,4 @@
-//! `pulsetrain flash`: a Pico's drive (a folder), and an Uno's real bootloader at the end of a pseudo-terminal.
+//! `pulsetrain flash`: to a Pico's drive (a folder), and to an Uno's real bootloader at a pseudo-terminal.
 
 use std::fs;
 use std::io::Read;
@@ -9,7 +9,7 @@ use pulsetrain::console::Exit;
 use pulsetrain_board::virtual_pico;
 use pulsetrain_testkit::folder::Folder;
 
-/// The drive of a board that calls itself so.
+/// The drive of a board with a given name.
 fn drive(name: &str, board: &str) -> Folder {
     let folder = Folder::new(name);
     let info = format!("UF2 Bootloader v3.0\r\nModel: Raspberry Pi RP2\r\nBoard-ID: {board}\r\n");
@@ -17,10 +17,10 @@ fn drive(name: &str, board: &str) -> Folder {
     folder
 }
 
-/// What a Pico's drive is known by.
+/// The file by which a Pico's drive is recognised.
 const INFO: &str = "INFO_UF2.TXT";
 
-/// The chip behind a drive: begins with what was written to it once that is whole, and its drive is gone.
+/// The chip behind a drive: it starts the image as soon as it is complete, and its drive disappears.
 fn chip(drive: &Folder, image: &'static [u8]) -> JoinHandle<()> {
     let (file, info) = (drive.path("pulsetrain.uf2"), drive.path(INFO));
     std::thread::spawn(move || {
@@ -34,7 +34,7 @@ fn chip(drive: &Folder, image: &'static [u8]) -> JoinHandle<()> {
 fn pulsetrain(args: &[&str]) -> (Exit, String, String) {
     let (mut out, mut err) = (Vec::new(), Vec::new());
     let exit = cli::run(std::iter::once("pulsetrain").chain(args.iter().copied()), &mut out, &mut err);
-    // Errors are broken into lines.
+    // Long lines of an error are broken.
     let words = |bytes: Vec<u8>| {
         String::from_utf8(bytes).unwrap().replace('│', " ").split_whitespace().collect::<Vec<_>>().join(" ")
     };
@@ -61,7 +61,7 @@ fn a_pico_gets_the_image_by_copying() {
     assert_eq!(json["verified"], false, "nothing was read back");
 }
 
-/// As of a computer that copies, and of whose file the chip sees nothing.
+/// A computer that keeps the written file to itself, so that the chip sees nothing.
 #[test]
 fn a_drive_that_stays_has_not_taken_it() {
     let drive = drive("stays", "RPI-RP2");
@@ -70,12 +70,12 @@ fn a_drive_that_stays_has_not_taken_it() {
     assert!(err.contains("is still there") && err.contains("did not take it"), "{err}");
 }
 
-/// The chip begins before the file was closed: writing its last piece fails then, as on most computers.
+/// The chip starts before the file is closed: writing the last piece then fails, as on most computers.
 #[cfg(target_os = "linux")]
 #[test]
 fn a_drive_that_goes_while_it_is_written_is_no_error() {
     let drive = drive("goes", "RPI-RP2");
-    // A pipe cannot be synchronised: EINVAL, after all bytes were handed over.
+    // A pipe cannot be synchronised: EINVAL, after all bytes were written.
     let pipe = drive.path("pulsetrain.uf2");
     assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
     let info = drive.path(INFO);
@@ -120,7 +120,7 @@ fn an_image_of_another_kind_is_refused() {
     assert!(err.contains("image.hex") && err.contains("Intel HEX"), "{err}");
 }
 
-/// The image is looked at first, whatever is at the port, if one is given at all.
+/// The image is checked first, whatever is at the port.
 #[test]
 fn what_is_no_image_is_answered_with_what_is() {
     for port in [&[][..], &["--port", "/none"]] {
@@ -157,7 +157,7 @@ fn an_uno_needs_a_port_that_is_there() {
     assert!(err.contains("there is no port /dev/pulsetrain-none"), "{err}");
 }
 
-/// What is found depends on the computer; what is made of it is tested beside the command.
+/// The ports depend on the computer. The tests beside the command check what is made of them.
 #[test]
 fn ports_are_listed() {
     let (exit, out, _) = pulsetrain(&["ports", "--json"]);
@@ -170,8 +170,8 @@ fn ports_are_listed() {
     assert!(names.iter().all(|name| out.contains(name)), "{names:?}: {out}");
 }
 
-/// Optiboot on the virtual Uno, in real time: each try may take as long as it likes, and a computer that is too busy to
-/// meet the bootloader's second gets another.
+/// Optiboot on the virtual Uno, in real time. Each try may take as long as it likes, and there are several, since a
+/// busy computer may miss the bootloader's second.
 #[cfg(target_os = "linux")]
 mod chips {
     use super::pulsetrain;
@@ -180,7 +180,7 @@ mod chips {
     use std::io::{BufRead, BufReader};
     use std::process::{Child, Command, Stdio};
 
-    /// Built from Debian's source by `cargo xtask test`.
+    /// The image that `cargo xtask test` builds from Debian's source.
     fn optiboot() -> String {
         std::env::var("PULSETRAIN_OPTIBOOT").expect("run `cargo xtask test`: it builds Optiboot, and says where")
     }
@@ -188,7 +188,7 @@ mod chips {
     const IMAGE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../board/images/uno.hex");
     const TRIES: usize = 3;
 
-    /// `pulsetrain board uno`, as long as it lives.
+    /// `pulsetrain board uno`, which ends when this is dropped.
     struct Served(Child);
 
     impl Served {
@@ -210,7 +210,7 @@ mod chips {
         }
     }
 
-    /// Whether something works, at the latest at the last try.
+    /// Whether something works within several tries.
     fn tried(mut once: impl FnMut() -> Result<(), String>) {
         let mut errors = Vec::new();
         for _ in 0..TRIES {
@@ -251,7 +251,7 @@ mod chips {
         tried(|| says(&["info", "--port", &link], "board Arduino Uno"));
     }
 
-    /// The older bootloader, at its own rate; what it has no room for is refused with what would make some.
+    /// The older bootloader with its own rate. An image that is too large for it is refused, with advice.
     #[test]
     fn flash_falls_back_to_the_older_bootloaders_rate() {
         const OLD: &str = "/usr/share/arduino/hardware/arduino/avr/bootloaders/atmega/ATmegaBOOT_168_atmega328.hex";
@@ -269,7 +269,7 @@ mod chips {
         });
     }
 
-    /// A command that an Uno's image cannot do names the one that can; settings are kept whichever it has.
+    /// If an Uno's image cannot do a command, the error names the image that can. Settings stay with every image.
     #[test]
     fn a_command_that_needs_another_image_says_how_it_gets_there() {
         let folder = Folder::new("image");

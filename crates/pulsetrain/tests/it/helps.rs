@@ -1,4 +1,5 @@
-//! What a refusal says to write: it is TOML, it is read where it belongs, and the motion fits then.
+//! The advice of a refusal can be written into the file: it is TOML, the reader accepts it in its place, and then the
+//! motion fits.
 
 use pulsetrain::load;
 use pulsetrain_motion::{Time, file};
@@ -7,17 +8,17 @@ use pulsetrain_session::fit;
 use pulsetrain_session::prepare::Refusal;
 use pulsetrain_testkit::folder::Folder;
 
-/// A motor, and a motion to be added.
+/// A motor, to which a motion is added.
 const MOTOR: &str = "[motor.wheel]\nsteps_per_rev = 200\nmicrosteps = 16\npulse_high = \"2 us\"\n\
     pins = { step = 8, dir = 9 }\nforward = \"low\"\n";
 const LIMITS: &str = "max_speed = \"10000 step/s\"\nmax_acceleration = \"40000 step/s^2\"\n";
 
-/// What is said of a motion file that is read; `None` if it fits, and makes steps.
+/// The advice for a motion file. `None` if the motion fits and makes steps.
 fn advice(name: &str, text: &str) -> Option<String> {
     advice_for(name, text, None)
 }
 
-/// The same of its beginning.
+/// The advice for its beginning.
 fn advice_for(name: &str, text: &str, length: Option<Time>) -> Option<String> {
     let folder = Folder::new(&format!("helps-{name}"));
     let file = folder.write("x.toml", text);
@@ -32,7 +33,7 @@ fn advice_for(name: &str, text: &str, length: Option<Time>) -> Option<String> {
     }
 }
 
-/// Every `key = value` in some advice.
+/// Every `key = value` in an advice.
 fn assignments(advice: &str) -> Vec<(&str, &str)> {
     let lines = advice.lines().flat_map(|line| line.match_indices(" = ").map(move |(at, _)| (line, at)));
     let found = lines.filter_map(|(line, at)| {
@@ -43,13 +44,13 @@ fn assignments(advice: &str) -> Vec<(&str, &str)> {
             '{' => value.find('}')? + 1,
             _ => panic!("no TOML: {line}"),
         };
-        // Within another one's value.
+        // Within another value.
         (!line[..at].contains('{')).then_some((&line[key..at], &value[..end]))
     });
     found.collect()
 }
 
-/// The file with what some advice says: in place of what is there, or else in the motions.
+/// The file with an advice applied: in place of the same key, or else in the motions.
 fn mended(text: &str, (key, value): (&str, &str)) -> String {
     let is_there = |line: &&str| line.starts_with(&format!("{key} = "));
     if let Some(line) = text.lines().find(is_there) {
@@ -66,7 +67,7 @@ fn mended(text: &str, (key, value): (&str, &str)) -> String {
     }
 }
 
-/// The advice on a file has these keys, in this order, and each of them cures it.
+/// The advice for a file has these keys in this order, and each of them alone makes the motion fit.
 #[track_caller]
 fn check(name: &str, text: &str, expected: &[&str]) -> String {
     let advice_on = advice(name, text).unwrap_or_else(|| panic!("{name} fits:\n{text}"));
@@ -91,16 +92,16 @@ fn a_speed_that_begins_at_once_is_eased_first() {
     let endless = |speed| format!("law.speed = {{ speed = \"{speed} step/s\" }}");
     let ways = ["ease = \"0.5", "begin = \"ramp\"", "begin = \"ramp-behind\"", "begin = \"jump\""];
     check("slow", &motion(LIMITS, &endless(5000)), &["ease = \"0.5 s\"", ways[1], ways[2], ways[3]]);
-    // At the motor's own limit nothing catches up.
+    // At the motor's own limit no ramp can catch up.
     let said = check("fast", &motion(LIMITS, &endless(10_000)), &["ease = \"0.5 s\"", ways[2], ways[3]]);
     assert!(said.contains("steps behind the law"), "{said}");
     check("unlimited", &motion("", &endless(5000)), &["ease = \"0.5 s\"", ways[3]]);
-    // Harder than half a second allows.
+    // More acceleration than half a second allows.
     let soft = LIMITS.replace("40000", "9000");
     check("soft", &motion(&soft, &endless(5000)), &["ease = \"1 s\"", ways[1], ways[2], ways[3]]);
     let sine = "law.formula = { theta = \"20000*sin(0.2*t)\", unit = \"step\" }";
     check("sine", &motion(LIMITS, sine), &["ease = \"0.5 s\"", ways[1], ways[2], "begin = \"delay\"", ways[3]]);
-    // Slack comes on top; another time for that is said of the slowed motion alone.
+    // The backlash comes on top. Another time for it is offered only with the slower motion.
     let text = motion("backlash = { slack = \"6 step\", over = \"20 ms\" }\n", &endless(5000));
     let said = advice("slack", &text).unwrap();
     let found = assignments(&said);
@@ -115,13 +116,13 @@ fn a_speed_that_ends_at_once_is_eased_first() {
     let law = "law.formula = { theta = \"1000*t^2\", unit = \"step\", duration = \"4 s\" }";
     let ways = ["ease = \"0.5 s\"", "end = \"ramp\"", "end = \"ramp-behind\"", "end = \"jump\""];
     check("end", &motion(LIMITS, law), &ways);
-    // At the motor's own limit nothing makes up for the way.
+    // At the motor's own limit no ramp can make up for the distance.
     let law = "begin = \"jump\"\nlaw.speed = { speed = \"10000 step/s\", duration = \"2 s\" }";
     let said = check("end-fast", &motion(LIMITS, law), &[ways[0], ways[2], ways[3]]);
     assert!(said.contains("steps before the law does"), "{said}");
 }
 
-/// Whatever is said about the beginning, and then whatever is said about the end, makes a motion that fits and moves.
+/// The advice for the beginning, and then the advice for the end, makes a motion that fits and moves.
 #[test]
 fn beginnings_and_ends_are_cured_one_after_the_other() {
     for (speed, duration, begins) in [
@@ -148,7 +149,7 @@ fn beginnings_and_ends_are_cured_one_after_the_other() {
     }
 }
 
-/// What is shown of an endless motion is no more than what an easing takes. It must hold where the motion has its own speed.
+/// For an endless motion only a short part is checked. The advice must hold where the motion has its own speed.
 #[test]
 fn an_easing_of_an_endless_motion_is_tried_at_full_speed() {
     let endless = |speed: u32| {
@@ -163,7 +164,8 @@ fn an_easing_of_an_endless_motion_is_tried_at_full_speed() {
     assert!(said.starts_with("1") && said.contains(" times slower it fits"), "{said}");
 }
 
-/// A second of planning for all easings, and one for all slower motions: what there is no time for is not looked for, or that is said.
+/// Planning for advice may take a second for all easings and a second for all slower motions. What takes longer is not
+/// offered, or the output says so.
 #[test]
 fn what_is_looked_for_takes_no_longer_than_a_second() {
     let soft = LIMITS.replace("40000", "9000");
@@ -179,7 +181,7 @@ fn what_is_looked_for_takes_no_longer_than_a_second() {
     );
 }
 
-/// What the reader of a motion file says to write is read.
+/// The reader accepts the advice of its own errors.
 #[test]
 fn what_the_reader_says_to_write_is_read() {
     let formula = |theta: &str, parameters: &str| {
@@ -216,7 +218,7 @@ fn what_the_reader_says_to_write_is_read() {
         let text = motion(limits, &law);
         let error = file::read(&text, "x.toml", &none).unwrap_err();
         let said: Vec<&str> = error.problems().iter().filter_map(|problem| problem.advice()).collect();
-        // The value, or the name that it is given.
+        // The value, or the name to which the advice gives it.
         let written = right.rsplit("where = { ").next().unwrap().trim_end_matches(',');
         assert!(said.len() == 1 && said[0].contains(written), "{wrong}: {said:?}");
         let mended = text.replace(wrong, right);
@@ -226,7 +228,7 @@ fn what_the_reader_says_to_write_is_read() {
     }
 }
 
-/// Both ends are cured by easing them; what begins otherwise still ends as it did.
+/// Easing helps at both ends. A motion with another beginning still has its end.
 #[test]
 fn motions_one_after_the_other_are_eased_each() {
     let law = "law.speed = { speed = \"5000 step/s\", duration = \"2 s\" }";
@@ -242,7 +244,8 @@ fn motions_one_after_the_other_are_eased_each() {
 fn tolerances_are_offered_as_far_as_they_are_tolerances() {
     let still = "law.sine = { amplitude = \"1 rev\", period = \"1 s\" }";
     check("tight", &format!("tolerance = \"10 ns\"\n{}", motion("", still)), &["tolerance = \"0.55 ticks\""]);
-    // The turn is just where a step is due, and formulas round: the proof has 106 bits there, and needs no other tolerance or grid.
+    // The reversal is exactly where a step is due, and formulas round: the proof has 106 bits there, and needs no other
+    // tolerance or grid.
     for (rate, s) in [("0.01", "314"), ("1e-5", "3.14e5")] {
         let law = format!("law.formula = {{ theta = \"1e5*sin({rate}*t)^2\", unit = \"step\", duration = \"{s} s\" }}");
         let turning = format!("grid = \"reach\"\n{}", motion("pull_in = \"100 step/s\"\n", &law));
@@ -250,7 +253,8 @@ fn tolerances_are_offered_as_far_as_they_are_tolerances() {
     }
 }
 
-/// Each plan of 28 hours would take seconds: an easing is tried where it eases, other things not at all, and that is said.
+/// Each plan of 28 hours would take seconds. An easing is tried only around its ramp, other advice not at all, and the
+/// output says so.
 #[test]
 fn what_takes_long_to_try_is_said_to_be_untried() {
     let law = "law.formula = { theta = \"20000*sin(0.2*t)\", unit = \"step\", duration = \"100000 s\" }";
@@ -272,14 +276,14 @@ fn what_takes_long_to_try_is_said_to_be_untried() {
     assert!(advice.strip_prefix(still).is_some_and(|rest| rest.starts_with(grid)), "{advice}");
 }
 
-/// No easing is offered that breaks a limit at the beginning or at the end of a motion that is too long to be tried.
+/// If a motion is too long to be tried, no easing is offered that breaks a limit at its beginning or end.
 #[test]
 fn easings_of_long_motions_are_tried_where_they_ease() {
     let limits = "max_speed = \"40000 step/s\"\nmax_acceleration = \"64000 step/s^2\"\n";
     let formula = |theta: &str, s: u32| {
         motion(limits, &format!("law.formula = {{ theta = \"{theta}\", unit = \"step\", duration = \"{s} s\" }}"))
     };
-    // A ripple of 10 kHz, which no easing takes away: everywhere, or at the last alone.
+    // A ripple of 10 kHz that no easing removes: everywhere, or only at the end.
     let said = advice("ripple", &formula("178*sin(2*pi*0.001*t) + 0.09*sin(2*pi*1e4*t)", 1000)).unwrap();
     assert!(!said.contains("ease = "), "{said}");
     let late = "178*sin(0.2*t) + if(t < 99999, 2000*t, 2000*t + 0.09*sin(2*pi*1e4*(t - 99999)))";

@@ -1,4 +1,4 @@
-//! Sessions over the link: to a model board, by a line that has faults.
+//! Sessions with a model board, over a line with faults.
 
 use pulsetrain_board::{Board, Edge, Port, Remote, RemoteError};
 use pulsetrain_core::wire::message::Cause;
@@ -59,7 +59,7 @@ fn two_sines() -> Program {
 
 type Line = Faulty<ModelPort>;
 
-/// A model that is ready to move.
+/// A model with its motors set up.
 fn connect(baud: Baud, seed: u64) -> Remote<Line> {
     let mut remote = Remote::open(Faulty::new(ModelPort::new(), seed), 7).unwrap();
     assert_eq!(remote.set_baud(baud), Ok(baud));
@@ -67,7 +67,7 @@ fn connect(baud: Baud, seed: u64) -> Remote<Line> {
     remote
 }
 
-/// All edges of a run, from the moment at which the faults begin.
+/// All edges of a run, from the first fault on.
 struct Run {
     zero: u64,
     edges: Vec<Edge>,
@@ -82,7 +82,7 @@ impl Run {
     }
 }
 
-/// Runs the program; `trouble` may do to the line what it likes, every 0.1 s.
+/// Runs the program. Calls `trouble` every 0.1 s, which may change the line in any way.
 fn run(baud: Baud, seed: u64, mut trouble: impl FnMut(u32, &mut Line)) -> Run {
     let program = two_sines();
     let mut session = Session::new(connect(baud, seed), program.clone()).unwrap();
@@ -124,7 +124,7 @@ fn at_every_rate_a_session_over_the_link_makes_the_same_edges() {
     assert_eq!(clean.counted, [0, 0]);
     assert_eq!(clean.counted, clean.replayed);
     assert_eq!(pulses(&clean.edges), clean.counted);
-    // Two edges a step, and those of DIR.
+    // Two edges for each step, and those of DIR.
     assert!(clean.edges.len() > 2 * (3 * 1200 + 2 * 800), "{} edges", clean.edges.len());
     for baud in Baud::ALL {
         let other = run(baud, 1, |_, _| {});
@@ -140,7 +140,7 @@ fn with_50_ms_queued_no_fault_changes_an_edge() {
     for seed in 1..=12 {
         let other = run(Baud::B1M, seed, |round, line| {
             line.set(rates);
-            // Besides, nothing at all for 30 ms.
+            // In addition the line is silent for 30 ms.
             if round % 3 == 2 {
                 line.cut(Duration::from_millis(30));
             }
@@ -167,12 +167,12 @@ fn what_lasts_longer_ends_in_a_stop() {
             failure => panic!("{ms} ms: {failure:?}"),
         }
         let made = other.since_zero();
-        // The plan up to a tick, then a stop of its own, and at rest for good.
+        // As planned up to a tick, then a stop of the board's own, and rest for ever.
         let same = made.iter().zip(&clean).take_while(|(a, b)| a == b).count();
         assert!(same > 2000 && made.len() > same, "{ms} ms: {same} of {} edges as planned", made.len());
         assert_eq!(pulses(&other.edges), other.counted, "{ms} ms");
         if ms < 1000 {
-            // The board was found again: what it did is what the host had told it.
+            // The host has found the board again, so the steps are those that the host has sent.
             assert_eq!(other.counted, other.replayed, "{ms} ms");
         }
         let steps: Vec<u64> = made.iter().filter(|edge| edge.1 == 0 && edge.2).map(|edge| edge.0).collect();
@@ -217,10 +217,10 @@ fn a_board_that_refuses_to_go_on_says_why() {
     let mut session = Session::new(connect(Baud::B1M, 1), program.clone()).unwrap();
     let half = session.zero() + TICK_HZ / 2;
     session.advance(half, &mut |_: Edge| {}).unwrap();
-    // As if somebody else had stopped it: it is not armed any more.
+    // As if another host had stopped it: it is not armed any more.
     session.board_mut().stop_now(0, &mut |_: Edge| {});
     let failure = session.advance(half + TICK_HZ, &mut |_: Edge| {}).unwrap_err();
-    // As the board says when it is told more; or why it stopped, if it had said that before.
+    // The board's answer to more of the plan; or why it stopped, if it had reported that before.
     let said = matches!(
         failure,
         SessionError::Lost(
@@ -254,7 +254,7 @@ fn an_immediate_stop_counts_right_and_must_be_armed_again() {
     assert_eq!(report.counted, pulses(&edges));
 }
 
-/// Two motors that turn round and come to rest, on an Uno, for 1.3 s.
+/// Two motors that reverse and come to rest, on an Uno, for 1.3 s.
 const THERE_AND_BACK: &str = r#"
 board = "uno"
 
@@ -285,9 +285,9 @@ start = "0.1 s"
 law.trapezoid = { distance = "-600 step", speed = "600 step/s", acceleration = "5000 step/s^2" }
 "#;
 
-/// Runs it with queues of `pool` bytes in all; so long after the session began the line is silent for so long.
+/// Runs it with queues of `pool` bytes in all. At a time after the session's beginning the line is silent for a time.
 fn run_with_silence(program: &Program, pool: u16, from: Duration, lasts: Duration) -> Run {
-    /// What an Uno can have unread.
+    /// Bytes that an Uno can hold unread.
     const WINDOW: u16 = 127;
     let port = Faulty::new(ModelPort::with_memory(pool, WINDOW), 1);
     let mut session = Session::new(connect_as(port, program, Baud::B1M, 7).unwrap(), program.clone()).unwrap();
@@ -301,12 +301,12 @@ fn run_with_silence(program: &Program, pool: u16, from: Duration, lasts: Duratio
     Run { zero: report.zero, edges, counted, replayed: report.replayed, failure: failure.or(report.failure) }
 }
 
-/// As docs/faults.md says, which has of what queues.
+/// docs/faults.md has how long a silence may be with which queues.
 #[test]
 fn a_silence_of_100_ms_at_any_moment_changes_no_edge() {
     let no_files = |_: &std::path::Path| Err(std::io::ErrorKind::NotFound.into());
     let program = pulsetrain_motion::file::read(THERE_AND_BACK, "there and back", &no_files).unwrap();
-    // An Uno's, and more than the motion.
+    // An Uno's queues, and queues larger than the motion.
     for pool in [396, 8000] {
         let clean = run_with_silence(&program, pool, Duration::ZERO, Duration::ZERO);
         assert_eq!(clean.failure, None);

@@ -1,4 +1,4 @@
-//! The figures that machines draw: how far the stepped ones are from the wanted ones, of the examples as they are.
+//! The machines' figures in the examples: how far the steps are from the law.
 
 use std::path::{Path, PathBuf};
 
@@ -6,10 +6,11 @@ use pulsetrain::cli;
 use pulsetrain::console::Exit;
 use pulsetrain_testkit::folder::Folder;
 
-/// What rounding to whole steps leaves of each motor: half a step, the grid's hysteresis, and what it moves in a tick.
+/// The greatest error of each motor by rounding to whole steps: half a step, the grid's hysteresis, and its movement in
+/// a tick.
 const OF_A_MOTOR: f64 = 0.5 + 1.0 / 64.0 + 0.02;
 
-/// Runs a motion file with more arguments, which must go well: the report, and the picture.
+/// Runs a motion file with more arguments, which must succeed. Gives the report and the picture.
 fn run(file: &Path, name: &str, more: &[&str]) -> (serde_json::Value, String) {
     let folder = Folder::new(&format!("machines-{name}"));
     let (mut out, mut err) = (Vec::new(), Vec::new());
@@ -21,7 +22,7 @@ fn run(file: &Path, name: &str, more: &[&str]) -> (serde_json::Value, String) {
     (serde_json::from_slice(&out).expect("JSON"), svg)
 }
 
-/// What is said of a file's first figure, on the native board: machine, motors, tip, off the figure.
+/// The report of a file's first figure on the native board: machine, motors, tip, distance from the figure.
 fn figure(file: &Path, name: &str) -> (String, f64, f64, f64) {
     let (report, svg) = run(file, name, &["--native"]);
     let figure = &report["figures"][0];
@@ -38,7 +39,7 @@ fn example(name: &str) -> PathBuf {
 /// Steps of the 28BYJ-48 in a millimetre of the sketch.
 const SKETCH: f64 = 32.0 * 2.0 * 63.683_95 / 40.0;
 
-/// The issue's figure: the largest radial error of the stepped circle, in steps. Two motors, each half a step and 1/64 off.
+/// The largest radial error of the stepped circle, in steps. Each of two motors is off by half a step and 1/64.
 #[test]
 fn a_circle_is_round_to_three_quarters_of_a_step() {
     let text = std::fs::read_to_string(example("circle.toml")).expect("the example");
@@ -49,11 +50,11 @@ fn a_circle_is_round_to_three_quarters_of_a_step() {
     assert_eq!(machine, "sketch");
     assert!(motors <= OF_A_MOTOR, "{motors} steps");
     assert!(tip * SKETCH <= OF_A_MOTOR * 2_f64.sqrt(), "{} steps", tip * SKETCH);
-    // Somewhere both are nearly half a step off, and across the circle.
+    // Somewhere both motors are nearly half a step off, and across the circle.
     assert!((0.6..OF_A_MOTOR * 2_f64.sqrt()).contains(&(off * SKETCH)), "{} steps", off * SKETCH);
 }
 
-/// The motors turn every other second: who takes longer to take up the slack never has.
+/// The motors reverse every other second. If using up the slack takes longer, a motor never finishes it.
 #[test]
 fn slack_that_is_not_taken_up_before_the_next_turn_is_refused() {
     let text = std::fs::read_to_string(example("circle.toml")).expect("the example");
@@ -69,7 +70,7 @@ fn slack_that_is_not_taken_up_before_the_next_turn_is_refused() {
     }
 }
 
-/// While slack is taken up the pen stands: on top of the steps that is what the circle falls in 40 ms, 0.6 step.
+/// While the slack is used up the pen stands: in 40 ms the circle moves on by 0.6 step, in addition to the steps.
 #[test]
 fn slack_costs_what_the_figure_does_while_it_is_taken_up() {
     let (_, _, _, off) = figure(&example("circle.toml"), "slack");
@@ -88,8 +89,8 @@ fn the_butterfly_is_within_three_quarters_of_a_step() {
     assert!(tip > 0.6 / 80.0, "{tip} mm");
 }
 
-/// A step of an arm is 0.11°, 0.14 mm at the end of 70 mm, and half of it what rounding leaves. All three can be off by that, and
-/// the effector then goes up to 2.4 times as far.
+/// A step of an arm is 0.11°, 0.14 mm at the end of 70 mm, and rounding leaves half of it. All three arms can be off by
+/// that, and the effector then moves up to 2.4 times as far.
 #[test]
 fn the_delta_robot_is_within_half_a_step_of_each_arm() {
     let (machine, motors, tip, off) = figure(&example("delta.toml"), "delta");
@@ -99,7 +100,7 @@ fn the_delta_robot_is_within_half_a_step_of_each_arm() {
     assert!((of_an_arm..2.4 * of_an_arm).contains(&tip) && off <= tip, "{tip} and {off} mm");
 }
 
-/// Runs a command on a motion file of this text; what it says, on both, in one line.
+/// Runs a command on a motion file with this text. Gives its output and errors in one line.
 fn says(command: &str, name: &str, text: &str, more: &[&str]) -> (Exit, String) {
     let folder = Folder::new(name);
     let path = folder.write("x.toml", text);
@@ -109,7 +110,7 @@ fn says(command: &str, name: &str, text: &str, more: &[&str]) -> (Exit, String) 
     (exit, said.split_whitespace().collect::<Vec<_>>().join(" "))
 }
 
-/// 12 steps in 2 ms are 9000 steps/s, beyond the motor's 1500: what is said to fit does, and the motion is as fast as before.
+/// 12 steps in 2 ms are 9000 steps/s, more than the motor's 1500. The advice fits, and the motion keeps its speed.
 #[test]
 fn slack_that_is_taken_up_too_fast_is_to_be_given_a_longer_time() {
     let text = std::fs::read_to_string(example("circle.toml")).expect("the example");
@@ -123,21 +124,21 @@ fn slack_that_is_taken_up_too_fast_is_to_be_given_a_longer_time() {
     assert!(!said.contains("times slower"), "{said}");
     let (_, explained) = says("explain", "slack-explained", &with("2 ms"), &["--json"]);
     assert!(explained.contains("\"least_slowdown\": null"), "{explained}");
-    // 6·12 steps by 100 000 steps/s²: 26.8 ms squared, and the circle's own acceleration on top of that.
+    // 6·12 steps at 100 000 steps/s²: the square of 26.8 ms, and the circle's own acceleration on top of that.
     let ms: f64 = over.strip_suffix(" ms").and_then(|ms| ms.parse().ok()).expect(over);
     assert!((26.8..28.0).contains(&ms), "{over}");
     let (exit, said) = says("plan", "slack-longer", &with(over), &[]);
     assert_eq!(exit, Exit::Success, "{said}");
-    // What is too fast without any slack is to be slowed down.
+    // If it is too fast without any slack, the advice is a slower motion.
     let (exit, said) = says("plan", "slack-slower", &with("40 ms").replace("\"4 s\"", "\"0.4 s\""), &[]);
     assert_eq!(exit, Exit::Refused, "{said}");
     assert!(said.contains("times slower it fits, with over = \""), "{said}");
 }
 
-/// An xy table, and the beginning of a motion of it.
+/// An xy table, and the beginning of its motion.
 const TABLE: &str = include_str!("../../../motion/tests/it/xy.toml");
 
-/// Machines have no `begin` and no `end`: what they have is said, and does it.
+/// Machines have no `begin` and no `end`. The advice is the key that they have, and it helps.
 #[test]
 fn a_path_that_ends_in_motion_is_to_be_eased() {
     let path = "path.formula = { x = \"20*t\", y = \"20*t\", unit = \"mm\", duration = \"2 s\" }\n";
@@ -146,15 +147,15 @@ fn a_path_that_ends_in_motion_is_to_be_eased() {
     assert!(said.contains("give the path an `ease`") && !said.contains("end =") && !said.contains("begin ="), "{said}");
     let (exit, said) = says("plan", "eased", &format!("{TABLE}ease = \"0.5 s\"\n{path}"), &[]);
     assert_eq!(exit, Exit::Success, "{said}");
-    // Repeated it turns round at once: its ends are eased already.
+    // With `repeat` it reverses at once: its ends are eased already.
     let there = "path.formula = { x = \"20*sin(t)\", y = \"20*t\", unit = \"mm\", duration = \"2 s\" }\nrepeat = 2\n";
     let (exit, said) = says("plan", "repeated", &format!("{TABLE}ease = \"0.5 s\"\n{there}"), &[]);
     assert_eq!(exit, Exit::Refused, "{said}");
     assert!(said.contains("has to end in the direction") && !said.contains("give the path an `ease`"), "{said}");
 }
 
-/// A circle that never ends: cut after two turns and a bit it stays round to its very end, with slack and without; and so it does when
-/// it is paused while slack is being taken up.
+/// An endless circle that is cut after two turns and a bit stays round to its end, with slack and without, and also if
+/// it is paused while slack is used up.
 #[test]
 fn a_path_that_is_cut_or_paused_keeps_to_its_figure() {
     let endless = "\"3 mm\", period = \"4 s\", cycles = \"forever\"";
@@ -167,7 +168,7 @@ fn a_path_that_is_cut_or_paused_keeps_to_its_figure() {
     for (name, text, more, bound) in [
         ("cut", plain.join("\n"), &["--for", "8.7 s"][..], round),
         ("cut-slack", text.clone(), &["--for", "8.7 s"], round + fall),
-        // The take-up of a turn is under way, and takes longer as time is slowed.
+        // The slack of a reversal is being used up, which takes longer while time slows down.
         ("paused-slack", text, &["--for", "8.7 s", "--pause-at", "4.25 s", "--resume-at", "6 s"], round + fall),
     ] {
         let folder = Folder::new(name);
@@ -189,13 +190,13 @@ fn what_is_cut_says_whether_it_would_have_ended() {
     assert!(said.contains("endless: shown for 2 s, then the planned stop; --for sets it"), "{said}");
 }
 
-/// How much slower a path has to be, as `explain` has it.
+/// How much slower a path has to be, by `explain`.
 fn slowdown(said: &str) -> f64 {
     let (before, _) = said.split_once(" times slower it keeps to the machine's limits").expect(said);
     before.rsplit(' ').next().and_then(|word| word.parse().ok()).expect(before)
 }
 
-/// A path that is a little too fast, and bends far too much: so much slower that both limits are kept to.
+/// A path that is a little too fast, and bends far too much: the advice is slow enough for both limits.
 #[test]
 fn a_machine_that_breaks_two_limits_is_told_what_both_want() {
     let limits = "max_speed = \"30 mm/s\"\nmax_acceleration = \"10 mm/s^2\"\nmotors = [";
@@ -207,7 +208,7 @@ fn a_machine_that_breaks_two_limits_is_told_what_both_want() {
     };
     let (exit, said) = says("explain", "two-limits", &path(1.0), &[]);
     assert!(exit == Exit::Success && said.contains("the tip's speed is 31.4 mm/s"), "{said}");
-    // The root of 49.88 by 10: so much it is while the path begins, and 49.35 on the circle.
+    // The root of 49.88 divided by 10 while the path begins, and 49.35 on the circle.
     let slower = slowdown(&said);
     assert!((2.23..2.25).contains(&slower), "{slower}");
     for (slower, exit) in [(slower, Exit::Success), (slower - 0.02, Exit::Refused)] {
@@ -216,7 +217,7 @@ fn a_machine_that_breaks_two_limits_is_told_what_both_want() {
     }
 }
 
-/// What the machine is, which limit it meets and when; and what is said to fit does.
+/// The error names the machine, the limit and the time, and its advice fits.
 #[test]
 fn a_machine_that_is_refused_is_explained() {
     let limited = TABLE.replace("motors = [", "max_speed = \"20 mm/s\"\nmotors = [");
@@ -248,7 +249,7 @@ fn a_machine_that_is_refused_is_explained() {
         let (is, said) = says("plan", "explained-slower", &text, &[]);
         assert_eq!(is, exit, "{slower}: {said}");
     }
-    // Arms that do not reach have no speed that would help.
+    // If the arms do not reach a point, no speed helps.
     let delta = std::fs::read_to_string(example("delta.toml")).expect("the example");
     let beyond = delta.replace("angles = [\"-40 deg\", \"80 deg\"]", "angles = [\"-30 deg\", \"20 deg\"]");
     assert!(beyond != delta);
@@ -266,11 +267,11 @@ fn a_machine_that_is_refused_is_explained() {
     assert!(said.contains("\"fits\": false") && said.contains("\"tip_mm\""), "{said}");
 }
 
-/// Those that run firmware on an emulated chip.
+/// Tests that run firmware on an emulated chip.
 mod chips {
     use super::*;
 
-    /// The beginning of each example on the board that it is for: the firmware on the emulated chip, every edge judged.
+    /// The beginning of each example on its board: the firmware on the emulated chip, every edge judged.
     #[test]
     fn the_examples_begin_on_their_boards() {
         for (file, length, runner) in

@@ -1,4 +1,4 @@
-//! One bit of one segment tips over on its way to the board: the verdict must see it on the pins.
+//! One bit of one segment changes on its way to the board: the verdict must see it on the pins.
 
 use proptest::prelude::*;
 use pulsetrain_board::{Config, Edge, MotorConfig, Native, Wiring};
@@ -24,7 +24,7 @@ fn tutorial() -> (Program, Vec<(Segment, Direction)>) {
     (program, segments)
 }
 
-/// Ticks of all steps, by the integers alone.
+/// Ticks of all steps, by integers alone.
 fn scheduled(segments: &[(Segment, Direction)]) -> Vec<i128> {
     let mut accumulator = 1_i128 << 15;
     let mut ticks = Vec::new();
@@ -35,7 +35,7 @@ fn scheduled(segments: &[(Segment, Direction)]) -> Vec<i128> {
     ticks
 }
 
-/// Whether the verdict passes what a board makes of the segments.
+/// Whether the verdict accepts the edges that a board makes of the segments.
 fn passes(program: &Program, segments: &[(Segment, Direction)]) -> bool {
     let timing = program.motors[0].timing.ticks(program.board.tick_hz);
     let wiring = Wiring::StepDir {
@@ -75,8 +75,8 @@ fn the_plan_itself_passes() {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(96))]
 
-    /// A bit that moves some step by more than twice the bound, or makes more or fewer steps, does not go unseen;
-    /// the lowest bits of a fraction move none by a tick.
+    /// A bit that moves a step by more than twice the bound, or makes more or fewer steps, must be seen. The lowest
+    /// bits of a fraction move no step by a tick.
     #[test]
     fn a_bit_of_a_segment_is_seen(which: prop::sample::Index, field in 0..5, bit in 0u32..40) {
         let (program, mut segments) = tutorial();

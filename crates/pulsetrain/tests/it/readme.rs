@@ -1,4 +1,4 @@
-//! Runs every command of the README, and holds what it prints against what the README shows.
+//! Runs every command of the README, and compares its output with the README.
 //!
 //! In fenced blocks, lines that begin with `$ ` are commands and the lines after them their output: `[..]` stands for
 //! any text within a line, `...` for any lines, and `? 2` says that the command exits with 2 instead of 0. A command
@@ -9,12 +9,12 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 const README: &str = include_str!("../../../../README.md");
-/// What a command of ours begins with; others (git, rustup, xtask) are not run here.
+/// Beginnings of this program's commands. Others (git, rustup, xtask) are not run here.
 const OURS: [&str; 2] = ["pulsetrain ", "cargo run --release -- "];
 
 #[derive(Debug, Default)]
 struct Shown<'a> {
-    /// Without the `$ `.
+    /// The command without the `$ `.
     command: &'a str,
     exit_code: i32,
     output: Vec<&'a str>,
@@ -74,7 +74,7 @@ fn line_matches(shown: &str, printed: &str) -> bool {
     }
 }
 
-/// Words as a shell makes them; of its quotes only `"`.
+/// Splits a command into words as a shell does. Of the quotes only `"` is known.
 fn words(arguments: &str) -> Vec<String> {
     let mut words = vec![String::new()];
     for (index, part) in arguments.split('"').enumerate() {
@@ -93,7 +93,7 @@ fn words(arguments: &str) -> Vec<String> {
 /// A folder of its own, with `examples/` in it.
 fn folder_with_examples(name: &str) -> PathBuf {
     let folder = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join(name);
-    // What a run before may have left.
+    // A run before may have left files.
     let _ = fs::remove_dir_all(&folder);
     let examples = folder.join("examples");
     fs::create_dir_all(&examples).expect("a folder for the examples");
@@ -132,7 +132,7 @@ fn words_keep_what_is_quoted() {
     assert_eq!(words(r#"run a.toml --for "60 s" --out x"#), ["run", "a.toml", "--for", "60 s", "--out", "x"]);
 }
 
-/// Those that run firmware on an emulated chip.
+/// Tests that run firmware on an emulated chip.
 mod chips {
     use super::*;
 

@@ -1,4 +1,4 @@
-//! Sessions with queues as small as an Uno's: what streams through them, and with how much time to spare.
+//! Sessions with queues as small as an Uno's: what can be streamed through them, and how much time is left.
 
 use pulsetrain::load;
 use pulsetrain_board::lease::{ExtendRefused, Lease, LeaseState, Leased, TrimRefused};
@@ -17,12 +17,12 @@ use pulsetrain_testkit::model::ModelPort;
 use std::time::Duration;
 
 const TICK_HZ: u64 = 16_000_000;
-/// What an Uno can have unread.
+/// Bytes that an Uno can hold unread.
 const WINDOW: u16 = 127;
 const TIMING: DriverTiming =
     DriverTiming { pulse_high_ns: 1000, pulse_low_ns: 1000, dir_setup_ns: 500, dir_hold_ns: 500 };
 
-/// A line that counts what goes to the board.
+/// A line that counts the bytes to the board.
 struct Counting {
     port: ModelPort,
     bytes: u64,
@@ -47,15 +47,15 @@ impl Port for Counting {
     }
 }
 
-/// A board that notes how far ahead its lease stands, and what it is told.
+/// A board that records how far ahead its lease reaches, and the segments that it gets.
 struct Watched<P> {
     board: Remote<P>,
-    /// Of each motor's queue so many bytes are said not to be there.
+    /// This many bytes of each motor's queue are reported as missing.
     missing: usize,
     extensions: usize,
-    /// From the second extension on, ticks: the least that is left of a lease.
+    /// The least that is left of a lease, ticks, from its second extension on.
     least_ahead: u64,
-    /// All that motor 0 was told.
+    /// All segments of motor 0.
     told: Vec<Entry>,
 }
 
@@ -64,7 +64,7 @@ impl<P: Port> Watched<P> {
         Watched { board, missing: 0, extensions: 0, least_ahead: u64::MAX, told: Vec::new() }
     }
 
-    /// Notes what is left of the lease.
+    /// Records what is left of the lease.
     fn look(&mut self) {
         if self.extensions > 1
             && let LeaseState::Until(until) = self.board.lease()
@@ -182,22 +182,22 @@ fn program(laws: Vec<Law>, acceleration: f64) -> Program {
     }
 }
 
-/// What came of a run.
+/// The result of a run.
 #[derive(Debug)]
 struct Figures {
     seconds: f64,
     steps: u64,
     extensions: usize,
     refused: Option<SessionError>,
-    /// Of the lease: the least that was left of it, s.
+    /// The least that was left of the lease, s.
     ahead_s: f64,
     bytes_per_s: f64,
-    /// Of the plan of motor 0.
+    /// Bytes of the plan of motor 0.
     steps_per_segment: f64,
     bytes_per_step: f64,
 }
 
-/// Streams for `seconds`, or to the end, through `queue` bytes a motor at 1 Mbaud.
+/// Streams for `seconds`, or to the end, through `queue` bytes for each motor at 1 Mbaud.
 fn stream(program: &Program, queue: u16, seconds: f64) -> Figures {
     let motors = program.motors.len() as u8;
     let port = Counting { port: ModelPort::with_memory(queue * u16::from(motors), WINDOW), bytes: 0 };
@@ -267,7 +267,7 @@ fn check_narrow(told: &[Entry]) {
     }
 }
 
-/// The same for motors of which no limits are known.
+/// The registers for motors without known limits.
 fn unlimited(mut program: Program) -> Program {
     program.motors.iter_mut().for_each(|motor| motor.limits = Limits { pull_in: 1000.0, ..Limits::default() });
     Program { grid: Grid::REACH, ..program }
@@ -279,11 +279,11 @@ fn tutorial(seconds: f64, cycles: u64) -> Program {
     program(vec![Law::sine(2000.0, Time::from_seconds(seconds), Some(cycles)).unwrap()], 2000.0 * omega * omega)
 }
 
-/// Motors at about `rate` steps/s that always change their speed, each in its own time.
+/// Motors at about `rate` steps/s that change their speed all the time, each with its own period.
 fn changing(motors: u8, rate: f64, omega: f64) -> Program {
     let law = |index: u8| {
         let (swing, omega) = (0.05 * rate, omega + 7.0 * f64::from(index));
-        // From rest to its speed within some 0.3 s; then up and down by a twentieth.
+        // From rest to its speed within some 0.3 s, then up and down by a twentieth.
         let text =
             format!("{}*(t - (1 - exp(-8*t))/8) + {}*(1 - exp(-8*t))*(1 - cos({omega}*t))", 0.95 * rate, swing / omega);
         Law::formula(&text, &[], 1.0, None).unwrap()
@@ -291,7 +291,7 @@ fn changing(motors: u8, rate: f64, omega: f64) -> Program {
     program((0..motors).map(law).collect(), (8.0 + 0.06 * omega) * rate)
 }
 
-/// Motions and queues of an Uno, bytes a motor, and how long to run, s.
+/// Motions and an Uno's queues, bytes for each motor, and how long to run, s.
 fn motions() -> [(&'static str, Program, u16, f64); 7] {
     [
         ("tutorial, T = 10 s", unlimited(tutorial(10.0, 1)), 692, 12.0),
@@ -321,21 +321,22 @@ fn what_an_uno_is_to_do_streams_through_its_queues() {
             figures.bytes_per_s,
         );
         assert_eq!(figures.refused, None, "{what}");
-        // The lease stands so far ahead: what a board may be slower than the model.
+        // The lease reaches this far ahead: a real board may be slower than the model by less.
         assert!(figures.ahead_s > 3e-3, "{what}: {figures:?}");
-        // Of 100 000 that the line can carry.
+        // Of the 100 000 bytes that the line can carry.
         assert!(figures.bytes_per_s < 50_000.0, "{what}: {figures:?}");
     }
 }
 
-/// As many bytes as each of four motors of an Uno has. Where a ramp ends, its last segments and those of what comes next take the most.
+/// The bytes that each of four motors of an Uno has. Where a ramp ends, its last segments and the next ones need the
+/// most.
 #[test]
 fn ramps_of_four_motors_fit_their_queues() {
     let queue = pulsetrain_motion::boards::find("uno").expect("the table has the Uno").queue_bytes[3] as u16;
     for rate in [5.6e3, 8e3, 10e3, 12e3, 13.5e3, 15e3, 16.5e3, 18e3, 20e3] {
         for apart in [0.0, 0.25] {
             let law = Law::trapezoid(0.8 * rate, rate, 2.0 * rate, 2.0 * rate).unwrap();
-            // Each a part of a step behind the one before.
+            // Each motor is a part of a step behind the one before.
             let law = |motor| law.clone().delayed(Time::from_seconds(apart * f64::from(motor) / rate)).unwrap();
             let program = unlimited(program((0..4).map(law).collect(), 0.0));
             let figures = stream(&Program { tolerance: Tolerance::Seconds(1e-6), ..program }, queue, 2.0);
@@ -355,7 +356,7 @@ mod chips {
     use pulsetrain_session::drive::connect_as;
     use std::path::Path;
 
-    /// Steps of four motors on one DIR line come one after the other, ticks.
+    /// Least distance of steps of four motors on one DIR line, ticks.
     const LATE: u64 = 300;
 
     /// All steps of a plan, ticks from the laws' beginning on.
@@ -381,7 +382,7 @@ mod chips {
         (0..program.motors.len()).map(&mut of).collect()
     }
 
-    /// Runs an example for `seconds` at most through half of each queue; each step is the plan's.
+    /// Runs an example for `seconds` at most through half of each queue. Each step must be the plan's.
     fn run_with_half(file: &str, seconds: i64) {
         let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples").join(file);
         let prepared = load::load(&path, None, Some(Time::from_ratio(seconds, 1))).unwrap();

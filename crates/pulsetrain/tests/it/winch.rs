@@ -1,4 +1,4 @@
-//! StepperWinch's text: scripts that are run and judged, and the console. On the native winch, in virtual time.
+//! StepperWinch's text: scripts that run and are judged, and the console. On the native winch, in virtual time.
 
 use std::io;
 use std::path::Path;
@@ -48,7 +48,7 @@ fn verdict_as(run: &Run, options: &WinchOptions) -> WinchReport {
     report.verdict.unwrap()
 }
 
-/// When an Uno makes its edges: a constant later, and within what its merge moves them.
+/// When an Uno makes its edges: a constant delay, and the delay of its merge.
 fn of_uno() -> WinchOptions {
     let late = pulsetrain_motion::boards::find("uno").unwrap().lateness_ticks;
     WinchOptions {
@@ -58,7 +58,7 @@ fn of_uno() -> WinchOptions {
     }
 }
 
-/// Gains, limits, targets in mid-move, an impulse, a drift, a ramp, a stop.
+/// Gains, limits, new targets during a move, an impulse, a drift, a ramp, a stop.
 const EVERYTHING: &str = "
 0 s: srate 20
 0 s: g xyz 1 0.5
@@ -94,7 +94,7 @@ fn every_kind_of_line_is_followed() {
     assert!(most < 4.0, "{most} ms");
 }
 
-/// A drift, a deadman that strikes, and what comes after it.
+/// A drift, a deadman that strikes, and lines after it.
 const DEADMAN: &str = "
 0 s: srate 20
 0 s: g xyza 2 1
@@ -119,7 +119,7 @@ fn scripts_carry_checksums() {
 
 #[test]
 fn gains_at_the_edge_are_judged_by_the_steps_too() {
-    // At the limits the recurrence itself is chaotic there: f64 and fixed point go apart, and the judge goes with the board.
+    // At the limits the recurrence itself is chaotic: f64 and fixed point separate, and the judge follows the board.
     let mut text = "0 s: g xyza 20 0.07\n0 s: l xyza 10000 250000\n".to_owned();
     for n in 0..160 {
         let at = f64::from(n) * 0.25 + 0.1;
@@ -136,7 +136,7 @@ fn gains_at_the_edge_are_judged_by_the_steps_too() {
     let doubt = report.axes.iter().map(|axis| axis.max_doubt_steps).fold(0.0, f64::max);
     println!("doubt {doubt}, farthest {:?}", report.axes.each_ref().map(|axis| axis.max_error_steps));
     assert!(report.ok && (0.05..0.6).contains(&doubt), "{doubt} {report:?}");
-    // And still a step that is missing is seen.
+    // A missing step is seen all the same.
     let rising = pulse(&run, 20_000);
     let falling = rising + run.edges[rising..].iter().position(|edge| edge.line == 2 && !edge.level).unwrap();
     run.edges.remove(falling);
@@ -144,7 +144,7 @@ fn gains_at_the_edge_are_judged_by_the_steps_too() {
     assert!(!verdict(&run).ok);
 }
 
-/// What is wrong is found, and said where.
+/// An error is found, and reported with its place.
 #[track_caller]
 fn check_mutant(mutate: impl FnOnce(&mut Run), axis: char, what: &str) {
     let mut run = everything();
@@ -154,7 +154,7 @@ fn check_mutant(mutate: impl FnOnce(&mut Run), axis: char, what: &str) {
     assert!(!verdict.ok && first.axis == axis && first.what.contains(what), "{:?}", verdict.faults);
 }
 
-/// The place of x's nth pulse among the edges.
+/// The index of x's nth pulse among the edges.
 fn pulse(run: &Run, nth: usize) -> usize {
     let rising = run.edges.iter().enumerate().filter(|(_, edge)| edge.line == 2 && edge.level);
     rising.map(|(place, _)| place).nth(nth).unwrap()
@@ -224,7 +224,7 @@ fn mutants_are_caught() {
         'x',
         "a pulse of 15 ticks",
     );
-    // A status says something else.
+    // A status has another position.
     check_mutant(|run| run.statuses[50].positions[3] += 1, 'a', "but its pulses make");
     // The drivers were never on; and they are not switched off.
     check_mutant(|run| run.edges.retain(|edge| edge.line != 8), 'y', "a step while the drivers are off");
@@ -236,7 +236,7 @@ fn mutants_are_caught() {
         'x',
         "all drivers are still on (ENABLE is low)",
     );
-    // They are on 40 ms late.
+    // The drivers go on 40 ms late.
     check_mutant(
         |run| {
             let on = run.edges.iter().position(|edge| edge.line == 8 && !edge.level).unwrap();
@@ -246,7 +246,7 @@ fn mutants_are_caught() {
         'y',
         "a step while the drivers are off",
     );
-    // All come 10 ms late: no line may take so long.
+    // All edges come 10 ms late: no line may take so long.
     check_mutant(|run| run.edges.iter_mut().for_each(|edge| edge.tick += 160_000), 'y', "it is at 0, the path at ");
 }
 
@@ -270,7 +270,7 @@ fn a_stop_is_a_planned_one() {
 
 #[test]
 fn position_and_path_are_compared_at_the_same_moment() {
-    // 0.6 ms into a millisecond, five steps on.
+    // 0.6 ms into a millisecond, five steps later.
     let verdict = verdict(&run(&script("0 s: l x 10000 250000\n0 s: g x 5 1\n0 s: v x 9000", 1.0006)));
     let axis = &verdict.axes[0];
     assert!(verdict.ok && axis.position > 1000, "{verdict:?}");
@@ -279,7 +279,7 @@ fn position_and_path_are_compared_at_the_same_moment() {
 
 #[test]
 fn a_real_board_is_known_by_its_word() {
-    // The same without its edges.
+    // The run without its edges.
     let mut talk = Talk::new(NativeWinch::new());
     talk.ask().unwrap();
     let script = script("0 s: g xyza 2 1\n0.2 s: a xy 1000 -500\n1 s: a x 200", 4.0);
@@ -288,14 +288,14 @@ fn a_real_board_is_known_by_its_word() {
     assert!(report.is_ok() && report.verdict.is_none(), "{report:?}");
     let word = report.word.clone().unwrap();
     assert_eq!(word.iter().map(|axis| axis.position).collect::<Vec<_>>(), [200, -500, 0, 0]);
-    // In moves lines act some milliseconds before or after what is known.
+    // During a move a line may act some milliseconds earlier or later than known.
     assert!(word[0].farthest > 0.0 && word[0].farthest < 40.0, "{word:?}");
     let mut elsewhere = run;
     elsewhere.statuses.last_mut().unwrap().positions[1] += 1;
     assert!(!pulsetrain::winch::run::by_word(&elsewhere, NAMES).report.is_ok());
 }
 
-/// What is said of axes by the board's own word: whether each is judged, and whether all is ok.
+/// The report of axes by the board's own positions: whether each is judged, and whether all is ok.
 fn words(run: &Run) -> ([bool; 4], bool) {
     let report = by_word(run, NAMES).report;
     let word = report.word.as_ref().unwrap();
@@ -322,12 +322,12 @@ fn where_a_real_board_rests_after_a_drift_is_not_judged() {
     assert_eq!(words(&run), ([false, true, true, false], true));
     let report = by_word(&run, NAMES).report.to_string();
     assert!(report.contains("not judged: it moves, or had a drift"), "{report}");
-    // Some milliseconds of 1000 steps/s more or less are no fault; an absolute target that is missed is one.
+    // Some milliseconds of 1000 steps/s more or less are no fault; a missed absolute target is one.
     run.statuses.last_mut().unwrap().positions[0] += 5;
     assert!(words(&run).1);
     run.statuses.last_mut().unwrap().positions[1] += 1;
     assert_eq!(words(&run), ([false, true, true, false], false));
-    // A stop in mid-move is as uncertain, one at rest changes nothing.
+    // A stop during a move is as uncertain; a stop at rest changes nothing.
     let stopped = |text: &str| {
         let mut talk = Talk::new(NativeWinch::new());
         talk.ask().unwrap();
@@ -345,7 +345,7 @@ fn a_real_board_that_stands_elsewhere_is_told() {
     assert_eq!(stands_elsewhere(&mut talk).unwrap(), None);
     on_port(&mut talk, &script("0 s: g xyza 2 1\n0 s: a xa 100 -7", 4.0), |_| ScriptControl::GoOn).unwrap();
     assert_eq!(stands_elsewhere(&mut talk).unwrap(), Some([100, 0, 0, -7]));
-    // One that says nothing is heard of later.
+    // The silence of a board that sends nothing is noticed later.
     let mut talk = Talk::new(Unwell { loses: "txyza", ..Unwell::new() });
     talk.ask().unwrap();
     assert_eq!(stands_elsewhere(&mut talk).unwrap(), None);
@@ -365,7 +365,7 @@ fn a_picture_of_a_real_board_shows_no_steps() {
     }
 }
 
-/// A board that is not well: what it says from a time on is lost, or only lines that begin so; or it begins anew.
+/// A faulty board: from a time on its lines are lost, or only those with a certain beginning; or it restarts.
 struct Unwell {
     winch: NativeWinch,
     mute_from: Duration,
@@ -433,18 +433,19 @@ fn a_real_board_is_heard_to_the_end() {
     check(Unwell::new(), move_and_rest, &[]);
     check(Unwell::new(), &format!("{move_and_rest}\n1 s: ping\n2 s: srate 1500\n3 s: srate 20"), &[]);
     let ms = Duration::from_millis;
-    // Never a status: nothing is ok, even if nothing was to move.
+    // Without any status nothing is ok, even if nothing was to move.
     check(Unwell { loses: "txyza", ..Unwell::new() }, "0 s: ping", &[(5.0, "no status line for 5 s")]);
     check(Unwell { loses: "txyza", ..Unwell::new() }, "0 s: srate 9000", &[(5.0, "no status line came")]);
     check(Unwell { mute_from: ms(2500), ..Unwell::new() }, move_and_rest, &[(5.0, "no status line for 2.")]);
-    // It begins anew, at rest at 0, or where it was not to be.
+    // It restarts, at rest at 0, or at another position.
     let reset = || Unwell { resets_at: Some(ms(3000)), ..Unwell::new() };
     let clock = "its clock went on by";
     check(reset(), "0 s: ping", &[(2.8, "it restarted (`awake`)"), (2.8, clock)]);
     check(Unwell { loses: "awake", ..reset() }, move_and_rest, &[(2.8, clock)]);
 }
 
-/// `enable 0` releases as the axes stop; a line that moves nothing, at any moment about that, keeps them held or comes too late.
+/// `enable 0` releases the drivers when the axes stop. A line that moves nothing, at any time around that, keeps them
+/// on or comes too late.
 #[test]
 fn a_line_about_the_release_is_found_by_enable() {
     for ms in (440..490).step_by(2) {
@@ -475,7 +476,7 @@ fn line() -> impl Strategy<Value = String> {
     ]
 }
 
-/// Lines, each so many ms after the one before; and when it ends, s.
+/// Lines with their distances in ms, and the time of the end, s.
 fn random_script(lines: &[(u32, String)]) -> (String, f64) {
     let mut at_ms = 0;
     let mut text = "0 s: g xyza 1 0.5\n".to_owned();
@@ -489,7 +490,7 @@ fn random_script(lines: &[(u32, String)]) -> (String, f64) {
 proptest! {
     #![proptest_config(ProptestConfig { cases: 24 * pulsetrain_testkit::seed::rounds() as u32, ..ProptestConfig::default() })]
 
-    /// The board's fixed point and the judge's f64 agree on any script: two codes that share nothing.
+    /// The board's fixed point and the judge's f64 agree on any script, though they share no code.
     #[test]
     fn boards_and_judge_agree(lines in prop::collection::vec((0..500_u32, line()), 1..12)) {
         let (text, end_s) = random_script(&lines);
@@ -530,7 +531,7 @@ fn a_wrong_script_is_refused_before_anything_moves() {
     let (exit, _, err) = command(&[&path]);
     assert_eq!(exit, Exit::Refused);
     assert!(err.contains("--native") && err.contains("--port"), "{err}");
-    // So is a folder that cannot be.
+    // A folder that cannot be made is refused, too.
     folder.write("wrong.txt", "0 s: a x 5\n");
     let (exit, _, err) = command(&[&path, "--native", "--out", &path]);
     assert!(exit == Exit::Refused && err.contains("nothing was sent"), "{err}");
@@ -544,7 +545,7 @@ fn a_virtual_board_without_a_way_to_it_is_refused() {
     assert!(err.contains("say --pty <LINK> or --tcp <ADDRESS>"), "{err}");
 }
 
-/// Someone who does one thing each look.
+/// A person who does one thing at each look.
 struct Actor {
     inputs: Vec<ConsoleInput>,
     heard: Vec<BoardLine>,
@@ -576,7 +577,7 @@ fn a_person_types_lines() {
     let line = |text: &str| ConsoleInput::Line(text.to_owned());
     let mut inputs =
         vec![line("help"), line("  "), line("srate 10"), line("v x 3000"), line("jump"), line("strict 1*1a")];
-    // A second of nothing.
+    // A second without input.
     inputs.extend([const { ConsoleInput::Line(String::new()) }; 25]);
     inputs.push(ConsoleInput::Stop);
     inputs.extend([const { ConsoleInput::Line(String::new()) }; 10]);
@@ -610,7 +611,7 @@ fn a_board_that_wants_checksums_is_found() {
     let mut later = Talk::new(board);
     assert_eq!(later.ask().unwrap().as_deref(), Some("StepperWinch Nov 21 2026"));
     assert_eq!(later.as_wanted("enable 0"), "enable 0*11");
-    // Until it is said anew.
+    // Until the setting is sent again.
     later.tell("strict 0*1b").unwrap();
     later.tell("strict 1").unwrap();
     assert_eq!(later.as_wanted("enable 0"), "enable 0");
@@ -618,7 +619,7 @@ fn a_board_that_wants_checksums_is_found() {
     assert_eq!(later.as_wanted("enable 0"), "enable 0", "a wrong one asks for none");
 }
 
-/// What a console without a terminal makes of lines, and all that it prints.
+/// The end of a console without a terminal for some lines, and its whole output.
 fn piped(port: impl Port, input: impl IntoIterator<Item = &'static str>) -> (Ended, String) {
     let (lines, to_console) = channel();
     for line in input {
@@ -632,7 +633,7 @@ fn piped(port: impl Port, input: impl IntoIterator<Item = &'static str>) -> (End
 
 #[test]
 fn slow_axes_are_waited_for() {
-    // A step a second; then none for a while, and it rests at once.
+    // A step a second; then none for a while, and the axis counts as resting at once.
     let (ended, said) = piped(NativeWinch::new(), ["g x 5 1", "s x 1", "a x 2"]);
     assert!(ended.is_settled && said.trim_end().ends_with(" 2 0 0 0"), "{said}");
     // The first step comes after more than a second, the last one after minutes.
@@ -658,7 +659,7 @@ fn lines_from_a_pipe_are_obeyed_to_their_end() {
     assert_eq!(ended, Ended { refused: 0, is_settled: true });
     let text = String::from_utf8(out).unwrap();
     assert!(text.starts_with("awake\n") && text.trim_end().ends_with(" 100 -200 0 0"), "{text}");
-    // One that never rests is left alone after half a minute.
+    // For an axis that never rests the console waits half a minute.
     let (lines, to_console) = channel();
     lines.send("v x 100".to_owned()).unwrap();
     drop(lines);
@@ -668,7 +669,7 @@ fn lines_from_a_pipe_are_obeyed_to_their_end() {
     assert!(
         String::from_utf8(out).unwrap().ends_with("the axes still move; the board goes on with what it was told\n")
     );
-    // One that says nothing of itself is not at rest for that; what is no text is refused, not dropped.
+    // A board without statuses does not count as resting. A line that is not text is refused, and not ignored.
     let (lines, to_console) = channel();
     for line in ["v x 0", "srate 65535", "a x \u{fffd}5"] {
         lines.send(line.to_owned()).unwrap();
@@ -686,14 +687,14 @@ fn lines_from_a_pipe_are_obeyed_to_their_end() {
     );
 }
 
-/// Those that run firmware on an emulated chip.
+/// Tests that run firmware on an emulated chip.
 mod chips {
     use super::*;
 
     proptest! {
         #![proptest_config(ProptestConfig { cases: 8 * pulsetrain_testkit::seed::rounds() as u32, ..ProptestConfig::default() })]
 
-        /// So do the firmware's assembly, and the judge.
+        /// The firmware's assembly and the judge agree, too.
         #[test]
         fn the_uno_and_the_judge_agree(lines in prop::collection::vec((0..300_u32, line()), 1..10)) {
             let (text, end_s) = random_script(&lines);
@@ -710,11 +711,11 @@ mod chips {
             verdict_as(&run_on(VirtualUno::with_winch(), &script(DEADMAN, 4.0)), &of_uno()),
         ] {
             assert!(verdict.ok, "{verdict:?}");
-            // Stopped at 1 s, and x goes on by what it was told then.
+            // The stop is at 1 s, and x goes on with its last command.
             let [x, y, ..] = &verdict.axes;
             assert!((1000..1500).contains(&x.position) && (-800..-500).contains(&y.position), "{verdict:?}");
         }
-        // A board that does not stop is found out.
+        // A board that does not stop is found.
         let mut run = run(&script(&DEADMAN.replace("deadman 300", "deadman 0"), 1.4));
         let strikes = script(DEADMAN, 1.4);
         for (told, line) in run.told.iter_mut().zip(&strikes.lines) {
@@ -746,19 +747,19 @@ mod chips {
 
     #[test]
     fn axes_that_the_board_has_stopped_or_never_moved_are_not_waited_for() {
-        // A deadman of which this console was told nothing.
+        // A deadman that was set before this console began.
         let mut board = NativeWinch::new();
         board.send(b"deadman 300\n").unwrap();
         let (ended, said) = piped(board, ["v x 500"]);
         assert!(ended.is_settled && !said.contains("still move"), "{said}");
         assert!(said.lines().count() < 20, "{said}");
-        // Told directly, it refuses paths.
+        // An axis that verbs move refuses paths.
         let (ended, said) = piped(VirtualPico::new(), ["speed x 20000", "move x 20", "v x 500"]);
         assert_eq!(ended, Ended { refused: 1, is_settled: true }, "{said}");
         assert!(said.contains("err verbs") && !said.contains("still move"), "{said}");
     }
 
-    /// Verbs through the same console: the move is done, and told.
+    /// Verbs through the same console: the move is done, and reported.
     #[test]
     fn motors_are_told_directly_from_a_pipe() {
         let (lines, to_console) = channel();

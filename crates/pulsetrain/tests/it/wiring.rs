@@ -1,4 +1,4 @@
-//! docs/wiring.md against the board table and the motion files that it names.
+//! Compares docs/wiring.md with the table of boards and the motion files that it names.
 
 use std::path::Path;
 
@@ -9,7 +9,7 @@ use pulsetrain_motion::program::{Motor, Wiring};
 
 const WIRING: &str = include_str!("../../../../docs/wiring.md");
 
-/// A set-up of the Uno: what is under one heading.
+/// A set-up of the Uno: the part under one heading.
 struct SetUp<'a> {
     heading: &'a str,
     drawing: &'a str,
@@ -108,7 +108,7 @@ fn the_picos_set_up_is_its_files() {
     }
 }
 
-/// The commands that the page gives are of files that exist; `readme.rs` runs the README's.
+/// The commands on the page are about existing files. `readme.rs` runs the README's.
 #[test]
 fn the_files_of_the_commands_exist() {
     let mut found = 0;
@@ -120,7 +120,7 @@ fn the_files_of_the_commands_exist() {
     assert_eq!(found, 6);
 }
 
-/// The page's table of pins says what the rule says.
+/// The page's table of pins agrees with the rule.
 #[test]
 fn pins_that_the_page_refuses_are_refused() {
     let kind = |pins: &[(u8, u8)]| {

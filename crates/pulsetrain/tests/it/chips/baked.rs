@@ -1,8 +1,9 @@
-//! What `pulsetrain bake` makes for an Uno, on the virtual one: the firmware without a line to a host, and a motion behind it, judged on
-//! the pins.
+//! Uno images of `pulsetrain bake` on the virtual Uno: the firmware without a host, with a motion behind it. The pins
+//! are judged.
 //!
-//! Each edge is within its certificate, a tick, and what the firmware is known to be late (`BoardRow::lateness_ticks`, 0 with the compare
-//! hardware), as in any run on an Uno; times count from the board's clock, which has the laws' zero at tick [`ZERO`].
+//! Each edge is within its certificate, a tick, and the firmware's known lateness (`BoardRow::lateness_ticks`, 0 with
+//! the compare hardware), as in any run on an Uno. Times count from the board's clock, on which the laws' zero is tick
+//! [`ZERO`].
 
 use pulsetrain::load;
 use std::fs;
@@ -55,7 +56,7 @@ fn motor((step, dir): (u8, u8), driver: &str, motion: &str) -> String {
     )
 }
 
-/// STEP and DIR of up to four motors: all on ports D and, as on a shield, B.
+/// STEP and DIR of up to four motors: all on port D, and on ports D and B as on a shield.
 const PINS: [(u8, u8); 4] = [(2, 5), (3, 6), (4, 7), (12, 13)];
 const A4988: &str = "driver = \"A4988\"";
 const SINE: &str = "law.sine = { amplitude = \"0.1 rev\", period = \"1 s\", cycles = \"forever\" }";
@@ -70,7 +71,7 @@ fn watched(uno: &mut VirtualUno, until_s: f64) -> Trace {
     Trace { tick_hz: 16_000_000, lines: rehearsal::lines(), edges }
 }
 
-/// Checks that an image plays its motion for so long: each step there is, with its driver's times, where it should be.
+/// Checks that an image plays its motion for a time: each step comes where it should, with its driver's times.
 fn keeps(what: &str, program: &Program, seconds: f64) -> Report {
     let mut uno = baked(program);
     let length = Length::exactly(program, seconds);
@@ -85,7 +86,7 @@ fn keeps(what: &str, program: &Program, seconds: f64) -> Report {
     report
 }
 
-/// Bytes of the stack that were never used: the longest stretch of RAM that is still as it was painted.
+/// Bytes of the stack that were never used: the longest stretch of RAM that still has its painted value.
 fn stack_left(uno: &mut VirtualUno) -> usize {
     let ram = (0x400..0x900).map(|at| uno.chip_mut().read_data(at, &mut ())).collect::<Vec<_>>();
     ram.chunk_by(|a, b| a == b).filter(|bytes| bytes[0] == 0xc5).map(<[u8]>::len).max().unwrap_or(0)
@@ -97,7 +98,7 @@ fn examples_keep_to_the_law() {
     assert_eq!(tutorial.motors[0].steps_got, 8000);
     keeps("sweep", &read_example("sweep.toml"), 10.0);
     keeps("max-speed", &read_example("max-speed.toml"), 8.0);
-    // Seed 004's own ramp, whose speed jumps from step to step.
+    // The maximum-speed article's own ramp, whose speed jumps from step to step.
     let ramp = |turns: i32| {
         format!(
             "{{ ramp = {{ distance = \"{turns} rev\", tick = \"8 us\", slowest = 255, fastest = 18, during = 10 }} }}"
@@ -121,7 +122,7 @@ const DRIVERS: [&str; 4] = [
     "pulse_high = \"10 us\"",
 ];
 
-/// Two motors to four that turn at once, or within microseconds of one another: none waits for another.
+/// Two to four motors that reverse at once, or within microseconds: none waits for another.
 #[test]
 fn motors_that_turn_together_keep_to_the_law() {
     for driver in DRIVERS {
@@ -139,7 +140,7 @@ fn motors_that_turn_together_keep_to_the_law() {
     }
 }
 
-/// All ways to make edges: by the compare hardware, by software on one port, with two rings, and with shared DIR lines.
+/// All ways to make edges: the compare hardware, software on one port, two rings, and shared DIR lines.
 #[test]
 fn all_kinds_of_pins_keep_to_the_law() {
     for (pins, more) in [
@@ -160,7 +161,8 @@ fn all_kinds_of_pins_keep_to_the_law() {
     }
 }
 
-/// Motors that change their speed all the time, near the rate that the planner allows: what reads the flash keeps up.
+/// Motors that change their speed all the time, near the rate that the planner allows: the reader of the flash keeps
+/// up.
 #[test]
 fn the_greatest_rate_can_be_kept() {
     let sine = |hz: f64, period: f64| {
@@ -181,7 +183,7 @@ fn the_greatest_rate_can_be_kept() {
             .map(|(place, pins)| motor(*pins, "pulse_high = \"1 us\"", &law(hz, 0.2 + 0.013 * place as f64)));
         program("tolerance = \"1 us\"", &all.collect::<String>())
     };
-    // Of the planner's limit for these pins.
+    // The planner's limit for these pins.
     let at = |count: usize, share: f64, law: &dyn Fn(f64, f64) -> String| {
         let shortest = at_rate(count, 1000.0, law).board.min_interval_ticks[count - 1];
         let of_four = boards::find("uno").unwrap().shortest_of_four_baked().filter(|_| count == 4);
@@ -199,8 +201,8 @@ fn the_greatest_rate_can_be_kept() {
     }
 }
 
-/// Two motors with a ring each, in step with one another, keep on where a ramp ends: there each of its last steps was looked at by itself, and
-/// at the second and the fourth of these rates both ran dry.
+/// Two motors with a ring each, in step with one another, keep on where a ramp ends. There the firmware planned each of
+/// the last steps by itself, and at the second and the fourth of these rates both rings ran empty.
 #[test]
 fn two_rings_keep_on_where_a_ramp_ends() {
     for share in [0.5, 0.635, 0.7, 0.71, 0.95] {
@@ -216,7 +218,8 @@ fn two_rings_keep_on_where_a_ramp_ends() {
     }
 }
 
-/// What is played of motions that end, of motors that repeat together, and of those whose phases are ever new.
+/// How much a rehearsal plays: of motions that end, of motors that repeat together, and of motors whose phases never
+/// repeat.
 #[test]
 fn as_much_is_rehearsed_as_there_is_to_see() {
     let once = "law.sine = { amplitude = \"0.1 rev\", period = \"0.5 s\", cycles = 150 }";
@@ -231,7 +234,7 @@ fn as_much_is_rehearsed_as_there_is_to_see() {
     };
     let ends = of(&[once]);
     assert_eq!((ends.seconds, ends.all_s, ends.is_all()), (60.0, Some(75.0), false));
-    // One second until both repeat, three until they meet again, and two turns of the slower one.
+    // One second until both repeat, three until they meet again, and two turns of the slower motor.
     let together = of(&[&every("1.5", "0"), &every("1", "1")]);
     assert_eq!((together.seconds, together.all_s, together.is_all()), (7.0, Some(7.0), true));
     let apart = of(&[&every("0.7300011", "0"), &every("1", "0")]);
@@ -239,7 +242,7 @@ fn as_much_is_rehearsed_as_there_is_to_see() {
     assert!(together.endless && apart.endless && !ends.endless);
 }
 
-/// Motors that turn for good, from a ramp on, fast and slow, the one way and the other.
+/// Motors that turn for ever after a ramp, fast and slow, in both directions.
 #[test]
 fn a_speed_goes_on_for_ever() {
     let all = [("2 rev/s", "ramp"), ("-3333.3 step/s", "ramp"), ("0.7 step/s", "jump"), ("100.001 step/s", "jump")];
@@ -253,7 +256,7 @@ fn a_speed_goes_on_for_ever() {
     assert!(report.motors.iter().all(|motor| motor.drift_ppm.abs() < 0.05), "{report:?}");
 }
 
-/// 001's sweep, for a minute; with PULSETRAIN_ROUNDS=60 an hour.
+/// The sweep article's motion, for a minute; with PULSETRAIN_ROUNDS=60 an hour.
 #[test]
 fn the_sweep_keeps_its_phase() {
     let report = keeps("sweep", &read_example("sweep.toml"), 60.0 * pulsetrain_testkit::seed::rounds() as f64);
@@ -265,7 +268,7 @@ fn the_sweep_keeps_its_phase() {
 
 const ONCE: &str = "law.sine = { amplitude = \"1 rev\", period = \"0.5 s\", cycles = 1 }";
 
-/// A motion that ends is over then, and its drivers are released when they have rested for as long as `idle` says.
+/// A motion that ends stays over, and its drivers are released when they have rested for the time `idle`.
 #[test]
 fn a_motion_that_ends_runs_once_and_idle_is_looked_at() {
     let wired = motor((8, 9), A4988, ONCE).replace("dir = 9", "dir = 9, enable = 10");
@@ -285,7 +288,7 @@ fn a_motion_that_ends_runs_once_and_idle_is_looked_at() {
     }
 }
 
-/// A block of which any bit is wrong is none, as in the committed image, which has none: no pin is touched.
+/// A block with any wrong bit is ignored, as if the image had none: no pin is touched.
 #[test]
 fn what_is_damaged_does_not_move() {
     let program = program("", &motor((8, 9), A4988, SINE));
@@ -311,13 +314,13 @@ fn what_is_damaged_does_not_move() {
     }
 }
 
-/// What cannot be obeyed, though its sum is right, stops all motors, and the lamp shines.
+/// If a record cannot be obeyed, though the checksum is right, all motors stop and the lamp is on.
 #[test]
 fn what_goes_wrong_stops_all_motors() {
     let program = program("", &(motor((8, 9), A4988, SINE) + &motor((10, 11), A4988, SINE)));
     let image = Image::new(&program).unwrap();
     let (begin, mut flash) = (image.flash.len() - image.block_bytes, image.flash.clone());
-    // The second motor's gaps end the block. What they begin with is an unknown record then.
+    // The second motor's gaps end the block. Its first gap becomes an unknown record.
     let body = begin + usize::from(HEAD_LEN);
     let motors = body + 2 + usize::from(flash[body + 1]);
     let of_second = |field: usize| {
@@ -335,16 +338,16 @@ fn what_goes_wrong_stops_all_motors() {
     let trace = watched(&mut uno, LEAD_S + 3.0);
     assert!(lamp(&mut uno));
     let stopped = trace.edges.last().unwrap();
-    // The lamp's own edge, within some ms of the fault, which is after the first turn; nothing moves behind it.
+    // The lamp's edge comes some ms after the fault, which is behind the first turn. Nothing moves after it.
     assert!(stopped.line == 13 && stopped.level, "{stopped:?}");
     let stopped_s = stopped.tick as f64 / 16e6 - LEAD_S;
     assert!((0.9..2.0).contains(&stopped_s), "{stopped:?}");
-    // The rehearsal says whose step is the first that did not come, and plays no further.
+    // The rehearsal names the motor whose step is missing first, and plays no further.
     let mut uno = VirtualUno::with_image(&flash).unwrap();
     let (length, mut heard) = (Length::exactly(&program, 30.0), 0.0);
     let failed = rehearsal::rehearse(&mut uno, &program, length, |seconds| heard = seconds).unwrap_err();
     let What::Stopped { motor, step, at_s, dry: false } = &failed.what else { panic!("{failed}") };
-    // What m10 has next comes after m8's next steps.
+    // m10's next steps come after m8's next steps.
     assert!(motor == "m8" && *step > 80 && (stopped_s..stopped_s + 0.02).contains(at_s), "{failed}");
     assert!((stopped_s..stopped_s + 0.2).contains(&heard), "{heard} s of {stopped_s}");
     let [(motor, rate), _] = &failed.rates[..] else { panic!("{:?}", failed.rates) };
@@ -352,7 +355,7 @@ fn what_goes_wrong_stops_all_motors() {
     assert!(failed.advice().contains("pins 9 and 10"), "{}", failed.advice());
 }
 
-/// A rehearsal ends at the first thing that is wrong, and says what and when.
+/// A rehearsal ends at the first fault, and reports it with its time.
 #[test]
 fn a_rehearsal_says_what_is_wrong() {
     let motion = |driver: &str, amplitude: &str| {
@@ -367,7 +370,7 @@ fn a_rehearsal_says_what_is_wrong() {
         (done.map(|_| ()), heard)
     };
     assert!(rehearsed(&flash, &program).0.is_ok());
-    // Another driver, whose pulses are too short here; and a motor that should go further.
+    // A driver for which the pulses are too short here, and a motor that should go further.
     for (other, why) in [
         (motion("pulse_high = \"10 us\"", "0.1 rev"), "motor m8: STEP HIGH for"),
         (motion(A4988, "0.2 rev"), "motor m8: step 1 (forward) missing"),
@@ -377,7 +380,8 @@ fn a_rehearsal_says_what_is_wrong() {
         assert!(matches!(failed.what, What::Edge { stopped: false, .. }) && heard < 1.0, "{failed} {heard}");
         assert!(failed.to_string().starts_with(&format!("rehearsed on the virtual Uno, {why}")), "{failed}");
     }
-    // The task that fills the rings, Timer0's overflow (vector 16), hangs: cli, rjmp .-2; or sei and the same, which the watchdog ends.
+    // The interrupt that fills the rings, Timer0's overflow (vector 16), hangs: cli, rjmp .-2. Or it enables interrupts
+    // first, and then the watchdog resets the board.
     let mut hangs = flash;
     hangs[4 * 16..4 * 17].copy_from_slice(&[0xf8, 0x94, 0xff, 0xcf]);
     let failed = rehearsed(&hangs, &program).0.unwrap_err();
@@ -389,14 +393,14 @@ fn a_rehearsal_says_what_is_wrong() {
     assert!(matches!(failed.what, What::Reset { .. } if heard < 2.0), "{failed} {heard}");
 }
 
-/// After the watchdog nobody knows where the motors are: they stay there, until somebody resets the board.
+/// After a watchdog reset the positions are unknown: the motors stay there until somebody resets the board.
 #[test]
 fn after_the_watchdog_nothing_moves() {
     let program = program("", &motor((8, 9), A4988, SINE));
     let mut uno = baked(&program);
     let moved = watched(&mut uno, LEAD_S + 0.5).edges.len();
     assert!(moved > 20 && !lamp(&mut uno));
-    // The vector of the watchdog's interrupt, in words.
+    // The vector of the watchdog's interrupt, as a word address.
     uno.chip_mut().set_pc(2 * 6);
     uno.receive(uno.now() + Duration::from_millis(100), &mut Vec::new()).unwrap();
     let step = |uno: &mut VirtualUno| uno.chip_mut().read_data(0x25, &mut ()) & 3;
@@ -411,7 +415,7 @@ fn after_the_watchdog_nothing_moves() {
     assert_eq!(watched(&mut uno, LEAD_S + 0.5).edges.len(), moved);
 }
 
-/// From its box to a motion: the bootloader takes the image, and starts it at each power-up.
+/// A new Uno: its bootloader accepts the image, and starts it at each power-up.
 #[test]
 #[cfg(target_os = "linux")]
 fn a_bootloader_takes_an_image_and_starts_it() {
@@ -430,7 +434,7 @@ fn a_bootloader_takes_an_image_and_starts_it() {
     }
 }
 
-/// What the board cannot get through is refused as for a run, with what would fit.
+/// A motion that is too fast for the board is refused as for a run, with advice.
 #[test]
 fn what_is_too_fast_is_refused_as_in_a_run() {
     let law = "law.sine = { amplitude = \"300 rev\", period = \"1 s\", cycles = \"forever\" }";
@@ -444,7 +448,7 @@ fn what_is_too_fast_is_refused_as_in_a_run() {
     }
 }
 
-/// The command writes the image, and says what it takes.
+/// The command writes the image, and prints its size.
 #[test]
 fn the_command_says_what_it_takes() {
     let folder = Folder::new("baked-command");
@@ -472,8 +476,8 @@ fn the_command_says_what_it_takes() {
 mod long {
     use super::*;
 
-    /// An Uno tells ticks apart within 134 s, and its 32-bit ticks wrap after 268 s. One motor here rests for 140 s at a time, the others
-    /// move on past the wrap, and none of them drifts.
+    /// An Uno's clock tells times apart within 134 s, and its 32-bit ticks wrap after 268 s. One motor rests for 140 s
+    /// at a time. The others move on past the wrap, and none of them drifts.
     #[test]
     fn phases_are_kept_past_the_wraps() {
         let rests = "repeat = \"forever\"\nlaw.then = [ { sine = { amplitude = \"5 step\", period = \"0.3 s\", cycles = 1 } }, \

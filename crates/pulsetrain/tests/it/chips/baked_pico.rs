@@ -1,4 +1,4 @@
-//! What `pulsetrain bake` makes for a Pico, on the virtual one: its pins are judged as those of any run.
+//! Pico images of `pulsetrain bake` on the virtual Pico. The pins are judged as in any run.
 
 use std::io;
 use std::time::Duration;
@@ -18,7 +18,7 @@ use pulsetrain_session::prepare::{Prepared, Refusal};
 use pulsetrain_trace::verdict::{self, Align, Options, Report};
 use pulsetrain_trace::{Line, Trace};
 
-/// From the clock's tick 0 to the laws' time 0 at the latest, s: 0.1 s, and what begins before.
+/// From the clock's tick 0 to the laws' time 0, s: 0.1 s, and at most the work before it.
 const LEAD_S: f64 = 0.12;
 
 /// A program as `pulsetrain bake --board pico` reads it.
@@ -31,7 +31,7 @@ fn program(motors: &str) -> Program {
     program
 }
 
-/// A motor with a driver, STEP on `pin` and DIR beside it.
+/// A motor with a driver, STEP on `pin` and DIR on the next pin.
 fn driver(pin: u8, law: &str) -> String {
     format!(
         "[motor.m{pin}]\nsteps_per_rev = 200\ndriver = \"A4988\"\npins = {{ step = {pin}, dir = {} }}\nforward = \"high\"\n\
@@ -56,7 +56,7 @@ fn baked(program: &Program) -> VirtualPico {
     VirtualPico::with_image(&PicoImage::new(program).unwrap().uf2()).unwrap()
 }
 
-/// All edges of the pins until so long after the clock's tick 0.
+/// All edges of the pins until a time after the clock's tick 0.
 fn watched(pico: &mut VirtualPico, until_s: f64) -> Trace {
     let (mut edges, mut all) = (Vec::new(), Vec::new());
     let end = Duration::from_secs_f64(until_s);
@@ -74,7 +74,7 @@ fn watched(pico: &mut VirtualPico, until_s: f64) -> Trace {
     Trace { tick_hz: 125_000_000, lines, edges: all }
 }
 
-/// Whether a trace is the motion for so long, to the certificate and a tick, all motors against one zero.
+/// Whether a trace is the motion for a time, within the certificate and a tick, with all motors against one zero.
 fn judged(program: &Program, trace: &Trace, until_s: Option<f64>) -> Report {
     let options = Options {
         align: Align::Start,
@@ -87,7 +87,7 @@ fn judged(program: &Program, trace: &Trace, until_s: Option<f64>) -> Report {
     report
 }
 
-/// Four motors with periods of their own past the wrap of 2^32 ticks (34.4 s).
+/// Four motors with different periods, past the wrap of 2^32 ticks (34.4 s).
 #[test]
 fn phases_are_kept_past_the_wraps() {
     let program = sweep();
@@ -107,7 +107,7 @@ fn the_tutorials_sine_goes_on_for_ever() {
     assert!(report.motors[0].steps_got > 40_000, "{report:?}");
 }
 
-/// From standstill to a speed that stays, and slow ones beside it.
+/// Motors that accelerate from rest to a constant speed, together with slow ones.
 #[test]
 fn a_speed_goes_on_for_ever() {
     let ramp = "law.then = [ { formula = { theta = \"10000.35*t*t\", unit = \"step\", duration = \"0.5 s\" } }, \
@@ -119,7 +119,7 @@ fn a_speed_goes_on_for_ever() {
     assert!(report.motors[0].steps_got > 70_000 && report.motors[2].steps_got == 6, "{report:?}");
 }
 
-/// Two ULN2003 boards and a driver, with waits in between, of which one is longer than ticks are told apart (17 s).
+/// Two ULN2003 boards and a driver. One of the waits is longer than the clock can tell times apart (17 s).
 #[test]
 fn coils_and_long_waits() {
     let coils = |first: u8, law: &str| {
@@ -141,7 +141,7 @@ fn coils_and_long_waits() {
     assert_eq!(report.motors[2].steps_got, 40, "{report:?}");
 }
 
-/// Eight motors that turn twice in each of so many ms, and a millisecond more from motor to motor.
+/// Eight motors that reverse twice within some ms, a millisecond more from motor to motor.
 fn turning(period_ms: u8) -> Program {
     let motor = |motor: u8| {
         let law = format!(
@@ -154,7 +154,7 @@ fn turning(period_ms: u8) -> Program {
     program(&(0..8).map(motor).collect::<String>())
 }
 
-/// More often is refused, also of motions without an end, with what would fit.
+/// More frequent reversals are refused, also of endless motions, with advice.
 #[test]
 fn eight_motors_beyond_the_limit_are_refused() {
     let program = turning(10);
@@ -169,7 +169,7 @@ fn eight_motors_beyond_the_limit_are_refused() {
     }
 }
 
-/// Eight motors that turn as often as the planner lets them: what reads the flash keeps up.
+/// Eight motors that reverse as often as the planner allows: the reader of the flash keeps up.
 #[test]
 fn eight_motors_at_the_limit_do_not_starve() {
     let program = turning(14);
@@ -192,14 +192,14 @@ fn a_motion_that_ends_runs_once() {
     remote.configure(&one_motor()).unwrap();
 }
 
-/// What was stored is there under another image, and after its motion, while which nothing is stored.
+/// Settings stay through another image and its motion. While the motion runs nothing can be stored.
 #[test]
 fn settings_and_a_baked_motion_do_not_meet() {
     let settings = Settings { deadman_ms: 500, silence_ms: 700, ..Settings::default() };
     let mut remote = Remote::open(VirtualPico::new(), 1).unwrap();
     remote.store(&settings).unwrap();
     let mut flash = remote.close().chip().flash().to_vec();
-    // As the boot ROM writes a UF2 file: only the sectors that it has.
+    // Writes the flash as the boot ROM does with a UF2 file: only the file's sectors.
     let program = program(&driver(2, "law.sine = { amplitude = \"1 rev\", period = \"0.5 s\", cycles = 1 }"));
     let image = PicoImage::new(&program).unwrap().flash;
     flash[..image.len()].copy_from_slice(&image);
@@ -219,7 +219,7 @@ fn one_motor() -> Setup {
     Setup { pulse_ticks: 250, setup_ticks: 250, motors: vec![motor], ..Setup::default() }
 }
 
-/// A host may ask while it runs, over USB here, and changes nothing of it but by a stop.
+/// A host may ask while the motion runs, here over USB. Only a stop changes the motion.
 #[test]
 fn hosts_may_ask_and_stop_it() {
     let program = sweep();
@@ -248,7 +248,7 @@ fn hosts_may_ask_and_stop_it() {
     remote.configure(&one_motor()).unwrap();
 }
 
-/// A block of which any bit is wrong is none: the board is as without it. The committed image has none.
+/// A block with any wrong bit is ignored, as in the committed image, which has none.
 #[test]
 fn what_is_damaged_does_not_move() {
     let program = sweep();
@@ -260,7 +260,7 @@ fn what_is_damaged_does_not_move() {
     assert!(image.flash[..begin].len().is_multiple_of(4096) && image.flash.len().is_multiple_of(4096));
     let differ: Vec<usize> = (0..committed.len()).filter(|at| committed[*at] != image.flash[*at]).collect();
     assert!(differ.iter().all(|at| (POINTER..POINTER + 4).contains(at)), "{differ:?}");
-    // Only the serial line wakes.
+    // Only the serial line wakes the processor.
     let plain = watched(&mut VirtualPico::new(), 0.5).edges;
     assert!(plain.iter().all(|edge| edge.line < 2), "{plain:?}");
     for at in [begin, begin + 5, begin + 9, begin + 12, begin + 40, begin + image.block_bytes - 1] {
@@ -281,12 +281,12 @@ fn what_cannot_be_baked_is_told() {
     let mut uno = program(&driver(2, "law.sine = { amplitude = \"1 rev\", period = \"1 s\", cycles = 1 }"));
     uno.board.name = "due".into();
     assert!(matches!(PicoImage::new(&uno), Err(BakeError::Board { .. })));
-    // What the firmware refuses.
+    // Pins and times that the firmware refuses.
     let mut slow = program(&driver(2, "law.sine = { amplitude = \"1 rev\", period = \"1 s\", cycles = 1 }"));
     slow.motors[0].timing.dir_setup_ns = 1_000_000;
     let error = PicoImage::new(&slow).unwrap_err();
     assert!(matches!(error, BakeError::Refused(_)) && error.to_string().contains("62500"), "{error}");
-    // Of a flash with less room; the firmware takes some of it.
+    // A smaller flash; the firmware needs some of it.
     let law = "law.formula = { theta = \"cos(2*pi*t) + 0.3*cos(6*pi*t) + 0.1*cos(20*pi*t)\", unit = \"rev\", duration = \"4 s\" }";
     let long = program(&driver(2, law).replace("steps_per_rev = 200", "steps_per_rev = 200\nmicrosteps = 16"));
     let image = PicoImage::new(&long).unwrap();
@@ -296,7 +296,7 @@ fn what_cannot_be_baked_is_told() {
     assert!(matches!(error, BakeError::TooLarge { fits_s, .. } if fits_s > 0.0 && fits_s < 4.0), "{error}");
 }
 
-/// The command, with an example for a Pico and one for an Uno.
+/// The command with an example for a Pico and one for an Uno.
 #[test]
 fn the_command_says_what_it_takes() {
     let folder = std::path::PathBuf::from(env!("CARGO_TARGET_TMPDIR"));

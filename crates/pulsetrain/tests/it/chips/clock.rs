@@ -1,4 +1,4 @@
-//! A board whose clock is off by half a percent, in simulated time: what `run --clock-ppm` corrects, by the host's clock.
+//! A board whose clock is off by half a percent, in simulated time: `run --clock-ppm` corrects it, by the host's clock.
 
 use pulsetrain::load;
 use std::path::Path;
@@ -19,7 +19,8 @@ fn prepared() -> Prepared {
     load::load(&file, Some("uno"), None).unwrap()
 }
 
-/// A run on a board whose clock is `off` ppm fast, planned for one that is `planned` ppm fast, as the host's clock sees it.
+/// A run on a board whose clock is `off` ppm fast, planned for a clock that is `planned` ppm fast, with times by the
+/// host's clock.
 fn judged(off: i32, planned: f64) -> Report {
     let law = prepared();
     let mut prepared = prepared();
@@ -31,7 +32,7 @@ fn judged(off: i32, planned: f64) -> Report {
     driven
         .run(&mut |edge: Edge| edges.push(Traced { tick: edge.tick, line: edge.line, level: edge.level }), |_| {})
         .unwrap();
-    // A tick of that board is shorter than it says.
+    // A tick of that board is shorter than its nominal length.
     let tick_hz = (16_000_000.0 * (1.0 + f64::from(off) * 1e-6)).round() as u64;
     let late = boards::find("uno").unwrap().lateness_ticks;
     let options = Options {

@@ -1,8 +1,10 @@
-//! Faults: what a board does, and what its host says, when something goes wrong. The table of docs/faults.md comes from here.
+//! Faults: what a board does, and what its host reports, when something goes wrong. This test makes the table of
+//! docs/faults.md.
 //!
-//! Each case is a whole run of a short motion, as `pulsetrain run` does it, on the virtual Uno or the virtual Pico, in emulated time.
-//! A usual run tries some of the places, by a seed that it prints; `PULSETRAIN_ROUNDS` as many times as many, up to all;
-//! `PULSETRAIN_FAULT` those of faults alone whose name has that in it, where there is more than one place.
+//! Each case is a whole run of a short motion like that of `pulsetrain run`, on the virtual Uno or the virtual Pico, in
+//! emulated time. A usual run tries some of the places, by a seed that it prints. `PULSETRAIN_ROUNDS=n` tries n times
+//! as many, up to all; `PULSETRAIN_FAULT=text` only faults whose names contain the text, if they have more than one
+//! place.
 
 mod bench;
 mod line;
@@ -20,13 +22,13 @@ use std::ops::Range;
 use std::time::Duration;
 use table::Row;
 
-/// What is below this line in docs/faults.md comes from here.
+/// The test writes the part of docs/faults.md below this line.
 const MARK: &str = "<!-- From here on written by `cargo xtask golden`. -->\n";
 
-/// The page is of this one.
+/// The seed of the page.
 const OWN_SEED: u64 = 1;
 
-/// Both boards' rows; of the bytes of the short session one in `one_in` of those that [`bytes`] takes.
+/// The rows of both boards. Of the bytes of the short session, one in `one_in` of those that [`bytes`] names is tried.
 fn both(seed: u64, one_in: u64) -> [Vec<Row>; 2] {
     std::thread::scope(|scope| {
         let boards = [
@@ -53,7 +55,7 @@ mod long {
         let seed = seed(OWN_SEED);
         let boards = both(seed, 1);
         if (seed, rounds()) != (OWN_SEED, 1) || wanted().is_some() {
-            // Other places may bring other words; what must hold was held.
+            // Other places may give other messages, but the behaviour is checked all the same.
             return;
         }
         let page = concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs/faults.md");
@@ -63,7 +65,7 @@ mod long {
     }
 }
 
-/// Of a board that takes plans, and one that takes text.
+/// For a board that plays plans, and a board that reads text.
 fn rows<P: Chip + Wired>(fresh: &P, textual: &P, seed: u64, one_in: u64) -> Vec<Row> {
     let bench = Bench::new(fresh.clone());
     let short = Bench::short(fresh.clone());
@@ -75,13 +77,13 @@ fn rows<P: Chip + Wired>(fresh: &P, textual: &P, seed: u64, one_in: u64) -> Vec<
     rows
 }
 
-/// What is in the names of the faults that are wanted.
+/// The text in the names of the wanted faults.
 fn wanted() -> Option<String> {
     std::env::var("PULSETRAIN_FAULT").ok()
 }
 
-/// Some of so many places of a fault: `few`, or as many times as many as there are rounds, evenly apart, from one on that the seed says.
-/// None of one that is not wanted.
+/// Some of the places of a fault: `few` times the number of rounds, at even distances, from a place on that depends on
+/// the seed. No place of a fault that is not wanted.
 fn some(fault: &str, places: u64, few: u64, seed: u64) -> impl Iterator<Item = u64> + use<> {
     let stride = (places / (few * rounds())).max(1);
     let end = if wanted().is_none_or(|wanted| fault.contains(&wanted)) { places } else { 0 };
@@ -92,16 +94,17 @@ const fn ms(ms: u64) -> Duration {
     Duration::from_millis(ms)
 }
 
-/// Bytes that go wrong, on each way: of a short session one in `one_in` of all, each in one of the four ways; and a few of a long session.
+/// Wrong bytes in both directions: of a short session one in `one_in` of all, each with one of the four faults; and a
+/// few of a long session.
 fn bytes<P: Chip>(short: &Bench<P>, long: &Bench<P>, seed: u64, one_in: u64) -> Vec<Row> {
     const MISHAPS: [&str; 4] = ["lost", "with a bit changed", "doubled", "swapped with the next"];
-    // Fewer of the long session: its runs take longer.
+    // Fewer of the long session, since its runs take longer.
     let few = 4_u64.div_ceil(one_in);
     let mut rows = Vec::new();
     for (way, name) in [(Way::ToBoard, "to the board"), (Way::ToHost, "to the host")] {
         for (turn, what) in (0..).zip(MISHAPS) {
             let fault = format!("a byte {name} {what}");
-            // How many there are depends on the firmware's timing.
+            // Their number depends on the firmware's timing.
             let mut row = Row::new(fault.as_str(), P::NAME, "each byte of two sessions", Moved::AsPlanned);
             let (all, places) = (short.line.gone(way), long.line.gone(way));
             let tried =
@@ -122,19 +125,20 @@ fn bytes<P: Chip>(short: &Bench<P>, long: &Bench<P>, seed: u64, one_in: u64) -> 
     rows
 }
 
-/// Up to then after its first step the motion is not told to its end, ms.
+/// Until this time after its first step the host still sends parts of the motion, ms.
 const UNTOLD: u64 = 650;
-/// And from then on it is.
+/// From this time on the host has sent the whole motion, ms.
 const TOLD: u64 = 1000;
-/// While motor a turns its segments are so many that its part of an Uno's queue holds less than 100 ms and what it takes to make up for it.
+/// While motor a reverses, its segments are so many that its share of an Uno's queue lasts less than 100 ms and the
+/// time to catch up.
 const DENSE: Range<u64> = 590..770;
 
-/// How the motors move if for 100 ms in these milliseconds nothing is told.
+/// How the motors move if the host sends nothing for 100 ms from one of these milliseconds on.
 fn when_dense<P: Chip>() -> Moved {
     if P::NAME == "uno" { Moved::AsQueued } else { Moved::AsPlanned }
 }
 
-/// Tries a fault at some of the milliseconds of a stretch of the motion, ms from its first step on.
+/// Tries a fault at some milliseconds of a stretch of the motion, ms from its first step on.
 fn at_moments<P: Chip>(
     bench: &Bench<P>,
     row: (String, Range<u64>, Moved),
@@ -161,7 +165,7 @@ fn try_at<P: Chip>(bench: &Bench<P>, row: &mut Row, fault: Fault, again: bool) {
     }
 }
 
-/// Of the line: silence, noise, cables.
+/// Faults of the line: silence, noise, cables.
 fn lines<P: Chip>(bench: &Bench<P>, seed: u64) -> Vec<Row> {
     let length = bench.length_ms();
     let silence = |name: &str, lasts: u64, stretch, moved, few| {
@@ -205,7 +209,7 @@ fn lines<P: Chip>(bench: &Bench<P>, seed: u64) -> Vec<Row> {
     rows
 }
 
-/// Of the host, and of other programs.
+/// Faults of the host, and other programs.
 fn hosts<P: Chip>(bench: &Bench<P>, seed: u64) -> Vec<Row> {
     let length = bench.length_ms();
     let stall = |name: &str, lasts: u64, stretch, moved, few| {
@@ -233,7 +237,7 @@ fn hosts<P: Chip>(bench: &Bench<P>, seed: u64) -> Vec<Row> {
     rows
 }
 
-/// Of the board, and of files.
+/// Faults of the board, and of files.
 fn boards<P: Chip>(bench: &Bench<P>, seed: u64) -> Vec<Row> {
     let hung = |at| Fault::Hung { at };
     let name = "its program hangs: the watchdog bites after 1 s".to_owned();

@@ -73,12 +73,12 @@ fn a_pause_on_the_chip_keeps_count_and_phase() {
     assert!(late > 8_000_000, "{late}");
     let pairs = first.iter().zip(&first_paused).chain(second.iter().zip(&second_paused));
     for (before, after) in pairs.filter(|(_, after)| **after > at_speed) {
-        // Both within a certificate of 16 ticks; these pins are never late.
+        // Both are within a certificate of 16 ticks, and these pins are never late.
         assert!((after - before - late).abs() <= 36, "{} and not {late} late", after - before);
     }
 }
 
-/// Tails are packed as nothing else is: in records that slow a motor down, and that most runs never come to.
+/// Tails have records that nothing else has, which slow a motor down. Most runs never play them.
 #[test]
 fn a_stop_on_the_chip_is_the_tail_that_was_planned() {
     let law = Law::sine(2000.0, Time::from_seconds(10.0), Some(1)).unwrap();

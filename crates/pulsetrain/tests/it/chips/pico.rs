@@ -1,4 +1,5 @@
-//! Commands with the Pico: its firmware runs the examples, its pins are checked, its coils let go when the file says so.
+//! Commands with the Pico: its firmware runs the examples, its pins are checked, and its coils are released when the
+//! file says so.
 
 use pulsetrain::cli;
 use pulsetrain::console::Exit;
@@ -23,12 +24,13 @@ fn pulsetrain(args: &[&str]) -> (Exit, String) {
     (exit, String::from_utf8(out).unwrap() + &String::from_utf8(err).unwrap())
 }
 
-/// What it says, without the drawing's line ends.
+/// The text of an error, without the line breaks of its layout.
 fn in_a_line(said: &str) -> String {
     said.replace('│', " ").split_whitespace().collect::<Vec<_>>().join(" ")
 }
 
-/// The seed's tutorial, which is for an Uno, the same too fast for one, and the Pico's own example: on its firmware, and its pins pass the judge.
+/// The tutorial's motion for an Uno, the same motion too fast for an Uno, and the Pico's own example: they run on the
+/// Pico's firmware, and the pins pass the judge.
 #[test]
 fn its_firmware_runs_the_tutorial_and_its_own_example() {
     let folder = Folder::new("pico-examples");
@@ -43,7 +45,7 @@ fn its_firmware_runs_the_tutorial_and_its_own_example() {
     }
 }
 
-/// A motor `a` that hardly moves, and one `b` beside it: with their drivers.
+/// A motor `a` that hardly moves, and a motor `b`, with their drivers.
 fn beside(board: &str, a: &str, b: &str, law: &str) -> String {
     format!(
         "board = \"{board}\"\n[motor.a]\nsteps_per_rev = 200\n{a}\npins = {{ step = 2, dir = 3 }}\nforward = \"high\"\n\
@@ -53,7 +55,8 @@ fn beside(board: &str, a: &str, b: &str, law: &str) -> String {
     )
 }
 
-/// A board makes all pulses as long as the slowest driver wants: what is left of an interval, and of a turn, must do for each motor.
+/// A board makes all pulses as long as the slowest driver needs. What is left of an interval, and of a reversal, must
+/// suffice for each motor.
 #[test]
 fn a_long_pulse_beside_leaves_each_driver_its_times() {
     let folder = Folder::new("pico-beside");
@@ -75,7 +78,7 @@ fn a_long_pulse_beside_leaves_each_driver_its_times() {
                10 µs HIGH; that of b needs 5.05 µs HIGH and 5.05 µs LOW, with which 98.9 k steps/s fit. A driver with a shorter pulse for \
                motor a helps, or a board of its own as it is, it fits: due, native";
     assert!(said.contains(why), "{said}");
-    // Turns that both drivers allow by themselves, but not behind the long pulse: b's two steps are dropped then.
+    // Reversals that each driver allows by itself, but not after the long pulse: two steps of b are dropped.
     let long = "pulse_high = \"10 us\"\ndir_setup = \"1 us\"\ndir_hold = \"1 us\"";
     let held = "pulse_high = \"1 us\"\ndir_setup = \"1 us\"\ndir_hold = \"8 us\"";
     for (board, rate, apart_us, steps) in [
@@ -94,8 +97,8 @@ fn a_long_pulse_beside_leaves_each_driver_its_times() {
     }
 }
 
-/// A motion whose segments are short: the Pico's queue holds more than a thousand of them. The reference beside it holds as many, so that no step
-/// counts as added.
+/// A motion with short segments: the Pico's queue holds more than a thousand of them. The native reference board holds
+/// as many, so that no step counts as added.
 #[test]
 fn a_queue_of_many_short_segments_loses_and_adds_nothing() {
     let folder = Folder::new("pico-short-segments");
@@ -114,8 +117,8 @@ fn a_queue_of_many_short_segments_loses_and_adds_nothing() {
     assert_eq!(exit, Exit::Success, "{said}");
 }
 
-/// Who finds motors moving that a host has left behind is asked at once whether to wait, and, refused for whatever reason, leaves them as
-/// they are.
+/// A host finds motors moving for an earlier host: its caller is asked at once whether to wait. If it gives up, for
+/// whatever reason, the motors move on.
 #[test]
 fn a_refused_host_leaves_what_moves_to_the_next() {
     let board = Shared::new(VirtualPico::on_usb());
@@ -139,7 +142,7 @@ fn a_refused_host_leaves_what_moves_to_the_next() {
     assert!(board.now() - began < Duration::from_millis(300), "{:?}", board.now() - began);
     let refused = connect_while(board.clone(), &program("board = \"uno\""), Baud::B1M, || panic!("another board"));
     assert!(matches!(refused, Err(RemoteError::OtherBoard { .. })));
-    // Longer than a host may be silent.
+    // Longer than the silence after which a host counts as lost.
     let until = board.now() + Duration::from_secs(3);
     while board.now() < until {
         board.clone().receive(until, &mut Vec::new()).unwrap();
@@ -147,7 +150,7 @@ fn a_refused_host_leaves_what_moves_to_the_next() {
     let mut next = Remote::open(board.clone(), 2).unwrap();
     assert!(!next.status().unwrap().is_idle());
     next.close();
-    // One that waits has it, when all steps were made.
+    // A host that waits gets the board when all steps were made.
     let mut asked = 0;
     let next = connect_while(board.clone(), &program("board = \"pico\""), Baud::B1M, || {
         asked += 1;
@@ -157,8 +160,8 @@ fn a_refused_host_leaves_what_moves_to_the_next() {
     assert!((4.9..6.0).contains(&(board.now() - began).as_secs_f64()), "{:?}", board.now() - began);
 }
 
-/// A board that was switched on long before: what is told of the steps, as in steps.csv, is all of them. Ticks are told apart within 2^31, and
-/// switches taken up to 2^30 ahead, 8.6 s.
+/// A board that was switched on long before: steps.csv has all steps. Its clock tells ticks apart within 2^31, and
+/// accepts switches up to 2^30 ticks ahead, 8.6 s.
 #[test]
 fn all_steps_are_told_of_a_board_that_has_been_on_for_long() {
     struct Count(u32);
@@ -183,7 +186,7 @@ fn all_steps_are_told_of_a_board_that_has_been_on_for_long() {
     }
 }
 
-/// A run that is over gives its board to the next one: nobody waits until it was silent for too long.
+/// A run that is over frees its board: the next host need not wait until the silence is long enough.
 #[test]
 fn a_run_that_is_over_gives_its_board_away() {
     let board = Shared::new(VirtualPico::on_usb());
@@ -201,7 +204,7 @@ fn a_run_that_is_over_gives_its_board_away() {
 const SINE: &str =
     "[[motion]]\nmotor = \"wheel\"\nlaw.sine = { amplitude = \"10 step\", period = \"1 s\", cycles = 1 }\n";
 
-/// Motors on ULN2003 boards, four pins each from these on; and more of the file.
+/// Motors on ULN2003 boards, each with four pins in a row; and more of the file.
 fn on_coils(first: &[[u8; 4]], more: &str) -> String {
     let mut text = format!("board = \"pico\"\n{more}\n");
     for (number, pins) in first.iter().enumerate() {
@@ -218,7 +221,8 @@ fn on_coils(first: &[[u8; 4]], more: &str) -> String {
 const SIX: [[u8; 4]; 6] =
     [[2, 3, 4, 5], [6, 7, 8, 9], [10, 11, 12, 13], [14, 15, 16, 17], [18, 19, 20, 21], [22, 26, 27, 28]];
 
-/// Six of them, in all three sequences: to the tick; switched off at the end if the file says so, on the Pico as on the native board.
+/// Six of them, in all three sequences, to the tick. If the file says so they are off at the end, on the Pico as on the
+/// native board.
 #[test]
 fn six_motors_with_coils_hold_or_let_go() {
     let folder = Folder::new("pico-coils");
@@ -251,7 +255,7 @@ fn six_motors_with_coils_hold_or_let_go() {
     }
 }
 
-/// Pins that state machines cannot have so: refused before anything is planned, with what would fit.
+/// State machines cannot drive these pins: refused before the planning, with advice.
 #[test]
 fn pins_that_do_not_fit_are_refused_with_what_would() {
     let folder = Folder::new("pico-pins");
@@ -298,7 +302,7 @@ fn pins_that_do_not_fit_are_refused_with_what_would() {
         assert_eq!(exit, Exit::Refused, "{out}");
         assert!(out.contains(said) && out.contains(fits), "{out}");
     }
-    // Pins that are not there at all, as the file is read.
+    // Pins that do not exist are refused by the reader of the file.
     for (pins, why) in [
         ("step = 1, dir = 2", "serial line"),
         ("step = 24, dir = 25", "not on its header"),
@@ -341,7 +345,7 @@ fn drivers(count: u8) -> Vec<MotorSetup> {
     (0..count).map(motor).collect()
 }
 
-/// The table's row says what the firmware has: its queues, and how far ahead it commits itself at most.
+/// The table of boards agrees with the firmware: its queues, and how far ahead it commits itself.
 #[test]
 fn the_table_says_what_the_firmware_has() {
     let row = boards::find("pico").unwrap();
@@ -352,7 +356,7 @@ fn the_table_says_what_the_firmware_has() {
             assert_eq!(pico.room(motor), row.queue_bytes[usize::from(count) - 1] as usize, "{count} motors");
         }
     }
-    // Usual times, and the longest, with a turn before each step.
+    // Usual times, and the longest, with a reversal before each step.
     for (pulse_ticks, setup_ticks, most) in [(13, 20, 300_100), (62_500, 62_500, row.horizon_ticks)] {
         let mut pico = Remote::open(VirtualPico::new(), 1).unwrap();
         assert_eq!(pico.set_baud(Baud::B2M), Ok(Baud::B2M));

@@ -1,4 +1,4 @@
-//! The Pico's figures in short: what `cargo xtask bench pico` measures for longer, with their bounds.
+//! Short versions of the Pico's figures, which `cargo xtask bench pico` measures for longer, with their bounds.
 
 use crate::common::pico::COILS;
 use crate::common::pico_rows::{
@@ -12,7 +12,7 @@ use pulsetrain_plan::PlanError;
 use pulsetrain_session::prepare::Refusal;
 use pulsetrain_testkit::seed::rounds;
 
-/// Rates are tried 2.5 % apart, and random speeds have a mean that is not exactly what was asked for.
+/// Rates are tried 2.5 % apart, and the mean of random speeds is not exactly the wanted one.
 const BELOW: f64 = 0.95;
 
 fn held(row: &Row) {
@@ -34,7 +34,8 @@ fn eight_motors_follow_laws_with_changing_speed() {
     }
 }
 
-/// The same of sinusoids that a session plans and streams: they are within the table's limits, too, whatever the bench found those to be.
+/// The rates of sinusoids that a session plans and streams. They are within the table's limits, whatever the bench has
+/// measured for those.
 #[test]
 fn eight_sinusoids_are_taken_and_made() {
     let row = sinusoids(624e3, 1);
@@ -42,7 +43,8 @@ fn eight_sinusoids_are_taken_and_made() {
     assert!(row.edges > 3_200_000, "{row:?}");
 }
 
-/// Eight motors that go back and forth together 30 times a second, at 200 k steps/s in between: segments as short as fit a tick, 67 000 a second where they turn.
+/// Eight motors that go forward and back together 30 times a second, with 200 k steps/s in between. Segments are as
+/// short as a tick allows: 67 000 a second at the reversals.
 #[test]
 fn eight_motors_bend_together_30_times_a_second() {
     const HZ: f64 = 30.0;
@@ -56,7 +58,7 @@ fn eight_motors_start_in_one_cycle() {
     held(&start().row(&VirtualPico::on_usb(), 100e3, 0.1));
 }
 
-/// Each pattern of the seed's table at its tick, in both directions from each phase.
+/// Each pattern of the Pico plotter's table comes at its tick, in both directions from each phase.
 #[test]
 fn coils_turn_at_every_phase() {
     let pico = VirtualPico::on_usb();
@@ -69,8 +71,8 @@ fn coils_turn_at_every_phase() {
     }
 }
 
-/// What the table of boards says of steps, of coils and of segments that are in the queues: at its limits, or a little below, nothing
-/// starves.
+/// The limits of steps, coils and queued segments in the table of boards: at these limits, or a little below, there is
+/// no underrun.
 #[test]
 fn limits_of_the_table_hold() {
     let pico = VirtualPico::on_usb();
@@ -84,7 +86,7 @@ fn limits_of_the_table_hold() {
             (changing, rate(step)),
             (Case::short(motors, "TMC2209"), f64::from(IN_SHORT) * rate(segment.onward)),
             (Case::turning(motors, "TMC2209"), f64::from(BETWEEN_TURNS) * rate(segment.turning)),
-            // As the planner adds them up, 90 steps in a segment.
+            // As the planner counts them, with 90 steps in a segment.
             (Case { steps: 60, ..changing }, rate(step + segment.onward / 90)),
             (Case { steps: 60, turns: 5, turn_ticks: 300.0, ..changing }, rate(step + segment.turning / 60)),
         ];
@@ -102,8 +104,8 @@ fn limits_of_the_table_hold() {
     }
 }
 
-/// Segments that come from the host as fast as it goes for good: longer than the queues last, which are full at first, nothing
-/// starves.
+/// Segments that come from the host at its highest lasting rate. The run is longer than the queues last, which are full
+/// at first, and there is no underrun.
 #[test]
 fn limits_on_what_is_heard_hold() {
     let pico = VirtualPico::on_usb();
@@ -120,8 +122,8 @@ fn limits_on_what_is_heard_hold() {
     }
 }
 
-/// Eight motors that bend and turn together as fast as the planner takes them: the board makes every step at its tick. A hundredth
-/// faster is refused.
+/// Eight motors that bend and reverse together as fast as the planner allows: the board makes every step at its tick.
+/// One percent faster is refused.
 #[test]
 fn what_the_planner_takes_at_its_limit_the_board_does() {
     const SECONDS: f64 = 0.3;
@@ -145,7 +147,7 @@ fn what_the_planner_takes_at_its_limit_the_board_does() {
     }
 }
 
-/// 001's four motors, twice, as `cargo xtask bench pico --hour` has them for an hour.
+/// The sweep article's four motors, twice, as `cargo xtask bench pico --hour` has them for an hour.
 #[test]
 fn eight_motors_keep_their_phase() {
     let rows = sweep(5);

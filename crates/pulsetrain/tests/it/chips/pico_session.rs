@@ -1,5 +1,5 @@
-//! Sessions on the virtual Pico, its committed firmware over its USB: what its pins do is the plan, tick by tick, or a stop that was
-//! planned. As `session.rs` has it of the native board.
+//! Sessions on the virtual Pico, its committed firmware over its USB: the pins show the plan, tick by tick, or a
+//! planned stop. `session.rs` has the same for the native board.
 
 use crate::common::onward::onward;
 use crate::common::random::each;
@@ -123,7 +123,7 @@ fn ticks(seconds: f64) -> u64 {
     (seconds * TICK_HZ as f64) as u64
 }
 
-/// What the board counts is what the pins did, and both are what the host replays, at each step that it remembers.
+/// The board's count is what the pins show, and the host's replay agrees, at each step that the board remembers.
 fn check_counts(session: &Pico, pins: &Pins) -> Result<(), TestCaseError> {
     let now = session.board().now();
     prop_assert_eq!(session.board().positions(), pins.counted());
@@ -147,14 +147,14 @@ fn check_counts(session: &Pico, pins: &Pins) -> Result<(), TestCaseError> {
 fn run_out(session: &mut Pico, pins: &mut Pins) {
     let end = session.last_step().unwrap_or(0).max(session.board().now()) + TICK_HZ / 100;
     session.board_mut().advance(end, &mut |edge: Edge| pins.see(edge));
-    // It says so when it is asked next.
+    // The board reports it in its next answer.
     while !session.board().is_idle() && session.board().now() < end + TICK_HZ {
         let soon = session.board().now() + TICK_HZ / 100;
         session.board_mut().advance(soon, &mut |edge: Edge| pins.see(edge));
     }
 }
 
-/// Each case is seconds of an emulated chip.
+/// Each case takes seconds of an emulated chip.
 const CASES: u32 = 6;
 
 #[test]
@@ -184,11 +184,12 @@ fn a_lost_host_is_a_planned_stop() {
         let mut session = begin(&program);
         let until = session.zero() + ticks(lost_s);
         prop_assert_eq!(session.advance(until, &mut |edge: Edge| pins.see(edge)), Ok(()));
-        // Nothing more is sent: the queues end in their tails.
+        // Nothing more is sent: the queues end with their tails.
         run_out(&mut session, &mut pins);
         prop_assert!(session.board().is_idle());
         check_counts(&session, &pins)?;
-        // Less than a step from rest, a motor braked by a ran at √(4a) or less since the step before.
+        // Less than a step from rest, a motor that brakes with acceleration a has run at √(4a) or less since the step
+        // before.
         for (steps, motor) in pins.steps.iter().zip(&program.motors) {
             if let [.., before, last] = steps.as_slice()
                 && before.1 == last.1
@@ -217,7 +218,8 @@ fn stops_pauses_and_changes_keep_the_count() {
             prop_assert_eq!(session.advance(until, &mut |edge: Edge| pins.see(edge)), Ok(()));
             let rests = match session.pause() {
                 Ok(rests) => rests,
-                // Over by then, not at speed yet, or too much for one motor.
+                // The change is refused: it is over by then, the motor is not at speed yet, or it is too much for one
+                // motor.
                 Err(SessionError::Late { .. } | SessionError::Waiting { .. } | SessionError::Pause(_)) => continue,
                 Err(error) => return Err(TestCaseError::fail(error.to_string())),
             };

@@ -1,5 +1,5 @@
-//! A run's session on the virtual Uno, before a real one is sent anything: what it says of motions that the board keeps up with, and of others.
-//! The command is tried at a port in `serve.rs`.
+//! A run's session on the virtual Uno before it goes to a real one: the results for motions that the board can follow,
+//! and for others. `serve.rs` tries the command at a port.
 
 use std::io;
 
@@ -17,7 +17,7 @@ use pulsetrain_trace::verdict::{Failure, Fault};
 
 const PINS: [(u8, u8); 4] = [(2, 5), (3, 6), (4, 7), (12, 13)];
 
-/// The same law for so many motors, `apart_us` after one another; the planner takes it at any rate.
+/// One law for some motors, each `apart_us` after the one before. The planner accepts it at any rate.
 fn prepared(motors: usize, apart_us: u32, tolerance: &str, law: &str) -> Prepared {
     let mut text = format!("board = \"uno\"\ntolerance = \"{tolerance}\"\n");
     for ((step, dir), k) in PINS.into_iter().zip(0..).take(motors) {
@@ -40,7 +40,7 @@ fn ramps(rate: u32) -> String {
     )
 }
 
-/// The first seconds of it, and how far it came, s.
+/// Rehearses its first seconds. Gives how much was played, too, s.
 fn rehearsed(prepared: &Prepared, seconds: f64) -> (Result<Rehearsed, Failed>, f64) {
     let mut heard = 0.0;
     let length = Length::exactly(&prepared.program, seconds);
@@ -64,12 +64,12 @@ fn what_the_board_keeps_up_with_is_played_to_its_end_or_as_far_as_is_asked_for()
     let (done, heard) = rehearsed(&prepared, 0.6);
     let done = done.unwrap();
     assert!(!done.length.is_all() && heard == 0.6, "{heard}");
-    // 5000 on the ramp of half a second, and 2000 behind it.
+    // 5000 on the ramp of half a second, and 2000 after it.
     let steps: Vec<_> = done.report.motors.iter().map(|motor| motor.steps_got).collect();
     assert!(steps.iter().all(|steps| (6995..7005).contains(steps)), "{steps:?}");
 }
 
-/// Four motors that turn 400 times a second, after a calm second, need more bytes than the line brings.
+/// Four motors that reverse 400 times a second after a calm second need more bytes than the line carries.
 #[test]
 fn a_queue_that_is_too_short_is_told_with_motor_time_and_rates() {
     let law = "law.then = [ { sine = { amplitude = \"20 step\", period = \"1 s\", cycles = 1 } }, \
@@ -87,12 +87,12 @@ fn a_queue_that_is_too_short_is_told_with_motor_time_and_rates() {
     for wanted in ["nothing has moved", "slower motors", "another tolerance", "--no-rehearsal begins all the same"] {
         assert!(advice.contains(wanted), "{wanted}: {advice}");
     }
-    // The calm one is no reason to refuse it, if no more is asked for.
+    // The calm second alone is not refused.
     let (done, heard) = rehearsed(&prepared, 0.5);
     assert!(done.is_ok() && heard == 0.5, "{done:?}");
 }
 
-/// There it does not even begin.
+/// Here the run does not even begin.
 #[test]
 fn a_queue_that_is_too_short_for_the_beginning_is_told_as_that() {
     let law = "law.sine = { amplitude = \"3 step\", period = \"5 ms\", cycles = 40 }";
@@ -102,7 +102,7 @@ fn a_queue_that_is_too_short_for_the_beginning_is_told_as_that() {
     assert!(failed.advice().contains("another tolerance"), "{}", failed.advice());
 }
 
-/// The first motor that lacks a step is named, though the board only says that it did not keep up.
+/// The first motor with a missing step is named, though the board reports only that it did not keep up.
 #[test]
 fn a_board_that_stops_at_once_is_told_with_the_step_that_did_not_come() {
     let failed = refused(&prepared(2, 4, "1 us", &ramps(130_000)));
@@ -122,7 +122,7 @@ fn a_board_that_stops_at_once_is_told_with_the_step_that_did_not_come() {
     );
 }
 
-/// What comes late on a slow line is told with the time, and with what would do; a faster one has it there.
+/// On a slow line parts of the plan come late: the error has the time, and advice. On a faster line they are in time.
 #[test]
 fn a_line_that_is_too_slow_is_told() {
     let law = "law.sine = { amplitude = \"40 step\", period = \"66 ms\", cycles = 15 }";
@@ -135,7 +135,8 @@ fn a_line_that_is_too_slow_is_told() {
     assert!(failed.advice().contains("faster line (--baud)"), "{}", failed.advice());
 }
 
-/// Edges are held against the law too: what is 17 ticks late on each Uno is wrong on a board that is never late.
+/// Edges are compared with the law, too: 17 ticks of delay are usual on an Uno, but wrong on a board that is never
+/// late.
 #[test]
 fn a_step_that_is_late_is_told() {
     let mut prepared = prepared(1, 0, "0.1 us", &ramps(1000));

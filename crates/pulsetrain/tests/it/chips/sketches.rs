@@ -1,5 +1,5 @@
-//! What `pulsetrain bake --sketch` makes, compiled with Debian's Arduino core, on the virtual Uno, judged on its pins. `cargo xtask test`
-//! installs what they need.
+//! Sketches of `pulsetrain bake --sketch`, compiled with Debian's Arduino core, on the virtual Uno. The pins are
+//! judged. `cargo xtask test` installs what they need.
 #![cfg(target_os = "linux")]
 
 use pulsetrain::load;
@@ -26,10 +26,11 @@ fn example(file: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples").join(file)
 }
 
-/// The flash of an Uno that has the sketch of a motion, compiled much as the Arduino IDE does: with its language and its optimising of the
-/// whole at once; with Debian's compiler, and without the declarations that it puts in front.
+/// The flash of an Uno with the sketch of a motion. The sketch is compiled much as the Arduino IDE does it, with the
+/// same language and optimisation of the whole program; but with Debian's compiler, and without the declarations that
+/// the IDE adds.
 fn compiled(program: &Program) -> Vec<u8> {
-    // Tests of a process run at once: each has a folder of its own.
+    // Tests of a process run at once, so each has a folder of its own.
     static NUMBER: AtomicU32 = AtomicU32::new(0);
     let folder = Folder::new(&format!("sketch-{}", NUMBER.fetch_add(1, Ordering::Relaxed)));
     let [sketch, elf, image] = ["motion.ino", "motion.elf", "motion.hex"].map(|file| folder.0.join(file));
@@ -53,7 +54,7 @@ fn run(command: &mut Command) {
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
 }
 
-/// Every edge of the pins in so long.
+/// Every edge of the pins within a time.
 fn trace(image: &[u8], seconds: f64) -> Trace {
     let mut uno = VirtualUno::with_image(image).unwrap();
     let end = uno.now() + Duration::from_secs_f64(seconds);
@@ -68,14 +69,14 @@ fn trace(image: &[u8], seconds: f64) -> Trace {
     Trace { tick_hz: 16_000_000, lines, edges: all }
 }
 
-/// A motion on the board, edge by edge against the law, as it is due from the common zero on.
+/// A motion on the board, compared edge by edge with the law.
 struct Laid {
     report: Report,
-    /// The least and the most that a step is later than the law's crossing, ticks.
+    /// The least and the greatest delay of a step after the law's crossing, ticks.
     late: (f64, f64),
 }
 
-/// From the start of the counter to a motion's zero on port B: what the player's LEAD is, and what its interrupt takes.
+/// From the start of the counter to a motion's zero on port B: the player's LEAD, and the time of its interrupt.
 const ZERO: u64 = 16_000 + 91;
 
 /// `late_ticks`: how much later than scheduled a step may be; one that is put off for a shared DIR line is a matter of the plan.
@@ -100,7 +101,7 @@ fn laid(program: &Program, image: &[u8], seconds: f64, late_ticks: f64) -> Laid 
     }
     let mut late = (f64::INFINITY, f64::NEG_INFINITY);
     let report = judge.finish_with(&mut |_, _, ticks| late = (late.0.min(ticks), late.1.max(ticks))).unwrap();
-    // Port D's edges come a cycle after B's.
+    // Edges of port D come a cycle after those of port B.
     assert!((ZERO..=ZERO + 1).contains(&zero), "{zero}");
     Laid { report, late }
 }
@@ -130,7 +131,7 @@ const fn step_pin(motor: &Motor) -> u8 {
     step
 }
 
-/// The tick at which the plan's first step is, and its pin.
+/// The tick of the plan's first step, and its pin.
 fn first_step(program: &Program) -> (u64, u8) {
     let mut ensemble = Ensemble::new(program).unwrap();
     let firsts = program.motors.iter().enumerate();
@@ -168,7 +169,7 @@ fn example_keeps(file: &str, seconds: f64, late_ticks: f64) -> Laid {
 
 /// One motor: a tick.
 const ONE_MOTOR: f64 = 1.0;
-/// Four motors: edges that lie close together wait for one another, and a turn of DIR for both.
+/// Four motors: edges that lie close together wait for one another and for a reversal of DIR.
 const FOUR_MOTORS: f64 = 383.0;
 
 #[test]
@@ -179,7 +180,7 @@ fn sketches_keep_to_the_law() {
     example_keeps("max-speed.toml", 20.0, ONE_MOTOR);
 }
 
-/// STEP and DIR of up to four motors, DIR on the other port than STEP for two of them.
+/// STEP and DIR of up to four motors. Of two of them DIR is not on STEP's port.
 const PINS: [(u8, u8); 4] = [(8, 5), (2, 9), (3, 6), (10, 11)];
 
 /// A program of motors; each with its pins, the lines of its driver, and its motion's.
@@ -194,7 +195,8 @@ fn motors<'a>(all: impl IntoIterator<Item = ((u8, u8), &'a str, String)>) -> Pro
     file::read(&text, "m.toml", &|_| Err(std::io::ErrorKind::NotFound.into())).unwrap()
 }
 
-/// Drivers with short and with long times, and by how much an edge is late at the most where several motors turn together, ticks.
+/// Drivers with short and with long times, and the greatest delay of an edge where several motors reverse together,
+/// ticks.
 const DRIVERS: [(&str, f64); 4] = [
     ("driver = \"A4988\"", 755.0),
     ("driver = \"DQ542MA\"\nmicrosteps = 2", 950.0),
@@ -202,7 +204,7 @@ const DRIVERS: [(&str, f64); 4] = [
     ("pulse_high = \"10 us\"", 2090.0),
 ];
 
-/// Three motors and four turn within microseconds of one another: a step that waits for its DIR is still made before the next motor's.
+/// Three or four motors reverse within microseconds: a step that waits for its DIR still comes before the next motor's.
 #[test]
 fn motors_that_turn_together_lose_no_step() {
     for (driver, late_ticks) in DRIVERS {
@@ -219,7 +221,8 @@ fn motors_that_turn_together_lose_no_step() {
     }
 }
 
-/// Steps of one motor at all distances before and after turns of another: setup and hold are kept, whatever comes in between.
+/// Steps of one motor at all distances before and after reversals of another: setup and hold are kept, whatever lies in
+/// between.
 #[test]
 fn a_turn_has_its_setup_among_steps_of_others() {
     for (driver, late_ticks) in DRIVERS {
@@ -233,10 +236,11 @@ fn a_turn_has_its_setup_among_steps_of_others() {
     }
 }
 
-/// Motors at the greatest rate that is taken, for longer than the events that are worked out ahead last: none falls behind.
+/// Motors at the highest rate that is accepted, for longer than the player's look-ahead: none falls behind.
 #[test]
 fn the_greatest_rate_can_be_kept() {
-    // The rate of all together that is taken at least, steps/s, and how late an edge is then at the most, ticks.
+    // The lowest and the highest rate at which the limit may lie, of all motors together, steps/s; and the greatest
+    // delay of an edge there, ticks.
     for (motors_there, pulse, least_hz, late_ticks) in [
         (1, "1 us", 13_600.0, ONE_MOTOR),
         (1, "10 us", 13_200.0, ONE_MOTOR),
@@ -249,7 +253,8 @@ fn the_greatest_rate_can_be_kept() {
         let driver = format!("driver = \"A4988\"\npulse_high = \"{pulse}\"");
         let at = |rate_hz: f64| {
             motors((0..motors_there).map(|motor| {
-                // Ramps are curved and their rows short; the plateau is as fast as can be, and all motors are there together.
+                // The ramps are curved, with short rows. The plateau is as fast as possible, and all motors are on it
+                // together.
                 let speed = rate_hz / motors_there as f64 * (1.0 - 0.003 * motor as f64);
                 let law = format!(
                     "law.trapezoid = {{ distance = \"{} step\", speed = \"{speed} step/s\", acceleration = \"40000 step/s^2\" }}",
@@ -258,7 +263,7 @@ fn the_greatest_rate_can_be_kept() {
                 (PINS[motor], driver.as_str(), law)
             }))
         };
-        // The greatest that is taken, to a hundredth.
+        // The highest rate that is accepted, to one percent.
         let mut rate_hz = 17_000.0;
         let program = loop {
             let program = at(rate_hz);
@@ -273,7 +278,7 @@ fn the_greatest_rate_can_be_kept() {
     }
 }
 
-/// Motors that share a DIR line repeat together from when the last of them has begun, and those that end have ended.
+/// Motors that share a DIR line repeat together, from the beginning of the last of them on. Motors that end have ended.
 #[test]
 fn motors_that_share_a_dir_line_may_begin_late() {
     let sine = "law.sine = { amplitude = \"12.3 step\", period = \"0.5 s\", cycles = \"forever\" }";
@@ -286,7 +291,7 @@ fn motors_that_share_a_dir_line_may_begin_late() {
     keeps("shared line", &program, 20.0, 140.0);
 }
 
-/// 100 000 turns in five minutes, past the wrap of the player's 32 bits of ticks (268 s): nothing adds up.
+/// 100 000 turns in five minutes, past the wrap of the player's 32 bits of ticks (268 s): no error grows.
 #[test]
 fn turns_keep_their_phase_across_the_wrap_of_the_ticks() {
     let sine = "law.sine = { amplitude = \"1.2 step\", period = \"2.99999983 ms\", cycles = \"forever\" }";

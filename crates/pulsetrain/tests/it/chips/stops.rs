@@ -1,8 +1,8 @@
-//! Stops at any instant of random motions: by a cable that is cut, and by the host. Motors come to rest within their limits, and count what the
-//! host replays.
+//! Stops at any instant of random motions, by a cut cable and by the host. Motors come to rest within their limits, and
+//! their counts agree with the host's replay.
 //!
-//! On the virtual Uno and Pico, and, as `native`, on core's stepgen behind a modelled line. A usual run tries a few instants;
-//! `PULSETRAIN_ROUNDS` as many times as many, which `cargo xtask soak --stops N` sets.
+//! On the virtual Uno and Pico, and, as `native`, on core's stepgen behind a modelled line. A usual run tries a few
+//! instants. `PULSETRAIN_ROUNDS=n` tries n times as many; `cargo xtask soak --stops N` sets it.
 
 use crate::common::rigs::{self, check_limits, counts};
 use pulsetrain_board::virtual_pico::VirtualPico;
@@ -20,14 +20,14 @@ use pulsetrain_testkit::seed::{rounds, seed};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-/// Of a usual run, on each board.
+/// Number of instants of a usual run, on each board.
 const CUTS: u64 = 4;
 const STOPS: u64 = 6;
 
-/// Motors brake within half a second of the cut, and for as long as they take.
+/// Motors begin to brake within half a second of the cut. Then they brake.
 const LEASE: Duration = Duration::from_millis(600);
 
-/// A cable to a board that may be cut at an instant. Clones are the same one.
+/// A cable to a board that may be cut at an instant. Its clones share one state.
 struct Cable<P>(Arc<Mutex<Ends<P>>>);
 
 impl<P> Clone for Cable<P> {
@@ -73,7 +73,7 @@ impl<P: Port> Port for Cable<P> {
         let soon = ends.cut.map_or(until, |cut| until.min(cut));
         ends.port.receive(soon, into)?;
         if ends.is_cut() {
-            // A host's time passes all the same.
+            // The host's time passes all the same.
             ends.run(until);
             return Err(gone());
         }
@@ -85,31 +85,31 @@ impl<P: Port> Port for Cable<P> {
     }
 }
 
-/// A board to stop.
+/// A board for the stops.
 struct Stopped<P> {
     name: &'static str,
-    /// As the table of boards calls it.
+    /// Its name in the table of boards.
     board: &'static str,
     fresh: fn() -> P,
 }
 
 const UNO: Stopped<VirtualUno> = Stopped { name: "uno", board: "uno", fresh: VirtualUno::new };
 const PICO: Stopped<VirtualPico> = Stopped { name: "pico", board: "pico", fresh: VirtualPico::on_usb };
-/// Of an Uno's clock and queues.
+/// A board with an Uno's clock and queues.
 const NATIVE: Stopped<ModelPort> = Stopped { name: "native", board: "uno", fresh: ModelPort::new };
 
 impl<P: Port> Stopped<P> {
-    /// Motions of a seed.
+    /// The motions of a seed.
     fn random(&self, seed: u64) -> Random {
         Random::new(seed.wrapping_mul(1000).wrapping_add(self.name.len() as u64))
     }
 
-    /// Edges are so late at most, ticks.
+    /// The greatest delay of an edge, ticks.
     fn late(&self) -> f64 {
         boards::find(self.board).map_or(0.0, |row| f64::from(row.lateness_ticks))
     }
 
-    /// Cuts a cable at any instant of a random motion.
+    /// Cuts the cable at any instant of a random motion.
     fn cut(&self, seed: u64) -> Result<(), String> {
         let mut random = self.random(seed);
         let prepared = rigs::motion(self.board, &mut random);
@@ -129,7 +129,7 @@ impl<P: Port> Stopped<P> {
         let made = counts(&steps);
         let of = || format!("{} motors, cut {:.6} s after the start", steps.len(), at.as_secs_f64());
         match &report.failure {
-            // All had been told.
+            // The host had sent the whole motion.
             None => {}
             Some(SessionError::Lost(_)) => {}
             Some(error) => return Err(format!("{}: {error}", of())),
@@ -141,8 +141,8 @@ impl<P: Port> Stopped<P> {
         check_limits(program, &steps, self.late()).map_err(|why| format!("{}: {why}", of()))
     }
 
-    /// Stops the motors at any instant of a random motion; gives how long it took from the call to the tick from which they brake, s.
-    /// `None` if they had been told to brake there anyhow.
+    /// Stops the motors at any instant of a random motion. Gives how long it took from the call to the tick from which
+    /// they brake, s. `None` if they had to brake there anyhow.
     fn stop(&self, seed: u64) -> Result<Option<f64>, String> {
         let mut random = self.random(seed);
         let prepared = rigs::motion(self.board, &mut random);
@@ -175,7 +175,7 @@ impl<P: Port> Stopped<P> {
     }
 }
 
-/// A stop takes 1.39 to 2 times the way of an ideal one.
+/// A stop takes 1.39 to 2 times the distance of an ideal stop.
 fn longest_stop(prepared: &Prepared) -> Duration {
     let planned = prepared.plan(|_| {}).expect("it was accepted");
     let motors = planned.iter().zip(&prepared.program.motors);
@@ -195,7 +195,7 @@ fn cuts<P: Port>(board: &Stopped<P>) {
     println!("{count} cuts on {}: all stopped within limits, counts as replayed", board.name);
 }
 
-/// Motors brake `within_ms` of a host's call.
+/// Motors begin to brake within `within_ms` of the host's call.
 fn stops<P: Port>(board: &Stopped<P>, within_ms: f64) {
     let (first, count) = (seed(1), STOPS * rounds());
     let took = (first..).take(count as usize).filter_map(|seed| {

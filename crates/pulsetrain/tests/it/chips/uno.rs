@@ -1,4 +1,5 @@
-//! Motions on the virtual Uno, whole: planned, streamed by a session, and held against the law, step by step, edge by edge.
+//! Whole motions on the virtual Uno: planned, streamed by a session, and compared with the law, step by step and edge
+//! by edge.
 
 use crate::common::motion::make;
 use crate::common::rows::{hour, tutorial};
@@ -20,10 +21,10 @@ fn swing((step, dir): (u8, u8)) -> Prepared {
     prepared
 }
 
-/// Software pins may be so late, cycles.
+/// The greatest delay of edges by software, cycles.
 const LATE: i64 = 60;
 
-/// The table's queues are those that the firmware shares out.
+/// The table's queues are those of the firmware.
 #[test]
 fn queues_are_as_long_as_the_table_says() {
     let row = boards::find("uno").expect("the Uno's row");
@@ -40,8 +41,8 @@ fn queues_are_as_long_as_the_table_says() {
     }
 }
 
-/// Motors on one DIR line take the task deepest, while frames and answers take main deepest: the two must not meet. (They did, and what lies
-/// below the stack was written over: after 49 s of the sweep.)
+/// Motors on one DIR line need the most stack in an interrupt, and frames and answers the most in the main loop. The
+/// two together must fit. (Once they did not, and after 49 s of the sweep bytes below the stack were overwritten.)
 #[test]
 fn motors_on_one_dir_line_leave_some_of_the_stack() {
     let file = concat!(env!("CARGO_MANIFEST_DIR"), "/../../examples/sweep.toml");
@@ -53,7 +54,7 @@ fn motors_on_one_dir_line_leave_some_of_the_stack() {
     assert!(left >= 40, "{left} bytes are left");
 }
 
-/// Plans go to no other image.
+/// Plans go only to the image that plays them.
 #[test]
 fn a_motion_wants_the_image_that_takes_plans() {
     for (uno, has) in [(VirtualUno::with_winch(), "winch"), (VirtualUno::with_verbs(), "verbs")] {
@@ -66,7 +67,7 @@ fn a_motion_wants_the_image_that_takes_plans() {
     }
 }
 
-/// Each kind's constant is what its edges come after their ticks if nothing keeps them waiting.
+/// The constant of each kind of pins is the delay of its edges if nothing keeps them waiting.
 #[test]
 fn constants_are_what_is_measured() {
     for (pins, kind) in [
@@ -89,13 +90,13 @@ fn constants_are_what_is_measured() {
         if kind == PinKind::Compare {
             assert_eq!((lateness.min_ticks, lateness.max_ticks), (0, 0), "{pins:?}");
         } else {
-            // A processor that sleeps takes 4 cycles more; nothing is earlier than an instruction's end.
+            // A sleeping processor takes 4 cycles more. No edge comes before an instruction's end.
             assert!(lateness.min_ticks >= -1 && lateness.p50_ticks.abs() <= 4, "{pins:?}: {lateness:?}");
         }
     }
 }
 
-/// The shield's: both ports.
+/// The shield's pins, on both ports.
 #[test]
 fn the_shields_constant_too() {
     let mut prepared = swing((2, 5));
@@ -108,11 +109,11 @@ fn the_shields_constant_too() {
     assert_eq!(made.seen.trouble, "");
     let lateness = made.seen.lateness;
     assert_eq!((lateness.edges, lateness.lost, lateness.extra), (1600, 0, 0));
-    // Two motors: steps that are close share a group, or wait for it.
+    // Two motors: steps that lie close together share a group, or wait for it.
     assert!(lateness.min_ticks >= -LATE && lateness.max_ticks <= LATE, "{lateness:?}");
 }
 
-/// No step is scheduled further from its time than was proven.
+/// No step is scheduled farther from its time than was proven.
 #[test]
 fn scheduled_within_the_certificate() {
     let prepared = tutorial(Time::from_ratio(10, 1), 1, (8, 9), 1000);
@@ -123,7 +124,7 @@ fn scheduled_within_the_certificate() {
     assert!(largest <= made.certificate_ticks && largest > 0.5, "{largest} of {}", made.certificate_ticks);
 }
 
-/// 001's motors, as `cargo xtask bench uno --hour` has them for an hour.
+/// The sweep article's motors, as `cargo xtask bench uno --hour` has them for an hour.
 #[test]
 fn four_motors_on_one_dir_line_keep_their_phase() {
     let rows = hour(10);

@@ -1,7 +1,7 @@
-//! What an Uno is promised to do, in short streams: every row of the benches' second figure, 5 % below the promised rate
-//! and lower.
+//! The promises for an Uno, in short streams: every row of the benches' second figure, 5 % below the promised rate and
+//! lower.
 //!
-//! `cargo xtask bench uno` measures how far beyond it goes.
+//! `cargo xtask bench uno` measures how far the board goes beyond.
 
 use crate::common::motion::make;
 use crate::common::rigs;
@@ -13,12 +13,12 @@ use pulsetrain_session::prepare::Prepared;
 use pulsetrain_testkit::TICK_HZ;
 use std::f64::consts::TAU;
 
-/// A stream of each kind of pins, s.
+/// Length of a stream for each kind of pins, s.
 const SHORT_S: f64 = 0.1;
-/// Never written to by then: stack for what no test has met, bytes.
+/// Bytes of the stack that no test may have reached.
 const STACK_LEFT: usize = 32;
 
-/// No step is lost, 99 % of the edges are at most 40 cycles late, all at most 60, and the board reports nothing.
+/// No step is lost, 99 % of the edges are at most 40 cycles late, all at most 60, and the board reports no event.
 #[track_caller]
 fn holds(row: &Row) {
     let seen = row.seen.as_ref().expect("it ran");
@@ -47,7 +47,7 @@ fn promised_rates_hold() {
     }
 }
 
-/// Four motors that go over to new epochs while they are fast: their lists are full, or nearly so, when a switch waits.
+/// Four motors that switch to new epochs while they are fast: their lists are full, or nearly so, when a switch waits.
 #[test]
 fn four_motors_stay_fast_on_the_shield() {
     let case = PROMISED[6];
@@ -57,8 +57,8 @@ fn four_motors_stay_fast_on_the_shield() {
     }
 }
 
-/// Near the top of a sinusoid segments are of a few steps, and each takes the task some 1000 cycles. Meanwhile the other motor's ring must not run
-/// empty; nor where both go over to their next segments at once.
+/// Near the top of a sinusoid segments have few steps, and each segment takes the interrupt some 1000 cycles. Meanwhile
+/// the other motor's ring must not run empty, nor where both motors go to their next segments at once.
 #[test]
 fn two_motors_on_sinusoids_do_not_starve() {
     for (hertz, rate, second) in
@@ -76,7 +76,8 @@ fn two_motors_on_sinusoids_do_not_starve() {
     }
 }
 
-/// The table of boards knows to the tick from which pulse on the firmware works out each step by itself, on all pins, and what it does then.
+/// The table of boards has to the tick the pulse from which on the firmware plans each step by itself, on all pins, and
+/// the rates there.
 #[test]
 fn rates_with_long_pulses_hold() {
     let row = boards::find("uno").expect("the Uno's row");
@@ -99,8 +100,8 @@ fn rates_with_long_pulses_hold() {
     }
 }
 
-/// One motor turns often beside three that hardly do: with equal parts of the queues `plan` refuses it sooner than with queues by need, and what it
-/// accepts so, runs.
+/// One motor reverses often, next to three that hardly move. With equal shares of the queues `plan` refuses it earlier
+/// than with shares by need, and what it accepts by need runs.
 #[test]
 fn queues_by_need_let_one_motor_turn_more_often() {
     let sine = |rate: f64, hertz: f64| {

@@ -1,4 +1,4 @@
-//! What the tests of sessions and of the chips' figures share, with the benches.
+//! Helpers that the tests of sessions and of the chips' figures share with the benches.
 #![allow(dead_code, reason = "each test and bench uses some of it")]
 
 pub(crate) mod motion;

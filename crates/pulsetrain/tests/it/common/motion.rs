@@ -1,4 +1,4 @@
-//! Motions on virtual boards, whole: planned, streamed by a session, every step and edge held against the law.
+//! Whole motions on virtual boards: planned, streamed by a session, every step and edge compared with the law.
 
 use super::uno::{Mark, Seen, idle_round};
 use pulsetrain_board::virtual_uno::VirtualUno;
@@ -17,25 +17,25 @@ use pulsetrain_trace::crossing::Crossings;
 use pulsetrain_trace::verdict::{EdgeJudge, Options};
 use std::collections::VecDeque;
 
-/// Further than that from its time a step was put off (by a shared DIR line), ticks: certificates are far below.
+/// If a step is farther from its time than this, ticks, a shared DIR line has delayed it: certificates are far smaller.
 const PUT_OFF_TICKS: f64 = 20.0;
-/// The phase is that of so many steps.
+/// The phase is measured over this many steps.
 const PHASE_STEPS: usize = 500;
-/// Within so many ticks of a touch of a level, a step is the one that the touch may have made.
+/// If the law only touches a step's level, the step may come within this many ticks of the touch, or not at all.
 const TOUCH_TICKS: f64 = 50_000.0;
 
-/// One motor's scheduled steps against its law, by the judge's crossings.
+/// Compares one motor's scheduled steps with its law, by the judge's crossings.
 pub(crate) struct Schedule {
     crossings: Crossings,
     pub(crate) steps: u64,
-    /// Largest |scheduled − exact| of steps that were not put off, ticks.
+    /// Largest |scheduled − exact| of steps without a delay by a DIR line, ticks.
     pub(crate) largest: f64,
     /// Scheduled − exact of the last such steps, ticks.
     recent: VecDeque<f64>,
     pub(crate) put_off: u64,
-    /// Ticks.
+    /// The certificate, ticks.
     pub(crate) longest_put_off: f64,
-    /// Steps that the law does not want, or the other way.
+    /// Steps that the law does not want, or steps of the law that are missing.
     pub(crate) wrong: u64,
 }
 
@@ -69,7 +69,7 @@ impl Schedule {
                 }
             }
             self.wrong += u64::from(crossing.forward != forward);
-            // What f64 cannot tell is nobody's error.
+            // A difference that f64 cannot resolve counts for neither side.
             let late = late.signum() * (late.abs() - crossing.uncertainty_ticks).max(0.0);
             if late.abs() > PUT_OFF_TICKS {
                 self.put_off += 1;
@@ -85,12 +85,12 @@ impl Schedule {
         }
     }
 
-    /// What is left of the phase: the mean of scheduled − exact over the last steps, ticks.
+    /// The remaining phase error: the mean of scheduled − exact over the last steps, ticks.
     pub(crate) fn phase(&self) -> f64 {
         self.recent.iter().sum::<f64>() / self.recent.len().max(1) as f64
     }
 
-    /// Steps that the law wants and that were not scheduled.
+    /// Number of steps that the law wants and that were not scheduled.
     fn missing(&mut self) -> u64 {
         let mut missing = 0;
         while let Ok(Some(crossing)) = self.crossings.advance() {
@@ -100,14 +100,14 @@ impl Schedule {
     }
 }
 
-/// A motion as it was made.
+/// A motion as the board made it.
 pub(crate) struct Made {
     pub(crate) seen: Seen,
-    /// By motor.
+    /// One for each motor.
     pub(crate) schedules: Vec<Schedule>,
-    /// What is proven of |scheduled − exact|, of all motors, ticks.
+    /// The proven bound of |scheduled − exact| of all motors, ticks.
     pub(crate) certificate_ticks: f64,
-    /// Fastest by the law, steps/s.
+    /// The law's fastest speed, steps/s.
     pub(crate) peak_rate: f64,
 }
 
@@ -122,9 +122,9 @@ struct Look<'a, 's> {
     judge: EdgeJudge<'a>,
     schedules: &'s mut Vec<Schedule>,
     meter: Meter,
-    /// By line: whose STEP it is.
+    /// For each line: the motor whose STEP it is.
     steppers: Vec<Option<usize>>,
-    /// Last rising edge of each.
+    /// Last rising edge of each motor.
     last: Vec<u64>,
     shortest: u64,
     backwards: u64,
@@ -155,18 +155,18 @@ fn stepper(line: &Line, motors: &[Motor]) -> Option<usize> {
     motors.iter().position(|motor| line.names.contains(&format!("{}.step", motor.name)))
 }
 
-/// What edges and steps of a motion came to, on any board.
+/// The result for edges and steps of a motion, on any board.
 pub(crate) struct Followed {
     pub(crate) lateness: Lateness,
-    /// By motor.
+    /// One for each motor.
     pub(crate) schedules: Vec<Schedule>,
-    /// What is proven of |scheduled − exact|, of all motors, ticks.
+    /// The proven bound of |scheduled − exact| of all motors, ticks.
     pub(crate) certificate_ticks: f64,
-    /// Fastest by the law, steps/s.
+    /// The law's fastest speed, steps/s.
     pub(crate) peak_rate: f64,
     /// Shortest pulse on the pins, ticks.
     pub(crate) shortest_pulse: u64,
-    /// What went wrong, the first of it; empty if all is well.
+    /// The first fault. Empty if there is none.
     pub(crate) trouble: String,
 }
 
@@ -177,11 +177,11 @@ impl Followed {
     }
 }
 
-/// Runs a motion in constant memory, and holds its steps against the law and its edges, `constant` ticks later, against the
-/// steps; `watch` hears how far it is, s.
+/// Runs a motion in constant memory. Compares its steps with the law, and its edges, `constant` ticks later, with the
+/// steps. Calls `watch` with the time that is reached, s.
 ///
 /// # Errors
-/// When it cannot begin: the plan is refused. What goes wrong later is in [`Followed::trouble`].
+/// If it cannot begin, because the plan is refused. Later faults are in [`Followed::trouble`].
 pub(crate) fn follow<P: Port>(
     prepared: &Prepared,
     driven: &mut Driven<WithReference<Remote<P>>>,
@@ -221,7 +221,7 @@ pub(crate) fn follow<P: Port>(
     let largest = schedules.iter().map(|schedule| schedule.largest).fold(0.0, f64::max);
     let events = driven.board_mut().events();
     let event = events.iter().find(|event| event.cause != Cause::Finished);
-    // The first of them is what matters: what comes after follows from it.
+    // Only the first fault matters: later ones follow from it.
     let trouble = if let Some(event) = event {
         format!("{:?} ({})", event.cause, event.detail)
     } else if let Err(error) = ended {
@@ -240,15 +240,15 @@ pub(crate) fn follow<P: Port>(
     Ok(Followed { lateness, schedules, certificate_ticks, peak_rate, shortest_pulse: shortest, trouble })
 }
 
-/// Runs a motion on the virtual Uno at 1 Mbaud, in constant memory; `watch` hears how far it is, s.
+/// Runs a motion on the virtual Uno at 1 Mbaud, in constant memory. Calls `watch` with the time that is reached, s.
 ///
 /// # Errors
-/// When it cannot begin: the plan is refused, the queue is too short. What goes wrong later is in [`Seen::trouble`].
+/// If it cannot begin, because the plan is refused or the queue is too short. Later faults are in [`Seen::trouble`].
 pub(crate) fn make(prepared: &Prepared, late_ticks: f64, watch: impl FnMut(f64)) -> Result<Made, String> {
     make_at(prepared, Baud::B1M, late_ticks, watch)
 }
 
-/// The same at another rate of the line.
+/// Runs a motion on the virtual Uno at another rate of the line.
 ///
 /// # Errors
 /// As [`make`].

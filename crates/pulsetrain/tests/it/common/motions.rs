@@ -1,5 +1,5 @@
-//! How fast one to four motors of an Uno follow motions, whole: as a session has the virtual Uno make them, every edge compared. Beside it what
-//! `plan` accepts, which knows less of the board than the board does.
+//! How fast one to four motors of an Uno follow whole motions, with a session on the virtual Uno, every edge compared.
+//! Also what `plan` accepts, which knows less about the board than the board does.
 
 use super::motion;
 use super::rigs;
@@ -13,9 +13,10 @@ use pulsetrain_session::prepare::Prepared;
 use pulsetrain_testkit::Random;
 use std::f64::consts::TAU;
 
-/// 99 of 100 edges of motors in phase must not be later than that, cycles: they wait for one another.
+/// 99 of 100 edges of motors in phase may be this late, cycles: they wait for one another.
 const P99_IN_PHASE: i64 = 45;
-/// The shortest interval that the planner allows here, ticks. It is shorter than any that an Uno makes, so that the board is the limit.
+/// The planner's shortest interval here, ticks. It is shorter than any interval of an Uno, so that the board is the
+/// limit.
 const SHORTEST_TICKS: u32 = 90;
 
 /// A motion of about a second.
@@ -23,7 +24,7 @@ const SHORTEST_TICKS: u32 = 90;
 pub(crate) enum Shape {
     /// 0.75 s at the rate, and ramps of an eighth of a second.
     Trapezoid,
-    /// A sinusoid of a frequency from and to, Hz, whose fastest is the rate.
+    /// A sinusoid whose fastest speed is the rate, with a frequency from and to, Hz.
     Sine(f64, f64),
 }
 
@@ -31,7 +32,7 @@ pub(crate) enum Shape {
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Sort {
     pub(crate) shape: Shape,
-    /// With 1 to 4 motors, 1000 steps/s: what is promised, and what was wanted, at 1 Mbaud.
+    /// With 1 to 4 motors, 1000 steps/s: the promised rate, and the wanted one, at 1 Mbaud.
     pub(crate) asked: [(f64, f64); 4],
 }
 
@@ -66,8 +67,8 @@ impl Shape {
         law.expect("numbers within the limits of laws")
     }
 
-    /// In phase with an even seed. Else trapezoids begin evenly apart within a step, and each sinusoid has its own frequency and begins at its own
-    /// part of half a period.
+    /// In phase with an even seed. Else trapezoids begin evenly apart within a step, and each sinusoid has its own
+    /// frequency and begins at its own part of half a period.
     fn motion(self, motors: usize, rate: f64, seed: u64) -> Prepared {
         let mut random = Random::new(seed);
         let together = self.law(rate, &mut random);
@@ -89,7 +90,7 @@ const fn is_in_phase(seed: u64) -> bool {
     seed.is_multiple_of(2)
 }
 
-/// Whether the board makes it: what does not hold, if not.
+/// Runs it on the board. The error is the first broken bound.
 fn runs(shape: Shape, motors: usize, rate: f64, seed: u64, baud: Baud) -> Result<(), String> {
     let mut prepared = shape.motion(motors, rate, seed);
     prepared.program.board.min_interval_ticks = vec![SHORTEST_TICKS; motors];
@@ -115,26 +116,26 @@ fn is_accepted(shape: Shape, motors: usize, rate: f64, seed: u64, baud: Baud) ->
     prepared.plan(|_| {}).is_ok()
 }
 
-/// The fastest rung up to which all hold; 0 if none does. Which of those beyond hold is chance.
+/// The fastest rung up to which all hold; 0 if none does. Rungs beyond the first failure hold only by chance.
 fn fastest(rungs: &[f64], mut holds: impl FnMut(f64) -> bool) -> f64 {
     rungs.iter().copied().take_while(|rate| holds(*rate)).last().unwrap_or(0.0)
 }
 
-/// What motors reach.
+/// The rates that motors reach.
 #[derive(Clone, Debug)]
 pub(crate) struct Cell {
-    /// Steps/s of each that the board makes, with all seeds, and that `plan` accepts.
+    /// Rate of each motor, steps/s, that the board makes with all seeds, and that `plan` accepts.
     pub(crate) runs: f64,
     pub(crate) accepted: f64,
-    /// What was wrong with the next rate.
+    /// The broken bound at the next rate.
     pub(crate) why: String,
 }
 
 impl Sort {
-    /// `Cell` of so many motors, with so many seeds; rates are `rung` apart, a part of themselves.
+    /// `Cell` of some motors, with some seeds. Neighbouring rates differ by the share `rung`.
     pub(crate) fn cell(&self, motors: usize, baud: Baud, seeds: u64, rung: f64) -> Cell {
         let (floor, wanted) = self.asked[motors - 1];
-        // A slow line brings plans for a fraction of it.
+        // A slow line carries the plans of a fraction of the rate.
         let slowest = 1e3 * floor / if baud == Baud::B1M { 3.0 } else { 30.0 };
         let up = |rate: &f64| Some(rate * (1.0 + rung));
         let rungs = std::iter::successors(Some(slowest), up).take_while(|rate| *rate < 1.3e3 * wanted);

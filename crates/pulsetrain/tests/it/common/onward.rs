@@ -1,4 +1,4 @@
-//! Laws that a motion is changed to: from where the motor is.
+//! Laws for changing a motion while the motor moves.
 
 use pulsetrain_motion::{Law, Time};
 use pulsetrain_session::MotorState;

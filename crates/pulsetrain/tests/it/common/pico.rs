@@ -1,4 +1,4 @@
-//! The Pico's figures: streams on the virtual Pico, over its USB, every edge held against its scheduled tick.
+//! The Pico's figures: streams on the virtual Pico over its USB, every edge compared with its scheduled tick.
 
 use pulsetrain_board::virtual_pico::VirtualPico;
 use pulsetrain_board::{Board, Edge, Observer, Remote, ScheduledStep, Setup};
@@ -10,7 +10,7 @@ use pulsetrain_session::lateness::{Lateness, Meter};
 use pulsetrain_testkit::pico::{TICK_HZ, coils, pins_of, step_dir};
 use pulsetrain_testkit::segments::{Chip, Law, Stream};
 
-/// What a driver asks for.
+/// A driver's times.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Timing {
     pub(crate) driver: &'static str,
@@ -18,7 +18,7 @@ pub(crate) struct Timing {
 }
 
 impl Timing {
-    /// Of a driver in the table; of coils, which need none.
+    /// The times of a driver in the table; of coils, which need none.
     pub(crate) fn of(driver: &'static str) -> Timing {
         if driver == COILS {
             let ns = DriverTiming { pulse_high_ns: 0, pulse_low_ns: 0, dir_setup_ns: 0, dir_hold_ns: 0 };
@@ -28,7 +28,7 @@ impl Timing {
     }
 }
 
-/// In the place of a driver: half steps of coils.
+/// Stands for a driver: coils with half steps.
 pub(crate) const COILS: &str = "ULN2003";
 
 /// A stream of random segments.
@@ -37,31 +37,31 @@ pub(crate) struct Run {
     pub(crate) motors: usize,
     pub(crate) timing: Timing,
     pub(crate) chip: Chip,
-    /// Of each motor.
+    /// The law of each motor.
     pub(crate) law: Law,
-    /// How far motors begin apart, in intervals; 0: all do the same at the same ticks.
+    /// The distance of the motors' beginnings in intervals. 0: all step in the same ticks.
     pub(crate) apart: f64,
     pub(crate) seconds: f64,
     pub(crate) seed: u64,
 }
 
-/// What a board did in a run.
+/// A board's figures of a run.
 #[derive(Clone, Debug)]
 pub(crate) struct Seen {
-    /// Bytes of segments that went over USB, by step.
+    /// Bytes of segments over USB, for each step.
     pub(crate) bytes_per_step: f64,
     pub(crate) lateness: Lateness,
     /// Steps per second of the slowest motor, from its first edge to its last.
     pub(crate) rate: f64,
     /// Share of all cycles that the processor did not sleep.
     pub(crate) awake: f64,
-    /// Least that any motor had written ahead when it was filled, ticks; 65 535 is that, or more.
+    /// The least look-ahead of a motor when it was filled, ticks. 65 535 stands for that or more.
     pub(crate) least_ahead: u16,
-    /// How far ahead the board was committed, ticks: most of what it said.
+    /// How far ahead the board was committed, ticks: the largest report.
     pub(crate) horizon_ticks: u64,
-    /// Between the first edges of motors that are to begin together, ticks.
+    /// Time between the first edges of motors that should begin together, ticks.
     pub(crate) skew_ticks: u64,
-    /// What the board reported: faults, refusals; empty if all is well.
+    /// Events of the board: faults, refusals. Empty if there are none.
     pub(crate) trouble: String,
 }
 
@@ -75,13 +75,13 @@ fn ticks_of(ns: u32) -> u16 {
     (u64::from(ns) * TICK_HZ).div_ceil(1_000_000_000) as u16
 }
 
-/// Looks at the STEP lines, or at those of coils: a half step is one edge.
+/// Watches the STEP lines, or the coils' lines: a half step is one edge.
 struct Pulses {
-    /// The motors' lines, of which each edge is a step, or each that rises.
+    /// The motors' lines, on which each edge is a step, or each rising one.
     lines: Vec<Vec<u8>>,
     both_ways: bool,
     meter: Meter,
-    /// First and last rising edge of each, and how many.
+    /// First and last rising edge of each motor, and their number.
     edges: Vec<(u64, u64, u64)>,
     shortest: u64,
 }
@@ -104,7 +104,7 @@ impl Observer for Pulses {
 /// Streams a run to a virtual Pico whose USB serial port is open.
 ///
 /// # Errors
-/// What the board refuses before anything moves.
+/// If the board refuses the set-up, before anything moves.
 pub(crate) fn stream(pico: VirtualPico, run: &Run) -> Result<Seen, String> {
     let text = |error: pulsetrain_board::RemoteError| error.to_string();
     let setup = Setup {
@@ -126,7 +126,7 @@ pub(crate) fn stream(pico: VirtualPico, run: &Run) -> Result<Seen, String> {
         edges: vec![(0, 0, 0); run.motors],
         shortest: u64::MAX,
     };
-    // What is said of the load begins and ends within the run.
+    // The load is measured within the run.
     let (from, to) = (stream.begin + TICK_HZ / 50, stream.begin + ticks - TICK_HZ / 50);
     let (mut began, mut ended, mut horizon_ticks, mut least_ahead) = (None, None, 0, 0);
     let mark = |board: &Remote<VirtualPico>| {

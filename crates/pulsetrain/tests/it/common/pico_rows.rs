@@ -1,4 +1,4 @@
-//! The rows of the Pico's table: what `cargo xtask bench pico` prints, and, in short, a test.
+//! The rows of the Pico's table, for `cargo xtask bench pico` and, in short, for a test.
 
 use super::motion::{Followed, follow};
 use super::pico::{COILS, Run, Seen, Timing, stream};
@@ -13,7 +13,7 @@ use pulsetrain_motion::program::{CoilSequence, Limits, Motor, Program, Scale, To
 use pulsetrain_motion::{Grid, Law as Motion, Time, boards};
 use pulsetrain_session::drive::{Driven, connect_as};
 
-/// A Pico, and the native board that says which tick each of its steps was scheduled for.
+/// A Pico, and the native board from which the scheduled tick of each step comes.
 type Pico = WithReference<Remote<VirtualPico>>;
 use pulsetrain_session::lateness::Lateness;
 use pulsetrain_session::prepare::Prepared;
@@ -23,20 +23,20 @@ use pulsetrain_testkit::segments::{Chip, Law};
 /// One line of the table.
 #[derive(Clone, Debug)]
 pub(crate) struct Row {
-    /// Of the figures; 5: the load.
+    /// The number of the figure; 5 is the load.
     pub(crate) figure: u8,
     pub(crate) law: String,
     /// Driver, pulse, set-up and hold.
     pub(crate) timing: String,
     pub(crate) pins: String,
     pub(crate) motors: usize,
-    /// Steps/s of each motor.
+    /// Step rate of each motor, steps/s.
     pub(crate) rate: String,
-    /// What is asked for.
+    /// The bound.
     pub(crate) required: String,
     /// STEP edges, or patterns of coils, of all motors.
     pub(crate) edges: u64,
-    /// Without an edge, or edges without a step.
+    /// Steps without an edge, or edges without a step.
     pub(crate) lost: u64,
     /// Largest |edge − scheduled tick|, cycles.
     pub(crate) off: i64,
@@ -44,13 +44,13 @@ pub(crate) struct Row {
     pub(crate) awake: Option<f64>,
     pub(crate) bytes_per_step: Option<f64>,
     pub(crate) horizon_ticks: u64,
-    /// Empty if all holds.
+    /// The broken bounds. Empty if there are none.
     pub(crate) verdict: String,
     /// Steps/s of the slowest motor.
     pub(crate) reached: f64,
 }
 
-/// What the columns are.
+/// The columns' titles.
 pub(crate) const COLUMNS: [&str; 14] = [
     "figure",
     "law",
@@ -110,7 +110,7 @@ fn timing_text(timing: Timing) -> String {
     format!("{}: {} ns, {} ns, {} ns", timing.driver, ns.pulse_high_ns, ns.dir_setup_ns, ns.dir_hold_ns)
 }
 
-/// STEP and DIR of so many motors as tables have them, or IN1 to IN4.
+/// STEP and DIR of some motors as in tables, or IN1 to IN4.
 fn pins_text(driver: &str, motors: usize) -> String {
     if driver == COILS {
         let pins = (0..motors as u8).map(|motor| coil_pins(2 + 4 * motor).map(|pin| pin.to_string()).join("/"));
@@ -119,10 +119,10 @@ fn pins_text(driver: &str, motors: usize) -> String {
     (0..motors).map(|motor| format!("{}/{}", 2 + 2 * motor, 3 + 2 * motor)).collect::<Vec<_>>().join(" ")
 }
 
-/// Steps of [`Case::turning`]: after a turn segments begin so short.
+/// Steps of [`Case::turning`]: after a reversal segments begin this short.
 pub(crate) const BETWEEN_TURNS: u32 = 8;
 
-/// Steps of a segment of [`Case::short`], on the whole.
+/// Average number of steps of a segment of [`Case::short`].
 pub(crate) const IN_SHORT: u32 = 6;
 
 /// Motors that follow random segments.
@@ -131,24 +131,24 @@ pub(crate) struct Case {
     pub(crate) figure: u8,
     pub(crate) motors: usize,
     pub(crate) driver: &'static str,
-    /// The speed changes by so much of itself, either way, from segment to segment.
+    /// From segment to segment the speed changes by up to this share of itself.
     pub(crate) swing: f64,
-    /// Steps of a segment at least; twice as many at most.
+    /// Least number of steps of a segment; the greatest is twice that.
     pub(crate) steps: u32,
-    /// One segment in so many turns; 0: none.
+    /// One segment in this many reverses; 0: none.
     pub(crate) turns: u64,
-    /// The shortest first interval after a turn, ticks.
+    /// The shortest first interval after a reversal, ticks.
     pub(crate) turn_ticks: f64,
     /// In phase at 0, staggered at 1.
     pub(crate) apart: f64,
-    /// Steps/s of each that are promised.
+    /// The promised rate of each motor, steps/s.
     pub(crate) required: Option<f64>,
     pub(crate) seed: u64,
 }
 
 impl Case {
-    /// What planned motions are like at such rates, or worse: a sinusoid of 1 s that peaks at 622 k steps/s has 1160 steps in a
-    /// segment, as [`sinusoids`] show.
+    /// At least as hard as planned motions at such rates: a sinusoid of 1 s with a peak of 622 k steps/s has 1160 steps
+    /// in a segment, as [`sinusoids`] show.
     pub(crate) const fn changing(motors: usize, driver: &'static str) -> Case {
         Case {
             figure: 1,
@@ -164,12 +164,12 @@ impl Case {
         }
     }
 
-    /// Segments of 4 to 8 steps, that go the same way: what counts is how many there are.
+    /// Segments of 4 to 8 steps in one direction: the load depends on their number.
     pub(crate) const fn short(motors: usize, driver: &'static str) -> Case {
         Case { steps: 2 * IN_SHORT / 3, ..Case::changing(motors, driver) }
     }
 
-    /// Back and forth, eight steps each: as many turns as steps at that rate, divided by eight.
+    /// Forward and back with eight steps each: an eighth of the steps are reversals.
     pub(crate) const fn turning(motors: usize, driver: &'static str) -> Case {
         Case { swing: 0.0, steps: BETWEEN_TURNS, turns: 1, turn_ticks: 100.0, ..Case::changing(motors, driver) }
     }
@@ -201,7 +201,7 @@ impl Case {
         }
     }
 
-    /// Streams it.
+    /// Streams the case.
     pub(crate) fn row(&self, pico: &VirtualPico, rate: f64, seconds: f64) -> Row {
         let seen = stream(pico.clone(), &self.run(rate, seconds));
         let mut row = Row {
@@ -241,8 +241,8 @@ impl Case {
         row
     }
 
-    /// The fastest of `rates` that holds for `seconds`, by bisection, and then for `longer` too; if none does, what comes
-    /// of the slowest.
+    /// The fastest of `rates` that holds for `seconds`, by bisection, and then for `longer`, too. If none does, the
+    /// result of the slowest.
     pub(crate) fn fastest(&self, pico: &VirtualPico, rates: &[f64], seconds: f64, longer: f64) -> Row {
         let (mut low, mut fails) = (0, rates.len());
         while low < fails {
@@ -262,19 +262,19 @@ impl Case {
     }
 }
 
-/// Rates that are tried, steps/s: 2.5 % apart, up to what the driver allows.
+/// Rates that are tried, steps/s: 2.5 % apart, up to the driver's limit.
 pub(crate) fn rates(driver: &'static str) -> Vec<f64> {
     let ns = Timing::of(driver).ns;
-    // The speed swings by 10 %; coils' limit is the processor's.
+    // The speed swings by 10 %. With coils the processor is the limit.
     let most = 1e9 / f64::from(ns.pulse_high_ns + ns.pulse_low_ns).max(200.0) / 1.1;
     let rates = std::iter::successors(Some(10_000.0), |rate: &f64| Some((rate * 1.025 / 100.0).ceil() * 100.0));
     rates.take_while(|rate| *rate <= most).collect()
 }
 
-/// A little more than is promised, as random speeds have a mean that is not exactly what was asked for.
+/// A little more than promised, since the mean of random speeds is not exactly the wanted one.
 pub(crate) const ABOVE: f64 = 1.02;
 
-/// Figure 1: what is promised.
+/// Figure 1: the promised rates.
 pub(crate) fn promised() -> [Case; 2] {
     [
         Case { required: Some(625e3), ..Case::changing(8, "TMC2209") },
@@ -282,7 +282,7 @@ pub(crate) fn promised() -> [Case; 2] {
     ]
 }
 
-/// Eight motors that begin at one tick.
+/// Eight motors that begin in one tick.
 pub(crate) fn start() -> Case {
     Case { figure: 2, apart: 0.0, ..Case::changing(8, "TMC2209") }
 }
@@ -302,7 +302,7 @@ fn motor(number: u8, law: Motion, timing: Timing) -> Motor {
     }
 }
 
-/// So many motors on coils.
+/// Some motors on coils.
 pub(crate) fn on_coils(motors: usize) -> Vec<Motor> {
     let timing = Timing::of(COILS);
     let law = || Motion::sine(1.0, Time::SECOND, Some(1)).expect("a sinusoid");
@@ -328,7 +328,7 @@ fn prepared(file: &str, motors: Vec<Motor>) -> Prepared {
     Prepared { file: file.to_owned(), program, cut: None, pause: None, line: None, tables: Vec::new() }
 }
 
-/// A motion, planned and streamed by a session over USB: a row for all edges, and what was scheduled.
+/// A motion that a session plans and streams over USB: a row for all edges, with the scheduled error.
 fn motion_row(figure: u8, law: &str, prepared: &Prepared, timing: Timing) -> (Row, Option<Followed>) {
     let motors = prepared.program.motors.len();
     let mut row = Row {
@@ -373,7 +373,8 @@ fn motion_row(figure: u8, law: &str, prepared: &Prepared, timing: Timing) -> (Ro
     (row, Some(followed))
 }
 
-/// Figure 1: sinusoids of different periods whose speeds reach `rate` on each of eight motors, `cycles` of the longest.
+/// Figure 1: sinusoids of different periods with peaks of `rate` on each of eight motors, for `cycles` cycles of the
+/// longest.
 pub(crate) fn sinusoids(rate: f64, cycles: u64) -> Row {
     let timing = Timing::of("TMC2209");
     let motors = (0..8_u8).map(|number| {
@@ -393,20 +394,20 @@ pub(crate) fn sinusoids(rate: f64, cycles: u64) -> Row {
     row
 }
 
-/// Eight motors that all do the same sinusoid of so many cycles a second for so long, s: they bend and turn together.
+/// Eight motors with one sinusoid of some cycles a second for some time, s: they bend and reverse together.
 pub(crate) fn alike(amplitude: f64, hz: f64, seconds: f64) -> Prepared {
     let law = Motion::sine(amplitude, Time::from_seconds(1.0 / hz), Some((seconds * hz).ceil() as u64));
     let law = law.expect("a sinusoid");
     prepared("alike", (0..8).map(|number| motor(number, law.clone(), Timing::of("TMC2209"))).collect())
 }
 
-/// A motion as [`motion_row`] has it.
+/// A motion in the form of [`motion_row`].
 pub(crate) fn made(prepared: &Prepared) -> Row {
     motion_row(1, &prepared.file, prepared, Timing::of("TMC2209")).0
 }
 
-/// Figure 4: 001's four motors twice, each with a DIR line of its own, for so many seconds, then the planned stop. A row for all
-/// edges, and one for each motor: what is left of its phase at the end.
+/// Figure 4: the sweep article's four motors twice, each with a DIR line of its own, for some seconds and the planned
+/// stop. A row for all edges, and one for each motor with its phase error at the end.
 pub(crate) fn sweep(seconds: i64) -> Vec<Row> {
     let file = concat!(env!("CARGO_MANIFEST_DIR"), "/../../examples/sweep.toml");
     let length = Some(Time::from_ratio(seconds, 1));
@@ -414,8 +415,8 @@ pub(crate) fn sweep(seconds: i64) -> Vec<Row> {
     let timing = Timing::of("A4988");
     let laws = original.program.motors.iter().map(|motor| motor.law.clone());
     let motors = (0_u8..).zip(laws.clone().chain(laws)).map(|(number, law)| motor(number, law, timing)).collect();
-    let prepared = Prepared { cut: original.cut, ..prepared("001's sweep", motors) };
-    let law = format!("001's four motors twice, {seconds} s");
+    let prepared = Prepared { cut: original.cut, ..prepared("the sweep article's motion", motors) };
+    let law = format!("the sweep article's four motors twice, {seconds} s");
     let (all, followed) = motion_row(4, &law, &prepared, timing);
     let mut rows = vec![all.clone()];
     let schedules = followed.iter().flat_map(|followed| &followed.schedules);
@@ -437,7 +438,7 @@ pub(crate) fn sweep(seconds: i64) -> Vec<Row> {
     rows
 }
 
-/// Seed 002's table, half step 1 to 8, as its `out pins, 4` puts it on IN1 (bit 0) to IN4: forward.
+/// The Pico plotter's table, half steps 1 to 8 in forward order, as its `out pins, 4` writes it to IN1 (bit 0) to IN4.
 const HALF: [u8; 8] = [0x9, 0x8, 0xc, 0x4, 0x6, 0x2, 0x3, 0x1];
 
 /// The pattern at a position: full steps have two coils on, wave steps one.
@@ -449,7 +450,7 @@ fn pattern(sequence: Sequence, position: i64) -> u8 {
     } as usize]
 }
 
-/// Figure 3: ULN2003 motors, each pattern at its tick, with reversals at every phase, from forward and from backward.
+/// Figure 3: ULN2003 motors, each pattern at its tick, with reversals at every phase, in both directions.
 pub(crate) fn uln2003(pico: &VirtualPico, sequence: Sequence, rate: u64) -> Row {
     let bases: Vec<u8> = (0..ULN_MOTORS).map(|motor| 2 + 4 * motor).collect();
     let motors: Vec<_> = bases.iter().map(|base| coils(*base, sequence)).collect();
@@ -507,7 +508,8 @@ pub(crate) fn uln2003(pico: &VirtualPico, sequence: Sequence, rate: u64) -> Row 
 /// Motors with coils.
 pub(crate) const ULN_MOTORS: u8 = 6;
 
-/// Items of a motor that goes back and forth so that it turns at every phase; ticks and positions of its steps.
+/// Items of a motor that goes forward and back so that it reverses at every phase, and the ticks and positions of its
+/// steps.
 fn reversals(start: u64, interval: u32) -> (Vec<Item>, Vec<(u64, i64)>) {
     let (mut items, mut steps) = (vec![Item::Anchor { tick: Tick32::of(start) }], Vec::new());
     let (mut tick, mut position, mut direction) = (start, 0_i64, Direction::Forward);
@@ -531,7 +533,7 @@ fn reversals(start: u64, interval: u32) -> (Vec<Item>, Vec<(u64, i64)>) {
     (items, steps)
 }
 
-/// The patterns that four lines show, and from when on.
+/// The patterns on four lines, each with the time from which it holds.
 fn patterns(edges: &[Edge], pins: [u8; 4]) -> Vec<(u64, u8)> {
     let (mut all, mut now) = (Vec::<(u64, u8)>::new(), 0);
     for edge in edges {

@@ -10,9 +10,9 @@ use pulsetrain_testkit::Random;
 use pulsetrain_testkit::limits::{Step, check_acceleration, check_last_step};
 use std::f64::consts::TAU;
 
-/// No motor of these is faster, steps/s: an emulated Pico takes long for each step.
+/// Highest rate of these motors, steps/s: an emulated Pico takes long for each step.
 const FASTEST: f64 = 60e3;
-/// Limits of motors lie so much above what their laws ask for.
+/// Motors' limits are larger than their laws need by this factor.
 const SPARE: f64 = 1.1;
 
 /// Random motors with random laws, on `board`, which `plan` accepts: 0.7 s to 1.5 s long.
@@ -66,7 +66,8 @@ fn law(peak: f64, random: &mut Random) -> (Law, Limits) {
     };
     let law = law.and_then(|law| law.delayed(delay)).expect("numbers within the limits of laws");
     let pull_in = random.pick(&[0.0, 50.0, 200.0]);
-    // Without a limit motors brake as hard as the law has accelerated so far: the host tells the board new limits as it goes.
+    // Without a limit a motor brakes as hard as its law has accelerated so far: the host sends the board new limits as
+    // it goes.
     let max_acceleration = random.pick(&[Some(SPARE * hardest), Some(SPARE * hardest), None]);
     (law, Limits { max_speed: None, max_acceleration, pull_in })
 }
@@ -75,7 +76,7 @@ fn slow_law(random: &mut Random) -> Law {
     law(100.0, random).0
 }
 
-/// With pulses, set-up and hold that all firmware makes at its highest rates.
+/// Pulses, setup and hold that all firmware makes at its highest rates.
 pub(crate) fn motor(index: usize, (step, dir): (u8, u8), law: Law) -> Motor {
     Motor {
         name: format!("m{index}"),
@@ -89,7 +90,7 @@ pub(crate) fn motor(index: usize, (step, dir): (u8, u8), law: Law) -> Motor {
     }
 }
 
-/// Motors on a board, at 1 µs.
+/// Motors on a board, with a tolerance of 1 µs.
 pub(crate) fn prepared(row: &BoardRow, motors: Vec<Motor>) -> Prepared {
     let mut board = row.board.clone();
     (board.min_interval_ticks, board.turn_ticks) = (row.shortest_intervals(&motors), row.turn_ticks(&motors));
@@ -129,10 +130,10 @@ pub(crate) fn counts(steps: &[Vec<Step>]) -> Vec<i64> {
     steps.iter().map(|steps| steps.iter().map(|(_, sign)| sign).sum()).collect()
 }
 
-/// All motors keep to their limits, and come to rest so: edges are at most `late` ticks late.
+/// Checks that all motors keep their limits and come to rest within them. Edges may be `late` ticks late.
 ///
 /// # Errors
-/// Which does not, and how.
+/// The first motor that does not, and how.
 pub(crate) fn check_limits(program: &Program, steps: &[Vec<Step>], late: f64) -> Result<(), String> {
     for (motor, steps) in program.motors.iter().zip(steps) {
         let Limits { max_acceleration: Some(limit), pull_in, .. } = motor.limits else { continue };

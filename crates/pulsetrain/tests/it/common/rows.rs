@@ -1,4 +1,4 @@
-//! The rows of the Uno's table: what `cargo xtask bench uno` prints, and, in short, a golden file.
+//! The rows of the Uno's table, for `cargo xtask bench uno` and, in short, for a golden file.
 
 use super::motion;
 use super::uno::{COMPARE, MOST_CYCLES, P99_CYCLES, PORT_B, Pins, Run, SHIELD, Seen, TUTORIAL, pins_text, stream};
@@ -13,26 +13,26 @@ use pulsetrain_testkit::segments::Law;
 /// One line of the table.
 #[derive(Clone, Debug)]
 pub(crate) struct Row {
-    /// Of the figures.
+    /// The number of the figure.
     pub(crate) figure: u8,
     pub(crate) law: String,
     pub(crate) pulse: String,
     pub(crate) pins: String,
     pub(crate) motors: usize,
-    /// Steps/s reached, of each motor.
+    /// The step rate of each motor, steps/s.
     pub(crate) rate: String,
-    /// Steps/s that the first motor was asked for; 0 for motions.
+    /// The wanted step rate of the first motor, steps/s; 0 for motions.
     pub(crate) asked: f64,
-    /// What is asked for: the same, or in words.
+    /// The wanted rate, or the bound in words.
     pub(crate) required: String,
     pub(crate) seen: Option<Seen>,
-    /// Empty if all holds.
+    /// The broken bounds. Empty if there are none.
     pub(crate) verdict: String,
     /// Whether the project promises it.
     pub(crate) is_required: bool,
 }
 
-/// What the columns are.
+/// The columns' titles.
 pub(crate) const COLUMNS: [&str; 17] = [
     "figure",
     "law",
@@ -93,23 +93,23 @@ pub(crate) fn kilo(rate: f64) -> String {
     format!("{:.1} k", rate / 1000.0)
 }
 
-/// Motors that are to follow laws of one shape at rates in proportion.
+/// Motors with laws of one shape, at rates in proportion.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Case {
     pub(crate) figure: u8,
     pub(crate) pins: Pins,
     pub(crate) motors: usize,
     pub(crate) swing: f64,
-    /// One segment in so many turns; 0: none.
+    /// One segment in this many reverses; 0: none.
     pub(crate) turns: u64,
     /// In phase at 0, staggered at 1.
     pub(crate) apart: f64,
     pub(crate) pulse_ticks: u16,
-    /// Each motor is so much slower than the one before: 1, or 1 : ¼ : ⅛ : 1/16.
+    /// Each motor is slower than the one before by this factor: 1, or 1 : ¼ : ⅛ : 1/16.
     pub(crate) ratios: [f64; 4],
-    /// Steps/s of the first motor that are promised.
+    /// The promised rate of the first motor, steps/s.
     pub(crate) required: Option<f64>,
-    /// Of the random segments.
+    /// The seed of the random segments.
     pub(crate) seed: u64,
 }
 
@@ -117,7 +117,8 @@ pub(crate) const ALIKE: [f64; 4] = [1.0; 4];
 pub(crate) const UNEQUAL: [f64; 4] = [1.0, 0.25, 0.125, 0.0625];
 /// 1 µs.
 pub(crate) const PULSE: u16 = 16;
-/// Longer ones: what an interrupt makes by itself, and what takes two, whose steps the firmware expands together, and one by one.
+/// Longer pulses: one that an interrupt makes by itself, and two that take two interrupts, whose steps the firmware
+/// expands together, and one by one.
 pub(crate) const LONGER_PULSES: [u16; 3] = [31, 80, 256];
 
 impl Case {
@@ -142,7 +143,7 @@ impl Case {
         Run { pins: self.pins, laws, apart: self.apart, pulse_ticks: self.pulse_ticks, seconds, seed: self.seed }
     }
 
-    /// Whether the table of boards takes its limits from it, from the slowest of its kind: one rate, motors beside one another.
+    /// Whether the table of boards takes its limits from it (from the slowest of its kind): one rate for all motors.
     pub(crate) fn is_limit(&self) -> bool {
         self.apart != 0.0 && self.ratios == ALIKE && self.turns == 0
     }
@@ -194,8 +195,8 @@ impl Case {
         format!("{law}{turns}{phase}{ratios}")
     }
 
-    /// What is promised, with so many other random segments, `seconds` each: the worst lateness, all lost steps, and how many hold.
-    /// Rate, load and horizon are those of the first.
+    /// Runs the promised rate with other random segments, `seconds` each: the worst lateness, all lost steps, and how
+    /// many hold. Rate, load and horizon are those of the first.
     pub(crate) fn others(&self, seeds: u64, seconds: f64) -> Row {
         let rate = self.required.unwrap_or(0.0);
         let rows = (1..=seeds).map(|seed| Case { seed: self.seed + seed, ..*self }.row(rate, seconds));
@@ -223,12 +224,12 @@ impl Case {
         row
     }
 
-    /// The fastest of `rates`, and of what is promised, that holds for `seconds`, by bisection, and then for `longer` too: above what is
-    /// promised, if that does. If none does, what comes of the slowest.
+    /// The fastest of `rates`, and of the promised rate, that holds for `seconds`, by bisection, and then for `longer`,
+    /// too. It searches above the promised rate if that holds. If none does, the result of the slowest.
     pub(crate) fn fastest(&self, rates: &[f64], seconds: f64, longer: f64) -> Row {
         let mut rates: Vec<f64> = rates.iter().copied().chain(self.required).collect();
         rates.sort_by(f64::total_cmp);
-        // Near the limits it is chance which rates hold: what is promised is tried by itself.
+        // Near the limits it is chance which rates hold, so the promised rate is tried by itself.
         let promised = self.required.filter(|rate| self.row(*rate, longer).verdict.is_empty());
         let least = promised.map_or(0, |promised| rates.partition_point(|rate| *rate <= promised));
         let (mut low, mut fails) = (least, rates.len());
@@ -256,7 +257,8 @@ impl Case {
     }
 }
 
-/// Motions that stay fast: half a second up, 0.75 s at a rate, half a second down, each motor a part of a step behind the one before.
+/// Motions that stay fast: half a second of acceleration, 0.75 s at a rate, half a second of braking. Each motor is a
+/// part of a step behind the one before.
 fn plateaus(pins: &[(u8, u8)], rate: f64, apart: f64) -> Prepared {
     let Prepared { program, .. } = tutorial(Time::from_ratio(1, 1), 1, pins[0], 1000);
     let law = Motion::trapezoid(1.25 * rate, rate, 2.0 * rate, 2.0 * rate).expect("a trapezoid");
@@ -270,7 +272,7 @@ fn plateaus(pins: &[(u8, u8)], rate: f64, apart: f64) -> Prepared {
         ..program.motors[0].clone()
     });
     let motors: Vec<Motor> = motors.collect();
-    // As a motion file's.
+    // The limits of a motion file.
     let row = boards::find("uno").expect("the table has the Uno");
     let mut program = Program { board: row.board.clone(), motors, tolerance: Tolerance::Seconds(1e-6), ..program };
     program.board.min_interval_ticks = row.shortest_intervals(&program.motors);
@@ -278,8 +280,8 @@ fn plateaus(pins: &[(u8, u8)], rate: f64, apart: f64) -> Prepared {
     Prepared { file: "plateaus".to_owned(), program, cut: None, pause: None, line: None, tables: Vec::new() }
 }
 
-/// The fastest of `rates` at which motors on these pins stay for a while, as a session has them make it, in phase and staggered, if all
-/// slower ones hold too, from a fifth of what is promised of streams on, each second rate.
+/// The fastest of `rates` at which motors on these pins stay for a while, with a session, in phase and staggered. All
+/// slower rates must hold, too, from a fifth of the promised rate of streams on; every second rate is tried.
 pub(crate) fn fastest_plateau(case: &Case, rates: &[f64]) -> Row {
     let pins = &case.pins[..case.motors];
     let row = |rate: f64| {
@@ -302,7 +304,7 @@ pub(crate) fn fastest_plateau(case: &Case, rates: &[f64]) -> Row {
     best.expect("some rate")
 }
 
-/// What does not hold.
+/// The broken bounds.
 fn said(seen: &Seen) -> String {
     let Lateness { min_ticks, p99_ticks, max_ticks, lost, extra, .. } = seen.lateness;
     let mut said = Vec::new();
@@ -318,7 +320,7 @@ fn said(seen: &Seen) -> String {
     format!("FAILS: {}", said.join("; "))
 }
 
-/// Figure 2: what is promised.
+/// Figure 2: the promised rates.
 pub(crate) const PROMISED: [Case; 7] = [
     Case::changing(TUTORIAL, 1, 160e3),
     Case::changing(COMPARE, 1, 160e3),
@@ -329,7 +331,7 @@ pub(crate) const PROMISED: [Case; 7] = [
     Case::changing(SHIELD, 4, 28e3),
 ];
 
-/// Figure 3: variations on it; nothing is promised.
+/// Figure 3: variations of figure 2. Nothing is promised.
 pub(crate) fn variations() -> Vec<Case> {
     let mut cases = Vec::new();
     for promised in PROMISED {
@@ -347,7 +349,7 @@ pub(crate) fn variations() -> Vec<Case> {
             cases.push(Case { pulse_ticks, ..constant });
         }
     }
-    // Two that have one ring, as they would on the shield with its pins 12 and 13.
+    // Two motors with one ring, as on the shield with its pins 12 and 13.
     for pulse_ticks in [PULSE].into_iter().chain(LONGER_PULSES) {
         let case = Case { figure: 3, pulse_ticks, required: None, ..Case::changing(PORT_B, 2, 0.0) };
         cases.extend([case, Case { swing: 0.0, ..case }]);
@@ -394,7 +396,7 @@ pub(crate) fn tutorial(period: Time, cycles: u64, (step, dir): (u8, u8), pulse_n
     }
 }
 
-/// Period (s, as a fraction), STEP and DIR: the seed's periods, the fastest by the compare hardware.
+/// Period (s, as a fraction), STEP and DIR: the sweep article's periods, the fastest by the compare hardware.
 pub(crate) const TUTORIALS: [((i64, u64), (u8, u8)); 7] = [
     ((500, 1), (8, 9)),
     ((10, 1), (8, 9)),
@@ -405,7 +407,7 @@ pub(crate) const TUTORIALS: [((i64, u64), (u8, u8)); 7] = [
     ((1, 10), (9, 8)),
 ];
 
-/// Figure 1: lateness in software at most, cycles (1 µs); the compare hardware has none.
+/// Figure 1: greatest lateness of edges by software, cycles (1 µs). The compare hardware has none.
 const LATE_CYCLES: i64 = 16;
 
 /// A period of the tutorial, streamed by a session.
@@ -416,7 +418,7 @@ pub(crate) fn tutorial_row((period, pins): ((i64, u64), (u8, u8)), pulse_ns: u32
     motion_row(1, law, &prepared, limit, is_required)
 }
 
-/// A motion as it is made, edges at most `limit` cycles late.
+/// A motion of a session. Edges are at most `limit` cycles late.
 pub(crate) fn motion_row(figure: u8, law: String, prepared: &Prepared, limit: i64, is_required: bool) -> Row {
     motion_row_and_phases(figure, law, prepared, limit, is_required).0
 }
@@ -482,13 +484,13 @@ fn motion_row_and_phases(
     (row, phases)
 }
 
-/// Figure 4: 001's four motors on their shared DIR line, for so many seconds, then the planned stop. A row for all edges, and
-/// one for each motor: what is left of its phase at the end.
+/// Figure 4: the sweep article's four motors on their shared DIR line, for some seconds and the planned stop. A row for
+/// all edges, and one for each motor with its phase error at the end.
 pub(crate) fn hour(seconds: i64) -> Vec<Row> {
     let file = concat!(env!("CARGO_MANIFEST_DIR"), "/../../examples/sweep.toml");
     let length = Some(Time::from_ratio(seconds, 1));
     let prepared = load::load(std::path::Path::new(file), None, length).expect("an example");
-    let law = format!("001's four motors, {seconds} s");
+    let law = format!("the sweep article's four motors, {seconds} s");
     // Steps of several motors at one time wait for one another.
     let (mut all, phases) = motion_row_and_phases(4, law.clone(), &prepared, SHARED_CYCLES, true);
     all.required = format!("max ≤ {SHARED_CYCLES}");
@@ -512,7 +514,7 @@ pub(crate) fn hour(seconds: i64) -> Vec<Row> {
     rows
 }
 
-/// What is left of a motor's phase after a motion.
+/// A motor's phase error after a motion.
 #[derive(Clone, Copy, Debug)]
 struct Phase {
     steps: u64,
@@ -521,5 +523,5 @@ struct Phase {
     longest_put_off: f64,
 }
 
-/// Lateness on a shared DIR line, cycles: three steps of others and a DIR line that turns may come before.
+/// Greatest lateness on a shared DIR line, cycles: three steps of other motors and a reversal of DIR may come before.
 const SHARED_CYCLES: i64 = 300;

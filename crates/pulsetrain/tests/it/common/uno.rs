@@ -1,4 +1,4 @@
-//! The Uno's figures: streams and motions on the virtual Uno, every edge held against its scheduled tick.
+//! The Uno's figures: streams and motions on the virtual Uno, every edge compared with its scheduled tick.
 
 use pulsetrain_board::virtual_uno::VirtualUno;
 use pulsetrain_board::{Board, Edge, Observer, Remote, ScheduledStep};
@@ -13,16 +13,16 @@ use pulsetrain_testkit::{TICK_HZ, uno_setup};
 /// STEP and DIR of each motor.
 pub(crate) type Pins = &'static [(u8, u8)];
 
-/// The tutorial's.
+/// The tutorial's pins.
 pub(crate) const TUTORIAL: Pins = &[(8, 9)];
 /// The CNC shield's X, Y and Z: port D; with A both ports.
 pub(crate) const SHIELD: Pins = &[(2, 5), (3, 6), (4, 7), (12, 13)];
 /// Three motors on port B.
 pub(crate) const PORT_B: Pins = &[(8, 11), (9, 12), (10, 13)];
-/// The compare hardware's.
+/// The compare hardware's pins.
 pub(crate) const COMPARE: Pins = &[(9, 8), (10, 7)];
 
-/// The kind of pins that the firmware takes them for.
+/// The kind of pins as the firmware classifies them.
 pub(crate) fn kind_of(pins: &[(u8, u8)]) -> PinKind {
     let wirings: Vec<_> = pins
         .iter()
@@ -42,21 +42,21 @@ pub(crate) struct Run {
     pub(crate) pins: &'static [(u8, u8)],
     /// One for each motor.
     pub(crate) laws: Vec<Law>,
-    /// How far motors begin apart, in intervals; 0: all do the same at the same ticks.
+    /// The distance of the motors' beginnings in intervals. 0: all step in the same ticks.
     pub(crate) apart: f64,
     pub(crate) pulse_ticks: u16,
     pub(crate) seconds: f64,
     pub(crate) seed: u64,
 }
 
-/// What a board did in a run.
+/// A board's figures of a run.
 #[derive(Clone, Debug)]
 pub(crate) struct Seen {
     pub(crate) lateness: Lateness,
     /// Steps per second of each motor, from its first edge to its last.
     pub(crate) rates: Vec<f64>,
     pub(crate) load: Load,
-    /// How far ahead the board was committed, ticks: most of what it said.
+    /// How far ahead the board was committed, ticks: the largest report.
     pub(crate) horizon_ticks: u64,
     /// Bytes of all queues.
     pub(crate) queue_bytes: u16,
@@ -66,16 +66,16 @@ pub(crate) struct Seen {
     pub(crate) stack_left: u16,
     /// Longest time with interrupts off, cycles.
     pub(crate) masked_cycles: u64,
-    /// What the board reported: faults, refusals; empty if all is well.
+    /// Events of the board: faults, refusals. Empty if there are none.
     pub(crate) trouble: String,
 }
 
-/// What the processor did with its time, as shares of it.
+/// The processor's time, as shares.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Load {
     /// Not asleep.
     pub(crate) awake: f64,
-    /// Not asleep, less an idle round for each round of the main loop.
+    /// Not asleep, without the idle part of each round of the main loop.
     pub(crate) busy: f64,
 }
 
@@ -88,13 +88,14 @@ pub(crate) struct Mark {
 }
 
 impl Mark {
-    /// As it is now. The board is not asked, which would cost it time: a round feeds the watchdog once.
+    /// The counts now. The board is not asked, since that would take its time: it feeds the watchdog once in each
+    /// round.
     pub(crate) fn of(uno: &VirtualUno) -> Mark {
         let chip = uno.chip();
         Mark { cycle: chip.cycle(), asleep: chip.asleep_cycles(), rounds: chip.watchdog_feeds() }
     }
 
-    /// Cycles awake and in all, and rounds, since then.
+    /// Cycles awake, all cycles, and rounds since then.
     fn since(self, earlier: Mark) -> (f64, f64, f64) {
         let all = (self.cycle - earlier.cycle) as f64;
         let asleep = (self.asleep - earlier.asleep) as f64;
@@ -108,8 +109,8 @@ impl Mark {
     }
 }
 
-/// Cycles awake of the shortest round of the main loop in the next 50 ms: one with nothing to do. A round begins with the
-/// watchdog; the chip goes on as if nobody had looked.
+/// Cycles awake of the shortest round of the main loop in the next 50 ms: a round with nothing to do. A round begins
+/// with feeding the watchdog. The measurement does not disturb the chip.
 pub(crate) fn idle_round(uno: &VirtualUno) -> u64 {
     let mut chip = uno.chip().clone();
     let (end, mut began, mut shortest) = (chip.cycle() + TICK_HZ / 20, None, u64::MAX);
@@ -124,11 +125,11 @@ pub(crate) fn idle_round(uno: &VirtualUno) -> u64 {
     if shortest == u64::MAX { 0 } else { shortest }
 }
 
-/// Looks at the STEP lines.
+/// Watches the STEP lines.
 struct Pulses<'a> {
     pins: &'a [(u8, u8)],
     meter: Meter,
-    /// First and last rising edge of each, and how many.
+    /// First and last rising edge of each motor, and their number.
     edges: Vec<(u64, u64, u64)>,
     shortest: u64,
 }
@@ -148,7 +149,7 @@ impl Observer for Pulses<'_> {
     fn step(&mut self, _step: ScheduledStep) {}
 }
 
-/// An Uno at 1 Mbaud, with motors on `pins`, and what an idle round of its main loop takes, cycles.
+/// An Uno at 1 Mbaud with motors on `pins`, and the length of an idle round of its main loop, cycles.
 pub(crate) fn connect(pins: &[(u8, u8)], pulse_ticks: u16) -> Result<(Remote<VirtualUno>, u64), String> {
     let text = |error: pulsetrain_board::RemoteError| error.to_string();
     let mut board = Remote::open(VirtualUno::new(), 7).map_err(text)?;
@@ -161,7 +162,7 @@ pub(crate) fn connect(pins: &[(u8, u8)], pulse_ticks: u16) -> Result<(Remote<Vir
 /// Streams a run to a virtual Uno.
 ///
 /// # Errors
-/// What the board refuses before anything moves.
+/// If the board refuses the set-up, before anything moves.
 pub(crate) fn stream(run: &Run) -> Result<Seen, String> {
     let pins = &run.pins[..run.laws.len()];
     let (mut board, idle_round) = connect(pins, run.pulse_ticks)?;
@@ -173,7 +174,7 @@ pub(crate) fn stream(run: &Run) -> Result<Seen, String> {
         shortest: u64::MAX,
     };
     let (mut began, mut ended, mut horizon_ticks) = (None, None, 0);
-    // What is said of the load begins and ends within the run.
+    // The load is measured within the run.
     let from = stream.begin + TICK_HZ / 50;
     let to = stream.begin + (run.seconds * TICK_HZ as f64) as u64 - TICK_HZ / 50;
     board.port_mut().chip_mut().forget_masked();
@@ -222,13 +223,13 @@ pub(crate) fn stream(run: &Run) -> Result<Seen, String> {
     Ok(Seen { queue_bytes, lateness, rates, load, horizon_ticks, shortest_pulse, stack_left, masked_cycles, trouble })
 }
 
-/// 99 of 100 edges must not be later than that, cycles.
+/// 99 of 100 edges may be this late, cycles.
 pub(crate) const P99_CYCLES: i64 = 40;
-/// And none than that.
+/// No edge may be later than this, cycles.
 pub(crate) const MOST_CYCLES: i64 = 60;
 
 impl Seen {
-    /// No step lost, none added, none later (or earlier) than it may be, nothing reported.
+    /// Whether no bound broke: no step is lost or added, no edge too late or early, and the board reports no event.
     pub(crate) fn holds(&self) -> bool {
         let Lateness { min_ticks, p99_ticks, max_ticks, lost, extra, .. } = self.lateness;
         self.trouble.is_empty()

@@ -1,4 +1,5 @@
-//! A short motion on a virtual board, run as `pulsetrain run` does, while something goes wrong; and what came of it.
+//! Runs a short motion on a virtual board as `pulsetrain run` does, while something goes wrong, and describes the
+//! result.
 
 use super::line::{Fault, Line};
 use pulsetrain::load;
@@ -39,7 +40,7 @@ max_acceleration = "10000 step/s^2"
 pull_in = "100 step/s"
 "#;
 
-/// There and back, for 1.4 s; they come to rest within 0.1 s, and have some 0.5 s queued.
+/// A motion forward and back for 1.4 s. The motors come to rest within 0.1 s, and their queues last some 0.5 s.
 const MOTION: &str = r#"
 [[motion]]
 motor = "a"
@@ -54,10 +55,10 @@ start = "0.1 s"
 law.trapezoid = { distance = "-600 step", speed = "600 step/s", acceleration = "5000 step/s^2" }
 "#;
 
-/// Where they are at its end.
+/// The motors' positions at its end.
 const END: [i64; 2] = [100, -600];
 
-/// The same motors for 0.1 s: each byte of it is tried, in each way.
+/// A motion of the same motors for 0.1 s: each of its bytes is tried with each fault.
 const SHORT_MOTION: &str = r#"
 [[motion]]
 motor = "a"
@@ -71,24 +72,24 @@ motor = "b"
 law.trapezoid = { distance = "-20 step", speed = "600 step/s", acceleration = "9000 step/s^2" }
 "#;
 
-/// Where they are at its end.
+/// The motors' positions at its end.
 const SHORT_END: [i64; 2] = [4, -20];
 
 const MAX_ACCELERATION: f64 = 10_000.0;
 const PULL_IN: f64 = 100.0;
 
-/// Hosts of ours give a board up after 1.9 s, boards a host after 2 s; then some.
+/// A host gives a board up after 1.9 s, a board a host after 2 s. This is somewhat longer.
 const GIVEN_UP: Duration = Duration::from_millis(2500);
 
 /// A virtual board with a firmware.
 pub(crate) trait Chip: VirtualBoard + Clone {
     /// Ticks of its clock in a second.
     const CYCLES_PER_S: u64;
-    /// As motion files have it.
+    /// Its name in motion files.
     const NAME: &str;
     /// STEP and DIR of each motor.
     const PINS: [(u8, u8); 2];
-    /// Has its main loop stand still for good; interrupts go on.
+    /// Makes its main loop hang for ever. Interrupts go on.
     fn hang(&mut self);
 }
 
@@ -98,7 +99,7 @@ impl Chip for VirtualUno {
     const PINS: [(u8, u8); 2] = [(9, 8), (10, 7)];
 
     fn hang(&mut self) {
-        // RJMP to itself (DS40002061B, 31): the firmware has one, for panics.
+        // RJMP to itself (DS40002061B, 31). The firmware has one, for panics.
         let forever = virtual_uno::image().chunks_exact(2).position(|word| word == 0xcfff_u16.to_le_bytes());
         while !self.chip().is_asleep() {
             self.chip_mut().step(&mut ());
@@ -113,13 +114,13 @@ impl Chip for VirtualPico {
     const PINS: [(u8, u8); 2] = [(2, 3), (4, 5)];
 
     fn hang(&mut self) {
-        // A branch to itself, at the end of RAM, where nothing is.
+        // A branch to itself at the end of RAM, which is free.
         const FOREVER: u32 = 0x2003_c000;
         let run_on = |pico: &mut VirtualPico| {
             let soon = pico.now() + Duration::from_nanos(8);
             pico.receive(soon, &mut Vec::new()).expect("a virtual port is always there");
         };
-        // It is the main loop that sleeps; in its mode, when no interrupt is served, it can be led away.
+        // Only the main loop sleeps. In its mode, when no interrupt is served, it can be made to jump there.
         while !self.chip().cpu().is_asleep() {
             run_on(self);
         }
@@ -133,7 +134,7 @@ impl Chip for VirtualPico {
     }
 }
 
-/// One whose clock is off.
+/// A board whose clock is off.
 impl<P: Chip> Chip for Skewed<P> {
     const CYCLES_PER_S: u64 = P::CYCLES_PER_S;
     const NAME: &str = P::NAME;
@@ -151,7 +152,7 @@ pub(crate) struct Step {
     pub(crate) sign: i64,
 }
 
-/// What the pins showed, of each motor.
+/// The steps of each motor on the pins.
 pub(crate) type Steps = [Vec<Step>; 2];
 
 fn steps_of<P: Chip>(edges: &[Edge]) -> Steps {
@@ -177,17 +178,17 @@ pub(crate) fn counts(steps: &Steps) -> Vec<i64> {
 /// How the motors moved.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) enum Moved {
-    /// Every step came in the tick in which it comes when nothing goes wrong, and no other.
+    /// Each step came in its tick of the clean run, and no other step came.
     AsPlanned,
-    /// As planned up to a step; then a stop within the limits.
+    /// As planned up to a step, then a stop within the limits.
     Tail,
-    /// As planned up to a step; then no other.
+    /// As planned up to a step, then no further step.
     Halted,
-    /// Not at all.
+    /// No step came.
     NotAtAll,
-    /// As planned where enough was queued, else as planned up to a step and then a stop within the limits.
+    /// As planned if enough was queued, else as planned up to a step and then a stop within the limits.
     AsQueued,
-    /// As told by the lines that arrived whole.
+    /// By the lines that arrived whole.
     ByWholeLines,
 }
 
@@ -204,18 +205,18 @@ impl Moved {
     }
 }
 
-/// What came of a run.
+/// The result of a run.
 #[derive(Debug)]
 pub(crate) struct Seen {
     moved: Moved,
-    /// What the user was told, if not all was well.
+    /// The error for the user, if there was one.
     pub(crate) error: Option<DriveError>,
     pub(crate) steps: Steps,
-    /// No step came but those that were planned, from the first on.
+    /// Only planned steps came, from the first one on.
     is_part: bool,
 }
 
-/// So many were made: each has a file of its own.
+/// Number of benches that were made: each has a file of its own.
 static BENCHES: AtomicU32 = AtomicU32::new(0);
 
 /// A board, and its run without a fault.
@@ -224,20 +225,20 @@ pub(crate) struct Bench<P> {
     file: PathBuf,
     prepared: Prepared,
     clean: Steps,
-    /// When the first step came, and the last, ticks.
+    /// When the first and the last step came, ticks.
     pub(crate) first: u64,
     pub(crate) last: u64,
-    /// The line of that run: how many bytes went over it.
+    /// The line of that run, which knows its number of bytes.
     pub(crate) line: Line<P>,
 }
 
 impl<P: Chip> Bench<P> {
-    /// Of a board that is plugged in, its port open.
+    /// A bench for a board that is plugged in, with its port open.
     pub(crate) fn new(fresh: P) -> Bench<P> {
         Bench::of(fresh, "long", MOTION, END)
     }
 
-    /// The same of a motion whose session is so short that each of its bytes can be tried.
+    /// A bench with a motion whose session is so short that each of its bytes can be tried.
     pub(crate) fn short(fresh: P) -> Bench<P> {
         Bench::of(fresh, "short", SHORT_MOTION, SHORT_END)
     }
@@ -290,19 +291,19 @@ impl<P: Chip> Bench<P> {
         (self.judge(error, &line.all_edges()), line)
     }
 
-    /// The board, with a clock that is so many 10^-6 fast.
+    /// The board, with a clock that is fast by some ppm.
     pub(crate) fn skewed(&self, ppm: i32) -> Skewed<P> {
         Skewed::new(self.fresh.clone(), ppm)
     }
 
-    /// Runs it on another board of the kind.
+    /// Runs the motion on another board of the kind.
     pub(crate) fn run_on<Q: Chip>(&self, board: Q) -> Seen {
         let line = Line::new(board, Fault::Nothing);
         let error = drive(&self.prepared, &line, 1);
         self.judge(error, &line.all_edges())
     }
 
-    /// Runs it while the motion file is written over, and taken away.
+    /// Runs the motion while its file is overwritten, and removed.
     pub(crate) fn run_without_file(&self) -> Seen {
         let line = Line::new(self.fresh.clone(), Fault::Nothing);
         let prepared = load::load(&self.file, None, None).expect("it is a motion file");
@@ -321,7 +322,8 @@ impl<P: Chip> Bench<P> {
         self.judge(ended.err(), &line.all_edges())
     }
 
-    /// Runs it while its edges are written to a disk that is full after so many bytes; also gives what the user is told.
+    /// Runs the motion while its edges are written to a disk that gets full after some bytes. Also gives the error for
+    /// the user.
     pub(crate) fn run_on_full_disk(&self, bytes: usize) -> (Seen, String) {
         let line = Line::new(self.fresh.clone(), Fault::Nothing);
         let planned = self.prepared.plan(|_| {}).expect("it is planned");
@@ -338,7 +340,7 @@ impl<P: Chip> Bench<P> {
         (self.judge(ended.err(), &line.all_edges()), error.to_string())
     }
 
-    /// What the pins showed, against the clean run.
+    /// Compares the pins with the clean run.
     fn judge(&self, error: Option<DriveError>, edges: &[Edge]) -> Seen {
         let steps = steps_of::<P>(edges);
         let first = steps.iter().filter_map(|steps| steps.first()).map(|step| step.tick).min();
@@ -364,8 +366,8 @@ impl<P: Chip> Bench<P> {
         seen
     }
 
-    /// The next host finds the board at rest, and counting what the pins showed, if it was not reset; nothing moves until that host
-    /// says so; then all goes as planned.
+    /// The next host finds the board at rest, with counts that agree with the pins unless it was reset. Nothing moves
+    /// until that host says so, and then all goes as planned.
     pub(crate) fn check_next(&self, seen: &Seen, line: &Line<P>, again: bool) {
         line.set(Fault::Nothing);
         line.clone().set_baud(Baud::B115200).expect("it can");
@@ -401,7 +403,8 @@ impl Seen {
         }
     }
 
-    /// How the motors moved. Halted, if that is what is looked for, also where they were just as slow as in a stop within the limits.
+    /// How the motors moved. If the caller expects [`Moved::Halted`], a halt also counts where the motors were by
+    /// chance as slow as in a stop.
     pub(crate) fn moved(&self, wanted: Moved) -> Moved {
         match (wanted, self.moved) {
             (Moved::Halted, Moved::Tail) if self.is_part => wanted,
@@ -410,12 +413,12 @@ impl Seen {
         }
     }
 
-    /// Whether the host says that the board was reset.
+    /// Whether the host reports that the board was reset.
     fn was_reset(&self) -> bool {
         self.positions().is_some_and(|positions| matches!(positions.by, Knowledge::LastReport { .. }))
     }
 
-    /// Where the host says that the motors are, they are.
+    /// The motors are where the host reports them.
     fn check(&self) {
         let Some(Positions { motors, by }) = self.positions() else { return };
         let said: Vec<i64> = motors.iter().map(|(_, steps)| *steps).collect();
@@ -426,7 +429,7 @@ impl Seen {
                 assert!(said == made || or.contains(&made), "{said:?} or {or:?}, but {made:?}")
             }
             Knowledge::LastReport { .. } | Knowledge::StopUnanswered => {
-                // They were there on the way.
+                // The motors were there on the way.
                 for (said, steps) in said.iter().zip(&self.steps) {
                     let mut count = 0;
                     let mut passed = steps.iter().map(|step| {
@@ -439,7 +442,7 @@ impl Seen {
         }
     }
 
-    /// What the user reads; empty if nothing is wrong.
+    /// The user's message. Empty if nothing is wrong.
     pub(crate) fn said(&self) -> String {
         let Some(error) = &self.error else { return String::new() };
         let help = error.advice().map_or_else(String::new, |help| format!("\nhelp: {help}"));
@@ -447,7 +450,7 @@ impl Seen {
     }
 }
 
-/// A disk with so much room.
+/// A disk with some bytes of room.
 struct Disk {
     room: usize,
 }
@@ -468,11 +471,11 @@ impl Write for Disk {
     }
 }
 
-/// So many steps before those that differ belong to the stop.
+/// This many steps before the first different one belong to the stop.
 const LOOK_BACK: usize = 3;
 
-/// Whether steps slow down within the limits, until one comes less than a step before rest: a motor that is braked by a runs at √(4a) or
-/// less then.
+/// Whether the steps slow down within the limits until less than a step before rest. (There a motor that brakes with
+/// acceleration a runs at √(4a) or less.)
 fn stops<P: Chip>(steps: &[Step]) -> bool {
     let hz = P::CYCLES_PER_S as f64;
     let speeds = |pair: &[Step]| pair[0].sign as f64 * hz / (pair[1].tick - pair[0].tick) as f64;
@@ -483,7 +486,7 @@ fn stops<P: Chip>(steps: &[Step]) -> bool {
     {
         return false;
     }
-    // Over some steps, so that a tick more or less is nothing.
+    // Measured over some steps, so that a tick more or less does not matter.
     steps.windows(2 * LOOK_BACK + 1).filter(|steps| steps.iter().all(|step| step.sign == steps[0].sign)).all(|steps| {
         let mean = |from: &Step, to: &Step| LOOK_BACK as f64 * hz / (to.tick - from.tick) as f64;
         let [first, middle, last] = [0, LOOK_BACK, 2 * LOOK_BACK].map(|k| &steps[k]);
@@ -492,7 +495,7 @@ fn stops<P: Chip>(steps: &[Step]) -> bool {
     })
 }
 
-/// Runs a motion on a board at the end of a line, as a session of that number; gives why it did not come to its end.
+/// Runs a motion on a board at the end of a line, as a session of that number. Gives why it did not come to its end.
 fn drive<P: Chip>(prepared: &Prepared, line: &Line<P>, number: u32) -> Option<DriveError> {
     let connect = |program: &_| connect_as(line.clone(), program, Baud::B1M, number);
     Driven::with(prepared, connect).and_then(|mut driven| driven.run(&mut |_: Edge| {}, |_| {})).err()

@@ -1,4 +1,4 @@
-//! A line to a virtual board on which one thing goes wrong, at one byte or at one moment.
+//! A line to a virtual board with one fault, at a byte or at a time.
 
 use super::bench::Chip;
 use pulsetrain_board::{Edge, Link, Port, PortError};
@@ -6,49 +6,49 @@ use pulsetrain_core::wire::Baud;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-/// A way on the line.
+/// A direction on the line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Way {
     ToBoard = 0,
     ToHost = 1,
 }
 
-/// What may happen to a byte.
+/// Faults of a byte.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Mishap {
     Dropped,
-    /// Which bit.
+    /// One bit changes; its number.
     Flipped(u8),
     Doubled,
-    /// With the one after it.
+    /// It changes places with the byte after it.
     Swapped,
 }
 
-/// What goes wrong.
+/// The fault.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Fault {
     Nothing,
-    /// To one byte, counted from the port's opening.
+    /// A fault of one byte, which is counted from the port's opening.
     Byte {
         way: Way,
         at: u64,
         mishap: Mishap,
     },
-    /// From then on nothing passes, for so long.
+    /// From then on nothing passes for a time.
     Silence {
         from: Duration,
         lasts: Duration,
     },
-    /// From then on the computer has no such port any more.
+    /// From then on the computer does not have the port any more.
     Unplugged {
         from: Duration,
     },
-    /// Then the host does nothing for so long; what the board says meanwhile waits for it.
+    /// Then the host stops for a time. The board's bytes wait for it.
     Stall {
         at: Duration,
         lasts: Duration,
     },
-    /// Then so many bytes come to the board that no host sent.
+    /// Then some bytes come to the board that no host has sent.
     Burst {
         at: Duration,
         bytes: u16,
@@ -57,7 +57,7 @@ pub(crate) enum Fault {
     Opened {
         at: Duration,
     },
-    /// From then on the host is slow: each look at the line takes so long.
+    /// From then on the host is slow: each look at the line takes this long.
     Slow {
         from: Duration,
         look: Duration,
@@ -70,11 +70,11 @@ pub(crate) enum Fault {
     Hung {
         at: Duration,
     },
-    /// The adapter says yes to every rate, and stays at its first.
+    /// The adapter accepts every rate, but stays at its first.
     Stuck,
 }
 
-/// The line. Clones are the same one.
+/// The line. Its clones share one state.
 pub(crate) struct Line<P>(Arc<Mutex<Struck<P>>>);
 
 impl<P> Clone for Line<P> {
@@ -88,11 +88,11 @@ struct Struck<P> {
     fault: Fault,
     /// Bytes that have gone each way.
     gone: [u64; 2],
-    /// The first of two that change places.
+    /// The first of two bytes that change places.
     swapped: Option<u8>,
-    /// What came while the host did nothing.
+    /// Bytes that came while the host stood still.
     held: Vec<u8>,
-    /// All edges so far, and how many of them the host was told.
+    /// All edges so far, and how many of them the host has got.
     edges: Vec<Edge>,
     told: usize,
 }
@@ -103,12 +103,12 @@ impl<P: Chip> Line<P> {
         Line(Arc::new(Mutex::new(struck)))
     }
 
-    /// From now on this goes wrong, and what did so far does no more.
+    /// Replaces the fault, from now on.
     pub(crate) fn set(&self, fault: Fault) {
         self.0.lock().unwrap().fault = fault;
     }
 
-    /// Bytes that have gone so far.
+    /// Number of bytes so far.
     pub(crate) fn gone(&self, way: Way) -> u64 {
         self.0.lock().unwrap().gone[way as usize]
     }
@@ -120,7 +120,7 @@ impl<P: Chip> Line<P> {
         struck.edges.clone()
     }
 
-    /// Forgets the edges so far, but for the levels of the lines in `kept`.
+    /// Forgets the edges so far, but keeps the levels of the lines in `kept`.
     pub(crate) fn forget_edges(&self, kept: &[u8]) {
         let mut struck = self.0.lock().unwrap();
         struck.look();
@@ -129,7 +129,7 @@ impl<P: Chip> Line<P> {
         struck.told = struck.edges.len();
     }
 
-    /// Lets the board alone for so long: nobody listens.
+    /// Lets the board run for a time without a host.
     pub(crate) fn leave_alone(&self, lasts: Duration) {
         let mut struck = self.0.lock().unwrap();
         let until = struck.board.now() + lasts;
@@ -155,7 +155,7 @@ impl<P: Chip> Struck<P> {
         self.board.edges(&mut self.edges);
     }
 
-    /// What is left of bytes on their way.
+    /// The part of bytes on their way that passes.
     fn pass(&mut self, way: Way, bytes: &[u8]) -> Vec<u8> {
         if let Fault::Silence { from, lasts } = self.fault
             && (from..from + lasts).contains(&self.board.now())
@@ -186,7 +186,7 @@ impl<P: Chip> Struck<P> {
         passed
     }
 
-    /// What is due at a moment that may come now, or before `until`.
+    /// What is due at a time that may come now, or before `until`.
     fn strike(&mut self, until: Duration) -> Duration {
         let now = self.board.now();
         match self.fault {

@@ -11,9 +11,9 @@ pub(crate) struct Row {
     board: &'static str,
     /// Where and when it is tried.
     places: String,
-    /// How the motors move, each time.
+    /// How the motors moved, each time.
     moved: Moved,
-    /// All that the host said.
+    /// All messages of the host.
     said: BTreeSet<String>,
 }
 
@@ -22,25 +22,25 @@ impl Row {
         Row { fault: fault.into(), board, places: places.into(), moved, said: BTreeSet::new() }
     }
 
-    /// Adds what one try came to; `what` was tried.
+    /// Adds the result of one try of `what`.
     pub(crate) fn add(&mut self, seen: &Seen, what: impl std::fmt::Debug) {
         self.add_as(seen, what, &seen.said());
     }
 
-    /// The same where the host said something else.
+    /// The same fault with other messages of the host is merged here.
     pub(crate) fn add_as(&mut self, seen: &Seen, what: impl std::fmt::Debug, said: &str) {
         let Row { fault, board, moved, .. } = self;
         assert_eq!(seen.moved(*moved), *moved, "{fault}, {board}: {what:?}: {:?}", seen.error);
         self.said.insert(numberless(said));
     }
 
-    /// Adds what was said where [`Seen`] does not fit.
+    /// Adds a message that does not fit into [`Seen`].
     pub(crate) fn say(&mut self, said: &str) {
         self.said.insert(numberless(said));
     }
 }
 
-/// With N for every number, and without what is said where an answer was missing.
+/// The message with N for every number, and without the part about a missing answer.
 fn numberless(text: &str) -> String {
     let mut less = String::new();
     for line in text.lines() {
@@ -62,7 +62,7 @@ fn numberless(text: &str) -> String {
     less
 }
 
-/// The table, of the same faults on an Uno and on a Pico, and below it what the host says.
+/// The table of the faults on an Uno and on a Pico, and below it the host's messages.
 pub(crate) fn markdown([uno, pico]: &[Vec<Row>; 2]) -> String {
     let mut text = "| fault | board | tried | the motors | the host says |\n|---|---|---|---|---|\n".to_owned();
     let mut messages = Vec::new();
@@ -86,7 +86,7 @@ pub(crate) fn markdown([uno, pico]: &[Vec<Row>; 2]) -> String {
     text
 }
 
-/// Which of the messages they are; new ones come last.
+/// The numbers of the messages. New ones are added at the end.
 fn numbers(said: &BTreeSet<String>, messages: &mut Vec<String>) -> String {
     let number = |said: &String| {
         if said.is_empty() {

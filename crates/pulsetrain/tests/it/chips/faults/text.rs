@@ -1,11 +1,11 @@
-//! StepperWinch's text, strict and with checksums, while one byte is harmed.
+//! StepperWinch's text, strict and with checksums, with one damaged byte.
 
 use super::bench::{Chip, Moved};
 use super::some;
 use super::table::Row;
 use pulsetrain_testkit::winch::{WinchLab, Wired};
 
-/// Each axis has a target of its own: which lines were obeyed shows in where they end.
+/// Each axis has a target of its own, so that the end positions show which lines were obeyed.
 const TARGETS: [i32; 4] = [37, 21, 50, 44];
 
 fn script() -> Vec<String> {
@@ -20,7 +20,8 @@ fn with_checksum(line: String) -> String {
     format!("{line}*{sum:02x}\n")
 }
 
-/// Of each byte of a script to the board. Neighbours that change places keep their exclusive or: the line does that to nobody.
+/// Each byte of a script to the board. Neighbours that change places keep their exclusive or, but no line makes that
+/// fault.
 pub(crate) fn rows<P: Chip + Wired>(fresh: &P, seed: u64) -> Vec<Row> {
     const FEW: u64 = 6;
     let script = script();
@@ -42,21 +43,21 @@ pub(crate) fn rows<P: Chip + Wired>(fresh: &P, seed: u64) -> Vec<Row> {
                 }
                 let mut lab = WinchLab::around(fresh.clone());
                 lab.run_ms(80);
-                // Quick to come to rest.
+                // Gains that come to rest quickly.
                 lab.send("g xyza 8 1\n");
                 lab.run_ms(20);
                 let first = lab.lines.len();
                 lab.send(&sent);
                 lab.run_ms(600);
                 let counted = lab.counted(u64::MAX);
-                // The line that it is in, and where lines meet, the next.
+                // The byte's line, and where lines meet, the next one, too.
                 let struck = bytes[..at].iter().filter(|byte| **byte == b'\n').count();
                 for (axis, (count, target)) in counted.into_iter().zip(TARGETS).enumerate() {
                     let may_miss = (struck..=struck + usize::from(bytes[at] == b'\n')).contains(&(axis + 1));
                     assert!(count == target || (count == 0 && may_miss), "{what} {at}: {counted:?}");
                 }
                 let said = lab.lines[first..].iter().find(|line| line.text.starts_with("err"));
-                // A zero is the beginning of a frame, and makes it mute until the next whole line.
+                // A zero begins a frame, and mutes the text until the next whole line.
                 let is_told = said.is_some() || sent.contains(&0);
                 assert!(is_told || counted == TARGETS, "{what} {at}: a line is missing, and nobody said so");
                 lab.check_positions();
