@@ -2,7 +2,8 @@
 
 use super::bus::{Bus, Size};
 use super::decode::{HALF_WORDS, Op, TABLE};
-use super::exception::{Exceptions, Fault, FaultCause, Sleep};
+use super::fault::{Fault, FaultCause};
+use super::nvic::{Exceptions, Sleep};
 use super::systick::SysTick;
 
 pub(super) const SP: usize = 13;

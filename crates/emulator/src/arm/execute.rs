@@ -3,7 +3,7 @@
 use super::bus::{Bus, Size};
 use super::cpu::{Cpu, LR, Mode, PC, SP};
 use super::decode::{Op, WideOp, decode_wide};
-use super::exception::FaultCause;
+use super::fault::FaultCause;
 
 /// Cycles of a branch that is taken, beyond the first.
 const BRANCH: u64 = 1;

@@ -22,9 +22,11 @@ mod cpu;
 mod decode;
 mod exception;
 mod execute;
+mod fault;
+mod nvic;
 mod system;
 mod systick;
 
 pub use bus::{Bus, BusFault, Size};
 pub use cpu::{Config, Cpu, Mode};
-pub use exception::{Fault, FaultCause};
+pub use fault::{Fault, FaultCause};

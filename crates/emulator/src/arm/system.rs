@@ -2,7 +2,8 @@
 
 use super::bus::{Bus, Size};
 use super::cpu::Cpu;
-use super::exception::{FaultCause, IRQ, NMI, PENDSV, SVCALL, SYSTICK};
+use super::fault::FaultCause;
+use super::nvic::{IRQ, NMI, PENDSV, SVCALL, SYSTICK};
 
 /// Addresses.
 mod at {

@@ -1,6 +1,6 @@
 //! The chip: processor and peripherals on one clock.
 
-use super::fabric::Fabric;
+use super::fabric::{Fabric, SRAM, SRAM_BYTES};
 use super::system::{CoreBus, System};
 use super::usb::UsbState;
 use super::watchdog::Cause;
@@ -53,9 +53,9 @@ impl Rp2040 {
     /// Where flash lies in the address space.
     pub const FLASH_ADDRESS: u32 = 0x1000_0000;
     /// Where RAM lies.
-    pub const RAM_ADDRESS: u32 = 0x2000_0000;
+    pub const RAM_ADDRESS: u32 = SRAM;
     /// Bytes of RAM.
-    pub const RAM_BYTES: usize = 264 * 1024;
+    pub const RAM_BYTES: usize = SRAM_BYTES;
 
     /// A chip that has just been powered, at cycle 0. The image lies at the beginning of flash; what it does not fill is
     /// erased.

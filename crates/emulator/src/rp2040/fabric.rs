@@ -21,8 +21,8 @@ use std::collections::BTreeMap;
 pub(super) const APB_READ_WAITS: u32 = 2;
 pub(super) const APB_WRITE_WAITS: u32 = 3;
 
-const SRAM: u32 = 0x2000_0000;
-const SRAM_BYTES: usize = 264 * 1024;
+pub(super) const SRAM: u32 = 0x2000_0000;
+pub(super) const SRAM_BYTES: usize = 264 * 1024;
 /// The four large banks, word by word in turn.
 const STRIPED_BYTES: u32 = 256 * 1024;
 /// The same, bank after bank.

@@ -3,9 +3,8 @@
 //! What happens in cycle t reads what was there in the beginning of t and is seen in t + 1. State machines come first,
 //! then the DMA, then the slow peripherals; the processor's access comes last.
 
-use super::chip::Rp2040;
 use super::dma::Dma;
-use super::fabric::{APB_WRITE_WAITS, Fabric, lane, merging, replicate};
+use super::fabric::{APB_WRITE_WAITS, Fabric, SRAM, lane, merging, replicate};
 use super::pio::Pio;
 use super::watchdog::Cause;
 use crate::Observer;
@@ -245,7 +244,7 @@ impl System {
     /// The half-word of an instruction, and the cycles waited for it.
     #[inline]
     pub(super) fn fetch(&mut self, address: u32, cycle: u64) -> Result<(u16, u32), BusFault> {
-        let offset = address.wrapping_sub(Rp2040::RAM_ADDRESS) as usize;
+        let offset = address.wrapping_sub(SRAM) as usize;
         if let Some(&[low, high]) = self.fabric.sram.get(offset..offset + 2) {
             return Ok((u16::from_le_bytes([low, high]), 0));
         }
