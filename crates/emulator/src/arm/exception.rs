@@ -1,23 +1,23 @@
-//! What the processor does at an exception: entry, return, faults, sleep (ARMv6-M ARM DDI 0419E §B1.5).
-//!
-//! Which exception is due is decided in `nvic`.
+//! What the processor does at an exception: entry, return, faults, sleep (ARMv6-M ARM DDI 0419E §B1.5). Which exception
+//! is due is decided in `nvic`.
 
 use super::bus::{Bus, Size};
 use super::cpu::{Cpu, LR, SP};
 use super::fault::{Fault, FaultCause};
 use super::nvic::{HARD_FAULT, IRQ, NMI, SVCALL, SYSTICK, Sleep, bit};
 
-/// Cycles of an exception's entry up to the vector, and of the vector: TRM §3.6.1 gives the sum, 15.
+/// Cycles of the two parts of an exception's entry: saving the registers, and reading the vector. TRM §3.6.1 gives
+/// their sum, 15.
 const STACKING: u64 = 12;
 const VECTOR: u64 = 3;
 const _: () = assert!(STACKING + VECTOR == 15);
-/// Cycles of unstacking, as of `pop` with eight registers: 3 + 8 (TRM table 3-1).
+/// Cycles of restoring the registers: as `pop` with eight registers, 3 + 8 (TRM table 3-1).
 const UNSTACKING: u64 = 11;
 const FRAME_BYTES: u32 = 32;
 
 impl Cpu {
-    /// Levels of the 32 interrupt lines from now on. A line that rises makes its interrupt pending; one that is still
-    /// high when its handler returns does so again (ARMv6-M ARM §B3.4.1).
+    /// Sets the levels of the 32 interrupt lines. A rising line makes its interrupt pending. A line that is still high
+    /// when its handler returns makes it pending again (ARMv6-M ARM §B3.4.1).
     #[inline]
     pub fn set_irq_lines(&mut self, levels: u32) {
         if levels != self.exceptions.lines {
@@ -28,7 +28,7 @@ impl Cpu {
         }
     }
 
-    /// Level of the line of the interrupt that cannot be masked, from now on; its rise counts.
+    /// Sets the level of the NMI line. A rising line makes the NMI pending.
     pub fn set_nmi_line(&mut self, level: bool) {
         if level && !self.exceptions.nmi_line {
             self.exceptions.pend(bit(NMI));
@@ -37,13 +37,13 @@ impl Cpu {
         self.refresh();
     }
 
-    /// An event from elsewhere (RXEV), such as another processor's `sev`: ends `wfe`.
+    /// An event from outside (RXEV), such as `sev` of another processor. It ends `wfe`.
     pub fn event(&mut self) {
         self.exceptions.event = true;
         self.refresh();
     }
 
-    /// Works out anew what is due, and how long instructions may be executed without looking.
+    /// Decides which exception is due, and up to which cycle instructions can be executed without another look.
     pub(super) fn refresh(&mut self) {
         let exceptions = &mut self.exceptions;
         exceptions.refresh();
@@ -63,14 +63,15 @@ impl Cpu {
         }
     }
 
-    /// Counts SysTick up to a cycle.
+    /// Counts SysTick up to a cycle, and makes its exception pending where the counter asks for it.
     pub(super) fn count_systick(&mut self, cycle: u64) {
         if self.systick.advance(cycle) {
             self.exceptions.pend(bit(SYSTICK));
         }
     }
 
-    /// What is to be done before the next instruction: whether that was a step of its own.
+    /// Makes the step that comes before the next instruction, if there is one: entry, sleep, lock-up. Returns whether
+    /// there was.
     #[cold]
     #[inline(never)]
     pub(super) fn attend(&mut self, bus: &mut impl Bus) -> bool {
@@ -92,7 +93,7 @@ impl Cpu {
             self.refresh();
         }
         if let Some(exception) = self.exceptions.entering.take() {
-            // Something more urgent may have come since: late arrival.
+            // An exception that became due during stacking and is more urgent is entered instead (late arrival).
             self.take_vector(self.exceptions.due.unwrap_or(exception), bus);
         } else if let Some(exception) = self.exceptions.due {
             self.exceptions.locked_up = false;
@@ -107,7 +108,7 @@ impl Cpu {
         true
     }
 
-    /// Saves the registers (§B1.5.6, PushStack).
+    /// Saves the registers on the stack (§B1.5.6, PushStack).
     fn stack(&mut self, bus: &mut impl Bus) {
         let began = self.cycle;
         let sp = self.registers[SP];
@@ -137,7 +138,7 @@ impl Cpu {
         self.refresh();
     }
 
-    /// Goes to a handler (§B1.5.6, ExceptionTaken).
+    /// Reads the vector and goes to the handler (§B1.5.6, ExceptionTaken).
     fn take_vector(&mut self, exception: u32, bus: &mut impl Bus) {
         let began = self.cycle;
         self.exceptions.pending &= !bit(exception);
@@ -160,7 +161,7 @@ impl Cpu {
         }
     }
 
-    /// `bx` or `pop` of an EXC_RETURN value in handler mode (§B1.5.8): ends the handler.
+    /// Ends a handler: `bx` or `pop` has loaded an EXC_RETURN value in handler mode (§B1.5.8).
     pub(super) fn exception_return(&mut self, value: u32, bus: &mut impl Bus) -> Result<(), FaultCause> {
         let returning = self.exceptions.current;
         let nested = self.exceptions.active & !bit(returning) != 0;
@@ -178,7 +179,7 @@ impl Cpu {
         self.count_systick(self.cycle);
         self.refresh();
         if let Some(exception) = self.exceptions.due {
-            // Tail-chaining: the frame stays where it is, for the next handler.
+            // Tail-chaining: the saved registers stay on the stack for the next handler.
             self.registers[LR] = value;
             self.exceptions.entering = Some(exception);
         } else {
@@ -191,7 +192,7 @@ impl Cpu {
         Ok(())
     }
 
-    /// Restores the registers (§B1.5.8, PopStack).
+    /// Restores the registers from the stack (§B1.5.8, PopStack).
     fn unstack(&mut self, value: u32, bus: &mut impl Bus) {
         let began = self.cycle;
         let mut waits = 0;
@@ -222,7 +223,7 @@ impl Cpu {
         self.cycle = began + UNSTACKING + waits;
     }
 
-    /// `svc`: its exception, or a fault where that cannot be entered (§B1.5.4).
+    /// Executes `svc`: makes SVCall pending, or faults where it cannot be entered (§B1.5.4).
     pub(super) fn supervisor_call(&mut self) -> Result<(), FaultCause> {
         if self.exceptions.priority[SVCALL as usize] >= self.exceptions.execution_priority() {
             return Err(FaultCause::Supervisor);
@@ -232,13 +233,13 @@ impl Cpu {
         Ok(())
     }
 
-    /// `wfi`.
+    /// Executes `wfi`.
     pub(super) fn wait_for_interrupt(&mut self) {
         self.exceptions.sleep = Sleep::Interrupt;
         self.refresh();
     }
 
-    /// `wfe`: does not wait if an event has come since the last.
+    /// Executes `wfe`. It does not wait if an event has come since the last `wfe`.
     pub(super) fn wait_for_event(&mut self) {
         if !std::mem::take(&mut self.exceptions.event) {
             self.exceptions.sleep = Sleep::Event;
@@ -246,7 +247,7 @@ impl Cpu {
         }
     }
 
-    /// An instruction, or what stands at `pc`, faults: a HardFault, or the end if one is being handled (§B1.5.9,
+    /// An instruction at `pc` faults: the processor takes a HardFault, or locks up if it is already in one (§B1.5.9,
     /// §B1.5.10).
     #[cold]
     pub(super) fn hard_fault(&mut self, cause: FaultCause) {
@@ -259,7 +260,7 @@ impl Cpu {
         self.refresh();
     }
 
-    /// A fault while registers are saved: it is entered in place of what they were saved for (§B1.5.9).
+    /// A fault while the registers are being saved: its HardFault is entered instead of the first exception (§B1.5.9).
     fn derived_fault(&mut self, cause: FaultCause) {
         if self.exceptions.due.is_some_and(|exception| exception <= HARD_FAULT) || self.exceptions.active_priority() < 0
         {

@@ -5,63 +5,63 @@ use thiserror::Error;
 /// Why the processor took a HardFault, or locked up.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Error)]
 pub enum FaultCause {
-    /// What was fetched is no instruction of ARMv6-M.
+    /// The half-word is no instruction of ARMv6-M.
     #[error("no such instruction")]
     Undefined,
-    /// `bkpt`, and no debugger is there.
+    /// The program executed `bkpt`, and no debugger is connected.
     #[error("breakpoint without a debugger")]
     Breakpoint,
-    /// `svc` where its handler cannot be entered: PRIMASK is set, or the priority not sufficient.
+    /// The program executed `svc` where its handler cannot be entered: PRIMASK is set, or SVCall's priority is too low.
     #[error("svc at a priority that does not let it in")]
     Supervisor,
-    /// A branch to an even address: a state that the processor does not have.
+    /// A branch to an even address, which would select a state that the processor does not have.
     #[error("branch to an even address")]
     NotThumb,
-    /// An address that is no multiple of the access's size.
+    /// An access to an address that is not a multiple of its size.
     #[error("unaligned access to {address:#010x}")]
     Unaligned {
-        /// Where.
+        /// The address of the access.
         address: u32,
     },
     /// The bus refused a load or a store.
     #[error("access to {address:#010x}, where nothing answers")]
     Bus {
-        /// Where.
+        /// The address of the access.
         address: u32,
     },
-    /// The bus refused an instruction.
+    /// The bus refused the fetch of an instruction.
     #[error("instruction at {address:#010x}, where nothing answers")]
     Fetch {
-        /// Where.
+        /// The address of the instruction.
         address: u32,
     },
-    /// The vector could not be read.
+    /// An exception's vector could not be read.
     #[error("vector at {address:#010x}, where nothing answers")]
     Vector {
-        /// Where.
+        /// The address of the vector.
         address: u32,
     },
-    /// An exception's registers could not be saved or restored.
+    /// The registers could not be saved or restored at an exception.
     #[error("exception frame at {address:#010x}, where nothing answers")]
     Frame {
-        /// Where.
+        /// The address of the register that failed.
         address: u32,
     },
-    /// No exception can return with this value.
+    /// A handler returned with a value that is no valid EXC_RETURN.
     #[error("exception return with {value:#010x}")]
     Return {
-        /// EXC_RETURN.
+        /// The value.
         value: u32,
     },
 }
 
-/// A fault, and where it happened.
+/// A fault of the processor, and where it happened.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Fault {
-    /// Why.
+    /// The cause.
     pub cause: FaultCause,
-    /// The instruction, or where the processor would have gone on.
+    /// The address of the instruction, or of the one that would have been executed next.
     pub pc: u32,
-    /// In which cycle.
+    /// The cycle in which it happened.
     pub cycle: u64,
 }

@@ -14,20 +14,20 @@ pub(super) const SYSTICK: u32 = 15;
 pub(super) const IRQ: u32 = 16;
 const EXCEPTIONS: usize = IRQ as usize + 32;
 
-/// Execution priority when nothing is active: less urgent than all.
+/// Execution priority when no exception is active: less urgent than every exception.
 const LOWEST: i16 = i16::MAX;
 
-/// Whether the processor waits.
+/// Whether the processor sleeps, and what wakes it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Sleep {
     Awake,
-    /// `wfi`, or sleep on exit.
+    /// After `wfi`, or by sleep on exit.
     Interrupt,
-    /// `wfe`.
+    /// After `wfe`.
     Event,
 }
 
-/// Sets of exceptions are bits by exception number.
+/// The state of all exceptions. Sets of exceptions have one bit for each exception number.
 #[derive(Clone, Debug)]
 pub(super) struct Exceptions {
     pub(super) pending: u64,
@@ -36,16 +36,16 @@ pub(super) struct Exceptions {
     /// Levels of the interrupt lines.
     pub(super) lines: u32,
     pub(super) nmi_line: bool,
-    /// By exception number; lower is more urgent.
+    /// Priority by exception number; a lower value is more urgent.
     pub(super) priority: [i16; EXCEPTIONS],
     pub(super) primask: bool,
-    /// The exception that runs, IPSR.
+    /// The exception whose handler runs (IPSR); 0: none.
     pub(super) current: u32,
-    /// Pending, and urgent enough to be entered now.
+    /// The pending exception that is urgent enough to be entered now.
     pub(super) due: Option<u32>,
-    /// As `due`, PRIMASK or not: what ends `wfi`.
+    /// Whether a pending exception ends `wfi`: as `due`, but whatever PRIMASK is.
     pub(super) wakes: bool,
-    /// What the registers were saved for, while the vector is not yet read.
+    /// The exception for which the registers have been saved, and whose vector has not been read yet.
     pub(super) entering: Option<u32>,
     /// The event register of `wfe`.
     pub(super) event: bool,
@@ -111,23 +111,23 @@ impl Exceptions {
         }
     }
 
-    /// An interrupt whose line is high is pending unless it is active (§B3.4.1).
+    /// Makes the interrupts whose line is high pending, except those whose handler runs (§B3.4.1).
     pub(super) fn sample_lines(&mut self) {
         self.pend(u64::from(self.lines) << IRQ & !self.active);
     }
 
-    /// The most urgent of a set; among equals the one with the lowest number (§B1.5.4).
+    /// The most urgent exception of a set; of equals the one with the lowest number (§B1.5.4).
     fn most_urgent(&self, set: u64) -> Option<(u32, i16)> {
         let members = (0..EXCEPTIONS as u32).filter(|exception| set & bit(*exception) != 0);
         members.map(|exception| (exception, self.priority[exception as usize])).min_by_key(|(_, priority)| *priority)
     }
 
-    /// The most urgent of those that are pending and enabled.
+    /// The most urgent exception that is pending and enabled.
     pub(super) fn most_urgent_pending(&self) -> Option<u32> {
         self.most_urgent(self.pending & self.enabled).map(|(exception, _)| exception)
     }
 
-    /// Priority of what runs, PRIMASK left aside.
+    /// The priority of the running handler, without PRIMASK.
     pub(super) fn active_priority(&self) -> i16 {
         self.most_urgent(self.active).map_or(LOWEST, |(_, priority)| priority)
     }
