@@ -1,5 +1,19 @@
 //! What boards and PC share, without an allocator, floating point or `unsafe`.
 //!
+//! ```
+//! use pulsetrain_core::{Recurrence, Segment};
+//!
+//! // Three steps, the first after 100 ticks, with intervals that shrink by 10 ticks; 16 fraction bits, as on an Uno.
+//! let segment = Segment { count: 3, interval: 100 << 16, add: -10 << 16, add2: 0 };
+//! let mut recurrence = Recurrence { accumulator: 0, interval: 0, add: 0, add2: 0 };
+//! recurrence.load(&segment);
+//! let ticks = [(); 3].map(|()| {
+//!     recurrence.advance();
+//!     recurrence.accumulator >> 16
+//! });
+//! assert_eq!(ticks, [100, 190, 270]);
+//! ```
+//!
 //! # What is here, top down
 //! - [`merge`]: edges of all motors in one time-ordered stream, coincident edges in one
 //! - [`axis`]: one motor's queue, channel and output together

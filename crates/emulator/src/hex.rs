@@ -1,26 +1,26 @@
-//! Intel HEX: how images of program memory are kept in files.
+//! Intel HEX, the text format in which images of program memory are kept in files.
 
 use thiserror::Error;
 
-/// Why a text is not an image. Lines count from 1.
+/// Why a text is not a valid image. Lines count from 1.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 pub enum HexError {
     /// A line that does not begin with a colon.
     #[error("line {line}: a record begins with ':'")]
     NoColon {
-        /// Where.
+        /// The line.
         line: usize,
     },
-    /// Something that is no pair of hexadecimal digits.
+    /// Something that is not pairs of hexadecimal digits.
     #[error("line {line}: not pairs of hexadecimal digits")]
     NotHex {
-        /// Where.
+        /// The line.
         line: usize,
     },
-    /// A record whose length is not what its first byte says.
+    /// A record whose length is not the one that its first byte announces.
     #[error("line {line}: {found} bytes where the record announces {announced}")]
     Length {
-        /// Where.
+        /// The line.
         line: usize,
         /// Data bytes announced.
         announced: usize,
@@ -30,15 +30,15 @@ pub enum HexError {
     /// A checksum that does not add up.
     #[error("line {line}: the checksum is wrong by {sum:#04x}")]
     Checksum {
-        /// Where.
+        /// The line.
         line: usize,
-        /// Sum of all bytes, which should be 0.
+        /// The sum of all bytes, which should be 0.
         sum: u8,
     },
     /// A record of a type that is not 00 to 05.
     #[error("line {line}: record type {kind:#04x} is unknown")]
     Kind {
-        /// Where.
+        /// The line.
         line: usize,
         /// The type found.
         kind: u8,
@@ -46,20 +46,20 @@ pub enum HexError {
     /// Data beyond the memory that the image is for.
     #[error("line {line}: address {address:#x} is beyond the memory of {limit} bytes")]
     Beyond {
-        /// Where.
+        /// The line.
         line: usize,
         /// First address that does not fit.
         address: usize,
-        /// Bytes of memory.
+        /// Size of the memory, bytes.
         limit: usize,
     },
-    /// The text ends before an end-of-file record: something has cut it off.
+    /// The text ends without an end-of-file record: the file was cut off.
     #[error("no end-of-file record: the file was cut off")]
     NoEnd,
 }
 
-/// Reads Intel HEX into an image of at most `limit` bytes. Gaps are 0xff, as in erased flash; the image ends with
-/// the last byte given.
+/// Reads Intel HEX into an image of at most `limit` bytes. Gaps are 0xff, as in erased flash; the image ends with the
+/// last byte of the text.
 ///
 /// # Errors
 /// [`HexError`] names the line.
@@ -103,10 +103,10 @@ pub fn parse(text: &str, limit: usize) -> Result<Vec<u8>, HexError> {
                 image[start..end].copy_from_slice(data);
             }
             (1, _) => return Ok(image),
-            // Segments are paragraphs of 16 bytes; linear bases are the upper half of the address.
+            // Segment bases are in units of 16 bytes; linear bases are the upper half of the address.
             (2, &[high, low]) => base = usize::from(u16::from_be_bytes([high, low])) << 4,
             (4, &[high, low]) => base = usize::from(u16::from_be_bytes([high, low])) << 16,
-            // Where a program starts: a chip starts at its reset vector.
+            // Start addresses are ignored, because a chip starts at its reset vector.
             (3 | 5, _) => {}
             (2 | 4, _) => return Err(HexError::Length { line, announced, found: 2 }),
             _ => return Err(HexError::Kind { line, kind }),

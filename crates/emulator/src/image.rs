@@ -1,24 +1,24 @@
-//! Program images for chips whose memory lies at high addresses: ELF as compilers write it, UF2 as boards take it.
-//! [`crate::hex`] is the AVR's.
+//! Program images for chips whose memory is at high addresses: ELF as compilers write it, UF2 as boards with a USB boot
+//! loader take it. Images for the AVR are in [`crate::hex`].
 
 use thiserror::Error;
 
-/// Bytes that belong at an address.
+/// Bytes, and the address at which they belong.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Piece {
-    /// Of the first byte.
+    /// Address of the first byte.
     pub address: u32,
-    /// What belongs there.
+    /// The bytes.
     pub bytes: Vec<u8>,
 }
 
-/// Why a file is not an image that can be loaded.
+/// Why a file cannot be loaded as an image.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 pub enum ImageError {
-    /// It does not begin as ELF files do.
+    /// The file does not begin as an ELF file does.
     #[error("not an ELF file: it does not begin with 7f 45 4c 46")]
     NotElf,
-    /// ELF, but for another kind of processor.
+    /// An ELF file for another kind of processor.
     #[error("an ELF file for another processor: wanted are 32 bits, little endian, machine 40 (Arm)")]
     OtherProcessor,
     /// A header points beyond the end of the file.
@@ -26,33 +26,33 @@ pub enum ImageError {
     CutOff {
         /// What was to be read.
         what: &'static str,
-        /// Where it should end.
+        /// The byte at which it would end.
         end: u64,
-        /// Bytes of the file.
+        /// Length of the file, bytes.
         length: usize,
     },
-    /// A UF2 file is a row of blocks of 512 bytes.
+    /// The length is not a multiple of 512 bytes, the size of a UF2 block.
     #[error("{length} bytes are no whole number of UF2 blocks of 512 bytes")]
     Uf2Length {
-        /// Bytes of the file.
+        /// Length of the file, bytes.
         length: usize,
     },
-    /// A block without UF2's magic numbers, or with more data than a block can hold.
+    /// A block has the wrong magic numbers, or more data than fits.
     #[error("block {block} is not a UF2 block")]
     Uf2Block {
-        /// Which, from 0.
+        /// The block, from 0.
         block: usize,
     },
-    /// Blocks are missing, or of different files.
+    /// Blocks are missing, or come from different files.
     #[error("block {block} says that it is block {number} of {of}, after {before} others")]
     Uf2Order {
-        /// Which, from 0.
+        /// The block, from 0.
         block: usize,
-        /// What it says.
+        /// The number that the block contains.
         number: u32,
-        /// How many it says there are.
+        /// The number of blocks that the block contains.
         of: u32,
-        /// How many were before it.
+        /// How many blocks came before it.
         before: u32,
     },
     /// Nothing in the file is to be loaded.
@@ -61,22 +61,22 @@ pub enum ImageError {
     /// A piece is outside the memory that the image is for.
     #[error("{bytes} bytes at {address:#010x} do not fit into memory from {base:#010x} with {limit} bytes")]
     Outside {
-        /// Of the piece.
+        /// Address of the piece.
         address: u32,
-        /// Of the piece.
+        /// Length of the piece, bytes.
         bytes: usize,
-        /// Where memory begins.
+        /// Address of the memory.
         base: u32,
-        /// Bytes of memory.
+        /// Size of the memory, bytes.
         limit: usize,
     },
 }
 
-/// The loadable segments of an ELF file for Arm, at their physical addresses: where they are stored, and not where
-/// start-up code copies them. Source: System V ABI, chapters 4 and 5.
+/// Reads the loadable segments of an ELF file for Arm, at their physical addresses. That is where they are stored, not
+/// where start-up code copies them. Source: System V ABI, chapters 4 and 5.
 ///
 /// # Errors
-/// [`ImageError`]: not such a file, cut off, or with nothing to load.
+/// [`ImageError`]: not such a file, cut off, or nothing to load.
 pub fn elf(file: &[u8]) -> Result<Vec<Piece>, ImageError> {
     const ARM: u16 = 40;
     const LOADABLE: u32 = 1;
@@ -102,11 +102,11 @@ pub fn elf(file: &[u8]) -> Result<Vec<Piece>, ImageError> {
     if pieces.is_empty() { Err(ImageError::Empty) } else { Ok(pieces) }
 }
 
-/// The blocks of a UF2 file that are for a family of chips (0xe48bff56: RP2040) or name none. Source:
-/// github.com/microsoft/uf2, README.
+/// Reads the blocks of a UF2 file that are for a family of chips (0xe48bff56: RP2040), or for no family in particular.
+/// Source: github.com/microsoft/uf2, README.
 ///
 /// # Errors
-/// [`ImageError`]: not such a file, blocks missing, or none for that family.
+/// [`ImageError`]: not such a file, blocks missing, or none for this family.
 pub fn uf2(file: &[u8], family: u32) -> Result<Vec<Piece>, ImageError> {
     const BLOCK: usize = 512;
     const MAGIC: [(u64, u32); 3] = [(0, 0x0a32_4655), (4, 0x9e5d_5157), (508, 0x0ab1_6f30)];
@@ -149,8 +149,8 @@ pub fn uf2(file: &[u8], family: u32) -> Result<Vec<Piece>, ImageError> {
     }
 }
 
-/// Pieces as the content of a memory from `base` on, of at most `limit` bytes: gaps are 0xff, as in erased flash, and it
-/// ends with the last byte given.
+/// Puts pieces into one image of the memory from `base` on, of at most `limit` bytes. Gaps are 0xff, as in erased
+/// flash; the image ends with the last piece.
 ///
 /// # Errors
 /// [`ImageError::Outside`] names the piece that does not fit.
@@ -175,8 +175,8 @@ pub fn flat(pieces: &[Piece], base: u32, limit: usize) -> Result<Vec<u8>, ImageE
     Ok(memory)
 }
 
-/// A UF2 file of the content of a memory from `base` on, for a family of chips: blocks of 256 bytes, the last one filled up with
-/// zeros. Source: github.com/microsoft/uf2, README.
+/// Makes a UF2 file from the contents of a memory from `base` on, for a family of chips. A block holds 256 bytes; zeros
+/// fill up the last one. Source: github.com/microsoft/uf2, README.
 ///
 /// ```
 /// use pulsetrain_emulator::image::{flat, to_uf2, uf2};
@@ -206,7 +206,7 @@ pub fn to_uf2(memory: &[u8], base: u32, family: u32) -> Vec<u8> {
 }
 
 fn part<'a>(file: &'a [u8], at: u64, bytes: u64, what: &'static str) -> Result<&'a [u8], ImageError> {
-    // Both come from fields of 32 bits: the sum cannot overflow.
+    // Address and length come from 32-bit fields, so that the sum cannot overflow.
     let end = at + bytes;
     let range = usize::try_from(at).ok().zip(usize::try_from(end).ok()).and_then(|(at, end)| file.get(at..end));
     range.ok_or(ImageError::CutOff { what, end, length: file.len() })

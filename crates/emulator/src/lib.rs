@@ -1,35 +1,54 @@
-//! Emulated chips that run firmware images, exact to the cycle by their datasheets. Knows nothing of Pulsetrain: what
-//! it says of a firmware must be independent of it.
+//! Emulated chips that run firmware images, exact to the cycle by their datasheets.
+//!
+//! This crate knows nothing of Pulsetrain, so that what it finds out about a firmware does not depend on the code that
+//! made the firmware.
+//!
+//! ```
+//! use pulsetrain_emulator::{Atmega328p, Level, Port};
+//!
+//! // sbi DDRB, 5; sbi PORTB, 5; rjmp to itself: the LED of an Uno goes on, 2 cycles after each sbi began.
+//! let words = [0x9a25u16, 0x9a2d, 0xcfff];
+//! let image: Vec<u8> = words.iter().flat_map(|word| word.to_le_bytes()).collect();
+//! let mut chip = Atmega328p::new(&image)?;
+//! chip.run(2, &mut ());
+//! assert_eq!((chip.is_output(Port::B, 5), chip.pin(Port::B, 5)), (true, Level::Low));
+//! chip.run(4, &mut ());
+//! assert_eq!(chip.pin(Port::B, 5), Level::High);
+//! # Ok::<(), pulsetrain_emulator::ImageTooLarge>(())
+//! ```
 //!
 //! # What is here
 //! - [`Atmega328p`]: the processor of the Arduino Uno. All instructions; Timer0, 1 and 2 with their waveforms and
-//!   traps; USART; ports, external and pin change interrupts; watchdog, EEPROM, sleep modes, power reduction, clock
-//!   prescaler; self-programming of flash, boot section, lock bits
-//! - [`Rp2040`]: the chip of the Raspberry Pi Pico, one of its processors. Both PIO blocks, DMA, SIO, GPIO, timer, both
-//!   UARTs, USB with a PC at its other end, clocks and PLLs, resets, watchdog, flash in place with its cache
-//! - [`Observer`]: what leaves a chip, stamped with its cycle: [`PinEdge`], [`GpioEdge`] and [`UartByte`]
-//! - [`LineByte`]: what someone else sends to it, at a speed of their own
-//! - [`arm`]: the Cortex-M0+, apart from any chip
+//!   special cases; USART; ports, external and pin change interrupts; watchdog, EEPROM, sleep modes, power reduction,
+//!   clock prescaler; self-programming of flash, boot section, lock bits
+//! - [`Rp2040`]: the chip of the Raspberry Pi Pico, with one of its processors. Both PIO blocks, DMA, SIO, GPIO, timer,
+//!   both UARTs, USB with a PC at the other end of the cable, clocks and PLLs, resets, watchdog, flash with its cache
+//! - [`Observer`]: gets everything that leaves a chip, with its cycle: [`PinEdge`], [`GpioEdge`] and [`UartByte`]
+//! - [`LineByte`]: a character for a chip's receiver, at any baud rate
+//! - [`arm`]: the processor Cortex-M0+ by itself, without a chip
 //! - [`hex`]: Intel HEX; [`image`]: ELF and UF2
 //!
 //! # What is not
-//! ATmega328P: SPI, two-wire, ADC, analogue comparator (their registers keep what is written), Timer2 with a crystal of its own,
-//! synchronous and SPI modes of the USART, brown-out by voltage, fuses but for the boot section.
+//! ATmega328P: SPI, two-wire, ADC and analogue comparator (their registers only store what is written), Timer2 with a
+//! crystal of its own, synchronous and SPI modes of the USART, brown-out by voltage, fuses other than those of the boot
+//! section.
 //!
-//! RP2040: the second processor, the boot ROM, interpolators, PWM, SPI, I2C, ADC, RTC, writing to flash, who waits when
-//! two want the same memory bank (`docs/emulator.md`).
+//! RP2040: the second processor, the boot ROM, interpolators, PWM, SPI, I2C, ADC, RTC, the waiting of accesses that
+//! collide on one memory bank, and flash commands other than those to read, erase a sector, program a page, and return
+//! status and number (`docs/emulator.md`).
 //!
-//! Serial pins are told as characters, not as edges.
+//! Serial lines carry characters, not edges.
 //!
 //! # Cycles
-//! A cycle is a period of the system clock: 62.5 ns on an Uno, unless CLKPR divides it. An edge's cycle is the first in
-//! which the pin has its new level. A port written by an instruction that occupies cycles c to c + n − 1 changes in
-//! c + n, at which the next instruction begins; a compare match with a counter that equals OCRnx in cycle c (clk/1)
-//! moves the pin and sets the flag in c + 1. An interrupt is entered at the first instruction boundary at or after the
-//! cycle in which its flag was set; its vector's instruction begins 4 cycles later.
+//! A cycle is a period of the system clock: 62.5 ns on an Uno, unless CLKPR divides it. The cycle of an edge is the first
+//! one in which the pin has its new level. An instruction that takes the cycles c to c + n − 1 and writes a port changes
+//! the pin in c + n, in which the next instruction begins. A counter that equals OCRnx in cycle c (clk/1) moves the pin
+//! and sets the flag in c + 1. An interrupt is entered at the first instruction boundary at or after the cycle in which
+//! its flag was set; the instruction at its vector begins 4 cycles later.
 //!
-//! On an RP2040 a cycle is a period of clk_sys, whose frequency [`Observer::clock_frequency`] tells. What a state
-//! machine, a transfer or a store does in cycle c reads what was there when c began, and is there when c + 1 begins.
+//! On an RP2040 a cycle is a period of clk_sys; [`Observer::clock_frequency`] gets its frequency. State machines,
+//! transfers and stores in cycle c use the state at the beginning of c, and their effect is there at the beginning of
+//! c + 1.
 #![forbid(unsafe_code)]
 
 pub mod arm;

@@ -1,8 +1,8 @@
-//! What the chip tells the world.
+//! What leaves a chip: the trait through which a chip reports edges, characters and changes of its clock.
 
 use crate::{GpioEdge, PinEdge, UartByte};
 
-/// Sees what leaves the chip, in the order of its cycles. Every method does nothing unless written otherwise.
+/// Gets everything that leaves the chip, in the order of its cycles. A method that is not implemented does nothing.
 ///
 /// ```
 /// use pulsetrain_emulator::{Observer, PinEdge};
@@ -17,23 +17,23 @@ use crate::{GpioEdge, PinEdge, UartByte};
 /// }
 /// ```
 pub trait Observer {
-    /// A pin took another level because the chip changed what it drives.
+    /// The chip has changed the level of a pin.
     fn pin(&mut self, edge: PinEdge) {
         let _ = edge;
     }
 
-    /// The same, of a chip whose pins have numbers only.
+    /// The chip has changed the level of a pin, where pins have numbers only (RP2040).
     fn gpio(&mut self, edge: GpioEdge) {
         let _ = edge;
     }
 
-    /// A character has left a UART. Characters come when their stop bit is over; a pin's edges may have been told
-    /// before that have later cycles than the character's start, never later than its end.
+    /// A UART has sent a character. This is called at the end of the stop bit, so that edges with later cycles than the
+    /// start bit may have come before, but none with later cycles than the stop bit's end.
     fn transmit(&mut self, byte: UartByte) {
         let _ = byte;
     }
 
-    /// The PC has taken a packet from the chip's USB serial port; the transaction ended in this cycle.
+    /// The PC has taken a packet from the chip's USB serial port, in a transaction that ended in this cycle.
     fn usb(&mut self, cycle: u64, data: &[u8]) {
         let _ = (cycle, data);
     }
@@ -43,16 +43,16 @@ pub trait Observer {
         let _ = (cycle, division);
     }
 
-    /// From this cycle on, cycles come at this frequency (RP2040: clk_sys got another source or divider).
+    /// From this cycle on, cycles have this frequency (RP2040: clk_sys has another source or divider).
     fn clock_frequency(&mut self, cycle: u64, hz: u64) {
         let _ = (cycle, hz);
     }
 
-    /// The chip has reset itself: its watchdog did, or its program asked for it.
+    /// The chip has reset itself, because its watchdog ran out or its program requested it.
     fn watchdog_reset(&mut self, cycle: u64) {
         let _ = cycle;
     }
 }
 
-/// Sees nothing.
+/// Ignores everything.
 impl Observer for () {}

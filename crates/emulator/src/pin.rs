@@ -1,11 +1,11 @@
-//! Pins as the world sees them: the same for every chip.
+//! Pins, ports and edges, as seen from outside the chip.
 
-/// What a pin's voltage means.
+/// A digital level.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum Level {
-    /// 0.
+    /// Near 0 V.
     Low,
-    /// 1.
+    /// Near the supply voltage.
     High,
 }
 
@@ -22,7 +22,7 @@ impl From<bool> for Level {
     }
 }
 
-/// A port of eight pins.
+/// A port of eight pins of an ATmega328P.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum Port {
     /// Port B: the Uno's pins 8 to 13 are bits 0 to 5.
@@ -37,7 +37,7 @@ impl Port {
     /// Every port, in the order of [`Port::index`].
     pub const ALL: [Port; 3] = [Port::B, Port::C, Port::D];
 
-    /// 0, 1, 2 for B, C, D.
+    /// The number of the port: 0, 1, 2 for B, C, D.
     pub const fn index(self) -> usize {
         match self {
             Port::B => 0,
@@ -47,25 +47,25 @@ impl Port {
     }
 }
 
-/// A pin took another level, and the chip was the cause.
+/// A change of a pin's level that the chip caused.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct PinEdge {
-    /// The first cycle in which the pin has its new level.
+    /// The first cycle with the new level.
     pub cycle: u64,
-    /// Which port.
+    /// The port of the pin.
     pub port: Port,
-    /// Which of its bits, 0 to 7.
+    /// The bit of the pin in its port, 0 to 7.
     pub bit: u8,
     /// The new level.
     pub level: Level,
 }
 
-/// As [`PinEdge`], of a pin that has a number only.
+/// A change of a pin's level that the chip caused, where pins have numbers only.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct GpioEdge {
-    /// The first cycle in which the pin has its new level.
+    /// The first cycle with the new level.
     pub cycle: u64,
-    /// Its number: 0 to 29 on an RP2040.
+    /// The number of the pin: 0 to 29 on an RP2040.
     pub gpio: u8,
     /// The new level.
     pub level: Level,

@@ -1,13 +1,13 @@
 //! Characters on a serial line.
 
-/// A character that the chip has sent, when its last stop bit is over.
+/// A character that a chip has sent. The observer gets it at the end of the last stop bit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct UartByte {
-    /// Which UART of the chip; 0 where there is one.
+    /// The number of the UART; 0 where the chip has one.
     pub uart: u8,
     /// The cycle in which its start bit begins.
     pub start_cycle: u64,
-    /// The first cycle after its stop bit, or bits.
+    /// The first cycle after its last stop bit.
     pub end_cycle: u64,
     /// 5 to 9 data bits, lowest first on the line.
     pub data: u16,
@@ -22,21 +22,22 @@ impl UartByte {
     }
 }
 
-/// A character that someone else puts on the line: a start bit, data bits and stop bits at the sender's own speed.
+/// A character on the line to a chip's receiver: a start bit, data bits and stop bits, at the sender's baud rate.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct LineByte {
     /// The cycle in which its start bit begins.
     pub start_cycle: u64,
-    /// Data bits, lowest first; a parity bit, if any, is one of them.
+    /// The data bits, lowest first. A parity bit, if there is one, counts as a data bit.
     pub data: u16,
-    /// How many data bits, 5 to 10.
+    /// The number of data bits, 5 to 10.
     pub bits: u8,
     /// Length of a bit, 1/256 cycle.
     pub bit_time_256: u32,
 }
 
 impl LineByte {
-    /// Eight data bits, no parity, and at least one stop bit: what a PC sends. `bit_time_256` is in 1/256 cycle.
+    /// A character as a PC sends it: eight data bits, no parity, one stop bit or more. `bit_time_256` is in 1/256
+    /// cycle.
     ///
     /// ```
     /// use pulsetrain_emulator::LineByte;

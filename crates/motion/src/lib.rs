@@ -1,5 +1,29 @@
 //! What the user says: motion files, quantities with units, laws, drivers, motors, boards' limits.
 //!
+//! ```
+//! use pulsetrain_motion::file;
+//!
+//! let text = r#"
+//!     board = "uno"
+//!     [motor.wheel]
+//!     steps_per_rev = 200
+//!     microsteps = 4
+//!     driver = "DQ542MA"
+//!     pins = { step = 8, dir = 9 }
+//!     forward = "high"
+//!     [[motion]]
+//!     motor = "wheel"
+//!     law.sine = { amplitude = "2.5 rev", period = "10 s", cycles = 1 }
+//! "#;
+//! let no_other_files = |_: &std::path::Path| Err(std::io::ErrorKind::NotFound.into());
+//! let program = file::read(text, "wheel.toml", &no_other_files)?;
+//! assert_eq!((program.board.name.as_str(), program.motors[0].scale.steps_per_unit), ("uno", 800.0));
+//!
+//! let error = file::read(&text.replace("2.5 rev", "2.5 kg"), "wheel.toml", &no_other_files).unwrap_err();
+//! assert!(error.plain().starts_with("wheel.toml:11:"));
+//! # Ok::<(), file::FileError>(())
+//! ```
+//!
 //! # What is here
 //! - [`mod@file`]: motion files (TOML) with errors that point at the place; [`template`]: one to begin with
 //! - [`program`]: what a file comes to, in steps, seconds and nanoseconds; [`Grid`]: θ to step times

@@ -1,19 +1,20 @@
-//! A motor's limits as the numbers of the boards' own stop: see [`pulsetrain_core::braking`].
+//! A motor's limits in the numbers of the stop that a board makes by itself: see [`pulsetrain_core::braking`].
 
 use crate::certificate::Certificate;
 use crate::error::PlanError;
 use pulsetrain_core::braking::{LARGEST_EXPONENT, Limit};
 use pulsetrain_motion::program::{Board, Limits};
 
-/// Where nothing says how hard a motor may brake, it may be as hard as to stop it in this time, s.
+/// Without a limit for braking, a motor brakes so hard that it stops within this time, s.
 pub const SOFTEST_STOP_S: f64 = 1.0;
 
-/// What the few operations on the way to the rest interval may round off, relative to it; far more than they do.
+/// Relative rounding error allowed on the way to the rest interval. The few operations make far less.
 const ROUNDING: f64 = 1e-14;
 
-/// The limit of a motor that brakes with `acceleration` (steps/s², positive) at most, and may stop at once from `pull_in`
-/// steps/s and below, on a board of `tick_hz` with so many fraction bits. `None` if the board's numbers do not hold it: brakes so
-/// soft or so hard that coming to rest within a step takes more than 2^62 or less than one 2^-F of a tick.
+/// The braking limit to send to a board of `tick_hz` with `fraction_bits`, for a motor that brakes with at most
+/// `acceleration` (steps/s², positive) and may stop at once from `pull_in` steps/s and below. `None` if the board's
+/// numbers cannot hold it: braking so soft or so hard that coming to rest within a step takes more than 2^62 or less
+/// than one 2^-F of a tick.
 ///
 /// ```
 /// let limit = pulsetrain_plan::braking_limit(10_000.0, 300.0, 16_000_000, 16).unwrap();
@@ -34,23 +35,24 @@ pub fn braking_limit(acceleration: f64, pull_in: f64, tick_hz: u64, fraction_bit
     Limit::new(mantissa as u8, u8::try_from(exponent).ok()?, level.floor().clamp(0.0, 255.0) as u8)
 }
 
-/// The softest limit that a board's own stop keeps from `rate` steps/s, steps/s²: below it, one unit of the board's
-/// fraction is too much. See [`pulsetrain_core::braking`].
+/// The softest limit with which a board's own stop still slows down from `rate` steps/s, steps/s². Below it, the change
+/// is less than one unit of the board's fraction. See [`pulsetrain_core::braking`].
 #[must_use]
 pub fn softest_braking(rate: f64, tick_hz: u64, fraction_bits: u32) -> f64 {
     rate.powi(3) / (tick_hz as f64 * (1u64 << fraction_bits) as f64)
 }
 
-/// How a motor brakes that a board brings to rest.
+/// How a board brings a motor to rest.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Stopping {
     /// The limit that is sent to the board.
     pub limit: Limit,
-    /// At this speed and below the motor may stop at once, steps/s.
+    /// The motor may stop at once from this speed and below, steps/s.
     pub slow: f64,
 }
 
-/// How a motor brakes on a board, by its limits; without them as hard as its law has accelerated so far, or up to a sixth less.
+/// How a motor brakes on a board, by its limits. Without limits it brakes as hard as its law has accelerated so far, or
+/// up to a sixth less.
 ///
 /// # Errors
 /// [`PlanError::BrakesTooHard`] if the board cannot brake so softly.
@@ -64,13 +66,14 @@ pub fn stopping(peaks: &Certificate, limits: &Limits, board: &Board) -> Result<S
         Some(limit) => limit,
         None => rounded_down(peaks.peak_acceleration.0.max(speed / SOFTEST_STOP_S)).max(least),
     };
-    // One that the board's numbers do not hold is for a motor that hardly moves.
+    // If the board's numbers cannot hold it, the motor hardly moves.
     let limit =
         braking_limit(acceleration, pull_in, board.tick_hz, board.fraction_bits).unwrap_or(Limit::WITHIN_A_STEP);
     Ok(Stopping { limit, slow: pull_in.max((2.0 * acceleration).sqrt()) })
 }
 
-/// To a quarter of an octave: while a motion begins its peaks grow with each step, and a board is sent each new limit.
+/// Rounds down to a quarter of an octave. At the beginning of a motion the peaks grow with each step, and every new
+/// limit costs a message to the board.
 fn rounded_down(acceleration: f64) -> f64 {
     if acceleration > 0.0 { libm::exp2(0.25 * (4.0 * libm::log2(acceleration)).floor()) } else { 0.0 }
 }

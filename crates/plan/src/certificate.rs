@@ -1,13 +1,13 @@
-//! What is proven of a plan.
+//! The certificate: what is proven of a plan.
 
 use pulsetrain_motion::law::Class;
 
-/// What is proven, and what was counted on the way.
+/// The bound that is proven, and what was counted while planning.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Certificate {
     /// ≥ |scheduled − exact| of every step so far, ticks.
     pub bound_ticks: f64,
-    /// What "exact" is relative to.
+    /// What "exact" means in `bound_ticks`.
     pub class: Class,
     /// Steps planned.
     pub steps: u64,
@@ -19,16 +19,16 @@ pub struct Certificate {
     pub bytes: u64,
     /// Shortest interval between two steps, ticks; `None` before the second step.
     pub shortest_interval_ticks: Option<u64>,
-    /// Fastest speed of the law met so far, steps/s, and when, s.
+    /// The highest speed of the law so far, steps/s, and its time, s.
     pub peak_speed: (f64, f64),
-    /// Largest acceleration of the law met so far, steps/s², and when, s.
+    /// The largest acceleration of the law so far, steps/s², and its time, s.
     pub peak_acceleration: (f64, f64),
-    /// Pairs of opposite steps dropped, since they were closer than the driver or the motor allows.
+    /// Pairs of opposite steps that were dropped because they were closer than the driver or the motor allows.
     pub pairs_dropped: u64,
-    /// Largest |position − θ| that dropping led to, steps.
+    /// Largest |position − θ| because of dropped pairs, steps.
     pub worst_position_error: f64,
-    /// Steps put off because another motor had the shared DIR line.
+    /// Steps that were delayed because another motor used the shared DIR line.
     pub steps_put_off: u64,
-    /// Longest time that a step was put off, ticks.
+    /// Longest delay of such a step, ticks.
     pub longest_put_off_ticks: u64,
 }

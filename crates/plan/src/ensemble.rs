@@ -12,8 +12,8 @@ use pulsetrain_motion::program::{Program, Wiring};
 
 /// The plans of all motors of a program, as streams of moves.
 ///
-/// Motors that share a DIR line are planned together: reading far ahead for one of them makes the moves of the
-/// others wait in memory.
+/// Motors that share a DIR line are planned together. Reading far ahead for one of them keeps the moves of the others
+/// in memory.
 ///
 /// ```
 /// # let text = pulsetrain_motion::template::motion_file("example");
@@ -28,19 +28,19 @@ pub struct Ensemble {
     groups: Vec<SharedDir>,
 }
 
-// A plan may be worked out on another thread than the one that read the file.
+// A plan may be made on another thread than the one that read the file.
 const _: () = {
     const fn is_send<T: Send + 'static>() {}
     is_send::<Ensemble>();
     is_send::<Planner>();
 };
 
-/// Where a motor is when a plan begins.
+/// The state of a motor when a plan begins.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Start {
-    /// Where its law goes on.
+    /// Where the law goes on.
     pub origin: Origin,
-    /// The tick of its last step, relative to that of the beginning (so negative), and the step's direction.
+    /// The tick of its last step, relative to the beginning of the plan (so negative), and the step's direction.
     pub last_step: Option<(i64, Direction)>,
 }
 
@@ -52,7 +52,8 @@ struct MotorPlan {
 enum Source {
     /// A motor with a DIR line of its own.
     Alone(Box<Planner>),
-    /// One whose steps are kept apart from those of others: which group, which member of it, and what its moves cost after steps were put off.
+    /// A motor whose steps must keep a distance from those of others: its group, its place in the group, and the cost
+    /// of its moves after delays.
     Shared(usize, usize, Meter),
 }
 
@@ -73,9 +74,9 @@ impl Ensemble {
         Ensemble::assemble(program, factor, program.motors.iter().map(|motor| (&motor.law, None)))
     }
 
-    /// Prepares to plan motors that have moved already: each goes on from its start; there is one for each motor.
+    /// Prepares to plan motors that have already moved. Each motor goes on from its element of `starts`.
     ///
-    /// A first step too close to the last one before is put off, and counted in the certificate.
+    /// A first step that is too close to the motor's last step is delayed, and counted in the certificate.
     ///
     /// # Errors
     /// If the tolerance is below what can be proven.
@@ -103,8 +104,8 @@ impl Ensemble {
             let plan = if pin.is_none() && start.is_none() && steps.is_none() {
                 Source::Alone(Box::new(planner))
             } else {
-                // A motor with a line of its own is a group of one: its steps must keep clear of those before.
-                // Where the board makes all steps one after the other, all motors are one group.
+                // A motor with its own DIR line is a group of one: its first steps must keep a distance from those
+                // before the plan. Where the board makes all steps one after the other, all motors are one group.
                 let is_one = steps.is_some();
                 let known = groups.iter().position(|(p, _)| is_one || (pin.is_some() && *p == pin));
                 let group = known.unwrap_or_else(|| {
@@ -124,7 +125,7 @@ impl Ensemble {
     /// The next move of a motor; `None` at the end of its law.
     ///
     /// # Errors
-    /// Where a law breaks or leaves a limit; of motors that share a DIR line, whichever comes first.
+    /// If the law breaks or leaves a limit. Of motors that share a DIR line, the earliest error counts.
     pub fn next_move(&mut self, motor: usize) -> Result<Option<Move>, Refused> {
         match &mut self.motors[motor].plan {
             Source::Alone(planner) => planner.next_move().map_err(|error| Refused { motor, error }),
@@ -138,8 +139,8 @@ impl Ensemble {
         }
     }
 
-    /// By how many ticks the last [`next_move`](Ensemble::next_move) of a motor was put off, since another motor had the shared DIR line: it is
-    /// one step then, and 0 of all others.
+    /// The delay of the last [`next_move`](Ensemble::next_move) of a motor, ticks, because another motor used the
+    /// shared DIR line. A delayed move is one step; all others have 0.
     #[must_use]
     pub fn put_off_ticks(&self, motor: usize) -> u64 {
         match &self.motors[motor].plan {
@@ -148,7 +149,8 @@ impl Ensemble {
         }
     }
 
-    /// What is proven of a motor's moves; it may be ahead of those given out.
+    /// What is proven of a motor's moves. It may include moves that [`next_move`](Ensemble::next_move) has not returned
+    /// yet.
     #[must_use]
     pub fn certificate(&self, motor: usize) -> Certificate {
         match &self.motors[motor].plan {
@@ -160,14 +162,14 @@ impl Ensemble {
         }
     }
 
-    /// What a motor's plan keeps to.
+    /// The limits that a motor's plan keeps.
     #[must_use]
     pub fn settings(&self, motor: usize) -> &Settings {
         &self.motors[motor].settings
     }
 }
 
-/// The motor's DIR pin, if another motor has the same.
+/// The motor's DIR pin, if another motor has it too.
 fn shared_dir_pin(program: &Program, index: usize) -> Option<u8> {
     let own = &program.motors[index];
     let Wiring::StepDir { dir, .. } = own.wiring else { return None };

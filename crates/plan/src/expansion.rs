@@ -8,41 +8,41 @@ use pulsetrain_motion::law::{Bounds, Curve, Inverse, Jet};
 /// Relative error of one rounding.
 pub(crate) const ULP: f64 = f64::EPSILON / 2.0;
 
-/// How a curve is seen by a run: directed, counted in steps of the run, timed in ticks.
+/// How a run sees a curve: in its direction, counted in its steps, timed in ticks.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Frame {
     /// +1 when θ rises, −1 when it falls.
     pub(crate) sign: f64,
     /// The curve's value at s = 0.
     pub(crate) zero: f64,
-    /// What rounding lost of it, steps: the value itself is the sum of both.
+    /// The rounding error of `zero`, steps: the true value is the sum of both.
     pub(crate) zero_low: f64,
     /// Ticks per second.
     pub(crate) tick_hz: f64,
 }
 
 impl Frame {
-    /// s of a turning point at x0, and what rounding lost of it: the turning point itself is at the sum of both.
+    /// s of a turning point at x0, and its rounding error: the true turning point is at the sum of both.
     pub(crate) fn turn(&self, x0: f64) -> (f64, f64) {
         let (turn, lost) = two_sum(x0, -self.zero);
         (turn * self.sign, (lost - self.zero_low) * self.sign)
     }
 
-    /// What rounding may do to a position that is found by subtracting x0, steps.
+    /// Largest rounding error of a position that comes from subtracting x0, steps.
     fn doubt(&self, x0: f64, s: f64) -> f64 {
         4.0 * ULP * (x0.abs() + self.zero.abs() + s.abs()) + self.zero_low.abs()
     }
 }
 
-/// a + b, and what rounding lost of that, exactly (Knuth).
+/// a + b, and the exact rounding error of the sum (Knuth).
 pub(crate) fn two_sum(a: f64, b: f64) -> (f64, f64) {
     let sum = a + b;
     let b_part = sum - a;
     (sum, (a - (sum - b_part)) + (b - b_part))
 }
 
-/// The time of s by its formula, and how far it may be off, ticks; a level beyond the turning point by no more than
-/// a touch is due at the turning point. `None` for curves that the series serves as well.
+/// The time of s by a closed formula, and its largest error, ticks. A level that is beyond the turning point by no more
+/// than a touch is due at the turning point. `None` for curves for which the series is as good.
 pub(crate) fn exact_due(frame: &Frame, inverse: &Inverse, s: f64) -> Option<(f64, f64)> {
     let (u0, (turn, lost), doubt) = match *inverse {
         Inverse::Parabola { u0, x0, doubt, .. } | Inverse::Arccosine { u0, x0, doubt, .. } => {
@@ -74,16 +74,16 @@ pub(crate) fn exact_due(frame: &Frame, inverse: &Inverse, s: f64) -> Option<(f64
 /// t(s) ≈ `tick` + Σ q_k (s − center)^k, ticks of the curve's own time.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Expansion {
-    /// Where it was taken, s.
+    /// The place at which the series was made, s.
     pub(crate) center: f64,
     /// t(center), ticks.
     pub(crate) tick: f64,
     /// q_1..q_7; q_0 is 0.
     pub(crate) q: [f64; 8],
     remainder: Remainder,
-    /// What rounding may have done to s itself, steps.
+    /// Largest rounding error of s, steps.
     doubt: f64,
-    /// What rounding may have done to `tick`, ticks.
+    /// Largest rounding error of `tick`, ticks.
     tick_doubt: f64,
 }
 
@@ -300,7 +300,8 @@ mod tests {
     #[test]
     fn what_rounding_lost_of_the_turning_point_counts() {
         let power = f64::exp2;
-        // The turning point is at x0 − zero = −(2^20 + 2^-31) + 2^-40, and f64 has no room for its last term; s lies 2^-32 above the rest.
+        // The turning point is at x0 − zero = −(2^20 + 2^-31) + 2^-40, and f64 has no room for its last term; s is
+        // 2^-32 above the rounded value.
         let zero = power(20.0) + power(-31.0);
         let frame = Frame { sign: 1.0, zero, zero_low: 0.0, tick_hz: 16e6 };
         let parabola = Inverse::Parabola { u0: 0.0, x0: power(-40.0), half_acceleration: 1.0, later: true, doubt: 0.0 };

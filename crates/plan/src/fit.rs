@@ -3,7 +3,7 @@
 use crate::expansion::{Expansion, ULP};
 use pulsetrain_core::Segment;
 
-/// The three differences that the next segment is predicted to continue with, and the units of corrections to them.
+/// The differences with which the next segment would continue, and the units in which the stream corrects them.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Quantiser {
     /// The differences after the segment before, ticks · 2^F.
@@ -20,7 +20,7 @@ impl Quantiser {
         [self.predicted.interval, self.predicted.add, self.predicted.add2][order]
     }
 
-    /// The nearest value that the stream can say; `None` if it is out of range.
+    /// The nearest value that the stream can encode; `None` if it is out of range.
     pub(crate) fn round(&self, order: usize, value: f64) -> Option<i64> {
         const LARGEST: f64 = 4.6e18;
         let (predicted, unit) = (self.prediction(order), self.units[order]);
@@ -30,7 +30,7 @@ impl Quantiser {
     }
 }
 
-/// Where the accumulator stands when a segment begins.
+/// The accumulator at the beginning of a segment.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct SegmentStart {
     /// Steps of the run that are done.
@@ -51,7 +51,7 @@ pub(crate) struct Fit {
     pub(crate) segment: Segment,
     /// ≥ |scheduled − exact| of every step, ticks.
     pub(crate) bound: f64,
-    /// The part of it that depends on the segment's length.
+    /// The part of the bound that depends on the segment's length.
     pub(crate) misfit: f64,
 }
 
@@ -71,7 +71,7 @@ impl Target<'_> {
     }
 }
 
-/// The best segment of `count` steps, with its proof; `window` is where the law's bounds hold, ticks.
+/// The best segment of `count` steps, with its proof. The law's bounds hold within `window`, ticks.
 pub(crate) fn fit(
     expansion: &Expansion,
     start: &SegmentStart,
@@ -97,7 +97,7 @@ pub(crate) fn fit(
     } else {
         polynomial_misfit(&target, &segment, quantiser.scale)
     };
-    // Subtracting T0 twice rounds once more; an interval that is not positive is no interval.
+    // Subtracting T0 twice adds one more rounding. An interval that is not positive is invalid.
     (segment.interval > 0 && segment.after(count - 1).interval > 0).then_some(Fit {
         dwell: 0,
         segment,
@@ -111,7 +111,7 @@ fn one_step(target: &Target<'_>, quantiser: &Quantiser) -> Option<Segment> {
     Some(single(interval, quantiser))
 }
 
-/// One step; the differences that it does not use stay as predicted, which costs no bytes.
+/// A segment of one step. The differences that it does not use stay as predicted, which costs no bytes.
 pub(crate) fn single(interval: i64, quantiser: &Quantiser) -> Segment {
     Segment { count: 1, interval, ..quantiser.predicted }
 }
@@ -170,7 +170,7 @@ fn replayed_misfit(target: &Target<'_>, segment: &Segment, start: &SegmentStart)
     let mut worst = 0.0f64;
     for k in 1..=segment.count {
         accumulator += i128::from(interval);
-        // They wrap like a board's, where the fit is far off.
+        // The registers wrap as a board's do, where the fit is far off.
         interval = interval.wrapping_add(add);
         add = add.wrapping_add(segment.add2);
         let scheduled = (accumulator >> start.fraction_bits) as i64 as f64;

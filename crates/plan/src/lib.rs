@@ -1,5 +1,24 @@
 //! From a law to segments, with a proof for every scheduled tick.
 //!
+//! ```
+//! use pulsetrain_motion::{Law, Time, law::Sine};
+//! use pulsetrain_plan::{Move, Planner, Settings};
+//!
+//! // 2000 steps to each side within a second, on a timer of 16 MHz with 16 fraction bits (an Uno).
+//! let law = Law::Sine(Sine { amplitude: 2000.0, period: Time::SECOND, cycles: Some(1) });
+//! let mut planner = Planner::new(&law, &Settings::new(16_000_000, 16))?;
+//! let mut steps = 0;
+//! while let Some(next) = planner.next_move()? {
+//!     if let Move::Run { segment, .. } = next {
+//!         steps += segment.count;
+//!     }
+//! }
+//! assert_eq!(steps, 8000);
+//! // No step is scheduled further than this from where the law has it.
+//! assert!(planner.certificate().bound_ticks <= 1.0);
+//! # Ok::<(), pulsetrain_plan::PlanError>(())
+//! ```
+//!
 //! # What is here, top down
 //! - [`ensemble`]: all motors of a program
 //! - `shared_dir`: the order of steps on a DIR line that motors share
@@ -44,10 +63,11 @@ pub use settings::Settings;
 
 use pulsetrain_core::{Direction, Segment};
 
-/// The least bound that a certificate can promise: half a tick is lost to whole ticks, the rest is for the fit.
+/// The smallest tolerance that a certificate can promise, ticks: rounding to whole ticks takes half a tick, the fit the
+/// rest.
 pub const LEAST_TOLERANCE_TICKS: f64 = 0.55;
 
-/// What a planner gives out, one after the other; the first comes after tick 0, fraction ½.
+/// A move of a plan. A planner returns one after the other; the first begins after tick 0, fraction ½.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Move {
     /// A wait without steps. The fraction of the accumulator stays.
@@ -57,9 +77,9 @@ pub enum Move {
     },
     /// Steps.
     Run {
-        /// Their recurrence.
+        /// The recurrence of the steps.
         segment: Segment,
-        /// Which way they count.
+        /// The direction in which they count.
         direction: Direction,
     },
 }

@@ -1,10 +1,12 @@
-//! What a line brings in time, and what a board's queues hold meanwhile.
+//! Whether a line brings the plans of all motors to the board in time, and how long the board's queues last.
 //!
-//! A board's queues hold a part of a plan; the rest comes while the motors move. A session fills a queue as items leave it, those of the
-//! motor that is known least far first. So each item has a time at which it can be with the board, which is worked out here, and one at which it
-//! must be there: when the motor has made the last step that the board knew of, as the lease must not end before it is put off.
+//! A board's queues hold a part of a plan; the rest is sent while the motors move. A session fills a queue as items
+//! leave it, and serves the motor whose known plan ends first. So each item has two times. One is the time at which it
+//! can be on the board, which is computed here. The other is the time at which it must be there: when the motor has
+//! made the last step that the board knew of, because the board's lease must be extended before it ends.
 //!
-//! From the one to the other it takes a delay, which is longer the more the board has had to read of late: see [`LineRow`](boards::LineRow).
+//! Between the two there must be a delay, which grows with the bytes that the board has recently had to read: see
+//! [`LineRow`](boards::LineRow).
 
 use crate::Move;
 use crate::error::PlanError;
@@ -15,48 +17,48 @@ use pulsetrain_motion::boards;
 use pulsetrain_motion::program::Program;
 use std::collections::VecDeque;
 
-/// So far ahead of the board's time a session hands a plan over, ms.
+/// A session sends a plan at most this far ahead of the board's time, ms.
 pub const AHEAD_MS: u64 = 500;
-/// One in so many bytes of a queue is kept free by a session, for a change.
+/// A session keeps one in this many bytes of a queue free, for a change of the plan.
 pub const KEPT: usize = 8;
-/// What a board has had to read in so many ms makes its answers late.
+/// The window, ms: what the board had to read within it delays the board's answers.
 const BUSY_MS: u64 = 10;
 /// Bits of a byte on the line.
 const BITS: f64 = 10.0;
 
-/// A line to a board, as a plan that goes over it must know it.
+/// The properties of a line to a board that a plan depends on.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Line {
     /// Ticks per second.
     pub tick_hz: u64,
-    /// What a session fills of each motor's queue while the motors move, bytes.
+    /// The bytes of each motor's queue that a session fills while the motors move.
     pub queue_bytes: Vec<usize>,
-    /// The same of the longest queue that the board gives a motor.
+    /// The same for the longest queue that the board can give to a motor, bytes.
     pub longest_queue_bytes: usize,
-    /// What a byte of a plan takes on the line with its share of all frames, ticks.
+    /// Time of one byte of a plan on the line, with its share of the frames' overhead, ticks.
     pub byte_ticks: f64,
-    /// From an item's leaving the queue to a lease that counts on what came in its place, ticks, without the time on the line, of a board that had
-    /// nothing to read.
+    /// Time from an item leaving the queue to a lease that includes the item which replaces it, ticks. It is that of a
+    /// board with nothing else to read, and does not include the time on the line.
     pub delay_ticks: f64,
-    /// So much longer it is for each byte of plans in [`busy_ticks`](Line::busy_ticks), ticks.
+    /// Additional delay for each byte of plans within [`busy_ticks`](Line::busy_ticks), ticks.
     pub delay_byte_ticks: f64,
-    /// See there.
+    /// The window of `delay_byte_ticks`, ticks.
     pub busy_ticks: u64,
-    /// So far ahead of its time a session hands an item over, ticks.
+    /// A session sends an item at most this far ahead of its time, ticks.
     pub ahead_ticks: f64,
 }
 
-/// The way that a plan comes to a board.
+/// The way by which plans reach a board.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Way {
-    /// A UART, at so many baud.
+    /// A UART, with its baud rate.
     Uart(u32),
     /// The board's own USB.
     Usb,
 }
 
 impl Line {
-    /// The line to a program's board. `None` where plans come to the board by no such way.
+    /// The line to a program's board. `None` if plans do not reach the board over this way.
     #[must_use]
     pub fn of(program: &Program, way: Way) -> Option<Line> {
         let row = boards::find(&program.board.name)?;
@@ -83,7 +85,7 @@ impl Line {
         })
     }
 
-    /// The same line if each motor gets so many parts of the queues.
+    /// The line after the queues have been divided among the motors in these parts.
     #[must_use]
     pub fn with_parts(&self, parts: &[u8]) -> Line {
         let all: usize = self.queue_bytes.iter().sum();
@@ -92,29 +94,29 @@ impl Line {
     }
 }
 
-/// Holds the plans of all motors against a line.
+/// Checks the plans of all motors against a line.
 #[derive(Clone, Debug)]
 pub struct Supply {
     line: Line,
     lanes: Vec<Lane>,
-    /// Ticks and bytes of the items that the board has had to read of late, and bytes of all of them.
+    /// Tick and bytes of the items that the board has recently had to read, and the sum of their bytes.
     recent: VecDeque<(u64, usize)>,
     recent_bytes: usize,
-    /// When the line has brought all that was added, ticks.
+    /// The tick at which the line has brought everything that was added.
     brought: f64,
-    /// Since when it has had no pause, and what it has brought since.
+    /// The tick since which the line has had no pause, and the bytes that it has brought since.
     busy_since: f64,
     busy_bytes: usize,
 }
 
-/// What of a motor's plan is in its queue.
+/// The part of a motor's plan that is in its queue.
 #[derive(Clone, Debug)]
 struct Lane {
     meter: Meter,
-    /// Bytes of each item, and the tick at which it has left the queue.
+    /// The bytes of each item, and the tick at which it has left the queue.
     items: VecDeque<(usize, u64)>,
     held: usize,
-    /// The tick at which the last one left whose place was needed; `None` as long as there was room for all.
+    /// The tick at which the last item left whose space was needed; `None` as long as there was room for all.
     left: Option<u64>,
 }
 
@@ -135,10 +137,10 @@ impl Supply {
         }
     }
 
-    /// Adds a move of a motor that begins at tick `from`: of the motor that is least far.
+    /// Adds a move of a motor that begins at tick `from`. It must be the motor whose plan ends first.
     ///
     /// # Errors
-    /// If the board would not know of it in time.
+    /// If the move would reach the board too late.
     pub fn add(&mut self, motor: usize, next: &Move, from: u64) -> Result<(), PlanError> {
         let Line { tick_hz, byte_ticks, ahead_ticks, .. } = self.line;
         let queue_bytes = self.line.queue_bytes[motor];
@@ -154,10 +156,11 @@ impl Supply {
         }
         lane.held += bytes;
         lane.items.push_back((bytes, from));
-        // What fits next to the one before needs no other place, but its time on the line.
+        // An item that fits into space that is already free needs no other item to leave. It needs its time on the
+        // line.
         let left = lane.left;
         let delay_ticks = self.delay_ticks(from, bytes);
-        // What there is room for before the motors move is with the board by then.
+        // Items that fit before the motors move are on the board in time.
         let Some(left) = left else { return Ok(()) };
         let (left, due) = (left as f64, from as f64);
         let begins = left.max(due - ahead_ticks);
@@ -171,7 +174,7 @@ impl Supply {
         }
         let hz = tick_hz as f64;
         let at_s = due / hz;
-        // Of what there was no time for, the larger part.
+        // Reports the larger of the two causes: waiting for the line, or the delay.
         let waited = self.brought - left;
         Err(if waited > delay_ticks {
             PlanError::LineTooSlow {
@@ -184,7 +187,7 @@ impl Supply {
         })
     }
 
-    /// The delay of an item that begins at tick `from`, which is one more to read.
+    /// The delay of an item that begins at tick `from`, which itself adds to the bytes to read.
     fn delay_ticks(&mut self, from: u64, bytes: usize) -> f64 {
         let Line { delay_ticks, delay_byte_ticks, busy_ticks, .. } = self.line;
         self.recent.push_back((from, bytes));
@@ -199,30 +202,31 @@ impl Supply {
     }
 }
 
-/// How long queues of some size last: what each motor's plan takes in some time, at most.
+/// How long queues of a given size last: the most bytes that each motor's plan takes within given times.
 #[derive(Clone, Debug)]
 pub struct Demand {
     tick_hz: u64,
     lanes: Vec<Window>,
 }
 
-/// The items of a motor that begin within some time of each other.
+/// The items of a motor that begin within one of the times.
 #[derive(Clone, Debug)]
 struct Window {
     meter: Meter,
     /// The tick at which an item begins, and the bytes up to it.
     items: VecDeque<(u64, u64)>,
-    /// Items that are no longer there.
+    /// Items that have been removed from `items`.
     gone: usize,
     /// For each of the times: the first item in it, and the most bytes so far.
     most: Vec<(usize, u64)>,
 }
 
-/// The shortest time that is looked at, ms; each of [`TIMES`] others is so much longer.
+/// The shortest of the [`TIMES`] times, ms. Each is longer than the one before by a constant factor.
 const SHORTEST_MS: f64 = 2.0;
 const LONGER: f64 = 1.1;
 const TIMES: i32 = 50;
-/// A motor's queue has so many bytes at least: room for the items of a change. `cargo test -p pulsetrain --test it small_queues` has about as many.
+/// Smallest queue of a motor, bytes: room for the items of a change. `cargo test -p pulsetrain --test it small_queues`
+/// uses about this size.
 const LEAST_QUEUE: u64 = 48;
 
 impl Demand {
@@ -256,15 +260,15 @@ impl Demand {
         *gone = oldest;
     }
 
-    /// The parts of a line's queues ([`QUEUE_PARTS`]) with which all last equally long, as long as can be. `None` if they are too short for any
-    /// time that is looked at.
+    /// The parts of a line's queues ([`QUEUE_PARTS`]) with which all queues last equally long, and as long as possible.
+    /// `None` if they are too short even for the shortest time.
     #[must_use]
     pub fn parts(&self, line: &Line) -> Option<Vec<u8>> {
         let all: usize = line.queue_bytes.iter().sum();
         let needs = |time: usize| self.lanes.iter().map(move |lane| lane.most[time].1.max(LEAST_QUEUE));
         let time = (0..TIMES as usize).rev().find(|time| needs(*time).sum::<u64>() <= all as u64)?;
         let sum: u64 = needs(time).sum();
-        // None may have no part.
+        // Every motor gets at least one part.
         let more = u64::from(QUEUE_PARTS) - self.lanes.len() as u64;
         Some(needs(time).map(|bytes| 1 + (bytes * more / sum) as u8).collect())
     }

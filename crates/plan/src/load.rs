@@ -1,52 +1,52 @@
-//! What a plan asks of the board's processor.
+//! The load of a plan on the board's processor.
 
 use pulsetrain_core::Segment;
 
-/// What steps and segments of one motor take a board's processor, ticks of the motor's share of it.
+/// What steps and segments of one motor cost a board's processor, ticks of the motor's share of it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Load {
-    /// A step.
+    /// Cost of a step.
     pub step_ticks: u64,
-    /// A segment that goes the same way as that before it, without its steps.
+    /// Cost of a segment in the direction of the one before it, without its steps.
     pub onward_ticks: u64,
-    /// One that turns, likewise.
+    /// Cost of a segment in the other direction, without its steps.
     pub turning_ticks: u64,
-    /// What comes on top for hearing of a segment from the host.
+    /// Additional cost of receiving a segment from the host.
     pub heard_ticks: u64,
-    /// So much of steps and segments may be put off, as a board works ahead.
+    /// How much work on steps and segments may wait, because a board works ahead.
     pub burst_ticks: u64,
-    /// So much of all may be put off, since the board has segments long before they are due.
+    /// How much of all work may wait, because the board has segments long before they are due.
     pub heard_burst_ticks: u64,
 }
 
-/// What the board's processor has not come to yet, if it had no more than this motor's share.
+/// The work that waits for the board's processor, if it had only this motor's share of the time.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Backlog {
-    /// Of steps and segments.
+    /// Work on steps and segments.
     own: Work,
-    /// With what hearing of them takes.
+    /// The same, with the work of receiving them.
     all: Work,
 }
 
-/// Work that is put off.
+/// Work that waits.
 #[derive(Clone, Copy, Debug, Default)]
 struct Work {
-    /// How much, ticks.
+    /// The amount, ticks.
     ticks: i64,
-    /// Up to this tick.
+    /// The tick up to which work has been counted.
     seen: i64,
-    /// When it began, segments since then, and what they and their steps take, ticks.
+    /// The tick at which waiting began, the number of segments since then, and the cost of them and their steps, ticks.
     since: i64,
     segments: u32,
     taken: i64,
 }
 
-/// Segments that the processor does not get through, a tick.
+/// Segments that are too many for the processor, per tick.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Excess {
-    /// As they come.
+    /// The rate of the plan.
     pub(crate) asked: f64,
-    /// As the processor does them.
+    /// The rate that the processor can do.
     pub(crate) done: f64,
 }
 
@@ -54,7 +54,7 @@ impl Backlog {
     /// Adds a segment whose last step is at `tick`.
     ///
     /// # Errors
-    /// If more is put off than may be.
+    /// If more work waits than is allowed.
     pub(crate) fn add(&mut self, load: &Load, segment: &Segment, turns: bool, tick: i64) -> Result<(), Excess> {
         let own = if turns { load.turning_ticks } else { load.onward_ticks };
         let steps = u64::from(segment.count).saturating_mul(load.step_ticks);
@@ -68,7 +68,7 @@ impl Work {
         let [own, steps, burst] = [own, steps, burst].map(|ticks| i64::try_from(ticks).unwrap_or(i64::MAX));
         self.ticks -= (tick - self.seen).saturating_sub(steps).max(0);
         if self.ticks <= 0 {
-            // A rest, or a slow segment, before what comes too fast is no time for that.
+            // A rest or a slow segment before a fast part cannot be used for the work that comes later.
             *self = Work { since: self.seen.max(tick.saturating_sub(steps).saturating_sub(own)), ..Work::default() };
         }
         self.ticks += own;

@@ -2,14 +2,14 @@
 
 use pulsetrain_motion::law::{Bounds, Curve};
 
-/// Windows of a piece that are looked at: more than any law takes that a board can follow.
+/// Most windows of a piece that are examined. No law that a board can follow needs as many.
 const MOST_WINDOWS: u32 = 1 << 18;
 
-/// Largest |k-th derivative| of the curve on `from..=to`, with where it is: at least `known`, at most a
+/// Largest |k-th derivative| of the curve on `from..=to`, with its place. The result is at least `known`, and at most a
 /// factor of 1 + `precision` below the true maximum (if that is above `known`). `order` is 1 or 2.
 ///
-/// Windows whose Taylor bound cannot beat the best value found are passed over, the others halved; the place where
-/// that was given up, if it takes too many of them.
+/// Windows whose Taylor bound cannot exceed the best value found are skipped, the others are halved. If that takes too
+/// many windows, the error is the place where the search ended.
 pub(crate) fn peak(
     curve: &Curve,
     bounds: &Bounds,

@@ -1,4 +1,4 @@
-//! A law as a stream of moves, in constant memory.
+//! The planner: turns a law into a stream of moves, in constant memory.
 
 use crate::certificate::Certificate;
 use crate::error::PlanError;
@@ -15,32 +15,32 @@ use pulsetrain_motion::Time;
 use pulsetrain_motion::law::{Class, Entry, Law, LawError, Piece, Pieces};
 use std::collections::VecDeque;
 
-/// A turning value this close to a step's level touches it, steps.
+/// A turning value this close to a step's level counts as touching it, steps.
 const TOUCH: f64 = 1e-9;
-/// A touch that an even speed would make later by less needs no regard, ticks.
+/// A touch is ignored if an even speed would make it later by less than this, ticks.
 const TOUCH_TICKS: f64 = 1e-3;
-/// A piece that bends by no more than so many roundings of θ is straight: its bend is lost in rounding.
+/// A piece counts as straight if it bends by no more than this many roundings of θ: then rounding hides the bend.
 const BEND_ROUNDINGS: f64 = 64.0;
 /// Waits longer than this are dwells, ticks: 24 bits serve every board's interval.
 pub const LONGEST_WAIT_TICKS: u32 = 1 << 24;
-/// Looser fits save little, and steps that wander far come too close to their neighbours.
+/// Loosest fit of a segment, ticks. Looser fits save few bytes, and such steps come too close to their neighbours.
 const LOOSEST_FIT_TICKS: f64 = 1024.0;
-/// A piece that reaches further from its own origin has no half steps in f64, steps.
+/// Largest distance of a piece from its own origin, steps. Beyond it f64 has no half steps.
 const FARTHEST_IN_PIECE: f64 = 4_503_599_627_370_496.0;
-/// Plans end before the ticks leave an i64.
+/// Last tick of a plan. Ticks beyond it might leave an i64.
 pub const LAST_TICK: i128 = 1 << 62;
-/// After so many pieces without a step, the motor waits up to there: nobody waits for the planner meanwhile.
+/// After this many pieces without a step the planner returns a wait, so that its caller does not wait for it.
 const IDLE_PIECES: u32 = 4096;
-/// So many pieces take at least this long, ticks, or the law is too fine for the board.
+/// Shortest time of that many pieces, ticks. If they are shorter, the law is too fine for the board.
 const IDLE_PIECES_TICKS: i64 = IDLE_PIECES as i64;
-/// Such a wait ends this long before the law that is known, ticks, and is no shorter.
+/// Such a wait ends this long before the end of the known law, ticks, and is at least this long.
 const IDLE_MARGIN_TICKS: i64 = 65_536;
-/// Peaks are reported to this precision, or as close as a limit demands.
+/// Relative precision of reported peaks. Near a limit they are as precise as the limit demands.
 const PEAK_PRECISION: f64 = 1e-2;
-/// A limit may be met exactly: trapezoids run at it.
+/// Relative excess over a limit that is accepted, because a trapezoid runs exactly at its limit.
 const LIMIT_SLACK: f64 = 1e-6;
 
-/// Plans a law, one move after the other.
+/// Plans a law, as one move after the other.
 ///
 /// ```
 /// use pulsetrain_motion::{Law, Time, law::Sine};
@@ -60,21 +60,21 @@ pub struct Planner {
     registers: Registers,
     certificate: Certificate,
     meter: Option<Meter>,
-    /// θ at t = 0, whole steps and the rest, which is the sum of two: steps count from there.
+    /// θ at t = 0: whole steps, and a fraction that is the sum of two numbers. Steps count from there.
     start: Option<(i64, f64, f64)>,
-    /// The speed that the motor comes with, steps/s.
+    /// The speed of the motor at the beginning, steps/s.
     arrival: f64,
     /// Where the last piece ended.
     end: Option<End>,
-    /// The tick of that, and of the piece before.
+    /// The tick of the end of the last piece, and of the piece before it.
     known_to: i64,
     known_before: i64,
-    /// Position after all runs that were cut from the law so far.
+    /// The position after all runs that have been cut from the law.
     position: i64,
     waiting: VecDeque<(Stretch, PieceFrame)>,
-    /// The last of them ends where its piece does: whether θ goes on the same way is known once the next piece is.
+    /// Whether the last stretch ends with its piece. The next piece shows whether θ goes on in the same direction.
     open: bool,
-    /// The run being planned, and the one after it: the end of a run depends on how the next begins.
+    /// The run that is being planned, and the next one: the end of a run depends on the beginning of the next.
     current: Option<RunPlanner>,
     next: Option<Run>,
     moves: VecDeque<Move>,
@@ -84,39 +84,38 @@ pub struct Planner {
     finished: bool,
 }
 
-/// Where a plan begins, if not at the law's own start.
+/// The state of a motor at the beginning of a plan, if that is not the law's own start.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Origin {
     /// Steps made so far.
     pub position: i64,
-    /// The law's θ that those steps count from, steps.
+    /// The value of the law's θ at that position, steps.
     pub theta: f64,
-    /// How fast the motor comes, steps/s.
+    /// The speed of the motor, steps/s.
     pub speed: f64,
 }
 
-/// A motor that goes on under another law stays within so many steps of it: half a step and h, a pair of steps
-/// that was dropped.
+/// Largest distance from a law of a motor that goes on under it, steps: half a step and h, and a dropped pair of steps.
 const FARTHEST_FROM_LAW: f64 = 2.0;
 
-/// What comes next of a law.
+/// The next part of a law.
 enum Cut {
-    /// A run that has steps.
+    /// A run with steps.
     Run(Box<Run>),
-    /// None up to this tick.
+    /// No steps up to this tick.
     Idle(i64),
-    /// None to the end.
+    /// No more steps.
     End,
 }
 
-/// What stretches of one piece share.
+/// The common properties of the stretches of one piece.
 #[derive(Clone, Copy, Debug)]
 struct PieceFrame {
     origin: i64,
     zero: (i64, f64),
 }
 
-/// How a piece ended.
+/// The end of a piece.
 #[derive(Clone, Copy, Debug)]
 struct End {
     at_s: f64,
@@ -174,9 +173,9 @@ impl Planner {
         })
     }
 
-    /// Prepares to plan `law` for a motor that has moved already: its steps go on from `origin`.
+    /// Prepares to plan `law` for a motor that has already moved: its steps go on from `origin`.
     ///
-    /// A law that begins more than two steps from where the motor is gives [`LawError::Jump`] with the first move.
+    /// If the law begins more than two steps from the motor's position, the first move is [`LawError::Jump`].
     ///
     /// # Errors
     /// As for [`Planner::new`].
@@ -188,13 +187,13 @@ impl Planner {
         Ok(planner)
     }
 
-    /// What is proven of the moves given out so far.
+    /// What is proven of the moves that have been returned so far.
     #[must_use]
     pub fn certificate(&self) -> &Certificate {
         &self.certificate
     }
 
-    /// The tick of the last step or the end of the last dwell given out.
+    /// The tick of the last step, or of the end of the last dwell, that has been returned.
     #[must_use]
     pub fn tick(&self) -> i64 {
         self.registers.tick
@@ -203,7 +202,7 @@ impl Planner {
     /// The next move; `None` at the end of the law.
     ///
     /// # Errors
-    /// Where the law breaks or leaves a limit; what was given out before stands.
+    /// If the law breaks or leaves a limit. The moves before it stay valid.
     pub fn next_move(&mut self) -> Result<Option<Move>, PlanError> {
         loop {
             if let Some(next) = self.moves.pop_front() {
@@ -236,7 +235,7 @@ impl Planner {
         self.registers.advance(&segment, fraction_bits);
         let at_s = self.registers.tick as f64 / self.settings.tick_hz as f64;
         let tolerance_ticks = self.settings.tolerance_ticks;
-        // Not-a-number proves nothing.
+        // NaN proves nothing.
         if fit.bound.is_nan() || fit.bound > tolerance_ticks {
             return Err(PlanError::NotProvable { at_s, bound_ticks: fit.bound, tolerance_ticks });
         }
@@ -283,7 +282,7 @@ impl Planner {
         Ok(())
     }
 
-    /// Refuses segments that come so close together that the board's processor does not get through them.
+    /// Refuses segments that are too many for the board's processor.
     fn check_load(&mut self, segment: &Segment, turns: bool) -> Result<(), PlanError> {
         let Some(load) = self.settings.load else { return Ok(()) };
         let tick = self.registers.tick;
@@ -295,7 +294,7 @@ impl Planner {
         })
     }
 
-    /// Makes the next run the current one, or waits for it; `false` at the end of the law.
+    /// Makes the next run the current one, or waits for it. Returns `false` at the end of the law.
     fn take_next_run(&mut self) -> Result<bool, PlanError> {
         let mut run = match self.next.take() {
             Some(run) => run,
@@ -323,7 +322,7 @@ impl Planner {
             if run.count == 0 {
                 run = after;
                 dropped += 1;
-                // All pairs are dropped for a while now: as if there were no steps.
+                // All pairs have been dropped for a while: treat it as a time without steps.
                 if dropped >= IDLE_PIECES && run.count == 0 && self.waiting.len() <= usize::from(self.open) {
                     self.check_fineness(known_from)?;
                     self.wait(self.looked_at_to() - IDLE_MARGIN_TICKS);
@@ -345,7 +344,7 @@ impl Planner {
         Err(PlanError::TooFine { at_s: self.known_to as f64 / self.settings.tick_hz as f64 })
     }
 
-    /// Waits until `tick`, if that is worth a move.
+    /// Adds a wait until `tick`, if it is long enough for a move.
     fn wait(&mut self, tick: i64) {
         let ticks = tick - self.registers.tick;
         if ticks >= IDLE_MARGIN_TICKS {
@@ -354,20 +353,21 @@ impl Planner {
         }
     }
 
-    /// Opposite steps closer than this may come too close, ticks: each may be off by the tolerance.
+    /// Opposite steps that are closer than this may be too close, ticks, because each may be off by the tolerance.
     fn gap(&self) -> f64 {
         self.settings.reversal_ticks.max(self.settings.min_interval_ticks) as f64 + 2.0 * self.rules.tolerance
     }
 
-    /// Whether a step at `tick` or later may still come too close to the last one of `run`.
+    /// Whether a step at `tick` or later may still be too close to the last one of `run`.
     fn turns_before(&self, run: &Run, tick: i64) -> bool {
         let (last, _) = run.due(run.count, run.guess(run.count));
         run.own_tick(tick) - last.tick < self.gap()
     }
 
-    /// Opposite steps closer than the driver can turn round are dropped in pairs.
+    /// Drops pairs of opposite steps that are closer than the driver can reverse.
     ///
-    /// That is for laws that graze a step: one that goes on too fast for the board right up to its turn is refused.
+    /// This is for laws that graze a step. A law that is too fast for the board right up to its turning point is
+    /// refused.
     fn drop_close_pairs(&mut self, run: &mut Run, after: &mut Run) -> Result<(), PlanError> {
         if run.direction == after.direction {
             return Ok(());
@@ -391,7 +391,7 @@ impl Planner {
                     limit_hz: hz / self.settings.min_interval_ticks as f64,
                 });
             }
-            // θ at the turn, seen from where the motor now stays.
+            // θ at the turning point, relative to the position where the motor now stays.
             let turn = (run.stretch.value_to - run.frame.zero) * run.frame.sign;
             (run.count, run.touches, run.reached_by) = (run.count - 1, false, None);
             after.count -= 1;
@@ -406,7 +406,7 @@ impl Planner {
         Ok(())
     }
 
-    /// The tick up to which all steps have been looked for.
+    /// The tick up to which all steps have been found.
     fn looked_at_to(&self) -> i64 {
         if self.open { self.known_before } else { self.known_to }
     }
@@ -449,7 +449,8 @@ impl Planner {
         let (zero, tick_hz) = (frame.zero, frame.tick_hz);
         let reached = (stretch.value_to - zero) * sign;
         let touched = (reached + TOUCH).floor();
-        // What creeps on towards a level touches it; what goes on beyond is left to the next piece, where it is reached.
+        // A law that creeps towards a level touches it. If the law goes on beyond the level, the step belongs to the
+        // next piece.
         let is_reached_later =
             stretch.onward > (touched - reached).max(0.0) + 8.0 * ULP * (zero.abs() + stretch.value_to.abs());
         let count = if is_reached_later { reached } else { touched };
@@ -471,8 +472,8 @@ impl Planner {
         run
     }
 
-    /// Leaves the last step to the stretch that goes on from this one, if this one provably ends before it. Where its own numbers leave that open
-    /// for some time, those of the other one may tell; or else the step is enclosed on both sides.
+    /// Leaves the last step to the next stretch if this stretch provably ends before it. If this stretch's own numbers
+    /// cannot decide that, those of the next one may; otherwise the step's time is enclosed from both sides.
     fn settle_end(&self, run: &mut Run, touched: f64) {
         let (to, hz) = (run.stretch.to, run.frame.tick_hz);
         let (beyond, doubt) = run.beyond(to, touched);
@@ -505,10 +506,10 @@ impl Planner {
         }
     }
 
-    /// What a stretch of a piece is seen in, from where the motor is.
+    /// The frame of a stretch of a piece, from the motor's position.
     fn frame(&self, piece: &PieceFrame, sign: f64) -> Frame {
         let (start_whole, start_rest, start_low) = self.start.unwrap_or((0, 0.0, 0.0));
-        // Wide, since both may be far out: what is left is at home in the piece.
+        // Uses i128, since both may be far from zero; their difference is small.
         let position = i128::from(self.position) - i128::from(piece.origin) + i128::from(start_whole);
         // Step 1 is due at the level above (or below) the position; s = 0 is one step before it.
         let offset = sign * (self.settings.grid.hysteresis - 0.5);
@@ -517,7 +518,8 @@ impl Planner {
         Frame { sign, zero, zero_low: zero_low + rest_low + start_low, tick_hz: self.settings.tick_hz as f64 }
     }
 
-    /// Checks how a piece joins the one before and what it asks of the motor, and cuts it into stretches.
+    /// Checks the joint between a piece and the one before it and the limits of the motor, and cuts the piece into
+    /// stretches.
     fn admit(&mut self, piece: &Piece) -> Result<(), PlanError> {
         let (from, to) = (piece.first(), piece.last());
         let (first, last) = (piece.curve.jet(from), piece.curve.jet(to));
@@ -579,7 +581,7 @@ impl Planner {
 
     fn check_speed_jump(&self, at_s: f64, from: f64, to: f64, entry: Entry) -> Result<(), PlanError> {
         let pull_in = self.settings.limits.pull_in;
-        // A law at rest in exact arithmetic moves by rounding: far below any step.
+        // A law that is exactly at rest moves by rounding errors, far less than a step.
         let slack = 1e-6 + 1e-9 * from.abs().max(to.abs());
         if entry == Entry::Continuous && (to - from).abs() > pull_in * (1.0 + LIMIT_SLACK) + slack {
             return Err(PlanError::SpeedJump { at_s, from, to, pull_in });
@@ -614,7 +616,7 @@ impl Planner {
             return Err(PlanError::TooFast { at_s: speed.1, speed: speed.0, limit });
         }
         let acceleration = check(2, self.certificate.peak_acceleration, limits.max_acceleration)?;
-        // A straight line whose rows were rounded asks for nothing.
+        // A straight line through rounded rows bends by rounding errors alone, which are no acceleration.
         let theta = [from, to].map(|u| (piece.origin as f64 + piece.curve.value(u)).abs());
         if acceleration.0 * (to - from).powi(2) > BEND_ROUNDINGS * ULP * theta[0].max(theta[1]) {
             self.certificate.peak_acceleration = acceleration;
@@ -626,7 +628,7 @@ impl Planner {
     }
 }
 
-/// `to` − `from`, which may be more than an i64 holds.
+/// `to` − `from`, which may not fit into an i64.
 fn steps_apart(to: i64, from: i64) -> f64 {
     (i128::from(to) - i128::from(from)) as f64
 }
@@ -662,7 +664,7 @@ impl Certificate {
 mod tests {
     use super::*;
 
-    /// What a planner holds does not grow with the steps that it has given out.
+    /// The memory of a planner does not grow with the number of steps.
     #[test]
     fn endless_laws_are_planned_in_constant_memory() {
         let seconds = Time::from_seconds;

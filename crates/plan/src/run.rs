@@ -13,15 +13,17 @@ pub(crate) struct Run {
     pub(crate) frame: Frame,
     pub(crate) direction: Direction,
     pub(crate) count: u64,
-    /// The last level is behind the stretch's end, by no more than a touch, but by some time at the speed there.
+    /// Whether the last level is beyond the stretch's end, by no more than a touch, but by a noticeable time at the
+    /// speed there.
     pub(crate) touches: bool,
-    /// By when the last level is provably reached, ticks, if rounding leaves open whether that is before the stretch's end.
+    /// The tick by which the last level is provably reached, if rounding errors leave open whether that is before the
+    /// stretch's end.
     pub(crate) reached_by: Option<f64>,
     /// The tick at which the curve's own time is 0: whole, and fraction.
     pub(crate) origin: (i64, f64),
 }
 
-/// When a step is due: ticks of the curve's own time, and how far that may be wrong.
+/// The time of a step: ticks of the curve's own time, and its largest error.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Due {
     pub(crate) tick: f64,
@@ -35,10 +37,11 @@ impl Due {
     }
 }
 
-/// Step times that are known to this are good enough, ticks.
+/// Largest error of a step time that needs no improvement, ticks.
 const CLOSE_TICKS: f64 = 1e-2;
 
-/// A stretch that ends on a level as far as 106 bits tell, to this, touches it there, however flat it is before, steps.
+/// A stretch whose end is this close to a level, steps, touches it there, however flat it is before. It is the
+/// precision of 106 bits.
 pub(crate) const EXACT_STEPS: f64 = 1e-24;
 
 impl Run {
@@ -58,7 +61,7 @@ impl Run {
         (tick - self.origin.0) as f64 - self.origin.1
     }
 
-    /// Where the stretch's bounds hold, ticks.
+    /// The window in which the stretch's bounds hold, ticks.
     pub(crate) fn window(&self) -> (f64, f64) {
         (self.stretch.from * self.frame.tick_hz, self.stretch.to * self.frame.tick_hz)
     }
@@ -72,7 +75,7 @@ impl Run {
             return (Due::between(self.proven_before(j as f64).0 * self.frame.tick_hz, reached_by), None);
         }
         let (due, expansion) = self.due_anywhere(j, guess);
-        // What touches its last level is due at its end.
+        // A touched last level is due at the stretch's end.
         if j == self.count && self.touches {
             (Due { tick: due.tick.min(self.window().1), ..due }, None)
         } else {
@@ -86,7 +89,7 @@ impl Run {
             if let Some((tick, error)) = exact_due(&self.frame, inverse, s) {
                 let expansion = Expansion::from_inverse(&self.frame, inverse, s);
                 let due = Due { tick, error };
-                // At a turn that rounding puts off more is known, if it is.
+                // Where rounding hides the place of a turning point, the curve's more accurate form may show it.
                 let sharper = (error > CLOSE_TICKS && self.stretch.curve.is_accurate()).then(|| self.enclosed(s));
                 return (sharper.filter(|sharper| sharper.error < error).unwrap_or(due), Some(expansion));
             }
@@ -132,7 +135,7 @@ impl Run {
         (self.enclosed(s), None)
     }
 
-    /// How far the law is beyond s at u, and how far rounding may put that off, steps.
+    /// How far the law is beyond s at u, and the largest rounding error of that, steps.
     pub(crate) fn beyond(&self, u: f64, s: f64) -> (f64, f64) {
         let curve = &self.stretch.curve;
         if let Some((x0, moved, rounding)) = curve.moved_from_rest(u) {
@@ -153,12 +156,12 @@ impl Run {
         }
     }
 
-    /// Whether its last step is a step by itself.
+    /// Whether its last step is a segment of its own.
     fn ends_apart(&self) -> bool {
         self.touches || self.reached_by.is_some()
     }
 
-    /// The two sides of the last place where the law is provably below s, s.
+    /// The times around the last place where the law is provably below s, s.
     fn proven_before(&self, s: f64) -> (f64, f64) {
         self.bisected(|u| {
             let (beyond, doubt) = self.beyond(u, s);
@@ -166,7 +169,7 @@ impl Run {
         })
     }
 
-    /// The two sides of the first place where the law is provably above s, s.
+    /// The times around the first place where the law is provably above s, s.
     pub(crate) fn proven_after(&self, s: f64) -> (f64, f64) {
         self.bisected(|u| {
             let (beyond, doubt) = self.beyond(u, s);
@@ -186,7 +189,8 @@ impl Run {
         (low, high)
     }
 
-    /// The time of s between the last place where the law is provably below it and the first where it is provably above.
+    /// Encloses the time of s between the last place where the law is provably below it and the first where it is
+    /// provably above.
     ///
     /// A level beyond the stretch's end by no more than a touch is due at its end.
     fn enclosed(&self, s: f64) -> Due {
@@ -203,7 +207,7 @@ impl Run {
         Due::between(earliest * hz, latest * hz)
     }
 
-    /// A first guess for the time of step `j` before anything is known: as if the acceleration were constant.
+    /// A first guess for the time of step `j`: as if the acceleration were constant.
     pub(crate) fn guess(&self, j: u64) -> f64 {
         let c = self.stretch.curve.jet(self.stretch.from);
         let gone = (c[0] - self.frame.zero) * self.frame.sign;
@@ -215,21 +219,22 @@ impl Run {
     }
 }
 
-/// A copy of the registers that the board has after the last segment, from which the wire's packing predicts the next one.
+/// A copy of the registers that the board has after the last segment. From them the packing on the wire predicts the
+/// next segment.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Registers {
     /// Tick of the accumulator.
     pub(crate) tick: i64,
-    /// Its fraction, ticks · 2^F.
+    /// The accumulator's fraction, ticks · 2^F.
     pub(crate) fraction: i64,
-    /// Differences that the next segment is predicted to have, ticks · 2^F.
+    /// The differences that the packing predicts for the next segment, ticks · 2^F.
     pub(crate) predicted: Segment,
     /// Count of the last segment, 4 after a reset.
     pub(crate) count: u32,
 }
 
 impl Registers {
-    /// After `segment`.
+    /// Updates the registers by `segment`.
     pub(crate) fn advance(&mut self, segment: &Segment, fraction_bits: u32) {
         let accumulator = i128::from(self.fraction) + segment.span(segment.count);
         self.tick += (accumulator >> fraction_bits) as i64;
@@ -238,14 +243,14 @@ impl Registers {
         self.count = segment.count;
     }
 
-    /// A change of direction tells the board to forget the differences.
+    /// Clears the differences, as a board does at a change of direction.
     pub(crate) fn reset(&mut self) {
         self.predicted = Segment::default();
         self.count = 4;
     }
 }
 
-/// How segments may be chosen.
+/// The rules by which segments are chosen.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Rules {
     pub(crate) fraction_bits: u32,
@@ -255,9 +260,9 @@ pub(crate) struct Rules {
     pub(crate) gain: Option<i8>,
     /// Largest |add| and |add2|, ticks · 2^F.
     pub(crate) largest_add: i64,
-    /// Waits from here on are dwells, ticks.
+    /// Waits of this length and above become dwells, ticks.
     pub(crate) longest_wait: f64,
-    /// Most steps in one segment.
+    /// Largest number of steps in one segment.
     pub(crate) longest: u32,
     /// Shortest interval between two steps, ticks.
     pub(crate) min_interval: i64,
@@ -282,7 +287,7 @@ impl Rules {
     fn permits(&self, segment: &Segment) -> bool {
         let fits = |add: i64| add.abs() <= self.largest_add;
         (longest_interval(segment) as f64) < self.longest_wait * self.scale()
-            // add changes evenly: what fits at both ends fits throughout.
+            // add changes linearly: if it fits at both ends, it fits between them.
             && fits(segment.add)
             && fits(segment.after(segment.count).add)
             && fits(segment.add2)
@@ -297,7 +302,7 @@ fn longest_interval(segment: &Segment) -> i64 {
     if segment.add <= 0 || last.add >= 0 {
         return ends;
     }
-    // It rises at first and falls at last: the longest lies near where add passes 0.
+    // The interval rises first and falls later: the longest is near the place where add passes 0.
     let near = (segment.add / -segment.add2).clamp(0, i64::from(segment.count) - 2) as u32;
     ends.max(segment.after(near).interval).max(segment.after(near + 1).interval)
 }
@@ -305,8 +310,8 @@ fn longest_interval(segment: &Segment) -> i64 {
 /// The shortest interval between two steps of a segment of two or more, ticks · 2^F, and the number of the step
 /// after it.
 pub(crate) fn shortest_interval(segment: &Segment) -> (i64, u32) {
-    // Before step k (2..=count): I + (k−1)a + C(k−1,2)b, a parabola in k: least at an end, or near its vertex
-    // where it falls at first and rises at last.
+    // The interval before step k (2..=count) is I + (k−1)a + C(k−1,2)b, a parabola in k. It is smallest at an end, or
+    // near its vertex if it falls first and rises later.
     let (second, last) = (segment.after(1), segment.after(segment.count - 1));
     let ends = (second.interval, 2).min((last.interval, segment.count));
     if second.add >= 0 || last.add <= 0 {
@@ -318,7 +323,7 @@ pub(crate) fn shortest_interval(segment: &Segment) -> (i64, u32) {
     ends.min(near[0]).min(near[1])
 }
 
-/// How often an expansion is moved to the middle of the segment that it turns out to serve.
+/// How often an expansion is moved to the middle of its segment.
 const CENTERINGS: u32 = 4;
 
 /// Plans a run from its first step to its last.
@@ -332,17 +337,17 @@ pub(crate) struct RunPlanner {
     last: Option<Expansion>,
 }
 
-/// Counts that the packed stream can say without a byte of their own, longest first.
+/// Counts that the packed stream encodes without a byte of their own, longest first.
 fn coded_counts(previous: u32) -> [u32; 7] {
     let n = previous;
     [n + n / 2, n + n / 4, n + n / 8, n, n - n / 8, n - n / 4, n - n / 2]
 }
 
-/// Fewer steps than that are not left to a run's last segment, where halving what is left is a way out.
+/// Smallest length of a run's last segment, steps. Rather than leave fewer, the planner halves what is left.
 const LEAST_LEFT: u32 = 16;
 
 impl RunPlanner {
-    /// `before` is the run that this one may go on from.
+    /// `before` is the run from which this one may continue.
     pub(crate) fn new(run: Run, before: Option<&RunPlanner>) -> RunPlanner {
         let guess = before.filter(|b| b.run.direction == run.direction).map_or(2.0, |b| b.guess);
         RunPlanner { run, done: 0, guess, last: None }
@@ -352,8 +357,8 @@ impl RunPlanner {
         self.done >= self.run.count
     }
 
-    /// The next segment, and the largest |scheduled − exact| that is proven for it; it may exceed the tolerance when
-    /// it is a single step and the law cannot be known better.
+    /// The next segment, with the largest |scheduled − exact| that is proven for it. It may exceed the tolerance if it
+    /// is a single step and the law cannot be known better.
     pub(crate) fn next(&mut self, registers: &Registers, rules: &Rules) -> Fit {
         let left = self.run.count - self.done;
         let most = left.saturating_sub(self.run.ends_apart().into()).clamp(1, u64::from(rules.longest)) as u32;
@@ -389,11 +394,11 @@ impl RunPlanner {
         for _ in 0..CENTERINGS {
             let Some(e) = &expansion else { break };
             length = estimated_length(e, start, quantiser, 2.0 * middle, allowance).min(left);
-            // An expansion taken far from the middle of its segment proves less than it could.
+            // An expansion whose center is far from the middle of its segment proves less.
             if (start.done + length * 0.5 - 0.5 - e.center).abs() <= 0.15 * length || length <= 2.0 {
                 break;
             }
-            // Nor does it say much about places far beyond its own segment.
+            // An expansion proves little about places far beyond its own segment.
             length = length.min(middle * 5.0);
             middle = length * 0.5;
             match self.expand_from(start.done + middle, e) {
@@ -414,14 +419,14 @@ impl RunPlanner {
                 let fitted = fit(e, start, quantiser, count, window);
                 let close = fitted.filter(|f| f.misfit <= allowance);
                 let kept = close.filter(|f| rules.permits(&f.segment));
-                // What fits but is not permitted is shortened without a hint.
+                // A segment that fits but is not allowed is shortened without an estimate.
                 let misfit = fitted.filter(|_| close.is_none()).map_or(f64::INFINITY, |f| f.misfit);
                 if let Some(f) = kept {
                     let better = best.is_none_or(|b| f.segment.count > b.segment.count);
                     if better {
                         best = Some(f);
                     }
-                    // Room left: try once to grow, by the fourth root of what the misfit allows.
+                    // There is room left: try once to grow, by the fourth root of what the misfit allows.
                     if before.is_none() && f.misfit < 0.5 * allowance && count < most {
                         let factor = (allowance * 0.93 / (f.misfit + 1e-9)).powf(0.25).min(1.5);
                         let grown = self.permitted(((f64::from(count) * factor) as u32).min(most), previous, rules);
@@ -439,7 +444,7 @@ impl RunPlanner {
                 let shrunk = f64::from(count) * shrinkage(misfit, count, allowance, before);
                 before = Some((misfit, f64::from(count)));
                 count = self.permitted((shrunk as u32).min(count - 1).max(1), previous, rules).min(count - 1);
-                // What is proven far from the middle of an expansion is as loose for a shorter segment.
+                // A proof far from the middle of an expansion is as loose for a shorter segment.
                 let middle = start.done + 0.5 * f64::from(count);
                 if (middle - 0.5 - e.center).abs() > 0.15 * f64::from(count)
                     && let Some(again) = self.expand_from(middle, e)
@@ -447,8 +452,9 @@ impl RunPlanner {
                     *e = again;
                 }
             }
-            // A few steps more would make good at once what all before them were allowed: too quickly for a board that has to look at each.
-            // All that is left costs a byte for its count; halves of it would leave such few steps again and again.
+            // A very short last segment would make up at once for the error that all before it were allowed, which is
+            // too sudden for a board that computes each step. Taking all that is left costs a byte for the count.
+            // Halving it again and again would also end in such short segments.
             if rules.gain.is_some() && best.is_some_and(|fit| (1..LEAST_LEFT).contains(&(most - fit.segment.count))) {
                 let fits = |count| {
                     let fitted = fit(e, start, quantiser, count, window);
@@ -467,7 +473,7 @@ impl RunPlanner {
         }
     }
 
-    /// One step, at the time that is proven best.
+    /// A segment of one step, at the time with the smallest proven error.
     fn single(&mut self, start: &SegmentStart, quantiser: &Quantiser, registers: &Registers, rules: &Rules) -> Fit {
         let j = self.done + 1;
         let s = j as f64;
@@ -476,18 +482,18 @@ impl RunPlanner {
         if expansion.is_some() {
             self.last = expansion;
         }
-        // Too long for an interval: most of it is a dwell, in whole ticks.
+        // The wait is too long for an interval: most of it becomes a dwell of whole ticks.
         let wait = due.tick - start.tick;
-        // Rounding may add up to a tick.
+        // Rounding may add up to one tick.
         let dwell = if wait >= rules.longest_wait - 2.0 { (wait - 0.5 * rules.longest_wait).floor() } else { 0.0 };
         let offset = start.fraction as f64 / quantiser.scale - 0.5;
-        // A sum of whole ticks: after a long dwell nothing is left of the rounding of a far tick.
+        // A sum of whole ticks, because after a long dwell the rounding error of a far tick is gone.
         let start = SegmentStart { tick: self.run.own_tick(registers.tick + dwell as i64) + offset, ..*start };
         let wanted = (due.tick - start.tick) * quantiser.scale;
         let unit = quantiser.units[0] as i64;
         let mut interval = quantiser.round(0, wanted).unwrap_or(quantiser.predicted.interval);
         if interval <= 0 {
-            // Due at once, or a rounding before that: the shortest interval that a segment can have.
+            // The step is due at once, or a rounding error earlier: use the shortest interval that a segment can have.
             interval = (quantiser.predicted.interval - 1).rem_euclid(unit) + 1;
         }
         let accumulator = i128::from(start.fraction) + i128::from(interval);
@@ -509,20 +515,20 @@ impl RunPlanner {
         self.run.expand(s, near.tick + near.offset(s))
     }
 
-    /// The count nearest below `wanted` that is worth its bytes.
+    /// The largest count up to `wanted` that is worth its bytes.
     fn permitted(&self, wanted: u32, previous: u32, rules: &Rules) -> u32 {
         let wanted = wanted.max(1);
         if rules.gain.is_none() {
             return wanted;
         }
         let coded = coded_counts(previous).into_iter().find(|&n| n <= wanted).unwrap_or(0);
-        // A count of its own costs one byte of about five.
+        // A count of its own costs one byte, in about five.
         if f64::from(wanted) > 1.25 * f64::from(coded) { wanted } else { coded }
     }
 }
 
-/// By what to shorten a segment that misses its bound: by the fourth root where the fit limits, by the slope of
-/// the last two tries where rounding does.
+/// The factor by which to shorten a segment that misses its bound: by the fourth root where the fit is the limit, by
+/// the slope of the last two tries where rounding is.
 fn shrinkage(misfit: f64, count: u32, allowance: f64, before: Option<(f64, f64)>) -> f64 {
     if !misfit.is_finite() {
         return 0.6;
@@ -537,8 +543,8 @@ fn shrinkage(misfit: f64, count: u32, allowance: f64, before: Option<(f64, f64)>
     (excess.powf(-1.0 / exponent) * 0.99).clamp(0.4, 0.97)
 }
 
-/// How many steps one segment can likely take: the quartic and quintic terms that a cubic cannot follow, and the
-/// rounding of its differences.
+/// An estimate of the steps that one segment can take, from the quartic and quintic terms that a cubic cannot follow
+/// and from the rounding of its differences.
 fn estimated_length(e: &Expansion, start: &SegmentStart, quantiser: &Quantiser, from: f64, allowance: f64) -> f64 {
     let q = e.q.map(f64::abs);
     let mut half = (from * 0.5).max(0.5);

@@ -1,10 +1,10 @@
-//! What the planner must keep to.
+//! The limits and units that the planner must keep.
 
 use crate::load::Load;
 use pulsetrain_motion::Grid;
 use pulsetrain_motion::program::{Limits, Motor, Program};
 
-/// Everything that a plan of one motor depends on besides its law.
+/// Everything that the plan of one motor depends on, except its law.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Settings {
     /// Ticks per second.
@@ -15,15 +15,16 @@ pub struct Settings {
     pub tolerance_ticks: f64,
     /// Whether segments are chosen for the packed stream (fewest bytes), or in full resolution (fewest segments).
     pub packed: bool,
-    /// When a motor steps.
+    /// The rule for when a motor steps.
     pub grid: Grid,
     /// Shortest interval between two steps, ticks: the board's, or the driver's pulse high + low if longer.
     pub min_interval_ticks: u64,
-    /// Shortest interval between two opposite steps, ticks: pulse + DIR hold + DIR setup, and what the board needs for it.
+    /// Shortest interval between two opposite steps, ticks: pulse + DIR hold + DIR setup, and the board's own time for
+    /// it.
     pub reversal_ticks: u64,
-    /// What the board's processor can do, if that is known.
+    /// The capacity of the board's processor, if it is known.
     pub load: Option<Load>,
-    /// What the motor can do.
+    /// The limits of the motor.
     pub limits: Limits,
 }
 
@@ -44,7 +45,7 @@ impl Settings {
         }
     }
 
-    /// What the plan of a law that is `factor` times slower must keep to, in terms of the law itself.
+    /// The settings for the plan of a law that is `factor` times slower, expressed for the law itself.
     ///
     /// θ(t/s) on ticks of f Hz has its steps at the very ticks that θ(t) has at s·f Hz; its speeds are s times, its
     /// accelerations s² times smaller, and so are the limits that they meet.
@@ -68,7 +69,7 @@ impl Settings {
 }
 
 impl Settings {
-    /// What the plan of one motor of a program must keep to.
+    /// The settings for the plan of one motor of a program.
     #[must_use]
     pub fn of(program: &Program, motor: &Motor) -> Settings {
         let board = &program.board;
@@ -95,7 +96,7 @@ impl Settings {
     }
 }
 
-/// What a table that goes by the number of motors has for a program's; the last entry serves for more.
+/// The entry of a table by number of motors for a program's number. The last entry holds for more motors.
 fn entry<T: Copy>(table: &[T], program: &Program) -> Option<T> {
     table.get(program.motors.len() - 1).or(table.last()).copied()
 }

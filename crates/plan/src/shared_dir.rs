@@ -1,9 +1,10 @@
-//! Motors that share a DIR line: steps of different motors that want opposite levels of it are kept apart by pulse, hold and setup.
-//! Where a board makes the steps of all motors one after the other ([`SharedSteps`]), all of them are kept apart as it needs.
+//! Motors that share a DIR line. If they need opposite levels of it, their steps are separated by pulse, hold and setup
+//! times. Where a board makes the steps of all motors one after the other ([`SharedSteps`]), the steps of all motors
+//! are separated as the board needs.
 //!
-//! Steps are taken in the order in which they can be made. One that wants the line at the other level waits until
-//! the last step before it has had its pulse and hold, and the line its setup; the step after it comes when it was
-//! due. Segments are cut around a step that was put off: the integers of all others stay what they were.
+//! Steps are taken in the order in which they can be made. A step that needs the line at the opposite level waits for
+//! the pulse and hold of the last step and the setup of the line. The step after it comes at its planned tick. Segments
+//! are cut around a delayed step; the integers of the parts stay what they were.
 
 use crate::Move;
 use crate::certificate::Certificate;
@@ -14,14 +15,15 @@ use pulsetrain_core::{Direction, Segment};
 use pulsetrain_motion::program::{DriverTicks, SharedSteps, Wiring};
 use std::collections::VecDeque;
 
-/// Motors whose steps must be kept apart: those of one DIR line, or all, if the board makes them one after the other.
+/// A group of motors whose steps must be separated: those of one DIR line, or all if the board makes steps one after
+/// the other.
 pub(crate) struct SharedDir {
     members: Vec<Member>,
     lines: Vec<DirLine>,
     fraction_bits: u32,
-    /// What the board needs between steps of any two members.
+    /// The separation that the board needs between steps of any two members.
     steps: Option<SharedSteps>,
-    /// Tick of the last step made; of steps that go together the first.
+    /// Tick of the last step; of steps at one time, the first.
     made: Option<i64>,
 }
 
@@ -50,19 +52,19 @@ struct Member {
     last: Option<i64>,
     /// Accumulator of the plan after the last step that was taken, ticks · 2^F.
     accumulator: i128,
-    /// What is left of the segment being taken.
+    /// The part of the present segment that has not been taken.
     segment: Option<(Segment, Direction)>,
-    /// Steps of it that go out as they are.
+    /// The steps of it that need no change.
     unchanged: u32,
-    /// How much later than planned the last step was, ticks.
+    /// The delay of the last step, ticks.
     late: i64,
-    /// Moves that are ready, and by how many ticks each was put off.
+    /// Moves that are ready, each with its delay in ticks.
     out: VecDeque<(Move, u64)>,
-    /// By how many ticks the one was that was given out last.
+    /// The delay of the last move that was returned, ticks.
     given_late: u64,
     put_off: u64,
     longest_put_off: i64,
-    /// Shortest interval before or after a step that was put off, ticks.
+    /// Shortest interval before or after a delayed step, ticks.
     shortest_moved: Option<u64>,
     ended: bool,
 }
@@ -72,7 +74,7 @@ impl SharedDir {
         SharedDir { members: Vec::new(), lines: Vec::new(), fraction_bits, steps, made: None }
     }
 
-    /// Adds a motor, with its last step before tick 0; gives its place in the group.
+    /// Adds a motor, with its last step before tick 0. Returns its place in the group.
     pub(crate) fn join(
         &mut self,
         motor: usize,
@@ -132,7 +134,7 @@ impl SharedDir {
         }
     }
 
-    /// By how many ticks the move of a motor was put off that was given out last.
+    /// The delay of the last move of a motor that was returned, ticks.
     pub(crate) fn put_off_ticks(&self, place: usize) -> u64 {
         self.members[place].given_late
     }
@@ -142,7 +144,7 @@ impl SharedDir {
             if let Some(next) = self.members[place].next_ready() {
                 return Ok(Some(next));
             }
-            // Others of the line may go on for ever.
+            // Other motors of the line may have an endless plan.
             let member = &self.members[place];
             if member.ended && member.segment.is_none() {
                 return Ok(None);
@@ -153,7 +155,7 @@ impl SharedDir {
         }
     }
 
-    /// Takes the step that can be made first; `false` when no motor has one.
+    /// Takes the step that can be made first. Returns `false` when no motor has one.
     fn take_step(&mut self) -> Result<bool, Refused> {
         let mut first: Option<Candidate> = None;
         for place in 0..self.members.len() {
@@ -163,7 +165,7 @@ impl SharedDir {
             let line = &self.lines[member.line];
             let turns = line.last.is_some_and(|(_, now)| now != level);
             let possible = match line.last {
-                // A line that must turn: what the last step needs after it, and the setup of this one.
+                // The line must change: the last step needs its time after it, and this step its setup before it.
                 Some((last, _)) if turns => due.max(last + line.keep_ticks + line.setup_ticks),
                 Some((last, _)) => due.max(last),
                 None => due,
@@ -172,7 +174,7 @@ impl SharedDir {
                 (Some(made), Some(steps)) => {
                     let (together, apart) =
                         (made + i64::from(steps.together_ticks), made + i64::from(steps.apart_ticks));
-                    // The board turns a line when the pulses on all lines are over.
+                    // The board changes a DIR line only when the pulses on all STEP lines are over.
                     if turns {
                         possible.max(apart + line.setup_ticks)
                     } else if possible > together {
@@ -183,11 +185,11 @@ impl SharedDir {
                 }
                 _ => possible,
             };
-            // A plan keeps its own steps apart, but does not know the last one before it.
+            // A plan separates its own steps, but it does not know the motor's last step before the plan.
             let spaced = member.last.filter(|last| *last < 0).map(|last| last + member.min_interval_ticks);
             let possible = spaced.map_or(possible, |spaced| possible.max(spaced));
             let candidate = Candidate { possible, turns, place, late: possible - due, level };
-            // At the same tick, steps that the line is right for go first.
+            // Of steps at the same tick, those come first for which the line already has the right level.
             if first.as_ref().is_none_or(|f| (possible, turns) < (f.possible, f.turns)) {
                 first = Some(candidate);
             }
@@ -206,14 +208,14 @@ impl SharedDir {
 
 /// The next step of a motor.
 struct Candidate {
-    /// When it can be made, ticks.
+    /// The tick at which it can be made.
     possible: i64,
-    /// Whether the line must turn for it.
+    /// Whether the line must change before it.
     turns: bool,
     place: usize,
-    /// `possible` minus when it is due, ticks.
+    /// Its delay, ticks.
     late: i64,
-    /// What it wants of the line.
+    /// The level of the line that it needs.
     level: bool,
 }
 
@@ -248,7 +250,7 @@ impl Member {
         }))
     }
 
-    /// Takes the next step, `late` ticks after it is due.
+    /// Takes the next step with a delay of `late` ticks.
     fn take(&mut self, late: i64, fraction_bits: u32) -> Result<(), Refused> {
         let Some((segment, direction)) = self.segment else { return Ok(()) };
         let step = segment.after(self.unchanged);
@@ -263,7 +265,7 @@ impl Member {
             }
             return Ok(());
         }
-        // This step, or the one before it, was moved: it goes out alone.
+        // This step, or the one before it, was delayed, so that it is a move of its own.
         let taken = self.unchanged;
         self.flush();
         let interval = step.interval + ((late - self.late) << fraction_bits);
@@ -285,14 +287,14 @@ impl Member {
         Ok(())
     }
 
-    /// Gives out the next move that is ready.
+    /// Returns the next move that is ready.
     fn next_ready(&mut self) -> Option<Move> {
         let (next, late) = self.out.pop_front()?;
         self.given_late = late;
         Some(next)
     }
 
-    /// Makes the steps ready that stay as they were.
+    /// Makes a move of the steps that need no change.
     fn flush(&mut self) {
         if let Some((segment, direction)) = self.segment.filter(|_| self.unchanged > 0) {
             self.out.push_back((Move::Run { segment: segment.truncated(self.unchanged), direction }, 0));

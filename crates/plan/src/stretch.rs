@@ -2,13 +2,15 @@
 
 use pulsetrain_motion::law::{Bounds, Curve, Inverse, Piece};
 
-/// A window that θ crosses by less than this has no turn worth finding, steps: far less than a touch.
+/// A window in which θ changes by less than this is not searched for turning points, steps. It is far less than a
+/// touch.
 const STILL: f64 = 1e-11;
 
-/// Turns are known to this where more is known of a curve than f64 holds, ticks: far less than the rounding to whole ticks.
+/// Precision of turning points where a curve is known better than f64 holds, ticks: far less than the rounding to whole
+/// ticks.
 const SHARP_TICKS: f64 = 1e-3;
 
-/// What ends so much slower than it goes comes to rest.
+/// A stretch comes to rest if its speed at the end is below this part of its mean speed.
 const AT_REST: f64 = 1e-6;
 
 /// A monotone part of a piece.
@@ -24,10 +26,10 @@ pub(crate) struct Stretch {
     pub(crate) value_to: f64,
     /// A formula for its step times, if there is one.
     pub(crate) inverse: Option<Inverse>,
-    /// The turn that it ends with; `None` where the piece ends.
+    /// The turning point at its end; `None` where the piece ends.
     turn: Option<Turn>,
-    /// How far θ goes on the same way in the piece that follows at once, steps; endless if it comes to rest there, which tells whether it
-    /// touches a level.
+    /// How far θ goes on in this direction in the next piece, steps. Infinite if θ comes to rest there, because then it
+    /// is the next piece that decides whether θ touches a level.
     pub(crate) onward: f64,
 }
 
@@ -36,7 +38,8 @@ impl Stretch {
         self.value_to > self.value_from
     }
 
-    /// How far θ goes on in `next`, the first stretch of a piece that begins where this one ends and lasts until `end`.
+    /// How far θ goes on in `next`, the first stretch of the piece that begins where this one ends and lasts until
+    /// `end`.
     pub(crate) fn onward_in(&self, next: &Stretch, end: f64) -> f64 {
         if next.rises() != self.rises() {
             return 0.0;
@@ -46,12 +49,12 @@ impl Stretch {
         if next.to < end || is_slow { f64::INFINITY } else { way }
     }
 
-    /// Where it ends: earliest and latest, s. Where more is known of the curve than f64 holds, that is between the last place where the
-    /// speed provably has its sign and the first where it provably has the other.
+    /// The earliest and latest time of its end, s. Where the curve is known better than f64 holds, that is from the
+    /// last time at which the speed provably has its sign to the first at which it provably has the opposite one.
     pub(crate) fn end(&self, tick_hz: f64) -> (f64, f64) {
         let Some(turn) = self.turn else { return (self.to, self.to) };
         let close = SHARP_TICKS / tick_hz;
-        // NaN is no bound.
+        // A bound that is NaN is no bound.
         let doubt = (self.curve.jet(self.to)[1].abs() + self.bounds.rounding[1]) / turn.least.max(0.0);
         let (low, high) = ((self.to - doubt).max(turn.window.0), (self.to + doubt).min(turn.window.1));
         let rises = self.rises();
@@ -78,7 +81,7 @@ impl Stretch {
     }
 }
 
-/// The stretches of a piece, in order. Constant pieces give none.
+/// The stretches of a piece, in order. A constant piece has none.
 pub(crate) fn stretches(piece: &Piece, tick_hz: f64) -> Vec<Stretch> {
     let (from, to) = (piece.first(), piece.last());
     let curve = std::sync::Arc::new(piece.curve.clone());
@@ -108,18 +111,18 @@ pub(crate) fn stretches(piece: &Piece, tick_hz: f64) -> Vec<Stretch> {
     stretches
 }
 
-/// What is known of a turn.
+/// A turning point, and what is known of it.
 #[derive(Clone, Copy, Debug)]
 struct Turn {
-    /// Where it is looked for, s.
+    /// The window in which it is, s.
     window: (f64, f64),
-    /// What the acceleration is there at least, steps/s²; not positive where that is not known.
+    /// Smallest magnitude of the acceleration there, steps/s²; not positive if none is proven.
     least: f64,
 }
 
 /// Every time in `from..=to` where the speed changes its sign, to within a quarter of a tick.
 ///
-/// A window is passed over when its speed provably keeps its sign, searched for one root when its acceleration
+/// A window is skipped when its speed provably keeps its sign, searched for one root when its acceleration provably
 /// does, and halved otherwise.
 fn turning_points(curve: &Curve, bounds: &Bounds, from: f64, to: f64, tick_hz: f64) -> Vec<(f64, Option<Turn>)> {
     let shortest = 0.25 / tick_hz;
@@ -140,10 +143,11 @@ fn turning_points(curve: &Curve, bounds: &Bounds, from: f64, to: f64, tick_hz: f
             }
         }
         let end = start + 2.0 * half;
-        // Where θ stands still, rounding alone has a sign: no search tick by tick for turns that move nothing.
+        // Where θ stands still, the sign is that of rounding errors. Turning points there move nothing and are not
+        // searched.
         let still = (c[1].abs() + bend + bounds.rounding[1]) * 2.0 * half < STILL;
         let passed = c[1].abs() > bend + bounds.rounding[1];
-        // What the acceleration is at least.
+        // The smallest magnitude of the acceleration.
         let least = 2.0 * (c[2].abs() - bounds.rounding[2]) - twist;
         if passed || still || least > 0.0 || half <= shortest {
             // Where rounding has the sign the curve's terms tell it, if it has any; else there is a turn if both sides of a rest say so.
@@ -184,13 +188,13 @@ fn turning_points(curve: &Curve, bounds: &Bounds, from: f64, to: f64, tick_hz: f
     found
 }
 
-/// The one place between `low` and `high` where the speed changes its sign, if it does.
+/// The place between `low` and `high` where the speed changes its sign, if it does.
 fn root(curve: &Curve, speed: impl Fn(f64) -> f64, mut low: f64, mut high: f64, width: f64) -> Option<f64> {
     let (at_low, at_high) = (speed(low), speed(high));
     if at_low.is_nan() || at_high.is_nan() {
         return None;
     }
-    // At rest exactly at an end: the window before has dealt with that of `low`.
+    // At rest exactly at an end: the window before this one has handled `low`.
     if at_low == 0.0 || at_high == 0.0 {
         return (at_low != 0.0).then_some(high);
     }

@@ -1,44 +1,49 @@
-//! The processor as others see it: its state, its clock, and the way to memory.
+//! The processor's state and what its users call: registers, steps, cycle count, and loads and stores on the bus (TRM
+//! DDI 0484C).
+//!
+//! Instructions are in `execute`, exceptions in `exception` and `nvic`, the private registers in `system`.
 
 use super::bus::{Bus, Size};
 use super::decode::{HALF_WORDS, Op, TABLE};
-use super::exception::{Exceptions, Fault, FaultCause, Sleep};
+use super::fault::{Fault, FaultCause};
+use super::nvic::{Exceptions, Sleep};
 use super::systick::SysTick;
 
 pub(super) const SP: usize = 13;
 pub(super) const LR: usize = 14;
 pub(super) const PC: usize = 15;
 
-/// What an implementation of the processor chooses.
+/// The choices that the processor leaves to the maker of a chip.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Config {
-    /// VTOR after a reset: where initial stack pointer and vectors lie. A multiple of 256.
+    /// VTOR after a reset: the address of the vector table, which begins with the initial stack pointer. A multiple of
+    /// 256.
     pub vector_table: u32,
-    /// CPUID.
+    /// The value of CPUID.
     pub cpuid: u32,
-    /// SYST_CALIB.
+    /// The value of SYST_CALIB.
     pub systick_calibration: u32,
     /// Processor cycles from one tick of SysTick's reference clock to the next (CLKSOURCE 0).
     pub systick_reference: u32,
 }
 
 impl Default for Config {
-    /// A Cortex-M0+ r0p1 with its vectors at 0 and a reference clock as fast as the processor's.
+    /// A Cortex-M0+ r0p1 with its vector table at 0 and a reference clock as fast as the processor's.
     fn default() -> Config {
         Config { vector_table: 0, cpuid: 0x410c_c601, systick_calibration: 0, systick_reference: 1 }
     }
 }
 
-/// What the processor runs.
+/// What the processor executes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Mode {
-    /// The program.
+    /// The program outside handlers.
     Thread,
-    /// An exception's handler.
+    /// The handler of an exception.
     Handler,
 }
 
-/// A Cortex-M0+.
+/// A Cortex-M0+ processor.
 ///
 /// ```
 /// use pulsetrain_emulator::arm::{Bus, BusFault, Config, Cpu, Size};
@@ -70,15 +75,15 @@ pub enum Mode {
 /// ```
 #[derive(Clone)]
 pub struct Cpu {
-    /// R0 to R12, the stack pointer in use, LR; the last is not used: `pc` is.
+    /// R0 to R12, the stack pointer in use (13), LR (14). Element 15 is not used: `pc` has the program counter.
     pub(super) registers: [u32; 16],
-    /// Address of the next instruction, or of the one that is being executed.
+    /// Address of the next instruction, or of the one that is being executed now.
     pub(super) pc: u32,
     pub(super) n: bool,
     pub(super) z: bool,
     pub(super) c: bool,
     pub(super) v: bool,
-    /// EPSR.T: without it the next instruction faults.
+    /// EPSR.T. Without it the next instruction faults.
     pub(super) thumb: bool,
     /// The stack pointer that is not in use.
     pub(super) other_sp: u32,
@@ -88,7 +93,7 @@ pub struct Cpu {
     pub(super) unprivileged: bool,
     pub(super) cycle: u64,
     instructions: u64,
-    /// Instructions may be executed up to here without looking at anything else.
+    /// The cycle up to which instructions can be executed without a look at exceptions and SysTick.
     pub(super) attention: u64,
     pub(super) exceptions: Exceptions,
     pub(super) systick: SysTick,
@@ -120,9 +125,9 @@ impl Cpu {
         }
     }
 
-    /// Resets the processor in the present cycle and reads stack pointer and program counter from the vector table
-    /// (ARMv6-M ARM §B1.5.5). Levels of interrupt lines stay, and cycles go on counting. A table that cannot be read, or
-    /// whose reset vector is even, faults: see [`fault`](Cpu::fault).
+    /// Resets the processor in the present cycle: it reads stack pointer and program counter from the vector table
+    /// (ARMv6-M ARM §B1.5.5). Interrupt lines keep their levels, and the cycle count goes on. The processor faults if
+    /// the table cannot be read or the reset vector is even: see [`fault`](Cpu::fault).
     pub fn reset(&mut self, bus: &mut impl Bus) {
         let table = self.config.vector_table;
         self.registers[..SP].fill(0);
@@ -144,8 +149,8 @@ impl Cpu {
         self.refresh();
     }
 
-    /// Executes an instruction, or a part of what an exception takes, and gives back its cycles, at least 1: an
-    /// instruction; or the stacking of registers; or the reading of a vector; or a cycle of sleep or lock-up.
+    /// Makes one step, and returns its cycles, at least 1. A step is an instruction, or one part of an exception
+    /// (stacking the registers, reading the vector), or one cycle of sleep or lock-up.
     #[inline]
     pub fn step(&mut self, bus: &mut impl Bus) -> u32 {
         let began = self.cycle;
@@ -184,7 +189,8 @@ impl Cpu {
         self.instructions
     }
 
-    /// A register: R0 to R12, the stack pointer in use (13), LR (14), or the address of the next instruction (15).
+    /// Reads a register: R0 to R12, the stack pointer in use (13), LR (14), or the address of the next instruction
+    /// (15).
     ///
     /// # Panics
     /// If there is no such register.
@@ -192,7 +198,7 @@ impl Cpu {
         if number == PC { self.pc } else { self.registers[number] }
     }
 
-    /// Sets a register, as [`register`](Cpu::register) numbers them. Stack pointer and program counter are aligned.
+    /// Sets a register, numbered as in [`register`](Cpu::register). Stack pointer and program counter are aligned.
     ///
     /// # Panics
     /// If there is no such register.
@@ -214,7 +220,7 @@ impl Cpu {
         self.apsr() | u32::from(self.thumb) << 24 | self.exceptions.current()
     }
 
-    /// Sets the flags N, Z, C, V: bits 31 to 28; the rest is ignored.
+    /// Sets the flags N, Z, C and V from bits 31 to 28. The other bits are ignored.
     pub fn set_flags(&mut self, apsr: u32) {
         self.n = apsr >> 31 & 1 != 0;
         self.z = apsr >> 30 & 1 != 0;
@@ -222,50 +228,50 @@ impl Cpu {
         self.v = apsr >> 28 & 1 != 0;
     }
 
-    /// Program or handler.
+    /// Whether a handler runs, or the program.
     pub fn mode(&self) -> Mode {
         if self.exceptions.current() == 0 { Mode::Thread } else { Mode::Handler }
     }
 
-    /// The main stack's pointer.
+    /// The main stack pointer.
     pub fn msp(&self) -> u32 {
         if self.process_stack { self.other_sp } else { self.registers[SP] }
     }
 
-    /// The process stack's pointer.
+    /// The process stack pointer.
     pub fn psp(&self) -> u32 {
         if self.process_stack { self.registers[SP] } else { self.other_sp }
     }
 
-    /// Whether PRIMASK keeps interrupts out.
+    /// PRIMASK: whether interrupts are masked.
     pub fn primask(&self) -> bool {
         self.exceptions.primask
     }
 
-    /// Cycles from one tick of SysTick's reference clock to the next, from now on; 0 is taken as 1.
+    /// Sets the processor cycles from one tick of SysTick's reference clock to the next; 0 counts as 1.
     pub fn set_systick_reference(&mut self, cycles: u32) {
         self.count_systick(self.cycle);
         self.systick.set_reference(cycles);
         self.refresh();
     }
 
-    /// SysTick's current value (SYST_CVR) in the present cycle; looking changes nothing.
+    /// SysTick's current value (SYST_CVR) in the present cycle. Reading it has no effect.
     pub fn systick_value(&self) -> u32 {
         self.systick.value_in(self.cycle)
     }
 
-    /// The cycle in which SysTick next asks for its exception, if it will.
+    /// The cycle in which SysTick next raises its exception, if it is set to do so.
     pub fn next_own_event(&self) -> Option<u64> {
         self.systick.next()
     }
 
-    /// Whether the processor waits in `wfi` or `wfe`, or sleeps on exit: its steps are single cycles.
+    /// Whether the processor sleeps in `wfi` or `wfe`, or because of sleep on exit. Its steps are then single cycles.
     pub fn is_asleep(&self) -> bool {
         self.exceptions.sleep != Sleep::Awake && !self.wakes()
     }
 
-    /// Lets a processor that sleeps or is locked up do so up to a cycle, at most until SysTick wants something. Does
-    /// nothing for one that is awake.
+    /// Moves a sleeping or locked-up processor forward to a cycle, but not past the next SysTick exception. A processor
+    /// that is awake stays where it is.
     pub fn sleep_until(&mut self, cycle: u64) {
         if self.is_asleep() || self.is_locked_up() {
             let end = self.next_own_event().map_or(cycle, |event| cycle.min(event));
@@ -273,7 +279,7 @@ impl Cpu {
         }
     }
 
-    /// Whether a fault within a fault has stopped the processor for good: only a reset, or an NMI, gets it out.
+    /// Whether a fault within a fault has locked up the processor. Only a reset or an NMI ends the lock-up.
     pub fn is_locked_up(&self) -> bool {
         self.exceptions.locked_up
     }
@@ -291,7 +297,7 @@ impl Cpu {
         !self.unprivileged || self.mode() == Mode::Handler
     }
 
-    /// Takes the other stack pointer into use.
+    /// Selects the process stack pointer, or the main one.
     pub(super) fn use_process_stack(&mut self, process: bool) {
         if self.process_stack != process {
             self.process_stack = process;
@@ -299,7 +305,7 @@ impl Cpu {
         }
     }
 
-    /// A load of an instruction of its own: two cycles, or one at the I/O port.
+    /// An instruction's only load: two cycles, or one on the I/O port.
     #[inline]
     pub(super) fn load(&mut self, bus: &mut impl Bus, address: u32, size: Size) -> Result<u32, FaultCause> {
         if !bus.is_io_port(address) {
@@ -308,7 +314,7 @@ impl Cpu {
         self.load_next(bus, address, size)
     }
 
-    /// A load whose address is already on the bus: one cycle.
+    /// One load of several, whose address is already on the bus: one cycle.
     #[inline]
     pub(super) fn load_next(&mut self, bus: &mut impl Bus, address: u32, size: Size) -> Result<u32, FaultCause> {
         if address & (size.bytes() - 1) != 0 {
@@ -326,7 +332,7 @@ impl Cpu {
         Ok(value)
     }
 
-    /// A store of an instruction of its own: two cycles, or one at the I/O port.
+    /// An instruction's only store: two cycles, or one on the I/O port.
     #[inline]
     pub(super) fn store(&mut self, bus: &mut impl Bus, address: u32, size: Size, value: u32) -> Result<(), FaultCause> {
         if !bus.is_io_port(address) {
@@ -335,7 +341,7 @@ impl Cpu {
         self.store_next(bus, address, size, value)
     }
 
-    /// A store whose address is already on the bus: one cycle.
+    /// One store of several, whose address is already on the bus: one cycle.
     #[inline]
     pub(super) fn store_next(
         &mut self,
@@ -358,7 +364,7 @@ impl Cpu {
     }
 }
 
-/// The private peripheral bus (ARMv6-M ARM §B3.1): 0xe000_0000 to 0xe00f_ffff.
+/// Whether the address belongs to the private peripheral bus (ARMv6-M ARM §B3.1): 0xe000_0000 to 0xe00f_ffff.
 fn is_private(address: u32) -> bool {
     address >> 20 == 0xe00
 }

@@ -1,12 +1,12 @@
-//! Half-words to operations (ARMv6-M ARM DDI 0419E, chapter A5).
+//! The decoder: half-words to operations (ARMv6-M ARM DDI 0419E, chapter A5). What operations do is in `execute`.
 //!
-//! All 65 536 half-words are decoded once, into a table that every processor shares. As nothing is kept per address,
-//! code may be written, moved and overwritten without telling anybody.
+//! All 65 536 half-words are decoded once, into a table that all processors share. Nothing is stored for an address, so
+//! that a program may write, move and overwrite code.
 
 use std::sync::LazyLock;
 
-/// An instruction, or the first half-word of one that has two. Fields are registers (`d`, `n`, `m`, `t`) or immediate
-/// values as the encoding holds them, unless said otherwise.
+/// An instruction, or the first half-word of a long one. The fields are register numbers (`d`, `n`, `m`, `t`) and
+/// immediate values as the encoding holds them, unless a field's comment says otherwise.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Op {
     /// No instruction of ARMv6-M.
@@ -17,13 +17,13 @@ pub(super) enum Op {
         m: u8,
         shift: u8,
     },
-    /// 1 to 32.
+    /// The shift is 1 to 32.
     LsrImmediate {
         d: u8,
         m: u8,
         shift: u8,
     },
-    /// 1 to 32.
+    /// The shift is 1 to 32.
     AsrImmediate {
         d: u8,
         m: u8,
@@ -98,7 +98,7 @@ pub(super) enum Op {
         d: u8,
         m: u8,
     },
-    /// Any registers.
+    /// Any two registers.
     Cmp {
         n: u8,
         m: u8,
@@ -123,12 +123,12 @@ pub(super) enum Op {
         d: u8,
         m: u8,
     },
-    /// Any registers, no flags.
+    /// Any two registers; sets no flags.
     AddAny {
         d: u8,
         m: u8,
     },
-    /// Any registers, no flags.
+    /// Any two registers; sets no flags.
     MovAny {
         d: u8,
         m: u8,
@@ -139,7 +139,7 @@ pub(super) enum Op {
     Blx {
         m: u8,
     },
-    /// In words.
+    /// The offset is in words.
     LdrLiteral {
         t: u8,
         offset: u8,
@@ -184,13 +184,13 @@ pub(super) enum Op {
         n: u8,
         m: u8,
     },
-    /// In bytes.
+    /// The offset is in bytes.
     StrImmediate {
         t: u8,
         n: u8,
         offset: u8,
     },
-    /// In bytes.
+    /// The offset is in bytes.
     LdrImmediate {
         t: u8,
         n: u8,
@@ -206,43 +206,43 @@ pub(super) enum Op {
         n: u8,
         offset: u8,
     },
-    /// In bytes.
+    /// The offset is in bytes.
     StrhImmediate {
         t: u8,
         n: u8,
         offset: u8,
     },
-    /// In bytes.
+    /// The offset is in bytes.
     LdrhImmediate {
         t: u8,
         n: u8,
         offset: u8,
     },
-    /// In words.
+    /// The offset is in words.
     StrSp {
         t: u8,
         offset: u8,
     },
-    /// In words.
+    /// The offset is in words.
     LdrSp {
         t: u8,
         offset: u8,
     },
-    /// In words.
+    /// The offset is in words.
     Adr {
         d: u8,
         offset: u8,
     },
-    /// In words.
+    /// The offset is in words.
     AddFromSp {
         d: u8,
         offset: u8,
     },
-    /// In words.
+    /// The offset is in words.
     AddSp {
         words: u8,
     },
-    /// In words.
+    /// The offset is in words.
     SubSp {
         words: u8,
     },
@@ -282,7 +282,7 @@ pub(super) enum Op {
         list: u8,
         pc: bool,
     },
-    /// `cpsid i` if so, else `cpsie i`.
+    /// `cpsid i` if `disable` is true, else `cpsie i`.
     Cps {
         disable: bool,
     },
@@ -298,17 +298,17 @@ pub(super) enum Op {
         n: u8,
         list: u8,
     },
-    /// In half-words.
+    /// The offset is in half-words.
     BranchIf {
         condition: u8,
         offset: i8,
     },
-    /// In half-words.
+    /// The offset is in half-words.
     Branch {
         offset: i16,
     },
     Svc,
-    /// The first of two half-words.
+    /// The first half-word of a long instruction.
     Wide {
         first: u16,
     },
@@ -320,7 +320,7 @@ const _: () = assert!(size_of::<Op>() == 4);
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum WideOp {
     Undefined,
-    /// In bytes.
+    /// The offset is in bytes.
     Bl {
         offset: i32,
     },
@@ -332,13 +332,13 @@ pub(super) enum WideOp {
         n: u8,
         special: u8,
     },
-    /// DSB, DMB, ISB: all accesses are over when an instruction has ended.
+    /// DSB, DMB and ISB. They do nothing here, because all accesses of an instruction are complete when it ends.
     Barrier,
 }
 
 pub(super) const HALF_WORDS: usize = 1 << 16;
 
-/// What each half-word means.
+/// The operation of each half-word.
 pub(super) static TABLE: LazyLock<Box<[Op; HALF_WORDS]>> = LazyLock::new(|| {
     let mut table = Box::new([Op::Undefined; HALF_WORDS]);
     for (word, op) in (0..=u16::MAX).zip(table.iter_mut()) {
@@ -348,7 +348,7 @@ pub(super) static TABLE: LazyLock<Box<[Op; HALF_WORDS]>> = LazyLock::new(|| {
 });
 
 fn decode(word: u16) -> Op {
-    // Fields by the place of their lowest bit.
+    // The register field whose lowest bit is at `at`.
     let low = |at: u32| (word >> at & 7) as u8;
     let five = (word >> 6 & 31) as u8;
     let byte = word as u8;
@@ -399,12 +399,12 @@ fn decode(word: u16) -> Op {
             condition => Op::BranchIf { condition, offset: byte as i8 },
         },
         0b11100 => Op::Branch { offset: (word << 5) as i16 >> 5 },
-        // 0b11101 and 0b11111 begin instructions of two half-words, none of which ARMv6-M has.
+        // 0b11101 and 0b11111 begin long instructions that ARMv6-M does not have.
         _ => Op::Wide { first: word },
     }
 }
 
-/// A5.2.2.
+/// Data processing (A5.2.2).
 fn data_processing(code: u16, d: u8, m: u8) -> Op {
     match code {
         0 => Op::And { d, m },
@@ -464,7 +464,7 @@ fn miscellaneous(word: u16) -> Op {
     }
 }
 
-/// A hint that is not allocated does nothing (A5.2.5), and so does `yield`.
+/// Hints (A5.2.5). `yield` and hints that are not allocated do nothing.
 fn hint(code: u16) -> Op {
     match code {
         2 => Op::Wfe,
@@ -474,7 +474,7 @@ fn hint(code: u16) -> Op {
     }
 }
 
-/// An instruction of two half-words (A5.3).
+/// Decodes a long instruction (A5.3).
 pub(super) fn decode_wide(first: u16, second: u16) -> WideOp {
     match (first, second) {
         (0xf000..=0xf7ff, _) if second & 0xd000 == 0xd000 => WideOp::Bl { offset: bl_offset(first, second) },
@@ -487,7 +487,7 @@ pub(super) fn decode_wide(first: u16, second: u16) -> WideOp {
     }
 }
 
-/// A6.7.13: S, I1, I2, imm10, imm11, 0, with I = NOT (J EOR S).
+/// The offset of BL in bytes (A6.7.13): S, I1, I2, imm10, imm11, 0, with I = NOT (J EOR S).
 fn bl_offset(first: u16, second: u16) -> i32 {
     let bit = |word: u16, at: u32| u32::from(word >> at & 1);
     let s = bit(first, 10);

@@ -1,224 +1,23 @@
-//! Exceptions: which is due, entry and return, faults, sleep (ARMv6-M ARM DDI 0419E §B1.5, §B3.4).
+//! What the processor does at an exception: entry, return, faults, sleep (ARMv6-M ARM DDI 0419E §B1.5). Which exception
+//! is due is decided in `nvic`.
 
 use super::bus::{Bus, Size};
 use super::cpu::{Cpu, LR, SP};
-use thiserror::Error;
+use super::fault::{Fault, FaultCause};
+use super::nvic::{HARD_FAULT, IRQ, NMI, SVCALL, SYSTICK, Sleep, bit};
 
-pub(super) const NMI: u32 = 2;
-pub(super) const HARD_FAULT: u32 = 3;
-pub(super) const SVCALL: u32 = 11;
-pub(super) const PENDSV: u32 = 14;
-pub(super) const SYSTICK: u32 = 15;
-/// Exception number of interrupt line 0.
-pub(super) const IRQ: u32 = 16;
-const EXCEPTIONS: usize = IRQ as usize + 32;
-
-/// Execution priority when nothing is active: less urgent than all.
-const LOWEST: i16 = i16::MAX;
-
-/// Cycles of an exception's entry up to the vector, and of the vector: TRM §3.6.1 gives the sum, 15.
+/// Cycles of the two parts of an exception's entry: saving the registers, and reading the vector. TRM §3.6.1 gives
+/// their sum, 15.
 const STACKING: u64 = 12;
 const VECTOR: u64 = 3;
 const _: () = assert!(STACKING + VECTOR == 15);
-/// Cycles of unstacking, as of `pop` with eight registers: 3 + 8 (TRM table 3-1).
+/// Cycles of restoring the registers: as `pop` with eight registers, 3 + 8 (TRM table 3-1).
 const UNSTACKING: u64 = 11;
 const FRAME_BYTES: u32 = 32;
 
-/// Why the processor took a HardFault, or locked up.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Error)]
-pub enum FaultCause {
-    /// What was fetched is no instruction of ARMv6-M.
-    #[error("no such instruction")]
-    Undefined,
-    /// `bkpt`, and no debugger is there.
-    #[error("breakpoint without a debugger")]
-    Breakpoint,
-    /// `svc` where its handler cannot be entered: PRIMASK is set, or the priority not sufficient.
-    #[error("svc at a priority that does not let it in")]
-    Supervisor,
-    /// A branch to an even address: a state that the processor does not have.
-    #[error("branch to an even address")]
-    NotThumb,
-    /// An address that is no multiple of the access's size.
-    #[error("unaligned access to {address:#010x}")]
-    Unaligned {
-        /// Where.
-        address: u32,
-    },
-    /// The bus refused a load or a store.
-    #[error("access to {address:#010x}, where nothing answers")]
-    Bus {
-        /// Where.
-        address: u32,
-    },
-    /// The bus refused an instruction.
-    #[error("instruction at {address:#010x}, where nothing answers")]
-    Fetch {
-        /// Where.
-        address: u32,
-    },
-    /// The vector could not be read.
-    #[error("vector at {address:#010x}, where nothing answers")]
-    Vector {
-        /// Where.
-        address: u32,
-    },
-    /// An exception's registers could not be saved or restored.
-    #[error("exception frame at {address:#010x}, where nothing answers")]
-    Frame {
-        /// Where.
-        address: u32,
-    },
-    /// No exception can return with this value.
-    #[error("exception return with {value:#010x}")]
-    Return {
-        /// EXC_RETURN.
-        value: u32,
-    },
-}
-
-/// A fault, and where it happened.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub struct Fault {
-    /// Why.
-    pub cause: FaultCause,
-    /// The instruction, or where the processor would have gone on.
-    pub pc: u32,
-    /// In which cycle.
-    pub cycle: u64,
-}
-
-/// Whether the processor waits.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Sleep {
-    Awake,
-    /// `wfi`, or sleep on exit.
-    Interrupt,
-    /// `wfe`.
-    Event,
-}
-
-/// Sets of exceptions are bits by exception number.
-#[derive(Clone, Debug)]
-pub(super) struct Exceptions {
-    pub(super) pending: u64,
-    pub(super) active: u64,
-    pub(super) enabled: u64,
-    /// Levels of the interrupt lines.
-    lines: u32,
-    nmi_line: bool,
-    /// By exception number; lower is more urgent.
-    pub(super) priority: [i16; EXCEPTIONS],
-    pub(super) primask: bool,
-    /// The exception that runs, IPSR.
-    current: u32,
-    /// Pending, and urgent enough to be entered now.
-    due: Option<u32>,
-    /// As `due`, PRIMASK or not: what ends `wfi`.
-    wakes: bool,
-    /// What the registers were saved for, while the vector is not yet read.
-    entering: Option<u32>,
-    /// The event register of `wfe`.
-    pub(super) event: bool,
-    pub(super) sleep: Sleep,
-    pub(super) sleep_on_exit: bool,
-    pub(super) sleep_deep: bool,
-    pub(super) event_on_pending: bool,
-    pub(super) locked_up: bool,
-    pub(super) vector_table: u32,
-    pub(super) fault: Option<Fault>,
-}
-
-const fn bit(exception: u32) -> u64 {
-    1 << exception
-}
-
-/// Exceptions that cannot be disabled.
-const ALWAYS_ENABLED: u64 = bit(NMI) | bit(HARD_FAULT) | bit(SVCALL) | bit(PENDSV) | bit(SYSTICK);
-
-impl Exceptions {
-    pub(super) fn new(vector_table: u32) -> Exceptions {
-        let mut priority = [0; EXCEPTIONS];
-        (priority[NMI as usize], priority[HARD_FAULT as usize]) = (-2, -1);
-        Exceptions {
-            pending: 0,
-            active: 0,
-            enabled: ALWAYS_ENABLED,
-            lines: 0,
-            nmi_line: false,
-            priority,
-            primask: false,
-            current: 0,
-            due: None,
-            wakes: false,
-            entering: None,
-            event: false,
-            sleep: Sleep::Awake,
-            sleep_on_exit: false,
-            sleep_deep: false,
-            event_on_pending: false,
-            locked_up: false,
-            vector_table,
-            fault: None,
-        }
-    }
-
-    pub(super) fn reset(&mut self, vector_table: u32) {
-        let (lines, nmi_line) = (self.lines, self.nmi_line);
-        *self = Exceptions { lines, nmi_line, ..Exceptions::new(vector_table) };
-        self.sample_lines();
-    }
-
-    pub(super) fn current(&self) -> u32 {
-        self.current
-    }
-
-    /// Makes exceptions pending.
-    pub(super) fn pend(&mut self, exceptions: u64) {
-        let new = exceptions & !self.pending;
-        self.pending |= exceptions;
-        if new != 0 && self.event_on_pending {
-            self.event = true;
-        }
-    }
-
-    /// An interrupt whose line is high is pending unless it is active (§B3.4.1).
-    pub(super) fn sample_lines(&mut self) {
-        self.pend(u64::from(self.lines) << IRQ & !self.active);
-    }
-
-    /// The most urgent of a set; among equals the one with the lowest number (§B1.5.4).
-    fn most_urgent(&self, set: u64) -> Option<(u32, i16)> {
-        let members = (0..EXCEPTIONS as u32).filter(|exception| set & bit(*exception) != 0);
-        members.map(|exception| (exception, self.priority[exception as usize])).min_by_key(|(_, priority)| *priority)
-    }
-
-    /// The most urgent of those that are pending and enabled.
-    pub(super) fn most_urgent_pending(&self) -> Option<u32> {
-        self.most_urgent(self.pending & self.enabled).map(|(exception, _)| exception)
-    }
-
-    /// Priority of what runs, PRIMASK left aside.
-    fn active_priority(&self) -> i16 {
-        self.most_urgent(self.active).map_or(LOWEST, |(_, priority)| priority)
-    }
-
-    fn execution_priority(&self) -> i16 {
-        self.active_priority().min(if self.primask { 0 } else { LOWEST })
-    }
-
-    fn refresh(&mut self) {
-        let candidate = self.most_urgent(self.pending & self.enabled);
-        let active = self.active_priority();
-        self.wakes = candidate.is_some_and(|(_, priority)| priority < active);
-        let threshold = self.execution_priority();
-        self.due = candidate.filter(|(_, priority)| *priority < threshold).map(|(exception, _)| exception);
-    }
-}
-
 impl Cpu {
-    /// Levels of the 32 interrupt lines from now on. A line that rises makes its interrupt pending; one that is still
-    /// high when its handler returns does so again (ARMv6-M ARM §B3.4.1).
+    /// Sets the levels of the 32 interrupt lines. A rising line makes its interrupt pending. A line that is still high
+    /// when its handler returns makes it pending again (ARMv6-M ARM §B3.4.1).
     #[inline]
     pub fn set_irq_lines(&mut self, levels: u32) {
         if levels != self.exceptions.lines {
@@ -229,7 +28,7 @@ impl Cpu {
         }
     }
 
-    /// Level of the line of the interrupt that cannot be masked, from now on; its rise counts.
+    /// Sets the level of the NMI line. A rising line makes the NMI pending.
     pub fn set_nmi_line(&mut self, level: bool) {
         if level && !self.exceptions.nmi_line {
             self.exceptions.pend(bit(NMI));
@@ -238,13 +37,13 @@ impl Cpu {
         self.refresh();
     }
 
-    /// An event from elsewhere (RXEV), such as another processor's `sev`: ends `wfe`.
+    /// An event from outside (RXEV), such as `sev` of another processor. It ends `wfe`.
     pub fn event(&mut self) {
         self.exceptions.event = true;
         self.refresh();
     }
 
-    /// Works out anew what is due, and how long instructions may be executed without looking.
+    /// Decides which exception is due, and up to which cycle instructions can be executed without another look.
     pub(super) fn refresh(&mut self) {
         let exceptions = &mut self.exceptions;
         exceptions.refresh();
@@ -264,14 +63,15 @@ impl Cpu {
         }
     }
 
-    /// Counts SysTick up to a cycle.
+    /// Counts SysTick up to a cycle, and makes its exception pending where the counter asks for it.
     pub(super) fn count_systick(&mut self, cycle: u64) {
         if self.systick.advance(cycle) {
             self.exceptions.pend(bit(SYSTICK));
         }
     }
 
-    /// What is to be done before the next instruction: whether that was a step of its own.
+    /// Makes the step that comes before the next instruction, if there is one: entry, sleep, lock-up. Returns whether
+    /// there was.
     #[cold]
     #[inline(never)]
     pub(super) fn attend(&mut self, bus: &mut impl Bus) -> bool {
@@ -293,7 +93,7 @@ impl Cpu {
             self.refresh();
         }
         if let Some(exception) = self.exceptions.entering.take() {
-            // Something more urgent may have come since: late arrival.
+            // An exception that became due during stacking and is more urgent is entered instead (late arrival).
             self.take_vector(self.exceptions.due.unwrap_or(exception), bus);
         } else if let Some(exception) = self.exceptions.due {
             self.exceptions.locked_up = false;
@@ -308,7 +108,7 @@ impl Cpu {
         true
     }
 
-    /// Saves the registers (§B1.5.6, PushStack).
+    /// Saves the registers on the stack (§B1.5.6, PushStack).
     fn stack(&mut self, bus: &mut impl Bus) {
         let began = self.cycle;
         let sp = self.registers[SP];
@@ -338,7 +138,7 @@ impl Cpu {
         self.refresh();
     }
 
-    /// Goes to a handler (§B1.5.6, ExceptionTaken).
+    /// Reads the vector and goes to the handler (§B1.5.6, ExceptionTaken).
     fn take_vector(&mut self, exception: u32, bus: &mut impl Bus) {
         let began = self.cycle;
         self.exceptions.pending &= !bit(exception);
@@ -361,7 +161,7 @@ impl Cpu {
         }
     }
 
-    /// `bx` or `pop` of an EXC_RETURN value in handler mode (§B1.5.8): ends the handler.
+    /// Ends a handler: `bx` or `pop` has loaded an EXC_RETURN value in handler mode (§B1.5.8).
     pub(super) fn exception_return(&mut self, value: u32, bus: &mut impl Bus) -> Result<(), FaultCause> {
         let returning = self.exceptions.current;
         let nested = self.exceptions.active & !bit(returning) != 0;
@@ -379,7 +179,7 @@ impl Cpu {
         self.count_systick(self.cycle);
         self.refresh();
         if let Some(exception) = self.exceptions.due {
-            // Tail-chaining: the frame stays where it is, for the next handler.
+            // Tail-chaining: the saved registers stay on the stack for the next handler.
             self.registers[LR] = value;
             self.exceptions.entering = Some(exception);
         } else {
@@ -392,7 +192,7 @@ impl Cpu {
         Ok(())
     }
 
-    /// Restores the registers (§B1.5.8, PopStack).
+    /// Restores the registers from the stack (§B1.5.8, PopStack).
     fn unstack(&mut self, value: u32, bus: &mut impl Bus) {
         let began = self.cycle;
         let mut waits = 0;
@@ -423,7 +223,7 @@ impl Cpu {
         self.cycle = began + UNSTACKING + waits;
     }
 
-    /// `svc`: its exception, or a fault where that cannot be entered (§B1.5.4).
+    /// Executes `svc`: makes SVCall pending, or faults where it cannot be entered (§B1.5.4).
     pub(super) fn supervisor_call(&mut self) -> Result<(), FaultCause> {
         if self.exceptions.priority[SVCALL as usize] >= self.exceptions.execution_priority() {
             return Err(FaultCause::Supervisor);
@@ -433,13 +233,13 @@ impl Cpu {
         Ok(())
     }
 
-    /// `wfi`.
+    /// Executes `wfi`.
     pub(super) fn wait_for_interrupt(&mut self) {
         self.exceptions.sleep = Sleep::Interrupt;
         self.refresh();
     }
 
-    /// `wfe`: does not wait if an event has come since the last.
+    /// Executes `wfe`. It does not wait if an event has come since the last `wfe`.
     pub(super) fn wait_for_event(&mut self) {
         if !std::mem::take(&mut self.exceptions.event) {
             self.exceptions.sleep = Sleep::Event;
@@ -447,7 +247,7 @@ impl Cpu {
         }
     }
 
-    /// An instruction, or what stands at `pc`, faults: a HardFault, or the end if one is being handled (§B1.5.9,
+    /// An instruction at `pc` faults: the processor takes a HardFault, or locks up if it is already in one (§B1.5.9,
     /// §B1.5.10).
     #[cold]
     pub(super) fn hard_fault(&mut self, cause: FaultCause) {
@@ -460,7 +260,7 @@ impl Cpu {
         self.refresh();
     }
 
-    /// A fault while registers are saved: it is entered in place of what they were saved for (§B1.5.9).
+    /// A fault while the registers are being saved: its HardFault is entered instead of the first exception (§B1.5.9).
     fn derived_fault(&mut self, cause: FaultCause) {
         if self.exceptions.due.is_some_and(|exception| exception <= HARD_FAULT) || self.exceptions.active_priority() < 0
         {

@@ -3,14 +3,14 @@
 use super::bus::{Bus, Size};
 use super::cpu::{Cpu, LR, Mode, PC, SP};
 use super::decode::{Op, WideOp, decode_wide};
-use super::exception::FaultCause;
+use super::fault::FaultCause;
 
-/// Cycles of a branch that is taken, beyond the first.
+/// Additional cycles of a branch that is taken (TRM table 3-1: 2 in all).
 const BRANCH: u64 = 1;
-/// Cycles of an instruction of two half-words: BL, MRS, MSR, barriers.
+/// Cycles of a long instruction: BL, MRS, MSR, barriers (TRM table 3-1).
 const WIDE: u64 = 3;
 
-/// Registers that `mrs` and `msr` name (ARMv6-M ARM §B5.1.1).
+/// The register numbers of `mrs` and `msr` (ARMv6-M ARM §B5.1.1).
 mod special {
     pub(super) const MSP: u8 = 8;
     pub(super) const PSP: u8 = 9;
@@ -213,7 +213,7 @@ impl Cpu {
             WideOp::Mrs { d, special } => {
                 let value = self.read_special(special);
                 match usize::from(d) {
-                    // UNPREDICTABLE (A6.7.42).
+                    // UNPREDICTABLE (A6.7.42); here it faults.
                     PC => return Err(FaultCause::Undefined),
                     SP => self.registers[SP] = value & !3,
                     d => self.registers[d] = value,
@@ -233,7 +233,7 @@ impl Cpu {
         self.registers[usize::from(number & 15)]
     }
 
-    /// Any register; the program counter is two half-words ahead.
+    /// Reads any register. The program counter reads two half-words ahead.
     #[inline(always)]
     fn any(&self, number: u8) -> u32 {
         if usize::from(number) == PC { self.pc.wrapping_add(4) } else { self.low(number) }
@@ -256,7 +256,7 @@ impl Cpu {
         self.z = value == 0;
     }
 
-    /// AddWithCarry (A2.2.1), with all flags.
+    /// AddWithCarry (A2.2.1): adds and sets all flags.
     #[inline(always)]
     fn add(&mut self, a: u32, b: u32, carry: bool) -> u32 {
         let (sum, over) = a.carrying_add(b, carry);
@@ -266,7 +266,7 @@ impl Cpu {
         sum
     }
 
-    /// 0 to 255 places, as the shifts below.
+    /// Shifts by 0 to 255 places, as the functions below do.
     #[inline]
     fn shift_left(&mut self, value: u32, places: u32) -> u32 {
         if places != 0 {
@@ -334,7 +334,7 @@ impl Cpu {
         self.registers[SP].wrapping_add(u32::from(words) * 4)
     }
 
-    /// `add` and `mov` to any register: no flags, and a branch if it is the program counter.
+    /// Writes the result of `add` or `mov` to any register, without flags. Writing the program counter is a branch.
     #[inline]
     fn write_any(&mut self, d: u8, value: u32, next: u32) -> Result<(), FaultCause> {
         self.cycle += 1;
@@ -350,7 +350,7 @@ impl Cpu {
         Ok(())
     }
 
-    /// BXWritePC (A2.3.1): in a handler, the highest addresses end it.
+    /// BXWritePC (A2.3.1). In a handler, the highest addresses are EXC_RETURN values and end it.
     #[inline]
     fn branch_exchange(&mut self, target: u32, bus: &mut impl Bus) -> Result<(), FaultCause> {
         if target >> 28 == 15 && self.mode() == Mode::Handler {
@@ -360,7 +360,7 @@ impl Cpu {
         Ok(())
     }
 
-    /// Branches to an address whose lowest bit says whether it holds Thumb code.
+    /// Branches to an address. Its lowest bit must be 1: it says that Thumb code is there.
     #[inline]
     fn branch_to_state(&mut self, target: u32) {
         self.pc = target & !1;
@@ -418,7 +418,7 @@ impl Cpu {
         }
         let target = self.load_next(bus, address, Size::Word)?;
         self.registers[SP] = address.wrapping_add(4);
-        // Table 3-1: 3 + N.
+        // Table 3-1: 3 + N cycles.
         self.cycle += 2;
         self.branch_exchange(target, bus)
     }
@@ -443,7 +443,7 @@ impl Cpu {
             match self.load_next(bus, address, Size::Word) {
                 Ok(value) => self.registers[register] = value,
                 Err(cause) => {
-                    // The base is what it was, so that the instruction can be executed again.
+                    // The base register keeps its value, so that the instruction can be executed again after the fault.
                     self.set(n, base);
                     return Err(cause);
                 }
@@ -457,11 +457,11 @@ impl Cpu {
         Ok(())
     }
 
-    /// `mrs` (§B5.2.2): without privileges the stack pointers and masks read 0.
+    /// Executes `mrs` (§B5.2.2). Without privileges the stack pointers and masks read 0.
     fn read_special(&self, special: u8) -> u32 {
         let privileged = self.is_privileged();
         match special {
-            // Bit 0: with IPSR. Bit 1: with EPSR, which reads 0. Bit 2: without APSR.
+            // Bit 0 adds IPSR, bit 1 EPSR (which reads 0), and bit 2 leaves out APSR.
             0..=7 => {
                 let ipsr = if special & 1 != 0 { self.exceptions.current() } else { 0 };
                 ipsr | if special & 4 == 0 { self.apsr() } else { 0 }
@@ -474,7 +474,7 @@ impl Cpu {
         }
     }
 
-    /// `msr` (§B5.2.3): without privileges only the flags can be written.
+    /// Executes `msr` (§B5.2.3). Without privileges it can only write the flags.
     fn write_special(&mut self, special: u8, value: u32) {
         match special {
             0..=3 => self.set_flags(value),

@@ -1,30 +1,37 @@
-//! An ARMv6-M processor: the Cortex-M0+, apart from any chip.
+//! The ARMv6-M processor Cortex-M0+ by itself, without a chip (ARMv6-M ARM DDI 0419E; TRM DDI 0484C, r0p1).
 //!
 //! # What is here
-//! - [`Cpu`]: registers, all instructions of ARMv6-M with the cycles of the Cortex-M0+ (TRM DDI 0484C, r0p1, table 3-1,
-//!   with the single-cycle multiplier), exceptions, NVIC, SysTick, sleep
-//! - [`Bus`]: what the chip around it answers; [`Size`], [`BusFault`]
+//! - [`Cpu`]: registers, all instructions of ARMv6-M with the cycles of the Cortex-M0+ (TRM table 3-1, with the
+//!   single-cycle multiplier), exceptions, NVIC, SysTick, sleep
+//! - [`Bus`]: the interface that a chip implements; [`Size`], [`BusFault`]
+//! - [`Fault`], [`FaultCause`]: why the processor took a HardFault
 //!
 //! # What is not
-//! Memory and peripherals (the chip's), the MPU (its registers read 0: none), debugging (`bkpt` is a HardFault, as
-//! without a debugger), the vector table's bounds.
+//! Memory and peripherals: they belong to the chip. The MPU: its registers read 0, which means that there is none.
+//! Debugging: `bkpt` is a HardFault, as on a chip without a debugger. A check that the vector table has an entry for
+//! every exception.
 //!
 //! # Cycles
-//! The counts are those of a memory without wait states; what the [`Bus`] waits is added. TRM §3.6.1 gives 15 cycles
-//! from the interrupt to its handler's first instruction, and nothing for the way back. The 15 are 12 for stacking, in
-//! which a more urgent interrupt may arrive late, and 3 for the vector. The return takes the 11 cycles of a `pop` of
-//! eight registers with the program counter, after the `bx` or `pop` that asked for it; a tail-chained handler begins 3
-//! cycles after it. An interrupt that comes during `ldm`, `stm`, `push` or `pop` waits for its end; the chip abandons
-//! the instruction and begins it anew afterwards.
+//! The counts are those of memory without wait states; the wait cycles of the [`Bus`] are added.
+//!
+//! TRM §3.6.1 gives 15 cycles from the interrupt to its handler's first instruction, and nothing for the return. Here
+//! the 15 are 12 for saving the registers, during which a more urgent interrupt may still arrive, and 3 for the vector.
+//! The return takes 11 cycles, as a `pop` of eight registers with the program counter, after the `bx` or `pop` that
+//! started it. A tail-chained handler begins 3 cycles after that instruction.
+//!
+//! An interrupt that comes during `ldm`, `stm`, `push` or `pop` waits for the end of the instruction. A real processor
+//! abandons the instruction and executes it again after the handler.
 
 mod bus;
 mod cpu;
 mod decode;
 mod exception;
 mod execute;
+mod fault;
+mod nvic;
 mod system;
 mod systick;
 
 pub use bus::{Bus, BusFault, Size};
 pub use cpu::{Config, Cpu, Mode};
-pub use exception::{Fault, FaultCause};
+pub use fault::{Fault, FaultCause};

@@ -1,10 +1,12 @@
-//! The registers of the processor's own: SysTick, NVIC, system control (ARMv6-M ARM DDI 0419E §B3.2 to §B3.4).
+//! The processor's private registers: SysTick, NVIC, system control (ARMv6-M ARM DDI 0419E §B3.2 to §B3.4). This file
+//! is about addresses and bits; the state is in `nvic` and `systick`.
 
 use super::bus::{Bus, Size};
 use super::cpu::Cpu;
-use super::exception::{FaultCause, IRQ, NMI, PENDSV, SVCALL, SYSTICK};
+use super::fault::FaultCause;
+use super::nvic::{IRQ, NMI, PENDSV, SVCALL, SYSTICK};
 
-/// Addresses.
+/// Addresses of the registers.
 mod at {
     pub(super) const SYST_CSR: u32 = 0xe000_e010;
     pub(super) const SYST_RVR: u32 = 0xe000_e014;
@@ -56,7 +58,7 @@ const SVCALL_PENDED: u32 = 1 << 15;
 const VECTOR_TABLE_MASK: u32 = !0xff;
 
 impl Cpu {
-    /// Reads such a register in the present cycle. Without privileges, and in parts of a word, they cannot be accessed.
+    /// Reads a private register in the present cycle. An access without privileges, or of less than a word, faults.
     #[cold]
     pub(super) fn read_private(&mut self, address: u32, size: Size) -> Result<u32, FaultCause> {
         self.check_private(address, size)?;
@@ -90,7 +92,7 @@ impl Cpu {
         })
     }
 
-    /// Writes such a register in the present cycle.
+    /// Writes a private register in the present cycle.
     #[cold]
     pub(super) fn write_private(
         &mut self,
@@ -154,7 +156,7 @@ impl Cpu {
         exceptions.pend(chosen(icsr::PENDSV_SET, PENDSV) | chosen(icsr::SYSTICK_SET, SYSTICK));
     }
 
-    /// Priorities of up to four exceptions from `first` on, a byte each: two bits at its top.
+    /// The priorities of up to four exceptions from `first` on, one byte each. Two bits at its top are implemented.
     fn priorities(&self, first: u32) -> u32 {
         let bytes = self.exceptions.priority.iter().skip(first as usize).take(4).enumerate();
         bytes.fold(0, |all, (at, priority)| all | (*priority as u32 & 0xc0) << (8 * at))

@@ -1,24 +1,25 @@
 //! SysTick, the processor's own timer (ARMv6-M ARM DDI 0419E §B3.3).
 //!
-//! The counter is worked out when somebody looks: a clock of which nothing comes costs nothing.
+//! The counter is computed when it is read, and `next` gives the cycle of its next exception. Between the two it takes
+//! no computing time.
 
 const ENABLE: u32 = 1;
 const TICK_INTERRUPT: u32 = 1 << 1;
 const PROCESSOR_CLOCK: u32 = 1 << 2;
 const COUNT_FLAG: u32 = 1 << 16;
-/// Bits of reload and current value.
+/// The 24 bits of the reload value and of the counter.
 const MASK: u32 = 0x00ff_ffff;
 
 #[derive(Clone, Debug)]
 pub(super) struct SysTick {
     control: u32,
     reload: u32,
-    /// The counter's value in the cycle `since`.
+    /// The counter in cycle `since`.
     value: u32,
     since: u64,
-    /// It has counted to 0 since SYST_CSR was last read.
+    /// COUNTFLAG: the counter has reached 0 since SYST_CSR was last read.
     counted: bool,
-    /// Cycles from one tick of the reference clock to the next; its ticks are at multiples of this.
+    /// Processor cycles from one tick of the reference clock to the next. Ticks are at multiples of this.
     reference: u32,
     calibration: u32,
 }
@@ -32,7 +33,7 @@ impl SysTick {
         *self = SysTick { since: cycle, ..SysTick::new(self.reference, self.calibration) };
     }
 
-    /// Brings the counter to what it is in `cycle`; whether it has reached 0 on the way with TICKINT set.
+    /// Counts up to `cycle`. Returns whether the counter reached 0 with TICKINT set.
     pub(super) fn advance(&mut self, cycle: u64) -> bool {
         let ticks = self.ticks(cycle);
         self.since = self.since.max(cycle);
@@ -45,7 +46,7 @@ impl SysTick {
         self.control & TICK_INTERRUPT != 0
     }
 
-    /// The cycle in which the counter is next 0, if that asks for an exception.
+    /// The cycle in which the counter next reaches 0, if it raises an exception then.
     pub(super) fn next(&self) -> Option<u64> {
         let ticks = self.ticks_to_zero();
         let asks = self.control & TICK_INTERRUPT != 0 && ticks != u64::MAX;
@@ -59,7 +60,7 @@ impl SysTick {
         self.reference = cycles.max(1);
     }
 
-    /// SYST_CSR; reading clears COUNTFLAG.
+    /// Reads SYST_CSR, which clears COUNTFLAG.
     pub(super) fn read_control(&mut self) -> u32 {
         self.control | if std::mem::take(&mut self.counted) { COUNT_FLAG } else { 0 }
     }
@@ -80,12 +81,12 @@ impl SysTick {
         self.value
     }
 
-    /// What the value will be in a cycle, if nothing is written before.
+    /// The counter in a later cycle, if no register is written before.
     pub(super) fn value_in(&self, cycle: u64) -> u32 {
         self.after(self.ticks(cycle))
     }
 
-    /// SYST_CVR: any write clears it and COUNTFLAG, and asks for nothing.
+    /// Writes SYST_CVR: any value clears the counter and COUNTFLAG, and raises no exception.
     pub(super) fn clear(&mut self) {
         self.value = 0;
         self.counted = false;
@@ -103,7 +104,7 @@ impl SysTick {
         if self.processor_clock() { 1 } else { u64::from(self.reference) }
     }
 
-    /// Ticks of its clock from `since` to `cycle`.
+    /// Ticks of the selected clock from `since` to `cycle`.
     fn ticks(&self, cycle: u64) -> u64 {
         if self.control & ENABLE == 0 || cycle <= self.since {
             return 0;
@@ -111,7 +112,7 @@ impl SysTick {
         cycle / self.period() - self.since / self.period()
     }
 
-    /// Ticks from the present value until the counter goes from 1 to 0; never, if it is 0 and stays so.
+    /// Ticks until the counter goes from 1 to 0; `u64::MAX` if it stands still.
     fn ticks_to_zero(&self) -> u64 {
         match (self.control & ENABLE, self.value, self.reload) {
             (0, ..) | (_, 0, 0) => u64::MAX,
@@ -120,7 +121,7 @@ impl SysTick {
         }
     }
 
-    /// The counter's value that many ticks later: down to 0, and at the next tick the reload value.
+    /// The counter a number of ticks later: it counts to 0, and the next tick loads the reload value.
     fn after(&self, ticks: u64) -> u32 {
         let (value, turn) = (u64::from(self.value), u64::from(self.reload) + 1);
         if ticks <= value {

@@ -1,4 +1,8 @@
-//! The chip: processor and peripherals on one clock.
+//! The ATmega328P as its users see it: the processor (`cpu`) and the peripherals (`peripherals`) on one clock, with
+//! reset, pins, serial line and a debugger's view (DS40002061B §11, §27, §28).
+//!
+//! What an instruction or a peripheral does is in the other files. The memory that a programmer reaches over SPI is not
+//! here: tests set flash, EEPROM and lock bits directly.
 
 use super::cpu::{Cpu, FLASH_BYTES, Io, Masked, Odd};
 use super::eeprom;
@@ -40,7 +44,7 @@ pub struct Boot {
     pub start: bool,
 }
 
-/// Words of boot section.
+/// The size of the boot section, words (table 27-7).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum BootSize {
     /// 256 words: from word 0x3f00, as on the Uno.
@@ -64,7 +68,8 @@ impl Boot {
         }
     }
 
-    /// The fuses, low, high, extended: the Uno's, but for BOOTSZ and BOOTRST (§28.2; a cleared bit is programmed).
+    /// The fuse bytes low, high and extended: those of an Uno, with this BOOTSZ and BOOTRST (§28.2). A bit that is 0 is
+    /// programmed.
     const fn fuses(self) -> [u8; 3] {
         let size = match self.size {
             BootSize::Words256 => 0b110,
@@ -124,8 +129,8 @@ impl Atmega328p {
     /// Bytes of EEPROM.
     pub const EEPROM_BYTES: usize = eeprom::BYTES;
 
-    /// A chip that has just been powered, at cycle 0; what the image does not fill is erased flash. It starts at
-    /// address 0.
+    /// A chip that has just been powered, at cycle 0. Flash beyond the end of the image is erased (0xff). The program
+    /// starts at address 0.
     ///
     /// # Errors
     /// [`ImageTooLarge`] if the flash cannot hold the image.
@@ -133,7 +138,7 @@ impl Atmega328p {
         Atmega328p::with_boot(flash, Boot::default())
     }
 
-    /// As [`new`](Atmega328p::new), with a boot section.
+    /// As [`new`](Atmega328p::new), with the fuses of a boot section.
     ///
     /// # Errors
     /// [`ImageTooLarge`] if the flash cannot hold the image.
@@ -147,15 +152,16 @@ impl Atmega328p {
         Ok(chip)
     }
 
-    /// Resets the chip in the present cycle. Cycles go on counting; RAM, registers, flash and EEPROM are kept, and
-    /// what the world does to the pins. The start-up time (65 ms on the Uno) is the caller's to add, with
-    /// [`hold`](Atmega328p::hold). Pins that fall back are told to the observer.
+    /// Resets the chip in the present cycle. The cycle count goes on; RAM, registers, flash and EEPROM keep their
+    /// contents, and pins that [`set_input`](Atmega328p::set_input) drives stay driven. A real chip starts some time
+    /// later (65 ms on an Uno): call [`hold`](Atmega328p::hold) to add that time. The observer sees the pins that
+    /// change because the chip no longer drives them.
     pub fn reset(&mut self, cause: ResetCause, observer: &mut impl Observer) {
         self.peripherals.reset(cause.bit(), self.cpu.cycle, observer);
         self.cpu.reset(if self.boot.start { self.boot.section() } else { 0 });
     }
 
-    /// Holds the chip in reset until a cycle, as a reset pin does that is kept low; then it starts.
+    /// Holds the chip in reset until a cycle, as a reset pin does that is kept low. The program starts in that cycle.
     pub fn hold(&mut self, cause: ResetCause, until_cycle: u64, observer: &mut impl Observer) {
         self.reset(cause, observer);
         self.cpu.cycle = self.cpu.cycle.max(until_cycle);
@@ -163,12 +169,13 @@ impl Atmega328p {
         self.cpu.reset(self.cpu.pc);
     }
 
-    /// The cycle that comes next. It only ever grows.
+    /// The cycle in which the next instruction begins. It never decreases.
     pub fn cycle(&self) -> u64 {
         self.cpu.cycle
     }
 
-    /// Runs to the first instruction that begins at or after a cycle. A processor that sleeps costs nothing.
+    /// Runs to the first instruction that begins at or after a cycle. Cycles in which the processor sleeps take no
+    /// computing time.
     pub fn run(&mut self, until_cycle: u64, observer: &mut impl Observer) {
         while self.cpu.cycle < until_cycle {
             self.turn(until_cycle, false, observer);
@@ -176,13 +183,14 @@ impl Atmega328p {
         self.peripherals.advance(self.cpu.cycle, observer);
     }
 
-    /// Executes one instruction, or enters one interrupt, or sleeps to the next event (for at most 65 536 cycles).
+    /// Executes one instruction, or enters one interrupt, or sleeps until the next event (for at most 65 536 cycles).
     pub fn step(&mut self, observer: &mut impl Observer) {
         self.turn(self.cpu.cycle + 65_536, true, observer);
         self.peripherals.advance(self.cpu.cycle, observer);
     }
 
-    /// One thing after the other: events, waking, interrupts, instructions up to the next event.
+    /// One round of the main loop: due events, then waking up, then an interrupt, else instructions up to the next
+    /// event.
     fn turn(&mut self, until: u64, single: bool, observer: &mut impl Observer) {
         let Atmega328p { cpu, peripherals, .. } = self;
         peripherals.advance(cpu.cycle, observer);
@@ -221,10 +229,10 @@ impl Atmega328p {
         if writing && bus.program_blocked(cpu.pc) { cpu.blocked(&mut bus) } else { cpu.execute(&mut bus) }
     }
 
-    // The world.
+    // The outside: pins and the serial line.
 
-    /// Drives a pin from outside, or lets it go (`None`): then its pull-up or nothing holds it, which reads low.
-    /// A pin that the chip drives too keeps the chip's level.
+    /// Drives a pin from outside, or no longer (`None`). A pin that nobody drives has its pull-up, or reads low. Where
+    /// the chip drives a pin too, the chip's level counts.
     pub fn set_input(&mut self, port: Port, bit: u8, level: Option<Level>) {
         self.peripherals.ports.set_outside(port, bit, level, self.cpu.cycle);
         self.peripherals.pin_changes();
@@ -236,25 +244,25 @@ impl Atmega328p {
         Level::from(self.peripherals.ports.level(port) >> (bit & 7) & 1 != 0)
     }
 
-    /// Whether the chip drives a pin.
+    /// Whether the chip drives a pin: it is an output.
     pub fn is_output(&self, port: Port, bit: u8) -> bool {
         self.peripherals.ports.is_output(port, bit)
     }
 
-    /// Puts a character on the line to RXD. It must not begin before the one given last has ended, nor before the
-    /// present cycle; it is sampled as the chip does, with its own baud rate.
+    /// Puts a character on the line to RXD. The start bit must not begin before the character before it has ended, nor
+    /// before the present cycle. The receiver samples it at the baud rate that the program has set.
     pub fn receive(&mut self, byte: LineByte) {
         self.peripherals.usart.receive(byte);
         self.peripherals.refresh();
     }
 
-    /// The cycle by which everything given to [`receive`](Atmega328p::receive) has passed; the present one or earlier
-    /// if the line is idle.
+    /// The cycle by which all characters from [`receive`](Atmega328p::receive) have passed. It is the present cycle or
+    /// an earlier one if the line is idle.
     pub fn line_idle_from(&self) -> u64 {
         self.peripherals.usart.line_end()
     }
 
-    /// Whether the transmitter has something to send.
+    /// Whether the transmitter still sends, or has a character in its buffer.
     pub fn is_transmitting(&self) -> bool {
         self.peripherals.usart.is_sending()
     }
@@ -266,7 +274,7 @@ impl Atmega328p {
         self.cpu.pc
     }
 
-    /// Goes on elsewhere; word address, modulo the flash.
+    /// Sets the program counter; word address, modulo the flash.
     pub fn set_pc(&mut self, pc: u16) {
         self.cpu.pc = pc & 0x3fff;
     }
@@ -276,7 +284,7 @@ impl Atmega328p {
         self.cpu.sp
     }
 
-    /// The flags.
+    /// The status register SREG: the flags and I.
     pub fn sreg(&self) -> u8 {
         self.cpu.sreg
     }
@@ -291,7 +299,7 @@ impl Atmega328p {
         self.cpu.registers[usize::from(number & 31)] = value;
     }
 
-    /// A byte of data memory as `lds` would read it, effects of reading included (UDR0, TEMP).
+    /// Reads a byte of data memory as `lds` does. Reading has its effects: UDR0 loses a character, TEMP changes.
     pub fn read_data(&mut self, address: u16, observer: &mut impl Observer) -> u8 {
         self.cpu.peek(address, &mut Bus { peripherals: &mut self.peripherals, observer })
     }
@@ -306,7 +314,7 @@ impl Atmega328p {
         &self.cpu.ram[..]
     }
 
-    /// A byte of program memory; addresses beyond it begin again at 0.
+    /// A byte of program memory, byte address modulo the flash.
     pub fn flash_byte(&self, address: u16) -> u8 {
         self.cpu.flash_byte(address)
     }
@@ -316,7 +324,7 @@ impl Atmega328p {
         &self.peripherals.eeprom.bytes[..]
     }
 
-    /// The EEPROM, to be filled.
+    /// The EEPROM, to set its contents.
     pub fn eeprom_mut(&mut self) -> &mut [u8] {
         &mut self.peripherals.eeprom.bytes[..]
     }
@@ -326,12 +334,13 @@ impl Atmega328p {
         self.cpu.asleep
     }
 
-    /// Cycles slept since power came on, start-up times included.
+    /// Cycles that the processor slept since power came on, with the start-up times after each sleep.
     pub fn asleep_cycles(&self) -> u64 {
         self.asleep_cycles
     }
 
-    /// How often the program restarted the watchdog (`wdr`) since power came on: as often as its main loop went round, for most.
+    /// How often the program executed `wdr` since power came on. Most programs do so once in every pass of their main
+    /// loop.
     pub fn watchdog_feeds(&self) -> u64 {
         self.peripherals.watchdog.feeds()
     }
@@ -341,35 +350,35 @@ impl Atmega328p {
         self.cpu.lowest_sp
     }
 
-    /// The longest stretch with interrupts off, a present one included: the start-up code's too, unless
+    /// The longest stretch with interrupts off, the present one included. The start-up code counts too, unless
     /// [`forget_masked`](Atmega328p::forget_masked) was called after it.
     pub fn longest_masked(&self) -> Masked {
         self.cpu.longest_masked()
     }
 
-    /// Begins anew to look for the longest stretch with interrupts off.
+    /// Forgets the longest stretch with interrupts off. A stretch that runs now counts from the present cycle.
     pub fn forget_masked(&mut self) {
         self.cpu.forget_masked();
     }
 
-    /// What the program did that is probably a mistake.
+    /// What the program did that is probably a mistake, such as reading beyond RAM.
     pub fn odd(&self) -> Odd {
         self.cpu.odd
     }
 
-    /// The lock byte, whose cleared bits lock (§28.1). Erasing the chip, which a programmer does, is
-    /// [`set_locks`](Atmega328p::set_locks) to 0xff.
+    /// The lock byte (§28.1): a bit that is 0 locks. To erase the chip, as a programmer does, set it to 0xff with
+    /// [`set_locks`](Atmega328p::set_locks).
     pub fn locks(&self) -> u8 {
         self.peripherals.programming.locks
     }
 
-    /// Sets the lock byte, as a programmer does; 0xcf on an Uno: `spm` may not write the boot section, `lpm` elsewhere
-    /// not read it.
+    /// Sets the lock byte, as a programmer does. An Uno has 0xcf: `spm` cannot write the boot section, and `lpm` in the
+    /// application section cannot read it.
     pub fn set_locks(&mut self, locks: u8) {
         self.peripherals.programming.locks = locks;
     }
 
-    /// Times that `spm` was executed. Outside the boot section it does nothing.
+    /// How often `spm` was executed. Outside the boot section the instruction does nothing.
     pub fn spm_count(&self) -> u64 {
         self.peripherals.spm
     }

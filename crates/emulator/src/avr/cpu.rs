@@ -1,9 +1,11 @@
-//! The processor: registers, flags, stack and all instructions with their cycles (AVR instruction set manual
+//! The AVR processor: registers, flags, stack and all instructions with their cycles (AVR instruction set manual
 //! DS40002198, the column AVRe+, 16-bit program counter).
 //!
-//! An instruction that begins in cycle c and takes n cycles ends with cycle c + n − 1; the next begins in c + n. `in`,
-//! `sbis` and `sbic` read in cycle c; loads and stores use the data bus in their second cycle (DS40002061B figure
-//! 8-4). What is written is there from cycle c + n on, at which the next instruction begins.
+//! An instruction that begins in cycle c and takes n cycles ends with cycle c + n − 1; the next instruction begins in
+//! c + n. `in`, `sbis` and `sbic` read in cycle c; loads and stores use the data bus in their second cycle (DS40002061B
+//! figure 8-4). A value that an instruction writes is there from cycle c + n on.
+//!
+//! The I/O registers are not here: [`Io`] is the way to them. `decode` turns words into instructions.
 
 use super::decode::{Op, Step, decode};
 use super::spm::FlashChange;
@@ -21,7 +23,7 @@ pub(super) mod flag {
 }
 use flag::{C, H, I, N, S, T, V, Z};
 
-/// Bytes of flash, words of flash, bytes of RAM (DS40002061B §8).
+/// Sizes of flash (bytes, words) and RAM (bytes), and the addresses of RAM (DS40002061B §8).
 pub(super) const FLASH_BYTES: usize = 32 * 1024;
 pub(super) const FLASH_WORDS: usize = FLASH_BYTES / 2;
 const PAGE_WORDS: usize = super::spm::PAGE_WORDS as usize;
@@ -35,49 +37,51 @@ const SPH: u16 = 0x5e;
 const SREG: u16 = 0x5f;
 const IO_START: u16 = 0x20;
 
-/// What lies at data addresses 0x20 to 0xff, but for the stack pointer and SREG.
+/// The I/O registers at data addresses 0x20 to 0xff, without the stack pointer and SREG, which the processor itself
+/// has.
 pub(super) trait Io {
     /// The byte at a data address, read in `cycle`.
     fn read(&mut self, address: u16, cycle: u64) -> u8;
-    /// Writes it; what follows takes effect in `cycle`.
+    /// Writes the byte at a data address; the write takes effect in `cycle`.
     fn write(&mut self, address: u16, value: u8, cycle: u64);
-    /// `sbi` and `cbi`, which touch one bit.
+    /// Writes one bit, as `sbi` and `cbi` do; the write takes effect in `cycle`.
     fn write_bit(&mut self, address: u16, bit: u8, value: bool, cycle: u64);
-    /// The cycle at which something happens next of itself.
+    /// The cycle of the next peripheral event, such as a timer's compare match.
     fn next(&self) -> u64;
-    /// Whether an interrupt waits.
+    /// Whether an enabled interrupt is pending.
     fn waits(&self) -> bool;
-    /// `wdr`.
+    /// Executes `wdr`: restarts the watchdog.
     fn watchdog(&mut self, cycle: u64);
-    /// `sleep`, which begins in `cycle`: whether the processor stops.
+    /// Executes `sleep`, which begins in `cycle`. Returns whether the processor stops.
     fn sleep(&mut self, cycle: u64) -> bool;
-    /// `spm` at word address `pc` that begins in `cycle`, with Z and R1:R0: what becomes of the flash.
+    /// Executes `spm` at word address `pc`, which begins in `cycle`, with Z and R1:R0. Returns what changes in flash.
     fn store_program_memory(&mut self, pc: u16, z: u16, word: u16, cycle: u64) -> Option<FlashChange>;
-    /// `lpm` at word address `pc` that begins in `cycle`, with Z: what it reads if not the flash.
+    /// Executes `lpm` at word address `pc`, which begins in `cycle`, with Z. Returns the byte if it does not come from
+    /// flash.
     fn load_program_memory(&mut self, pc: u16, z: u16, cycle: u64) -> Option<u8>;
-    /// Whether nothing can be executed at a word address, as its section is being written.
+    /// Whether the section that a word address lies in is being written, so that no instruction can be read from it.
     fn program_blocked(&self, pc: u16) -> bool;
 }
 
-/// What a program did that a developer wants to know.
+/// What a program did that is probably a mistake.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Odd {
-    /// Words executed that are no instructions of the ATmega328P. They take one cycle and do nothing.
+    /// Words executed that are no instructions of the ATmega328P. Each takes one cycle and does nothing.
     pub undefined: u64,
-    /// Where the last of them was, word address.
+    /// Word address of the last such word.
     pub last_undefined: u16,
     /// Accesses to data addresses beyond RAM. They read 0 and write nothing.
     pub outside: u64,
-    /// Where the program counter was at the last of them: at the instruction or just after it, word address.
+    /// The program counter at the last such access: at the instruction or just after it, word address.
     pub last_outside: u16,
 }
 
-/// A stretch with interrupts off.
+/// A stretch of time with interrupts off.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Masked {
-    /// How long, cycles: from the cycle in which I became 0 to the one in which it became 1.
+    /// Its length, cycles: from the cycle in which I became 0 to the one in which I became 1.
     pub cycles: u64,
-    /// The program counter at which it began: the instruction after `cli`, or an interrupt's vector. Word address.
+    /// The program counter at its beginning: the instruction after `cli`, or an interrupt's vector. Word address.
     pub from: u16,
 }
 
@@ -89,9 +93,9 @@ pub(super) struct Cpu {
     /// Word address of the next instruction.
     pub(super) pc: u16,
     pub(super) cycle: u64,
-    /// Instructions may be executed up to here without looking at anything else.
+    /// The cycle of the next event. Instructions that begin before it need no look at the peripherals.
     pub(super) horizon: u64,
-    /// One more instruction before an interrupt: after `sei`, `reti` (DS40002061B §7.7).
+    /// After `sei` and `reti` one more instruction is executed before an interrupt (DS40002061B §7.7).
     pub(super) shadow: bool,
     pub(super) asleep: bool,
     pub(super) ram: Box<[u8; RAM_BYTES]>,
@@ -134,7 +138,8 @@ impl Cpu {
         }
     }
 
-    /// As after a reset: the stack pointer at the end of RAM (§7.5.1), interrupts off; registers and RAM are kept.
+    /// Resets the processor: the stack pointer goes to the end of RAM (§7.5.1) and interrupts are off. Registers and
+    /// RAM keep their values.
     pub(super) fn reset(&mut self, pc: u16) {
         self.sreg &= I;
         self.pc = pc;
@@ -155,19 +160,19 @@ impl Cpu {
         self.sreg & I != 0
     }
 
-    /// How long interrupts have been off by now, at most.
+    /// The longest stretch with interrupts off so far, the present one included.
     pub(super) fn longest_masked(&self) -> Masked {
         let open = Masked { cycles: self.cycle - self.masked_since, from: self.masked_from };
         if !self.interrupts() && open.cycles > self.masked.cycles { open } else { self.masked }
     }
 
-    /// Forgets the longest stretch, and counts from now.
+    /// Forgets the longest stretch with interrupts off. A stretch that runs now counts from the present cycle.
     pub(super) fn forget_masked(&mut self) {
         self.masked = Masked::default();
         (self.masked_since, self.masked_from) = (self.cycle, self.pc);
     }
 
-    /// Sets or clears I; `pc` and `cycle` are already those of the next instruction.
+    /// Sets or clears I. `pc` and `cycle` must already be those of the next instruction.
     fn set_interrupts(&mut self, on: bool) {
         match (self.interrupts(), on) {
             (false, true) => {
@@ -187,16 +192,17 @@ impl Cpu {
         }
     }
 
-    /// Jumps to a vector: 4 cycles, in which the program counter is pushed and I cleared (§7.7.1).
+    /// Enters an interrupt in 4 cycles: the program counter is pushed, I is cleared, and execution goes on at the
+    /// vector (§7.7.1).
     pub(super) fn interrupt(&mut self, vector: u16, io: &mut impl Io) {
         self.push_pc(self.pc, io);
         self.pc = vector & PC_MASK;
-        // The stretch with interrupts off begins with the entry itself.
+        // The entry's own cycles count as interrupts off.
         self.set_interrupts(false);
         self.cycle += 4;
     }
 
-    /// What `spm` makes of the flash.
+    /// Changes the flash as `spm` demands, and decodes what changed.
     fn program(&mut self, change: Option<FlashChange>) {
         let (from, words) = match change {
             None => return,
@@ -208,13 +214,13 @@ impl Cpu {
         };
         let from = usize::from(from & PC_MASK);
         self.flash[from..from + PAGE_WORDS].copy_from_slice(&words);
-        // The word before them may be an instruction of two words.
+        // The word before the page too: it may be the first of a two-word instruction.
         for at in (from + FLASH_WORDS - 1..).take(PAGE_WORDS + 1).map(|at| at % FLASH_WORDS) {
             self.program[at] = decode(self.flash[at], self.flash[(at + 1) % FLASH_WORDS]);
         }
     }
 
-    /// One instruction of a section that is being written: what is read there is 0xffff.
+    /// Executes one word of a section that is being written, where every word reads as 0xffff.
     pub(super) fn blocked(&mut self, io: &mut impl Io) {
         self.instruction(Op::Undefined, io);
     }
@@ -481,7 +487,8 @@ impl Cpu {
                 self.pc = self.pop_pc(io) & PC_MASK;
                 self.cycle += 4;
                 self.set_interrupts(true);
-                // Also when I was already set: one instruction of the main program is executed first.
+                // `reti` sets `shadow` even if I was 1 already: one instruction of the main program comes before the
+                // next interrupt.
                 self.shadow = true;
                 self.horizon = 0;
                 return;
@@ -524,7 +531,7 @@ impl Cpu {
         self.set(low + 1, h);
     }
 
-    /// The address of an indirect access, and the pointer's step.
+    /// The address of an indirect access. `step` changes the pointer before or after it.
     fn pointer(&mut self, low: u8, step: Step) -> u16 {
         let address = self.pair(low);
         match step {
@@ -560,7 +567,7 @@ impl Cpu {
         result
     }
 
-    /// As [`subtract`](Cpu::subtract), with the borrow; Z is only ever cleared.
+    /// As [`subtract`](Cpu::subtract), with the borrow. Z can become 0 here, never 1.
     fn subtract_carry(&mut self, a: u8, k: u8) -> u8 {
         let result = a.wrapping_sub(k).wrapping_sub(self.sreg & C);
         let flags = difference(a, k, result);
@@ -591,14 +598,14 @@ impl Cpu {
     }
 
     fn product(&mut self, product: u16, shift: u8) {
-        // C is bit 15 before the shift of the fractional products.
+        // The fractional products shift left by one; C is bit 15 before the shift.
         let result = product << shift;
         self.set_pair(0, result);
         let zero = if result == 0 { Z } else { 0 };
         self.flags(Z | C, zero | (product >> 15) as u8);
     }
 
-    /// Skips the next instruction if so; the extra cycles.
+    /// Moves `pc` behind the next instruction if `skip` is true. Returns the extra cycles.
     fn skip(&self, pc: &mut u16, skip: bool) -> u64 {
         if !skip {
             return 0;
@@ -608,7 +615,7 @@ impl Cpu {
         words.into()
     }
 
-    /// Reads data memory in the present cycle, between instructions.
+    /// Reads data memory in the present cycle, between two instructions.
     pub(super) fn peek(&mut self, address: u16, io: &mut impl Io) -> u8 {
         match address {
             IO_START..RAM_START => self.io_read(address, self.cycle, io),
@@ -616,12 +623,12 @@ impl Cpu {
         }
     }
 
-    /// Writes data memory in the present cycle, between instructions.
+    /// Writes data memory in the present cycle, between two instructions.
     pub(super) fn poke(&mut self, address: u16, value: u8, io: &mut impl Io) {
         self.store(address, value, io);
     }
 
-    /// A load's access to the data bus, in the second cycle of the instruction that runs.
+    /// A load's access to data memory, in the second cycle of the present instruction.
     fn load(&mut self, address: u16, io: &mut impl Io) -> u8 {
         match self.ram.get(usize::from(address.wrapping_sub(RAM_START))) {
             Some(byte) => *byte,
@@ -634,7 +641,7 @@ impl Cpu {
         }
     }
 
-    /// A store's; `pc` and `cycle` are already those of the next instruction.
+    /// A store's access to data memory. `pc` and `cycle` must already be those of the next instruction.
     fn store(&mut self, address: u16, value: u8, io: &mut impl Io) {
         match self.ram.get_mut(usize::from(address.wrapping_sub(RAM_START))) {
             Some(byte) => *byte = value,
@@ -665,7 +672,8 @@ impl Cpu {
 
     fn io_write(&mut self, address: u16, value: u8, io: &mut impl Io) {
         match address {
-            // Who moves it writes SPH first: what lies between is no stack.
+            // Programs write SPH first and SPL second. Between the two the stack pointer is half old and half new, so
+            // that only a write of SPL counts for the lowest value.
             SPL => {
                 self.sp = self.sp & 0xff00 | u16::from(value);
                 self.lowest_sp = self.lowest_sp.min(self.sp);
@@ -687,12 +695,12 @@ impl Cpu {
         self.look(io);
     }
 
-    /// After an access to I/O: something may happen earlier than was known.
+    /// Takes over the time of the next event after an access to I/O, which may have made it earlier.
     fn look(&mut self, io: &impl Io) {
         self.horizon = if io.waits() && self.interrupts() { 0 } else { self.horizon.min(io.next()) };
     }
 
-    /// The stack pointer has 12 bits.
+    /// Pushes a byte. The stack pointer has 12 bits.
     fn push(&mut self, value: u8, io: &mut impl Io) {
         self.store(self.sp, value, io);
         self.sp = self.sp.wrapping_sub(1) & 0x0fff;
@@ -704,7 +712,7 @@ impl Cpu {
         self.load(self.sp, io)
     }
 
-    /// The lower byte first, so that it lies at the higher address.
+    /// Pushes the lower byte of the program counter first, so that it lies at the higher address.
     fn push_pc(&mut self, pc: u16, io: &mut impl Io) {
         let [low, high] = (pc & PC_MASK).to_le_bytes();
         self.push(low, io);
@@ -718,19 +726,19 @@ impl Cpu {
     }
 }
 
-/// The bits of a byte, its sign extended.
+/// A byte with its sign extended to 16 bits.
 const fn signed(byte: u8) -> u16 {
     byte as i8 as u16
 }
 
-/// N, Z, V, and S = N xor V.
+/// The flags N, Z, V, and S = N xor V of a result.
 const fn sign(result: u8, overflow: bool) -> u8 {
     let n = result >> 7;
     let v = overflow as u8;
     ((result == 0) as u8) << 1 | n << 2 | v << 3 | (n ^ v) << 4
 }
 
-/// The flags of a − k, where `result` is less by a borrow too if there is one.
+/// The flags of a − k. `result` may be less by a borrow.
 const fn difference(a: u8, k: u8, result: u8) -> u8 {
     let borrows = !a & k | (!a | k) & result;
     let overflow = (a ^ k) & (a ^ result) & 0x80 != 0;

@@ -1,6 +1,7 @@
-//! Words of program memory and what they mean (AVR instruction set manual, DS40002198).
+//! The decoder: words of program memory to instructions (AVR instruction set manual DS40002198).
 //!
-//! Decoding is total: what the ATmega328P does not have is [`Op::Undefined`].
+//! Every word has a meaning here: a word that is no instruction of the ATmega328P becomes [`Op::Undefined`]. What
+//! instructions do is in `cpu`.
 
 /// One instruction with its operands. Registers are numbers 0 to 31, I/O addresses those of `in` and `out`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -103,7 +104,7 @@ pub(super) enum Op {
         d: u8,
         k: u8,
     },
-    /// Load through Y (`r` 28) or Z (30), `q` beyond it.
+    /// Load from Y (`r` 28) or Z (30) plus `q`.
     Ldd {
         d: u8,
         r: u8,
@@ -114,7 +115,7 @@ pub(super) enum Op {
         r: u8,
         q: u8,
     },
-    /// Load through X, Y or Z, which are then or before moved.
+    /// Load through X, Y or Z, with the pointer's decrement before it or increment after it.
     Ld {
         d: u8,
         r: u8,
@@ -251,7 +252,7 @@ pub(super) enum Op {
     Spm,
 }
 
-/// What an indirect access does to its pointer.
+/// How an indirect access changes its pointer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Step {
     Keep,
@@ -266,7 +267,7 @@ impl Op {
     }
 }
 
-/// The instruction at a word; `next` is the word after it.
+/// Decodes a word. `next` is the word after it, the second half of a long instruction.
 pub(super) const fn decode(word: u16, next: u16) -> Op {
     // Fields that most instructions share.
     let d = ((word >> 4) & 31) as u8;
@@ -341,7 +342,7 @@ pub(super) const fn decode(word: u16, next: u16) -> Op {
     }
 }
 
-/// Words that begin with 9: loads and stores, one-operand arithmetic, I/O bits, long jumps.
+/// Words whose upper four bits are 9: loads and stores, one-operand arithmetic, I/O bits, long jumps.
 const fn nine(word: u16, next: u16, d: u8, r: u8) -> Op {
     let (io, bit) = (((word >> 3) & 31) as u8, (word & 7) as u8);
     let wide = (((word & 15) | ((word >> 2) & 0x30)) as u8, 24 + ((word >> 4) & 3) as u8 * 2);
@@ -381,7 +382,8 @@ const fn nine(word: u16, next: u16, d: u8, r: u8) -> Op {
             0x6 => Op::Lsr { d },
             0x7 => Op::Ror { d },
             0xa => Op::Dec { d },
-            // The upper bits of the address are beyond 32 KB of flash; program memory is addressed modulo its size.
+            // The address bits in the first word are for chips with more than 32 KB of flash; program memory is
+            // addressed modulo its size.
             0xc | 0xd => Op::Jmp { address: next },
             0xe | 0xf => Op::Call { address: next },
             0x8 if word & 0x100 == 0 => {

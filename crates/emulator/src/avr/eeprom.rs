@@ -1,8 +1,9 @@
-//! The EEPROM (DS40002061B §8.4, §8.6): 1024 bytes, written in milliseconds.
+//! The EEPROM (DS40002061B §8.4, §8.6): its 1024 bytes, and EECR, EEDR and EEAR. Reading halts the processor for
+//! cycles, writing runs for milliseconds.
 
-use super::peripherals::OPEN;
+use super::sequence::OPEN;
 
-/// Bytes.
+/// Size, bytes (§8.4).
 pub(super) const BYTES: usize = 1024;
 
 const EERE: u8 = 1;
@@ -16,11 +17,11 @@ pub(super) struct Eeprom {
     pub(super) bytes: Box<[u8; BYTES]>,
     pub(super) address: u16,
     pub(super) data: u8,
-    /// EERIE and EEPM.
+    /// The bits EERIE and EEPM of EECR.
     control: u8,
-    /// The first cycle in which EEPE may no longer be set.
+    /// The first cycle in which it is too late to set EEPE.
     open_until: u64,
-    /// When the write that runs is done.
+    /// The cycle in which the present write is done.
     busy_until: Option<u64>,
 }
 
@@ -29,7 +30,7 @@ impl Eeprom {
         Eeprom { bytes: Box::new([0xff; BYTES]), address: 0, data: 0, control: 0, open_until: 0, busy_until: None }
     }
 
-    /// After a reset: a write that runs goes on.
+    /// A reset clears the registers; a write that has begun runs to its end.
     pub(super) fn reset(&mut self) {
         (self.control, self.open_until, self.data) = (0, 0, 0);
     }
@@ -39,7 +40,8 @@ impl Eeprom {
         self.control | open | if self.busy_until.is_some() { EEPE } else { 0 }
     }
 
-    /// Writes EECR in `cycle`; for how many cycles the processor is halted. `division` is the clock's.
+    /// Writes EECR in `cycle`. Returns for how many cycles the processor is halted. `division` is that of the system
+    /// clock.
     pub(super) fn write(&mut self, value: u8, cycle: u64, division: u16) -> u64 {
         let busy = self.busy_until.is_some();
         self.control = value & EERIE | if busy { self.control & MODE } else { value & MODE };
@@ -50,7 +52,7 @@ impl Eeprom {
                 0x00 => (self.data, 3400),
                 0x10 => (0xff, 1800),
                 0x20 => (*cell & self.data, 1800),
-                // Reserved.
+                // Mode 3 is reserved: nothing is written.
                 _ => (*cell, 0),
             };
             *cell = new;
@@ -68,7 +70,7 @@ impl Eeprom {
         0
     }
 
-    /// A byte of EEAR; while a write runs it stays (§8.6.1).
+    /// Writes one byte of EEAR. While the EEPROM is written, EEAR keeps its value (§8.6.1).
     pub(super) fn set_address(&mut self, half: usize, value: u8) {
         if self.busy_until.is_none() {
             let mut bytes = self.address.to_le_bytes();
@@ -85,7 +87,7 @@ impl Eeprom {
         self.busy_until = None;
     }
 
-    /// The interrupt waits as long as nothing is written.
+    /// Whether the interrupt is pending: as long as nothing is being written.
     pub(super) fn pending(&self) -> bool {
         self.control & EERIE != 0 && self.busy_until.is_none()
     }

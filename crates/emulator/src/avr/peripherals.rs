@@ -1,4 +1,6 @@
-//! The peripherals together: which interrupts wait, and when something next happens of itself.
+//! All peripherals together (DS40002061B §10, §12): pending interrupts, the time of the next event, sleep modes.
+//!
+//! What reading or writing a register does is in `registers`; each peripheral has a file of its own.
 
 use super::eeprom::Eeprom;
 use super::external::{External, SYNCHRONISER};
@@ -28,10 +30,6 @@ mod vector {
     pub(super) const SPM_READY: u32 = 25;
 }
 
-/// From the write that opens a timed sequence to the first cycle in which it is too late: what is written must take
-/// effect within four cycles (§8.6.3, §9.12.2, §11.9.2, §12.4).
-pub(super) const OPEN: u64 = 5;
-
 // PRR (§10.11.3).
 pub(super) const PRUSART0: u8 = 1 << 1;
 pub(super) const PRTIM1: u8 = 1 << 3;
@@ -41,13 +39,13 @@ pub(super) const PRTIM2: u8 = 1 << 6;
 const IVSEL: u8 = 1 << 1;
 /// MCUSR.
 pub(super) const WDRF: u8 = 1 << 3;
-/// Cycles that every wake-up takes (§7.7.1).
+/// Cycles of every wake-up, before the start-up time (§7.7.1).
 const WAKE: u64 = 4;
-/// Pins of OCnA and OCnB (§14.3).
+/// Pins of the outputs OCnA and OCnB (§14.3).
 const OC0: [(Port, u8); 2] = [(Port::D, 6), (Port::D, 5)];
 const OC1: [(Port, u8); 2] = [(Port::B, 1), (Port::B, 2)];
 const OC2: [(Port, u8); 2] = [(Port::B, 3), (Port::D, 3)];
-/// Bits of the pins that clock Timer0 and Timer1 (port D), and that capture (port B).
+/// Bits of the pins that clock Timer0 and Timer1 (T0, T1 in port D) and of the input capture (ICP1 in port B).
 const T0: u8 = 1 << 4;
 const T1: u8 = 1 << 5;
 const ICP1: u8 = 1;
@@ -64,8 +62,8 @@ pub(super) enum Sleep {
 }
 
 impl Sleep {
-    /// Cycles from waking until the processor goes on, besides the 4 of every mode (§10; crystal oscillator as on the
-    /// Uno: 16 K cycles of start-up where it was stopped, table 9-4, 6 where it was not).
+    /// Cycles of start-up after a wake-up, in addition to [`WAKE`] (§10). They are those of an Uno's crystal
+    /// oscillator: 16 K cycles in the modes that stop it (table 9-4), 6 in those that do not.
     fn start_up(self) -> u64 {
         match self {
             Sleep::Idle | Sleep::AdcNoiseReduction => 0,
@@ -75,7 +73,7 @@ impl Sleep {
     }
 }
 
-/// Drives a timer's pins.
+/// Lets a timer's outputs drive their pins.
 pub(super) struct Pins<'a, O> {
     ports: &'a mut Ports,
     observer: &'a mut O,
@@ -102,7 +100,7 @@ impl<O: Observer> Outputs for Pins<'_, O> {
     }
 }
 
-/// Something on its way through a timer's edge detector.
+/// An event on its way through a timer's edge detector.
 #[derive(Clone, Copy)]
 enum Detected {
     Count0,
@@ -121,7 +119,7 @@ pub(super) struct Peripherals {
     pub(super) eeprom: Eeprom,
     pub(super) programming: SelfProgramming,
     pub(super) external: External,
-    /// Registers without an effect here.
+    /// Registers that are only stored: the peripherals behind them are not emulated.
     pub(super) plain: [u8; 0x100],
     pub(super) smcr: u8,
     pub(super) mcucr: u8,
@@ -131,28 +129,29 @@ pub(super) struct Peripherals {
     pub(super) clock_open_until: u64,
     pub(super) prr: u8,
     pub(super) gtccr: u8,
-    /// Timer edges on their way, in order.
+    /// Events in the edge detectors of the timers, earliest first.
     detected: Vec<(u64, Detected)>,
-    /// How often ICP1 has changed: a filtered capture needs it to be still.
+    /// How often ICP1 has changed. A filtered capture compares it with an earlier value, to know whether the pin was
+    /// still.
     capture_changes: u64,
-    /// Interrupts that wait, by vector number.
+    /// Pending interrupts, one bit for each vector number.
     pub(super) waiting: u32,
-    /// The cycle in which something happens next.
+    /// The cycle of the next event of any peripheral.
     pub(super) next: u64,
-    /// Cycles for which the processor is halted from now.
+    /// For how many cycles from now the processor is halted.
     pub(super) halt: u64,
-    /// The sleep mode while the processor sleeps with its I/O clock stopped, and since when.
+    /// The sleep mode, and the cycle in which it began, while the processor sleeps with the I/O clock stopped.
     pub(super) sleeping: Option<Sleep>,
     slept_at: u64,
-    /// When PRR took the USART's clock away.
+    /// The cycle in which PRR stopped the USART's clock.
     pub(super) usart_off_at: u64,
-    /// The watchdog has run out.
+    /// Whether the watchdog has timed out and the chip must be reset.
     pub(super) watchdog_reset: bool,
-    /// Times that `spm` was executed.
+    /// How often `spm` was executed.
     pub(super) spm: u64,
-    /// Where the boot section begins, word address.
+    /// Word address of the boot section.
     pub(super) boot: u16,
-    /// The fuses: low, high, extended.
+    /// The fuse bytes low, high, extended.
     pub(super) fuses: [u8; 3],
 }
 
@@ -192,7 +191,8 @@ impl Peripherals {
         }
     }
 
-    /// As after a reset; `cause` is a bit of MCUSR, which gathers them (§11.9.1). A power-on clears the others.
+    /// Resets all peripherals. `cause` is the bit of MCUSR to set; MCUSR keeps its other bits, except at power-on
+    /// (§11.9.1).
     pub(super) fn reset(&mut self, cause: u8, cycle: u64, observer: &mut impl Observer) {
         self.mcusr = if cause == 1 { 1 } else { self.mcusr | cause };
         self.timer0.reset(cycle);
@@ -230,14 +230,14 @@ impl Peripherals {
         }
     }
 
-    /// Interrupts that wait, and the next event, worked out anew.
+    /// Computes the pending interrupts and the time of the next event.
     pub(super) fn refresh(&mut self) {
         let mut waiting = u32::from(self.external.pending(self.ports.level(Port::D))) << vector::INT0;
         waiting |= u32::from(self.external.change_pending()) << vector::PCINT0;
         waiting |= u32::from(self.watchdog.pending()) << vector::WDT;
         let timer = |timer: &Timer| {
             let pending = u32::from(timer.pending());
-            // COMPA, COMPB, OVF follow one another.
+            // In the vector table COMPA, COMPB and OVF follow one another.
             pending >> 1 & 1 | pending >> 1 & 2 | (pending & 1) << 2
         };
         waiting |= timer(&self.timer2.timer) << vector::TIMER2_COMPA;
@@ -255,9 +255,9 @@ impl Peripherals {
         self.next = self.clocked_event().min(self.watchdog.next_event()).min(memories);
     }
 
-    /// The next event of what the I/O clock drives.
+    /// The time of the next event of the peripherals that need the I/O clock.
     fn clocked_event(&self) -> u64 {
-        // Pin changes are noticed without it (§13.1).
+        // Pin changes are seen without the I/O clock (§13.1).
         let external = self.external.next_event();
         if self.sleeping.is_some() {
             return external;
@@ -273,7 +273,7 @@ impl Peripherals {
             .min(external)
     }
 
-    /// Lets everything happen that is due up to `cycle`, it included, in order.
+    /// Handles, in order of time, all events up to and including `cycle`.
     pub(super) fn advance(&mut self, cycle: u64, observer: &mut impl Observer) {
         while self.next <= cycle {
             let now = self.next;
@@ -303,7 +303,7 @@ impl Peripherals {
         }
     }
 
-    /// Brings those timers up to a cycle that have an event in it.
+    /// Advances those timers that have an event up to `now`.
     fn timer_advance(&mut self, now: u64, observer: &mut impl Observer) {
         if self.prr & PRTIM0 == 0 && self.timer0.timer.next_event() <= now {
             self.timer0.timer.advance(now, &mut Pins::timer0(&mut self.ports, observer));
@@ -357,7 +357,8 @@ impl Peripherals {
         }
     }
 
-    /// Tells the watchers of pins that changed.
+    /// Passes on the pin changes since the last call: to the interrupts, timer clocks and input capture that depend on
+    /// them.
     pub(super) fn pin_changes(&mut self) {
         if self.ports.changes.is_empty() {
             return;
@@ -396,7 +397,7 @@ impl Peripherals {
         self.detected.insert(at, (cycle, detected));
     }
 
-    /// Which pins' changes matter.
+    /// Sets which pins' changes the ports must report.
     pub(super) fn watch(&mut self) {
         for port in Port::ALL {
             self.ports.watched[port.index()] = self.external.watched(port);
@@ -407,7 +408,8 @@ impl Peripherals {
         if matches!(self.timer1.clock(), Clock::Pin { .. }) {
             self.ports.watched[Port::D.index()] |= T1;
         }
-        // Capturing is always on: but for a timer that is stopped it is of no use.
+        // Input capture has no enable bit. Without a running timer its result is worthless, so that ICP1 needs no
+        // watching.
         if self.timer1.clock() != Clock::Stopped {
             self.ports.watched[Port::B.index()] |= ICP1;
         }
@@ -417,8 +419,8 @@ impl Peripherals {
         self.ports.set_serial(self.usart.receives(), self.usart.transmits(), cycle, observer);
     }
 
-    /// Takes the interrupt of the lowest number that waits: its vector's word address. Flags that the chip clears by
-    /// itself are cleared.
+    /// Takes the pending interrupt with the lowest number, and clears its flag where the chip does so. Returns the word
+    /// address of its vector.
     pub(super) fn acknowledge(&mut self) -> u16 {
         let number = self.waiting.trailing_zeros();
         match number {
@@ -430,14 +432,14 @@ impl Peripherals {
             11..=13 => clear(&mut self.timer1.timer, number - vector::TIMER1_COMPA),
             14..=16 => clear(&mut self.timer0.timer, number - vector::TIMER0_COMPA),
             vector::USART_TX => self.usart.acknowledge_transmitted(),
-            // The others ask as long as their cause lasts.
+            // The other interrupts stay pending as long as their cause lasts.
             _ => {}
         }
         self.refresh();
         number as u16 * 2
     }
 
-    /// The processor falls asleep in `cycle` if SE is set (§10.11.1).
+    /// Executes `sleep`. The processor falls asleep in `cycle` if SE is set (§10.11.1). Returns whether it does.
     pub(super) fn sleep(&mut self, cycle: u64, observer: &mut impl Observer) -> bool {
         if self.smcr & 1 == 0 {
             return false;
@@ -448,7 +450,7 @@ impl Peripherals {
             3 => Sleep::PowerSave,
             6 => Sleep::Standby,
             7 => Sleep::ExtendedStandby,
-            // 4 and 5 are reserved.
+            // Modes 4 and 5 are reserved.
             _ => Sleep::Idle,
         };
         if mode != Sleep::Idle {
@@ -461,7 +463,7 @@ impl Peripherals {
         true
     }
 
-    /// The processor wakes in `cycle`: cycles until it takes the interrupt.
+    /// Wakes the processor in `cycle`. Returns the cycles until it enters the interrupt.
     pub(super) fn wake(&mut self, cycle: u64) -> u64 {
         let Some(mode) = self.sleeping.take() else { return WAKE };
         let resumed = cycle + mode.start_up();

@@ -1,8 +1,8 @@
-//! Ports B, C and D (DS40002061B §14): direction, output, pull-ups, and who else drives or reads a pin.
+//! Ports B, C and D (DS40002061B §14): DDRx, PORTx, PINx, pull-ups, and which peripheral drives or reads a pin.
 //!
-//! A write takes effect in the cycle after the instruction's last; a pin's level passes one synchroniser stage before
-//! it can be read (figure 14-4): `in` reads what the pin was a cycle before, so that `out`, `nop`, `in` reads what was
-//! put out, and `out`, `in` does not.
+//! A write takes effect in the cycle after the instruction's last one. A pin's level passes one synchroniser stage
+//! before it can be read (figure 14-4): `in` returns the level of one cycle before. So `out`, `nop`, `in` reads back
+//! the value, and `out`, `in` does not.
 
 use crate::{Level, Observer, PinEdge, Port};
 
@@ -11,16 +11,16 @@ use crate::{Level, Observer, PinEdge, Port};
 struct PortPins {
     ddr: u8,
     port: u8,
-    /// Bits that a timer drives instead of `port`, and how.
+    /// Bits that a timer's output drives instead of `port`, and the levels that it drives.
     override_mask: u8,
     override_level: u8,
-    /// Bits that the USART takes: inputs (RXD) and outputs that rest high (TXD), whatever `ddr` says.
+    /// Bits that the USART takes whatever `ddr` says: RXD is an input, TXD an output that is high at rest.
     forced_in: u8,
     forced_high: u8,
-    /// What the world drives, where it drives.
+    /// Bits that are driven from outside, and the levels there.
     outside_mask: u8,
     outside_level: u8,
-    /// The levels now, and what they were before `changed_at`.
+    /// The present levels, and the levels before the change in cycle `changed_at`.
     level: u8,
     before: u8,
     changed_at: u64,
@@ -40,7 +40,7 @@ impl PortPins {
     }
 }
 
-/// Pins that changed, for those who watch them.
+/// Pins that changed, for the peripherals that react to pins.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Change {
     pub(super) cycle: u64,
@@ -53,7 +53,7 @@ pub(super) struct Change {
 pub(super) struct Ports {
     pins: [PortPins; 3],
     pull_ups_off: bool,
-    /// Bits whose changes somebody wants to hear of, by port.
+    /// For each port, the bits whose changes go into `changes`.
     pub(super) watched: [u8; 3],
     pub(super) changes: Vec<Change>,
 }
@@ -85,7 +85,7 @@ impl Ports {
         self.pins[port.index()].port
     }
 
-    /// PINx as read in `cycle`: the levels one cycle earlier.
+    /// PINx as an instruction reads it in `cycle`: the levels of one cycle earlier.
     pub(super) fn pin(&self, port: Port, cycle: u64) -> u8 {
         let pins = &self.pins[port.index()];
         if pins.changed_at >= cycle { pins.before } else { pins.level }
@@ -110,7 +110,7 @@ impl Ports {
         }
     }
 
-    /// A timer's output: whether it drives the pin, and how.
+    /// Connects a timer's output to a pin with a level, or disconnects it (`None`).
     pub(super) fn set_override(
         &mut self,
         (port, bit): (Port, u8),
@@ -126,14 +126,14 @@ impl Ports {
         self.update(port, cycle, true, observer);
     }
 
-    /// The USART's hold on PD0 and PD1 (§20.6, §20.7).
+    /// Lets the USART take PD0 for RXD and PD1 for TXD, or frees them (§20.6, §20.7).
     pub(super) fn set_serial(&mut self, receives: bool, transmits: bool, cycle: u64, observer: &mut impl Observer) {
         let pins = &mut self.pins[Port::D.index()];
         (pins.forced_in, pins.forced_high) = (u8::from(receives), u8::from(transmits) << 1);
         self.update(Port::D, cycle, true, observer);
     }
 
-    /// What the world does: it drives a pin, or lets it go.
+    /// Drives a pin from outside, or no longer (`None`).
     pub(super) fn set_outside(&mut self, port: Port, bit: u8, level: Option<Level>, cycle: u64) {
         let pins = &mut self.pins[port.index()];
         let mask = 1 << (bit & 7);
@@ -143,7 +143,7 @@ impl Ports {
         self.update(port, cycle, false, &mut ());
     }
 
-    /// Works out the levels anew; tells of those that changed if the chip was the cause.
+    /// Computes the levels of a port. The observer sees the pins that changed if the chip was the cause (`ours`).
     fn update(&mut self, port: Port, cycle: u64, ours: bool, observer: &mut impl Observer) {
         let pins = &mut self.pins[port.index()];
         let level = pins.resolve(!self.pull_ups_off);
@@ -151,7 +151,7 @@ impl Ports {
         if bits == 0 {
             return;
         }
-        // Two changes in one cycle: what can still be read is from before the first.
+        // After two changes in one cycle, a read still returns the levels before the first.
         if pins.changed_at < cycle {
             (pins.before, pins.changed_at) = (pins.level, cycle);
         }

@@ -1,9 +1,11 @@
-//! The I/O registers at data addresses 0x20 to 0xff (DS40002061B §31): what reading and writing them does.
+//! The I/O registers at data addresses 0x20 to 0xff (DS40002061B §31): what a read and a write of each does.
 //!
-//! Registers of what is not emulated (SPI, two-wire, analogue) keep what is written to them.
+//! The registers of peripherals that are not emulated (SPI, two-wire, ADC, analogue comparator) keep what is written to
+//! them and do nothing.
 
 use super::cpu::Io;
-use super::peripherals::{OPEN, PRTIM0, PRTIM1, PRTIM2, PRUSART0, Peripherals, Pins, WDRF};
+use super::peripherals::{PRTIM0, PRTIM1, PRTIM2, PRUSART0, Peripherals, Pins, WDRF};
+use super::sequence::OPEN;
 use super::spm::{FlashChange, NRWW_START, Store};
 use super::timer::Timer;
 use super::timer8::{shared_clock, timer2_clock};
@@ -36,14 +38,14 @@ const PUD: u8 = 1 << 4;
 /// CLKPR.
 const CLKPCE: u8 = 1 << 7;
 
-/// The peripherals with who observes them.
+/// The peripherals, with the observer of the present run.
 pub(super) struct Bus<'a, O> {
     pub(super) peripherals: &'a mut Peripherals,
     pub(super) observer: &'a mut O,
 }
 
 impl<O: Observer> Bus<'_, O> {
-    /// What the write of a timer's register needs: the timer as of `cycle`, unless its clock is off.
+    /// Brings Timer0 up to `cycle` and passes it to `write`. Nothing is written while PRR has stopped its clock.
     fn timer0(&mut self, cycle: u64, write: impl FnOnce(&mut Peripherals, &mut O)) {
         if self.peripherals.prr & PRTIM0 == 0 {
             self.peripherals.sync0(cycle, self.observer);
@@ -103,7 +105,7 @@ impl<O: Observer> Bus<'_, O> {
         }
     }
 
-    /// TIFRn: ones clear. What is set in the very cycle stays.
+    /// Writes TIFRn: a 1 clears the flag. A flag that is set in this same cycle stays set.
     fn clear_flags(&mut self, number: usize, value: u8, cycle: u64) {
         self.peripherals.advance(cycle - 1, self.observer);
         self.sync(number, cycle - 1);
@@ -134,7 +136,8 @@ impl<O: Observer> Bus<'_, O> {
         self.timer(number).mask = value & if number == 1 { 0x27 } else { 0x07 };
     }
 
-    /// PSRSYNC resets the prescaler that Timer0 and Timer1 share, PSRASY Timer2's; TSM holds them there.
+    /// Writes GTCCR: PSRSYNC resets the prescaler that Timer0 and Timer1 share, PSRASY that of Timer2. While TSM is 1
+    /// they stay in reset.
     fn write_gtccr(&mut self, value: u8, cycle: u64) {
         self.peripherals.sync_all(cycle, self.observer);
         let hold = value & TSM != 0;
@@ -173,7 +176,7 @@ impl<O: Observer> Bus<'_, O> {
 
     fn write_mcucr(&mut self, value: u8, cycle: u64) {
         let peripherals = &mut *self.peripherals;
-        // IVSEL only within four cycles of IVCE (§12.4).
+        // IVSEL can only change within four cycles after IVCE was written (§12.4).
         let vectors =
             if cycle < peripherals.vectors_open_until && value & IVCE == 0 { value & 2 } else { peripherals.mcucr & 2 };
         if value & IVCE != 0 {
@@ -203,7 +206,7 @@ impl<O: Observer> Bus<'_, O> {
     }
 }
 
-/// Timer1's 16-bit registers: which, and whether the high half.
+/// Which 16-bit register of Timer1 an address belongs to, and whether it is the high byte.
 fn wide(address: u16) -> Option<(Wide, bool)> {
     let register = match address & !1 {
         0x84 => Wide::Counter,
@@ -215,13 +218,14 @@ fn wide(address: u16) -> Option<(Wide, bool)> {
     Some((register, address & 1 != 0))
 }
 
-/// PINx, DDRx, PORTx: which port, and which of the three.
+/// Which port an address belongs to, and which register of it: 0 PINx, 1 DDRx, 2 PORTx.
 fn port(address: u16) -> (Port, u16) {
     let offset = address - PINB;
     (Port::ALL[usize::from(offset / 3) % 3], offset % 3)
 }
 
-/// Registers whose ones do something: `sbi` writes a single one.
+/// Whether writing a 1 to the register triggers something. `sbi` then writes its one bit alone, so that the other flags
+/// stay.
 fn writes_ones(address: u16) -> bool {
     matches!(address, TIFR0 | TIFR1 | TIFR2 | PCIFR | EIFR) || (PINB..=PORTD).contains(&address) && port(address).1 == 0
 }
@@ -390,13 +394,13 @@ impl<O: Observer> Io for Bus<'_, O> {
             }
             return;
         }
-        // The register is read in the first of the two cycles.
+        // `sbi` and `cbi` read the register in the first of their two cycles.
         let before = self.read(address, cycle - 2);
         self.write(address, if value { before | mask } else { before & !mask }, cycle);
     }
 
     fn next(&self) -> u64 {
-        // A processor that is to be halted stops at once.
+        // A halt takes effect at once: the processor must look before its next instruction.
         if self.peripherals.halt != 0 { 0 } else { self.peripherals.next }
     }
 

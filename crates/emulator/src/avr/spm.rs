@@ -1,14 +1,16 @@
-//! Self-programming (DS40002061B §27): `spm`, SPMCSR, the page buffer, lock bits and what reads fuses.
+//! Self-programming (DS40002061B §27): `spm`, SPMCSR, the page buffer, the lock bits, and `lpm` where it reads fuses,
+//! lock bits or the signature.
 //!
-//! The flash itself is the processor's: [`SelfProgramming::store`] says what is to become of it.
+//! The flash itself belongs to the processor (`cpu`): [`SelfProgramming::store`] returns what is to change there.
 
-use super::peripherals::OPEN;
+use super::sequence::OPEN;
 
 /// Words of a page (§28.5).
 pub(super) const PAGE_WORDS: u16 = 64;
-/// Where the section begins that can be read while the other is written, word address (table 27-8).
+/// Word address of the no-read-while-write section. The section before it cannot be read while it is being written
+/// (table 27-8).
 pub(super) const NRWW_START: u16 = 0x3800;
-/// A page is erased or written, or lock bits are, in at most so long (table 27-5 has 3.7 to 4.5 ms).
+/// Longest time of erasing or writing a page, or writing lock bits, µs (table 27-5: 3.7 to 4.5 ms).
 const MICROSECONDS: u64 = 4500;
 
 // SPMCSR (§27.9.1).
@@ -20,7 +22,7 @@ const BLBSET: u8 = 1 << 3;
 const PGWRT: u8 = 1 << 2;
 const PGERS: u8 = 1 << 1;
 const SPMEN: u8 = 1;
-/// What may accompany SPMEN, one at a time.
+/// The bits of SPMCSR that select a command. The valid values are SPMEN alone and SPMEN with one other bit.
 const COMMAND: u8 = SIGRD | RWWSRE | BLBSET | PGWRT | PGERS | SPMEN;
 
 /// Cycles within which `lpm` must follow to read fuses, lock bits or the signature row (§27.8.9 to §27.8.11).
@@ -29,7 +31,7 @@ const LPM_OPEN: u64 = 3;
 /// Signature of the ATmega328P, at the even addresses of its row (table 28-8, table 27-6).
 const SIGNATURE: [u8; 3] = [0x1e, 0x95, 0x0f];
 
-/// `spm` as it is executed.
+/// The operands and circumstances of one `spm`.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Store {
     /// Z, byte address.
@@ -46,28 +48,28 @@ pub(super) struct Store {
     pub(super) division: u16,
 }
 
-/// What becomes of the flash.
+/// A change of the flash.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum FlashChange {
     /// The page that begins at a word address is erased.
     Erase(u16),
-    /// Words are programmed from a word address on: bits can only become 0.
+    /// The page that begins at a word address is programmed: a bit can only become 0.
     Write(u16, Box<[u16; PAGE_WORDS as usize]>),
 }
 
 #[derive(Clone)]
 pub(super) struct SelfProgramming {
-    /// SPMIE, SIGRD to SPMEN as they were written last.
+    /// SPMIE, and the command bits SIGRD to SPMEN, as last written.
     control: u8,
-    /// The cycle in which SPMCSR was written last; what is asked for there must come soon.
+    /// The cycle in which SPMCSR was last written. `spm` or `lpm` must follow soon.
     asked_at: u64,
-    /// When the erasing or writing that runs is done.
+    /// The cycle in which the present erase or write is done.
     busy_until: Option<u64>,
-    /// RWWSB.
+    /// RWWSB: the read-while-write section is being written, or was written and not enabled again.
     section_busy: bool,
-    /// What was loaded into the page buffer: a word can be loaded once.
+    /// The page buffer (`None`: erased). Each word can be loaded once.
     buffer: Box<[Option<u16>; PAGE_WORDS as usize]>,
-    /// The lock byte (§28.1): bits are cleared, never set.
+    /// The lock byte (§28.1): `spm` can clear its bits, never set them.
     pub(super) locks: u8,
 }
 
@@ -83,19 +85,19 @@ impl SelfProgramming {
         }
     }
 
-    /// After a reset. What was being written is taken as written.
+    /// A reset. A write that runs is taken to be complete.
     pub(super) fn reset(&mut self) {
         let locks = self.locks;
         *self = SelfProgramming::new();
         self.locks = locks;
     }
 
-    /// Whether the section that may be read while the other is written cannot be read now.
+    /// Whether the read-while-write section cannot be read now.
     pub(super) fn blocks(&self) -> bool {
         self.section_busy
     }
 
-    /// Whether `lpm` may mean something else than to read flash.
+    /// Whether `lpm` may have to return something else than the byte in flash.
     pub(super) fn attends(&self) -> bool {
         self.section_busy || self.locks != 0xff || self.control & (SIGRD | BLBSET) != 0
     }
@@ -105,7 +107,7 @@ impl SelfProgramming {
         self.control & SPMIE | command | if self.section_busy { RWWSB } else { 0 }
     }
 
-    /// `eeprom_busy`: while the EEPROM is written SPMCSR cannot be (§27.8.8).
+    /// Writes SPMCSR. While the EEPROM is being written (`eeprom_busy`), SPMCSR cannot be written (§27.8.8).
     pub(super) fn write(&mut self, value: u8, cycle: u64, eeprom_busy: bool) {
         if eeprom_busy {
             return;
@@ -117,12 +119,12 @@ impl SelfProgramming {
         self.control = value & (SPMIE | COMMAND);
         self.asked_at = cycle;
         if value & (RWWSRE | SPMEN) == RWWSRE | SPMEN {
-            // Written while the buffer is being loaded, it ends that (§27.9.1).
+            // RWWSRE with SPMEN clears the page buffer if it is being loaded (§27.9.1).
             self.clear_buffer();
         }
     }
 
-    /// Whether `spm` comes soon enough, if it ends with `cycle`.
+    /// Whether an `spm` that ends with `cycle` comes soon enough after the write of SPMCSR.
     fn is_asked(&self, cycle: u64) -> bool {
         self.control & SPMEN != 0 && cycle < self.asked_at + OPEN
     }
@@ -131,12 +133,12 @@ impl SelfProgramming {
         self.buffer.fill(None);
     }
 
-    /// The EEPROM is written: what was loaded is lost (§27.8.1).
+    /// A write to the EEPROM clears the page buffer (§27.8.1).
     pub(super) fn eeprom_written(&mut self) {
         self.clear_buffer();
     }
 
-    /// `spm`: what it changes, and for how many cycles the processor is halted.
+    /// Executes `spm`. Returns the change of the flash, and for how many cycles the processor is halted.
     pub(super) fn store(&mut self, store: Store) -> (Option<FlashChange>, u64) {
         if !store.from_boot || self.busy_until.is_some() || !self.is_asked(store.cycle + 1) {
             return (None, 0);
@@ -149,7 +151,7 @@ impl SelfProgramming {
             SPMEN => {
                 let cell = &mut self.buffer[usize::from(at % PAGE_WORDS)];
                 cell.get_or_insert(store.word);
-                // Loading makes the section readable again (§27.9.1).
+                // Loading the buffer enables the read-while-write section again (§27.9.1).
                 self.section_busy = false;
                 None
             }
@@ -163,7 +165,7 @@ impl SelfProgramming {
                 self.may_write(in_boot).then_some(FlashChange::Write(page, words))
             }
             command if command == BLBSET | SPMEN => {
-                // The boot lock bits alone can be changed so: bits 5 to 2 of R0 (§27.8.8).
+                // `spm` can change the boot lock bits alone: bits 5 to 2 of R0 (§27.8.8).
                 self.locks &= store.word.to_le_bytes()[0] | !0x3c;
                 self.busy_until = Some(store.cycle + 1 + length);
                 return (None, 0);
@@ -179,7 +181,7 @@ impl SelfProgramming {
             return (None, 0);
         }
         if page >= NRWW_START {
-            // Nothing can be read meanwhile: the processor stands still (§27.4.2).
+            // The no-read-while-write section halts the processor while it is written (§27.4.2).
             self.control &= SPMIE;
             return (change, length);
         }
@@ -188,19 +190,20 @@ impl SelfProgramming {
         (change, 0)
     }
 
-    /// Boot lock bits keep `spm` out of a section: BLB01 for the application's, BLB11 for its own (table 27-2, 27-3).
+    /// Whether the boot lock bits allow `spm` to write: BLB01 for the application section, BLB11 for the boot section
+    /// (tables 27-2, 27-3).
     fn may_write(&self, in_boot: bool) -> bool {
         self.locks & if in_boot { 1 << 4 } else { 1 << 2 } != 0
     }
 
-    /// `lpm` at `z` that begins in `cycle`: what it reads if not the flash.
+    /// Executes `lpm` at `z`, which begins in `cycle`. Returns the byte if it does not come from flash.
     pub(super) fn load(&mut self, z: u16, fuses: [u8; 3], from_boot: bool, boot: u16, cycle: u64) -> Option<u8> {
         let soon = cycle < self.asked_at + LPM_OPEN && self.busy_until.is_none();
         match self.control & COMMAND {
             command if soon && command == SIGRD | SPMEN => {
                 self.control &= SPMIE;
                 let at = usize::from(z);
-                // Between the signature's bytes lies the calibration of the internal oscillator: taken for 0xff.
+                // The odd addresses hold calibration bytes of the internal oscillator; here they read as 0xff.
                 return Some(if at.is_multiple_of(2) { SIGNATURE.get(at / 2).copied().unwrap_or(0xff) } else { 0xff });
             }
             command if soon && command == BLBSET | SPMEN => {
@@ -217,7 +220,7 @@ impl SelfProgramming {
         }
         let at = z >> 1;
         let blocked = self.section_busy && at < NRWW_START;
-        // BLB02 and BLB12 keep `lpm` of one section from reading the other.
+        // BLB02 and BLB12: `lpm` in one section cannot read the other.
         let locked = match (from_boot, at >= boot) {
             (true, false) => self.locks & 1 << 3 == 0,
             (false, true) => self.locks & 1 << 5 == 0,
@@ -226,7 +229,8 @@ impl SelfProgramming {
         (blocked || locked).then_some(0xff)
     }
 
-    /// When what runs is done; else when what was asked for comes too late: SPMEN is clear from then on.
+    /// The time of the next event: the end of the present write, or else the cycle in which SPMEN clears because no
+    /// `spm` came.
     pub(super) fn next_event(&self) -> u64 {
         let too_late = (self.control & SPMEN != 0).then_some(self.asked_at + OPEN);
         self.busy_until.or(too_late).unwrap_or(u64::MAX)
@@ -237,8 +241,8 @@ impl SelfProgramming {
         self.control &= SPMIE;
     }
 
-    /// The interrupt asks as long as SPMEN is clear (§27.9.1): not while something is written, nor between the request in SPMCSR and
-    /// its `spm`.
+    /// Whether the interrupt is pending: as long as SPMEN is 0 (§27.9.1). It is not pending during a write, nor between
+    /// the write of SPMCSR and its `spm`.
     pub(super) fn pending(&self) -> bool {
         self.control & (SPMIE | SPMEN) == SPMIE && self.busy_until.is_none()
     }

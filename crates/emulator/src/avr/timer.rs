@@ -1,12 +1,15 @@
 //! What Timer/Counter 0, 1 and 2 have in common: the counter, its compare units and waveforms (DS40002061B §15.4 to
-//! §15.8, §16.7 to §16.10, §18.4 to §18.8).
+//! §15.8, §16.7 to §16.10, §18.4 to §18.8). The registers are in `timer8` and `timer16`.
 //!
-//! Timer clock edges are instants: the counter has a value from one to the next. At an edge, what the counter *was*
-//! decides: if it equalled OCRnx, OCFnx is set and the pin moves, together with the counter's own step (figures 15-8
-//! to 15-11, 16-10 to 16-13). A match with a value is thus seen one timer clock after the counter took it.
+//! Timer clock edges are instants; the counter keeps its value from one edge to the next. The value *before* an edge
+//! decides what the edge does: if it equalled OCRnx, OCFnx is set and the pin changes, and the counter steps at the
+//! same edge (figures 15-8 to 15-11, 16-10 to 16-13). So a match appears one timer clock after the counter reached
+//! OCRnx.
 //!
-//! Between events a counter costs nothing: it is brought up to date when somebody looks, and `next_event` is the next
-//! edge that would move a pin or raise an interrupt.
+//! A counter takes no computing time between events. A read brings it up to date, and `next_event` is the time of the
+//! next edge that changes a pin or raises an interrupt.
+//!
+//! Not emulated: Timer2 with a crystal of its own (§18.9).
 
 /// Bits of TIFRn and TIMSKn.
 pub(super) const TOV: u8 = 1;
@@ -16,13 +19,13 @@ pub(super) const ICF: u8 = 1 << 5;
 /// How the counter runs (tables 15-8, 16-4, 18-8).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Shape {
-    /// Up, and from TOP or MAX to 0; OCRnx at once: normal and CTC.
+    /// Normal and CTC mode: counts up, then from TOP or MAX to 0. A new OCRnx counts at once.
     Plain,
-    /// Up, and from TOP to 0; OCRnx at BOTTOM.
+    /// Fast PWM: counts up, then from TOP to 0. A new OCRnx counts from BOTTOM on.
     Fast,
-    /// Up and down; OCRnx at TOP.
+    /// Phase correct PWM: counts up and down. A new OCRnx counts from TOP on.
     PhaseCorrect,
-    /// Up and down; OCRnx at BOTTOM.
+    /// Phase and frequency correct PWM: counts up and down. A new OCRnx counts from BOTTOM on.
     PhaseFrequencyCorrect,
 }
 
@@ -36,7 +39,7 @@ impl Shape {
     }
 }
 
-/// What the counter runs to.
+/// The highest value of the counter, TOP.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Top {
     Fixed(u16),
@@ -54,41 +57,41 @@ pub(super) struct Mode {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Clock {
     Stopped,
-    /// Every so many cycles of the system clock.
+    /// One edge in every so many cycles of the system clock.
     Prescaled(u64),
-    /// Edges of a pin; those that rise, or those that fall.
+    /// The rising edges of a pin, or its falling edges.
     Pin {
         rising: bool,
     },
 }
 
-/// Something happened to a compare output in a cycle.
+/// What a timer does to its output pins.
 pub(super) trait Outputs {
     fn drive(&mut self, channel: usize, driven: Option<bool>, cycle: u64);
 }
 
 #[derive(Clone)]
 pub(super) struct Timer {
-    /// 0xff or 0xffff.
+    /// MAX: 0xff or 0xffff.
     max: u16,
     value: u16,
     down: bool,
     mode: Mode,
     clock: Clock,
-    /// Where the timer's clock edges have been counted up to.
+    /// The cycle up to which the timer's clock edges have been counted.
     now: u64,
     /// The cycle in which the prescaler was last 0.
     origin: u64,
-    /// Prescaler held in reset, or clock taken away: no edges.
+    /// No edges come: the prescaler is held in reset, or PRR has stopped the clock.
     held: bool,
-    /// The counter was just written: no match at the next edge (§16.7.2).
+    /// The counter was just written, so that the next edge makes no match (§16.7.2).
     blocked: bool,
     compare: [u16; 2],
     buffer: [u16; 2],
     pub(super) icr: u16,
-    /// COMnx1:0.
+    /// COMnx1:0 of both channels.
     com: [u8; 2],
-    /// The OCnx registers behind the pins.
+    /// The OCnx flip-flops that drive the pins.
     output: [bool; 2],
     pub(super) flags: u8,
     pub(super) mask: u8,
@@ -116,12 +119,12 @@ impl Timer {
         }
     }
 
-    /// As after a reset in `cycle`; pins are let go by who resets the ports.
+    /// Resets the timer in `cycle`. The caller resets the ports, which disconnects the outputs.
     pub(super) fn reset(&mut self, cycle: u64) {
         *self = Timer { now: cycle, origin: cycle, ..Timer::new(self.max) };
     }
 
-    /// The interrupts that wait: bits as in TIFRn.
+    /// The pending interrupts: bits as in TIFRn.
     pub(super) fn pending(&self) -> u8 {
         self.flags & self.mask
     }
@@ -154,7 +157,7 @@ impl Timer {
     fn drives(&self, channel: usize) -> bool {
         match self.com[channel] {
             0 => false,
-            // Toggling in PWM modes is for channel A with OCRnA or ICRn as TOP alone, as the tables have it.
+            // In PWM modes, toggling exists for channel A alone, with OCRnA or ICRn as TOP (see the tables).
             1 if self.mode.shape.is_pwm() => channel == 0 && self.toggles_in_pwm(),
             _ => true,
         }
@@ -163,7 +166,7 @@ impl Timer {
     fn toggles_in_pwm(&self) -> bool {
         match self.mode.top {
             Top::OcrA => true,
-            // Table 16-2: modes 14 and 15; table 16-3: modes 9 and 11 alone.
+            // Table 16-2 allows it in modes 14 and 15, table 16-3 only in modes 9 and 11.
             Top::Icr => self.mode.shape == Shape::Fast,
             Top::Fixed(_) => false,
         }
@@ -180,7 +183,7 @@ impl Timer {
         }
     }
 
-    // Registers. The caller has brought the timer up to `cycle`, in which the write takes effect.
+    // Writes of registers. The caller has brought the timer up to `cycle`, in which the write takes effect.
 
     pub(super) fn write_value(&mut self, value: u16) {
         self.value = value & self.max;
@@ -201,7 +204,7 @@ impl Timer {
 
     pub(super) fn set_mode(&mut self, mode: Mode, com: [u8; 2], cycle: u64, outputs: &mut impl Outputs) {
         if !mode.shape.is_pwm() {
-            // The buffer is transparent outside PWM (§15.5).
+            // Outside PWM modes OCRnx has no buffer (§15.5).
             self.compare = self.buffer;
         }
         if !mode.shape.is_dual() {
@@ -218,27 +221,27 @@ impl Timer {
         self.clock = clock;
     }
 
-    /// FOCnx: the pin moves as at a match, nothing else happens; not in PWM modes (§15.9.2, §16.11.3).
+    /// FOCnx: the pin changes as at a match, and nothing else happens. PWM modes ignore it (§15.9.2, §16.11.3).
     pub(super) fn force(&mut self, channel: usize, cycle: u64, outputs: &mut impl Outputs) {
         if !self.mode.shape.is_pwm() {
             self.act(channel, self.com[channel], cycle, outputs);
         }
     }
 
-    /// The prescaler begins anew in `cycle`; `hold` keeps it there.
+    /// Resets the prescaler to 0 in `cycle`; with `hold` it stays there.
     pub(super) fn reset_prescaler(&mut self, cycle: u64, hold: bool) {
         self.origin = cycle;
         self.now = cycle;
         self.held = hold;
     }
 
-    /// The clock was away from when the timer was last brought up to date until `cycle`.
+    /// The clock runs again from `cycle` on. It stood still since the timer was last brought up to date.
     pub(super) fn resume(&mut self, cycle: u64) {
         self.origin += cycle - self.now;
         self.now = cycle;
     }
 
-    /// Captures the counter into ICRn (§16.6), unless that is TOP.
+    /// Captures the counter into ICRn (§16.6), unless ICRn is TOP.
     pub(super) fn capture(&mut self) {
         if !self.icr_is_top() {
             self.icr = self.value;
@@ -246,14 +249,14 @@ impl Timer {
         }
     }
 
-    // Time.
+    // Time: edges, events and their order.
 
     /// The cycle of the `n`th edge from now, n ≥ 1.
     fn edge_cycle(&self, n: u64, period: u64) -> u64 {
         if period == 1 { self.now + n } else { self.origin + ((self.now - self.origin) / period + n) * period }
     }
 
-    /// Brings the timer up to `cycle`, its edge included.
+    /// Brings the timer up to date, the edge in `cycle` included.
     pub(super) fn advance(&mut self, cycle: u64, outputs: &mut impl Outputs) {
         if cycle <= self.now {
             return;
@@ -263,7 +266,7 @@ impl Timer {
             return;
         };
         if self.held {
-            // The prescaler stays at 0.
+            // While held, the prescaler stays at 0.
             (self.now, self.origin) = (cycle, cycle);
             return;
         }
@@ -292,7 +295,7 @@ impl Timer {
         self.edge(cycle, outputs);
     }
 
-    /// The next cycle in which a pin may move or an interrupt begin to wait; `u64::MAX` if none.
+    /// The next cycle in which a pin may change or an interrupt become pending; `u64::MAX` if there is none.
     pub(super) fn next_event(&self) -> u64 {
         let Clock::Prescaled(period) = self.clock else { return u64::MAX };
         if self.held {
@@ -303,7 +306,7 @@ impl Timer {
         if !seen[0] && !seen[1] && wanted & (TOV | ICF) == 0 {
             return u64::MAX;
         }
-        // Turns count too: beyond them everything is worked out anew.
+        // The next turn is an event too, because the distances below hold only up to it.
         let mut edges = self.turn();
         for (seen, compare) in seen.into_iter().zip(self.compare) {
             if seen {
@@ -313,13 +316,13 @@ impl Timer {
         self.edge_cycle(u64::from(edges) + 1, period)
     }
 
-    /// Edges until the counter has a value, if it comes to it without a turn; MAX otherwise.
+    /// Edges until the counter reaches a value before its next turn; MAX if it does not.
     fn distance(&self, value: u16) -> u16 {
         let distance = if self.down { self.value.checked_sub(value) } else { value.checked_sub(self.value) };
         distance.unwrap_or(u16::MAX)
     }
 
-    /// Edges until the counter is where it turns: at TOP, at MAX if that is behind it, at BOTTOM.
+    /// Edges until the counter turns: at TOP, at MAX if the counter is above TOP, at BOTTOM.
     fn turn(&self) -> u16 {
         if self.mode.shape.is_dual() {
             let top = self.top();
@@ -327,14 +330,14 @@ impl Timer {
                 return 0;
             }
             if self.down {
-                // Set above TOP by hand, it meets TOP on its way down.
+                // A program has set the counter above TOP: it meets TOP on its way down.
                 return self.value.checked_sub(top).unwrap_or(self.value);
             }
         }
         self.distance(self.top()).min(self.max - self.value)
     }
 
-    /// Edges that only move the counter.
+    /// Edges that only step the counter, before the next one that does more.
     fn quiet_edges(&self) -> u16 {
         if self.blocked {
             return 0;
@@ -350,7 +353,7 @@ impl Timer {
         }
     }
 
-    /// A match's effect on a pin; `com` as in the tables for counting up.
+    /// Changes a pin as a match does. `com` is to be read as in the tables for counting up.
     fn act(&mut self, channel: usize, com: u8, cycle: u64, outputs: &mut impl Outputs) {
         match com {
             1 => self.set_output(channel, !self.output[channel], cycle, outputs),
@@ -360,12 +363,12 @@ impl Timer {
         }
     }
 
-    /// What an edge does, from the counter's value before it.
+    /// Handles one edge. The counter's value before the edge decides what happens.
     fn edge(&mut self, cycle: u64, outputs: &mut impl Outputs) {
         let (value, top) = (self.value, self.top());
         let blocked = std::mem::take(&mut self.blocked);
         if self.mode.shape.is_dual() && (value == top || value == 0) {
-            // However it came here: from now on it goes the other way.
+            // At TOP the counter turns down, from wherever it came.
             self.down = value != 0;
         }
         for (channel, flag) in OCF.into_iter().enumerate() {
@@ -378,7 +381,7 @@ impl Timer {
             self.dual_edge(top, cycle, outputs);
             return;
         }
-        // In CTC mode with OCRnA it is the match that clears the counter, and a match can be blocked.
+        // In CTC mode with OCRnA the match itself clears the counter, and a blocked match does not.
         let at_top = value == top && !(blocked && self.mode.top == Top::OcrA);
         if at_top && self.mode.top == Top::Icr {
             self.flags |= ICF;
@@ -392,7 +395,7 @@ impl Timer {
             if self.mode.shape == Shape::Fast {
                 self.compare = self.buffer;
                 for channel in 0..2 {
-                    // Non-inverting: set at BOTTOM; inverting: cleared.
+                    // At BOTTOM, non-inverting mode sets the pin and inverting mode clears it.
                     if self.com[channel] >= 2 {
                         self.set_output(channel, self.com[channel] == 2, cycle, outputs);
                     }
@@ -406,9 +409,9 @@ impl Timer {
     fn matched(&mut self, channel: usize, at_top: bool, cycle: u64, outputs: &mut impl Outputs) {
         let com = self.com[channel];
         let com = match self.mode.shape {
-            // Fast PWM ignores a match at TOP: what is done at BOTTOM decides (§16.9.3).
+            // In fast PWM a match at TOP changes nothing; BOTTOM decides the level (§16.9.3).
             Shape::Fast if at_top && com >= 2 => return,
-            // Counting down the pin moves the other way.
+            // While it counts down, the pin changes in the opposite direction.
             Shape::PhaseCorrect | Shape::PhaseFrequencyCorrect if self.down && com >= 2 => com ^ 1,
             _ => com,
         };
@@ -424,8 +427,8 @@ impl Timer {
             if self.mode.shape == Shape::PhaseCorrect {
                 self.compare = self.buffer;
             }
-            // At TOP a pin is as a match on the way up leaves it, so that pulses are symmetric even if that match was
-            // missed (§15.7.4).
+            // At TOP the pin takes the level that a match on the way up leaves, even if that match was missed. So the
+            // pulses are symmetric (§15.7.4).
             for channel in 0..2 {
                 let is_top = channel == 0 && self.mode.top == Top::OcrA;
                 if self.com[channel] >= 2 && self.compare[channel] < top && !is_top {
@@ -440,12 +443,12 @@ impl Timer {
                 self.compare = self.buffer;
             }
             self.down = false;
-            // TOP = 0 is below the resolution allowed (§16.9.4): the counter stays until TOP is larger.
+            // TOP = 0 is below the lowest resolution (§16.9.4). The counter stays at 0 until TOP is larger.
             self.value = u16::from(self.top() != 0);
         } else if self.down {
             self.value = value - 1;
         } else if value == self.max {
-            // TOP was set below the counter: it runs on to MAX and begins again.
+            // A program has set TOP below the counter: it counts on to MAX and then goes to 0.
             self.value = 0;
         } else {
             self.value = value + 1;

@@ -1,7 +1,8 @@
-//! Registers of Timer/Counter 1, 16 bits behind an 8-bit bus (DS40002061B §16.3, §16.11).
+//! The registers of Timer/Counter 1: 16 bits behind an 8-bit bus (DS40002061B §16.3, §16.11). The counter itself is in
+//! `timer`.
 //!
-//! One byte, TEMP, holds the high half of any of them: written first, read second. An interrupt between the halves
-//! that touches another 16-bit register spoils it.
+//! One byte, TEMP, holds the high byte of all 16-bit registers: a program writes the high byte first and reads it last.
+//! An interrupt between the two accesses that uses another 16-bit register overwrites TEMP.
 
 use super::timer::{Clock, Mode, Outputs, Shape, Timer, Top};
 use super::timer8::shared_clock;
@@ -44,7 +45,7 @@ impl Timer16 {
         self.timer.set_clock(shared_clock(value));
     }
 
-    /// TCCR1C: the strobes FOC1A and FOC1B.
+    /// Writes TCCR1C, the strobes FOC1A and FOC1B.
     pub(super) fn write_c(&mut self, value: u8, cycle: u64, outputs: &mut impl Outputs) {
         for channel in 0..2 {
             if value << channel & 0x80 != 0 {
@@ -53,7 +54,7 @@ impl Timer16 {
         }
     }
 
-    /// ICNC1, ICES1.
+    /// ICNC1: whether the noise canceller filters the input capture.
     pub(super) fn capture_filtered(&self) -> bool {
         self.b & 0x80 != 0
     }
@@ -84,7 +85,7 @@ impl Timer16 {
         self.timer.set_mode(Mode { shape, top }, [self.a >> 6, self.a >> 4 & 3], cycle, outputs);
     }
 
-    /// Reading a low byte latches the high one; OCR1A and OCR1B are read without TEMP (§16.3).
+    /// Reads a byte. Reading a low byte latches the high one in TEMP; OCR1A and OCR1B are read without TEMP (§16.3).
     pub(super) fn read(&mut self, register: Wide, high: bool) -> u8 {
         let value = match register {
             Wide::Counter => self.timer.value(),
@@ -100,7 +101,7 @@ impl Timer16 {
         low
     }
 
-    /// Writing a high byte only fills TEMP; the low byte writes both.
+    /// Writes a byte. A high byte goes to TEMP; the low byte then writes both.
     pub(super) fn write(&mut self, register: Wide, high: bool, value: u8) {
         if high {
             self.temp = value;
@@ -111,7 +112,7 @@ impl Timer16 {
             Wide::Counter => self.timer.write_value(value),
             Wide::CompareA => self.timer.write_compare(0, value),
             Wide::CompareB => self.timer.write_compare(1, value),
-            // ICR1 can only be written where it is TOP (§16.6.3).
+            // ICR1 can only be written in modes in which it is TOP (§16.6.3).
             Wide::Capture if self.timer.icr_is_top() => self.timer.icr = value,
             Wide::Capture => {}
         }

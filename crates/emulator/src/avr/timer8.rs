@@ -1,4 +1,4 @@
-//! Registers of Timer/Counter 0 and 2, 8 bits (DS40002061B §15.9, §18.11).
+//! The registers of Timer/Counter 0 and 2: 8 bits (DS40002061B §15.9, §18.11). The counters themselves are in `timer`.
 
 use super::timer::{Clock, Mode, Outputs, Shape, Timer, Top};
 
@@ -19,13 +19,14 @@ impl Timer8 {
         (self.a, self.b) = (0, 0);
     }
 
-    /// TCCRnA.
+    /// Writes TCCRnA.
     pub(super) fn write_a(&mut self, value: u8, cycle: u64, outputs: &mut impl Outputs) {
         self.a = value & 0xf3;
         self.configure(cycle, outputs);
     }
 
-    /// TCCRnB, whose strobes FOCnA and FOCnB read 0; the clock is the caller's.
+    /// Writes TCCRnB. Its strobes FOCnA and FOCnB read 0. The caller works out `clock`, because the two timers have
+    /// different tables for it.
     pub(super) fn write_b(&mut self, value: u8, clock: Clock, cycle: u64, outputs: &mut impl Outputs) {
         self.b = value & 0x0f;
         self.configure(cycle, outputs);
@@ -51,7 +52,7 @@ impl Timer8 {
     }
 }
 
-/// CSn2:0 of Timer/Counter 0 and 1 (tables 15-9, 16-5).
+/// The clock that CSn2:0 select for Timer/Counter 0 and 1 (tables 15-9, 16-5).
 pub(super) fn shared_clock(bits: u8) -> Clock {
     match bits & 7 {
         0 => Clock::Stopped,
@@ -65,7 +66,7 @@ pub(super) fn shared_clock(bits: u8) -> Clock {
     }
 }
 
-/// CS22:0 (table 18-9), clocked by the system clock.
+/// The clock that CS22:0 select for Timer/Counter 2 (table 18-9), from the system clock.
 pub(super) fn timer2_clock(bits: u8) -> Clock {
     match bits & 7 {
         0 => Clock::Stopped,

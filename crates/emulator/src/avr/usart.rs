@@ -1,9 +1,11 @@
-//! USART0, asynchronous (DS40002061B §20).
+//! USART0 in asynchronous mode (DS40002061B §20). Synchronous and SPI modes are not emulated.
 //!
-//! Transmitter: when it rests, a character goes through the buffer at once and its start bit begins one cycle after
-//! UDR0's write takes effect (the datasheet does not say how it is aligned); else right behind the last stop bit of the
-//! one before. Receiver: the line is sampled with its own clock, 16 or 8 times a bit,
-//! three samples vote (§20.8), so that a sender of another speed gives what it would give on the chip.
+//! Transmitter: a character that finds the transmitter idle passes the buffer at once; its start bit begins one cycle
+//! after the write of UDR0 takes effect (the datasheet does not specify the alignment). Otherwise it follows directly
+//! on the stop bit of the character before it.
+//!
+//! Receiver: it samples the line with its own clock, 16 or 8 times in a bit, and three samples vote on each bit
+//! (§20.8). So a sender whose baud rate is off causes the errors that it would cause on a chip.
 
 use crate::{LineByte, Observer, UartByte};
 use std::collections::VecDeque;
@@ -24,19 +26,19 @@ const UCSZ2: u8 = 1 << 2;
 const RXB8: u8 = 1 << 1;
 const TXB8: u8 = 1;
 
-/// Interrupts that wait, as bits of UCSR0B: RXCIE, TXCIE, UDRIE.
+/// Pending interrupts, as bits of UCSR0B: RXCIE, TXCIE, UDRIE.
 pub(super) const RECEIVED: u8 = 1 << 7;
 pub(super) const TRANSMITTED: u8 = 1 << 6;
 pub(super) const EMPTY: u8 = 1 << 5;
 
-/// A character as received: its data bits and the errors of UCSR0A.
+/// A received character: its data bits, and its error bits of UCSR0A.
 #[derive(Clone, Copy, Default)]
 struct Received {
     data: u16,
     errors: u8,
 }
 
-/// A character on its way out.
+/// A character that is being sent.
 #[derive(Clone, Copy)]
 struct Sending {
     data: u16,
@@ -58,23 +60,23 @@ pub(super) struct Usart {
     // Receiver.
     line: VecDeque<LineByte>,
     fifo: VecDeque<Received>,
-    /// A character that is complete and finds no room.
+    /// A complete character in the shift register, which waits because the buffer is full.
     waiting: Option<Received>,
     overrun: bool,
-    /// When the receiver's sampling clock began.
+    /// The cycle in which the receiver's sampling clock began.
     origin: u64,
-    /// The receiver looks for a start bit from here on, cycles.
+    /// The receiver looks for a start bit from this cycle on.
     ready: u64,
-    /// The line must be high before a start bit can begin.
+    /// After a frame error the line must be high before a start bit can begin.
     needs_high: bool,
-    /// The first low sample of the start bit that was found, cycles.
+    /// The cycle of the first low sample of the present start bit.
     start: Option<u64>,
-    /// Whether the start bit's vote is already taken.
+    /// Whether the vote on the start bit has confirmed it.
     confirmed: bool,
 }
 
 impl Usart {
-    /// As after a reset in `cycle`: what is on the line goes on.
+    /// Resets the USART in `cycle`. Characters on the line to RXD go on.
     pub(super) fn reset(&mut self, cycle: u64) {
         let line = std::mem::take(&mut self.line);
         *self = Usart { c: 0x06, line, origin: cycle, ready: cycle, ..Usart::default() };
@@ -84,7 +86,8 @@ impl Usart {
         self.b & RXEN != 0
     }
 
-    /// Whether TXD is the transmitter's: as long as it is enabled or still sends (§20.6.5).
+    /// Whether the transmitter drives TXD: while it is enabled, and afterwards until it has sent its last character
+    /// (§20.6.5).
     pub(super) fn transmits(&self) -> bool {
         self.b & TXEN != 0 || self.is_sending()
     }
@@ -93,7 +96,7 @@ impl Usart {
         self.sending.is_some() || self.buffer.is_some()
     }
 
-    /// The first cycle in which nothing that was queued is on the line any more.
+    /// The first cycle after the last character on the line to RXD.
     pub(super) fn line_end(&self) -> u64 {
         self.line.back().map_or(0, LineByte::end_cycle)
     }
@@ -106,12 +109,12 @@ impl Usart {
         }
     }
 
-    /// The interrupts that wait: [`RECEIVED`], [`TRANSMITTED`], [`EMPTY`].
+    /// The pending interrupts: [`RECEIVED`], [`TRANSMITTED`], [`EMPTY`].
     pub(super) fn pending(&self) -> u8 {
         self.status() & self.b & (RECEIVED | TRANSMITTED | EMPTY)
     }
 
-    /// The transmit interrupt is executed.
+    /// The transmit complete interrupt is entered, which clears its flag.
     pub(super) fn acknowledge_transmitted(&mut self) {
         self.a &= !TXC;
     }
@@ -122,7 +125,7 @@ impl Usart {
         self.a | received | empty | if self.overrun { DOR } else { 0 }
     }
 
-    /// Cycles from one sample of the receiver to the next: a 16th of a bit, an 8th with U2X.
+    /// Cycles from one sample of the receiver to the next: a 16th of a bit, or an 8th with U2X.
     fn sample(&self) -> u64 {
         u64::from(self.ubrr) + 1
     }
@@ -131,7 +134,7 @@ impl Usart {
         if self.a & U2X != 0 { 8 } else { 16 }
     }
 
-    /// Data bits, 5 to 9 (table 20-11; what is reserved there counts as 8).
+    /// Data bits, 5 to 9 (table 20-11). Reserved values count as 8.
     fn data_bits(&self) -> u8 {
         match (self.b & UCSZ2 != 0, self.c >> 1 & 3) {
             (true, 3) => 9,
@@ -140,7 +143,7 @@ impl Usart {
         }
     }
 
-    /// 0: none; 2: even; 3: odd.
+    /// The parity mode. 0: none; 2: even; 3: odd.
     fn parity(&self) -> u8 {
         self.c >> 4 & 3
     }
@@ -162,7 +165,8 @@ impl Usart {
         self.ubrr
     }
 
-    /// Reading UDR0 takes the oldest character and its errors out; one that waited moves up.
+    /// Reads UDR0: takes the oldest character with its errors out of the buffer. A waiting character moves into the
+    /// buffer.
     pub(super) fn read_data(&mut self) -> u8 {
         let first = self.fifo.pop_front();
         if let Some(waiting) = self.waiting.take() {
@@ -198,7 +202,7 @@ impl Usart {
         self.c = value;
     }
 
-    /// The lower byte restarts the baud rate generator at once (§20.11.5).
+    /// Writes UBRR0L, which restarts the baud rate generator at once (§20.11.5).
     pub(super) fn write_ubrr(&mut self, ubrr: u16, cycle: u64) {
         self.ubrr = ubrr & 0x0fff;
         self.origin = cycle;
@@ -209,7 +213,7 @@ impl Usart {
         self.ubrr = self.ubrr & 0xff | u16::from(value & 0x0f) << 8;
     }
 
-    /// UDR0 is only written while it is empty and the transmitter is on (§20.6.1, §20.11.1).
+    /// Writes UDR0. Without an empty buffer or an enabled transmitter the write has no effect (§20.6.1, §20.11.1).
     pub(super) fn write_data(&mut self, value: u8, cycle: u64) {
         if self.b & TXEN == 0 || self.buffer.is_some() {
             return;
@@ -221,7 +225,7 @@ impl Usart {
         }
     }
 
-    /// The next character goes from the buffer into the shift register; its start bit begins in `start`.
+    /// Moves a character from the buffer into the shift register; its start bit begins in cycle `start`.
     fn load(&mut self, start: u64) {
         self.sending = self.buffer.take().map(|data| {
             let bits = self.data_bits();
@@ -232,12 +236,12 @@ impl Usart {
         });
     }
 
-    /// The cycle in which something happens of itself next.
+    /// The cycle of the next event of transmitter or receiver.
     pub(super) fn next_event(&self) -> u64 {
         self.sending.map_or(u64::MAX, |sending| sending.end).min(self.receiver_event())
     }
 
-    /// Does what is due in `cycle`.
+    /// Handles the events that are due in `cycle`.
     pub(super) fn event(&mut self, cycle: u64, observer: &mut impl Observer) {
         if let Some(sending) = self.sending.filter(|sending| sending.end == cycle) {
             self.sending = None;
@@ -254,27 +258,28 @@ impl Usart {
         }
     }
 
-    /// Stops or goes on after the clock was away for some cycles.
+    /// The clock runs again after it stood still for some cycles.
     pub(super) fn delay(&mut self, cycles: u64) {
         if let Some(sending) = &mut self.sending {
             sending.start += cycles;
             sending.end += cycles;
         }
-        // What came while nobody sampled is lost in part: the receiver begins anew.
+        // Part of what came meanwhile is lost, because nothing sampled the line: the receiver looks for a new start
+        // bit.
         self.origin += cycles;
         self.ready += cycles;
         self.start = None;
         self.find_start();
     }
 
-    // The receiver. Samples count from 1, the first that is low (figures 20-5 to 20-7).
+    // The receiver. The samples of a character count from 1, its first low sample (figures 20-5 to 20-7).
 
     /// The first of the three samples that vote on a bit.
     fn first_vote(&self) -> u64 {
         self.samples() / 2
     }
 
-    /// The cycle of a sample of the character that runs.
+    /// The cycle of a sample of the present character.
     fn sample_cycle(&self, start: u64, number: u64) -> u64 {
         start + (number - 1) * self.sample()
     }
@@ -290,7 +295,7 @@ impl Usart {
         self.sample_cycle(start, bits * self.samples() + self.first_vote() + 2)
     }
 
-    /// What three samples in the middle of bit `index` say; 0 is the start bit.
+    /// The result of the three samples in the middle of bit `index`; 0 is the start bit.
     fn vote(&self, start: u64, index: u8) -> bool {
         let first = u64::from(index) * self.samples() + self.first_vote();
         (0..3).filter(|sample| self.line_is_high(self.sample_cycle(start, first + sample))).count() >= 2
@@ -300,20 +305,20 @@ impl Usart {
         let Some(start) = self.start else { return };
         if !self.confirmed {
             if self.vote(start, 0) {
-                // Noise: the receiver looks for the next start bit (§20.8.1).
+                // The low sample was noise: the receiver looks for the next start bit (§20.8.1).
                 (self.start, self.ready, self.needs_high) = (None, cycle + 1, false);
                 self.find_start();
             } else {
                 self.confirmed = true;
                 if self.waiting.take().is_some() {
-                    // The character that waited in the shift register is lost (§20.7.4).
+                    // The waiting character in the shift register is overwritten (§20.7.4).
                     self.overrun = true;
                 }
             }
             return;
         }
         let (bits, parity) = (self.data_bits(), self.parity());
-        // All bits after the start bit, the stop bit above them.
+        // All bits after the start bit, lowest first; the stop bit is the highest.
         let all = self.aligned(start).unwrap_or_else(|| {
             (0..self.bits_to_come()).fold(0, |all, bit| all | u16::from(self.vote(start, bit + 1)) << bit)
         });
@@ -327,7 +332,7 @@ impl Usart {
         errors |= if stop { 0 } else { FE };
         (self.start, self.ready, self.needs_high) = (None, cycle + 1, !stop);
         let received = Received { data, errors };
-        // In a multi-processor line, characters that are no addresses are passed over (§20.9).
+        // In multi-processor mode the receiver drops characters that are no addresses (§20.9).
         let address = if bits == 9 { data & 0x100 != 0 } else { stop };
         if self.a & MPCM == 0 || address {
             if self.fifo.len() < 2 {
@@ -342,8 +347,8 @@ impl Usart {
         self.find_start();
     }
 
-    /// What the votes on all bits give if every sample lies in the bit of the same number of one character: samples
-    /// and bits are both evenly spaced, so that it is enough that those of the first and last bit do.
+    /// A short cut for the votes on all bits: the bits of one character, if every sample of bit n lies within the
+    /// sender's bit n. Samples and bits are both evenly spaced, so that checking the first and the last bit is enough.
     fn aligned(&self, start: u64) -> Option<u16> {
         let byte = self.line.iter().rfind(|byte| byte.start_cycle <= start)?;
         let (bit_time, last) = (u64::from(byte.bit_time_256), self.bits_to_come());
@@ -371,7 +376,7 @@ impl Usart {
         self.origin + cycle.saturating_sub(self.origin).div_ceil(self.sample()) * self.sample()
     }
 
-    /// Looks for the next start bit in what is known of the line.
+    /// Looks for the next start bit among the characters on the line.
     fn find_start(&mut self) {
         if self.start.is_some() && self.confirmed {
             return;

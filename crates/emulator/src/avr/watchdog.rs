@@ -1,4 +1,5 @@
-//! The watchdog (DS40002061B §11.8, §11.9): an oscillator of its own, 128 kHz, here 125 cycles of a 16 MHz clock.
+//! The watchdog (DS40002061B §11.8, §11.9). Its oscillator has 128 kHz, which is 125 cycles of a 16 MHz clock; the
+//! spread of a real oscillator is not emulated.
 
 const WDIF: u8 = 1 << 7;
 const WDIE: u8 = 1 << 6;
@@ -6,9 +7,9 @@ const WDCE: u8 = 1 << 4;
 const WDE: u8 = 1 << 3;
 const PRESCALER: u8 = 0b10_0111;
 
-use super::peripherals::OPEN;
+use super::sequence::OPEN;
 
-/// What a time-out leads to.
+/// What happens at a time-out.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum TimeOut {
     Interrupt,
@@ -19,13 +20,13 @@ pub(super) enum TimeOut {
 pub(super) struct Watchdog {
     /// WDTCSR without WDCE.
     control: u8,
-    /// The first cycle in which WDE and the prescaler may no longer be changed.
+    /// The first cycle in which it is too late to change WDE and the prescaler.
     open_until: u64,
-    /// When it times out; MAX while it is off.
+    /// The cycle of the time-out; MAX while the watchdog is off.
     due: u64,
-    /// Cycles of the system clock in one of the watchdog's.
+    /// Cycles of the system clock in one cycle of the watchdog's oscillator, in 1/256.
     cycles_256: u64,
-    /// How often the program restarted it since power came on.
+    /// How often the program executed `wdr` since power came on.
     feeds: u64,
 }
 
@@ -34,14 +35,14 @@ impl Watchdog {
         Watchdog { control: 0, open_until: 0, due: u64::MAX, cycles_256: 125 * 256, feeds: 0 }
     }
 
-    /// After a reset; `forced` is WDRF, which keeps it on with the shortest time (§11.9.2).
+    /// Resets the watchdog. `forced` is WDRF: it keeps the watchdog on, with the shortest time (§11.9.2).
     pub(super) fn reset(&mut self, cycle: u64, forced: bool) {
         *self = Watchdog { feeds: self.feeds, ..Watchdog::new() };
         self.control = if forced { WDE } else { 0 };
         self.restart(cycle);
     }
 
-    /// The system clock is now the oscillator's divided.
+    /// The system clock is now the oscillator's, divided by `division`.
     pub(super) fn set_division(&mut self, division: u16, cycle: u64) {
         let left = self.due.saturating_sub(cycle);
         let before = self.cycles_256;
@@ -51,20 +52,20 @@ impl Watchdog {
         }
     }
 
-    /// `wdr`.
+    /// Executes `wdr`.
     pub(super) fn feed(&mut self, cycle: u64) {
         self.feeds += 1;
         self.restart(cycle);
     }
 
-    /// How often that was.
+    /// How often the program executed `wdr` since power came on.
     pub(super) fn feeds(&self) -> u64 {
         self.feeds
     }
 
-    /// `wdr`, or the clock begins anew.
+    /// Starts a full period: after `wdr`, or after a change of the settings.
     fn restart(&mut self, cycle: u64) {
-        // Table 11-2: 2048 cycles and doubled up to 1024 K; what is beyond is reserved and taken for the longest.
+        // Table 11-2: from 2048 to 1024 K cycles, doubled at each step. Reserved values count as the longest.
         let prescaler = (self.control & 7 | self.control >> 2 & 8).min(9);
         let period = (2048 << prescaler) * self.cycles_256 / 256;
         self.due = if self.control & (WDE | WDIE) != 0 { cycle + period } else { u64::MAX };
@@ -74,7 +75,7 @@ impl Watchdog {
         self.control | if cycle < self.open_until { WDCE } else { 0 }
     }
 
-    /// `forced` is WDRF: WDE cannot be cleared while it is set.
+    /// Writes WDTCSR. `forced` is WDRF: while it is 1, WDE cannot become 0.
     pub(super) fn write(&mut self, value: u8, cycle: u64, forced: bool) {
         let open = cycle < self.open_until;
         let before = self.control;
@@ -85,7 +86,7 @@ impl Watchdog {
         if open && value & WDCE == 0 {
             control = control & !(WDE | PRESCALER) | value & (WDE | PRESCALER);
         }
-        // WDE may be set at any time, cleared within the sequence alone.
+        // WDE can be set at any time, and cleared only within the timed sequence.
         control |= value & WDE | if forced { WDE } else { 0 };
         self.control = control;
         if value & (WDCE | WDE) == WDCE | WDE {
@@ -106,12 +107,12 @@ impl Watchdog {
         self.due
     }
 
-    /// Whether its interrupt waits.
+    /// Whether its interrupt is pending.
     pub(super) fn pending(&self) -> bool {
         self.control & (WDIF | WDIE) == WDIF | WDIE
     }
 
-    /// The interrupt is executed: in interrupt and reset mode the next time-out resets (§11.8).
+    /// The interrupt is entered. In interrupt and reset mode the next time-out resets the chip (§11.8).
     pub(super) fn acknowledge(&mut self) {
         self.control &= !WDIF;
         if self.control & WDE != 0 {
@@ -119,7 +120,7 @@ impl Watchdog {
         }
     }
 
-    /// It times out in `cycle`.
+    /// Handles the time-out in `cycle`.
     pub(super) fn event(&mut self, cycle: u64) -> TimeOut {
         let outcome = if self.control & WDIE != 0 { TimeOut::Interrupt } else { TimeOut::Reset };
         self.control |= WDIF;

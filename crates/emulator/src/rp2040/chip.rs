@@ -1,19 +1,24 @@
-//! The chip: processor and peripherals on one clock.
+//! The RP2040 as its users see it: one processor and the system around it on one clock, with reset, pins, serial lines,
+//! the USB cable and a debugger's view (RP2040 datasheet §2.1, §2.12).
+//!
+//! What happens in which order within a cycle is in `system`; what is at which address is in `fabric`. The second
+//! processor and the boot ROM are not emulated.
 
-use super::fabric::Fabric;
+use super::fabric::{Fabric, SRAM, SRAM_BYTES};
 use super::system::{CoreBus, System};
 use super::usb::UsbState;
 use super::watchdog::Cause;
 use crate::arm::{Config, Cpu, Fault, Size};
 use crate::{ImageTooLarge, Level, LineByte, Observer};
 
-/// Where the second stage of boot hands over (datasheet §2.8.1.3.1): behind its own 256 bytes of flash.
+/// Address of the vector table at which the program starts (datasheet §2.8.1.3.1): after the 256 bytes of the second
+/// stage of boot.
 const VECTOR_TABLE: u32 = 0x1000_0100;
 
 /// An RP2040 on a Pico, with its program in 2 MB of flash.
 ///
-/// It starts where boot ROM and second stage of boot end: with the vector table at 0x1000_0100, from which stack
-/// pointer and program counter come, and with every peripheral in reset, on the ring oscillator's 6.5 MHz.
+/// It starts where the boot ROM and the second stage of boot end: stack pointer and program counter come from the
+/// vector table at 0x1000_0100, every peripheral is in reset, and the clock is the ring oscillator's 6.5 MHz.
 ///
 /// ```
 /// use pulsetrain_emulator::{GpioEdge, Observer, Rp2040};
@@ -48,16 +53,16 @@ pub struct Rp2040 {
 }
 
 impl Rp2040 {
-    /// Bytes of a Pico's flash.
+    /// Size of a Pico's flash, bytes.
     pub const FLASH_BYTES: usize = 2 * 1024 * 1024;
-    /// Where flash lies in the address space.
+    /// Address of flash.
     pub const FLASH_ADDRESS: u32 = 0x1000_0000;
-    /// Where RAM lies.
-    pub const RAM_ADDRESS: u32 = 0x2000_0000;
-    /// Bytes of RAM.
-    pub const RAM_BYTES: usize = 264 * 1024;
+    /// Address of RAM.
+    pub const RAM_ADDRESS: u32 = SRAM;
+    /// Size of RAM, bytes.
+    pub const RAM_BYTES: usize = SRAM_BYTES;
 
-    /// A chip that has just been powered, at cycle 0. The image lies at the beginning of flash; what it does not fill is
+    /// A chip that has just been powered, at cycle 0. The image is at the beginning of flash; flash beyond its end is
     /// erased.
     ///
     /// # Errors
@@ -79,24 +84,26 @@ impl Rp2040 {
         self.system.lines_changed = true;
     }
 
-    /// Gives the flash chip its number, which no other has.
+    /// Sets the unique number of the flash chip.
     pub fn set_flash_id(&mut self, id: [u8; 8]) {
         self.system.fabric.xip.flash.id = id;
     }
 
-    /// From now on erasing and programming flash takes as long as its datasheet lets it, 0.4 s for a sector and 3 ms for a page; else what
-    /// it takes as a rule, 45 ms and 0.4 ms.
+    /// From now on the flash takes its longest times, 0.4 s to erase a sector and 3 ms to program a page. Without this
+    /// call it takes the typical times, 45 ms and 0.4 ms.
     pub fn slow_flash(&mut self) {
         self.system.fabric.xip.flash.be_slow();
     }
 
-    /// Makes it a chip of another revision, as SYSINFO tells it: 1 is B0 or B1, 2, as it is at first, B2. Nothing else is another.
+    /// Sets the chip's revision that SYSINFO returns: 1 is B0 or B1, 2 is B2. It is 2 at first. Nothing else depends on
+    /// it.
     pub fn set_revision(&mut self, revision: u8) {
         self.system.fabric.revision = u32::from(revision) & 15;
     }
 
-    /// Resets the chip in the present cycle, as its RUN pin does. Cycles go on counting; RAM and flash are kept, and
-    /// what the world does to the pins. Pins that fall back are told to the observer.
+    /// Resets the chip in the present cycle, as its RUN pin does. The cycle count goes on; RAM and flash keep their
+    /// contents, and pins that [`set_input`](Rp2040::set_input) drives stay driven. The observer sees the pins that
+    /// change because the chip no longer drives them.
     pub fn reset(&mut self, observer: &mut impl Observer) {
         self.restart(Cause::Run, observer);
     }
@@ -109,18 +116,18 @@ impl Rp2040 {
         self.start(observer);
     }
 
-    /// The cycle that comes next. It only ever grows.
+    /// The cycle in which the next instruction begins. It never decreases.
     pub fn cycle(&self) -> u64 {
         self.cpu.cycle()
     }
 
-    /// Cycles per second of the present clock; see [`Observer::clock_frequency`].
+    /// Frequency of the present clk_sys, Hz; see [`Observer::clock_frequency`].
     pub fn clock_hz(&self) -> u64 {
         self.system.fabric.clocks.sys_hz()
     }
 
-    /// Runs to the first instruction that begins at or after a cycle. A processor that sleeps costs nothing, and
-    /// neither do state machines that wait or count down.
+    /// Runs to the first instruction that begins at or after a cycle. A processor that sleeps takes no computing time,
+    /// and neither do state machines that wait or count down.
     pub fn run(&mut self, until_cycle: u64, observer: &mut impl Observer) {
         while self.cpu.cycle() < until_cycle {
             self.turn(until_cycle, observer);
@@ -128,8 +135,8 @@ impl Rp2040 {
         self.system.advance(self.cpu.cycle(), observer);
     }
 
-    /// Executes one instruction, or a part of an exception's entry, or sleeps to the next event (for at most 65 536
-    /// cycles).
+    /// Executes one instruction, or makes one part of an exception's entry, or sleeps until the next event (for at most
+    /// 65 536 cycles).
     pub fn step(&mut self, observer: &mut impl Observer) {
         let cycle = self.cpu.cycle();
         self.attend(observer);
@@ -141,7 +148,7 @@ impl Rp2040 {
         self.system.advance(self.cpu.cycle(), observer);
     }
 
-    /// Events up to now, resets, interrupt lines.
+    /// Handles events up to the present cycle and resets, and brings the interrupt lines to the processor.
     fn attend(&mut self, observer: &mut impl Observer) {
         self.system.advance(self.cpu.cycle(), observer);
         if let Some(cause) = self.system.reset {
@@ -160,10 +167,10 @@ impl Rp2040 {
 
     fn sleep(&mut self, until: u64, observer: &mut impl Observer) {
         let from = self.cpu.cycle();
-        // What happens in a cycle is seen in the next.
+        // An event in one cycle takes effect in the next.
         self.cpu.sleep_until(until.min(self.system.next.saturating_add(1)).max(from + 1));
         if self.cpu.cycle() == from {
-            // SysTick wants something now.
+            // SysTick has an event in the present cycle.
             self.cpu.step(&mut CoreBus::new(&mut self.system, observer, 0));
         }
         self.asleep_cycles += self.cpu.cycle() - from;
@@ -186,10 +193,10 @@ impl Rp2040 {
         }
     }
 
-    // The world.
+    // The outside: pins, serial lines, the USB cable.
 
-    /// Drives a pin, GPIO 0 to 29, from outside, or lets it go (`None`): then its pull-up or nothing holds it, which
-    /// reads low. A pin that the chip drives too keeps the chip's level.
+    /// Drives a pin, GPIO 0 to 29, from outside, or no longer (`None`). A pin that nobody drives has its pull-up, or
+    /// reads low. Where the chip drives a pin too, the chip's level counts.
     pub fn set_input(&mut self, gpio: u8, level: Option<Level>) {
         let cycle = self.cpu.cycle();
         let changed = self.system.fabric.gpio.set_outside(u32::from(gpio) & 31, level, cycle);
@@ -203,94 +210,96 @@ impl Rp2040 {
         Level::from(self.system.fabric.gpio.levels() >> (gpio & 31) & 1 != 0)
     }
 
-    /// Whether the chip drives a pin.
+    /// Whether the chip drives a pin: it is an output.
     pub fn is_output(&self, gpio: u8) -> bool {
         self.system.fabric.gpio.directions() >> (gpio & 31) & 1 != 0
     }
 
-    /// Puts a character on the line to the receiver of UART 0 or 1. It must not begin before the one given last has
-    /// ended, nor before the present cycle; it is sampled as the chip does, with its own baud rate, if a pin is
-    /// connected to the receiver.
+    /// Puts a character on the line to the receiver of UART 0 or 1. The start bit must not begin before the character
+    /// before it has ended, nor before the present cycle. The receiver samples it at the baud rate that the program has
+    /// set, if the program has connected a pin to it.
     pub fn receive(&mut self, uart: u8, byte: LineByte) {
         self.system.fabric.uart[usize::from(uart & 1)].receive(byte);
         self.system.schedule();
     }
 
-    /// The cycle by which everything given to [`receive`](Rp2040::receive) has passed; the present one or earlier if
-    /// the line is idle.
+    /// The cycle by which all characters from [`receive`](Rp2040::receive) have passed. It is the present cycle or an
+    /// earlier one if the line is idle.
     pub fn line_idle_from(&self, uart: u8) -> u64 {
         self.system.fabric.uart[usize::from(uart & 1)].line_end()
     }
 
-    /// Whether a UART has something to send.
+    /// Whether a UART still sends, or has characters in its buffer.
     pub fn is_transmitting(&self, uart: u8) -> bool {
         self.system.fabric.uart[usize::from(uart & 1)].is_sending()
     }
 
-    /// Plugs a PC into the USB port, or pulls the cable. The PC attaches, enumerates and configures the device when its
-    /// firmware is ready for it: [`usb_state`](Rp2040::usb_state).
+    /// Plugs in the cable between the USB port and a PC, or pulls it. When the firmware is ready, the PC enumerates and
+    /// configures the device: see [`usb_state`](Rp2040::usb_state).
     pub fn usb_plug(&mut self, plugged: bool) {
         let cycle = self.cpu.cycle();
         self.system.fabric.usb.plug(plugged, cycle);
         self.usb_changed();
     }
 
-    /// A program on the PC opens the USB serial port, or closes it: as soon as there is one.
+    /// A program on the PC opens the USB serial port, or closes it. If the port is not there yet, it opens as soon as
+    /// it is.
     pub fn usb_open(&mut self, open: bool) {
         let cycle = self.cpu.cycle();
         self.system.fabric.usb.open(open, cycle);
         self.usb_changed();
     }
 
-    /// The program that has the USB serial port open reads no more, and all that the PC keeps for it is full: the PC asks the device for
-    /// nothing, until the program reads again.
+    /// With `true`, the program on the PC stops reading from the open port and the PC's buffers are full, so that the
+    /// PC requests no data from the device. With `false` it reads again.
     pub fn usb_fill(&mut self, is_full: bool) {
         let cycle = self.cpu.cycle();
         self.system.fabric.usb.fill(is_full, cycle);
         self.usb_changed();
     }
 
-    /// The PC sends bytes to the USB serial port from the present cycle on, as fast as the bus and the device take them.
-    /// They wait if the port is not open.
+    /// The PC sends bytes to the USB serial port from the present cycle on, as fast as bus and device allow. The bytes
+    /// wait while the port is not open.
     pub fn usb_send(&mut self, bytes: &[u8]) {
         let cycle = self.cpu.cycle();
         self.system.fabric.usb.send(bytes, cycle);
         self.usb_changed();
     }
 
-    /// The PC clears an endpoint of the USB serial port (bit 7: to the PC), halted or not: it goes on from DATA0.
+    /// The PC clears the halt of an endpoint of the USB serial port (bit 7: towards the PC), whether it is halted or
+    /// not. The endpoint goes on with DATA0.
     pub fn usb_clear_halt(&mut self, endpoint: u8) {
         let cycle = self.cpu.cycle();
         self.system.fabric.usb.clear_halt(endpoint, cycle);
         self.usb_changed();
     }
 
-    /// The PC asks the USB device for a configuration; one that it refuses changes nothing.
+    /// The PC selects a configuration of the USB device. If the device refuses it, nothing changes.
     pub fn usb_try_configuration(&mut self, value: u8) {
         let cycle = self.cpu.cycle();
         self.system.fabric.usb.try_configuration(value, cycle);
         self.usb_changed();
     }
 
-    /// The PC halts an endpoint of the USB serial port (bit 7: to the PC): nothing goes there until it is
-    /// [cleared](Rp2040::usb_clear_halt).
+    /// The PC halts an endpoint of the USB serial port (bit 7: towards the PC). No data pass there until the PC
+    /// [clears](Rp2040::usb_clear_halt) it.
     pub fn usb_halt(&mut self, endpoint: u8) {
         let cycle = self.cpu.cycle();
         self.system.fabric.usb.halt(endpoint, cycle);
         self.usb_changed();
     }
 
-    /// A text of the USB device, by its index; `None` if the PC was told none.
+    /// A string descriptor of the USB device, by its index; `None` if the PC has not read one.
     pub fn usb_text(&self, index: u8) -> Option<String> {
         self.system.fabric.usb.text(index)
     }
 
-    /// How many of the bytes of [`usb_send`](Rp2040::usb_send) the device has not taken yet.
+    /// Bytes of [`usb_send`](Rp2040::usb_send) that the device has not taken yet.
     pub fn usb_backlog(&self) -> usize {
         self.system.fabric.usb.backlog()
     }
 
-    /// How far the PC has come with the USB device.
+    /// How far the PC has brought the USB device.
     pub fn usb_state(&self) -> UsbState {
         self.system.fabric.usb.state()
     }
@@ -302,12 +311,12 @@ impl Rp2040 {
 
     // For developers, debuggers and tests.
 
-    /// The processor: its registers, its mode, what it faulted on.
+    /// The processor: registers, mode, last fault.
     pub fn cpu(&self) -> &Cpu {
         &self.cpu
     }
 
-    /// The processor, to be set up.
+    /// The processor, to set its state.
     pub fn cpu_mut(&mut self) -> &mut Cpu {
         &mut self.cpu
     }
@@ -322,24 +331,24 @@ impl Rp2040 {
         self.cpu.is_asleep()
     }
 
-    /// Cycles slept, or locked up, since power came on.
+    /// Cycles that the processor slept or was locked up since power came on.
     pub fn asleep_cycles(&self) -> u64 {
         self.asleep_cycles
     }
 
-    /// Reads a word as the processor would in the present cycle, effects of reading included, but without the bridge's
-    /// waiting. An address at which nothing answers reads as 0.
+    /// Reads a word as the processor does in the present cycle, but without wait cycles. Reading has its effects, such
+    /// as taking a word out of a FIFO. An address where nothing is reads 0.
     pub fn read(&mut self, address: u32, observer: &mut impl Observer) -> u32 {
         self.system.look(address & !3, self.cpu.cycle(), observer)
     }
 
-    /// Writes a word as the processor would, in the present cycle, but without the bridge's waiting: its effect is seen
-    /// in the next. Nothing happens where nothing answers.
+    /// Writes a word as the processor does in the present cycle, but without wait cycles. The effect is there in the
+    /// next cycle. A write to an address where nothing is has no effect.
     pub fn write(&mut self, address: u32, value: u32, observer: &mut impl Observer) {
         self.system.poke(address & !3, value, self.cpu.cycle(), observer);
     }
 
-    /// A word of RAM, or of flash, without any effect; `None` elsewhere.
+    /// Reads a word of RAM or flash without any effect; `None` elsewhere.
     pub fn peek(&self, address: u32) -> Option<u32> {
         let fabric = &self.system.fabric;
         match Fabric::sram_offset(address & !3) {
@@ -353,19 +362,20 @@ impl Rp2040 {
         &self.system.fabric.sram
     }
 
-    /// RAM, to be filled.
+    /// RAM, to set its contents.
     pub fn ram_mut(&mut self) -> &mut [u8] {
         &mut self.system.fabric.sram
     }
 
     /// Flash, from [`FLASH_ADDRESS`](Rp2040::FLASH_ADDRESS).
     ///
-    /// Where a sector is being erased or a page programmed it is as when the program looked last.
+    /// While a sector is being erased or a page programmed, its bytes are those of the program's last look at the
+    /// flash.
     pub fn flash(&self) -> &[u8] {
         self.system.fabric.xip.flash.memory()
     }
 
-    /// Flash, to be changed. What the cache holds stays.
+    /// Flash, to set its contents. Lines that are already in the cache keep their old contents.
     pub fn flash_mut(&mut self) -> &mut [u8] {
         self.system.fabric.xip.flash.memory_mut()
     }

@@ -1,20 +1,20 @@
-//! Clocks (RP2040 datasheet §2.15 to §2.18): oscillators, PLLs, and which of them clk_ref, clk_sys and clk_peri come
-//! from. A cycle of the emulator is a period of clk_sys.
+//! Clocks (RP2040 datasheet §2.15 to §2.18): the oscillators, the PLLs, and the sources of clk_ref, clk_sys and
+//! clk_peri. A cycle of the emulator is a period of clk_sys.
 //!
-//! Oscillators and PLLs take their time to start: the crystal 256 · STARTUP.DELAY periods of its own, a PLL
-//! [`PLL_LOCK_US`]. A clock whose source is off stands still on the chip; here it is told as 0 Hz, and what it paces
-//! stands still, but for clk_sys, which keeps its frequency.
+//! Oscillators and PLLs take time to start: the crystal 256 · STARTUP.DELAY of its periods, a PLL [`PLL_LOCK_US`]. On
+//! the chip a clock whose source is off stands still. Here its frequency is then 0 Hz and what it clocks stands still;
+//! clk_sys alone keeps its frequency, because the emulator counts time in it.
 
 const NEVER: u64 = u64::MAX;
 
-/// The Pico's crystal.
+/// Frequency of the Pico's crystal, Hz.
 const XOSC_HZ: u64 = 12_000_000;
-/// The ring oscillator, as it is after a reset: 6.5 MHz, typical (§2.17.1).
+/// Frequency of the ring oscillator after a reset, Hz: the typical value (§2.17.1).
 const ROSC_HZ: u64 = 6_500_000;
-/// From power to LOCK; the datasheet gives no figure, software waits for the bit. (est.)
+/// Time from a PLL's power-up to LOCK, µs. The datasheet has no figure, because programs wait for the bit. (est.)
 const PLL_LOCK_US: u64 = 50;
 
-/// Magic numbers of XOSC_CTRL.ENABLE (§2.16.7).
+/// The value of XOSC_CTRL.ENABLE that enables the crystal (§2.16.7).
 const XOSC_ENABLE: u32 = 0xfab;
 
 // PLL_PWR (§2.18.4).
@@ -22,13 +22,13 @@ const PLL_PD: u32 = 1;
 const PLL_VCOPD: u32 = 1 << 5;
 const PLL_POSTDIVPD: u32 = 1 << 3;
 
-/// A rational number of ticks per cycle, counted from a cycle on.
+/// A rational number of ticks in each cycle, counted from a cycle on.
 #[derive(Clone, Copy)]
 pub(super) struct Tick {
     since: u64,
-    /// Ticks before `since`.
+    /// The number of ticks before cycle `since`.
     before: u64,
-    /// `ticks` ticks in `cycles` cycles; no ticks: it stands still.
+    /// `ticks` ticks come in `cycles` cycles. With 0 ticks the clock stands still.
     ticks: u64,
     cycles: u64,
 }
@@ -38,13 +38,13 @@ impl Tick {
         Tick { since: 0, before: 0, ticks: 0, cycles: 1 }
     }
 
-    /// Goes on at another rate from a cycle on.
+    /// Changes the rate from a cycle on.
     fn changed(&self, ticks: u64, cycles: u64, cycle: u64) -> Tick {
         let divisor = gcd(ticks, cycles).max(1);
         Tick { since: cycle, before: self.ticks(cycle), ticks: ticks / divisor, cycles: (cycles / divisor).max(1) }
     }
 
-    /// Ticks before the beginning of a cycle or in it.
+    /// The number of ticks before the beginning of a cycle or in it.
     pub(super) fn ticks(&self, cycle: u64) -> u64 {
         let passed = cycle.saturating_sub(self.since);
         if self.ticks == 1 {
@@ -54,7 +54,7 @@ impl Tick {
         self.before + u64::try_from(ticks).unwrap_or(u64::MAX)
     }
 
-    /// The first cycle by which there have been so many ticks.
+    /// The first cycle by which there have been this many ticks.
     pub(super) fn cycle_of(&self, ticks: u64) -> u64 {
         let Some(wanted) = ticks.checked_sub(self.before) else { return self.since };
         if wanted == 0 {
@@ -90,7 +90,7 @@ impl Pll {
         self.power & (PLL_PD | PLL_VCOPD) == 0
     }
 
-    /// FREF / REFDIV · FBDIV / (POSTDIV1 · POSTDIV2) (§2.18.2).
+    /// The output frequency, Hz: FREF / REFDIV · FBDIV / (POSTDIV1 · POSTDIV2) (§2.18.2).
     fn hz(&self, reference: u64, cycle: u64) -> u64 {
         if self.cs >> 8 & 1 != 0 {
             return reference;
@@ -112,11 +112,11 @@ impl Pll {
     }
 }
 
-/// A clock's generator: where it comes from and what it is divided by.
+/// A clock generator: its source and its divider.
 #[derive(Clone, Copy)]
 struct Generator {
     ctrl: u32,
-    /// 24 bits of integer, 8 of fraction; an integer of 0 is 2^16.
+    /// The divider: 24 bits of integer, 8 of fraction. An integer of 0 means 2^16.
     div: u32,
 }
 
@@ -127,12 +127,12 @@ impl Generator {
     }
 }
 
-// Generators, by their place among the registers; the first four go to pins.
+// The numbers of the generators in the order of their registers. The first four drive pins.
 const REF: usize = 4;
 const SYS: usize = 5;
 const PERI: usize = 6;
 
-/// The oscillators, the PLLs and the clocks' generators.
+/// The oscillators, the PLLs and the clock generators.
 #[derive(Clone)]
 pub(super) struct Clocks {
     generators: [Generator; 10],
@@ -141,12 +141,12 @@ pub(super) struct Clocks {
     xosc_startup: u32,
     xosc_stable_at: u64,
     rosc: [u32; 8],
-    /// Registers that only keep what is written.
+    /// Registers that only store what is written.
     plain: [u32; 0x32],
     sys_hz: u64,
     tick: Tick,
     tick_rate: (u64, u64),
-    /// An oscillator or a PLL becomes ready.
+    /// The cycle in which an oscillator or a PLL becomes ready.
     pub(super) next: u64,
 }
 
@@ -167,7 +167,7 @@ impl Clocks {
         }
     }
 
-    /// Cycles of clk_sys per second.
+    /// Frequency of clk_sys, Hz.
     pub(super) fn sys_hz(&self) -> u64 {
         self.sys_hz
     }
@@ -180,7 +180,7 @@ impl Clocks {
         self.pll[which].hz(self.xosc_hz(cycle), cycle)
     }
 
-    /// clk_ref (§2.15.7, CLK_REF_CTRL).
+    /// Frequency of clk_ref, Hz (§2.15.7, CLK_REF_CTRL).
     fn ref_hz(&self, cycle: u64) -> u64 {
         let generator = self.generators[REF];
         let hz = match generator.ctrl & 3 {
@@ -208,7 +208,7 @@ impl Clocks {
         generator.divide(hz)
     }
 
-    /// clk_peri in Hz, which the UARTs run on; 0 while it is off.
+    /// Frequency of clk_peri, Hz, which clocks the UARTs; 0 while it is off.
     pub(super) fn peri_hz(&self, cycle: u64) -> u64 {
         let generator = self.generators[PERI];
         if generator.ctrl >> 11 & 1 == 0 {
@@ -224,7 +224,7 @@ impl Clocks {
         }
     }
 
-    /// Frequencies as they are from a cycle on. `Some` if clk_sys changed.
+    /// Computes the frequencies from a cycle on. Returns that of clk_sys if it has changed.
     pub(super) fn refresh(&mut self, cycle: u64) -> Option<u64> {
         self.next = self
             .pll
@@ -237,7 +237,7 @@ impl Clocks {
         if wanted == 0 || wanted == self.sys_hz {
             return None;
         }
-        // What is under way takes its time in µs, not in cycles.
+        // Start-up times are in µs: a change of clk_sys changes how many cycles they take.
         for at in [&mut self.xosc_stable_at].into_iter().chain(self.pll.iter_mut().map(|pll| &mut pll.locked_at)) {
             if *at != NEVER && *at > cycle {
                 *at = cycle + (*at - cycle) * wanted / self.sys_hz;
@@ -247,7 +247,7 @@ impl Clocks {
         Some(wanted)
     }
 
-    /// The tick of `per_tick` cycles of clk_ref; `Some` if it is another one from `cycle` on.
+    /// The tick generator with `per_tick` cycles of clk_ref in a tick. Returns it if it is another one from `cycle` on.
     pub(super) fn tick(&mut self, per_tick: Option<u32>, cycle: u64) -> Option<Tick> {
         let rate = per_tick.map_or((0, 1), |per_tick| (self.ref_hz(cycle), self.sys_hz * u64::from(per_tick)));
         if rate == self.tick_rate {
@@ -267,7 +267,7 @@ impl Clocks {
                 match offset % 12 {
                     0 => generator.ctrl,
                     4 => generator.div,
-                    // SELECTED: one-hot for the two glitchless ones, else 1.
+                    // SELECTED has one bit for each source in the two glitchless multiplexers; elsewhere it is 1.
                     _ => match (offset / 12) as usize {
                         REF => 1 << (generator.ctrl & 3),
                         SYS => 1 << (generator.ctrl & 1),
@@ -329,12 +329,12 @@ impl Clocks {
         }
     }
 
-    // ROSC (§2.17.8): it always runs, at its nominal frequency.
+    // ROSC (§2.17.8). It always runs, at its nominal frequency.
 
     pub(super) fn read_rosc(&self, offset: u32, cycle: u64) -> u32 {
         match offset {
             0x18 => 1 << 31 | 1 << 12,
-            // RANDOMBIT: no noise here, so that runs repeat.
+            // RANDOMBIT comes from the cycle count, not from noise, so that every run is alike.
             0x1c => (cycle.wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 63) as u32,
             _ => self.rosc.get(offset as usize / 4).copied().unwrap_or(0),
         }
@@ -370,7 +370,7 @@ impl Clocks {
         }
     }
 
-    /// A PLL is held in reset.
+    /// Resets a PLL.
     pub(super) fn reset_pll(&mut self, which: usize) {
         self.pll[which] = Pll::new();
     }

@@ -1,10 +1,11 @@
-//! The DMA controller (RP2040 datasheet §2.5): twelve channels, one transfer begun a cycle.
+//! The DMA controller (RP2040 datasheet §2.5): twelve channels, at most one transfer begun in each cycle. It accesses
+//! memory through `fabric`.
 //!
-//! A transfer that is issued in cycle t has its read address phase in t, its read data phase in t + 1, its write address
-//! phase in t + 2 and its write data phase in t + 3; four overlap, so that a word a cycle goes through. What a write
-//! changes is seen from t + 4 on. A request for data is known two cycles after the word, or the room for it, came to
-//! be. Together that makes the 11 cycles of a state machine's push, two chained transfers and a stalled `out` that were
-//! measured on a chip (github.com/raspberrypi/pico-feedback, issue 202).
+//! A transfer that is issued in cycle t has its read address phase in t, its read data phase in t + 1, its write
+//! address phase in t + 2 and its write data phase in t + 3. Four transfers overlap, so that one word passes in each
+//! cycle. The effect of a write is there from t + 4 on. The DMA learns of a word that a peripheral has, or of room for
+//! one, two cycles later. Together this makes the 11 cycles that were measured on a chip for a state machine's push,
+//! two chained transfers and a stalled `out` (github.com/raspberrypi/pico-feedback, issue 202).
 
 use super::fabric::{Fabric, lane, replicate};
 use crate::Observer;
@@ -27,7 +28,7 @@ const WRITE_ERROR: u32 = 1 << 29;
 const READ_ERROR: u32 = 1 << 30;
 const AHB_ERROR: u32 = 1 << 31;
 
-/// TREQ_SEL of the first pacing timer, and of no pacing at all.
+/// TREQ_SEL values: the first pacing timer, and no pacing.
 const TREQ_TIMER0: u32 = 0x3b;
 const TREQ_PERMANENT: u32 = 0x3f;
 
@@ -35,21 +36,21 @@ const TREQ_PERMANENT: u32 = 0x3f;
 struct Channel {
     read: u32,
     write: u32,
-    /// Transfers that are left, those under way included.
+    /// Transfers that are not complete, those under way included.
     count: u32,
     reload: u32,
     ctrl: u32,
     busy: bool,
-    /// Transfers still to be issued.
+    /// Transfers that have not been issued.
     to_issue: u32,
-    /// Issued, and not yet read or written.
+    /// Transfers that have been issued and have not read, or not written.
     reading: u8,
     writing: u8,
     aborting: bool,
-    /// Pulses of the pacing timer at the start, and transfers issued since.
+    /// Pulses of the pacing timer when the channel started, and transfers issued since.
     pulses: u64,
     issued: u64,
-    /// The cycle from which it may have a transfer to issue.
+    /// The cycle from which the channel may have a transfer to issue.
     check_at: u64,
 }
 
@@ -70,7 +71,7 @@ impl Channel {
         self.busy && self.ctrl & EN != 0 && self.to_issue > 0
     }
 
-    /// The address after this one, within its ring (§2.5.1.1).
+    /// The address of the transfer after this one, within its ring (§2.5.1.1).
     fn next_address(&self, address: u32, increments: bool, ring: bool) -> u32 {
         if !increments {
             return address;
@@ -95,7 +96,7 @@ struct DmaTransfer {
     to: u32,
     read_at: u64,
     write_at: u64,
-    /// The word, once it is read.
+    /// The word, after it has been read.
     data: Option<Result<u32, BusFault>>,
     last: bool,
 }
@@ -110,7 +111,7 @@ struct Pacer {
 impl Pacer {
     fn rate(&self) -> Option<(u64, u64)> {
         let (x, y) = (u64::from(self.value >> 16), u64::from(self.value & 0xffff));
-        // At most one a cycle.
+        // There is at most one pulse in a cycle.
         (x != 0 && y != 0).then_some((x.min(y), y))
     }
 
@@ -118,7 +119,7 @@ impl Pacer {
         self.rate().map_or(0, |(x, y)| cycle.saturating_sub(self.since) * x / y)
     }
 
-    /// The first cycle with more pulses than these.
+    /// The first cycle with more pulses than this number.
     fn after(&self, pulses: u64) -> u64 {
         self.rate().map_or(NEVER, |(x, y)| self.since + ((pulses + 1) * y).div_ceil(x))
     }
@@ -127,7 +128,7 @@ impl Pacer {
 #[derive(Clone)]
 pub(super) struct Dma {
     channels: [Channel; CHANNELS],
-    /// In the order of their issue.
+    /// Transfers under way, in the order of their issue.
     under_way: [Option<DmaTransfer>; 4],
     pacers: [Pacer; 4],
     intr: u32,
@@ -135,22 +136,23 @@ pub(super) struct Dma {
     intf: [u32; 2],
     sniff_ctrl: u32,
     sniff_data: u32,
-    /// Channels that want to issue, by the DREQ that they wait for.
+    /// Channels that have transfers to issue, for each DREQ that they wait for.
     wanting: [u16; 64],
-    /// Those of them that may have something to issue, now or in a known cycle.
+    /// Of these, the channels that may have one to issue now or in a known cycle.
     looking: u32,
-    /// Those of them that were found to have.
+    /// Of these, the channels that can issue one now.
     ready: u32,
-    /// The channel issued last of the low ones, and the high ones still to be considered in this round.
+    /// The last low-priority channel that issued, and the high-priority channels that have not had their turn in this
+    /// round.
     last_low: usize,
     high_left: u32,
     /// Channels of high priority.
     high: u32,
     last_read_at: u64,
     last_write_at: u64,
-    /// Interrupt lines may have changed.
+    /// Whether an interrupt line may have changed.
     pub(super) lines_changed: bool,
-    /// The cycle in which something happens next.
+    /// The cycle of the next event.
     pub(super) next: u64,
 }
 
@@ -158,7 +160,7 @@ impl Dma {
     pub(super) fn new() -> Dma {
         let mut channels = [Channel { check_at: NEVER, ..Channel::default() }; CHANNELS];
         for (number, channel) in channels.iter_mut().enumerate() {
-            // Chained to itself is chained to nobody.
+            // A channel that is chained to itself is not chained.
             channel.ctrl = (number as u32) << 11;
         }
         Dma {
@@ -183,7 +185,7 @@ impl Dma {
         }
     }
 
-    /// Both interrupt lines, bits 0 and 1.
+    /// The levels of both interrupt lines, bits 0 and 1.
     pub(super) fn lines(&self) -> u32 {
         u32::from(self.ints(0) != 0) | u32::from(self.ints(1) != 0) << 1
     }
@@ -192,7 +194,7 @@ impl Dma {
         self.intr & self.inte[line] | self.intf[line]
     }
 
-    /// Peripherals have words, or room, since `cycle`: a bit for each DREQ number.
+    /// Peripherals have had words, or room for words, since `cycle`. `requests` has one bit for each DREQ number.
     pub(super) fn requested(&mut self, mut requests: u64, cycle: u64) {
         while requests != 0 {
             let mut channels = u32::from(self.wanting[requests.trailing_zeros() as usize]);
@@ -208,7 +210,7 @@ impl Dma {
         }
     }
 
-    /// Does what is due in a cycle.
+    /// Handles the events that are due in a cycle.
     pub(super) fn run(&mut self, cycle: u64, fabric: &mut Fabric, observer: &mut impl Observer) {
         for slot in 0..4 {
             if self.under_way[slot].is_some_and(|transfer| transfer.read_at == cycle && transfer.data.is_none()) {
@@ -249,7 +251,7 @@ impl Dma {
     fn write_data(&mut self, transfer: DmaTransfer, cycle: u64, fabric: &mut Fabric, observer: &mut impl Observer) {
         let number = transfer.channel;
         self.channels[number].writing -= 1;
-        // The chain, and the interrupt, come with the address phase of the last write: before its data.
+        // The chain and the interrupt come with the address phase of the last write, before its data phase.
         self.channels[number].count = self.channels[number].count.saturating_sub(1);
         if transfer.last && !self.channels[number].aborting {
             self.finish(number, cycle);
@@ -305,7 +307,7 @@ impl Dma {
         }
     }
 
-    /// A channel's registers have changed.
+    /// Sorts a channel into the sets above after a change of its registers.
     fn note(&mut self, number: usize) {
         let bit = 1 << number;
         for channels in &mut self.wanting {
@@ -324,7 +326,7 @@ impl Dma {
         }
     }
 
-    /// Starts a channel; its first transfer may be issued in `cycle`.
+    /// Starts a channel. Its first transfer can be issued in `cycle`.
     fn trigger(&mut self, number: usize, cycle: u64) {
         let pulses = self.pacer(self.channels[number].request()).map_or(0, |pacer| pacer.pulses(cycle));
         let channel = &mut self.channels[number];
@@ -345,7 +347,7 @@ impl Dma {
         self.pacers.get(request.checked_sub(TREQ_TIMER0)? as usize)
     }
 
-    /// Whether a channel may issue in `cycle`; if not, `check_at` is when to look again.
+    /// Whether a channel can issue a transfer in `cycle`. If not, `check_at` becomes the cycle of the next check.
     fn may_issue(&mut self, number: usize, cycle: u64, fabric: &Fabric) -> bool {
         let channel = &self.channels[number];
         if channel.check_at > cycle {
@@ -366,7 +368,7 @@ impl Dma {
             if credit.now > under_way {
                 return true;
             }
-            // Something came in the last two cycles: it is known soon.
+            // A word that came within the last two cycles will be known soon.
             if credit.soon > under_way { cycle + 1 } else { NEVER }
         };
         self.channels[number].check_at = check_at;
@@ -376,7 +378,8 @@ impl Dma {
         false
     }
 
-    /// Picks a channel: every high one once, then a single low one, in turn (§2.5.7, HIGH_PRIORITY).
+    /// Picks the channel that issues: each high-priority channel once, then one low-priority channel, in turn (§2.5.7,
+    /// HIGH_PRIORITY).
     fn issue(&mut self, cycle: u64, fabric: &mut Fabric) {
         let Some(slot) = self.under_way.iter().position(Option::is_none) else { return };
         let mut unknown = self.looking & !self.ready;
@@ -393,7 +396,7 @@ impl Dma {
         }
         let high = ready & self.high;
         if ready & !high == 0 && high & self.high_left == 0 {
-            // No low one waits: another round of the high ones.
+            // No low-priority channel is ready: the next round of the high-priority ones begins.
             self.high_left = high;
         }
         let turn = high & self.high_left;
@@ -447,7 +450,7 @@ impl Dma {
         self.next = next;
     }
 
-    /// §2.5.5.2: a checksum of what a channel moves.
+    /// The sniffer (§2.5.5.2): a checksum over the data of one channel.
     fn sniff(&mut self, number: usize, word: u32, size: Size) {
         let wanted = self.sniff_ctrl & 1 != 0 && (self.sniff_ctrl >> 1 & 15) as usize == number;
         if !wanted || self.channels[number].ctrl & SNIFF_EN == 0 {
@@ -483,7 +486,8 @@ impl Dma {
             0x000..=0x2fc => {
                 let channel = &self.channels[(offset / 0x40) as usize];
                 match field(offset) {
-                    // What is under way is taken off, whatever INCR and RING say (pico-feedback issue 208).
+                    // READ_ADDR returns the address without the transfers under way, whatever INCR and RING are
+                    // (pico-feedback issue 208).
                     Field::Read => channel.read.wrapping_sub(u32::from(channel.reading) * channel.size().bytes()),
                     Field::Write => channel.write.wrapping_sub(u32::from(channel.writing) * channel.size().bytes()),
                     Field::Count => channel.count,
@@ -507,7 +511,7 @@ impl Dma {
         }
     }
 
-    /// Writes a register; `merge` makes its new value from its old one. `cycle` is that of the data phase.
+    /// Writes a register in the data phase's cycle. `merge` makes the new value from the old one.
     pub(super) fn write(&mut self, offset: u32, value: u32, merge: impl Fn(u32) -> u32, cycle: u64) {
         match offset {
             0x000..=0x2fc => self.write_channel((offset / 0x40) as usize, offset, value, merge, cycle),
@@ -554,7 +558,7 @@ impl Dma {
                 self.next = self.next.min(cycle + 1);
             }
         }
-        // The last register of each alias is a trigger (§2.5.2.1), and a zero written to it is not one (§2.5.2.3).
+        // The last register of each alias triggers the channel (§2.5.2.1), unless a zero is written to it (§2.5.2.3).
         if offset & 0xf == 0xc {
             if value != 0 {
                 self.trigger(number, cycle + 1);
@@ -583,7 +587,7 @@ enum Field {
     Ctrl,
 }
 
-/// The registers of a channel have four orders (§2.5.2.1).
+/// Which of a channel's registers an offset is. They have four orders (§2.5.2.1).
 fn field(offset: u32) -> Field {
     match offset & 0x3c {
         0x00 | 0x14 | 0x28 | 0x3c => Field::Read,
@@ -593,12 +597,12 @@ fn field(offset: u32) -> Field {
     }
 }
 
-/// The offset of a register of the DMA itself; its atomic aliases are not for itself.
+/// The offset of one of the DMA's own registers. The DMA does not use its own atomic aliases.
 fn own_register(address: u32) -> Option<u32> {
     (address & !0xfff == 0x5000_0000).then_some(address & 0xffc)
 }
 
-/// Whether an access there may change an interrupt line: memory cannot, and PIO is looked at anyway.
+/// Whether an access there can change an interrupt line. Memory cannot, and PIO blocks are checked elsewhere.
 fn may_interrupt(address: u32) -> bool {
     !matches!(address >> 20, 0x100..=0x210 | 0x502 | 0x503)
 }

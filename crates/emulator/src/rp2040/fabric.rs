@@ -1,7 +1,8 @@
-//! What lies at which address (RP2040 datasheet §2.2), but for the DMA controller, which uses it as the processors do.
+//! The bus fabric: which memory or peripheral is at which address (RP2040 datasheet §2.2), with the registers of
+//! RESETS, PSM and SYSINFO. The DMA controller is not here, because it uses the fabric as the processors do.
 //!
-//! Who competes with whom for a memory bank or a bus is not modelled: every access goes through at once. What waits:
-//! the bridge to the slow peripherals ([`APB_READ_WAITS`], [`APB_WRITE_WAITS`]) and flash (see `xip`).
+//! Conflicts are not emulated: two accesses to one memory bank, or to one bus, both pass at once. Accesses wait at the
+//! bridge to the slow peripherals ([`APB_READ_WAITS`], [`APB_WRITE_WAITS`]) and at flash (`xip`).
 
 use super::clocks::Clocks;
 use super::gpio::{Gpio, function};
@@ -17,25 +18,25 @@ use crate::Observer;
 use crate::arm::{BusFault, Size};
 use std::collections::BTreeMap;
 
-/// The bridge's additional cycles (§2.1.3: a read takes 3 cycles, a write 4).
+/// Wait cycles of the bridge to the slow peripherals (§2.1.3: a read takes 3 cycles, a write 4).
 pub(super) const APB_READ_WAITS: u32 = 2;
 pub(super) const APB_WRITE_WAITS: u32 = 3;
 
-const SRAM: u32 = 0x2000_0000;
-const SRAM_BYTES: usize = 264 * 1024;
-/// The four large banks, word by word in turn.
+pub(super) const SRAM: u32 = 0x2000_0000;
+pub(super) const SRAM_BYTES: usize = 264 * 1024;
+/// Size of the four large banks, bytes. At [`SRAM`], successive words are in successive banks.
 const STRIPED_BYTES: u32 = 256 * 1024;
-/// The same, bank after bank.
+/// Address at which the four large banks follow one another.
 const SRAM_BANKS: u32 = 0x2100_0000;
 
-// Peripherals by the upper bits of their address.
+// Addresses of peripherals: their upper bits.
 const XIP_CTRL: u32 = 0x1400_0000;
 const SYSINFO: u32 = 0x4000_0000;
 const CLOCKS: u32 = 0x4000_8000;
 const RESETS: u32 = 0x4000_c000;
 const PSM: u32 = 0x4001_0000;
 const IO_BANK0: u32 = 0x4001_4000;
-/// Control of the flash's chip select.
+/// Control of the chip select pin of the flash.
 const QSPI_SS_CTRL: u32 = 0x4001_800c;
 const PADS_BANK0: u32 = 0x4001_c000;
 const XOSC: u32 = 0x4002_4000;
@@ -46,7 +47,7 @@ const UART1: u32 = 0x4003_8000;
 const TIMER: u32 = 0x4005_4000;
 const WATCHDOG: u32 = 0x4005_8000;
 const ROSC: u32 = 0x4006_0000;
-/// Memory that processor and USB controller share, and its registers.
+/// The USB controller's memory, which it shares with the processor; then its registers.
 const USB_DPRAM: u32 = 0x5010_0000;
 const USB_DPRAM_BYTES: u32 = 4096;
 const USB: u32 = 0x5011_0000;
@@ -72,16 +73,16 @@ mod reset {
     pub(super) const ALL: u32 = 0x01ff_ffff;
 }
 
-/// What the DMA may do with a peripheral.
+/// The transfers that the DMA may make with a peripheral.
 pub(super) struct Credit {
-    /// It reads there; else it writes.
+    /// Whether the DMA reads from the peripheral; else it writes.
     pub(super) reads: bool,
-    /// Transfers that it may have under way now, and once it knows of what came just now.
+    /// Transfers that may be under way now, and those that may be as soon as the DMA knows of the latest changes.
     pub(super) now: u8,
     pub(super) soon: u8,
 }
 
-/// How a write changes a register: address bits 12 and 13 say write, toggle, set or clear (§2.1.2).
+/// How a write changes a register: address bits 12 and 13 select write, toggle, set or clear (§2.1.2).
 pub(super) fn merging(address: u32, value: u32) -> impl Fn(u32) -> u32 {
     move |old| match address >> 12 & 3 {
         0 => value,
@@ -96,7 +97,7 @@ pub(super) struct Fabric {
     pub(super) sram: Vec<u8>,
     pub(super) xip: Xip,
     pub(super) ssi: Ssi,
-    /// Of the chip: 1 is B0 or B1, 2 is B2.
+    /// The chip's revision: 1 is B0 or B1, 2 is B2.
     pub(super) revision: u32,
     pub(super) pio: [Pio; 2],
     pub(super) gpio: Gpio,
@@ -106,13 +107,13 @@ pub(super) struct Fabric {
     pub(super) uart: [Uart; 2],
     pub(super) usb: Usb,
     pub(super) clocks: Clocks,
-    /// RESETS: peripherals that are held in reset.
+    /// RESETS: the peripherals that are held in reset.
     resets: u32,
-    /// The DMA controller was put into reset.
+    /// Whether the DMA controller was put into reset.
     pub(super) reset_dma: bool,
-    /// Requests that arose outside a cycle of their peripheral.
+    /// DREQs that came up outside the cycle of their peripheral.
     pub(super) requests: u64,
-    /// Registers of what is not modelled: they keep what is written.
+    /// Registers that only store what is written: what is behind them is not emulated.
     plain: BTreeMap<u32, u32>,
 }
 
@@ -140,7 +141,7 @@ impl Fabric {
         }
     }
 
-    /// As after a reset of the whole chip; memory stays.
+    /// Resets the whole chip. Memory keeps its contents.
     pub(super) fn reset(&mut self, cause: Cause, cycle: u64, observer: &mut impl Observer) {
         self.hold(reset::ALL, cycle);
         self.resets = reset::ALL;
@@ -198,7 +199,7 @@ impl Fabric {
         self.is_held(reset::DMA)
     }
 
-    /// The bit of RESETS of what lies at an address; 0 if it has none.
+    /// The bit of RESETS for the peripheral at an address; 0 if it has none.
     fn reset_bit(base: u32) -> u32 {
         match base {
             IO_BANK0 => reset::IO_BANK0,
@@ -215,13 +216,13 @@ impl Fabric {
         }
     }
 
-    /// The cycle in which something happens next, the PIO blocks left out.
+    /// The cycle of the next event, that of the PIO blocks left out.
     pub(super) fn next_slow(&self) -> u64 {
         let uarts = self.uart[0].next.min(self.uart[1].next);
         self.timer.next.min(self.watchdog.next).min(uarts).min(self.usb.next).min(self.clocks.next)
     }
 
-    /// Does what is due in a cycle in the slow peripherals. Returns whether the watchdog has run out.
+    /// Handles the events of the slow peripherals that are due in a cycle. Returns whether the watchdog has run out.
     pub(super) fn run_slow(&mut self, cycle: u64, observer: &mut impl Observer) -> bool {
         if self.timer.next <= cycle {
             self.timer.run(cycle);
@@ -238,12 +239,12 @@ impl Fabric {
         self.watchdog.next <= cycle
     }
 
-    /// Whether the watchdog may reset the processor, and with it, here, the whole chip (§2.13.5, PSM WDSEL).
+    /// Whether the watchdog may reset the processor (§2.13.5, PSM WDSEL). In the emulator this resets the whole chip.
     pub(super) fn watchdog_resets(&self) -> bool {
         self.plain_register(PSM | 8) & PSM_PROC0 != 0
     }
 
-    /// Frequencies are other ones from a cycle on, maybe.
+    /// Brings the frequencies from a cycle on to the peripherals, if they have changed.
     fn clocks_changed(&mut self, cycle: u64, observer: &mut impl Observer) {
         if let Some(hz) = self.clocks.refresh(cycle) {
             observer.clock_frequency(cycle, hz);
@@ -260,7 +261,7 @@ impl Fabric {
         self.xip.flash.set_clock(sys);
     }
 
-    /// Brings to the pins what drives them, from a cycle on.
+    /// Brings the outputs of the peripherals to the pins, from a cycle on.
     pub(super) fn drive(&mut self, cycle: u64, observer: &mut impl Observer) {
         self.gpio.sio.levels = self.sio.out;
         self.gpio.sio.directions = self.sio.out_enable;
@@ -272,7 +273,7 @@ impl Fabric {
         self.tell(changed, cycle);
     }
 
-    /// The inputs changed.
+    /// Reports changed inputs to the peripherals.
     pub(super) fn tell(&mut self, changed: u32, cycle: u64) {
         if changed != 0 {
             for pio in &mut self.pio {
@@ -281,18 +282,18 @@ impl Fabric {
         }
     }
 
-    /// Which pins the UARTs have (§2.19.2): every fourth is the TX or RX of one of them.
+    /// Connects the UARTs to the pins that select them (§2.19.2): every fourth pin is the TX or RX of one of them.
     fn connect_uarts(&mut self, cycle: u64) {
         const TX: [u32; 2] = [1 << 0 | 1 << 12 | 1 << 16 | 1 << 28, 1 << 4 | 1 << 8 | 1 << 20 | 1 << 24];
         let pins = self.gpio.pins_of(function::UART);
         for (uart, tx) in self.uart.iter_mut().zip(TX) {
             uart.connect([pins & tx != 0, pins & tx << 1 != 0], cycle);
         }
-        // The line rests high; characters are told as such, not as edges.
+        // TX is high all the time, because the observer gets characters instead of edges.
         (self.gpio.uart.levels, self.gpio.uart.directions) = (u32::MAX, TX[0] | TX[1]);
     }
 
-    /// What the DMA may do, by DREQ number (table of DREQs).
+    /// The transfers that the DMA may make, by DREQ number (§2.5.3.1, table of DREQs).
     pub(super) fn credit(&self, request: u32, cycle: u64) -> Credit {
         match request {
             0..=15 => {
@@ -305,12 +306,12 @@ impl Fabric {
                 let now = self.uart[(request as usize - 20) / 2].credit(reads);
                 Credit { reads, now, soon: now }
             }
-            // Peripherals that are not modelled never ask.
+            // Peripherals that are not emulated never request a transfer.
             _ => Credit { reads: false, now: 0, soon: 0 },
         }
     }
 
-    /// Cycles that a reading of an address waits.
+    /// Wait cycles of a read at an address.
     pub(super) fn read_waits(&mut self, address: u32) -> u32 {
         match address >> 28 {
             4 => APB_READ_WAITS,
@@ -319,24 +320,24 @@ impl Fabric {
         }
     }
 
-    /// Cycles that a writing of an address waits.
+    /// Wait cycles of a write at an address.
     pub(super) fn write_waits(&self, address: u32) -> u32 {
         if address >> 28 == 4 { APB_WRITE_WAITS } else { 0 }
     }
 
-    /// Whether a reading would take a word from an RX FIFO of a PIO block, and there is one.
+    /// Whether the address is an RX FIFO of a PIO block, and if so, whether a word is in it.
     pub(super) fn pio_word(&self, address: u32) -> Option<bool> {
         let block = usize::from(address & !0x3fff == PIO1);
         (address & !0x3fff | 0x10_0000 == PIO1).then(|| self.pio[block].has_word(address & 0xffc)).flatten()
     }
 
-    /// Somebody reads an empty RX FIFO: 0.
+    /// Reads an empty RX FIFO, which returns 0 and sets a flag.
     pub(super) fn pio_underflow(&mut self, address: u32) -> u32 {
         self.pio[usize::from(address & !0x3fff == PIO1)].underflow(address & 0xffc);
         0
     }
 
-    /// Where in memory an address lies.
+    /// The offset in RAM of an address.
     #[inline]
     pub(super) fn sram_offset(address: u32) -> Option<usize> {
         let offset = address.wrapping_sub(SRAM);
@@ -350,7 +351,7 @@ impl Fabric {
         })
     }
 
-    /// Where in the USB controller's memory an address lies.
+    /// The offset in the USB controller's memory of an address.
     fn usb_memory(address: u32) -> Option<u32> {
         Some(address.wrapping_sub(USB_DPRAM)).filter(|offset| *offset < USB_DPRAM_BYTES)
     }
@@ -372,7 +373,7 @@ impl Fabric {
         }
     }
 
-    /// Reads in a cycle, waits being over.
+    /// Reads in a cycle, after the wait cycles.
     pub(super) fn read(&mut self, address: u32, size: Size, cycle: u64) -> Result<u32, BusFault> {
         if let Some(value) = Fabric::sram_offset(address).and_then(|offset| self.read_sram(offset, size)) {
             return Ok(value);
@@ -382,7 +383,7 @@ impl Fabric {
             return Ok(if held { 0 } else { self.usb.read_memory(offset, size) });
         }
         let word = match address >> 24 {
-            // The boot ROM is not there: it reads as zeros.
+            // The boot ROM is not emulated: it reads as zeros.
             0x00 if address < 0x4000 => 0,
             0x10..=0x13 => {
                 if self.flash_is_there(cycle) {
@@ -399,8 +400,8 @@ impl Fabric {
         Ok(lane(word, address, size))
     }
 
-    /// Whether what is read in place is what the flash holds. Who has it for commands, or busy, reads ones, which nobody drives; a line in the
-    /// cache is not told apart from that.
+    /// Whether flash can be read in place now. While it executes a command or is busy, it reads as ones, because
+    /// nothing drives the lines. This holds here for lines in the cache too.
     #[inline]
     pub(super) fn flash_is_there(&mut self, cycle: u64) -> bool {
         self.xip.flash.settle(cycle);
@@ -414,7 +415,7 @@ impl Fabric {
         }
         Ok(match base {
             SYSINFO => match offset {
-                // RP2040; an ASIC.
+                // CHIP_ID: RP2040. PLATFORM: an ASIC.
                 0x00 => self.revision << 28 | 0x2927,
                 0x04 => 2,
                 _ => 0,
@@ -426,7 +427,7 @@ impl Fabric {
                 _ => self.plain_register(base | offset),
             },
             PSM => match offset {
-                // Everything is on.
+                // Everything is powered.
                 0xc => 0x1_ffff,
                 _ => self.plain_register(base | offset),
             },
@@ -450,7 +451,7 @@ impl Fabric {
         self.plain.get(&register).copied().unwrap_or(0)
     }
 
-    /// Writes in a cycle, waits being over; what it changes is seen in the next.
+    /// Writes in a cycle, after the wait cycles. The effect is there in the next cycle.
     pub(super) fn write(
         &mut self,
         address: u32,
@@ -552,7 +553,7 @@ impl Fabric {
         Ok(())
     }
 
-    /// Levels of the interrupt lines of a processor, the DMA's left out (§2.3.2).
+    /// The levels of a processor's interrupt lines, without those of the DMA (§2.3.2).
     pub(super) fn lines(&self, core: usize) -> u32 {
         self.timer.lines()
             | u32::from(self.usb.line_asserted()) << 5
@@ -565,12 +566,12 @@ impl Fabric {
     }
 }
 
-/// Where something lies that is not modelled, or only partly.
+/// Whether nothing at the address is emulated, or only a part.
 fn is_plain(address: u32) -> bool {
     matches!(address, 0x4000_0000..0x4007_4000 | 0x5010_0000..0x5050_0000)
 }
 
-/// The bytes that a narrow reading takes from a word.
+/// The bytes of a word that a narrow read returns.
 pub(super) fn lane(word: u32, address: u32, size: Size) -> u32 {
     match size {
         Size::Word => word,
@@ -579,7 +580,7 @@ pub(super) fn lane(word: u32, address: u32, size: Size) -> u32 {
     }
 }
 
-/// Narrow writes to registers write the whole word, the data repeated (§2.1.4).
+/// A narrow write to a register writes the whole word, with the data repeated (§2.1.4).
 pub(super) fn replicate(word: u32, size: Size) -> u32 {
     match size {
         Size::Byte => (word & 0xff) * 0x0101_0101,

@@ -1,11 +1,12 @@
-//! The flash chip on a Pico's board, at the other end of the interface's wires: a Winbond W25Q16JV (datasheet rev. H, §8.2), its
-//! commands of one line each way, and how long they take.
+//! The flash chip on a Pico's board: a Winbond W25Q16JV (datasheet rev. H, §8.2), its commands with one line each way,
+//! and the time that they take. The interface to it is `ssi`.
 //!
-//! Here are Write Enable (06h), Write Disable (04h), Read Status Register-1 (05h), Read Data (03h), Page Program (02h), Sector Erase (20h)
-//! and Read Unique ID (4Bh); others do nothing. Nothing is protected. What is erased or programmed changes byte by byte over the time that
-//! it takes, so that what is left by a supply that fails meanwhile is neither the old nor the new; on a chip it is any mixture.
+//! The commands are Write Enable (06h), Write Disable (04h), Read Status Register-1 (05h), Read Data (03h), Page
+//! Program (02h), Sector Erase (20h) and Read Unique ID (4Bh). Other commands do nothing, and no sector is protected.
+//! Erasing and programming change one byte after another over their time. So when the supply fails meanwhile, some
+//! bytes are old and some new; on a real chip it may be any mixture of bits.
 
-/// Commands.
+/// Command bytes.
 mod command {
     pub(super) const PAGE_PROGRAM: u8 = 0x02;
     pub(super) const READ: u8 = 0x03;
@@ -16,50 +17,51 @@ mod command {
     pub(super) const READ_UNIQUE_ID: u8 = 0x4b;
 }
 
-/// Bytes of a command and its address.
+/// Length of a command with its address, bytes.
 const HEAD: usize = 4;
-/// Bytes after Read Unique ID of which nothing is said.
+/// Dummy bytes after Read Unique ID, before the number comes.
 const SILENT: usize = 4;
 
 /// Bits of Status Register-1 (§7.1).
 const BUSY: u8 = 1 << 0;
 const WRITE_ENABLED: u8 = 1 << 1;
 
-/// From one byte that is erased or programmed to the next: all over the place.
+/// Distance from one byte that is erased or programmed to the next, bytes. It is odd, so that the sequence visits every
+/// byte of a sector, scattered.
 const STRIDE: usize = 1237;
 
 const PAGE: usize = 256;
 const SECTOR: usize = 4096;
 
-/// What lines say that nobody drives.
+/// The byte that is read while nothing drives the data line.
 const NOTHING: u8 = 0xff;
 
-/// How long a page's programming and a sector's erasure take, µs (§9.6, tPP and tSE): as a rule, and at most.
+/// Time to program a page and to erase a sector, µs: typical, and at most (§9.6, tPP and tSE).
 const TYPICAL_US: [u64; 2] = [400, 45_000];
 const LONGEST_US: [u64; 2] = [3_000, 400_000];
 
 #[derive(Clone)]
 pub(super) struct Flash {
     memory: Vec<u8>,
-    /// The number of the chip.
+    /// The chip's unique number.
     pub(super) id: [u8; 8],
     takes_us: [u64; 2],
-    /// Cycles a second.
+    /// Frequency of the cycles, Hz.
     clock_hz: u64,
     write_enabled: bool,
-    /// The first bytes of the command under way, and how many bytes have come so far.
+    /// The first bytes of the present command, and how many bytes have come.
     head: [u8; HEAD],
     sent: usize,
-    /// The page that is to be programmed.
+    /// The data of the page to be programmed.
     page: [u8; PAGE],
     work: Option<FlashWork>,
 }
 
-/// What takes its time.
+/// An erase or program operation that is running.
 #[derive(Clone)]
 struct FlashWork {
     at: usize,
-    /// What is programmed; `None`: a sector is erased.
+    /// The data to be programmed; `None`: a sector is erased.
     page: Option<[u8; PAGE]>,
     began: u64,
     cycles: u64,
@@ -67,7 +69,7 @@ struct FlashWork {
 }
 
 impl Flash {
-    /// One of a power of two of bytes, erased beyond the image.
+    /// A flash whose size is a power of two bytes, erased beyond the end of the image.
     pub(super) fn new(image: &[u8], bytes: usize) -> Flash {
         let mut memory = image.to_vec();
         memory.resize(bytes, 0xff);
@@ -96,12 +98,12 @@ impl Flash {
         self.clock_hz = hz;
     }
 
-    /// From now on it takes as long as the datasheet lets it.
+    /// From now on operations take their longest times.
     pub(super) const fn be_slow(&mut self) {
         self.takes_us = LONGEST_US;
     }
 
-    /// A byte goes each way.
+    /// Exchanges one byte each way.
     pub(super) fn exchange(&mut self, byte: u8, cycle: u64) -> u8 {
         self.settle(cycle);
         let place = self.sent;
@@ -112,7 +114,7 @@ impl Flash {
         if place == 0 {
             self.page = [0xff; PAGE];
             if self.work.is_some() && byte != command::READ_STATUS {
-                // Not heard.
+                // A busy chip ignores the command.
                 self.head[0] = 0;
             }
             return NOTHING;
@@ -128,7 +130,7 @@ impl Flash {
                 self.memory[at]
             }
             command::PAGE_PROGRAM if place >= HEAD => {
-                // It goes on at the page's beginning.
+                // Beyond the end of the page, programming goes on at its beginning.
                 self.page[(self.address() + place - HEAD) % PAGE] = byte;
                 NOTHING
             }
@@ -141,7 +143,7 @@ impl Flash {
         u32::from_be_bytes([0, high, middle, low]) as usize % self.memory.len()
     }
 
-    /// Chip select goes up: what was said is done now.
+    /// Chip select rises: the command is executed now.
     pub(super) fn deselect(&mut self, cycle: u64) {
         self.settle(cycle);
         let sent = std::mem::take(&mut self.sent);
@@ -163,7 +165,7 @@ impl Flash {
         self.work = Some(FlashWork { at, page, began, cycles: takes_us * self.clock_hz / 1_000_000, done: 0 });
     }
 
-    /// What was done of the work by then.
+    /// Brings the bytes up to what the operation has done by a cycle.
     pub(super) fn settle(&mut self, cycle: u64) {
         let Some(work) = &mut self.work else { return };
         let len = if work.page.is_some() { PAGE } else { SECTOR };
@@ -172,7 +174,7 @@ impl Flash {
         let until = if is_over { len } else { (len as u64 * passed / work.cycles) as usize };
         for place in (work.done..until).map(|done| done * STRIDE % len) {
             let byte = &mut self.memory[work.at + place];
-            // Programming makes zeros of ones, never the reverse.
+            // Programming turns ones to zeros, never the reverse.
             *byte = work.page.map_or(0xff, |page| *byte & page[place]);
         }
         work.done = until;
@@ -181,7 +183,7 @@ impl Flash {
         }
     }
 
-    /// Whether what is read in place is what it holds.
+    /// Whether an operation is running, so that flash cannot be read.
     pub(super) const fn is_busy(&self) -> bool {
         self.work.is_some()
     }
@@ -198,7 +200,7 @@ mod tests {
         flash
     }
 
-    /// What comes back while a command's bytes go out, from one fall of chip select to its rise.
+    /// The bytes that come back while a command's bytes go out, from the fall of chip select to its rise.
     fn say(flash: &mut Flash, cycle: u64, bytes: &[u8]) -> Vec<u8> {
         let said = bytes.iter().map(|byte| flash.exchange(*byte, cycle)).collect();
         flash.deselect(cycle);
@@ -222,7 +224,7 @@ mod tests {
         say(&mut flash, 0, &[command::WRITE_ENABLE]);
         say(&mut flash, 10, &erase);
         assert_eq!(status(&mut flash, 45_009), BUSY | WRITE_ENABLED);
-        // Nothing but the status meanwhile.
+        // While it is busy, the chip answers nothing but its status.
         assert_eq!(say(&mut flash, 45_009, &[command::READ, 0, 0, 0, 0])[4], NOTHING);
         assert_eq!(status(&mut flash, 45_010), 0);
         let erased = SECTOR..2 * SECTOR;

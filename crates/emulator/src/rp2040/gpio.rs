@@ -1,18 +1,18 @@
-//! GPIO bank 0: who drives a pin, its pad, and its interrupts (RP2040 datasheet §2.19).
+//! GPIO bank 0 (RP2040 datasheet §2.19): which peripheral drives a pin, its pad, and its interrupts.
 //!
-//! An edge is stamped with the first cycle in which the pin has its new level: the one after that in which a
-//! register, or a state machine, changed it. A level passes two flip-flops before it can be read (§3.5.6.3).
+//! The cycle of an edge is the first one in which the pin has its new level; it follows the cycle in which a register
+//! or a state machine changed the pin. A level passes two flip-flops before it can be read (§3.5.6.3).
 
 use crate::{GpioEdge, Level, Observer};
 
 /// GPIO 0 to 29.
 pub(super) const PINS: u32 = 0x3fff_ffff;
 
-/// The last levels of the pins as inputs, so that the synchronisers can be looked through.
+/// The levels of the pins as inputs, with those of the last cycles, because the synchronisers delay them.
 #[derive(Clone, Default)]
 pub(super) struct Inputs {
-    /// Levels and the first cycle that had them, later first. Two are replaced in one cycle at most once, and nobody
-    /// looks back further than two cycles.
+    /// Levels and the first cycle of each, latest first. Four are enough: there is one entry for a cycle at most, and a
+    /// read looks back two cycles at most.
     past: [(u64, u32); 4],
 }
 
@@ -20,12 +20,12 @@ impl Inputs {
     /// Cycles from a pin to its reader.
     pub(super) const SYNCHRONISER: u64 = 2;
 
-    /// The levels at the pins in a cycle: the present one or one of the last two before it.
+    /// The levels at the pins in a cycle: the present one or one of the two before it.
     pub(super) fn at(&self, cycle: u64) -> u32 {
         self.past.iter().find(|(from, _)| *from <= cycle).unwrap_or(&self.past[3]).1
     }
 
-    /// What is read in a cycle; pins whose synchroniser is bypassed as they are.
+    /// The levels that a read returns in a cycle. Pins in `bypass` have their synchroniser bypassed.
     pub(super) fn seen(&self, cycle: u64, bypass: u32) -> u32 {
         let through = self.at(cycle.saturating_sub(Inputs::SYNCHRONISER));
         if bypass == 0 { through } else { through & !bypass | self.at(cycle) & bypass }
@@ -50,13 +50,13 @@ impl Inputs {
     }
 }
 
-/// Peripherals that can drive pins, by function number (§2.19.2).
+/// Function numbers of the peripherals that can drive pins (§2.19.2).
 pub(super) mod function {
     pub(in super::super) const UART: u32 = 2;
     pub(in super::super) const SIO: u32 = 5;
     pub(in super::super) const PIO0: u32 = 6;
     pub(in super::super) const PIO1: u32 = 7;
-    /// Nobody.
+    /// No function: nothing drives the pin.
     pub(super) const NULL: u32 = 31;
 }
 
@@ -64,10 +64,10 @@ pub(super) mod function {
 const PAD_OD: u8 = 1 << 7;
 const PAD_IE: u8 = 1 << 6;
 const PAD_PUE: u8 = 1 << 3;
-/// Schmitt trigger, pull-down, 4 mA, input enabled.
+/// A pad after a reset: Schmitt trigger, pull-down, 4 mA, input enabled.
 const PAD_RESET: u8 = 0x56;
 
-/// What the peripherals put out: levels and directions.
+/// The outputs of a peripheral: levels and directions.
 #[derive(Clone, Copy, Default)]
 pub(super) struct Driven {
     pub(super) levels: u32,
@@ -79,7 +79,7 @@ pub(super) struct Gpio {
     control: [u32; 30],
     pads: [u8; 30],
     voltage: u32,
-    /// Pins of each function that drives.
+    /// For each function, the pins that select it.
     functions: [u32; 32],
     /// OUTOVER, OEOVER and INOVER as masks: invert, low, high.
     out_over: Over,
@@ -88,22 +88,23 @@ pub(super) struct Gpio {
     input_enable: u32,
     output_disable: u32,
     pull_up: u32,
-    /// By function: SIO, PIO0, PIO1, UART.
+    /// The outputs of SIO, PIO0, PIO1 and the UARTs.
     pub(super) sio: Driven,
     pub(super) pio: [Driven; 2],
     pub(super) uart: Driven,
-    /// What the world drives, where it does.
+    /// Pins that are driven from outside, and the levels there.
     outside_mask: u32,
     outside: u32,
-    /// Levels and directions of the pads.
+    /// The levels of the pads, and which of them are outputs.
     levels: u32,
     directions: u32,
     pub(super) inputs: Inputs,
-    /// Edges seen (INTR bits 2 and 3 of each pin), and the enables and forces of processor 0, 1 and of waking.
+    /// Edges that were seen (INTR bits 2 and 3 of each pin), then enables and forces for processor 0, processor 1 and
+    /// waking.
     edges: [u32; 4],
     enables: [[u32; 4]; 3],
     forces: [[u32; 4]; 3],
-    /// Some interrupt is enabled.
+    /// Whether any interrupt is enabled.
     watches: bool,
 }
 
@@ -158,7 +159,7 @@ impl Gpio {
         gpio
     }
 
-    /// As after a reset; what the world does to the pins stays.
+    /// Resets the bank. Pins that are driven from outside stay driven.
     pub(super) fn reset_bank(&mut self) {
         for pin in 0..30 {
             self.set_control(pin, function::NULL);
@@ -189,17 +190,17 @@ impl Gpio {
         let put = |mask: &mut u32, on: bool| *mask = if on { *mask | bit } else { *mask & !bit };
         put(&mut self.output_disable, value & PAD_OD != 0);
         put(&mut self.input_enable, value & PAD_IE != 0);
-        // Nothing holds a pin without a pull-up: it reads low, pulled down or not.
+        // A pin without a pull-up that nothing drives reads low, with or without its pull-down.
         put(&mut self.pull_up, value & PAD_PUE != 0);
         self.pads[pin as usize] = value;
     }
 
-    /// Pins of a function.
+    /// The pins that select a function.
     pub(super) fn pins_of(&self, function: u32) -> u32 {
         self.functions[function as usize]
     }
 
-    /// The levels as seen from outside.
+    /// The levels of the pins as seen from outside.
     pub(super) fn levels(&self) -> u32 {
         self.levels
     }
@@ -209,7 +210,7 @@ impl Gpio {
         self.directions
     }
 
-    /// The world drives a pin, or lets it go.
+    /// Drives a pin from outside, or no longer (`None`). Returns the inputs that changed.
     pub(super) fn set_outside(&mut self, pin: u32, level: Option<Level>, cycle: u64) -> u32 {
         let bit = 1 << pin & PINS;
         self.outside_mask = if level.is_some() { self.outside_mask | bit } else { self.outside_mask & !bit };
@@ -232,7 +233,8 @@ impl Gpio {
         self.directions = directions;
     }
 
-    /// Works out the levels from `cycle` on and tells of those that the chip changed. Returns the inputs that changed.
+    /// Computes the levels from `cycle` on, and reports those that the chip changed to the observer. Returns the inputs
+    /// that changed.
     pub(super) fn update(&mut self, cycle: u64, observer: &mut impl Observer) -> u32 {
         let before = self.levels;
         self.resolve();
@@ -290,7 +292,7 @@ impl Gpio {
         self.watches
     }
 
-    /// The interrupt line of a processor.
+    /// The level of a processor's interrupt line.
     pub(super) fn line(&self, processor: usize) -> bool {
         self.watches && (0..4).any(|group| self.ints(processor, group) != 0)
     }
@@ -323,14 +325,14 @@ impl Gpio {
             | bit(self.inputs.present()) << 19
     }
 
-    /// A write takes effect on the pins with the next [`update`](Gpio::update).
+    /// Writes a register. The pins follow at the next [`update`](Gpio::update).
     pub(super) fn write(&mut self, offset: u32, value: u32, merge: impl Fn(u32) -> u32) {
         match offset {
             0x000..=0x0ec if offset & 4 != 0 => {
                 let pin = offset / 8;
                 self.set_control(pin, merge(self.control[pin as usize]));
             }
-            // Edges are cleared by ones.
+            // Writing ones clears the edges.
             0x0f0..=0x0fc => self.edges[(offset as usize - 0xf0) / 4] &= !value,
             0x100..=0x18c => {
                 let (who, kind, group) = interrupt_register(offset);
@@ -371,7 +373,7 @@ impl Gpio {
     }
 }
 
-/// Processor 0, 1 or waking; enable, force or status; which eight pins.
+/// Which interrupt register an offset is: processor 0, 1 or waking; enable, force or status; which eight pins.
 fn interrupt_register(offset: u32) -> (usize, usize, usize) {
     let index = (offset as usize - 0x100) / 4;
     (index / 12, index % 12 / 4, index % 4)

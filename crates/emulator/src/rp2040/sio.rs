@@ -1,7 +1,7 @@
-//! The single-cycle I/O block (RP2040 datasheet §2.3.1): GPIO registers, divider, spinlocks, and the FIFOs between the
-//! processors. The interpolators only keep what is written to them.
+//! The single-cycle I/O block SIO (RP2040 datasheet §2.3.1): GPIO registers, divider, spinlocks, and the FIFOs between
+//! the processors. The interpolators are not emulated: their registers only store what is written.
 
-/// From the write that starts a division to its result (§2.3.1.5).
+/// Cycles from the write that starts a division to its result (§2.3.1.5).
 const DIVISION: u64 = 8;
 
 #[derive(Clone, Default)]
@@ -15,7 +15,7 @@ struct Divider {
 }
 
 impl Divider {
-    /// What software that divides by zero finds is what the hardware's algorithm leaves (§2.3.1.5).
+    /// Divides. A division by zero gives what the hardware's algorithm leaves, because programs read it (§2.3.1.5).
     fn start(&mut self, signed: bool, cycle: u64) {
         let (dividend, divisor) = (self.dividend, self.divisor);
         (self.quotient, self.remainder) = if signed {
@@ -43,9 +43,9 @@ pub(super) struct Sio {
     hi_enable: u32,
     divider: [Divider; 2],
     spinlocks: u32,
-    /// FIFOs by the processor that reads them: up to eight words.
+    /// The FIFO that each processor reads, with up to eight words.
     fifo: [Vec<u32>; 2],
-    /// Sticky flags of FIFO_ST: written when full, read when empty.
+    /// The sticky flags of FIFO_ST: written while full, and read while empty.
     overflow: [bool; 2],
     underflow: [bool; 2],
     interpolators: [[u32; 32]; 2],
@@ -67,7 +67,7 @@ impl Sio {
         }
     }
 
-    /// The interrupt of a processor: something waits in its FIFO, or went wrong with it (§2.3.1.4).
+    /// The level of a processor's FIFO interrupt: a word waits, or a sticky flag is set (§2.3.1.4).
     pub(super) fn line(&self, core: usize) -> bool {
         !self.fifo[core].is_empty() || self.overflow[core] || self.underflow[core]
     }
@@ -77,7 +77,7 @@ impl Sio {
         (!self.fifo[core].is_empty()).then(|| self.fifo[core].remove(0))
     }
 
-    /// Sends a word to a processor; `false` if there is no room.
+    /// Sends a word to a processor. Returns `false` if the FIFO is full.
     pub(super) fn send(&mut self, to: usize, word: u32) -> bool {
         let room = self.fifo[to].len() < 8;
         if room {
@@ -90,7 +90,7 @@ impl Sio {
         match offset {
             0x000 => core as u32,
             0x004 => inputs,
-            // QSPI pins as inputs: SD0 to SD3 and CS are pulled up.
+            // The inputs of the QSPI pins: SD0 to SD3 and CS are pulled up.
             0x008 => 0x3e,
             0x010 => self.out,
             0x020 => self.out_enable,
@@ -110,7 +110,7 @@ impl Sio {
             0x060..=0x078 => self.read_divider(core, offset, cycle),
             0x080..=0x0fc => self.interpolators[core][(offset as usize - 0x80) / 4],
             0x100..=0x17c => {
-                // Reading takes the lock: its bit, or 0 if it was taken.
+                // Reading takes the spinlock. It returns the lock's bit, or 0 if the lock was already taken.
                 let bit = 1 << ((offset - 0x100) / 4);
                 let free = self.spinlocks & bit == 0;
                 self.spinlocks |= bit;
@@ -126,7 +126,8 @@ impl Sio {
         match offset {
             0x060 | 0x068 => divider.dividend,
             0x064 | 0x06c => divider.divisor,
-            // Too early: what the chip has by then is of no use, and neither is this.
+            // A program that reads before the division is complete gets a wrong result on the chip; here it gets the
+            // final one.
             0x070 => {
                 divider.dirty = false;
                 if ready { divider.quotient } else { 0 }
@@ -142,7 +143,7 @@ impl Sio {
         }
     }
 
-    /// Writes; returns whether the pins may have changed.
+    /// Writes a register. Returns whether the pins may have changed.
     pub(super) fn write(&mut self, core: usize, offset: u32, value: u32, cycle: u64) -> bool {
         match offset {
             0x010..=0x01c => alias(&mut self.out, offset, value & super::gpio::PINS),
@@ -172,7 +173,7 @@ impl Sio {
     }
 }
 
-/// A register's own address and those that set, clear and toggle.
+/// Writes a register through its own address, or through those that set, clear and toggle.
 fn alias(register: &mut u32, offset: u32, value: u32) {
     match offset & 0xc {
         0x0 => *register = value,

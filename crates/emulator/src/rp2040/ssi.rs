@@ -1,6 +1,8 @@
-//! The serial interface to the flash chip, for commands of bytes (RP2040 datasheet §4.10). The chip is `flash`.
+//! The serial interface to the flash chip, for commands of bytes (RP2040 datasheet §4.10). The flash chip is in
+//! `flash`.
 //!
-//! Reading in place is not here: see `xip`. A byte is there and back at once.
+//! Reading flash as memory is in `xip`. A byte takes no time here: it goes out and its answer comes back within one
+//! write.
 
 use super::flash::Flash;
 use std::collections::{BTreeMap, VecDeque};
@@ -16,13 +18,13 @@ mod at {
     pub(super) const DR_LAST: u32 = 0xec;
 }
 
-/// CTRLR0 as the second stage of boot leaves it: frames of 32 bits, read as from an EEPROM.
+/// CTRLR0 as the second stage of boot leaves it: frames of 32 bits, EEPROM read mode.
 const FOR_READING: u32 = 31 << 16 | 3 << 8;
-/// CTRLR0 of frames of 8 bits, one line each way, whatever clock phase and polarity.
+/// CTRLR0 for frames of 8 bits with one line each way. Clock phase and polarity do not matter.
 const BYTES: u32 = 7 << 16;
 const BYTES_MASK: u32 = 3 << 21 | 31 << 16 | 3 << 8 | 3 << 4;
 
-/// Frames of a FIFO (§4.10.4).
+/// Depth of a FIFO, frames (§4.10.4).
 const FIFO: usize = 16;
 
 /// Bits of SR.
@@ -33,9 +35,9 @@ const RECEIVED: u32 = 1 << 3;
 pub(super) struct Ssi {
     registers: BTreeMap<u32, u32>,
     received: VecDeque<u8>,
-    /// Chip select is held low by its pin's override.
+    /// Whether an override of the chip select pin holds it low.
     selected: bool,
-    /// It is set up for reading in place.
+    /// Whether the interface is set up to read flash as memory.
     reads_in_place: bool,
 }
 
@@ -45,13 +47,13 @@ impl Ssi {
         Ssi { registers, received: VecDeque::new(), selected: false, reads_in_place: true }
     }
 
-    /// As after boot; the flash chip is what it was.
+    /// Resets the interface to its state after boot. The flash chip keeps its contents.
     pub(super) fn reset(&mut self, flash: &mut Flash, cycle: u64) {
         *self = Ssi::new();
         flash.deselect(cycle);
     }
 
-    /// Whether it is set up for reading in place. Asked for with each instruction from there.
+    /// Whether flash can be read as memory. This is called for every instruction from flash.
     #[inline]
     pub(super) const fn reads_in_place(&self) -> bool {
         self.reads_in_place
@@ -65,7 +67,8 @@ impl Ssi {
         self.register(at::SSIENR) & 1 != 0
     }
 
-    /// The override of the chip select's output (§2.19.6.2, OUTOVER): 2 is low. An edge up ends the chip's command.
+    /// Sets the override of the chip select output (§2.19.6.2, OUTOVER): 2 is low. A rising chip select executes the
+    /// command.
     pub(super) fn set_select(&mut self, over: u32, flash: &mut Flash, cycle: u64) {
         self.selected = over == 2;
         if !self.selected {
@@ -87,13 +90,13 @@ impl Ssi {
         match offset {
             at::SSIENR => {
                 self.registers.insert(offset, value & 1);
-                // §4.10.13: both FIFOs are cleared while it is off.
+                // Both FIFOs are cleared while the interface is off (§4.10.13).
                 if value & 1 == 0 {
                     self.received.clear();
                 }
             }
             at::DR0..=at::DR_LAST => self.exchange(value, flash, cycle),
-            // Registers of the set-up cannot be written while it is on.
+            // The set-up registers cannot be written while the interface is on.
             _ if offset < at::TXFLR && self.is_enabled() => {}
             _ => {
                 self.registers.insert(offset, value);
@@ -108,7 +111,7 @@ impl Ssi {
         }
         let answer = flash.exchange(value as u8, cycle);
         if !self.selected {
-            // The interface lets go of the chip with each byte, as nothing more waits.
+            // No more data wait, so that the interface raises chip select after each byte.
             flash.deselect(cycle);
         }
         self.received.push_back(answer);
@@ -119,7 +122,7 @@ impl Ssi {
 mod tests {
     use super::*;
 
-    /// What comes back while a command's bytes go out.
+    /// The bytes that come back while a command's bytes go out.
     fn answers(ssi: &mut Ssi, flash: &mut Flash, bytes: &[u8]) -> Vec<u32> {
         bytes
             .iter()

@@ -1,11 +1,10 @@
-//! Everything but the processors, on one clock: who is due when, and in which order within a cycle.
+//! Everything except the processors, on one clock: the order of events within a cycle (RP2040 datasheet §2.1).
 //!
-//! What happens in cycle t reads what was there in the beginning of t and is seen in t + 1. State machines come first,
-//! then the DMA, then the slow peripherals; the processor's access comes last.
+//! What happens in cycle t uses the state at the beginning of t, and its effect is there in t + 1. Within a cycle the
+//! state machines come first, then the DMA, then the slow peripherals; the processor's access comes last.
 
-use super::chip::Rp2040;
 use super::dma::Dma;
-use super::fabric::{APB_WRITE_WAITS, Fabric, lane, merging, replicate};
+use super::fabric::{APB_WRITE_WAITS, Fabric, SRAM, lane, merging, replicate};
 use super::pio::Pio;
 use super::watchdog::Cause;
 use crate::Observer;
@@ -19,11 +18,11 @@ const SIO: u32 = 0xd000_0000;
 pub(super) struct System {
     pub(super) fabric: Fabric,
     pub(super) dma: Dma,
-    /// The cycle in which something happens next.
+    /// The cycle of the next event.
     pub(super) next: u64,
-    /// Interrupt lines may have changed.
+    /// Whether an interrupt line may have changed.
     pub(super) lines_changed: bool,
-    /// The watchdog, or the program, wants a reset.
+    /// Why the chip must be reset, if the watchdog or the program has requested it.
     pub(super) reset: Option<Cause>,
 }
 
@@ -38,7 +37,7 @@ impl System {
         }
     }
 
-    /// Does everything that happens in cycles before this one.
+    /// Handles all events in the cycles before this one.
     #[inline]
     pub(super) fn advance(&mut self, before: u64, observer: &mut impl Observer) {
         while self.next < before {
@@ -81,7 +80,7 @@ impl System {
         self.schedule();
     }
 
-    /// What a write may have left to others.
+    /// Passes on the effects of a write on other blocks: DREQs, a reset of the DMA, a forced watchdog reset.
     fn after_write(&mut self, cycle: u64) {
         let requests = std::mem::take(&mut self.fabric.requests);
         if requests != 0 {
@@ -100,13 +99,13 @@ impl System {
         self.next = pio.min(self.dma.next).min(self.fabric.next_slow());
     }
 
-    /// Levels of the interrupt lines of a processor (§2.3.2).
+    /// The levels of a processor's interrupt lines (§2.3.2).
     pub(super) fn lines(&self, core: usize) -> u32 {
         self.fabric.lines(core) | self.dma.lines() << 11
     }
 
-    /// Reads as a processor does; `cycle` is the first in which the data may pass. Gives back the value and the
-    /// cycles waited.
+    /// Reads as a processor does. `cycle` is the first in which the data may pass. Returns the value and the wait
+    /// cycles.
     #[inline]
     pub(super) fn read(
         &mut self,
@@ -135,7 +134,7 @@ impl System {
         Ok((self.read_at(core, address, size, cycle + u64::from(waits), observer)?, waits))
     }
 
-    /// Reads a word without waiting; 0 where nobody is.
+    /// Reads a word without wait cycles. An address where nothing is reads 0.
     pub(super) fn look(&mut self, address: u32, cycle: u64, observer: &mut impl Observer) -> u32 {
         match Fabric::sram_offset(address) {
             Some(offset) => {
@@ -162,19 +161,20 @@ impl System {
         } else if address & 0xffff_c000 == DMA {
             if self.fabric.dma_is_held() { 0 } else { lane(self.dma.read(address & 0xffc), address, size) }
         } else if let Some(has_word) = self.fabric.pio_word(address) {
-            // The machine sees in this cycle that the word is still there, and a word that it pushes now comes too late.
+            // In this cycle the state machine still sees the word that is being read, and a word that it pushes now is
+            // too late for this read.
             self.advance(at + 1, observer);
             if has_word { self.fabric.read(address, size, at)? } else { self.fabric.pio_underflow(address) }
         } else {
             self.fabric.read(address, size, at)?
         };
-        // A reading may take words, clear flags, wake a machine.
+        // A read may take a word, clear a flag or wake a state machine.
         self.lines_changed = true;
         self.schedule();
         Ok(value)
     }
 
-    /// Writes as a processor does. Gives back the cycles waited.
+    /// Writes as a processor does. Returns the wait cycles.
     #[inline]
     pub(super) fn write(
         &mut self,
@@ -207,9 +207,9 @@ impl System {
         Ok(waits)
     }
 
-    /// Writes a word without the bridge's waiting.
+    /// Writes a word without wait cycles.
     pub(super) fn poke(&mut self, address: u32, value: u32, cycle: u64, observer: &mut impl Observer) {
-        // Nobody there: nothing happens.
+        // A write to an address where nothing is has no effect.
         let _ = self.write_at(0, address, Size::Word, value, cycle, observer);
     }
 
@@ -242,17 +242,17 @@ impl System {
         Ok(())
     }
 
-    /// The half-word of an instruction, and the cycles waited for it.
+    /// Reads the half-word of an instruction. Returns it with the wait cycles.
     #[inline]
     pub(super) fn fetch(&mut self, address: u32, cycle: u64) -> Result<(u16, u32), BusFault> {
-        let offset = address.wrapping_sub(Rp2040::RAM_ADDRESS) as usize;
+        let offset = address.wrapping_sub(SRAM) as usize;
         if let Some(&[low, high]) = self.fabric.sram.get(offset..offset + 2) {
             return Ok((u16::from_le_bytes([low, high]), 0));
         }
         match address >> 24 {
             0x10..=0x13 => {
                 let waits = self.fabric.xip.waits(address);
-                // Ones are no instruction: the program faults where it left the RAM too soon.
+                // All ones is no instruction: a program that leaves RAM while flash is busy faults.
                 let is_there = self.fabric.flash_is_there(cycle + u64::from(waits));
                 Ok((if is_there { self.fabric.xip.half(address) } else { u16::MAX }, waits))
             }
@@ -261,13 +261,13 @@ impl System {
     }
 }
 
-/// The system as one processor sees it.
+/// The system as one of the processors sees it.
 pub(super) struct CoreBus<'a, O> {
     pub(super) system: &'a mut System,
     pub(super) observer: &'a mut O,
     pub(super) core: usize,
     waits: u32,
-    /// It has executed `sev`.
+    /// Whether the processor has executed `sev`.
     pub(super) sent_event: bool,
 }
 

@@ -1,4 +1,4 @@
-//! The 64-bit microsecond timer with its four alarms (RP2040 datasheet §4.6), paced by the watchdog's tick.
+//! The 64-bit microsecond timer with its four alarms (RP2040 datasheet §4.6). The watchdog's tick generator clocks it.
 
 use super::clocks::Tick;
 
@@ -7,13 +7,13 @@ const NEVER: u64 = u64::MAX;
 #[derive(Clone)]
 pub(super) struct Timer {
     tick: Tick,
-    /// The count at a tick of the past, and that tick's number.
+    /// The count at an earlier tick, and the number of that tick.
     base_count: u64,
     base_tick: u64,
     paused: bool,
     alarms: [u32; 4],
     armed: u32,
-    /// TIMEHR as latched by a reading of TIMELR, and the low half written ahead of the high one.
+    /// The high half that reading TIMELR latched (TIMEHR), and the low half that was written ahead of the high one.
     latched_high: u32,
     written_low: u32,
     dbgpause: u32,
@@ -42,7 +42,7 @@ impl Timer {
         }
     }
 
-    /// The timer's value in a cycle.
+    /// The count in a cycle.
     fn count(&self, cycle: u64) -> u64 {
         if self.paused {
             self.base_count
@@ -51,7 +51,7 @@ impl Timer {
         }
     }
 
-    /// As after a reset, in a cycle.
+    /// Resets the timer in a cycle.
     pub(super) fn reset(&mut self, cycle: u64) {
         *self = Timer { tick: self.tick, ..Timer::new() };
         self.rebase(0, cycle);
@@ -62,14 +62,14 @@ impl Timer {
         self.schedule(cycle);
     }
 
-    /// The tick changes in a cycle.
+    /// The tick generator has another rate from a cycle on.
     pub(super) fn set_tick(&mut self, tick: Tick, cycle: u64) {
         let count = self.count(cycle);
         self.tick = tick;
         self.rebase(count, cycle);
     }
 
-    /// The cycle in which the next alarm matches.
+    /// Computes the cycle in which the next alarm matches.
     fn schedule(&mut self, cycle: u64) {
         self.next = NEVER;
         if self.paused {
@@ -83,7 +83,7 @@ impl Timer {
         }
     }
 
-    /// Lets the alarms that are due in a cycle ring.
+    /// Raises the interrupts of the alarms that are due in a cycle.
     pub(super) fn run(&mut self, cycle: u64) {
         let low = self.count(cycle) as u32;
         for number in 0..4 {
@@ -95,7 +95,7 @@ impl Timer {
         self.schedule(cycle + 1);
     }
 
-    /// The four interrupt lines, one per alarm.
+    /// The levels of the four interrupt lines, one for each alarm.
     pub(super) fn lines(&self) -> u32 {
         self.intr & self.inte | self.intf
     }
@@ -132,7 +132,7 @@ impl Timer {
                 self.alarms[number] = merge(self.alarms[number]);
                 self.armed |= 1 << number;
             }
-            // Ones disarm.
+            // Writing ones disarms alarms.
             0x20 => self.armed &= !value,
             0x2c => self.dbgpause = merge(self.dbgpause) & 6,
             0x30 => {

@@ -1,7 +1,8 @@
 //! A UART: the PL011 of the RP2040 (datasheet §4.2; ARM DDI 0183).
 //!
-//! The line is told as characters. A character begins in the cycle after it was written, if the transmitter is idle
-//! (the chip waits for the next period of its divider); characters follow one another without a gap, to 1/256 cycle.
+//! The lines carry characters here, not edges. The start bit of a character begins in the cycle after it was written,
+//! if the transmitter is idle (on the chip it waits for the next period of the baud rate divider). Characters follow
+//! one another without a gap, exact to 1/256 cycle.
 
 use crate::{LineByte, Observer, UartByte};
 use std::collections::VecDeque;
@@ -48,23 +49,24 @@ pub(super) struct Uart {
     imsc: u32,
     ris: u32,
     dmacr: u32,
-    /// Sticky errors of UARTRSR.
+    /// The sticky errors of UARTRSR.
     rsr: u32,
     /// Length of a bit, 1/256 cycle; 0 while the clock is off.
     bit_256: u64,
-    /// Hz of clk_peri and clk_sys.
+    /// Frequencies of clk_peri and clk_sys, Hz.
     clocks: (u64, u64),
     sending: Option<Sending>,
     tx: VecDeque<u8>,
     rx: VecDeque<u16>,
     overrun: bool,
-    /// The line to the receiver, and what of it is being received: when its last sample is taken.
+    /// The characters on the line to the receiver; then the one that is being received, with the time of its last
+    /// sample.
     line: VecDeque<LineByte>,
     sampled_at: u64,
-    /// The receiver looks for a start bit from here on, 1/256 cycle.
+    /// The receiver looks for a start bit from this time on, 1/256 cycle.
     ready_256: u64,
     timeout_at: u64,
-    /// Whether a pin is connected to the transmitter, to the receiver.
+    /// Whether a pin is connected to the transmitter, and one to the receiver.
     connected: [bool; 2],
     pub(super) next: u64,
 }
@@ -97,14 +99,14 @@ impl Uart {
         }
     }
 
-    /// As after a reset; what is on the line comes all the same.
+    /// Resets the UART. Characters that are on the line still arrive.
     pub(super) fn reset(&mut self) {
         let line = std::mem::take(&mut self.line);
         let (clocks, connected) = (self.clocks, self.connected);
         *self = Uart { line, clocks, connected, ..Uart::new(self.number) };
     }
 
-    /// clk_peri and clk_sys, Hz, from a cycle on.
+    /// Sets the frequencies of clk_peri and clk_sys, Hz, from a cycle on.
     pub(super) fn set_clocks(&mut self, peri_hz: u64, sys_hz: u64, cycle: u64) {
         if self.clocks != (peri_hz, sys_hz) {
             self.clocks = (peri_hz, sys_hz);
@@ -113,7 +115,7 @@ impl Uart {
         }
     }
 
-    /// Whether pins are connected to the transmitter and to the receiver, from a cycle on.
+    /// Sets whether pins are connected to the transmitter and to the receiver, from a cycle on.
     pub(super) fn connect(&mut self, connected: [bool; 2], cycle: u64) {
         if self.connected != connected {
             self.connected = connected;
@@ -122,14 +124,14 @@ impl Uart {
         }
     }
 
-    /// What could not begin before may begin now.
+    /// Starts sending and receiving where it was not possible before.
     fn go_on(&mut self, cycle: u64) {
         self.begin(cycle << 8);
         self.listen();
         self.schedule();
     }
 
-    /// 16 (IBRD + FBRD/64) periods of clk_peri (§4.2.3.1).
+    /// Sets the length of a bit: 16 (IBRD + FBRD/64) periods of clk_peri (§4.2.3.1).
     fn set_baud(&mut self) {
         let divisor = u64::from(self.ibrd << 6 | self.fbrd);
         let (peri, sys) = self.clocks;
@@ -154,7 +156,7 @@ impl Uart {
 
     // The transmitter.
 
-    /// The first of the waiting characters goes out from a time on.
+    /// Sends the first of the waiting characters, from a time on.
     fn begin(&mut self, from_256: u64) {
         if self.sending.is_some() || !self.is_on(TXE) {
             return;
@@ -165,28 +167,28 @@ impl Uart {
         let data = data & (0xff >> (8 - self.data_bits()));
         self.sending =
             Some(Sending { start_cycle: from_256.div_ceil(256), end_256: from_256 + bits * self.bit_256, data });
-        // The interrupt comes as the FIFO passes its level (DDI 0183 §2.8.2).
+        // The interrupt is raised as the FIFO falls through its level (DDI 0183 §2.8.2).
         let level = if self.depth() == 1 { 0 } else { [4, 8, 16, 24, 28, 28, 28, 28][(self.ifls & 7) as usize] };
         if self.tx.len() == level {
             self.ris |= TXRIS;
         }
     }
 
-    /// Whether it has something to send.
+    /// Whether it still sends, or has characters in its FIFO.
     pub(super) fn is_sending(&self) -> bool {
         self.sending.is_some() || !self.tx.is_empty()
     }
 
     // The receiver.
 
-    /// A character on the line, in the order of their cycles.
+    /// Puts a character on the line to the receiver, in the order of their cycles.
     pub(super) fn receive(&mut self, byte: LineByte) {
         self.line.push_back(byte);
         self.listen();
         self.schedule();
     }
 
-    /// When what is on the line has passed.
+    /// The cycle by which all characters on the line have passed.
     pub(super) fn line_end(&self) -> u64 {
         self.line.back().map_or(0, LineByte::end_cycle)
     }
@@ -195,7 +197,7 @@ impl Uart {
         1 + u64::from(self.data_bits()) + u64::from(self.lcr_h & PEN != 0)
     }
 
-    /// Finds the next start bit. The character is known in the middle of its stop bit.
+    /// Finds the next start bit. The character is complete in the middle of its stop bit.
     fn listen(&mut self) {
         if self.sampled_at != NEVER {
             return;
@@ -209,7 +211,7 @@ impl Uart {
                 return;
             }
             if !heard && self.ready_256 < start_256 {
-                // It may be switched on before it comes.
+                // The receiver may be enabled before the start bit comes.
                 return;
             }
             self.line.pop_front();
@@ -252,7 +254,8 @@ impl Uart {
         }
         self.ready_256 = stop;
         self.sampled_at = NEVER;
-        // The next start bit is a later one: what lies before the stop bit's middle was part of this character.
+        // The next start bit is one that comes later: everything before the middle of the stop bit was part of this
+        // character.
         self.line.pop_front();
         while self.line.front().is_some_and(|byte| (byte.start_cycle << 8) + u64::from(byte.bit_time_256) <= stop) {
             self.line.pop_front();
@@ -273,7 +276,7 @@ impl Uart {
                 self.ris |= RXRIS;
             }
         }
-        // 32 bit periods without another (DDI 0183 §2.8.3).
+        // The receive timeout: 32 bit periods without another character (DDI 0183 §2.8.3).
         self.timeout_at = cycle + ((32 * self.bit_256) >> 8);
     }
 
@@ -284,7 +287,7 @@ impl Uart {
         self.next = sent_at.min(self.sampled_at).min(self.timeout_at);
     }
 
-    /// Does what is due in a cycle. Returns whether the FIFOs changed.
+    /// Handles the events that are due in a cycle. Returns whether the FIFOs changed.
     pub(super) fn run(&mut self, cycle: u64, observer: &mut impl Observer) -> bool {
         let mut changed = false;
         if let Some(sending) = self.sending
@@ -320,7 +323,7 @@ impl Uart {
         changed
     }
 
-    /// What the DMA may do: words to read, or room to write.
+    /// The transfers that the DMA may make: words to read, or places to write.
     pub(super) fn credit(&self, receives: bool) -> u8 {
         let enabled = self.dmacr >> u32::from(!receives) & 1 != 0;
         let amount = if receives { self.rx.len() } else { self.depth() - self.tx.len().min(self.depth()) };
@@ -365,7 +368,7 @@ impl Uart {
             0x03c => self.ris,
             0x040 => self.ris & self.imsc,
             0x048 => self.dmacr,
-            // Identification: PL011, revision 3; PrimeCell.
+            // The identification registers: PL011, revision 3; PrimeCell.
             0xfe0 => 0x11,
             0xfe4 => 0x10,
             0xfe8 => 0x34,
@@ -392,7 +395,7 @@ impl Uart {
             0x004 => self.rsr = 0,
             0x024 => self.ibrd = merge(self.ibrd) & 0xffff,
             0x028 => self.fbrd = merge(self.fbrd) & 0x3f,
-            // A write to it takes over the divisor (DDI 0183 §3.3.7).
+            // A write of this register takes over the divisor (DDI 0183 §3.3.7).
             0x02c => {
                 self.lcr_h = merge(self.lcr_h) & 0xff;
                 self.set_baud();

@@ -1,4 +1,5 @@
-//! The watchdog, its scratch registers, and the tick that paces it and the timer (RP2040 datasheet §4.7).
+//! The watchdog with its scratch registers, and the tick generator that clocks it and the timer (RP2040 datasheet
+//! §4.7).
 
 use super::clocks::Tick;
 
@@ -7,27 +8,27 @@ const NEVER: u64 = u64::MAX;
 const ENABLE: u32 = 1 << 30;
 const TRIGGER: u32 = 1 << 31;
 const PAUSES: u32 = 7 << 24;
-/// TICK: cycles of clk_ref per tick, and whether it runs.
+/// TICK: cycles of clk_ref in a tick, and whether ticks come.
 const TICK_ENABLE: u32 = 1 << 9;
 const TICK_RUNNING: u32 = 1 << 10;
 
-/// Why the chip starts again.
+/// Why the chip was reset.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Cause {
-    /// The RUN pin.
+    /// The RUN pin was low.
     Run,
-    /// The watchdog's counter.
+    /// The watchdog's counter reached 0.
     RanOut,
-    /// The watchdog's TRIGGER.
+    /// The program wrote the watchdog's TRIGGER.
     Forced,
-    /// SYSRESETREQ.
+    /// The program wrote SYSRESETREQ.
     Program,
 }
 
 #[derive(Clone)]
 pub(super) struct Watchdog {
     ctrl: u32,
-    /// The counter at a tick; it loses two a tick (erratum RP2040-E1).
+    /// The counter at a tick. It loses two in each tick (erratum RP2040-E1).
     load: u32,
     loaded_tick: u64,
     reason: u32,
@@ -51,7 +52,8 @@ impl Watchdog {
         }
     }
 
-    /// As after a reset. REASON says whether it was the watchdog, and its scratch registers outlast all but RUN.
+    /// Resets the watchdog. REASON tells whether the watchdog was the cause; the scratch registers keep their values
+    /// unless it was RUN.
     pub(super) fn reset(&mut self, cause: Cause) {
         let (reason, scratch) = match cause {
             Cause::Run => (0, [0; 8]),
@@ -62,7 +64,7 @@ impl Watchdog {
         *self = Watchdog { scratch, reason, ..Watchdog::new() };
     }
 
-    /// Cycles of clk_ref per tick; `None` while it is off.
+    /// Cycles of clk_ref in a tick; `None` while no ticks come.
     pub(super) fn tick_cycles(&self) -> Option<u32> {
         (self.tick_register & TICK_ENABLE != 0 && self.tick_register & 0x1ff != 0).then_some(self.tick_register & 0x1ff)
     }
@@ -90,7 +92,7 @@ impl Watchdog {
         };
     }
 
-    /// Whether a reset is wanted by the program (TRIGGER, which clears itself).
+    /// Whether the program requests a reset with TRIGGER, which clears itself.
     pub(super) fn triggered(&mut self) -> bool {
         let triggered = self.ctrl & TRIGGER != 0;
         self.ctrl &= !TRIGGER;

@@ -1,25 +1,25 @@
-//! Flash as it is read in place, with its cache (RP2040 datasheet §2.6.3).
+//! Flash as memory, with its cache (RP2040 datasheet §2.6.3). Commands to the flash chip are in `ssi`.
 //!
-//! The cache is the chip's: 16 kB, two ways, lines of 8 bytes, a hit without waiting. Which way is given up is not
-//! documented; here it is the one that was used less recently. What a miss costs depends on how the second stage of
-//! boot has set the flash up; here it is [`MISS`], for quad reads at half of clk_sys: 8 clocks of address and mode, 4 to
-//! turn round and 16 of data, two cycles each, and 4 on the way. (est.)
+//! The cache is the chip's: 16 kB, two ways, lines of 8 bytes, no wait cycles on a hit. The datasheet does not say
+//! which way a new line replaces; here it is the one that was used less recently. The cost of a miss depends on how the
+//! second stage of boot sets up the flash. Here it is [`MISS`].
 
 use super::flash::Flash;
 
-/// Cycles that a miss waits.
+/// Wait cycles of a miss, for quad reads at half of clk_sys: 8 clocks of address and mode, 4 of turnaround and 16 of
+/// data, two cycles each, and 4 cycles in the interface. (est.)
 pub(super) const MISS: u32 = 60;
 const SETS: usize = 1024;
-/// No line has this number.
+/// The number of no line: this place in the cache is empty.
 const EMPTY: u32 = u32::MAX;
 
 #[derive(Clone)]
 pub(super) struct Xip {
-    /// The chip.
+    /// The flash chip.
     pub(super) flash: Flash,
-    /// Line numbers by set: the one used last comes first.
+    /// The line numbers in each set; the line that was used last comes first.
     sets: Vec<[u32; 2]>,
-    /// The line looked up last: most fetches are from it.
+    /// The line of the last look-up. Most fetches are from it.
     last: u32,
     control: u32,
     hits: u32,
@@ -27,7 +27,7 @@ pub(super) struct Xip {
 }
 
 impl Xip {
-    /// A flash of a power of two of bytes, erased beyond the image.
+    /// A flash whose size is a power of two bytes, erased beyond the end of the image.
     pub(super) fn new(image: &[u8], bytes: usize) -> Xip {
         Xip {
             flash: Flash::new(image, bytes),
@@ -48,7 +48,7 @@ impl Xip {
         address as usize & (self.flash.memory().len() - 1)
     }
 
-    /// A half-word, without waiting or looking at the cache.
+    /// Reads a half-word, without wait cycles and without the cache.
     #[inline]
     pub(super) fn half(&self, address: u32) -> u16 {
         let at = self.offset(address & !1);
@@ -60,8 +60,8 @@ impl Xip {
         u32::from(self.half(address & !3)) | u32::from(self.half(address & !3 | 2)) << 16
     }
 
-    /// Cycles that a reading of an address waits; the cache is used as the address's alias says: 0x10… all, 0x11… only
-    /// hits, 0x12… only fills, 0x13… not at all.
+    /// Wait cycles of a read. The alias in the address says how it uses the cache: 0x10… fully, 0x11… without filling
+    /// it, 0x12… without hits, 0x13… not at all.
     #[inline]
     pub(super) fn waits(&mut self, address: u32) -> u32 {
         let line = (address & 0x00ff_ffff) >> 3;
@@ -91,7 +91,7 @@ impl Xip {
         MISS
     }
 
-    /// A write takes the line out of the cache (§2.6.3.2).
+    /// A write removes the line from the cache (§2.6.3.2).
     pub(super) fn invalidate(&mut self, address: u32) {
         let line = (address & 0x00ff_ffff) >> 3;
         for way in &mut self.sets[line as usize % SETS] {
@@ -107,7 +107,7 @@ impl Xip {
     pub(super) fn read(&self, offset: u32) -> u32 {
         match offset {
             0x00 => self.control,
-            // The flush is done at once; the stream's FIFO is empty.
+            // A flush takes no time here, and the streaming FIFO is always empty.
             0x08 => 3,
             0x0c => self.hits,
             0x10 => self.accesses,

@@ -1,4 +1,5 @@
-//! The nine instructions (RP2040 datasheet §3.4).
+//! The nine instructions of the state machines (RP2040 datasheet §3.4), with side-set (§3.5.1), autopush and autopull
+//! (§3.5.4), and pin mapping (§3.5.6).
 
 use super::super::gpio::Inputs;
 use super::machine::{
@@ -10,22 +11,22 @@ use super::{Pio, RXSTALL, TXSTALL};
 /// How an instruction ended.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum End {
-    /// It is complete.
+    /// It is complete, and the program counter goes on.
     Done,
-    /// It is complete, and what is executed next is not at the program counter's address plus one.
+    /// It is complete, and the program counter goes to this address.
     Jump(u8),
-    /// OUT EXEC, MOV EXEC: this is executed next. The delay is ignored.
+    /// OUT EXEC or MOV EXEC: this instruction is executed next, and the delay is ignored.
     Exec(u16),
-    /// It is tried again when that may have changed.
+    /// The machine stalls, and tries again when the condition may have changed.
     Wait(Stall),
-    /// It is tried again at the next tick.
+    /// The instruction is executed again at the next tick.
     Again,
-    /// A jump on itself: executed to its end at once.
+    /// A countdown, `jmp x--` to its own address: all executions are done at once.
     Counted { executions: u64 },
 }
 
 impl Pio {
-    /// Executes what a machine has to execute in `cycle`.
+    /// Executes one instruction of a machine in `cycle`.
     pub(super) fn execute(&mut self, number: usize, cycle: u64, inputs: &Inputs) {
         let machine = &mut self.machines[number];
         let forced = machine.forced;
@@ -48,7 +49,7 @@ impl Pio {
         let delay = u64::from(field & ones(5 - side_bits));
         let side = self.side(number, field >> (5 - side_bits));
         let end = self.operate(number, instruction, cycle, inputs);
-        // After OUT and SET: side-set wins.
+        // Side-set comes after OUT and SET, because it wins where both write a pin.
         if let Some((mask, value)) = side {
             if self.machines[number].execctrl & SIDE_PINDIR != 0 {
                 self.write_directions(mask, value);
@@ -61,14 +62,14 @@ impl Pio {
         if end != End::Again && machine.wants_refill() {
             self.refill(number, cycle);
         }
-        // Side-set is asserted again in every tick of a stall, which matters where somebody else writes the same pin.
+        // Side-set is asserted in every tick of a stall. This matters only where another machine writes the same pin.
         let polls =
             matches!(end, End::Wait(_)) && side.is_some_and(|(mask, _)| mask & self.driven_by_others(number) != 0);
         let machine = &mut self.machines[number];
         match end {
             End::Wait(stall) => {
                 machine.stall = stall;
-                // A change on its way through the synchroniser comes unannounced.
+                // A pin change that is still in the synchroniser will not wake the machine: look again.
                 let soon = stall == Stall::Pin && inputs.changed_since(cycle - Inputs::SYNCHRONISER.min(cycle));
                 machine.at = match () {
                     () if !(polls || soon) => NEVER,
@@ -122,7 +123,7 @@ impl Pio {
         }
     }
 
-    /// What side-set writes: mask and levels or directions (§3.5.1).
+    /// The pins that side-set writes, and their levels or directions (§3.5.1).
     fn side(&self, number: usize, bits: u32) -> Option<(u32, u32)> {
         let machine = &self.machines[number];
         let (base, pins) = machine.side_pins();
@@ -135,8 +136,8 @@ impl Pio {
         Some((pin_mask((base, pins)), bits.rotate_left(base)))
     }
 
-    /// Finishes a `jmp x--` on itself, unless others could be in its way: a side-set that is asserted every time
-    /// matters where somebody else writes the same pin.
+    /// Does all executions of a `jmp x--` to its own address at once. It must not where another machine writes a
+    /// side-set pin, because side-set is asserted in each execution.
     fn count_down(&mut self, number: usize, latched: Option<u16>, end: End, delay: u64, side: u32) -> End {
         let instruction = self.memory[usize::from(self.machines[number].pc)];
         let End::Jump(target) = end else { return end };
@@ -148,7 +149,7 @@ impl Pio {
         let machine = &mut self.machines[number];
         let start_256 = machine.enter_tick(machine.at);
         let register = if condition == 2 { &mut machine.x } else { &mut machine.y };
-        // It was decremented once already.
+        // The register has already been decremented once.
         let from = register.wrapping_add(1);
         *register = u32::MAX;
         machine.countdown = Some(Countdown {
@@ -177,7 +178,7 @@ impl Pio {
         }
     }
 
-    /// §3.4.2.
+    /// JMP (§3.4.2).
     fn jmp(&mut self, number: usize, condition: u16, target: u8, cycle: u64, inputs: &Inputs) -> End {
         let bypass = self.input_sync_bypass;
         let machine = &mut self.machines[number];
@@ -194,7 +195,7 @@ impl Pio {
         if taken { End::Jump(target) } else { End::Done }
     }
 
-    /// §3.4.3.
+    /// WAIT (§3.4.3).
     fn wait(&mut self, number: usize, instruction: u16, index: u32, cycle: u64, inputs: &Inputs) -> End {
         let wanted = u32::from(instruction >> 7 & 1);
         let pins = || inputs.seen(cycle, self.input_sync_bypass);
@@ -212,12 +213,12 @@ impl Pio {
                 End::Done
             }
             0 | 1 => End::Wait(Stall::Pin),
-            // Reserved: no condition that is ever met, however often it is looked at.
+            // A reserved source: the condition is never met.
             _ => End::Wait(Stall::Irq),
         }
     }
 
-    /// §3.4.4, autopush §3.5.4.1.
+    /// IN (§3.4.4), with autopush (§3.5.4.1).
     fn r#in(&mut self, number: usize, source: u16, bits: u8, cycle: u64, inputs: &Inputs) -> End {
         let bypass = self.input_sync_bypass;
         let machine = &mut self.machines[number];
@@ -256,7 +257,7 @@ impl Pio {
         self.effects.requests |= 1 << (number + 4);
     }
 
-    /// §3.4.5, autopull §3.5.4.2: an empty OSR is filled in one tick and shifted in the next.
+    /// OUT (§3.4.5), with autopull (§3.5.4.2): an empty OSR is filled in one tick and shifted in the next.
     fn out(&mut self, number: usize, destination: u16, bits: u8, cycle: u64) -> End {
         let machine = &mut self.machines[number];
         if machine.wants_refill() {
@@ -291,7 +292,7 @@ impl Pio {
         End::Done
     }
 
-    /// Pins or directions of OUT and MOV, with inline enable and OUT_STICKY (§3.5.6).
+    /// Writes pins or directions for OUT and MOV, with inline enable and OUT_STICKY (§3.5.6).
     fn out_pins(&mut self, number: usize, value: u32, directions: bool) {
         let machine = &self.machines[number];
         let (base, pins) = machine.out_pins();
@@ -313,7 +314,7 @@ impl Pio {
         }
     }
 
-    /// §3.4.6.
+    /// PUSH (§3.4.6).
     fn push(&mut self, number: usize, flags: u16, cycle: u64) -> End {
         let (if_full, block) = (flags & 2 != 0, flags & 1 != 0);
         let machine = &mut self.machines[number];
@@ -324,7 +325,7 @@ impl Pio {
             if block {
                 return End::Wait(Stall::Rx);
             }
-            // The word is lost, and the ISR empty all the same.
+            // The word is lost, and the ISR is cleared all the same.
             (machine.isr, machine.isr_count) = (0, 0);
             self.fdebug |= RXSTALL << number;
             return End::Done;
@@ -333,7 +334,7 @@ impl Pio {
         End::Done
     }
 
-    /// §3.4.7.
+    /// PULL (§3.4.7).
     fn pull(&mut self, number: usize, flags: u16, cycle: u64) -> End {
         let (if_empty, block) = (flags & 2 != 0, flags & 1 != 0);
         let machine = &mut self.machines[number];
@@ -352,7 +353,7 @@ impl Pio {
         End::Done
     }
 
-    /// §3.4.8.
+    /// MOV (§3.4.8).
     fn mov(&mut self, number: usize, destination: u16, instruction: u16, cycle: u64, inputs: &Inputs) -> End {
         let bypass = self.input_sync_bypass;
         let machine = &mut self.machines[number];
@@ -383,7 +384,7 @@ impl Pio {
         End::Done
     }
 
-    /// §3.4.9.
+    /// IRQ (§3.4.9).
     fn irq(&mut self, number: usize, instruction: u16, index: u32) -> End {
         let flag = irq_flag(number, index);
         let (clear, wait) = (instruction & 0x40 != 0, instruction & 0x20 != 0);
@@ -404,7 +405,7 @@ impl Pio {
         End::Done
     }
 
-    /// §3.4.10.
+    /// SET (§3.4.10).
     fn set(&mut self, number: usize, destination: u16, value: u32) -> End {
         let machine = &mut self.machines[number];
         let (base, pins) = machine.set_pins();
@@ -418,20 +419,21 @@ impl Pio {
     }
 }
 
-/// `jmp x--`: whether it was not zero; it is decremented either way.
+/// Decrements X or Y for `jmp x--`, in any case. Returns whether it was not zero before.
 fn decrement(register: &mut u32) -> bool {
     let taken = *register != 0;
     *register = register.wrapping_sub(1);
     taken
 }
 
-/// MOV from STATUS: all ones while the chosen FIFO has less than STATUS_N words (§3.7, EXECCTRL).
+/// MOV from STATUS: all ones while the selected FIFO has less than STATUS_N words (§3.7, EXECCTRL).
 fn status(machine: &Machine) -> u32 {
     let fifo = if machine.execctrl & STATUS_SEL == 0 { &machine.tx } else { &machine.rx };
     if u32::from(fifo.level()) < machine.execctrl & 15 { u32::MAX } else { 0 }
 }
 
-/// The flag that an index means: with `rel` (its highest bit) the machine's number is added to its two lowest bits.
+/// The IRQ flag that an index selects. With `rel`, its highest bit, the machine's number is added to its two lowest
+/// bits.
 fn irq_flag(number: usize, index: u32) -> u8 {
     let index = index as usize;
     1 << if index & 0x10 != 0 { index & 4 | (index + number) & 3 } else { index & 7 }

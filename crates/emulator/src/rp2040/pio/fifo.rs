@@ -1,14 +1,15 @@
 //! A state machine's FIFO (RP2040 datasheet §3.5.3).
 
-/// Up to eight words, and when the last ones went in and out: the DMA hears of it later than the state machine.
+/// A FIFO of up to eight words. It keeps the cycles of the last words in and out, because the DMA sees a change later
+/// than the state machine.
 #[derive(Clone, Default)]
 pub(super) struct Fifo {
     words: [u32; 8],
     first: u8,
     len: u8,
-    /// 4, or 8 and 0 when the two FIFOs of a machine are joined.
+    /// 4; or 8 and 0 when the two FIFOs of a machine are joined.
     capacity: u8,
-    /// The cycles of the last two words in, and of the last two out; later first.
+    /// The cycles of the last two words in, and of the last two out; the later one first.
     pushed: [u64; 2],
     popped: [u64; 2],
 }
@@ -18,7 +19,7 @@ impl Fifo {
         Fifo { capacity, ..Fifo::default() }
     }
 
-    /// Another capacity; what was in it is lost.
+    /// Changes the capacity, which discards the contents.
     pub(super) fn resize(&mut self, capacity: u8) {
         (self.capacity, self.first, self.len) = (capacity, 0, 0);
     }
@@ -35,7 +36,7 @@ impl Fifo {
         self.len >= self.capacity
     }
 
-    /// Appends a word in a cycle; `false` if there is no room.
+    /// Appends a word in a cycle. Returns `false` if the FIFO is full.
     pub(super) fn push(&mut self, word: u32, cycle: u64) -> bool {
         if self.is_full() {
             return false;
@@ -57,19 +58,20 @@ impl Fifo {
         Some(word)
     }
 
-    /// Words that the DMA may read: those that came at least two cycles before `cycle`, and all.
+    /// Words that the DMA may read now (those that came at least two cycles before `cycle`), and all words.
     pub(super) fn words_for_dma(&self, cycle: u64) -> (u8, u8) {
         (self.len.saturating_sub(recent(self.pushed, cycle)), self.len)
     }
 
-    /// Places that the DMA may fill, likewise.
+    /// Places that the DMA may fill now (those that were free at least two cycles before `cycle`), and all places.
     pub(super) fn room_for_dma(&self, cycle: u64) -> (u8, u8) {
         let room = self.capacity.saturating_sub(self.len);
         (room.saturating_sub(recent(self.popped, cycle)), room)
     }
 }
 
-/// How many of the cycles are less than two before `cycle`. There is at most one a cycle: two are enough.
+/// How many of the cycles are less than two before `cycle`. There is at most one change in a cycle, so that two are
+/// enough.
 fn recent(cycles: [u64; 2], cycle: u64) -> u8 {
     cycles.iter().filter(|at| **at != 0 && **at + 2 > cycle).count() as u8
 }

@@ -1,14 +1,16 @@
-//! One state machine's registers (RP2040 datasheet §3.2, §3.5, §3.7).
+//! One state machine: its registers, clock divider and state (RP2040 datasheet §3.2, §3.5, §3.7). Instructions are in
+//! `execute`.
 //!
-//! Nothing here is done cycle by cycle. A machine knows the tick in which it executes next; one that waits has none
-//! until what it waits for may have come, and one that counts down in `jmp x--` on itself has the tick after.
+//! Machines take no computing time in cycles in which they do nothing. A machine knows the tick of its next execution.
+//! One that stalls has none until its condition may have changed, and one that counts down with `jmp x--` to its own
+//! address has the tick after its last execution.
 
 use super::fifo::Fifo;
 
-/// No cycle: nothing will happen of itself.
+/// No cycle: no event is to come.
 pub(super) const NEVER: u64 = u64::MAX;
 
-// CTRL bits of EXECCTRL and SHIFTCTRL (§3.7).
+// Bits of EXECCTRL and SHIFTCTRL (§3.7).
 pub(super) const SIDE_EN: u32 = 1 << 30;
 pub(super) const SIDE_PINDIR: u32 = 1 << 29;
 pub(super) const INLINE_OUT_EN: u32 = 1 << 18;
@@ -21,7 +23,7 @@ pub(super) const IN_RIGHT: u32 = 1 << 18;
 pub(super) const AUTOPULL: u32 = 1 << 17;
 pub(super) const AUTOPUSH: u32 = 1 << 16;
 
-/// What a machine waits for.
+/// What a stalled machine waits for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Stall {
     No,
@@ -35,18 +37,18 @@ pub(super) enum Stall {
     Irq,
 }
 
-/// A `jmp x--` or `jmp y--` on itself, executed all at once.
+/// A countdown: `jmp x--` or `jmp y--` to its own address, of which all executions are done at once.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Countdown {
-    /// The register is Y, not X.
+    /// Whether the register is Y; else X.
     pub(super) y: bool,
-    /// Its value before the first execution.
+    /// The register before the first execution.
     pub(super) from: u32,
     /// The tick of the first execution, 1/256 cycle.
     pub(super) start_256: u64,
-    /// From one execution to the next, 1/256 cycle.
+    /// Time from one execution to the next, 1/256 cycle.
     pub(super) period_256: u64,
-    /// The jump's address.
+    /// Address of the jump.
     pub(super) pc: u8,
 }
 
@@ -60,7 +62,7 @@ pub(super) struct Machine {
     pub(super) y: u32,
     pub(super) osr: u32,
     pub(super) isr: u32,
-    /// Bits shifted out of the OSR, 0 to 32: 32 is empty.
+    /// Bits shifted out of the OSR, 0 to 32; 32 means empty.
     pub(super) osr_count: u8,
     /// Bits shifted into the ISR.
     pub(super) isr_count: u8,
@@ -68,27 +70,27 @@ pub(super) struct Machine {
     pub(super) execctrl: u32,
     pub(super) shiftctrl: u32,
     pub(super) pinctrl: u32,
-    /// An instruction to execute before the one at `pc`.
+    /// An instruction to be executed before the one at `pc`.
     pub(super) latched: Option<u16>,
-    /// It came from SMx_INSTR: it needs neither a tick nor an enabled machine.
+    /// Whether `latched` came from SMx_INSTR: it needs neither a tick nor an enabled machine.
     pub(super) forced: bool,
     pub(super) stall: Stall,
-    /// `irq wait` has raised its flag.
+    /// Whether `irq wait` has raised its flag.
     pub(super) irq_raised: bool,
-    /// What OUT_STICKY holds: levels and directions, mask and value each.
+    /// The pins that OUT_STICKY holds: mask and value of levels, then of directions.
     pub(super) sticky: [(u32, u32); 2],
-    /// A tick, 1/256 cycle; the others are whole periods of the divider before and after it.
+    /// The time of one tick, 1/256 cycle. All ticks are whole periods of the divider away from it.
     phase_256: u64,
     /// The period of the divider, 1/256 cycle.
     period_256: u64,
-    /// The cycle in which an instruction is executed next.
+    /// The cycle of the next execution.
     pub(super) at: u64,
-    /// The cycle in which the OSR is filled behind the program's back.
+    /// The cycle in which autopull fills the OSR between two instructions.
     pub(super) refill_at: u64,
     pub(super) countdown: Option<Countdown>,
-    /// Ticks of delay that were left as the machine was disabled.
+    /// Ticks of delay that were left when the machine was disabled.
     left: u64,
-    /// When it would have gone on, had no instruction been forced upon it.
+    /// The cycle in which the machine goes on after a forced instruction.
     pub(super) resume_at: u64,
 }
 
@@ -143,13 +145,13 @@ impl Machine {
         }
     }
 
-    /// The exact time of the tick in a cycle, 1/256 cycle, remembered as the reference for those that follow.
+    /// The exact time of the tick in a cycle, 1/256 cycle. It becomes the reference for later ticks.
     pub(super) fn enter_tick(&mut self, cycle: u64) -> u64 {
         self.phase_256 = self.tick_from_256(cycle);
         self.phase_256
     }
 
-    /// The cycle of the tick a number of ticks after the reference.
+    /// The cycle of the tick that comes `ticks` ticks after the reference.
     pub(super) fn ticks_later(&self, ticks: u64) -> u64 {
         (self.phase_256 + ticks * self.period_256) >> 8
     }
@@ -158,7 +160,7 @@ impl Machine {
         self.period_256
     }
 
-    /// A new divider, from the next tick at or after `cycle` on. An integer part of 0 is 65 536 (§3.7).
+    /// Sets the divider, from the next tick at or after `cycle` on. An integer part of 0 means 65 536 (§3.7).
     pub(super) fn set_clkdiv(&mut self, value: u32, cycle: u64) {
         self.clkdiv = value & 0xffff_ff00;
         self.phase_256 = self.tick_from_256(cycle);
@@ -169,7 +171,7 @@ impl Machine {
         }
     }
 
-    /// Another clock from a cycle on: as many ticks are left to what comes next as there were.
+    /// Changes the clock from a cycle on. The number of ticks to the next execution stays what it was.
     pub(super) fn change_clock(&mut self, cycle: u64, change: impl FnOnce(&mut Machine)) {
         let going = self.enabled && !self.forced;
         if going {
@@ -181,12 +183,12 @@ impl Machine {
         }
     }
 
-    /// The divider begins anew with a tick in `cycle`.
+    /// Restarts the divider, with a tick in `cycle`.
     pub(super) fn restart_clock(&mut self, cycle: u64) {
         self.phase_256 = cycle << 8;
     }
 
-    // Fields.
+    // The fields of the registers.
 
     pub(super) fn autopull(&self) -> bool {
         self.shiftctrl & AUTOPULL != 0
@@ -224,7 +226,7 @@ impl Machine {
         (self.pinctrl >> 29).min(5)
     }
 
-    /// Base and number of the pins of OUT, of SET and of side-set.
+    /// Base and number of the pins of OUT, SET and side-set.
     pub(super) fn out_pins(&self) -> (u32, u32) {
         (self.pinctrl & 31, self.pinctrl >> 20 & 63)
     }
@@ -238,7 +240,7 @@ impl Machine {
         (self.pinctrl >> 10 & 31, self.side_bits().saturating_sub(enable))
     }
 
-    /// Every pin that it may write.
+    /// All pins that the machine may write.
     pub(super) fn drives(&self) -> u32 {
         pin_mask(self.out_pins()) | pin_mask(self.set_pins()) | pin_mask(self.side_pins())
     }
@@ -246,7 +248,7 @@ impl Machine {
     pub(super) fn set_shiftctrl(&mut self, value: u32) {
         let joins = FJOIN_RX | FJOIN_TX;
         if (self.shiftctrl ^ value) & joins != 0 {
-            // Changing FJOIN discards what is in the FIFOs (§3.5.3).
+            // A change of FJOIN discards the contents of both FIFOs (§3.5.3).
             let (tx, rx) = match (value & FJOIN_TX != 0, value & FJOIN_RX != 0) {
                 (false, false) => (4, 4),
                 (true, false) => (8, 0),
@@ -259,14 +261,14 @@ impl Machine {
         self.shiftctrl = value;
     }
 
-    /// SM_RESTART (§3.7, CTRL): program counter, X, Y and the OSR's contents stay.
+    /// SM_RESTART (§3.7, CTRL). Program counter, X, Y and the contents of the OSR stay.
     pub(super) fn restart(&mut self) {
         (self.osr_count, self.isr_count, self.isr) = (32, 0, 0);
         (self.latched, self.forced, self.irq_raised) = (None, false, false);
         (self.stall, self.sticky, self.left) = (Stall::No, [(0, 0); 2], 0);
     }
 
-    /// SM_ENABLE goes to 0: nothing is executed from `cycle` on.
+    /// Clears SM_ENABLE: nothing is executed from `cycle` on.
     pub(super) fn pause(&mut self, cycle: u64) {
         if self.at != NEVER {
             let first = self.tick_from_256(cycle);
@@ -278,7 +280,7 @@ impl Machine {
         (self.at, self.refill_at) = (NEVER, NEVER);
     }
 
-    /// SM_ENABLE goes to 1: it goes on with the first tick at or after `cycle`.
+    /// Sets SM_ENABLE: the machine goes on with the first tick at or after `cycle`.
     pub(super) fn resume(&mut self, cycle: u64) {
         let first = self.enter_tick(cycle) >> 8;
         let left = std::mem::take(&mut self.left);
@@ -293,10 +295,10 @@ impl Machine {
         }
     }
 
-    /// An instruction from SMx_INSTR, to be executed in `cycle`.
+    /// Forces an instruction through SMx_INSTR, to be executed in `cycle`.
     pub(super) fn force(&mut self, instruction: u16, cycle: u64) {
         if !self.forced {
-            // A stalled instruction is tried again after it.
+            // A stalled instruction is tried again after the forced one.
             self.resume_at = if self.at == NEVER { cycle } else { self.at };
         }
         (self.latched, self.forced) = (Some(instruction), true);
@@ -304,15 +306,15 @@ impl Machine {
         self.at = cycle;
     }
 
-    /// Whether the OSR wants a word that autopull may fetch.
+    /// Whether the OSR needs a word that autopull may fetch.
     pub(super) fn wants_refill(&self) -> bool {
         self.autopull() && self.osr_count >= self.pull_threshold()
     }
 
-    /// Gives X or Y and the program counter the values that they have in the beginning of `cycle`.
+    /// Sets the countdown's register and the program counter to their values at the beginning of `cycle`.
     pub(super) fn settle(&mut self, cycle: u64) {
         let Some(countdown) = self.countdown.take() else { return };
-        // Executions before `cycle`.
+        // The executions before `cycle`.
         let done = (cycle << 8).saturating_sub(countdown.start_256).div_ceil(countdown.period_256);
         if done > u64::from(countdown.from) {
             return;
@@ -328,7 +330,7 @@ impl Machine {
     }
 }
 
-/// A number of bits as the registers and instructions have it: 0 is 32.
+/// A number of bits as registers and instructions encode it: 0 means 32.
 pub(super) fn count(field: u32) -> u8 {
     match field & 31 {
         0 => 32,
@@ -336,12 +338,12 @@ pub(super) fn count(field: u32) -> u8 {
     }
 }
 
-/// The lowest `bits` ones.
+/// A value whose lowest `bits` bits are 1.
 pub(super) const fn ones(bits: u32) -> u32 {
     if bits >= 32 { u32::MAX } else { (1 << bits) - 1 }
 }
 
-/// The pins from a base on; pin 0 follows pin 31.
+/// The mask of the pins from a base on. Pin 0 follows pin 31.
 pub(super) const fn pin_mask((base, number): (u32, u32)) -> u32 {
     ones(number).rotate_left(base)
 }

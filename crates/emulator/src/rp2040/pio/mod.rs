@@ -1,8 +1,9 @@
-//! A PIO block: four state machines, their instruction memory and the registers (RP2040 datasheet §3).
+//! A PIO block (RP2040 datasheet §3): four state machines (`machine`), their FIFOs (`fifo`), the instructions
+//! (`execute`), and here the block's registers and interrupts.
 //!
-//! What a machine does in cycle t has its effect in t + 1: pins, IRQ flags and FIFOs are read as they were in the
-//! beginning of the cycle. Of several machines that write one pin in one cycle the highest number wins, and of one
-//! machine side-set wins (§3.5.6).
+//! What a machine does in cycle t has its effect in t + 1: pins, IRQ flags and FIFOs are read as they were at the
+//! beginning of the cycle. If several machines write one pin in one cycle, the highest number wins; within one machine,
+//! side-set wins (§3.5.6).
 
 mod execute;
 mod fifo;
@@ -17,12 +18,12 @@ const RXUNDER: u32 = 1 << 8;
 const TXOVER: u32 = 1 << 16;
 const TXSTALL: u32 = 1 << 24;
 
-/// What a cycle of a block did to the world.
+/// The effects of one cycle of a block on other blocks.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct Effects {
-    /// Levels or directions may have changed.
+    /// Whether levels or directions may have changed.
     pub(super) pins: bool,
-    /// DREQs (§3.7, table of DREQs): bits 0 to 3 TX FIFOs that have room, 4 to 7 RX FIFOs that have words.
+    /// New DREQs (§3.7, table of DREQs): bits 0 to 3 for TX FIFOs with room, 4 to 7 for RX FIFOs with words.
     pub(super) requests: u8,
 }
 
@@ -30,7 +31,7 @@ pub(super) struct Effects {
 pub(super) struct Pio {
     machines: [Machine; 4],
     memory: [u16; 32],
-    /// The eight IRQ flags, and what this cycle sets and clears.
+    /// The eight IRQ flags, and those that the present cycle sets and clears.
     irq: u8,
     irq_set: u8,
     irq_clear: u8,
@@ -38,14 +39,14 @@ pub(super) struct Pio {
     fdebug: u32,
     inte: [u32; 2],
     intf: [u32; 2],
-    /// Levels and directions of its pins.
+    /// Levels and directions of the block's outputs.
     levels: u32,
     directions: u32,
     effects: Effects,
     any_sticky: bool,
-    /// Some machine waits for a pin.
+    /// Whether any machine waits for a pin.
     waits_for_pins: bool,
-    /// The cycle in which something happens next.
+    /// The cycle of the next event.
     pub(super) next: u64,
 }
 
@@ -78,7 +79,7 @@ impl Pio {
         self.directions
     }
 
-    /// Does what is due in a cycle.
+    /// Handles the events that are due in a cycle.
     pub(super) fn run(&mut self, cycle: u64, inputs: &Inputs) -> Effects {
         self.effects = Effects::default();
         let mut executed = false;
@@ -101,7 +102,7 @@ impl Pio {
         self.effects
     }
 
-    /// Takes over what the machines did to the flags.
+    /// Applies what the machines did to the IRQ flags.
     fn end_cycle(&mut self, cycle: u64) {
         let before = self.irq;
         self.irq = before & !self.irq_clear | self.irq_set;
@@ -123,7 +124,7 @@ impl Pio {
         self.next = self.machines.iter().fold(NEVER, |next, machine| next.min(machine.at).min(machine.refill_at));
     }
 
-    /// OUT_STICKY: the last OUT or SET holds its pins against others (§3.5.6.2).
+    /// OUT_STICKY: the last OUT or SET of a machine is asserted again in every cycle (§3.5.6.2).
     fn reassert(&mut self, number: usize) {
         let machine = &self.machines[number];
         if machine.enabled && machine.execctrl & OUT_STICKY != 0 {
@@ -145,7 +146,7 @@ impl Pio {
         self.directions = new;
     }
 
-    /// Autopull between two OUTs (§3.5.4.2).
+    /// Autopull between two OUT instructions (§3.5.4.2).
     fn refill(&mut self, number: usize, cycle: u64) {
         let machine = &mut self.machines[number];
         machine.refill_at = NEVER;
@@ -157,7 +158,8 @@ impl Pio {
         }
     }
 
-    /// Pins have changed: those that see it are from `cycle` on (their synchroniser passed, or bypassed).
+    /// Wakes machines that wait for pins. `cycle` is the first in which they see the change, through the synchroniser
+    /// or past it.
     pub(super) fn pins_changed(&mut self, changed: u32, cycle: u64) {
         if self.waits_for_pins {
             let from = if changed & self.input_sync_bypass != 0 { cycle } else { cycle + Inputs::SYNCHRONISER };
@@ -166,7 +168,7 @@ impl Pio {
         }
     }
 
-    // The FIFOs as the bus sees them. Cycles are those of the data phase; effects are seen in the next.
+    // The FIFOs as the bus sees them. Cycles are those of the data phase; effects are there in the next cycle.
 
     fn write_tx(&mut self, number: usize, word: u32, cycle: u64) {
         let machine = &mut self.machines[number];
@@ -182,12 +184,12 @@ impl Pio {
         self.schedule();
     }
 
-    /// Whether a reading of a register would take a word out of an RX FIFO, and there is one.
+    /// Whether the register is an RX FIFO, and if so, whether a word is in it.
     pub(super) fn has_word(&self, offset: u32) -> Option<bool> {
         (0x20..=0x2c).contains(&offset).then(|| !self.machines[(offset as usize - 0x20) / 4].rx.is_empty())
     }
 
-    /// Somebody has read an empty RX FIFO.
+    /// An empty RX FIFO was read: sets RXUNDER.
     pub(super) fn underflow(&mut self, offset: u32) {
         self.fdebug |= RXUNDER << ((offset - 0x20) / 4);
     }
@@ -205,8 +207,8 @@ impl Pio {
         word
     }
 
-    /// How many transfers the DMA may have under way, by DREQ number within the block: in `cycle`, and once it knows
-    /// of the last changes.
+    /// How many transfers the DMA may have under way, by DREQ number within the block: in `cycle`, and as soon as it
+    /// knows of the latest changes.
     pub(super) fn credit(&self, request: usize, cycle: u64) -> (u8, u8) {
         let machine = &self.machines[request & 3];
         let fifo = if request < 4 { &machine.tx } else { &machine.rx };
@@ -228,12 +230,12 @@ impl Pio {
         self.intr() & self.inte[line] | self.intf[line]
     }
 
-    /// Whether some interrupt is enabled or forced.
+    /// Whether any interrupt is enabled or forced.
     pub(super) fn interrupts(&self) -> bool {
         self.inte[0] | self.inte[1] | self.intf[0] | self.intf[1] != 0
     }
 
-    /// Both interrupt lines, bits 0 and 1.
+    /// The levels of both interrupt lines, bits 0 and 1.
     pub(super) fn lines(&self) -> u32 {
         if !self.interrupts() {
             return 0;
@@ -256,14 +258,14 @@ impl Pio {
             0x038 => self.input_sync_bypass,
             0x03c => self.levels,
             0x040 => self.directions,
-            // 32 instructions, 4 machines, FIFOs of 4.
+            // DBG_CFGINFO: 32 instructions, 4 machines, FIFOs of 4 words.
             0x044 => 32 << 16 | 4 << 8 | 4,
             0x0c8..=0x124 => self.read_machine((offset - 0xc8) as usize / 0x18, (offset - 0xc8) % 0x18, cycle),
             0x128 => self.intr(),
             0x12c | 0x138 => self.inte[usize::from(offset == 0x138)],
             0x130 | 0x13c => self.intf[usize::from(offset == 0x13c)],
             0x134 | 0x140 => self.ints(usize::from(offset == 0x140)),
-            // TXF, IRQ_FORCE and the instruction memory are written only.
+            // TXF, IRQ_FORCE and the instruction memory cannot be read.
             _ => 0,
         }
     }
@@ -299,8 +301,8 @@ impl Pio {
         value
     }
 
-    /// Writes a register. `merge` makes the new value of a register that can be read from its old one (atomic
-    /// aliases, §2.1.2); the cycle is that of the data phase.
+    /// Writes a register. `merge` makes a readable register's new value from its old one (atomic aliases, §2.1.2). The
+    /// cycle is that of the data phase.
     pub(super) fn write(&mut self, offset: u32, value: u32, merge: impl Fn(u32) -> u32, cycle: u64) -> Effects {
         self.effects = Effects::default();
         match offset {
@@ -325,14 +327,15 @@ impl Pio {
         self.effects
     }
 
-    /// Every register as in the beginning of `cycle`: what follows may change what the machines do.
+    /// Brings every register to its value at the beginning of `cycle`, before a write that may change what the machines
+    /// do.
     fn settle(&mut self, cycle: u64) {
         for machine in &mut self.machines {
             machine.settle(cycle);
         }
     }
 
-    /// FDEBUG's bits are cleared by ones; a machine that is waiting sets its own again at once.
+    /// Writing ones clears bits of FDEBUG. A stalled machine sets its bit again at once.
     fn clear_debug(&mut self, value: u32) {
         self.fdebug &= !value;
         for (number, machine) in self.machines.iter().enumerate() {
@@ -351,7 +354,7 @@ impl Pio {
         }
     }
 
-    /// CTRL: enables, restarts, and brings the dividers into step, all in one cycle.
+    /// CTRL: enables and restarts machines and dividers, all in one cycle.
     fn control(&mut self, value: u32, cycle: u64) {
         self.settle(cycle + 1);
         for (number, machine) in self.machines.iter_mut().enumerate() {
@@ -377,7 +380,7 @@ impl Pio {
         self.look_again(cycle + 1);
     }
 
-    /// What stalled machines wait for, or whom they disturb, may be something else from a cycle on.
+    /// Wakes stalled machines in a cycle, because their condition, or the pins that they share, may have changed.
     fn look_again(&mut self, cycle: u64) {
         for machine in self.machines.iter_mut().filter(|machine| machine.stall != Stall::No) {
             wake(machine, cycle);
@@ -405,7 +408,8 @@ impl Pio {
                     machine.refill_at = machine.tick_from(cycle + 1);
                 }
             }
-            // SMx_INSTR: executed in the next cycle, whatever divider and SM_ENABLE say (§3.5.7).
+            // SMx_INSTR: the instruction is executed in the next cycle, whatever the divider and SM_ENABLE are
+            // (§3.5.7).
             0x10 => {
                 machine.force(value as u16, cycle + 1);
             }
@@ -419,7 +423,7 @@ impl Pio {
         self.waits_for_pins = self.machines.iter().any(|machine| machine.stall == Stall::Pin);
     }
 
-    /// Pins that another enabled machine writes too.
+    /// The pins that another enabled machine writes too.
     fn driven_by_others(&self, number: usize) -> u32 {
         let others = self.machines.iter().enumerate().filter(|(other, machine)| *other != number && machine.enabled);
         others.fold(0, |pins, (_, machine)| pins | machine.drives())

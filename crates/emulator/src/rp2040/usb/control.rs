@@ -1,12 +1,12 @@
-//! Control transfers (USB 2.0 §8.5.3), and what a PC asks of a serial port until it can be used (§9.4; CDC 1.2 PSTN
+//! Control transfers (USB 2.0 §8.5.3), and the requests with which a PC sets up a serial port (§9.4; CDC 1.2 PSTN
 //! §6.3).
 
 use super::controller::Direction;
 
-/// The largest packet of endpoint 0 until the device has said its own.
+/// The largest packet of endpoint 0 until the device's descriptor is known, bytes.
 const FIRST_PACKET: usize = 64;
 
-/// A standard or class request: the packet of its setup stage.
+/// A standard or class request, as the packet of its setup stage.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Request {
     Descriptor {
@@ -16,15 +16,15 @@ pub(super) enum Request {
     },
     SetAddress(u8),
     SetConfiguration(u8),
-    /// 115 200 baud, 8 data bits, no parity, one stop bit, for an interface.
+    /// Sets an interface to 115 200 baud, 8 data bits, no parity, one stop bit.
     SetLineCoding(u8),
-    /// Whether somebody has the port open (DTR, RTS), for an interface.
+    /// Sets DTR and RTS of an interface: whether a program has the port open.
     SetLineState(u8, bool),
-    /// An endpoint goes on after a halt, from DATA0 (USB 2.0 §9.4.5).
+    /// Ends the halt of an endpoint, which goes on with DATA0 (USB 2.0 §9.4.5).
     ClearHalt(u8),
-    /// An endpoint stalls until it is cleared (USB 2.0 §9.4.9).
+    /// Halts an endpoint (USB 2.0 §9.4.9).
     SetHalt(u8),
-    /// A configuration that a program asks for.
+    /// Selects a configuration that a program on the PC has chosen.
     TryConfiguration(u8),
 }
 
@@ -38,7 +38,7 @@ impl Request {
     pub(super) const FIRST_LOOK: Request = Request::Descriptor { kind: DEVICE, index: 0, length: 64 };
     pub(super) const DEVICE: Request = Request::Descriptor { kind: DEVICE, index: 0, length: 18 };
 
-    /// The configuration's descriptors, or the beginning of them.
+    /// Requests the descriptors of the configuration, or their beginning.
     pub(super) fn configuration(length: u16) -> Request {
         Request::Descriptor { kind: CONFIGURATION, index: 0, length }
     }
@@ -47,7 +47,7 @@ impl Request {
         Request::Descriptor { kind: STRING, index, length: 255 }
     }
 
-    /// Whether the device may refuse it: it goes on without.
+    /// Whether the device may refuse the request, and the PC goes on.
     pub(super) fn is_optional(self) -> bool {
         matches!(
             self,
@@ -78,7 +78,7 @@ impl Request {
         [kind, request, v0, v1, i0, i1, l0, l1]
     }
 
-    /// What goes with it to the device.
+    /// The data that the PC sends with the request.
     fn data(self) -> Vec<u8> {
         const BAUD: u32 = 115_200;
         match self {
@@ -109,17 +109,17 @@ pub(super) enum Token {
 pub(super) struct Transfer {
     pub(super) request: Request,
     stage: Stage,
-    /// The next data packet is DATA1.
+    /// Whether the next data packet is DATA1.
     data1: bool,
     setup: [u8; 8],
-    /// To be sent, or received so far.
+    /// The data to be sent, or those received so far.
     pub(super) data: Vec<u8>,
     sent: usize,
     packet: usize,
 }
 
 impl Transfer {
-    /// `packet`: the device's largest of endpoint 0, if it is known.
+    /// `packet` is the device's largest packet of endpoint 0, if it is known.
     pub(super) fn new(request: Request, packet: Option<usize>) -> Transfer {
         Transfer {
             request,
@@ -152,13 +152,13 @@ impl Transfer {
                 Token::Out { data1: self.data1, data: self.data[self.sent..end].to_vec() }
             }
             (Stage::Data, Direction::In) => Token::In,
-            // The status stage goes the other way, and is an empty DATA1.
+            // The status stage goes in the opposite direction and is an empty DATA1.
             (_, Direction::In) if self.length() != 0 => Token::Out { data1: true, data: Vec::new() },
             _ => Token::In,
         }
     }
 
-    /// The device has taken what the token sent.
+    /// The device has taken the packet.
     pub(super) fn sent(&mut self) {
         match self.stage {
             Stage::Setup => self.stage = if self.length() == 0 { Stage::Status } else { Stage::Data },
@@ -173,7 +173,7 @@ impl Transfer {
         }
     }
 
-    /// The device has sent a packet. One that came before is acknowledged and dropped.
+    /// The device has sent a packet. A repeated packet is acknowledged and dropped.
     pub(super) fn received(&mut self, data1: bool, data: &[u8]) {
         if self.stage == Stage::Status {
             self.stage = Stage::Done;
@@ -184,34 +184,34 @@ impl Transfer {
         }
         self.data1 = !self.data1;
         self.data.extend(data);
-        // A short packet ends the stage.
+        // A short packet ends the data stage.
         if data.len() < self.packet || self.data.len() >= self.length() {
             self.stage = Stage::Status;
         }
     }
 }
 
-/// An endpoint as its descriptor has it.
+/// An endpoint, from its descriptor.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Endpoint {
     pub(super) number: u8,
-    /// Bytes of its largest packet.
+    /// Its largest packet, bytes.
     pub(super) packet: usize,
 }
 
-/// What a configuration offers as a serial port.
+/// The serial port that a configuration offers.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct Port {
-    /// The value that chooses the configuration.
+    /// The number of the configuration.
     pub(super) configuration: u8,
-    /// The interface of the communication class, which control requests name.
+    /// The interface of the communication class, to which control requests go.
     pub(super) interface: u8,
     pub(super) data_in: Option<Endpoint>,
     pub(super) data_out: Option<Endpoint>,
     pub(super) notifications: Option<Endpoint>,
 }
 
-/// Reads a configuration's descriptors (USB 2.0 §9.6).
+/// Finds the serial port in a configuration's descriptors (USB 2.0 §9.6).
 pub(super) fn port(descriptors: &[u8]) -> Port {
     const COMMUNICATION: u8 = 2;
     const DATA: u8 = 10;

@@ -1,11 +1,11 @@
-//! The device controller: registers (RP2040 datasheet §4.1.4), DPRAM (§4.1.2.5), and what it answers to a token.
+//! The device controller: registers (RP2040 datasheet §4.1.4), DPRAM (§4.1.2.5), and its answers to tokens.
 //!
-//! Not modelled: host mode, isochronous endpoints, remote wake-up, direct control of the pins, and the three cycles of
-//! §4.1.2.5.1 between the other bits of a buffer's control and AVAILABLE.
+//! Not emulated: host mode, isochronous endpoints, remote wake-up, direct control of the pins, and the three cycles
+//! that §4.1.2.5.1 demands between AVAILABLE and the other bits of a buffer control.
 
 use crate::arm::Size;
 
-/// Offsets of registers.
+/// Offsets of the registers.
 pub(super) mod at {
     pub(in super::super) const ADDR_ENDP: u32 = 0x00;
     pub(in super::super) const MAIN_CTRL: u32 = 0x40;
@@ -29,7 +29,7 @@ pub(super) mod at {
 
 const CONTROLLER_EN: u32 = 1;
 const HOST: u32 = 1 << 1;
-/// USB_MUXING: the controller's pins are the chip's.
+/// USB_MUXING: connects the controller to the pins of the chip.
 const TO_PHY: u32 = 1;
 /// USB_PWR.
 const VBUS_DETECT: u32 = 1 << 2;
@@ -58,7 +58,7 @@ mod status {
     pub(super) const BUS_RESET: u32 = 1 << 19;
     pub(super) const ACK: u32 = 1 << 30;
     pub(super) const SEQUENCE: u32 = 1 << 31;
-    /// Errors that this bus does not make.
+    /// Errors that do not occur on this bus.
     pub(super) const OTHERS: u32 = 0x3f << 24;
     pub(super) const CLEARED_BY_ONES: u32 =
         SUSPENDED | RESUME | CONNECTED | SETUP | TRANSACTION | BUS_RESET | ACK | SEQUENCE | OTHERS;
@@ -81,7 +81,7 @@ mod interrupt {
     pub(super) const ALL: u32 = (1 << 20) - 1;
 }
 
-/// An endpoint's control in DPRAM (table 394).
+/// The control register of an endpoint in DPRAM (table 394).
 mod endpoint {
     pub(super) const ENABLE: u32 = 1 << 31;
     pub(super) const DOUBLE: u32 = 1 << 30;
@@ -89,47 +89,47 @@ mod endpoint {
     pub(super) const INT_2BUF: u32 = 1 << 28;
     pub(super) const INT_STALL: u32 = 1 << 17;
     pub(super) const INT_NAK: u32 = 1 << 16;
-    /// Of its buffers.
+    /// The address of its buffers.
     pub(super) const ADDRESS: u32 = 0xffc0;
 }
 
-/// A half of an endpoint's buffer control in DPRAM (table 395).
+/// Half of an endpoint's buffer control in DPRAM (table 395).
 mod buffer {
     pub(super) const LENGTH: u32 = 0x3ff;
     pub(super) const AVAILABLE: u32 = 1 << 10;
     pub(super) const STALL: u32 = 1 << 11;
-    /// Of the lower half only: buffer 0 is the next.
+    /// In the lower half only: buffer 0 is the next one.
     pub(super) const RESET: u32 = 1 << 12;
     pub(super) const DATA1: u32 = 1 << 13;
     pub(super) const LAST: u32 = 1 << 14;
     pub(super) const FULL: u32 = 1 << 15;
 }
 
-/// Where buffers' controls begin and end, and endpoint 0 has its buffers.
+/// Where the buffer controls are, and the buffers of endpoint 0.
 const BUFFER_CONTROLS: std::ops::Range<u32> = 0x80..0x100;
 const EP0_BUFFERS: u32 = 0x100;
 const BUFFER_BYTES: u32 = 64;
 
-/// Which way data go, as the PC sees it.
+/// The direction of data as the PC sees it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Direction {
     In,
     Out,
 }
 
-/// What the device answers to a token.
+/// The device's answer to a token.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Answer {
-    /// It has data, or room for them: of so many bytes.
+    /// It has data, or room for data, of this length.
     Ready {
         bytes: u32,
     },
-    /// Not now: NAK, or nothing at all.
+    /// A NAK, or no answer.
     Refused,
     Stall,
 }
 
-/// The 4 KB that processor and controller share; it can be read and written in bytes.
+/// The 4 KB that processor and controller share. They can be read and written in bytes.
 #[derive(Clone)]
 pub(super) struct Memory(Box<[u8; Memory::BYTES as usize]>);
 
@@ -160,10 +160,11 @@ pub(super) struct Controller {
     sie_ctrl: u32,
     sie_status: u32,
     buff_status: u32,
-    /// Of endpoints with two buffers: which was done last; a second one that was done before the first was handled.
+    /// For endpoints with two buffers: the buffer that was done last; then a second buffer that was done before the
+    /// program handled the first.
     handle: u32,
     done_again: u32,
-    /// Which buffer of an endpoint is next, a bit each as in BUFF_STATUS.
+    /// Whether an endpoint's second buffer is next, one bit each as in BUFF_STATUS.
     second_next: u32,
     abort: u32,
     abort_done: u32,
@@ -172,15 +173,15 @@ pub(super) struct Controller {
     stall_nak: u32,
     muxing: u32,
     power: u32,
-    /// The frame whose number was read last.
+    /// The frame number that was read last.
     frame_read: u32,
     enabled: u32,
     forced: u32,
-    /// The cable gives power.
+    /// Whether the cable supplies power.
     powered: bool,
 }
 
-/// An endpoint's bit in BUFF_STATUS.
+/// The bit of an endpoint in BUFF_STATUS.
 fn bit(number: u8, direction: Direction) -> u32 {
     1 << (2 * u32::from(number) + u32::from(direction == Direction::Out))
 }
@@ -211,13 +212,13 @@ impl Controller {
         }
     }
 
-    /// As after a reset; DPRAM keeps its content.
+    /// Resets the controller. DPRAM keeps its contents.
     pub(super) fn reset(&mut self) {
         let memory = std::mem::replace(&mut self.memory, Memory(Box::new([0; Memory::BYTES as usize])));
         *self = Controller { memory, powered: self.powered, ..Controller::new() };
     }
 
-    // Registers. `frame` is the number of the present one, if there is one.
+    // Registers. `frame` is the number of the present frame, if there is one.
 
     pub(super) fn read(&mut self, offset: u32, frame: Option<u32>) -> u32 {
         match offset {
@@ -253,7 +254,7 @@ impl Controller {
             at::SIE_CTRL => self.sie_ctrl = merge(self.sie_ctrl),
             at::SIE_STATUS => self.sie_status &= !(value & status::CLEARED_BY_ONES),
             at::BUFF_STATUS => {
-                // A second buffer that was done sets the bit at once again (§4.1.4, BUFF_STATUS).
+                // A second buffer that was done meanwhile sets its bit again at once (§4.1.4, BUFF_STATUS).
                 let again = self.done_again & value & self.buff_status;
                 self.buff_status = self.buff_status & !value | again;
                 self.done_again &= !again;
@@ -261,7 +262,8 @@ impl Controller {
             }
             at::EP_ABORT => {
                 self.abort = merge(self.abort);
-                // No transaction is under way between two cycles of the processor: it is done.
+                // Between two cycles of the processor no transaction is under way, so that an abort is complete at
+                // once.
                 self.abort_done |= self.abort;
             }
             at::EP_ABORT_DONE => self.abort_done &= !value,
@@ -310,12 +312,12 @@ impl Controller {
         self.raw_interrupts(frame) & self.enabled | self.forced
     }
 
-    /// Whether the start of a frame would be an interrupt that is not there yet.
+    /// Whether the start of this frame raises an interrupt.
     pub(super) fn wants_frames(&self, frame: u32) -> bool {
         self.enabled & interrupt::FRAME != 0 && self.frame_read == frame
     }
 
-    /// DPRAM was written: whether that may change what the device answers.
+    /// The program has written DPRAM. Returns whether this may change the answer to a token.
     pub(super) fn memory_written(&mut self, offset: u32) -> bool {
         if !BUFFER_CONTROLS.contains(&offset) {
             return offset < BUFFER_CONTROLS.start;
@@ -333,24 +335,24 @@ impl Controller {
         self.powered = powered;
     }
 
-    /// Whether the pull-up tells the PC that a device is there.
+    /// Whether the pull-up shows the PC that a device is connected.
     pub(super) fn is_attached(&self) -> bool {
         let enabled = self.main_ctrl & (CONTROLLER_EN | HOST) == CONTROLLER_EN;
         enabled && self.powered && self.vbus() && self.sie_ctrl & sie_ctrl::PULL_UP != 0 && self.muxing & TO_PHY != 0
     }
 
-    /// The bus is being reset (§4.1.2.6.1); the address stays what software has written.
+    /// The PC resets the bus (§4.1.2.6.1). The address register keeps what the program has written.
     pub(super) fn bus_reset(&mut self) {
         self.sie_status |= status::BUS_RESET | status::CONNECTED;
         self.sie_status &= !status::SUSPENDED;
     }
 
-    /// No frame has come for 3 ms.
+    /// The bus has had no frame for 3 ms.
     pub(super) fn suspend(&mut self) {
         self.sie_status |= status::SUSPENDED;
     }
 
-    /// Whether it listens to an address.
+    /// Whether the device has this address.
     pub(super) fn has_address(&self, address: u8) -> bool {
         self.is_attached() && self.address & 0x7f == u32::from(address)
     }
@@ -359,7 +361,7 @@ impl Controller {
 
     fn endpoint_control(&self, number: u8, direction: Direction) -> u32 {
         if number == 0 {
-            // Endpoint 0 has its bits in SIE_CTRL, and is always there.
+            // Endpoint 0 has its bits in SIE_CTRL, and it is always there.
             let moved = [
                 (sie_ctrl::EP0_DOUBLE, endpoint::DOUBLE),
                 (sie_ctrl::EP0_INT_1BUF, endpoint::INT_1BUF),
@@ -377,20 +379,20 @@ impl Controller {
         BUFFER_CONTROLS.start + 8 * u32::from(number) + 4 * u32::from(direction == Direction::Out)
     }
 
-    /// Whether the second of an endpoint's buffers is next.
+    /// Whether an endpoint's second buffer is next.
     fn uses_second(&self, number: u8, direction: Direction) -> bool {
         let double = self.endpoint_control(number, direction) & endpoint::DOUBLE != 0;
         double && self.second_next & bit(number, direction) != 0
     }
 
-    /// The control of the buffer that is next, and where the buffer is.
+    /// The control of the buffer that is next, and the address of the buffer.
     fn buffer(&self, number: u8, direction: Direction) -> (u32, u32) {
         let both = self.memory.word(Controller::control_offset(number, direction));
         let first = self.endpoint_control(number, direction) & endpoint::ADDRESS;
         if self.uses_second(number, direction) { (both >> 16, first + BUFFER_BYTES) } else { (both & 0xffff, first) }
     }
 
-    /// What it answers to a token.
+    /// The device's answer to a token.
     pub(super) fn answer(&self, number: u8, direction: Direction) -> Answer {
         if self.endpoint_control(number, direction) & endpoint::ENABLE == 0 || self.abort & bit(number, direction) != 0
         {
@@ -398,7 +400,7 @@ impl Controller {
         }
         let (control, _) = self.buffer(number, direction);
         let stall_armed = number != 0 || self.stall_arm & bit(0, direction) != 0;
-        // One bit, in the first buffer's half, for both (§4.1.2.5.3).
+        // One bit, in the half of the first buffer, counts for both (§4.1.2.5.3).
         let both = self.memory.read(Controller::control_offset(number, direction), Size::Word);
         if both & buffer::STALL != 0 && stall_armed {
             return Answer::Stall;
@@ -411,7 +413,7 @@ impl Controller {
         }
     }
 
-    /// A token was refused or stalled: flags, where asked for.
+    /// The device refused or stalled a token: sets the flags that the program has enabled.
     pub(super) fn refused(&mut self, number: u8, direction: Direction, stall: bool) {
         let asked = if stall { endpoint::INT_STALL } else { endpoint::INT_NAK };
         if self.endpoint_control(number, direction) & asked != 0 {
@@ -419,7 +421,7 @@ impl Controller {
         }
     }
 
-    /// The PC begins a control transfer: always taken (§4.1.2.6.3).
+    /// The PC begins a control transfer, which a device must always accept (§4.1.2.6.3).
     pub(super) fn setup(&mut self, packet: [u8; 8]) {
         for (offset, byte) in (0..).zip(packet) {
             self.memory.write(offset, Size::Byte, byte.into());
@@ -428,7 +430,7 @@ impl Controller {
         self.sie_status |= status::SETUP;
     }
 
-    /// The PC takes what is in the buffer that is next: whether it is DATA1, and the data.
+    /// The PC takes the data of the next buffer. Returns whether they are DATA1, and the data.
     pub(super) fn take(&mut self, number: u8) -> (bool, Vec<u8>) {
         let (control, address) = self.buffer(number, Direction::In);
         let range = address..address + (control & buffer::LENGTH);
@@ -438,8 +440,8 @@ impl Controller {
         (control & buffer::DATA1 != 0, data)
     }
 
-    /// The PC sends data. They are dropped, and acknowledged, if they are not the DATA0 or DATA1 that is expected: then
-    /// they came before.
+    /// The PC sends data. If they are not the expected one of DATA0 and DATA1, they are a repetition: they are
+    /// acknowledged and dropped.
     pub(super) fn put(&mut self, number: u8, data1: bool, data: &[u8]) {
         let (control, address) = self.buffer(number, Direction::Out);
         if (control & buffer::DATA1 != 0) != data1 {
@@ -453,7 +455,8 @@ impl Controller {
         self.done(number, Direction::Out, control | buffer::FULL | data.len() as u32);
     }
 
-    /// A buffer is done: its control, which buffer is next, and flags, where asked for.
+    /// A buffer is done: writes its control back, selects the next buffer, and sets the flags that the program has
+    /// enabled.
     fn done(&mut self, number: u8, direction: Direction, control: u32) {
         let (second, bit) = (self.uses_second(number, direction), bit(number, direction));
         let (offset, asked) = (Controller::control_offset(number, direction), self.endpoint_control(number, direction));

@@ -1,9 +1,10 @@
-//! The PC: notices the device, enumerates it, opens its serial port, moves bytes.
+//! The PC at the other end of the cable: it detects the device, enumerates it, opens its serial port and moves bytes
+//! (USB 2.0 §9).
 //!
-//! It asks in the order of Linux (reset, a first look, reset, address, descriptors, strings, configuration), with the
-//! shortest times that USB 2.0 allows. One transaction follows the other without a pause, whole within a frame, the
-//! endpoints in turn; a token that is refused is repeated for ever, and costs its time. What drivers and programs on the
-//! PC add to that is not here.
+//! Its requests come in the order of Linux (reset, a first descriptor, reset, address, descriptors, strings,
+//! configuration), with the shortest times that USB 2.0 allows. Transactions follow one another without a pause, each
+//! within one frame; the endpoints take turns. A refused token is repeated for ever, and takes its time on the bus. The
+//! delays of drivers and programs on a PC are not emulated.
 
 use super::NEVER;
 use super::bus::{Bus, REFUSED_IN_BITS, transaction_bits};
@@ -12,49 +13,49 @@ use super::controller::{Answer, Controller, Direction};
 use crate::Observer;
 use std::collections::{BTreeMap, VecDeque};
 
-/// From the pull-up to the reset (USB 2.0 §7.1.7.3), length of a reset from a root port (TDRSTR), rest after it (TRSTRCY),
-/// rest after the address (§9.2.6.3), ms.
+/// Times of the enumeration, ms: from the pull-up to the reset (USB 2.0 §7.1.7.3), length of a reset by a root port
+/// (TDRSTR), recovery after it (TRSTRCY), recovery after the address (§9.2.6.3).
 const DEBOUNCE_MS: u64 = 100;
 const RESET_MS: u64 = 50;
 const RECOVERY_MS: u64 = 10;
 const ADDRESS_MS: u64 = 2;
-/// Without frames for so long the bus is suspended (§7.1.7.6).
+/// Time without frames after which the bus is suspended, ms (§7.1.7.6).
 const SUSPEND_MS: u64 = 3;
-/// A request that takes longer has failed (§9.2.6.4).
+/// Time after which a request has failed, ms (§9.2.6.4).
 const REQUEST_MS: u64 = 5000;
-/// The address that the device gets.
+/// The address that the PC assigns to the device.
 const ADDRESS: u8 = 1;
 
-/// How far the PC has come with the device.
+/// How far the PC has brought the device.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum UsbState {
-    /// No device: no cable, or its pull-up is off.
+    /// No device: the cable is out, or the device's pull-up is off.
     Detached,
-    /// It is being reset, asked and configured.
+    /// The PC resets, addresses and configures it.
     Enumerating,
     /// It is configured, and no program has its serial port open.
     Configured,
     /// A program has its serial port open: bytes are moved.
     Open,
-    /// It did not answer as it must, and the PC has given it up until it is plugged in anew.
+    /// It broke the protocol, and the PC ignores it until it is plugged in again.
     Failed,
 }
 
-/// What the PC waits for, or does.
+/// What the PC does, or waits for.
 #[derive(Clone, Debug)]
 enum HostTask {
-    /// For a device.
+    /// It waits for a device.
     Nothing,
-    /// For a cycle, and then the next thing.
+    /// It waits for a cycle, and then does this.
     Wait(u64, After),
-    /// For the end of a transfer; given up if that is later than a cycle.
+    /// It makes a control transfer, which has failed if it is not complete by a cycle.
     Control(Transfer, u64),
-    /// The device is configured: for programs.
+    /// The device is configured and programs may use it.
     Idle,
     GivenUp,
 }
 
-/// What follows a wait. The device is reset twice; after the second time it gets its address.
+/// What comes after a wait. The device is reset twice; after the second reset it gets its address.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum After {
     Reset { second: bool },
@@ -63,7 +64,7 @@ enum After {
     Address,
 }
 
-/// What shares the bus.
+/// The pipes that share the bus.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Pipe {
     Control,
@@ -74,10 +75,10 @@ enum Pipe {
 
 const PIPES: [Pipe; 4] = [Pipe::Control, Pipe::Notifications, Pipe::In, Pipe::Out];
 
-/// A transaction that could be next.
+/// A transaction that could come next.
 struct Offer {
     answer: Answer,
-    /// Bit times if it is taken, and if it is refused.
+    /// Its bit times if the device takes it, and if the device refuses it.
     bits: u64,
     refused_bits: u64,
     number: u8,
@@ -87,15 +88,16 @@ struct Offer {
 #[derive(Clone)]
 pub(super) struct Host {
     pub(super) bus: Bus,
-    /// The cycle in which something happens next.
+    /// The cycle of the next event.
     pub(super) next: u64,
     plugged: bool,
     work: HostTask,
-    /// The transaction on the bus, and the cycle in which it is over.
+    /// The transaction on the bus, and the cycle of its end.
     flight: Option<(u64, Pipe)>,
-    /// Which pipe comes first.
+    /// The pipe that comes first in the next round.
     turn: usize,
-    /// The bus is free from here on; since then all is refused, each round of which takes so many bit times.
+    /// The bus has been free since this cycle. The device has refused everything since, and each round of polls takes
+    /// `polling_bits`.
     free: u64,
     polling_bits: u64,
     suspend_at: u64,
@@ -106,19 +108,20 @@ pub(super) struct Host {
     configured: bool,
     wanted_open: bool,
     is_open: bool,
-    /// The program does not read, and what the PC keeps for it is full.
+    /// Whether the program does not read and the PC's buffers are full.
     is_full: bool,
-    /// What programs ask the driver for beside that.
+    /// Requests that programs on the PC have made of the driver.
     asked: Vec<Request>,
-    /// Requests to be made, in this order.
+    /// The requests to come, in order.
     requests: VecDeque<Request>,
-    /// The next packet is DATA1.
+    /// Whether the next packet is DATA1.
     in_data1: bool,
     out_data1: bool,
     out: VecDeque<u8>,
-    /// Endpoints that have stalled, of data to the PC and from it, of notifications: they are left alone until they are cleared.
+    /// Which endpoints have stalled: data to the PC, data from it, notifications. The PC leaves them alone until their
+    /// halt is cleared.
     stalled: [bool; 3],
-    /// The device's texts, by index.
+    /// The device's strings, by index.
     texts: BTreeMap<u8, String>,
 }
 
@@ -167,7 +170,7 @@ impl Host {
         self.is_full = is_full;
     }
 
-    /// A program has an endpoint of the port cleared, or a configuration set; when the device is configured.
+    /// A program on the PC makes a request. It is sent when the device is configured.
     pub(super) fn ask(&mut self, request: Request) {
         self.asked.push(request);
     }
@@ -191,7 +194,7 @@ impl Host {
         }
     }
 
-    /// Whether frames are on the bus: not before the end of the first reset.
+    /// Whether frames are on the bus. They begin with the end of the first reset.
     pub(super) fn makes_frames(&self) -> bool {
         match self.work {
             HostTask::Nothing => false,
@@ -200,7 +203,7 @@ impl Host {
         }
     }
 
-    /// Does what is due in a cycle.
+    /// Handles the events that are due in a cycle.
     pub(super) fn run(&mut self, cycle: u64, controller: &mut Controller, observer: &mut impl Observer) {
         if self.suspend_at <= cycle {
             self.suspend_at = NEVER;
@@ -220,7 +223,7 @@ impl Host {
         }
     }
 
-    /// Sees what has changed by a cycle, and begins what can begin.
+    /// Notices what has changed by a cycle, and begins the next transaction if there is one.
     pub(super) fn plan(&mut self, cycle: u64, controller: &mut Controller) {
         controller.set_power(self.plugged);
         match (controller.is_attached(), &self.work) {
@@ -262,7 +265,7 @@ impl Host {
         *self = Host { bus, plugged, wanted_open, suspend_at, free: cycle, ..Host::new() };
     }
 
-    /// After a wait.
+    /// Goes on after a wait.
     fn go_on(&mut self, after: After, cycle: u64, controller: &mut Controller) {
         let wait = |ms, then| HostTask::Wait(cycle + self.bus.milliseconds(ms), then);
         match after {
@@ -283,7 +286,7 @@ impl Host {
         }
     }
 
-    /// Makes the next of the requests, if there is one.
+    /// Starts the transfer of the next request, if there is one.
     fn request(&mut self, cycle: u64) {
         self.work = match self.requests.pop_front() {
             Some(request) => {
@@ -293,7 +296,7 @@ impl Host {
         };
     }
 
-    /// A request has its answer; none, if the device has refused what it may refuse.
+    /// A request is complete. `data` is empty if the device has refused it.
     fn answered(&mut self, request: Request, data: &[u8], cycle: u64) {
         match (request, data) {
             (Request::FIRST_LOOK, [_, _, _, _, _, _, _, packet, ..]) if *packet != 0 => {
@@ -312,7 +315,7 @@ impl Host {
                 let texts = [*manufacturer, *product, *serial].into_iter().filter(|index| *index != 0);
                 self.requests.extend(texts.map(Request::string));
             }
-            // The beginning of the configuration has the length of all of it.
+            // The first nine bytes of the configuration contain the length of all of it.
             (Request::Descriptor { length: 9, .. }, [9, _, low, high, ..])
                 if data.len() == 9 && u16::from_le_bytes([*low, *high]) > 9 =>
             {
@@ -355,7 +358,7 @@ impl Host {
         self.request(cycle);
     }
 
-    /// What a pipe would do now; nothing, if it has nothing to do.
+    /// The next transaction of a pipe, if there is one.
     fn offer(&self, pipe: Pipe, controller: &Controller) -> Option<Offer> {
         let offer = |number, direction, bytes: Option<usize>| {
             let answer = if controller.has_address(self.address) {
@@ -386,11 +389,11 @@ impl Host {
                     Token::Out { data, .. } => offer(0, Direction::Out, Some(data.len())),
                 })
             }
-            // A driver clears an endpoint when nothing is under way there.
+            // A driver clears an endpoint while no transfer is under way on it.
             _ if !self.is_open || self.clears() => None,
             Pipe::Notifications if self.stalled[2] => None,
             Pipe::Notifications => {
-                // Asked for so seldom that a refusal costs nothing.
+                // Notifications are polled so seldom that refusals take no time here.
                 let endpoint = self.port.notifications?;
                 Some(Offer { refused_bits: 0, ..offer(endpoint.number, Direction::In, None) })
             }
@@ -404,12 +407,12 @@ impl Host {
         }
     }
 
-    /// Whether an endpoint is being cleared.
+    /// Whether an endpoint's halt is being cleared.
     fn clears(&self) -> bool {
         matches!(&self.work, HostTask::Control(Transfer { request: Request::ClearHalt(_), .. }, _))
     }
 
-    /// Bytes of the next packet to the device.
+    /// The length of the next packet to the device, bytes.
     fn packet(&self, endpoint: Endpoint) -> usize {
         endpoint.packet.min(self.out.len())
     }
@@ -434,7 +437,7 @@ impl Host {
             return;
         };
         let from = match (cycle > self.free, self.polling_bits) {
-            // The others were asked in between.
+            // The tokens that the device refused come first.
             (false, _) => self.free + self.bus.cycles(refused_bits),
             (true, 0) => cycle,
             (true, round) => self.bus.next_poll(self.free, cycle, round),
@@ -445,9 +448,9 @@ impl Host {
         self.turn = index + 1;
     }
 
-    /// A transaction is over.
+    /// A transaction has ended.
     fn finish(&mut self, pipe: Pipe, cycle: u64, controller: &mut Controller, observer: &mut impl Observer) {
-        // What the device had armed when it began may be gone.
+        // The program may have withdrawn the buffer since the transaction began.
         let Some(offer) = self.offer(pipe, controller).filter(|offer| offer.answer != Answer::Refused) else { return };
         let Offer { answer, number, direction, .. } = offer;
         if answer == Answer::Stall {
@@ -471,7 +474,7 @@ impl Host {
             }
             Pipe::In => {
                 let (data1, data) = controller.take(number);
-                // The other toggle: a packet that was here before.
+                // The wrong toggle: this packet was received before.
                 if data1 == self.in_data1 {
                     self.in_data1 = !data1;
                     if !data.is_empty() {

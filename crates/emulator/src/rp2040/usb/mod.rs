@@ -1,12 +1,12 @@
 //! USB: the chip's device controller and a PC at the other end of the cable (RP2040 datasheet §4.1; USB 2.0).
 //!
-//! - [`controller`]: registers, DPRAM, what the device answers to a token
-//! - [`bus`]: frames, and how long a transaction takes
-//! - [`host`]: the PC: attaches, enumerates, opens the serial port, moves bytes
-//! - [`control`]: control transfers, and what the PC asks in which order
+//! - [`controller`]: registers, DPRAM, the device's answers to tokens
+//! - [`bus`]: frames, and the time that a transaction takes
+//! - [`host`]: the PC: detects, enumerates, opens the serial port, moves bytes
+//! - [`control`]: control transfers, and the PC's requests
 //!
-//! A transaction is one event, at its end: what the device has armed is then done, and flags are set. Polls that the
-//! device would refuse are not played; they take their time on the bus all the same.
+//! A transaction is one event, at its end: then the buffer is done and flags are set. Polls that the device refuses are
+//! not simulated one by one, but they take their time on the bus.
 
 mod bus;
 mod control;
@@ -26,11 +26,11 @@ const NEVER: u64 = u64::MAX;
 pub(super) struct Usb {
     controller: Controller,
     host: Host,
-    /// clk_sys, Hz.
+    /// Frequency of clk_sys, Hz.
     sys_hz: u64,
-    /// The last cycle in which something happened here.
+    /// The cycle of the last event here.
     now: u64,
-    /// The cycle in which something happens next.
+    /// The cycle of the next event.
     pub(super) next: u64,
 }
 
@@ -39,13 +39,13 @@ impl Usb {
         Usb { controller: Controller::new(), host: Host::new(), sys_hz: 0, now: 0, next: NEVER }
     }
 
-    /// The controller as after a reset; the PC sees that the device has gone.
+    /// Resets the controller. The PC sees that the device has gone.
     pub(super) fn reset(&mut self, cycle: u64) {
         self.controller.reset();
         self.plan(cycle);
     }
 
-    /// clk_sys from a cycle on, Hz.
+    /// Sets the frequency of clk_sys from a cycle on, Hz.
     pub(super) fn set_clock(&mut self, sys_hz: u64, cycle: u64) {
         if sys_hz != self.sys_hz {
             self.sys_hz = sys_hz;
@@ -54,7 +54,7 @@ impl Usb {
         }
     }
 
-    /// Does what is due up to a cycle. Returns whether anything was.
+    /// Handles the events that are due up to a cycle. Returns whether there were any.
     pub(super) fn run(&mut self, cycle: u64, observer: &mut impl Observer) -> bool {
         let due = self.next <= cycle;
         while self.next <= cycle {
@@ -68,7 +68,7 @@ impl Usb {
     fn plan(&mut self, cycle: u64) {
         self.now = cycle;
         self.host.plan(cycle, &mut self.controller);
-        // The start of a frame, if an interrupt waits for it.
+        // The start of a frame, if the program has enabled its interrupt.
         let frame = self.frame().is_some_and(|frame| self.controller.wants_frames(frame));
         self.next = self.host.next.min(if frame { self.host.bus.next_frame(cycle) } else { NEVER });
     }
@@ -78,7 +78,7 @@ impl Usb {
         self.host.makes_frames().then(|| self.host.bus.frame(self.now))
     }
 
-    /// Whether the interrupt line is high (USBCTRL_IRQ).
+    /// Whether the interrupt line (USBCTRL_IRQ) is high.
     pub(super) fn line_asserted(&self) -> bool {
         self.controller.interrupts(self.frame()) != 0
     }
@@ -92,7 +92,7 @@ impl Usb {
         value
     }
 
-    /// `value` is what was written, for bits that are cleared by writing ones; `merge` what it makes of the others.
+    /// `value` is the written word, for bits that ones clear. `merge` makes the new value of the other registers.
     pub(super) fn write(&mut self, offset: u32, value: u32, merge: impl Fn(u32) -> u32, cycle: u64) {
         self.controller.write(offset, value, merge);
         self.plan(cycle + 1);
@@ -109,7 +109,7 @@ impl Usb {
         }
     }
 
-    // The world.
+    // The cable and the PC's programs.
 
     pub(super) fn plug(&mut self, plugged: bool, cycle: u64) {
         self.host.plug(plugged);
