@@ -99,6 +99,11 @@ pub trait Port: Send {
     fn edges(&mut self, into: &mut Vec<Edge>) {
         let _ = into;
     }
+
+    /// Whether the edges of the board's pins are known: not those of a real board.
+    fn has_edges(&self) -> bool {
+        true
+    }
 }
 
 impl<P: Port + ?Sized> Port for Box<P> {
@@ -120,6 +125,10 @@ impl<P: Port + ?Sized> Port for Box<P> {
 
     fn edges(&mut self, into: &mut Vec<Edge>) {
         (**self).edges(into);
+    }
+
+    fn has_edges(&self) -> bool {
+        (**self).has_edges()
     }
 }
 

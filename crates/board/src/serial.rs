@@ -119,6 +119,10 @@ impl Drop for Serial {
 }
 
 impl Port for Serial {
+    fn has_edges(&self) -> bool {
+        false
+    }
+
     fn now(&self) -> Duration {
         self.opened.elapsed()
     }

@@ -1,6 +1,7 @@
 //! Runs a prepared motion on the native board, a virtual board or a real one: connects, streams it by a [`Session`], and compares the counts.
 //! Nothing is collected on the way, so that a motion may last for days.
 
+use std::collections::VecDeque;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::mpsc::{Receiver, TryRecvError, channel};
@@ -235,7 +236,8 @@ pub struct Driven<B> {
     places: Vec<Option<u8>>,
     /// By index in `lines`: the motor whose STEP it is.
     steppers: Vec<Option<usize>>,
-    meter: Meter,
+    /// `None` of a real board: its edges are not known, and steps would wait for them for ever.
+    meter: Option<Meter>,
 }
 
 impl Driven<Native> {
@@ -247,7 +249,7 @@ impl Driven<Native> {
         let program = &prepared.program;
         let lines = lines::of(program);
         let places = (0..).map(Some).take(lines.len()).collect();
-        Driven::begin(native(program, Native::new)?, program, lines, places, Edges::default())
+        Driven::begin(native(program, Native::new)?, program, lines, places, Some(Edges::default()))
     }
 }
 
@@ -282,11 +284,12 @@ impl<P: Port> Driven<WithReference<Remote<P>>> {
     ) -> Result<Driven<WithReference<Remote<P>>>, DriveError> {
         let program = &prepared.program;
         let remote = connect(program)?;
+        let edges = remote.port().has_edges().then(|| Edges::of(program));
         let lines = lines::of(program);
         let place = |pin: u8| place_of(&lines, pin);
         let places = (0..=LAST_PIN).map(place).collect();
         let board = WithReference::new(remote, native(program, Native::unbounded)?);
-        Driven::begin(board, program, lines, places, Edges::of(program))
+        Driven::begin(board, program, lines, places, edges)
     }
 
     /// The board at the other end of the line: its measurements, and the Info of its firmware.
@@ -414,7 +417,9 @@ fn at_rate<P: Port>(mut remote: Remote<P>, baud: Baud, number: u32) -> Result<Re
 pub fn session_number() -> u32 {
     static SESSIONS: AtomicU32 = AtomicU32::new(0);
     let own = SESSIONS.fetch_add(1, Ordering::Relaxed);
-    std::process::id().wrapping_mul(0x9e37_79b1).wrapping_add(own)
+    // A page in a browser has no process: its sessions are told apart among themselves.
+    let process = if cfg!(target_family = "wasm") { 0 } else { std::process::id() };
+    process.wrapping_mul(0x9e37_79b1).wrapping_add(own)
 }
 
 /// How a run ended.
@@ -434,7 +439,7 @@ impl<B: Leased> Driven<B> {
         program: &Program,
         mut lines: Vec<Line>,
         places: Vec<Option<u8>>,
-        edges: Edges,
+        edges: Option<Edges>,
     ) -> Result<Driven<B>, DriveError> {
         let program = Arc::new(program.clone());
         let of = |error| DriveError::of(&program, error);
@@ -443,7 +448,7 @@ impl<B: Leased> Driven<B> {
             program.motors.iter().position(is_step)
         };
         let steppers = lines.iter().map(stepper).collect();
-        let meter = Meter::new(program.motors.len(), edges.constant_ticks.into());
+        let meter = edges.map(|edges| Meter::new(program.motors.len(), edges.constant_ticks.into()));
         let mut session = Session::new(board, Arc::clone(&program)).map_err(of)?;
         // If the first step comes soon after the start, its DIR edge comes before the start: it becomes the line's initial level.
         let mut level = |edge: Edge| {
@@ -478,25 +483,27 @@ impl<B: Leased> Driven<B> {
         let seconds = |tick: u64| tick.saturating_sub(zero) as f64 / tick_hz as f64;
         let Driven { session, steppers, meter, places, .. } = self;
         let mut since = Since { zero, places, steppers, meter, observer };
+        let mut inbox = Inbox { commands, waiting: VecDeque::new(), is_open: true };
         let (mut ordered, mut stopped) = (false, false);
         while session.is_paused() || !(session.is_complete() && is_last_step_past(session)) {
             let now = session.board().now();
-            let command = match commands.try_recv() {
-                Ok(command) => Some(command),
-                Err(TryRecvError::Empty) => None,
-                Err(TryRecvError::Disconnected) if session.is_paused() && is_last_step_past(session) => {
-                    stopped = true;
-                    break;
-                }
-                Err(TryRecvError::Disconnected) => None,
-            };
+            // A paused session sends nothing, and so notices no loss by itself.
+            if session.is_paused() && session.board().lost().is_some() {
+                break;
+            }
+            let command = inbox.next();
+            if command.is_none() && !inbox.is_open && session.is_paused() && is_last_step_past(session) {
+                stopped = true;
+                break;
+            }
+            let (was_paused, was_over) = (session.is_paused(), session.is_over);
             let obeyed = match command {
                 Some(Command::Stop) if !ordered => {
                     ordered = true;
                     let last = session.last_step().filter(|_| session.is_complete());
                     session.stop().map(|at| {
                         // If the whole plan was sent, the last step may have been made before the board got the order.
-                        stopped = last.is_none_or(|last| at <= last);
+                        stopped = was_paused || last.is_none_or(|last| at <= last);
                         events(Event::Stopping { at_s: seconds(at) });
                     })
                 }
@@ -517,9 +524,19 @@ impl<B: Leased> Driven<B> {
                         Command::Pause => session.pause().map(|rests| Event::Pausing { rests_s: seconds(rests) }),
                         _ => session.resume().map(|tick| Event::Resuming { full_speed_s: seconds(tick) }),
                     };
-                    // A refused pause or resumption changes nothing.
-                    events(done.unwrap_or_else(|error| Event::Refused { command, why: error.to_string() }));
-                    Ok(())
+                    match done {
+                        Ok(event) => {
+                            events(event);
+                            Ok(())
+                        }
+                        // The change was made, and the motion cannot go on after it.
+                        Err(error) if session.is_over && !was_over => Err(error),
+                        // Nothing was changed.
+                        Err(error) => {
+                            events(Event::Refused { command, why: error.to_string() });
+                            Ok(())
+                        }
+                    }
                 }
                 Some(Command::Stop) | None => Ok(()),
             };
@@ -541,8 +558,8 @@ impl<B: Leased> Driven<B> {
                 return Err(failure.halted(seen_s, positions));
             }
             events(Event::Progress { at_s: seconds(session.board().now()) });
-            let status = session.status(zero);
-            events(Event::Status(Status { lateness: Some(since.meter.so_far()), ..status }));
+            let lateness = since.meter.as_ref().map(Meter::so_far);
+            events(Event::Status(Status { lateness, ..session.status() }));
         }
         let progress = |tick| events(Event::Progress { at_s: seconds(tick) });
         let report = self.session.run(&mut since, progress);
@@ -601,10 +618,35 @@ impl<B: Leased> Driven<B> {
         (Positions { motors: names.zip(counts).collect(), by }, stop)
     }
 
-    /// How late the STEP edges of the run were, against their scheduled ticks. To be called once, after the run.
-    pub fn lateness(&mut self) -> Lateness {
-        let constant_ticks = self.meter.so_far().constant_ticks;
-        std::mem::replace(&mut self.meter, Meter::new(0, constant_ticks)).finish()
+    /// How late the STEP edges of the run were, against their scheduled ticks. To be called once, after the run. `None` if the edges are not known.
+    pub fn lateness(&mut self) -> Option<Lateness> {
+        self.meter.take().map(Meter::finish)
+    }
+}
+
+/// Commands that have come and wait to be obeyed. [`Command::StopNow`] goes before all others, and then [`Command::Stop`].
+struct Inbox<'c> {
+    commands: &'c Receiver<Command>,
+    waiting: VecDeque<Command>,
+    /// Whether a sender is left.
+    is_open: bool,
+}
+
+impl Inbox<'_> {
+    fn next(&mut self) -> Option<Command> {
+        loop {
+            match self.commands.try_recv() {
+                Ok(command) => self.waiting.push_back(command),
+                Err(TryRecvError::Empty) => break,
+                Err(TryRecvError::Disconnected) => {
+                    self.is_open = false;
+                    break;
+                }
+            }
+        }
+        let place = |wanted: Command| self.waiting.iter().position(|command| *command == wanted);
+        let urgent = place(Command::StopNow).or_else(|| place(Command::Stop));
+        self.waiting.remove(urgent.unwrap_or(0))
     }
 }
 
@@ -621,7 +663,7 @@ struct Since<'o, O> {
     zero: u64,
     places: &'o [Option<u8>],
     steppers: &'o [Option<usize>],
-    meter: &'o mut Meter,
+    meter: &'o mut Option<Meter>,
     observer: &'o mut O,
 }
 
@@ -632,7 +674,7 @@ impl<O: Observer> Observer for Since<'_, O> {
             if edge.level
                 && let Some(motor) = self.steppers[usize::from(line)]
             {
-                self.meter.edge(motor, tick);
+                self.meter.iter_mut().for_each(|meter| meter.edge(motor, tick));
             }
             self.observer.edge(Edge { tick, line, level: edge.level });
         }
@@ -642,7 +684,7 @@ impl<O: Observer> Observer for Since<'_, O> {
         let step = ScheduledStep { tick: step.tick - self.zero, ..step };
         // Coils are left out: no single edge of theirs is a step.
         if self.steppers.contains(&Some(step.motor)) {
-            self.meter.scheduled(step.motor, step.tick);
+            self.meter.iter_mut().for_each(|meter| meter.scheduled(step.motor, step.tick));
         }
         self.observer.step(step);
     }

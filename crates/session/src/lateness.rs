@@ -43,7 +43,7 @@ struct Pending {
 }
 
 /// The lateness of a run.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Lateness {
     /// Edge tick − scheduled tick of an edge that is not late, ticks: the board's constant.
     pub constant_ticks: u64,

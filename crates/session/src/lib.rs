@@ -98,6 +98,8 @@ const PENDING_PER_LINK_MS: u64 = 8;
 /// Streams a program into a board. Ticks are the board's, extended to 64 bits.
 pub struct Session<B> {
     board: B,
+    /// The tick at which the first program's laws began.
+    begun: u64,
     stream: Stream,
     timelines: Vec<Timeline>,
     /// How hard each motor may brake, as the board has accepted it.
@@ -276,6 +278,7 @@ impl<B: Leased> Session<B> {
         let replaced = Replaced { until: zero, timelines, limits: begun.limits.clone(), braking_from: None };
         let mut session = Session {
             board,
+            begun: zero,
             stream: begun.stream,
             timelines: begun.timelines,
             limits: begun.limits,
@@ -657,8 +660,8 @@ impl<B: Leased> Session<B> {
         self.if_nothing_more_is_sent().get(motor)?.count_before(after)
     }
 
-    /// The state of all motors and of the lease. Times are seconds since tick `zero`.
-    pub fn status(&mut self, zero: u64) -> Status {
+    /// The state of all motors and of the lease. Times are seconds since the session began.
+    pub fn status(&mut self) -> Status {
         let now = self.board.now();
         let tick_s = 1.0 / self.pace.tick_hz as f64;
         let motors = (0..self.capacity.len()).map(|motor| {
@@ -674,7 +677,7 @@ impl<B: Leased> Session<B> {
         let motors = motors.collect();
         let committed_until = self.committed_until();
         Status {
-            at_s: now.saturating_sub(zero) as f64 * tick_s,
+            at_s: now.saturating_sub(self.begun) as f64 * tick_s,
             lease_s: (committed_until != u64::MAX).then(|| committed_until.saturating_sub(now) as f64 * tick_s),
             motors,
             lateness: None,

@@ -111,12 +111,13 @@ impl Rehearsed {
 
 /// A rehearsal that failed: the first error, and how fast the motors were then.
 #[derive(Debug, thiserror::Error)]
-#[error("rehearsed on the virtual Uno, {what}")]
+#[error("rehearsed on the virtual {}, {what}", .kind.title())]
 pub struct Failed {
     /// What went wrong.
     pub what: What,
     /// Each motor that turns at that time, and its speed by the law, steps/s.
     pub rates: Vec<(String, f64)>,
+    kind: BoardKind,
     /// The rate of the rehearsed line.
     baud: Baud,
 }
@@ -172,9 +173,19 @@ fn place(why: &DriveError, at_s: Option<f64>, first: Option<&Failure>) -> String
     }
 }
 
+/// The board that a program is for; an Uno, the one that is rehearsed, if it has no firmware.
+fn kind_of(program: &Program) -> BoardKind {
+    BoardKind::named(&program.board.name).unwrap_or(BoardKind::Uno)
+}
+
 impl Failed {
     fn new(program: &Program, baud: Baud, what: What) -> Failed {
-        Failed { rates: what.at_s().map(|at_s| rates(program, at_s)).unwrap_or_default(), what, baud }
+        Failed {
+            rates: what.at_s().map(|at_s| rates(program, at_s)).unwrap_or_default(),
+            what,
+            kind: kind_of(program),
+            baud,
+        }
     }
 
     /// What the user can do.
@@ -227,7 +238,7 @@ pub fn rehearse(
 ) -> Result<Rehearsed, Failed> {
     let program = &prepared.program;
     let failed = |what| Failed::new(program, baud, what);
-    let begun = Driven::on_virtual(BoardKind::Uno, prepared, baud);
+    let begun = Driven::on_virtual(kind_of(program), prepared, baud);
     let mut driven = begun.map_err(|error| failed(What::session(error, None, None)))?;
     let options = Edges::of(program).options(program, length.until_s());
     let judge = EdgeJudge::new(program.board.tick_hz, &driven.lines, program, &options);

@@ -294,7 +294,7 @@ fn measured<P: Port>(
         most_unread_bytes: said.most_unread,
         stack_left_bytes: said.stack_left,
         events,
-        pins: Some(pins),
+        pins,
     })
 }
 

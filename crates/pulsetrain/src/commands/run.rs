@@ -182,7 +182,7 @@ pub(crate) fn record<B: Leased, W: std::io::Write>(
         recorder.close()?;
         return Ok(Err(error));
     }
-    Ok(Ok(recorder.finish(planned, driven.lateness())?))
+    Ok(Ok(recorder.finish(planned, driven.lateness().unwrap_or_default())?))
 }
 
 /// Writes a picture as SVG, or as PNG if the path ends in .png.

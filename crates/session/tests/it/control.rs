@@ -1,14 +1,16 @@
 //! Commands to a run, and the events that it tells.
 
 use pulsetrain_board::virtual_uno::VirtualUno;
-use pulsetrain_board::{Config, Edge, MotorConfig, Native, Remote, Wiring};
+use pulsetrain_board::{Config, Edge, MotorConfig, Native, Port, PortError, Remote, Wiring};
+use pulsetrain_core::wire::Baud;
 use pulsetrain_motion::{file, template};
 use pulsetrain_session::control::{Command, Event, Status};
-use pulsetrain_session::drive::Driven;
+use pulsetrain_session::drive::{DriveError, Driven};
 use pulsetrain_session::prepare::Prepared;
 use pulsetrain_session::{FARTHEST_BEGIN_S, Session, SessionError};
 use std::sync::mpsc::channel;
 use std::thread;
+use std::time::Duration;
 
 /// Three turns there and back, a rest, three turns: 8 steps a full step, 200 a turn.
 fn prepared() -> Prepared {
@@ -62,7 +64,7 @@ fn a_run_is_paused_and_goes_on_and_makes_every_step() {
         panic!("{told:?}")
     };
     assert!(*full_speed_s > first + 3.0 && why == "the motion is not paused", "{told:?}");
-    assert_eq!(driven.lateness().lost, 0);
+    assert_eq!(driven.lateness().unwrap().lost, 0);
 }
 
 /// Otherwise it would wait for ever.
@@ -104,7 +106,7 @@ fn a_status_says_where_everything_is() {
     assert_eq!((last.motors[0].position, last.lease_s), (4800, None));
     // The last pulse is matched when it is known that none comes after it.
     assert_eq!(last.lateness.as_ref().map(|lateness| (lateness.edges, lateness.max_ticks)), Some((23_999, 0)));
-    assert_eq!(driven.lateness().edges, 24_000);
+    assert_eq!(driven.lateness().unwrap().edges, 24_000);
     let text = serde_json::to_string(&Event::Status(last.clone())).unwrap();
     assert_eq!(serde_json::from_str::<Event>(&text).unwrap(), Event::Status(last.clone()));
 }
@@ -152,4 +154,132 @@ fn a_session_begins_at_the_tick_that_it_is_told() {
     let late = Session::begin_at(board(), program.clone(), latest + 1).err();
     assert_eq!(late, Some(SessionError::Late { at: latest + 1, latest }));
     assert!(matches!(Session::begin_at(board(), program.clone(), 5).err(), Some(SessionError::Early { at: 5, .. })));
+}
+
+/// A motion that is stopped in its pause has not come to its end.
+#[test]
+fn a_stop_in_a_pause_says_that_the_motion_was_stopped() {
+    let prepared = prepared();
+    let (commands, receiver) = channel();
+    let (mut rests_s, mut sent) = (None, 0);
+    let mut driven = Driven::native(&prepared).unwrap();
+    let ended = driven.run_with(&receiver, &mut |_: Edge| {}, |event| {
+        if let Some(status) = status(&event) {
+            if sent == 0 && status.at_s >= 1.0 {
+                sent = 1;
+                commands.send(Command::Pause).unwrap();
+            }
+            if sent == 1 && rests_s.is_some_and(|rests_s| status.at_s > rests_s + 0.5) {
+                sent = 2;
+                commands.send(Command::Stop).unwrap();
+            }
+        }
+        if let Event::Pausing { rests_s: at_s } = event {
+            rests_s = Some(at_s);
+        }
+    });
+    let ended = ended.unwrap();
+    assert_eq!((sent, ended.stopped), (2, true));
+    assert!((1600..=3200).contains(&ended.counted[0]), "{ended:?}");
+}
+
+/// Whoever stops the motors need not wait until commands before were obeyed.
+#[test]
+fn a_stop_goes_before_commands_that_wait() {
+    let prepared = prepared();
+    for (stop, is_at_once) in [(Command::Stop, false), (Command::StopNow, true)] {
+        let (commands, receiver) = channel();
+        for command in [Command::Pause, Command::Resume, Command::Pause, stop] {
+            commands.send(command).unwrap();
+        }
+        let mut told = Vec::new();
+        let mut driven = Driven::native(&prepared).unwrap();
+        let ended = driven.run_with(&receiver, &mut |_: Edge| {}, |event| {
+            if !matches!(event, Event::Progress { .. } | Event::Status(_)) {
+                told.push(event);
+            }
+        });
+        assert!(ended.unwrap().stopped);
+        let first = told.first();
+        let is_right = match first {
+            Some(Event::StoppedAtOnce { .. }) => is_at_once,
+            Some(Event::Stopping { .. }) => !is_at_once,
+            _ => false,
+        };
+        assert!(is_right, "{told:?}");
+    }
+}
+
+/// A port of which nothing is known but what the board says, and which is gone after a while.
+struct Real {
+    uno: VirtualUno,
+    gone: Duration,
+}
+
+impl Port for Real {
+    fn now(&self) -> Duration {
+        self.uno.now()
+    }
+
+    fn send(&mut self, bytes: &[u8]) -> Result<(), PortError> {
+        if self.uno.now() >= self.gone {
+            return Err(PortError::Gone { name: "cable".to_owned(), why: "pulled".to_owned() });
+        }
+        self.uno.send(bytes)
+    }
+
+    fn receive(&mut self, until: Duration, into: &mut Vec<u8>) -> Result<(), PortError> {
+        if self.uno.now() >= self.gone {
+            return Err(PortError::Gone { name: "cable".to_owned(), why: "pulled".to_owned() });
+        }
+        self.uno.receive(until, into)
+    }
+
+    fn set_baud(&mut self, baud: Baud) -> Result<(), PortError> {
+        self.uno.set_baud(baud)
+    }
+
+    fn has_edges(&self) -> bool {
+        false
+    }
+}
+
+/// Runs on the virtual Uno.
+mod chips {
+    use super::*;
+
+    /// Of a real board no edge is known: steps must not wait for theirs in memory, and a lateness of 0 would be a lie.
+    #[test]
+    fn no_lateness_is_told_of_a_real_board() {
+        let prepared = prepared();
+        let port = Real { uno: VirtualUno::new(), gone: Duration::MAX };
+        let mut driven = Driven::at(&prepared, port, Baud::B1M).unwrap();
+        let mut seen = 0;
+        driven
+            .run(&mut |_: Edge| {}, |event| {
+                if let Some(status) = status(&event) {
+                    assert_eq!(status.lateness, None);
+                    seen += 1;
+                }
+            })
+            .unwrap();
+        assert!(seen > 100 && driven.lateness().is_none());
+    }
+
+    #[test]
+    fn a_cable_that_is_pulled_in_a_pause_ends_the_run() {
+        let prepared = prepared();
+        let port = Real { uno: VirtualUno::new(), gone: Duration::from_secs(5) };
+        let (commands, receiver) = channel();
+        let mut is_paused = false;
+        let mut driven = Driven::at(&prepared, port, Baud::B1M).unwrap();
+        let error = driven.run_with(&receiver, &mut |_: Edge| {}, |event| {
+            if !is_paused && status(&event).is_some_and(|status| status.at_s >= 1.0) {
+                is_paused = true;
+                commands.send(Command::Pause).unwrap();
+            }
+        });
+        let error = error.unwrap_err();
+        assert!(matches!(error, DriveError::Halted { .. }) && error.to_string().contains("pulled"), "{error}");
+    }
 }

@@ -336,7 +336,7 @@ impl<P: Chip> Bench<P> {
         let recorder = Recorder::new(program, &drawn, &driven.lines, String::new(), Some(files), &Edges::of(program));
         let mut recorder = recorder.expect("it begins");
         let ended = driven.run(&mut recorder, |_| {});
-        let error = recorder.finish(&planned, driven.lateness()).expect_err("the disk is full");
+        let error = recorder.finish(&planned, driven.lateness().unwrap()).expect_err("the disk is full");
         (self.judge(ended.err(), &line.all_edges()), error.to_string())
     }
 
