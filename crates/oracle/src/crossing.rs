@@ -1,4 +1,4 @@
-//! When a step is due, exactly.
+//! The exact time of a step.
 
 use dashu::base::Abs;
 use dashu::float::FBig;
@@ -13,7 +13,7 @@ pub type Rational = RBig;
 /// Significant bits of every [`Real`] here. A tick of 8 ns in 10 h is bit 43, so that 149 bits stay for its fraction.
 pub(crate) const BITS: usize = 192;
 
-/// `numerator`/`denominator`.
+/// The number `numerator`/`denominator`.
 ///
 /// # Panics
 /// If `denominator` is 0.
@@ -27,10 +27,10 @@ pub(crate) fn real(value: &Rational) -> Real {
     value.to_float::<HalfEven, 2>(BITS).value()
 }
 
-/// θ crosses the level of a step.
+/// A step: θ crosses its level.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Crossing {
-    /// When, s.
+    /// The exact time, s.
     pub seconds: Real,
     /// Whether the position counts up.
     pub forward: bool,
@@ -52,7 +52,7 @@ impl Crossing {
         (&self.seconds * Real::from(tick_hz) - Real::from(scheduled)).abs().to_f64().value()
     }
 
-    /// The tick nearest to the exact time: what a plan can do at best.
+    /// The tick nearest to the exact time: the best that a plan can do.
     ///
     /// # Panics
     /// If it is beyond 2^63 ticks.

@@ -1,17 +1,30 @@
-//! Exact step times to 192 bits: what tests and benches compare plans with.
+//! Exact step times, to 192 bits: tests and benches compare plans with them.
 //!
-//! It shares nothing with what it judges: no code, no floating point that a step time depends on, not even the law's
-//! types. Laws are stated here a second time, in rational numbers.
+//! An oracle must not repeat the errors of what it judges. So it shares no code with the planner, not even the types of laws: each law is stated a
+//! second time here, in rational numbers. No step time depends on floating point of 64 bits.
 //!
 //! # What is here
+//! - [`Crossing`]: when a step is due, exactly, and how far a scheduled tick is from that time
 //! - [`Sine`]: the tutorial's sinusoid, by arc cosines
-//! - [`Trapezoid`]: speed up, cruise, slow down, by square roots; constant speed is one without the first and last
-//! - [`Waves`]: a constant speed and sinusoids, by Newton's iteration
-//! - [`Lorenz`]: the states of an orbit, by extrapolation; no step times: nobody has them but of an interpolant
-//! - [`Crossing`]: when a step is due, exactly, and how far a scheduled tick is from it
+//! - [`Trapezoid`]: speeding up, cruising and slowing down, by square roots; a constant speed is a trapezoid without the first and the last
+//! - [`Waves`]: a constant speed plus sinusoids, by Newton's iteration
+//! - [`Lorenz`]: the states of an orbit, by extrapolation. It has no step times: between two states only an interpolant has any
 //!
 //! # What is not
-//! Speed: a crossing costs 1 µs to 1 ms. Limits, dropped pairs, shared lines: those are not in θ(t).
+//! Speed: a crossing takes 1 µs to 1 ms. Limits, dropped pairs of steps and shared DIR lines: they are not part of θ(t).
+//!
+//! # Example
+//! The time of one step, and the error of a scheduled tick:
+//! ```
+//! use pulsetrain_oracle::{Trapezoid, rational};
+//!
+//! // 1000 steps/s on a grid without hysteresis: the first step is due half a step after the begin, at 0.5 ms.
+//! let law = Trapezoid::constant_speed(rational(1000, 1), 10);
+//! let first = law.crossings(&rational(0, 1)).next().unwrap();
+//! assert!(first.forward);
+//! assert_eq!(first.nearest_tick(16_000_000), 8000);
+//! assert_eq!(first.error_ticks(16_000_000, 8003), 3.0);
+//! ```
 #![forbid(unsafe_code)]
 
 mod crossing;

@@ -1,4 +1,4 @@
-//! The Lorenz equations, by another method than that of the law: extrapolated midpoint steps.
+//! The Lorenz equations, by another method than the planner's law: extrapolated midpoint steps.
 
 use crate::crossing::{BITS, Rational, Real, real};
 
@@ -9,19 +9,19 @@ use crate::crossing::{BITS, Rational, Real, real};
 /// of a step of 1/64 time unit is of order 25 in it.
 #[derive(Clone, Debug)]
 pub struct Lorenz {
-    /// σ.
+    /// σ, without a unit.
     pub sigma: Rational,
-    /// ρ.
+    /// ρ, without a unit.
     pub rho: Rational,
-    /// β.
+    /// β, without a unit.
     pub beta: Rational,
     /// x, y and z at the beginning.
     pub start: [Rational; 3],
 }
 
-/// Steps in a unit of time.
+/// Integration steps in a unit of time: the error of a step is of the order of (1/64)^25.
 const STEPS: u32 = 64;
-/// Rows of the extrapolation.
+/// Rows of the extrapolation: 2, 4, … 24 substeps.
 const ROWS: u32 = 12;
 
 type State = [Real; 3];
@@ -36,14 +36,17 @@ impl Lorenz {
     }
 }
 
+/// The derivatives of a state.
 fn slope([sigma, rho, beta]: &[Real; 3], [x, y, z]: &State) -> State {
     [sigma * (y - x), x * (rho - z) - y, x * y - beta * z]
 }
 
+/// a + by·b.
 fn plus(a: &State, b: &State, by: &Real) -> State {
     [&a[0] + &b[0] * by, &a[1] + &b[1] * by, &a[2] + &b[2] * by]
 }
 
+/// The state one integration step later.
 fn step(parameters: &[Real; 3], state: &State) -> State {
     let whole = |n: u32| Real::from(n).with_precision(BITS).value();
     let span = whole(1) / whole(STEPS);

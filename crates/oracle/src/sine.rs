@@ -7,7 +7,7 @@ use crate::crossing::{BITS, Crossing, Rational, Real, rational, real};
 /// The arc cosines depend on the swing alone: one [`Sine`] serves every period and every tick rate.
 #[derive(Clone, Debug)]
 pub struct Sine {
-    /// When the steps of the rising half are due, in periods: 0..½.
+    /// The times of the steps of the rising half, in periods: 0 to ½.
     phases: Vec<Real>,
 }
 
@@ -29,7 +29,7 @@ impl Sine {
         Sine { phases }
     }
 
-    /// When each step of the rising half is due after the half period's begin, in 2^-64 ticks, rounded down.
+    /// The time of each step of the rising half since the beginning of its half period, in 2^-64 ticks, rounded down.
     ///
     /// `period` is in 2^-64 s, so that half period k begins at exactly k/2·`period`·`tick_hz` of these units.
     ///
@@ -46,7 +46,7 @@ impl Sine {
 
     /// All steps of `cycles` periods of `period` seconds, in order.
     ///
-    /// The way down is the way up half a period later: θ(½ + φ) = 2A − θ(φ), and so are its levels.
+    /// The way down is that up, half a period later: θ(½ + φ) = 2A − θ(φ), and its levels mirror those of the way up.
     pub fn crossings<'a>(&'a self, period: &Rational, cycles: u64) -> impl Iterator<Item = Crossing> + 'a {
         let period = real(period);
         (0..2 * cycles).flat_map(move |half| {

@@ -7,10 +7,11 @@ use crate::crossing::{Crossing, Rational, Real, rational, real};
 pub struct Trapezoid {
     distance: u64,
     speed: Rational,
-    /// Steps covered and seconds taken while speeding up, and by when slowing down begins.
+    /// Steps and seconds of speeding up.
     sped_up: (Rational, Rational),
+    /// Steps and seconds at which slowing down begins.
     slow_down: (Rational, Rational),
-    /// steps/s²; `None` for constant speed.
+    /// Acceleration and deceleration, steps/s²; `None` for a constant speed.
     rates: Option<(Rational, Rational)>,
 }
 
@@ -50,7 +51,7 @@ impl Trapezoid {
             .map(move |n| Crossing { seconds: self.time_at(&(Rational::from(n) + &offset)), forward: true })
     }
 
-    /// When θ is at `level`, s.
+    /// The time at which θ is at `level`, s.
     fn time_at(&self, level: &Rational) -> Real {
         let (cruise_from, cruise_s) = &self.sped_up;
         match &self.rates {

@@ -6,29 +6,29 @@ use dashu::base::Abs;
 /// θ = speed·t + Σ amplitude·sin(omega·t): laws without closed step times.
 #[derive(Clone, Debug)]
 pub struct Waves {
-    /// steps/s.
+    /// The constant speed, steps/s.
     pub speed: Rational,
-    /// What is added.
+    /// The sinusoids.
     pub waves: Vec<Wave>,
 }
 
-/// amplitude·sin(omega·t).
+/// One sinusoid: amplitude·sin(omega·t).
 #[derive(Clone, Debug)]
 pub struct Wave {
-    /// Steps.
+    /// The amplitude, steps.
     pub amplitude: Rational,
-    /// rad/s, positive.
+    /// The angular frequency, rad/s, positive.
     pub omega: Rational,
 }
 
 impl Waves {
     /// All steps of 0..=`end_s`, in order, on a grid of hysteresis h (0 < h ≤ ½).
     ///
-    /// A walk in f64, `samples` to the second, says which levels are crossed and about when; Newton's iteration says
-    /// when exactly. A walk can miss an excursion that begins and ends between two samples: take enough of them.
+    /// Samples in f64, `samples` per second, find which levels are crossed and about when; Newton's iteration then gives the exact time. An excursion that
+    /// begins and ends between two samples is missed: there must be enough of them.
     ///
     /// # Panics
-    /// If an iteration leaves the two samples that it began between: then `samples` is too small.
+    /// If an iteration leaves the interval between its two samples: then `samples` is too small.
     pub fn crossings(&self, hysteresis: &Rational, end_s: u32, samples: u32) -> Vec<Crossing> {
         let exact_offset = real(&(rational(1, 2) + hysteresis));
         let offset = exact_offset.to_f64().value();

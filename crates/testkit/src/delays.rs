@@ -1,4 +1,4 @@
-//! How long it takes from a SPEED or a DIRECTION to the pin, on the virtual Pico, and to the tick from which it holds, on the virtual Uno.
+//! The delay of verbs: from a SPEED or a DIRECTION on the line to the pin, on the virtual Pico, and to the tick from which it holds, on the virtual Uno.
 
 use super::lab::verb_limits;
 use super::pico::{TICK_HZ, step_dir};
@@ -10,42 +10,42 @@ use pulsetrain_core::verbs::{Heading, Verb};
 use pulsetrain_core::wire::Baud;
 use pulsetrain_core::wire::orders::Obeyed;
 
-/// The longest delays seen.
+/// The longest delays that were found.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Delay {
     /// Steps that came after the order was on the line, the first new one included.
     pub steps: u64,
-    /// From there to that step, µs.
+    /// From the order on the line to the first new step, µs.
     pub us: f64,
-    /// From there to the tick from which on the order held, µs.
+    /// From the order on the line to the tick from which it holds, µs.
     pub held_us: f64,
 }
 
 impl Delay {
-    /// What is asked for: within six steps or 2 ms, whichever is longer.
+    /// Whether the requirement is met: six steps or 2 ms, whichever is longer.
     pub fn is_kept(&self) -> bool {
         self.steps <= 6 || self.us <= 2000.0
     }
 }
 
-/// A frame of one order: its bytes on the line.
+/// Bytes on the line of a frame with one order.
 const FRAME: u64 = 17;
 
-/// Tells a motor something when nothing else waits for an answer: the tick at which all of it is on the line, and what comes of it.
+/// Sends an order while no other command waits for its answer. Returns the tick at which its last byte is on the line, and the board's answer.
 pub fn tell(pico: &mut Remote<VirtualPico>, order: &[(u8, Verb); 1]) -> (u64, Obeyed) {
     pico.status().expect("it answers");
-    // The adapter hands it over with the next millisecond; then it is on the line, 2 million bits a second.
+    // The adapter gets the frame with the next millisecond, and then sends it at 2 Mbaud.
     let frame = TICK_HZ / 1000;
     let sent = ((pico.port().chip().cycle() - pico.port().zero()) / frame + 1) * frame + FRAME * 625;
     (sent, pico.tell_motors(order).expect("it can"))
 }
 
-/// How long after `sent` it is `tick`, µs.
+/// The time from `sent` to `tick`, µs.
 pub fn us(tick: u64, sent: u64) -> f64 {
     tick.saturating_sub(sent) as f64 * 1e6 / TICK_HZ as f64
 }
 
-/// A motor at `rate` steps/s is told another speed, or the other way if `turns`, `times` times.
+/// Gives a motor at `rate` steps/s another speed, or the other direction if `turns`, and does so `times` times.
 pub fn delay(rate: u64, turns: bool, times: u32) -> Delay {
     let random = &mut Random::new(rate);
     let mut pico = Remote::open(VirtualPico::new(), 1).expect("it answers");
@@ -68,14 +68,14 @@ pub fn delay(rate: u64, turns: bool, times: u32) -> Delay {
         };
         let (sent, obeyed) = tell(&mut pico, &[(0, verb)]);
         let mut edges = Vec::new();
-        // The board's clock is known here to some 30 µs: a little longer, so that they are surely made.
+        // The board's clock is known to some 30 µs: 200 µs more, so that all the steps are made.
         pico.advance(obeyed.tick + 3 * slow + TICK_HZ / 5000, &mut |edge: Edge| edges.push(edge));
         let rises: Vec<_> = edges.iter().filter(|edge| edge.line == 2 && edge.level).map(|edge| edge.tick).collect();
         let new = if turns {
             let dir = edges.iter().find(|edge| edge.line == 3).expect("it turns").tick;
             rises.iter().position(|tick| *tick > dir)
         } else {
-            // The first step that the order has changed: one that is not where it would have been.
+            // The first step that the order has changed is the one that is not where the old speed would have it.
             let old = if forward { fast } else { slow };
             rises.windows(2).position(|pair| pair[1] - pair[0] != old).map(|place| place + 1)
         };
@@ -88,8 +88,8 @@ pub fn delay(rate: u64, turns: bool, times: u32) -> Delay {
     worst
 }
 
-/// Of an Uno whose motors on `pins` all run, at periods `slower` times the shortest: from a host's call, over USB at 1 Mbaud, to the tick from
-/// which an order to all of them holds, at most, ticks.
+/// The longest time from a host's call to the tick from which its order holds, ticks: on an Uno over USB at 1 Mbaud, with all motors on `pins` running at
+/// `slower` times their shortest period, and an order to all of them.
 pub fn uno_held_ticks(pins: &[(u8, u8)], slower: u64) -> u64 {
     let setup = uno_setup(pins, 16);
     let mut uno = Remote::open(VirtualUno::with_verbs(), 1).expect("it answers");

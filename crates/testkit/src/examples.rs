@@ -1,4 +1,4 @@
-//! The library's examples, on the emulated chip, without a host: what they draw, and what they take of the processor.
+//! Runs the examples of the Pico's library on the emulated chip, without a host: how exactly they draw, and their processor load.
 
 use pulsetrain_board::virtual_pico::{CYCLES_PER_S, VirtualPico};
 use pulsetrain_board::{Edge, Port};
@@ -9,14 +9,14 @@ const DDS_CIRCLE: &[u8] = include_bytes!("../../board/images/dds_circle.uf2");
 const LORENZ: &[u8] = include_bytes!("../../board/images/lorenz.uf2");
 const DELTA: &[u8] = include_bytes!("../../board/images/delta.uf2");
 
-/// A program that ran for some seconds, and the half steps of its motors, whose coils are on 2 to 5, 6 to 9, 10 to 13.
+/// An example that ran for some seconds. The coils of its motors are on pins 2 to 5, 6 to 9 and 10 to 13.
 pub struct Ran {
     pub pico: VirtualPico,
-    /// Ticks, and positions of all motors then.
+    /// Each half step: its tick, and the positions of all motors then.
     pub steps: Vec<(u64, [i32; 3])>,
-    /// Of the processor's time, without the first 0.1 s.
+    /// The part of the processor's time that it was awake, 0 to 1, without the first 0.1 s.
     pub load: f64,
-    /// How far it is off what it is to draw at most, half steps.
+    /// The largest distance from what it should draw, half steps.
     pub error: f64,
 }
 
@@ -39,7 +39,7 @@ fn run(image: &[u8], seconds: u64) -> Ran {
     Ran { steps: steps(&edges), pico, load, error: 0.0 }
 }
 
-/// What coils' patterns say: each is a half step from the one before.
+/// The half steps of coils, from their patterns: each pattern is one half step from the one before.
 fn steps(edges: &[Edge]) -> Vec<(u64, [i32; 3])> {
     let (mut steps, mut levels, mut positions) = (Vec::new(), [0_u8; 3], [0_i32; 3]);
     for together in edges.chunk_by(|a, b| a.tick == b.tick) {
@@ -69,19 +69,19 @@ fn steps(edges: &[Edge]) -> Vec<(u64, [i32; 3])> {
     steps
 }
 
-/// Circles of 400 half steps in 8 s each.
+/// Runs the circles: a radius of 400 half steps, and 8 s for each circle.
 pub fn dds_circle(seconds: u64) -> Ran {
     let mut ran = run(DDS_CIRCLE, seconds);
     let radius = 400.0;
     for (_, [x, y, _]) in &ran.steps {
-        // It begins at the circle's left.
+        // The drawing begins at the left of the circle.
         let off = (f64::from(*x) - radius).hypot(f64::from(*y)) - radius;
         ran.error = ran.error.max(off.abs());
     }
     ran
 }
 
-/// The example's own arithmetic, as its motors ought to integrate it: positions after so many of its steps.
+/// The positions after `count` integration steps of the example, with the example's own arithmetic.
 fn lorenz(count: u32) -> [f64; 2] {
     let [mut x, mut y, mut z] = [-1.0_f32, 0.1, 25.0];
     let step = 0.25 / 50.0_f32;
@@ -92,7 +92,7 @@ fn lorenz(count: u32) -> [f64; 2] {
     [12.0 * f64::from(x + 1.0), 12.0 * f64::from(z - 25.0)]
 }
 
-/// The attractor, against the sums that the example's arithmetic makes.
+/// Runs the Lorenz attractor, and compares it with the example's own arithmetic.
 pub fn lorenz_attractor(seconds: u64) -> Ran {
     let mut ran = run(LORENZ, seconds);
     for tick in 1..50 * (seconds as u32 - 1) {
@@ -106,17 +106,17 @@ pub fn lorenz_attractor(seconds: u64) -> Ran {
     ran
 }
 
-/// Arms of the example's robot at a point, in half steps: their ends are found by bisection, not by its formula.
+/// The arms of the example's robot for a point, half steps. They are found by bisection, to check the example's formula.
 fn arms([x, y, z]: [f64; 3]) -> [i32; 3] {
     [0, 1, 2].map(|arm| {
         let (sine, cosine) = (f64::from(arm) * std::f64::consts::TAU / 3.0).sin_cos();
         let (x, y) = (x * cosine + y * sine, y * cosine - x * sine);
-        // How much longer than a rod it is from the arm's end to the effector's joint.
+        // By how much the distance from the arm's end to the effector's joint exceeds the rod's length.
         let excess = |angle: f64| {
             let end = [40.0 + 70.0 * angle.cos(), -70.0 * angle.sin()];
             ((x + 20.0 - end[0]).powi(2) + y * y + (z - end[1]).powi(2)).sqrt() - 160.0
         };
-        // Arm outward: from as far up as the rod reaches down to where it hangs.
+        // The arm points outward: searched from as far up as the rod reaches, down to where the arm hangs.
         let (mut up, mut down) = (-1.5, 1.5);
         assert!(excess(up) > 0.0 && excess(down) < 0.0, "{} {}", excess(up), excess(down));
         for _ in 0..60 {
@@ -127,7 +127,7 @@ fn arms([x, y, z]: [f64; 3]) -> [i32; 3] {
     })
 }
 
-/// The points that the robot goes to, mm.
+/// The points that the robot moves to, mm.
 const WAY: [[f64; 3]; 6] = [
     [40.0, 0.0, -150.0],
     [40.0, 0.0, -170.0],
@@ -137,14 +137,14 @@ const WAY: [[f64; 3]; 6] = [
     [-30.0, 30.0, -150.0],
 ];
 
-/// The robot, and how many of its points it came to, in order.
+/// Runs the robot. Returns also how many of its points it reached, in order.
 pub fn delta(seconds: u64) -> (Ran, usize) {
     let ran = run(DELTA, seconds);
     let mut visited = 0;
     let mut steps = ran.steps.iter().peekable();
     for point in WAY.iter().cycle() {
         let wanted = arms(*point);
-        // All arms get there together.
+        // All arms arrive at the same time.
         let Some((tick, _)) = steps.by_ref().find(|(_, at)| *at == wanted) else { break };
         visited += 1;
         if let Some((next, _)) = steps.peek() {

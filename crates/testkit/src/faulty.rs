@@ -1,4 +1,4 @@
-//! A line with faults: any port, with frames that get lost, change, come late or twice, by a seed.
+//! A line with faults: any port, with frames that are lost, damaged, late or doubled, at random from a seed.
 
 use crate::Random;
 use pulsetrain_board::{Edge, Port, PortError};
@@ -6,43 +6,44 @@ use pulsetrain_core::wire::Baud;
 use std::collections::VecDeque;
 use std::time::Duration;
 
-/// How often what happens to a frame, in either direction; all of it in a thousand.
+/// How often each fault happens to a frame in either direction, per mille.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Rates {
-    /// It does not arrive.
+    /// The frame does not arrive.
     pub drop: u16,
-    /// One to three of its bits change.
+    /// One to three bits of the frame change.
     pub flip: u16,
-    /// It comes up to 5 ms late; what comes after it may overtake it.
+    /// The frame comes up to 5 ms late; later frames may overtake it.
     pub delay: u16,
-    /// It comes twice.
+    /// The frame comes twice.
     pub duplicate: u16,
 }
 
-/// A port whose frames suffer.
+/// A port with faults.
 #[derive(Debug)]
 pub struct Faulty<P> {
     port: P,
     rates: Rates,
-    /// Until then nothing passes.
+    /// Until this time no frame arrives.
     dead_until: Duration,
+    /// Whether no frame arrives at the host.
     is_mute: bool,
     random: Random,
     to_board: Direction,
     to_host: Direction,
 }
 
-/// One way of the line.
+/// One direction of the line.
 #[derive(Debug, Default)]
 struct Direction {
-    /// The frame that is not whole yet.
+    /// The beginning of a frame that is not complete yet.
     begun: Vec<u8>,
-    /// Frames that are to pass, and when.
-    held: VecDeque<(Duration, Vec<u8>)>,
+    /// Frames on their way, and when each arrives.
+    on_the_way: VecDeque<(Duration, Vec<u8>)>,
 }
 
 impl<P: Port> Faulty<P> {
-    /// A port without faults so far; `seed` makes them repeat.
+    /// A port that has no faults yet. The faults depend on `seed`, so that a test can be repeated.
     #[must_use]
     pub fn new(port: P, seed: u64) -> Faulty<P> {
         let rates = Rates::default();
@@ -50,17 +51,17 @@ impl<P: Port> Faulty<P> {
         Faulty { port, rates, dead_until: Duration::ZERO, is_mute: false, random: Random::new(seed), to_board, to_host }
     }
 
-    /// From now on frames suffer so often.
+    /// Sets how often faults happen from now on.
     pub const fn set(&mut self, rates: Rates) {
         self.rates = rates;
     }
 
-    /// From now on nothing passes for so long.
+    /// Lets no frame arrive for a time from now on.
     pub fn cut(&mut self, duration: Duration) {
         self.dead_until = self.port.now() + duration;
     }
 
-    /// From now on nothing comes to the host.
+    /// Lets no frame arrive at the host from now on.
     pub const fn mute(&mut self) {
         self.is_mute = true;
     }
@@ -75,7 +76,7 @@ impl<P: Port> Faulty<P> {
         &mut self.port
     }
 
-    /// Sends what waited long enough.
+    /// Sends the frames that are due.
     fn pass_on(&mut self) -> Result<(), PortError> {
         let due = self.to_board.due(self.port.now());
         self.port.send(&due)
@@ -102,20 +103,20 @@ impl Direction {
             let late = if random.per_mille(rates.delay) { random.below(5000) } else { 0 };
             let at = now + Duration::from_micros(late);
             if random.per_mille(rates.duplicate) {
-                self.held.push_back((at, frame.clone()));
+                self.on_the_way.push_back((at, frame.clone()));
             }
-            self.held.push_back((at, frame));
+            self.on_the_way.push_back((at, frame));
         }
     }
 
     fn due(&mut self, now: Duration) -> Vec<u8> {
-        let (due, held) = std::mem::take(&mut self.held).into_iter().partition(|(at, _)| *at <= now);
-        self.held = held;
+        let (due, later) = std::mem::take(&mut self.on_the_way).into_iter().partition(|(at, _)| *at <= now);
+        self.on_the_way = later;
         VecDeque::into_iter(due).flat_map(|(_, frame)| frame).collect()
     }
 
     fn next(&self) -> Option<Duration> {
-        self.held.iter().map(|(at, _)| *at).min()
+        self.on_the_way.iter().map(|(at, _)| *at).min()
     }
 }
 

@@ -1,13 +1,13 @@
-//! A folder of its own for a test.
+//! A temporary folder for a test.
 
 use std::fs;
 use std::path::PathBuf;
 
-/// Gone with it, and all that is in it.
+/// A folder that is removed with all its files when this value is dropped.
 pub struct Folder(pub PathBuf);
 
 impl Folder {
-    /// An empty one; no other test of the process has its name.
+    /// An empty folder. No other test of the process may use the same name.
     pub fn new(name: &str) -> Folder {
         let path = std::env::temp_dir().join(format!("pulsetrain-{name}-{}", std::process::id()));
         let _ = fs::remove_dir_all(&path);
@@ -15,18 +15,19 @@ impl Folder {
         Folder(path)
     }
 
-    /// A file in it.
+    /// The path of a file in it.
     pub fn path(&self, name: &str) -> String {
         self.0.join(name).display().to_string()
     }
 
-    /// A file in it, with this text.
+    /// Writes a file in it, and returns its path.
     pub fn write(&self, name: &str, text: &str) -> String {
         let path = self.path(name);
         fs::write(&path, text).unwrap();
         path
     }
 
+    /// The path of the folder.
     pub fn name(&self) -> String {
         self.0.display().to_string()
     }

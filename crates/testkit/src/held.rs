@@ -1,11 +1,11 @@
-//! A Pico whose main loop is kept from doing anything for a while, as nothing of ours ever does.
+//! A Pico whose main loop is held up for a while, longer than any code of the firmware does.
 
 use pulsetrain_board::Port;
 use pulsetrain_board::virtual_pico::VirtualPico;
 use pulsetrain_emulator::arm::Mode;
 use std::time::Duration;
 
-/// Runs on up to `until`.
+/// Lets time pass to `until`.
 fn run(pico: &mut VirtualPico, until: Duration, into: &mut Vec<u8>) {
     while pico.now() < until {
         pico.receive(until, into).expect("it is there");
@@ -16,9 +16,8 @@ fn run_on(pico: &mut VirtualPico, into: &mut Vec<u8>) {
     run(pico, pico.now() + Duration::from_nanos(8), into);
 }
 
-/// Keeps the main loop, from when it is next awake and can be interrupted, in a loop at the end of RAM, where nothing is, up to
-/// `until`; interrupts go on. It is 500 times `nop` and a branch back, so that it can be left in nearly every cycle. `into`: what
-/// the board says meanwhile.
+/// Holds the main loop up to `until`, in a loop of 500 `nop` and a branch back at the end of RAM, which is unused. It begins when the main loop is
+/// awake and interrupts are enabled; interrupts go on. The bytes that the board sends meanwhile are appended to `into`.
 pub fn hold_up(pico: &mut VirtualPico, until: Duration, into: &mut Vec<u8>) {
     const LOOP: u32 = 0x2003_c000;
     const NOPS: usize = 500;
@@ -28,7 +27,7 @@ pub fn hold_up(pico: &mut VirtualPico, until: Duration, into: &mut Vec<u8>) {
         let cpu = pico.chip().cpu();
         cpu.is_asleep() || cpu.mode() != Mode::Thread || cpu.primask()
     };
-    // An exception whose frame is being stacked would bring back what is set now.
+    // If an exception is just being entered, its return would restore the program counter that is changed here.
     let is_interrupted = |pico: &VirtualPico| {
         let mut later = pico.clone();
         let soon = later.now() + Duration::from_nanos(8 * 20);
@@ -52,7 +51,7 @@ pub fn hold_up(pico: &mut VirtualPico, until: Duration, into: &mut Vec<u8>) {
     pico.chip_mut().cpu_mut().set_register(15, pc);
 }
 
-/// The same for `ticks`; what the board says is lost. Gives the tick when it is over.
+/// As [`hold_up`], for `ticks`; drops the bytes that the board sends. Returns the tick of the end.
 #[allow(dead_code, reason = "not every suite needs it")]
 pub fn hold_for(pico: &mut VirtualPico, ticks: u64) -> u64 {
     hold_up(pico, pico.now() + Duration::from_nanos(8 * ticks), &mut Vec::new());

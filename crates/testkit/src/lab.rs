@@ -1,4 +1,4 @@
-//! What is seen of a board: edges on its pins, and the steps that the native board was told beside it.
+//! The edges on a board's pins, compared with the steps that a native board scheduled from the same items.
 
 use super::{TICK_HZ, native_config};
 use pulsetrain_board::virtual_uno::VirtualUno;
@@ -7,10 +7,10 @@ use pulsetrain_core::Direction;
 use pulsetrain_core::verbs::MotorTiming;
 use pulsetrain_core::wire::Baud;
 
-/// The map of symbols of the Uno's image.
+/// The symbols of the Uno's image, with their addresses.
 pub const SYMBOLS: &str = include_str!("../../../testdata/uno.sym");
 
-/// Where a routine is in the flash, as a word's address, or a variable in RAM, as a byte's: by its name in a map of symbols.
+/// The address of a symbol: a word address of a routine in flash, a byte address of a variable in RAM.
 pub fn address(map: &str, name: &str) -> u16 {
     let line = map.lines().find(|line| line.split_whitespace().nth(2) == Some(name));
     let mut fields = line.unwrap_or_else(|| panic!("the map has no {name}")).split_whitespace();
@@ -19,15 +19,15 @@ pub fn address(map: &str, name: &str) -> u16 {
     if memory == "flash" { at / 2 } else { at }
 }
 
-/// The virtual Uno, and the native board that is told the same.
+/// The virtual Uno, and a native board that gets the same items.
 pub type UnoWithReference = WithReference<Remote<VirtualUno>>;
 
-/// A virtual Uno at 1 Mbaud, set up.
+/// A virtual Uno at 1 Mbaud, configured for `setup`.
 pub fn uno(setup: &Setup) -> UnoWithReference {
     uno_after(VirtualUno::new(), setup)
 }
 
-/// What an Uno with verbs lets motors be told: docs/pico.md.
+/// The timing that an Uno with verbs allows its motors, ticks (docs/pico.md).
 pub fn verb_limits(setup: &Setup) -> MotorTiming {
     let pulse = u32::from(setup.pulse_ticks);
     let shortest = if pulse <= 16 { 368 } else { 413 } * setup.motors.len() as u32;
@@ -35,7 +35,7 @@ pub fn verb_limits(setup: &Setup) -> MotorTiming {
     MotorTiming { shortest, turn, period: shortest.max(16_000) }
 }
 
-/// The same of one that has been running for a while.
+/// As [`uno`], with a virtual Uno that has been running for a while.
 pub fn uno_after(port: VirtualUno, setup: &Setup) -> UnoWithReference {
     let mut remote = Remote::open(port, 7).expect("it answers");
     assert_eq!(remote.set_baud(Baud::B1M), Ok(Baud::B1M));
@@ -45,13 +45,13 @@ pub fn uno_after(port: VirtualUno, setup: &Setup) -> UnoWithReference {
     WithReference::new(remote, native)
 }
 
-/// The counts as the board says them now.
+/// The counts that the board reports now.
 pub fn said(board: &mut UnoWithReference) -> Vec<i64> {
     let status = board.board_mut().status().expect("it answers");
     status.motors.as_slice().iter().map(|motor| i64::from(motor.position)).collect()
 }
 
-/// Edges of pins, steps of motors.
+/// Collects the edges of pins and the scheduled steps of motors.
 #[derive(Clone, Debug, Default)]
 pub struct Lab {
     pub edges: Vec<Edge>,
@@ -67,7 +67,7 @@ impl Observer for Lab {
     }
 }
 
-/// Edges of the pins come so much after their ticks, and so much later or earlier than that at most, ticks.
+/// When the edges of pins come: `constant` after their scheduled ticks, and at most `early` before or `late` after that, ticks.
 #[derive(Clone, Copy, Debug)]
 pub struct Timing {
     pub constant: i64,
@@ -75,14 +75,14 @@ pub struct Timing {
     pub late: i64,
 }
 
-/// Software pins: an interrupt that is kept waiting is late, and steps of two motors that are close share one.
+/// Pins that software switches: an interrupt may be delayed by another one, and two motors' steps that are close share one interrupt.
 pub const SOFTWARE: Timing = Timing { constant: 17, early: 60, late: 60 };
-/// Motors on one DIR line: steps that are too close for one another's groups wait for the next.
+/// Motors that share a DIR line: a step that is too close to one in the other direction waits for the next interrupt.
 pub const SHARED: Timing = Timing { constant: 17, early: 60, late: 400 };
-/// The compare hardware's.
+/// Pins that the timer's compare hardware switches.
 pub const EXACT: Timing = Timing { constant: 1, early: 0, late: 0 };
 
-/// One pulse as the pins show it.
+/// A pulse, as the pins show it.
 #[derive(Clone, Copy, Debug)]
 struct Pulse {
     tick: u64,
@@ -90,8 +90,7 @@ struct Pulse {
 }
 
 impl Lab {
-    /// Holds what the pins showed of a motor against the setup: active levels, pulses, set-up and hold of DIR. Gives its
-    /// pulses.
+    /// Checks a motor's pins against the setup: active levels, pulses, DIR setup and DIR hold. Returns its pulses.
     fn pulses(&self, setup: &Setup, index: usize) -> Vec<Pulse> {
         let motor = &setup.motors[index];
         let (mut dir_high, mut dir_tick, mut began, mut ended) = (false, None, None, None);
@@ -130,13 +129,13 @@ impl Lab {
         pulses
     }
 
-    /// Steps forward minus backward that the pins showed of each motor.
+    /// Steps forward minus backward of each motor, by its pins.
     pub fn counts(&self, setup: &Setup) -> Vec<i64> {
         let count = |pulses: Vec<Pulse>| pulses.iter().map(|pulse| i64::from(pulse.direction.sign())).sum();
         (0..setup.motors.len()).map(|index| count(self.pulses(setup, index))).collect()
     }
 
-    /// The same at each instant of a stretch: every count that there was.
+    /// All counts that a motor had between two ticks, by its pins.
     pub fn counts_between(&self, setup: &Setup, index: usize, from: u64, to: u64) -> Vec<i64> {
         let mut count = 0;
         let mut counts = Vec::new();
@@ -150,8 +149,8 @@ impl Lab {
         counts
     }
 
-    /// Every step that was scheduled is on the pins, in its direction and its time, and no other; `stopped`: but for those
-    /// at the end that an immediate stop after that tick left out.
+    /// Checks that the pins show every scheduled step, in its direction and in time, and no other step. If `stopped` is the tick of an immediate stop, steps
+    /// after it may be missing.
     pub fn check(&self, setup: &Setup, timing: Timing, stopped: Option<u64>) {
         for index in 0..setup.motors.len() {
             let made = self.pulses(setup, index);
@@ -165,7 +164,7 @@ impl Lab {
             match stopped {
                 None => assert_eq!(made.len(), wanted.len(), "motor {index}: steps made and scheduled"),
                 Some(tick) => {
-                    // What was due before it has been made; what was made was due.
+                    // Steps that were due before the stop were made, and steps that were made were due.
                     let before = wanted.iter().filter(|step| (step.tick as i64) < tick as i64 - 2 * SLACK).count();
                     let after = wanted.iter().filter(|step| (step.tick as i64) < tick as i64 + SLACK).count();
                     assert!(
@@ -179,5 +178,5 @@ impl Lab {
     }
 }
 
-/// An immediate stop and the clock are read so far apart in a board's program, ticks.
+/// The most that a board's program takes between the immediate stop and the reading of its tick, ticks: 200 µs.
 const SLACK: i64 = TICK_HZ as i64 / 5000;

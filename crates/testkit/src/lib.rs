@@ -1,14 +1,29 @@
-//! What the tests and benches of several crates share. No program of users has it.
+//! What the tests and benches of several crates share: boards to test with, faults, random plans and checks. No released program contains it.
 //!
-//! # What is here
-//! - [`Random`]: the one source of random numbers; [`seed`]: seeds and lengths of random tests
-//! - [`model`]: a board behind a serial line, without a chip; [`faulty`]: a line whose frames suffer
-//! - [`lab`], [`pico`]: the virtual Uno and Pico beside a native board that is told the same
-//! - [`segments`]: random segments near a rate; [`winch`]: paths by text
-//! - [`delays`], [`examples`], [`mailbox`], [`held`]: what the Pico's library and verbs are tested with
-//! - [`folder`]: a temporary folder
-//! - [`limits`]: whether steps keep to a motor's limits
+//! # What is here, top down
+//! - [`lab`], [`pico`]: the virtual Uno and the virtual Pico, each next to a native board that gets the same items, to compare their edges
+//! - [`winch`]: a virtual board that gets StepperWinch's text, next to core's paths
+//! - [`model`]: a board behind a serial line without an emulated chip, for tests of the link; [`faulty`]: a line that loses and damages frames
+//! - [`segments`]: random segments at a given step rate; [`limits`]: whether steps keep to a motor's limits
+//! - [`delays`], [`examples`], [`mailbox`], [`held`]: tests of the Pico's verbs and of its library
+//! - [`Random`]: the one source of random numbers; [`seed`]: seeds and lengths of random tests; [`folder`]: a temporary folder
 //! - setups of motors, and a few items
+//!
+//! # What is not
+//! Expected results. Each test states its own; exact step times are `pulsetrain-oracle`'s.
+//!
+//! # Example
+//! Every random test takes its numbers from a seed that it prints, so that a failure can be repeated:
+//! ```
+//! use pulsetrain_testkit::{Random, seed};
+//!
+//! // 7, unless the environment variable PULSETRAIN_SEED has another number.
+//! let seed = seed::seed(7);
+//! let (mut random, mut repeated) = (Random::new(seed), Random::new(seed));
+//! let interval = random.between(100, 200);
+//! assert!((100..200).contains(&interval));
+//! assert_eq!(repeated.between(100, 200), interval);
+//! ```
 #![allow(clippy::missing_panics_doc, clippy::unwrap_used, reason = "a test is to fail there")]
 #![allow(
     clippy::should_implement_trait,
@@ -41,7 +56,7 @@ use pulsetrain_core::{Direction, Entry, Epoch, Item, Segment, Tick32};
 /// Ticks per second of an Uno, and of the model board.
 pub const TICK_HZ: u64 = 16_000_000;
 
-/// STEP of motor m is line m, DIR line 16 + m: a model has lines, no pins.
+/// A setup for the model board. STEP of motor m is line m, and DIR is line 16 + m, as a model has lines instead of pins. Pull-in is 100 steps/s.
 pub fn model_setup(motors: u8) -> Setup {
     let motor = |index| MotorSetup {
         step_pin: index,
@@ -53,7 +68,7 @@ pub fn model_setup(motors: u8) -> Setup {
     Setup { pulse_ticks: 16, setup_ticks: 8, motors: (0..motors).map(motor).collect(), ..Setup::default() }
 }
 
-/// An Uno's motors on `pins` (STEP, DIR), forward high, that may start and stop at 1000 steps/s.
+/// A setup for an Uno with motors on `pins` (STEP, DIR), forward high, with a pull-in rate of 1000 steps/s.
 pub fn uno_setup(pins: &[(u8, u8)], pulse_ticks: u16) -> Setup {
     let motor = |&(step_pin, dir_pin)| MotorSetup {
         step_pin,
@@ -71,12 +86,12 @@ pub fn uno_setup(pins: &[(u8, u8)], pulse_ticks: u16) -> Setup {
     }
 }
 
-/// DIR before a step, and after the end of its pulse: 1 µs each, what most drivers ask for at most.
+/// DIR setup before a step, ticks: 1 µs, which is enough for most drivers.
 pub const SETUP_TICKS: u16 = 16;
-/// As [`SETUP_TICKS`].
+/// DIR hold after the end of a pulse, ticks: 1 µs, which is enough for most drivers.
 pub const HOLD_TICKS: u16 = 16;
 
-/// The native board of the same motors; its lines are the Uno's pins.
+/// The configuration of a native board with the motors of a setup. Its lines have the numbers of the Uno's pins.
 pub fn native_config(setup: &Setup) -> Config {
     let motor = |motor: &MotorSetup| MotorConfig {
         wiring: Wiring::StepDir {
@@ -91,13 +106,13 @@ pub fn native_config(setup: &Setup) -> Config {
     Config { fraction_bits: 16, motors: setup.motors.iter().map(motor).collect() }
 }
 
-/// So many steps forward, `interval` ticks apart.
+/// `count` steps forward, `interval` ticks apart, for a board with 16 fraction bits.
 pub fn run(count: u32, interval: i64) -> Item {
     let segment = Segment { count, interval: interval << 16, add: 0, add2: 0 };
     Item::Run { segment, direction: Direction::Forward }
 }
 
-/// Items of an epoch that begins at a tick, for motor 0.
+/// Pushes the items of an epoch that begins at tick `from`, for motor 0.
 pub fn tell(board: &mut impl Board, epoch: u8, from: u64, items: &[Item]) {
     let anchor = Item::Anchor { tick: Tick32::of(from) };
     for item in [anchor].iter().chain(items) {
@@ -105,5 +120,5 @@ pub fn tell(board: &mut impl Board, epoch: u8, from: u64, items: &[Item]) {
     }
 }
 
-/// Nobody looks.
+/// An observer that ignores everything.
 pub fn unseen(_: Edge) {}

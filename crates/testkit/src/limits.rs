@@ -3,10 +3,10 @@
 /// A step: its tick, and 1 forward or -1 backward.
 pub type Step = (u64, i64);
 
-/// No acceleration above `limit` (steps/s²) over any stretch of steps, as far as ticks that may be off by `doubt` tell.
+/// Checks that no two neighbouring stretches of equally many steps show an acceleration above `limit`, steps/s². Each tick may be off by `doubt`.
 ///
 /// # Errors
-/// With the acceleration, its bound, and where.
+/// The acceleration, its bound, and the place.
 pub fn check_acceleration(steps: &[Step], tick_hz: u64, limit: f64, doubt: f64) -> Result<(), String> {
     let hz = tick_hz as f64;
     for run in steps.chunk_by(|a, b| a.1 == b.1) {
@@ -28,12 +28,12 @@ pub fn check_acceleration(steps: &[Step], tick_hz: u64, limit: f64, doubt: f64) 
     Ok(())
 }
 
-/// The last step comes at a speed from which a motor that starts at `pull_in` steps/s, and brakes by `limit` steps/s², can stop at once:
-/// less than a step before rest it has run at √(4a) or less since the step before. Opposite steps are a hysteresis apart, so their interval
-/// is no speed.
+/// Checks that a motor with a pull-in rate of `pull_in`, steps/s, that brakes by `limit`, steps/s², can stop at once after its last step: with less than
+/// a step to go, its mean speed since the step before is at most √(4a). A last step in the opposite direction is not checked: its interval is no
+/// speed.
 ///
 /// # Errors
-/// With the speed, and what would do.
+/// The speed, and the speed that would be allowed.
 pub fn check_last_step(steps: &[Step], tick_hz: u64, limit: f64, pull_in: f64) -> Result<(), String> {
     if let [.., before, last] = steps
         && before.1 == last.1

@@ -1,4 +1,4 @@
-//! The library on the emulated chip, called through a mailbox in RAM: the other end of `firmware/pico/examples/mailbox.rs`.
+//! Calls the Pico's library on the emulated chip, through a mailbox in its RAM; the other end is `firmware/pico/examples/mailbox.rs`.
 
 use super::pico::TICK_HZ;
 use pulsetrain_board::virtual_pico::VirtualPico;
@@ -9,7 +9,7 @@ use std::time::Duration;
 
 const IMAGE: &[u8] = include_bytes!("../../../testdata/mailbox.uf2");
 
-/// The mailbox's first word, and where the others are, in words from there.
+/// The mailbox's first word, by which it is found in RAM.
 const MAGIC: [u8; 4] = 0x6d61_696c_u32.to_le_bytes();
 const COUNT: usize = 1;
 const CALL: usize = 2;
@@ -24,23 +24,23 @@ const KEPT: u32 = 64;
 const FUTURES: usize = DONE + 3 * KEPT as usize;
 const INTERRUPTS: usize = FUTURES + 2 * 6;
 
-/// A call is answered within so many ticks beyond what it takes itself: at the latest the timer's interrupt wakes the program.
+/// Ticks within which a call is answered, besides the time of the call itself: at the latest the timer's interrupt wakes the program.
 const PATIENCE: u64 = TICK_HZ / 100;
 
-/// Motors of a program of one's own.
+/// A program that uses the library, and its motors.
 #[derive(Clone)]
 pub struct Mailbox {
     pub pico: VirtualPico,
-    /// Where it is in RAM.
+    /// The mailbox's place in RAM.
     at: usize,
     calls: u32,
-    /// Edges so far.
+    /// The edges of the pins so far.
     pub edges: Vec<Edge>,
-    /// Done moves so far: motor, tick's lower half, number.
+    /// The finished moves so far: motor, low half of the tick, number.
     pub dones: Vec<(u32, u32, u32)>,
 }
 
-/// What became of a future.
+/// The state of a future.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Waited {
     Waits,
@@ -48,16 +48,16 @@ pub enum Waited {
     Refused,
 }
 
-/// A refusal, with its detail.
+/// A refusal: its reason, and its detail.
 pub type Refused = (Reason, u16);
 
 impl Mailbox {
-    /// The program with so many drivers, STEP on 2, 4, 6, …, pulses and set-ups of 50 ticks.
+    /// The program with a number of step/dir drivers: STEP on pins 2, 4, 6, …, with pulses and DIR setups of 50 ticks.
     pub fn new(motors: u8) -> Mailbox {
         Mailbox::with(motors, false)
     }
 
-    /// With so many motors on coils, in half steps, on 2 to 5, 6 to 9, …, up to five.
+    /// The program with up to five motors on coils, in half steps, on pins 2 to 5, 6 to 9, …
     pub fn on_coils(motors: u8) -> Mailbox {
         Mailbox::with(motors, true)
     }
@@ -84,17 +84,17 @@ impl Mailbox {
         self.pico.chip_mut().ram_mut()[at..at + 4].copy_from_slice(&value.to_le_bytes());
     }
 
-    /// Motors.
+    /// The number of motors.
     pub fn motors(&self) -> u32 {
         self.word(COUNT) & 0xff
     }
 
-    /// The clock, ticks.
+    /// The board's time, ticks.
     pub fn now(&self) -> u64 {
         self.pico.chip().cycle() - self.pico.zero()
     }
 
-    /// Lets time pass, and takes in what came of it.
+    /// Lets time pass, and collects edges and finished moves.
     pub fn advance(&mut self, until: u64) {
         let until = Duration::from_nanos(8 * until);
         while self.pico.now() < until {
@@ -115,7 +115,7 @@ impl Mailbox {
         }
     }
 
-    /// Has it called without waiting for the answer.
+    /// Starts a call, and does not wait for its answer.
     pub fn ask(&mut self, what: u32, arguments: &[u32]) {
         for (word, argument) in (ARGUMENTS..).zip(arguments) {
             self.set(word, *argument);
@@ -125,7 +125,7 @@ impl Mailbox {
         self.set(CALL, self.calls);
     }
 
-    /// Has it called; gives what came of it as soon as it is there.
+    /// Makes a call, waits for its answer, and returns that.
     fn call(&mut self, what: u32, arguments: &[u32]) -> Result<[u32; 4], Refused> {
         self.ask(what, arguments);
         let end = self.now() + PATIENCE;
@@ -141,7 +141,7 @@ impl Mailbox {
         Ok([0, 1, 2, 3].map(|word| self.word(GIVEN + word)))
     }
 
-    /// Tells motors; gives the tick from which on it holds.
+    /// Sends verbs to motors, and returns the tick from which they hold.
     pub fn tell(&mut self, verbs: &[(u32, Verb)]) -> Result<u64, Refused> {
         let mut arguments = vec![verbs.len() as u32];
         for (motor, verb) in verbs {
@@ -163,7 +163,7 @@ impl Mailbox {
         self.call(2, &[]).map(drop)
     }
 
-    /// Stops; gives the tick.
+    /// Stops the motors at once, and returns the tick of the stop.
     pub fn stop(&mut self) -> u64 {
         let [low, high, ..] = self.call(3, &[]).expect("it is not refused");
         u64::from(low) | u64::from(high) << 32
@@ -173,34 +173,34 @@ impl Mailbox {
         self.call(4, &[]).map(drop)
     }
 
-    /// The program keeps all interrupts out, from now or at most 1.2 ms later on.
+    /// Lets the program disable all interrupts for a time, which begins at most 1.2 ms from now.
     pub fn keep_out(&mut self, ticks: u32) {
         self.ask(5, &[ticks]);
     }
 
-    /// How long its own interrupt takes, ticks, and of which priority it is.
+    /// Sets how long the program's own interrupt takes, ticks, and its priority.
     pub fn own_interrupt(&mut self, ticks: u32, priority: u8) {
         self.call(6, &[ticks, priority.into()]).expect("it is not refused");
     }
 
-    /// Has its own interrupt come now.
+    /// Triggers the program's own interrupt.
     pub fn interrupt(&mut self) {
-        // It is the timer's alarm 2 (§4.6.5, INTF).
+        // The timer's alarm 2 (RP2040 datasheet, §4.6.5, INTF).
         const TIMER_INTF: u32 = 0x4005_403c;
         self.pico.chip_mut().write(TIMER_INTF, 1 << 2, &mut ());
     }
 
-    /// How often it came.
+    /// How many times the program's own interrupt came.
     pub fn interrupts(&self) -> u32 {
         self.word(INTERRUPTS)
     }
 
-    /// `on_done` takes so many ticks, and has the motor go on with so many steps.
+    /// Sets how many ticks `on_done` takes, and with how many steps it lets the motor go on.
     pub fn on_done(&mut self, ticks: u32, steps: u32) {
         self.call(7, &[ticks, steps]).expect("it is not refused");
     }
 
-    /// A motor's position, whether it rests, whether motors are armed.
+    /// A motor's position, whether it rests, and whether the motors are armed.
     pub fn motor(&mut self, motor: u32) -> (i32, bool, bool) {
         let [position, rests, armed, _] = self.call(8, &[motor]).expect("it is not refused");
         (position.cast_signed(), rests != 0, armed != 0)
@@ -211,24 +211,24 @@ impl Mailbox {
         self.call(9, &[interrupt]).expect("it is not refused")[0] != 0
     }
 
-    /// Has a future wait for a motor's rest.
+    /// Lets a future wait for a motor's rest.
     pub fn wait(&mut self, future: u32, motor: u32) {
         self.call(10, &[future, motor]).expect("it is not refused");
     }
 
-    /// What became of a future, and how often it was polled.
+    /// The state of a future, and how many times it was polled.
     pub fn waited(&self, future: usize) -> (Waited, u32) {
         let waited = [Waited::Waits, Waited::Done, Waited::Refused][self.word(FUTURES + 2 * future) as usize];
         (waited, self.word(FUTURES + 2 * future + 1))
     }
 
-    /// Ticks of a motor's steps so far.
+    /// The ticks of a motor's steps so far.
     pub fn steps(&self, motor: u8) -> Vec<u64> {
         self.edges.iter().filter(|edge| edge.line == 2 + 2 * motor && edge.level).map(|edge| edge.tick).collect()
     }
 }
 
-/// Where the mailbox is.
+/// The mailbox's place in RAM.
 fn place(bytes: &[u8]) -> usize {
     let mut places = bytes.windows(4).enumerate().filter(|(_, bytes)| *bytes == MAGIC).map(|(at, _)| at);
     let place = places.next().expect("a mailbox");

@@ -1,8 +1,7 @@
-//! A model of a board behind a serial line: what a host would see of one, without a chip.
+//! A model of a board behind a serial line, without an emulated chip: fast enough for many tests of the link.
 //!
-//! The stepgen is the native board's with F = 16; the [`Service`] is the one that firmware runs; the line has the time that
-//! its bits take, and a USB bridge that hands bytes on once in a millisecond. It is what the link is tested with, and shows
-//! what a [`Machine`] has to do.
+//! Its steps are those of a native board with 16 fraction bits, and its protocol is the [`Service`] that firmware runs. Bytes take their time on the
+//! line, and a USB bridge passes them on once in a millisecond. The model is also an example of what a [`Machine`] has to do.
 
 use crate::Random;
 use pulsetrain_board::lease::{ExtendRefused, TrimRefused};
@@ -26,56 +25,56 @@ use pulsetrain_core::{Epoch, Tick32};
 use std::collections::VecDeque;
 use std::time::Duration;
 
-/// Ticks a second.
+/// Ticks per second.
 pub const TICK_HZ: u32 = 16_000_000;
 
-/// F.
+/// Fraction bits of an interval (F).
 const FRACTION_BITS: u32 = 16;
 
-/// Motors at most.
+/// Most motors of the model.
 const MOTORS: u8 = 4;
 
 /// Bytes of all queues together.
 const POOL: u16 = 1024;
 
-/// Bytes that may wait to be read.
+/// Bytes of the receive buffer.
 const UNREAD: u16 = 240;
 
-/// How long the main loop takes for a round, ticks.
+/// Ticks of a round of the main loop: 50 µs.
 const ROUND: u64 = 800;
 
-/// Motors that are told directly are worked out so far ahead, ticks: a verb holds from there on. Two rounds, and set-up of DIR.
+/// How far ahead the steps of motors that obey verbs are computed, ticks: a verb holds from there on. Two rounds, and as much for the DIR setup.
 const AHEAD: u64 = 4 * ROUND;
 
-/// Of such motors the period until they are told another one, ticks: 1000 steps/s.
+/// The period with which motors that obey verbs begin, ticks: 1000 steps/s.
 const FIRST_PERIOD: u32 = TICK_HZ / 1000;
 
-/// A bridge hands bytes on once in so many ticks: 1 ms.
+/// Ticks from one transfer of the USB bridge to the next: 1 ms.
 const BRIDGE: u64 = TICK_HZ as u64 / 1000;
 
-/// What is not the line's: motors, queues, clock.
+/// The board: motors, queues and clock, without the line.
 #[derive(Clone, Debug)]
 pub struct Model {
-    /// Bytes of all queues together, and of what may wait to be read.
+    /// Bytes of all queues together, and of the receive buffer.
     memory: [u16; 2],
     native: Native,
     motors: Vec<Motor>,
-    /// For one that is sent again.
+    /// Whether the motors are armed.
     armed: bool,
-    /// As the line is to be.
+    /// The rate that the line should have.
     baud: Baud,
     events: VecDeque<Event>,
     measures: Measures,
     last_stop: Cause,
     was_idle: bool,
-    /// The lease's end that was told as an event.
+    /// The end of a lease that was reported as an event.
     braked: Option<u64>,
     limits: Vec<MotorTiming>,
-    /// Motors are told directly, until they are released or stopped.
+    /// Whether the motors obey verbs: until they are released or stopped.
     obeys: bool,
     verbs: Verbs,
     obeyed: Obeyed,
-    /// What it keeps without power.
+    /// The stored settings, which the board keeps without power.
     settings: Option<[u8; SETTINGS_LEN]>,
 }
 
@@ -84,11 +83,11 @@ struct Motor {
     packing: Packing,
     epoch: Option<Epoch>,
     state: State,
-    /// Of each item in the native board's queue.
+    /// The items in the native board's queue.
     items: VecDeque<Waiting>,
     capacity: usize,
     faults: u8,
-    /// The shortest interval that it can start and stop at, ticks.
+    /// The shortest interval at which the motor can start and stop, ticks.
     pull_in_ticks: u64,
 }
 
@@ -96,13 +95,13 @@ struct Motor {
 #[derive(Clone, Copy, Debug)]
 struct Waiting {
     len: usize,
-    /// How it was before the item was unpacked.
+    /// The epoch, and the state of unpacking, from before the item.
     epoch: Option<Epoch>,
     state: State,
 }
 
 impl Model {
-    /// Motors at rest at tick 0, not configured. `memory`: bytes of all queues together, and of what may wait to be read.
+    /// A board at tick 0 without configured motors. `memory`: bytes of all queues together, and of the receive buffer.
     #[must_use]
     pub fn new(memory: [u16; 2]) -> Model {
         Model {
@@ -124,7 +123,7 @@ impl Model {
         }
     }
 
-    /// Works out what motors do that are told directly.
+    /// Computes the steps of motors that obey verbs.
     fn work_out(&mut self, until: u64) {
         if self.obeys {
             self.verbs.work_out::<FRACTION_BITS>(until, |motor, item| {
@@ -138,20 +137,20 @@ impl Model {
         self.native.idle() && (!self.obeys || self.verbs.rest_at(self.native.now()))
     }
 
-    /// These motors were stopped faster than they can.
+    /// Marks the positions of motors that were stopped too fast as uncertain.
     fn flag(&mut self, uncertain: u8) {
         for (number, motor) in self.motors.iter_mut().enumerate() {
             motor.faults |= if uncertain >> number & 1 == 0 { 0 } else { flags::UNCERTAIN };
         }
     }
 
-    /// What its motors are.
+    /// The native board that makes its steps.
     #[must_use]
     pub const fn native(&self) -> &Native {
         &self.native
     }
 
-    /// Runs up to and with `tick`.
+    /// Lets time pass, up to and with `tick`.
     pub fn run(&mut self, tick: u64, edges: &mut Vec<Edge>) {
         self.work_out(tick + AHEAD);
         self.native.advance(tick, &mut |edge: Edge| edges.push(edge));
@@ -164,7 +163,7 @@ impl Model {
         self.sync(false);
     }
 
-    /// Tells of a lease that is over, if motors were in motion: once all have come so far.
+    /// Reports the end of a lease as an event if motors were in motion, once the time of all motors is past it.
     fn look_after_lease(&mut self) {
         let LeaseState::Lapsed { at, cause, in_motion } = Leased::lease(&self.native) else {
             self.braked = None;
@@ -186,7 +185,7 @@ impl Model {
         self.events.push_back(Event { cause: self.last_stop, motor, tick: at, detail: 0 });
     }
 
-    /// A lease of a frame, in ticks of 64 bits.
+    /// The lease of a frame, with 64-bit ticks.
     fn lease_of(&self, lease: lease::Lease) -> Lease {
         match lease {
             lease::Lease::Off => unreachable!("no frame sets a lease off"),
@@ -195,13 +194,13 @@ impl Model {
         }
     }
 
-    /// The tick of a moment within 2^31 of now.
+    /// A 32-bit tick in 64 bits: the one within 2^31 of now.
     fn near(&self, moment: Tick32) -> u64 {
         let now = self.native.now();
         now.saturating_add_signed(moment.since(Tick32::of(now)).cast_signed().into())
     }
 
-    /// How many items at the end of a motor's queue have so many bytes; `None`: none have.
+    /// How many items at the end of a motor's queue have `len` bytes together; `None` if no number of items has.
     fn items_of(&self, motor: &Motor, bytes: usize) -> Option<usize> {
         let ends = motor.items.iter().rev().scan(0, |sum, item| {
             *sum += item.len;
@@ -219,7 +218,7 @@ impl Model {
         self.events.push_back(Event { cause, motor, tick: self.native.now(), detail });
     }
 
-    /// Forgets the items that have left the queues: at the front, or at the `back`.
+    /// Forgets the items that have left the queues: at the front, or at the end if `back`.
     fn sync(&mut self, back: bool) {
         for (index, motor) in self.motors.iter_mut().enumerate() {
             let waiting = QUEUE_LEN - self.native.credit(index);
@@ -292,7 +291,7 @@ impl Machine for Model {
         let config = Config { fraction_bits: FRACTION_BITS, motors: motors.collect() };
         let native = Native::new(&config).map_err(|_| Refusal::of(Reason::PinMix))?;
         let mut native = native.with_dir_hold(configuration.hold_ticks.into());
-        // The clock goes on.
+        // The board's clock goes on.
         if let Some(last) = self.native.now().checked_sub(1) {
             native.advance(last, &mut |_: Edge| {});
         }
@@ -331,7 +330,7 @@ impl Machine for Model {
         if !self.rests() {
             return Err(Refusal::of(Reason::Moving));
         }
-        // Clears the queues of what was left in them.
+        // Empties the queues.
         self.native.stop_now(self.native.now().saturating_sub(1), &mut |_: Edge| {});
         self.empty();
         self.obeys = false;
@@ -384,7 +383,7 @@ impl Machine for Model {
                     let entry = pulsetrain_core::Entry { epoch, item };
                     let credit = self.native.credit(index.into());
                     self.native.push(usize::from(index), entry).expect("an item takes a byte at least");
-                    // After a lapse what comes of that epoch is not kept.
+                    // After the end of its lease, an epoch's items are dropped.
                     if self.native.credit(index.into()) < credit {
                         let (len, epoch, state) = before;
                         motor.items.push_back(Waiting { len: len - rest.len(), epoch, state });
@@ -575,7 +574,7 @@ impl Machine for Model {
             self.verbs.begin(motors, self.native.now() + AHEAD);
         }
         self.obeyed = orders.tell(&mut self.verbs)?;
-        // Who only asks leaves motors as they are.
+        // A command without orders only asks, and changes nothing.
         if !orders.is_empty() {
             self.obeys = true;
             self.was_idle = false;
@@ -609,10 +608,10 @@ impl Machine for Model {
     }
 }
 
-/// A byte on the line: when it is through, and at which rate it was sent.
+/// A byte on the line: when it arrives, and the rate at which it was sent.
 type Flying = (u64, Baud, u8);
 
-/// The line to a model, and the model at its end.
+/// A port: the line to a model, and the model at its end.
 #[derive(Debug)]
 pub struct ModelPort {
     model: Model,
@@ -624,21 +623,21 @@ pub struct ModelPort {
     baud: Baud,
     to_board: VecDeque<Flying>,
     to_host: VecDeque<Flying>,
-    /// What the bridge has for the host, at its next millisecond.
+    /// Bytes that the bridge passes on to the host at its next millisecond.
     bridge: Vec<u8>,
     edges: Vec<Edge>,
-    /// What bytes of another rate look like.
+    /// Random bits, for bytes that were sent at another rate.
     noise: Random,
 }
 
 impl ModelPort {
-    /// A model that nobody has taken, at tick 0.
+    /// A model at tick 0, without a session.
     #[must_use]
     pub fn new() -> ModelPort {
         ModelPort::with_memory(POOL, UNREAD)
     }
 
-    /// The same with queues of `pool` bytes in all, and so many bytes that may wait to be read.
+    /// As [`new`](ModelPort::new), with `pool` bytes of queues in all, and a receive buffer of `unread` bytes.
     #[must_use]
     pub fn with_memory(pool: u16, unread: u16) -> ModelPort {
         ModelPort {
@@ -655,31 +654,31 @@ impl ModelPort {
         }
     }
 
-    /// The model's positions, which no line can garble.
+    /// The model's positions, read past the line and its faults.
     #[must_use]
     pub fn positions(&self) -> Vec<i64> {
         self.model.native.positions()
     }
 
-    /// What has become of its lease, which no line can garble.
+    /// The state of the model's lease, read past the line and its faults.
     #[must_use]
     pub fn lease(&self) -> LeaseState {
         Leased::lease(&self.model.native)
     }
 
-    /// Whether a host has it.
+    /// Whether a host has a session with it.
     #[must_use]
     pub const fn is_taken(&self) -> bool {
         self.service.is_taken()
     }
 
-    /// The model's rate.
+    /// The rate of the model's end of the line.
     #[must_use]
     pub const fn board_baud(&self) -> Baud {
         self.model.baud
     }
 
-    /// Its reset line, as when a port is opened: what it knew is gone, motors stand where they are.
+    /// Resets the board, as opening a port does: everything it knew is gone, and the motors stop where they are.
     pub fn reset(&mut self) {
         self.model = Model::new(self.model.memory);
         self.decoder = Decoder::new();
@@ -687,7 +686,7 @@ impl ModelPort {
         self.to_host.clear();
     }
 
-    /// The model goes on to tick `until` with nobody listening or speaking.
+    /// Lets the model's time pass to tick `until` while no host sends or receives.
     pub fn run_alone(&mut self, until: u64) {
         while self.now < until {
             self.round();
@@ -727,7 +726,7 @@ impl Default for ModelPort {
     }
 }
 
-/// Ten bits.
+/// The ticks of a byte: ten bits.
 fn byte_ticks(baud: Baud) -> u64 {
     (10 * u64::from(TICK_HZ)).div_ceil(u64::from(baud.rate()))
 }
@@ -742,7 +741,7 @@ impl Port for ModelPort {
     }
 
     fn send(&mut self, bytes: &[u8]) -> Result<(), PortError> {
-        // With the bridge's next millisecond, and after what is going out already.
+        // Bytes go out with the bridge's next millisecond, after those before them.
         let bridged = self.now.next_multiple_of(BRIDGE);
         let mut at = self.to_board.back().map_or(bridged, |(at, ..)| bridged.max(*at));
         for byte in bytes {
@@ -765,7 +764,7 @@ impl Port for ModelPort {
     }
 
     fn set_baud(&mut self, baud: Baud) -> Result<(), PortError> {
-        // What was handed over goes out first: each byte knows its rate.
+        // Bytes that were sent before go out at the old rate: each has its own.
         self.baud = baud;
         Ok(())
     }

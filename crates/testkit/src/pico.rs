@@ -1,4 +1,4 @@
-//! The virtual Pico beside a native board that is told the same.
+//! The virtual Pico, next to a native board that gets the same items, to compare their edges.
 
 use super::Random;
 use pulsetrain_board::lease::{Lease, LeaseState, Leased};
@@ -13,13 +13,13 @@ use pulsetrain_core::{Direction, Entry, Epoch, Item, Segment, Tick32};
 /// Ticks per second.
 pub const TICK_HZ: u64 = 125_000_000;
 
-/// GPIO of the gate: no motor's.
+/// The GPIO of the gate; no motor may use it.
 const GATE: u8 = 25;
 
-/// A word lasts so long beyond pulse and wait: see `pulsetrain_core::pio`.
+/// Ticks that a PIO word takes besides its pulse and its wait; see `pulsetrain_core::pio`.
 const STEP_DIR_OVERHEAD: u32 = 3;
 
-/// STEP on `pin`, DIR on the next.
+/// A step/dir driver with STEP on `pin` and DIR on the next pin.
 pub fn step_dir(pin: u8) -> MotorSetup {
     MotorSetup {
         step_pin: pin,
@@ -30,27 +30,27 @@ pub fn step_dir(pin: u8) -> MotorSetup {
     }
 }
 
-/// IN1 to IN4 from `pin` on.
+/// A motor on coils, with IN1 to IN4 on the four pins from `pin` on.
 pub fn coils(pin: u8, sequence: Sequence) -> MotorSetup {
     MotorSetup { pull_in_ticks: 1_250_000, ..MotorSetup::coils_on(pin, sequence) }
 }
 
-/// Steps of one speed, `ticks` apart.
+/// Steps at a constant speed, `ticks` apart.
 pub fn run(count: u32, ticks: i64, direction: Direction) -> Item {
     Item::Run { segment: Segment { count, interval: ticks << 32, add: 0, add2: 0 }, direction }
 }
 
-/// A word of a motor lasts so long at least, ticks.
+/// The shortest time of a motor's PIO word, ticks.
 pub fn overhead(setup: &Setup, motor: &MotorSetup) -> u32 {
     STEP_DIR_OVERHEAD + if motor.coils().is_some() { 0 } else { u32::from(setup.pulse_ticks).max(3) }
 }
 
-/// Pins of a motor.
+/// The pins of a motor.
 pub fn pins_of(motor: &MotorSetup) -> Vec<u8> {
     if motor.coils().is_some() { coil_pins(motor.step_pin).to_vec() } else { vec![motor.step_pin, motor.dir_pin] }
 }
 
-/// What the pins of coils are like after `edges`, bit 0 being IN1.
+/// The levels of a motor's coils after `edges`; bit 0 is IN1.
 pub fn coil_levels(edges: &[Edge], motor: &MotorSetup) -> u8 {
     let mut levels = 0;
     for edge in edges {
@@ -61,7 +61,7 @@ pub fn coil_levels(edges: &[Edge], motor: &MotorSetup) -> u8 {
     levels
 }
 
-/// The native board of the same motors; its lines are the Pico's pins.
+/// The configuration of a native board with the motors of a setup. Its lines have the numbers of the Pico's pins.
 pub fn native_config(setup: &Setup) -> Config {
     let motor = |motor: &MotorSetup| MotorConfig {
         wiring: match motor.coils() {
@@ -83,7 +83,7 @@ pub fn native_config(setup: &Setup) -> Config {
     Config { fraction_bits: 32, motors: setup.motors.iter().map(motor).collect() }
 }
 
-/// Both, and their edges.
+/// The Pico and the native board, with their edges: `edges` are the Pico's, `wanted` the native board's.
 pub struct Pair {
     pub setup: Setup,
     pub pico: Remote<VirtualPico>,
@@ -102,14 +102,14 @@ impl Pair {
         assert_eq!(pico.set_baud(Baud::B2M), Ok(Baud::B2M));
         pico.configure(setup).unwrap_or_else(|error| panic!("{error}: {setup:?}"));
         let soon = pico.now() + TICK_HZ / 1000;
-        // What the pins do as they are set up is not compared.
+        // The edges of the configuration itself are not compared.
         pico.advance(soon, &mut |_: Edge| {});
         let mut native = Native::new(&native_config(setup)).expect("a native board can do it");
         native.advance(soon, &mut |_: Edge| {});
         Pair { setup: setup.clone(), pico, native, edges: Vec::new(), wanted: Vec::new() }
     }
 
-    /// Pushes what fits of an epoch to both.
+    /// Pushes the items of an epoch that fit to both boards.
     pub fn push(&mut self, motor: usize, epoch: u8, items: &[Item]) {
         for item in items {
             let entry = Entry { epoch: Epoch(epoch), item: *item };
@@ -120,7 +120,7 @@ impl Pair {
         }
     }
 
-    /// Pushes all items of an epoch to both: there is room.
+    /// Pushes all items of an epoch to both boards, which must have room for them.
     pub fn push_all(&mut self, motor: usize, epoch: u8, items: &[Item]) {
         for item in items {
             let entry = Entry { epoch: Epoch(epoch), item: *item };
@@ -129,19 +129,19 @@ impl Pair {
         }
     }
 
-    /// Has both go over, by lease.
+    /// Switches both boards, with a lease.
     pub fn switch_with(&mut self, epoch: u8, tick: u64, lease: Lease, limits: &[Limit]) {
         assert_eq!(self.pico.switch(Epoch(epoch), tick, lease, limits), Ok(()));
         assert_eq!(self.native.switch(Epoch(epoch), tick, lease, limits), Ok(()));
     }
 
-    /// Extends the lease of both, if the Pico accepts it.
+    /// Extends the lease of both boards if the Pico accepts that. Returns whether it did.
     pub fn extend(&mut self, lease: Lease) -> bool {
         if self.pico.extend(lease, &[]).is_err() {
             return false;
         }
         while self.pico.unconfirmed().is_some() {
-            // The native board waits meanwhile: it accepts what the Pico has accepted.
+            // The native board's time waits meanwhile, so that it can accept what the Pico has accepted.
             let edges = &mut self.edges;
             let setup = &self.setup;
             self.pico.advance(self.pico.now(), &mut |edge: Edge| edges.extend(as_line(setup, edge)));
@@ -157,7 +157,7 @@ impl Pair {
         accepted
     }
 
-    /// Has the Pico brake, and the native board from the same tick on.
+    /// Orders the Pico to brake, and the native board from the same tick on.
     pub fn brake(&mut self) {
         if let Some(at) = self.pico.brake() {
             self.native.brake_at(at);
@@ -181,7 +181,7 @@ impl Pair {
         }
     }
 
-    /// The immediate stop of the Pico, and then of the native board at the same tick.
+    /// Stops the Pico at once, and then the native board at the same tick.
     pub fn stop_now(&mut self, tick: u64) -> StopReport {
         let Pair { setup, pico, native, edges, wanted } = self;
         let report = pico.stop_now(tick, &mut |edge: Edge| edges.extend(as_line(setup, edge)));
@@ -189,7 +189,7 @@ impl Pair {
         report
     }
 
-    /// Compares all edges before tick `until`.
+    /// Checks that both boards made the same edges before tick `until`.
     pub fn compare(&mut self, until: u64) {
         for edges in [&mut self.edges, &mut self.wanted] {
             edges.sort_by_key(|edge| (edge.tick, edge.line));
@@ -207,7 +207,7 @@ impl Pair {
         }
     }
 
-    /// Steps of each motor by the Pico's edges: all, of a driver; of coils, `None`.
+    /// Steps of each motor with a step/dir driver, by the Pico's edges; `None` for coils.
     pub fn counts(&self) -> Vec<Option<i64>> {
         let count = |motor: &MotorSetup| {
             if motor.coils().is_some() {
@@ -227,18 +227,19 @@ impl Pair {
     }
 }
 
-/// A pulse that a stop at once catches lasts so much longer than told at most, ticks: 5 µs, as docs/pico.md says.
+/// The most that an immediate stop may lengthen a pulse, ticks: 5 µs (docs/pico.md).
 const STOP_LENGTHENS: u64 = 5 * TICK_HZ / 1_000_000;
 
-/// A driver's pins up to a stop at once at tick `stop`.
+/// What the pins of a step/dir driver did up to an immediate stop.
 pub struct StoppedDriver {
-    /// Steps that its pins made, forward less backward.
+    /// Steps forward minus backward that its pins made.
     pub position: i64,
-    /// If the last pulse ended after the stop: so long before it began, and so much longer than told it was, ticks.
+    /// If the last pulse ended after the stop: how long before the stop it began, and how much longer than configured it was, ticks.
     pub caught: Option<(u64, u64)>,
 }
 
-/// What a driver's pins did, stop included: no step begins after it, DIR changes in no pulse, and each pulse is as long as it should be.
+/// Checks the pins of a step/dir driver up to an immediate stop at tick `stop`: no step begins after it, DIR changes in no pulse, and each pulse has its
+/// length.
 pub fn stopped_driver(setup: &Setup, motor: &MotorSetup, edges: &[Edge], stop: u64) -> StoppedDriver {
     let told = u64::from(setup.pulse_ticks.max(3));
     let (mut dir, mut position, mut high, mut caught) = (false, 0, None::<u64>, None);
@@ -265,14 +266,13 @@ pub fn stopped_driver(setup: &Setup, motor: &MotorSetup, edges: &[Edge], stop: u
     StoppedDriver { position, caught }
 }
 
-/// An edge of a motor's line, high being active.
+/// An edge of a motor's pin as one of its line, with high for active; `None` for other pins.
 pub fn as_line(setup: &Setup, edge: Edge) -> Option<Edge> {
     let low = setup.motors.iter().any(|motor| motor.step_low && motor.coils().is_none() && motor.step_pin == edge.line);
     (edge.line != GATE).then_some(Edge { level: edge.level != low, ..edge })
 }
 
-/// Items of a plan from tick `from` on: runs that speed up and slow down, waits, turns. No interval is shorter than
-/// `fastest` ticks.
+/// A random plan from tick `from` on: runs that speed up and slow down, waits and reversals. No interval is shorter than `fastest` ticks.
 pub fn random_items(setup: &Setup, motor: &MotorSetup, random: &mut Random, from: u64, fastest: u64) -> Vec<Item> {
     let room = 3 * overhead(setup, motor) + u32::from(setup.setup_ticks) + u32::from(setup.hold_ticks);
     let mut direction = if random.one_in(2) { Direction::Forward } else { Direction::Backward };
@@ -289,7 +289,7 @@ pub fn random_items(setup: &Setup, motor: &MotorSetup, random: &mut Random, from
         }
         let next = interval(random);
         let count = (1 + if random.one_in(3) { random.below(5) } else { random.below(2000) }) as u32;
-        // Half of them bend: intervals lie above the line between the two, so that none is shorter than both.
+        // Half of the runs are curved. Their intervals lie above the straight line from the first to the last, so that none is shorter than both.
         let steps = i64::from(count);
         let bend = if random.one_in(2) { now.min(next).min(1 << 20) << 32 } else { 0 };
         let add2 = -bend / (steps * steps).max(8);

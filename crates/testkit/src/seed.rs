@@ -1,13 +1,13 @@
-//! Seeds and lengths of random tests: the same in every run, unless the environment says otherwise.
+//! Seeds and lengths of random tests: equal in every run, unless an environment variable has another number.
 
-/// `PULSETRAIN_SEED`, or the test's own; printed, so that what failed can be had again.
+/// The number in `PULSETRAIN_SEED`, or else the test's own seed. It is printed, so that a failure can be repeated.
 pub fn seed(own: u64) -> u64 {
     let seed = number("PULSETRAIN_SEED").unwrap_or(own);
     println!("PULSETRAIN_SEED={seed}");
     seed
 }
 
-/// How many times as long as usual: `PULSETRAIN_ROUNDS`, or once.
+/// How many times as long as usual a random test runs: the number in `PULSETRAIN_ROUNDS`, or else 1.
 pub fn rounds() -> u64 {
     number("PULSETRAIN_ROUNDS").unwrap_or(1)
 }

@@ -1,4 +1,4 @@
-//! Random segments as a planner makes them, and a stream of them into a board.
+//! Random segments like those of a planner, and a stream of them into a board.
 
 use super::{Random, TICK_HZ, pico};
 use pulsetrain_board::{Lease, Leased, Observer, SwitchRefused};
@@ -9,56 +9,57 @@ use std::collections::VecDeque;
 /// The board that segments are for.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Chip {
+    /// Ticks per second.
     pub tick_hz: u64,
-    /// F.
+    /// Fraction bits of an interval (F).
     pub fraction_bits: u32,
-    /// Steps of a segment at least; twice as many at most.
+    /// Least steps of a segment; it has at most twice as many.
     pub least_steps: u32,
-    /// A segment has so many times the steps of the one before at most: after a turn, which resets the units that segments are
-    /// said in, a planner begins with short ones.
+    /// The most times that a segment may have the steps of the one before. A reversal resets the units in which segments are packed, so a planner begins
+    /// with short ones after it.
     pub growth: u32,
-    /// The shortest first interval after a turn, ticks.
+    /// The shortest first interval after a reversal, ticks.
     pub turn_ticks: f64,
 }
 
 impl Chip {
-    /// Pulse, hold and set-up of 1 µs each, and the firmware's own.
+    /// An Uno, with a pulse, DIR hold and DIR setup of 1 µs each.
     pub const UNO: Chip = Chip { tick_hz: TICK_HZ, fraction_bits: 16, least_steps: 40, growth: 20, turn_ticks: 400.0 };
 
-    /// As a planner has it at some 100 k steps/s and more.
+    /// A Pico, with segments as a planner makes them at 100 000 steps/s or more.
     pub const PICO: Chip =
         Chip { tick_hz: pico::TICK_HZ, fraction_bits: 32, least_steps: 500, growth: 2, turn_ticks: 3000.0 };
 
-    /// Of a whole tick.
+    /// Units of an interval in a tick.
     fn ticks(&self) -> f64 {
         (1_u64 << self.fraction_bits) as f64
     }
 }
 
-/// What a motor is to do.
+/// The speed of a motor.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Law {
-    /// Steps per second, on the whole.
+    /// Mean steps per second.
     pub rate: f64,
-    /// The interval changes by so much of itself, either way, from segment to segment.
+    /// The part by which the interval of a segment may differ from the mean, either way.
     pub swing: f64,
-    /// One segment in so many turns around; 0: none.
+    /// One segment in this many begins with a reversal; 0 for none.
     pub turns: u64,
 }
 
 impl Law {
-    /// A speed that swings by ±10 %.
+    /// A speed that varies by ±10 %.
     pub const fn changing(rate: f64) -> Law {
         Law { rate, swing: 0.1, turns: 0 }
     }
 
-    /// One speed.
+    /// A constant speed.
     pub const fn constant(rate: f64) -> Law {
         Law { rate, swing: 0.0, turns: 0 }
     }
 }
 
-/// Random segments and the ticks that they mean, replayed in wide integers.
+/// A source of random segments, which also computes the tick of each step, in wide integers.
 #[derive(Clone, Debug)]
 pub struct Source {
     chip: Chip,
@@ -67,17 +68,17 @@ pub struct Source {
     packing: Packing,
     state: State,
     recurrence: Recurrence,
-    /// Of the last step, or where it begins.
+    /// The tick of the last step, or of the beginning.
     tick: u64,
     direction: Direction,
     interval: f64,
-    /// Ticks of the steps that were handed out and not asked for yet.
+    /// The ticks of the steps so far; a test removes those that it has checked.
     pub due: VecDeque<u64>,
-    /// Handed out, and not taken.
+    /// An item that the board had no room for.
     ahead: Option<Item>,
     /// No segment begins after it.
     end: u64,
-    /// Bytes of the segments that were handed out.
+    /// Packed bytes of the segments so far.
     pub packed: usize,
 }
 
@@ -107,7 +108,7 @@ impl Source {
         }
     }
 
-    /// The tick that all that was handed out leads to.
+    /// The tick of the last step so far.
     pub fn tick(&self) -> u64 {
         self.tick
     }
@@ -148,7 +149,7 @@ impl Source {
         self.recurrence.load(&segment);
         for _ in 0..count {
             self.recurrence.advance();
-            // The accumulator has the lowest of their bits.
+            // The accumulator has only the low bits of the ticks.
             let now = Tick32::of(self.recurrence.accumulator >> chip.fraction_bits);
             self.tick += u64::from(now.since(Tick32::of(self.tick)));
             self.due.push_back(self.tick);
@@ -158,31 +159,30 @@ impl Source {
     }
 }
 
-/// One epoch without an end of its own, pushed as it fits: no session, no tails, so that the board is what is measured.
+/// A stream of segments for all motors, pushed as they fit, without a session: only the board is tested.
 #[derive(Clone, Debug)]
 pub struct Stream {
     chip: Chip,
     pub sources: Vec<Source>,
     epoch: Epoch,
-    /// When the epoch begins.
+    /// The tick at which the epoch begins.
     pub begin: u64,
     switched: bool,
 }
 
 impl Stream {
-    /// On an Uno, see [`on`](Stream::on).
+    /// A stream for an Uno; see [`on`](Stream::on).
     pub fn new(board: &impl Leased, laws: &[Law], apart: f64, seed: u64, ticks: u64) -> Stream {
         Stream::on(Chip::UNO, board, laws, apart, seed, ticks)
     }
 
-    /// `laws` from a little after the board can know of them on, for `ticks`; motor m begins `apart` · m / motors of an
-    /// interval after the first.
+    /// A stream of `laws` for `ticks`, which begins soon after the board can have it. Motor m begins `apart` · m / motors of an interval after motor 0.
     pub fn on(chip: Chip, board: &impl Leased, laws: &[Law], apart: f64, seed: u64, ticks: u64) -> Stream {
         let begin = board.now() + board.lead() + chip.tick_hz / 10;
         let motors = laws.len() as f64;
         let sources = (0_u64..).zip(laws).map(|(index, law)| {
             let offset = apart * chip.tick_hz as f64 / law.rate * index as f64 / motors;
-            // In phase means that all do the very same.
+            // Motors in phase get the same seed, so that all make the same steps.
             let seed = if apart == 0.0 { seed } else { seed + 977 * index };
             let start = begin + chip.tick_hz / 2000 + offset as u64;
             Source::new(chip, *law, seed, start, start + ticks)
@@ -190,7 +190,7 @@ impl Stream {
         Stream { chip, sources: sources.collect(), epoch: board.epoch().next(), begin, switched: false }
     }
 
-    /// Pushes what fits, and has the board begin.
+    /// Pushes the items that fit, and switches the board to the epoch in time.
     ///
     /// # Errors
     /// As [`Leased::switch`].
@@ -213,7 +213,7 @@ impl Stream {
         Ok(())
     }
 
-    /// Whether everything has been pushed.
+    /// Whether all items have been pushed.
     pub fn is_told(&self) -> bool {
         self.sources.iter().all(|source| source.ahead.is_none() && source.tick() >= source.end)
     }
@@ -223,10 +223,10 @@ impl Stream {
         self.sources.iter().map(Source::tick).max().unwrap_or(0)
     }
 
-    /// Plays it all, to 1 ms after the last step; `look` sees the board every half millisecond, and may end it.
+    /// Plays the whole stream, to 1 ms after the last step. `look` is called every half millisecond, and may end it with an error.
     ///
     /// # Errors
-    /// As [`Leased::switch`], or what `look` says.
+    /// As [`Leased::switch`], or the error of `look`.
     pub fn play<B: Leased>(
         &mut self,
         board: &mut B,

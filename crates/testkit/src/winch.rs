@@ -1,4 +1,4 @@
-//! A virtual board that is spoken to as clients of the winch do, and core's paths beside it.
+//! A virtual board that gets StepperWinch's text, and core's paths to compare its steps with.
 
 use pulsetrain_board::virtual_pico::VirtualPico;
 use pulsetrain_board::virtual_uno::VirtualUno;
@@ -8,27 +8,28 @@ use pulsetrain_core::winch::path::{Path, Slice};
 use pulsetrain_core::winch::text::{Heard, LineReader};
 use std::time::Duration;
 
-/// STEP and DIR of the axes on a CNC shield; ENABLE.
+/// STEP and DIR of the axes x, y, z and a on a CNC shield.
 pub const PINS: [(u8, u8); 4] = [(2, 5), (3, 6), (4, 7), (12, 13)];
+/// The drivers' common enable input on a CNC shield.
 pub const ENABLE: u8 = 8;
-/// Ticks of an Uno's slice.
+/// Ticks of a slice of a path on an Uno: 1 ms.
 pub const SLICE: u64 = Uno::SLICE;
 
-/// A board that speaks text, with the pins and times of its axes.
+/// A virtual board that obeys text, with the pins and timing of its axes.
 pub trait Wired: VirtualBoard + Clone {
-    /// Ticks of its clock in a second.
+    /// Ticks of its clock per second.
     const CYCLES_PER_S: u64;
-    /// STEP and DIR.
+    /// STEP and DIR of each axis.
     const PINS: [(u8, u8); 4];
-    /// Of all drivers; low is on.
+    /// The common enable pin of the drivers; low is on.
     const ENABLE: u8;
-    /// From the tick of a step to its edge, without delays.
+    /// By axis: ticks from a step's scheduled tick to its edge, without delays.
     const CONSTANT: [i64; 4];
-    /// The shortest pulse, and set-up of DIR before it, ticks.
+    /// The shortest pulse, and the shortest DIR setup before it, ticks.
     const SHORTEST: [u64; 2];
-    /// One that has just started.
+    /// A board that has just started.
     fn start() -> Self;
-    /// When the steps of a slice are due, ticks from its beginning.
+    /// The ticks of a slice's steps, from the beginning of the slice.
     fn due(slice: Slice) -> Vec<u64>;
 }
 
@@ -36,7 +37,7 @@ impl Wired for VirtualUno {
     const CYCLES_PER_S: u64 = pulsetrain_board::virtual_uno::CYCLES_PER_S;
     const PINS: [(u8, u8); 4] = PINS;
     const ENABLE: u8 = ENABLE;
-    // Ports D and B.
+    // STEP of x, y and z is on port D, that of a on port B.
     const CONSTANT: [i64; 4] = [17, 17, 17, 26];
     const SHORTEST: [u64; 2] = [30, 16];
 
@@ -55,7 +56,7 @@ impl Wired for VirtualPico {
     const CYCLES_PER_S: u64 = pulsetrain_board::virtual_pico::CYCLES_PER_S;
     const PINS: [(u8, u8); 4] = [(2, 3), (4, 5), (6, 7), (8, 9)];
     const ENABLE: u8 = 22;
-    // The state machines make them.
+    // The state machines make the edges at their ticks.
     const CONSTANT: [i64; 4] = [0; 4];
     const SHORTEST: [u64; 2] = [250, 625];
 
@@ -68,28 +69,28 @@ impl Wired for VirtualPico {
     }
 }
 
-/// A step as a pin showed it, or as a path has it.
+/// A step, by the pins or by a path.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PinStep {
     pub tick: u64,
     pub forward: bool,
 }
 
-/// A line from the board, and when it was there, ticks.
+/// A line of text from the board, and the tick at which it was complete.
 #[derive(Clone, Debug)]
 pub struct Line {
     pub tick: u64,
     pub text: String,
 }
 
-/// What a status line says.
+/// The content of a status line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Status {
     pub usec: i32,
     pub positions: [i32; 4],
 }
 
-/// A board, what it said and what its pins did.
+/// A board, with the lines that it sent and the edges of its pins.
 #[derive(Clone)]
 pub struct WinchLab<B> {
     pub port: B,
@@ -105,7 +106,7 @@ impl<B: Wired> WinchLab<B> {
     /// Ticks of a slice.
     pub const SLICE: u64 = B::CYCLES_PER_S / 1000;
 
-    /// One that said `awake`.
+    /// A board that has sent `awake`.
     pub fn new() -> WinchLab<B> {
         let mut lab = WinchLab::around(B::start());
         lab.run_ms(80);
@@ -113,7 +114,7 @@ impl<B: Wired> WinchLab<B> {
         lab
     }
 
-    /// Of a board that nobody has listened to.
+    /// A lab for a board from which no byte was read yet.
     pub fn around(port: B) -> WinchLab<B> {
         WinchLab { port, edges: Vec::new(), lines: Vec::new(), partial: Vec::new() }
     }
@@ -124,15 +125,15 @@ impl<B: Wired> WinchLab<B> {
         cycle as u64 - self.port.zero().unwrap_or(0)
     }
 
-    /// Sends a line, and waits until the board has it.
+    /// Sends a line, and waits until the board has received it.
     pub fn say(&mut self, line: &str) -> SentLine {
         self.send(format!("{line}\n"));
-        // USB's frame, and 87 µs a byte.
+        // One USB frame, and 87 µs for each byte.
         self.run_ms(2 + line.len() as u64 / 11);
         SentLine { tick: self.now() - Self::SLICE, line: line.to_owned() }
     }
 
-    /// Sends bytes, at once.
+    /// Sends bytes without waiting.
     pub fn send(&mut self, bytes: impl AsRef<[u8]>) {
         self.port.send(bytes.as_ref()).expect("it is virtual");
     }
@@ -144,7 +145,7 @@ impl<B: Wired> WinchLab<B> {
             self.port.receive(until, &mut bytes).expect("it is virtual");
             self.port.edges(&mut self.edges);
             for byte in bytes {
-                // Frames' hosts have zeros between.
+                // Hosts that send frames have zeros between them.
                 if byte == 0 {
                     self.partial.clear();
                 } else if byte != b'\n' {
@@ -160,7 +161,7 @@ impl<B: Wired> WinchLab<B> {
         }
     }
 
-    /// Sends a line and gives what the board said within `ms`, but for status lines.
+    /// Sends a line, and returns the lines that the board sent within `ms` milliseconds, without status lines.
     pub fn ask(&mut self, line: &str, ms: u64) -> Vec<String> {
         let had = self.lines.len();
         self.send(format!("{line}\n"));
@@ -179,7 +180,7 @@ impl<B: Wired> WinchLab<B> {
         self.lines.iter().filter_map(numbers).collect()
     }
 
-    /// The pulses of an axis, each of the right length and with DIR in time.
+    /// The steps of an axis by its pins. Checks the length of each pulse, and the DIR setup.
     pub fn steps(&self, axis: usize) -> Vec<PinStep> {
         let ((step, dir), [pulse, setup]) = (B::PINS[axis], B::SHORTEST);
         let (mut forward, mut turned, mut begun, mut ended) = (false, 0, None, 0);
@@ -200,7 +201,7 @@ impl<B: Wired> WinchLab<B> {
         steps
     }
 
-    /// What the pins have counted of each axis before a tick.
+    /// The count of each axis before a tick, by its pins.
     pub fn counted(&self, tick: u64) -> [i32; 4] {
         std::array::from_fn(|axis| {
             self.steps(axis)
@@ -211,7 +212,7 @@ impl<B: Wired> WinchLab<B> {
         })
     }
 
-    /// Every status line says what the pins had counted, to within the time that its clock has.
+    /// Checks that the positions of every status line are those of the pins, at some tick within the microsecond of the line.
     pub fn check_positions(&self) {
         let steps: Vec<_> = (0..4).map(|axis| self.steps(axis)).collect();
         for status in self.statuses() {
@@ -228,7 +229,7 @@ impl<B: Wired> WinchLab<B> {
     }
 }
 
-/// Four of core's paths and their steps, slice by slice.
+/// Core's paths of four axes, and their steps, slice by slice.
 #[derive(Clone)]
 pub struct PathModel<B> {
     reader: LineReader,
@@ -245,7 +246,7 @@ impl<B: Wired> PathModel<B> {
         PathModel { reader, paths, steps: Default::default(), slice: 0, board: std::marker::PhantomData }
     }
 
-    /// Goes on to a slice.
+    /// Computes the paths up to a slice.
     pub fn run_to(&mut self, slice: u64) {
         while self.slice < slice {
             for (path, steps) in self.paths.iter_mut().zip(&mut self.steps) {
@@ -267,24 +268,27 @@ impl<B: Wired> PathModel<B> {
     }
 }
 
-/// The latest slice, counted from when a line came, that acts on it.
+/// A line acts on one of this many slices from the one in which it arrived.
 pub const SLICES: u64 = 8;
 
-/// A line was sent so that the board had it at a tick.
+/// A line that was sent, and the tick at which the board had it.
 #[derive(Clone, Debug)]
 pub struct SentLine {
     pub tick: u64,
     pub line: String,
 }
 
-/// Finds the slices at which the board did what lines say, each on all axes at once, so that the paths have the steps that
-/// were made. Gives how late the edges were, ticks, by axis, and the longest way from a line to its slice.
+/// Finds for each line the slice at which the board obeyed it, on all axes at the same time, such that core's paths have the steps that were made.
+/// Returns how late the edges were, ticks, by axis, and the longest time from a line to its slice.
+///
+/// # Errors
+/// When there are no such slices.
 pub fn follow<B: Wired>(lab: &WinchLab<B>, said: &[SentLine]) -> Result<([Vec<i64>; 4], u64), String> {
     let made: [Vec<PinStep>; 4] = std::array::from_fn(|axis| lab.steps(axis));
     let (mut model, mut longest) = (PathModel::<B>::new(), 0);
     for (at, SentLine { tick, line }) in said.iter().enumerate() {
         let first = tick.div_ceil(WinchLab::<B>::SLICE);
-        // Until the next line may act.
+        // Compare up to where the next line may act.
         let until =
             said.get(at + 1).map_or(lab.now() / WinchLab::<B>::SLICE - 2, |next| next.tick / WinchLab::<B>::SLICE);
         let mut why = String::new();
@@ -314,11 +318,14 @@ pub fn follow<B: Wired>(lab: &WinchLab<B>, said: &[SentLine]) -> Result<([Vec<i6
     compare(&made, &model, end * WinchLab::<B>::SLICE).map(|late| (late, longest))
 }
 
-/// Whether all steps before a tick are those of the model, and how late they were.
+/// Compares all steps before a tick with those of the model. Returns how late they were, ticks, by axis.
+///
+/// # Errors
+/// The first difference.
 fn compare<B: Wired>(made: &[Vec<PinStep>; 4], model: &PathModel<B>, until: u64) -> Result<[Vec<i64>; 4], String> {
     let mut all: [Vec<i64>; 4] = Default::default();
     for (axis, late) in all.iter_mut().enumerate() {
-        // A step at the end may be on either side of it.
+        // A step just at the end may come before or after it.
         let (soon, sure) = (until + 200, until.saturating_sub(200));
         let (made, wanted) = (&made[axis], &model.steps[axis]);
         let counts = |steps: &[PinStep], tick| steps.partition_point(|step| step.tick < tick);
