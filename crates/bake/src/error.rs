@@ -128,7 +128,7 @@ pub enum BakeError {
 }
 
 impl BakeError {
-    /// What would do.
+    /// What the user can do.
     #[must_use]
     pub const fn advice(&self) -> &'static str {
         match self {

@@ -44,15 +44,11 @@ pub(crate) fn hour() -> Done {
 
 /// The Pico's limits in the table of boards: their names, the largest number of motors, and their docs.
 const LIMITS: [(&str, usize, &str); 5] = [
-    ("SHORTEST", 8, "Shortest interval that holds for good, of each of 1 to 8 motors."),
-    ("COILS", 6, "The same of each of 1 to 6 motors on coils."),
-    (
-        "ONWARD",
-        8,
-        "Shortest time between segments that go the same way and are in the queues, of each of 1 to 8 motors.",
-    ),
-    ("TURNING", 8, "Shortest time between segments that turn and are in the queues, of each of 1 to 8 motors."),
-    ("HEARD", 8, "What more it is if they come from the host meanwhile, of each of 1 to 8 motors."),
+    ("SHORTEST", 8, "Shortest interval that holds for ever, of each of 1 to 8 motors."),
+    ("COILS", 6, "Shortest interval that holds for ever, of each of 1 to 6 motors on coils."),
+    ("ONWARD", 8, "Shortest time between queued segments of one direction, of each of 1 to 8 motors."),
+    ("TURNING", 8, "Shortest time between queued segments that reverse, of each of 1 to 8 motors."),
+    ("HEARD", 8, "Additional time for each segment that comes from the host meanwhile, of each of 1 to 8 motors."),
 ];
 
 /// Writes the Pico's limits into the table of boards.
@@ -63,7 +59,7 @@ fn write_limits(limits: &[String]) -> Done {
 
 fn limits_source(limits: &[String]) -> Done<String> {
     let mut source =
-        "//! What the Pico's firmware does on the emulated chip: written by `cargo xtask bench pico`, not by hand. In \
+        "//! The Pico's limits, measured on the emulated chip: written by `cargo xtask bench pico`, not by hand. In \
                       ticks.\n"
             .to_owned();
     for (name, motors, what) in LIMITS {

@@ -145,18 +145,18 @@ fn limits_source(limits: &[Limit]) -> Done<String> {
     let queues = limits.iter().map(|limit| limit.queues).min().unwrap_or(0);
     let horizon = limits.iter().map(|limit| limit.horizon).max().unwrap_or(0);
     Ok(format!(
-        "//! What the Uno's firmware does on the emulated chip: written by `cargo xtask bench uno`, not by hand. In ticks.\n\n\
+        "//! The Uno's limits, measured on the emulated chip: written by `cargo xtask bench uno`, not by hand. In ticks.\n\n\
          /// Measured pulses, a column each. With the last the firmware works out one step at a time, on all pins.\n\
          pub(super) const PULSES: [u32; {}] = [{}];\n\
-         /// Shortest interval that holds for good, of each of 1 to 4 motors on one or two ports.\n\
+         /// Shortest interval that holds for ever, of each of 1 to 4 motors on one or two ports.\n\
          pub(super) const BY_SOFTWARE: [[u32; {0}]; 4] = [\n{}];\n\
-         /// The same of two motors on pins 2-7, each with a DIR line of its own: these have a ring each.\n\
+         /// Shortest interval of two motors on pins 2-7, each with a DIR line of its own: they have a ring each.\n\
          pub(super) const PAIR: [u32; {0}] = {};\n\
-         /// The same of one or two motors whose edges the compare hardware makes.\n\
+         /// Shortest interval of one or two motors whose edges the compare hardware makes.\n\
          pub(super) const BY_COMPARE: [[u32; {0}]; 2] = [\n{}];\n\
          /// Largest |edge − scheduled| beyond the constant.\n\
          pub(super) const LATENESS: u32 = {late};\n\
-         /// The farthest that it commits itself ahead.\n\
+         /// How far ahead it commits itself at most.\n\
          pub(super) const HORIZON: u32 = {horizon};\n\
          /// Bytes of its queues.\n\
          pub(super) const QUEUES: u32 = {queues};\n",

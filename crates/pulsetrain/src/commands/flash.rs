@@ -249,16 +249,20 @@ fn pico(folder: Option<&str>, file: Option<&Path>, console: &Console<'_>) -> mie
     bar.stage("writing");
     copy(&path, &bytes, |done| bar.set(done as f64)).or_else(|(written, error)| {
         // The chip restarts as soon as it has the last block, so the drive may disappear while the file is still open.
-        if written == bytes.len() && goes(&folder, TAKEN) { Ok(()) } else { Err(not_written(&path, &error)) }
+        if written == bytes.len() && disappears(&folder, STARTS_WITHIN) {
+            Ok(())
+        } else {
+            Err(not_written(&path, &error))
+        }
     })?;
     bar.stage("waiting for it to begin");
-    if !goes(&folder, TAKEN) {
+    if !disappears(&folder, STARTS_WITHIN) {
         let help = "hold BOOTSEL as you plug it in again, and start this again; some systems want the drive to be ejected first";
         return Err(miette!(
             help = help,
             "{} is still there {} s after the image was written: the Pico did not take it",
             folder.display(),
-            TAKEN.as_secs()
+            STARTS_WITHIN.as_secs()
         ));
     }
     Ok(Flashed {
@@ -271,11 +275,11 @@ fn pico(folder: Option<&str>, file: Option<&Path>, console: &Console<'_>) -> mie
 }
 
 /// How long a Pico may take to start its new image.
-const TAKEN: Duration = Duration::from_secs(5);
+const STARTS_WITHIN: Duration = Duration::from_secs(5);
 
 /// Whether a Pico's drive disappears within a time. Reading the file back shows nothing, since the computer has a copy
 /// in memory. Nor does a folder that the user mounted by hand, so the drive's device is checked, too.
-fn goes(folder: &Path, within: Duration) -> bool {
+fn disappears(folder: &Path, within: Duration) -> bool {
     let device = device_of(folder, &fs::read_to_string("/proc/mounts").unwrap_or_default());
     serial::happens(within, || !folder.join(INFO).exists() || device.as_ref().is_some_and(|device| !device.exists()))
 }

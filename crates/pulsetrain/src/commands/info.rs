@@ -9,7 +9,7 @@ use pulsetrain_core::wire::{Baud, Reason, Stored, VERSION};
 use serde::Serialize;
 
 use super::problems::{clock_off, drive_problem, port_problem};
-use super::store::{Kept, told};
+use super::store::{Kept, stored_in_words};
 use crate::arguments::At;
 use crate::console::{Console, Exit};
 use pulsetrain_motion::human::{self, Table};
@@ -129,7 +129,7 @@ impl BoardInfo {
         if self.keeps_untold {
             return "not told while motors are powered".to_owned();
         }
-        told(self.keeps.as_ref(), self.keeps_damaged)
+        stored_in_words(self.keeps.as_ref(), self.keeps_damaged)
     }
 }
 

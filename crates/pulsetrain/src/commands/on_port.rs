@@ -113,7 +113,7 @@ pub(super) fn run(
     };
     interrupt::watch();
     let port = Serial::open(name, false).map_err(port_problem)?;
-    let goes_on = waits_aloud(console, name);
+    let goes_on = waits_with_notice(console, name);
     let mut driven =
         Driven::with(prepared, |program| connect_while(port, program, baud, goes_on)).map_err(drive_problem)?;
     let firmware = human::version(driven.board_mut().info().firmware);
@@ -174,7 +174,7 @@ pub(super) fn run(
 
 /// A function that decides whether to wait on while the board still moves motors for an earlier host: until Ctrl-C. Its
 /// first call prints that it waits.
-pub(super) fn waits_aloud(console: &mut Console<'_>, port: &str) -> impl FnMut() -> bool {
+pub(super) fn waits_with_notice(console: &mut Console<'_>, port: &str) -> impl FnMut() -> bool {
     let mut waits = false;
     move || {
         if !std::mem::replace(&mut waits, true) {

@@ -147,14 +147,14 @@ fn stop_frames<P: Port>(mut board: Remote<P>) -> Result<StopReport, RemoteError>
 /// The longest period that no step ends during a stop: half a minute on a Pico. The board's answer says for each axis
 /// when its next step comes, which is never for an axis at rest. So this line stops the axes that step, and its answer
 /// names them; text has no other question for that.
-const NAMES_AND_STOPS: &str = "speed xyza 4294967294";
+const STOP_STEPPING: &str = "speed xyza 4294967294";
 /// Then the axes forget their moves and runs. The answer has their positions.
 const FORGET: &str = "halt";
 /// Paths stop within their limits. Then the drivers go off, for paths and for verbs.
 const RELEASE: &str = "enable 0";
 /// Shorter than any period: the board refuses it with `err period` once paths have left the axes, and with `err path`
 /// before.
-const STILL: &str = "speed x 1";
+const PROBE: &str = "speed x 1";
 
 /// The board answers a line within this time, also through an adapter that holds bytes back.
 const ANSWER: Duration = Duration::from_millis(100);
@@ -246,7 +246,7 @@ fn listen<P: Port>(
 fn stop_text<P: Port>(talk: &mut Talk<P>) -> miette::Result<Option<StopReport>> {
     let mut heard = Heard::default();
     for round in 0..TRIES {
-        for line in [NAMES_AND_STOPS, FORGET, RELEASE, "version"] {
+        for line in [STOP_STEPPING, FORGET, RELEASE, "version"] {
             // A board that is strict ignores lines without a checksum, but cannot say so, so every second round has
             // checksums.
             let line = if round % 2 == 1 { with_checksum(line) } else { line.to_owned() };
@@ -290,7 +290,7 @@ fn stop_paths<P: Port>(talk: &mut Talk<P>, mut heard: Heard) -> miette::Result<S
     let mut patience = talk.now() + STATUS;
     loop {
         heard.paths = None;
-        let line = talk.as_wanted(STILL);
+        let line = talk.as_wanted(PROBE);
         talk.tell(&line).map_err(port_problem)?;
         let until = talk.now() + ANSWER;
         listen(talk, &mut heard, until, |heard| heard.paths == Some(false))?;

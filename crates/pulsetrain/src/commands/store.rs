@@ -70,7 +70,7 @@ impl Kept {
     }
 
     /// The settings in words.
-    fn told(&self) -> String {
+    fn in_words(&self) -> String {
         let time = |ms: u16| human::seconds(f64::from(ms) / 1000.0);
         let [speed, acceleration] = [self.steps_per_s, self.steps_per_s2].map(figure);
         let limits = format!("axes of text at most {speed} steps/s and {acceleration} steps/s²");
@@ -100,8 +100,8 @@ struct StoreReport {
 }
 
 /// The stored settings in words, and whether they are damaged.
-pub(super) fn told(kept: Option<&Kept>, is_damaged: bool) -> String {
-    match (kept.map_or("nothing".to_owned(), Kept::told), is_damaged) {
+pub(super) fn stored_in_words(kept: Option<&Kept>, is_damaged: bool) -> String {
+    match (kept.map_or("nothing".to_owned(), Kept::in_words), is_damaged) {
         (told, false) => told,
         (told, true) => format!("{told} (what was stored last is damaged: store it again)"),
     }
@@ -119,7 +119,7 @@ pub(crate) fn run(args: &StoreArgs, console: &mut Console<'_>) -> miette::Result
         console.print_json(&StoreReport { kept, damaged: stored.is_damaged })?;
         return Ok(Exit::Success);
     }
-    console.print(format_args!("the board keeps: {}\n", told(kept.as_ref(), stored.is_damaged)))?;
+    console.print(format_args!("the board keeps: {}\n", stored_in_words(kept.as_ref(), stored.is_damaged)))?;
     Ok(Exit::Success)
 }
 
@@ -206,11 +206,14 @@ mod tests {
     #[test]
     fn what_is_damaged_is_told() {
         let kept = Kept::of(Settings { deadman_ms: 500, ..Settings::default() });
-        assert_eq!(told(Some(&kept), false), "text's deadman 500 ms");
-        assert_eq!(told(Some(&kept), true), "text's deadman 500 ms (what was stored last is damaged: store it again)");
+        assert_eq!(stored_in_words(Some(&kept), false), "text's deadman 500 ms");
+        assert_eq!(
+            stored_in_words(Some(&kept), true),
+            "text's deadman 500 ms (what was stored last is damaged: store it again)"
+        );
         let limits = Kept::of(Settings { vmax: 2_500_500, amax: 20_000_000, ..Settings::default() });
-        assert_eq!(told(Some(&limits), false), "axes of text at most 2500.5 steps/s and 20 000 steps/s²");
-        assert_eq!(told(None, true), "nothing (what was stored last is damaged: store it again)");
+        assert_eq!(stored_in_words(Some(&limits), false), "axes of text at most 2500.5 steps/s and 20 000 steps/s²");
+        assert_eq!(stored_in_words(None, true), "nothing (what was stored last is damaged: store it again)");
     }
 
     /// Tests that run firmware on an emulated chip.

@@ -22,7 +22,7 @@ use pulsetrain_core::wire::{Baud, Refusal};
 use pulsetrain_motion::quantity::{Base, Quantity};
 
 use super::info::UNO;
-use super::on_port::waits_aloud;
+use super::on_port::waits_with_notice;
 use super::problems::{drive_problem, port_problem};
 use super::winch::typed;
 use crate::console::{self, Console, Exit};
@@ -83,14 +83,14 @@ pub(crate) fn run(args: &VerbsArgs, console: &mut Console<'_>) -> miette::Result
     match (&args.port, script) {
         (Some(name), script) => {
             let port = Serial::open(name, true).map_err(port_problem)?;
-            hold(port, name, args.baud, || lines(script), None, console)
+            run_on(port, name, args.baud, || lines(script), None, console)
         }
         (None, Some(script)) => {
-            hold(virtual_board(), "", args.baud, || lines(Some(script)), Some(Pins::default()), console)
+            run_on(virtual_board(), "", args.baud, || lines(Some(script)), Some(Pins::default()), console)
         }
         (None, None) => {
             let board = serve::Paced::new(virtual_board());
-            hold(board, "", args.baud, || lines(None), Some(Pins::default()), console)
+            run_on(board, "", args.baud, || lines(None), Some(Pins::default()), console)
         }
     }
 }
@@ -242,19 +242,19 @@ impl Axis {
 }
 
 /// A board that this command moves by verbs.
-struct Held<P> {
+struct VerbSession<P> {
     remote: Remote<P>,
     setup: Setup,
     axes: [Axis; AXES.len()],
     pins: Option<Pins>,
     refused: usize,
     /// When the board was last asked whether all axes rest, while moves are waited for, and its answer.
-    looked: Option<(u64, bool)>,
+    last_look: Option<(u64, bool)>,
 }
 
 /// Connects to the board at a port, sets it up, and reads its axes. While the board still moves motors for an earlier
 /// host, `goes_on` decides whether to wait on. If the board refuses, the connection is closed with Bye.
-fn take<P: Port>(
+fn connect<P: Port>(
     port: P,
     baud: Baud,
     goes_on: impl FnMut() -> bool,
@@ -280,7 +280,7 @@ fn take<P: Port>(
 
 /// Runs the command on a board. `name` is the port's name, empty for a virtual board. `lines` is called once the board
 /// is connected, so that no line is read before.
-fn hold<P: Port>(
+fn run_on<P: Port>(
     port: P,
     name: &str,
     baud: Baud,
@@ -289,11 +289,11 @@ fn hold<P: Port>(
     console: &mut Console<'_>,
 ) -> miette::Result<Exit> {
     let (remote, setup, first) =
-        take(port, baud, waits_aloud(console, name)).map_err(|error| drive_problem(error.into()))?;
+        connect(port, baud, waits_with_notice(console, name)).map_err(|error| drive_problem(error.into()))?;
     let mut lines = lines();
-    let mut held = Held { remote, setup, axes: Default::default(), pins, refused: 0, looked: None };
-    let tick_hz = u64::from(held.remote.info().tick_hz);
-    let begin = held.remote.now();
+    let mut session = VerbSession { remote, setup, axes: Default::default(), pins, refused: 0, last_look: None };
+    let tick_hz = u64::from(session.remote.info().tick_hz);
+    let begin = session.remote.now();
     console.print(format_args!(
         "{} ticks a second; axes {}\n",
         human::count(tick_hz.into()),
@@ -301,20 +301,20 @@ fn hold<P: Port>(
     ))?;
     let mut next: Option<Timed> = None;
     let mut has_ended = false;
-    while !has_ended || held.waits() {
+    while !has_ended || session.waits() {
         if interrupt::wanted() {
-            return held.stop(console);
+            return session.stop(console);
         }
-        let mut until = held.remote.now() + tick_hz / ROUNDS_PER_S;
+        let mut until = session.remote.now() + tick_hz / ROUNDS_PER_S;
         match &mut lines {
             Lines::Script(script) => {
                 next = next.or_else(|| script.next());
                 has_ended = next.is_none();
                 if let Some((at_s, told)) = next {
                     let due = begin + (at_s * tick_hz as f64) as u64;
-                    if held.remote.now() >= due {
+                    if session.remote.now() >= due {
                         next = None;
-                        held.tell(&told, console)?;
+                        session.tell(&told, console)?;
                         continue;
                     }
                     until = until.min(due);
@@ -327,7 +327,7 @@ fn hold<P: Port>(
                     "help" | "?" => console.print(HELP)?,
                     "quit" | "exit" => has_ended = true,
                     line => {
-                        held.read(line, console)?;
+                        session.read(line, console)?;
                         continue;
                     }
                 },
@@ -335,12 +335,12 @@ fn hold<P: Port>(
                 Err(TryRecvError::Disconnected) => has_ended = true,
             },
         }
-        held.go_on(until, console)?;
+        session.go_on(until, console)?;
         if has_ended {
-            held.look(console)?;
+            session.look(console)?;
         }
     }
-    held.finish(console)
+    session.finish(console)
 }
 
 /// A mask of all axes, as [`LineOrders::axes`] has it.
@@ -352,7 +352,7 @@ fn names(is_one: impl Fn(usize) -> bool) -> String {
     named.map(|(_, name)| char::from(*name)).collect()
 }
 
-impl<P: Port> Held<P> {
+impl<P: Port> VerbSession<P> {
     /// Whether a move is still to be done. A stationary axis would never finish its move.
     fn waits(&self) -> bool {
         self.axes.iter().any(|axis| axis.moves > 0 && !axis.is_stationary)
@@ -394,7 +394,7 @@ impl<P: Port> Held<P> {
 
     /// Lets time pass, and prints what the board reports.
     fn go_on(&mut self, until: u64, console: &mut Console<'_>) -> miette::Result<()> {
-        let Held { remote, setup, pins, .. } = self;
+        let VerbSession { remote, setup, pins, .. } = self;
         remote.advance(until, &mut |edge: Edge| {
             if let Some(pins) = pins {
                 pins.see(edge, setup);
@@ -410,13 +410,13 @@ impl<P: Port> Held<P> {
     /// do, no move is left.
     fn look(&mut self, console: &mut Console<'_>) -> miette::Result<()> {
         let (now, tick_hz) = (self.remote.now(), u64::from(self.remote.info().tick_hz));
-        let (at, rested) = *self.looked.get_or_insert((now, false));
+        let (at, rested) = *self.last_look.get_or_insert((now, false));
         if !self.waits() || now < at + tick_hz {
             return Ok(());
         }
         let rests = self.remote.status().map_err(|error| drive_problem(error.into()))?.is_idle();
         self.events(console)?;
-        self.looked = Some((now, rests));
+        self.last_look = Some((now, rests));
         if rests && rested && self.waits() {
             let unheard = names(|axis| self.axes[axis].moves > 0);
             console.print(format_args!("all rest; a `done` got lost on the way, of {unheard}\n"))?;
@@ -479,7 +479,7 @@ impl<P: Port> Held<P> {
         let obeyed = self.remote.tell_motors(&[]).map_err(|error| drive_problem(error.into()))?;
         console.print(format_args!("{}\n", written(&VerbReply::At { obeyed, axes: ALL })))?;
         self.go_on(obeyed.tick, console)?;
-        let Held { remote, pins, refused, .. } = self;
+        let VerbSession { remote, pins, refused, .. } = self;
         remote.close();
         let Some(Pins { counts, .. }) = pins else {
             return Ok(if refused == 0 { Exit::Success } else { Exit::BoundBroken });
@@ -523,7 +523,7 @@ mod tests {
     fn held(port: Deaf, lines: Lines) -> (miette::Result<Exit>, String) {
         let (mut out, mut err) = (Vec::new(), Vec::new());
         let mut console = Console { out: &mut out, err: &mut err, err_is_terminal: false };
-        let exit = hold(port, "", Baud::B1M, || lines, None, &mut console);
+        let exit = run_on(port, "", Baud::B1M, || lines, None, &mut console);
         (exit, String::from_utf8(out).unwrap())
     }
 
@@ -606,7 +606,7 @@ mod tests {
             first.configure(&wiring(false)).unwrap();
             first.tell_motors(&[(0, Verb::Move { steps: 100_000 })]).unwrap();
             first.close();
-            assert_eq!(take(port.clone(), Baud::B1M, || false).err(), Some(RemoteError::StillMoving));
+            assert_eq!(connect(port.clone(), Baud::B1M, || false).err(), Some(RemoteError::StillMoving));
             // Longer than the silence after which a host counts as lost.
             let (mut idle, until) = (port.clone(), port.now() + Duration::from_secs(3));
             while idle.now() < until {

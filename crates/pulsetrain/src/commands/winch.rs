@@ -25,7 +25,9 @@ use super::problems;
 use super::run::draw;
 use crate::console::{self, Console, Exit, access};
 use crate::winch::console::{ConsoleError, Ended, Plain, converse};
-use crate::winch::run::{Judged, Names, Run, ScriptControl, by_word, judge, on_port, on_virtual, stands_elsewhere};
+use crate::winch::run::{
+    Judged, Names, Run, ScriptControl, judge, judge_by_statuses, on_port, on_virtual, positions_off_zero,
+};
 use crate::winch::script::{self, Script};
 use crate::winch::talk::Talk;
 use crate::winch::terminal::Terminal;
@@ -70,7 +72,7 @@ pub(crate) struct WinchArgs {
 pub(crate) fn run(args: &WinchArgs, console: &mut Console<'_>) -> miette::Result<Exit> {
     // Watch Ctrl-C first: it must stop the axes.
     interrupt::watch();
-    let Some(path) = &args.script else { return by_hand(args, console) };
+    let Some(path) = &args.script else { return typed_lines(args, console) };
     // The whole script is read, and perhaps refused, before anything moves.
     let script = script::load(path, args.length)?;
     let name = path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned();
@@ -83,19 +85,19 @@ pub(crate) fn run(args: &WinchArgs, console: &mut Console<'_>) -> miette::Result
     })?;
     let (run, judged) = match &args.at.port {
         Some(port) => {
-            let (mut talk, board) = meet_at(port)?;
-            if let Some(positions) = stands_elsewhere(&mut talk).map_err(port_problem)? {
-                return Err(begins_elsewhere(port, positions));
+            let (mut talk, board) = connect_at(port)?;
+            if let Some(positions) = positions_off_zero(&mut talk).map_err(port_problem)? {
+                return Err(not_at_zero(port, positions));
             }
             let run = on_port(&mut talk, &script, watcher(&script, console)).map_err(port_problem)?;
             let runner = format!("board at {port}");
-            let judged = by_word(&run, Names { script: &name, runner: &runner, board: &board });
+            let judged = judge_by_statuses(&run, Names { script: &name, runner: &runner, board: &board });
             (run, judged)
         }
-        None if args.at.native => virtually(NativeWinch::new(), "native winch", &name, &script, &options, console)?,
+        None if args.at.native => run_virtual(NativeWinch::new(), "native winch", &name, &script, &options, console)?,
         None => {
             let (board, runner) = (kind(args).virtual_board(Role::Winch), virtual_name(args));
-            virtually(board, &runner, &name, &script, &options, console)?
+            run_virtual(board, &runner, &name, &script, &options, console)?
         }
     };
     let Judged { report, picture } = judged;
@@ -128,7 +130,7 @@ fn port_problem(error: PortError) -> Report {
 }
 
 /// The error for a board on which a script cannot be judged. Nothing was sent to it.
-fn begins_elsewhere(port: &str, [x, y, z, a]: [i32; 4]) -> Report {
+fn not_at_zero(port: &str, [x, y, z, a]: [i32; 4]) -> Report {
     let help = "go to 0 by hand (`a xyza 0 0 0 0`), or plug the board in anew, which also brings back gains and limits";
     miette!(
         help = help,
@@ -136,7 +138,7 @@ fn begins_elsewhere(port: &str, [x, y, z, a]: [i32; 4]) -> Report {
     )
 }
 
-fn virtually<B: VirtualBoard>(
+fn run_virtual<B: VirtualBoard>(
     board: B,
     runner: &str,
     name: &str,
@@ -144,7 +146,7 @@ fn virtually<B: VirtualBoard>(
     options: &WinchOptions,
     console: &Console<'_>,
 ) -> miette::Result<(Run, Judged)> {
-    let (mut talk, board) = meet(board, runner)?;
+    let (mut talk, board) = connect(board, runner)?;
     let run = on_virtual(&mut talk, script, watcher(script, console)).map_err(port_problem)?;
     let judged = judge(&run, Names { script: name, runner, board: &board }, options)
         .map_err(|error| miette!("{runner}: {error}"))?;
@@ -173,7 +175,7 @@ fn options_of(board: BoardKind) -> WinchOptions {
 }
 
 /// Connects to a board that reads text. Gives its name, too.
-fn meet<P: Port>(port: P, place: &str) -> miette::Result<(Talk<P>, String)> {
+fn connect<P: Port>(port: P, place: &str) -> miette::Result<(Talk<P>, String)> {
     let mut talk = Talk::new(port);
     let board = talk.ask().map_err(port_problem)?.ok_or_else(|| {
         let help = "is it StepperWinch, or Pulsetrain's firmware, and no program that sends frames has it? An Uno knows text with its \
@@ -186,8 +188,8 @@ fn meet<P: Port>(port: P, place: &str) -> miette::Result<(Talk<P>, String)> {
 
 /// Connects to a board at a port. If it does not answer text, it is asked in frames whether it is an Uno with another
 /// image.
-fn meet_at(port: &str) -> miette::Result<(Talk<Serial>, String)> {
-    meet(Serial::open(port, true).map_err(port_problem)?, port)
+fn connect_at(port: &str) -> miette::Result<(Talk<Serial>, String)> {
+    connect(Serial::open(port, true).map_err(port_problem)?, port)
         .map_err(|error| image_at(port, "winch").map_or(error, Report::new))
 }
 
@@ -238,15 +240,18 @@ fn write_files(run: &Run, folder: &Path, options: &WinchOptions, has_edges: bool
 }
 
 /// Runs the console.
-fn by_hand(args: &WinchArgs, console: &mut Console<'_>) -> miette::Result<Exit> {
+fn typed_lines(args: &WinchArgs, console: &mut Console<'_>) -> miette::Result<Exit> {
     match &args.at.port {
-        Some(port) => hold(meet_at(port)?, console),
-        None if args.at.native => hold(meet(serve::Paced::new(NativeWinch::new()), "native winch")?, console),
-        None => hold(meet(serve::Paced::new(kind(args).virtual_board(Role::Winch)), &virtual_name(args))?, console),
+        Some(port) => run_console(connect_at(port)?, console),
+        None if args.at.native => run_console(connect(serve::Paced::new(NativeWinch::new()), "native winch")?, console),
+        None => run_console(
+            connect(serve::Paced::new(kind(args).virtual_board(Role::Winch)), &virtual_name(args))?,
+            console,
+        ),
     }
 }
 
-fn hold<P: Port>((mut talk, board): (Talk<P>, String), console: &mut Console<'_>) -> miette::Result<Exit> {
+fn run_console<P: Port>((mut talk, board): (Talk<P>, String), console: &mut Console<'_>) -> miette::Result<Exit> {
     let ended = if stdin().is_terminal() && stdout().is_terminal() {
         console.print(format_args!("{board}; `help` tells the commands, Ctrl-C stops all axes, `quit` ends\n"))?;
         // The screen shows positions as they change.

@@ -82,7 +82,7 @@ pub struct Trouble {
 ///
 /// # Errors
 /// If the port is gone.
-pub fn stands_elsewhere<P: Port>(talk: &mut Talk<P>) -> Result<Option<[i32; 4]>, PortError> {
+pub fn positions_off_zero<P: Port>(talk: &mut Talk<P>) -> Result<Option<[i32; 4]>, PortError> {
     let status = talk.status(Duration::from_secs(1))?;
     Ok(status.map(|status| status.positions).filter(|positions| *positions != [0; 4]))
 }
@@ -401,7 +401,7 @@ pub fn judge(run: &Run, names: Names<'_>, options: &WinchOptions) -> Result<Judg
 
 /// Judges a run without edges, by the positions that the board reported.
 #[must_use]
-pub fn by_word(run: &Run, names: Names<'_>) -> Judged {
+pub fn judge_by_statuses(run: &Run, names: Names<'_>) -> Judged {
     let tick_hz = run.tick_hz as f64;
     let options = WinchOptions { tick_hz, origin_s: run.begin as f64 / tick_hz, ..WinchOptions::default() };
     let mut drawing = Drawing::new(run, &options);

@@ -10,7 +10,7 @@ use pulsetrain::cli;
 use pulsetrain::console::Exit;
 use pulsetrain::winch::console::{ConsoleInput, Ended, Person, Plain, converse};
 use pulsetrain::winch::run::{
-    Judged, Names, Run, ScriptControl, by_word, judge, on_port, on_virtual, stands_elsewhere,
+    Judged, Names, Run, ScriptControl, judge, judge_by_statuses, on_port, on_virtual, positions_off_zero,
 };
 use pulsetrain::winch::script::{self, Script};
 use pulsetrain::winch::talk::{BoardLine, Talk};
@@ -284,7 +284,7 @@ fn a_real_board_is_known_by_its_word() {
     talk.ask().unwrap();
     let script = script("0 s: g xyza 2 1\n0.2 s: a xy 1000 -500\n1 s: a x 200", 4.0);
     let run = on_port(&mut talk, &script, |_| ScriptControl::GoOn).unwrap();
-    let Judged { report, .. } = pulsetrain::winch::run::by_word(&run, NAMES);
+    let Judged { report, .. } = pulsetrain::winch::run::judge_by_statuses(&run, NAMES);
     assert!(report.is_ok() && report.verdict.is_none(), "{report:?}");
     let word = report.word.clone().unwrap();
     assert_eq!(word.iter().map(|axis| axis.position).collect::<Vec<_>>(), [200, -500, 0, 0]);
@@ -292,12 +292,12 @@ fn a_real_board_is_known_by_its_word() {
     assert!(word[0].farthest > 0.0 && word[0].farthest < 40.0, "{word:?}");
     let mut elsewhere = run;
     elsewhere.statuses.last_mut().unwrap().positions[1] += 1;
-    assert!(!pulsetrain::winch::run::by_word(&elsewhere, NAMES).report.is_ok());
+    assert!(!pulsetrain::winch::run::judge_by_statuses(&elsewhere, NAMES).report.is_ok());
 }
 
 /// The report of axes by the board's own positions: whether each is judged, and whether all is ok.
 fn words(run: &Run) -> ([bool; 4], bool) {
-    let report = by_word(run, NAMES).report;
+    let report = judge_by_statuses(run, NAMES).report;
     let word = report.word.as_ref().unwrap();
     (std::array::from_fn(|axis| word[axis].is_judged), report.is_ok())
 }
@@ -320,7 +320,7 @@ fn where_a_real_board_rests_after_a_drift_is_not_judged() {
         on_port(&mut talk, &script(text, 6.0), |_| ScriptControl::GoOn).unwrap()
     };
     assert_eq!(words(&run), ([false, true, true, false], true));
-    let report = by_word(&run, NAMES).report.to_string();
+    let report = judge_by_statuses(&run, NAMES).report.to_string();
     assert!(report.contains("not judged: it moves, or had a drift"), "{report}");
     // Some milliseconds of 1000 steps/s more or less are no fault; a missed absolute target is one.
     run.statuses.last_mut().unwrap().positions[0] += 5;
@@ -342,13 +342,13 @@ fn where_a_real_board_rests_after_a_drift_is_not_judged() {
 fn a_real_board_that_stands_elsewhere_is_told() {
     let mut talk = Talk::new(NativeWinch::new());
     talk.ask().unwrap();
-    assert_eq!(stands_elsewhere(&mut talk).unwrap(), None);
+    assert_eq!(positions_off_zero(&mut talk).unwrap(), None);
     on_port(&mut talk, &script("0 s: g xyza 2 1\n0 s: a xa 100 -7", 4.0), |_| ScriptControl::GoOn).unwrap();
-    assert_eq!(stands_elsewhere(&mut talk).unwrap(), Some([100, 0, 0, -7]));
+    assert_eq!(positions_off_zero(&mut talk).unwrap(), Some([100, 0, 0, -7]));
     // The silence of a board that sends nothing is noticed later.
     let mut talk = Talk::new(Unwell { loses: "txyza", ..Unwell::new() });
     talk.ask().unwrap();
-    assert_eq!(stands_elsewhere(&mut talk).unwrap(), None);
+    assert_eq!(positions_off_zero(&mut talk).unwrap(), None);
 }
 
 #[test]
@@ -356,7 +356,7 @@ fn a_picture_of_a_real_board_shows_no_steps() {
     let mut talk = Talk::new(NativeWinch::new());
     talk.ask().unwrap();
     let run = on_port(&mut talk, &script("0 s: g x 2 1\n0 s: a x 100", 2.0), |_| ScriptControl::GoOn).unwrap();
-    let of_word = by_word(&run, NAMES).picture.svg().unwrap();
+    let of_word = judge_by_statuses(&run, NAMES).picture.svg().unwrap();
     for part in ["Position, step", "Speed, step", "x, as the board says", "the path"] {
         assert!(of_word.contains(part), "{part}");
     }
@@ -420,7 +420,7 @@ fn a_real_board_is_heard_to_the_end() {
         let mut talk = Talk::new(board);
         talk.ask().unwrap();
         let run = on_port(&mut talk, &script(text, 5.0), |_| ScriptControl::GoOn).unwrap();
-        let report = pulsetrain::winch::run::by_word(&run, NAMES).report;
+        let report = pulsetrain::winch::run::judge_by_statuses(&run, NAMES).report;
         let troubles: Vec<_> = report.troubles.iter().map(|trouble| (trouble.at_s, &trouble.what[..])).collect();
         assert_eq!(troubles.len(), expected.len(), "{troubles:?}");
         for ((at_s, what), (near_s, begins)) in troubles.iter().zip(expected) {
