@@ -1,7 +1,7 @@
-//! A film's track: CSV of time and angle, as the tutorial's 50 frames a second gave.
+//! The track of a film: CSV of time and angle, such as the tutorial's with 50 frames in a second.
 //!
-//! The header says what the columns are and in which units: a time (s if it says nothing else) and an angle in deg, rad, rev or steps, by
-//! the names and units of [`pulsetrain_motion::columns`]. Other columns are left out.
+//! The header names the columns and their units: a time (in s unless it has another unit) and an angle in deg, rad, rev
+//! or steps, with the names and units of [`pulsetrain_motion::columns`]. Other columns are ignored.
 //!
 //! ```
 //! use pulsetrain_trace::camera::{self, AngleUnit};
@@ -16,7 +16,7 @@ use pulsetrain_motion::quantity::Base;
 
 use crate::ReadError;
 
-/// What angles are given in.
+/// The unit of angles.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum AngleUnit {
     /// Degrees of the motor's shaft.
@@ -30,7 +30,7 @@ pub enum AngleUnit {
 }
 
 impl AngleUnit {
-    /// By the names of motion files.
+    /// The unit by its name in motion files.
     fn named(unit: &str) -> Option<AngleUnit> {
         match unit {
             "deg" | "°" => Some(AngleUnit::Degrees),
@@ -41,7 +41,7 @@ impl AngleUnit {
         }
     }
 
-    /// One of it in steps.
+    /// The size of one unit in steps.
     #[must_use]
     pub fn steps(self, steps_per_rev: f64) -> f64 {
         match self {
@@ -58,24 +58,24 @@ impl AngleUnit {
 pub struct Frame {
     /// Seconds, by the camera's clock; within ±[`LONGEST_S`].
     pub time_s: f64,
-    /// Angle in the track's unit; counted on over full turns.
+    /// Angle in the track's unit. It goes on counting over full turns.
     pub angle: f64,
 }
 
 /// The angle of one motor's shaft over time.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Track {
-    /// What angles are given in.
+    /// The unit of the angles.
     pub unit: AngleUnit,
-    /// In order of time.
+    /// The frames in order of time.
     pub frames: Vec<Frame>,
 }
 
 const ANGLE: Role<'static> =
     Role { what: "the angle", own: None, names: ANGLES, is_time: false, example: "angle [deg]" };
 
-/// Whether a header has a column with an angle. Channels of logic analysers may be called `A` or `step`; only if `sure` is false, one that
-/// is called `rev` or `home_rev` is an angle.
+/// Whether a header has a column with an angle. Channels of logic analysers may be called `A` or `step`, which are then
+/// no angles. A column called `rev` or `home_rev` counts as an angle only if `sure` is false.
 pub(crate) fn has_angle(header: &Header<'_>, sure: bool) -> bool {
     header.titles.iter().any(|title| match &title.unit {
         Stated::Unit(unit) => {
@@ -92,7 +92,7 @@ pub const LONGEST_S: f64 = 1e6;
 /// Reads a track.
 ///
 /// # Errors
-/// If the header lacks a column or could mean several, names an unknown unit, a field is no number, or time goes back.
+/// If a column is missing or not clear, a unit is unknown, a field is no number, or time goes back.
 pub fn read(bytes: &[u8]) -> Result<Track, ReadError> {
     let mut table = CsvTable::new(bytes);
     let header = table.header()?;

@@ -1,4 +1,4 @@
-//! Any file that can be judged: what it is shows in its content.
+//! Captures: every file that can be judged. The kind is found from the content.
 
 use pulsetrain_motion::columns::CsvTable;
 
@@ -9,9 +9,9 @@ use crate::{ReadError, Trace, saleae, sigrok, vcd_file};
 /// A capture.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Capture {
-    /// Edges: VCD, CSV of Saleae's and of PulseView's.
+    /// Edges: VCD, or CSV of Saleae or PulseView.
     Edges(Trace),
-    /// steps.csv.
+    /// Steps: steps.csv.
     Steps(StepTrace),
     /// A camera's track.
     Film(Track),
@@ -20,7 +20,7 @@ pub enum Capture {
 /// Reads a capture of any kind.
 ///
 /// # Errors
-/// What the reader of that kind says; a file that begins like none of them is taken for a camera's track.
+/// The error of the reader for that kind. A file that begins like none of them is read as a camera's track.
 pub fn read(bytes: &[u8]) -> Result<Capture, ReadError> {
     if bytes.trim_ascii_start().starts_with(b"$") {
         return vcd_file::read(bytes).map(Capture::Edges);
@@ -35,7 +35,7 @@ pub fn read(bytes: &[u8]) -> Result<Capture, ReadError> {
     if is_there("motor") && is_there("tick") {
         return steps::read(bytes).map(Capture::Steps);
     }
-    // A camera's `Time [s]` may begin a file as well, and a channel may be called `rev`.
+    // A camera's file may begin with `Time [s]` too, and a channel may be called `rev`.
     let is_edges = if camera::has_angle(&header, true) {
         false
     } else if camera::has_angle(&header, false) {

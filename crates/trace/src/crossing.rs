@@ -1,21 +1,23 @@
-//! When a law wants its steps: the crossings of θ(t) with the levels of the grid, in order of time.
+//! The times at which a law has its steps: the crossings of θ(t) with the levels of the grid, in order of time.
 //!
-//! The judge's own way, so that it shares nothing with the planner but θ: each piece is cut into windows on which its
-//! Taylor polynomial is θ up to rounding, each window into stretches on which that polynomial is monotone (proven from
-//! its coefficients), and on each stretch the crossings are found by Newton's method within brackets.
+//! The judge has its own method here, so that it shares nothing with the planner except θ. It cuts each piece into
+//! windows on which a Taylor polynomial equals θ up to rounding, and each window into stretches on which that
+//! polynomial is monotone (proven from its coefficients). On each stretch Newton's method within brackets finds the
+//! crossings.
 
 use pulsetrain_motion::law::{Jet, Piece, Pieces};
 use pulsetrain_motion::{Grid, Law, LawError, Time};
 
-/// θ that turns, rests or ends this close before a level (steps) may have touched it or not: f64 cannot always tell.
+/// Distance before a level, steps, at which θ may turn, rest or end and still count as touching the level or not. f64
+/// cannot always decide.
 pub const GRAZE: f64 = 1e-9;
 
-/// A time in ticks: whole ones and the rest, so that days lose no precision.
+/// A time in ticks. Whole ticks and fraction are separate, so that days lose no precision.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Instant {
     /// Whole ticks.
     pub tick: i64,
-    /// The rest, ticks; small, but not always in 0..1.
+    /// The fraction, ticks; small, but not always in 0..1.
     pub fraction: f64,
 }
 
@@ -38,20 +40,21 @@ impl Instant {
     }
 }
 
-/// The law wants a step.
+/// A step of the law.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Crossing {
-    /// When θ crosses the level.
+    /// The time at which θ crosses the level.
     pub at: Instant,
     /// Whether the position counts up.
     pub forward: bool,
-    /// Half the time within which f64 cannot place the crossing, ticks: tiny but near turning points.
+    /// Half the time within which f64 cannot place the crossing, ticks. It is tiny except near turning points.
     pub uncertainty_ticks: f64,
-    /// A stretch of θ ends within [`GRAZE`] before the level: whether there is a step is open, see [`Crossings::settle`].
+    /// Whether the step may be missing: a stretch of θ ends within [`GRAZE`] before the level. See
+    /// [`Crossings::settle`].
     pub optional: bool,
-    /// |speed| there, steps/s.
+    /// |speed| at the crossing, steps/s.
     pub speed: f64,
-    /// Farthest that θ was from the position before this step since the step before it, steps, signed.
+    /// Largest distance of θ from the position since the step before, steps, signed.
     pub farthest: f64,
 }
 
@@ -65,14 +68,14 @@ pub struct Crossings {
     position: i64,
     farthest: f64,
     piece: Option<Piece>,
-    /// How far the current piece has been cut into windows, its own time, s.
+    /// How far the present piece has been cut into windows, s of its own time.
     reached: f64,
     /// Width of the last window, s.
     width: f64,
     window: Window,
-    /// Monotone stretches of the window that are still to be looked at, last first.
+    /// Monotone stretches of the window that have not been searched, last first.
     stretches: Vec<Stretch>,
-    /// Which way an optional crossing goes that has been given out but not settled.
+    /// The direction of an optional crossing that was returned and not settled.
     unsettled: Option<bool>,
 }
 
@@ -94,7 +97,7 @@ struct Stretch {
     to: f64,
     from_value: f64,
     to_value: f64,
-    /// Comes to rest at its end, as before a turning point.
+    /// Whether θ comes to rest at its end, as before a turning point.
     ends_slow: bool,
 }
 
@@ -124,9 +127,9 @@ impl Crossings {
         self.position
     }
 
-    /// Says whether the optional crossing given out last has been made; what comes after depends on it.
+    /// Tells whether the optional crossing that was returned last has a step. The crossings after it depend on that.
     ///
-    /// Without this it counts as not made.
+    /// Without this call it counts as having none.
     pub fn settle(&mut self, made: bool) {
         if let Some(forward) = self.unsettled.take() {
             if made {
@@ -155,7 +158,7 @@ impl Crossings {
             let up = self.grid.up_level(relative) + start;
             let down = self.grid.down_level(relative) + start;
             let rising = stretch.to_value >= stretch.from_value;
-            // Beyond a level already at the start: the law jumps, or a window's edge is rounded.
+            // θ is beyond a level at the start already: the law jumps, or the edge of a window was rounded.
             let found = if stretch.from_value >= up + GRAZE {
                 Some((true, stretch.from, None))
             } else if stretch.from_value <= down - GRAZE {
@@ -164,15 +167,16 @@ impl Crossings {
                 let (level, beyond) =
                     if rising { (up, stretch.to_value - up) } else { (down, down - stretch.to_value) };
                 let noise = self.window.noise;
-                // So slow that f64 cannot place a crossing on it, as where a motion eases out.
+                // The stretch is so slow that f64 cannot place a crossing on it, as where a motion eases out.
                 let is_flat = self.window.speed(stretch.to).abs() * (stretch.to - stretch.from) <= noise;
                 if stretch.ends_slow && beyond.abs() <= noise {
-                    // A touch counts.
+                    // A touch counts as a crossing.
                     Some((rising, stretch.to, None))
                 } else if beyond > noise || (beyond >= 0.0 && !is_flat) {
                     Some((rising, self.window.solve(level, stretch, self.tick_hz), None))
                 } else if beyond >= -GRAZE {
-                    // What f64 sees just missed may count, however slowly θ comes to rest; if θ goes on, so do we.
+                    // A level that θ just misses in f64 may be touched, however slowly θ comes to rest. If θ goes on,
+                    // the next stretch decides.
                     Some((rising, stretch.to, Some(beyond + GRAZE)))
                 } else {
                     None
@@ -184,7 +188,7 @@ impl Crossings {
             };
             let optional = graze.is_some();
             let uncertainty_s = match graze {
-                // The step may come from when θ is within GRAZE of the level.
+                // The step may come at any time while θ is within GRAZE of the level.
                 Some(graze) => self.window.ends_within(graze, stretch),
                 None => self.window.uncertainty(x, stretch),
             };
@@ -235,9 +239,9 @@ impl Crossings {
             self.start.get_or_insert_with(|| (piece.origin, piece.curve.value(piece.first())));
             self.piece = Some(piece);
         };
-        // A window shorter than this is as good as a point.
+        // A window shorter than this is treated as a point.
         let tiny = (1.0 / (64.0 * self.tick_hz as f64)).max(4.0 * f64::EPSILON * end.abs().max(self.reached.abs()));
-        // What a window may travel, so that distances from its centre keep their precision, steps.
+        // Largest change of θ in a window, steps, so that distances from its centre keep their precision.
         const TRAVEL: f64 = 131_072.0;
         let mut width = (self.width * 2.0).min(end - self.reached);
         loop {
@@ -324,7 +328,7 @@ impl Window {
         }
     }
 
-    /// Where the polynomial reaches `level` on a stretch that does; to a thousandth of a tick.
+    /// The time at which the polynomial reaches `level` on a stretch that contains it, to a thousandth of a tick.
     fn solve(&self, level: f64, stretch: Stretch, tick_hz: u64) -> f64 {
         let close = 1e-3 / tick_hz as f64;
         let rising = stretch.to_value >= stretch.from_value;
@@ -350,7 +354,7 @@ impl Window {
         x
     }
 
-    /// How far from `x` (s) the true crossing may be: θ is known to `noise` alone.
+    /// How far from `x` (s) the true crossing may be, because θ is only known to `noise`.
     fn uncertainty(&self, x: f64, stretch: Stretch) -> f64 {
         if x < stretch.to || !stretch.ends_slow {
             return (self.noise / self.speed(x).abs()).min(stretch.to - stretch.from);
@@ -358,7 +362,7 @@ impl Window {
         self.ends_within(2.0 * self.noise, stretch)
     }
 
-    /// For how long, up to its end, a stretch stays within `steps` of where it ends, s.
+    /// How long a stretch stays within `steps` of its end value, s.
     fn ends_within(&self, steps: f64, stretch: Stretch) -> f64 {
         let sign = if stretch.to_value >= stretch.from_value { 1.0 } else { -1.0 };
         let (mut lo, mut hi) = (stretch.from, stretch.to);

@@ -1,4 +1,4 @@
-//! Edges → what each motor and its driver see: steps, pulses, DIR setup and hold.
+//! The decoder: edges to what each motor and its driver see, which is steps, pulses, DIR setup and hold.
 
 use pulsetrain_motion::program::{CoilSequence, Program, Wiring};
 
@@ -6,25 +6,25 @@ use crate::lines::{self, NoSuchLine};
 use crate::steps::{Step, StepTrace};
 use crate::{Edge, Line, Trace};
 
-/// What happens to a motor, in order of time.
+/// An event of a motor, in order of time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Event {
     /// A step.
     Step {
         /// Whether the position counts up.
         forward: bool,
-        /// Ticks since DIR last changed; `None` if it never did, and for coils.
+        /// Ticks since DIR last changed; `None` if it never changed, and for coils.
         since_dir: Option<u64>,
     },
-    /// STEP fell after so many ticks HIGH.
+    /// STEP fell after this many ticks HIGH.
     High(u64),
-    /// STEP rose after so many ticks LOW.
+    /// STEP rose after this many ticks LOW.
     Low(u64),
-    /// STEP rose, for the first time since DIR changed, so many ticks after it.
+    /// STEP rose for the first time since DIR changed, this many ticks after the change.
     Setup(u64),
-    /// DIR changed so many ticks after STEP fell; 0 while STEP is HIGH.
+    /// DIR changed this many ticks after STEP fell; 0 if STEP was HIGH.
     Hold(u64),
-    /// The coils went from one pattern to another that is no step away; IN1 is bit 0.
+    /// The coils changed to a pattern that is more than one step away; IN1 is bit 0.
     CoilJump {
         /// The last pattern that was in the sequence.
         from: u8,
@@ -39,18 +39,18 @@ pub enum Event {
 pub struct Backwards {
     /// The later edge's tick.
     pub tick: u64,
-    /// The earlier one's.
+    /// The tick of the edge before it.
     pub after: u64,
 }
 
 /// Turns edges into the events of each motor.
 pub struct Decoder {
-    /// For each line, which motors it belongs to, and as what.
+    /// For each line, the motors that use it, and the role of the line.
     listeners: Vec<Vec<(usize, Role)>>,
     levels: Vec<bool>,
     drivers: Vec<Driver>,
     tick: u64,
-    /// Edges of one tick wait for each other, since their order in a file means nothing.
+    /// Edges of the present tick. They are handled together, because their order in a file means nothing.
     waiting: Vec<Edge>,
 }
 
@@ -69,7 +69,7 @@ enum Driver {
         rose: Option<u64>,
         fell: Option<u64>,
         turned: Option<u64>,
-        /// DIR has changed since STEP last rose.
+        /// Whether DIR has changed since STEP last rose.
         setup_due: bool,
     },
     Coils {
@@ -80,10 +80,10 @@ enum Driver {
 }
 
 impl Decoder {
-    /// For a trace with these lines.
+    /// A decoder for a trace with these lines.
     ///
     /// # Errors
-    /// If one that a motor needs is not among them.
+    /// If a line that a motor needs is missing.
     pub fn new(lines: &[Line], program: &Program) -> Result<Decoder, NoSuchLine> {
         let mut listeners = vec![Vec::new(); lines.len()];
         let mut drivers = Vec::new();
@@ -121,16 +121,16 @@ impl Decoder {
         Ok(Decoder { listeners, levels, drivers, tick: 0, waiting: Vec::new() })
     }
 
-    /// Takes an edge; gives `sink` the events (motor, tick, event) of earlier ticks. An edge to the level that a line has
-    /// already, or of a line that nobody listens to, is nothing.
+    /// Adds an edge, and passes the events (motor, tick, event) of earlier ticks to `sink`. An edge that does not
+    /// change the level, or that is on a line without a role, has no effect.
     ///
     /// # Errors
-    /// If it comes before the last one.
+    /// If the edge is earlier than the last one.
     pub fn push(&mut self, edge: Edge, sink: &mut impl FnMut(usize, u64, Event)) -> Result<(), Backwards> {
         if edge.tick < self.tick {
             return Err(Backwards { tick: edge.tick, after: self.tick });
         }
-        // A line that changes twice within a tick does so in the file's order.
+        // If a line changes twice within a tick, the order in the file counts.
         if edge.tick > self.tick || self.waiting.iter().any(|w| w.line == edge.line) {
             self.flush(sink);
             self.tick = edge.tick;
@@ -145,10 +145,10 @@ impl Decoder {
         Ok(())
     }
 
-    /// Gives out the events of the last tick.
+    /// Passes on the events of the last tick.
     pub fn flush(&mut self, sink: &mut impl FnMut(usize, u64, Event)) {
         let Decoder { listeners, drivers, waiting, tick, .. } = self;
-        // Within a tick: STEP falls, then DIR, then STEP rises; coils are looked at when all have switched.
+        // The order within a tick: STEP falls, DIR changes, STEP rises. Coils are read after all of them have changed.
         for turn in 0..4 {
             for edge in waiting.iter() {
                 for &(motor, role) in &listeners[usize::from(edge.line)] {
@@ -237,8 +237,8 @@ impl Driver {
     }
 }
 
-/// The patterns of one electrical turn, forward, from phase 0; IN1 is bit 0. Source: the Pico plotter's program, which calls
-/// this way counterclockwise.
+/// The patterns of one electrical cycle, forward, from phase 0; IN1 is bit 0. Source: the Pico plotter's program, which
+/// calls this direction counterclockwise.
 fn patterns(sequence: CoilSequence) -> &'static [u8] {
     match sequence {
         CoilSequence::Wave => &[0b1000, 0b0100, 0b0010, 0b0001],

@@ -1,23 +1,23 @@
-//! Rows of levels, as logic analysers write them, to edges.
+//! Rows of levels, as logic analysers write them, turned into edges.
 
 use pulsetrain_motion::columns::{Header, Row};
 
 use crate::{Edge, Line, ReadError, Trace};
 
-/// The tick of traces that are read from CSV: 1 ns, finer than any of the analysers' samples.
+/// The tick rate of traces from CSV files: a tick is 1 ns, finer than the samples of the analysers.
 pub(crate) const TICK_HZ: u64 = 1_000_000_000;
 
-/// A trace that grows row by row.
+/// A trace that is read row by row.
 pub(crate) struct Levels {
     trace: Trace,
-    /// Of each line: the column, and its level once it is known.
+    /// For each line, its column, and its level as soon as it is known.
     columns: Vec<(usize, Option<bool>)>,
-    /// The tick of each edge begins here, ns.
+    /// The time of tick 0, ns.
     start_ns: Option<i64>,
     last_ns: i64,
 }
 
-/// Whether a field is a level: 0, 1, or X for neither.
+/// Whether a field is a level: 0 or 1, or X for an unknown one.
 pub(crate) fn level(field: &[u8]) -> Option<Option<bool>> {
     match field {
         b"0" => Some(Some(false)),
@@ -45,7 +45,7 @@ impl Levels {
         Ok(Levels { trace, columns, start_ns: None, last_ns: i64::MIN })
     }
 
-    /// A row's levels at its time; those of the first row are the initial ones. Times before 0 s shift the trace's beginning.
+    /// Adds a row. The levels of the first row are the initial ones. Times before 0 s move the beginning of the trace.
     pub(crate) fn row(&mut self, row: &Row<'_>, time_ns: i64) -> Result<(), ReadError> {
         let first = self.start_ns.is_none();
         let start_ns = *self.start_ns.get_or_insert(time_ns.min(0));
@@ -64,7 +64,7 @@ impl Levels {
         Ok(())
     }
 
-    /// The time of the row before, ns.
+    /// The time of the last row, ns.
     pub(crate) fn last_ns(&self) -> i64 {
         self.last_ns
     }

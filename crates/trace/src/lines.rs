@@ -1,22 +1,22 @@
-//! The wires of a trace: edges, and the names that lines go by.
+//! The lines of a trace: their names, and the edges on them.
 
 use pulsetrain_motion::program::{Program, Wiring};
 
-/// A line takes a level.
+/// A change of a line's level.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Edge {
-    /// When, in ticks of the trace.
+    /// The time, in ticks of the trace.
     pub tick: u64,
-    /// Which line: its index in the trace's `lines`.
+    /// The line, as an index in the trace's `lines`.
     pub line: u8,
-    /// The level from then on.
+    /// The new level.
     pub level: bool,
 }
 
-/// One wire.
+/// A line: one wire.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Line {
-    /// Every name that it goes by: "wheel.step", "pin8", or whatever a capture calls it.
+    /// All of its names: "wheel.step", "pin8", or the name in a capture.
     pub names: Vec<String>,
     /// Its level before its first edge.
     pub initial: bool,
@@ -35,14 +35,14 @@ impl Line {
 pub struct Trace {
     /// Ticks per second.
     pub tick_hz: u64,
-    /// What [`Edge::line`] refers to; at most 256.
+    /// The lines that [`Edge::line`] refers to, at most 256.
     pub lines: Vec<Line>,
-    /// In order of time; edges of one tick in any order.
+    /// The edges in order of time. Edges of one tick are in any order.
     pub edges: Vec<Edge>,
 }
 
 impl Trace {
-    /// Gives the line called `from` one more name, `to`: how a user says what an analyser's channel is wired to.
+    /// Gives the line called `from` a second name, `to`. So users say what an analyser's channel is connected to.
     ///
     /// # Errors
     /// If no line is called `from`.
@@ -60,9 +60,9 @@ impl Trace {
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("the trace has no line for {wanted}; it has {found}")]
 pub struct NoSuchLine {
-    /// What was looked for.
+    /// The line that was looked for.
     pub wanted: String,
-    /// The lines that there are.
+    /// The lines of the trace.
     pub found: String,
 }
 
@@ -100,7 +100,7 @@ pub(crate) fn roles(wiring: &Wiring) -> Vec<(u8, &'static str)> {
 /// The index of the line that is `motor`'s `role` ("step", "dir", "in1" to "in4"): by name ("wheel.step", also as the end of a longer path), else by pin.
 ///
 /// # Errors
-/// If there is none.
+/// If there is no such line.
 pub fn find(lines: &[Line], motor: &str, role: &str, pin: u8) -> Result<usize, NoSuchLine> {
     let wanted = format!("{motor}.{role}").to_lowercase();
     let named = |name: &str| {
@@ -113,7 +113,7 @@ pub fn find(lines: &[Line], motor: &str, role: &str, pin: u8) -> Result<usize, N
         .ok_or_else(|| NoSuchLine { wanted: format!("{motor}.{role} or pin {pin}"), found: list(lines) })
 }
 
-/// The pin that a name stands for: "8", "D8", "pin8", "pin 8", "GPIO8", "GP8", also as the end of a path.
+/// The pin that a name means: "8", "D8", "pin8", "pin 8", "GPIO8", "GP8", also at the end of a path.
 fn pin_of(name: &str) -> Option<u8> {
     let last = name.rsplit('.').next()?.to_ascii_lowercase();
     let digits = ["gpio", "pin", "gp", "d"].iter().find_map(|prefix| last.strip_prefix(prefix)).unwrap_or(&last);

@@ -28,11 +28,11 @@ pub(crate) fn has_only_levels(header: &Header<'_>, table: &mut CsvTable<'_>) -> 
     Ok(true)
 }
 
-/// Reads a capture; the first row is the lines' initial levels, and its time is where ticks begin unless times from 0 on
-/// say otherwise (after a trigger they are negative before it).
+/// Reads a capture. The first row has the initial levels of the lines. Its time is tick 0, unless later rows have times
+/// from 0 on (after a trigger, times before it are negative).
 ///
 /// # Errors
-/// If the header has no time with its unit, a level is another, time goes back, or is an ISO 8601 timestamp.
+/// If the header has no time with a unit, a field is no level, time goes back, or times are ISO 8601 timestamps.
 pub fn read(bytes: &[u8]) -> Result<Trace, ReadError> {
     let mut table = CsvTable::new(bytes);
     let header = table.header()?;
@@ -44,7 +44,7 @@ pub fn read(bytes: &[u8]) -> Result<Trace, ReadError> {
         Stated::Unit(unit) if TIME.fits(unit) => unit.unit,
         _ => "",
     };
-    // Decimal digits that make a unit of nanoseconds.
+    // The number of decimal digits from the column's unit to nanoseconds.
     let digits = match unit {
         "s" => 9,
         "ms" => 6,
@@ -66,7 +66,7 @@ pub fn read(bytes: &[u8]) -> Result<Trace, ReadError> {
     Ok(levels.finish())
 }
 
-/// The row's time: decimal digits, read exactly to the nearest ns.
+/// The time of a row: decimal digits, read exactly to the nearest ns.
 fn time_ns(row: &Row<'_>, column: usize, digits: usize) -> Result<i64, ReadError> {
     let expected = "a time, a number";
     let text = row.text(column)?;
@@ -75,7 +75,7 @@ fn time_ns(row: &Row<'_>, column: usize, digits: usize) -> Result<i64, ReadError
         let error = row.error(column, "seconds (export again without \"Use ISO 8601 timestamps\")");
         return Err(ReadError { found, ..error });
     }
-    // An f64 keeps ns for 104 days alone: whole units and fraction go apart.
+    // f64 alone keeps nanoseconds for 104 days, so that whole units and fraction are read separately.
     let (negative, unsigned) = match text.strip_prefix('-') {
         Some(unsigned) => (true, unsigned),
         None => (false, text),
@@ -88,7 +88,7 @@ fn time_ns(row: &Row<'_>, column: usize, digits: usize) -> Result<i64, ReadError
         let round_up = i64::from(cut.bytes().next().is_some_and(|digit| digit >= b'5'));
         format!("{whole}{kept}").parse::<i64>().ok().and_then(|ns| ns.checked_add(round_up))
     } else {
-        // 1e-05 and the like.
+        // A number with an exponent, such as 1e-05.
         let ns = row.number(column, expected)?.abs() * 10_f64.powi(digits as i32);
         (ns < 9e18).then(|| ns.round() as i64)
     };

@@ -21,24 +21,24 @@ const TICK_HZ: &str = "tick_hz =";
 pub struct Step {
     /// Index in the trace's `motors`.
     pub motor: u8,
-    /// When, in ticks of the trace.
+    /// The time, in ticks of the trace.
     pub tick: u64,
     /// Whether the position counts up.
     pub forward: bool,
 }
 
-/// Steps in order of time, without the edges that made them.
+/// A trace of steps in order of time, without the edges that made them.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct StepTrace {
     /// Ticks per second.
     pub tick_hz: u64,
-    /// What [`Step::motor`] refers to; at most 256.
+    /// The names that [`Step::motor`] refers to, at most 256.
     pub motors: Vec<String>,
-    /// In order of time for each motor.
+    /// The steps, in order of time for each motor.
     pub steps: Vec<Step>,
 }
 
-/// Writes steps.csv one step at a time; positions count from 0.
+/// Writes steps.csv, one step after the other. Positions count from 0.
 pub struct StepWriter<W: Write> {
     out: W,
     motors: Vec<(String, i64)>,
@@ -48,16 +48,16 @@ impl<W: Write> StepWriter<W> {
     /// Writes the head of the file.
     ///
     /// # Errors
-    /// What `out` gives.
+    /// Errors of `out`.
     pub fn new(mut out: W, tick_hz: u64, motors: &[String]) -> io::Result<StepWriter<W>> {
         writeln!(out, "# pulsetrain steps, {TICK_HZ} {tick_hz}\n{}", HEADER.join(","))?;
         Ok(StepWriter { out, motors: motors.iter().map(|name| (quoted(name), 0)).collect() })
     }
 
-    /// Writes a row.
+    /// Writes the row of a step.
     ///
     /// # Errors
-    /// What `out` gives; [`io::ErrorKind::InvalidInput`] if there is no such motor.
+    /// Errors of `out`; [`io::ErrorKind::InvalidInput`] if there is no such motor.
     pub fn push(&mut self, step: Step) -> io::Result<()> {
         let Some((name, position)) = self.motors.get_mut(usize::from(step.motor)) else {
             return Err(io::Error::new(io::ErrorKind::InvalidInput, format!("no motor {}", step.motor)));
@@ -67,22 +67,22 @@ impl<W: Write> StepWriter<W> {
         writeln!(self.out, "{name},{},{dir},{position}", step.tick)
     }
 
-    /// Flushes, and gives `out` back.
+    /// Flushes the file and returns `out`.
     ///
     /// # Errors
-    /// What `out` gives.
+    /// Errors of `out`.
     pub fn finish(mut self) -> io::Result<W> {
         self.out.flush()?;
         Ok(self.out)
     }
 }
 
-/// About how many bytes the row of a step takes, `at_s` seconds after the beginning: for estimates.
+/// Approximate size of a step's row, bytes, `at_s` seconds after the beginning. It is for estimates.
 #[must_use]
 pub fn row_bytes(motor: &str, tick_hz: u64, at_s: f64) -> f64 {
-    /// Three commas, a direction of one or two characters, a line's end.
+    /// Bytes of three commas, a direction of one or two characters, and a line end.
     const MARKS: f64 = 5.5;
-    /// Most motions stay within a few turns.
+    /// Digits of a typical position: most motions stay within a few turns.
     const POSITION: f64 = 4.0;
     quoted(motor).len() as f64 + (at_s * tick_hz as f64).max(1.0).log10().ceil() + POSITION + MARKS
 }
@@ -109,8 +109,8 @@ fn quoted(name: &str) -> String {
 /// Reads steps.csv.
 ///
 /// # Errors
-/// If there is no tick rate, the columns are others, a motor's ticks go back, or a position does not follow from the
-/// one before.
+/// If there is no tick rate, the columns are wrong, a motor's ticks go back, or a position does not follow from the one
+/// before.
 pub fn read(bytes: &[u8]) -> Result<StepTrace, ReadError> {
     let tick_hz = tick_hz(bytes)?;
     let mut table = CsvTable::new(bytes);

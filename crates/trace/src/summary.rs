@@ -1,10 +1,10 @@
-//! The verdict at a glance: a line for each motor, and what is wrong.
+//! A short summary of the verdict: one line for each motor, then the failures.
 
 use std::fmt;
 
 use crate::verdict::{Alignment, FilmReport, Measured, MotorReport, Report};
 
-/// Failures that are printed; the report counts all.
+/// Number of failures in the summary; the report counts all.
 const SHOWN: usize = 10;
 
 impl fmt::Display for Report {
@@ -101,7 +101,7 @@ fn failures(f: &mut fmt::Formatter<'_>, failures: impl Iterator<Item = impl fmt:
     Ok(())
 }
 
-/// Nanoseconds as a reader wants them.
+/// A time in the unit that suits it.
 fn duration(ns: f64) -> String {
     match ns {
         ..1e4 => format!("{ns:.0} ns"),

@@ -1,9 +1,9 @@
 //! VCD files: IEEE 1364-2005 §18, as simulators, PulseView and GTKWave write and read them.
 //!
 //! # Time
-//! A tick of 16 MHz is 62.5 ns: the coarsest timescale of 1, 10 or 100 units in which a tick is whole is taken
-//! (100 ps there). Where there is none down to 1 ps (42 MHz), times are rounded to the nearest 1 ps, and the tick rate
-//! in the file's comment gives every tick back exactly. A file without that comment is read with its timescale as the tick.
+//! A tick of 16 MHz is 62.5 ns. The file gets the coarsest timescale of 1, 10 or 100 units in which a tick is a whole
+//! number (here 100 ps). If there is none down to 1 ps (42 MHz), times are rounded to the nearest 1 ps, and the tick
+//! rate in the file's comment restores every tick exactly. For a file without that comment, the timescale is the tick.
 
 use std::io::{self, Read, Write};
 
@@ -33,13 +33,13 @@ const TIMESCALES: [(u32, TimescaleUnit, u64); 13] = {
     ]
 };
 
-/// `ticks` of `from_hz` in ticks of `to_hz`, to the nearest; `None` if that does not fit.
+/// Converts ticks of `from_hz` to the nearest ticks of `to_hz`; `None` if the result does not fit.
 fn rescaled(ticks: u64, from_hz: u64, to_hz: u64) -> Option<u64> {
     let scaled = u128::from(ticks) * u128::from(to_hz);
     u64::try_from((scaled + u128::from(from_hz) / 2) / u128::from(from_hz)).ok()
 }
 
-/// Writes a VCD file one edge at a time.
+/// Writes a VCD file, one edge after the other.
 pub struct EdgeWriter<W: Write> {
     out: vcd::Writer<W>,
     ids: Vec<IdCode>,
@@ -48,26 +48,26 @@ pub struct EdgeWriter<W: Write> {
     last: Option<u64>,
 }
 
-/// The coarsest timescale in which ticks are whole numbers; the finest if there is none.
+/// The coarsest timescale in which ticks are whole numbers, or the finest if there is none.
 fn timescale(tick_hz: u64) -> (u32, TimescaleUnit, u64) {
     let exact = TIMESCALES.iter().find(|(_, _, hz)| hz % tick_hz == 0);
     *exact.unwrap_or(&TIMESCALES[TIMESCALES.len() - 1])
 }
 
-/// About how many bytes an edge takes that comes by itself, `at_s` seconds after the beginning: for estimates.
+/// Approximate size of an edge with a time of its own, bytes, `at_s` seconds after the beginning. It is for estimates.
 #[must_use]
 pub fn edge_bytes(tick_hz: u64, at_s: f64) -> f64 {
-    // "#", the time, a line's end; a level, the line's code, a line's end.
+    // A "#", the time and a line end; then a level, the line's code and a line end.
     let (_, _, units_hz) = timescale(tick_hz.max(1));
     5.0 + (at_s * units_hz as f64).max(1.0).log10().ceil()
 }
 
 impl<W: Write> EdgeWriter<W> {
-    /// Writes the head: a scope for each motor, a signal for each name of each line (a shared DIR line has several), the
-    /// levels before the first edge.
+    /// Writes the head: a scope for each motor, a signal for each name of each line (a shared DIR line has several
+    /// names), and the levels before the first edge.
     ///
     /// # Errors
-    /// What `out` gives; [`io::ErrorKind::InvalidInput`] for a tick rate of 0 or beyond 10^12 Hz.
+    /// Errors of `out`; [`io::ErrorKind::InvalidInput`] for a tick rate of 0 or beyond 10^12 Hz.
     pub fn new(out: W, tick_hz: u64, lines: &[Line]) -> io::Result<EdgeWriter<W>> {
         if tick_hz == 0 || tick_hz > 1_000_000_000_000 {
             return Err(invalid(format!("a tick rate of {tick_hz} Hz; 1 to 10^12 can be written")));
@@ -108,11 +108,11 @@ impl<W: Write> EdgeWriter<W> {
         Ok(EdgeWriter { out, ids, tick_hz, units_hz, last: None })
     }
 
-    /// Writes an edge; not before the one before it.
+    /// Writes an edge. Edges must come in order of time.
     ///
     /// # Errors
-    /// What `out` gives; [`io::ErrorKind::InvalidInput`] for an unknown line, a tick before the last one, or a time
-    /// that does not fit 64 bits.
+    /// Errors of `out`; [`io::ErrorKind::InvalidInput`] for an unknown line, a tick before the last one, or a time that
+    /// does not fit into 64 bits.
     pub fn push(&mut self, edge: Edge) -> io::Result<()> {
         let Some(id) = self.ids.get(usize::from(edge.line)) else {
             return Err(invalid(format!("no line {}", edge.line)));
@@ -129,10 +129,10 @@ impl<W: Write> EdgeWriter<W> {
         self.out.change_scalar(*id, edge.level)
     }
 
-    /// Flushes.
+    /// Flushes the file.
     ///
     /// # Errors
-    /// What `out` gives.
+    /// Errors of `out`.
     pub fn finish(mut self) -> io::Result<()> {
         self.out.flush()
     }
@@ -158,21 +158,21 @@ pub fn write(trace: &Trace, out: impl Write) -> io::Result<()> {
     writer.finish()
 }
 
-/// Reads a VCD file; signals of one bit become lines, named by their path ("top.D8"), others are left out.
+/// Reads a VCD file. Signals of one bit become lines, named by their path ("top.D8"); other signals are ignored.
 ///
-/// A value given before or at the file's first time is the level that a line starts with. x and z change nothing.
+/// A value before or at the first time in the file is the initial level of its line. The values x and z change nothing.
 ///
 /// # Errors
 /// If it is not VCD, has no timescale, more than 256 lines, or time that goes back.
 pub fn read(bytes: &[u8]) -> Result<Trace, ReadError> {
-    // The parser wants white space after every word, the last one too; not every writer ends with a newline.
+    // The parser needs white space after every word, but some writers do not end the file with a newline.
     let mut parser = Parser::new(bytes.chain(&b" "[..]));
     let mut units_hz = None;
     let mut tick_hz = None;
     let mut scopes: Vec<String> = Vec::new();
     // Signals with the same code are one wire.
     let mut lines: Vec<(IdCode, Line, Option<bool>)> = Vec::new();
-    // `Parser::parse_header` recurses with the depth of scopes; a file must not choose our stack.
+    // `Parser::parse_header` recurses for each scope. A file with many scopes must not overflow the stack.
     loop {
         let command = parser.next().transpose().map_err(|e| read_error(&parser, &e))?;
         let line = parser.line();

@@ -1,4 +1,4 @@
-//! Laying a trace over the law: when its time zero is, and how fast its clock.
+//! Alignment of a trace with the law: the time zero of the law in the trace, and the rate of the trace's clock.
 
 use pulsetrain_motion::program::Program;
 
@@ -8,13 +8,13 @@ use super::{Align, Judge, JudgeError, Options, Report};
 use crate::crossing::{Crossings, Instant};
 use crate::decode::Event;
 
-/// Steps that the first guess of the rate is taken from; it then grows by doubling.
+/// Steps for the first guess of the rate. The number then doubles until all steps are used.
 const FIRST: u64 = 32;
 
-/// Feeds a judge with all events up to a tick of the trace.
+/// Passes all events up to a tick of the trace to a judge.
 pub(super) type Feed<'f> = dyn FnMut(&mut dyn Listener, Option<u64>) -> Result<(), JudgeError> + 'f;
 
-/// What takes the events of a trace.
+/// Receives the events of a trace.
 pub(super) trait Listener {
     fn event(&mut self, motor: usize, tick: u64, event: Event);
 }
@@ -25,16 +25,16 @@ impl Listener for Judge<'_> {
     }
 }
 
-/// The timebase that the options give without a look at the trace.
+/// The timebase that follows from the options alone.
 pub(super) fn given(tick_hz: u64, program: &Program, options: &Options) -> Timebase {
-    // Exact when the clocks are the same.
+    // The conversion is exact if both have the same clock.
     let (trace, board) = (i128::from(tick_hz), i128::from(program.board.tick_hz));
     let scaled = i128::from(options.constant_ticks) * trace;
     let (whole, rest) = (scaled.div_euclid(board.max(1)), scaled.rem_euclid(board.max(1)));
     Timebase { start: Instant { tick: whole as i64, fraction: rest as f64 / board.max(1) as f64 }, rate: 0.0 }
 }
 
-/// Fits the timebase as the options say, then judges.
+/// Fits the timebase as the options demand, then judges.
 pub(super) fn judge(
     tick_hz: u64,
     program: &Program,
@@ -64,10 +64,11 @@ pub(super) fn judge(
             if limit >= first.last {
                 break;
             }
-            // A shift is known from the start; a rate must not slip by a step on the way.
+            // A shift is known from the first steps. A rate must be so close that no step is mistaken for its
+            // neighbour.
             span = if rate { (2 * span).max(1) } else { first.last };
         }
-        // A plan may lean to one side within its bound: the middle of the errors is fairer than their mean.
+        // A plan may lean to one side within its bound, so that the middle of the errors is better than their mean.
         let (shift, doubt) = matched(timebase, None)?.middle();
         timebase.start = timebase.start.plus(shift / (1.0 + timebase.rate));
         slack = doubt;
@@ -78,7 +79,7 @@ pub(super) fn judge(
     judge.finish(&mut |_, _, _| {})
 }
 
-/// The first steps of each motor, and when the trace ends.
+/// The first steps of each motor, and the end of the trace.
 struct First {
     steps: Vec<Vec<u64>>,
     last: u64,
@@ -100,7 +101,7 @@ impl First {
         self.steps.iter().flatten().copied()
     }
 
-    /// The shift that lays the first steps over the first crossings, one by one.
+    /// The shift that brings the first steps to the first crossings, one by one.
     fn guess(&self, tick_hz: u64, program: &Program, given: Timebase) -> Result<Timebase, JudgeError> {
         let mut late = Vec::new();
         for (steps, motor) in self.steps.iter().zip(&program.motors) {
@@ -122,7 +123,7 @@ fn median(values: &mut [f64]) -> Option<f64> {
     (!values.is_empty()).then(|| *values.select_nth_unstable_by(middle, f64::total_cmp).1)
 }
 
-/// The timebase that takes out the median error, or the line through the errors that are no outliers.
+/// The timebase without the median error, or without the line through the errors that are no outliers.
 fn refit(timebase: Timebase, matches: &[Match], rate: bool) -> Timebase {
     let mut late: Vec<f64> = matches.iter().map(|(_, late)| *late).collect();
     let Some(middle) = median(&mut late) else { return timebase };

@@ -11,46 +11,47 @@ use crate::camera::Track;
 /// The verdict on a film.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct FilmReport {
-    /// No frame is off by more than the limit.
+    /// Whether every frame is within the limit.
     pub ok: bool,
-    /// Whose film it is.
+    /// The name of the motor.
     pub motor: String,
-    /// Frames.
+    /// The number of frames.
     pub frames: u64,
     /// Law time of the first frame, s; before 0 the law rests.
     pub from_s: f64,
     /// Law time of the last frame, s.
     pub to_s: f64,
-    /// How the film was laid over the law.
+    /// The alignment of the film with the law.
     pub alignment: Alignment,
-    /// What the camera calls 0, degrees of the shaft; 0 unless aligned.
+    /// The law's angle 0 in the camera's angles, degrees of the shaft; 0 unless aligned.
     pub zero_deg: f64,
     /// The limit on |error|, steps.
     pub limit_steps: f64,
     /// Largest error: how far the shaft is ahead of the law, steps.
     pub max_error_steps: f64,
-    /// The same in degrees.
+    /// Largest error, degrees.
     pub max_error_deg: f64,
     /// Law time of the largest error, s.
     pub max_error_at_s: f64,
     /// Root of the mean square error, steps.
     pub rms_error_steps: f64,
-    /// The same in degrees.
+    /// Root of the mean square error, degrees.
     pub rms_error_deg: f64,
-    /// The first frames that are off.
+    /// The first frames beyond the limit.
     pub failures: Vec<Failure>,
 }
 
-/// Fewer frames show no motion.
+/// Fewest frames that show a motion.
 const FEWEST_FRAMES: usize = 8;
 
-/// Judges a film of `motor` (which may be left out if there is but one). Limit: `bound_steps`, else 1 step or 1 degree,
+/// Judges a film of `motor`, which may be left out if the program has only one. The limit is `bound_steps`, else 1 step
+/// or 1 degree, whichever is more.
 /// whichever is more.
 ///
 /// With alignment the camera's zero angle is fitted too. Before its start and after its end a law rests.
 ///
 /// # Errors
-/// If it is not said which motor, there are too few frames, or the law breaks.
+/// If the motor is not clear, there are too few frames, or the law breaks.
 pub fn judge_film(
     track: &Track,
     program: &Program,
@@ -130,7 +131,7 @@ pub fn judge_film(
     Ok(report)
 }
 
-/// How a film lies over the law: angle = zero + θ((time − shift)·(1 + rate)).
+/// The alignment of a film with the law: angle = zero + θ((time − shift)·(1 + rate)).
 #[derive(Clone, Copy, Default)]
 struct Fit {
     shift_s: f64,
@@ -148,7 +149,7 @@ impl Fit {
         positions(law, film.iter().map(|(time, _)| self.law_time(*time)))
     }
 
-    /// The best shift among many, refined with the other unknowns by Gauss and Newton's least squares.
+    /// The best of many shifts, refined together with the other unknowns by least squares (Gauss–Newton).
     fn of(film: &[(f64, f64)], law: &Law, rate: bool) -> Result<Fit, LawError> {
         let first = film.first().map_or(0.0, |f| f.0);
         let span = film.last().map_or(0.0, |f| f.0) - first;
@@ -173,7 +174,7 @@ impl Fit {
         Ok(best.1)
     }
 
-    /// With the zero angle that is best for it, and the sum of squares then.
+    /// The fit with the best zero angle for its shift and rate, and its sum of squares.
     fn with_zero(self, film: &[(f64, f64)], law: &Law) -> Result<(Fit, f64), LawError> {
         let law = self.law(film, law)?;
         let off = || film.iter().zip(&law).map(|(seen, law)| seen.1 - law.0);
@@ -184,7 +185,7 @@ impl Fit {
     /// One step of least squares in shift and rate; `None` where the film shows no motion.
     fn improved(self, film: &[(f64, f64)], law: &[(f64, f64)], rate: bool) -> Option<Fit> {
         let n = film.len() as f64;
-        // Unknowns: shift and rate; the zero angle is taken out by the means.
+        // The unknowns are shift and rate. Subtracting the means removes the zero angle.
         let rows: Vec<[f64; 3]> = film
             .iter()
             .zip(law)

@@ -1,4 +1,4 @@
-//! One motor's steps against one law's crossings, both in order of time.
+//! Compares one motor's steps with the crossings of its law, both in order of time.
 
 use std::collections::VecDeque;
 
@@ -8,12 +8,12 @@ use super::matches::Matches;
 use super::report::{Fault, MotorReport};
 use crate::crossing::{Crossing, Crossings, Instant};
 
-/// From a trace's ticks to the law's: (tick − start)·(1 + rate).
+/// Converts a trace's ticks to the law's: (tick − start)·(1 + rate).
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Timebase {
-    /// Where the law's time zero is in the trace, ticks.
+    /// The tick of the trace at which the law's time is zero.
     pub(crate) start: Instant,
-    /// How much faster the law's clock is than the trace's; 0 when they are one.
+    /// How much faster the law's clock is than the trace's; 0 if they are the same clock.
     pub(crate) rate: f64,
 }
 
@@ -24,18 +24,20 @@ impl Timebase {
     }
 }
 
-/// What a step may be off by, in ticks of the trace.
+/// The largest errors of a step, in ticks of the trace.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Limits {
-    /// Either way.
+    /// Largest error, early or late.
     pub(crate) bound: f64,
-    /// Later than that, right after a shared DIR line turned or another motor stepped that the board makes wait.
+    /// Additional lateness of a step right after a change of a shared DIR line, or after another motor's step for which
+    /// the board makes it wait.
     pub(crate) put_off: f64,
-    /// Opposite crossings closer than this may both be missing.
+    /// Two opposite crossings that are closer than this may both have no step.
     pub(crate) pair: f64,
-    /// How long after a turn of DIR a step counts as put off.
+    /// How long after a change of DIR a step may be late for that reason.
     pub(crate) after_turn: u64,
-    /// The same after a step of another motor, if the board makes steps of different motors one after the other.
+    /// How long after another motor's step a step may be late, if the board makes the steps of motors one after the
+    /// other.
     pub(crate) after_step: Option<u64>,
     /// Ticks of the board in one tick of the trace.
     pub(crate) scale: f64,
@@ -43,19 +45,19 @@ pub(crate) struct Limits {
     pub(crate) tick_hz: f64,
 }
 
-/// A step that a trace has.
+/// A step of the trace.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Made {
     pub(crate) tick: u64,
     pub(crate) at: Instant,
     pub(crate) forward: bool,
-    /// It comes so soon after a turn of DIR or a step of another motor that it may have been put off.
+    /// Whether a change of DIR or another motor's step shortly before it may have delayed it.
     pub(crate) may_be_put_off: bool,
 }
 
 pub(crate) struct Matcher {
     crossings: Crossings,
-    /// Next crossings; nothing is known beyond an optional one.
+    /// The next crossings. If the last one is optional, those after it are not known yet.
     wanted: VecDeque<Crossing>,
     made: VecDeque<Made>,
     limits: Limits,
@@ -63,15 +65,16 @@ pub(crate) struct Matcher {
     last: Option<u64>,
     sums: Sums,
     error: Option<LawError>,
-    /// Collected for a fit, if it is asked for.
+    /// Matched steps for a fit, if one is made.
     pub(crate) matches: Option<Matches>,
-    /// Steps matched since somebody looked, if somebody does: tick of the trace, how late in ticks of the board.
+    /// Matched steps since the last call of [`Judge::errors`](super::Judge::errors), if they are kept: tick of the
+    /// trace, lateness in ticks of the board.
     pub(crate) recent: Option<Vec<(u64, f64)>>,
     pub(crate) faults: Vec<(u64, f64, Fault)>,
     pub(crate) report: MotorReport,
 }
 
-/// For mean, deviation and slope of the errors; board ticks against trace ticks.
+/// Sums for the mean, deviation and slope of the errors; board ticks against trace ticks.
 #[derive(Default)]
 struct Sums {
     n: f64,
@@ -117,13 +120,13 @@ impl Matcher {
         }
     }
 
-    /// Allows for what an alignment may be off by, ticks of the trace.
+    /// Widens the bounds by the largest error of an alignment, ticks of the trace.
     pub(crate) fn widen(&mut self, slack: f64) {
         self.limits.bound += slack;
         self.report.bound_ticks = self.limits.bound * self.limits.scale;
     }
 
-    /// Takes a step at a tick of the trace, so many ticks after DIR turned and after a step of another motor.
+    /// Adds a step at a tick of the trace, with the ticks since DIR changed and since the last step of another motor.
     pub(crate) fn push(&mut self, tick: u64, forward: bool, since_dir: Option<u64>, since_other: Option<u64>) {
         if let Some(last) = self.last.replace(tick) {
             let interval = (tick - last) as f64 * self.limits.scale;
@@ -143,7 +146,8 @@ impl Matcher {
         }
     }
 
-    /// Decides on what is left; crossings beyond `until` (law time, ticks of the trace) are not asked for.
+    /// Decides about all remaining steps and crossings. Crossings beyond `until` (law time, ticks of the trace) are not
+    /// required.
     pub(crate) fn finish(&mut self, until: Option<Instant>) -> Result<(), LawError> {
         while !self.made.is_empty() && self.error.is_none() {
             self.decide();
@@ -163,7 +167,7 @@ impl Matcher {
                 self.missing();
             }
         }
-        // The crossing that until cut off is not counted.
+        // The crossing that `until` cut off does not count.
         self.report.position_wanted = self.wanted_position();
         if let Some(error) = self.error.take() {
             return Err(error);
@@ -189,7 +193,7 @@ impl Matcher {
         Ok(())
     }
 
-    /// Where the law is after the crossings that have been decided.
+    /// The law's position after the crossings that have been decided.
     fn wanted_position(&self) -> i64 {
         let ahead: i64 = self.wanted.iter().filter(|c| !c.optional).map(|c| if c.forward { 1 } else { -1 }).sum();
         self.crossings.position() - ahead
@@ -206,24 +210,24 @@ impl Matcher {
         }
     }
 
-    /// How late, trace ticks; 0 within what f64 cannot decide.
+    /// Lateness in ticks of the trace; 0 within the precision of f64.
     fn late(&self, made: Made, wanted: Crossing) -> f64 {
         let late = made.at.minus(wanted.at);
         late.signum() * (late.abs() - wanted.uncertainty_ticks).max(0.0)
     }
 
-    /// How much later than the bound this step may come because of other motors on a shared DIR line.
+    /// How much later than the bound this step may be because of other motors.
     fn put_off(&self, made: Made) -> f64 {
         if made.may_be_put_off { self.limits.put_off } else { 0.0 }
     }
 
     fn in_time(&self, made: Made, wanted: Crossing) -> bool {
-        // The slop covers the rounding of the bound itself.
+        // The slack covers the rounding of the bound itself.
         let late = self.late(made, wanted);
         -self.limits.bound - 1e-6 <= late && late <= self.limits.bound + self.put_off(made) + 1e-6
     }
 
-    /// Decides about the first step, or about crossings that come before it.
+    /// Decides about the first step, or about the crossings that come before it.
     fn decide(&mut self) {
         loop {
             self.look_ahead();
@@ -283,7 +287,7 @@ impl Matcher {
         }
     }
 
-    /// Settles the optional crossing in front.
+    /// Decides whether the optional crossing in front has a step.
     fn settle(&mut self, made: bool) {
         self.wanted.pop_front();
         self.crossings.settle(made);
@@ -348,7 +352,7 @@ impl Matcher {
         self.fault(made.at.ticks(), Fault::WrongDirection { forward: made.forward });
     }
 
-    /// The first two crossings, if a plan may leave both out.
+    /// The first two crossings, if a plan may drop both.
     fn droppable(&self) -> Option<[Crossing; 2]> {
         let (first, second) = (*self.wanted.front()?, *self.wanted.get(1)?);
         let close = second.at.minus(first.at) <= self.limits.pair + 2.0 * self.limits.bound;
@@ -362,7 +366,7 @@ impl Matcher {
         self.report.worst_position_error = self.report.worst_position_error.max(off.abs());
     }
 
-    /// Keeps a fault, the number of the step that it is about, and when (law's ticks).
+    /// Adds a fault, with the number of its step and its time (law's ticks).
     pub(crate) fn fault(&mut self, at_ticks: f64, fault: Fault) {
         self.report.faults += 1;
         if self.faults.len() < super::MOST_FAULTS {

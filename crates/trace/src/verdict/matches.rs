@@ -6,19 +6,19 @@ pub(crate) type Match = (u64, f64);
 /// Matched steps for a fit.
 #[derive(Default)]
 pub(super) struct Matches {
-    /// All of a short trace, evenly thinned out of a long one.
+    /// All matches of a short trace, or an even selection from a long one.
     pub(super) kept: Vec<Match>,
     seen: u64,
-    /// Every 2^this-th is kept.
+    /// One in 2^`thinned` matches is kept.
     thinned: u32,
-    /// Of all errors that are no outliers: lowest, highest, number, sum of squares; ticks of the trace.
+    /// Of all errors without outliers: lowest and highest, number, sum of squares; ticks of the trace.
     range: Option<(f64, f64)>,
     near: f64,
     squares: f64,
 }
 
 impl Matches {
-    /// Takes a step; `near`: it is neither an outlier nor was it put off.
+    /// Adds a matched step. `near` is false for outliers and delayed steps.
     pub(super) fn push(&mut self, (tick, late): Match, near: bool) {
         const MOST: usize = 1 << 16;
         if self.seen.is_multiple_of(1 << self.thinned) {
@@ -52,7 +52,7 @@ impl Matches {
         self
     }
 
-    /// The middle of the errors, and how far a fit may be off at its ends: 4σ, ticks.
+    /// The middle of the errors, and the largest error of a fit at its ends (4σ), ticks.
     pub(super) fn middle(&self) -> (f64, f64) {
         // A fitted line is uncertain by 2σ/√n at its ends.
         self.range.map_or((0.0, 0.0), |(low, high)| (0.5 * (low + high), 8.0 * self.squares.sqrt() / self.near))

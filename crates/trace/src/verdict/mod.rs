@@ -1,4 +1,4 @@
-//! The judge: edges, steps or a film against the law.
+//! The judge: compares edges, steps or a film with the law.
 //!
 //! ```
 //! # use pulsetrain_motion::{Grid, Law, Time, law::Sine, program::*};
@@ -45,39 +45,42 @@ use crate::steps::StepTrace;
 use crate::{Edge, Line, Trace};
 use matcher::{Limits, Matcher, Timebase};
 
-/// Most that a clock can be off by, ppm: twice the ±0.5 % of an Uno's ceramic resonator. What needs more to fit is
-/// another motion.
+/// Largest deviation of a clock, ppm: twice the ±0.5 % of an Uno's ceramic resonator. A trace that needs more to fit
+/// shows another motion.
 pub const MOST_PPM: f64 = 10_000.0;
 
-/// Failures that are kept for each motor; all are counted.
+/// Failures that are listed for each motor. The counts include all failures.
 pub const MOST_FAULTS: usize = 100;
 
-/// How a trace is laid over the law.
+/// How a trace is aligned with the law.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Align {
     /// The trace's tick 0 is the law's time zero.
     #[default]
     None,
-    /// The trace is shifted so that 0 is in the middle of the errors: captures that begin at any time, but before the
-    /// first step. The bound is widened by what the fit may be off (8/√n of the errors' root mean square).
+    /// The trace is shifted so that 0 is in the middle of the errors. This is for captures that begin at any time
+    /// before the first step. The bound is widened by the uncertainty of the fit (8/√n of the errors' root mean
+    /// square).
     Start,
-    /// It is scaled too, by least squares: the board's clock is not the analyser's. More than [`MOST_PPM`] is a fault.
+    /// The trace is also scaled, by least squares, because the analyser has a clock of its own. More than [`MOST_PPM`]
+    /// is a fault.
     StartAndRate,
 }
 
 /// How to judge.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Options {
-    /// How the trace is laid over the law.
+    /// How the trace is aligned with the law.
     pub align: Align,
     /// Bound on |error|, ticks of the board, instead of the program's tolerance.
     pub bound_ticks: Option<f64>,
     /// The board's constant: edge tick − scheduled tick, ticks of the board.
     pub constant_ticks: i64,
-    /// Law time up to which to judge, s; without it to the law's end, or to the trace's if the law is endless.
+    /// Law time up to which to judge, s. Without it: to the end of the law, or to the end of the trace if the law is
+    /// endless.
     pub until_s: Option<f64>,
-    /// How often an analyser looked, Hz, where that is less often than its times are written: a step may be seen that
-    /// much late.
+    /// Sample rate of the analyser, Hz, if it is lower than the tick rate of the trace. A step may appear one sample
+    /// late.
     pub sample_hz: Option<f64>,
 }
 
@@ -93,26 +96,26 @@ pub enum JudgeError {
     /// The trace has no tick rate.
     #[error("the trace's tick rate is 0 Hz")]
     NoTickRate,
-    /// The trace names a motor that the program has not.
+    /// The trace names a motor that the program does not have.
     #[error("the trace has steps of a motor {0}, the motion file has not")]
     NoSuchMotor(String),
-    /// The motion file has several motors, a film shows one.
+    /// The motion file has several motors, but a film shows one.
     #[error("a film shows one motor; say which of {0}")]
     WhichMotor(String),
     /// The film is too short.
     #[error("{frames} frames of the motion cannot be judged; at least {limit} are needed")]
     TooFewFrames {
-        /// Frames there are.
+        /// The number of frames.
         frames: usize,
-        /// Frames needed.
+        /// The smallest number allowed.
         limit: usize,
     },
     /// The law breaks.
     #[error("motor {motor}: {error}")]
     Law {
-        /// Whose.
+        /// The motor.
         motor: String,
-        /// How.
+        /// The error of its law.
         error: LawError,
     },
 }
@@ -120,7 +123,7 @@ pub enum JudgeError {
 /// Judges a trace of edges.
 ///
 /// # Errors
-/// If the trace lacks a line or is not in order, or a law breaks. What is wrong with the motion is in the report.
+/// If the trace lacks a line or is not in order, or a law breaks. Errors of the motion are in the report.
 pub fn judge(trace: &Trace, program: &Program, options: &Options) -> Result<Report, JudgeError> {
     align::judge(trace.tick_hz, program, options, &mut |judge, until_tick| {
         let mut decoder = Decoder::new(&trace.lines, program)?;
@@ -132,7 +135,7 @@ pub fn judge(trace: &Trace, program: &Program, options: &Options) -> Result<Repo
     })
 }
 
-/// Judges a trace of steps: as [`judge`], but for what only edges show (pulses, DIR setup and hold).
+/// Judges a trace of steps. Unlike [`judge`] it cannot check what only edges show: pulses, DIR setup and hold.
 ///
 /// # Errors
 /// If the trace names an unknown motor, or a law breaks.
@@ -152,7 +155,7 @@ pub fn judge_steps(trace: &StepTrace, program: &Program, options: &Options) -> R
             }
             last[index] = step.tick;
             if until_tick.is_none_or(|until| step.tick <= until) {
-                // Without edges it is not known when a shared DIR line turned: it may have just now.
+                // Steps do not show when a shared DIR line changed: it may have changed just before.
                 judge.event(motor, step.tick, Event::Step { forward: step.forward, since_dir: Some(0) });
             }
         }
@@ -162,46 +165,46 @@ pub fn judge_steps(trace: &StepTrace, program: &Program, options: &Options) -> R
 
 /// Judges edges as they come, in constant memory; without alignment.
 ///
-/// [`judge`] does the same with a trace that is there as a whole.
+/// For a complete trace use [`judge`].
 pub struct EdgeJudge<'a> {
     decoder: Decoder,
     judge: Judge<'a>,
 }
 
 impl<'a> EdgeJudge<'a> {
-    /// For edges of these lines, in ticks of `tick_hz`; `options.align` is not looked at.
+    /// A judge for edges of these lines, in ticks of `tick_hz`. It ignores `options.align`.
     ///
     /// # Errors
-    /// If a line is lacking or the tick rate is 0.
+    /// If a line is missing or the tick rate is 0.
     pub fn new(tick_hz: u64, lines: &[Line], program: &'a Program, options: &Options) -> Result<Self, JudgeError> {
         let decoder = Decoder::new(lines, program)?;
         let timebase = align::given(tick_hz, program, options);
         Ok(EdgeJudge { decoder, judge: Judge::new(tick_hz, program, options, timebase)? })
     }
 
-    /// Takes an edge, not before the one before it.
+    /// Adds an edge. Edges must come in order of time.
     ///
     /// # Errors
-    /// If it comes before the last one.
+    /// If the edge is earlier than the last one.
     pub fn push(&mut self, edge: Edge) -> Result<(), Backwards> {
         let judge = &mut self.judge;
         self.decoder.push(edge, &mut |motor, tick, event| judge.event(motor, tick, event))
     }
 
-    /// Whether any bound broke among the steps that were decided about so far.
+    /// Whether any bound broke among the steps judged so far.
     #[must_use]
     pub fn has_failed(&self) -> bool {
         self.judge.motors.iter().any(|matcher| !matcher.faults.is_empty())
     }
 
-    /// From now on keeps the error of every step for [`EdgeJudge::errors`].
+    /// Keeps the error of every step from now on, for [`EdgeJudge::errors`].
     #[must_use]
     pub fn keeping_errors(mut self) -> Self {
         self.judge.motors.iter_mut().for_each(|matcher| matcher.recent = Some(Vec::new()));
         self
     }
 
-    /// Hands over the errors that were kept since the last call: motor, tick, how late in ticks of the board.
+    /// Passes on the errors that were kept since the last call: motor, tick, lateness in ticks of the board.
     pub fn errors(&mut self, sink: &mut dyn FnMut(usize, u64, f64)) {
         self.judge.errors(sink);
     }
@@ -214,7 +217,7 @@ impl<'a> EdgeJudge<'a> {
         self.finish_with(&mut |_, _, _| {})
     }
 
-    /// The verdict, with the errors of the last steps as [`EdgeJudge::errors`] gives them.
+    /// The verdict. The errors of the last steps go to `sink`, as with [`EdgeJudge::errors`].
     ///
     /// # Errors
     /// If a law breaks.
@@ -225,13 +228,13 @@ impl<'a> EdgeJudge<'a> {
     }
 }
 
-/// All motors at once.
+/// Judges all motors of a program.
 pub(crate) struct Judge<'a> {
     program: &'a Program,
     tick_hz: u64,
     timebase: Timebase,
     until: Option<Instant>,
-    /// Ticks that times may be off by, since another clock than the board's took them.
+    /// Largest error of the trace's times, ticks, if they come from another clock than the board's.
     spare_ticks: u64,
     last_tick: u64,
     /// The last step of each motor.
@@ -247,14 +250,14 @@ impl<'a> Judge<'a> {
         let board_hz = program.board.tick_hz;
         let scale = board_hz as f64 / tick_hz as f64;
         let bound = options.bound_ticks.unwrap_or_else(|| program.tolerance.ticks(board_hz)) / scale;
-        // Another clock's samples cannot tell times within one of its own ticks, or of its samples.
+        // Times from another clock are uncertain by one of its ticks, or by one sample.
         let own_clock = u64::from(board_hz != tick_hz || options.align == Align::StartAndRate);
         let sample_ticks = options.sample_hz.map_or(0, |sample_hz| (tick_hz as f64 / sample_hz).ceil() as u64);
         let spare_ticks = own_clock.max(sample_ticks);
         let bound = bound + spare_ticks as f64;
-        // What a turn of DIR takes the board itself, besides the drivers' times.
+        // The board's own time for a change of DIR, in addition to the drivers' times.
         let turn = (f64::from(program.board.turn_ticks) / scale).ceil() as u64;
-        // What a step waits for steps of other motors where the board makes one after the other.
+        // How long a step waits for steps of other motors, where the board makes one after the other.
         let apart = program.board.shared_steps.map(|steps| (f64::from(steps.apart_ticks) / scale).ceil());
         let motors = program.motors.iter().map(|motor| {
             let own = program.timing(motor).ticks(tick_hz).reversal() + turn;
@@ -295,7 +298,7 @@ impl<'a> Judge<'a> {
             Event::Step { forward, since_dir } => {
                 self.last_steps[motor] = Some(tick);
                 let others = self.last_steps.iter().enumerate().filter(|(other, _)| *other != motor);
-                // Edges of different motors need not come in order.
+                // Edges of different motors may be out of order.
                 let since_other = others.filter_map(|(_, last)| tick.checked_sub((*last)?)).min();
                 self.motors[motor].push(tick, forward, since_dir, since_other);
             }
@@ -343,7 +346,7 @@ impl<'a> Judge<'a> {
         }
     }
 
-    /// Decides about all steps and what is lacking; no event comes any more.
+    /// Decides about all remaining steps, after the last event.
     fn finish(mut self, sink: &mut dyn FnMut(usize, u64, f64)) -> Result<Report, JudgeError> {
         let hz = self.tick_hz as f64;
         let mut failures = Vec::new();

@@ -1,4 +1,4 @@
-//! What the judge says.
+//! The report of the judge.
 
 use std::fmt;
 
@@ -9,19 +9,19 @@ use super::MOST_PPM;
 /// The verdict on a trace.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Report {
-    /// No bound broke.
+    /// Whether every bound was kept.
     pub ok: bool,
     /// Ticks per second of the board; all ticks in this report are the board's.
     pub tick_hz: u64,
-    /// How the trace was laid over the law.
+    /// The alignment of the trace with the law.
     pub alignment: Alignment,
-    /// One for each motor.
+    /// One report for each motor.
     pub motors: Vec<MotorReport>,
     /// The first failures of each motor, in order of motors; `motors[…].faults` counts all.
     pub failures: Vec<Failure>,
 }
 
-/// How the trace was laid over the law.
+/// The alignment of the trace with the law.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Alignment {
     /// Time in the trace of the law's time zero, s.
@@ -30,14 +30,15 @@ pub struct Alignment {
     pub rate_ppm: f64,
 }
 
-/// What was seen of one motor.
+/// What the trace shows of one motor.
 ///
-/// Errors are how late steps are (negative: early), less the board's constant and what f64 cannot decide.
+/// An error is how late a step is (negative: early), without the board's constant delay and within the precision of
+/// f64.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct MotorReport {
-    /// As the motion file calls it.
+    /// The name of the motor in the motion file.
     pub motor: String,
-    /// Steps that the law wants, less dropped pairs.
+    /// Steps of the law, without dropped pairs.
     pub steps_wanted: u64,
     /// Steps in the trace.
     pub steps_got: u64,
@@ -45,11 +46,11 @@ pub struct MotorReport {
     pub position_wanted: i64,
     /// Steps forward minus steps backward, in the trace.
     pub position_got: i64,
-    /// Wanted steps that the trace has not.
+    /// Steps of the law that the trace does not have.
     pub missing: u64,
-    /// Steps of the trace that nobody wanted.
+    /// Steps of the trace that the law does not have.
     pub extra: u64,
-    /// Steps the wrong way.
+    /// Steps in the wrong direction.
     pub wrong_direction: u64,
     /// Steps beyond the bound.
     pub off_time: u64,
@@ -59,7 +60,7 @@ pub struct MotorReport {
     pub bound_ticks: f64,
     /// Largest error, ticks.
     pub max_error_ticks: f64,
-    /// The same in µs.
+    /// Largest error, µs.
     pub max_error_us: f64,
     /// Largest error as a distance (error × speed), steps.
     pub max_error_steps: f64,
@@ -67,17 +68,17 @@ pub struct MotorReport {
     pub max_error_at_s: f64,
     /// Root of the mean square error, ticks.
     pub rms_error_ticks: f64,
-    /// The same in µs.
+    /// Root of the mean square error, µs.
     pub rms_error_us: f64,
-    /// The same as a distance, steps.
+    /// Root of the mean square error as a distance, steps.
     pub rms_error_steps: f64,
     /// Slope of the error against time (least squares), ppm.
     pub drift_ppm: f64,
-    /// The same in ticks per hour.
+    /// Slope of the error against time, ticks per hour.
     pub drift_ticks_per_hour: f64,
     /// Shortest interval between two steps, ticks.
     pub shortest_interval_ticks: Option<f64>,
-    /// Its inverse, steps/s.
+    /// The highest step rate: the inverse of the shortest interval, steps/s.
     pub peak_rate_hz: Option<f64>,
     /// Shortest STEP HIGH.
     pub pulse_high: Option<Measured>,
@@ -87,127 +88,127 @@ pub struct MotorReport {
     pub dir_setup: Option<Measured>,
     /// Shortest time from STEP falling to a change of DIR.
     pub dir_hold: Option<Measured>,
-    /// Pairs of opposite steps left out, being closer than the driver or the motor allows.
+    /// Pairs of opposite steps that were dropped because they were closer than the driver or the motor allows.
     pub pairs_dropped: u64,
-    /// Largest |position − θ| that this led to, steps.
+    /// Largest |position − θ| because of dropped pairs, steps.
     pub worst_position_error: f64,
-    /// Steps later than the bound, because another motor had the shared DIR line.
+    /// Steps that were later than the bound because another motor used the shared DIR line.
     pub steps_put_off: u64,
-    /// Latest of them, ticks.
+    /// The largest delay of such a step, ticks.
     pub longest_put_off_ticks: f64,
 }
 
-/// A time that a driver cares about.
+/// A time that a driver needs, as measured.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Measured {
-    /// Shortest seen, ns.
+    /// The shortest one, ns.
     pub seen_ns: f64,
     /// What the driver needs, ns.
     pub needed_ns: u32,
-    /// Time in the trace of the shortest, s.
+    /// Time in the trace of the shortest one, s.
     pub at_s: f64,
 }
 
 /// A bound that broke.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Failure {
-    /// Whose.
+    /// The motor.
     pub motor: String,
-    /// Which wanted step, from 1; the last one before, for faults between steps.
+    /// The number of the law's step, from 1. For faults between steps it is the step before.
     pub step: u64,
     /// Law time, s.
     pub at_s: f64,
-    /// What.
+    /// The fault.
     #[serde(flatten)]
     pub fault: Fault,
 }
 
-/// What can be wrong.
+/// The kinds of fault.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 #[serde(tag = "fault", rename_all = "snake_case")]
 pub enum Fault {
-    /// The law wants a step; the trace has none.
+    /// The law has a step and the trace does not.
     Missing {
-        /// Which way.
+        /// Its direction.
         forward: bool,
     },
-    /// The trace has a step; the law wants none.
+    /// The trace has a step and the law does not.
     Extra {
-        /// Which way.
+        /// Its direction.
         forward: bool,
     },
-    /// The step is there, but goes the other way.
+    /// The step is there, in the wrong direction.
     WrongDirection {
-        /// Which way it goes.
+        /// Its direction in the trace.
         forward: bool,
     },
     /// A step is too early or too late.
     OffTime {
-        /// How late, ticks.
+        /// Its lateness, ticks.
         error_ticks: f64,
-        /// What is allowed.
+        /// The bound, ticks.
         limit_ticks: f64,
     },
-    /// STEP was HIGH too short.
+    /// STEP was HIGH for too short a time.
     PulseHigh {
-        /// How long, ns.
+        /// The time, ns.
         seen_ns: f64,
         /// What the driver needs, ns.
         needed_ns: u32,
     },
-    /// STEP was LOW too short.
+    /// STEP was LOW for too short a time.
     PulseLow {
-        /// How long, ns.
+        /// The time, ns.
         seen_ns: f64,
         /// What the driver needs, ns.
         needed_ns: u32,
     },
-    /// DIR changed too shortly before STEP rose.
+    /// DIR changed too late before STEP rose.
     DirSetup {
-        /// How long, ns.
+        /// The time, ns.
         seen_ns: f64,
         /// What the driver needs, ns.
         needed_ns: u32,
     },
-    /// DIR changed too shortly after STEP fell, or while it was HIGH.
+    /// DIR changed too soon after STEP fell, or while it was HIGH.
     DirHold {
-        /// How long, ns.
+        /// The time, ns.
         seen_ns: f64,
         /// What the driver needs, ns.
         needed_ns: u32,
     },
-    /// The coils jumped.
+    /// The coils changed by more than one step of the sequence.
     CoilJump {
         /// Pattern before; IN1 is bit 0.
         from: u8,
         /// Pattern after.
         to: u8,
     },
-    /// The motor ends elsewhere.
+    /// The motor's final position is wrong.
     Position {
-        /// In the trace, steps.
+        /// Position in the trace, steps.
         got: i64,
-        /// By the law, steps.
+        /// Position of the law, steps.
         wanted: i64,
     },
-    /// The rate that fits best is no clock's.
+    /// The clock rate that fits best is further off than any clock.
     Clock {
-        /// How much faster than the trace's, ppm.
+        /// How much faster the board's clock is than the trace's, ppm.
         rate_ppm: f64,
-        /// What is allowed either way.
+        /// The largest deviation allowed, ppm.
         limit_ppm: f64,
     },
-    /// The camera saw the motor elsewhere.
+    /// The camera shows the motor at another angle.
     Angle {
-        /// How far ahead, steps.
+        /// How far it is ahead of the law, steps.
         error_steps: f64,
-        /// What is allowed.
+        /// The limit, steps.
         limit_steps: f64,
     },
 }
 
 impl Fault {
-    /// The fault of a fitted rate (0: the clocks agree), if it is one.
+    /// The fault of a fitted rate, if it is too large. A rate of 0 means that the clocks agree.
     pub(super) fn of_clock(rate: f64) -> Option<Fault> {
         let rate_ppm = rate * 1e6;
         (rate_ppm.abs() > MOST_PPM).then_some(Fault::Clock { rate_ppm, limit_ppm: MOST_PPM })
