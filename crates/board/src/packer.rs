@@ -13,7 +13,7 @@ const _: () = assert!(MAX_LEN + 3 <= pulsetrain_core::wire::MIN_BODY);
 const CHECK_EVERY: usize = 64;
 
 /// Bytes of a queue from which checks are sent. A shorter queue has no room for them: it holds a few frames, and an epoch's anchor is a check too.
-const ROOM_FOR_CHECKS: usize = 256;
+const CHECK_BYTES: usize = 256;
 
 /// Packs an epoch from its beginning.
 #[derive(Clone, Copy, Debug)]
@@ -33,7 +33,7 @@ pub(crate) struct Packer {
 impl Packer {
     /// For a queue of `capacity` bytes.
     pub(crate) fn new(packing: Packing, capacity: usize) -> Packer {
-        let checks = capacity >= ROOM_FOR_CHECKS;
+        let checks = capacity >= CHECK_BYTES;
         Packer { packing, state: State::default(), accumulator: 0, moved: 0, unchecked: 0, checks }
     }
 
@@ -109,7 +109,7 @@ mod tests {
         /// A board finds every check right, and does nothing after one that it finds wrong.
         #[test]
         fn boards_agree_with_checks(items in prop::collection::vec(item(), 20..60), wrong in any::<prop::sample::Index>()) {
-            let mut packer = Packer::new(PACKING, ROOM_FOR_CHECKS);
+            let mut packer = Packer::new(PACKING, CHECK_BYTES);
             let mut packed = Vec::new();
             let mut checks = Vec::new();
             let (mut steps, mut moved) = (0, 0);

@@ -275,7 +275,7 @@ pub fn find(name: &str) -> Option<BoardRow> {
 /// distance of groups, by which a merge moves edges.
 const TURN_TICKS: [u32; 2] = [24 + 48 + 24, 60 + 16 + 60 + 2 * 76];
 /// The same of one and of two motors of the compare hardware's: the distance of groups, before it and after it.
-const TURN_TICKS_BY_COMPARE: [u32; 2] = [2 * GROUPS_APART_BESIDE_TICKS[0], 2 * GROUPS_APART_BESIDE_TICKS[1]];
+const TURN_TICKS_BY_COMPARE: [u32; 2] = [2 * GROUP_SPACING_TWO_RINGS_TICKS[0], 2 * GROUP_SPACING_TWO_RINGS_TICKS[1]];
 
 /// What a word of a Pico's state machine takes at least: the longest pulse of all motors and three cycles, which
 /// `pulsetrain_core::pio` has. Steps are no closer, and DIR changes in a word of its own.
@@ -300,16 +300,16 @@ const SHARED_STEP_TICKS: u32 = 2_800;
 /// The longest pulse that an Uno's interrupt makes by itself, ticks. The end of a longer one is a match of its own.
 const LONGEST_OWN_PULSE: u64 = 31;
 
-/// By what an Uno makes a long pulse longer, since its rising edge may be late, ticks: `LATE` in firmware/uno/src/engine/tuning.rs; and
-/// `LATE_MOVED`, where other motors move it too.
+/// By what an Uno makes a long pulse longer, since its rising edge may be late, ticks: `LATENCY` in firmware/uno/src/engine/tuning.rs; and
+/// `LATENCY_MERGED`, where other motors move it too.
 const PULSE_LATE_TICKS: [u32; 2] = [24, 60];
 
-/// What an Uno keeps between two matches, on one port and on the shield's pins, ticks: `APART` and `APART_SHIELD` there.
+/// What an Uno keeps between two matches, on one port and on the shield's pins, ticks: `SPACING` and `SPACING_SHIELD` there.
 const GROUPS_APART_TICKS: [u32; 2] = [48, 60];
-/// The same with a ring for each motor: `APART_BESIDE`, and `APART_TWO_COMPARE`.
-const GROUPS_APART_BESIDE_TICKS: [u32; 2] = [96, 171];
+/// What it keeps with a ring for each motor: `SPACING_TWO_RINGS`, and `SPACING_TWO_COMPARE`.
+const GROUP_SPACING_TWO_RINGS_TICKS: [u32; 2] = [96, 171];
 
-/// How an Uno makes a pulse whose end is a match of its own: `Spacing::of` in firmware/uno/src/engine/steps/stepper.rs.
+/// How an Uno makes a pulse whose end is a match of its own: `PulseTiming::of` in firmware/uno/src/engine/steps/stepper/timing.rs.
 struct LongPulse {
     /// By what it is longer than it was asked for, ticks.
     more: u32,
@@ -326,11 +326,11 @@ impl LongPulse {
     fn of(kind: PinKind, motors: usize, is_pair: bool) -> LongPulse {
         let [alone, moved] = PULSE_LATE_TICKS;
         if kind == PinKind::Compare {
-            let apart = GROUPS_APART_BESIDE_TICKS[usize::from(motors > 1)];
+            let apart = GROUP_SPACING_TWO_RINGS_TICKS[usize::from(motors > 1)];
             return LongPulse { more: 0, late: 0, apart, together: false };
         }
         if is_pair {
-            return LongPulse { more: moved, late: moved, apart: GROUPS_APART_BESIDE_TICKS[0], together: true };
+            return LongPulse { more: moved, late: moved, apart: GROUP_SPACING_TWO_RINGS_TICKS[0], together: true };
         }
         let apart = GROUPS_APART_TICKS[usize::from(kind == PinKind::Shield)];
         // Merged, its second edge may be early.
@@ -365,12 +365,6 @@ fn shares_dir(motors: &[Motor]) -> bool {
 /// Ticks between steps at a rate, rounded up: the shortest interval that the rate allows.
 fn interval_ticks(tick_hz: u64, rate_hz: u64) -> u32 {
     u32::try_from(tick_hz.div_ceil(rate_hz)).expect("an interval of a rate above 1 Hz fits 32 bits")
-}
-
-/// Whether that board is an Uno.
-#[must_use]
-pub fn is_uno(name: &str) -> bool {
-    name == "uno"
 }
 
 /// The board that took the place of one that there was once.

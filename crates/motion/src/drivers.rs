@@ -146,7 +146,7 @@ const TABLE: &[Driver] = &[
         max_voltage_v: 50.0,
         max_current_a: 4.2,
         source: "times: as the LinuxCNC wiki quotes them, Stepper Drive Timing, row DQ542MA; switches: the common 542 \
-                 table; check both against the case; 400-25 600 steps/rev: seed 000",
+                 table; check both against the case; 400-25 600 steps/rev: the tutorial",
     },
     Driver {
         name: "DRV8825",
@@ -202,7 +202,7 @@ const TABLE: &[Driver] = &[
         microsteps: &[set(1, "two coils at a time (full steps)"), set(2, "one and two coils in turn (half steps)")],
         max_voltage_v: 50.0,
         max_current_a: 0.5,
-        source: "TI ULN2003A datasheet SLRS027, absolute maximum ratings; half-step sequence: seed 002",
+        source: "TI ULN2003A datasheet SLRS027, absolute maximum ratings; half-step sequence: the Pico plotter",
     },
 ];
 

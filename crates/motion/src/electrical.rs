@@ -6,7 +6,7 @@
 use std::ops::RangeInclusive;
 
 /// The source of the formula, as printed with every figure.
-pub const SOURCE: &str = "Daycounter stepper motor calculator, as quoted in seed 004: T = L·Imax·2/V";
+pub const SOURCE: &str = "Daycounter stepper motor calculator, as quoted in the maximum-speed article: T = L·Imax·2/V";
 
 /// A full step that takes less or more than this is no motor's, s: its data are in other units.
 const FULL_STEP_S: RangeInclusive<f64> = 1e-9..=1e3;
@@ -139,7 +139,7 @@ impl Winding {
     /// # Errors
     /// [`SketchError`] if the sketch has no count for such steps.
     pub fn sketch_figures(&self) -> Result<Vec<Figure>, SketchError> {
-        const SKETCH: &str = "seed 004, StepperDriver sketch";
+        const SKETCH: &str = "the maximum-speed article, its StepperDriver sketch";
         const DATASHEET: &str = "ATmega328P DS40002061B, CTC mode: the counter runs 0..=OCR, OCR + 1 counts";
         let steps_per_rev = self.full_steps_per_rev * f64::from(self.microsteps);
         // A hair more than nothing, so that 140.0 computed as 139.999… does not lose a whole microsecond.

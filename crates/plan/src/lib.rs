@@ -65,7 +65,7 @@ use pulsetrain_core::{Direction, Segment};
 
 /// The smallest tolerance that a certificate can promise, ticks: rounding to whole ticks takes half a tick, the fit the
 /// rest.
-pub const LEAST_TOLERANCE_TICKS: f64 = 0.55;
+pub const MIN_TOLERANCE_TICKS: f64 = 0.55;
 
 /// A move of a plan. A planner returns one after the other; the first begins after tick 0, fraction ½.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -227,7 +227,7 @@ const LONGER: f64 = 1.1;
 const TIMES: i32 = 50;
 /// Smallest queue of a motor, bytes: room for the items of a change. `cargo test -p pulsetrain --test it small_queues`
 /// uses about this size.
-const LEAST_QUEUE: u64 = 48;
+const MIN_QUEUE: u64 = 48;
 
 impl Demand {
     /// Before the first move of motors with these settings.
@@ -265,7 +265,7 @@ impl Demand {
     #[must_use]
     pub fn parts(&self, line: &Line) -> Option<Vec<u8>> {
         let all: usize = line.queue_bytes.iter().sum();
-        let needs = |time: usize| self.lanes.iter().map(move |lane| lane.most[time].1.max(LEAST_QUEUE));
+        let needs = |time: usize| self.lanes.iter().map(move |lane| lane.most[time].1.max(MIN_QUEUE));
         let time = (0..TIMES as usize).rev().find(|time| needs(*time).sum::<u64>() <= all as u64)?;
         let sum: u64 = needs(time).sum();
         // Every motor gets at least one part.
@@ -374,7 +374,7 @@ mod tests {
         let parts = demand.parts(&line).expect("a few steps have room");
         let [fast, slow, least] = parts[..] else { panic!("{parts:?}") };
         assert!((fast..4 * fast).contains(&(4 * slow + 8)) && parts.iter().sum::<u8>() <= QUEUE_PARTS, "{parts:?}");
-        assert!(u64::from(least) * 297 / u64::from(QUEUE_PARTS) + 5 > LEAST_QUEUE, "{parts:?}");
+        assert!(u64::from(least) * 297 / u64::from(QUEUE_PARTS) + 5 > MIN_QUEUE, "{parts:?}");
         assert_eq!(demand.parts(&Line { queue_bytes: vec![20; 3], ..line }), None);
     }
 

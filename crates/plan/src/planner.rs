@@ -9,7 +9,7 @@ use crate::peak::peak;
 use crate::run::{EXACT_STEPS, Registers, Rules, Run, RunPlanner, shortest_interval};
 use crate::settings::Settings;
 use crate::stretch::{Stretch, stretches};
-use crate::{LEAST_TOLERANCE_TICKS, Move};
+use crate::{MIN_TOLERANCE_TICKS, Move};
 use pulsetrain_core::{Direction, Segment};
 use pulsetrain_motion::Time;
 use pulsetrain_motion::law::{Class, Entry, Law, LawError, Piece, Pieces};
@@ -128,11 +128,11 @@ impl Planner {
     /// Prepares to plan `law`.
     ///
     /// # Errors
-    /// If the tolerance is below what can be proven, [`LEAST_TOLERANCE_TICKS`].
+    /// If the tolerance is below what can be proven, [`MIN_TOLERANCE_TICKS`].
     pub fn new(law: &Law, settings: &Settings) -> Result<Planner, PlanError> {
         let tolerance_ticks = settings.tolerance_ticks;
-        if tolerance_ticks.is_nan() || tolerance_ticks < LEAST_TOLERANCE_TICKS {
-            return Err(PlanError::ToleranceTooTight { tolerance_ticks, least_ticks: LEAST_TOLERANCE_TICKS });
+        if tolerance_ticks.is_nan() || tolerance_ticks < MIN_TOLERANCE_TICKS {
+            return Err(PlanError::ToleranceTooTight { tolerance_ticks, least_ticks: MIN_TOLERANCE_TICKS });
         }
         let rules = Rules {
             fraction_bits: settings.fraction_bits,

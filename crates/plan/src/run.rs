@@ -344,7 +344,7 @@ fn coded_counts(previous: u32) -> [u32; 7] {
 }
 
 /// Smallest length of a run's last segment, steps. Rather than leave fewer, the planner halves what is left.
-const LEAST_LEFT: u32 = 16;
+const MIN_LEFT: u32 = 16;
 
 impl RunPlanner {
     /// `before` is the run from which this one may continue.
@@ -455,7 +455,7 @@ impl RunPlanner {
             // A very short last segment would make up at once for the error that all before it were allowed, which is
             // too sudden for a board that computes each step. Taking all that is left costs a byte for the count.
             // Halving it again and again would also end in such short segments.
-            if rules.gain.is_some() && best.is_some_and(|fit| (1..LEAST_LEFT).contains(&(most - fit.segment.count))) {
+            if rules.gain.is_some() && best.is_some_and(|fit| (1..MIN_LEFT).contains(&(most - fit.segment.count))) {
                 let fits = |count| {
                     let fitted = fit(e, start, quantiser, count, window);
                     fitted.filter(|f| count > 1 && f.misfit <= allowance && rules.permits(&f.segment))

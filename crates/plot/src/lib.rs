@@ -144,7 +144,7 @@ pub struct MotorPicture {
 /// Points of the law over its whole length, at least.
 const LAW_POINTS: f64 = 2000.0;
 /// Points of the law in each of its pieces, at least: pieces may be many and short.
-const LEAST_POINTS_OF_A_PIECE: u32 = 8;
+const MIN_POINTS_OF_A_PIECE: u32 = 8;
 /// Points of the law in the close view.
 const CLOSE_POINTS: u32 = 400;
 /// Number of steps that the close view shows.
@@ -189,7 +189,7 @@ impl MotorPicture {
             let first = piece.curve.value(piece.first());
             let (origin, zero) = *start.get_or_insert((piece.origin, first));
             let part = (piece.last() - piece.first()) / end;
-            let points = ((LAW_POINTS * part).ceil().min(LAW_POINTS) as u32).max(LEAST_POINTS_OF_A_PIECE);
+            let points = ((LAW_POINTS * part).ceil().min(LAW_POINTS) as u32).max(MIN_POINTS_OF_A_PIECE);
             for k in 0..=points {
                 let u = piece.first() + (piece.last() - piece.first()) * f64::from(k) / f64::from(points);
                 let jet = piece.curve.jet(u);

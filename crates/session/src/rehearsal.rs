@@ -4,7 +4,7 @@
 //! The planner checks steps, segments and the line against limits (`pulsetrain_plan::line`). But no limit covers everything that an Uno's
 //! processor has to do besides the steps, for these motors at these times: so it is tried, as it is for baked motions.
 //!
-//! Only an Uno needs it: its queues hold 400 bytes in all, and its one core does everything. A Pico's queues hold 32 kB, and state machines
+//! Only an Uno needs it: its queues hold 376 bytes in all, and its one core does everything. A Pico's queues hold 32 kB, and state machines
 //! time its pins.
 
 use std::cell::Cell;

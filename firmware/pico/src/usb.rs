@@ -147,7 +147,7 @@ pub(crate) struct Usb {
     in_data1: bool,
     /// The last packet was full: without another the host does not know that it was the last.
     full: bool,
-    /// The present frame's number, and the tick at which it frame_began.
+    /// The present frame's number, and the tick at which it began.
     frame: u32,
     frame_began: u64,
 }

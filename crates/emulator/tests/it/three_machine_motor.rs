@@ -1,5 +1,5 @@
 //! A published RP2040 driver for ULN2003 motors, run as it is: three state machines a motor and DMA channels that
-//! restart one another (docs/sources.md, 002). Its programs and its wiring of channels are quoted;
+//! restart one another (the Pico plotter in docs/sources.md). Its programs and its wiring of channels are quoted;
 //! what they do was first found by others' measurements, and must come out here.
 
 use crate::pico::{Bench, Machine};

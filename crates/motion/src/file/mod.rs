@@ -239,13 +239,13 @@ fn read_grid(node: &Node) -> Read<Grid> {
 
 fn read_tolerance(node: &Node) -> Read<Tolerance> {
     /// No schedule of whole ticks can be proven closer: half a tick is its rounding.
-    const LEAST_TICKS: f64 = 0.55;
+    const MIN_TICKS: f64 = 0.55;
     let quantity = node.quantity("1 tick")?;
     match (quantity.base, quantity.per_seconds) {
-        (Base::Tick, 0) if quantity.value >= LEAST_TICKS => Ok(Tolerance::Ticks(quantity.value)),
+        (Base::Tick, 0) if quantity.value >= MIN_TICKS => Ok(Tolerance::Ticks(quantity.value)),
         (Base::Tick, 0) => {
             let message =
-                format!("`tolerance` must be {LEAST_TICKS} ticks at least: ticks are whole, which costs half of one");
+                format!("`tolerance` must be {MIN_TICKS} ticks at least: ticks are whole, which costs half of one");
             Err(node.note("too small", message, "write tolerance = \"1 tick\""))
         }
         (Base::Time, 0) => Ok(Tolerance::Seconds(node.above_zero(quantity.value)?)),

@@ -86,7 +86,7 @@ pub(crate) fn run(args: &MotorArgs, console: &mut Console<'_>) -> miette::Result
     }
     for report in &reports {
         console.print(format_args!("{}: what the winding allows\n{}\n", report.motor, section(&report.winding)))?;
-        console.print("The same from an 8-bit timer, as the sketch of seed 004 has it\n")?;
+        console.print("The same from an 8-bit timer, as the sketch of the maximum-speed article has it\n")?;
         match &report.sketch_cannot {
             None => console.print(section(&report.sketch))?,
             Some(why) => console.print(format_args!("  {why}\n"))?,

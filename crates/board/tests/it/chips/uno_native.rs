@@ -16,7 +16,7 @@ struct Pins {
 /// Every way to wire an Uno.
 const ALL: [Pins; 12] = [
     Pins { name: "the tutorial", pins: &[(8, 9)], timing: SOFTWARE },
-    Pins { name: "004", pins: &[(6, 7)], timing: SOFTWARE },
+    Pins { name: "maximum-speed article", pins: &[(6, 7)], timing: SOFTWARE },
     Pins { name: "pin 9 by hardware", pins: &[(9, 8)], timing: EXACT },
     Pins { name: "pin 10 by hardware", pins: &[(10, 7)], timing: EXACT },
     Pins { name: "pins 9 and 10 by hardware", pins: &[(9, 8), (10, 13)], timing: EXACT },
@@ -30,7 +30,7 @@ const ALL: [Pins; 12] = [
         timing: SOFTWARE,
     },
     Pins { name: "three on the CNC shield", pins: &[(2, 5), (12, 13), (4, 7)], timing: SOFTWARE },
-    Pins { name: "001", pins: &[(9, 8), (10, 8), (11, 8), (12, 8)], timing: SHARED },
+    Pins { name: "sweep article", pins: &[(9, 8), (10, 8), (11, 8), (12, 8)], timing: SHARED },
 ];
 
 impl Pins {

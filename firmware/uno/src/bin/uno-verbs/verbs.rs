@@ -353,7 +353,7 @@ fn take_done() -> Option<(u8, Tick32, u32)> {
     place(&guard)?.verbs.take_done(now)
 }
 
-/// The host has left: see [`AvrVerbs::forsake`].
+/// The host has left: see [`AvrVerbs::drop_endless`].
 #[inline(never)]
 fn host_left() {
     let guard = refill::lock();
