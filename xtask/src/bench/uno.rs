@@ -186,7 +186,7 @@ mod tests {
         let limits: Vec<_> = limits.iter().filter_map(|line| Limit::parse(line)).collect();
         let source = limits_source(&limits).expect("all there");
         for line in [
-            "//! What the Uno's firmware does on",
+            "//! The Uno's limits, measured on",
             "[200, 200, 200, 200],",
             "[333, 333, 333, 333],",
             "= [148, 148, 148, 148];",

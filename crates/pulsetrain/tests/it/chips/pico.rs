@@ -333,7 +333,7 @@ fn a_virtual_pico_tells_of_itself() {
     assert!(!said.contains("compares"), "{said}");
 }
 
-/// STEP on pin 2, 4, …, DIR beside it.
+/// STEP on pin 2, 4, …, DIR on the next pin.
 fn drivers(count: u8) -> Vec<MotorSetup> {
     let motor = |motor| MotorSetup {
         step_pin: 2 + 2 * motor,
