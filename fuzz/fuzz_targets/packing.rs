@@ -22,7 +22,7 @@ fuzz_target!(|input: (u8, i8, &[u8])| {
     }
 });
 
-/// Without the differences that no step of the segment feels: those are not packed.
+/// The segment without the differences that none of its steps uses: those are not packed.
 fn as_run(item: Item) -> Item {
     match item {
         Item::Run { segment, direction } => {

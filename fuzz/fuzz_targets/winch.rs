@@ -37,7 +37,7 @@ fuzz_target!(|input: (bool, Vec<u8>)| {
         }
     }
     reader.push::<InMemory>(b'\n');
-    // With its checksum: a strict board that obeyed a line with one asks every line for its own.
+    // The line has a checksum, because a strict reader demands one from every line after the first that had one.
     let heard = b"ping*10\n".iter().map(|byte| reader.push::<InMemory>(*byte)).last();
     assert_eq!(heard, Some(Heard::Command(LineCommand::Ping)));
 });

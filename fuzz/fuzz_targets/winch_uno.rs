@@ -1,6 +1,7 @@
-//! Bytes of any content to the Uno's reader of lines, in assembly on the emulated chip, and to core's: they hear the same.
+//! Bytes of any content to the Uno's reader of lines, in assembly on the emulated chip, and to core's: both must read
+//! the same commands.
 //!
-//! The coverage that leads the fuzzer is core's and the emulator's.
+//! The fuzzer is guided by the coverage of core and the emulator.
 #![no_main]
 
 #[allow(dead_code, unused_imports, reason = "the rest is for the tests")]
@@ -13,7 +14,7 @@ use winch_avr::Readers;
 fuzz_target!(|input: (bool, &[u8])| {
     let (strict, bytes) = input;
     let mut readers = Readers::new(strict);
-    // Zeros are frames'.
+    // Zeros belong to binary frames; a line of text has none.
     let bytes: Vec<u8> = bytes.iter().copied().filter(|byte| *byte != 0).take(600).collect();
     for line in bytes.split_inclusive(|byte| *byte == b'\n') {
         readers.push(line);

@@ -1,6 +1,6 @@
 //! Bytes from a line, of any content, to a board and to a host: both go on, and each speaks in frames that the other takes.
 //!
-//! A body that the input begins with is framed first, so that commands come through, too.
+//! The beginning of the input is also sent as a correct frame, so that commands reach the board too.
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
@@ -42,7 +42,7 @@ fuzz_target!(|input: Vec<(bool, Vec<u8>)>| {
                 Received::Damaged => assert!(!same_rate, "a board that nobody understands"),
             }
         }
-        // The input may say so; this port does not follow.
+        // The input may contain a Baud command; this port keeps its rate.
         same_rate &= port.board_baud() == Baud::B115200;
 
         link.input(line, now);

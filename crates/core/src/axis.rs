@@ -1,4 +1,4 @@
-//! The axis: one motor's queue, channel and output together; gives its edges, and no sooner than they are due.
+//! The axis: one motor's queue, channel and output together. It returns the motor's edges, no sooner than they are due.
 //!
 //! Nothing after the tick that is asked for is committed but the step that a DIR edge was made for. So at any tick the
 //! position counts the pulses that were begun, and all else can still be switched away.
@@ -16,7 +16,7 @@ pub struct Axis<const F: u32, Q> {
     output: Output,
     /// No edge may be before it.
     open: Tick32,
-    /// What the DIR line was last asked to say by this motor.
+    /// The level of the DIR line that this motor asked for last.
     facing: Option<Direction>,
     setup_cut_short: bool,
 }
@@ -97,12 +97,12 @@ impl<const F: u32, Q: Items> Axis<F, Q> {
         &self.channel
     }
 
-    /// The same, for its lease.
+    /// Mutable access to the channel, for its lease.
     pub const fn channel_mut(&mut self) -> &mut Channel<F> {
         &mut self.channel
     }
 
-    /// Whether a pulse is under way, or coils are to be released: no step is asked for before that.
+    /// Whether a pulse is under way, or coils are to be released. No step is taken before that is done.
     #[must_use]
     pub const fn owes(&self) -> bool {
         self.output.owed().is_some()
@@ -133,7 +133,7 @@ impl<const F: u32, Q: Items> Axis<F, Q> {
         &self.queue
     }
 
-    /// The same, to put items in or take some back.
+    /// Mutable access to the queue, to add items or remove some.
     pub const fn queue_mut(&mut self) -> &mut Q {
         &mut self.queue
     }

@@ -43,7 +43,7 @@ const _: () = assert!(2 + MAX_PACKED_LEN <= LONGEST_PIECE);
 /// Bytes before those that the CRC is of.
 pub const HEAD_LEN: usize = 12;
 
-/// Bytes of what a block says of a motor.
+/// Bytes of a motor's head in a block.
 pub const MOTOR_LEN: usize = 25;
 
 /// What a block begins with.
@@ -196,7 +196,7 @@ impl Repeats {
     }
 }
 
-/// Gives out a motor's packed bytes, piece by piece, for ever if it repeats.
+/// Returns a motor's packed bytes, piece by piece, without end if the motion repeats.
 #[derive(Clone, Debug)]
 pub struct Player<'a> {
     motor: BakedMotor<'a>,

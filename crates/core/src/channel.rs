@@ -97,7 +97,7 @@ pub struct Channel<const F: u32> {
     not_before: Option<Tick32>,
     /// Which way the steps of the segment go.
     direction: Direction,
-    /// What the DIR line was last asked to say.
+    /// The direction that the DIR line was last set to.
     facing: Option<Direction>,
     /// Whether the accumulator means anything.
     anchored: bool,
@@ -448,7 +448,7 @@ impl<const F: u32> Channel<F> {
         self.epoch
     }
 
-    /// The tick of the first step that this epoch asked for and that could not be made.
+    /// The tick of the first step of this epoch that could not be made.
     #[must_use]
     pub const fn missed(&self) -> Option<Tick32> {
         self.missed

@@ -1,7 +1,8 @@
 //! The lease: how long a plan holds. A host puts its end off again and again; if it does not, all motors brake.
 //!
 //! # Terms
-//! - A lease begins with a switch that carries one. With [`Lease::Off`] (motions in flash, verbs) a plan holds as long as there is one.
+//! - A lease begins with a switch that carries one. With [`Lease::Off`] (motions in flash, verbs) a plan is valid
+//!   without a time limit.
 //! - [`Until`](Lease::Until) U: steps due before U are the plan's, none at U or later. An extension is accepted if U is not before the
 //!   horizon; it may be shorter. Nothing behind U is dropped before the horizon reaches U, so that a longer one restores it.
 //! - [`Last`](Lease::Last): the host has sent all of the plan, which ends by itself.
@@ -15,10 +16,11 @@
 //! reversal came after its last step. **A motor whose motion ends before that of others says so by a wait, of 0 ticks if need be**: one
 //! that has nothing planned, and is not fresh, has run dry.
 //!
-//! # One for all
-//! A motor that runs dry before U, items that are none, a step that cannot be made: that motor brakes at once, and all others from the
-//! horizon. So whoever has several channels looks after each event whether one [has news](crate::Channel::has_news), and tells
-//! [what is agreed](crate::channels::agreed_lapse) to all.
+//! # One motor stops all
+//! If a motor has nothing more to do before U, if bytes are no item, or if a step cannot be made, then that motor
+//! brakes at once and all others brake from the horizon. So the owner of several channels checks after each event
+//! whether one of them [has news](crate::Channel::has_news), and passes [what is agreed](crate::channels::agreed_lapse)
+//! to all.
 
 use crate::Tick32;
 
@@ -36,13 +38,13 @@ pub enum Lease {
 /// Why motors brake.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LapseCause {
-    /// The lease was not put off in time.
+    /// The host did not extend the lease in time.
     NotExtended,
     /// The host ordered it.
     Ordered,
     /// A motor had nothing more to do before the lease's end.
     Underrun,
-    /// What waited was no item, or a check failed.
+    /// The waiting bytes were no item, or a check failed.
     BadItem,
     /// A step came too late, or too soon after another.
     StepMissed,

@@ -21,7 +21,7 @@ use crate::output::Edge;
 #[derive(Clone, Debug)]
 pub struct Merge<const N: usize> {
     heads: [Option<Edge>; N],
-    /// Streams that have a head or may be asked for one; bit i is stream i.
+    /// Streams that have a head or may have one. Bit i is stream i.
     open: u32,
     levels: u32,
 }
@@ -36,7 +36,7 @@ impl<const N: usize> Merge<N> {
         Merge { heads: [None; N], open: Self::ALL, levels: 0 }
     }
 
-    /// Asks streams again that had nothing to give: when there is more to come, or time went on.
+    /// Lets all streams be asked again, because time has passed or they have new steps.
     pub const fn reopen(&mut self) {
         self.open = Self::ALL;
     }

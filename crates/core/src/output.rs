@@ -91,7 +91,7 @@ impl Output {
         }
     }
 
-    /// Whether every step must say its direction, since another motor may have changed the line.
+    /// Whether every step must set its direction, because another motor may have changed the line.
     #[must_use]
     pub const fn asserts_every_step(&self) -> bool {
         matches!(self, Output::StepDir(driver) if driver.shared_dir)
@@ -117,13 +117,13 @@ pub struct StepDirSettings {
     pub step_line: u8,
     /// Line of DIR, 0..32.
     pub dir_line: u8,
-    /// STEP stays high so long, 1..2^30.
+    /// Length of a STEP pulse, ticks, 1..2^30.
     pub pulse_ticks: u32,
-    /// DIR changes so long before the step that it is for, below 2^30.
+    /// Time from a change of DIR to its step, ticks, below 2^30.
     pub setup_ticks: u32,
     /// DIR is high for forward.
     pub forward_high: bool,
-    /// Another motor uses the same DIR line.
+    /// Whether another motor uses this DIR line too.
     pub shared_dir: bool,
 }
 
@@ -243,7 +243,7 @@ impl Coils {
         self.release = self.release_ticks.map(|ticks| tick.after(ticks));
     }
 
-    /// If no step follows within so many ticks, all coils are switched off.
+    /// All coils are switched off if no step follows within this many ticks.
     pub(crate) const fn release_ticks(&self) -> Option<u32> {
         self.release_ticks
     }
@@ -273,7 +273,7 @@ impl Coils {
         edge
     }
 
-    /// Switches all coils off at once; the next step goes on from the phase that was left.
+    /// Switches all coils off at once. The next step continues from their last phase.
     pub const fn switch_off(&mut self) {
         (self.now, self.release) = (0, None);
     }

@@ -65,7 +65,7 @@ impl Segment {
         k * self.interval as i128 + pairs * self.add as i128 + triples * self.add2 as i128
     }
 
-    /// What is left after the first `k` steps (`k` ≤ `count`): the same ticks from there on.
+    /// The segment without its first `k` steps (`k` ≤ `count`); its steps keep their ticks.
     ///
     /// With `k` = `count` the registers as they stand after the last step; they wrap like a board's.
     #[must_use]
@@ -137,7 +137,7 @@ impl Recurrence {
         self.add2 = segment.add2;
     }
 
-    /// Goes on to the next step; the tick of that step is `accumulator >> F`.
+    /// Advances to the next step. The tick of that step is `accumulator >> F`.
     pub const fn advance(&mut self) {
         self.accumulator = self.accumulator.wrapping_add_signed(self.interval);
         self.interval = self.interval.wrapping_add(self.add);

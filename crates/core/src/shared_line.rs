@@ -1,13 +1,13 @@
-//! A DIR line that several motors share, after a lapse: then no plan keeps their steps apart.
+//! A DIR line that several motors share, while they brake after a lapse. Then no plan keeps their steps apart.
 //!
-//! The steps of all motors of a line are made in the order in which they are scheduled, those of one tick by the motors' numbers; one
-//! that is committed already goes first. One that finds the line the other way is
-//! [put off](crate::Channel::put_off) until the last step has had its pulse and hold, and the line its setup. Its motor's accumulator does not
-//! move by that.
+//! The steps of all motors of the line are made in the order of their scheduled ticks; at one tick, in the order of the
+//! motors' numbers. A step that is already committed comes first. A step that needs the other level of the line is [put
+//! off](crate::Channel::put_off) until the last step has had its pulse and hold time and the line its setup time. This
+//! does not change the accumulator of its motor.
 
 use crate::Tick32;
 
-/// Such a line: what keeps steps apart that want it at different levels.
+/// The state of such a line. It keeps steps apart that need different levels.
 #[derive(Clone, Copy, Debug)]
 pub struct SharedLine {
     apart_ticks: u32,

@@ -18,7 +18,8 @@ pub struct Board {
     /// Whether it has one pulse length, DIR set-up and hold for all motors: the longest that a driver needs. See
     /// [`Program::timing`](crate::program::Program::timing).
     pub one_timing: bool,
-    /// What a turn of DIR takes besides pulse, hold and set-up, ticks: from the step before it to the one after it.
+    /// Time that a turn of DIR takes in addition to pulse, hold and set-up, from the step before it to the step after
+    /// it, ticks.
     pub turn_ticks: u32,
     /// What it needs between steps of different motors; `None` where their pulses may overlap.
     pub shared_steps: Option<SharedSteps>,
@@ -32,19 +33,19 @@ pub struct Board {
 /// comes on top.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SegmentTicks {
-    /// One that goes the same way as that before it.
+    /// A segment in the direction of the one before it.
     pub onward: u32,
-    /// One that turns.
+    /// A segment in the other direction.
     pub turning: u32,
-    /// What comes on top of either, for good, as the board has to hear of it from the host: that can wait while the queue lasts.
+    /// Additional time for receiving either kind from the host. This work can wait while the queue lasts.
     pub heard: u32,
 }
 
 /// How a board makes the steps of motors that share a DIR line, if one after the other: those of all its motors then.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SharedSteps {
-    /// Steps within so many ticks are made together.
+    /// Steps within this many ticks are made together.
     pub together_ticks: u32,
-    /// From a step to one that is not made together with it, ticks at least.
+    /// Shortest time from a step to one that is not made together with it, ticks.
     pub apart_ticks: u32,
 }

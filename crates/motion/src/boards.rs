@@ -48,11 +48,11 @@ pub struct LineRow {
     /// From an item's leaving its queue to a lease that counts on what came in its place, without the time on the line, µs: of a board that has had
     /// nothing to read.
     pub delay_us: u32,
-    /// So much longer it is for each byte of plans that the board has had to read in the last 10 ms, µs.
+    /// Additional delay for each byte of plans that the board had to read in the last 10 ms, µs.
     pub delay_byte_us: u32,
-    /// What the line brings meanwhile besides that item, bytes.
+    /// Other bytes that the line brings within this delay, bytes.
     pub delay_bytes: u32,
-    /// What the line brings besides plans, bytes/s: extensions of the lease, and questions.
+    /// Rate of the bytes that are no plans, bytes/s: extensions of the lease, and questions.
     pub other_bytes_per_s: u32,
     /// How many bytes a byte of a plan takes on the line, with its share of a frame.
     pub frame_share: f64,
@@ -63,7 +63,7 @@ pub struct LineRow {
 /// How the pins of a board work together.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum PinRules {
-    /// They are alike.
+    /// All pins are equivalent.
     Alike,
     /// As [`PinKind`] says, each kind at rates of its own.
     Kinds(&'static Rates),
@@ -83,7 +83,7 @@ struct Rates {
     queues: u32,
 }
 
-/// So many pulses were measured.
+/// The number of pulse lengths that were measured.
 const PULSES: usize = 4;
 
 static UNO: Rates = Rates {
@@ -104,7 +104,7 @@ pub enum PinError {
     None {
         /// Board.
         board: String,
-        /// As asked for.
+        /// The pin in the motion file.
         pin: String,
         /// Lowest pin number.
         first: u8,
@@ -152,7 +152,7 @@ impl BoardRow {
         self.pin(i64::from(pin.or_else(|| number("")).ok_or_else(|| self.no_pin(name.to_owned()))?))
     }
 
-    /// How the pins of these motors work together; `None` on boards whose pins are alike.
+    /// The kind of the pins of these motors; `None` on boards whose pins are equivalent.
     ///
     /// # Errors
     /// [`PinsError`] if they do not.
@@ -274,8 +274,14 @@ pub fn find(name: &str) -> Option<BoardRow> {
 /// firmware/uno/src/engine/steps/stepper.rs: for an interrupt that is late before it and after it, and the way to the line after the match; and twice the
 /// distance of groups, by which a merge moves edges.
 const TURN_TICKS: [u32; 2] = [24 + 48 + 24, 60 + 16 + 60 + 2 * 76];
+<<<<<<< HEAD
 /// The same of one and of two motors of the compare hardware's: the distance of groups, before it and after it.
 const TURN_TICKS_BY_COMPARE: [u32; 2] = [2 * GROUP_SPACING_TWO_RINGS_TICKS[0], 2 * GROUP_SPACING_TWO_RINGS_TICKS[1]];
+=======
+/// Time that a turn of DIR takes with one motor, and with two, on the compare hardware, ticks: the distance of groups,
+/// before it and after it.
+const TURN_TICKS_BY_COMPARE: [u32; 2] = [2 * GROUPS_APART_BESIDE_TICKS[0], 2 * GROUPS_APART_BESIDE_TICKS[1]];
+>>>>>>> cm-emu
 
 /// What a word of a Pico's state machine takes at least: the longest pulse of all motors and three cycles, which
 /// `pulsetrain_core::pio` has. Steps are no closer, and DIR changes in a word of its own.
@@ -284,8 +290,8 @@ fn word_ticks(motors: &[Motor], hz: u64) -> u32 {
     u32::try_from(pulse.max(3) + 3).unwrap_or(u32::MAX)
 }
 
-/// What a turn takes a Pico besides pulse, hold and set-up: the word that changes DIR begins when that of the step before is
-/// over, and ends before that of the step after.
+/// Time that a turn takes a Pico in addition to pulse, hold and set-up, ticks: the word that changes DIR begins when
+/// the word of the step before it is over, and ends before the word of the step after it.
 fn word_turn_ticks(motors: &[Motor], hz: u64) -> u32 {
     let word = u64::from(word_ticks(motors, hz));
     let timing = DriverTiming::longest(motors).ticks(hz);
@@ -306,23 +312,28 @@ const PULSE_LATE_TICKS: [u32; 2] = [24, 60];
 
 /// What an Uno keeps between two matches, on one port and on the shield's pins, ticks: `SPACING` and `SPACING_SHIELD` there.
 const GROUPS_APART_TICKS: [u32; 2] = [48, 60];
+<<<<<<< HEAD
 /// What it keeps with a ring for each motor: `SPACING_TWO_RINGS`, and `SPACING_TWO_COMPARE`.
 const GROUP_SPACING_TWO_RINGS_TICKS: [u32; 2] = [96, 171];
+=======
+/// Distance of two matches if each motor has a ring of its own, ticks: `APART_BESIDE`, and `APART_TWO_COMPARE`.
+const GROUPS_APART_BESIDE_TICKS: [u32; 2] = [96, 171];
+>>>>>>> cm-emu
 
 /// How an Uno makes a pulse whose end is a match of its own: `PulseTiming::of` in firmware/uno/src/engine/steps/stepper/timing.rs.
 struct LongPulse {
-    /// By what it is longer than it was asked for, ticks.
+    /// How much longer the pulse is than configured, ticks.
     more: u32,
-    /// So late its end may be, ticks.
+    /// How late its end may be, ticks.
     late: u32,
-    /// From its end to the next step at least, ticks.
+    /// Shortest time from its end to the next step, ticks.
     apart: u32,
-    /// Whether its steps are ever worked out together.
+    /// Whether several steps may be worked out at once.
     together: bool,
 }
 
 impl LongPulse {
-    /// Of so many motors that share no DIR line; a pair has a ring each.
+    /// The pulse with this many motors, none of which share a DIR line. The motors of a pair have a ring each.
     fn of(kind: PinKind, motors: usize, is_pair: bool) -> LongPulse {
         let [alone, moved] = PULSE_LATE_TICKS;
         if kind == PinKind::Compare {

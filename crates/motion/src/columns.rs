@@ -87,7 +87,7 @@ pub fn shown(bytes: &[u8]) -> String {
 pub struct Role<'a> {
     /// In messages: "the time".
     pub what: &'a str,
-    /// A name that goes before the others: the motor's.
+    /// A name with priority over the others: the motor's.
     pub own: Option<&'a str>,
     /// Names: words in lower case, parted by spaces.
     pub names: &'a [&'a str],
@@ -414,7 +414,7 @@ impl Header<'_> {
         if !own.is_empty() {
             return own;
         }
-        // Beside a speed these may be accelerations.
+        // If there is a speed, these may be accelerations.
         let has_speed = self.titles.iter().any(|title| SPEEDS.contains(&&*title.name));
         let is_doubtful =
             |title: &Title| has_speed && title.unit == Stated::Nothing && ["a", "alpha", "α"].contains(&&*title.name);

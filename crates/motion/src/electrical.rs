@@ -60,7 +60,7 @@ impl WindingError {
 }
 
 impl Winding {
-    /// The same if it can be a motor's.
+    /// Returns the winding if its data are possible for a motor.
     ///
     /// # Errors
     /// [`WindingError`] if a full step takes less than 1 ns or more than 1000 s.

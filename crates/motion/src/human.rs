@@ -54,7 +54,7 @@ pub fn seconds(seconds: f64) -> String {
     seconds_to(seconds, 3)
 }
 
-/// The same with `digits` significant digits.
+/// A time in the unit that suits it, with `digits` significant digits.
 #[must_use]
 pub fn seconds_to(seconds: f64, digits: usize) -> String {
     let (factor, unit) = time_unit(seconds);

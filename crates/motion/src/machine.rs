@@ -132,7 +132,7 @@ impl fmt::Display for OutOfReach {
 }
 
 impl Delta {
-    /// The same robot, its lengths in units of `mm` millimetres.
+    /// This robot with its lengths in units of `mm` millimetres.
     pub(crate) fn in_unit(&self, mm: f64) -> Delta {
         Delta {
             base_mm: self.base_mm / mm,

@@ -25,7 +25,7 @@ pub struct Motor {
 }
 
 impl Motor {
-    /// Whether another motor has the same DIR line.
+    /// Whether another motor uses the same DIR line.
     #[must_use]
     pub fn shares_dir_with(&self, other: &Motor) -> bool {
         let dir = |motor: &Motor| match motor.wiring {

@@ -207,7 +207,7 @@ impl PinKind {
         if strays.is_empty() { Ok(nearest) } else { Err(PinsError::Apart { nearest, strays }) }
     }
 
-    /// The same for the motors of a program.
+    /// The kind of the pins of a program's motors.
     ///
     /// # Errors
     /// As [`PinKind::of_wirings`].

@@ -16,7 +16,8 @@ pub struct Program {
     pub grid: Grid,
     /// Largest |scheduled − exact| that the user accepts.
     pub tolerance: Tolerance,
-    /// After so long a rest, ms, drivers and coils are switched off (1 to [`LONGEST_IDLE_MS`]); `None`: they hold.
+    /// Drivers and coils are switched off after a rest of this length, ms (1 to [`LONGEST_IDLE_MS`]); `None`: they stay
+    /// on.
     pub idle_ms: Option<u16>,
     /// The motors, in the file's order.
     pub motors: Vec<Motor>,
@@ -53,7 +54,7 @@ pub enum BoardError {
 }
 
 impl Program {
-    /// The same program on another board; the tolerance stays what it was.
+    /// This program on another board. The tolerance keeps its value.
     ///
     /// # Errors
     /// [`BoardError`] if the board drives fewer motors, or is in the table and lacks a pin that the file uses.
@@ -72,8 +73,9 @@ impl Program {
         Ok(Program { board, ..self })
     }
 
-    /// The times that the board keeps to for a motor: its driver's. Where the board has one pulse length, set-up and hold for all motors,
-    /// these are the longest of all drivers, and LOW is the motor's own: nobody makes it, it is what is left between two pulses.
+    /// The driver times that the board keeps for a motor. Where the board has one pulse length, set-up and hold for all
+    /// motors, these are the longest of all drivers. LOW is the motor's own, because it is simply the time between two
+    /// pulses.
     #[must_use]
     pub fn timing(&self, motor: &Motor) -> DriverTiming {
         let is_driver = matches!(motor.wiring, Wiring::StepDir { .. });

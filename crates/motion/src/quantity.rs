@@ -190,7 +190,7 @@ pub fn assignment(key: &str, amount: f64, unit: &str) -> String {
     format!("{key} = \"{}\"", written(amount, unit))
 }
 
-/// The same of a time, in the unit that fits.
+/// A key and a time as a line of a motion file, with the unit that suits the time.
 ///
 /// ```
 /// use pulsetrain_motion::quantity::time_assignment;

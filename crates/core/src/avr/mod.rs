@@ -1,4 +1,4 @@
-//! The same motion in the integers of an 8-bit processor, the Uno's ATmega328P: nothing is wider than 40 bits.
+//! The motion in the integers of an 8-bit processor, the Uno's ATmega328P: no value is wider than 40 bits.
 //!
 //! # What is here
 //! - [`Registers`]: the live recurrence with 16 fraction bits, laid out for a step engine in assembly

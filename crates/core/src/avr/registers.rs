@@ -1,5 +1,5 @@
-//! The recurrence with 16 fraction bits in 21 bytes: what registers of that width do, said in Rust. The Uno's assembly does the same, and
-//! a test compares the two.
+//! The recurrence with 16 fraction bits in 21 bytes, in registers of the widths that an 8-bit processor uses. The Uno's
+//! assembly does the same computation, and a test compares the two.
 
 use crate::Tick32;
 

@@ -1,4 +1,4 @@
-//! Orders to motors on an 8-bit processor: the same steps as [`crate::verbs`], with ticks of 32 bits.
+//! Verbs of motors on an 8-bit processor: the steps are those of [`crate::verbs`], with ticks of 32 bits.
 //!
 //! Steps come one evenly spaced row at a time ([`AvrVerbs::take`]), since the chip has no room for a queue of items. What differs from there:
 //! periods go up to [`LONGEST_PERIOD`], and fewer moves may wait to be reported ([`MOST_UNTOLD`]). `tests/it/avr_verbs.rs` compares the two.
@@ -246,7 +246,7 @@ fn later(one: Tick32, other: Tick32) -> Tick32 {
     if one.is_before(other) { other } else { one }
 }
 
-/// All motors of a board that obeys verbs, all with the same timing.
+/// All motors of a board that obeys verbs. All have the same timing.
 ///
 /// Zeros are such motors, too, none: each field is of integers, or of an enum that has a 0.
 #[derive(Clone, Debug)]
@@ -403,11 +403,11 @@ impl AvrVerbs {
 
     /// See [`crate::verbs::Verbs::rest_at`].
     pub fn rest_at(&mut self, now: Tick32) -> bool {
-        // All of them are asked, whatever the first one says: what is past is noted.
+        // All motors are asked, even after the first answer is known, because each call also notes steps that are past.
         self.motors().iter_mut().fold(true, |rest, motor| rest & motor.rests_at(now))
     }
 
-    /// Nobody is there to say more: see [`crate::verbs::Motor::drop_endless`].
+    /// The host is lost and no order will come: see [`crate::verbs::Motor::drop_endless`].
     pub fn drop_endless(&mut self) {
         for motor in self.motors() {
             motor.drop_endless();

@@ -17,7 +17,7 @@ impl<const N: usize> Pool<N> {
         Pool([0; N])
     }
 
-    /// An empty queue in the share of motor number `motor` of `motors` (1 to 4), the same for each.
+    /// An empty queue in the share of motor number `motor` of `motors` (1 to 4). All shares have the same size.
     ///
     /// A motor that there is not, or a fifth, has no room at all.
     #[expect(clippy::cast_possible_truncation, reason = "N is checked in `new`")]
@@ -72,7 +72,7 @@ struct EpochBytes {
     len: u16,
 }
 
-/// A ring of bytes in a share of a [`Pool`]. Each method that touches bytes takes that pool, always the same one.
+/// A ring of bytes in a share of a [`Pool`]. Every method that touches bytes must get the same pool.
 #[derive(Clone, Debug)]
 pub struct ByteQueue {
     /// The share.
@@ -185,7 +185,7 @@ impl ByteQueue {
         }
     }
 
-    /// Whether so many bytes of the newest epoch wait.
+    /// Whether `len` bytes of the newest epoch are waiting.
     #[must_use]
     pub fn can_drop_last(&self, len: u16) -> bool {
         len <= self.newest().map_or(0, |part| part.len)

@@ -1,4 +1,4 @@
-//! Packed bytes that wait → items for a channel. Checks among them are compared here, and go no further.
+//! A queue of packed bytes that returns items to a channel. It compares the checks among them itself.
 
 use super::{ByteQueue, Pool, PushRefused};
 use crate::packing::{CHECK_LEN, MAX_PACKED_LEN, MOST_ONWARD, Packing, State, Units};
@@ -10,17 +10,17 @@ use crate::{Direction, Epoch, Item, Recurrence};
 pub enum Fault {
     /// No packer makes them.
     BadItem,
-    /// A check says that the motor ought to be elsewhere, or at another time.
+    /// A check contradicts the motor's position or time.
     CheckFailed,
 }
 
-/// Bytes that an item or a check takes at most.
+/// Longest item or check, bytes.
 #[expect(clippy::cast_possible_truncation, reason = "checked in the next line")]
 const MOST_IN_FRONT: u16 = MAX_PACKED_LEN as u16;
 const _: () = assert!(CHECK_LEN <= MAX_PACKED_LEN && MAX_PACKED_LEN < 256);
 
-/// So many bytes must wait before a run is taken by [`Packing::unpack_onward`]: the longest that it takes, so that it need not look
-/// where they end.
+/// Bytes that must wait before [`Packing::unpack_onward`] takes a run. It is the longest run, so that the function need
+/// not look for the end of the bytes.
 #[expect(clippy::cast_possible_truncation, reason = "it is 11")]
 const ONWARD_LEN: u16 = MOST_ONWARD as u16;
 

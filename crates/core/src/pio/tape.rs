@@ -1,18 +1,18 @@
-//! The ring that words wait in: which of them are written, and which position and tick each stands for. The words themselves are not
-//! here, but in memory that a DMA reads.
+//! The tape: a ring of words that wait for the state machine. It knows which words are written, and the position and
+//! tick of each. The words themselves are in memory that a DMA reads.
 
 use crate::Tick32;
 
 /// Words one after the other that all count the same.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Run {
-    /// Number of its first word, wrapping.
+    /// The number of its first word, wrapping.
     pub first: u32,
-    /// When the lines change in the word before its first.
+    /// The tick at which the word before its first changes the lines.
     pub tick: Tick32,
     /// The position before its first word.
     pub position: i32,
-    /// What each of its words counts: 1, 0, −1.
+    /// The steps that each of its words counts: 1, 0 or −1.
     pub sign: i32,
 }
 
@@ -24,7 +24,7 @@ const LONGEST_RUN: u32 = 256;
 /// A word's place is free again once the run that it is in is past, and the one after it.
 #[derive(Clone, Debug)]
 pub struct Tape<const N: usize, const RUNS: usize> {
-    /// Words written so far, wrapping.
+    /// The number of words written so far, wrapping.
     written: u32,
     /// Numbers of the run that is being written and of the first that is kept, wrapping.
     last: u32,
@@ -64,13 +64,13 @@ impl<const N: usize, const RUNS: usize> Tape<N, RUNS> {
         }
     }
 
-    /// Words written so far, wrapping.
+    /// The number of words written so far, wrapping.
     #[must_use]
     pub const fn written(&self) -> u32 {
         self.written
     }
 
-    /// Whether there is room for `words` words, each in a run of its own.
+    /// Whether there is room for `words` words that are a run each.
     #[must_use]
     pub const fn has_room(&self, words: u32) -> bool {
         let runs = Self::MOST - 1 - self.last.wrapping_sub(self.first);
@@ -121,7 +121,7 @@ impl<const N: usize, const RUNS: usize> Tape<N, RUNS> {
         }
     }
 
-    /// The position once the first `words` words (wrapping) have changed the lines.
+    /// The position after the first `words` words (wrapping) have changed the lines.
     #[must_use]
     pub fn position_after(&self, words: u32) -> i32 {
         let run = self.find(|run| !Tick32(words).is_before(Tick32(run.first)));
@@ -189,7 +189,7 @@ impl<const N: usize, const RUNS: usize> Tape<N, RUNS> {
         self.last(if self.written == 0 { words } else { self.written }, overhead, memory).0
     }
 
-    /// How long after the word before a word changes the lines.
+    /// Time from one word's change of the lines to the next word's.
     fn lasts(&self, number: u32, overhead: u32, memory: &[u32; N]) -> u32 {
         (memory[(number & (Self::WORDS - 1)) as usize] & super::LONGEST_WAIT).wrapping_add(overhead)
     }
@@ -223,7 +223,7 @@ impl<const N: usize, const RUNS: usize> Tape<N, RUNS> {
         &self.runs[Self::place(number)]
     }
 
-    /// Words that may be written.
+    /// How many words can be written now.
     const fn free(&self) -> u32 {
         let first = self.runs[Self::place(self.first)].first;
         Self::WORDS - self.written.wrapping_sub(first)

@@ -1,4 +1,5 @@
-//! Channel and output of one motor → words on its tape. When they are written, and how far ahead, the board says.
+//! Turns channel and output of one motor into words on its tape. The board decides when they are written, and how far
+//! ahead.
 
 use super::{COILS_OVERHEAD, Expand, LONGEST_WAIT, STEP_DIR_OVERHEAD, Stretch, Tape, WAIT_BITS};
 use crate::channel::{Ahead, Channel, EventKind, StepEvent};
@@ -10,13 +11,13 @@ use crate::{Direction, Recurrence, Tick32};
 /// How far [`Words::fill`] came.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Filled {
-    /// To the tick that was asked for.
+    /// Up to the tick of the call.
     All,
     /// To the end of the room that there was, or of the work that was allowed.
     Part,
 }
 
-/// One motor's channel and output, `F` fraction bits; writes words.
+/// The channel and the output of one motor, with `F` fraction bits. It writes words.
 ///
 /// A DIR line is set up by a word of its own, which must end before the step: set-up times below [`Words::overhead`] are made
 /// as long as that by whoever makes the output.
@@ -24,12 +25,12 @@ pub enum Filled {
 pub struct Words<const F: u32> {
     channel: Channel<F>,
     output: Output,
-    /// What a word lasts beyond its wait.
+    /// How long a word lasts in addition to its wait, ticks.
     overhead: u32,
     /// The lines after the last word, and what a step adds to them for a pulse.
     levels: u32,
     step: u32,
-    /// When the lines change in the last word.
+    /// The tick at which the last word changes the lines.
     end: Tick32,
     /// Until when the last step, or the release of coils, takes.
     busy: Option<Tick32>,
@@ -66,7 +67,7 @@ impl<const F: u32> Words<F> {
         }
     }
 
-    /// What a word lasts beyond its wait, ticks: no steps are closer than that.
+    /// How long a word lasts in addition to its wait, ticks. Steps cannot be closer than that.
     #[must_use]
     pub const fn overhead(&self) -> u32 {
         self.overhead
@@ -84,7 +85,7 @@ impl<const F: u32> Words<F> {
         &self.channel
     }
 
-    /// The same, to switch it.
+    /// Mutable access to the channel, to switch it.
     pub const fn channel_mut(&mut self) -> &mut Channel<F> {
         &mut self.channel
     }
@@ -107,7 +108,7 @@ impl<const F: u32> Words<F> {
         self.setup_cut_short = false;
     }
 
-    /// The lines as they are after the last word.
+    /// The lines after the last word.
     #[must_use]
     pub const fn levels(&self) -> u32 {
         self.levels
@@ -190,7 +191,7 @@ impl<const F: u32> Words<F> {
         most: u32,
         expand: Expand,
     ) -> Filled {
-        // A word that begins when this is over would be late for what comes before.
+        // A word that begins after `until` is over would be too late for events before that.
         let limit = until.after(self.overhead);
         // As far as a DIR edge may come before its step, and coils' release before the next one.
         let look = limit.after(self.output.lead_ticks()).after(self.overhead);
@@ -225,7 +226,7 @@ impl<const F: u32> Words<F> {
             }
             let Some(event) = event.filter(|event| !limit.is_before(self.output.due(*event))) else { break };
             if event.kind == EventKind::Step {
-                // A segment that goes on where the one before ended: its first step is one of many, too.
+                // A segment that continues the one before it: its first step is one of many, too.
                 let before = tape.written();
                 self.go_on(items, tape, memory, [limit, Tick32(stop)], expand);
                 if tape.written() != before {
@@ -254,7 +255,7 @@ impl<const F: u32> Words<F> {
         until: Tick32,
         limit: Tick32,
     ) {
-        // Coils' release is not an event: the word leaves it room.
+        // The release of coils is no event, so this word leaves time for it.
         let release = if let Output::Coils(_) = self.output { self.output.owed() } else { None };
         let tick = match release {
             Some(release) if release.is_before(limit) => release.before(self.overhead),
@@ -272,7 +273,7 @@ impl<const F: u32> Words<F> {
         self.channel.peek(items, look)
     }
 
-    /// Takes an event; gives its word, if the lines change.
+    /// Handles an event. Returns its word if the lines change.
     #[inline(never)]
     fn make(&mut self, event: StepEvent) -> Option<Due> {
         let due = self.output.due(event);
@@ -288,7 +289,7 @@ impl<const F: u32> Words<F> {
                     return None;
                 }
                 self.setup_cut_short |= tick != due;
-                // With no room for a word of its own it goes with the step's.
+                // There is no time for a word of its own, so it is joined with the step's word.
                 let fits = !event.tick.is_before(tick.after(self.overhead));
                 fits.then_some(Due { tick, bits: self.idle_bits(), sign: 0 })
             }
@@ -423,12 +424,12 @@ impl<const F: u32> Words<F> {
         }
     }
 
-    /// Of a word that leaves the lines as they are.
+    /// The line bits of a word that leaves the lines as they are.
     const fn idle_bits(&self) -> u32 {
         if self.step == 0 { self.levels << WAIT_BITS } else { (self.levels | self.levels << 2) << WAIT_BITS }
     }
 
-    /// Of a word with a step.
+    /// The line bits of a word with a step.
     const fn step_bits(&self) -> u32 {
         self.idle_bits() | self.step << WAIT_BITS
     }
@@ -444,7 +445,7 @@ fn expand_into(words: &mut [u32], bits: u32, expand: Expand, recurrence: &mut Re
     if room == 0 {
         return 0;
     }
-    // One word cannot wait for longer.
+    // One word cannot wait longer.
     let stretch = Stretch { gap: ahead.gap, ticks: ahead.ticks.min(LONGEST_WAIT), bits };
     expand(recurrence, words, &stretch)
 }

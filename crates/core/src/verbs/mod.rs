@@ -1,4 +1,4 @@
-//! Motors that take orders directly, without a plan: so many steps, at this period, in this direction.
+//! Motors that take orders directly, without a plan: a number of steps, with a period, in a direction.
 //!
 //! # What is here, top down
 //! - [`Verbs`]: all motors, and how far what they do is known
@@ -21,7 +21,7 @@ use crate::Item;
 /// Motors at most: a bit each in a byte.
 pub const MAX_MOTORS: usize = 8;
 
-/// Verbs for motors, all from the same tick on, in the order in which they are done.
+/// The verbs of one order for one or more motors. All begin at one tick and are executed in order.
 pub trait OrderList {
     /// The motors, and a verb for each.
     fn iter(&self) -> impl Iterator<Item = (u8, Verb)>;

@@ -85,15 +85,16 @@ pub const MOST_ITEMS: usize = 6;
 /// at which each was done is kept.
 pub const MOST_UNTOLD: u32 = 4;
 
-/// After so many ticks without a step the channel's accumulator is set by an anchor, since it can compare ticks within 2^30 only.
+/// After this many ticks without a step an anchor sets the channel's accumulator, because the channel can only compare
+/// ticks within 2^30.
 const STALE: u64 = 1 << 29;
 
-/// What is under way.
+/// The order that is under way.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
 pub(crate) enum Job {
     Rest,
-    /// So many steps are left; with 0 the last one's period.
+    /// The number of steps that are left. With 0, the period of the last one is left.
     Steps(u32),
     Endless,
 }

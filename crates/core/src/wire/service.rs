@@ -1,10 +1,11 @@
-//! The board's side: takes frames, does through a [`Machine`] what they ask, and writes the answers.
+//! The board's side of the link: takes frames, executes them through a [`Machine`], and writes the answers.
 //!
 //! # Order
-//! A frame is taken when its sequence number is the next one; what comes again is answered again and not done again;
-//! what comes too early is not taken, and the host learns where to go back to ([`Reply::Missing`]). Data are
-//! acknowledged by the latest of them, and so are extensions of a lease: which of these was accepted, a number says. A command is answered once it is done; the host waits for that before it says
-//! more. What was asked last is remembered with its outcome, so that an answer that was lost can be given again.
+//! A frame is executed if its sequence number is the next one. A repeated frame is answered again and not executed
+//! again. A frame that comes too early is not executed, and the answer ([`Reply::Missing`]) tells the host from which
+//! frame to repeat. One acknowledgement serves for all Data up to its number, and for extensions of a lease; a field
+//! tells which extension was accepted. A command is answered when it is done, and the host sends nothing more before
+//! that. The last request is kept with its outcome, so that a lost answer can be repeated.
 //!
 //! # Who may speak
 //! Hello takes the board; until Bye, or until the host was silent for too long, another Hello is refused. Each session

@@ -1,4 +1,4 @@
-//! What a board keeps without power: how it behaves where nobody says otherwise.
+//! Settings that a board keeps without power, for everything that a host's configuration leaves open.
 
 /// Bytes of [`Settings`], in frames and in a board's memory, where their CRC ([`check`](super::frame::check)) follows.
 pub const SETTINGS_LEN: usize = 14;
@@ -18,7 +18,7 @@ pub struct Settings {
     pub deadman_ms: u16,
     /// Text releases the drivers after so long a rest, ms; 0: not.
     pub idle_ms: u16,
-    /// After so long without a frame a host is lost, ms, if its configuration says 0; 0: 2000.
+    /// A host counts as lost after this long without a frame, ms, if its configuration has 0; 0: 2000.
     pub silence_ms: u16,
     /// Greatest speed of text's axes, 0.001 steps/s.
     pub vmax: u32,
@@ -26,13 +26,13 @@ pub struct Settings {
     pub amax: u32,
 }
 
-/// What a board keeps of them.
+/// The stored settings of a board.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Stored {
-    /// Those that hold; `None`: nothing was stored, or it was damaged.
+    /// The valid settings; `None`: nothing was stored, or it was damaged.
     pub settings: Option<Settings>,
-    /// Something damaged was found in their place: those before hold, or none. A Pico tells that; on an Uno it is as if nothing had been
-    /// stored.
+    /// Whether damaged settings were found, so that older ones hold, or none. A Pico can tell; on an Uno damaged
+    /// settings are as if nothing had been stored.
     pub is_damaged: bool,
 }
 

@@ -404,7 +404,7 @@ fn sleep_on_exit() {
     bench.reach(handler(IRQ));
 }
 
-/// §B3.3: it counts down to 0 and begins anew at the reload value: a period of reload + 1 clocks.
+/// §B3.3: the counter counts down to 0 and continues at the reload value: a period of reload + 1 clocks.
 #[test]
 fn systick_counts() {
     let mut bench = nops();
@@ -435,7 +435,7 @@ fn systick_counts() {
     assert_eq!(bench.peek(SYST_CALIB), 0);
 }
 
-/// The exception is asked for in the cycle in which the counter gets to 0; also while the processor sleeps.
+/// The exception becomes pending in the cycle in which the counter reaches 0, also while the processor sleeps.
 #[test]
 fn systick_interrupts() {
     let mut bench = Bench::with(&[WFI, 0xe7fd]);

@@ -435,7 +435,7 @@ fn addresses_under_way() {
     assert_eq!((bench.get(read(0)), bench.get(read(0) + 4)), (RAM + 4, RAM + 0x1000 - 8));
 }
 
-/// An address at which nobody answers halts the channel (AHB_ERROR).
+/// An address without memory or register halts the channel (AHB_ERROR).
 #[test]
 fn bus_errors() {
     let mut bench = Bench::new();

@@ -1,6 +1,6 @@
-//! Random sequences of transfers on eight channels, four of them between memory and state machines, against a second
-//! statement of the datasheet (§2.5): every cycle one after the other, credit counted as the requests come (§2.5.3.2).
-//! What the chip remembers of who may issue when must not show.
+//! Random sequences of transfers on eight channels, four of them between memory and state machines, compared with a
+//! second model of the datasheet (§2.5) that executes cycle by cycle and counts credit as the requests come (§2.5.3.2).
+//! The chip's schedule of who may issue when must not be visible.
 
 use crate::pico::slow::{Model, Slow};
 use crate::pico::{Bench, CLR, Machine, SET};
@@ -362,7 +362,7 @@ impl Case {
         }
     }
 
-    /// Somebody writes a register in this cycle, after everything in it.
+    /// A register is written in this cycle, after everything else in it.
     fn disturb(&mut self) {
         self.slowly.cycle(self.now);
         self.now += 1;

@@ -333,7 +333,7 @@ fn reach_after(bench: &mut Bench, pc: u16, cycles: u64) -> u64 {
     reach(bench, pc)
 }
 
-/// `wdr` begins the time-out anew.
+/// `wdr` restarts the time-out.
 #[test]
 fn watchdog_is_fed() {
     let mut bench = Bench::with(&[0x95a8, 0xcffe]);
@@ -342,7 +342,7 @@ fn watchdog_is_fed() {
     bench.run(9_999_999);
     assert_eq!(bench.seen.watchdog, [] as [u64; 0]);
     assert_eq!(bench.chip.watchdog_feeds(), 3_333_333);
-    // Since power came on: a reset does not count anew.
+    // The count is since power came on: a reset does not clear it.
     bench.chip.reset(ResetCause::External, &mut bench.seen);
     assert_eq!(bench.chip.watchdog_feeds(), 3_333_333);
 }

@@ -128,14 +128,14 @@ fn jumps() {
     check(3, 4, 7, false, (3, 4));
 }
 
-/// A counted jump on itself takes x + 1 times its cycles, delay and divider included, and X is what it would be had
-/// it been executed one by one, whenever somebody looks.
+/// A counted jump to its own address takes x + 1 times its cycles, delay and divider included. At every time X is what
+/// it would be if the jumps were executed one by one.
 #[test]
 fn counting_down() {
     for (divider, delay, y) in [(0x0001_0000, 0, false), (0x0001_0000, 2, true), (0x0002_8000, 1, false)] {
         for stop in 1..70 {
             let mut bench = Bench::new();
-            // The same loop twice: on itself, and around a jump to the next, which nothing can shorten.
+            // One loop in two forms: a jump to itself, and a jump around another one, for which there is no short cut.
             let (one, two) = (Machine::new(0, 0), Machine::new(1, 0));
             let jump = if y { 4 } else { 2 } << 5 | delay << 8;
             let set = if y { 0xe040 } else { 0xe020 };
@@ -147,7 +147,7 @@ fn counting_down() {
                 bench.set(machine.pinctrl(), 1 << 26 | machine.block << 5);
                 bench.set(machine.clkdiv(), divider);
             }
-            // Both start in the same cycle; one is looked at in every cycle, so that it never gets far ahead.
+            // Both start in one cycle. One is read in every cycle, so that it never gets far ahead.
             for machine in [one, two] {
                 bench.set(machine.base(), 1 << 8 | 1);
             }
@@ -169,7 +169,7 @@ fn counting_down() {
     }
 }
 
-/// The loop's length, and that it may be as long as it wants: 2^32 times 32 cycles.
+/// The loop's length, up to its maximum of 2^32 times 32 cycles.
 #[test]
 fn the_longest_count() {
     let mut bench = Bench::new();
@@ -447,7 +447,7 @@ fn sticky_outputs() {
     other.force(&mut bench, 0xe000);
     bench.run(5);
     assert!(bench.chip.pin(0).is_high());
-    // Without the enable the machine lets go, and the level stays until somebody writes.
+    // Without the enable the machine no longer holds the pin, and the level stays until the next write.
     holds.force(&mut bench, 0x6002);
     bench.run(2);
     other.force(&mut bench, 0xe000);

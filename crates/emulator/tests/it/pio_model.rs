@@ -1,6 +1,6 @@
-//! Random programs on four machines at once, against a second statement of the datasheet (§3.2 to §3.5) that does every
-//! cycle one after the other and knows no shortcut. What the chip skips, or does later, must not show: neither in an
-//! edge nor in a register, whenever somebody looks, pushes, pulls, moves a pin or stops a machine.
+//! Random programs on four machines at once, compared with a second model of the datasheet (§3.2 to §3.5) that executes
+//! cycle by cycle and has no short cuts. The chip skips cycles and does work later. This must not be visible in any
+//! edge or register, at whatever time a test reads, pushes, pulls, moves a pin or stops a machine.
 
 use crate::pico::slow::{Model, PINS, Slow};
 use crate::pico::{Bench, Machine};

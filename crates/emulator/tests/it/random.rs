@@ -1,6 +1,6 @@
 //! Random numbers of the emulator's tests: it knows nothing of ours, nor do they.
 
-/// xorshift: the cases are the same in every run.
+/// xorshift: the sequence is equal in every run.
 pub(crate) struct Random(u64);
 
 impl Random {

@@ -52,7 +52,7 @@ fn clocks() {
     bench.set(XOSC, 0x00fa_baa0);
     let taken = wait_for(&mut bench, XOSC + 4, 31);
     assert_eq!(taken, (256 * 47 * 6_500_000u64).div_ceil(12_000_000) + 1);
-    // A PLL that is not on does not lock, whatever it is told.
+    // A PLL that is off does not lock, whatever is written to it.
     bench.set(PLL_SYS + 8, 125);
     bench.run(10_000);
     assert_eq!(bench.get(PLL_SYS) >> 31, 0);
@@ -331,8 +331,8 @@ fn spinlocks() {
     assert_eq!(bench.get(lock), 1 << 9);
 }
 
-/// §4.7: the counter loses two a tick (erratum RP2040-E1); the chip starts again, scratch registers and reason stay. A
-/// watchdog that is told to reset nothing (§2.13.5, WDSEL) resets nothing; TRIGGER is another reason; RUN is none.
+/// §4.7: the counter loses two in each tick (erratum RP2040-E1). After the reset, scratch registers and reason are
+/// kept. A watchdog that may not reset anything (§2.13.5, WDSEL) resets nothing. TRIGGER sets another reason, RUN none.
 #[test]
 fn the_watchdog() {
     let mut bench = Bench::new();
@@ -368,7 +368,7 @@ fn the_watchdog() {
     assert_eq!((bench.get(WATCHDOG + 8), bench.get(WATCHDOG + 0xc)), (0, 0));
 }
 
-// Programs. Thumb code by hand; what is asked of the processor itself is in its own tests.
+// Programs, in Thumb code by hand. The processor itself has tests of its own.
 
 /// §2.6.3: a line of 8 bytes is missed once, and costs what is stated; then it is hit.
 #[test]
@@ -386,8 +386,8 @@ fn flash_in_place() {
     assert_eq!(cycles[8..], [1, 1, 1, 1, 1, 1, 1, 2]);
 }
 
-/// §2.6.3, and the flash chip's datasheet: who fetches an instruction from flash while somebody has it for commands, or while it erases,
-/// gets none; from RAM the program goes on, and once that is over from flash, too.
+/// §2.6.3, and the flash chip's datasheet: a fetch from flash gets no instruction while flash executes a command or
+/// erases. A program in RAM goes on, and afterwards a program in flash does too.
 #[test]
 fn nothing_is_executed_from_flash_that_is_busy() {
     const SSI: u32 = 0x1800_0000;
@@ -533,8 +533,8 @@ fn an_alarm_wakes_the_processor() {
     assert_eq!(latencies[0], 1 + 15 + 5 + 60);
 }
 
-/// An hour of a chip that sleeps, while a machine counts down 2 s at a time and toggles a pin, is over at once: nobody
-/// could wait for its 4.5 · 10^11 cycles one by one.
+/// An hour of a chip that sleeps while a state machine counts down 2 s at a time and toggles a pin takes hardly any
+/// time. Its 4.5 · 10^11 cycles one by one would take far too long.
 #[test]
 fn an_hour_of_sleep() {
     let mut bench = Bench::new();

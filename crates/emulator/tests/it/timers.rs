@@ -263,7 +263,7 @@ fn phase_correct_pwm() {
     assert_eq!(edges, [(411, true), (611, false), (921, true), (1121, false), (1431, true)]);
 }
 
-/// §15.7.4: OCRnA at TOP holds the pin at one level, and OCRnA at BOTTOM at the other; however long nobody looked at the
+/// §15.7.4: OCRnA at TOP holds the pin at one level, and OCRnA at BOTTOM at the opposite one, even if nothing reads the
 /// counter on its way there.
 #[test]
 fn phase_correct_pwm_at_its_extremes() {
@@ -440,7 +440,7 @@ proptest! {
         bench.set(TCCR1A, a);
         bench.set(TCCR1B, (b & 0x18) | clock);
         let mut looked = bench.clone();
-        // Interrupts are asked for, so that events are scheduled; I stays 0.
+        // Interrupts are enabled in the timer, so that events are scheduled; I stays 0.
         bench.set(TIMSK1, mask);
         for (cycles, value) in writes.into_iter().chain([(3000, 0)]) {
             bench.run(cycles);

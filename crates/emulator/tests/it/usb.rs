@@ -182,8 +182,8 @@ fn full_speed_to_the_pc() {
     assert!(sums.iter().all(|sum| *sum == MS), "{sums:?}");
 }
 
-/// From the PC 17, as it asks for data in between. A device with one buffer that looks every 2 us takes 9: a packet that
-/// it refuses is sent to the end all the same.
+/// The PC sends 17 packets in a frame, because it also asks for data in between. A device with one buffer that polls
+/// every 2 µs takes 9: a packet that the device refuses is still sent to its end.
 #[test]
 fn full_speed_from_the_pc() {
     let mut desk = Desk::open();
@@ -341,7 +341,8 @@ fn frames() {
     assert!(starts.windows(2).all(|pair| pair[1].abs_diff(pair[0] + MS) <= 100), "{starts:?}");
 }
 
-/// Without a cable the bus is suspended after 3 ms (USB 2.0 §7.1.7.6); plugged in again, it begins anew.
+/// Without a cable the bus is suspended after 3 ms (USB 2.0 §7.1.7.6). After plugging in, enumeration starts from the
+/// beginning.
 #[test]
 fn unplugged() {
     let mut desk = Desk::open();

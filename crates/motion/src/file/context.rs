@@ -1,4 +1,5 @@
-//! What reading a law depends on besides its own table: the motor, the files that a motion file names, units.
+//! Everything outside its own table that the meaning of a law depends on: the motor, the files that a motion file
+//! names, units.
 
 use std::io;
 use std::path::Path;
@@ -12,7 +13,7 @@ use crate::quantity::Quantity;
 /// Reads the text of a file that a motion file names, relative to it.
 pub(super) type Loader<'a> = &'a dyn Fn(&Path) -> io::Result<String>;
 
-/// Everything that a law's meaning depends on besides its own table.
+/// Everything outside its own table that the meaning of a law depends on.
 pub(super) struct Context<'a> {
     pub(super) reader: &'a Reader,
     pub(super) motor: &'a str,

@@ -80,7 +80,7 @@ pub fn load(path: &Path) -> Result<Program, FileError> {
     load_contents(path).map(|contents| contents.program)
 }
 
-/// The same, with how its tables were read.
+/// Reads a motion file as [`load`] does, and also tells how its tables were read.
 ///
 /// # Errors
 /// As [`load`].
@@ -133,7 +133,7 @@ pub fn read(text: &str, name: &str, load: &dyn Fn(&Path) -> io::Result<String>) 
     read_contents(text, name, load).map(|contents| contents.program)
 }
 
-/// The same, with how its tables were read.
+/// Reads a motion file's text as [`read`] does, and also tells how its tables were read.
 ///
 /// # Errors
 /// As [`read`].

@@ -176,7 +176,7 @@ impl Gearing {
         Ok(steps)
     }
 
-    /// The same, and in which unit it is written.
+    /// An amount, speed, acceleration or jerk in steps (per s^`per_seconds`), with the name of its unit.
     fn amount(&self, node: &Node, per_seconds: u8, example: &str) -> Read<(f64, &'static str)> {
         let (base, example) = match self.steps_per_mm {
             Some(_) => (Base::Length, example.replace("rev", "mm")),
@@ -564,7 +564,7 @@ fn read_backlash(node: &Node, gearing: &Gearing) -> Read<BacklashTable> {
     const EXAMPLE: &str = "backlash = { slack = \"6 step\", over = \"20 ms\" }";
     let p = node.section("the backlash".to_owned(), &["slack", "over"], EXAMPLE)?;
     let slack = p.need("slack", EXAMPLE).and_then(|node| {
-        // Nobody thinks in the unit of the slack.
+        // The unit of the slack says nothing about the unit in which the user thinks, so it is not counted.
         let (steps, _) = gearing.amount(&node, 0, "6 step")?;
         node.above_zero(steps)
     });

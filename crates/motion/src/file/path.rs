@@ -134,7 +134,7 @@ impl PathReader<'_> {
                 })
                 .collect()
         };
-        // One cycle stands for all: they are joined at the same speeds, or the planner refuses them.
+        // One cycle is enough: cycles are joined at equal speeds, or the planner refuses them.
         let eased = ease.as_ref().and_then(|(over, _)| {
             let eased = read.coordinates.iter().map(|law| law.clone().eased(*over));
             eased.collect::<Result<Vec<_>, _>>().ok()
@@ -308,7 +308,7 @@ impl PathReader<'_> {
         let steps_per_rad = |arm: usize| self.motors[arm].gearing.steps_per_rad();
         let laws = match &path.form {
             PathForm::Text { texts, parameters, mm_per_unit, duration } => {
-                // In the formula's own unit, so that its parameters mean the same.
+                // Lengths are in the formula's own unit, so that its parameters keep their values.
                 let robot = robot.in_unit(*mm_per_unit);
                 // What its coordinates measure has been looked at; the robot's lengths in the text are plain numbers.
                 let parameters: Vec<Parameter> = parameters.iter().map(Parameter::without_dimension).collect();
@@ -376,7 +376,8 @@ impl PathReader<'_> {
         Err(format!("the effector cannot be at ({x:.3}, {y:.3}, {z:.3}) mm{who}: {error}"))
     }
 
-    /// The tip's speed and acceleration against the machine's limits. `eased`: the same as they begin and end, if that is another motion.
+    /// Checks the tip's speed and acceleration against the machine's limits. `eased` is the motion with its eased
+    /// beginning and end, if that is another one.
     fn keeps_to_limits(&self, node: &Node, coordinates: &[Law], eased: &[Law]) -> Read<()> {
         if coordinates.iter().any(|law| law.end().is_none()) {
             let limited = self.machine.max_speed.is_some() || self.machine.max_acceleration.is_some();
@@ -564,7 +565,8 @@ fn broken(law: &Law) -> Option<LawError> {
     law.pieces().enumerate().find_map(|(k, piece)| piece.err().or_else(|| (k >= MOST_PIECES).then(too_long)))
 }
 
-/// So many times slower laws keep to a limit; 1 if they do as they are, or there are none; `None` if that is not known.
+/// The factor by which the laws must be slower to keep a limit; 1 if they keep it already, or there is none; `None` if
+/// it cannot be found.
 fn slowdown(laws: &[(&Law, f64)], extent: Extent, limit: f64) -> Option<f64> {
     let Some((_, value)) = farthest_beyond(laws, extent, limit).ok()? else { return Some(1.0) };
     // The worst is known to a thousandth.

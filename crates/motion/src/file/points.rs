@@ -24,7 +24,8 @@ enum Choice {
     Name(String),
 }
 
-/// `columns = [1, 2]`, counted from 1, or `columns = ["time", "angle"]`, by the header; of a time and so many positions.
+/// The key `columns`: `[1, 2]` counts from 1, `["time", "angle"]` names titles in the header. It selects a time and
+/// `positions` positions.
 fn choices(node: &Node, positions: usize) -> Read<Vec<Choice>> {
     let (example, wanted) = match positions {
         1 => ("columns = [1, 2], or [\"time\", \"angle\"] by the header", "two: time and position"),
@@ -265,7 +266,8 @@ impl<'a> TableReader<'a> {
         if header.titles.iter().any(|title| has_decimal_comma(&title.text)) {
             return POINT.to_owned();
         }
-        // What does not grow is no time. Beside a column that grows by fractions, what counts by 1 numbers the rows.
+        // A column that does not grow is no time. If another column grows by fractions, a column that counts by 1 is
+        // the row number.
         let numbers: Vec<Vec<f64>> = (0..header.width()).map(|column| self.numbers(column)).collect();
         let all = |column: usize, is: fn(f64) -> bool| numbers[column].windows(2).all(|pair| is(pair[1] - pair[0]));
         let grows = |column: usize| all(column, |step| step > 0.0);

@@ -35,7 +35,8 @@ pub struct BrokenPath {
     pub at_s: f64,
     /// Of what there is too much, its unit, and the limit that it meets; `None` where arms do not reach.
     pub limit: Option<(String, &'static str, f64)>,
-    /// So many times slower the path keeps to all of the machine's limits on speed and acceleration; `None` if that does not help.
+    /// The factor by which the path must be slower to keep all of the machine's limits on speed and acceleration;
+    /// `None` if slowing down does not help.
     pub slower: Option<f64>,
     /// The path, in the order of time; the place is among them.
     pub points: Vec<PathPoint>,
@@ -144,7 +145,7 @@ impl Problem {
         })
     }
 
-    /// Whether another problem says the same of the same place.
+    /// Whether another problem has the same message at the same place.
     pub(super) fn repeats(&self, other: &Problem) -> bool {
         self.message == other.message && self.labels == other.labels && self.file() == other.file()
     }

@@ -1,4 +1,4 @@
-//! Reading TOML with places: every accessor either gives what was asked for or notes a problem that points at the text.
+//! Reads TOML with places: every accessor returns a value, or notes a problem that points at its place in the text.
 //!
 //! Problems are collected, not thrown, so that one run of the reader finds several.
 
@@ -353,7 +353,7 @@ impl<'a> Node<'a> {
         Ok(quantity.value)
     }
 
-    /// The same, more than zero.
+    /// A quantity of that kind that is greater than zero, in its base's unit.
     pub(super) fn positive(&self, base: Base, per_seconds: u8, example: &str) -> Read<f64> {
         let value = self.measure(base, per_seconds, example)?;
         self.above_zero(value)

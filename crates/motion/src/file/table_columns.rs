@@ -9,7 +9,7 @@ pub struct TableColumns {
     pub file: String,
     /// Time first.
     pub columns: Vec<ColumnUse>,
-    /// The others.
+    /// The columns that are not used.
     pub unused: Vec<String>,
 }
 

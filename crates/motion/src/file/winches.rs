@@ -2,7 +2,7 @@
 
 use super::problem::Problem;
 
-/// The winches of a file, list by list: motors whose lines are the same have one list.
+/// The winches of a file, one for each list of lines. Motors with equal lists share one.
 #[derive(Default)]
 pub(super) struct Winches(Vec<List>);
 

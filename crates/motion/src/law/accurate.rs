@@ -17,7 +17,7 @@ pub(crate) struct Accurate {
 const SUM: f64 = 4.0 * ULP * ULP;
 const PRODUCT: f64 = 8.0 * ULP * ULP;
 const QUOTIENT: f64 = 32.0 * ULP * ULP;
-/// The same of a function, and of what was rounded to a [`Double`] by some operations.
+/// Relative error of a function, and of a value that a few operations have rounded to a [`Double`].
 const STEP: f64 = 64.0 * ULP * ULP;
 /// Added to every error, and far below any step: products that small lose their lower halves.
 const SMALLEST_ERROR: f64 = 1e-280;
@@ -188,7 +188,7 @@ fn sin_cos_near(x: Double) -> (Double, Double) {
     (x * nested(2), nested(1))
 }
 
-/// The same of one of a quarter turn at most.
+/// Sine and cosine of at most a quarter turn.
 fn sin_cos_near_half(x: Double) -> (Double, Double) {
     if x.hi.abs() < 0.8 {
         return sin_cos_near(x);

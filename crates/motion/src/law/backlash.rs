@@ -27,7 +27,7 @@ pub struct Compensation {
 const TURNED: f64 = 0.25;
 /// Looks in each piece; turns between them are found by their change of sign.
 const LOOKS: u32 = 16;
-/// Positions that are the same, steps.
+/// Positions that differ by no more than this count as equal, steps.
 const SAME: f64 = 1e-9;
 
 impl Law {

@@ -17,7 +17,8 @@ pub enum Begin {
         /// steps/s².
         max_acceleration: f64,
     },
-    /// The same by a quartic that does not make up for the way that it loses: the law goes on that much behind.
+    /// As `Ramp`, by a quartic that does not make up for the distance lost in the ramp. The law stays behind by that
+    /// distance.
     RampBehind {
         /// steps/s.
         max_speed: f64,
@@ -49,7 +50,8 @@ pub enum End {
         /// steps/s².
         max_acceleration: f64,
     },
-    /// The same by a quartic that does not make up for the way that it loses: the law's last position is not reached.
+    /// As `Ramp`, by a quartic that does not make up for the distance lost in the ramp. The law's last position is not
+    /// reached.
     RampBehind {
         /// steps/s.
         max_speed: f64,
@@ -80,7 +82,7 @@ pub struct Blended {
 const LONGEST_RAMP_S: f64 = 3600.0;
 /// The shortest, s.
 const SHORTEST_RAMP_S: f64 = 1e-6;
-/// The search for rest ends after so many pieces.
+/// The search for a place to rest ends after this many pieces.
 const PIECES_TRIED: usize = 10_000;
 /// More than rounding does to a speed, as a part of it.
 const ROUNDING: f64 = 1e-9;

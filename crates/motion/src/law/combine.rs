@@ -282,7 +282,7 @@ fn merge(terms: &[Summand], start: Time, end: Time) -> Result<Piece, LawError> {
 }
 
 impl LawError {
-    /// The same error of a law that begins `by` later.
+    /// The error of a law that begins `by` later.
     fn later(mut self, by: Time) -> LawError {
         if let LawError::Undefined { at_s, .. } | LawError::Jump { at_s, .. } = &mut self {
             *at_s += by.seconds();

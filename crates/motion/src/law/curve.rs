@@ -55,7 +55,7 @@ pub enum Curve {
     Accurate {
         /// The curve.
         curve: Box<Curve>,
-        /// The same to 106 bits.
+        /// Its terms, to 106 bits.
         terms: Terms,
     },
     /// A curve in another time: curve(Σ c_k u^k).
@@ -96,7 +96,7 @@ pub enum Inverse {
     Arccosine {
         /// Turning point where the half period begins: time, s.
         u0: f64,
-        /// The same: position, steps.
+        /// Turning point where the half period begins: position, steps.
         x0: f64,
         /// Signed distance to the other turning point, steps.
         swing: f64,
@@ -164,7 +164,7 @@ impl Curve {
         Some((x0, sum(|c| c, u), rounding))
     }
 
-    /// The same curve, of which more may be known.
+    /// This curve, with its terms if they are known.
     pub(crate) fn accurate_by(self, terms: Option<Terms>) -> Curve {
         match terms {
             Some(terms) => Curve::Accurate { curve: Box::new(self), terms },
@@ -172,7 +172,7 @@ impl Curve {
         }
     }
 
-    /// The same curve in f64 alone.
+    /// This curve without its terms, in f64 alone.
     pub(crate) fn plain(self) -> Curve {
         match self {
             Curve::Accurate { curve, .. } => *curve,

@@ -10,7 +10,7 @@ pub(crate) enum Extent {
     Value,
     /// The length of the vector that the laws' speeds make.
     Speed,
-    /// The same of their accelerations.
+    /// The length of the vector that the laws' accelerations make.
     Acceleration,
 }
 

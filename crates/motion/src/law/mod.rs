@@ -87,7 +87,7 @@ impl Piece {
         Double::from(self.origin) + Double::from(self.curve.value(u))
     }
 
-    /// The same, as well as it is known.
+    /// θ at the curve's own time u, with the whole steps, as precisely as it is known.
     fn position(&self, u: f64) -> Double {
         let (value, rest) = self.curve.split_value(u);
         Double::from(self.origin) + Double::from(value) + Double::from(rest)
@@ -114,7 +114,7 @@ impl Piece {
         Ok(())
     }
 
-    /// The same motion, `by` later.
+    /// Moves this motion by `by`, to a later time.
     fn postpone(&mut self, by: Time) {
         self.zero = self.zero + by;
         self.start = self.start + by;
@@ -174,7 +174,7 @@ const LONGEST_PART_S: f64 = 32_768.0;
 pub enum Entry {
     /// Position must be continuous; speed may change by no more than the motor's pull-in rate.
     Continuous,
-    /// The file says `jump`: speed may change by any amount; position must be continuous all the same.
+    /// The file has `jump`: speed may change by any amount, but position must be continuous.
     SpeedJump,
 }
 

@@ -179,7 +179,7 @@ impl Warped {
         &self.law
     }
 
-    /// The same of another law.
+    /// Another law with this law's easing.
     pub(super) const fn of(&self, law: Law) -> Warped {
         Warped { law, from: self.from, ease: self.ease }
     }

@@ -27,7 +27,8 @@ const MOST_PIECES_OF_A_WINCH: usize = 1 << 15;
 const LOOKS: u32 = 64;
 /// Places of a formula that are looked at behind its first pieces.
 const PLACES: u32 = 64;
-/// Looks in each of a formula's windows, which may have any number of periods: a prime, so that they do not meet the same phase again and again.
+/// Samples in each window of a formula. A window may have any number of periods, so this is a prime, which does not
+/// meet equal phases again and again.
 const LOOKS_IN_A_WINDOW: u32 = 251;
 
 impl Law {
@@ -84,7 +85,7 @@ impl Law {
         }
     }
 
-    /// Of its first pieces, as if it went on like that. Errors of the law are left to whoever follows it.
+    /// The workload of its first pieces, as if the law went on like that. Errors of the law are left to the planner.
     fn first_pieces(&self, until: Time, most: usize) -> Workload {
         let (seen, at) = self.in_first_pieces(until, most, Piece::way);
         if at <= Time::ZERO { seen } else { seen.times(until.seconds() / at.seconds()) }
@@ -178,7 +179,8 @@ impl Piece {
         Way::of((0..LOOKS).map(|k| at(k + 1) - at(k)))
     }
 
-    /// The same of one that may go to and fro between two looks.
+    /// How far it goes to and fro before `until`, computed from the speed, for a piece that may turn between two
+    /// samples.
     fn way_by_speed(&self, until: Time) -> Way {
         let (from, to) = (self.first(), (self.end.min(until) - self.zero).seconds());
         let each = (to - from) / f64::from(LOOKS_IN_A_WINDOW);

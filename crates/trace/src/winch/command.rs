@@ -1,11 +1,11 @@
-//! Lines of StepperWinch's protocol, as what they say to each axis.
+//! Commands: lines of StepperWinch's protocol, as orders to each axis.
 
 use std::ops::{Range, RangeInclusive};
 
 /// Axes, in the order of their letters in a status line.
 pub const AXES: [char; 4] = ['x', 'y', 'z', 'a'];
 
-/// What a line orders of an axis. The letters are the protocol's.
+/// An order of a line to one axis. The letters are the protocol's.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Order {
     /// `a`: the target is this position, steps.
@@ -18,61 +18,61 @@ pub enum Order {
     Impulse(f64),
     /// `s`: the reference goes to its target no faster than this, steps/s; 0: at once.
     Ramp(f64),
-    /// `g`.
+    /// `g`: sets natural frequency and damping ratio.
     Gains {
         /// Natural frequency, Hz.
         frequency_hz: f64,
         /// Damping ratio.
         ratio: f64,
     },
-    /// `l`.
+    /// `l`: sets the limits of speed and acceleration.
     Limits {
         /// Steps/s.
         speed: f64,
         /// Steps/s².
         acceleration: f64,
     },
-    /// `enable 0`: to rest within the limits, and then the drivers off.
+    /// `enable 0`: brakes within the limits, then switches the drivers off.
     Stop,
-    /// A deadman has struck: to rest within the limits, if the drivers are on.
+    /// A deadman has triggered: brakes within the limits, if the drivers are on.
     Halt,
 }
 
-/// A line, read.
+/// A line after it has been read.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Command {
-    /// What it says to x, y, z and a; nothing for lines that move no axis, such as `ping`.
+    /// The orders to x, y, z and a; none for lines that move no axis, such as `ping`.
     pub orders: [Option<Order>; 4],
-    /// It switches the drivers on: `a`, `d`, `v`, and `enable 1`.
+    /// Whether it switches the drivers on: `a`, `d`, `v`, and `enable 1` do.
     pub enables: bool,
-    /// `deadman`: the longest silence from now on, ms; 0: any.
+    /// `deadman`: the longest silence from now on, ms; 0: no limit.
     pub deadman_ms: Option<u16>,
-    /// `strict`: whether it is asked for.
+    /// `strict`: whether strict mode is to be on.
     pub strict: Option<bool>,
-    /// The line ends with its checksum.
+    /// Whether the line ends with its checksum.
     pub is_checked: bool,
 }
 
 impl Command {
-    /// What a deadman does as it strikes.
+    /// The command that a deadman executes when it triggers.
     pub(super) const HALT: Command =
         Command { orders: [Some(Order::Halt); 4], enables: false, deadman_ms: None, strict: None, is_checked: false };
 }
 
-/// What is wrong with a line, and where in it.
+/// An error in a line, with its place.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{message}")]
 pub struct WrongLine {
-    /// Bytes of the line.
+    /// The bytes of the line that it is about.
     pub at: Range<usize>,
-    /// What is wrong, with the limit.
+    /// The error, with the limit.
     pub message: String,
 }
 
-/// Every command, with its values.
+/// All commands.
 const COMMANDS: &str = "a, d, v, r, s, g, l, enable, srate, deadman, strict, version, ping";
 
-/// Bytes and tokens of a line at most.
+/// Longest line, bytes, and most tokens in it.
 const LONGEST: usize = 80;
 const MOST_WORDS: usize = 10;
 
@@ -81,7 +81,7 @@ const VERB: &str = "scripts are of paths, and this tells motors directly: nothin
                     takes such lines from the standard input";
 
 impl Command {
-    /// Reads a line without irregularities: what a board takes in its strict mode, and what it would refuse is refused here.
+    /// Reads a line as strictly as a board in its strict mode: what such a board would refuse is an error here.
     ///
     /// ```
     /// use pulsetrain_trace::winch::{Command, Order};
@@ -93,7 +93,7 @@ impl Command {
     /// ```
     ///
     /// # Errors
-    /// With the place and the limit.
+    /// [`WrongLine`] with the place and the limit.
     pub fn parse(line: &str) -> Result<Command, WrongLine> {
         let wrong = |at: Range<usize>, message: &str| WrongLine { at, message: message.to_owned() };
         let whole = 0..line.len();
@@ -211,7 +211,7 @@ fn pair(name: &str, values: &[Token<'_>]) -> Result<Order, WrongLine> {
     let [first, second] = values else {
         return Err(WrongLine { at: 0..0, message: "2 values wanted".to_owned() });
     };
-    // Boards read so many places behind the point.
+    // Boards read this many decimal places.
     let rounded = |value: f64, unit: f64| (value * unit).round() / unit;
     if name == "g" {
         let frequency_hz = rounded(decimal(first, 0.01..=20.0, "a natural frequency is 0.01 to 20 Hz")?, 1e6);
@@ -232,7 +232,7 @@ fn whole_number((text, at): &Token<'_>, range: RangeInclusive<i64>) -> Result<i6
 }
 
 fn decimal((text, at): &Token<'_>, range: RangeInclusive<f64>, message: &str) -> Result<f64, WrongLine> {
-    // f64 reads "inf" and "nan" too, which no board does.
+    // Rust's f64 also reads "inf" and "nan", which no board does.
     let is_number = text.starts_with(|first: char| first.is_ascii_digit() || "+-.".contains(first));
     let number = text.parse::<f64>().ok().filter(|number| is_number && range.contains(number));
     number.ok_or_else(|| WrongLine { at: at.clone(), message: message.to_owned() })

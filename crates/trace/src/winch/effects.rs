@@ -1,18 +1,18 @@
-//! In which millisecond each line came into effect: the way that agrees best with the steps, and with what ENABLE did.
+//! Finds the millisecond in which each line took effect: those that agree best with the steps and with ENABLE.
 
 use std::collections::HashSet;
 
 use super::path::Board;
 use super::{Differing, Drivers, Seen, SentLine, THRESHOLD, WinchOptions};
 
-/// Ways that are followed at once. Of nine lines that may each act in any of eight milliseconds, before any axis has stepped, there are more:
-/// then those in which all lines took about as long.
+/// Number of candidates that are followed at once. Nine lines that may each act in any of eight milliseconds, before
+/// any axis has stepped, have more combinations. Then those remain in which all lines took about equally long.
 const WAYS: usize = 2048;
 
-/// A way is given up that is so much worse than the best, steps².
+/// A candidate that is this much worse than the best is dropped, steps².
 const HOPELESS: f64 = 4.0;
 
-/// One way in which it may have been.
+/// A candidate: one possible millisecond for each line so far.
 #[derive(Clone, Debug)]
 struct Way {
     board: Board,
@@ -23,7 +23,7 @@ struct Way {
     distance: f64,
 }
 
-/// The millisecond from whose beginning on each line acts.
+/// The millisecond at whose beginning each line takes effect.
 pub(super) fn find(sent: &[SentLine], seen: &Seen, ms_end: u64, options: &WinchOptions) -> Vec<u64> {
     let ms_of = |tick: u64| tick as f64 / options.tick_hz * 1e3;
     let windows: Vec<(u64, u64)> = sent
@@ -56,7 +56,7 @@ pub(super) fn find(sent: &[SentLine], seen: &Seen, ms_end: u64, options: &WinchO
         for way in &mut ways {
             way.board.tick();
             if way.differing.go_on(are_on != way.board.drives, options) {
-                // As bad as a step at its bound.
+                // This counts as much as a step at its bound.
                 way.distance += options.bound_steps.powi(2);
             }
         }
@@ -67,7 +67,7 @@ pub(super) fn find(sent: &[SentLine], seen: &Seen, ms_end: u64, options: &WinchO
     best.effects.iter().copied().chain(left).collect()
 }
 
-/// Each way goes on with none, one or more of the lines that may act from now on.
+/// Extends each candidate by none, one or more of the lines that may take effect from now on.
 fn branch(ways: &mut Vec<Way>, sent: &[SentLine], windows: &[(u64, u64)], ms: u64) {
     let due = |way: &Way| windows.get(way.effects.len()).filter(|window| window.0 <= ms).copied();
     if ways.iter().all(|way| due(way).is_none()) {
@@ -88,7 +88,7 @@ fn branch(ways: &mut Vec<Way>, sent: &[SentLine], windows: &[(u64, u64)], ms: u6
     }
 }
 
-/// Keeps the best ways, the best first; of two that come to the same the one with the earlier lines.
+/// Keeps the best candidates, the best first. Of two that are equal, the one with the earlier lines is kept.
 fn prune(ways: &mut Vec<Way>, windows: &[(u64, u64)]) {
     if ways.len() == 1 {
         return;
@@ -111,7 +111,7 @@ fn sort(ways: &mut [Way]) {
 }
 
 impl Way {
-    /// How much longer or shorter each line took than that before it, all together, ms.
+    /// How unevenly long the lines took: the sum of the differences between successive lines, ms.
     fn unevenness(&self, windows: &[(u64, u64)]) -> u64 {
         let took = |line: usize| self.effects[line] - windows[line].0;
         (1..self.effects.len()).map(|line| took(line).abs_diff(took(line - 1))).sum()
@@ -123,7 +123,7 @@ mod tests {
     use super::*;
     use crate::winch::{AxisStep, Command, see};
 
-    /// What is seen of paths on which each line acts in a given millisecond.
+    /// The steps of paths on which each line takes effect in a given millisecond.
     fn seen(lines: &[(u64, &str)], ms_end: u64, options: &WinchOptions) -> Seen {
         let mut board = Board::START;
         let mut seen = see(&[], options).unwrap();
@@ -167,7 +167,7 @@ mod tests {
         ];
         let options = WinchOptions::default();
         let seen = seen(&lines, 1500, &options);
-        // All that is known of each: within 6 ms before, and 2 more of doubt.
+        // Each line arrived within 6 ms before, with 2 ms of uncertainty.
         let sent: Vec<SentLine> = lines
             .iter()
             .zip([1, 0, 3, 4, 1, 0, 5])
@@ -177,7 +177,7 @@ mod tests {
             })
             .collect();
         let found = find(&sent, &seen, 1500, &options);
-        // What makes no difference yet is taken as soon as it may be: gains and limits of axes at rest.
+        // Lines that make no difference yet (gains and limits of axes at rest) take effect as soon as possible.
         assert_eq!(found, [2, 5, 8, 402, 406, 700, 702]);
     }
 

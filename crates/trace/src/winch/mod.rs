@@ -1,4 +1,4 @@
-//! The judge of boards that work out their own path: do the edges follow StepperWinch's recurrence?
+//! The judge of boards that compute their own path: do the edges follow StepperWinch's recurrence?
 //!
 //! # What is here
 //! - [`judge`]: lines that were sent, and edges → a [`WinchReport`]
@@ -7,10 +7,10 @@
 //! - `effects`: in which millisecond each line came into effect
 //!
 //! # What is not
-//! Anything of a board's own fixed point: lines, path and steps are stated here a second time.
+//! Anything of a board's own fixed point: lines, path and steps are implemented here a second time.
 //!
-//! A board obeys a line a few milliseconds after it has come, and nothing says when. That is found out: of all the
-//! milliseconds within which it must be, those that agree best with the steps. How long it took is part of the report.
+//! A board obeys a line a few milliseconds after it has arrived, and nothing shows when. The judge finds it out: of all
+//! possible milliseconds it takes those that agree best with the steps. The report contains how long this took.
 
 mod command;
 mod effects;
@@ -25,21 +25,21 @@ use serde::Serialize;
 /// 1/64 step beyond the middle between two steps: where a path makes the next one.
 const THRESHOLD: f64 = 0.5 + 1.0 / 64.0;
 
-/// Faults that are listed one by one.
+/// Number of faults that are listed. The count includes all.
 const LISTED_FAULTS: usize = 8;
 
-/// A line that was sent.
+/// A line that was sent to the board.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SentLine {
-    /// Tick of the board's clock before which it cannot have been there.
+    /// The earliest tick of the board's clock at which it can have arrived.
     pub tick: u64,
-    /// The latest tick at which it can have been there.
+    /// The latest tick at which it can have arrived.
     pub until: u64,
     /// What it says.
     pub command: Command,
 }
 
-/// A line that came from the board: where it says that its axes are.
+/// A status line from the board: the positions of its axes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Status {
     /// Its clock, µs, without the wraps at 32 bits.
@@ -48,28 +48,28 @@ pub struct Status {
     pub positions: [i32; 4],
 }
 
-/// How a board is wired, when it does what, and what is allowed.
+/// The wiring of a board, its timing, and the bounds.
 #[derive(Clone, Debug, PartialEq)]
 pub struct WinchOptions {
     /// Ticks per second.
     pub tick_hz: f64,
     /// STEP lines of x, y, z and a; a step is a rising edge.
     pub step: [u8; 4],
-    /// DIR lines of the same; high is forward.
+    /// DIR lines of x, y, z and a; high is forward.
     pub dir: [u8; 4],
     /// The drivers' common enable line; low is on. Before its first edge they are off.
     pub enable: u8,
-    /// Edges come so long after the path wants them, ticks.
+    /// Constant delay from the path's time of a step to its edge, ticks.
     pub constant_ticks: f64,
-    /// And may be so much earlier or later, ticks.
+    /// Largest deviation from this delay, earlier or later, ticks.
     pub late_ticks: f64,
-    /// How far a step may be from the path, steps; besides what its lateness makes.
+    /// Largest distance of a step from the path, steps, in addition to that of its deviation in time.
     pub bound_steps: f64,
-    /// The longest that a line may take to its effect, ms.
+    /// Longest time from the arrival of a line to its effect, ms.
     pub effect_ms: u64,
-    /// The longest that the drivers may take to go on or off, ms after they are to: off is when all axes have stopped.
+    /// Longest time for the drivers to go on or off, ms. Off is due when all axes have stopped.
     pub release_ms: u64,
-    /// The time that the report's times and the onlooker's count from, s of the board's clock.
+    /// The zero of the report's times, and of the onlooker's, s of the board's clock.
     pub origin_s: f64,
     /// Shortest pulse, and shortest time from DIR to STEP, ticks.
     pub shortest_ticks: u64,
@@ -109,25 +109,25 @@ impl WinchOptions {
     }
 }
 
-/// The verdict.
+/// The verdict on a run.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct WinchReport {
-    /// No bound broke.
+    /// Whether every bound was kept.
     pub ok: bool,
-    /// x, y, z and a.
+    /// The reports of x, y, z and a.
     pub axes: [AxisReport; 4],
-    /// Statuses that were compared with the pulses.
+    /// Number of status lines that were compared with the pulses.
     pub statuses: usize,
     /// Shortest and longest time from a line's coming to the millisecond in which it moved an axis, ms; `None` without lines
     /// for axes. Where a line makes no difference at first, the shortest that agrees.
     pub effect_ms: Option<(f64, f64)>,
     /// The first faults.
     pub faults: Vec<WinchFault>,
-    /// All of them.
+    /// The number of all faults.
     pub fault_count: usize,
 }
 
-/// What was seen of one axis.
+/// What the trace shows of one axis.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct AxisReport {
     /// x, y, z or a.
@@ -136,16 +136,16 @@ pub struct AxisReport {
     pub steps: u64,
     /// Steps forward minus steps backward, before the end of the last whole millisecond.
     pub position: i64,
-    /// Where the path is then, steps.
+    /// Position of the path at that time, steps.
     pub position_wanted: f64,
     /// Largest distance of a step from the path, steps.
     pub max_error_steps: f64,
-    /// When that was, s from the origin.
+    /// Its time, s from the origin.
     pub max_error_at_s: f64,
     /// Root of the mean square, steps.
     pub rms_error_steps: f64,
-    /// How little the path itself was known at most, steps: with gains at the edge of their region, at the limits, what a board
-    /// rounds grows.
+    /// Largest uncertainty of the path itself, steps. With gains at the edge of their range, and at the limits, a
+    /// board's rounding errors grow.
     pub max_doubt_steps: f64,
     /// Shortest time between two steps, µs.
     pub shortest_interval_us: Option<f64>,
@@ -160,53 +160,53 @@ pub struct AxisReport {
 pub struct WinchFault {
     /// x, y, z or a.
     pub axis: char,
-    /// When, s from the origin.
+    /// The time, s from the origin.
     pub at_s: f64,
-    /// What.
+    /// The fault.
     pub what: String,
 }
 
-/// Looks on while a run is judged: for pictures. Times are s from the origin, positions steps.
+/// Watches while a run is judged, to draw pictures. Times are s from the origin, positions steps.
 pub trait Onlooker {
     /// The path of an axis at the beginning of a millisecond, and its speed in it, steps/s.
     fn path(&mut self, axis: usize, at_s: f64, position: f64, speed: f64);
 
-    /// A step to `position`, so many steps behind the path, or before it (negative).
+    /// A step to `position`, this many steps behind the path, or ahead of it (negative).
     fn step(&mut self, axis: usize, at_s: f64, position: i64, behind: f64);
 }
 
-/// Nobody looks on.
+/// Watches nothing.
 impl Onlooker for () {
     fn path(&mut self, _: usize, _: f64, _: f64, _: f64) {}
     fn step(&mut self, _: usize, _: f64, _: i64, _: f64) {}
 }
 
-/// A step as it was seen.
+/// A step in the trace.
 #[derive(Clone, Copy, Debug)]
 struct AxisStep {
-    /// When the path was to want it: the edge less the board's constant, ms.
+    /// The time at which the path was to make it, ms: the edge without the board's constant delay.
     ms: f64,
-    /// Position after it.
+    /// The position after it.
     position: i64,
     forward: bool,
 }
 
 impl AxisStep {
-    /// Where the path is as it wants this step.
+    /// The position of the path at which it makes this step.
     fn wanted_at(self) -> f64 {
         self.position as f64 + if self.forward { THRESHOLD - 1.0 } else { 1.0 - THRESHOLD }
     }
 
-    /// How far an axis' path is beyond that, in the step's own direction.
+    /// How far the path of an axis is beyond that position, in the direction of the step.
     fn behind(self, board: &Board, axis: usize, begin_ms: u64) -> f64 {
         let position = board.paths[axis].position + board.speed(axis) * 1e-3 * (self.ms - begin_ms as f64);
         let beyond = position - self.wanted_at();
         if self.forward { beyond } else { -beyond }
     }
 
-    /// Shows the step to its axis' path, which may take it in.
+    /// Passes the step to the path of its axis, which may use it.
     fn show(self, board: &mut Board, axis: usize, begin_ms: u64, options: &WinchOptions) {
-        /// Steps that a board makes are so near to its own path, besides its lateness.
+        /// Largest distance of a board's step from its own path, in addition to that of its deviation in time, steps.
         const NEAR: f64 = 0.01;
         let (behind, speed) = (self.behind(board, axis, begin_ms), board.speed(axis));
         let within = NEAR + speed.abs() * options.late_ticks / options.tick_hz;
@@ -215,12 +215,13 @@ impl AxisStep {
     }
 }
 
-/// Judges a run from tick 0 of the board's clock, when it stands at 0, to the beginning of the millisecond of `end`.
+/// Judges a run from tick 0 of the board's clock, when the board stands at 0, to the beginning of the millisecond of
+/// `end`.
 ///
 /// `sent` and `edges` are in order of time; lines of `edges` are the board's pins.
 ///
 /// # Errors
-/// When edges are not in order.
+/// If edges are not in order of time.
 pub fn judge(
     sent: &[SentLine],
     edges: &[Edge],
@@ -248,10 +249,11 @@ pub fn judge(
     Ok(WinchReport { ok: fault_count == 0, axes, statuses: statuses.len(), effect_ms, faults, fault_count })
 }
 
-/// The paths alone, if each line acts in the first millisecond after it can have come.
+/// The paths alone, if each line takes effect in the first millisecond after it can have arrived.
 ///
-/// For boards whose pins nobody sees: in a move they may be a few milliseconds off it. Gives for each axis whether it comes to
-/// rest at the same place all the same: not after a drift, or a stop in mid-move, until it has an absolute target again.
+/// This is for boards whose pins nothing records. In a move the paths may be a few milliseconds off. The result tells
+/// for each axis whether it comes to rest at this place in any case. That is not so after a drift, or a stop in the
+/// middle of a move, until there is an absolute target again.
 pub fn predict(sent: &[SentLine], end: u64, options: &WinchOptions, onlooker: &mut impl Onlooker) -> [bool; 4] {
     let ms = |tick: u64| (tick as f64 / options.tick_hz * 1e3).ceil() as u64;
     let sent = with_deadman(sent, end, options);
@@ -269,10 +271,11 @@ pub fn predict(sent: &[SentLine], end: u64, options: &WinchOptions, onlooker: &m
     board.paths.map(|path| !path.depends_on_time)
 }
 
-/// A deadman strikes at the soonest when its time is over, and so much later at most, ms: a board looks for it now and then.
+/// A deadman triggers when its time is over, or at most this much later, ms, because a board checks it only now and
+/// then.
 const DEADMAN_LATE_MS: u64 = 6;
 
-/// The lines, and what a deadman does between them: as long after a line as one has asked for, unless the next is there before.
+/// Adds the effects of deadmen to the lines: after the silence that a line has set, unless the next line comes earlier.
 fn with_deadman(sent: &[SentLine], end: u64, options: &WinchOptions) -> Vec<SentLine> {
     let ticks = |ms: u64| (ms as f64 * 1e-3 * options.tick_hz) as u64;
     let mut all = Vec::with_capacity(sent.len());
@@ -291,22 +294,22 @@ fn with_deadman(sent: &[SentLine], end: u64, options: &WinchOptions) -> Vec<Sent
     all
 }
 
-/// An edge that was before the one before it.
+/// An edge is earlier than the one before it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("edge {edge} is at tick {tick}, before the one before it")]
 pub struct OutOfOrder {
-    /// Which, from 0.
+    /// The index of the edge, from 0.
     pub edge: usize,
-    /// When.
+    /// Its tick.
     pub tick: u64,
 }
 
-/// What is known of the trace so far.
+/// What the trace has shown so far.
 struct Seen {
-    /// When the drivers went on or off, ticks.
+    /// The ticks at which the drivers went on or off.
     drives: Vec<(u64, bool)>,
     steps: [Vec<AxisStep>; 4],
-    /// Edges of the same steps, ticks.
+    /// The ticks of the steps' edges.
     ticks: [Vec<u64>; 4],
     axes: [AxisReport; 4],
     faults: Vec<WinchFault>,

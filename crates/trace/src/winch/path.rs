@@ -8,13 +8,13 @@ use super::command::{Command, Order};
 /// A millisecond, s.
 const DT: f64 = 1e-3;
 
-/// Four axes and their drivers. While these are off the paths stand still.
+/// Four axes and their drivers. While the drivers are off, the paths stand still.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Board {
     pub(super) paths: [Path; 4],
-    /// The drivers are on.
+    /// Whether the drivers are on.
     pub(super) drives: bool,
-    /// The drivers are to be off as soon as no axis moves.
+    /// Whether the drivers go off as soon as no axis moves.
     is_releasing: bool,
 }
 
@@ -39,7 +39,7 @@ impl Board {
         }
     }
 
-    /// One millisecond.
+    /// Executes one millisecond.
     pub(super) fn tick(&mut self) {
         if self.drives {
             self.paths.iter_mut().for_each(Path::tick);
@@ -49,7 +49,7 @@ impl Board {
         }
     }
 
-    /// All of its state, to compare two of them.
+    /// The whole state, to compare two boards.
     pub(super) fn bits(&self) -> ([[u64; 11]; 4], [bool; 2]) {
         let bits = |path: &Path| {
             let Path { position, speed, reference, target, drift, ramp, .. } = *path;
@@ -65,13 +65,13 @@ impl Board {
         (self.paths.each_ref().map(bits), [self.drives, self.is_releasing])
     }
 
-    /// How fast an axis goes in this millisecond, steps/s.
+    /// Speed of an axis in this millisecond, steps/s.
     pub(super) fn speed(&self, axis: usize) -> f64 {
         if self.drives { self.paths[axis].speed } else { 0.0 }
     }
 }
 
-/// Where an axis is, and where it is to go; steps and seconds.
+/// Position and target of an axis; steps and seconds.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Path {
     pub(super) position: f64,
@@ -79,21 +79,21 @@ pub(super) struct Path {
     reference: f64,
     target: f64,
     drift: f64,
-    /// Fastest that the reference goes to its target; 0: at once.
+    /// Highest speed of the reference towards its target; 0: at once.
     ramp: f64,
     stiffness: f64,
     damping: f64,
     max_speed: f64,
     max_acceleration: f64,
     is_stopping: bool,
-    /// Where it comes to rest depends on the millisecond in which a line acted: there was a drift, or a stop in mid-move, and no
-    /// absolute target since.
+    /// Whether the place of rest depends on the millisecond in which a line took effect: there was a drift, or a stop
+    /// in the middle of a move, and no absolute target since.
     pub(super) depends_on_time: bool,
     pub(super) doubt: Doubt,
 }
 
 impl Path {
-    /// As a board begins: 1 Hz, b = 1 (it rings), 3500 steps/s, 35 000 steps/s².
+    /// The state at a board's start: 1 Hz, b = 1 (it rings), 3500 steps/s, 35 000 steps/s².
     pub(super) const START: Path = Path {
         position: 0.0,
         speed: 0.0,
@@ -111,7 +111,7 @@ impl Path {
     };
 
     fn obey(&mut self, order: Order) {
-        // An axis that is stopping has its target where it is.
+        // The target of an axis that is stopping is its position.
         if self.is_stopping {
             (self.target, self.reference) = (self.position, self.position);
             self.doubt.rebase();
@@ -127,7 +127,7 @@ impl Path {
                 return;
             }
             Order::Target(steps) => {
-                // Beyond 32 bits from the position shown, which wraps.
+                // The reference is more than 32 bits away from the position shown, which wraps.
                 let turns = ((self.position.round() + TURN / 2.0) / TURN).floor();
                 self.target = steps + turns * TURN;
                 self.depends_on_time = self.drift != 0.0;
@@ -158,7 +158,7 @@ impl Path {
         }
     }
 
-    /// One millisecond: the position goes on by the speed that it had.
+    /// Executes one millisecond: the position moves by the speed from before.
     fn tick(&mut self) {
         if self.ramp > 0.0 {
             let most = self.ramp * DT;
@@ -174,7 +174,7 @@ impl Path {
         doubt.tick(self, wanted, acceleration);
         self.doubt = doubt;
         self.position += self.speed * DT;
-        // A speed above a new limit goes down within amax, not at once.
+        // A speed above a new limit goes down with amax, not at once.
         let fastest = self.max_speed.max(self.speed.abs() - self.max_acceleration * DT);
         self.speed = (self.speed + acceleration * DT).clamp(-fastest, fastest);
         self.reference += self.drift * DT;
@@ -187,10 +187,11 @@ impl Path {
         }
     }
 
-    /// A step was seen `after_s` after the millisecond's beginning, `behind` steps behind this path in the forward direction; the
-    /// board makes its steps within `within` of its own path. Where the board's path may be is then known better.
+    /// A step was seen `after_s` after the beginning of the millisecond, `behind` steps behind this path in the forward
+    /// direction. The board makes its steps within `within` of its own path, so that the step narrows down where that
+    /// path may be.
     ///
-    /// That is done only where the path alone says too little: elsewhere no step moves it.
+    /// This is done only where the path alone says too little. Elsewhere the steps have no influence on it.
     pub(super) fn see(&mut self, behind: f64, after_s: f64, within: f64) {
         if self.doubt.steps() > NEGLIGIBLE_DOUBT_STEPS
             && let Some((position, speed)) = self.doubt.see(-behind, after_s, within)
@@ -201,10 +202,10 @@ impl Path {
     }
 }
 
-/// Steps from one end of 32 bits to the other.
+/// Number of steps that 32 bits can count.
 const TURN: f64 = 4_294_967_296.0;
 
-/// Below that the path is judged by itself, steps.
+/// Below this uncertainty the path is judged by itself, steps.
 const NEGLIGIBLE_DOUBT_STEPS: f64 = 0.05;
 
 /// What a board may cut in a millisecond: of what acts on the speed, of the speed as it acts, steps/s, and of the result, steps/s.
@@ -212,26 +213,28 @@ const CUT: f64 = 1.0 / 4_194_304.0;
 const CUT_SPEED: f64 = 1.0 / 65_536.0;
 const CUT_RESULT: f64 = 1.0 / 2_147_483_648.0;
 
-/// How far a board that rounds may be from the path: an ellipse of differences in position and speed which it does not leave.
+/// How far a board that rounds may be from the path: an ellipse of differences in position and speed.
 ///
-/// It is little nearly everywhere. But with a natural frequency near 20 Hz and a small damping ratio, at the limits, the recurrence
-/// itself is chaotic: of two paths that begin 10^-4 step apart one is at one end of its swing in the end, the other at the other.
-/// So the ellipse goes along with the path, by its derivative, grows by what is cut, and each step that is seen cuts off what
-/// cannot be.
+/// It is small nearly everywhere. But with a natural frequency near 20 Hz and a small damping ratio, at the limits, the
+/// recurrence itself is chaotic: of two paths that begin 10^-4 step apart, one may end at one end of its swing and the
+/// second at the opposite end. So the ellipse follows the path by its derivative, grows by the rounding, and each step
+/// that is seen cuts off what it excludes.
 ///
-/// Source of both: Schweppe, Uncertain Dynamic Systems, 1973, §4.3 and 4.4 (sum of ellipsoids, and with a strip).
+/// Source of both: Schweppe, Uncertain Dynamic Systems, 1973, §4.3 and 4.4 (sum of ellipsoids, and intersection with a
+/// strip).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Doubt {
     /// The matrix P: differences x are those with xᵀ P⁻¹ x ≤ 1; steps², steps²/s and steps²/s².
     position: f64,
     both: f64,
     speed: f64,
-    /// What the reference may be off besides, as it was taken from the position in a stop, steps.
+    /// Additional uncertainty of the reference, because it was set to the position in a stop, steps.
     offset: f64,
-    /// The millisecond before ended near the greatest speed, on one side of it or the other.
+    /// Whether the last millisecond ended near the highest speed, above it or below it.
     is_near: bool,
-    /// It is a box, with the roots of `position` and `speed` to either side. So it is from the second such millisecond in a row on: what
-    /// cuts speeds brings two of them nearer to each other, but an ellipse around that is larger each time.
+    /// Whether it is a box, with sides of the roots of `position` and `speed`. It becomes one in the second such
+    /// millisecond in a row. A limit of speed brings two speeds nearer to each other, but an ellipse around the result
+    /// would grow each time.
     is_box: bool,
 }
 
@@ -241,12 +244,12 @@ impl Doubt {
         self.position.sqrt() + self.offset
     }
 
-    /// The reference is from now on where the axis is.
+    /// The reference becomes the position of the axis.
     fn rebase(&mut self) {
         (self.offset, self.position, self.both) = (self.steps(), 0.0, 0.0);
     }
 
-    /// The target is a position again; with a ramp the reference is there later.
+    /// The target is a position again. With a ramp, the reference arrives there later.
     fn count_from_zero(&mut self, is_later: bool) {
         self.add(self.offset, 0.0, 1.0);
         if !is_later {
@@ -254,7 +257,7 @@ impl Doubt {
         }
     }
 
-    /// The millisecond that `path` is about to do, in which it wants one acceleration and gets another.
+    /// The millisecond that `path` is about to execute, in which it asks for one acceleration and gets another.
     fn tick(&mut self, path: &Path, wanted: f64, acceleration: f64) {
         let Path { stiffness, damping, max_speed, max_acceleration, .. } = *path;
         let (stiffness, damping) = if path.is_stopping { (0.0, 1.0 / DT) } else { (stiffness, damping) };
@@ -270,7 +273,7 @@ impl Doubt {
         } else {
             cut += DT * CUT * max_acceleration;
         }
-        // Near the clamp it may be this way or that.
+        // Near the clamp either case is possible.
         let swing = stiffness * off + damping * off_speed;
         if (wanted.abs() - max_acceleration).abs() < swing {
             cut += DT * swing;
@@ -293,7 +296,7 @@ impl Doubt {
             (self.position, self.speed) = (2.0 * self.position, 2.0 * self.speed);
         }
         if falling > max_speed {
-            // It goes down by amax, whatever is wanted.
+            // The speed goes down by amax in any case.
             (change, cut) = ([0.0, 1.0], CUT_RESULT + DT * CUT * max_acceleration);
         } else if next.abs() > max_speed {
             change = [0.0, 0.0];
@@ -301,7 +304,7 @@ impl Doubt {
         if self.is_near {
             cut += off_speed;
         }
-        // A P Aᵀ, where A's first row is 1, DT and its second is `change`.
+        // A P Aᵀ, where the first row of A is 1, DT and the second is `change`.
         let Doubt { position: p, both: c, speed: s, .. } = *self;
         let [along, own] = change;
         self.position = p + 2.0 * DT * c + DT * DT * s;
@@ -310,8 +313,8 @@ impl Doubt {
         self.add(DT * CUT_SPEED, cut, path.stiffness);
     }
 
-    /// Differences up to so much come to it: the smallest ellipse around all sums, positions and speeds made comparable by the
-    /// stiffness.
+    /// Adds differences up to the given size: the smallest ellipse around all sums. The stiffness makes positions and
+    /// speeds comparable.
     fn add(&mut self, position: f64, speed: f64, stiffness: f64) {
         // Around a rectangle.
         let (more, more_speed) = (2.0 * position * position, 2.0 * speed * speed);
@@ -327,8 +330,9 @@ impl Doubt {
         self.speed = self.speed * grow + more_speed * part;
     }
 
-    /// The difference in position, `after_s` from now, is `seen`, to `within`: keeps what agrees, and gives by how much its middle
-    /// moves. `None` if nothing agrees, or nothing would be gained.
+    /// Uses that the difference in position, `after_s` from now, is `seen` to within `within`. It keeps the differences
+    /// that agree and returns by how much their middle moves. It returns `None` if nothing agrees, or nothing would be
+    /// gained.
     fn see(&mut self, seen: f64, after_s: f64, within: f64) -> Option<(f64, f64)> {
         let within = within + self.offset;
         if self.is_box {
@@ -346,7 +350,7 @@ impl Doubt {
         if span <= 0.0 || seen.abs() > within + span.sqrt() {
             return None;
         }
-        // Of the ellipses around all that agrees, one for each weight of what was seen, the smallest of a few.
+        // Each weight of the observation gives an ellipse around all that agrees; this takes the smallest of a few.
         let kept = |weight: f64| {
             let sum = within * within + weight * span;
             let size = 1.0 + weight - weight * seen * seen / sum;

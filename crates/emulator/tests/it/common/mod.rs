@@ -82,7 +82,7 @@ impl Bench {
         u16::from_le_bytes([below, self.get(low + 1)])
     }
 
-    /// The edges of one pin since this was last asked: cycle and whether it rose.
+    /// The edges of one pin since the last call: cycle, and whether it rose.
     pub(crate) fn edges(&mut self, port: Port, bit: u8) -> Vec<(u64, bool)> {
         let edges = std::mem::take(&mut self.seen.edges);
         edges.iter().filter(|e| (e.port, e.bit) == (port, bit)).map(|e| (e.cycle, e.level.is_high())).collect()

@@ -93,7 +93,7 @@ impl Bench {
         self.chip.read(address, &mut self.seen)
     }
 
-    /// The edges of one pin since this was last asked: cycle and whether it rose.
+    /// The edges of one pin since the last call: cycle, and whether it rose.
     pub(crate) fn edges(&mut self, gpio: u8) -> Vec<(u64, bool)> {
         let edges = std::mem::take(&mut self.seen.edges);
         edges.iter().filter(|edge| edge.gpio == gpio).map(|edge| (edge.cycle, edge.level.is_high())).collect()

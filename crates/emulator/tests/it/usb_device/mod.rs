@@ -1,5 +1,5 @@
-//! A USB serial port as firmware has it, on the bare registers of the RP2040 (datasheet §4.1), without waiting and without
-//! interrupts: what is compared with another emulator runs the same code as the tests.
+//! A USB serial port as a firmware implements it, on the bare registers of the RP2040 (datasheet §4.1), without waiting
+//! and without interrupts. The tests and the comparison with another emulator run this code.
 #![allow(dead_code, reason = "each user takes its part")]
 
 /// How registers and memory are reached.

@@ -77,7 +77,7 @@ pub(crate) struct Amount {
     pub(crate) unit: String,
 }
 
-/// What is known of an expression besides its value.
+/// What is known of an expression, without its value.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Measure {
     dimension: Dimension,
@@ -200,7 +200,7 @@ impl Dimension {
     pub(crate) const LENGTH: Dimension = Dimension { length: 1.0, ..Dimension::PLAIN };
     pub(crate) const STEPS: Dimension = Dimension { steps: 1.0, ..Dimension::PLAIN };
 
-    /// Whether they are the same but for the rounding of broken powers.
+    /// Whether they are equal up to the rounding of fractional powers.
     pub(crate) fn is(self, other: Dimension) -> bool {
         let same = |a: f64, b: f64| (a - b).abs() < 1e-9;
         same(self.angle, other.angle) && same(self.length, other.length) && same(self.steps, other.steps)
@@ -273,7 +273,7 @@ impl Parameter {
         }
     }
 
-    /// With the same numbers, for a text whose dimensions have been looked at before it was put together.
+    /// The parameter with its numbers, without a dimension, for a text whose dimensions have already been checked.
     pub(crate) fn without_dimension(&self) -> Parameter {
         Parameter { dimension: Dimension::PLAIN, scale: None, ..self.clone() }
     }
@@ -398,7 +398,7 @@ impl Measure {
         Measure { constant: None, factor: 1.0, pi: 0.0, literals: Few::none(1.0), ..*self }
     }
 
-    /// Of a sum, if both have the same dimension.
+    /// The measure of a sum whose parts have one dimension.
     pub(super) fn with_constant(self, constant: Option<f64>) -> Measure {
         let literals = Few::none(1.0).and(constant.into_iter());
         Measure { constant, factor: constant.unwrap_or(1.0), literals, ..self }
@@ -501,7 +501,7 @@ impl Place<'_> {
         Err(error(b.node.span, message).helped(DIVIDE))
     }
 
-    /// The same of several.
+    /// The measure of several parts that must have one dimension.
     pub(super) fn all_alike(&self, parts: &[&Typed], rule: &str) -> Result<Measure, FormulaError> {
         let Some((first, others)) = parts.split_first() else { return Ok(Measure::PLAIN) };
         let mut all = Typed { node: first.node.clone(), measure: first.measure };

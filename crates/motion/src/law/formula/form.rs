@@ -159,7 +159,7 @@ impl Form {
         (product.harmonics.len() <= MOST_HARMONICS).then_some(product)
     }
 
-    /// The same in the time since `zero`.
+    /// This form with its time counted from `zero`.
     pub(super) fn since(&self, zero: Time) -> Form {
         let by = Double::from(zero);
         let mut polynomial = self.polynomial.clone();

@@ -81,7 +81,7 @@ pub struct ParameterUse {
     pub written: String,
     /// Its number outside of sin, cos and tan and its unit, which is empty for a plain number; `None` if it is not used there.
     pub outside: Option<(f64, String)>,
-    /// The same inside of sin, cos and tan.
+    /// Its number inside of sin, cos and tan and its unit; `None` if it is not used there.
     pub in_trig: Option<(f64, String)>,
 }
 
@@ -89,12 +89,13 @@ pub struct ParameterUse {
 const LONGEST_S: f64 = 64.0;
 /// The fastest sinusoid turns by no more within a window, rad: its phase stays exact to 2^-46.
 const MOST_RADIANS: f64 = 64.0;
-/// The same, about, of what is no sum of lines and sinusoids: peaks and turns in a window are found at once.
+/// The limit in a window, roughly, for formulas that are no sum of lines and sinusoids, rad. Their peaks and turns in a
+/// window are searched together.
 const MOST_RADIANS_WITHOUT_FORM: f64 = 1024.0;
 /// Windows of forms are cut until positions are exact to this, steps, or they are this short.
 const EXACT_STEPS: f64 = 1e-8;
 const SHORT_S: f64 = 1e-6;
-/// Windows of the narrowest kind in a row before the formula is given up: some branch never settles.
+/// The formula is refused after this many windows of the shortest kind in a row, because a branch never settles.
 const MOST_FORCED: u32 = 100;
 /// A window of this length ends such a row, s.
 const SETTLED_S: f64 = 1e-9;
@@ -129,7 +130,7 @@ impl Law {
         Law::formula_in(text, &parameters, &Unit::plain(steps_per_unit), duration)
     }
 
-    /// The same with parameters that have dimensions, and a result in `unit`.
+    /// Reads a formula with parameters that have dimensions, and a result in `unit`.
     pub(crate) fn formula_in(
         text: &str,
         parameters: &[Parameter],

@@ -230,7 +230,7 @@ impl<'a> Parser<'a> {
 
     fn inverted(&mut self) -> Result<Operand, FormulaError> {
         self.blank();
-        // `!=` is no negation, and `not(` is handled alike.
+        // `!=` is no negation. `not(` is handled like `!`.
         let bang = self.rest().starts_with('!') && !self.rest().starts_with("!=");
         let from = if bang { self.take("!") } else { self.take("not") };
         let Some(from) = from else { return self.comparison() };

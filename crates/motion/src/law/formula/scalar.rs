@@ -11,7 +11,7 @@ pub(super) trait Scalar:
     fn exact(x: f64) -> Self;
     /// The f64 nearest to what is meant, once rounded.
     fn rounded(x: f64) -> Self;
-    /// Whether it may be used on; always for f64, where nobody looks.
+    /// Whether it can be used for further computation. An f64 always can.
     fn is_sound(self) -> bool;
     fn sin_cos(self) -> (Self, Self);
     fn exp(self) -> Self;
@@ -102,7 +102,7 @@ impl Enclosed {
         self.low == 0.0 && self.high == 0.0 && self.error == 0.0
     }
 
-    /// The same for a function of `libm`.
+    /// The enclosure of a result of a `libm` function.
     fn function(low: f64, high: f64, carried: f64) -> Enclosed {
         let (low, high) = (low - SLACK * low.abs(), high + SLACK * high.abs());
         let magnitude = low.abs().max(high.abs()) + carried;

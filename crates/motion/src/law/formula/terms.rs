@@ -70,7 +70,7 @@ impl Terms {
         terms
     }
 
-    /// The same in another time, Σ c_k u^k.
+    /// These terms in another time, Σ c_k u^k.
     pub(crate) fn warped(self, time: [Accurate; 5]) -> Terms {
         Terms::one(Basis::Warped { terms: Box::new(self), time: time.into() }, Accurate::ONE, Double::ZERO)
     }
@@ -139,7 +139,7 @@ fn plus(a: &Dual, b: &Dual) -> Dual {
     [a[0] + b[0], a[1] + b[1]]
 }
 
-/// A whole number that stays the same, and is small enough to be a power.
+/// A constant whole number that is small enough to be a power.
 fn whole(x: &Dual) -> Option<i32> {
     let n = x[0].nearest();
     let is_exact = x[1].is_nothing() && x[0].error == 0.0 && x[0].value.lo == 0.0;

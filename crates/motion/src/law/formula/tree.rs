@@ -102,7 +102,7 @@ impl Expression {
         self.size
     }
 
-    /// The same, written at another place: with its brackets.
+    /// This expression with its place in the text extended to its brackets.
     pub(super) fn written_at(self, span: Span) -> Expression {
         Expression { span, ..self }
     }
