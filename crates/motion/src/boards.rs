@@ -274,14 +274,8 @@ pub fn find(name: &str) -> Option<BoardRow> {
 /// firmware/uno/src/engine/steps/stepper.rs: for an interrupt that is late before it and after it, and the way to the line after the match; and twice the
 /// distance of groups, by which a merge moves edges.
 const TURN_TICKS: [u32; 2] = [24 + 48 + 24, 60 + 16 + 60 + 2 * 76];
-<<<<<<< HEAD
 /// The same of one and of two motors of the compare hardware's: the distance of groups, before it and after it.
 const TURN_TICKS_BY_COMPARE: [u32; 2] = [2 * GROUP_SPACING_TWO_RINGS_TICKS[0], 2 * GROUP_SPACING_TWO_RINGS_TICKS[1]];
-=======
-/// Time that a turn of DIR takes with one motor, and with two, on the compare hardware, ticks: the distance of groups,
-/// before it and after it.
-const TURN_TICKS_BY_COMPARE: [u32; 2] = [2 * GROUPS_APART_BESIDE_TICKS[0], 2 * GROUPS_APART_BESIDE_TICKS[1]];
->>>>>>> cm-emu
 
 /// What a word of a Pico's state machine takes at least: the longest pulse of all motors and three cycles, which
 /// `pulsetrain_core::pio` has. Steps are no closer, and DIR changes in a word of its own.
@@ -312,13 +306,8 @@ const PULSE_LATE_TICKS: [u32; 2] = [24, 60];
 
 /// What an Uno keeps between two matches, on one port and on the shield's pins, ticks: `SPACING` and `SPACING_SHIELD` there.
 const GROUPS_APART_TICKS: [u32; 2] = [48, 60];
-<<<<<<< HEAD
 /// What it keeps with a ring for each motor: `SPACING_TWO_RINGS`, and `SPACING_TWO_COMPARE`.
 const GROUP_SPACING_TWO_RINGS_TICKS: [u32; 2] = [96, 171];
-=======
-/// Distance of two matches if each motor has a ring of its own, ticks: `APART_BESIDE`, and `APART_TWO_COMPARE`.
-const GROUPS_APART_BESIDE_TICKS: [u32; 2] = [96, 171];
->>>>>>> cm-emu
 
 /// How an Uno makes a pulse whose end is a match of its own: `PulseTiming::of` in firmware/uno/src/engine/steps/stepper/timing.rs.
 struct LongPulse {
