@@ -1,5 +1,5 @@
 //! A serial port as the system gives it: errors on opening, and a pseudo-terminal as a line.
-#![cfg(unix)]
+#![cfg(all(unix, feature = "serial"))]
 
 use pulsetrain_board::{Port, PortError, Serial};
 use pulsetrain_core::wire::Baud;
