@@ -1,8 +1,8 @@
 //! The channel: queue items → events, each a tick and what happens then.
 //!
 //! Ticks go up strictly from step to step. A step that would break that rule (an interval that is too short, an item
-//! that came too late, a motion without an [`Item::Anchor`]) is not made: the channel drops what follows up to the next
-//! anchor and says so in [`Channel::missed`]. So whatever a queue holds, every step counted can be a pulse.
+//! that came too late, a motion without an [`Item::Anchor`]) is not made: under a lease the motor brakes, else the
+//! channel drops what follows up to the next anchor; [`Channel::missed`] says so. So whatever a queue holds, every step counted can be a pulse.
 //!
 //! Switches: a step of the old epoch at a tick ≥ `at` is not made, one before is. The new epoch makes no step
 //! before `at`.

@@ -54,7 +54,7 @@ pub(crate) fn swing<P: Port>(port: P) -> Result<Outcome, Box<dyn Error>> {
     let board = connect(port, &program, Baud::B1M)?;
     println!("firmware {:?}, {} ticks a second", board.info().firmware, board.info().tick_hz);
 
-    // From here on the board always has a plan that ends at rest, so the cable may be pulled at any time.
+    // From here on the motors move under a lease: if the cable is pulled, they brake within their limits from its end.
     let mut session = Session::new(board, program.clone())?;
     let mut pulses = 0;
     let mut on_pins = |edge: Edge| pulses += u64::from(edge.line == 8 && edge.level);
