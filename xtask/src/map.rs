@@ -29,7 +29,7 @@ pub(crate) fn crates(root: &Path) -> Vec<PathBuf> {
     all
 }
 
-/// The modules of a crate and their imports, but for those of tests. A folder is one module.
+/// The modules of a crate and their imports, but for those of tests. A folder is one module: what its files import of one another is not drawn.
 pub(crate) fn modules(folder: &Path) -> Modules {
     let source = folder.join("src");
     let mut files: Vec<PathBuf> = Vec::new();
@@ -83,14 +83,15 @@ mod tests {
 
     #[test]
     fn no_circle_between_modules_of_a_crate() {
-        // The Pico's board configures the axes of its text, whose paths it then follows.
-        const KNOWN: [&str; 1] = ["machine → winch → machine"];
+        // On the Pico the board configures the axes of its text, and a port forwards text to them: each knows the other.
+        const KNOWN: [(&str, &str); 2] = [("machine", "winch"), ("port_io", "winch")];
         let mut circles = Vec::new();
         for folder in crates(&crate::command::root()) {
-            let modules = modules(&folder);
-            let found = circle(&modules).map(|circle| circle.join(" → "));
-            let found = found.filter(|circle| !KNOWN.contains(&circle.as_str()));
-            circles.extend(found.map(|circle| format!("{}: {circle}", folder.display())));
+            let mut modules = modules(&folder);
+            for (from, to) in KNOWN {
+                modules.entry(from.to_owned()).or_default().remove(to);
+            }
+            circles.extend(circle(&modules).map(|circle| format!("{}: {}", folder.display(), circle.join(" → "))));
         }
         assert!(circles.is_empty(), "modules that import one another in a circle:\n{}", circles.join("\n"));
     }

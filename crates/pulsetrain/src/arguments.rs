@@ -190,3 +190,18 @@ pub(crate) fn current(text: &str) -> Result<f64, String> {
 pub(crate) fn voltage(text: &str) -> Result<f64, String> {
     positive(text, Base::Voltage, "12V").map(|quantity| quantity.value)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The registry of firmware and the table of limits are joined by the name.
+    #[test]
+    fn every_board_with_a_firmware_has_limits() {
+        for kind in BoardKind::ALL {
+            assert!(boards::find(kind.name()).is_some(), "{kind:?}");
+            assert_eq!(BoardKind::named(kind.name()), Some(kind));
+        }
+        assert_eq!(BoardKind::NAMES, BoardKind::ALL.map(BoardKind::name));
+    }
+}
