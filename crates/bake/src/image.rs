@@ -34,7 +34,7 @@ const SHAPE: Shape = Shape {
     by_pairs: steps_singly,
 };
 
-/// Shortest interval, ticks, at which the firmware has the time to plan each step by itself.
+/// Shortest interval, ticks, at which the firmware has the time to plan steps one at a time.
 const FAR: u64 = 2048;
 
 /// Shortest interval, ticks, of steps that the firmware makes without planning each one, where two motors have a ring
@@ -122,7 +122,7 @@ impl Image {
     }
 }
 
-/// Whether the firmware would plan each step of this segment by itself, at 1000 cycles each, though the steps are a few
+/// Whether the firmware would plan the steps of this segment one at a time, at 1000 cycles each, though the steps are a few
 /// hundred ticks apart. Where a ramp ends, two motors can come to such a segment at once: that was an underrun. The
 /// firmware plans step by step if add2 is a tick or more and if add and add2, by its estimate for seven steps, could
 /// bring the interval below the shortest one (`firmware/uno/src/engine/steps/plan.rs`, `load.rs`). In two steps add2
@@ -136,8 +136,8 @@ fn steps_singly(&Segment { count, interval, add, add2 }: &Segment) -> bool {
         && interval < change + (FASTEST << FRACTION_BITS)
 }
 
-/// Refuses what the firmware would accept although an image without a host must not have it, and what the firmware
-/// would refuse in words of its own.
+/// Refuses wirings that do not work without a host, though the firmware accepts them. Also refuses what the firmware
+/// would refuse, with a message that names the motor.
 fn check(program: &Program) -> Result<(), BakeError> {
     let refuse = |motor: &Motor, what: String| Err(BakeError::Wiring { motor: motor.name.clone(), what });
     if let Some(motor) = program.motors.get(MOST) {

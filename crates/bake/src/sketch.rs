@@ -31,8 +31,7 @@ impl Sketch {
     /// Makes the sketch of a program for the Uno. `title` is its name in its comments.
     ///
     /// # Errors
-    /// [`BakeError`]: a driver without STEP and DIR, pins other than 2 to 13, or a motion that is too fast or too
-    /// large.
+    /// [`BakeError`]: a driver has no STEP and DIR, a pin is not one of 2 to 13, or the motion is too fast or too large.
     pub fn new(program: &Program, title: &str) -> Result<Sketch, BakeError> {
         let parts = Parts::of(program, TABLE_BYTES)?;
         let Size { rows, bytes, .. } = parts.size;

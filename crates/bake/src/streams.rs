@@ -1,8 +1,8 @@
 //! Plans as packed bytes, in pieces, for images of the Pico and of the Uno. A repeating motion is cut down to its first
 //! turn.
 //!
-//! The cut lies in the widest gap between two steps, as for tables. The wait in that gap is stored by itself, so that
-//! each turn begins at its own exact time.
+//! The cut lies in the widest gap between two steps, as for tables. The wait in that gap is separate from the bytes
+//! that repeat, so that each turn begins at its exact time.
 
 use pulsetrain_board::Setup;
 use pulsetrain_core::packing::{MAX_PACKED_LEN, PackError, Packing, State};

@@ -1,7 +1,7 @@
 //! A motor's plan as rows of a table that an Uno's program can play, and the rows that repeat.
 //!
 //! The repeating part (a turn) begins in the widest gap between two steps, most often at a turning point. The time of
-//! the step before that gap is kept by itself: each turn adds the period to it, in ticks of 2^-48, so that no rounding
+//! the step before that gap is stored separately: each turn adds the period to it, in ticks of 2^-48, so that no rounding
 //! error grows over the years. The gap absorbs the difference. Each step of a turn comes a period after its step in the
 //! turn before, to within a tick.
 

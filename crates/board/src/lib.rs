@@ -14,8 +14,8 @@
 //! - [`stk500`]: writes an Uno's flash through its bootloader
 //!
 //! # What is not
-//! Planning is `pulsetrain-plan`'s: a board follows the plan that it gets. Keeping its queues filled is `pulsetrain-session`'s. The one motion that a
-//! board makes by itself is the stop at the end of a lease, and [`replay`] gives the steps of that stop.
+//! Planning is `pulsetrain-plan`'s: a board follows the plan that it gets. Keeping its queues filled is `pulsetrain-session`'s. At the end of a
+//! lease a board brakes its motors without a plan; [`replay`] computes the steps of that stop.
 //!
 //! # Example
 //! The firmware of the Uno, on an emulated ATmega328P, says what it is:

@@ -411,7 +411,7 @@ impl Link {
         self.frames.len()
     }
 
-    /// Asks for the room in the queues, unless a frame waits already: its confirmation will have it.
+    /// Sends a poll for the free room in the queues. Does nothing while a frame waits for its confirmation, which reports the room, too.
     pub fn poll(&mut self, now: Duration) {
         if self.frames.is_empty() {
             self.start_timeouts(now);

@@ -373,7 +373,7 @@ impl Native {
         self.now.saturating_add_signed(ahead.into())
     }
 
-    /// The lease with 32-bit ticks, as the channels have it.
+    /// Converts a lease to the 32-bit ticks of the channels.
     ///
     /// # Errors
     /// The first tick that is too far ahead, if the lease ends there or later.
@@ -740,7 +740,7 @@ struct Motors<const F: u32> {
     axes: Vec<Axis<F, NativeQueue>>,
     sharing: Sharing,
     lines: Vec<SharedLine>,
-    /// By motor: edges that had to be made before those of another motor on the same DIR line, and that nobody took yet.
+    /// By motor: edges that were made early, since another motor on the same DIR line needed them, and were not yet given out.
     ready: Vec<VecDeque<pulsetrain_core::output::Edge>>,
 }
 

@@ -3,7 +3,7 @@
 //! Items that are pushed are packed, and sent when time passes ([`Board::advance`], [`Leased::switch`]). Time is the port's: a real port waits, a
 //! virtual one lets its board run. Ticks are those of the board's clock, as the host has read it.
 //!
-//! A lost board blocks nobody: pushed items are dropped, switches are refused, time goes on, and [`Remote::error`] says why. The board follows the
+//! No call waits for a lost board: pushed items are dropped, switches are refused, time goes on, and [`Remote::error`] says why. The board follows the
 //! plan that it has to the end of its lease, where the motors brake.
 
 use crate::lease::{ExtendRefused, Lease, LeaseState, Leased, TrimRefused};
@@ -200,7 +200,7 @@ pub enum RemoteError {
         /// A number that belongs to the reason; see [`Reason`].
         detail: u16,
     },
-    /// The board stopped by itself, and accepts no more of a plan.
+    /// The board has stopped its motors because of a fault or an event, and accepts no more of the plan.
     #[error("the board stopped: {}", in_words(*.cause))]
     Stopped {
         /// The cause that it reported.
@@ -978,7 +978,7 @@ impl<P: Port> Remote<P> {
         Ok(())
     }
 
-    /// The lease with 32-bit ticks, as frames have it.
+    /// Converts a lease to the 32-bit ticks of frames.
     ///
     /// # Errors
     /// The first tick that is too far ahead, if the lease ends there or later.

@@ -120,15 +120,16 @@ fn a_session_lives_in_a_thread_of_its_own() {
     let mut driven = Driven::native(&prepared).unwrap();
     let (commands, receiver) = channel();
     let (events, told) = channel();
+    // Sent before the thread begins: the run is over within milliseconds.
+    commands.send(Command::Stop).unwrap();
     let run = thread::spawn(move || {
         driven.run_with(&receiver, &mut |_: Edge| {}, |event| {
             let _ = events.send(event);
         })
     });
-    commands.send(Command::Stop).unwrap();
     let ended = run.join().unwrap().unwrap();
     assert!(told.iter().any(|event| matches!(event, Event::Stopping { .. })));
-    assert!(ended.stopped || ended.counted == [4800], "{ended:?}");
+    assert!(ended.stopped && ended.counted[0] < 100, "{ended:?}");
 }
 
 #[test]
