@@ -111,8 +111,10 @@ class Original(unittest.TestCase):
                     time.sleep(0.01)
                 client.close()
                 self.assertEqual(client.position, [40, 50, 0, 0])
-                self.assertEqual(client.log[1:-1], expected)
-                self.assertEqual((client.log[0], client.log[-1][:2]), ("awake", "id"))
+                # Opening a port throws away what came before: under load that can be the board's `awake`.
+                others = [line for line in client.log if line != "awake"]
+                self.assertEqual(others[:-1], expected)
+                self.assertEqual(others[-1][:2], "id")
 
 
 if __name__ == "__main__":
