@@ -57,6 +57,19 @@ pub enum Event {
         /// For each motor: whether it was too fast to stop at once, and may stand elsewhere than it counted.
         uncertain: Vec<bool>,
     },
+    /// The motion has come to its end, or was stopped. This is the last event.
+    Ended(Ended),
+    /// The motors stopped before the motion's end, though nobody asked for it. This is the last event.
+    Failed {
+        /// The reason, for the user.
+        why: String,
+        /// When the motors began to brake, s, if that is known.
+        at_s: Option<f64>,
+        /// Where the motors are, if they moved.
+        positions: Option<Positions>,
+        /// What the user can do, if something is known to help.
+        advice: Option<String>,
+    },
     /// A command was not obeyed, and the motion goes on as it was.
     Refused {
         /// The refused command.
@@ -90,4 +103,104 @@ pub struct MotorStatus {
     pub speed: Option<f64>,
     /// Room in its queue on the board, in the board's unit: now, and when the queue is empty.
     pub queue: (usize, usize),
+}
+
+/// How a run ended.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Ended {
+    /// Steps of each motor, forward minus backward, as the board counted them.
+    pub counted: Vec<i64>,
+    /// It was stopped before its end, within the motors' limits.
+    pub stopped: bool,
+    /// If it was stopped at once: for each motor, whether it was too fast for that and may stand elsewhere than it counted.
+    pub uncertain: Option<Vec<bool>>,
+}
+
+/// Where the motors are after a run that failed, and how that is known.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Positions {
+    /// Each motor's name and its steps forward minus backward since the board was set up.
+    pub motors: Vec<(String, i64)>,
+    /// How the steps are known.
+    pub by: Knowledge,
+}
+
+/// How the positions of motors are known, the surest way first.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(tag = "by", rename_all = "snake_case")]
+pub enum Knowledge {
+    /// The board counted them; they came to rest within their limits.
+    Counted,
+    /// The board counted them, and stopped them at once. A motor that was faster than its pull-in rate may have turned further than it counted.
+    StoppedAtOnce,
+    /// The board cannot be reached. The host computed them from what it had sent.
+    Replayed {
+        /// Other places where the motors may be: one for each message that the board may not have received. Empty if no answer was missing.
+        or: Vec<Vec<i64>>,
+    },
+    /// The line broke before the board answered an order to brake. The counts are the last that the board reported.
+    StopUnanswered,
+    /// The board restarted and has lost its count. These are the last counts that it reported before.
+    LastReport {
+        /// Why it restarted, in words.
+        reset: String,
+    },
+}
+
+impl Positions {
+    /// What the user has to do before the next run.
+    pub(crate) const fn advice(&self) -> &'static str {
+        match self.by {
+            Knowledge::Counted => "the next run counts from here: move the motors to their start position first",
+            Knowledge::StoppedAtOnce => {
+                "nothing moves until the next run. Look where the motors are: one that was stopped at speed may have gone further than it \
+                 counted; `pulsetrain info --port PORT` tells how the board fared"
+            }
+            Knowledge::Replayed { .. } | Knowledge::StopUnanswered => {
+                "look at the cable and at the board's supply. The motors brake within half a second, and nothing moves until the \
+                 next run. An Uno that lost its supply, or whose port was opened again, was reset: look where the motors are"
+            }
+            Knowledge::LastReport { .. } => {
+                "nothing moves until the next run. Bring the motors to where it is to begin: nobody knows where they are. Look for what \
+                 reset the board: its supply, or another program that opened its port"
+            }
+        }
+    }
+}
+
+impl std::fmt::Display for Positions {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let list = |counts: &[i64]| {
+            let each = self.motors.iter().zip(counts).map(|((name, _), steps)| format!("{name} at {steps} steps"));
+            each.collect::<Vec<_>>().join(", ")
+        };
+        let counts: Vec<i64> = self.motors.iter().map(|(_, steps)| *steps).collect();
+        let motors = list(&counts);
+        match &self.by {
+            Knowledge::Counted => write!(f, "the motors braked and rest: {motors}. The board counted that"),
+            Knowledge::StoppedAtOnce => write!(f, "the motors were stopped at once: {motors}. The board counted that"),
+            Knowledge::Replayed { or } => {
+                write!(
+                    f,
+                    "by what the board was told the motors brake, and come to rest: {motors}. The board cannot be asked"
+                )?;
+                if or.is_empty() {
+                    return Ok(());
+                }
+                let each: Vec<String> = or.iter().map(|counts| list(counts)).collect();
+                write!(f, "; if it did not take all that it was sent: {}", each.join(", or "))
+            }
+            Knowledge::StopUnanswered => write!(
+                f,
+                "the board was told to stop, and did not answer. When it was heard last: {motors}; the motors have come to rest since, within \
+                 their limits, but nobody knows where"
+            ),
+            Knowledge::LastReport { reset } => write!(
+                f,
+                "the board restarted on the way ({}) and has lost its count. When it was heard last: {motors}; the motors stopped at \
+                 once, soon after that",
+                reset
+            ),
+        }
+    }
 }

@@ -18,11 +18,12 @@ use pulsetrain_core::wire::message::{Cause, MotorSetup, image};
 use pulsetrain_core::wire::{Baud, Reason};
 use pulsetrain_motion::boards;
 use pulsetrain_motion::program::{self, CoilSequence, DriverTiming, Motor, Program};
-use pulsetrain_plan::Settings;
+use pulsetrain_plan::{PlanError, Refused, Settings};
 use pulsetrain_trace::{Line, lines};
 
-use crate::control::{Command, Event, Status};
+use crate::control::{Command, Ended, Event, Knowledge, Positions, Status};
 use crate::lateness::{Edges, Lateness, Meter};
+use crate::plans::{Planned, Plans};
 use crate::prepare::{Prepared, WORST_CLOCK_PPM};
 use crate::{Report, Session, SessionError};
 
@@ -32,6 +33,14 @@ pub enum DriveError {
     /// The session could not begin or go on.
     #[error(transparent)]
     Session(SessionError),
+    /// The planner refuses a part of the motion that was not planned before its first step.
+    #[error("motor {motor}: {error}")]
+    Plan {
+        /// The motor's name.
+        motor: String,
+        /// Which limit, and where.
+        error: PlanError,
+    },
     /// The native board cannot be wired so.
     #[error("the native board cannot run this motion: {0}")]
     Config(#[from] ConfigError),
@@ -106,6 +115,15 @@ impl DriveError {
         }
     }
 
+    /// This error as an event.
+    fn event(&self) -> Event {
+        let (why, positions) = match self {
+            DriveError::Halted { why, positions, .. } => (why.to_string(), Some(positions.clone())),
+            other => (other.to_string(), None),
+        };
+        Event::Failed { why, at_s: self.at_s(), positions, advice: self.advice().map(str::to_owned) }
+    }
+
     /// This error, with the positions of the motors.
     pub(crate) fn halted(self, seen_s: f64, positions: Positions) -> DriveError {
         DriveError::Halted { why: Box::new(self), seen_s, advice: positions.advice(), positions }
@@ -128,6 +146,7 @@ impl DriveError {
         let name = |motor: usize| program.motors.get(motor).map_or_else(String::new, |motor| motor.name.clone());
         match error {
             SessionError::Lost(error) => DriveError::Remote(error),
+            SessionError::Plan(Refused { motor, error }) => DriveError::Plan { motor: name(motor), error },
             SessionError::Stopped { motor, at_s, late_s } => DriveError::TooLate { motor: name(motor), at_s, late_s },
             SessionError::QueueTooShort { motor, at_s, capacity } => {
                 let queue_bytes = boards::find(&program.board.name).map_or_else(Vec::new, |row| row.queue_bytes);
@@ -138,98 +157,12 @@ impl DriveError {
     }
 }
 
-/// Where the motors are after a run that failed, and how that is known.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Positions {
-    /// Each motor's name and its steps forward minus backward since the board was set up.
-    pub motors: Vec<(String, i64)>,
-    /// How the steps are known.
-    pub by: Knowledge,
-}
-
-/// How the positions of motors are known, the surest way first.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Knowledge {
-    /// The board counted them; they came to rest within their limits.
-    Counted,
-    /// The board counted them, and stopped them at once. A motor that was faster than its pull-in rate may have turned further than it counted.
-    StoppedAtOnce,
-    /// The board cannot be reached. The host computed them from what it had sent.
-    Replayed {
-        /// Other places where the motors may be: one for each message that the board may not have received. Empty if no answer was missing.
-        or: Vec<Vec<i64>>,
-    },
-    /// The line broke before the board answered an order to brake. The counts are the last that the board reported.
-    StopUnanswered,
-    /// The board restarted and has lost its count. These are the last counts that it reported before.
-    LastReport {
-        /// Why it restarted.
-        reset: Cause,
-    },
-}
-
-impl Positions {
-    /// What the user has to do before the next run.
-    const fn advice(&self) -> &'static str {
-        match self.by {
-            Knowledge::Counted => "the next run counts from here: move the motors to their start position first",
-            Knowledge::StoppedAtOnce => {
-                "nothing moves until the next run. Look where the motors are: one that was stopped at speed may have gone further than it \
-                 counted; `pulsetrain info --port PORT` tells how the board fared"
-            }
-            Knowledge::Replayed { .. } | Knowledge::StopUnanswered => {
-                "look at the cable and at the board's supply. The motors brake within half a second, and nothing moves until the \
-                 next run. An Uno that lost its supply, or whose port was opened again, was reset: look where the motors are"
-            }
-            Knowledge::LastReport { .. } => {
-                "nothing moves until the next run. Bring the motors to where it is to begin: nobody knows where they are. Look for what \
-                 reset the board: its supply, or another program that opened its port"
-            }
-        }
-    }
-}
-
-impl std::fmt::Display for Positions {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let list = |counts: &[i64]| {
-            let each = self.motors.iter().zip(counts).map(|((name, _), steps)| format!("{name} at {steps} steps"));
-            each.collect::<Vec<_>>().join(", ")
-        };
-        let counts: Vec<i64> = self.motors.iter().map(|(_, steps)| *steps).collect();
-        let motors = list(&counts);
-        match &self.by {
-            Knowledge::Counted => write!(f, "the motors braked and rest: {motors}. The board counted that"),
-            Knowledge::StoppedAtOnce => write!(f, "the motors were stopped at once: {motors}. The board counted that"),
-            Knowledge::Replayed { or } => {
-                write!(
-                    f,
-                    "by what the board was told the motors brake, and come to rest: {motors}. The board cannot be asked"
-                )?;
-                if or.is_empty() {
-                    return Ok(());
-                }
-                let each: Vec<String> = or.iter().map(|counts| list(counts)).collect();
-                write!(f, "; if it did not take all that it was sent: {}", each.join(", or "))
-            }
-            Knowledge::StopUnanswered => write!(
-                f,
-                "the board was told to stop, and did not answer. When it was heard last: {motors}; the motors have come to rest since, within \
-                 their limits, but nobody knows where"
-            ),
-            Knowledge::LastReport { reset } => write!(
-                f,
-                "the board restarted on the way ({}) and has lost its count. When it was heard last: {motors}; the motors stopped at \
-                 once, soon after that",
-                in_words(*reset)
-            ),
-        }
-    }
-}
-
 /// A prepared motion on a board, at the tick before its laws begin.
 pub struct Driven<B> {
     session: Session<B>,
     program: Arc<Program>,
+    /// The board's tick at which the laws begin.
+    zero: u64,
     /// The lines of its traces, with their levels when the laws begin.
     pub lines: Vec<Line>,
     /// By the board's number of a line (native) or a pin: its index in `lines`; `None` for a pin that the motion does not use.
@@ -238,6 +171,19 @@ pub struct Driven<B> {
     steppers: Vec<Option<usize>>,
     /// `None` of a real board: its edges are not known, and steps would wait for them for ever.
     meter: Option<Meter>,
+    /// The order to brake, once there was one.
+    stop: Option<StopOrder>,
+    /// The proof of what comes next, while it is not complete.
+    proof: Option<Plans>,
+    /// What the proof found, after the motors were stopped for it.
+    refused: Option<Refused>,
+}
+
+/// An order to brake.
+#[derive(Clone, Copy, Debug)]
+struct StopOrder {
+    /// Whether it came before the last step was made.
+    cuts_motion: bool,
 }
 
 impl Driven<Native> {
@@ -249,7 +195,7 @@ impl Driven<Native> {
         let program = &prepared.program;
         let lines = lines::of(program);
         let places = (0..).map(Some).take(lines.len()).collect();
-        Driven::begin(native(program, Native::new)?, program, lines, places, Some(Edges::default()))
+        Driven::begin(native(program, Native::new)?, program, lines, places, Some(Edges::default()), None)
     }
 }
 
@@ -274,7 +220,7 @@ impl<P: Port> Driven<WithReference<Remote<P>>> {
         Driven::with(prepared, |program| connect(port, program, baud))
     }
 
-    /// As [`Driven::at`], on a board that the function `connect` takes and sets up: [`connect`], or [`connect_as`].
+    /// As [`Driven::on_board`], on a board that the function `connect` takes and sets up: [`connect`], or [`connect_as`].
     ///
     /// # Errors
     /// As [`Driven::at`].
@@ -282,14 +228,25 @@ impl<P: Port> Driven<WithReference<Remote<P>>> {
         prepared: &Prepared,
         connect: impl FnOnce(&Program) -> Result<Remote<P>, RemoteError>,
     ) -> Result<Driven<WithReference<Remote<P>>>, DriveError> {
+        Driven::on_board(prepared, connect(&prepared.program)?, None)
+    }
+
+    /// As [`Driven::at`], on a board that [`connect`] took and set up. The laws begin at the board's tick `begin`; `None`: as soon as they can.
+    ///
+    /// # Errors
+    /// As [`Driven::at`]; when `begin` is too soon, or more than [`FARTHEST_BEGIN_S`](crate::FARTHEST_BEGIN_S) ahead.
+    pub fn on_board(
+        prepared: &Prepared,
+        remote: Remote<P>,
+        begin: Option<u64>,
+    ) -> Result<Driven<WithReference<Remote<P>>>, DriveError> {
         let program = &prepared.program;
-        let remote = connect(program)?;
         let edges = remote.port().has_edges().then(|| Edges::of(program));
         let lines = lines::of(program);
         let place = |pin: u8| place_of(&lines, pin);
         let places = (0..=LAST_PIN).map(place).collect();
         let board = WithReference::new(remote, native(program, Native::unbounded)?);
-        Driven::begin(board, program, lines, places, edges)
+        Driven::begin(board, program, lines, places, edges, begin)
     }
 
     /// The board at the other end of the line: its measurements, and the Info of its firmware.
@@ -422,17 +379,6 @@ pub fn session_number() -> u32 {
     process.wrapping_mul(0x9e37_79b1).wrapping_add(own)
 }
 
-/// How a run ended.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Ended {
-    /// Steps of each motor, forward minus backward, as the board counted them.
-    pub counted: Vec<i64>,
-    /// It was stopped before its end, within the motors' limits.
-    pub stopped: bool,
-    /// If it was stopped at once: for each motor, whether it was too fast for that and may stand elsewhere than it counted.
-    pub uncertain: Option<Vec<bool>>,
-}
-
 impl<B: Leased> Driven<B> {
     fn begin(
         board: B,
@@ -440,6 +386,7 @@ impl<B: Leased> Driven<B> {
         mut lines: Vec<Line>,
         places: Vec<Option<u8>>,
         edges: Option<Edges>,
+        begin: Option<u64>,
     ) -> Result<Driven<B>, DriveError> {
         let program = Arc::new(program.clone());
         let of = |error| DriveError::of(&program, error);
@@ -449,7 +396,11 @@ impl<B: Leased> Driven<B> {
         };
         let steppers = lines.iter().map(stepper).collect();
         let meter = edges.map(|edges| Meter::new(program.motors.len(), edges.constant_ticks.into()));
-        let mut session = Session::new(board, Arc::clone(&program)).map_err(of)?;
+        let session = match begin {
+            Some(tick) => Session::begin_at(board, Arc::clone(&program), tick),
+            None => Session::new(board, Arc::clone(&program)),
+        };
+        let mut session = session.map_err(of)?;
         // If the first step comes soon after the start, its DIR edge comes before the start: it becomes the line's initial level.
         let mut level = |edge: Edge| {
             if let Some(Some(place)) = places.get(usize::from(edge.line)) {
@@ -457,7 +408,31 @@ impl<B: Leased> Driven<B> {
             }
         };
         session.advance(session.zero() - 1, &mut level).map_err(of)?;
-        Ok(Driven { session, program, lines, places, steppers, meter })
+        let zero = session.zero();
+        Ok(Driven { session, program, zero, lines, places, steppers, meter, stop: None, proof: None, refused: None })
+    }
+
+    /// The board's tick at which the laws begin.
+    #[must_use]
+    pub const fn zero(&self) -> u64 {
+        self.zero
+    }
+
+    /// Proves the rest of a motion while it runs, after [`Prepared::prove_first`]. The proof is always [some seconds](PROOF_AHEAD_MIN_S) ahead of the
+    /// motors, and soon an hour. If it finds a part that the planner refuses, the motors brake at once.
+    ///
+    /// # Errors
+    /// When the beginning cannot be planned at all, which [`Prepared::prove_first`] would have found.
+    pub fn proving(mut self, prepared: &Prepared) -> Result<Driven<B>, DriveError> {
+        let refused = |refused: Refused| DriveError::of(&prepared.program, refused.into());
+        self.proof = Some(prepared.plans().map_err(refused)?);
+        Ok(self)
+    }
+
+    /// What was planned so far for each motor. At the end of a motion that is all of it.
+    #[must_use]
+    pub fn planned(&self) -> Vec<Planned> {
+        self.session.planned()
     }
 
     /// Runs the motion to its end. The observer's ticks count from the laws' time 0; `events` gets a status some 20 times a second.
@@ -479,90 +454,161 @@ impl<B: Leased> Driven<B> {
         observer: &mut impl Observer,
         mut events: impl FnMut(Event),
     ) -> Result<Ended, DriveError> {
-        let (zero, tick_hz) = (self.session.zero(), self.program.board.tick_hz);
-        let seconds = |tick: u64| tick.saturating_sub(zero) as f64 / tick_hz as f64;
-        let Driven { session, steppers, meter, places, .. } = self;
-        let mut since = Since { zero, places, steppers, meter, observer };
         let mut inbox = Inbox { commands, waiting: VecDeque::new(), is_open: true };
-        let (mut ordered, mut stopped) = (false, false);
-        while session.is_paused() || !(session.is_complete() && is_last_step_past(session)) {
-            let now = session.board().now();
-            // A paused session sends nothing, and so notices no loss by itself.
-            if session.is_paused() && session.board().lost().is_some() {
-                break;
-            }
+        loop {
             let command = inbox.next();
-            if command.is_none() && !inbox.is_open && session.is_paused() && is_last_step_past(session) {
-                stopped = true;
-                break;
+            let no_resume = command.is_none() && !inbox.is_open && self.session.is_paused();
+            let command = if no_resume && is_last_step_past(&self.session) { Some(Command::Stop) } else { command };
+            if let Some(ended) = self.step(command, observer, &mut events)? {
+                return Ok(ended);
             }
-            let (was_paused, was_over) = (session.is_paused(), session.is_over);
-            let obeyed = match command {
-                Some(Command::Stop) if !ordered => {
-                    ordered = true;
-                    let last = session.last_step().filter(|_| session.is_complete());
-                    session.stop().map(|at| {
-                        // If the whole plan was sent, the last step may have been made before the board got the order.
-                        stopped = was_paused || last.is_none_or(|last| at <= last);
-                        events(Event::Stopping { at_s: seconds(at) });
-                    })
-                }
-                Some(Command::StopNow) => {
-                    let stop = session.board_mut().stop_now(now, &mut since);
-                    if let Some(error) = session.board().lost().cloned() {
-                        let mut report =
-                            session.run(&mut since, |tick| events(Event::Progress { at_s: seconds(tick) }));
-                        report.stop_unanswered = true;
-                        return Err(DriveError::from(error).halted(seconds(now), self.positions(&report).0));
-                    }
-                    let (positions, uncertain) = (stop.positions.clone(), stop.uncertain.clone());
-                    events(Event::StoppedAtOnce { positions, uncertain });
-                    return Ok(Ended { counted: stop.positions, stopped: true, uncertain: Some(stop.uncertain) });
-                }
-                Some(command @ (Command::Pause | Command::Resume)) => {
-                    let done = match command {
-                        Command::Pause => session.pause().map(|rests| Event::Pausing { rests_s: seconds(rests) }),
-                        _ => session.resume().map(|tick| Event::Resuming { full_speed_s: seconds(tick) }),
-                    };
-                    match done {
-                        Ok(event) => {
-                            events(event);
-                            Ok(())
-                        }
-                        // The change was made, and the motion cannot go on after it.
-                        Err(error) if session.is_over && !was_over => Err(error),
-                        // Nothing was changed.
-                        Err(error) => {
-                            events(Event::Refused { command, why: error.to_string() });
-                            Ok(())
-                        }
-                    }
-                }
-                Some(Command::Stop) | None => Ok(()),
-            };
-            let soon = now + tick_hz / LOOKS_PER_S;
-            let last = session.last_step().filter(|last| session.is_complete() && *last >= now);
-            let until = last.map_or(soon, |last| soon.min(last));
-            if let Err(failure) = obeyed.and_then(|()| session.advance(until, &mut since)) {
-                let seen_s = seconds(session.board().now());
-                // The motors brake: wait until they rest.
-                let report = session.run(&mut since, |tick| events(Event::Progress { at_s: seconds(tick) }));
-                let (positions, stop) = self.positions(&report);
-                // A board that stopped by itself refuses what comes after it. The user needs the reason of the stop, not that refusal.
-                let failure = match (DriveError::of(&self.program, failure), stop) {
-                    (DriveError::Remote(RemoteError::Refused { reason: Reason::NotArmed, .. }), Some(cause)) => {
-                        RemoteError::Stopped { cause }.into()
-                    }
-                    (failure, _) => failure,
-                };
-                return Err(failure.halted(seen_s, positions));
-            }
-            events(Event::Progress { at_s: seconds(session.board().now()) });
-            let lateness = since.meter.as_ref().map(Meter::so_far);
-            events(Event::Status(Status { lateness, ..session.status() }));
         }
-        let progress = |tick| events(Event::Progress { at_s: seconds(tick) });
-        let report = self.session.run(&mut since, progress);
+    }
+
+    /// Obeys a command, lets a twentieth of a second of the board's time pass, and reports the status. `Some` when the motion has come to its end;
+    /// the caller steps no further then. A program without threads, such as a page in a browser, calls this instead of [`Driven::run_with`].
+    ///
+    /// The last event is [`Event::Ended`] or [`Event::Failed`].
+    ///
+    /// # Errors
+    /// As [`Driven::run`].
+    pub fn step(
+        &mut self,
+        command: Option<Command>,
+        observer: &mut impl Observer,
+        mut events: impl FnMut(Event),
+    ) -> Result<Option<Ended>, DriveError> {
+        let stepped = self.try_step(command, observer, &mut events);
+        match &stepped {
+            Ok(Some(ended)) => events(Event::Ended(ended.clone())),
+            Ok(None) => {}
+            Err(error) => events(error.event()),
+        }
+        stepped
+    }
+
+    fn try_step(
+        &mut self,
+        command: Option<Command>,
+        observer: &mut impl Observer,
+        events: &mut impl FnMut(Event),
+    ) -> Result<Option<Ended>, DriveError> {
+        let (zero, tick_hz) = (self.zero, self.program.board.tick_hz);
+        let seconds = |tick: u64| tick.saturating_sub(zero) as f64 / tick_hz as f64;
+        let is_over = match self.session.is_paused() {
+            // A paused session sends nothing, and so does not notice a lost line.
+            true => self.session.board().lost().is_some(),
+            false => self.session.is_complete() && is_last_step_past(&self.session),
+        };
+        if is_over {
+            return self.finish(observer, events).map(Some);
+        }
+        let command = if self.prove_more() { command } else { Some(Command::Stop) };
+        let Driven { session, steppers, meter, places, stop, .. } = self;
+        let mut since = Since { zero, places, steppers, meter, observer };
+        let (now, was_paused, was_over) = (session.board().now(), session.is_paused(), session.is_over);
+        let obeyed = match command {
+            None => Ok(()),
+            Some(Command::Stop) if stop.is_some() => Ok(()),
+            Some(Command::Stop) => {
+                let last = session.last_step().filter(|_| session.is_complete());
+                session.stop().map(|at| {
+                    // If the whole plan was sent, the last step may have been made before the board got the order.
+                    *stop = Some(StopOrder { cuts_motion: was_paused || last.is_none_or(|last| at <= last) });
+                    events(Event::Stopping { at_s: seconds(at) });
+                })
+            }
+            Some(Command::StopNow) => {
+                let stopped = session.board_mut().stop_now(now, &mut since);
+                if let Some(error) = session.board().lost().cloned() {
+                    let mut report = session.run(&mut since, |tick| events(Event::Progress { at_s: seconds(tick) }));
+                    report.stop_unanswered = true;
+                    return Err(DriveError::from(error).halted(seconds(now), self.positions(&report).0));
+                }
+                let (positions, uncertain) = (stopped.positions.clone(), stopped.uncertain.clone());
+                events(Event::StoppedAtOnce { positions, uncertain });
+                let uncertain = Some(stopped.uncertain);
+                return Ok(Some(Ended { counted: stopped.positions, stopped: true, uncertain }));
+            }
+            Some(command @ (Command::Pause | Command::Resume)) => {
+                let done = match command {
+                    Command::Pause => session.pause().map(|rests| Event::Pausing { rests_s: seconds(rests) }),
+                    _ => session.resume().map(|tick| Event::Resuming { full_speed_s: seconds(tick) }),
+                };
+                match done {
+                    Ok(event) => {
+                        events(event);
+                        Ok(())
+                    }
+                    // The change was made, and the motion cannot go on after it.
+                    Err(error) if session.is_over && !was_over => Err(error),
+                    // Nothing was changed.
+                    Err(error) => {
+                        events(Event::Refused { command, why: error.to_string() });
+                        Ok(())
+                    }
+                }
+            }
+        };
+        let soon = now + tick_hz / LOOKS_PER_S;
+        let last = session.last_step().filter(|last| session.is_complete() && *last >= now);
+        let until = last.map_or(soon, |last| soon.min(last));
+        if let Err(failure) = obeyed.and_then(|()| session.advance(until, &mut since)) {
+            let seen_s = seconds(session.board().now());
+            // The motors brake: wait until they rest.
+            let report = session.run(&mut since, |tick| events(Event::Progress { at_s: seconds(tick) }));
+            let (positions, stop) = self.positions(&report);
+            // A board that stopped by itself refuses what comes after it. The user needs the reason of the stop, not that refusal.
+            let failure = match (DriveError::of(&self.program, failure), stop) {
+                (DriveError::Remote(RemoteError::Refused { reason: Reason::NotArmed, .. }), Some(cause)) => {
+                    RemoteError::Stopped { cause }.into()
+                }
+                (failure, _) => failure,
+            };
+            return Err(failure.halted(seen_s, positions));
+        }
+        events(Event::Progress { at_s: seconds(session.board().now()) });
+        let lateness = since.meter.as_ref().map(Meter::so_far);
+        events(Event::Status(Status { lateness, ..session.status() }));
+        Ok(None)
+    }
+
+    /// Goes on with the proof. Returns false when it finds that the motion cannot go on to its end.
+    fn prove_more(&mut self) -> bool {
+        let Some(proof) = &mut self.proof else { return true };
+        let now = self.session.board().now().saturating_sub(self.zero);
+        let at_s = now as f64 / self.program.board.tick_hz as f64;
+        let ahead_s = proof.planned_s().map_or(0.0, |planned_s| planned_s - at_s);
+        let so_far = match ahead_s {
+            ..PROOF_AHEAD_MIN_S => proof.plan_some(at_s + PROOF_AHEAD_MIN_S, u32::MAX),
+            ..PROOF_AHEAD_MAX_S => proof.plan_some(at_s + PROOF_AHEAD_MAX_S, PROOF_MOVES),
+            _ => Ok(true),
+        };
+        let so_far = match so_far {
+            Ok(false) => proof.brake().map(|()| false),
+            other => other,
+        };
+        match so_far {
+            Ok(true) => true,
+            Ok(false) => {
+                self.proof = None;
+                true
+            }
+            Err(refused) => {
+                (self.proof, self.refused) = (None, Some(refused));
+                false
+            }
+        }
+    }
+
+    /// Waits until the motors rest after their last step, and compares the counts.
+    fn finish(&mut self, observer: &mut impl Observer, events: &mut impl FnMut(Event)) -> Result<Ended, DriveError> {
+        let (zero, tick_hz) = (self.zero, self.program.board.tick_hz);
+        let seconds = |tick: u64| tick.saturating_sub(zero) as f64 / tick_hz as f64;
+        let Driven { session, steppers, meter, places, stop, .. } = self;
+        let stopped = stop.is_some_and(|stop| stop.cuts_motion);
+        let mut since = Since { zero, places, steppers, meter, observer };
+        let report = session.run(&mut since, |tick| events(Event::Progress { at_s: seconds(tick) }));
         let seen_s = seconds(self.session.board().now());
         if let Some(error) = self.session.board().lost().cloned() {
             return Err(DriveError::from(error).halted(seen_s, self.positions(&report).0));
@@ -588,6 +634,10 @@ impl<B: Leased> Driven<B> {
         if !self.session.board().agrees() {
             return Err(DriveError::Reference { board: self.program.board.name.clone() });
         }
+        if let Some(refused) = self.refused.take() {
+            let positions = self.positions(&report).0;
+            return Err(DriveError::of(&self.program, refused.into()).halted(seen_s, positions));
+        }
         Ok(Ended { counted: report.counted, stopped, uncertain: None })
     }
 
@@ -596,7 +646,9 @@ impl<B: Leased> Driven<B> {
         let last_reported = self.session.board().positions();
         let mut stop = None;
         let (counts, by) = match self.session.board_mut().settle() {
-            Ok(AtRest { reset: Some(reset), .. }) => (last_reported, Knowledge::LastReport { reset }),
+            Ok(AtRest { reset: Some(reset), .. }) => {
+                (last_reported, Knowledge::LastReport { reset: in_words(reset).to_owned() })
+            }
             Ok(AtRest { positions, last_stop, .. }) => match last_stop {
                 Cause::None | Cause::Finished | Cause::HostLost | Cause::Lapsed | Cause::Braked => {
                     (positions, Knowledge::Counted)
@@ -654,6 +706,13 @@ impl Inbox<'_> {
 fn is_last_step_past<B: Leased>(session: &Session<B>) -> bool {
     session.last_step().is_none_or(|last| last < session.board().now())
 }
+
+/// Seconds of the motion that are always proven ahead of the motors.
+pub const PROOF_AHEAD_MIN_S: f64 = 5.0;
+/// Seconds of the motion that the proof gets ahead of the motors, if there is time for it.
+const PROOF_AHEAD_MAX_S: f64 = 3600.0;
+/// Moves that are proven in each step of a run: about half a millisecond of work, a hundredth of the step.
+const PROOF_MOVES: u32 = 400;
 
 /// How many times in a second of the board's time a run takes a command and reports its status.
 const LOOKS_PER_S: u64 = 20;

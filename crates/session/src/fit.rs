@@ -3,7 +3,7 @@
 use std::cell::Cell;
 use std::fmt;
 
-use pulsetrain_motion::law::{Begin, End, Law};
+use pulsetrain_motion::law::{Begin, Cursor, End, Law};
 use pulsetrain_motion::machine::Machine;
 use pulsetrain_motion::program::{Motor, Program, Tolerance};
 use pulsetrain_motion::quantity::{assignment, time_assignment};
@@ -380,6 +380,11 @@ const TRIED_S: f64 = 2.0;
 fn fits_at_ends(law: &Law, settings: &Settings, over: Time) -> bool {
     let Some(end) = law.end() else { return false };
     let tried = over + over + Time::from_seconds(TRIED_S);
+    // Where a law is far beyond the board's fastest step, a plan would be refused only after very many pieces.
+    let fastest = settings.tick_hz as f64 / settings.min_interval_ticks as f64;
+    if !Cursor::new(law).at(end - tried).is_ok_and(|sample| sample.speed.abs() <= fastest) {
+        return false;
+    }
     // The end is planned from a halt before it, with an easing of the same length out of that halt.
     let last = law.clone().eased_in(end - tried, over);
     plans::fits_until(law, settings, tried) && last.is_ok_and(|last| plans::fits(&last, settings))

@@ -61,6 +61,7 @@ pub use error::SessionError;
 
 use control::{MotorStatus, Status};
 use halt::Playback;
+use plans::Planned;
 use pulsetrain_board::lease::{ExtendRefused, Lease, LeaseState, Leased};
 use pulsetrain_board::{Faults, Observer, SwitchRefused};
 use pulsetrain_core::Epoch;
@@ -712,6 +713,17 @@ impl<B: Leased> Session<B> {
     #[must_use]
     pub fn last_step(&self) -> Option<u64> {
         self.if_nothing_more_is_sent().iter().filter_map(Timeline::last_tick).max()
+    }
+
+    /// What is planned of each motor so far: at the end of a motion, all of it. Ticks count from the laws' time 0.
+    #[must_use]
+    pub fn planned(&self) -> Vec<Planned> {
+        let timelines = self.if_nothing_more_is_sent();
+        let of = |(motor, timeline): (usize, &Timeline)| Planned {
+            certificate: self.certificate(motor),
+            last_tick: timeline.last_tick().map_or(0, |tick| tick.saturating_sub(self.begun)),
+        };
+        timelines.iter().enumerate().map(of).collect()
     }
 
     /// The figures proven of a motor's plan, as far as it was planned.

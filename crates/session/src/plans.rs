@@ -2,6 +2,8 @@
 
 use pulsetrain_motion::program::Program;
 use pulsetrain_motion::{Law, Time};
+use std::sync::Arc;
+
 use pulsetrain_plan::{Certificate, Ensemble, Line, Move, PlanError, Planner, Refused, Settings, Supply, stopping};
 
 /// A motor's plan, in figures.
@@ -13,9 +15,12 @@ pub struct Planned {
     pub last_tick: u64,
 }
 
+/// Moves that are planned before progress is reported.
+const MOVES_AT_ONCE: u32 = 256;
+
 /// The moves of all motors, those of the motor that is least far first.
-pub struct Plans<'a> {
-    program: &'a Program,
+pub struct Plans {
+    program: Arc<Program>,
     pub(crate) ensemble: Ensemble,
     supply: Option<Supply>,
     clocks: Vec<Clock>,
@@ -31,12 +36,12 @@ struct Clock {
     ended: bool,
 }
 
-impl<'a> Plans<'a> {
+impl Plans {
     /// Prepares to plan all motors of a program; their plans are held against the line, if there is one.
     ///
     /// # Errors
     /// As [`Ensemble::new`].
-    pub fn new(program: &'a Program, line: Option<&Line>) -> Result<Plans<'a>, Refused> {
+    pub fn new(program: Arc<Program>, line: Option<&Line>) -> Result<Plans, Refused> {
         Plans::slowed(program, line, 1.0)
     }
 
@@ -44,9 +49,9 @@ impl<'a> Plans<'a> {
     ///
     /// # Errors
     /// As [`Ensemble::new`].
-    pub fn slowed(program: &'a Program, line: Option<&Line>, factor: f64) -> Result<Plans<'a>, Refused> {
+    pub fn slowed(program: Arc<Program>, line: Option<&Line>, factor: f64) -> Result<Plans, Refused> {
         let clocks = vec![Clock::new(program.board.fraction_bits); program.motors.len()];
-        let ensemble = Ensemble::slowed(program, factor)?;
+        let ensemble = Ensemble::slowed(&program, factor)?;
         let supply =
             line.map(|line| Supply::new(line.clone(), (0..clocks.len()).map(|motor| ensemble.settings(motor))));
         Ok(Plans { program, ensemble, supply, clocks })
@@ -85,22 +90,39 @@ impl<'a> Plans<'a> {
     /// # Errors
     /// When a plan would break a limit, or the board could not brake the motors.
     pub fn run(mut self, mut watch: impl FnMut(f64)) -> Result<Vec<Planned>, Refused> {
-        let mut moves: u32 = 0;
-        while let Some((_, from, _)) = self.next_move()? {
-            moves = moves.wrapping_add(1);
-            if moves.is_multiple_of(256) {
-                watch(from as f64 / self.program.board.tick_hz as f64);
-            }
+        while self.plan_some(f64::INFINITY, MOVES_AT_ONCE)? {
+            watch(self.planned_s().unwrap_or_default());
         }
         self.brake()?;
         Ok(self.finish())
+    }
+
+    /// Plans up to `until_s`, or `moves` moves if those are fewer. Returns false when the whole motion is planned.
+    ///
+    /// # Errors
+    /// As [`Plans::run`].
+    pub(crate) fn plan_some(&mut self, until_s: f64, moves: u32) -> Result<bool, Refused> {
+        for _ in 0..moves {
+            if self.planned_s().is_some_and(|planned_s| planned_s >= until_s) {
+                break;
+            }
+            if self.next_move()?.is_none() {
+                return Ok(false);
+            }
+        }
+        Ok(true)
+    }
+
+    /// How far all motors are planned, s; `None` when the whole motion is.
+    pub(crate) fn planned_s(&self) -> Option<f64> {
+        self.least_far().map(|(_, tick)| tick as f64 / self.program.board.tick_hz as f64)
     }
 
     /// Checks that the board can brake the motors as their limits want it, from what was planned.
     ///
     /// # Errors
     /// [`PlanError::BrakesTooHard`].
-    fn brake(&self) -> Result<(), Refused> {
+    pub(crate) fn brake(&self) -> Result<(), Refused> {
         self.program.motors.iter().enumerate().try_for_each(|(index, motor)| {
             let peaks = self.ensemble.certificate(index);
             stopping(&peaks, &motor.limits, &self.program.board)
@@ -179,5 +201,5 @@ pub fn fits(law: &Law, settings: &Settings) -> bool {
 /// Whether the plans of all motors keep to every limit, and come over the line in time, if their laws are `factor` times slower.
 #[must_use]
 pub fn all_fit(program: &Program, line: Option<&Line>, factor: f64) -> bool {
-    Plans::slowed(program, line, factor).and_then(|plans| plans.run(|_| {})).is_ok()
+    Plans::slowed(Arc::new(program.clone()), line, factor).and_then(|plans| plans.run(|_| {})).is_ok()
 }

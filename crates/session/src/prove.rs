@@ -1,5 +1,7 @@
 //! A motion is planned once for its proof, before anything moves, and once more while it streams.
 
+use std::sync::Arc;
+
 use pulsetrain_motion::Time;
 use pulsetrain_plan::{Demand, PlanError, Refused};
 
@@ -7,6 +9,11 @@ use crate::estimate::{Estimate, Task};
 use crate::fit;
 use crate::plans::{Planned, Plans};
 use crate::prepare::{Prepared, Refusal, cut};
+
+/// Seconds of planning that the first step may wait for.
+const MOST_WAIT_S: f64 = 1.0;
+/// Seconds of a long motion that are proven before its first step, at least.
+pub const FIRST_S: f64 = 10.0;
 
 impl Prepared {
     /// Plans all motors to their end, and keeps of the plan what it proves. `watch` gets how far it is, s.
@@ -16,16 +23,47 @@ impl Prepared {
     /// # Errors
     /// When a plan would break a limit: with what would fit.
     pub fn prove(&mut self, mut watch: impl FnMut(f64)) -> Result<Vec<Planned>, Refusal> {
-        let refused = match self.plan(&mut watch) {
-            Ok(planned) => return Ok(planned),
+        self.with_queues(f64::INFINITY, |prepared| prepared.plan(&mut watch))
+    }
+
+    /// As [`Prepared::prove`], but plans only a beginning of a motion that takes long to plan, or that has no end: as much as the first step may wait
+    /// for. The rest is for [`Driven::proving`](crate::drive::Driven::proving). `None`: only the beginning is proven.
+    ///
+    /// The beginning is [`FIRST_S`] or more. Of laws that repeat it has two periods if that does not take long: such laws are then known to keep
+    /// the motors' limits for all time.
+    ///
+    /// # Errors
+    /// As [`Prepared::prove`].
+    pub fn prove_first(&mut self, watch: impl FnMut(f64)) -> Result<Option<Vec<Planned>>, Refusal> {
+        let is_endless = self.program.motors.iter().any(|motor| motor.law.end().is_none());
+        let planning_s = Estimate::of(self, Some(Time::from_seconds(self.end_s())), Task::Plan).planning_s;
+        if !is_endless && planning_s <= MOST_WAIT_S {
+            return self.prove(watch).map(Some);
+        }
+        let second_s = Estimate::of(self, Some(Time::from_seconds(FIRST_S)), Task::Plan).planning_s / FIRST_S;
+        let cycles = self.program.motors.iter().filter_map(|motor| motor.law.cycle());
+        let until_s = cycles.map(|(from, period)| (from + period.times(2)).seconds()).fold(FIRST_S, f64::max);
+        let until_s = until_s.min((MOST_WAIT_S / second_s).max(FIRST_S));
+        self.with_queues(until_s, |prepared| prepared.plans()?.plan_some(until_s, u32::MAX))?;
+        Ok(None)
+    }
+
+    /// Proves with equal parts of the queues; if they are too short, with parts by what the motors need up to `until_s`.
+    fn with_queues<T>(
+        &mut self,
+        until_s: f64,
+        mut prove: impl FnMut(&Prepared) -> Result<T, Refused>,
+    ) -> Result<T, Refusal> {
+        let refused = match prove(self) {
+            Ok(proven) => return Ok(proven),
             Err(refused) => refused,
         };
         if matches!(refused.error, PlanError::QueueTooShort { .. })
-            && let Some(shared) = self.with_queues_by_need()
-            && let Ok(planned) = shared.plan(watch)
+            && let Some(shared) = self.with_queues_by_need(until_s)
+            && let Ok(proven) = prove(&shared)
         {
             *self = shared;
-            return Ok(planned);
+            return Ok(proven);
         }
         Err(self.refuse(refused))
     }
@@ -35,20 +73,25 @@ impl Prepared {
     /// # Errors
     /// When a plan would break a limit.
     pub fn plan(&self, watch: impl FnMut(f64)) -> Result<Vec<Planned>, Refused> {
-        Plans::new(&self.program, self.line.as_ref())?.run(watch)
+        self.plans()?.run(watch)
     }
 
-    /// With queues that last equally long for all motors; `None` if there is no line, or no use in it.
-    fn with_queues_by_need(&self) -> Option<Prepared> {
+    pub(crate) fn plans(&self) -> Result<Plans, Refused> {
+        Plans::new(Arc::new(self.program.clone()), self.line.as_ref())
+    }
+
+    /// With queues that last equally long for all motors up to `until_s`; `None` if there is no line, or no use in it.
+    fn with_queues_by_need(&self, until_s: f64) -> Option<Prepared> {
         let line = self.line.as_ref()?;
         let motors = self.program.motors.len();
         if motors < 2 {
             return None;
         }
-        let mut plans = Plans::new(&self.program, None).ok()?;
+        let mut plans = Plans::new(Arc::new(self.program.clone()), None).ok()?;
         let mut demand =
             Demand::new(self.program.board.tick_hz, (0..motors).map(|motor| plans.ensemble.settings(motor)));
-        while let Some((motor, from, next)) = plans.next_move().ok()? {
+        let until = until_s * self.program.board.tick_hz as f64;
+        while let Some((motor, from, next)) = plans.next_move().ok()?.filter(|(_, from, _)| (*from as f64) < until) {
             demand.add(motor, &next, from);
         }
         let mut shared = self.clone();

@@ -297,7 +297,7 @@ impl Observer for JudgingObserver<'_, '_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::drive::{Knowledge, Positions};
+    use crate::control::{Knowledge, Positions};
     use pulsetrain_board::RemoteError;
     use pulsetrain_core::wire::message::Cause;
     use pulsetrain_trace::verdict::Fault;

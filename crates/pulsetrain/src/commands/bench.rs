@@ -132,7 +132,12 @@ pub(crate) fn run(args: &BenchArgs, console: &mut Console<'_>) -> miette::Result
             .map(|row| if has_none { BenchRow { compares_missed: None, latest_ticks: None, ..row } } else { row });
         match measured {
             Ok(row) => rows.push(row),
-            Err(error @ (DriveError::Session(_) | DriveError::TooLate { .. } | DriveError::QueueTooShort { .. })) => {
+            Err(
+                error @ (DriveError::Session(_)
+                | DriveError::Plan { .. }
+                | DriveError::TooLate { .. }
+                | DriveError::QueueTooShort { .. }),
+            ) => {
                 refused.push(format!("{}: {error}", prepared.file));
             }
             Err(error) => return Err(drive_problem(error)),

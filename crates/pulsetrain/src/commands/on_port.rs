@@ -20,7 +20,8 @@ use crate::interrupt;
 use crate::report::PlanReport;
 use pulsetrain_motion::Time;
 use pulsetrain_motion::human::{self, Table};
-use pulsetrain_session::drive::{Driven, Ended, connect_while};
+use pulsetrain_session::control::Ended;
+use pulsetrain_session::drive::{Driven, connect_while};
 use pulsetrain_session::plans::Planned;
 use pulsetrain_session::prepare::Prepared;
 

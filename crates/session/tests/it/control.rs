@@ -1,13 +1,14 @@
 //! Commands to a run, and the events that it tells.
 
 use pulsetrain_board::virtual_uno::VirtualUno;
-use pulsetrain_board::{Config, Edge, MotorConfig, Native, Port, PortError, Remote, Wiring};
+use pulsetrain_board::{Board as _, Config, Edge, MotorConfig, Native, Port, PortError, Remote, Wiring};
 use pulsetrain_core::wire::Baud;
 use pulsetrain_motion::{file, template};
 use pulsetrain_session::control::{Command, Event, Status};
-use pulsetrain_session::drive::{DriveError, Driven};
+use pulsetrain_session::drive::{DriveError, Driven, connect};
 use pulsetrain_session::prepare::Prepared;
 use pulsetrain_session::{FARTHEST_BEGIN_S, Session, SessionError};
+use pulsetrain_trace::Line;
 use std::sync::mpsc::channel;
 use std::thread;
 use std::time::Duration;
@@ -60,7 +61,8 @@ fn a_run_is_paused_and_goes_on_and_makes_every_step() {
         panic!("{told:?}")
     };
     assert_eq!(first, second, "once is enough");
-    let [Event::Resuming { full_speed_s }, Event::Refused { command: Command::Resume, why }] = rest else {
+    let [Event::Resuming { full_speed_s }, Event::Refused { command: Command::Resume, why }, Event::Ended(_)] = rest
+    else {
         panic!("{told:?}")
     };
     assert!(*full_speed_s > first + 3.0 && why == "the motion is not paused", "{told:?}");
@@ -211,6 +213,109 @@ fn a_stop_goes_before_commands_that_wait() {
     }
 }
 
+/// A program without threads steps the motion itself, at times of its own.
+#[test]
+fn a_motion_that_is_stepped_makes_the_same_edges() {
+    let prepared = prepared();
+    let (mut run, mut stepped) = (Vec::new(), Vec::new());
+    let ended = Driven::native(&prepared).unwrap().run(&mut |edge: Edge| run.push(edge), |_| {}).unwrap();
+
+    let mut driven = Driven::native(&prepared).unwrap();
+    let (mut last, mut count) = (None, 0);
+    let end = loop {
+        count += 1;
+        let step = driven.step(None, &mut |edge: Edge| stepped.push(edge), |event| last = Some(event));
+        if let Some(end) = step.unwrap() {
+            break end;
+        }
+    };
+    assert_eq!((&end, last), (&ended, Some(Event::Ended(ended.clone()))));
+    assert!(run == stepped && (100..1000).contains(&count), "{} {} {count}", run.len(), stepped.len());
+}
+
+#[test]
+fn a_motion_that_is_stepped_obeys_commands() {
+    let mut driven = Driven::native(&prepared()).unwrap();
+    let (mut events, mut nobody) = (Vec::new(), |_: Edge| {});
+    let mut keep = |event| {
+        if !matches!(event, Event::Progress { .. } | Event::Status(_)) {
+            events.push(event);
+        }
+    };
+    for _ in 0..20 {
+        assert_eq!(driven.step(None, &mut nobody, &mut keep).unwrap(), None);
+    }
+    let mut ended = driven.step(Some(Command::Stop), &mut nobody, &mut keep).unwrap();
+    while ended.is_none() {
+        ended = driven.step(Some(Command::Stop), &mut nobody, &mut keep).unwrap();
+    }
+    let ended = ended.unwrap();
+    assert!(ended.stopped && ended.counted[0] > 0, "{ended:?}");
+    let [Event::Stopping { at_s }, Event::Ended(said)] = &events[..] else { panic!("{events:?}") };
+    assert!((1.0..1.5).contains(at_s) && *said == ended, "{events:?}");
+}
+
+/// A formula that gets too fast after a minute: its beginning is proven, and then the rest while it runs.
+#[test]
+fn a_part_that_is_refused_on_the_way_stops_the_motors_before_it() {
+    let no_files = |_: &std::path::Path| Err(std::io::ErrorKind::NotFound.into());
+    let text = template::motion_file("wheel");
+    let head = text.split("[[motion]]").next().unwrap();
+    let law = r#"law.formula = { theta = "2*(1 - cos(t)) + (t/120)^8", unit = "rev", duration = "28800 s" }"#;
+    let text = format!("{head}[[motion]]\nmotor = \"wheel\"\n{law}\n");
+    let contents = file::read_contents(&text, "wheel.toml", &no_files).expect("it is a motion file");
+    let mut prepared = Prepared::new("wheel.toml".to_owned(), contents, None).expect("it fits an Uno");
+    assert!(matches!(prepared.prove_first(|_| {}), Ok(None)));
+    let mut driven = Driven::native(&prepared).unwrap().proving(&prepared).unwrap();
+    let mut stopping_s = f64::INFINITY;
+    let error = driven.run(&mut |_: Edge| {}, |event| {
+        if let Event::Stopping { at_s } = event {
+            stopping_s = at_s;
+        }
+    });
+    let error = error.unwrap_err();
+    // (d/dt)(t/120)^8 rev is 5 rev/s, the motor's limit, at 222 s.
+    let text = error.to_string();
+    assert!(text.contains("motor wheel: at t = 2") && text.contains("the motor's limit is 8000"), "{text}");
+    assert!(text.contains("the motors braked and rest: wheel at "), "{text}");
+    // The proof is far ahead by then.
+    assert!(stopping_s < 100.0, "{stopping_s}");
+}
+
+#[test]
+fn a_proof_that_is_made_on_the_way_is_the_whole_one() {
+    let mut whole = prepared();
+    let proven = whole.prove(|_| {}).unwrap();
+    let mut driven = Driven::native(&whole).unwrap().proving(&whole).unwrap();
+    driven.run(&mut |_: Edge| {}, |_| {}).unwrap();
+    let planned = driven.planned();
+    assert_eq!(planned.len(), 1);
+    assert_eq!((&planned[0].certificate, planned[0].last_tick), (&proven[0].certificate, proven[0].last_tick));
+}
+
+/// What repeats is proven for two periods. The motors' limits hold for all time then.
+#[test]
+fn an_endless_motion_is_proven_for_its_beginning() {
+    let text = template::motion_file("wheel").replace("cycles = 3", "cycles = \"forever\"");
+    let text = text.split("[[motion]]").take(2).collect::<Vec<_>>().join("[[motion]]");
+    let no_files = |_: &std::path::Path| Err(std::io::ErrorKind::NotFound.into());
+    let contents = file::read_contents(&text, "wheel.toml", &no_files);
+    let contents = contents.unwrap_or_else(|error| panic!("{}", error.plain()));
+    let mut endless = Prepared::new("wheel.toml".to_owned(), contents, None).unwrap();
+    assert!(matches!(endless.prove_first(|_| {}), Ok(None)));
+    let mut driven = Driven::native(&endless).unwrap().proving(&endless).unwrap();
+    let (mut nobody, mut at_s) = (|_: Edge| {}, 0.0);
+    while at_s < 100.0 {
+        let mut look = |event: Event| at_s = status(&event).map_or(at_s, |status| status.at_s);
+        assert_eq!(driven.step(None, &mut nobody, &mut look).unwrap(), None);
+    }
+    let mut ended = None;
+    while ended.is_none() {
+        ended = driven.step(Some(Command::Stop), &mut nobody, |_| {}).unwrap();
+    }
+    assert!(ended.unwrap().stopped);
+}
+
 /// A port of which nothing is known but what the board says, and which is gone after a while.
 struct Real {
     uno: VirtualUno,
@@ -267,6 +372,26 @@ mod chips {
         assert!(seen > 100 && driven.lateness().is_none());
     }
 
+    /// Several boards begin together.
+    #[test]
+    fn a_motion_on_a_board_begins_at_a_given_tick() {
+        let prepared = prepared();
+        let connected = || connect(VirtualUno::new(), &prepared.program, Baud::B1M).unwrap();
+        let begin = connected().now() + 3 * prepared.program.board.tick_hz;
+        let mut first = None;
+        let mut driven = Driven::on_board(&prepared, connected(), Some(begin)).unwrap();
+        assert_eq!(driven.zero(), begin);
+        let is_step = |line: &Line| line.names.contains(&"wheel.step".to_owned());
+        let step = driven.lines.iter().position(is_step).unwrap() as u8;
+        let mut look = |edge: Edge| first = first.or(Some(edge.tick).filter(|_| edge.line == step));
+        driven.run(&mut look, |_| {}).unwrap();
+        // Ticks are counted from the laws' time 0, and the first step is due as ever.
+        let due_s = (1.0 - (0.5 + 1.0 / 64.0) / 1600.0_f64).acos() / std::f64::consts::PI;
+        let first_s = first.unwrap() as f64 / prepared.program.board.tick_hz as f64;
+        assert!((first_s - due_s).abs() < 2e-6, "{first_s} {due_s}");
+        assert!(Driven::on_board(&prepared, connected(), Some(5)).is_err());
+    }
+
     #[test]
     fn a_cable_that_is_pulled_in_a_pause_ends_the_run() {
         let prepared = prepared();
@@ -274,7 +399,9 @@ mod chips {
         let (commands, receiver) = channel();
         let mut is_paused = false;
         let mut driven = Driven::at(&prepared, port, Baud::B1M).unwrap();
+        let mut last = None;
         let error = driven.run_with(&receiver, &mut |_: Edge| {}, |event| {
+            last = Some(event.clone());
             if !is_paused && status(&event).is_some_and(|status| status.at_s >= 1.0) {
                 is_paused = true;
                 commands.send(Command::Pause).unwrap();
@@ -282,5 +409,11 @@ mod chips {
         });
         let error = error.unwrap_err();
         assert!(matches!(error, DriveError::Halted { .. }) && error.to_string().contains("pulled"), "{error}");
+        let Some(Event::Failed { why, positions: Some(positions), advice: Some(_), .. }) = &last else {
+            panic!("{last:?}")
+        };
+        assert!(why.contains("pulled") && (1600..=3200).contains(&positions.motors[0].1), "{last:?}");
+        let text = serde_json::to_string(&last).unwrap();
+        assert_eq!(serde_json::from_str::<Option<Event>>(&text).unwrap(), last);
     }
 }
