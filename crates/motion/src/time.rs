@@ -82,6 +82,59 @@ impl Time {
     }
 }
 
+/// How fast a law's time runs, as a multiple of the usual rate: 0 is a halt. A whole number of 2^-16, so that times stay exact.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct Rate(u32);
+
+impl Rate {
+    /// A halt.
+    pub const ZERO: Rate = Rate(0);
+    /// The usual rate.
+    pub const ONE: Rate = Rate(1 << Rate::BITS);
+    /// The highest rate.
+    pub const MAX: Rate = Rate(10 << Rate::BITS);
+    const BITS: u32 = 16;
+
+    /// The nearest rate to `rate`; `None` if that is not 0 to 10.
+    ///
+    /// ```
+    /// use pulsetrain_motion::time::Rate;
+    /// assert_eq!(Rate::of(0.5).map(Rate::get), Some(0.5));
+    /// assert_eq!(Rate::of(10.1), None);
+    /// assert_eq!(Rate::of(f64::NAN), None);
+    /// ```
+    #[must_use]
+    pub fn of(rate: f64) -> Option<Rate> {
+        (0.0..=Rate::MAX.get()).contains(&rate).then(|| Rate((rate * f64::from(Rate::ONE.0)).round() as u32))
+    }
+
+    /// The rate as a number, exactly.
+    #[must_use]
+    pub fn get(self) -> f64 {
+        f64::from(self.0) / f64::from(Rate::ONE.0)
+    }
+
+    /// How far the law's time gets within `time`, rounded down to 2^-64 s.
+    #[must_use]
+    pub fn of_law(self, time: Time) -> Time {
+        // The last bits apart: 2^62 s times 10 would not fit.
+        let (whole, part) = (time.0 >> Rate::BITS, time.0 & ((1 << Rate::BITS) - 1));
+        let rate = i128::from(self.0);
+        Time(whole.saturating_mul(rate)) + Time((part * rate) >> Rate::BITS)
+    }
+
+    /// How long the law's time takes to get `time` further, rounded down to 2^-64 s; [`Time::MAX`] at a halt.
+    #[must_use]
+    pub fn to_pass(self, time: Time) -> Time {
+        if self.0 == 0 {
+            return Time::MAX;
+        }
+        let rate = i128::from(self.0);
+        let (whole, rest) = (time.0.div_euclid(rate), time.0.rem_euclid(rate));
+        Time(whole.saturating_mul(1 << Rate::BITS)) + Time((rest << Rate::BITS) / rate)
+    }
+}
+
 /// The most of the longest period's turns in which [`common_period`] looks.
 pub const MOST_PERIODS: u64 = 64;
 

@@ -11,13 +11,18 @@ use crate::lateness::Lateness;
 use serde::{Deserialize, Serialize};
 
 /// A command to a running session.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "command", rename_all = "snake_case")]
 pub enum Command {
     /// Bring all motors to a halt on their paths, as soon as their limits allow.
     Pause,
     /// Go on after a pause.
     Resume,
+    /// Let the motion run at another tempo, as soon as the limits allow. All motors keep their paths and phases.
+    Tempo {
+        /// The rate of the motion's time: 1 is that of the file, 0.5 half as fast. More than 0, and at most 10.
+        rate: f64,
+    },
     /// Bring all motors to rest within their limits, as soon as possible. The motion is over then.
     Stop,
     /// Make no further step. A motor that is faster than its pull-in rate may turn further than it counts.
@@ -44,6 +49,15 @@ pub enum Event {
     Resuming {
         /// When it has its full speed, s.
         full_speed_s: f64,
+    },
+    /// The tempo changes. While the motion is paused, this is the tempo at which it will go on.
+    Tempo {
+        /// The new rate of the motion's time. If motors or board cannot follow the wanted one, the highest that they can.
+        rate: f64,
+        /// When the motion has it, s.
+        from_s: f64,
+        /// The motor and its limit that a higher rate would break, if that is why the rate is not the wanted one.
+        ceiling: Option<String>,
     },
     /// All motors come to rest within their limits.
     Stopping {

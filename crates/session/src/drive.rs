@@ -18,14 +18,16 @@ use pulsetrain_core::wire::message::{Cause, MotorSetup, image};
 use pulsetrain_core::wire::{Baud, Reason};
 use pulsetrain_motion::boards;
 use pulsetrain_motion::program::{self, CoilSequence, DriverTiming, Motor, Program};
+use pulsetrain_motion::time::Rate;
 use pulsetrain_plan::{PlanError, Refused, Settings};
 use pulsetrain_trace::{Line, lines};
 
 use crate::control::{Command, Ended, Event, Knowledge, Positions, Status};
 use crate::lateness::{Edges, Lateness, Meter};
+use crate::pause::Ceiling;
 use crate::plans::{Planned, Plans};
 use crate::prepare::{Prepared, WORST_CLOCK_PPM};
-use crate::{Report, Session, SessionError};
+use crate::{Report, Session, SessionError, Tempo};
 
 /// Why a run did not come to its end.
 #[derive(Debug, thiserror::Error)]
@@ -195,7 +197,7 @@ impl Driven<Native> {
         let program = &prepared.program;
         let lines = lines::of(program);
         let places = (0..).map(Some).take(lines.len()).collect();
-        Driven::begin(native(program, Native::new)?, program, lines, places, Some(Edges::default()), None)
+        Driven::begin(native(program, Native::new)?, prepared, lines, places, Some(Edges::default()), None)
     }
 }
 
@@ -246,7 +248,7 @@ impl<P: Port> Driven<WithReference<Remote<P>>> {
         let place = |pin: u8| place_of(&lines, pin);
         let places = (0..=LAST_PIN).map(place).collect();
         let board = WithReference::new(remote, native(program, Native::unbounded)?);
-        Driven::begin(board, program, lines, places, edges, begin)
+        Driven::begin(board, prepared, lines, places, edges, begin)
     }
 
     /// The board at the other end of the line: its measurements, and the Info of its firmware.
@@ -382,13 +384,13 @@ pub fn session_number() -> u32 {
 impl<B: Leased> Driven<B> {
     fn begin(
         board: B,
-        program: &Program,
+        prepared: &Prepared,
         mut lines: Vec<Line>,
         places: Vec<Option<u8>>,
         edges: Option<Edges>,
         begin: Option<u64>,
     ) -> Result<Driven<B>, DriveError> {
-        let program = Arc::new(program.clone());
+        let program = Arc::new(prepared.program.clone());
         let of = |error| DriveError::of(&program, error);
         let stepper = |line: &Line| {
             let is_step = |motor: &Motor| line.names.contains(&format!("{}.step", motor.name));
@@ -401,6 +403,7 @@ impl<B: Leased> Driven<B> {
             None => Session::new(board, Arc::clone(&program)),
         };
         let mut session = session.map_err(of)?;
+        session.hold_to_line(prepared.line.clone());
         // If the first step comes soon after the start, its DIR edge comes before the start: it becomes the line's initial level.
         let mut level = |edge: Edge| {
             if let Some(Some(place)) = places.get(usize::from(edge.line)) {
@@ -418,7 +421,7 @@ impl<B: Leased> Driven<B> {
         self.zero
     }
 
-    /// Proves the rest of a motion while it runs, after [`Prepared::prove_first`]. The proof is always [some seconds](PROOF_AHEAD_MIN_S) ahead of the
+    /// Proves the rest of a motion while it runs, after [`Prepared::prove_first`]. The proof is always 5 s or more ahead of the
     /// motors, and soon an hour. If it finds a part that the planner refuses, the motors brake at once.
     ///
     /// # Errors
@@ -504,7 +507,7 @@ impl<B: Leased> Driven<B> {
             return self.finish(observer, events).map(Some);
         }
         let command = if self.prove_more() { command } else { Some(Command::Stop) };
-        let Driven { session, steppers, meter, places, stop, .. } = self;
+        let Driven { session, program, steppers, meter, places, stop, .. } = self;
         let mut since = Since { zero, places, steppers, meter, observer };
         let (now, was_paused, was_over) = (session.board().now(), session.is_paused(), session.is_over);
         let obeyed = match command {
@@ -530,10 +533,16 @@ impl<B: Leased> Driven<B> {
                 let uncertain = Some(stopped.uncertain);
                 return Ok(Some(Ended { counted: stopped.positions, stopped: true, uncertain }));
             }
-            Some(command @ (Command::Pause | Command::Resume)) => {
+            Some(command @ (Command::Pause | Command::Resume | Command::Tempo { .. })) => {
                 let done = match command {
-                    Command::Pause => session.pause().map(|rests| Event::Pausing { rests_s: seconds(rests) }),
-                    _ => session.resume().map(|tick| Event::Resuming { full_speed_s: seconds(tick) }),
+                    Command::Tempo { rate } => Rate::of(rate).map_or(Err(SessionError::NoTempo), |rate| {
+                        session.set_tempo(rate).map(|Tempo { rate, from, ceiling }| {
+                            let named = |Ceiling { motor, limit }| format!("{}: {limit}", program.motors[motor].name);
+                            Event::Tempo { rate: rate.get(), from_s: seconds(from), ceiling: ceiling.map(named) }
+                        })
+                    }),
+                    Command::Resume => session.resume().map(|tick| Event::Resuming { full_speed_s: seconds(tick) }),
+                    _ => session.pause().map(|rests| Event::Pausing { rests_s: seconds(rests) }),
                 };
                 match done {
                     Ok(event) => {
@@ -576,8 +585,7 @@ impl<B: Leased> Driven<B> {
     /// Goes on with the proof. Returns false when it finds that the motion cannot go on to its end.
     fn prove_more(&mut self) -> bool {
         let Some(proof) = &mut self.proof else { return true };
-        let now = self.session.board().now().saturating_sub(self.zero);
-        let at_s = now as f64 / self.program.board.tick_hz as f64;
+        let at_s = self.session.law_time().seconds();
         let ahead_s = proof.planned_s().map_or(0.0, |planned_s| planned_s - at_s);
         let so_far = match ahead_s {
             ..PROOF_AHEAD_MIN_S => proof.plan_some(at_s + PROOF_AHEAD_MIN_S, u32::MAX),
@@ -708,7 +716,7 @@ fn is_last_step_past<B: Leased>(session: &Session<B>) -> bool {
 }
 
 /// Seconds of the motion that are always proven ahead of the motors.
-pub const PROOF_AHEAD_MIN_S: f64 = 5.0;
+const PROOF_AHEAD_MIN_S: f64 = 5.0;
 /// Seconds of the motion that the proof gets ahead of the motors, if there is time for it.
 const PROOF_AHEAD_MAX_S: f64 = 3600.0;
 /// Moves that are proven in each step of a run: about half a millisecond of work, a hundredth of the step.

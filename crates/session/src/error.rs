@@ -82,6 +82,11 @@ pub enum SessionError {
     /// The motion needs all that the motors can do: there is no room for a pause, or for a resumption.
     #[error(transparent)]
     Pause(PauseError),
+    /// The wanted tempo is no rate.
+    #[error(
+        "a tempo is a number above 0, and at most 10: 1 is as the file has it; to halt the motors, pause the motion"
+    )]
+    NoTempo,
     /// The motion is not paused, or its motors were stopped during the pause.
     #[error("the motion is not paused")]
     NotPaused,

@@ -1,10 +1,12 @@
-//! Pause and resume: the program is changed to its own laws with their time slowed down or sped up.
+//! Pause, resume and tempo: the program is changed to its own laws with another rate of their time.
 
-use crate::pause;
+use crate::pause::{self, Ceiling};
+use crate::plans::Plans;
 use crate::{Session, SessionError};
 use pulsetrain_board::{Leased, SwitchRefused};
 use pulsetrain_motion::Time;
 use pulsetrain_motion::program::Program;
+use pulsetrain_motion::time::Rate;
 use pulsetrain_plan::{Ensemble, Move, Refused, Start};
 use std::sync::Arc;
 
@@ -13,22 +15,35 @@ use std::sync::Arc;
 pub(crate) struct Playback {
     program: Arc<Program>,
     law_time: LawTime,
+    /// The rate of the laws' time when it does not halt.
+    tempo: Rate,
 }
 
 /// What the laws' time does.
 #[derive(Clone, Copy, Debug)]
 enum LawTime {
-    /// It runs. At the session's zero it was `from`; it came up to full speed within `over`.
-    Going { from: Time, over: Time },
+    /// It runs at the tempo from the stream's time `since` on, when it is `at`.
+    Going { since: Time, at: Time },
     /// It halts at `at`, and all motors rest from tick `rests` on.
     Halted { at: Time, rests: u64 },
     /// The motors were stopped, and left their laws.
     Stopped,
 }
 
+/// A change of tempo that was made.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Tempo {
+    /// The rate of the laws' time from then on, or from the next resumption on.
+    pub rate: Rate,
+    /// The tick from which the laws' time has that rate.
+    pub from: u64,
+    /// The limit that keeps the rate below the wanted one.
+    pub ceiling: Option<Ceiling>,
+}
+
 impl Playback {
     pub(crate) fn begun(program: Arc<Program>) -> Playback {
-        Playback { program, law_time: LawTime::Going { from: Time::ZERO, over: Time::ZERO } }
+        Playback { program, law_time: LawTime::Going { since: Time::ZERO, at: Time::ZERO }, tempo: Rate::ONE }
     }
 
     pub(crate) const fn is_paused(&self) -> bool {
@@ -42,6 +57,11 @@ impl Playback {
 
 /// Fractions of the motors' limits that a pause or resumption may use, tried in this order: if the planner refuses one, the next is gentler.
 const CAUTION: [f64; 3] = [1.0, 0.8, 0.5];
+
+/// Moves that are planned to see whether queues and line keep up with a higher tempo: at most some 20 ms of work, which the board's queues outlast.
+const TRIED_MOVES: u32 = 10_000;
+/// How many rates between one that is kept up with and one that is not are tried.
+const TRIES: u32 = 3;
 
 impl<B: Leased> Session<B> {
     /// Slows the laws' time to a halt as fast as the limits allow. All motors share that time, so that they stay on their paths. Returns the tick
@@ -73,58 +93,117 @@ impl<B: Leased> Session<B> {
     /// # Ok::<(), pulsetrain_session::SessionError>(())
     /// ```
     pub fn pause(&mut self) -> Result<u64, SessionError> {
-        let hz = self.pace.tick_hz;
-        let (from, eased) = match self.playback.law_time {
-            LawTime::Going { from, over } => (from, over),
-            LawTime::Halted { rests, .. } => return Ok(rests),
-            LawTime::Stopped => return Err(SessionError::Late { at: self.earliest(), latest: self.committed_until() }),
-        };
-        let at_speed = self.stream.zero() + ticks(eased, hz);
-        let program = Arc::clone(&self.playback.program);
-        self.attempt(|session, caution, delay| {
-            let at = (session.earliest() + delay).max(at_speed);
-            // After its last step a motion is over, even if its laws still move by less than a step.
-            if let Some(latest) = session.last_step().filter(|last| session.is_complete() && at > *last) {
-                return Err(SessionError::Late { at, latest });
-            }
-            // The motion has its full speed only after what was sent: the state there is not known yet.
-            if at == at_speed && at > session.committed_until() {
-                return Err(SessionError::Waiting {
-                    at,
-                    until: session.board.now() + (at - session.committed_until()),
-                });
-            }
-            // Ticks of a session stay far below 2^62.
-            let since = Time::from_ratio(at.wrapping_sub(session.stream.zero()).cast_signed(), hz);
-            let time = from + since - eased.divided_by(2);
-            let easing = pause::quickest_halt(&program, time, caution)?;
-            let takes = ticks(easing.after + easing.over, hz);
-            session.change_proven(at, Arc::new(pause::halting(&program, time, easing)?), takes)?;
-            let rests = at + takes;
-            let at = time + easing.after + easing.over.divided_by(2);
-            session.playback = Playback { program: Arc::clone(&program), law_time: LawTime::Halted { at, rests } };
-            Ok(rests)
-        })
+        match self.playback.law_time {
+            LawTime::Halted { rests, .. } => Ok(rests),
+            _ => self.retime(Rate::ZERO),
+        }
     }
 
-    /// Goes on after a pause, from where the laws' time halted. Returns the tick from which that time has its full speed.
+    /// Goes on after a pause, from where the laws' time halted. Returns the tick from which that time has its full rate.
     ///
     /// # Errors
     /// [`SessionError::NotPaused`]; [`SessionError::Early`] while the motors still move; [`SessionError::Pause`] where the laws themselves take
     /// all that the motors can do; else as [`Session::change`]. The motors stay at rest after an error.
     pub fn resume(&mut self) -> Result<u64, SessionError> {
-        let hz = self.pace.tick_hz;
-        let LawTime::Halted { at: from, rests } = self.playback.law_time else { return Err(SessionError::NotPaused) };
+        let LawTime::Halted { rests, .. } = self.playback.law_time else { return Err(SessionError::NotPaused) };
         if !self.is_complete() || self.earliest() < rests {
             return Err(SessionError::Early { at: self.earliest(), earliest: rests });
         }
+        self.retime(self.playback.tempo)
+    }
+
+    /// Lets the laws' time run at another rate, as soon as the limits allow. All motors keep their paths and phases. If a motor or the board cannot
+    /// follow, the rate is the highest that they can. A motion that is paused goes on at that rate.
+    ///
+    /// # Errors
+    /// As [`Session::pause`]. [`SessionError::NoTempo`] if the rate is 0. The motion goes on as it was after an error.
+    pub fn set_tempo(&mut self, wanted: Rate) -> Result<Tempo, SessionError> {
+        if wanted == Rate::ZERO {
+            return Err(SessionError::NoTempo);
+        }
+        let from = match self.playback.law_time {
+            LawTime::Going { at, .. } | LawTime::Halted { at, .. } => at,
+            LawTime::Stopped => Time::ZERO,
+        };
+        let (highest, ceiling) = pause::highest_rate(&self.playback.program, from)?;
+        let (rate, ceiling) = if wanted > highest { (highest, ceiling) } else { (wanted, None) };
+        let (rate, ceiling) = self.kept_up(rate).unwrap_or((rate, ceiling));
+        let from = match self.playback.law_time {
+            LawTime::Halted { .. } => self.board.now(),
+            _ if rate == self.playback.tempo => self.board.now(),
+            _ => self.retime(rate)?,
+        };
+        self.playback.tempo = rate;
+        Ok(Tempo { rate, from, ceiling })
+    }
+
+    /// How far the laws' time is by now, at most.
+    pub(crate) fn law_time(&self) -> Time {
+        match self.playback.law_time {
+            LawTime::Going { since, at } => {
+                let now = self.board.now().saturating_sub(self.stream.zero());
+                let now = Time::from_ratio(now.cast_signed(), self.pace.tick_hz);
+                at + self.playback.tempo.of_law((now - since).max(Time::ZERO))
+            }
+            LawTime::Halted { at, .. } => at,
+            LawTime::Stopped => Time::ZERO,
+        }
+    }
+
+    /// The highest rate up to `wanted` at which queues and line bring the plan in time, with the limit that keeps it lower; `None` if `wanted` does. The
+    /// motion's beginning is planned for that, from its start.
+    fn kept_up(&self, wanted: Rate) -> Option<(Rate, Option<Ceiling>)> {
+        let line = self.line.as_ref()?;
+        let refused = |rate: Rate| {
+            let plans = Plans::slowed(Arc::clone(&self.playback.program), Some(line), 1.0 / rate.get());
+            plans.and_then(|mut plans| plans.plan_some(f64::INFINITY, TRIED_MOVES)).err()
+        };
+        // Up to here the motion was planned before, or is followed already.
+        let known = self.playback.tempo.max(Rate::ONE).min(wanted);
+        let motor = if wanted > known { refused(wanted)?.motor } else { return None };
+        let (mut fits, mut too_high) = (known, wanted);
+        for _ in 0..TRIES {
+            let middle = Rate::of(0.5 * (fits.get() + too_high.get()))?;
+            if refused(middle).is_none() { fits = middle } else { too_high = middle }
+        }
+        Some((fits, Some(Ceiling { motor, limit: "the line to the board" })))
+    }
+
+    /// Changes the rate of the laws' time. Returns the tick from which it has that rate.
+    fn retime(&mut self, to: Rate) -> Result<u64, SessionError> {
+        let hz = self.pace.tick_hz;
+        let (since, law_time, before) = match self.playback.law_time {
+            LawTime::Going { since, at } => (Some(since), at, self.playback.tempo),
+            LawTime::Halted { at, .. } => (None, at, Rate::ZERO),
+            LawTime::Stopped => return Err(SessionError::Late { at: self.earliest(), latest: self.committed_until() }),
+        };
+        let at_speed = since.map_or(0, |since| self.stream.zero() + ticks(since, hz));
         let program = Arc::clone(&self.playback.program);
         self.attempt(|session, caution, delay| {
-            let at = session.earliest() + delay;
-            let over = pause::quickest_start(&program, from, caution)?;
-            let takes = ticks(over, hz);
-            session.change_proven(at, Arc::new(pause::starting(&program, from, over)?), takes)?;
-            session.playback = Playback { program: Arc::clone(&program), law_time: LawTime::Going { from, over } };
+            let at = (session.earliest() + delay).max(at_speed);
+            let mut time = law_time;
+            if let Some(since) = since {
+                // After its last step a motion is over, even if its laws still move by less than a step.
+                if let Some(latest) = session.last_step().filter(|last| session.is_complete() && at > *last) {
+                    return Err(SessionError::Late { at, latest });
+                }
+                // The motion has its full rate only after what was sent: the state there is not known yet.
+                if at == at_speed && at > session.committed_until() {
+                    let until = session.board.now() + (at - session.committed_until());
+                    return Err(SessionError::Waiting { at, until });
+                }
+                // Ticks of a session stay far below 2^62.
+                let now = Time::from_ratio(at.wrapping_sub(session.stream.zero()).cast_signed(), hz);
+                time = law_time + before.of_law(now - since);
+            }
+            let ease = pause::quickest(&program, time, (before, to), caution)?;
+            let takes = ticks(ease.end(), hz);
+            session.change_proven(at, Arc::new(pause::retimed(&program, time, ease)?), takes)?;
+            let (eased, law_at) = (ease.end(), time + ease.of_law());
+            session.playback.law_time = match to {
+                Rate::ZERO => LawTime::Halted { at: law_at, rests: at + takes },
+                _ => LawTime::Going { since: eased, at: law_at },
+            };
             Ok(at + takes)
         })
     }

@@ -8,9 +8,9 @@
 //! - [`drive`]: a motion on the native board, on a virtual board or on a real one, from connecting to the final counts; [`rehearsal`]: the same on
 //!   the virtual Uno, with each edge judged, before a real Uno gets the motion
 //! - [`prepare`]: from a motion file to plans; [`estimate`]: how long and how large they will be; [`fit`]: what would fit if a plan is refused
-//! - [`Session`]: fills the queues, lets time pass, stops, changes to another program; `halt`: its pause and resume
+//! - [`Session`]: fills the queues, lets time pass, stops, changes to another program; `halt`: its pause, resume and tempo
 //! - [`control`]: commands and events of a running session, as values; [`lateness`]: how late the STEP edges were
-//! - [`pause`]: the quickest way to a halt and back, within all motors' limits
+//! - [`pause`]: the quickest change of the rate of the laws' time, within all motors' limits
 //! - `lease`: how far the lease may reach, and what the motors do after its end
 //! - `stream`: a program's plan as queue items, sent as the queues have room
 //! - `timeline`: one motor's items in board ticks, replayed in integers
@@ -58,6 +58,7 @@ mod stream;
 mod timeline;
 
 pub use error::SessionError;
+pub use halt::Tempo;
 
 use control::{MotorStatus, Status};
 use halt::Playback;
@@ -69,7 +70,7 @@ use pulsetrain_core::braking::Limit;
 use pulsetrain_core::lease::LapseCause;
 use pulsetrain_motion::program::Program;
 use pulsetrain_plan::line::{AHEAD_MS, KEPT};
-use pulsetrain_plan::{Certificate, Origin, Start};
+use pulsetrain_plan::{Certificate, Line, Origin, Start};
 use std::collections::VecDeque;
 use std::sync::Arc;
 use stream::Stream;
@@ -132,6 +133,8 @@ pub struct Session<B> {
     stop_unanswered: bool,
     /// The program that is followed, and whether its time runs, is paused or was stopped.
     playback: Playback,
+    /// The line to the board; `None` if there is none.
+    line: Option<Line>,
 }
 
 /// A plan that the board follows before tick `until`; then it changes to another one.
@@ -297,6 +300,7 @@ impl<B: Leased> Session<B> {
             unanswered: None,
             stop_unanswered: false,
             playback: Playback::begun(program),
+            line: None,
         };
         session.fill()?;
         Ok(session)
@@ -730,6 +734,11 @@ impl<B: Leased> Session<B> {
     #[must_use]
     pub fn certificate(&self, motor: usize) -> Certificate {
         self.stream.certificate(motor)
+    }
+
+    /// Holds a higher tempo against the line that brings the plan to the board.
+    pub fn hold_to_line(&mut self, line: Option<Line>) {
+        self.line = line;
     }
 
     /// The board.

@@ -1,22 +1,14 @@
-//! Pause and resume: how the laws' time is slowed to a halt and brought up to speed again, within the motors' limits.
+//! Pause, resume and tempo: how the rate of the laws' time is changed within the motors' limits.
 //!
-//! All motors share one time, so that their paths and phases do not change. The motor with the least reserve decides how long a pause takes.
-//! Where a law itself brakes as hard as its motor may, the slowing down begins later.
+//! All motors share one time, so that their paths and phases do not change. The motor with the least reserve decides how long a change takes.
+//! Where a law itself brakes as hard as its motor may, the change begins later.
 
-use pulsetrain_motion::law::Cursor;
+use pulsetrain_motion::law::{Cursor, Ease};
 use pulsetrain_motion::program::{Motor, Program};
+use pulsetrain_motion::time::Rate;
 use pulsetrain_motion::{Law, LawError, Time};
-use pulsetrain_plan::SOFTEST_STOP_S;
+use pulsetrain_plan::{SOFTEST_STOP_S, Settings};
 use serde::Serialize;
-
-/// When the laws' time begins to be slowed, and how long that takes.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Easing {
-    /// The laws go on unchanged for this time.
-    pub after: Time,
-    /// Then the laws' time comes to a halt within this time. It advances by half of it meanwhile.
-    pub over: Time,
-}
 
 /// Why motors cannot be paused or resumed.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -34,7 +26,7 @@ pub enum PauseError {
         "no {what} within {within_s} s keeps all motors to their max_acceleration: the motion itself takes all of it"
     )]
     NoRoom {
-        /// "pause" or "resumption".
+        /// "pause", "resumption" or "change of tempo".
         what: &'static str,
         /// How far ahead a place was searched, s.
         within_s: f64,
@@ -100,55 +92,86 @@ fn durations(longest_s: f64) -> impl Iterator<Item = f64> {
     std::iter::successors(Some(SHORTEST_S), |s| Some(s * LONGER)).take_while(move |s| *s <= longest_s)
 }
 
-/// The quickest way to a halt for motors that are at `from` of their laws. `caution` is the fraction of each limit that may be used, up to 1.
+/// The quickest change of the rate of the laws' time, for motors that are at `from` of their laws. `caution` is the fraction of each limit that may
+/// be used, up to 1.
 ///
 /// # Errors
 /// When a law cannot be evaluated, or leaves no room.
-pub fn quickest_halt(program: &Program, from: Time, caution: f64) -> Result<Easing, PauseError> {
+pub fn quickest(program: &Program, from: Time, (before, to): (Rate, Rate), caution: f64) -> Result<Ease, PauseError> {
+    let (r0, change) = (before.get(), to.get() - before.get());
     for look_s in LOOK_S {
         let motors = sampled(program, from, look_s)?;
         let fits = |after_s: f64, over_s: f64| {
             (0..=PLACES).all(|k| {
                 let x = k as f64 / PLACES as f64;
-                let time_s = after_s + over_s * (x - x * x * x + 0.5 * x * x * x * x);
-                let (rate, change) = (1.0 - x * x * (3.0 - 2.0 * x), -6.0 * x * (1.0 - x) / over_s);
-                motors.iter().all(|motor| motor.allows(time_s / look_s, rate, change, USABLE * caution))
+                let time_s = r0 * (after_s + over_s * x) + change * over_s * (x * x * x - 0.5 * x * x * x * x);
+                let rate = r0 + change * x * x * (3.0 - 2.0 * x);
+                let slope = change * 6.0 * x * (1.0 - x) / over_s;
+                motors.iter().all(|motor| motor.allows(time_s / look_s, rate, slope, USABLE * caution))
             })
         };
+        // Motors at rest gain nothing by waiting. Out of a halt the laws' time advances by half: a sampled time serves an easing twice as long.
+        let (waits, most_s) = if before == Rate::ZERO { (1, 2.0 * look_s) } else { (64, look_s) };
         let mut best: Option<(f64, f64)> = None;
-        for after_s in (0..64).map(|k| look_s * f64::from(k) / 128.0) {
-            let left_s = best.map_or(look_s, |(after_s, over_s)| after_s + over_s) - after_s;
-            let found = durations(left_s.min(look_s - after_s)).find(|over_s| fits(after_s, *over_s));
+        for after_s in (0..waits).map(|k| look_s * f64::from(k) / 128.0) {
+            let left_s = best.map_or(most_s, |(after_s, over_s)| after_s + over_s) - after_s;
+            let found = durations(left_s.min(most_s - after_s)).find(|over_s| fits(after_s, *over_s));
             best = found.map(|over_s| (after_s, over_s)).or(best);
         }
         if let Some((after_s, over_s)) = best {
-            return Ok(Easing { after: Time::from_seconds(after_s), over: Time::from_seconds(over_s) });
+            return Ok(Ease { before, after: Time::from_seconds(after_s), over: Time::from_seconds(over_s), to });
         }
     }
-    Err(PauseError::NoRoom { what: "pause", within_s: LOOK_S[1] })
+    let (what, within_s) = match (before, to) {
+        (_, Rate::ZERO) => ("pause", LOOK_S[1]),
+        (Rate::ZERO, _) => ("resumption", 2.0 * LOOK_S[1]),
+        _ => ("change of tempo", LOOK_S[1]),
+    };
+    Err(PauseError::NoRoom { what, within_s })
 }
 
-/// The shortest time in which motors that halted at `from` of their laws come up to full speed. `caution` as for [`quickest_halt`].
+/// A limit that a higher tempo would break.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Ceiling {
+    /// Index of the motor in the program.
+    pub motor: usize,
+    /// Which limit: "max_speed", "max_acceleration" or "the board's shortest interval".
+    pub limit: &'static str,
+}
+
+/// The highest rate of the laws' time, from `from` of the laws on, at which the motors keep to their limits, and the limit that a higher one would
+/// break; [`Rate::MAX`] if none would. Never below 1: what the laws take by themselves was planned.
+///
+/// Laws that repeat are sampled for a period, others to their end, but for half a minute at most.
 ///
 /// # Errors
-/// As [`quickest_halt`].
-pub fn quickest_start(program: &Program, from: Time, caution: f64) -> Result<Time, PauseError> {
-    for look_s in LOOK_S {
-        let motors = sampled(program, from, look_s)?;
-        let fits = |over_s: &f64| {
-            (0..=PLACES).all(|k| {
-                let x = k as f64 / PLACES as f64;
-                let time_s = over_s * (x * x * x - 0.5 * x * x * x * x);
-                let (rate, change) = (x * x * (3.0 - 2.0 * x), 6.0 * x * (1.0 - x) / over_s);
-                motors.iter().all(|motor| motor.allows(time_s / look_s, rate, change, USABLE * caution))
-            })
+/// When a law cannot be evaluated.
+pub fn highest_rate(program: &Program, from: Time) -> Result<(Rate, Option<Ceiling>), PauseError> {
+    let mut highest = (Rate::MAX.get(), None);
+    for (index, motor) in program.motors.iter().enumerate() {
+        let (from, look) = match (motor.law.cycle(), motor.law.end()) {
+            (Some((start, period)), _) => (from.max(start), period),
+            (None, Some(end)) => (from, (end - from).clamp(Time::ZERO, Time::from_seconds(LOOK_S[1]))),
+            (None, None) => (from, Time::from_seconds(LOOK_S[1])),
         };
-        // The laws' time advances by half of an easing: a sampled time serves one twice as long.
-        if let Some(over_s) = durations(2.0 * look_s).find(fits) {
-            return Ok(Time::from_seconds(over_s));
+        let samples = Samples::of(motor, from, look).map_err(|error| PauseError::Law { motor: index, error })?.at;
+        let peak = |of: fn(&(f64, f64)) -> f64| samples.iter().map(of).fold(0.0, |peak: f64, x| peak.max(x.abs()));
+        let (speed, acceleration) = (peak(|sample| sample.0), peak(|sample| sample.1));
+        let settings = Settings::of(program, motor);
+        let board = settings.tick_hz as f64 / settings.min_interval_ticks as f64;
+        let limits = [
+            ("max_speed", motor.limits.max_speed.map(|limit| USABLE * limit / speed)),
+            ("max_acceleration", motor.limits.max_acceleration.map(|limit| (USABLE * limit / acceleration).sqrt())),
+            ("the board's shortest interval", Some(USABLE * board / speed)),
+        ];
+        for (limit, rate) in limits {
+            // A motor at rest has no ceiling: the quotient is infinite.
+            if let Some(rate) = rate.filter(|rate| *rate < highest.0) {
+                highest = (rate, Some(Ceiling { motor: index, limit }));
+            }
         }
     }
-    Err(PauseError::NoRoom { what: "resumption", within_s: 2.0 * LOOK_S[1] })
+    Ok((Rate::of(highest.0).map_or(Rate::ONE, |rate| rate.max(Rate::ONE)), highest.1))
 }
 
 /// The program with other laws.
@@ -160,20 +183,12 @@ fn with_laws(program: &Program, change: impl Fn(Law) -> Result<Law, LawError>) -
     Ok(program)
 }
 
-/// The program from `from` of its laws on, slowed down to a halt.
+/// The program from `from` of its laws on, with another rate of their time.
 ///
 /// # Errors
-/// When a law cannot be slowed so.
-pub fn halting(program: &Program, from: Time, easing: Easing) -> Result<Program, PauseError> {
-    with_laws(program, |law| law.eased_out(from, easing.after, easing.over))
-}
-
-/// The program from `from` of its laws on, sped up from a halt within `over`.
-///
-/// # Errors
-/// When a law cannot be sped up so.
-pub fn starting(program: &Program, from: Time, over: Time) -> Result<Program, PauseError> {
-    with_laws(program, |law| law.eased_in(from, over))
+/// When a law cannot be retimed so.
+pub fn retimed(program: &Program, from: Time, ease: Ease) -> Result<Program, PauseError> {
+    with_laws(program, |law| law.retimed(from, ease))
 }
 
 /// When the motors slow down, rest and go on in a pause that is part of a program.
@@ -193,11 +208,11 @@ pub struct Paused {
 /// # Errors
 /// When a law cannot be evaluated, or leaves no room.
 pub fn paused(program: &Program, at: Time, until: Option<Time>) -> Result<(Program, Paused), PauseError> {
-    let Easing { after, over } = quickest_halt(program, at, 1.0)?;
+    let Ease { after, over, .. } = quickest(program, at, (Rate::ONE, Rate::ZERO), 1.0)?;
     let (slows, halt) = (at + after, at + after + over.divided_by(2));
     let rests = slows + over;
     let goes_on = match until {
-        Some(until) => Some((until.max(rests), quickest_start(program, halt, 1.0)?)),
+        Some(until) => Some((until.max(rests), quickest(program, halt, (Rate::ZERO, Rate::ONE), 1.0)?.over)),
         None => None,
     };
     let program = with_laws(program, |law| {

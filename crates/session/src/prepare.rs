@@ -3,13 +3,14 @@
 use pulsetrain_board::BoardKind;
 use pulsetrain_core::wire::Baud;
 use pulsetrain_motion::file::{Contents, TableColumns};
-use pulsetrain_motion::law::{Cursor, Law};
+use pulsetrain_motion::law::{Cursor, Ease, Law};
 use pulsetrain_motion::pins::PinsError;
 use pulsetrain_motion::program::{BoardError, Limits, Program};
+use pulsetrain_motion::time::Rate;
 use pulsetrain_motion::{Grid, LawError, Time, boards};
 use pulsetrain_plan::{Line, PlanError, SOFTEST_STOP_S, Way};
 
-use crate::pause::{self, Easing, PauseError, Paused};
+use crate::pause::{self, PauseError, Paused};
 
 /// Seconds of an endless motion that are planned if the user gives no length: enough to see it, short enough to wait for.
 pub const DEFAULT_LENGTH_S: f64 = 10.0;
@@ -245,7 +246,8 @@ pub(crate) fn cut(program: &mut Program, length: Option<Time>) -> Result<Option<
 fn keeps_to_path(program: &mut Program, motors: &[usize], at: Time) -> bool {
     let mut machine = program.clone();
     machine.motors = motors.iter().map(|motor| program.motors[*motor].clone()).collect();
-    let Ok(Easing { after, over }) = pause::quickest_halt(&machine, at, 1.0) else { return false };
+    let halt = (Rate::ONE, Rate::ZERO);
+    let Ok(Ease { after, over, .. }) = pause::quickest(&machine, at, halt, 1.0) else { return false };
     let eased = machine.motors.into_iter().map(|motor| motor.law.eased_out(Time::ZERO, at + after, over));
     let Ok(eased) = eased.collect::<Result<Vec<Law>, LawError>>() else { return false };
     for (motor, law) in motors.iter().zip(eased) {

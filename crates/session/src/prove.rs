@@ -13,7 +13,7 @@ use crate::prepare::{Prepared, Refusal, cut};
 /// Seconds of planning that the first step may wait for.
 const MOST_WAIT_S: f64 = 1.0;
 /// Seconds of a long motion that are proven before its first step, at least.
-pub const FIRST_S: f64 = 10.0;
+const FIRST_S: f64 = 10.0;
 
 impl Prepared {
     /// Plans all motors to their end, and keeps of the plan what it proves. `watch` gets how far it is, s.
@@ -29,7 +29,7 @@ impl Prepared {
     /// As [`Prepared::prove`], but plans only a beginning of a motion that takes long to plan, or that has no end: as much as the first step may wait
     /// for. The rest is for [`Driven::proving`](crate::drive::Driven::proving). `None`: only the beginning is proven.
     ///
-    /// The beginning is [`FIRST_S`] or more. Of laws that repeat it has two periods if that does not take long: such laws are then known to keep
+    /// The beginning is 10 s or more. Of laws that repeat it has two periods if that does not take long: such laws are then known to keep
     /// the motors' limits for all time.
     ///
     /// # Errors

@@ -48,7 +48,7 @@ use std::sync::Arc;
 pub use steady::Steady;
 pub use table::Interpolation;
 pub use timer_ramp::TimerRamp;
-pub use warp::Warped;
+pub use warp::{Ease, Warped};
 pub use winch::{WinchCommand, WinchSettings};
 pub use workload::Workload;
 

@@ -1,13 +1,14 @@
-//! A law whose own time is slowed to a halt, or brought up to speed again: pause and resume.
+//! A law whose own time runs at another rate: pause, resume, tempo.
 //!
 //! The path in space stays the same, and so do the phases of motors that are eased alike: only when they are where changes.
 //!
-//! With x from 0 to 1 over the easing, the law's time runs at 1 − (3x² − 2x³) or at 3x² − 2x³ of its rate: speeds are never
-//! higher than the law's, and accelerations are |θ''|·rate² + |θ'|·1.5/over at most.
+//! With x from 0 to 1 over the easing, the rate of the law's time is r0 + (r1 − r0)·(3x² − 2x³). Accelerations are
+//! |θ''|·rate² + |θ'|·1.5·|r1 − r0|/over at most.
 
 use super::accurate::Accurate;
 use super::{Class, Curve, Double, Entry, Law, LawError, Piece, checked};
 use crate::Time;
+use crate::time::Rate;
 use std::collections::VecDeque;
 use std::sync::Arc;
 
@@ -19,12 +20,31 @@ pub struct Warped {
     ease: Ease,
 }
 
-#[derive(Clone, Copy, Debug)]
-enum Ease {
-    /// To a halt, after going on as it was for a while.
-    Out { after: Time, over: Time },
-    /// From a halt.
-    In { over: Time },
+/// How the rate of a law's time changes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Ease {
+    /// The rate before.
+    pub before: Rate,
+    /// For how long that rate goes on.
+    pub after: Time,
+    /// How long the rate then takes to change. The law's time gets on meanwhile as at the mean of both rates.
+    pub over: Time,
+    /// The rate from then on. At a halt the law ends.
+    pub to: Rate,
+}
+
+impl Ease {
+    /// How far the law's time gets until the rate has changed.
+    #[must_use]
+    pub fn of_law(&self) -> Time {
+        self.before.of_law(self.after) + (self.before.of_law(self.over) + self.to.of_law(self.over)).divided_by(2)
+    }
+
+    /// When the rate has changed.
+    #[must_use]
+    pub fn end(&self) -> Time {
+        self.after + self.over
+    }
 }
 
 impl Law {
@@ -46,8 +66,7 @@ impl Law {
     /// # Errors
     /// [`LawError::Parameter`] if `from` or `after` is negative, or `over` not 1e-6 to 1e6 s.
     pub fn eased_out(self, from: Time, after: Time, over: Time) -> Result<Law, LawError> {
-        checked("time before the easing", after.seconds(), "s", |t| (0.0..=1e12).contains(&t))?;
-        self.warped(from, over, Ease::Out { after, over })
+        self.retimed(from, Ease { before: Rate::ONE, after, over, to: Rate::ZERO })
     }
 
     /// This law from its time `from` on, from a halt: its first half of `over` takes `over`.
@@ -57,7 +76,7 @@ impl Law {
     /// # Errors
     /// [`LawError::Parameter`] if `from` is negative, or `over` not 1e-6 to 1e6 s.
     pub fn eased_in(self, from: Time, over: Time) -> Result<Law, LawError> {
-        self.warped(from, over, Ease::In { over })
+        self.retimed(from, Ease { before: Rate::ZERO, after: Time::ZERO, over, to: Rate::ONE })
     }
 
     /// This law from a halt, and to a halt at its end: its first and its last `over`/2 take `over` each. Laws that are eased
@@ -89,9 +108,26 @@ impl Law {
         }
     }
 
-    fn warped(self, from: Time, over: Time, ease: Ease) -> Result<Law, LawError> {
+    /// This law from its time `from` on, with its time's rate changed by an easing. Laws that are retimed alike keep to their common figure.
+    ///
+    /// ```
+    /// use pulsetrain_motion::{Law, Time, law::{Cursor, Ease}, time::Rate};
+    /// let seconds = Time::from_seconds;
+    /// let (before, to) = (Rate::ONE, Rate::of(0.5).unwrap());
+    /// let ease = Ease { before, after: seconds(1.0), over: seconds(2.0), to };
+    /// let law = Law::speed(100.0, Some(seconds(10.0)))?.retimed(seconds(3.0), ease)?;
+    /// // 1 s at full rate, 1.5 s of the law within 2 s, and what is left, 4.5 s, at half the rate.
+    /// assert_eq!(law.end(), Some(seconds(12.0)));
+    /// assert_eq!(Cursor::new(&law).at(seconds(5.0))?.speed, 50.0);
+    /// # Ok::<(), pulsetrain_motion::LawError>(())
+    /// ```
+    ///
+    /// # Errors
+    /// [`LawError::Parameter`] if `from` or `after` is negative, or `over` not 1e-6 to 1e6 s.
+    pub fn retimed(self, from: Time, ease: Ease) -> Result<Law, LawError> {
         checked("time of the law", from.seconds(), "s", |t| (0.0..=1e12).contains(&t))?;
-        checked("duration of the easing", over.seconds(), "s", |t| (1e-6..=1e6).contains(&t))?;
+        checked("time before the easing", ease.after.seconds(), "s", |t| (0.0..=1e12).contains(&t))?;
+        checked("duration of the easing", ease.over.seconds(), "s", |t| (1e-6..=1e6).contains(&t))?;
         Ok(Law::Warped(Arc::new(Warped { law: self, from, ease })))
     }
 }
@@ -102,27 +138,30 @@ struct Stretch {
     start: Time,
     end: Time,
     from: Time,
-    /// The law's time, since `from`, against the time since `start`, s; `None`: both alike.
-    map: Option<[Accurate; 5]>,
+    /// The law's time at the end.
+    to: Time,
+    map: Map,
+}
+
+/// The law's time within a stretch.
+#[derive(Clone, Copy, Debug)]
+enum Map {
+    /// It runs at one rate.
+    Steady(Rate),
+    /// Its rate changes: the law's time, since `from`, against the time since `start`, s.
+    Eased([Accurate; 5]),
 }
 
 impl Stretch {
-    fn plain(start: Time, end: Time, from: Time) -> Stretch {
-        Stretch { start, end, from, map: None }
-    }
-
-    /// The law's time at the end.
-    fn to(&self) -> Time {
-        let span = self.end - self.start;
-        self.from + if self.map.is_some() { span.divided_by(2) } else { span }
-    }
-
     /// When the law's time is `at`.
     fn when(&self, at: Time) -> Time {
-        if at >= self.to() {
+        if at >= self.to {
             return self.end;
         }
-        let Some(map) = self.map else { return self.start + (at - self.from) };
+        let map = match self.map {
+            Map::Steady(rate) => return self.start + rate.to_pass(at - self.from),
+            Map::Eased(map) => map,
+        };
         let wanted = (at - self.from).seconds();
         let (mut before, mut after) = (Time::ZERO, self.end - self.start);
         // Down to the last bit of what an f64 tells apart.
@@ -132,6 +171,37 @@ impl Stretch {
         }
         self.start + after
     }
+
+    /// A piece of the law's own time in this stretch, from `at` to `end`.
+    fn warped(&self, own: &Piece, at: Time, end: Time) -> Piece {
+        let mut warped = own.clone();
+        (warped.start, warped.end) = (at, end);
+        let map = match self.map {
+            Map::Steady(Rate::ONE) => {
+                warped.zero = own.zero + (self.start - self.from);
+                return warped;
+            }
+            Map::Steady(rate) => {
+                // The piece's own zero is near the piece, also after days. What 2^-64 s round off is in the map's constant.
+                let after = rate.to_pass(own.zero - self.from);
+                warped.zero = self.start + after;
+                let off = Double::from(self.from + rate.of_law(after)) - Double::from(own.zero);
+                let zero = Accurate::ZERO;
+                [Accurate::of(off), Accurate::of(Double::from(rate.get())), zero, zero, zero]
+            }
+            Map::Eased(mut map) => {
+                map[0] = Accurate::of(Double::from(self.from) - Double::from(own.zero));
+                warped.zero = self.start;
+                map
+            }
+        };
+        if !own.curve.is_constant() {
+            let terms = own.curve.terms().map(|terms| terms.warped(map));
+            let (curve, time) = (Box::new(own.curve.clone().plain()), map.map(Accurate::nearest));
+            warped.curve = Curve::Warped { curve, time }.accurate_by(terms);
+        }
+        warped
+    }
 }
 
 fn evaluate(map: &[Accurate; 5], u: f64) -> f64 {
@@ -140,38 +210,35 @@ fn evaluate(map: &[Accurate; 5], u: f64) -> f64 {
 
 impl Warped {
     fn stretches(&self) -> Vec<Stretch> {
-        // Of x³ − x⁴/2 over some time, in its seconds.
-        let bend = |over: Time| {
-            let d = Accurate::of(Double::from(over));
-            let cube = Accurate::ONE / (d * d);
-            (cube, cube / (d + d))
-        };
+        let Ease { before, after, over, to } = self.ease;
+        let (slow, eased) = (self.from + before.of_law(after), self.from + self.ease.of_law());
+        // Of x³ − x⁴/2 over the easing, in its seconds.
+        let d = Accurate::of(Double::from(over));
+        let change = Accurate::of(Double::from(to.get() - before.get()));
+        let cube = change / (d * d);
         let zero = Accurate::ZERO;
-        match self.ease {
-            Ease::Out { after, over: slowing } => {
-                let (c, d) = bend(slowing);
-                let map = [zero, Accurate::ONE, zero, -c, d];
-                let eased = Stretch { start: after, end: after + slowing, from: self.from + after, map: Some(map) };
-                let plain = Stretch::plain(Time::ZERO, after, self.from);
-                if after > Time::ZERO { vec![plain, eased] } else { vec![eased] }
-            }
-            Ease::In { over: rising } => {
-                let (c, d) = bend(rising);
-                let map = [zero, zero, zero, c, -d];
-                let eased = Stretch { start: Time::ZERO, end: rising, from: self.from, map: Some(map) };
-                vec![eased, Stretch::plain(rising, Time::MAX, eased.to())]
-            }
+        let map = [zero, Accurate::of(Double::from(before.get())), zero, cube, -(cube / (d + d))];
+        let end = self.ease.end();
+        let mut stretches = Vec::with_capacity(3);
+        if after > Time::ZERO {
+            let map = Map::Steady(before);
+            stretches.push(Stretch { start: Time::ZERO, end: after, from: self.from, to: slow, map });
         }
+        stretches.push(Stretch { start: after, end, from: slow, to: eased, map: Map::Eased(map) });
+        if to > Rate::ZERO {
+            let map = Map::Steady(to);
+            stretches.push(Stretch { start: end, end: Time::MAX, from: eased, to: Time::MAX, map });
+        }
+        stretches
     }
 
     pub(super) fn end(&self) -> Option<Time> {
-        match self.ease {
-            Ease::Out { after, over } => Some(after + over),
-            Ease::In { over } => {
-                let half = over.divided_by(2);
-                self.law.end().map(|end| over + (end - self.from - half).clamp(Time::ZERO, Time::MAX))
-            }
+        let eased = self.from + self.ease.of_law();
+        if self.ease.to == Rate::ZERO {
+            return Some(self.ease.end());
         }
+        let left = |end: Time| self.ease.to.to_pass((end - eased).clamp(Time::ZERO, Time::MAX));
+        self.law.end().map(|end| self.ease.end() + left(end))
     }
 
     /// The law whose time it is.
@@ -191,6 +258,7 @@ impl Warped {
     pub(super) fn pieces(&self) -> impl Iterator<Item = Result<Piece, LawError>> + use<> {
         let mut stretches: VecDeque<Stretch> = self.stretches().into();
         let mut inner = self.law.pieces();
+        let eased = self.ease.end();
         // The law's piece at hand, and how far the warped law is.
         let mut piece: Option<Piece> = None;
         let mut at = Time::ZERO;
@@ -210,7 +278,7 @@ impl Warped {
                         Some(Err(error)) => return Some(Err(error)),
                         None => {
                             // The law has ended: it stays where it is until the easing has, too.
-                            let end = if stretch.end == Time::MAX { at } else { stretch.end };
+                            let end = at.max(eased);
                             let last = piece.as_ref().map(Piece::last_position);
                             stretches.clear();
                             return last.filter(|_| end > at).map(|position| Piece::rest(at, end, position));
@@ -219,20 +287,7 @@ impl Warped {
                 }
                 let own = piece.as_ref()?;
                 let end = stretch.when(own.end);
-                let mut warped = own.clone();
-                (warped.start, warped.end) = (at, end);
-                match stretch.map {
-                    None => warped.zero = own.zero + (stretch.start - stretch.from),
-                    Some(mut map) => {
-                        map[0] = Accurate::of(Double::from(stretch.from) - Double::from(own.zero));
-                        warped.zero = stretch.start;
-                        if !own.curve.is_constant() {
-                            let terms = own.curve.terms().map(|terms| terms.warped(map));
-                            let (curve, time) = (Box::new(own.curve.clone().plain()), map.map(Accurate::nearest));
-                            warped.curve = Curve::Warped { curve, time }.accurate_by(terms);
-                        }
-                    }
-                }
+                let mut warped = stretch.warped(own, at, end);
                 // Where it was cut it goes on as it is.
                 if !std::mem::take(&mut entered) || own.start < stretch.from {
                     warped.entry = Entry::Continuous;

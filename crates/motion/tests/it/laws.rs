@@ -2,9 +2,10 @@
 
 use proptest::prelude::*;
 use pulsetrain_motion::law::{
-    Begin, Behind, Class, Cursor, Curve, End, Entry, Interpolation, Inverse, Piece, SCurve, TimerRamp,
+    Begin, Behind, Class, Cursor, Curve, Ease, End, Entry, Interpolation, Inverse, Piece, SCurve, TimerRamp,
 };
 use pulsetrain_motion::law::{WinchCommand, WinchSettings};
+use pulsetrain_motion::time::Rate;
 use pulsetrain_motion::{Law, LawError, Time};
 
 fn s(seconds: f64) -> Time {
@@ -399,6 +400,39 @@ proptest! {
         let [x, y, z] = [&a, &b, &sum].map(|law| Cursor::new(law).at(t).unwrap());
         prop_assert!((x.position + y.position - z.position).abs() < 1e-7 * (1.0 + x.position.abs() + y.position.abs()));
         prop_assert!((x.speed + y.speed - z.speed).abs() < 1e-6 * (1.0 + x.speed.abs() + y.speed.abs()), "{x:?} {y:?} {z:?}");
+    }
+}
+
+/// Long after the easing, too: the law's time has no rounding that grows.
+#[test]
+fn a_retimed_law_keeps_its_path_at_another_rate() {
+    let laws = [
+        Law::sine(400.0, s(0.3), None).unwrap(),
+        Law::formula("30*sin(3*t)^3 + 2*t", &[], 1.0, None).unwrap(),
+        Law::speed(123.4, None).unwrap(),
+    ];
+    for (row, law) in laws.iter().enumerate() {
+        for (r0, r1) in [(1.0, 0.5), (1.0, 2.0), (0.25, 3.7), (2.5, 0.1)] {
+            let (before, to) = (Rate::of(r0).unwrap(), Rate::of(r1).unwrap());
+            let (r0, r1) = (before.get(), to.get());
+            let ease = Ease { before, after: s(0.5), over: s(0.25), to };
+            let retimed = law.clone().retimed(s(7.0), ease).unwrap();
+            contiguous(&retimed, 3000);
+            let (mut own, mut got) = (Cursor::new(law), Cursor::new(&retimed));
+            let early = (0..=100).map(|k| 0.01 * f64::from(k));
+            for t in early.chain([1000.25, 86_400.125]) {
+                let x = ((t - 0.5) / 0.25).clamp(0.0, 1.0);
+                let eased = 0.25 * (r0 * x + (r1 - r0) * (x.powi(3) - 0.5 * x.powi(4)));
+                let time = 7.0 + r0 * t.min(0.5) + eased + r1 * (t - 0.75).max(0.0);
+                let rate = r0 + (r1 - r0) * (3.0 * x * x - 2.0 * x.powi(3));
+                let (got, want) = (got.at(s(t)).unwrap(), own.at(s(time)).unwrap());
+                // `time` is an f64: at a day it is off by 1e-11 s.
+                let near = 1e-9 * (1.0 + want.position.abs()) + 3e-11 * want.speed.abs();
+                assert!((got.position - want.position).abs() <= near, "{row} {r0} {r1} at {t} s: {got:?} {want:?}");
+                let speed = rate * want.speed;
+                assert!((got.speed - speed).abs() <= 1e-6 * (1.0 + speed.abs()), "{row} {r0} {r1} at {t} s");
+            }
+        }
     }
 }
 

@@ -2,7 +2,8 @@
 
 use dashu::float::FBig;
 use proptest::prelude::*;
-use pulsetrain_motion::law::{Curve, Interpolation, Piece, SCurve, TimerRamp};
+use pulsetrain_motion::law::{Curve, Ease, Interpolation, Piece, SCurve, TimerRamp};
+use pulsetrain_motion::time::Rate;
 use pulsetrain_motion::{Law, Time};
 
 type Wide = FBig<dashu::float::round::mode::HalfEven, 2>;
@@ -103,8 +104,8 @@ fn exact(curve: &Curve, u: Wide) -> Wide {
     }
 }
 
-/// How many there are: each as it is, and warped in three ways.
-const LAWS: usize = 4 * 6;
+/// How many there are: each as it is, and warped in five ways.
+const LAWS: usize = 6 * 6;
 
 fn laws() -> Vec<Law> {
     let ramp = TimerRamp { steps: 400, tick_s: 8e-6, start_count: 255, cruise_count: 18, accelerate_during: 100 };
@@ -117,7 +118,11 @@ fn laws() -> Vec<Law> {
         let out = law.clone().eased_out(at(1), at(1), at(5)).unwrap();
         let back = law.clone().eased_in(at(4), at(7)).unwrap();
         let twice = back.clone().eased_out(at(0), at(2), at(3)).unwrap();
-        [out, back, twice]
+        let to = |before: f64, rate: f64| {
+            let (before, to) = (Rate::of(before).unwrap(), Rate::of(rate).unwrap());
+            law.clone().retimed(at(1), Ease { before, after: at(1), over: at(2), to }).unwrap()
+        };
+        [out, back, twice, to(1.0, 0.3), to(0.7, 3.1)]
     };
     let mut laws = vec![
         sine.clone(),

@@ -255,6 +255,62 @@ fn a_motion_that_is_stepped_obeys_commands() {
     assert!((1.0..1.5).contains(at_s) && *said == ended, "{events:?}");
 }
 
+/// The template's motor may turn 5 times a second, and its motion does so 3.14 times.
+#[test]
+fn a_tempo_is_what_the_limits_allow_and_says_which_one_it_is() {
+    let check = |rate: f64, expected: Result<(f64, Option<&str>), &str>| {
+        let mut driven = Driven::native(&prepared()).unwrap();
+        let (mut nobody, mut answer) = (|_: Edge| {}, None);
+        for _ in 0..20 {
+            driven.step(None, &mut nobody, |_| {}).unwrap();
+        }
+        let mut look = |event| match event {
+            Event::Tempo { rate, ceiling, from_s } => answer = Some(Ok((rate, ceiling, from_s))),
+            Event::Refused { why, .. } => answer = Some(Err(why)),
+            _ => {}
+        };
+        let mut ended = driven.step(Some(Command::Tempo { rate }), &mut nobody, &mut look).unwrap();
+        while ended.is_none() {
+            ended = driven.step(None, &mut nobody, |_| {}).unwrap();
+        }
+        assert_eq!(ended.unwrap().counted, [4800], "{rate}");
+        match (answer.unwrap(), expected) {
+            (Ok((got, ceiling, from_s)), Ok((rate, why))) => {
+                assert!((got - rate).abs() < 1e-2 && (1.0..3.0).contains(&from_s), "{got} from {from_s} s");
+                assert_eq!(ceiling.as_deref(), why, "{rate}");
+            }
+            (Err(why), Err(part)) => assert!(why.contains(part), "{why}"),
+            (answer, expected) => panic!("{answer:?}, not {expected:?}"),
+        }
+    };
+    check(0.5, Ok((0.5, None)));
+    check(1.5, Ok((1.5, None)));
+    check(10.0, Ok((1.54, Some("wheel: max_speed"))));
+    for rate in [0.0, -1.0, 10.5, f64::NAN, f64::INFINITY] {
+        check(rate, Err("above 0, and at most 10"));
+    }
+}
+
+#[test]
+fn a_tempo_in_a_pause_is_that_of_the_resumption() {
+    let mut driven = Driven::native(&prepared()).unwrap();
+    let (mut nobody, mut events) = (|_: Edge| {}, Vec::new());
+    let commands = [(20, Command::Pause), (40, Command::Tempo { rate: 0.5 }), (60, Command::Resume)];
+    let mut ended = None;
+    for k in 0.. {
+        let command = commands.iter().find(|(at, _)| *at == k).map(|(_, command)| *command);
+        ended = driven.step(command, &mut nobody, |event| events.push(event)).unwrap();
+        if ended.is_some() {
+            break;
+        }
+    }
+    assert_eq!(ended.unwrap().counted, [4800]);
+    assert!(events.iter().any(|event| matches!(event, Event::Tempo { rate: 0.5, ceiling: None, .. })));
+    let last_s = events.iter().rev().find_map(status).unwrap().at_s;
+    // 8.6 s by the file: 1 s before the pause, 2 s in it, and twice what was left.
+    assert!((17.5..19.5).contains(&last_s), "{last_s}");
+}
+
 /// A formula that gets too fast after a minute: its beginning is proven, and then the rest while it runs.
 #[test]
 fn a_part_that_is_refused_on_the_way_stops_the_motors_before_it() {

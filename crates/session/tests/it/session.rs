@@ -10,6 +10,7 @@ use pulsetrain_board::{
 use pulsetrain_core::braking::Limit;
 use pulsetrain_core::{Direction, Entry, Epoch, Item};
 use pulsetrain_motion::program::{self, DriverTiming, Limits, Motor, Program, Scale, Tolerance};
+use pulsetrain_motion::time::Rate;
 use pulsetrain_motion::{Grid, Law, Time, law::Cursor};
 use pulsetrain_plan::{Ensemble, Move, Settings};
 use pulsetrain_session::{Session, SessionError};
@@ -559,6 +560,83 @@ proptest! {
                 }
             }
         }
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(48))]
+
+    /// At any tempo the motors make the same steps in the same order, within the same limits.
+    #[test]
+    fn tempos_keep_path_limits_and_counts(
+        program in programs(),
+        tempos in prop::collection::vec((0.0..0.6f64, 0.05..3.0f64), 1..6),
+    ) {
+        let Some(planned) = planned(&program) else { return Err(TestCaseError::reject("no plan")) };
+        let mut lab = Lab::new(&program);
+        let mut session = Session::new(Bench::new(&program, 256), program.clone()).unwrap();
+        let mut made = 0;
+        for (after_s, rate) in tempos {
+            let until = session.board().now() + (after_s * TICK_HZ as f64) as u64;
+            prop_assert_eq!(session.advance(until, &mut lab), Ok(()));
+            let wanted = Rate::of(rate).unwrap();
+            match session.set_tempo(wanted) {
+                Ok(tempo) => {
+                    made += 1;
+                    prop_assert!(tempo.rate == wanted || (tempo.rate < wanted && tempo.ceiling.is_some()), "{tempo:?}");
+                    prop_assert!(tempo.rate >= wanted.min(Rate::ONE) && tempo.from >= until, "{tempo:?}");
+                }
+                // Over by then, too much for one motor, or behind another change.
+                Err(SessionError::Late { .. } | SessionError::Pause(_) | SessionError::Waiting { .. }) => {}
+                Err(SessionError::Plan(_) | SessionError::QueueTooShort { .. }) if lab.is_shared() => {}
+                Err(error) => return Err(TestCaseError::fail(error.to_string())),
+            }
+        }
+        let report = session.run(&mut lab, |_| {});
+        // A motor that has no headroom for a share of a DIR line may be refused on the way; it brakes then.
+        if lab.is_shared() && report.failure.is_some() {
+            return Ok(());
+        }
+        prop_assert_eq!(report.failure, None, "after {} tempos", made);
+        prop_assert_eq!(&report.counted, &report.replayed);
+        check_counts(&session, &lab, &program)?;
+        for ((steps, planned), m) in lab.steps.iter().zip(&planned).zip(&program.motors) {
+            let way = |steps: &[(u64, i64)]| steps.iter().map(|(_, sign)| *sign).collect::<Vec<_>>();
+            if !lab.is_shared() {
+                prop_assert_eq!(way(steps), way(planned));
+                if let Some(limit) = m.limits.max_acceleration.filter(|_| m.limits.pull_in == 0.0) {
+                    check_acceleration(steps, limit, 1.5)?;
+                }
+            }
+        }
+    }
+}
+
+/// Two motors, a change of tempo: from then on each step of both comes at the time that the tempo gives it, to a tick.
+#[test]
+fn a_tempo_is_exact_and_keeps_phases() {
+    let limits = Limits { max_speed: None, max_acceleration: Some(200_000.0), pull_in: 1e9 };
+    let sine = |period_ms: u64| Law::sine(400.0, Time::SECOND.times(period_ms).divided_by(1000), Some(20)).unwrap();
+    let program = program(16, vec![motor(0, sine(700), false, limits), motor(1, sine(900), false, limits)]);
+    let plain = planned(&program).unwrap();
+    for rate in [0.25, 0.7, 2.0] {
+        let mut lab = Lab::new(&program);
+        let mut session = Session::new(Bench::new(&program, 256), program.clone()).unwrap();
+        session.advance(session.zero() + 2 * TICK_HZ, &mut lab).unwrap();
+        let tempo = session.set_tempo(Rate::of(rate).unwrap()).unwrap();
+        assert_eq!((tempo.rate.get(), tempo.ceiling), (Rate::of(rate).unwrap().get(), None));
+        let rate = tempo.rate.get();
+        assert_eq!(session.run(&mut lab, |_| {}).failure, None);
+        let mut offsets = Vec::new();
+        for (steps, plain) in lab.steps.iter().zip(&plain) {
+            assert_eq!(steps.len(), plain.len());
+            let after = steps.iter().zip(plain).filter(|((tick, _), _)| *tick > tempo.from);
+            // The tick at which the laws' time would have been 0.
+            offsets.extend(after.map(|((tick, _), (own, _))| *tick as f64 - *own as f64 / rate));
+        }
+        let (least, most) = offsets.iter().fold((f64::MAX, f64::MIN), |(a, b), x| (a.min(*x), b.max(*x)));
+        // A step is within a tick of its time, in both runs.
+        assert!(offsets.len() > 10_000 && most - least < 2.0 * (1.0 + 1.0 / rate), "{rate}: {least} to {most}");
     }
 }
 
