@@ -484,7 +484,7 @@ impl<B: Leased> Driven<B> {
         let Driven { session, steppers, meter, places, .. } = self;
         let mut since = Since { zero, places, steppers, meter, observer };
         let mut inbox = Inbox { commands, waiting: VecDeque::new(), is_open: true };
-        let (mut ordered, mut stopped) = (false, false);
+        let (mut ordered, mut stopped, mut status_due) = (false, false, 0);
         while session.is_paused() || !(session.is_complete() && is_last_step_past(session)) {
             let now = session.board().now();
             // A paused session sends nothing, and so notices no loss by itself.
@@ -540,7 +540,8 @@ impl<B: Leased> Driven<B> {
                 }
                 Some(Command::Stop) | None => Ok(()),
             };
-            let soon = now + tick_hz / LOOKS_PER_S;
+            let looks_per_s = if since.meter.is_some() { STATUSES_PER_S } else { LOOKS_PER_S };
+            let soon = now + tick_hz / looks_per_s;
             let last = session.last_step().filter(|last| session.is_complete() && *last >= now);
             let until = last.map_or(soon, |last| soon.min(last));
             if let Err(failure) = obeyed.and_then(|()| session.advance(until, &mut since)) {
@@ -558,6 +559,10 @@ impl<B: Leased> Driven<B> {
                 return Err(failure.halted(seen_s, positions));
             }
             events(Event::Progress { at_s: seconds(session.board().now()) });
+            if session.board().now() < status_due {
+                continue;
+            }
+            status_due = session.board().now() + tick_hz / STATUSES_PER_S;
             let lateness = since.meter.as_ref().map(Meter::so_far);
             events(Event::Status(Status { lateness, ..session.status() }));
         }
@@ -655,8 +660,10 @@ fn is_last_step_past<B: Leased>(session: &Session<B>) -> bool {
     session.last_step().is_none_or(|last| last < session.board().now())
 }
 
-/// How many times in a second of the board's time a run takes a command and reports its status.
-const LOOKS_PER_S: u64 = 20;
+/// How many times in a second of the board's time a run reports its status, and on a virtual board takes a command.
+const STATUSES_PER_S: u64 = 20;
+/// How many times in a second a run on a real board takes a command: motors begin to brake 100 ms after `pulsetrain stop` at most.
+const LOOKS_PER_S: u64 = 100;
 
 /// Passes edges and steps on to an observer: with ticks from the laws' time 0, and lines by their index in the traces. Measures lateness.
 struct Since<'o, O> {
