@@ -287,7 +287,7 @@ impl<P: Port> Driven<WithReference<Remote<P>>> {
         let edges = remote.port().has_edges().then(|| Edges::of(program));
         let lines = lines::of(program);
         let place = |pin: u8| place_of(&lines, pin);
-        let places = (0..=LAST_PIN).map(place).collect();
+        let places = (0..=BoardKind::LAST_PIN).map(place).collect();
         let board = WithReference::new(remote, native(program, Native::unbounded)?);
         Driven::begin(board, program, lines, places, edges)
     }
@@ -303,9 +303,6 @@ impl<P: Port> Driven<WithReference<Remote<P>>> {
         self.session.into_board().into_board().close()
     }
 }
-
-/// The highest pin of any board with a firmware; an Uno's last is 19 (A5), a Pico's 28.
-const LAST_PIN: u8 = 28;
 
 /// Takes the board at the other end of a port and sets it up for a program.
 ///

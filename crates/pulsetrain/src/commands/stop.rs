@@ -5,11 +5,11 @@ use std::fmt::{self, Display};
 use std::time::Duration;
 
 use miette::{Report, miette};
-use pulsetrain_board::{LinkError, Port, PortError, Remote, RemoteError, Serial};
+use pulsetrain_board::{BoardKind, LinkError, Port, PortError, Remote, RemoteError, Serial};
 use pulsetrain_trace::winch::{AXES, Status};
 use serde::Serialize;
 
-use super::info::{UNO, listed, motor_list};
+use super::info::{listed, motor_list};
 use super::problems::{drive_problem, port_problem};
 use crate::console::{Console, Exit};
 use crate::control_socket::{Ending, RunClient, RunEnded, RunInfo, RunLine, SocketError, runs};
@@ -254,7 +254,8 @@ fn stop_frames<P: Port>(mut board: Remote<P>) -> Result<StopReport, RemoteError>
     let (stopped, positions) = board.stop_motors()?;
     let tick_hz = f64::from(board.info().tick_hz);
     // If opening the port does not reset the board, its motors are still set up.
-    let reset = board.info().board == UNO && !moved && positions.is_empty();
+    let resets = BoardKind::numbered(board.info().board).is_some_and(BoardKind::resets_when_opened);
+    let reset = resets && !moved && positions.is_empty();
     board.close();
     let uncertain = (0..positions.len()).filter(|motor| stopped.uncertain >> motor & 1 == 1).collect();
     let (moved, at_s) = (Some(moved), Some(stopped.tick as f64 / tick_hz));

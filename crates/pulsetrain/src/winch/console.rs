@@ -46,7 +46,8 @@ pub trait Person {
 
     /// Whether the console, once its input has ended, waits until the axes rest.
     fn waits_for_rest(&self) -> bool;
-}
+
+    /// Whether it shows positions as they change.}
 
 /// Why a console failed.
 #[derive(Debug, thiserror::Error, Diagnostic)]
