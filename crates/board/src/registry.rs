@@ -35,7 +35,7 @@ pub enum Role {
     Plans,
     /// By StepperWinch's text (docs/winch.md).
     Winch,
-    /// By verbs: orders to single motors (docs/pico.md).
+    /// By verbs: orders to single motors (docs/verbs.md).
     Verbs,
 }
 

@@ -76,9 +76,10 @@ const BOARD_SHARE: f64 = 0.5;
 const BUILD_UP_S: f64 = 0.1;
 
 pub(crate) fn run(args: &GotoArgs, console: &mut Console<'_>) -> miette::Result<Exit> {
-    let contents = load::contents(&args.file)?;
+    let file = load::found(&args.file);
+    let contents = load::contents(&file)?;
     let units = contents.units.clone();
-    let name = args.file.display().to_string();
+    let name = file.display().to_string();
     let mut prepared = Prepared::new(name, contents, args.board.as_deref()).map_err(advised)?;
     let motors = Motors { program: &prepared.program, units: &units, moved: moved(&prepared.program, &args.motor)? };
     let program = &prepared.program;
@@ -88,14 +89,14 @@ pub(crate) fn run(args: &GotoArgs, console: &mut Console<'_>) -> miette::Result<
     if distances.iter().all(|steps| *steps == 0) {
         return console.print("the motors are there already: nothing moves\n").map(|()| Exit::Success);
     }
-    let wrong = |error: LawError| miette!("{}: {error}", args.file.display());
+    let wrong = |error: LawError| miette!("{}: {error}", file.display());
     let laws = laws(program, &from, &distances).map_err(wrong)?;
     for (motor, law) in prepared.program.motors.iter_mut().zip(laws) {
         motor.law = law;
     }
     // Each motor goes its own way.
     prepared.program.machines.clear();
-    let stem = args.file.file_stem().unwrap_or(args.file.as_os_str()).to_string_lossy().into_owned();
+    let stem = file.file_stem().unwrap_or(file.as_os_str()).to_string_lossy().into_owned();
     let folder = args.out.clone().unwrap_or_else(|| PathBuf::from("out").join(format!("{stem}-goto")));
     let how = HowToRun {
         native: args.native,

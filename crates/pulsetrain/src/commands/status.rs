@@ -39,8 +39,12 @@ struct RunStatus<'a> {
 }
 
 pub(crate) fn run(args: &StatusArgs, console: &mut Console<'_>) -> miette::Result<Exit> {
+    let runs = runs()?;
+    if runs.is_empty() && args.port.is_none() {
+        return console.print(if args.json { "" } else { "nothing runs on this computer\n" }).map(|()| Exit::Success);
+    }
     // Without --follow all runs are listed.
-    let chosen = chosen(runs()?, args.port.as_deref(), !args.follow, "status --follow")?;
+    let chosen = chosen(runs, args.port.as_deref(), !args.follow, "status --follow")?;
     if let (true, Some(port)) = (chosen.is_empty(), &args.port) {
         let help = "`pulsetrain status` lists the runs; `pulsetrain info --port PORT` asks a board";
         return Err(miette!(help = help, "no run of this computer has {port}"));

@@ -52,7 +52,7 @@ Examples:
   pulsetrain winch script.txt --native --out out/script
   pulsetrain winch --port /dev/ttyACM0
   echo \"a x 200\" | pulsetrain winch --native
-  echo \"move x 2000\" | pulsetrain winch --board pico     MOVE, SPEED, DIRECTION: docs/pico.md")]
+  echo \"move x 2000\" | pulsetrain winch --board pico     MOVE, SPEED, DIRECTION: docs/verbs.md")]
 pub(crate) struct WinchArgs {
     /// Script of timed lines, or motion file (.toml) with law.winch; without one it is a console
     pub(crate) script: Option<PathBuf>,
