@@ -72,6 +72,12 @@ Examples:
     Info(At),
     /// Stop a run of this computer within the motors' limits, or a board's motors at once, whoever moved them
     Stop(commands::stop::StopArgs),
+    /// Bring the motors of a run to a halt on their paths; `resume` goes on
+    Pause(commands::steer::PauseArgs),
+    /// Go on after a pause
+    Resume(commands::steer::PauseArgs),
+    /// Let a run go faster or slower from now on, with all motors in phase
+    Tempo(commands::steer::TempoArgs),
     /// List the runs of this computer, with where their motors are
     Status(commands::status::StatusArgs),
     /// Move motors from where they stand to a position
@@ -112,6 +118,8 @@ impl Command {
             Command::Info(args) => args.json,
             Command::Stop(args) => args.json,
             Command::Status(args) => args.json,
+            Command::Pause(args) | Command::Resume(args) => args.wants_json(),
+            Command::Tempo(args) => args.wants_json(),
             Command::Goto(args) => args.json,
             Command::Store(args) => args.json,
             Command::Bench(args) => args.at.json,
@@ -177,6 +185,9 @@ fn obey(command: &Command, console: &mut Console<'_>) -> miette::Result<Exit> {
         Command::Board(args) => commands::board::run(args, console),
         Command::Info(args) => commands::info::run(args, console),
         Command::Stop(args) => commands::stop::run(args, console),
+        Command::Pause(args) => commands::steer::pause(args, console),
+        Command::Resume(args) => commands::steer::resume(args, console),
+        Command::Tempo(args) => commands::steer::tempo(args, console),
         Command::Status(args) => commands::status::run(args, console),
         Command::Goto(args) => commands::goto::run(args, console),
         Command::Store(args) => commands::store::run(args, console),

@@ -21,6 +21,7 @@ pub(crate) mod problems;
 mod rehearsal;
 pub(crate) mod run;
 pub(crate) mod status;
+pub(crate) mod steer;
 pub(crate) mod stop;
 pub(crate) mod store;
 pub(crate) mod verbs;

@@ -8,6 +8,7 @@ use pulsetrain_motion::human;
 use pulsetrain_session::control::{Event, Status};
 use serde::Serialize;
 
+use super::steer::in_words;
 use super::stop::chosen;
 use crate::console::{Console, Exit};
 use crate::control_socket::{RunClient, RunEnded, RunInfo, RunLine, runs};
@@ -111,20 +112,6 @@ impl Display for RunStatus<'_> {
             }
         }
         writeln!(f)
-    }
-}
-
-/// An event in words.
-fn in_words(event: &Event) -> String {
-    let time = |at_s: f64| human::seconds_to(at_s, 4);
-    match event {
-        Event::Progress { at_s } => time(*at_s),
-        Event::Status(status) => time(status.at_s),
-        Event::Pausing { rests_s } => format!("a pause: the motors rest from {} on", time(*rests_s)),
-        Event::Resuming { full_speed_s } => format!("it goes on, at full speed from {} on", time(*full_speed_s)),
-        Event::Stopping { at_s } => format!("the motors brake from {} on", time(*at_s)),
-        Event::StoppedAtOnce { .. } => "the motors were stopped at once".to_owned(),
-        Event::Refused { command, why } => format!("{command:?} was refused: {why}"),
     }
 }
 

@@ -193,7 +193,7 @@ impl RunEnded {
 }
 
 /// A line of a client.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 enum ClientLine {
     Command(Command),
     Follow(bool),

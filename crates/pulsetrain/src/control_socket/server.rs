@@ -168,7 +168,7 @@ impl Shared {
             Command::Stop if std::mem::replace(&mut state.stop_sent, true) => return,
             Command::StopNow if std::mem::replace(&mut state.stop_now_sent, true) => return,
             Command::Stop | Command::StopNow => {}
-            Command::Pause | Command::Resume => {
+            Command::Pause | Command::Resume | Command::Tempo { .. } => {
                 while state.used >= state.looks && !state.is_over {
                     state = self.changed.wait(state).unwrap_or_else(PoisonError::into_inner);
                 }
