@@ -235,8 +235,15 @@ class Winch:
         self._messages.clear()
         return taken
 
-    def check(self) -> None:
-        """Raises :exc:`CommandRefused` if the board has refused a line since the last check."""
+    def check(self, wait: float = 0.05) -> None:
+        """Raises :exc:`CommandRefused` if the board has refused a line since the last check.
+
+        It reads the port for ``wait`` seconds, or until a refusal has come. A board answers a line within some milliseconds,
+        the line's own time included; a burst of lines, or an adapter that holds bytes back, needs more.
+        """
+        end = self._clock() + wait
+        while not self._errors and self._clock() < end:
+            self.poll()
         errors = list(self._errors)
         self._errors.clear()
         if errors:

@@ -179,6 +179,20 @@ class Hearing(unittest.TestCase):
         winch.check()
         self.assertEqual(winch.messages()[-1], Message(("dbg", "hello")))
 
+    def test_a_check_reads_what_the_board_says(self) -> None:
+        line = FakeLine(b"", b"txyza 0 1 1 1 1\r\n", b"err number 3\r\n", b"late\r\n")
+        winch = winch_on(line)
+        winch.move_to(x=1)
+        with self.assertRaisesRegex(CommandRefused, "^err number 3$"):
+            winch.check()
+        self.assertEqual(line.pieces, [b"late\r\n"], "it waits no longer than it has to")
+        line = FakeLine(*[b""] * 40, b"err number 3\r\n")
+        winch = winch_on(line)
+        winch.check()
+        self.assertLess(line.now, 0.1, "seconds")
+        with self.assertRaises(CommandRefused):
+            winch.check(wait=1.0)
+
     def test_version_and_ping(self) -> None:
         line = FakeLine(b"", b"awake\r\n", b"id StepperWinch Nov 21 2026\r\n")
         winch = winch_on(line)

@@ -3,7 +3,7 @@
 //! Core reads the text and computes the steps, with the same code as on a Pico; this module adds a clock, a serial line and pins. (The Uno's firmware
 //! does the same in assembly: tests/it/chips/winch_avr.rs compares the two.)
 //!
-//! It also obeys the text form of verbs (docs/pico.md), with ticks of 62.5 ns: [`NativeVerbs`] makes those steps.
+//! It also obeys the text form of verbs (docs/verbs.md), with ticks of 62.5 ns: [`NativeVerbs`] makes those steps.
 
 use crate::bridge::{self, CYCLES_PER_S, bit_cycles};
 use crate::native_verbs::NativeVerbs;

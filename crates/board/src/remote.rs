@@ -9,7 +9,7 @@
 use crate::lease::{ExtendRefused, Lease, LeaseState, Leased, TrimRefused};
 use crate::link::{Answer, BITS, Link, LinkError};
 use crate::packer::{MAX_LEN, Packer};
-use crate::{AtRest, Board, BoardClock, Edge, Faults, Observer, Sizer, StopReport, SwitchRefused};
+use crate::{AtRest, Board, BoardClock, BoardKind, Edge, Faults, Observer, Sizer, StopReport, SwitchRefused};
 use pulsetrain_core::braking::Limit;
 use pulsetrain_core::lease;
 use pulsetrain_core::packing::Packing;
@@ -313,12 +313,8 @@ pub const fn in_words(cause: Cause) -> &'static str {
 
 /// The kind of board, by its Info, in words for messages.
 #[must_use]
-pub const fn name_of(info: &Info) -> &'static str {
-    match info.board {
-        1 => "an Arduino Uno",
-        2 => "a Raspberry Pi Pico",
-        _ => "a model, no chip",
-    }
+pub fn name_of(info: &Info) -> &'static str {
+    BoardKind::numbered(info.board).map_or("a model, no chip", BoardKind::full_name)
 }
 
 /// The name of an Uno's image (one of [`image`]), as `pulsetrain flash uno --image` takes it. `uno` is the default image.

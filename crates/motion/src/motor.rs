@@ -2,6 +2,7 @@
 
 use crate::Law;
 use crate::electrical::Winding;
+use crate::quantity::Base;
 
 /// One motor and all that it does.
 #[derive(Clone, Debug)]
@@ -45,6 +46,37 @@ pub struct Scale {
     pub steps_per_unit: f64,
     /// Steps in one revolution of the motor's shaft.
     pub steps_per_rev: f64,
+}
+
+/// Steps in one of each unit in which a motor's position may be given.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PositionUnits {
+    /// Steps in a revolution of what the motor drives.
+    pub steps_per_turn: f64,
+    /// Steps in a millimetre, if the motor has a lead.
+    pub steps_per_mm: Option<f64>,
+    /// Steps in a full step of the motor.
+    pub steps_per_full_step: f64,
+}
+
+impl PositionUnits {
+    /// Steps in one of a base unit; `None` if no position of this motor can be given in it.
+    ///
+    /// ```
+    /// use pulsetrain_motion::{program::PositionUnits, quantity::Base};
+    /// let units = PositionUnits { steps_per_turn: 3200.0, steps_per_mm: None, steps_per_full_step: 16.0 };
+    /// assert_eq!((units.steps(Base::Turn), units.steps(Base::Length)), (Some(3200.0), None));
+    /// ```
+    #[must_use]
+    pub fn steps(&self, base: Base) -> Option<f64> {
+        match base {
+            Base::Step => Some(1.0),
+            Base::FullStep => Some(self.steps_per_full_step),
+            Base::Turn => Some(self.steps_per_turn),
+            Base::Length => self.steps_per_mm,
+            _ => None,
+        }
+    }
 }
 
 /// The lines of a motor. Pin numbers are the board's own (Arduino digital pins, GPIO numbers).

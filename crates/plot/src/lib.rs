@@ -48,6 +48,7 @@
 //! # What is here, top down
 //! - [`Picture`], [`MotorPicture`]: what is drawn
 //! - [`machine`]: a machine's figure by the law and by the steps, and the distance between them
+//! - [`moving`]: a picture that moves: law, STEP pulses, wheel
 //! - `draw`, `figure`, `axis`: panels, figures, axes
 //! - `envelope`: many points in few pixels
 //!
@@ -60,6 +61,7 @@ mod draw;
 mod envelope;
 mod figure;
 pub mod machine;
+pub mod moving;
 
 use pulsetrain_motion::law::{Cursor, Law};
 use pulsetrain_motion::program::Scale;

@@ -70,8 +70,18 @@ Examples:
   pulsetrain info --port /dev/ttyACM0
   pulsetrain info --board pico")]
     Info(At),
-    /// Stop a board's motors at once, without ramps, whoever told them to move
+    /// Stop a run of this computer within the motors' limits, or a board's motors at once, whoever moved them
     Stop(commands::stop::StopArgs),
+    /// Bring the motors of a run to a halt on their paths; `resume` goes on
+    Pause(commands::steer::PauseArgs),
+    /// Go on after a pause
+    Resume(commands::steer::PauseArgs),
+    /// Let a run go faster or slower from now on, with all motors in phase
+    Tempo(commands::steer::TempoArgs),
+    /// List the runs of this computer, with where their motors are
+    Status(commands::status::StatusArgs),
+    /// Move motors from where they stand to a position
+    Goto(commands::goto::GotoArgs),
     /// Have a board keep settings without power, or tell those that it keeps
     Store(commands::store::StoreArgs),
     /// Let a board measure itself while it steps: cycles for a step, lateness, how far ahead it was
@@ -89,6 +99,7 @@ impl Command {
     fn port(&self) -> Option<&str> {
         match self {
             Command::Run(args) => args.port.as_deref(),
+            Command::Goto(args) => args.port.as_deref(),
             Command::Bench(args) => args.at.port.as_deref(),
             Command::Winch(args) => args.at.port.as_deref(),
             Command::Verbs(args) => args.port.as_deref(),
@@ -106,6 +117,10 @@ impl Command {
             Command::Boards(args) | Command::Drivers(args) => args.json,
             Command::Info(args) => args.json,
             Command::Stop(args) => args.json,
+            Command::Status(args) => args.json,
+            Command::Pause(args) | Command::Resume(args) => args.wants_json(),
+            Command::Tempo(args) => args.wants_json(),
+            Command::Goto(args) => args.json,
             Command::Store(args) => args.json,
             Command::Bench(args) => args.at.json,
             Command::Winch(args) => args.json,
@@ -170,6 +185,11 @@ fn obey(command: &Command, console: &mut Console<'_>) -> miette::Result<Exit> {
         Command::Board(args) => commands::board::run(args, console),
         Command::Info(args) => commands::info::run(args, console),
         Command::Stop(args) => commands::stop::run(args, console),
+        Command::Pause(args) => commands::steer::pause(args, console),
+        Command::Resume(args) => commands::steer::resume(args, console),
+        Command::Tempo(args) => commands::steer::tempo(args, console),
+        Command::Status(args) => commands::status::run(args, console),
+        Command::Goto(args) => commands::goto::run(args, console),
         Command::Store(args) => commands::store::run(args, console),
         Command::Bench(args) => commands::bench::run(args, console),
         Command::Winch(args) => commands::winch::run(args, console),

@@ -23,16 +23,17 @@ pub(crate) fn watch() {
     WATCHED.get_or_init(|| ctrlc::set_handler(handler).is_ok());
 }
 
-/// The commands that Ctrl-C has sent since [`watch`]: the first stops the motors as planned, the next one at once.
-pub(crate) fn commands() -> Receiver<Command> {
+/// The commands that Ctrl-C has sent since [`watch`]: the first stops the motors as planned, the next one at once. The sender is for commands from
+/// elsewhere.
+pub(crate) fn commands() -> (Sender<Command>, Receiver<Command>) {
     let (sender, receiver) = channel();
     let mut commands = COMMANDS.lock().unwrap_or_else(PoisonError::into_inner);
     for before in 0..TIMES.load(Ordering::Relaxed) {
         // The receiver is in this function, so sending cannot fail.
         let _ = sender.send(command(before));
     }
-    *commands = Some(sender);
-    receiver
+    *commands = Some(sender.clone());
+    (sender, receiver)
 }
 
 /// The command for the given count of Ctrl-C.

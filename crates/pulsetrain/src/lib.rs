@@ -51,6 +51,7 @@
 //! - [`console`]: where a command prints, its progress, its exit code; [`diagnostic`]: errors with their advice; `interrupt`: Ctrl-C
 //! - [`load`]: motion files from the disk; [`consent`]: whether a long motion is meant
 //! - [`record`]: a run's files, verdict and picture, while it goes on; [`report`]: the same as JSON and tables
+//! - [`control_socket`]: a run's socket for `stop`, `status` and other programs; [`standing`]: where motors are, and the way back
 //! - [`serve`]: virtual boards in real time, for any serial client
 //! - [`winch`]: StepperWinch's text protocol: scripts, and a console
 //!
@@ -65,12 +66,15 @@ pub mod cli;
 mod commands;
 pub mod consent;
 pub mod console;
+pub mod control_socket;
 pub mod diagnostic;
 mod interrupt;
+mod last_positions;
 pub mod load;
 pub mod record;
 pub mod report;
 pub mod serve;
+pub mod standing;
 pub mod winch;
 
 pub use pulsetrain_bake as bake;

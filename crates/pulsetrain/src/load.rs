@@ -1,8 +1,11 @@
 //! Reads motion files from the disk and prepares them for planning.
 
-use std::path::Path;
+use std::borrow::Cow;
+use std::path::{Path, PathBuf};
 
-use pulsetrain_motion::{Time, file};
+use miette::miette;
+use pulsetrain_motion::Time;
+use pulsetrain_motion::file::{self, Contents};
 use pulsetrain_session::prepare::Prepared;
 
 use crate::diagnostic::{WrongFile, advised};
@@ -12,8 +15,37 @@ use crate::diagnostic::{WrongFile, advised};
 /// # Errors
 /// When the file is wrong, or does not fit the board.
 pub fn endless(path: &Path, board: Option<&str>) -> miette::Result<Prepared> {
-    let contents = file::load_contents(path).map_err(WrongFile::from)?;
-    Prepared::new(path.display().to_string(), contents, board).map_err(advised)
+    let path = found(path);
+    Prepared::new(path.display().to_string(), contents(&path)?, board).map_err(advised)
+}
+
+/// The file that is meant: for `crank` that is `crank.toml`, unless there is a file `crank`.
+#[must_use]
+pub fn found(path: &Path) -> Cow<'_, Path> {
+    let with_ending = path.with_added_extension("toml");
+    if !path.exists() && with_ending.is_file() { Cow::Owned(with_ending) } else { Cow::Borrowed(path) }
+}
+
+/// Reads a motion file.
+///
+/// # Errors
+/// When the file is wrong, or is not there.
+pub fn contents(path: &Path) -> miette::Result<Contents> {
+    let path = found(path);
+    file::load_contents(&path).map_err(|error| match example(&path) {
+        Some(example) => {
+            let help = format!("did you mean {}?", example.display());
+            miette!(help = help, "{error}")
+        }
+        None => WrongFile::from(error).into(),
+    })
+}
+
+/// The example of that name, for a file that is not there.
+fn example(path: &Path) -> Option<PathBuf> {
+    let names = [path.to_owned(), path.with_added_extension("toml")];
+    let examples = names.iter().filter_map(|name| Some(Path::new("examples").join(name.file_name()?)));
+    examples.filter(|_| !path.exists()).find(|example| example.is_file())
 }
 
 /// Reads a motion file, and cuts its endless laws after `length`.

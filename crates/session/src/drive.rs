@@ -175,6 +175,8 @@ pub struct Driven<B> {
     meter: Option<Meter>,
     /// The order to brake, once there was one.
     stop: Option<StopOrder>,
+    /// The tick from which the next status is due.
+    status_due: u64,
     /// The proof of what comes next, while it is not complete.
     proof: Option<Plans>,
     /// What the proof found, after the motors were stopped for it.
@@ -246,7 +248,7 @@ impl<P: Port> Driven<WithReference<Remote<P>>> {
         let edges = remote.port().has_edges().then(|| Edges::of(program));
         let lines = lines::of(program);
         let place = |pin: u8| place_of(&lines, pin);
-        let places = (0..=LAST_PIN).map(place).collect();
+        let places = (0..=BoardKind::LAST_PIN).map(place).collect();
         let board = WithReference::new(remote, native(program, Native::unbounded)?);
         Driven::begin(board, prepared, lines, places, edges, begin)
     }
@@ -262,9 +264,6 @@ impl<P: Port> Driven<WithReference<Remote<P>>> {
         self.session.into_board().into_board().close()
     }
 }
-
-/// The highest pin of any board with a firmware; an Uno's last is 19 (A5), a Pico's 28.
-const LAST_PIN: u8 = 28;
 
 /// Takes the board at the other end of a port and sets it up for a program.
 ///
@@ -412,7 +411,19 @@ impl<B: Leased> Driven<B> {
         };
         session.advance(session.zero() - 1, &mut level).map_err(of)?;
         let zero = session.zero();
-        Ok(Driven { session, program, zero, lines, places, steppers, meter, stop: None, proof: None, refused: None })
+        Ok(Driven {
+            session,
+            program,
+            zero,
+            lines,
+            places,
+            steppers,
+            meter,
+            stop: None,
+            status_due: 0,
+            proof: None,
+            refused: None,
+        })
     }
 
     /// The board's tick at which the laws begin.
@@ -468,7 +479,8 @@ impl<B: Leased> Driven<B> {
         }
     }
 
-    /// Obeys a command, lets a twentieth of a second of the board's time pass, and reports the status. `Some` when the motion has come to its end;
+    /// Obeys a command, lets a twentieth of a second of the board's time pass (a hundredth on a real board), and reports the status 20 times a second.
+    /// `Some` when the motion has come to its end;
     /// the caller steps no further then. A program without threads, such as a page in a browser, calls this instead of [`Driven::run_with`].
     ///
     /// The last event is [`Event::Ended`] or [`Event::Failed`].
@@ -507,7 +519,7 @@ impl<B: Leased> Driven<B> {
             return self.finish(observer, events).map(Some);
         }
         let command = if self.prove_more() { command } else { Some(Command::Stop) };
-        let Driven { session, program, steppers, meter, places, stop, .. } = self;
+        let Driven { session, program, steppers, meter, places, stop, status_due, .. } = self;
         let mut since = Since { zero, places, steppers, meter, observer };
         let (now, was_paused, was_over) = (session.board().now(), session.is_paused(), session.is_over);
         let obeyed = match command {
@@ -559,7 +571,8 @@ impl<B: Leased> Driven<B> {
                 }
             }
         };
-        let soon = now + tick_hz / LOOKS_PER_S;
+        let looks_per_s = if since.meter.is_some() { STATUSES_PER_S } else { LOOKS_PER_S };
+        let soon = now + tick_hz / looks_per_s;
         let last = session.last_step().filter(|last| session.is_complete() && *last >= now);
         let until = last.map_or(soon, |last| soon.min(last));
         if let Err(failure) = obeyed.and_then(|()| session.advance(until, &mut since)) {
@@ -576,7 +589,12 @@ impl<B: Leased> Driven<B> {
             };
             return Err(failure.halted(seen_s, positions));
         }
-        events(Event::Progress { at_s: seconds(session.board().now()) });
+        let now = session.board().now();
+        events(Event::Progress { at_s: seconds(now) });
+        if now < *status_due {
+            return Ok(None);
+        }
+        *status_due = now + tick_hz / STATUSES_PER_S;
         let lateness = since.meter.as_ref().map(Meter::so_far);
         events(Event::Status(Status { lateness, ..session.status() }));
         Ok(None)
@@ -719,11 +737,13 @@ fn is_last_step_past<B: Leased>(session: &Session<B>) -> bool {
 const PROOF_AHEAD_MIN_S: f64 = 5.0;
 /// Seconds of the motion that the proof gets ahead of the motors, if there is time for it.
 const PROOF_AHEAD_MAX_S: f64 = 3600.0;
-/// Moves that are proven in each step of a run: about half a millisecond of work, a hundredth of the step.
+/// Moves that are proven in each step of a run: about half a millisecond of work, a twentieth of a step at most.
 const PROOF_MOVES: u32 = 400;
 
-/// How many times in a second of the board's time a run takes a command and reports its status.
-const LOOKS_PER_S: u64 = 20;
+/// How many times in a second of the board's time a run reports its status, and on a virtual board takes a command.
+const STATUSES_PER_S: u64 = 20;
+/// How many times in a second a run on a real board takes a command: motors begin to brake 100 ms after `pulsetrain stop` at most.
+const LOOKS_PER_S: u64 = 100;
 
 /// Passes edges and steps on to an observer: with ticks from the laws' time 0, and lines by their index in the traces. Measures lateness.
 struct Since<'o, O> {

@@ -27,7 +27,7 @@ pub fn uno(setup: &Setup) -> UnoWithReference {
     uno_after(VirtualUno::new(), setup)
 }
 
-/// The timing that an Uno with verbs allows its motors, ticks (docs/pico.md).
+/// The timing that an Uno with verbs allows its motors, ticks (docs/verbs.md).
 pub fn verb_limits(setup: &Setup) -> MotorTiming {
     let pulse = u32::from(setup.pulse_ticks);
     let shortest = if pulse <= 16 { 368 } else { 413 } * setup.motors.len() as u32;

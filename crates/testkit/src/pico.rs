@@ -227,7 +227,7 @@ impl Pair {
     }
 }
 
-/// The most that an immediate stop may lengthen a pulse, ticks: 5 µs (docs/pico.md).
+/// The most that an immediate stop may lengthen a pulse, ticks: 5 µs (docs/verbs.md).
 const STOP_LENGTHENS: u64 = 5 * TICK_HZ / 1_000_000;
 
 /// What the pins of a step/dir driver did up to an immediate stop.

@@ -8,7 +8,7 @@
 //! | `dir x 1` | 1 forward, -1 backward, 0 stationary |
 //! | `halt`, `halt xy` | forgets move and run: of all axes, or of these |
 //!
-//! All that a line says holds from the same tick on, and the answer says which. docs/pico.md has what the verbs mean.
+//! All that a line says holds from the same tick on, and the answer says which. docs/verbs.md has what the verbs mean.
 //!
 //! Lines are cut, and their checksums compared, by the winch's [`LineReader`](super::text::LineReader), which knows none of these
 //! words.

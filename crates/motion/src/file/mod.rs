@@ -55,7 +55,7 @@ pub use winch::WinchScript;
 
 use crate::boards::{self, BoardRow};
 use crate::law::{Cursor, Law};
-use crate::program::{LONGEST_IDLE_MS, Motor, Program, Tolerance};
+use crate::program::{LONGEST_IDLE_MS, Motor, PositionUnits, Program, Tolerance};
 use crate::quantity::{Base, nearest};
 use crate::{Grid, Time};
 use context::{Context, Loader, refuse};
@@ -70,6 +70,8 @@ pub struct Contents {
     pub program: Program,
     /// The columns of every CSV file, as they were read.
     pub tables: Vec<TableColumns>,
+    /// The units of each motor's positions, in the program's order.
+    pub units: Vec<PositionUnits>,
 }
 
 /// Reads a motion file and the files that it names.
@@ -142,7 +144,10 @@ pub fn read_contents(
     name: &str,
     load: &dyn Fn(&Path) -> io::Result<String>,
 ) -> Result<Contents, FileError> {
-    read_as(text, name, |root| Ok(Contents { program: program(root, load)?, tables: root.reader.tables.take() }))
+    read_as(text, name, |root| {
+        let program = program(root, load)?;
+        Ok(Contents { program, tables: root.reader.tables.take(), units: root.reader.units.take() })
+    })
 }
 
 fn read_as<T>(text: &str, name: &str, what: impl Fn(&Section) -> Read<T>) -> Result<T, FileError> {
@@ -198,6 +203,7 @@ fn program(root: &Section, load: Loader) -> Read<Program> {
         slack.push(draft.backlash.map_or(0.0, |backlash| backlash.steps));
         gearings.push(draft.gearing);
     }
+    *root.reader.units.borrow_mut() = gearings.iter().map(Gearing::position_units).collect();
     let mut machines = Vec::new();
     for ((_, draft), home) in machine_drafts.into_iter().zip(homes) {
         let draft = draft?;

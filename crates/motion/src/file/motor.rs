@@ -9,7 +9,7 @@ use crate::boards::BoardRow;
 use crate::drivers::{self, Driver, Input};
 use crate::electrical::{Winding, WindingError};
 use crate::full_steps;
-use crate::program::{CoilSequence, DriverTiming, Limits, Scale, Wiring};
+use crate::program::{CoilSequence, DriverTiming, Limits, PositionUnits, Scale, Wiring};
 use crate::quantity::{Base, Kind, Quantity, nearest};
 
 const KEYS: &[&str] = &[
@@ -224,6 +224,15 @@ impl Gearing {
         match units.iter_mut().find(|(known, _)| *known == unit) {
             Some((_, count)) => *count += 1,
             None => units.push((unit, 1)),
+        }
+    }
+
+    /// Steps in each unit of a position.
+    pub(super) fn position_units(&self) -> PositionUnits {
+        PositionUnits {
+            steps_per_turn: self.steps_per_turn,
+            steps_per_mm: self.steps_per_mm,
+            steps_per_full_step: f64::from(self.microsteps),
         }
     }
 

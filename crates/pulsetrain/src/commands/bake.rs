@@ -114,26 +114,27 @@ pub(crate) fn run(args: &BakeArgs, console: &mut Console<'_>) -> miette::Result<
     if let Some(ppm) = args.clock_ppm {
         prepared.calibrate(ppm);
     }
-    let is_pico = BoardKind::named(&prepared.program.board.name) == Some(BoardKind::Pico);
-    if is_pico && args.rehearse.is_some() {
+    // For a board without a firmware the image or the sketch is refused, with the reason.
+    let kind = BoardKind::named(&prepared.program.board.name).unwrap_or(BoardKind::Uno);
+    if !kind.is_rehearsed() && args.rehearse.is_some() {
         let help = "leave --rehearse out: a Pico's limits are of motors that read their motion from its flash";
         return Err(miette!(help = help, "{}: only images for an Uno are rehearsed", prepared.file));
     }
-    match (&args.sketch, &args.output) {
-        (None, Some(path)) if is_pico => {
+    match (&args.sketch, &args.output, kind) {
+        (None, Some(path), BoardKind::Pico) => {
             check_ending(path, "uf2", "a Pico's image is UF2")?;
             pico(args, &prepared, path, console)
         }
-        (None, Some(path)) => {
+        (None, Some(path), BoardKind::Uno) => {
             check_ending(path, "hex", "an Uno's image is Intel HEX")?;
             uno(args, &prepared, path, console)
         }
-        _ if is_pico => {
+        (Some(folder), _, BoardKind::Uno) => sketch(args, &prepared, folder, console),
+        (Some(_), _, BoardKind::Pico) => {
             let help = "--output FILE writes an image, which `pulsetrain flash pico` takes; a sketch can be had for --board uno";
             Err(miette!(help = help, "{}: sketches are for an Uno, and this is for a Pico", prepared.file))
         }
-        (Some(folder), _) => sketch(args, &prepared, folder, console),
-        (None, None) => Err(miette!("say --sketch DIR or --output FILE")),
+        (None, None, _) => Err(miette!("say --sketch DIR or --output FILE")),
     }
 }
 

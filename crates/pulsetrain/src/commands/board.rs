@@ -2,6 +2,7 @@
 
 use crate::arguments;
 use clap::Args;
+use clap::builder::{PossibleValuesParser, TypedValueParser};
 use std::io::ErrorKind;
 use std::net::SocketAddr;
 use std::path::Path;
@@ -9,13 +10,14 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use miette::miette;
-use pulsetrain_board::VirtualBoard;
 use pulsetrain_board::hex::{self, HexError};
 use pulsetrain_board::native_winch::NativeWinch;
+use pulsetrain_board::registry::Role;
 use pulsetrain_board::skewed::Skewed;
 use pulsetrain_board::stk500;
 use pulsetrain_board::virtual_pico::VirtualPico;
 use pulsetrain_board::virtual_uno::VirtualUno;
+use pulsetrain_board::{BoardKind, VirtualBoard};
 use pulsetrain_motion::Time;
 
 use super::flash::named;
@@ -42,8 +44,8 @@ Examples:
                                                     then: pulsetrain flash uno --port /tmp/uno")]
 pub(crate) struct BoardArgs {
     /// Which board
-    #[arg(value_parser = ["uno", "pico", "winch"])]
-    pub(crate) board: String,
+    #[arg(value_parser = board_or_winch())]
+    pub(crate) board: ServedBoard,
     /// Make a pseudo-terminal, and a link of this name to it, which is gone in the end
     #[arg(long, value_name = "LINK", conflicts_with = "tcp")]
     pub(crate) pty: Option<PathBuf>,
@@ -69,11 +71,28 @@ pub(crate) struct BoardArgs {
     pub(crate) clock_ppm: i32,
 }
 
+/// What is served.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum ServedBoard {
+    /// A board's firmware, or another program, on an emulated chip.
+    Chip(BoardKind),
+    /// This computer's own path generator.
+    Winch,
+}
+
+/// What the board without a chip is called.
+const WINCH: &str = "winch";
+
+fn board_or_winch() -> impl TypedValueParser<Value = ServedBoard> {
+    let names = BoardKind::NAMES.into_iter().chain([WINCH]);
+    PossibleValuesParser::new(names).map(|name| BoardKind::named(&name).map_or(ServedBoard::Winch, ServedBoard::Chip))
+}
+
 pub(crate) fn run(args: &BoardArgs, console: &mut Console<'_>) -> miette::Result<Exit> {
-    if args.bootloader.is_some() && args.board != "uno" {
+    if args.bootloader.is_some() && args.board != ServedBoard::Chip(BoardKind::Uno) {
         return Err(miette!(help = "leave --bootloader out", "only `uno` has a bootloader that can be given"));
     }
-    if args.image.is_some() && args.board == "winch" {
+    if args.image.is_some() && args.board == ServedBoard::Winch {
         return Err(miette!(help = "leave --image out", "`winch` is no chip: it has no program that could be given"));
     }
     if args.image.is_some() && args.bootloader.is_some() {
@@ -121,20 +140,17 @@ fn on_pty(_: &Path, _: &BoardArgs, _: &mut Console<'_>) -> miette::Result<Exit> 
 }
 
 fn serve<C: Client>(client: C, place: &str, args: &BoardArgs, console: &mut Console<'_>) -> miette::Result<Exit> {
-    match args.board.as_str() {
-        "winch" => serve_board(NativeWinch::new(), "winch", client, place, args, console),
-        "pico" => {
-            let pico = args.image.as_deref().map_or_else(|| Ok(VirtualPico::on_usb()), programmed)?;
-            serve_board(pico, "Pico", client, place, args, console)
-        }
-        _ => match &args.bootloader {
-            None => {
-                let uno = args.image.as_deref().map_or_else(|| Ok(VirtualUno::new()), flashed)?;
-                serve_board(uno, "Uno", client, place, args, console)
-            }
-            Some(file) => serve_board(just_bought(file)?, "Uno", client, place, args, console),
-        },
-    }
+    let kind = match args.board {
+        ServedBoard::Winch => return serve_board(NativeWinch::new(), WINCH, client, place, args, console),
+        ServedBoard::Chip(kind) => kind,
+    };
+    let board: Box<dyn VirtualBoard> = match (kind, &args.image, &args.bootloader) {
+        (BoardKind::Uno, _, Some(bootloader)) => Box::new(just_bought(bootloader)?),
+        (BoardKind::Uno, Some(file), None) => Box::new(flashed(file)?),
+        (BoardKind::Pico, Some(file), _) => Box::new(programmed(file)?),
+        (kind, None, _) => kind.virtual_board(Role::Plans),
+    };
+    serve_board(board, kind.title(), client, place, args, console)
 }
 
 /// A Pico with that program. Its port is its USB if the program has USB, else its UART.

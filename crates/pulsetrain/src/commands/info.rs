@@ -2,7 +2,7 @@
 
 use pulsetrain_board::BoardKind;
 use pulsetrain_board::registry::Role;
-use pulsetrain_board::remote::{image_name, in_words};
+use pulsetrain_board::remote::{image_name, in_words, name_of};
 use pulsetrain_board::{Board, Port, Remote, RemoteError, Serial};
 use pulsetrain_core::wire::message::{Cause, flags, image};
 use pulsetrain_core::wire::{Baud, Reason, Stored, VERSION};
@@ -152,9 +152,6 @@ pub(super) fn motor_list(motors: &[usize]) -> String {
     format!("motor {}", listed(motors))
 }
 
-/// The Uno's number in [`Info`](pulsetrain_core::wire::message::Info).
-pub(super) const UNO: u8 = 1;
-
 pub(super) fn ask<P: Port>(port: P, baud: Baud) -> Result<BoardInfo, DriveError> {
     /// The clock is looked at again after this time, up to `LOOKS` times. The first look is most often enough for an
     /// estimate.
@@ -183,18 +180,15 @@ pub(super) fn ask<P: Port>(port: P, baud: Baud) -> Result<BoardInfo, DriveError>
         Err(error) => return Err(error.into()),
     };
     let verbs = remote.obeys()?;
-    let compares = info.board == UNO;
+    let kind = BoardKind::numbered(info.board);
+    let compares = kind.is_some_and(BoardKind::counts_missed_compares);
     let said = BoardInfo {
-        board: match info.board {
-            UNO => "Arduino Uno",
-            2 => "Raspberry Pi Pico",
-            _ => "a model, no chip",
-        },
+        board: name_of(&info).trim_start_matches("an ").trim_start_matches("a "),
         firmware: human::version(info.firmware),
         protocol: VERSION,
         image: (info.image != 0).then(|| image_name(info.image)),
         plans: !matches!(info.image, image::WINCH | image::VERBS),
-        text: info.board == 2 || info.image == image::WINCH,
+        text: kind.is_some_and(|kind| !kind.has_image_for_each_role()) || info.image == image::WINCH,
         verbs,
         tick_hz: info.tick_hz,
         fraction_bits: info.fraction_bits,

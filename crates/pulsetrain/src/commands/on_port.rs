@@ -2,11 +2,10 @@
 //! run.
 
 use pulsetrain_board::BoardKind;
-use std::path::Path;
 
 use miette::miette;
 use pulsetrain_board::remote::in_words;
-use pulsetrain_board::{Observer, ScheduledStep, Serial};
+use pulsetrain_board::{Board, Observer, ScheduledStep, Serial};
 use pulsetrain_core::Direction;
 use pulsetrain_core::wire::Baud;
 use pulsetrain_trace::steps;
@@ -15,10 +14,12 @@ use serde::Serialize;
 use super::plan;
 use super::problems::{clock_off, drive_problem, port_problem, run_problem};
 use super::rehearsal::Rehearsal;
+use super::run::{HowToRun, stopped_before_begin, told_end};
 use crate::console::{self, Console, Exit, access};
-use crate::interrupt;
+use crate::control_socket::{Control, RunEnded};
 use crate::report::PlanReport;
-use pulsetrain_motion::Time;
+use crate::standing::{Standing, listed};
+use crate::{interrupt, last_positions};
 use pulsetrain_motion::human::{self, Table};
 use pulsetrain_session::control::Ended;
 use pulsetrain_session::drive::{Driven, connect_while};
@@ -38,6 +39,12 @@ struct PortReport {
     rehearsed: Option<Rehearsal>,
     /// The board's report.
     says: BoardReport,
+    /// Where the motors are, if the motion was stopped on its way.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    stand: Vec<Standing>,
+    /// The command that brings them back to the motion's start.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    way_back: Option<String>,
 }
 
 /// The board's own report of a run.
@@ -79,21 +86,17 @@ pub(super) struct PortRun<'a> {
     pub(super) port: &'a str,
     /// Rate of the line, once the board is found.
     pub(super) baud: Baud,
-    /// How much of the motion is rehearsed.
-    pub(super) rehearse: Option<Time>,
-    pub(super) no_rehearsal: bool,
-    /// Whether the report is printed as JSON.
-    pub(super) json: bool,
-    /// Where the files go.
-    pub(super) folder: &'a Path,
+    pub(super) how: &'a HowToRun<'a>,
 }
 
 pub(super) fn run(
     prepared: &Prepared,
     planned: &[Planned],
-    PortRun { port: name, baud, rehearse, no_rehearsal, json, folder }: PortRun<'_>,
+    PortRun { port: name, baud, how }: PortRun<'_>,
+    control: &Control,
     console: &mut Console<'_>,
-) -> miette::Result<Exit> {
+) -> miette::Result<(Exit, RunEnded)> {
+    let HowToRun { rehearse, no_rehearsal, json, folder, .. } = *how;
     let program = &prepared.program;
     let Some(kind) = BoardKind::named(&program.board.name) else {
         let help = "add --board uno or --board pico, or write it in the file";
@@ -112,11 +115,16 @@ pub(super) fn run(
             Some(Rehearsal::of_run(prepared, baud, rehearse, put_off.unwrap_or(0), console)?)
         }
     };
+    stopped_before_begin(control)?;
     interrupt::watch();
     let port = Serial::open(name, false).map_err(port_problem)?;
-    let goes_on = waits_with_notice(console, name);
-    let mut driven =
-        Driven::with(prepared, |program| connect_while(port, program, baud, goes_on)).map_err(drive_problem)?;
+    // From here on the board counts from another position.
+    last_positions::forget(name);
+    let mut driven = {
+        let mut waits = waits_with_notice(console, name);
+        let goes_on = || waits() && !control.wants_stop();
+        Driven::with(prepared, |program| connect_while(port, program, baud, goes_on)).map_err(drive_problem)?
+    };
     let firmware = human::version(driven.board_mut().info().firmware);
     let names: Vec<String> = program.motors.iter().map(|motor| motor.name.clone()).collect();
     let path = folder.join("steps.csv");
@@ -125,11 +133,17 @@ pub(super) fn run(
     let mut scheduled = Scheduled { writer, error: None };
     let bar = console.progress(prepared.end_s(), &human::seconds_to(prepared.end_s(), 6));
     bar.stage("running");
-    let ended = driven.run_with(&interrupt::commands(), &mut scheduled, |event| bar.follow(&event));
+    let ended = driven.run_with(control.commands(), &mut scheduled, |event| {
+        bar.follow(&event);
+        control.tell(&event);
+    });
     drop(bar);
     let asked = ended.and_then(|ended| {
         let board = driven.board_mut();
         let measures = board.measures(false)?;
+        if ended.uncertain.is_none() {
+            last_positions::keep(name, program, &ended.counted, board.now());
+        }
         Ok((ended, measures, board.events(), board.clock().ppm(), board.link().counts().repeated))
     });
     driven.close();
@@ -137,7 +151,9 @@ pub(super) fn run(
     let written = error.map_or_else(|| writer.finish(), Err).map_err(|error| access("write", &path, error));
     let runner = format!("board at {name}");
     let asked = asked.map_err(|error| run_problem(error, plan::report(prepared, planned), runner.clone(), folder));
-    let (Ended { counted, stopped, uncertain }, measures, events, clock_ppm, frames_repeated) = asked?;
+    let (ended, measures, events, clock_ppm, frames_repeated) = asked?;
+    let told = told_end(prepared, &ended, &how.goto_options);
+    let Ended { counted, stopped, uncertain, .. } = ended;
 
     let says = BoardReport {
         counted,
@@ -156,7 +172,8 @@ pub(super) fn run(
         frames_repeated,
     };
     let plan = plan::report(prepared, planned);
-    let report = PortReport { plan, runner, firmware, rehearsed, says };
+    let stand = if stopped || says.uncertain.is_some() { told.motors.clone() } else { Vec::new() };
+    let report = PortReport { plan, runner, firmware, rehearsed, says, stand, way_back: told.way_back.clone() };
     // The user sees what the motors did even if a file could not be written. A script reads one JSON value, which is
     // then the error.
     if !json {
@@ -170,7 +187,7 @@ pub(super) fn run(
     } else {
         console.print(format_args!("{}: report.json, steps.csv (as scheduled)\n", folder.display()))?;
     }
-    Ok(if report.says.kept_up() { Exit::Success } else { Exit::BoundBroken })
+    Ok((if report.says.kept_up() { Exit::Success } else { Exit::BoundBroken }, told))
 }
 
 /// A function that decides whether to wait on while the board still moves motors for an earlier host: until Ctrl-C. Its
@@ -191,7 +208,7 @@ pub(super) fn waits_with_notice(console: &mut Console<'_>, port: &str) -> impl F
 }
 
 fn print(report: &PortReport, planned: &[Planned], console: &mut Console<'_>) -> miette::Result<()> {
-    let PortReport { plan, runner, firmware, rehearsed, says } = report;
+    let PortReport { plan, runner, firmware, rehearsed, says, stand, way_back } = report;
     let tick_s = 1.0 / plan.tick_hz as f64;
     let ticks = |ticks: u16| human::seconds(f64::from(ticks) * tick_s);
     if let Some(Rehearsal { says, .. }) = rehearsed {
@@ -218,6 +235,12 @@ fn print(report: &PortReport, planned: &[Planned], console: &mut Console<'_>) ->
         }
     } else if says.stopped {
         console.print("  stopped on the way, within the motors' limits\n")?;
+    }
+    if !stand.is_empty() {
+        console.print(format_args!("  the motors stand: {}\n", listed(stand)))?;
+    }
+    if let Some(way_back) = way_back {
+        console.print(format_args!("  back to the start: {way_back}\n"))?;
     }
     if let Some(off) = says.clock_ppm {
         console.print(format_args!("  its clock is {}\n", clock_off(off, 3)))?;

@@ -3,10 +3,9 @@
 
 use miette::Report;
 use pulsetrain_board::remote::image_name;
-use pulsetrain_board::{Remote, Serial};
+use pulsetrain_board::{BoardKind, Remote, Serial};
 
 use super::flash;
-use super::info::UNO;
 use super::problems::OtherImage;
 use crate::console::Console;
 use pulsetrain_session::drive::session_number;
@@ -17,7 +16,8 @@ pub(crate) fn image_at(port: &str, wanted: &'static str) -> Option<OtherImage> {
     let (board, image) = (remote.info().board, remote.info().image);
     remote.close();
     let is = image_name(image);
-    (board == UNO && is != wanted).then_some(OtherImage { is, wanted })
+    let has_images = BoardKind::numbered(board).is_some_and(BoardKind::has_image_for_each_role);
+    (has_images && is != wanted).then_some(OtherImage { is, wanted })
 }
 
 /// If a command was refused because of the board's image: asks the user at the terminal, and writes the right image to

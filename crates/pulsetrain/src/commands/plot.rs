@@ -1,6 +1,7 @@
 //! `pulsetrain plot`: a picture of a motion, run on the native board.
 
 use super::problems::drive_problem;
+use super::run::Ran;
 use super::{plan, run};
 use crate::arguments::Motion;
 use crate::console::{Console, Exit};
@@ -30,8 +31,10 @@ pub(crate) fn run(args: &PlotArgs, console: &mut Console<'_>) -> miette::Result<
     let planned = plan::plan(&mut prepared, console)?;
     let path = args.out.clone().unwrap_or_else(|| args.motion.file.with_extension("svg"));
     let driven = Driven::native(&prepared).map_err(advised)?;
-    let recorded = run::record(&prepared, &planned, driven, None::<Files<std::io::Sink>>, Edges::default(), console)?;
-    let recorded = recorded.map_err(drive_problem)?;
+    let files = None::<Files<std::io::Sink>>;
+    let ran = run::record(&prepared, &planned, driven, files, Edges::default(), None, console)?;
+    // Nobody can stop it.
+    let Ran::Whole { recorded, .. } = ran.map_err(drive_problem)? else { return Ok(Exit::Stopped) };
     run::draw(&recorded.picture, &path)?;
     console.print(format_args!("{}\n", path.display()))?;
     Ok(if recorded.verdict.ok { Exit::Success } else { Exit::BoundBroken })

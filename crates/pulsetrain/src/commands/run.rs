@@ -15,12 +15,16 @@ use super::on_port::{self, PortRun};
 use super::problems::{drive_problem, run_problem};
 use super::{plan, ports};
 use crate::console::{self, Console, Exit, access};
+use crate::control_socket::{Control, Ending, RunEnded, RunInfo};
 use crate::diagnostic::advised;
+use crate::interrupt;
 use crate::record::{Files, Recorded, Recorder};
-use crate::report::RunReport;
+use crate::report::{RunEnd, RunReport, StoppedMotor, StoppedReport};
+use crate::standing::{listed, quoted, standings, way_back};
 use pulsetrain_motion::human;
 use pulsetrain_plot::Picture;
 use pulsetrain_plot::machine::Drawn;
+use pulsetrain_session::control::{Ended, Event};
 use pulsetrain_session::drive::{DriveError, Driven};
 use pulsetrain_session::estimate::Task;
 use pulsetrain_session::lateness::Edges;
@@ -31,6 +35,9 @@ use pulsetrain_session::prepare::{Prepared, usual_baud};
 #[command(after_help = "\
 Motions for the boards `uno` and `pico` run on a virtual one, the real firmware on an emulated chip;
 others on the native board, this computer's own stepgen.
+
+Ctrl-C, or `pulsetrain stop` from another terminal, brakes the motors within their limits; a second Ctrl-C, or \
+`pulsetrain stop --now`, stops them at once. Then the run says where they are, and how they get back.
 
 What an Uno at a port is to run is rehearsed before: the virtual one plays it, several times as fast, with each edge held against the law. What it \
 does not keep up with is refused, and nothing moves. A Pico's queues are far larger, and nothing is rehearsed for one.
@@ -56,7 +63,7 @@ pub(crate) struct RunArgs {
     /// Run it on this computer's own stepgen even if its board has a firmware, which would run it on an emulated chip
     #[arg(long, conflicts_with = "port")]
     pub(crate) native: bool,
-    /// Let the board at this serial port run it, in real time; Ctrl-C stops the motors as planned, twice at once
+    /// Let the board at this serial port run it, in real time
     #[arg(long, value_name = "PORT")]
     pub(crate) port: Option<String>,
     /// Rate of the line to the board, once it is found [default: 1000000; 2000000 for a Pico, whose own USB has no rate]
@@ -95,58 +102,180 @@ pub(crate) fn run(args: &RunArgs, console: &mut Console<'_>) -> miette::Result<E
     if let Some(at) = args.pause_at {
         prepared.pause(at, args.resume_at).map_err(advised)?;
     }
-    let baud = args.baud.unwrap_or_else(|| usual_baud(&prepared.program.board.name));
-    if !args.native {
+    let folder = args.out.clone().unwrap_or_else(|| default_folder(&args.motion.file));
+    let how = HowToRun {
+        native: args.native,
+        port: args.port.as_deref(),
+        baud: args.baud,
+        rehearse: args.rehearse,
+        no_rehearsal: args.no_rehearsal,
+        json: args.json,
+        folder: &folder,
+        goto_options: goto_options(args),
+    };
+    perform(prepared, &how, console)
+}
+
+/// Where and how a prepared motion is run.
+#[derive(Clone, Debug)]
+pub(super) struct HowToRun<'a> {
+    pub(super) native: bool,
+    pub(super) port: Option<&'a str>,
+    pub(super) baud: Option<Baud>,
+    pub(super) rehearse: Option<Time>,
+    pub(super) no_rehearsal: bool,
+    pub(super) json: bool,
+    /// Where the files go.
+    pub(super) folder: &'a Path,
+    /// The options that `goto` needs to run on the same board.
+    pub(super) goto_options: String,
+}
+
+/// The options of `goto` for the board of a run.
+fn goto_options(args: &RunArgs) -> String {
+    let board = args.motion.board.as_ref().map(|board| format!(" --board {board}"));
+    let port = args.port.as_deref().map(|port| format!(" --port {}", quoted(port)));
+    board.into_iter().chain(port).chain(args.native.then(|| " --native".to_owned())).collect()
+}
+
+/// Runs a prepared motion. Other commands find it by its control socket.
+pub(super) fn perform(prepared: Prepared, how: &HowToRun<'_>, console: &mut Console<'_>) -> miette::Result<Exit> {
+    let info = RunInfo::new(&prepared.file, &prepared.program, how.port, how.native);
+    let control = Control::open(&info, console);
+    let done = perform_with(prepared, how, &control, console);
+    match &done {
+        Ok((_, ended)) => control.end(ended),
+        Err(error) => control.end(&RunEnded::failed(error.to_string())),
+    }
+    done.map(|(exit, _)| exit)
+}
+
+fn perform_with(
+    mut prepared: Prepared,
+    how: &HowToRun<'_>,
+    control: &Control,
+    console: &mut Console<'_>,
+) -> miette::Result<(Exit, RunEnded)> {
+    let folder = how.folder;
+    let baud = how.baud.unwrap_or_else(|| usual_baud(&prepared.program.board.name));
+    if !how.native {
         // A Pico's own USB has no baud rate. Without --baud a rate limits the plan only if the port is not that USB; a
         // virtual Pico is reached by USB.
-        let by_uart = args.port.as_deref().is_some_and(|name| !ports::is_own_usb(name));
-        prepared.over_line(if by_uart { Some(baud) } else { args.baud });
+        let by_uart = how.port.is_some_and(|name| !ports::is_own_usb(name));
+        prepared.over_line(if by_uart { Some(baud) } else { how.baud });
     }
     // The whole motion is planned, and perhaps refused, before anything moves or is written.
     let planned = plan::plan(&mut prepared, console)?;
-    let folder = args.out.clone().unwrap_or_else(|| default_folder(&args.motion.file));
-    if let Some(name) = &args.port {
-        let run = PortRun {
-            port: name,
-            baud,
-            rehearse: args.rehearse,
-            no_rehearsal: args.no_rehearsal,
-            json: args.json,
-            folder: &folder,
-        };
-        return on_port::run(&prepared, &planned, run, console);
+    if let Some(name) = how.port {
+        return on_port::run(&prepared, &planned, PortRun { port: name, baud, how }, control, console);
     }
+    stopped_before_begin(control)?;
+    // From here on Ctrl-C stops the motors.
+    interrupt::watch();
     let edges = Edges::of(&prepared.program);
-    let (recorded, runner) = match BoardKind::named(&prepared.program.board.name).filter(|_| !args.native) {
+    let (ran, runner) = match BoardKind::named(&prepared.program.board.name).filter(|_| !how.native) {
         Some(kind) => {
             let mut driven = Driven::on_virtual(kind, &prepared, baud).map_err(drive_problem)?;
             let firmware = human::version(driven.board_mut().info().firmware);
             let runner = format!("virtual {}, firmware {firmware}", kind.title());
-            (to_files(&prepared, &planned, driven, edges, &folder, console)?, runner)
+            (to_files(&prepared, &planned, driven, edges, folder, control, console)?, runner)
         }
         None => {
             let driven = Driven::native(&prepared).map_err(advised)?;
-            (to_files(&prepared, &planned, driven, Edges::default(), &folder, console)?, "native".to_owned())
+            (to_files(&prepared, &planned, driven, Edges::default(), folder, control, console)?, "native".to_owned())
         }
     };
-    let recorded =
-        recorded.map_err(|error| run_problem(error, plan::report(&prepared, &planned), runner.clone(), &folder))?;
+    let ran = ran.map_err(|error| run_problem(error, plan::report(&prepared, &planned), runner.clone(), folder))?;
+    let (ended, recorded) = match ran {
+        Ran::Whole { ended, recorded } => (ended, *recorded),
+        Ran::Stopped { ended, at_s } => {
+            let stopped = StoppedRun { prepared: &prepared, planned: &planned, runner, at_s };
+            return stopped.report(&ended, how, console);
+        }
+    };
+    let told = told_end(&prepared, &ended, &how.goto_options);
     let Recorded { verdict, picture, lateness, figures } = recorded;
     let report = RunReport::new(plan::report(&prepared, &planned), runner, verdict, lateness, figures);
     // The user sees the verdict even if a file could not be written. A script reads one JSON value, which is then the
     // error.
-    if !args.json {
+    if !how.json {
         console.print(&report.plan)?;
         console.print(&report)?;
     }
     console::write(&folder.join("report.json"), format!("{}\n", console::json(&report)?).as_bytes())?;
     draw(&picture, &folder.join("plot.svg"))?;
-    if args.json {
+    if how.json {
         console.print_json(&report)?;
     } else {
         console.print(format_args!("{}: report.json, steps.csv, trace.vcd, plot.svg\n", folder.display()))?;
     }
-    Ok(if report.is_ok() { Exit::Success } else { Exit::BoundBroken })
+    Ok((if report.is_ok() { Exit::Success } else { Exit::BoundBroken }, told))
+}
+
+/// Refuses to begin if a stop was asked for while the motion was planned.
+pub(super) fn stopped_before_begin(control: &Control) -> miette::Result<()> {
+    if control.wants_stop() {
+        return Err(miette!("stopped before it began: no motor has moved"));
+    }
+    Ok(())
+}
+
+/// How a run ended, for the clients of its control socket.
+pub(super) fn told_end(prepared: &Prepared, ended: &Ended, goto_options: &str) -> RunEnded {
+    let program = &prepared.program;
+    let motors = standings(program, &ended.counted, ended.uncertain.as_deref().unwrap_or_default());
+    let way_back = ended.stopped.then(|| way_back(&prepared.file, program, &motors, goto_options)).flatten();
+    let ended = if ended.stopped { Ending::Stopped } else { Ending::Finished };
+    RunEnded { ended, why: None, motors, way_back }
+}
+
+/// A run on a virtual board that was stopped, as somebody asked for. Nothing is judged: most of the motion is missing.
+struct StoppedRun<'a> {
+    prepared: &'a Prepared,
+    planned: &'a [Planned],
+    runner: String,
+    at_s: f64,
+}
+
+impl StoppedRun<'_> {
+    fn report(self, ended: &Ended, how: &HowToRun<'_>, console: &mut Console<'_>) -> miette::Result<(Exit, RunEnded)> {
+        let told = told_end(self.prepared, ended, &how.goto_options);
+        let at_once = if ended.uncertain.is_some() { "at once" } else { "within the motors' limits" };
+        let at = human::seconds_to(self.at_s, 6);
+        let message = format!("stopped at {at} {at_once}, as asked: {}", listed(&told.motors));
+        let motors = told.motors.iter().map(|motor| StoppedMotor { name: motor.name.clone(), steps: motor.steps });
+        let stopped = RunEnd {
+            message: message.clone(),
+            help: told.way_back.clone().unwrap_or_default(),
+            motor: None,
+            at_s: self.at_s,
+            late_s: None,
+            motors: motors.collect(),
+        };
+        let report = StoppedReport { plan: plan::report(self.prepared, self.planned), runner: self.runner, stopped };
+        let text = console::json(&report)?;
+        console::write(&how.folder.join("report.json"), format!("{text}\n").as_bytes())?;
+        if how.json {
+            console.print(format_args!("{text}\n"))?;
+            return Ok((Exit::Success, told));
+        }
+        console.print(format_args!("Run on the {}, {message}\n", report.runner))?;
+        if let Some(way_back) = &told.way_back {
+            console.print(format_args!("back to the start: {way_back}\n"))?;
+        }
+        let folder = how.folder.display();
+        console
+            .print(format_args!("{folder}: report.json, steps.csv and trace.vcd up to there; nothing was judged\n"))?;
+        Ok((Exit::Success, told))
+    }
+}
+
+/// What became of a run.
+pub(crate) enum Ran {
+    /// The motion came to its end.
+    Whole { ended: Ended, recorded: Box<Recorded> },
+    /// It was stopped, as somebody asked for; the motors braked from `at_s` on.
+    Stopped { ended: Ended, at_s: f64 },
 }
 
 fn to_files<B: Leased>(
@@ -155,34 +284,58 @@ fn to_files<B: Leased>(
     driven: Driven<B>,
     edges: Edges,
     folder: &Path,
+    control: &Control,
     console: &Console<'_>,
-) -> miette::Result<Result<Recorded, DriveError>> {
+) -> miette::Result<Result<Ran, DriveError>> {
     let (trace, steps) = (folder.join("trace.vcd"), folder.join("steps.csv"));
     let files = Files::new(&prepared.program, &driven.lines, console::create(&trace)?, console::create(&steps)?)
         .map_err(|error| access("write", folder, error))?;
-    record(prepared, planned, driven, Some(files), edges, console)
+    record(prepared, planned, driven, Some(files), edges, Some(control), console)
 }
 
-/// Runs a planned motion, with a progress bar. If the run ends early its files end there, complete to that point.
+/// Runs a planned motion, with a progress bar. If the run ends early its files end there, complete to that point, and there is no verdict.
 pub(crate) fn record<B: Leased, W: std::io::Write>(
     prepared: &Prepared,
     planned: &[Planned],
     mut driven: Driven<B>,
     files: Option<Files<W>>,
     edges: Edges,
+    control: Option<&Control>,
     console: &Console<'_>,
-) -> miette::Result<Result<Recorded, DriveError>> {
+) -> miette::Result<Result<Ran, DriveError>> {
     let board = &prepared.program.board;
     let title = format!("{} on {}", file_name(&prepared.file), board.name);
     let drawn = Drawn::of(&prepared.program);
     let mut recorder = Recorder::new(&prepared.program, &drawn, &driven.lines, title, files, &edges)?;
     let bar = console.progress(prepared.end_s(), &human::seconds_to(prepared.end_s(), 6));
     bar.stage("running");
-    if let Err(error) = driven.run(&mut recorder, |event| bar.follow(&event)) {
-        recorder.close()?;
-        return Ok(Err(error));
+    let (mut at_s, mut stops) = (0.0, false);
+    let ended = match control {
+        None => driven.run(&mut recorder, |event| bar.follow(&event)),
+        Some(control) => driven.run_with(control.commands(), &mut recorder, |event| {
+            bar.follow(&event);
+            control.tell(&event);
+            match event {
+                Event::Progress { at_s: now } if !stops => at_s = now,
+                Event::Stopping { at_s: from } => (at_s, stops) = (from, true),
+                _ => {}
+            }
+        }),
+    };
+    match ended {
+        Err(error) => {
+            recorder.close()?;
+            Ok(Err(error))
+        }
+        Ok(ended) if ended.stopped => {
+            recorder.close()?;
+            Ok(Ok(Ran::Stopped { ended, at_s }))
+        }
+        Ok(ended) => {
+            let recorded = recorder.finish(planned, driven.lateness().unwrap_or_default())?;
+            Ok(Ok(Ran::Whole { ended, recorded: Box::new(recorded) }))
+        }
     }
-    Ok(Ok(recorder.finish(planned, driven.lateness().unwrap_or_default())?))
 }
 
 /// Writes a picture as SVG, or as PNG if the path ends in .png.

@@ -1,34 +1,50 @@
-//! `pulsetrain stop`: stops a board's motors at once, whichever program moves them.
+//! `pulsetrain stop`: stops runs of this computer, or a board's motors at once, whichever program moves them.
 
 use clap::Args;
+use std::fmt::{self, Display};
 use std::time::Duration;
 
 use miette::{Report, miette};
-use pulsetrain_board::{LinkError, Port, PortError, Remote, RemoteError, Serial};
+use pulsetrain_board::{BoardKind, LinkError, Port, PortError, Remote, RemoteError, Serial};
 use pulsetrain_trace::winch::{AXES, Status};
 use serde::Serialize;
 
-use super::info::{UNO, listed, motor_list};
+use super::info::{listed, motor_list};
 use super::problems::{drive_problem, port_problem};
 use crate::console::{Console, Exit};
+use crate::control_socket::{Ending, RunClient, RunEnded, RunInfo, RunLine, SocketError, runs};
+use crate::standing::quoted;
 use crate::winch::talk::{BoardLine, Talk, with_checksum};
 use pulsetrain_motion::human;
+use pulsetrain_session::control::{Command, Event};
 use pulsetrain_session::drive::session_number;
 
-/// The board's port.
+/// Which runs or board to stop.
 #[derive(Args, Debug)]
 #[command(after_help = "\
-For a board that still does what a host told it that has left, as a MOVE of hours or a baked motion. Axes that text has on paths brake \
-within their limits; the drivers of text's axes are off then. Opening its port resets an Uno, which stops it, too. It tells where all \
-motors are, and which were faster than they can stop, or may have been: those may stand elsewhere than they count.
+While a `pulsetrain run` of this computer has the port, the run is asked: it brakes all motors within their limits, or \
+stops them at once with --now, and says where they are. Without --port the only run is stopped, on a virtual board, too.
+
+Where no run has the port, the board itself is stopped, at once and without ramps, whoever moved its motors: a MOVE of \
+hours, a baked motion. Axes that text has on paths brake within their limits; the drivers of text's axes are off then. \
+Opening its port resets an Uno, which stops it, too. It says where all motors are, and which were too fast to stop: \
+those may stand elsewhere than they count.
 
 Examples:
+  pulsetrain stop
+  pulsetrain stop --now
   pulsetrain stop --port /dev/ttyACM0")]
 pub(crate) struct StopArgs {
-    /// The board at this serial port
+    /// The run or the board at this serial port; or a run's name, as `pulsetrain status` lists it
     #[arg(long, value_name = "PORT")]
-    pub(crate) port: String,
-    /// Print what it says as JSON
+    pub(crate) port: Option<String>,
+    /// Stop at once, without braking: a fast motor may turn further than it counts
+    #[arg(long)]
+    pub(crate) now: bool,
+    /// Stop all runs of this computer
+    #[arg(long, conflicts_with = "port")]
+    pub(crate) all: bool,
+    /// Print what the runs or the board say as JSON
     #[arg(long)]
     pub(crate) json: bool,
 }
@@ -54,8 +70,109 @@ struct StopReport {
 }
 
 pub(crate) fn run(args: &StopArgs, console: &mut Console<'_>) -> miette::Result<Exit> {
-    let stopped = stop(|| Serial::open(&args.port, false))?;
-    if args.json {
+    let runs = match (runs(), &args.port) {
+        (Ok(runs), _) => runs,
+        // Without a socket no run can be asked, but the board can.
+        (Err(SocketError::System), Some(_)) => Vec::new(),
+        (Err(error), _) => return Err(error.into()),
+    };
+    let chosen = chosen(runs, args.port.as_deref(), args.all, "stop")?;
+    match &args.port {
+        Some(port) if chosen.is_empty() => stop_board(port, args.json, console),
+        _ => stop_runs(chosen, args.now, args.json, console),
+    }
+}
+
+/// The runs that are meant: those at a port or of a name, all, or the only one. None is an error unless a port is named.
+pub(super) fn chosen(
+    runs: Vec<RunClient>,
+    port: Option<&str>,
+    all: bool,
+    command: &str,
+) -> miette::Result<Vec<RunClient>> {
+    if let Some(port) = port {
+        return Ok(runs.into_iter().filter(|run| run.info().is_at(port)).collect());
+    }
+    if runs.is_empty() {
+        let help = "a run that another user began is stopped by that user; a board that moves without a run: \
+                    `pulsetrain stop --port PORT`";
+        return Err(miette!(help = help, "nothing runs on this computer"));
+    }
+    if runs.len() > 1 && !all {
+        let each = runs.iter().map(|run| {
+            let place = quoted(run.info().place());
+            format!("  pulsetrain {command} --port {place}    {} on {}", run.info().file, run.info().board)
+        });
+        let each: Vec<String> = each.collect();
+        let help = format!("say which one, or --all:\n{}", each.join("\n"));
+        return Err(miette!(help = help, "{} runs are there", runs.len()));
+    }
+    Ok(runs)
+}
+
+/// How a run took its stop.
+#[derive(Debug, Serialize)]
+struct StoppedRunReport {
+    run: RunInfo,
+    /// From when on its motors braked, s of the motion. `None` if they were stopped at once, or did not move any more.
+    brakes_at_s: Option<f64>,
+    #[serde(flatten)]
+    end: RunEnded,
+}
+
+/// Asks all these runs to stop, and then waits for each.
+fn stop_runs(mut runs: Vec<RunClient>, now: bool, json: bool, console: &mut Console<'_>) -> miette::Result<Exit> {
+    let command = if now { Command::StopNow } else { Command::Stop };
+    for run in &mut runs {
+        run.command(command)?;
+    }
+    let mut reports = Vec::new();
+    for mut run in runs {
+        let mut brakes_at_s = None;
+        let end = loop {
+            match run.next_line()? {
+                RunLine::Event(Event::Stopping { at_s }) => brakes_at_s = Some(at_s),
+                RunLine::Event(_) => {}
+                RunLine::Error { error } => {
+                    return Err(miette!("the run at {} refuses to stop: {error}", run.info().place()));
+                }
+                RunLine::Ended(end) => break end,
+            }
+        };
+        let report = StoppedRunReport { run: run.info().clone(), brakes_at_s, end };
+        if !json {
+            console.print(&report)?;
+        }
+        reports.push(report);
+    }
+    if json {
+        console.print_json(&reports)?;
+    }
+    let all_well = reports.iter().all(|report| report.end.ended != Ending::Failed || report.end.motors.is_empty());
+    Ok(if all_well { Exit::Success } else { Exit::Stopped })
+}
+
+impl Display for StoppedRunReport {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let StoppedRunReport { run, brakes_at_s, end } = self;
+        write!(f, "the run of {} at {}: ", run.file, run.place())?;
+        match (end.ended, brakes_at_s) {
+            (Ending::Failed, _) => writeln!(f, "{}", end.why.as_deref().unwrap_or("it failed"))?,
+            (Ending::Finished, _) => writeln!(f, "it came to its end before it could be stopped")?,
+            (Ending::Stopped, Some(at_s)) => {
+                writeln!(f, "the motors braked from {} on, and rest", human::seconds_to(*at_s, 6))?;
+            }
+            (Ending::Stopped, None) => writeln!(f, "the motors were stopped at once")?,
+        }
+        end.motors.iter().try_for_each(|motor| writeln!(f, "  {motor}"))?;
+        end.way_back.as_ref().map_or(Ok(()), |way_back| writeln!(f, "back to the start: {way_back}"))
+    }
+}
+
+/// Stops the board at a port, which no run of this computer has.
+fn stop_board(port: &str, json: bool, console: &mut Console<'_>) -> miette::Result<Exit> {
+    let stopped = stop(|| Serial::open(port, false))?;
+    if json {
         console.print_json(&stopped)?;
     } else {
         console.print(format_args!("{}\n", stopped.told()))?;
@@ -137,7 +254,8 @@ fn stop_frames<P: Port>(mut board: Remote<P>) -> Result<StopReport, RemoteError>
     let (stopped, positions) = board.stop_motors()?;
     let tick_hz = f64::from(board.info().tick_hz);
     // If opening the port does not reset the board, its motors are still set up.
-    let reset = board.info().board == UNO && !moved && positions.is_empty();
+    let resets = BoardKind::numbered(board.info().board).is_some_and(BoardKind::resets_when_opened);
+    let reset = resets && !moved && positions.is_empty();
     board.close();
     let uncertain = (0..positions.len()).filter(|motor| stopped.uncertain >> motor & 1 == 1).collect();
     let (moved, at_s) = (Some(moved), Some(stopped.tick as f64 / tick_hz));

@@ -1,48 +1,59 @@
 //! `pulsetrain verbs`: moves motors by verbs, sent in frames. Its lines are those that a Pico takes as text.
 
 use crate::arguments;
-use clap::{ArgGroup, Args};
+use clap::{ArgGroup, Args, ValueEnum};
 use pulsetrain_board::BoardKind;
 use pulsetrain_board::registry::Role;
+use std::fmt::Display;
+use std::io::{ErrorKind, IsTerminal, stdin, stdout};
 use std::ops::Range;
 use std::path::Path;
 use std::path::PathBuf;
 use std::sync::Arc;
-use std::sync::mpsc::{Receiver, TryRecvError};
+use std::sync::mpsc::channel;
 
 use miette::{LabeledSpan, MietteDiagnostic, NamedSource, Report, miette};
-use pulsetrain_board::remote::{image_name, in_words};
+use pulsetrain_board::remote::{image_name, in_words, name_of};
 use pulsetrain_board::{Board, Edge, Port, Remote, RemoteError, Serial, Setup};
+use pulsetrain_core::output::{HALF_STEPS, Sequence};
 use pulsetrain_core::verbs::{Heading, Verb};
 use pulsetrain_core::winch::AXES;
 use pulsetrain_core::winch::verb_lines::{self as text, LONGEST, LineOrders, VerbLine, VerbReply};
 use pulsetrain_core::wire::message::{Cause, MotorSetup, Reason, image};
 use pulsetrain_core::wire::orders::Obeyed;
 use pulsetrain_core::wire::{Baud, Refusal};
+use pulsetrain_motion::program::PositionUnits;
 use pulsetrain_motion::quantity::{Base, Quantity};
+use pulsetrain_trace::winch::Status;
 
-use super::info::UNO;
 use super::on_port::waits_with_notice;
 use super::problems::{drive_problem, port_problem};
 use super::winch::typed;
 use crate::console::{self, Console, Exit};
-use crate::winch::talk::meaning;
-use crate::{interrupt, serve};
+use crate::winch::console::{ConsoleError, ConsoleInput, Person, Plain};
+use crate::winch::talk::{BoardLine, meaning};
+use crate::winch::terminal::Terminal;
+use crate::{interrupt, last_positions, load, serve};
 use pulsetrain_motion::human;
-use pulsetrain_session::drive::{session_number, set_up};
+use pulsetrain_session::drive::{session_number, set_up, setup};
 
 /// A board whose motors are told directly.
 #[derive(Args, Debug)]
 #[command(after_help = "\
-A script has a line for each order, with its time, \"1.5 s: move x 100\"; without one they are read from the standard input. Axes x, y, z and a \
-are where text has them (docs/wiring.md): on an Uno the CNC shield's, which needs its image with verbs. Each order is answered by the tick \
-from which it holds, where its axes are then, and how many ticks later they step; each move by `done`. When no move is left it ends; what \
-runs on is halted, and of a virtual board the steps at its pins are counted. Ctrl-C stops all at once. docs/pico.md has the verbs.
+A script has a line for each order, with its time: \"1.5 s: move x 100\". Without a script it is a console: in a terminal with the \
+axes' positions and a history, else lines are read from the standard input. Each order is answered by the tick from which it holds, where its \
+axes are then, and how many ticks later they step; each move by `done`. When no move is left it ends; what runs on is \
+halted, and of a virtual board the steps at its pins are counted. Ctrl-C stops all axes at once. docs/verbs.md has the verbs.
+
+Axes x, y, z and a are where StepperWinch's text has them (docs/wiring.md): on an Uno the CNC shield's, which needs its image \
+`verbs`. With --coils they are ULN2003 boards of a Pico, with --motors the motors of a motion file, in its order.
 
 Examples:
   pulsetrain verbs moves.txt --board uno
   pulsetrain verbs --port /dev/ttyACM0
-  echo \"move xy 2000 100\" | pulsetrain verbs --board pico")]
+  echo \"move xy 2000 100\" | pulsetrain verbs --board pico
+  echo \"move x 2038\" | pulsetrain verbs --board pico --coils half
+  echo \"speed x 30 rpm; move x 100\" | pulsetrain verbs --board pico --motors examples/first-pico.toml")]
 #[command(group = ArgGroup::new("told").args(["port", "board"]).required(true))]
 pub(crate) struct VerbsArgs {
     /// Script of timed lines; without one they are read as they come
@@ -56,56 +67,207 @@ pub(crate) struct VerbsArgs {
     /// Rate of the line, bits a second
     #[arg(long, value_name = "RATE", default_value = "1000000", value_parser = arguments::baud)]
     pub(crate) baud: Baud,
+    /// The axes are four ULN2003 boards of a Pico, IN1 to IN4 on GP2 to GP5, GP6 to GP9, GP10 to GP13, GP14 to GP17, switched so
+    #[arg(long, value_name = "SEQUENCE", value_enum, conflicts_with = "motors")]
+    pub(crate) coils: Option<Coils>,
+    /// The axes are the motors of this motion file, drivers or coils
+    #[arg(long, value_name = "FILE")]
+    pub(crate) motors: Option<PathBuf>,
+    /// Steps in a turn of each axis, microsteps counted, for speeds in rpm, rev/s and deg/s [default: those of --motors]
+    #[arg(long, value_name = "STEPS", value_parser = clap::value_parser!(u32).range(1..), conflicts_with = "motors")]
+    pub(crate) steps_per_rev: Option<u32>,
+}
+
+/// How coils are switched.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum Coils {
+    /// One coil at a time
+    Wave,
+    /// Two coils at a time
+    Full,
+    /// One and two in turn
+    Half,
 }
 
 /// The lines that the user may type.
 const HELP: &str = "\
 \x20 move <axes> <n>…            n steps, 0 to 2^32 - 1           run <axes>     steps without an end
-  speed <axes> <ticks>…       from step to step                halt <axes>    forget move and run; `halt`: all axes
-  dir <axes> <1, -1 or 0>…    forward, backward, stationary    help, quit     of this console
-axes are letters of xyza, with a value for each or one for all: `move xy 100 200`, `speed xy 125000`; docs/pico.md has what they mean
+  speed <axes> <speed>…       `500 steps/s`, `30 rpm`, or ticks from step to step
+  dir <axes> <1, -1 or 0>…    forward, backward, stationary    halt <axes>    forget move and run; `halt`: all axes
+  where                       where all axes are               help, quit     of this console
+axes are letters of xyza, with a value for each or one for all: `move xy 100 200`; `;` parts two orders; docs/verbs.md has what they mean
 ";
 
+/// The line that Ctrl-C stands for in a terminal.
+const STOP: &str = "halt";
+
 /// The help below an error in a script's line.
-const OF_SCRIPTS: &str = "a line is \"<time>: <verb>\", such as \"1.5 s: move x 100\"; docs/pico.md has the verbs";
+const OF_SCRIPTS: &str = "a line is \"<time>: <verb>\", such as \"1.5 s: move x 100\"; docs/verbs.md has the verbs";
 
 /// How often a second lines and events are read.
 const ROUNDS_PER_S: u64 = 100;
+/// How often a terminal shows the positions, µs.
+const SHOW_EVERY_US: u64 = 50_000;
 
-/// A script's line: its time, s, and its orders.
-type Timed = (f64, LineOrders);
+/// A script's line: its time, s, its orders, and where they are written.
+#[derive(Clone, Debug)]
+struct Timed {
+    at_s: f64,
+    orders: String,
+}
 
 pub(crate) fn run(args: &VerbsArgs, console: &mut Console<'_>) -> miette::Result<Exit> {
     interrupt::watch();
-    // The whole script is read, and perhaps refused, before anything moves.
-    let script = args.script.as_deref().map(load).transpose()?;
+    // The motors and the whole script are read, and perhaps refused, before anything moves.
+    let wiring = Wiring::read(args)?;
+    let script = args.script.as_deref().map(|path| load_script(path, &wiring)).transpose()?;
     let virtual_board = || args.board.unwrap_or(BoardKind::Pico).virtual_board(Role::Verbs);
     match (&args.port, script) {
         (Some(name), script) => {
             let port = Serial::open(name, true).map_err(port_problem)?;
-            run_on(port, name, args.baud, || lines(script), None, console)
+            // The board counts from another position from here on.
+            last_positions::forget(name);
+            run_on(port, name, args.baud, &wiring, script, false, console)
         }
-        (None, Some(script)) => {
-            run_on(virtual_board(), "", args.baud, || lines(Some(script)), Some(Pins::default()), console)
-        }
+        (None, Some(script)) => run_on(virtual_board(), "", args.baud, &wiring, Some(script), true, console),
         (None, None) => {
             let board = serve::Paced::new(virtual_board());
-            run_on(board, "", args.baud, || lines(None), Some(Pins::default()), console)
+            run_on(board, "", args.baud, &wiring, None, true, console)
         }
     }
 }
 
-/// The source of the lines.
-enum Lines {
-    /// The rest of a script.
-    Script(std::vec::IntoIter<Timed>),
-    /// Lines from standard input: a user's or a program's.
-    Typed(Receiver<String>),
+/// What the axes are.
+#[derive(Clone, Debug, Default)]
+struct Wiring {
+    coils: Option<Coils>,
+    /// A motion file whose motors they are.
+    motors: Option<PathBuf>,
+    /// By axis: in which units its speed may be told.
+    units: Vec<PositionUnits>,
 }
 
-fn lines(script: Option<Vec<Timed>>) -> Lines {
-    script.map_or_else(|| Lines::Typed(typed()), |script| Lines::Script(script.into_iter()))
+impl Wiring {
+    fn read(args: &VerbsArgs) -> miette::Result<Wiring> {
+        let units = match (&args.motors, args.steps_per_rev) {
+            (Some(file), _) => load::contents(file)?.units,
+            (None, Some(steps)) => {
+                let units =
+                    PositionUnits { steps_per_turn: steps.into(), steps_per_mm: None, steps_per_full_step: 1.0 };
+                vec![units; AXES.len()]
+            }
+            (None, None) => Vec::new(),
+        };
+        let wiring = Wiring { coils: args.coils, motors: args.motors.clone(), units };
+        // At a port the board is not known yet.
+        args.board.map_or(Ok(()), |kind| wiring.setup(kind).map(drop))?;
+        Ok(wiring)
+    }
+
+    /// The axes on a board.
+    fn setup(&self, kind: BoardKind) -> miette::Result<Setup> {
+        if let Some(file) = &self.motors {
+            let mut setup = setup(&load::endless(file, Some(kind.name()))?.program);
+            if setup.motors.len() > AXES.len() {
+                let (motors, most) = (setup.motors.len(), AXES.len());
+                return Err(miette!(
+                    "{}: {motors} motors are more than the axes x, y, z and a: {most}",
+                    file.display()
+                ));
+            }
+            setup.idle_ms = None;
+            return Ok(setup);
+        }
+        let mut setup = kind.axes();
+        if let Some(coils) = self.coils {
+            if kind != BoardKind::Pico {
+                let help = "leave --coils out, and use drivers with STEP and DIR; or a Pico";
+                return Err(miette!(help = help, "an {} cannot switch coils: only a Pico can", kind.title()));
+            }
+            let sequence = match coils {
+                Coils::Wave => Sequence::Wave,
+                Coils::Full => Sequence::Full,
+                Coils::Half => Sequence::Half,
+            };
+            setup.motors =
+                (0..AXES.len() as u8).map(|axis| MotorSetup::coils_on(FIRST_COIL + 4 * axis, sequence)).collect();
+            setup.enable = None;
+        }
+        Ok(setup)
+    }
+
+    /// A line as boards have it: each speed with a unit in ticks from step to step.
+    fn in_ticks(&self, line: &str, tick_hz: f64) -> Result<String, String> {
+        let words: Vec<&str> = line.split_whitespace().collect();
+        let [verb @ "speed", axes, values @ ..] = words.as_slice() else { return Ok(line.to_owned()) };
+        if values.iter().all(|value| value.bytes().all(|byte| byte.is_ascii_digit())) {
+            return Ok(line.to_owned());
+        }
+        let values = speeds(values);
+        let named: Vec<Option<usize>> = axes.bytes().map(|axis| AXES.iter().position(|name| *name == axis)).collect();
+        if values.len() != 1 && values.len() != named.len() {
+            return Err(format!("{} speeds for {} axes: give one for each, or one for all", values.len(), named.len()));
+        }
+        let mut told = format!("{verb} {axes}");
+        for (place, axis) in named.iter().enumerate() {
+            let value = values.get(place).or(values.first()).map_or("", String::as_str);
+            let units = axis.and_then(|axis| self.units.get(axis));
+            told.push_str(&format!(" {}", period(value, units, tick_hz)?));
+        }
+        Ok(told)
+    }
 }
+
+/// GPIO of IN1 of axis x with --coils.
+const FIRST_COIL: u8 = 2;
+
+/// The values of a `speed` line: a number, and the unit behind it.
+fn speeds(words: &[&str]) -> Vec<String> {
+    let mut values: Vec<String> = Vec::new();
+    for word in words {
+        let is_number = word.starts_with(|letter: char| letter.is_ascii_digit() || matches!(letter, '+' | '-' | '.'));
+        match values.last_mut() {
+            Some(number) if !is_number => number.push_str(&format!(" {word}")),
+            _ => values.push((*word).to_owned()),
+        }
+    }
+    values
+}
+
+/// Ticks from step to step at a speed.
+fn period(text: &str, units: Option<&PositionUnits>, tick_hz: f64) -> Result<u64, String> {
+    if let Ok(ticks) = text.parse() {
+        return Ok(ticks);
+    }
+    let speed = Quantity::parse(text).map_err(|error| format!("{error}; write it like `500 steps/s`"))?;
+    if !speed.base.is_position() || speed.per_seconds != 1 {
+        return Err(format!(
+            "{text} is {}; a speed is `500 steps/s`, `30 rpm`, or ticks from step to step",
+            speed.kind()
+        ));
+    }
+    let steps = match (speed.base, units) {
+        (Base::Step, _) => Some(1.0),
+        (base, Some(units)) => units.steps(base),
+        (_, None) => None,
+    };
+    let steps = steps.ok_or_else(|| {
+        format!("how many steps {text} is, is not known: say --steps-per-rev, or --motors with a motion file")
+    })?;
+    let rate = speed.value * steps;
+    if rate <= 0.0 {
+        return Err(format!("{text}: a speed is more than 0; `dir x -1` goes backward, `dir x 0` rests"));
+    }
+    let ticks = (tick_hz / rate).round();
+    if (1.0..=LONGEST_PERIOD).contains(&ticks) {
+        Ok(ticks as u64)
+    } else {
+        Err(format!("{text} is beyond what a board can do"))
+    }
+}
+
+/// Ticks, as boards take them.
+const LONGEST_PERIOD: f64 = (1_u64 << 62) as f64;
 
 /// A line without its comment.
 fn without_comment(line: &str) -> &str {
@@ -113,7 +275,7 @@ fn without_comment(line: &str) -> &str {
 }
 
 /// Reads a script.
-fn load(path: &Path) -> miette::Result<Vec<Timed>> {
+fn load_script(path: &Path, wiring: &Wiring) -> miette::Result<Vec<Timed>> {
     let bytes = console::read(path)?;
     let name = path.display().to_string();
     let text = String::from_utf8(bytes).map_err(|_| miette!(help = OF_SCRIPTS, "{name} is no text"))?;
@@ -138,19 +300,26 @@ fn load(path: &Path) -> miette::Result<Vec<Timed>> {
         let Some(at_s) = time.map(|when| when.value).filter(|at| (0.0..1e6).contains(at)) else {
             return Err(wrong(0..when.len(), "not a time of 0 s to 10^6 s, with its unit".to_owned()));
         };
-        if let Some((before, _)) = lines.last().filter(|(before, _)| at_s < *before) {
+        if let Some(Timed { at_s: before, .. }) = lines.last().filter(|before| at_s < before.at_s) {
             let message = format!("times go back: the line before is told at {}", human::seconds(*before));
             return Err(wrong(0..when.len(), message));
         }
-        let told_at = line.len() - told.trim_start().len();
-        match text::read(told.trim().as_bytes()) {
-            VerbLine::Orders(told) => lines.push((at_s, told)),
-            VerbLine::Unknown => return Err(wrong(told_at..line.len(), "no such verb".to_owned())),
-            VerbLine::Refused(what, word) => {
-                let refusal = written(&VerbReply::Unread(what, word));
-                let message = meaning(&refusal).unwrap_or(refusal);
-                return Err(wrong(told_at..line.len(), message));
+        let mut order_at = when.len() + 1;
+        for order in told.split(';') {
+            let at = order_at + order.len() - order.trim_start().len()..order_at + order.trim_end().len();
+            order_at += order.len() + 1;
+            // No board is asked yet, and the ticks do not matter.
+            let known = wiring.in_ticks(order.trim(), NOMINAL_HZ).map_err(|message| wrong(at.clone(), message))?;
+            match text::read(known.as_bytes()) {
+                VerbLine::Orders(_) => {}
+                VerbLine::Unknown => return Err(wrong(at, "no such verb".to_owned())),
+                VerbLine::Refused(what, word) => {
+                    let refusal = written(&VerbReply::Unread(what, word));
+                    let message = meaning(&refusal).unwrap_or(refusal);
+                    return Err(wrong(at, message));
+                }
             }
+            lines.push(Timed { at_s, orders: order.trim().to_owned() });
         }
     }
     if lines.is_empty() {
@@ -159,6 +328,9 @@ fn load(path: &Path) -> miette::Result<Vec<Timed>> {
     Ok(lines)
 }
 
+/// Ticks of a board that is not known yet, 1/s.
+const NOMINAL_HZ: f64 = 16e6;
+
 /// A reply in the text that a board would write.
 fn written(reply: &VerbReply) -> String {
     let mut line = [0; LONGEST];
@@ -166,46 +338,70 @@ fn written(reply: &VerbReply) -> String {
     String::from_utf8_lossy(&line[..len]).trim_end().to_owned()
 }
 
-/// Axes x, y, z and a, on the same pins as StepperWinch's text (docs/wiring.md). Pulses and times are those of the
-/// slowest drivers.
-fn wiring(is_uno: bool) -> Setup {
-    let (pins, enable) =
-        if is_uno { ([(2, 5), (3, 6), (4, 7), (12, 13)], 8) } else { ([(2, 3), (4, 5), (6, 7), (8, 9)], 22) };
-    // Pulse 1.94 µs on an Uno and 2 µs on a Pico; setup 5 µs.
-    let (pulse_ticks, setup_ticks) = if is_uno { (31, 80) } else { (250, 625) };
-    let motor = |(step_pin, dir_pin)| MotorSetup {
-        step_pin,
-        dir_pin,
-        forward_high: true,
-        // No pull-in speed is known, so each motor that is stopped between two steps counts as uncertain.
-        pull_in_ticks: u32::MAX,
-        ..MotorSetup::default()
-    };
-    Setup {
-        pulse_ticks,
-        setup_ticks,
-        hold_ticks: pulse_ticks,
-        enable: Some((enable, false)),
-        motors: pins.into_iter().map(motor).collect(),
-        ..Setup::default()
-    }
-}
-
 /// Steps that were counted on a virtual board's pins.
 #[derive(Clone, Debug, Default)]
 struct Pins {
     forward: [bool; AXES.len()],
+    coils: [CoilPins; AXES.len()],
     counts: [i64; AXES.len()],
+}
+
+/// The coils of an axis.
+#[derive(Clone, Copy, Debug, Default)]
+struct CoilPins {
+    /// Bit 0 is IN1.
+    levels: u8,
+    /// When they last changed. All that change for a step change at one tick.
+    changed: u64,
+    /// The half step at which they were last on. They are off before the first step.
+    phase: Option<usize>,
 }
 
 impl Pins {
     fn see(&mut self, edge: Edge, setup: &Setup) {
         for (axis, motor) in setup.motors.iter().enumerate() {
-            if edge.line == motor.dir_pin {
-                self.forward[axis] = edge.level;
+            if let Some(sequence) = motor.coils() {
+                let first = motor.step_pin;
+                // GP26 follows GP22.
+                let pins = (first..first + 4).map(|pin| if first <= 22 && pin > 22 { pin + 3 } else { pin });
+                if let Some((number, _)) = pins.enumerate().find(|(_, pin)| *pin == edge.line) {
+                    if self.coils[axis].changed != edge.tick {
+                        self.counts[axis] += self.coils[axis].step(sequence);
+                    }
+                    let coils = &mut self.coils[axis];
+                    coils.changed = edge.tick;
+                    coils.levels = coils.levels & !(1 << number) | u8::from(edge.level) << number;
+                }
+            } else if edge.line == motor.dir_pin {
+                self.forward[axis] = edge.level == motor.forward_high;
             } else if edge.line == motor.step_pin && edge.level {
                 self.counts[axis] += if self.forward[axis] { 1 } else { -1 };
             }
+        }
+    }
+
+    /// Takes the last steps of coils into the counts.
+    fn finish(&mut self, setup: &Setup) {
+        for (axis, motor) in setup.motors.iter().enumerate() {
+            if let Some(sequence) = motor.coils() {
+                self.counts[axis] += self.coils[axis].step(sequence);
+            }
+        }
+    }
+}
+
+impl CoilPins {
+    /// The step from the phase before to the levels: 1, −1, or 0.
+    fn step(&mut self, sequence: Sequence) -> i64 {
+        let Some(phase) = HALF_STEPS.iter().position(|pattern| *pattern == self.levels) else { return 0 };
+        let first = if sequence == Sequence::Wave { 1 } else { 0 };
+        let before = self.phase.replace(phase).unwrap_or(first);
+        let half_steps = (phase + HALF_STEPS.len() - before) % HALF_STEPS.len();
+        let own = if sequence == Sequence::Half { 1 } else { 2 };
+        match half_steps {
+            steps if steps == own => 1,
+            steps if steps == HALF_STEPS.len() - own => -1,
+            _ => 0,
         }
     }
 }
@@ -241,13 +437,18 @@ impl Axis {
     }
 }
 
-/// A board that this command moves by verbs.
-struct VerbSession<P> {
+/// A board that this command moves by verbs, and the person who moves it.
+struct VerbSession<'a, P, T> {
     remote: Remote<P>,
+    person: &'a mut T,
+    wiring: &'a Wiring,
     setup: Setup,
+    tick_hz: u64,
     axes: [Axis; AXES.len()],
     pins: Option<Pins>,
     refused: usize,
+    /// When the person saw the positions last, µs.
+    shown: Option<u64>,
     /// When the board was last asked whether all axes rest, while moves are waited for, and its answer.
     last_look: Option<(u64, bool)>,
 }
@@ -257,90 +458,76 @@ struct VerbSession<P> {
 fn connect<P: Port>(
     port: P,
     baud: Baud,
+    wiring: &Wiring,
     goes_on: impl FnMut() -> bool,
-) -> Result<(Remote<P>, Setup, Obeyed), RemoteError> {
+) -> miette::Result<(Remote<P>, Setup, Obeyed)> {
+    let problem = |error: RemoteError| drive_problem(error.into());
     let number = session_number();
-    let remote = Remote::open(port, number)?;
-    let (is_uno, image) = (remote.info().board == UNO, remote.info().image);
-    if is_uno && image != image::VERBS {
+    let remote = Remote::open(port, number).map_err(problem)?;
+    let (kind, image) = (BoardKind::numbered(remote.info().board), remote.info().image);
+    if !matches!(image, 0 | image::VERBS) {
         remote.close();
-        return Err(RemoteError::OtherImage { is: image_name(image), wanted: image_name(image::VERBS) });
+        return Err(problem(RemoteError::OtherImage { is: image_name(image), wanted: image_name(image::VERBS) }));
     }
-    let setup = wiring(is_uno);
-    let mut remote = set_up(remote, &setup, baud, number, goes_on)?;
+    let setup =
+        kind.ok_or_else(|| miette!("the board is {}", name_of(remote.info()))).and_then(|kind| wiring.setup(kind));
+    let setup = match setup {
+        Ok(setup) => setup,
+        Err(error) => {
+            remote.close();
+            return Err(error);
+        }
+    };
+    let mut remote = set_up(remote, &setup, baud, number, goes_on).map_err(problem)?;
     // A board without verbs refuses here, before anything else is sent.
     match remote.tell_motors(&[]) {
         Ok(first) => Ok((remote, setup, first)),
         Err(error) => {
             remote.close();
-            Err(error)
+            Err(problem(error))
         }
     }
 }
 
-/// Runs the command on a board. `name` is the port's name, empty for a virtual board. `lines` is called once the board
-/// is connected, so that no line is read before.
+/// Runs the command on a board. `name` is the port's name, empty for a virtual board, whose pins are seen. Lines are read once the board
+/// is connected.
 fn run_on<P: Port>(
     port: P,
     name: &str,
     baud: Baud,
-    lines: impl FnOnce() -> Lines,
-    pins: Option<Pins>,
+    wiring: &Wiring,
+    script: Option<Vec<Timed>>,
+    has_pins: bool,
     console: &mut Console<'_>,
 ) -> miette::Result<Exit> {
-    let (remote, setup, first) =
-        connect(port, baud, waits_with_notice(console, name)).map_err(|error| drive_problem(error.into()))?;
-    let mut lines = lines();
-    let mut session = VerbSession { remote, setup, axes: Default::default(), pins, refused: 0, last_look: None };
-    let tick_hz = u64::from(session.remote.info().tick_hz);
-    let begin = session.remote.now();
-    console.print(format_args!(
-        "{} ticks a second; axes {}\n",
-        human::count(tick_hz.into()),
-        written(&VerbReply::At { obeyed: first, axes: ALL })
-    ))?;
-    let mut next: Option<Timed> = None;
-    let mut has_ended = false;
-    while !has_ended || session.waits() {
-        if interrupt::wanted() {
-            return session.stop(console);
-        }
-        let mut until = session.remote.now() + tick_hz / ROUNDS_PER_S;
-        match &mut lines {
-            Lines::Script(script) => {
-                next = next.or_else(|| script.next());
-                has_ended = next.is_none();
-                if let Some((at_s, told)) = next {
-                    let due = begin + (at_s * tick_hz as f64) as u64;
-                    if session.remote.now() >= due {
-                        next = None;
-                        session.tell(&told, console)?;
-                        continue;
-                    }
-                    until = until.min(due);
-                }
-            }
-            Lines::Typed(typed) => match typed.try_recv() {
-                Ok(_) if has_ended => {}
-                Ok(line) => match without_comment(&line).trim_start() {
-                    "" => {}
-                    "help" | "?" => console.print(HELP)?,
-                    "quit" | "exit" => has_ended = true,
-                    line => {
-                        session.read(line, console)?;
-                        continue;
-                    }
-                },
-                Err(TryRecvError::Empty) => {}
-                Err(TryRecvError::Disconnected) => has_ended = true,
-            },
-        }
-        session.go_on(until, console)?;
-        if has_ended {
-            session.look(console)?;
-        }
+    let (remote, setup, first) = connect(port, baud, wiring, waits_with_notice(console, name))?;
+    let (tick_hz, pins) = (u64::from(remote.info().tick_hz), has_pins.then(Pins::default));
+    let begun = Begun { remote, wiring, setup, tick_hz, pins };
+    if script.is_none() && stdin().is_terminal() && stdout().is_terminal() {
+        console.print("`help` tells the lines, Ctrl-C halts all axes, `quit` ends\n")?;
+        let mut terminal = Terminal::new(console.out, STOP).map_err(ConsoleError::from)?;
+        return begun.session(&mut terminal).run(first, None);
     }
-    session.finish(console)
+    // No line is read before, and none with a script.
+    let lines = if script.is_none() { typed() } else { channel().1 };
+    begun.session(&mut Plain::new(lines, console.out)).run(first, script)
+}
+
+/// A board that is set up, before somebody moves it.
+struct Begun<'a, P> {
+    remote: Remote<P>,
+    wiring: &'a Wiring,
+    setup: Setup,
+    tick_hz: u64,
+    pins: Option<Pins>,
+}
+
+impl<'a, P: Port> Begun<'a, P> {
+    fn session<T: Person>(self, person: &'a mut T) -> VerbSession<'a, P, T> {
+        let Begun { remote, wiring, setup, tick_hz, pins } = self;
+        let axes = Default::default();
+        VerbSession { remote, person, wiring, setup, tick_hz, axes, pins, refused: 0, shown: None, last_look: None }
+    }
 }
 
 /// A mask of all axes, as [`LineOrders::axes`] has it.
@@ -352,29 +539,109 @@ fn names(is_one: impl Fn(usize) -> bool) -> String {
     named.map(|(_, name)| char::from(*name)).collect()
 }
 
-impl<P: Port> VerbSession<P> {
+impl<'a, P: Port, T: Person> VerbSession<'a, P, T> {
+    /// Tells the axes what a script or the person says, until all is done.
+    fn run(mut self, first: Obeyed, script: Option<Vec<Timed>>) -> miette::Result<Exit> {
+        let begin = self.remote.now();
+        let ticks = human::count(self.tick_hz.into());
+        self.say(format_args!(
+            "{ticks} ticks a second; axes {}\n",
+            written(&VerbReply::At { obeyed: first, axes: ALL })
+        ))?;
+        let is_typed = script.is_none();
+        let mut script = script.unwrap_or_default().into_iter().peekable();
+        let mut has_ended = false;
+        while !has_ended || self.waits() {
+            if interrupt::wanted() {
+                return self.stop();
+            }
+            let mut until = self.remote.now() + self.tick_hz / ROUNDS_PER_S;
+            if is_typed {
+                for input in self.person.inputs().map_err(ConsoleError::from)? {
+                    match input {
+                        ConsoleInput::Stop => self.order(STOP)?,
+                        ConsoleInput::End => has_ended = true,
+                        ConsoleInput::Line(_) if has_ended => {}
+                        ConsoleInput::Line(line) => has_ended = self.read(&line)?,
+                    }
+                }
+            } else {
+                has_ended = script.peek().is_none();
+                let due = |next: &Timed| begin + (next.at_s * self.tick_hz as f64) as u64;
+                if let Some(next) = script.next_if(|next| self.remote.now() >= due(next)) {
+                    self.order(&next.orders)?;
+                    continue;
+                }
+                until = script.peek().map_or(until, |next| until.min(due(next)));
+            }
+            self.go_on(until)?;
+            if has_ended {
+                self.look()?;
+            }
+        }
+        self.finish()
+    }
+
+    /// Tells the person something. A reader that has gone away (`| head`) is no error.
+    fn say(&mut self, text: impl Display) -> miette::Result<()> {
+        match self.person.tell(&text.to_string()) {
+            Err(error) if error.kind() == ErrorKind::BrokenPipe => Ok(()),
+            done => Ok(done.map_err(ConsoleError::from)?),
+        }
+    }
+
     /// Whether a move is still to be done. A stationary axis would never finish its move.
     fn waits(&self) -> bool {
         self.axes.iter().any(|axis| axis.moves > 0 && !axis.is_stationary)
     }
 
-    /// Reads a line, and sends its orders.
-    fn read(&mut self, line: &str, console: &mut Console<'_>) -> miette::Result<()> {
+    /// Reads a typed line. Whether it ends the console.
+    fn read(&mut self, line: &str) -> miette::Result<bool> {
+        for order in without_comment(line).split(';').map(str::trim).filter(|order| !order.is_empty()) {
+            match order {
+                "help" | "?" => self.say(HELP)?,
+                "quit" | "exit" => return Ok(true),
+                "where" => {
+                    let obeyed = self.remote.tell_motors(&[]).map_err(|error| drive_problem(error.into()))?;
+                    self.say(format_args!("{}\n", written(&VerbReply::At { obeyed, axes: ALL })))?;
+                }
+                order => self.order(order)?,
+            }
+        }
+        Ok(false)
+    }
+
+    /// Sends an order.
+    fn order(&mut self, line: &str) -> miette::Result<()> {
+        let line = match self.wiring.in_ticks(line, self.tick_hz as f64) {
+            Ok(line) => line,
+            Err(why) => {
+                self.refused += 1;
+                return self.say(format_args!("err speed: {why}\n"));
+            }
+        };
         match text::read(line.as_bytes()) {
-            VerbLine::Orders(told) => self.tell(&told, console),
-            VerbLine::Unknown => self.refuse("err command 1", console),
-            VerbLine::Refused(what, word) => self.refuse(&written(&VerbReply::Unread(what, word)), console),
+            VerbLine::Orders(told) if told.axes() != ALL && told.axes() >> self.setup.motors.len() != 0 => {
+                let there = names(|axis| axis < self.setup.motors.len());
+                self.refused += 1;
+                self.say(format_args!("err flags 2: the axes are {there}\n"))
+            }
+            VerbLine::Orders(told) => self.tell(&told),
+            VerbLine::Unknown => self.refuse("err command 1"),
+            VerbLine::Refused(what, word) => self.refuse(&written(&VerbReply::Unread(what, word))),
         }
     }
 
-    fn refuse(&mut self, said: &str, console: &mut Console<'_>) -> miette::Result<()> {
+    fn refuse(&mut self, said: &str) -> miette::Result<()> {
         self.refused += 1;
         let means = meaning(said).map_or_else(String::new, |means| format!(": {means}"));
-        console.print(format_args!("{said}{means}\n"))
+        self.say(format_args!("{said}{means}\n"))
     }
 
-    fn tell(&mut self, told: &LineOrders, console: &mut Console<'_>) -> miette::Result<()> {
-        let orders: Vec<(u8, Verb)> = told.orders().map(|orders| orders.iter().collect()).unwrap_or_default();
+    fn tell(&mut self, told: &LineOrders) -> miette::Result<()> {
+        let orders = told.orders().into_iter().flat_map(|orders| orders.iter().collect::<Vec<_>>());
+        // `halt` alone is of all axes that are there.
+        let orders: Vec<(u8, Verb)> = orders.filter(|(axis, _)| usize::from(*axis) < self.setup.motors.len()).collect();
         match self.remote.tell_motors(&orders) {
             Ok(obeyed) => {
                 // An answer that got lost is sent again. Its orders may be done, and their `done` received, before it
@@ -382,18 +649,18 @@ impl<P: Port> VerbSession<P> {
                 for (axis, verb) in orders {
                     self.axes[usize::from(axis)].hear(verb, obeyed.tick);
                 }
-                self.events(console)?;
-                console.print(format_args!("{}\n", written(&VerbReply::At { obeyed, axes: told.axes() })))
+                self.events()?;
+                self.say(format_args!("{}\n", written(&VerbReply::At { obeyed, axes: told.axes() })))
             }
             Err(RemoteError::Refused { reason: reason @ (Reason::Period | Reason::Busy), detail, .. }) => {
-                self.refuse(&written(&VerbReply::Refused(Refusal { reason, detail })), console)
+                self.refuse(&written(&VerbReply::Refused(Refusal { reason, detail })))
             }
             Err(error) => Err(drive_problem(error.into())),
         }
     }
 
-    /// Lets time pass, and prints what the board reports.
-    fn go_on(&mut self, until: u64, console: &mut Console<'_>) -> miette::Result<()> {
+    /// Lets time pass, and tells what the board reports.
+    fn go_on(&mut self, until: u64) -> miette::Result<()> {
         let VerbSession { remote, setup, pins, .. } = self;
         remote.advance(until, &mut |edge: Edge| {
             if let Some(pins) = pins {
@@ -403,29 +670,40 @@ impl<P: Port> VerbSession<P> {
         if let Some(error) = remote.error() {
             return Err(drive_problem(error.clone().into()));
         }
-        self.events(console)
+        self.events()?;
+        if self.person.shows_positions() {
+            let usec = (self.remote.now() as f64 * 1e6 / self.tick_hz as f64) as u64;
+            let mut positions = [0; AXES.len()];
+            // Counts of boards have 32 bits.
+            positions.iter_mut().zip(self.remote.positions()).for_each(|(to, from)| *to = from as i32);
+            if self.shown.is_none_or(|shown| usec >= shown + SHOW_EVERY_US) {
+                self.shown = Some(usec);
+                self.person.show(&BoardLine::Status(Status { usec, positions })).map_err(ConsoleError::from)?;
+            }
+        }
+        Ok(())
     }
 
     /// A `done` may get lost, so the board is asked once a second whether all axes rest. After two answers that they
     /// do, no move is left.
-    fn look(&mut self, console: &mut Console<'_>) -> miette::Result<()> {
-        let (now, tick_hz) = (self.remote.now(), u64::from(self.remote.info().tick_hz));
+    fn look(&mut self) -> miette::Result<()> {
+        let now = self.remote.now();
         let (at, rested) = *self.last_look.get_or_insert((now, false));
-        if !self.waits() || now < at + tick_hz {
+        if !self.waits() || now < at + self.tick_hz {
             return Ok(());
         }
         let rests = self.remote.status().map_err(|error| drive_problem(error.into()))?.is_idle();
-        self.events(console)?;
+        self.events()?;
         self.last_look = Some((now, rests));
         if rests && rested && self.waits() {
             let unheard = names(|axis| self.axes[axis].moves > 0);
-            console.print(format_args!("all rest; a `done` got lost on the way, of {unheard}\n"))?;
+            self.say(format_args!("all rest; a `done` got lost on the way, of {unheard}\n"))?;
             self.axes.iter_mut().for_each(|axis| axis.moves = 0);
         }
         Ok(())
     }
 
-    fn events(&mut self, console: &mut Console<'_>) -> miette::Result<()> {
+    fn events(&mut self) -> miette::Result<()> {
         for event in self.remote.events() {
             match event.cause {
                 Cause::MoveDone => {
@@ -433,7 +711,7 @@ impl<P: Port> VerbSession<P> {
                         axis.done(event.tick);
                     }
                     let done = VerbReply::Done { axis: event.motor, tick: event.tick, number: event.detail };
-                    console.print(format_args!("{}\n", written(&done)))?;
+                    self.say(format_args!("{}\n", written(&done)))?;
                 }
                 Cause::Finished => {}
                 cause => {
@@ -446,21 +724,21 @@ impl<P: Port> VerbSession<P> {
     }
 
     /// Stops at once, for Ctrl-C: no further step is begun.
-    fn stop(mut self, console: &mut Console<'_>) -> miette::Result<Exit> {
+    fn stop(mut self) -> miette::Result<Exit> {
         let (stopped, positions) = self.remote.stop_motors().map_err(|error| drive_problem(error.into()))?;
         let counts: Vec<String> =
             AXES.iter().zip(&positions).map(|(axis, at)| format!("{} {at}", char::from(*axis))).collect();
-        console.print(format_args!("stopped at once: {}\n", counts.join(", ")))?;
+        self.say(format_args!("stopped at once: {}\n", counts.join(", ")))?;
         if stopped.uncertain != 0 {
             let uncertain = names(|axis| stopped.uncertain >> axis & 1 == 1);
-            console.print(format_args!("uncertain {uncertain}: they were stepping, and may stand elsewhere\n"))?;
+            self.say(format_args!("uncertain {uncertain}: they were stepping, and may stand elsewhere\n"))?;
         }
         self.remote.close();
         Ok(Exit::BoundBroken)
     }
 
-    /// Ends the run: prints the positions, and for a virtual board whether its pins agree with them.
-    fn finish(mut self, console: &mut Console<'_>) -> miette::Result<Exit> {
+    /// Ends the run: tells the positions, and for a virtual board whether its pins agree with them.
+    fn finish(mut self) -> miette::Result<Exit> {
         let runs = names(|axis| self.axes[axis].runs);
         let waits = names(|axis| self.axes[axis].moves > 0);
         if !runs.is_empty() {
@@ -468,31 +746,38 @@ impl<P: Port> VerbSession<P> {
             let orders: Vec<(u8, Verb)> =
                 (0..).zip(&self.axes).filter(|(_, axis)| axis.runs).map(|(axis, _)| (axis, Verb::Halt)).collect();
             self.remote.tell_motors(&orders).map_err(|error| drive_problem(error.into()))?;
-            console.print(format_args!("halted at the end, as they had none: {runs}\n"))?;
+            self.say(format_args!("halted at the end, as they had none: {runs}\n"))?;
         }
         if !waits.is_empty() {
-            console.print(format_args!("moves of stationary axes are forgotten: {waits}\n"))?;
+            self.say(format_args!("moves of stationary axes are forgotten: {waits}\n"))?;
         }
         // Wait for the last period of a halted axis, and for the end of pulses.
-        let tick_hz = u64::from(self.remote.info().tick_hz);
-        self.go_on(self.remote.now() + tick_hz / ROUNDS_PER_S, console)?;
+        self.go_on(self.remote.now() + self.tick_hz / ROUNDS_PER_S)?;
         let obeyed = self.remote.tell_motors(&[]).map_err(|error| drive_problem(error.into()))?;
-        console.print(format_args!("{}\n", written(&VerbReply::At { obeyed, axes: ALL })))?;
-        self.go_on(obeyed.tick, console)?;
-        let VerbSession { remote, pins, refused, .. } = self;
-        remote.close();
-        let Some(Pins { counts, .. }) = pins else {
+        self.say(format_args!("{}\n", written(&VerbReply::At { obeyed, axes: ALL })))?;
+        self.go_on(obeyed.tick)?;
+        let verdict = self.pins.take().map(|mut pins| {
+            pins.finish(&self.setup);
+            let there = obeyed.motors().len();
+            let off = names(|axis| {
+                axis < there && obeyed.motors().get(axis).map(|next| next.position.into()) != Some(pins.counts[axis])
+            });
+            let counted = AXES.iter().zip(pins.counts).take(there);
+            let counted: Vec<String> = counted.map(|(axis, count)| format!("{} {count}", char::from(*axis))).collect();
+            (off, counted.join(", "))
+        });
+        let refused = self.refused;
+        let Some((off, counted)) = verdict else {
+            self.remote.close();
             return Ok(if refused == 0 { Exit::Success } else { Exit::BoundBroken });
         };
-        let off = names(|axis| counts.get(axis).copied() != obeyed.motors().get(axis).map(|next| next.position.into()));
-        let counted: Vec<String> =
-            AXES.iter().zip(counts).map(|(axis, count)| format!("{} {count}", char::from(*axis))).collect();
         let verdict = match off.as_str() {
             "" if refused == 0 => "PASS: as the board counts".to_owned(),
             "" => format!("FAIL: lines refused: {refused}; the pins are as the board counts"),
             off => format!("FAIL: the board counts others of {off}"),
         };
-        console.print(format_args!("steps at the pins: {}\n{verdict}\n", counted.join(", ")))?;
+        self.say(format_args!("steps at the pins: {counted}\n{verdict}\n"))?;
+        self.remote.close();
         Ok(if refused == 0 && off.is_empty() { Exit::Success } else { Exit::BoundBroken })
     }
 }
@@ -503,6 +788,7 @@ mod tests {
     use pulsetrain_board::PortError;
     use pulsetrain_board::shared::Shared;
     use pulsetrain_board::virtual_pico::VirtualPico;
+    use std::sync::mpsc::Receiver;
     use std::time::Duration;
 
     /// A board for several hosts in turn, whose answers are lost for a while. Its port is gone in the end.
@@ -519,11 +805,20 @@ mod tests {
         }
     }
 
-    /// Runs lines on a board. Gives how that ended, and what was printed.
-    fn held(port: Deaf, lines: Lines) -> (miette::Result<Exit>, String) {
-        let (mut out, mut err) = (Vec::new(), Vec::new());
-        let mut console = Console { out: &mut out, err: &mut err, err_is_terminal: false };
-        let exit = run_on(port, "", Baud::B1M, || lines, None, &mut console);
+    /// Runs a script, or lines that are typed, on a board. Gives how that ended, and what was printed.
+    fn held<P: Port>(
+        port: P,
+        wiring: &Wiring,
+        script: Option<Vec<Timed>>,
+        lines: Receiver<String>,
+        pins: Option<Pins>,
+    ) -> (miette::Result<Exit>, String) {
+        let mut out = Vec::new();
+        let exit = connect(port, Baud::B1M, wiring, || true).and_then(|(remote, setup, first)| {
+            let tick_hz = u64::from(remote.info().tick_hz);
+            let begun = Begun { remote, wiring, setup, tick_hz, pins };
+            begun.session(&mut Plain::new(lines, &mut out)).run(first, script)
+        });
         (exit, String::from_utf8(out).unwrap())
     }
 
@@ -556,15 +851,50 @@ mod tests {
     /// If the script's file is missing, the help must not be about its lines.
     #[test]
     fn who_names_no_file_is_not_told_of_lines() {
-        let error = load(Path::new("no such script.txt")).unwrap_err();
+        let error = load_script(Path::new("no such script.txt"), &Wiring::default()).unwrap_err();
         assert!(error.to_string().starts_with("cannot read no such script.txt: "), "{error}");
         assert!(error.help().is_none());
+    }
+
+    /// The line in ticks of a board with 16 MHz, or a part of the refusal.
+    #[track_caller]
+    fn check_speed(wiring: &Wiring, line: &str, expected: Result<&str, &str>) {
+        match (wiring.in_ticks(line, 16e6), expected) {
+            (Ok(line), Ok(expected)) => assert_eq!(line, expected),
+            (Err(why), Err(part)) => assert!(why.contains(part), "{line}: {why}"),
+            (told, expected) => panic!("{line}: {told:?}, not {expected:?}"),
+        }
+    }
+
+    #[test]
+    fn speeds_may_have_units() {
+        let plain = Wiring::default();
+        check_speed(&plain, "speed xy 32000 16000", Ok("speed xy 32000 16000"));
+        check_speed(&plain, "speed xy 500 steps/s", Ok("speed xy 32000 32000"));
+        check_speed(&plain, "speed xy 500 steps/s 1000steps/s", Ok("speed xy 32000 16000"));
+        check_speed(&plain, "speed xy 0.5 steps/s 16000", Ok("speed xy 32000000 16000"));
+        check_speed(&plain, "move x 5", Ok("move x 5"));
+        check_speed(&plain, "speed x", Ok("speed x"));
+        check_speed(&plain, "speed x 30 rpm", Err("--steps-per-rev"));
+        check_speed(&plain, "speed x -5 steps/s", Err("more than 0"));
+        check_speed(&plain, "speed x 0 steps/s", Err("more than 0"));
+        check_speed(&plain, "speed x 5 steps", Err("a speed is"));
+        check_speed(&plain, "speed x 1e30 steps/s", Err("beyond"));
+        check_speed(&plain, "speed x 5 stps/s", Err("unknown unit"));
+        check_speed(&plain, "speed xyz 5 steps/s 6 steps/s", Err("2 speeds for 3 axes"));
+        let turn = PositionUnits { steps_per_turn: 3200.0, steps_per_mm: None, steps_per_full_step: 16.0 };
+        let turning =
+            Wiring { units: vec![turn, PositionUnits { steps_per_turn: 400.0, ..turn }], ..Wiring::default() };
+        check_speed(&turning, "speed xy 30 rpm", Ok("speed xy 10000 80000"));
+        check_speed(&turning, "speed x 180 deg/s", Ok("speed x 10000"));
+        check_speed(&turning, "speed x 10 mm/s", Err("how many steps"));
+        check_speed(&turning, "speed z 30 rpm", Err("how many steps"));
     }
 
     /// If the pins miss an edge, the counts differ.
     #[test]
     fn pins_count_each_rise_of_step_the_way_that_dir_has() {
-        let setup = wiring(true);
+        let setup = BoardKind::Uno.axes();
         let mut pins = Pins::default();
         let edge = |line, level| Edge { tick: 0, line, level };
         for (line, level) in
@@ -603,10 +933,11 @@ mod tests {
         fn a_board_that_still_moves_is_left_moving() {
             let port = Deaf::new(Duration::ZERO..Duration::ZERO, Duration::from_secs(9));
             let mut first = Remote::open(port.clone(), 1).unwrap();
-            first.configure(&wiring(false)).unwrap();
+            first.configure(&BoardKind::Pico.axes()).unwrap();
             first.tell_motors(&[(0, Verb::Move { steps: 100_000 })]).unwrap();
             first.close();
-            assert_eq!(connect(port.clone(), Baud::B1M, || false).err(), Some(RemoteError::StillMoving));
+            let refused = connect(port.clone(), Baud::B1M, &Wiring::default(), || false).err().unwrap();
+            assert_eq!(refused.to_string(), RemoteError::StillMoving.to_string());
             // Longer than the silence after which a host counts as lost.
             let (mut idle, until) = (port.clone(), port.now() + Duration::from_secs(3));
             while idle.now() < until {
@@ -620,11 +951,11 @@ mod tests {
         #[test]
         fn a_move_ends_whatever_gets_lost() {
             let mut seen = [0, 0];
-            let VerbLine::Orders(told) = text::read(b"move x 0") else { panic!("a line") };
             for begin in (334_000..350_000).step_by(1000) {
                 let begin = Duration::from_micros(begin);
                 let port = Deaf::new(begin..begin + Duration::from_millis(6), Duration::from_secs(4));
-                let (exit, said) = held(port, lines(Some(vec![(0.1, told)])));
+                let script = vec![Timed { at_s: 0.1, orders: "move x 0".to_owned() }];
+                let (exit, said) = held(port, &Wiring::default(), Some(script), channel().1, None);
                 assert!(matches!(exit, Ok(Exit::Success)), "{begin:?}: {exit:?} {said}");
                 let (at, done) = (said.rfind("\nat ").unwrap(), said.find("\ndone x "));
                 assert_eq!(done.is_none(), said.contains("got lost on the way, of x\n"), "{begin:?}: {said}");
@@ -637,14 +968,55 @@ mod tests {
 
         #[test]
         fn typed_lines_may_have_comments_as_those_of_files() {
-            let (typed, lines) = std::sync::mpsc::channel();
+            let (typed, lines) = channel();
             for line in ["# a note", "  speed x 125000 # a kilohertz", "move x 3#and no more", "quit # it is done"] {
                 typed.send(line.to_owned()).unwrap();
             }
             let port = Deaf::new(Duration::ZERO..Duration::ZERO, Duration::from_secs(4));
-            let (exit, said) = held(port, Lines::Typed(lines));
+            let (exit, said) = held(port, &Wiring::default(), None, lines, None);
             assert!(matches!(exit, Ok(Exit::Success)), "{exit:?} {said}");
             assert!(said.contains("\ndone x ") && said.trim_end().ends_with(" x 3 - y 0 - z 0 - a 0 -"), "{said}");
+        }
+
+        /// Runs lines on a virtual Pico whose pins are seen.
+        fn typed_on_pico(wiring: &Wiring, lines: &[&str]) -> (miette::Result<Exit>, String) {
+            let (typed, receiver) = channel();
+            for line in lines {
+                typed.send((*line).to_owned()).unwrap();
+            }
+            drop(typed);
+            held(VirtualPico::on_usb(), wiring, None, receiver, Some(Pins::default()))
+        }
+
+        /// Both ways, through all phases, and with a turn: a coil that is switched at the wrong time makes another count.
+        #[test]
+        fn coils_step_as_they_are_told() {
+            for coils in [Coils::Wave, Coils::Full, Coils::Half] {
+                let wiring = Wiring { coils: Some(coils), ..Wiring::default() };
+                let script =
+                    [(0.1, "speed xa 500 steps/s"), (0.1, "move xa 21 3"), (0.3, "dir x -1"), (0.3, "move x 4")];
+                let script = script.map(|(at_s, orders)| Timed { at_s, orders: orders.to_owned() }).to_vec();
+                let pins = Some(Pins::default());
+                let (exit, said) = held(VirtualPico::on_usb(), &wiring, Some(script), channel().1, pins);
+                assert!(matches!(exit, Ok(Exit::Success)), "{coils:?}: {exit:?} {said}");
+                assert!(
+                    said.ends_with("steps at the pins: x 17, y 0, z 0, a 3\nPASS: as the board counts\n"),
+                    "{coils:?}: {said}"
+                );
+            }
+            let uno = Wiring { coils: Some(Coils::Half), ..Wiring::default() }.setup(BoardKind::Uno).unwrap_err();
+            assert!(uno.to_string().contains("only a Pico"), "{uno}");
+        }
+
+        #[test]
+        fn an_axis_that_is_not_there_is_refused() {
+            let file = concat!(env!("CARGO_MANIFEST_DIR"), "/../../examples/first-pico.toml");
+            let units = crate::load::contents(Path::new(file)).unwrap().units;
+            let wiring = Wiring { motors: Some(file.into()), units, ..Wiring::default() };
+            let (exit, said) = typed_on_pico(&wiring, &["speed x 5 rpm", "move x 10", "move y 1", "halt"]);
+            assert!(matches!(exit, Ok(Exit::BoundBroken)), "{exit:?} {said}");
+            assert!(said.contains("err flags 2: the axes are x\n"), "{said}");
+            assert!(said.contains("FAIL: lines refused: 1; the pins are as the board counts"), "{said}");
         }
     }
 }

@@ -6,8 +6,10 @@ use clap::{Args, ValueEnum};
 use miette::miette;
 use pulsetrain_board::BoardKind;
 use pulsetrain_motion::Time;
+use pulsetrain_motion::quantity::nearest;
 use pulsetrain_trace::capture::{self, Capture};
 use pulsetrain_trace::verdict::{self, Align, JudgeError, Options};
+use pulsetrain_trace::{Line, lines};
 use std::path::PathBuf;
 
 use crate::consent::{self, Consent};
@@ -78,9 +80,17 @@ pub(crate) fn run(args: &VerifyArgs, console: &mut Console<'_>) -> miette::Resul
             "captures are VCD, CSV of Saleae's or PulseView's, steps.csv, or a camera's track: CSV of time and angle";
         miette!(help = help, "{shown}: {error}")
     })?;
+    let of_motion = lines::of(program);
     for (from, to) in &args.line {
+        if !names(&of_motion).any(|name| name.eq_ignore_ascii_case(to)) {
+            let help = did_you_mean(to, &of_motion);
+            return Err(miette!(help = help, "--line \"{from}={to}\": the motion has no line {to}"));
+        }
         match &mut capture {
-            Capture::Edges(trace) => trace.alias(from, to).map_err(|error| miette!("{shown}: {error}"))?,
+            Capture::Edges(trace) => {
+                let help = did_you_mean(from, &trace.lines);
+                trace.alias(from, to).map_err(|error| miette!(help = help, "{shown}: {error}"))?;
+            }
             Capture::Steps(_) | Capture::Film(_) => {
                 return Err(miette!("{shown} has no lines: --line is for VCD and CSV of analysers"));
             }
@@ -133,6 +143,18 @@ pub(crate) fn run(args: &VerifyArgs, console: &mut Console<'_>) -> miette::Resul
         }
     }
     Ok(exit(report.ok))
+}
+
+fn names(lines: &[Line]) -> impl Iterator<Item = &str> {
+    lines.iter().flat_map(|line| &line.names).map(String::as_str)
+}
+
+/// The line that a misspelt name is nearest to; else all lines.
+fn did_you_mean(name: &str, lines: &[Line]) -> String {
+    match nearest(name, names(lines)) {
+        Some(near) => format!("did you mean {near}?"),
+        None => format!("the lines are {}", names(lines).collect::<Vec<_>>().join(", ")),
+    }
 }
 
 fn exit(ok: bool) -> Exit {

@@ -29,7 +29,7 @@ use crate::winch::run::{
     Judged, Names, Run, ScriptControl, judge, judge_by_statuses, on_port, on_virtual, positions_off_zero,
 };
 use crate::winch::script::{self, Script};
-use crate::winch::talk::Talk;
+use crate::winch::talk::{STOP, Talk};
 use crate::winch::terminal::Terminal;
 use crate::{interrupt, serve};
 use pulsetrain_motion::human;
@@ -52,7 +52,7 @@ Examples:
   pulsetrain winch script.txt --native --out out/script
   pulsetrain winch --port /dev/ttyACM0
   echo \"a x 200\" | pulsetrain winch --native
-  echo \"move x 2000\" | pulsetrain winch --board pico     MOVE, SPEED, DIRECTION: docs/pico.md")]
+  echo \"move x 2000\" | pulsetrain winch --board pico     MOVE, SPEED, DIRECTION: docs/verbs.md")]
 pub(crate) struct WinchArgs {
     /// Script of timed lines, or motion file (.toml) with law.winch; without one it is a console
     pub(crate) script: Option<PathBuf>,
@@ -256,7 +256,7 @@ fn run_console<P: Port>((mut talk, board): (Talk<P>, String), console: &mut Cons
         console.print(format_args!("{board}; `help` tells the commands, Ctrl-C stops all axes, `quit` ends\n"))?;
         // The screen shows positions as they change.
         talk.tell(&talk.as_wanted("srate 50")).map_err(port_problem)?;
-        let ended = Terminal::new(console.out)
+        let ended = Terminal::new(console.out, STOP)
             .map_err(ConsoleError::from)
             .and_then(|mut terminal| converse(&mut talk, &mut terminal));
         // Back to the usual interval. If the port is gone, that is reported already.

@@ -46,6 +46,11 @@ pub trait Person {
 
     /// Whether the console, once its input has ended, waits until the axes rest.
     fn waits_for_rest(&self) -> bool;
+
+    /// Whether it shows positions as they change.
+    fn shows_positions(&self) -> bool {
+        false
+    }
 }
 
 /// Why a console failed.
@@ -76,7 +81,7 @@ pub const HELP: &str = "\
   enable 0                    stop all axes, then drivers off     enable 1    drivers on
   srate <ms>    status lines, 1 to 65 535     deadman <ms>    stop after so long a silence, up to 65 535; 0: never
   strict 0|1    refuse irregular lines      version, ping
-  on a Pico:  move <axes> <n>…  run <axes>  speed <axes> <ticks>…  dir <axes> <1, -1, 0>…  halt    told directly: docs/pico.md
+  on a Pico:  move <axes> <n>…  run <axes>  speed <axes> <ticks>…  dir <axes> <1, -1, 0>…  halt    told directly: docs/verbs.md
   help, quit    of this console; quit leaves the board as it is
 ";
 

@@ -119,7 +119,7 @@ pub struct Talk<P> {
 }
 
 /// Stops all axes. [`Talk::as_wanted`] adds a checksum for a board that wants one.
-pub(super) const STOP: &str = "enable 0";
+pub(crate) const STOP: &str = "enable 0";
 
 /// Time of a byte on the line at 115 200 baud.
 pub(super) const BYTE: Duration = Duration::from_nanos(86_806);

@@ -22,17 +22,19 @@ pub(crate) struct Terminal<'a> {
     has_stopped: bool,
     /// The last line that was typed: a refusal is about it.
     told: String,
+    /// The line that Ctrl-C stands for.
+    stop: &'static str,
 }
 
 impl<'a> Terminal<'a> {
-    /// Sets the terminal to raw mode.
+    /// Sets the terminal to raw mode. `stop` is the line that Ctrl-C stands for.
     ///
     /// # Errors
     /// If it is no terminal.
-    pub(crate) fn new(out: &'a mut dyn Write) -> io::Result<Terminal<'a>> {
+    pub(crate) fn new(out: &'a mut dyn Write, stop: &'static str) -> io::Result<Terminal<'a>> {
         terminal::enable_raw_mode()?;
-        let mut terminal =
-            Terminal { screen: Screen::new(out), editor: Editor::default(), has_stopped: false, told: String::new() };
+        let (screen, editor) = (Screen::new(out), Editor::default());
+        let mut terminal = Terminal { screen, editor, has_stopped: false, told: String::new(), stop };
         terminal.screen.begin(&terminal.editor)?;
         Ok(terminal)
     }
@@ -73,7 +75,8 @@ impl Person for Terminal<'_> {
                 Pressed::Interrupt if self.has_stopped => inputs.push(ConsoleInput::End),
                 Pressed::Interrupt => {
                     self.has_stopped = true;
-                    self.screen.print("> enable 0      (Ctrl-C again, or quit, ends)", &self.editor)?;
+                    let line = format!("> {}      (Ctrl-C again, or quit, ends)", self.stop);
+                    self.screen.print(&line, &self.editor)?;
                     inputs.push(ConsoleInput::Stop);
                 }
                 Pressed::End => inputs.push(ConsoleInput::End),
@@ -104,6 +107,10 @@ impl Person for Terminal<'_> {
 
     fn waits_for_rest(&self) -> bool {
         false
+    }
+
+    fn shows_positions(&self) -> bool {
+        true
     }
 }
 

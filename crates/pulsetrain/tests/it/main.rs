@@ -4,6 +4,7 @@ mod bake;
 mod chips;
 mod commands;
 mod common;
+mod control;
 mod first_motion;
 mod flash;
 mod helps;

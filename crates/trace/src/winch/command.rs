@@ -76,7 +76,7 @@ const COMMANDS: &str = "a, d, v, r, s, g, l, enable, srate, deadman, strict, ver
 const LONGEST: usize = 80;
 const MOST_WORDS: usize = 10;
 
-/// What is answered to lines of `docs/pico.md`, which drive motors directly: a script is of paths, and those lines have none.
+/// What is answered to lines of `docs/verbs.md`, which drive motors directly: a script is of paths, and those lines have none.
 const VERB: &str = "scripts are of paths, and this tells motors directly: nothing would judge it. Without SCRIPT, `pulsetrain winch` \
                     takes such lines from the standard input";
 

@@ -13,7 +13,7 @@ use pulsetrain_testkit::Random;
 use pulsetrain_testkit::pico::{TICK_HZ, as_line, coils, native_config, overhead, step_dir};
 use std::time::Duration;
 
-/// What the firmware lets a motor be told: docs/pico.md.
+/// What the firmware lets a motor be told: docs/verbs.md.
 fn limits(setup: &Setup, motor: &MotorSetup) -> MotorTiming {
     let (work, least) = (if motor.coils().is_some() { 1000 } else { 125 }, overhead(setup, motor) + 1);
     let shortest = (work * setup.motors.len() as u32).max(least);
@@ -258,7 +258,7 @@ fn random_live_scripts() {
     }
 }
 
-/// What docs/pico.md promises as the shortest periods: all motors at once, all changing direction now and then.
+/// What docs/verbs.md promises as the shortest periods: all motors at once, all changing direction now and then.
 #[test]
 fn the_shortest_periods_hold() {
     let coils: Vec<_> = (0..6).map(|motor| coils(2 + 4 * motor, Sequence::Half)).collect();
@@ -294,7 +294,7 @@ fn what_is_told_shows_soon() {
             let delay = pulsetrain_testkit::delays::delay(rate, turns, times);
             println!("{rate} steps/s, turns {turns}: {delay:?}");
             assert!(delay.is_kept(), "{rate} steps/s, turns {turns}: {delay:?}");
-            // What docs/pico.md says of the tick, and a while to be read.
+            // What docs/verbs.md says of the tick, and a while to be read.
             assert!(delay.held_us <= 1500.0, "{delay:?}");
         }
     }
@@ -516,7 +516,7 @@ fn a_first_order_that_does_nothing_changes_nothing() {
     assert_eq!((rises, pico.positions(), pico.error()), (500, vec![500], None));
 }
 
-/// What docs/pico.md says of the tick from which on the first order holds, to motors that were armed long before: 3.6 ms after it came.
+/// What docs/verbs.md says of the tick from which on the first order holds, to motors that were armed long before: 3.6 ms after it came.
 #[test]
 fn the_first_order_holds_later() {
     let mut latest = 0.0_f64;

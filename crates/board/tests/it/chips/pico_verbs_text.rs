@@ -276,7 +276,7 @@ fn status_lines_go_on() {
     assert!(under_way > 30, "{status:?}");
 }
 
-/// What docs/pico.md says of the tick from which on a line holds: 1.5 ms after its end, and one that enables the drivers 2.3.
+/// What docs/verbs.md says of the tick from which on a line holds: 1.5 ms after its end, and one that enables the drivers 2.3.
 #[test]
 fn a_line_holds_soon() {
     let mut talk = Talk::new();

@@ -187,7 +187,7 @@ fn random_live_scripts() {
     }
 }
 
-/// What docs/pico.md promises as the shortest periods: all motors at once, in step and not, all changing direction now and then. What is
+/// What docs/verbs.md promises as the shortest periods: all motors at once, in step and not, all changing direction now and then. What is
 /// told is never put off until a host gives up.
 #[test]
 fn the_shortest_periods_hold() {
@@ -225,7 +225,7 @@ fn the_shortest_periods_hold() {
     }
 }
 
-/// From a host's call, over USB at 1 Mbaud, to the tick from which an order holds: what docs/pico.md promises, at the shortest periods and at
+/// From a host's call, over USB at 1 Mbaud, to the tick from which an order holds: what docs/verbs.md promises, at the shortest periods and at
 /// longer ones. `cargo xtask bench verbs` measures it.
 #[test]
 fn what_is_told_holds_soon() {

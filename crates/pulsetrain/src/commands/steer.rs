@@ -1,0 +1,127 @@
+//! `pulsetrain pause`, `resume` and `tempo`: change a run of this computer while it goes.
+
+use clap::Args;
+use miette::miette;
+use pulsetrain_motion::human;
+use pulsetrain_session::control::{Command, Event};
+
+use super::stop::chosen;
+use crate::console::{Console, Exit};
+use crate::control_socket::{RunClient, RunLine, runs};
+
+#[derive(Args, Debug)]
+#[command(after_help = "\
+Examples:
+  pulsetrain pause
+  pulsetrain resume --port /dev/ttyACM0")]
+pub(crate) struct PauseArgs {
+    #[command(flatten)]
+    run: WhichRun,
+}
+
+#[derive(Args, Debug)]
+#[command(after_help = "\
+The motors speed up or slow down within their limits. All of them keep their paths and phases. If a motor or the board \
+cannot follow, the tempo is the highest that they can, and the answer names the limit. In a pause it is the tempo of \
+the resumption.
+
+Examples:
+  pulsetrain tempo 0.5        half as fast
+  pulsetrain tempo 1          as the file has it")]
+pub(crate) struct TempoArgs {
+    /// The rate of the motion's time, above 0 and up to 10; 1 is as the file has it
+    rate: f64,
+    #[command(flatten)]
+    run: WhichRun,
+}
+
+/// Which run is changed.
+#[derive(Args, Debug)]
+struct WhichRun {
+    /// The run at this serial port, or of this name, as `pulsetrain status` lists it
+    #[arg(long, value_name = "PORT")]
+    port: Option<String>,
+    /// Print the run's answer as JSON
+    #[arg(long)]
+    json: bool,
+}
+
+impl PauseArgs {
+    pub(crate) fn wants_json(&self) -> bool {
+        self.run.json
+    }
+}
+
+impl TempoArgs {
+    pub(crate) fn wants_json(&self) -> bool {
+        self.run.json
+    }
+}
+
+pub(crate) fn pause(args: &PauseArgs, console: &mut Console<'_>) -> miette::Result<Exit> {
+    change(&args.run, Command::Pause, "pause", console)
+}
+
+pub(crate) fn resume(args: &PauseArgs, console: &mut Console<'_>) -> miette::Result<Exit> {
+    change(&args.run, Command::Resume, "resume", console)
+}
+
+pub(crate) fn tempo(args: &TempoArgs, console: &mut Console<'_>) -> miette::Result<Exit> {
+    change(&args.run, Command::Tempo { rate: args.rate }, "tempo", console)
+}
+
+fn change(which: &WhichRun, command: Command, name: &str, console: &mut Console<'_>) -> miette::Result<Exit> {
+    let mut chosen = chosen(runs()?, which.port.as_deref(), false, name)?;
+    let Some(mut run) = chosen.pop() else {
+        let port = which.port.as_deref().unwrap_or_default();
+        return Err(miette!(help = "`pulsetrain status` lists the runs", "no run of this computer has {port}"));
+    };
+    run.command(command)?;
+    let event = answer(&mut run, command)?;
+    if which.json {
+        console.print_json(&event)?;
+    } else {
+        console.print(format_args!("{} at {}: {}\n", run.info().file, run.info().place(), in_words(&event)))?;
+    }
+    Ok(Exit::Success)
+}
+
+/// Waits for the event that answers a command.
+fn answer(run: &mut RunClient, command: Command) -> miette::Result<Event> {
+    loop {
+        let line = run.next_line()?;
+        let info = run.info();
+        match line {
+            RunLine::Event(Event::Refused { command: refused, why }) if refused == command => {
+                return Err(miette!("{} at {}: {why}; the motion goes on as it was", info.file, info.place()));
+            }
+            RunLine::Event(event @ (Event::Pausing { .. } | Event::Resuming { .. } | Event::Tempo { .. })) => {
+                return Ok(event);
+            }
+            RunLine::Event(_) => {}
+            RunLine::Error { error } => return Err(miette!("the run at {}: {error}", info.place())),
+            RunLine::Ended(_) => return Err(miette!("{} at {} has ended", info.file, info.place())),
+        }
+    }
+}
+
+/// An event of a running motion, in words.
+pub(super) fn in_words(event: &Event) -> String {
+    let time = |at_s: f64| human::seconds_to(at_s, 4);
+    match event {
+        Event::Progress { at_s } => time(*at_s),
+        Event::Status(status) => time(status.at_s),
+        Event::Pausing { rests_s } => format!("a pause: the motors rest from {} on", time(*rests_s)),
+        Event::Resuming { full_speed_s } => format!("it goes on, at full speed from {} on", time(*full_speed_s)),
+        Event::Tempo { rate, from_s, ceiling } => {
+            let why = ceiling.as_ref().map(|limit| format!(", the highest that the motors follow: {limit}"));
+            let rate = human::significant(*rate, 4);
+            format!("tempo {rate} from {} on{}", time(*from_s), why.unwrap_or_default())
+        }
+        Event::Stopping { at_s } => format!("the motors brake from {} on", time(*at_s)),
+        Event::StoppedAtOnce { .. } => "the motors were stopped at once".to_owned(),
+        Event::Ended(_) => "it ended".to_owned(),
+        Event::Failed { why, .. } => format!("it failed: {why}"),
+        Event::Refused { command, why } => format!("{command:?} was refused: {why}"),
+    }
+}

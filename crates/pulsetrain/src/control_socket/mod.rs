@@ -1,0 +1,299 @@
+//! The control socket of a run. Other commands of the same user find the run there, send it commands, and follow its events.
+//!
+//! Each run listens at a Unix socket `NAME-PID.sock` in the user's runtime folder: `$XDG_RUNTIME_DIR/pulsetrain`, or
+//! `pulsetrain-UID` in the folder for temporary files. The folder has mode 0700 and the socket 0600, so that no other user
+//! can connect. Both sides send lines of JSON, at most [`LONGEST_LINE`] bytes each:
+//!
+//! 1. The run sends [`RunInfo`]. Its field `pulsetrain_control` is the protocol's version, [`VERSION`].
+//! 2. The client sends [`Command`]s, such as `{"command":"stop"}`, and `{"follow":true}` if it wants each status.
+//! 3. The run sends [`RunLine`]s: an [`Event`], an error about a line of the client, and at last [`RunEnded`].
+//!
+//! A client never delays a step: threads of its own read and write, and events that a client does not take are dropped.
+//! docs/control.md describes the same for other programs. Windows has no such socket yet.
+
+use std::io;
+use std::path::PathBuf;
+
+use miette::Diagnostic;
+use pulsetrain_motion::program::Program;
+use pulsetrain_session::control::{Command, Event};
+use serde::{Deserialize, Serialize};
+
+use crate::standing::Standing;
+
+#[cfg(unix)]
+mod client;
+#[cfg(unix)]
+mod server;
+#[cfg(not(unix))]
+mod without;
+
+#[cfg(unix)]
+pub(crate) use client::folder;
+#[cfg(unix)]
+pub use client::{RunClient, runs};
+#[cfg(unix)]
+pub use server::Control;
+#[cfg(not(unix))]
+pub use without::{Control, RunClient, runs};
+
+/// The protocol's version. It changes when a client of an older version could misread a line.
+pub const VERSION: u32 = 1;
+
+/// The longest line of a client, bytes, its end included.
+pub const LONGEST_LINE: usize = 4096;
+
+/// The first line of a run: what it is.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct RunInfo {
+    /// The protocol's version: [`VERSION`].
+    pub pulsetrain_control: u32,
+    /// The version of the program that runs.
+    pub program: String,
+    /// Its process.
+    pub pid: u32,
+    /// A name for the run: of its port, "virtual" or "native", and the process.
+    pub name: String,
+    /// The motion file, as the user named it.
+    pub file: String,
+    /// The board, by its name in motion files.
+    pub board: String,
+    /// The board's port, as the user named it. `None` on virtual boards and on the native one.
+    pub port: Option<String>,
+    /// Other paths that led to that port when the run began.
+    pub port_paths: Vec<PathBuf>,
+    /// The motors, in the file's order.
+    pub motors: Vec<MotorInfo>,
+}
+
+/// What a client needs to know of a motor to show its position.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct MotorInfo {
+    /// Its name in the file.
+    pub name: String,
+    /// Its unit of position in the file.
+    pub unit: String,
+    /// Steps in one such unit.
+    pub steps_per_unit: f64,
+    /// Where it was when the board's count was 0, steps.
+    pub start_steps: f64,
+}
+
+impl RunInfo {
+    /// The line of a run of this process.
+    #[must_use]
+    pub fn new(file: &str, program: &Program, port: Option<&str>, is_native: bool) -> RunInfo {
+        let pid = std::process::id();
+        let kind = if is_native { "native".to_owned() } else { format!("virtual-{}", program.board.name) };
+        let motors = program.motors.iter().map(|motor| MotorInfo {
+            name: motor.name.clone(),
+            unit: motor.scale.unit.clone(),
+            steps_per_unit: motor.scale.steps_per_unit,
+            start_steps: crate::standing::start(motor),
+        });
+        RunInfo {
+            pulsetrain_control: VERSION,
+            program: env!("CARGO_PKG_VERSION").to_owned(),
+            pid,
+            name: format!("{}-{pid}", port.map_or(kind, port_word)),
+            file: file.to_owned(),
+            board: program.board.name.clone(),
+            port: port.map(str::to_owned),
+            port_paths: port.map(port_paths).unwrap_or_default(),
+            motors: motors.collect(),
+        }
+    }
+
+    /// The run's port for people; the run's name if it has none.
+    #[must_use]
+    pub fn place(&self) -> &str {
+        self.port.as_deref().unwrap_or(&self.name)
+    }
+
+    /// Whether a port of that name, or a run of that name, is this one.
+    #[must_use]
+    pub fn is_at(&self, name: &str) -> bool {
+        let same = |path: &PathBuf| self.port_paths.contains(path);
+        self.name == name || self.port.as_deref() == Some(name) || port_paths(name).iter().any(same)
+    }
+
+    /// The position of a motor in its unit, from the board's count.
+    #[must_use]
+    pub fn position(&self, motor: usize, count: i64) -> Option<f64> {
+        let MotorInfo { steps_per_unit, start_steps, .. } = self.motors.get(motor)?;
+        Some((start_steps + count as f64) / steps_per_unit)
+    }
+}
+
+/// The last part of a port's name, with letters that every file name may have.
+fn port_word(port: &str) -> String {
+    let last = port.rsplit(['/', '\\']).next().unwrap_or(port);
+    let letters = last.chars().map(|letter| if letter.is_ascii_alphanumeric() { letter } else { '-' });
+    letters.take(LONGEST_WORD).collect()
+}
+
+/// A socket's path has a hundred bytes or so on every system.
+const LONGEST_WORD: usize = 20;
+
+/// The absolute path of a port, and the path behind its links.
+fn port_paths(port: &str) -> Vec<PathBuf> {
+    let absolute = std::path::absolute(port).ok();
+    absolute.into_iter().chain(std::fs::canonicalize(port).ok()).collect()
+}
+
+/// A line that a run sends after its first one.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(untagged)]
+pub enum RunLine {
+    /// Something happened. [`Event::Status`] goes to clients alone that follow, [`Event::Progress`] to none.
+    Event(Event),
+    /// The run is over. It is the last line.
+    Ended(RunEnded),
+    /// A line of the client was not understood.
+    Error {
+        /// Why not.
+        error: String,
+    },
+}
+
+/// How a run ended.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct RunEnded {
+    /// How it ended.
+    pub ended: Ending,
+    /// What went wrong, if something did.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub why: Option<String>,
+    /// Where the motors are, if that is known.
+    #[serde(default)]
+    pub motors: Vec<Standing>,
+    /// The command that brings the motors back to the motion's start.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub way_back: Option<String>,
+}
+
+/// The ways in which a run ends.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Ending {
+    /// The motion came to its end.
+    Finished,
+    /// It was stopped, as somebody asked for.
+    Stopped,
+    /// It failed, or was refused before it began.
+    Failed,
+}
+
+impl RunEnded {
+    /// The end of a run that failed.
+    #[must_use]
+    pub fn failed(why: String) -> RunEnded {
+        RunEnded { ended: Ending::Failed, why: Some(why), motors: Vec::new(), way_back: None }
+    }
+}
+
+/// A line of a client.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum ClientLine {
+    Command(Command),
+    Follow(bool),
+}
+
+impl ClientLine {
+    fn read(line: &[u8]) -> Result<ClientLine, String> {
+        let value: serde_json::Value =
+            serde_json::from_slice(line).map_err(|error| format!("this is no line of JSON: {error}"))?;
+        match value.get("follow") {
+            Some(serde_json::Value::Bool(follows)) => Ok(ClientLine::Follow(*follows)),
+            Some(_) => Err("`follow` is true or false".to_owned()),
+            None => serde_json::from_value(value).map(ClientLine::Command).map_err(|error| {
+                format!("this is no command: {error}; write {{\"command\":\"stop\"}} or {{\"follow\":true}}")
+            }),
+        }
+    }
+}
+
+/// Why runs cannot be found, or a run cannot be reached.
+#[derive(Debug, thiserror::Error, Diagnostic)]
+pub enum SocketError {
+    /// The folder of the sockets is another user's, or others may write in it.
+    #[error("{} is not this user's alone, so nothing in it can be trusted", .folder.display())]
+    #[diagnostic(help("remove it, or set XDG_RUNTIME_DIR to a folder of your own"))]
+    Folder {
+        /// The folder.
+        folder: PathBuf,
+    },
+    /// The folder, or a socket in it, cannot be used.
+    #[error("cannot use {}: {error}", .path.display())]
+    Access {
+        /// The folder or the socket.
+        path: PathBuf,
+        /// The system's error.
+        error: io::Error,
+    },
+    /// The run is of another version of this program.
+    #[error("the run at {place} speaks version {theirs} of the control lines, this program {VERSION}")]
+    #[diagnostic(help("press Ctrl-C where it runs, or use the version of pulsetrain that runs it"))]
+    Version {
+        /// The run's port, or its name.
+        place: String,
+        /// Its version.
+        theirs: u32,
+    },
+    /// The run has ended, or closed the connection.
+    #[error("the run at {place} went away without saying how it ended")]
+    #[diagnostic(help("`pulsetrain stop --port PORT` asks the board itself"))]
+    Gone {
+        /// The run's port, or its name.
+        place: String,
+    },
+    /// This system has no control socket.
+    #[error("this system has no control socket yet: only runs on Linux, macOS and other Unix systems have one")]
+    #[diagnostic(help("press Ctrl-C where it runs; a second Ctrl-C stops at once"))]
+    System,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lines_of_clients_are_commands_or_follow() {
+        let check = |line: &str, expected: Result<ClientLine, &str>| match (ClientLine::read(line.as_bytes()), expected)
+        {
+            (Ok(read), Ok(expected)) => assert_eq!(read, expected, "{line}"),
+            (Err(why), Err(part)) => assert!(why.contains(part), "{line}: {why}"),
+            (read, expected) => panic!("{line}: {read:?}, not {expected:?}"),
+        };
+        check(r#"{"command":"stop"}"#, Ok(ClientLine::Command(Command::Stop)));
+        check(r#" {"command": "stop_now"} "#, Ok(ClientLine::Command(Command::StopNow)));
+        check(r#"{"follow":true}"#, Ok(ClientLine::Follow(true)));
+        check(r#"{"follow":1}"#, Err("true or false"));
+        check(r#"{"command":"stopp"}"#, Err("unknown variant `stopp`"));
+        check("stop", Err("no line of JSON"));
+        check("[]", Err("no command"));
+        check("", Err("no line of JSON"));
+    }
+
+    #[test]
+    fn a_port_is_found_by_each_of_its_names() {
+        let info = RunInfo {
+            pulsetrain_control: VERSION,
+            program: String::new(),
+            pid: 7,
+            name: "ttyACM0-7".to_owned(),
+            file: String::new(),
+            board: "uno".to_owned(),
+            port: Some("board".to_owned()),
+            port_paths: port_paths("board"),
+            motors: Vec::new(),
+        };
+        let absolute = std::path::absolute("board").unwrap().display().to_string();
+        for (name, is_it) in [("board", true), ("./board", true), (&absolute, true), ("ttyACM0-7", true), ("x", false)]
+        {
+            assert_eq!(info.is_at(name), is_it, "{name}");
+        }
+        assert_eq!(port_word("/dev/serial/by-id/usb Arduino_(www.arduino.cc)"), "usb-Arduino--www-ard");
+        assert_eq!(port_word(r"\\.\COM10"), "COM10");
+    }
+}

@@ -1,0 +1,447 @@
+//! `stop`, `status` and `goto`: the control socket of runs, with processes. Nothing here depends on how long something takes.
+#![cfg(unix)]
+
+use pulsetrain_testkit::folder::Folder;
+use serde_json::Value;
+use std::io::{BufRead, BufReader, Read, Write};
+use std::os::unix::fs::{DirBuilderExt, PermissionsExt};
+use std::os::unix::net::{UnixListener, UnixStream};
+use std::path::PathBuf;
+use std::process::{Child, Command, Output, Stdio};
+
+/// A motion that takes minutes in virtual time, with one step in ten seconds of it.
+const SLOW: &str = "board = \"native\"\n[motor.wheel]\nsteps_per_rev = 200\npulse_high = \"2 us\"\npins = { step = 8, dir = 9 }\n\
+    forward = \"high\"\nmax_acceleration = \"1 rev/s^2\"\n[[motion]]\nmotor = \"wheel\"\n\
+    law.speed = { speed = \"0.18 deg/s\", duration = \"20000000 s\" }\n";
+
+/// A user with a runtime folder of their own.
+struct User {
+    folder: Folder,
+}
+
+impl User {
+    fn new(name: &str) -> User {
+        let folder = Folder::new(name);
+        std::fs::DirBuilder::new().mode(0o700).create(folder.0.join("run")).unwrap();
+        User { folder }
+    }
+
+    fn command(&self, arguments: &[&str]) -> Command {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_pulsetrain"));
+        command.args(arguments).env("XDG_RUNTIME_DIR", self.folder.0.join("run")).current_dir(&self.folder.0);
+        command.stdout(Stdio::piped()).stderr(Stdio::piped());
+        command
+    }
+
+    /// Exit code and all output, with the breaks of long lines taken out.
+    #[track_caller]
+    fn says(&self, arguments: &[&str], code: i32) -> String {
+        let output = self.command(arguments).output().unwrap();
+        let said = all(&output);
+        assert_eq!(output.status.code(), Some(code), "{arguments:?}: {said}");
+        said
+    }
+
+    fn sockets(&self) -> Vec<PathBuf> {
+        let Ok(folder) = std::fs::read_dir(self.folder.0.join("run/pulsetrain")) else { return Vec::new() };
+        let paths = folder.map(|entry| entry.unwrap().path());
+        let mut sockets: Vec<PathBuf> =
+            paths.filter(|path| path.extension().is_some_and(|end| end == "sock")).collect();
+        sockets.sort();
+        sockets
+    }
+
+    /// A run of the slow motion, in motion.
+    fn slow_run(&self, out: &str) -> (Child, Line) {
+        std::fs::write(self.folder.0.join("slow.toml"), SLOW).unwrap();
+        let run = self.command(&["run", "slow", "--yes", "--out", out]).spawn().unwrap();
+        let line = self.line_to(&run);
+        (run, line)
+    }
+
+    /// A connection to a run that moves.
+    fn line_to(&self, run: &Child) -> Line {
+        let own = format!("-{}.sock", run.id());
+        let socket = loop {
+            let own = self.sockets().into_iter().find(|socket| socket.to_string_lossy().ends_with(&own));
+            match own {
+                Some(socket) => break socket,
+                None => std::thread::yield_now(),
+            }
+        };
+        let mut line = Line::open(&socket);
+        line.send("{\"follow\":true}");
+        line.until(|event| event["event"] == "status");
+        line.send("{\"follow\":false}");
+        line
+    }
+}
+
+fn all(output: &Output) -> String {
+    let text = String::from_utf8(output.stdout.clone()).unwrap() + &String::from_utf8(output.stderr.clone()).unwrap();
+    text.split_whitespace().filter(|word| *word != "│").collect::<Vec<_>>().join(" ")
+}
+
+/// A client's end of a control socket.
+struct Line {
+    stream: BufReader<UnixStream>,
+    first: Value,
+}
+
+impl Line {
+    fn open(socket: &PathBuf) -> Line {
+        let mut stream = BufReader::new(UnixStream::connect(socket).unwrap());
+        let mut first = String::new();
+        stream.read_line(&mut first).unwrap();
+        Line { stream, first: serde_json::from_str(&first).unwrap() }
+    }
+
+    fn send(&mut self, line: &str) {
+        writeln!(self.stream.get_mut(), "{line}").unwrap();
+    }
+
+    /// The next line; `None` at the end.
+    fn next(&mut self) -> Option<Value> {
+        let mut line = String::new();
+        let read = self.stream.read_line(&mut line).unwrap();
+        (read > 0).then(|| serde_json::from_str(&line).unwrap())
+    }
+
+    /// The lines up to one that is meant, which is the last.
+    fn until(&mut self, is_meant: impl Fn(&Value) -> bool) -> Vec<Value> {
+        let mut lines = Vec::new();
+        loop {
+            lines.push(self.next().expect("a line"));
+            if lines.last().is_some_and(&is_meant) {
+                return lines;
+            }
+        }
+    }
+}
+
+/// The command that a text shows in the end, as its words.
+fn shown_command(text: &str) -> Vec<String> {
+    let from = text.find("pulsetrain goto").expect("it shows the way back");
+    let mut words = vec![String::new()];
+    for (part, text) in text[from..].lines().next().unwrap().split('"').enumerate() {
+        for (word, text) in text.split(|letter: char| letter == ' ' && part % 2 == 0).enumerate() {
+            if word > 0 {
+                words.push(String::new());
+            }
+            words.last_mut().unwrap().push_str(text);
+        }
+    }
+    words.retain(|word| !word.is_empty());
+    words
+}
+
+#[test]
+fn a_run_is_stopped_and_brought_back() {
+    let user = User::new("ctl-stop");
+    let (run, mut line) = user.slow_run("out");
+    let said = user.says(&["stop"], 0);
+    assert!(said.contains("the run of slow.toml at native-") && said.contains("the motors braked from "), "{said}");
+    assert!(said.contains("back to the start: pulsetrain goto slow.toml \"0 deg\" --from \""), "{said}");
+    // Others hear of it, in this order.
+    let events = line.until(|event| event.get("ended").is_some());
+    let names: Vec<&Value> =
+        events.iter().filter_map(|event| event.get("event")).filter(|name| *name != "status").collect();
+    assert_eq!(names, ["stopping"], "{events:?}");
+    let last = events.last().unwrap();
+    assert_eq!((&last["ended"], &last["motors"][0]["unit"]), (&"stopped".into(), &"deg".into()), "{last}");
+    assert_eq!(line.next(), None);
+    let output = run.wait_with_output().unwrap();
+    let text = String::from_utf8(output.stdout).unwrap();
+    assert_eq!(output.status.code(), Some(0), "a stop that was asked for is no failure: {text}");
+    assert!(text.contains("within the motors' limits, as asked: wheel at "), "{text}");
+    let report: Value = serde_json::from_slice(&std::fs::read(user.folder.0.join("out/report.json")).unwrap()).unwrap();
+    let steps = report["stopped"]["motors"][0]["steps"].as_i64().unwrap();
+    assert!(steps > 0 && last["motors"][0]["steps"] == steps, "{report}");
+    assert_eq!(last["motors"][0]["position"].as_f64().unwrap(), steps as f64 * 1.8);
+    assert!(std::fs::read_to_string(user.folder.0.join("out/steps.csv")).unwrap().lines().count() > steps as usize);
+    assert!(user.sockets().is_empty(), "its socket is gone");
+    // The command that it shows makes as many steps back.
+    let command = shown_command(&text);
+    let words: Vec<&str> = command[1..].iter().map(String::as_str).collect();
+    user.says(&words, 0);
+    let report = std::fs::read(user.folder.0.join("out/slow-goto/report.json")).unwrap();
+    let report: Value = serde_json::from_slice(&report).unwrap();
+    assert_eq!(report["motors"][0]["final_position"], -steps, "{report}");
+}
+
+#[test]
+fn one_of_several_runs_is_chosen_or_all() {
+    let user = User::new("ctl-several");
+    assert!(user.says(&["stop"], 2).contains("nothing runs on this computer"));
+    assert!(user.says(&["status"], 0).contains("nothing runs on this computer"));
+    let (one, one_line) = user.slow_run("one");
+    let (mut other, _) = user.slow_run("other");
+    let name = one_line.first["name"].as_str().unwrap();
+    let said = user.says(&["stop"], 2);
+    assert!(said.contains("2 runs are there") && said.contains(&format!("pulsetrain stop --port {name} ")), "{said}");
+    let status = user.says(&["status"], 0);
+    assert_eq!(status.matches("slow.toml at native-").count(), 2, "{status}");
+    assert!(status.contains("deg/s"), "{status}");
+    assert!(user.says(&["stop", "--port", "native-1"], 2).contains("there is no port native-1"));
+    user.says(&["stop", "--port", name], 0);
+    assert_eq!(one.wait_with_output().unwrap().status.code(), Some(0));
+    assert!(other.try_wait().unwrap().is_none(), "the other one goes on");
+    let said = user.says(&["stop", "--all", "--now", "--json"], 0);
+    let stopped: Value = serde_json::from_str(&said).unwrap();
+    assert_eq!(stopped[0]["ended"], "stopped", "{said}");
+    assert_eq!(stopped[0]["brakes_at_s"], Value::Null, "it does not brake");
+    let text = String::from_utf8(other.wait_with_output().unwrap().stdout).unwrap();
+    assert!(text.contains(" at once, as asked: wheel at "), "{text}");
+}
+
+#[test]
+fn a_client_is_answered_line_by_line_and_cannot_flood_a_run() {
+    let user = User::new("ctl-lines");
+    let (mut run, mut line) = user.slow_run("out");
+    let folder = user.folder.0.join("run/pulsetrain");
+    let mode = |path: &PathBuf| std::fs::metadata(path).unwrap().permissions().mode() & 0o777;
+    assert_eq!((mode(&folder), mode(&user.sockets()[0])), (0o700, 0o600), "for this user alone");
+    assert_eq!(line.first["pulsetrain_control"], 1);
+    assert_eq!((&line.first["board"], &line.first["motors"][0]["name"]), (&"native".into(), &"wheel".into()));
+    let is_answer = |event: &Value| event["event"] != "status";
+    for (sent, part) in [
+        ("no json", "no line of JSON"),
+        ("{\"command\":\"stopp\"}", "unknown variant `stopp`"),
+        ("{\"follow\":3}", "true or false"),
+        ("[1]", "no command"),
+        ("\u{fffd}", "no line of JSON"),
+    ] {
+        line.send(sent);
+        let answer = line.until(is_answer).pop().unwrap();
+        assert!(answer["error"].as_str().is_some_and(|error| error.contains(part)), "{sent}: {answer}");
+    }
+    line.send("{\"command\":\"resume\"}");
+    let refused = line.until(is_answer).pop().unwrap();
+    assert_eq!((&refused["event"], &refused["command"]["command"]), (&"refused".into(), &"resume".into()));
+    line.send("{\"command\":\"pause\"}");
+    assert_eq!(line.until(is_answer).pop().unwrap()["event"], "pausing");
+    // A line without an end: an error, and nothing more is read of this client.
+    let mut endless = Line::open(&user.sockets()[0]);
+    endless.stream.get_mut().write_all(&[b'x'; 5000]).unwrap();
+    assert!(endless.next().unwrap()["error"].as_str().unwrap().contains("4096 bytes"));
+    // Too many clients are refused; those that are there are served.
+    let mut many = Vec::new();
+    let full = loop {
+        let mut stream = BufReader::new(UnixStream::connect(&user.sockets()[0]).unwrap());
+        let mut first = String::new();
+        stream.read_line(&mut first).unwrap();
+        if first.contains("\"error\"") {
+            break first;
+        }
+        many.push(stream);
+        assert!(many.len() < 100, "it takes any number of clients");
+    };
+    assert!(full.contains("16 clients"), "{full}");
+    // One that reads nothing while statuses pour in does not hold up the others, nor the run's end.
+    let deaf = many.first_mut().unwrap();
+    writeln!(deaf.get_mut(), "{{\"follow\":true}}").unwrap();
+    line.send("{\"follow\":true}");
+    (0..3000).for_each(|_| drop(line.next().expect("a status")));
+    line.send("{\"command\":\"stop\"}");
+    assert_eq!(line.until(|event| event.get("ended").is_some()).pop().unwrap()["ended"], "stopped");
+    assert_eq!(run.wait().unwrap().code(), Some(0));
+}
+
+#[test]
+fn dead_sockets_are_removed_and_foreign_folders_refused() {
+    let user = User::new("ctl-dead");
+    user.says(&["status"], 0);
+    let folder = user.folder.0.join("run/pulsetrain");
+    // The socket stays when its process is killed.
+    drop(UnixListener::bind(folder.join("ttyACM0-1.sock")).unwrap());
+    std::fs::write(folder.join("file-2.sock"), "no socket").unwrap();
+    assert!(user.says(&["stop"], 2).contains("nothing runs"));
+    assert!(!folder.join("ttyACM0-1.sock").exists(), "nobody listens there");
+    // A run that is killed leaves one, too.
+    let (mut run, _) = user.slow_run("out");
+    run.kill().unwrap();
+    run.wait().unwrap();
+    assert!(user.says(&["status"], 0).contains("nothing runs"));
+    // Others could have put something there.
+    std::fs::set_permissions(&folder, std::fs::Permissions::from_mode(0o777)).unwrap();
+    assert!(user.says(&["stop"], 2).contains("is not this user's alone"));
+    let said = user.says(&["goto", "slow.toml", "36 deg", "--from", "0 deg"], 0);
+    assert!(said.contains("only Ctrl-C can: ") && said.contains("PASS"), "{said}");
+}
+
+/// Ctrl-C is the same stop.
+#[test]
+fn an_interrupted_run_tells_where_its_motors_are() {
+    let user = User::new("ctl-interrupt");
+    let (run, _line) = user.slow_run("out");
+    assert!(Command::new("kill").args(["-INT", &run.id().to_string()]).status().unwrap().success());
+    let output = run.wait_with_output().unwrap();
+    let said = all(&output);
+    assert_eq!(output.status.code(), Some(0), "{said}");
+    assert!(
+        said.contains("as asked: wheel at ") && said.contains("pulsetrain goto slow.toml \"0 deg\" --from "),
+        "{said}"
+    );
+}
+
+/// A motion of two motors with units of their own, one of which does not begin at 0.
+const TWO: &str = "board = \"native\"\n[motor.wheel]\nsteps_per_rev = 200\nmicrosteps = 8\ndriver = \"A4988\"\n\
+    pins = { step = 2, dir = 3 }\nforward = \"high\"\nmax_speed = \"2 rev/s\"\nmax_acceleration = \"20 rev/s^2\"\n\
+    [motor.arm]\nsteps_per_rev = 200\ndriver = \"A4988\"\nlead = \"8 mm\"\npins = { step = 4, dir = 5 }\nforward = \"high\"\n\
+    [[motion]]\nmotor = \"wheel\"\nlaw.formula = { theta = \"45 + 45*sin(2*pi*t/4)^3\", unit = \"deg\", duration = \"4 s\" }\n\
+    [[motion]]\nmotor = \"arm\"\nlaw.sine = { amplitude = \"4 mm\", period = \"4 s\", cycles = 1 }\n";
+
+#[test]
+fn a_position_is_reached_in_the_units_of_the_file_within_limits() {
+    let user = User::new("ctl-goto");
+    std::fs::write(user.folder.0.join("two.toml"), TWO).unwrap();
+    // Steps that each motor makes; 0 if it stays.
+    let check = |arguments: &[&str], expected: [i64; 2]| {
+        user.says(&[&["goto", "two", "--native"], arguments].concat(), 0);
+        let report = std::fs::read(user.folder.0.join("out/two-goto/report.json")).unwrap();
+        let report: Value = serde_json::from_slice(&report).unwrap();
+        let steps = [0, 1].map(|motor| report["motors"][motor]["final_position"].as_i64().unwrap());
+        assert_eq!(steps, expected, "{arguments:?}");
+        let [speed, acceleration] =
+            ["peak_speed", "peak_acceleration"].map(|key| report["motors"][0][key]["value"].as_f64().unwrap());
+        assert!(speed <= 3200.0 && acceleration <= 32_000.0, "{speed} {acceleration}");
+        assert!(report["verdict"]["ok"].as_bool().unwrap());
+    };
+    // The wheel begins at 45 deg, and a turn has 1600 steps.
+    check(&["90 deg", "--motor", "wheel"], [200, 0]);
+    check(&["0.5 rev", "--motor", "wheel", "--from", "0 deg"], [800, 0]);
+    check(&["-1 rev", "--motor", "wheel", "--from", "wheel=1 rev"], [-3200, 0]);
+    check(&["start", "--from", "wheel=46 deg", "--from", "arm=-8 mm"], [-4, 200]);
+    check(&["4 mm", "--motor", "arm"], [0, 100]);
+    check(&["100 full-steps", "--motor", "arm", "--from", "1 step"], [0, 99]);
+    check(&["1 step", "--motor", "arm"], [0, 1]);
+    let refused = |arguments: &[&str], part: &str| {
+        let said = user.says(&[&["goto", "two", "--native"], arguments].concat(), 2);
+        assert!(said.contains(part), "{arguments:?}: {said}");
+    };
+    refused(&["90 deg", "--motor", "whel"], "did you mean wheel?");
+    refused(&["90"], "a bare number");
+    refused(&["90 deg/s"], "is a speed");
+    refused(&["90 mm", "--motor", "wheel"], "has no `lead`");
+    refused(&["1e12 rev"], "steps away");
+    refused(&["0 deg", "--from", "nobody=0 deg"], "the file has no motor nobody");
+    refused(&["nan deg"], "is no position");
+    let said = user.says(&["goto", "two", "start", "--native"], 0);
+    assert!(said.contains("wheel at 45 deg, arm at 0 mm") && said.contains("there already: nothing moves"), "{said}");
+}
+
+#[test]
+fn a_file_is_found_without_its_ending_and_an_example_is_named() {
+    let user = User::new("ctl-names");
+    std::fs::create_dir(user.folder.0.join("examples")).unwrap();
+    std::fs::write(user.folder.0.join("examples/two.toml"), TWO).unwrap();
+    assert!(user.says(&["plan", "examples/two"], 0).starts_with("examples/two.toml on native"));
+    for name in ["two", "two.toml", "elsewhere/two"] {
+        let said = user.says(&["plan", name], 2);
+        assert!(said.contains("cannot read") && said.contains("did you mean examples/two.toml?"), "{said}");
+    }
+    let said = user.says(&["plan", "three"], 2);
+    assert!(said.contains("cannot read") && !said.contains("did you mean"), "{said}");
+}
+
+/// Tests that run firmware on an emulated chip.
+mod chips {
+    use super::*;
+
+    /// `pulsetrain board`, which ends with the test at the latest.
+    struct Served(Child);
+
+    impl Served {
+        fn new(user: &User, board: &str) -> Served {
+            let mut process = user.command(&["board", board, "--pty", board]).spawn().unwrap();
+            let mut first = String::new();
+            BufReader::new(process.stdout.as_mut().unwrap()).read_line(&mut first).unwrap();
+            assert!(first.contains("a virtual "), "{first}");
+            Served(process)
+        }
+    }
+
+    impl Drop for Served {
+        fn drop(&mut self) {
+            let interrupted = Command::new("kill").args(["-INT", &self.0.id().to_string()]).status();
+            drop(interrupted.map(|_| self.0.wait()));
+        }
+    }
+
+    fn motion(user: &User, board: &str) {
+        let text =
+            TWO.replace("native", board).replace("period = \"4 s\", cycles = 1", "period = \"4 s\", cycles = 100");
+        let text = text.replace("duration = \"4 s\"", "duration = \"400 s\"");
+        std::fs::write(user.folder.0.join("two.toml"), text).unwrap();
+    }
+
+    /// The run has the port, so `stop` asks the run. Then the board's count tells where the motors are, until the board
+    /// forgets it.
+    #[test]
+    fn a_run_at_a_port_is_stopped_and_its_motors_are_found_again() {
+        let user = User::new("ctl-pico");
+        let served = Served::new(&user, "pico");
+        motion(&user, "pico");
+        let run = user.command(&["run", "two", "--port", "pico", "--out", "out"]).spawn().unwrap();
+        let mut line = user.line_to(&run);
+        assert_eq!(line.first["port"], "pico");
+        // By another name of the same port.
+        let other = user.folder.path("pico");
+        let said = user.says(&["stop", "--port", &other], 0);
+        assert!(said.contains("the run of two.toml at pico: the motors braked from "), "{said}");
+        let ended = line.until(|event| event.get("ended").is_some()).pop().unwrap();
+        let output = run.wait_with_output().unwrap();
+        let text = all(&output);
+        assert_eq!(output.status.code(), Some(0), "{text}");
+        assert!(text.contains("stopped on the way, within the motors' limits the motors stand: wheel at "), "{text}");
+        assert!(
+            text.contains("back to the start: pulsetrain goto two.toml start --port pico --from \"wheel="),
+            "{text}"
+        );
+        let counts: Vec<i64> = (0..2).map(|motor| ended["motors"][motor]["steps"].as_i64().unwrap()).collect();
+        // Nothing was said of where they are: the board knows.
+        let said = user.says(&["goto", "two", "start", "--port", "pico", "--json"], 0);
+        let report: Value = serde_json::from_str(&said[said.find('{').unwrap()..=said.rfind('}').unwrap()]).unwrap();
+        let back: Vec<i64> = (0..2).map(|motor| report["says"]["counted"][motor].as_i64().unwrap()).collect();
+        assert_eq!(back, counts.iter().map(|count| -count).collect::<Vec<_>>(), "{said}");
+        let said = user.says(&["goto", "two", "start", "--port", "pico"], 0);
+        assert!(said.contains("by the board's count: wheel at 45 deg, arm at 0 mm"), "{said}");
+        drop(served);
+        let served = Served::new(&user, "pico");
+        let said = user.says(&["goto", "two", "start", "--port", "pico"], 2);
+        assert!(
+            said.contains("nobody knows where wheel, arm stands") && said.contains("--from \"wheel=0 deg\""),
+            "{said}"
+        );
+        // Verbs set it up, and count from elsewhere.
+        drop(served);
+    }
+
+    /// Opening the port resets an Uno: its position has to be told.
+    #[test]
+    fn nobody_knows_where_an_uno_stands() {
+        let user = User::new("ctl-uno");
+        let _served = Served::new(&user, "uno");
+        std::fs::write(user.folder.0.join("two.toml"), TWO.replace("native", "uno")).unwrap();
+        let said = user.says(&["goto", "two", "0 deg", "--motor", "wheel", "--port", "uno"], 2);
+        assert!(said.contains("nobody knows where wheel stands") && said.contains("--from \"wheel=0 deg\""), "{said}");
+    }
+
+    /// A run on a virtual board obeys, too, and one that has not begun does not begin.
+    #[test]
+    fn a_run_on_a_virtual_board_is_stopped() {
+        let user = User::new("ctl-virtual");
+        motion(&user, "uno");
+        let run = user.command(&["run", "two", "--out", "out"]).spawn().unwrap();
+        let mut line = user.line_to(&run);
+        assert_eq!(line.first["port"], Value::Null);
+        line.send("{\"command\":\"stop_now\"}");
+        let events = line.until(|event| event.get("ended").is_some());
+        assert!(events.iter().any(|event| event["event"] == "stopped_at_once"), "{events:?}");
+        let output = run.wait_with_output().unwrap();
+        assert!(output.status.success() && all(&output).contains(" at once, as asked: wheel at "), "{}", all(&output));
+        let mut trace = String::new();
+        std::fs::File::open(user.folder.0.join("out/trace.vcd")).unwrap().read_to_string(&mut trace).unwrap();
+        assert!(trace.lines().count() > 100, "the files end there, whole");
+    }
+}
