@@ -514,9 +514,9 @@ impl<P: Port> Remote<P> {
     /// # Errors
     /// When the board is lost, or refuses.
     pub fn set_baud(&mut self, baud: Baud) -> Result<Baud, RemoteError> {
-        self.settle()?;
+        self.wait_until_quiet()?;
         self.done("change its rate", &Command::Baud { baud })?;
-        self.settle()?;
+        self.wait_until_quiet()?;
         Ok(self.link.baud())
     }
 
@@ -795,7 +795,7 @@ impl<P: Port> Remote<P> {
     }
 
     /// Waits until every frame is confirmed and every command answered.
-    fn settle(&mut self) -> Result<(), RemoteError> {
+    fn wait_until_quiet(&mut self) -> Result<(), RemoteError> {
         while !self.link.is_quiet() {
             self.round(Duration::MAX)?;
         }
@@ -1219,7 +1219,7 @@ impl<P: Port> Board for Remote<P> {
         self.motors.get(motor).map_or(Sizer::packed(none, 0), |motor| Sizer::packed(motor.packing, motor.capacity))
     }
 
-    fn lead(&self) -> u64 {
+    fn round_trip(&self) -> u64 {
         // Time to fill half of all queues, which is the most that is sent before a switch; for a repeat after an error; and for the switch itself.
         let fill = Duration::from_secs(BITS * u64::from(self.info.pool) / 2) / self.link.baud().rate();
         let lead = fill + 2 * self.link.shortest_timeout();
@@ -1299,7 +1299,7 @@ impl<P: Port> Board for Remote<P> {
         self.error()
     }
 
-    fn settle(&mut self) -> Result<AtRest, RemoteError> {
+    fn final_report(&mut self) -> Result<AtRest, RemoteError> {
         let clock = self.clock.clone();
         let is_lost = self.link.error().is_some();
         if is_lost {

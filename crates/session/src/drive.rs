@@ -585,7 +585,7 @@ impl<B: Leased> Driven<B> {
             return Err(why.halted(seen_s, positions));
         }
         // This comes last: errors of the board are more useful than one of the reference.
-        if !self.session.board().agrees() {
+        if !self.session.board().record_is_complete() {
             return Err(DriveError::Reference { board: self.program.board.name.clone() });
         }
         Ok(Ended { counted: report.counted, stopped, uncertain: None })
@@ -595,7 +595,7 @@ impl<B: Leased> Driven<B> {
     fn positions(&mut self, report: &Report) -> (Positions, Option<Cause>) {
         let last_reported = self.session.board().positions();
         let mut stop = None;
-        let (counts, by) = match self.session.board_mut().settle() {
+        let (counts, by) = match self.session.board_mut().final_report() {
             Ok(AtRest { reset: Some(reset), .. }) => (last_reported, Knowledge::LastReport { reset }),
             Ok(AtRest { positions, last_stop, .. }) => match last_stop {
                 Cause::None | Cause::Finished | Cause::HostLost | Cause::Lapsed | Cause::Braked => {

@@ -1,4 +1,4 @@
-//! Words, done by a state machine that is a few lines long, make the edges of the axis that is told the same.
+//! WordWriter, done by a state machine that is a few lines long, make the edges of the axis that is told the same.
 
 use proptest::prelude::*;
 use pulsetrain_core::braking::{BrakingPart, Limit, RegisterLimits};
@@ -6,7 +6,7 @@ use pulsetrain_core::lease::LapseCause;
 use pulsetrain_core::output::{Coils, Output, Sequence, StepDir, StepDirSettings};
 use pulsetrain_core::packed_queue::{Fault, PackedQueue, Pool};
 use pulsetrain_core::packing::{Check, MAX_PACKED_LEN, Packing, State};
-use pulsetrain_core::pio::{Filled, LONGEST_WAIT, Tape, Words, expand, lines};
+use pulsetrain_core::pio::{Filled, LONGEST_WAIT, Tape, WordWriter, expand, lines};
 use pulsetrain_core::queue::Items;
 use pulsetrain_core::{Axis, Direction, Entry, Epoch, Item, Lapse, Lease, Queue, Segment, Tick32};
 
@@ -73,7 +73,7 @@ struct Machine {
     pool: Box<Pool<POOL>>,
     packed: PackedQueue,
     packer: State,
-    words: Words<F>,
+    words: WordWriter<F>,
     tape: Tape<N, RUNS>,
     memory: [u32; N],
     /// Words done, and when the lines changed in the last.
@@ -91,7 +91,7 @@ impl Machine {
             pool: Box::new(Pool::new()),
             packed: PackedQueue::new(Pool::<POOL>::part(0, POOL as u16), PACKING),
             packer: State::default(),
-            words: Words::new(kind.output(), kind.step_line(), kind.pulse()),
+            words: WordWriter::new(kind.output(), kind.step_line(), kind.pulse()),
             tape: Tape::new(),
             memory: [0; N],
             done: 0,
@@ -526,7 +526,7 @@ fn what_is_no_item_makes_a_motor_brake() {
         assert_eq!(position, 50 + steps.cast_signed() + 1, "{wrong:?}");
         assert_eq!(machine.counted.last().unwrap().1, position);
         // What waits of another epoch still does.
-        assert!(!channel.keeps(Epoch(1)) && channel.keeps(Epoch(2)) && channel.is_done());
+        assert!(!channel.accepts(Epoch(1)) && channel.accepts(Epoch(2)) && channel.is_done());
         assert_eq!(usize::from(machine.packed.room()), POOL - 3);
     };
     // An unknown control record, and a check that says another position.

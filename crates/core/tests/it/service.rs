@@ -11,8 +11,8 @@ use pulsetrain_core::wire::outcome::NO_LEASE;
 use pulsetrain_core::wire::service::{SILENCE_MS, TRIAL_MS};
 use pulsetrain_core::wire::settings::SETTINGS_LEN;
 use pulsetrain_core::wire::{
-    Baud, Command, Decoder, Encoder, MAX_BODY, MAX_FRAME, MIN_BODY, Machine, Millis, Refusal, Reply, Service, Settings,
-    Stopped, Stored, Switched, Trimmed, VERSION,
+    Baud, BoardSide, Command, Decoder, Encoder, MAX_BODY, MAX_FRAME, MIN_BODY, Millis, Refusal, Reply, Service,
+    Settings, Stopped, Stored, Switched, Trimmed, VERSION,
 };
 use pulsetrain_core::{Epoch, Tick32};
 
@@ -38,7 +38,7 @@ impl Notebook {
     const OBEYED: [(i32, Option<u64>); 2] = [(-1, None), (-2, Some(86))];
 }
 
-impl Machine for Notebook {
+impl BoardSide for Notebook {
     const OBEYS: bool = true;
 
     fn obey(&mut self, orders: &Orders<'_>) -> Result<(), Refusal> {

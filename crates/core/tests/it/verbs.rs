@@ -2,13 +2,13 @@
 
 use proptest::prelude::*;
 use pulsetrain_core::channel::EventKind;
-use pulsetrain_core::verbs::motor::{LONGEST_PERIOD, MOST_ITEMS, MOST_UNTOLD};
+use pulsetrain_core::verbs::motor::{LONGEST_PERIOD, MAX_ITEMS, MAX_UNREPORTED};
 use pulsetrain_core::verbs::{Heading, Motor, MotorTiming, Refused, Verb, Verbs};
 use pulsetrain_core::winch::text::LineFault;
 use pulsetrain_core::winch::verb_lines::{LONGEST, VerbLine, VerbReply, read};
 use pulsetrain_core::wire::frame::{Encoder, Received, Tag};
 use pulsetrain_core::wire::message::{self, Command, Reason, kind};
-use pulsetrain_core::wire::orders::{MOST_ORDERS, NextStep, Obeyed, Orders, order};
+use pulsetrain_core::wire::orders::{MAX_ORDERS, NextStep, Obeyed, Orders, order};
 use pulsetrain_core::wire::{Decoder, MAX_FRAME, Refusal};
 use pulsetrain_core::{Channel, Direction, Entry, Epoch, Item, Queue, Tick32};
 
@@ -98,7 +98,7 @@ fn by_slices(script: &[(u64, Verb)], cut: Cut, end: u64, slices: &[u64]) -> (Mad
             items += 1;
             queue.push(Entry { epoch: Epoch(0), item }).expect("room");
         });
-        assert!(items <= MOST_ITEMS);
+        assert!(items <= MAX_ITEMS);
         known = next;
         // A channel whose limit is a little short takes the rest with the next slice.
         let limit = Tick32::of(known).before(1);
@@ -196,7 +196,7 @@ proptest! {
     }
 
     #[test]
-    fn orders_are_read_as_they_were_written(orders in prop::collection::vec((0u8..8, verb()), 0..=MOST_ORDERS)) {
+    fn orders_are_read_as_they_were_written(orders in prop::collection::vec((0u8..8, verb()), 0..=MAX_ORDERS)) {
         let bytes: Vec<u8> = orders.iter().flat_map(|(motor, verb)| order(*motor, *verb)).collect();
         let command = Command::Orders(Orders::decode(&bytes).expect("whole orders"));
         let mut frame = [0; MAX_FRAME];
@@ -385,7 +385,7 @@ fn two_moves_each() -> Verbs {
 fn told(verbs: &mut Verbs) -> Vec<(u8, u64, u32)> {
     let told = std::iter::from_fn(|| verbs.take_done(u64::MAX)).collect();
     assert_eq!(verbs.next_done(), None);
-    assert!(verbs.motors().iter().all(Motor::is_told));
+    assert!(verbs.motors().iter().all(Motor::is_reported));
     told
 }
 
@@ -425,7 +425,7 @@ fn a_move_that_could_not_be_told_is_refused() {
         motor.work_out::<32>(1000 * number + 500, |_| {});
         taken
     };
-    for number in 0..u64::from(MOST_UNTOLD) {
+    for number in 0..u64::from(MAX_UNREPORTED) {
         assert_eq!(go(&mut motor, number), Ok(()));
     }
     assert_eq!(go(&mut motor, 4), Err(Refused::Busy));
@@ -438,7 +438,7 @@ fn a_move_that_could_not_be_told_is_refused() {
     assert_eq!(go(&mut motor, 6), Err(Refused::Busy));
     let told: Vec<_> = std::iter::from_fn(|| motor.take_done(u64::MAX)).collect();
     assert_eq!(told, [(1025, 2), (2025, 3), (3025, 4), (5030, 5)]);
-    assert!(motor.is_told());
+    assert!(motor.is_reported());
 }
 
 #[test]

@@ -5,7 +5,7 @@ use pulsetrain_core::lease::Lease;
 use pulsetrain_core::output::Sequence;
 use pulsetrain_core::wire::frame::{Received, Tag, framed_len};
 use pulsetrain_core::wire::message::{Configuration, MAX_PACKED, MotorSetup};
-use pulsetrain_core::wire::settings::{AMAX, MOST_VMAX};
+use pulsetrain_core::wire::settings::{AMAX, MAX_VMAX};
 use pulsetrain_core::wire::{Baud, Command, Decoder, Encoder, MAX_BODY, MAX_FRAME, Settings, VERSION};
 use pulsetrain_core::{Epoch, Tick32};
 
@@ -252,7 +252,7 @@ proptest! {
             12 => Command::Measures { reset: flags & 1 != 0 },
             13 => {
                 let [deadman_ms, idle_ms, silence_ms, ..] = times;
-                let (vmax, amax) = (nonce % (MOST_VMAX + 1), nonce.clamp(AMAX[0], AMAX[1]));
+                let (vmax, amax) = (nonce % (MAX_VMAX + 1), nonce.clamp(AMAX[0], AMAX[1]));
                 Command::Store(Some(Settings { deadman_ms, idle_ms, silence_ms, vmax, amax }))
             }
             14 => Command::Extend { lease, limits: &limits },

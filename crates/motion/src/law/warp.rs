@@ -1,6 +1,6 @@
 //! A law whose own time is slowed to a halt, or brought up to speed again: pause and resume.
 //!
-//! The path in space stays the same, and so do the phases of motors that are eased alike: only when they are where changes.
+//! Positions stay the same, and so do the phases of motors that are eased alike. Only the times change.
 //!
 //! With x from 0 to 1 over the easing, the law's time runs at 1 − (3x² − 2x³) or at 3x² − 2x³ of its rate: speeds are never
 //! higher than the law's, and accelerations are |θ''|·rate² + |θ'|·1.5/over at most.
@@ -11,7 +11,7 @@ use crate::Time;
 use std::collections::VecDeque;
 use std::sync::Arc;
 
-/// A law from some time of its own on, with an easing.
+/// A law from a time of its own on, slowed to a halt or started from one.
 #[derive(Clone, Debug)]
 pub struct Warped {
     law: Law,
@@ -21,15 +21,15 @@ pub struct Warped {
 
 #[derive(Clone, Copy, Debug)]
 enum Ease {
-    /// To a halt, after going on as it was for a while.
+    /// It continues for a while, and then slows to a halt.
     Out { after: Time, over: Time },
-    /// From a halt.
+    /// It starts from a halt.
     In { over: Time },
 }
 
 impl Law {
-    /// This law from its time `from` on, which goes on for `after` and is then slowed to a halt: its time takes `over` for
-    /// the last half of `over`. It ends there, at rest.
+    /// This law from its time `from` on. It continues for `after`, and then slows to a halt within `over`, in which its own time moves on by
+    /// `over`/2. It ends there, at rest.
     ///
     /// ```
     /// use pulsetrain_motion::{Law, Time, law::Cursor};
@@ -50,9 +50,9 @@ impl Law {
         self.warped(from, over, Ease::Out { after, over })
     }
 
-    /// This law from its time `from` on, from a halt: its first half of `over` takes `over`.
+    /// This law from its time `from` on, started from a halt: in the first `over` its own time moves on by `over`/2.
     ///
-    /// What [`eased_out`](Law::eased_out) left goes on from `from + after + over/2` of then.
+    /// To continue after [`eased_out`](Law::eased_out), use its `from + after + over/2` as `from`.
     ///
     /// # Errors
     /// [`LawError::Parameter`] if `from` is negative, or `over` not 1e-6 to 1e6 s.
@@ -60,8 +60,8 @@ impl Law {
         self.warped(from, over, Ease::In { over })
     }
 
-    /// This law from a halt, and to a halt at its end: its first and its last `over`/2 take `over` each. Laws that are eased
-    /// alike keep to the figure that they draw together.
+    /// This law, started from a halt and slowed to a halt at its end: the first and the last `over`/2 of its own time take `over` each. Laws
+    /// that are eased alike still draw the same figure together.
     ///
     /// ```
     /// use pulsetrain_motion::{Law, Time, law::Cursor};
@@ -96,13 +96,13 @@ impl Law {
     }
 }
 
-/// A stretch of the warped law, from `start` to `end`, that begins at time `from` of the law itself.
+/// A part of the warped law, from `start` to `end`, which begins at the law's own time `from`.
 #[derive(Clone, Copy, Debug)]
 struct Stretch {
     start: Time,
     end: Time,
     from: Time,
-    /// The law's time, since `from`, against the time since `start`, s; `None`: both alike.
+    /// The law's own time since `from`, as a polynomial of the time since `start`, s; `None`: they are equal.
     map: Option<[Accurate; 5]>,
 }
 
@@ -111,13 +111,13 @@ impl Stretch {
         Stretch { start, end, from, map: None }
     }
 
-    /// The law's time at the end.
+    /// The law's own time at the end.
     fn to(&self) -> Time {
         let span = self.end - self.start;
         self.from + if self.map.is_some() { span.divided_by(2) } else { span }
     }
 
-    /// When the law's time is `at`.
+    /// The time at which the law's own time is `at`.
     fn when(&self, at: Time) -> Time {
         if at >= self.to() {
             return self.end;
@@ -125,7 +125,7 @@ impl Stretch {
         let Some(map) = self.map else { return self.start + (at - self.from) };
         let wanted = (at - self.from).seconds();
         let (mut before, mut after) = (Time::ZERO, self.end - self.start);
-        // Down to the last bit of what an f64 tells apart.
+        // Bisection, down to the last bit of an f64.
         for _ in 0..64 {
             let middle = before + (after - before).divided_by(2);
             if evaluate(&map, middle.seconds()) < wanted { before = middle } else { after = middle }
@@ -140,7 +140,7 @@ fn evaluate(map: &[Accurate; 5], u: f64) -> f64 {
 
 impl Warped {
     fn stretches(&self) -> Vec<Stretch> {
-        // Of x³ − x⁴/2 over some time, in its seconds.
+        // The coefficients of x³ − x⁴/2, with x from 0 to 1 over this time, in seconds.
         let bend = |over: Time| {
             let d = Accurate::of(Double::from(over));
             let cube = Accurate::ONE / (d * d);
@@ -191,7 +191,7 @@ impl Warped {
     pub(super) fn pieces(&self) -> impl Iterator<Item = Result<Piece, LawError>> + use<> {
         let mut stretches: VecDeque<Stretch> = self.stretches().into();
         let mut inner = self.law.pieces();
-        // The law's piece at hand, and how far the warped law is.
+        // The law's current piece, and the time up to which the warped law is done.
         let mut piece: Option<Piece> = None;
         let mut at = Time::ZERO;
         let mut entered = false;
@@ -202,14 +202,14 @@ impl Warped {
                     stretches.pop_front();
                     continue;
                 }
-                // A piece that ends where the stretch is by now is over.
+                // A piece that ends at this time is over.
                 let over = |piece: &Piece| piece.end <= stretch.from || stretch.when(piece.end) <= at;
                 while piece.as_ref().is_none_or(over) {
                     match inner.next() {
                         Some(Ok(next)) => (piece, entered) = (Some(next), true),
                         Some(Err(error)) => return Some(Err(error)),
                         None => {
-                            // The law has ended: it stays where it is until the easing has, too.
+                            // The law has ended. It stays where it is until the easing is over, too.
                             let end = if stretch.end == Time::MAX { at } else { stretch.end };
                             let last = piece.as_ref().map(Piece::last_position);
                             stretches.clear();
@@ -233,7 +233,7 @@ impl Warped {
                         }
                     }
                 }
-                // Where it was cut it goes on as it is.
+                // Inside a piece of the law nothing jumps.
                 if !std::mem::take(&mut entered) || own.start < stretch.from {
                     warped.entry = Entry::Continuous;
                 }
