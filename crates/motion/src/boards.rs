@@ -4,12 +4,16 @@
 
 mod pico;
 mod uno;
+mod uno_tuning;
 
 use std::ops::RangeInclusive;
 
 use crate::board::{Board, SegmentTicks, SharedSteps};
 use crate::motor::{DriverTiming, Motor, Wiring};
 use crate::pins::{self, PinKind, PinsError};
+use uno_tuning::{
+    END_DELAY, LATENCY, LATENCY_MERGED, MAX_PULSE, SPACING, SPACING_SHIELD, SPACING_TWO_COMPARE, SPACING_TWO_RINGS,
+};
 
 /// One row of the table: the limits of plans, and other things that a user should know.
 #[derive(Clone, Debug, PartialEq)]
@@ -243,14 +247,11 @@ impl BoardRow {
     #[must_use]
     pub fn shared_steps(&self, motors: &[Motor]) -> Option<SharedSteps> {
         let pulse = DriverTiming::longest(motors).ticks(self.board.tick_hz).pulse_high;
-        if !matches!(self.pin_rules, PinRules::Kinds(_)) || !shares_dir(motors) || pulse <= LONGEST_OWN_PULSE {
+        if !matches!(self.pin_rules, PinRules::Kinds(_)) || !shares_dir(motors) || pulse <= u64::from(MAX_PULSE) {
             return None;
         }
-        let apart_ticks = u64::from(PULSE_LATE_TICKS[0] + GROUPS_APART_TICKS[1]) + pulse;
-        Some(SharedSteps {
-            together_ticks: GROUPS_APART_TICKS[0] / 2,
-            apart_ticks: u32::try_from(apart_ticks).unwrap_or(u32::MAX),
-        })
+        let apart_ticks = u64::from(LATENCY + SPACING_SHIELD[0]) + pulse;
+        Some(SharedSteps { together_ticks: SPACING / 2, apart_ticks: u32::try_from(apart_ticks).unwrap_or(u32::MAX) })
     }
 
     fn no_pin(&self, pin: String) -> PinError {
@@ -270,12 +271,13 @@ pub fn find(name: &str) -> Option<BoardRow> {
     table().into_iter().find(|row| row.board.name.eq_ignore_ascii_case(name))
 }
 
-/// What a turn of DIR takes an Uno, ticks, and what it takes when motors are merged in one ring. It is in
-/// firmware/uno/src/engine/steps/stepper.rs: for an interrupt that is late before it and after it, and the way to the line after the match; and twice the
-/// distance of groups, by which a merge moves edges.
-const TURN_TICKS: [u32; 2] = [24 + 48 + 24, 60 + 16 + 60 + 2 * 76];
-/// The same of one and of two motors of the compare hardware's: the distance of groups, before it and after it.
-const TURN_TICKS_BY_COMPARE: [u32; 2] = [2 * GROUP_SPACING_TWO_RINGS_TICKS[0], 2 * GROUP_SPACING_TWO_RINGS_TICKS[1]];
+/// The time that a turn of DIR takes an Uno, ticks: alone, and where motors are merged in one ring. `PulseTiming::of` in
+/// firmware/uno/src/engine/steps/stepper/timing.rs adds it up: an edge may be late before the turn and after it, the way to the line after the
+/// match takes time, and a merge moves edges by up to two spacings.
+const TURN_TICKS: [u32; 2] =
+    [LATENCY + SPACING + LATENCY, LATENCY_MERGED + END_DELAY + LATENCY_MERGED + 2 * SPACING_SHIELD[1]];
+/// The same for one and for two motors of the compare hardware: the spacing of groups, before the turn and after it.
+const TURN_TICKS_BY_COMPARE: [u32; 2] = [2 * SPACING_TWO_RINGS, 2 * SPACING_TWO_COMPARE];
 
 /// The shortest word of a Pico's state machine, ticks: the longest pulse of all motors and three cycles (`pulsetrain_core::pio`). Steps are
 /// never closer than that, and a change of DIR is a word of its own.
@@ -297,18 +299,6 @@ fn word_turn_ticks(motors: &[Motor], hz: u64) -> u32 {
 /// a stop (`cargo xtask accept --seed 20 --only 1080 --board uno`).
 const SHARED_STEP_TICKS: u32 = 2_800;
 
-/// The longest pulse that an Uno's interrupt makes by itself, ticks. The end of a longer one is a match of its own.
-const LONGEST_OWN_PULSE: u64 = 31;
-
-/// By what an Uno makes a long pulse longer, since its rising edge may be late, ticks: `LATENCY` in firmware/uno/src/engine/tuning.rs; and
-/// `LATENCY_MERGED`, where other motors move it too.
-const PULSE_LATE_TICKS: [u32; 2] = [24, 60];
-
-/// What an Uno keeps between two matches, on one port and on the shield's pins, ticks: `SPACING` and `SPACING_SHIELD` there.
-const GROUPS_APART_TICKS: [u32; 2] = [48, 60];
-/// What it keeps with a ring for each motor: `SPACING_TWO_RINGS`, and `SPACING_TWO_COMPARE`.
-const GROUP_SPACING_TWO_RINGS_TICKS: [u32; 2] = [96, 171];
-
 /// How an Uno makes a pulse whose end is a compare match of its own: `PulseTiming::of` in firmware/uno/src/engine/steps/stepper/timing.rs.
 struct LongPulse {
     /// How much longer the pulse is than configured, ticks.
@@ -324,15 +314,15 @@ struct LongPulse {
 impl LongPulse {
     /// The pulse with this many motors, none of which share a DIR line. The motors of a pair have a ring each.
     fn of(kind: PinKind, motors: usize, is_pair: bool) -> LongPulse {
-        let [alone, moved] = PULSE_LATE_TICKS;
+        let (alone, moved) = (LATENCY, LATENCY_MERGED);
         if kind == PinKind::Compare {
-            let apart = GROUP_SPACING_TWO_RINGS_TICKS[usize::from(motors > 1)];
+            let apart = if motors > 1 { SPACING_TWO_COMPARE } else { SPACING_TWO_RINGS };
             return LongPulse { more: 0, late: 0, apart, together: false };
         }
         if is_pair {
-            return LongPulse { more: moved, late: moved, apart: GROUP_SPACING_TWO_RINGS_TICKS[0], together: true };
+            return LongPulse { more: moved, late: moved, apart: SPACING_TWO_RINGS, together: true };
         }
-        let apart = GROUPS_APART_TICKS[usize::from(kind == PinKind::Shield)];
+        let apart = if kind == PinKind::Shield { SPACING_SHIELD[0] } else { SPACING };
         // If motors are merged in one ring, the second edge may be early.
         let (more, late) = if motors > 1 { (moved + apart, moved) } else { (alone, alone) };
         LongPulse { more, late, apart, together: true }
@@ -341,17 +331,17 @@ impl LongPulse {
     /// The longest pulse with which several steps are worked out at once, ticks: with its extension it must fit in 8 bits. The compare hardware has
     /// no such mode; its limit is the longest pulse that one interrupt makes.
     fn longest_together(&self) -> u64 {
-        if self.together { u64::from(u8::MAX) - u64::from(self.more) } else { LONGEST_OWN_PULSE }
+        if self.together { u64::from(u8::MAX) - u64::from(self.more) } else { u64::from(MAX_PULSE) }
     }
 
     /// The shortest interval, ticks, with the margin of the table's limits: the pulse as it is made, and the shortest time to the next one.
     fn shortest_interval(&self, pulse: u64, low: u64) -> u32 {
         let [pulse, low] = [pulse, low].map(|ticks| u32::try_from(ticks).unwrap_or(u32::MAX));
         let low = low.saturating_add(self.late);
-        let ticks = if u64::from(pulse) > LONGEST_OWN_PULSE {
+        let ticks = if pulse > MAX_PULSE {
             pulse.saturating_add(self.more).saturating_add(low.max(self.apart))
         } else {
-            low.saturating_add(LONGEST_OWN_PULSE as u32)
+            low.saturating_add(MAX_PULSE)
         };
         ticks.saturating_add(ticks.div_ceil(40))
     }
