@@ -48,7 +48,7 @@ const SEND_EVERY: Duration = Duration::from_millis(1);
 
 /// How often the board is asked for room while a queue is more than half full. Not more often, as the host can compute when items leave it, and each
 /// request costs an Uno as much as a frame of data.
-const ROOM_EVERY: Duration = Duration::from_millis(10);
+const FREE_BYTES_EVERY: Duration = Duration::from_millis(10);
 
 /// The longest wait for the port before the queues are looked after again.
 const LONGEST_ROUND: Duration = Duration::from_millis(3);
@@ -1086,7 +1086,7 @@ impl<P: Port> Remote<P> {
             self.link.ask(&Command::Status, now);
         }
         let full = (0..).zip(&self.motors).any(|(index, motor)| self.link.room(index) < motor.capacity / 2);
-        if full && now >= self.room_requested_at + ROOM_EVERY {
+        if full && now >= self.room_requested_at + FREE_BYTES_EVERY {
             self.room_requested_at = now;
             self.link.poll(now);
         }

@@ -209,7 +209,7 @@ impl Winch {
     }
 
     /// Has motors follow the verbs of a line, and returns the answer.
-    pub(crate) fn give_orders(&mut self, board: &mut Board, orders: &LineOrders) -> text::VerbReply {
+    pub(crate) fn obey_verbs(&mut self, board: &mut Board, orders: &LineOrders) -> text::VerbReply {
         if self.path_runs {
             return text::VerbReply::Path;
         }

@@ -148,8 +148,8 @@ fn limits(values: &[f64]) -> miette::Result<(u32, u32)> {
     }
     let help = "a board takes up to 10 000 steps/s, and 1 to 250 000 steps/s²; `--limits 0 0` for the board's own";
     let values: Vec<String> = values.iter().map(|value| figure(*value)).collect();
-    let told = values.join(" steps/s and ");
-    Err(miette!(help = help, "--limits of {told} steps/s² are beyond what a board takes"))
+    let limits = values.join(" steps/s and ");
+    Err(miette!(help = help, "--limits of {limits} steps/s² are beyond what a board takes"))
 }
 
 /// Stores the settings that the user gave, and reads what is stored then.
