@@ -144,7 +144,7 @@ pub enum Command<'a> {
     /// | 2 | epoch |
     /// | 3–10 | tick |
     /// | 11–15 | how long the new plan is valid: see [`LeaseField`] |
-    /// | 16… | braking limits: nothing, or three bytes for each configured motor: M (128 to 255), E (0 to 61), L (see [`braking`](crate::braking)) |
+    /// | 16… | braking limits: nothing, or three bytes for each configured motor: M (128 to 255), E (0 to 61), L |
     Switch {
         /// The epoch that begins.
         epoch: Epoch,
@@ -507,7 +507,7 @@ pub struct Configuration<'a> {
 ///
 /// | byte | |
 /// |---|---|
-/// | 0 | pin of STEP; for coils the pin of IN1: [`coil_pins`] has the others |
+/// | 0 | pin of STEP; for coils that of IN1, and IN2 to IN4 are the next ones (on a Pico, GPIO 26 comes after 22) |
 /// | 1 | pin of DIR; motors may share it. 240, 241, 242: four coils, switched one at a time, two at a time, in half steps |
 /// | 2 | bit 0: DIR is high for forward; bit 1: STEP is active low; bits 2 to 7: the motor's share of the queues' bytes, in 64ths |
 /// | 3 | packing gain, signed |
