@@ -122,7 +122,7 @@ enum Task {
         #[arg(long, requires = "only", conflicts_with_all = ["hour", "rates"], value_name = "SEEDS", num_args = 0..=1, default_missing_value = "4")]
         motions: Option<u64>,
     },
-    /// Draw the modules of each crate and what they import, as Mermaid text
+    /// Draw the crates, into ARCHITECTURE.md, and print the modules of each crate and what they import, as Mermaid text
     Map,
     /// Write the golden files anew; read the difference before you commit it
     Golden,
@@ -185,10 +185,7 @@ fn main() -> ExitCode {
         Task::Bench { only: Some(Figures::Verbs), .. } => bench::verbs::run(),
         Task::Bench { only: Some(Figures::Pico), hour: false, .. } => bench::pico::run(),
         Task::Bench { only: Some(Figures::Pico), hour: true, .. } => bench::pico::hour(),
-        Task::Map => {
-            map::print(&command::root());
-            Ok(())
-        }
+        Task::Map => map::run(&command::root()),
         Task::Golden => golden::run(),
         Task::Pictures => pictures::run(),
     };

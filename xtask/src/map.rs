@@ -1,5 +1,6 @@
-//! A drawing of the crates' modules and what they import, as Mermaid text, which GitHub draws.
+//! Drawings of the crates and of each crate's modules, with what they import, as Mermaid text, which GitHub draws.
 
+use crate::command::{Done, Failure};
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -7,8 +8,92 @@ use std::path::{Path, PathBuf};
 /// The modules at the top of a crate, and those of the same crate that each imports.
 pub(crate) type Modules = BTreeMap<String, BTreeSet<String>>;
 
+/// Our crates, and those of ours that each imports.
+type Crates = BTreeMap<String, BTreeSet<String>>;
+
+/// The document that has the drawing of the crates, and the lines around the drawing.
+const DOCUMENT: &str = "ARCHITECTURE.md";
+const BEGIN: &str = "<!-- The drawing is written by `cargo xtask map`. -->\n";
+const END: &str = "<!-- The drawing ends. -->\n";
+
+/// Writes the drawing of the crates into ARCHITECTURE.md, and prints it, and a drawing of each crate's modules.
+///
+/// # Errors
+/// A message, if the document cannot be read or written, or has no place for the drawing.
+pub(crate) fn run(root: &Path) -> Done {
+    let path = root.join(DOCUMENT);
+    let text = fs::read_to_string(&path).map_err(|why| Failure::File { path: path.clone(), why })?;
+    let renewed = with_drawing(&text, &draw_crates(root)).map_err(Failure::Check)?;
+    if renewed != text {
+        fs::write(&path, renewed).map_err(|why| Failure::File { path, why })?;
+    }
+    print(root);
+    Ok(())
+}
+
+/// The document with this drawing in place of its own.
+fn with_drawing(text: &str, drawing: &str) -> Result<String, String> {
+    let (before, rest) = text.split_once(BEGIN).ok_or(format!("{DOCUMENT} has no line {BEGIN}"))?;
+    let (_, after) = rest.split_once(END).ok_or(format!("{DOCUMENT} has no line {END}"))?;
+    Ok(format!("{before}{BEGIN}{drawing}{END}{after}"))
+}
+
+/// A drawing of the crates. An arrow means that a crate imports another one; it is left out if a longer way of arrows leads there. A dotted
+/// arrow is for tests and benches alone.
+fn draw_crates(root: &Path) -> String {
+    let (imports, in_tests) = imports(root);
+    let mut drawing = "```mermaid\nflowchart TD\n".to_owned();
+    for (name, known) in &imports {
+        // Mermaid's names have no slash.
+        let node = name.replace('/', "_");
+        drawing.push_str(&format!("    {node}[\"{name}\"]\n"));
+        let direct = known.iter().filter(|other| !known.iter().any(|via| reaches(&imports, via, other)));
+        direct.for_each(|other| drawing.push_str(&format!("    {node} --> {other}\n")));
+        let of_tests = in_tests.get(name).into_iter().flatten().filter(|other| !reaches(&imports, name, other));
+        of_tests.for_each(|other| drawing.push_str(&format!("    {node} -.-> {other}\n")));
+    }
+    drawing.push_str("```\n");
+    drawing
+}
+
+/// Whether a way of imports leads from one crate to another.
+fn reaches(imports: &Crates, from: &str, to: &str) -> bool {
+    imports.get(from).into_iter().flatten().any(|next| next == to || reaches(imports, next, to))
+}
+
+/// What the crates of the repository import of one another, by their manifests: for themselves, and for tests alone.
+fn imports(root: &Path) -> (Crates, Crates) {
+    let mut folders: Vec<PathBuf> =
+        fs::read_dir(root.join("crates")).into_iter().flatten().flatten().map(|entry| entry.path()).collect();
+    folders.extend(["firmware/uno", "firmware/pico"].map(|name| root.join(name)));
+    let (mut normal, mut in_tests) = (Crates::new(), Crates::new());
+    for folder in folders.into_iter().filter(|folder| folder.join("Cargo.toml").is_file()) {
+        let name = folder.strip_prefix(root.join("crates")).or(folder.strip_prefix(root)).unwrap_or(&folder);
+        let name = name.display().to_string();
+        let manifest = fs::read_to_string(folder.join("Cargo.toml")).unwrap_or_default();
+        let mut section = "";
+        normal.entry(name.clone()).or_default();
+        for line in manifest.lines() {
+            let kind = match line.strip_prefix('[') {
+                Some(heading) => {
+                    section = heading.trim_end_matches(']');
+                    continue;
+                }
+                None if section == "dependencies" => &mut normal,
+                None if section == "dev-dependencies" => &mut in_tests,
+                None => continue,
+            };
+            if let Some(other) = line.strip_prefix("pulsetrain-") {
+                let other = other.chars().take_while(|c| c.is_alphanumeric()).collect();
+                kind.entry(name.clone()).or_default().insert(other);
+            }
+        }
+    }
+    (normal, in_tests)
+}
+
 /// Prints a drawing of each crate's modules.
-pub(crate) fn print(root: &Path) {
+fn print(root: &Path) {
     for folder in crates(root) {
         let name = folder.strip_prefix(root).unwrap_or(&folder).display().to_string();
         println!("## {name}\n\n```mermaid\nflowchart TD");
@@ -94,6 +179,18 @@ mod tests {
             circles.extend(circle(&modules).map(|circle| format!("{}: {}", folder.display(), circle.join(" → "))));
         }
         assert!(circles.is_empty(), "modules that import one another in a circle:\n{}", circles.join("\n"));
+    }
+
+    #[test]
+    fn the_drawing_of_the_crates_is_up_to_date() {
+        let root = crate::command::root();
+        let text = fs::read_to_string(root.join(DOCUMENT)).expect("a document");
+        let drawing = draw_crates(&root);
+        assert!(drawing.contains("    session --> plan\n") && !drawing.contains("session --> core"), "{drawing}");
+        assert!(
+            with_drawing(&text, &drawing).as_ref() == Ok(&text),
+            "`cargo xtask map` draws {DOCUMENT}'s picture again"
+        );
     }
 
     #[test]

@@ -4,7 +4,7 @@
 
 use pulsetrain_board::virtual_pico::{self, VirtualPico};
 use pulsetrain_board::{RemoteError, Setup, image};
-use pulsetrain_core::baked::{FLASH_ROOM, LONGEST_PIECE, MAGIC, POINTER, Repeats, crc32};
+use pulsetrain_core::baked::{LONGEST_PIECE, MAGIC, POINTER, PROGRAM_FLASH_BYTES, Repeats, crc32};
 use pulsetrain_core::wire::Baud;
 use pulsetrain_motion::program::Program;
 
@@ -44,7 +44,7 @@ pub struct PicoImage {
 
 impl PicoImage {
     /// Bytes of a Pico's flash that an image may fill. The settings lie behind them.
-    pub const FLASH_BYTES: usize = FLASH_ROOM as usize;
+    pub const FLASH_BYTES: usize = PROGRAM_FLASH_BYTES as usize;
 
     /// Makes the image of a program for the Pico. The committed firmware runs on the virtual Pico meanwhile, and says
     /// whether it accepts the pins and the pulse times.

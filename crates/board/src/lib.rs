@@ -78,7 +78,7 @@ pub trait Board {
     fn sizer(&self, motor: usize) -> Sizer;
 
     /// How long a command and its answer may take, ticks; 0 if no time passes.
-    fn lead(&self) -> u64;
+    fn round_trip(&self) -> u64;
 
     /// The first tick to which no motor is committed yet: a switch is accepted at this tick or later.
     fn horizon(&self) -> u64;
@@ -111,7 +111,7 @@ pub trait Board {
 
     /// Whether the record of scheduled steps is complete (see [`WithReference`]). If not, that is a fault of this program, and the record proves
     /// nothing.
-    fn agrees(&self) -> bool {
+    fn record_is_complete(&self) -> bool {
         true
     }
 
@@ -120,7 +120,7 @@ pub trait Board {
     ///
     /// # Errors
     /// When the board does not answer.
-    fn settle(&mut self) -> Result<AtRest, RemoteError> {
+    fn final_report(&mut self) -> Result<AtRest, RemoteError> {
         Ok(AtRest { positions: self.positions(), last_stop: Cause::Finished, reset: None })
     }
 }
@@ -161,7 +161,7 @@ pub trait VirtualBoard: Port {
     ///
     /// # Errors
     /// As [`Port::set_baud`].
-    fn follow(&mut self, rate: u32) -> Result<(), PortError> {
+    fn set_client_rate(&mut self, rate: u32) -> Result<(), PortError> {
         let baud = pulsetrain_core::wire::Baud::ALL.into_iter().find(|baud| baud.rate() == rate);
         baud.filter(|baud| *baud != self.baud()).map_or(Ok(()), |baud| self.set_baud(baud))
     }
@@ -188,8 +188,8 @@ impl<B: VirtualBoard + ?Sized> VirtualBoard for Box<B> {
         (**self).baud()
     }
 
-    fn follow(&mut self, rate: u32) -> Result<(), PortError> {
-        (**self).follow(rate)
+    fn set_client_rate(&mut self, rate: u32) -> Result<(), PortError> {
+        (**self).set_client_rate(rate)
     }
 }
 

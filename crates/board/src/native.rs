@@ -448,7 +448,7 @@ impl Board for Native {
         Sizer::items()
     }
 
-    fn lead(&self) -> u64 {
+    fn round_trip(&self) -> u64 {
         0
     }
 
@@ -773,7 +773,7 @@ impl<const F: u32> Motors<F> {
             return Some(edge);
         }
         let Some((line, _)) = self.sharing.members[motor] else { return self.next(motor, until, witness) };
-        while !self.axes[motor].owes() {
+        while !self.axes[motor].has_pending_edge() {
             let Some(first) = self.first_on(line, until) else { break };
             if first == motor {
                 break;
@@ -805,17 +805,17 @@ impl<const F: u32> Motors<F> {
         // Planned steps come before all steps of the stop. The planner has kept them apart already.
         let is_planned = |motor: &usize| !self.axes[*motor].channel().is_braking();
         let planned = motors.iter().zip(&steps).map(|(motor, step)| step.filter(|_| is_planned(motor)));
-        if let Some(place) = shared_line::first(planned.map(|step| step.map(|(tick, _)| (tick, false)))) {
+        if let Some(place) = shared_line::first_motor(planned.map(|step| step.map(|(tick, _)| (tick, false)))) {
             return Some(motors[place]);
         }
-        let place = shared_line::first(steps.iter().copied())?;
+        let place = shared_line::first_motor(steps.iter().copied())?;
         let first = motors[place];
         let (Some((_, false)), Some((_, forward_high))) = (steps[place], self.sharing.members[first]) else {
             return Some(first);
         };
         let axis = &mut self.axes[first];
         let level = (axis.channel().direction() == Direction::Forward) == forward_high;
-        let open = self.lines[line].open(level, axis.soonest_turn());
+        let open = self.lines[line].earliest_step(level, axis.soonest_turn());
         axis.channel_mut().put_off(open);
         Some(first)
     }
@@ -844,7 +844,7 @@ impl<const F: u32> Motors<F> {
 
     /// If one motor has noticed the end of the lease, gives it to all of them. Returns whether one had.
     fn share_lapse(&mut self) -> bool {
-        if !self.axes.iter().any(|axis| axis.channel().has_news()) {
+        if !self.axes.iter().any(|axis| axis.channel().has_unreported_lapse()) {
             return false;
         }
         let Some(lapse) = channels::agreed_lapse(self.axes.iter().map(Axis::channel)) else { return false };
@@ -860,7 +860,7 @@ impl<const F: u32> Engine for Axes<F> {
 
     fn push(&mut self, motor: usize, entry: Entry) -> Result<(), Entry> {
         let Some(axis) = self.motors.axes.get_mut(motor) else { return Err(entry) };
-        if axis.channel().keeps(entry.epoch) { axis.queue_mut().push(entry) } else { Ok(()) }
+        if axis.channel().accepts(entry.epoch) { axis.queue_mut().push(entry) } else { Ok(()) }
     }
 
     fn credit(&self, motor: usize) -> usize {

@@ -5,7 +5,7 @@
 
 use crate::native::ConfigError;
 use crate::{Board, Config, Edge, Native, Observer};
-use pulsetrain_core::verbs::motor::MOST_ITEMS;
+use pulsetrain_core::verbs::motor::MAX_ITEMS;
 use pulsetrain_core::verbs::{MotorTiming, Verbs};
 use pulsetrain_core::wire::message::Reason;
 use pulsetrain_core::wire::orders::{Obeyed, Orders};
@@ -118,7 +118,7 @@ impl NativeVerbs {
         while self.verbs.known() < until {
             let end = until.min(self.verbs.known() + SLICE);
             let native = &mut self.native;
-            if (0..self.verbs.motors().len()).any(|motor| native.credit(motor) < MOST_ITEMS) {
+            if (0..self.verbs.motors().len()).any(|motor| native.credit(motor) < MAX_ITEMS) {
                 return false;
             }
             let push = |motor: u8, item| {

@@ -57,7 +57,7 @@ impl<B: Board> WithReference<B> {
 
     /// Brings the reference to the board's time, but not to `tick`: it can accept a switch only before the switch's tick. The board accepted it in
     /// time, even if its answer was lost and came after that tick when it was repeated.
-    fn follow_to_switch(&mut self, tick: u64) {
+    fn advance_reference_to_switch(&mut self, tick: u64) {
         let tick = self.earliest_end().map_or(tick, |open| open.min(tick));
         let passed = self.board.now().checked_sub(1).zip(self.reference.last_before_switch(tick));
         if let Some(last) = passed.map(|(now, before)| now.min(before)).filter(|last| self.reference.now() <= *last) {
@@ -66,7 +66,7 @@ impl<B: Board> WithReference<B> {
     }
 
     /// Brings the reference's time to `until`, but not past the earliest possible end of the lease.
-    fn follow(&mut self, until: u64, observer: &mut impl Observer) {
+    fn advance_reference(&mut self, until: u64, observer: &mut impl Observer) {
         self.steps.drain(..).for_each(|step| observer.step(step));
         // After an immediate stop the board makes no more steps; the reference must not go on with its plan.
         if matches!(self.board.lost(), Some(crate::RemoteError::Stopped { .. })) {
@@ -155,8 +155,8 @@ impl<B: Leased> Board for WithReference<B> {
         self.board.sizer(motor)
     }
 
-    fn lead(&self) -> u64 {
-        self.board.lead()
+    fn round_trip(&self) -> u64 {
+        self.board.round_trip()
     }
 
     fn horizon(&self) -> u64 {
@@ -174,13 +174,13 @@ impl<B: Leased> Board for WithReference<B> {
     fn advance(&mut self, until: u64, observer: &mut impl Observer) {
         self.board.advance(until, &mut Edges(observer));
         self.take_answers();
-        self.follow(until, observer);
+        self.advance_reference(until, observer);
     }
 
     fn stop_now(&mut self, tick: u64, observer: &mut impl Observer) -> StopReport {
         let report = self.board.stop_now(tick, &mut Edges(observer));
         self.take_answers();
-        self.follow(report.tick, observer);
+        self.advance_reference(report.tick, observer);
         self.reference.stop_now(report.tick, &mut Steps(observer));
         report
     }
@@ -201,12 +201,12 @@ impl<B: Leased> Board for WithReference<B> {
         self.board.lost()
     }
 
-    fn agrees(&self) -> bool {
-        self.is_complete && self.board.agrees()
+    fn record_is_complete(&self) -> bool {
+        self.is_complete && self.board.record_is_complete()
     }
 
-    fn settle(&mut self) -> Result<crate::AtRest, crate::RemoteError> {
-        self.board.settle()
+    fn final_report(&mut self) -> Result<crate::AtRest, crate::RemoteError> {
+        self.board.final_report()
     }
 }
 
@@ -214,7 +214,7 @@ impl<B: Leased> Leased for WithReference<B> {
     fn switch(&mut self, epoch: Epoch, tick: u64, lease: Lease, limits: &[Limit]) -> Result<(), SwitchRefused> {
         self.await_extensions();
         let answer = self.board.switch(epoch, tick, lease, limits);
-        self.follow_to_switch(tick);
+        self.advance_reference_to_switch(tick);
         match answer {
             Ok(()) => {
                 self.is_complete &= self.reference.switch(epoch, tick, lease, limits).is_ok();
@@ -300,7 +300,7 @@ mod tests {
         }
         let mut seen = Seen::default();
         board.advance(100 * (runs as u64 + 1), &mut seen);
-        (seen, board.agrees())
+        (seen, board.record_is_complete())
     }
 
     #[test]

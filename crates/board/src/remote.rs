@@ -48,7 +48,7 @@ const SEND_EVERY: Duration = Duration::from_millis(1);
 
 /// How often the board is asked for room while a queue is more than half full. Not more often, as the host can compute when items leave it, and each
 /// request costs an Uno as much as a frame of data.
-const ROOM_EVERY: Duration = Duration::from_millis(10);
+const FREE_BYTES_EVERY: Duration = Duration::from_millis(10);
 
 /// The longest wait for the port before the queues are looked after again.
 const LONGEST_ROUND: Duration = Duration::from_millis(3);
@@ -510,9 +510,9 @@ impl<P: Port> Remote<P> {
     /// # Errors
     /// When the board is lost, or refuses.
     pub fn set_baud(&mut self, baud: Baud) -> Result<Baud, RemoteError> {
-        self.settle()?;
+        self.wait_until_quiet()?;
         self.done("change its rate", &Command::Baud { baud })?;
-        self.settle()?;
+        self.wait_until_quiet()?;
         Ok(self.link.baud())
     }
 
@@ -791,7 +791,7 @@ impl<P: Port> Remote<P> {
     }
 
     /// Waits until every frame is confirmed and every command answered.
-    fn settle(&mut self) -> Result<(), RemoteError> {
+    fn wait_until_quiet(&mut self) -> Result<(), RemoteError> {
         while !self.link.is_quiet() {
             self.round(Duration::MAX)?;
         }
@@ -1082,7 +1082,7 @@ impl<P: Port> Remote<P> {
             self.link.ask(&Command::Status, now);
         }
         let full = (0..).zip(&self.motors).any(|(index, motor)| self.link.room(index) < motor.capacity / 2);
-        if full && now >= self.room_requested_at + ROOM_EVERY {
+        if full && now >= self.room_requested_at + FREE_BYTES_EVERY {
             self.room_requested_at = now;
             self.link.poll(now);
         }
@@ -1215,7 +1215,7 @@ impl<P: Port> Board for Remote<P> {
         self.motors.get(motor).map_or(Sizer::packed(none, 0), |motor| Sizer::packed(motor.packing, motor.capacity))
     }
 
-    fn lead(&self) -> u64 {
+    fn round_trip(&self) -> u64 {
         // Time to fill half of all queues, which is the most that is sent before a switch; for a repeat after an error; and for the switch itself.
         let fill = Duration::from_secs(BITS * u64::from(self.info.pool) / 2) / self.link.baud().rate();
         let lead = fill + 2 * self.link.shortest_timeout();
@@ -1295,7 +1295,7 @@ impl<P: Port> Board for Remote<P> {
         self.error()
     }
 
-    fn settle(&mut self) -> Result<AtRest, RemoteError> {
+    fn final_report(&mut self) -> Result<AtRest, RemoteError> {
         let clock = self.clock.clone();
         let is_lost = self.link.error().is_some();
         if is_lost {

@@ -90,7 +90,7 @@ impl<B: VirtualBoard> VirtualBoard for Skewed<B> {
         self.board.baud()
     }
 
-    fn follow(&mut self, rate: u32) -> Result<(), PortError> {
-        self.board.follow(rate)
+    fn set_client_rate(&mut self, rate: u32) -> Result<(), PortError> {
+        self.board.set_client_rate(rate)
     }
 }

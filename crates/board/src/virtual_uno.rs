@@ -321,7 +321,7 @@ impl VirtualBoard for VirtualUno {
         VirtualUno::baud(self)
     }
 
-    fn follow(&mut self, rate: u32) -> Result<(), PortError> {
+    fn set_client_rate(&mut self, rate: u32) -> Result<(), PortError> {
         if rate != self.next_rate.map_or(self.rate, |(_, rate)| rate) {
             self.set_rate(rate);
         }

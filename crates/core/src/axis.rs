@@ -1,23 +1,23 @@
 //! The axis: one motor's queue, channel and output together. It returns the motor's edges, no sooner than they are due.
 //!
-//! Nothing after the tick that is asked for is committed but the step that a DIR edge was made for. So at any tick the
-//! position counts the pulses that were begun, and all else can still be switched away.
+//! Up to a tick, only the events up to that tick are committed, and the step whose DIR edge came by then. So the position always
+//! counts the pulses that have begun, and a switch can still replace all later steps.
 
 use crate::channel::{Channel, EventKind};
 use crate::output::{Edge, Output};
 use crate::queue::Items;
 use crate::{Direction, Tick32};
 
-/// One motor: `F` fraction bits, and what its items wait in: a [`Queue`](crate::Queue), or what a host has in its place.
+/// One motor. `F` is the number of fraction bits, `Q` its queue: a [`Queue`](crate::Queue), or a host's own.
 #[derive(Clone, Debug)]
 pub struct Axis<const F: u32, Q> {
     queue: Q,
     channel: Channel<F>,
     output: Output,
-    /// No edge may be before it.
-    open: Tick32,
-    /// The level of the DIR line that this motor asked for last.
-    facing: Option<Direction>,
+    /// The next edge comes at this tick at the earliest.
+    not_before: Tick32,
+    /// The direction that this motor's last DIR edge set.
+    dir_line: Option<Direction>,
     setup_cut_short: bool,
 }
 
@@ -29,58 +29,58 @@ impl<const F: u32, Q: Items> Axis<F, Q> {
             queue,
             channel: Channel::new(output.gap_ticks(), output.asserts_every_step()),
             output,
-            open: Tick32(0),
-            facing: None,
+            not_before: Tick32(0),
+            dir_line: None,
             setup_cut_short: false,
         }
     }
 
-    /// The next edge that comes not after `until`.
+    /// The next edge at tick `until` or before.
     pub fn next(&mut self, until: Tick32) -> Option<Edge> {
-        let owed = self.output.owed();
-        // As far as a DIR edge may come before its step, so that its tick does not hang on how `until` moves on. Also in mid-pulse:
-        // switches that are past must not look as if they waited.
+        let pending = self.output.pending_tick();
+        // It looks ahead by as much as a DIR edge may come before its step, so that the edge's tick does not depend on the steps in which
+        // `until` advances. It does so during a pulse, too: else a switch that is past would still seem to wait.
         let event = self.channel.peek(&mut self.queue, until.after(self.output.lead_ticks()));
-        if let (Some(tick), Output::StepDir(_)) = (owed, &self.output) {
-            return if until.is_before(tick) { None } else { self.settle() };
+        if let (Some(tick), Output::StepDir(_)) = (pending, &self.output) {
+            return if until.is_before(tick) { None } else { self.take_pending() };
         }
         let due = event.map(|event| self.output.due(event));
-        if let Some(tick) = owed
+        if let Some(tick) = pending
             && due.is_none_or(|due| tick.is_before(due))
         {
-            return if until.is_before(tick) { None } else { self.settle() };
+            return if until.is_before(tick) { None } else { self.take_pending() };
         }
         let (event, due) = (event?, due?);
         if until.is_before(due) {
             return None;
         }
-        let tick = due.or_later(self.open);
+        let tick = due.or_later(self.not_before);
         if let EventKind::Direction(direction) = event.kind {
-            let turns = self.facing != Some(direction) || self.output.asserts_every_step();
-            if tick != due && turns && self.channel.give_up_step(event, &mut self.queue) {
+            let turns = self.dir_line != Some(direction) || self.output.asserts_every_step();
+            if tick != due && turns && self.channel.drop_step_if_leased(event, &mut self.queue) {
                 return self.next(until);
             }
-            self.setup_cut_short |= tick != due && self.facing != Some(direction);
-            self.facing = Some(direction);
+            self.setup_cut_short |= tick != due && self.dir_line != Some(direction);
+            self.dir_line = Some(direction);
         }
         self.channel.take(event);
-        self.open = tick;
+        self.not_before = tick;
         Some(self.output.apply(event, tick))
     }
 
-    fn settle(&mut self) -> Option<Edge> {
-        let edge = self.output.settle()?;
-        self.open = edge.tick;
+    fn take_pending(&mut self) -> Option<Edge> {
+        let edge = self.output.take_pending()?;
+        self.not_before = edge.tick;
         Some(edge)
     }
 
     /// Notes that time is past `now`: see [`Channel::pass`].
     pub fn pass(&mut self, now: Tick32) {
         self.channel.pass(now);
-        self.open = now.after(1);
+        self.not_before = now.after(1);
     }
 
-    /// Makes no step more; a pulse that was begun still ends.
+    /// Makes no further step. A pulse that has begun still ends.
     pub fn stop(&mut self) {
         self.channel.stop(&mut self.queue);
     }
@@ -88,7 +88,7 @@ impl<const F: u32, Q: Items> Axis<F, Q> {
     /// Whether nothing is left to do: no step, no end of a pulse.
     #[must_use]
     pub fn is_idle(&self) -> bool {
-        self.output.owed().is_none() && self.channel.is_idle(&self.queue)
+        self.output.pending_tick().is_none() && self.channel.is_idle(&self.queue)
     }
 
     /// The channel: position, horizon, epoch.
@@ -102,26 +102,27 @@ impl<const F: u32, Q: Items> Axis<F, Q> {
         &mut self.channel
     }
 
-    /// Whether a pulse is under way, or coils are to be released. No step is taken before that is done.
+    /// Whether a pulse has yet to end, or coils have yet to be released. No step is made before the end of the pulse.
     #[must_use]
-    pub const fn owes(&self) -> bool {
-        self.output.owed().is_some()
+    pub const fn has_pending_edge(&self) -> bool {
+        self.output.pending_tick().is_some()
     }
 
-    /// The next step, if it is scheduled up to `look`, and whether it is committed; goes over and lapses up to there. For motors that
-    /// share a DIR line: `look` is as far as any of them looks, its own [lead](Axis::lead_ticks) included.
+    /// The tick of the next step, if it is not after `look`, and whether the step is committed. Switches and the end of a lease up to `look`
+    /// take effect. This is for motors that share a DIR line: `look` is the tick up to which any of them looks, with its
+    /// [`lead_ticks`](Axis::lead_ticks).
     pub fn scheduled(&mut self, look: Tick32) -> Option<(Tick32, bool)> {
         self.channel.peek(&mut self.queue, look);
         self.channel.scheduled().filter(|(tick, _)| !look.is_before(*tick))
     }
 
-    /// The first step that a DIR edge can still come its set-up before.
+    /// The tick of the first step for which a DIR edge now would be in time.
     #[must_use]
     pub const fn soonest_turn(&self) -> Tick32 {
-        self.open.after(self.output.lead_ticks())
+        self.not_before.after(self.output.lead_ticks())
     }
 
-    /// So far beyond `until` [`next`](Axis::next) looks, ticks.
+    /// How far [`next`](Axis::next) looks beyond `until`, ticks: the set-up time of DIR.
     #[must_use]
     pub const fn lead_ticks(&self) -> u32 {
         self.output.lead_ticks()
@@ -138,7 +139,7 @@ impl<const F: u32, Q: Items> Axis<F, Q> {
         &mut self.queue
     }
 
-    /// Whether a DIR edge could not come its set-up before the step: the plan left no room for it.
+    /// Whether a DIR edge came less than its set-up before a step, because the plan left no time for it.
     #[must_use]
     pub const fn setup_cut_short(&self) -> bool {
         self.setup_cut_short

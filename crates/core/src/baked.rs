@@ -1,22 +1,22 @@
-//! A motion that lies in a board's flash: how it lies there, and how its packed bytes come out of it, turn by turn.
+//! A motion in a board's flash: its format, and the player that reads its packed bytes, turn by turn.
 //!
 //! # The block
-//! All integers are little-endian. Behind the last byte counted nothing is looked at.
+//! All integers are little-endian. Bytes after the block are ignored.
 //!
 //! | byte | |
 //! |---|---|
 //! | 0–3 | `PTB1` |
-//! | 4–7 | bytes of the block, these eight and all that follow |
+//! | 4–7 | length of the block, bytes, these eight included |
 //! | 8–11 | CRC-32 of bytes 12 to the last ([`crc32`]) |
 //! | 12 | n, bytes of the configuration |
-//! | 13… | n bytes: what Configure says ([`Configuration`]) |
+//! | 13… | n bytes: the payload of Configure ([`Configuration`]) |
 //! | then | 25 bytes for each motor: see [`BakedMotor`] |
-//! | then | for each motor its head and its turn: pieces, each a byte with its length and as many packed bytes, whole items |
+//! | then | for each motor its head (made once) and its turn (repeated): pieces, each a byte with its length and as many packed bytes. No item is cut in two |
 //!
 //! # Phase
-//! What repeats begins after a step, most often that before a turning point. The wait from there to the next step is no part of
-//! what is stored: [`Player`] makes it, so that each turn begins a period after the one before it. The period is stored to 2^-64
-//! ticks, and what lies below a fraction bit is carried from turn to turn: the error is never more than 2^-32 ticks, in any year.
+//! A turn begins after a step, most often the last step before a turning point. The wait from there to the next step is not stored in
+//! the turn: [`Player`] makes it, so that each turn begins exactly a period after the one before. The period is stored to 2^-64
+//! ticks, and the part below a fraction bit adds up from turn to turn. So the error stays below 2^-32 ticks for years.
 
 pub mod avr;
 
@@ -24,32 +24,32 @@ use crate::packing::{MAX_PACKED_LEN, Packing, State};
 use crate::wire::message::{Command, Configuration, kind};
 use crate::{Direction, Item, Segment, Tick32};
 
-/// Where an image's word is that says where its block begins, from the beginning of the flash on, bytes; 0 if there is none, as in
-/// every image that was not baked. In a Pico's image that is a vector that the processor has no use for (ARMv6-M, B1.5.3: 7).
+/// The place in an image of four bytes that say where its block begins, as an offset into the flash; they are 0 in an image without a
+/// motion. In a Pico's image they are a vector that the processor does not use (ARMv6-M, B1.5.3: 7).
 pub const POINTER: usize = 0x11c;
 
 /// Bytes of a Pico's flash, of 2 MB, that images and blocks may fill; the two sectors of 4096 bytes behind them are for
 /// [`Settings`](crate::wire::Settings).
-pub const FLASH_ROOM: u32 = (2 << 20) - 2 * 4096;
+pub const PROGRAM_FLASH_BYTES: u32 = (2 << 20) - 2 * 4096;
 
-/// F of the boards that have such blocks.
+/// Fraction bits of the recurrence of boards that have such blocks, F.
 pub const FRACTION_BITS: u32 = 32;
 
-/// Packed bytes of a piece at most.
+/// The most packed bytes in a piece.
 pub const LONGEST_PIECE: usize = 64;
-// A gap's last record, and a reset before it.
+// The longest that `Player::next` writes by itself: a reset, and the step after a wait.
 const _: () = assert!(2 + MAX_PACKED_LEN <= LONGEST_PIECE);
 
-/// Bytes before those that the CRC is of.
+/// Bytes before those that the CRC covers.
 pub const HEAD_LEN: usize = 12;
 
 /// Bytes of a motor's head in a block.
 pub const MOTOR_LEN: usize = 25;
 
-/// What a block begins with.
+/// The first four bytes of a block.
 pub const MAGIC: &[u8; 4] = b"PTB1";
 
-/// The longest wait that one item holds here, ticks: ticks of 32 bits are compared within 2^31.
+/// The longest wait that [`Player`] puts into one item, ticks: ticks of 32 bits can be compared within 2^31 only.
 const LONGEST_DWELL: u32 = 1 << 30;
 
 /// CRC-32, reflected polynomial 0xedb88320, first and last all ones, as in Ethernet (IEEE 802.3, 3.2.9).
@@ -76,7 +76,7 @@ pub fn crc32(bytes: &[u8]) -> u32 {
     !bytes.iter().fold(u32::MAX, |sum, byte| nibble(nibble(sum ^ u32::from(*byte))))
 }
 
-/// A block that is whole.
+/// A block that was checked.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Block<'a> {
     /// Pins and times of all motors.
@@ -87,7 +87,7 @@ pub struct Block<'a> {
 }
 
 impl<'a> Block<'a> {
-    /// The block that `bytes` begin with; `None` if there is none, or if a bit of it is wrong.
+    /// Reads the block at the front of `bytes`; `None` if there is none, or its CRC or a length is wrong.
     #[must_use]
     pub fn read(bytes: &'a [u8]) -> Option<Block<'a>> {
         let (head, _) = bytes.split_first_chunk::<HEAD_LEN>()?;
@@ -102,7 +102,7 @@ impl<'a> Block<'a> {
         let Ok(Command::Configure(configuration)) = Command::decode(kind::CONFIGURE, payload) else { return None };
         let (motors, pieces) = rest.split_at_checked(MOTOR_LEN * configuration.motors().len())?;
         let block = Block { configuration, motors, pieces };
-        // All that is counted is there.
+        // The pieces must be as long as the motors' heads and turns together.
         let all = block.lens().try_fold(0, |all: usize, (head, turn)| all.checked_add(head)?.checked_add(turn))?;
         (all <= pieces.len()).then_some(block)
     }
@@ -137,34 +137,34 @@ impl<'a> Block<'a> {
 ///
 /// | byte | |
 /// |---|---|
-/// | 0–3, 4–7 | bytes of its head, and of its turn |
-/// | 8 | bit 0: it repeats; bit 1: the step before a turn is backward; bit 2: that after it is; others 0 |
-/// | 9–16, 17–20 | the wait from the one to the other: ticks, and ticks · 2^-32 |
-/// | 21–24 | what of it lies below: ticks · 2^-64 |
+/// | 0–3, 4–7 | length of its head, and of its turn, bytes |
+/// | 8 | bit 0: it repeats; bit 1: a turn's last step is backward; bit 2: a turn's first step is backward; others 0 |
+/// | 9–16, 17–20 | the wait from a turn's last step to the next turn's first: ticks, and 2^-32 ticks |
+/// | 21–24 | the part of this wait below that, 2^-64 ticks |
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct BakedMotor<'a> {
-    /// How it is packed.
+    /// The parameters of its packed bytes.
     pub packing: Packing,
-    /// Pieces of what comes once, the first step after the first wait included; they begin as after an anchor.
+    /// The pieces that are made once, with the first turn's first step. They follow an anchor.
     pub head: &'a [u8],
-    /// Pieces of what comes again and again, without that step; they begin as after a reset.
+    /// The pieces of a turn, without its first step. They begin with the state after a reset.
     pub turn: &'a [u8],
-    /// How it repeats; `None` of a motion that ends.
+    /// How it repeats; `None` if the motion ends.
     pub repeats: Option<Repeats>,
 }
 
 /// What lies between a turn's last step and the next one's first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Repeats {
-    /// The wait, ticks: less than 2^63.
+    /// The wait, whole ticks, less than 2^63.
     pub ticks: u64,
-    /// Beside that, ticks · 2^-32.
+    /// The fraction of the wait, 2^-32 ticks.
     pub part: u32,
-    /// Below that, ticks · 2^-64: it adds up from turn to turn.
+    /// The rest of the fraction, 2^-64 ticks. It adds up from turn to turn.
     pub rest: u32,
-    /// Which way the last step went.
+    /// The direction of a turn's last step.
     pub from: Direction,
-    /// And the first one goes.
+    /// The direction of a turn's first step.
     pub to: Direction,
 }
 
@@ -200,20 +200,20 @@ impl Repeats {
 #[derive(Clone, Debug)]
 pub struct Player<'a> {
     motor: BakedMotor<'a>,
-    /// What is next: the anchor.
+    /// The tick of the anchor, which comes first.
     zero: Option<Tick32>,
-    /// Then what is left of the wait before a turn: ticks, and ticks · 2^-32.
+    /// Then the rest of the wait before a turn: ticks, and 2^-32 ticks.
     wait: Option<(u64, u32)>,
     /// Then these pieces.
     rest: &'a [u8],
-    /// They are the head's.
+    /// These pieces are the head's.
     in_head: bool,
-    /// What lies below the waits so far, ticks · 2^-64.
+    /// The sum of the waits' parts below 2^-32 ticks, 2^-64 ticks.
     carry: u32,
 }
 
 impl<'a> Player<'a> {
-    /// From the beginning: the motion's time 0 is the tick `zero`.
+    /// A player at the motion's beginning. The motion's time 0 is tick `zero`.
     #[must_use]
     pub const fn new(motor: BakedMotor<'a>, zero: Tick32) -> Player<'a> {
         Player { motor, zero: Some(zero), wait: None, rest: motor.head, in_head: true, carry: 0 }
@@ -225,13 +225,13 @@ impl<'a> Player<'a> {
         self.zero.is_none() && self.wait.is_none() && self.rest.is_empty() && self.motor.repeats.is_none()
     }
 
-    /// Puts the next packed bytes, whole items, into the front of `out`, if there is room for so many in a queue; gives their
-    /// number: 0 if there is no room, or nothing left.
+    /// Puts the next packed bytes into the front of `out`, no item cut in two, if `room`, the free bytes of the queue, holds the longest
+    /// piece. Returns how many; 0 if it does not, or if nothing is left.
     pub fn next(&mut self, room: usize, out: &mut [u8; LONGEST_PIECE]) -> usize {
         if room < LONGEST_PIECE {
             return 0;
         }
-        // A buffer of that length holds an item.
+        // Packing cannot fail: `out` holds the longest item.
         let packing = self.motor.packing;
         if let Some(tick) = self.zero.take() {
             return packing.pack(&mut State::default(), &Item::Anchor { tick }, out).unwrap_or(0);
@@ -243,7 +243,7 @@ impl<'a> Player<'a> {
             return self.step_after(ticks, part, out).unwrap_or(0);
         }
         let Some((len, rest)) = self.rest.split_first() else { return 0 };
-        // One that is longer than it may be is none that was baked.
+        // A piece of a valid block is never longer than LONGEST_PIECE. Of another one, no bytes are returned.
         let (piece, rest) = rest.split_at_checked(usize::from(*len)).unwrap_or_default();
         self.rest = rest;
         match out.get_mut(..piece.len()) {
@@ -255,7 +255,7 @@ impl<'a> Player<'a> {
         }
     }
 
-    /// Begins the next turn; the first one's wait and step are the head's.
+    /// Begins the next turn. The head has the first turn's wait and first step.
     fn turn(&mut self) {
         let Some(Repeats { ticks, part, rest, .. }) = self.motor.repeats else { return };
         self.rest = self.motor.turn;
@@ -267,7 +267,7 @@ impl<'a> Player<'a> {
         }
     }
 
-    /// Packs a wait, or the longest part of it that one item can say, and then the first step of a turn.
+    /// Packs the first step of a turn, after its wait. Of a wait that is too long for one item, it packs a part.
     fn step_after(&mut self, ticks: u64, part: u32, out: &mut [u8]) -> Option<usize> {
         let Repeats { from, to, .. } = self.motor.repeats?;
         let packing = self.motor.packing;

@@ -1,5 +1,5 @@
-//! What the channels of one machine have in common: a horizon, and the lapse of their lease. What one channel does is
-//! [`channel`](crate::channel)'s.
+//! What the channels of one machine have in common: a horizon, and the end of their lease. [`channel`](crate::channel) has what
+//! each does by itself.
 
 use crate::{Channel, Lapse, Tick32};
 
@@ -8,10 +8,10 @@ pub fn horizon<'a, const F: u32>(channels: impl Iterator<Item = &'a Channel<F>>)
     channels.map(Channel::horizon).reduce(Tick32::or_later)
 }
 
-/// What to call [`Channel::lapse_at`] of all channels with, if one of them has news.
+/// The lapse that all channels must know of, if one of them has lapsed: pass it to [`Channel::lapse_at`] of each.
 pub fn agreed_lapse<'a, const F: u32>(channels: impl Iterator<Item = &'a Channel<F>> + Clone) -> Option<Lapse> {
     let open = horizon(channels.clone())?;
-    let news = channels.filter(|channel| channel.has_news()).filter_map(Channel::lapse);
+    let news = channels.filter(|channel| channel.has_unreported_lapse()).filter_map(Channel::lapse);
     let since = |lapse: Lapse| if lapse.cause.is_fault() { Lapse { at: open, ..lapse } } else { lapse };
     news.map(since).reduce(|one, other| {
         let at = if other.at.is_before(one.at) { other.at } else { one.at };

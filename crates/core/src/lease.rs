@@ -1,37 +1,37 @@
-//! The lease: how long a plan holds. A host puts its end off again and again; if it does not, all motors brake.
+//! The lease: up to which tick a plan is valid. The host extends it again and again. If it does not, all motors brake.
 //!
 //! # Terms
 //! - A lease begins with a switch that carries one. With [`Lease::Off`] (motions in flash, verbs) a plan is valid
 //!   without a time limit.
 //! - [`Until`](Lease::Until) U: steps due before U are the plan's, none at U or later. An extension is accepted if U is not before the
-//!   horizon; it may be shorter. Nothing behind U is dropped before the horizon reaches U, so that a longer one restores it.
-//! - [`Last`](Lease::Last): the host has sent all of the plan, which ends by itself.
-//! - Once the horizon passes U the lease has [lapsed](Lapse). All motors brake from U (see [`braking`](crate::braking)), what waits of
-//!   their epoch is dropped, and what comes of it later is not kept. So is a switch that waits at U or later. Only another switch,
-//!   or the immediate stop, ends that.
+//!   horizon. It may move U to an earlier tick. Steps after U are kept until the horizon reaches U, so that a later extension can still
+//!   reach them.
+//! - [`Last`](Lease::Last): the host has sent all of the plan. It ends by itself, so it needs no more extensions.
+//! - Once the horizon passes U the lease has [lapsed](Lapse). All motors brake from U (see [`braking`](crate::braking)). Waiting items
+//!   of their epoch are dropped, later ones are refused, and a switch that waits at U or later is cancelled. After that only a new
+//!   switch, or the immediate stop, changes anything.
 //!
 //! # How a motor brakes
-//! From the interval before the step that it would have made next, in the direction that it goes; with nothing planned, from the
-//! interval before its last step once more. It rests at once if it is *fresh*: an anchor, a wait or a
-//! reversal came after its last step. **A motor whose motion ends before that of others says so by a wait, of 0 ticks if need be**: one
-//! that has nothing planned, and is not fresh, has run dry.
+//! It begins with the interval of the step that it would have made next, in the direction of its motion; with nothing planned, with the
+//! interval of its last step. It rests at once if it is *fresh*: an anchor, a wait or a reversal came after its last step. **Where
+//! a motor's motion ends before those of others, the plan must end with a wait, of 0 ticks if need be**: a motor that has nothing
+//! planned, and is not fresh, counts as one whose plan came too late.
 //!
 //! # One motor stops all
-//! If a motor has nothing more to do before U, if bytes are no item, or if a step cannot be made, then that motor
-//! brakes at once and all others brake from the horizon. So the owner of several channels checks after each event
-//! whether one of them [has news](crate::Channel::has_news), and passes [what is agreed](crate::channels::agreed_lapse)
-//! to all.
+//! If a motor has nothing more to do before U, if bytes are no item, or if a step cannot be made, then that motor brakes at once, and
+//! all others brake from the horizon. So the owner of several channels checks after each event whether one of them [has
+//! lapsed](crate::Channel::has_unreported_lapse), and gives [the lapse of all](crate::channels::agreed_lapse) to each.
 
 use crate::Tick32;
 
-/// How long a plan holds.
+/// How long a plan is valid.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Lease {
-    /// As long as there is one.
+    /// For as long as there is a plan: there is no lease.
     Off,
-    /// Up to this tick, without it. Less than 2^30 ticks ahead when it is set.
+    /// For steps before this tick, which is less than 2^30 ticks ahead when it is set.
     Until(Tick32),
-    /// To its end, which the host has sent.
+    /// To the plan's end. The host has sent all of it.
     Last,
 }
 
@@ -44,37 +44,37 @@ pub enum LapseCause {
     Ordered,
     /// A motor had nothing more to do before the lease's end.
     Underrun,
-    /// The waiting bytes were no item, or a check failed.
+    /// Waiting bytes were no item, or a check failed.
     BadItem,
     /// A step came too late, or too soon after another.
     StepMissed,
 }
 
 impl LapseCause {
-    /// Whether the plan was at fault, or came too late.
+    /// Whether one motor's plan was wrong or came too late, rather than the lease of all.
     #[must_use]
     pub const fn is_fault(self) -> bool {
         matches!(self, LapseCause::Underrun | LapseCause::BadItem | LapseCause::StepMissed)
     }
 }
 
-/// A lease that is over.
+/// The end of a lease that was not extended, or of a plan that cannot be followed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Lapse {
-    /// Steps before it are the plan's. A motor that was at fault brakes earlier.
+    /// Motors brake from this tick on. A motor that was itself the cause brakes earlier.
     pub at: Tick32,
     /// Why.
     pub cause: LapseCause,
 }
 
-/// An extension that is refused, by all motors of a machine.
+/// Why an extension is refused, by all motors of a machine.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ExtendRefused {
     /// There is no lease.
     Off,
-    /// It is over.
+    /// The lease has lapsed.
     Lapsed {
-        /// Since then.
+        /// The tick from which on motors brake.
         at: Tick32,
     },
     /// The tick is committed already.

@@ -1,4 +1,4 @@
-//! The merge: edges of all motors in one time-ordered stream. When an edge is due is not decided here.
+//! The merge: puts the edges of all motors into one stream, in order of time. It does not decide when an edge is due.
 
 use crate::Tick32;
 use crate::output::Edge;
@@ -21,7 +21,7 @@ use crate::output::Edge;
 #[derive(Clone, Debug)]
 pub struct Merge<const N: usize> {
     heads: [Option<Edge>; N],
-    /// Streams that have a head or may have one. Bit i is stream i.
+    /// Streams that may still have an edge before `reopen`; bit i is stream i.
     open: u32,
     levels: u32,
 }
@@ -36,12 +36,12 @@ impl<const N: usize> Merge<N> {
         Merge { heads: [None; N], open: Self::ALL, levels: 0 }
     }
 
-    /// Lets all streams be asked again, because time has passed or they have new steps.
+    /// Asks all streams again: call it when time has passed, or when streams have new steps.
     pub const fn reopen(&mut self) {
         self.open = Self::ALL;
     }
 
-    /// The next edge; `pull(i)` gives the next of stream i, or `None` if it has none for now.
+    /// The next edge. `pull(i)` returns the next edge of stream i, or `None` if it has none for now.
     pub fn next(&mut self, mut pull: impl FnMut(usize) -> Option<Edge>) -> Option<Edge> {
         loop {
             let tick = self.earliest(&mut pull)?;
@@ -64,7 +64,7 @@ impl<const N: usize> Merge<N> {
         }
     }
 
-    /// The levels of all lines after the last edge that came out.
+    /// The levels of all lines after the last edge that was returned.
     #[must_use]
     pub const fn levels(&self) -> u32 {
         self.levels

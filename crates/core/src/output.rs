@@ -1,7 +1,7 @@
 //! The output: events → edges of a motor's lines.
 //!
-//! [`StepDir`] drives STEP and DIR of a driver, [`Coils`] the four coils of a motor through a ULN2003. When steps are due is the
-//! [channel's](crate::channel) to say; which pin a line is, and how it is set, the board's.
+//! [`StepDir`] drives STEP and DIR of a driver, [`Coils`] the four coils of a motor through a ULN2003. The
+//! [channel](crate::channel) says when steps are due. The board knows which pin a line is, and sets it.
 
 use crate::channel::{EventKind, StepEvent};
 use crate::{Direction, Tick32};
@@ -9,7 +9,7 @@ use crate::{Direction, Tick32};
 /// Lines that change at one tick; bit i is line i.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Edge {
-    /// When.
+    /// The tick at which they change.
     pub tick: Tick32,
     /// Lines that go high.
     pub set: u32,
@@ -27,7 +27,7 @@ pub enum Output {
 }
 
 impl Output {
-    /// When the edge of `event` is due. A DIR edge comes its set-up before the step that it is for.
+    /// The tick at which the edge of `event` is due. A DIR edge comes before its step by the set-up time.
     #[must_use]
     pub const fn due(&self, event: StepEvent) -> Tick32 {
         match (self, event.kind) {
@@ -36,18 +36,18 @@ impl Output {
         }
     }
 
-    /// When the output has an edge of its own to make if no event comes before: the end of a pulse, or the release
-    /// of the coils. The end of a pulse always comes first.
+    /// The tick of the edge that the output makes by itself, if no event comes before: the end of a pulse, or the release of the coils. The
+    /// end of a pulse always comes before the next event.
     #[must_use]
-    pub const fn owed(&self) -> Option<Tick32> {
+    pub const fn pending_tick(&self) -> Option<Tick32> {
         match self {
             Output::StepDir(driver) => driver.fall,
             Output::Coils(coils) => coils.release,
         }
     }
 
-    /// Makes the edge that is [`owed`](Output::owed).
-    pub fn settle(&mut self) -> Option<Edge> {
+    /// Makes the edge that is [pending`](Output::pending_tick).
+    pub fn take_pending(&mut self) -> Option<Edge> {
         match self {
             Output::StepDir(driver) => {
                 driver.fall.take().map(|tick| Edge { tick, set: 0, clear: bit(driver.step_line) })
@@ -56,7 +56,7 @@ impl Output {
         }
     }
 
-    /// Makes the edge of `event` at `tick`: [`due`](Output::due), or later if that is past.
+    /// Makes the edge of `event` at `tick`: when it is [`due`](Output::due), or later if that is past.
     pub fn apply(&mut self, event: StepEvent, tick: Tick32) -> Edge {
         match self {
             Output::StepDir(driver) => driver.apply(event, tick),
@@ -64,8 +64,8 @@ impl Output {
         }
     }
 
-    /// Takes note of a position that was corrected, after steps that were not made:
-    /// coils go on from its phase, and stay off if they are off; no pulse is under way.
+    /// Sets the position after a stop, when some steps that were taken were not made. Coils continue from the phase of this position, and
+    /// stay off if they are off. No pulse is under way any more.
     pub fn set_position(&mut self, position: i32) {
         match self {
             Output::StepDir(driver) => driver.fall = None,
@@ -73,7 +73,7 @@ impl Output {
         }
     }
 
-    /// How long before an event its edge may come, ticks.
+    /// How long before an event its edge may come, ticks: the set-up time of DIR.
     #[must_use]
     pub const fn lead_ticks(&self) -> u32 {
         match self {
@@ -82,7 +82,7 @@ impl Output {
         }
     }
 
-    /// Fewest ticks between two steps, so that they are two on the lines.
+    /// The shortest interval between two steps that are still two pulses on the line, ticks.
     #[must_use]
     pub const fn gap_ticks(&self) -> u32 {
         match self {
@@ -110,7 +110,7 @@ pub struct StepDir {
     fall: Option<Tick32>,
 }
 
-/// What a [`StepDir`] needs to know. The time that DIR must stay after a pulse is the planner's to keep.
+/// The settings of a [`StepDir`]. It does not know the hold time of DIR; the planner keeps it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct StepDirSettings {
     /// Line of STEP, 0..32.

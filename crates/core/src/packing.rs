@@ -1,25 +1,25 @@
-//! Segments as few bytes: corrections to the continuation of the last segment, in units that both ends
-//! derive from its count.
+//! Packs segments into few bytes. A segment is sent as corrections to what the segment before predicts. Both ends derive the
+//! units of these corrections from the count of the segment before.
 //!
 //! # State
 //! Both ends keep the [`State`]: the three registers (interval, add, add2) as they stand after the last step, the
 //! count of the last segment, and the direction. It starts, and starts again at a [reset](Control), with all
 //! registers 0 and a previous count of 4; the direction starts forward.
-//! The fraction of the accumulator is no part of it: it is carried on through segments, waits, reversals and resets,
-//! and only an anchor sets it, to ½.
+//! The accumulator's fraction is not part of it. It carries on through segments, waits, reversals and resets; only an anchor sets
+//! it, to ½.
 //!
 //! # A segment
 //! | byte | bits | |
 //! |---|---|---|
-//! | 0 | 0–2 | count: n + n/2, n + n/4, n + n/8, n, n − n/8, n − n/4, n − n/2 (n the previous count, quotients rounded down), 7: explicit. The lowest that fits |
+//! | 0 | 0–2 | count: n + n/2, n + n/4, n + n/8, n, n − n/8, n − n/4, n − n/2 (n the previous count, quotients rounded down), 7: explicit. The lowest code that gives the count |
 //! | | 3–4 | widths, narrow / wide: 0 / 1, 1 / 2, 2 / 3, 3 / 5 bytes |
 //! | | 5, 6, 7 | whether the interval's, add's, add2's correction is wide |
 //! | 1 | | if explicit: the count, 1..=254; 255: it follows in two bytes, little-endian, 1..=65535; 0: a control record |
 //! | then | | the corrections dI, da, db, little-endian, two's complement |
 //!
-//! A register is its prediction + correction · 2^(F − shift), the shift being [`unit_shift`]'s. A segment of one step
-//! has no da and db, one of two steps no db: those registers keep their prediction. With the steps of the
-//! segment the registers move on, and their values then are the prediction for the next.
+//! A register is its prediction + correction · 2^(F − shift), with the shift of [`unit_shift`]. A segment of one step
+//! has no da and db, and one of two steps has no db: those registers keep their prediction. The values of the registers after the
+//! segment's steps are the prediction for the next segment.
 //!
 //! # A control record
 //! | byte | bits | |
@@ -31,12 +31,12 @@
 //! | 2–3, 4–7, 8–9 | | check only: steps since the anchor, forward minus backward, modulo 2^16; accumulator: tick, fraction · 2^16; little-endian |
 //!
 //! # Checks
-//! A check says where the sender thinks that the motor is when all before it has been done: an Uno compares, and does
-//! nothing of what follows up to the next anchor if it is not so. It is no item; [`Packing::unpack`] passes over it.
+//! A check says where the motor must be when all items before it are done. A board compares. If the motor is elsewhere, the plan was
+//! damaged, and the board ignores what follows, up to the next anchor. A check is no item; [`Packing::unpack`] passes over it.
 //!
 //! # An exact segment
-//! One that the units or widths of a correction cannot say: a step that was put off because of a shared DIR line, or
-//! the rest of a segment whose first step was.
+//! An exact segment has whole registers instead of corrections. It is for a segment that does not fit the units or the widths of
+//! corrections: a step that was delayed because of a shared DIR line, or the rest of a segment whose first step was delayed.
 //!
 //! | byte | bits | |
 //! |---|---|---|
@@ -45,26 +45,26 @@
 //! | | 4–7 | bytes of add, 0..=8 |
 //! | 3 | 0–3 | bytes of add2, 0..=8 |
 //! | | 4–7 | bytes of the count, 1..=4 |
-//! | then | | count, interval, add, add2, little-endian, the last three in two's complement; 0 if they have no bytes |
+//! | then | | count, interval, add, add2, little-endian, the last three in two's complement; one without bytes is 0 |
 //!
-//! Registers beyond the count have no bytes and keep their prediction. Others serve for prediction like those of any
-//! segment, but the previous count is then at least [`COUNT_AFTER_EXACT`]: what follows a segment that was cut was
-//! planned in the units of the whole.
+//! A segment of one step has no bytes for add and add2, one of two steps none for add2: these keep their prediction. The next
+//! prediction is made as after any segment, but the previous count then counts as [`COUNT_AFTER_EXACT`] at least: the segment after
+//! one that was cut was planned in the units that follow the whole one.
 
 use crate::{Direction, Item, Recurrence, Segment, Tick32};
 
 /// The longest packed item: a reversal and an exact segment.
 pub const MAX_PACKED_LEN: usize = 2 + 4 + 4 + 3 * 8;
 
-/// After an exact segment the previous count is this or more: units fine enough for what follows segments of 2^8 − 1
-/// steps at most.
+/// After an exact segment the previous count counts as this at least. These units are as fine as those after a segment of up to 255
+/// steps, of which the exact one may be the rest.
 pub const COUNT_AFTER_EXACT: u32 = 255;
 
-/// The largest count that can be given explicitly.
+/// The largest count in a header: two bytes. A longer segment is packed as an exact one.
 pub const MAX_EXPLICIT_COUNT: u32 = 65_535;
 
-/// The longest segment that [`Packing::unpack_onward`] takes, bytes: header, count, three corrections.
-pub(crate) const MOST_ONWARD: usize = 2 + 3 * 3;
+/// The longest segment that [`Packing::unpack_continued`] takes, bytes: header, count, three corrections of up to three bytes.
+pub(crate) const MAX_CONTINUED_LEN: usize = 2 + 3 * 3;
 
 /// Bytes of narrow and wide corrections, by header bits 3–4.
 const WIDTHS: [(u8, u8); 4] = [(0, 1), (1, 2), (2, 3), (3, 5)];
@@ -72,32 +72,33 @@ const WIDTHS: [(u8, u8); 4] = [(0, 1), (1, 2), (2, 3), (3, 5)];
 const EXPLICIT_COUNT: u8 = 7;
 const LONG_COUNT: u8 = 255;
 
-/// What a control record says, by header bits 3–7.
+/// The kinds of control records: header bits 3–7.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
 pub enum Control {
-    /// The other direction from here on; reset.
+    /// The direction changes, and the state is reset.
     Reverse = 0,
-    /// Reset: registers 0, previous count 4.
+    /// The state is reset: registers 0, previous count 4.
     Reset = 1,
     /// Wait.
     Dwell = 2,
     /// Set the accumulator.
     Anchor = 3,
-    /// A segment in full.
+    /// An exact segment follows.
     Exact = 4,
-    /// Where the motor ought to be.
+    /// Where the motor must be.
     Check = 5,
 }
 
-/// Where a motor is when all before has been done.
+/// Where a motor must be when all items before are done.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Check {
-    /// Steps since the last anchor, forward minus backward, modulo 2^16: what the count was there need not be known.
+    /// Steps since the last anchor, forward minus backward, modulo 2^16. They count from the anchor, because the sender may not know the
+    /// motor's position there.
     pub position: u16,
-    /// The accumulator, waits included: its tick.
+    /// The tick of the accumulator, waits included.
     pub tick: Tick32,
-    /// And what is below, 2^-16 ticks.
+    /// The accumulator's fraction, 2^-16 ticks.
     pub fraction: u16,
 }
 
@@ -106,8 +107,9 @@ pub const CHECK_LEN: usize = 2 + 2 + 4 + 2;
 
 /// The unit of a correction is 2^-(shift) tick; `order` 1 is the interval, 2 add, 3 add2.
 ///
-/// `previous_count` is the count of the segment before (4 after a reset), `gain` the stream's one
-/// tuning number, `fraction_bits` the board's F. Shifts are clamped to 0..=F.
+/// `previous_count` is the count of the segment before (4 after a reset), `fraction_bits` the board's F. `gain` makes all units
+/// of a stream finer. Shifts are clamped to 0..=F. Longer segments have finer units, because an error in interval, add or add2 grows
+/// with the count, its square, or its cube.
 ///
 /// ```
 /// use pulsetrain_core::packing::unit_shift;
@@ -132,28 +134,29 @@ pub const fn unit_shift(order: u32, previous_count: u32, gain: i8, fraction_bits
     }
 }
 
-/// What both ends of a stream agree on beforehand.
+/// The parameters of a stream of packed items. Sender and board must have the same ones.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Packing {
     /// F of the board's recurrence, 0..=32.
     pub fraction_bits: u32,
-    /// Finer units by so many bits; about −log2((E − ½) / ½) for a tolerance of E ticks.
+    /// By how many bits units are finer; about −log2((E − ½) / ½) for a tolerance of E ticks.
     pub gain: i8,
 }
 
-/// The units of corrections, kept: they change with the bits of the count before, and it takes a while to work them out.
+/// The units of corrections after the last segment. They are kept here, since they change only with the number of bits of its count, and
+/// take long to work out on a board.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Units {
-    /// Bits of the count before, less one.
+    /// Bits of that count, minus one.
     bits: u8,
     exponents: [u8; 3],
 }
 
 impl Units {
-    /// Of no count that there is.
+    /// For no count: the first call works the units out.
     pub(crate) const UNKNOWN: Units = Units { bits: 31, exponents: [0; 3] };
 
-    /// Of a count below 2^31.
+    /// The exponents of the three units after a segment of `previous_count` steps, below 2^31.
     #[expect(clippy::cast_possible_truncation, reason = "up to 32")]
     #[inline(always)]
     fn exponents(&mut self, packing: &Packing, previous_count: u32) -> [u8; 3] {
@@ -165,7 +168,7 @@ impl Units {
     }
 }
 
-/// What both ends remember: the prediction of the next segment.
+/// The state that both ends keep: the prediction of the next segment.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct State {
     /// Count of the last segment.
@@ -176,33 +179,33 @@ pub struct State {
     pub add: i64,
     /// The change of that, ticks · 2^F.
     pub add2: i64,
-    /// Of the segments that follow.
+    /// The direction of the segments that follow.
     pub direction: Direction,
 }
 
 impl State {
-    /// At rest.
+    /// The state after a reset.
     #[must_use]
     pub const fn new(direction: Direction) -> State {
         State { previous_count: 4, interval: 0, add: 0, add2: 0, direction }
     }
 
-    /// The registers, those replaced that `said` has a use for.
-    fn with(&self, said: &Segment) -> [i64; 3] {
-        let (mut all, registers) = ([self.interval, self.add, self.add2], [said.interval, said.add, said.add2]);
-        let fields = fields_of(said.count);
+    /// The registers of an exact segment: its own where it has bytes for them, else the prediction.
+    fn with(&self, exact: &Segment) -> [i64; 3] {
+        let (mut all, registers) = ([self.interval, self.add, self.add2], [exact.interval, exact.add, exact.add2]);
+        let fields = fields_of(exact.count);
         all[..fields].copy_from_slice(&registers[..fields]);
         all
     }
 
-    /// After a segment that was said in full.
-    fn after_exact(self, said: &Segment) -> State {
-        let [interval, add, add2] = self.with(said);
-        let after = self.after(&Segment { interval, add, add2, ..*said });
-        State { previous_count: said.count.max(COUNT_AFTER_EXACT), ..after }
+    /// The state after an exact segment.
+    fn after_exact(self, exact: &Segment) -> State {
+        let [interval, add, add2] = self.with(exact);
+        let after = self.after(&Segment { interval, add, add2, ..*exact });
+        State { previous_count: exact.count.max(COUNT_AFTER_EXACT), ..after }
     }
 
-    /// The registers after `segment` has been run with them.
+    /// The state after `segment`, an ordinary one.
     const fn after(self, segment: &Segment) -> State {
         let Segment { interval, add, add2, .. } = segment.after(segment.count);
         State { previous_count: segment.count, interval, add, add2, direction: self.direction }
@@ -215,7 +218,7 @@ impl Default for State {
     }
 }
 
-/// An item that cannot be packed as it is.
+/// Why an item cannot be packed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PackError {
     /// A segment has no steps.
@@ -227,14 +230,15 @@ pub enum PackError {
     },
 }
 
-/// Bytes that no [`Packing::pack`] made.
+/// Why bytes are no packed items.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum UnpackError {
     /// They end inside an item.
     Truncated,
     /// The explicit count is 0.
     ZeroCount,
-    /// An exact segment has a count of 0 or more than 4 bytes, a register of more than 8, or one that it has no use for.
+    /// In an exact segment the count has 0 bytes or more than 4, a register has more than 8, or a register has bytes that the count does not
+    /// allow.
     ExactWidths {
         /// Bytes 2 and 3, the latter in the high half.
         widths: u16,
@@ -248,11 +252,11 @@ pub enum UnpackError {
     },
 }
 
-/// A segment cut to bytes' measure.
+/// How a segment is written: its header codes, and the width of each correction.
 struct Layout {
     count_code: u8,
     width_code: u8,
-    /// Correction and its width in bytes.
+    /// Each correction with its width in bytes.
     fields: [(i64, u8); 3],
     /// Which of them are wide; bits 0 to 2.
     wide: u8,
@@ -295,9 +299,9 @@ impl Packing {
         Ok(reset + layout.map_or_else(|| Exact::of(segment).len(), |layout| layout.len(segment.count)))
     }
 
-    /// Packs `item` into the front of `out`, moves `state` on and gives the number of bytes: at most
-    /// [`MAX_PACKED_LEN`]. A run in the other direction brings the reversal along, and a step whose predicted add an 8-bit board's
-    /// registers could not hold a reset.
+    /// Packs `item` into the front of `out`, moves `state` on, and returns the number of bytes: at most [`MAX_PACKED_LEN`]. A run in the
+    /// other direction gets a reversal before it. A single step whose predicted add is too large for an 8-bit board's registers gets a reset
+    /// before it.
     ///
     /// # Errors
     /// When a segment has no steps, or `out` is too short; `state` stays then.
@@ -355,7 +359,7 @@ impl Packing {
         writer.finish()
     }
 
-    /// Packs a reset, two bytes: worth it where the motion does not go on as it did.
+    /// Packs a reset, two bytes. It saves bytes where the motion does not continue as it was, so that the prediction would be far off.
     ///
     /// # Errors
     /// When `out` is too short.
@@ -382,7 +386,7 @@ impl Packing {
     /// Takes the next item off the front of `bytes` and moves `state` on; `None` when no item is left.
     ///
     /// # Errors
-    /// When the bytes are no packed items; `state` and `bytes` stay then where the item began.
+    /// When the bytes are no packed items. Then `state` and `bytes` stay as they were.
     pub fn unpack(&self, state: &mut State, bytes: &mut &[u8]) -> Result<Option<Item>, UnpackError> {
         let mut now = *state;
         let mut rest = *bytes;
@@ -416,9 +420,9 @@ impl Packing {
                 2 => break Some(Item::Dwell { ticks: u32::from_le_bytes(take(&mut rest)?) }),
                 3 => break Some(Item::Anchor { tick: Tick32(u32::from_le_bytes(take(&mut rest)?)) }),
                 4 => {
-                    let said = Exact::read(&mut rest)?;
-                    let [interval, add, add2] = now.with(&said);
-                    let segment = Segment { interval, add, add2, ..said };
+                    let exact = Exact::read(&mut rest)?;
+                    let [interval, add, add2] = now.with(&exact);
+                    let segment = Segment { interval, add, add2, ..exact };
                     now = now.after_exact(&segment);
                     break Some(Item::Run { segment, direction: now.direction });
                 }
@@ -433,15 +437,15 @@ impl Packing {
         Ok(item)
     }
 
-    /// Takes a segment off the front of `bytes` if it is of the usual kind: of up to 2^16 − 1 steps, with corrections of up to three bytes. `registers` are
-    /// as after the segment before, of `n` steps, and then this segment's. Gives its steps and bytes. `None`, and nothing changes, if
-    /// [`unpack`](Packing::unpack) has to look at it.
-    pub(crate) fn unpack_onward(
+    /// Takes a segment off the front of `bytes` quickly, if it is of the usual kind: its count in the header or in one byte, corrections of
+    /// up to three bytes. `registers` are as after the segment before, of `n` steps; they become this segment's. Returns its steps and its
+    /// bytes. `None`, and nothing changes, if it is of another kind: then call [`unpack`](Packing::unpack).
+    pub(crate) fn unpack_continued(
         &self,
         units: &mut Units,
         n: u32,
         registers: &mut Recurrence,
-        bytes: &[u8; MOST_ONWARD],
+        bytes: &[u8; MAX_CONTINUED_LEN],
     ) -> Option<(u32, usize)> {
         if n >= 1 << 15 {
             return None;
@@ -457,7 +461,7 @@ impl Packing {
             5 => n - (n >> 2),
             6 => n - (n >> 1),
             _ => match rest {
-                // A control record, or two bytes more.
+                // A control record, or a count of two bytes: not the usual kind.
                 [0 | LONG_COUNT, ..] | [] => return None,
                 [count, after @ ..] => {
                     rest = after;
@@ -478,7 +482,7 @@ impl Packing {
         if count > 2 {
             rest = correct(&mut registers.add2, rest, width(2), exponents[2]);
         }
-        Some((count, MOST_ONWARD - rest.len()))
+        Some((count, MAX_CONTINUED_LEN - rest.len()))
     }
 
     fn unpack_run(&self, state: &mut State, count: u32, header: u8, rest: &mut &[u8]) -> Result<Item, UnpackError> {
@@ -496,13 +500,13 @@ impl Packing {
         Ok(Item::Run { segment, direction: state.direction })
     }
 
-    /// Whether a step would be predicted from by an add that an 8-bit board's registers do not hold: one step alone does not set
-    /// it, and add goes on growing by add2 meanwhile.
+    /// Whether the predicted add is too large for an 8-bit board's registers. A segment of one step does not set add, so that add2 may have
+    /// made it grow over several of these.
     fn is_beyond_32_bits(&self, state: &State, segment: &Segment) -> bool {
         self.fraction_bits <= 16 && segment.count == 1 && i32::try_from(state.add).is_err()
     }
 
-    /// The registers that `corrections` make of the prediction.
+    /// The prediction with `corrections` added.
     const fn corrected(&self, state: &State, corrections: [i64; 3]) -> [i64; 3] {
         let exponents = self.exponents(state.previous_count);
         [
@@ -512,7 +516,7 @@ impl Packing {
         ]
     }
 
-    /// How the corrections say `segment`, which has steps; `None` if they cannot.
+    /// How `segment`, which has steps, is written as corrections; `None` if it needs an exact segment.
     fn layout(&self, state: &State, segment: &Segment) -> Option<Layout> {
         let n = state.previous_count;
         let count = segment.count;
@@ -548,7 +552,7 @@ impl Packing {
             for (bit, (_, width)) in layout.fields.iter_mut().enumerate().take(present) {
                 let is_wide = *width > narrow;
                 layout.wide |= u8::from(is_wide) << bit;
-                // Too wide for this pair: 100 keeps it from being the best.
+                // It does not fit this pair of widths. 100 bytes are more than any that fit, so that this pair is not chosen.
                 *width = if *width > wide {
                     100
                 } else if is_wide {
@@ -593,7 +597,7 @@ impl Layout {
     }
 }
 
-/// How many bytes the parts of an exact segment take.
+/// The widths of an exact segment's parts, bytes.
 struct Exact {
     count: u8,
     registers: [u8; 3],
@@ -625,7 +629,7 @@ impl Exact {
         }
     }
 
-    /// What comes after the bytes of the control record; registers without a use are 0.
+    /// Reads what follows the two bytes of the control record. Registers without bytes are 0.
     fn read(rest: &mut &[u8]) -> Result<Segment, UnpackError> {
         let widths: [u8; 2] = take(rest)?;
         let refused = UnpackError::ExactWidths { widths: u16::from_le_bytes(widths) };
@@ -649,7 +653,7 @@ impl Exact {
     }
 }
 
-/// Writes what fits and counts all.
+/// Writes bytes as long as they fit, and counts all of them.
 struct ByteWriter<'a> {
     out: &'a mut [u8],
     len: usize,
@@ -682,7 +686,7 @@ fn fields_of(count: u32) -> usize {
     }
 }
 
-/// Bytes of two's complement that `value` takes; 0 for 0.
+/// The narrowest width of [`WIDTHS`] for `value` in two's complement, bytes; 0 for 0, and 8 if none is wide enough.
 const fn width_of(value: i64) -> u8 {
     if value == 0 {
         return 0;
@@ -697,16 +701,17 @@ const fn width_of(value: i64) -> u8 {
     }
 }
 
-/// Adds the correction to a register that the first `width` of `bytes` say, up to 3, in units of 2^`exponent`, up to 2^32; gives the other bytes.
+/// Adds a correction to a register: the first `width` of `bytes`, 3 at most, in units of 2^`exponent`, 2^32 at most. Returns the other
+/// bytes.
 ///
-/// A call, so that it has the registers to itself: a Cortex-M0+ has few.
+/// It is not inlined, because a Cortex-M0+ has too few registers for this and its caller.
 #[inline(never)]
 fn correct<'a>(register: &mut i64, bytes: &'a [u8], width: u8, exponent: u8) -> &'a [u8] {
     if width == 0 {
         return bytes;
     }
     let (own, rest) = bytes.split_at_checked(usize::from(width)).unwrap_or_default();
-    // At the upper end of 32 bits, and these of 64.
+    // The correction stands at the upper end of 32 bits, and these at the upper end of 64. So shifts to the right extend its sign.
     let value = own.iter().fold(0, |value, byte| value >> 8 | u32::from(*byte) << 24);
     let right = 64 - (u32::from(width) << 3) - u32::from(exponent);
     let sign = value.cast_signed();
@@ -814,7 +819,7 @@ mod tests {
                 let mut registers = Recurrence { accumulator: 5, interval: there.interval, add: there.add, add2: there.add2 };
                 let before = (registers, there.previous_count);
                 let onward =
-                    packing.unpack_onward(&mut units, before.1, &mut registers, bytes.first_chunk().unwrap());
+                    packing.unpack_continued(&mut units, before.1, &mut registers, bytes.first_chunk().unwrap());
                 let Ok(Some(Item::Run { segment, .. })) = packing.unpack(&mut there, &mut &bytes[..]) else {
                     unreachable!()
                 };

@@ -1,5 +1,5 @@
-//! The queue of a motor: what it will do, each item tagged with the epoch that it belongs to. [`Items`] is what a channel needs of a
-//! queue; [`Queue`] is the one of unpacked items, [`packed_queue`](crate::packed_queue) that of packed ones.
+//! The queue of a motor: items that wait, each with its epoch. [`Items`] is the interface through which a channel takes items. [`Queue`] holds
+//! unpacked items, [`packed_queue`](crate::packed_queue) packed ones.
 
 use crate::{Direction, Recurrence, Segment, Tick32};
 
@@ -47,56 +47,56 @@ pub struct Entry {
     pub item: Item,
 }
 
-/// Where a channel is when it has done all items that it took.
+/// Where a channel will be when it has done all items that it took.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Place {
     /// Steps forward minus steps backward, wrapping.
     pub position: i32,
     /// The accumulator's tick.
     pub tick: Tick32,
-    /// And what is below, 2^-16 ticks.
+    /// The accumulator's fraction, 2^-16 ticks.
     pub fraction: u16,
 }
 
-/// What a channel takes items from, one after the other, those of an epoch behind those of the epoch before.
+/// A source of items for a channel. The items of an epoch come after those of the epoch before.
 pub trait Items {
-    /// Whether something of `epoch` is in front.
+    /// Whether the first waiting item is of `epoch`.
     fn has(&self, epoch: Epoch) -> bool;
 
-    /// Takes what is in front; `None` if it is no item after all. `here` is where the channel is by then.
+    /// Takes the first item; `None` if the waiting bytes are no item. `here` is where the channel will be then.
     fn take(&mut self, here: &Place) -> Option<Item>;
 
-    /// Takes a run that is in front, of `epoch` and in `direction`, straight into `registers`, which are as after the run before; gives its steps. 0 if
-    /// something else is there, or a run that only [`take`](Items::take) makes out.
+    /// Takes the first item straight into `registers`, if it is a run of `epoch` in `direction`, and returns its steps. `registers` are as after
+    /// the run before. Returns 0 if there is something else, or a run that needs [`take`](Items::take).
     ///
-    /// Nearly all that a fast motion has in its queue comes through here, and an [`Item`] is large. What is needed to make out the next run may be left in
-    /// `registers` alone: they come back with the next call, or by [`end_runs`](Items::end_runs).
+    /// It exists because nearly all items of a fast motion are such runs, and an [`Item`] is large. The queue may keep its packing state in
+    /// `registers` alone: it gets them back with the next call, or by [`end_runs`](Items::end_runs).
     fn take_run(&mut self, _epoch: Epoch, _direction: Direction, _registers: &mut Recurrence) -> u32 {
         0
     }
 
-    /// Which way a run goes that [`take_run`](Items::take_run) might take; `None` if it takes none.
+    /// The direction in which [`take_run`](Items::take_run) may take a run; `None` if it takes none.
     fn run_direction(&self) -> Option<Direction> {
         None
     }
 
-    /// The runs of [`take_run`](Items::take_run) are done, and `registers` are as after the last of them. It comes before `take`.
+    /// Gives back `registers`, as they are after the last run of [`take_run`](Items::take_run). The channel calls this before `take`.
     fn end_runs(&mut self, _registers: &Recurrence) {}
 
-    /// Drops what is in front of `epoch`; all, if nothing of that waits.
+    /// Drops items until one of `epoch` is the first; all, if none of `epoch` waits.
     fn skip_to(&mut self, epoch: Epoch);
 
     /// Drops everything.
     fn clear(&mut self);
 
-    /// Drops what is in front of `epoch` itself, up to what is of another. `here` is where the channel is.
+    /// Drops the first items as long as they are of `epoch`. `here` is where the channel is.
     fn drop_epoch(&mut self, epoch: Epoch, here: &Place) {
         while self.has(epoch) {
             self.take(here);
         }
     }
 
-    /// Whether something that was taken was no item; what followed it is dropped.
+    /// Whether bytes that were no item have been found. What followed them in their epoch is dropped.
     fn has_failed(&self) -> bool {
         false
     }
@@ -132,12 +132,12 @@ impl<const N: usize> Queue<N> {
     /// An empty queue.
     #[must_use]
     pub const fn new() -> Queue<N> {
-        // Nothing but zeros, so that a static queue takes no room in an image.
+        // All zeros, so that a static queue takes no bytes in an image.
         let unused = Entry { epoch: Epoch(0), item: Item::Anchor { tick: Tick32(0) } };
         Queue { entries: [unused; N], first: 0, len: 0 }
     }
 
-    /// Puts `entry` last.
+    /// Appends `entry`.
     ///
     /// # Errors
     /// A full queue hands it back.
@@ -158,13 +158,13 @@ impl<const N: usize> Queue<N> {
         Ok(())
     }
 
-    /// The entry that is next, left in its place.
+    /// The first entry, which stays in the queue.
     #[must_use]
     pub const fn front(&self) -> Option<&Entry> {
         if self.len == 0 { None } else { Some(&self.entries[self.first]) }
     }
 
-    /// Takes the entry that is next.
+    /// Takes the first entry.
     pub const fn pop(&mut self) -> Option<Entry> {
         if self.len == 0 {
             return None;
@@ -175,14 +175,14 @@ impl<const N: usize> Queue<N> {
         Some(entry)
     }
 
-    /// Drops entries until the first of `epoch` is in front; all, if there is none.
+    /// Drops entries until one of `epoch` is the first; all, if there is none.
     pub fn skip_to(&mut self, epoch: Epoch) {
         while self.front().is_some_and(|entry| entry.epoch != epoch) {
             self.pop();
         }
     }
 
-    /// Takes back the entries of `epoch` that were pushed last, as after a switch that was refused.
+    /// Drops the last entries as long as they are of `epoch`: call it after a switch that was refused.
     pub fn discard(&mut self, epoch: Epoch) {
         while self.len > 0 && self.entries[self.index(self.len - 1)].epoch == epoch {
             self.len -= 1;
@@ -212,7 +212,7 @@ impl<const N: usize> Queue<N> {
         N - self.len
     }
 
-    /// Where the entry `offset` (at most `N`) places behind the first one is.
+    /// The place of the entry `offset` (at most `N`) places after the first one.
     const fn index(&self, offset: usize) -> usize {
         let index = self.first + offset;
         if index >= N { index - N } else { index }

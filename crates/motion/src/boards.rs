@@ -1,35 +1,38 @@
-//! The boards' limits: the one table that plans are held against.
+//! The boards' limits: the table that plans are checked against.
 //!
-//! A row says `estimate` in its source until a bench on the emulated firmware has printed its figures.
+//! The source of a row says `estimate` until a bench on the emulated firmware has measured its figures.
 
 mod pico;
 mod uno;
+mod uno_tuning;
 
 use std::ops::RangeInclusive;
 
 use crate::board::{Board, SegmentTicks, SharedSteps};
 use crate::motor::{DriverTiming, Motor, Wiring};
 use crate::pins::{self, PinKind, PinsError};
+use uno_tuning::{
+    END_DELAY, LATENCY, LATENCY_MERGED, MAX_PULSE, SPACING, SPACING_SHIELD, SPACING_TWO_COMPARE, SPACING_TWO_RINGS,
+};
 
-/// One row of the table: what plans are held against, and what else a user should know.
+/// One row of the table: the limits of plans, and other things that a user should know.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BoardRow {
     /// The limits of plans.
     pub board: Board,
     /// What it is, in a line.
     pub about: &'static str,
-    /// RAM, bytes; `None` where it is no limit.
+    /// RAM, bytes; `None` if it is no limit.
     pub ram_bytes: Option<u32>,
-    /// Flash, bytes; `None` where it is no limit.
+    /// Flash, bytes; `None` if it is no limit.
     pub flash_bytes: Option<u32>,
-    /// Room for the queued segments of each motor, bytes: with 1, 2, … motors, the last serves for more; empty where it is no
-    /// limit.
+    /// Each motor's queue, bytes, with 1, 2, … motors; the last entry is for more. Empty if it is no limit.
     pub queue_bytes: Vec<u32>,
-    /// How far ahead it commits itself, ticks.
+    /// How far ahead steps are committed, ticks.
     pub horizon_ticks: u32,
     /// Largest |edge − scheduled| beyond its constant, ticks.
     pub lateness_ticks: u32,
-    /// How plans come to it over its line; `None` if they come over none.
+    /// How plans come over its line; `None` if the board has no line.
     pub line: Option<LineRow>,
     /// What to know about its pins and timing.
     pub note: &'static str,
@@ -45,8 +48,8 @@ pub struct BoardRow {
 /// How plans come to a board over its line while motors move.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LineRow {
-    /// From an item's leaving its queue to a lease that counts on what came in its place, without the time on the line, µs: of a board that has had
-    /// nothing to read.
+    /// The time from when an item leaves its queue until a lease is extended over the item that replaced it, without the time on the line, µs. It
+    /// is that of a board which has nothing else to read.
     pub delay_us: u32,
     /// Additional delay for each byte of plans that the board had to read in the last 10 ms, µs.
     pub delay_byte_us: u32,
@@ -54,9 +57,9 @@ pub struct LineRow {
     pub delay_bytes: u32,
     /// Rate of the bytes that are no plans, bytes/s: extensions of the lease, and questions.
     pub other_bytes_per_s: u32,
-    /// How many bytes a byte of a plan takes on the line, with its share of a frame.
+    /// How many bytes a byte of a plan takes on the line, with its share of a frame's other bytes.
     pub frame_share: f64,
-    /// What the board's own USB brings, bytes/s: it has no baud. `None`: the board has only a UART, behind an adapter or a bridge.
+    /// The rate of the board's own USB, bytes/s, which has no baud. `None`: the board has only a UART, behind an adapter or a bridge.
     pub usb_bytes_per_s: Option<u32>,
 }
 
@@ -65,13 +68,13 @@ pub struct LineRow {
 enum PinRules {
     /// All pins are equivalent.
     Alike,
-    /// As [`PinKind`] says, each kind at rates of its own.
+    /// The rules of [`PinKind`]. Each kind has rates of its own.
     Kinds(&'static Rates),
-    /// As [`pins::check_pico`] says.
+    /// The rules of [`pins::check_pico`].
     Neighbours,
 }
 
-/// What an image of the Uno's firmware does, as the bench wrote it.
+/// The measurements of the Uno's firmware that the bench has written.
 #[derive(Debug, PartialEq, Eq)]
 struct Rates {
     pulses: [u32; PULSES],
@@ -118,7 +121,7 @@ pub enum PinError {
         board: String,
         /// Pin number.
         pin: u8,
-        /// By what.
+        /// What uses it.
         why: &'static str,
     },
 }
@@ -127,7 +130,7 @@ impl BoardRow {
     /// The pin of that number.
     ///
     /// # Errors
-    /// [`PinError`] if the board has it not, or needs it itself.
+    /// [`PinError`] if the board has no such pin, or needs it itself.
     pub fn pin(&self, number: i64) -> Result<u8, PinError> {
         let Some(pin) = u8::try_from(number).ok().filter(|pin| self.pins.contains(pin)) else {
             return Err(self.no_pin(number.to_string()));
@@ -141,7 +144,7 @@ impl BoardRow {
     /// The pin of that name: `D8`, `A0`, `GP15` or `GPIO15`, whatever its case.
     ///
     /// # Errors
-    /// [`PinError`] if the board has it not, or needs it itself.
+    /// [`PinError`] if the board has no such pin, or needs it itself.
     pub fn pin_named(&self, name: &str) -> Result<u8, PinError> {
         let lower = name.trim().to_ascii_lowercase();
         let number = |prefix: &str| lower.strip_prefix(prefix).and_then(|digits| digits.parse::<u8>().ok());
@@ -155,7 +158,7 @@ impl BoardRow {
     /// The kind of the pins of these motors; `None` on boards whose pins are equivalent.
     ///
     /// # Errors
-    /// [`PinsError`] if they do not.
+    /// [`PinsError`] if the board cannot drive them together.
     pub fn pin_kind(&self, motors: &[Motor]) -> Result<Option<PinKind>, PinsError> {
         match self.pin_rules {
             PinRules::Alike => Ok(None),
@@ -164,15 +167,16 @@ impl BoardRow {
         }
     }
 
-    /// Shortest intervals by number of motors, ticks, for these motors' pins and their longest pulse: not less than
-    /// [`Board::min_interval_ticks`] by itself, which is that of the shortest pulses, but by the compare hardware.
+    /// The shortest intervals with 1, 2, … motors, ticks, for these motors' pins and their longest pulse. They are at least
+    /// [`Board::min_interval_ticks`], which is for the shortest pulses, except with the Uno's compare hardware.
     #[must_use]
     pub fn shortest_intervals(&self, motors: &[Motor]) -> Vec<u32> {
         let (PinRules::Kinds(rates), Ok(Some(kind))) = (self.pin_rules, self.pin_kind(motors)) else {
             let is_pico = self.pin_rules == PinRules::Neighbours;
             let word = if is_pico { word_ticks(motors, self.board.tick_hz) } else { 0 };
             let has_coils = is_pico && motors.iter().any(|motor| matches!(motor.wiring, Wiring::Coils { .. }));
-            // Coils take it longer; besides drivers there may be more motors than there are pins for coils.
+            // The processor needs more time for coils. With drivers there may be more motors than there are pins for coils: then the last
+            // figure is used.
             let coils = |count: usize| pico::COILS.get(count).or(pico::COILS.last()).map_or(0, |ticks| *ticks);
             let of = |(count, ticks): (usize, &u32)| word.max(*ticks).max(if has_coils { coils(count) } else { 0 });
             return self.board.min_interval_ticks.iter().enumerate().map(of).collect();
@@ -188,11 +192,11 @@ impl BoardRow {
             let own = if pulse > long.longest_together() {
                 by_pulse[PULSES - 1]
             } else {
-                // The longest that was measured and is worked out together serves up to there.
+                // A pulse between two measured lengths counts as the longer one.
                 let column = rates.pulses[..PULSES - 2].iter().position(|longest| pulse <= u64::from(*longest));
                 by_pulse[column.unwrap_or(PULSES - 2)]
             };
-            // One after the other, whose steps are worked out one by one in any case.
+            // Motors that share a DIR line step one after the other.
             let shared = if shares { SHARED_STEP_TICKS * count as u32 } else { 0 };
             let edges = long.shortest_interval(pulse, timing.pulse_low);
             own.max(shared).max(edges)
@@ -201,8 +205,8 @@ impl BoardRow {
         (1..).zip(by_count).map(of).collect()
     }
 
-    /// The longest pulse, ns, with which an Uno works out many steps of these motors at once. `None` if their pulses are no longer than that: with longer
-    /// ones the Uno works out one step at a time, and its rate is several times lower.
+    /// The longest pulse with which an Uno works out several steps of these motors at once, ns; `None` if their pulses are not longer. With
+    /// longer pulses the Uno works out one step at a time, and its rate is several times lower.
     #[must_use]
     pub fn longest_pulse_together(&self, motors: &[Motor]) -> Option<u32> {
         let (PinRules::Kinds(_), Ok(Some(kind))) = (self.pin_rules, self.pin_kind(motors)) else { return None };
@@ -213,8 +217,8 @@ impl BoardRow {
         (is_longer && !shares_dir(motors)).then(|| u32::try_from(longest * 1_000_000_000 / hz).unwrap_or(u32::MAX))
     }
 
-    /// The shortest interval of each of four motors on an Uno that has its motion in its flash, ticks: its image has no ring for the fourth next to a
-    /// merge of three, so that all are merged, as they are with longer pulses.
+    /// The shortest interval of each of four motors on an Uno that plays a motion from its flash, ticks. That image has no second ring for the
+    /// fourth motor, so that all four are merged, as with longer pulses.
     #[must_use]
     pub const fn shortest_of_four_baked(&self) -> Option<u32> {
         match self.pin_rules {
@@ -238,19 +242,16 @@ impl BoardRow {
         }
     }
 
-    /// [`Board::shared_steps`] for these motors: an Uno makes steps one after the other where motors share a DIR line. Pulses up to
-    /// 1.94 µs are over so soon that no step must wait for them.
+    /// [`Board::shared_steps`] for these motors. An Uno makes steps one after the other if motors share a DIR line. But a pulse up to
+    /// 1.94 µs is over so soon that no step has to wait for it.
     #[must_use]
     pub fn shared_steps(&self, motors: &[Motor]) -> Option<SharedSteps> {
         let pulse = DriverTiming::longest(motors).ticks(self.board.tick_hz).pulse_high;
-        if !matches!(self.pin_rules, PinRules::Kinds(_)) || !shares_dir(motors) || pulse <= LONGEST_OWN_PULSE {
+        if !matches!(self.pin_rules, PinRules::Kinds(_)) || !shares_dir(motors) || pulse <= u64::from(MAX_PULSE) {
             return None;
         }
-        let apart_ticks = u64::from(PULSE_LATE_TICKS[0] + GROUPS_APART_TICKS[1]) + pulse;
-        Some(SharedSteps {
-            together_ticks: GROUPS_APART_TICKS[0] / 2,
-            apart_ticks: u32::try_from(apart_ticks).unwrap_or(u32::MAX),
-        })
+        let apart_ticks = u64::from(LATENCY + SPACING_SHIELD[0]) + pulse;
+        Some(SharedSteps { together_ticks: SPACING / 2, apart_ticks: u32::try_from(apart_ticks).unwrap_or(u32::MAX) })
     }
 
     fn no_pin(&self, pin: String) -> PinError {
@@ -258,7 +259,7 @@ impl BoardRow {
     }
 }
 
-/// The table, in the order in which boards are usually met.
+/// The table, the most common board first.
 #[must_use]
 pub fn table() -> Vec<BoardRow> {
     vec![uno(), due(), pico(), native()]
@@ -270,15 +271,16 @@ pub fn find(name: &str) -> Option<BoardRow> {
     table().into_iter().find(|row| row.board.name.eq_ignore_ascii_case(name))
 }
 
-/// What a turn of DIR takes an Uno, ticks, and what it takes when motors are merged in one ring. It is in
-/// firmware/uno/src/engine/steps/stepper.rs: for an interrupt that is late before it and after it, and the way to the line after the match; and twice the
-/// distance of groups, by which a merge moves edges.
-const TURN_TICKS: [u32; 2] = [24 + 48 + 24, 60 + 16 + 60 + 2 * 76];
-/// The same of one and of two motors of the compare hardware's: the distance of groups, before it and after it.
-const TURN_TICKS_BY_COMPARE: [u32; 2] = [2 * GROUP_SPACING_TWO_RINGS_TICKS[0], 2 * GROUP_SPACING_TWO_RINGS_TICKS[1]];
+/// The time that a turn of DIR takes an Uno, ticks: alone, and where motors are merged in one ring. `PulseTiming::of` in
+/// firmware/uno/src/engine/steps/stepper/timing.rs adds it up: an edge may be late before the turn and after it, the way to the line after the
+/// match takes time, and a merge moves edges by up to two spacings.
+const TURN_TICKS: [u32; 2] =
+    [LATENCY + SPACING + LATENCY, LATENCY_MERGED + END_DELAY + LATENCY_MERGED + 2 * SPACING_SHIELD[1]];
+/// The same for one and for two motors of the compare hardware: the spacing of groups, before the turn and after it.
+const TURN_TICKS_BY_COMPARE: [u32; 2] = [2 * SPACING_TWO_RINGS, 2 * SPACING_TWO_COMPARE];
 
-/// What a word of a Pico's state machine takes at least: the longest pulse of all motors and three cycles, which
-/// `pulsetrain_core::pio` has. Steps are no closer, and DIR changes in a word of its own.
+/// The shortest word of a Pico's state machine, ticks: the longest pulse of all motors and three cycles (`pulsetrain_core::pio`). Steps are
+/// never closer than that, and a change of DIR is a word of its own.
 fn word_ticks(motors: &[Motor], hz: u64) -> u32 {
     let pulse = DriverTiming::longest(motors).ticks(hz).pulse_high;
     u32::try_from(pulse.max(3) + 3).unwrap_or(u32::MAX)
@@ -293,23 +295,11 @@ fn word_turn_ticks(motors: &[Motor], hz: u64) -> u32 {
     u32::try_from(turn - timing.reversal()).unwrap_or(u32::MAX)
 }
 
-/// What a step takes on an Uno whose motors share a DIR line, ticks. With 2400, sweeps of four motors at nine tenths of the rate were stopped (`cargo
-/// xtask accept --seed 20 --only 1080 --board uno`).
+/// The time that a step takes on an Uno whose motors share a DIR line, ticks. With 2400, sweeps of four motors at nine tenths of the rate ended in
+/// a stop (`cargo xtask accept --seed 20 --only 1080 --board uno`).
 const SHARED_STEP_TICKS: u32 = 2_800;
 
-/// The longest pulse that an Uno's interrupt makes by itself, ticks. The end of a longer one is a match of its own.
-const LONGEST_OWN_PULSE: u64 = 31;
-
-/// By what an Uno makes a long pulse longer, since its rising edge may be late, ticks: `LATENCY` in firmware/uno/src/engine/tuning.rs; and
-/// `LATENCY_MERGED`, where other motors move it too.
-const PULSE_LATE_TICKS: [u32; 2] = [24, 60];
-
-/// What an Uno keeps between two matches, on one port and on the shield's pins, ticks: `SPACING` and `SPACING_SHIELD` there.
-const GROUPS_APART_TICKS: [u32; 2] = [48, 60];
-/// What it keeps with a ring for each motor: `SPACING_TWO_RINGS`, and `SPACING_TWO_COMPARE`.
-const GROUP_SPACING_TWO_RINGS_TICKS: [u32; 2] = [96, 171];
-
-/// How an Uno makes a pulse whose end is a match of its own: `PulseTiming::of` in firmware/uno/src/engine/steps/stepper/timing.rs.
+/// How an Uno makes a pulse whose end is a compare match of its own: `PulseTiming::of` in firmware/uno/src/engine/steps/stepper/timing.rs.
 struct LongPulse {
     /// How much longer the pulse is than configured, ticks.
     more: u32,
@@ -324,34 +314,34 @@ struct LongPulse {
 impl LongPulse {
     /// The pulse with this many motors, none of which share a DIR line. The motors of a pair have a ring each.
     fn of(kind: PinKind, motors: usize, is_pair: bool) -> LongPulse {
-        let [alone, moved] = PULSE_LATE_TICKS;
+        let (alone, moved) = (LATENCY, LATENCY_MERGED);
         if kind == PinKind::Compare {
-            let apart = GROUP_SPACING_TWO_RINGS_TICKS[usize::from(motors > 1)];
+            let apart = if motors > 1 { SPACING_TWO_COMPARE } else { SPACING_TWO_RINGS };
             return LongPulse { more: 0, late: 0, apart, together: false };
         }
         if is_pair {
-            return LongPulse { more: moved, late: moved, apart: GROUP_SPACING_TWO_RINGS_TICKS[0], together: true };
+            return LongPulse { more: moved, late: moved, apart: SPACING_TWO_RINGS, together: true };
         }
-        let apart = GROUPS_APART_TICKS[usize::from(kind == PinKind::Shield)];
-        // Merged, its second edge may be early.
+        let apart = if kind == PinKind::Shield { SPACING_SHIELD[0] } else { SPACING };
+        // If motors are merged in one ring, the second edge may be early.
         let (more, late) = if motors > 1 { (moved + apart, moved) } else { (alone, alone) };
         LongPulse { more, late, apart, together: true }
     }
 
-    /// The longest that is worked out together with those of other steps, ticks: what is made of it fits 8 bits. The compare
-    /// hardware has no such mode: its limit is the longest pulse that one interrupt makes.
+    /// The longest pulse with which several steps are worked out at once, ticks: with its extension it must fit in 8 bits. The compare hardware has
+    /// no such mode; its limit is the longest pulse that one interrupt makes.
     fn longest_together(&self) -> u64 {
-        if self.together { u64::from(u8::MAX) - u64::from(self.more) } else { LONGEST_OWN_PULSE }
+        if self.together { u64::from(u8::MAX) - u64::from(self.more) } else { u64::from(MAX_PULSE) }
     }
 
-    /// From step to step at least, ticks, with the margin of the table's limits: the pulse as it is made, and what must be between it and the next.
+    /// The shortest interval, ticks, with the margin of the table's limits: the pulse as it is made, and the shortest time to the next one.
     fn shortest_interval(&self, pulse: u64, low: u64) -> u32 {
         let [pulse, low] = [pulse, low].map(|ticks| u32::try_from(ticks).unwrap_or(u32::MAX));
         let low = low.saturating_add(self.late);
-        let ticks = if u64::from(pulse) > LONGEST_OWN_PULSE {
+        let ticks = if pulse > MAX_PULSE {
             pulse.saturating_add(self.more).saturating_add(low.max(self.apart))
         } else {
-            low.saturating_add(LONGEST_OWN_PULSE as u32)
+            low.saturating_add(MAX_PULSE)
         };
         ticks.saturating_add(ticks.div_ceil(40))
     }
@@ -367,7 +357,7 @@ fn interval_ticks(tick_hz: u64, rate_hz: u64) -> u32 {
     u32::try_from(tick_hz.div_ceil(rate_hz)).expect("an interval of a rate above 1 Hz fits 32 bits")
 }
 
-/// The board that took the place of one that there was once.
+/// The new name of a board that has been renamed.
 #[must_use]
 pub fn renamed(name: &str) -> Option<&'static str> {
     name.eq_ignore_ascii_case("uno-stream").then_some("uno")
@@ -382,7 +372,7 @@ fn uno() -> BoardRow {
             tick_hz: TICK_HZ,
             fraction_bits: 16,
             max_motors: 4,
-            // With pulses of 1 µs; what a program needs longer ones for, `shortest_intervals` says.
+            // With pulses of 1 µs. `shortest_intervals` has those of longer pulses.
             min_interval_ticks: rates.by_software.iter().map(|by_pulse| by_pulse[0]).collect(),
             hardware_timed: false,
             one_timing: true,
@@ -394,7 +384,7 @@ fn uno() -> BoardRow {
         about: "Arduino Uno, ATmega328P",
         ram_bytes: Some(2_048),
         flash_bytes: Some(32_256),
-        // One motor alone has the page of the second ring too. A test asks the virtual board.
+        // One motor alone also has the memory of the second ring. A test asks the virtual board.
         queue_bytes: vec![rates.queues + 256, rates.queues / 2, rates.queues / 3, rates.queues / 4],
         horizon_ticks: rates.horizon,
         lateness_ticks: rates.lateness,
@@ -458,7 +448,7 @@ fn pico() -> BoardRow {
             tick_hz: TICK_HZ,
             fraction_bits: 32,
             max_motors: 8,
-            // Of the processor; a step takes its pulse and three ticks more, as `shortest_intervals` says.
+            // The processor's limits. `shortest_intervals` adds that of the pulse and three ticks.
             min_interval_ticks: pico::SHORTEST.to_vec(),
             hardware_timed: true,
             one_timing: true,
@@ -475,7 +465,7 @@ fn pico() -> BoardRow {
         about: "Raspberry Pi Pico, RP2040",
         ram_bytes: Some(264 * 1024),
         flash_bytes: Some(2 * 1024 * 1024),
-        // As firmware/pico shares them out. A test asks the virtual board.
+        // The shares that firmware/pico makes. A test asks the virtual board.
         queue_bytes: (1..=8).map(|motors| (32_768 / motors).min(8_192)).collect(),
         // 2.4 ms; with the longest pulses and set-up, by which a word and a DIR edge begin before their tick, 0.5 ms more for each.
         // A test asks the virtual board.
@@ -488,8 +478,8 @@ fn pico() -> BoardRow {
             delay_bytes: 130,
             other_bytes_per_s: 1_500,
             frame_share: 1.2,
-            // What was seen to come by the virtual Pico's USB: 207 kB/s of plans of one motor that turns 6000 times a second. Full speed itself brings 19 packets of
-            // 64 bytes in a millisecond at most (USB 2.0, table 5-9), but a session has no more than 960 bytes on their way.
+            // Measured on the virtual Pico's USB: 207 kB/s of plans, of one motor that turns 6000 times a second. USB at full speed takes up to
+            // 19 packets of 64 bytes in a millisecond (USB 2.0, table 5-9), but a session has at most 960 bytes on their way.
             usb_bytes_per_s: Some(250_000),
         }),
         note: "edges come from PIO state machines fed by DMA: exact to the tick. STEP and DIR of a motor are neighbours, and so \

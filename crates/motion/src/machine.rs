@@ -1,11 +1,11 @@
 //! Machines: several motors that draw one figure, and where their tip is.
 //!
 //! # What is here
-//! - [`Machine`]: which motors, how they move the tip, where they stand at time zero
+//! - [`Machine`]: its motors, how they move the tip, and their positions at time zero
 //! - [`Delta`]: a delta robot's arms: angles for a point, the point for angles
 //!
 //! # What is not
-//! Paths (they are laws, one for each motor), and what keeps to a motor's limits: the planner.
+//! Paths, which are laws, one for each motor; and the limits of motors, which the planner checks.
 
 use std::f64::consts::{FRAC_PI_2, TAU};
 use std::fmt;
@@ -13,17 +13,17 @@ use std::fmt;
 /// Several motors that draw one figure.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Machine {
-    /// As the file calls it.
+    /// Its name in the file.
     pub name: String,
-    /// Its motors, as they stand in the program: x and y, or the three arms.
+    /// Its motors, as indices into the program's motors: x and y, or the three arms.
     pub motors: Vec<usize>,
     /// From motors to the tip.
     pub kinematics: Kinematics,
-    /// Where each motor stands at time zero, steps: from there their steps count.
+    /// Each motor's position at time zero, steps in the machine's coordinates. The motor's own steps count from there.
     pub home: Vec<f64>,
-    /// How far each motor turns before what it drives follows, when it turns round, steps.
+    /// Each motor's backlash, steps.
     pub slack: Vec<f64>,
-    /// The unit of the tip's coordinates: "mm", or as the motors have it.
+    /// The unit of the tip's coordinates: "mm", or the motors' unit.
     pub unit: String,
 }
 
@@ -32,7 +32,7 @@ pub struct Machine {
 pub enum Kinematics {
     /// Each motor moves along its own axis.
     Xy {
-        /// Steps in one of the machine's unit, of x and of y.
+        /// Steps in one unit of the machine, for x and for y.
         steps_per_unit: [f64; 2],
     },
     /// Three arms; units are mm.
@@ -45,9 +45,9 @@ pub enum Kinematics {
 }
 
 impl Machine {
-    /// The tip when the motors have made `steps` since time zero, in the machine's unit; z is 0 of an xy machine.
+    /// The tip's position when the motors have made `steps` since time zero, in the machine's unit. An xy machine has z = 0.
     ///
-    /// `None` if arms cannot stand like that.
+    /// `None` if the arms cannot have these angles.
     #[must_use]
     pub fn tip(&self, steps: &[f64]) -> Option<[f64; 3]> {
         let at = |motor: usize| Some(self.home.get(motor)? + steps.get(motor)?);
@@ -107,7 +107,7 @@ pub enum OutOfReach {
 }
 
 impl OutOfReach {
-    /// Which arm, from 0; `None`: all of them.
+    /// The arm, from 0; `None` if all are concerned.
     #[must_use]
     pub fn arm(&self) -> Option<usize> {
         match self {
@@ -167,7 +167,7 @@ impl Delta {
     /// ```
     ///
     /// # Errors
-    /// [`OutOfReach`] of the first arm that cannot.
+    /// [`OutOfReach`] for the first arm that does not reach the point.
     pub fn angles(&self, [x, y, z]: [f64; 3]) -> Result<[f64; 3], OutOfReach> {
         if z.is_nan() || z >= 0.0 {
             return Err(OutOfReach::Above);
@@ -183,7 +183,7 @@ impl Delta {
             }
             let (forearm_mm, distance_mm) = (forearm.sqrt(), libm::hypot(out, z));
             let (least_mm, most_mm) = ((self.upper_arm_mm - forearm_mm).abs(), self.upper_arm_mm + forearm_mm);
-            // At the limits themselves the arm is stretched: it would have no speed there.
+            // Exactly at a limit the arm is stretched or folded, and its speed would be infinite. So the limits are excluded.
             if !(least_mm < distance_mm && distance_mm < most_mm) {
                 return Err(OutOfReach::Distance { arm, distance_mm, least_mm, most_mm });
             }
@@ -193,10 +193,10 @@ impl Delta {
         Ok(angles)
     }
 
-    /// Where the effector is with its arms at these angles (rad), below the elbows, mm; `None` if it cannot be.
+    /// The effector's position for these angles (rad), below the elbows, mm; `None` if there is none.
     #[must_use]
     pub fn point(&self, angles: [f64; 3]) -> Option<[f64; 3]> {
-        // Each forearm is a sphere about its elbow, moved by the effector's radius: where do the three meet?
+        // Each forearm's end lies on a sphere about its elbow, moved by the effector's radius. The point is where the three spheres meet.
         let centre = |arm: usize| {
             let (cos, sin) = Delta::direction(arm);
             let out = self.base_mm - self.effector_mm + self.upper_arm_mm * libm::cos(angles[arm]);

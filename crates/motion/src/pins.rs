@@ -1,10 +1,10 @@
 //! Which pins of a board work together.
 //!
-//! The Uno's interrupt moves pins by writing one port register: STEP and DIR lines that it moves must share one, or be
-//! those that the compare hardware moves. Enable lines are moved at leisure and may be anywhere.
+//! The Uno's interrupt changes pins by writing one port register. So STEP and DIR lines must be on one port, or be those that the compare
+//! hardware drives. Enable lines are not timed, and may be on any pin.
 //!
-//! A Pico's state machine drives pins that stand one after the other (RP2040 datasheet, 3.5.6): [`check_pico`]. Between GPIO 22
-//! and 26 its header has none; coils may lie over them.
+//! A Pico's state machine drives pins with consecutive numbers (RP2040 datasheet, 3.5.6): [`check_pico`]. GPIO 23 to 25 are not on its
+//! header; the pins of coils may continue from 22 to 26.
 
 use std::cmp::Reverse;
 use std::fmt;
@@ -26,14 +26,14 @@ pub enum PinKind {
     Shield,
 }
 
-/// A line of a motor that keeps its pins from working together.
+/// A line of a motor that does not fit the others.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Stray {
     /// Whose.
     pub motor: String,
     /// "STEP" or "DIR".
     pub line: &'static str,
-    /// Where it is.
+    /// Its pin.
     pub pin: u8,
 }
 
@@ -46,21 +46,21 @@ impl fmt::Display for Stray {
 /// Why an Uno cannot drive these motors; [`PinsError::advice`] says what fits.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum PinsError {
-    /// The firmware makes steps, no coil patterns.
+    /// The Uno's firmware does not drive coils.
     #[error("motor `{motor}` has four coil lines, but the Uno's firmware drives STEP and DIR")]
     Coils {
         /// Whose.
         motor: String,
     },
-    /// There is one enable line.
+    /// Two motors have different enable lines, and the Uno has one for all.
     #[error("motors `{first}` and `{second}` have enable lines of their own, but the board has one for all")]
     TwoEnables {
-        /// The first that has one.
+        /// The first motor with an enable line.
         first: String,
-        /// The first that has another, or another level.
+        /// The first motor with another pin or another level.
         second: String,
     },
-    /// A state machine cannot have both.
+    /// STEP and DIR are not neighbours, so that one state machine cannot drive both.
     #[error(
         "DIR of `{motor}` (pin {dir}) is not beside its STEP (pin {step}), but a Pico drives the two as neighbours"
     )]
@@ -72,17 +72,17 @@ pub enum PinsError {
         /// Pin of DIR.
         dir: u8,
     },
-    /// Two state machines cannot have one.
+    /// Two motors share a DIR pin, which two state machines cannot.
     #[error("motors `{first}` and `{second}` share DIR (pin {pin}), but a Pico needs one for each motor")]
     SharedDir {
-        /// The one.
+        /// One motor.
         first: String,
-        /// The other.
+        /// The other motor.
         second: String,
-        /// Their DIR.
+        /// Their DIR pin.
         pin: u8,
     },
-    /// A state machine cannot have them all.
+    /// The four pins of coils are not consecutive, so that one state machine cannot drive them.
     #[error(
         "the coils of `{motor}` are on pins {}, {}, {} and {}, but a Pico drives four that stand one after the other on its \
          header, IN1 on the lowest", .pins[0], .pins[1], .pins[2], .pins[3]
@@ -96,9 +96,9 @@ pub enum PinsError {
     /// The pins are not of one kind.
     #[error("an Uno cannot drive these pins together: {}", list(.strays))]
     Apart {
-        /// The kind that fewest lines stray from.
+        /// The kind that fits most of the lines.
         nearest: PinKind,
-        /// Those lines.
+        /// The lines that do not fit it.
         strays: Vec<Stray>,
     },
 }
@@ -112,7 +112,7 @@ fn list(strays: &[Stray]) -> String {
 }
 
 impl PinsError {
-    /// What would fit.
+    /// What would work instead.
     #[must_use]
     pub fn advice(&self) -> String {
         match self {
@@ -122,7 +122,7 @@ impl PinsError {
             }
             PinsError::SharedDir { .. } => "give each motor a DIR beside its STEP".to_owned(),
             PinsError::CoilsApart { pins, .. } => {
-                // Four in a row that are the user's own as far as can be, from their lowest on.
+                // It proposes four consecutive pins, from the lowest of the user's own on, if possible.
                 let own = |in1: &u8| coil_pins(*in1).iter().filter(|pin| pins.contains(pin)).count();
                 let nearest = COILS_FROM.max_by_key(|in1| (own(in1), pins.contains(in1), Reverse(*in1)));
                 let [in1, in2, in3, in4] = coil_pins(nearest.unwrap_or(*COILS_FROM.start()));
@@ -154,11 +154,10 @@ impl fmt::Display for PinKind {
 }
 
 impl PinKind {
-    /// All kinds, the best timed first: where several fit, the first of them is taken.
+    /// All kinds, the most precise one first. Where several fit, the first is used.
     pub const ALL: [PinKind; 4] = [PinKind::Compare, PinKind::PortD, PinKind::PortB, PinKind::Shield];
 
-    /// Edge tick − scheduled tick of a STEP edge that nothing keeps waiting: what `pulsetrain run` and the benches
-    /// measure lateness from.
+    /// Edge tick − scheduled tick of a STEP edge that is not delayed. `pulsetrain run` and the benches count lateness from it.
     #[must_use]
     pub const fn constant_ticks(self) -> u32 {
         match self {
@@ -172,7 +171,7 @@ impl PinKind {
     /// The kind of the pins that the motors of an Uno use.
     ///
     /// # Errors
-    /// If they cannot be driven together.
+    /// [`PinsError`] if the board cannot drive them together.
     ///
     /// ```
     /// use pulsetrain_motion::pins::PinKind;
@@ -215,7 +214,7 @@ impl PinKind {
         Self::of_wirings(motors.iter().map(|motor| (motor.name.as_str(), &motor.wiring)))
     }
 
-    /// The lines that are not where this kind has them.
+    /// The lines that are not on pins of this kind.
     fn strays(self, motors: &[Lines]) -> Vec<Stray> {
         let mut strays = Vec::new();
         for (index, motor) in motors.iter().enumerate() {
@@ -238,13 +237,13 @@ impl PinKind {
     }
 }
 
-/// The GPIOs of a Pico that IN1 can be on: the UART has those before, and those after have fewer than three after them.
+/// The GPIOs of a Pico for IN1. The UART has those before; after those later ones there are fewer than three more pins.
 const COILS_FROM: RangeInclusive<u8> = 2..=22;
 
 /// Whether a Pico's state machines can drive these motors.
 ///
 /// # Errors
-/// If the lines of a motor do not stand one after the other, or two have one.
+/// [`PinsError`] if the lines of a motor are not consecutive, or two motors share one.
 pub fn check_pico(motors: &[Motor]) -> Result<(), PinsError> {
     let mut enable_line: Option<(&str, (u8, bool))> = None;
     let mut dirs: Vec<(&str, u8)> = Vec::new();
@@ -276,7 +275,7 @@ pub fn check_pico(motors: &[Motor]) -> Result<(), PinsError> {
     Ok(())
 }
 
-/// The lines of one motor that steps need.
+/// The STEP and DIR lines, or the coils, of one motor.
 struct Lines<'a> {
     motor: &'a str,
     step: u8,

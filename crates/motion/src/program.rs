@@ -1,4 +1,4 @@
-//! What a motion file says, checked and in the units of motors: steps, seconds, nanoseconds.
+//! The content of a motion file, checked and in the units of motors: steps, seconds, nanoseconds.
 
 use crate::Grid;
 use crate::boards::{self, PinError};
@@ -21,13 +21,13 @@ pub struct Program {
     pub idle_ms: Option<u16>,
     /// The motors, in the file's order.
     pub motors: Vec<Motor>,
-    /// Which of them draw figures together, in the file's order.
+    /// The machines, motors that draw a figure together, in the file's order.
     pub machines: Vec<Machine>,
-    /// How much of the board's queues each motor gets, in 64ths; none: equal parts.
+    /// Each motor's share of the board's queues, in 64ths; empty: equal shares.
     pub queue_parts: Vec<u8>,
 }
 
-/// The longest [`Program::idle_ms`]: what every board can count. A Pico compares ticks of 8 ns within 2^31, which is 17 s.
+/// The longest [`Program::idle_ms`], which every board can count. A Pico compares ticks of 8 ns within 2^31, which is 17 s.
 pub const LONGEST_IDLE_MS: u16 = 8000;
 
 /// Why a program cannot run on another board.
@@ -43,7 +43,7 @@ pub enum BoardError {
         /// Motors that the board can drive.
         limit: usize,
     },
-    /// A pin of the file is none of the board's.
+    /// The board lacks a pin of the file.
     #[error("motor `{motor}`: {error}")]
     Pin {
         /// Motor.
@@ -86,7 +86,7 @@ impl Program {
         }
     }
 
-    /// Another motor whose driver needs a longer pulse than this one's, so that the board makes this one's as long; the longest.
+    /// The motor whose driver needs the longest pulse, if that is longer than this motor's: the board makes this one's as long.
     #[must_use]
     pub fn lengthens_pulse(&self, motor: &Motor) -> Option<&Motor> {
         let pulse_ns = self.timing(motor).pulse_high_ns;
@@ -113,7 +113,7 @@ impl Tolerance {
         }
     }
 
-    /// Where the file gives none: 1 tick if the board times its edges in hardware, else 1 µs.
+    /// The default: 1 tick if the board times its edges in hardware, else 1 µs.
     #[must_use]
     pub fn default_of(board: &Board) -> Tolerance {
         if board.hardware_timed { Tolerance::Ticks(1.0) } else { Tolerance::Seconds(1e-6) }

@@ -89,7 +89,7 @@ impl<B: VirtualBoard, C: Client, W: Write> Service<B, C, W> {
             // A client changes its rate while no bytes are on their way, so the bytes of this round are at the new
             // rate.
             if let Some(rate) = self.client.rate() {
-                self.board.follow(rate).map_err(io::Error::other)?;
+                self.board.set_client_rate(rate).map_err(io::Error::other)?;
             }
             self.board.send(&self.bytes).map_err(io::Error::other)?;
         }

@@ -657,7 +657,7 @@ impl<B: Leased> Driven<B> {
             return Err(why.halted(seen_s, positions));
         }
         // This comes last: errors of the board are more useful than one of the reference.
-        if !self.session.board().agrees() {
+        if !self.session.board().record_is_complete() {
             return Err(DriveError::Reference { board: self.program.board.name.clone() });
         }
         if let Some(refused) = self.refused.take() {
@@ -671,7 +671,7 @@ impl<B: Leased> Driven<B> {
     fn positions(&mut self, report: &Report) -> (Positions, Option<Cause>) {
         let last_reported = self.session.board().positions();
         let mut stop = None;
-        let (counts, by) = match self.session.board_mut().settle() {
+        let (counts, by) = match self.session.board_mut().final_report() {
             Ok(AtRest { reset: Some(reset), .. }) => {
                 (last_reported, Knowledge::LastReport { reset: in_words(reset).to_owned() })
             }

@@ -246,7 +246,7 @@ impl<B: Leased> Session<B> {
         if !board.is_idle() {
             return Err(SessionError::Busy);
         }
-        let pace = Pace::of(&program, board.lead());
+        let pace = Pace::of(&program, board.round_trip());
         let counts = board.positions();
         let motors = program.motors.len();
         if counts.len() < motors {

@@ -1,7 +1,7 @@
 //! A model of a board behind a serial line, without an emulated chip: fast enough for many tests of the link.
 //!
 //! Its steps are those of a native board with 16 fraction bits, and its protocol is the [`Service`] that firmware runs. Bytes take their time on the
-//! line, and a USB bridge passes them on once in a millisecond. The model is also an example of what a [`Machine`] has to do.
+//! line, and a USB bridge passes them on once in a millisecond. The model is also an example of what a [`BoardSide`] has to do.
 
 use crate::Random;
 use pulsetrain_board::lease::{ExtendRefused, TrimRefused};
@@ -19,7 +19,7 @@ use pulsetrain_core::wire::orders::{Obeyed, Orders};
 use pulsetrain_core::wire::outcome::NO_LEASE;
 use pulsetrain_core::wire::settings::SETTINGS_LEN;
 use pulsetrain_core::wire::{
-    Baud, Decoder, Encoder, MAX_BODY, MAX_FRAME, Machine, Millis, Refusal, Service, Stopped, Switched, Trimmed,
+    Baud, BoardSide, Decoder, Encoder, MAX_BODY, MAX_FRAME, Millis, Refusal, Service, Stopped, Switched, Trimmed,
 };
 use pulsetrain_core::{Epoch, Tick32};
 use std::collections::VecDeque;
@@ -251,7 +251,7 @@ fn bare() -> Native {
     Native::new(&Config { fraction_bits: FRACTION_BITS, motors: Vec::new() }).expect("no motors, nothing to refuse")
 }
 
-impl Machine for Model {
+impl BoardSide for Model {
     const OBEYS: bool = true;
     const STORES: bool = true;
 

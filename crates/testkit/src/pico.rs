@@ -241,7 +241,7 @@ pub struct StoppedDriver {
 /// Checks the pins of a step/dir driver up to an immediate stop at tick `stop`: no step begins after it, DIR changes in no pulse, and each pulse has its
 /// length.
 pub fn stopped_driver(setup: &Setup, motor: &MotorSetup, edges: &[Edge], stop: u64) -> StoppedDriver {
-    let told = u64::from(setup.pulse_ticks.max(3));
+    let configured = u64::from(setup.pulse_ticks.max(3));
     let (mut dir, mut position, mut high, mut caught) = (false, 0, None::<u64>, None);
     for edge in edges {
         if edge.line == motor.dir_pin {
@@ -254,12 +254,12 @@ pub fn stopped_driver(setup: &Setup, motor: &MotorSetup, edges: &[Edge], stop: u
         } else if edge.line == motor.step_pin {
             let since = high.take().expect("a pulse begins before it ends");
             let long = edge.tick - since;
-            let most = told + if edge.tick > stop { STOP_LENGTHENS } else { 0 };
+            let most = configured + if edge.tick > stop { STOP_LENGTHENS } else { 0 };
             assert!(
-                (told..=most).contains(&long),
-                "a pulse of {long} ticks, {told} were told; the stop was at {stop}: {edge:?}"
+                (configured..=most).contains(&long),
+                "a pulse of {long} ticks, {configured} were configured; the stop was at {stop}: {edge:?}"
             );
-            caught = (edge.tick > stop).then(|| (stop - since, long - told));
+            caught = (edge.tick > stop).then(|| (stop - since, long - configured));
         }
     }
     assert_eq!(high, None, "a pulse has no end");

@@ -178,7 +178,7 @@ impl Stream {
 
     /// A stream of `laws` for `ticks`, which begins soon after the board can have it. Motor m begins `apart` · m / motors of an interval after motor 0.
     pub fn on(chip: Chip, board: &impl Leased, laws: &[Law], apart: f64, seed: u64, ticks: u64) -> Stream {
-        let begin = board.now() + board.lead() + chip.tick_hz / 10;
+        let begin = board.now() + board.round_trip() + chip.tick_hz / 10;
         let motors = laws.len() as f64;
         let sources = (0_u64..).zip(laws).map(|(index, law)| {
             let offset = apart * chip.tick_hz as f64 / law.rate * index as f64 / motors;
@@ -206,7 +206,7 @@ impl Stream {
                 }
             }
         }
-        if !self.switched && board.now() + board.lead() * 3 / 2 > self.begin {
+        if !self.switched && board.now() + board.round_trip() * 3 / 2 > self.begin {
             board.switch(self.epoch, self.begin, Lease::Last, &[])?;
             self.switched = true;
         }
@@ -214,7 +214,7 @@ impl Stream {
     }
 
     /// Whether all items have been pushed.
-    pub fn is_told(&self) -> bool {
+    pub fn is_sent(&self) -> bool {
         self.sources.iter().all(|source| source.ahead.is_none() && source.tick() >= source.end)
     }
 
@@ -233,7 +233,7 @@ impl Stream {
         observer: &mut impl Observer,
         mut look: impl FnMut(&mut Stream, &mut B) -> Result<(), String>,
     ) -> Result<(), String> {
-        while !self.is_told() || board.now() <= self.last() + self.chip.tick_hz / 1000 {
+        while !self.is_sent() || board.now() <= self.last() + self.chip.tick_hz / 1000 {
             self.feed(board).map_err(|refused| format!("the switch is refused: {refused}"))?;
             board.advance(board.now() + self.chip.tick_hz / 2000, observer);
             look(self, board)?;

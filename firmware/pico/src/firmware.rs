@@ -255,7 +255,7 @@ impl Firmware {
             TextEvent::Answer(reply) => Some(reply),
             TextEvent::Orders(orders) => {
                 self.text_port = port;
-                let reply = self.winch.give_orders(&mut self.board, &orders);
+                let reply = self.winch.obey_verbs(&mut self.board, &orders);
                 // Words in between: the work of a dozen lines, as a packet may have, takes longer than the words last.
                 self.board.fill_motors();
                 Some(TextLine::Verbs(reply))

@@ -5,7 +5,7 @@
 
 use crate::clock::TICK_HZ;
 use crate::regs::{self, ssi};
-use pulsetrain_core::baked::FLASH_ROOM;
+use pulsetrain_core::baked::PROGRAM_FLASH_BYTES;
 
 /// Commands.
 mod command {
@@ -43,7 +43,7 @@ pub(crate) const fn contents() -> &'static [u8] {
     // SAFETY: nothing writes to this part of the flash while this program runs, and all of it can be read: a smaller chip repeats
     // its contents. It must not be read while `transfer` has the interface, which calls nothing that reads it, nor while the chip
     // is busy: `erase` and `program` return only after that.
-    unsafe { core::slice::from_raw_parts(core::ptr::with_exposed_provenance(XIP_BASE), FLASH_ROOM as usize) }
+    unsafe { core::slice::from_raw_parts(core::ptr::with_exposed_provenance(XIP_BASE), PROGRAM_FLASH_BYTES as usize) }
 }
 
 /// The chip's unique number. `None` if it does not answer, or has none.

@@ -13,7 +13,7 @@ use crate::store::Store;
 use crate::uart::{self, Uart, WINDOW};
 use crate::winch;
 use pulsetrain_core::lease::{self, Lapse, Lease};
-use pulsetrain_core::verbs::motor::MOST_ITEMS;
+use pulsetrain_core::verbs::motor::MAX_ITEMS;
 use pulsetrain_core::verbs::{Motor, Verbs};
 use pulsetrain_core::winch::path::Slice;
 use pulsetrain_core::wire::message::{
@@ -22,7 +22,7 @@ use pulsetrain_core::wire::message::{
 use pulsetrain_core::wire::orders::{Obeyed, Orders};
 use pulsetrain_core::wire::outcome::NO_LEASE;
 use pulsetrain_core::wire::settings::SETTINGS_LEN;
-use pulsetrain_core::wire::{Baud, Encoder, Machine, Millis, Reason, Refusal, Stopped, Switched, Trimmed};
+use pulsetrain_core::wire::{Baud, Encoder, BoardSide, Millis, Reason, Refusal, Stopped, Switched, Trimmed};
 use pulsetrain_core::{Epoch, Tick32};
 
 /// A switch must be less than this ahead, ticks: 8.6 s. Ticks of 32 bits are told apart within 2^31; half of that leaves room for
@@ -199,7 +199,7 @@ impl Board {
     fn plan_verbs(&mut self) {
         let Board { verbs, stepper, clock, timing, .. } = self;
         let until = clock.now() + u64::from(stepper.foresight(*timing)) + VERBS_MARGIN;
-        if until >= verbs.known() + u64::from(timing.verb_slice) && stepper.has_room(MOST_ITEMS) {
+        if until >= verbs.known() + u64::from(timing.verb_slice) && stepper.has_room(MAX_ITEMS) {
             verbs.work_out::<FRACTION_BITS>(until, |motor, item| stepper.push_item(motor, item));
             stepper.set_known_until(Tick32::of(until));
         }
@@ -408,7 +408,7 @@ impl Board {
 
     /// Whether a motor has no verb left to do, and all its done moves were reported.
     pub(crate) fn is_motor_done(&self, motor: u8) -> bool {
-        self.verbs.motors().get(usize::from(motor)).is_none_or(|motor| motor.is_at_rest() && motor.is_told())
+        self.verbs.motors().get(usize::from(motor)).is_none_or(|motor| motor.is_at_rest() && motor.is_reported())
     }
 
     /// Whether these orders would be accepted, while motors rest and follow no verbs yet.
@@ -481,7 +481,7 @@ impl Board {
         if !self.is_idle(now) {
             return Err(Refusal::of(Reason::Moving));
         }
-        // No word that is written ends later than that: see `Words::fill`.
+        // No word that is written ends later than that: see `WordWriter::fill`.
         let written = self.clock.widen(self.stepper.horizon(Tick32::of(now)));
         let known = now.max(written) + u64::from(self.stepper.foresight(self.timing));
         self.verbs.begin(self.stepper.limits(), known);
@@ -496,7 +496,7 @@ impl Board {
     }
 }
 
-impl Machine for Board {
+impl BoardSide for Board {
     const OBEYS: bool = true;
     const STORES: bool = true;
 

@@ -43,9 +43,9 @@ use core::marker::PhantomData;
 use core::pin::{Pin, pin};
 use core::sync::atomic::{Ordering, compiler_fence};
 use core::task::{Context, Poll, Waker};
-use pulsetrain_core::wire::Machine;
+use pulsetrain_core::wire::BoardSide;
 use pulsetrain_core::wire::message::{Configuration, Event, MOTOR_SETUP_LEN, NO_PIN};
-use pulsetrain_core::wire::orders::{MOST_ORDERS, ORDER_LEN, Orders, order};
+use pulsetrain_core::wire::orders::{MAX_ORDERS, ORDER_LEN, Orders, order};
 
 pub use pulsetrain_core::output::Sequence;
 pub use pulsetrain_core::verbs::{Heading, Verb};
@@ -358,8 +358,8 @@ fn now() -> u64 {
 }
 
 fn tell(verbs: &[(u8, Verb)]) -> Result<Obeyed, Refusal> {
-    let mut bytes = [[0; ORDER_LEN]; MOST_ORDERS];
-    let full = Refusal { reason: Reason::Full, detail: MOST_ORDERS as u16 };
+    let mut bytes = [[0; ORDER_LEN]; MAX_ORDERS];
+    let full = Refusal { reason: Reason::Full, detail: MAX_ORDERS as u16 };
     let used = bytes.get_mut(..verbs.len()).ok_or(full)?;
     for (place, (motor, verb)) in used.iter_mut().zip(verbs) {
         if usize::from(*motor) >= MOTORS {

@@ -4,12 +4,12 @@
 //! if the supply fails meanwhile.
 
 use crate::flash::{self, SECTOR};
-use pulsetrain_core::baked::FLASH_ROOM;
+use pulsetrain_core::baked::PROGRAM_FLASH_BYTES;
 use pulsetrain_core::wire::frame::check;
 use pulsetrain_core::wire::settings::SETTINGS_LEN;
 
 /// Addresses of the copies in the flash.
-const COPY_ADDRESSES: [u32; 2] = [FLASH_ROOM, FLASH_ROOM + SECTOR as u32];
+const COPY_ADDRESSES: [u32; 2] = [PROGRAM_FLASH_BYTES, PROGRAM_FLASH_BYTES + SECTOR as u32];
 
 /// Bytes of number and settings, without their CRC.
 const CHECKED_BYTES: usize = 1 + SETTINGS_LEN;

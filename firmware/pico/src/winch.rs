@@ -26,7 +26,7 @@ use pulsetrain_core::winch::text::{Heard, LineCommand, LineError, LineFault, Lin
 use pulsetrain_core::winch::verb_lines::{self as text, LineOrders, VerbLine};
 use pulsetrain_core::wire::message::{Configuration, Event, MOTOR_SETUP_LEN};
 use pulsetrain_core::wire::orders::Orders;
-use pulsetrain_core::wire::{Machine, Reason, Refusal as Refused, Service, Settings};
+use pulsetrain_core::wire::{BoardSide, Reason, Refusal as Refused, Service, Settings};
 
 /// Ticks of a slice: a millisecond of the session. Slices begin at the clock's multiples of it.
 pub(crate) const SLICE_TICKS: u32 = TICK_HZ / 1000;
@@ -209,7 +209,7 @@ impl Winch {
     }
 
     /// Has motors follow the verbs of a line, and returns the answer.
-    pub(crate) fn give_orders(&mut self, board: &mut Board, orders: &LineOrders) -> text::VerbReply {
+    pub(crate) fn obey_verbs(&mut self, board: &mut Board, orders: &LineOrders) -> text::VerbReply {
         if self.path_runs {
             return text::VerbReply::Path;
         }

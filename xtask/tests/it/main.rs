@@ -5,3 +5,4 @@ mod dependencies;
 mod names;
 mod no_clock;
 mod tour;
+mod uno_tuning;

@@ -339,7 +339,7 @@ proptest! {
         replayed.iter().for_each(|step| positions[step.motor] += i64::from(step.direction.sign()));
         prop_assert_eq!(board.positions(), positions);
         prop_assert_eq!(board.positions(), lab.counted);
-        prop_assert!(board.agrees());
+        prop_assert!(board.record_is_complete());
         for motor in 0..plans.len() {
             prop_assert_eq!(board.faults(motor), pulsetrain_board::Faults::default());
         }

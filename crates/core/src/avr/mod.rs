@@ -1,17 +1,17 @@
-//! The motion in the integers of an 8-bit processor, the Uno's ATmega328P: no value is wider than 40 bits.
+//! Motions in the integers of an 8-bit processor, the Uno's ATmega328P. No value is wider than 40 bits.
 //!
 //! # What is here
-//! - [`Registers`]: the live recurrence with 16 fraction bits, laid out for a step engine in assembly
-//! - [`verbs`]: orders to motors, step for step what [`crate::verbs`] makes of them
+//! - [`Registers`]: the recurrence with 16 fraction bits, laid out for a step engine in assembly
+//! - [`verbs`]: orders to motors, which make the same steps as those of [`crate::verbs`]
 //!
-//! # What fits
-//! Intervals are 24.16 ticks, unsigned: 0 < interval < 2^24 ticks at every step, or a dwell goes before. add and add2
-//! have 32 bits, counts 16. The sender keeps to it. Registers wrap where it does not, so that the steps
-//! come at wrong ticks, but never closer than the gap.
+//! # Ranges
+//! An interval has 24 bits of ticks and 16 of fraction, and is positive. For a longer one the sender puts a wait before the step. add and
+//! add2 have 32 bits, counts 16. The sender keeps to these ranges. If it does not, registers wrap, and steps come at wrong ticks,
+//! though never closer than the shortest interval.
 //!
 //! # What is not
-//! - Pins, timers, the assembly that reads packed items: the firmware's.
-//! - The general parts of core: these know nothing of this module.
+//! - Pins, timers, and the assembly that reads packed items, which are the firmware's.
+//! - The general parts of core, which do not use this module.
 
 mod registers;
 pub mod verbs;

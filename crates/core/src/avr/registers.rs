@@ -3,25 +3,25 @@
 
 use crate::Tick32;
 
-/// The live registers of a segment being run: [`Recurrence`](crate::Recurrence) with 16 fraction bits, in fewer bytes.
+/// The registers of the current segment: a [`Recurrence`](crate::Recurrence) with 16 fraction bits, in fewer bytes.
 ///
 /// On the AVR there is no padding: the offsets are 0, 2, 6, 10, 11, 15, 19, and 21 bytes in all.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[repr(C)]
 pub struct Registers {
-    /// Scheduled time of the last step below the tick, 2^-16 ticks.
+    /// The fraction of the last step's scheduled tick, 2^-16 ticks.
     pub fraction: u16,
     /// Scheduled tick of the last step, modulo 2^32.
     pub tick: u32,
-    /// Interval to the next step, 2^-16 ticks: its lower 32 bits.
+    /// The lower 32 bits of the interval to the next step, 2^-16 ticks.
     pub interval_low: u32,
-    /// Its upper 8 bits.
+    /// The upper 8 bits of the interval.
     pub interval_high: u8,
     /// Change of the interval, 2^-16 ticks.
     pub add: i32,
     /// Change of that, 2^-16 ticks.
     pub add2: i32,
-    /// Steps of the segment still to be made.
+    /// Steps of the segment that are not made yet.
     pub left: u16,
 }
 
@@ -41,12 +41,12 @@ impl Registers {
         Tick32(self.tick.wrapping_add(ticks).wrapping_add(carry as u32))
     }
 
-    /// Goes on to the next step. [`left`](Registers::left) is the caller's to count.
+    /// Moves on to the next step. The caller counts [`left`](Registers::left).
     pub const fn advance(&mut self) {
         let [low, high, ..] = self.interval_low.to_le_bytes();
         self.tick = self.next_tick().0;
         self.fraction = self.fraction.wrapping_add(u16::from_le_bytes([low, high]));
-        // 40 bits, and what extends add to the left.
+        // The interval has 40 bits, add 32: add's sign fills the upper byte.
         let (sum, carry) = self.interval_low.overflowing_add(self.add.cast_unsigned());
         let sign_byte = if self.add < 0 { 0xff } else { 0 };
         self.interval_low = sum;

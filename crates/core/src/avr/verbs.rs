@@ -1,7 +1,7 @@
 //! Verbs of motors on an 8-bit processor: the steps are those of [`crate::verbs`], with ticks of 32 bits.
 //!
 //! Steps come one evenly spaced row at a time ([`AvrVerbs::take`]), since the chip has no room for a queue of items. What differs from there:
-//! periods go up to [`LONGEST_PERIOD`], and fewer moves may wait to be reported ([`MOST_UNTOLD`]). `tests/it/avr_verbs.rs` compares the two.
+//! periods go up to [`LONGEST_PERIOD`], and fewer moves may wait to be reported ([`MAX_UNREPORTED`]). `tests/it/avr_verbs.rs` compares the two.
 //!
 //! Ticks of 32 bits can be compared within 2^31 ticks of each other. So [`AvrVerbs::take`] must be called for every motor at least once
 //! in 2^29 ticks.
@@ -16,8 +16,9 @@ use crate::{Direction, Tick32};
 /// The longest period, ticks: 67 s at 16 MHz.
 pub const LONGEST_PERIOD: u32 = 1 << 30;
 
-/// Moves that may be under way, waiting, or done and not [reported](AvrVerbs::take_done): RAM is short.
-pub const MOST_UNTOLD: usize = 2;
+/// The most moves of a motor that are under way, waiting, or finished and not [reported](AvrVerbs::take_done). It is fewer than on larger
+/// boards, because RAM is short.
+pub const MAX_UNREPORTED: usize = 2;
 
 /// Motors at most.
 pub const MOTORS: usize = 4;
@@ -25,51 +26,51 @@ pub const MOTORS: usize = 4;
 /// Evenly spaced steps.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct StepRow {
-    /// Of the first.
+    /// The tick of the first step.
     pub first: Tick32,
     /// How many, at least 1.
     pub count: u16,
     /// Ticks from one to the next, [`LONGEST_PERIOD`] at most.
     pub period: u32,
-    /// Which way all of them go.
+    /// The direction of all of them.
     pub direction: Direction,
 }
 
-/// A move that is done: when, and how many then are, wrapping.
+/// A finished move: when it was finished, and how many of the motor's moves are finished with it, wrapping.
 #[derive(Clone, Copy, Debug)]
 struct AvrDone {
     at: Tick32,
     number: u32,
 }
 
-/// What an order changes.
+/// The part of a motor's state that an order changes.
 #[derive(Clone, Copy, Debug)]
 struct Setpoint {
     period: u32,
     heading: Heading,
     job: Job,
     waiting: Job,
-    /// Nothing happens before it.
+    /// No step and no end of a move comes before this tick.
     open: Tick32,
 }
 
-/// One motor: its state is that of [`crate::verbs::Motor`].
+/// One motor, with the same state as a [`crate::verbs::Motor`].
 #[derive(Clone, Copy, Debug)]
 struct AvrMotor {
     setpoint: Setpoint,
-    /// Its copy from before the order that is being done. On the stack of a small board there is no room for it.
+    /// A copy from before the current order, in case it is refused. It is here because a small board's stack has no room for it.
     before: Setpoint,
-    /// The last step, and which way it went; that as long as anything may follow from it.
+    /// The tick of the last step. Its direction is forgotten when the step is so long ago that it delays nothing any more.
     last: Tick32,
-    facing: Option<Direction>,
+    last_direction: Option<Direction>,
     position: i32,
     done: u32,
-    untold: u8,
-    /// So many of those, the oldest, are known to be past: from ticks of 32 bits alone that is known for 2^31 ticks.
+    unreported: u8,
+    /// How many of these, the oldest ones, are known to be past. Their ticks alone, of 32 bits, tell it only for 2^31 ticks.
     past: u8,
     /// The newest first.
-    dones: [AvrDone; MOST_UNTOLD],
-    /// A row of steps that was worked out early, because an order came, and that is the next to be taken.
+    dones: [AvrDone; MAX_UNREPORTED],
+    /// The next steps to be taken, if they were worked out early, because an order came.
     next: Option<StepRow>,
 }
 
@@ -97,8 +98,8 @@ impl AvrMotor {
 
     fn begin(&mut self, job: Job) -> Result<(), Reason> {
         let is_move = |job| matches!(job, Job::Steps(_));
-        let moves = self.untold + u8::from(is_move(self.setpoint.job));
-        if is_move(job) && usize::from(moves) >= MOST_UNTOLD {
+        let moves = self.unreported + u8::from(is_move(self.setpoint.job));
+        if is_move(job) && usize::from(moves) >= MAX_UNREPORTED {
             return Err(Reason::Busy);
         }
         match (self.setpoint.job, self.setpoint.waiting) {
@@ -123,22 +124,22 @@ impl AvrMotor {
         }
     }
 
-    /// When the last step's period is over.
+    /// The tick at which the last step's period is over.
     #[inline(never)]
     fn rested(&self) -> Tick32 {
         let Setpoint { open, period, .. } = self.setpoint;
-        if self.facing.is_some() { later(open, self.last.after(period)) } else { open }
+        if self.last_direction.is_some() { later(open, self.last.after(period)) } else { open }
     }
 
-    /// When the next step is due, unless the motor stands.
+    /// The tick at which the next step is due; `None` if the heading is stationary.
     fn due(&self, turn: u16) -> Option<Tick32> {
         let rested = self.rested();
         let direction = self.setpoint.heading.direction()?;
-        let turns = self.facing.is_some_and(|facing| facing != direction);
+        let turns = self.last_direction.is_some_and(|last_direction| last_direction != direction);
         Some(if turns { later(rested, self.last.after(u32::from(turn))) } else { rested })
     }
 
-    /// When the next step comes, if that is before `until`. Moves that are done by then are noted, and what waits behind them begins.
+    /// The tick of the next step, if it is before `until`. Notes moves that are finished by then, and begins those that waited.
     #[inline(never)]
     fn due_before(&mut self, until: Tick32, turn: u16) -> Option<Tick32> {
         loop {
@@ -163,7 +164,7 @@ impl AvrMotor {
     fn end(&mut self, at: Tick32) {
         self.setpoint.job = Job::Rest;
         self.done = self.done.wrapping_add(1);
-        self.untold += 1;
+        self.unreported += 1;
         self.dones = [AvrDone { at, number: self.done }, self.dones[0]];
     }
 
@@ -180,12 +181,12 @@ impl AvrMotor {
         let direction = self.setpoint.heading.direction()?;
         let period = self.setpoint.period;
         let most = match self.setpoint.job {
-            // What comes behind it may not be seen in 16 bits.
+            // After a longer period the next step may be beyond 16 bits.
             _ if period > u32::from(u16::MAX) => 1,
             Job::Steps(left) => saturated(left),
             _ => u16::MAX,
         };
-        // A step after the other, in 16 bits: there are few, and a division takes longer.
+        // It counts step by step, in 16 bits. There are few steps, and a division would take longer.
         let (apart, span) = (saturated(period), saturated(until.since(first) - 1));
         let (mut rest, mut count) = (span, 1);
         while rest >= apart && count < most {
@@ -196,28 +197,29 @@ impl AvrMotor {
             *left -= u32::from(count);
         }
         let last = first.after(u32::from(span - rest));
-        (self.last, self.facing, self.setpoint.open) = (last, Some(direction), last);
+        (self.last, self.last_direction, self.setpoint.open) = (last, Some(direction), last);
         let moved = i32::from(count);
         let moved = if direction == Direction::Forward { moved } else { -moved };
         self.position = self.position.wrapping_add(moved);
         Some(StepRow { first, count, period, direction })
     }
 
-    /// What is long past must not come back as the future: whatever the period, it is over, and the motor might as well begin at `until`.
+    /// Forgets a last step that is long past, since its tick of 32 bits would soon look like one in the future. Its period is over in any
+    /// case, so that the motor may begin at `until`.
     fn forget(&mut self, until: Tick32) {
         if until.since(self.last) >= LONGEST_PERIOD {
-            self.facing = None;
+            self.last_direction = None;
         }
-        if self.facing.is_none() {
+        if self.last_direction.is_none() {
             self.setpoint.open = until;
         }
     }
 
-    /// How many moves were done by `now` and are not setpoint.
+    /// How many moves were finished by `now` and are not reported.
     #[inline(never)]
     fn past(&mut self, now: Tick32) -> u8 {
         let oldest =
-            |motor: &AvrMotor| motor.dones.get(usize::from(motor.untold.checked_sub(motor.past + 1)?)).copied();
+            |motor: &AvrMotor| motor.dones.get(usize::from(motor.unreported.checked_sub(motor.past + 1)?)).copied();
         while oldest(self).is_some_and(|done| !now.is_before(done.at)) {
             self.past += 1;
         }
@@ -225,7 +227,7 @@ impl AvrMotor {
     }
 
     fn rests_at(&mut self, now: Tick32) -> bool {
-        self.past(now) == self.untold && self.setpoint.job == Job::Rest && self.setpoint.waiting == Job::Rest
+        self.past(now) == self.unreported && self.setpoint.job == Job::Rest && self.setpoint.waiting == Job::Rest
     }
 
     fn next_step(&self, turn: u16) -> Option<Tick32> {
@@ -236,7 +238,7 @@ impl AvrMotor {
     }
 }
 
-/// In 16 bits, as near as can be.
+/// `number`, or the largest number of 16 bits.
 fn saturated(number: u32) -> u16 {
     u16::try_from(number).unwrap_or(u16::MAX)
 }
@@ -248,7 +250,7 @@ fn later(one: Tick32, other: Tick32) -> Tick32 {
 
 /// All motors of a board that obeys verbs. All have the same timing.
 ///
-/// Zeros are such motors, too, none: each field is of integers, or of an enum that has a 0.
+/// All zeros are a valid value, without motors: each field is an integer, or an enum that has a 0.
 #[derive(Clone, Debug)]
 pub struct AvrVerbs {
     motors: [AvrMotor; MOTORS],
@@ -256,9 +258,9 @@ pub struct AvrVerbs {
     /// As in [`MotorTiming`](crate::verbs::MotorTiming).
     shortest: u16,
     turn: u16,
-    /// What happens before it is settled.
+    /// Steps before this tick are decided: orders do not change them.
     known: Tick32,
-    /// What came of the last order: from when on it holds, and what motors do there.
+    /// The answer to the last order: the tick from which on it acts, and what motors do there.
     obeyed: (Tick32, [NextStep; MOTORS]),
 }
 
@@ -272,12 +274,12 @@ impl AvrVerbs {
             setpoint,
             before: setpoint,
             last: open,
-            facing: None,
+            last_direction: None,
             position: 0,
             done: 0,
-            untold: 0,
+            unreported: 0,
             past: 0,
-            dones: [AvrDone { at: open, number: 0 }; MOST_UNTOLD],
+            dones: [AvrDone { at: open, number: 0 }; MAX_UNREPORTED],
             next: None,
         };
         AvrVerbs {
@@ -290,8 +292,9 @@ impl AvrVerbs {
         }
     }
 
-    /// Begins with motors at rest at these positions, [`MOTORS`] at most; nothing happens before `known`. Moves of the motors before that
-    /// were done and not reported yet are still [reported](AvrVerbs::take_done). Limits are as in [`MotorTiming`](crate::verbs::MotorTiming).
+    /// Begins with motors at rest at these positions, at most [`MOTORS`]; no step comes before `known`. Moves that were finished earlier, but
+    /// are not reported yet, are still [reported](AvrVerbs::take_done). The three limits are those of
+    /// [`MotorTiming`](crate::verbs::MotorTiming).
     pub fn begin(
         &mut self,
         positions: impl Iterator<Item = i32>,
@@ -302,18 +305,18 @@ impl AvrVerbs {
         let open = known;
         for (motor, position) in self.motors.iter_mut().zip(positions) {
             motor.setpoint = Setpoint { period, heading: Heading::Forward, job: Job::Rest, waiting: Job::Rest, open };
-            (motor.facing, motor.position, motor.done, motor.next) = (None, position, 0, None);
+            (motor.last_direction, motor.position, motor.done, motor.next) = (None, position, 0, None);
             self.count += 1;
         }
     }
 
-    /// What happens before this is settled: an order holds from there on.
+    /// The tick from which on an order acts. Steps before it are decided.
     #[must_use]
     pub const fn known(&self) -> Tick32 {
         self.known
     }
 
-    /// From now on, what happens before `until` is settled.
+    /// Decides all steps before `until`: later orders do not change them.
     pub const fn foresee(&mut self, until: Tick32) {
         self.known = until;
     }
@@ -329,8 +332,8 @@ impl AvrVerbs {
         self.motors.get_mut(usize::from(motor))?.take(until, turn)
     }
 
-    /// Whether it is clear, behind steps that were [taken](AvrVerbs::take), that there are no more before [`known`](AvrVerbs::known) until
-    /// something is ordered: a step more, or a move's end, would come a period after the last one. It costs a tenth of a `take`.
+    /// Whether a motor certainly has no more steps before [`known`](AvrVerbs::known) than those that were [taken](AvrVerbs::take), unless an
+    /// order comes: the next step, or the end of a move, comes a period after the last step. This takes a tenth of the time of `take`.
     #[inline(always)]
     #[must_use]
     pub fn has_all(&self, motor: u8) -> bool {
@@ -338,8 +341,8 @@ impl AvrVerbs {
         self.motors.get(usize::from(motor)).is_some_and(is_over)
     }
 
-    /// The first motor that keeps an order from holding from [`known`](AvrVerbs::known) on: it has more to take before it than its next
-    /// steps, which are put by.
+    /// The first motor for which no order can be executed yet, because steps before [`known`](AvrVerbs::known) are not taken. One row of such
+    /// steps for each motor is stored here and does not count.
     pub fn busy(&mut self) -> Option<u8> {
         let (until, turn) = (self.known, self.turn);
         (0..).zip(self.motors()).find_map(|(number, motor)| {
@@ -350,7 +353,7 @@ impl AvrVerbs {
         })
     }
 
-    /// Does all of what is ordered, from [`known`](AvrVerbs::known) on, or none of it. No motor is [busy](AvrVerbs::busy).
+    /// Obeys all orders, from [`known`](AvrVerbs::known) on, or none. No motor may be [busy](AvrVerbs::busy).
     ///
     /// # Errors
     /// As [`crate::verbs::Verbs::obey`].
@@ -380,23 +383,24 @@ impl AvrVerbs {
         Ok(())
     }
 
-    /// What came of the last order, as an [`Obeyed`](crate::wire::orders::Obeyed) has it: from when on it holds, and what motors do there.
+    /// The answer to the last order, the parts of an [`Obeyed`](crate::wire::orders::Obeyed): the tick from which on it acts, and what motors do
+    /// there.
     #[must_use]
     pub fn obeyed(&self) -> (Tick32, &[NextStep]) {
         let (at, motors) = &self.obeyed;
         (*at, motors.get(..usize::from(self.count)).unwrap_or_default())
     }
 
-    /// A move that was done by `now` and was not reported yet: the motor, when, and how many of its moves are done with it, wrapping.
-    /// However long that may be past, if this or [`rest_at`](AvrVerbs::rest_at) was asked within 2^31 ticks, or motors were stopped.
+    /// A move that was finished by `now` and is not reported yet: its motor, its tick, and how many of the motor's moves are finished with it,
+    /// wrapping. The move may be long past if this or [`rest_at`](AvrVerbs::rest_at) is called at least once in 2^31 ticks.
     pub fn take_done(&mut self, now: Tick32) -> Option<(u8, Tick32, u32)> {
         let (known, turn) = (self.known, self.turn);
         (0..).zip(&mut self.motors).find_map(|(number, motor)| {
             // Its last move may be over since the last call.
             motor.due_before(known, turn);
             motor.past = motor.past(now).checked_sub(1)?;
-            motor.untold -= 1;
-            let AvrDone { at, number: of_motor } = *motor.dones.get(usize::from(motor.untold))?;
+            motor.unreported -= 1;
+            let AvrDone { at, number: of_motor } = *motor.dones.get(usize::from(motor.unreported))?;
             Some((number, at, of_motor))
         })
     }
@@ -414,8 +418,8 @@ impl AvrVerbs {
         }
     }
 
-    /// All motors were stopped at once, after tick `at`: see [`crate::verbs::Motor::stop`]. `None`: not even what was due before was all
-    /// made.
+    /// Notes that all motors were stopped at once, after tick `at`: see [`crate::verbs::Motor::stop`]. With `None`, not even all steps that
+    /// were due before were made.
     pub fn stop(&mut self, at: Option<Tick32>) {
         let (known, turn) = (self.known, self.turn);
         for motor in self.motors() {
@@ -423,12 +427,12 @@ impl AvrVerbs {
             motor.halt();
             motor.next = None;
             let kept = at.map_or(0, |_| motor.past);
-            while motor.untold > kept && at.is_none_or(|at| at.is_before(motor.dones[0].at)) {
+            while motor.unreported > kept && at.is_none_or(|at| at.is_before(motor.dones[0].at)) {
                 motor.dones[0] = motor.dones[1];
-                motor.untold -= 1;
+                motor.unreported -= 1;
                 motor.done = motor.done.wrapping_sub(1);
             }
-            motor.past = motor.untold;
+            motor.past = motor.unreported;
         }
     }
 }

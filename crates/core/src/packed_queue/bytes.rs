@@ -1,4 +1,4 @@
-//! Packed bytes that wait, epoch by epoch. What they mean is not known here.
+//! A ring of waiting bytes, which remembers how many belong to which epoch. It does not know what the bytes mean.
 
 use crate::Epoch;
 
@@ -19,11 +19,11 @@ impl<const N: usize> Pool<N> {
 
     /// An empty queue in the share of motor number `motor` of `motors` (1 to 4). All shares have the same size.
     ///
-    /// A motor that there is not, or a fifth, has no room at all.
+    /// Another `motor` has no room at all.
     #[expect(clippy::cast_possible_truncation, reason = "N is checked in `new`")]
     #[must_use]
     pub const fn share(motors: u8, motor: u8) -> ByteQueue {
-        // Divided here, not on the chip.
+        // In a constant the compiler does the division, which a chip has not.
         let each = match motors {
             1 => N as u16,
             2 => const { (N / 2) as u16 },
@@ -40,7 +40,7 @@ impl<const N: usize> Pool<N> {
         }
     }
 
-    /// An empty queue in `len` bytes from `start` on; without room if they are not all there.
+    /// An empty queue in `len` bytes from `start` on; it has no room if they are not all within the pool.
     #[must_use]
     pub const fn part(start: u16, len: u16) -> ByteQueue {
         if start as usize + len as usize <= N { ByteQueue::new(start, len) } else { ByteQueue::new(0, 0) }
@@ -53,19 +53,19 @@ impl<const N: usize> Default for Pool<N> {
     }
 }
 
-/// Bytes that a queue does not take. It is as it was.
+/// Why a queue does not take bytes. It has not changed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PushRefused {
     /// There is not enough room.
     NoRoom {
-        /// Bytes that there would be room for.
+        /// Free bytes.
         free: u16,
     },
-    /// [`EPOCHS`] others wait already.
+    /// [`EPOCHS`] other epochs wait already.
     TooManyEpochs,
 }
 
-/// What waits of an epoch.
+/// How many bytes of an epoch wait.
 #[derive(Clone, Copy, Debug)]
 struct EpochBytes {
     epoch: Epoch,
@@ -78,11 +78,11 @@ pub struct ByteQueue {
     /// The share.
     start: u16,
     end: u16,
-    /// Where the byte is that is next.
+    /// The place of the first waiting byte.
     next: u16,
     /// Bytes waiting.
     len: u16,
-    /// The epochs waiting, in order; the first may be empty.
+    /// The waiting epochs, in order. The first may have no bytes left.
     parts: [EpochBytes; EPOCHS],
     /// How many.
     epochs: u8,
@@ -94,7 +94,7 @@ impl ByteQueue {
         ByteQueue { start, end: start + len, next: start, len: 0, parts: [unused; EPOCHS], epochs: 0 }
     }
 
-    /// Puts `bytes` of `epoch` last: all of them or, with an error, none.
+    /// Appends `bytes` of `epoch`: all of them or, with an error, none.
     ///
     /// # Errors
     /// When there is no room.
@@ -119,11 +119,11 @@ impl ByteQueue {
         let part = self.part_for(epoch).ok_or(PushRefused::TooManyEpochs)?;
         part.len += len;
         let at = self.place(self.len);
-        // Copied in two pieces at most, since the ring's end may be between: a processor of 32 bits copies four bytes at a time.
+        // Copied in two pieces at most, since the ring's end may be between them: a processor of 32 bits copies four bytes at a time.
         let (first, rest) = bytes.split_at_checked(usize::from(self.end - at)).unwrap_or((bytes, &[]));
         for (piece, at) in [(first, at), (rest, self.start)] {
             let at = usize::from(at);
-            // Always inside. Written with `get_mut`, so that there is no code for a panic.
+            // The place is always within the pool. `get_mut` avoids the code for a panic.
             if let Some(places) = pool.0.get_mut(at..at + piece.len()) {
                 places.copy_from_slice(piece);
             }
@@ -138,20 +138,20 @@ impl ByteQueue {
         self.end - self.start - self.len
     }
 
-    /// Bytes that it has in all.
+    /// Its size, bytes.
     #[must_use]
     pub const fn capacity(&self) -> u16 {
         self.end - self.start
     }
 
-    /// Drops epochs until `epoch` is in front; all, if it does not wait.
+    /// Drops epochs until `epoch` is the first one; all, if `epoch` does not wait.
     pub fn skip_to(&mut self, epoch: Epoch) {
         while self.epochs > 0 && (self.parts[0].epoch != epoch || self.parts[0].len == 0) {
             self.drop_front();
         }
     }
 
-    /// Takes back the bytes of `epoch` if they were pushed last, as after a switch that was refused.
+    /// Drops the bytes of `epoch` if it is the newest one: call it after a switch that was refused.
     pub fn discard(&mut self, epoch: Epoch) {
         if let Some(part) = self.newest()
             && part.epoch == epoch
@@ -161,7 +161,7 @@ impl ByteQueue {
         }
     }
 
-    /// Takes back the `len` bytes that were pushed last, if so many of one epoch wait; else it is as it was.
+    /// Drops the last `len` bytes, if that many of the newest epoch wait; else nothing changes.
     ///
     /// ```
     /// use pulsetrain_core::Epoch;
@@ -197,17 +197,17 @@ impl ByteQueue {
         self.epochs = 0;
     }
 
-    /// Bytes of `epoch` that are next.
+    /// How many bytes of `epoch` wait, if it is the first one.
     pub(crate) const fn waiting(&self, epoch: Epoch) -> u16 {
         if self.epochs > 0 && self.parts[0].epoch.0 == epoch.0 { self.parts[0].len } else { 0 }
     }
 
-    /// The epoch in front, if bytes of it are.
+    /// The first epoch, if it has bytes.
     pub(crate) const fn first(&self) -> Option<Epoch> {
         if self.epochs > 0 && self.parts[0].len > 0 { Some(self.parts[0].epoch) } else { None }
     }
 
-    /// The `len` bytes in front, no more than wait, where they are; `None` if the ring ends among them.
+    /// The first `len` bytes, in their place; `None` if the end of the ring is between them. At least `len` bytes wait.
     pub(crate) fn first_in_place<'a, const N: usize>(&self, pool: &'a Pool<N>, len: u16) -> Option<&'a [u8]> {
         let end = self.next + len;
         if end > self.end {
@@ -216,20 +216,20 @@ impl ByteQueue {
         pool.0.get(usize::from(self.next)..usize::from(end))
     }
 
-    /// Copies the bytes in front, as many as `out` has room for: no more than wait.
+    /// Copies the first bytes to fill `out`. At least that many wait.
     pub(crate) fn copy_first<const N: usize>(&self, pool: &Pool<N>, out: &mut [u8]) {
         let to_end = usize::from(self.end - self.next).min(out.len());
         let (first, rest) = out.split_at_mut(to_end);
         for (part, at) in [(first, self.next), (rest, self.start)] {
             let at = usize::from(at);
-            // Always inside. Written with `get`, so that there is no code for a panic.
+            // The place is always within the pool. `get` avoids the code for a panic.
             if let Some(bytes) = pool.0.get(at..at + part.len()) {
                 part.copy_from_slice(bytes);
             }
         }
     }
 
-    /// Drops the `len` bytes in front; there are so many of the first epoch.
+    /// Drops the first `len` bytes. At least that many of the first epoch wait.
     pub(crate) fn drop_first(&mut self, len: u16) {
         self.next = self.place(len);
         self.len -= len;
@@ -249,7 +249,7 @@ impl ByteQueue {
         self.parts.get(last).copied()
     }
 
-    /// Where more bytes of `epoch` are counted.
+    /// The entry that counts the bytes of `epoch`, a new one if need be; `None` if there are too many epochs.
     fn part_for(&mut self, epoch: Epoch) -> Option<&mut EpochBytes> {
         if self.newest().is_none_or(|newest| newest.epoch != epoch) {
             if self.epochs > 0 && self.parts[0].len == 0 {
@@ -261,7 +261,7 @@ impl ByteQueue {
         self.parts.get_mut(usize::from(self.epochs).wrapping_sub(1))
     }
 
-    /// Where the byte `offset` (at most the share) behind the first one is.
+    /// The place of the byte `offset` (at most the share) after the first one.
     const fn place(&self, offset: u16) -> u16 {
         let place = self.next + offset;
         if place >= self.end { place - (self.end - self.start) } else { place }

@@ -1,33 +1,33 @@
-//! A queue of packed bytes that returns items to a channel. It compares the checks among them itself.
+//! A queue of packed bytes that gives items to a channel. It compares the checks among them by itself.
 
 use super::{ByteQueue, Pool, PushRefused};
-use crate::packing::{CHECK_LEN, MAX_PACKED_LEN, MOST_ONWARD, Packing, State, Units};
+use crate::packing::{CHECK_LEN, MAX_CONTINUED_LEN, MAX_PACKED_LEN, Packing, State, Units};
 use crate::queue::{Items, Place};
 use crate::{Direction, Epoch, Item, Recurrence};
 
 /// What is wrong with packed bytes. The rest of their epoch is dropped.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Fault {
-    /// No packer makes them.
+    /// They are no packed item.
     BadItem,
     /// A check contradicts the motor's position or time.
     CheckFailed,
 }
 
-/// Longest item or check, bytes.
+/// The longest item or check, bytes.
 #[expect(clippy::cast_possible_truncation, reason = "checked in the next line")]
-const MOST_IN_FRONT: u16 = MAX_PACKED_LEN as u16;
+const MAX_IN_FRONT: u16 = MAX_PACKED_LEN as u16;
 const _: () = assert!(CHECK_LEN <= MAX_PACKED_LEN && MAX_PACKED_LEN < 256);
 
-/// Bytes that must wait before [`Packing::unpack_onward`] takes a run. It is the longest run, so that the function need
+/// Bytes that must wait before [`Packing::unpack_continued`] takes a run. It is the longest run, so that the function need
 /// not look for the end of the bytes.
 #[expect(clippy::cast_possible_truncation, reason = "it is 11")]
-const ONWARD_LEN: u16 = MOST_ONWARD as u16;
+const CONTINUED_LEN: u16 = MAX_CONTINUED_LEN as u16;
 
 /// How a check begins: control record 5.
 const CHECK: [u8; 2] = [0x2f, 0];
 
-/// Control records that are no items, of two bytes: reversal and reset. The state is new after each.
+/// The first bytes of the control records of two bytes, reversal and reset. Both set the state back to its beginning.
 const REVERSE: u8 = 0x07;
 const RESET: u8 = 0x0f;
 
@@ -36,12 +36,12 @@ const RESET: u8 = 0x0f;
 pub struct PackedQueue {
     bytes: ByteQueue,
     packing: Packing,
-    /// Of the epoch in front.
+    /// The packing state of the first epoch.
     state: State,
-    /// Its registers are those of the channel: see [`Items::take_run`].
+    /// The channel has the registers of this state: see [`Items::take_run`].
     lent: bool,
     units: Units,
-    /// Where the motor was at the last anchor.
+    /// The motor's position at the last anchor.
     anchored_at: i32,
     fault: Option<Fault>,
 }
@@ -54,25 +54,25 @@ impl PackedQueue {
         PackedQueue { bytes, packing, state, lent: false, units, anchored_at: 0, fault: None }
     }
 
-    /// Puts packed items of `epoch` last, whole ones: all of them or, with an error, none.
+    /// Appends packed items of `epoch`, none cut in two: all of them or, with an error, none.
     ///
     /// # Errors
-    /// As [`ByteQueue::push`].
+    /// Those of [`ByteQueue::push`].
     pub fn push<const N: usize>(&mut self, pool: &mut Pool<N>, epoch: Epoch, packed: &[u8]) -> Result<(), PushRefused> {
         self.bytes.push(pool, epoch, packed)
     }
 
-    /// Takes back what was pushed last of `epoch`, which is not the one that is being run.
+    /// Drops the items of `epoch` if it is the newest one. It must not be the one that is being run.
     pub fn discard(&mut self, epoch: Epoch) {
         self.bytes.discard(epoch);
     }
 
-    /// Takes back the `len` bytes that were pushed last; see [`ByteQueue::drop_last`].
+    /// Drops the last `len` bytes: see [`ByteQueue::drop_last`].
     pub fn drop_last(&mut self, len: u16) {
         self.bytes.drop_last(len);
     }
 
-    /// Whether so many bytes of the newest epoch wait.
+    /// Whether `len` bytes of the newest epoch wait.
     #[must_use]
     pub fn can_drop_last(&self, len: u16) -> bool {
         self.bytes.can_drop_last(len)
@@ -84,23 +84,23 @@ impl PackedQueue {
         self.bytes.room()
     }
 
-    /// What was wrong with bytes since the queue was [cleared](Items::clear) last.
+    /// What was wrong with bytes since the queue was last [cleared](Items::clear).
     #[must_use]
     pub const fn fault(&self) -> Option<Fault> {
         self.fault
     }
 
-    /// Forgets what was wrong.
-    pub const fn forgive(&mut self) {
+    /// Sets [`fault`](PackedQueue::fault) back to `None`.
+    pub const fn clear_faults(&mut self) {
         self.fault = None;
     }
 
-    /// With the memory that its bytes are in, a channel's items.
+    /// The queue with its memory, from which a channel takes items.
     pub const fn items<'a, const N: usize>(&'a mut self, pool: &'a Pool<N>) -> PackedItems<'a, N> {
         PackedItems { packed: self, pool }
     }
 
-    /// Whether bytes of `epoch` are in front.
+    /// Whether `epoch` is the first one and has bytes.
     #[must_use]
     pub const fn has(&self, epoch: Epoch) -> bool {
         self.bytes.waiting(epoch) > 0
@@ -108,7 +108,7 @@ impl PackedQueue {
 
     fn take<const N: usize>(&mut self, pool: &Pool<N>, here: &Place) -> Option<Item> {
         let epoch = self.bytes.first()?;
-        let len = self.bytes.waiting(epoch).min(MOST_IN_FRONT);
+        let len = self.bytes.waiting(epoch).min(MAX_IN_FRONT);
         if let Some(front) = self.bytes.first_in_place(pool, len) {
             if let [c0 @ (REVERSE | RESET), 0, ..] = *front {
                 self.begin_again(c0 == REVERSE);
@@ -122,7 +122,7 @@ impl PackedQueue {
         self.take_from(front, epoch, here)
     }
 
-    // A call, so that it is there once.
+    // It is not inlined, so that the program has it only once.
     #[inline(never)]
     fn take_from(&mut self, front: &[u8], epoch: Epoch, here: &Place) -> Option<Item> {
         let mut rest = front;
@@ -135,7 +135,7 @@ impl PackedQueue {
                 && here.tick.0 == u32::from_le_bytes([t0, t1, t2, t3])
                 && here.fraction == u16::from_le_bytes([f0, f1]);
             if !agrees {
-                self.give_up(epoch, Fault::CheckFailed);
+                self.drop_faulty_epoch(epoch, Fault::CheckFailed);
             }
             return None;
         }
@@ -153,7 +153,7 @@ impl PackedQueue {
             }
             Ok(item) => item,
             Err(_) => {
-                self.give_up(epoch, Fault::BadItem);
+                self.drop_faulty_epoch(epoch, Fault::BadItem);
                 None
             }
         }
@@ -168,10 +168,10 @@ impl PackedQueue {
         direction: Direction,
         registers: &mut Recurrence,
     ) -> u32 {
-        if self.state.direction != direction || self.bytes.waiting(epoch) < ONWARD_LEN {
+        if self.state.direction != direction || self.bytes.waiting(epoch) < CONTINUED_LEN {
             return 0;
         }
-        let front = self.bytes.first_in_place(pool, ONWARD_LEN).and_then(|front| front.first_chunk());
+        let front = self.bytes.first_in_place(pool, CONTINUED_LEN).and_then(|front| front.first_chunk());
         let Some(front) = front else { return 0 };
         if !self.lent {
             let State { interval, add, add2, .. } = self.state;
@@ -179,31 +179,31 @@ impl PackedQueue {
             self.lent = true;
         }
         let previous_count = self.state.previous_count;
-        let taken = self.packing.unpack_onward(&mut self.units, previous_count, registers, front);
+        let taken = self.packing.unpack_continued(&mut self.units, previous_count, registers, front);
         let Some((count, taken)) = taken else { return 0 };
         self.state.previous_count = count;
         self.consume(taken);
         count
     }
 
-    /// A reversal, or a reset: nothing predicts what comes next.
+    /// Does a reversal or a reset.
     fn begin_again(&mut self, reverses: bool) {
         self.consume(2);
         let was = self.state.direction;
         self.state = State::new(if reverses { was.reversed() } else { was });
     }
 
-    /// What comes next follows nothing.
+    /// Sets the packing state to its beginning.
     fn begin(&mut self) {
         (self.state, self.lent) = (State::default(), false);
     }
 
     fn consume(&mut self, len: usize) {
-        // No more than MAX_PACKED_LEN.
+        // It fits: `len` is at most MAX_PACKED_LEN.
         self.bytes.drop_first(u16::try_from(len).unwrap_or(0));
     }
 
-    fn give_up(&mut self, epoch: Epoch, fault: Fault) {
+    fn drop_faulty_epoch(&mut self, epoch: Epoch, fault: Fault) {
         self.fault = self.fault.or(Some(fault));
         self.bytes.drop_first(self.bytes.waiting(epoch));
     }

@@ -1,24 +1,25 @@
-//! A run's steps, one word each: the loop that has to be fast. The Pico's firmware has it in assembly; a test compares the two.
+//! Turns the steps of a run into words, one each. This is the loop that limits the step rate. The Pico's firmware has it in assembly; a
+//! test compares the two.
 
 use crate::{Recurrence, Tick32};
 
-/// Up to where steps are worked out, and what their words say.
+/// Which steps [`Expand`] may take, and the line bits of their words.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(C)]
 pub struct Stretch {
-    /// No step is sooner after the one before, ticks.
+    /// The shortest interval between two steps, ticks.
     pub gap: u32,
-    /// All come within less than that, ticks; below 2^25.
+    /// All steps come less than this after the last step before, ticks; below 2^25.
     pub ticks: u32,
-    /// What the lines do: in all words.
+    /// The line bits, the same in all words.
     pub bits: u32,
 }
 
-/// Moves a recurrence on by as many steps as there are words, at least one; stops before the first that comes too soon or too
-/// late. Step by step it writes the ticks since the one before − the gap + the bits. Gives how many it wrote.
+/// Moves a recurrence on by one step for each word, of which there is at least one. It stops before a step that comes too soon or too late.
+/// A word is the ticks since the step before, minus the gap, plus the bits. Returns how many words it wrote.
 pub type Expand = fn(&mut Recurrence, &mut [u32], &Stretch) -> u32;
 
-/// The [`Expand`] of any machine, for `F` fraction bits.
+/// An [`Expand`] for any processor, with `F` fraction bits.
 ///
 /// ```
 /// use pulsetrain_core::Recurrence;
@@ -48,54 +49,55 @@ pub fn expand<const F: u32>(recurrence: &mut Recurrence, words: &mut [u32], stre
     taken
 }
 
-/// [`unchecked_steps`] looks so many steps ahead at most.
-pub const MOST_UNCHECKED: u32 = 256;
+/// The most steps that [`unchecked_steps`] looks ahead, so that its products fit in 32 bits.
+pub const MAX_UNCHECKED: u32 = 256;
 
-/// Next steps that need no check against [`Stretch`].
+/// The next steps that need no check against a [`Stretch`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Unchecked {
-    /// [`expand`](expand()) takes so many; there may be more.
+    /// How many steps [`expand`](expand()) takes for certain. It may take more.
     pub count: u32,
-    /// In all of them add is of one sign and within half a tick: its upper half stays as it is.
+    /// In all of them add has one sign and is within half a tick, so that its upper half does not change.
     pub small_add: bool,
 }
 
-/// How many of the next steps, `most` at most, need no check, with 32 fraction bits: a loop that checks none of them is faster.
+/// How many of the next steps, up to `most`, need no check. A loop without checks is faster. This is for 32 fraction bits.
 ///
-/// The largest change of the interval is taken for each of them, so that there may be more. If nothing can be said, the count is 0.
+/// It assumes that each interval changes as much as the one that changes most, so that there may be more. If nothing is certain, the
+/// count is 0.
 #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "halves, whose ranges are looked at")]
 #[must_use]
 pub const fn unchecked_steps(recurrence: &Recurrence, stretch: &Stretch, most: u32) -> Unchecked {
     const NOTHING: Unchecked = Unchecked { count: 0, small_add: false };
-    let most = if most < MOST_UNCHECKED { most } else { MOST_UNCHECKED };
-    // Whole ticks; add within 64 ticks, add2 within one.
+    let most = if most < MAX_UNCHECKED { most } else { MAX_UNCHECKED };
+    // In whole ticks. Only add within 64 ticks and add2 within one are looked at: the products below fit in 32 bits then.
     let interval = (recurrence.interval >> 32) as u32;
     let (add, add2) = ((recurrence.add >> 32) as i32, (recurrence.add2 >> 32) as i32);
     if interval >= 1 << 23 || add.wrapping_add(64) as u32 >= 128 || add2.wrapping_add(1) as u32 >= 2 {
         return NOTHING;
     }
-    // 2^-16 ticks, rounded down: `last` by up to `rounded`.
+    // In 2^-16 ticks, rounded down, so that `last` may be too small by up to `rounded`.
     let (add, add2, rounded) = ((recurrence.add >> 16) as i32, (recurrence.add2 >> 16) as i32, most + 1);
     let last = add + add2 * most as i32;
     let largest = if add.unsigned_abs() > last.unsigned_abs() { add.unsigned_abs() } else { last.unsigned_abs() };
-    // Of one step; then of all, ticks.
+    // The change of the interval with one step; below, with all steps, in ticks.
     let change = largest + rounded;
     if change >= 1 << 23 {
         return NOTHING;
     }
-    // It changes steadily: what holds at both ends holds between them.
+    // add changes linearly, so that a bound at both ends holds between them.
     let small_add = change < 1 << 15 && ((add >= 0 && last >= 0) || (add < 0 && last < -(rounded as i32)));
     let change = ((change * most) >> 16) + 1;
     if interval < stretch.gap + change {
         return NOTHING;
     }
-    // The fraction may carry one over.
+    // One tick more, since the fraction may carry.
     let longest = interval + change + 1;
     if most * longest < stretch.ticks {
         return Unchecked { count: most, small_add };
     }
-    // A division by shifts: a Cortex-M0+ has none.
-    let (mut count, mut bit) = (0, MOST_UNCHECKED >> 1);
+    // A division by comparisons, since a Cortex-M0+ has no division.
+    let (mut count, mut bit) = (0, MAX_UNCHECKED >> 1);
     while bit != 0 {
         if (count + bit) * longest < stretch.ticks && count + bit <= most {
             count += bit;

@@ -1,9 +1,9 @@
-//! The tape: a ring of words that wait for the state machine. It knows which words are written, and the position and
-//! tick of each. The words themselves are in memory that a DMA reads.
+//! The tape: a ring of words that wait for the state machine. It knows which places hold words that are not done, and the motor's position
+//! and tick at each. The words themselves are in memory that a DMA reads.
 
 use crate::Tick32;
 
-/// Words one after the other that all count the same.
+/// Successive words that all count the same: a step forward, a step backward, or none.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Run {
     /// The number of its first word, wrapping.
@@ -16,17 +16,17 @@ pub struct Run {
     pub sign: i32,
 }
 
-/// Words in one run at most: so many are looked at to find a position.
+/// The most words in one run. To find a position, up to so many words are added up.
 const LONGEST_RUN: u32 = 256;
 
-/// What is known of a ring of `N` words (a power of two), in up to `RUNS` runs (a power of two).
+/// The book-keeping of a ring of `N` words (a power of two), in up to `RUNS` runs (a power of two).
 ///
-/// A word's place is free again once the run that it is in is past, and the one after it.
+/// The places of a run are free again when this run and the one after it are past.
 #[derive(Clone, Debug)]
 pub struct Tape<const N: usize, const RUNS: usize> {
     /// The number of words written so far, wrapping.
     written: u32,
-    /// Numbers of the run that is being written and of the first that is kept, wrapping.
+    /// The numbers of the newest run and of the oldest that is kept, wrapping.
     last: u32,
     first: u32,
     runs: [Run; RUNS],
@@ -56,8 +56,8 @@ impl<const N: usize, const RUNS: usize> Tape<N, RUNS> {
         self.runs[0] = Run { first: 0, tick, position, sign: 0 };
     }
 
-    /// Sets the tick that the first word comes after, which was not known when the tape [began](Tape::begin) and the words
-    /// that are on it were written: ticks are counted from `tick` instead of 0.
+    /// Adds `tick` to the ticks of all words. It is for the start, which is not known when the tape [begins](Tape::begin) and its first words
+    /// are written.
     pub fn set_start(&mut self, tick: Tick32) {
         for run in &mut self.runs {
             run.tick = run.tick.after(tick.0);
@@ -70,14 +70,14 @@ impl<const N: usize, const RUNS: usize> Tape<N, RUNS> {
         self.written
     }
 
-    /// Whether there is room for `words` words that are a run each.
+    /// Whether `words` more words fit, even if each begins a run.
     #[must_use]
     pub const fn has_room(&self, words: u32) -> bool {
         let runs = Self::MOST - 1 - self.last.wrapping_sub(self.first);
         words <= self.free() && words <= runs
     }
 
-    /// Places in a row that may be written, from the next one on, and that one run takes: where, and how many.
+    /// Where the next words go, and how many fit there in a row and in one run.
     #[must_use]
     pub const fn space(&self, sign: i32) -> (usize, usize) {
         let place = self.written & (Self::WORDS - 1);
@@ -110,7 +110,7 @@ impl<const N: usize, const RUNS: usize> Tape<N, RUNS> {
 
     /// Notes that time is past `now`: frees the runs that are over. To be called at least once in 2^30 ticks.
     pub fn pass(&mut self, now: Tick32) {
-        // The run before the one that is being done stays, for `last`, and the wait before that, for `apart`.
+        // The current run stays, and the one before it for `last`, and a wait before that for `apart`.
         while self.last.wrapping_sub(self.first) > 1 {
             let next = &self.runs[Self::place(self.first.wrapping_add(2))];
             // The word before it has changed the lines.
@@ -129,8 +129,8 @@ impl<const N: usize, const RUNS: usize> Tape<N, RUNS> {
         run.position.wrapping_add(run.sign.wrapping_mul(within))
     }
 
-    /// What the last of the first `words` words (wrapping, at least 1) is: when it changed the lines, how long that was after
-    /// the word before, and what it counts.
+    /// The last of the first `words` words (wrapping, at least 1): when it changed the lines, how long that was after the word before,
+    /// and what it counts.
     #[must_use]
     pub fn last(&self, words: u32, overhead: u32, memory: &[u32; N]) -> (Tick32, u32, i32) {
         let last = words.wrapping_sub(1);
@@ -175,8 +175,8 @@ impl<const N: usize, const RUNS: usize> Tape<N, RUNS> {
         gap.max(now.since(stepped))
     }
 
-    /// When the first step is due behind the first `words` words, the last of which is in run `current`; if none is written, when the last
-    /// word is.
+    /// The tick of the first step after the first `words` words, the last of which is in run `current`; that of the last word, if no step is
+    /// written.
     fn next(&self, current: u32, words: u32, overhead: u32, memory: &[u32; N]) -> Tick32 {
         let mut number = current;
         while number != self.last {
@@ -189,13 +189,12 @@ impl<const N: usize, const RUNS: usize> Tape<N, RUNS> {
         self.last(if self.written == 0 { words } else { self.written }, overhead, memory).0
     }
 
-    /// Time from one word's change of the lines to the next word's.
+    /// The time from the word before changing the lines to this word changing them, ticks.
     fn lasts(&self, number: u32, overhead: u32, memory: &[u32; N]) -> u32 {
         (memory[(number & (Self::WORDS - 1)) as usize] & super::LONGEST_WAIT).wrapping_add(overhead)
     }
 
-    /// The position at tick `now`, not before the last [`pass`](Tape::pass): steps whose edges are not after it. `memory` is where the
-    /// words are.
+    /// The position at tick `now`, which is not before the last [`pass`](Tape::pass). `memory` holds the words.
     #[must_use]
     pub fn position_at(&self, now: Tick32, overhead: u32, memory: &[u32; N]) -> i32 {
         let run = self.find(|run| !now.is_before(run.tick));
@@ -214,7 +213,7 @@ impl<const N: usize, const RUNS: usize> Tape<N, RUNS> {
         position
     }
 
-    /// The last run that `fits`; the first that is kept, if none does.
+    /// The newest run that `fits`; the oldest that is kept, if none does.
     fn find(&self, fits: impl Fn(&Run) -> bool) -> &Run {
         let mut number = self.last;
         while number != self.first && !fits(&self.runs[Self::place(number)]) {

@@ -1,43 +1,42 @@
-//! Turns channel and output of one motor into words on its tape. The board decides when they are written, and how far
-//! ahead.
+//! Turns the events of one motor into words on its tape. The board decides when words are written, and how far ahead.
 
 use super::{COILS_OVERHEAD, Expand, LONGEST_WAIT, STEP_DIR_OVERHEAD, Stretch, Tape, WAIT_BITS};
-use crate::channel::{Ahead, Channel, EventKind, StepEvent};
+use crate::channel::{Channel, EventKind, StepBudget, StepEvent};
 use crate::output::{Edge, Output};
 use crate::packed_queue::PackedQueue;
 use crate::queue::Items;
 use crate::{Direction, Recurrence, Tick32};
 
-/// How far [`Words::fill`] came.
+/// How far [`WordWriter::fill`] came.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Filled {
     /// Up to the tick of the call.
     All,
-    /// To the end of the room that there was, or of the work that was allowed.
+    /// Less far: the tape was full, or the allowed number of words was written.
     Part,
 }
 
-/// The channel and the output of one motor, with `F` fraction bits. It writes words.
+/// Writes the words of one motor, from its channel and its output, with `F` fraction bits.
 ///
-/// A DIR line is set up by a word of its own, which must end before the step: set-up times below [`Words::overhead`] are made
-/// as long as that by whoever makes the output.
+/// A change of DIR is a word of its own, which lasts [`WordWriter::overhead`] at least. So the `output` of [`new`](WordWriter::new) must have
+/// a set-up time of at least that.
 #[derive(Clone, Debug)]
-pub struct Words<const F: u32> {
+pub struct WordWriter<const F: u32> {
     channel: Channel<F>,
     output: Output,
     /// How long a word lasts in addition to its wait, ticks.
     overhead: u32,
-    /// The lines after the last word, and what a step adds to them for a pulse.
+    /// The levels of the lines after the last word, and the line that a pulse sets; 0 for coils.
     levels: u32,
     step: u32,
     /// The tick at which the last word changes the lines.
     end: Tick32,
-    /// Until when the last step, or the release of coils, takes.
+    /// The tick at which the last step, or the release of coils, is over.
     busy: Option<Tick32>,
     setup_cut_short: bool,
 }
 
-/// A word that is due.
+/// A word to be written.
 #[derive(Clone, Copy)]
 struct Due {
     tick: Tick32,
@@ -45,17 +44,17 @@ struct Due {
     sign: i32,
 }
 
-impl<const F: u32> Words<F> {
-    /// A motor at rest at position 0, all lines low. The lines of a driver are 0 and 1, `step_line` being that of STEP, and
-    /// its pulses `pulse_ticks` long; the lines of coils are four of 0 to 6.
+impl<const F: u32> WordWriter<F> {
+    /// A motor at rest at position 0, all lines low. A driver has lines 0 and 1; `step_line` is that of STEP, and a pulse lasts
+    /// `pulse_ticks`. Coils have four of the lines 0 to 6.
     #[must_use]
-    pub const fn new(output: Output, step_line: u8, pulse_ticks: u32) -> Words<F> {
+    pub const fn new(output: Output, step_line: u8, pulse_ticks: u32) -> WordWriter<F> {
         let (overhead, step) = match output {
             Output::StepDir(_) => (STEP_DIR_OVERHEAD + pulse_ticks, 1 << (step_line & 1)),
             Output::Coils(_) => (COILS_OVERHEAD, 0),
         };
         let asserts_every_step = output.asserts_every_step();
-        Words {
+        WordWriter {
             channel: Channel::new(overhead, asserts_every_step),
             output,
             overhead,
@@ -73,7 +72,7 @@ impl<const F: u32> Words<F> {
         self.overhead
     }
 
-    /// Whether its steps are pulses; else patterns of coils.
+    /// Whether its steps are pulses, and not patterns of coils.
     #[must_use]
     pub const fn makes_pulses(&self) -> bool {
         self.step != 0
@@ -90,21 +89,21 @@ impl<const F: u32> Words<F> {
         &mut self.channel
     }
 
-    /// When the lines change in the last word: the state machine has something to do up to then, and [`overhead`](Words::overhead)
-    /// longer.
+    /// The tick at which the last word changes the lines. The state machine has something to do until [`overhead`](WordWriter::overhead)
+    /// ticks after it.
     #[must_use]
     pub const fn end(&self) -> Tick32 {
         self.end
     }
 
-    /// Whether a DIR edge could not come its set-up before the step: the plan left no room for it.
+    /// Whether a DIR edge came less than its set-up before a step, because the plan left no time for it.
     #[must_use]
     pub const fn setup_cut_short(&self) -> bool {
         self.setup_cut_short
     }
 
-    /// Forgets that.
-    pub const fn forgive(&mut self) {
+    /// Sets [`setup_cut_short`](WordWriter::setup_cut_short) back to `false`.
+    pub const fn clear_faults(&mut self) {
         self.setup_cut_short = false;
     }
 
@@ -117,7 +116,7 @@ impl<const F: u32> Words<F> {
     /// Whether nothing is left to do by `now`: no step, no end of a pulse, no release of coils.
     #[must_use]
     pub fn is_idle(&self, packed: &PackedQueue, now: Tick32) -> bool {
-        let rests = self.busy.is_none_or(|busy| !now.is_before(busy)) && self.output.owed().is_none();
+        let rests = self.busy.is_none_or(|busy| !now.is_before(busy)) && self.output.pending_tick().is_none();
         rests && self.channel.is_done() && !packed.has(self.channel.epoch())
     }
 
@@ -128,7 +127,7 @@ impl<const F: u32> Words<F> {
         }
     }
 
-    /// Switches coils off while no words are done. The caller does the same to the lines.
+    /// Notes that coils are off. The caller switches the lines off, while the state machine is stopped.
     pub fn release(&mut self) {
         if let Output::Coils(coils) = &mut self.output {
             coils.switch_off();
@@ -136,8 +135,8 @@ impl<const F: u32> Words<F> {
         }
     }
 
-    /// Begins a tape, with one word that waits for `wait` and leaves the lines as they are. When it begins is said later: by
-    /// [`start`](Words::start), which comes next.
+    /// Begins a tape with one word, which waits for `wait` and leaves the lines as they are. The tick at which it begins is not known yet:
+    /// call [`start`](WordWriter::start) next, with that tick.
     pub fn begin<const N: usize, const RUNS: usize>(
         &mut self,
         tape: &mut Tape<N, RUNS>,
@@ -160,8 +159,8 @@ impl<const F: u32> Words<F> {
         self.channel.pass(self.end.after(self.overhead));
     }
 
-    /// Stops: nothing more is taken. The position is what was made, and the lines of coils stay as they were in the last word
-    /// that was done: on at that position's phase, or off.
+    /// Stops at once. `position` and `lines` are those after the last word that the state machine did. Coils stay as they are: on, at the
+    /// phase of this position, or off.
     pub fn stop(&mut self, items: &mut impl Items, position: i32, lines: u32) {
         self.channel.stop(items);
         self.channel.set_position(position);
@@ -177,11 +176,11 @@ impl<const F: u32> Words<F> {
         }
     }
 
-    /// Writes words up to tick `until`, `most` of them or a few more: every step up to then is made, and the state machine has
-    /// something to do until tick `least` at least, which is not after it.
+    /// Writes words for all steps up to tick `until`, but only `most` words or a few more. If steps end earlier, a word for rest gives the
+    /// state machine something to do until tick `least`, which is not after `until`.
     ///
-    /// Both go up from call to call, by less than 2^24 ticks. `items` are the motor's: a [`PackedQueue`] with its memory, or what a board
-    /// has worked out itself. `expand` is the board's, or [`expand`](super::expand()).
+    /// Both ticks go up from call to call, by less than 2^24. `items` are the motor's: a [`PackedQueue`] with its memory, or items that the
+    /// board works out itself. `expand` is the board's own, or [`expand`](super::expand()).
     pub fn fill<const N: usize, const RUNS: usize>(
         &mut self,
         items: &mut impl Items,
@@ -191,30 +190,30 @@ impl<const F: u32> Words<F> {
         most: u32,
         expand: Expand,
     ) -> Filled {
-        // A word that begins after `until` is over would be too late for events before that.
+        // The next word can change the lines `overhead` after `until` at the earliest, so this one must serve all events before that.
         let limit = until.after(self.overhead);
-        // As far as a DIR edge may come before its step, and coils' release before the next one.
+        // It looks ahead by as much as a DIR edge may come before its step, and the release of coils before the next step.
         let look = limit.after(self.output.lead_ticks()).after(self.overhead);
         let stop = tape.written().wrapping_add(most);
-        self.go_on(items, tape, memory, [limit, Tick32(stop)], expand);
+        self.write_following_steps(items, tape, memory, [limit, Tick32(stop)], expand);
         loop {
             if !tape.has_room(2) || !Tick32(tape.written()).is_before(Tick32(stop)) {
                 return Filled::Part;
             }
-            if self.output.owed().is_none() && self.channel.waits_beyond(look) {
+            if self.output.pending_tick().is_none() && self.channel.waits_beyond(look) {
                 break;
             }
             let event = self.peek(items, look);
-            if let (Output::Coils(_), Some(release)) = (&self.output, self.output.owed())
+            if let (Output::Coils(_), Some(release)) = (&self.output, self.output.pending_tick())
                 && event.is_none_or(|event| release.is_before(event.tick))
             {
-                // Coils that are switched on again at once need not be switched off.
+                // If the coils' next step comes within a word's time, there is no time to switch them off before it.
                 let at_once = event.is_some_and(|event| event.tick.is_before(release.after(self.overhead)));
                 let made_now = event.is_some_and(|event| !limit.is_before(event.tick));
                 if until.is_before(release) && !(at_once && made_now) {
                     break;
                 }
-                if let Some(edge) = self.output.settle() {
+                if let Some(edge) = self.output.take_pending() {
                     self.change(edge);
                 }
                 if !at_once {
@@ -226,9 +225,9 @@ impl<const F: u32> Words<F> {
             }
             let Some(event) = event.filter(|event| !limit.is_before(self.output.due(*event))) else { break };
             if event.kind == EventKind::Step {
-                // A segment that continues the one before it: its first step is one of many, too.
+                // If the segment continues the one before it, its first step can be written together with the others.
                 let before = tape.written();
-                self.go_on(items, tape, memory, [limit, Tick32(stop)], expand);
+                self.write_following_steps(items, tape, memory, [limit, Tick32(stop)], expand);
                 if tape.written() != before {
                     continue;
                 }
@@ -236,7 +235,7 @@ impl<const F: u32> Words<F> {
             if let Some(due) = self.make(event) {
                 self.put(tape, memory, due);
                 if event.kind == EventKind::Step {
-                    self.go_on(items, tape, memory, [limit, Tick32(stop)], expand);
+                    self.write_following_steps(items, tape, memory, [limit, Tick32(stop)], expand);
                 }
             }
         }
@@ -246,7 +245,7 @@ impl<const F: u32> Words<F> {
         Filled::All
     }
 
-    /// Writes a word that leaves the lines as they are, up to `until`: nothing comes before `limit` from now on.
+    /// Writes a word that leaves the lines as they are, up to `until`. Later words change the lines at `limit` or later.
     #[inline(never)]
     fn wait<const N: usize, const RUNS: usize>(
         &mut self,
@@ -255,8 +254,8 @@ impl<const F: u32> Words<F> {
         until: Tick32,
         limit: Tick32,
     ) {
-        // The release of coils is no event, so this word leaves time for it.
-        let release = if let Output::Coils(_) = self.output { self.output.owed() } else { None };
+        // The release of coils is not an event of the channel, so this word must leave time for it.
+        let release = if let Output::Coils(_) = self.output { self.output.pending_tick() } else { None };
         let tick = match release {
             Some(release) if release.is_before(limit) => release.before(self.overhead),
             _ => until,
@@ -267,7 +266,7 @@ impl<const F: u32> Words<F> {
         self.channel.pass(limit);
     }
 
-    // These are calls, so that each has the registers to itself: a run's steps need none of them.
+    // The next two are not inlined, so that a run's steps, which need neither, have all registers of the processor.
     #[inline(never)]
     fn peek(&mut self, items: &mut impl Items, look: Tick32) -> Option<StepEvent> {
         self.channel.peek(items, look)
@@ -289,7 +288,7 @@ impl<const F: u32> Words<F> {
                     return None;
                 }
                 self.setup_cut_short |= tick != due;
-                // There is no time for a word of its own, so it is joined with the step's word.
+                // If there is no time for a word of its own, the step's word changes DIR, too.
                 let fits = !event.tick.is_before(tick.after(self.overhead));
                 fits.then_some(Due { tick, bits: self.idle_bits(), sign: 0 })
             }
@@ -298,7 +297,7 @@ impl<const F: u32> Words<F> {
                     self.change(edge);
                 } else {
                     // The end of the pulse is in the same word.
-                    self.output.settle();
+                    self.output.take_pending();
                 }
                 self.busy = Some(tick.after(self.overhead));
                 Some(Due { tick, bits: self.step_bits(), sign: self.sign() })
@@ -306,9 +305,9 @@ impl<const F: u32> Words<F> {
         }
     }
 
-    /// Writes the steps that follow one that is the last word, as long as nothing else comes between, and word number `stop` is not reached.
+    /// Writes the steps that follow the last word, if that was a step, as long as nothing else comes between, up to word number `stop`.
     #[inline(always)]
-    fn go_on<const N: usize, const RUNS: usize>(
+    fn write_following_steps<const N: usize, const RUNS: usize>(
         &mut self,
         items: &mut impl Items,
         tape: &mut Tape<N, RUNS>,
@@ -319,16 +318,16 @@ impl<const F: u32> Words<F> {
         if self.end != self.channel.place().tick {
             return;
         }
-        // Those that take none have nothing to gain: steps of verbs come by ones and twos.
-        if self.step != 0 && items.run_direction().is_some() && self.channel.goes_on(limits[0]) {
+        // The steps of verbs come by ones and twos. For these, `write_runs` gains nothing.
+        if self.step != 0 && items.run_direction().is_some() && self.channel.is_run_until(limits[0]) {
             self.write_runs(items, tape, memory, limits, expand);
         } else {
             self.write_run(tape, memory, limits, expand);
         }
     }
 
-    /// The same of a driver that only steps, up to `limit`: run after run, with as little between them as can be. Here is what a processor does most of its
-    /// time where motions bend fast.
+    /// Writes run after run, with as little work between them as possible. In a motion whose speed changes fast, a processor spends most of its
+    /// time here.
     #[inline(never)]
     fn write_runs<const N: usize, const RUNS: usize>(
         &mut self,
@@ -344,22 +343,22 @@ impl<const F: u32> Words<F> {
             let (at, len) = tape.space(sign);
             let Some(words) = memory.get_mut(at..at + len) else { break };
             let (tick, position) = (self.channel.place().tick, self.channel.position());
-            let taken = self
-                .channel
-                .go_on(items, limit, |recurrence, ahead| expand_into(words, bits, expand, recurrence, ahead));
+            let taken = self.channel.take_run_steps(items, limit, |recurrence, budget| {
+                expand_into(words, bits, expand, recurrence, budget)
+            });
             if taken == 0 {
                 break;
             }
             tape.wrote(taken, tick, position, sign);
         }
         if tape.written() != before {
-            self.channel.went_on();
+            self.channel.end_run_steps();
             self.end = self.channel.place().tick;
             self.busy = Some(self.end.after(self.overhead));
         }
     }
 
-    /// The same of any motor, and of the run that is under way alone.
+    /// Writes steps of the current run, for any motor.
     #[inline(never)]
     fn write_run<const N: usize, const RUNS: usize>(
         &mut self,
@@ -370,7 +369,7 @@ impl<const F: u32> Words<F> {
     ) {
         let (bits, limit) = match &self.output {
             Output::StepDir(_) => (self.step_bits(), limit),
-            // Nearer than that none of them lets coils be released before it.
+            // A step before the release of the coils keeps them on.
             Output::Coils(coils) => match coils.release_ticks().map(|ticks| self.end.after(ticks)) {
                 Some(release) if release.is_before(limit) => (0, release),
                 _ => (0, limit),
@@ -381,8 +380,9 @@ impl<const F: u32> Words<F> {
             let (at, len) = tape.space(sign);
             let (tick, position) = (self.end, self.channel.position());
             let Some(words) = memory.get_mut(at..at + len) else { return };
-            let taken =
-                self.channel.take_steps(limit, |recurrence, ahead| expand_into(words, bits, expand, recurrence, ahead));
+            let taken = self
+                .channel
+                .take_steps(limit, |recurrence, budget| expand_into(words, bits, expand, recurrence, budget));
             if taken == 0 {
                 return;
             }
@@ -394,14 +394,14 @@ impl<const F: u32> Words<F> {
             }
             tape.wrote(taken, tick, position, sign);
             self.busy = Some(self.end.after(self.overhead));
-            // The next one is for later, or another item's.
+            // The next step is later, or of another item.
             if made < len {
                 return;
             }
         }
     }
 
-    /// Writes a word. Its wait fits: `until` does not go up by so much.
+    /// Writes a word. Its wait has 25 bits at most, because `until` goes up by less than 2^24 ticks.
     #[inline(never)]
     fn put<const N: usize, const RUNS: usize>(&mut self, tape: &mut Tape<N, RUNS>, memory: &mut [u32; N], due: Due) {
         let wait = due.tick.since(self.end).wrapping_sub(self.overhead);
@@ -435,17 +435,17 @@ impl<const F: u32> Words<F> {
     }
 }
 
-/// Moves a recurrence on by the next steps of a run, as a channel asks: a word for each, as many as `words` has room for. Gives how many
-/// steps it took.
+/// Moves a recurrence on by the next steps of a run, and writes a word for each, as many as fit in `words` and in the channel's `budget`.
+/// Returns the number of steps.
 #[inline(always)]
-fn expand_into(words: &mut [u32], bits: u32, expand: Expand, recurrence: &mut Recurrence, ahead: Ahead) -> u32 {
-    let most = usize::try_from(ahead.most).unwrap_or(usize::MAX);
+fn expand_into(words: &mut [u32], bits: u32, expand: Expand, recurrence: &mut Recurrence, budget: StepBudget) -> u32 {
+    let most = usize::try_from(budget.max_steps).unwrap_or(usize::MAX);
     let room = words.len().min(most);
     let Some(words) = words.get_mut(..room) else { return 0 };
     if room == 0 {
         return 0;
     }
-    // One word cannot wait longer.
-    let stretch = Stretch { gap: ahead.gap, ticks: ahead.ticks.min(LONGEST_WAIT), bits };
+    // A word cannot wait longer than LONGEST_WAIT.
+    let stretch = Stretch { gap: budget.gap, ticks: budget.ticks.min(LONGEST_WAIT), bits };
     expand(recurrence, words, &stretch)
 }

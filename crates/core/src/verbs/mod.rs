@@ -1,15 +1,15 @@
 //! Motors that take orders directly, without a plan: a number of steps, with a period, in a direction.
 //!
 //! # What is here, top down
-//! - [`Verbs`]: all motors, and how far what they do is known
+//! - [`Verbs`]: all motors, and the tick up to which their steps are worked out
 //! - [`motor`]: one motor: from [`Verb`]s to evenly spaced steps, as items for its channel
 //!
-//! What motors do is worked out a little ahead, slice after slice ([`Verbs::work_out`]); what was worked out stands. A verb holds
-//! from the end of the last slice on, for all motors that one order names from the same tick, and the answer says which
-//! ([`Verbs::known`]): the same verbs at the same ticks make the same edges on every board.
+//! Steps are worked out a little ahead, slice after slice ([`Verbs::work_out`]), and are not changed afterwards. An order acts from the end
+//! of the last slice on, at the same tick for all motors that it names. The answer has that tick ([`Verbs::known`]). The same verbs at
+//! the same ticks make the same edges on every board.
 //!
 //! # What is not
-//! - Acceleration: a motor has a new speed with its next step. Ramps are the caller's task, or a plan's.
+//! - Acceleration: a motor has a new speed from its next step on. The caller makes ramps, or uses a plan.
 //! - Bytes and lines: verbs in frames are [`wire::orders`](crate::wire::orders), verbs in text [`winch::verb_lines`](crate::winch::verb_lines).
 
 pub mod motor;
@@ -18,7 +18,7 @@ pub use motor::{Heading, Motor, MotorTiming, Refused, Verb};
 
 use crate::Item;
 
-/// Motors at most: a bit each in a byte.
+/// The most motors: each has a bit in a byte.
 pub const MAX_MOTORS: usize = 8;
 
 /// The verbs of one order for one or more motors. All begin at one tick and are executed in order.
@@ -38,7 +38,7 @@ impl OrderList for [(u8, Verb)] {
     }
 }
 
-/// Why orders are not obeyed.
+/// Why orders are refused.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum OrderError {
     /// There is no motor of this number.
@@ -60,7 +60,7 @@ pub enum OrderError {
 pub struct Verbs {
     motors: [Motor; MAX_MOTORS],
     count: u8,
-    /// What happens before this tick is worked out.
+    /// Steps before this tick are worked out.
     known: u64,
 }
 
@@ -71,8 +71,8 @@ impl Verbs {
         Verbs { motors: [Motor::NONE; MAX_MOTORS], count: 0, known: 0 }
     }
 
-    /// Begins with motors at rest, at these positions and within these limits, [`MAX_MOTORS`] at most; nothing happens before
-    /// `known`. Moves of the motors before that were done and not reported yet are still [reported](Verbs::take_done).
+    /// Begins with motors at rest, at most [`MAX_MOTORS`], with these limits and positions. No step comes before `known`. Moves that were
+    /// finished earlier, but are not reported yet, are still [reported](Verbs::take_done).
     pub fn begin(&mut self, motors: impl Iterator<Item = (MotorTiming, i32)>, known: u64) {
         (self.count, self.known) = (0, known);
         for (motor, (limits, position)) in self.motors.iter_mut().zip(motors) {
@@ -81,7 +81,7 @@ impl Verbs {
         }
     }
 
-    /// What happens before this tick is worked out: a verb holds from there on.
+    /// Steps before this tick are worked out. An order acts from here on.
     #[must_use]
     pub const fn known(&self) -> u64 {
         self.known
@@ -97,8 +97,8 @@ impl Verbs {
         self.motors.get_mut(..usize::from(self.count)).unwrap_or_default()
     }
 
-    /// The oldest move of the first motor that has one which was done by tick `now` and was not reported yet: the motor, when, and how
-    /// many of its moves are done with it, wrapping. Also one of a motor that is no more.
+    /// A move that was finished by tick `now` and is not reported yet: its motor, its tick, and how many of the motor's moves are finished with
+    /// it, wrapping. It is the oldest of the first motor that has one, also of a motor that a later configuration does not have.
     pub fn take_done(&mut self, now: u64) -> Option<(u8, u64, u32)> {
         (0..).zip(&mut self.motors).find_map(|(number, motor)| {
             let (at, count) = motor.take_done(now)?;
@@ -106,16 +106,16 @@ impl Verbs {
         })
     }
 
-    /// When the next move that was worked out, and not reported yet, is done.
+    /// The tick at which the next move that is not reported yet is finished, as far as is worked out.
     #[must_use]
     pub fn next_done(&self) -> Option<u64> {
         self.motors.iter().filter_map(Motor::next_done).min()
     }
 
-    /// Does all of what is ordered, from [`known`](Verbs::known) on, or none of it.
+    /// Obeys all orders, from [`known`](Verbs::known) on, or none.
     ///
     /// # Errors
-    /// What is wrong with the first order that cannot be obeyed; nothing changes then.
+    /// Why the first refused order is refused. Then nothing changes.
     ///
     /// ```
     /// use pulsetrain_core::verbs::{MotorTiming, OrderError, Verb, Verbs};
@@ -129,7 +129,7 @@ impl Verbs {
         if let Some((motor, _)) = orders.iter().find(|(motor, _)| *motor >= self.count) {
             return Err(OrderError::NoSuchMotor { motor });
         }
-        // Each motor that has an order is tried first, on a copy. A copy of all of them would take a board longer than the orders.
+        // All orders are tried first, on a copy of one motor after the other. To copy all motors would take a board longer than the orders.
         for (number, motor) in (0..).zip(self.motors()) {
             let mut trial = None;
             for verb in orders.of(number) {
@@ -147,13 +147,13 @@ impl Verbs {
         Ok(())
     }
 
-    /// Where each motor is at [`known`](Verbs::known), and when its next step comes from there on, unless another order comes.
+    /// Each motor's position at [`known`](Verbs::known), and the tick of its next step from there on, unless another order comes.
     pub fn next_steps(&self) -> impl Iterator<Item = (i32, Option<u64>)> {
         self.motors().iter().map(|motor| (motor.position(), motor.next_step()))
     }
 
-    /// Works out what all motors do up to tick `until` (not included; less than 2^30 after [`known`](Verbs::known)), and hands it
-    /// over as items for their channels, of `F` fraction bits: [`MOST_ITEMS`](motor::MOST_ITEMS) for each motor at most.
+    /// Works out all motors' steps before tick `until`, which is less than 2^30 ticks after [`known`](Verbs::known). `push` gets them as items
+    /// for the motors' channels, of `F` fraction bits: at most [`MAX_ITEMS`](motor::MAX_ITEMS) for each motor.
     pub fn work_out<const F: u32>(&mut self, until: u64, mut push: impl FnMut(u8, Item)) {
         if until <= self.known {
             return;
@@ -164,23 +164,23 @@ impl Verbs {
         }
     }
 
-    /// Whether no step will come, and nothing will be done, after tick `now` unless another order comes; steps that were worked out may still
-    /// have to be made.
+    /// Whether no step comes and no move ends after tick `now`, unless another order comes. Steps that were worked out may still wait in
+    /// queues.
     #[must_use]
     pub fn rest_at(&self, now: u64) -> bool {
         self.motors().iter().all(|motor| motor.rests_at(now))
     }
 
-    /// The host is gone, and no order will come: motors drop [what has no end](Motor::drop_endless); with `lost`, all orders. Gives, bit by
-    /// motor, which ones leave steps out that were to come sooner than `pull_in` ticks of that motor after the last one: they may come to
-    /// stand elsewhere than they count.
+    /// Call this when the host is gone. Motors drop [runs without an end](Motor::drop_endless); with `lost`, they drop all orders. Returns a bit
+    /// for each motor that stops from above its pull-in speed, that is, at an interval shorter than its `pull_in` ticks: it may stand
+    /// elsewhere than its count says.
     #[must_use]
     pub fn host_gone(&mut self, lost: bool, pull_in: impl Fn(u8) -> u64) -> u8 {
         let mut uncertain = 0;
         for (number, motor) in (0..).zip(self.motors_mut()) {
             let was_faster = motor.gap().is_some_and(|gap| gap < pull_in(number));
             if lost {
-                // It is never refused; no step comes any more, whatever `at`.
+                // Halt is never refused, and makes no step, so that `at` does not matter.
                 let _ = motor.obey(Verb::Halt, 0);
             } else {
                 motor.drop_endless();
@@ -192,12 +192,12 @@ impl Verbs {
         uncertain
     }
 
-    /// Another host takes over: moves of the host before are not reported to it. See [`Motor::mute_moves`].
+    /// Call this when another host takes over: it gets no reports of earlier moves. See [`Motor::mute_moves`].
     pub fn mute_moves(&mut self) {
         self.motors.iter_mut().for_each(Motor::mute_moves);
     }
 
-    /// All motors were stopped at once, each after the tick that `at` gives for its number: see [`Motor::stop`].
+    /// Notes that all motors were stopped at once, each after the tick that `at` returns for its number: see [`Motor::stop`].
     pub fn stop(&mut self, at: impl Fn(u8) -> u64) {
         for (number, motor) in (0..).zip(self.motors_mut()) {
             motor.stop(at(number));

@@ -1,38 +1,38 @@
-//! One motor that takes orders directly: verbs → evenly spaced steps.
+//! One motor that obeys verbs: verbs → evenly spaced steps.
 //!
-//! Between two steps there is never less than the period that holds when the second one is made, and exactly that unless the
-//! motor stood still, or had no steps to make, or had to turn. A verb counts from a tick on, `at`: the next step is then due a
-//! (new) period after the last one, or at `at` if that is past. So a speed that was slow does not have to end first.
+//! Two steps are never closer than the period at the time of the second one. They are exactly that far apart, unless the motor stood
+//! still, had no steps to make, or had to turn. An order acts from a tick `at` on: the next step then comes a (new) period after the
+//! last one, or at `at` if that is later. So a new speed does not wait for the end of a long period.
 
 use crate::{Direction, Item, Segment, Tick32};
 
 /// An order to a motor.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Verb {
-    /// So many steps, and then a done event, when the last one's period is over. Behind a move that is under way one more may
-    /// wait; a motor that [runs](Verb::Run) makes so many more, and is done.
+    /// A number of steps. The move is finished, and reported, when the last step's period is over. While one move is under way, one more
+    /// may wait. A motor that [runs](Verb::Run) makes this many steps more.
     Move {
-        /// Any number; with 0 it is done when the last step's period is over, which may be that of a move before.
+        /// Any number. With 0 the move is finished when the period of the last step, of an earlier move, is over.
         steps: u32,
     },
     /// Steps without an end.
     Run,
-    /// The period: exactly so many ticks from step to step.
+    /// Sets the period: the ticks from one step to the next.
     Speed {
         /// From the motor's shortest to [`LONGEST_PERIOD`].
         ticks: u64,
     },
-    /// Which way.
+    /// Sets the direction.
     Heading(Heading),
-    /// Forgets the move, or the run, and what waits behind it, without a done event.
+    /// Drops the move or run, and a move that waits, without reports.
     Halt,
 }
 
-/// Which way a motor goes.
+/// The direction in which a motor steps.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[repr(u8)]
 pub enum Heading {
-    /// It stands; a move waits.
+    /// It stands still, and a move waits.
     Stationary = 0,
     /// The position counts up.
     Forward = 1,
@@ -52,44 +52,44 @@ impl Heading {
     }
 }
 
-/// What a motor's lines allow, ticks.
+/// The limits of a motor's steps, ticks.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct MotorTiming {
-    /// Shortest period, at least 1.
+    /// The shortest period, at least 1.
     pub shortest: u32,
-    /// Fewest from a step to one the other way.
+    /// The shortest time from a step to a step in the other direction.
     pub turn: u32,
     /// The period until a [`Verb::Speed`] sets another, at least `shortest`.
     pub period: u32,
 }
 
-/// Why a verb is not obeyed.
+/// Why a verb is refused.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Refused {
     /// The period is shorter than the motor's shortest, or longer than [`LONGEST_PERIOD`].
     Period {
-        /// The shortest, ticks.
+        /// The motor's shortest period, ticks.
         shortest: u32,
     },
-    /// A move waits behind the one that is under way, or [`MOST_UNTOLD`] moves would be done and not reported.
+    /// One move is under way and another waits; or [`MAX_UNREPORTED`] moves are unreported.
     Busy,
 }
 
-/// The longest period, ticks: a thousand years at 125 MHz.
+/// The longest period, ticks: a thousand years at 125 MHz. Two of them can still be added without overflow.
 pub const LONGEST_PERIOD: u64 = 1 << 62;
 
-/// Items that [`Motor::work_out`] hands over at most: two moves, each an anchor, its first step, the others.
-pub const MOST_ITEMS: usize = 6;
+/// The most items from one call of [`Motor::work_out`]: two moves, each an anchor, its first step, the other steps.
+pub const MAX_ITEMS: usize = 6;
 
-/// Moves that may be under way, waiting, or done and not [reported](Motor::take_done). No more are taken, so that the time
-/// at which each was done is kept.
-pub const MOST_UNTOLD: u32 = 4;
+/// The most moves that are under way, waiting, or finished and not [reported](Motor::take_done). A further one is refused, because there is no
+/// place to keep its time.
+pub const MAX_UNREPORTED: u32 = 4;
 
 /// After this many ticks without a step an anchor sets the channel's accumulator, because the channel can only compare
 /// ticks within 2^30.
 const STALE: u64 = 1 << 29;
 
-/// The order that is under way.
+/// What a motor is doing, or will do next.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
 pub(crate) enum Job {
@@ -124,24 +124,24 @@ pub struct Motor {
     heading: Heading,
     job: Job,
     waiting: Job,
-    /// Nothing happens before it.
+    /// No step and no end of a move comes before this tick.
     open: u64,
     /// The last step.
     last: Option<(u64, Direction)>,
-    /// Where the channel's accumulator is.
+    /// The tick of the channel's accumulator.
     reached: Option<u64>,
     position: i32,
-    /// Moves done so far, as far as was worked out, wrapping.
+    /// Moves finished so far, as far as is worked out, wrapping.
     done: u32,
-    /// Of `dones`, from the first on, these were not reported yet.
-    untold: u8,
-    /// Of the moves that are not reported, wait or are under way, the oldest so many are [never reported](Motor::mute_moves).
+    /// How many of `dones`, from the first on, are not reported yet.
+    unreported: u8,
+    /// How many moves will [never be reported](Motor::mute_moves): the oldest of those that are unreported, under way or waiting.
     muted: u8,
-    /// The last moves that were done, the newest first.
-    dones: [Done; MOST_UNTOLD as usize],
+    /// The last finished moves, newest first.
+    dones: [Done; MAX_UNREPORTED as usize],
 }
 
-/// A move that is done: when, and how many then are, wrapping.
+/// A finished move: its tick, and how many moves are finished with it, wrapping.
 #[derive(Clone, Copy, Debug)]
 struct Done {
     at: u64,
@@ -149,10 +149,10 @@ struct Done {
 }
 
 impl Motor {
-    /// Of no board.
+    /// A placeholder for a motor that a board does not have.
     pub const NONE: Motor = Motor::new(MotorTiming { shortest: 1, turn: 1, period: 1 }, 0, 0);
 
-    /// A motor at rest, facing forward; nothing happens before tick `open`.
+    /// A motor at rest, heading forward. No step comes before tick `open`.
     #[must_use]
     pub const fn new(limits: MotorTiming, position: i32, open: u64) -> Motor {
         Motor {
@@ -166,23 +166,23 @@ impl Motor {
             reached: None,
             position,
             done: 0,
-            untold: 0,
+            unreported: 0,
             muted: 0,
-            dones: [Done { at: 0, number: 0 }; MOST_UNTOLD as usize],
+            dones: [Done { at: 0, number: 0 }; MAX_UNREPORTED as usize],
         }
     }
 
-    /// A [`new`](Motor::new) one in this one's place: moves count from 0, and those that were done and not reported yet are still reported first.
+    /// A [`new`](Motor::new) motor in place of this one. Its moves count from 0. Unreported moves of this one are still reported first.
     #[must_use]
     pub const fn restarted(&self, limits: MotorTiming, position: i32, open: u64) -> Motor {
-        let Motor { untold, muted, dones, .. } = *self;
-        Motor { untold, muted, dones, ..Motor::new(limits, position, open) }
+        let Motor { unreported, muted, dones, .. } = *self;
+        Motor { unreported, muted, dones, ..Motor::new(limits, position, open) }
     }
 
-    /// Does what a verb says from tick `at` on: not before what was [worked out](Motor::work_out).
+    /// Obeys a verb from tick `at` on. `at` is not before the `until` of the last [`work_out`](Motor::work_out).
     ///
     /// # Errors
-    /// When it cannot be; nothing changes then.
+    /// Why the verb is refused. Then nothing changes.
     pub fn obey(&mut self, verb: Verb, at: u64) -> Result<(), Refused> {
         match verb {
             Verb::Move { steps } => self.begin(Job::Steps(steps))?,
@@ -199,7 +199,7 @@ impl Motor {
     }
 
     fn begin(&mut self, job: Job) -> Result<(), Refused> {
-        if job.is_move() && u32::from(self.untold) + u32::from(self.job.is_move()) >= MOST_UNTOLD {
+        if job.is_move() && u32::from(self.unreported) + u32::from(self.job.is_move()) >= MAX_UNREPORTED {
             return Err(Refused::Busy);
         }
         match (self.job, self.waiting) {
@@ -210,8 +210,7 @@ impl Motor {
         Ok(())
     }
 
-    /// No order will come any more: it drops what would have no end, a run, and a move that waits for a way to go; what waits behind a move
-    /// that has an end, or the move itself.
+    /// Drops all that would never end, for a motor that gets no more orders: a run, and a move of a motor whose heading is stationary.
     pub fn drop_endless(&mut self) {
         let stands = self.heading == Heading::Stationary;
         let ends = |job| match job {
@@ -227,37 +226,36 @@ impl Motor {
         }
     }
 
-    /// The host that gave the orders is gone, and the next one does not know them: moves so far are never [reported](Motor::take_done). They
-    /// count all the same.
+    /// Never [reports](Motor::take_done) the moves so far, because the next host has not ordered them. They are still counted.
     pub const fn mute_moves(&mut self) {
         self.muted = self.moves();
     }
 
-    /// Moves that are under way, wait, or were not reported.
+    /// How many moves are under way, waiting or unreported.
     const fn moves(&self) -> u8 {
-        self.untold + self.job.is_move() as u8 + self.waiting.is_move() as u8
+        self.unreported + self.job.is_move() as u8 + self.waiting.is_move() as u8
     }
 
-    /// It has nothing to do any more.
+    /// Drops what the motor is doing and what waits.
     fn forget(&mut self) {
         (self.job, self.waiting) = (Job::Rest, Job::Rest);
-        // Those that are left are the oldest.
+        // The moves that are left are the oldest ones.
         self.muted = self.muted.min(self.moves());
     }
 
-    /// It was stopped at once, and no step was begun after tick `at`: it has nothing to do, and no move was done later. What comes of it
-    /// is not worked out: [`position`](Motor::position) is no more where it stands.
+    /// Notes that the motor was stopped at once, and that no step began after tick `at`. It drops its orders, and moves that would have been
+    /// finished later. Steps that were worked out may be missing, so that [`position`](Motor::position) is not valid any more.
     pub fn stop(&mut self, at: u64) {
-        while self.untold > 0 && self.dones[0].at > at {
+        while self.unreported > 0 && self.dones[0].at > at {
             self.dones.rotate_left(1);
-            self.untold -= 1;
+            self.unreported -= 1;
             self.done = self.done.wrapping_sub(1);
         }
         self.forget();
     }
 
-    /// Works out what it does up to tick `until` (not included; less than 2^32 after the last call's), and hands it over as items
-    /// for a channel of `F` fraction bits.
+    /// Works out the steps before tick `until`, which is less than 2^32 ticks after that of the last call. `push` gets them as items for a
+    /// channel of `F` fraction bits.
     pub fn work_out<const F: u32>(&mut self, until: u64, mut push: impl FnMut(Item)) {
         loop {
             match self.job {
@@ -288,7 +286,7 @@ impl Motor {
     /// Hands over `count` steps, the first at tick `first`.
     fn make<const F: u32>(&mut self, first: u64, count: u32, direction: Direction, push: &mut impl FnMut(Item)) {
         let run = |count: u32, ticks: u64| {
-            // Fewer than 2^30 ticks: what is further apart has an anchor, or comes with another call.
+            // It fits: steps that are 2^30 ticks apart or more have an anchor between them, or come with another call.
             let segment = Segment { count, interval: (ticks << F).cast_signed(), add: 0, add2: 0 };
             Item::Run { segment, direction }
         };
@@ -312,12 +310,12 @@ impl Motor {
         };
     }
 
-    /// When the last step's period is over.
+    /// The tick at which the last step's period is over.
     fn rested(&self) -> u64 {
         self.last.map_or(self.open, |(last, _)| self.open.max(last.saturating_add(self.period)))
     }
 
-    /// When the next step is due, and which way it goes; `None` while the motor stands.
+    /// Tick and direction of the next step; `None` while the heading is stationary.
     fn due(&self) -> Option<(u64, Direction)> {
         let direction = self.heading.direction()?;
         let turned = match self.last {
@@ -329,17 +327,17 @@ impl Motor {
 
     fn note_done(&mut self, at: u64) {
         self.done = self.done.wrapping_add(1);
-        self.untold += 1;
+        self.unreported += 1;
         self.dones.rotate_right(1);
         self.dones[0] = Done { at, number: self.done };
     }
 
-    /// The oldest move that was done by tick `now` and was not reported yet, nor is [muted](Motor::mute_moves): when, and how many are done with
-    /// it, wrapping.
+    /// The oldest move that was finished by tick `now` and is neither reported nor [muted](Motor::mute_moves): its tick, and how many moves are
+    /// finished with it, wrapping.
     pub fn take_done(&mut self, now: u64) -> Option<(u64, u32)> {
         loop {
             let Done { at, number } = self.oldest().filter(|done| done.at <= now)?;
-            self.untold -= 1;
+            self.unreported -= 1;
             if self.muted == 0 {
                 return Some((at, number));
             }
@@ -347,29 +345,29 @@ impl Motor {
         }
     }
 
-    /// When the oldest move that was worked out, and not reported yet, is done.
+    /// The tick at which the oldest unreported move is finished, as far as is worked out.
     #[must_use]
     pub fn next_done(&self) -> Option<u64> {
         self.oldest().map(|done| done.at)
     }
 
     fn oldest(&self) -> Option<Done> {
-        self.dones.get(usize::from(self.untold.checked_sub(1)?)).copied()
+        self.dones.get(usize::from(self.unreported.checked_sub(1)?)).copied()
     }
 
-    /// Whether all moves that were worked out have been reported as done.
+    /// Whether all finished moves have been reported.
     #[must_use]
-    pub const fn is_told(&self) -> bool {
-        self.untold == 0
+    pub const fn is_reported(&self) -> bool {
+        self.unreported == 0
     }
 
-    /// Steps forward less steps backward that were worked out, wrapping.
+    /// Steps forward minus steps backward that were worked out, wrapping.
     #[must_use]
     pub const fn position(&self) -> i32 {
         self.position
     }
 
-    /// When the next step comes, if no other order comes; `None` if none does, now, or at all.
+    /// The tick of the next step, if no other order comes; `None` if there is none.
     #[must_use]
     pub fn next_step(&self) -> Option<u64> {
         let next = match (self.job, self.waiting) {
@@ -379,26 +377,26 @@ impl Motor {
         next.map(|(tick, _)| tick)
     }
 
-    /// Whether nothing is left to work out, not even a last period, or a wait until it has a heading.
+    /// Whether nothing is left to work out: no step, no last period, no move that waits for a heading.
     #[must_use]
     pub fn is_at_rest(&self) -> bool {
         self.job == Job::Rest && self.waiting == Job::Rest
     }
 
-    /// The same by tick `now`: what it did last is done by then, too.
+    /// Whether the motor [rests](Motor::is_at_rest) and its last move was finished by tick `now`.
     #[must_use]
     pub fn rests_at(&self, now: u64) -> bool {
-        self.is_at_rest() && (self.is_told() || self.dones[0].at <= now)
+        self.is_at_rest() && (self.is_reported() || self.dones[0].at <= now)
     }
 
-    /// How long after its last step the next one comes, ticks, if no other order comes; `None` if none does, or there was none.
+    /// The interval from the last step to the next one, ticks, if no other order comes; `None` if one of them is missing.
     #[must_use]
     pub fn gap(&self) -> Option<u64> {
         Some(self.next_step()?.saturating_sub(self.last?.0))
     }
 }
 
-/// How many times `part` (at least 1) goes into `whole`, by shifts: boards have no division.
+/// `whole` / `part`, rounded down, with `part` at least 1. It uses shifts, because boards have no division.
 fn times(whole: u32, part: u64) -> u32 {
     let Some(part) = u32::try_from(part).ok().filter(|part| *part <= whole) else { return 0 };
     let (mut rest, mut count) = (whole, 0);

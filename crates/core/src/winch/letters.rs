@@ -1,5 +1,4 @@
-//! All texts that the reader compares and replies write, in one piece: a board may keep it where its program is. It knows neither reader
-//! nor replies.
+//! All texts that the reader compares and that replies write, in one piece, so that a board may keep them in its program memory.
 
 /// How many names of commands there are.
 pub(super) const COMMANDS: u8 = 13;
@@ -14,7 +13,7 @@ dbg invalid srate value\0dbg excessive input error\0taken\0";
 /// How many letters there are.
 pub const COUNT: usize = TEXTS.len();
 
-/// All of them.
+/// All texts, as an array.
 pub const LETTERS: [u8; COUNT] = {
     let mut letters = [0; COUNT];
     let mut at = 0;
@@ -25,19 +24,19 @@ pub const LETTERS: [u8; COUNT] = {
     letters
 };
 
-// A place fits a byte.
+// A place is a byte.
 const _: () = assert!(COUNT <= 255);
 
-/// Where the names of commands begin.
+/// The place where the names of commands begin.
 pub(super) const NAMES: u8 = 0;
 
-/// Texts of replies, counted behind the names.
+/// Numbers of the texts of replies, counted from the end of the names.
 pub(super) mod text {
     pub(crate) const ID: u8 = 0;
     pub(crate) const AWAKE: u8 = 1;
     pub(crate) const STATUS: u8 = 2;
     pub(crate) const ERROR: u8 = 3;
-    /// What is wrong, from `Command` to `Checksum`.
+    /// The first of the names of faults, from `Command` to `Checksum`.
     pub(crate) const FIRST_WHAT: u8 = 4;
     pub(crate) const FREQUENCY: u8 = 13;
     pub(crate) const RATIO: u8 = 14;
@@ -46,7 +45,7 @@ pub(super) mod text {
     pub(crate) const TAKEN: u8 = 17;
 }
 
-/// Where the texts of replies begin.
+/// The place where the texts of replies begin.
 pub(super) const REPLIES: u8 = {
     let (mut at, mut names) = (0, 0);
     while names < COMMANDS {
@@ -58,13 +57,13 @@ pub(super) const REPLIES: u8 = {
     at
 };
 
-/// [`LETTERS`], one by one. On an AVR constants would lie in RAM; its program memory has instructions of its own.
+/// Access to [`LETTERS`], one by one. An AVR would copy a constant to its RAM; it reads its program memory by special instructions.
 pub trait Letters {
     /// The letter at that place; 0 beyond the last.
     fn letter(at: u8) -> u8;
 }
 
-/// From where constants are.
+/// Reads them from the constant [`LETTERS`].
 #[derive(Clone, Copy, Debug)]
 pub struct InMemory;
 

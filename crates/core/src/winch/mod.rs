@@ -1,14 +1,14 @@
 //! StepperWinch's dialect: text lines from the host, and a path that the board works out itself.
 //!
 //! # What is here, top down
-//! - [`session`]: what lines ask of a whole board, and what time brings
-//! - [`text`]: bytes of lines → commands, and these done to four paths
+//! - [`session`]: the state of a whole board: paths, drivers, status lines, the deadman
+//! - [`text`]: bytes of lines → commands, and the commands' effect on four paths
 //! - [`reply`]: replies → bytes
-//! - [`verb_lines`]: lines that order motors directly: an addition to StepperWinch's
+//! - [`verb_lines`]: verbs as lines of text, which StepperWinch does not have
 //! - [`spacing`]: a millisecond of a path → ticks of its steps
 //! - [`path`]: the recurrence of one axis, at 1 kHz
-//! - [`letters`]: the texts of both
-//! - [`number`]: products without a floating point unit
+//! - [`letters`]: the words of commands and replies
+//! - [`number`]: products of scaled integers
 //!
 //! docs/winch.md has the commands and the equations.
 //!

@@ -1,17 +1,17 @@
-//! Factors for a chip whose multiplier has 8 bits, and which has no floating point unit. No general arithmetic: what a path needs.
+//! Scaled factors for a chip whose multiplier has 8 bits, and which has no floating point unit. Only what a path needs is here.
 
-/// m·2^−8n: a factor whose product is aligned by bytes, which an 8-bit chip moves for nothing.
+/// The factor m·2^−8n. Its scale is a whole number of bytes, because an 8-bit chip needs no instructions to shift by those.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(C)]
 pub struct Scaled {
-    /// m: at least 2^24, but for 0.
+    /// m: 0, or at least 2^24.
     pub mantissa: u32,
     /// n.
     pub bytes: u8,
 }
 
 impl Scaled {
-    /// `a`·`b`·`c`·2^−8·`bytes`, cut twice: each time by less than 2^-24 of it. `bytes` ≥ 8.
+    /// `a`·`b`·`c`·2^−8·`bytes`. It is rounded down twice, each time by less than 2^-24 of itself. `bytes` ≥ 8.
     ///
     /// ```
     /// use pulsetrain_core::winch::number::Scaled;
@@ -25,7 +25,7 @@ impl Scaled {
     }
 }
 
-/// The four highest bytes that mean anything, and how many are above them.
+/// The four highest bytes of `value` that are not leading zeros, and the number of leading zero bytes.
 const fn upper(value: u64) -> (u32, u8) {
     let (mut value, mut above) = (value, 0);
     while value >> 56 == 0 && above < 8 {

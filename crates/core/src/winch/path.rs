@@ -6,11 +6,11 @@
 //! - q″ = k (q_d − q) + b (q_d′ − q′), clamped to ±amax
 //! - q += q′ dt, then q′ += q″ dt, then q_d += q_d′ dt, then q′ is clamped to ±vmax
 //!
-//! One thing is other than there: when vmax is set below the present speed, the speed goes down to it by amax·dt a
+//! One thing differs from the original: when vmax is set below the present speed, the speed goes down to it by amax·dt in each
 //! millisecond, not at once.
 //!
 //! # Formats
-//! Positions are in millisteps: at 1 kHz a speed of 1 step/s is one of them a tick, and so drifts are exact for ever.
+//! Positions are in millisteps. At 1 kHz a speed of 1 step/s is one millistep a tick, so that drifts are exact for ever.
 //!
 //! | what | unit | bits |
 //! |---|---|---|
@@ -19,10 +19,10 @@
 //! | q_d − q | millistep | 48, and the 16 after the point of the line before: q_d is a whole number of them |
 //! | k·10^-6, b·10^-3 | | 24 significant ones at least ([`Scaled`]) |
 //!
-//! q itself is nowhere: an axis may drift on past 2^31 steps.
+//! q itself is not stored, so that an axis may drift past 2^31 steps.
 //!
 //! # How far from the exact recurrence
-//! Per tick, as an offset of the position that would do the same at rest:
+//! The errors in each tick, each as the offset of a resting position that would have the same effect:
 //!
 //! - q_d − q is rounded down to 24 significant bits, or 2^-8 millisteps if that is more.
 //! - The speed that moves q and that b acts on is rounded down to 2^-16 steps/s: at most b/k of it, 0.0024 step at the
@@ -32,10 +32,10 @@
 //!   2.3·A·2^-23/(12.5 ζ) steps: 0.03 step at A = 100 000 and ζ = 0.08.
 //! - amax·10^-3 is off by 1.1·10^-9 of itself: 5·10^-10·amax·T² steps after T seconds of acceleration.
 //!
-//! What excites a ringing at ζ = 0.07 again and again at its own frequency grows to 9 times its offset, so that the sum
-//! stays below 0.1 step. So it is with f·vmax ≤ amax, up to 10 Hz, and from ζ = 0.15 on up to 20 Hz; `tests/it/winch_path.rs` looks for the
-//! worst there. With lower limits a motion swings at full acceleration from one side of its target to the other, and near
-//! ζ = πf·(1 ms) for very long: the recurrence is chaotic then, and what is rounded grows to steps.
+//! At ζ = 0.07, an error that repeats at the resonance grows to 9 times its offset, so that the sum stays below 0.1 step. This holds
+//! with f·vmax ≤ amax, up to 10 Hz, and for ζ ≥ 0.15 up to 20 Hz; `tests/it/winch_path.rs` looks for the worst case there. With a lower
+//! amax a motion swings at full acceleration from one side of its target to the other, near ζ = πf·(1 ms) for very long. The
+//! recurrence is chaotic then, and rounding errors grow to steps.
 
 use super::number::Scaled;
 
@@ -59,16 +59,16 @@ pub const RATIOS: [u32; 2] = [70_000, 5_000_000];
 pub const FIRST_SPEED: u16 = 3500;
 /// amax at first, steps/s². Source: StepperWinch, `Path::Path`.
 pub const FIRST_ACCELERATION: u32 = 35_000;
-/// The fastest that a path may go, steps/s; a higher vmax is taken as this.
+/// The fastest that a path may go, steps/s. A higher vmax is cut to this.
 pub const FASTEST: u16 = 10_000;
-/// The highest acceleration of a path, steps/s²; a higher amax is taken as this.
+/// The highest acceleration of a path, steps/s². A higher amax is cut to this.
 pub const MAX_ACCELERATION: u32 = 250_000;
-/// The lowest acceleration that is taken, steps/s².
+/// The lowest acceleration that is accepted, steps/s².
 pub const MIN_ACCELERATION: u32 = 1;
 /// The fastest drift of a target, steps/s.
 pub const FASTEST_DRIFT: u16 = 15_000;
 
-/// 1/64 step beyond the middle between two: 515.625 millisteps, in 2^-16 of them.
+/// How far from a step's position the next step is made: 1/64 step beyond the middle, 515.625 millisteps, in units of 2^-16 millisteps.
 pub(super) const THRESHOLD: i32 = 33_792_000;
 /// A step, in 2^-16 millisteps.
 pub(super) const STEP: i32 = 1000 << 16;
@@ -78,7 +78,7 @@ const _: () = assert!(64 * (THRESHOLD as i64) == 33 * (STEP as i64));
 // In a tick: at most 15 thresholds are crossed, and a difference of speeds has 16 bits before the point.
 const _: () = assert!(FASTEST < 15_000 && FASTEST as u32 + (FASTEST_DRIFT as u32) < 1 << 15);
 
-/// How gains and limits lie in memory.
+/// The layout of gains and limits in memory, which the Uno's assembly reads.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(C)]
 struct Parts {
@@ -176,7 +176,7 @@ impl Limits {
     }
 }
 
-/// A signed number of 48 bits, lowest byte first. It stays where they end.
+/// A signed number of 48 bits, lowest byte first. Sums that do not fit become the largest or smallest number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Wide([u8; 6]);
 
@@ -196,7 +196,7 @@ impl Wide {
         Wide([b0, b1, b2, b3, b4, b5])
     }
 
-    /// Of steps, less than 2^32 either way: their millisteps.
+    /// Steps, less than 2^32 either way, in millisteps.
     const fn thousandfold(steps: i64) -> Wide {
         Wide::of(steps * 1000)
     }
@@ -225,25 +225,25 @@ impl Wide {
     }
 }
 
-/// What a tick's millisecond brings: steps in one direction at one speed.
+/// The steps of one millisecond, in one direction and at one speed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Slice {
     /// Steps that fall into it.
     pub count: u8,
     /// Which way.
     pub backward: bool,
-    /// From its beginning to the first of them, 2^-16 millisteps. It means nothing without one.
+    /// The distance from the slice's beginning to its first step, 2^-16 millisteps. It has no meaning without a step.
     pub distance: u32,
-    /// Speed, 2^-16 steps/s: as many of `distance` a millisecond.
+    /// Speed, 2^-16 steps/s. That is also the distance in a millisecond, in the unit of `distance`.
     pub speed: u32,
 }
 
 impl Slice {
-    /// Of an axis that stands still.
+    /// The slice of an axis that stands still.
     pub const NONE: Slice = Slice { count: 0, backward: false, distance: 0, speed: 0 };
 }
 
-/// One axis: where it is, where it is to go, and how.
+/// The state of one axis: position, target, gains and limits.
 ///
 /// ```
 /// use pulsetrain_core::winch::path::Path;
@@ -261,9 +261,9 @@ pub struct Path {
     made: i32,
     /// `made` less q, 2^-16 millisteps; within half a step and the threshold's 1/64.
     ahead: i32,
-    /// q_d − q, millisteps rounded down; below the point it has what `ahead` has.
+    /// q_d − q, millisteps rounded down. Its fraction is that of `ahead`.
     gap: Wide,
-    /// q′: what is below the next.
+    /// The lower 16 bits of q′, below those of `speed`.
     speed_low: u16,
     /// 2^-16 steps/s.
     speed: i32,
@@ -271,11 +271,11 @@ pub struct Path {
     drift: i16,
     gains: Gains,
     limits: Limits,
-    /// To rest within amax, wherever that is.
+    /// The axis stops within amax, without a target.
     stopping: bool,
-    /// 0: no limit, and no way.
+    /// The speed of the reference towards its target, steps/s. 0: no limit, and `way` is 0.
     ramp: u16,
-    /// What q_d still has to go at `ramp` steps/s, millisteps.
+    /// How far q_d still has to move at `ramp` steps/s, millisteps.
     way: Wide,
 }
 
@@ -286,13 +286,13 @@ impl Default for Path {
 }
 
 impl Path {
-    /// At rest at 0, as a board begins.
+    /// An axis at rest at 0, as after reset.
     #[must_use]
     pub const fn new() -> Path {
         Path::at(0)
     }
 
-    /// The same at `steps`.
+    /// An axis at rest at `steps`.
     #[must_use]
     pub const fn at(steps: i32) -> Path {
         Path {
@@ -310,10 +310,10 @@ impl Path {
         }
     }
 
-    /// One millisecond.
+    /// Moves on by one millisecond, and returns its steps.
     ///
-    /// An 8-bit processor is to do it in assembly, and [`Slice::train`] with it, to the same bits: fields lie as they are
-    /// declared, and without gaps there.
+    /// The Uno does this and [`Slice::train`] in assembly, with the same result to the bit. On an AVR the fields lie in the order of their
+    /// declaration, without gaps.
     pub fn tick(&mut self) -> Slice {
         if !self.way.is_zero() {
             self.approach();
@@ -361,30 +361,30 @@ impl Path {
         };
     }
 
-    /// `r`: target and reference move by `steps` at once, whatever ramp is set.
+    /// `r`: moves target and reference by `steps` at once, without a ramp.
     pub fn push_reference(&mut self, steps: i32) {
         self.stopping = false;
         self.gap.add(&Wide::thousandfold(steps.into()));
     }
 
-    /// `s`: from now on the reference goes to its target by `speed` steps/s at most; 0: at once.
+    /// `s`: from now on the reference moves to its target at `speed` steps/s; 0: at once.
     pub fn set_ramp(&mut self, speed: u16) {
         self.ramp = speed;
         self.move_target(0);
     }
 
-    /// `g`.
+    /// `g`: sets the gains.
     pub fn set_gains(&mut self, gains: &Gains) {
         self.gains = *gains;
     }
 
-    /// `l`.
+    /// `l`: sets the limits.
     pub fn set_limits(&mut self, limits: &Limits) {
         self.limits = *limits;
     }
 
-    /// To rest within amax: it takes the speed divided by amax, 0.1 s at most by the first limits. The target is then
-    /// where it came to rest, and any command for a new one ends it.
+    /// Stops within amax. That takes speed / amax, 0.1 s at most with the limits after reset. Then the target is where the axis rests. A new
+    /// target ends the stop.
     pub fn stop(&mut self) {
         self.drift = 0;
         self.way = Wide::ZERO;
@@ -392,7 +392,7 @@ impl Path {
         self.stopping = true;
     }
 
-    /// As it lies in an AVR's memory, for a tick in assembly.
+    /// Its bytes in an AVR's memory, for the assembly.
     #[must_use]
     pub fn bytes(&self) -> [u8; 51] {
         let Path { made, ahead, gap, speed_low, speed, drift, gains, limits, stopping, ramp, way } = self;
@@ -438,7 +438,7 @@ impl Path {
         self.speed
     }
 
-    /// Whether it goes slower than 1 step/s and is to stay where it is to within half a step.
+    /// Whether it is slower than 1 step/s, and its target is within half a step and does not drift.
     #[must_use]
     pub fn is_at_rest(&self) -> bool {
         let near = self.gap.get().wrapping_add(500).cast_unsigned() <= 1000;
@@ -446,7 +446,7 @@ impl Path {
         near && slow && self.drift == 0 && self.way.is_zero()
     }
 
-    /// The target is `gap` millisteps from q.
+    /// Sets the target `gap` millisteps from q.
     fn aim(&mut self, gap: &Wide) {
         self.stopping = false;
         self.way = *gap;
@@ -459,7 +459,7 @@ impl Path {
         }
     }
 
-    /// The reference goes nearer to its target.
+    /// Moves the reference towards its target, by one millisecond of the ramp.
     #[cold]
     fn approach(&mut self) {
         let ramp = i64::from(self.ramp);
@@ -480,7 +480,7 @@ impl Path {
             return -self.whole_speed();
         }
         let Wide([b0, b1, b2, b3, b4, b5]) = self.gap;
-        // The four highest bytes that mean anything, and how many are below them.
+        // The four highest bytes that are not leading zeros, and how many bytes are below them.
         let [_, below, _, _] = self.ahead.to_le_bytes();
         let sign = |byte: u8| if byte >= 0x80 { 0xff } else { 0 };
         let (gap, fewer) = if b5 != sign(b4) {
@@ -498,7 +498,7 @@ impl Path {
         let pull = if stiffness_bytes >= fewer {
             scale(stiffness, gap, stiffness_bytes - fewer)
         } else if gap < 0 {
-            // Beyond 2^55: more than damping (2^47) and amax (2^40) can take back.
+            // Beyond 2^55. That is more than damping (2^47) and amax (2^40), so that only the sign counts.
             -1 << 60
         } else {
             1 << 60
@@ -515,7 +515,7 @@ impl Path {
             let moved = upper(after).wrapping_sub(upper(before)).wrapping_add(self.drift);
             self.move_gap(moved);
         }
-        // Mirrored, a backward slice is a forward one.
+        // A backward slice is computed as its mirror image, a forward one.
         let backward = speed < 0;
         let mut distance = before;
         if backward {
@@ -523,7 +523,7 @@ impl Path {
             distance = distance.wrapping_neg();
         }
         let distance = distance.wrapping_add(THRESHOLD).cast_unsigned();
-        // By halves, not one by one: LLVM would make a division of it.
+        // By halves, since LLVM would make a division of a simple loop.
         let mut count = 0;
         let mut weight = 8;
         let mut far = 8 * STEP;
@@ -546,7 +546,7 @@ impl Path {
         Slice { count, backward, distance, speed: speed.unsigned_abs() }
     }
 
-    /// q_d − q changes by `moved` millisteps; it stays where 48 bits end.
+    /// Changes q_d − q by `moved` millisteps, up to the end of 48 bits.
     fn move_gap(&mut self, moved: i16) {
         let [b0, b1, b2, b3, b4, b5, b6, b7] = self.gap.get().wrapping_add(moved.into()).to_le_bytes();
         if i16::from_le_bytes([b6, b7]) == if b5 >= 0x80 { -1 } else { 0 } {
@@ -577,7 +577,7 @@ impl Path {
         }
     }
 
-    /// No faster than vmax, or by amax·dt slower than `old`, whichever is more.
+    /// Limits the speed to vmax, or to amax·dt less than `old`, whichever is more.
     #[cold]
     fn slow_down(&mut self, old: i64) {
         let fastest = i64::from(self.limits.speed()) << 16;
@@ -589,7 +589,7 @@ impl Path {
         self.speed = i32::from_le_bytes([b2, b3, b4, b5]);
     }
 
-    /// 2^-32 steps/s.
+    /// q′, 2^-32 steps/s.
     const fn whole_speed(&self) -> i64 {
         let ([b0, b1], [b2, b3, b4, b5]) = (self.speed_low.to_le_bytes(), self.speed.to_le_bytes());
         let sign = if self.speed < 0 { 0xff } else { 0 };

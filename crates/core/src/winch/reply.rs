@@ -1,4 +1,4 @@
-//! Replies to StepperWinch's lines, as text. Replies to verbs are [`verb_lines`](super::verb_lines)'.
+//! Replies to StepperWinch's lines, as text. [`verb_lines`](super::verb_lines) has the replies to verbs.
 
 use super::letters::{Letters, REPLIES, text};
 use super::text::{LineError, LineFault};
@@ -20,20 +20,20 @@ pub enum LineReply {
         /// Steps made.
         positions: [i32; 4],
     },
-    /// `err <what> <word>`, and what would be taken; or `dbg`, where the original said it so.
+    /// `err <what> <word>`, with what would be accepted; or `dbg` and the original's text, where it has one.
     Refused(LineError),
-    /// `err taken`: frames have the board.
+    /// `err taken`: a host that speaks frames has the board.
     Taken,
 }
 
-/// Bytes of a line being written.
+/// A line that is being written.
 struct TextWriter<'a> {
     out: &'a mut [u8],
     len: u8,
 }
 
 impl TextWriter<'_> {
-    /// What does not fit is lost.
+    /// Appends a byte, if it fits.
     #[inline(never)]
     fn byte(&mut self, byte: u8) {
         if let Some(place) = self.out.get_mut(usize::from(self.len)) {

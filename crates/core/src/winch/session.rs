@@ -1,7 +1,7 @@
-//! What lines of text have a whole board do, and when: four paths, drivers, status lines, the deadman. It has no line, no pin and no clock.
+//! A board that obeys lines of text: four paths, drivers, status lines, the deadman. It has no line, no pin and no clock of its own.
 //!
-//! It counts milliseconds by one call for each; the board decides when the steps that it works out are made. A board with several
-//! lines to hosts has a [`LineReader`] for each, and one session. On an Uno assembly does the same, firmware/uno/src/bin/uno-winch/winch.
+//! Time comes as one call for each millisecond. The board decides when steps are made. A board with several lines to hosts has one
+//! session, and a [`LineReader`] for each line. The Uno does the same in assembly: firmware/uno/src/bin/uno-winch/winch.
 
 use super::path::{Limits, Path, Slice};
 use super::reply::LineReply;
@@ -11,10 +11,10 @@ use crate::wire::Settings;
 /// The interval of status lines at first, ms.
 pub const FIRST_REPORT_MS: u16 = 200;
 
-/// A path slower than this, 2^-16 steps/s, is at the end of a stop: less than 1 step/s is left.
+/// A stop is over when the path is slower than this, 2^-16 steps/s: 1 step/s.
 const STOPPED: u32 = 1 << 16;
 
-/// Four axes, and what was asked of them.
+/// Four axes, and the state that commands have set.
 ///
 /// ```
 /// use pulsetrain_core::winch::letters::InMemory;
@@ -35,11 +35,11 @@ const STOPPED: u32 = 1 << 16;
 #[derive(Clone, Debug)]
 pub struct Session {
     paths: [Path; 4],
-    /// A command was for axes, or for their drivers.
+    /// There was a command for axes or for their drivers, so that pins are outputs.
     wired: bool,
-    /// The drivers are to be on, and paths go on.
+    /// The drivers must be on, and paths move.
     drives: bool,
-    /// The drivers are to be off as soon as nothing moves.
+    /// The drivers will be switched off as soon as nothing moves.
     releasing: bool,
     report_ms: u16,
     /// Since the last status line.
@@ -48,9 +48,9 @@ pub struct Session {
     deadman_ms: u16,
     /// Since the last command.
     unheard_ms: u32,
-    /// The drivers are to be off after so long a rest; 0: not.
+    /// The drivers are switched off after this long a rest, ms; 0: never.
     idle_ms: u16,
-    /// Since an axis went on, or the drivers were last switched on.
+    /// The time since an axis last moved, or the drivers were switched on, ms.
     rested_ms: u16,
 }
 
@@ -61,7 +61,7 @@ impl Default for Session {
 }
 
 impl Session {
-    /// As a board begins: at rest at 0, drivers off.
+    /// The state of a board after reset: at rest at 0, drivers off.
     #[must_use]
     pub const fn new() -> Session {
         Session {
@@ -78,7 +78,7 @@ impl Session {
         }
     }
 
-    /// As a board begins that keeps such settings.
+    /// The state after reset of a board with stored settings.
     #[must_use]
     pub fn keeping(settings: &Settings) -> Session {
         let mut session = Session { deadman_ms: settings.deadman_ms, idle_ms: settings.idle_ms, ..Session::new() };
@@ -88,13 +88,13 @@ impl Session {
         session
     }
 
-    /// Does what a line says that `reader` has just heard; gives what is to be answered.
+    /// Obeys the command that `reader` has just read, and returns the reply.
     pub fn obey(&mut self, verb: LineCommand, reader: &mut LineReader) -> Option<LineReply> {
         self.unheard_ms = 0;
         reader.obey(&mut self.paths);
         let value = reader.value();
         let [low, high, ..] = value.to_le_bytes();
-        // The reader takes no more of these than 16 bits.
+        // The reader refuses values of more than 16 bits here.
         let ms = u16::from_le_bytes([low, high]);
         match verb {
             LineCommand::Target | LineCommand::Move | LineCommand::Drift => self.enable(),
@@ -112,18 +112,18 @@ impl Session {
         None
     }
 
-    /// A line came that is no [`LineCommand`]: the silence is over.
+    /// Ends the host's silence: call it for a line that is no [`LineCommand`].
     pub const fn heard(&mut self) {
         self.unheard_ms = 0;
     }
 
-    /// Whether the silence lasts longer than it may.
+    /// Whether the host was silent for longer than the deadman allows.
     #[must_use]
     pub const fn deadman_expired(&self) -> bool {
         self.deadman_ms != 0 && self.unheard_ms > self.deadman_ms as u32
     }
 
-    /// Works out another millisecond of all paths. While the drivers are off paths stand still.
+    /// Works out the next millisecond of all paths. While the drivers are off, paths stand still.
     pub fn millisecond(&mut self) -> [Slice; 4] {
         if self.drives && self.deadman_ms != 0 && self.unheard_ms == u32::from(self.deadman_ms) {
             self.paths.iter_mut().for_each(Path::stop);
@@ -138,25 +138,25 @@ impl Session {
         slices
     }
 
-    /// Whether no axis does 1 step/s.
+    /// Whether all axes are slower than 1 step/s.
     fn is_slow(&self) -> bool {
         self.paths.iter().all(|path| path.speed().unsigned_abs() < STOPPED)
     }
 
-    /// Whether a command was for axes or their drivers: before that the board's pins may be anything.
+    /// Whether there was a command for axes or their drivers. Before the first, the board leaves its pins alone.
     #[must_use]
     pub const fn is_wired(&self) -> bool {
         self.wired
     }
 
-    /// Whether the drivers are to be on.
+    /// Whether the drivers must be on.
     #[must_use]
     pub const fn drives(&self) -> bool {
         self.drives
     }
 
-    /// Whether they are to be released as soon as no step is left that was worked out: `enable 0` was said, and the paths
-    /// have stopped; or they have rested for as long as settings say.
+    /// Whether the drivers must be released when all steps that were worked out are made: after `enable 0` when the paths have stopped, or
+    /// after as long a rest as settings say.
     #[must_use]
     pub fn has_stopped(&self) -> bool {
         let is_idle = self.drives && self.idle_ms != 0 && self.rested_ms >= self.idle_ms;
@@ -168,18 +168,18 @@ impl Session {
         (self.drives, self.releasing) = (false, false);
     }
 
-    /// Whether a status line is due: to be asked before each [`millisecond`](Session::millisecond).
+    /// Whether a status line is due. Call it before each [`millisecond`](Session::millisecond).
     #[must_use]
     pub const fn is_report_due(&self) -> bool {
         self.unreported_ms >= self.report_ms as u32
     }
 
-    /// A status line was sent, or there is no host to read one.
+    /// Notes that a status line was sent, or that there is no host to read one.
     pub const fn reported(&mut self) {
         self.unreported_ms = 0;
     }
 
-    /// Whether no axis moves, or is to.
+    /// Whether no axis moves or has still to move.
     #[must_use]
     pub fn is_at_rest(&self) -> bool {
         self.paths.iter().all(Path::is_at_rest)

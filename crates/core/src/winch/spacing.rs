@@ -1,7 +1,7 @@
 //! From a millisecond of the path to the ticks of its steps: evenly spaced, anchored to the millisecond.
 //!
-//! Within a slice the path has one speed, so that its steps are one interval apart, and the first comes distance / speed
-//! into it. What is rounded is not carried on: each slice starts from the path's own position, at a tick that is a
+//! In a slice, of one millisecond, the path has one speed. So its steps are evenly spaced, and the first comes distance / speed after
+//! the slice's beginning. Rounding errors do not add up: each slice starts from the path's own position, at a tick that is a
 //! multiple of a millisecond's ticks.
 //!
 //! - [`Slice::steps`]: to the nearest tick, for any clock; two quotients of 34 bits.
@@ -10,8 +10,8 @@
 use super::path::{FASTEST, STEP, Slice};
 use crate::Direction;
 
-// What comes within a slice is less than 2^34 of its 2^-16 ticks, and the divisor 2^30.
-const _: () = assert!((MOST_TICKS as u64) << 16 < 1 << 34 && (FASTEST as u64) << 16 < 1 << 30);
+// A slice is less than 2^34 in units of 2^-16 ticks, and the divisor is less than 2^30: `quotient` needs both.
+const _: () = assert!((MAX_TICKS as u64) << 16 < 1 << 34 && (FASTEST as u64) << 16 < 1 << 30);
 
 /// Ticks of a slice: 1 ms at 16 MHz.
 pub const TICKS: u16 = 16_000;
@@ -19,10 +19,10 @@ pub const TICKS: u16 = 16_000;
 /// How far a step's time may be from the exact one, ticks: reciprocal and distance are cut to 16 bits of a slice.
 pub const TOLERANCE_TICKS: u8 = 1;
 
-/// The most ticks of a slice that [`Slice::steps`] is for: 1 ms at 131 MHz.
-pub const MOST_TICKS: u32 = 1 << 17;
+/// The longest slice for [`Slice::steps`], ticks: 1 ms at 131 MHz.
+pub const MAX_TICKS: u32 = 1 << 17;
 
-/// The steps of a slice, exact but for 2^-16 tick each.
+/// The steps of a slice, each exact to 2^-16 tick.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SliceSteps {
     /// How many: at least 1.
@@ -62,7 +62,7 @@ pub struct Train {
 }
 
 impl Slice {
-    /// When its steps are due, in a millisecond of `ticks` ticks, at most [`MOST_TICKS`]; `None` without steps.
+    /// When its steps are due, in a millisecond of `ticks` ticks, at most [`MAX_TICKS`]; `None` without steps.
     ///
     /// ```
     /// use pulsetrain_core::winch::path::Slice;
@@ -100,7 +100,7 @@ impl Slice {
         if count == 0 || speed == 0 {
             return None;
         }
-        // To 16 significant bits. Below 256 steps/s there is one step at most, and `step` means nothing.
+        // Speed and distance are cut to 16 significant bits. Below 256 steps/s there is one step at most, and `step` is not used.
         let mut step = 1000u16;
         while speed < 1 << 24 {
             speed <<= 8;

@@ -1,7 +1,8 @@
-//! Lines from the host, byte by byte, to commands, and these done to paths. Drivers and status lines are [`session`](super::session)'s.
+//! Reads lines from the host, byte by byte, as commands, and applies these to paths. [`session`](super::session) has drivers and status
+//! lines.
 //!
-//! A line is kept, and read at its end: a refused one changes nothing. On an Uno assembly does the same,
-//! firmware/uno/src/bin/uno-winch/winch/text.s; crates/board/tests/it/chips/winch_avr.rs compares them.
+//! A line is stored, and read when it ends, so that a refused line changes nothing. The Uno does the same in assembly,
+//! firmware/uno/src/bin/uno-winch/winch/text.s; crates/board/tests/it/chips/winch_avr.rs compares the two.
 
 use super::letters::{COMMANDS, Letters, NAMES};
 use super::path::{self, FASTEST, FASTEST_DRIFT, Gains, Limits, MAX_ACCELERATION, MIN_ACCELERATION, Path};
@@ -13,18 +14,18 @@ const COUNT: usize = 4;
 pub const LONGEST_LINE: u8 = 80;
 
 /// The most words of a line.
-pub const MOST_WORDS: u8 = 10;
+pub const MAX_WORDS: u8 = 10;
 
-/// What a command is called.
+/// The commands.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
 pub enum LineCommand {
-    /// `a`: absolute targets, steps. Drivers are to be enabled.
+    /// `a`: absolute targets, steps. It enables the drivers.
     Target,
-    /// `d`: the same, relative.
+    /// `d`: relative targets, steps. It enables the drivers.
     Move,
-    /// `v`: drift of the targets, steps/s, at most [`FASTEST_DRIFT`] either way; more is taken as that, or refused when strict.
-    /// Drivers are to be enabled.
+    /// `v`: drift of the targets, steps/s, at most [`FASTEST_DRIFT`] either way. A greater one is cut to that, or refused when strict. It
+    /// enables the drivers.
     Drift,
     /// `r`: impulse of the reference, steps.
     Impulse,
@@ -32,15 +33,15 @@ pub enum LineCommand {
     Ramp,
     /// `g`: gains.
     Gains,
-    /// `l`: limits. More than a path has is taken as that, or refused when strict.
+    /// `l`: limits. Greater ones than a path allows are cut, or refused when strict.
     Limits,
     /// `enable`: drivers on (not 0; strict: 1) or off.
     Enable,
     /// `srate`: the interval of status lines, 1 to 65 535 ms.
     Report,
-    /// `deadman`: the longest silence, up to 65 535 ms, after which the axes are stopped; 0: any.
+    /// `deadman`: the axes are stopped after this long a silence, up to 65 535 ms; 0: never.
     Deadman,
-    /// `strict`: whether any irregularity is to be refused (1), or not (0).
+    /// `strict`: whether irregular lines are refused (1), or read as the original does (0).
     Strict,
     /// `version`.
     Version,
@@ -71,7 +72,7 @@ impl LineCommand {
         }
     }
 
-    /// Whether it is for the paths of some axes, whose letters come next.
+    /// Whether the letters of axes come next.
     #[must_use]
     pub const fn has_flags(self) -> bool {
         (self as u8) <= LineCommand::Limits as u8
@@ -92,7 +93,7 @@ pub enum LineFault {
     Nothing,
     /// No such command.
     Command,
-    /// No axis among the flags, as when they are forgotten. When strict, also a flag that is no axis, or an axis twice.
+    /// No axis is named. When strict, also: a letter is no axis, or an axis is named twice.
     Flags,
     /// Not a number, or not a whole one where one is needed.
     Number,
@@ -114,25 +115,25 @@ pub enum LineFault {
     Ratio,
     /// `srate` with a value that is not positive: `dbg`, as the original said it.
     Rate,
-    /// More than [`MOST_WORDS`]: `dbg`, as the original said it.
+    /// More than [`MAX_WORDS`]: `dbg`, as the original said it.
     Words,
 }
 
-/// A refused line, of which nothing was done.
+/// A refused line. It changed nothing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct LineError {
     /// Why.
     pub what: LineFault,
-    /// In which word, counted from 1.
+    /// The word that is at fault, counted from 1.
     pub word: u8,
 }
 
-/// What a byte has brought.
+/// What a byte has completed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Heard {
     /// Nothing yet.
     Nothing,
-    /// A command: the reader has it until the next byte.
+    /// A command. The reader keeps it until the next byte.
     Command(LineCommand),
     /// A line that was refused.
     Refused(LineError),
@@ -152,7 +153,7 @@ pub enum Heard {
 #[derive(Clone, Debug)]
 pub struct LineReader {
     strict: bool,
-    /// There was a right checksum since strictness was last set.
+    /// A correct checksum was seen since strictness was last set.
     checked: bool,
     /// A line has ended: the next byte begins another.
     over: bool,
@@ -161,11 +162,11 @@ pub struct LineReader {
     axes: u8,
     /// Axes with a value.
     given: u8,
-    /// Words begun; when the line is read, that of the cursor.
+    /// The number of words so far; while the line is read, the number of the cursor's word.
     words: u8,
-    /// What was wrong with it first.
+    /// The first fault in the line.
     fault: LineError,
-    /// A value for each axis; of gains and limits two.
+    /// A value for each axis; for gains and limits two values.
     values: [i32; COUNT],
     /// Bytes of the line, without its end.
     len: u8,
@@ -173,17 +174,17 @@ pub struct LineReader {
     star: u8,
     /// The next byte to be read.
     at: u8,
-    /// The line, a 0 behind it.
+    /// The line, with a 0 after it.
     bytes: [u8; LONGEST_LINE as usize + 1],
 }
 
-/// Places behind the point that decimals are taken to: of limits, and of gains.
+/// Decimal places: of limits, and of gains.
 const PLACES: [i8; 2] = [3, 6];
 
-/// Powers of ten that may be left when 32 bits are full.
+/// The largest power of ten by which a number is still multiplied after its digits fill 32 bits.
 const FARTHEST: i8 = 32;
 
-/// An exponent that no number is brought back from, by as many digits as a line has beyond those that are kept.
+/// Larger exponents are cut to this one: the digits of a line are too few to bring the number back into range.
 const FAR: u8 = 50;
 
 impl Default for LineReader {
@@ -193,7 +194,7 @@ impl Default for LineReader {
 }
 
 impl LineReader {
-    /// At the beginning of a line, not strict.
+    /// A reader that waits for a line. It is not strict.
     #[must_use]
     pub const fn new() -> LineReader {
         LineReader {
@@ -213,21 +214,21 @@ impl LineReader {
         }
     }
 
-    /// From now on any irregularity is refused, or none that does no harm.
+    /// Sets whether irregular lines are refused.
     ///
-    /// Strict, every line needs a checksum from the first right one on; which may be that of the line just read, the one that
-    /// asks for this.
+    /// A strict reader wants a checksum in every line after the first line with a correct one. That may be the line just read, the one that
+    /// sets strictness.
     pub const fn set_strict(&mut self, strict: bool) {
         self.strict = strict;
         self.checked = self.star != 0;
     }
 
-    /// Forgets what it has of a line.
+    /// Forgets the beginning of a line.
     pub const fn restart(&mut self) {
         self.over = true;
     }
 
-    /// Takes a byte, and says at a line's end, unless the line is blank, what it was.
+    /// Takes a byte. At the end of a line that is not blank it returns the command or the fault.
     pub fn push<L: Letters>(&mut self, byte: u8) -> Heard {
         if self.over {
             (self.over, self.len, self.star, self.words, self.fault.what) = (false, 0, 0, 0, LineFault::Nothing);
@@ -247,7 +248,7 @@ impl LineReader {
         if !is_blank(byte) {
             if self.star == 0 && is_blank(self.before()) {
                 self.words += 1;
-                if self.words > MOST_WORDS {
+                if self.words > MAX_WORDS {
                     self.refuse(LineFault::Words);
                 }
             }
@@ -260,7 +261,7 @@ impl LineReader {
         Heard::Nothing
     }
 
-    /// The line that was read last, without its checksum: until the next byte comes.
+    /// The line that was read last, without its checksum. It is there until the next byte comes.
     #[must_use]
     pub fn line(&self) -> &[u8] {
         self.bytes.get(..usize::from(self.len)).unwrap_or_default()
@@ -285,23 +286,22 @@ impl LineReader {
         &self.values
     }
 
-    /// What `g` says.
+    /// The gains of `g`.
     #[must_use]
     pub const fn gains(&self) -> Option<Gains> {
         let [frequency, ratio, ..] = self.values;
         Gains::new(frequency.cast_unsigned(), ratio.cast_unsigned())
     }
 
-    /// What `l` says.
+    /// The limits of `l`.
     #[must_use]
     pub const fn limits(&self) -> Option<Limits> {
         let [speed, acceleration, ..] = self.values;
         Limits::new(speed.cast_unsigned(), acceleration.cast_unsigned())
     }
 
-    /// Does to four paths, in the order of x, y, z, a, what the command just heard says to axes. Other commands do
-    /// nothing to them, but for `enable 0`, which stops them all within their limits: when they have stopped, the drivers
-    /// may be released.
+    /// Applies the command that was just read to four paths, in the order x, y, z, a. A command that is not for axes changes no path, except
+    /// `enable 0`: it stops all paths within their limits, and when they have stopped, the drivers may be released.
     ///
     /// ```
     /// use pulsetrain_core::winch::letters::InMemory;
@@ -347,7 +347,7 @@ impl LineReader {
         }
     }
 
-    /// The byte before the next one to be put; a blank at the beginning.
+    /// The last byte that was stored; a blank at the beginning.
     fn before(&self) -> u8 {
         let Some(before) = self.len.checked_sub(1) else { return b' ' };
         self.bytes.get(usize::from(before)).copied().unwrap_or(0)
@@ -380,7 +380,7 @@ impl LineReader {
         } else {
             self.words == 0 || !(self.strict && self.checked)
         };
-        // Whatever else is wrong comes from that; but the end of a line that is too long was not read.
+        // A wrong checksum explains all other faults, so it is the one that is reported. The end of a line that is too long was not read.
         if !is_right && self.fault.what != LineFault::Long {
             self.fault.what = LineFault::Nothing;
             self.refuse(LineFault::Checksum);
@@ -420,14 +420,14 @@ impl LineReader {
         sum == given && self.len == self.star + 2
     }
 
-    /// Reads a line that is not blank; what is wrong with it, at the word of the cursor.
+    /// Reads a line that is not blank. Returns what is wrong with it, in the word at the cursor.
     fn read<L: Letters>(&mut self) -> LineFault {
         (self.at, self.words, self.axes, self.given, self.values) = (0, 0, 0, 0, [0; COUNT]);
         self.begin_word();
         if !self.find::<L>() {
             return LineFault::Command;
         }
-        // Values that are wanted.
+        // The number of values that the command needs.
         let mut left = match self.verb {
             LineCommand::Version | LineCommand::Ping => 0,
             _ => 1,
@@ -475,11 +475,11 @@ impl LineReader {
             }
             index += 1;
         }
-        // An axis without a value is left alone; with none at all nothing would be done.
+        // An axis without a value is not changed. A line without any value would do nothing.
         if left != 0 && (all || index == 0) { LineFault::Missing } else { LineFault::Nothing }
     }
 
-    /// Goes to the next word; whether there is one.
+    /// Moves to the next word. Returns whether there is one.
     fn begin_word(&mut self) -> bool {
         while is_blank(self.byte()) {
             self.at += 1;
@@ -494,7 +494,7 @@ impl LineReader {
         }
     }
 
-    /// Finds the command that the word is.
+    /// Finds the command that is named by the word at the cursor. Returns whether there is one.
     fn find<L: Letters>(&mut self) -> bool {
         let (begin, mut name, mut index) = (self.at, NAMES, 0);
         while index < LineCommand::Unknown as u8 {

@@ -2,16 +2,16 @@
 //!
 //! | line | |
 //! |---|---|
-//! | `move xy 100 200` | so many steps, then `done` |
+//! | `move xy 100 200` | this many steps, then the reply `done` |
 //! | `run x` | steps without an end |
-//! | `speed xy 125000` | ticks from step to step; one value is for all axes that are named |
+//! | `speed xy 125000` | ticks from step to step; a single value is for all named axes |
 //! | `dir x 1` | 1 forward, -1 backward, 0 stationary |
-//! | `halt`, `halt xy` | forgets move and run: of all axes, or of these |
+//! | `halt`, `halt xy` | drops moves and runs: of all axes, or of these |
 //!
-//! All that a line says holds from the same tick on, and the answer says which. docs/verbs.md has what the verbs mean.
+//! All verbs of a line act from the same tick on, which the reply has. docs/verbs.md explains the verbs.
 //!
-//! Lines are cut, and their checksums compared, by the winch's [`LineReader`](super::text::LineReader), which knows none of these
-//! words.
+//! The winch's [`LineReader`](super::text::LineReader) finds the ends of lines and checks their checksums. It does not know these
+//! commands.
 
 use super::AXES;
 use super::text::LineFault;
@@ -20,14 +20,14 @@ use crate::wire::Refusal;
 use crate::wire::message::Reason;
 use crate::wire::orders::{ORDER_LEN, Obeyed, Orders, order};
 
-/// What a line says.
+/// The result of reading a line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum VerbLine {
-    /// Its first word is none of these.
+    /// The first word is none of these verbs.
     Unknown,
-    /// It cannot be read: what is wrong, and in which word, counted from 1.
+    /// The line cannot be read: the fault, and the word that it is in, counted from 1.
     Refused(LineFault, u8),
-    /// Something to do.
+    /// Orders for motors.
     Orders(LineOrders),
 }
 
@@ -150,12 +150,12 @@ pub enum VerbReply {
     /// `at <tick> x <position> <ticks to the next step> …`: the axes that a line named. `-` instead of ticks: no step comes, or none
     /// within 2^32 ticks.
     At {
-        /// From where on it holds, and what each axis does then.
+        /// The tick from which on it acts, and what each axis does there.
         obeyed: Obeyed,
         /// As [`LineOrders::axes`].
         axes: u8,
     },
-    /// `done <axis> <tick> <number>`: a move was done, the last step's period included; the axis' so many since it was enabled.
+    /// `done <axis> <tick> <number>`: a move is finished, with the last step's period. The number counts the axis' moves since it was enabled.
     Done {
         /// 0 is x.
         axis: u8,
@@ -164,20 +164,20 @@ pub enum VerbReply {
         /// Of this axis, wrapping.
         number: u32,
     },
-    /// `uncertain <axes>`: a deadman stopped them between two steps, without a ramp. Text knows no pull-in speed: an axis that was faster may
-    /// stand elsewhere than it counts.
+    /// `uncertain <axes>`: the deadman stopped these axes at once, without a ramp. Text does not know their pull-in speeds. An axis that was
+    /// faster may stand elsewhere than its count says.
     Uncertain {
         /// As [`LineOrders::axes`].
         axes: u8,
     },
     /// `err <what> <word>`: the line cannot be read.
     Unread(LineFault, u8),
-    /// `err period <shortest>`, `err busy <axis>`: it cannot be done; `err stopped`: motors stopped by themselves, and text starts again;
-    /// `err moving`: the axes cannot be had, as motors of frames still move, or these after `enable 0`.
+    /// `err period <shortest>`, `err busy <axis>`: a motor refuses the verb. `err stopped`: motors stopped by themselves, and a new session of
+    /// text begins. `err moving`: motors still move, under frames or after `enable 0`.
     Refused(Refusal),
-    /// `err path`: the winch's paths have the axes; `enable 0` ends that.
+    /// `err path`: the axes follow the winch's paths; `enable 0` ends that.
     Path,
-    /// `err verbs`: the axes have orders, and no paths; `enable 0` ends that.
+    /// `err verbs`: the axes obey verbs, not paths; `enable 0` ends that.
     Verbs,
 }
 
@@ -254,7 +254,7 @@ impl VerbReply {
     }
 }
 
-/// What the digits of a number are worth, from a table: a product of 64 bits takes a board longer than all else here.
+/// Powers of ten. A table is used because a product of 64 bits would take a board longer than all else here.
 const UNITS: [u64; 20] = {
     let (mut units, mut place) = ([1; 20], 19);
     while place > 0 {
@@ -299,7 +299,7 @@ impl LineWriter<'_> {
         self.digits(value);
     }
 
-    /// Digit by digit, by subtraction: boards have no division.
+    /// Writes a number digit by digit, by subtractions, because boards have no division.
     fn digits(&mut self, value: u64) {
         let (mut rest, mut begun) = (value, false);
         for unit in UNITS {

@@ -9,10 +9,10 @@
 //! | 1 | 1, then five bits [`Tag`], then bits 1–0 of the CRC |
 //! | 1 | 0 |
 //!
-//! The CRC (polynomial 0x1021, first 0xffff, nothing reflected) goes over the *encoded* bytes, the length first, and then over
-//! the tag: so it finds what was changed before anything is made of it, and every change of 1 to 3 bits that leaves the
-//! zeros where they are. A change that makes or breaks a zero cuts a frame or joins two: the length is then
-//! wrong by two bits at least. The leading ones of the three bytes keep zeros out of them.
+//! The CRC (polynomial 0x1021, first 0xffff, nothing reflected) covers the *encoded* bytes, beginning with the length, and then the
+//! tag. So a change on the line is found before the body is decoded. The CRC finds every change of 1 to 3 bits that leaves the
+//! zeros where they are. A change that makes or removes a zero cuts a frame or joins two; then the length differs in two bits at
+//! least, and its parity or the count shows it. The leading ones of the three bytes keep zeros out of them.
 
 /// The longest body.
 pub const MAX_BODY: usize = 80;
@@ -36,17 +36,17 @@ pub const fn framed_len(len: usize) -> usize {
 pub struct Tag(pub u8);
 
 impl Tag {
-    /// Of Hello and its answer, and of what a board says while nobody has taken it.
+    /// The tag of Hello and its answer, and of all that a board sends while no host has taken it.
     pub const NONE: Tag = Tag(0);
 
-    /// The one for the next session: 1 to 31, then 1 again.
+    /// The next session's tag: 1 to 31, then 1 again.
     #[must_use]
     pub const fn next(self) -> Tag {
         Tag(if self.0 >= 31 { 1 } else { self.0 + 1 })
     }
 }
 
-/// A CRC-16 so far, in two registers of an 8-bit chip.
+/// The CRC-16 of the bytes so far, in two registers of an 8-bit chip.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Sum {
     high: u8,
@@ -56,7 +56,7 @@ struct Sum {
 impl Sum {
     const START: Sum = Sum { high: 0xff, low: 0xff };
 
-    /// One more byte, by shifts: some 20 cycles on an AVR, and no table in RAM.
+    /// Adds one byte. It uses shifts, some 20 cycles on an AVR, because a table would take RAM.
     #[inline(always)]
     const fn with(self, byte: u8) -> Sum {
         let mut x = self.high ^ byte;
@@ -66,7 +66,7 @@ impl Sum {
         Sum { high: self.low ^ x16 ^ (x >> 3), low: (x16 << 1) ^ x }
     }
 
-    /// The same where speed does not matter, but room does.
+    /// [`with`](Sum::with) as a call, where its size matters more than its speed.
     #[inline(never)]
     const fn with_one(self, byte: u8) -> Sum {
         self.with(byte)
@@ -113,15 +113,15 @@ const fn trailer(sum: Sum, tag: Tag) -> [u8; 3] {
 #[derive(Debug)]
 pub struct Encoder<'a> {
     out: &'a mut [u8],
-    /// Bytes of the body; 255 once they are too many for `out`.
+    /// Bytes of the body so far; 255 once they do not fit in `out`.
     len: u8,
 }
 
-/// Where the body begins: the length and the code of the first run come before it.
+/// Where the body begins in a frame: after the length and the first COBS code.
 const BODY_AT: usize = 2;
 
 impl<'a> Encoder<'a> {
-    /// A frame into the front of `out`, which has no more than 256 bytes: no frame is as long.
+    /// Begins a frame at the front of `out`, which has 256 bytes at most: no frame is longer, and `len` is a byte.
     #[must_use]
     pub fn new(out: &'a mut [u8]) -> Encoder<'a> {
         debug_assert!(out.len() <= 256, "room for a frame, not for {} bytes", out.len());
@@ -129,7 +129,7 @@ impl<'a> Encoder<'a> {
     }
 
     /// One byte of the body.
-    // Small on a board, where it is called from everywhere.
+    // It is not inlined: a board's program calls it from many places, and is short of flash.
     #[inline(never)]
     pub fn u8(&mut self, byte: u8) {
         let Some(place) = self.out.get_mut(BODY_AT + usize::from(self.len)) else {
@@ -178,7 +178,7 @@ impl<'a> Encoder<'a> {
         self.bytes(&value.to_le_bytes());
     }
 
-    /// Ends the frame and gives its length; `None` when the body is empty or longer than [`MAX_BODY`], or `out` too short.
+    /// Ends the frame and returns its length; `None` if the body is empty or longer than [`MAX_BODY`], or `out` too short.
     pub fn finish(self, tag: Tag) -> Option<usize> {
         let len = usize::from(self.len);
         if len == 0 || len > MAX_BODY {
@@ -188,7 +188,8 @@ impl<'a> Encoder<'a> {
         let end = end.first_chunk_mut::<4>()?;
         let (first, coded) = body.split_first_mut()?;
         *first = length_byte(self.len);
-        // A zero is thought before the body. Each becomes the way to the next, the last the way to the end.
+        // COBS, from the end to the front: each zero is replaced by its distance to the next zero, the last by its distance to the end.
+        // The byte before the body counts as a zero, too.
         *coded.first_mut()? = 0;
         let mut run = 1;
         for place in coded.iter_mut().rev() {
@@ -212,28 +213,28 @@ pub enum Received {
     More,
     /// A frame whose CRC is right: [`Decoder::body`] has it until the next byte comes.
     Frame(Tag),
-    /// Something that is no frame. A lone zero is nothing, not damage: it ends whatever noise there was before.
+    /// Something that is no frame. A lone zero does not count as damage.
     Damaged,
 }
 
-/// Takes frames from a line, decoding each in place: `N` bytes, the longest body that it takes, and a few more.
+/// Takes frames from a line and decodes them as they come. `N` is the length of the longest body that it takes, bytes.
 #[derive(Clone, Debug)]
 pub struct Decoder<const N: usize = MAX_BODY> {
     body: [u8; N],
     /// Bytes of the body so far.
     len: u8,
-    /// The last three bytes: the trailer, if a zero follows.
+    /// The last three bytes, which are held back: they are the trailer if a zero follows.
     late: [u8; 3],
     at: u8,
-    /// The length byte.
-    said: u8,
-    /// Bytes that the run being read still has.
+    /// The frame's first byte, which has its length.
+    length_byte: u8,
+    /// Bytes up to the next code of COBS.
     run: u8,
     sum: Sum,
 }
 
-/// What comes out of `late` next, by how many bytes came: nothing for three bytes, the length, the code of the first run, the
-/// body; or more than a frame has, and all is noise up to the next zero.
+/// What the next byte out of `late` is. It goes by the number of bytes received: nothing for three bytes, then the length, the first
+/// code, the body. If there are more than a frame has, all is noise up to the next zero.
 mod at {
     pub(super) const START: u8 = 0;
     pub(super) const LENGTH: u8 = 3;
@@ -243,11 +244,11 @@ mod at {
 }
 
 impl<const N: usize> Decoder<N> {
-    /// Between two frames.
+    /// A decoder that waits for a frame.
     #[must_use]
     pub const fn new() -> Decoder<N> {
         const { assert!(N <= MAX_BODY) };
-        Decoder { body: [0; N], len: 0, late: [0; 3], at: at::START, said: 0, run: 0, sum: Sum::START }
+        Decoder { body: [0; N], len: 0, late: [0; 3], at: at::START, length_byte: 0, run: 0, sum: Sum::START }
     }
 
     /// Takes one byte.
@@ -256,13 +257,13 @@ impl<const N: usize> Decoder<N> {
             return self.end();
         }
         if self.at == at::BODY {
-            self.go_on(&[byte]);
+            self.take_body(&[byte]);
             return Received::More;
         }
         let [ready, second, third] = self.late;
         self.late = [second, third, byte];
         match self.at {
-            at::LENGTH => (self.said, self.sum, self.len) = (ready, Sum::START.with_one(ready), 0),
+            at::LENGTH => (self.length_byte, self.sum, self.len) = (ready, Sum::START.with_one(ready), 0),
             at::FIRST => (self.run, self.sum) = (ready - 1, self.sum.with_one(ready)),
             at::TOO_LONG => return Received::More,
             _ => {}
@@ -271,12 +272,12 @@ impl<const N: usize> Decoder<N> {
         Received::More
     }
 
-    /// Takes bytes up to the end of a frame, or of something that is none; gives how many, and what they completed.
+    /// Takes bytes up to the end of a frame, or of something that is none. Returns how many it took, and what they completed.
     pub fn feed(&mut self, bytes: &[u8]) -> (usize, Received) {
         let mut rest = bytes;
         loop {
             if self.at == at::BODY {
-                rest = self.go_on(rest);
+                rest = self.take_body(rest);
             }
             let Some((byte, after)) = rest.split_first() else { return (bytes.len(), Received::More) };
             rest = after;
@@ -287,10 +288,10 @@ impl<const N: usize> Decoder<N> {
         }
     }
 
-    /// Takes bytes of a body up to a zero, or as many as it may have; gives the others.
+    /// Takes bytes of a body, up to a zero or to the body's greatest length. Returns the bytes that are left.
     ///
-    /// Nearly all bytes come through here, so that all is in registers: some 45 cycles a byte on an AVR.
-    fn go_on<'a>(&mut self, bytes: &'a [u8]) -> &'a [u8] {
+    /// Nearly all bytes come through here, so its state is in local variables, which become registers: some 45 cycles a byte on an AVR.
+    fn take_body<'a>(&mut self, bytes: &'a [u8]) -> &'a [u8] {
         let [mut first, mut second, mut third] = self.late;
         let (mut sum, mut run) = (self.sum, self.run);
         let places = self.body.get_mut(usize::from(self.len)..).unwrap_or_default();
@@ -300,7 +301,7 @@ impl<const N: usize> Decoder<N> {
                 break;
             }
             sum = sum.with(first);
-            // The code of a run stands for the zero before it.
+            // A code of COBS stands in the place of a zero.
             *place = if run == 0 { 0 } else { first };
             run = if run == 0 { first } else { run } - 1;
             (first, second, third) = (second, third, byte);
@@ -321,7 +322,7 @@ impl<const N: usize> Decoder<N> {
         self.body.get(..usize::from(self.len)).unwrap_or_default()
     }
 
-    /// Forgets what came since the last zero, as after a change of rate.
+    /// Forgets the bytes since the last zero: call it after a change of rate.
     pub fn reset(&mut self) {
         (self.at, self.len) = (at::START, 0);
     }
@@ -332,7 +333,7 @@ impl<const N: usize> Decoder<N> {
             return Received::More;
         }
         let tag = Tag(self.late[2] >> 2 & 31);
-        let whole = at == at::BODY && self.run == 0 && self.said == length_byte(self.len);
+        let whole = at == at::BODY && self.run == 0 && self.length_byte == length_byte(self.len);
         if whole && self.late == trailer(self.sum, tag) {
             Received::Frame(tag)
         } else {

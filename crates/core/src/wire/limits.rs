@@ -1,9 +1,9 @@
-//! What all of the protocol builds on: its version, the number of motors, the rates of the line, its clock.
+//! Constants of the whole protocol: its version, the number of motors, the rates of the line, and the clock of its timeouts.
 
 /// The protocol's version. A host that meets a board with another one reports that and ends the session.
 pub const VERSION: u8 = 3;
 
-/// Motors that messages have room for: flags of motors have a bit each in a byte.
+/// The most motors in a message. A motor has one bit in bytes such as [`Stopped::uncertain`](super::Stopped::uncertain).
 pub const MAX_MOTORS: usize = 8;
 const _: () = assert!(MAX_MOTORS == crate::verbs::MAX_MOTORS, "orders name as many");
 
@@ -40,8 +40,8 @@ impl Baud {
         }
     }
 
-    /// Stop bits that a host puts behind each of its bytes; one is enough for every board. The second is a rest for a board that
-    /// receives much at a high rate, and takes each byte by an interrupt. At 115 200 baud, where text is sent too, there is one.
+    /// The number of stop bits that a host sends after each byte. Every board is content with one. The second gives a board that takes
+    /// each byte by an interrupt more time at high rates. At 115 200 baud there is one, because text is sent at that rate, too.
     ///
     /// ```
     /// use pulsetrain_core::wire::Baud;
@@ -64,7 +64,7 @@ impl Baud {
     /// ```
     #[must_use]
     pub const fn from_code(code: u8) -> Option<Baud> {
-        // A table would lie in a small board's RAM.
+        // This is no table, because an AVR would keep a table in its RAM.
         match code {
             0 => Some(Baud::B115200),
             1 => Some(Baud::B250k),
@@ -76,9 +76,9 @@ impl Baud {
     }
 }
 
-/// About a millisecond each, wrapping after a minute: the clock of the link's own limits.
+/// A time in units of about a millisecond, which wraps after a minute: the clock of the link's timeouts.
 ///
-/// The Uno takes ticks / 2^14 (1.024 ms): no limit is that precise.
+/// The Uno uses ticks / 2^14 (1.024 ms), which needs no division. No timeout has to be more precise.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[repr(transparent)]
 pub struct Millis(pub u16);

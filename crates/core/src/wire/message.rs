@@ -1,12 +1,13 @@
 //! Commands, answers and events: the bodies of frames.
 //!
-//! Every body begins with the sequence number and the kind; what follows is said in a table at each type. All integers
-//! are little-endian.
+//! Every body begins with the sequence number and the kind. A table at each type has the bytes that follow. All integers are
+//! little-endian.
 //!
 //! Why a board refuses, and why motors stopped, is in [`outcome`](super::outcome).
 //!
-//! The board writes its answers field by field into the frame ([`Info::encode`] and its like; Status, Switched and Stopped
-//! are [`service`](super::service)'s), the host reads them into structs ([`Reply::decode`]); commands the other way round ([`Command`]).
+//! The board has little RAM, so it writes its answers into the frame field by field ([`Info::encode`] and others here; Status,
+//! Switched and Stopped in [`service`](super::service)). The host reads them into structs ([`Reply::decode`]). With commands it is
+//! the host that writes ([`Command::encode`]) and the board that reads.
 
 use super::frame::{Encoder, MAX_BODY, Tag};
 use super::limits::{Baud, MAX_MOTORS, VERSION};
@@ -19,7 +20,7 @@ use crate::lease::Lease;
 use crate::output::Sequence;
 use crate::{Epoch, Tick32};
 
-/// What a command is, byte 1 of its body.
+/// The kind of a command or a reply: byte 1 of its body.
 pub mod kind {
     /// [`Command::Hello`](super::Command::Hello)
     pub const HELLO: u8 = 0x01;
@@ -59,7 +60,7 @@ pub mod kind {
     pub const TRIM: u8 = 0x19;
     /// [`Command::Brake`](super::Command::Brake)
     pub const BRAKE: u8 = 0x1a;
-    /// Set in an answer's kind; the rest is the command's.
+    /// The bit that makes a command's kind the kind of its answer.
     pub const ANSWER: u8 = 0x80;
     /// [`Reply::Event`](super::Reply::Event)
     pub const EVENT: u8 = 0xe0;
@@ -69,7 +70,7 @@ pub mod kind {
     pub const REFUSED: u8 = 0xe2;
 }
 
-/// Reads a payload from the front.
+/// Reads the fields of a payload, first to last.
 #[derive(Debug)]
 struct Payload<'a>(&'a [u8]);
 
@@ -102,38 +103,38 @@ impl<'a> Payload<'a> {
     }
 }
 
-/// What a host asks for.
+/// What a host asks the board to do.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Command<'a> {
-    /// Takes the board and begins to count from this frame's sequence number. Answer: [`Info`].
+    /// Takes the board for a new session. Sequence numbers count on from this frame's. Answer: [`Info`].
     ///
     /// | byte | |
     /// |---|---|
     /// | 2 | the host's [`VERSION`] |
     /// | 3–6 | a number of the host's choice, new for each session; the answer repeats it |
     Hello {
-        /// The host's protocol.
+        /// The version of the host's protocol.
         version: u8,
-        /// The session's number.
+        /// The host's number for this session. A repeated Hello has the same one.
         nonce: u32,
     },
     /// Sets pins and times. Answer: [`Configured`].
     Configure(Configuration<'a>),
-    /// Powers the motors; data are taken from now on. Answer: done. No payload.
+    /// Powers the motors. From now on the board takes Data. Answer: done. No payload.
     Arm,
-    /// Takes the power from motors that rest. Answer: done. No payload.
+    /// Switches off the motors, which must be at rest. Answer: done. No payload.
     Release,
-    /// Answer: [`Reply::Clock`]. No payload.
+    /// Asks for the board's clock. Answer: [`Reply::Clock`]. No payload.
     Clock,
-    /// Answer: [`Status`]. No payload.
+    /// Asks where motors, queues and lease are. Answer: [`Status`]. No payload.
     Status,
-    /// Takes back what was pushed last of an epoch, of all motors. Answer: done.
+    /// Removes the items of an epoch from the ends of all queues. Answer: done.
     ///
     /// | byte | |
     /// |---|---|
     /// | 2 | epoch |
     Discard {
-        /// Which.
+        /// The epoch whose items are removed.
         epoch: Epoch,
     },
     /// At a tick, all motors go over to an epoch. Answer: [`Reply::Switched`].
@@ -142,34 +143,34 @@ pub enum Command<'a> {
     /// |---|---|
     /// | 2 | epoch |
     /// | 3–10 | tick |
-    /// | 11–15 | how long the plan holds from there on: see [`LeaseField`] |
-    /// | 16… | limits: nothing, or three bytes for each configured motor: M (128 to 255), E (0 to 61), L |
+    /// | 11–15 | how long the new plan is valid: see [`LeaseField`] |
+    /// | 16… | braking limits: nothing, or three bytes for each configured motor: M (128 to 255), E (0 to 61), L |
     Switch {
-        /// Which.
+        /// The epoch that begins.
         epoch: Epoch,
-        /// When.
+        /// The tick at which it begins.
         tick: u64,
-        /// How long the plan holds from there on; not [`Lease::Off`].
+        /// How long the new plan is valid; not [`Lease::Off`].
         lease: Lease,
-        /// How hard each motor may brake from there on, as [`limit_bytes`] has it; none: as before.
+        /// How hard each motor may brake from then on, in the bytes of [`limit_bytes`]; empty: as before.
         limits: &'a [u8],
     },
     /// The immediate stop. Answer: [`Reply::Stopped`]. No payload.
     StopNow,
-    /// Another rate, from the answer on. Answer: done.
+    /// Changes the rate of the line, as soon as the answer is out. Answer: done.
     ///
     /// | byte | |
     /// |---|---|
     /// | 2 | [`Baud`] |
     Baud {
-        /// Which.
+        /// The new rate.
         baud: Baud,
     },
-    /// Gives the board up; what is queued goes on. Answer: done. No payload.
+    /// Ends the session. What is queued is still made. Answer: done. No payload.
     Bye,
     /// Asks for an [`Ack`], and shows that the host is alive. No payload.
     Poll,
-    /// The board's own measurements. Answer: [`Measures`].
+    /// Asks for the board's measurements of itself. Answer: [`Measures`].
     ///
     /// | byte | |
     /// |---|---|
@@ -178,12 +179,12 @@ pub enum Command<'a> {
         /// Whether counters restart at zero before the answer.
         reset: bool,
     },
-    /// Tells motors directly; not every board takes it. Answer: [`Obeyed`].
+    /// Verbs for motors, without a plan. Not every board takes them. Answer: [`Obeyed`].
     Orders(Orders<'a>),
-    /// Has the board keep these without power; `None`: only asks what it keeps. Not every board takes it. Answer:
+    /// Stores settings on the board, which keeps them without power; `None` only asks for them. Not every board takes it. Answer:
     /// [`Reply::Stored`].
     Store(Option<Settings>),
-    /// Packed items for a motor's queue: whole ones. Acknowledged by an [`Ack`], which may answer several at once.
+    /// Packed items for a motor's queue, none cut in two. Acknowledged by an [`Ack`]; one Ack may serve for several frames.
     ///
     /// | byte | |
     /// |---|---|
@@ -193,24 +194,24 @@ pub enum Command<'a> {
     Data {
         /// Index of the motor, below [`MAX_MOTORS`].
         motor: u8,
-        /// Of all the items.
+        /// The epoch of all these items.
         epoch: Epoch,
-        /// Items as [`packing`](crate::packing) has them.
+        /// The items, in the bytes of [`packing`](crate::packing).
         packed: &'a [u8],
     },
-    /// Puts the end of the lease off, or earlier. Acknowledged like Data; `accepted` says whether it was accepted.
+    /// Moves the end of the lease, later or earlier. Acknowledged like Data. The Ack's `accepted` says whether the board accepted it.
     ///
     /// | byte | |
     /// |---|---|
-    /// | 2–6 | how long the plan holds: see [`LeaseField`] |
-    /// | 7… | limits, as in Switch |
+    /// | 2–6 | how long the plan is valid: see [`LeaseField`] |
+    /// | 7… | braking limits, as in Switch |
     Extend {
-        /// How long the plan holds; not [`Lease::Off`].
+        /// How long the plan is valid; not [`Lease::Off`].
         lease: Lease,
-        /// As in Switch.
+        /// Braking limits, as in Switch.
         limits: &'a [u8],
     },
-    /// Drops bytes from the end of each motor's queue; the plan that is left holds up to a tick. Answer: [`Reply::Trimmed`].
+    /// Drops bytes from the end of each motor's queue, and ends the lease where the rest of the plan ends. Answer: [`Reply::Trimmed`].
     ///
     /// | byte | |
     /// |---|---|
@@ -226,11 +227,11 @@ pub enum Command<'a> {
     Brake,
 }
 
-/// How long a plan holds, in Switch and Extend.
+/// How long a plan is valid, in Switch and Extend.
 ///
 /// | byte | |
 /// |---|---|
-/// | 0 | 1: up to a tick; 2: to its end, all has been told |
+/// | 0 | 1: up to a tick; 2: to its end, and the host has sent all of it |
 /// | 1–4 | the low 32 bits of that tick, which is less than 2^30 ahead; else 0 |
 pub type LeaseField = [u8; 5];
 
@@ -246,7 +247,7 @@ const fn lease_bytes(lease: Lease) -> LeaseField {
     }
 }
 
-/// Whether this is a lease field with limits behind it, of any number of motors.
+/// Whether `payload` is a lease field followed by the limits of any number of motors.
 #[inline(never)]
 pub(super) fn is_lease(payload: &[u8]) -> bool {
     let [state, _, _, _, _, limits @ ..] = payload else { return false };
@@ -260,7 +261,7 @@ pub(super) fn is_lease(payload: &[u8]) -> bool {
     matches!(state, 1 | 2) && rest.is_empty()
 }
 
-/// What a lease field says that [is one](is_lease).
+/// The lease in a lease field that [`is_lease`] has checked.
 #[inline(always)]
 pub(super) const fn lease_of([state, tick @ ..]: LeaseField) -> Lease {
     match state {
@@ -269,7 +270,7 @@ pub(super) const fn lease_of([state, tick @ ..]: LeaseField) -> Lease {
     }
 }
 
-/// Limits as Switch and Extend have them.
+/// The bytes of a limit in Switch and Extend.
 ///
 /// ```
 /// use pulsetrain_core::braking::Limit;
@@ -282,7 +283,7 @@ pub const fn limit_bytes(limit: Limit) -> [u8; LIMIT_LEN] {
     [limit.mantissa(), limit.exponent(), limit.rest_level()]
 }
 
-/// The limits in the bytes of a Switch or an Extend, one for each motor, or none.
+/// The limits in a Switch or an Extend: one for each motor, or none at all.
 pub fn limits_of(bytes: &[u8]) -> impl Iterator<Item = Limit> {
     bytes
         .as_chunks::<LIMIT_LEN>()
@@ -294,10 +295,11 @@ pub fn limits_of(bytes: &[u8]) -> impl Iterator<Item = Limit> {
 /// Bytes of a [`Limit`].
 pub const LIMIT_LEN: usize = 3;
 
-/// Most packed bytes in one frame, to a board that takes the longest bodies; else three fewer than its longest body.
+/// The most packed bytes in one frame, for a board that takes the longest bodies. Other boards take three fewer than the bytes of
+/// their longest body: the frame has sequence number, kind and epoch, too.
 pub const MAX_PACKED: usize = MAX_BODY - 3;
 
-/// Bytes of the payload of a command that always has as many; `None` for other kinds.
+/// The length of a command's payload, bytes; `None` if it varies, or if the kind is unknown.
 pub(super) const fn len_of(kind: u8) -> Option<u8> {
     Some(match kind {
         kind::HELLO => 5,
@@ -414,7 +416,7 @@ impl<'a> Command<'a> {
         })
     }
 
-    /// Makes a frame of it in the front of `out` and gives its length; `None` if it does not fit.
+    /// Writes its frame at the front of `out`, and returns the frame's length; `None` if it does not fit.
     pub fn encode(&self, seq: u8, tag: Tag, out: &mut [u8]) -> Option<usize> {
         let mut frame = Encoder::new(out);
         frame.u8(seq);
@@ -465,37 +467,37 @@ impl<'a> Command<'a> {
     }
 }
 
-/// A pin that is not there.
+/// No pin.
 pub const NO_PIN: u8 = 0xff;
 
 /// Pins and times of all motors.
 ///
 /// | byte | |
 /// |---|---|
-/// | 2–3 | pulse: STEP is active so long, ticks; on a Pico up to 5 µs longer if an immediate stop comes in it |
-/// | 4–5 | set-up: DIR is right so long before the step, ticks |
-/// | 6–7 | hold: DIR stays so long after the step's end, ticks |
+/// | 2–3 | pulse: how long STEP is active, ticks; on a Pico up to 5 µs longer if an immediate stop comes during the pulse |
+/// | 4–5 | set-up: how long DIR stands before a step, ticks |
+/// | 6–7 | hold: how long DIR stays after the end of a pulse, ticks |
 /// | 8 | enable pin of all drivers; 255: none |
 /// | 9 | bit 0: enable is active high; bit 1: release the motors after `idle`; others 0 |
-/// | 10–11 | idle: the motors are released after so long a rest, ms; also when they were stopped, or their host was lost |
-/// | 12–13 | silence: the host is lost after so long without a valid frame, ms; 0: 2000 |
+/// | 10–11 | idle: after this long a rest the motors are released, ms; also after a stop, or when the host was lost |
+/// | 12–13 | silence: after this long without a valid frame the host counts as lost, ms; 0: 2000 |
 /// | 14 | motors, at most 8 |
 /// | 15… | eight bytes each: see [`MotorSetup`] |
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Configuration<'a> {
-    /// STEP is active so long, ticks.
+    /// How long STEP is active, ticks.
     pub pulse_ticks: u16,
-    /// DIR is right so long before the step, ticks.
+    /// How long DIR stands before a step, ticks.
     pub setup_ticks: u16,
-    /// DIR stays so long after the end of the pulse, ticks.
+    /// How long DIR stays after the end of a pulse, ticks.
     pub hold_ticks: u16,
     /// Enables all drivers; [`NO_PIN`] for none.
     pub enable_pin: u8,
     /// Enable is active high.
     pub enable_high: bool,
-    /// The motors are released after so long a rest, ms; `None`: they hold.
+    /// After this long a rest the motors are released, ms; `None`: they stay powered.
     pub idle_ms: Option<u16>,
-    /// The host is lost after so long without a valid frame, ms; 0: 2000.
+    /// After this long without a valid frame the host counts as lost, ms; 0: 2000.
     pub silence_ms: u16,
     /// [`MotorSetup`]s, packed.
     motors: &'a [u8],
@@ -505,45 +507,46 @@ pub struct Configuration<'a> {
 ///
 /// | byte | |
 /// |---|---|
-/// | 0 | pin of STEP; of coils, that of IN1, which the pins of IN2 to IN4 follow (on a Pico as on its header: 26 after 22) |
+/// | 0 | pin of STEP; for coils that of IN1, and IN2 to IN4 are the next ones (on a Pico, GPIO 26 comes after 22) |
 /// | 1 | pin of DIR; motors may share it. 240, 241, 242: four coils, switched one at a time, two at a time, in half steps |
-/// | 2 | bit 0: forward is DIR high; bit 1: STEP is active low; bits 2 to 7: how much of the queues' bytes the motor gets, 64ths |
+/// | 2 | bit 0: DIR is high for forward; bit 1: STEP is active low; bits 2 to 7: the motor's share of the queues' bytes, in 64ths |
 /// | 3 | packing gain, signed |
 /// | 4–7 | pull-in: the shortest interval that the motor can start and stop at, ticks |
 ///
-/// With 0 for all motors each gets an equal part of the queues' bytes. Else none may be 0, and together they are 64 at most.
+/// If all shares are 0, each motor gets an equal share. Otherwise none may be 0, and their sum is at most 64.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct MotorSetup {
     /// Pin of STEP.
     pub step_pin: u8,
     /// Pin of DIR; motors may share it. Or one of [`COILS`]: no board has so many pins.
     pub dir_pin: u8,
-    /// Forward is DIR high.
+    /// DIR is high for forward.
     pub forward_high: bool,
     /// STEP is active low.
     pub step_low: bool,
-    /// How much of the queues' bytes the motor gets, in parts of [`QUEUE_PARTS`], less than all; 0: as much as the others.
+    /// The motor's share of the queues' bytes, in parts of [`QUEUE_PARTS`], below that; 0: an equal share.
     pub queue_parts: u8,
-    /// Of [`Packing`](crate::packing::Packing).
+    /// The gain of its [`Packing`](crate::packing::Packing).
     pub gain: i8,
     /// The shortest interval that the motor can start and stop at, ticks.
     pub pull_in_ticks: u32,
 }
 
-/// What stands in DIR's place for four coils: wave, full and half step. Boards without coils refuse it as a pin.
+/// Values of [`dir_pin`](MotorSetup::dir_pin) that mean four coils: wave, full and half step. A board that drives no coils refuses them as
+/// pins that it does not have.
 pub const COILS: [u8; 3] = [240, 241, 242];
 
 /// Bytes of a [`MotorSetup`].
 pub const MOTOR_SETUP_LEN: usize = 8;
 
-/// Every board takes bodies of so many bytes: a configuration of four motors. How many more it takes, [`Info`] says.
+/// The length of a body that every board takes, bytes: a configuration of four motors. [`Info::max_body`] has each board's own.
 pub const MIN_BODY: usize = 2 + 13 + 4 * MOTOR_SETUP_LEN;
 
 /// What [`MotorSetup::queue_parts`] are parts of.
 pub const QUEUE_PARTS: u8 = 64;
 
-/// Pins of coils, IN1 to IN4, the first being `pin`: one after the other as a Pico's header has them, which goes on with
-/// GPIO 26 after 22.
+/// The pins of four coils, IN1 to IN4, where IN1 is `pin`. They follow one another as on a Pico's header, where GPIO 26 comes
+/// after 22.
 ///
 /// ```
 /// use pulsetrain_core::wire::message::coil_pins;
@@ -560,7 +563,7 @@ pub const fn coil_pins(pin: u8) -> [u8; 4] {
 }
 
 impl MotorSetup {
-    /// Four coils, from IN1 on `pin` on as [`coil_pins`] says; not on every board.
+    /// Four coils on [`coil_pins`]`(pin)`. Not every board drives coils.
     #[must_use]
     pub fn coils_on(pin: u8, sequence: Sequence) -> MotorSetup {
         let [wave, full, half] = COILS;
@@ -572,7 +575,7 @@ impl MotorSetup {
         MotorSetup { step_pin: pin, dir_pin, ..MotorSetup::default() }
     }
 
-    /// How its coils are switched; `None` of a driver.
+    /// How its coils are switched; `None` for a step/dir driver.
     #[must_use]
     pub const fn coils(&self) -> Option<Sequence> {
         match self.dir_pin {
@@ -608,7 +611,7 @@ impl MotorSetup {
 impl<'a> Configuration<'a> {
     /// For the motors in `motors`, [`MotorSetup::to_bytes`] one after the other; times 0, no enable pin.
     ///
-    /// `None` if these are not whole ones, or more than [`MAX_MOTORS`].
+    /// `None` if the bytes end inside a motor's, or are of more than [`MAX_MOTORS`].
     #[must_use]
     pub fn new(motors: &'a [u8]) -> Option<Configuration<'a>> {
         let whole = motors.len() & (MOTOR_SETUP_LEN - 1) == 0 && motors.len() <= MAX_MOTORS * MOTOR_SETUP_LEN;
@@ -629,7 +632,7 @@ impl<'a> Configuration<'a> {
         self.motors.as_chunks::<MOTOR_SETUP_LEN>().0.iter().map(|bytes| MotorSetup::from_bytes(*bytes))
     }
 
-    /// From the payload of Configure; `None` if it is none.
+    /// Reads the payload of Configure; `None` if it is not valid.
     #[must_use]
     pub fn decode(payload: &'a [u8]) -> Option<Configuration<'a>> {
         let (head, motors) = payload.split_first_chunk::<13>()?;
@@ -648,7 +651,7 @@ impl<'a> Configuration<'a> {
         Some(configuration)
     }
 
-    /// The payload of Configure: what comes before the motors, and these.
+    /// The payload of Configure: the part before the motors, and the motors.
     #[must_use]
     pub fn to_bytes(&self) -> ([u8; 13], &'a [u8]) {
         let [p0, p1] = self.pulse_ticks.to_le_bytes();
@@ -657,7 +660,7 @@ impl<'a> Configuration<'a> {
         let [i0, i1] = self.idle_ms.unwrap_or(0).to_le_bytes();
         let [q0, q1] = self.silence_ms.to_le_bytes();
         let flags = u8::from(self.enable_high) | u8::from(self.idle_ms.is_some()) << 1;
-        // `new` and `decode` let no more than MAX_MOTORS pass.
+        // `new` and `decode` refuse more than MAX_MOTORS, so that this always fits.
         let motors = u8::try_from(self.motors().len()).unwrap_or(u8::MAX);
         ([p0, p1, s0, s1, h0, h1, self.enable_pin, flags, i0, i1, q0, q1, motors], self.motors)
     }
@@ -669,8 +672,8 @@ impl<'a> Configuration<'a> {
     }
 }
 
-/// Whether flags, parts of the queues and length of a configuration are right.
-// A function of its own, so that the registers it needs are not kept while fields are written.
+/// Whether flags, shares of the queues and length of a configuration are valid.
+// It is not inlined: else an AVR would save and restore its registers around the code that writes the fields.
 #[inline(never)]
 fn is_configuration(head: &[u8; 13], motors: &[u8]) -> bool {
     let [_, _, _, _, _, _, _, flags, _, _, _, _, count] = *head;
@@ -682,30 +685,30 @@ fn is_configuration(head: &[u8; 13], motors: &[u8]) -> bool {
     flags & !3 == 0 && (parts == 0 || !without && parts <= QUEUE_PARTS) && motors.len() == usize::from(count) << 3
 }
 
-/// What a board is: the answer to Hello, with tag 0.
+/// What the board is: the answer to Hello, which has tag 0.
 ///
 /// | byte | |
 /// |---|---|
 /// | 2 | protocol: [`VERSION`] |
 /// | 3–6 | the host's number from Hello |
-/// | 7 | the session's [`Tag`]: of all frames that follow, both ways |
+/// | 7 | the session's [`Tag`], which all further frames have, both ways |
 /// | 8 | board: 1 the Uno, 2 the Pico; 0 a model |
 /// | 9–11 | firmware's version |
 /// | 12–15 | ticks a second |
-/// | 16 | F |
+/// | 16 | fraction bits of the recurrence, F |
 /// | 17 | motors at most |
 /// | 18–19 | bytes of all queues together |
 /// | 20–21 | bytes that may be on their way to the board |
-/// | 22 | rates that the line can do: bit by code of [`Baud`] |
+/// | 22 | rates that the line can do: a bit for each code of [`Baud`] |
 /// | 23 | [`Cause`] of the last stop |
 /// | 24 | [`Cause`] of the last reset |
 /// | 25 | bytes of the longest body that the board takes, 47 to 80 |
-/// | 26 | of an Uno, its image: 1 plans, 2 text, 3 verbs; other boards leave it out |
+/// | 26 | only from an Uno: its image, 1 plans, 2 text, 3 verbs |
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Info {
-    /// The host's number from Hello; the service's.
+    /// The host's number from Hello. The service fills it in.
     pub nonce: u32,
-    /// Of all frames that follow; the service's.
+    /// The tag of all further frames. The service fills it in.
     pub tag: Tag,
     /// 1 the Uno, 2 the Pico; 0 a model.
     pub board: u8,
@@ -713,7 +716,7 @@ pub struct Info {
     pub firmware: [u8; 3],
     /// Ticks a second.
     pub tick_hz: u32,
-    /// F.
+    /// Fraction bits of the recurrence, F.
     pub fraction_bits: u8,
     /// Motors at most.
     pub max_motors: u8,
@@ -721,19 +724,19 @@ pub struct Info {
     pub pool: u16,
     /// Bytes that may be on their way to the board.
     pub window: u16,
-    /// Rates that [`can_baud`](super::Machine::can_baud) says yes to, bit by code.
+    /// Rates that the line can do ([`can_baud`](super::BoardSide::can_baud)): a bit for each code.
     pub bauds: u8,
     /// Why motors stopped last.
     pub last_stop: Cause,
-    /// Why the program began last.
+    /// Why the board's program started last.
     pub last_reset: Cause,
-    /// Bytes of the longest body that the board takes; the service's.
+    /// Bytes of the longest body that the board takes. The service fills it in.
     pub max_body: u8,
-    /// Which of its images the board has, an [`image`]; 0 where there is one.
+    /// The [`image`] on the board; 0 for a board that has only one.
     pub image: u8,
 }
 
-/// Images of an Uno, as [`Info`] has them.
+/// Images of an Uno, in [`Info::image`].
 pub mod image {
     /// Plans, streamed from a host.
     pub const PLANS: u8 = 1;
@@ -744,7 +747,7 @@ pub mod image {
 }
 
 impl Info {
-    /// Of no board.
+    /// A placeholder for a board that has not answered yet.
     pub const NOBODY: Info = Info {
         nonce: 0,
         tag: Tag::NONE,
@@ -841,13 +844,13 @@ impl<T: Copy + Default> PerMotor<T> {
 /// | 3… | bytes of each motor's queue, two each |
 pub type Configured = PerMotor<u16>;
 
-/// What was received in order, and what there is room for: the answer to Data and Poll.
+/// How far frames were taken, and how much more the queues take: the answer to Data and Poll.
 ///
 /// | byte | |
 /// |---|---|
 /// | 0 | sequence number of the last frame that was taken in order |
 /// | 2 | [`flags`] of the board |
-/// | 3 | accepted: sequence number of the last Extend, Switch, Trim or Brake that was, else of Hello |
+/// | 3 | accepted: sequence number of the last Extend, Switch, Trim or Brake that was accepted; that of Hello if none was |
 /// | 4 | motors |
 /// | 5… | free bytes of each motor's queue, two each |
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -860,29 +863,30 @@ pub struct Ack {
     pub free: PerMotor<u16>,
 }
 
-/// Bits of what a board, or a motor, is in.
+/// State bits of the board, and fault bits of a motor.
 pub mod flags {
     /// Nothing is left to do on any motor: no step, no end of a pulse.
     pub const IDLE: u8 = 1;
     /// There is a configuration.
     pub const CONFIGURED: u8 = 2;
-    /// Data are taken.
+    /// The board takes Data.
     pub const ARMED: u8 = 4;
     /// A motion in the board's flash runs, from power-up until its end or a stop.
     pub const BAKED: u8 = 8;
-    /// Of a motor: a step was asked for too late or too soon, and what followed in its epoch was not made.
+    /// Of a motor: a step came too late, or too soon after another. It was not made, nor what followed in its epoch.
     pub const STEP_MISSED: u8 = 1;
-    /// Of a motor: a DIR edge came later than its set-up before the step. The Uno puts the step off instead.
+    /// Of a motor: a DIR edge came too close before its step. (An Uno delays the step instead.)
     pub const SETUP_CUT_SHORT: u8 = 2;
-    /// Of a motor: its queue ran dry inside an item, or held what no packer makes.
+    /// Of a motor: its queue ended inside an item, or had bytes that are no item.
     pub const BAD_ITEM: u8 = 4;
     /// Of a motor: position or accumulator were not those that the host expected.
     pub const CHECK_FAILED: u8 = 8;
-    /// Of a motor: it was stopped at once above its pull-in speed, and may stand elsewhere than it counts. An Uno says it in Stopped alone.
+    /// Of a motor: an immediate stop came above its pull-in speed, so that it may stand elsewhere than the count says. An Uno reports this
+    /// only in Stopped.
     pub const UNCERTAIN: u8 = 16;
 }
 
-/// What is common to all motors.
+/// The part of [`Status`] that is common to all motors.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct StatusHead {
     /// The clock.
@@ -895,26 +899,26 @@ pub struct StatusHead {
     pub flags: u8,
     /// Sequence number of the last Extend, Switch, Trim or Brake that was accepted.
     pub accepted: u8,
-    /// How long the plan holds.
+    /// How long the plan is valid.
     pub lease: LeaseState,
 }
 
-/// What has become of a lease, as Status has it.
+/// The state of a lease, in Status.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum LeaseState {
     /// There is none.
     #[default]
     Off,
-    /// The plan holds up to this tick.
+    /// The plan is valid up to this tick.
     Until(Tick32),
-    /// The plan holds to its end.
+    /// The plan is valid to its end.
     Last,
-    /// It is over since this tick.
+    /// The lease has been over since this tick.
     Lapsed(Tick32),
 }
 
 impl LeaseState {
-    /// As [`Machine::lease`](super::Machine::lease) gives it.
+    /// The result of [`BoardSide::lease`](super::BoardSide::lease).
     #[must_use]
     pub const fn to_parts(self) -> (u8, u32) {
         match self {
@@ -936,14 +940,14 @@ impl LeaseState {
     }
 }
 
-/// What is each motor's.
+/// The part of [`Status`] that each motor has.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct MotorStatus {
     /// Steps forward minus steps backward, pulses begun, modulo 2^32.
     pub position: i32,
     /// Free bytes of the queue.
     pub free: u16,
-    /// Since it was armed: see [`flags`].
+    /// Its faults since it was armed: see [`flags`].
     pub faults: u8,
 }
 
@@ -955,8 +959,8 @@ pub struct MotorStatus {
 /// | 10–13 | horizon: the low 32 bits of the tick |
 /// | 14 | epoch |
 /// | 15 | bits 0–3: [`flags`] of the board; bits 4–5: lease: 0 off, 1 until, 2 last, 3 lapsed |
-/// | 16 | accepted: sequence number of the last Extend, Switch, Trim or Brake that was, else of Hello |
-/// | 17–20 | until, or lapsed since: the low 32 bits of the tick; else 0 |
+/// | 16 | accepted: sequence number of the last Extend, Switch, Trim or Brake that was accepted; that of Hello if none was |
+/// | 17–20 | the lease's end, or the tick at which it lapsed: the low 32 bits of the tick; else 0 |
 /// | 21… | seven bytes for each motor: position (4), free bytes (2), [`flags`] of the motor |
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Status {
@@ -975,7 +979,7 @@ impl Status {
 
     fn decode(reader: &mut Payload<'_>) -> Option<Status> {
         let tick = reader.u64()?;
-        // Not before the clock was read, or but a little.
+        // The horizon comes as 32 bits. It is near the clock, mostly after it, so that the clock has its upper half.
         let ahead = reader.u32()?.wrapping_sub(Tick32::of(tick).0).cast_signed();
         let horizon = tick.saturating_add_signed(ahead.into());
         let (epoch, marks, accepted) = (Epoch(reader.u8()?), reader.u8()?, reader.u8()?);
@@ -989,19 +993,20 @@ impl Status {
     }
 }
 
-/// What a board measured of itself since its counters were last set to zero: the answer to Measures. Counters stay at their end.
+/// A board's measurements of itself since its counters were last set to zero: the answer to Measures. A counter that has reached its largest
+/// value keeps it.
 ///
 /// | byte | |
 /// |---|---|
 /// | 2–3 | compares that were missed and made late |
 /// | 4–5 | the latest of them, ticks |
-/// | 6–7 | times that the step interrupt found nothing though steps were left |
-/// | 8–9 | least that rings were filled ahead while there was more to come, ticks; 65535 if nothing was |
+/// | 6–7 | how often the step interrupt found no edge although steps were left |
+/// | 8–9 | how far the rings were filled ahead at least while steps were left, ticks; 65535 if there were none |
 /// | 10–11 | longest round of the main loop, ticks |
-/// | 12–13 | most bytes that waited to be read |
+/// | 12–13 | the most received bytes that waited at a time |
 /// | 14–15 | bytes from the line that were lost, or came damaged |
 /// | 16–17 | frames whose CRC was wrong |
-/// | 18–19 | fewest bytes of stack that were never used |
+/// | 18–19 | bytes of the stack that were never used |
 /// | 20–23 | rounds of the main loop |
 /// | 24–31 | ticks in which the main loop had nothing to do |
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -1010,19 +1015,19 @@ pub struct Measures {
     pub late: u16,
     /// The latest of them, ticks.
     pub latest_ticks: u16,
-    /// Times that the step interrupt found nothing though steps were left.
+    /// How often the step interrupt found no edge although steps were left.
     pub starved: u16,
-    /// Least that rings were filled ahead while there was more to come, ticks; `u16::MAX` if nothing was.
+    /// How far the rings were filled ahead at least while steps were left, ticks; `u16::MAX` if there were none.
     pub least_ahead_ticks: u16,
     /// Longest round of the main loop, ticks.
     pub longest_round_ticks: u16,
-    /// Most bytes that waited to be read.
+    /// The most received bytes that waited at a time.
     pub most_unread: u16,
     /// Bytes from the line that were lost, or came damaged.
     pub lost_bytes: u16,
-    /// Frames whose CRC was wrong; the service's.
+    /// Frames whose CRC was wrong. The service fills it in.
     pub damaged_frames: u16,
-    /// Fewest bytes of stack that were never used.
+    /// Bytes of the stack that were never used.
     pub stack_left: u16,
     /// Rounds of the main loop.
     pub rounds: u32,
@@ -1064,7 +1069,7 @@ impl Measures {
     }
 }
 
-/// What a board says unasked. Its sequence number is a count of its own: events that were lost leave a gap.
+/// A report that the board sends unasked. Byte 0 counts events, so that a lost event leaves a gap.
 ///
 /// | byte | |
 /// |---|---|
@@ -1077,15 +1082,15 @@ impl Measures {
 pub struct Event {
     /// What happened.
     pub cause: Cause,
-    /// Whom it concerns; [`ALL_MOTORS`] for all.
+    /// The motor that it concerns; [`ALL_MOTORS`] for all.
     pub motor: u8,
-    /// When.
+    /// The tick at which it happened.
     pub tick: u64,
-    /// As [`Cause`] says.
+    /// A number that explains it: see [`Cause`].
     pub detail: u32,
 }
 
-/// Not one motor's.
+/// In place of a motor's number: all motors.
 pub const ALL_MOTORS: u8 = 0xff;
 
 impl Event {
@@ -1107,7 +1112,7 @@ impl Event {
     }
 }
 
-/// What a board says.
+/// What a board sends.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Reply {
     /// To Hello.
@@ -1120,7 +1125,7 @@ pub enum Reply {
     /// |---|---|
     /// | 2–9 | tick |
     Clock {
-        /// Then.
+        /// The board's clock.
         tick: u64,
     },
     /// To Status.
@@ -1136,16 +1141,16 @@ pub enum Reply {
     ///
     /// | byte | |
     /// |---|---|
-    /// | 2 | 0 accepted, 1 late, 2 so many bytes do not wait, 3 no lease, or it lapsed |
-    /// | 3–10 | 1: horizon; 2: the motor; else 0 |
+    /// | 2 | 0 accepted, 1 late, 2 a queue has fewer bytes than that, 3 no lease, or it has lapsed |
+    /// | 3–10 | late: horizon; fewer bytes: the motor; else 0 |
     Trimmed(Trimmed),
     /// To Brake.
     ///
     /// | byte | |
     /// |---|---|
-    /// | 2–9 | all motors brake from this tick on, or did already; 2^64 − 1 if there is no lease |
+    /// | 2–9 | the tick from which on all motors brake, or did so already; 2^64 − 1 if there is no lease |
     Braked {
-        /// Then.
+        /// The tick from which on all motors brake; `None` without a lease.
         tick: Option<u64>,
     },
     /// To StopNow.
@@ -1157,9 +1162,9 @@ pub enum Reply {
     /// | 11 | motors |
     /// | 12… | positions, four bytes each |
     Stopped {
-        /// Tick and uncertainty.
+        /// When motors stopped, and which positions are uncertain.
         stopped: Stopped,
-        /// Of each motor, modulo 2^32.
+        /// Each motor's position, steps modulo 2^32.
         positions: PerMotor<i32>,
     },
     /// To Data and Poll.
@@ -1168,19 +1173,19 @@ pub enum Reply {
     Measures(Measures),
     /// To Orders.
     Obeyed(Obeyed),
-    /// To Store: what the board keeps.
+    /// To Store: the stored settings.
     ///
     /// | byte | |
     /// |---|---|
-    /// | 2 | bit 0: the board keeps what follows; else nothing was stored, or it was damaged. Bit 1: it has found something damaged |
-    /// | 3–16 | as the bytes 2 to 15 of `Settings`; else 0 |
+    /// | 2 | bit 0: settings are stored and valid. Bit 1: the board has found damaged settings |
+    /// | 3–16 | the settings, bytes 2 to 15 of `Settings`; 0 if there are none |
     Stored(Stored),
     /// To Arm, Release, Discard, Baud, Bye: done. No payload.
     Done {
         /// The command's kind.
         kind: u8,
     },
-    /// To any command: not done.
+    /// To any command: the board does not do it.
     ///
     /// | byte | |
     /// |---|---|
@@ -1192,30 +1197,29 @@ pub enum Reply {
         kind: u8,
         /// Why.
         reason: Reason,
-        /// As [`Reason`] says.
+        /// A number that explains it: see [`Reason`].
         detail: u16,
     },
-    /// A frame came that is not the next one: the host is to go back to the one after byte 0.
+    /// A frame came that the board cannot take yet. The host goes back, and repeats all frames after the one in byte 0.
     ///
     /// | byte | |
     /// |---|---|
     /// | 0 | sequence number of the last frame that was taken in order |
     /// | 2 | 0: a frame is missing; 1: nobody has taken the board; 2: no room for the next frame |
-    /// | 3 | accepted: sequence number of the last Extend, Switch, Trim or Brake that was, else of Hello |
+    /// | 3 | accepted: sequence number of the last Extend, Switch, Trim or Brake that was accepted; that of Hello if none was |
     Missing {
-        /// Byte 2.
+        /// Why (byte 2).
         why: Missing,
-        /// Byte 3.
+        /// Sequence number of the last change of the plan that was accepted (byte 3).
         accepted: u8,
     },
-    /// Unasked.
+    /// A report that nobody asked for.
     Event(Event),
 }
 
 impl Reply {
-    /// Reads a body that came from a board; `None` if no board of this version writes it so.
-    ///
-    /// Gives the sequence number with it.
+    /// Reads a body that came from a board, and returns it with its sequence number; `None` if no board of this protocol version writes
+    /// such a body.
     #[must_use]
     pub fn decode(body: &[u8]) -> Option<(u8, Reply)> {
         let mut reader = Payload(body);
@@ -1235,7 +1239,7 @@ impl Reply {
 
     fn answer(kind: u8, reader: &mut Payload<'_>) -> Option<Reply> {
         Some(match kind {
-            // Another version may go on otherwise: `version_of` reads that byte.
+            // In another version of the protocol other bytes may follow. `version_of` reads the version in any case.
             kind::HELLO => {
                 reader.u8().filter(|version| *version == VERSION)?;
                 Reply::Info(Info::decode(reader)?)
@@ -1293,7 +1297,7 @@ impl Reply {
     }
 }
 
-/// The protocol that a board speaks, from the body of its answer to Hello, whatever its version.
+/// The protocol version of a board, from the body of its answer to Hello. This byte is the same in all versions.
 #[must_use]
 pub fn version_of(body: &[u8]) -> Option<u8> {
     match body {

@@ -1,7 +1,7 @@
 //! What host and board say to each other, and the board's side of it.
 //!
 //! # What is here, top down
-//! - [`service`]: the board's side: frames in, replies out, everything else through [`Machine`]
+//! - [`service`]: the board's side: frames in, replies out, everything else through [`BoardSide`]
 //! - [`machine`]: what a board must be able to do for it
 //! - [`message`]: commands, answers, events, byte by byte; [`orders`]: verbs for motors; [`settings`]: what a board
 //!   keeps without power
@@ -14,18 +14,18 @@
 //! # What is not
 //! The host's side, with its windows, timeouts and credit: `pulsetrain-board`'s `link`.
 
+pub mod board_side;
 pub mod frame;
 pub mod limits;
-pub mod machine;
 pub mod message;
 pub mod orders;
 pub mod outcome;
 pub mod service;
 pub mod settings;
 
+pub use board_side::BoardSide;
 pub use frame::{Decoder, Encoder, MAX_BODY, MAX_FRAME};
 pub use limits::{Baud, MAX_MOTORS, Millis, VERSION};
-pub use machine::Machine;
 pub use message::{Command, MIN_BODY, Reply};
 pub use outcome::{Reason, Refusal, Stopped, Switched, Trimmed};
 pub use service::Service;

@@ -1,4 +1,4 @@
-//! Verbs in frames: orders to motors, and the answer. What verbs do is [`verbs`](crate::verbs)'.
+//! Verbs in frames: orders to motors, and the answer. [`verbs`](crate::verbs) says what each verb does.
 
 use super::frame::Encoder;
 use super::limits::MAX_MOTORS;
@@ -6,9 +6,9 @@ use super::outcome::{Reason, Refusal};
 use crate::verbs::{Heading, OrderError, OrderList, Refused, Verb, Verbs};
 
 /// Verbs in one frame at most.
-pub const MOST_ORDERS: usize = 8;
+pub const MAX_ORDERS: usize = 8;
 
-/// Bytes of each.
+/// Bytes of each order.
 pub const ORDER_LEN: usize = 9;
 
 /// Codes of verbs, in the upper half of an order's first byte.
@@ -20,28 +20,28 @@ mod code {
     pub(super) const HALT: u8 = 4;
 }
 
-/// Verbs for motors, all from the same tick on; [`verbs`](crate::verbs) says what each does.
+/// Verbs for motors, which all begin at the same tick.
 ///
 /// | byte | |
 /// |---|---|
-/// | 2… | up to eight orders, nine bytes each, done in their order; none: nothing is told, only asked |
-/// | +0 | bits 0–2: the motor; bits 4–7: 0 move, 1 speed, 2 course, 3 run, 4 halt; others 0 |
-/// | +1–8 | move: steps, below 2^32; speed: ticks from step to step, at most 2^62; course: 0 stationary, 1 forward, 2 backward; else 0 |
+/// | 2… | up to eight orders, nine bytes each, executed in this order; none: the host only asks where motors are |
+/// | +0 | bits 0–2: the motor; bits 4–7: 0 move, 1 speed, 2 heading, 3 run, 4 halt; others 0 |
+/// | +1–8 | move: steps, below 2^32; speed: ticks from step to step, at most 2^62; heading: 0 stationary, 1 forward, 2 backward; else 0 |
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Orders<'a> {
-    /// As they are in the frame; each was read once.
+    /// The orders' bytes in the frame. `decode` has checked each.
     bytes: &'a [u8],
 }
 
 impl<'a> Orders<'a> {
-    /// No order: a question only.
+    /// No order: the host only asks where motors are.
     pub const NONE: Orders<'static> = Orders { bytes: &[] };
 
-    /// Of a frame's payload; `None` if it is none.
+    /// Reads a frame's payload; `None` if it is not valid.
     #[must_use]
     pub fn decode(bytes: &'a [u8]) -> Option<Orders<'a>> {
         let (orders, rest) = bytes.as_chunks::<ORDER_LEN>();
-        let whole = rest.is_empty() && orders.len() <= MOST_ORDERS;
+        let whole = rest.is_empty() && orders.len() <= MAX_ORDERS;
         (whole && orders.iter().all(|order| read(order).is_some())).then_some(Orders { bytes })
     }
 
@@ -51,18 +51,18 @@ impl<'a> Orders<'a> {
         self.bytes.is_empty()
     }
 
-    /// The motors, and a verb for each.
+    /// Each order's motor and verb.
     pub fn iter(&self) -> impl Iterator<Item = (u8, Verb)> + 'a {
         self.bytes.as_chunks::<ORDER_LEN>().0.iter().filter_map(read)
     }
 
-    /// The verbs for one motor, in order; `motor` is below 8. Those of others are not decoded.
+    /// The verbs for one motor, in order; `motor` is below 8. Verbs of other motors are not decoded.
     pub fn of(&self, motor: u8) -> impl Iterator<Item = Verb> + 'a {
         let own = self.bytes.as_chunks::<ORDER_LEN>().0.iter().filter(move |[first, ..]| first & 15 == motor);
         own.filter_map(|order| Some(read(order)?.1))
     }
 
-    /// Has motors do all of it or, with an error, nothing; says what each motor does then.
+    /// Has the motors of `verbs` obey all orders or, with an error, none. Returns the answer to the host.
     ///
     /// # Errors
     /// [`Reason::NoSuchMotor`], [`Reason::Period`], [`Reason::Busy`].
@@ -117,7 +117,7 @@ fn read(order: &[u8; ORDER_LEN]) -> Option<(u8, Verb)> {
     (first & 8 == 0).then_some((first & 7, verb))
 }
 
-/// An order's bytes: what [`Orders::decode`] takes, one after the other. Motors are counted modulo 8.
+/// The bytes of one order. [`Orders::decode`] reads any number of these, one after the other. `motor` is taken modulo 8.
 #[must_use]
 pub const fn order(motor: u8, verb: Verb) -> [u8; ORDER_LEN] {
     let (code, value) = match verb {
@@ -131,36 +131,36 @@ pub const fn order(motor: u8, verb: Verb) -> [u8; ORDER_LEN] {
     [motor & 7 | code << 4, a, b, c, d, e, f, g, h]
 }
 
-/// From where on an order holds, and what each motor does then: the answer to [`Orders`].
+/// The tick from which on an order acts, and what each motor does there: the answer to [`Orders`].
 ///
 /// | byte | |
 /// |---|---|
-/// | 2–9 | the tick from which on it holds |
+/// | 2–9 | the tick from which on the order acts |
 /// | 10 | motors |
 /// | 11… | eight bytes each: position there (4); ticks from there to the next step (4), 2^32 − 1: none, or later |
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Obeyed {
-    /// The tick from which on the order holds: steps before it are as they were to be.
+    /// The tick from which on the order acts. Earlier steps are not changed.
     pub tick: u64,
     motors: [NextStep; MAX_MOTORS],
     count: u8,
 }
 
-/// What a motor does from a tick on.
+/// A motor's position at a tick, and its next step from there.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct NextStep {
-    /// Steps forward less steps backward before it, modulo 2^32.
+    /// Steps forward minus steps backward before the tick, modulo 2^32.
     pub position: i32,
-    /// Ticks from there to the next step; [`u32::MAX`]: none, or later.
+    /// Ticks from there to the next step; [`u32::MAX`] if there is none, or it is further away.
     pub wait: u32,
 }
 
 impl Obeyed {
-    /// Of no motors.
+    /// The answer of a board without motors.
     pub const NONE: Obeyed =
         Obeyed { tick: 0, motors: [NextStep { position: 0, wait: u32::MAX }; MAX_MOTORS], count: 0 };
 
-    /// Of motors at tick `tick`: where each is, and when it steps next.
+    /// The answer for motors at `tick`, each with its position and the tick of its next step.
     #[must_use]
     pub fn new(tick: u64, motors: impl Iterator<Item = (i32, Option<u64>)>) -> Obeyed {
         let mut obeyed = Obeyed { tick, ..Obeyed::NONE };
@@ -172,19 +172,19 @@ impl Obeyed {
         obeyed
     }
 
-    /// What motors do from the tick on up to which their steps are worked out, unless other orders come.
+    /// The answer from `verbs`: what motors do from [`Verbs::known`] on, unless other orders come.
     #[must_use]
     pub fn by(verbs: &Verbs) -> Obeyed {
         Obeyed::new(verbs.known(), verbs.next_steps())
     }
 
-    /// Each motor's.
+    /// The motors, in order.
     #[must_use]
     pub fn motors(&self) -> &[NextStep] {
         self.motors.get(..usize::from(self.count)).unwrap_or_default()
     }
 
-    /// Writes it.
+    /// Writes the answer.
     pub fn encode(&self, frame: &mut Encoder<'_>) {
         encode_obeyed(self.tick, self.motors(), frame);
     }
@@ -202,7 +202,7 @@ impl Obeyed {
     }
 }
 
-/// Writes an [`Obeyed`] that a small board has no room for, of [`MAX_MOTORS`] at most.
+/// Writes an [`Obeyed`] of at most [`MAX_MOTORS`] motors. It is for a board that is too small to hold one in its RAM.
 #[expect(clippy::cast_possible_truncation, reason = "at most 8")]
 pub fn encode_obeyed(tick: u64, motors: &[NextStep], frame: &mut Encoder<'_>) {
     frame.u64(tick);

@@ -1,4 +1,4 @@
-//! How what a frame asks for went, and why motors stopped: codes, and what comes with them.
+//! Results of commands, reasons of refusals, and causes of stops: their codes, and the numbers that come with them.
 
 macro_rules! codes {
     ($(#[$outer:meta])* $name:ident { $($(#[$inner:meta])* $variant:ident = $code:literal,)* }) => {
@@ -11,7 +11,7 @@ macro_rules! codes {
             /// All of them.
             pub const ALL: &'static [$name] = &[$($name::$variant),*];
 
-            /// What `code` stands for.
+            /// The variant with this code.
             #[must_use]
             pub const fn from_code(code: u8) -> Option<$name> {
                 match code {
@@ -24,9 +24,9 @@ macro_rules! codes {
 }
 
 codes! {
-    /// Why a board refuses what a correct frame asks. `detail` is the number that comes with it, 0 where there is none.
+    /// Why a board refuses a command in a correct frame. `detail` is the number that comes with it, 0 if there is none.
     Reason {
-        /// No such kind, or not for a board: `detail` is the kind.
+        /// There is no such command, or this board does not take it. `detail` is the kind.
         UnknownKind = 1,
         /// The body is not as long as its kind says, or a field is out of its range; `detail` is the kind.
         Malformed = 2,
@@ -34,7 +34,7 @@ codes! {
         Taken = 3,
         /// There is no configuration yet.
         NotConfigured = 4,
-        /// The motors are not armed: never were, or stopped since.
+        /// The motors are not armed: they never were, or they were stopped since.
         NotArmed = 5,
         /// Motors are moving.
         Moving = 6,
@@ -44,24 +44,24 @@ codes! {
         Full = 8,
         /// More motors than the board drives; `detail` is how many it does.
         TooManyMotors = 9,
-        /// A pin that is not there or cannot be this; `detail` is the pin.
+        /// The board has no such pin, or the pin cannot do this; `detail` is the pin.
         Pin = 10,
-        /// A pin that is used twice; `detail` is the pin.
+        /// A pin is used twice; `detail` is the pin.
         PinTaken = 11,
-        /// Pins that no stepgen of this board serves together; `detail` is the first pin that does not fit.
+        /// No step generator of this board drives these pins together; `detail` is the first pin that does not fit.
         PinMix = 12,
-        /// Pulse, set-up or hold is out of the board's range; `detail` is the limit, ticks; or the time after which coils
-        /// are released: `detail` is its limit, ms.
+        /// Pulse, set-up or hold is out of the board's range: `detail` is the limit, ticks. Or the time after which coils are
+        /// released is: `detail` is the limit, ms.
         Timing = 13,
         /// A rate that the line cannot do; `detail` is its code.
         Baud = 14,
         /// A period that is shorter than the motor's shortest, which is `detail`, ticks; or beyond 2^62.
         Period = 15,
-        /// A move waits already behind the one that is under way, or four that are done were not reported yet; `detail` is the motor.
+        /// One move is under way and another waits already, or four finished moves are not reported yet; `detail` is the motor.
         Busy = 16,
-        /// Motors have orders, until they are released or stopped: no plan is taken.
+        /// Motors obey verbs, until they are released or stopped. Until then the board takes no plan.
         Obeying = 17,
-        /// A motion in the board's flash runs: only StopNow is taken.
+        /// A motion in the board's flash runs. The board takes only StopNow.
         Baked = 18,
         /// Motors that share a DIR line take no orders on this board.
         SharedDir = 19,
@@ -69,30 +69,30 @@ codes! {
 }
 
 codes! {
-    /// Why motors stopped, or what else the host should know. Sent once as an event; the last that stopped motors is in
-    /// [`Info`](super::message::Info).
+    /// Why motors stopped, or something else that the host should know. It is sent once, as an event. The cause of the last stop is
+    /// also in [`Info`](super::message::Info).
     Cause {
         /// Nothing yet.
         None = 0,
-        /// Everything queued was done, and ended in rest.
+        /// All that was queued has been made, and the motors came to rest as planned.
         Finished = 1,
-        /// The host asked for the immediate stop.
+        /// The host ordered the immediate stop.
         StopNow = 2,
-        /// The host was silent for too long; a plan goes on to the end of its lease.
+        /// The host was silent for too long. A plan is still followed to the end of its lease.
         HostLost = 3,
         /// Steps were left, and the step generator did not keep up: the motors stopped at once.
         Starved = 4,
-        /// Packed bytes that no packer makes; `detail` is the tick up to which all was well, modulo 2^32, on an Uno.
+        /// Packed bytes were no item; on an Uno `detail` is the tick up to which all was well, modulo 2^32.
         BadItem = 5,
         /// Position or accumulator were not those that the host expected; `detail` as with `BadItem`.
         CheckFailed = 6,
-        /// A step was asked for too late, or too soon after another: it and what follows in its epoch were not made.
+        /// A step came too late, or too soon after another. It was not made, nor what followed in its epoch.
         StepMissed = 7,
-        /// A compare was missed and made late; `detail` is by how many ticks.
+        /// An edge was made late, because its compare match was missed; `detail` is how late, ticks.
         EdgeLate = 9,
         /// Bytes from the host were lost before they were read.
         Overrun = 10,
-        /// The new rate was not heard in time: back to 115 200 baud.
+        /// Nothing was heard at the new rate in time, so the line went back to 115 200 baud.
         BaudFellBack = 11,
         /// The chip's watchdog restarted the program.
         Watchdog = 12,
@@ -102,13 +102,13 @@ codes! {
         ResetLine = 14,
         /// Power came on.
         PowerOn = 15,
-        /// A motor has done a move that was ordered, its last period included; `detail` is how many since it was armed.
+        /// A motor has finished a move of a verb, its last period included; `detail` is the number of its moves since it was armed.
         MoveDone = 16,
-        /// The lease was not put off while motors were in motion: all brake from the event's tick on.
+        /// The lease was not extended in time, while motors were in motion. All brake from the event's tick on.
         Lapsed = 17,
-        /// The host asked for it: all motors brake from the event's tick on.
+        /// The host ordered motors to brake. All brake from the event's tick on.
         Braked = 18,
-        /// A motor had no more plan under its lease: all brake from the event's tick on.
+        /// A motor had no more plan before the lease ended. All brake from the event's tick on.
         RanDry = 19,
     }
 }
@@ -118,30 +118,30 @@ codes! {
     Missing {
         /// One before it did not arrive.
         Gap = 0,
-        /// Nobody has taken the board: say Hello.
+        /// No host has taken the board. The host must send Hello first.
         NotTaken = 1,
         /// Its queue has no room.
         NoRoom = 2,
     }
 }
 
-/// Why a board does not do what a correct frame asks; a number that explains it, as [`Reason`] says.
+/// Why a board refuses a command, with a number that explains it: see [`Reason`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Refusal {
     /// Why.
     pub reason: Reason,
-    /// Pin, motor or limit.
+    /// The number: a pin, a motor, a limit.
     pub detail: u16,
 }
 
 impl Refusal {
-    /// Without a number.
+    /// A refusal without a number.
     #[must_use]
     pub const fn of(reason: Reason) -> Refusal {
         Refusal { reason, detail: 0 }
     }
 
-    /// A body of this kind that is not as long as its kind says, or has a field out of its range.
+    /// A body of this kind has the wrong length, or a field out of its range.
     #[inline(never)]
     #[must_use]
     pub(super) fn malformed(kind: u8) -> Refusal {
@@ -149,10 +149,10 @@ impl Refusal {
     }
 }
 
-/// How a switch went.
+/// The result of a switch.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Switched {
-    /// It will be made.
+    /// The switch will be made.
     Accepted,
     /// A motor is committed beyond that tick.
     Late {
@@ -161,14 +161,14 @@ pub enum Switched {
     },
     /// The tick is too far ahead: ticks of 32 bits could not tell it from a past one.
     Early {
-        /// First tick that is too far.
+        /// The first tick that is too far ahead.
         limit: u64,
     },
     /// Another switch waits, for an earlier tick.
     Full,
 }
 
-/// How a trim went.
+/// The result of a trim.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Trimmed {
     /// The bytes are dropped, and the lease has its new end.
@@ -178,29 +178,29 @@ pub enum Trimmed {
         /// The first tick that would be accepted now.
         horizon: u64,
     },
-    /// So many bytes do not wait in a motor's queue: some were read already.
+    /// A motor's queue has fewer bytes than that: the board has read some already.
     TooMany {
-        /// Which motor's.
+        /// The motor.
         motor: u8,
     },
     /// There is no lease, or it has lapsed.
     NoLease,
 }
 
-/// What [`Machine::brake`](super::Machine::brake) gives without a lease.
+/// The result of [`BoardSide::brake`](super::BoardSide::brake) without a lease.
 pub const NO_LEASE: u64 = u64::MAX;
 
-/// An immediate stop, made.
+/// The report of an immediate stop.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Stopped {
-    /// No step was begun after it.
+    /// No step began after this tick.
     pub tick: u64,
-    /// Bit by motor: faster than it can stop at once, so that it may stand elsewhere.
+    /// A bit for each motor: it was faster than it can stop at once, so that it may stand elsewhere than the count says.
     pub uncertain: u8,
 }
 
 impl Switched {
-    /// As the answer has it.
+    /// Code and tick of the answer.
     pub(super) const fn to_parts(self) -> (u8, u64) {
         match self {
             Switched::Accepted => (0, 0),
@@ -212,7 +212,7 @@ impl Switched {
 }
 
 impl Trimmed {
-    /// As the answer has it.
+    /// Code and tick of the answer.
     pub(super) const fn to_parts(self) -> (u8, u64) {
         match self {
             Trimmed::Accepted => (0, 0),

@@ -1,4 +1,4 @@
-//! The board's side of the link: takes frames, executes them through a [`Machine`], and writes the answers.
+//! The board's side of the link: takes frames, executes them through a [`BoardSide`], and writes the answers.
 //!
 //! # Order
 //! A frame is executed if its sequence number is the next one. A repeated frame is answered again and not executed
@@ -18,9 +18,9 @@
 //!
 //! [`Reply::Missing`]: super::Reply::Missing
 
+use super::board_side::BoardSide;
 use super::frame::{Encoder, MAX_BODY, Received, Tag};
 use super::limits::{Baud, Millis, VERSION};
-use super::machine::Machine;
 use super::message::{Configuration, MIN_BODY, kind, len_of};
 use super::orders::Orders;
 use super::outcome::{Missing, Reason, Refusal, Stopped};
@@ -33,51 +33,51 @@ pub const TRIAL_MS: u16 = 250;
 /// How long a host may be silent unless it says otherwise, ms.
 pub const SILENCE_MS: u16 = 2000;
 
-/// The frame that was answered last, or is to be answered: what it takes to give that answer, again if need be.
+/// The last request and its outcome. The answer is written from it, again if it was lost.
 #[derive(Clone, Copy, Debug)]
 struct Answer {
     seq: u8,
     kind: u8,
-    /// Why it was not done. Questions are answered with new values whenever they are asked.
+    /// Why the board refused it. (A question is answered with new values each time.)
     refused: Option<Refusal>,
-    /// Of Switch, Trim, Brake and StopNow, with `code`: a tick, and how the switch or the trim went or which motors are uncertain.
+    /// The outcome of Switch, Trim, Brake or StopNow: a tick, and in `code` the result, or for StopNow which motors are uncertain.
     tick: [u8; 8],
     code: u8,
 }
 
-/// How far a change of rate is.
+/// The progress of a change of rate.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Change {
     None,
-    /// To be made when the answer is out.
+    /// The rate changes when the answer is out.
     Due(Baud),
-    /// Made, but nothing was heard yet.
+    /// The rate has changed, but nothing was heard at it yet.
     Trial {
         since: Millis,
     },
-    /// Taken back; the host has not been heard since.
+    /// The change was taken back, and the host has not been heard since.
     FellBack,
 }
 
-/// The board's side of the link. The bytes that come are taken by a [`Decoder`](super::Decoder), or by a board's own
-/// reader that does the same, and frames are handed over whole.
+/// The board's side of the link. It is given whole frames. A [`Decoder`](super::Decoder) makes these of the bytes on the line, or a reader
+/// of the board's own that does the same.
 #[derive(Clone, Debug)]
 pub struct Service {
-    /// The newest session's; it is over unless `taken`.
+    /// The tag of the newest session, which is over unless `taken`.
     tag: Tag,
     nonce: u32,
     taken: bool,
-    /// The sequence number that is next.
+    /// The sequence number of the next frame.
     expected: u8,
-    /// That of the last Extend, Switch, Trim or Brake that was accepted, else of Hello.
+    /// The sequence number of the last Extend, Switch, Trim or Brake that was accepted; that of Hello if none was.
     accepted: u8,
     answer: Answer,
     answer_due: bool,
     ack_due: bool,
     missing_due: Option<Missing>,
-    /// A Missing was sent that says where to go back to, and the host has not gone back yet.
-    missing_told: bool,
-    /// A Hello that is refused, by its sequence number.
+    /// The host has been sent a Missing, and has not gone back yet. A second one would make it go back twice.
+    missing_sent: bool,
+    /// The sequence number of a Hello that will be refused.
     refusal_due: Option<u8>,
     /// When the host was last heard.
     heard: Millis,
@@ -87,18 +87,19 @@ pub struct Service {
     max_body: u8,
     events: u8,
     damaged: u16,
-    /// The line's last byte to the host was no frame's end: nothing was sent at this rate yet, or text was.
+    /// The last byte to the host was not the end of a frame: nothing was sent at this rate yet, or text was. The next frame gets a zero
+    /// before it.
     new_rate: bool,
-    /// Nobody may take the board.
+    /// No host may take the board.
     held: bool,
 }
 
 impl Service {
-    /// Nobody has taken the board, which takes bodies of up to `max_body` bytes: of [`MIN_BODY`] to [`MAX_BODY`]. The line is at
-    /// 115 200 baud.
+    /// A board that no host has taken, with its line at 115 200 baud. It takes bodies of up to `max_body` bytes, [`MIN_BODY`] to
+    /// [`MAX_BODY`].
     ///
     /// # Panics
-    /// With another `max_body`; where it is a constant, that shows when it is built.
+    /// If `max_body` is out of this range. In a constant, the compiler finds that.
     ///
     /// [`MIN_BODY`]: super::MIN_BODY
     /// [`MAX_BODY`]: super::MAX_BODY
@@ -109,7 +110,7 @@ impl Service {
         service
     }
 
-    /// Not begun: zeros, which take no flash. [`begin`](Service::begin) comes before its use.
+    /// A service before [`begin`](Service::begin), for a static variable: it is all zeros, which take no flash.
     pub const UNSET: Service = Service {
         tag: Tag::NONE,
         nonce: 0,
@@ -120,7 +121,7 @@ impl Service {
         answer_due: false,
         ack_due: false,
         missing_due: Some(Missing::Gap),
-        missing_told: false,
+        missing_sent: false,
         refusal_due: None,
         heard: Millis(0),
         silence_ms: 0,
@@ -133,10 +134,10 @@ impl Service {
         held: false,
     };
 
-    /// Makes an [`UNSET`](Service::UNSET) one what [`new`](Service::new) gives.
+    /// Turns an [`UNSET`](Service::UNSET) service into a [`new`](Service::new) one.
     ///
     /// # Panics
-    /// As `new`.
+    /// As [`new`](Service::new).
     #[expect(clippy::cast_possible_truncation, reason = "below 128")]
     pub const fn begin(&mut self, max_body: usize) {
         assert!(MIN_BODY <= max_body && max_body <= MAX_BODY);
@@ -144,30 +145,31 @@ impl Service {
         self.missing_due = None;
     }
 
-    /// Whether another dialect has the board: Hello is refused then. Not while a host has taken it.
+    /// Says whether another dialect (text) has the board, so that Hello is refused. Do not call it while a host has taken the board.
     pub const fn hold(&mut self, held: bool) {
         self.held = held;
     }
 
-    /// Something that is no frame was sent: the next frame has a zero before it.
+    /// Call this after something that is no frame was sent. The next frame then begins with a zero, which ends what came before.
     pub const fn interrupted(&mut self) {
         self.new_rate = true;
     }
 
-    /// How long no frame of the session has come.
+    /// The time since the session's last frame, ms.
     #[must_use]
     pub const fn silence(&self, now: Millis) -> u16 {
         now.since(self.heard)
     }
 
-    /// Whether the host that has the board was silent for too long: [`poll`](Service::poll) ends its session. What is still under
-    /// way to it, on a line that does not take it, is to be dropped, and [`interrupted`](Service::interrupted) is to be called.
+    /// Whether the host that has the board was silent for too long, so that [`poll`](Service::poll) will end its session. If a reply is still
+    /// waiting for the line, the caller drops it and calls [`interrupted`](Service::interrupted).
     #[must_use]
     pub const fn is_lost(&self, now: Millis) -> bool {
         self.taken && now.since(self.heard) >= self.silence_ms
     }
 
-    /// Answers what came on a line that is not the session's: Hello is refused, all else gets no answer. Writes it into the front of `out`, and gives its length, 0 if there is none.
+    /// Answers a frame on a line that is not the session's: refuses Hello, and ignores all else. Writes the answer at the front of `out`, and
+    /// returns its length, 0 if there is none.
     pub fn turn_away(received: Received, body: &[u8], out: &mut [u8]) -> usize {
         let (Received::Frame(Tag::NONE), &[seq, kind::HELLO, _, _, _, _, _]) = (received, body) else { return 0 };
         let mut frame = Encoder::new(out);
@@ -175,7 +177,7 @@ impl Service {
         frame.finish(Tag::NONE).unwrap_or(0)
     }
 
-    /// Whether a host has taken the board: other dialects on the line are off then.
+    /// Whether a host has taken the board. Other dialects on the line are off then.
     #[must_use]
     pub const fn is_taken(&self) -> bool {
         self.taken
@@ -187,28 +189,29 @@ impl Service {
         self.baud
     }
 
-    /// Does what the frame asks for whose `body` the line brought; or notes that something came that was none.
-    pub fn receive(&mut self, received: Received, body: &[u8], now: Millis, machine: &mut impl Machine) {
+    /// Executes a frame with this `body`; or notes that damaged bytes came.
+    pub fn receive(&mut self, received: Received, body: &[u8], now: Millis, board: &mut impl BoardSide) {
         match (received, body) {
-            (Received::Frame(tag), [seq, kind, payload @ ..]) => self.frame(tag, *seq, *kind, payload, now, machine),
+            (Received::Frame(tag), [seq, kind, payload @ ..]) => {
+                self.receive_frame(tag, *seq, *kind, payload, now, board)
+            }
             (Received::More | Received::Frame(_), _) => {}
             (Received::Damaged, _) => self.damaged(),
         }
     }
 
-    /// Looks at the clock, and writes the reply that is due into the front of `out`; gives its length, 0 if there is none.
+    /// Checks the timeouts, and writes the next reply at the front of `out`. Returns its length, 0 if no reply is due.
     ///
-    /// To be called again and again, but only when the reply before has been handed to the line whole. `out` has
-    /// room for [`MAX_FRAME`](super::MAX_FRAME) bytes and one more, or as many as the longest answer of this board takes;
-    /// one that does not fit is not sent.
-    pub fn poll(&mut self, now: Millis, machine: &mut impl Machine, out: &mut [u8]) -> usize {
-        self.watch(now, machine);
+    /// Call it again and again, but only after the line has taken all of the reply before. `out` has one byte more than
+    /// [`MAX_FRAME`](super::MAX_FRAME), or than this board's longest answer. An answer that does not fit is not sent.
+    pub fn poll(&mut self, now: Millis, board: &mut impl BoardSide, out: &mut [u8]) -> usize {
+        self.check_timeouts(now, board);
         if !self.new_rate {
-            return self.reply(machine, out);
+            return self.reply(board, out);
         }
-        // A zero first: it ends what the host took for a frame while the rates were different.
+        // A zero first: it ends the noise that the host received while the rates were different.
         let Some((first, rest)) = out.split_first_mut() else { return 0 };
-        match self.reply(machine, rest) {
+        match self.reply(board, rest) {
             0 => 0,
             len => {
                 *first = 0;
@@ -218,9 +221,9 @@ impl Service {
         }
     }
 
-    /// The reply that is due.
+    /// Writes the reply that is due.
     #[inline(never)]
-    fn reply(&mut self, machine: &mut impl Machine, out: &mut [u8]) -> usize {
+    fn reply(&mut self, board: &mut impl BoardSide, out: &mut [u8]) -> usize {
         let mut frame = Encoder::new(out);
         let mut tag = if self.taken { self.tag } else { Tag::NONE };
         let last = self.expected.wrapping_sub(1);
@@ -238,7 +241,7 @@ impl Service {
                 }
                 frame.u8(seq);
                 frame.u8(kind | kind::ANSWER);
-                self.answer(machine, &mut frame);
+                self.answer(board, &mut frame);
             }
         } else if let Some(why) = self.missing_due.take() {
             frame.u8(last);
@@ -249,13 +252,13 @@ impl Service {
             self.ack_due = false;
             frame.u8(last);
             frame.u8(kind::POLL | kind::ANSWER);
-            frame.u8(machine.flags());
+            frame.u8(board.flags());
             frame.u8(self.accepted);
-            free(&mut frame, machine);
-        // Around a change of rate the host may not receive it.
+            free(&mut frame, board);
+        // No event is sent around a change of rate, when the host may not receive it.
         } else if self.taken
             && !matches!(self.change, Change::Due(_) | Change::Trial { .. })
-            && let Some(event) = machine.event()
+            && let Some(event) = board.event()
         {
             self.events = self.events.wrapping_add(1);
             frame.u8(self.events);
@@ -266,47 +269,47 @@ impl Service {
         frame.finish(tag).unwrap_or(0)
     }
 
-    /// What time brings: the new rate, the end of its trial, a host that is lost.
-    fn watch(&mut self, now: Millis, machine: &mut impl Machine) {
+    /// Does what is due with time: changes the rate, ends its trial, gives up a silent host.
+    fn check_timeouts(&mut self, now: Millis, board: &mut impl BoardSide) {
         if self.taken && self.answer.kind == kind::BYE && self.answer.refused.is_none() && !self.answer_due {
             // The answer to good-bye is out.
-            self.leave(machine, false);
+            self.end_session(board, false);
         }
         match self.change {
-            // Asked for at that very rate: the host is there already.
+            // The line has that rate already.
             Change::Due(baud) if baud == self.baud => self.change = Change::None,
             Change::Due(baud) if !self.answer_due => {
-                self.set_baud(baud, machine);
+                self.set_baud(baud, board);
                 self.change = Change::Trial { since: now };
             }
             Change::Trial { since } if now.since(since) >= TRIAL_MS => {
                 self.change = Change::FellBack;
-                self.set_baud(Baud::B115200, machine);
+                self.set_baud(Baud::B115200, board);
             }
             _ => {}
         }
         if self.is_lost(now) {
-            self.leave(machine, true);
+            self.end_session(board, true);
         }
     }
 
-    fn set_baud(&mut self, baud: Baud, machine: &mut impl Machine) {
+    fn set_baud(&mut self, baud: Baud, board: &mut impl BoardSide) {
         if baud != self.baud {
             self.baud = baud;
             self.new_rate = true;
-            machine.set_baud(baud);
+            board.set_baud(baud);
         }
     }
 
-    fn leave(&mut self, machine: &mut impl Machine, lost: bool) {
+    fn end_session(&mut self, board: &mut impl BoardSide, lost: bool) {
         self.taken = false;
         (self.answer_due, self.ack_due, self.missing_due) = (false, false, None);
         self.change = Change::None;
-        self.set_baud(Baud::B115200, machine);
-        machine.host_gone(lost);
+        self.set_baud(Baud::B115200, board);
+        board.host_gone(lost);
     }
 
-    fn frame(&mut self, tag: Tag, seq: u8, kind: u8, payload: &[u8], now: Millis, machine: &mut impl Machine) {
+    fn receive_frame(&mut self, tag: Tag, seq: u8, kind: u8, payload: &[u8], now: Millis, board: &mut impl BoardSide) {
         if tag == Tag::NONE {
             match (kind, payload) {
                 (kind::HELLO, &[version, a, b, c, d]) => {
@@ -329,16 +332,16 @@ impl Service {
             Change::Trial { .. } => self.change = Change::None,
             Change::FellBack => {
                 self.change = Change::None;
-                machine.rate_fell_back();
+                board.rate_fell_back();
             }
             Change::None | Change::Due(_) => {}
         }
         match seq.wrapping_sub(self.expected) {
-            0 => self.take(seq, kind, payload, machine),
-            1..=0x7f => self.miss(Missing::Gap),
+            0 => self.execute_next(seq, kind, payload, board),
+            1..=0x7f => self.request_repeat(Missing::Gap),
             _ if seq == self.answer.seq && kind == self.answer.kind => {
                 self.answer_due = true;
-                self.again(payload);
+                self.repeat_rate_change(payload);
             }
             _ => self.ack_due = true,
         }
@@ -357,25 +360,25 @@ impl Service {
                 self.tag = self.tag.next();
             }
             (self.expected, self.accepted) = (seq.wrapping_add(1), seq);
-            (self.silence_ms, self.missing_told, self.ack_due, self.missing_due) = (SILENCE_MS, false, false, None);
+            (self.silence_ms, self.missing_sent, self.ack_due, self.missing_due) = (SILENCE_MS, false, false, None);
         }
         self.heard = now;
         self.answer_to(seq, kind::HELLO, None);
     }
 
-    /// The frame that is next.
+    /// Executes the frame that is next in order.
     #[inline(always)]
-    fn take<M: Machine>(&mut self, seq: u8, kind: u8, payload: &[u8], machine: &mut M) {
+    fn execute_next<M: BoardSide>(&mut self, seq: u8, kind: u8, payload: &[u8], board: &mut M) {
         let is_answered;
         let done = if let kind::DATA..kind::EXTEND = kind
             && M::PLANS
         {
             let pushed = match payload {
-                [epoch, packed @ ..] if !packed.is_empty() => machine.push(kind & 7, Epoch(*epoch), packed),
+                [epoch, packed @ ..] if !packed.is_empty() => board.push(kind & 7, Epoch(*epoch), packed),
                 _ => Err(Refusal::malformed(kind)),
             };
             if let Err(Refusal { reason: Reason::Full, .. }) = pushed {
-                return self.miss(Missing::NoRoom);
+                return self.request_repeat(Missing::NoRoom);
             }
             is_answered = pushed.is_err();
             pushed
@@ -383,12 +386,12 @@ impl Service {
             is_answered = false;
             Ok(())
         } else {
-            let done = self.execute(kind, payload, machine);
+            let done = self.execute(kind, payload, board);
             is_answered = !(M::PLANS && kind == kind::EXTEND) || done.is_err();
             done
         };
         self.expected = seq.wrapping_add(1);
-        self.missing_told = false;
+        self.missing_sent = false;
         self.missing_due = None;
         if is_answered {
             self.answer_to(seq, kind, done.err());
@@ -403,19 +406,19 @@ impl Service {
         self.answer_due = true;
     }
 
-    /// Does what a command asks for: what [`Command::decode`](super::Command::decode) would say of it, but without a detour
-    /// through RAM.
+    /// Executes a command. It reads the payload as [`Command::decode`](super::Command::decode) does, but does not build a `Command`, which
+    /// would take RAM.
     #[inline(never)]
-    fn execute<M: Machine>(&mut self, kind: u8, payload: &[u8], machine: &mut M) -> Result<(), Refusal> {
-        // An image without plans and orders moves no motor for frames.
+    fn execute<M: BoardSide>(&mut self, kind: u8, payload: &[u8], board: &mut M) -> Result<(), Refusal> {
+        // An image without plans and verbs does not move motors by frames, so it takes no configuration either.
         let drives = M::PLANS || M::OBEYS;
         if drives && kind == kind::CONFIGURE {
             let configuration = Configuration::decode(payload).ok_or(Refusal::malformed(kind))?;
-            machine.configure(&configuration)?;
+            board.configure(&configuration)?;
             let mut silence_ms = configuration.silence_ms;
             if M::STORES && silence_ms == 0 {
                 let mut settings = [0; SETTINGS_LEN];
-                machine.stored(&mut settings);
+                board.stored(&mut settings);
                 silence_ms = settings::silence_ms(&settings);
             }
             self.silence_ms = if silence_ms == 0 { SILENCE_MS } else { silence_ms };
@@ -426,13 +429,13 @@ impl Service {
             if settings.is_none() && !payload.is_empty() {
                 return Err(Refusal::malformed(kind));
             }
-            return machine.store(settings);
+            return board.store(settings);
         }
         if M::OBEYS && kind == kind::ORDERS {
-            return machine.obey(&Orders::decode(payload).ok_or(Refusal::malformed(kind))?);
+            return board.obey(&Orders::decode(payload).ok_or(Refusal::malformed(kind))?);
         }
         if M::PLANS && matches!(kind, kind::SWITCH | kind::EXTEND | kind::TRIM | kind::BRAKE) {
-            return self.obey_plan(kind, payload, machine);
+            return self.obey_plan(kind, payload, board);
         }
         let Some(len) = len_of(kind) else {
             return Err(Refusal { reason: Reason::UnknownKind, detail: u16::from(kind) });
@@ -448,46 +451,46 @@ impl Service {
         }
         let first = payload.first().copied().unwrap_or(0);
         match kind {
-            kind::ARM if drives => return machine.arm(),
-            kind::RELEASE if drives => return machine.release(),
-            kind::DISCARD if M::PLANS => machine.discard(Epoch(first)),
+            kind::ARM if drives => return board.arm(),
+            kind::RELEASE if drives => return board.release(),
+            kind::DISCARD if M::PLANS => board.discard(Epoch(first)),
             kind::STOP_NOW => {
-                let Stopped { tick, uncertain } = machine.stop_now();
+                let Stopped { tick, uncertain } = board.stop_now();
                 (self.answer.tick, self.answer.code) = (tick.to_le_bytes(), uncertain);
             }
             kind::BAUD => {
                 let baud = Baud::from_code(first).ok_or(Refusal::malformed(kind))?;
-                if !machine.can_baud(baud) {
+                if !board.can_baud(baud) {
                     return Err(Refusal { reason: Reason::Baud, detail: u16::from(first) });
                 }
                 self.change = Change::Due(baud);
             }
-            // With a tag: no session begins inside another.
+            // A Hello with a session's tag: no session can begin inside another.
             kind::HELLO => return Err(Refusal::of(Reason::Taken)),
             kind::MEASURES if first > 1 => return Err(Refusal::malformed(kind)),
             kind::MEASURES if first == 1 => {
                 self.damaged = 0;
-                machine.reset_measures();
+                board.reset_measures();
             }
-            // Questions, answered from what is there; good-bye, which ends the session when its answer is out.
+            // Questions need nothing here: `answer` reads the values. Bye ends the session when its answer is out.
             _ => {}
         }
         Ok(())
     }
 
-    /// What changes plans. The number of what is accepted is the one that is next.
+    /// Executes a command that changes the plan, and notes its sequence number if it was accepted.
     #[inline(never)]
-    fn obey_plan<M: Machine>(&mut self, kind: u8, payload: &[u8], machine: &mut M) -> Result<(), Refusal> {
-        let accepted = machine.obey_plan(kind, payload, &mut self.answer.code, &mut self.answer.tick)?;
+    fn obey_plan<M: BoardSide>(&mut self, kind: u8, payload: &[u8], board: &mut M) -> Result<(), Refusal> {
+        let accepted = board.obey_plan(kind, payload, &mut self.answer.code, &mut self.answer.tick)?;
         if accepted {
             self.accepted = self.expected;
         }
         Ok(())
     }
 
-    /// The frame answered last came again. Only a change of rate is done again: the host has not seen it.
+    /// The last answered frame came again. Only a change of rate is made again, because the host has not changed its own yet.
     #[inline(always)]
-    fn again(&mut self, payload: &[u8]) {
+    fn repeat_rate_change(&mut self, payload: &[u8]) {
         if let (kind::BAUD, None, [code]) = (self.answer.kind, self.answer.refused, payload)
             && let Some(baud) = Baud::from_code(*code)
         {
@@ -497,45 +500,45 @@ impl Service {
 
     fn damaged(&mut self) {
         self.damaged = self.damaged.saturating_add(1);
-        // At a new rate, all is noise until the host is there too.
+        // At a new rate all is noise until the host has changed, too.
         if self.taken && !matches!(self.change, Change::Trial { .. }) {
-            self.miss(Missing::Gap);
+            self.request_repeat(Missing::Gap);
         }
     }
 
-    fn miss(&mut self, why: Missing) {
-        if !self.missing_told {
-            self.missing_told = true;
+    fn request_repeat(&mut self, why: Missing) {
+        if !self.missing_sent {
+            self.missing_sent = true;
             self.missing_due = Some(why);
         }
     }
 
-    /// The answer to what was asked last. What can be read from the machine is read now.
+    /// Writes the answer to the last request. Values that the board can be asked for are read now.
     #[inline(never)]
-    fn answer<M: Machine>(&self, machine: &mut M, frame: &mut Encoder<'_>) {
-        let motors = machine.motors();
+    fn answer<M: BoardSide>(&self, board: &mut M, frame: &mut Encoder<'_>) {
+        let motors = board.motors();
         match self.answer.kind {
             kind::HELLO => {
-                let mut info = machine.info();
+                let mut info = board.info();
                 info.nonce = self.nonce;
                 info.tag = if self.taken { self.tag } else { Tag::NONE };
                 info.max_body = self.max_body;
                 info.encode(frame);
             }
-            kind::CONFIGURE => free(frame, machine),
-            kind::CLOCK => frame.u64(machine.clock()),
+            kind::CONFIGURE => free(frame, board),
+            kind::CLOCK => frame.u64(board.clock()),
             kind::STATUS => {
-                frame.u64(machine.clock());
-                frame.u32(Tick32::of(machine.horizon()).0);
-                frame.u8(machine.epoch().0);
-                let (state, tick) = machine.lease();
-                frame.u8(machine.flags() | state << 4);
+                frame.u64(board.clock());
+                frame.u32(Tick32::of(board.horizon()).0);
+                frame.u8(board.epoch().0);
+                let (state, tick) = board.lease();
+                frame.u8(board.flags() | state << 4);
                 frame.u8(self.accepted);
                 frame.u32(tick);
                 for motor in 0..motors {
-                    frame.u32(machine.position(motor).cast_unsigned());
-                    frame.u16(machine.free(motor));
-                    frame.u8(machine.faults(motor));
+                    frame.u32(board.position(motor).cast_unsigned());
+                    frame.u16(board.free(motor));
+                    frame.u8(board.faults(motor));
                 }
             }
             kind::SWITCH | kind::TRIM => {
@@ -548,19 +551,19 @@ impl Service {
                 frame.u8(self.answer.code);
                 frame.u8(motors);
                 for motor in 0..motors {
-                    frame.u32(machine.position(motor).cast_unsigned());
+                    frame.u32(board.position(motor).cast_unsigned());
                 }
             }
             kind::MEASURES => {
-                let measures = machine.measures();
+                let measures = board.measures();
                 measures.damaged_frames = self.damaged;
                 measures.encode(frame);
             }
-            kind::ORDERS if M::OBEYS => machine.obeyed(frame),
+            kind::ORDERS if M::OBEYS => board.obeyed(frame),
             kind::STORE if M::STORES => {
                 let mut settings = [0; SETTINGS_LEN];
-                let is_kept = u8::from(machine.stored(&mut settings));
-                frame.u8(is_kept | u8::from(machine.store_is_damaged()) << 1);
+                let is_kept = u8::from(board.stored(&mut settings));
+                frame.u8(is_kept | u8::from(board.store_is_damaged()) << 1);
                 frame.bytes(&settings);
             }
             _ => {}
@@ -578,10 +581,10 @@ fn refuse(frame: &mut Encoder<'_>, seq: u8, kind: u8, refusal: Refusal) {
 }
 
 #[inline(never)]
-fn free(frame: &mut Encoder<'_>, machine: &impl Machine) {
-    let motors = machine.motors();
+fn free(frame: &mut Encoder<'_>, board: &impl BoardSide) {
+    let motors = board.motors();
     frame.u8(motors);
     for motor in 0..motors {
-        frame.u16(machine.free(motor));
+        frame.u16(board.free(motor));
     }
 }

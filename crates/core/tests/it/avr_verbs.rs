@@ -1,4 +1,4 @@
-//! Motors told directly on an 8-bit chip make the steps of `pulsetrain_core::verbs`, tick for tick, on random orders.
+//! Verbs on an 8-bit chip make the same steps as `pulsetrain_core::verbs`, tick for tick, with random orders.
 
 use proptest::prelude::*;
 use pulsetrain_core::avr::verbs as avr;
@@ -43,7 +43,7 @@ fn a_verb() -> impl Strategy<Value = Verb> {
     ]
 }
 
-/// How long nothing is told, slices; and then, if all rest, ticks; then orders.
+/// A part of a script: slices without orders, then, if all motors rest, a long wait in ticks, then orders.
 type Told = ((u32, u64), Vec<(u8, Verb)>);
 
 fn a_script() -> impl Strategy<Value = Vec<Told>> {
@@ -51,7 +51,7 @@ fn a_script() -> impl Strategy<Value = Vec<Told>> {
     prop::collection::vec((idle, prop::collection::vec((0..MOTORS, a_verb()), 1..6)), 1..40)
 }
 
-/// Both, from the same tick on.
+/// Both implementations, from the same tick on.
 struct Both {
     wide: Verbs,
     avr: avr::AvrVerbs,
@@ -69,7 +69,7 @@ impl Both {
         Both { wide, avr, known, axes, steps: vec![Vec::new(); MOTORS.into()] }
     }
 
-    /// Time goes on by a slice; what each has to do in it is taken.
+    /// Moves on by a slice, and takes the steps of both in it.
     fn go_on(&mut self, ticks: u64) {
         self.known += ticks;
         let axes = &mut self.axes;
@@ -90,7 +90,7 @@ impl Both {
         }
     }
 
-    /// Dones are taken from both, so that neither is too full for more.
+    /// Takes the reports of both, so that neither refuses a move for lack of room.
     fn compare(&mut self) -> Result<(), TestCaseError> {
         for (axis, steps) in self.axes.iter().zip(&self.steps) {
             prop_assert_eq!(&axis.steps, steps);
@@ -109,7 +109,7 @@ impl Both {
 }
 
 proptest! {
-    /// The same steps, dones and answers, also after long rests, and across the wrap of moments.
+    /// Both make the same steps, reports and answers, also after long rests, and where ticks of 32 bits wrap.
     #[test]
     fn they_do_what_the_wide_ones_do(begin in prop_oneof![Just(1000), (1_u64 << 32) - 200_000..1 << 32], script in a_script(), slice in prop_oneof![9 => 3000..40_000_u64, 1 => 40_000..400_000_u64]) {
         let mut both = Both::new(begin);
@@ -124,7 +124,7 @@ proptest! {
             }
             let bytes: Vec<u8> = orders.iter().flat_map(|(motor, verb)| order(*motor, *verb)).collect();
             let orders = Orders::decode(&bytes).unwrap();
-            // Two moves of each motor are all that it takes.
+            // The 8-bit version takes two moves of each motor at most.
             prop_assert_eq!(both.avr.busy(), None);
             let mut tried = both.wide.clone();
             let wide = orders.tell(&mut tried);
@@ -142,7 +142,7 @@ proptest! {
         both.compare()?;
     }
 
-    /// Steps that were put by for an order's sake come first, and are those that would have come.
+    /// Steps that were worked out early because of an order are taken first, and are the same ones.
     #[test]
     fn an_order_puts_steps_by(period in 300..5000_u64, ticks in 1000..40_000_u64) {
         let mut both = Both::new(0);
@@ -165,7 +165,7 @@ proptest! {
     }
 }
 
-/// What is left out when nobody tells motors any more, and what was done when they are stopped.
+/// Which orders are dropped when the host is lost, and which moves are finished when motors are stopped.
 #[test]
 fn forsaken_and_stopped() {
     let told = |orders: &[(u8, Verb)]| {
@@ -195,7 +195,7 @@ fn forsaken_and_stopped() {
     assert_eq!(both.avr.take_done(Tick32(200_000)), None);
 }
 
-/// A motor of an 8-bit board alone, told this at tick 0.
+/// One motor of an 8-bit board, with these verbs at tick 0.
 fn avr_alone(orders: &[(u8, Verb)]) -> avr::AvrVerbs {
     let mut verbs = avr::AvrVerbs::new();
     verbs.begin([0, 0].into_iter(), (300, 900, 16_000), Tick32(0));
@@ -204,7 +204,7 @@ fn avr_alone(orders: &[(u8, Verb)]) -> avr::AvrVerbs {
     verbs
 }
 
-/// One move ends and the next one begins in what is settled: an order waits until the first one's steps are taken.
+/// Where one move ends and the next begins before `known`, an order waits until the first move's steps are taken.
 #[test]
 fn an_order_waits_between_moves() {
     let mut verbs = avr_alone(&[(1, Verb::Move { steps: 2 }), (1, Verb::Move { steps: 3 })]);
@@ -216,7 +216,7 @@ fn an_order_waits_between_moves() {
     assert_eq!(verbs.take(1).map(|steps| (steps.first, steps.count)), Some((Tick32(32_000), 1)));
 }
 
-/// Steps more than 2^16 ticks apart come one by one, however much is settled at once.
+/// Steps more than 2^16 ticks apart come one by one, even if much is worked out at once.
 #[test]
 fn steps_far_apart_come_one_by_one() {
     let mut verbs = avr_alone(&[(0, Verb::Speed { ticks: 100_000 }), (0, Verb::Run)]);
@@ -225,7 +225,7 @@ fn steps_far_apart_come_one_by_one() {
     assert_eq!(steps, [(0, 1), (100_000, 1), (200_000, 1)]);
 }
 
-/// A move that is done and that nobody asks for: its motor rests for good, past the wraps of moments, and it is told at last.
+/// A finished move that nobody asks for: its motor rests through several wraps of 32-bit ticks, and the move is still reported.
 #[test]
 fn what_is_past_stays_past() {
     for stopped in [false, true] {
@@ -242,7 +242,7 @@ fn what_is_past_stays_past() {
         assert_eq!(verbs.take_done(Tick32(0)), Some((0, Tick32(80_000), 2)));
         assert_eq!(verbs.take_done(Tick32(0)), None);
     }
-    // Stopped, with nobody to ask for it ever after.
+    // The motor is stopped, and nobody asks for the move until much later.
     let mut verbs = avr_alone(&[(0, Verb::Move { steps: 1 })]);
     verbs.foresee(Tick32(50_000));
     while verbs.take(0).is_some() {}

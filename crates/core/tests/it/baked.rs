@@ -1,4 +1,4 @@
-//! Motions in flash: blocks, and what comes out of them turn by turn, in exact integers.
+//! Motions in flash: the format of blocks, and the items that players return turn by turn, in exact integers.
 
 use pulsetrain_core::baked::avr;
 use pulsetrain_core::baked::{
@@ -10,7 +10,7 @@ use pulsetrain_core::{Direction, Item, Segment, Tick32};
 
 const PACKING: Packing = Packing { fraction_bits: FRACTION_BITS, gain: 3 };
 
-/// Items as one piece, from a state on, after a reset if they are a turn.
+/// Packs items as one piece, from a state on, with a reset before them if they are a turn.
 fn piece(state: State, reset: bool, items: &[Item]) -> Vec<u8> {
     let (mut state, mut bytes) = (state, Vec::new());
     let mut out = [0; MAX_PACKED_LEN];
@@ -30,7 +30,7 @@ fn run(count: u32, ticks: i64, direction: Direction) -> Item {
     Item::Run { segment: Segment { count, interval: (ticks << 32) + 12_345, add: 678, add2: 0 }, direction }
 }
 
-/// Where a motor's steps are as its bytes are unpacked: ticks · 2^-32 since the anchor.
+/// The times of a motor's steps, by its unpacked bytes: 2^-32 ticks since the anchor.
 struct Steps {
     state: State,
     at: i128,
@@ -58,7 +58,7 @@ impl Steps {
     }
 }
 
-/// A year of a Pico's time, in turns of 31.56 s: each begins where the product says, to 2^-32 of a tick.
+/// A year of turns of 31.56 s on a Pico: turn n begins at n periods, to 2^-32 of a tick.
 #[test]
 fn nothing_adds_up_in_a_year() {
     let repeats = Repeats {
@@ -91,7 +91,7 @@ fn nothing_adds_up_in_a_year() {
         (steps.at, i128::from(repeats.ticks) << 64 | i128::from(repeats.part) << 32 | i128::from(repeats.rest));
     let turns = 1_000_000;
     for _ in 0..turns {
-        // Three parts of the wait, what is left of it and a step, the turn's other steps.
+        // Three parts of the wait, then its rest with a step, then the turn's other steps.
         for _ in 0..5 {
             let len = player.next(LONGEST_PIECE, &mut out);
             steps.take(&out[..len]);
@@ -102,7 +102,7 @@ fn nothing_adds_up_in_a_year() {
     assert!(!player.is_over());
 }
 
-/// A wait that no item can say, and a turn of one step.
+/// A wait that is too long for one item, and a turn of one step.
 #[test]
 fn long_waits_go_in_parts() {
     let ticks = (5 << 30) + 99;
@@ -117,7 +117,7 @@ fn long_waits_go_in_parts() {
     }
     let begin = steps.at;
     for turn in 1..=3 {
-        // No room: nothing is lost by asking.
+        // Without room the player returns nothing, and loses nothing.
         assert_eq!(player.next(LONGEST_PIECE - 1, &mut out), 0);
         for _ in 0..6 {
             let len = player.next(LONGEST_PIECE, &mut out);
@@ -165,7 +165,7 @@ fn block(repeats: Repeats) -> Vec<u8> {
 fn a_block_is_read_whole_or_not_at_all() {
     let repeats = Repeats { ticks: 1 << 40 | 5, part: 6, rest: 7, from: Direction::Backward, to: Direction::Forward };
     let bytes = block(repeats);
-    // What lies behind it does not matter.
+    // Bytes after the block do not matter.
     let mut flash = bytes.clone();
     flash.extend([0xff; 100]);
     let read = Block::read(&flash).unwrap();
@@ -184,7 +184,7 @@ fn a_block_is_read_whole_or_not_at_all() {
     }
 }
 
-/// A block of one motor at an address, as an Uno has it.
+/// A block of one motor at an address, in the Uno's format.
 fn avr_block(at: u16, parts: [&[u8]; 4], rest: u32) -> Vec<u8> {
     let mut body = vec![1, 2, 0xaa, 0xbb];
     body.extend(parts.iter().flat_map(|part| (part.len() as u16).to_le_bytes()));
@@ -202,7 +202,7 @@ fn avr_block(at: u16, parts: [&[u8]; 4], rest: u32) -> Vec<u8> {
 const HERE: avr::QueueState = avr::QueueState { room: avr::LONGEST_PIECE as u16, near: true };
 const FAR: avr::QueueState = avr::QueueState { near: false, ..HERE };
 
-/// Ten years of an Uno's turns of 3 ms: of two gaps there is the longer one as often as the product says.
+/// Ten years of turns of 3 ms on an Uno: the longer gap comes as often as the period's fraction requires.
 #[test]
 fn nothing_adds_up_in_ten_years_of_a_player_of_8_bits() {
     let rest = 0x9abc_def1;
@@ -226,12 +226,12 @@ fn nothing_adds_up_in_ten_years_of_a_player_of_8_bits() {
         assert!(gap == [6, 6] || gap == [5], "{gap:?}");
         assert_eq!(longer, (turn * u64::from(rest)) >> 32);
     }
-    // What is told of a period is off by less than 2^-48 ticks: so much in ten years of turns of 3 ms.
+    // The stored period is off by less than 2^-48 ticks. This is the sum of that in ten years of turns of 3 ms.
     assert!(3650.0 * 86_400.0 / 0.003 * 0.5_f64.powi(48) < 0.001);
     assert!(!player.is_over());
 }
 
-/// A gap alone is a turn; a head alone ends; a long wait goes out, and what is behind it, when the motor is near.
+/// A gap alone is a turn; a head alone ends. A long wait, and the piece after it, are handed over only when the queue is nearly done.
 #[test]
 fn players_of_8_bits_wait_and_end() {
     let flash = avr_block(0, [&[1, 10], &[], &[avr::LONG | 2, 7, 7, 1, 8], &[1, 9]], 0);
@@ -252,7 +252,7 @@ fn players_of_8_bits_wait_and_end() {
     assert!(player.is_over() && player.next(HERE, read, &mut out) == 0);
 }
 
-/// Any bit of such a block that is wrong is found, and one that would reach into the bootloader.
+/// A block with any one wrong bit is refused, and one that would reach into the bootloader.
 #[test]
 fn avr_blocks_are_whole_or_none() {
     let flash = avr_block(0, [&[1, 10], &[1, 3], &[1, 4], &[1, 5]], 7);

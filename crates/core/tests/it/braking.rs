@@ -4,7 +4,7 @@ use dashu::integer::UBig;
 use proptest::prelude::*;
 use pulsetrain_core::braking::{BrakingPart, LARGEST_EXPONENT, Limit, RegisterLimits};
 
-/// The intervals of a stop from `interval` on, and how many parts it has; part by part, 10^7 steps at most.
+/// The intervals of a stop from `interval` on, and the number of its segments. It stops looking after 10^7 steps.
 fn stop(limit: Limit, registers: &RegisterLimits, interval: i64) -> (Vec<i64>, u32) {
     let (mut intervals, mut interval, mut parts) = (Vec::new(), interval, 0);
     loop {
@@ -75,7 +75,7 @@ fn what_is_no_limit_is_none() {
     );
 }
 
-/// A limit, and an interval that is shorter than its rest by up to 2^13, but long enough for the rule to hold.
+/// A limit, and an interval that is shorter than the rest interval by up to a factor of 2^13, but within the rule's range.
 fn stops() -> impl Strategy<Value = (u32, Limit, i64)> {
     let limits = prop_oneof![Just(8u32), Just(16), Just(24), Just(32)]
         .prop_flat_map(|f| (Just(f), 128..=255u8, (f + 6).min(59) as u8..=(f + 28).min(59) as u8, 0..=12u8));
@@ -104,7 +104,7 @@ proptest! {
             let change = ((&b - &a) * &square) << 2;
             prop_assert!(change <= (&a * &b * (&a + &b)) << 14, "{pair:?}");
         }
-        // It rests where it may: at the rest level, or where a step would take too long.
+        // It rests at the rest interval or beyond, or where a step would take too long.
         if let Some(&last) = intervals.last() {
             let next = limit.next(last, &registers);
             prop_assert!(next == BrakingPart::LastStep || last >= registers.longest() / 5 * 3, "{last}");
@@ -118,7 +118,7 @@ proptest! {
         let registers = RegisterLimits::with_fraction_bits(f);
         let limit = Limit::new(m, e, l).unwrap();
         let mut interval = interval;
-        // Part by part: an add of 1 makes many of them, but the interval always grows, and never beyond 63 bits.
+        // An add of 1 makes many segments, but the interval always grows, and stays within 63 bits.
         for _ in 0..1000 {
             let Some(segment) = limit.next(interval, &registers).segment(interval) else { break };
             prop_assert!(segment.count >= 1 && segment.add >= 0 && segment.add <= registers.most_add());
@@ -133,7 +133,7 @@ proptest! {
     }
 }
 
-/// How many steps a stop takes, against those of an ideal one: v²/2a, which is (R/I)².
+/// Compares the number of steps of a stop with that of an ideal one, v²/2a, which is (R/I)².
 #[test]
 fn a_stop_takes_less_than_twice_the_steps_of_an_ideal_one() {
     let registers = RegisterLimits::with_fraction_bits(32);

@@ -1,4 +1,4 @@
-//! Words, done by a state machine that is a few lines long, make the edges of the axis that is told the same.
+//! A simple model of the state machine does the words. Its edges must be those of an axis with the same items.
 
 use proptest::prelude::*;
 use pulsetrain_core::braking::{BrakingPart, Limit, RegisterLimits};
@@ -6,7 +6,7 @@ use pulsetrain_core::lease::LapseCause;
 use pulsetrain_core::output::{Coils, Output, Sequence, StepDir, StepDirSettings};
 use pulsetrain_core::packed_queue::{Fault, PackedQueue, Pool};
 use pulsetrain_core::packing::{Check, MAX_PACKED_LEN, Packing, State};
-use pulsetrain_core::pio::{Filled, LONGEST_WAIT, Tape, Words, expand, lines};
+use pulsetrain_core::pio::{Filled, LONGEST_WAIT, Tape, WordWriter, expand, lines};
 use pulsetrain_core::queue::Items;
 use pulsetrain_core::{Axis, Direction, Entry, Epoch, Item, Lapse, Lease, Queue, Segment, Tick32};
 
@@ -67,20 +67,20 @@ impl Kind {
 /// All lines of a motor from a tick on.
 type Levels = (u32, u32);
 
-/// A motor behind words, and what its state machine did.
+/// A motor driven by words, and what its state machine did.
 struct Machine {
     kind: Kind,
     pool: Box<Pool<POOL>>,
     packed: PackedQueue,
     packer: State,
-    words: Words<F>,
+    words: WordWriter<F>,
     tape: Tape<N, RUNS>,
     memory: [u32; N],
-    /// Words done, and when the lines changed in the last.
+    /// The number of words done, and the tick at which the last one changed the lines.
     done: u32,
     tick: Tick32,
     levels: Vec<Levels>,
-    /// Position after each word, with its tick: as the lines say.
+    /// The tick of each word, and the position after it, counted on the lines.
     counted: Vec<(u32, i32)>,
 }
 
@@ -91,7 +91,7 @@ impl Machine {
             pool: Box::new(Pool::new()),
             packed: PackedQueue::new(Pool::<POOL>::part(0, POOL as u16), PACKING),
             packer: State::default(),
-            words: Words::new(kind.output(), kind.step_line(), kind.pulse()),
+            words: WordWriter::new(kind.output(), kind.step_line(), kind.pulse()),
             tape: Tape::new(),
             memory: [0; N],
             done: 0,
@@ -122,7 +122,7 @@ impl Machine {
 
     fn fill(&mut self, until: u32, most: u32) -> Filled {
         let Machine { words, packed, pool, tape, memory, .. } = self;
-        // It may have less to do.
+        // The machine may have less to do than `least` asks for.
         let least = Tick32(until - until / 1000 % 100);
         words.fill(&mut packed.items(pool), tape, memory, [least, Tick32(until)], most, expand::<F>)
     }
@@ -151,7 +151,7 @@ impl Machine {
                 }
                 Kind::Coils { .. } => {
                     self.change(tick, bits);
-                    // As the tape says: the lines do not tell.
+                    // The tape's position is used, since the lines of coils alone do not show it.
                     position = self.tape.position_after(self.done + 1);
                 }
             }
@@ -218,7 +218,7 @@ fn items(kind: Kind, from: u32, parts: &[Part]) -> Vec<Item> {
     items
 }
 
-/// A lease, which ends amid the motion or lets the motor run dry: its length, and how hard the motor brakes.
+/// A lease that ends during the motion or after the plan's end: its length, and how hard the motor brakes.
 fn lease() -> impl Strategy<Value = (u32, Limit)> {
     let limit = (128..=255u8, 4..9u8, 0..4u8).prop_map(|(m, e, l)| Limit::new(m, e + F as u8, l).unwrap());
     (0u32..30_000, limit)
@@ -227,7 +227,7 @@ fn lease() -> impl Strategy<Value = (u32, Limit)> {
 const END: u32 = 400_000;
 
 proptest! {
-    /// Whatever is asked for, and however far ahead words are written.
+    /// Random motions, switches and leases, with words written any time ahead.
     #[test]
     fn words_make_the_edges_of_the_axis(
         kind in kinds(),
@@ -242,10 +242,10 @@ proptest! {
         let mut plans = plans.into_iter();
         let (mut now, mut epoch, mut next, mut until) = (1000, 0, 1500, 0);
         while now < END {
-            // One switch may wait: the axis is not as far as the words.
+            // Only one switch may wait, and the axis is behind the words.
             let has_begun = axis.channel().epoch() == Epoch(epoch);
             if now >= next && has_begun && let Some((parts, gap, lease)) = plans.next() {
-                // Where the words of all before have been written.
+                // The tick up to which words have been written.
                 let at = machine.words.channel().horizon().after(kind.turn());
                 epoch += 1;
                 let items = items(kind, at.0, &parts);
@@ -257,7 +257,7 @@ proptest! {
                     Some((ticks, limit)) => (Lease::Until(at.after(ticks)), Some(limit)),
                     None => (Lease::Off, None),
                 };
-                // One of two motors that looks further ahead: what it has noticed holds for both.
+                // Of two motors the one that looks further ahead may find the lapse first. It is passed to both.
                 if let Some(lapse) = machine.words.channel().lapse() {
                     axis.channel_mut().lapse_at(lapse);
                 }
@@ -293,7 +293,7 @@ proptest! {
         let cause = |lapse: Option<Lapse>| lapse.map(|lapse| lapse.cause);
         prop_assert_eq!(cause(machine.words.channel().lapse()), cause(axis.channel().lapse()));
         prop_assert_eq!(machine.words.channel().position(), axis.channel().position());
-        // Coils that are switched on again within a word are not switched off before.
+        // Coils whose next step comes within a word's time are not switched off before it.
         if let Kind::Coils { .. } = kind {
             let ticks: Vec<_> = levels.iter().map(|(tick, _)| *tick).skip(1).chain([u32::MAX]).collect();
             let mut next = ticks.iter();
@@ -310,7 +310,7 @@ fn run(count: u32, ticks: i64, direction: Direction) -> Item {
 
 const DRIVER: Kind = Kind::StepDir { pulse: 10, setup: 20, forward_high: true, dir_first: false };
 
-/// With one epoch of `items`, begun.
+/// A machine whose tape has begun with one epoch of `items`.
 fn begun(kind: Kind, items: &[Item]) -> Machine {
     let mut machine = Machine::new(kind);
     machine.push(1, items);
@@ -327,7 +327,8 @@ fn all_that_is_between_is_in_a_word() {
         .iter()
         .map(|word| (word & LONGEST_WAIT, lines(*word)))
         .collect();
-    // First that of `begin`, to tick 2003. Before each step its period less 13; DIR 20 before it; nothing up to 6000.
+    // First the word of `begin`, to tick 2003. A step's word waits for its period minus 13; DIR comes 20 ticks before its step; then rest up to
+    // 6000.
     let (dir, step) = (0b1010, 0b0001);
     let expected = [
         (1000, 0),
@@ -341,7 +342,7 @@ fn all_that_is_between_is_in_a_word() {
     assert_eq!(words, expected);
 }
 
-/// What predicts a run is right even if steps of the one before could not be made.
+/// A run is unpacked correctly even if steps of the run before could not be made.
 #[test]
 fn runs_after_a_missed_step_are_as_they_were_told() {
     let bent = |count: u32, ticks: i64, add: i64| Item::Run {
@@ -397,7 +398,7 @@ fn a_full_tape_waits_for_time_to_pass() {
     assert!(!machine.tape.has_room(2));
     let written = machine.tape.written();
     assert!((N as u32 - 1..=N as u32).contains(&written), "{written}");
-    // A run is free once the next one has been done.
+    // The places of a run are free once the next run is done.
     let first = machine.memory[..N].to_vec();
     machine.tape.pass(Tick32(5000 + 20 * 521));
     assert_eq!(machine.fill(200_000, 10_000), Filled::Part);
@@ -425,7 +426,7 @@ fn a_stop_counts_what_was_made() {
         words.stop(&mut packed.items(&machine.pool), made, lines(machine.memory[machine.done as usize - 1]));
         assert_eq!(words.channel().position(), made);
         assert!(words.is_idle(packed, Tick32(6020)));
-        // It goes on from there: the coils are those of its position.
+        // It continues with the coils at the phase of this position.
         machine.start(19_000);
         let before = machine.levels.last().unwrap().1;
         machine.push(2, &[Item::Anchor { tick: Tick32(30_000) }, run(1, 100, direction.reversed())]);
@@ -474,7 +475,7 @@ fn checks_are_compared() {
 fn bytes_that_are_none_end_their_epoch() {
     let mut machine = begun(DRIVER, &[Item::Anchor { tick: Tick32(5000) }, run(5, 100, Backward)]);
     machine.packed.push(&mut machine.pool, Epoch(1), &[0x37, 0, 1, 2, 3]).unwrap();
-    // The first switch has been made: one may wait.
+    // The first switch has been made, so that another may wait.
     assert_eq!(machine.fill(4000, 100), Filled::All);
     machine.push(2, &[Item::Anchor { tick: Tick32(9000) }, run(5, 100, Forward)]);
     assert_eq!(machine.words.channel_mut().schedule_switch(Epoch(2), Tick32(9000), Lease::Off, None), Ok(()));
@@ -499,7 +500,7 @@ fn resets_and_reversals_in_a_row_are_no_items() {
     assert_eq!(machine.packed.fault(), None);
 }
 
-/// With a lease a motor does not stop dead where bytes are wrong: it goes on as it went, and slows down.
+/// Under a lease a motor does not stop at once at wrong bytes: it brakes from its speed.
 #[test]
 fn what_is_no_item_makes_a_motor_brake() {
     // R is 1200 ticks, 4 intervals.
@@ -525,8 +526,8 @@ fn what_is_no_item_makes_a_motor_brake() {
         }
         assert_eq!(position, 50 + steps.cast_signed() + 1, "{wrong:?}");
         assert_eq!(machine.counted.last().unwrap().1, position);
-        // What waits of another epoch still does.
-        assert!(!channel.keeps(Epoch(1)) && channel.keeps(Epoch(2)) && channel.is_done());
+        // Items of another epoch still wait.
+        assert!(!channel.accepts(Epoch(1)) && channel.accepts(Epoch(2)) && channel.is_done());
         assert_eq!(usize::from(machine.packed.room()), POOL - 3);
     };
     // An unknown control record, and a check that says another position.
@@ -534,8 +535,8 @@ fn what_is_no_item_makes_a_motor_brake() {
     check(&[0x2f, 0, 1, 0, 2, 0, 0, 0, 0, 0]);
 }
 
-/// Ten hours of steps, forward and back, through a thousand wraps of 32 bits: every word's tick, added up in 64 bits, is that of
-/// exact arithmetic, to the last.
+/// Ten hours of steps, forward and back, through a thousand wraps of 32-bit ticks: each word's tick, added up in 64 bits, is the one of exact
+/// arithmetic.
 #[test]
 fn ten_hours_lose_no_tick() {
     const HZ: u64 = 125_000_000;

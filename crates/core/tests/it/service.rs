@@ -1,4 +1,4 @@
-//! The board's side of the link, with a machine that only notes what it is asked for.
+//! The board's side of the link, with a board that only records what it is asked to do.
 
 use proptest::prelude::*;
 use pulsetrain_core::lease::Lease;
@@ -11,12 +11,12 @@ use pulsetrain_core::wire::outcome::NO_LEASE;
 use pulsetrain_core::wire::service::{SILENCE_MS, TRIAL_MS};
 use pulsetrain_core::wire::settings::SETTINGS_LEN;
 use pulsetrain_core::wire::{
-    Baud, Command, Decoder, Encoder, MAX_BODY, MAX_FRAME, MIN_BODY, Machine, Millis, Refusal, Reply, Service, Settings,
-    Stopped, Stored, Switched, Trimmed, VERSION,
+    Baud, BoardSide, Command, Decoder, Encoder, MAX_BODY, MAX_FRAME, MIN_BODY, Millis, Refusal, Reply, Service,
+    Settings, Stopped, Stored, Switched, Trimmed, VERSION,
 };
 use pulsetrain_core::{Epoch, Tick32};
 
-/// Says yes to everything.
+/// A board that accepts everything.
 #[derive(Default)]
 struct Notebook {
     asked: Vec<String>,
@@ -24,7 +24,7 @@ struct Notebook {
     measures: Measures,
     settings: Option<[u8; SETTINGS_LEN]>,
     is_damaged: bool,
-    /// Refuses what has to do with a lease.
+    /// It refuses commands that concern a lease.
     has_lapsed: bool,
 }
 
@@ -38,7 +38,7 @@ impl Notebook {
     const OBEYED: [(i32, Option<u64>); 2] = [(-1, None), (-2, Some(86))];
 }
 
-impl Machine for Notebook {
+impl BoardSide for Notebook {
     const OBEYS: bool = true;
 
     fn obey(&mut self, orders: &Orders<'_>) -> Result<(), Refusal> {
@@ -158,7 +158,7 @@ impl Machine for Notebook {
     }
 }
 
-/// How the notebook's switches go.
+/// The results of the notebook's switches.
 const fn switched(tick: u64) -> Switched {
     match tick % 4 {
         0 => Switched::Accepted,
@@ -168,7 +168,7 @@ const fn switched(tick: u64) -> Switched {
     }
 }
 
-/// Kind and payload of a frame: any, or as long as a kind of command is that has always one length; and data with an epoch alone.
+/// Kind and payload of a frame: random ones, ones of the length of a command with a fixed length, and Data with only an epoch.
 fn content() -> impl Strategy<Value = (u8, Vec<u8>)> {
     const LENGTHS: [(u8, usize); 13] = [
         (0x01, 5),
@@ -243,7 +243,7 @@ fn hear(service: &mut Service, machine: &mut Notebook, ms: u16) -> Option<(Tag, 
 }
 
 proptest! {
-    /// What a frame of any content asks for is what `Command::decode` says of it: done once, or refused for its reason.
+    /// A frame of any content is read as `Command::decode` reads it: it is executed once, or refused for the same reason.
     #[test]
     fn what_is_asked_is_done_once((kind, payload) in content()) {
         let (mut service, mut machine) = taken();
@@ -317,7 +317,7 @@ proptest! {
                 Ok(_) => prop_assert_eq!(reply, Reply::Done { kind }),
             }
             if kind == 0x0b || kind == 0x0a {
-                // The session or the rate is another one from here on.
+                // From here on the session or the rate is another one.
                 break;
             }
         }
@@ -332,7 +332,7 @@ proptest! {
     }
 }
 
-/// An Ack speaks of all frames before it: `accepted` alone says which Extend, Switch, Trim or Brake was accepted, and repeats change nothing.
+/// One Ack may answer several frames. Only `accepted` tells which Extend, Switch, Trim or Brake was accepted, and repeated frames change nothing.
 #[test]
 fn what_was_accepted_is_told_by_its_number() {
     fn accepted(service: &mut Service, machine: &mut Notebook) -> Option<u8> {
@@ -348,17 +348,17 @@ fn what_was_accepted_is_told_by_its_number() {
     let tell = |service: &mut Service, machine: &mut Notebook, command: &Command<'_>, seq: u8| {
         say(service, machine, &frame(command, seq, Tag(1)), 0);
     };
-    // Nothing was, but Hello.
+    // Only Hello has been accepted.
     tell(&mut service, &mut machine, &Command::Poll, 1);
     assert_eq!(accepted(&mut service, &mut machine), Some(0));
-    // Data behind it are acknowledged with it; it comes again, and is not done again.
+    // Data after it is acknowledged together with it. A repeated Extend is not executed again.
     tell(&mut service, &mut machine, &extend(5), 2);
     tell(&mut service, &mut machine, &Command::Data { motor: 0, epoch: Epoch(1), packed: &[1] }, 3);
     assert_eq!(accepted(&mut service, &mut machine), Some(2));
     machine.has_lapsed = true;
     tell(&mut service, &mut machine, &extend(5), 2);
     assert_eq!(accepted(&mut service, &mut machine), Some(2));
-    // Refused: taken, and the number is the old one, in all that tells it.
+    // A refused one is taken, but the number stays the old one in every answer that has it.
     tell(&mut service, &mut machine, &extend(6), 4);
     assert_eq!(accepted(&mut service, &mut machine), Some(2));
     tell(&mut service, &mut machine, &Command::Status, 5);
@@ -366,7 +366,7 @@ fn what_was_accepted_is_told_by_its_number() {
     tell(&mut service, &mut machine, &Command::Poll, 7);
     assert_eq!(accepted(&mut service, &mut machine), Some(2));
     assert_eq!(machine.asked.iter().filter(|asked| asked.starts_with("Extend")).count(), 2);
-    // Questions: the number is theirs only if they were accepted.
+    // Switch, Trim and Brake: the number becomes theirs only if they are accepted.
     let until = Tick32(7);
     let switch = |tick| Command::Switch { epoch: Epoch(2), tick, lease: Lease::Last, limits: &[] };
     let trim = Command::Trim { until, bytes: &[1, 0, 2, 0] };
@@ -384,7 +384,7 @@ fn what_was_accepted_is_told_by_its_number() {
         tell(&mut service, &mut machine, &command, seq);
         let answer = hear(&mut service, &mut machine, 0);
         assert!(answer.is_some_and(|(_, to, _)| to == seq), "{command:?}: {answer:?}");
-        // The answer got lost: the same again, though it would go otherwise now.
+        // The answer was lost. It is repeated, although the command would have another result now.
         machine.has_lapsed = !has_lapsed;
         tell(&mut service, &mut machine, &command, seq);
         assert_eq!(hear(&mut service, &mut machine, 0), answer);
@@ -396,12 +396,12 @@ fn what_was_accepted_is_told_by_its_number() {
     assert_eq!(machine.asked.len(), 3 + 6, "{:?}", machine.asked);
 }
 
-/// What Extend and Switch may not carry is refused with a reason, and nothing is done.
+/// An Extend or a Switch with an invalid lease or limit is refused, and nothing is done.
 #[test]
 fn leases_that_are_none_are_malformed() {
     let (mut service, mut machine) = taken();
     let bad: [&[u8]; 6] = [
-        // Off; no such state; a byte too many; limits for one of two motors; M too small; E too large.
+        // Lease off; an unknown state; a byte too many; limits for one of two motors; M too small; E too large.
         &[0, 0, 0, 0, 0],
         &[3, 0, 0, 0, 0],
         &[2, 0, 0, 0, 0, 1],
@@ -427,13 +427,13 @@ fn a_gap_is_told_once_until_it_is_filled() {
     assert_eq!(hear(&mut service, &mut machine, 0), gap);
     say(&mut service, &mut machine, &data(3), 0);
     assert_eq!(hear(&mut service, &mut machine, 0), None);
-    // Several at once are acknowledged by the last.
+    // The Ack of the last one serves for several.
     for seq in [1, 2, 3] {
         say(&mut service, &mut machine, &data(seq), 0);
     }
     assert!(matches!(hear(&mut service, &mut machine, 0), Some((Tag(1), 3, Reply::Ack(_)))));
     assert_eq!(hear(&mut service, &mut machine, 0), None);
-    // Damage is a gap, too.
+    // A damaged frame counts as a missing one.
     let mut damaged = data(4);
     damaged[3] ^= 1;
     say(&mut service, &mut machine, &damaged, 0);
@@ -469,7 +469,7 @@ fn silence_frees_a_board_and_not_before() {
     assert!(hear(&mut service, &mut machine, start).is_some());
     assert_eq!(hear(&mut service, &mut machine, start.wrapping_add(SILENCE_MS - 1)), None);
     assert!(service.is_taken());
-    // Another host is refused as long as that.
+    // Another host is refused until then.
     let hello = frame(&Command::Hello { version: VERSION, nonce: 8 }, 9, Tag::NONE);
     say(&mut service, &mut machine, &hello, start.wrapping_add(SILENCE_MS - 1));
     let refused = Reply::Refused { kind: 1, reason: Reason::Taken, detail: 0 };
@@ -477,7 +477,7 @@ fn silence_frees_a_board_and_not_before() {
     assert_eq!(hear(&mut service, &mut machine, start.wrapping_add(SILENCE_MS)), None);
     assert!(!service.is_taken());
     assert_eq!(machine.asked, ["gone, lost: true"]);
-    // The old host is told, the new one gets the next tag.
+    // The old host gets an answer, and the new one gets the next tag.
     say(&mut service, &mut machine, &frame(&Command::Poll, 2, Tag(1)), 0);
     let not_taken = Reply::Missing { why: Missing::NotTaken, accepted: 0 };
     assert!(matches!(hear(&mut service, &mut machine, 0), Some((Tag::NONE, _, reply)) if reply == not_taken));
@@ -504,7 +504,7 @@ fn settings_are_kept_and_told() {
     let stored = Reply::Stored(Stored { settings: Some(settings), is_damaged: false });
     assert_eq!(ask(&mut service, &mut machine, &[]), Reply::Stored(Stored::default()));
     assert_eq!(ask(&mut service, &mut machine, &settings.to_bytes()), stored);
-    // Refused, and what was kept stays: limits beyond text's, half of a pair, not as long as it is.
+    // Refused, so that the stored settings stay: limits that are too high, one limit without the other, a wrong length.
     let with = |vmax, amax| Settings { vmax, amax, ..settings }.to_bytes();
     let malformed = Reply::Refused { kind: 0x0f, reason: Reason::Malformed, detail: 0x0f };
     for bad in [with(10_000_001, 1000), with(1, 0), with(1, 999), with(1, 250_000_001)] {
@@ -516,7 +516,7 @@ fn settings_are_kept_and_told() {
     machine.is_damaged = true;
     let damaged = Reply::Stored(Stored { settings: Some(settings), is_damaged: true });
     assert_eq!(ask(&mut service, &mut machine, &[]), damaged);
-    // Their silence is a configuration's that does not say one.
+    // A configuration without a silence uses the stored one.
     let mut configuration = Configuration::new(&[]).expect("no motors");
     for (seq, silence_ms, is) in [(11, 0, 300), (12, 700, 700)] {
         configuration.silence_ms = silence_ms;
@@ -534,14 +534,14 @@ fn a_rate_that_brings_no_frame_is_given_up() {
     assert_eq!(service.baud(), Baud::B115200, "not before the answer is out");
     assert_eq!(hear(&mut service, &mut machine, 1), None);
     assert_eq!(service.baud(), Baud::B1M);
-    // Noise there is not complained of.
+    // Noise at the new rate is not reported.
     say(&mut service, &mut machine, &[0x55, 0x33, 0], 2);
     assert_eq!(hear(&mut service, &mut machine, TRIAL_MS), None);
     assert_eq!(service.baud(), Baud::B1M);
     assert_eq!(hear(&mut service, &mut machine, 1 + TRIAL_MS), None);
     assert_eq!(service.baud(), Baud::B115200);
     assert_eq!(machine.asked, ["B1M", "B115200"]);
-    // Told when the host is heard again.
+    // The board reports it when the host is heard again.
     say(&mut service, &mut machine, &frame(&Command::Poll, 2, Tag(1)), 300);
     assert!(matches!(hear(&mut service, &mut machine, 300), Some((_, 2, Reply::Ack(_)))));
     assert_eq!(machine.asked, ["B1M", "B115200", "fell back"]);

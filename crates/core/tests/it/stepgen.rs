@@ -1,4 +1,4 @@
-//! Channel, output and merge together, against a model that knows nothing of registers.
+//! Channel, output and merge together, compared with a model in rational numbers.
 
 use dashu::rational::RBig;
 use proptest::prelude::*;
@@ -49,7 +49,7 @@ fn edges<const N: usize>(axis: &mut Axis<F, Queue<N>>, until: u32) -> Vec<Edge> 
     edges
 }
 
-/// A step as it was scheduled.
+/// A scheduled step.
 type Scheduled = (i128, Direction);
 
 /// Ticks and directions of `items`, by rational arithmetic.
@@ -79,7 +79,7 @@ fn schedule(items: &[Item]) -> Vec<Scheduled> {
     steps
 }
 
-/// What the edges of a step/dir driver say, checked on the way: width of pulses, set-up and hold of DIR.
+/// The steps that the edges of a step/dir driver make. It also checks the width of pulses, and set-up and hold of DIR.
 fn read_back(edges: &[Edge], forward_high: bool) -> Vec<Scheduled> {
     let (mut dir_high, mut dir_since, mut rise, mut fall) = (false, None, None, None);
     let mut steps = Vec::new();
@@ -132,7 +132,7 @@ fn motion(from: u32) -> impl Strategy<Value = Vec<Item>> {
     })
 }
 
-/// Increasing ticks at which the world looks at the board.
+/// Increasing ticks up to which the board is advanced.
 fn looks() -> impl Strategy<Value = Vec<u32>> {
     prop::collection::vec(1u32..3000, 0..60).prop_map(|gaps| {
         gaps.into_iter()
@@ -330,8 +330,7 @@ proptest! {
     }
 }
 
-/// The patterns of the Pico plotter's program as it puts them on the pins, bit 0 on IN1, from each of its own numbers: forward it goes
-/// through them as they stand.
+/// The patterns that the Pico plotter's program puts on the pins, bit 0 on IN1. Forward, it goes through them in this order.
 #[test]
 fn coils_go_the_way_of_the_seed() {
     let half: [u32; 8] = [0b1001, 0b1000, 0b1100, 0b0100, 0b0110, 0b0010, 0b0011, 0b0001];
@@ -344,7 +343,7 @@ fn coils_go_the_way_of_the_seed() {
                 Axis::<F, Queue<8>>::new(Output::Coils(Coils::new([0, 1, 2, 3], sequence, None)), Queue::new());
             push(&mut axis, 0, &[anchor(0), run(20, 100, direction)]);
             let mut levels = 0;
-            // An edge without lines is DIR's, which coils have none of.
+            // An edge without lines is a change of DIR, which coils do not have.
             let changes = edges(&mut axis, END).into_iter().filter(|edge| edge.set | edge.clear != 0);
             for (number, edge) in (1_i32..).zip(changes) {
                 levels = levels & !edge.clear | edge.set;
@@ -389,7 +388,7 @@ fn time_wraps() {
     push(&mut axis, 0, &[anchor(u32::MAX - 99), run(3, 100, Forward)]);
     let ticks: Vec<u32> = edges(&mut axis, 1000).iter().map(|edge| edge.tick.0).collect();
     assert_eq!(ticks, [0u32.wrapping_sub(SETUP), 0, PULSE, 100, 100 + PULSE, 200, 200 + PULSE]);
-    // A day idle, and an accumulator that must not come back as the future.
+    // A day at rest. The accumulator's old tick must not count as one in the future.
     for quarter in 1..40u32 {
         assert_eq!(edges(&mut axis, quarter.wrapping_mul(1 << 30)), []);
     }

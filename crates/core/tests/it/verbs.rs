@@ -1,27 +1,27 @@
-//! Motors told directly: every step at its tick, none lost, none twice, against a model that looks at each tick.
+//! Motors that obey verbs: every step at its tick, none lost, none twice, compared with a model that looks at each tick.
 
 use proptest::prelude::*;
 use pulsetrain_core::channel::EventKind;
-use pulsetrain_core::verbs::motor::{LONGEST_PERIOD, MOST_ITEMS, MOST_UNTOLD};
+use pulsetrain_core::verbs::motor::{LONGEST_PERIOD, MAX_ITEMS, MAX_UNREPORTED};
 use pulsetrain_core::verbs::{Heading, Motor, MotorTiming, Refused, Verb, Verbs};
 use pulsetrain_core::winch::text::LineFault;
 use pulsetrain_core::winch::verb_lines::{LONGEST, VerbLine, VerbReply, read};
 use pulsetrain_core::wire::frame::{Encoder, Received, Tag};
 use pulsetrain_core::wire::message::{self, Command, Reason, kind};
-use pulsetrain_core::wire::orders::{MOST_ORDERS, NextStep, Obeyed, Orders, order};
+use pulsetrain_core::wire::orders::{MAX_ORDERS, NextStep, Obeyed, Orders, order};
 use pulsetrain_core::wire::{Decoder, MAX_FRAME, Refusal};
 use pulsetrain_core::{Channel, Direction, Entry, Epoch, Item, Queue, Tick32};
 
 const LIMITS: MotorTiming = MotorTiming { shortest: 3, turn: 40, period: 25 };
 
-/// What a motor did: steps with their ticks, and the ticks at which moves were done.
+/// What a motor did: steps with their ticks, and the ticks at which moves were finished.
 #[derive(Debug, Default, PartialEq)]
 struct Made {
     steps: Vec<(u64, Direction)>,
     done: Vec<u64>,
 }
 
-/// Whoever told the motor what it does is gone from there on, which hears of what was done `lag` ticks later.
+/// From this tick on the host is gone. It hears of finished moves `lag` ticks later.
 #[derive(Clone, Copy, Debug)]
 struct Cut {
     at: u64,
@@ -31,16 +31,16 @@ struct Cut {
 impl Cut {
     const NEVER: Cut = Cut { at: u64::MAX, lag: 0 };
 
-    /// Whether somebody hears that a move is done at `tick` which was begun at `begun`.
+    /// Whether a host hears of a move that was ordered at `begun` and finished at `tick`.
     fn is_heard(self, begun: u64, tick: u64) -> bool {
         begun >= self.at || (tick < self.at && tick <= self.at.saturating_sub(self.lag))
     }
 }
 
-/// A motor by the letter: looks at each tick whether a step is due.
+/// The model: it looks at each tick whether a step is due.
 fn by_the_letter(script: &[(u64, Verb)], cut: Cut, end: u64) -> Made {
     let (mut made, mut period, mut course) = (Made::default(), 25, Heading::Forward);
-    // Moves: steps left, without an end if None, and since when; the first is under way.
+    // Moves, the first of which is under way: steps left (None: without an end), and when it was ordered.
     let mut moves: Vec<(Option<u32>, u64)> = Vec::new();
     let mut script = script.iter().peekable();
     for tick in 0..end {
@@ -82,8 +82,8 @@ fn by_the_letter(script: &[(u64, Verb)], cut: Cut, end: u64) -> Made {
     made
 }
 
-/// The same by slices and a channel, and what of the script was obeyed. Moves are told as done the cut's `lag` ticks behind what is worked
-/// out, as on a board, which works out ahead.
+/// The motor itself, with slices and a channel, and which orders of the script it obeyed. Moves are reported `lag` ticks behind the end of the
+/// last slice, as on a board, which works out steps ahead.
 fn by_slices(script: &[(u64, Verb)], cut: Cut, end: u64, slices: &[u64]) -> (Made, Vec<(u64, Verb)>) {
     let (mut motor, mut known) = (Motor::new(LIMITS, 0, 0), 0);
     let (mut queue, mut channel) = (Queue::<64>::new(), Channel::<32>::new(1, false));
@@ -98,9 +98,9 @@ fn by_slices(script: &[(u64, Verb)], cut: Cut, end: u64, slices: &[u64]) -> (Mad
             items += 1;
             queue.push(Entry { epoch: Epoch(0), item }).expect("room");
         });
-        assert!(items <= MOST_ITEMS);
+        assert!(items <= MAX_ITEMS);
         known = next;
-        // A channel whose limit is a little short takes the rest with the next slice.
+        // If the channel is advanced less far, it takes the rest with the next slice.
         let limit = Tick32::of(known).before(1);
         while let Some(event) = channel.peek(&mut queue, limit) {
             channel.take(event);
@@ -120,7 +120,7 @@ fn by_slices(script: &[(u64, Verb)], cut: Cut, end: u64, slices: &[u64]) -> (Mad
             motor.mute_moves();
         }
         while let Some((_, verb)) = script.next_if(|(at, _)| *at == known) {
-            // A script may ask for what cannot be: then nothing happens.
+            // A script may have orders that are refused: then nothing happens.
             if motor.obey(*verb, known).is_ok() {
                 obeyed.push((known, *verb));
             }
@@ -162,7 +162,7 @@ proptest! {
         prop_assert_eq!(by_slices(&script, Cut::NEVER, end, &slices).0, by_the_letter(&script, Cut::NEVER, end));
     }
 
-    /// Who is told late hears of every move that was obeyed; a move of which nobody could be told is not obeyed.
+    /// A host that hears late still hears of every move that was accepted. A move that could not be reported is refused.
     #[test]
     fn every_move_is_told(script in script(), slices in prop::collection::vec(1u64..400, 1..8), lag in 1u64..3000) {
         let end = script.last().map_or(0, |(at, _)| *at) + 2000;
@@ -171,7 +171,7 @@ proptest! {
         prop_assert_eq!(made, by_the_letter(&obeyed, cut, end));
     }
 
-    /// Who comes after the one that is gone hears of the moves it has told the motor itself, and of no other.
+    /// A second host hears of its own moves, and of no others.
     #[test]
     fn moves_of_who_is_gone_are_nobodys(
         script in script(), slices in prop::collection::vec(1u64..400, 1..8), at in 1u64..4000, lag in prop_oneof![Just(0), 1u64..3000]
@@ -182,7 +182,7 @@ proptest! {
         prop_assert_eq!(made, by_the_letter(&obeyed, cut, end));
     }
 
-    /// Any line is read, or refused at one of its words; any payload is orders, or none.
+    /// Any line is read, or refused at one of its words. Any payload is read, or refused.
     #[test]
     fn any_bytes_are_read(line in prop::collection::vec(prop_oneof![any::<u8>(), prop::sample::select(&b"move speed dir run halt xyza 0129-"[..])], 0..81)) {
         match read(&line) {
@@ -196,7 +196,7 @@ proptest! {
     }
 
     #[test]
-    fn orders_are_read_as_they_were_written(orders in prop::collection::vec((0u8..8, verb()), 0..=MOST_ORDERS)) {
+    fn orders_are_read_as_they_were_written(orders in prop::collection::vec((0u8..8, verb()), 0..=MAX_ORDERS)) {
         let bytes: Vec<u8> = orders.iter().flat_map(|(motor, verb)| order(*motor, *verb)).collect();
         let command = Command::Orders(Orders::decode(&bytes).expect("whole orders"));
         let mut frame = [0; MAX_FRAME];
@@ -213,7 +213,7 @@ proptest! {
     }
 }
 
-/// Counts and ticks of steps, from the items alone: so many that a channel would take too long.
+/// Counts and ticks of steps, from the items alone, because a channel would take too long for so many.
 fn count(steps: u32, ticks: u64, slice: u64) -> (u64, u64, u64) {
     let limits = MotorTiming { shortest: 1, turn: 1, period: 1 };
     let mut motor = Motor::new(limits, 0, 0);
@@ -248,7 +248,7 @@ fn count(steps: u32, ticks: u64, slice: u64) -> (u64, u64, u64) {
     }
 }
 
-/// MOVE n makes exactly n steps, a period apart, across every boundary of words and slices; it is done a period after the last.
+/// MOVE n makes exactly n steps, a period apart, across all boundaries of items and slices. It is finished a period after the last step.
 #[test]
 fn a_move_has_exactly_its_steps() {
     assert_eq!(count(0, 5, 777), (0, 0, 1000));
@@ -260,7 +260,7 @@ fn a_move_has_exactly_its_steps() {
         (2000, 125_000, 10_007),
         (2000, 7, 12_500),
         (65_536, 3, 999),
-        // Long periods: the channel's interval of 31 bits, and moments of 32, are not their end.
+        // Periods may be longer than the channel's intervals of 31 bits, and than ticks of 32 bits.
         (3, (1 << 31) - 1, 1 << 29),
         (3, 1 << 31, 1 << 29),
         (3, 1 << 32, 1 << 29),
@@ -298,7 +298,7 @@ fn what_cannot_be_is_refused_and_changes_nothing() {
     assert_eq!(tell(&[(0, go), (2, go)]), refused(Reason::NoSuchMotor, 2));
     assert_eq!(tell(&[(0, go), (1, Verb::Speed { ticks: 1 })]), refused(Reason::Period, 3));
     assert_eq!(tell(&[(1, go), (1, go), (1, go)]), refused(Reason::Busy, 1));
-    // Of all that nothing was done.
+    // Nothing of all that was done.
     let obeyed = tell(&[]).expect("a question");
     let rests = |position| NextStep { position, wait: u32::MAX };
     assert_eq!((obeyed.tick, obeyed.motors()), (100, &[rests(5), rests(-5)][..]));
@@ -306,7 +306,7 @@ fn what_cannot_be_is_refused_and_changes_nothing() {
     assert_eq!(obeyed.motors(), [rests(5), NextStep { position: -5, wait: 0 }]);
 }
 
-/// A move that is forgotten takes its place among those of nobody with it: the next one is told.
+/// A dropped move that would not have been reported is not counted as unreported any more: the next one is reported.
 #[test]
 fn what_is_forgotten_is_nobodys_no_more() {
     let go = Verb::Move { steps: 1 };
@@ -318,7 +318,7 @@ fn what_is_forgotten_is_nobodys_no_more() {
     let ways: [fn(&mut Motor); 3] = [
         |motor| motor.obey(Verb::Halt, 10).unwrap(),
         |motor| motor.stop(10),
-        // The first one is done, the second has no way to go.
+        // The first move is finished. The second waits, because the heading is stationary.
         |motor| {
             motor.obey(Verb::Heading(Heading::Stationary), 10).unwrap();
             motor.drop_endless();
@@ -337,8 +337,8 @@ fn what_is_forgotten_is_nobodys_no_more() {
     }
 }
 
-/// Two motors that were told so at tick 100, and left alone at 151: where they come to stand, and who cannot be sure of it, with a
-/// pull-in of 30 ticks and of 20.
+/// Two motors get these orders at tick 100, and lose their host at 151. Returns where they stop, and which of them are uncertain, with pull-in
+/// intervals of 30 and of 20 ticks.
 fn forsaken(orders: &[(u8, Verb)], lost: bool) -> ([i32; 2], u8) {
     let mut verbs = Verbs::new();
     verbs.begin([(LIMITS, 0); 2].into_iter(), 100);
@@ -352,25 +352,25 @@ fn forsaken(orders: &[(u8, Verb)], lost: bool) -> ([i32; 2], u8) {
     ([positions[0], positions[1]], uncertain)
 }
 
-/// Nobody is there any more: runs end, and moves too if the host was lost. Who was too fast to stop so is flagged.
+/// The host is gone: runs end, and moves too if the host was lost. A motor that was too fast to stop at once is flagged.
 #[test]
 fn a_motor_without_a_host_stops() {
     let go = |steps| Verb::Move { steps };
     let run_and_move = [(0, Verb::Run), (1, go(10))];
     assert_eq!(forsaken(&run_and_move, false), ([3, 10], 1));
     assert_eq!(forsaken(&run_and_move, true), ([3, 3], 1));
-    // A move goes on to its end also with a run behind it.
+    // A move goes on to its end, also if a run waits after it.
     assert_eq!(forsaken(&[(0, go(20)), (0, Verb::Run), (1, go(10)), (1, go(4))], false), ([20, 14], 0));
-    // Of what has no end without a word nothing is left; what comes before it is done.
+    // Everything that would never end is dropped. A move before it is finished.
     let stands = Verb::Heading(Heading::Stationary);
     assert_eq!(forsaken(&[(0, stands), (0, go(5)), (1, stands), (1, go(0)), (1, go(3))], false), ([0, 0], 0));
-    // At 16 ticks from step to step both are too fast; who has made all steps is not.
+    // At an interval of 16 ticks both are too fast. A motor that has made all its steps is not.
     let fast = Verb::Speed { ticks: 16 };
     assert_eq!(forsaken(&[(0, fast), (1, fast), (0, go(99)), (1, go(99))], true), ([4, 4], 3));
     assert_eq!(forsaken(&[(0, fast), (1, fast), (0, go(4)), (1, go(4))], true), ([4, 4], 0));
 }
 
-/// Moves of one and of two steps by each of two motors, which would be done at 125 and 175.
+/// Each of two motors has moves of one and of two steps, which would be finished at 125 and 175.
 fn two_moves_each() -> Verbs {
     let mut verbs = Verbs::new();
     verbs.begin([(LIMITS, 0), (LIMITS, 0)].into_iter(), 100);
@@ -385,11 +385,11 @@ fn two_moves_each() -> Verbs {
 fn told(verbs: &mut Verbs) -> Vec<(u8, u64, u32)> {
     let told = std::iter::from_fn(|| verbs.take_done(u64::MAX)).collect();
     assert_eq!(verbs.next_done(), None);
-    assert!(verbs.motors().iter().all(Motor::is_told));
+    assert!(verbs.motors().iter().all(Motor::is_reported));
     told
 }
 
-/// Stopped at once: moves that were done by then are told, later ones are not, of each motor by its own tick.
+/// After an immediate stop, moves that were finished by then are reported, and later ones are not, at each motor's own tick.
 #[test]
 fn who_is_stopped_was_not_done_later() {
     for (at, count) in [(0, 0), (124, 0), (125, 1), (174, 1), (175, 2)] {
@@ -416,7 +416,7 @@ fn who_begins_anew_is_told_what_was_done_before() {
     }
 }
 
-/// No move is taken that nobody could be told of; as soon as one is told there is room for another.
+/// A move that could not be reported is refused. As soon as one is reported, another is accepted.
 #[test]
 fn a_move_that_could_not_be_told_is_refused() {
     let mut motor = Motor::new(LIMITS, 0, 0);
@@ -425,11 +425,11 @@ fn a_move_that_could_not_be_told_is_refused() {
         motor.work_out::<32>(1000 * number + 500, |_| {});
         taken
     };
-    for number in 0..u64::from(MOST_UNTOLD) {
+    for number in 0..u64::from(MAX_UNREPORTED) {
         assert_eq!(go(&mut motor, number), Ok(()));
     }
     assert_eq!(go(&mut motor, 4), Err(Refused::Busy));
-    // Neither runs nor speeds need room.
+    // Runs and speeds need no place.
     assert_eq!(motor.obey(Verb::Speed { ticks: 30 }, 4500), Ok(()));
     assert_eq!(motor.obey(Verb::Run, 4500), Ok(()));
     assert_eq!(motor.obey(Verb::Halt, 4500), Ok(()));
@@ -438,7 +438,7 @@ fn a_move_that_could_not_be_told_is_refused() {
     assert_eq!(go(&mut motor, 6), Err(Refused::Busy));
     let told: Vec<_> = std::iter::from_fn(|| motor.take_done(u64::MAX)).collect();
     assert_eq!(told, [(1025, 2), (2025, 3), (3025, 4), (5030, 5)]);
-    assert!(motor.is_told());
+    assert!(motor.is_reported());
 }
 
 #[test]
@@ -450,7 +450,7 @@ fn orders_that_are_none_are_refused() {
         order[at] = byte;
         Orders::decode(&order).is_none()
     };
-    // A bit between motor and verb; a verb that is none; 2^32 steps; a value where there is none; half an order; one too many.
+    // A bit between motor and verb; an unknown verb; 2^32 steps; a value where there must be none; half an order; one too many.
     assert_eq!([bad(0, 0x0b), bad(0, 0x53), bad(5, 1), bad(0, 0x33)], [true; 4]);
     assert_eq!(Orders::decode(&good[..8]), None);
     assert_eq!(Orders::decode(&good.repeat(9)), None);
@@ -508,7 +508,7 @@ fn lines_say_what_orders_do() {
         ("dir x 2", LineFault::Range, 3),
     ] {
         let refused = match read(line.as_bytes()) {
-            // What no motor takes is refused by the motor.
+            // A value that is beyond a motor's limits is refused by the motor.
             VerbLine::Orders(told) if line.starts_with("speed") => {
                 assert_eq!(told.orders().expect("orders").iter().next(), Some((0, Verb::Speed { ticks: u64::MAX })));
                 continue;
@@ -541,7 +541,7 @@ fn replies_are_lines() {
     check(VerbReply::Refused(Refusal::of(Reason::Moving)), "err moving");
     check(VerbReply::Path, "err path");
     check(VerbReply::Verbs, "err verbs");
-    // The longest of all: a tick of 20 digits, and the longest wait that is told.
+    // The longest reply: a tick of 20 digits, and the longest wait.
     let tick = u64::MAX - u64::from(u32::MAX - 1);
     let worst = Obeyed::new(tick, [(i32::MIN, Some(u64::MAX)); 4].into_iter());
     let mut line = [0; 2 * LONGEST];

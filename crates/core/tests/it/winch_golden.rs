@@ -1,6 +1,6 @@
 //! What lines make of a path: a table that a reviewer reads, to the last bit of the fixed point.
 //!
-//! `cargo xtask golden` writes it anew. tests/it/winch_path.rs tests that the path is within 0.1 step of the
+//! `cargo xtask golden` writes it again. tests/it/winch_path.rs tests that the path is within 0.1 step of the
 //! recurrence in f64. crates/board/tests/it/chips/winch_avr.rs tests that the Uno's assembly gives the same bits. This table shows
 //! when either changes.
 

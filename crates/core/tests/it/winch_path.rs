@@ -88,7 +88,7 @@ impl Exact {
     }
 }
 
-/// As a client would print it, with `places` behind the point.
+/// A number as a client would print it, with `places` decimals.
 fn fixed(value: f64, places: i32) -> u32 {
     (value * 10_f64.powi(places)).round() as u32
 }
@@ -145,7 +145,7 @@ fn compare(commands: &[(u32, Command)], ms: u32) -> (f64, f64) {
     (worst, apart)
 }
 
-/// The slice's steps are as far apart as its speed has them, within the tolerance, in exact integers.
+/// Checks that a slice's steps are as far apart as its speed requires, within the tolerance, in exact integers.
 #[track_caller]
 fn check_slice(slice: Slice, speed: i32) {
     assert_eq!((slice.speed, slice.backward), (speed.unsigned_abs(), speed < 0));
@@ -155,7 +155,7 @@ fn check_slice(slice: Slice, speed: i32) {
     };
     assert_eq!((train.count, train.backward), (slice.count, slice.backward));
     for step in 0..u64::from(train.count) {
-        // Millisteps to it, over millisteps a slice, times ticks a slice.
+        // The distance to it, divided by the distance in a slice, times the ticks of a slice.
         let way = u64::from(slice.distance) + ((step * 1000) << 16);
         assert!(way <= u64::from(slice.speed), "{slice:?}: step {step} is not in it");
         let exact = u128::from(way) * (u128::from(TICKS) << 16) / u128::from(slice.speed);
@@ -344,7 +344,7 @@ fn a_target_is_never_approached_round_the_end_of_32_bits() {
 
 #[test]
 fn beyond_32_bits_targets_count_from_the_position_shown() {
-    // Three steps below the end, ten up: the position wraps, and the way back is that of the position shown.
+    // Three steps below the end of 32 bits, ten steps up: the position wraps, and the way back is counted from the wrapped position.
     let mut path = Path::at(i32::MAX - 3);
     path.set_gains(&gains_of(2.0, 1.0));
     path.move_target(10);
@@ -364,7 +364,7 @@ fn gains() -> impl Strategy<Value = Command> {
     })
 }
 
-/// Gains and limits with which any motion is followed, as docs/winch.md states them: f·vmax ≤ amax, and ζ well above πf·(1 ms).
+/// Gains and limits in the range that docs/winch.md states: f·vmax ≤ amax, and ζ well above πf·(1 ms).
 fn calm() -> impl Strategy<Value = [Command; 2]> {
     let log =
         |low: f64, high: f64| (low.ln()..=high.ln()).prop_map(move |x| (x.exp().clamp(low, high) * 1e6).round() / 1e6);
@@ -395,7 +395,7 @@ fn command() -> impl Strategy<Value = Command> {
     ]
 }
 
-/// Commands at their times, each so long after the one before, ms; and when the last is over.
+/// Commands, each with the time after the one before, ms; and the length of the whole.
 fn timed(first: &[Command], commands: Vec<(u32, Command)>) -> (Vec<(u32, Command)>, u32) {
     let mut at = 0;
     let mut timed: Vec<_> = first.iter().map(|command| (0, *command)).collect();

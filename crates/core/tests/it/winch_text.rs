@@ -1,4 +1,4 @@
-//! Lines to commands, and replies to lines.
+//! Lines read as commands, and replies to lines.
 
 use proptest::prelude::*;
 use pulsetrain_core::winch::letters::InMemory;
@@ -6,7 +6,7 @@ use pulsetrain_core::winch::path::{Gains, Limits};
 use pulsetrain_core::winch::reply::{LONGEST, LineReply};
 use pulsetrain_core::winch::text::{Heard, LineCommand, LineError, LineFault, LineReader};
 
-/// What a reader says of a line.
+/// The reader's result for a line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Command {
     Version,
@@ -45,7 +45,7 @@ fn read(reader: &mut LineReader, text: &str) -> Vec<Result<Command, LineError>> 
     text.bytes().filter_map(|byte| push(reader, byte)).collect()
 }
 
-/// One line, as both modes hear it.
+/// The results for one line, strict and not.
 #[track_caller]
 fn check(line: &str, command: Command) {
     for strict in [false, true] {
@@ -55,7 +55,7 @@ fn check(line: &str, command: Command) {
     }
 }
 
-/// What the original accepts, and is refused when strict.
+/// A line that the original accepts, and that is refused when strict.
 #[track_caller]
 fn check_lenient(line: &str, command: Command, what: LineFault, word: u8) {
     let mut reader = LineReader::new();
@@ -71,7 +71,7 @@ fn refuse(line: &str, what: LineFault, word: u8) {
         reader.set_strict(strict);
         let expected = Err(LineError { what, word });
         assert_eq!(read(&mut reader, &format!("{line}\n")), [expected], "{line:?}, strict: {strict}");
-        // And the next line is read properly.
+        // The next line is read correctly.
         assert_eq!(read(&mut reader, "ping\n"), [Ok(Command::Ping)], "after {line:?}");
     }
 }
@@ -144,7 +144,7 @@ fn numbers() {
         refuse(&format!("l x 100 {wrong}"), LineFault::Number, 4);
     }
     refuse("l x 1e-99e 100", LineFault::Number, 3);
-    // More than a path has is all that it has, as long as atof's float holds it; tiny numbers are 0.
+    // A limit that is too high is cut, as long as atof's float holds it. Tiny numbers are 0.
     for far in ["10000.0005", "4294967.3", "5000000000", "1e10", "1e38", "4.29e38", "42900000000e28"] {
         check_lenient(&format!("l x {far} 5000"), limits(1, 10_000_000, 5_000_000), LineFault::Range, 3);
     }
@@ -224,17 +224,17 @@ fn strict_with_checksums_one_wrong_bit_moves_nothing() {
 #[test]
 fn after_a_checksum_strict_wants_one_on_each_line() {
     let mut reader = LineReader::new();
-    // Not strict, none is ever wanted.
+    // When not strict, no checksum is needed.
     assert!(read(&mut reader, &format!("{}a x 1\n", checked("ping"))).iter().all(Result::is_ok));
     reader.set_strict(true);
     let refused = Err(LineError { what: LineFault::Checksum, word: 3 });
     assert_eq!(read(&mut reader, "a x 1\n"), [Ok(axes(LineCommand::Target, 1, [1, 0, 0, 0]))], "none yet since then");
     assert_eq!(read(&mut reader, &format!("{}a x 1\n", checked("ping"))), [Ok(Command::Ping), refused]);
-    // Blank lines need none; a line that is too long is told as that.
+    // Blank lines need none. A line that is too long gets that as its fault.
     assert_eq!(read(&mut reader, "\n \n"), []);
     let long = Err(LineError { what: LineFault::Long, word: 1 });
     assert_eq!(read(&mut reader, &format!("{}\n", "a".repeat(81))), [long]);
-    // Asked for without a checksum it is as at first; with one, every line needs one at once.
+    // `strict 1` without a checksum starts as at first. With a checksum, every later line needs one.
     assert_eq!(read(&mut reader, "strict 1\n"), [Err(LineError { what: LineFault::Checksum, word: 2 })]);
     assert_eq!(read(&mut reader, &checked("strict 0")), [Ok(Command::Strict(false))]);
     reader.set_strict(false);
@@ -281,12 +281,12 @@ fn what_would_do_harm() {
     refuse("enable on", LineFault::Number, 2);
     refuse("srate", LineFault::Missing, 2);
     refuse("g x 1", LineFault::Missing, 4);
-    // The axis forgotten: the value is no axis, and nothing is done.
+    // The axis is missing: the value is taken for axes, and nothing is done.
     for line in ["a 5", "d 5", "v -5", "r 1", "s 100", "g 2 1", "l 1000 1000", "a q 1", "d 1 2 3"] {
         refuse(line, LineFault::Flags, 2);
     }
     refuse("l xyza", LineFault::Missing, 3);
-    // One pair is for all axes: of half a one the original does nothing either.
+    // One pair of values is for all axes. With half a pair the original does nothing either.
     for line in ["l x 100", "l xyza 100", "g xyza 1"] {
         refuse(line, LineFault::Missing, 4);
     }
@@ -310,7 +310,7 @@ fn what_the_original_lets_pass() {
     refuse_lenient("d xx 2147483647 1", LineFault::Range, 4);
 }
 
-/// Of what strict refuses for another reason.
+/// Lines that strict mode refuses for another reason.
 #[track_caller]
 fn refuse_lenient(line: &str, what: LineFault, word: u8) {
     assert_eq!(read(&mut LineReader::new(), &format!("{line}\n")), [Err(LineError { what, word })], "{line:?}");
@@ -337,7 +337,7 @@ fn lines() {
     // Ten words fit.
     check_lenient("a x 1 2 3 4 5 6 7 8", axes(LineCommand::Target, 1, [1, 0, 0, 0]), LineFault::Extra, 4);
     refuse_lenient("a x 1 2 3 4 5 6 7 8 9", LineFault::Words, 11);
-    // What was begun can be forgotten.
+    // The beginning of a line can be dropped.
     assert_eq!(read(&mut reader, "a x 1"), []);
     reader.restart();
     assert_eq!(read(&mut reader, "2\n"), [Err(LineError { what: LineFault::Command, word: 1 })]);
@@ -416,7 +416,7 @@ proptest! {
 
     #[test]
     fn decimals_are_rusts(text in "[+-]?[0-9]{0,5}[.]?[0-9]{0,9}(e[+-]?[0-9]{1,2})?") {
-        // Nothing at all is no word.
+        // An empty text is no word.
         prop_assume!(!text.is_empty());
         // atof's, but for what only Rust takes.
         let exact = text.parse::<f64>().ok();

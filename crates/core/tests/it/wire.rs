@@ -5,7 +5,7 @@ use pulsetrain_core::lease::Lease;
 use pulsetrain_core::output::Sequence;
 use pulsetrain_core::wire::frame::{Received, Tag, framed_len};
 use pulsetrain_core::wire::message::{Configuration, MAX_PACKED, MotorSetup};
-use pulsetrain_core::wire::settings::{AMAX, MOST_VMAX};
+use pulsetrain_core::wire::settings::{AMAX, MAX_VMAX};
 use pulsetrain_core::wire::{Baud, Command, Decoder, Encoder, MAX_BODY, MAX_FRAME, Settings, VERSION};
 use pulsetrain_core::{Epoch, Tick32};
 
@@ -104,11 +104,11 @@ fn parts_of_the_queues_are_of_all_motors_and_no_more_than_all() {
     );
 }
 
-/// Every change of one, two or three bits of a frame between two others: never does something come of it that was
-/// not sent, and the neighbour that was not touched always comes through.
+/// Every change of one, two or three bits of a frame between two others: no frame is received that was not sent, and the unchanged
+/// neighbour is always received.
 ///
-/// This holds by construction for the changes that leave the zeros where they are; those that make or break one are not
-/// found so rarely (less than one in 10^10) that here, where all are tried, there is none.
+/// For changes that leave the zeros where they are, the CRC guarantees that. A change that makes or removes a zero is missed so rarely (less
+/// than once in 10^10) that none is missed here, where all are tried.
 #[test]
 fn all_changes_of_up_to_three_bits_are_found() {
     let mut motors = Vec::new();
@@ -151,7 +151,7 @@ fn check_flips(frame: &[u8]) {
                 seen_next = true;
             }
         }
-        // A zero that was broken joins the two frames.
+        // A zero that was changed joins the two frames.
         assert_eq!(seen_next, line[frame.len() - 1] == 0, "{line:02x?}");
     };
     for a in 0..bits {
@@ -183,7 +183,7 @@ proptest! {
         prop_assert_eq!(taken(&line), expected);
     }
 
-    /// In portions of any size it is the same as byte by byte, whatever comes.
+    /// Portions of any size have the same result as single bytes, whatever they contain.
     #[test]
     fn portions_do_not_matter(
         parts in prop::collection::vec(
@@ -252,7 +252,7 @@ proptest! {
             12 => Command::Measures { reset: flags & 1 != 0 },
             13 => {
                 let [deadman_ms, idle_ms, silence_ms, ..] = times;
-                let (vmax, amax) = (nonce % (MOST_VMAX + 1), nonce.clamp(AMAX[0], AMAX[1]));
+                let (vmax, amax) = (nonce % (MAX_VMAX + 1), nonce.clamp(AMAX[0], AMAX[1]));
                 Command::Store(Some(Settings { deadman_ms, idle_ms, silence_ms, vmax, amax }))
             }
             14 => Command::Extend { lease, limits: &limits },

@@ -1,6 +1,6 @@
-//! Backlash: the slack of belts and gears, taken up quickly whenever a motor turns round.
+//! Backlash of belts and gears. Whenever a motor turns round, it makes extra steps, quickly, to take up the backlash.
 //!
-//! What the motor drives stands still while the slack is taken up. Source: the Pico plotter, "Slop in the etch a sketch mechanism".
+//! What the motor drives stands still meanwhile. Source: the Pico plotter, "Slop in the etch a sketch mechanism".
 
 use super::combine;
 use super::{Class, Curve, Double, Entry, Law, LawError, Piece, Pieces, checked};
@@ -8,14 +8,14 @@ use crate::Time;
 use std::collections::VecDeque;
 use std::sync::Arc;
 
-/// A law whose motor goes farther by the slack after each turning point, within `over`, on a cubic from rest to rest.
+/// A law with backlash: after each turning point the motor moves farther by the backlash, within `over`, on a cubic from rest to rest.
 #[derive(Clone, Debug)]
 pub struct Backlash {
-    /// The law, then what is added to it.
+    /// The law, and the extra motion.
     sum: [Law; 2],
 }
 
-/// What is added to a law at its turning points.
+/// The extra motion at a law's turning points.
 #[derive(Clone, Debug)]
 pub struct Compensation {
     law: Law,
@@ -23,18 +23,18 @@ pub struct Compensation {
     over: Time,
 }
 
-/// A law has turned round once it has come back this far, steps: less is rounding, or makes no step.
+/// A law counts as turned round when it has come back this far, steps. Less may be rounding, and makes no step.
 const TURNED: f64 = 0.25;
-/// Looks in each piece; turns between them are found by their change of sign.
+/// Samples in each piece. A turn between two samples shows as a change of the speed's sign.
 const LOOKS: u32 = 16;
 /// Positions that differ by no more than this count as equal, steps.
 const SAME: f64 = 1e-9;
 
 impl Law {
-    /// This law for a motor with slack behind it: `slack` more steps at each turn, within `over` from the turn on.
+    /// This law for a motor with backlash: `slack` more steps after each turn, within `over`.
     ///
-    /// Which way the first motion goes the slack is taken up already. The law ends `over` later, so that its last turn
-    /// can be served. Peak speed of the added motion is 1.5·slack/over, its acceleration 6·slack/over². Its pieces end with
+    /// In the direction of the first motion the backlash is already taken up. The law ends later by `over`, because its last turn may be
+    /// at its end. Peak speed of the added motion is 1.5·slack/over, its acceleration 6·slack/over². Its pieces end with
     /// [`LawError::Backlash`] where it turns sooner than `over` after a turn.
     ///
     /// ```
@@ -56,7 +56,7 @@ impl Law {
         Ok(Law::Backlash(Arc::new(Backlash { sum: [self, added] })))
     }
 
-    /// This law as what the motor drives makes it: without what takes up slack. `None` if that cannot be told apart.
+    /// The motion of what the motor drives: this law without the extra steps. `None` if the two cannot be separated.
     ///
     /// ```
     /// use pulsetrain_motion::{Law, Time, law::Cursor};
@@ -73,7 +73,7 @@ impl Law {
         self.map_backlash(&|backlash| Some(backlash.sum[0].clone()))
     }
 
-    /// Within which time this law takes up slack; `None` if nowhere.
+    /// The time in which this law takes up backlash; `None` if it has none.
     #[must_use]
     pub fn backlash_over(&self) -> Option<Time> {
         match self {
@@ -85,13 +85,14 @@ impl Law {
         }
     }
 
-    /// This law with its slack taken up within another time; `None` if that is no law.
+    /// This law with backlash taken up within another time; `None` if that time is not possible.
     #[must_use]
     pub fn with_backlash_over(&self, over: Time) -> Option<Law> {
         self.map_backlash(&|backlash| backlash.sum[0].clone().with_backlash(backlash.slack()?.steps, over).ok())
     }
 
-    /// What `change` makes of this law; where slack is taken up, of the law without, whose slack is taken up again.
+    /// Applies `change` to this law. If the law has backlash, `change` is applied to the law without it, and the extra motion is added
+    /// again.
     #[must_use]
     pub fn changed_under_backlash(&self, change: impl Fn(&Law) -> Option<Law>) -> Option<Law> {
         if !self.has_backlash() {
@@ -103,8 +104,8 @@ impl Law {
         })
     }
 
-    /// This law with something else in place of each law that takes up slack. Motion files have those of whole motors alone, to which a
-    /// stop or a pause may have come.
+    /// This law with each part that has backlash replaced. In a motion file only the whole law of a motor has backlash; a stop or a pause may
+    /// have been added to it.
     fn map_backlash(&self, change: &impl Fn(&Backlash) -> Option<Law>) -> Option<Law> {
         match self {
             Law::Backlash(backlash) => change(backlash),
@@ -119,7 +120,7 @@ impl Law {
         }
     }
 
-    /// Whether slack is taken up anywhere in it.
+    /// Whether any part of it has backlash.
     fn has_backlash(&self) -> bool {
         match self {
             Law::Backlash(_) | Law::Compensation(_) => true,
@@ -134,7 +135,7 @@ impl Law {
 }
 
 impl Backlash {
-    /// The law without what takes up slack.
+    /// The law without the extra motion.
     pub(super) const fn law(&self) -> &Law {
         &self.sum[0]
     }
@@ -185,9 +186,9 @@ struct Added {
     slack: Arc<Compensation>,
     turns: Turns,
     ready: VecDeque<Result<Piece, LawError>>,
-    /// Up to when there are pieces.
+    /// The end of the pieces so far.
     at: Time,
-    /// How much is added there, steps.
+    /// The extra motion there, steps.
     level: f64,
     ended: bool,
 }
@@ -201,7 +202,7 @@ impl Iterator for Added {
             let mut compensate = |turns: Vec<_>| turns.into_iter().try_for_each(|(at, way)| self.compensate(at, way));
             match turns.map(|turns| turns.and_then(&mut compensate)) {
                 Some(Ok(())) => {
-                    // A turn may yet begin at the farthest point so far, not before it.
+                    // The farthest point so far may still become a turn. Nothing before it can.
                     self.rest_until(self.turns.farthest.0);
                 }
                 Some(Err(error)) => {
@@ -226,7 +227,7 @@ impl Added {
         }
     }
 
-    /// From `when` on.
+    /// The extra motion of a turn at `when`.
     fn compensate(&mut self, when: Time, direction: f64) -> Result<(), LawError> {
         if when < self.at {
             return Err(LawError::Backlash { at_s: when.seconds(), until_s: self.at.seconds() });
@@ -247,9 +248,9 @@ impl Added {
 /// Finds the turning points of a law.
 struct Turns {
     pieces: Pieces,
-    /// The way it goes, ±1; 0 before its first motion.
+    /// Its direction, ±1; 0 before its first motion.
     direction: f64,
-    /// When and where it was farthest in that direction.
+    /// Time and position of its farthest point in that direction.
     farthest: (Time, Double),
     begun: bool,
 }
@@ -259,7 +260,7 @@ impl Turns {
         Turns { pieces, direction: 0.0, farthest: (Time::ZERO, Double::ZERO), begun: false }
     }
 
-    /// The turns, each with the direction from then on, that are certain after one more piece.
+    /// The turns that are certain after one more piece, each with the new direction.
     fn of_a_piece(&mut self) -> Option<Result<Vec<(Time, f64)>, LawError>> {
         let piece = match self.pieces.next()? {
             Ok(piece) => piece,
@@ -287,7 +288,7 @@ impl Turns {
         Some(Ok(turns))
     }
 
-    /// Takes where the law is at `at`; gives a turn once the law has come back far enough from it.
+    /// Notes the law's position at `at`. Returns a turn if the law has now come back far enough from it.
     fn go_on(&mut self, at: Time, position: Double) -> Option<(Time, f64)> {
         let by = (position - self.farthest.1).nearest();
         if self.direction == 0.0 {
@@ -297,7 +298,7 @@ impl Turns {
         } else if by * self.direction > 0.0 {
             self.farthest = (at, position);
         } else if by * self.direction >= -SAME {
-            // It rests there.
+            // The law rests at its farthest point.
             self.farthest.0 = at;
         } else if by * self.direction < -TURNED {
             let turn = (self.farthest.0, -self.direction);

@@ -1,23 +1,23 @@
-//! How laws begin and end that do not do so at rest.
+//! Ramps for laws that do not begin or end at rest.
 
 use super::combine::{MOST_PARTS, too_many};
 use super::{Class, Cursor, Curve, Double, Entry, Law, LawError, Piece, Sample, checked};
 use crate::Time;
 use std::sync::Arc;
 
-/// How a law begins that is not at rest at its beginning.
+/// What to do with a law that does not begin at rest.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Begin {
-    /// At rest until the law first comes to rest, and with it from there.
+    /// Wait, at rest, for the law's first moment of rest, and follow it from there.
     Delay,
-    /// Its first seconds, as few as the limits allow, are replaced by a quintic from rest at θ(0).
+    /// Replace the law's beginning, as short as the limits allow, by a quintic from rest at θ(0).
     Ramp {
         /// steps/s.
         max_speed: f64,
         /// steps/s².
         max_acceleration: f64,
     },
-    /// As `Ramp`, by a quartic that does not make up for the distance lost in the ramp. The law stays behind by that
+    /// As `Ramp`, but by a quartic, which does not make up for the distance lost in the ramp. The motion stays behind the law by that
     /// distance.
     RampBehind {
         /// steps/s.
@@ -29,71 +29,71 @@ pub enum Begin {
     Jump,
 }
 
-/// A ramp that does not make up for the way that it loses.
+/// A ramp that does not make up for the distance that it loses.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Behind {
-    /// The way that it loses, steps: from its end on the law is that much farther. Negative of a law that goes backward there.
+    /// The distance that it loses, steps: after the ramp the law is that much farther. Negative if the law goes backward there.
     pub steps: f64,
     /// How long the ramp takes.
     pub ramp: Time,
-    /// It is the motion's end: the motor stops that much before the law's last position.
+    /// Whether the ramp is at the end. Then the motor stops that far from the law's last position.
     pub ends: bool,
 }
 
-/// How a law ends that is not at rest at its end.
+/// What to do with a law that does not end at rest.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum End {
-    /// Its last seconds, as few as the limits allow, are replaced by a quintic to rest at its last position.
+    /// Replace the law's end, as short as the limits allow, by a quintic to rest at its last position.
     Ramp {
         /// steps/s.
         max_speed: f64,
         /// steps/s².
         max_acceleration: f64,
     },
-    /// As `Ramp`, by a quartic that does not make up for the distance lost in the ramp. The law's last position is not
-    /// reached.
+    /// As `Ramp`, but by a quartic, which does not make up for the distance lost in the ramp. The motor does not reach the law's last
+    /// position.
     RampBehind {
         /// steps/s.
         max_speed: f64,
         /// steps/s².
         max_acceleration: f64,
     },
-    /// At once: a nanosecond of rest follows that may be entered at any speed.
+    /// Stop at once. A nanosecond of rest follows, at whose beginning the speed may jump.
     Jump,
 }
 
-/// A law with another beginning or end.
+/// A law with a ramp at its beginning or its end.
 #[derive(Clone, Debug)]
 pub struct Blended {
     law: Law,
-    /// Comes before what is left of the law.
+    /// The piece before the part of the law that is left.
     head: Option<Piece>,
-    /// Comes after it.
+    /// The pieces after it.
     tail: Option<Piece>,
-    /// How far what is left of the law is moved, steps.
+    /// What is added to the positions of the part that is left, steps.
     shift: f64,
-    /// The way that the tail loses, steps.
+    /// The distance that the tail loses, steps.
     lost: f64,
-    /// The first piece may be entered at any speed.
+    /// The speed may jump where the first piece begins.
     jump: bool,
 }
 
-/// Where a ramp stops being tried, s.
+/// The longest ramp that is tried, s.
 const LONGEST_RAMP_S: f64 = 3600.0;
-/// The shortest, s.
+/// The shortest ramp that is tried, s.
 const SHORTEST_RAMP_S: f64 = 1e-6;
 /// The search for a place to rest ends after this many pieces.
 const PIECES_TRIED: usize = 10_000;
-/// More than rounding does to a speed, as a part of it.
+/// A relative tolerance for speeds, greater than their rounding.
 const ROUNDING: f64 = 1e-9;
-/// Part of the fastest speed so far that counts as rest where the speed only touches zero.
+/// A speed below this part of the fastest so far counts as rest, where the speed touches zero without changing its sign.
 const NEARLY: f64 = 1e-6;
 
 impl Law {
-    /// This law with another beginning.
+    /// This law, beginning as `begin` says.
     ///
     /// # Errors
-    /// [`LawError::Parameter`] if the law never comes to rest, or no ramp stays within the limits; and the law's own.
+    /// [`LawError::Parameter`] if the law never comes to rest, or no ramp stays within the limits; and the law's own errors.
     pub fn beginning(self, begin: Begin) -> Result<Law, LawError> {
         let mut shift = 0.0;
         let head = match begin {
@@ -139,7 +139,7 @@ impl Law {
         })))
     }
 
-    /// How far it stays behind what the file says, for each ramp that [does](Begin::RampBehind), in their order.
+    /// The distances that its ramps lose and do not make up for, in the order of these ramps.
     #[must_use]
     pub fn behind(&self) -> Vec<Behind> {
         match self {
@@ -154,10 +154,10 @@ impl Law {
         }
     }
 
-    /// This law with another end.
+    /// This law, ending as `end` says.
     ///
     /// # Errors
-    /// [`LawError::Parameter`] if the law is endless, or no ramp stays within the limits; and the law's own.
+    /// [`LawError::Parameter`] if the law is endless, or no ramp stays within the limits; and the law's own errors.
     pub fn ending(self, ending: End) -> Result<Law, LawError> {
         let Some(end) = self.end() else {
             return Err(LawError::Parameter("the motion is endless: it has no end to change".into()));
@@ -247,7 +247,7 @@ impl Law {
         })))
     }
 
-    /// The law that this one is [stopped](Law::stopped) on the way of; `None` if it is no stop.
+    /// The law before it was [stopped](Law::stopped); `None` if this law is no stop.
     #[must_use]
     pub fn before_stop(&self) -> Option<&Law> {
         let Law::Blended(blended) = self else { return None };
@@ -255,7 +255,7 @@ impl Law {
         stops.then_some(&blended.law)
     }
 
-    /// When the speed is first zero.
+    /// The first time of zero speed.
     fn first_rest(&self) -> Result<Time, LawError> {
         let mut fastest = 0.0_f64;
         let mut before: Option<(Time, f64, f64)> = None;
@@ -293,7 +293,7 @@ impl Law {
     }
 }
 
-/// Where `f` changes its sign between `a` and `b`, to 2^-64 s.
+/// The time between `a` and `b` at which `f` changes its sign, to 2^-64 s.
 fn bisect(mut a: Time, mut b: Time, f: impl Fn(Time) -> f64) -> Time {
     let positive = f(a) > 0.0;
     while b - a > Time::from_raw(1) {
@@ -303,7 +303,7 @@ fn bisect(mut a: Time, mut b: Time, f: impl Fn(Time) -> f64) -> Time {
     b
 }
 
-/// How far it is from one place to another, steps.
+/// The distance from one sample to another, steps.
 fn way(from: Sample, to: Sample) -> f64 {
     (Double::from(to.whole) - Double::from(from.whole) + Double::from(to.fraction) - Double::from(from.fraction))
         .nearest()
@@ -325,7 +325,7 @@ impl Ramp {
     /// The quintic that takes position, speed and acceleration from `a` to `b`.
     fn between(a: Sample, b: Sample, from: Time, to: Time, backward: bool) -> Ramp {
         let span = (to - from).seconds();
-        // Around the end with u = 0, whose coefficients are simply its state; the other end at u = span.
+        // At u = 0 the coefficients are the state there. The other end is at u = span.
         let (near, far, span) = if backward { (b, a, -span) } else { (a, b, span) };
         let (v0, a0) = (near.speed, near.acceleration);
         let x = way(near, far) - span * (v0 + 0.5 * span * a0);
@@ -338,7 +338,7 @@ impl Ramp {
         Ramp { whole: near.whole, c: [near.fraction, v0, 0.5 * a0, c3, c4, c5], from, to, backward, law_speed }
     }
 
-    /// The quartic that takes speed and acceleration from rest to those of `to`, wherever that is.
+    /// The quartic that goes from rest to speed and acceleration of `to`, at whatever position.
     fn up_to_speed(rest: Sample, to: Sample, span: Time) -> Ramp {
         let Sample { speed, acceleration, .. } = to;
         let s = span.seconds();
@@ -348,7 +348,7 @@ impl Ramp {
         Ramp { whole: rest.whole, c, from: Time::ZERO, to: span, backward: false, law_speed: speed }
     }
 
-    /// The quartic that takes speed and acceleration from those of `law` to rest, wherever that is.
+    /// The quartic that goes from speed and acceleration of `law` to rest, at whatever position.
     fn down_to_rest(law: Sample, from: Time, to: Time) -> Ramp {
         let Sample { speed, acceleration, .. } = law;
         let s = (to - from).seconds();
@@ -366,7 +366,7 @@ impl Ramp {
         Piece { zero, start, end, origin: self.whole, curve, entry: Entry::Continuous }
     }
 
-    /// Where a ramp that is not backward ends.
+    /// The position where a ramp that is not backward ends.
     fn last(&self) -> Sample {
         let span = (self.to - self.from).seconds();
         let fraction = self.c.iter().rev().fold(0.0, |sum, c| sum * span + c);
@@ -387,9 +387,9 @@ impl Ramp {
     }
 }
 
-/// The shortest of `ramp`'s that stays within the limits, steps/s and steps/s².
+/// The shortest ramp of `ramp` that stays within the limits, steps/s and steps/s².
 ///
-/// `is_similar`: all are one curve, stretched: what is too fast once is so always, and nothing is searched for.
+/// With `is_similar` all ramps are one curve, stretched in time. If one is too fast then all are, and nothing is searched for.
 fn shortest(
     ramp: &mut dyn FnMut(Time) -> Result<Ramp, LawError>,
     end: Option<Time>,
@@ -400,13 +400,13 @@ fn shortest(
     checked("max_acceleration", max_acceleration, "steps/s²", |a| a > 0.0)?;
     let excess = |ramp: &Ramp| {
         let (v, a) = ramp.peaks();
-        // The law's own speed is known exactly, and may be the limit.
+        // The law's own speed is known exactly, so that it may be equal to the limit.
         let law_speed = ramp.law_speed.abs();
         let v = if v <= law_speed * (1.0 + ROUNDING) { law_speed / (1.0 + ROUNDING) } else { 1.001 * v };
         (v / max_speed, 1.001 * a / max_acceleration)
     };
     let longest = end.map_or(LONGEST_RAMP_S, Time::seconds).min(LONGEST_RAMP_S);
-    // Past its end, be it by rounding, a law is at rest.
+    // A law is at rest after its end, so that the end is approached from inside, rounding included.
     let mut ramp = |span: f64| ramp(Time::from_seconds(span).min(end.unwrap_or(Time::MAX)));
     let mut closest: Option<(f64, f64, Ramp)> = None;
     let mut below = 0.0;
@@ -437,7 +437,7 @@ fn shortest(
     ramp(span)
 }
 
-/// Why there is none: the one that comes closest.
+/// Why there is no ramp: describes the one that comes closest to the limits.
 fn no_ramp(closest: Option<(f64, f64, Ramp)>, longest: f64, max_speed: f64, max_acceleration: f64) -> LawError {
     let (v, a, speed) = closest.map_or((0.0, 0.0, 0.0), |(v, a, ramp)| (v, a, ramp.law_speed.abs()));
     LawError::Parameter(if v > a {
@@ -460,30 +460,30 @@ fn no_ramp(closest: Option<(f64, f64, Ramp)>, longest: f64, max_speed: f64, max_
 }
 
 impl Blended {
-    /// The law without its other beginning or end.
+    /// The law without its ramps.
     pub(super) const fn law(&self) -> &Law {
         &self.law
     }
 
-    /// Another law that is [stopped](Law::stopped) as this one; `None` if it is no stop.
+    /// Another law, [stopped](Law::stopped) in the same way; `None` if this one is no stop.
     pub(super) fn stop_of(&self, law: Law) -> Option<Law> {
         let (tail, curve) = self.stop()?;
         let (braking, pull_in) = match curve.get(2) {
             Some(half) => (2.0 * half.abs(), 0.0),
-            // At once.
+            // It stopped at once.
             None => (1.0, f64::MAX),
         };
         law.stopped(tail.start, braking, pull_in).ok()
     }
 
-    /// Its tail, and that one's coefficients, if it is a stop.
+    /// Its tail with the coefficients, if it is a stop.
     fn stop(&self) -> Option<(&Piece, &[f64])> {
         let (None, Some(tail), false) = (&self.head, &self.tail, self.jump) else { return None };
         let Curve::Polynomial(curve) = &tail.curve else { return None };
         (curve.len() <= 3 && tail.entry == Entry::Continuous).then_some((tail, curve))
     }
 
-    /// How far the motion stays behind its law, by its beginning and by its end.
+    /// The distance that the motion stays behind its law, by the ramp at the beginning and by that at the end.
     fn behind(&self) -> [Option<Behind>; 2] {
         let behind = |ramp: &Option<Piece>, steps: f64, ends: bool| {
             let ramp = ramp.as_ref().filter(|_| steps != 0.0)?;
@@ -496,7 +496,7 @@ impl Blended {
         self.tail.as_ref().map(|tail| tail.end).or_else(|| self.law.end())
     }
 
-    /// As its law, once that has begun.
+    /// The cycle of its law, once the ramp is over.
     pub(super) fn cycle(&self) -> Option<(Time, Time)> {
         let begun = self.head.as_ref().map_or(Time::ZERO, |head| head.end);
         let (from, period) = self.law.cycle().filter(|_| self.tail.is_none())?;

@@ -1,4 +1,4 @@
-//! Circles, a coordinate at a time, and the periods that a phase accumulator can make.
+//! Circles, one coordinate each, and the periods that a phase accumulator can make.
 
 use super::{Curve, Entry, FARTHEST, Law, LawError, Piece, checked};
 use crate::Time;
@@ -73,7 +73,7 @@ impl Circle {
         self.cycles.is_none().then_some((Time::ZERO, self.period))
     }
 
-    /// From turning point to turning point: half periods, but for a sine's first and last quarter.
+    /// Pieces from turning point to turning point: half periods, and a quarter at the beginning and at the end of a sine.
     pub(super) fn pieces(self) -> impl Iterator<Item = Result<Piece, LawError>> {
         let end = self.end().unwrap_or(Time::MAX);
         let half = self.period.divided_by(2);
@@ -82,7 +82,7 @@ impl Circle {
         let turn = move |k: u64| self.period.times(k / 2) + if k % 2 == 1 { half } else { Time::ZERO } - before;
         (0..).map(move |k| (k, turn(k).max(Time::ZERO))).take_while(move |&(_, start)| start < end).map(
             move |(k, start)| {
-                // A sine comes from its lowest point, a quarter before the beginning.
+                // A sine begins a quarter period after its lowest point.
                 let high = k.is_multiple_of(2) != self.sine;
                 let curve = Curve::Cosine {
                     offset: 0.0,

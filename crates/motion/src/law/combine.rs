@@ -1,4 +1,4 @@
-//! Laws made of laws: at once, one after the other, scaled, shifted, delayed, over and over.
+//! Laws made of laws: sums, sequences, scaled, shifted, delayed and repeated ones.
 
 use super::formula::Terms;
 use super::{Curve, Double, Entry, Law, LawError, Piece, Pieces, Workload, checked};
@@ -14,7 +14,7 @@ pub struct Changed {
     pub(super) delay: Time,
 }
 
-/// A finite law over and over, each time from where it ended.
+/// A finite law that repeats, each time from where it ended.
 #[derive(Clone, Debug)]
 pub struct Repeated {
     pub(super) law: Law,
@@ -24,11 +24,11 @@ pub struct Repeated {
     net: Double,
 }
 
-/// Pieces of a law that is repeated, at most: they are all looked at beforehand.
+/// The most pieces of a law that is repeated. All of them are looked at beforehand.
 pub(super) const MOST_PARTS: usize = 1 << 20;
 
 impl Law {
-    /// All of `laws` at once; each stays where it ends.
+    /// The sum of `laws`. Each stays where it ends.
     ///
     /// # Errors
     /// [`LawError::Parameter`] if there is none.
@@ -104,7 +104,7 @@ impl Law {
     }
 }
 
-/// The law has more pieces than can be looked at one by one; `what` was to be done with them.
+/// The error for a law with too many pieces; `what` says what cannot be done with it.
 pub(super) fn too_many(what: &str) -> LawError {
     LawError::Parameter(format!("the motion has more than {MOST_PARTS} parts: too many {what}"))
 }
@@ -175,7 +175,7 @@ pub(super) fn then(laws: Arc<[Law]>) -> impl Iterator<Item = Result<Piece, LawEr
     let mut current: Option<(Pieces, Time)> = None;
     let mut start = Time::ZERO;
     let mut position: Option<Double> = None;
-    // What is added to the positions of the law at hand, once its first piece is known.
+    // The offset of the current law, which is known from its first piece.
     let mut offset: Option<Double> = None;
     std::iter::from_fn(move || {
         loop {
@@ -203,14 +203,14 @@ pub(super) fn then(laws: Arc<[Law]>) -> impl Iterator<Item = Result<Piece, LawEr
     })
 }
 
-/// One law of a sum: the piece at hand, or where it stayed.
+/// One law of a sum: its current piece, or its position after its end.
 struct Summand {
     pieces: Pieces,
     piece: Option<Piece>,
     rests_at: Double,
 }
 
-/// The pieces of all `laws` at once, cut wherever one of them begins a piece.
+/// The pieces of a sum of laws. A piece ends wherever a piece of one law ends.
 pub(super) fn sum(laws: &[Law]) -> impl Iterator<Item = Result<Piece, LawError>> + use<> {
     let mut terms: Vec<Summand> =
         laws.iter().map(|law| Summand { pieces: law.pieces(), piece: None, rests_at: Double::ZERO }).collect();
@@ -251,7 +251,7 @@ fn merge(terms: &[Summand], start: Time, end: Time) -> Result<Piece, LawError> {
         }
         let by = Double::from(start) - Double::from(piece.zero);
         accurate = accurate.and_then(|before: Option<Terms>| {
-            // Before it is shifted, which rounds.
+            // This is compared before the shift, because that rounds.
             let mut own = piece.curve.terms()?;
             own.rezero(by);
             Some(Some(match before {

@@ -4,12 +4,12 @@ use super::{Law, LawError, Piece, Pieces};
 use crate::Time;
 use std::collections::VecDeque;
 
-/// Where a law is at a time.
+/// Position, speed and acceleration of a law at a time.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sample {
     /// θ, steps: `whole` + `fraction`, rounded.
     pub position: f64,
-    /// Whole steps of θ; which ones is up to the law's pieces.
+    /// Whole steps of θ: the `origin` of the law's piece.
     pub whole: i64,
     /// θ − `whole`, steps; it may be more than one step.
     pub fraction: f64,
@@ -19,9 +19,9 @@ pub struct Sample {
     pub acceleration: f64,
 }
 
-/// Gives a law's position at times that mostly grow. It has its own copy of the law.
+/// Reads a law at times that mostly increase. It has its own copy of the law.
 ///
-/// Memory is constant. Going back over a few pieces is free; further back starts from the beginning again.
+/// It needs constant memory. To go back over a few pieces costs nothing; to go further back it starts from the beginning again.
 ///
 /// ```
 /// use pulsetrain_motion::{Law, Time, law::Cursor};
@@ -48,7 +48,7 @@ const _: () = {
 const KEPT: usize = 8;
 
 impl Cursor {
-    /// At the beginning of `law`.
+    /// A cursor at the beginning of `law`.
     #[must_use]
     pub fn new(law: &Law) -> Cursor {
         Cursor { law: law.clone(), pieces: law.pieces(), recent: VecDeque::with_capacity(KEPT) }
@@ -57,7 +57,7 @@ impl Cursor {
     /// The law at `t`; before its beginning and past its end it is at rest.
     ///
     /// # Errors
-    /// The law's own: where it is undefined or jumps, on the way to `t`.
+    /// The law's own errors, if it is undefined or jumps before `t`.
     pub fn at(&mut self, t: Time) -> Result<Sample, LawError> {
         if self.recent.front().is_some_and(|piece| t < piece.start && piece.start > Time::ZERO) {
             *self = Cursor::new(&self.law);

@@ -31,7 +31,7 @@ impl Double {
 
     /// A decimal number to 106 bits; `None` for one of more than 30 digits, or with a larger power of ten.
     ///
-    /// What an f64 holds comes without a low part.
+    /// A number that an f64 holds exactly has no low part.
     pub(crate) fn decimal(text: &str) -> Option<Double> {
         let (mantissa, exponent) = match text.find(['e', 'E']) {
             Some(at) => (&text[..at], text[at + 1..].parse::<i32>().ok()?),
@@ -84,7 +84,7 @@ impl Double {
     /// The largest whole number that is not larger.
     pub(crate) fn floor(self) -> Double {
         let whole = libm::floor(self.hi);
-        // A whole high part leaves it to the low part.
+        // If the high part is whole, the low part decides.
         if whole == self.hi { Double::sum(whole, libm::floor(self.lo)) } else { Double::from(whole) }
     }
 

@@ -1,9 +1,9 @@
-//! Whether several laws together ever pass a limit: a proof by bounds, not by looking here and there.
+//! Proves that several laws together stay within a limit, or finds where they pass it. It uses bounds on whole intervals, not samples.
 
 use super::{Law, LawError, Piece, Pieces};
 use crate::Time;
 
-/// What of laws is held against a limit.
+/// The quantity that is compared with a limit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Extent {
     /// The first law's value.
@@ -14,22 +14,22 @@ pub(crate) enum Extent {
     Acceleration,
 }
 
-/// Parts of a piece are not halved beyond this: what passes by less is rounding.
+/// How often a part of a piece is halved at most. In a part of that length a limit is passed by no more than rounding.
 const DEEPEST: u32 = 24;
-/// Stretches of laws that are looked at, at most.
+/// The most parts of laws that are looked at, so that the search ends after some seconds.
 const MOST_STRETCHES: u32 = 1 << 18;
-/// What may pass, as part of the limit.
+/// A limit may be passed by this part of it, which is more than rounding.
 const SLACK: f64 = 1e-9;
-/// A place counts as farther beyond a limit if it is so by that part of the value more: otherwise the search would not end.
+/// A place replaces the worst one so far only if its value is larger by this part. Otherwise the search would follow ever smaller gains.
 const FARTHER: f64 = 1e-3;
 
-/// When `laws` (side by side, each multiplied by its `scale`) are farthest beyond `limit`, if they pass it: the time, and what they are then,
-/// to a thousandth of it.
+/// The time at which `laws` (which run together, each multiplied by its scale) pass `limit` by most, and the value then, to a thousandth of it;
+/// `None` if they stay within.
 ///
 /// The limit of speeds and accelerations must not be negative.
 ///
 /// # Errors
-/// [`LawError::Parameter`] if there is too much to look at; and the laws' own.
+/// [`LawError::Parameter`] if the laws have too many pieces to look at; and the laws' own errors.
 pub(crate) fn farthest_beyond(
     laws: &[(&Law, f64)],
     extent: Extent,
@@ -49,10 +49,10 @@ pub(crate) fn farthest_beyond(
         let pieces: Vec<(&Piece, f64)> =
             terms.iter().zip(laws).filter_map(|((_, piece), (_, scale))| Some((piece.as_ref()?, *scale))).collect();
         let Some(end) = pieces.iter().map(|(piece, _)| piece.end).min() else { return Ok(worst) };
-        // Each one found is farther beyond than those before.
+        // Each new place has a larger value than those before.
         let mut bar = worst.map_or(limit, farther);
         while let Some(found) = in_part(&pieces, extent, bar, (at, end), 0) {
-            // One that has no bounds there cannot be compared.
+            // A piece without bounds there cannot be compared.
             if !(found.1 > bar && found.1.is_finite()) {
                 return Ok(worst.or(Some(found)));
             }
@@ -66,12 +66,13 @@ pub(crate) fn farthest_beyond(
     Err(LawError::Parameter(format!("the path has more than {MOST_STRETCHES} parts: too long to be checked")))
 }
 
-/// What is farther beyond than that.
+/// The value that a place must exceed to replace this one.
 fn farther((_, value): (Time, f64)) -> f64 {
     value + FARTHER * value.abs()
 }
 
-/// When they pass it between two times that lie in one piece of each law: not the first time, nor the worst.
+/// A time at which they pass the limit between two times, and the value; not always the first or the worst. In each law both times are in one
+/// piece.
 fn in_part(
     pieces: &[(&Piece, f64)],
     extent: Extent,
@@ -116,7 +117,7 @@ fn in_part(
         .or_else(|| in_part(pieces, extent, limit, (middle, to), depth + 1))
 }
 
-/// A polynomial about the middle of a part, and how far it may be off in the part.
+/// A polynomial about the middle of a part, and a bound on its error in the part.
 #[derive(Default)]
 struct Model {
     c: [f64; 15],
@@ -124,12 +125,12 @@ struct Model {
 }
 
 impl Model {
-    /// Of the `order`th derivative of a piece.
+    /// The model of the `order`th derivative of a piece.
     fn of(piece: &Piece, scale: f64, order: usize, (from, middle, to): (Time, Time, Time), reach: f64) -> Model {
         let u = |t: Time| (t - piece.zero).seconds();
         let jet = piece.curve.jet(u(middle));
         let bounds = piece.curve.bounds(u(from), u(to));
-        // k·(k − 1)·…: what is left of x^k.
+        // k·(k − 1)·…: the factor of x^k in the derivative.
         let falling = |k: usize| (0..order).map(|i| (k - i) as f64).product::<f64>();
         let mut model = Model::default();
         let mut power = 1.0;
@@ -145,7 +146,7 @@ impl Model {
         model
     }
 
-    /// What it is nowhere above.
+    /// A bound: the polynomial is nowhere larger.
     fn most(&self, reach: f64) -> f64 {
         self.c[0] + self.c[1..].iter().rev().fold(0.0, |sum, c| (sum + c.abs()) * reach) + self.rest
     }

@@ -1,11 +1,11 @@
-//! The Lorenz attractor: a law that nobody can write down, by Taylor series with error control.
+//! The Lorenz attractor: a law that has no formula, solved by Taylor series with error control.
 //!
 //! x' = σ(y − x), y' = x(ρ − z) − y, z' = xy − βz. Source: E. N. Lorenz, "Deterministic nonperiodic flow", J. Atmos. Sci.
 //! 20 (1963), equations 25 to 27.
 //!
 //! Each piece is the Taylor polynomial of the orbit about the piece's beginning; it ends where its last terms come to
-//! 1e-17 of the orbit's size. Orbits that differ by that much part within some tens of time units, whoever computes
-//! them: what is proven of a motion is relative to the polynomials.
+//! 1e-17 of the orbit's size. Two orbits that differ by that much separate within some tens of time units, however they are
+//! computed. So a certificate is relative to these polynomials.
 
 use super::{Class, Curve, Double, Entry, FARTHEST, Law, LawError, Piece, checked};
 use crate::Time;
@@ -38,11 +38,11 @@ pub struct Lorenz {
 
 /// Coefficients of each series.
 const TERMS: usize = 24;
-/// What the last terms may amount to at a piece's end, relative to the orbit's size: below f64's rounding.
+/// The size of the last terms at a piece's end, relative to the orbit's size. It is below f64's rounding.
 const LAST_TERM: f64 = 1e-17;
-/// What is less is 0: its series would be of numbers below f64's normal ones.
+/// A smaller state counts as 0, because its series would have numbers below f64's normal range.
 const NOTHING: f64 = 1e-270;
-/// Pieces are no shorter, in units of the equations' time: an orbit that needs more runs away.
+/// The shortest piece, in units of the equations' time. An orbit that needs shorter ones runs away.
 const SHORTEST: f64 = 1e-7;
 
 type TaylorSeries = [f64; TERMS];
@@ -68,10 +68,10 @@ impl Orbit {
     }
 }
 
-/// How far a state's series serve, in units of the equations' time.
+/// How long a state's series are precise enough, in units of the equations' time.
 fn reach(series: &[TaylorSeries; 3]) -> f64 {
     let size = |k: usize| series.iter().map(|s| s[k].abs()).fold(0.0, f64::max);
-    // One of the last terms may happen to be small; at a fixed point all of them are.
+    // Two terms are looked at, since one may be small by chance. At a fixed point all are.
     (TERMS - 4..TERMS)
         .map(|k| libm::pow(LAST_TERM * size(0) / size(k).max(f64::MIN_POSITIVE), 1.0 / k as f64))
         .fold(1.0, f64::min)

@@ -1,7 +1,7 @@
 //! θ(t): a law is a stream of analytic pieces, in order, without gaps.
 //!
-//! Everything downstream sees a law through [`Piece`]s: the planner expands their [`Curve`]s, the verdict
-//! follows them with a [`Cursor`]. A new law needs nothing else than pieces.
+//! All other crates see a law as [`Piece`]s: the planner expands their [`Curve`]s, the verdict follows them with a [`Cursor`]. A new
+//! law needs only to return its pieces.
 //!
 //! # What is here
 //! - [`Law`]: the laws and their combinations, each checked when it is made
@@ -65,7 +65,7 @@ pub struct Piece {
     pub origin: i64,
     /// θ − `origin`, steps, against u, seconds.
     pub curve: Curve,
-    /// How θ may come into this piece from the one before.
+    /// What may change abruptly where this piece begins.
     pub entry: Entry,
 }
 
@@ -114,14 +114,14 @@ impl Piece {
         Ok(())
     }
 
-    /// Moves this motion by `by`, to a later time.
+    /// Moves the piece to a later time, by `by`.
     fn postpone(&mut self, by: Time) {
         self.zero = self.zero + by;
         self.start = self.start + by;
         self.end = self.end + by;
     }
 
-    /// The numbers of its [parts](Piece::part).
+    /// The range of the numbers of its [parts](Piece::part).
     fn parts(&self) -> RangeInclusive<i128> {
         let part = Time::from_seconds(LONGEST_PART_S);
         // Part 0 is twice as long, on both sides of the zero.
@@ -135,8 +135,8 @@ impl Piece {
         }
     }
 
-    /// Part `k` of all its [`parts`](Piece::parts). Parts of a polynomial are short enough for f64 to tell their times: each counts its time
-    /// from its own start, but for those on either side of the piece's zero.
+    /// Part `k` of [`parts`](Piece::parts). A part of a polynomial counts its time from its own start, so that f64 resolves it. Only the parts
+    /// next to the piece's zero keep that zero.
     fn part(&self, k: i128, parts: &RangeInclusive<i128>) -> Result<Piece, LawError> {
         let part = Time::from_seconds(LONGEST_PART_S);
         let begins = |k: i128| self.zero + Time::from_raw(part.raw() * if k > 0 { k } else { k - 1 });
@@ -157,7 +157,7 @@ impl Piece {
         Ok(cut)
     }
 
-    /// Rest at `position`.
+    /// A piece of rest at `position`.
     fn rest(start: Time, end: Time, position: Double) -> Result<Piece, LawError> {
         let curve = Curve::constant(0.0);
         let mut piece = Piece { zero: start, start, end, origin: 0, curve, entry: Entry::Continuous };
@@ -166,10 +166,10 @@ impl Piece {
     }
 }
 
-/// A piece of a polynomial that is longer comes in parts, s: within it 2^-53 of the time is far less than a tick of 1 ns.
+/// A piece of a polynomial that is longer is divided into parts, s. In this time, f64 resolves far less than a tick of 1 ns.
 const LONGEST_PART_S: f64 = 32_768.0;
 
-/// How θ may come into a piece.
+/// What may change abruptly at the beginning of a piece.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Entry {
     /// Position must be continuous; speed may change by no more than the motor's pull-in rate.
@@ -178,14 +178,14 @@ pub enum Entry {
     SpeedJump,
 }
 
-/// What the certificate of a law can be relative to.
+/// What a certificate compares step times with.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Class {
     /// Step times have a formula.
     ClosedForm,
-    /// Crossings are enclosed by interval arithmetic: none is missed.
+    /// Interval arithmetic encloses the crossings, so that none is missed.
     Enclosed,
-    /// Exact for the interpolant that was laid through data or an ODE's steps.
+    /// Step times are exact for an interpolant, through data or through the solution of an ODE.
     Interpolant,
 }
 
@@ -210,7 +210,7 @@ pub enum LawError {
         /// Steps, after.
         to: f64,
     },
-    /// The motor turns before the slack of its turn before is taken up.
+    /// The motor turns round before it has taken up the backlash of its last turn.
     #[error(
         "it turns at t = {at_s} s, while the slack of its turn before is taken up until {until_s} s: `over`, the time of its `backlash`, \
          must be shorter"
@@ -226,9 +226,9 @@ pub enum LawError {
     Parameter(String),
 }
 
-/// The pieces of a law, in order of time, without gaps, from t = 0 s; it never ends for an endless law.
+/// The pieces of a law, in order of time, without gaps, from t = 0 s. For an endless law they do not end.
 ///
-/// It has its own share of the law, so that it may be kept and sent to another thread.
+/// The iterator owns its part of the law, so that it can be stored, and sent to another thread.
 pub type Pieces = Box<dyn Iterator<Item = Result<Piece, LawError>> + Send>;
 
 /// A motion law θ(t), t ≥ 0 s, θ in steps. Copies share what is large.
@@ -238,7 +238,7 @@ pub enum Law {
     Sine(Sine),
     /// Constant speed, rest included.
     Steady(Steady),
-    /// Pieces that were worked out beforehand: trapezoids, S-curves, ramps, tables.
+    /// A list of pieces: trapezoids, S-curves, ramps, tables.
     Fixed(Fixed),
     /// One coordinate of a circle.
     Circle(Circle),
@@ -248,21 +248,21 @@ pub enum Law {
     Formula(Arc<formula::Formula>),
     /// StepperWinch's path under a list of timed commands.
     Winch(Arc<winch::Winch>),
-    /// All of them at once.
+    /// The sum of several laws.
     Sum(Arc<[Law]>),
-    /// One after the other, each from where the one before ended.
+    /// Several laws, one after the other, each from where the one before ended.
     Then(Arc<[Law]>),
     /// One law scaled, shifted or delayed.
     Changed(Arc<Changed>),
-    /// One law over and over.
+    /// A law that repeats.
     Repeated(Arc<Repeated>),
-    /// One law with another beginning or end.
+    /// A law with a ramp at its beginning or its end.
     Blended(Arc<Blended>),
-    /// One law whose own time is slowed to a halt, or begins from one.
+    /// A law whose own time slows to a halt, or starts from one: pause and resume.
     Warped(Arc<Warped>),
-    /// One law, and what takes up slack at its turns.
+    /// A law with the extra steps that take up backlash at its turns.
     Backlash(Arc<Backlash>),
-    /// What takes up slack at a law's turns.
+    /// Only the extra steps that take up backlash at a law's turns.
     Compensation(Arc<Compensation>),
 }
 
@@ -397,7 +397,7 @@ impl Law {
         }
     }
 
-    /// From which time on the law repeats itself for ever, and after which time; `None` of one that ends, or of which that is not known.
+    /// The time from which on the law repeats for ever, and its period; `None` if it ends, or if no period is known.
     ///
     /// ```
     /// use pulsetrain_motion::{Law, Time};
@@ -460,7 +460,7 @@ fn checked(name: &str, value: f64, unit: &str, allowed: impl Fn(f64) -> bool) ->
     }
 }
 
-/// Whether `piece` goes on from `position`, within `tolerance` steps.
+/// Whether `piece` begins at `position`, within `tolerance` steps.
 fn meet(position: Double, piece: &Piece, tolerance: f64) -> Result<(), LawError> {
     let next = piece.rough_position(piece.first());
     // Written so that not-a-number fails.

@@ -18,7 +18,7 @@ pub struct SCurve {
     pub start_speed: f64,
 }
 
-/// Constant jerk for a while.
+/// A time of constant jerk.
 #[derive(Clone, Copy, Debug)]
 struct Phase {
     duration: f64,
@@ -44,9 +44,9 @@ impl State {
     }
 }
 
-/// The fastest way from speed `v` and acceleration `a` (within the limit) to speed `to` and acceleration 0.
+/// The fastest change from speed `v` and acceleration `a` (within the limit) to speed `to` and acceleration 0.
 fn change_speed(v: f64, a: f64, to: f64, max_acceleration: f64, max_jerk: f64) -> [Phase; 3] {
-    // The speed that is left when the acceleration is simply taken back decides the direction.
+    // If the acceleration is only brought to 0, this speed results. It decides the direction of the change.
     let side = if to >= v + a * a.abs() / (2.0 * max_jerk) { 1.0 } else { -1.0 };
     let (gain, a) = (side * (to - v), side * a);
     let peak = (max_jerk * gain + a * a / 2.0).max(0.0).sqrt();
@@ -77,8 +77,8 @@ impl SCurve {
         Ok(())
     }
 
-    /// Braking from above the speed limit: the jerk limit down, then constant, until the speed limit is reached.
-    /// It stops short where going on would, by the time the deceleration is taken back, pass the opposite limit.
+    /// Braking from above the speed limit: the deceleration grows at the jerk limit, then is constant, until the speed limit is reached.
+    /// It ends earlier if the speed would pass the opposite limit before the deceleration can be brought back to 0.
     fn brake(&self) -> [Phase; 2] {
         let (v, jerk, limit) = (self.start_speed.abs(), self.max_jerk, self.max_speed);
         if v <= limit {
@@ -99,7 +99,7 @@ impl SCurve {
         [Phase { duration: ramp, jerk: down }, Phase { duration: hold, jerk: 0.0 }]
     }
 
-    /// Where the move stands when it has come to rest by way of the speed `peak`, from `from` on.
+    /// The position at rest of a move from `from` by way of the speed `peak`.
     fn reach(&self, from: State, peak: f64) -> f64 {
         let at_peak = self.change(from, peak).into_iter().fold(from, State::after);
         self.change(at_peak, 0.0).into_iter().fold(State { a: 0.0, ..at_peak }, State::after).x
@@ -111,13 +111,13 @@ impl SCurve {
 
     /// The speed between the move's two changes of speed, and how long it is kept, s.
     ///
-    /// Where the move comes to rest grows with that speed, so one bisection finds it: of two time-optimal moves with
-    /// the same beginning, the one with the higher peak is nowhere behind.
+    /// The final position grows with that speed, so that one bisection finds it. (Of two time-optimal moves with the same beginning, the
+    /// one with the higher peak is never behind the other.)
     fn peak(&self, from: State) -> (f64, f64) {
         let straight = from.v + from.a * from.a.abs() / (2.0 * self.max_jerk);
         let forward = self.distance >= self.reach(from, straight);
         let limit = if forward { self.max_speed } else { -self.max_speed };
-        // From the peak that adds nothing to the stop, outward.
+        // The search begins at the peak of a plain stop, and goes outward.
         let mut near = if forward { straight.max(0.0).min(limit) } else { straight.min(0.0).max(limit) };
         let short = |peak: f64| {
             if forward { self.reach(from, peak) <= self.distance } else { self.reach(from, peak) >= self.distance }
@@ -136,7 +136,7 @@ impl SCurve {
     }
 }
 
-/// Lays phases one after the other.
+/// Builds pieces one after the other.
 struct Track {
     pieces: Vec<Piece>,
     at: Time,
@@ -220,7 +220,7 @@ impl Law {
         }
         state = State { v: peak, a: 0.0, ..state };
         forward(&mut state, Phase { duration: cruise_s, jerk: 0.0 })?;
-        // The rest backward from the target, so that it is met exactly.
+        // The last change of speed is built backward from the target, so that the target is met exactly.
         let phases = s.change(state, 0.0);
         let mut end = State { x: s.distance, v: 0.0, a: 0.0 };
         let mut ends = Vec::new();

@@ -4,7 +4,7 @@ use super::formula::Terms;
 use super::{Curve, Double, Entry, Law, LawError, Piece, checked};
 use crate::Time;
 
-/// θ = speed·t. Endless ones go on in windows whose whole steps are exact, so that days lose nothing.
+/// θ = speed·t. An endless one consists of windows with an exact number of whole steps, so that it stays exact for days.
 #[derive(Clone, Debug)]
 pub struct Steady {
     /// steps/s; 0 is rest.
@@ -13,7 +13,7 @@ pub struct Steady {
     pub duration: Option<Time>,
 }
 
-/// Steps in a window at most: within it a position is exact to 2^-29 step.
+/// The most steps in a window. Within it a position is exact to 2^-29 step.
 const WINDOW_STEPS: f64 = 16_777_216.0;
 /// The longest window, s.
 const LONGEST_S: f64 = 4096.0;
@@ -41,8 +41,8 @@ impl Law {
 }
 
 impl Steady {
-    /// From when on an endless one repeats, and after which time: after whole steps, for a second or two, or for one step if that takes longer.
-    /// `None` at rest, and where a step takes so many minutes that 2^-64 s are too coarse for its length.
+    /// The time from which on an endless one repeats, and its period: a number of whole steps that takes a second or two, or one step if that
+    /// takes longer. `None` at rest, and for steps of so many minutes that their length is not known well enough in 2^-64 s.
     pub(super) fn cycle(&self) -> Option<(Time, Time)> {
         const FRACTION: u64 = (1 << 52) - 1;
         let speed = self.speed.abs();
@@ -73,7 +73,7 @@ impl Steady {
                 entry: Entry::Continuous,
             };
             piece.raise(Double::from(self.speed) * Double::from(start))?;
-            // The whole steps are the piece's.
+            // The piece's `origin` has the whole steps.
             let terms = (self.speed != 0.0).then(|| Terms::of_line(self.speed, start, piece.origin));
             piece.curve = piece.curve.accurate_by(terms);
             Ok(piece)

@@ -3,7 +3,7 @@
 use super::{Class, Curve, Double, Entry, FARTHEST, Law, LawError, Piece};
 use crate::Time;
 
-/// What is laid through the rows of a table.
+/// The curve through the rows of a table.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Interpolation {
     /// Cubics that rise only where the rows rise and fall only where they fall; the speed is continuous.

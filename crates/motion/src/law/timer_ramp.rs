@@ -21,7 +21,7 @@ pub struct TimerRamp {
     pub accelerate_during: u32,
 }
 
-/// What `setup()` makes of the wanted ramp, ticks and steps.
+/// The ramp that the sketch's `setup()` computes, ticks and steps.
 struct Intervals {
     initial: i64,
     delta: i64,
@@ -51,12 +51,12 @@ impl TimerRamp {
 
     /// The intervals before steps 1, 2, …, as the sketch's two counters make them.
     ///
-    /// Moves shorter than both ramps turn round early, and ones shorter than one ramp only accelerate, as there. The
-    /// one thing not copied is that its 8-bit register wraps when such a move slows down past the initial interval.
+    /// As in the sketch, a move shorter than both ramps slows down early, and one shorter than a ramp only accelerates. One thing is not
+    /// copied: the sketch's 8-bit register wraps when such a move slows down past the initial interval.
     fn runs(&self) -> [Run; 3] {
         let Intervals { initial, delta, during } = self.ramp();
         let steps = self.steps.unsigned_abs().min(i64::MAX as u64) as i64;
-        // The interrupt of step k sees steps − k + 1 left: it slows down from step `turn` + 1 on.
+        // The interrupt of step k has steps − k + 1 steps left. It slows down from step `turn` + 1 on.
         let turn = if during > 0 && steps >= during { steps - during } else { steps };
         let up = during.min(turn);
         let least = initial - delta * up;
@@ -72,8 +72,8 @@ impl TimerRamp {
 impl Law {
     /// The maximum-speed article's ramp: θ reaches each whole step exactly when the sketch makes it; in between, t is quadratic in θ.
     ///
-    /// The speed changes abruptly from step to step, as the sketch's does, and the pieces say so: where two of them
-    /// meet it is [`Entry::SpeedJump`]. The beginning is not marked: the motor must stand the first interval's speed.
+    /// The speed jumps from step to step, as in the sketch, so that pieces begin with [`Entry::SpeedJump`]. The first one does not: the motor
+    /// must be able to start at the speed of the first interval.
     ///
     /// # Errors
     /// [`LawError::Parameter`] for a move of 0 steps, a count of 0, or a tick that is not positive.

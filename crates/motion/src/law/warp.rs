@@ -1,6 +1,6 @@
 //! A law whose own time runs at another rate: pause, resume, tempo.
 //!
-//! The path in space stays the same, and so do the phases of motors that are eased alike: only when they are where changes.
+//! Positions stay the same, and so do the phases of motors that are eased alike. Only the times change.
 //!
 //! With x from 0 to 1 over the easing, the rate of the law's time is r0 + (r1 − r0)·(3x² − 2x³). Accelerations are
 //! |θ''|·rate² + |θ'|·1.5·|r1 − r0|/over at most.
@@ -12,7 +12,7 @@ use crate::time::Rate;
 use std::collections::VecDeque;
 use std::sync::Arc;
 
-/// A law from some time of its own on, with an easing.
+/// A law from a time of its own on, slowed to a halt or started from one.
 #[derive(Clone, Debug)]
 pub struct Warped {
     law: Law,
@@ -48,8 +48,8 @@ impl Ease {
 }
 
 impl Law {
-    /// This law from its time `from` on, which goes on for `after` and is then slowed to a halt: its time takes `over` for
-    /// the last half of `over`. It ends there, at rest.
+    /// This law from its time `from` on. It continues for `after`, and then slows to a halt within `over`, in which its own time moves on by
+    /// `over`/2. It ends there, at rest.
     ///
     /// ```
     /// use pulsetrain_motion::{Law, Time, law::Cursor};
@@ -69,9 +69,9 @@ impl Law {
         self.retimed(from, Ease { before: Rate::ONE, after, over, to: Rate::ZERO })
     }
 
-    /// This law from its time `from` on, from a halt: its first half of `over` takes `over`.
+    /// This law from its time `from` on, started from a halt: in the first `over` its own time moves on by `over`/2.
     ///
-    /// What [`eased_out`](Law::eased_out) left goes on from `from + after + over/2` of then.
+    /// To continue after [`eased_out`](Law::eased_out), use its `from + after + over/2` as `from`.
     ///
     /// # Errors
     /// [`LawError::Parameter`] if `from` is negative, or `over` not 1e-6 to 1e6 s.
@@ -79,8 +79,8 @@ impl Law {
         self.retimed(from, Ease { before: Rate::ZERO, after: Time::ZERO, over, to: Rate::ONE })
     }
 
-    /// This law from a halt, and to a halt at its end: its first and its last `over`/2 take `over` each. Laws that are eased
-    /// alike keep to the figure that they draw together.
+    /// This law, started from a halt and slowed to a halt at its end: the first and the last `over`/2 of its own time take `over` each. Laws
+    /// that are eased alike still draw the same figure together.
     ///
     /// ```
     /// use pulsetrain_motion::{Law, Time, law::Cursor};
@@ -132,7 +132,7 @@ impl Law {
     }
 }
 
-/// A stretch of the warped law, from `start` to `end`, that begins at time `from` of the law itself.
+/// A part of the warped law, from `start` to `end`, which begins at the law's own time `from`.
 #[derive(Clone, Copy, Debug)]
 struct Stretch {
     start: Time,
@@ -153,7 +153,7 @@ enum Map {
 }
 
 impl Stretch {
-    /// When the law's time is `at`.
+    /// The time at which the law's own time is `at`.
     fn when(&self, at: Time) -> Time {
         if at >= self.to {
             return self.end;
@@ -164,7 +164,7 @@ impl Stretch {
         };
         let wanted = (at - self.from).seconds();
         let (mut before, mut after) = (Time::ZERO, self.end - self.start);
-        // Down to the last bit of what an f64 tells apart.
+        // Bisection, down to the last bit of an f64.
         for _ in 0..64 {
             let middle = before + (after - before).divided_by(2);
             if evaluate(&map, middle.seconds()) < wanted { before = middle } else { after = middle }
@@ -270,7 +270,7 @@ impl Warped {
                     stretches.pop_front();
                     continue;
                 }
-                // A piece that ends where the stretch is by now is over.
+                // A piece that ends at this time is over.
                 let over = |piece: &Piece| piece.end <= stretch.from || stretch.when(piece.end) <= at;
                 while piece.as_ref().is_none_or(over) {
                     match inner.next() {

@@ -3,20 +3,20 @@
 //! Source: StepperWinch, `Path::pollForInterval`: acceleration from the old state, clamped; position with the old speed;
 //! speed; the target drifts; the speed is clamped. The sketch's loop has no fixed rate; this one has 1 ms.
 //!
-//! Between the milliseconds the recurrence says nothing. Taken by its word the speed would jump at each; here it goes
-//! from one millisecond's value to the next along a straight line, from the middle of one to the middle of the next:
-//! θ is made of parabolas with a continuous speed, whose accelerations and speeds are the recurrence's own and so
-//! within its limits, and passes within a_max·(1 ms)²/8 of each of its positions (0.0044 step at 35 000 steps/s²).
+//! The recurrence has a value each millisecond. If its speed were held in between, it would jump. Here it changes linearly from the
+//! middle of one millisecond to the middle of the next. So θ is made of parabolas with a continuous speed. Speeds and accelerations
+//! are those of the recurrence, within its limits. θ passes within a_max·(1 ms)²/8 of each position of the recurrence (0.0044 step at
+//! 35 000 steps/s²).
 //!
-//! A board that works the path out itself does so in fixed point, in `pulsetrain_core::winch`; a test holds the two
-//! together. There a vmax below the present speed is approached within amax; here, as in the sketch, it holds at once.
+//! A board works out the path in fixed point, in `pulsetrain_core::winch`; a test compares the two. There, a vmax below the present
+//! speed is approached within amax. Here, as in the sketch, it takes effect at once.
 
 use super::{Curve, Double, Entry, FARTHEST, Law, LawError, Piece, checked};
 use crate::Time;
 use pulsetrain_core::winch::path::{FIRST_ACCELERATION, FIRST_SPEED};
 use std::sync::Arc;
 
-/// What the path starts with. The default is the sketch's.
+/// Gains and limits at the start. The default is the sketch's.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct WinchSettings {
     /// k, 1/s².
@@ -65,7 +65,7 @@ pub enum WinchCommand {
         /// steps/s².
         max_acceleration: f64,
     },
-    /// `r`: the target moves by this at once, steps, whatever ramp speed is set.
+    /// `r`: the target moves by this at once, steps, without a ramp.
     Impulse(f64),
     /// `s`: from now on a target is approached no faster than this, steps/s; 0 or less: at once, as at the start.
     RampSpeed(f64),
@@ -142,7 +142,7 @@ impl WinchCommand {
 struct Filter {
     q: f64,
     speed: f64,
-    /// What the filter follows; on its way to `target` while a ramp speed is set.
+    /// The input of the filter. With a ramp speed it moves to `target` at that speed.
     reference: f64,
     target: f64,
     drift: f64,
@@ -205,7 +205,7 @@ impl Winch {
                 return None;
             }
             let now = Time::from_ratio(ms, 1000);
-            // The first piece is half a millisecond of rest, then one from each middle to the next.
+            // The first piece is half a millisecond of rest. Each later one lasts from the middle of a millisecond to the next middle.
             let end = Time::from_ratio(2 * ms + 1, 2000).min(last);
             let before = path;
             if ms > 0 {

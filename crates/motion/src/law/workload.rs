@@ -1,12 +1,12 @@
-//! How much there is of a law, roughly and at once: for estimates, before anybody follows it.
+//! A quick estimate of how many steps and pieces a law has, before it is planned.
 
 use super::formula::Formula;
 use super::{Law, Piece};
 use crate::Time;
 use std::sync::Arc;
 
-/// About how much there is of a law. What repeats is looked at once, a formula for its first pieces and at places all over its span, and
-/// another law of no structure for its first pieces alone.
+/// An estimate of a law's steps and pieces. A law that repeats is looked at for one period, a formula for its first pieces and at places all
+/// over its span, any other law for its first pieces only.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Workload {
     /// Steps in both directions.
@@ -15,24 +15,24 @@ pub struct Workload {
     pub pieces: f64,
     /// Times that it turns within pieces.
     pub turns: f64,
-    /// Operations of formulas: all of them in each piece, and at each turn.
+    /// Operations of formulas. A piece takes all operations of its formula, and so does each turn.
     pub operations: f64,
 }
 
-/// Pieces of a law that are looked at; those of one that was worked out beforehand all are.
+/// The most pieces of a law that are looked at. Of a list of pieces all are.
 const MOST_PIECES: usize = 256;
-/// Of a winch's path, whose commands come in its first seconds: pieces of a millisecond.
+/// The same for a winch's path, whose pieces last a millisecond, and whose commands come in its first seconds.
 const MOST_PIECES_OF_A_WINCH: usize = 1 << 15;
-/// Looks in each of them.
+/// Samples in each of them.
 const LOOKS: u32 = 64;
-/// Places of a formula that are looked at behind its first pieces.
+/// The number of places where a formula is looked at after its first pieces.
 const PLACES: u32 = 64;
 /// Samples in each window of a formula. A window may have any number of periods, so this is a prime, which does not
 /// meet equal phases again and again.
 const LOOKS_IN_A_WINDOW: u32 = 251;
 
 impl Law {
-    /// About how much there is of it up to `until`. It takes no longer for a law that is longer.
+    /// An estimate up to `until`. It takes no longer for a longer law.
     ///
     /// ```
     /// use pulsetrain_motion::{Law, Time};
@@ -68,13 +68,13 @@ impl Law {
             Law::Blended(blended) => blended.law().workload(until),
             Law::Warped(warped) => warped.law().workload(until),
             Law::Backlash(backlash) => {
-                // About a turn in each piece.
+                // A piece has about one turn.
                 let law = backlash.law().workload(until);
                 Workload { pieces: 2.0 * law.pieces, ..law }
             }
             Law::Fixed(fixed) => {
                 let (mut seen, at) = seen(fixed.pieces.iter().cloned(), until, Piece::way);
-                // Long ones come in parts.
+                // A long piece is divided into parts.
                 seen.pieces += libm::floor(at.seconds() / super::LONGEST_PART_S);
                 seen
             }
@@ -85,18 +85,18 @@ impl Law {
         }
     }
 
-    /// The workload of its first pieces, as if the law went on like that. Errors of the law are left to the planner.
+    /// The workload of its first pieces, scaled to the whole law. The planner will report errors of the law.
     fn first_pieces(&self, until: Time, most: usize) -> Workload {
         let (seen, at) = self.in_first_pieces(until, most, Piece::way);
         if at <= Time::ZERO { seen } else { seen.times(until.seconds() / at.seconds()) }
     }
 
-    /// Of its first pieces, and when they end.
+    /// The workload of its first pieces, and their end.
     fn in_first_pieces(&self, until: Time, most: usize, way: fn(&Piece, Time) -> Way) -> (Workload, Time) {
         seen(self.pieces().take(most).map_while(Result::ok), until, way)
     }
 
-    /// Of a formula's first pieces, and of a window in each of some spans behind them, as if the span went on like that.
+    /// The workload of a formula: its first pieces, then one window in each of several spans, scaled to the span.
     fn pieces_all_over(&self, formula: &Arc<Formula>, until: Time) -> Workload {
         let (mut seen, first) = self.in_first_pieces(until, MOST_PIECES, Piece::way_by_speed);
         let left_s = (until - first).seconds();
@@ -115,7 +115,7 @@ impl Law {
     }
 }
 
-/// Of pieces as far as `until`, and when they end.
+/// The workload of pieces up to `until`, and their end.
 fn seen(pieces: impl Iterator<Item = Piece>, until: Time, way: fn(&Piece, Time) -> Way) -> (Workload, Time) {
     let (mut seen, mut at) = (Workload::default(), Time::ZERO);
     for piece in pieces.take_while(|piece| piece.start < until) {
@@ -127,7 +127,7 @@ fn seen(pieces: impl Iterator<Item = Piece>, until: Time, way: fn(&Piece, Time) 
 }
 
 impl Workload {
-    /// Both.
+    /// The sum of two workloads.
     #[must_use]
     pub fn and(self, other: Workload) -> Workload {
         Workload {
@@ -148,7 +148,7 @@ impl Workload {
     }
 }
 
-/// What a piece does.
+/// How far a piece goes, and how often it turns.
 #[derive(Clone, Copy, Debug, Default)]
 struct Way {
     steps: f64,
@@ -156,7 +156,7 @@ struct Way {
 }
 
 impl Way {
-    /// From the ways between looks, with their signs.
+    /// Adds up the distances between samples, with their signs.
     fn of(ways: impl Iterator<Item = f64>) -> Way {
         let mut sum = Way::default();
         let mut before = 0.0;
@@ -172,15 +172,14 @@ impl Way {
 }
 
 impl Piece {
-    /// How far it goes to and fro before `until`.
+    /// Its way before `until`, forward and backward.
     fn way(&self, until: Time) -> Way {
         let (from, to) = (self.first(), (self.end.min(until) - self.zero).seconds());
         let at = |k: u32| self.curve.value(from + (to - from) * f64::from(k) / f64::from(LOOKS));
         Way::of((0..LOOKS).map(|k| at(k + 1) - at(k)))
     }
 
-    /// How far it goes to and fro before `until`, computed from the speed, for a piece that may turn between two
-    /// samples.
+    /// The same, computed from samples of the speed, for a piece that may turn between two samples.
     fn way_by_speed(&self, until: Time) -> Way {
         let (from, to) = (self.first(), (self.end.min(until) - self.zero).seconds());
         let each = (to - from) / f64::from(LOOKS_IN_A_WINDOW);

@@ -282,8 +282,8 @@ fn measured<P: Port>(
     let board = driven.board_mut();
     let span = (board.now() - began) as f64;
     let said: Measures = board.measures(false)?;
-    let told = board.events().into_iter().filter(|event| event.cause != Cause::Finished);
-    let events = told.map(|event| in_words(event.cause)).collect();
+    let events = board.events().into_iter().filter(|event| event.cause != Cause::Finished);
+    let events = events.map(|event| in_words(event.cause)).collect();
     let awake = (span - said.idle_ticks as f64).max(0.0);
     Ok(BenchRow {
         period_s,

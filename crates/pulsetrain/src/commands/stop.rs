@@ -175,14 +175,14 @@ fn stop_board(port: &str, json: bool, console: &mut Console<'_>) -> miette::Resu
     if json {
         console.print_json(&stopped)?;
     } else {
-        console.print(format_args!("{}\n", stopped.told()))?;
+        console.print(format_args!("{}\n", stopped.in_words()))?;
     }
     Ok(Exit::Success)
 }
 
 impl StopReport {
     /// The report in words.
-    fn told(&self) -> String {
+    fn in_words(&self) -> String {
         let StopReport { moved, at_s, positions, uncertain, .. } = self;
         let when = at_s.map_or_else(String::new, |at| format!("{} after the board began; ", human::seconds(at)));
         if self.reset {
@@ -540,7 +540,7 @@ mod tests {
             assert!(x > 1000 && y < -200 && z == 40, "{x} {y} {z}");
             assert_eq!(stopped.positions, [x, y, z, 0]);
             assert_eq!((stopped.text, stopped.moved, &stopped.uncertain[..]), (true, Some(true), &[0, 1][..]));
-            assert!(stopped.told().contains("than they can start: x, y"), "{}", stopped.told());
+            assert!(stopped.in_words().contains("than they can start: x, y"), "{}", stopped.in_words());
             assert!(last < Duration::from_millis(15) && known < Duration::from_millis(500), "{last:?} {known:?}");
         }
 

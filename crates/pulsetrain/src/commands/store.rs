@@ -6,7 +6,7 @@ use miette::miette;
 use pulsetrain_board::BoardKind;
 use pulsetrain_board::registry::Role;
 use pulsetrain_board::{Port, Remote, RemoteError, Serial};
-use pulsetrain_core::wire::settings::{AMAX, MOST_VMAX};
+use pulsetrain_core::wire::settings::{AMAX, MAX_VMAX};
 use pulsetrain_core::wire::{Reason, Settings, Stored};
 use serde::Serialize;
 
@@ -142,14 +142,14 @@ fn limits(values: &[f64]) -> miette::Result<(u32, u32)> {
         _ => (0.0, 0.0),
     };
     let possible =
-        (0.0..=f64::from(MOST_VMAX)).contains(&vmax) && (f64::from(AMAX[0])..=f64::from(AMAX[1])).contains(&amax);
+        (0.0..=f64::from(MAX_VMAX)).contains(&vmax) && (f64::from(AMAX[0])..=f64::from(AMAX[1])).contains(&amax);
     if possible || (vmax, amax) == (0.0, 0.0) {
         return Ok((vmax as u32, amax as u32));
     }
     let help = "a board takes up to 10 000 steps/s, and 1 to 250 000 steps/s²; `--limits 0 0` for the board's own";
     let values: Vec<String> = values.iter().map(|value| figure(*value)).collect();
-    let told = values.join(" steps/s and ");
-    Err(miette!(help = help, "--limits of {told} steps/s² are beyond what a board takes"))
+    let limits = values.join(" steps/s and ");
+    Err(miette!(help = help, "--limits of {limits} steps/s² are beyond what a board takes"))
 }
 
 /// Stores the settings that the user gave, and reads what is stored then.
@@ -183,7 +183,7 @@ mod tests {
     use pulsetrain_board::shared::Shared;
     use pulsetrain_board::virtual_pico::VirtualPico;
     use pulsetrain_board::virtual_uno::VirtualUno;
-    use pulsetrain_core::baked::FLASH_ROOM;
+    use pulsetrain_core::baked::PROGRAM_FLASH_BYTES;
     use pulsetrain_core::wire::message::MotorSetup;
 
     const ASK: StoreArgs = StoreArgs {
@@ -256,7 +256,7 @@ mod tests {
             let settings = [400, 500].map(|deadman_ms| Settings { deadman_ms, ..Settings::default() });
             settings.iter().for_each(|settings| board.store(settings).unwrap());
             let mut memory = board.close().chip().flash().to_vec();
-            memory[FLASH_ROOM as usize + 4096 + 3] ^= 1;
+            memory[PROGRAM_FLASH_BYTES as usize + 4096 + 3] ^= 1;
             let after = |args: &StoreArgs| store(VirtualPico::with_flash(&memory).unwrap(), args, None).unwrap();
             let damaged = Stored { settings: Some(settings[0]), is_damaged: true };
             assert_eq!(after(&ASK), damaged);

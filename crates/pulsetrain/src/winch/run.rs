@@ -178,7 +178,7 @@ fn send<P: Port>(
     let (mut soonest, mut free) = (begin, begin);
     let mut tell = |talk: &mut Talk<P>, health: &mut Health, text: &str, command: Command| {
         talk.tell(text)?;
-        health.told(text);
+        health.sent_line(text);
         let now = talk.now();
         let bytes = text.len() as u32 + 1;
         soonest = soonest.max(now) + FAST_BYTE * bytes;
@@ -248,7 +248,7 @@ impl Health {
         Health { begin, due, next_due: due, last: None, pings: 0, troubles: Vec::new() }
     }
 
-    fn told(&mut self, text: &str) {
+    fn sent_line(&mut self, text: &str) {
         let mut words = text.split('*').next().unwrap_or_default().split_ascii_whitespace();
         match (words.next(), words.next().and_then(|value| value.parse().ok())) {
             (Some("ping"), _) => self.pings += 1,

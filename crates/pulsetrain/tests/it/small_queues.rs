@@ -91,8 +91,8 @@ impl<P: Port> Board for Watched<P> {
     fn sizer(&self, motor: usize) -> Sizer {
         self.board.sizer(motor)
     }
-    fn lead(&self) -> u64 {
-        self.board.lead()
+    fn round_trip(&self) -> u64 {
+        self.board.round_trip()
     }
     fn horizon(&self) -> u64 {
         self.board.horizon()

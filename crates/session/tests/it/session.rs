@@ -147,8 +147,8 @@ impl Board for Bench {
     fn sizer(&self, motor: usize) -> Sizer {
         self.native.sizer(motor)
     }
-    fn lead(&self) -> u64 {
-        self.native.lead()
+    fn round_trip(&self) -> u64 {
+        self.native.round_trip()
     }
     fn horizon(&self) -> u64 {
         self.native.horizon()

@@ -74,7 +74,7 @@ const COMMANDS: &str = "a, d, v, r, s, g, l, enable, srate, deadman, strict, ver
 
 /// Longest line, bytes, and most tokens in it.
 const LONGEST: usize = 80;
-const MOST_WORDS: usize = 10;
+const MAX_WORDS: usize = 10;
 
 /// What is answered to lines of `docs/verbs.md`, which drive motors directly: a script is of paths, and those lines have none.
 const VERB: &str = "scripts are of paths, and this tells motors directly: nothing would judge it. Without SCRIPT, `pulsetrain winch` \
@@ -108,8 +108,8 @@ impl Command {
         let Some(((name, name_at), values)) = tokens.split_first() else {
             return Err(wrong(whole, "a command is missing"));
         };
-        if tokens.len() > MOST_WORDS {
-            return Err(wrong(tokens[MOST_WORDS].1.start..line.len(), "a line has at most 10 words"));
+        if tokens.len() > MAX_WORDS {
+            return Err(wrong(tokens[MAX_WORDS].1.start..line.len(), "a line has at most 10 words"));
         }
         let mut command = Command { is_checked, ..Command::default() };
         if let "a" | "d" | "v" | "r" | "s" | "g" | "l" = *name {

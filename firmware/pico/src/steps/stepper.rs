@@ -13,7 +13,7 @@ use pulsetrain_core::lease::{Lapse, Lease};
 use pulsetrain_core::output::{Coils, Output, StepDir, StepDirSettings};
 use pulsetrain_core::packed_queue::{Fault, PackedQueue, Pool};
 use pulsetrain_core::packing::Packing;
-use pulsetrain_core::pio::{SHORTEST_PULSE, STEP_DIR_OVERHEAD, Tape, Words, lines};
+use pulsetrain_core::pio::{SHORTEST_PULSE, STEP_DIR_OVERHEAD, Tape, WordWriter, lines};
 use pulsetrain_core::queue::{Items, Queue};
 use pulsetrain_core::verbs::MotorTiming;
 use pulsetrain_core::winch::spacing::SliceSteps;
@@ -154,7 +154,7 @@ static MEMORY: StaticCell<Memory> = StaticCell::new(Memory {
 
 /// One motor.
 pub(crate) struct MotorState {
-    words: Words<FRACTION_BITS>,
+    words: WordWriter<FRACTION_BITS>,
     packed: PackedQueue,
     wiring: MotorPins,
     pulse_ticks: u32,
@@ -165,7 +165,7 @@ pub(crate) struct MotorState {
 
 impl MotorState {
     const NONE: MotorState = MotorState {
-        words: Words::new(MotorState::NO_OUTPUT, 0, SHORTEST_PULSE),
+        words: WordWriter::new(MotorState::NO_OUTPUT, 0, SHORTEST_PULSE),
         packed: PackedQueue::new(Pool::<POOL_BYTES>::part(0, 0), Packing { fraction_bits: FRACTION_BITS, gain: 0 }),
         wiring: MotorPins::NONE,
         pulse_ticks: SHORTEST_PULSE,
@@ -369,7 +369,7 @@ impl Stepper {
                     (Output::Coils(Coils::new(lines, sequence, release_ticks)), 0)
                 }
             };
-            motor.words = Words::new(output, step_line, pulse_ticks);
+            motor.words = WordWriter::new(output, step_line, pulse_ticks);
             let packing = Packing { fraction_bits: FRACTION_BITS, gain: setup.gain };
             let equal = POOL_BYTES / usize::from(layout.count.max(1));
             let by_need = POOL_BYTES / usize::from(QUEUE_PARTS) * usize::from(setup.queue_parts);
@@ -379,7 +379,7 @@ impl Stepper {
             (motor.wiring, motor.pulse_ticks, motor.pull_in_ticks) = (*wiring, pulse_ticks, setup.pull_in_ticks);
             motor.limits =
                 limits(&motor.words, layout.count, setup_ticks, pulse_ticks + u32::from(configuration.hold_ticks));
-            motor.words.channel_mut().open_from(now);
+            motor.words.channel_mut().start_at(now);
         }
         self.dir_clearance = DIR_CLEARANCE.max(setup_ticks + 4 * (pulse_ticks + STEP_DIR_OVERHEAD));
         let blocks = layout.count.div_ceil(4);
@@ -406,8 +406,8 @@ impl Stepper {
         for MotorParts { number, motor, tape, ring } in parts {
             let machine = StateMachine::of(number);
             motor.packed.items(pool).clear();
-            motor.packed.forgive();
-            motor.words.forgive();
+            motor.packed.clear_faults();
+            motor.words.clear_faults();
             machine.set_up(&motor.wiring, motor.pulse_ticks, motor.words.levels());
             feed::set_up(number, ring, machine.fifo());
             motor.words.begin(tape, ring, FIRST_WAIT);
@@ -481,7 +481,7 @@ impl Stepper {
                 Some(items) => motor.words.fill(items, tape, ring, stretch, WORDS_PER_FILL, expand),
                 None => motor.words.fill(&mut motor.packed.items(pool), tape, ring, stretch, WORDS_PER_FILL, expand),
             };
-            let has_news = motor.words.channel().has_news();
+            let has_unreported_lapse = motor.words.channel().has_unreported_lapse();
             if !clock.now32().after(NEARLY_DRY).is_before(dry) {
                 // Words that come too late would be steps at wrong times: better none at all. The caller looks at once, instead of
                 // sleeping first.
@@ -489,7 +489,7 @@ impl Stepper {
                 return true;
             }
             feed::publish(number, tape.written());
-            if has_news {
+            if has_unreported_lapse {
                 self.share_lapse();
             }
             return true;
@@ -520,7 +520,7 @@ impl Stepper {
         let channels = || self.motors.iter().take(usize::from(self.count)).map(|motor| motor.words.channel());
         let Some(lapse) = channels::agreed_lapse(channels()) else { return };
         if lapse.cause.is_fault()
-            && let Some((number, _)) = (0..).zip(channels()).find(|(_, channel)| channel.has_news())
+            && let Some((number, _)) = (0..).zip(channels()).find(|(_, channel)| channel.has_unreported_lapse())
         {
             self.at_fault = number;
         }
@@ -648,7 +648,7 @@ impl Stepper {
     /// Puts packed items last in a motor's queue; `None` if it has no room, or is not there.
     pub(crate) fn push(&mut self, motor: u8, epoch: Epoch, packed: &[u8]) -> Option<()> {
         let motor = self.motors.get_mut(usize::from(motor))?;
-        if !motor.words.channel().keeps(epoch) {
+        if !motor.words.channel().accepts(epoch) {
             return Some(());
         }
         motor.packed.push(&mut self.memory.pool, epoch, packed).ok()
@@ -796,7 +796,7 @@ fn blocks(motors: u8) -> impl Iterator<Item = (u8, u32)> {
 }
 
 /// What verbs may ask of a motor: `pulse` is the time of a pulse with the hold of DIR, `setup` the set-up of DIR, ticks.
-fn limits(words: &Words<FRACTION_BITS>, count: u8, setup: u32, pulse: u32) -> MotorTiming {
+fn limits(words: &WordWriter<FRACTION_BITS>, count: u8, setup: u32, pulse: u32) -> MotorTiming {
     let (work, turn) =
         if words.makes_pulses() { (STEP_TICKS, pulse.max(words.overhead()) + setup) } else { (PATTERN_TICKS, 0) };
     let shortest = (work * u32::from(count)).max(words.overhead() + 1);

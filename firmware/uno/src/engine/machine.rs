@@ -21,7 +21,7 @@ use pulsetrain_core::wire::message::{ALL_MOTORS, Cause, Configuration, Event, In
 use pulsetrain_core::wire::orders::Orders;
 use pulsetrain_core::wire::outcome::NO_LEASE;
 use pulsetrain_core::wire::settings::SETTINGS_LEN;
-use pulsetrain_core::wire::{Baud, Encoder, Machine, Millis, Reason, Refusal, Stopped, Switched};
+use pulsetrain_core::wire::{Baud, Encoder, BoardSide, Millis, Reason, Refusal, Stopped, Switched};
 use pulsetrain_core::{Epoch, Tick32};
 
 /// A switch must be less than this ahead, ticks. Ticks are compared within 2^31, and pulse and set-up reach beyond a switch.
@@ -388,7 +388,7 @@ fn past(moment: Tick32) -> u64 {
     now - u64::from(Tick32::of(now).since(moment))
 }
 
-impl Machine for Board {
+impl BoardSide for Board {
     const PLANS: bool = ThisProgram::PLANS;
     const OBEYS: bool = ThisProgram::OBEYS;
     const STORES: bool = true;

@@ -2,7 +2,7 @@
 
 use pulsetrain_board::virtual_pico::VirtualPico;
 use pulsetrain_core::Recurrence;
-use pulsetrain_core::pio::{MOST_UNCHECKED, Stretch, Unchecked, expand, unchecked_steps};
+use pulsetrain_core::pio::{MAX_UNCHECKED, Stretch, Unchecked, expand, unchecked_steps};
 use pulsetrain_emulator::Rp2040;
 use pulsetrain_testkit::Random;
 
@@ -148,7 +148,7 @@ fn what_is_sure_comes_eight_at_a_time() {
     let (mut tried, mut odd) = ([0; 2], 0);
     while tried.iter().any(|tried| *tried < 1000) {
         let (recurrence, stretch) = (random_recurrence(random), random_stretch(random));
-        let most = 1 + random.below(u64::from(MOST_UNCHECKED)) as u32;
+        let most = 1 + random.below(u64::from(MAX_UNCHECKED)) as u32;
         let Unchecked { count, small_add } = unchecked_steps(&recurrence, &stretch, most);
         if count == 0 {
             continue;

@@ -39,7 +39,7 @@ fn random_host(kind: u64, seed: u64, tally: &mut Tally) {
     let random = &mut Random::new(1000 * kind + seed);
     let setup = setup(kind);
     let mut pair = Pair::new(&setup);
-    let from = pair.pico.now() + pair.pico.lead() + TICK_HZ / 100;
+    let from = pair.pico.now() + pair.pico.round_trip() + TICK_HZ / 100;
     for (index, motor) in setup.motors.iter().enumerate() {
         let fastest = u64::from(overhead(&setup, motor)) + 1 + 300 * setup.motors.len() as u64;
         pair.push(index, 1, &random_items(&setup, motor, random, from, fastest));
@@ -100,7 +100,7 @@ fn its_pins_brake_as_the_native_board_does() {
 fn a_motor_that_runs_dry_has_all_brake() {
     let setup = Setup { motors: vec![step_dir(2), step_dir(4)], ..setup(0) };
     let mut pair = Pair::new(&setup);
-    let from = pair.pico.now() + pair.pico.lead() + TICK_HZ / 100;
+    let from = pair.pico.now() + pair.pico.round_trip() + TICK_HZ / 100;
     // 20 000 steps/s for 20 ms, and for a second; no wait says that the first one's motion ends.
     for (motor, count) in [(0, 400), (1, 20_000)] {
         pair.push_all(motor, 1, &[Item::Anchor { tick: Tick32::of(from) }, run(count, 6250, Forward)]);

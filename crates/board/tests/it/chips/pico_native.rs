@@ -72,7 +72,7 @@ fn random_plans(kind: u64, seed: u64, tally: &mut Tally) {
             pair.push(index, epoch, &items);
         }
     };
-    let from = pair.pico.now() + pair.pico.lead() + TICK_HZ / 100;
+    let from = pair.pico.now() + pair.pico.round_trip() + TICK_HZ / 100;
     push(&mut pair, random, 1, from, tally);
     assert_eq!(pair.switch(1, from), Ok(()));
     let (mut epoch, mut begins) = (1, from);
@@ -81,7 +81,7 @@ fn random_plans(kind: u64, seed: u64, tally: &mut Tally) {
         let until = begins.max(pair.pico.now() + random.below(TICK_HZ / 25));
         pair.advance(until);
         // From the past to a little after it can be taken.
-        let reach = if random.one_in(3) { pair.pico.lead() / 16 } else { pair.pico.lead() };
+        let reach = if random.one_in(3) { pair.pico.round_trip() / 16 } else { pair.pico.round_trip() };
         let from = pair.pico.now() + random.below(reach);
         push(&mut pair, random, epoch + 1, from, tally);
         match pair.switch(epoch + 1, from) {

@@ -33,7 +33,7 @@ fn wait(pico: &mut Remote<VirtualPico>, ticks: u64) {
 
 /// Tells a motor an epoch that begins in 20 ms, and waits until then.
 fn begin(pico: &mut Remote<VirtualPico>, motor: usize, epoch: u8, runs: &[Item]) {
-    let from = pico.now() + pico.lead() + TICK_HZ / 50;
+    let from = pico.now() + pico.round_trip() + TICK_HZ / 50;
     for item in [Item::Anchor { tick: Tick32::of(from) }].iter().chain(runs) {
         pico.push(motor, Entry { epoch: Epoch(epoch), item: *item }).expect("there is room");
     }
@@ -157,7 +157,7 @@ fn coils_after_a_stop_obey_the_idle_time() {
                 pico.advance(until, &mut |edge: Edge| edges.extend(as_line(setup, edge)));
             };
             for round in 0..8 {
-                let from = pair.pico.now() + pair.pico.lead() + TICK_HZ / 50;
+                let from = pair.pico.now() + pair.pico.round_trip() + TICK_HZ / 50;
                 // The other motor goes on, so that the coils alone may be at rest when it comes.
                 for (number, item) in [(0, run(20, 250_000, Backward)), (1, run(1_000_000, 10_000, Forward))] {
                     for item in [Item::Anchor { tick: Tick32::of(from) }, item] {

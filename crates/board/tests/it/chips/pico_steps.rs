@@ -11,7 +11,7 @@ fn steps_come_when_they_are_due() {
     let motor = |step_pin| MotorSetup { step_pin, dir_pin: step_pin + 1, forward_high: true, ..MotorSetup::default() };
     let setup = Setup { pulse_ticks: 125, setup_ticks: 25, motors: vec![motor(2), motor(10)], ..Setup::default() };
     remote.configure(&setup).expect("it is possible");
-    let at = remote.now() + remote.lead() + 1_000_000;
+    let at = remote.now() + remote.round_trip() + 1_000_000;
     for motor in 0..2 {
         let segment = Segment { count: 100, interval: 1000 << 32, add: 0, add2: 0 };
         for item in [Item::Anchor { tick: Tick32::of(at) }, Item::Run { segment, direction: Direction::Forward }] {

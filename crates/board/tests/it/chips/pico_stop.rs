@@ -19,7 +19,7 @@ fn under_way(pulse_ticks: u16) -> Pair {
         ..Setup::default()
     };
     let mut pair = Pair::new(&setup);
-    let from = pair.pico.now() + pair.pico.lead() + TICK_HZ / 100;
+    let from = pair.pico.now() + pair.pico.round_trip() + TICK_HZ / 100;
     let word = i64::from(pulse_ticks) + 3;
     pair.push(0, 1, &[Item::Anchor { tick: Tick32::of(from) }, run(1_000_000, 2 * word + 300, Direction::Backward)]);
     let mut turning = vec![Item::Anchor { tick: Tick32::of(from) }];
@@ -75,7 +75,7 @@ fn a_pulse_that_a_stop_catches_ends_soon_after_its_told_length() {
         let motors = (0..8).map(|motor| step_dir(2 + 2 * motor)).collect();
         let setup = Setup { pulse_ticks, setup_ticks: 20, hold_ticks: 5, motors, ..Setup::default() };
         let mut pair = Pair::new(&setup);
-        let from = pair.pico.now() + pair.pico.lead() + TICK_HZ / 100;
+        let from = pair.pico.now() + pair.pico.round_trip() + TICK_HZ / 100;
         for motor in 0..8 {
             let items =
                 [Item::Anchor { tick: Tick32::of(from) }, run(1_000_000, interval + motor as i64, Direction::Forward)];
@@ -137,7 +137,7 @@ fn a_main_loop_that_is_late_plays_nothing_late() {
         let motors = vec![step_dir(2), step_dir(4), step_dir(6), coils(8, Sequence::Full), step_dir(12), step_dir(14)];
         let setup = Setup { pulse_ticks: 125, setup_ticks: 40, motors, ..Setup::default() };
         let mut pair = Pair::new(&setup);
-        let from = pair.pico.now() + pair.pico.lead() + TICK_HZ / 100;
+        let from = pair.pico.now() + pair.pico.round_trip() + TICK_HZ / 100;
         for (motor, ticks) in (0..).zip([1000, 40_000, 500, 100_000, 3333, 1111]) {
             let items = [Item::Anchor { tick: Tick32::of(from) }, run(1_000_000, ticks, Direction::Forward)];
             pair.push(motor, 1, &items);
@@ -174,7 +174,7 @@ fn a_processor_that_does_not_keep_up_stops_all() {
     let motors: Vec<_> = (0..8).map(|motor| step_dir(2 + 2 * motor)).collect();
     let setup = Setup { pulse_ticks: 13, motors, ..Setup::default() };
     let mut pair = Pair::new(&setup);
-    let from = pair.pico.now() + pair.pico.lead() + TICK_HZ / 100;
+    let from = pair.pico.now() + pair.pico.round_trip() + TICK_HZ / 100;
     for motor in 0..8 {
         pair.push(motor, 1, &[Item::Anchor { tick: Tick32::of(from) }, run(1_000_000, 60, Direction::Forward)]);
     }
@@ -200,7 +200,7 @@ fn a_processor_that_does_not_keep_up_stops_all() {
 fn a_main_loop_that_was_held_up_hears_a_stop_soon() {
     let motors = (0..8).map(|motor| step_dir(2 + 2 * motor)).collect();
     let mut pair = Pair::new(&Setup { pulse_ticks: 13, setup_ticks: 20, motors, ..Setup::default() });
-    let from = pair.pico.now() + pair.pico.lead() + TICK_HZ / 100;
+    let from = pair.pico.now() + pair.pico.round_trip() + TICK_HZ / 100;
     for motor in 0..8 {
         pair.push(motor, 1, &[Item::Anchor { tick: Tick32::of(from) }, run(1_000_000, 200, Direction::Forward)]);
     }
@@ -236,7 +236,7 @@ fn only_who_was_faster_than_its_pull_in_is_uncertain() {
             let motors = [step_dir(2), step_dir(4), coils(8, Sequence::Half)];
             let motors = motors.map(|motor| MotorSetup { pull_in_ticks: pull_in, ..motor }).to_vec();
             let mut pair = Pair::new(&Setup { pulse_ticks: 13, setup_ticks: 20, motors, ..Setup::default() });
-            let from = pair.pico.now() + pair.pico.lead() + TICK_HZ / 100;
+            let from = pair.pico.now() + pair.pico.round_trip() + TICK_HZ / 100;
             let forward = [Item::Anchor { tick: Tick32::of(from) }, run(1000, interval.into(), Direction::Forward)];
             let turning = [Direction::Forward, Direction::Backward].map(|direction| run(3, interval.into(), direction));
             let turning: Vec<_> = std::iter::once(forward[0]).chain((0..20).flat_map(|_| turning)).collect();

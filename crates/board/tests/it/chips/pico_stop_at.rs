@@ -68,7 +68,7 @@ fn under_way(setup: &Setup, intervals: &[i64]) -> (Remote<Held>, Vec<Edge>, u64)
     board.configure(setup).unwrap_or_else(|error| panic!("{error}: {setup:?}"));
     let soon = board.now() + TICK_HZ / 1000;
     board.advance(soon, &mut |_: Edge| {});
-    let from = board.now() + board.lead() + TICK_HZ / 50;
+    let from = board.now() + board.round_trip() + TICK_HZ / 50;
     for (motor, interval) in intervals.iter().enumerate() {
         let mut items = vec![Item::Anchor { tick: Tick32::of(from) }];
         // A word for DIR in each turn; the others go straight on.

@@ -24,7 +24,7 @@ fn random_plans() {
         let motors = (0..motors).map(|motor: u8| step_dir(2 + 2 * motor)).collect();
         let setup = Setup { pulse_ticks: 125, motors, ..Setup::default() };
         let mut pair = Pair::over(VirtualPico::on_usb(), &setup);
-        let from = pair.pico.now() + pair.pico.lead() + TICK_HZ / 100;
+        let from = pair.pico.now() + pair.pico.round_trip() + TICK_HZ / 100;
         for (index, motor) in setup.motors.iter().enumerate() {
             let fastest = u64::from(overhead(&setup, motor)) + 1 + 100 * setup.motors.len() as u64;
             let items = random_items(&setup, motor, random, from, fastest);
@@ -48,7 +48,7 @@ fn random_plans() {
 fn asked_all_the_time(mut meanwhile: impl FnMut(u32, &mut Pair)) -> Pair {
     let setup = Setup { pulse_ticks: 125, motors: vec![step_dir(2)], ..Setup::default() };
     let mut pair = Pair::over(VirtualPico::on_usb(), &setup);
-    let from = pair.pico.now() + pair.pico.lead() + TICK_HZ / 100;
+    let from = pair.pico.now() + pair.pico.round_trip() + TICK_HZ / 100;
     let mut items = vec![Item::Anchor { tick: Tick32::of(from) }];
     items.extend((0..500).map(|number| run(20 + number % 3, 24_000 + 7 * i64::from(number), Direction::Forward)));
     pair.push(0, 1, &items);

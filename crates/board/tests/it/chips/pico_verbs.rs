@@ -501,7 +501,7 @@ fn who_waits_for_a_way_to_go_is_forgotten() {
 fn a_first_order_that_does_nothing_changes_nothing() {
     let mut pair = Pair::new(&drivers(1));
     let pico = &mut pair.pico;
-    let from = pico.now() + pico.lead() + TICK_HZ / 10;
+    let from = pico.now() + pico.round_trip() + TICK_HZ / 10;
     let push = |pico: &mut Remote<VirtualPico>, item| pico.push(0, Entry { epoch: Epoch(1), item }).expect("room");
     push(pico, Item::Anchor { tick: Tick32::of(from) });
     let refused = pico.tell_motors(&[(0, Verb::Speed { ticks: 3 })]).expect_err("too short");
@@ -540,7 +540,7 @@ fn plans_and_verbs_keep_apart() {
     };
     // Motors that a plan moves.
     let pico = &mut pair.pico;
-    let from = pico.now() + pico.lead() + TICK_HZ / 100;
+    let from = pico.now() + pico.round_trip() + TICK_HZ / 100;
     for item in [
         Item::Anchor { tick: Tick32::of(from) },
         pulsetrain_testkit::pico::run(500, 12_500, pulsetrain_core::Direction::Forward),

@@ -22,7 +22,7 @@ fn at(tick: u64) -> VirtualPico {
 
 /// Plans both motors for `seconds` from 30 ms on, and compares all edges.
 fn play(pair: &mut Pair, epoch: u8, seconds: u64) {
-    let from = pair.pico.now() + pair.pico.lead() + TICK_HZ * 3 / 100;
+    let from = pair.pico.now() + pair.pico.round_trip() + TICK_HZ * 3 / 100;
     // Interval and acceleration both ways; whole phases of the coils.
     for (motor, period) in [(0, 30_011), (1, 1_250_003)] {
         let count = u32::try_from(seconds * TICK_HZ / period / 8 * 8).expect("a few seconds");
@@ -74,7 +74,7 @@ fn it_can_be_configured_at_any_time() {
 #[test]
 fn long_waits_between_steps() {
     let mut pair = Pair::over(VirtualPico::new(), &setup());
-    let from = pair.pico.now() + pair.pico.lead() + TICK_HZ / 50;
+    let from = pair.pico.now() + pair.pico.round_trip() + TICK_HZ / 50;
     let step = run(1, 1_000_000, Direction::Forward);
     // The longest wait that an item can be, and two of them.
     let long = Item::Dwell { ticks: (1 << 31) - 1 };

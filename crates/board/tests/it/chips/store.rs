@@ -61,11 +61,11 @@ impl Keeps for VirtualUno {
 }
 
 /// Where the Pico keeps them: in two sectors, from here on.
-const FLASH_ROOM: usize = baked::FLASH_ROOM as usize;
+const PROGRAM_FLASH_BYTES: usize = baked::PROGRAM_FLASH_BYTES as usize;
 
 impl Keeps for VirtualPico {
     // And their number.
-    const KEPT: std::ops::Range<usize> = FLASH_ROOM..FLASH_ROOM + 1 + SETTINGS_LEN + 2;
+    const KEPT: std::ops::Range<usize> = PROGRAM_FLASH_BYTES..PROGRAM_FLASH_BYTES + 1 + SETTINGS_LEN + 2;
 
     fn setup() -> Setup {
         Setup {
@@ -237,7 +237,7 @@ fn a_supply_that_fails_while_a_pico_writes_leaves_what_was_before_or_what_is_new
 #[test]
 fn a_damaged_copy_goes_with_the_next_store() {
     let mut memory = memory_with::<VirtualPico>(&[OTHERS, SETTINGS]);
-    for place in [FLASH_ROOM, FLASH_ROOM + 4096] {
+    for place in [PROGRAM_FLASH_BYTES, PROGRAM_FLASH_BYTES + 4096] {
         memory[place + 3] ^= 1;
     }
     let mut remote = Remote::open(VirtualPico::with_memory(&memory), 1).expect("a board");

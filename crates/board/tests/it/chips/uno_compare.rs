@@ -58,7 +58,7 @@ fn turns_of(pins: &[(u8, u8)], timing: Timing, seed: u64) -> (usize, bool) {
     let parts = parts(random, TURN[pins.len() - 1]);
     // Nearly in step: one's interrupt comes before the other's, with it or behind it.
     let behind = if random.one_in(3) { random.below(240) } else { random.below(10) };
-    let from = board.now() + board.lead() + TICK_HZ / 20;
+    let from = board.now() + board.round_trip() + TICK_HZ / 20;
     let mut pending: Vec<Vec<Item>> = Vec::new();
     for motor in 0..pins.len() as u64 {
         let mut direction = Direction::Forward;
@@ -108,9 +108,9 @@ fn turns_of(pins: &[(u8, u8)], timing: Timing, seed: u64) -> (usize, bool) {
     board.advance(until, &mut lab);
     let told = board.board_mut().events();
     // Both turn so often here that a ring may run dry.
-    let ran_dry = board.board_mut().settle().expect("it answers").last_stop == Cause::Starved;
+    let ran_dry = board.board_mut().final_report().expect("it answers").last_stop == Cause::Starved;
     if !ran_dry {
-        assert!(board.agrees(), "the native board took something else");
+        assert!(board.record_is_complete(), "the native board took something else");
         assert!(told.iter().all(|event| event.cause == Cause::Finished), "{told:?}");
         lab.check(&setup, timing, None);
         assert!((0..pins.len()).all(|motor| board.faults(motor) == Faults::default()));

@@ -145,7 +145,7 @@ fn run(pins: &Pins, seed: u64, ends: &mut Ends) {
     board.configure(&setup).expect("it takes the configuration");
     board.arm().expect("it can be armed");
     let room = u64::from(setup.pulse_ticks + setup.hold_ticks + setup.setup_ticks) + 400;
-    let from = board.now() + board.lead() + TICK_HZ / 100;
+    let from = board.now() + board.round_trip() + TICK_HZ / 100;
     let motors = pins.pins.len();
     let limits =
         (0..motors).map(|_| limit(3000.0 * 30f64.powf(random.fraction()), random.below(5) as u8)).collect::<Vec<_>>();

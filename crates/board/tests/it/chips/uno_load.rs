@@ -563,7 +563,7 @@ fn check_board(pins: &[(u8, u8)], timing: Timing, random: &mut Random) -> Cause 
     let mut native = Native::unbounded(&native_config(&setup)).expect("the native board takes it too");
     native.advance(remote.now() - 1, &mut |_: Edge| {});
     let mut board = WithReference::new(remote, native);
-    let from = board.now() + board.lead() + TICK_HZ / 100;
+    let from = board.now() + board.round_trip() + TICK_HZ / 100;
     plan(&mut board, &setup, random, from);
     board.switch(Epoch(1), from, Lease::Last, &[]).expect("it is in time");
     let mut lab = Lab::default();

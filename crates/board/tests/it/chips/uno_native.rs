@@ -130,7 +130,7 @@ fn random_plans(pins: &Pins, seed: u64, tally: &mut Tally) {
     println!("{setup:?}");
     let mut board = uno(&setup);
     let mut lab = Lab::default();
-    let from = board.now() + board.lead() + TICK_HZ / 100;
+    let from = board.now() + board.round_trip() + TICK_HZ / 100;
     push(&mut board, pins, &setup, random, 1, from);
     assert_eq!(board.switch(Epoch(1), from, Lease::Last, &[]), Ok(()));
     let (mut epoch, mut begins) = (1, from);
@@ -139,7 +139,7 @@ fn random_plans(pins: &Pins, seed: u64, tally: &mut Tally) {
         let until = begins.max(board.now() + random.below(TICK_HZ / 25));
         board.advance(until, &mut lab);
         // From the past to a little after it can be taken.
-        let from = board.now() + random.below(2 * board.lead());
+        let from = board.now() + random.below(2 * board.round_trip());
         push(&mut board, pins, &setup, random, epoch + 1, from);
         match board.switch(Epoch(epoch + 1), from, Lease::Last, &[]) {
             Ok(()) => (epoch, begins, tally.taken) = (epoch + 1, from, tally.taken + 1),
@@ -164,7 +164,7 @@ fn random_plans(pins: &Pins, seed: u64, tally: &mut Tally) {
     // The board may have come to rest within its USB frame: the last of its edges wait.
     let until = board.now() + TICK_HZ / 500;
     board.advance(until, &mut lab);
-    assert!(board.agrees(), "the native board took something else");
+    assert!(board.record_is_complete(), "the native board took something else");
     let remote = board.board_mut();
     assert_eq!(remote.error(), None);
     let told: Vec<_> = remote.events().into_iter().filter(|event| event.cause != Cause::Finished).collect();

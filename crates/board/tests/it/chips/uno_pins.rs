@@ -97,7 +97,7 @@ fn enable_follows_the_motors() {
         assert_eq!(level(board.port(), pin), !enable_high, "idle for 0.2 s");
         let mut edges = Vec::new();
         for epoch in 1..=2 {
-            let from = board.now() + board.lead() + TICK_HZ / 10;
+            let from = board.now() + board.round_trip() + TICK_HZ / 10;
             for item in [Item::Anchor { tick: Tick32::of(from) }, run(100, 16_000)] {
                 board.push(0, Entry { epoch: Epoch(epoch), item }).expect("room");
             }
@@ -135,7 +135,7 @@ fn pulses_are_as_long_as_asked() {
             let setup = uno_setup(pins, asked);
             let mut board = uno(&setup);
             let mut lab = Lab::default();
-            let from = board.now() + board.lead() + TICK_HZ / 100;
+            let from = board.now() + board.round_trip() + TICK_HZ / 100;
             for motor in 0..pins.len() {
                 for item in [Item::Anchor { tick: Tick32::of(from + 3000 * motor as u64) }, run(20, 16_000)] {
                     board.push(motor, Entry { epoch: Epoch(1), item }).expect("room");

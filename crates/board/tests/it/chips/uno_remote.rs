@@ -119,14 +119,14 @@ fn a_board_that_ran_dry_says_so_though_the_event_is_gone() {
         let until = board.now() + TICK_HZ / 10;
         board.advance(until, &mut |_: Edge| {});
         let told = board.events().into_iter().map(|event| event.cause).find(|cause| *cause == Cause::Starved);
-        let fared = board.settle().expect("it answers, though it refuses what was on its way");
+        let report = board.final_report().expect("it answers, though it refuses what was on its way");
         if told.is_some() {
             dry += 1;
-            assert_eq!(fared.last_stop, Cause::Starved, "seed {seed}");
+            assert_eq!(report.last_stop, Cause::Starved, "seed {seed}");
         }
         let counts = board.status().unwrap();
         let counts: Vec<_> = counts.motors.as_slice().iter().map(|motor| i64::from(motor.position)).collect();
-        assert_eq!(fared.positions, counts, "seed {seed}");
+        assert_eq!(report.positions, counts, "seed {seed}");
     }
     assert!(dry > 0, "none ran dry");
 }

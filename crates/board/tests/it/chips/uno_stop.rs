@@ -29,7 +29,7 @@ fn begin(
     count: u32,
 ) -> (pulsetrain_testkit::lab::UnoWithReference, Lab, u64) {
     let mut board = uno(setup);
-    let from = board.now() + board.lead() + TICK_HZ / 100 + shift;
+    let from = board.now() + board.round_trip() + TICK_HZ / 100 + shift;
     let shared = setup.motors.len() == 4 && setup.motors[0].dir_pin == setup.motors[1].dir_pin;
     for motor in 0..setup.motors.len() {
         let mut push = |item| board.push(motor, Entry { epoch: Epoch(1), item }).expect("room");

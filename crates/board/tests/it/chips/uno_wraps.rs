@@ -30,7 +30,7 @@ fn across(port: VirtualUno, wrap: u64, pins: &[(u8, u8)], timing: Timing) {
     let setup = uno_setup(pins, 16);
     let mut board = uno_after(port, &setup);
     let mut lab = Lab::default();
-    let from = board.now() + board.lead() + TICK_HZ / 10;
+    let from = board.now() + board.round_trip() + TICK_HZ / 10;
     assert!(from < wrap && from > wrap - TICK_HZ, "{from} is not just before {wrap}");
     for (epoch, from, count) in [(1, from, 600), (2, wrap + TICK_HZ / 10, 300)] {
         for motor in 0..pins.len() {
@@ -93,7 +93,7 @@ fn timer_1_wraps_between_steps() {
             let mut board = uno(&setup);
             let mut lab = Lab::default();
             // The first step just before, at and after a wrap.
-            let from = (board.now() + board.lead() + TICK_HZ / 10).next_multiple_of(1 << 16);
+            let from = (board.now() + board.round_trip() + TICK_HZ / 10).next_multiple_of(1 << 16);
             for motor in 0..pins.len() {
                 let dwell = Item::Dwell { ticks: 65_536 - interval as u32 % 65_536 + motor as u32 * 3 };
                 for item in [Item::Anchor { tick: Tick32::of(from - 1) }, dwell, run(12, interval, true)] {
@@ -116,7 +116,7 @@ fn epochs_and_sequence_numbers_wrap() {
     let mut lab = Lab::default();
     for number in 1..=300_u64 {
         let epoch = Epoch(number as u8);
-        let from = board.now() + board.lead() + TICK_HZ / 100;
+        let from = board.now() + board.round_trip() + TICK_HZ / 100;
         for item in
             [Item::Anchor { tick: Tick32::of(from) }, Item::Dwell { ticks: 1000 }, run(5, 3000, number % 3 == 0)]
         {
@@ -137,7 +137,7 @@ fn a_queue_that_ends_is_a_motor_that_stands() {
         let setup = uno_setup(pins, 16);
         let mut board = uno(&setup);
         let mut lab = Lab::default();
-        let from = board.now() + board.lead() + TICK_HZ / 10;
+        let from = board.now() + board.round_trip() + TICK_HZ / 10;
         for motor in 0..pins.len() {
             for item in [Item::Anchor { tick: Tick32::of(from) }, Item::Dwell { ticks: 1000 }, run(777, 800, true)] {
                 board.push(motor, Entry { epoch: Epoch(1), item }).expect("room");

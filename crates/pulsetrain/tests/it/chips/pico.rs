@@ -362,7 +362,7 @@ fn the_table_says_what_the_firmware_has() {
         assert_eq!(pico.set_baud(Baud::B2M), Ok(Baud::B2M));
         pico.configure(&Setup { pulse_ticks, setup_ticks, hold_ticks: 5, motors: drivers(2), ..Setup::default() })
             .unwrap();
-        let from = pico.now() + pico.lead() + 2_000_000;
+        let from = pico.now() + pico.round_trip() + 2_000_000;
         for motor in 0..2 {
             let mut items = vec![Item::Anchor { tick: Tick32::of(from) }];
             for turn in 0..300 {

@@ -475,7 +475,7 @@ pub(crate) fn uln2003(pico: &VirtualPico, sequence: Sequence, rate: u64) -> Row 
     let setup = Setup { motors, ..Setup::default() };
     let mut board = Remote::open(pico.clone(), 7).expect("it answers");
     board.configure(&setup).expect("six groups of four pins");
-    let begin = board.now() + board.lead() + TICK_HZ / 10;
+    let begin = board.now() + board.round_trip() + TICK_HZ / 10;
     let mut wanted = Vec::new();
     let mut last = 0;
     for motor in 0..setup.motors.len() {

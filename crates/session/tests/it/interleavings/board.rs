@@ -9,7 +9,7 @@ use pulsetrain_core::Tick32;
 use pulsetrain_core::lease;
 use pulsetrain_core::wire::frame::Received;
 use pulsetrain_core::wire::message::kind;
-use pulsetrain_core::wire::{Command, Decoder, MAX_FRAME, MIN_BODY, Machine, Millis, Service};
+use pulsetrain_core::wire::{BoardSide, Command, Decoder, MAX_FRAME, MIN_BODY, Millis, Service};
 use pulsetrain_testkit::model::Model;
 use std::fmt::{self, Write};
 

@@ -14,7 +14,7 @@ use crate::engine::{BOARD, clock, link, millis, regs, reset};
 use pulsetrain_core::baked::avr::{AvrPlayer, LONGEST_PIECE, MOTOR_LEN, NEAR, QueueState, ZERO, block};
 use pulsetrain_core::lease::Lease;
 use pulsetrain_core::wire::message::{Cause, Configuration};
-use pulsetrain_core::wire::{Machine, Millis, Switched};
+use pulsetrain_core::wire::{BoardSide, Millis, Switched};
 use pulsetrain_core::{Epoch, Tick32};
 
 /// The epoch of the motion.

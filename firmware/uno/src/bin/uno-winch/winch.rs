@@ -28,7 +28,7 @@ use pulsetrain_core::Tick32;
 use pulsetrain_core::winch::text::LineCommand;
 use pulsetrain_core::wire::message::{Configuration, image};
 use pulsetrain_core::wire::settings::SETTINGS_LEN;
-use pulsetrain_core::wire::{Machine, Millis, Service};
+use pulsetrain_core::wire::{BoardSide, Millis, Service};
 
 /// Bytes of four paths, of the reader, and of the longest line that is sent.
 const PATHS: usize = 4 * PATH;

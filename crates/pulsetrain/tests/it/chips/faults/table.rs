@@ -40,11 +40,17 @@ impl Row {
     }
 }
 
-/// The message with N for every number, and without the part about a missing answer.
+/// The names of the motors, one of which is the first without a plan.
+const MOTORS: [&str; 2] = ["a", "b"];
+
+/// The message with N for every number and M for the motor that had no more plan, and without the part about a missing answer.
 fn numberless(text: &str) -> String {
     let mut less = String::new();
     for line in text.lines() {
         let line = line.split("; if it did not take").next().unwrap_or(line);
+        let line = MOTORS.iter().fold(line.to_owned(), |line, motor| {
+            line.replace(&format!("plan for motor {motor},"), "plan for motor M,")
+        });
         less.push_str(if less.is_empty() { "" } else { "\n" });
         for letter in line.chars() {
             match letter {
@@ -79,7 +85,7 @@ pub(crate) fn markdown([uno, pico]: &[Vec<Row>; 2]) -> String {
             write(pico, "Pico");
         }
     }
-    text.push_str("\nWhat the host says, N for every number:\n");
+    text.push_str("\nWhat the host says, with N for every number and M for a motor:\n");
     for (number, message) in (1..).zip(&messages) {
         let _ = write!(text, "\n{number}.\n```text\n{message}\n```\n");
     }
