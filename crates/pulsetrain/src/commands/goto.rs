@@ -85,11 +85,15 @@ pub(crate) fn run(args: &GotoArgs, console: &mut Console<'_>) -> miette::Result<
     let program = &prepared.program;
     let targets = motors.targets(&args.target)?;
     let from = motors.positions(args, console)?;
-    let distances: Vec<i64> = targets.iter().zip(&from).map(|(to, from)| whole_steps(*to, *from)).collect();
+    let distances = targets.iter().zip(&from).zip(&motors.moved);
+    let distances: Vec<i64> =
+        distances.map(|((to, from), moved)| from.filter(|_| *moved).map_or(0, |from| whole_steps(*to, from))).collect();
+    let is_known = from.iter().map(Option::is_some).collect();
     if distances.iter().all(|steps| *steps == 0) {
         return console.print("the motors are there already: nothing moves\n").map(|()| Exit::Success);
     }
     let wrong = |error: LawError| miette!("{}: {error}", file.display());
+    let from: Vec<f64> = from.into_iter().map(Option::unwrap_or_default).collect();
     let laws = laws(program, &from, &distances).map_err(wrong)?;
     for (motor, law) in prepared.program.motors.iter_mut().zip(laws) {
         motor.law = law;
@@ -107,6 +111,7 @@ pub(crate) fn run(args: &GotoArgs, console: &mut Console<'_>) -> miette::Result<
         json: args.json,
         folder: &folder,
         goto_options: goto_options(args),
+        is_known,
     };
     perform(prepared, &how, console)
 }
@@ -176,8 +181,8 @@ impl Motors<'_> {
         motors.map(|(number, moved)| if *moved { self.position(number, text) } else { Ok(0.0) }).collect()
     }
 
-    /// Where the motors stand, steps; 0 for those that are not moved.
-    fn positions(&self, args: &GotoArgs, console: &mut Console<'_>) -> miette::Result<Vec<f64>> {
+    /// Where the motors stand, steps; `None` for those that are not moved and of which it is not known.
+    fn positions(&self, args: &GotoArgs, console: &mut Console<'_>) -> miette::Result<Vec<Option<f64>>> {
         let Motors { program, moved, .. } = self;
         let mut known: Vec<Option<f64>> = vec![None; moved.len()];
         for text in &args.from {
@@ -212,7 +217,7 @@ impl Motors<'_> {
             known.iter_mut().zip(found).for_each(|(known, found)| *known = known.or(Some(found)));
         }
         if is_known(&known) {
-            return Ok(known.into_iter().map(Option::unwrap_or_default).collect());
+            return Ok(known);
         }
         Err(unknown(program, &known, moved))
     }
