@@ -63,22 +63,30 @@ pub(crate) fn forget(port: &str) {
 
 /// Keeps the positions of a program's motors, by the board's counts at its clock `clock`. If they cannot be written, `goto` asks its user.
 pub(crate) fn keep(port: &str, program: &Program, counts: &[i64], clock: u64) {
+    if let (Some(file), Some(text)) = (file(port), written(program, counts, clock)) {
+        drop(std::fs::write(file, text));
+    }
+}
+
+/// What is kept.
+pub(crate) fn written(program: &Program, counts: &[i64], clock: u64) -> Option<String> {
     let motors = program.motors.iter().zip(counts).map(|(motor, count)| LastPosition {
         name: motor.name.clone(),
         count: *count,
         steps: standing::start(motor) + *count as f64,
     });
-    let positions = LastPositions { clock, motors: motors.collect() };
-    if let (Some(file), Ok(text)) = (file(port), serde_json::to_string(&positions)) {
-        drop(std::fs::write(file, text));
-    }
+    serde_json::to_string(&LastPositions { clock, motors: motors.collect() }).ok()
 }
 
 /// The positions of a program's motors, steps, if the board at the port still has the counts for which they were kept, at its clock
 /// `clock`.
 pub(crate) fn recall(port: &str, program: &Program, counts: &[i64], clock: u64) -> Option<Vec<f64>> {
-    let text = std::fs::read(file(port)?).ok()?;
-    let LastPositions { clock: kept, motors } = serde_json::from_slice(&text).ok()?;
+    read(&std::fs::read_to_string(file(port)?).ok()?, program, counts, clock)
+}
+
+/// As [`recall`], from what was [written].
+pub(crate) fn read(text: &str, program: &Program, counts: &[i64], clock: u64) -> Option<Vec<f64>> {
+    let LastPositions { clock: kept, motors } = serde_json::from_str(text).ok()?;
     let is_same = motors.len() == program.motors.len()
         && clock >= kept
         && motors.iter().map(|motor| motor.count).eq(counts.iter().copied())

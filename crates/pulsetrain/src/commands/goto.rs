@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 use miette::{Report, miette};
-use pulsetrain_board::{Board, Remote, Serial};
+use pulsetrain_board::{Board, Port, Remote, RemoteError, Serial};
 use pulsetrain_core::wire::Baud;
 use pulsetrain_motion::law::SCurve;
 use pulsetrain_motion::program::{Limits, Motor, PositionUnits, Program};
@@ -85,11 +85,15 @@ pub(crate) fn run(args: &GotoArgs, console: &mut Console<'_>) -> miette::Result<
     let program = &prepared.program;
     let targets = motors.targets(&args.target)?;
     let from = motors.positions(args, console)?;
-    let distances: Vec<i64> = targets.iter().zip(&from).map(|(to, from)| whole_steps(*to, *from)).collect();
+    let distances = targets.iter().zip(&from).zip(&motors.moved);
+    let distances: Vec<i64> =
+        distances.map(|((to, from), moved)| from.filter(|_| *moved).map_or(0, |from| whole_steps(*to, from))).collect();
+    let is_known = from.iter().map(Option::is_some).collect();
     if distances.iter().all(|steps| *steps == 0) {
         return console.print("the motors are there already: nothing moves\n").map(|()| Exit::Success);
     }
     let wrong = |error: LawError| miette!("{}: {error}", file.display());
+    let from: Vec<f64> = from.into_iter().map(Option::unwrap_or_default).collect();
     let laws = laws(program, &from, &distances).map_err(wrong)?;
     for (motor, law) in prepared.program.motors.iter_mut().zip(laws) {
         motor.law = law;
@@ -107,6 +111,7 @@ pub(crate) fn run(args: &GotoArgs, console: &mut Console<'_>) -> miette::Result<
         json: args.json,
         folder: &folder,
         goto_options: goto_options(args),
+        is_known,
     };
     perform(prepared, &how, console)
 }
@@ -176,8 +181,8 @@ impl Motors<'_> {
         motors.map(|(number, moved)| if *moved { self.position(number, text) } else { Ok(0.0) }).collect()
     }
 
-    /// Where the motors stand, steps; 0 for those that are not moved.
-    fn positions(&self, args: &GotoArgs, console: &mut Console<'_>) -> miette::Result<Vec<f64>> {
+    /// Where the motors stand, steps; `None` for those that are not moved and of which it is not known.
+    fn positions(&self, args: &GotoArgs, console: &mut Console<'_>) -> miette::Result<Vec<Option<f64>>> {
         let Motors { program, moved, .. } = self;
         let mut known: Vec<Option<f64>> = vec![None; moved.len()];
         for text in &args.from {
@@ -212,7 +217,7 @@ impl Motors<'_> {
             known.iter_mut().zip(found).for_each(|(known, found)| *known = known.or(Some(found)));
         }
         if is_known(&known) {
-            return Ok(known.into_iter().map(Option::unwrap_or_default).collect());
+            return Ok(known);
         }
         Err(unknown(program, &known, moved))
     }
@@ -241,14 +246,19 @@ fn unknown(program: &Program, known: &[Option<f64>], moved: &[bool]) -> Report {
 /// The positions by the count of the board at a port, steps, if it still has the count of the last run.
 fn counted(port: &str, program: &Program) -> miette::Result<Option<Vec<f64>>> {
     let serial = Serial::open(port, false).map_err(port_problem)?;
-    let problem = |error| drive_problem(DriveError::Remote(error));
-    let mut board = Remote::open(serial, session_number()).map_err(problem)?;
+    let counts = counts(serial).map_err(|error| drive_problem(DriveError::Remote(error)))?;
+    Ok(counts.and_then(|(counts, clock)| last_positions::recall(port, program, &counts, clock)))
+}
+
+/// The counts of a board whose motors rest, and its clock; `None` while they move.
+fn counts<P: Port>(port: P) -> Result<Option<(Vec<i64>, u64)>, RemoteError> {
+    let mut board = Remote::open(port, session_number())?;
     let status = board.status();
     let clock = board.now();
     drop(board.close());
-    let status = status.map_err(problem)?;
-    let counts: Vec<i64> = status.motors.as_slice().iter().map(|motor| motor.position.into()).collect();
-    Ok(last_positions::recall(port, program, &counts, clock).filter(|_| status.is_idle()))
+    let status = status?;
+    let counts = status.motors.as_slice().iter().map(|motor| motor.position.into()).collect();
+    Ok(status.is_idle().then_some((counts, clock)))
 }
 
 /// The steps from a position to another, to the nearest.
@@ -276,4 +286,51 @@ fn limits(program: &Program, motor: &Motor, steps: i64) -> SCurve {
     let max_acceleration = max_acceleration.map_or(SLOW.1 * motor.scale.steps_per_rev, |limit| SHARE * limit);
     let distance = steps.signum() as f64 * (steps.unsigned_abs() as f64 + program.grid.hysteresis);
     SCurve { distance, max_speed, max_acceleration, max_jerk: max_acceleration / BUILD_UP_S, start_speed: 0.0 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use pulsetrain_board::Edge;
+    use pulsetrain_board::shared::Shared;
+    use pulsetrain_board::virtual_pico::VirtualPico;
+    use pulsetrain_motion::file;
+    use pulsetrain_session::drive::Driven;
+
+    /// Tests that run firmware on an emulated chip.
+    mod chips {
+        use super::*;
+
+        /// A Pico goes on counting. Its count says nothing once it was reset, or set up again.
+        #[test]
+        fn a_count_is_believed_as_long_as_it_is_that_of_the_last_run() {
+            let text = "board = \"pico\"\n[motor.m]\nsteps_per_rev = 200\npulse_high = \"2 us\"\npins = { step = 2, dir = 3 }\n\
+                        forward = \"high\"\n[[motion]]\nmotor = \"m\"\nlaw.formula = { theta = \"90 + 18*t\", unit = \"deg\", \
+                        duration = \"1 s\" }\n[[motion]]\nmotor = \"m\"\nlaw.speed = { speed = \"0 rev/s\", duration = \"0.1 s\" }\n";
+            let no_file = |_: &std::path::Path| Err(std::io::ErrorKind::NotFound.into());
+            let contents = file::read_contents(text, "m.toml", &no_file).map_err(|error| error.plain()).unwrap();
+            let prepared = Prepared::new("m.toml".to_owned(), contents, None).unwrap();
+            let program = &prepared.program;
+            let pico = Shared::new(VirtualPico::on_usb());
+            let mut driven = Driven::at(&prepared, pico.clone(), Baud::B2M).unwrap();
+            let ended = driven.run(&mut |_: Edge| {}, |_| {}).unwrap();
+            assert_eq!(ended.counted, [10]);
+            let kept = last_positions::written(program, &ended.counted, driven.board_mut().now()).unwrap();
+            drop(driven.close());
+            let recall = |(counts, clock): (Vec<i64>, u64)| last_positions::read(&kept, program, &counts, clock);
+            let found = counts(pico.clone()).unwrap().unwrap();
+            assert_eq!(found.0, [10]);
+            assert_eq!(recall(found.clone()), Some(vec![60.0]), "18 deg from 90 deg on");
+            assert_eq!(recall((found.0, 0)), None, "a clock that goes back is that of a board that was reset");
+            let mut other = program.clone();
+            other.motors[0].name = "n".to_owned();
+            assert_eq!(last_positions::read(&kept, &other, &[10], u64::MAX), None, "another file's motors");
+            // Another program sets the board up, and counts from 0.
+            drop(Driven::at(&prepared, pico.clone(), Baud::B2M).unwrap().close());
+            let elsewhere = counts(pico).unwrap().map(|(counts, _)| counts);
+            assert!(elsewhere.is_none_or(|counts| last_positions::read(&kept, program, &counts, u64::MAX).is_none()));
+            let (counts, clock) = counts(VirtualPico::on_usb()).unwrap().unwrap();
+            assert_eq!((counts.len(), recall((counts, clock))), (0, None), "it was switched on just now");
+        }
+    }
 }

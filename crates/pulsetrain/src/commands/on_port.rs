@@ -141,7 +141,7 @@ pub(super) fn run(
     let asked = ended.and_then(|ended| {
         let board = driven.board_mut();
         let measures = board.measures(false)?;
-        if ended.uncertain.is_none() {
+        if ended.uncertain.is_none() && how.knows_all() {
             last_positions::keep(name, program, &ended.counted, board.now());
         }
         Ok((ended, measures, board.events(), board.clock().ppm(), board.link().counts().repeated))
@@ -152,7 +152,7 @@ pub(super) fn run(
     let runner = format!("board at {name}");
     let asked = asked.map_err(|error| run_problem(error, plan::report(prepared, planned), runner.clone(), folder));
     let (ended, measures, events, clock_ppm, frames_repeated) = asked?;
-    let told = told_end(prepared, &ended, &how.goto_options);
+    let told = told_end(prepared, &ended, how);
     let Ended { counted, stopped, uncertain, .. } = ended;
 
     let says = BoardReport {

@@ -112,6 +112,7 @@ pub(crate) fn run(args: &RunArgs, console: &mut Console<'_>) -> miette::Result<E
         json: args.json,
         folder: &folder,
         goto_options: goto_options(args),
+        is_known: Vec::new(),
     };
     perform(prepared, &how, console)
 }
@@ -129,6 +130,15 @@ pub(super) struct HowToRun<'a> {
     pub(super) folder: &'a Path,
     /// The options that `goto` needs to run on the same board.
     pub(super) goto_options: String,
+    /// By motor: whether it is known where it stands. Empty: all begin where their laws do.
+    pub(super) is_known: Vec<bool>,
+}
+
+impl HowToRun<'_> {
+    /// Whether it is known of all motors where they stand.
+    pub(super) fn knows_all(&self) -> bool {
+        self.is_known.iter().all(|known| *known)
+    }
 }
 
 /// The options of `goto` for the board of a run.
@@ -193,7 +203,7 @@ fn perform_with(
             return stopped.report(&ended, how, console);
         }
     };
-    let told = told_end(&prepared, &ended, &how.goto_options);
+    let told = told_end(&prepared, &ended, how);
     let Recorded { verdict, picture, lateness, figures } = recorded;
     let report = RunReport::new(plan::report(&prepared, &planned), runner, verdict, lateness, figures);
     // The user sees the verdict even if a file could not be written. A script reads one JSON value, which is then the
@@ -221,10 +231,13 @@ pub(super) fn stopped_before_begin(control: &Control) -> miette::Result<()> {
 }
 
 /// How a run ended, for the clients of its control socket.
-pub(super) fn told_end(prepared: &Prepared, ended: &Ended, goto_options: &str) -> RunEnded {
+pub(super) fn told_end(prepared: &Prepared, ended: &Ended, how: &HowToRun<'_>) -> RunEnded {
     let program = &prepared.program;
-    let motors = standings(program, &ended.counted, ended.uncertain.as_deref().unwrap_or_default());
-    let way_back = ended.stopped.then(|| way_back(&prepared.file, program, &motors, goto_options)).flatten();
+    let mut motors = standings(program, &ended.counted, ended.uncertain.as_deref().unwrap_or_default());
+    let is_wanted = ended.stopped && how.knows_all();
+    let way_back = is_wanted.then(|| way_back(&prepared.file, program, &motors, &how.goto_options)).flatten();
+    let mut is_known = how.is_known.iter();
+    motors.retain(|_| is_known.next().is_none_or(|known| *known));
     let ended = if ended.stopped { Ending::Stopped } else { Ending::Finished };
     RunEnded { ended, why: None, motors, way_back }
 }
@@ -239,7 +252,7 @@ struct StoppedRun<'a> {
 
 impl StoppedRun<'_> {
     fn report(self, ended: &Ended, how: &HowToRun<'_>, console: &mut Console<'_>) -> miette::Result<(Exit, RunEnded)> {
-        let told = told_end(self.prepared, ended, &how.goto_options);
+        let told = told_end(self.prepared, ended, how);
         let at_once = if ended.uncertain.is_some() { "at once" } else { "within the motors' limits" };
         let at = human::seconds_to(self.at_s, 6);
         let message = format!("stopped at {at} {at_once}, as asked: {}", listed(&told.motors));
@@ -259,7 +272,8 @@ impl StoppedRun<'_> {
             console.print(format_args!("{text}\n"))?;
             return Ok((Exit::Success, told));
         }
-        console.print(format_args!("Run on the {}, {message}\n", report.runner))?;
+        let runner = if report.runner == "native" { "native board" } else { &report.runner };
+        console.print(format_args!("Run on the {runner}, {message}\n"))?;
         if let Some(way_back) = &told.way_back {
             console.print(format_args!("back to the start: {way_back}\n"))?;
         }

@@ -15,6 +15,7 @@ use std::io;
 use std::path::PathBuf;
 
 use miette::Diagnostic;
+use pulsetrain_board::BoardKind;
 use pulsetrain_motion::program::Program;
 use pulsetrain_session::control::{Command, Event};
 use serde::{Deserialize, Serialize};
@@ -35,7 +36,7 @@ pub use client::{RunClient, runs};
 #[cfg(unix)]
 pub use server::Control;
 #[cfg(not(unix))]
-pub use without::{Control, RunClient, runs};
+pub use without::{InterruptsAlone as Control, NoClient as RunClient, runs};
 
 /// The protocol's version. It changes when a client of an older version could misread a line.
 pub const VERSION: u32 = 1;
@@ -84,7 +85,8 @@ impl RunInfo {
     #[must_use]
     pub fn new(file: &str, program: &Program, port: Option<&str>, is_native: bool) -> RunInfo {
         let pid = std::process::id();
-        let kind = if is_native { "native".to_owned() } else { format!("virtual-{}", program.board.name) };
+        let board = BoardKind::named(&program.board.name).filter(|_| !is_native);
+        let kind = board.map_or_else(|| "native".to_owned(), |board| format!("virtual-{}", board.name()));
         let motors = program.motors.iter().map(|motor| MotorInfo {
             name: motor.name.clone(),
             unit: motor.scale.unit.clone(),
@@ -193,12 +195,14 @@ impl RunEnded {
 }
 
 /// A line of a client.
+#[cfg(unix)]
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum ClientLine {
     Command(Command),
     Follow(bool),
 }
 
+#[cfg(unix)]
 impl ClientLine {
     fn read(line: &[u8]) -> Result<ClientLine, String> {
         let value: serde_json::Value =
@@ -253,7 +257,7 @@ pub enum SocketError {
     System,
 }
 
-#[cfg(test)]
+#[cfg(all(test, unix))]
 mod tests {
     use super::*;
 

