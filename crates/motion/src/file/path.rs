@@ -1,7 +1,7 @@
 //! Paths of a machine's tip: from `path.circle = { … }` to a law for each of its motors.
 
 use super::context::{Context, Loader, refuse};
-use super::laws::{self, interpolation, period};
+use super::laws::{self, period};
 use super::machine::{MachineDraft, MachineKind};
 use super::motor::{self, Gearing};
 use super::points::{self, Points};
@@ -321,8 +321,8 @@ impl PathReader<'_> {
             }
             PathForm::Polynomials { table } => {
                 if let Some((file, points)) = table {
-                    for (row, (_, point)) in points.rows.iter().enumerate() {
-                        self.reaches(robot, point)
+                    for (row, point) in points.positions().enumerate() {
+                        self.reaches(robot, &point)
                             .map_err(|why| points.wrong(file, row, "out of reach", why, WITHIN_REACH))?;
                     }
                 }
@@ -625,15 +625,9 @@ fn formula<'a>(contexts: &[Context<'_>], node: &Node<'a>) -> Read<TipPath<'a>> {
 
 fn table<'a>(contexts: &[Context<'_>], node: &Node<'a>) -> Read<TipPath<'a>> {
     let p = parameters(node, points::KEYS)?;
-    let interpolation = interpolation(&p);
     let file = p.need("file", "file = \"path.csv\"")?;
     let points = points::read(&p, contexts)?;
-    let interpolation = interpolation?;
-    let law = |k: usize| {
-        let rows: Vec<(f64, f64)> = points.rows.iter().map(|(t, positions)| (*t, positions[k])).collect();
-        Law::table(&rows, interpolation)
-    };
-    let coordinates = made(node, (0..contexts.len()).map(law))?;
+    let coordinates = points.laws(&p, |law| Ok(made(node, [law].into_iter())?.swap_remove(0)))?;
     Ok(TipPath { coordinates, form: PathForm::Polynomials { table: Some((file, points)) } })
 }
 
