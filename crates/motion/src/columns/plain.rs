@@ -62,10 +62,10 @@ pub fn plain(text: &str) -> Cow<'_, [u8]> {
     // Of the lines that are no comments and not empty: where they begin, and their text.
     let (mut above, mut row): (Vec<(usize, &str)>, Option<&str>) = (Vec::new(), None);
     let mut at = start;
-    for line in text[start..].split_inclusive('\n') {
+    while at < text.len() {
         let begin = at;
-        at += line.len();
-        let line = line.trim_end();
+        at = if row.is_none() { end_of_record(text, begin) } else { end_of_line(text, begin) };
+        let line = text[begin..at].trim_end();
         if line.starts_with('%') {
             plain.to_mut()[begin] = b'#';
         } else if begin == start && let Some(sign) = stated_separator(line) {
@@ -80,14 +80,16 @@ pub fn plain(text: &str) -> Cow<'_, [u8]> {
         }
     }
     let Some(separator) = separator else { return plain };
-    if let Some(row) = row {
-        let width = fields(row, separator).count();
+    if row.is_some() {
         let is_units = |(_, line): &(usize, &str)| {
             let titles: Vec<Title> = fields(line, separator).map(|field| Title::parse(field, 0..0)).collect();
             is_units(&titles)
         };
-        // A line of one word names no columns, unless it says that it does.
-        let is_header = |(_, line): &(usize, &str)| fields(line, separator).count() > 1 || width == 1 || names_columns(line);
+        // A line of one field names no columns, unless it says that it does; nor does a rule of dashes.
+        let is_header = |(_, line): &(usize, &str)| {
+            let has_fields = fields(line, separator).count() > 1 && line.contains(char::is_alphabetic);
+            has_fields || names_columns(line)
+        };
         let header = above.iter().rposition(|line| is_header(line) && !is_units(line));
         let header = header.or_else(|| above.iter().rposition(is_header));
         for (k, line) in above.iter().enumerate() {
@@ -103,13 +105,32 @@ pub fn plain(text: &str) -> Cow<'_, [u8]> {
     plain
 }
 
-/// Makes a line a comment.
-fn comment_out(plain: &mut Cow<'_, [u8]>, begin: usize, line: &str) {
-    let first = line.chars().next().map_or(0, char::len_utf8);
-    let sign = &mut plain.to_mut()[begin..begin + first];
-    sign.fill(b' ');
-    if let Some(sign) = sign.first_mut() {
-        *sign = b'#';
+fn end_of_line(text: &str, begin: usize) -> usize {
+    text[begin..].find('\n').map_or(text.len(), |end| begin + end + 1)
+}
+
+/// Where the lines end that belong together since a quote goes on from one to the next.
+fn end_of_record(text: &str, begin: usize) -> usize {
+    /// A quote that goes on for longer is none.
+    const MOST: usize = 8;
+    let first = end_of_line(text, begin);
+    if text[begin..].starts_with(['#', '%']) {
+        return first;
+    }
+    let ends = std::iter::successors(Some(first), |end| (*end < text.len()).then(|| end_of_line(text, *end)));
+    let is_whole = |end: &usize| text[begin..*end].matches('"').count().is_multiple_of(2);
+    ends.take(MOST).find(is_whole).unwrap_or(first)
+}
+
+/// Makes the lines of a record comments.
+fn comment_out(plain: &mut Cow<'_, [u8]>, begin: usize, record: &str) {
+    let mut at = begin;
+    for line in record.split_inclusive('\n') {
+        let first = line.chars().next().map_or(0, char::len_utf8);
+        let sign = &mut plain.to_mut()[at..at + first];
+        sign.fill(b' ');
+        sign[0] = b'#';
+        at += line.len();
     }
 }
 

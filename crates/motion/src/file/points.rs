@@ -200,7 +200,11 @@ impl<'a> TableReader<'a, '_> {
         }
         let Rows { points, first, .. } = rows;
         if points.times.len() < 2 {
-            let message = format!("a table needs two points at least, but has {}", points.times.len());
+            let without = match points.read_as.rows_left_out {
+                0 => String::new(),
+                rows => format!("; rows without a position: {rows}"),
+            };
+            let message = format!("a table needs two points at least, but has {}{without}", points.times.len());
             return Err(self.problem(0..0, "too short", message, ""));
         }
         // Seconds since 1970 reach 1e11 in the year 5138.
@@ -220,7 +224,7 @@ impl<'a> TableReader<'a, '_> {
     /// Reads one row.
     fn row(&self, row: &Row<'_>, (header, roles): (&Header<'_>, &[Role<'_>]), rows: &mut Rows<'_>) -> Read<()> {
         let Rows { points, found, .. } = rows;
-        if found[1..].iter().any(|column| is_gap(row.get(*column))) {
+        if found[1..].iter().any(|column| *column < header.width() && is_gap(row.get(*column))) {
             points.read_as.rows_left_out += 1;
             return Ok(());
         }
