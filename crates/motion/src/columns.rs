@@ -677,8 +677,10 @@ impl<'a> CsvTable<'a> {
         }
         let mut ahead = ByteRecord::new();
         // What is wrong there is an error of the row, once it is read.
-        let mut reader = form_reader(self.form, self.form.bytes.get(self.reader.position().byte() as usize..).unwrap_or_default());
-        while reader.read_byte_record(&mut ahead).is_ok_and(|is_there| is_there) && ahead.iter().all(<[u8]>::is_empty) {}
+        let mut reader =
+            form_reader(self.form, self.form.bytes.get(self.reader.position().byte() as usize..).unwrap_or_default());
+        while reader.read_byte_record(&mut ahead).is_ok_and(|is_there| is_there) && ahead.iter().all(<[u8]>::is_empty) {
+        }
         let units: Vec<Title> = ahead.iter().map(|field| Title::parse(&String::from_utf8_lossy(field), 0..0)).collect();
         if !plain::is_units(&units) {
             return;
@@ -738,7 +740,9 @@ impl<'a> CsvTable<'a> {
             let error = row.error(extra, format!("{width} {columns} as in the first row"));
             let found = format!("{} in column {}", error.found, extra + 1);
             let help = match self.form.delimiter {
-                b',' => "a comma parts columns here: write decimals with a point, 0.5, or part the columns with `;` or tabs",
+                b',' => {
+                    "a comma parts columns here: write decimals with a point, 0.5, or part the columns with `;` or tabs"
+                }
                 _ => "",
             };
             return Err(ReadError { found, help, ..error });

@@ -68,7 +68,9 @@ pub fn plain(text: &str) -> Cow<'_, [u8]> {
         let line = text[begin..at].trim_end();
         if line.starts_with('%') {
             plain.to_mut()[begin] = b'#';
-        } else if begin == start && let Some(sign) = stated_separator(line) {
+        } else if begin == start
+            && let Some(sign) = stated_separator(line)
+        {
             separator = Some(sign);
             comment_out(&mut plain, begin, line);
         } else if above.len() < MOST_LINES && row.is_none() && !line.trim_start().is_empty() && !line.starts_with('#') {

@@ -42,7 +42,8 @@ pub(super) fn time_unit(node: &Node) -> Read<f64> {
 }
 
 /// What to do about a table that is too large.
-pub(super) const TOO_LARGE: &str = "keep every tenth row, or cut it up: motions follow one another, each with a table of its own";
+pub(super) const TOO_LARGE: &str =
+    "keep every tenth row, or cut it up: motions follow one another, each with a table of its own";
 
 /// A file that a motion file names; what cannot be read is noted.
 pub(super) fn load(file: &Node, load: Loader) -> Read<String> {

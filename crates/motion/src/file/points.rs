@@ -163,7 +163,8 @@ pub(super) fn read<'a>(p: &Section<'a>, contexts: &[Context]) -> Read<Points> {
     }
     let source = Arc::new(Source::new(file.as_text().unwrap_or_default(), text));
     let plain = plain(source.text());
-    TableReader { file, source: Arc::clone(&source), plain, time: time?, unit: unit?, choices: choices? }.points(p, contexts)
+    TableReader { file, source: Arc::clone(&source), plain, time: time?, unit: unit?, choices: choices? }
+        .points(p, contexts)
 }
 
 impl<'a> TableReader<'a, '_> {
@@ -236,7 +237,11 @@ impl<'a> TableReader<'a, '_> {
         let time = match rows.form {
             None => number(found[0]).map(|time| exact(row.get(found[0]), time)).map_err(|error| {
                 let is_clock = row.get(found[0]).contains(&b':');
-                let help = if is_clock { "a date is written like 2026-11-27T10:00:00.5; or count seconds from the first row" } else { "" };
+                let help = if is_clock {
+                    "a date is written like 2026-11-27T10:00:00.5; or count seconds from the first row"
+                } else {
+                    ""
+                };
                 wrong(found[0], error, help)
             })?,
             Some(form) => match row.text(found[0]).ok().and_then(moment) {
@@ -253,8 +258,14 @@ impl<'a> TableReader<'a, '_> {
                 continue;
             }
             if *rows.comma.get_or_insert(is_comma) != is_comma {
-                let message = format!("{} has {}, but numbers above it are written with a decimal {}", header.called(*column), shown(field), if is_comma { "point" } else { "comma" });
-                let help = "write all numbers with a decimal point, or all with a decimal comma; a sign for thousands is none";
+                let message = format!(
+                    "{} has {}, but numbers above it are written with a decimal {}",
+                    header.called(*column),
+                    shown(field),
+                    if is_comma { "point" } else { "comma" }
+                );
+                let help =
+                    "write all numbers with a decimal point, or all with a decimal comma; a sign for thousands is none";
                 return Err(self.problem(row.place(*column), "written in another way", message, help));
             }
         }
@@ -271,7 +282,11 @@ impl<'a> TableReader<'a, '_> {
             };
             let message = format!("times must increase from line to line, but {column} has {has}");
             let is_guess = self.choices.is_none() && !header.is_there();
-            let help = if is_guess { self.offered(header, roles) } else { "take out one of the two lines, or sort them by time".to_owned() };
+            let help = if is_guess {
+                self.offered(header, roles)
+            } else {
+                "take out one of the two lines, or sort them by time".to_owned()
+            };
             return Err(self.problem(row.place(found[0]), "not later than the line before", message, &help));
         }
         points.times.push(time_s);
@@ -319,7 +334,12 @@ impl<'a> TableReader<'a, '_> {
     }
 
     /// Seconds in the unit of times, and the unit.
-    fn seconds(&self, header: &Header<'_>, roles: &[Role<'_>], column: usize) -> Read<(f64, String, Option<MomentForm>)> {
+    fn seconds(
+        &self,
+        header: &Header<'_>,
+        roles: &[Role<'_>],
+        column: usize,
+    ) -> Read<(f64, String, Option<MomentForm>)> {
         if let Some(form) = self.moments(column) {
             if let Some((node, _)) = &self.time {
                 let message = format!("{} holds times of day, which have no unit", header.called(column));

@@ -66,7 +66,11 @@ pub fn decoded(bytes: Vec<u8>) -> Result<String, &'static str> {
         },
     };
     let is_of_text = |c: char| !c.is_control() || matches!(c, '\t' | '\n' | '\r' | '\u{b}' | '\u{c}' | '\u{1a}');
-    if text.chars().all(is_of_text) { Ok(text) } else { Err("this is no text: it has bytes that text in UTF-8 does not have") }
+    if text.chars().all(is_of_text) {
+        Ok(text)
+    } else {
+        Err("this is no text: it has bytes that text in UTF-8 does not have")
+    }
 }
 
 /// A character of Windows-1252, which spreadsheets write in Europe; what has none there is left to be refused.

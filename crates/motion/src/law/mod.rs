@@ -44,11 +44,11 @@ use double::Double;
 pub use formula::{FormulaError, ParameterUse};
 pub use lorenz::{Lorenz, Orbit};
 pub use profile::SCurve;
+pub use smoothing::{CUT_OFF, least_smoothing};
 use std::ops::RangeInclusive;
 use std::sync::Arc;
 pub use steady::Steady;
-pub use smoothing::{CUT_OFF, least_smoothing};
-pub use table::{Distance, Interpolation, Table};
+pub use table::{Distance, Interpolation, TableLaw};
 pub use timer_ramp::TimerRamp;
 pub use warp::Warped;
 pub use winch::{WinchCommand, WinchSettings};
@@ -249,7 +249,7 @@ pub enum Law {
     /// Pieces that were worked out beforehand: trapezoids, S-curves, ramps.
     Fixed(Fixed),
     /// Through or near the rows of a table.
-    Table(Table),
+    Table(TableLaw),
     /// One coordinate of a circle.
     Circle(Circle),
     /// One coordinate of an orbit of the Lorenz equations.
@@ -487,9 +487,7 @@ fn meet(position: Double, piece: &Piece, tolerance: f64) -> Result<(), LawError>
 impl Fixed {
     fn pieces(self) -> impl Iterator<Item = Result<Piece, LawError>> {
         let pieces = self.pieces;
-        (0..pieces.len()).flat_map(move |index| {
-            pieces[index].clone().cut()
-        })
+        (0..pieces.len()).flat_map(move |index| pieces[index].clone().cut())
     }
 }
 

@@ -5,7 +5,7 @@
 //! exact as any other table. Unknown are the position and the slope at every knot; the least ∫(θ − rows)² dt + λ∫θ''² dt is the solution of
 //! linear equations that tie each knot to its two neighbours, and it has a continuous acceleration by itself.
 
-use super::{Law, Table};
+use super::{Law, TableLaw};
 use crate::Time;
 
 /// The frequency at which the gain is −3 dB, Hz, times the smoothing time, s.
@@ -88,7 +88,12 @@ fn averaged(rows: &[(f64, f64)], closest: f64) -> impl Iterator<Item = (f64, f64
                 }
                 continue;
             };
-            group = Some(Group { weight: of.weight + weight, t: of.t + weight * (t - of.from), x: of.x + weight * x, ..of });
+            group = Some(Group {
+                weight: of.weight + weight,
+                t: of.t + weight * (t - of.from),
+                x: of.x + weight * x,
+                ..of
+            });
         }
         group.take().map(Group::mean)
     })
@@ -145,11 +150,7 @@ fn inverse([[a, b], [c, d]]: Matrix) -> Matrix {
 /// point's own, and to what ties the first to the last. Unknown are position and slope.
 fn bending(h: f64, stiffness: f64) -> [Matrix; 3] {
     let [value, mixed, slope] = [12.0 / (h * h * h), 6.0 / (h * h), 4.0 / h].map(|k| k * stiffness);
-    [
-        [[value, mixed], [mixed, slope]],
-        [[value, -mixed], [-mixed, slope]],
-        [[-value, mixed], [-mixed, 0.5 * slope]],
-    ]
+    [[[value, mixed], [mixed, slope]], [[value, -mixed], [-mixed, slope]], [[-value, mixed], [-mixed, 0.5 * slope]]]
 }
 
 /// The spline through the first and the last point, at rest there, and near the others. Time is in units of `over_s` here, so that no number
@@ -217,9 +218,9 @@ const PRECISION: f64 = 1.03;
 ///
 /// `fits` returns `None` if there is no time to try any more; then there is no answer either.
 pub fn least_smoothing(laws: &[&Law], fits: impl Fn(&[Law]) -> Option<bool>) -> Option<(Time, Vec<Law>)> {
-    let tables: Vec<&Table> = laws.iter().flat_map(|law| law.tables()).collect();
-    let spacing = |table: &&Table| table.lasts_s() / table.rows() as f64;
-    let now = |table: &&Table| table.smooth().map_or(0.0, Time::seconds);
+    let tables: Vec<&TableLaw> = laws.iter().flat_map(|law| law.tables()).collect();
+    let spacing = |table: &&TableLaw| table.lasts_s() / table.rows() as f64;
+    let now = |table: &&TableLaw| table.smooth().map_or(0.0, Time::seconds);
     let shortest = tables.iter().map(spacing).fold(f64::INFINITY, f64::min);
     let shortest = tables.iter().map(now).fold(shortest, f64::max);
     let longest = tables.iter().map(|table| LONGEST * table.lasts_s()).fold(f64::INFINITY, f64::min);
@@ -227,31 +228,32 @@ pub fn least_smoothing(laws: &[&Law], fits: impl Fn(&[Law]) -> Option<bool>) -> 
         let over = Time::from_seconds(over_s);
         let with = |law: &&Law| if law.tables().is_empty() { Some((*law).clone()) } else { law.smoothed(over) };
         let smooth = laws.iter().map(with).collect::<Option<Vec<Law>>>()?;
-        let is_near = |table: &Table| table.distance().rms <= FARTHEST_OFF * table.range();
+        let is_near = |table: &TableLaw| table.distance().rms <= FARTHEST_OFF * table.range();
         smooth.iter().flat_map(Law::tables).all(is_near).then_some((over, smooth))
     };
+    // What cannot be smoothed so, or is moved too far by it, does not fit.
+    let fits_over = |over_s: f64| smooth(over_s).map_or(Some(false), |(_, laws)| fits(&laws));
     let (mut below, mut above) = (shortest, shortest);
     loop {
         above = (above * 1.5).min(longest);
         if above <= below {
             return None;
         }
-        if fits(&smooth(above)?.1)? {
+        if fits_over(above)? {
             break;
         }
         below = above;
     }
     while above / below > PRECISION {
         let middle = (above * below).sqrt();
-        if fits(&smooth(middle)?.1)? { above = middle } else { below = middle }
+        if fits_over(middle)? { above = middle } else { below = middle }
     }
     // What is rounded may not fit: a little more does.
     let mut over_s = above;
     for _ in 0..4 {
         over_s = rounded_up(over_s);
-        let found = smooth(over_s)?;
-        if fits(&found.1)? {
-            return Some(found);
+        if fits_over(over_s)? {
+            return smooth(over_s);
         }
         over_s *= 1.05;
     }
@@ -346,7 +348,8 @@ mod tests {
 
     #[test]
     fn the_least_smoothing_that_fits_is_found() {
-        let rows: Vec<(f64, f64)> = (0..=400).map(|k| (f64::from(k) * 0.01, f64::from(k % 2))).chain([(5.0, 500.0)]).collect();
+        let rows: Vec<(f64, f64)> =
+            (0..=400).map(|k| (f64::from(k) * 0.01, f64::from(k % 2))).chain([(5.0, 500.0)]).collect();
         let law = Law::table(&rows, Interpolation::Monotone).unwrap().delayed(Time::SECOND).unwrap();
         let over = |laws: &[Law]| laws[0].tables()[0].smooth().unwrap().seconds();
         let least = |fits: &dyn Fn(f64) -> Option<bool>| least_smoothing(&[&law], |laws| fits(over(laws)));

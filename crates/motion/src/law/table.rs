@@ -18,7 +18,7 @@ pub enum Interpolation {
 
 /// A motion through the rows of a table, or near them if it is smoothed.
 #[derive(Clone, Debug)]
-pub struct Table {
+pub struct TableLaw {
     recording: Arc<Recording>,
     smoothed: Option<Smoothed>,
 }
@@ -79,7 +79,7 @@ impl Law {
             Interpolation::Linear => Vec::new(),
         };
         let recording = Arc::new(Recording { rows: rows.to_vec(), interpolation, slopes });
-        Ok(Law::Table(Table { recording, smoothed: None }))
+        Ok(Law::Table(TableLaw { recording, smoothed: None }))
     }
 
     /// This law with every table in it smoothed over `over`, or over what it was smoothed over before if that is longer. `None` if it has no
@@ -110,7 +110,8 @@ impl Law {
             return None;
         }
         let of_each = |laws: &[Law]| -> Option<Vec<Law>> {
-            let smooth = |law: &Law| if law.tables().is_empty() { Some(law.clone()) } else { law.with_smooth_tables(over) };
+            let smooth =
+                |law: &Law| if law.tables().is_empty() { Some(law.clone()) } else { law.with_smooth_tables(over) };
             laws.iter().map(smooth).collect()
         };
         match self {
@@ -131,7 +132,7 @@ impl Law {
 
     /// The tables in it, but those under a backlash's compensation.
     #[must_use]
-    pub fn tables(&self) -> Vec<&Table> {
+    pub fn tables(&self) -> Vec<&TableLaw> {
         match self {
             Law::Table(table) => vec![table],
             Law::Sum(laws) | Law::Then(laws) => laws.iter().flat_map(Law::tables).collect(),
@@ -145,7 +146,7 @@ impl Law {
     }
 }
 
-impl Table {
+impl TableLaw {
     /// Over which time it is smoothed; `None`: not at all.
     #[must_use]
     pub fn smooth(&self) -> Option<Time> {
@@ -191,11 +192,35 @@ impl Table {
         distance
     }
 
-    fn smoothed(&self, over: Time) -> Option<Table> {
+    /// Its largest speed and acceleration, steps/s and steps/s².
+    #[must_use]
+    pub fn peaks(&self) -> (f64, f64) {
+        let (mut speed, mut acceleration) = (0.0_f64, 0.0_f64);
+        for k in 1..self.knots() {
+            let (from, to) = (self.knot(k - 1), self.knot(k));
+            let h = to.t - from.t;
+            let secant = (to.x - from.x) / h;
+            if self.is_straight() {
+                speed = speed.max(secant.abs());
+                continue;
+            }
+            let first = (6.0 * secant - 4.0 * from.slope - 2.0 * to.slope) / h;
+            let last = (2.0 * from.slope + 4.0 * to.slope - 6.0 * secant) / h;
+            acceleration = acceleration.max(first.abs()).max(last.abs());
+            speed = speed.max(from.slope.abs()).max(to.slope.abs());
+            if first * last < 0.0 {
+                // The acceleration is 0 between them: there the speed is farthest from that at the ends.
+                speed = speed.max((from.slope + 0.5 * first * first / (first - last) * h).abs());
+            }
+        }
+        (speed, acceleration)
+    }
+
+    fn smoothed(&self, over: Time) -> Option<TableLaw> {
         let over = self.smooth().map_or(over, |before| before.max(over));
         let knots = self.recording.smoothed(over.seconds())?;
         let smoothed = Some(Smoothed { over, knots: Arc::new(knots) });
-        Some(Table { recording: Arc::clone(&self.recording), smoothed })
+        Some(TableLaw { recording: Arc::clone(&self.recording), smoothed })
     }
 
     /// Between which points its curves are.
@@ -351,6 +376,22 @@ mod tests {
         refused(&[(0.0, 0.0), (2.0, 2.0), (1.0, 3.0)], "row 3: its time 1 s");
         refused(&[(0.0, 0.0), (1.0, f64::NAN)], "row 2: (1 s, NaN steps)");
         refused(&[(-1.0, 0.0), (1.0, 0.0)], "row 1: (-1 s");
+    }
+
+    #[test]
+    fn peaks_are_those_of_the_cubics() {
+        // To 100 steps and back: 3x² − 2x³, steepest in its middle.
+        let law = Law::table(&[(0.0, 0.0), (2.0, 100.0), (4.0, 0.0)], Interpolation::Monotone).unwrap();
+        let rested =
+            Law::table(&[(0.0, 0.0), (1.0, 0.0), (3.0, 100.0), (4.0, 100.0)], Interpolation::Monotone).unwrap();
+        let (speed, acceleration) = rested.tables()[0].peaks();
+        assert!((speed - 75.0).abs() < 1e-9 && (acceleration - 150.0).abs() < 1e-9, "{speed} {acceleration}");
+        let (speed, _) = law.tables()[0].peaks();
+        let mut cursor = Cursor::new(&law);
+        let fastest = (0..=4000).map(|k| cursor.at(Time::from_seconds(f64::from(k) / 1000.0)).unwrap().speed.abs());
+        assert!((speed - fastest.fold(0.0, f64::max)).abs() < 1e-3, "{speed}");
+        let straight = Law::table(&[(0.0, 0.0), (1.0, 5.0), (3.0, 100.0)], Interpolation::Linear).unwrap();
+        assert_eq!(straight.tables()[0].peaks(), (47.5, 0.0));
     }
 
     proptest! {

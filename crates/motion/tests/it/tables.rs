@@ -246,9 +246,17 @@ fn decimal_commas_and_misspelt_columns() {
     let help = |said: String| said.lines().nth(1).unwrap_or_default().trim().to_owned();
     let points = [(0.0, 0.0), (0.5, 100.0)];
     check("t;a\n0;0\n0,5;90\n", ", unit = \"deg\"", &points, "time = column 1 `t`, s; angle = column 2 `a`, deg");
-    check("t,a\n0,0\n\"0,5\",\"9,0e1\"\n", ", unit = \"deg\"", &points, "time = column 1 `t`, s; angle = column 2 `a`, deg");
+    check(
+        "t,a\n0,0\n\"0,5\",\"9,0e1\"\n",
+        ", unit = \"deg\"",
+        &points,
+        "time = column 1 `t`, s; angle = column 2 `a`, deg",
+    );
     check("0,0;0,0\n0,5;90,0\n", ", unit = \"deg\"", &points, "time = column 1, s; angle = column 2, deg");
-    assert_eq!(help(said("0,0,0,0\n0,5,90,0\n", "")), "if these are decimal commas, part the columns with `;` or tabs, or write decimals with a point: 0.5");
+    assert_eq!(
+        help(said("0,0,0,0\n0,5,90,0\n", "")),
+        "if these are decimal commas, part the columns with `;` or tabs, or write decimals with a point: 0.5"
+    );
     assert_eq!(help(said("t;a\n0;0\n1;1.234,5\n", "")), "write no sign for thousands: 1234.5, or 1234,5");
     assert!(said("t;a\n0;0\n0,5,1;1\n", "").starts_with("a.csv:3:1: expected a number, found `0,5,1` in column 1 `t`"));
     assert_eq!(
@@ -306,7 +314,11 @@ fn moments() {
     for (title, [first, second, third], unit) in [
         ("timestamp", ["2026-11-27T10:00:00Z", "2026-11-27T10:00:00.5Z", "2026-11-27T10:00:01.000Z"], "date and time"),
         ("time", ["2028-02-28 23:59:59.5", "2028-02-29 00:00:00", "2028-02-29 00:00:00.5"], "date and time"),
-        ("Time (UTC)", ["2026-12-31T23:59:59.5+00:00", "2027-01-01T00:00:00Z", "2027-01-01T01:00:00.5+01:00"], "date and time"),
+        (
+            "Time (UTC)",
+            ["2026-12-31T23:59:59.5+00:00", "2027-01-01T00:00:00Z", "2027-01-01T01:00:00.5+01:00"],
+            "date and time",
+        ),
         ("t", ["10:00:59.25", "10:00:59.75", "10:01:00.25"], "time of day"),
     ] {
         let csv = format!("{title},angle\n{first},0\n{second},90\n{third},180\n");
@@ -352,7 +364,10 @@ fn forms_of_recordings() {
         ("Ürecording 12, of Monday, 3 pm\nRate;100 Hz\n\nt;a\n0;0\n0,5;90\n1;180\n", ta),
         ("My motion\nt,a\n-----\n0,0\n0.5,90\n1,180\n", ta),
         ("My motion\n0,0\n0.5,90\n1,180\n", plain),
-        ("| t | a |\n|---|---|\n| 0 | 0 |\n| 0.5 | 90 |\n| 1 | 180 |\n", "time = column 2 `t`, s; angle = column 3 `a`, deg; column 1, column 4 are not used"),
+        (
+            "| t | a |\n|---|---|\n| 0 | 0 |\n| 0.5 | 90 |\n| 1 | 180 |\n",
+            "time = column 2 `t`, s; angle = column 3 `a`, deg; column 1, column 4 are not used",
+        ),
     ] {
         check(csv, deg, &points, told);
     }
@@ -388,11 +403,20 @@ fn forms_of_recordings() {
     let said = |csv: &str| read(csv, deg).map(|_| ()).unwrap_err();
     assert!(said("time and angle of Monday\n0,0\n1,5\n").contains("expected a column `time [s]`"));
     assert!(said("# time and angle\n0 0\n1 5\n").contains("a header without `#`"));
-    assert!(said("t a\n0 0\n1\n").starts_with("a.csv:3:1: a table needs two") || said("t a\n0 0\n1\n").contains("needs two points"));
+    assert!(
+        said("t a\n0 0\n1\n").starts_with("a.csv:3:1: a table needs two")
+            || said("t a\n0 0\n1\n").contains("needs two points")
+    );
     // Places are those of the file.
-    assert!(said("Prose, and more of it\nt   a\n0   0\n  1   5°\n").starts_with("a.csv:4:7: expected a number, found `5°` in column 2 `a`"));
+    assert!(
+        said("Prose, and more of it\nt   a\n0   0\n  1   5°\n")
+            .starts_with("a.csv:4:7: expected a number, found `5°` in column 2 `a`")
+    );
     assert!(said("t,a\r0,0\r1,x\r").starts_with("a.csv:3:3: expected a number, found `x`"));
-    assert!(said("t,a\n0,0\n1,5\n1,6\n").starts_with("a.csv:4:1: times must increase from line to line, but column 1 `t` has 1 after 1"));
+    assert!(
+        said("t,a\n0,0\n1,5\n1,6\n")
+            .starts_with("a.csv:4:1: times must increase from line to line, but column 1 `t` has 1 after 1")
+    );
 }
 
 /// No choice of columns makes a speed a position.

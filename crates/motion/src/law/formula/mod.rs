@@ -174,7 +174,9 @@ impl Law {
             Law::Blended(blended) => blended.law().formula_parameters(),
             Law::Warped(warped) => warped.law().formula_parameters(),
             Law::Backlash(backlash) => backlash.law().formula_parameters(),
-            Law::Sine(_) | Law::Steady(_) | Law::Fixed(_) | Law::Table(_) | Law::Circle(_) | Law::Lorenz(_) => Vec::new(),
+            Law::Sine(_) | Law::Steady(_) | Law::Fixed(_) | Law::Table(_) | Law::Circle(_) | Law::Lorenz(_) => {
+                Vec::new()
+            }
             Law::Winch(_) | Law::Compensation(_) => Vec::new(),
         }
     }
