@@ -3,7 +3,7 @@
 use std::cell::Cell;
 use std::fmt;
 
-use pulsetrain_motion::law::{Begin, End, Law, LawError, TableLaw, least_smoothing};
+use pulsetrain_motion::law::{Begin, End, Law, LawError, least_smoothing};
 use pulsetrain_motion::machine::Machine;
 use pulsetrain_motion::program::{Limits, Motor, Program, Tolerance};
 use pulsetrain_motion::quantity::{assignment, time_assignment};
@@ -558,11 +558,15 @@ fn smoothing(prepared: &Prepared, motor: &Motor, error: &PlanError) -> Option<St
     match least_smoothing(&laws, fits) {
         Some((over, laws)) => {
             let smooth = time_assignment("smooth", over.seconds());
-            let own = motors.iter().zip(&laws).find(|(motor, _)| **motor == own)?.1;
-            let distances = own.tables().into_iter().map(TableLaw::distance);
-            let [largest, rms] = distances
-                .fold([0.0_f64; 2], |[largest, rms], distance| [largest.max(distance.largest), rms.max(distance.rms)]);
-            let [largest, rms] = [largest, rms].map(|steps| human::significant(steps / motor.scale.steps_per_unit, 2));
+            // Of a machine the motor that is farthest off.
+            let distances = motors.iter().zip(&laws).flat_map(|(index, law)| {
+                let per_unit = program.motors[*index].scale.steps_per_unit;
+                law.tables().into_iter().map(move |table| (table.distance(), per_unit))
+            });
+            let [largest, rms] = distances.fold([0.0_f64; 2], |[largest, rms], (distance, per_unit)| {
+                [largest.max(distance.largest / per_unit), rms.max(distance.rms / per_unit)]
+            });
+            let [largest, rms] = [largest, rms].map(|distance| human::significant(distance, 2));
             let unit = &motor.scale.unit;
             Some(format!(
                 "write {smooth} in its table: smoothed it fits, at most {largest} {unit} from the recording (RMS {rms} {unit})"
