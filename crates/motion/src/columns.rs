@@ -2,9 +2,11 @@
 //!
 //! Every CSV that the program takes is read here: tables and paths of motion files, camera tracks, captures, steps.csv.
 //! Lines that begin with `#` are comments; rows without a value are left out. Fields are parted by tabs, `;` or `,`: whichever of
-//! them the first line that is no comment holds, in this order.
+//! them the first line that is no comment holds, in this order. What instruments and spreadsheets write in another way, [`plain`] brings
+//! to this form. A decimal comma is read where no comma parts the columns, or in quotes.
 //!
-//! A header is a first row without a number, or a comment above it that names its columns. A title is a name and perhaps a unit:
+//! A header is a first row without a number, perhaps with a row of units below it, or a comment above it that names its columns. A title is a
+//! name and perhaps a unit:
 //! `time [ms]`, `time (ms)`, `time in ms`, `t / ms`, `time_ms`, `timeMs`, or a unit alone: `ms`. Names in any language and quantities
 //! of any kind stand in such files: what is no known name or unit is therefore never read, least of all by its place.
 //!
@@ -19,11 +21,15 @@
 //! # Ok::<(), pulsetrain_motion::columns::ReadError>(())
 //! ```
 
+mod plain;
+
 use std::ops::Range;
 
 use csv::{ByteRecord, Reader, ReaderBuilder, Trim};
 
+use crate::law::double::Double;
 use crate::quantity::{Base, Quantity};
+pub use plain::{plain, with_line_feeds};
 
 /// Why a file cannot be read, and where.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -43,12 +49,56 @@ pub struct ReadError {
     pub help: &'static str,
 }
 
-/// The message about a decimal comma.
+/// The message about a decimal comma in a formula.
 pub(crate) const POINT: &str = "decimals are written with a point: 0.5";
 
 /// Whether it is a number but for its decimal comma.
 pub(crate) fn has_decimal_comma(text: &str) -> bool {
     text.matches(',').count() == 1 && text.replace(',', ".").parse::<f64>().is_ok()
+}
+
+/// A number with a decimal point or a decimal comma. A sign for thousands is none: `1.234,5` is no number.
+fn number(text: &str) -> Option<f64> {
+    let with_point = |text: &str| has_decimal_comma(text).then(|| text.replace(',', ".").parse().ok())?;
+    text.parse().ok().or_else(|| with_point(text))
+}
+
+/// A time of day, or a date with one, as ISO 8601 has it: seconds, and which parts it has.
+pub(crate) fn moment(text: &str) -> Option<(Double, MomentForm)> {
+    if !text.as_bytes().first()?.is_ascii_digit() || !text.contains(':') {
+        return None;
+    }
+    let datetime: toml_edit::Datetime = text.parse().ok()?;
+    let time = datetime.time?;
+    let days = datetime.date.map_or(0, |date| days(date.year.into(), date.month.into(), date.day.into()));
+    let offset_min = match datetime.offset {
+        Some(toml_edit::Offset::Custom { minutes }) => i64::from(minutes),
+        _ => 0,
+    };
+    let second = i64::from(time.hour) * 3600 + i64::from(time.minute) * 60 + i64::from(time.second.unwrap_or(0));
+    let whole = days * 86_400 + second - offset_min * 60;
+    let fraction = f64::from(time.nanosecond.unwrap_or(0)) / 1e9;
+    let form = MomentForm { has_date: datetime.date.is_some(), has_offset: datetime.offset.is_some() };
+    Some((Double::from(whole) + Double::from(fraction), form))
+}
+
+/// Which parts a written moment has, besides the time of day.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct MomentForm {
+    /// `2026-11-27`
+    pub(crate) has_date: bool,
+    /// `Z`, or `+01:00`
+    pub(crate) has_offset: bool,
+}
+
+/// Days from 1970-01-01 to a date. Source: H. Hinnant, "chrono-compatible low-level date algorithms".
+fn days(year: i64, month: i64, day: i64) -> i64 {
+    // Years begin in March, so that a leap day is their last.
+    let year = if month > 2 { year } else { year - 1 };
+    let day_of_year = (153 * ((month + 9) % 12) + 2) / 5 + day - 1;
+    let era = year.div_euclid(400);
+    let year = year.rem_euclid(400);
+    era * 146_097 + year * 365 + year / 4 - year / 100 + day_of_year - 719_468
 }
 
 /// A help as it ends a message.
@@ -520,6 +570,12 @@ impl Header<'_> {
         }
     }
 
+    /// Whether a comma is between its columns.
+    #[must_use]
+    pub fn is_parted_by_commas(&self) -> bool {
+        self.delimiter == ','
+    }
+
     /// How many columns the file's first row has.
     #[must_use]
     pub fn width(&self) -> usize {
@@ -566,6 +622,16 @@ struct Dialect<'a> {
     delimiter: u8,
 }
 
+fn form_reader<'a>(form: Dialect<'_>, bytes: &'a [u8]) -> Reader<&'a [u8]> {
+    ReaderBuilder::new()
+        .has_headers(false)
+        .flexible(true)
+        .trim(Trim::All)
+        .comment(Some(form.comment))
+        .delimiter(form.delimiter)
+        .from_reader(bytes)
+}
+
 impl<'a> CsvTable<'a> {
     /// Of a file whose comments begin with `#`.
     #[must_use]
@@ -581,20 +647,8 @@ impl<'a> CsvTable<'a> {
         let first = lines.find(|line| !line.trim_ascii().is_empty()).unwrap_or_default();
         let delimiters = [b'\t', b';'].into_iter().filter(|delimiter| *delimiter != comment);
         let delimiter = delimiters.into_iter().find(|delimiter| first.contains(delimiter)).unwrap_or(b',');
-        let reader = ReaderBuilder::new()
-            .has_headers(false)
-            .flexible(true)
-            .trim(Trim::All)
-            .comment(Some(comment))
-            .delimiter(delimiter)
-            .from_reader(bytes);
-        CsvTable {
-            form: Dialect { bytes, comment, delimiter },
-            reader,
-            row: ByteRecord::new(),
-            kept: false,
-            width: usize::MAX,
-        }
+        let form = Dialect { bytes, comment, delimiter };
+        CsvTable { form, reader: form_reader(form, bytes), row: ByteRecord::new(), kept: false, width: usize::MAX }
     }
 
     /// The header; rows come after it. To be asked for first.
@@ -610,9 +664,35 @@ impl<'a> CsvTable<'a> {
     /// # Errors
     /// As [`CsvTable::next`].
     pub fn header_or(&mut self, is_titles: impl Fn(&[&[u8]]) -> bool) -> Result<Header<'a>, ReadError> {
-        let header = self.first_row(is_titles)?;
+        let mut header = self.first_row(is_titles)?;
         self.width = header.width;
+        self.units_below(&mut header);
         Ok(header)
+    }
+
+    /// Reads a second row of titles, if it has units alone.
+    fn units_below(&mut self, header: &mut Header<'a>) {
+        if self.kept || !header.is_there() {
+            return;
+        }
+        let mut ahead = ByteRecord::new();
+        // What is wrong there is an error of the row, once it is read.
+        let mut reader =
+            form_reader(self.form, self.form.bytes.get(self.reader.position().byte() as usize..).unwrap_or_default());
+        while reader.read_byte_record(&mut ahead).is_ok_and(|is_there| is_there) && ahead.iter().all(<[u8]>::is_empty) {
+        }
+        let units: Vec<Title> = ahead.iter().map(|field| Title::parse(&String::from_utf8_lossy(field), 0..0)).collect();
+        if !plain::is_units(&units) {
+            return;
+        }
+        while self.reader.read_byte_record(&mut self.row).is_ok_and(|is_there| is_there)
+            && self.row.iter().all(<[u8]>::is_empty)
+        {}
+        for (title, unit) in header.titles.iter_mut().zip(units) {
+            if title.unit == Stated::Nothing && !unit.text.is_empty() {
+                *title = Title { unit: unit.unit, ..title.clone() };
+            }
+        }
     }
 
     fn first_row(&mut self, is_titles: impl Fn(&[&[u8]]) -> bool) -> Result<Header<'a>, ReadError> {
@@ -620,7 +700,7 @@ impl<'a> CsvTable<'a> {
         let delimiter = char::from(form.delimiter);
         let none = |at, width, unclear| Header { titles: Vec::new(), width, unclear, delimiter, bytes: form.bytes, at };
         let Some(row) = self.next()? else { return Ok(none(0..0, 0, None)) };
-        let is_number = |field: &[u8]| std::str::from_utf8(field).is_ok_and(|text| text.parse::<f64>().is_ok());
+        let is_number = |field: &[u8]| std::str::from_utf8(field).is_ok_and(|text| number(text).is_some());
         let (at, filled) = (row.at(), row.fields.iter().rposition(|field| !field.is_empty()).map_or(0, |k| k + 1));
         if !row.fields.iter().any(is_number) || is_titles(&row.fields.iter().collect::<Vec<_>>()) {
             let title = |k: usize| Title::parse(&String::from_utf8_lossy(row.get(k)), row.place(k));
@@ -660,7 +740,9 @@ impl<'a> CsvTable<'a> {
             let error = row.error(extra, format!("{width} {columns} as in the first row"));
             let found = format!("{} in column {}", error.found, extra + 1);
             let help = match self.form.delimiter {
-                b',' => "numbers need a decimal point: a comma parts columns",
+                b',' => {
+                    "a comma parts columns here: write decimals with a point, 0.5, or part the columns with `;` or tabs"
+                }
                 _ => "",
             };
             return Err(ReadError { found, help, ..error });
@@ -751,19 +833,20 @@ impl<'t> Row<'t> {
     /// If it does not.
     pub fn parse<T: std::str::FromStr>(&self, index: usize, expected: &str) -> Result<T, ReadError> {
         let text = std::str::from_utf8(self.get(index)).ok();
-        text.and_then(|text| text.parse().ok()).ok_or_else(|| {
-            let help = if text.is_some_and(has_decimal_comma) { POINT } else { "" };
-            ReadError { help, ..self.error(index, expected) }
-        })
+        text.and_then(|text| text.parse().ok()).ok_or_else(|| self.error(index, expected))
     }
 
-    /// The field as a finite number.
+    /// The field as a finite number, with a decimal point or a decimal comma.
     ///
     /// # Errors
     /// If it is none.
     pub fn number(&self, index: usize, expected: &str) -> Result<f64, ReadError> {
-        let number: f64 = self.parse(index, expected)?;
-        if number.is_finite() { Ok(number) } else { Err(self.error(index, expected)) }
+        let text = std::str::from_utf8(self.get(index)).unwrap_or_default();
+        number(text).filter(|number| number.is_finite()).ok_or_else(|| {
+            let is_mixed = text.contains(',') && text.contains('.');
+            let help = if is_mixed { "write no sign for thousands: 1234.5, or 1234,5" } else { "" };
+            ReadError { help, ..self.error(index, expected) }
+        })
     }
 
     /// Where the row is written, bytes of the file.

@@ -2,7 +2,7 @@
 
 use std::fmt::{self, Display};
 
-use pulsetrain_motion::file::{ColumnUse, TableColumns};
+use pulsetrain_motion::file::{ColumnDistance, ColumnUse, Smoothing, TableColumns};
 use pulsetrain_motion::law::{Class, ParameterUse};
 use pulsetrain_motion::program::{Board, Motor};
 use pulsetrain_plan::Certificate;
@@ -55,8 +55,62 @@ pub struct TableReport {
     pub columns: Vec<ColumnReport>,
     /// The columns of the values.
     pub unused: Vec<String>,
+    /// How many rows were left out, since they have no position.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub rows_left_out: usize,
+    /// How it was smoothed. `None` if it was not.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub smoothing: Option<SmoothingReport>,
     /// The whole reading in words.
     pub summary: String,
+}
+
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde gives a reference")]
+const fn is_zero(number: &usize) -> bool {
+    *number == 0
+}
+
+/// How a recording was smoothed.
+#[derive(Clone, Debug, Serialize)]
+pub struct SmoothingReport {
+    /// The smoothing time of the motion file, s.
+    pub over_s: f64,
+    /// The frequency at which the gain is −3 dB, Hz.
+    pub cut_off_hz: f64,
+    /// How far the motion is from the recording, for each column of positions.
+    pub distances: Vec<DistanceReport>,
+}
+
+/// How far a motion is from a column of a recording.
+#[derive(Clone, Debug, Serialize)]
+pub struct DistanceReport {
+    /// The kind of the column's values: "angle", "position", "x".
+    pub is: String,
+    /// The largest distance, in `unit`.
+    pub largest: f64,
+    /// The time of the largest distance, from the first row on, s.
+    pub at_s: f64,
+    /// The root of the mean square of all rows, in `unit`.
+    pub rms: f64,
+    /// The column's unit as in motion files.
+    pub unit: String,
+}
+
+impl SmoothingReport {
+    fn new(smoothing: &Smoothing) -> SmoothingReport {
+        let distance = |distance: &ColumnDistance| DistanceReport {
+            is: distance.what.clone(),
+            largest: distance.largest,
+            at_s: distance.at_s,
+            rms: distance.rms,
+            unit: distance.unit.clone(),
+        };
+        SmoothingReport {
+            over_s: smoothing.over.seconds(),
+            cut_off_hz: smoothing.cut_off_hz,
+            distances: smoothing.distances.iter().map(distance).collect(),
+        }
+    }
 }
 
 /// How one column was read.
@@ -83,6 +137,8 @@ impl TableReport {
             file: table.file.clone(),
             columns: table.columns.iter().map(column).collect(),
             unused: table.unused.clone(),
+            rows_left_out: table.rows_left_out,
+            smoothing: table.smoothing.as_ref().map(SmoothingReport::new),
             summary: table.to_string(),
         }
     }

@@ -3,9 +3,9 @@
 use std::cell::Cell;
 use std::fmt;
 
-use pulsetrain_motion::law::{Begin, Cursor, End, Law};
+use pulsetrain_motion::law::{Begin, Cursor, End, Law, LawError, least_smoothing};
 use pulsetrain_motion::machine::Machine;
-use pulsetrain_motion::program::{Motor, Program, Tolerance};
+use pulsetrain_motion::program::{Limits, Motor, Program, Tolerance};
 use pulsetrain_motion::quantity::{assignment, time_assignment};
 use pulsetrain_motion::{Grid, Time, boards, human};
 use pulsetrain_plan::error::Limit;
@@ -32,7 +32,11 @@ struct TooLong(f64);
 
 impl Tries {
     fn new() -> Tries {
-        Tries { left_s: Cell::new(MOST_TRYING_S) }
+        Tries::of(MOST_TRYING_S)
+    }
+
+    fn of(most_s: f64) -> Tries {
+        Tries { left_s: Cell::new(most_s) }
     }
 
     /// Takes the time for a plan of these laws from the budget.
@@ -511,6 +515,73 @@ fn over_line(prepared: &Prepared) -> Vec<String> {
     lines
 }
 
+/// Estimated time of all plans that are tried to find a smoothing, s: for noise it is the one remedy.
+const MOST_SMOOTHING_S: f64 = 20.0;
+
+/// Whether a table by itself is clearly beyond a motor's limits.
+fn passes(law: &Law, limits: &Limits) -> bool {
+    let Law::Table(table) = law else { return false };
+    let (speed, acceleration) = table.peaks();
+    let is_beyond = |value: f64, limit: Option<f64>| limit.is_some_and(|limit| value > 1.01 * limit);
+    is_beyond(speed, limits.max_speed) || is_beyond(acceleration, limits.max_acceleration)
+}
+
+/// Advice for a motion from a recording: the least smoothing that fits, or that none does.
+fn smoothing(prepared: &Prepared, motor: &Motor, error: &PlanError) -> Option<String> {
+    let program = &prepared.program;
+    let is_curable = error.limit().is_some() || matches!(error, PlanError::Law(LawError::Backlash { .. }));
+    if !is_curable || motor.law.tables().is_empty() {
+        return None;
+    }
+    // A path's motors come from one table.
+    let index = |name: &str| program.motors.iter().position(|motor| motor.name == name);
+    let own = index(&motor.name)?;
+    let machine = program.machines.iter().find(|machine| machine.motors.contains(&own));
+    let motors = machine.map_or_else(|| vec![own], |machine| machine.motors.clone());
+    let laws: Vec<&Law> = motors.iter().map(|motor| &program.motors[*motor].law).collect();
+    let tries = Tries::of(MOST_SMOOTHING_S);
+    let fits = |laws: &[Law]| {
+        let mut smooth = program.clone();
+        for (motor, law) in motors.iter().zip(laws) {
+            smooth.motors[*motor].law = law.clone();
+        }
+        if error.limit() == Some(Limit::Line) {
+            tries.another(smooth.motors.iter().map(|motor| &motor.law)).ok()?;
+            return Some(plans::all_fit(&smooth, prepared.line.as_ref(), 1.0));
+        }
+        // What is far too fast is seen without a plan.
+        let limits = motors.iter().map(|motor| &smooth.motors[*motor].limits);
+        if laws.iter().zip(limits).any(|(law, limits)| passes(law, limits)) {
+            return Some(false);
+        }
+        tries.another(laws).ok()?;
+        Some(motors.iter().all(|motor| {
+            let motor = &smooth.motors[*motor];
+            plans::fits(&motor.law, &Settings::of(&smooth, motor))
+        }))
+    };
+    match least_smoothing(&laws, fits) {
+        Some((over, laws)) => {
+            let smooth = time_assignment("smooth", over.seconds());
+            // Of a machine the motor that is farthest off.
+            let distances = motors.iter().zip(&laws).flat_map(|(index, law)| {
+                let per_unit = program.motors[*index].scale.steps_per_unit;
+                law.tables().into_iter().map(move |table| (table.distance(), per_unit))
+            });
+            let [largest, rms] = distances.fold([0.0_f64; 2], |[largest, rms], (distance, per_unit)| {
+                [largest.max(distance.largest / per_unit), rms.max(distance.rms / per_unit)]
+            });
+            let [largest, rms] = [largest, rms].map(|distance| human::significant(distance, 2));
+            let unit = &motor.scale.unit;
+            Some(format!(
+                "write {smooth} in its table: smoothed it fits, at most {largest} {unit} from the recording (RMS {rms} {unit})"
+            ))
+        }
+        None if tries.left_s.get() < 0.0 => None,
+        None => Some("no smoothing of its table fits that leaves the motion what it is".to_owned()),
+    }
+}
+
 /// What the user can do about a plan's error, in a few lines.
 #[must_use]
 pub fn advice(prepared: &Prepared, motor: &Motor, error: &PlanError) -> String {
@@ -528,6 +599,7 @@ pub fn advice(prepared: &Prepared, motor: &Motor, error: &PlanError) -> String {
             human::significant(rounded_up(*least), 3)
         ));
     }
+    lines.extend(smoothing(prepared, motor, error));
     if let PlanError::SpeedJump { from, to, at_s, .. } = error {
         lines.extend(smoother(prepared, motor, *at_s, (*from, *to)));
     }

@@ -41,11 +41,20 @@ pub(super) fn time_unit(node: &Node) -> Read<f64> {
     node.word(&[("s", 1.0), ("ms", 1e-3), ("us", 1e-6), ("µs", 1e-6), ("ns", 1e-9), ("min", 60.0), ("h", 3600.0)])
 }
 
+/// What to do about a table that is too large.
+pub(super) const TOO_LARGE: &str =
+    "keep every tenth row, or cut it up: motions follow one another, each with a table of its own";
+
 /// A file that a motion file names; what cannot be read is noted.
 pub(super) fn load(file: &Node, load: Loader) -> Read<String> {
     let path = file.text("file = \"path.csv\"")?;
     load(Path::new(path)).map_err(|error| -> Noted {
-        file.note("cannot be read", format!("cannot read \"{path}\": {error}"), "paths are relative to the motion file")
+        let help = match error.kind() {
+            io::ErrorKind::FileTooLarge => TOO_LARGE,
+            io::ErrorKind::NotFound => "paths are relative to the motion file",
+            _ => "",
+        };
+        file.note("cannot be read", format!("cannot read \"{path}\": {error}"), help)
     })
 }
 

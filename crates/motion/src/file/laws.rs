@@ -5,7 +5,7 @@ use super::points;
 use super::reader::{Node, Read, Section};
 use super::winch;
 use crate::Time;
-use crate::law::{Begin, End, Interpolation, Law, LawError, SCurve, TimerRamp, dds_period};
+use crate::law::{Begin, End, Law, LawError, SCurve, TimerRamp, dds_period};
 use crate::quantity::{Base, Quantity, nearest, written};
 
 /// Every law by name, with an example.
@@ -224,10 +224,8 @@ impl Context<'_> {
 
     fn table(&self, node: &Node) -> Read<Law> {
         let p = self.parameters(node, points::KEYS)?;
-        let interpolation = interpolation(&p);
         let points = points::read(&p, std::slice::from_ref(self))?;
-        let rows: Vec<(f64, f64)> = points.rows.iter().map(|(t, positions)| (*t, positions[0])).collect();
-        self.made(node, Law::table(&rows, interpolation?))
+        Ok(points.laws(&p, |law| self.made(node, law))?.swap_remove(0))
     }
 
     fn winch(&self, node: &Node) -> Read<Law> {
@@ -368,13 +366,6 @@ impl Context<'_> {
             }
         }
     }
-}
-
-/// What is laid through the rows of a table.
-pub(super) fn interpolation(p: &Section) -> Read<Interpolation> {
-    p.get("interpolation").map_or(Ok(Interpolation::Monotone), |node| {
-        node.word(&[("monotone", Interpolation::Monotone), ("linear", Interpolation::Linear)])
-    })
 }
 
 /// `period` or `frequency`, the one of them that a `what` has; with `dds`, the nearest that a phase accumulator makes.

@@ -39,10 +39,10 @@ mod problem;
 mod reader;
 mod source;
 mod table_columns;
+mod text;
 mod winch;
 mod winches;
 
-use std::fs;
 use std::io;
 use std::ops::Range;
 use std::path::Path;
@@ -50,7 +50,8 @@ use std::sync::Arc;
 
 pub use problem::{BrokenPath, FileError, PathPoint, Problem};
 pub use source::Source;
-pub use table_columns::{ColumnUse, TableColumns};
+pub use table_columns::{ColumnDistance, ColumnUse, Smoothing, TableColumns};
+pub use text::decoded;
 pub use winch::WinchScript;
 
 use crate::boards::{self, BoardRow};
@@ -89,7 +90,7 @@ pub fn load(path: &Path) -> Result<Program, FileError> {
 pub fn load_contents(path: &Path) -> Result<Contents, FileError> {
     let (name, text) = open(path)?;
     let folder = path.parent().unwrap_or(Path::new(""));
-    read_contents(&text, &name, &|named| fs::read_to_string(folder.join(named)))
+    read_contents(&text, &name, &|named| text::read(&folder.join(named), text::MOST_OF_A_NAMED_FILE))
 }
 
 /// Reads a motion file for the command lines of its winch, to send them to a board as text.
@@ -99,7 +100,7 @@ pub fn load_contents(path: &Path) -> Result<Contents, FileError> {
 pub fn load_winch(path: &Path) -> Result<WinchScript, FileError> {
     let (name, text) = open(path)?;
     let folder = path.parent().unwrap_or(Path::new(""));
-    let load = |named: &Path| fs::read_to_string(folder.join(named));
+    let load = |named: &Path| text::read(&folder.join(named), text::MOST_OF_A_NAMED_FILE);
     read_as(&text, &name, |root| {
         program(root, &load)?;
         winch::script(root, &load)
@@ -109,7 +110,7 @@ pub fn load_winch(path: &Path) -> Result<WinchScript, FileError> {
 /// The name of a file, and its text.
 fn open(path: &Path) -> Result<(String, String), FileError> {
     let name = path.display().to_string();
-    let text = fs::read_to_string(path).map_err(|error| {
+    let text = text::read(path, text::MOST_OF_A_MOTION_FILE).map_err(|error| {
         let source = Arc::new(Source::new(&name, ""));
         let help = match error.kind() {
             io::ErrorKind::NotFound => Some("`pulsetrain new NAME` writes a motion file to begin with".to_owned()),

@@ -1,19 +1,20 @@
 //! Paths of a machine's tip: from `path.circle = { … }` to a law for each of its motors.
 
 use super::context::{Context, Loader, refuse};
-use super::laws::{self, interpolation, period};
+use super::laws::{self, period};
 use super::machine::{MachineDraft, MachineKind};
 use super::motor::{self, Gearing};
 use super::points::{self, Points};
 use super::problem::{BrokenPath, PathPoint};
 use super::reader::{Node, Read, Section};
 use crate::Time;
+use crate::human;
 use crate::law::extent::{Extent, farthest_beyond};
 use crate::law::formula::dimension::{Parameter, Unit};
-use crate::law::{Cursor, Law, LawError, Orbit, Sample};
+use crate::law::{Cursor, Law, LawError, Orbit, Sample, least_smoothing};
 use crate::machine::Delta;
 use crate::program::Limits;
-use crate::quantity::{Quantity, nearest};
+use crate::quantity::{Quantity, nearest, time_assignment};
 
 /// Every path by name, with an example.
 const PATHS: &[(&str, &str)] = &[
@@ -43,7 +44,7 @@ enum PathForm<'a> {
     /// In text, with its parameters.
     Text { texts: Vec<&'a str>, parameters: Vec<Parameter>, mm_per_unit: f64, duration: Time },
     /// Polynomials; rows of a file can be pointed at.
-    Polynomials { table: Option<(Node<'a>, Points)> },
+    Polynomials { table: Option<(Node<'a>, Box<Points>)> },
     /// Laws of other kinds.
     Other,
 }
@@ -321,8 +322,8 @@ impl PathReader<'_> {
             }
             PathForm::Polynomials { table } => {
                 if let Some((file, points)) = table {
-                    for (row, (_, point)) in points.rows.iter().enumerate() {
-                        self.reaches(robot, point)
+                    for (row, point) in points.positions().enumerate() {
+                        self.reaches(robot, &point)
                             .map_err(|why| points.wrong(file, row, "out of reach", why, WITHIN_REACH))?;
                     }
                 }
@@ -387,15 +388,7 @@ impl PathReader<'_> {
             }
             return Ok(());
         }
-        let mm_per_step = |k: usize| match self.machine.kind {
-            MachineKind::Xy => 1.0 / self.motors[k].gearing.steps_per_mm().unwrap_or(f64::INFINITY),
-            MachineKind::Delta { .. } => 1.0,
-        };
-        let in_mm = |laws| -> Vec<(&Law, f64)> {
-            let laws: &[Law] = laws;
-            laws.iter().enumerate().map(|(k, law)| (law, mm_per_step(k))).collect()
-        };
-        let (terms, eased) = (in_mm(coordinates), in_mm(eased));
+        let (terms, eased) = (self.in_mm(coordinates), self.in_mm(eased));
         let limits = [
             (
                 Extent::Speed,
@@ -445,10 +438,40 @@ impl PathReader<'_> {
                 });
                 let limit = Some((format!("the tip's {what}"), unit, limit));
                 let shown = self.broken_path(at.seconds(), law_end(coordinates), limit, slower, look);
-                return Err(node.note_path("too fast", message, help, shown));
+                let help = match self.smoothing(coordinates) {
+                    Some(smooth) => format!("{smooth}; or {help}"),
+                    None => help.to_owned(),
+                };
+                return Err(node.note_path("too fast", message, &help, shown));
             }
         }
         Ok(())
+    }
+
+    /// Each coordinate's law, and the millimetres in one of its units.
+    fn in_mm<'l>(&self, laws: &'l [Law]) -> Vec<(&'l Law, f64)> {
+        let mm_per_step = |k: usize| match self.machine.kind {
+            MachineKind::Xy => 1.0 / self.motors[k].gearing.steps_per_mm().unwrap_or(f64::INFINITY),
+            MachineKind::Delta { .. } => 1.0,
+        };
+        laws.iter().enumerate().map(|(k, law)| (law, mm_per_step(k))).collect()
+    }
+
+    /// The smoothing with which the tip keeps to the machine's limits, if the path comes from a table.
+    fn smoothing(&self, coordinates: &[Law]) -> Option<String> {
+        let limits = [(Extent::Speed, self.machine.max_speed), (Extent::Acceleration, self.machine.max_acceleration)];
+        let keeps_to = |laws: &[Law]| {
+            limits.into_iter().all(|(extent, limit)| {
+                limit.is_none_or(|limit| farthest_beyond(&self.in_mm(laws), extent, limit) == Ok(None))
+            })
+        };
+        let laws: Vec<&Law> = coordinates.iter().collect();
+        let (over, laws) = least_smoothing(&laws, |laws| Some(keeps_to(laws)))?;
+        let off =
+            self.in_mm(&laws).into_iter().flat_map(|(law, mm)| law.tables().into_iter().map(move |table| (table, mm)));
+        let off = off.map(|(table, mm)| table.distance().largest * mm).fold(0.0, f64::max);
+        let (smooth, off) = (time_assignment("smooth", over.seconds()), human::significant(off, 2));
+        Some(format!("write {smooth} in the table: smoothed it fits, at most {off} mm from the recording"))
     }
 
     /// The machine, and its path around the place where it breaks a limit: twice as much after it as before. `look` gives the tip at a time,
@@ -625,16 +648,10 @@ fn formula<'a>(contexts: &[Context<'_>], node: &Node<'a>) -> Read<TipPath<'a>> {
 
 fn table<'a>(contexts: &[Context<'_>], node: &Node<'a>) -> Read<TipPath<'a>> {
     let p = parameters(node, points::KEYS)?;
-    let interpolation = interpolation(&p);
     let file = p.need("file", "file = \"path.csv\"")?;
     let points = points::read(&p, contexts)?;
-    let interpolation = interpolation?;
-    let law = |k: usize| {
-        let rows: Vec<(f64, f64)> = points.rows.iter().map(|(t, positions)| (*t, positions[k])).collect();
-        Law::table(&rows, interpolation)
-    };
-    let coordinates = made(node, (0..contexts.len()).map(law))?;
-    Ok(TipPath { coordinates, form: PathForm::Polynomials { table: Some((file, points)) } })
+    let coordinates = points.laws(&p, |law| Ok(made(node, [law].into_iter())?.swap_remove(0)))?;
+    Ok(TipPath { coordinates, form: PathForm::Polynomials { table: Some((file, Box::new(points))) } })
 }
 
 /// Millimetres in a unit of length.

@@ -1,20 +1,30 @@
 //! CSV files of times and positions.
 
+use std::borrow::Cow;
 use std::ops::Range;
 use std::sync::Arc;
 
-use super::context::{Context, load, position_unit, time_unit};
+use super::context::{Context, TOO_LARGE, load, position_unit, time_unit};
 use super::problem::Problem;
 use super::reader::{Node, Noted, Read, Section};
 use super::source::Source;
-use super::table_columns::{ColumnUse, TableColumns};
+use super::table_columns::{ColumnDistance, ColumnUse, Smoothing, TableColumns};
 use crate::columns::{
-    CsvTable, Header, POINT, POSITIONS, ReadError, Role, Row, Stated, TIME, has_decimal_comma, shown,
+    CsvTable, Header, MomentForm, POSITIONS, ReadError, Role, Row, Stated, TIME, moment, plain, shown, with_line_feeds,
 };
+use crate::human;
+use crate::law::double::Double;
+use crate::law::{CUT_OFF, Interpolation, Law, LawError};
 use crate::quantity::{Base, Quantity, nearest};
 
 /// The keys of a table, of laws as of paths.
-pub(super) const KEYS: &[&str] = &["file", "time", "unit", "columns", "interpolation"];
+pub(super) const KEYS: &[&str] = &["file", "time", "unit", "columns", "interpolation", "smooth"];
+
+/// The byte order mark, which is no part of the text.
+const MARK: char = '\u{feff}';
+
+/// Rows of a file, at most: what is made of them fits into 400 MB of memory.
+const MOST_ROWS: usize = 2_000_000;
 
 /// A column as a motion file chooses it.
 enum Choice {
@@ -46,25 +56,85 @@ fn choices(node: &Node, positions: usize) -> Read<Vec<Choice>> {
 
 /// Rows of a CSV file.
 pub(super) struct Points {
-    /// Time, s, from the first row on, and positions, steps.
-    pub(super) rows: Vec<(f64, Vec<f64>)>,
-    /// Where each row is written.
-    places: Vec<Range<usize>>,
+    /// s, from the first row on.
+    times: Vec<f64>,
+    /// Of each column of positions, steps.
+    columns: Vec<Vec<f64>>,
+    /// Where each row is written: files are far smaller than 4 GB.
+    places: Vec<Range<u32>>,
+    /// Steps in one of each column's unit.
+    scales: Vec<f64>,
     source: Arc<Source>,
+    read_as: TableColumns,
 }
 
 impl Points {
     /// Notes a problem with a row.
     pub(super) fn wrong(&self, file: &Node, row: usize, label: &str, message: String, help: &str) -> Noted {
-        let labels = vec![(self.places.get(row).cloned().unwrap_or(0..0), label.to_owned())];
+        let labels = vec![(self.place(row), label.to_owned())];
         file.reader.note_problem(Problem::new(&self.source, message, labels, Some(help.to_owned())))
+    }
+
+    fn place(&self, row: usize) -> Range<usize> {
+        self.places.get(row).map_or(0..0, |place| place.start as usize..place.end as usize)
+    }
+
+    /// The position of every row, column by column.
+    pub(super) fn positions(&self) -> impl Iterator<Item = Vec<f64>> {
+        (0..self.times.len()).map(|row| self.columns.iter().map(|column| column[row]).collect())
+    }
+
+    /// The law of each column, smoothed if the motion file says so. Notes how the table was read.
+    pub(super) fn laws(&self, p: &Section, made: impl Fn(Result<Law, LawError>) -> Read<Law>) -> Read<Vec<Law>> {
+        let interpolation = p.get("interpolation").map_or(Ok(Interpolation::Monotone), |node| {
+            node.word(&[("monotone", Interpolation::Monotone), ("linear", Interpolation::Linear)])
+        });
+        let smooth = p.get("smooth").map(|node| Ok((node.duration("50 ms")?, node))).transpose();
+        let (interpolation, smooth) = (interpolation?, smooth?);
+        let law = |column: &Vec<f64>| {
+            let rows: Vec<(f64, f64)> = self.times.iter().copied().zip(column.iter().copied()).collect();
+            made(Law::table(&rows, interpolation))
+        };
+        let laws = self.columns.iter().map(law).collect::<Read<Vec<Law>>>()?;
+        let mut read_as = self.read_as.clone();
+        let laws = match smooth {
+            None => laws,
+            Some((over, node)) => {
+                let smoothed = laws.iter().map(|law| law.smoothed(over)).collect::<Option<Vec<Law>>>();
+                let smoothed = smoothed.ok_or_else(|| self.cannot_smooth(&node, over.seconds()))?;
+                let distance = |(law, (column, scale)): (&Law, (&ColumnUse, &f64))| {
+                    let distance = law.tables().first()?.distance();
+                    let (what, unit) = (column.what.clone(), column.unit.clone());
+                    let [largest, rms] = [distance.largest, distance.rms].map(|steps| steps / scale.abs());
+                    Some(ColumnDistance { what, largest, at_s: distance.at_s, rms, unit })
+                };
+                let columns = read_as.columns[1..].iter().zip(&self.scales);
+                let distances = smoothed.iter().zip(columns).filter_map(distance).collect();
+                read_as.smoothing = Some(Smoothing { over, cut_off_hz: CUT_OFF / over.seconds(), distances });
+                smoothed
+            }
+        };
+        p.reader.note_table(read_as);
+        Ok(laws)
+    }
+
+    fn cannot_smooth(&self, node: &Node, over_s: f64) -> Noted {
+        let lasts_s = self.times.last().copied().unwrap_or_default();
+        if over_s > lasts_s {
+            let message = format!("`smooth` is {over_s} s, but the recording lasts {lasts_s} s");
+            return node.note("too long", message, "write, for example: smooth = \"50 ms\"");
+        }
+        let message = format!("`smooth` is {over_s} s: far too short for how far apart the rows are");
+        node.note("too short", message, "leave it out, or make it as long as a few rows take")
     }
 }
 
 /// A file that is being read, and what the motion file says of it.
-struct TableReader<'a> {
+struct TableReader<'a, 't> {
     file: Node<'a>,
     source: Arc<Source>,
+    /// The source in the form that is read.
+    plain: Cow<'t, [u8]>,
     time: Option<(Node<'a>, f64)>,
     unit: Option<(Node<'a>, Quantity)>,
     choices: Option<(Node<'a>, Vec<Choice>)>,
@@ -76,20 +146,35 @@ pub(super) fn read<'a>(p: &Section<'a>, contexts: &[Context]) -> Read<Points> {
     let choices = p.get("columns").map(|node| Ok((node.clone(), choices(&node, contexts.len())?))).transpose();
     let time = p.get("time").map(|node| Ok((node.clone(), time_unit(&node)?))).transpose();
     let unit = p.get("unit").map(|node| Ok((node.clone(), position_unit(&node)?))).transpose();
-    let text = load(&file, contexts[0].load)?;
-    let text = text.strip_prefix('\u{feff}').unwrap_or(&text).to_owned();
+    let mut text = load(&file, contexts[0].load)?;
+    if text.starts_with(MARK) {
+        text.drain(..MARK.len_utf8());
+    }
+    let text = with_line_feeds(text);
+    let lines = text.bytes().filter(|byte| *byte == b'\n').count();
+    if lines > MOST_ROWS {
+        let message = format!(
+            "\"{}\" has {} lines; {} is the most that is read",
+            file.as_text().unwrap_or_default(),
+            human::count(lines as i128),
+            human::count(MOST_ROWS as i128)
+        );
+        return Err(file.note("too long", message, TOO_LARGE));
+    }
     let source = Arc::new(Source::new(file.as_text().unwrap_or_default(), text));
-    TableReader { file, source, time: time?, unit: unit?, choices: choices? }.points(p, contexts)
+    let plain = plain(source.text());
+    TableReader { file, source: Arc::clone(&source), plain, time: time?, unit: unit?, choices: choices? }
+        .points(p, contexts)
 }
 
-impl<'a> TableReader<'a> {
+impl<'a> TableReader<'a, '_> {
     fn points(&self, p: &Section<'a>, contexts: &[Context]) -> Read<Points> {
-        let mut table = CsvTable::new(self.source.text().as_bytes());
+        let mut table = CsvTable::new(&self.plain);
         let header = table.header().map_err(|error| self.note(&error, ""))?;
         let positions = contexts.iter().enumerate().map(|(k, context)| role(context, k, contexts.len()));
         let roles: Vec<Role<'_>> = [TIME].into_iter().chain(positions).collect();
         let found = self.columns(&header, &roles)?;
-        let (seconds, time_unit) = self.seconds(&header, &roles, found[0])?;
+        let (seconds, time_unit, form) = self.seconds(&header, &roles, found[0])?;
         let mut scales = Vec::new();
         let used = |what: &str, column, unit| ColumnUse { what: what.to_owned(), column: header.called(column), unit };
         let mut columns = vec![used("time", found[0], time_unit)];
@@ -103,65 +188,113 @@ impl<'a> TableReader<'a> {
             };
             columns.push(used(what, *column, unit));
         }
-        let mut points = Points { rows: Vec::new(), places: Vec::new(), source: Arc::clone(&self.source) };
+        let unused = (0..header.titles.len()).filter(|column| !found.contains(column));
+        let unused = unused.map(|column| header.called(column)).collect();
+        let file = self.source.name().to_owned();
+        let read_as = TableColumns { file, columns, unused, rows_left_out: 0, smoothing: None };
+        let empty = vec![Vec::new(); scales.len()];
+        let source = Arc::clone(&self.source);
+        let points = Points { times: Vec::new(), columns: empty, places: Vec::new(), scales, source, read_as };
+        let mut rows = Rows { points, found: &found, seconds, form, first: None, comma: None };
         while let Some(row) = table.next().map_err(|error| self.note(&error, ""))? {
-            self.row(&row, (&header, &roles), &found, (seconds, &scales), &mut points)?;
+            self.row(&row, (&header, &roles), &mut rows)?;
         }
-        let rows = &mut points.rows;
-        if rows.len() < 2 {
-            let message = format!("a table needs two points at least, but has {}", rows.len());
+        let Rows { points, first, .. } = rows;
+        if points.times.len() < 2 {
+            let without = match points.read_as.rows_left_out {
+                0 => String::new(),
+                rows => format!("; rows without a position: {rows}"),
+            };
+            let message = format!("a table needs two points at least, but has {}{without}", points.times.len());
             return Err(self.problem(0..0, "too short", message, ""));
         }
-        let zero = rows[0].0;
         // Seconds since 1970 reach 1e11 in the year 5138.
         let is_stated =
             self.time.is_some() || header.titles.get(found[0]).is_some_and(|title| title.unit != Stated::Nothing);
+        let zero = first.map_or(0.0, Double::nearest);
         if zero.abs() >= 1e11 && !is_stated {
             let unit =
                 [(1e14, "ms"), (1e17, "us")].iter().find(|(end, _)| zero.abs() < *end).map_or("ns", |(_, unit)| unit);
             let message = format!("{} begins at {zero}: a date of a clock, but not in s", header.called(found[0]));
             let help = format!("if it counts {unit}, write: time = \"{unit}\"");
-            return Err(self.problem(points.places[0].clone(), "in another unit", message, &help));
+            return Err(self.problem(points.place(0), "in another unit", message, &help));
         }
-        rows.iter_mut().for_each(|row| row.0 -= zero);
-        let unused = (0..header.titles.len()).filter(|column| !found.contains(column));
-        let unused = unused.map(|column| header.called(column)).collect();
-        let file = self.source.name().to_owned();
-        self.file.reader.note_table(TableColumns { file, columns, unused });
         Ok(points)
     }
 
     /// Reads one row.
-    fn row(
-        &self,
-        row: &Row<'_>,
-        (header, roles): (&Header<'_>, &[Role<'_>]),
-        found: &[usize],
-        (seconds, scales): (f64, &[f64]),
-        points: &mut Points,
-    ) -> Read<()> {
-        let number = |column: &usize| {
-            row.number(*column, "a number").map_err(|error| {
-                let is_clock = *column == found[0] && row.get(*column).contains(&b':');
-                let found = format!("{} in {}", error.found, header.called(*column));
-                let help = if is_clock { "times are numbers: count seconds from the first row" } else { "" };
-                self.note(&ReadError { found, ..error }, help)
-            })
+    fn row(&self, row: &Row<'_>, (header, roles): (&Header<'_>, &[Role<'_>]), rows: &mut Rows<'_>) -> Read<()> {
+        let Rows { points, found, .. } = rows;
+        if found[1..].iter().any(|column| *column < header.width() && is_gap(row.get(*column))) {
+            points.read_as.rows_left_out += 1;
+            return Ok(());
+        }
+        let wrong = |column: usize, error: ReadError, help: &str| {
+            let found = format!("{} in {}", error.found, header.called(column));
+            self.note(&ReadError { found, ..error }, help)
         };
-        let values = found.iter().map(number).collect::<Read<Vec<f64>>>()?;
-        let Some((time, positions)) = values.split_first() else { return Ok(()) };
-        if let Some(before) = points.rows.last().map(|before| before.0).filter(|before| *before >= time * seconds) {
+        let number = |column: usize| row.number(column, "a number");
+        let time = match rows.form {
+            None => number(found[0]).map(|time| exact(row.get(found[0]), time)).map_err(|error| {
+                let is_clock = row.get(found[0]).contains(&b':');
+                let help = if is_clock {
+                    "a date is written like 2026-11-27T10:00:00.5; or count seconds from the first row"
+                } else {
+                    ""
+                };
+                wrong(found[0], error, help)
+            })?,
+            Some(form) => match row.text(found[0]).ok().and_then(moment) {
+                Some((time, as_first)) if as_first == form => time,
+                _ => return Err(wrong(found[0], row.error(found[0], "a time as in the first row"), "")),
+            },
+        };
+        let positions = found[1..].iter().map(|column| number(*column).map_err(|error| wrong(*column, error, "")));
+        let positions = positions.collect::<Read<Vec<f64>>>()?;
+        for column in *found {
+            let field = row.get(*column);
+            let is_comma = field.contains(&b',');
+            if !(is_comma || field.contains(&b'.')) || rows.form.is_some() && *column == found[0] {
+                continue;
+            }
+            if *rows.comma.get_or_insert(is_comma) != is_comma {
+                let message = format!(
+                    "{} has {}, but numbers above it are written with a decimal {}",
+                    header.called(*column),
+                    shown(field),
+                    if is_comma { "point" } else { "comma" }
+                );
+                let help =
+                    "write all numbers with a decimal point, or all with a decimal comma; a sign for thousands is none";
+                return Err(self.problem(row.place(*column), "written in another way", message, help));
+            }
+        }
+        let time_s = (time - *rows.first.get_or_insert(time)).nearest() * rows.seconds;
+        if points.times.last().is_some_and(|before| *before >= time_s) {
             let column = header.called(found[0]);
-            let message =
-                format!("times must increase from line to line, but {column} has {time} after {}", before / seconds);
+            let before_s = points.times.last().copied().unwrap_or_default();
+            let has = match (rows.form, rows.first) {
+                (None, Some(first)) => {
+                    let before = first + Double::from(before_s / rows.seconds);
+                    format!("{} after {}", time.nearest(), before.nearest())
+                }
+                _ => format!("{} after a later or equal time", shown(row.get(found[0]))),
+            };
+            let message = format!("times must increase from line to line, but {column} has {has}");
             let is_guess = self.choices.is_none() && !header.is_there();
-            let help = if is_guess { self.offered(header, roles) } else { String::new() };
+            let help = if is_guess {
+                self.offered(header, roles)
+            } else {
+                "take out one of the two lines, or sort them by time".to_owned()
+            };
             return Err(self.problem(row.place(found[0]), "not later than the line before", message, &help));
         }
-        points
-            .rows
-            .push((time * seconds, positions.iter().zip(scales).map(|(position, steps)| position * steps).collect()));
-        points.places.push(row.at());
+        points.times.push(time_s);
+        for ((column, position), scale) in points.columns.iter_mut().zip(positions).zip(&points.scales) {
+            column.push(position * scale);
+        }
+        let at = row.at();
+        points.places.push(at.start as u32..at.end as u32);
         Ok(())
     }
 
@@ -201,15 +334,36 @@ impl<'a> TableReader<'a> {
     }
 
     /// Seconds in the unit of times, and the unit.
-    fn seconds(&self, header: &Header<'_>, roles: &[Role<'_>], column: usize) -> Read<(f64, String)> {
+    fn seconds(
+        &self,
+        header: &Header<'_>,
+        roles: &[Role<'_>],
+        column: usize,
+    ) -> Read<(f64, String, Option<MomentForm>)> {
+        if let Some(form) = self.moments(column) {
+            if let Some((node, _)) = &self.time {
+                let message = format!("{} holds times of day, which have no unit", header.called(column));
+                return Err(node.note("a unit", message, "leave `time` out"));
+            }
+            let is = if form.has_date { "date and time" } else { "time of day" };
+            return Ok((1.0, is.to_owned(), Some(form)));
+        }
         match (self.stated(header, roles, (0, column), self.time.is_some())?, &self.time) {
             (Some(one), Some((node, seconds))) if one.value != *seconds => {
                 Err(self.contradiction(header, column, node, &one))
             }
-            (Some(one), _) => Ok((one.value, one.unit.to_owned())),
-            (None, Some((node, seconds))) => Ok((*seconds, node.as_text().unwrap_or_default().to_owned())),
-            (None, None) => Ok((1.0, "s".to_owned())),
+            (Some(one), _) => Ok((one.value, one.unit.to_owned(), None)),
+            (None, Some((node, seconds))) => Ok((*seconds, node.as_text().unwrap_or_default().to_owned(), None)),
+            (None, None) => Ok((1.0, "s".to_owned(), None)),
         }
+    }
+
+    /// How a column's first row writes moments, if it does.
+    fn moments(&self, column: usize) -> Option<MomentForm> {
+        let mut table = CsvTable::new(&self.plain);
+        table.header().ok()?;
+        let row = table.next().ok()??;
+        moment(row.text(column).ok()?).map(|(_, form)| form)
     }
 
     /// One of the unit of a role's column of positions, where that is said, and the unit's name.
@@ -263,8 +417,8 @@ impl<'a> TableReader<'a> {
         if header.width() < roles.len() {
             return "columns are parted by tabs, `;` or `,`".to_owned();
         }
-        if header.titles.iter().any(|title| has_decimal_comma(&title.text)) {
-            return POINT.to_owned();
+        if !header.is_there() && header.is_parted_by_commas() && header.width() == 2 * roles.len() {
+            return "if these are decimal commas, part the columns with `;` or tabs, or write decimals with a point: 0.5".to_owned();
         }
         // A column that does not grow is no time. If another column grows by fractions, a column that counts by 1 is
         // the row number.
@@ -318,7 +472,7 @@ impl<'a> TableReader<'a> {
     /// A column's first numbers; none if it has anything else.
     fn numbers(&self, column: usize) -> Vec<f64> {
         const MOST: usize = 1000;
-        let mut table = CsvTable::new(self.source.text().as_bytes());
+        let mut table = CsvTable::new(&self.plain);
         let mut numbers = Vec::new();
         if table.header().is_err() {
             return numbers;
@@ -360,6 +514,35 @@ impl<'a> TableReader<'a> {
         let help = Some(help.to_owned()).filter(|help| !help.is_empty());
         self.file.reader.note_problem(Problem::new(&self.source, message, vec![(at, label.to_owned())], help))
     }
+}
+
+/// What the rows of a file are read into.
+struct Rows<'c> {
+    points: Points,
+    /// The columns that are read, the time first.
+    found: &'c [usize],
+    /// In one of the unit of times.
+    seconds: f64,
+    /// How moments are written, if times are.
+    form: Option<MomentForm>,
+    /// The first time.
+    first: Option<Double>,
+    /// Whether decimals are written with a comma, once that is seen.
+    comma: Option<bool>,
+}
+
+/// Whether a field says that there is no value.
+fn is_gap(field: &[u8]) -> bool {
+    field.is_empty() || [&b"nan"[..], b"na", b"n/a", b"null", b"none"].iter().any(|gap| field.eq_ignore_ascii_case(gap))
+}
+
+/// A number that was read as `near`, with the digits that an f64 has no room for: a clock counts ns from 1970.
+fn exact(field: &[u8], near: f64) -> Double {
+    if near < 1e6 {
+        return Double::from(near);
+    }
+    let text = std::str::from_utf8(field).unwrap_or_default().replace(',', ".");
+    Double::decimal(&text).unwrap_or(Double::from(near))
 }
 
 /// What the position of a motor is called, or a coordinate of a path: one of `count`.

@@ -129,6 +129,11 @@ impl Changed {
         })
     }
 
+    /// Another law, changed as this one.
+    pub(super) fn of(&self, law: Law) -> Law {
+        law.changed(self.factor, self.offset, self.delay)
+    }
+
     pub(super) fn workload(&self, until: Time) -> Workload {
         let inner = self.law.workload(until - self.delay);
         let waits = if self.delay > Time::ZERO { 1.0 } else { 0.0 };

@@ -25,6 +25,7 @@ pub(crate) mod extent;
 pub mod formula;
 mod lorenz;
 mod profile;
+mod smoothing;
 mod steady;
 mod table;
 mod timer_ramp;
@@ -43,10 +44,11 @@ use double::Double;
 pub use formula::{FormulaError, ParameterUse};
 pub use lorenz::{Lorenz, Orbit};
 pub use profile::SCurve;
+pub use smoothing::{CUT_OFF, least_smoothing};
 use std::ops::RangeInclusive;
 use std::sync::Arc;
 pub use steady::Steady;
-pub use table::Interpolation;
+pub use table::{Distance, Interpolation, TableLaw};
 pub use timer_ramp::TimerRamp;
 pub use warp::{Ease, Warped};
 pub use winch::{WinchCommand, WinchSettings};
@@ -157,6 +159,12 @@ impl Piece {
         Ok(cut)
     }
 
+    /// All its parts.
+    fn cut(self) -> impl Iterator<Item = Result<Piece, LawError>> {
+        let parts = self.parts();
+        parts.clone().map(move |k| self.part(k, &parts))
+    }
+
     /// A piece of rest at `position`.
     fn rest(start: Time, end: Time, position: Double) -> Result<Piece, LawError> {
         let curve = Curve::constant(0.0);
@@ -238,8 +246,10 @@ pub enum Law {
     Sine(Sine),
     /// Constant speed, rest included.
     Steady(Steady),
-    /// A list of pieces: trapezoids, S-curves, ramps, tables.
+    /// Pieces that were worked out beforehand: trapezoids, S-curves, ramps.
     Fixed(Fixed),
+    /// Through or near the rows of a table.
+    Table(TableLaw),
     /// One coordinate of a circle.
     Circle(Circle),
     /// One coordinate of an orbit of the Lorenz equations.
@@ -360,6 +370,7 @@ impl Law {
             Law::Sine(sine) => Box::new((0..sine.half_periods()).map(move |k| Ok(sine.half_period(k)))),
             Law::Steady(steady) => Box::new(steady.pieces()),
             Law::Fixed(fixed) => Box::new(fixed.pieces()),
+            Law::Table(table) => Box::new(table.pieces()),
             Law::Circle(circle) => Box::new(circle.pieces()),
             Law::Lorenz(lorenz) => Box::new(lorenz.pieces()),
             Law::Formula(formula) => Box::new(formula.pieces()),
@@ -382,6 +393,7 @@ impl Law {
             Law::Sine(sine) => sine.cycles.map(|n| sine.period.times(n)),
             Law::Steady(steady) => steady.duration,
             Law::Fixed(fixed) => fixed.pieces.last().map(|p| p.end),
+            Law::Table(table) => Some(table.end()),
             Law::Circle(circle) => circle.end(),
             Law::Lorenz(lorenz) => lorenz.end(),
             Law::Formula(formula) => formula.duration(),
@@ -434,6 +446,7 @@ impl Law {
         match self {
             Law::Sine(_) | Law::Circle(_) | Law::Steady(_) | Law::Winch(_) => Class::ClosedForm,
             Law::Fixed(fixed) => fixed.class,
+            Law::Table(_) => Class::Interpolant,
             Law::Lorenz(_) => Lorenz::class(),
             Law::Formula(_) => Class::Enclosed,
             Law::Sum(laws) => worst(laws, Class::Enclosed),
@@ -474,11 +487,7 @@ fn meet(position: Double, piece: &Piece, tolerance: f64) -> Result<(), LawError>
 impl Fixed {
     fn pieces(self) -> impl Iterator<Item = Result<Piece, LawError>> {
         let pieces = self.pieces;
-        (0..pieces.len()).flat_map(move |index| {
-            let pieces = Arc::clone(&pieces);
-            let parts = pieces[index].parts();
-            parts.clone().map(move |k| pieces[index].part(k, &parts))
-        })
+        (0..pieces.len()).flat_map(move |index| pieces[index].clone().cut())
     }
 }
 

@@ -72,6 +72,7 @@ impl Law {
                 let law = backlash.law().workload(until);
                 Workload { pieces: 2.0 * law.pieces, ..law }
             }
+            Law::Table(table) => table.workload(until),
             Law::Fixed(fixed) => {
                 let (mut seen, at) = seen(fixed.pieces.iter().cloned(), until, Piece::way);
                 // A long piece is divided into parts.

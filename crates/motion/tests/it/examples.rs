@@ -180,14 +180,29 @@ fn the_table_goes_through_its_points_five_times() {
 }
 
 #[test]
+fn the_recording_is_smoothed_and_ends_where_it_ended() {
+    let contents = file::load_contents(&examples().join("recording.toml")).unwrap();
+    let smoothing = contents.tables[0].smoothing.as_ref().unwrap();
+    assert_eq!((smoothing.over, smoothing.cut_off_hz), (Time::from_ratio(1, 20), 10.0));
+    // A step of the converter is 0.26°.
+    let distance = &smoothing.distances[0];
+    assert!(distance.rms < 0.27 && distance.largest < 1.0, "{distance}");
+    let law = &contents.program.motors[0].law;
+    let csv = std::fs::read_to_string(examples().join("recording.csv")).unwrap();
+    let last: f64 = csv.trim_end().rsplit(',').next().unwrap().parse().unwrap();
+    let sample = Cursor::new(law).at(law.end().unwrap()).unwrap();
+    assert!((sample.position - last / 360.0 * 3200.0).abs() < 1e-6 && sample.speed.abs() < 1e-6, "{sample:?}");
+}
+
+#[test]
 fn the_manuals_examples_are_motion_files() {
     for manual in ["motion-files.md", "machines.md"] {
         let manual = std::fs::read_to_string(examples().join("../docs").join(manual)).unwrap();
         let blocks: Vec<&str> = manual.split("```toml\n").skip(1).filter_map(|rest| rest.split("```").next()).collect();
         assert!(!blocks.is_empty());
         for block in blocks {
-            let none = |_: &Path| Err(std::io::ErrorKind::NotFound.into());
-            file::read(block, "manual.toml", &none).unwrap_or_else(|error| panic!("{}", error.plain()));
+            let named = |path: &Path| std::fs::read_to_string(examples().join(path));
+            file::read(block, "manual.toml", &named).unwrap_or_else(|error| panic!("{}", error.plain()));
         }
     }
 }

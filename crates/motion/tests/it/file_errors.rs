@@ -1573,6 +1573,7 @@ fn csv_files() {
         &table("\"late.csv\""),
         expect![[r#"
             late.csv:5:1: times must increase from line to line, but column 1 `time` has 1 after 2
+                take out one of the two lines, or sort them by time
         "#]],
     );
     check(
@@ -1711,8 +1712,9 @@ fn columns_of_csv_files() {
         SINE,
         &table("\"late.csv\", unit = \"deg\""),
         expect![[r#"
-        late.csv:5:1: times must increase from line to line, but column 1 `time` has 1 after 2
-    "#]],
+            late.csv:5:1: times must increase from line to line, but column 1 `time` has 1 after 2
+                take out one of the two lines, or sort them by time
+        "#]],
     );
     check(
         SINE,
@@ -1758,8 +1760,8 @@ fn columns_of_csv_files() {
         SINE,
         &table("\"thin.csv\", unit = \"deg\", columns = [1, 2]"),
         expect![[r#"
-        thin.csv:1:2: expected a number, found nothing in column 2
-    "#]],
+            thin.csv:1:2: expected a number, found nothing in column 2
+        "#]],
     );
     // What these are offered reads.
     for (file, offers) in [("frames", 0), ("two", 2), ("times", 2), ("bare", 2), ("unknown", 1), ("gon", 1)] {

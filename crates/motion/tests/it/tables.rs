@@ -220,7 +220,7 @@ fn headers_that_are_offered_keep_units() {
         read(&rows, "").unwrap_or_else(|error| panic!("{rows}{error}"));
     };
     offered("ms,crank\n0,0\n1000,oops\n900,2\n", "time [ms],angle [deg]");
-    offered("ms;crank\n0;0\n1000;0,5\n", "time [ms];angle [deg]");
+    offered("ms;crank\n0;0\n1000;0,5x\n", "time [ms];angle [deg]");
     offered("crank\tms\n0\t0\noops\t10\n", "angle [deg]\ttime [ms]");
     offered("dt [ms],angle [rev]\n0,0\n1,10\n", "time [ms],angle [rev]");
     offered("frame;angle\n0;0\n1;10\n", "time [s];angle [deg]");
@@ -243,11 +243,27 @@ fn headers_that_are_offered_keep_units() {
 #[test]
 fn decimal_commas_and_misspelt_columns() {
     let said = |csv: &str, options: &str| read(csv, &format!(", unit = \"deg\"{options}")).map(|_| ()).unwrap_err();
-    let point = "decimals are written with a point: 0.5";
     let help = |said: String| said.lines().nth(1).unwrap_or_default().trim().to_owned();
-    assert_eq!(help(said("t;a\n0;0\n0,5;1\n", "")), point);
-    assert_eq!(help(said("0,0;0,0\n0,5;1,0\n", "")), point);
-    assert_ne!(help(said("t;a\n0;0\n0,5,1;1\n", "")), point);
+    let points = [(0.0, 0.0), (0.5, 100.0)];
+    check("t;a\n0;0\n0,5;90\n", ", unit = \"deg\"", &points, "time = column 1 `t`, s; angle = column 2 `a`, deg");
+    check(
+        "t,a\n0,0\n\"0,5\",\"9,0e1\"\n",
+        ", unit = \"deg\"",
+        &points,
+        "time = column 1 `t`, s; angle = column 2 `a`, deg",
+    );
+    check("0,0;0,0\n0,5;90,0\n", ", unit = \"deg\"", &points, "time = column 1, s; angle = column 2, deg");
+    assert_eq!(
+        help(said("0,0,0,0\n0,5,90,0\n", "")),
+        "if these are decimal commas, part the columns with `;` or tabs, or write decimals with a point: 0.5"
+    );
+    assert_eq!(help(said("t;a\n0;0\n1;1.234,5\n", "")), "write no sign for thousands: 1234.5, or 1234,5");
+    assert!(said("t;a\n0;0\n0,5,1;1\n", "").starts_with("a.csv:3:1: expected a number, found `0,5,1` in column 1 `t`"));
+    assert_eq!(
+        said("t;a\n0;0\n0.5;1,234\n", ""),
+        "a.csv:3:5: column 2 `a` has `1,234`, but numbers above it are written with a decimal point\n    \
+         write all numbers with a decimal point, or all with a decimal comma; a sign for thousands is none\n"
+    );
     let csv = "when,where\n0,0\n0.5,90\n";
     assert_eq!(help(said(csv, ", columns = [\"when\", \"wher\"]")), "did you mean \"where\"?");
     read(csv, ", unit = \"deg\", columns = [\"when\", \"where\"]").unwrap();
@@ -275,13 +291,132 @@ fn clocks() {
         &[(0.0, 0.0), (1.0, 200.0)],
         "time = column 1 `timestamp`, s; angle = column 2 `angle`, deg",
     );
-    for date in ["2026-11-24T10:00:00Z", "24.11.2026 10:00", "10:00:00.5"] {
-        let expected = format!(
-            "a.csv:2:1: expected a number, found `{date}` in column 1 `timestamp`\n    \
-             times are numbers: count seconds from the first row\n"
-        );
-        assert_eq!(said(&format!("{date},0\n{date},5\n"), ", unit = \"deg\""), expected);
+    let date = "24.11.2026 10:00";
+    let expected = format!(
+        "a.csv:2:1: expected a number, found `{date}` in column 1 `timestamp`\n    \
+         a date is written like 2026-11-27T10:00:00.5; or count seconds from the first row\n"
+    );
+    assert_eq!(said(&format!("{date},0\n{date},5\n"), ", unit = \"deg\""), expected);
+    // All digits of a clock that counts ns since 1970.
+    check(
+        "timestamp [ns],angle\n1700000000123456789,0\n1700000000123457789,90\n",
+        ", unit = \"deg\"",
+        &[(0.0, 0.0), (1e-6, 100.0)],
+        "time = column 1 `timestamp [ns]`, ns; angle = column 2 `angle`, deg",
+    );
+}
+
+/// Dates and times of day as ISO 8601 has them: the motion begins at the first.
+#[test]
+fn moments() {
+    let deg = ", unit = \"deg\"";
+    let points = [(0.0, 0.0), (0.5, 100.0), (1.0, 200.0)];
+    for (title, [first, second, third], unit) in [
+        ("timestamp", ["2026-11-27T10:00:00Z", "2026-11-27T10:00:00.5Z", "2026-11-27T10:00:01.000Z"], "date and time"),
+        ("time", ["2028-02-28 23:59:59.5", "2028-02-29 00:00:00", "2028-02-29 00:00:00.5"], "date and time"),
+        (
+            "Time (UTC)",
+            ["2026-12-31T23:59:59.5+00:00", "2027-01-01T00:00:00Z", "2027-01-01T01:00:00.5+01:00"],
+            "date and time",
+        ),
+        ("t", ["10:00:59.25", "10:00:59.75", "10:01:00.25"], "time of day"),
+    ] {
+        let csv = format!("{title},angle\n{first},0\n{second},90\n{third},180\n");
+        check(&csv, deg, &points, &format!("time = column 1 `{title}`, {unit}; angle = column 2 `angle`, deg"));
     }
+    let said = |first: &str, second: &str, options: &str| {
+        read(&format!("t,a\n{first},0\n{second},90\n"), &format!("{deg}{options}")).map(|_| ()).unwrap_err()
+    };
+    assert!(said("10:00:00", "2026-11-27T10:00:01", "").contains("a.csv:3:1: expected a time as in the first row"));
+    assert!(said("10:00:00", "1", "").contains("a.csv:3:1: expected a time as in the first row"));
+    assert!(said("23:59:59", "00:00:00", "").contains("`00:00:00` after a later or equal time"));
+    assert!(said("10:00:00", "10:00:01", ", time = \"s\"").contains("times of day, which have no unit"));
+}
+
+/// As instruments, spreadsheets, phones and numpy write recordings.
+#[test]
+fn forms_of_recordings() {
+    let deg = ", unit = \"deg\"";
+    let points = [(0.0, 0.0), (0.5, 100.0), (1.0, 200.0)];
+    let ta = "time = column 1 `t`, s; angle = column 2 `a`, deg";
+    let plain = "time = column 1, s; angle = column 2, deg";
+    for (csv, told) in [
+        ("sep=;\nt;a\n0;0\n0,5;90\n1;180\n", ta),
+        ("\"sep=;\"\r\nt;a\r\n0;0\r\n0,5;90\r\n1;180\r\n", ta),
+        ("sep=,\nt,a\n0,0\n0.5,90\n1,180\n", ta),
+        ("SEP=\t\nt\ta\n0\t0\n0,5\t90\n1\t180\n", ta),
+        ("t|a\n0|0\n0.5|90\n1|180\n", ta),
+        // Old Macs.
+        ("t,a\r0,0\r0.5,90\r1,180\r", ta),
+        ("t,a\r\n0,0\r\n\r\n0.5,90\r\n1,180", ta),
+        // Spaces.
+        ("t a\n0 0\n0.5 90\n1 180\n", ta),
+        ("  t     a\n 0.0   0\n 0.5  90 \n 1.0 180\n", ta),
+        ("0,0 0,0\n0,5 90,0\n1,0 180,0\n", plain),
+        ("0.000e+00 0.000e+00\n5.000e-01 9.000e+01\n1.000e+00 1.800e+02\n", plain),
+        ("# t a\n0.000e+00 0.000e+00\n5.000e-01 9.000e+01\n1.000e+00 1.800e+02\n", ta),
+        // Spaces behind commas are none.
+        ("t, a\n0, 0\n0.5, 90\n1, 180\n", ta),
+        // MATLAB.
+        ("% a motion, 3 rows\nt,a\n0,0\n% half-way\n0.5,90\n1,180\n", ta),
+        ("% t,a\n0,0\n0.5,90\n1,180\n", ta),
+        // Headers of several lines; what is above them is not read.
+        ("Ürecording 12, of Monday, 3 pm\nRate;100 Hz\n\nt;a\n0;0\n0,5;90\n1;180\n", ta),
+        ("My motion\nt,a\n-----\n0,0\n0.5,90\n1,180\n", ta),
+        ("My motion\n0,0\n0.5,90\n1,180\n", plain),
+        (
+            "| t | a |\n|---|---|\n| 0 | 0 |\n| 0.5 | 90 |\n| 1 | 180 |\n",
+            "time = column 2 `t`, s; angle = column 3 `a`, deg; column 1, column 4 are not used",
+        ),
+    ] {
+        check(csv, deg, &points, told);
+    }
+    let ms = "time = column 1 `t`, ms; angle = column 2 `a`, rev";
+    for csv in [
+        "t,a\nms,rev\n0,0\n500,0.25\n1000,0.5\n",
+        "t;a\n[ms];[rev]\n0;0\n500;0,25\n1000;0,5\n",
+        "Exported by a program\nt\ta\n(ms)\t(rev)\n0\t0\n500\t0.25\n1000\t0.5\n",
+        "t   a\nms  rev\n0 0\n500 0.25\n1000 0.5\n",
+    ] {
+        check(csv, "", &points, ms);
+    }
+    check(
+        "Time [ms]   Angle [rev]\n0 0\n500 0.25\n1000 0.5\n",
+        "",
+        &points,
+        "time = column 1 `Time [ms]`, ms; angle = column 2 `Angle [rev]`, rev",
+    );
+    check(
+        "\"t\" \"my a\" \"wheel\"\n0 7 0\n0.5 7 90\n1 7 180\n",
+        deg,
+        &points,
+        "time = column 1 `t`, s; angle = column 3 `wheel`, deg; column 2 `my a` is not used",
+    );
+    // A camera that lost the marker.
+    check(
+        "t,a\n0,0\n0.25,\n0.5,90\n0.6,NaN\n0.7,n/a\n1,180\n",
+        deg,
+        &points,
+        &format!("{ta}; 3 rows without a position are left out"),
+    );
+    // Columns in doubt stay in doubt.
+    let said = |csv: &str| read(csv, deg).map(|_| ()).unwrap_err();
+    assert!(said("time and angle of Monday\n0,0\n1,5\n").contains("expected a column `time [s]`"));
+    assert!(said("# time and angle\n0 0\n1 5\n").contains("a header without `#`"));
+    assert!(
+        said("t a\n0 0\n1\n").starts_with("a.csv:3:1: a table needs two")
+            || said("t a\n0 0\n1\n").contains("needs two points")
+    );
+    // Places are those of the file.
+    assert!(
+        said("Prose, and more of it\nt   a\n0   0\n  1   5°\n")
+            .starts_with("a.csv:4:7: expected a number, found `5°` in column 2 `a`")
+    );
+    assert!(said("t,a\r0,0\r1,x\r").starts_with("a.csv:3:3: expected a number, found `x`"));
+    assert!(
+        said("t,a\n0,0\n1,5\n1,6\n")
+            .starts_with("a.csv:4:1: times must increase from line to line, but column 1 `t` has 1 after 1")
+    );
 }
 
 /// No choice of columns makes a speed a position.
@@ -301,7 +436,7 @@ fn rows_longer_than_the_first_are_refused() {
         let line = first.matches('\n').count() + 1;
         let expected = format!(
             "a.csv:{line}:5: expected 2 columns as in the first row, found `10` in column 3\n    \
-             numbers need a decimal point: a comma parts columns\n"
+             a comma parts columns here: write decimals with a point, 0.5, or part the columns with `;` or tabs\n"
         );
         assert_eq!(read(&csv, ", unit = \"deg\"").unwrap_err(), expected, "{csv}");
     }

@@ -13,6 +13,7 @@ mod machines;
 mod mutants;
 mod plots;
 mod readme;
+mod recordings;
 mod small_queues;
 mod winch;
 mod wiring;

@@ -174,10 +174,10 @@ impl Law {
             Law::Blended(blended) => blended.law().formula_parameters(),
             Law::Warped(warped) => warped.law().formula_parameters(),
             Law::Backlash(backlash) => backlash.law().formula_parameters(),
-            Law::Sine(_) | Law::Steady(_) | Law::Fixed(_) | Law::Circle(_) | Law::Lorenz(_) | Law::Winch(_) => {
+            Law::Sine(_) | Law::Steady(_) | Law::Fixed(_) | Law::Table(_) | Law::Circle(_) | Law::Lorenz(_) => {
                 Vec::new()
             }
-            Law::Compensation(_) => Vec::new(),
+            Law::Winch(_) | Law::Compensation(_) => Vec::new(),
         }
     }
 }

@@ -1,0 +1,108 @@
+//! The text of a file: what is no text, or far too much of it, is refused before it is read.
+
+use std::fs::{self, File};
+use std::io::{self, ErrorKind, Read};
+use std::path::Path;
+
+use crate::human;
+
+/// The largest motion file, bytes.
+pub(super) const MOST_OF_A_MOTION_FILE: u64 = 16_000_000;
+/// The largest file that a motion file names, bytes.
+pub(super) const MOST_OF_A_NAMED_FILE: u64 = 64_000_000;
+
+/// Reads a file of `most` bytes at most: UTF-8, UTF-16 with a byte order mark, or else Windows-1252.
+///
+/// # Errors
+/// The system's own; and in words what is no file, is larger, or is no text.
+pub(super) fn read(path: &Path, most: u64) -> io::Result<String> {
+    // Before it is opened: a pipe that nobody writes to would never open.
+    let about = fs::metadata(path)?;
+    if about.is_dir() {
+        return Err(io::Error::new(ErrorKind::IsADirectory, "this is a folder, not a file"));
+    }
+    if !about.is_file() {
+        return Err(io::Error::other("this is a device or a pipe, not a file: save what it gives, and name that file"));
+    }
+    let too_large = |bytes: u64| {
+        let [is, most] = [bytes, most].map(|bytes| human::bytes(bytes as f64));
+        io::Error::new(ErrorKind::FileTooLarge, format!("it has {is}; {most} is the most that is read"))
+    };
+    if about.len() > most {
+        return Err(too_large(about.len()));
+    }
+    let mut bytes = Vec::with_capacity(about.len() as usize + 1);
+    File::open(path)?.take(most + 1).read_to_end(&mut bytes)?;
+    if bytes.len() as u64 > most {
+        return Err(too_large(bytes.len() as u64));
+    }
+    decoded(bytes).map_err(|why| io::Error::new(ErrorKind::InvalidData, why))
+}
+
+/// The text of bytes: UTF-8, with or without its byte order mark; UTF-16 with one; else Windows-1252, if it has no bytes that text has not.
+///
+/// # Errors
+/// In words, if it is no text.
+///
+/// ```
+/// use pulsetrain_motion::file::decoded;
+/// assert_eq!(decoded(b"\xff\xfet\0,\0a\0".to_vec()).as_deref(), Ok("t,a"));
+/// assert_eq!(decoded(b"Winkel [\xb0]".to_vec()).as_deref(), Ok("Winkel [°]"));
+/// assert!(decoded(vec![0; 10]).is_err());
+/// ```
+pub fn decoded(bytes: Vec<u8>) -> Result<String, &'static str> {
+    const HALF: &str = "it is UTF-16, but not whole";
+    let wide = |bytes: &[u8], unit: fn([u8; 2]) -> u16| {
+        let (pairs, rest) = bytes.as_chunks::<2>();
+        let text = String::from_utf16(&pairs.iter().map(|pair| unit(*pair)).collect::<Vec<u16>>());
+        text.ok().filter(|_| rest.is_empty()).ok_or(HALF)
+    };
+    let text = match bytes.as_slice() {
+        [0xff, 0xfe, rest @ ..] => wide(rest, u16::from_le_bytes)?,
+        [0xfe, 0xff, rest @ ..] => wide(rest, u16::from_be_bytes)?,
+        _ => match String::from_utf8(bytes) {
+            Ok(text) => text,
+            Err(error) => error.into_bytes().into_iter().map(of_windows).collect(),
+        },
+    };
+    let is_of_text = |c: char| !c.is_control() || matches!(c, '\t' | '\n' | '\r' | '\u{b}' | '\u{c}' | '\u{1a}');
+    if text.chars().all(is_of_text) {
+        Ok(text)
+    } else {
+        Err("this is no text: it has bytes that text in UTF-8 does not have")
+    }
+}
+
+/// A character of Windows-1252, which spreadsheets write in Europe; what has none there is left to be refused.
+fn of_windows(byte: u8) -> char {
+    #[rustfmt::skip]
+    const FROM_80: [char; 32] = [
+        '€', '\u{81}', '‚', 'ƒ', '„', '…', '†', '‡', 'ˆ', '‰', 'Š', '‹', 'Œ', '\u{8d}', 'Ž', '\u{8f}',
+        '\u{90}', '‘', '’', '“', '”', '•', '–', '—', '˜', '™', 'š', '›', 'œ', '\u{9d}', 'ž', 'Ÿ',
+    ];
+    match byte {
+        0x80..=0x9f => FROM_80[usize::from(byte - 0x80)],
+        byte => char::from(byte),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn spreadsheets_and_instruments_write_text_in_several_ways() {
+        let text = "Zeit;Winkel [°]\r\n0;1,5\r\n";
+        let wide = |mark: u16, bytes: fn(u16) -> [u8; 2]| -> Vec<u8> {
+            [mark].into_iter().chain(text.encode_utf16()).flat_map(bytes).collect()
+        };
+        for bytes in [wide(0xfeff, u16::to_le_bytes), wide(0xfeff, u16::to_be_bytes), text.as_bytes().to_vec()] {
+            assert_eq!(decoded(bytes).as_deref(), Ok(text));
+        }
+        let windows: Vec<u8> = text.chars().map(|c| u8::try_from(c).unwrap()).collect();
+        assert_eq!(decoded(windows).as_deref(), Ok(text));
+        assert_eq!(decoded(b"\x80 \x99".to_vec()).as_deref(), Ok("€ ™"));
+        assert!(decoded(wide(0xfeff, u16::to_le_bytes)[1..].to_vec()).is_err());
+        assert!(decoded(wide(0xfeff, u16::to_le_bytes)[..9].to_vec()).is_err());
+    }
+}
