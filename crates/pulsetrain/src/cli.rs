@@ -44,6 +44,8 @@ enum Command {
     Plan(commands::plan::PlanArgs),
     /// Draw a motion: position wanted and stepped, interval against step number, speed, error
     Plot(commands::plot::PlotArgs),
+    /// Try a formula without a motion file: position, speed, acceleration, range, first steps, plot
+    Formula(commands::formula::FormulaArgs),
     /// Judge a capture against the motion: VCD, CSV of Saleae's or PulseView's, steps.csv, or a camera track (CSV of time and angle)
     Verify(commands::verify::VerifyArgs),
     /// Tell why a motion is refused: the limit, the place, the curve there, and what would fit
@@ -103,6 +105,7 @@ impl Command {
             Command::Verify(args) => args.json,
             Command::Explain(args) => args.json,
             Command::Motor(args) => args.json,
+            Command::Formula(args) => args.json,
             Command::Boards(args) | Command::Drivers(args) => args.json,
             Command::Info(args) => args.json,
             Command::Stop(args) => args.json,
@@ -164,6 +167,7 @@ fn obey(command: &Command, console: &mut Console<'_>) -> miette::Result<Exit> {
         Command::Run(args) => commands::run::run(args, console),
         Command::Plan(args) => commands::plan::run(args, console),
         Command::Plot(args) => commands::plot::run(args, console),
+        Command::Formula(args) => commands::formula::run(args, console),
         Command::Verify(args) => commands::verify::run(args, console),
         Command::Explain(args) => commands::explain::run(args, console),
         Command::Motor(args) => commands::motor::run(args, console),

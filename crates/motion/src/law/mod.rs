@@ -40,7 +40,7 @@ pub use combine::{Changed, Repeated};
 pub use cursor::{Cursor, Sample};
 pub use curve::{Bounds, Curve, Inverse, Jet};
 use double::Double;
-pub use formula::{FormulaError, ParameterUse};
+pub use formula::{FormulaError, FormulaFunction, ParameterUse, formula_functions};
 pub use lorenz::{Lorenz, Orbit};
 pub use profile::SCurve;
 use std::ops::RangeInclusive;
