@@ -206,7 +206,7 @@ fn finish(outcome: miette::Result<Exit>, as_json: bool, console: &mut Console<'_
         }
         // miette prints a help line below each problem, so the marker of the command goes in front of each problem
         // behind the first. No line of a file begins without a margin.
-        complain(console, &text.replace("\nError: \n", "\n"));
+        complain(console, &text.replace("\nError: \n", "\n").replace("\nAdvice: \n", "\n"));
         if stopped.is_some() { Exit::Stopped } else { Exit::Refused }
     })
 }

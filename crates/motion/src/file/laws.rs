@@ -169,7 +169,7 @@ impl Context<'_> {
             let steps = self.whole_steps(&node, "200 step")?;
             node.above_zero(steps as f64).map(|_| steps.unsigned_abs())
         });
-        let phase = p.get("phase").map(|node| node.phase("90 deg")).transpose();
+        let phase = p.get("phase").map(|node| node.phase("0.25 turn")).transpose();
         let (frequency_hz, period) = frequency?;
         // As in the sketch: the phase shift is taken modulo the period.
         let delay = phase?.map_or(Time::ZERO, |phase| phase.of(period));

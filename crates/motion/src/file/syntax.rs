@@ -8,70 +8,95 @@ use crate::quantity::Quantity;
 /// Notes what is wrong with a text that is no TOML.
 pub(super) fn note(reader: &Reader, text: &str, error: &toml_edit::TomlError) -> Noted {
     let at = error.span().unwrap_or(0..0);
-    if let Some((open, bracket)) = unclosed(text, at.start) {
+    let unclosed = Unclosed::of(text, at.start);
+    if let Some(quote) = unclosed.quote.filter(|quote| *quote <= at.end) {
+        let help = format!("add {} where the text ends", &text[quote..quote + 1]);
+        return reader.note(quote..quote + 1, "opened here", "not TOML: this quote is never closed", help);
+    }
+    if let Some((open, bracket)) = unclosed.bracket {
         let close = if bracket == '{' { '}' } else { ']' };
         let help = format!("add `{close}` where the value ends");
         return reader.note(open..open + 1, "opened here", format!("not TOML: this `{bracket}` is never closed"), help);
     }
-    if let Some((span, key, value)) = value_at(text, at.start) {
-        if Quantity::parse(value).is_ok() {
-            let help = format!("write {key} = \"{value}\"");
-            return reader.note(span, "no quotes", "not TOML: a quantity with its unit stands in quotes", help);
-        }
-        let quotes = value.chars().filter(|c| matches!(c, '"' | '\'')).count();
-        if value.starts_with(['"', '\'']) && quotes == 1 {
-            let help = format!("add {} at its end", &value[..1]);
-            return reader.note(span.start..span.start + 1, "opened here", "not TOML: this quote is never closed", help);
-        }
+    if let Some((span, key, value)) = value_at(text, at.start)
+        && Quantity::parse(value).is_ok()
+    {
+        let help = format!("write {key} = \"{value}\"");
+        return reader.note(span, "no quotes", "not TOML: a quantity with its unit stands in quotes", help);
     }
     reader.note(at, "here", format!("not TOML: {}", error.message().trim_end()), "")
 }
 
-/// The bracket of a value that is open at `error` and never closed, and which one it is.
-fn unclosed(text: &str, error: usize) -> Option<(usize, char)> {
-    let mut open: Vec<(usize, char)> = Vec::new();
-    let mut is_value = false;
-    let mut rest = text;
-    while let Some(c) = rest.chars().next() {
-        let at = text.len() - rest.len();
-        let mut length = c.len_utf8();
-        match c {
-            '#' => length = rest.find('\n').unwrap_or(rest.len()),
-            '"' | '\'' => length = string_length(rest, c),
-            '=' => is_value = true,
-            '\n' if open.is_empty() => is_value = false,
-            '{' | '[' if is_value => open.push((at, c)),
-            '}' | ']' if is_value => {
-                let opening = if c == '}' { '{' } else { '[' };
-                if open.last().is_some_and(|(_, last)| *last == opening) {
-                    open.pop();
-                }
-            }
-            _ => {}
-        }
-        rest = &rest[length..];
-    }
-    open.into_iter().rev().find(|(at, _)| *at < error || error == text.len())
+/// What a text opens and never closes.
+struct Unclosed {
+    /// The first quote, and where it was probably opened.
+    quote: Option<usize>,
+    /// The last bracket before the mistake, and which one.
+    bracket: Option<(usize, char)>,
 }
 
-/// Bytes of the string at the beginning of a text. One that is never closed ends with its line, or with the text if it may have several.
-fn string_length(text: &str, quote: char) -> usize {
+impl Unclosed {
+    /// Of a text with a mistake at `error`.
+    fn of(text: &str, error: usize) -> Unclosed {
+        let mut open: Vec<(usize, char)> = Vec::new();
+        let mut quote = None;
+        // A string with a `=` in it, on this line: one without its second quote swallows the next key.
+        let mut suspect = None;
+        let mut is_value = false;
+        let mut rest = text;
+        while let Some(c) = rest.chars().next() {
+            let at = text.len() - rest.len();
+            let mut length = c.len_utf8();
+            match c {
+                '#' => length = rest.find('\n').unwrap_or(rest.len()),
+                '"' | '\'' => {
+                    let is_closed;
+                    (length, is_closed) = string_length(rest, c);
+                    if !is_closed {
+                        quote = quote.or(suspect).or(Some(at));
+                    } else if rest[..length].contains(" = ") {
+                        suspect = suspect.or(Some(at));
+                    }
+                }
+                '=' => is_value = true,
+                '\n' => {
+                    suspect = None;
+                    is_value &= !open.is_empty();
+                }
+                '{' | '[' if is_value => open.push((at, c)),
+                '}' | ']' if is_value => {
+                    let opening = if c == '}' { '{' } else { '[' };
+                    if open.last().is_some_and(|(_, last)| *last == opening) {
+                        open.pop();
+                    }
+                }
+                _ => {}
+            }
+            rest = &rest[length..];
+        }
+        let bracket = open.into_iter().rev().find(|(at, _)| *at < error || error == text.len());
+        Unclosed { quote, bracket }
+    }
+}
+
+/// Bytes of the string at the beginning of a text, and whether it is closed. If not it ends with its line, or with the text if it may have several lines.
+fn string_length(text: &str, quote: char) -> (usize, bool) {
     let three: String = [quote; 3].iter().collect();
     let (quotes, is_long) = if text.starts_with(&three) { (three.as_str(), true) } else { (&three[..1], false) };
     let mut at = quotes.len();
     while let Some(c) = text[at..].chars().next() {
         if text[at..].starts_with(quotes) {
-            return at + quotes.len();
+            return (at + quotes.len(), true);
         }
         if c == '\n' && !is_long {
-            return at;
+            return (at, false);
         }
         at += c.len_utf8();
         if c == '\\' && quote == '"' {
             at += text[at..].chars().next().map_or(0, char::len_utf8);
         }
     }
-    text.len()
+    (text.len(), false)
 }
 
 /// The value that a mistake at `error` is in, as far as its line or list goes: its place, its key and its text.

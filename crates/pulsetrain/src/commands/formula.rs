@@ -16,7 +16,7 @@ use pulsetrain_session::prepare::{Prepared, Refusal};
 use serde::Serialize;
 
 use super::problems::drive_problem;
-use super::{plan, run};
+use super::run;
 use crate::arguments;
 use crate::console::{Console, Exit};
 use crate::diagnostic::{WrongFile, advised};
@@ -25,17 +25,17 @@ use crate::report::{ParameterReport, Peak};
 
 #[derive(Args, Debug)]
 #[command(after_help = "\
-The language: docs/formulas.md. A minus sign at the beginning needs `--` before it.
+The language: docs/formulas.md.
 
 Examples:
   pulsetrain formula \"90*sin(2*pi*0.5*t)^3\"
-  pulsetrain formula \"a*sin(2*pi*f*t)^3\" --where \"a = 90\" --where \"f = 0.5 Hz\" --at \"0.5 s\" --at \"1.5 s\"
+  pulsetrain formula \"a*sin(2*pi*f*t)^3\" --where \"a = 90, f = 0.5 Hz\" --at \"1.5 s\"
   pulsetrain formula \"10*t^2\" --unit mm --lead \"8 mm\" --duration \"2 s\" --plot parabola.svg
-  pulsetrain formula --unit rev --duration \"4 s\" --board uno -- \"-2*sin(t)^2\"
+  pulsetrain formula \"-2*sin(t)^2\" --unit rev --duration \"4 s\" --board uno
   pulsetrain formula --list                  all functions, with an example each")]
 pub(crate) struct FormulaArgs {
     /// The position: a formula of `t`, the time in s
-    #[arg(value_name = "THETA", required_unless_present = "list")]
+    #[arg(value_name = "THETA", required_unless_present = "list", allow_hyphen_values = true)]
     pub(crate) theta: Option<String>,
     /// Unit of the position: deg, rad, rev, step, full-step, mm, cm, m or in
     #[arg(long, value_name = "UNIT", default_value = "deg")]
@@ -46,7 +46,7 @@ pub(crate) struct FormulaArgs {
     /// A parameter and its value: "a = 3", "f = 0.5 Hz"; several with commas between, or again
     #[arg(long = "where", value_name = "NAME = VALUE", allow_hyphen_values = true)]
     pub(crate) parameters: Vec<String>,
-    /// A time at which to print it; again for more [default: eleven, from beginning to end]
+    /// A time at which to print it; again for more [default: 21, from beginning to end]
     #[arg(long, value_name = "TIME", value_parser = moment, allow_hyphen_values = true)]
     pub(crate) at: Vec<Time>,
     /// Full steps in one revolution of the motor
@@ -80,7 +80,7 @@ const POINTS: (usize, usize, usize) = (64, 2048, 4_000_000);
 /// Pieces of a law that are looked at, at most.
 const MOST_PIECES: usize = 1 << 20;
 /// Rows of the table, if no times are given.
-const ROWS: u64 = 11;
+const ROWS: u64 = 21;
 
 #[derive(Serialize)]
 struct FormulaReport {
@@ -96,7 +96,25 @@ struct FormulaReport {
     /// `None` if the steps cannot be planned.
     steps: Option<Steps>,
     /// What a motion of the formula alone breaks.
-    refused: Option<String>,
+    refused: Option<Refused>,
+}
+
+/// Why a motion of the formula alone would be refused.
+#[derive(Serialize)]
+struct Refused {
+    message: String,
+    /// What to write into its file.
+    advice: String,
+}
+
+impl Refused {
+    fn new(refusal: &Refusal) -> Refused {
+        let message = match refusal {
+            Refusal::Plan { error, .. } => error.to_string(),
+            refusal => refusal.to_string(),
+        };
+        Refused { message, advice: refusal.advice().unwrap_or_default().to_owned() }
+    }
 }
 
 /// The formula at a time, in its unit.
@@ -138,11 +156,13 @@ struct Extremes {
 impl Extremes {
     const NONE: Extremes = Extremes { low: (f64::INFINITY, 0.0), high: (f64::NEG_INFINITY, 0.0) };
 
+    /// Takes a value into account. Of equal ones, up to rounding, the first stays.
     fn add(&mut self, value: f64, at_s: f64) {
-        if value < self.low.0 {
+        const SAME: f64 = 1e-9;
+        if !self.low.0.is_finite() || value < self.low.0 - SAME * self.low.0.abs() {
             self.low = (value, at_s);
         }
-        if value > self.high.0 {
+        if !self.high.0.is_finite() || value > self.high.0 + SAME * self.high.0.abs() {
             self.high = (value, at_s);
         }
     }
@@ -150,7 +170,8 @@ impl Extremes {
     /// The one that is larger without its sign.
     fn peak(&self) -> (f64, f64) {
         let (low, high) = (self.low, self.high);
-        if low.0.abs() > high.0.abs() { (low.0.abs(), low.1) } else { (high.0.abs(), high.1) }
+        let is_low = low.0.abs() > high.0.abs() * (1.0 + 1e-9) || low.0.abs() > high.0.abs() * (1.0 - 1e-9) && low.1 < high.1;
+        if is_low { (low.0.abs(), low.1) } else { (high.0.abs(), high.1) }
     }
 }
 
@@ -171,7 +192,6 @@ pub(crate) fn run(args: &FormulaArgs, console: &mut Console<'_>) -> miette::Resu
     // The scale is the file's choice of unit; the user's may be another name of it, or another length.
     let per_unit = scale.steps_per_unit * one.value / own_value(&scale.unit);
 
-    let mut cursor = Cursor::new(&law);
     let times: Vec<Time> = if args.at.is_empty() {
         (0..ROWS).map(|k| Time::from_raw(duration.raw() / i128::from(ROWS - 1) * i128::from(k))).collect()
     } else {
@@ -179,19 +199,24 @@ pub(crate) fn run(args: &FormulaArgs, console: &mut Console<'_>) -> miette::Resu
     };
     if let Some(late) = times.iter().find(|time| **time > duration) {
         let help = "give a longer --duration";
-        return Err(miette!(help = help, "{} s is behind the formula's end at {} s", late.seconds(), duration.seconds()));
+        return Err(miette!(help = help, "{} s is after the formula's end at {} s", late.seconds(), duration.seconds()));
     }
+    let [position, speed, acceleration] = extremes(&law).map_err(broken)?;
+    let mut cursor = Cursor::new(&law);
     let mut points = Vec::new();
     for time in times {
         let sample = cursor.at(time).map_err(broken)?;
+        // What is but rounding is 0.
+        let in_unit = |value: f64, extremes: &Extremes| {
+            if value.abs() < 1e-12 * extremes.peak().0 { 0.0 } else { value / per_unit }
+        };
         points.push(Point {
             at_s: time.seconds(),
-            position: sample.position / per_unit,
-            speed: sample.speed / per_unit,
-            acceleration: sample.acceleration / per_unit,
+            position: in_unit(sample.position, &position),
+            speed: in_unit(sample.speed, &speed),
+            acceleration: in_unit(sample.acceleration, &acceleration),
         });
     }
-    let [position, speed, acceleration] = extremes(&law).map_err(broken)?;
     let peak = |(steps, at_s): (f64, f64)| Peak { value: steps / per_unit, at_s };
     let parameters = law.formula_parameters().into_iter().flatten().map(ParameterReport::new).collect();
     let mut report = FormulaReport {
@@ -208,13 +233,13 @@ pub(crate) fn run(args: &FormulaArgs, console: &mut Console<'_>) -> miette::Resu
         refused: None,
     };
 
-    let mut planned = plan::plan(&mut prepared, console);
+    let mut planned = prepared.prove(|_| ());
     if let Err(refusal) = &planned
         && let Some(jumping) = without_ramps(&law)
     {
-        report.refused = Some(refusal.to_string());
+        report.refused = Some(Refused::new(refusal));
         prepared.program.motors[0].law = jumping;
-        planned = plan::plan(&mut prepared, console).or(planned);
+        planned = prepared.prove(|_| ());
     }
     if let Ok(planned) = &planned {
         let certificate = &planned[0].certificate;
@@ -233,7 +258,7 @@ pub(crate) fn run(args: &FormulaArgs, console: &mut Console<'_>) -> miette::Resu
     } else if !args.json {
         console.print(report.text(per_unit))?;
     }
-    let planned = planned?;
+    let planned = planned.map_err(advised)?;
     if let Some(path) = &args.plot {
         let driven = Driven::native(&prepared).map_err(advised)?;
         let recorded = run::record(&prepared, &planned, driven, None::<Files<std::io::Sink>>, Edges::default(), console)?;
@@ -438,10 +463,11 @@ impl FormulaReport {
         if !first.is_empty() {
             text += &format!("\n{table}");
         }
-        if let Some(refused) = &self.refused {
-            text += &format!(
-                "\nThese steps begin and end at full speed. In a motion file it is refused:\n  {refused}\n  write begin = \"ramp\" and end = \"ramp\", or ease = \"0.5 s\", into the [[motion]]\n"
-            );
+        if let Some(Refused { message, advice }) = &self.refused {
+            text += "\nThese steps begin and end at the formula's own speed. A motion file of it alone is refused:\n";
+            for line in [message.as_str()].into_iter().chain(advice.lines()) {
+                text += &format!("  {}\n", line.trim());
+            }
         }
         text
     }

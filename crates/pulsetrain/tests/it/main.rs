@@ -6,6 +6,7 @@ mod commands;
 mod common;
 mod first_motion;
 mod flash;
+mod formula;
 mod helps;
 mod link;
 mod machines;
