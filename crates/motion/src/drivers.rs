@@ -92,9 +92,42 @@ pub fn find(name: &str) -> Option<&'static Driver> {
 pub fn named(name: &str) -> Vec<&'static Driver> {
     /// Words that name no driver.
     const NOISE: &[&str] = &[
-        "driver", "drivers", "module", "board", "breakout", "carrier", "stepper", "motor", "clone", "v", "version", "rev",
-        "pololu", "sparkfun", "adafruit", "bigtreetech", "btt", "fysetc", "watterott", "wantai", "allegro", "ti", "trinamic",
-        "toshiba", "stealth", "stealthchop", "standalone", "silent", "silentstepstick", "red", "green", "purple", "blue", "black", "with", "and",
+        "driver",
+        "drivers",
+        "module",
+        "board",
+        "breakout",
+        "carrier",
+        "stepper",
+        "motor",
+        "clone",
+        "v",
+        "version",
+        "rev",
+        "pololu",
+        "sparkfun",
+        "adafruit",
+        "bigtreetech",
+        "btt",
+        "fysetc",
+        "watterott",
+        "wantai",
+        "allegro",
+        "ti",
+        "trinamic",
+        "toshiba",
+        "stealth",
+        "stealthchop",
+        "standalone",
+        "silent",
+        "silentstepstick",
+        "red",
+        "green",
+        "purple",
+        "blue",
+        "black",
+        "with",
+        "and",
     ];
     let lower = name.to_lowercase();
     let words = lower.split(|c: char| !c.is_alphanumeric()).filter(|word| !word.is_empty());
@@ -127,7 +160,8 @@ pub fn named(name: &str) -> Vec<&'static Driver> {
 #[must_use]
 pub fn only_one(found: &[&'static Driver], microsteps: u32) -> Option<&'static Driver> {
     let (first, others) = found.split_first()?;
-    let is_same = |other: &&Driver| other.input == first.input && other.setting(microsteps) == first.setting(microsteps);
+    let is_same =
+        |other: &&Driver| other.input == first.input && other.setting(microsteps) == first.setting(microsteps);
     let sets_it = others.is_empty() || first.setting(microsteps).is_some();
     // Of two, the one with the lower limits.
     let least = || found.iter().copied().min_by(|a, b| a.max_current_a.total_cmp(&b.max_current_a));
@@ -172,7 +206,7 @@ const TABLE: &[Driver] = &[
     Driver {
         name: "A4988",
         also: &["a4983", "bigeasydriver", "bigeasy", "stepstick", "a4988set"],
-        about: "Pololu-style carrier, CNC shield",
+        about: "Pololu-style carrier, CNC shield, StepStick, Big Easy Driver",
         input: timing(1_000, 1_000, 200, 200),
         microsteps: &[
             set(1, "MS1 = L, MS2 = L, MS3 = L"),

@@ -571,7 +571,8 @@ fn grouped(number: &str, rest: &str) -> Option<(String, Option<String>)> {
 fn meant(digits: &str, unit: &str) -> Option<String> {
     let (factor, unit) = known_unit(unit)?;
     let number: f64 = digits.parse().ok()?;
-    let number = if factor == 1.0 { digits.trim_start_matches('+').to_owned() } else { rounded(number * factor).to_string() };
+    let number =
+        if factor == 1.0 { digits.trim_start_matches('+').to_owned() } else { rounded(number * factor).to_string() };
     Some(format!("{number} {unit}"))
 }
 
@@ -583,7 +584,13 @@ fn known_unit(unit: &str) -> Option<(f64, String)> {
         return Some((1.0, trimmed.to_owned()));
     }
     // Another name of the amount, of the time, or of both: rps, degrees/second.
-    let lower = trimmed.to_lowercase().replace(" per ", "/").replace("per", "/").replace("s^-", "/s^").replace("s⁻¹", "/s").replace("s⁻²", "/s^2");
+    let lower = trimmed
+        .to_lowercase()
+        .replace(" per ", "/")
+        .replace("per", "/")
+        .replace("s^-", "/s^")
+        .replace("s⁻¹", "/s")
+        .replace("s⁻²", "/s^2");
     let other = |name: &str| OTHER_NAMES.iter().find(|other| other.0 == name);
     if let Some((_, factor, unit)) = other(&lower) {
         return Some((*factor, (*unit).to_owned()));

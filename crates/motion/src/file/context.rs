@@ -28,7 +28,8 @@ pub(super) fn position_unit(node: &Node) -> Read<Quantity> {
     // Read as one of it, so that every unit of position is known here too.
     let one = Quantity::parse(&format!("1 {text}")).ok();
     one.filter(|one| one.base.is_position() && one.per_seconds == 0 && !text.trim().is_empty()).ok_or_else(|| {
-        let is_position = |unit: &String| Quantity::parse(&format!("1 {unit}")).is_ok_and(|one| one.kind().is_position());
+        let is_position =
+            |unit: &String| Quantity::parse(&format!("1 {unit}")).is_ok_and(|one| one.kind().is_position());
         let help = match unit_meant(text).filter(is_position) {
             Some(unit) => format!("write unit = \"{unit}\""),
             None => "one of: rev, deg, rad, mm, step, full-step".to_owned(),

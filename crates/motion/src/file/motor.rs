@@ -282,7 +282,11 @@ fn read_driver(section: &Section) -> Read<Option<&'static Driver>> {
     if !found.is_empty() {
         let names: Vec<&str> = found.iter().map(|driver| driver.name).collect();
         let help = format!("write driver = {}", quoted(&names).join(", or "));
-        return Err(node.note("which of them?", format!("\"{name}\" are {} drivers with different settings", names.len()), help));
+        return Err(node.note(
+            "which of them?",
+            format!("\"{name}\" are {} drivers with different settings", names.len()),
+            help,
+        ));
     }
     let names: Vec<&str> = drivers::table().iter().map(|row| row.name).collect();
     let help = match nearest(name, names.iter().copied()) {

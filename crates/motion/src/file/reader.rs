@@ -27,18 +27,18 @@ const MAX_TIME_S: f64 = 6.0e10;
 
 /// How far something periodic is shifted.
 #[derive(Clone, Copy, Debug)]
-pub(super) enum Phase {
+pub(super) enum PhaseShift {
     Time(Time),
     /// One is a period.
     Turns(f64),
 }
 
-impl Phase {
+impl PhaseShift {
     /// The shift within one period.
     pub(super) fn of(self, period: Time) -> Time {
         let shift = match self {
-            Phase::Time(time) => time,
-            Phase::Turns(turns) => Time::from_raw(((turns - turns.floor()) * period.raw() as f64).round() as i128),
+            PhaseShift::Time(time) => time,
+            PhaseShift::Turns(turns) => Time::from_raw(((turns - turns.floor()) * period.raw() as f64).round() as i128),
         };
         Time::from_raw(shift.raw().rem_euclid(period.raw()))
     }
@@ -408,11 +408,11 @@ impl<'a> Node<'a> {
     }
 
     /// How far something periodic is shifted: a time, or an angle or part of a turn, of which one is the period.
-    pub(super) fn phase(&self, example: &str) -> Read<Phase> {
+    pub(super) fn phase(&self, example: &str) -> Read<PhaseShift> {
         let quantity = self.quantity(example)?;
         match (quantity.base, quantity.per_seconds) {
-            (Base::Turn, 0) => Ok(Phase::Turns(quantity.value)),
-            (Base::Time, 0) => self.time(example).map(Phase::Time),
+            (Base::Turn, 0) => Ok(PhaseShift::Turns(quantity.value)),
+            (Base::Time, 0) => self.time(example).map(PhaseShift::Time),
             _ => {
                 let message = format!("`{}` must be an angle or a time, but this is {}", self.key, quantity.kind());
                 let help = format!("write {0} = \"90 deg\", {0} = \"0.25 turn\" or {0} = \"100 ms\"", self.key);
@@ -495,7 +495,11 @@ fn other_kind(text: &str, wanted: Kind, found: &Quantity) -> Option<String> {
         }
         _ => {
             let lower = text.trim().to_lowercase();
-            Quantity::parse(&lower).ok().filter(is_wanted).filter(|_| lower != text.trim()).map(|_| format!("\"{lower}\""))
+            Quantity::parse(&lower)
+                .ok()
+                .filter(is_wanted)
+                .filter(|_| lower != text.trim())
+                .map(|_| format!("\"{lower}\""))
         }
     }
 }

@@ -109,9 +109,14 @@ fn value_at(text: &str, error: usize) -> Option<(Range<usize>, &str, &str)> {
     let equals = line[..line.ceil_char_boundary(before)].rfind('=')?;
     let is_of_key = |c: char| c.is_alphanumeric() || matches!(c, '_' | '.' | '-');
     let key = line[..equals].trim_end();
-    let key = &key[key.rfind(|c| !is_of_key(c)).map_or(0, |at| key[at..].chars().next().map_or(1, char::len_utf8) + at)..];
+    let key =
+        &key[key.rfind(|c| !is_of_key(c)).map_or(0, |at| key[at..].chars().next().map_or(1, char::len_utf8) + at)..];
     let value = &line[equals + 1..];
-    let end = if value.trim_start().starts_with(['"', '\'']) { value.len() } else { value.find([',', '}', ']', '#']).unwrap_or(value.len()) };
+    let end = if value.trim_start().starts_with(['"', '\'']) {
+        value.len()
+    } else {
+        value.find([',', '}', ']', '#']).unwrap_or(value.len())
+    };
     let from = line_start + equals + 1 + (value.len() - value.trim_start().len());
     let value = value[..end].trim();
     (!key.is_empty() && !value.is_empty()).then_some((from..from + value.len(), key, value))

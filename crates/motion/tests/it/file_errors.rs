@@ -1104,7 +1104,10 @@ fn one_mistake_is_one_problem() {
         for pair in quotes.chunks(2) {
             let ([from, to], true) = (pair, good[..pair[0]].ends_with("= ")) else { continue };
             let value = &good[from + 1..*to];
-            for wrong in ["", "5", "5 parsecs", "-5 s/s", "nonsense"].into_iter().chain(value.contains(' ').then_some("0,5 parsecs")) {
+            for wrong in ["", "5", "5 parsecs", "-5 s/s", "nonsense"]
+                .into_iter()
+                .chain(value.contains(' ').then_some("0,5 parsecs"))
+            {
                 let text = format!("{}{wrong}{}", &good[..=*from], &good[*to..]);
                 if let Err(error) = read(&text) {
                     assert_eq!(error.problems().len(), 1, "\"{value}\" as \"{wrong}\": {}", error.plain());
@@ -1149,7 +1152,9 @@ fn units_of_others_are_refused_with_what_to_write() {
         (speed, "1,000 step/s", "1000 step/s\" or \"1.000 step/s"),
         (speed, "2", "2 rev/s"),
     ] {
-        let with = |value: &str| GOOD.replace(SINE, &law.replace("VALUE", value)).replacen("forward", "pull_in = \"9 rev/s\"\nforward", 1);
+        let with = |value: &str| {
+            GOOD.replace(SINE, &law.replace("VALUE", value)).replacen("forward", "pull_in = \"9 rev/s\"\nforward", 1)
+        };
         let error = read(&with(wrong)).unwrap_err();
         let [problem] = error.problems() else { panic!("{wrong}: {}", error.plain()) };
         let told = problem.advice().unwrap_or_default();
@@ -1159,10 +1164,21 @@ fn units_of_others_are_refused_with_what_to_write() {
         }
     }
     for (law, accepted) in [
-        (frequency, "500 mHz"), (sine, "2 turns"), (sine, "2 revs"), (sine, "90°"), (sine, "−90 deg"), (speed, "60 rev/min"), (rest, "10 us"),
-        (rest, "10 µs"), (rest, "10 μs"),
+        (frequency, "500 mHz"),
+        (sine, "2 turns"),
+        (sine, "2 revs"),
+        (sine, "90°"),
+        (sine, "−90 deg"),
+        (speed, "60 rev/min"),
+        (rest, "10 us"),
+        (rest, "10 µs"),
+        (rest, "10 μs"),
     ] {
-        let text = GOOD.replace(SINE, &law.replace("VALUE", accepted)).replacen("forward", "pull_in = \"9 rev/s\"\nforward", 1);
+        let text = GOOD.replace(SINE, &law.replace("VALUE", accepted)).replacen(
+            "forward",
+            "pull_in = \"9 rev/s\"\nforward",
+            1,
+        );
         assert!(read(&text).is_ok(), "{accepted}: {}", read(&text).unwrap_err().plain());
     }
 }
@@ -1179,15 +1195,24 @@ fn phases_may_be_angles() {
         Cursor::new(&law).at(Time::from_seconds(t)).unwrap().position
     };
     for (phase, same) in [
-        ("0.25 turn", "500 ms"), ("90 deg", "500 ms"), ("90°", "500 ms"), ("0.25 rev", "500 ms"), ("1.25 turn", "500 ms"), ("-270 deg", "500 ms"), ("0 deg", "0 ms"),
-        ("360 deg", "0 ms"), ("2500 ms", "500 ms"),
+        ("0.25 turn", "500 ms"),
+        ("90 deg", "500 ms"),
+        ("90°", "500 ms"),
+        ("0.25 rev", "500 ms"),
+        ("1.25 turn", "500 ms"),
+        ("-270 deg", "500 ms"),
+        ("0 deg", "0 ms"),
+        ("360 deg", "0 ms"),
+        ("2500 ms", "500 ms"),
     ] {
         for t in [0.1, 0.7, 1.3, 2.9] {
             assert!((at(phase, t) - at(same, t)).abs() < 1e-9, "{phase} at {t}");
         }
     }
     assert!((at("3.14159265358979 rad", 1.5) - at("1 s", 1.5)).abs() < 1e-9);
-    for (wrong, right) in [("2 mm", "90 deg"), ("2 Hz", "90 deg"), ("0.25", "\"0.25 turn\""), ("-1 s", "must not be negative")] {
+    for (wrong, right) in
+        [("2 mm", "90 deg"), ("2 Hz", "90 deg"), ("0.25", "\"0.25 turn\""), ("-1 s", "must not be negative")]
+    {
         let told = sweep(wrong).unwrap_err().plain();
         assert!(told.contains(right), "{wrong}: {told}");
     }
@@ -1198,7 +1223,8 @@ fn hundreds_of_problems_are_the_limit_and_five() {
     let motors: String = (0..500)
         .map(|k| format!("[motor.m{k}]\nsteps_per_rev = 200\ndriver = \"A9999\"\npins = {{ step = 8, dir = 9 }}\nforward = \"high\"\n"))
         .collect();
-    let error = read(&format!("board = \"uno\"\n{motors}[[motion]]\nmotor = \"m0\"\nlaw.rest = \"1 s\"\n")).unwrap_err();
+    let error =
+        read(&format!("board = \"uno\"\n{motors}[[motion]]\nmotor = \"m0\"\nlaw.rest = \"1 s\"\n")).unwrap_err();
     let told = error.plain();
     assert!(told.starts_with("x.toml:1:9: the board `uno` drives 4 motors at most, but the file has 500\n"), "{told}");
     assert_eq!(told.matches("unknown driver").count(), 5, "{told}");
@@ -1210,7 +1236,10 @@ fn hundreds_of_problems_are_the_limit_and_five() {
 fn an_empty_file_says_how_to_begin() {
     for text in ["", "\n\n", "# a comment\n", "\u{feff}"] {
         let error = read(text).unwrap_err().plain();
-        assert_eq!(error, "x.toml:1:1: x.toml is empty\n    `pulsetrain new NAME` writes a motion file to begin with\n");
+        assert_eq!(
+            error,
+            "x.toml:1:1: x.toml is empty\n    `pulsetrain new NAME` writes a motion file to begin with\n"
+        );
     }
 }
 

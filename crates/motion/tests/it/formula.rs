@@ -186,7 +186,7 @@ fn what_was_meant_is_said_at_the_place() {
         ("degrees(t)", "degrees", "`x*180/pi`"),
         ("min(t)", "min(t)", "takes 2 to 16 arguments"),
         ("clamp(t, 1)", "clamp(t, 1)", "write `clamp(x, low, high)`"),
-        ("sin(t,)", "sin(t,)", "") ,
+        ("sin(t,)", "sin(t,)", ""),
         ("a(t)", "(", "write `a*(…)`"),
         ("phi*t", "phi", "parameters here: `a`, `width`"),
     ] {
@@ -208,7 +208,11 @@ fn long_formulas_are_played_or_refused_for_their_length() {
     for (text, t, expected) in [
         (sum(5000, |_| "t".to_owned()), 2.0, 10_000.0),
         (sum(5000, |k| format!("{k}")), 0.0, 12_497_500.0),
-        (sum(5000, |k| format!("sin({}*t)/5000", 1 + k % 50)), 0.1, (1..=50).map(|k| (0.1 * f64::from(k)).sin()).sum::<f64>() / 50.0),
+        (
+            sum(5000, |k| format!("sin({}*t)/5000", 1 + k % 50)),
+            0.1,
+            (1..=50).map(|k| (0.1 * f64::from(k)).sin()).sum::<f64>() / 50.0,
+        ),
         (format!("1{}", " - 2 + 3".repeat(2500)), 0.0, 2501.0),
         (format!("t{}", "*2/2".repeat(1000)), 3.0, 3.0),
         (format!("if({}t < 9, 4, 4)", "t < 9 and ".repeat(300)), 1.0, 4.0),
@@ -415,7 +419,10 @@ fn documented_examples() -> Vec<(&'static str, f64, f64)> {
     let examples = DOCS.match_indices("` = ").filter_map(|(end, _)| {
         let formula = &DOCS[DOCS[..end].rfind('`')? + 1..end];
         let number = |text: &'static str| {
-            text[..text.find(|c: char| !(c.is_ascii_digit() || matches!(c, '-' | '.'))).unwrap_or(text.len())].trim_end_matches('.').parse::<f64>().ok()
+            text[..text.find(|c: char| !(c.is_ascii_digit() || matches!(c, '-' | '.'))).unwrap_or(text.len())]
+                .trim_end_matches('.')
+                .parse::<f64>()
+                .ok()
         };
         let rest = &DOCS[end + 4..];
         let value = number(rest)?;
@@ -432,6 +439,21 @@ fn every_example_of_the_docs_comes_to_what_they_say() {
     assert!(examples.len() > 55, "only {} examples", examples.len());
     for (text, value, t) in examples {
         check(text, t, value);
+    }
+}
+
+/// The motion files' lines in the docs are read.
+#[test]
+fn every_block_of_the_docs_is_a_law() {
+    let blocks: Vec<&str> = DOCS.split("```toml\n").skip(1).filter_map(|rest| rest.split("```").next()).collect();
+    assert!(!blocks.is_empty());
+    for block in blocks {
+        let text = format!(
+            "board = \"native\"\n[motor.m]\nsteps_per_rev = 200\npins = {{ step = 2, dir = 3 }}\nforward = \"high\"\ndriver = \"A4988\"\n\
+             [[motion]]\nmotor = \"m\"\n{block}"
+        );
+        let none = |_: &std::path::Path| Err(std::io::ErrorKind::NotFound.into());
+        file::read(&text, "x.toml", &none).unwrap_or_else(|error| panic!("{}", error.plain()));
     }
 }
 

@@ -52,7 +52,7 @@ pub(crate) struct FormulaArgs {
     /// Full steps in one revolution of the motor
     #[arg(long, value_name = "N", default_value_t = 200, value_parser = arguments::steps_per_rev)]
     pub(crate) steps_per_rev: u32,
-    /// Steps that the driver makes of a full step
+    /// FirstSteps that the driver makes of a full step
     #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u32).range(1..=256))]
     pub(crate) microsteps: u32,
     /// Travel in one turn, for lengths
@@ -83,43 +83,43 @@ const MOST_PIECES: usize = 1 << 20;
 const ROWS: u64 = 21;
 
 #[derive(Serialize)]
-struct FormulaReport {
+struct TriedFormula {
     formula: String,
     unit: &'static str,
     duration_s: f64,
     parameters: Vec<ParameterReport>,
-    points: Vec<Point>,
+    points: Vec<FormulaPoint>,
     lowest: Peak,
     highest: Peak,
     peak_speed: Peak,
     peak_acceleration: Peak,
     /// `None` if the steps cannot be planned.
-    steps: Option<Steps>,
+    steps: Option<FirstSteps>,
     /// What a motion of the formula alone breaks.
-    refused: Option<Refused>,
+    refused: Option<FormulaRefusal>,
 }
 
 /// Why a motion of the formula alone would be refused.
 #[derive(Serialize)]
-struct Refused {
+struct FormulaRefusal {
     message: String,
     /// What to write into its file.
     advice: String,
 }
 
-impl Refused {
-    fn new(refusal: &Refusal) -> Refused {
+impl FormulaRefusal {
+    fn new(refusal: &Refusal) -> FormulaRefusal {
         let message = match refusal {
             Refusal::Plan { error, .. } => error.to_string(),
             refusal => refusal.to_string(),
         };
-        Refused { message, advice: refusal.advice().unwrap_or_default().to_owned() }
+        FormulaRefusal { message, advice: refusal.advice().unwrap_or_default().to_owned() }
     }
 }
 
 /// The formula at a time, in its unit.
 #[derive(Serialize)]
-struct Point {
+struct FormulaPoint {
     at_s: f64,
     position: f64,
     speed: f64,
@@ -127,22 +127,22 @@ struct Point {
 }
 
 #[derive(Serialize)]
-struct Steps {
+struct FirstSteps {
     board: String,
     steps_per_rev: u32,
     microsteps: u32,
     tick_s: f64,
     count: u64,
     proven_error_ticks: f64,
-    first: Vec<Step>,
+    first: Vec<FirstStep>,
 }
 
 #[derive(Serialize)]
-struct Step {
+struct FirstStep {
     n: usize,
     tick: u64,
     at_s: f64,
-    /// Steps from where the motor was.
+    /// FirstSteps from where the motor was.
     position: i64,
 }
 
@@ -170,7 +170,8 @@ impl Extremes {
     /// The one that is larger without its sign.
     fn peak(&self) -> (f64, f64) {
         let (low, high) = (self.low, self.high);
-        let is_low = low.0.abs() > high.0.abs() * (1.0 + 1e-9) || low.0.abs() > high.0.abs() * (1.0 - 1e-9) && low.1 < high.1;
+        let is_low =
+            low.0.abs() > high.0.abs() * (1.0 + 1e-9) || low.0.abs() > high.0.abs() * (1.0 - 1e-9) && low.1 < high.1;
         if is_low { (low.0.abs(), low.1) } else { (high.0.abs(), high.1) }
     }
 }
@@ -199,7 +200,12 @@ pub(crate) fn run(args: &FormulaArgs, console: &mut Console<'_>) -> miette::Resu
     };
     if let Some(late) = times.iter().find(|time| **time > duration) {
         let help = "give a longer --duration";
-        return Err(miette!(help = help, "{} s is after the formula's end at {} s", late.seconds(), duration.seconds()));
+        return Err(miette!(
+            help = help,
+            "{} s is after the formula's end at {} s",
+            late.seconds(),
+            duration.seconds()
+        ));
     }
     let [position, speed, acceleration] = extremes(&law).map_err(broken)?;
     let mut cursor = Cursor::new(&law);
@@ -210,7 +216,7 @@ pub(crate) fn run(args: &FormulaArgs, console: &mut Console<'_>) -> miette::Resu
         let in_unit = |value: f64, extremes: &Extremes| {
             if value.abs() < 1e-12 * extremes.peak().0 { 0.0 } else { value / per_unit }
         };
-        points.push(Point {
+        points.push(FormulaPoint {
             at_s: time.seconds(),
             position: in_unit(sample.position, &position),
             speed: in_unit(sample.speed, &speed),
@@ -219,7 +225,7 @@ pub(crate) fn run(args: &FormulaArgs, console: &mut Console<'_>) -> miette::Resu
     }
     let peak = |(steps, at_s): (f64, f64)| Peak { value: steps / per_unit, at_s };
     let parameters = law.formula_parameters().into_iter().flatten().map(ParameterReport::new).collect();
-    let mut report = FormulaReport {
+    let mut report = TriedFormula {
         formula: theta.to_owned(),
         unit: one.unit,
         duration_s: duration.seconds(),
@@ -237,13 +243,13 @@ pub(crate) fn run(args: &FormulaArgs, console: &mut Console<'_>) -> miette::Resu
     if let Err(refusal) = &planned
         && let Some(jumping) = without_ramps(&law)
     {
-        report.refused = Some(Refused::new(refusal));
+        report.refused = Some(FormulaRefusal::new(refusal));
         prepared.program.motors[0].law = jumping;
         planned = prepared.prove(|_| ());
     }
     if let Ok(planned) = &planned {
         let certificate = &planned[0].certificate;
-        report.steps = Some(Steps {
+        report.steps = Some(FirstSteps {
             board: prepared.program.board.name.clone(),
             steps_per_rev: args.steps_per_rev,
             microsteps: args.microsteps,
@@ -261,7 +267,8 @@ pub(crate) fn run(args: &FormulaArgs, console: &mut Console<'_>) -> miette::Resu
     let planned = planned.map_err(advised)?;
     if let Some(path) = &args.plot {
         let driven = Driven::native(&prepared).map_err(advised)?;
-        let recorded = run::record(&prepared, &planned, driven, None::<Files<std::io::Sink>>, Edges::default(), console)?;
+        let recorded =
+            run::record(&prepared, &planned, driven, None::<Files<std::io::Sink>>, Edges::default(), console)?;
         run::draw(&recorded.map_err(drive_problem)?.picture, path)?;
         if !args.json {
             console.print(format_args!("{}\n", path.display()))?;
@@ -290,15 +297,24 @@ fn motion_file(args: &FormulaArgs, theta: &str) -> miette::Result<String> {
         text += "[motion.law.formula.where]\n";
     }
     for (name, value) in parameters {
-        text += &format!("{} = {}\n", key(&name), if value.parse::<f64>().is_ok_and(f64::is_finite) { number(&value) } else { quoted(&value) });
+        text += &format!(
+            "{} = {}\n",
+            key(&name),
+            if value.parse::<f64>().is_ok_and(f64::is_finite) { number(&value) } else { quoted(&value) }
+        );
     }
     text += "[motion]\nmotor = \"motor\"\n[motor.motor]\n";
     text += &format!("steps_per_rev = {}\nmicrosteps = {}\n", args.steps_per_rev, args.microsteps);
-    let is_length = Quantity::parse(&format!("1 {}", args.unit.trim())).is_ok_and(|one| one.base == pulsetrain_motion::quantity::Base::Length);
+    let is_length = Quantity::parse(&format!("1 {}", args.unit.trim()))
+        .is_ok_and(|one| one.base == pulsetrain_motion::quantity::Base::Length);
     match &args.lead {
         Some(lead) => text += &format!("lead = {}\n", quoted(lead)),
         None if is_length => {
-            return Err(miette!(help = "add, for example: --lead \"8 mm\"", "a motor turns: for `{}` its travel in one turn is needed", args.unit));
+            return Err(miette!(
+                help = "add, for example: --lead \"8 mm\"",
+                "a motor turns: for `{}` its travel in one turn is needed",
+                args.unit
+            ));
         }
         None => {}
     }
@@ -316,7 +332,11 @@ fn quoted(text: &str) -> String {
 }
 
 fn key(name: &str) -> String {
-    if !name.is_empty() && name.chars().all(|c| c.is_ascii_alphanumeric() || c == '_') { name.to_owned() } else { quoted(name) }
+    if !name.is_empty() && name.chars().all(|c| c.is_ascii_alphanumeric() || c == '_') {
+        name.to_owned()
+    } else {
+        quoted(name)
+    }
 }
 
 /// A number as TOML has it: .5 and 3. are none there.
@@ -342,7 +362,10 @@ fn assignments(list: &str) -> miette::Result<Vec<(String, String)>> {
     if is_good {
         return Ok(found);
     }
-    Err(miette!(help = "write it like --where \"a = 3\", or --where \"f = 0.5 Hz\"", "`{list}` gives no parameter a value"))
+    Err(miette!(
+        help = "write it like --where \"a = 3\", or --where \"f = 0.5 Hz\"",
+        "`{list}` gives no parameter a value"
+    ))
 }
 
 /// Reads a time of at least 0 s.
@@ -397,7 +420,7 @@ fn root(mut from: f64, mut to: f64, of: impl Fn(f64) -> f64) -> f64 {
 }
 
 /// The first steps of the only motor.
-fn first_steps(prepared: &Prepared, count: usize) -> Result<Vec<Step>, PlanError> {
+fn first_steps(prepared: &Prepared, count: usize) -> Result<Vec<FirstStep>, PlanError> {
     let board = &prepared.program.board;
     let mut ensemble = Ensemble::new(&prepared.program).map_err(|refused| refused.error)?;
     let mut registers = Recurrence { accumulator: 1 << (board.fraction_bits - 1), ..Recurrence::default() };
@@ -412,7 +435,12 @@ fn first_steps(prepared: &Prepared, count: usize) -> Result<Vec<Step>, PlanError
                     registers.advance();
                     position += i64::from(direction.sign());
                     let tick = registers.accumulator >> board.fraction_bits;
-                    steps.push(Step { n: steps.len() + 1, tick, at_s: tick as f64 / board.tick_hz as f64, position });
+                    steps.push(FirstStep {
+                        n: steps.len() + 1,
+                        tick,
+                        at_s: tick as f64 / board.tick_hz as f64,
+                        position,
+                    });
                 }
             }
         }
@@ -420,7 +448,7 @@ fn first_steps(prepared: &Prepared, count: usize) -> Result<Vec<Step>, PlanError
     Ok(steps)
 }
 
-impl FormulaReport {
+impl TriedFormula {
     fn text(&self, steps_per_unit: f64) -> String {
         let unit = human::unit(self.unit);
         let six = |value: f64| human::significant(value, 6);
@@ -437,7 +465,11 @@ impl FormulaReport {
         text += &format!("\n{table}\n");
         let mut figures = Table::new(["", "", ""]).left(&[0, 2]);
         let mut row = |name: &str, peak: Peak, per: &str| {
-            figures.row([name.to_owned(), format!("{} {unit}{per}", six(peak.value)), format!("at {}", time(peak.at_s))]);
+            figures.row([
+                name.to_owned(),
+                format!("{} {unit}{per}", six(peak.value)),
+                format!("at {}", time(peak.at_s)),
+            ]);
         };
         row("lowest", self.lowest, "");
         row("highest", self.highest, "");
@@ -445,7 +477,7 @@ impl FormulaReport {
         row("acceleration", self.peak_acceleration, "/s²");
         text += figures.to_string().split_once('\n').map_or("", |(_, rows)| rows);
         let Some(steps) = &self.steps else { return text };
-        let Steps { board, steps_per_rev, microsteps, tick_s, count, proven_error_ticks, first } = steps;
+        let FirstSteps { board, steps_per_rev, microsteps, tick_s, count, proven_error_ticks, first } = steps;
         text += &format!(
             "\n{} steps, {steps_per_rev} × {microsteps} in a turn of the motor, on {board} (tick {}), each within {} ticks of its time\n",
             human::count(i128::from(*count)),
@@ -463,7 +495,7 @@ impl FormulaReport {
         if !first.is_empty() {
             text += &format!("\n{table}");
         }
-        if let Some(Refused { message, advice }) = &self.refused {
+        if let Some(FormulaRefusal { message, advice }) = &self.refused {
             text += "\nThese steps begin and end at the formula's own speed. A motion file of it alone is refused:\n";
             for line in [message.as_str()].into_iter().chain(advice.lines()) {
                 text += &format!("  {}\n", line.trim());

@@ -36,7 +36,21 @@ fn it_prints_values_range_peaks_and_first_steps() {
 
 #[test]
 fn the_figures_are_those_of_the_formula() {
-    let of = figures(&["a*t^2 - b", "--where", "a = 10 mm/s^2, b = 5", "--unit", "mm", "--lead", "8 mm", "--duration", "2 s", "--at", "0.5 s", "--at", "0 s"]);
+    let of = figures(&[
+        "a*t^2 - b",
+        "--where",
+        "a = 10 mm/s^2, b = 5",
+        "--unit",
+        "mm",
+        "--lead",
+        "8 mm",
+        "--duration",
+        "2 s",
+        "--at",
+        "0.5 s",
+        "--at",
+        "0 s",
+    ]);
     near(&of["points"][0]["position"], -2.5);
     near(&of["points"][0]["speed"], 10.0);
     near(&of["points"][0]["acceleration"], 20.0);
@@ -127,14 +141,23 @@ fn wrong_files_are_shown_in_few_words() {
     let folder = Folder::new("wrong-files");
     let wheel = "[motor.wheel]\nsteps_per_rev = 200\nmicrosteps = 8\ndriver = \"EasyDriver\"\npins = { step = 8, dir = 9 }\nforward = \"high\"\n";
     let motion = "[[motion]]\nmotor = \"wheel\"\nlaw.trapezoid = { distance = \"1 rev\", speed = \"1 rev/s\", acceleration = \"10 rpm/s\" }\n";
-    let many: String = (0..500).map(|k| wheel.replace("wheel", &format!("m{k}")).replace("EasyDriver", "A9999")).collect();
+    let many: String =
+        (0..500).map(|k| wheel.replace("wheel", &format!("m{k}")).replace("EasyDriver", "A9999")).collect();
     let sum = vec!["sin(t)/5000"; 5000].join(" + ");
-    let flat = format!("[[motion]]\nmotor = \"wheel\"\nlaw.formula = {{ theta = \"{sum}\", unit = \"rad\", duration = \"1 s\" }}\nbegin = \"jump\"\nend = \"jump\"\n");
+    let flat = format!(
+        "[[motion]]\nmotor = \"wheel\"\nlaw.formula = {{ theta = \"{sum}\", unit = \"rad\", duration = \"1 s\" }}\nbegin = \"jump\"\nend = \"jump\"\n"
+    );
     let good = format!("board = \"uno\"\n{wheel}{motion}").replace("10 rpm/s", "2 rev/s^2");
     for (name, text, exit, told, times) in [
         ("empty", String::new(), Exit::Refused, "`pulsetrain new NAME`", 1),
         ("acceleration", format!("board = \"uno\"\n{wheel}{motion}"), Exit::Refused, "  × ", 1),
-        ("write", format!("board = \"uno\"\n{wheel}{motion}"), Exit::Refused, "write acceleration = \"0.166667 rev/s^2\"", 1),
+        (
+            "write",
+            format!("board = \"uno\"\n{wheel}{motion}"),
+            Exit::Refused,
+            "write acceleration = \"0.166667 rev/s^2\"",
+            1,
+        ),
         ("many", format!("board = \"uno\"\n{many}{motion}"), Exit::Refused, "  × ", 6),
         ("more", format!("board = \"uno\"\n{many}{motion}"), Exit::Refused, "and 495 more", 1),
         ("brace", good.replace("2 rev/s^2\" }", "2 rev/s^2\""), Exit::Refused, "this `{` is never closed", 1),
@@ -145,6 +168,9 @@ fn wrong_files_are_shown_in_few_words() {
         let (ended, out, err) = pulsetrain(&["plan", &path]);
         let shown = out + &err;
         assert_eq!(ended, exit, "{name}: {shown}");
-        assert!(shown.matches(told).count() >= times && (exit == Exit::Success || shown.matches(told).count() == times), "{name}: {shown}");
+        assert!(
+            shown.matches(told).count() >= times && (exit == Exit::Success || shown.matches(told).count() == times),
+            "{name}: {shown}"
+        );
     }
 }

@@ -63,17 +63,27 @@ impl<'a> Parser<'a> {
         let left = self.quoted(0, here.0);
         let at = |length: usize| (here.0, length);
         match rest.chars().next() {
-            Some('?') => error(here, "a choice is written with if").helped(format!("write `if({left}, a, b)` in place of `{left} ? a : b`")),
+            Some('?') => error(here, "a choice is written with if")
+                .helped(format!("write `if({left}, a, b)` in place of `{left} ? a : b`")),
             Some(',') if self.is_decimal_comma(here.0) => error(here, message).helped(POINT),
-            Some(')') => error(here, "this bracket closes nothing").helped("take it out, or add the `(` that is missing"),
+            Some(')') => {
+                error(here, "this bracket closes nothing").helped("take it out, or add the `(` that is missing")
+            }
             Some('[' | ']' | '{' | '}') => error(here, "formulas have round brackets only").helped("write `(` and `)`"),
-            Some('!') => error(here, "there is no factorial").helped("write its number, such as 6 for 3!; for `not` write `not`"),
-            Some('|') => error(here, "`|` is no operator").helped("for a magnitude write `abs(x)`, for conditions `or`"),
+            Some('!') => {
+                error(here, "there is no factorial").helped("write its number, such as 6 for 3!; for `not` write `not`")
+            }
+            Some('|') => {
+                error(here, "`|` is no operator").helped("for a magnitude write `abs(x)`, for conditions `or`")
+            }
             Some('&') => error(here, "`&` is no operator").helped("write `and`"),
-            Some('±' | '∓') => error(here, "a law is one position at a time").helped("write `+` or `-`; for both, two motions"),
+            Some('±' | '∓') => {
+                error(here, "a law is one position at a time").helped("write `+` or `-`; for both, two motions")
+            }
             Some(';') => error(here, message).helped("arguments are parted by `,`; a formula is one expression"),
             Some(':') => error(here, message).helped("a choice is written `if(condition, a, b)`"),
-            Some('"' | '\'' | '`') => error(here, "a formula has no quotes").helped("a quantity with its unit is a parameter, as in where = { phi = \"90 deg\" }"),
+            Some('"' | '\'' | '`') => error(here, "a formula has no quotes")
+                .helped("a quantity with its unit is a parameter, as in where = { phi = \"90 deg\" }"),
             Some('\\') => error(here, "this is LaTeX").helped("write `sin(x)`, `pi`, `a/b`, `sqrt(x)`"),
             Some(c) if c.is_ascii_digit() && self.text[..here.0].trim_end().ends_with(')') => {
                 let number = &rest[..rest.find(|c: char| !(c.is_ascii_digit() || c == '.')).unwrap_or(rest.len())];
@@ -95,12 +105,16 @@ impl<'a> Parser<'a> {
             Some('√') => plain("a root is written with sqrt").helped("write `sqrt(x)`"),
             Some('∛') => plain("a cube root is a power").helped("write `x^(1/3)`, for x above 0"),
             Some('∞') => plain("a position is a finite number"),
-            Some('∑' | 'Σ' | '∏' | '∫' | '∂') => plain("a formula has no sums, products or integrals over an index").helped("write the terms one by one"),
+            Some('∑' | 'Σ' | '∏' | '∫' | '∂') => {
+                plain("a formula has no sums, products or integrals over an index").helped("write the terms one by one")
+            }
             Some('½') => plain("a fraction is written with `/`").helped("write `0.5`"),
             Some('¼') => plain("a fraction is written with `/`").helped("write `0.25`"),
             Some('¾') => plain("a fraction is written with `/`").helped("write `0.75`"),
             Some('|') => plain("a magnitude is written with abs").helped("write `abs(x)` for `|x|`"),
-            Some('=') if before.ends_with(['<', '>', '=', '!']) || before.is_empty() => plain("nothing stands left of `=`").helped("write the position alone: `90*sin(2*pi*t)`"),
+            Some('=') if before.ends_with(['<', '>', '=', '!']) || before.is_empty() => {
+                plain("nothing stands left of `=`").helped("write the position alone: `90*sin(2*pi*t)`")
+            }
             Some('$' | '@' | '#') => plain("a parameter is a plain name").helped("write `a`, with where = { a = 3 }"),
             Some('*') if before.ends_with('*') => plain("a power is written `^`, or `**` without a blank"),
             Some(')') if before.ends_with('(') => plain("these brackets are empty"),
@@ -124,7 +138,10 @@ impl<'a> Parser<'a> {
             let left = self.quoted(self.term_before(here.0), here.0);
             let (what, help) = match left.parse::<f64>() {
                 Ok(percents) if !is_modulo => ("a formula has no percents", format!("write `{}`", percents / 100.0)),
-                _ if is_modulo => ("`%` is no operator", format!("write `mod({left}, …)`, which is never negative for a positive divisor")),
+                _ if is_modulo => (
+                    "`%` is no operator",
+                    format!("write `mod({left}, …)`, which is never negative for a positive divisor"),
+                ),
                 _ => ("a formula has no percents", "write `/100`".to_owned()),
             };
             return Err(error((here.0, 1), what).helped(help));
@@ -145,23 +162,39 @@ impl<'a> Parser<'a> {
                 }
                 _ => {}
             }
-            depth == 0 && (matches!(c, '(' | ',' | '+' | '*' | '/' | '<' | '>' | '=') || MINUS.iter().any(|minus| minus.starts_with(*c)))
+            depth == 0
+                && (matches!(c, '(' | ',' | '+' | '*' | '/' | '<' | '>' | '=')
+                    || MINUS.iter().any(|minus| minus.starts_with(*c)))
         });
         start.map_or(0, |(at, c)| at + c.len_utf8())
     }
 
     /// Refuses other languages' comparisons.
     pub(super) fn no_foreign_comparison(&mut self) -> Result<(), FormulaError> {
-        const FOREIGN: &[(&str, &str)] =
-            &[("===", "=="), ("!==", "!="), ("<>", "!="), ("=<", "<="), ("=>", ">="), ("~=", "!="), (":=", "=="), ("=", "==")];
+        const FOREIGN: &[(&str, &str)] = &[
+            ("===", "=="),
+            ("!==", "!="),
+            ("<>", "!="),
+            ("=<", "<="),
+            ("=>", ">="),
+            ("~=", "!="),
+            (":=", "=="),
+            ("=", "=="),
+        ];
         let here = self.here();
         let rest = self.rest();
         if rest.starts_with("==") && !rest.starts_with("===") {
             return Ok(());
         }
-        let Some((foreign, ours)) = FOREIGN.iter().find(|(foreign, _)| rest.starts_with(foreign)) else { return Ok(()) };
+        let Some((foreign, ours)) = FOREIGN.iter().find(|(foreign, _)| rest.starts_with(foreign)) else {
+            return Ok(());
+        };
         let left = self.quoted(0, here.0);
-        let help = if *foreign == "=" && begins_name(left.chars().next().unwrap_or(' ')) && left.chars().all(|c| is_of_name(c) || matches!(c, '(' | ')')) && left != "t" {
+        let help = if *foreign == "="
+            && begins_name(left.chars().next().unwrap_or(' '))
+            && left.chars().all(|c| is_of_name(c) || matches!(c, '(' | ')'))
+            && left != "t"
+        {
             format!("write what stands behind it alone, without `{left} =`; to compare, write `==`")
         } else {
             format!("write `{ours}`")
@@ -182,10 +215,16 @@ impl<'a> Parser<'a> {
             return Err(unit_in_formula(here, number, "°"));
         }
         if rest.starts_with(|c| SUPERSCRIPTS.contains(c)) {
-            return Err(error(here, "a raised number belongs to what stands right before it").helped("write `^`, as in `t^2`"));
+            return Err(
+                error(here, "a raised number belongs to what stands right before it").helped("write `^`, as in `t^2`")
+            );
         }
         if word.starts_with('_') && word[1..].starts_with(|c: char| c.is_ascii_digit()) {
-            return Err(error(at, "a formula's numbers have no `_`").helped(format!("write `{}{}`", factor, word.replace('_', ""))));
+            return Err(error(at, "a formula's numbers have no `_`").helped(format!(
+                "write `{}{}`",
+                factor,
+                word.replace('_', "")
+            )));
         }
         if word.is_empty() && !rest.starts_with('(') {
             return Ok(());
@@ -193,16 +232,19 @@ impl<'a> Parser<'a> {
         match word {
             "and" | "or" => return Ok(()),
             "AND" | "And" | "OR" | "Or" => {
-                return Err(error(at, format!("`{word}` is written in small letters")).helped(format!("write `{}`", word.to_lowercase())));
+                return Err(error(at, format!("`{word}` is written in small letters"))
+                    .helped(format!("write `{}`", word.to_lowercase())));
             }
             "mod" | "rem" | "MOD" | "Mod" if !is_called => {
-                return Err(error(at, format!("`{word}` is a function, not an operator")).helped(format!("write `mod({factor}, …)`")));
+                return Err(error(at, format!("`{word}` is a function, not an operator"))
+                    .helped(format!("write `mod({factor}, …)`")));
             }
             "div" | "DIV" if !is_called => {
                 return Err(error(at, format!("`{word}` is no operator")).helped(format!("write `floor({factor}/…)`")));
             }
             "if" | "else" | "then" | "where" | "when" | "for" if !is_called => {
-                return Err(error(at, format!("`{word}` does not stand here")).helped("write `if(condition, a, b)`: a while the condition holds, else b"));
+                return Err(error(at, format!("`{word}` does not stand here"))
+                    .helped("write `if(condition, a, b)`: a while the condition holds, else b"));
             }
             "xor" => return Err(error(at, "`xor` is no operator").helped("write `(a and not b) or (b and not a)`")),
             _ => {}
@@ -215,7 +257,9 @@ impl<'a> Parser<'a> {
             return Err(unit_in_formula(at, factor, word));
         }
         if !is_known && matches!(word, "x" | "X") {
-            return Err(error(at, "`x` is unknown here").helped(format!("for times write `*`: `{factor}*…`; the time is `t`")));
+            return Err(
+                error(at, "`x` is unknown here").helped(format!("for times write `*`: `{factor}*…`; the time is `t`"))
+            );
         }
         let bracket = if is_called || word.is_empty() { "(…)" } else { "" };
         let word = words::constant(word).map_or(word, |constant| constant.0);
@@ -241,11 +285,15 @@ impl<'a> Parser<'a> {
         let near = if is_called {
             words::near(name, functions)
         } else {
-            words::near(name, ["t"].into_iter().chain(CONSTANTS.iter().map(|row| row.0)).chain(parameters()).chain(functions))
+            words::near(
+                name,
+                ["t"].into_iter().chain(CONSTANTS.iter().map(|row| row.0)).chain(parameters()).chain(functions),
+            )
         };
         let listed = |names: &[&str]| names.iter().map(|name| format!("`{name}`")).collect::<Vec<_>>().join(", ");
         let here: Vec<&str> = parameters().collect();
-        let parameters_here = if here.is_empty() { String::new() } else { format!("parameters here: {}", listed(&here)) };
+        let parameters_here =
+            if here.is_empty() { String::new() } else { format!("parameters here: {}", listed(&here)) };
         let unit = words::is_unit(name).then(|| unit_in_formula(span, "90", name));
         match (near.as_slice(), is_called) {
             (_, false) if unit.is_some() && !near.iter().any(|near| near.eq_ignore_ascii_case(name)) => {
@@ -258,11 +306,20 @@ impl<'a> Parser<'a> {
                 error(span, format!("{unknown}; did you mean `{first}`?")).helped(format!("{also}{LIST}"))
             }
             ([first, ..], false) => error(span, format!("{unknown}; did you mean `{first}`?")).helped(parameters_here),
-            ([], true) if here.contains(&name) => error(span, format!("`{name}` is a parameter, and no function")).helped(format!("for times write `{name}*(…)`")),
+            ([], true) if here.contains(&name) => error(span, format!("`{name}` is a parameter, and no function"))
+                .helped(format!("for times write `{name}*(…)`")),
             ([], true) => error(span, format!("{unknown}: it is none of the functions")).helped(LIST),
             ([], false) => {
-                let help = if here.is_empty() { format!("give it a value: where = {{ {name} = 2 }}") } else { parameters_here };
-                let help = if name.is_ascii() || !here.is_empty() { help } else { format!("give it a value: where = {{ \"{name}\" = 2 }}") };
+                let help = if here.is_empty() {
+                    format!("give it a value: where = {{ {name} = 2 }}")
+                } else {
+                    parameters_here
+                };
+                let help = if name.is_ascii() || !here.is_empty() {
+                    help
+                } else {
+                    format!("give it a value: where = {{ \"{name}\" = 2 }}")
+                };
                 error(span, format!("{unknown}: the time is `t`, other names must be parameters")).helped(help)
             }
         }
@@ -304,7 +361,9 @@ impl<'a> Parser<'a> {
             if rest.starts_with(is_sign) {
                 let length = rest.find(|c| !is_sign(c)).unwrap_or(rest.len());
                 parser.at += length;
-                let digit = |c: char| SUPERSCRIPTS.chars().position(|known| known == c).map_or("-".to_owned(), |n| n.to_string());
+                let digit = |c: char| {
+                    SUPERSCRIPTS.chars().position(|known| known == c).map_or("-".to_owned(), |n| n.to_string())
+                };
                 return Some(rest[..length].chars().map(digit).collect());
             }
             let behind = rest.strip_prefix("**").or_else(|| rest.strip_prefix('^'))?;
@@ -321,7 +380,8 @@ impl<'a> Parser<'a> {
                 self.at = before;
                 let exponent = self.rest().trim_start_matches(['^', '*']).trim();
                 let exponent = self.quoted(self.text.len() - exponent.len(), self.text.len());
-                let exponent = exponent.split([' ', '+', ',']).next().unwrap_or_default().trim_matches(|c| matches!(c, '(' | ')'));
+                let exponent =
+                    exponent.split([' ', '+', ',']).next().unwrap_or_default().trim_matches(|c| matches!(c, '(' | ')'));
                 return error(whole, is_function).helped(format!("write `exp({exponent})`, or `e^({exponent})`"));
             }
             let inverse = format!("a{name}");

@@ -41,8 +41,8 @@ use std::sync::Arc;
 pub use tape::Window;
 use tape::{Tape, Undefined};
 pub use terms::Terms;
-pub use words::{FormulaFunction, formula_functions};
 use tree::{Expression, Operation};
+pub use words::{FormulaFunction, formula_functions};
 
 /// What is wrong with the text of a formula, and where.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]

@@ -103,7 +103,10 @@ fn joined<T: Clone>(
         return left.zip(right).map(|(left, right)| join(is_direct != flip, left, right)).transpose();
     }
     let Some(((_, first), others)) = links.split_first() else { return Ok(None) };
-    others.iter().try_fold(first.clone(), |so_far, (is_direct, next)| join(*is_direct != flip, so_far, next.clone())).map(Some)
+    others
+        .iter()
+        .try_fold(first.clone(), |so_far, (is_direct, next)| join(*is_direct != flip, so_far, next.clone()))
+        .map(Some)
 }
 
 impl<'a> Parser<'a> {
@@ -140,8 +143,9 @@ impl<'a> Parser<'a> {
     fn descend(&mut self, here: Span) -> Result<(), FormulaError> {
         self.depth += 1;
         if self.depth > NESTED {
-            return Err(error(here, format!("the formula is nested more than {NESTED} deep"))
-                .helped("brackets, signs and powers within one another count; name parts of it, or add laws up with law.sum"));
+            return Err(error(here, format!("the formula is nested more than {NESTED} deep")).helped(
+                "brackets, signs and powers within one another count; name parts of it, or add laws up with law.sum",
+            ));
         }
         Ok(())
     }
@@ -225,7 +229,8 @@ impl<'a> Parser<'a> {
             Ok((make(Arc::new((a, b))).depth_checked(span)?, span))
         };
         let all = joined(&links, false, &join)?;
-        all.map(|(condition, span)| Operand::Truth(condition, span)).ok_or_else(|| error((0, 0), "a condition is missing"))
+        all.map(|(condition, span)| Operand::Truth(condition, span))
+            .ok_or_else(|| error((0, 0), "a condition is missing"))
     }
 
     fn inverted(&mut self) -> Result<Operand, FormulaError> {
@@ -329,8 +334,10 @@ impl<'a> Parser<'a> {
             size = b.node.size().saturating_add(size).saturating_add(1);
             if size > LARGEST {
                 let nth = links.len() + 1;
-                let message = format!("the formula is too long: {LARGEST} operations at most, and this is the {nth}th part");
-                return Err(error(b.node.span, message).helped("make several laws of it, and add them up with law.sum; or write a table"));
+                let message =
+                    format!("the formula is too long: {LARGEST} operations at most, and this is the {nth}th part");
+                return Err(error(b.node.span, message)
+                    .helped("make several laws of it, and add them up with law.sum; or write a table"));
             }
             let measure = measure(&self.place, &a, &b, is_direct)?;
             let node = a.node.written_at(join(links[0].1.span, b.node.span));

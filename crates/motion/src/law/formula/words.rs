@@ -69,7 +69,7 @@ pub(super) const FUNCTIONS: &[FormulaFunction] = &[
     one("log", "natural logarithm, as `ln`", "x > 0", ("log(e^3)", "3")),
     one("log10", "logarithm to base 10", "x > 0", ("log10(1000)", "3")),
     one("log2", "logarithm to base 2", "x > 0", ("log2(8)", "3")),
-    one("sqrt", "square root", "x > 0, or a number", ("sqrt(9)", "3")),
+    one("sqrt", "square root", "x > 0", ("sqrt(9)", "3")),
     several(
         "pow",
         "x, y",
@@ -81,22 +81,8 @@ pub(super) const FUNCTIONS: &[FormulaFunction] = &[
     several("hypot", "x, y", (2, 2), "sqrt(x^2 + y^2)", "not both 0", ("hypot(3, 4)", "5")),
     one("abs", "x without its sign", "all", ("abs(-3)", "3")),
     one("sign", "1, 0 or -1: the sign of x", "all", ("sign(-3)", "-1")),
-    several(
-        "min",
-        "a, b, …",
-        (2, MOST_COMPARED),
-        "the least of them",
-        "all",
-        ("min(3, 1, 2)", "1"),
-    ),
-    several(
-        "max",
-        "a, b, …",
-        (2, MOST_COMPARED),
-        "the largest of them",
-        "all",
-        ("max(3, 1, 2)", "3"),
-    ),
+    several("min", "a, b, …", (2, MOST_COMPARED), "the least of them", "all", ("min(3, 1, 2)", "1")),
+    several("max", "a, b, …", (2, MOST_COMPARED), "the largest of them", "all", ("max(3, 1, 2)", "3")),
     several(
         "clamp",
         "x, low, high",
@@ -116,14 +102,7 @@ pub(super) const FUNCTIONS: &[FormulaFunction] = &[
         "m != 0",
         ("mod(-1, 3)", "2"),
     ),
-    several(
-        "if",
-        "condition, a, b",
-        (3, 3),
-        "a while the condition holds, else b",
-        "all",
-        ("if(2 < 3, 10, 20)", "10"),
-    ),
+    several("if", "condition, a, b", (3, 3), "a while the condition holds, else b", "all", ("if(2 < 3, 10, 20)", "10")),
     several(
         "piecewise",
         "condition, a, condition, b, …, otherwise",
@@ -205,8 +184,14 @@ const ELSEWHERE: &[(&[&str], &str)] = &[
     (&["fmod", "modulo", "rem", "remainder"], "write `mod(x, m)`, which is never negative for m above 0"),
     (&["div"], "write `floor(a/b)`"),
     (&["where", "select", "iif", "ifelse", "cond", "ternary", "when", "case", "switch"], "write `if(condition, a, b)`"),
-    (&["else", "then", "elif", "elseif"], "write `if(condition, a, b)`, or `piecewise(condition, a, condition, b, otherwise)`"),
-    (&["heaviside", "step", "unitstep", "u"], "write `if(x > 0, 1, 0)`; a law must not jump, so multiply it by what is 0 there"),
+    (
+        &["else", "then", "elif", "elseif"],
+        "write `if(condition, a, b)`, or `piecewise(condition, a, condition, b, otherwise)`",
+    ),
+    (
+        &["heaviside", "step", "unitstep", "u"],
+        "write `if(x > 0, 1, 0)`; a law must not jump, so multiply it by what is 0 there",
+    ),
     (&["sawtooth", "saw"], "write `mod(t, T)/T`; where it falls back it must not jump"),
     (&["triangle", "tri"], "write `asin(sin(2*pi*f*t))`"),
     (&["lerp", "mix"], "write `a + (b - a)*x`"),
@@ -247,7 +232,8 @@ pub(super) fn near<'a>(name: &str, known: impl IntoIterator<Item = &'a str>) -> 
             let other = known.to_lowercase();
             let distance = strsim::damerau_levenshtein(&other, &lower);
             let begins = other.chars().next() == lower.chars().next();
-            let is_near = distance == 0 || distance <= 2 && distance < length || length > 1 && other.starts_with(&lower);
+            let is_near =
+                distance == 0 || distance <= 2 && distance < length || length > 1 && other.starts_with(&lower);
             is_near.then(|| (distance, !begins, !(is_within(&lower, &other) || is_within(&other, &lower)), known))
         })
         .collect();
