@@ -132,9 +132,9 @@ impl<'a> Parser<'a> {
         if rest.starts_with("//") {
             return Err(error((here.0, 2), "`//` is no operator").helped("write `floor(a/b)`"));
         }
-        if rest.starts_with('%') {
+        if let Some(behind) = rest.strip_prefix('%') {
             // A percentage, if nothing follows that could be divided by.
-            let is_modulo = rest[1..].trim_start().starts_with(|c: char| is_of_name(c) || matches!(c, '(' | '.'));
+            let is_modulo = behind.trim_start().starts_with(|c: char| is_of_name(c) || matches!(c, '(' | '.'));
             let left = self.quoted(self.term_before(here.0), here.0);
             let (what, help) = match left.parse::<f64>() {
                 Ok(percents) if !is_modulo => ("a formula has no percents", format!("write `{}`", percents / 100.0)),

@@ -87,6 +87,9 @@ pub(super) struct Parser<'a> {
     used: Vec<[bool; 2]>,
 }
 
+/// An operation of two expressions.
+type Join = fn(Expression, Expression) -> Operation;
+
 /// One of several that are joined left to right: whether it is added (multiplied, or joined) as it is, and what it is.
 type Link<T> = (bool, T);
 
@@ -311,7 +314,7 @@ impl<'a> Parser<'a> {
         (direct, inverse): (&[&'static str], &[&'static str]),
         next: fn(&mut Self) -> Result<Operand, FormulaError>,
         measure: impl Fn(&Place, &Typed, &Typed, bool) -> Result<Measure, FormulaError>,
-        (join_direct, join_inverse): (fn(Expression, Expression) -> Operation, fn(Expression, Expression) -> Operation),
+        (join_direct, join_inverse): (Join, Join),
     ) -> Result<Operand, FormulaError> {
         let first = next(self)?;
         let mut links: Vec<Link<Expression>> = Vec::new();
