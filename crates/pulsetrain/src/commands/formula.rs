@@ -113,7 +113,10 @@ impl FormulaRefusal {
             Refusal::Plan { error, .. } => error.to_string(),
             refusal => refusal.to_string(),
         };
-        FormulaRefusal { message, advice: refusal.advice().unwrap_or_default().to_owned() }
+        // Its last line names a command that wants a file.
+        let lines = refusal.advice().unwrap_or_default().lines();
+        let advice = lines.filter(|line| !line.contains("pulsetrain explain")).collect::<Vec<_>>().join("\n");
+        FormulaRefusal { message, advice }
     }
 }
 
