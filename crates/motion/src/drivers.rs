@@ -7,6 +7,8 @@ use crate::program::{CoilSequence, DriverTiming};
 pub struct Driver {
     /// As motion files name it; case does not matter there.
     pub name: &'static str,
+    /// Other names, in small letters and digits alone: those of its boards, and of what they are sold with.
+    pub also: &'static [&'static str],
     /// What it is, in a line.
     pub about: &'static str,
     /// How it is driven.
@@ -66,10 +68,104 @@ impl Driver {
     }
 }
 
-/// The driver of that name, whatever its case.
+/// The driver of that name, as [`named`] finds it; `None` if it names several.
 #[must_use]
 pub fn find(name: &str) -> Option<&'static Driver> {
-    TABLE.iter().find(|driver| driver.name.eq_ignore_ascii_case(name))
+    match named(name)[..] {
+        [driver] => Some(driver),
+        _ => None,
+    }
+}
+
+/// The drivers that `name` names: in any case, by the name of the board that they are on, and with words around it
+/// that shops add.
+///
+/// ```
+/// use pulsetrain_motion::drivers::named;
+/// let names = |text: &str| named(text).iter().map(|driver| driver.name).collect::<Vec<_>>();
+/// assert_eq!(names("EasyDriver"), ["A3967"]);
+/// assert_eq!(names("drv8825 module"), ["DRV8825"]);
+/// assert_eq!(names("TMC2208/2209"), ["TMC2208", "TMC2209"]);
+/// assert!(names("DRV8834").is_empty());
+/// ```
+#[must_use]
+pub fn named(name: &str) -> Vec<&'static Driver> {
+    /// Words that name no driver.
+    const NOISE: &[&str] = &[
+        "driver",
+        "drivers",
+        "module",
+        "board",
+        "breakout",
+        "carrier",
+        "stepper",
+        "motor",
+        "clone",
+        "v",
+        "version",
+        "rev",
+        "pololu",
+        "sparkfun",
+        "adafruit",
+        "bigtreetech",
+        "btt",
+        "fysetc",
+        "watterott",
+        "wantai",
+        "allegro",
+        "ti",
+        "trinamic",
+        "toshiba",
+        "stealth",
+        "stealthchop",
+        "standalone",
+        "silent",
+        "silentstepstick",
+        "red",
+        "green",
+        "purple",
+        "blue",
+        "black",
+        "with",
+        "and",
+    ];
+    let lower = name.to_lowercase();
+    let words = lower.split(|c: char| !c.is_alphanumeric()).filter(|word| !word.is_empty());
+    let is_noise = |word: &str| {
+        let version = word.strip_prefix('v').unwrap_or(word);
+        NOISE.contains(&word) || version.len() < 2 && version.chars().all(|c| c.is_ascii_digit())
+    };
+    let mut rest: String = words.filter(|word| !is_noise(word)).collect();
+    let mut found: Vec<&Driver> = Vec::new();
+    while !rest.is_empty() {
+        // The longest name wins: bigeasy is no easy.
+        let begins = |row: &'static Driver| {
+            let own = row.name.to_lowercase();
+            let names = row.also.iter().copied().chain([own.as_str()]);
+            let longest = names.filter(|name| rest.starts_with(name)).map(str::len).max()?;
+            Some((longest, row))
+        };
+        let Some((length, driver)) = TABLE.iter().filter_map(begins).max_by_key(|(length, _)| *length) else {
+            return Vec::new();
+        };
+        rest.drain(..length);
+        if !found.contains(&driver) {
+            found.push(driver);
+        }
+    }
+    found
+}
+
+/// The one of several that may stand for all: they need the same, and set that many microsteps alike.
+#[must_use]
+pub fn only_one(found: &[&'static Driver], microsteps: u32) -> Option<&'static Driver> {
+    let (first, others) = found.split_first()?;
+    let is_same =
+        |other: &&Driver| other.input == first.input && other.setting(microsteps) == first.setting(microsteps);
+    let sets_it = others.is_empty() || first.setting(microsteps).is_some();
+    // Of two, the one with the lower limits.
+    let least = || found.iter().copied().min_by(|a, b| a.max_current_a.total_cmp(&b.max_current_a));
+    (sets_it && others.iter().all(is_same)).then(least).flatten()
 }
 
 /// The table, in alphabetical order.
@@ -94,6 +190,7 @@ const fn set(count: u32, setting: &'static str) -> Microsteps {
 const TABLE: &[Driver] = &[
     Driver {
         name: "A3967",
+        also: &["easydriver", "easy", "sparkfuneasydriver", "a3967slb"],
         about: "EasyDriver",
         input: timing(1_000, 1_000, 200, 200),
         microsteps: &[
@@ -108,7 +205,8 @@ const TABLE: &[Driver] = &[
     },
     Driver {
         name: "A4988",
-        about: "Pololu-style carrier, CNC shield",
+        also: &["a4983", "bigeasydriver", "bigeasy", "stepstick", "a4988set"],
+        about: "Pololu-style carrier, CNC shield, StepStick, Big Easy Driver",
         input: timing(1_000, 1_000, 200, 200),
         microsteps: &[
             set(1, "MS1 = L, MS2 = L, MS3 = L"),
@@ -123,6 +221,7 @@ const TABLE: &[Driver] = &[
     },
     Driver {
         name: "DQ542MA",
+        also: &["dq542"],
         about: "Wantai industrial driver, the tutorial's",
         input: timing(5_050, 5_050, 500, 500),
         // 400 to 25 600 steps per revolution of a 200-step motor.
@@ -150,6 +249,7 @@ const TABLE: &[Driver] = &[
     },
     Driver {
         name: "DRV8825",
+        also: &["drv8825pwp"],
         about: "Pololu-style carrier",
         input: timing(1_900, 1_900, 650, 650),
         microsteps: &[
@@ -166,6 +266,7 @@ const TABLE: &[Driver] = &[
     },
     Driver {
         name: "TB6600",
+        also: &["tb6600hg"],
         about: "boards with Toshiba's TB6600HG behind optocouplers",
         input: timing(10_000, 10_000, 5_000, 5_000),
         microsteps: &[
@@ -182,7 +283,23 @@ const TABLE: &[Driver] = &[
                  (TB6600HG, 2016-06-10), but the optocouplers differ from board to board, hence 10 us; some want 30 us",
     },
     Driver {
+        name: "TMC2208",
+        also: &["2208"],
+        about: "SilentStepStick, stand-alone (no UART)",
+        input: timing(100, 100, 20, 20),
+        microsteps: &[
+            set(2, "MS1 = H, MS2 = L"),
+            set(4, "MS1 = L, MS2 = H"),
+            set(8, "MS1 = L, MS2 = L"),
+            set(16, "MS1 = H, MS2 = H"),
+        ],
+        max_voltage_v: 36.0,
+        max_current_a: 1.2,
+        source: "Trinamic TMC2202/TMC2208/TMC2224 datasheet rev. 1.13, STEP/DIR interface timing (tSH, tSL, tDSU, tDSH); table of MS1 and MS2",
+    },
+    Driver {
         name: "TMC2209",
+        also: &["2209"],
         about: "SilentStepStick, stand-alone (no UART)",
         input: timing(100, 100, 20, 20),
         microsteps: &[
@@ -197,6 +314,7 @@ const TABLE: &[Driver] = &[
     },
     Driver {
         name: "ULN2003",
+        also: &["uln2003a", "uln2003an", "uln2003apg", "28byj48", "28byj"],
         about: "Darlington array on four coil lines, with the 28BYJ-48",
         input: Input::Coils,
         microsteps: &[set(1, "two coils at a time (full steps)"), set(2, "one and two coils in turn (half steps)")],
@@ -209,6 +327,46 @@ const TABLE: &[Driver] = &[
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[track_caller]
+    fn check(name: &str, expected: &[&str]) {
+        let found: Vec<&str> = named(name).iter().map(|driver| driver.name).collect();
+        assert_eq!(found, expected, "{name}");
+    }
+
+    #[test]
+    fn names_as_shops_write_them_are_known() {
+        for driver in TABLE {
+            for name in driver.also.iter().copied().chain([driver.name]) {
+                check(name, &[driver.name]);
+                check(&name.to_uppercase(), &[driver.name]);
+                check(&format!("{name} module v2"), &[driver.name]);
+            }
+        }
+        check("EasyDriver", &["A3967"]);
+        check("Easy Driver v4.4", &["A3967"]);
+        check("SparkFun EasyDriver (A3967)", &["A3967"]);
+        check("Big Easy Driver", &["A4988"]);
+        check("Pololu A4988 carrier", &["A4988"]);
+        check("DRV8825 module", &["DRV8825"]);
+        check("drv-8825", &["DRV8825"]);
+        check("TMC2209 V1.3 SilentStepStick", &["TMC2209"]);
+        check("TMC2208/2209 stealth", &["TMC2208", "TMC2209"]);
+        check("28BYJ-48/ULN2003", &["ULN2003"]);
+        check("ULN2003 driver board", &["ULN2003"]);
+        for unknown in ["", "driver", "A4988x", "DM542", "TMC5160", "4988"] {
+            check(unknown, &[]);
+        }
+    }
+
+    #[test]
+    fn two_that_are_set_alike_are_one() {
+        let both = named("TMC2208/2209");
+        let name = |microsteps| only_one(&both, microsteps).map(|driver| driver.name);
+        assert_eq!([8, 16].map(name), [Some("TMC2208"); 2]);
+        assert_eq!([1, 2, 4, 32, 64].map(name), [None; 5]);
+        assert_eq!(only_one(&named("A4988"), 3).map(|driver| driver.name), Some("A4988"));
+    }
 
     #[test]
     fn rows_are_in_order_and_sound() {

@@ -93,9 +93,30 @@ pub enum QuantityError {
         unit: String,
         /// Where it begins.
         offset: usize,
-        /// What to write instead, if that can be told: another unit, or another number with its unit.
+        /// What to write instead, if that can be told: the number with another unit, or another number with its unit.
         meant: Option<String>,
     },
+    /// A decimal comma, or digits in groups.
+    #[error("{number} is no number here: decimals are written with a point, thousands without a sign")]
+    Grouped {
+        /// As written.
+        number: String,
+        /// Where it begins.
+        offset: usize,
+        /// What to write instead, if the unit is known; either of two where the comma may part thousands.
+        meant: Option<String>,
+    },
+}
+
+impl QuantityError {
+    /// What to write instead, if that can be told.
+    #[must_use]
+    pub fn meant(&self) -> Option<&str> {
+        match self {
+            QuantityError::UnknownUnit { meant, .. } | QuantityError::Grouped { meant, .. } => meant.as_deref(),
+            _ => None,
+        }
+    }
 }
 
 /// (name, base, numerator, denominator): one of the unit is numerator/denominator of the base's.
@@ -148,33 +169,111 @@ const RATES: &[UnitRow] = &[
     ("MHz", Base::Cycle, 1_000_000, 1),
 ];
 
-/// Other names of units.
-const OTHER_NAMES: &[(&str, &str)] = &[
-    ("rps", "rev/s"),
-    ("dps", "deg/s"),
-    ("sps", "step/s"),
-    ("pps", "step/s"),
-    ("sec", "s"),
-    ("secs", "s"),
-    ("second", "s"),
-    ("seconds", "s"),
-    ("msec", "ms"),
-    ("minute", "min"),
-    ("minutes", "min"),
-    ("hour", "h"),
-    ("hours", "h"),
-    ("degree", "deg"),
-    ("degrees", "deg"),
-    ("radian", "rad"),
-    ("radians", "rad"),
-    ("revolution", "rev"),
-    ("revolutions", "rev"),
-    ("inch", "in"),
-    ("inches", "in"),
-    ("millimeter", "mm"),
-    ("millimeters", "mm"),
-    ("pulse", "step"),
-    ("pulses", "step"),
+/// Other names of units, in small letters: the name, how many of a unit it is, and that unit.
+const OTHER_NAMES: &[(&str, f64, &str)] = &[
+    ("rps", 1.0, "rev/s"),
+    ("r/s", 1.0, "rev/s"),
+    ("r/min", 1.0, "rpm"),
+    ("dps", 1.0, "deg/s"),
+    ("sps", 1.0, "step/s"),
+    ("pps", 1.0, "step/s"),
+    ("ips", 1.0, "in/s"),
+    ("hertz", 1.0, "Hz"),
+    ("sec", 1.0, "s"),
+    ("secs", 1.0, "s"),
+    ("second", 1.0, "s"),
+    ("seconds", 1.0, "s"),
+    ("msec", 1.0, "ms"),
+    ("msecs", 1.0, "ms"),
+    ("millisecond", 1.0, "ms"),
+    ("milliseconds", 1.0, "ms"),
+    ("usec", 1.0, "us"),
+    ("microsecond", 1.0, "us"),
+    ("microseconds", 1.0, "us"),
+    ("nanosecond", 1.0, "ns"),
+    ("nanoseconds", 1.0, "ns"),
+    ("mins", 1.0, "min"),
+    ("minute", 1.0, "min"),
+    ("minutes", 1.0, "min"),
+    ("hr", 1.0, "h"),
+    ("hrs", 1.0, "h"),
+    ("hour", 1.0, "h"),
+    ("hours", 1.0, "h"),
+    ("d", 24.0, "h"),
+    ("day", 24.0, "h"),
+    ("days", 24.0, "h"),
+    ("week", 168.0, "h"),
+    ("weeks", 168.0, "h"),
+    ("degree", 1.0, "deg"),
+    ("degrees", 1.0, "deg"),
+    ("degs", 1.0, "deg"),
+    ("º", 1.0, "deg"),
+    ("˚", 1.0, "deg"),
+    ("grad", 0.9, "deg"),
+    ("gon", 0.9, "deg"),
+    ("arcmin", 1.0 / 60.0, "deg"),
+    ("arcsec", 1.0 / 3600.0, "deg"),
+    ("rads", 1.0, "rad"),
+    ("radian", 1.0, "rad"),
+    ("radians", 1.0, "rad"),
+    ("mrad", 0.001, "rad"),
+    ("r", 1.0, "rev"),
+    ("rot", 1.0, "rev"),
+    ("rotation", 1.0, "rev"),
+    ("rotations", 1.0, "rev"),
+    ("revolution", 1.0, "rev"),
+    ("revolutions", 1.0, "rev"),
+    ("cycle", 1.0, "rev"),
+    ("cycles", 1.0, "rev"),
+    ("inch", 1.0, "in"),
+    ("inches", 1.0, "in"),
+    ("\"", 1.0, "in"),
+    ("ft", 304.8, "mm"),
+    ("foot", 304.8, "mm"),
+    ("feet", 304.8, "mm"),
+    ("mil", 0.0254, "mm"),
+    ("thou", 0.0254, "mm"),
+    ("um", 0.001, "mm"),
+    ("µm", 0.001, "mm"),
+    ("μm", 0.001, "mm"),
+    ("micron", 0.001, "mm"),
+    ("microns", 0.001, "mm"),
+    ("dm", 100.0, "mm"),
+    ("millimeter", 1.0, "mm"),
+    ("millimeters", 1.0, "mm"),
+    ("millimetre", 1.0, "mm"),
+    ("millimetres", 1.0, "mm"),
+    ("centimeter", 1.0, "cm"),
+    ("centimeters", 1.0, "cm"),
+    ("centimetre", 1.0, "cm"),
+    ("centimetres", 1.0, "cm"),
+    ("meter", 1.0, "m"),
+    ("meters", 1.0, "m"),
+    ("metre", 1.0, "m"),
+    ("metres", 1.0, "m"),
+    ("pulse", 1.0, "step"),
+    ("pulses", 1.0, "step"),
+    ("ustep", 1.0, "step"),
+    ("usteps", 1.0, "step"),
+    ("µstep", 1.0, "step"),
+    ("µsteps", 1.0, "step"),
+    ("kstep", 1000.0, "step"),
+    ("ksteps", 1000.0, "step"),
+    ("k step", 1000.0, "step"),
+    ("k steps", 1000.0, "step"),
+    ("full step", 1.0, "full-step"),
+    ("full steps", 1.0, "full-step"),
+    ("full_step", 1.0, "full-step"),
+    ("full_steps", 1.0, "full-step"),
+    ("fullstep", 1.0, "full-step"),
+    ("fullsteps", 1.0, "full-step"),
+    ("henry", 1.0, "H"),
+    ("amp", 1.0, "A"),
+    ("amps", 1.0, "A"),
+    ("ampere", 1.0, "A"),
+    ("amperes", 1.0, "A"),
+    ("volt", 1.0, "V"),
+    ("volts", 1.0, "V"),
 ];
 
 /// `key = "amount unit"` as it may be pasted into a motion file: three digits, and none of the spaces and signs that are for people alone.
@@ -235,7 +334,7 @@ impl Quantity {
         let start = text.len() - text.trim_start().len();
         let length = number_length(&text[start..]);
         let (number, rest) = text[start..].split_at(length);
-        let digits = number.replace('_', "");
+        let digits = number.replace('_', "").replace(MINUS, "-");
         let Ok(magnitude) = digits.parse::<f64>() else {
             return Err(QuantityError::NoNumber { text: text.trim().to_owned() });
         };
@@ -244,8 +343,11 @@ impl Quantity {
             return Err(QuantityError::NoUnit { number: number.to_owned() });
         }
         let Some(KnownUnit { name, base, per_seconds, per_s, scale }) = find_unit(unit) else {
+            if let Some((number, meant)) = grouped(number, rest) {
+                return Err(QuantityError::Grouped { number, offset: start, meant });
+            }
             let offset = start + length + (rest.len() - rest.trim_start().len());
-            return Err(QuantityError::UnknownUnit { unit: unit.to_owned(), offset, meant: meant(magnitude, unit) });
+            return Err(QuantityError::UnknownUnit { unit: unit.to_owned(), offset, meant: meant(&digits, unit) });
         };
         let value = scale.apply(magnitude);
         if !value.is_finite() {
@@ -299,6 +401,14 @@ pub struct Kind {
     pub per_seconds: u8,
 }
 
+impl Kind {
+    /// Whether a motor's position can be of it.
+    #[must_use]
+    pub fn is_position(self) -> bool {
+        self.base.is_position() && self.per_seconds == 0
+    }
+}
+
 impl fmt::Display for Kind {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let name = match (self.base, self.per_seconds) {
@@ -320,8 +430,14 @@ impl fmt::Display for Kind {
     }
 }
 
+/// What word processors make of a minus sign.
+const MINUS: [char; 2] = ['−', '–'];
+
 /// Bytes of the number at the start of `text`: sign, digits, point, exponent.
 fn number_length(text: &str) -> usize {
+    if let Some(rest) = text.strip_prefix(MINUS) {
+        return text.len() - rest.len() + number_length(rest.trim_start_matches(['+', '-']));
+    }
     let bytes = text.as_bytes();
     let digits = |from: usize| bytes[from..].iter().take_while(|b| b.is_ascii_digit() || **b == b'_').count();
     let mut at = usize::from(matches!(bytes.first(), Some(b'+' | b'-')));
@@ -418,47 +534,113 @@ fn find_unit(unit: &str) -> Option<KnownUnit> {
     Some(KnownUnit { name, base, per_seconds, per_s, scale })
 }
 
-/// What is probably meant by `number` with a unit that is not known.
-fn meant(number: f64, unit: &str) -> Option<String> {
-    let known = |unit: String| find_unit(&unit).is_some().then_some(unit);
-    // Another name of the amount, of the time, or of both: rps, degrees/second.
-    let renamed =
-        |name: &str| OTHER_NAMES.iter().find(|other| other.0 == name).map_or(name, |other| other.1).to_owned();
-    let parts: Vec<String> =
-        unit.to_lowercase().replace("per", "/").split('/').map(|part| renamed(part.trim())).collect();
-    if let Some(unit) = known(parts.join("/")) {
-        return Some(unit);
+/// A number that goes on behind a comma, a blank or an apostrophe, or is a fraction: as it is written, and what to write.
+fn grouped(number: &str, rest: &str) -> Option<(String, Option<String>)> {
+    let separator = rest.trim_start().chars().next().filter(|c| ",'’/".contains(*c));
+    let behind = rest.trim_start().trim_start_matches([',', '\'', '’', '/']).trim_start();
+    let length = behind.find(|c: char| !(c.is_ascii_digit() || c == '.')).unwrap_or(behind.len());
+    let (more, unit) = behind.split_at(length);
+    if more.is_empty() || !more.starts_with(|c: char| c.is_ascii_digit()) {
+        return None;
     }
-    // Divided by time more than once: mm/s/s, rev/s2, rev/s**2; rpm is divided already.
-    let parts: Vec<&str> = parts.iter().flat_map(|part| part.split('/')).collect();
-    let (amount, times) = parts.split_first()?;
-    let is_rpm = *amount == "rpm";
-    let (amount, times): (&str, Vec<&str>) =
-        if is_rpm { ("rev", [&["min"], times].concat()) } else { (amount, times.to_vec()) };
-    let powers: Vec<(&str, usize)> = times
-        .into_iter()
-        .map(|time| {
-            let name = time.trim_end_matches(|c: char| c.is_ascii_digit());
-            (name.trim_end_matches(['^', '*']), time[name.len()..].parse().unwrap_or(1))
-        })
-        .collect();
-    let power: usize = powers.iter().map(|(_, power)| power).sum();
-    if !powers.is_empty() && (2..=3).contains(&power) {
-        // In the time that comes last; another one makes another number.
-        let last = powers.last()?.0;
-        let seconds = |time: &str| find_unit(&format!("rev/{time}")).map(|unit| unit.per_s);
-        let mut number = number;
-        for (time, power) in &powers {
-            number *= (seconds(last)? / seconds(time)?).powi(i32::try_from(*power).ok()?);
+    let written = format!("{number}{}", &rest[..rest.len() - unit.len()]).trim().to_owned();
+    let whole = |number: String| -> Option<String> {
+        let text = format!("{number} {}", unit.trim());
+        match Quantity::parse(&text) {
+            Ok(_) => Some(text),
+            Err(error) => error.meant().map(str::to_owned),
         }
-        let unit = known(format!("{amount}/{last}^{power}"))?;
-        return Some(if powers.iter().all(|(time, _)| *time == last) {
-            unit
-        } else {
-            format!("{} {unit}", rounded(number))
-        });
+    };
+    let joined = || format!("{number}{more}").replace([' ', '_'], "");
+    let meant = match separator {
+        Some('/') => {
+            let value = number.parse::<f64>().ok()? / more.parse::<f64>().ok()?;
+            whole(rounded(value).to_string())
+        }
+        // Thousands, perhaps: 1,000 step/s.
+        Some(',') if more.len() == 3 && !matches!(number, "0" | "-0") && !number.contains('.') => {
+            whole(joined()).zip(whole(format!("{number}.{more}"))).map(|(many, few)| format!("{many}\" or \"{few}"))
+        }
+        Some(',') => whole(format!("{number}.{more}")),
+        _ => whole(joined()),
+    };
+    Some((written, meant))
+}
+
+/// What is probably meant by a number with a unit that is not known: a number with its unit.
+fn meant(digits: &str, unit: &str) -> Option<String> {
+    let (factor, unit) = known_unit(unit)?;
+    let number: f64 = digits.parse().ok()?;
+    let number =
+        if factor == 1.0 { digits.trim_start_matches('+').to_owned() } else { rounded(number * factor).to_string() };
+    Some(format!("{number} {unit}"))
+}
+
+/// The unit that is probably meant by one that is not known, and how many of it that is.
+fn known_unit(unit: &str) -> Option<(f64, String)> {
+    let is_known = |unit: &str| find_unit(unit).is_some();
+    let trimmed = unit.trim_end_matches(['.', ',', ';']).trim_end();
+    if is_known(trimmed) {
+        return Some((1.0, trimmed.to_owned()));
     }
-    nearest_unit(unit).map(str::to_owned)
+    // Another name of the amount, of the time, or of both: rps, degrees/second.
+    let lower = trimmed
+        .to_lowercase()
+        .replace(" per ", "/")
+        .replace("per", "/")
+        .replace("s^-", "/s^")
+        .replace("s⁻¹", "/s")
+        .replace("s⁻²", "/s^2");
+    let other = |name: &str| OTHER_NAMES.iter().find(|other| other.0 == name);
+    if let Some((_, factor, unit)) = other(&lower) {
+        return Some((*factor, (*unit).to_owned()));
+    }
+    // MM, RPM, Deg: another case alone. Of mHz and MHz both are meant as often.
+    let in_other_case: Vec<&str> =
+        UNITS.iter().chain(RATES).map(|row| row.0).filter(|name| name.to_lowercase() == lower).collect();
+    if let [name] = in_other_case[..] {
+        return Some((1.0, name.to_owned()));
+    }
+    let renamed = |part: &str| other(part).map_or((1.0, part.to_owned()), |other| (other.1, other.2.to_owned()));
+    let mut parts = lower.split('/').map(str::trim).filter(|part| !part.is_empty());
+    let (mut factor, amount) = renamed(parts.next()?);
+    // Times with their powers: mm/s/s, rev/s2, rev/s**2; rpm is divided already.
+    let mut powers: Vec<(String, i32)> = Vec::new();
+    let (amount, divided) = match amount.split_once('/') {
+        Some((amount, time)) => (amount.to_owned(), Some(time.to_owned())),
+        None if amount == "rpm" => ("rev".to_owned(), Some("min".to_owned())),
+        None => (amount, None),
+    };
+    powers.extend(divided.map(|time| (time, 1)));
+    for part in parts {
+        let part = part.replace('²', "2").replace('³', "3");
+        let name = part.trim_end_matches(|c: char| c.is_ascii_digit());
+        let power = part[name.len()..].parse().unwrap_or(1);
+        let (of_time, name) = renamed(name.trim_end_matches(['^', '*']).trim());
+        factor /= of_time.powi(power);
+        powers.push((name, power));
+    }
+    // In the time that comes last; another one makes another number.
+    if let Some((last, _)) = powers.last() {
+        let seconds = |time: &str| find_unit(&format!("rev/{time}")).map(|unit| unit.per_s);
+        for (time, power) in powers.iter().filter(|(time, _)| time != last) {
+            factor *= (seconds(last)? / seconds(time)?).powi(*power);
+        }
+        let power: i32 = powers.iter().map(|(_, power)| power).sum();
+        let text = if power == 1 { format!("{amount}/{last}") } else { format!("{amount}/{last}^{power}") };
+        if is_known(&text) {
+            return Some((factor, text));
+        }
+    } else if is_known(&amount) {
+        return Some((factor, amount));
+    }
+    let has_letters = trimmed.contains(char::is_alphabetic);
+    nearest_unit(trimmed).filter(|_| has_letters).map(|unit| (1.0, unit.to_owned()))
+}
+
+/// The unit that is probably meant by one that is not known, if it is of the same size.
+pub(crate) fn unit_meant(unit: &str) -> Option<String> {
+    known_unit(unit).filter(|(factor, _)| *factor == 1.0).map(|(_, unit)| unit)
 }
 
 /// To six digits.
@@ -526,6 +708,12 @@ mod tests {
         check("50mH", 0.05, Base::Inductance, 0);
         check("0.135 A", 0.135, Base::Current, 0);
         check("12 V", 12.0, Base::Voltage, 0);
+        check("−90 deg", -0.25, Base::Turn, 0);
+        check("–2 rev", -2.0, Base::Turn, 0);
+        check("10 μs", 1e-5, Base::Time, 0);
+        check("500 mHz", 0.5, Base::Cycle, 1);
+        check("3 revs", 3.0, Base::Turn, 0);
+        check("60 rev/min", 1.0, Base::Turn, 1);
     }
 
     #[test]
@@ -536,31 +724,70 @@ mod tests {
         assert_eq!(refused("1e999 s"), QuantityError::OutOfRange { number: "1e999".into() });
         assert_eq!(
             refused(" 2 rve"),
-            QuantityError::UnknownUnit { unit: "rve".into(), offset: 3, meant: Some("rev".into()) }
+            QuantityError::UnknownUnit { unit: "rve".into(), offset: 3, meant: Some("2 rev".into()) }
         );
-        let meant = |text: &str| match refused(text) {
-            QuantityError::UnknownUnit { meant, .. } => meant.unwrap_or_default(),
-            error => panic!("{error}"),
-        };
-        for (text, unit) in [
-            ("500 mhz", "mHz"),
-            ("5 khz", "kHz"),
+        for (text, write) in [
+            ("500 mhz", "500 mHz"),
+            ("5 khz", "5 kHz"),
+            ("5 KHZ", "5 kHz"),
+            ("5 HZ", "5 Hz"),
             ("10 rpm/s", "0.166667 rev/s^2"),
-            ("10 rpm/min", "rev/min^2"),
-            ("2 rps", "rev/s"),
-            ("90 degrees/second", "deg/s"),
-            ("9 deg per sec", "deg/s"),
-            ("3 mm/s/s", "mm/s^2"),
-            ("3 mm/s2", "mm/s^2"),
-            ("3 rev/s**3", "rev/s^3"),
+            ("10 rpm/min", "10 rev/min^2"),
+            ("10 RPM", "10 rpm"),
+            ("2 rps", "2 rev/s"),
+            ("2 rps/s", "2 rev/s^2"),
+            ("90 degrees", "90 deg"),
+            ("90 Degrees", "90 deg"),
+            ("90DEG", "90 deg"),
+            ("90º", "90 deg"),
+            ("90 degrees/second", "90 deg/s"),
+            ("9 deg per sec", "9 deg/s"),
+            ("9 degrees per second", "9 deg/s"),
+            ("9 deg/sec^2", "9 deg/s^2"),
+            ("9 deg s^-2", "9 deg/s^2"),
+            ("3 mm/s/s", "3 mm/s^2"),
+            ("3 mm/s2", "3 mm/s^2"),
+            ("3 mm/sec²", "3 mm/s^2"),
+            ("3 rev/s**3", "3 rev/s^3"),
             ("60 deg/min/s", "1 deg/s^2"),
+            ("3 MM", "3 mm"),
+            ("3 inch", "3 in"),
+            ("3 inches", "3 in"),
+            ("3\"", "3 in"),
+            ("2 ft", "609.6 mm"),
+            ("50 um", "0.05 mm"),
+            ("2 hours", "2 h"),
+            ("2 Hours", "2 h"),
+            ("2 days", "48 h"),
+            ("90 minutes", "90 min"),
+            ("1.50 seconds", "1.50 s"),
+            ("2 S", "2 s"),
+            ("2 Sec.", "2 s"),
+            ("2 radians", "2 rad"),
+            ("2 revolutions", "2 rev"),
+            ("2 rotations/minute", "2 rev/min"),
+            ("4 k steps/s", "4000 step/s"),
+            ("4 ksteps/s", "4000 step/s"),
+            ("4 pulses/s", "4 step/s"),
+            ("2 full steps", "2 full-step"),
+            ("12 volts", "12 V"),
+            ("0,5 s", "0.5 s"),
+            ("-0,5 degrees", "-0.5 deg"),
+            ("1,25 rev/s", "1.25 rev/s"),
+            ("1,000 step/s", "1000 step/s\" or \"1.000 step/s"),
+            ("4 000 step/s", "4000 step/s"),
+            ("4'000 steps/s", "4000 steps/s"),
+            ("1/2 rev", "0.5 rev"),
             ("3 furlongs", ""),
             ("3 //", ""),
+            ("3 !", ""),
         ] {
-            let meant = meant(text);
-            assert_eq!(meant, unit, "{text}");
-            let is_read = |text: &str| Quantity::parse(text).is_ok();
-            assert!(meant.is_empty() || is_read(&meant) || is_read(&format!("1 {meant}")), "{text}: {meant}");
+            let error = refused(text);
+            let meant = error.meant().unwrap_or_default();
+            assert_eq!(meant, write, "{text}");
+            for one in meant.split("\" or \"").filter(|one| !one.is_empty()) {
+                assert!(Quantity::parse(one).is_ok(), "{text}: {one}");
+            }
         }
         assert!(matches!(refused("2 s/s"), QuantityError::UnknownUnit { .. }));
     }

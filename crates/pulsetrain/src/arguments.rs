@@ -128,7 +128,10 @@ pub(crate) fn positive(text: &str, base: Base, example: &str) -> Result<Quantity
 }
 
 pub(crate) fn measured(text: &str, kind: (Base, u8), example: &str) -> Result<Quantity, String> {
-    let quantity = Quantity::parse(text).map_err(|error| format!("{error}; write it like \"{example}\""))?;
+    let quantity = Quantity::parse(text).map_err(|error| match error.meant() {
+        Some(meant) => format!("{error}; write \"{meant}\""),
+        None => format!("{error}; write it like \"{example}\""),
+    })?;
     if (quantity.base, quantity.per_seconds) != kind {
         return Err(format!("this is {}; write it like \"{example}\"", quantity.kind()));
     }

@@ -44,6 +44,8 @@ enum Command {
     Plan(commands::plan::PlanArgs),
     /// Draw a motion: position wanted and stepped, interval against step number, speed, error
     Plot(commands::plot::PlotArgs),
+    /// Try a formula without a motion file: position, speed, acceleration, range, first steps, plot
+    Formula(commands::formula::FormulaArgs),
     /// Judge a capture against the motion: VCD, CSV of Saleae's or PulseView's, steps.csv, or a camera track (CSV of time and angle)
     Verify(commands::verify::VerifyArgs),
     /// Tell why a motion is refused: the limit, the place, the curve there, and what would fit
@@ -114,6 +116,7 @@ impl Command {
             Command::Verify(args) => args.json,
             Command::Explain(args) => args.json,
             Command::Motor(args) => args.json,
+            Command::Formula(args) => args.json,
             Command::Boards(args) | Command::Drivers(args) => args.json,
             Command::Info(args) => args.json,
             Command::Stop(args) => args.json,
@@ -179,6 +182,7 @@ fn obey(command: &Command, console: &mut Console<'_>) -> miette::Result<Exit> {
         Command::Run(args) => commands::run::run(args, console),
         Command::Plan(args) => commands::plan::run(args, console),
         Command::Plot(args) => commands::plot::run(args, console),
+        Command::Formula(args) => commands::formula::run(args, console),
         Command::Verify(args) => commands::verify::run(args, console),
         Command::Explain(args) => commands::explain::run(args, console),
         Command::Motor(args) => commands::motor::run(args, console),
@@ -222,7 +226,7 @@ fn finish(outcome: miette::Result<Exit>, as_json: bool, console: &mut Console<'_
         }
         // miette prints a help line below each problem, so the marker of the command goes in front of each problem
         // behind the first. No line of a file begins without a margin.
-        complain(console, &text.replace("\nError: \n", "\n"));
+        complain(console, &text.replace("\nError: \n", "\n").replace("\nAdvice: \n", "\n"));
         if stopped.is_some() { Exit::Stopped } else { Exit::Refused }
     })
 }

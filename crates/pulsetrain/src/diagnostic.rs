@@ -76,7 +76,14 @@ impl SourceCode for Excerpt {
 pub struct WrongFile {
     error: FileError,
     problems: Vec<WrongPlace>,
+    more: Option<More>,
 }
+
+/// How many problems are not shown.
+#[derive(Debug, thiserror::Error, Diagnostic)]
+#[error("{0}")]
+#[diagnostic(severity(Advice))]
+struct More(String);
 
 #[derive(Debug)]
 struct WrongPlace {
@@ -94,10 +101,10 @@ impl WrongFile {
 
 impl From<FileError> for WrongFile {
     fn from(error: FileError) -> WrongFile {
-        let places = error.problems().iter();
+        let places = error.first().iter();
         let problems = places
             .map(|problem| WrongPlace { problem: problem.clone(), source: Excerpt(Arc::clone(problem.source())) });
-        WrongFile { problems: problems.collect(), error }
+        WrongFile { problems: problems.collect(), more: error.more().map(More), error }
     }
 }
 
@@ -123,7 +130,8 @@ impl Diagnostic for WrongFile {
     }
 
     fn related<'a>(&'a self) -> Option<Box<dyn Iterator<Item = &'a dyn Diagnostic> + 'a>> {
-        Some(Box::new(self.problems.iter().skip(1).map(|problem| problem as &dyn Diagnostic)))
+        let others = self.problems.iter().skip(1).map(|problem| problem as &dyn Diagnostic);
+        Some(Box::new(others.chain(self.more.iter().map(|more| more as &dyn Diagnostic))))
     }
 }
 

@@ -371,7 +371,7 @@ pub struct Amount {
 }
 
 impl ParameterReport {
-    fn new(used: &ParameterUse) -> ParameterReport {
+    pub(crate) fn new(used: &ParameterUse) -> ParameterReport {
         let amount = |used: &Option<(f64, String)>| used.clone().map(|(value, unit)| Amount { value, unit });
         ParameterReport {
             name: used.name.clone(),

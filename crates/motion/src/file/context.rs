@@ -8,7 +8,7 @@ use super::motor::Gearing;
 use super::reader::{Node, Noted, Read, Reader};
 use crate::law::LawError;
 use crate::motor::Limits;
-use crate::quantity::Quantity;
+use crate::quantity::{Quantity, unit_meant};
 
 /// Reads the text of a file that a motion file names, relative to it.
 pub(super) type Loader<'a> = &'a dyn Fn(&Path) -> io::Result<String>;
@@ -28,11 +28,13 @@ pub(super) fn position_unit(node: &Node) -> Read<Quantity> {
     // Read as one of it, so that every unit of position is known here too.
     let one = Quantity::parse(&format!("1 {text}")).ok();
     one.filter(|one| one.base.is_position() && one.per_seconds == 0 && !text.trim().is_empty()).ok_or_else(|| {
-        node.note(
-            "not a unit of position",
-            format!("`unit` must be a unit of position, but is \"{text}\""),
-            "one of: rev, deg, rad, mm, step, full-step",
-        )
+        let is_position =
+            |unit: &String| Quantity::parse(&format!("1 {unit}")).is_ok_and(|one| one.kind().is_position());
+        let help = match unit_meant(text).filter(is_position) {
+            Some(unit) => format!("write unit = \"{unit}\""),
+            None => "one of: rev, deg, rad, mm, step, full-step".to_owned(),
+        };
+        node.note("not a unit of position", format!("`unit` must be a unit of position, but is \"{text}\""), help)
     })
 }
 

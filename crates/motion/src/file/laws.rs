@@ -2,7 +2,7 @@
 
 use super::context::{Context, position_unit, refuse};
 use super::points;
-use super::reader::{Node, Read, Section};
+use super::reader::{Node, Noted, Read, Section};
 use super::winch;
 use crate::Time;
 use crate::law::{Begin, End, Law, LawError, SCurve, TimerRamp, dds_period};
@@ -137,7 +137,11 @@ impl Context<'_> {
         let distance = self.distance(&p);
         let speed = self.limit(&p, "speed", 1, self.limits.max_speed, "2 rev/s");
         let acceleration = self.limit(&p, "acceleration", 2, self.limits.max_acceleration, "10 rev/s^2");
-        let deceleration = self.limit(&p, "deceleration", 2, acceleration.ok(), "10 rev/s^2");
+        let deceleration = match p.get("deceleration") {
+            // One that is wrong is noted once.
+            None => acceleration,
+            Some(_) => self.limit(&p, "deceleration", 2, None, "10 rev/s^2"),
+        };
         self.made(node, Law::trapezoid(distance?, speed?, acceleration?, deceleration?))
     }
 
@@ -165,10 +169,10 @@ impl Context<'_> {
             let steps = self.whole_steps(&node, "200 step")?;
             node.above_zero(steps as f64).map(|_| steps.unsigned_abs())
         });
-        let phase = p.get("phase").map_or(Ok(Time::ZERO), |node| node.time("100 ms"));
+        let phase = p.get("phase").map(|node| node.phase("0.25 turn")).transpose();
         let (frequency_hz, period) = frequency?;
         // As in the sketch: the phase shift is taken modulo the period.
-        let delay = Time::from_raw(phase?.raw() % period.raw());
+        let delay = phase?.map_or(Time::ZERO, |phase| phase.of(period));
         self.made(node, Law::sweep(frequency_hz, swing?, delay))
     }
 
@@ -195,6 +199,7 @@ impl Context<'_> {
             (None, Some(max_speed), Ok(tick_s)) => {
                 Ok((1.0 / (max_speed * tick_s) - 1e-9).ceil().clamp(1.0, 65_535.0) as u32)
             }
+            (None, Some(_), Err(Noted)) => Err(Noted),
             _ => count("fastest", "fastest = 18"),
         };
         let during = p.need("during", "during = 10").and_then(|node| node.whole(0..=65_535, "during = 10"));

@@ -38,6 +38,7 @@ mod points;
 mod problem;
 mod reader;
 mod source;
+mod syntax;
 mod table_columns;
 mod text;
 mod winch;
@@ -107,13 +108,16 @@ pub fn load_winch(path: &Path) -> Result<WinchScript, FileError> {
     })
 }
 
+/// How a user begins.
+const NEW: &str = "`pulsetrain new NAME` writes a motion file to begin with";
+
 /// The name of a file, and its text.
 fn open(path: &Path) -> Result<(String, String), FileError> {
     let name = path.display().to_string();
     let text = text::read(path, text::MOST_OF_A_MOTION_FILE).map_err(|error| {
         let source = Arc::new(Source::new(&name, ""));
         let help = match error.kind() {
-            io::ErrorKind::NotFound => Some("`pulsetrain new NAME` writes a motion file to begin with".to_owned()),
+            io::ErrorKind::NotFound => Some(NEW.to_owned()),
             _ => None,
         };
         FileError::whole(&source, format!("cannot read {name}: {error}"), help)
@@ -157,11 +161,11 @@ fn read_as<T>(text: &str, name: &str, what: impl Fn(&Section) -> Read<T>) -> Res
     let source = Arc::new(Source::new(name, text));
     let reader = Reader::new(Arc::clone(&source));
     let found = match toml_edit::Document::parse(text) {
-        Ok(document) => what(&Section::root(&reader, document.as_table())),
-        Err(error) => {
-            let at = error.span().unwrap_or(0..0);
-            Err(reader.note(at, "here", format!("not TOML: {}", error.message().trim_end()), ""))
+        Ok(document) if document.as_table().is_empty() => {
+            return Err(FileError::whole(&source, format!("{name} is empty"), Some(NEW.to_owned())));
         }
+        Ok(document) => what(&Section::root(&reader, document.as_table())),
+        Err(error) => Err(syntax::note(&reader, text, &error)),
     };
     match (found, FileError::of(reader.into_problems())) {
         (Ok(found), None) => Ok(found),

@@ -217,7 +217,7 @@ impl Gearing {
             "°" => "deg",
             "steps" | "microstep" | "microsteps" => "step",
             "full-steps" => "full-step",
-            "cm" | "m" => "mm",
+            "cm" | "m" | "in" => "mm",
             unit => unit,
         };
         let mut units = self.units.borrow_mut();
@@ -282,20 +282,30 @@ pub(super) fn read(node: &Node, board: Option<&BoardRow>, pins: &mut Pins) -> Re
 fn read_driver(section: &Section) -> Read<Option<&'static Driver>> {
     let Some(node) = section.get("driver") else { return Ok(None) };
     let name = node.text("driver = \"A4988\"")?;
-    drivers::find(name).map(Some).ok_or_else(|| {
-        let names = || drivers::table().iter().map(|row| row.name);
-        let help = match nearest(name, names()) {
-            Some(near) => format!("did you mean \"{near}\"?"),
-            None => {
-                let names: Vec<&str> = names().collect();
-                format!(
-                    "known: {}; for others leave `driver` out and give pulse_high = \"2 us\" and so on",
-                    names.join(", ")
-                )
-            }
-        };
-        node.note("not in the table", format!("unknown driver \"{name}\""), help)
-    })
+    let microsteps = section.get("microsteps").and_then(|node| u32::try_from(node.as_whole()?).ok());
+    let found = drivers::named(name);
+    if let Some(driver) = drivers::only_one(&found, microsteps.unwrap_or(1)) {
+        return Ok(Some(driver));
+    }
+    let quoted = |names: &[&str]| names.iter().map(|name| format!("\"{name}\"")).collect::<Vec<_>>();
+    if !found.is_empty() {
+        let names: Vec<&str> = found.iter().map(|driver| driver.name).collect();
+        let help = format!("write driver = {}", quoted(&names).join(", or "));
+        return Err(node.note(
+            "which of them?",
+            format!("\"{name}\" are {} drivers with different settings", names.len()),
+            help,
+        ));
+    }
+    let names: Vec<&str> = drivers::table().iter().map(|row| row.name).collect();
+    let help = match nearest(name, names.iter().copied()) {
+        Some(near) => format!("did you mean \"{near}\"?"),
+        None => format!(
+            "known: {}; for others leave `driver` out and give pulse_high = \"2 us\" and so on",
+            names.join(", ")
+        ),
+    };
+    Err(node.note("not in the table", format!("unknown driver \"{name}\""), help))
 }
 
 fn read_microsteps(section: &Section, driver: Option<&Driver>) -> Read<u32> {
@@ -594,14 +604,19 @@ pub(super) fn read_all(root: &Section, board: Option<&BoardRow>) -> Vec<(String,
         root.reader.note(motors.key_span(stray.key), "of which motor?", message, "write [motor.wheel] above it");
         return Vec::new();
     }
+    let nodes = motors.nodes();
+    // What is wrong with the file as a whole comes first. Then pins that are used twice are no mistakes of their own.
+    let board = match board {
+        Some(row) if nodes.len() > row.board.max_motors => {
+            let (name, most) = (&row.board.name, row.board.max_motors);
+            let message = format!("the board `{name}` drives {most} motors at most, but the file has {}", nodes.len());
+            note_board(root.reader, root, message);
+            None
+        }
+        board => board,
+    };
     let mut pins = Pins::default();
-    let drafts: Vec<_> =
-        motors.nodes().iter().map(|node| (node.key.to_owned(), read(node, board, &mut pins))).collect();
-    if let Some(board) = board.filter(|board| drafts.len() > board.board.max_motors) {
-        let (name, most) = (&board.board.name, board.board.max_motors);
-        let message = format!("the board `{name}` drives {most} motors at most, but the file has {}", drafts.len());
-        note_board(root.reader, root, message);
-    }
+    let drafts: Vec<_> = nodes.iter().map(|node| (node.key.to_owned(), read(node, board, &mut pins))).collect();
     if drafts.is_empty() {
         node.note("no motors", "the file has no motors", "add [motor.wheel]");
     }

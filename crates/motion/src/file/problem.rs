@@ -8,7 +8,7 @@ use super::source::Source;
 
 /// Everything that is wrong with a motion file; at least one [`Problem`].
 ///
-/// As an error it is the first problem; [`problems`](FileError::problems) has them all.
+/// As an error it is the first problem; [`problems`](FileError::problems) has them all, [`first`](FileError::first) those that people read.
 #[derive(Clone, Debug)]
 pub struct FileError {
     problems: Vec<Problem>,
@@ -53,6 +53,9 @@ pub struct PathPoint {
     pub value: Option<f64>,
 }
 
+/// Problems that are shown: what is wrong with the file as a whole, and five more.
+const MOST_SHOWN: usize = 6;
+
 impl FileError {
     /// `None` if there is no problem.
     pub(super) fn of(problems: Vec<Problem>) -> Option<FileError> {
@@ -70,17 +73,31 @@ impl FileError {
         &self.problems
     }
 
-    /// All problems as plain text: `file:line:column: message`, then the advice, indented.
+    /// The first problems, as many as people read; all but the first few of hundreds have one cause.
+    #[must_use]
+    pub fn first(&self) -> &[Problem] {
+        &self.problems[..self.problems.len().min(MOST_SHOWN)]
+    }
+
+    /// How many there are beyond the [`first`](FileError::first), in words.
+    #[must_use]
+    pub fn more(&self) -> Option<String> {
+        let more = self.problems.len().saturating_sub(MOST_SHOWN);
+        (more > 0).then(|| format!("and {more} more"))
+    }
+
+    /// The first problems as plain text: `file:line:column: message`, then the advice, indented; and how many more there are.
     #[must_use]
     pub fn plain(&self) -> String {
-        self.problems.iter().fold(String::new(), |mut text, problem| {
+        let shown = self.first().iter().fold(String::new(), |mut text, problem| {
             let (line, column) = problem.place();
             let _ = writeln!(text, "{}:{line}:{column}: {}", problem.source.name(), problem.message);
             for line in problem.help.iter().flat_map(|help| help.lines()) {
                 let _ = writeln!(text, "    {line}");
             }
             text
-        })
+        });
+        shown + &self.more().map_or(String::new(), |more| more + "\n")
     }
 }
 

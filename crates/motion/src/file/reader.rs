@@ -26,6 +26,25 @@ pub(super) type Read<T> = Result<T, Noted>;
 /// Longest time that a motion file may name: 2000 years, the range of `Time::ticks`.
 const MAX_TIME_S: f64 = 6.0e10;
 
+/// How far something periodic is shifted.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum PhaseShift {
+    Time(Time),
+    /// One is a period.
+    Turns(f64),
+}
+
+impl PhaseShift {
+    /// The shift within one period.
+    pub(super) fn of(self, period: Time) -> Time {
+        let shift = match self {
+            PhaseShift::Time(time) => time,
+            PhaseShift::Turns(turns) => Time::from_raw(((turns - turns.floor()) * period.raw() as f64).round() as i128),
+        };
+        Time::from_raw(shift.raw().rem_euclid(period.raw()))
+    }
+}
+
 /// The text and the problems found in it.
 pub(super) struct Reader {
     pub(super) source: Arc<Source>,
@@ -333,15 +352,21 @@ impl<'a> Node<'a> {
                 None => self.wrong("a number with its unit, in quotes", &format!("{} = \"{example}\"", self.key)),
             });
         };
-        Quantity::parse(text).map_err(|error| match &error {
-            QuantityError::UnknownUnit { unit, offset, meant } => {
-                let help = meant.as_ref().map_or(write, |meant| format!("did you mean \"{meant}\"?"));
-                let message = format!("`{}`: unknown unit \"{unit}\"", self.key);
-                self.reader.note(self.inside(*offset, unit.len()), "unknown unit", message, help)
-            }
-            QuantityError::NoUnit { number } => bare(number),
-            QuantityError::NoNumber { .. } | QuantityError::OutOfRange { .. } => {
-                self.note("not a quantity", format!("`{}`: {error}", self.key), write)
+        Quantity::parse(text).map_err(|error| {
+            let help = error.meant().map_or(write, |meant| format!("write {} = \"{meant}\"", self.key));
+            match &error {
+                QuantityError::UnknownUnit { unit, offset, .. } => {
+                    let message = format!("`{}`: unknown unit \"{unit}\"", self.key);
+                    self.reader.note(self.inside(*offset, unit.len()), "unknown unit", message, help)
+                }
+                QuantityError::Grouped { number, offset, .. } => {
+                    let message = format!("`{}`: {error}", self.key);
+                    self.reader.note(self.inside(*offset, number.len()), "not a number", message, help)
+                }
+                QuantityError::NoUnit { number } => bare(number),
+                QuantityError::NoNumber { .. } | QuantityError::OutOfRange { .. } => {
+                    self.note("not a quantity", format!("`{}`: {error}", self.key), help)
+                }
             }
         })
     }
@@ -350,7 +375,11 @@ impl<'a> Node<'a> {
     pub(super) fn wrong_kind(&self, wanted: Kind, found: &Quantity, example: &str) -> Noted {
         let message = format!("`{}` must be {wanted}, but this is {}", self.key, found.kind());
         let label = found.kind().to_string();
-        self.note(label, message, format!("write, for example: {} = \"{example}\"", self.key))
+        let help = match self.as_text().and_then(|text| other_kind(text, wanted, found)) {
+            Some(meant) => format!("did you mean {meant}?"),
+            None => format!("write, for example: {} = \"{example}\"", self.key),
+        };
+        self.note(label, message, help)
     }
 
     /// A quantity of that kind, in its base's unit.
@@ -385,6 +414,20 @@ impl<'a> Node<'a> {
             return Err(self.note("before 0 s", format!("`{}` must not be negative", self.key), ""));
         }
         self.in_range(time)
+    }
+
+    /// How far something periodic is shifted: a time, or an angle or part of a turn, of which one is the period.
+    pub(super) fn phase(&self, example: &str) -> Read<PhaseShift> {
+        let quantity = self.quantity(example)?;
+        match (quantity.base, quantity.per_seconds) {
+            (Base::Turn, 0) => Ok(PhaseShift::Turns(quantity.value)),
+            (Base::Time, 0) => self.time(example).map(PhaseShift::Time),
+            _ => {
+                let message = format!("`{}` must be an angle or a time, but this is {}", self.key, quantity.kind());
+                let help = format!("write {0} = \"90 deg\", {0} = \"0.25 turn\" or {0} = \"100 ms\"", self.key);
+                Err(self.note(quantity.kind().to_string(), message, help))
+            }
+        }
     }
 
     /// A time of more than 0 s.
@@ -444,6 +487,28 @@ impl<'a> Node<'a> {
                 from..text.ceil_char_boundary((from + length.max(1)).min(self.at.end))
             }
             None => self.at.clone(),
+        }
+    }
+}
+
+/// What a quantity of another kind than the wanted one is probably meant for: 5 H are 5 h, 5 m of time are minutes, 30 rpm is 0.5 Hz.
+fn other_kind(text: &str, wanted: Kind, found: &Quantity) -> Option<String> {
+    let is_wanted = |quantity: &Quantity| quantity.kind() == wanted;
+    let number = text.trim().trim_end_matches(|c: char| !(c.is_ascii_digit() || c == '.'));
+    match (wanted, found.base) {
+        (Kind { base: Base::Time, per_seconds: 0 }, Base::Length) if found.unit == "m" => {
+            Some(format!("\"{number} min\", or \"{number} ms\""))
+        }
+        (Kind { base: Base::Cycle, per_seconds: 1 }, Base::Turn) if found.per_seconds == 1 => {
+            Some(format!("\"{} Hz\"", found.value))
+        }
+        _ => {
+            let lower = text.trim().to_lowercase();
+            Quantity::parse(&lower)
+                .ok()
+                .filter(is_wanted)
+                .filter(|_| lower != text.trim())
+                .map(|_| format!("\"{lower}\""))
         }
     }
 }

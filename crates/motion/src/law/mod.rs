@@ -41,7 +41,7 @@ pub use combine::{Changed, Repeated};
 pub use cursor::{Cursor, Sample};
 pub use curve::{Bounds, Curve, Inverse, Jet};
 use double::Double;
-pub use formula::{FormulaError, ParameterUse};
+pub use formula::{FormulaError, FormulaFunction, ParameterUse, formula_functions};
 pub use lorenz::{Lorenz, Orbit};
 pub use profile::SCurve;
 pub use smoothing::{CUT_OFF, least_smoothing};

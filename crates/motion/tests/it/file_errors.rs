@@ -6,6 +6,7 @@ use std::path::Path;
 use expect_test::{Expect, expect};
 use proptest::prelude::*;
 use pulsetrain_motion::file::{self, FileError, Problem};
+use pulsetrain_motion::law::Cursor;
 use pulsetrain_motion::program::{BoardError, Program};
 use pulsetrain_motion::{Time, boards, template};
 
@@ -313,12 +314,8 @@ fn keys() {
         "",
         "",
         expect![[r#"
-            x.toml:1:1: the motion file has no `board`
-                add, for example: board = "uno"
-            x.toml:1:1: the motion file has no `motor`
-                add, for example: [motor.wheel] with its steps_per_rev, driver and pins
-            x.toml:1:1: the motion file has no `motion`
-                add, for example: [[motion]] with motor = "wheel" and law.sine = { amplitude = "1 rev", period = "1 s" }
+            x.toml:1:1: x.toml is empty
+                `pulsetrain new NAME` writes a motion file to begin with
         "#]],
     );
     check(
@@ -367,9 +364,9 @@ fn units() {
         "\"2.5 rev\"",
         "\"2.5 rve\"",
         expect![[r#"
-        x.toml:14:31: `amplitude`: unknown unit "rve"
-            did you mean "rev"?
-    "#]],
+            x.toml:14:31: `amplitude`: unknown unit "rve"
+                write amplitude = "2.5 rev"
+        "#]],
     );
     check(
         "\"2.5 rev\"",
@@ -562,11 +559,11 @@ fn tables() {
     );
     check(
         "DQ542MA",
-        "DQ542",
+        "DQ524MA",
         expect![[r#"
-        x.toml:8:10: unknown driver "DQ542"
-            did you mean "DQ542MA"?
-    "#]],
+            x.toml:8:10: unknown driver "DQ524MA"
+                did you mean "DQ542MA"?
+        "#]],
     );
     check(
         "DQ542MA",
@@ -912,6 +909,7 @@ fn formulas() {
         &formula("\"3*frequncy*t\"", ""),
         expect![[r#"
             x.toml:14:28: formula: `frequncy` is unknown: the time is `t`, other names must be parameters
+                give it a value: where = { frequncy = 2 }
         "#]],
     );
     check(
@@ -919,6 +917,7 @@ fn formulas() {
         &formula("'''\n2*t\n + frequncy*t'''", ""),
         expect![[r#"
             x.toml:16:4: formula: `frequncy` is unknown: the time is `t`, other names must be parameters
+                give it a value: where = { frequncy = 2 }
         "#]],
     );
     check(
@@ -933,22 +932,23 @@ fn formulas() {
         SINE,
         &formula("\"Sin(t)\"", ""),
         expect![[r#"
-        x.toml:14:26: formula: `Sin` is unknown; did you mean `sin`?
-    "#]],
+            x.toml:14:26: formula: `Sin` is unknown; did you mean `sin`?
+                all functions: docs/formulas.md, or `pulsetrain formula --list`
+        "#]],
     );
     check(
         SINE,
         &formula("\"PI*t\"", ""),
         expect![[r#"
-        x.toml:14:26: formula: `PI` is unknown; did you mean `pi`?
-    "#]],
+            no problem
+        "#]],
     );
     check(
         SINE,
         &formula("\"π*t\"", ""),
         expect![[r#"
-        x.toml:14:26: formula: `π` is unknown; did you mean `pi`?
-    "#]],
+            no problem
+        "#]],
     );
     check(
         SINE,
@@ -989,9 +989,9 @@ fn formulas() {
         SINE,
         &formula("\"sin(2*pi*0,5*t)\"", ""),
         expect![[r#"
-        x.toml:14:26: formula: `sin` takes 1 argument(s); here are 2
-            decimals are written with a point: 0.5
-    "#]],
+            x.toml:14:26: formula: `sin` takes 1 argument; here are 2
+                decimals are written with a point: 0.5
+        "#]],
     );
     check(
         SINE,
@@ -1042,6 +1042,205 @@ fn formulas() {
             one of: rev, deg, rad, mm, step, full-step
     "#]],
     );
+}
+
+/// A bracket or quote is shown where it was opened, not where reading ended.
+#[test]
+fn what_is_never_closed_is_shown_where_it_was_opened() {
+    let formula = "law.formula = { theta = \"90*sin(t)\", unit = \"deg\", duration = \"10 s\", where = { a = 3 } }";
+    let good = GOOD.replace(SINE, formula);
+    assert!(read(&good).is_ok());
+    for (old, new, place, message) in [
+        ("dir = 9 }", "dir = 9", "{ step", "this `{` is never closed"),
+        ("a = 3 } }", "a = 3 }", "{ theta", "this `{` is never closed"),
+        ("a = 3 } }", "a = 3", "{ a = 3", "this `{` is never closed"),
+        ("a = 3 } }\n", "a = 3 }", "{ theta", "this `{` is never closed"),
+        ("dir = 9 }", "dir = [9 }", "[9", "this `[` is never closed"),
+        ("\"low\"", "\"low", "\"low", "this quote is never closed"),
+        ("\"10 s\"", "\"10 s", "\"10 s", "this quote is never closed"),
+        ("\"90*sin(t)\"", "\"90*sin(t)", "\"90*sin(t)", "this quote is never closed"),
+        ("\"90*sin(t)\"", "'90*sin(t)", "'90*sin(t)", "this quote is never closed"),
+        ("\"10 s\"", "10 s", "10 s", "a quantity with its unit stands in quotes; write duration = \"10 s\""),
+        ("\"1 tick\"", "1 tick", "1 tick", "a quantity with its unit stands in quotes; write tolerance = \"1 tick\""),
+        ("90*sin(t)", "90*sin(t", "(t", "this bracket is never closed"),
+        ("90*sin(t)", "90*sin(t + cos(t)", "(t + cos", "this bracket is never closed"),
+    ] {
+        assert!(good.contains(old), "{old}");
+        let text = good.replacen(old, new, 1);
+        let error = read(&text).unwrap_err();
+        let [problem] = error.problems() else { panic!("{new}: {}", error.plain()) };
+        let (span, _) = problem.labels().next().unwrap();
+        let told = format!("{}; {}", problem.message(), problem.advice().unwrap_or_default());
+        assert!(text[span.start..].starts_with(place), "{new}: at {:?}: {told}", &text[span]);
+        assert!(told.contains(message), "{new}: {told}");
+    }
+}
+
+/// Any one bad value is one problem.
+#[test]
+fn one_mistake_is_one_problem() {
+    const LAWS: &[&str] = &[
+        SINE,
+        "law.trapezoid = { distance = \"5 rev\", speed = \"2 rev/s\", acceleration = \"10 rev/s^2\" }",
+        "law.trapezoid = { distance = \"5 rev\", speed = \"2 rev/s\", acceleration = \"10 rev/s^2\", deceleration = \"5 rev/s^2\" }",
+        "law.s_curve = { distance = \"5 rev\", speed = \"2 rev/s\", acceleration = \"10 rev/s^2\", jerk = \"100 rev/s^3\", start_speed = \"0 rev/s\" }",
+        "law.ramp = { distance = \"1 rev\", tick = \"8 us\", slowest = 255, during = 10 }",
+        "law.ramp = { distance = \"1 rev\", tick = \"8 us\", slowest = 255, fastest = 18, during = 10 }",
+        "law.sweep = { frequency = \"0.5 Hz\", swing = \"200 step\", phase = \"90 deg\" }",
+        "law.speed = { speed = \"2 rev/s\", duration = \"10 s\" }\nease = \"1 s\"\nstart = \"0 s\"",
+        "law.formula = { theta = \"a*t\", unit = \"deg\", duration = \"10 s\", where = { a = \"3 deg/s\" } }",
+        "law.then = [{ rest = \"1 s\" }, { delay = { by = \"1 s\", law = { rest = \"2 s\" } } }]",
+        "law.shift = { by = \"90 deg\", law = { rest = \"2 s\" } }",
+    ];
+    let motor = "forward = \"low\"\nmax_speed = \"5 rev/s\"\nmax_acceleration = \"50 rev/s^2\"\npull_in = \"2 rev/s\"\nbacklash = { slack = \"6 step\", over = \"20 ms\" }\n\
+        pulse_high = \"10 us\"\npulse_low = \"10 us\"\ndir_setup = \"1 us\"\ndir_hold = \"1 us\"\ninductance = \"3 mH\"\ncurrent = \"1 A\"\nvoltage = \"12 V\"";
+    let mut tried = 0;
+    for law in LAWS {
+        let good = GOOD.replace("forward = \"low\"", motor).replace(SINE, law);
+        let read_good = read(&good);
+        assert!(read_good.is_ok(), "{law}: {}", read_good.unwrap_err().plain());
+        // Every text in quotes, one after the other; and one of each kind of mistake.
+        let quotes: Vec<usize> = good.match_indices('"').map(|(at, _)| at).collect();
+        for pair in quotes.chunks(2) {
+            let ([from, to], true) = (pair, good[..pair[0]].ends_with("= ")) else { continue };
+            let value = &good[from + 1..*to];
+            for wrong in ["", "5", "5 parsecs", "-5 s/s", "nonsense"]
+                .into_iter()
+                .chain(value.contains(' ').then_some("0,5 parsecs"))
+            {
+                let text = format!("{}{wrong}{}", &good[..=*from], &good[*to..]);
+                if let Err(error) = read(&text) {
+                    assert_eq!(error.problems().len(), 1, "\"{value}\" as \"{wrong}\": {}", error.plain());
+                    tried += 1;
+                }
+            }
+        }
+    }
+    assert!(tried > 500, "{tried} mistakes");
+}
+
+/// Units that others write: what the error says to write, which is then read.
+#[test]
+fn units_of_others_are_refused_with_what_to_write() {
+    let speed = "law.speed = { speed = \"VALUE\", duration = \"1 s\" }";
+    let acceleration = "law.trapezoid = { distance = \"5 rev\", speed = \"2 rev/s\", acceleration = \"VALUE\" }";
+    let sine = "law.sine = { amplitude = \"VALUE\", period = \"1 s\" }";
+    let rest = "law.rest = \"VALUE\"";
+    let frequency = "law.sine = { amplitude = \"1 rev\", frequency = \"VALUE\" }";
+    for (law, wrong, right) in [
+        (acceleration, "10 rpm/s", "0.166667 rev/s^2"),
+        (acceleration, "10 rev/s/s", "10 rev/s^2"),
+        (acceleration, "10 rev/s2", "10 rev/s^2"),
+        (frequency, "500 mhz", "500 mHz"),
+        (frequency, "30 rpm", "0.5 Hz"),
+        (frequency, "2 Hertz", "2 Hz"),
+        (sine, "90 degrees", "90 deg"),
+        (sine, "90 DEG", "90 deg"),
+        (sine, "2 radians", "2 rad"),
+        (sine, "0,5 rev", "0.5 rev"),
+        (sine, "½ rev", ""),
+        (sine, "1/2 rev", "0.5 rev"),
+        (rest, "10 seconds", "10 s"),
+        (rest, "2 hours", "2 h"),
+        (rest, "2 H", "2 h"),
+        (rest, "5 minutes", "5 min"),
+        (rest, "5 m", "5 min\", or \"5 ms"),
+        (rest, "0,5 s", "0.5 s"),
+        (rest, "10 S", "10 s"),
+        (speed, "4 k steps/s", "4000 step/s"),
+        (speed, "30 RPM", "30 rpm"),
+        (speed, "1,000 step/s", "1000 step/s\" or \"1.000 step/s"),
+        (speed, "2", "2 rev/s"),
+    ] {
+        let with = |value: &str| {
+            GOOD.replace(SINE, &law.replace("VALUE", value)).replacen("forward", "pull_in = \"9 rev/s\"\nforward", 1)
+        };
+        let error = read(&with(wrong)).unwrap_err();
+        let [problem] = error.problems() else { panic!("{wrong}: {}", error.plain()) };
+        let told = problem.advice().unwrap_or_default();
+        assert!(told.contains(&format!("\"{right}")), "{wrong}: {told}");
+        for one in right.split(['"', ',']).filter(|one| one.starts_with(|c: char| c.is_ascii_digit())) {
+            assert!(read(&with(one)).is_ok(), "{wrong} as {one}");
+        }
+    }
+    for (law, accepted) in [
+        (frequency, "500 mHz"),
+        (sine, "2 turns"),
+        (sine, "2 revs"),
+        (sine, "90°"),
+        (sine, "−90 deg"),
+        (speed, "60 rev/min"),
+        (rest, "10 us"),
+        (rest, "10 µs"),
+        (rest, "10 μs"),
+    ] {
+        let text = GOOD.replace(SINE, &law.replace("VALUE", accepted)).replacen(
+            "forward",
+            "pull_in = \"9 rev/s\"\nforward",
+            1,
+        );
+        assert!(read(&text).is_ok(), "{accepted}: {}", read(&text).unwrap_err().plain());
+    }
+}
+
+/// Phases are times, angles or parts of a turn, in the same places.
+#[test]
+fn phases_may_be_angles() {
+    let sweep = |phase: &str| {
+        let law = format!("law.sweep = {{ frequency = \"0.5 Hz\", swing = \"200 step\", phase = \"{phase}\" }}");
+        read(&GOOD.replace(SINE, &law)).map(|mut program| program.motors.remove(0).law)
+    };
+    let at = |phase: &str, t: f64| {
+        let law = sweep(phase).unwrap_or_else(|error| panic!("{}", error.plain()));
+        Cursor::new(&law).at(Time::from_seconds(t)).unwrap().position
+    };
+    for (phase, same) in [
+        ("0.25 turn", "500 ms"),
+        ("90 deg", "500 ms"),
+        ("90°", "500 ms"),
+        ("0.25 rev", "500 ms"),
+        ("1.25 turn", "500 ms"),
+        ("-270 deg", "500 ms"),
+        ("0 deg", "0 ms"),
+        ("360 deg", "0 ms"),
+        ("2500 ms", "500 ms"),
+    ] {
+        for t in [0.1, 0.7, 1.3, 2.9] {
+            assert!((at(phase, t) - at(same, t)).abs() < 1e-9, "{phase} at {t}");
+        }
+    }
+    assert!((at("3.14159265358979 rad", 1.5) - at("1 s", 1.5)).abs() < 1e-9);
+    for (wrong, right) in
+        [("2 mm", "90 deg"), ("2 Hz", "90 deg"), ("0.25", "\"0.25 turn\""), ("-1 s", "must not be negative")]
+    {
+        let told = sweep(wrong).unwrap_err().plain();
+        assert!(told.contains(right), "{wrong}: {told}");
+    }
+}
+
+#[test]
+fn hundreds_of_problems_are_the_limit_and_five() {
+    let motors: String = (0..500)
+        .map(|k| format!("[motor.m{k}]\nsteps_per_rev = 200\ndriver = \"A9999\"\npins = {{ step = 8, dir = 9 }}\nforward = \"high\"\n"))
+        .collect();
+    let error =
+        read(&format!("board = \"uno\"\n{motors}[[motion]]\nmotor = \"m0\"\nlaw.rest = \"1 s\"\n")).unwrap_err();
+    let told = error.plain();
+    assert!(told.starts_with("x.toml:1:9: the board `uno` drives 4 motors at most, but the file has 500\n"), "{told}");
+    assert_eq!(told.matches("unknown driver").count(), 5, "{told}");
+    assert!(told.ends_with("\nand 495 more\n"), "{told}");
+    assert_eq!(error.problems().len(), 501);
+}
+
+#[test]
+fn an_empty_file_says_how_to_begin() {
+    for text in ["", "\n\n", "# a comment\n", "\u{feff}"] {
+        let error = read(text).unwrap_err().plain();
+        assert_eq!(
+            error,
+            "x.toml:1:1: x.toml is empty\n    `pulsetrain new NAME` writes a motion file to begin with\n"
+        );
+    }
 }
 
 /// What is said of formulas, one after the other, each with the text that it points at.

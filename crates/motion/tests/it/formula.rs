@@ -1,7 +1,7 @@
 //! Formulas: the language, its errors, and what planning rests on: jets, enclosures, windows.
 
 use proptest::prelude::*;
-use pulsetrain_motion::law::{Class, Cursor, Curve, Piece};
+use pulsetrain_motion::law::{Class, Cursor, Curve, FormulaFunction, Piece, formula_functions};
 use pulsetrain_motion::{Law, LawError, Time, file};
 use std::f64::consts::{PI, TAU};
 
@@ -30,6 +30,18 @@ fn precedence() {
     check("1e3 + .5", 0.0, 1000.5);
     check("(1 + 2)*3*a", 0.0, 22.5);
     check("if(0 < t < 2 and not t > 1 or 1 == 2, 3*t, 3)", 0.5, 1.5);
+    check("2**3**2", 0.0, 512.0);
+    check("-t²", 3.0, -9.0);
+    check("2^t²", 3.0, 512.0);
+    check("sin(t)² + cos(t)²", 0.7, 1.0);
+    check("(t + 1)³ − 2·t × 3 ÷ 2", 1.0, 5.0);
+    check("10⁻² + (1 + t)⁻¹", 1.0, 0.51);
+    check("2^-t²", 1.0, 0.5);
+    check("PI - π + Pi - pi + τ - tau", 0.0, 0.0);
+    check("if(t ≤ 1 && t ≥ 1 || t ≠ 1, 1, 0)", 1.0, 1.0);
+    check("e^t", 1.0, std::f64::consts::E);
+    check("max(1, 5, 3, t) + min(4, 2, 7)", 0.5, 7.0);
+    check("a - 1 - 2 - 3 + 4", 0.0, 0.5);
 }
 
 #[test]
@@ -68,17 +80,164 @@ fn errors_point_at_the_place() {
     refused("2*t + sni(t)", "sni", "did you mean `sin`?");
     refused("widht*t", "widht", "did you mean `width`?");
     refused("2*(t + 1", "(", "never closed");
+    refused("sin(2*pi*t + cos(3*t)", "(", "never closed");
+    refused("sin(", "(", "never closed");
     refused("2*t + ", "", "is expected here");
     refused("2 t", "t", "write `2*t`");
     refused("2 3", "3", "an operator or the end");
     refused("2*(t 3)", "3", "an operator or `)`");
-    refused("sin(t, 2)", "sin(t, 2)", "takes 1 argument(s); here are 2");
+    refused("sin(t, 2)", "sin(t, 2)", "takes 1 argument; here are 2");
+    refused("atan2(t)", "atan2(t)", "takes 2 arguments; here are 1");
+    refused("rand()", "rand", "is unknown");
+    refused("sin()", "sin()", "takes 1 argument; here are 0");
     refused("t < 2", "t < 2", "this is a condition");
     refused("if(t, 1, 2)", "t", "this is a number");
     refused("sin + 1", "sin", "is a function");
     refused("1e999*t", "1e999", "no number");
     refused(&"(".repeat(5000), "(", "nested more than");
     refused("piecewise(t < 2, 1)", "piecewise(t < 2, 1)", "for all other times");
+    refused("", "", "is empty");
+    refused("  ", "  ", "is empty");
+}
+
+/// Each mistake, where the error points, and what it says to write.
+#[test]
+fn what_was_meant_is_said_at_the_place() {
+    for (text, place, write) in [
+        ("sn(t)", "sn", "did you mean `sin`?"),
+        ("cs(t)", "cs", "did you mean `cos`?"),
+        ("snh(t)", "snh", "did you mean `sinh`?"),
+        ("Sin(t)", "Sin", "did you mean `sin`?"),
+        ("SQRT(t)", "SQRT", "did you mean `sqrt`?"),
+        ("foo(t)", "foo", "`pulsetrain formula --list`"),
+        ("sn(t)", "sn", "docs/formulas.md"),
+        ("T*2", "T", "did you mean `t`?"),
+        ("np.sin(t)", "np.sin", "write `sin` alone"),
+        ("math.sin(t)", "math.sin", "write `sin` alone"),
+        ("Math.sin(t)", "Math.sin", "write `sin` alone"),
+        ("2*np.pi*t", "np.pi", "write `pi` alone"),
+        ("Math.PI*t", "Math.PI", "write `pi` alone"),
+        ("numpy.arcsin(t/9)", "numpy.arcsin", "write `asin(x)`"),
+        ("scipy.signal.sawtooth(t)", "scipy.signal.sawtooth", "write `mod(t, T)/T`"),
+        ("t < 1 ? 2 : 3", "?", "write `if(t < 1, a, b)`"),
+        ("2*(t < 1 ? 2 : 3)", "?", "a choice is written with if"),
+        ("where(t < 1, 2, 3)", "where", "write `if(condition, a, b)`"),
+        ("np.where(t < 1, 2, 3)", "np.where", "write `if(condition, a, b)`"),
+        ("IF(t < 1, 2, 3)", "IF", "did you mean `if`?"),
+        ("if t < 1 then 2 else 3", "if", "write `if(t)`"),
+        ("2*t if t < 1 else 3", "if", "write `if(condition, a, b)`"),
+        ("90 sin(t)", "s", "write `90*sin(…)`"),
+        ("2t", "t", "write `2*t`"),
+        ("2π", "π", "write `2*pi`"),
+        ("t(2 + t)", "(", "write `t*(…)`"),
+        ("(t + 1)(t + 2)", "(", "write `(t + 1)*(…)`"),
+        ("(t + 1)2.5", "2.5", "write `(…)*2.5`"),
+        ("sin²(2*t)", "sin²", "write `sin(2*t)^2`"),
+        ("sin^2(2*t)", "sin^2", "write `sin(2*t)^2`"),
+        ("sin**2(2*t)", "sin**2", "write `sin(2*t)^2`"),
+        ("tan^-1(t)", "tan^-1", "write `atan(t)` for the inverse"),
+        ("sin⁻¹(t)", "sin⁻¹", "write `asin(t)` for the inverse"),
+        ("sin t", "sin", "write `sin(t)`"),
+        ("sin 2*pi*t + 3", "sin", "write `sin(2*pi*t)`"),
+        ("(3 + cos 2*t)", "cos", "write `cos(2*t)`"),
+        ("sin[t]", "sin", "round brackets"),
+        ("arcsin(t/9)", "arcsin", "write `asin(x)`"),
+        ("log(t, 10)", "log(t, 10)", "`log10(x)`"),
+        ("lg(t)", "lg", "write `log10(x)`"),
+        ("exp^t", "exp^", "write `exp(t)`"),
+        ("exp^(2*t)", "exp^", "write `exp(2*t)`"),
+        ("sin(90°)", "°", "where = { x = \"90 °\" }"),
+        ("sin(90 deg)", "deg", "where = { x = \"90 deg\" }"),
+        ("90deg*t", "deg", "a formula has none"),
+        ("sin(90*deg)", "deg", "a formula has none"),
+        ("5 mm*t", "mm", "where = { x = \"5 mm\" }"),
+        ("t*2 s", "s", "where = { x = "),
+        ("if(t = 1, 2, 3)", "=", "write `==`"),
+        ("if(t === 1, 2, 3)", "===", "write `==`"),
+        ("if(t <> 1, 2, 3)", "<>", "write `!=`"),
+        ("if(t =< 1, 2, 3)", "=<", "write `<=`"),
+        ("if(t < 1 & t > 0, 2, 3)", "&", "write `and`"),
+        ("if(t < 1 | t > 0, 2, 3)", "|", "`or`"),
+        ("if(t < 1 AND t > 0, 2, 3)", "AND", "write `and`"),
+        ("theta = 2*t", "theta", "is unknown"),
+        ("t % 3", "%", "write `mod(t, …)`"),
+        ("2*t % 3", "%", "write `mod("),
+        ("t*50%", "%", "write `0.5`"),
+        ("t mod 3", "mod", "write `mod(t, …)`"),
+        ("t // 3", "//", "write `floor(a/b)`"),
+        ("rand()", "rand", "no random numbers"),
+        ("t*random(1)", "random", "no random numbers"),
+        ("√(t)", "√", "write `sqrt(x)`"),
+        ("|t|", "|", "write `abs(x)`"),
+        ("½*t", "½", "write `0.5`"),
+        ("t!", "!", "no factorial"),
+        ("2*t)", ")", "closes nothing"),
+        ("2*[t + 1]", "[", "write `(`"),
+        ("{t}", "{", "write `(`"),
+        ("t ^2^", "", "is expected here"),
+        ("t²^3", "^", "which power comes first?"),
+        ("t * * 2", "*", "without a blank"),
+        ("1_000*t", "_000", "write `1000`"),
+        ("2 x t", "x", "for times write `*`"),
+        ("$a*t", "$", "plain name"),
+        ("\\sin(t)", "\\", "LaTeX"),
+        ("sinc(t)", "sinc", "write `sin(pi*x)/(pi*x)`"),
+        ("sind(t)", "sind", "radians"),
+        ("degrees(t)", "degrees", "`x*180/pi`"),
+        ("min(t)", "min(t)", "takes 2 to 16 arguments"),
+        ("clamp(t, 1)", "clamp(t, 1)", "write `clamp(x, low, high)`"),
+        ("sin(t,)", "sin(t,)", ""),
+        ("a(t)", "(", "write `a*(…)`"),
+        ("phi*t", "phi", "parameters here: `a`, `width`"),
+    ] {
+        if write.is_empty() {
+            continue;
+        }
+        let parameters = [("a".to_owned(), 2.5), ("width".to_owned(), 4.0)];
+        let error = Law::formula(text, &parameters, 1.0, Some(Time::SECOND)).unwrap_err();
+        let told = format!("{}; {}", error.message, error.help);
+        assert_eq!(&text[error.offset..error.offset + error.length], place, "{text}: {told}");
+        assert!(told.contains(write), "{text}: {told}");
+    }
+}
+
+/// A long sum, product or condition is not nested: it is played, or refused for its length.
+#[test]
+fn long_formulas_are_played_or_refused_for_their_length() {
+    let sum = |count: usize, term: fn(usize) -> String| (0..count).map(term).collect::<Vec<_>>().join(" + ");
+    for (text, t, expected) in [
+        (sum(5000, |_| "t".to_owned()), 2.0, 10_000.0),
+        (sum(5000, |k| format!("{k}")), 0.0, 12_497_500.0),
+        (
+            sum(5000, |k| format!("sin({}*t)/5000", 1 + k % 50)),
+            0.1,
+            (1..=50).map(|k| (0.1 * f64::from(k)).sin()).sum::<f64>() / 50.0,
+        ),
+        (format!("1{}", " - 2 + 3".repeat(2500)), 0.0, 2501.0),
+        (format!("t{}", "*2/2".repeat(1000)), 3.0, 3.0),
+        (format!("if({}t < 9, 4, 4)", "t < 9 and ".repeat(300)), 1.0, 4.0),
+    ] {
+        let law = Law::formula(&text, &[], 1.0, Some(Time::SECOND.times(3))).unwrap_or_else(|error| panic!("{error}"));
+        let got = Cursor::new(&law).at(Time::from_seconds(t)).unwrap().position;
+        assert!((got - expected).abs() <= 1e-9 * (1.0 + expected.abs()), "{}…: {got}, not {expected}", &text[..40]);
+    }
+    let refused = |text: &str| Law::formula(text, &[], 1.0, None).unwrap_err();
+    let long = sum(50_000, |_| "t".to_owned());
+    let error = refused(&long);
+    assert!(error.message.contains("too long: 60000 operations at most"), "{error}");
+    assert!(error.offset > 100_000 && error.length == 1, "{error:?}");
+    for text in [
+        format!("2{}", "^2".repeat(100_000)),
+        format!("{}t", "-".repeat(100_000)),
+        format!("{}t{}", "sin(".repeat(100_000), ")".repeat(100_000)),
+        format!("if({}t < 1, 1, 1)", "not ".repeat(100_000)),
+    ] {
+        assert!(refused(&text).message.contains("nested more than 64 deep"), "{}…", &text[..20]);
+    }
+    let pieces = format!("piecewise({}0)", "t < 1, 0, ".repeat(101));
+    assert!(refused(&pieces).message.contains("takes 1 to 201 arguments; here are 203"), "{:?}", refused(&pieces));
+    let pieces = format!("piecewise({}0)", "t < 1, 0, ".repeat(100));
+    assert!(Law::formula(&pieces, &[], 1.0, None).is_ok());
 }
 
 #[track_caller]
@@ -233,11 +392,10 @@ fn factors_that_are_meant_are_played() {
     plays(("", "deg", "20*sin((360*f*t + 90)*pi/180)", "f = \"500 mHz\""), |t| 20.0 * (PI * t).cos());
 }
 
-/// The tables of docs/motion-files.md: what is good, what is refused, and what to write instead.
+/// The tables of docs/formulas.md: what is good, what is refused, and what to write instead.
 #[test]
 fn the_documented_formulas_are_what_the_tables_say() {
-    let docs = include_str!("../../../../docs/motion-files.md");
-    let section = docs.split("### Dimensions").nth(1).unwrap().split("\n## ").next().unwrap();
+    let section = DOCS.split("## Dimensions").nth(1).unwrap().split("\n## ").next().unwrap();
     let is_good = |theta: &str| {
         let parameters = "phi = \"90 deg\", x = \"5 mm\", r = \"20 mm\", f = \"0.5 Hz\", n = \"30 rpm\", rad = \"1 rad\", y = \"3 mm\"";
         read("", "deg", theta, parameters).is_ok()
@@ -252,6 +410,93 @@ fn the_documented_formulas_are_what_the_tables_say() {
         assert!(!is_refused || is_good(&formula(cells[3])), "{}", cells[3]);
     }
     assert_eq!(rows, [4, 12]);
+}
+
+const DOCS: &str = include_str!("../../../../docs/formulas.md");
+
+/// "`2^3^2` = 512" and "`t²` = 0.25 at t = 0.5": the formula, its value and the time.
+fn documented_examples() -> Vec<(&'static str, f64, f64)> {
+    let examples = DOCS.match_indices("` = ").filter_map(|(end, _)| {
+        let formula = &DOCS[DOCS[..end].rfind('`')? + 1..end];
+        let number = |text: &'static str| {
+            text[..text.find(|c: char| !(c.is_ascii_digit() || matches!(c, '-' | '.'))).unwrap_or(text.len())]
+                .trim_end_matches('.')
+                .parse::<f64>()
+                .ok()
+        };
+        let rest = &DOCS[end + 4..];
+        let value = number(rest)?;
+        let line = rest.lines().next()?;
+        let at = line.split("`").next()?.split_once(" at t = ").and_then(|(_, time)| number(time));
+        Some((formula, value, at.unwrap_or(0.0)))
+    });
+    examples.collect()
+}
+
+#[test]
+fn every_example_of_the_docs_comes_to_what_they_say() {
+    let examples = documented_examples();
+    assert!(examples.len() > 55, "only {} examples", examples.len());
+    for (text, value, t) in examples {
+        check(text, t, value);
+    }
+}
+
+/// The motion files' lines in the docs are read.
+#[test]
+fn every_block_of_the_docs_is_a_law() {
+    let blocks: Vec<&str> = DOCS.split("```toml\n").skip(1).filter_map(|rest| rest.split("```").next()).collect();
+    assert!(!blocks.is_empty());
+    for block in blocks {
+        let text = format!(
+            "board = \"native\"\n[motor.m]\nsteps_per_rev = 200\npins = {{ step = 2, dir = 3 }}\nforward = \"high\"\ndriver = \"A4988\"\n\
+             [[motion]]\nmotor = \"m\"\n{block}"
+        );
+        let none = |_: &std::path::Path| Err(std::io::ErrorKind::NotFound.into());
+        file::read(&text, "x.toml", &none).unwrap_or_else(|error| panic!("{}", error.plain()));
+    }
+}
+
+/// The table of functions in the docs is the program's own.
+#[test]
+fn the_docs_list_every_function() {
+    let row = |function: &FormulaFunction| {
+        let FormulaFunction { name, arguments, about, domain, example: (call, value), .. } = function;
+        let bars = |text: &str| text.replace('|', "\\|");
+        format!("| `{name}({arguments})` | {} | {} | `{call}` = {value} |\n", bars(about), bars(domain))
+    };
+    let expected: String = formula_functions().iter().map(row).collect();
+    assert!(DOCS.contains(&expected), "docs/formulas.md must have these rows:\n{expected}");
+    for function in formula_functions() {
+        let (call, value) = function.example;
+        check(call, 0.0, value.parse().unwrap());
+    }
+}
+
+/// What is refused in another spelling, and what the error says to write.
+#[test]
+fn the_docs_say_what_to_write_in_place_of_other_spellings() {
+    let section = DOCS.split("## Other spellings").nth(1).unwrap().split("\n## ").next().unwrap();
+    let rows: Vec<_> = section.lines().filter(|line| line.starts_with("| `")).collect();
+    assert!(rows.len() >= 30, "{} rows", rows.len());
+    for row in rows {
+        let mut cells = row.split('`').skip(1).step_by(2);
+        let (wrong, right) = (cells.next().unwrap(), cells.next().unwrap());
+        let error = Law::formula(wrong, &[], 1.0, Some(Time::SECOND)).unwrap_err();
+        let told = format!("{} {}", error.message, error.help);
+        assert!(told.contains(right), "{wrong}: {told}");
+    }
+    let accepted = section.split("These are accepted: ").nth(1).unwrap().split(". ").next().unwrap();
+    for spelling in accepted.split('`').skip(1).step_by(2) {
+        let text = match spelling {
+            "π" | "PI" => format!("{spelling}*t"),
+            "²" => "t²".to_owned(),
+            "&&" | "||" => format!("if(t < 1 {spelling} t < 2, t, t)"),
+            "≤" | "≥" | "≠" => format!("if(t {spelling} 1, t, t)"),
+            operator => format!("t {operator} 2"),
+        };
+        assert!(Law::formula(&text, &[], 1.0, Some(Time::SECOND)).is_ok(), "{text}");
+    }
 }
 
 #[test]

@@ -548,8 +548,9 @@ fn paths() {
         CIRCLE,
         "path.formula = { x = \"t\", y = \"sni(t)\", unit = \"mm\" }",
         expect![[r#"
-        x.toml:25:32: formula: `sni` is unknown; did you mean `sin`?
-    "#]],
+            x.toml:25:32: formula: `sni` is unknown; did you mean `sin`?
+                or `sinh`, `sign`, `asin`; all functions: docs/formulas.md, or `pulsetrain formula --list`
+        "#]],
     );
     check_xy(
         CIRCLE,

@@ -8,6 +8,7 @@ pub(crate) mod calibrate;
 pub(crate) mod drivers;
 pub(crate) mod explain;
 pub(crate) mod flash;
+pub(crate) mod formula;
 pub(crate) mod goto;
 pub(crate) mod info;
 pub(crate) mod motor;

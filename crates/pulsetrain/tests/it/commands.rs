@@ -47,6 +47,7 @@ fn help() {
     check(&["bench", "--help"], Exit::Success, expect_file!["golden/help-bench.txt"]);
     check(&["verbs", "--help"], Exit::Success, expect_file!["golden/help-verbs.txt"]);
     check(&["winch", "--help"], Exit::Success, expect_file!["golden/help-winch.txt"]);
+    check(&["formula", "--help"], Exit::Success, expect_file!["golden/help-formula.txt"]);
 }
 
 #[test]

@@ -7,6 +7,7 @@ mod common;
 mod control;
 mod first_motion;
 mod flash;
+mod formula;
 mod helps;
 mod link;
 mod machines;

@@ -1,7 +1,7 @@
 //! θ(t) in text: parsed, cut into windows of time, enclosed.
 //!
 //! # What is here
-//! - `parse`: text → `tree`, errors that point
+//! - `parse`: text → `tree`, errors that point; `words`: the functions and constants; `meant`: what other spellings were meant for
 //! - `dimension`: what the parts measure, and which go together; looked at while the text is read, and nowhere later
 //! - `resolve`: a tree on a window of time → a `smooth` expression; every branch is decided there, or the window is cut
 //! - `form`: polynomials plus sinusoids, folded when the formula is read: their windows are plain [`Curve`]s
@@ -10,9 +10,7 @@
 //! - `terms`: the formula to 106 bits, for places where it hardly moves
 //!
 //! # The language
-//! `t` is the time in seconds; numbers, named parameters, `pi`, `tau`, `e`; `+ - * / ^`; comparisons, `and`, `or`,
-//! `not`; `if(condition, a, b)`, `piecewise(c1, a1, c2, a2, …, otherwise)`; sin cos tan asin acos atan atan2 sinh cosh
-//! tanh exp ln log sqrt pow hypot abs sign min max clamp floor ceil round mod. `log` is natural.
+//! docs/formulas.md describes it; [`formula_functions`] has every function, with its domain and an example.
 //!
 //! # Units
 //! Parameters keep what they measure. A number is in radians inside of sin, cos and tan, and in the formula's unit elsewhere; so is a parameter
@@ -21,6 +19,7 @@
 
 pub(crate) mod dimension;
 mod form;
+mod meant;
 mod parse;
 mod resolve;
 mod scalar;
@@ -29,6 +28,7 @@ mod smooth;
 mod tape;
 mod terms;
 mod tree;
+mod words;
 
 use super::{Curve, Double, Entry, Law, LawError, Piece, meet};
 use crate::Time;
@@ -42,6 +42,7 @@ pub use tape::Window;
 use tape::{Tape, Undefined};
 pub use terms::Terms;
 use tree::{Expression, Operation};
+pub use words::{FormulaFunction, formula_functions};
 
 /// What is wrong with the text of a formula, and where.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]

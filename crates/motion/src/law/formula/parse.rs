@@ -2,22 +2,24 @@
 
 use super::FormulaError;
 use super::dimension::{Measure, Parameter, Place, Typed, Unit};
-use super::tree::{Condition, Expression, Function, Operation, Span, Test, error};
+use super::tree::{Condition, Expression, Function, LARGEST, Operation, Span, Test, error};
+use super::words::{self, FormulaFunction};
 use crate::columns::POINT;
 use crate::law::double::Double;
 use std::sync::Arc;
 
 /// Brackets and signs nest no deeper, and so no text overflows the stack.
 const NESTED: u32 = 64;
+/// A sum of more terms is added up in halves, so that its tree stays flat.
+const FLAT: usize = 32;
 
-/// The name of a constant that is written as its Greek letter.
-fn in_letters(word: &str) -> &str {
-    match word {
-        "π" => "pi",
-        "τ" => "tau",
-        _ => word,
-    }
-}
+const TIMES: &[&str] = &["*", "×", "·", "⋅", "∙", "∗"];
+const OVER: &[&str] = &["/", "÷", "∕"];
+/// The hyphen, the sign, and what word processors make of them.
+pub(super) const MINUS: &[&str] = &["-", "−", "–", "‐", "‑"];
+const PLUS: &[&str] = &["+"];
+pub(super) const SUPERSCRIPTS: &str = "⁰¹²³⁴⁵⁶⁷⁸⁹";
+pub(super) const DEGREES: &[char] = &['°', 'º', '˚'];
 
 enum Operand {
     Number(Typed),
@@ -31,46 +33,27 @@ pub(super) struct Parsed {
     pub(super) used: Vec<[bool; 2]>,
 }
 
-const FUNCTIONS: [(&str, usize); 28] = [
-    ("sin", 1),
-    ("cos", 1),
-    ("tan", 1),
-    ("asin", 1),
-    ("acos", 1),
-    ("atan", 1),
-    ("atan2", 2),
-    ("sinh", 1),
-    ("cosh", 1),
-    ("tanh", 1),
-    ("exp", 1),
-    ("ln", 1),
-    ("log", 1),
-    ("sqrt", 1),
-    ("pow", 2),
-    ("hypot", 2),
-    ("abs", 1),
-    ("sign", 1),
-    ("min", 2),
-    ("max", 2),
-    ("clamp", 3),
-    ("floor", 1),
-    ("ceil", 1),
-    ("round", 1),
-    ("mod", 2),
-    ("if", 3),
-    ("piecewise", 0),
-    ("not", 1),
-];
+/// Whether a name goes on with it.
+pub(super) fn is_of_name(c: char) -> bool {
+    (c.is_alphanumeric() && !SUPERSCRIPTS.contains(c) && !DEGREES.contains(&c)) || c == '_'
+}
 
-const CONSTANTS: [(&str, Double); 3] = [("pi", Double::PI), ("tau", Double::TAU), ("e", Double::E)];
+pub(super) fn begins_name(c: char) -> bool {
+    is_of_name(c) && !c.is_numeric()
+}
+
+/// The name at the beginning of a text.
+pub(super) fn first_word(text: &str) -> &str {
+    if text.starts_with(begins_name) { &text[..text.find(|c| !is_of_name(c)).unwrap_or(text.len())] } else { "" }
+}
 
 /// What a name stands for in every formula, so that no parameter can have it. `tau` and `e` a parameter may be called: time constants often are.
 pub(crate) fn taken(name: &str) -> Option<&'static str> {
     match name {
         "t" => Some("the time"),
-        "pi" => Some("a constant"),
+        "pi" | "π" => Some("a constant"),
         "and" | "or" => Some("a word that joins conditions"),
-        _ if FUNCTIONS.iter().any(|known| known.0 == name) => Some("a function"),
+        _ if words::function(name).is_some() => Some("a function"),
         _ => None,
     }
 }
@@ -79,6 +62,9 @@ pub(crate) fn taken(name: &str) -> Option<&'static str> {
 pub(super) fn parse(text: &str, parameters: &[Parameter], unit: &Unit) -> Result<Parsed, FormulaError> {
     let place = Place { text, unit, parameters, in_trig: false };
     let mut parser = Parser { text, at: 0, depth: 0, place, used: vec![[false; 2]; parameters.len()] };
+    if text.trim().is_empty() {
+        return Err(error((0, text.len()), "the formula is empty").helped("write, for example: `90*sin(2*pi*0.5*t)`"));
+    }
     let term = parser.either()?;
     parser.blank();
     if parser.at < text.len() {
@@ -89,24 +75,49 @@ pub(super) fn parse(text: &str, parameters: &[Parameter], unit: &Unit) -> Result
     Ok(Parsed { tree: whole.node, used: parser.used })
 }
 
-fn join(a: Span, b: Span) -> Span {
+pub(super) fn join(a: Span, b: Span) -> Span {
     (a.0, b.0 + b.1 - a.0)
 }
 
-struct Parser<'a> {
-    text: &'a str,
-    at: usize,
+pub(super) struct Parser<'a> {
+    pub(super) text: &'a str,
+    pub(super) at: usize,
     depth: u32,
-    place: Place<'a>,
+    pub(super) place: Place<'a>,
     used: Vec<[bool; 2]>,
 }
 
+/// An operation of two expressions.
+type Join = fn(Expression, Expression) -> Operation;
+
+/// One of several that are joined left to right: whether it is added (multiplied, or joined) as it is, and what it is.
+type Link<T> = (bool, T);
+
+/// Joins `links` left to right; many of them in halves, which changes no value but makes a flat tree. `flip`: the other way round each.
+fn joined<T: Clone>(
+    links: &[Link<T>],
+    flip: bool,
+    join: &impl Fn(bool, T, T) -> Result<T, FormulaError>,
+) -> Result<Option<T>, FormulaError> {
+    if links.len() > FLAT {
+        let (left, right) = links.split_at(links.len() / 2);
+        let is_direct = right.first().is_none_or(|first| first.0);
+        let (left, right) = (joined(left, flip, join)?, joined(right, !is_direct, join)?);
+        return left.zip(right).map(|(left, right)| join(is_direct != flip, left, right)).transpose();
+    }
+    let Some(((_, first), others)) = links.split_first() else { return Ok(None) };
+    others
+        .iter()
+        .try_fold(first.clone(), |so_far, (is_direct, next)| join(*is_direct != flip, so_far, next.clone()))
+        .map(Some)
+}
+
 impl<'a> Parser<'a> {
-    fn rest(&self) -> &'a str {
+    pub(super) fn rest(&self) -> &'a str {
         &self.text[self.at..]
     }
 
-    fn blank(&mut self) {
+    pub(super) fn blank(&mut self) {
         self.at = self.text.len() - self.rest().trim_start().len();
     }
 
@@ -115,7 +126,7 @@ impl<'a> Parser<'a> {
         self.blank();
         let after = self.rest().strip_prefix(symbol)?;
         let is_word = symbol.starts_with(|c: char| c.is_alphabetic());
-        if is_word && after.starts_with(|c: char| c.is_alphanumeric() || c == '_') {
+        if is_word && after.starts_with(is_of_name) {
             return None;
         }
         let span = (self.at, symbol.len());
@@ -135,26 +146,21 @@ impl<'a> Parser<'a> {
     fn descend(&mut self, here: Span) -> Result<(), FormulaError> {
         self.depth += 1;
         if self.depth > NESTED {
-            return Err(error(here, format!("the formula is nested more than {NESTED} deep")));
+            return Err(error(here, format!("the formula is nested more than {NESTED} deep")).helped(
+                "brackets, signs and powers within one another count; name parts of it, or add laws up with law.sum",
+            ));
         }
         Ok(())
     }
 
     /// The character that comes next.
-    fn here(&mut self) -> Span {
+    pub(super) fn here(&mut self) -> Span {
         self.blank();
         (self.at, self.rest().chars().next().map_or(0, char::len_utf8))
     }
 
-    /// That something else should come next.
-    fn unexpected(&mut self, message: &str) -> FormulaError {
-        let here = self.here();
-        let help = if self.is_decimal_comma(here.0) { POINT.to_owned() } else { String::new() };
-        FormulaError { help, ..error(here, message) }
-    }
-
     /// Whether there is a comma with digits at both sides.
-    fn is_decimal_comma(&self, at: usize) -> bool {
+    pub(super) fn is_decimal_comma(&self, at: usize) -> bool {
         let bytes = self.text.as_bytes();
         let is_digit = |byte: Option<&u8>| byte.is_some_and(u8::is_ascii_digit);
         bytes.get(at) == Some(&b',') && at > 0 && is_digit(bytes.get(at - 1)) && is_digit(bytes.get(at + 1))
@@ -167,19 +173,6 @@ impl<'a> Parser<'a> {
             None if self.rest().is_empty() => Err(error(open, "this bracket is never closed")),
             None => Err(self.unexpected("an operator or `)` is expected here")),
         }
-    }
-
-    /// That a `*` is missing behind a factor, if a name or a bracket comes next.
-    fn check_no_factor(&mut self, left: Span) -> Result<(), FormulaError> {
-        let (here, rest) = (self.here(), self.rest());
-        let word = &rest[..rest.find(|c: char| !(c.is_alphanumeric() || c == '_')).unwrap_or(rest.len())];
-        let is_factor = word.starts_with(|c: char| c.is_alphabetic() || c == '_') && !matches!(word, "and" | "or");
-        if !is_factor && !rest.starts_with('(') {
-            return Ok(());
-        }
-        let bracket = if rest[word.len()..].trim_start().starts_with('(') { "(…)" } else { "" };
-        let left = &self.text[left.0..left.0 + left.1];
-        Err(error(here, format!("a `*` is missing here: write `{left}*{}{bracket}`", in_letters(word))))
     }
 
     fn number(&self, term: Operand) -> Result<Typed, FormulaError> {
@@ -204,28 +197,43 @@ impl<'a> Parser<'a> {
     fn either(&mut self) -> Result<Operand, FormulaError> {
         let here = self.here();
         self.descend(here)?;
-        let mut left = self.both()?;
-        while self.take_any(&["or", "||"]).is_some() {
-            let (a, from) = self.truth(left)?;
-            let right = self.both()?;
-            let (b, to) = self.truth(right)?;
-            let span = join(from, to);
-            left = Operand::Truth(Condition::Or(Arc::new((a, b))).depth_checked(span)?, span);
-        }
+        let first = self.both()?;
+        let all = self.conditions(first, &["or", "||"], Parser::both, Condition::Or)?;
         self.depth -= 1;
-        Ok(left)
+        Ok(all)
     }
 
     fn both(&mut self) -> Result<Operand, FormulaError> {
-        let mut left = self.inverted()?;
-        while self.take_any(&["and", "&&"]).is_some() {
-            let (a, from) = self.truth(left)?;
-            let right = self.inverted()?;
-            let (b, to) = self.truth(right)?;
-            let span = join(from, to);
-            left = Operand::Truth(Condition::And(Arc::new((a, b))).depth_checked(span)?, span);
+        let first = self.inverted()?;
+        self.conditions(first, &["and", "&&"], Parser::inverted, Condition::And)
+    }
+
+    /// Conditions that follow `first`, each behind one of the `words`.
+    fn conditions(
+        &mut self,
+        first: Operand,
+        words: &[&'static str],
+        next: fn(&mut Self) -> Result<Operand, FormulaError>,
+        make: fn(Arc<(Condition, Condition)>) -> Condition,
+    ) -> Result<Operand, FormulaError> {
+        if self.take_any(words).is_none() {
+            return Ok(first);
         }
-        Ok(left)
+        let mut links = vec![(true, self.truth(first)?)];
+        loop {
+            let right = next(self)?;
+            links.push((true, self.truth(right)?));
+            if self.take_any(words).is_none() {
+                break;
+            }
+        }
+        let join = |_, (a, from): (Condition, Span), (b, to): (Condition, Span)| {
+            let span = join(from, to);
+            Ok((make(Arc::new((a, b))).depth_checked(span)?, span))
+        };
+        let all = joined(&links, false, &join)?;
+        all.map(|(condition, span)| Operand::Truth(condition, span))
+            .ok_or_else(|| error((0, 0), "a condition is missing"))
     }
 
     fn inverted(&mut self) -> Result<Operand, FormulaError> {
@@ -246,7 +254,9 @@ impl<'a> Parser<'a> {
         let first = self.sum()?;
         let mut chain: Option<(Condition, Span)> = None;
         let mut left = first;
-        while let Some(symbol) = self.take_any(&["<=", ">=", "==", "!=", "<", ">"]) {
+        loop {
+            self.no_foreign_comparison()?;
+            let Some(symbol) = self.take_any(&["<=", ">=", "==", "!=", "≤", "≥", "≠", "<", ">"]) else { break };
             let a = self.number(left)?;
             let right = self.sum()?;
             let b = self.number(right)?;
@@ -256,9 +266,9 @@ impl<'a> Parser<'a> {
                 |x: &Typed, y: &Typed| Expression::new(Operation::Subtract(x.node.clone(), y.node.clone()), span);
             let is = match symbol {
                 "<" => Condition::Is(Test::Positive, difference(&b, &a)?),
-                "<=" => Condition::Is(Test::NotNegative, difference(&b, &a)?),
+                "<=" | "≤" => Condition::Is(Test::NotNegative, difference(&b, &a)?),
                 ">" => Condition::Is(Test::Positive, difference(&a, &b)?),
-                ">=" => Condition::Is(Test::NotNegative, difference(&a, &b)?),
+                ">=" | "≥" => Condition::Is(Test::NotNegative, difference(&a, &b)?),
                 "==" => Condition::Is(Test::Zero, difference(&a, &b)?),
                 _ => Condition::Not(Arc::new(Condition::Is(Test::Zero, difference(&a, &b)?))),
             };
@@ -272,60 +282,103 @@ impl<'a> Parser<'a> {
     }
 
     fn sum(&mut self) -> Result<Operand, FormulaError> {
-        let mut left = self.product()?;
-        while let Some(symbol) = self.take_any(&["+", "-"]) {
-            let a = self.number(left)?;
-            let right = self.product()?;
-            let b = self.number(right)?;
-            let is_sum = symbol == "+";
-            let rule = if is_sum { "they cannot be added" } else { "they cannot be subtracted" };
-            let constant = a.measure.constant().zip(b.measure.constant());
-            let constant = constant.map(|(a, b)| if is_sum { a + b } else { a - b });
-            let measure = self.place.alike(&a, &b, rule)?.with_constant(constant);
-            let (a, b) = (a.node, b.node);
-            let span = join(a.span, b.span);
-            let kind = if is_sum { Operation::Add(a, b) } else { Operation::Subtract(a, b) };
-            left = Operand::Number(Typed { node: Expression::new(kind, span)?, measure });
-        }
-        Ok(left)
+        self.chain(
+            (PLUS, MINUS),
+            Parser::product,
+            |place, a, b, is_plus| {
+                let rule = if is_plus { "they cannot be added" } else { "they cannot be subtracted" };
+                let constant = a.measure.constant().zip(b.measure.constant());
+                let constant = constant.map(|(a, b)| if is_plus { a + b } else { a - b });
+                Ok(place.alike(a, b, rule)?.with_constant(constant))
+            },
+            (Operation::Add, Operation::Subtract),
+        )
     }
 
     fn product(&mut self) -> Result<Operand, FormulaError> {
-        let mut left = self.factor()?;
-        while let Some(symbol) = self.take_any(&["*", "/"]) {
-            let a = self.number(left)?;
-            let right = self.factor()?;
+        self.chain(
+            (TIMES, OVER),
+            Parser::factor,
+            |place, a, b, is_product| {
+                let measure = if is_product { a.measure.times(&b.measure) } else { a.measure.over(&b.measure) };
+                let node = a.node.clone().written_at(join(a.node.span, b.node.span));
+                place.product(Typed { node, measure }).map(|product| product.measure)
+            },
+            (Operation::Multiply, Operation::Divide),
+        )
+    }
+
+    /// A sum or a product: of `next`s with symbols between them, those that join as it is and those that invert.
+    fn chain(
+        &mut self,
+        (direct, inverse): (&[&'static str], &[&'static str]),
+        next: fn(&mut Self) -> Result<Operand, FormulaError>,
+        measure: impl Fn(&Place, &Typed, &Typed, bool) -> Result<Measure, FormulaError>,
+        (join_direct, join_inverse): (Join, Join),
+    ) -> Result<Operand, FormulaError> {
+        let first = next(self)?;
+        let mut links: Vec<Link<Expression>> = Vec::new();
+        // What has been read so far: its measure and its place.
+        let mut all = first;
+        let mut size = 0;
+        loop {
+            self.no_foreign_operator()?;
+            let is_direct = self.take_any(direct).is_some();
+            if !is_direct && self.take_any(inverse).is_none() {
+                break;
+            }
+            let a = self.number(all)?;
+            if links.is_empty() {
+                size = a.node.size();
+                links.push((true, a.node.clone()));
+            }
+            let right = next(self)?;
             let b = self.number(right)?;
-            let is_product = symbol == "*";
-            let measure = if is_product { a.measure.times(&b.measure) } else { a.measure.over(&b.measure) };
-            let (a, b) = (a.node, b.node);
-            let span = join(a.span, b.span);
-            let kind = if is_product { Operation::Multiply(a, b) } else { Operation::Divide(a, b) };
-            left = Operand::Number(self.place.product(Typed { node: Expression::new(kind, span)?, measure })?);
+            size = b.node.size().saturating_add(size).saturating_add(1);
+            if size > LARGEST {
+                let nth = links.len() + 1;
+                let message =
+                    format!("the formula is too long: {LARGEST} operations at most, and this is the {nth}th part");
+                return Err(error(b.node.span, message)
+                    .helped("make several laws of it, and add them up with law.sum; or write a table"));
+            }
+            let measure = measure(&self.place, &a, &b, is_direct)?;
+            let node = a.node.written_at(join(links[0].1.span, b.node.span));
+            links.push((is_direct, b.node));
+            all = Operand::Number(Typed { node, measure });
         }
-        Ok(left)
+        let join = |is_direct: bool, a: Expression, b: Expression| {
+            let span = join(a.span, b.span);
+            Expression::new(if is_direct { join_direct(a, b) } else { join_inverse(a, b) }, span)
+        };
+        match (joined(&links, false, &join)?, all) {
+            (Some(node), Operand::Number(all)) => Ok(Operand::Number(Typed { node, ..all })),
+            (_, all) => Ok(all),
+        }
     }
 
     fn factor(&mut self) -> Result<Operand, FormulaError> {
         let factor = self.signed()?;
         let (Operand::Number(Typed { node: Expression { span, .. }, .. }) | Operand::Truth(_, span)) = &factor;
-        self.check_no_factor(*span)?;
+        self.no_missing_operator(*span)?;
         Ok(factor)
     }
 
     /// Signs bind less than powers: -2^2 is -4.
     fn signed(&mut self) -> Result<Operand, FormulaError> {
-        self.blank();
-        let from = self.at;
-        let Some(symbol) = self.take_any(&["-", "+"]) else { return self.power() };
-        self.descend((from, 1))?;
+        let from = self.here();
+        let is_minus = self.take_any(MINUS).is_some();
+        if !is_minus && self.take_any(PLUS).is_none() {
+            return self.power();
+        }
+        self.descend(from)?;
         let inner = self.signed()?;
         self.depth -= 1;
         let Typed { node, measure } = self.number(inner)?;
-        if symbol == "+" {
+        if !is_minus {
             return Ok(Operand::Number(Typed { node, measure }));
         }
-        let span = join((from, 1), node.span);
+        let span = join(from, node.span);
         let node = Expression::new(Operation::Apply(Function::Negative, node), span)?;
         Ok(Operand::Number(Typed { node, measure: measure.negative() }))
     }
@@ -333,15 +386,44 @@ impl<'a> Parser<'a> {
     /// To the right first: 2^3^2 is 2^9; the exponent may have a sign.
     fn power(&mut self) -> Result<Operand, FormulaError> {
         let base = self.atom()?;
-        if self.take("^").is_none() {
-            return Ok(base);
-        }
+        let (exponent, is_raised) = match self.superscript()? {
+            Some(exponent) => (exponent, true),
+            None => match self.take_any(&["^", "**"]) {
+                None => return Ok(base),
+                Some(symbol) => {
+                    self.descend((self.at - symbol.len(), symbol.len()))?;
+                    let exponent = self.signed()?;
+                    self.depth -= 1;
+                    (self.number(exponent)?, false)
+                }
+            },
+        };
         let base = self.number(base)?;
-        let exponent = self.signed()?;
-        let exponent = self.number(exponent)?;
+        if is_raised && let Some(again) = self.take_any(&["^", "**"]) {
+            let at = (self.at - again.len(), again.len());
+            return Err(error(at, "which power comes first?").helped("write it with brackets: `(t^2)^3`, or `t^(2^3)`"));
+        }
         let measure = self.place.power(&base, &exponent)?;
         let span = join(base.node.span, exponent.node.span);
         Ok(Operand::Number(Typed { node: Expression::new(Operation::Power(base.node, exponent.node), span)?, measure }))
+    }
+
+    /// A raised whole number, as in t².
+    fn superscript(&mut self) -> Result<Option<Typed>, FormulaError> {
+        let from = self.at;
+        let sign = if self.rest().starts_with('⁻') { "-" } else { "" };
+        let digits = &self.rest()[if sign.is_empty() { 0 } else { '⁻'.len_utf8() }..];
+        let length = digits.find(|c| !SUPERSCRIPTS.contains(c)).unwrap_or(digits.len());
+        if length == 0 {
+            return Ok(None);
+        }
+        let digit = |c: char| SUPERSCRIPTS.chars().position(|known| known == c).unwrap_or(0).to_string();
+        let number = format!("{sign}{}", digits[..length].chars().map(digit).collect::<String>());
+        self.at = self.text.len() - digits.len() + length;
+        let span = (from, self.at - from);
+        let value = number.parse::<f64>().map_err(|_| error(span, "this is no number that can be used"))?;
+        let node = Expression::number(Double::from(value), span);
+        Ok(Some(Typed { node, measure: Measure::number(value) }))
     }
 
     fn atom(&mut self) -> Result<Operand, FormulaError> {
@@ -360,13 +442,12 @@ impl<'a> Parser<'a> {
         }
         match self.rest().chars().next() {
             Some(c) if c.is_ascii_digit() || c == '.' => self.literal(),
-            Some(c) if c.is_alphabetic() || c == '_' => {
-                let length =
-                    self.rest().find(|c: char| !(c.is_alphanumeric() || c == '_')).unwrap_or(self.rest().len());
+            Some(c) if begins_name(c) => {
+                let length = first_word(self.rest()).len();
                 self.at += length;
                 self.name((from, length))
             }
-            _ => Err(error(self.here(), "a number, a name or a bracket is expected here")),
+            _ => Err(self.no_operand()),
         }
     }
 
@@ -398,7 +479,7 @@ impl<'a> Parser<'a> {
     fn name(&mut self, span: Span) -> Result<Operand, FormulaError> {
         let name = &self.text[span.0..span.0 + span.1];
         self.blank();
-        if self.rest().starts_with('(') && FUNCTIONS.iter().any(|f| f.0 == name) {
+        if self.rest().starts_with('(') && words::function(name).is_some() {
             return self.call(name, span);
         }
         let (kind, measure) = if name == "t" {
@@ -408,34 +489,12 @@ impl<'a> Parser<'a> {
             self.used[index][usize::from(in_trig)] = true;
             let parameter = &self.place.parameters[index];
             (Operation::Number(parameter.amount(in_trig).value), Measure::of(index, parameter))
-        } else if let Some((_, value)) = CONSTANTS.iter().find(|(known, _)| *known == name) {
+        } else if let Some((_, value)) = words::constant(name) {
             (Operation::Number(*value), Measure::number(value.nearest()))
         } else {
             return Err(self.unknown(name, span));
         };
         Ok(Operand::Number(Typed { node: Expression::new(kind, span)?, measure }))
-    }
-
-    fn unknown(&self, name: &str, span: Span) -> FormulaError {
-        if FUNCTIONS.iter().any(|f| f.0 == name) {
-            return error(span, format!("`{name}` is a function: its arguments go in brackets"));
-        }
-        let parameters = || self.place.parameters.iter().map(|parameter| parameter.name.as_str());
-        let known = FUNCTIONS.iter().map(|f| f.0).chain(CONSTANTS.iter().map(|c| c.0)).chain(parameters());
-        let lower = in_letters(name).to_lowercase();
-        let nearest = known.map(|k| (strsim::damerau_levenshtein(&k.to_lowercase(), &lower), k)).min();
-        let message = match nearest {
-            Some((distance, known)) if distance == 0 || distance <= 2 && distance < name.chars().count() => {
-                format!("`{name}` is unknown; did you mean `{known}`?")
-            }
-            _ => format!("`{name}` is unknown: the time is `t`, other names must be parameters"),
-        };
-        let parameters: Vec<String> = parameters().map(|name| format!("`{name}`")).collect();
-        let help = match parameters.as_slice() {
-            [] => String::new(),
-            parameters => format!("parameters here: {}", parameters.join(", ")),
-        };
-        FormulaError { help, ..error(span, message) }
     }
 
     fn call(&mut self, name: &str, word: Span) -> Result<Operand, FormulaError> {
@@ -444,7 +503,8 @@ impl<'a> Parser<'a> {
         let outside = self.place.in_trig;
         self.place.in_trig |= matches!(name, "sin" | "cos" | "tan");
         let mut has_decimal_comma = false;
-        loop {
+        self.blank();
+        while !(terms.is_empty() && self.rest().starts_with(')')) {
             terms.push(self.either()?);
             let Some((comma, _)) = self.take(",") else { break };
             has_decimal_comma |= self.is_decimal_comma(comma);
@@ -452,12 +512,10 @@ impl<'a> Parser<'a> {
         self.place.in_trig = outside;
         let close = self.close(open)?;
         let span = join(word, close);
-        let arity = FUNCTIONS.iter().find(|f| f.0 == name).map_or(0, |f| f.1);
-        if arity != 0 && terms.len() != arity {
-            let given = terms.len();
-            let help = if has_decimal_comma { POINT.to_owned() } else { String::new() };
-            let message = format!("`{name}` takes {arity} argument(s); here are {given}");
-            return Err(FormulaError { help, ..error(span, message) });
+        let Some(row) = words::function(name) else { return Err(self.unknown(name, word)) };
+        let (least, most) = row.count;
+        if !(least..=most).contains(&terms.len()) {
+            return Err(wrong_count(row, terms.len(), has_decimal_comma, span));
         }
         self.shorthand(name, terms, span)
     }
@@ -527,6 +585,8 @@ impl<'a> Parser<'a> {
             ("tanh", [x]) => apply(Function::HyperbolicTangent, x)?,
             ("exp", [x]) => apply(Function::Exponential, x)?,
             ("ln" | "log", [x]) => apply(Function::Logarithm, x)?,
+            ("log10", [x]) => div(&apply(Function::Logarithm, x)?, &apply(Function::Logarithm, &number(10.0))?)?,
+            ("log2", [x]) => div(&apply(Function::Logarithm, x)?, &apply(Function::Logarithm, &number(2.0))?)?,
             ("sqrt", [x]) => apply(Function::Root, x)?,
             ("pow", [x, y]) => make(Operation::Power(x.clone(), y.clone()))?,
             ("hypot", [x, y]) => {
@@ -538,8 +598,8 @@ impl<'a> Parser<'a> {
                 let not_positive = branch(Condition::Is(Test::Zero, x.clone()), &number(0.0), &number(-1.0))?;
                 branch(Condition::Is(Test::Positive, x.clone()), &number(1.0), &not_positive)?
             }
-            ("min", [a, b]) => branch(at_least(b, a)?, a, b)?,
-            ("max", [a, b]) => branch(at_least(a, b)?, a, b)?,
+            ("min", all) => best(all, &|a, b| branch(at_least(b, a)?, a, b), span)?,
+            ("max", all) => best(all, &|a, b| branch(at_least(a, b)?, a, b), span)?,
             ("clamp", [x, low, high]) => {
                 let raised = branch(at_least(x, low)?, x, low)?;
                 branch(at_least(high, &raised)?, &raised, high)?
@@ -592,5 +652,39 @@ impl<'a> Parser<'a> {
             _ => Measure::PLAIN,
         };
         Ok((None, measure))
+    }
+}
+
+/// That a function has too many or too few arguments.
+fn wrong_count(row: &FormulaFunction, count: usize, has_decimal_comma: bool, span: Span) -> FormulaError {
+    let FormulaFunction { name, arguments, count: (least, most), example: (example, _), .. } = row;
+    let takes = match (*least, *most) {
+        (1, 1) => "1 argument".to_owned(),
+        (least, most) if least == most => format!("{least} arguments"),
+        (least, most) => format!("{least} to {most} arguments"),
+    };
+    let help = if has_decimal_comma {
+        POINT.to_owned()
+    } else if matches!(*name, "log" | "ln") && count == 2 {
+        "write `ln(x)/ln(b)` for another base, or `log10(x)`, `log2(x)`".to_owned()
+    } else {
+        format!("write `{name}({arguments})`, as in `{example}`")
+    };
+    error(span, format!("`{name}` takes {takes}; here are {count}")).helped(help)
+}
+
+/// The one of several that wins each comparison of two, in halves: a comparison doubles what is in it.
+fn best(
+    all: &[Expression],
+    of_two: &impl Fn(&Expression, &Expression) -> Result<Expression, FormulaError>,
+    span: Span,
+) -> Result<Expression, FormulaError> {
+    match all {
+        [] => Err(error(span, "an argument is missing")),
+        [one] => Ok(one.clone()),
+        _ => {
+            let (left, right) = all.split_at(all.len() / 2);
+            of_two(&best(left, of_two, span)?, &best(right, of_two, span)?)
+        }
     }
 }

@@ -4,10 +4,10 @@ use super::FormulaError;
 use crate::law::double::Double;
 use std::sync::Arc;
 
-/// The tree is no deeper; a sum of n terms is n deep.
+/// The tree is no deeper.
 const DEEPEST: u32 = 256;
 /// Operations in a formula at most, those that stand for shorthands counted.
-const LARGEST: u32 = 4000;
+pub(super) const LARGEST: u32 = 60_000;
 
 /// Where in the text: byte offset and length.
 pub(super) type Span = (usize, usize);
@@ -75,7 +75,7 @@ impl Expression {
     pub(super) fn new(kind: Operation, span: Span) -> Result<Expression, FormulaError> {
         let (size, depth) = kind.extent();
         if size > LARGEST {
-            return Err(error(span, format!("the formula is too large: more than {LARGEST} operations")));
+            return Err(error(span, format!("the formula is too long: {LARGEST} operations at most")));
         }
         if depth > DEEPEST {
             return Err(error(span, format!("the formula is nested more than {DEEPEST} deep")));
@@ -154,7 +154,7 @@ impl Condition {
     pub(super) fn depth_checked(self, span: Span) -> Result<Condition, FormulaError> {
         let (size, depth) = self.extent();
         if size > LARGEST || depth > DEEPEST {
-            return Err(error(span, "the condition is too large"));
+            return Err(error(span, "the condition is too long, or nested too deep"));
         }
         Ok(self)
     }
