@@ -124,7 +124,7 @@ impl Prepared {
     /// # Errors
     /// When the motion does not fit the board.
     pub fn new(file: String, contents: Contents, board: Option<&str>) -> Result<Prepared, Refusal> {
-        let Contents { mut program, tables } = contents;
+        let Contents { mut program, tables, .. } = contents;
         if let Some(row) = board.and_then(boards::find) {
             program = program.with_board(row.board).map_err(|error| Refusal::Board { file: file.clone(), error })?;
         }
