@@ -66,6 +66,7 @@ mod commands;
 pub mod consent;
 pub mod console;
 pub mod diagnostic;
+mod film;
 mod interrupt;
 pub mod load;
 pub mod record;

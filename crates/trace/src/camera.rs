@@ -116,9 +116,8 @@ pub fn read(bytes: &[u8]) -> Result<Track, ReadError> {
     let Some(unit) = unit else {
         return Err(header.error_in(angle, "an angle with its unit: `angle [deg]`, rad, rev or steps"));
     };
-    let is_sigma = |title: &Title| {
-        title.is_one_of(&["sigma", "σ", "uncertainty"]) && title.unit == header.titles[angle].unit
-    };
+    let is_sigma =
+        |title: &Title| title.is_one_of(&["sigma", "σ", "uncertainty"]) && title.unit == header.titles[angle].unit;
     let sigma = header.titles.iter().position(is_sigma);
     let mut frames: Vec<Frame> = Vec::new();
     while let Some(row) = table.next()? {
@@ -147,7 +146,11 @@ mod tests {
     fn headers() {
         let check = |header: &str, scale: f64, unit: AngleUnit| {
             let track = read(format!("{header}\n2 , 3\n").as_bytes()).unwrap();
-            assert_eq!(track, Track { unit, frames: vec![Frame { time_s: 2.0 * scale, angle: 3.0, sigma: None }] }, "{header}");
+            assert_eq!(
+                track,
+                Track { unit, frames: vec![Frame { time_s: 2.0 * scale, angle: 3.0, sigma: None }] },
+                "{header}"
+            );
         };
         check("t,theta_deg", 1.0, AngleUnit::Degrees);
         check("Time [ms],Angle [rad]", 1e-3, AngleUnit::Radians);
@@ -156,7 +159,10 @@ mod tests {
         check("Time in ms,Angle in degrees", 1e-3, AngleUnit::Degrees);
         check("milliseconds,servo rad", 1e-3, AngleUnit::Radians);
         check("t [min],a [turn]", 60.0, AngleUnit::Revolutions);
-        assert_eq!(read(b"frame,a [rad],t [ms]\n1,2,3\n").unwrap().frames, [Frame { time_s: 0.003, angle: 2.0, sigma: None }]);
+        assert_eq!(
+            read(b"frame,a [rad],t [ms]\n1,2,3\n").unwrap().frames,
+            [Frame { time_s: 0.003, angle: 2.0, sigma: None }]
+        );
         let stated = read(b"t,angle [deg],sigma [deg]\n1,3,0.5\n").unwrap().frames;
         assert_eq!(stated, [Frame { time_s: 1.0, angle: 3.0, sigma: Some(0.5) }]);
         assert_eq!(read(b"t,angle [deg],sigma [rad]\n1,3,0.5\n").unwrap().frames[0].sigma, None);

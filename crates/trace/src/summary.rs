@@ -111,9 +111,13 @@ const FEW: usize = 3;
 impl FilmReport {
     /// Why it failed, in a few words.
     fn reason(&self) -> String {
-        let mut reasons: Vec<String> = self.jumps.iter().filter(|jump| jump.is_certain()).map(Jump::to_string).collect();
+        let mut reasons: Vec<String> =
+            self.jumps.iter().filter(|jump| jump.is_certain()).map(Jump::to_string).collect();
         if reasons.is_empty() && self.frames_beyond_limit > 0 {
-            reasons.push(format!("the wheel is off by more than {:.3}° in {} frames", self.limit_deg, self.frames_beyond_limit));
+            reasons.push(format!(
+                "the wheel is off by more than {:.3}° in {} frames",
+                self.limit_deg, self.frames_beyond_limit
+            ));
         }
         if let Some(clock) = self.failures.iter().find(|failure| matches!(failure.fault, Fault::Clock { .. })) {
             reasons.push(clock.to_string());

@@ -142,7 +142,9 @@ pub enum JudgeError {
         limit_deg: f64,
     },
     /// Nothing moves.
-    #[error("the film shows no motion that fits the law: the wheel turns by {seen_deg:.2}°; was it filmed while the motion ran?")]
+    #[error(
+        "the film shows no motion that fits the law: the wheel turns by {seen_deg:.2}°; was it filmed while the motion ran?"
+    )]
     NoMotion {
         /// How far the wheel turns in the film, degrees.
         seen_deg: f64,

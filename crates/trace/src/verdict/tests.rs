@@ -642,37 +642,70 @@ fn lost_and_added_steps_are_counted_where_they_are() {
     };
     // A step is 0.45°. Until 1.5 s the motor turns forward, then backward.
     check(0.02, &[], expect![[""]]);
-    check(0.02, &[(0.75, -8.0)], expect![[r#"
+    check(
+        0.02,
+        &[(0.75, -8.0)],
+        expect![[r#"
         8 steps lost at 0.75 s
-    "#]]);
-    check(0.02, &[(0.75, -1.0)], expect![[r#"
+    "#]],
+    );
+    check(
+        0.02,
+        &[(0.75, -1.0)],
+        expect![[r#"
         1 step lost at 0.75 s
-    "#]]);
-    check(0.1, &[(2.0, -16.0)], expect![[r#"
+    "#]],
+    );
+    check(
+        0.1,
+        &[(2.0, -16.0)],
+        expect![[r#"
         16 steps added at 2.00 s
-    "#]]);
-    check(0.1, &[(0.5, -8.0), (2.2, 8.0)], expect![[r#"
+    "#]],
+    );
+    check(
+        0.1,
+        &[(0.5, -8.0), (2.2, 8.0)],
+        expect![[r#"
         8 steps lost at 0.50 s
         8 steps lost at 2.20 s
-    "#]]);
-    check(0.02, &[(1.0, 300.0)], expect![[r#"
+    "#]],
+    );
+    check(
+        0.02,
+        &[(1.0, 300.0)],
+        expect![[r#"
         300 steps added at 1.00 s
-    "#]]);
+    "#]],
+    );
     // Lost one after the other.
     let stall: Vec<(f64, f64)> = (0..12).map(|k| (0.9 + 0.01 * f64::from(k), -4.0)).collect();
-    check(0.02, &stall, expect![[r#"
+    check(
+        0.02,
+        &stall,
+        expect![[r#"
         48 steps lost from 0.91 s to 1.01 s
-    "#]]);
+    "#]],
+    );
     // Too much noise for a count.
-    check(1.0, &[(0.75, -8.0)], expect!["the film cannot tell: the angle is uncertain by up to 3.00° (3 σ) in 471 of 480 frames, and the limit is 1.00°; film from nearer, with more light and a shorter exposure, or judge with a larger --limit"]);
+    check(
+        1.0,
+        &[(0.75, -8.0)],
+        expect![
+            "the film cannot tell: the angle is uncertain by up to 3.00° (3 σ) in 471 of 480 frames, and the limit is 1.00°; film from nearer, with more light and a shorter exposure, or judge with a larger --limit"
+        ],
+    );
 }
 
 #[test]
 fn another_motion_fails() {
     let seen = |theta: &dyn Fn(f64) -> f64| {
         let frames = (0..400).map(|i| f64::from(i) / 120.0);
-        let frames =
-            frames.map(|time_s| Frame { time_s, angle: 0.45 * theta((time_s - 0.2).clamp(0.0, 3.0)), sigma: Some(0.03) });
+        let frames = frames.map(|time_s| Frame {
+            time_s,
+            angle: 0.45 * theta((time_s - 0.2).clamp(0.0, 3.0)),
+            sigma: Some(0.03),
+        });
         judged_film(&Track { unit: AngleUnit::Degrees, frames: frames.collect() }, Align::StartAndRate).unwrap()
     };
     let check = |name: &str, theta: &dyn Fn(f64) -> f64| {
@@ -698,10 +731,25 @@ fn what_a_film_cannot_tell_is_said() {
     let frames = at_15_hz.map(|time_s| Frame { time_s, angle: 3600.0 * time_s, sigma: None }).collect();
     let fast = Track { unit: AngleUnit::Degrees, frames };
     let options = Options { align: Align::StartAndRate, ..Options::default() };
-    check(judge_film(&fast, &steady, None, None, &options), expect!["frames are too far apart: at 2.136 s the motion makes 0.67 turns from one frame to the next (15 frames a second), and a film cannot tell a turn from none; film at 25 frames a second or more, or a slower motion"]);
+    check(
+        judge_film(&fast, &steady, None, None, &options),
+        expect![
+            "frames are too far apart: at 2.136 s the motion makes 0.67 turns from one frame to the next (15 frames a second), and a film cannot tell a turn from none; film at 25 frames a second or more, or a slower motion"
+        ],
+    );
     let judged = |track: &Track| judged_film(track, Align::StartAndRate);
-    check(judged(&film_of(50.0, 0.05, &|_| 0.0, &|_| 12.0)), expect!["the film shows no motion that fits the law: the wheel turns by 0.17°; was it filmed while the motion ran?"]);
-    check(judged(&film_of(120.0, 1.5, &|_| 0.0, &|a| a)), expect!["the film cannot tell: the angle is uncertain by up to 4.50° (3 σ) in 480 of 480 frames, and the limit is 1.00°; film from nearer, with more light and a shorter exposure, or judge with a larger --limit"]);
+    check(
+        judged(&film_of(50.0, 0.05, &|_| 0.0, &|_| 12.0)),
+        expect![
+            "the film shows no motion that fits the law: the wheel turns by 0.17°; was it filmed while the motion ran?"
+        ],
+    );
+    check(
+        judged(&film_of(120.0, 1.5, &|_| 0.0, &|a| a)),
+        expect![
+            "the film cannot tell: the angle is uncertain by up to 4.50° (3 σ) in 480 of 480 frames, and the limit is 1.00°; film from nearer, with more light and a shorter exposure, or judge with a larger --limit"
+        ],
+    );
 }
 
 /// A motion that is 2 % slow everywhere fits with another rate; that is no clock's.

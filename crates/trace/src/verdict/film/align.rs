@@ -116,8 +116,11 @@ impl Fit {
         } else {
             (sy / ss, 0.0)
         };
-        (shift.is_finite() && faster.is_finite())
-            .then_some(Fit { shift_s: self.shift_s + shift, rate: self.rate + faster, ..self })
+        (shift.is_finite() && faster.is_finite()).then_some(Fit {
+            shift_s: self.shift_s + shift,
+            rate: self.rate + faster,
+            ..self
+        })
     }
 
     /// Mean absolute error about the median, steps.
@@ -223,6 +226,17 @@ fn resolution(law: &Law, turn: f64, span: f64, coarsest: f64) -> Result<f64, Law
     let fastest = probes.iter().map(|(_, speed)| speed.abs()).fold(0.0, f64::max);
     let fine = if fastest > 0.0 { PART * turn / fastest } else { span };
     Ok(fine.min(span / 200.0).max(coarsest).max(1e-9))
+}
+
+/// Points of the law in a picture.
+const LINE_POINTS: u32 = 2000;
+
+/// The law between two law times as a line: time, s, and angle, steps times `scale`.
+pub(super) fn line(law: &Law, (from, to): (f64, f64), scale: f64) -> Result<Vec<(f64, f64)>, LawError> {
+    let times: Vec<f64> =
+        (0..=LINE_POINTS).map(|k| from + (to - from) * f64::from(k) / f64::from(LINE_POINTS)).collect();
+    let there = positions(law, times.iter().copied())?;
+    Ok(times.into_iter().zip(there).map(|(time, (theta, _))| (time, theta * scale)).collect())
 }
 
 /// θ from its start on and the speed at each of the times (s, in order).

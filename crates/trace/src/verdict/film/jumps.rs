@@ -188,7 +188,8 @@ impl Breaks {
         let jump = |(part, &(before, after)): (usize, &(usize, usize))| {
             // Near the break, so that what drifts does not count: up to thirty frames on each side.
             const NEAR: usize = 30;
-            let begin = part.checked_sub(1).map_or(0, |last| self.places[last].1).max((before + 1).saturating_sub(NEAR));
+            let begin =
+                part.checked_sub(1).map_or(0, |last| self.places[last].1).max((before + 1).saturating_sub(NEAR));
             let end = self.places.get(part + 1).map_or(errors.len(), |next| next.0 + 1).min(after + NEAR);
             let (left, right) = (&errors[begin..=before], &errors[after..end]);
             let steps = median_of(right) - median_of(left);

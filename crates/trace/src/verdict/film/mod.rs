@@ -64,6 +64,9 @@ pub struct FilmReport {
     /// Every judged frame.
     #[serde(skip)]
     pub points: Vec<FilmPoint>,
+    /// The law during the film, dense enough for a line: law time, s, and degrees of the wheel.
+    #[serde(skip)]
+    pub law_line: Vec<(f64, f64)>,
 }
 
 /// A frame beside the law.
@@ -180,6 +183,7 @@ pub fn judge_film(
         frames_beyond_limit: 0,
         failures: Vec::new(),
         points: Vec::new(),
+        law_line: Vec::new(),
     };
     if options.align != Align::None {
         // Where the law is at 0 the camera sees this angle.
@@ -222,12 +226,14 @@ pub fn judge_film(
         return Err(JudgeError::TooFewFrames { frames: frames as usize, limit: FEWEST_FRAMES });
     }
     check_motion(&report, options)?;
+    report.law_line = align::line(&motor.law, (report.from_s, report.to_s), degrees).map_err(law_error)?;
     report.jumps = breaks.jumps(&film, &law, &errors, &fit);
     report.jumps.retain(|jump| jump.from_s <= until_s);
     // Of frames that are too uncertain some are beyond the limit by chance.
     let share = |count: u64| count as f64 / frames as f64;
     let has_jumped = report.jumps.iter().any(Jump::is_certain);
-    if !has_jumped && share(report.doubtful_frames) > MOST_DOUBTFUL && share(report.frames_beyond_limit) < MOST_DOUBTFUL {
+    if !has_jumped && share(report.doubtful_frames) > MOST_DOUBTFUL && share(report.frames_beyond_limit) < MOST_DOUBTFUL
+    {
         return Err(JudgeError::Uncertain {
             uncertain_deg: doubtful_limit * degrees,
             frames: report.doubtful_frames,
