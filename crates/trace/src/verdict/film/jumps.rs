@@ -73,24 +73,34 @@ pub(super) fn find(film: &[Seen], errors: &[f64]) -> Breaks {
     if n < 2 * SHORTEST_SIDE + 2 {
         return Breaks::default();
     }
-    let difference = |k: usize| {
-        let before = &errors[k.saturating_sub(side)..k];
-        let after = &errors[k..(k + side).min(n)];
-        median_of(after) - median_of(before)
-    };
+    let sides = |k: usize| (&errors[k.saturating_sub(side)..k], &errors[k..(k + side).min(n)]);
     let places: Vec<usize> = (SHORTEST_SIDE..=n - SHORTEST_SIDE).collect();
-    let steps: Vec<f64> = places.iter().map(|k| difference(*k)).collect();
-    let scatter = 1.4826 * median(&mut steps.iter().map(|step| step.abs()).collect::<Vec<_>>()).unwrap_or(0.0);
     let noise = noise(errors);
     let sigma = median(&mut film.iter().map(|seen| seen.sigma).collect::<Vec<_>>()).unwrap_or(0.0);
-    let least = (OUTSTANDING * scatter)
-        .max(OUTSTANDING * noise.max(sigma) * (2.0 / side as f64).sqrt())
+    // Medians have less noise; lines see a jump also while the error drifts, as it does until the fit is right.
+    let detectors: [(&dyn Fn(usize) -> f64, f64); 2] = [
+        (&|k| median_of(sides(k).1) - median_of(sides(k).0), (2.0 / side as f64).sqrt()),
+        (&|k| end_of_line(sides(k).1.iter()) - end_of_line(sides(k).0.iter().rev()), (8.0 / side as f64).sqrt()),
+    ];
+    let mut steps = vec![0.0; places.len()];
+    let mut clearness = vec![0.0; places.len()];
+    let mut scatter = f64::INFINITY;
+    for (difference, spread) in detectors {
+        let found: Vec<f64> = places.iter().map(|k| difference(*k)).collect();
+        let usual = 1.4826 * median(&mut found.iter().map(|step| step.abs()).collect::<Vec<_>>()).unwrap_or(0.0);
         // Less than half a step is no step.
-        .max(0.5);
+        let least = (OUTSTANDING * usual).max(OUTSTANDING * noise.max(sigma) * spread).max(0.5);
+        scatter = scatter.min(usual);
+        for (k, step) in found.into_iter().enumerate().filter(|(_, step)| step.abs() > least) {
+            if step.abs() / least > clearness[k] {
+                (steps[k], clearness[k]) = (step, step.abs() / least);
+            }
+        }
+    }
 
-    // From the largest difference on, one for each stretch of frames.
-    let mut order: Vec<usize> = (0..places.len()).filter(|k| steps[*k].abs() > least).collect();
-    order.sort_by(|a, b| steps[*b].abs().total_cmp(&steps[*a].abs()));
+    // From the clearest difference on, one for each stretch of frames.
+    let mut order: Vec<usize> = (0..places.len()).filter(|k| clearness[*k] > 1.0).collect();
+    order.sort_by(|a, b| clearness[*b].total_cmp(&clearness[*a]));
     let mut chosen: Vec<usize> = Vec::new();
     for k in order {
         if chosen.iter().all(|other| places[*other].abs_diff(places[k]) > side) {
@@ -116,6 +126,18 @@ pub(super) fn find(film: &[Seen], errors: &[f64]) -> Breaks {
         }
     }
     Breaks { places: breaks, scatter: scatter.max(noise) }
+}
+
+/// Where a straight line through values is half a place before the first of them.
+fn end_of_line<'a>(values: impl ExactSizeIterator<Item = &'a f64>) -> f64 {
+    let n = values.len() as f64;
+    let (mut sum, mut moment) = (0.0, 0.0);
+    for (k, value) in values.enumerate() {
+        sum += value;
+        moment += value * (k as f64 - 0.5 * (n - 1.0));
+    }
+    let slope = moment / (n * (n * n - 1.0) / 12.0).max(f64::MIN_POSITIVE);
+    sum / n - slope * 0.5 * n
 }
 
 /// Standard deviation of the errors from frame to frame, by their second differences.
