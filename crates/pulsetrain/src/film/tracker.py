@@ -356,7 +356,6 @@ def choose_marks(marks: List[Mark], count: int) -> Tuple[Mark, Mark]:
 def marks_told(settings: Settings, first: Picture, marks: List[Mark]) -> Tuple[Mark, Mark]:
     """The marks that the user named, by colour or by where they are in the first frame."""
     chosen: List[Mark] = []
-    image = lab(first)
     for told in settings.marks:
         if len(told) == 2:
             x, y = told
@@ -379,7 +378,6 @@ def marks_told(settings: Settings, first: Picture, marks: List[Mark]) -> Tuple[M
                     "--mark X,Y names a mark by its place in the first frame",
                 )
             chosen.append(near_colour[0])
-    del image
     a, b = chosen
     if float(np.linalg.norm(a.colour - b.colour)) < SAME_COLOUR and 0.5 < a.radius / b.radius < 2.0:
         # They look alike: one description for both.
@@ -873,7 +871,7 @@ class Plane:
         )
 
     @staticmethod
-    def apply(matrix: Floats, points: Floats) -> Floats:
+    def apply(matrix: NDArray[Any], points: NDArray[Any]) -> Floats:
         below = points @ matrix[2, :2] + matrix[2, 2]
         return np.asarray((points @ matrix[:2, :2].T + matrix[:2, 2]) / below[:, None])
 
@@ -973,8 +971,8 @@ def first_wheel(rough: Floats, alike: bool) -> Wheel:
         return best[1]
     wheel = Wheel(one, two)
     for _ in range(2):
-        off = np.array([wheel.place(tuple(p), tuple(q))[1] for p, q in zip(one, two)])
-        near = off <= max(3.0 * float(np.median(off)), 2.0)
+        away = np.array([wheel.place(tuple(p), tuple(q))[1] for p, q in zip(one, two)])
+        near = away <= max(3.0 * float(np.median(away)), 2.0)
         if near.sum() >= 3:
             wheel = Wheel(one[near], two[near])
     return wheel
@@ -1036,9 +1034,6 @@ def assemble(
     real = clip_times / settings.slow
     interval = float(np.median(np.diff(np.array(times) / settings.slow)))
     observed = Observed(real, at, variance, found, height, interval)
-    if squarely:
-        # Rows are those of the picture, not of the plane: the shutter's time comes from them.
-        observed = Observed(real, at, variance, found, height, interval)
     theta, sigma = wheel.fit(observed, settings, squarely)
     report(0.98)
     theta = np.unwrap(theta)

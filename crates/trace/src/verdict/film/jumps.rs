@@ -102,8 +102,14 @@ pub(super) fn find(film: &[Seen], errors: &[f64]) -> Breaks {
     let mut order: Vec<usize> = (0..places.len()).filter(|k| clearness[*k] > 1.0).collect();
     order.sort_by(|a, b| clearness[*b].total_cmp(&clearness[*a]));
     let mut chosen: Vec<usize> = Vec::new();
+    // Beside a jump lines bend: what is smaller, and so near that a jump is in its windows, is no jump of its own.
+    let is_echo = |k: usize, jump: usize| {
+        let share = steps[k] / steps[jump];
+        let distance = places[k].abs_diff(places[jump]);
+        distance <= side || (distance <= 2 * side && (-0.7..0.4).contains(&share))
+    };
     for k in order {
-        if chosen.iter().all(|other| places[*other].abs_diff(places[k]) > side) {
+        if !chosen.iter().any(|jump| is_echo(k, *jump)) {
             chosen.push(k);
         }
     }
