@@ -8,7 +8,8 @@ use crate::python;
 pub(crate) fn run() -> Done {
     let mut figures = command(python::with_tracker()?);
     let text = output(figures.args(["-m", "tests.film_figures"]).current_dir(root().join("python")))?;
-    let section = format!("# Films\n\nWritten by `cargo xtask bench film`. Rendered clips; no camera was used.\n\n{text}");
+    let section =
+        format!("# Films\n\nWritten by `cargo xtask bench film`. Rendered clips; no camera was used.\n\n{text}");
     print!("{section}");
     report::write("film", &section)
 }

@@ -23,6 +23,9 @@ impl Default for Fit {
     }
 }
 
+/// For each frame θ and speed of the law, steps and steps/s, and the error, steps.
+pub(super) type Compared = (Vec<(f64, f64)>, Vec<f64>);
+
 /// Tries of the time shift, at most.
 const MOST_SHIFTS: usize = 40_000;
 /// Frames that take part in the search, at most.
@@ -44,7 +47,7 @@ impl Fit {
     }
 
     /// For each frame θ and speed, and seen − θ: the first as it is, the others of the same turn.
-    pub(super) fn errors(&self, film: &[Seen], law: &Law, turn: f64) -> Result<(Vec<(f64, f64)>, Vec<f64>), LawError> {
+    pub(super) fn errors(&self, film: &[Seen], law: &Law, turn: f64) -> Result<Compared, LawError> {
         let law = positions(law, film.iter().map(|seen| self.law_time(seen.time_s)))?;
         let mut last: Option<f64> = None;
         let errors = film.iter().zip(&law).map(|(seen, law)| {
