@@ -7,7 +7,7 @@
 //! - [`accept`]: whether motions that `plan` accepts run
 //! - [`pictures`]: what documents show
 //! - [`arduino`]: what Debian has for the Uno, and tests use: bootloaders, compiler, avrdude
-//! - [`python`]: the tests of the client in Python
+//! - [`python`]: the tests of the client in Python, and of films
 //! - [`ruckig`]: S-curve durations against an independent library
 //! - [`cross_check`]: the AVR emulator against simavr and avr8js
 //! - [`firmware`](mod@firmware): the boards' firmware: built, measured, committed as images
@@ -110,7 +110,7 @@ enum Task {
     },
     /// Measure every figure, print it, and write docs/benchmarks/
     Bench {
-        /// Only these, in emulated cycles: a section of the report
+        /// Only these, in emulated cycles or on rendered clips: a section of the report
         only: Option<Figures>,
         /// Of the Uno: the simulated hour of four motors on one DIR line; of the Pico: of eight; a section of its own
         #[arg(long, requires = "only")]
@@ -160,6 +160,8 @@ enum Figures {
     Pico,
     /// MOVE, SPEED and DIRECTION on it
     Verbs,
+    /// The angle of a wheel in films
+    Film,
 }
 
 fn main() -> ExitCode {
@@ -183,6 +185,7 @@ fn main() -> ExitCode {
         Task::Bench { only: Some(Figures::Uno), hour: true, .. } => bench::uno::hour(),
         Task::Bench { only: Some(Figures::Winch), .. } => bench::winch::run(),
         Task::Bench { only: Some(Figures::Verbs), .. } => bench::verbs::run(),
+        Task::Bench { only: Some(Figures::Film), .. } => bench::film::run(),
         Task::Bench { only: Some(Figures::Pico), hour: false, .. } => bench::pico::run(),
         Task::Bench { only: Some(Figures::Pico), hour: true, .. } => bench::pico::hour(),
         Task::Map => map::run(&command::root()),

@@ -79,6 +79,15 @@ impl PositionUnits {
     }
 }
 
+/// What a motor turns, as a camera sees it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Wheel {
+    /// Steps in one revolution of what the motor drives, behind its gear.
+    pub steps_per_turn: f64,
+    /// Largest |angle − law| in a film, steps; `None`: the judge's own.
+    pub limit_steps: Option<f64>,
+}
+
 /// The lines of a motor. Pin numbers are the board's own (Arduino digital pins, GPIO numbers).
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Wiring {

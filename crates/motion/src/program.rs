@@ -5,7 +5,7 @@ use crate::boards::{self, PinError};
 use crate::machine::Machine;
 
 pub use crate::board::{Board, SegmentTicks, SharedSteps};
-pub use crate::motor::{CoilSequence, DriverTicks, DriverTiming, Limits, Motor, PositionUnits, Scale, Wiring};
+pub use crate::motor::{CoilSequence, DriverTicks, DriverTiming, Limits, Motor, PositionUnits, Scale, Wheel, Wiring};
 
 /// A motion file that has been read and checked: everything that the later stages need.
 #[derive(Clone, Debug)]

@@ -48,6 +48,26 @@ pub(super) fn svg(picture: &Picture) -> Result<String, String> {
     Ok(text)
 }
 
+/// An SVG of a height that one function draws.
+pub(super) fn to_svg(
+    height: u32,
+    draw: &dyn for<'a> Fn(&Drawing, &Area<SVGBackend<'a>>) -> DrawResult<SVGBackend<'a>>,
+) -> Result<String, String> {
+    if !register() {
+        return Err(NO_FONT.into());
+    }
+    let mut text = String::new();
+    let root = SVGBackend::with_string(&mut text, (WIDTH, height)).into_drawing_area();
+    let drawing = Drawing { scale: 1, joins: true };
+    let drawn = root.fill(&WHITE).and_then(|()| draw(&drawing, &root)).and_then(|()| root.present());
+    drawn.map_err(|error| error.to_string())?;
+    drop(root);
+    Ok(text)
+}
+
+/// What is said if the font is missing.
+const NO_FONT: &str = "the built-in font cannot be read";
+
 pub(super) fn png(picture: &Picture) -> Result<Vec<u8>, String> {
     let drawing = Drawing { scale: PNG_SCALE, joins: false };
     let (width, height) = drawing.size(picture);
@@ -99,7 +119,7 @@ pub(super) struct Panel<'a> {
 impl Drawing {
     fn draw<DB: DrawingBackend>(&self, picture: &Picture, backend: DB) -> Result<(), String> {
         if !register() {
-            return Err("the built-in font cannot be read".into());
+            return Err(NO_FONT.into());
         }
         let root = backend.into_drawing_area();
         self.panels(picture, &root).and_then(|()| root.present()).map_err(|error| error.to_string())

@@ -49,7 +49,8 @@
 //! - [`Picture`], [`MotorPicture`]: what is drawn
 //! - [`machine`]: a machine's figure by the law and by the steps, and the distance between them
 //! - [`moving`]: a picture that moves: law, STEP pulses, wheel
-//! - `draw`, `figure`, `axis`: panels, figures, axes
+//! - [`FilmPicture`]: a film over the law, and their difference
+//! - `draw`, `figure`, `film`, `axis`: panels, figures, films, axes
 //! - `envelope`: many points in few pixels
 //!
 //! # What is not
@@ -60,6 +61,7 @@ mod axis;
 mod draw;
 mod envelope;
 mod figure;
+mod film;
 pub mod machine;
 pub mod moving;
 
@@ -69,6 +71,7 @@ use pulsetrain_motion::{LawError, Time};
 
 pub use envelope::Envelope;
 pub use figure::FigurePicture;
+pub use film::{FilmFrame, FilmPicture};
 
 /// A picture's content, which collects the law and the steps while a motion runs.
 #[derive(Clone, Debug)]

@@ -178,6 +178,37 @@ pub(crate) fn kept_time(text: &str) -> Result<u16, String> {
     if (1.0..=65_535.0).contains(&ms) { Ok(ms as u16) } else { Err("a board keeps 1 ms to 65.535 s, or off".into()) }
 }
 
+/// Reads an exposure: a time, or a part of a second as cameras show it: 1/500.
+pub(crate) fn exposure(text: &str) -> Result<f64, String> {
+    let example = "write it like \"2 ms\" or 1/500";
+    if let Some((over, under)) = text.trim_end_matches('s').trim().split_once('/') {
+        let parts = (over.trim().parse::<f64>(), under.trim().parse::<f64>());
+        let (Ok(over), Ok(under)) = parts else { return Err(example.into()) };
+        let seconds = over / under;
+        return if seconds > 0.0 && seconds < 10.0 { Ok(seconds) } else { Err(example.into()) };
+    }
+    duration(text).map(Time::seconds).map_err(|error| format!("{error}; {example}"))
+}
+
+/// Reads a shutter's read-out time: a time, or 0.
+pub(crate) fn readout(text: &str) -> Result<f64, String> {
+    let quantity =
+        Quantity::parse(text).ok().filter(|quantity| (quantity.base, quantity.per_seconds) == (Base::Time, 0));
+    let seconds = quantity.map(|quantity| quantity.value).or_else(|| (text.trim() == "0").then_some(0.0));
+    seconds.filter(|seconds| (-1.0..=1.0).contains(seconds)).ok_or_else(|| "write it like \"8 ms\", or 0".into())
+}
+
+/// Reads an angle, in steps too.
+pub(crate) fn angle(text: &str) -> Result<Quantity, String> {
+    let quantity = Quantity::parse(text).map_err(|error| format!("{error}; write it like \"2 deg\""))?;
+    let is_angle = matches!(quantity.base, Base::Turn | Base::Step) && quantity.per_seconds == 0;
+    match (is_angle, quantity.value > 0.0) {
+        (true, true) => Ok(quantity),
+        (true, false) => Err("it must be more than 0; write it like \"2 deg\"".into()),
+        (false, _) => Err(format!("this is {}; write it like \"2 deg\"", quantity.kind())),
+    }
+}
+
 pub(crate) fn frequency(text: &str) -> Result<f64, String> {
     measured(text, (Base::Cycle, 1), "25 MHz").map(|quantity| quantity.value)
 }

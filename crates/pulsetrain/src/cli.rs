@@ -26,7 +26,8 @@ Examples:
   pulsetrain run crank.toml                  plan it, run it, judge it, draw it: out/crank
   pulsetrain plan crank.toml --board uno     what it needs on an Uno; nothing runs
   pulsetrain explain crank.toml              why it is refused, and what would fit
-  pulsetrain verify capture.vcd crank.toml   judge a logic analyser's capture";
+  pulsetrain verify capture.vcd crank.toml   judge a logic analyser's capture
+  pulsetrain film clip.mp4 crank.toml        judge a clip of the wheel, which has two marks";
 
 /// Drives stepper motors along any motion law, exactly
 #[derive(Debug, Parser)]
@@ -48,6 +49,8 @@ enum Command {
     Formula(commands::formula::FormulaArgs),
     /// Judge a capture against the motion: VCD, CSV of Saleae's or PulseView's, steps.csv, or a camera track (CSV of time and angle)
     Verify(commands::verify::VerifyArgs),
+    /// Judge a clip of a turning wheel with two marks: its angle in each frame against the motion
+    Film(commands::film::FilmArgs),
     /// Tell why a motion is refused: the limit, the place, the curve there, and what would fit
     Explain(commands::explain::ExplainArgs),
     /// Tell how fast a motor's winding lets it step, each figure with its formula and source
@@ -114,6 +117,7 @@ impl Command {
             Command::Run(args) => args.json,
             Command::Plan(args) => args.json,
             Command::Verify(args) => args.json,
+            Command::Film(args) => args.json,
             Command::Explain(args) => args.json,
             Command::Motor(args) => args.json,
             Command::Formula(args) => args.json,
@@ -184,6 +188,7 @@ fn obey(command: &Command, console: &mut Console<'_>) -> miette::Result<Exit> {
         Command::Plot(args) => commands::plot::run(args, console),
         Command::Formula(args) => commands::formula::run(args, console),
         Command::Verify(args) => commands::verify::run(args, console),
+        Command::Film(args) => commands::film::run(args, console),
         Command::Explain(args) => commands::explain::run(args, console),
         Command::Motor(args) => commands::motor::run(args, console),
         Command::Board(args) => commands::board::run(args, console),

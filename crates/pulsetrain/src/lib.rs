@@ -68,6 +68,7 @@ pub mod consent;
 pub mod console;
 pub mod control_socket;
 pub mod diagnostic;
+mod film;
 mod interrupt;
 mod last_positions;
 pub mod load;

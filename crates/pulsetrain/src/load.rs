@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use miette::miette;
 use pulsetrain_motion::Time;
 use pulsetrain_motion::file::{self, Contents};
+use pulsetrain_motion::program::Wheel;
 use pulsetrain_session::prepare::Prepared;
 
 use crate::diagnostic::{WrongFile, advised};
@@ -46,6 +47,18 @@ fn example(path: &Path) -> Option<PathBuf> {
     let names = [path.to_owned(), path.with_added_extension("toml")];
     let examples = names.iter().filter_map(|name| Some(Path::new("examples").join(name.file_name()?)));
     examples.filter(|_| !path.exists()).find(|example| example.is_file())
+}
+
+/// Reads a motion file as [`endless`] does, and what its motors turn, in their order.
+///
+/// # Errors
+/// As [`endless`].
+pub fn with_wheels(path: &Path, board: Option<&str>) -> miette::Result<(Prepared, Vec<Wheel>)> {
+    let path = found(path);
+    let contents = contents(&path)?;
+    let wheels = contents.wheels.clone();
+    let prepared = Prepared::new(path.display().to_string(), contents, board).map_err(advised)?;
+    Ok((prepared, wheels))
 }
 
 /// Reads a motion file, and cuts its endless laws after `length`.

@@ -1,7 +1,8 @@
 //! The track of a film: CSV of time and angle, such as the tutorial's with 50 frames in a second.
 //!
 //! The header names the columns and their units: a time (in s unless it has another unit) and an angle in deg, rad, rev
-//! or steps, with the names and units of [`pulsetrain_motion::columns`]. Other columns are ignored.
+//! or steps, with the names and units of [`pulsetrain_motion::columns`]. A column `sigma` has the angle's standard
+//! deviation, in the angle's unit. Other columns are ignored.
 //!
 //! ```
 //! use pulsetrain_trace::camera::{self, AngleUnit};
@@ -11,7 +12,7 @@
 //! # Ok::<(), pulsetrain_trace::ReadError>(())
 //! ```
 
-use pulsetrain_motion::columns::{ANGLES, CsvTable, Header, Role, Stated, TIME};
+use pulsetrain_motion::columns::{ANGLES, CsvTable, Header, Role, Stated, TIME, Title};
 use pulsetrain_motion::quantity::Base;
 
 use crate::ReadError;
@@ -19,11 +20,11 @@ use crate::ReadError;
 /// The unit of angles.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum AngleUnit {
-    /// Degrees of the motor's shaft.
+    /// Degrees of the wheel.
     Degrees,
-    /// Radians of the motor's shaft.
+    /// Radians of the wheel.
     Radians,
-    /// Revolutions of the motor's shaft.
+    /// Revolutions of the wheel.
     Revolutions,
     /// Steps of the motor.
     Steps,
@@ -58,11 +59,13 @@ impl AngleUnit {
 pub struct Frame {
     /// Seconds, by the camera's clock; within ±[`LONGEST_S`].
     pub time_s: f64,
-    /// Angle in the track's unit. It goes on counting over full turns.
+    /// Angle in the track's unit. It may go on counting over full turns, or begin again at each turn.
     pub angle: f64,
+    /// Standard deviation of the angle in the track's unit; `None` if the track does not state it.
+    pub sigma: Option<f64>,
 }
 
-/// The angle of one motor's shaft over time.
+/// The angle of one wheel over time.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Track {
     /// The unit of the angles.
@@ -113,6 +116,9 @@ pub fn read(bytes: &[u8]) -> Result<Track, ReadError> {
     let Some(unit) = unit else {
         return Err(header.error_in(angle, "an angle with its unit: `angle [deg]`, rad, rev or steps"));
     };
+    let is_sigma =
+        |title: &Title| title.is_one_of(&["sigma", "σ", "uncertainty"]) && title.unit == header.titles[angle].unit;
+    let sigma = header.titles.iter().position(is_sigma);
     let mut frames: Vec<Frame> = Vec::new();
     while let Some(row) = table.next()? {
         let time_s = scale * row.number(time, "a time")?;
@@ -122,7 +128,11 @@ pub fn read(bytes: &[u8]) -> Result<Track, ReadError> {
         if let Some(last) = frames.last().filter(|last| time_s < last.time_s) {
             return Err(row.error(time, format!("a time not before {} s", last.time_s)));
         }
-        frames.push(Frame { time_s, angle: row.number(angle, "an angle")? });
+        let stated = sigma.map(|column| row.number(column, "a standard deviation")).transpose()?;
+        if let (Some(column), Some(_)) = (sigma, stated.filter(|sigma| *sigma < 0.0)) {
+            return Err(row.error(column, "a standard deviation, 0 or more"));
+        }
+        frames.push(Frame { time_s, angle: row.number(angle, "an angle")?, sigma: stated });
     }
     Ok(Track { unit, frames })
 }
@@ -136,7 +146,11 @@ mod tests {
     fn headers() {
         let check = |header: &str, scale: f64, unit: AngleUnit| {
             let track = read(format!("{header}\n2 , 3\n").as_bytes()).unwrap();
-            assert_eq!(track, Track { unit, frames: vec![Frame { time_s: 2.0 * scale, angle: 3.0 }] }, "{header}");
+            assert_eq!(
+                track,
+                Track { unit, frames: vec![Frame { time_s: 2.0 * scale, angle: 3.0, sigma: None }] },
+                "{header}"
+            );
         };
         check("t,theta_deg", 1.0, AngleUnit::Degrees);
         check("Time [ms],Angle [rad]", 1e-3, AngleUnit::Radians);
@@ -145,8 +159,14 @@ mod tests {
         check("Time in ms,Angle in degrees", 1e-3, AngleUnit::Degrees);
         check("milliseconds,servo rad", 1e-3, AngleUnit::Radians);
         check("t [min],a [turn]", 60.0, AngleUnit::Revolutions);
-        assert_eq!(read(b"frame,a [rad],t [ms]\n1,2,3\n").unwrap().frames, [Frame { time_s: 0.003, angle: 2.0 }]);
-        assert_eq!(read(b"t;n;angle [deg]\n1;2;3\n").unwrap().frames, [Frame { time_s: 1.0, angle: 3.0 }]);
+        assert_eq!(
+            read(b"frame,a [rad],t [ms]\n1,2,3\n").unwrap().frames,
+            [Frame { time_s: 0.003, angle: 2.0, sigma: None }]
+        );
+        let stated = read(b"t,angle [deg],sigma [deg]\n1,3,0.5\n").unwrap().frames;
+        assert_eq!(stated, [Frame { time_s: 1.0, angle: 3.0, sigma: Some(0.5) }]);
+        assert_eq!(read(b"t,angle [deg],sigma [rad]\n1,3,0.5\n").unwrap().frames[0].sigma, None);
+        assert_eq!(read(b"t;n;angle [deg]\n1;2;3\n").unwrap().frames, [Frame { time_s: 1.0, angle: 3.0, sigma: None }]);
     }
 
     #[test]

@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use crate::verdict::{Alignment, FilmReport, Measured, MotorReport, Report};
+use crate::verdict::{Alignment, Fault, FilmReport, Jump, Measured, MotorReport, Report};
 
 /// Number of failures in the summary; the report counts all.
 const SHOWN: usize = 10;
@@ -22,7 +22,7 @@ impl fmt::Display for Report {
         }
         let faults = self.motors.iter().map(|m| m.faults).sum::<u64>();
         failures(f, self.failures.iter(), faults)?;
-        f.write_str(if self.ok { "ok" } else { "NOT OK" })
+        f.write_str(if self.ok { "PASS" } else { "FAIL" })
     }
 }
 
@@ -62,32 +62,100 @@ impl fmt::Display for MotorReport {
 
 impl fmt::Display for FilmReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        writeln!(
-            f,
-            "{}: {} frames, {:.3} s to {:.3} s of the motion; error max {:+.3} steps ({:+.3}°) at {:.3} s, rms {:.3} ({:.3}°), limit {:.2} steps",
-            self.motor,
-            self.frames,
-            self.from_s,
-            self.to_s,
-            self.max_error_steps,
-            self.max_error_deg,
-            self.max_error_at_s,
-            self.rms_error_steps,
-            self.rms_error_deg,
-            self.limit_steps,
-        )?;
+        let FilmReport { motor, frames, from_s, to_s, .. } = self;
+        writeln!(f, "{motor}: {frames} frames, {from_s:.3} s to {to_s:.3} s of the motion")?;
         let Alignment { shift_s, rate_ppm } = self.alignment;
-        if shift_s != 0.0 || rate_ppm != 0.0 || self.zero_deg != 0.0 {
-            let zero_deg = self.zero_deg;
+        if shift_s != 0.0 || rate_ppm != 0.0 || self.zero_deg != 0.0 || self.reversed {
             writeln!(
                 f,
-                "time zero at {shift_s:.4} s of the film, at {zero_deg:.3}°; clocks differ by {rate_ppm:+.0} ppm"
+                "  found: the motion starts at {shift_s:.4} s of the film; its 0 is at {:.2}° of the film; clocks differ by {rate_ppm:+.0} ppm",
+                self.zero_deg
             )?;
         }
-        failures(f, self.failures.iter(), self.failures.len() as u64)?;
-        f.write_str(if self.ok { "ok" } else { "NOT OK" })
+        if self.reversed {
+            writeln!(f, "  the film shows the motion the other way round, as from behind")?;
+        }
+        if let Some(sigma_deg) = self.sigma_deg {
+            writeln!(f, "  uncertainty of an angle: {sigma_deg:.3}° (1 σ, the middle one)")?;
+        }
+        writeln!(
+            f,
+            "  largest error {:+.3}° ({:+.2} steps) at {:.3} s, rms {:.3}° ({:.2} steps); limit {:.3}° ({:.2} steps)",
+            self.max_error_deg,
+            self.max_error_steps,
+            self.max_error_at_s,
+            self.rms_error_deg,
+            self.rms_error_steps,
+            self.limit_deg,
+            self.limit_steps,
+        )?;
+        if self.doubtful_frames > 0 {
+            writeln!(f, "  frames too uncertain to tell: {} of {frames}", self.doubtful_frames)?;
+        }
+        for jump in &self.jumps {
+            writeln!(f, "  {jump}")?;
+        }
+        if self.jumps.is_empty() {
+            failures(f, self.failures.iter().take(FEW), self.frames_beyond_limit.max(self.failures.len() as u64))?;
+        } else {
+            // Every frame behind a jump is off; the jump says it.
+            failures(f, self.failures.iter().filter(|failure| !matches!(failure.fault, Fault::Angle { .. })), 0)?;
+        }
+        if self.ok { f.write_str("PASS: no bound broke") } else { write!(f, "FAIL: {}", self.reason()) }
     }
 }
+
+/// Frames beyond the limit that are listed.
+const FEW: usize = 3;
+
+impl FilmReport {
+    /// Why it failed, in a few words.
+    fn reason(&self) -> String {
+        let mut reasons: Vec<String> =
+            self.jumps.iter().filter(|jump| jump.is_certain()).map(Jump::to_string).collect();
+        if reasons.is_empty() && self.frames_beyond_limit > 0 {
+            reasons.push(format!(
+                "the wheel is off by more than {:.3}° in {} frames",
+                self.limit_deg, self.frames_beyond_limit
+            ));
+        }
+        if let Some(clock) = self.failures.iter().find(|failure| matches!(failure.fault, Fault::Clock { .. })) {
+            reasons.push(clock.to_string());
+        }
+        reasons.join("; ")
+    }
+}
+
+/// "8 steps lost at 0.75 s".
+impl fmt::Display for Jump {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let what = match (self.way, self.is_loss()) {
+            (0, _) if self.steps > 0.0 => "too far forward",
+            (0, _) => "too far backward",
+            (_, true) => "lost",
+            (_, false) => "added",
+        };
+        match self.whole {
+            Some(1 | -1) => write!(f, "1 step {what}")?,
+            Some(whole) => write!(f, "{} steps {what}", whole.unsigned_abs())?,
+            None => write!(f, "about {:.1} ± {:.1} steps {what}", self.steps.abs(), self.sigma_steps)?,
+        }
+        let (from_s, to_s) = (self.from_s, self.to_s);
+        if to_s - from_s > GRADUAL_S {
+            write!(f, " from {from_s:.2} s to {to_s:.2} s")?;
+        } else {
+            write!(f, " at {:.2} s", 0.5 * (from_s + to_s))?;
+        }
+        if self.whole.is_none() {
+            let why = if 3.0 * self.sigma_steps < 0.5 { "no whole number" } else { "the film cannot tell how many" };
+            write!(f, " ({why})")?;
+        }
+        Ok(())
+    }
+}
+
+/// Steps that are lost over a longer time than this are lost one after the other.
+const GRADUAL_S: f64 = 0.06;
 
 fn failures(f: &mut fmt::Formatter<'_>, failures: impl Iterator<Item = impl fmt::Display>, in_all: u64) -> fmt::Result {
     let mut shown = 0;

@@ -1,5 +1,6 @@
 //! Figures: measured, compared with their bounds, printed, and written to docs/benchmarks/.
 
+pub(crate) mod film;
 mod first_run;
 mod peers;
 pub(crate) mod pico;

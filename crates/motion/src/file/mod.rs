@@ -57,7 +57,7 @@ pub use winch::WinchScript;
 
 use crate::boards::{self, BoardRow};
 use crate::law::{Cursor, Law};
-use crate::program::{LONGEST_IDLE_MS, Motor, PositionUnits, Program, Tolerance};
+use crate::program::{LONGEST_IDLE_MS, Motor, PositionUnits, Program, Tolerance, Wheel};
 use crate::quantity::{Base, nearest};
 use crate::{Grid, Time};
 use context::{Context, Loader, refuse};
@@ -74,6 +74,8 @@ pub struct Contents {
     pub tables: Vec<TableColumns>,
     /// The units of each motor's positions, in the program's order.
     pub units: Vec<PositionUnits>,
+    /// What the motors turn, in their order.
+    pub wheels: Vec<Wheel>,
 }
 
 /// Reads a motion file and the files that it names.
@@ -150,8 +152,8 @@ pub fn read_contents(
     load: &dyn Fn(&Path) -> io::Result<String>,
 ) -> Result<Contents, FileError> {
     read_as(text, name, |root| {
-        let program = program(root, load)?;
-        Ok(Contents { program, tables: root.reader.tables.take(), units: root.reader.units.take() })
+        let (program, wheels) = program(root, load)?;
+        Ok(Contents { program, tables: root.reader.tables.take(), units: root.reader.units.take(), wheels })
     })
 }
 
@@ -175,7 +177,7 @@ fn read_as<T>(text: &str, name: &str, what: impl Fn(&Section) -> Read<T>) -> Res
     }
 }
 
-fn program(root: &Section, load: Loader) -> Read<Program> {
+fn program(root: &Section, load: Loader) -> Read<(Program, Vec<Wheel>)> {
     root.check_keys(&["board", "grid", "tolerance", "idle", "motor", "machine", "motion"]);
     let board = read_board(root);
     let grid = root.get("grid").map_or(Ok(Grid::NEAREST), |node| read_grid(&node));
@@ -193,6 +195,7 @@ fn program(root: &Section, load: Loader) -> Read<Program> {
     let mut motors = Vec::new();
     let mut gearings = Vec::new();
     let mut slack = Vec::new();
+    let mut wheels = Vec::new();
     for ((_, draft), timeline) in drafts.into_iter().zip(timelines) {
         let draft = draft?;
         motors.push(Motor {
@@ -205,6 +208,7 @@ fn program(root: &Section, load: Loader) -> Read<Program> {
             limits: draft.limits,
             winding: draft.winding,
         });
+        wheels.push(Wheel { steps_per_turn: draft.gearing.steps_per_turn(), limit_steps: draft.film_limit });
         slack.push(draft.backlash.map_or(0.0, |backlash| backlash.steps));
         gearings.push(draft.gearing);
     }
@@ -216,7 +220,8 @@ fn program(root: &Section, load: Loader) -> Read<Program> {
         let slack: Vec<f64> = draft.motors.iter().map(|motor| slack[*motor]).collect();
         machines.push(draft.finish(root, &motors, &gearings, &slack, home.as_ref())?);
     }
-    Ok(Program { board, grid: grid?, tolerance, idle_ms: idle?, motors, machines, queue_parts: Vec::new() })
+    let (grid, idle_ms) = (grid?, idle?);
+    Ok((Program { board, grid, tolerance, idle_ms, motors, machines, queue_parts: Vec::new() }, wheels))
 }
 
 fn read_board(root: &Section) -> Read<BoardRow> {

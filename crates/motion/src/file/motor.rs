@@ -30,6 +30,7 @@ const KEYS: &[&str] = &[
     "max_acceleration",
     "pull_in",
     "backlash",
+    "film_limit",
     "inductance",
     "current",
     "voltage",
@@ -49,6 +50,8 @@ pub(super) struct MotorDraft {
     pub(super) winding: Option<Winding>,
     pub(super) backlash: Option<BacklashTable>,
     pub(super) gearing: Gearing,
+    /// Largest |angle − law| in a film, steps.
+    pub(super) film_limit: Option<f64>,
 }
 
 /// Slack behind a motor.
@@ -271,12 +274,13 @@ pub(super) fn read(node: &Node, board: Option<&BoardRow>, pins: &mut Pins) -> Re
     let winding = read_winding(&section, &gearing, driver.ok().flatten());
     let limits = read_limits(&section, &gearing);
     let backlash = section.get("backlash").map(|node| read_backlash(&node, &gearing)).transpose();
-    let (winding, mut limits, backlash) = (winding?, limits?, backlash?);
+    let film_limit = section.get("film_limit").map(|node| read_film_limit(&node, &gearing)).transpose();
+    let (winding, mut limits, backlash, film_limit) = (winding?, limits?, backlash?, film_limit?);
     if limits.max_speed.is_none() {
         limits.max_speed = winding.map(|winding| winding.max_speed());
     }
     let driver = driver.ok().flatten().map(|driver| driver.name);
-    Ok(MotorDraft { name, at: node.at.clone(), wiring, driver, timing, limits, winding, backlash, gearing })
+    Ok(MotorDraft { name, at: node.at.clone(), wiring, driver, timing, limits, winding, backlash, gearing, film_limit })
 }
 
 fn read_driver(section: &Section) -> Read<Option<&'static Driver>> {
@@ -589,6 +593,13 @@ fn read_backlash(node: &Node, gearing: &Gearing) -> Read<BacklashTable> {
     });
     let over = p.need("over", EXAMPLE).and_then(|node| node.duration("20 ms"));
     Ok(BacklashTable { steps: slack?, over: over?, at: node.at.clone() })
+}
+
+/// `film_limit = "2 deg"`.
+fn read_film_limit(node: &Node, gearing: &Gearing) -> Read<f64> {
+    // As with the slack, its unit is not counted.
+    let (steps, _) = gearing.amount(node, 0, "2 deg")?;
+    node.above_zero(steps)
 }
 
 /// `[motor]`: all motors, in the file's order.

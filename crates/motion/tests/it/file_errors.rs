@@ -116,6 +116,7 @@ const PLACES: &[(&str, &[&str])] = &[
             "max_acceleration",
             "pull_in",
             "backlash",
+            "film_limit",
             "pulse_high",
             "pulse_low",
             "dir_setup",

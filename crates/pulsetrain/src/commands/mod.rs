@@ -7,6 +7,7 @@ pub(crate) mod boards;
 pub(crate) mod calibrate;
 pub(crate) mod drivers;
 pub(crate) mod explain;
+pub(crate) mod film;
 pub(crate) mod flash;
 pub(crate) mod formula;
 pub(crate) mod goto;

@@ -6,12 +6,13 @@ use clap::{Args, ValueEnum};
 use miette::miette;
 use pulsetrain_board::BoardKind;
 use pulsetrain_motion::Time;
-use pulsetrain_motion::quantity::nearest;
+use pulsetrain_motion::quantity::{Quantity, nearest};
 use pulsetrain_trace::capture::{self, Capture};
 use pulsetrain_trace::verdict::{self, Align, JudgeError, Options};
 use pulsetrain_trace::{Line, lines};
 use std::path::PathBuf;
 
+use super::film::{film_picture, wheel_of};
 use crate::consent::{self, Consent};
 use crate::console::{self, Console, Exit};
 use crate::diagnostic::advised;
@@ -35,9 +36,15 @@ pub(crate) struct VerifyArgs {
     /// The capture shows an Uno's pins: its constant and its lateness are allowed for
     #[arg(long)]
     pub(crate) pins: bool,
-    /// What is fitted before judging
-    #[arg(long, value_enum, default_value_t = Alignment::None)]
-    pub(crate) align: Alignment,
+    /// What is fitted before judging [default: none; start+rate for a camera's track]
+    #[arg(long, value_enum)]
+    pub(crate) align: Option<Alignment>,
+    /// How far the wheel of a camera's track may be from the motion [default: the motor's film_limit, else 1 deg or 1 step]
+    #[arg(long, value_name = "ANGLE", value_parser = arguments::angle)]
+    pub(crate) limit: Option<Quantity>,
+    /// Draw a camera's track over the motion, as .svg
+    #[arg(long, value_name = "FILE")]
+    pub(crate) plot: Option<PathBuf>,
     /// Judge up to this time of the motion alone: for captures that end before the motion does
     #[arg(long, value_name = "TIME", value_parser = arguments::duration, allow_hyphen_values = true, conflicts_with = "length")]
     pub(crate) until: Option<Time>,
@@ -66,13 +73,20 @@ pub(crate) enum Alignment {
     StartAndRate,
 }
 
+impl From<Alignment> for Align {
+    fn from(alignment: Alignment) -> Align {
+        match alignment {
+            Alignment::None => Align::None,
+            Alignment::Start => Align::Start,
+            Alignment::StartAndRate => Align::StartAndRate,
+        }
+    }
+}
+
 pub(crate) fn run(args: &VerifyArgs, console: &mut Console<'_>) -> miette::Result<Exit> {
     // Where an endless motion is cut does not matter if it is cut after the judged part.
     let length = args.motion.length.or(args.until.map(|until| until + Time::SECOND));
-    let prepared = load::endless(&args.motion.file, args.motion.board.as_deref())?;
-    consent::agree(&prepared, Consent { length, task: Task::Plan, yes: args.motion.yes, json: args.json }, console)?;
-    let prepared = prepared.ending(length).map_err(advised)?;
-    let program = &prepared.program;
+    let (prepared, wheels) = load::with_wheels(&args.motion.file, args.motion.board.as_deref())?;
     let shown = args.capture.display();
     let bytes = console::read(&args.capture)?;
     let mut capture = capture::read(&bytes).map_err(|error| {
@@ -80,6 +94,19 @@ pub(crate) fn run(args: &VerifyArgs, console: &mut Console<'_>) -> miette::Resul
             "captures are VCD, CSV of Saleae's or PulseView's, steps.csv, or a camera's track: CSV of time and angle";
         miette!(help = help, "{shown}: {error}")
     })?;
+    let is_film = matches!(capture, Capture::Film(_));
+    let prepared = if is_film && length.is_none() {
+        // A film shows a part of the motion, and may show any.
+        prepared
+    } else {
+        consent::agree(
+            &prepared,
+            Consent { length, task: Task::Plan, yes: args.motion.yes, json: args.json },
+            console,
+        )?;
+        prepared.ending(length).map_err(advised)?
+    };
+    let program = &prepared.program;
     let of_motion = lines::of(program);
     for (from, to) in &args.line {
         if !names(&of_motion).any(|name| name.eq_ignore_ascii_case(to)) {
@@ -96,11 +123,14 @@ pub(crate) fn run(args: &VerifyArgs, console: &mut Console<'_>) -> miette::Resul
             }
         }
     }
-    let align = match args.align {
-        Alignment::None => Align::None,
-        Alignment::Start => Align::Start,
-        Alignment::StartAndRate => Align::StartAndRate,
-    };
+    let usual = if is_film { Alignment::StartAndRate } else { Alignment::None };
+    let align: Align = args.align.unwrap_or(usual).into();
+    if !is_film && (args.limit.is_some() || args.plot.is_some()) {
+        return Err(miette!(
+            help = "the limit of a capture's edges is the file's tolerance",
+            "{shown} is no camera's track: --limit and --plot are for those"
+        ));
+    }
     let until_s = args.until.map(Time::seconds);
     let mut options = Options { align, until_s, sample_hz: args.sample_rate, ..Options::default() };
     if args.pins {
@@ -120,8 +150,16 @@ pub(crate) fn run(args: &VerifyArgs, console: &mut Console<'_>) -> miette::Resul
         Capture::Edges(trace) => verdict::judge(trace, program, &options),
         Capture::Steps(steps) => verdict::judge_steps(steps, program, &options),
         Capture::Film(track) => {
+            let wheel = wheel_of(program, &wheels, args.motor.as_deref(), args.limit.as_ref())?;
             let report =
-                verdict::judge_film(track, program, args.motor.as_deref(), &options, None).map_err(no_verdict)?;
+                verdict::judge_film(track, program, args.motor.as_deref(), wheel, &options).map_err(no_verdict)?;
+            if let Some(path) = &args.plot {
+                let svg = film_picture(&report, &args.capture, &args.motion.file).svg();
+                console::write(
+                    path,
+                    svg.map_err(|error| miette!("cannot draw {}: {error}", path.display()))?.as_bytes(),
+                )?;
+            }
             if args.json {
                 console.print_json(&report)?
             } else {

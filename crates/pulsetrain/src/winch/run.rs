@@ -583,8 +583,8 @@ impl Display for WinchReport {
                     human::significant(word.farthest, 3),
                     match (word.is_judged, word.is_ok()) {
                         (false, _) => "not judged".to_owned(),
-                        (true, true) => "ok".to_owned(),
-                        (true, false) => "NOT ok".to_owned(),
+                        (true, true) => "PASS".to_owned(),
+                        (true, false) => "FAIL".to_owned(),
                     },
                 ]);
             }
@@ -602,7 +602,7 @@ impl Display for WinchReport {
         for Trouble { at_s, what } in troubles {
             writeln!(f, "  the board at {}: {what}", human::seconds(*at_s))?;
         }
-        writeln!(f, "{}", if self.is_ok() { "ok" } else { "NOT ok" })
+        writeln!(f, "{}", if self.is_ok() { "PASS" } else { "FAIL" })
     }
 }
 

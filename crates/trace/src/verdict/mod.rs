@@ -35,7 +35,7 @@ mod tests;
 use pulsetrain_motion::program::{Motor, Program};
 use pulsetrain_motion::{LawError, Time};
 
-pub use film::{FilmReport, judge_film};
+pub use film::{FilmPoint, FilmReport, Jump, judge_film};
 pub use report::{Alignment, Failure, Fault, Measured, MotorReport, Report};
 
 use crate::crossing::{Crossings, Instant};
@@ -109,6 +109,45 @@ pub enum JudgeError {
         frames: usize,
         /// The smallest number allowed.
         limit: usize,
+    },
+    /// The film shows the wheel too seldom.
+    #[error(
+        "frames are too far apart: at {at_s:.3} s the motion makes {turned:.2} turns from one frame to the next \
+         ({frames_hz:.0} frames a second), and a film cannot tell a turn from none; film at {needed_hz:.0} frames a second or more, \
+         or a slower motion"
+    )]
+    TooFast {
+        /// Law time, s.
+        at_s: f64,
+        /// Turns from one frame to the next.
+        turned: f64,
+        /// Frames a second there.
+        frames_hz: f64,
+        /// Frames a second that would do.
+        needed_hz: f64,
+    },
+    /// The angles are too uncertain.
+    #[error(
+        "the film cannot tell: the angle is uncertain by up to {uncertain_deg:.2}° (3 σ) in {frames} of {of} frames, and the limit \
+         is {limit_deg:.2}°; film from nearer, with more light and a shorter exposure, or judge with a larger --limit"
+    )]
+    Uncertain {
+        /// Three standard deviations of the worst frame, degrees.
+        uncertain_deg: f64,
+        /// The number of such frames.
+        frames: u64,
+        /// Of how many.
+        of: u64,
+        /// The limit, degrees.
+        limit_deg: f64,
+    },
+    /// Nothing moves.
+    #[error(
+        "the film shows no motion that fits the law: the wheel turns by {seen_deg:.2}°; was it filmed while the motion ran?"
+    )]
+    NoMotion {
+        /// How far the wheel turns in the film, degrees.
+        seen_deg: f64,
     },
     /// The law breaks.
     #[error("motor {motor}: {error}")]

@@ -2,7 +2,7 @@
 
 use expect_test::{Expect, expect};
 use proptest::prelude::*;
-use pulsetrain_motion::law::{Class, Curve, Entry, Fixed, Piece, Sine};
+use pulsetrain_motion::law::{Class, Curve, Entry, Fixed, Piece, Sine, Steady};
 use pulsetrain_motion::program::{
     Board, CoilSequence, DriverTiming, Limits, Motor, Program, Scale, SharedSteps, Tolerance, Wiring,
 };
@@ -566,31 +566,190 @@ fn slow_laws_are_judged_to_a_tick() {
     assert!(report.motors[0].max_error_ticks.abs() < 0.6, "{report}");
 }
 
+/// The tutorial's θ from its start, steps, and what a film of it shows: a frame's time in the film to steps.
+fn tutorial_theta(t: f64) -> f64 {
+    2000.0 * (1.0 - (std::f64::consts::TAU * t.clamp(0.0, 3.0) / 3.0).cos())
+}
+
+/// A film of the tutorial, which begins 0.37 s in, in frames of 1/`fps` s, seen as `seen` says: steps to degrees.
+fn film_of(fps: f64, noise_deg: f64, off: &dyn Fn(f64) -> f64, seen: &dyn Fn(f64) -> f64) -> Track {
+    let mut random = 1_u32;
+    let frames = (0..(4.0 * fps) as u32).map(|i| {
+        let time_s = f64::from(i) / fps;
+        let t = (time_s - 0.37) * 1.0002;
+        // A uniform random number, −1 to 1.
+        random = random.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        let noise = f64::from(random >> 8) / f64::from(1 << 23) - 1.0;
+        let angle = seen((tutorial_theta(t) + off(t)) * 0.45 + 12.0) + noise_deg * noise * 3.0_f64.sqrt();
+        Frame { time_s, angle, sigma: (noise_deg > 0.0).then_some(noise_deg) }
+    });
+    Track { unit: AngleUnit::Degrees, frames: frames.collect() }
+}
+
+fn judged_film(track: &Track, align: Align) -> Result<FilmReport, JudgeError> {
+    judge_film(track, &tutorial().0, None, None, &Options { align, ..Options::default() })
+}
+
 #[test]
 fn a_film_is_laid_over_the_law() {
-    let (program, _) = tutorial();
-    let theta = |t: f64| 2000.0 * (1.0 - (std::f64::consts::TAU * t.clamp(0.0, 3.0) / 3.0).cos());
-    let film = |off: &dyn Fn(usize) -> f64| {
-        let frames = (0..200).map(|i| {
-            let time_s = f64::from(i) / 50.0;
-            let angle = (theta((time_s - 0.37) * 1.0002) + off(i as usize)) * 0.45 + 12.0;
-            Frame { time_s, angle }
-        });
-        Track { unit: AngleUnit::Degrees, frames: frames.collect() }
-    };
-    let judged = |align, off: &dyn Fn(usize) -> f64| {
-        judge_film(&film(off), &program, None, &Options { align, ..Options::default() }, None).unwrap()
-    };
+    let judged = |align, off: &dyn Fn(f64) -> f64| judged_film(&film_of(50.0, 0.0, off, &|a| a), align).unwrap();
     let report = judged(Align::StartAndRate, &|_| 0.0);
     assert!(report.ok, "{report}");
-    assert!((report.alignment.shift_s - 0.37).abs() < 1e-6, "{:?}", report.alignment);
-    assert!((report.alignment.rate_ppm - 200.0).abs() < 0.1, "{:?}", report.alignment);
-    assert!((report.zero_deg - 12.0).abs() < 1e-3);
-    assert!(report.rms_error_steps < 1e-3);
+    assert!((report.alignment.shift_s - 0.37).abs() < 1e-5, "{:?}", report.alignment);
+    assert!((report.alignment.rate_ppm - 200.0).abs() < 5.0, "{:?}", report.alignment);
+    assert!((report.zero_deg - 12.0).abs() < 1e-2, "{report}");
+    assert!(report.rms_error_steps < 0.02, "{report}");
     assert!(!judged(Align::None, &|_| 0.0).ok);
     assert!(judged(Align::Start, &|_| 0.0).ok);
     // Four steps lost on the way.
-    assert!(!judged(Align::StartAndRate, &|i| if i > 100 { -4.0 } else { 0.0 }).ok);
+    assert!(!judged(Align::StartAndRate, &|t| if t > 1.5 { -4.0 } else { 0.0 }).ok);
+}
+
+/// Angles as cameras give them: within ±180°, within 0 to 360°, from behind, and both.
+#[test]
+fn turns_sense_and_zero_are_found() {
+    let within = |angle: f64| angle - 360.0 * (angle / 360.0).round();
+    let seen: [(&str, &dyn Fn(f64) -> f64, bool); 5] = [
+        ("±180°", &within, false),
+        ("0 to 360°", &|angle| angle.rem_euclid(360.0), false),
+        ("from behind", &|angle| 77.0 - angle, true),
+        ("from behind, ±180°", &|angle| within(77.0 - angle), true),
+        ("many turns ahead", &|angle| angle + 36_000.0, false),
+    ];
+    for (name, seen, reversed) in seen {
+        for noise_deg in [0.0, 0.05, 0.3] {
+            let report = judged_film(&film_of(120.0, noise_deg, &|_| 0.0, seen), Align::StartAndRate).unwrap();
+            assert!(report.ok && report.jumps.is_empty(), "{name}, {noise_deg}: {report}");
+            assert_eq!(report.reversed, reversed, "{name}, {noise_deg}: {report}");
+            assert!((report.alignment.shift_s - 0.37).abs() < 1e-3, "{name}, {noise_deg}: {report}");
+        }
+    }
+}
+
+#[test]
+fn lost_and_added_steps_are_counted_where_they_are() {
+    let check = |noise_deg: f64, events: &[(f64, f64)], expected: Expect| {
+        let off = |t: f64| events.iter().filter(|event| t >= event.0).map(|event| event.1).sum();
+        let within = |angle: f64| angle - 360.0 * (angle / 360.0).round();
+        let found = match judged_film(&film_of(120.0, noise_deg, &off, &within), Align::StartAndRate) {
+            Ok(report) => {
+                assert_eq!(report.ok, report.jumps.is_empty(), "{report}");
+                report.jumps.iter().map(|jump| format!("{jump}\n")).collect::<String>()
+            }
+            Err(error) => error.to_string(),
+        };
+        expected.assert_eq(&found);
+    };
+    // A step is 0.45°. Until 1.5 s the motor turns forward, then backward.
+    check(0.02, &[], expect![[""]]);
+    check(
+        0.02,
+        &[(0.75, -8.0)],
+        expect![[r#"
+        8 steps lost at 0.75 s
+    "#]],
+    );
+    check(
+        0.02,
+        &[(0.75, -1.0)],
+        expect![[r#"
+        1 step lost at 0.75 s
+    "#]],
+    );
+    check(
+        0.1,
+        &[(2.0, -16.0)],
+        expect![[r#"
+        16 steps added at 2.00 s
+    "#]],
+    );
+    check(
+        0.1,
+        &[(0.5, -8.0), (2.2, 8.0)],
+        expect![[r#"
+        8 steps lost at 0.50 s
+        8 steps lost at 2.20 s
+    "#]],
+    );
+    check(
+        0.02,
+        &[(1.0, 300.0)],
+        expect![[r#"
+        300 steps added at 1.00 s
+    "#]],
+    );
+    // Lost one after the other.
+    let stall: Vec<(f64, f64)> = (0..12).map(|k| (0.9 + 0.01 * f64::from(k), -4.0)).collect();
+    check(
+        0.02,
+        &stall,
+        expect![[r#"
+        48 steps lost from 0.91 s to 1.01 s
+    "#]],
+    );
+    // Too much noise for a count.
+    check(
+        1.0,
+        &[(0.75, -8.0)],
+        expect![
+            "the film cannot tell: the angle is uncertain by up to 3.00° (3 σ) in 471 of 480 frames, and the limit is 1.00°; film from nearer, with more light and a shorter exposure, or judge with a larger --limit"
+        ],
+    );
+}
+
+#[test]
+fn another_motion_fails() {
+    let seen = |theta: &dyn Fn(f64) -> f64| {
+        let frames = (0..400).map(|i| f64::from(i) / 120.0);
+        let frames = frames.map(|time_s| Frame {
+            time_s,
+            angle: 0.45 * theta((time_s - 0.2).clamp(0.0, 3.0)),
+            sigma: Some(0.03),
+        });
+        judged_film(&Track { unit: AngleUnit::Degrees, frames: frames.collect() }, Align::StartAndRate).unwrap()
+    };
+    let check = |name: &str, theta: &dyn Fn(f64) -> f64| {
+        let report = seen(theta);
+        assert!(!report.ok && report.jumps.is_empty(), "{name}: {report}");
+    };
+    assert!(seen(&tutorial_theta).ok);
+    check("2 % larger", &|t| 1.02 * tutorial_theta(t));
+    check("a triangle", &|t| 4000.0 * (1.0 - (t / 1.5 - 1.0).abs()));
+    check("two periods", &|t| 2000.0 * (1.0 - (2.0 * std::f64::consts::TAU * t / 3.0).cos()));
+    check("steady", &|t| 1000.0 * t);
+}
+
+#[test]
+fn what_a_film_cannot_tell_is_said() {
+    let check = |judged: Result<FilmReport, JudgeError>, expected: Expect| {
+        expected.assert_eq(&judged.map_or_else(|error| error.to_string(), |report| report.to_string()));
+    };
+    // Ten turns a second, always.
+    let law = Law::Steady(Steady { speed: 8000.0, duration: Some(Time::from_seconds(3.0)) });
+    let steady = program(Grid::REACH, vec![motor("wheel", law, 8, 9)]);
+    let at_15_hz = (2..40).map(|i| f64::from(i) / 15.0);
+    let frames = at_15_hz.map(|time_s| Frame { time_s, angle: 3600.0 * time_s, sigma: None }).collect();
+    let fast = Track { unit: AngleUnit::Degrees, frames };
+    let options = Options { align: Align::StartAndRate, ..Options::default() };
+    check(
+        judge_film(&fast, &steady, None, None, &options),
+        expect![
+            "frames are too far apart: at 2.136 s the motion makes 0.67 turns from one frame to the next (15 frames a second), and a film cannot tell a turn from none; film at 25 frames a second or more, or a slower motion"
+        ],
+    );
+    let judged = |track: &Track| judged_film(track, Align::StartAndRate);
+    check(
+        judged(&film_of(50.0, 0.05, &|_| 0.0, &|_| 12.0)),
+        expect![
+            "the film shows no motion that fits the law: the wheel turns by 0.17°; was it filmed while the motion ran?"
+        ],
+    );
+    check(
+        judged(&film_of(120.0, 1.5, &|_| 0.0, &|a| a)),
+        expect![
+            "the film cannot tell: the angle is uncertain by up to 4.50° (3 σ) in 480 of 480 frames, and the limit is 1.00°; film from nearer, with more light and a shorter exposure, or judge with a larger --limit"
+        ],
+    );
 }
 
 /// A motion that is 2 % slow everywhere fits with another rate; that is no clock's.
@@ -607,9 +766,9 @@ fn another_speed_is_no_clock() {
         assert_eq!(failures(&report), expected);
         let law = |t: f64| 900.0 * (1.0 - (std::f64::consts::TAU * t / slower / 3.0).cos());
         let frames = (0..=150).map(|i| f64::from(i) / 50.0 * slower);
-        let frames = frames.map(|time_s| Frame { time_s, angle: law(time_s) }).collect();
-        let film = judge_film(&Track { unit: AngleUnit::Degrees, frames }, &program, None, &options, None).unwrap();
-        assert_eq!((film.ok, film.failures.len()), (report.ok, report.failures.len()), "{film}");
+        let frames = frames.map(|time_s| Frame { time_s, angle: law(time_s), sigma: None }).collect();
+        let film = judge_film(&Track { unit: AngleUnit::Degrees, frames }, &program, None, None, &options).unwrap();
+        assert_eq!(film.ok, report.ok, "{film}");
     };
     check(1.005, "");
     let at = "at t = 3.000000 s\n";
@@ -619,9 +778,9 @@ fn another_speed_is_no_clock() {
 #[test]
 fn a_few_frames_are_no_film() {
     let (program, _) = tutorial();
-    let frames = |n: u32| (0..n).map(|i| Frame { time_s: f64::from(i) * 1e-4, angle: 0.0 }).collect();
+    let frames = |n: u32| (0..n).map(|i| Frame { time_s: f64::from(i) * 1e-4, angle: 0.0, sigma: None }).collect();
     let judged = |n, options: &Options| {
-        judge_film(&Track { unit: AngleUnit::Steps, frames: frames(n) }, &program, None, options, None)
+        judge_film(&Track { unit: AngleUnit::Steps, frames: frames(n) }, &program, None, None, options)
     };
     let too_few = |frames| Err(JudgeError::TooFewFrames { frames, limit: 8 });
     for align in [Align::None, Align::Start] {
