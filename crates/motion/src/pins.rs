@@ -62,7 +62,7 @@ pub enum PinsError {
     },
     /// A state machine cannot have both.
     #[error(
-        "DIR of `{motor}` (pin {dir}) is not beside its STEP (pin {step}), but a Pico drives the two as neighbours"
+        "DIR of `{motor}` (pin {dir}) is not next to its STEP (pin {step}), but a Pico drives the two as neighbours"
     )]
     NotBeside {
         /// Whose.
@@ -120,7 +120,7 @@ impl PinsError {
             PinsError::NotBeside { step, .. } => {
                 format!("wire DIR to pin {}, or to the one below STEP", u16::from(*step) + 1)
             }
-            PinsError::SharedDir { .. } => "give each motor a DIR beside its STEP".to_owned(),
+            PinsError::SharedDir { .. } => "give each motor a DIR next to its STEP".to_owned(),
             PinsError::CoilsApart { pins, .. } => {
                 // Four in a row that are the user's own as far as can be, from their lowest on.
                 let own = |in1: &u8| coil_pins(*in1).iter().filter(|pin| pins.contains(pin)).count();

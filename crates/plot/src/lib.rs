@@ -96,8 +96,11 @@ pub enum Errors {
 }
 
 impl Errors {
-    fn title(self, motor: &str, bound: &str) -> String {
+    fn title(self, motor: &str, bound: &str, late_ticks: f64) -> String {
         match self {
+            Errors::Ticks if late_ticks > 0.0 => {
+                format!("Error of {motor} at its pin, ticks; plan ±{bound}, board +{late_ticks:.0}")
+            }
             Errors::Ticks => format!("Error of {motor}, ticks; proven: at most {bound}"),
             Errors::Steps | Errors::Unknown => format!("Steps of {motor} behind the path, steps; allowed: {bound}"),
         }
@@ -129,6 +132,8 @@ pub struct MotorPicture {
     pub scale: Scale,
     /// The bound of the errors: the certificate's, ticks; of a path the allowed one, steps.
     pub bound_ticks: f64,
+    /// How much later than the plan the board's edges may come, ticks. 0 for a board whose edges are on their ticks.
+    pub late_ticks: f64,
     wanted: Envelope,
     wanted_speed: Envelope,
     wanted_closely: Vec<(f64, f64)>,
@@ -158,6 +163,7 @@ impl MotorPicture {
             name,
             scale,
             bound_ticks,
+            late_ticks: 0.0,
             wanted: Envelope::default(),
             wanted_speed: Envelope::default(),
             wanted_closely: Vec::new(),

@@ -27,7 +27,8 @@ pub(crate) struct Motion {
     /// How much of an endless motion, with its unit; the planned stop comes after [default: "10 s"]
     #[arg(long = "for", value_name = "TIME", value_parser = duration, allow_hyphen_values = true)]
     pub(crate) length: Option<Time>,
-    /// Go on with a motion that takes long to plan or to run, or makes large files, without being asked
+    /// Go on without being asked: with more than 50 million steps, a minute of planning, an hour of running, or 1 GB of files. (An estimate is
+    /// shown from 5 s on.)
     #[arg(long)]
     pub(crate) yes: bool,
 }

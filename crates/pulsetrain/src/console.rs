@@ -28,12 +28,50 @@ impl From<Exit> for std::process::ExitCode {
 }
 
 /// A file, or the output, cannot be read or written.
-#[derive(Debug, thiserror::Error, Diagnostic)]
-#[error("cannot {action} {what}: {error}")]
+#[derive(Debug, thiserror::Error)]
+#[error("cannot {action} {what}: {}", in_words(.error))]
 pub struct Access {
     action: &'static str,
     what: String,
+    // Its text is in the message, so it is no source: else it would be printed twice.
     error: io::Error,
+}
+
+impl Diagnostic for Access {
+    fn help<'a>(&'a self) -> Option<Box<dyn Display + 'a>> {
+        let advice = match (self.action, self.error.kind()) {
+            ("read", io::ErrorKind::NotFound) => "look at the path; it counts from the folder in which you are",
+            ("read", _) => return None,
+            (_, io::ErrorKind::PermissionDenied) => "take another place with --out, or change its permissions",
+            (_, io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded) => {
+                "make room, or take another disk with --out"
+            }
+            (_, io::ErrorKind::ReadOnlyFilesystem | io::ErrorKind::NotADirectory | io::ErrorKind::IsADirectory) => {
+                "take another place with --out"
+            }
+            (_, io::ErrorKind::AlreadyExists) => "take another name, or delete it first",
+            _ => return None,
+        };
+        Some(Box::new(advice))
+    }
+}
+
+/// A system's error in words, without its number.
+pub(crate) fn in_words(error: &io::Error) -> String {
+    match error.kind() {
+        io::ErrorKind::NotFound => "there is no such file or folder".to_owned(),
+        io::ErrorKind::PermissionDenied => "you may not".to_owned(),
+        io::ErrorKind::StorageFull => "the disk is full".to_owned(),
+        io::ErrorKind::QuotaExceeded => "your share of the disk is full".to_owned(),
+        io::ErrorKind::ReadOnlyFilesystem => "the disk is read-only".to_owned(),
+        io::ErrorKind::AlreadyExists => "it exists already".to_owned(),
+        io::ErrorKind::IsADirectory => "it is a folder".to_owned(),
+        io::ErrorKind::NotADirectory => "a part of its path is a file, not a folder".to_owned(),
+        _ => {
+            let text = error.to_string();
+            text.split(" (os error").next().unwrap_or_default().to_owned()
+        }
+    }
 }
 
 /// Where a command prints.
@@ -117,6 +155,7 @@ pub struct Progress {
 impl Progress {
     /// Names the present work in one or two words.
     pub fn stage(&self, name: &'static str) {
+        crate::interrupt::stage(name);
         self.bar.set_message(name);
     }
 
@@ -135,6 +174,7 @@ impl Progress {
 
 impl Drop for Progress {
     fn drop(&mut self) {
+        crate::interrupt::stage("");
         self.bar.finish_and_clear();
     }
 }

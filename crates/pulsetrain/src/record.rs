@@ -1,6 +1,7 @@
 //! Records a run while it goes on: files, verdict and picture.
 
-use std::io::{self, Write};
+use std::io::Write;
+use std::path::{Path, PathBuf};
 
 use miette::Diagnostic;
 use pulsetrain_board::{Edge, Observer, ScheduledStep};
@@ -10,6 +11,7 @@ use pulsetrain_motion::program::Program;
 use pulsetrain_trace::verdict::{EdgeJudge, JudgeError, Report};
 use pulsetrain_trace::{Line, steps, vcd_file};
 
+use crate::console::{Access, access};
 use pulsetrain_plot::machine::{Drawn, Figure, FigureReport};
 use pulsetrain_plot::{Errors, MotorPicture, Picture};
 use pulsetrain_session::lateness::{Edges, Lateness};
@@ -21,29 +23,56 @@ pub struct Files<W: Write> {
     pub trace: vcd_file::EdgeWriter<W>,
     /// Every step.
     pub steps: steps::StepWriter<W>,
+    folder: PathBuf,
 }
 
 impl<W: Write> Files<W> {
-    /// Begins the files of a run of `program`, with its lines at their levels of time zero.
+    /// Begins the files of a run of `program`, with its lines at their levels of time zero: trace.vcd and steps.csv in `folder`, which `open`
+    /// opens.
     ///
     /// # Errors
     /// When they cannot be written.
-    pub fn new(program: &Program, lines: &[Line], trace: W, steps: W) -> io::Result<Files<W>> {
+    pub fn new(
+        program: &Program,
+        lines: &[Line],
+        folder: &Path,
+        open: impl Fn(&Path) -> Result<W, Access>,
+    ) -> Result<Files<W>, Access> {
         let names: Vec<String> = program.motors.iter().map(|motor| motor.name.clone()).collect();
         let tick_hz = program.board.tick_hz;
+        let [trace, steps] = [TRACE, STEPS].map(|name| folder.join(name));
         Ok(Files {
-            trace: vcd_file::EdgeWriter::new(trace, tick_hz, lines)?,
-            steps: steps::StepWriter::new(steps, tick_hz, &names)?,
+            trace: vcd_file::EdgeWriter::new(open(&trace)?, tick_hz, lines)
+                .map_err(|error| access("write", &trace, error))?,
+            steps: steps::StepWriter::new(open(&steps)?, tick_hz, &names)
+                .map_err(|error| access("write", &steps, error))?,
+            folder: folder.to_owned(),
         })
     }
+
+    fn edge(&mut self, edge: pulsetrain_trace::Edge) -> Result<(), Access> {
+        self.trace.push(edge).map_err(|error| access("write", &self.folder.join(TRACE), error))
+    }
+
+    fn step(&mut self, step: steps::Step) -> Result<(), Access> {
+        self.steps.push(step).map_err(|error| access("write", &self.folder.join(STEPS), error))
+    }
+
+    /// Writes what is left in buffers.
+    fn finish(self) -> Result<(), Access> {
+        let Files { trace, steps, folder } = self;
+        let steps = steps.finish().map_err(|error| access("write", &folder.join(STEPS), error));
+        trace.finish().map_err(|error| access("write", &folder.join(TRACE), error))?;
+        steps.map(drop)
+    }
 }
+
+const TRACE: &str = "trace.vcd";
+const STEPS: &str = "steps.csv";
 
 /// Why a run could not be recorded.
 #[derive(Debug, thiserror::Error, Diagnostic)]
 pub enum RecordError {
-    /// A file cannot be written.
-    #[error("cannot write the run's files: {0}")]
-    Write(io::Error),
     /// The judge cannot give a verdict.
     #[error(transparent)]
     Judge(#[from] JudgeError),
@@ -57,13 +86,6 @@ pub enum RecordError {
     },
 }
 
-// The message contains its source, so `source` gives none: else the text would be printed twice.
-impl From<io::Error> for RecordError {
-    fn from(error: io::Error) -> RecordError {
-        RecordError::Write(error)
-    }
-}
-
 /// Observes a board while it runs.
 pub struct Recorder<'a, W: Write> {
     program: &'a Program,
@@ -73,7 +95,10 @@ pub struct Recorder<'a, W: Write> {
     figures: Vec<Figure<'a>>,
     positions: Vec<i64>,
     tick_s: f64,
-    /// The first error. Nothing is recorded after it.
+    late_ticks: f64,
+    /// The first error of a file. The verdict does not depend on files, so the recording goes on without them.
+    unwritten: Option<Access>,
+    /// The first other error. Nothing is recorded after it.
     error: Option<RecordError>,
 }
 
@@ -88,6 +113,8 @@ pub struct Recorded {
     pub lateness: Lateness,
     /// The errors of machines' figures, in the file's order.
     pub figures: Vec<FigureReport>,
+    /// The file that could not be written.
+    pub unwritten: Option<Access>,
 }
 
 impl<'a, W: Write> Recorder<'a, W> {
@@ -120,6 +147,8 @@ impl<'a, W: Write> Recorder<'a, W> {
             figures: Figure::all(program, drawn),
             positions,
             tick_s,
+            late_ticks: edges.late_ticks.into(),
+            unwritten: None,
             error: None,
         })
     }
@@ -129,14 +158,11 @@ impl<'a, W: Write> Recorder<'a, W> {
     /// # Errors
     /// The first error of the recording.
     pub fn finish(self, planned: &[Planned], lateness: Lateness) -> Result<Recorded, RecordError> {
-        let Recorder { program, judge, files, mut picture, figures, tick_s, error, .. } = self;
+        let Recorder { program, judge, files, mut picture, figures, tick_s, late_ticks, unwritten, error, .. } = self;
         if let Some(error) = error {
             return Err(error);
         }
-        if let Some(Files { trace, steps }) = files {
-            trace.finish()?;
-            steps.finish()?;
-        }
+        let unwritten = unwritten.or(files.and_then(|files| files.finish().err()));
         let mut verdict = judge.finish_with(&mut |motor, tick, late| {
             picture.motors[motor].error(tick as f64 * tick_s, late);
         })?;
@@ -145,6 +171,7 @@ impl<'a, W: Write> Recorder<'a, W> {
         let window = picture.close_view();
         for ((drawn, motor), planned) in picture.motors.iter_mut().zip(&program.motors).zip(planned) {
             drawn.bound_ticks = planned.certificate.bound_ticks;
+            drawn.late_ticks = late_ticks;
             drawn
                 .want_law(&motor.law)
                 .and_then(|()| window.map_or(Ok(()), |window| drawn.want_closely(&motor.law, window)))
@@ -152,22 +179,20 @@ impl<'a, W: Write> Recorder<'a, W> {
         }
         let (figures, pictures) = figures.into_iter().filter_map(Figure::finish).unzip();
         picture.figures = pictures;
-        Ok(Recorded { verdict, picture, lateness, figures })
+        Ok(Recorded { verdict, picture, lateness, figures, unwritten })
     }
 
-    /// Ends the files of a run that stopped early.
-    ///
-    /// # Errors
-    /// The first error of the recording.
-    pub fn close(self) -> Result<(), RecordError> {
-        if let Some(error) = self.error {
-            return Err(error);
+    /// Ends the files of a run that stopped early. Gives the file that could not be written.
+    pub fn close(self) -> Option<Access> {
+        self.unwritten.or(self.files.and_then(|files| files.finish().err()))
+    }
+
+    /// Ends the files where one of them cannot be written.
+    fn written(&mut self, result: Result<(), Access>) {
+        if let Err(error) = result {
+            self.unwritten.get_or_insert(error);
+            self.files = None;
         }
-        if let Some(Files { trace, steps }) = self.files {
-            trace.finish()?;
-            steps.finish()?;
-        }
-        Ok(())
     }
 
     fn note<T, E: Into<RecordError>>(&mut self, result: Result<T, E>) {
@@ -185,8 +210,8 @@ impl<W: Write> Observer for Recorder<'_, W> {
         let edge = pulsetrain_trace::Edge { tick: edge.tick, line: edge.line, level: edge.level };
         let judged = self.judge.push(edge).map_err(JudgeError::from);
         self.note(judged);
-        let written = self.files.as_mut().map_or(Ok(()), |files| files.trace.push(edge));
-        self.note(written);
+        let written = self.files.as_mut().map_or(Ok(()), |files| files.edge(edge));
+        self.written(written);
         let (picture, tick_s) = (&mut self.picture, self.tick_s);
         self.judge.errors(&mut |motor, tick, late| picture.motors[motor].error(tick as f64 * tick_s, late));
     }
@@ -203,8 +228,8 @@ impl<W: Write> Observer for Recorder<'_, W> {
             // A native board has at most 16 motors, so the index fits.
             let motor = step.motor as u8;
             let forward = step.direction == Direction::Forward;
-            let written = files.steps.push(steps::Step { motor, tick: step.tick, forward });
-            self.note(written);
+            let written = files.step(steps::Step { motor, tick: step.tick, forward });
+            self.written(written);
         }
     }
 }

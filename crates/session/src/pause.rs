@@ -7,6 +7,7 @@ use pulsetrain_motion::law::Cursor;
 use pulsetrain_motion::program::{Motor, Program};
 use pulsetrain_motion::{Law, LawError, Time};
 use pulsetrain_plan::SOFTEST_STOP_S;
+use schemars::JsonSchema;
 use serde::Serialize;
 
 /// When the laws' time begins to be slowed, and how long that takes.
@@ -177,7 +178,7 @@ pub fn starting(program: &Program, from: Time, over: Time) -> Result<Program, Pa
 }
 
 /// When the motors slow down, rest and go on in a pause that is part of a program.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct Paused {
     /// When they begin to slow down, s.
     pub slows_at_s: f64,

@@ -2,7 +2,7 @@
 
 use pulsetrain_motion::program::Program;
 use pulsetrain_motion::{Law, Time};
-use pulsetrain_plan::{Certificate, Ensemble, Line, Move, PlanError, Planner, Refused, Settings, Supply, stopping};
+use pulsetrain_plan::{Certificate, Ensemble, Line, Move, PlanError, Planner, Refill, Refused, Settings, Supply, stopping};
 
 /// A motor's plan, in figures.
 #[derive(Clone, Debug)]
@@ -11,6 +11,10 @@ pub struct Planned {
     pub certificate: Certificate,
     /// The tick of the last step.
     pub last_tick: u64,
+    /// The lowest and the highest position, steps from the start.
+    pub range: (i64, i64),
+    /// The refill of its queue that is the closest to coming too late. `None` without a line, or if the queue takes the whole plan.
+    pub tightest: Option<Refill>,
 }
 
 /// The moves of all motors, those of the motor that is least far first.
@@ -28,6 +32,8 @@ struct Clock {
     /// In units of 2^-F tick.
     fraction: i128,
     last_step: u64,
+    position: i64,
+    range: (i64, i64),
     ended: bool,
 }
 
@@ -114,20 +120,28 @@ impl<'a> Plans<'a> {
     fn finish(&self) -> Vec<Planned> {
         let motors = self.clocks.iter().enumerate();
         motors
-            .map(|(motor, clock)| Planned { certificate: self.ensemble.certificate(motor), last_tick: clock.last_step })
+            .map(|(motor, clock)| Planned {
+                certificate: self.ensemble.certificate(motor),
+                last_tick: clock.last_step,
+                range: clock.range,
+                tightest: self.supply.as_ref().and_then(|supply| supply.tightest(motor)),
+            })
             .collect()
     }
 }
 
 impl Clock {
     fn new(fraction_bits: u32) -> Clock {
-        Clock { tick: 0, fraction: 1 << (fraction_bits - 1), last_step: 0, ended: false }
+        Clock { tick: 0, fraction: 1 << (fraction_bits - 1), last_step: 0, position: 0, range: (0, 0), ended: false }
     }
 
     fn advance(&mut self, next: &Move, fraction_bits: u32) {
         match next {
             Move::Dwell { ticks } => self.tick += ticks,
-            Move::Run { segment, .. } => {
+            Move::Run { segment, direction } => {
+                // A run goes one way: its ends are its extremes.
+                self.position += i64::from(direction.sign()) * i64::from(segment.count);
+                self.range = (self.range.0.min(self.position), self.range.1.max(self.position));
                 let fixed = (i128::from(self.tick) << fraction_bits) + self.fraction + segment.span(segment.count);
                 self.tick = (fixed >> fraction_bits) as u64;
                 self.fraction = fixed & ((1 << fraction_bits) - 1);

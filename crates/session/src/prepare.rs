@@ -2,6 +2,7 @@
 
 use pulsetrain_board::BoardKind;
 use pulsetrain_core::wire::Baud;
+use pulsetrain_motion::boards::BoardRow;
 use pulsetrain_motion::file::{Contents, TableColumns};
 use pulsetrain_motion::law::{Cursor, Law};
 use pulsetrain_motion::pins::PinsError;
@@ -130,10 +131,7 @@ impl Prepared {
         }
         if let Some(row) = boards::find(&program.board.name) {
             let refuse = |error: PinsError| Refusal::Pins { file: file.clone(), advice: error.advice(), error };
-            row.pin_kind(&program.motors).map_err(refuse)?;
-            program.board.min_interval_ticks = row.shortest_intervals(&program.motors);
-            program.board.turn_ticks = row.turn_ticks(&program.motors);
-            program.board.shared_steps = row.shared_steps(&program.motors);
+            wire(&mut program, &row).map_err(refuse)?;
         }
         Ok(Prepared { file, program, cut: None, pause: None, line: None, tables })
     }
@@ -184,6 +182,18 @@ impl Prepared {
     pub fn end_s(&self) -> f64 {
         self.program.motors.iter().filter_map(|motor| motor.law.end()).map(Time::seconds).fold(0.0, f64::max)
     }
+}
+
+/// Gives the program's board the limits that it has with these motors' pins.
+///
+/// # Errors
+/// If the board cannot drive the pins together.
+pub(crate) fn wire(program: &mut Program, row: &BoardRow) -> Result<(), PinsError> {
+    row.pin_kind(&program.motors)?;
+    program.board.min_interval_ticks = row.shortest_intervals(&program.motors);
+    program.board.turn_ticks = row.turn_ticks(&program.motors);
+    program.board.shared_steps = row.shared_steps(&program.motors);
+    Ok(())
 }
 
 /// The [usual rate](BoardKind::usual_baud) of the line to a board.

@@ -22,7 +22,7 @@ impl fmt::Display for Report {
         }
         let faults = self.motors.iter().map(|m| m.faults).sum::<u64>();
         failures(f, self.failures.iter(), faults)?;
-        f.write_str(if self.ok { "ok" } else { "NOT OK" })
+        f.write_str(if self.ok { "PASS" } else { "FAIL" })
     }
 }
 
@@ -85,7 +85,7 @@ impl fmt::Display for FilmReport {
             )?;
         }
         failures(f, self.failures.iter(), self.failures.len() as u64)?;
-        f.write_str(if self.ok { "ok" } else { "NOT OK" })
+        f.write_str(if self.ok { "PASS" } else { "FAIL" })
     }
 }
 

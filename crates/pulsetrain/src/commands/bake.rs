@@ -10,6 +10,7 @@ use std::path::PathBuf;
 
 use miette::miette;
 use pulsetrain_board::virtual_uno::VirtualUno;
+use schemars::JsonSchema;
 use serde::Serialize;
 
 use super::rehearsal::Rehearsal;
@@ -73,7 +74,7 @@ pub(crate) struct BakeArgs {
 }
 
 /// The sketch that was made.
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, JsonSchema)]
 struct BakedSketch {
     /// Path of the .ino file.
     file: String,
@@ -87,7 +88,7 @@ struct BakedSketch {
 }
 
 /// The image that was made.
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, JsonSchema)]
 struct BakedImage {
     file: String,
     /// Segments and waits.
@@ -372,7 +373,7 @@ mod tests {
             let said: serde_json::Value = serde_json::from_str(&bake(&args, &slow).unwrap()).unwrap();
             let rehearsed = &said["rehearsed"];
             assert_eq!(
-                (&rehearsed["seconds"], &rehearsed["of_seconds"]),
+                (&rehearsed["played_s"], &rehearsed["of_s"]),
                 (&0.5.into(), &0.5.into()),
                 "{}",
                 json(&said).unwrap()

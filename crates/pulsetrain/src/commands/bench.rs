@@ -11,6 +11,7 @@ use pulsetrain_core::wire::Baud;
 use pulsetrain_core::wire::message::{Cause, Measures};
 use pulsetrain_motion::program::{DriverTiming, Limits, Motor, Program, Scale, Tolerance, Wiring};
 use pulsetrain_motion::{Grid, Law, Time, boards};
+use schemars::JsonSchema;
 use serde::Serialize;
 
 use super::problems::{drive_problem, port_problem};
@@ -46,7 +47,7 @@ const STEP_PIN: u8 = 8;
 const DIR_PIN: u8 = 9;
 
 /// The figures of one sinusoid.
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, JsonSchema)]
 struct BenchRow {
     period_s: f64,
     peak_steps_per_s: f64,
@@ -93,7 +94,7 @@ fn name(period_s: f64) -> String {
 }
 
 /// The whole report.
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, JsonSchema)]
 struct Rows {
     measured: Vec<BenchRow>,
     refused: Vec<String>,

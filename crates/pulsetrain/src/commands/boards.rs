@@ -1,13 +1,14 @@
 //! `pulsetrain boards`: the table of limits.
 
 use pulsetrain_motion::boards::{self, BoardRow};
+use schemars::JsonSchema;
 use serde::Serialize;
 
 use crate::arguments;
 use crate::console::{Console, Exit};
 use pulsetrain_motion::human::{self, Table};
 
-#[derive(Serialize)]
+#[derive(Serialize, JsonSchema)]
 struct BoardTableRow {
     name: String,
     about: &'static str,

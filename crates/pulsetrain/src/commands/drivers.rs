@@ -1,13 +1,14 @@
 //! `pulsetrain drivers`: the table of driver timings.
 
 use pulsetrain_motion::drivers::{self, Driver, Input};
+use schemars::JsonSchema;
 use serde::Serialize;
 
 use crate::arguments;
 use crate::console::{Console, Exit};
 use pulsetrain_motion::human::{self, Table};
 
-#[derive(Serialize)]
+#[derive(Serialize, JsonSchema)]
 struct DriverTableRow {
     name: &'static str,
     about: &'static str,
@@ -22,7 +23,7 @@ struct DriverTableRow {
     source: &'static str,
 }
 
-#[derive(Serialize)]
+#[derive(Serialize, JsonSchema)]
 struct Setting {
     microsteps: u32,
     setting: &'static str,

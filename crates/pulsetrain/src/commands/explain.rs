@@ -12,6 +12,7 @@ use pulsetrain_motion::law::Cursor;
 use pulsetrain_motion::program::Motor;
 use pulsetrain_plan::error::Limit;
 use pulsetrain_plan::{PlanError, Settings};
+use schemars::JsonSchema;
 use serde::Serialize;
 
 use super::plan;
@@ -44,7 +45,7 @@ const ROWS: u32 = 9;
 /// Characters of the longest bar.
 const BAR: f64 = 40.0;
 
-#[derive(Serialize)]
+#[derive(Serialize, JsonSchema)]
 struct Explanation {
     file: String,
     board: String,
@@ -53,7 +54,7 @@ struct Explanation {
     margins: Vec<Margins>,
 }
 
-#[derive(Serialize)]
+#[derive(Serialize, JsonSchema)]
 struct Refused {
     motor: String,
     message: String,
@@ -70,7 +71,7 @@ struct Refused {
 }
 
 /// A broken limit other than the first one.
-#[derive(Serialize)]
+#[derive(Serialize, JsonSchema)]
 struct Also {
     motor: String,
     message: String,
@@ -78,11 +79,14 @@ struct Also {
 }
 
 /// A point of the law near the place.
-#[derive(Serialize)]
+#[derive(Serialize, JsonSchema)]
 struct Point {
     at_s: f64,
+    #[serde(rename = "position_steps")]
     position: f64,
+    #[serde(rename = "speed_steps_per_s")]
     speed: f64,
+    #[serde(rename = "acceleration_steps_per_s2")]
     acceleration: f64,
 }
 
@@ -96,20 +100,33 @@ struct LimitLine {
 }
 
 /// The share of each limit that a motor's plan uses. `None` where there is no limit.
-#[derive(Serialize)]
+#[derive(Serialize, JsonSchema)]
 struct Margins {
     motor: String,
+    /// The shortest interval between two steps.
+    #[serde(rename = "interval_ticks")]
     interval: Option<Use>,
+    #[serde(rename = "speed_steps_per_s")]
     speed: Option<Use>,
+    #[serde(rename = "acceleration_steps_per_s2")]
     acceleration: Option<Use>,
+    /// The proven error.
+    #[serde(rename = "error_ticks")]
     error: Option<Use>,
+    /// The board's queue, its memory for what the motor does next: the time until more is there, and the time that there is for it.
+    #[serde(rename = "queue_refill_s")]
+    queue: Option<Use>,
+    /// What the motor's plan takes of the line to the board, on average.
+    #[serde(rename = "line_bytes_per_s")]
+    line: Option<Use>,
 }
 
-#[derive(Serialize)]
+#[derive(Serialize, JsonSchema)]
 struct Use {
     used: f64,
     limit: f64,
     /// used/limit, or limit/used for intervals: 1 means that the limit is reached.
+    #[serde(rename = "share")]
     part: f64,
 }
 
@@ -127,10 +144,10 @@ pub(crate) fn run(args: &ExplainArgs, console: &mut Console<'_>) -> miette::Resu
             } else {
                 console.print(&explanation)?;
             }
-            return Ok(Exit::Success);
+            return Ok(Exit::Refused);
         }
     };
-    prepared.over_line(args.baud);
+    plan::over_line(&mut prepared, args.baud)?;
     let bar = console.progress(prepared.end_s(), "the motion");
     bar.stage("planning");
     let planned = prepared.prove(|seconds| bar.set(seconds));
@@ -166,14 +183,13 @@ pub(crate) fn run(args: &ExplainArgs, console: &mut Console<'_>) -> miette::Resu
     } else if let Some(refused) = &explanation.refusal {
         console.print(text_of(&explanation, refused))?;
     } else if let Some(report) = plan_report {
-        console.print(format_args!("{report}It fits. Of each limit it uses:\n\n{}", table_of(&explanation.margins)))?;
+        console.print(format_args!("{report}\nIt fits. Of each limit it uses:\n\n{}", table_of(&explanation.margins)))?;
     }
-    // The planner may refuse the motion here: the user wants that explained.
-    Ok(Exit::Success)
+    Ok(if explanation.fits { Exit::Success } else { Exit::Refused })
 }
 
 /// Why a file is refused of which only machines' paths are wrong.
-#[derive(Serialize)]
+#[derive(Serialize, JsonSchema)]
 struct PathExplanations<'a> {
     file: &'a str,
     fits: bool,
@@ -181,7 +197,7 @@ struct PathExplanations<'a> {
 }
 
 /// Why a machine's path is refused.
-#[derive(Serialize)]
+#[derive(Serialize, JsonSchema)]
 struct PathExplanation<'a> {
     machine: &'a str,
     is: &'a str,
@@ -195,14 +211,14 @@ struct PathExplanation<'a> {
     advice: &'a str,
 }
 
-#[derive(Serialize)]
+#[derive(Serialize, JsonSchema)]
 struct PathLimit<'a> {
     of: &'a str,
     unit: &'static str,
     value: f64,
 }
 
-#[derive(Serialize)]
+#[derive(Serialize, JsonSchema)]
 struct PathRow<'a> {
     at_s: f64,
     tip_mm: &'a [f64],
@@ -437,6 +453,11 @@ fn margins(prepared: &Prepared, motor: &Motor, planned: &Planned) -> Margins {
         speed: settings.limits.max_speed.map(|limit| of(certificate.peak_speed.0, limit)),
         acceleration: settings.limits.max_acceleration.map(|limit| of(certificate.peak_acceleration.0, limit)),
         error: Some(of(certificate.bound_ticks, settings.tolerance_ticks)),
+        queue: planned.tightest.map(|refill| of(refill.needed_s, refill.available_s)),
+        line: prepared.line.as_ref().filter(|_| planned.last_tick > 0).map(|line| {
+            let duration_s = planned.last_tick as f64 / line.tick_hz as f64;
+            of(certificate.bytes as f64 / duration_s, line.tick_hz as f64 / line.byte_ticks)
+        }),
     }
 }
 
@@ -448,6 +469,8 @@ fn table_of(margins: &[Margins]) -> Table {
             ("speed, steps/s", &motor.speed),
             ("acceleration, steps/s²", &motor.acceleration),
             ("error, ticks", &motor.error),
+            ("queue refill, s", &motor.queue),
+            ("line, bytes/s", &motor.line),
         ];
         for (name, line) in lines {
             let Some(line) = line else { continue };

@@ -6,6 +6,7 @@ use pulsetrain_board::remote::{image_name, in_words};
 use pulsetrain_board::{Board, Port, Remote, RemoteError, Serial};
 use pulsetrain_core::wire::message::{Cause, flags, image};
 use pulsetrain_core::wire::{Baud, Reason, Stored, VERSION};
+use schemars::JsonSchema;
 use serde::Serialize;
 
 use super::problems::{clock_off, drive_problem, port_problem};
@@ -16,7 +17,7 @@ use pulsetrain_motion::human::{self, Table};
 use pulsetrain_session::drive::{DriveError, session_number};
 
 /// A board's report of itself. Nothing else confirms it.
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, JsonSchema)]
 pub(super) struct BoardInfo {
     board: &'static str,
     firmware: String,
@@ -96,11 +97,11 @@ pub(crate) fn run(args: &At, console: &mut Console<'_>) -> miette::Result<Exit> 
     row("queues", format!("{} B in all; {} B may be under way to it", said.queue_bytes, said.window_bytes));
     row("line", format!("{} baud, of {}", human::count(said.baud.into()), bauds.join(", ")));
     row("began", format!("{} ago: {}", human::seconds(said.clock_s), said.last_reset));
-    row("last stop", stopped(said.last_stop));
+    row("last stop", stopped(said.last_stop, said.last_reset));
     if said.baked {
         row("baked", "a motion in its flash runs".to_owned());
     } else if said.moves {
-        row("moves", "as a host told it that has left; `pulsetrain stop --port PORT` stops it at once".to_owned());
+        row("moves", "for a program that has ended; `pulsetrain stop --port PORT` stops it".to_owned());
     }
     if !said.positions.is_empty() {
         row("counts", format!("{} steps", listed(&said.positions)));
@@ -127,7 +128,7 @@ impl BoardInfo {
     /// The stored settings, in words.
     pub(super) fn keeps(&self) -> String {
         if self.keeps_untold {
-            return "not told while motors are powered".to_owned();
+            return "not reported while motors are powered".to_owned();
         }
         stored_in_words(self.keeps.as_ref(), self.keeps_damaged)
     }
@@ -135,7 +136,11 @@ impl BoardInfo {
 
 /// Why a board stopped last. Every queue ends in a stop, so the board cannot tell a finished motion from one whose host
 /// was killed.
-fn stopped(why: &str) -> String {
+fn stopped(why: &str, last_reset: &str) -> String {
+    // Opening an Uno's port restarts it, and it forgets what was before.
+    if why == in_words(Cause::None) && last_reset == in_words(Cause::ResetLine) {
+        return "not known: opening the port has restarted the board".to_owned();
+    }
     if why == in_words(Cause::Finished) {
         return format!("{why} that was queued: to the motion's end, or to the stop that was planned for a lost host");
     }

@@ -8,6 +8,7 @@ pub(crate) mod calibrate;
 pub(crate) mod drivers;
 pub(crate) mod explain;
 pub(crate) mod flash;
+mod hints;
 pub(crate) mod info;
 pub(crate) mod motor;
 pub(crate) mod new;

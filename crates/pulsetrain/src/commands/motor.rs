@@ -5,6 +5,7 @@ use clap::Args;
 use miette::miette;
 use pulsetrain_motion::electrical::{Figure, Winding, WindingError};
 use pulsetrain_motion::file;
+use schemars::JsonSchema;
 use serde::Serialize;
 use std::path::PathBuf;
 
@@ -41,7 +42,7 @@ pub(crate) struct MotorArgs {
     pub(crate) json: bool,
 }
 
-#[derive(Serialize)]
+#[derive(Serialize, JsonSchema)]
 struct WindingReport {
     motor: String,
     winding: Vec<MotorRow>,
@@ -51,7 +52,7 @@ struct WindingReport {
     sketch_cannot: Option<String>,
 }
 
-#[derive(Serialize)]
+#[derive(Serialize, JsonSchema)]
 struct MotorRow {
     name: &'static str,
     value: f64,

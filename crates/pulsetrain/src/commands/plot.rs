@@ -3,7 +3,7 @@
 use super::problems::drive_problem;
 use super::{plan, run};
 use crate::arguments::Motion;
-use crate::console::{Console, Exit};
+use crate::console::{Access, Console, Exit};
 use crate::diagnostic::advised;
 use crate::record::Files;
 use clap::Args;
@@ -30,7 +30,7 @@ pub(crate) fn run(args: &PlotArgs, console: &mut Console<'_>) -> miette::Result<
     let planned = plan::plan(&mut prepared, console)?;
     let path = args.out.clone().unwrap_or_else(|| args.motion.file.with_extension("svg"));
     let driven = Driven::native(&prepared).map_err(advised)?;
-    let recorded = run::record(&prepared, &planned, driven, None::<Files<std::io::Sink>>, Edges::default(), console)?;
+    let recorded = run::record(&prepared, &planned, driven, None::<Result<Files<std::io::Sink>, Access>>, Edges::default(), console)?;
     let recorded = recorded.map_err(drive_problem)?;
     run::draw(&recorded.picture, &path)?;
     console.print(format_args!("{}\n", path.display()))?;

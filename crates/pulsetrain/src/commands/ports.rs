@@ -5,6 +5,7 @@ use std::path::Path;
 
 use pulsetrain_board::serial::{self, Listed, Usb};
 use pulsetrain_board::{Remote, RemoteError, Serial};
+use schemars::JsonSchema;
 use serde::Serialize;
 
 use super::flash;
@@ -27,7 +28,7 @@ pub(crate) struct PortsArgs {
 }
 
 /// What is at a port, by its USB device's numbers.
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, JsonSchema)]
 struct PortEntry {
     /// The port, or a Pico's drive.
     port: String,

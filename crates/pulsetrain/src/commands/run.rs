@@ -8,13 +8,13 @@ use pulsetrain_core::wire::Baud;
 use pulsetrain_motion::Time;
 use std::path::{Path, PathBuf};
 
-use miette::miette;
+use miette::{Report, miette};
 use pulsetrain_board::Leased;
 
 use super::on_port::{self, PortRun};
 use super::problems::{drive_problem, run_problem};
 use super::{plan, ports};
-use crate::console::{self, Console, Exit, access};
+use crate::console::{self, Access, Console, Exit};
 use crate::diagnostic::advised;
 use crate::record::{Files, Recorded, Recorder};
 use crate::report::RunReport;
@@ -37,7 +37,7 @@ does not keep up with is refused, and nothing moves. A Pico's queues are far lar
 
 Files written to DIR:
   report.json  what was planned, proven, run and judged
-  steps.csv    motor,tick,dir,position
+  steps.csv    time_s,motor,tick,direction,position_steps
   trace.vcd    every edge of every line
   plot.svg     position, intervals, speed and errors
 
@@ -62,7 +62,7 @@ pub(crate) struct RunArgs {
     /// Rate of the line to the board, once it is found [default: 1000000; 2000000 for a Pico, whose own USB has no rate]
     #[arg(long, value_name = "BAUD", value_parser = arguments::baud, conflicts_with = "native")]
     pub(crate) baud: Option<Baud>,
-    /// How much faster than it should the board's clock runs, ppm, as `pulsetrain calibrate` tells: it is corrected for
+    /// How much faster than it should the board's clock runs, ppm, as `pulsetrain calibrate` measures it; this corrects for it
     #[arg(long, value_name = "PPM", value_parser = arguments::clock_ppm, requires = "port", allow_hyphen_values = true)]
     pub(crate) clock_ppm: Option<f64>,
     /// Bring all motors to a halt on their paths from this time on, as soon as their limits allow
@@ -77,7 +77,10 @@ pub(crate) struct RunArgs {
     /// Begin at once, without that
     #[arg(long, conflicts_with = "rehearse", requires = "port")]
     pub(crate) no_rehearsal: bool,
-    /// Print the report as JSON
+    /// Print all that is known of each motor: its plan, and its edges
+    #[arg(short, long)]
+    pub(crate) verbose: bool,
+    /// Print the report as JSON (docs/json.md)
     #[arg(long)]
     pub(crate) json: bool,
 }
@@ -95,6 +98,7 @@ pub(crate) fn run(args: &RunArgs, console: &mut Console<'_>) -> miette::Result<E
     if let Some(at) = args.pause_at {
         prepared.pause(at, args.resume_at).map_err(advised)?;
     }
+    plan::check_baud(&prepared, args.baud)?;
     let baud = args.baud.unwrap_or_else(|| usual_baud(&prepared.program.board.name));
     if !args.native {
         // A Pico's own USB has no baud rate. Without --baud a rate limits the plan only if the port is not that USB; a
@@ -112,6 +116,7 @@ pub(crate) fn run(args: &RunArgs, console: &mut Console<'_>) -> miette::Result<E
             rehearse: args.rehearse,
             no_rehearsal: args.no_rehearsal,
             json: args.json,
+            verbose: args.verbose,
             folder: &folder,
         };
         return on_port::run(&prepared, &planned, run, console);
@@ -131,22 +136,32 @@ pub(crate) fn run(args: &RunArgs, console: &mut Console<'_>) -> miette::Result<E
     };
     let recorded =
         recorded.map_err(|error| run_problem(error, plan::report(&prepared, &planned), runner.clone(), &folder))?;
-    let Recorded { verdict, picture, lateness, figures } = recorded;
+    let Recorded { verdict, picture, lateness, figures, unwritten } = recorded;
     let report = RunReport::new(plan::report(&prepared, &planned), runner, verdict, lateness, figures);
+    if !args.json {
+        console.print(&report)?;
+        if args.verbose {
+            console.print(format_args!("\n{}", report.details()))?;
+        }
+    }
+    let text = format!("{}\n", console::json(&report)?);
+    let written = unwritten
+        .map_or_else(|| console::write(&folder.join("report.json"), text.as_bytes()), Err)
+        .map_err(Report::from)
+        .and_then(|()| draw(&picture, &folder.join("plot.svg")));
     // The user sees the verdict even if a file could not be written. A script reads one JSON value, which is then the
     // error.
     if !args.json {
-        console.print(&report.plan)?;
-        console.print(&report)?;
+        if written.is_ok() {
+            console.print(format_args!("\n  {}: report.json, steps.csv, trace.vcd, plot.svg\n", folder.display()))?;
+        }
+        console.print(format_args!("{}\n", report.conclusion()))?;
     }
-    console::write(&folder.join("report.json"), format!("{}\n", console::json(&report)?).as_bytes())?;
-    draw(&picture, &folder.join("plot.svg"))?;
+    written?;
     if args.json {
         console.print_json(&report)?;
-    } else {
-        console.print(format_args!("{}: report.json, steps.csv, trace.vcd, plot.svg\n", folder.display()))?;
     }
-    Ok(if report.is_ok() { Exit::Success } else { Exit::BoundBroken })
+    Ok(if report.pass { Exit::Success } else { Exit::BoundBroken })
 }
 
 fn to_files<B: Leased>(
@@ -155,34 +170,40 @@ fn to_files<B: Leased>(
     driven: Driven<B>,
     edges: Edges,
     folder: &Path,
-    console: &Console<'_>,
+    console: &mut Console<'_>,
 ) -> miette::Result<Result<Recorded, DriveError>> {
-    let (trace, steps) = (folder.join("trace.vcd"), folder.join("steps.csv"));
-    let files = Files::new(&prepared.program, &driven.lines, console::create(&trace)?, console::create(&steps)?)
-        .map_err(|error| access("write", folder, error))?;
+    let files = Files::new(&prepared.program, &driven.lines, folder, console::create);
     record(prepared, planned, driven, Some(files), edges, console)
 }
 
-/// Runs a planned motion, with a progress bar. If the run ends early its files end there, complete to that point.
+/// Runs a planned motion, with a progress bar. If the run ends early its files end there, complete to that point. Without its files it is
+/// judged all the same, since nothing real moves.
 pub(crate) fn record<B: Leased, W: std::io::Write>(
     prepared: &Prepared,
     planned: &[Planned],
     mut driven: Driven<B>,
-    files: Option<Files<W>>,
+    files: Option<Result<Files<W>, Access>>,
     edges: Edges,
-    console: &Console<'_>,
+    console: &mut Console<'_>,
 ) -> miette::Result<Result<Recorded, DriveError>> {
     let board = &prepared.program.board;
     let title = format!("{} on {}", file_name(&prepared.file), board.name);
     let drawn = Drawn::of(&prepared.program);
+    let mut unopened = None;
+    let files = files.and_then(|files| files.map_err(|error| unopened = Some(error)).ok());
     let mut recorder = Recorder::new(&prepared.program, &drawn, &driven.lines, title, files, &edges)?;
     let bar = console.progress(prepared.end_s(), &human::seconds_to(prepared.end_s(), 6));
     bar.stage("running");
     if let Err(error) = driven.run(&mut recorder, |event| bar.follow(&event)) {
-        recorder.close()?;
+        drop(bar);
+        // The stop matters more than the file.
+        if let Some(unwritten) = unopened.or(recorder.close()) {
+            console.tell(format_args!("{unwritten}\n"));
+        }
         return Ok(Err(error));
     }
-    Ok(Ok(recorder.finish(planned, driven.lateness().unwrap_or_default())?))
+    let recorded = recorder.finish(planned, driven.lateness().unwrap_or_default())?;
+    Ok(Ok(Recorded { unwritten: unopened.or(recorded.unwritten), ..recorded }))
 }
 
 /// Writes a picture as SVG, or as PNG if the path ends in .png.

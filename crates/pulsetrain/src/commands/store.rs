@@ -8,6 +8,7 @@ use pulsetrain_board::registry::Role;
 use pulsetrain_board::{Port, Remote, RemoteError, Serial};
 use pulsetrain_core::wire::settings::{AMAX, MOST_VMAX};
 use pulsetrain_core::wire::{Reason, Settings, Stored};
+use schemars::JsonSchema;
 use serde::Serialize;
 
 use super::problems::{drive_problem, port_problem};
@@ -53,7 +54,7 @@ pub(crate) struct StoreArgs {
 }
 
 /// A board's stored settings. 0 means the board's default.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, JsonSchema)]
 pub(super) struct Kept {
     deadman_ms: u16,
     idle_ms: u16,
@@ -91,7 +92,7 @@ fn figure(value: f64) -> String {
 }
 
 /// The settings for JSON.
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, JsonSchema)]
 struct StoreReport {
     #[serde(flatten)]
     kept: Option<Kept>,

@@ -160,7 +160,7 @@ pub fn converse<P: Port>(talk: &mut Talk<P>, person: &mut impl Person) -> Result
                     Some(_) => "the axes still move",
                     None => "no status tells whether the axes rest",
                 };
-                person.tell(&format!("{what}; the board goes on with what it was told\n"))?;
+                person.tell(&format!("{what}; the board goes on with its last orders\n"))?;
                 return Ok(Ended { refused, is_settled: false });
             }
         }

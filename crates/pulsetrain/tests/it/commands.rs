@@ -318,7 +318,7 @@ fn motors_without_max_acceleration_are_named_in_one_line() {
     assert_eq!(lines(&pulsetrain(&["plan", &example("tutorial.toml")])), [one]);
     let said: serde_json::Value =
         serde_json::from_str(&pulsetrain(&["plan", &example("tutorial.toml"), "--json"]).out).unwrap();
-    assert_eq!((&said["notes"][0], &said["motors"][0]["max_acceleration"]), (&one.into(), &serde_json::Value::Null));
+    assert_eq!((&said["notes"][0], &said["motors"][0]["max_acceleration_steps_per_s2"]), (&one.into(), &serde_json::Value::Null));
     let two = "left and right have no max_acceleration: this motion asks for up to 17.5 rev/s², 17.5 rev/s². Can the motors follow?";
     assert_eq!(lines(&pulsetrain(&["plan", &example("compare-pins.toml")])), [two]);
     let limited = pulsetrain(&["plan", &example("max-speed.toml")]);
@@ -816,7 +816,7 @@ mod chips {
         assert_eq!(outcome.exit, Exit::Success, "{}", outcome.err);
         let report: serde_json::Value = serde_json::from_str(&outcome.out).unwrap();
         assert!(report["pause"]["goes_on_s"].is_null() && report["pause"]["rests_at_s"].as_f64().unwrap() < 0.7);
-        assert!(report["motors"][0]["final_position"].as_i64().unwrap() > 2000);
+        assert!(report["motors"][0]["final_position_steps"].as_i64().unwrap() > 2000);
     }
 
     /// A virtual board's report, and its measurements of itself: emulated cycles, equal on every run.

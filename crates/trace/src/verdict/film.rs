@@ -3,13 +3,14 @@
 use pulsetrain_motion::law::Cursor;
 use pulsetrain_motion::program::{Motor, Program};
 use pulsetrain_motion::{Law, LawError, Time};
+use schemars::JsonSchema;
 use serde::Serialize;
 
 use super::{Align, Alignment, Failure, Fault, JudgeError, MOST_FAULTS, Options};
 use crate::camera::Track;
 
 /// The verdict on a film.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct FilmReport {
     /// Whether every frame is within the limit.
     pub ok: bool,

@@ -970,7 +970,7 @@ mod real {
                 assert_eq!(exit, Exit::Success, "{said}");
                 let found: serde_json::Value = serde_json::from_str(&said[..=said.rfind('}').unwrap()]).unwrap();
                 let [ppm, within, seconds] =
-                    ["clock_ppm", "within_ppm", "seconds"].map(|name| found[name].as_f64().unwrap());
+                    ["clock_ppm", "within_ppm", "watched_s"].map(|name| found[name].as_f64().unwrap());
                 assert!(within > 0.0 && seconds == 2.0, "{said}");
                 if (ppm - off).abs() <= within + BUSY_PPM {
                     return (served, clients);
