@@ -98,17 +98,27 @@ impl Console<'_> {
         }
     }
 
-    /// Prints a value as JSON.
+    /// Prints a value as JSON. Its type is one of [`schema::all`](crate::schema::all).
     ///
     /// # Errors
     /// As [`Console::print`].
-    pub fn print_json(&mut self, value: &impl serde::Serialize) -> miette::Result<()> {
+    pub fn print_json<T: serde::Serialize + schemars::JsonSchema>(&mut self, value: &T) -> miette::Result<()> {
         self.print(format_args!("{}\n", json(value)?))
     }
 
     /// Prints a remark that is not part of the result. If it cannot be printed, the command goes on.
     pub fn tell(&mut self, text: impl Display) {
         let _ = write!(self.err, "{text}").and_then(|()| self.err.flush());
+    }
+
+    /// Prints an error that comes after a result in JSON, which is the one value that a script reads: on standard error alone.
+    ///
+    /// # Errors
+    /// None: the exit code says that something is wrong.
+    pub fn complain(&mut self, error: &miette::Report) -> miette::Result<Exit> {
+        let help = error.help().map_or_else(String::new, |help| format!("\n  help: {help}"));
+        self.tell(format_args!("{error}{help}\n"));
+        Ok(Exit::Refused)
     }
 
     /// Prints a remark and asks whether to go on. `None` if standard error or standard input is no terminal.

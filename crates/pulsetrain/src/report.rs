@@ -115,6 +115,9 @@ pub struct RunReport {
     /// Why the run failed. `None` if no bound broke and no step was lost or added.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub failure: Option<String>,
+    /// The file that could not be written, and why.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub unwritten: Option<String>,
 }
 
 impl RunReport {
@@ -135,7 +138,7 @@ impl RunReport {
         };
         let seen = plan.motors.iter().zip(&verdict.motors);
         let errors = seen.map(|(motor, seen)| MotorError::new(motor, seen)).collect();
-        RunReport { plan, runner, pass: failure.is_none(), errors, verdict, lateness, figures, failure }
+        RunReport { plan, runner, pass: failure.is_none(), errors, verdict, lateness, figures, failure, unwritten: None }
     }
 
     /// The verdict in one line. It is PASS exactly if the exit code is 0.
@@ -261,8 +264,8 @@ fn conclusion(failure: Option<&str>) -> String {
 impl Display for RunReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let RunReport { plan, runner, verdict, lateness, figures, pass, .. } = self;
-        let on = if runner == "native" { "the native board" } else { runner };
-        writeln!(f, "{}  {} on {on}: {}", pass_or_fail(*pass), plan.file, plan.durations("made"))?;
+        let on = if runner == "native" { "native board" } else { runner };
+        writeln!(f, "{}  {} on the {on}: {}", pass_or_fail(*pass), plan.file, plan.durations("made"))?;
         plan.remarks(f)?;
         let errors = self.errors.iter().map(|error| (error.worst, error.worst_us)).collect();
         writeln!(f, "\n{}", summary(&plan.motors, Column::Errors(errors)))?;
@@ -311,7 +314,7 @@ pub(crate) fn summary(motors: &[MotorReport], last: Column) -> String {
     all.push(("per s", one(|motor| human::significant(motor.top_speed_per_s, 3))));
     all.push(("rpm", one(|motor| human::significant(motor.top_speed_rpm, 3))));
     all.push((
-        "limit",
+        "of limit",
         one(|motor| motor.limit_share.map_or_else(|| "–".to_owned(), |share| format!("{} %", human::significant(share * 100.0, 2)))),
     ));
     match last {

@@ -75,7 +75,7 @@ pub(crate) struct BakeArgs {
 
 /// The sketch that was made.
 #[derive(Debug, Serialize, JsonSchema)]
-struct BakedSketch {
+pub(crate) struct BakedSketch {
     /// Path of the .ino file.
     file: String,
     rows: usize,
@@ -89,7 +89,7 @@ struct BakedSketch {
 
 /// The image that was made.
 #[derive(Debug, Serialize, JsonSchema)]
-struct BakedImage {
+pub(crate) struct BakedImage {
     file: String,
     /// Segments and waits.
     items: usize,

@@ -48,7 +48,7 @@ const DIR_PIN: u8 = 9;
 
 /// The figures of one sinusoid.
 #[derive(Debug, Serialize, JsonSchema)]
-struct BenchRow {
+pub(crate) struct BenchRow {
     period_s: f64,
     peak_steps_per_s: f64,
     steps: u64,
@@ -95,7 +95,7 @@ fn name(period_s: f64) -> String {
 
 /// The whole report.
 #[derive(Debug, Serialize, JsonSchema)]
-struct Rows {
+pub(crate) struct Rows {
     measured: Vec<BenchRow>,
     refused: Vec<String>,
     /// Steps lost, and the other faults of all runs.

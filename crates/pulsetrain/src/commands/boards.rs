@@ -9,7 +9,7 @@ use crate::console::{Console, Exit};
 use pulsetrain_motion::human::{self, Table};
 
 #[derive(Serialize, JsonSchema)]
-struct BoardTableRow {
+pub(crate) struct BoardTableRow {
     name: String,
     about: &'static str,
     tick_hz: u64,

@@ -36,7 +36,7 @@ pub(crate) struct CalibrateArgs {
 
 /// The result.
 #[derive(Debug, Serialize, JsonSchema)]
-struct ClockReport {
+pub(crate) struct ClockReport {
     /// How much faster than its nominal rate the board's clock runs by this computer's clock, ppm.
     clock_ppm: f64,
     /// How much that figure may be off, ppm.

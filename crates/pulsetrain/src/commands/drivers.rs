@@ -9,7 +9,7 @@ use crate::console::{Console, Exit};
 use pulsetrain_motion::human::{self, Table};
 
 #[derive(Serialize, JsonSchema)]
-struct DriverTableRow {
+pub(crate) struct DriverTableRow {
     name: &'static str,
     about: &'static str,
     input: &'static str,
@@ -24,7 +24,7 @@ struct DriverTableRow {
 }
 
 #[derive(Serialize, JsonSchema)]
-struct Setting {
+pub(crate) struct Setting {
     microsteps: u32,
     setting: &'static str,
 }

@@ -46,7 +46,7 @@ const ROWS: u32 = 9;
 const BAR: f64 = 40.0;
 
 #[derive(Serialize, JsonSchema)]
-struct Explanation {
+pub(crate) struct Explanation {
     file: String,
     board: String,
     fits: bool,
@@ -55,7 +55,7 @@ struct Explanation {
 }
 
 #[derive(Serialize, JsonSchema)]
-struct Refused {
+pub(crate) struct Refused {
     motor: String,
     message: String,
     at_s: Option<f64>,
@@ -72,7 +72,7 @@ struct Refused {
 
 /// A broken limit other than the first one.
 #[derive(Serialize, JsonSchema)]
-struct Also {
+pub(crate) struct Also {
     motor: String,
     message: String,
     at_s: Option<f64>,
@@ -80,7 +80,7 @@ struct Also {
 
 /// A point of the law near the place.
 #[derive(Serialize, JsonSchema)]
-struct Point {
+pub(crate) struct Point {
     at_s: f64,
     #[serde(rename = "position_steps")]
     position: f64,
@@ -92,7 +92,7 @@ struct Point {
 
 /// The quantity that the limit is for, and the limit.
 #[derive(Clone, Copy)]
-struct LimitLine {
+pub(crate) struct LimitLine {
     of: fn(&Point) -> f64,
     name: &'static str,
     unit: &'static str,
@@ -101,7 +101,7 @@ struct LimitLine {
 
 /// The share of each limit that a motor's plan uses. `None` where there is no limit.
 #[derive(Serialize, JsonSchema)]
-struct Margins {
+pub(crate) struct Margins {
     motor: String,
     /// The shortest interval between two steps.
     #[serde(rename = "interval_ticks")]
@@ -122,7 +122,7 @@ struct Margins {
 }
 
 #[derive(Serialize, JsonSchema)]
-struct Use {
+pub(crate) struct Use {
     used: f64,
     limit: f64,
     /// used/limit, or limit/used for intervals: 1 means that the limit is reached.
@@ -190,7 +190,7 @@ pub(crate) fn run(args: &ExplainArgs, console: &mut Console<'_>) -> miette::Resu
 
 /// Why a file is refused of which only machines' paths are wrong.
 #[derive(Serialize, JsonSchema)]
-struct PathExplanations<'a> {
+pub(crate) struct PathExplanations<'a> {
     file: &'a str,
     fits: bool,
     refusals: Vec<PathExplanation<'a>>,
@@ -198,7 +198,7 @@ struct PathExplanations<'a> {
 
 /// Why a machine's path is refused.
 #[derive(Serialize, JsonSchema)]
-struct PathExplanation<'a> {
+pub(crate) struct PathExplanation<'a> {
     machine: &'a str,
     is: &'a str,
     message: &'a str,
@@ -212,14 +212,14 @@ struct PathExplanation<'a> {
 }
 
 #[derive(Serialize, JsonSchema)]
-struct PathLimit<'a> {
+pub(crate) struct PathLimit<'a> {
     of: &'a str,
     unit: &'static str,
     value: f64,
 }
 
 #[derive(Serialize, JsonSchema)]
-struct PathRow<'a> {
+pub(crate) struct PathRow<'a> {
     at_s: f64,
     tip_mm: &'a [f64],
     #[serde(skip_serializing_if = "Option::is_none")]

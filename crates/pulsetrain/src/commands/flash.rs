@@ -49,7 +49,7 @@ pub(crate) struct FlashArgs {
 
 /// The result.
 #[derive(Debug, Serialize, JsonSchema)]
-struct Flashed {
+pub(crate) struct Flashed {
     #[serde(serialize_with = "by_name")]
     #[schemars(with = "String")]
     board: BoardKind,

@@ -18,7 +18,7 @@ use pulsetrain_session::drive::{DriveError, session_number};
 
 /// A board's report of itself. Nothing else confirms it.
 #[derive(Debug, Serialize, JsonSchema)]
-pub(super) struct BoardInfo {
+pub(crate) struct BoardInfo {
     board: &'static str,
     firmware: String,
     protocol: u8,

@@ -43,7 +43,7 @@ pub(crate) struct MotorArgs {
 }
 
 #[derive(Serialize, JsonSchema)]
-struct WindingReport {
+pub(crate) struct WindingReport {
     motor: String,
     winding: Vec<MotorRow>,
     sketch: Vec<MotorRow>,
@@ -53,7 +53,7 @@ struct WindingReport {
 }
 
 #[derive(Serialize, JsonSchema)]
-struct MotorRow {
+pub(crate) struct MotorRow {
     name: &'static str,
     value: f64,
     unit: &'static str,

@@ -30,7 +30,7 @@ use pulsetrain_session::prepare::Prepared;
 
 /// The report of a run on a real board. Nobody but the board saw its pins.
 #[derive(Debug, Serialize, JsonSchema)]
-struct PortReport {
+pub(crate) struct PortReport {
     #[serde(flatten)]
     plan: PlanReport,
     /// "board at PORT".
@@ -50,11 +50,14 @@ struct PortReport {
     rehearsed: Option<Rehearsal>,
     /// The board's report.
     says: BoardReport,
+    /// The file that could not be written, and why.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    unwritten: Option<String>,
 }
 
 /// The board's own report of a run.
 #[derive(Debug, Serialize, JsonSchema)]
-struct BoardReport {
+pub(crate) struct BoardReport {
     /// Steps of each motor, forward minus backward.
     #[serde(rename = "counted_steps")]
     counted: Vec<i64>,
@@ -192,24 +195,26 @@ pub(super) fn run(
     let positions = plan.motors.iter().zip(&says.counted);
     let positions = positions.map(|(motor, steps)| motor.start + *steps as f64 / motor.steps_per_unit).collect();
     let (pass, complete) = (says.kept_up(), !says.stopped);
-    let report =
-        PortReport { plan, runner, firmware, pass, complete, steps_made: made, positions, rehearsed, says };
-    // The user sees what the motors did even if a file could not be written. A script reads one JSON value, which is
-    // then the error.
+    let mut report =
+        PortReport { plan, runner, firmware, pass, complete, steps_made: made, positions, rehearsed, says, unwritten: None };
+    // What the motors did is printed even if a file could not be written.
     if !json {
         console.print(PortText { report: &report, verbose })?;
     }
     let text = format!("{}\n", console::json(&report)?);
     let written = written.and_then(|_| console::write(&folder.join("report.json"), text.as_bytes()));
-    if !json {
+    report.unwritten = written.as_ref().err().map(ToString::to_string);
+    if json {
+        console.print_json(&report)?;
+    } else {
         if written.is_ok() {
             console.print(format_args!("\n  {}: report.json, steps.csv (as scheduled)\n", folder.display()))?;
         }
         console.print(format_args!("{}\n", report.conclusion()))?;
     }
-    written?;
-    if json {
-        console.print_json(&report)?;
+    if let Err(error) = written {
+        let error = error.into();
+        return if json { console.complain(&error) } else { Err(error) };
     }
     Ok(if report.pass { Exit::Success } else { Exit::BoundBroken })
 }

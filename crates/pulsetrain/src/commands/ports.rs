@@ -29,7 +29,7 @@ pub(crate) struct PortsArgs {
 
 /// What is at a port, by its USB device's numbers.
 #[derive(Debug, Serialize, JsonSchema)]
-struct PortEntry {
+pub(crate) struct PortEntry {
     /// The port, or a Pico's drive.
     port: String,
     what: String,

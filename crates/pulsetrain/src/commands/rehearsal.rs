@@ -14,7 +14,7 @@ use pulsetrain_session::rehearsal::{Length, Rehearsed};
 
 /// A rehearsal that succeeded, as reports have it.
 #[derive(Debug, Serialize, JsonSchema)]
-pub(super) struct Rehearsal {
+pub(crate) struct Rehearsal {
     /// How much was played, s of the laws' time.
     #[serde(rename = "played_s")]
     seconds: f64,

@@ -137,7 +137,7 @@ pub(crate) fn run(args: &RunArgs, console: &mut Console<'_>) -> miette::Result<E
     let recorded =
         recorded.map_err(|error| run_problem(error, plan::report(&prepared, &planned), runner.clone(), &folder))?;
     let Recorded { verdict, picture, lateness, figures, unwritten } = recorded;
-    let report = RunReport::new(plan::report(&prepared, &planned), runner, verdict, lateness, figures);
+    let mut report = RunReport::new(plan::report(&prepared, &planned), runner, verdict, lateness, figures);
     if !args.json {
         console.print(&report)?;
         if args.verbose {
@@ -149,17 +149,19 @@ pub(crate) fn run(args: &RunArgs, console: &mut Console<'_>) -> miette::Result<E
         .map_or_else(|| console::write(&folder.join("report.json"), text.as_bytes()), Err)
         .map_err(Report::from)
         .and_then(|()| draw(&picture, &folder.join("plot.svg")));
-    // The user sees the verdict even if a file could not be written. A script reads one JSON value, which is then the
-    // error.
-    if !args.json {
+    // The verdict is printed even if a file could not be written.
+    report.unwritten = written.as_ref().err().map(ToString::to_string);
+    if args.json {
+        console.print_json(&report)?;
+    } else {
         if written.is_ok() {
             console.print(format_args!("\n  {}: report.json, steps.csv, trace.vcd, plot.svg\n", folder.display()))?;
         }
         console.print(format_args!("{}\n", report.conclusion()))?;
     }
-    written?;
-    if args.json {
-        console.print_json(&report)?;
+    if let Err(error) = written {
+        // A script reads one JSON value, which was the report.
+        return if args.json { console.complain(&error) } else { Err(error) };
     }
     Ok(if report.pass { Exit::Success } else { Exit::BoundBroken })
 }

@@ -36,7 +36,7 @@ pub(crate) struct StopArgs {
 
 /// The board's report of a stop.
 #[derive(Debug, Serialize, JsonSchema)]
-struct StopReport {
+pub(crate) struct StopReport {
     /// Whether motors moved, or waited to move. `None` for paths whose positions did not change: they may have stopped
     /// before the first status.
     moved: Option<bool>,

@@ -55,7 +55,7 @@ pub(crate) struct StoreArgs {
 
 /// A board's stored settings. 0 means the board's default.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, JsonSchema)]
-pub(super) struct Kept {
+pub(crate) struct Kept {
     deadman_ms: u16,
     idle_ms: u16,
     silence_ms: u16,
@@ -93,7 +93,7 @@ fn figure(value: f64) -> String {
 
 /// The settings for JSON.
 #[derive(Debug, Serialize, JsonSchema)]
-struct StoreReport {
+pub(crate) struct StoreReport {
     #[serde(flatten)]
     kept: Option<Kept>,
     /// Whether the newest copy is damaged.

@@ -76,7 +76,7 @@ pub const HELP: &str = "\
   enable 0                    stop all axes, then drivers off     enable 1    drivers on
   srate <ms>    status lines, 1 to 65 535     deadman <ms>    stop after so long a silence, up to 65 535; 0: never
   strict 0|1    refuse irregular lines      version, ping
-  on a Pico:  move <axes> <n>…  run <axes>  speed <axes> <ticks>…  dir <axes> <1, -1, 0>…  halt    told directly: docs/pico.md
+  on a Pico:  move <axes> <n>…  run <axes>  speed <axes> <ticks>…  dir <axes> <1, -1, 0>…  halt    verbs: docs/pico.md
   help, quit    of this console; quit leaves the board as it is
 ";
 

@@ -7,6 +7,7 @@ mod common;
 mod first_motion;
 mod flash;
 mod helps;
+mod json;
 mod link;
 mod machines;
 mod mutants;

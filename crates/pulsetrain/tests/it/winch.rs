@@ -512,7 +512,7 @@ fn the_example_runs_and_leaves_its_files() {
     let example = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples/winch.toml");
     let (exit, out, err) = command(&[example.to_str().unwrap(), "--native", "--out", &folder.name()]);
     assert_eq!((exit, err.as_str()), (Exit::Success, ""), "{out}");
-    assert!(out.contains("8 lines in 8 s") && out.contains("\nok\n"), "{out}");
+    assert!(out.contains("8 lines in 8 s") && out.contains("\nPASS\n"), "{out}");
     let read = |name: &str| std::fs::read_to_string(folder.path(name)).unwrap();
     assert!(read("plot.svg").contains("Steps of x behind the path"));
     assert!(read("steps.csv").lines().count() > 3000 && read("trace.vcd").contains("step"));
