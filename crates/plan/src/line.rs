@@ -134,7 +134,13 @@ impl Supply {
     /// Before the first move of motors with these settings.
     #[must_use]
     pub fn new<'s>(line: Line, motors: impl IntoIterator<Item = &'s Settings>) -> Supply {
-        let lane = |settings| Lane { meter: Meter::new(settings), items: VecDeque::new(), held: 0, left: None, tightest: None };
+        let lane = |settings| Lane {
+            meter: Meter::new(settings),
+            items: VecDeque::new(),
+            held: 0,
+            left: None,
+            tightest: None,
+        };
         let lanes = motors.into_iter().map(lane).collect();
         Supply {
             line,

@@ -31,7 +31,9 @@ pub(crate) fn explain() {
             let stage = *STAGE.lock().unwrap_or_else(PoisonError::into_inner);
             let end = match stage {
                 "" => "Interrupted.".to_owned(),
-                "planning" | "rehearsing" => format!("Interrupted while {stage}: nothing has moved, nothing was written."),
+                "planning" | "rehearsing" => {
+                    format!("Interrupted while {stage}: nothing has moved, nothing was written.")
+                }
                 stage => format!("Interrupted while {stage}."),
             };
             // If standard error is closed, the exit code is the only sign.

@@ -2,8 +2,8 @@
 
 use std::fmt::{self, Display};
 
-use pulsetrain_motion::file::{ColumnUse, TableColumns};
 use pulsetrain_motion::Time;
+use pulsetrain_motion::file::{ColumnUse, TableColumns};
 use pulsetrain_motion::law::{Class, Cursor, ParameterUse};
 use pulsetrain_motion::program::{Motor, Program};
 use pulsetrain_plan::Settings;
@@ -138,7 +138,17 @@ impl RunReport {
         };
         let seen = plan.motors.iter().zip(&verdict.motors);
         let errors = seen.map(|(motor, seen)| MotorError::new(motor, seen)).collect();
-        RunReport { plan, runner, pass: failure.is_none(), errors, verdict, lateness, figures, failure, unwritten: None }
+        RunReport {
+            plan,
+            runner,
+            pass: failure.is_none(),
+            errors,
+            verdict,
+            lateness,
+            figures,
+            failure,
+            unwritten: None,
+        }
     }
 
     /// The verdict in one line. It is PASS exactly if the exit code is 0.
@@ -151,7 +161,8 @@ impl RunReport {
     #[must_use]
     pub fn details(&self) -> String {
         let RunReport { plan, runner, verdict, .. } = self;
-        let by = if runner == "native" { "the native board".to_owned() } else { format!("the {runner} (emulated chip)") };
+        let by =
+            if runner == "native" { "the native board".to_owned() } else { format!("the {runner} (emulated chip)") };
         format!("{}The edges of {by}, in virtual time:\n\n{}", plan.details(), side_by_side_verdict(verdict))
     }
 }
@@ -315,7 +326,11 @@ pub(crate) fn summary(motors: &[MotorReport], last: Column) -> String {
     all.push(("rpm", one(|motor| human::significant(motor.top_speed_rpm, 3))));
     all.push((
         "of limit",
-        one(|motor| motor.limit_share.map_or_else(|| "–".to_owned(), |share| format!("{} %", human::significant(share * 100.0, 2)))),
+        one(|motor| {
+            motor
+                .limit_share
+                .map_or_else(|| "–".to_owned(), |share| format!("{} %", human::significant(share * 100.0, 2)))
+        }),
     ));
     match last {
         Column::Text(heading, texts) => all.push((heading, texts)),

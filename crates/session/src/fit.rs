@@ -498,9 +498,8 @@ fn over_line(prepared: &Prepared) -> Vec<String> {
         let mut fewer = program.clone();
         fewer.motors.truncate(count);
         if program.machines.is_empty() && fits(&fewer, prepare::usual_line(&fewer).as_ref(), 1.0) == Some(true) {
-            let names = |motors: &[Motor]| {
-                motors.iter().map(|motor| motor.name.as_str()).collect::<Vec<_>>().join(", ")
-            };
+            let names =
+                |motors: &[Motor]| motors.iter().map(|motor| motor.name.as_str()).collect::<Vec<_>>().join(", ");
             let (these, others) = program.motors.split_at(count);
             lines.push(format!("with {} alone it fits; give {} another board", names(these), names(others)));
             break;
@@ -569,7 +568,9 @@ pub fn advice(prepared: &Prepared, motor: &Motor, error: &PlanError) -> String {
             Some(boards) if boards.is_empty() => lines.push("no board in the table does it as it is".to_owned()),
             Some(boards) => {
                 let has_none = |name: &str| name != "native" && BoardKind::named(name).is_none();
-                let named = boards.into_iter().map(|name| if has_none(&name) { format!("{name} (no firmware yet)") } else { name });
+                let named = boards
+                    .into_iter()
+                    .map(|name| if has_none(&name) { format!("{name} (no firmware yet)") } else { name });
                 lines.push(format!("as it is, it fits: {}", named.collect::<Vec<_>>().join(", ")));
             }
         }

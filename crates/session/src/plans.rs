@@ -2,7 +2,9 @@
 
 use pulsetrain_motion::program::Program;
 use pulsetrain_motion::{Law, Time};
-use pulsetrain_plan::{Certificate, Ensemble, Line, Move, PlanError, Planner, Refill, Refused, Settings, Supply, stopping};
+use pulsetrain_plan::{
+    Certificate, Ensemble, Line, Move, PlanError, Planner, Refill, Refused, Settings, Supply, stopping,
+};
 
 /// A motor's plan, in figures.
 #[derive(Clone, Debug)]

@@ -221,7 +221,11 @@ impl TickTime {
         if self.tick == 0 || tick == 0 {
             return true;
         }
-        let (long, short) = if self.tick > tick { ((self.tick, self.time_s), (tick, time_s)) } else { ((tick, time_s), (self.tick, self.time_s)) };
+        let (long, short) = if self.tick > tick {
+            ((self.tick, self.time_s), (tick, time_s))
+        } else {
+            ((tick, time_s), (self.tick, self.time_s))
+        };
         (short.1 * (long.0 as f64 / long.1) - short.0 as f64).abs() < 0.5
     }
 
@@ -252,7 +256,10 @@ mod tests {
         };
         check("", "line 1, column 1: expected the header `time_s,motor,tick,direction,position_steps`, found none");
         check("motor,time\n", "line 1, column 1: expected a column `tick`, found `motor`, `time`");
-        check("motor,tick,dir,position\n", "line 1, column 1: expected a column `time_s`, found `motor`, `tick`, `dir`, `position`");
+        check(
+            "motor,tick,dir,position\n",
+            "line 1, column 1: expected a column `time_s`, found `motor`, `tick`, `dir`, `position`",
+        );
         check(
             "time_s,motor,tick [ms],dir,position\n",
             "line 1, column 14: expected `tick`: ticks and steps have no other unit, found `tick [ms]`",
@@ -269,7 +276,9 @@ mod tests {
         for time in ["0.8", "-0.6", "inf", "0"] {
             check(
                 &with(&format!("{time},w,6,1,2")),
-                &format!("line 3, column 1: expected the time of tick 6, at the tick rate of the rows before, found `{time}`"),
+                &format!(
+                    "line 3, column 1: expected the time of tick 6, at the tick rate of the rows before, found `{time}`"
+                ),
             );
         }
         check(&with("soon,w,6,1,2"), "line 3, column 1: expected a time in seconds, found `soon`");
@@ -294,7 +303,11 @@ mod tests {
     fn every_rate_is_known_from_a_single_row() {
         for tick_hz in [1, 16_000_000, 15_987_431, 42_000_000, 125_000_000, 999_999_999_999] {
             for tick in [1, 3, 80_532, 3_600 * tick_hz + 1] {
-                let trace = StepTrace { tick_hz, motors: vec!["w".into()], steps: vec![Step { motor: 0, tick, forward: true }] };
+                let trace = StepTrace {
+                    tick_hz,
+                    motors: vec!["w".into()],
+                    steps: vec![Step { motor: 0, tick, forward: true }],
+                };
                 let mut file = Vec::new();
                 write(&trace, &mut file).unwrap();
                 assert_eq!(read(&file).unwrap(), trace, "{tick_hz} {tick}");

@@ -100,7 +100,10 @@ fn wrong_end(report: &Value) -> Option<String> {
     let motors = report["motors"].as_array()?.iter().zip(report["verdict"]["motors"].as_array()?);
     let wrong = |plan: &Value, seen: &Value| plan["final_position_steps"] != seen["position_got_steps"];
     motors.into_iter().find(|(plan, seen)| wrong(plan, seen)).map(|(plan, seen)| {
-        format!("motor {} ends at {}, planned {}", plan["name"], seen["position_got_steps"], plan["final_position_steps"])
+        format!(
+            "motor {} ends at {}, planned {}",
+            plan["name"], seen["position_got_steps"], plan["final_position_steps"]
+        )
     })
 }
 

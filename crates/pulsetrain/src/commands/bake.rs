@@ -78,27 +78,34 @@ pub(crate) struct BakeArgs {
 pub(crate) struct BakedSketch {
     /// Path of the .ino file.
     file: String,
+    /// Rows of its table.
     rows: usize,
+    /// Bytes of its table.
     table_bytes: usize,
     /// Whether the motion repeats for ever.
     endless: bool,
-    /// The steps that a shared DIR line delays, and their longest delay; of a repeating motion, in one turn.
+    /// Steps that a shared DIR line delays; of a repeating motion, in one turn.
     steps_put_off: u64,
+    /// The longest of these delays, ticks.
     longest_put_off_ticks: u64,
 }
 
 /// The image that was made.
 #[derive(Debug, Serialize, JsonSchema)]
 pub(crate) struct BakedImage {
+    /// Path of the image.
     file: String,
     /// Segments and waits.
     items: usize,
-    /// Bytes of the motion, and of the whole image.
+    /// Bytes of the motion.
     motion_bytes: usize,
+    /// Bytes of the whole image.
     flash_bytes: usize,
+    /// Whether the motion repeats for ever.
     endless: bool,
-    /// The steps that a shared DIR line delays, and their longest delay; of a repeating motion, in one turn.
+    /// Steps that a shared DIR line delays; of a repeating motion, in one turn.
     steps_put_off: u64,
+    /// The longest of these delays, ticks.
     longest_put_off_ticks: u64,
     /// Only for an Uno, and only if the user wants a rehearsal.
     #[serde(skip_serializing_if = "Option::is_none")]

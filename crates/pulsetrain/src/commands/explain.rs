@@ -47,20 +47,31 @@ const BAR: f64 = 40.0;
 
 #[derive(Serialize, JsonSchema)]
 pub(crate) struct Explanation {
+    /// The motion file.
     file: String,
+    /// The board whose limits hold.
     board: String,
+    /// Whether the motion fits.
     fits: bool,
+    /// Why it does not fit. Null if it does.
     refusal: Option<Refused>,
+    /// How much of each limit a motion takes that fits.
     margins: Vec<Margins>,
 }
 
 #[derive(Serialize, JsonSchema)]
 pub(crate) struct Refused {
+    /// The motor that meets a limit first.
     motor: String,
+    /// Which limit.
     message: String,
+    /// When, s.
     at_s: Option<f64>,
+    /// The motion near that time.
     curve: Vec<Point>,
+    /// So many times slower it fits.
     least_slowdown: Option<f64>,
+    /// Boards on which it fits as it is.
     other_boards: Vec<String>,
     /// What else this motor breaks, and what each other motor breaks.
     also: Vec<Also>,
@@ -73,19 +84,26 @@ pub(crate) struct Refused {
 /// A broken limit other than the first one.
 #[derive(Serialize, JsonSchema)]
 pub(crate) struct Also {
+    /// The motor's name.
     motor: String,
+    /// Which limit.
     message: String,
+    /// When, s.
     at_s: Option<f64>,
 }
 
 /// A point of the law near the place.
 #[derive(Serialize, JsonSchema)]
 pub(crate) struct Point {
+    /// The time, s.
     at_s: f64,
+    /// The position, steps.
     #[serde(rename = "position_steps")]
     position: f64,
+    /// The speed, steps/s.
     #[serde(rename = "speed_steps_per_s")]
     speed: f64,
+    /// The acceleration, steps/s².
     #[serde(rename = "acceleration_steps_per_s2")]
     acceleration: f64,
 }
@@ -102,12 +120,15 @@ pub(crate) struct LimitLine {
 /// The share of each limit that a motor's plan uses. `None` where there is no limit.
 #[derive(Serialize, JsonSchema)]
 pub(crate) struct Margins {
+    /// The motor's name.
     motor: String,
     /// The shortest interval between two steps.
     #[serde(rename = "interval_ticks")]
     interval: Option<Use>,
+    /// The speed, of max_speed.
     #[serde(rename = "speed_steps_per_s")]
     speed: Option<Use>,
+    /// The acceleration, of max_acceleration.
     #[serde(rename = "acceleration_steps_per_s2")]
     acceleration: Option<Use>,
     /// The proven error.
@@ -123,7 +144,9 @@ pub(crate) struct Margins {
 
 #[derive(Serialize, JsonSchema)]
 pub(crate) struct Use {
+    /// What the motion takes, in the unit of the key.
     used: f64,
+    /// The limit.
     limit: f64,
     /// used/limit, or limit/used for intervals: 1 means that the limit is reached.
     #[serde(rename = "share")]
@@ -183,7 +206,8 @@ pub(crate) fn run(args: &ExplainArgs, console: &mut Console<'_>) -> miette::Resu
     } else if let Some(refused) = &explanation.refusal {
         console.print(text_of(&explanation, refused))?;
     } else if let Some(report) = plan_report {
-        console.print(format_args!("{report}\nIt fits. Of each limit it uses:\n\n{}", table_of(&explanation.margins)))?;
+        console
+            .print(format_args!("{report}\nIt fits. Of each limit it uses:\n\n{}", table_of(&explanation.margins)))?;
     }
     Ok(if explanation.fits { Exit::Success } else { Exit::Refused })
 }
@@ -191,21 +215,32 @@ pub(crate) fn run(args: &ExplainArgs, console: &mut Console<'_>) -> miette::Resu
 /// Why a file is refused of which only machines' paths are wrong.
 #[derive(Serialize, JsonSchema)]
 pub(crate) struct PathExplanations<'a> {
+    /// The motion file.
     file: &'a str,
+    /// False.
     fits: bool,
+    /// Each path that is refused.
     refusals: Vec<PathExplanation<'a>>,
 }
 
 /// Why a machine's path is refused.
 #[derive(Serialize, JsonSchema)]
 pub(crate) struct PathExplanation<'a> {
+    /// The machine's name.
     machine: &'a str,
+    /// Its kind.
     is: &'a str,
+    /// Which limit.
     message: &'a str,
+    /// The line of the file.
     line: usize,
+    /// When, s.
     at_s: f64,
+    /// The limit.
     limit: Option<PathLimit<'a>>,
+    /// The path near that time.
     points: Vec<PathRow<'a>>,
+    /// So many times slower it fits.
     least_slowdown: Option<f64>,
     #[serde(skip)]
     advice: &'a str,
@@ -213,15 +248,21 @@ pub(crate) struct PathExplanation<'a> {
 
 #[derive(Serialize, JsonSchema)]
 pub(crate) struct PathLimit<'a> {
+    /// The quantity.
     of: &'a str,
+    /// Its unit.
     unit: &'static str,
+    /// The limit.
     value: f64,
 }
 
 #[derive(Serialize, JsonSchema)]
 pub(crate) struct PathRow<'a> {
+    /// The time, s.
     at_s: f64,
+    /// The tip's coordinates, mm.
     tip_mm: &'a [f64],
+    /// The quantity that breaks the limit, in its unit.
     #[serde(skip_serializing_if = "Option::is_none")]
     value: Option<f64>,
 }

@@ -50,11 +50,13 @@ pub(crate) struct FlashArgs {
 /// The result.
 #[derive(Debug, Serialize, JsonSchema)]
 pub(crate) struct Flashed {
+    /// "uno" or "pico".
     #[serde(serialize_with = "by_name")]
     #[schemars(with = "String")]
     board: BoardKind,
     /// The Uno's port, or the folder of the Pico's drive.
     place: String,
+    /// Bytes that were written.
     bytes: usize,
     /// The bootloader's rate, bits a second.
     #[serde(skip_serializing_if = "Option::is_none")]

@@ -20,7 +20,13 @@ pub(super) fn of_pins(options: &Options, program: &Program) -> Options {
 }
 
 /// What would make a failed capture pass, or why it cannot. Each answer was tried. `pins`: the options are those of pins already.
-pub(super) fn hints(capture: &Capture, program: &Program, options: &Options, report: &Report, pins: bool) -> Vec<String> {
+pub(super) fn hints(
+    capture: &Capture,
+    program: &Program,
+    options: &Options,
+    report: &Report,
+    pins: bool,
+) -> Vec<String> {
     if let Capture::Edges(trace) = capture {
         let swapped: Vec<String> = program.motors.iter().filter_map(|motor| swapped(trace, motor)).collect();
         if !swapped.is_empty() {
@@ -76,7 +82,8 @@ pub(super) fn hints(capture: &Capture, program: &Program, options: &Options, rep
 /// Whether a motor's STEP and DIR are swapped: the line that is taken for DIR pulses, the other one changes as DIR does.
 fn swapped(trace: &Trace, motor: &Motor) -> Option<String> {
     let Wiring::StepDir { step, dir, .. } = motor.wiring else { return None };
-    let [step, dir] = [("step", step), ("dir", dir)].map(|(role, pin)| lines::find(&trace.lines, &motor.name, role, pin).ok());
+    let [step, dir] =
+        [("step", step), ("dir", dir)].map(|(role, pin)| lines::find(&trace.lines, &motor.name, role, pin).ok());
     let edges_of = |line: usize| trace.edges.iter().filter(|edge| usize::from(edge.line) == line).count();
     let (step, dir) = (step?, dir?);
     let [as_step, as_dir] = [step, dir].map(edges_of);

@@ -19,8 +19,11 @@ use pulsetrain_session::drive::{DriveError, session_number};
 /// A board's report of itself. Nothing else confirms it.
 #[derive(Debug, Serialize, JsonSchema)]
 pub(crate) struct BoardInfo {
+    /// What board it is.
     board: &'static str,
+    /// The firmware's version.
     firmware: String,
+    /// The version of the frames that it speaks.
     protocol: u8,
     /// Which of its images an Uno runs.
     image: Option<&'static str>,
@@ -30,14 +33,23 @@ pub(crate) struct BoardInfo {
     text: bool,
     /// Whether the image obeys verbs.
     verbs: bool,
+    /// Ticks per second.
     tick_hz: u32,
+    /// Bits of a fraction of a tick.
     fraction_bits: u8,
+    /// Motors at most.
     motors: u8,
+    /// Bytes of all queues together.
     queue_bytes: u16,
+    /// Bytes that may be on their way to it.
     window_bytes: u16,
+    /// The rates of the line that it can do.
     bauds: Vec<u32>,
+    /// The present rate of the line.
     baud: u32,
+    /// Why it stopped last.
     last_stop: &'static str,
+    /// Why it restarted last.
     last_reset: &'static str,
     /// Whether the board plays a motion from its flash.
     baked: bool,
@@ -49,15 +61,23 @@ pub(crate) struct BoardInfo {
     pub(super) uncertain: Vec<usize>,
     /// How much faster than this computer's clock the board's runs, ppm, and how much that may be off.
     clock_ppm: Option<(f64, f64)>,
+    /// Time since it restarted, s.
     clock_s: f64,
+    /// Least free memory of its stack, bytes.
     stack_left_bytes: u16,
+    /// The most bytes that waited to be read.
     most_unread_bytes: u16,
+    /// The longest round of the firmware's loop, ticks.
     longest_round_ticks: u16,
+    /// Bytes that were lost on the line.
     lost_bytes: u16,
+    /// Frames that came damaged.
     damaged_frames: u16,
     /// Only of boards that compare each edge with a timer. A Pico has no such timer.
     compares_missed: Option<u16>,
+    /// How late the latest of them was, ticks.
     latest_ticks: Option<u16>,
+    /// How many times the step generator had nothing ready.
     starved: u16,
     /// The settings that the board keeps without power.
     keeps: Option<Kept>,
@@ -245,8 +265,11 @@ mod tests {
     /// a motion's end.
     #[test]
     fn an_end_may_be_a_lost_host_s() {
-        assert!(stopped(in_words(Cause::Finished)).contains("lost host"));
-        assert_eq!(stopped(in_words(Cause::StopNow)), "the host asked for an immediate stop");
+        assert!(stopped(in_words(Cause::Finished), "").contains("lost host"));
+        assert_eq!(stopped(in_words(Cause::StopNow), ""), "the host asked for an immediate stop");
+        // Opening the port restarts an Uno, which then knows of no stop.
+        assert!(stopped(in_words(Cause::None), in_words(Cause::ResetLine)).starts_with("not known: opening the port"));
+        assert_eq!(stopped(in_words(Cause::None), in_words(Cause::PowerOn)), "none yet");
     }
 
     /// Tests that run firmware on an emulated chip.

@@ -44,8 +44,11 @@ pub(crate) struct MotorArgs {
 
 #[derive(Serialize, JsonSchema)]
 pub(crate) struct WindingReport {
+    /// The motor's name.
     motor: String,
+    /// What the winding allows.
     winding: Vec<MotorRow>,
+    /// The same from an 8-bit timer, as the sketch has it.
     sketch: Vec<MotorRow>,
     /// Why the sketch has no figures.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -54,10 +57,15 @@ pub(crate) struct WindingReport {
 
 #[derive(Serialize, JsonSchema)]
 pub(crate) struct MotorRow {
+    /// What it is.
     name: &'static str,
+    /// The figure, in `unit`.
     value: f64,
+    /// Its unit; empty for a plain number.
     unit: &'static str,
+    /// How it comes about.
     formula: String,
+    /// Where the formula comes from.
     source: &'static str,
 }
 

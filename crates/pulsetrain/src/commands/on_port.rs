@@ -195,8 +195,18 @@ pub(super) fn run(
     let positions = plan.motors.iter().zip(&says.counted);
     let positions = positions.map(|(motor, steps)| motor.start + *steps as f64 / motor.steps_per_unit).collect();
     let (pass, complete) = (says.kept_up(), !says.stopped);
-    let mut report =
-        PortReport { plan, runner, firmware, pass, complete, steps_made: made, positions, rehearsed, says, unwritten: None };
+    let mut report = PortReport {
+        plan,
+        runner,
+        firmware,
+        pass,
+        complete,
+        steps_made: made,
+        positions,
+        rehearsed,
+        says,
+        unwritten: None,
+    };
     // What the motors did is printed even if a file could not be written.
     if !json {
         console.print(PortText { report: &report, verbose })?;
@@ -280,7 +290,9 @@ impl PortReport {
         Some(if unlimited.is_empty() {
             "Stopped on the way, within the motors' limits.".to_owned()
         } else {
-            format!("Stopped on the way. The file gives no max_acceleration for {unlimited}: the board chose how hard to brake.")
+            format!(
+                "Stopped on the way. The file gives no max_acceleration for {unlimited}: the board chose how hard to brake."
+            )
         })
     }
 }
@@ -306,7 +318,12 @@ impl Display for PortText<'_> {
         for ((motor, position), counted) in plan.motors.iter().zip(positions).zip(&says.counted) {
             let unit = human::unit(&motor.unit);
             let position = human::significant(*position, 6);
-            writeln!(f, "  {} is at {position} {unit}, {} steps from its start", motor.name, human::count((*counted).into()))?;
+            writeln!(
+                f,
+                "  {} is at {position} {unit}, {} steps from its start",
+                motor.name,
+                human::count((*counted).into())
+            )?;
         }
         if let Some(stopped) = self.report.stop_in_words() {
             writeln!(f, "  {stopped}")?;

@@ -67,7 +67,11 @@ pub(crate) fn check_baud(prepared: &Prepared, baud: Option<Baud>) -> miette::Res
     let board = &prepared.program.board.name;
     if baud.is_some() && BoardKind::named(board).is_none() {
         let help = "leave --baud out, or add --board uno or --board pico";
-        return Err(miette!(help = help, "{}: --baud has no meaning for the board `{board}`: no line leads to it", prepared.file));
+        return Err(miette!(
+            help = help,
+            "{}: --baud has no meaning for the board `{board}`: no line leads to it",
+            prepared.file
+        ));
     }
     Ok(())
 }
@@ -85,9 +89,9 @@ pub(crate) fn report(prepared: &Prepared, planned: &[Planned]) -> PlanReport {
     let board = &program.board;
     let last_tick = planned.iter().map(|planned| planned.last_tick).max().unwrap_or(0);
     let motors = program.motors.iter().zip(planned);
-    let motors: Vec<MotorReport> =
-        motors.map(|(motor, planned)| MotorReport::new(program, motor, planned)).collect();
-    let still = motors.iter().all(|motor| motor.steps == 0).then(|| "This motion makes no step: nothing moves.".to_owned());
+    let motors: Vec<MotorReport> = motors.map(|(motor, planned)| MotorReport::new(program, motor, planned)).collect();
+    let still =
+        motors.iter().all(|motor| motor.steps == 0).then(|| "This motion makes no step: nothing moves.".to_owned());
     PlanReport {
         file: prepared.file.clone(),
         board: board.name.clone(),

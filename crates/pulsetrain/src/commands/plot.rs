@@ -30,7 +30,14 @@ pub(crate) fn run(args: &PlotArgs, console: &mut Console<'_>) -> miette::Result<
     let planned = plan::plan(&mut prepared, console)?;
     let path = args.out.clone().unwrap_or_else(|| args.motion.file.with_extension("svg"));
     let driven = Driven::native(&prepared).map_err(advised)?;
-    let recorded = run::record(&prepared, &planned, driven, None::<Result<Files<std::io::Sink>, Access>>, Edges::default(), console)?;
+    let recorded = run::record(
+        &prepared,
+        &planned,
+        driven,
+        None::<Result<Files<std::io::Sink>, Access>>,
+        Edges::default(),
+        console,
+    )?;
     let recorded = recorded.map_err(drive_problem)?;
     run::draw(&recorded.picture, &path)?;
     console.print(format_args!("{}\n", path.display()))?;

@@ -32,9 +32,12 @@ pub(crate) struct PortsArgs {
 pub(crate) struct PortEntry {
     /// The port, or a Pico's drive.
     port: String,
+    /// What is there.
     what: String,
+    /// The USB device's numbers, vendor:product.
     #[serde(skip_serializing_if = "Option::is_none")]
     usb: Option<String>,
+    /// Its serial number.
     #[serde(skip_serializing_if = "Option::is_none")]
     serial: Option<String>,
     /// The board's answer if the user wants it, or what the user can do.

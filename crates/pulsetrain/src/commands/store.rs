@@ -56,10 +56,15 @@ pub(crate) struct StoreArgs {
 /// A board's stored settings. 0 means the board's default.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, JsonSchema)]
 pub(crate) struct Kept {
+    /// After so long without a line of text its axes stop, ms.
     deadman_ms: u16,
+    /// After so long a rest text releases the motors, ms.
     idle_ms: u16,
+    /// After so long without a frame a host is lost, ms.
     silence_ms: u16,
+    /// Largest speed of text's axes, steps/s.
     steps_per_s: f64,
+    /// Largest acceleration of text's axes, steps/s².
     steps_per_s2: f64,
 }
 

@@ -318,7 +318,10 @@ fn motors_without_max_acceleration_are_named_in_one_line() {
     assert_eq!(lines(&pulsetrain(&["plan", &example("tutorial.toml")])), [one]);
     let said: serde_json::Value =
         serde_json::from_str(&pulsetrain(&["plan", &example("tutorial.toml"), "--json"]).out).unwrap();
-    assert_eq!((&said["notes"][0], &said["motors"][0]["max_acceleration_steps_per_s2"]), (&one.into(), &serde_json::Value::Null));
+    assert_eq!(
+        (&said["notes"][0], &said["motors"][0]["max_acceleration_steps_per_s2"]),
+        (&one.into(), &serde_json::Value::Null)
+    );
     let two = "left and right have no max_acceleration: this motion asks for up to 17.5 rev/s². Can the motors follow?";
     assert_eq!(lines(&pulsetrain(&["plan", &example("compare-pins.toml")])), [two]);
     let limited = pulsetrain(&["plan", &example("max-speed.toml"), "-v"]);
@@ -468,8 +471,10 @@ fn what_never_ends_is_told_no_other_length() {
 #[test]
 fn a_verdict_is_told_where_its_files_have_no_room() {
     let script = concat!(env!("CARGO_MANIFEST_DIR"), "/../../examples/winch-script.txt").to_owned();
-    let commands =
-        [(vec!["run".to_owned(), example("tutorial.toml")], "\nPASS: "), (vec!["winch".to_owned(), script], "\nPASS\n")];
+    let commands = [
+        (vec!["run".to_owned(), example("tutorial.toml")], "\nPASS: "),
+        (vec!["winch".to_owned(), script], "\nPASS\n"),
+    ];
     for (command, verdict) in commands {
         for name in ["report.json", "plot.svg"] {
             let folder = Folder::new("verdict-full");
@@ -854,9 +859,15 @@ fn ranges_and_errors_are_in_the_files_unit() {
         let per_s = expected[4] * if units[0] == "rev" { 360.0 } else { 1.0 };
         assert!(us > 0.0 && distance <= 1.001 * us * 1e-6 * per_s, "{us} µs, {distance}");
     };
-    let turns = report("", "law.formula = { theta = \"90 + 45*sin(2*pi*t)\", unit = \"deg\", duration = \"1 s\" }\nbegin = \"jump\"\nend = \"jump\"");
+    let turns = report(
+        "",
+        "law.formula = { theta = \"90 + 45*sin(2*pi*t)\", unit = \"deg\", duration = \"1 s\" }\nbegin = \"jump\"\nend = \"jump\"",
+    );
     check(&turns, [90.0, 45.0, 135.0, 90.0, 282.74, 47.12], ["deg", "deg"]);
-    let slides = report("lead = \"8 mm\"", "law.trapezoid = { distance = \"-20 mm\", speed = \"40 mm/s\", acceleration = \"400 mm/s^2\" }");
+    let slides = report(
+        "lead = \"8 mm\"",
+        "law.trapezoid = { distance = \"-20 mm\", speed = \"40 mm/s\", acceleration = \"400 mm/s^2\" }",
+    );
     check(&slides, [0.0, -20.0, 0.0, -20.0, 40.0, 300.0], ["mm", "mm"]);
     let revs = report("", "law.sine = { amplitude = \"1 rev\", period = \"2 s\", cycles = 1 }");
     check(&revs, [0.0, 0.0, 2.0, 0.0, std::f64::consts::PI, 188.5], ["rev", "deg"]);
@@ -891,7 +902,8 @@ fn verify_says_what_would_make_a_capture_pass() {
     let stopped = changed("stopped.csv", &|tick| (tick < 6_000_000).then_some(tick));
     check(&stopped, "Up to 0.375 s every step is right.", &["--until", "0.375 s"]);
     // A capture that is wrong in its middle is not made right by anything.
-    let wrong = changed("wrong.csv", &|tick| Some(if tick > 6_000_000 && tick < 7_000_000 { tick + 400 } else { tick }));
+    let wrong =
+        changed("wrong.csv", &|tick| Some(if tick > 6_000_000 && tick < 7_000_000 { tick + 400 } else { tick }));
     let outcome = pulsetrain(&["verify", &wrong, &file]);
     assert_eq!(outcome.exit, Exit::BoundBroken);
     assert!(outcome.out.ends_with("FAIL: a bound broke: wheel\n"), "{}", outcome.out);
@@ -915,7 +927,8 @@ fn a_rate_for_a_board_without_a_line_is_refused() {
 #[test]
 fn a_motion_without_a_step_says_so() {
     let folder = Folder::new("no-step");
-    let file = folder.write("still.toml", &one_motor("law.sine = { amplitude = \"0.1 step\", period = \"1 s\", cycles = 1 }"));
+    let file =
+        folder.write("still.toml", &one_motor("law.sine = { amplitude = \"0.1 step\", period = \"1 s\", cycles = 1 }"));
     for command in [&["plan", &file][..], &["run", &file, "--native", "--out", &folder.path("out")]] {
         let outcome = pulsetrain(command);
         assert_eq!(outcome.exit, Exit::Success, "{}", outcome.err);

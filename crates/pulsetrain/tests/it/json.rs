@@ -68,6 +68,31 @@ fn schemas_are_those_of_docs() {
     }
 }
 
+/// Each key of each output says what it is.
+#[test]
+fn every_key_is_described() {
+    fn undescribed(schema: &Value, place: &str, found: &mut Vec<String>) {
+        match schema {
+            Value::Array(all) => all.iter().for_each(|schema| undescribed(schema, place, found)),
+            Value::Object(object) => {
+                for (name, key) in object.get("properties").and_then(Value::as_object).into_iter().flatten() {
+                    // A tag has one value, which its variant describes.
+                    if key["description"].as_str().is_none_or(str::is_empty) && key["const"].is_null() {
+                        found.push(format!("{place}.{name}"));
+                    }
+                }
+                object.iter().for_each(|(name, schema)| undescribed(schema, &format!("{place}.{name}"), found));
+            }
+            _ => {}
+        }
+    }
+    let mut found = Vec::new();
+    for (name, schema) in schema::all().iter().filter(|(name, _)| *name != "error") {
+        undescribed(schema, name, &mut found);
+    }
+    assert!(found.is_empty(), "{found:#?}");
+}
+
 /// A key that no schema has, and one that lacks, are found: the checks here can fail.
 #[test]
 fn a_schema_refuses_what_it_does_not_describe() {
@@ -133,11 +158,19 @@ fn runs_and_verdicts_conform() {
     let file = example("tutorial.toml");
     let out = folder.path("run");
     for name in ["tutorial", "circle", "pico"] {
-        let run = check("run", &["run", &example(&format!("{name}.toml")), "--native", "--for", "1 s", "--out", &out], Exit::Success);
+        let run = check(
+            "run",
+            &["run", &example(&format!("{name}.toml")), "--native", "--for", "1 s", "--out", &out],
+            Exit::Success,
+        );
         let written: Value = serde_json::from_slice(&std::fs::read(folder.0.join("run/report.json")).unwrap()).unwrap();
         assert_eq!(run, written);
     }
-    check("run", &["run", &file, "--native", "--pause-at", "0.3 s", "--resume-at", "0.5 s", "--out", &out], Exit::Success);
+    check(
+        "run",
+        &["run", &file, "--native", "--pause-at", "0.3 s", "--resume-at", "0.5 s", "--out", &out],
+        Exit::Success,
+    );
     check("run", &["run", &file, "--native", "--out", &out], Exit::Success);
     let [steps, trace] = ["steps.csv", "trace.vcd"].map(|name| format!("{out}/{name}"));
     check("verify", &["verify", &trace, &file], Exit::Success);
@@ -173,16 +206,13 @@ fn a_notebook_reads_the_numbers() {
     let (cells, shown) = (blocks("python"), blocks("text"));
     assert_eq!((cells.len(), shown.len()), (2, 2));
     let script = folder.write("notebook.py", &cells.concat());
-    std::os::unix::fs::symlink(
-        std::fs::canonicalize("../../examples").unwrap(),
-        folder.0.join("examples"),
-    )
-    .unwrap();
+    std::os::unix::fs::symlink(std::fs::canonicalize("../../examples").unwrap(), folder.0.join("examples")).unwrap();
     // The command is found as after `cargo install`: on the path.
     let program = PathBuf::from(env!("CARGO_BIN_EXE_pulsetrain"));
     let path = format!("{}:{}", program.parent().unwrap().display(), std::env::var("PATH").unwrap_or_default());
     let script = std::fs::canonicalize(script).unwrap();
-    let ran = Command::new("python3").arg(script).current_dir(&folder.0).env("PATH", path).output().expect("python3 runs");
+    let ran =
+        Command::new("python3").arg(script).current_dir(&folder.0).env("PATH", path).output().expect("python3 runs");
     assert_eq!(String::from_utf8_lossy(&ran.stdout), shown.concat(), "{}", String::from_utf8_lossy(&ran.stderr));
 }
 

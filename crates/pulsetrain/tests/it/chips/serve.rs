@@ -647,7 +647,10 @@ mod real {
             let report: serde_json::Value = serde_json::from_str(value).expect("one value");
             crate::json::conforms("run", &report);
             assert_eq!((exit, &report["pass"]), (Exit::Refused, &true.into()), "{report}");
-            assert!(error.contains(name) && report["unwritten"].as_str().is_some_and(|file| file.contains(name)), "{said}");
+            assert!(
+                error.contains(name) && report["unwritten"].as_str().is_some_and(|file| file.contains(name)),
+                "{said}"
+            );
         }
         served.interrupt();
     }
@@ -883,7 +886,8 @@ mod real {
         let Some((_, said, steps, _)) = kept else { panic!("it does not come to its end") };
         assert!(steps == 100 && said.contains("Rehearsed on the virtual Uno: all 1 s: every edge within "), "{said}");
         // It ends where it began, after a hundred steps: both are said, and that the verdict is the board's own.
-        for part in ["steps made", " 100 ", "is at 0 steps, 0 steps from its start", "PASS: by the board's own report"] {
+        for part in ["steps made", " 100 ", "is at 0 steps, 0 steps from its start", "PASS: by the board's own report"]
+        {
             assert!(said.contains(part), "{part} is not in {said}");
         }
     }
