@@ -200,7 +200,8 @@ fn a_notebook_reads_the_numbers() {
     let page = include_str!("../../../../docs/json.md");
     let folder = Folder::new("notebook");
     let blocks = |kind: &str| -> Vec<String> {
-        let parts = page.split(&format!("```{kind}\n")).skip(1);
+        let begin = format!("```{kind}\n");
+        let parts = page.split(&begin).skip(1);
         parts.filter_map(|rest| rest.split("```").next()).map(str::to_owned).collect()
     };
     let (cells, shown) = (blocks("python"), blocks("text"));
