@@ -15,7 +15,7 @@ pub(super) fn of_pins(options: &Options, program: &Program) -> Options {
     Options {
         constant_ticks: edges.constant_ticks.into(),
         bound_ticks: Some(tolerance + f64::from(edges.late_ticks)),
-        ..options.clone()
+        ..*options
     }
 }
 
@@ -42,7 +42,7 @@ pub(super) fn hints(
     let mut tried = Vec::new();
     for with_pins in [false, true].into_iter().filter(|with_pins| !with_pins || (is_uno && !pins)) {
         for aligned in [false, true].into_iter().filter(|aligned| !aligned || options.align == Align::None) {
-            let mut other = if with_pins { of_pins(options, program) } else { options.clone() };
+            let mut other = if with_pins { of_pins(options, program) } else { *options };
             let mut flags = Vec::new();
             if with_pins {
                 flags.push("--pins".to_owned());
@@ -70,7 +70,7 @@ pub(super) fn hints(
         let first_s = seen.failures.iter().map(|failure| failure.at_s).reduce(f64::min).filter(|_| lacks && other.until_s.is_none())?;
         // Rounded down, so that it can be typed.
         let until_s = (first_s * 1000.0).floor() / 1000.0;
-        let right = judge(&Options { until_s: Some(until_s), ..other.clone() })?;
+        let right = judge(&Options { until_s: Some(until_s), ..*other })?;
         (until_s > 0.0 && right.ok && right.motors.iter().any(|motor| motor.steps_got > 0)).then(|| {
             let flags: String = flags.iter().map(|flag| format!("{flag} ")).collect();
             format!("Up to {until_s} s every step is right. Was the run stopped there, or the capture? Then say {flags}--until \"{until_s} s\"")
