@@ -271,12 +271,12 @@ fn reason_text(reason: Reason, detail: u16) -> String {
         Reason::Period => format!("a period must be {detail} ticks at least, and 2^62 at most (2^30 on an Uno)"),
         Reason::Busy => {
             format!(
-                "motor {detail} has a move under way and one that waits, or moves that are done and not told: wait until one is done, or halt it"
+                "motor {detail} has a move under way and one that waits, or moves that are done and not reported: wait until one is done, or halt it"
             )
         }
-        Reason::Obeying => "its motors are told directly until they are released".to_owned(),
+        Reason::Obeying => "its motors obey verbs until they are released".to_owned(),
         Reason::SharedDir => {
-            "motors that share a DIR line cannot be told directly on it: give each its own, or send plans".to_owned()
+            "motors that share a DIR line cannot obey verbs on it: give each its own, or send plans".to_owned()
         }
         Reason::Baked => {
             "a motion in its flash runs, which was baked; `pulsetrain flash pico` brings the plain firmware back"

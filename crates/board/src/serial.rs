@@ -216,6 +216,15 @@ pub fn list() -> Vec<Listed> {
     ports
 }
 
+/// The system's words for a file that is no port, in words that say so; other texts without the error's number.
+fn unusable(text: &str) -> String {
+    let no_port = ["not a typewriter", "inappropriate ioctl", "is a directory"];
+    if no_port.iter().any(|system| text.to_lowercase().starts_with(system)) {
+        return "it is a file or a device of another kind".to_owned();
+    }
+    text.split(" (os error").next().unwrap_or_default().to_owned()
+}
+
 /// The meaning of an error on opening a port.
 fn refused(name: &str, error: &serialport::Error) -> PortError {
     let name = name.to_owned();
@@ -228,7 +237,7 @@ fn refused(name: &str, error: &serialport::Error) -> PortError {
         ErrorKind::NoDevice if std::path::Path::new(&name).exists() => PortError::Busy { name },
         ErrorKind::NoDevice => PortError::NotThere { name, there_are: names() },
         ErrorKind::InvalidInput | ErrorKind::Unknown | ErrorKind::Io(_) => {
-            PortError::Unusable { name, why: error.to_string() }
+            PortError::Unusable { name, why: unusable(&error.to_string()) }
         }
     }
 }

@@ -110,13 +110,13 @@ impl Winding {
                 "shortest step",
                 format!("full step / microsteps = {} ms / {}", number(self.full_step_s() * 1e3), self.microsteps),
                 step_us,
-                "us",
+                "µs",
             ),
-            figure("fastest step rate", format!("1 / {} us", number(step_us)), self.max_speed(), "step/s"),
+            figure("fastest step rate", format!("1 / {} µs", number(step_us)), self.max_speed(), "steps/s"),
             figure(
                 "shortest revolution",
                 format!(
-                    "step × steps per revolution = {} us × {} × {}",
+                    "step × steps per revolution = {} µs × {} × {}",
                     number(step_us),
                     number(self.full_steps_per_rev),
                     self.microsteps
@@ -157,32 +157,32 @@ impl Winding {
         let rev_s = announced_us * steps_per_rev / 1e6;
         let real_rev_s = real_us * steps_per_rev / 1e6;
         let figure = |name, formula, value, unit, source| Figure { name, formula, value, unit, source };
-        let count = |prescaler| format!("ceil({} us / {} us)", number(whole_us), number(self::tick_us(prescaler)));
+        let count = |prescaler| format!("ceil({} µs / {} µs)", number(whole_us), number(self::tick_us(prescaler)));
         let mut figures = vec![figure(
             "step in whole microseconds",
             "the sketch cuts the fraction off".into(),
             whole_us,
-            "us",
+            "µs",
             SKETCH,
         )];
         if prescaler != seeds {
             let formula = format!("{}: the 8-bit register holds {MOST_COUNTS} at most", count(seeds));
             figures.push(figure("counts that do not fit", formula, counts_of(seeds), "counts", SKETCH));
-            let formula = format!("in place of {seeds}: a count is {} us", number(tick_us));
+            let formula = format!("in place of {seeds}: a count is {} µs", number(tick_us));
             figures.push(figure("prescaler that fits", formula, f64::from(prescaler), "", TIMER2));
         }
         figures.extend([
             figure("timer counts", count(prescaler), counts, "counts", SKETCH),
             figure(
                 "announced step",
-                format!("{} × {} us", number(counts), number(tick_us)),
+                format!("{} × {} µs", number(counts), number(tick_us)),
                 announced_us,
-                "us",
+                "µs",
                 SKETCH,
             ),
             figure(
                 "announced revolution",
-                format!("{} us × {}", number(announced_us), number(steps_per_rev)),
+                format!("{} µs × {}", number(announced_us), number(steps_per_rev)),
                 rev_s,
                 "s",
                 SKETCH,
@@ -190,9 +190,9 @@ impl Winding {
             figure("announced speed", format!("1 / {} s", number(rev_s)), 1.0 / rev_s, "rev/s", SKETCH),
             figure(
                 "what the sketch really makes",
-                format!("({} + 1) × {} us", number(counts), number(tick_us)),
+                format!("({} + 1) × {} µs", number(counts), number(tick_us)),
                 real_us,
-                "us",
+                "µs",
                 DATASHEET,
             ),
             figure("real speed", format!("1 / {} s", number(real_rev_s)), 1.0 / real_rev_s, "rev/s", DATASHEET),
@@ -218,14 +218,14 @@ fn tick_us(prescaler: u32) -> f64 {
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum SketchError {
     /// It cuts them to 0 µs.
-    #[error("a step takes {} us; the sketch counts whole microseconds, and cuts that to 0: it cannot make these steps", number(*.step_us))]
+    #[error("a step takes {} µs; the sketch counts whole microseconds, and cuts that to 0: it cannot make these steps", number(*.step_us))]
     NoCount {
         /// The step, µs.
         step_us: f64,
     },
     /// They are longer than its timer can count.
     #[error(
-        "a step takes {} us; Timer2 counts up to {} us, with the prescaler 1024: the sketch cannot make these steps",
+        "a step takes {} µs; Timer2 counts up to {} µs, with the prescaler 1024: the sketch cannot make these steps",
         number(*.whole_us),
         number(MOST_COUNTS * tick_us(1024))
     )]
@@ -262,20 +262,20 @@ mod tests {
     fn seed_004_from_the_winding() {
         let figures = SEED_004.figures();
         check(&figures, "shortest full step", 1.125, "ms", "L·I·2/V = 50 mH × 0.135 A × 2 / 12 V");
-        check(&figures, "shortest step", 140.625, "us", "full step / microsteps = 1.125 ms / 8");
-        check(&figures, "shortest revolution", 0.225, "s", "step × steps per revolution = 140.625 us × 200 × 8");
+        check(&figures, "shortest step", 140.625, "µs", "full step / microsteps = 1.125 ms / 8");
+        check(&figures, "shortest revolution", 0.225, "s", "step × steps per revolution = 140.625 µs × 200 × 8");
         check(&figures, "the same", 60.0 / 0.225, "rpm", "60 / 0.225 s");
     }
 
     #[test]
     fn seed_004_as_its_sketch_has_it() {
         let figures = SEED_004.sketch_figures().unwrap();
-        check(&figures, "step in whole microseconds", 140.0, "us", "the sketch cuts the fraction off");
-        check(&figures, "timer counts", 18.0, "counts", "ceil(140 us / 8 us)");
-        check(&figures, "announced step", 144.0, "us", "18 × 8 us");
-        check(&figures, "announced revolution", 0.2304, "s", "144 us × 1600");
+        check(&figures, "step in whole microseconds", 140.0, "µs", "the sketch cuts the fraction off");
+        check(&figures, "timer counts", 18.0, "counts", "ceil(140 µs / 8 µs)");
+        check(&figures, "announced step", 144.0, "µs", "18 × 8 µs");
+        check(&figures, "announced revolution", 0.2304, "s", "144 µs × 1600");
         check(&figures, "announced speed", 1.0 / 0.2304, "rev/s", "1 / 0.2304 s");
-        check(&figures, "what the sketch really makes", 152.0, "us", "(18 + 1) × 8 us");
+        check(&figures, "what the sketch really makes", 152.0, "µs", "(18 + 1) × 8 µs");
     }
 
     #[test]
@@ -288,14 +288,14 @@ mod tests {
             "counts that do not fit",
             317.0,
             "counts",
-            "ceil(2531 us / 8 us): the 8-bit register holds 255 at most",
+            "ceil(2531 µs / 8 µs): the 8-bit register holds 255 at most",
         );
-        check(&figures, "prescaler that fits", 256.0, "", "in place of 128: a count is 16 us");
-        check(&figures, "timer counts", 159.0, "counts", "ceil(2531 us / 16 us)");
-        check(&figures, "announced step", 2544.0, "us", "159 × 16 us");
+        check(&figures, "prescaler that fits", 256.0, "", "in place of 128: a count is 16 µs");
+        check(&figures, "timer counts", 159.0, "counts", "ceil(2531 µs / 16 µs)");
+        check(&figures, "announced step", 2544.0, "µs", "159 × 16 µs");
         // 255 counts fit: 2040 µs.
         let figures = Winding { inductance_h: 2040e-6 * 12.0 / 0.27 * 8.0, ..SEED_004 }.sketch_figures().unwrap();
-        check(&figures, "timer counts", 255.0, "counts", "ceil(2040 us / 8 us)");
+        check(&figures, "timer counts", 255.0, "counts", "ceil(2040 µs / 8 µs)");
         assert!(!figures.iter().any(|figure| figure.name.contains("prescaler")));
     }
 
@@ -306,7 +306,7 @@ mod tests {
         assert!(error.to_string().contains("cuts that to 0"), "{error}");
         let slow = Winding { inductance_h: 6.0, ..SEED_004 };
         let error = slow.sketch_figures().unwrap_err();
-        assert!(error.to_string().contains("counts up to 16320 us"), "{error}");
+        assert!(error.to_string().contains("counts up to 16320 µs"), "{error}");
     }
 
     #[test]

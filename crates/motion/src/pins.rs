@@ -62,7 +62,7 @@ pub enum PinsError {
     },
     /// STEP and DIR are not neighbours, so that one state machine cannot drive both.
     #[error(
-        "DIR of `{motor}` (pin {dir}) is not beside its STEP (pin {step}), but a Pico drives the two as neighbours"
+        "DIR of `{motor}` (pin {dir}) is not next to its STEP (pin {step}), but a Pico drives the two as neighbours"
     )]
     NotBeside {
         /// Whose.
@@ -120,7 +120,7 @@ impl PinsError {
             PinsError::NotBeside { step, .. } => {
                 format!("wire DIR to pin {}, or to the one below STEP", u16::from(*step) + 1)
             }
-            PinsError::SharedDir { .. } => "give each motor a DIR beside its STEP".to_owned(),
+            PinsError::SharedDir { .. } => "give each motor a DIR next to its STEP".to_owned(),
             PinsError::CoilsApart { pins, .. } => {
                 // It proposes four consecutive pins, from the lowest of the user's own on, if possible.
                 let own = |in1: &u8| coil_pins(*in1).iter().filter(|pin| pins.contains(pin)).count();

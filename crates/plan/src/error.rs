@@ -1,6 +1,6 @@
 //! Why a motion is refused.
 
-use pulsetrain_motion::LawError;
+use pulsetrain_motion::{LawError, human};
 
 /// Whose limit a plan would break.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -15,6 +15,15 @@ pub enum Limit {
     PullIn,
     /// The line cannot bring the plans of all motors to the board's queues in time.
     Line,
+}
+
+/// A rate above its limit, and by how much. A rate within a tenth of a percent is too much all the same: the bytes come too late.
+fn too_much(rate: f64, limit: f64) -> String {
+    let percent = 100.0 * (rate / limit - 1.0);
+    if percent < 0.1 {
+        return format!("all of {rate:.0} bytes/s, which leaves no time to bring them");
+    }
+    format!("{rate:.0} bytes/s, {} % too much", human::significant(percent, 2))
 }
 
 /// Why a motion is refused; nothing has moved.
@@ -55,7 +64,8 @@ pub enum PlanError {
     },
     /// The board's queue holds so little of the motion that the next part of the plan comes too late.
     #[error(
-        "at t = {at_s:.6} s the motion bends or turns so often that the board's queue holds {:.1} ms of it; it takes {:.1} ms until more is there",
+        "at t = {at_s:.6} s the motion bends or turns so often that the board's queue holds {:.1} ms of it; it takes {:.1} ms until more is there \
+         (a queue is the board's memory for what a motor does next)",
         1e3 * .held_s, 1e3 * .needed_s
     )]
     QueueTooShort {
@@ -68,7 +78,7 @@ pub enum PlanError {
     },
     /// The line cannot bring the plans of all motors.
     #[error(
-        "at t = {at_s:.6} s the plans of all motors take {rate:.0} bytes/s; the line brings {limit:.0} bytes/s of plans at most"
+        "at t = {at_s:.6} s the plans of all motors take {}; the line to the board brings {limit:.0} bytes/s of plans", too_much(*rate, *limit)
     )]
     LineTooSlow {
         /// The time, s.

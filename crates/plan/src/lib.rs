@@ -56,7 +56,7 @@ pub use braking::{SOFTEST_STOP_S, Stopping, braking_limit, softest_braking, stop
 pub use certificate::Certificate;
 pub use ensemble::{Ensemble, Start};
 pub use error::{PlanError, Refused};
-pub use line::{Demand, Line, Supply, Way};
+pub use line::{Demand, Line, Refill, Supply, Way};
 pub use load::Load;
 pub use planner::{LAST_TICK, LONGEST_WAIT_TICKS, Origin, Planner};
 pub use settings::Settings;

@@ -118,13 +118,29 @@ struct Lane {
     held: usize,
     /// The tick at which the last item left whose space was needed; `None` as long as there was room for all.
     left: Option<u64>,
+    tightest: Option<Refill>,
+}
+
+/// The refill of a queue that was the closest to coming too late.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Refill {
+    /// Time that it took until more was there, s.
+    pub needed_s: f64,
+    /// Time that there was for it, s.
+    pub available_s: f64,
 }
 
 impl Supply {
     /// Before the first move of motors with these settings.
     #[must_use]
     pub fn new<'s>(line: Line, motors: impl IntoIterator<Item = &'s Settings>) -> Supply {
-        let lane = |settings| Lane { meter: Meter::new(settings), items: VecDeque::new(), held: 0, left: None };
+        let lane = |settings| Lane {
+            meter: Meter::new(settings),
+            items: VecDeque::new(),
+            held: 0,
+            left: None,
+            tightest: None,
+        };
         let lanes = motors.into_iter().map(lane).collect();
         Supply {
             line,
@@ -169,10 +185,16 @@ impl Supply {
         }
         self.busy_bytes += bytes;
         self.brought = self.brought.max(begins) + bytes as f64 * byte_ticks;
+        let hz = tick_hz as f64;
         if self.brought + delay_ticks <= due {
+            let now = Refill { needed_s: (self.brought + delay_ticks - begins) / hz, available_s: (due - begins) / hz };
+            let share = |refill: Refill| refill.needed_s / refill.available_s;
+            let tightest = &mut self.lanes[motor].tightest;
+            if tightest.is_none_or(|before| share(now) > share(before)) {
+                *tightest = Some(now);
+            }
             return Ok(());
         }
-        let hz = tick_hz as f64;
         let at_s = due / hz;
         // Reports the larger of the two causes: waiting for the line, or the delay.
         let waited = self.brought - left;
@@ -185,6 +207,12 @@ impl Supply {
         } else {
             PlanError::QueueTooShort { at_s, held_s: (due - left) / hz, needed_s: (waited + delay_ticks) / hz }
         })
+    }
+
+    /// The tightest refill of a motor's queue so far. `None` if all of its plan fits into the queue at the beginning.
+    #[must_use]
+    pub fn tightest(&self, motor: usize) -> Option<Refill> {
+        self.lanes[motor].tightest
     }
 
     /// The delay of an item that begins at tick `from`, which itself adds to the bytes to read.

@@ -336,7 +336,7 @@ impl Drawing {
         Ok(())
     }
 
-    /// The error of each step between the bounds of the certificate.
+    /// The error of each step between the bounds of the certificate, and the later bound of a board whose edges may be late.
     fn errors<DB: DrawingBackend>(
         &self,
         motor: &MotorPicture,
@@ -348,8 +348,9 @@ impl Drawing {
         let bound = motor.bound_ticks;
         let (low, high) = motor.errors.range().unwrap_or((0.0, 0.0));
         // The axis holds the bounds and the errors that break them.
-        let range = (low.min(-1.2 * bound), high.max(1.2 * bound));
-        let title = title.title(&motor.name, &human::significant(bound, 3));
+        let late = bound + motor.late_ticks;
+        let range = (low.min(-1.2 * bound), high.max(1.2 * late));
+        let title = title.title(&motor.name, &human::significant(bound, 3), motor.late_ticks);
         let y = Axis::linear(Some(range), 0.08, Labels::Number(1.0));
         let mut chart = self.panel(area, Panel { title: &title, x_title: &time.title(), x: time.axis(), y })?;
         if motor.errors.is_exact() {
@@ -363,7 +364,8 @@ impl Drawing {
             let single = motor.errors.bars().filter(|(_, low, high)| low == high);
             chart.draw_series(single.map(|(x, y, _)| Circle::new((x, y), self.px(1), colour.filled())))?;
         }
-        for level in [bound, -bound] {
+        let later = (motor.late_ticks > 0.0).then_some(late);
+        for level in [bound, -bound].into_iter().chain(later) {
             let ends = [(0.0, level), (time.end, level)];
             chart.draw_series(DashedLineSeries::new(ends, self.px(8), self.px(5), INK.stroke_width(self.px(1))))?;
         }

@@ -29,7 +29,7 @@
 //!
 //! // A motor by its name, with the user's unit and the bound of its errors, ticks.
 //! let mut motor = MotorPicture::new(wheel.name.clone(), wheel.scale.clone(), 1.0);
-//! motor.want_law(&wheel.law)?;
+//! motor.want_law(&wheel.law, pulsetrain_motion::Time::MAX)?;
 //! for (t, position, late_ticks) in [(0.01, 1, 0.2), (0.02, 2, -0.4), (0.03, 3, 0.1)] {
 //!     motor.step(t, position);
 //!     motor.error(t, late_ticks);
@@ -101,8 +101,11 @@ pub enum Errors {
 }
 
 impl Errors {
-    fn title(self, motor: &str, bound: &str) -> String {
+    fn title(self, motor: &str, bound: &str, late_ticks: f64) -> String {
         match self {
+            Errors::Ticks if late_ticks > 0.0 => {
+                format!("Error of {motor} at its pin, ticks; plan ±{bound}, board +{late_ticks:.0}")
+            }
             Errors::Ticks => format!("Error of {motor}, ticks; proven: at most {bound}"),
             Errors::Steps | Errors::Unknown => format!("Steps of {motor} behind the path, steps; allowed: {bound}"),
         }
@@ -134,6 +137,8 @@ pub struct MotorPicture {
     pub scale: Scale,
     /// The bound of the errors: the certificate's, ticks; of a path the allowed one, steps.
     pub bound_ticks: f64,
+    /// How much later than the plan the board's edges may come, ticks. 0 for a board whose edges are on their ticks.
+    pub late_ticks: f64,
     wanted: Envelope,
     wanted_speed: Envelope,
     wanted_closely: Vec<(f64, f64)>,
@@ -163,6 +168,7 @@ impl MotorPicture {
             name,
             scale,
             bound_ticks,
+            late_ticks: 0.0,
             wanted: Envelope::default(),
             wanted_speed: Envelope::default(),
             wanted_closely: Vec::new(),
@@ -182,15 +188,19 @@ impl MotorPicture {
         self.wanted_speed.push(t, speed);
     }
 
-    /// Adds points along the whole law, which must end. No reversal is left out.
+    /// Adds points along the law up to `until`, or to its end if that comes before. No reversal is left out.
     ///
     /// # Errors
     /// If the law has no value somewhere.
-    pub fn want_law(&mut self, law: &Law) -> Result<(), LawError> {
-        let end = law.end().map_or(1.0, Time::seconds);
+    pub fn want_law(&mut self, law: &Law, until: Time) -> Result<(), LawError> {
+        let end = law.end().map_or(until, |end| end.min(until)).seconds();
         let mut start = None;
         for piece in law.pieces() {
-            let piece = piece?;
+            let mut piece = piece?;
+            if piece.start >= until {
+                break;
+            }
+            piece.end = piece.end.min(until);
             let first = piece.curve.value(piece.first());
             let (origin, zero) = *start.get_or_insert((piece.origin, first));
             let part = (piece.last() - piece.first()) / end;

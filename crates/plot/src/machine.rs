@@ -11,12 +11,13 @@ use pulsetrain_motion::law::Cursor;
 use pulsetrain_motion::machine::{Kinematics, Machine};
 use pulsetrain_motion::program::Program;
 use pulsetrain_motion::{Law, Time, human};
+use schemars::JsonSchema;
 use serde::Serialize;
 
 use crate::FigurePicture;
 
 /// The largest errors of a machine's figure.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct FigureReport {
     /// The machine's name in the motion file.
     pub machine: String,

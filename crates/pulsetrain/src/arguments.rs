@@ -4,12 +4,13 @@ use std::path::PathBuf;
 
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::{ArgGroup, Args};
+use miette::miette;
 use pulsetrain_board::BoardKind;
 use pulsetrain_core::wire::Baud;
 use pulsetrain_motion::quantity::{Base, Quantity};
 use pulsetrain_motion::{Time, boards, full_steps};
 use pulsetrain_session::estimate::{Estimate, Task};
-use pulsetrain_session::prepare::{Prepared, WORST_CLOCK_PPM};
+use pulsetrain_session::prepare::{FOREVER, Prepared, WORST_CLOCK_PPM};
 
 use crate::consent::{self, Consent};
 use crate::console::Console;
@@ -24,10 +25,11 @@ pub(crate) struct Motion {
     /// Hold the motion against this board's limits instead of the file's
     #[arg(long, value_name = "BOARD", value_parser = board)]
     pub(crate) board: Option<String>,
-    /// How much of an endless motion, with its unit; the planned stop comes after [default: "10 s"]
-    #[arg(long = "for", value_name = "TIME", value_parser = duration, allow_hyphen_values = true)]
+    /// How much of an endless motion, with its unit; the planned stop comes after. `run` takes "forever", too [default: "10 s"]
+    #[arg(long = "for", value_name = "TIME", value_parser = length, allow_hyphen_values = true)]
     pub(crate) length: Option<Time>,
-    /// Go on with a motion that takes long to plan or to run, or makes large files, without being asked
+    /// Go on without being asked: with more than 50 million steps, a minute of planning, an hour of running, or 1 GB of files. (An estimate is
+    /// shown from 5 s on.)
     #[arg(long)]
     pub(crate) yes: bool,
 }
@@ -37,6 +39,13 @@ impl Motion {
     /// the planner refuses the motion at once.
     pub(crate) fn prepare(&self, task: Task, json: bool, console: &mut Console<'_>) -> miette::Result<Prepared> {
         let prepared = load::endless(&self.file, self.board.as_deref())?;
+        if self.length == Some(FOREVER) {
+            if matches!(task, Task::Plan | Task::Native { files: false }) && prepared.is_endless() {
+                let help = "take its beginning, --for \"60 s\"; `pulsetrain run FILE --for forever` runs it";
+                return Err(miette!(help = help, "{}: a motion without an end has no whole plan", prepared.file));
+            }
+            return prepared.ending(self.length).map_err(advised);
+        }
         if !self.yes && Estimate::of(&prepared, self.length, task).is_much() {
             prepared.prove_beginning().map_err(advised)?;
         }
@@ -207,6 +216,11 @@ pub(crate) fn angle(text: &str) -> Result<Quantity, String> {
         (true, false) => Err("it must be more than 0; write it like \"2 deg\"".into()),
         (false, _) => Err(format!("this is {}; write it like \"2 deg\"", quantity.kind())),
     }
+}
+
+/// Reads how much of a motion is meant: a time, or "forever".
+fn length(text: &str) -> Result<Time, String> {
+    if text.trim().eq_ignore_ascii_case("forever") { Ok(FOREVER) } else { duration(text) }
 }
 
 pub(crate) fn frequency(text: &str) -> Result<f64, String> {

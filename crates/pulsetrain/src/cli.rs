@@ -17,8 +17,8 @@ Exit codes:
   0  all is well
   1  a bound broke: the verdict on a run or on a capture
   2  wrong usage, wrong input, a motion that is refused, or a file that cannot be written
-     (explain tells of a refused motion, and ends with 0)
-  3  the motors stopped before the motion's end, though nobody asked for it";
+  3  the motors stopped before the motion's end, though nobody asked for it
+  130  Ctrl-C before anything moved";
 
 const EXAMPLES: &str = "\
 Examples:
@@ -51,9 +51,9 @@ enum Command {
     Verify(commands::verify::VerifyArgs),
     /// Judge a clip of a turning wheel with two marks: its angle in each frame against the motion
     Film(commands::film::FilmArgs),
-    /// Tell why a motion is refused: the limit, the place, the curve there, and what would fit
+    /// Say why a motion is refused: the limit, the place, the curve there, and what would fit
     Explain(commands::explain::ExplainArgs),
-    /// Tell how fast a motor's winding lets it step, each figure with its formula and source
+    /// Say how fast a motor's winding lets it step, each figure with its formula and source
     Motor(commands::motor::MotorArgs),
     /// Be a virtual board in real time, for this program or any other serial client; Ctrl-C ends it
     Board(commands::board::BoardArgs),
@@ -69,7 +69,7 @@ enum Command {
     Winch(commands::winch::WinchArgs),
     /// Tell motors directly, in frames: MOVE, RUN, SPEED, DIRECTION, HALT, from a script or by hand
     Verbs(commands::verbs::VerbsArgs),
-    /// Tell what a board is: firmware, limits, clock, why it stopped last, how it fared
+    /// Show what a board is: firmware, limits, clock, why it stopped last, its counters
     #[command(after_help = "\
 Examples:
   pulsetrain info --port /dev/ttyACM0
@@ -156,6 +156,12 @@ pub fn run<A: Into<OsString> + Clone>(
     err: &mut dyn Write,
 ) -> Exit {
     run_on(args, &mut Console { out, err, err_is_terminal: false })
+}
+
+/// Runs the command line of this process. Ctrl-C ends it with a message, or stops the motors of a board at a port.
+pub fn run_process(console: &mut Console<'_>) -> Exit {
+    crate::interrupt::explain();
+    run_on(std::env::args_os(), console)
 }
 
 /// Runs a command on a console, which may be a terminal.

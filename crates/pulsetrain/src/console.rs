@@ -28,12 +28,50 @@ impl From<Exit> for std::process::ExitCode {
 }
 
 /// A file, or the output, cannot be read or written.
-#[derive(Debug, thiserror::Error, Diagnostic)]
-#[error("cannot {action} {what}: {error}")]
+#[derive(Debug, thiserror::Error)]
+#[error("cannot {action} {what}: {}", in_words(.error))]
 pub struct Access {
     action: &'static str,
     what: String,
+    // Its text is in the message, so it is no source: else it would be printed twice.
     error: io::Error,
+}
+
+impl Diagnostic for Access {
+    fn help<'a>(&'a self) -> Option<Box<dyn Display + 'a>> {
+        let advice = match (self.action, self.error.kind()) {
+            ("read", io::ErrorKind::NotFound) => "look at the path; it counts from the folder in which you are",
+            ("read", _) => return None,
+            (_, io::ErrorKind::PermissionDenied) => "take another place with --out, or change its permissions",
+            (_, io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded) => {
+                "make room, or take another disk with --out"
+            }
+            (_, io::ErrorKind::ReadOnlyFilesystem | io::ErrorKind::NotADirectory | io::ErrorKind::IsADirectory) => {
+                "take another place with --out"
+            }
+            (_, io::ErrorKind::AlreadyExists) => "take another name, or delete it first",
+            _ => return None,
+        };
+        Some(Box::new(advice))
+    }
+}
+
+/// A system's error in words, without its number.
+pub(crate) fn in_words(error: &io::Error) -> String {
+    match error.kind() {
+        io::ErrorKind::NotFound => "there is no such file or folder".to_owned(),
+        io::ErrorKind::PermissionDenied => "you may not".to_owned(),
+        io::ErrorKind::StorageFull => "the disk is full".to_owned(),
+        io::ErrorKind::QuotaExceeded => "your share of the disk is full".to_owned(),
+        io::ErrorKind::ReadOnlyFilesystem => "the disk is read-only".to_owned(),
+        io::ErrorKind::AlreadyExists => "it exists already".to_owned(),
+        io::ErrorKind::IsADirectory => "it is a folder".to_owned(),
+        io::ErrorKind::NotADirectory => "a part of its path is a file, not a folder".to_owned(),
+        _ => {
+            let text = error.to_string();
+            text.split(" (os error").next().unwrap_or_default().to_owned()
+        }
+    }
 }
 
 /// Where a command prints.
@@ -60,17 +98,27 @@ impl Console<'_> {
         }
     }
 
-    /// Prints a value as JSON.
+    /// Prints a value as JSON. Its type is one of [`schema::all`](crate::schema::all).
     ///
     /// # Errors
     /// As [`Console::print`].
-    pub fn print_json(&mut self, value: &impl serde::Serialize) -> miette::Result<()> {
+    pub fn print_json<T: serde::Serialize + schemars::JsonSchema>(&mut self, value: &T) -> miette::Result<()> {
         self.print(format_args!("{}\n", json(value)?))
     }
 
     /// Prints a remark that is not part of the result. If it cannot be printed, the command goes on.
     pub fn tell(&mut self, text: impl Display) {
         let _ = write!(self.err, "{text}").and_then(|()| self.err.flush());
+    }
+
+    /// Prints an error that comes after a result in JSON, which is the one value that a script reads: on standard error alone.
+    ///
+    /// # Errors
+    /// None: the exit code says that something is wrong.
+    pub fn complain(&mut self, error: &miette::Report) -> miette::Result<Exit> {
+        let help = error.help().map_or_else(String::new, |help| format!("\n  help: {help}"));
+        self.tell(format_args!("{error}{help}\n"));
+        Ok(Exit::Refused)
     }
 
     /// Prints a remark and asks whether to go on. `None` if standard error or standard input is no terminal.
@@ -91,6 +139,22 @@ impl Console<'_> {
             bar.set_style(style.progress_chars("━━╌"));
         }
         Progress { bar, length }
+    }
+
+    /// A progress bar for the run of a motion; the time that has passed if the motion has no end.
+    #[must_use]
+    pub fn run_progress(&self, prepared: &Prepared) -> Progress {
+        if !prepared.is_endless() {
+            return self.progress(prepared.end_s(), &human::seconds_to(prepared.end_s(), 6));
+        }
+        if !self.err_is_terminal {
+            return Progress { bar: ProgressBar::hidden(), length: f64::INFINITY };
+        }
+        let bar = ProgressBar::new_spinner();
+        if let Ok(style) = ProgressStyle::with_template("{msg:12} {elapsed_precise}, Ctrl-C ends it") {
+            bar.set_style(style);
+        }
+        Progress { bar, length: f64::INFINITY }
     }
 }
 
@@ -117,11 +181,16 @@ pub struct Progress {
 impl Progress {
     /// Names the present work in one or two words.
     pub fn stage(&self, name: &'static str) {
+        crate::interrupt::stage(name);
         self.bar.set_message(name);
     }
 
     /// Sets how much of the length is done.
     pub fn set(&self, done: f64) {
+        if self.length.is_infinite() {
+            self.bar.tick();
+            return;
+        }
         self.bar.set_position((done / self.length * PROGRESS_PARTS as f64) as u64);
     }
 
@@ -135,6 +204,7 @@ impl Progress {
 
 impl Drop for Progress {
     fn drop(&mut self) {
+        crate::interrupt::stage("");
         self.bar.finish_and_clear();
     }
 }

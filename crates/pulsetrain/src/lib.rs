@@ -50,7 +50,7 @@
 //! - [`cli`]: the command line, and [`cli::run`], which runs a command in-process; `commands`: one file for each command
 //! - [`console`]: where a command prints, its progress, its exit code; [`diagnostic`]: errors with their advice; `interrupt`: Ctrl-C
 //! - [`load`]: motion files from the disk; [`consent`]: whether a long motion is meant
-//! - [`record`]: a run's files, verdict and picture, while it goes on; [`report`]: the same as JSON and tables
+//! - [`record`]: a run's files, verdict and picture, while it goes on; [`report`]: the same as JSON and tables; [`schema`]: JSON Schemas of what is printed
 //! - [`control_socket`]: a run's socket for `stop`, `status` and other programs; [`standing`]: where motors are, and the way back
 //! - [`serve`]: virtual boards in real time, for any serial client
 //! - [`winch`]: StepperWinch's text protocol: scripts, and a console
@@ -74,6 +74,7 @@ mod last_positions;
 pub mod load;
 pub mod record;
 pub mod report;
+pub mod schema;
 pub mod serve;
 pub mod standing;
 pub mod winch;

@@ -8,5 +8,5 @@ use pulsetrain::{cli, console::Console};
 fn main() -> ExitCode {
     let err_is_terminal = stderr().is_terminal();
     let mut console = Console { out: &mut stdout(), err: &mut stderr(), err_is_terminal };
-    cli::run_on(std::env::args_os(), &mut console).into()
+    cli::run_process(&mut console).into()
 }

@@ -1,15 +1,18 @@
 //! Records a run while it goes on: files, verdict and picture.
 
-use std::io::{self, Write};
+use std::cell::Cell;
+use std::io::Write;
+use std::path::{Path, PathBuf};
 
 use miette::Diagnostic;
 use pulsetrain_board::{Edge, Observer, ScheduledStep};
 use pulsetrain_core::Direction;
-use pulsetrain_motion::LawError;
 use pulsetrain_motion::program::Program;
+use pulsetrain_motion::{LawError, Time};
 use pulsetrain_trace::verdict::{EdgeJudge, JudgeError, Report};
 use pulsetrain_trace::{Line, steps, vcd_file};
 
+use crate::console::{Access, access};
 use pulsetrain_plot::machine::{Drawn, Figure, FigureReport};
 use pulsetrain_plot::{Errors, MotorPicture, Picture};
 use pulsetrain_session::lateness::{Edges, Lateness};
@@ -17,33 +20,66 @@ use pulsetrain_session::plans::Planned;
 
 /// The files for the edges and steps of a run.
 pub struct Files<W: Write> {
-    /// Every edge of every line.
-    pub trace: vcd_file::EdgeWriter<W>,
-    /// Every step.
-    pub steps: steps::StepWriter<W>,
+    /// Every edge of every line. `None`: not wanted.
+    trace: Option<vcd_file::EdgeWriter<W>>,
+    /// Every step. `None`: not wanted.
+    steps: Option<steps::StepWriter<W>>,
+    folder: PathBuf,
 }
 
 impl<W: Write> Files<W> {
-    /// Begins the files of a run of `program`, with its lines at their levels of time zero.
+    /// Begins the files of a run of `program`, with its lines at their levels of time zero: trace.vcd and steps.csv in `folder`, which `open`
+    /// opens, if they are `wanted`.
     ///
     /// # Errors
     /// When they cannot be written.
-    pub fn new(program: &Program, lines: &[Line], trace: W, steps: W) -> io::Result<Files<W>> {
+    pub fn new(
+        program: &Program,
+        lines: &[Line],
+        folder: &Path,
+        wanted: [bool; 2],
+        open: impl Fn(&Path) -> Result<W, Access>,
+    ) -> Result<Files<W>, Access> {
         let names: Vec<String> = program.motors.iter().map(|motor| motor.name.clone()).collect();
         let tick_hz = program.board.tick_hz;
-        Ok(Files {
-            trace: vcd_file::EdgeWriter::new(trace, tick_hz, lines)?,
-            steps: steps::StepWriter::new(steps, tick_hz, &names)?,
-        })
+        let [trace, steps] = [TRACE, STEPS].map(|name| folder.join(name));
+        let trace = wanted[0].then(|| {
+            let writer = vcd_file::EdgeWriter::new(open(&trace)?, tick_hz, lines);
+            writer.map_err(|error| access("write", &trace, error))
+        });
+        let steps = wanted[1].then(|| {
+            let writer = steps::StepWriter::new(open(&steps)?, tick_hz, &names);
+            writer.map_err(|error| access("write", &steps, error))
+        });
+        Ok(Files { trace: trace.transpose()?, steps: steps.transpose()?, folder: folder.to_owned() })
+    }
+
+    fn edge(&mut self, edge: pulsetrain_trace::Edge) -> Result<(), Access> {
+        let written = self.trace.as_mut().map_or(Ok(()), |trace| trace.push(edge));
+        written.map_err(|error| access("write", &self.folder.join(TRACE), error))
+    }
+
+    fn step(&mut self, step: steps::Step) -> Result<(), Access> {
+        let written = self.steps.as_mut().map_or(Ok(()), |steps| steps.push(step));
+        written.map_err(|error| access("write", &self.folder.join(STEPS), error))
+    }
+
+    /// Writes what is left in buffers.
+    fn finish(self) -> Result<(), Access> {
+        let Files { trace, steps, folder } = self;
+        let steps = steps.map_or(Ok(()), |steps| steps.finish().map(drop));
+        let trace = trace.map_or(Ok(()), |trace| trace.finish().map(drop));
+        trace.map_err(|error| access("write", &folder.join(TRACE), error))?;
+        steps.map_err(|error| access("write", &folder.join(STEPS), error))
     }
 }
+
+const TRACE: &str = "trace.vcd";
+const STEPS: &str = "steps.csv";
 
 /// Why a run could not be recorded.
 #[derive(Debug, thiserror::Error, Diagnostic)]
 pub enum RecordError {
-    /// A file cannot be written.
-    #[error("cannot write the run's files: {0}")]
-    Write(io::Error),
     /// The judge cannot give a verdict.
     #[error(transparent)]
     Judge(#[from] JudgeError),
@@ -57,13 +93,6 @@ pub enum RecordError {
     },
 }
 
-// The message contains its source, so `source` gives none: else the text would be printed twice.
-impl From<io::Error> for RecordError {
-    fn from(error: io::Error) -> RecordError {
-        RecordError::Write(error)
-    }
-}
-
 /// Observes a board while it runs.
 pub struct Recorder<'a, W: Write> {
     program: &'a Program,
@@ -73,7 +102,12 @@ pub struct Recorder<'a, W: Write> {
     figures: Vec<Figure<'a>>,
     positions: Vec<i64>,
     tick_s: f64,
-    /// The first error. Nothing is recorded after it.
+    late_ticks: f64,
+    /// Up to when the motion follows the program's laws, s; `None`: to its end, so far.
+    judged_until_s: &'a Cell<Option<f64>>,
+    /// The first error of a file. The verdict does not depend on files, so the recording goes on without them.
+    unwritten: Option<Access>,
+    /// The first other error. Nothing is recorded after it.
     error: Option<RecordError>,
 }
 
@@ -88,11 +122,14 @@ pub struct Recorded {
     pub lateness: Lateness,
     /// The errors of machines' figures, in the file's order.
     pub figures: Vec<FigureReport>,
+    /// The file that could not be written.
+    pub unwritten: Option<Access>,
 }
 
 impl<'a, W: Write> Recorder<'a, W> {
     /// Begins before the first edge. The board's edges come `constant_ticks` after their scheduled ticks, and up to
-    /// `late_ticks` later, so both are added to the bound. `drawn` is [`Drawn::of`] the program.
+    /// `late_ticks` later, so both are added to the bound. `drawn` is [`Drawn::of`] the program. Edges after `judged_until_s` are not judged: it may be
+    /// set on the way, when somebody stops or changes the motion.
     ///
     /// # Errors
     /// When the program cannot be judged.
@@ -103,6 +140,7 @@ impl<'a, W: Write> Recorder<'a, W> {
         title: String,
         files: Option<Files<W>>,
         edges: &Edges,
+        judged_until_s: &'a Cell<Option<f64>>,
     ) -> Result<Self, RecordError> {
         let tick_hz = program.board.tick_hz;
         let tick_s = 1.0 / tick_hz as f64;
@@ -120,6 +158,9 @@ impl<'a, W: Write> Recorder<'a, W> {
             figures: Figure::all(program, drawn),
             positions,
             tick_s,
+            late_ticks: edges.late_ticks.into(),
+            judged_until_s,
+            unwritten: None,
             error: None,
         })
     }
@@ -129,14 +170,14 @@ impl<'a, W: Write> Recorder<'a, W> {
     /// # Errors
     /// The first error of the recording.
     pub fn finish(self, planned: &[Planned], lateness: Lateness) -> Result<Recorded, RecordError> {
-        let Recorder { program, judge, files, mut picture, figures, tick_s, error, .. } = self;
+        let Recorder { program, mut judge, files, mut picture, figures, tick_s, late_ticks, unwritten, error, .. } =
+            self;
+        let until_s = self.judged_until_s.get();
+        until_s.map(|until_s| judge.end_at(until_s));
         if let Some(error) = error {
             return Err(error);
         }
-        if let Some(Files { trace, steps }) = files {
-            trace.finish()?;
-            steps.finish()?;
-        }
+        let unwritten = unwritten.or(files.and_then(|files| files.finish().err()));
         let mut verdict = judge.finish_with(&mut |motor, tick, late| {
             picture.motors[motor].error(tick as f64 * tick_s, late);
         })?;
@@ -145,29 +186,28 @@ impl<'a, W: Write> Recorder<'a, W> {
         let window = picture.close_view();
         for ((drawn, motor), planned) in picture.motors.iter_mut().zip(&program.motors).zip(planned) {
             drawn.bound_ticks = planned.certificate.bound_ticks;
+            drawn.late_ticks = late_ticks;
             drawn
-                .want_law(&motor.law)
+                .want_law(&motor.law, until_s.map_or(Time::MAX, Time::from_seconds))
                 .and_then(|()| window.map_or(Ok(()), |window| drawn.want_closely(&motor.law, window)))
                 .map_err(|error| RecordError::Law { motor: motor.name.clone(), error })?;
         }
         let (figures, pictures) = figures.into_iter().filter_map(Figure::finish).unzip();
         picture.figures = pictures;
-        Ok(Recorded { verdict, picture, lateness, figures })
+        Ok(Recorded { verdict, picture, lateness, figures, unwritten })
     }
 
-    /// Ends the files of a run that stopped early.
-    ///
-    /// # Errors
-    /// The first error of the recording.
-    pub fn close(self) -> Result<(), RecordError> {
-        if let Some(error) = self.error {
-            return Err(error);
+    /// Ends the files of a run that stopped early. Gives the file that could not be written.
+    pub fn close(self) -> Option<Access> {
+        self.unwritten.or(self.files.and_then(|files| files.finish().err()))
+    }
+
+    /// Ends the files where one of them cannot be written.
+    fn written(&mut self, result: Result<(), Access>) {
+        if let Err(error) = result {
+            self.unwritten.get_or_insert(error);
+            self.files = None;
         }
-        if let Some(Files { trace, steps }) = self.files {
-            trace.finish()?;
-            steps.finish()?;
-        }
-        Ok(())
     }
 
     fn note<T, E: Into<RecordError>>(&mut self, result: Result<T, E>) {
@@ -183,10 +223,11 @@ impl<W: Write> Observer for Recorder<'_, W> {
             return;
         }
         let edge = pulsetrain_trace::Edge { tick: edge.tick, line: edge.line, level: edge.level };
+        self.judged_until_s.get().map(|until_s| self.judge.end_at(until_s));
         let judged = self.judge.push(edge).map_err(JudgeError::from);
         self.note(judged);
-        let written = self.files.as_mut().map_or(Ok(()), |files| files.trace.push(edge));
-        self.note(written);
+        let written = self.files.as_mut().map_or(Ok(()), |files| files.edge(edge));
+        self.written(written);
         let (picture, tick_s) = (&mut self.picture, self.tick_s);
         self.judge.errors(&mut |motor, tick, late| picture.motors[motor].error(tick as f64 * tick_s, late));
     }
@@ -203,8 +244,8 @@ impl<W: Write> Observer for Recorder<'_, W> {
             // A native board has at most 16 motors, so the index fits.
             let motor = step.motor as u8;
             let forward = step.direction == Direction::Forward;
-            let written = files.steps.push(steps::Step { motor, tick: step.tick, forward });
-            self.note(written);
+            let written = files.step(steps::Step { motor, tick: step.tick, forward });
+            self.written(written);
         }
     }
 }

@@ -2,21 +2,27 @@
 
 use std::fmt::{self, Display};
 
+use pulsetrain_motion::Time;
 use pulsetrain_motion::file::{ColumnDistance, ColumnUse, Smoothing, TableColumns};
-use pulsetrain_motion::law::{Class, ParameterUse};
-use pulsetrain_motion::program::{Board, Motor};
-use pulsetrain_plan::Certificate;
+use pulsetrain_motion::law::{Class, Cursor, ParameterUse};
+use pulsetrain_motion::program::{Motor, Program};
+use pulsetrain_plan::Settings;
 use pulsetrain_trace::verdict;
+use schemars::JsonSchema;
 use serde::Serialize;
 
+use crate::control_socket::RunEnded;
+use crate::standing::listed;
 use pulsetrain_motion::human::{self, Table};
 use pulsetrain_plot::machine::FigureReport;
+use pulsetrain_session::control::Ended;
 use pulsetrain_session::drive::DriveError;
 use pulsetrain_session::lateness::Lateness;
 use pulsetrain_session::pause::Paused;
+use pulsetrain_session::plans::Planned;
 
 /// The report of a plan.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Serialize, JsonSchema)]
 pub struct PlanReport {
     /// The motion file.
     pub file: String,
@@ -26,6 +32,8 @@ pub struct PlanReport {
     pub tick_hz: u64,
     /// The greatest |scheduled − exact| that the file allows, ticks.
     pub tolerance_ticks: f64,
+    /// How long the motion is by the file, or by `--for`, s.
+    pub asked_s: f64,
     /// From time zero to the last step, stops included, s.
     pub duration_s: f64,
     /// When the motion was cut, s. The planned stop comes after that.
@@ -47,13 +55,13 @@ pub struct PlanReport {
 }
 
 /// How the columns of a CSV file were read.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Serialize, JsonSchema)]
 pub struct TableReport {
     /// The file's name in the motion file.
     pub file: String,
-    /// The column of the times.
+    /// The columns that are used.
     pub columns: Vec<ColumnReport>,
-    /// The columns of the values.
+    /// The other columns.
     pub unused: Vec<String>,
     /// How many rows were left out, since they have no position.
     #[serde(skip_serializing_if = "is_zero")]
@@ -71,7 +79,7 @@ const fn is_zero(number: &usize) -> bool {
 }
 
 /// How a recording was smoothed.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Serialize, JsonSchema)]
 pub struct SmoothingReport {
     /// The smoothing time of the motion file, s.
     pub over_s: f64,
@@ -82,7 +90,7 @@ pub struct SmoothingReport {
 }
 
 /// How far a motion is from a column of a recording.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Serialize, JsonSchema)]
 pub struct DistanceReport {
     /// The kind of the column's values: "angle", "position", "x".
     pub is: String,
@@ -114,7 +122,7 @@ impl SmoothingReport {
 }
 
 /// How one column was read.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Serialize, JsonSchema)]
 pub struct ColumnReport {
     /// The kind of its values: "time", "angle", "position", "x".
     pub is: String,
@@ -145,13 +153,17 @@ impl TableReport {
 }
 
 /// The report of a run.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Serialize, JsonSchema)]
 pub struct RunReport {
     /// What was planned and proven.
     #[serde(flatten)]
     pub plan: PlanReport,
     /// What made the edges: "native", or "virtual Uno" with its firmware's version.
     pub runner: String,
+    /// Whether no bound broke and no step was lost or added.
+    pub pass: bool,
+    /// The largest error of each motor, in the file's order.
+    pub errors: Vec<MotorError>,
     /// The judge's verdict on the edges.
     pub verdict: verdict::Report,
     /// Lateness of the edges against their scheduled ticks.
@@ -162,6 +174,15 @@ pub struct RunReport {
     /// Why the run failed. `None` if no bound broke and no step was lost or added.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub failure: Option<String>,
+    /// Up to when the edges were judged, s, if that is not the motion's end: somebody stopped or changed it then.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub judged_until_s: Option<f64>,
+    /// Where the motors are, if somebody stopped the motion on its way.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub stopped: Option<RunEnd>,
+    /// The file that could not be written, and why.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub unwritten: Option<String>,
 }
 
 impl RunReport {
@@ -176,22 +197,77 @@ impl RunReport {
     ) -> RunReport {
         let Lateness { lost, extra, .. } = lateness;
         let failure = match (verdict.ok, lost, extra) {
-            (false, ..) => Some(BROKE.to_owned()),
+            (false, ..) => Some(broke(&verdict)),
             (true, 0, 0) => None,
             (true, ..) => Some(format!("steps lost {lost}, added {extra}, against what was scheduled")),
         };
-        RunReport { plan, runner, verdict, lateness, figures, failure }
+        let seen = plan.motors.iter().zip(&verdict.motors);
+        let errors = seen.map(|(motor, seen)| MotorError::new(motor, seen)).collect();
+        RunReport {
+            plan,
+            runner,
+            pass: failure.is_none(),
+            errors,
+            verdict,
+            lateness,
+            figures,
+            failure,
+            judged_until_s: None,
+            stopped: None,
+            unwritten: None,
+        }
     }
 
-    /// Whether no bound broke and no step was lost or added.
+    /// The verdict in one line. It is PASS exactly if the exit code is 0.
     #[must_use]
-    pub const fn is_ok(&self) -> bool {
-        self.failure.is_none()
+    pub fn conclusion(&self) -> String {
+        let up_to = self.judged_until_s.map(|at_s| format!(" up to {}", human::seconds_to(at_s, 4)));
+        match (&self.failure, &self.stopped) {
+            (Some(_), _) => conclusion(self.failure.as_deref()),
+            (None, stopped) => {
+                let stopped = if stopped.is_some() { "stopped on your order; " } else { "" };
+                format!("PASS: {stopped}no bound broke{}", up_to.unwrap_or_default())
+            }
+        }
+    }
+
+    /// The tables of all that is known of each motor: of its plan, then of its edges.
+    #[must_use]
+    pub fn details(&self) -> String {
+        let RunReport { plan, runner, verdict, .. } = self;
+        let by =
+            if runner == "native" { "the native board".to_owned() } else { format!("the {runner} (emulated chip)") };
+        format!("{}The edges of {by}, in virtual time:\n\n{}", plan.details(), side_by_side_verdict(verdict))
+    }
+}
+
+/// The largest error of a motor's steps.
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+pub struct MotorError {
+    /// The motor's name in the file.
+    pub motor: String,
+    /// The largest |edge − exact time|, without the board's constant delay, µs.
+    pub worst_us: f64,
+    /// The largest of these errors as a distance, which is the error times the speed, in `unit`.
+    pub worst: f64,
+    /// "deg", "mm", or "step" for a motor whose file counts steps.
+    pub unit: &'static str,
+}
+
+impl MotorError {
+    fn new(motor: &MotorReport, seen: &verdict::MotorReport) -> MotorError {
+        let (unit, steps) = motor.error_unit();
+        MotorError {
+            motor: motor.name.clone(),
+            worst_us: seen.max_error_us.abs(),
+            worst: seen.max_error_steps.abs() / steps,
+            unit,
+        }
     }
 }
 
 /// The report of a run that ended before the motion did.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Serialize, JsonSchema)]
 pub struct StoppedReport {
     /// What was planned and proven.
     #[serde(flatten)]
@@ -203,7 +279,7 @@ pub struct StoppedReport {
 }
 
 /// Why motors were stopped before the motion's end.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Serialize, JsonSchema)]
 pub struct RunEnd {
     /// The reason in words, with the motors' positions.
     pub message: String,
@@ -222,7 +298,7 @@ pub struct RunEnd {
 }
 
 /// The position of a motor after a stop.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Serialize, JsonSchema)]
 pub struct StoppedMotor {
     /// The motor's name in the file.
     pub name: String,
@@ -231,6 +307,21 @@ pub struct StoppedMotor {
 }
 
 impl RunEnd {
+    /// The report of a run that was stopped at `at_s`, as somebody asked for.
+    #[must_use]
+    pub fn wanted(ended: &Ended, at_s: f64, told: &RunEnded) -> RunEnd {
+        let how = if ended.uncertain.is_some() { "at once" } else { "within the motors' limits" };
+        let motors = told.motors.iter().map(|motor| StoppedMotor { name: motor.name.clone(), steps: motor.steps });
+        RunEnd {
+            message: format!("Stopped at {} {how}: {}", human::seconds_to(at_s, 4), listed(&told.motors)),
+            help: told.way_back.clone().unwrap_or_default(),
+            motor: None,
+            at_s,
+            late_s: None,
+            motors: motors.collect(),
+        }
+    }
+
     /// The report of a run that failed with `error`. `None` if the motors had not begun to move.
     #[must_use]
     pub fn of(error: &DriveError) -> Option<RunEnd> {
@@ -253,37 +344,139 @@ impl RunEnd {
 }
 
 /// The failure text of a verdict that is not ok.
-const BROKE: &str = "a bound broke";
-
-/// Writes the last line of a verdict. It is PASS exactly if the exit code is 0.
-fn conclude(f: &mut fmt::Formatter<'_>, failure: Option<&str>) -> fmt::Result {
-    match failure {
-        None => writeln!(f, "PASS: no bound broke"),
-        Some(why) => writeln!(f, "FAIL: {why}"),
+fn broke(verdict: &verdict::Report) -> String {
+    let motors: Vec<&str> =
+        verdict.motors.iter().filter(|motor| motor.faults > 0).map(|motor| motor.motor.as_str()).collect();
+    match motors.as_slice() {
+        [] => "a bound broke".to_owned(),
+        motors => format!("a bound broke: {}", motors.join(", ")),
     }
 }
 
-/// The verdict for people; the plan is printed before it.
+fn conclusion(failure: Option<&str>) -> String {
+    match failure {
+        None => "PASS: no bound broke".to_owned(),
+        Some(why) => format!("FAIL: {why}"),
+    }
+}
+
+/// The verdict first, then what the motors did, a line each. The last line of the output is [`RunReport::conclusion`].
 impl Display for RunReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let RunReport { runner, verdict, lateness, figures, failure, .. } = self;
-        if runner == "native" {
-            writeln!(f, "Run on the native board, in virtual time, and judged edge by edge:\n")?;
-            write_figures(f, figures)?;
-            write_verdict(f, verdict)?;
-            return conclude(f, failure.as_deref());
-        }
-        writeln!(f, "Run on the {runner} (emulated chip), in virtual time, and judged edge by edge, on its pins:\n")?;
-        let tick_s = 1.0 / verdict.tick_hz as f64;
-        let Lateness { constant_ticks, p50_ticks, p99_ticks, max_ticks, lost, extra, .. } = *lateness;
-        let max = ticks(max_ticks as f64, tick_s);
-        writeln!(f, "  Lateness of STEP edges, less the board's constant delay of {constant_ticks} ticks:")?;
-        writeln!(f, "  median {p50_ticks} ticks, 99 % within {p99_ticks}, worst {max}")?;
-        writeln!(f, "  steps lost {lost}, added {extra}\n")?;
+        let RunReport { plan, runner, verdict, lateness, figures, pass, .. } = self;
+        let on = if runner == "native" { "native board" } else { runner };
+        writeln!(f, "{}  {} on the {on}: {}", pass_or_fail(*pass), plan.file, plan.durations("made"))?;
+        plan.remarks(f)?;
+        let errors = self.errors.iter().map(|error| (error.worst, error.worst_us)).collect();
+        writeln!(f, "\n{}", summary(&plan.motors, Column::Errors(errors)))?;
         write_figures(f, figures)?;
-        write_verdict(f, verdict)?;
-        conclude(f, failure.as_deref())
+        if runner != "native" {
+            let Lateness { p50_ticks, p99_ticks, max_ticks, lost, extra, .. } = *lateness;
+            let worst = human::seconds(max_ticks as f64 / verdict.tick_hz as f64);
+            writeln!(
+                f,
+                "  Lateness: median {p50_ticks}, 99 % within {p99_ticks}, worst {max_ticks} ticks ({worst}). Steps lost {lost}, added {extra}."
+            )?;
+        }
+        plan.write_notes(f)?;
+        if let Some(RunEnd { message, help, .. }) = &self.stopped {
+            writeln!(f, "  {message}")?;
+            if !help.is_empty() {
+                writeln!(f, "  back to the start: {help}")?;
+            }
+        }
+        write_failures(f, verdict)
     }
+}
+
+/// The first word of an output that has a verdict.
+pub(crate) const fn pass_or_fail(pass: bool) -> &'static str {
+    if pass { "PASS" } else { "FAIL" }
+}
+
+/// The last columns of a [`summary`].
+pub(crate) enum Column {
+    /// Each motor's worst error: as a distance, and in µs.
+    Errors(Vec<(f64, f64)>),
+    /// The same as the plan's bound.
+    Proven(Vec<(f64, f64)>),
+    /// Words of each motor, with their heading.
+    Text(&'static str, Vec<String>),
+}
+
+/// Columns of a terminal.
+const SCREEN: usize = 80;
+
+/// A line for each motor: its range in its own unit, its top speed, the share of the board's limit, and `last`.
+pub(crate) fn summary(motors: &[MotorReport], last: Column) -> String {
+    let mut all = Vec::new();
+    let one = |of: fn(&MotorReport) -> String| motors.iter().map(of).collect::<Vec<String>>();
+    all.push(("motor", one(|motor| motor.name.clone())));
+    all.push(("low", one(|motor| position(motor.lowest))));
+    all.push(("high", one(|motor| position(motor.highest))));
+    all.push(("start", one(|motor| position(motor.start))));
+    all.push(("end", one(|motor| position(motor.end))));
+    all.push(("unit", one(|motor| human::unit(&motor.unit).to_owned())));
+    all.push(("per s", one(|motor| human::significant(motor.top_speed_per_s, 3))));
+    all.push(("rpm", one(|motor| human::significant(motor.top_speed_rpm, 3))));
+    all.push((
+        "of limit",
+        one(|motor| {
+            motor
+                .limit_share
+                .map_or_else(|| "–".to_owned(), |share| format!("{} %", human::significant(share * 100.0, 2)))
+        }),
+    ));
+    match last {
+        Column::Text(heading, texts) => all.push((heading, texts)),
+        Column::Errors(errors) => all.extend(error_columns(motors, errors, ["worst error", "µs"])),
+        Column::Proven(errors) => all.extend(error_columns(motors, errors, ["error ≤", "µs ≤"])),
+    }
+    let text = columns_of(&all);
+    // A start that all motors share needs no column.
+    let start = &all[3].1;
+    if text.lines().any(|line| line.chars().count() > SCREEN)
+        && let Some(first) = start.first()
+        && start.iter().all(|other| other == first)
+    {
+        let first = format!("  All start at {first}.\n");
+        all.remove(3);
+        return columns_of(&all) + &first;
+    }
+    text
+}
+
+fn columns_of(columns: &[(&str, Vec<String>)]) -> String {
+    let mut table = Table::default().left(&[0]);
+    table.row(columns.iter().map(|(heading, _)| (*heading).to_owned()));
+    for row in 0..columns.first().map_or(0, |(_, cells)| cells.len()) {
+        table.row(columns.iter().map(|(_, cells)| cells[row].clone()));
+    }
+    table.to_string()
+}
+
+fn error_columns(
+    motors: &[MotorReport],
+    errors: Vec<(f64, f64)>,
+    [heading, us]: [&'static str; 2],
+) -> [(&'static str, Vec<String>); 2] {
+    let distance = |(motor, (distance, _)): (&MotorReport, &(f64, f64))| {
+        let number = human::significant(*distance, 2);
+        match motor.error_unit().0 {
+            "deg" => format!("{number}°"),
+            unit => format!("{number} {}", human::unit(unit)),
+        }
+    };
+    let times = errors.iter().map(|(_, us)| human::significant(*us, 2)).collect();
+    [(heading, motors.iter().zip(&errors).map(distance).collect()), (us, times)]
+}
+
+/// A position with four digits, or as a whole number.
+fn position(value: f64) -> String {
+    if value.abs() < 1e-9 {
+        return "0".to_owned();
+    }
+    if value.abs() < 1000.0 { human::significant(value, 4) } else { human::count(value.round() as i128) }
 }
 
 fn write_figures(f: &mut fmt::Formatter<'_>, figures: &[FigureReport]) -> fmt::Result {
@@ -291,17 +484,33 @@ fn write_figures(f: &mut fmt::Formatter<'_>, figures: &[FigureReport]) -> fmt::R
 }
 
 /// The plan of one motor.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Serialize, JsonSchema)]
 pub struct MotorReport {
     /// The motor's name in the file.
     pub name: String,
     /// Steps in both directions.
     pub steps: u64,
+    /// The position at the start by the law, in `unit`.
+    pub start: f64,
+    /// The lowest position, in `unit`.
+    pub lowest: f64,
+    /// The highest position, in `unit`.
+    pub highest: f64,
+    /// The position at the end, in `unit`.
+    pub end: f64,
+    /// The law's fastest speed, in `unit`/s.
+    pub top_speed_per_s: f64,
+    /// The same, in revolutions of the motor's shaft per minute.
+    pub top_speed_rpm: f64,
+    /// The shortest interval that board and driver can make over the plan's shortest one: 1 means that the limit is reached.
+    pub limit_share: Option<f64>,
     /// Steps forward minus steps backward.
+    #[serde(rename = "final_position_steps")]
     pub final_position: i64,
     /// Segments.
     pub segments: u64,
     /// Payload of the packed segments, bytes.
+    #[serde(rename = "payload_bytes")]
     pub bytes: u64,
     /// Payload bytes for each step.
     pub bytes_per_step: f64,
@@ -312,18 +521,23 @@ pub struct MotorReport {
     /// What the proof compares with: "closed form", "enclosed", "relative to the interpolant".
     pub class: &'static str,
     /// Highest step rate: one over the shortest interval, steps/s.
+    #[serde(rename = "peak_rate_steps_per_s")]
     pub peak_rate: Option<f64>,
     /// Shortest interval between two steps, ticks.
     pub shortest_interval_ticks: Option<u64>,
     /// The law's fastest speed, steps/s.
+    #[serde(rename = "peak_speed_steps_per_s")]
     pub peak_speed: Peak,
     /// The law's largest acceleration, steps/s².
+    #[serde(rename = "peak_acceleration_steps_per_s2")]
     pub peak_acceleration: Peak,
     /// The motor's limit of it, steps/s²; `None` if the file gives none.
+    #[serde(rename = "max_acceleration_steps_per_s2")]
     pub max_acceleration: Option<f64>,
     /// Pairs of opposite steps that were dropped because they were too close to one another.
     pub pairs_dropped: u64,
     /// Largest |position − θ| because of dropped pairs, steps.
+    #[serde(rename = "worst_position_error_steps")]
     pub worst_position_error: f64,
     /// Steps that a shared DIR line delays.
     pub steps_put_off: u64,
@@ -342,14 +556,14 @@ pub struct MotorReport {
 }
 
 /// The parameters that a formula was read with.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct FormulaReport {
     /// Its parameters, in the file's order.
     pub parameters: Vec<ParameterReport>,
 }
 
 /// A parameter's value.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct ParameterReport {
     /// Its name.
     pub name: String,
@@ -362,7 +576,7 @@ pub struct ParameterReport {
 }
 
 /// A number and its unit. The unit of a plain number is empty.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct Amount {
     /// The number.
     pub value: f64,
@@ -408,7 +622,7 @@ impl Display for ParameterReport {
 }
 
 /// A ramp that loses distance and does not make up for it.
-#[derive(Clone, Copy, Debug, Serialize)]
+#[derive(Clone, Copy, Debug, Serialize, JsonSchema)]
 pub struct BehindReport {
     /// The distance that it loses, steps; negative if the law goes backward there.
     pub steps: f64,
@@ -418,8 +632,8 @@ pub struct BehindReport {
     pub ends: bool,
 }
 
-/// The largest value of a quantity, and when.
-#[derive(Clone, Copy, Debug, Serialize)]
+/// The largest value of a quantity, in the unit of its key, and when.
+#[derive(Clone, Copy, Debug, Serialize, JsonSchema)]
 pub struct Peak {
     /// The value.
     pub value: f64,
@@ -439,24 +653,19 @@ pub(crate) fn unlimited(motors: &[MotorReport]) -> Option<String> {
         motors.iter().filter(|motor| motor.max_acceleration.is_none() && motor.peak_acceleration.value > 0.0);
     let unlimited: Vec<&MotorReport> = unlimited.collect();
     let asked = |motor: &MotorReport| motor.in_own_unit(motor.peak_acceleration.value, "/s²");
-    match unlimited.as_slice() {
-        [] => None,
-        [motor] => Some(format!(
-            "{} has no max_acceleration: this motion asks for up to {}. Can the motor follow?",
-            motor.name,
-            asked(motor)
-        )),
+    let (names, have, follow) = match unlimited.as_slice() {
+        [] => return None,
+        [motor] => (motor.name.clone(), "has", "motor"),
         [first @ .., last] => {
             let first: Vec<&str> = first.iter().map(|motor| motor.name.as_str()).collect();
-            let each: Vec<String> = unlimited.iter().map(|motor| asked(motor)).collect();
-            Some(format!(
-                "{} and {} have no max_acceleration: this motion asks for up to {}. Can the motors follow?",
-                first.join(", "),
-                last.name,
-                each.join(", ")
-            ))
+            (format!("{} and {}", first.join(", "), last.name), "have", "motors")
         }
-    }
+    };
+    let mut each: Vec<String> = unlimited.iter().map(|motor| asked(motor)).collect();
+    // Motors that are asked for the same are told it once.
+    each.dedup();
+    let each = each.join(", ");
+    Some(format!("{names} {have} no max_acceleration: this motion asks for up to {each}. Can the {follow} follow?"))
 }
 
 /// The name of a proof's class in reports.
@@ -470,14 +679,27 @@ pub fn class_name(class: Class) -> &'static str {
 }
 
 impl MotorReport {
-    /// From the certificate of a motor's plan.
+    /// From a motor's plan.
     #[must_use]
-    pub fn new(motor: &Motor, board: &Board, certificate: &Certificate) -> MotorReport {
-        let tick_s = 1.0 / board.tick_hz as f64;
+    pub fn new(program: &Program, motor: &Motor, planned: &Planned) -> MotorReport {
+        let certificate = &planned.certificate;
+        let tick_s = 1.0 / program.board.tick_hz as f64;
         let shortest = certificate.shortest_interval_ticks;
+        let scale = &motor.scale;
+        // Every law has a value at its beginning, else there were no plan.
+        let start = Cursor::new(&motor.law).at(Time::ZERO).map_or(0.0, |start| start.position) / scale.steps_per_unit;
+        let after = |steps: i64| start + steps as f64 / scale.steps_per_unit;
+        let least = Settings::of(program, motor).min_interval_ticks as f64;
         MotorReport {
             name: motor.name.clone(),
             steps: certificate.steps,
+            start,
+            lowest: after(planned.range.0),
+            highest: after(planned.range.1),
+            end: after(certificate.position),
+            top_speed_per_s: certificate.peak_speed.0 / scale.steps_per_unit,
+            top_speed_rpm: 60.0 * certificate.peak_speed.0 / scale.steps_per_rev,
+            limit_share: shortest.map(|ticks| least / ticks as f64),
             final_position: certificate.position,
             segments: certificate.segments,
             bytes: certificate.bytes,
@@ -497,8 +719,8 @@ impl MotorReport {
             behind: (motor.law.behind().iter())
                 .map(|behind| BehindReport { steps: behind.steps, ramp_s: behind.ramp.seconds(), ends: behind.ends })
                 .collect(),
-            unit: motor.scale.unit.clone(),
-            steps_per_unit: motor.scale.steps_per_unit,
+            unit: scale.unit.clone(),
+            steps_per_unit: scale.steps_per_unit,
             formulas: formulas(motor),
         }
     }
@@ -541,6 +763,22 @@ impl MotorReport {
 
     fn counts_steps(&self) -> bool {
         human::unit(&self.unit) == "steps"
+    }
+
+    /// The unit of small distances, and how many steps it has.
+    fn error_unit(&self) -> (&'static str, f64) {
+        match self.unit.as_str() {
+            "rev" => ("deg", self.steps_per_unit / 360.0),
+            "rad" => ("deg", self.steps_per_unit * std::f64::consts::TAU / 360.0),
+            "deg" => ("deg", self.steps_per_unit),
+            "mm" => ("mm", self.steps_per_unit),
+            _ => ("step", 1.0),
+        }
+    }
+
+    /// The proven bound as a distance at top speed, in the unit of small distances, and in µs.
+    fn proven(&self) -> (f64, f64) {
+        (self.bound_s * self.peak_speed.value / self.error_unit().1, self.bound_s * 1e6)
     }
 }
 
@@ -634,8 +872,13 @@ const PLANNED: &[TableLine<MotorReport>] = &[
 /// Motors side by side in a table.
 const ABREAST: usize = 3;
 
-/// A verdict as a table with a column for each motor; then its failures.
-pub struct VerdictTable<'a>(pub &'a verdict::Report);
+/// A verdict on a capture: the verdict, a line for each motor, the failures.
+pub struct VerdictText<'a> {
+    /// The judge's report.
+    pub report: &'a verdict::Report,
+    /// Tables of all that was measured, too.
+    pub verbose: bool,
+}
 
 const SEEN: &[TableLine<verdict::MotorReport>] = &[
     ("steps made", |m, _| {
@@ -653,10 +896,10 @@ const SEEN: &[TableLine<verdict::MotorReport>] = &[
         let ticks = m.shortest_interval_ticks?;
         Some(format!("{} ticks = {}", human::significant(ticks, 6), human::seconds(ticks * tick_s)))
     }),
-    ("STEP high", |m, _| m.pulse_high.map(measured)),
-    ("STEP low", |m, _| m.pulse_low.map(measured)),
-    ("DIR setup", |m, _| m.dir_setup.map(measured)),
-    ("DIR hold", |m, _| m.dir_hold.map(measured)),
+    ("shortest STEP high", |m, _| m.pulse_high.map(measured)),
+    ("shortest STEP low", |m, _| m.pulse_low.map(measured)),
+    ("shortest DIR set-up", |m, _| m.dir_setup.map(measured)),
+    ("shortest DIR hold", |m, _| m.dir_hold.map(measured)),
     ("pairs dropped", |m, _| (m.pairs_dropped > 0).then(|| human::count(m.pairs_dropped.into()))),
     ("put off (shared DIR)", |m, tick_s| {
         let by = human::seconds(m.longest_put_off_ticks * tick_s);
@@ -666,33 +909,49 @@ const SEEN: &[TableLine<verdict::MotorReport>] = &[
 ];
 
 fn measured(time: verdict::Measured) -> String {
-    format!("{} of {}", human::seconds(time.seen_ns * 1e-9), human::seconds(f64::from(time.needed_ns) * 1e-9))
+    let (seen, needed) = (human::seconds(time.seen_ns * 1e-9), human::seconds(f64::from(time.needed_ns) * 1e-9));
+    format!("{seen}, the driver needs {needed}")
 }
 
 /// How many failures are printed. The report has all that the verdict kept.
 const FAILURES_SHOWN: usize = 10;
 
-impl Display for VerdictTable<'_> {
+impl Display for VerdictText<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write_verdict(f, self.0)?;
-        conclude(f, (!self.0.ok).then_some(BROKE))
+        let VerdictText { report, verbose } = self;
+        let tick_s = 1.0 / report.tick_hz as f64;
+        let mut table = Table::new(["motor", "steps made", "of", "ends at, steps", "worst error", "limit", "faults"]);
+        for motor in &report.motors {
+            let way = if motor.max_error_ticks < 0.0 { "early" } else { "late" };
+            table.row([
+                motor.motor.clone(),
+                human::count(motor.steps_got.into()),
+                human::count(motor.steps_wanted.into()),
+                human::count(motor.position_got.into()),
+                format!("{} {way}", human::seconds(motor.max_error_ticks.abs() * tick_s)),
+                human::seconds(motor.bound_ticks * tick_s),
+                human::count(motor.faults.into()),
+            ]);
+        }
+        let broke = (!report.ok).then(|| broke(report));
+        writeln!(f, "{}\n\n{table}", pass_or_fail(report.ok))?;
+        if *verbose {
+            f.write_str(&side_by_side_verdict(report))?;
+        }
+        let alignment = &report.alignment;
+        if alignment.shift_s != 0.0 || alignment.rate_ppm != 0.0 {
+            let shift = human::seconds_to(alignment.shift_s, 9);
+            let rate = human::significant(alignment.rate_ppm.abs(), 4);
+            let way = if alignment.rate_ppm < 0.0 { "slow" } else { "fast" };
+            writeln!(f, "  time zero at {shift} of the capture; the board's clock is {rate} ppm {way}\n")?;
+        }
+        write_failures(f, report)?;
+        writeln!(f, "{}", conclusion(broke.as_deref()))
     }
 }
 
-/// Writes a verdict without its last line.
-fn write_verdict(f: &mut fmt::Formatter<'_>, report: &verdict::Report) -> fmt::Result {
-    let tick_s = 1.0 / report.tick_hz as f64;
-    for motors in report.motors.chunks(ABREAST) {
-        let table = side_by_side(motors, |motor| &motor.motor, SEEN, tick_s);
-        writeln!(f, "{table}")?;
-    }
-    let alignment = &report.alignment;
-    if alignment.shift_s != 0.0 || alignment.rate_ppm != 0.0 {
-        let shift = human::seconds_to(alignment.shift_s, 9);
-        let rate = human::significant(alignment.rate_ppm.abs(), 4);
-        let way = if alignment.rate_ppm < 0.0 { "slow" } else { "fast" };
-        writeln!(f, "  time zero at {shift} of the capture; the board's clock is {rate} ppm {way}\n")?;
-    }
+/// Writes the first failures of a verdict, and how many there are.
+fn write_failures(f: &mut fmt::Formatter<'_>, report: &verdict::Report) -> fmt::Result {
     for failure in report.failures.iter().take(FAILURES_SHOWN) {
         writeln!(f, "  {failure}")?;
     }
@@ -703,21 +962,26 @@ fn write_verdict(f: &mut fmt::Formatter<'_>, report: &verdict::Report) -> fmt::R
     Ok(())
 }
 
-impl Display for PlanReport {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let tick_s = 1.0 / self.tick_hz as f64;
-        writeln!(
-            f,
-            "{} on {} (tick {}): {}",
-            self.file,
-            self.board,
-            human::seconds(tick_s),
-            human::seconds_to(self.duration_s, 6)
-        )?;
+/// All that was measured, with a column for each motor.
+fn side_by_side_verdict(report: &verdict::Report) -> String {
+    let tick_s = 1.0 / report.tick_hz as f64;
+    let tables = report.motors.chunks(ABREAST);
+    tables.map(|motors| format!("{}\n", side_by_side(motors, |motor| &motor.motor, SEEN, tick_s))).collect()
+}
+
+impl PlanReport {
+    /// "1 s asked for, 1.002 s made". `made` is the verb of the second one.
+    pub(crate) fn durations(&self, made: &str) -> String {
+        let [asked, planned] = [self.asked_s, self.duration_s].map(|time_s| human::seconds_to(time_s, 6));
+        format!("{asked} asked for, {planned} {made}")
+    }
+
+    /// Where the motion was cut, its pause, and how tables were read.
+    pub(crate) fn remarks(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         if let Some(cut) = self.cut_at_s {
             let cut = human::seconds_to(cut, 6);
             match self.uncut_s.map(|end| human::seconds_to(end, 6)) {
-                None => writeln!(f, "  endless: shown for {cut}, then the planned stop; --for sets it")?,
+                None => writeln!(f, "  endless: {cut} of it, then the planned stop; --for sets how much")?,
                 Some(end) => writeln!(f, "  cut after {cut}, then the planned stop; without --for it takes {end}")?,
             }
         }
@@ -729,20 +993,50 @@ impl Display for PlanReport {
                 None => writeln!(f, ", and stays there")?,
             }
         }
-        self.tables.iter().try_for_each(|table| writeln!(f, "  table {}", table.summary))?;
-        for motors in self.motors.chunks(ABREAST) {
-            let table = side_by_side(motors, |motor| &motor.name, PLANNED, tick_s);
-            writeln!(f, "\n{table}")?;
-        }
-        write_parameters(f, &self.motors)?;
+        self.tables.iter().try_for_each(|table| writeln!(f, "  table {}", table.summary))
+    }
+
+    /// Warnings, a line each.
+    pub(crate) fn write_notes(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         self.motors.iter().filter(|motor| motor.stays()).try_for_each(|motor| {
             writeln!(
                 f,
-                "  {} makes no step: its motion stays within the first one; are `gear`, `lead` and the law's unit right?\n",
+                "  {} makes no step: its motion stays within the first one; are `gear`, `lead` and the law's unit right?",
                 motor.name
             )
         })?;
-        self.notes.iter().try_for_each(|note| writeln!(f, "  {note}\n"))
+        self.notes.iter().try_for_each(|note| writeln!(f, "  {note}"))
+    }
+
+    /// The tables of each motor's plan, and the parameters of formulas.
+    #[must_use]
+    pub fn details(&self) -> String {
+        Details(self).to_string()
+    }
+}
+
+struct Details<'a>(&'a PlanReport);
+
+impl Display for Details<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Details(PlanReport { motors, tick_hz, .. }) = self;
+        let tick_s = 1.0 / *tick_hz as f64;
+        writeln!(f, "The plan (tick {}):\n", human::seconds(tick_s))?;
+        for motors in motors.chunks(ABREAST) {
+            writeln!(f, "{}", side_by_side(motors, |motor| &motor.name, PLANNED, tick_s))?;
+        }
+        write_parameters(f, motors)
+    }
+}
+
+/// What the motors will do, a line each. Nothing ran, so there is no verdict.
+impl Display for PlanReport {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(f, "{} fits {}: {}", self.file, self.board, self.durations("planned"))?;
+        self.remarks(f)?;
+        let proven = self.motors.iter().map(MotorReport::proven).collect();
+        writeln!(f, "\n{}", summary(&self.motors, Column::Proven(proven)))?;
+        self.write_notes(f)
     }
 }
 
@@ -759,6 +1053,7 @@ mod tests {
             board: "pico".to_owned(),
             tick_hz: 125_000_000,
             tolerance_ticks: 1.0,
+            asked_s: 1.0,
             duration_s: 1.0,
             cut_at_s: None,
             uncut_s: None,
@@ -789,9 +1084,10 @@ mod tests {
             for runner in ["native", "virtual Pico"] {
                 let report =
                     RunReport::new(plan.clone(), runner.to_owned(), verdict.clone(), lateness.clone(), Vec::new());
-                let said = report.to_string();
-                assert_eq!(said.lines().last(), Some(last), "{said}");
-                assert_eq!(report.is_ok(), last.starts_with("PASS"));
+                let text = report.to_string();
+                assert_eq!(report.conclusion(), last);
+                assert_eq!(text.lines().next().map(|line| &line[..4]), Some(&last[..4]), "{text}");
+                assert_eq!(report.pass, last.starts_with("PASS"));
             }
         }
     }

@@ -168,7 +168,7 @@ impl Positions {
             Knowledge::Counted => "the next run counts from here: move the motors to their start position first",
             Knowledge::StoppedAtOnce => {
                 "nothing moves until the next run. Look where the motors are: one that was stopped at speed may have gone further than it \
-                 counted; `pulsetrain info --port PORT` tells how the board fared"
+                 counted; `pulsetrain info --port PORT` shows the board's counters"
             }
             Knowledge::Replayed { .. } | Knowledge::StopUnanswered => {
                 "look at the cable and at the board's supply. The motors brake within half a second, and nothing moves until the \
@@ -196,7 +196,7 @@ impl std::fmt::Display for Positions {
             Knowledge::Replayed { or } => {
                 write!(
                     f,
-                    "by what the board was told the motors brake, and come to rest: {motors}. The board cannot be asked"
+                    "by what was sent to the board the motors brake, and come to rest: {motors}. The board cannot be asked"
                 )?;
                 if or.is_empty() {
                     return Ok(());
@@ -206,7 +206,7 @@ impl std::fmt::Display for Positions {
             }
             Knowledge::StopUnanswered => write!(
                 f,
-                "the board was told to stop, and did not answer. When it was heard last: {motors}; the motors have come to rest since, within \
+                "the board got the order to stop, and did not answer. When it was heard last: {motors}; the motors have come to rest since, within \
                  their limits, but nobody knows where"
             ),
             Knowledge::LastReport { reset } => write!(

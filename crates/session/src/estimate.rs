@@ -7,6 +7,7 @@ use pulsetrain_motion::law::Workload;
 use pulsetrain_motion::program::{Board, Motor, Wiring};
 use pulsetrain_motion::{Time, human};
 use pulsetrain_trace::{steps, vcd_file};
+use schemars::JsonSchema;
 use serde::Serialize;
 
 use crate::prepare::{Prepared, spans};
@@ -54,7 +55,7 @@ pub enum Task {
 }
 
 /// The estimate; all figures are approximate.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct Estimate {
     /// How long the motion lasts, s.
     pub motion_s: f64,

@@ -3,6 +3,7 @@
 use std::cell::Cell;
 use std::fmt;
 
+use pulsetrain_board::BoardKind;
 use pulsetrain_motion::law::{Begin, Cursor, End, Law, LawError, least_smoothing};
 use pulsetrain_motion::machine::Machine;
 use pulsetrain_motion::program::{Limits, Motor, Program, Tolerance};
@@ -163,7 +164,10 @@ fn boards_that_fit(prepared: &Prepared, another: impl Fn() -> bool) -> Option<Ve
     let mut able = Vec::new();
     for row in boards::table().into_iter().filter(|row| row.board.name != prepared.program.board.name) {
         let name = row.board.name.clone();
-        let Ok(program) = prepared.program.clone().with_board(row.board) else { continue };
+        let Ok(mut program) = prepared.program.clone().with_board(row.board.clone()) else { continue };
+        if prepare::wire(&mut program, &row).is_err() {
+            continue;
+        }
         if !another() {
             return None;
         }
@@ -503,12 +507,10 @@ fn over_line(prepared: &Prepared) -> Vec<String> {
         let mut fewer = program.clone();
         fewer.motors.truncate(count);
         if program.machines.is_empty() && fits(&fewer, prepare::usual_line(&fewer).as_ref(), 1.0) == Some(true) {
-            let first = if count == 1 {
-                "with its first motor alone".to_owned()
-            } else {
-                format!("with the first {count} of its motors")
-            };
-            lines.push(format!("{first} it fits: the others can have a board of their own"));
+            let names =
+                |motors: &[Motor]| motors.iter().map(|motor| motor.name.as_str()).collect::<Vec<_>>().join(", ");
+            let (these, others) = program.motors.split_at(count);
+            lines.push(format!("with {} alone it fits; give {} another board", names(these), names(others)));
             break;
         }
     }
@@ -641,7 +643,13 @@ pub fn advice(prepared: &Prepared, motor: &Motor, error: &PlanError) -> String {
         match boards_that_fit(prepared, || tries.another(laws()).is_ok()) {
             None => {}
             Some(boards) if boards.is_empty() => lines.push("no board in the table does it as it is".to_owned()),
-            Some(boards) => lines.push(format!("as it is, it fits: {}", boards.join(", "))),
+            Some(boards) => {
+                let has_none = |name: &str| name != "native" && BoardKind::named(name).is_none();
+                let named = boards
+                    .into_iter()
+                    .map(|name| if has_none(&name) { format!("{name} (no firmware yet)") } else { name });
+                lines.push(format!("as it is, it fits: {}", named.collect::<Vec<_>>().join(", ")));
+            }
         }
     }
     if error.at_s().is_some() {

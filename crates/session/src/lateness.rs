@@ -9,6 +9,7 @@ use pulsetrain_motion::boards;
 use pulsetrain_motion::pins::PinKind;
 use pulsetrain_motion::program::Program;
 use pulsetrain_trace::verdict::Options;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 /// Collects the lateness of every step.
@@ -43,7 +44,7 @@ struct Pending {
 }
 
 /// The lateness of a run.
-#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct Lateness {
     /// Edge tick − scheduled tick of an edge that is not late, ticks: the board's constant.
     pub constant_ticks: u64,

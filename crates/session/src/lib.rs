@@ -59,6 +59,7 @@ mod timeline;
 
 pub use error::SessionError;
 pub use halt::Tempo;
+pub use prove::Proof;
 
 use control::{MotorStatus, Status};
 use halt::Playback;
@@ -719,15 +720,10 @@ impl<B: Leased> Session<B> {
         self.if_nothing_more_is_sent().iter().filter_map(Timeline::last_tick).max()
     }
 
-    /// What is planned of each motor so far: at the end of a motion, all of it. Ticks count from the laws' time 0.
+    /// What is planned of each motor so far: at the end of a motion, all of it. After a change it is the plan since then.
     #[must_use]
     pub fn planned(&self) -> Vec<Planned> {
-        let timelines = self.if_nothing_more_is_sent();
-        let of = |(motor, timeline): (usize, &Timeline)| Planned {
-            certificate: self.certificate(motor),
-            last_tick: timeline.last_tick().map_or(0, |tick| tick.saturating_sub(self.begun)),
-        };
-        timelines.iter().enumerate().map(of).collect()
+        self.stream.planned()
     }
 
     /// The figures proven of a motor's plan, as far as it was planned.

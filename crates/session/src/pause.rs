@@ -8,6 +8,7 @@ use pulsetrain_motion::program::{Motor, Program};
 use pulsetrain_motion::time::Rate;
 use pulsetrain_motion::{Law, LawError, Time};
 use pulsetrain_plan::{SOFTEST_STOP_S, Settings};
+use schemars::JsonSchema;
 use serde::Serialize;
 
 /// Why motors cannot be paused or resumed.
@@ -192,7 +193,7 @@ pub fn retimed(program: &Program, from: Time, ease: Ease) -> Result<Program, Pau
 }
 
 /// When the motors slow down, rest and go on in a pause that is part of a program.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct Paused {
     /// When they begin to slow down, s.
     pub slows_at_s: f64,

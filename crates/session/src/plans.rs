@@ -4,7 +4,9 @@ use pulsetrain_motion::program::Program;
 use pulsetrain_motion::{Law, Time};
 use std::sync::Arc;
 
-use pulsetrain_plan::{Certificate, Ensemble, Line, Move, PlanError, Planner, Refused, Settings, Supply, stopping};
+use pulsetrain_plan::{
+    Certificate, Ensemble, Line, Move, PlanError, Planner, Refill, Refused, Settings, Supply, stopping,
+};
 
 /// A motor's plan, in figures.
 #[derive(Clone, Debug)]
@@ -13,6 +15,10 @@ pub struct Planned {
     pub certificate: Certificate,
     /// The tick of the last step.
     pub last_tick: u64,
+    /// The lowest and the highest position, steps from the start.
+    pub range: (i64, i64),
+    /// The refill of its queue that is the closest to coming too late. `None` without a line, or if the queue takes the whole plan.
+    pub tightest: Option<Refill>,
 }
 
 /// Moves that are planned before progress is reported.
@@ -28,11 +34,13 @@ pub struct Plans {
 
 /// How far a motor's moves go.
 #[derive(Clone, Copy, Debug)]
-struct Clock {
+pub(crate) struct Clock {
     tick: u64,
     /// In units of 2^-F tick.
     fraction: i128,
     last_step: u64,
+    position: i64,
+    range: (i64, i64),
     ended: bool,
 }
 
@@ -133,23 +141,30 @@ impl Plans {
 
     /// The figures of every motor's plan.
     #[must_use]
-    fn finish(&self) -> Vec<Planned> {
+    pub(crate) fn finish(&self) -> Vec<Planned> {
         let motors = self.clocks.iter().enumerate();
-        motors
-            .map(|(motor, clock)| Planned { certificate: self.ensemble.certificate(motor), last_tick: clock.last_step })
-            .collect()
+        let tightest = |motor| self.supply.as_ref().and_then(|supply| supply.tightest(motor));
+        motors.map(|(motor, clock)| clock.planned(self.ensemble.certificate(motor), tightest(motor))).collect()
     }
 }
 
 impl Clock {
-    fn new(fraction_bits: u32) -> Clock {
-        Clock { tick: 0, fraction: 1 << (fraction_bits - 1), last_step: 0, ended: false }
+    pub(crate) fn new(fraction_bits: u32) -> Clock {
+        Clock { tick: 0, fraction: 1 << (fraction_bits - 1), last_step: 0, position: 0, range: (0, 0), ended: false }
     }
 
-    fn advance(&mut self, next: &Move, fraction_bits: u32) {
+    /// The figures of the moves so far.
+    pub(crate) fn planned(&self, certificate: Certificate, tightest: Option<Refill>) -> Planned {
+        Planned { certificate, last_tick: self.last_step, range: self.range, tightest }
+    }
+
+    pub(crate) fn advance(&mut self, next: &Move, fraction_bits: u32) {
         match next {
             Move::Dwell { ticks } => self.tick += ticks,
-            Move::Run { segment, .. } => {
+            Move::Run { segment, direction } => {
+                // A run goes one way: its ends are its extremes.
+                self.position += i64::from(direction.sign()) * i64::from(segment.count);
+                self.range = (self.range.0.min(self.position), self.range.1.max(self.position));
                 let fixed = (i128::from(self.tick) << fraction_bits) + self.fraction + segment.span(segment.count);
                 self.tick = (fixed >> fraction_bits) as u64;
                 self.fraction = fixed & ((1 << fraction_bits) - 1);

@@ -2,6 +2,7 @@
 
 use pulsetrain_board::BoardKind;
 use pulsetrain_core::wire::Baud;
+use pulsetrain_motion::boards::BoardRow;
 use pulsetrain_motion::file::{Contents, TableColumns};
 use pulsetrain_motion::law::{Cursor, Ease, Law};
 use pulsetrain_motion::pins::PinsError;
@@ -14,6 +15,9 @@ use crate::pause::{self, PauseError, Paused};
 
 /// Seconds of an endless motion that are planned if the user gives no length: enough to see it, short enough to wait for.
 pub const DEFAULT_LENGTH_S: f64 = 10.0;
+
+/// The length of a motion whose endless laws stay endless.
+pub const FOREVER: Time = Time::MAX;
 
 /// The most that a board's clock can be off, ppm: twice the tolerance of a ceramic resonator (0.5 %).
 pub const WORST_CLOCK_PPM: f64 = 10_000.0;
@@ -131,15 +135,12 @@ impl Prepared {
         }
         if let Some(row) = boards::find(&program.board.name) {
             let refuse = |error: PinsError| Refusal::Pins { file: file.clone(), advice: error.advice(), error };
-            row.pin_kind(&program.motors).map_err(refuse)?;
-            program.board.min_interval_ticks = row.shortest_intervals(&program.motors);
-            program.board.turn_ticks = row.turn_ticks(&program.motors);
-            program.board.shared_steps = row.shared_steps(&program.motors);
+            wire(&mut program, &row).map_err(refuse)?;
         }
         Ok(Prepared { file, program, cut: None, pause: None, line: None, tables })
     }
 
-    /// Cuts the laws after `length`. Without one, only endless laws are cut: after [`DEFAULT_LENGTH_S`], but not before the finite laws end.
+    /// Cuts the laws after `length`, if that is not [`FOREVER`]. Without one, only endless laws are cut: after [`DEFAULT_LENGTH_S`], but not before the finite laws end.
     ///
     /// # Errors
     /// When a law cannot be evaluated before the cut.
@@ -180,11 +181,29 @@ impl Prepared {
         };
     }
 
+    /// Whether a law has no end.
+    #[must_use]
+    pub fn is_endless(&self) -> bool {
+        self.program.motors.iter().any(|motor| motor.law.end().is_none())
+    }
+
     /// When the last law ends, s.
     #[must_use]
     pub fn end_s(&self) -> f64 {
         self.program.motors.iter().filter_map(|motor| motor.law.end()).map(Time::seconds).fold(0.0, f64::max)
     }
+}
+
+/// Gives the program's board the limits that it has with these motors' pins.
+///
+/// # Errors
+/// If the board cannot drive the pins together.
+pub(crate) fn wire(program: &mut Program, row: &BoardRow) -> Result<(), PinsError> {
+    row.pin_kind(&program.motors)?;
+    program.board.min_interval_ticks = row.shortest_intervals(&program.motors);
+    program.board.turn_ticks = row.turn_ticks(&program.motors);
+    program.board.shared_steps = row.shared_steps(&program.motors);
+    Ok(())
 }
 
 /// The [usual rate](BoardKind::usual_baud) of the line to a board.
@@ -222,7 +241,7 @@ pub(crate) fn spans(program: &Program, length: Option<Time>) -> Vec<Time> {
 /// `length` that is given cuts finite laws too.
 pub(crate) fn cut(program: &mut Program, length: Option<Time>) -> Result<Option<Cut>, (String, LawError)> {
     let ends = ends(program);
-    let Some(at) = cut_at(&ends, length) else { return Ok(None) };
+    let Some(at) = cut_at(&ends, length).filter(|at| *at < FOREVER) else { return Ok(None) };
     let goes_on = |end: &Option<Time>| end.is_none_or(|end| end > at);
     if !ends.iter().any(goes_on) {
         return Ok(None);

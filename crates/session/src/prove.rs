@@ -15,6 +15,15 @@ const MOST_WAIT_S: f64 = 1.0;
 /// Seconds of a long motion that are proven before its first step, at least.
 const FIRST_S: f64 = 10.0;
 
+/// What is proven of a motion before its first step.
+#[derive(Clone, Debug)]
+pub struct Proof {
+    /// The figures of each motor's plan, as far as it was planned.
+    pub planned: Vec<Planned>,
+    /// Whether that is the whole motion.
+    pub is_whole: bool,
+}
+
 impl Prepared {
     /// Plans all motors to their end, and keeps of the plan what it proves. `watch` gets how far it is, s.
     ///
@@ -27,25 +36,28 @@ impl Prepared {
     }
 
     /// As [`Prepared::prove`], but plans only a beginning of a motion that takes long to plan, or that has no end: as much as the first step may wait
-    /// for. The rest is for [`Driven::proving`](crate::drive::Driven::proving). `None`: only the beginning is proven.
+    /// for. The rest is for [`Driven::proving`](crate::drive::Driven::proving).
     ///
     /// The beginning is 10 s or more. Of laws that repeat it has two periods if that does not take long: such laws are then known to keep
     /// the motors' limits for all time.
     ///
     /// # Errors
     /// As [`Prepared::prove`].
-    pub fn prove_first(&mut self, watch: impl FnMut(f64)) -> Result<Option<Vec<Planned>>, Refusal> {
-        let is_endless = self.program.motors.iter().any(|motor| motor.law.end().is_none());
+    pub fn prove_first(&mut self, watch: impl FnMut(f64)) -> Result<Proof, Refusal> {
         let planning_s = Estimate::of(self, Some(Time::from_seconds(self.end_s())), Task::Plan).planning_s;
-        if !is_endless && planning_s <= MOST_WAIT_S {
-            return self.prove(watch).map(Some);
+        if !self.is_endless() && planning_s <= MOST_WAIT_S {
+            return Ok(Proof { planned: self.prove(watch)?, is_whole: true });
         }
         let second_s = Estimate::of(self, Some(Time::from_seconds(FIRST_S)), Task::Plan).planning_s / FIRST_S;
         let cycles = self.program.motors.iter().filter_map(|motor| motor.law.cycle());
         let until_s = cycles.map(|(from, period)| (from + period.times(2)).seconds()).fold(FIRST_S, f64::max);
         let until_s = until_s.min((MOST_WAIT_S / second_s).max(FIRST_S));
-        self.with_queues(until_s, |prepared| prepared.plans()?.plan_some(until_s, u32::MAX))?;
-        Ok(None)
+        let planned = self.with_queues(until_s, |prepared| {
+            let mut plans = prepared.plans()?;
+            plans.plan_some(until_s, u32::MAX)?;
+            Ok(plans.finish())
+        })?;
+        Ok(Proof { planned, is_whole: false })
     }
 
     /// Proves with equal parts of the queues; if they are too short, with parts by what the motors need up to `until_s`.

@@ -1,6 +1,7 @@
 //! A program's plan as the items of one epoch, sent to the board as its queues have room; and the program's laws at any tick.
 
 use crate::SessionError;
+use crate::plans::{Clock, Planned};
 use crate::timeline::{Placed, Timeline, tick_of};
 use pulsetrain_board::{Board, Sizer};
 use pulsetrain_core::{Entry, Epoch, Item, Segment, Tick32};
@@ -43,6 +44,8 @@ struct Lane {
     dwell: u64,
     /// The planner has no more moves.
     ended: bool,
+    /// How far the motor's moves go, from the laws' time 0 on.
+    clock: Clock,
 }
 
 /// Where a motor's law is, seen from the step that the motor stands on.
@@ -115,6 +118,7 @@ impl Stream {
             next: VecDeque::from([Item::Anchor { tick: Tick32::of(zero) }]),
             dwell: 0,
             ended: false,
+            clock: Clock::new(fraction_bits),
         };
         let lanes = datums.into_iter().enumerate().map(lane).collect();
         Stream { program, ensemble, epoch, zero, lanes }
@@ -134,6 +138,12 @@ impl Stream {
 
     pub(crate) fn datum(&self, motor: usize) -> Datum {
         self.lanes[motor].datum
+    }
+
+    /// What is planned of each motor so far.
+    pub(crate) fn planned(&self) -> Vec<Planned> {
+        let lanes = self.lanes.iter().enumerate();
+        lanes.map(|(motor, lane)| lane.clock.planned(self.certificate(motor), None)).collect()
     }
 
     pub(crate) fn certificate(&self, motor: usize) -> Certificate {
@@ -189,6 +199,7 @@ impl Stream {
 
     /// A motor's first item that was not sent; `None` at its end, or if the next one came out empty.
     fn next_item(&mut self, motor: usize) -> Result<Option<Item>, SessionError> {
+        let fraction_bits = self.program.board.fraction_bits;
         let lane = &mut self.lanes[motor];
         loop {
             if let Some(item) = lane.next.front() {
@@ -203,11 +214,12 @@ impl Stream {
             if lane.ended {
                 return Ok(None);
             }
-            match self.ensemble.next_move(motor)? {
+            let next = self.ensemble.next_move(motor)?;
+            next.iter().for_each(|next| lane.clock.advance(next, fraction_bits));
+            match next {
                 Some(Move::Dwell { ticks }) => lane.dwell = ticks,
                 Some(Move::Run { segment, direction }) => {
                     let run = |segment| Item::Run { segment, direction };
-                    let fraction_bits = self.program.board.fraction_bits;
                     let ticks = segment.interval >> fraction_bits;
                     // A step that waited for a shared DIR line may come after more time than one interval can express: a wait comes first.
                     if ticks < i64::from(LONGEST_WAIT_TICKS) {

@@ -64,6 +64,7 @@ mod tests {
         check("\n$timescale 1 ns $end $enddefinitions $end\n", "edges");
         check("Time [s],Channel 0\n0,1\n", "edges");
         check("# pulsetrain steps, tick_hz = 5\nmotor,tick,dir,position\n", "steps");
+        check("time_s,motor,tick,direction,position_steps\n", "steps");
         check("Time [s],theta [deg]\n0,1\n", "film");
         check("t,angle [rev]\n0,1\n", "film");
         check("Time [s],Channel 0\n0,7\n", "line 2, column 3: expected a level 0, 1 or X, found `7`");
@@ -77,7 +78,7 @@ mod tests {
         );
         check(
             "tick,motor,position,dir\n",
-            "line 1, column 1: expected `# pulsetrain steps, tick_hz = 16000000` (or another rate), found `tick,motor,position,dir`",
+            "line 1, column 1: expected a column `time_s`, found `tick`, `motor`, `position`, `dir`",
         );
         check("frame,angle_rad,t_ms\n0,1,2\n", "film");
         for channel in ["rev", "turn", "deg", "home_rev"] {

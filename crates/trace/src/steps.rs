@@ -1,20 +1,25 @@
-//! steps.csv: one row for each step, `motor,tick,dir,position`.
+//! steps.csv: one row for each step, in plain CSV with one header line.
 //!
 //! ```text
-//! # pulsetrain steps, tick_hz = 16000000
-//! motor,tick,dir,position
-//! wheel,80532,1,1
+//! time_s,motor,tick,direction,position_steps
+//! 0.00503325,wheel,80532,1,1
 //! ```
+//!
+//! `time_s` is the tick in seconds, as the nearest f64. So the reader knows the tick rate from any row. `direction` is 1 or −1, `position_steps`
+//! counts from 0. Files of earlier versions, with the tick rate in a comment before their header, are read too.
 
 use std::io::{self, Write};
 
-use pulsetrain_motion::columns::{CsvTable, Stated, shown};
+use pulsetrain_motion::columns::{CsvTable, Stated};
 use pulsetrain_motion::quantity::Base;
 
 use crate::ReadError;
 
-const HEADER: [&str; 4] = ["motor", "tick", "dir", "position"];
+const HEADER: &str = "time_s,motor,tick,direction,position_steps";
+/// How the comment of earlier versions gives the tick rate.
 const TICK_HZ: &str = "tick_hz =";
+/// The fastest clock whose rate a time in f64 gives exactly, Hz.
+const FASTEST_HZ: f64 = 1e12;
 
 /// One step of one motor.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -41,6 +46,7 @@ pub struct StepTrace {
 /// Writes steps.csv, one step after the other. Positions count from 0.
 pub struct StepWriter<W: Write> {
     out: W,
+    tick_hz: u64,
     motors: Vec<(String, i64)>,
 }
 
@@ -50,8 +56,8 @@ impl<W: Write> StepWriter<W> {
     /// # Errors
     /// Errors of `out`.
     pub fn new(mut out: W, tick_hz: u64, motors: &[String]) -> io::Result<StepWriter<W>> {
-        writeln!(out, "# pulsetrain steps, {TICK_HZ} {tick_hz}\n{}", HEADER.join(","))?;
-        Ok(StepWriter { out, motors: motors.iter().map(|name| (quoted(name), 0)).collect() })
+        writeln!(out, "{HEADER}")?;
+        Ok(StepWriter { out, tick_hz, motors: motors.iter().map(|name| (quoted(name), 0)).collect() })
     }
 
     /// Writes the row of a step.
@@ -64,7 +70,7 @@ impl<W: Write> StepWriter<W> {
         };
         let dir = if step.forward { 1 } else { -1 };
         *position += dir;
-        writeln!(self.out, "{name},{},{dir},{position}", step.tick)
+        writeln!(self.out, "{},{name},{},{dir},{position}", time_s(step.tick, self.tick_hz), step.tick)
     }
 
     /// Flushes the file and returns `out`.
@@ -80,11 +86,19 @@ impl<W: Write> StepWriter<W> {
 /// Approximate size of a step's row, bytes, `at_s` seconds after the beginning. It is for estimates.
 #[must_use]
 pub fn row_bytes(motor: &str, tick_hz: u64, at_s: f64) -> f64 {
-    /// Bytes of three commas, a direction of one or two characters, and a line end.
-    const MARKS: f64 = 5.5;
+    /// Bytes of four commas, a direction of one or two characters, and a line end.
+    const MARKS: f64 = 6.5;
     /// Digits of a typical position: most motions stay within a few turns.
     const POSITION: f64 = 4.0;
-    quoted(motor).len() as f64 + (at_s * tick_hz as f64).max(1.0).log10().ceil() + POSITION + MARKS
+    let ticks = (at_s * tick_hz as f64).max(1.0);
+    // An odd tick, whose time has as many decimals as any.
+    let time = time_s(ticks as u64 | 1, tick_hz).to_string().len();
+    quoted(motor).len() as f64 + time as f64 + ticks.log10().ceil() + POSITION + MARKS
+}
+
+/// A tick's time, s.
+fn time_s(tick: u64, tick_hz: u64) -> f64 {
+    tick as f64 / tick_hz as f64
 }
 
 /// Writes all of a trace.
@@ -109,26 +123,31 @@ fn quoted(name: &str) -> String {
 /// Reads steps.csv.
 ///
 /// # Errors
-/// If there is no tick rate, the columns are wrong, a motor's ticks go back, or a position does not follow from the one
-/// before.
+/// If the columns are wrong, a time does not belong to its tick, a motor's ticks go back, or a position does not follow from the one before.
 pub fn read(bytes: &[u8]) -> Result<StepTrace, ReadError> {
-    let tick_hz = tick_hz(bytes)?;
     let mut table = CsvTable::new(bytes);
     let header = table.header()?;
     if !header.is_there() {
-        return Err(header.error("the header `motor,tick,dir,position`", "none"));
+        return Err(header.error(format!("the header `{HEADER}`"), "none"));
     }
-    let mut columns = [0; HEADER.len()];
-    for (column, name) in columns.iter_mut().zip(HEADER) {
-        *column = header.column(name)?;
-        match &header.titles[*column].unit {
-            Stated::Nothing => {}
-            Stated::Unit(unit) if matches!(unit.base, Base::Tick | Base::Step) => {}
-            _ => return Err(header.error_in(*column, format!("`{name}`: ticks and steps have no other unit"))),
+    let has = |name: &str| header.titles.iter().any(|title| title.is_called(name));
+    let column = |name: &str, base: Base| {
+        let column = header.column(name)?;
+        match &header.titles[column].unit {
+            Stated::Nothing => Ok(column),
+            Stated::Unit(unit) if unit.base == base => Ok(column),
+            _ => Err(header.error_in(column, format!("`{name}`: ticks and steps have no other unit"))),
         }
-    }
-    let [name, tick, dir, position] = columns;
-    let mut trace = StepTrace { tick_hz, ..StepTrace::default() };
+    };
+    let name = header.column("motor")?;
+    let tick = column("tick", Base::Tick)?;
+    let direction = column(if has("direction") { "direction" } else { "dir" }, Base::Step)?;
+    let position = column("position", Base::Step)?;
+    let mut rate = match commented_tick_hz(bytes) {
+        Some(tick_hz) => Rate::Known(tick_hz),
+        None => Rate::ByTime { column: header.column("time_s")?, last: None },
+    };
+    let mut trace = StepTrace::default();
     let mut last: Vec<(u64, i64)> = Vec::new();
     while let Some(row) = table.next()? {
         let motor_name = row.text(name)?;
@@ -147,10 +166,21 @@ pub fn read(bytes: &[u8]) -> Result<StepTrace, ReadError> {
         if at < last_tick {
             return Err(row.error(tick, format!("a tick not before {last_tick}")));
         }
-        let forward = match row.get(dir) {
+        if let Rate::ByTime { column, last } = &mut rate {
+            let time_s: f64 = row.parse(*column, "a time in seconds")?;
+            let fits = last.is_none_or(|known: TickTime| known.fits(at, time_s));
+            if !fits || !time_s.is_finite() || (at == 0) != (time_s == 0.0) || time_s < 0.0 {
+                return Err(row.error(*column, format!("the time of tick {at}, at the tick rate of the rows before")));
+            }
+            // The longest time gives the rate best.
+            if last.is_none_or(|known| at > known.tick) {
+                *last = Some(TickTime { tick: at, time_s });
+            }
+        }
+        let forward = match row.get(direction) {
             b"1" | b"+1" => true,
             b"-1" => false,
-            _ => return Err(row.error(dir, "1 or -1")),
+            _ => return Err(row.error(direction, "1 or -1")),
         };
         let now: i64 = row.parse(position, "a position, a whole number")?;
         let wanted = if forward { last_position.checked_add(1) } else { last_position.checked_sub(1) };
@@ -161,19 +191,56 @@ pub fn read(bytes: &[u8]) -> Result<StepTrace, ReadError> {
         // At most 256 motors, checked above.
         trace.steps.push(Step { motor: motor as u8, tick: at, forward });
     }
+    trace.tick_hz = match rate {
+        Rate::Known(tick_hz) => tick_hz,
+        Rate::ByTime { last: Some(known), .. } if known.tick > 0 => {
+            known.tick_hz().ok_or_else(|| header.error("a tick rate from 1 Hz to 1e12 Hz", "times that give none"))?
+        }
+        // Without steps any rate says the same.
+        Rate::ByTime { .. } => 1,
+    };
     Ok(trace)
 }
 
-/// The tick rate from the comment at the head.
-fn tick_hz(bytes: &[u8]) -> Result<u64, ReadError> {
+/// How the reader knows the tick rate.
+enum Rate {
+    Known(u64),
+    ByTime { column: usize, last: Option<TickTime> },
+}
+
+/// A tick and its time.
+#[derive(Clone, Copy)]
+struct TickTime {
+    tick: u64,
+    time_s: f64,
+}
+
+impl TickTime {
+    /// Whether another tick's time has the same rate, within half a tick. Times near 0 say nothing about the rate.
+    fn fits(self, tick: u64, time_s: f64) -> bool {
+        if self.tick == 0 || tick == 0 {
+            return true;
+        }
+        let (long, short) = if self.tick > tick {
+            ((self.tick, self.time_s), (tick, time_s))
+        } else {
+            ((tick, time_s), (self.tick, self.time_s))
+        };
+        (short.1 * (long.0 as f64 / long.1) - short.0 as f64).abs() < 0.5
+    }
+
+    fn tick_hz(self) -> Option<u64> {
+        let hz = (self.tick as f64 / self.time_s).round();
+        (1.0..=FASTEST_HZ).contains(&hz).then_some(hz as u64)
+    }
+}
+
+/// The tick rate from the comment at the head of earlier versions' files.
+fn commented_tick_hz(bytes: &[u8]) -> Option<u64> {
     let first = bytes.split(|b| *b == b'\n').next().unwrap_or_default();
     let text = String::from_utf8_lossy(first);
-    text.starts_with('#')
-        .then(|| text.split_once(TICK_HZ))
-        .flatten()
-        .and_then(|(_, number)| number.trim().parse().ok())
-        .filter(|hz| *hz > 0)
-        .ok_or_else(|| ReadError::new(1, 1, "`# pulsetrain steps, tick_hz = 16000000` (or another rate)", shown(first)))
+    let (_, number) = text.starts_with('#').then(|| text.split_once(TICK_HZ)).flatten()?;
+    number.trim().parse().ok().filter(|hz| *hz > 0)
 }
 
 #[cfg(test)]
@@ -182,44 +249,76 @@ mod tests {
     use proptest::prelude::*;
 
     #[test]
-    fn what_is_wrong_is_said_with_its_place() {
+    fn errors_name_the_place() {
         let check = |rows: &str, expected: &str| {
-            let error = read(format!("# pulsetrain steps, tick_hz = 1000\n{rows}").as_bytes()).unwrap_err();
+            let error = read(rows.as_bytes()).unwrap_err();
             assert_eq!(error.to_string(), expected);
         };
-        check("", "line 1, column 1: expected the header `motor,tick,dir,position`, found none");
-        check("motor,time\n", "line 2, column 1: expected a column `tick`, found `motor`, `time`");
+        check("", "line 1, column 1: expected the header `time_s,motor,tick,direction,position_steps`, found none");
+        check("motor,time\n", "line 1, column 1: expected a column `tick`, found `motor`, `time`");
         check(
-            "motor,tick [ms],dir,position\n",
-            "line 2, column 7: expected `tick`: ticks and steps have no other unit, found `tick [ms]`",
+            "motor,tick,dir,position\n",
+            "line 1, column 1: expected a column `time_s`, found `motor`, `tick`, `dir`, `position`",
+        );
+        check(
+            "time_s,motor,tick [ms],dir,position\n",
+            "line 1, column 14: expected `tick`: ticks and steps have no other unit, found `tick [ms]`",
         );
         check(
             "dir,position,tick,tick,motor\n",
-            "line 2, column 1: expected one column `tick`, found column 3 `tick` and column 4 `tick`",
+            "line 1, column 1: expected one column `tick`, found column 3 `tick` and column 4 `tick`",
         );
-        let with = |row: &str| format!("motor,tick,dir,position\nw,5,1,1\n{row}");
-        check(&with("w,x,1,2"), "line 4, column 3: expected a tick, a whole number, found `x`");
-        check(&with("w,4,1,2"), "line 4, column 3: expected a tick not before 5, found `4`");
-        check(&with("w,6,0,2"), "line 4, column 5: expected 1 or -1, found `0`");
-        check(&with("w,6,1,3"), "line 4, column 7: expected the position after 1 and this step, found `3`");
-        assert_eq!(
-            read(b"motor,tick,dir,position\n").unwrap_err().to_string(),
-            "line 1, column 1: expected `# pulsetrain steps, tick_hz = 16000000` (or another rate), \
-             found `motor,tick,dir,position`"
+        let with = |row: &str| format!("{HEADER}\n0.5,w,5,1,1\n{row}");
+        check(&with("0.5,w,x,1,2"), "line 3, column 7: expected a tick, a whole number, found `x`");
+        check(&with("0.4,w,4,1,2"), "line 3, column 7: expected a tick not before 5, found `4`");
+        check(&with("0.6,w,6,0,2"), "line 3, column 9: expected 1 or -1, found `0`");
+        check(&with("0.6,w,6,1,3"), "line 3, column 11: expected the position after 1 and this step, found `3`");
+        for time in ["0.8", "-0.6", "inf", "0"] {
+            check(
+                &with(&format!("{time},w,6,1,2")),
+                &format!(
+                    "line 3, column 1: expected the time of tick 6, at the tick rate of the rows before, found `{time}`"
+                ),
+            );
+        }
+        check(&with("soon,w,6,1,2"), "line 3, column 1: expected a time in seconds, found `soon`");
+        check(
+            &format!("{HEADER}\n1e9,w,5,1,1\n"),
+            "line 1, column 1: expected a tick rate from 1 Hz to 1e12 Hz, found times that give none",
         );
     }
 
     #[test]
     fn columns_go_by_their_names() {
-        let plain = read(b"# pulsetrain steps, tick_hz = 9\nmotor,tick,dir,position\nw,5,1,1\nw,7,-1,0\n").unwrap();
-        let other = b"# pulsetrain steps, tick_hz = 9\nn;Position;tick;Motor;dir\n0;1;5;w;1\n1;0;7;w;-1\n";
+        let plain = read(format!("{HEADER}\n0.5,w,5,1,1\n0.7,w,7,-1,0\n").as_bytes()).unwrap();
+        assert_eq!((plain.tick_hz, plain.steps.len()), (10, 2));
+        let other = b"n;Position;tick;Motor;Direction;time_s\n0;1;5;w;1;0.5\n1;0;7;w;-1;0.7\n";
         assert_eq!(read(other).unwrap(), plain);
+        let earlier = b"# pulsetrain steps, tick_hz = 10\nmotor,tick,dir,position\nw,5,1,1\nw,7,-1,0\n";
+        assert_eq!(read(earlier).unwrap(), plain);
+    }
+
+    /// Boards with clocks that are off, and ticks whose times have no short decimal.
+    #[test]
+    fn every_rate_is_known_from_a_single_row() {
+        for tick_hz in [1, 16_000_000, 15_987_431, 42_000_000, 125_000_000, 999_999_999_999] {
+            for tick in [1, 3, 80_532, 3_600 * tick_hz + 1] {
+                let trace = StepTrace {
+                    tick_hz,
+                    motors: vec!["w".into()],
+                    steps: vec![Step { motor: 0, tick, forward: true }],
+                };
+                let mut file = Vec::new();
+                write(&trace, &mut file).unwrap();
+                assert_eq!(read(&file).unwrap(), trace, "{tick_hz} {tick}");
+            }
+        }
     }
 
     proptest! {
         #[test]
         fn what_is_written_is_read(
-            tick_hz in 1u64..,
+            tick_hz in 1u64..1_000_000_000_000,
             names in proptest::collection::hash_set("[a-z,\" #]{0,6}x", 1..4),
             moves in proptest::collection::vec((0u8..4, any::<u32>(), any::<bool>()), 0..50),
         ) {
@@ -236,6 +335,9 @@ mod tests {
                 tick += u64::from(wait);
                 trace.steps.push(Step { motor, tick, forward });
             }
+            if tick == 0 {
+                trace.tick_hz = 1;
+            }
             let mut file = Vec::new();
             write(&trace, &mut file).unwrap();
             prop_assert_eq!(read(&file).unwrap(), trace);
@@ -244,9 +346,9 @@ mod tests {
         #[test]
         fn any_bytes_are_read_or_refused(bytes in proptest::collection::vec(any::<u8>(), 0..300)) {
             let _ = read(&bytes);
-            let mut file = b"# pulsetrain steps, tick_hz = 7\nmotor,tick,dir,position\n".to_vec();
-            file.extend(&bytes);
-            let _ = read(&file);
+            for head in ["# pulsetrain steps, tick_hz = 7\nmotor,tick,dir,position\n", "time_s,motor,tick,direction,position_steps\n"] {
+                let _ = read(&[head.as_bytes(), &bytes].concat());
+            }
         }
     }
 }

@@ -98,9 +98,12 @@ fn failure(verdict: &Value) -> String {
 /// A motor whose pins end at another position than the plan.
 fn wrong_end(report: &Value) -> Option<String> {
     let motors = report["motors"].as_array()?.iter().zip(report["verdict"]["motors"].as_array()?);
-    let wrong = |plan: &Value, seen: &Value| plan["final_position"] != seen["position_got"];
+    let wrong = |plan: &Value, seen: &Value| plan["final_position_steps"] != seen["position_got_steps"];
     motors.into_iter().find(|(plan, seen)| wrong(plan, seen)).map(|(plan, seen)| {
-        format!("motor {} ends at {}, planned {}", plan["name"], seen["position_got"], plan["final_position"])
+        format!(
+            "motor {} ends at {}, planned {}",
+            plan["name"], seen["position_got_steps"], plan["final_position_steps"]
+        )
     })
 }
 
@@ -176,7 +179,7 @@ fn blanked(word: &str) -> String {
 mod tests {
     use super::*;
 
-    const PLAN: &str = r#"{"board":"uno","motors":[{"name":"x","steps":8,"final_position":4}]}"#;
+    const PLAN: &str = r#"{"board":"uno","motors":[{"name":"x","steps":8,"final_position_steps":4}]}"#;
 
     fn said(code: i32, stdout: &str) -> Ended {
         Ended { code: Some(code), stdout: stdout.into(), ..Ended::default() }
@@ -185,8 +188,8 @@ mod tests {
     fn run(ok: bool, position_got: i64, lost: u64, extra: u64) -> String {
         let failures =
             if ok { "" } else { r#"{"motor":"x","step":41,"at_s":1.5,"fault":"off_time","error_ticks":119.5}"# };
-        let motors = r#""motors":[{"name":"x","steps":8,"final_position":4}]"#;
-        let seen = format!(r#"[{{"motor":"x","position_got":{position_got}}}]"#);
+        let motors = r#""motors":[{"name":"x","steps":8,"final_position_steps":4}]"#;
+        let seen = format!(r#"[{{"motor":"x","position_got_steps":{position_got}}}]"#);
         format!(
             r#"{{"board":"uno",{motors},"verdict":{{"ok":{ok},"motors":{seen},"failures":[{failures}]}},"lateness":{{"lost":{lost},"extra":{extra}}}}}"#
         )

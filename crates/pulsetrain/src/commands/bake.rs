@@ -10,6 +10,7 @@ use std::path::PathBuf;
 
 use miette::miette;
 use pulsetrain_board::virtual_uno::VirtualUno;
+use schemars::JsonSchema;
 use serde::Serialize;
 
 use super::rehearsal::Rehearsal;
@@ -73,31 +74,38 @@ pub(crate) struct BakeArgs {
 }
 
 /// The sketch that was made.
-#[derive(Debug, Serialize)]
-struct BakedSketch {
+#[derive(Debug, Serialize, JsonSchema)]
+pub(crate) struct BakedSketch {
     /// Path of the .ino file.
     file: String,
+    /// Rows of its table.
     rows: usize,
+    /// Bytes of its table.
     table_bytes: usize,
     /// Whether the motion repeats for ever.
     endless: bool,
-    /// The steps that a shared DIR line delays, and their longest delay; of a repeating motion, in one turn.
+    /// Steps that a shared DIR line delays; of a repeating motion, in one turn.
     steps_put_off: u64,
+    /// The longest of these delays, ticks.
     longest_put_off_ticks: u64,
 }
 
 /// The image that was made.
-#[derive(Debug, Serialize)]
-struct BakedImage {
+#[derive(Debug, Serialize, JsonSchema)]
+pub(crate) struct BakedImage {
+    /// Path of the image.
     file: String,
     /// Segments and waits.
     items: usize,
-    /// Bytes of the motion, and of the whole image.
+    /// Bytes of the motion.
     motion_bytes: usize,
+    /// Bytes of the whole image.
     flash_bytes: usize,
+    /// Whether the motion repeats for ever.
     endless: bool,
-    /// The steps that a shared DIR line delays, and their longest delay; of a repeating motion, in one turn.
+    /// Steps that a shared DIR line delays; of a repeating motion, in one turn.
     steps_put_off: u64,
+    /// The longest of these delays, ticks.
     longest_put_off_ticks: u64,
     /// Only for an Uno, and only if the user wants a rehearsal.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -373,7 +381,7 @@ mod tests {
             let said: serde_json::Value = serde_json::from_str(&bake(&args, &slow).unwrap()).unwrap();
             let rehearsed = &said["rehearsed"];
             assert_eq!(
-                (&rehearsed["seconds"], &rehearsed["of_seconds"]),
+                (&rehearsed["played_s"], &rehearsed["of_s"]),
                 (&0.5.into(), &0.5.into()),
                 "{}",
                 json(&said).unwrap()

@@ -11,6 +11,7 @@ use pulsetrain_core::wire::Baud;
 use pulsetrain_core::wire::message::{Cause, Measures};
 use pulsetrain_motion::program::{DriverTiming, Limits, Motor, Program, Scale, Tolerance, Wiring};
 use pulsetrain_motion::{Grid, Law, Time, boards};
+use schemars::JsonSchema;
 use serde::Serialize;
 
 use super::problems::{drive_problem, port_problem};
@@ -46,10 +47,13 @@ const STEP_PIN: u8 = 8;
 const DIR_PIN: u8 = 9;
 
 /// The figures of one sinusoid.
-#[derive(Debug, Serialize)]
-struct BenchRow {
+#[derive(Debug, Serialize, JsonSchema)]
+pub(crate) struct BenchRow {
+    /// The sinusoid's period, s.
     period_s: f64,
+    /// Its highest step rate, steps/s.
     peak_steps_per_s: f64,
+    /// Its steps.
     steps: u64,
     /// Share of the time that the processor was awake.
     busy: f64,
@@ -57,11 +61,17 @@ struct BenchRow {
     cycles_per_step: f64,
     /// Only of an Uno: a Pico's hardware has no compares to miss.
     compares_missed: Option<u16>,
+    /// How late the latest of them was, ticks.
     latest_ticks: Option<u16>,
+    /// How many times the step generator had nothing ready.
     starved: u16,
+    /// How far ahead of its edges the step generator was at least, ticks.
     least_ahead_ticks: u16,
+    /// The longest round of the firmware's loop, ticks.
     longest_round_ticks: u16,
+    /// The most bytes that waited to be read.
     most_unread_bytes: u16,
+    /// Least free memory of its stack, bytes.
     stack_left_bytes: u16,
     /// Events that the board reported by itself, in words, without the one that the motion is over.
     events: Vec<&'static str>,
@@ -93,9 +103,11 @@ fn name(period_s: f64) -> String {
 }
 
 /// The whole report.
-#[derive(Debug, Serialize)]
-struct Rows {
+#[derive(Debug, Serialize, JsonSchema)]
+pub(crate) struct Rows {
+    /// A row for each sinusoid.
     measured: Vec<BenchRow>,
+    /// The sinusoids that the board cannot play, and why.
     refused: Vec<String>,
     /// Steps lost, and the other faults of all runs.
     trouble: Vec<String>,

@@ -59,7 +59,7 @@ pub(crate) struct BoardArgs {
     #[arg(long, value_name = "FILE")]
     pub(crate) bootloader: Option<PathBuf>,
     /// Any program instead of the firmware, such as a baked motion, for `uno` as Intel HEX, for `pico` as UF2; with --trace it needs neither
-    /// --pty nor --tcp. `uno`: `winch`, the firmware that knows StepperWinch's text, or `verbs`, that whose motors are told directly
+    /// --pty nor --tcp. `uno`: `winch`, the firmware that knows StepperWinch's text, or `verbs`, the one that obeys MOVE, SPEED and DIRECTION
     #[arg(long, value_name = "FILE")]
     pub(crate) image: Option<PathBuf>,
     /// End after so much of the board's time, with its unit, as Ctrl-C would
@@ -164,7 +164,7 @@ fn programmed(file: &Path) -> miette::Result<VirtualPico> {
 /// An Uno with that program, or with the firmware's image of that name.
 fn flashed(file: &Path) -> miette::Result<VirtualUno> {
     let help = "it takes what an Uno's flash holds, as Intel HEX: what `pulsetrain bake --output` writes, or the Arduino IDE's Export \
-                Compiled Binary; `winch` is the firmware that knows StepperWinch's text, `verbs` that whose motors are told directly";
+                Compiled Binary; `winch` is the firmware that knows StepperWinch's text, `verbs` the one that obeys MOVE, SPEED and DIRECTION";
     if let Some(image) = named(file) {
         return VirtualUno::with_image(&image).map_err(|error| miette!(help = help, "{}: {error}", file.display()));
     }

@@ -1,29 +1,41 @@
 //! `pulsetrain boards`: the table of limits.
 
 use pulsetrain_motion::boards::{self, BoardRow};
+use schemars::JsonSchema;
 use serde::Serialize;
 
 use crate::arguments;
 use crate::console::{Console, Exit};
 use pulsetrain_motion::human::{self, Table};
 
-#[derive(Serialize)]
-struct BoardTableRow {
+#[derive(Serialize, JsonSchema)]
+pub(crate) struct BoardTableRow {
+    /// Its name in motion files.
     name: String,
+    /// What it is.
     about: &'static str,
+    /// Ticks per second.
     tick_hz: u64,
+    /// Motors at most.
     max_motors: usize,
     /// Limits with 1, 2, … motors. The last one holds for more motors.
     min_interval_ticks: Vec<u32>,
+    /// Whether edges come on their ticks, by hardware.
     hardware_timed: bool,
+    /// How much later than its tick an edge may come, ticks.
     lateness_ticks: u32,
+    /// How far ahead the board schedules edges, ticks.
     horizon_ticks: u32,
+    /// Its RAM, bytes.
     ram_bytes: Option<u32>,
+    /// Its flash, bytes.
     flash_bytes: Option<u32>,
     /// Each motor's limit with 1, 2, … motors. The last one holds for more motors; if there are none, there is no
     /// limit.
     queue_bytes: Vec<u32>,
+    /// Where the figures come from.
     source: String,
+    /// What to know about it.
     note: &'static str,
 }
 

@@ -5,6 +5,7 @@ use clap::Args;
 use miette::miette;
 use pulsetrain_board::{Board, Port, Remote, RemoteError, Serial};
 use pulsetrain_motion::Time;
+use schemars::JsonSchema;
 use serde::Serialize;
 
 use super::problems::{drive_problem, port_problem};
@@ -34,14 +35,14 @@ pub(crate) struct CalibrateArgs {
 }
 
 /// The result.
-#[derive(Debug, Serialize)]
-struct ClockReport {
-    /// How much faster than its nominal rate the board's clock runs by this computer's clock, ppm, and how much that
-    /// figure may be off.
+#[derive(Debug, Serialize, JsonSchema)]
+pub(crate) struct ClockReport {
+    /// How much faster than its nominal rate the board's clock runs by this computer's clock, ppm.
     clock_ppm: f64,
+    /// How much that figure may be off, ppm.
     within_ppm: f64,
     /// How long the clock was watched, s by the board's clock.
-    seconds: f64,
+    watched_s: f64,
 }
 
 pub(crate) fn run(args: &CalibrateArgs, console: &mut Console<'_>) -> miette::Result<Exit> {
@@ -56,7 +57,7 @@ pub(crate) fn run(args: &CalibrateArgs, console: &mut Console<'_>) -> miette::Re
         return Err(miette!(help = help, "{} is too short to compare clocks", human::seconds(seconds)));
     };
     if args.json {
-        console.print_json(&ClockReport { clock_ppm, within_ppm, seconds })?;
+        console.print_json(&ClockReport { clock_ppm, within_ppm, watched_s: seconds })?;
         return Ok(Exit::Success);
     }
     let (ppm, within) = (human::significant(clock_ppm, 4), human::significant(within_ppm, 2));
@@ -71,7 +72,7 @@ pub(crate) fn run(args: &CalibrateArgs, console: &mut Console<'_>) -> miette::Re
 /// What the figure means for the board's clock.
 fn way(clock_ppm: f64, within_ppm: f64) -> &'static str {
     if clock_ppm.abs() <= within_ppm {
-        "whether it runs faster or slower cannot be told"
+        "whether it runs faster or slower is not known"
     } else if clock_ppm < 0.0 {
         "it runs slower"
     } else {
@@ -130,7 +131,7 @@ mod tests {
 
     #[test]
     fn a_way_is_told_beyond_the_doubt_alone() {
-        assert_eq!(way(0.0, 70.0), "whether it runs faster or slower cannot be told");
+        assert_eq!(way(0.0, 70.0), "whether it runs faster or slower is not known");
         assert_eq!(way(-69.0, 70.0), way(0.0, 70.0));
         assert_eq!((way(71.0, 70.0), way(-71.0, 70.0)), ("it runs faster", "it runs slower"));
     }

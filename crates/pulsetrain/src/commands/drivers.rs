@@ -1,30 +1,44 @@
 //! `pulsetrain drivers`: the table of driver timings.
 
 use pulsetrain_motion::drivers::{self, Driver, Input};
+use schemars::JsonSchema;
 use serde::Serialize;
 
 use crate::arguments;
 use crate::console::{Console, Exit};
 use pulsetrain_motion::human::{self, Table};
 
-#[derive(Serialize)]
-struct DriverTableRow {
+#[derive(Serialize, JsonSchema)]
+pub(crate) struct DriverTableRow {
+    /// Its name in motion files.
     name: &'static str,
+    /// What it is.
     about: &'static str,
+    /// "step/dir" or "coils".
     input: &'static str,
+    /// Shortest STEP HIGH, ns.
     pulse_high_ns: u32,
+    /// Shortest STEP LOW, ns.
     pulse_low_ns: u32,
+    /// Shortest time from DIR to STEP, ns.
     dir_setup_ns: u32,
+    /// Shortest time from STEP to DIR, ns.
     dir_hold_ns: u32,
+    /// Its microsteps, and how they are set.
     microsteps: Vec<Setting>,
+    /// Largest supply voltage, V.
     max_voltage_v: f64,
+    /// Largest current of a winding, A.
     max_current_a: f64,
+    /// The data sheet.
     source: &'static str,
 }
 
-#[derive(Serialize)]
-struct Setting {
+#[derive(Serialize, JsonSchema)]
+pub(crate) struct Setting {
+    /// Steps for each full step.
     microsteps: u32,
+    /// How that is set.
     setting: &'static str,
 }
 

@@ -12,6 +12,7 @@ use pulsetrain_motion::law::Cursor;
 use pulsetrain_motion::program::Motor;
 use pulsetrain_plan::error::Limit;
 use pulsetrain_plan::{PlanError, Settings};
+use schemars::JsonSchema;
 use serde::Serialize;
 
 use super::plan;
@@ -44,22 +45,33 @@ const ROWS: u32 = 9;
 /// Characters of the longest bar.
 const BAR: f64 = 40.0;
 
-#[derive(Serialize)]
-struct Explanation {
+#[derive(Serialize, JsonSchema)]
+pub(crate) struct Explanation {
+    /// The motion file.
     file: String,
+    /// The board whose limits hold.
     board: String,
+    /// Whether the motion fits.
     fits: bool,
+    /// Why it does not fit. Null if it does.
     refusal: Option<Refused>,
+    /// How much of each limit a motion takes that fits.
     margins: Vec<Margins>,
 }
 
-#[derive(Serialize)]
-struct Refused {
+#[derive(Serialize, JsonSchema)]
+pub(crate) struct Refused {
+    /// The motor that meets a limit first.
     motor: String,
+    /// Which limit.
     message: String,
+    /// When, s.
     at_s: Option<f64>,
+    /// The motion near that time.
     curve: Vec<Point>,
+    /// So many times slower it fits.
     least_slowdown: Option<f64>,
+    /// Boards on which it fits as it is.
     other_boards: Vec<String>,
     /// What else this motor breaks, and what each other motor breaks.
     also: Vec<Also>,
@@ -70,25 +82,35 @@ struct Refused {
 }
 
 /// A broken limit other than the first one.
-#[derive(Serialize)]
-struct Also {
+#[derive(Serialize, JsonSchema)]
+pub(crate) struct Also {
+    /// The motor's name.
     motor: String,
+    /// Which limit.
     message: String,
+    /// When, s.
     at_s: Option<f64>,
 }
 
 /// A point of the law near the place.
-#[derive(Serialize)]
-struct Point {
+#[derive(Serialize, JsonSchema)]
+pub(crate) struct Point {
+    /// The time, s.
     at_s: f64,
+    /// The position, steps.
+    #[serde(rename = "position_steps")]
     position: f64,
+    /// The speed, steps/s.
+    #[serde(rename = "speed_steps_per_s")]
     speed: f64,
+    /// The acceleration, steps/s².
+    #[serde(rename = "acceleration_steps_per_s2")]
     acceleration: f64,
 }
 
 /// The quantity that the limit is for, and the limit.
 #[derive(Clone, Copy)]
-struct LimitLine {
+pub(crate) struct LimitLine {
     of: fn(&Point) -> f64,
     name: &'static str,
     unit: &'static str,
@@ -96,20 +118,38 @@ struct LimitLine {
 }
 
 /// The share of each limit that a motor's plan uses. `None` where there is no limit.
-#[derive(Serialize)]
-struct Margins {
+#[derive(Serialize, JsonSchema)]
+pub(crate) struct Margins {
+    /// The motor's name.
     motor: String,
+    /// The shortest interval between two steps.
+    #[serde(rename = "interval_ticks")]
     interval: Option<Use>,
+    /// The speed, of max_speed.
+    #[serde(rename = "speed_steps_per_s")]
     speed: Option<Use>,
+    /// The acceleration, of max_acceleration.
+    #[serde(rename = "acceleration_steps_per_s2")]
     acceleration: Option<Use>,
+    /// The proven error.
+    #[serde(rename = "error_ticks")]
     error: Option<Use>,
+    /// The board's queue, its memory for what the motor does next: the time until more is there, and the time that there is for it.
+    #[serde(rename = "queue_refill_s")]
+    queue: Option<Use>,
+    /// What the motor's plan takes of the line to the board, on average.
+    #[serde(rename = "line_bytes_per_s")]
+    line: Option<Use>,
 }
 
-#[derive(Serialize)]
-struct Use {
+#[derive(Serialize, JsonSchema)]
+pub(crate) struct Use {
+    /// What the motion takes, in the unit of the key.
     used: f64,
+    /// The limit.
     limit: f64,
     /// used/limit, or limit/used for intervals: 1 means that the limit is reached.
+    #[serde(rename = "share")]
     part: f64,
 }
 
@@ -127,10 +167,10 @@ pub(crate) fn run(args: &ExplainArgs, console: &mut Console<'_>) -> miette::Resu
             } else {
                 console.print(&explanation)?;
             }
-            return Ok(Exit::Success);
+            return Ok(Exit::Refused);
         }
     };
-    prepared.over_line(args.baud);
+    plan::over_line(&mut prepared, args.baud)?;
     let bar = console.progress(prepared.end_s(), "the motion");
     bar.stage("planning");
     let planned = prepared.prove(|seconds| bar.set(seconds));
@@ -166,46 +206,63 @@ pub(crate) fn run(args: &ExplainArgs, console: &mut Console<'_>) -> miette::Resu
     } else if let Some(refused) = &explanation.refusal {
         console.print(text_of(&explanation, refused))?;
     } else if let Some(report) = plan_report {
-        console.print(format_args!("{report}It fits. Of each limit it uses:\n\n{}", table_of(&explanation.margins)))?;
+        console
+            .print(format_args!("{report}\nIt fits. Of each limit it uses:\n\n{}", table_of(&explanation.margins)))?;
     }
-    // The planner may refuse the motion here: the user wants that explained.
-    Ok(Exit::Success)
+    Ok(if explanation.fits { Exit::Success } else { Exit::Refused })
 }
 
 /// Why a file is refused of which only machines' paths are wrong.
-#[derive(Serialize)]
-struct PathExplanations<'a> {
+#[derive(Serialize, JsonSchema)]
+pub(crate) struct PathExplanations<'a> {
+    /// The motion file.
     file: &'a str,
+    /// False.
     fits: bool,
+    /// Each path that is refused.
     refusals: Vec<PathExplanation<'a>>,
 }
 
 /// Why a machine's path is refused.
-#[derive(Serialize)]
-struct PathExplanation<'a> {
+#[derive(Serialize, JsonSchema)]
+pub(crate) struct PathExplanation<'a> {
+    /// The machine's name.
     machine: &'a str,
+    /// Its kind.
     is: &'a str,
+    /// Which limit.
     message: &'a str,
+    /// The line of the file.
     line: usize,
+    /// When, s.
     at_s: f64,
+    /// The limit.
     limit: Option<PathLimit<'a>>,
+    /// The path near that time.
     points: Vec<PathRow<'a>>,
+    /// So many times slower it fits.
     least_slowdown: Option<f64>,
     #[serde(skip)]
     advice: &'a str,
 }
 
-#[derive(Serialize)]
-struct PathLimit<'a> {
+#[derive(Serialize, JsonSchema)]
+pub(crate) struct PathLimit<'a> {
+    /// The quantity.
     of: &'a str,
+    /// Its unit.
     unit: &'static str,
+    /// The limit.
     value: f64,
 }
 
-#[derive(Serialize)]
-struct PathRow<'a> {
+#[derive(Serialize, JsonSchema)]
+pub(crate) struct PathRow<'a> {
+    /// The time, s.
     at_s: f64,
+    /// The tip's coordinates, mm.
     tip_mm: &'a [f64],
+    /// The quantity that breaks the limit, in its unit.
     #[serde(skip_serializing_if = "Option::is_none")]
     value: Option<f64>,
 }
@@ -437,6 +494,11 @@ fn margins(prepared: &Prepared, motor: &Motor, planned: &Planned) -> Margins {
         speed: settings.limits.max_speed.map(|limit| of(certificate.peak_speed.0, limit)),
         acceleration: settings.limits.max_acceleration.map(|limit| of(certificate.peak_acceleration.0, limit)),
         error: Some(of(certificate.bound_ticks, settings.tolerance_ticks)),
+        queue: planned.tightest.map(|refill| of(refill.needed_s, refill.available_s)),
+        line: prepared.line.as_ref().filter(|_| planned.last_tick > 0).map(|line| {
+            let duration_s = planned.last_tick as f64 / line.tick_hz as f64;
+            of(certificate.bytes as f64 / duration_s, line.tick_hz as f64 / line.byte_ticks)
+        }),
     }
 }
 
@@ -448,6 +510,8 @@ fn table_of(margins: &[Margins]) -> Table {
             ("speed, steps/s", &motor.speed),
             ("acceleration, steps/s²", &motor.acceleration),
             ("error, ticks", &motor.error),
+            ("queue refill, s", &motor.queue),
+            ("line, bytes/s", &motor.line),
         ];
         for (name, line) in lines {
             let Some(line) = line else { continue };

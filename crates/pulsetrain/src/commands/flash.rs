@@ -13,6 +13,7 @@ use miette::{Report, miette};
 use pulsetrain_board::stk500::{self, Bootloader, FlashError, Progress};
 use pulsetrain_board::{PortError, Serial, hex, image, serial, virtual_pico};
 use pulsetrain_motion::quantity::nearest;
+use schemars::JsonSchema;
 use serde::Serialize;
 
 use super::problems::port_problem;
@@ -38,7 +39,7 @@ pub(crate) struct FlashArgs {
     #[arg(long, value_name = "PORT")]
     pub(crate) port: Option<String>,
     /// Write this image instead of the firmware: Intel HEX for an Uno, UF2 for a Pico; for an Uno `winch`: the firmware that knows
-    /// StepperWinch's text, or `verbs`: that whose motors are told directly; both in place of plans
+    /// StepperWinch's text, or `verbs`: the one that obeys MOVE, SPEED and DIRECTION; both in place of plans
     #[arg(long, value_name = "FILE")]
     pub(crate) image: Option<PathBuf>,
     /// Print what was done as JSON
@@ -47,12 +48,15 @@ pub(crate) struct FlashArgs {
 }
 
 /// The result.
-#[derive(Debug, Serialize)]
-struct Flashed {
+#[derive(Debug, Serialize, JsonSchema)]
+pub(crate) struct Flashed {
+    /// "uno" or "pico".
     #[serde(serialize_with = "by_name")]
+    #[schemars(with = "String")]
     board: BoardKind,
     /// The Uno's port, or the folder of the Pico's drive.
     place: String,
+    /// Bytes that were written.
     bytes: usize,
     /// The bootloader's rate, bits a second.
     #[serde(skip_serializing_if = "Option::is_none")]

@@ -6,6 +6,7 @@ use pulsetrain_board::remote::{image_name, in_words, name_of};
 use pulsetrain_board::{Board, Port, Remote, RemoteError, Serial};
 use pulsetrain_core::wire::message::{Cause, flags, image};
 use pulsetrain_core::wire::{Baud, Reason, Stored, VERSION};
+use schemars::JsonSchema;
 use serde::Serialize;
 
 use super::problems::{clock_off, drive_problem, port_problem};
@@ -16,10 +17,13 @@ use pulsetrain_motion::human::{self, Table};
 use pulsetrain_session::drive::{DriveError, session_number};
 
 /// A board's report of itself. Nothing else confirms it.
-#[derive(Debug, Serialize)]
-pub(super) struct BoardInfo {
+#[derive(Debug, Serialize, JsonSchema)]
+pub(crate) struct BoardInfo {
+    /// What board it is.
     board: &'static str,
+    /// The firmware's version.
     firmware: String,
+    /// The version of the frames that it speaks.
     protocol: u8,
     /// Which of its images an Uno runs.
     image: Option<&'static str>,
@@ -29,14 +33,23 @@ pub(super) struct BoardInfo {
     text: bool,
     /// Whether the image obeys verbs.
     verbs: bool,
+    /// Ticks per second.
     tick_hz: u32,
+    /// Bits of a fraction of a tick.
     fraction_bits: u8,
+    /// Motors at most.
     motors: u8,
+    /// Bytes of all queues together.
     queue_bytes: u16,
+    /// Bytes that may be on their way to it.
     window_bytes: u16,
+    /// The rates of the line that it can do.
     bauds: Vec<u32>,
+    /// The present rate of the line.
     baud: u32,
+    /// Why it stopped last.
     last_stop: &'static str,
+    /// Why it restarted last.
     last_reset: &'static str,
     /// Whether the board plays a motion from its flash.
     baked: bool,
@@ -48,15 +61,23 @@ pub(super) struct BoardInfo {
     pub(super) uncertain: Vec<usize>,
     /// How much faster than this computer's clock the board's runs, ppm, and how much that may be off.
     clock_ppm: Option<(f64, f64)>,
+    /// Time since it restarted, s.
     clock_s: f64,
+    /// Least free memory of its stack, bytes.
     stack_left_bytes: u16,
+    /// The most bytes that waited to be read.
     most_unread_bytes: u16,
+    /// The longest round of the firmware's loop, ticks.
     longest_round_ticks: u16,
+    /// Bytes that were lost on the line.
     lost_bytes: u16,
+    /// Frames that came damaged.
     damaged_frames: u16,
     /// Only of boards that compare each edge with a timer. A Pico has no such timer.
     compares_missed: Option<u16>,
+    /// How late the latest of them was, ticks.
     latest_ticks: Option<u16>,
+    /// How many times the step generator had nothing ready.
     starved: u16,
     /// The settings that the board keeps without power.
     keeps: Option<Kept>,
@@ -96,11 +117,11 @@ pub(crate) fn run(args: &At, console: &mut Console<'_>) -> miette::Result<Exit> 
     row("queues", format!("{} B in all; {} B may be under way to it", said.queue_bytes, said.window_bytes));
     row("line", format!("{} baud, of {}", human::count(said.baud.into()), bauds.join(", ")));
     row("began", format!("{} ago: {}", human::seconds(said.clock_s), said.last_reset));
-    row("last stop", stopped(said.last_stop));
+    row("last stop", stopped(said.last_stop, said.last_reset));
     if said.baked {
         row("baked", "a motion in its flash runs".to_owned());
     } else if said.moves {
-        row("moves", "as a host told it that has left; `pulsetrain stop --port PORT` stops it at once".to_owned());
+        row("moves", "for a program that has ended; `pulsetrain stop --port PORT` stops it".to_owned());
     }
     if !said.positions.is_empty() {
         row("counts", format!("{} steps", listed(&said.positions)));
@@ -127,7 +148,7 @@ impl BoardInfo {
     /// The stored settings, in words.
     pub(super) fn keeps(&self) -> String {
         if self.keeps_untold {
-            return "not told while motors are powered".to_owned();
+            return "not reported while motors are powered".to_owned();
         }
         stored_in_words(self.keeps.as_ref(), self.keeps_damaged)
     }
@@ -135,7 +156,11 @@ impl BoardInfo {
 
 /// Why a board stopped last. Every queue ends in a stop, so the board cannot tell a finished motion from one whose host
 /// was killed.
-fn stopped(why: &str) -> String {
+fn stopped(why: &str, last_reset: &str) -> String {
+    // Opening an Uno's port restarts it, and it forgets what was before.
+    if why == in_words(Cause::None) && last_reset == in_words(Cause::ResetLine) {
+        return "not known: opening the port has restarted the board".to_owned();
+    }
     if why == in_words(Cause::Finished) {
         return format!("{why} that was queued: to the motion's end, or to the stop that was planned for a lost host");
     }
@@ -234,8 +259,11 @@ mod tests {
     /// a motion's end.
     #[test]
     fn an_end_may_be_a_lost_host_s() {
-        assert!(stopped(in_words(Cause::Finished)).contains("lost host"));
-        assert_eq!(stopped(in_words(Cause::StopNow)), "the host asked for an immediate stop");
+        assert!(stopped(in_words(Cause::Finished), "").contains("lost host"));
+        assert_eq!(stopped(in_words(Cause::StopNow), ""), "the host asked for an immediate stop");
+        // Opening the port restarts an Uno, which then knows of no stop.
+        assert!(stopped(in_words(Cause::None), in_words(Cause::ResetLine)).starts_with("not known: opening the port"));
+        assert_eq!(stopped(in_words(Cause::None), in_words(Cause::PowerOn)), "none yet");
     }
 
     /// Tests that run firmware on an emulated chip.

@@ -11,6 +11,7 @@ pub(crate) mod film;
 pub(crate) mod flash;
 pub(crate) mod formula;
 pub(crate) mod goto;
+mod hints;
 pub(crate) mod info;
 pub(crate) mod motor;
 pub(crate) mod new;

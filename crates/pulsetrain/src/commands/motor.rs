@@ -5,6 +5,7 @@ use clap::Args;
 use miette::miette;
 use pulsetrain_motion::electrical::{Figure, Winding, WindingError};
 use pulsetrain_motion::file;
+use schemars::JsonSchema;
 use serde::Serialize;
 use std::path::PathBuf;
 
@@ -41,22 +42,30 @@ pub(crate) struct MotorArgs {
     pub(crate) json: bool,
 }
 
-#[derive(Serialize)]
-struct WindingReport {
+#[derive(Serialize, JsonSchema)]
+pub(crate) struct WindingReport {
+    /// The motor's name.
     motor: String,
+    /// What the winding allows.
     winding: Vec<MotorRow>,
+    /// The same from an 8-bit timer, as the sketch has it.
     sketch: Vec<MotorRow>,
     /// Why the sketch has no figures.
     #[serde(skip_serializing_if = "Option::is_none")]
     sketch_cannot: Option<String>,
 }
 
-#[derive(Serialize)]
-struct MotorRow {
+#[derive(Serialize, JsonSchema)]
+pub(crate) struct MotorRow {
+    /// What it is.
     name: &'static str,
+    /// The figure, in `unit`.
     value: f64,
+    /// Its unit; empty for a plain number.
     unit: &'static str,
+    /// How it comes about.
     formula: String,
+    /// Where the formula comes from.
     source: &'static str,
 }
 

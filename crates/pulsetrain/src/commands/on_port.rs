@@ -2,13 +2,16 @@
 //! run.
 
 use pulsetrain_board::BoardKind;
+use std::fmt::{self, Display};
 
 use miette::miette;
 use pulsetrain_board::remote::in_words;
 use pulsetrain_board::{Board, Observer, ScheduledStep, Serial};
 use pulsetrain_core::Direction;
 use pulsetrain_core::wire::Baud;
+use pulsetrain_core::wire::message::Cause;
 use pulsetrain_trace::steps;
+use schemars::JsonSchema;
 use serde::Serialize;
 
 use super::plan;
@@ -17,23 +20,32 @@ use super::rehearsal::Rehearsal;
 use super::run::{HowToRun, stopped_before_begin, told_end};
 use crate::console::{self, Console, Exit, access};
 use crate::control_socket::{Control, RunEnded};
-use crate::report::PlanReport;
-use crate::standing::{Standing, listed};
+use crate::report::{Column, PlanReport, pass_or_fail, summary};
+use crate::standing::Standing;
 use crate::{interrupt, last_positions};
-use pulsetrain_motion::human::{self, Table};
-use pulsetrain_session::control::Ended;
+use pulsetrain_motion::human;
+use pulsetrain_session::Proof;
+use pulsetrain_session::control::{Ended, Event};
 use pulsetrain_session::drive::{Driven, connect_while};
-use pulsetrain_session::plans::Planned;
 use pulsetrain_session::prepare::Prepared;
 
 /// The report of a run on a real board. Nobody but the board saw its pins.
-#[derive(Debug, Serialize)]
-struct PortReport {
+#[derive(Debug, Serialize, JsonSchema)]
+pub(crate) struct PortReport {
     #[serde(flatten)]
     plan: PlanReport,
     /// "board at PORT".
     runner: String,
+    /// The firmware's version.
     firmware: String,
+    /// Whether each step came when it was due, by the board's report.
+    pass: bool,
+    /// Whether all of the motion was made. False if the user stopped it.
+    complete: bool,
+    /// Steps that each motor made, in both directions.
+    steps_made: Vec<u64>,
+    /// Each motor's position by the board's count, in its `unit`.
+    positions: Vec<f64>,
     /// Only of an Uno, and only if the user wants a rehearsal.
     #[serde(skip_serializing_if = "Option::is_none")]
     rehearsed: Option<Rehearsal>,
@@ -45,27 +57,42 @@ struct PortReport {
     /// The command that brings them back to the motion's start.
     #[serde(skip_serializing_if = "Option::is_none")]
     way_back: Option<String>,
+    /// The file that could not be written, and why.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    unwritten: Option<String>,
 }
 
 /// The board's own report of a run.
-#[derive(Debug, Serialize)]
-struct BoardReport {
+#[derive(Debug, Serialize, JsonSchema)]
+pub(crate) struct BoardReport {
     /// Steps of each motor, forward minus backward.
+    #[serde(rename = "counted_steps")]
     counted: Vec<i64>,
     /// Whether the user stopped the motion before its end.
     stopped: bool,
+    /// When the motors began to brake, s of the motion, if the user stopped it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    stop_began_s: Option<f64>,
     /// If the user stopped the motors at once: which of them may stand elsewhere than their counts.
     #[serde(skip_serializing_if = "Option::is_none")]
     uncertain: Option<Vec<bool>>,
-    /// How much faster than this computer's clock the board's runs, ppm, and how much that may be off.
+    /// How much faster than this computer's clock the board's runs, and how much that figure may be off, ppm.
     clock_ppm: Option<(f64, f64)>,
+    /// Edges that the timer missed: they came late.
     compares_missed: u16,
+    /// How late the latest of them was, ticks.
     latest_ticks: u16,
+    /// How many times the step generator had nothing ready.
     starved: u16,
+    /// How far ahead of its edges the step generator was at least, ticks.
     least_ahead_ticks: u16,
+    /// The longest round of the firmware's loop, ticks.
     longest_round_ticks: u16,
+    /// The most bytes that waited to be read.
     most_unread_bytes: u16,
+    /// Bytes that were lost on the line.
     lost_bytes: u16,
+    /// Frames that came damaged, and were repeated.
     damaged_frames: u16,
     /// Events that the board reported by itself, in words.
     events: Vec<String>,
@@ -91,12 +118,12 @@ pub(super) struct PortRun<'a> {
 
 pub(super) fn run(
     prepared: &Prepared,
-    planned: &[Planned],
+    proof: Proof,
     PortRun { port: name, baud, how }: PortRun<'_>,
     control: &Control,
     console: &mut Console<'_>,
 ) -> miette::Result<(Exit, RunEnded)> {
-    let HowToRun { rehearse, no_rehearsal, json, folder, .. } = *how;
+    let HowToRun { rehearse, no_rehearsal, json, verbose, folder, .. } = *how;
     let program = &prepared.program;
     let Some(kind) = BoardKind::named(&program.board.name) else {
         let help = "add --board uno or --board pico, or write it in the file";
@@ -111,7 +138,7 @@ pub(super) fn run(
     let rehearsed = match no_rehearsal || !kind.is_rehearsed() {
         true => None,
         false => {
-            let put_off = planned.iter().map(|planned| planned.certificate.longest_put_off_ticks).max();
+            let put_off = proof.planned.iter().map(|planned| planned.certificate.longest_put_off_ticks).max();
             Some(Rehearsal::of_run(prepared, baud, rehearse, put_off.unwrap_or(0), console)?)
         }
     };
@@ -128,16 +155,27 @@ pub(super) fn run(
     let firmware = human::version(driven.board_mut().info().firmware);
     let names: Vec<String> = program.motors.iter().map(|motor| motor.name.clone()).collect();
     let path = folder.join("steps.csv");
-    let writer = steps::StepWriter::new(console::create(&path)?, program.board.tick_hz, &names)
-        .map_err(|error| access("write", &path, error))?;
-    let mut scheduled = Scheduled { writer, error: None };
-    let bar = console.progress(prepared.end_s(), &human::seconds_to(prepared.end_s(), 6));
+    let writer = how.steps.then(|| {
+        let writer = steps::StepWriter::new(console::create(&path)?, program.board.tick_hz, &names);
+        writer.map_err(|error| access("write", &path, error))
+    });
+    let writer = writer.transpose()?;
+    if !proof.is_whole {
+        driven = driven.proving(prepared).map_err(drive_problem)?;
+    }
+    let mut scheduled = Scheduled { writer, made: vec![0; names.len()], error: None };
+    let bar = console.run_progress(prepared);
     bar.stage("running");
+    let mut stop_began_s = None;
     let ended = driven.run_with(control.commands(), &mut scheduled, |event| {
+        if let Event::Stopping { at_s } = event {
+            stop_began_s = Some(at_s);
+        }
         bar.follow(&event);
         control.tell(&event);
     });
     drop(bar);
+    let planned = if proof.is_whole { proof.planned } else { driven.planned() };
     let asked = ended.and_then(|ended| {
         let board = driven.board_mut();
         let measures = board.measures(false)?;
@@ -147,10 +185,12 @@ pub(super) fn run(
         Ok((ended, measures, board.events(), board.clock().ppm(), board.link().counts().repeated))
     });
     driven.close();
-    let Scheduled { writer, error } = scheduled;
-    let written = error.map_or_else(|| writer.finish(), Err).map_err(|error| access("write", &path, error));
+    let Scheduled { writer, error, made } = scheduled;
+    let written = error
+        .map_or_else(|| writer.map_or(Ok(()), |writer| writer.finish().map(drop)), Err)
+        .map_err(|error| access("write", &path, error));
     let runner = format!("board at {name}");
-    let asked = asked.map_err(|error| run_problem(error, plan::report(prepared, planned), runner.clone(), folder));
+    let asked = asked.map_err(|error| run_problem(error, plan::report(prepared, &planned), runner.clone(), folder));
     let (ended, measures, events, clock_ppm, frames_repeated) = asked?;
     let told = told_end(prepared, &ended, how);
     let Ended { counted, stopped, uncertain, .. } = ended;
@@ -158,6 +198,7 @@ pub(super) fn run(
     let says = BoardReport {
         counted,
         stopped,
+        stop_began_s,
         uncertain,
         clock_ppm,
         compares_missed: measures.late,
@@ -168,26 +209,59 @@ pub(super) fn run(
         most_unread_bytes: measures.most_unread,
         lost_bytes: measures.lost_bytes,
         damaged_frames: measures.damaged_frames,
-        events: events.iter().map(|event| in_words(event.cause).to_owned()).collect(),
+        events: events.iter().map(|event| event_in_words(event.cause, stopped).to_owned()).collect(),
         frames_repeated,
     };
-    let plan = plan::report(prepared, planned);
-    let stand = if stopped || says.uncertain.is_some() { told.motors.clone() } else { Vec::new() };
-    let report = PortReport { plan, runner, firmware, rehearsed, says, stand, way_back: told.way_back.clone() };
-    // The user sees what the motors did even if a file could not be written. A script reads one JSON value, which is
-    // then the error.
+    let plan = plan::report(prepared, &planned);
+    let positions = plan.motors.iter().zip(&says.counted);
+    let positions = positions.map(|(motor, steps)| motor.start + *steps as f64 / motor.steps_per_unit).collect();
+    let (pass, complete) = (says.kept_up(), !says.stopped);
+    let stand = if complete { Vec::new() } else { told.motors.clone() };
+    let mut report = PortReport {
+        plan,
+        runner,
+        firmware,
+        pass,
+        complete,
+        steps_made: made,
+        positions,
+        rehearsed,
+        says,
+        stand,
+        way_back: told.way_back.clone(),
+        unwritten: None,
+    };
+    // What the motors did is printed even if a file could not be written.
     if !json {
-        console.print(&report.plan)?;
-        print(&report, planned, console)?;
+        console.print(PortText { report: &report, verbose })?;
     }
-    written?;
-    console::write(&folder.join("report.json"), format!("{}\n", console::json(&report)?).as_bytes())?;
+    let text = format!("{}\n", console::json(&report)?);
+    let written = written.and_then(|()| console::write(&folder.join("report.json"), text.as_bytes()));
+    report.unwritten = written.as_ref().err().map(ToString::to_string);
     if json {
         console.print_json(&report)?;
     } else {
-        console.print(format_args!("{}: report.json, steps.csv (as scheduled)\n", folder.display()))?;
+        if written.is_ok() {
+            let scheduled = if how.steps { " (as scheduled)" } else { "" };
+            console.print(format_args!("\n  {}{scheduled}\n", how.files(&[])))?;
+        }
+        console.print(format_args!("{}\n", report.conclusion()))?;
     }
-    Ok((if report.says.kept_up() { Exit::Success } else { Exit::BoundBroken }, told))
+    if let Err(error) = written {
+        let error = error.into();
+        let exit = if json { console.complain(&error) } else { Err(error) };
+        return exit.map(|exit| (exit, told));
+    }
+    Ok((if report.pass { Exit::Success } else { Exit::BoundBroken }, told))
+}
+
+/// An event of a board in words, for a run that the user may have stopped.
+fn event_in_words(cause: Cause, stopped: bool) -> &'static str {
+    match cause {
+        // Every queue ends in a stop: the board made all that it still had, which was the way to rest.
+        Cause::Finished if stopped => "the motors came to rest",
+        cause => in_words(cause),
+    }
 }
 
 /// A function that decides whether to wait on while the board still moves motors for an earlier host: until Ctrl-C. Its
@@ -199,75 +273,125 @@ pub(super) fn waits_with_notice(console: &mut Console<'_>, port: &str) -> impl F
             // If standard error is closed nobody reads it.
             drop(writeln!(
                 console.err,
-                "The board still moves motors for a host before this one: this waits for them, half a minute at most. Ctrl-C ends the wait; \
-                 then `pulsetrain stop --port {port}` stops them at once."
+                "The board still moves motors for another program. This waits until they rest, half a minute at most. Ctrl-C ends the wait; \
+                 then `pulsetrain stop --port {port}` stops them."
             ));
         }
         !interrupt::wanted()
     }
 }
 
-fn print(report: &PortReport, planned: &[Planned], console: &mut Console<'_>) -> miette::Result<()> {
-    let PortReport { plan, runner, firmware, rehearsed, says, stand, way_back } = report;
-    let tick_s = 1.0 / plan.tick_hz as f64;
-    let ticks = |ticks: u16| human::seconds(f64::from(ticks) * tick_s);
-    if let Some(Rehearsal { says, .. }) = rehearsed {
-        console.print(format_args!("Rehearsed {says}.\n"))?;
-    }
-    console.print(format_args!(
-        "Run on the {runner}, firmware {firmware}. This is the board's own word: nobody looked at its pins.\n\n"
-    ))?;
-    let mut table = Table::new(["motor", "counted", "planned"]);
-    for ((motor, counted), planned) in plan.motors.iter().zip(&says.counted).zip(planned) {
-        let steps = |steps: i64| format!("{} steps", human::count(steps.into()));
-        table.row([motor.name.clone(), steps(*counted), steps(planned.certificate.position)]);
-    }
-    console.print(format_args!("{table}\n"))?;
-    if let Some(uncertain) = &says.uncertain {
-        let motors = plan.motors.iter().zip(uncertain).filter(|(_, uncertain)| **uncertain);
-        let names: Vec<&str> = motors.map(|(motor, _)| motor.name.as_str()).collect();
-        match names.as_slice() {
-            [] => console.print("  stopped at once; no motor was too fast for that\n")?,
-            names => console.print(format_args!(
-                "  stopped at once; too fast for that, so may stand elsewhere than counted: {}\n",
-                names.join(", ")
-            ))?,
+impl PortReport {
+    fn conclusion(&self) -> String {
+        let PortReport { says, .. } = self;
+        match (self.pass, self.complete, says.stop_began_s) {
+            (false, ..) => "FAIL: the board did not keep up; steps came late".to_owned(),
+            (true, true, _) => "PASS: by the board's own report, every step came when it was due".to_owned(),
+            (true, false, Some(at_s)) => {
+                format!("PASS: stopped on your order: braking began at {}", human::seconds_to(at_s, 4))
+            }
+            (true, false, None) => "PASS: stopped on your order".to_owned(),
         }
-    } else if says.stopped {
-        console.print("  stopped on the way, within the motors' limits\n")?;
     }
-    if !stand.is_empty() {
-        console.print(format_args!("  the motors stand: {}\n", listed(stand)))?;
+
+    /// How the user's stop ended.
+    fn stop_in_words(&self) -> Option<String> {
+        let PortReport { plan, says, .. } = self;
+        let named = |is: &dyn Fn(usize) -> bool| {
+            let motors = plan.motors.iter().enumerate().filter(|(index, _)| is(*index));
+            motors.map(|(_, motor)| motor.name.as_str()).collect::<Vec<_>>().join(", ")
+        };
+        if let Some(uncertain) = &says.uncertain {
+            let names = named(&|index| uncertain.get(index) == Some(&true));
+            return Some(if names.is_empty() {
+                "Stopped at once. No motor was too fast for that.".to_owned()
+            } else {
+                format!("Stopped at once. Too fast for that, so may stand elsewhere than counted: {names}.")
+            });
+        }
+        if !says.stopped {
+            return None;
+        }
+        let unlimited = named(&|index| plan.motors[index].max_acceleration.is_none());
+        Some(if unlimited.is_empty() {
+            "Stopped on the way, within the motors' limits.".to_owned()
+        } else {
+            format!(
+                "Stopped on the way. The file gives no max_acceleration for {unlimited}: the board chose how hard to brake."
+            )
+        })
     }
-    if let Some(way_back) = way_back {
-        console.print(format_args!("  back to the start: {way_back}\n"))?;
+}
+
+/// A run's report for people. Its last line is [`PortReport::conclusion`].
+struct PortText<'a> {
+    report: &'a PortReport,
+    verbose: bool,
+}
+
+impl Display for PortText<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let PortReport { plan, runner, firmware, rehearsed, says, pass, steps_made, positions, .. } = self.report;
+        let made = if self.report.complete { "made" } else { "planned" };
+        writeln!(f, "{}  {} on the {runner}: {}", pass_or_fail(*pass), plan.file, plan.durations(made))?;
+        plan.remarks(f)?;
+        let steps = plan.motors.iter().zip(steps_made);
+        let steps = steps.map(|(motor, made)| {
+            let [made, planned] = [*made, motor.steps].map(|steps| human::count(steps.into()));
+            if made == planned { made } else { format!("{made} of {planned}") }
+        });
+        writeln!(f, "\n{}", summary(&plan.motors, Column::Text("steps made", steps.collect())))?;
+        for ((motor, position), counted) in plan.motors.iter().zip(positions).zip(&says.counted) {
+            let unit = human::unit(&motor.unit);
+            let position = human::significant(*position, 6);
+            writeln!(
+                f,
+                "  {} is at {position} {unit}, {} steps from its start",
+                motor.name,
+                human::count((*counted).into())
+            )?;
+        }
+        if let Some(stopped) = self.report.stop_in_words() {
+            writeln!(f, "  {stopped}")?;
+        }
+        if let Some(way_back) = &self.report.way_back {
+            writeln!(f, "  back to the start: {way_back}")?;
+        }
+        let tick_s = 1.0 / plan.tick_hz as f64;
+        let ticks = |ticks: u16| human::seconds(f64::from(ticks) * tick_s);
+        writeln!(
+            f,
+            "  Lateness: {} edges late, the latest by {}. This is the board's own report; nobody looked at its pins.",
+            says.compares_missed,
+            ticks(says.latest_ticks)
+        )?;
+        plan.write_notes(f)?;
+        if let Some(Rehearsal { says, .. }) = rehearsed {
+            writeln!(f, "  Rehearsed {says}.")?;
+        }
+        if !self.verbose {
+            return Ok(());
+        }
+        writeln!(f, "\n{}The board, firmware {firmware}:\n", plan.details())?;
+        if let Some(off) = says.clock_ppm {
+            writeln!(f, "  its clock is {}", clock_off(off, 3))?;
+        }
+        writeln!(f, "  starved {} times; longest round {}", says.starved, ticks(says.longest_round_ticks))?;
+        writeln!(
+            f,
+            "  on the line: {} bytes lost, {} frames damaged, {} sent again; {} bytes unread at most",
+            says.lost_bytes, says.damaged_frames, says.frames_repeated, says.most_unread_bytes,
+        )?;
+        says.events.iter().try_for_each(|event| writeln!(f, "  it reported: {event}"))
     }
-    if let Some(off) = says.clock_ppm {
-        console.print(format_args!("  its clock is {}\n", clock_off(off, 3)))?;
-    }
-    console.print(format_args!(
-        "  compares missed {}, the latest by {}; starved {} times; longest round {}\n",
-        says.compares_missed,
-        ticks(says.latest_ticks),
-        says.starved,
-        ticks(says.longest_round_ticks),
-    ))?;
-    console.print(format_args!(
-        "  on the line: {} bytes lost, {} frames damaged, {} sent again; {} bytes unread at most\n",
-        says.lost_bytes, says.damaged_frames, says.frames_repeated, says.most_unread_bytes,
-    ))?;
-    for event in &says.events {
-        console.print(format_args!("  it said: {event}\n"))?;
-    }
-    if !says.kept_up() {
-        console.print("FAIL: the board did not keep up; steps came late\n")?;
-    }
-    console.print("\n")
 }
 
 /// Writes the scheduled steps to a file.
 struct Scheduled<W: std::io::Write> {
-    writer: steps::StepWriter<W>,
+    /// `None`: no file is wanted.
+    writer: Option<steps::StepWriter<W>>,
+    /// Steps of each motor, in both directions.
+    made: Vec<u64>,
     error: Option<std::io::Error>,
 }
 
@@ -277,8 +401,9 @@ impl<W: std::io::Write> Observer for Scheduled<W> {
     fn step(&mut self, step: ScheduledStep) {
         // An Uno has 4 motors.
         let forward = step.direction == Direction::Forward;
-        if self.error.is_none() {
-            self.error = self.writer.push(steps::Step { motor: step.motor as u8, tick: step.tick, forward }).err();
+        self.made[step.motor] += 1;
+        if let (Some(writer), None) = (&mut self.writer, &self.error) {
+            self.error = writer.push(steps::Step { motor: step.motor as u8, tick: step.tick, forward }).err();
         }
     }
 }

@@ -1,13 +1,13 @@
 //! `pulsetrain plot`: a picture of a motion, run on the native board.
 
 use super::problems::drive_problem;
-use super::run::Ran;
 use super::{plan, run};
 use crate::arguments::Motion;
-use crate::console::{Console, Exit};
+use crate::console::{Access, Console, Exit};
 use crate::diagnostic::advised;
 use crate::record::Files;
 use clap::Args;
+use pulsetrain_session::Proof;
 use pulsetrain_session::drive::Driven;
 use pulsetrain_session::estimate::Task;
 use pulsetrain_session::lateness::Edges;
@@ -31,10 +31,10 @@ pub(crate) fn run(args: &PlotArgs, console: &mut Console<'_>) -> miette::Result<
     let planned = plan::plan(&mut prepared, console)?;
     let path = args.out.clone().unwrap_or_else(|| args.motion.file.with_extension("svg"));
     let driven = Driven::native(&prepared).map_err(advised)?;
-    let files = None::<Files<std::io::Sink>>;
-    let ran = run::record(&prepared, &planned, driven, files, Edges::default(), None, console)?;
-    // Nobody can stop it.
-    let Ran::Whole { recorded, .. } = ran.map_err(drive_problem)? else { return Ok(Exit::Stopped) };
+    let files = None::<Result<Files<std::io::Sink>, Access>>;
+    let ran =
+        run::record(&prepared, Proof { planned, is_whole: true }, driven, files, Edges::default(), None, console)?;
+    let recorded = ran.map_err(|(error, _)| drive_problem(error))?.recorded;
     run::draw(&recorded.picture, &path)?;
     console.print(format_args!("{}\n", path.display()))?;
     Ok(if recorded.verdict.ok { Exit::Success } else { Exit::BoundBroken })

@@ -5,6 +5,7 @@ use std::path::Path;
 
 use pulsetrain_board::serial::{self, Listed, Usb};
 use pulsetrain_board::{Remote, RemoteError, Serial};
+use schemars::JsonSchema;
 use serde::Serialize;
 
 use super::flash;
@@ -27,13 +28,16 @@ pub(crate) struct PortsArgs {
 }
 
 /// What is at a port, by its USB device's numbers.
-#[derive(Debug, Serialize)]
-struct PortEntry {
+#[derive(Debug, Serialize, JsonSchema)]
+pub(crate) struct PortEntry {
     /// The port, or a Pico's drive.
     port: String,
+    /// What is there.
     what: String,
+    /// The USB device's numbers, vendor:product.
     #[serde(skip_serializing_if = "Option::is_none")]
     usb: Option<String>,
+    /// Its serial number.
     #[serde(skip_serializing_if = "Option::is_none")]
     serial: Option<String>,
     /// The board's answer if the user wants it, or what the user can do.

@@ -84,7 +84,12 @@ pub(crate) fn run_problem(error: DriveError, plan: PlanReport, runner: String, f
     let report = Box::new(StoppedReport { plan, runner, stopped });
     let written = console::json(&report)
         .and_then(|text| Ok(console::write(&folder.join("report.json"), format!("{text}\n").as_bytes())?));
-    written.err().unwrap_or_else(|| RunStopped { report, help }.into())
+    // The stop matters more than the file.
+    let help = match written {
+        Ok(()) => help,
+        Err(error) => format!("{help}\n{error}").trim_start().to_owned(),
+    };
+    RunStopped { report, help }.into()
 }
 
 /// The error for a run, with advice.
@@ -101,24 +106,24 @@ pub(crate) fn drive_problem(error: DriveError) -> Report {
         DriveError::Remote(RemoteError::OtherImage { is, wanted }) => return OtherImage { is, wanted }.into(),
         DriveError::Remote(RemoteError::Link(LinkError::Taken)) => {
             "end the other program, or wait 2 s. If text has switched its drivers on (`pulsetrain winch`, a StepperWinch client), it \
-             has it until it is told `enable 0`: echo \"enable 0\" | pulsetrain winch --port PORT"
+             has it until the line `enable 0` comes: echo \"enable 0\" | pulsetrain winch --port PORT"
         }
         DriveError::Remote(RemoteError::Link(LinkError::Lost | LinkError::Forgotten)) => {
             "look at cable, supply and hub; a board that is reset on the way loses its positions"
         }
         DriveError::Remote(RemoteError::Link(LinkError::Unanswered)) => {
-            "reset the board (its button, or pull its plug) and run again; if that does not help, write the firmware anew: `pulsetrain flash`"
+            "reset the board (its button, or pull its plug) and run again; if that does not help, write the firmware again: `pulsetrain flash`"
         }
         DriveError::Remote(RemoteError::StillMoving) => {
             "wait until they rest, or stop them at once, wherever they are: `pulsetrain stop --port PORT`"
         }
-        DriveError::Remote(RemoteError::Refused { .. }) => "`pulsetrain info` tells the board's limits",
+        DriveError::Remote(RemoteError::Refused { .. }) => "`pulsetrain info --port PORT` shows the board's limits",
         DriveError::Session(SessionError::NotBegun) => {
             "close other programs, or plug the board in without a hub, and run again"
         }
         DriveError::TooLate { .. } => "a faster line (--baud), a computer that does less meanwhile, a slower motion",
         DriveError::Remote(RemoteError::Stopped { .. }) => {
-            "the motors braked, or stopped where they were; `pulsetrain info` tells how the board fared"
+            "the motors braked, or stopped where they were; `pulsetrain info --port PORT` shows the board's counters"
         }
         DriveError::QueueTooShort { queue_bytes, .. } => {
             let each: Vec<String> = queue_bytes.iter().map(u32::to_string).collect();

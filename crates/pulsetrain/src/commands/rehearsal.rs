@@ -3,6 +3,7 @@
 use miette::miette;
 use pulsetrain_core::wire::Baud;
 use pulsetrain_motion::Time;
+use schemars::JsonSchema;
 use serde::Serialize;
 
 use crate::console::Console;
@@ -12,20 +13,24 @@ use pulsetrain_session::rehearsal;
 use pulsetrain_session::rehearsal::{Length, Rehearsed};
 
 /// A rehearsal that succeeded, as reports have it.
-#[derive(Debug, Serialize)]
-pub(super) struct Rehearsal {
+#[derive(Debug, Serialize, JsonSchema)]
+pub(crate) struct Rehearsal {
     /// How much was played, s of the laws' time.
+    #[serde(rename = "played_s")]
     seconds: f64,
     /// How long it takes until everything was seen once, s. `None` if the motors' phases never repeat.
-    #[serde(skip_serializing_if = "Option::is_none")]
+    #[serde(rename = "of_s", skip_serializing_if = "Option::is_none")]
     of_seconds: Option<f64>,
     /// Lateness of all steps that no shared DIR line delays.
     max_error_ticks: f64,
+    /// The bound on it.
     bound_ticks: f64,
     /// Steps that are later than the bound because motors share a DIR line, with their greatest lateness and the
     /// greatest that is allowed.
     steps_put_off: u64,
+    /// The greatest lateness of such a step.
     longest_put_off_ticks: f64,
+    /// The bound on it.
     put_off_bound_ticks: f64,
     /// The result in words, to follow "rehearsed".
     #[serde(skip)]

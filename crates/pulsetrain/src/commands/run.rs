@@ -6,24 +6,26 @@ use clap::Args;
 use pulsetrain_board::BoardKind;
 use pulsetrain_core::wire::Baud;
 use pulsetrain_motion::Time;
+use std::cell::Cell;
 use std::path::{Path, PathBuf};
 
-use miette::miette;
+use miette::{Report, miette};
 use pulsetrain_board::Leased;
 
 use super::on_port::{self, PortRun};
 use super::problems::{drive_problem, run_problem};
 use super::{plan, ports};
-use crate::console::{self, Console, Exit, access};
+use crate::console::{self, Access, Console, Exit};
 use crate::control_socket::{Control, Ending, RunEnded, RunInfo};
 use crate::diagnostic::advised;
 use crate::interrupt;
 use crate::record::{Files, Recorded, Recorder};
-use crate::report::{RunEnd, RunReport, StoppedMotor, StoppedReport};
-use crate::standing::{listed, quoted, standings, way_back};
+use crate::report::{RunEnd, RunReport};
+use crate::standing::{quoted, standings, way_back};
 use pulsetrain_motion::human;
 use pulsetrain_plot::Picture;
 use pulsetrain_plot::machine::Drawn;
+use pulsetrain_session::Proof;
 use pulsetrain_session::control::{Ended, Event};
 use pulsetrain_session::drive::{DriveError, Driven};
 use pulsetrain_session::estimate::Task;
@@ -44,13 +46,14 @@ does not keep up with is refused, and nothing moves. A Pico's queues are far lar
 
 Files written to DIR:
   report.json  what was planned, proven, run and judged
-  steps.csv    motor,tick,dir,position
+  steps.csv    time_s,motor,tick,direction,position_steps
   trace.vcd    every edge of every line
   plot.svg     position, intervals, speed and errors
 
 Examples:
   pulsetrain run examples/tutorial.toml
   pulsetrain run examples/sweep.toml --for \"60 s\" --out out/minute
+  pulsetrain run examples/sweep.toml --for forever --no-trace --no-steps
   pulsetrain run examples/sweep.toml --pause-at \"2 s\" --resume-at \"3 s\"
   pulsetrain run examples/tutorial.toml --native
   pulsetrain run examples/formula.toml --port /dev/ttyACM0")]
@@ -69,7 +72,7 @@ pub(crate) struct RunArgs {
     /// Rate of the line to the board, once it is found [default: 1000000; 2000000 for a Pico, whose own USB has no rate]
     #[arg(long, value_name = "BAUD", value_parser = arguments::baud, conflicts_with = "native")]
     pub(crate) baud: Option<Baud>,
-    /// How much faster than it should the board's clock runs, ppm, as `pulsetrain calibrate` tells: it is corrected for
+    /// How much faster than it should the board's clock runs, ppm, as `pulsetrain calibrate` measures it; this corrects for it
     #[arg(long, value_name = "PPM", value_parser = arguments::clock_ppm, requires = "port", allow_hyphen_values = true)]
     pub(crate) clock_ppm: Option<f64>,
     /// Bring all motors to a halt on their paths from this time on, as soon as their limits allow
@@ -84,7 +87,16 @@ pub(crate) struct RunArgs {
     /// Begin at once, without that
     #[arg(long, conflicts_with = "rehearse", requires = "port")]
     pub(crate) no_rehearsal: bool,
-    /// Print the report as JSON
+    /// Write no trace.vcd
+    #[arg(long)]
+    pub(crate) no_trace: bool,
+    /// Write no steps.csv
+    #[arg(long)]
+    pub(crate) no_steps: bool,
+    /// Print all that is known of each motor: its plan, and its edges
+    #[arg(short, long)]
+    pub(crate) verbose: bool,
+    /// Print the report as JSON (docs/json.md)
     #[arg(long)]
     pub(crate) json: bool,
 }
@@ -92,7 +104,7 @@ pub(crate) struct RunArgs {
 pub(crate) fn run(args: &RunArgs, console: &mut Console<'_>) -> miette::Result<Exit> {
     let task = match &args.port {
         Some(_) => Task::Port,
-        None if args.native => Task::Native { files: true },
+        None if args.native => Task::Native { files: !(args.no_trace && args.no_steps) },
         None => Task::Virtual,
     };
     let mut prepared = args.motion.prepare(task, args.json, console)?;
@@ -102,6 +114,7 @@ pub(crate) fn run(args: &RunArgs, console: &mut Console<'_>) -> miette::Result<E
     if let Some(at) = args.pause_at {
         prepared.pause(at, args.resume_at).map_err(advised)?;
     }
+    plan::check_baud(&prepared, args.baud)?;
     let folder = args.out.clone().unwrap_or_else(|| default_folder(&args.motion.file));
     let how = HowToRun {
         native: args.native,
@@ -109,7 +122,10 @@ pub(crate) fn run(args: &RunArgs, console: &mut Console<'_>) -> miette::Result<E
         baud: args.baud,
         rehearse: args.rehearse,
         no_rehearsal: args.no_rehearsal,
+        trace: !args.no_trace,
+        steps: !args.no_steps,
         json: args.json,
+        verbose: args.verbose,
         folder: &folder,
         goto_options: goto_options(args),
         is_known: Vec::new(),
@@ -125,7 +141,12 @@ pub(super) struct HowToRun<'a> {
     pub(super) baud: Option<Baud>,
     pub(super) rehearse: Option<Time>,
     pub(super) no_rehearsal: bool,
+    /// Whether trace.vcd is written.
+    pub(super) trace: bool,
+    /// Whether steps.csv is written.
+    pub(super) steps: bool,
     pub(super) json: bool,
+    pub(super) verbose: bool,
     /// Where the files go.
     pub(super) folder: &'a Path,
     /// The options that `goto` needs to run on the same board.
@@ -138,6 +159,14 @@ impl HowToRun<'_> {
     /// Whether it is known of all motors where they stand.
     pub(super) fn knows_all(&self) -> bool {
         self.is_known.iter().all(|known| *known)
+    }
+
+    /// The files of a run, in words.
+    pub(super) fn files(&self, others: &[&str]) -> String {
+        let files = [(self.steps, "steps.csv"), (self.trace && self.port.is_none(), "trace.vcd")];
+        let files = files.iter().filter(|(is_wanted, _)| *is_wanted).map(|(_, name)| *name);
+        let all: Vec<&str> = ["report.json"].into_iter().chain(files).chain(others.iter().copied()).collect();
+        format!("{}: {}", self.folder.display(), all.join(", "))
     }
 }
 
@@ -174,10 +203,11 @@ fn perform_with(
         let by_uart = how.port.is_some_and(|name| !ports::is_own_usb(name));
         prepared.over_line(if by_uart { Some(baud) } else { how.baud });
     }
-    // The whole motion is planned, and perhaps refused, before anything moves or is written.
-    let planned = plan::plan(&mut prepared, console)?;
+    // Before anything moves or is written, the motion is planned, and perhaps refused: all of it, or the beginning of a
+    // long one.
+    let proof = plan::prove_first(&mut prepared, console)?;
     if let Some(name) = how.port {
-        return on_port::run(&prepared, &planned, PortRun { port: name, baud, how }, control, console);
+        return on_port::run(&prepared, proof, PortRun { port: name, baud, how }, control, console);
     }
     stopped_before_begin(control)?;
     // From here on Ctrl-C stops the motors.
@@ -188,38 +218,48 @@ fn perform_with(
             let mut driven = Driven::on_virtual(kind, &prepared, baud).map_err(drive_problem)?;
             let firmware = human::version(driven.board_mut().info().firmware);
             let runner = format!("virtual {}, firmware {firmware}", kind.title());
-            (to_files(&prepared, &planned, driven, edges, folder, control, console)?, runner)
+            (to_files(&prepared, proof, driven, edges, how, control, console)?, runner)
         }
         None => {
             let driven = Driven::native(&prepared).map_err(advised)?;
-            (to_files(&prepared, &planned, driven, Edges::default(), folder, control, console)?, "native".to_owned())
+            (to_files(&prepared, proof, driven, Edges::default(), how, control, console)?, "native".to_owned())
         }
     };
-    let ran = ran.map_err(|error| run_problem(error, plan::report(&prepared, &planned), runner.clone(), folder))?;
-    let (ended, recorded) = match ran {
-        Ran::Whole { ended, recorded } => (ended, *recorded),
-        Ran::Stopped { ended, at_s } => {
-            let stopped = StoppedRun { prepared: &prepared, planned: &planned, runner, at_s };
-            return stopped.report(&ended, how, console);
-        }
-    };
+    let ran =
+        ran.map_err(|(error, planned)| run_problem(error, plan::report(&prepared, &planned), runner.clone(), folder))?;
+    let Ran { ended, planned, recorded, judged_until_s } = ran;
     let told = told_end(&prepared, &ended, how);
-    let Recorded { verdict, picture, lateness, figures } = recorded;
-    let report = RunReport::new(plan::report(&prepared, &planned), runner, verdict, lateness, figures);
-    // The user sees the verdict even if a file could not be written. A script reads one JSON value, which is then the
-    // error.
+    let Recorded { verdict, picture, lateness, figures, unwritten } = recorded;
+    let mut report = RunReport::new(plan::report(&prepared, &planned), runner, verdict, lateness, figures);
+    report.judged_until_s = judged_until_s;
+    report.stopped = ended.stopped.then(|| RunEnd::wanted(&ended, judged_until_s.unwrap_or_default(), &told));
     if !how.json {
-        console.print(&report.plan)?;
         console.print(&report)?;
+        if how.verbose {
+            console.print(format_args!("\n{}", report.details()))?;
+        }
     }
-    console::write(&folder.join("report.json"), format!("{}\n", console::json(&report)?).as_bytes())?;
-    draw(&picture, &folder.join("plot.svg"))?;
+    let text = format!("{}\n", console::json(&report)?);
+    let written = unwritten
+        .map_or_else(|| console::write(&folder.join("report.json"), text.as_bytes()), Err)
+        .map_err(Report::from)
+        .and_then(|()| draw(&picture, &folder.join("plot.svg")));
+    // The verdict is printed even if a file could not be written.
+    report.unwritten = written.as_ref().err().map(ToString::to_string);
     if how.json {
         console.print_json(&report)?;
     } else {
-        console.print(format_args!("{}: report.json, steps.csv, trace.vcd, plot.svg\n", folder.display()))?;
+        if written.is_ok() {
+            console.print(format_args!("\n  {}\n", how.files(&["plot.svg"])))?;
+        }
+        console.print(format_args!("{}\n", report.conclusion()))?;
     }
-    Ok((if report.is_ok() { Exit::Success } else { Exit::BoundBroken }, told))
+    if let Err(error) = written {
+        // A script reads one JSON value, which was the report.
+        let exit = if how.json { console.complain(&error) } else { Err(error) };
+        return exit.map(|exit| (exit, told));
+    }
+    Ok((if report.pass { Exit::Success } else { Exit::BoundBroken }, told))
 }
 
 /// Refuses to begin if a stop was asked for while the motion was planned.
@@ -242,112 +282,88 @@ pub(super) fn told_end(prepared: &Prepared, ended: &Ended, how: &HowToRun<'_>) -
     RunEnded { ended, why: None, motors, way_back }
 }
 
-/// A run on a virtual board that was stopped, as somebody asked for. Nothing is judged: most of the motion is missing.
-struct StoppedRun<'a> {
-    prepared: &'a Prepared,
-    planned: &'a [Planned],
-    runner: String,
-    at_s: f64,
+/// A run that came to the motion's end, or was stopped on its way, as somebody asked for.
+pub(crate) struct Ran {
+    pub(crate) ended: Ended,
+    pub(crate) planned: Vec<Planned>,
+    pub(crate) recorded: Recorded,
+    /// When somebody stopped it or changed it, s of the motion: the motors left the file's laws then. `None` if nobody did.
+    pub(crate) judged_until_s: Option<f64>,
 }
 
-impl StoppedRun<'_> {
-    fn report(self, ended: &Ended, how: &HowToRun<'_>, console: &mut Console<'_>) -> miette::Result<(Exit, RunEnded)> {
-        let told = told_end(self.prepared, ended, how);
-        let at_once = if ended.uncertain.is_some() { "at once" } else { "within the motors' limits" };
-        let at = human::seconds_to(self.at_s, 6);
-        let message = format!("stopped at {at} {at_once}, as asked: {}", listed(&told.motors));
-        let motors = told.motors.iter().map(|motor| StoppedMotor { name: motor.name.clone(), steps: motor.steps });
-        let stopped = RunEnd {
-            message: message.clone(),
-            help: told.way_back.clone().unwrap_or_default(),
-            motor: None,
-            at_s: self.at_s,
-            late_s: None,
-            motors: motors.collect(),
-        };
-        let report = StoppedReport { plan: plan::report(self.prepared, self.planned), runner: self.runner, stopped };
-        let text = console::json(&report)?;
-        console::write(&how.folder.join("report.json"), format!("{text}\n").as_bytes())?;
-        if how.json {
-            console.print(format_args!("{text}\n"))?;
-            return Ok((Exit::Success, told));
-        }
-        let runner = if report.runner == "native" { "native board" } else { &report.runner };
-        console.print(format_args!("Run on the {runner}, {message}\n"))?;
-        if let Some(way_back) = &told.way_back {
-            console.print(format_args!("back to the start: {way_back}\n"))?;
-        }
-        let folder = how.folder.display();
-        console
-            .print(format_args!("{folder}: report.json, steps.csv and trace.vcd up to there; nothing was judged\n"))?;
-        Ok((Exit::Success, told))
-    }
-}
-
-/// What became of a run.
-pub(crate) enum Ran {
-    /// The motion came to its end.
-    Whole { ended: Ended, recorded: Box<Recorded> },
-    /// It was stopped, as somebody asked for; the motors braked from `at_s` on.
-    Stopped { ended: Ended, at_s: f64 },
-}
+/// What became of a run. If it failed: why, and what was planned of it.
+pub(crate) type RanOrNot = Result<Ran, (DriveError, Vec<Planned>)>;
 
 fn to_files<B: Leased>(
     prepared: &Prepared,
-    planned: &[Planned],
+    proof: Proof,
     driven: Driven<B>,
     edges: Edges,
-    folder: &Path,
+    how: &HowToRun<'_>,
     control: &Control,
-    console: &Console<'_>,
-) -> miette::Result<Result<Ran, DriveError>> {
-    let (trace, steps) = (folder.join("trace.vcd"), folder.join("steps.csv"));
-    let files = Files::new(&prepared.program, &driven.lines, console::create(&trace)?, console::create(&steps)?)
-        .map_err(|error| access("write", folder, error))?;
-    record(prepared, planned, driven, Some(files), edges, Some(control), console)
+    console: &mut Console<'_>,
+) -> miette::Result<RanOrNot> {
+    let wanted = [how.trace, how.steps];
+    let files = Files::new(&prepared.program, &driven.lines, how.folder, wanted, console::create);
+    record(prepared, proof, driven, Some(files), edges, Some(control), console)
 }
 
-/// Runs a planned motion, with a progress bar. If the run ends early its files end there, complete to that point, and there is no verdict.
+/// Runs a planned motion, with a progress bar. If the run ends early its files end there, complete to that point. Without its files it is
+/// judged all the same, since nothing real moves.
 pub(crate) fn record<B: Leased, W: std::io::Write>(
     prepared: &Prepared,
-    planned: &[Planned],
+    proof: Proof,
     mut driven: Driven<B>,
-    files: Option<Files<W>>,
+    files: Option<Result<Files<W>, Access>>,
     edges: Edges,
     control: Option<&Control>,
-    console: &Console<'_>,
-) -> miette::Result<Result<Ran, DriveError>> {
+    console: &mut Console<'_>,
+) -> miette::Result<RanOrNot> {
     let board = &prepared.program.board;
     let title = format!("{} on {}", file_name(&prepared.file), board.name);
     let drawn = Drawn::of(&prepared.program);
-    let mut recorder = Recorder::new(&prepared.program, &drawn, &driven.lines, title, files, &edges)?;
-    let bar = console.progress(prepared.end_s(), &human::seconds_to(prepared.end_s(), 6));
+    let mut unopened = None;
+    let files = files.and_then(|files| files.map_err(|error| unopened = Some(error)).ok());
+    let judged_until_s = Cell::new(None);
+    let mut recorder = Recorder::new(&prepared.program, &drawn, &driven.lines, title, files, &edges, &judged_until_s)?;
+    if !proof.is_whole {
+        driven = driven.proving(prepared).map_err(drive_problem)?;
+    }
+    let bar = console.run_progress(prepared);
     bar.stage("running");
-    let (mut at_s, mut stops) = (0.0, false);
-    let ended = match control {
-        None => driven.run(&mut recorder, |event| bar.follow(&event)),
-        Some(control) => driven.run_with(control.commands(), &mut recorder, |event| {
-            bar.follow(&event);
-            control.tell(&event);
-            match event {
-                Event::Progress { at_s: now } if !stops => at_s = now,
-                Event::Stopping { at_s: from } => (at_s, stops) = (from, true),
-                _ => {}
+    let mut now_s = 0.0;
+    let mut look = |event: &Event| {
+        bar.follow(event);
+        match event {
+            Event::Progress { at_s } => now_s = *at_s,
+            // What was sent before follows the file's laws; the change comes after it.
+            Event::Stopping { .. } | Event::StoppedAtOnce { .. } | Event::Pausing { .. } | Event::Tempo { .. } => {
+                judged_until_s.set(judged_until_s.get().or(Some(now_s)));
             }
+            _ => {}
+        }
+    };
+    let ended = match control {
+        None => driven.run(&mut recorder, |event| look(&event)),
+        Some(control) => driven.run_with(control.commands(), &mut recorder, |event| {
+            look(&event);
+            control.tell(&event);
         }),
     };
+    drop(bar);
+    let planned = if proof.is_whole { proof.planned } else { driven.planned() };
     match ended {
         Err(error) => {
-            recorder.close()?;
-            Ok(Err(error))
-        }
-        Ok(ended) if ended.stopped => {
-            recorder.close()?;
-            Ok(Ok(Ran::Stopped { ended, at_s }))
+            // The stop matters more than the file.
+            if let Some(unwritten) = unopened.or(recorder.close()) {
+                console.tell(format_args!("{unwritten}\n"));
+            }
+            Ok(Err((error, planned)))
         }
         Ok(ended) => {
-            let recorded = recorder.finish(planned, driven.lateness().unwrap_or_default())?;
-            Ok(Ok(Ran::Whole { ended, recorded: Box::new(recorded) }))
+            let recorded = recorder.finish(&planned, driven.lateness().unwrap_or_default())?;
+            let recorded = Recorded { unwritten: unopened.or(recorded.unwritten), ..recorded };
+            Ok(Ok(Ran { ended, planned, recorded, judged_until_s: judged_until_s.get() }))
         }
     }
 }

@@ -7,6 +7,7 @@ use std::time::Duration;
 use miette::{Report, miette};
 use pulsetrain_board::{BoardKind, LinkError, Port, PortError, Remote, RemoteError, Serial};
 use pulsetrain_trace::winch::{AXES, Status};
+use schemars::JsonSchema;
 use serde::Serialize;
 
 use super::info::{listed, motor_list};
@@ -50,8 +51,8 @@ pub(crate) struct StopArgs {
 }
 
 /// The board's report of a stop.
-#[derive(Debug, Serialize)]
-struct StopReport {
+#[derive(Debug, Serialize, JsonSchema)]
+pub(crate) struct StopReport {
     /// Whether motors moved, or waited to move. `None` for paths whose positions did not change: they may have stopped
     /// before the first status.
     moved: Option<bool>,
@@ -554,7 +555,7 @@ mod tests {
             let mut lost = host.port().clone();
             let port = host.close();
             let said = info::ask(port.clone(), Baud::B1M).unwrap();
-            assert_eq!(said.keeps(), "not told while motors are powered");
+            assert_eq!(said.keeps(), "not reported while motors are powered");
             assert!(said.moves && said.positions.len() == 1 && said.uncertain.is_empty(), "{said:?}");
             // It is stopped at 1000 steps/s; its pull-in speed is 100 steps/s.
             let StopReport { moved, positions, uncertain, .. } = stop(|| Ok(port.clone())).unwrap();

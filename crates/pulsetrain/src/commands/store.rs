@@ -8,6 +8,7 @@ use pulsetrain_board::registry::Role;
 use pulsetrain_board::{Port, Remote, RemoteError, Serial};
 use pulsetrain_core::wire::settings::{AMAX, MAX_VMAX};
 use pulsetrain_core::wire::{Reason, Settings, Stored};
+use schemars::JsonSchema;
 use serde::Serialize;
 
 use super::problems::{drive_problem, port_problem};
@@ -53,12 +54,17 @@ pub(crate) struct StoreArgs {
 }
 
 /// A board's stored settings. 0 means the board's default.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub(super) struct Kept {
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, JsonSchema)]
+pub(crate) struct Kept {
+    /// After so long without a line of text its axes stop, ms.
     deadman_ms: u16,
+    /// After so long a rest text releases the motors, ms.
     idle_ms: u16,
+    /// After so long without a frame a host is lost, ms.
     silence_ms: u16,
+    /// Largest speed of text's axes, steps/s.
     steps_per_s: f64,
+    /// Largest acceleration of text's axes, steps/s².
     steps_per_s2: f64,
 }
 
@@ -91,8 +97,8 @@ fn figure(value: f64) -> String {
 }
 
 /// The settings for JSON.
-#[derive(Debug, Serialize)]
-struct StoreReport {
+#[derive(Debug, Serialize, JsonSchema)]
+pub(crate) struct StoreReport {
     #[serde(flatten)]
     kept: Option<Kept>,
     /// Whether the newest copy is damaged.

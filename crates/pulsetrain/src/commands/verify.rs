@@ -4,7 +4,6 @@ use crate::arguments;
 use crate::arguments::Motion;
 use clap::{Args, ValueEnum};
 use miette::miette;
-use pulsetrain_board::BoardKind;
 use pulsetrain_motion::Time;
 use pulsetrain_motion::quantity::{Quantity, nearest};
 use pulsetrain_trace::capture::{self, Capture};
@@ -13,13 +12,15 @@ use pulsetrain_trace::{Line, lines};
 use std::path::PathBuf;
 
 use super::film::{film_picture, wheel_of};
+use super::hints;
 use crate::consent::{self, Consent};
 use crate::console::{self, Console, Exit};
 use crate::diagnostic::advised;
 use crate::load;
-use crate::report::VerdictTable;
+use crate::report::VerdictText;
 use pulsetrain_session::estimate::Task;
-use pulsetrain_session::lateness::Edges;
+use schemars::JsonSchema;
+use serde::Serialize;
 
 #[derive(Args, Debug)]
 #[command(after_help = "\
@@ -57,7 +58,10 @@ pub(crate) struct VerifyArgs {
     /// Whose film it is, if the motion file has several motors
     #[arg(long, value_name = "MOTOR")]
     pub(crate) motor: Option<String>,
-    /// Print the verdict as JSON
+    /// Print all that was measured of each motor
+    #[arg(short, long)]
+    pub(crate) verbose: bool,
+    /// Print the verdict as JSON (docs/json.md)
     #[arg(long)]
     pub(crate) json: bool,
 }
@@ -68,7 +72,7 @@ pub(crate) enum Alignment {
     None,
     /// The capture began some time before
     Start,
-    /// The same, and its clock runs at another rate, which is told in ppm
+    /// The same, and its clock runs at another rate, which the report gives in ppm
     #[value(name = "start+rate")]
     StartAndRate,
 }
@@ -134,11 +138,7 @@ pub(crate) fn run(args: &VerifyArgs, console: &mut Console<'_>) -> miette::Resul
     let until_s = args.until.map(Time::seconds);
     let mut options = Options { align, until_s, sample_hz: args.sample_rate, ..Options::default() };
     if args.pins {
-        // Edges on pins come the board's constant delay after their scheduled ticks, and may be late on top.
-        let edges = Edges::of(program);
-        options.constant_ticks = edges.constant_ticks.into();
-        let tolerance = program.tolerance.ticks(program.board.tick_hz);
-        options.bound_ticks = Some(tolerance + f64::from(edges.late_ticks));
+        options = hints::of_pins(&options, program);
     }
     let no_verdict = |error: JudgeError| match error {
         JudgeError::Line(_) => {
@@ -169,18 +169,26 @@ pub(crate) fn run(args: &VerifyArgs, console: &mut Console<'_>) -> miette::Resul
         }
     };
     let report = judged.map_err(no_verdict)?;
+    let hints = if report.ok { Vec::new() } else { hints::hints(&capture, program, &options, &report, args.pins) };
+    let pass = report.ok;
     if args.json {
-        console.print_json(&report)?;
+        console.print_json(&VerifyReport { pass, report, hints })?;
     } else {
-        console.print(VerdictTable(&report))?;
-        if !report.ok && align == Align::None {
-            console.print("Did the capture begin before the motion? Then say --align start, or start+rate\n")?;
-        }
-        if !report.ok && !args.pins && BoardKind::named(&program.board.name) == Some(BoardKind::Uno) {
-            console.print("Does it show an Uno's pins, a virtual one's too? Then say --pins\n")?;
-        }
+        console.print(VerdictText { report: &report, verbose: args.verbose })?;
+        hints.iter().try_for_each(|hint| console.print(format_args!("{hint}\n")))?;
     }
-    Ok(exit(report.ok))
+    Ok(exit(pass))
+}
+
+/// The verdict on edges or steps.
+#[derive(Serialize, JsonSchema)]
+pub(crate) struct VerifyReport {
+    /// Whether no bound broke.
+    pass: bool,
+    #[serde(flatten)]
+    report: verdict::Report,
+    /// What would make a capture pass that fails, or why it cannot.
+    hints: Vec<String>,
 }
 
 fn names(lines: &[Line]) -> impl Iterator<Item = &str> {

@@ -121,7 +121,7 @@ pub(crate) fn run(args: &WinchArgs, console: &mut Console<'_>) -> miette::Result
 fn port_problem(error: PortError) -> Report {
     match error {
         PortError::Gone { .. } => {
-            let help = "look at the cable; the board goes on with what it was told, as long as it has power: `deadman <ms>` in \
+            let help = "look at the cable; the board goes on with its last orders, as long as it has power: `deadman <ms>` in \
                         the script has it stop by itself";
             miette!(help = help, "{error}")
         }
@@ -131,7 +131,8 @@ fn port_problem(error: PortError) -> Report {
 
 /// The error for a board on which a script cannot be judged. Nothing was sent to it.
 fn not_at_zero(port: &str, [x, y, z, a]: [i32; 4]) -> Report {
-    let help = "go to 0 by hand (`a xyza 0 0 0 0`), or plug the board in anew, which also brings back gains and limits";
+    let help =
+        "go to 0 by hand (`a xyza 0 0 0 0`), or plug the board in again, which also brings back gains and limits";
     miette!(
         help = help,
         "the axes of the board at {port} stand at x {x}, y {y}, z {z}, a {a}, and a script is judged from 0 on"

@@ -81,7 +81,7 @@ pub const HELP: &str = "\
   enable 0                    stop all axes, then drivers off     enable 1    drivers on
   srate <ms>    status lines, 1 to 65 535     deadman <ms>    stop after so long a silence, up to 65 535; 0: never
   strict 0|1    refuse irregular lines      version, ping
-  on a Pico:  move <axes> <n>…  run <axes>  speed <axes> <ticks>…  dir <axes> <1, -1, 0>…  halt    told directly: docs/verbs.md
+  on a Pico:  move <axes> <n>…  run <axes>  speed <axes> <ticks>…  dir <axes> <1, -1, 0>…  halt    verbs: docs/verbs.md
   help, quit    of this console; quit leaves the board as it is
 ";
 
@@ -165,7 +165,7 @@ pub fn converse<P: Port>(talk: &mut Talk<P>, person: &mut impl Person) -> Result
                     Some(_) => "the axes still move",
                     None => "no status tells whether the axes rest",
                 };
-                person.tell(&format!("{what}; the board goes on with what it was told\n"))?;
+                person.tell(&format!("{what}; the board goes on with its last orders\n"))?;
                 return Ok(Ended { refused, is_settled: false });
             }
         }

@@ -7,6 +7,7 @@ use pulsetrain_board::{Port, PortError, VirtualBoard};
 use pulsetrain_motion::program::Scale;
 use pulsetrain_trace::Edge;
 use pulsetrain_trace::winch::{self, AXES, Command, Onlooker, Order, SentLine, Status, WinchOptions};
+use schemars::JsonSchema;
 use serde::Serialize;
 
 use super::script::Script;
@@ -60,7 +61,7 @@ pub struct Run {
 }
 
 /// A line that the board refused.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct Refusal {
     /// When the refusal came, s from the script's beginning.
     pub at_s: f64,
@@ -69,7 +70,7 @@ pub struct Refusal {
 }
 
 /// A board restarted during the script, or fell silent.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct Trouble {
     /// When that was seen, s from the script's beginning.
     pub at_s: f64,
@@ -316,7 +317,7 @@ fn ticks(at: Duration, tick_hz: u64) -> u64 {
 }
 
 /// The report of a script.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Serialize, JsonSchema)]
 pub struct WinchReport {
     /// The script's name.
     pub script: String,
@@ -343,7 +344,7 @@ pub struct WinchReport {
 }
 
 /// An axis by the board's own positions.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Serialize, JsonSchema)]
 pub struct AxisReport {
     /// x, y, z or a.
     pub axis: String,

@@ -73,7 +73,7 @@ pub fn meaning(line: &str) -> Option<String> {
         "busy" => return Some("a move waits already: wait until one is done, or halt it".to_owned()),
         "moving" => return Some("the motors still move".to_owned()),
         "path" => return Some("the axes follow paths: `enable 0` ends that".to_owned()),
-        "verbs" => return Some("the axes are told directly: `enable 0` ends that".to_owned()),
+        "verbs" => return Some("the axes obey verbs: `enable 0` ends that".to_owned()),
         "taken" => return Some("a program that sends frames has the board".to_owned()),
         _ => return None,
     };

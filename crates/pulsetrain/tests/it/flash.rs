@@ -57,6 +57,7 @@ fn a_pico_gets_the_image_by_copying() {
     let (exit, out, _) = pulsetrain(&["flash", "pico", "--json", "--port", &drive.name()]);
     began.join().unwrap();
     let json: serde_json::Value = serde_json::from_str(&out).unwrap();
+    crate::json::conforms("flash", &json);
     assert_eq!((exit, json["bytes"].as_u64()), (Exit::Success, Some(virtual_pico::IMAGE.len() as u64)));
     assert_eq!(json["verified"], false, "nothing was read back");
 }
@@ -163,6 +164,7 @@ fn ports_are_listed() {
     let (exit, out, _) = pulsetrain(&["ports", "--json"]);
     assert_eq!(exit, Exit::Success);
     let json: serde_json::Value = serde_json::from_str(&out).unwrap();
+    crate::json::conforms("ports", &json);
     let names: Vec<&str> = json.as_array().unwrap().iter().map(|found| found["port"].as_str().unwrap()).collect();
     let (exit, out, _) = pulsetrain(&["ports"]);
     assert_eq!(exit, Exit::Success);

@@ -9,6 +9,7 @@ mod first_motion;
 mod flash;
 mod formula;
 mod helps;
+mod json;
 mod link;
 mod machines;
 mod mutants;

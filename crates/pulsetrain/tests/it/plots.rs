@@ -38,6 +38,16 @@ fn svg_names_axes_with_their_units_and_stays_small() {
     assert!(svg.len() < 700_000, "{} bytes", svg.len());
 }
 
+/// The bound of the plan is not that of a board whose edges may be late: the panel names both.
+#[test]
+fn the_error_panel_names_the_boards_lateness() {
+    let mut picture = tutorial(1.0);
+    assert!(picture.svg().unwrap().contains("Error of crank, ticks; proven: at most 0.93"));
+    picture.motors[0].late_ticks = 56.0;
+    let svg = picture.svg().unwrap();
+    assert!(svg.contains("Error of crank at its pin, ticks; plan ±0.93, board +56"), "{svg}");
+}
+
 #[test]
 fn png_is_written() {
     let folder = Folder::new("plot");

@@ -230,6 +230,11 @@ impl<'a> EdgeJudge<'a> {
         self.decoder.push(edge, &mut |motor, tick, event| judge.event(motor, tick, event))
     }
 
+    /// Judges only up to `until_s`, s of the law, as [`Options::until_s`] does. No edge after it may have been added.
+    pub fn end_at(&mut self, until_s: f64) {
+        self.judge.until = Some(instant(until_s, self.judge.tick_hz));
+    }
+
     /// Whether any bound broke among the steps judged so far.
     #[must_use]
     pub fn has_failed(&self) -> bool {
@@ -321,10 +326,7 @@ impl<'a> Judge<'a> {
         });
         let motors: Vec<Matcher> = motors.collect();
         let last_steps = vec![None; motors.len()];
-        let until = options.until_s.map(|until_s| {
-            let (tick, fraction) = Time::from_seconds(until_s).ticks(tick_hz);
-            Instant { tick, fraction }
-        });
+        let until = options.until_s.map(|until_s| instant(until_s, tick_hz));
         Ok(Judge { program, tick_hz, timebase, until, spare_ticks, last_tick: 0, last_steps, motors })
     }
 
@@ -412,6 +414,11 @@ impl<'a> Judge<'a> {
             failures,
         })
     }
+}
+
+fn instant(at_s: f64, tick_hz: u64) -> Instant {
+    let (tick, fraction) = Time::from_seconds(at_s).ticks(tick_hz);
+    Instant { tick, fraction }
 }
 
 #[derive(Clone, Copy)]

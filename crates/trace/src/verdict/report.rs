@@ -2,12 +2,13 @@
 
 use std::fmt;
 
+use schemars::JsonSchema;
 use serde::Serialize;
 
 use super::MOST_PPM;
 
 /// The verdict on a trace.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct Report {
     /// Whether every bound was kept.
     pub ok: bool,
@@ -22,7 +23,7 @@ pub struct Report {
 }
 
 /// The alignment of the trace with the law.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, JsonSchema)]
 pub struct Alignment {
     /// Time in the trace of the law's time zero, s.
     pub shift_s: f64,
@@ -34,7 +35,7 @@ pub struct Alignment {
 ///
 /// An error is how late a step is (negative: early), without the board's constant delay and within the precision of
 /// f64.
-#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, JsonSchema)]
 pub struct MotorReport {
     /// The name of the motor in the motion file.
     pub motor: String,
@@ -43,8 +44,10 @@ pub struct MotorReport {
     /// Steps in the trace.
     pub steps_got: u64,
     /// Steps forward minus steps backward, by the law.
+    #[serde(rename = "position_wanted_steps")]
     pub position_wanted: i64,
     /// Steps forward minus steps backward, in the trace.
+    #[serde(rename = "position_got_steps")]
     pub position_got: i64,
     /// Steps of the law that the trace does not have.
     pub missing: u64,
@@ -91,6 +94,7 @@ pub struct MotorReport {
     /// Pairs of opposite steps that were dropped because they were closer than the driver or the motor allows.
     pub pairs_dropped: u64,
     /// Largest |position − θ| because of dropped pairs, steps.
+    #[serde(rename = "worst_position_error_steps")]
     pub worst_position_error: f64,
     /// Steps that were later than the bound because another motor used the shared DIR line.
     pub steps_put_off: u64,
@@ -99,7 +103,7 @@ pub struct MotorReport {
 }
 
 /// A time that a driver needs, as measured.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct Measured {
     /// The shortest one, ns.
     pub seen_ns: f64,
@@ -110,7 +114,7 @@ pub struct Measured {
 }
 
 /// A bound that broke.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct Failure {
     /// The motor.
     pub motor: String,
@@ -124,7 +128,7 @@ pub struct Failure {
 }
 
 /// The kinds of fault.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, JsonSchema)]
 #[serde(tag = "fault", rename_all = "snake_case")]
 pub enum Fault {
     /// The law has a step and the trace does not.

@@ -20,6 +20,7 @@ pub use command::{AXES, Command, Order, WrongLine};
 
 use crate::Edge;
 use path::Board;
+use schemars::JsonSchema;
 use serde::Serialize;
 
 /// 1/64 step beyond the middle between two steps: where a path makes the next one.
@@ -110,7 +111,7 @@ impl WinchOptions {
 }
 
 /// The verdict on a run.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct WinchReport {
     /// Whether every bound was kept.
     pub ok: bool,
@@ -128,7 +129,7 @@ pub struct WinchReport {
 }
 
 /// What the trace shows of one axis.
-#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, JsonSchema)]
 pub struct AxisReport {
     /// x, y, z or a.
     pub axis: String,
@@ -156,7 +157,7 @@ pub struct AxisReport {
 }
 
 /// A bound that broke.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct WinchFault {
     /// x, y, z or a.
     pub axis: char,

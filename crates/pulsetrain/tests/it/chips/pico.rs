@@ -39,7 +39,7 @@ fn its_firmware_runs_the_tutorial_and_its_own_example() {
         let out = folder.path(name);
         let (exit, said) = pulsetrain(&["run", &file, "--board", "pico", "--out", &out]);
         assert_eq!(exit, Exit::Success, "{said}");
-        assert!(said.contains("Run on the virtual Pico, firmware"), "{said}");
+        assert!(said.contains("on the virtual Pico, firmware"), "{said}");
         let (exit, said) = pulsetrain(&["verify", &format!("{out}/trace.vcd"), &file, "--board", "pico", "--pins"]);
         assert_eq!(exit, Exit::Success, "{said}");
     }
@@ -76,7 +76,7 @@ fn a_long_pulse_beside_leaves_each_driver_its_times() {
     assert_eq!(exit, Exit::Refused, "{said}");
     let why = "the limit is the pulse of motor a: pico makes the pulses of all motors equally long, and the driver of a (TB6600) needs \
                10 µs HIGH; that of b needs 5.05 µs HIGH and 5.05 µs LOW, with which 98.9 k steps/s fit. A driver with a shorter pulse for \
-               motor a helps, or a board of its own as it is, it fits: due, native";
+               motor a helps, or a board of its own as it is, it fits: due (no firmware yet), native";
     assert!(said.contains(why), "{said}");
     // Reversals that each driver allows by itself, but not after the long pulse: two steps of b are dropped.
     let long = "pulse_high = \"10 us\"\ndir_setup = \"1 us\"\ndir_hold = \"1 us\"";
@@ -113,7 +113,7 @@ fn a_queue_of_many_short_segments_loses_and_adds_nothing() {
     let segments = said.lines().find_map(|line| line.trim().strip_prefix("segments")).expect("it is told");
     let segments: usize = segments.split_whitespace().collect::<String>().parse().unwrap();
     assert!(segments > QUEUE_LEN, "{segments} segments");
-    assert!(said.contains("steps lost 0, added 0") && said.contains("\nPASS: no bound broke\n"), "{said}");
+    assert!(said.contains("Steps lost 0, added 0") && said.contains("\nPASS: no bound broke\n"), "{said}");
     assert_eq!(exit, Exit::Success, "{said}");
 }
 
@@ -272,13 +272,13 @@ fn pins_that_do_not_fit_are_refused_with_what_would() {
     let cases = [
         (
             drivers(&["step = 2, dir = 4"]),
-            "DIR of `m0` (pin 4) is not beside its STEP (pin 2), but a Pico drives the two as neighbours",
+            "DIR of `m0` (pin 4) is not next to its STEP (pin 2), but a Pico drives the two as neighbours",
             "wire DIR to pin 3",
         ),
         (
             drivers(&["step = 2, dir = 3", "step = 4, dir = 3"]),
             "motors `m0` and `m1` share DIR (pin 3), but a Pico needs one for each motor",
-            "give each motor a DIR beside its STEP",
+            "give each motor a DIR next to its STEP",
         ),
         (
             drivers(&["step = 2, dir = 3, enable = 6", "step = 4, dir = 5, enable = 7"]),

@@ -638,10 +638,19 @@ mod real {
             let args = ["run", file.to_str().unwrap(), "--port", &link, "--out", out.to_str().unwrap()];
             let (exit, said) = pulsetrain(&args);
             assert_eq!(exit, Exit::Refused, "{said}");
-            for part in ["counted  planned\n  m      7 steps  7 steps", "cannot write", name, "No space left"] {
+            for part in ["7 steps from its start", "PASS", "cannot write", name, "the disk is full"] {
                 assert!(said.contains(part), "{part} is not in {said}");
             }
             assert!(!said.contains("(as scheduled)"), "{said}");
+            let (exit, said) = pulsetrain(&[&args[..], &["--json"]].concat());
+            let (value, error) = said.split_at(said.rfind("}\n").map_or(0, |end| end + 2));
+            let report: serde_json::Value = serde_json::from_str(value).expect("one value");
+            crate::json::conforms("run", &report);
+            assert_eq!((exit, &report["pass"]), (Exit::Refused, &true.into()), "{report}");
+            assert!(
+                error.contains(name) && report["unwritten"].as_str().is_some_and(|file| file.contains(name)),
+                "{said}"
+            );
         }
         served.interrupt();
     }
@@ -803,7 +812,9 @@ mod real {
         let stop = || {
             let (exit, said) = pulsetrain(&["stop", "--port", &link, "--json"]);
             assert_eq!(exit, Exit::Success, "{said}");
-            serde_json::from_str::<serde_json::Value>(&said).unwrap()
+            let stopped = serde_json::from_str::<serde_json::Value>(&said).unwrap();
+            crate::json::conforms("stop", &stopped);
+            stopped
         };
         for lines in [&["v x 1000"][..], &["speed y 125000", "run y"]] {
             let mut talk = Talk::new(Serial::open(&link, false).unwrap());
@@ -874,6 +885,11 @@ mod real {
         let kept = (0..3).map(|_| ran(&[&easy])).find(|(code, ..)| *code == Some(Exit::Success as i32));
         let Some((_, said, steps, _)) = kept else { panic!("it does not come to its end") };
         assert!(steps == 100 && said.contains("Rehearsed on the virtual Uno: all 1 s: every edge within "), "{said}");
+        // It ends where it began, after a hundred steps: both are said, and that the verdict is the board's own.
+        for part in ["steps made", " 100 ", "is at 0 steps, 0 steps from its start", "PASS: by the board's own report"]
+        {
+            assert!(said.contains(part), "{part} is not in {said}");
+        }
     }
 
     /// If the board disappears during a run, the exit code is 3. The message and report.json say why, when, and where the motors are.
@@ -905,6 +921,7 @@ mod real {
             assert!(said.contains("m2 at "), "{said}");
             let text = std::fs::read(folder.join("out/report.json")).unwrap();
             let report: serde_json::Value = serde_json::from_slice(if json { &ended.stdout } else { &text }).unwrap();
+            crate::json::conforms("run", &report);
             let stopped = &report["stopped"];
             assert!(stopped["at_s"].as_f64().is_some_and(|at_s| (0.0..60.0).contains(&at_s)), "{report}");
             assert_eq!(stopped["motors"][0]["name"], "m2");
@@ -946,6 +963,7 @@ mod real {
         let (exit, said) = pulsetrain(&["stop", "--port", &link, "--json"]);
         assert_eq!(exit, Exit::Success, "{said}");
         let stopped: serde_json::Value = serde_json::from_str(&said).unwrap();
+        crate::json::conforms("stop", &stopped);
         assert_eq!((&stopped["moved"], &stopped["text"]), (&true.into(), &false.into()), "{said}");
         served.interrupt();
     }
@@ -969,8 +987,9 @@ mod real {
                 }
                 assert_eq!(exit, Exit::Success, "{said}");
                 let found: serde_json::Value = serde_json::from_str(&said[..=said.rfind('}').unwrap()]).unwrap();
+                crate::json::conforms("calibrate", &found);
                 let [ppm, within, seconds] =
-                    ["clock_ppm", "within_ppm", "seconds"].map(|name| found[name].as_f64().unwrap());
+                    ["clock_ppm", "within_ppm", "watched_s"].map(|name| found[name].as_f64().unwrap());
                 assert!(within > 0.0 && seconds == 2.0, "{said}");
                 if (ppm - off).abs() <= within + BUSY_PPM {
                     return (served, clients);
