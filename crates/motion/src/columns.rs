@@ -49,9 +49,6 @@ pub struct ReadError {
     pub help: &'static str,
 }
 
-/// The message about a decimal comma in a formula.
-pub(crate) const POINT: &str = "decimals are written with a point: 0.5";
-
 /// Whether it is a number but for its decimal comma.
 pub(crate) fn has_decimal_comma(text: &str) -> bool {
     text.matches(',').count() == 1 && text.replace(',', ".").parse::<f64>().is_ok()

@@ -4,9 +4,11 @@ use super::FormulaError;
 use super::dimension::{Measure, Parameter, Place, Typed, Unit};
 use super::tree::{Condition, Expression, Function, LARGEST, Operation, Span, Test, error};
 use super::words::{self, FormulaFunction};
-use crate::columns::POINT;
 use crate::law::double::Double;
 use std::sync::Arc;
+
+/// The message about a decimal comma.
+const POINT: &str = "decimals are written with a point: 0.5";
 
 /// Brackets and signs nest no deeper, and so no text overflows the stack.
 const NESTED: u32 = 64;
