@@ -373,7 +373,8 @@ fn assignments(list: &str) -> miette::Result<Vec<(String, String)>> {
 
 /// Reads a time of at least 0 s.
 fn moment(text: &str) -> Result<Time, String> {
-    if matches!(text.trim(), "0" | "0 s") {
+    let is_zero = Quantity::parse(text).is_ok_and(|quantity| quantity.time() == Some(Time::ZERO));
+    if is_zero || text.trim() == "0" {
         return Ok(Time::ZERO);
     }
     arguments::duration(text)
