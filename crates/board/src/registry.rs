@@ -8,7 +8,7 @@ use crate::virtual_uno::{self, VirtualUno};
 use crate::{Setup, VirtualBoard};
 use pulsetrain_core::winch::AXES;
 use pulsetrain_core::wire::Baud;
-use pulsetrain_core::wire::message::MotorSetup;
+use pulsetrain_core::wire::message::{Info, MotorSetup};
 
 /// A board that this project has a firmware for.
 ///
@@ -262,4 +262,10 @@ impl BoardKind {
             (BoardKind::Pico, Role::Plans | Role::Verbs) => Box::new(VirtualPico::on_usb()),
         }
     }
+}
+
+/// The kind of board, by its Info, in words for messages.
+#[must_use]
+pub fn name_of(info: &Info) -> &'static str {
+    BoardKind::numbered(info.board).map_or("a model, no chip", BoardKind::full_name)
 }

@@ -9,7 +9,7 @@
 use crate::lease::{ExtendRefused, Lease, LeaseState, Leased, TrimRefused};
 use crate::link::{Answer, BITS, Link, LinkError};
 use crate::packer::{MAX_LEN, Packer};
-use crate::{AtRest, Board, BoardClock, BoardKind, Edge, Faults, Observer, Sizer, StopReport, SwitchRefused};
+use crate::{AtRest, Board, BoardClock, Edge, Faults, Observer, Sizer, StopReport, SwitchRefused};
 use pulsetrain_core::braking::Limit;
 use pulsetrain_core::lease;
 use pulsetrain_core::packing::Packing;
@@ -222,7 +222,7 @@ pub enum RemoteError {
         "the board is {is}, but the motion is planned for `{wanted}`: a clock of {wanted_hz} Hz, {wanted_bits} fraction bits"
     )]
     OtherBoard {
-        /// The connected board: [`name_of`].
+        /// The connected board: [`name_of`](crate::registry::name_of).
         is: &'static str,
         /// The board that the plan is for, by its name in motion files.
         wanted: String,
@@ -309,12 +309,6 @@ pub const fn in_words(cause: Cause) -> &'static str {
         Cause::Braked => "the host asked the motors to brake",
         Cause::RanDry => "a motor had no more plan, and all braked",
     }
-}
-
-/// The kind of board, by its Info, in words for messages.
-#[must_use]
-pub fn name_of(info: &Info) -> &'static str {
-    BoardKind::numbered(info.board).map_or("a model, no chip", BoardKind::full_name)
 }
 
 /// The name of an Uno's image (one of [`image`]), as `pulsetrain flash uno --image` takes it. `uno` is the default image.

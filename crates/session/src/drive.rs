@@ -7,8 +7,8 @@ use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::mpsc::{Receiver, TryRecvError, channel};
 
 use pulsetrain_board::native::{ConfigError, Faults};
-use pulsetrain_board::registry::Role;
-use pulsetrain_board::remote::{image_name, in_words, name_of};
+use pulsetrain_board::registry::{Role, name_of};
+use pulsetrain_board::remote::{image_name, in_words};
 use pulsetrain_board::{
     AtRest, BoardKind, Config, Edge, Leased, LinkError, MotorConfig, Native, Observer, Port, Remote, RemoteError,
     ScheduledStep, Setup, VirtualBoard, Wiring, WithReference,

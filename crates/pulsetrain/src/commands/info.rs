@@ -1,8 +1,8 @@
 //! `pulsetrain info`: prints what a board reports of itself.
 
 use pulsetrain_board::BoardKind;
-use pulsetrain_board::registry::Role;
-use pulsetrain_board::remote::{image_name, in_words, name_of};
+use pulsetrain_board::registry::{Role, name_of};
+use pulsetrain_board::remote::{image_name, in_words};
 use pulsetrain_board::{Board, Port, Remote, RemoteError, Serial};
 use pulsetrain_core::wire::message::{Cause, flags, image};
 use pulsetrain_core::wire::{Baud, Reason, Stored, VERSION};

@@ -3,7 +3,7 @@
 use crate::arguments;
 use clap::{ArgGroup, Args, ValueEnum};
 use pulsetrain_board::BoardKind;
-use pulsetrain_board::registry::Role;
+use pulsetrain_board::registry::{Role, name_of};
 use std::fmt::Display;
 use std::io::{ErrorKind, IsTerminal, stdin, stdout};
 use std::ops::Range;
@@ -13,7 +13,7 @@ use std::sync::Arc;
 use std::sync::mpsc::channel;
 
 use miette::{LabeledSpan, MietteDiagnostic, NamedSource, Report, miette};
-use pulsetrain_board::remote::{image_name, in_words, name_of};
+use pulsetrain_board::remote::{image_name, in_words};
 use pulsetrain_board::{Board, Edge, Port, Remote, RemoteError, Serial, Setup};
 use pulsetrain_core::output::{HALF_STEPS, Sequence};
 use pulsetrain_core::verbs::{Heading, Verb};
