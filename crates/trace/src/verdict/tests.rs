@@ -684,8 +684,8 @@ fn lost_and_added_steps_are_counted_where_they_are() {
         0.02,
         &stall,
         expect![[r#"
-        48 steps lost from 0.91 s to 1.01 s
-    "#]],
+            48 steps lost from 0.91 s to 1.00 s
+        "#]],
     );
     // Too much noise for a count.
     check(
