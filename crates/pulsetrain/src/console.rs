@@ -1,5 +1,7 @@
 //! Where a command prints, and how it ends.
 
+use pulsetrain_motion::human;
+use pulsetrain_session::prepare::Prepared;
 use std::fmt::Display;
 use std::io::{self, BufRead, IsTerminal, Write};
 use std::path::Path;

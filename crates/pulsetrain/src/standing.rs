@@ -6,10 +6,11 @@ use pulsetrain_motion::Time;
 use pulsetrain_motion::human;
 use pulsetrain_motion::law::Cursor;
 use pulsetrain_motion::program::{Motor, Program, Scale};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 /// Where a motor stands.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Standing {
     /// The motor's name in the file.
     pub name: String,

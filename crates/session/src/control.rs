@@ -8,10 +8,11 @@
 //! ```
 
 use crate::lateness::Lateness;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 /// A command to a running session.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(tag = "command", rename_all = "snake_case")]
 pub enum Command {
     /// Bring all motors to a halt on their paths, as soon as their limits allow.
@@ -30,7 +31,7 @@ pub enum Command {
 }
 
 /// An event of a running session. Times are seconds from the begin of the motion.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(tag = "event", rename_all = "snake_case")]
 pub enum Event {
     /// Time has passed.
@@ -94,7 +95,7 @@ pub enum Event {
 }
 
 /// The state of a session.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Status {
     /// Time of the motion, s.
     pub at_s: f64,
@@ -107,7 +108,7 @@ pub struct Status {
 }
 
 /// The state of a motor.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct MotorStatus {
     /// Steps made, forward minus backward.
     pub position: i64,
@@ -120,7 +121,7 @@ pub struct MotorStatus {
 }
 
 /// How a run ended.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct Ended {
     /// Steps of each motor, forward minus backward, as the board counted them.
     pub counted: Vec<i64>,
@@ -131,7 +132,7 @@ pub struct Ended {
 }
 
 /// Where the motors are after a run that failed, and how that is known.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct Positions {
     /// Each motor's name and its steps forward minus backward since the board was set up.
     pub motors: Vec<(String, i64)>,
@@ -140,7 +141,7 @@ pub struct Positions {
 }
 
 /// How the positions of motors are known, the surest way first.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(tag = "by", rename_all = "snake_case")]
 pub enum Knowledge {
     /// The board counted them; they came to rest within their limits.

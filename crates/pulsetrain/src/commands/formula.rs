@@ -10,15 +10,17 @@ use pulsetrain_motion::law::{Begin, Cursor, End, formula_functions};
 use pulsetrain_motion::quantity::Quantity;
 use pulsetrain_motion::{Law, LawError, Time, file};
 use pulsetrain_plan::{Ensemble, Move, PlanError};
+use pulsetrain_session::Proof;
 use pulsetrain_session::drive::Driven;
 use pulsetrain_session::lateness::Edges;
 use pulsetrain_session::prepare::{Prepared, Refusal};
+use schemars::JsonSchema;
 use serde::Serialize;
 
 use super::problems::drive_problem;
 use super::run;
 use crate::arguments;
-use crate::console::{Console, Exit};
+use crate::console::{Access, Console, Exit};
 use crate::diagnostic::{WrongFile, advised};
 use crate::record::Files;
 use crate::report::{ParameterReport, Peak};
@@ -82,8 +84,8 @@ const MOST_PIECES: usize = 1 << 20;
 /// Rows of the table, if no times are given.
 const ROWS: u64 = 21;
 
-#[derive(Serialize)]
-struct TriedFormula {
+#[derive(Serialize, JsonSchema)]
+pub(crate) struct TriedFormula {
     formula: String,
     unit: &'static str,
     duration_s: f64,
@@ -100,8 +102,8 @@ struct TriedFormula {
 }
 
 /// Why a motion of the formula alone would be refused.
-#[derive(Serialize)]
-struct FormulaRefusal {
+#[derive(Serialize, JsonSchema)]
+pub(crate) struct FormulaRefusal {
     message: String,
     /// What to write into its file.
     advice: String,
@@ -121,16 +123,16 @@ impl FormulaRefusal {
 }
 
 /// The formula at a time, in its unit.
-#[derive(Serialize)]
-struct FormulaPoint {
+#[derive(Serialize, JsonSchema)]
+pub(crate) struct FormulaPoint {
     at_s: f64,
     position: f64,
     speed: f64,
     acceleration: f64,
 }
 
-#[derive(Serialize)]
-struct FirstSteps {
+#[derive(Serialize, JsonSchema)]
+pub(crate) struct FirstSteps {
     board: String,
     steps_per_rev: u32,
     microsteps: u32,
@@ -140,8 +142,8 @@ struct FirstSteps {
     first: Vec<FirstStep>,
 }
 
-#[derive(Serialize)]
-struct FirstStep {
+#[derive(Serialize, JsonSchema)]
+pub(crate) struct FirstStep {
     n: usize,
     tick: u64,
     at_s: f64,
@@ -270,9 +272,10 @@ pub(crate) fn run(args: &FormulaArgs, console: &mut Console<'_>) -> miette::Resu
     let planned = planned.map_err(advised)?;
     if let Some(path) = &args.plot {
         let driven = Driven::native(&prepared).map_err(advised)?;
-        let recorded =
-            run::record(&prepared, &planned, driven, None::<Files<std::io::Sink>>, Edges::default(), console)?;
-        run::draw(&recorded.map_err(drive_problem)?.picture, path)?;
+        let files = None::<Result<Files<std::io::Sink>, Access>>;
+        let proof = Proof { planned, is_whole: true };
+        let ran = run::record(&prepared, proof, driven, files, Edges::default(), None, console)?;
+        run::draw(&ran.map_err(|(error, _)| drive_problem(error))?.recorded.picture, path)?;
         if !args.json {
             console.print(format_args!("{}\n", path.display()))?;
         }

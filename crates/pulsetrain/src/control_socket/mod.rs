@@ -18,6 +18,7 @@ use miette::Diagnostic;
 use pulsetrain_board::BoardKind;
 use pulsetrain_motion::program::Program;
 use pulsetrain_session::control::{Command, Event};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::standing::Standing;
@@ -45,7 +46,7 @@ pub const VERSION: u32 = 1;
 pub const LONGEST_LINE: usize = 4096;
 
 /// The first line of a run: what it is.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct RunInfo {
     /// The protocol's version: [`VERSION`].
     pub pulsetrain_control: u32,
@@ -68,7 +69,7 @@ pub struct RunInfo {
 }
 
 /// What a client needs to know of a motor to show its position.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct MotorInfo {
     /// Its name in the file.
     pub name: String,
@@ -144,7 +145,7 @@ fn port_paths(port: &str) -> Vec<PathBuf> {
 }
 
 /// A line that a run sends after its first one.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(untagged)]
 pub enum RunLine {
     /// Something happened. [`Event::Status`] goes to clients alone that follow, [`Event::Progress`] to none.
@@ -159,7 +160,7 @@ pub enum RunLine {
 }
 
 /// How a run ended.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct RunEnded {
     /// How it ended.
     pub ended: Ending,
@@ -175,7 +176,7 @@ pub struct RunEnded {
 }
 
 /// The ways in which a run ends.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Ending {
     /// The motion came to its end.

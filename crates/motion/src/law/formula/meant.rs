@@ -1,10 +1,10 @@
 //! What was meant by what no formula has: operators and spellings of other languages, missing signs, units.
 
 use super::FormulaError;
+use super::parse::POINT;
 use super::parse::{DEGREES, MINUS, Parser, SUPERSCRIPTS, begins_name, first_word, is_of_name};
 use super::tree::{Span, error};
 use super::words::{self, CONSTANTS, FUNCTIONS, LIST};
-use crate::columns::POINT;
 
 /// Characters of a formula that a message repeats, at most.
 const MOST_REPEATED: usize = 40;

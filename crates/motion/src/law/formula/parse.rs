@@ -8,7 +8,7 @@ use crate::law::double::Double;
 use std::sync::Arc;
 
 /// The message about a decimal comma.
-const POINT: &str = "decimals are written with a point: 0.5";
+pub(super) const POINT: &str = "decimals are written with a point: 0.5";
 
 /// Brackets and signs nest no deeper, and so no text overflows the stack.
 const NESTED: u32 = 64;

@@ -1,12 +1,13 @@
 //! Where the error of a film jumps and stays: lost and added steps.
 
+use schemars::JsonSchema;
 use serde::Serialize;
 
 use super::align::Fit;
 use super::{CERTAIN, Seen};
 
 /// A place where the wheel left the law by some steps, and stayed so.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct Jump {
     /// Law time at which it begins, s.
     pub from_s: f64,

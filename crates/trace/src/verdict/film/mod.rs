@@ -8,6 +8,7 @@ mod align;
 mod jumps;
 
 use pulsetrain_motion::program::{Motor, Program, Wheel};
+use schemars::JsonSchema;
 use serde::Serialize;
 
 pub use jumps::Jump;
@@ -17,7 +18,7 @@ use crate::camera::Track;
 use align::Fit;
 
 /// The verdict on a film.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct FilmReport {
     /// Whether every frame is within the limit, and no step was lost or added.
     pub ok: bool,
