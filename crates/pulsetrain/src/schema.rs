@@ -4,10 +4,11 @@ use schemars::{JsonSchema, SchemaGenerator, generate::SchemaSettings};
 use serde_json::{Map, Value, json};
 
 use crate::commands::{
-    bake, bench, boards, calibrate, drivers, explain, flash, info, motor, on_port, ports, stop, store, verify,
+    bake, bench, boards, calibrate, drivers, explain, flash, formula, info, motor, on_port, ports, stop, store, verify,
 };
 use crate::report::{PlanReport, RunReport, StoppedReport};
 use crate::winch::run::WinchReport;
+use pulsetrain_session::control::Event;
 use pulsetrain_session::estimate::Estimate;
 use pulsetrain_trace::verdict::FilmReport;
 
@@ -47,7 +48,15 @@ pub fn all() -> Vec<(&'static str, Value)> {
         ("boards", one::<Vec<boards::BoardTableRow>>("What `pulsetrain boards --json` prints")),
         ("drivers", one::<Vec<drivers::DriverTableRow>>("What `pulsetrain drivers --json` prints")),
         ("info", one::<info::BoardInfo>("What `pulsetrain info --json` prints")),
-        ("stop", one::<stop::StopReport>("What `pulsetrain stop --json` prints")),
+        (
+            "stop",
+            any_of("What `pulsetrain stop --json` prints: of runs of this computer, or of a board", |schemas| {
+                schemas.add::<Vec<stop::StoppedRunReport>>();
+                schemas.add::<stop::StopReport>();
+            }),
+        ),
+        ("formula", one::<formula::TriedFormula>("What `pulsetrain formula --json` prints")),
+        ("event", one::<Event>("What `pulsetrain pause`, `resume` and `tempo --json` print: an event of the run")),
         ("store", one::<store::StoreReport>("What `pulsetrain store --json` prints")),
         ("bench", one::<bench::Rows>("What `pulsetrain bench --json` prints")),
         ("winch", one::<WinchReport>("What `pulsetrain winch SCRIPT --json` prints, and its report.json")),

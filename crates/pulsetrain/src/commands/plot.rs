@@ -3,27 +3,40 @@
 use super::problems::drive_problem;
 use super::{plan, run};
 use crate::arguments::Motion;
-use crate::console::{Access, Console, Exit};
+use crate::console::{self, Access, Console, Exit};
 use crate::diagnostic::advised;
+use crate::load;
 use crate::record::Files;
 use clap::Args;
+use miette::miette;
+use pulsetrain_board::{Edge, Native, Observer, ScheduledStep};
+use pulsetrain_motion::Time;
+use pulsetrain_plot::moving::{MOST_STEPS, Moving};
 use pulsetrain_session::Proof;
 use pulsetrain_session::drive::Driven;
 use pulsetrain_session::estimate::Task;
 use pulsetrain_session::lateness::Edges;
-use std::path::PathBuf;
+use pulsetrain_session::prepare::Prepared;
+use std::path::{Path, PathBuf};
 
 #[derive(Args, Debug)]
 #[command(after_help = "\
 Examples:
   pulsetrain plot examples/tutorial.toml
-  pulsetrain plot examples/tutorial.toml --out tutorial.png")]
+  pulsetrain plot examples/tutorial.toml --out tutorial.png
+  pulsetrain plot examples/first-uno.toml --moving --out moving.svg")]
 pub(crate) struct PlotArgs {
     #[command(flatten)]
     pub(crate) motion: Motion,
     /// Picture to write, .svg or .png [default: the file's name with .svg]
     #[arg(long, value_name = "FILE")]
     pub(crate) out: Option<PathBuf>,
+    /// A picture that moves: the law, the STEP line and the wheel of one motor, as SVG
+    #[arg(long)]
+    pub(crate) moving: bool,
+    /// The motor of a picture that moves [default: the first]
+    #[arg(long, value_name = "NAME", requires = "moving")]
+    pub(crate) motor: Option<String>,
 }
 
 pub(crate) fn run(args: &PlotArgs, console: &mut Console<'_>) -> miette::Result<Exit> {
@@ -31,6 +44,9 @@ pub(crate) fn run(args: &PlotArgs, console: &mut Console<'_>) -> miette::Result<
     let planned = plan::plan(&mut prepared, console)?;
     let path = args.out.clone().unwrap_or_else(|| args.motion.file.with_extension("svg"));
     let driven = Driven::native(&prepared).map_err(advised)?;
+    if args.moving {
+        return moving(args, &prepared, driven, &path, console);
+    }
     let files = None::<Result<Files<std::io::Sink>, Access>>;
     let ran =
         run::record(&prepared, Proof { planned, is_whole: true }, driven, files, Edges::default(), None, console)?;
@@ -38,4 +54,72 @@ pub(crate) fn run(args: &PlotArgs, console: &mut Console<'_>) -> miette::Result<
     run::draw(&recorded.picture, &path)?;
     console.print(format_args!("{}\n", path.display()))?;
     Ok(if recorded.verdict.ok { Exit::Success } else { Exit::BoundBroken })
+}
+
+/// Writes a picture that moves.
+fn moving(
+    args: &PlotArgs,
+    prepared: &Prepared,
+    mut driven: Driven<Native>,
+    path: &Path,
+    console: &mut Console<'_>,
+) -> miette::Result<Exit> {
+    let motors = &prepared.program.motors;
+    let names = || motors.iter().map(|motor| motor.name.as_str()).collect::<Vec<_>>().join(", ");
+    let index = match &args.motor {
+        None => 0,
+        Some(name) => motors
+            .iter()
+            .position(|motor| motor.name == *name)
+            .ok_or_else(|| miette!("there is no motor {name}; the motors are {}", names()))?,
+    };
+    let motor = &motors[index];
+    let tick_s = 1.0 / prepared.program.board.tick_hz as f64;
+    let (mut steps, mut position) = (Vec::new(), 0_i64);
+    driven
+        .run(
+            &mut Steps(|step: ScheduledStep| {
+                if step.motor == index && steps.len() <= MOST_STEPS {
+                    position += i64::from(step.direction.sign());
+                    steps.push((step.tick as f64 * tick_s, position));
+                }
+            }),
+            |_| {},
+        )
+        .map_err(drive_problem)?;
+    if steps.len() > MOST_STEPS {
+        let help = "take a shorter part, --for \"2 s\", or fewer microsteps";
+        return Err(miette!(
+            help = help,
+            "{} makes more than {MOST_STEPS} steps: no picture that moves has as many",
+            motor.name
+        ));
+    }
+    let text = console::read(&load::found(&args.motion.file))?;
+    let text = String::from_utf8_lossy(&text);
+    let law = text.lines().map(str::trim).filter(|line| line.starts_with("law.")).nth(index);
+    let scale = &motor.scale;
+    let moving = Moving {
+        title: law.unwrap_or(&prepared.file),
+        law: &motor.law,
+        unit: (&scale.unit, scale.steps_per_unit),
+        steps_per_turn: scale.steps_per_rev,
+        steps: &steps,
+        duration_s: motor.law.end().map_or(prepared.end_s(), Time::seconds),
+    };
+    let svg = moving.svg().map_err(|error| miette!("motor {}: {error}", motor.name))?;
+    console::write(path, svg.as_bytes())?;
+    console.print(format_args!("{}\n", path.display()))?;
+    Ok(Exit::Success)
+}
+
+/// Takes the steps of a run, and no edges.
+struct Steps<F>(F);
+
+impl<F: FnMut(ScheduledStep)> Observer for Steps<F> {
+    fn edge(&mut self, _: Edge) {}
+
+    fn step(&mut self, step: ScheduledStep) {
+        (self.0)(step);
+    }
 }

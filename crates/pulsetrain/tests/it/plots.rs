@@ -11,7 +11,7 @@ fn tutorial(period: f64) -> Picture {
     let scale = Scale { unit: "rev".into(), steps_per_unit: 800.0, steps_per_rev: 800.0 };
     let mut motor = MotorPicture::new("crank".into(), scale, 0.93);
     let law = Law::sine(amplitude, Time::from_seconds(period), Some(1)).unwrap();
-    motor.want_law(&law).unwrap();
+    motor.want_law(&law, Time::MAX).unwrap();
     for n in 1..=8000i64 {
         let reach = if n <= 4000 { n } else { 8000 - n };
         let forward = (1.0 - reach as f64 / amplitude).acos() / omega;

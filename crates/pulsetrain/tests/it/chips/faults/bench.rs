@@ -14,6 +14,7 @@ use pulsetrain_session::control::{Knowledge, Positions};
 use pulsetrain_session::drive::{DriveError, Driven, connect_as};
 use pulsetrain_session::lateness::Edges;
 use pulsetrain_session::prepare::Prepared;
+use std::cell::Cell;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU32, Ordering};
@@ -332,9 +333,11 @@ impl<P: Chip> Bench<P> {
             Driven::with(&self.prepared, |program| connect_as(line.clone(), program, Baud::B1M, 1)).expect("it begins");
         let disk = || Disk { room: bytes };
         let program = &self.prepared.program;
-        let files = Files::new(program, &driven.lines, Path::new("out"), |_| Ok(disk()));
+        let files = Files::new(program, &driven.lines, Path::new("out"), [true; 2], |_| Ok(disk()));
         let drawn = Drawn::of(program);
-        let recorder = Recorder::new(program, &drawn, &driven.lines, String::new(), files.ok(), &Edges::of(program));
+        let until = Cell::new(None);
+        let edges = Edges::of(program);
+        let recorder = Recorder::new(program, &drawn, &driven.lines, String::new(), files.ok(), &edges, &until);
         let mut recorder = recorder.expect("it begins");
         let ended = driven.run(&mut recorder, |_| {});
         // The verdict is there all the same.
