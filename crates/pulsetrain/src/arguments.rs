@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use clap::builder::{PossibleValuesParser, TypedValueParser};
-use clap::{ArgGroup, Args};
+use clap::{ArgGroup, Args, ValueEnum};
 use miette::miette;
 use pulsetrain_board::BoardKind;
 use pulsetrain_core::wire::Baud;
@@ -11,6 +11,7 @@ use pulsetrain_motion::quantity::{Base, Quantity};
 use pulsetrain_motion::{Time, boards, full_steps};
 use pulsetrain_session::estimate::{Estimate, Task};
 use pulsetrain_session::prepare::{FOREVER, Prepared, WORST_CLOCK_PPM};
+use pulsetrain_trace::verdict::Align;
 
 use crate::consent::{self, Consent};
 use crate::console::Console;
@@ -107,6 +108,27 @@ pub(crate) struct Table {
     /// Print the table as JSON
     #[arg(long)]
     pub(crate) json: bool,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum Alignment {
+    /// The capture's time zero is the motion's
+    None,
+    /// The capture began some time before
+    Start,
+    /// The same, and its clock runs at another rate, which is told in ppm
+    #[value(name = "start+rate")]
+    StartAndRate,
+}
+
+impl From<Alignment> for Align {
+    fn from(alignment: Alignment) -> Align {
+        match alignment {
+            Alignment::None => Align::None,
+            Alignment::Start => Align::Start,
+            Alignment::StartAndRate => Align::StartAndRate,
+        }
+    }
 }
 
 /// Reads the name of a board that has a firmware.

@@ -12,8 +12,7 @@ use pulsetrain_plot::{FilmFrame, FilmPicture};
 use pulsetrain_trace::camera::{AngleUnit, Frame, Track};
 use pulsetrain_trace::verdict::{self, FilmReport, JudgeError, Options};
 
-use super::verify::Alignment;
-use crate::arguments;
+use crate::arguments::{self, Alignment};
 use crate::console::{self, Console, Exit};
 use crate::film::{self, Settings, Tracked};
 use crate::load;

@@ -1,8 +1,8 @@
 //! `pulsetrain verify`: judges a capture against the motion.
 
 use crate::arguments;
-use crate::arguments::Motion;
-use clap::{Args, ValueEnum};
+use crate::arguments::{Alignment, Motion};
+use clap::Args;
 use miette::miette;
 use pulsetrain_motion::Time;
 use pulsetrain_motion::quantity::{Quantity, nearest};
@@ -64,27 +64,6 @@ pub(crate) struct VerifyArgs {
     /// Print the verdict as JSON (docs/json.md)
     #[arg(long)]
     pub(crate) json: bool,
-}
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub(crate) enum Alignment {
-    /// The capture's time zero is the motion's
-    None,
-    /// The capture began some time before
-    Start,
-    /// The same, and its clock runs at another rate, which the report gives in ppm
-    #[value(name = "start+rate")]
-    StartAndRate,
-}
-
-impl From<Alignment> for Align {
-    fn from(alignment: Alignment) -> Align {
-        match alignment {
-            Alignment::None => Align::None,
-            Alignment::Start => Align::Start,
-            Alignment::StartAndRate => Align::StartAndRate,
-        }
-    }
 }
 
 pub(crate) fn run(args: &VerifyArgs, console: &mut Console<'_>) -> miette::Result<Exit> {

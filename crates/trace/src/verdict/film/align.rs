@@ -5,7 +5,7 @@ use std::f64::consts::TAU;
 use pulsetrain_motion::law::Cursor;
 use pulsetrain_motion::{Law, LawError, Time};
 
-use super::Seen;
+use super::SeenFrame;
 use super::jumps::{Breaks, median};
 
 /// The alignment of a film with the law: angle = sense·(zero + θ((time − shift)·(1 + rate))).
@@ -47,7 +47,7 @@ impl Fit {
     }
 
     /// For each frame θ and speed, and seen − θ: the first as it is, the others of the same turn.
-    pub(super) fn errors(&self, film: &[Seen], law: &Law, turn: f64) -> Result<Compared, LawError> {
+    pub(super) fn errors(&self, film: &[SeenFrame], law: &Law, turn: f64) -> Result<Compared, LawError> {
         let law = positions(law, film.iter().map(|seen| self.law_time(seen.time_s)))?;
         let mut last: Option<f64> = None;
         let errors = film.iter().zip(&law).map(|(seen, law)| {
@@ -63,7 +63,7 @@ impl Fit {
     /// Least squares in shift, rate and the level of each part, from here. `None` where nothing would improve.
     pub(super) fn improved(
         self,
-        film: &[Seen],
+        film: &[SeenFrame],
         law: &[(f64, f64)],
         errors: &[f64],
         breaks: &Breaks,
@@ -127,7 +127,7 @@ impl Fit {
     }
 
     /// Mean absolute error about the median, steps.
-    fn cost(&self, film: &[Seen], law: &Law, turn: f64) -> Result<f64, LawError> {
+    fn cost(&self, film: &[SeenFrame], law: &Law, turn: f64) -> Result<f64, LawError> {
         let (_, mut errors) = self.errors(film, law, turn)?;
         let middle = median(&mut errors.clone()).unwrap_or(0.0);
         errors.iter_mut().for_each(|error| *error = (*error - middle).abs());
@@ -137,9 +137,9 @@ impl Fit {
 
 /// Finds sense, time zero and, if wanted, the clock's rate. It compares angles within a turn, so that it needs no count
 /// of turns.
-pub(super) fn find(film: &[Seen], law: &Law, turn: f64, rate: bool) -> Result<Fit, LawError> {
+pub(super) fn find(film: &[SeenFrame], law: &Law, turn: f64, rate: bool) -> Result<Fit, LawError> {
     let every = film.len().div_ceil(SEARCH_FRAMES);
-    let few: Vec<Seen> = film.iter().step_by(every).copied().collect();
+    let few: Vec<SeenFrame> = film.iter().step_by(every).copied().collect();
     let (first, last) = (film[0].time_s, film[film.len() - 1].time_s);
     let span = last - first;
     let length = law.end().map_or(LONGEST_SEARCH_S, Time::seconds).min(span + LONGEST_SEARCH_S);

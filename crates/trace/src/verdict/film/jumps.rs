@@ -3,8 +3,7 @@
 use schemars::JsonSchema;
 use serde::Serialize;
 
-use super::align::Fit;
-use super::{CERTAIN, Seen};
+use super::{CERTAIN, SeenFrame};
 
 /// A place where the wheel left the law by some steps, and stayed so.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, JsonSchema)]
@@ -68,7 +67,7 @@ fn median_of(values: &[f64]) -> f64 {
 }
 
 /// Finds breaks in the errors of the frames.
-pub(super) fn find(film: &[Seen], errors: &[f64]) -> Breaks {
+pub(super) fn find(film: &[SeenFrame], errors: &[f64]) -> Breaks {
     let n = errors.len();
     let side = SIDE.min(n / 4).max(SHORTEST_SIDE);
     if n < 2 * SHORTEST_SIDE + 2 {
@@ -191,9 +190,9 @@ impl Breaks {
     }
 
     /// The level of the error before the first break: the camera's zero.
-    pub(super) fn level_before(&self, film: &[Seen], errors: &[f64]) -> f64 {
+    pub(super) fn level_before(&self, film: &[SeenFrame], errors: &[f64]) -> f64 {
         if self.places.is_empty() {
-            let weight = |seen: &Seen| 1.0 / (seen.sigma * seen.sigma).max(1e-12);
+            let weight = |seen: &SeenFrame| 1.0 / (seen.sigma * seen.sigma).max(1e-12);
             let all = film.iter().map(weight).sum::<f64>();
             return film.iter().zip(errors).map(|(seen, error)| weight(seen) * error).sum::<f64>() / all;
         }
@@ -213,7 +212,13 @@ impl Breaks {
     }
 
     /// The jumps, with the steps that were lost or added.
-    pub(super) fn jumps(&self, film: &[Seen], law: &[(f64, f64)], errors: &[f64], fit: &Fit) -> Vec<Jump> {
+    pub(super) fn jumps(
+        &self,
+        film: &[SeenFrame],
+        law: &[(f64, f64)],
+        errors: &[f64],
+        law_time: &dyn Fn(f64) -> f64,
+    ) -> Vec<Jump> {
         let jump = |(part, &(before, after)): (usize, &(usize, usize))| {
             // Near the break, so that what drifts does not count: up to thirty frames on each side.
             const NEAR: usize = 30;
@@ -233,8 +238,8 @@ impl Breaks {
             let is_whole = 3.0 * sigma_steps < 0.5 && (steps - steps.round()).abs() < (3.0 * sigma_steps).max(0.15);
             let speed: f64 = law[before..=after].iter().map(|(_, speed)| speed).sum();
             Jump {
-                from_s: fit.law_time(film[before].time_s),
-                to_s: fit.law_time(film[after].time_s),
+                from_s: law_time(film[before].time_s),
+                to_s: law_time(film[after].time_s),
                 steps,
                 sigma_steps,
                 whole: is_whole.then_some(steps.round() as i64),

@@ -94,7 +94,7 @@ const MOST_DOUBTFUL: f64 = 0.1;
 
 /// A frame in steps.
 #[derive(Clone, Copy, Debug)]
-struct Seen {
+struct SeenFrame {
     time_s: f64,
     angle: f64,
     sigma: f64,
@@ -120,12 +120,12 @@ pub fn judge_film(
     let degrees = 360.0 / turn;
     let unit = track.unit.steps(turn);
     let until_s = options.until_s.unwrap_or(f64::INFINITY);
-    let seen = |f: &crate::camera::Frame| Seen {
+    let seen = |f: &crate::camera::Frame| SeenFrame {
         time_s: f.time_s,
         angle: f.angle * unit,
         sigma: f.sigma.unwrap_or(0.0) * unit,
     };
-    let film: Vec<Seen> = track.frames.iter().map(seen).collect();
+    let film: Vec<SeenFrame> = track.frames.iter().map(seen).collect();
     if film.len() < FEWEST_FRAMES {
         return Err(JudgeError::TooFewFrames { frames: film.len(), limit: FEWEST_FRAMES });
     }
@@ -228,7 +228,7 @@ pub fn judge_film(
     }
     check_motion(&report, options)?;
     report.law_line = align::line(&motor.law, (report.from_s, report.to_s), degrees).map_err(law_error)?;
-    report.jumps = breaks.jumps(&film, &law, &errors, &fit);
+    report.jumps = breaks.jumps(&film, &law, &errors, &|time_s| fit.law_time(time_s));
     report.jumps.retain(|jump| jump.from_s <= until_s);
     // Of frames that are too uncertain some are beyond the limit by chance.
     let share = |count: u64| count as f64 / frames as f64;
@@ -266,7 +266,13 @@ fn find_motor<'a>(program: &'a Program, motor: Option<&str>) -> Result<&'a Motor
 
 /// Whether frames are close enough in time to say how often the wheel turned. The law says which turn it is, as long as
 /// it moves slowly enough somewhere in the film.
-fn check_spacing(film: &[Seen], law: &[(f64, f64)], fit: &Fit, turn: f64, options: &Options) -> Result<(), JudgeError> {
+fn check_spacing(
+    film: &[SeenFrame],
+    law: &[(f64, f64)],
+    fit: &Fit,
+    turn: f64,
+    options: &Options,
+) -> Result<(), JudgeError> {
     let until_s = options.until_s.unwrap_or(f64::INFINITY);
     let moves = film.windows(2).zip(law.windows(2)).filter(|(film, _)| fit.law_time(film[1].time_s) <= until_s);
     let (mut followed, mut fastest) = (false, (0.0, 0.0, 0.0));
