@@ -173,7 +173,9 @@ impl<'a, W: Write> Recorder<'a, W> {
         let Recorder { program, mut judge, files, mut picture, figures, tick_s, late_ticks, unwritten, error, .. } =
             self;
         let until_s = self.judged_until_s.get();
-        until_s.map(|until_s| judge.end_at(until_s));
+        if let Some(until_s) = until_s {
+            judge.end_at(until_s);
+        }
         if let Some(error) = error {
             return Err(error);
         }
@@ -223,7 +225,9 @@ impl<W: Write> Observer for Recorder<'_, W> {
             return;
         }
         let edge = pulsetrain_trace::Edge { tick: edge.tick, line: edge.line, level: edge.level };
-        self.judged_until_s.get().map(|until_s| self.judge.end_at(until_s));
+        if let Some(until_s) = self.judged_until_s.get() {
+            self.judge.end_at(until_s);
+        }
         let judged = self.judge.push(edge).map_err(JudgeError::from);
         self.note(judged);
         let written = self.files.as_mut().map_or(Ok(()), |files| files.edge(edge));
