@@ -1,4 +1,4 @@
-//! Runs every command of the README, and compares its output with the README.
+//! Runs every command of README.md and docs/commands.md, and compares its output with the page.
 //!
 //! In fenced blocks, lines that begin with `$ ` are commands and the lines after them their output: `[..]` stands for
 //! any text within a line, `...` for any lines, and `? 2` says that the command exits with 2 instead of 0. A command
@@ -9,6 +9,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 const README: &str = include_str!("../../../../README.md");
+const COMMANDS: &str = include_str!("../../../../docs/commands.md");
 /// Beginnings of this program's commands. Others (git, rustup, xtask) are not run here.
 const OURS: [&str; 2] = ["pulsetrain ", "cargo run --release -- "];
 
@@ -138,9 +139,18 @@ mod chips {
 
     #[test]
     fn the_readme_shows_what_happens() {
-        let folder = folder_with_examples("readme-commands");
-        let shown = commands(README);
-        assert!(!shown.is_empty(), "the README shows no command");
+        check("readme-commands", README);
+    }
+
+    #[test]
+    fn the_page_of_commands_shows_what_happens() {
+        check("page-commands", COMMANDS);
+    }
+
+    fn check(name: &str, page: &str) {
+        let folder = folder_with_examples(name);
+        let shown = commands(page);
+        assert!(!shown.is_empty(), "{name}: the page shows no command");
         for Shown { command, exit_code, output } in shown {
             let Some(arguments) = OURS.iter().find_map(|ours| command.strip_prefix(ours)) else { continue };
             let ran = Command::new(env!("CARGO_BIN_EXE_pulsetrain"))
@@ -153,7 +163,7 @@ mod chips {
             let lines: Vec<_> = printed.lines().map(str::trim_end).collect();
             assert!(
                 output.is_empty() || lines_match(&output, &lines),
-                "`{command}` prints, other than the README shows:\n{printed}"
+                "`{command}` prints, other than the page shows:\n{printed}"
             );
         }
         fs::remove_dir_all(folder).expect("the folder can go");
