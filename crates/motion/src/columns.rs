@@ -61,7 +61,7 @@ fn number(text: &str) -> Option<f64> {
 }
 
 /// A time of day, or a date with one, as ISO 8601 has it: seconds, and which parts it has.
-pub(crate) fn moment(text: &str) -> Option<(Double, MomentForm)> {
+pub(crate) fn moment(text: &str) -> Option<(Double, DateForm)> {
     if !text.as_bytes().first()?.is_ascii_digit() || !text.contains(':') {
         return None;
     }
@@ -75,13 +75,13 @@ pub(crate) fn moment(text: &str) -> Option<(Double, MomentForm)> {
     let second = i64::from(time.hour) * 3600 + i64::from(time.minute) * 60 + i64::from(time.second.unwrap_or(0));
     let whole = days * 86_400 + second - offset_min * 60;
     let fraction = f64::from(time.nanosecond.unwrap_or(0)) / 1e9;
-    let form = MomentForm { has_date: datetime.date.is_some(), has_offset: datetime.offset.is_some() };
+    let form = DateForm { has_date: datetime.date.is_some(), has_offset: datetime.offset.is_some() };
     Some((Double::from(whole) + Double::from(fraction), form))
 }
 
 /// Which parts a written moment has, besides the time of day.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct MomentForm {
+pub(crate) struct DateForm {
     /// `2026-11-27`
     pub(crate) has_date: bool,
     /// `Z`, or `+01:00`

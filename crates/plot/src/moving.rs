@@ -87,7 +87,7 @@ impl Moving<'_> {
              <text x=\"{}\" y=\"{}\" text-anchor=\"end\">{}</text>\n\
              <text x=\"{right}\" y=\"{}\" text-anchor=\"end\">{duration} s</text>\n\
              <polyline points=\"{}\" fill=\"none\" stroke=\"#1f77b4\" stroke-width=\"2\"/>\n\
-             <circle r=\"6\" fill=\"#d62728\"><animate attributeName=\"cx\" values=\"{left};{right}\" dur=\"{duration}s\" \
+             <circle r=\"6\" cx=\"{left}\" cy=\"{}\" fill=\"#d62728\"><animate attributeName=\"cx\" values=\"{left};{right}\" dur=\"{duration}s\" \
              repeatCount=\"indefinite\"/><animate attributeName=\"cy\" values=\"{}\" dur=\"{duration}s\" \
              repeatCount=\"indefinite\"/></circle>",
             top - 12.0,
@@ -99,6 +99,7 @@ impl Moving<'_> {
             short(least),
             bottom + 20.0,
             points.join(" "),
+            heights[0],
             heights.join(";"),
         );
     }

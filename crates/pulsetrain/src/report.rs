@@ -309,12 +309,12 @@ pub struct StoppedMotor {
 impl RunEnd {
     /// The report of a run that was stopped at `at_s`, as somebody asked for.
     #[must_use]
-    pub fn wanted(ended: &Ended, at_s: f64, told: &RunEnded) -> RunEnd {
+    pub fn wanted(ended: &Ended, at_s: f64, end: &RunEnded) -> RunEnd {
         let how = if ended.uncertain.is_some() { "at once" } else { "within the motors' limits" };
-        let motors = told.motors.iter().map(|motor| StoppedMotor { name: motor.name.clone(), steps: motor.steps });
+        let motors = end.motors.iter().map(|motor| StoppedMotor { name: motor.name.clone(), steps: motor.steps });
         RunEnd {
-            message: format!("Stopped at {} {how}: {}", human::seconds_to(at_s, 4), listed(&told.motors)),
-            help: told.way_back.clone().unwrap_or_default(),
+            message: format!("Stopped at {} {how}: {}", human::seconds_to(at_s, 4), listed(&end.motors)),
+            help: end.way_back.clone().unwrap_or_default(),
             motor: None,
             at_s,
             late_s: None,
@@ -365,7 +365,8 @@ impl Display for RunReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let RunReport { plan, runner, verdict, lateness, figures, pass, .. } = self;
         let on = if runner == "native" { "native board" } else { runner };
-        writeln!(f, "{}  {} on the {on}: {}", pass_or_fail(*pass), plan.file, plan.durations("made"))?;
+        let made = if self.stopped.is_some() { "planned" } else { "made" };
+        writeln!(f, "{}  {} on the {on}: {}", pass_or_fail(*pass), plan.file, plan.durations(made))?;
         plan.remarks(f)?;
         let errors = self.errors.iter().map(|error| (error.worst, error.worst_us)).collect();
         writeln!(f, "\n{}", summary(&plan.motors, Column::Errors(errors)))?;

@@ -591,7 +591,8 @@ impl<B: Leased> Driven<B> {
         }
         let now = session.board().now();
         events(Event::Progress { at_s: seconds(now) });
-        if now < *status_due {
+        // The last one shows where the motors are at the end.
+        if now < *status_due && last.is_none_or(|last| now < last) {
             return Ok(None);
         }
         *status_due = now + tick_hz / STATUSES_PER_S;

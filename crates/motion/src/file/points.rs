@@ -10,7 +10,7 @@ use super::reader::{Node, Noted, Read, Section};
 use super::source::Source;
 use super::table_columns::{ColumnDistance, ColumnUse, Smoothing, TableColumns};
 use crate::columns::{
-    CsvTable, Header, MomentForm, POSITIONS, ReadError, Role, Row, Stated, TIME, moment, plain, shown, with_line_feeds,
+    CsvTable, DateForm, Header, POSITIONS, ReadError, Role, Row, Stated, TIME, moment, plain, shown, with_line_feeds,
 };
 use crate::human;
 use crate::law::double::Double;
@@ -334,12 +334,7 @@ impl<'a> TableReader<'a, '_> {
     }
 
     /// Seconds in the unit of times, and the unit.
-    fn seconds(
-        &self,
-        header: &Header<'_>,
-        roles: &[Role<'_>],
-        column: usize,
-    ) -> Read<(f64, String, Option<MomentForm>)> {
+    fn seconds(&self, header: &Header<'_>, roles: &[Role<'_>], column: usize) -> Read<(f64, String, Option<DateForm>)> {
         if let Some(form) = self.moments(column) {
             if let Some((node, _)) = &self.time {
                 let message = format!("{} holds times of day, which have no unit", header.called(column));
@@ -359,7 +354,7 @@ impl<'a> TableReader<'a, '_> {
     }
 
     /// How a column's first row writes moments, if it does.
-    fn moments(&self, column: usize) -> Option<MomentForm> {
+    fn moments(&self, column: usize) -> Option<DateForm> {
         let mut table = CsvTable::new(&self.plain);
         table.header().ok()?;
         let row = table.next().ok()??;
@@ -524,7 +519,7 @@ struct Rows<'c> {
     /// In one of the unit of times.
     seconds: f64,
     /// How moments are written, if times are.
-    form: Option<MomentForm>,
+    form: Option<DateForm>,
     /// The first time.
     first: Option<Double>,
     /// Whether decimals are written with a comma, once that is seen.

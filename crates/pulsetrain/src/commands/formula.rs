@@ -84,16 +84,26 @@ const MOST_PIECES: usize = 1 << 20;
 /// Rows of the table, if no times are given.
 const ROWS: u64 = 21;
 
+/// What a formula does.
 #[derive(Serialize, JsonSchema)]
 pub(crate) struct TriedFormula {
+    /// The formula.
     formula: String,
+    /// The unit of its value.
     unit: &'static str,
+    /// How long it was tried for, s.
     duration_s: f64,
+    /// The values of its parameters.
     parameters: Vec<ParameterReport>,
+    /// Its value at some times.
     points: Vec<FormulaPoint>,
+    /// The lowest value, in `unit`.
     lowest: Peak,
+    /// The highest value, in `unit`.
     highest: Peak,
+    /// The largest speed, in `unit` per second.
     peak_speed: Peak,
+    /// The largest acceleration, in `unit` per second squared.
     peak_acceleration: Peak,
     /// `None` if the steps cannot be planned.
     steps: Option<FirstSteps>,
@@ -104,6 +114,7 @@ pub(crate) struct TriedFormula {
 /// Why a motion of the formula alone would be refused.
 #[derive(Serialize, JsonSchema)]
 pub(crate) struct FormulaRefusal {
+    /// What is wrong.
     message: String,
     /// What to write into its file.
     advice: String,
@@ -125,29 +136,45 @@ impl FormulaRefusal {
 /// The formula at a time, in its unit.
 #[derive(Serialize, JsonSchema)]
 pub(crate) struct FormulaPoint {
+    /// The time, s.
     at_s: f64,
+    /// The value, in `unit`.
     position: f64,
+    /// In `unit` per second.
     speed: f64,
+    /// In `unit` per second squared.
     acceleration: f64,
 }
 
+/// The steps of a formula.
 #[derive(Serialize, JsonSchema)]
 pub(crate) struct FirstSteps {
+    /// The board that they are planned for.
     board: String,
+    /// Full steps in a turn of the motor.
     steps_per_rev: u32,
+    /// Steps in a full step.
     microsteps: u32,
+    /// One tick of the board's timer, s.
     tick_s: f64,
+    /// How many steps the whole formula takes.
     count: u64,
+    /// How far a step may be from its exact time, ticks.
     proven_error_ticks: f64,
+    /// The first steps.
     first: Vec<FirstStep>,
 }
 
+/// A step of a formula.
 #[derive(Serialize, JsonSchema)]
 pub(crate) struct FirstStep {
+    /// Its number, from 1 on.
     n: usize,
+    /// Its tick.
     tick: u64,
+    /// Its time, s.
     at_s: f64,
-    /// FirstSteps from where the motor was.
+    /// Steps from where the motor was.
     position: i64,
 }
 

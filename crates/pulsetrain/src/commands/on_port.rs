@@ -17,7 +17,7 @@ use serde::Serialize;
 use super::plan;
 use super::problems::{clock_off, drive_problem, port_problem, run_problem};
 use super::rehearsal::Rehearsal;
-use super::run::{HowToRun, stopped_before_begin, told_end};
+use super::run::{HowToRun, run_end, stopped_before_begin};
 use crate::console::{self, Console, Exit, access};
 use crate::control_socket::{Control, RunEnded};
 use crate::report::{Column, PlanReport, pass_or_fail, summary};
@@ -192,7 +192,7 @@ pub(super) fn run(
     let runner = format!("board at {name}");
     let asked = asked.map_err(|error| run_problem(error, plan::report(prepared, &planned), runner.clone(), folder));
     let (ended, measures, events, clock_ppm, frames_repeated) = asked?;
-    let told = told_end(prepared, &ended, how);
+    let end = run_end(prepared, &ended, how);
     let Ended { counted, stopped, uncertain, .. } = ended;
 
     let says = BoardReport {
@@ -216,7 +216,7 @@ pub(super) fn run(
     let positions = plan.motors.iter().zip(&says.counted);
     let positions = positions.map(|(motor, steps)| motor.start + *steps as f64 / motor.steps_per_unit).collect();
     let (pass, complete) = (says.kept_up(), !says.stopped);
-    let stand = if complete { Vec::new() } else { told.motors.clone() };
+    let stand = if complete { Vec::new() } else { end.motors.clone() };
     let mut report = PortReport {
         plan,
         runner,
@@ -228,7 +228,7 @@ pub(super) fn run(
         rehearsed,
         says,
         stand,
-        way_back: told.way_back.clone(),
+        way_back: end.way_back.clone(),
         unwritten: None,
     };
     // What the motors did is printed even if a file could not be written.
@@ -250,9 +250,9 @@ pub(super) fn run(
     if let Err(error) = written {
         let error = error.into();
         let exit = if json { console.complain(&error) } else { Err(error) };
-        return exit.map(|exit| (exit, told));
+        return exit.map(|exit| (exit, end));
     }
-    Ok((if report.pass { Exit::Success } else { Exit::BoundBroken }, told))
+    Ok((if report.pass { Exit::Success } else { Exit::BoundBroken }, end))
 }
 
 /// An event of a board in words, for a run that the user may have stopped.

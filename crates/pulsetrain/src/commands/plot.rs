@@ -78,7 +78,7 @@ fn moving(
     let (mut steps, mut position) = (Vec::new(), 0_i64);
     driven
         .run(
-            &mut Steps(|step: ScheduledStep| {
+            &mut StepObserver(|step: ScheduledStep| {
                 if step.motor == index && steps.len() <= MOST_STEPS {
                     position += i64::from(step.direction.sign());
                     steps.push((step.tick as f64 * tick_s, position));
@@ -114,9 +114,9 @@ fn moving(
 }
 
 /// Takes the steps of a run, and no edges.
-struct Steps<F>(F);
+struct StepObserver<F>(F);
 
-impl<F: FnMut(ScheduledStep)> Observer for Steps<F> {
+impl<F: FnMut(ScheduledStep)> Observer for StepObserver<F> {
     fn edge(&mut self, _: Edge) {}
 
     fn step(&mut self, step: ScheduledStep) {

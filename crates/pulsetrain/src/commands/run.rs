@@ -228,11 +228,11 @@ fn perform_with(
     let ran =
         ran.map_err(|(error, planned)| run_problem(error, plan::report(&prepared, &planned), runner.clone(), folder))?;
     let Ran { ended, planned, recorded, judged_until_s } = ran;
-    let told = told_end(&prepared, &ended, how);
+    let end = run_end(&prepared, &ended, how);
     let Recorded { verdict, picture, lateness, figures, unwritten } = recorded;
     let mut report = RunReport::new(plan::report(&prepared, &planned), runner, verdict, lateness, figures);
     report.judged_until_s = judged_until_s;
-    report.stopped = ended.stopped.then(|| RunEnd::wanted(&ended, judged_until_s.unwrap_or_default(), &told));
+    report.stopped = ended.stopped.then(|| RunEnd::wanted(&ended, judged_until_s.unwrap_or_default(), &end));
     if !how.json {
         console.print(&report)?;
         if how.verbose {
@@ -257,9 +257,9 @@ fn perform_with(
     if let Err(error) = written {
         // A script reads one JSON value, which was the report.
         let exit = if how.json { console.complain(&error) } else { Err(error) };
-        return exit.map(|exit| (exit, told));
+        return exit.map(|exit| (exit, end));
     }
-    Ok((if report.pass { Exit::Success } else { Exit::BoundBroken }, told))
+    Ok((if report.pass { Exit::Success } else { Exit::BoundBroken }, end))
 }
 
 /// Refuses to begin if a stop was asked for while the motion was planned.
@@ -271,7 +271,7 @@ pub(super) fn stopped_before_begin(control: &Control) -> miette::Result<()> {
 }
 
 /// How a run ended, for the clients of its control socket.
-pub(super) fn told_end(prepared: &Prepared, ended: &Ended, how: &HowToRun<'_>) -> RunEnded {
+pub(super) fn run_end(prepared: &Prepared, ended: &Ended, how: &HowToRun<'_>) -> RunEnded {
     let program = &prepared.program;
     let mut motors = standings(program, &ended.counted, ended.uncertain.as_deref().unwrap_or_default());
     let is_wanted = ended.stopped && how.knows_all();

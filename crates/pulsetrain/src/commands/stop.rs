@@ -114,6 +114,7 @@ pub(super) fn chosen(
 /// How a run took its stop.
 #[derive(Debug, Serialize, JsonSchema)]
 pub(crate) struct StoppedRunReport {
+    /// The run.
     run: RunInfo,
     /// From when on its motors braked, s of the motion. `None` if they were stopped at once, or did not move any more.
     brakes_at_s: Option<f64>,

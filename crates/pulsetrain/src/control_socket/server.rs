@@ -6,7 +6,8 @@ use std::net::Shutdown;
 use std::os::unix::fs::PermissionsExt;
 use std::os::unix::net::{UnixListener, UnixStream};
 use std::path::{Path, PathBuf};
-use std::sync::mpsc::{Receiver, Sender, SyncSender, TrySendError, sync_channel};
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::mpsc::{Receiver, Sender, SyncSender, sync_channel};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::{self, JoinHandle};
 use std::time::Duration;
@@ -20,8 +21,10 @@ use crate::interrupt;
 
 /// Clients at a time.
 const MOST_CLIENTS: usize = 16;
-/// Lines that wait for a client. One that takes none of them loses statuses first, and then its connection.
+/// Lines that wait for a client. One that takes none of them loses its connection.
 const MOST_WAITING: usize = 256;
+/// Lines that wait for a client when statuses are left out: the rest is for events, which it must not miss.
+const MOST_STATUSES: usize = 128;
 /// How long a client may take for a line, and the end of a run may wait for its clients.
 const PATIENCE: Duration = Duration::from_secs(1);
 
@@ -59,6 +62,8 @@ struct ConnectedClient {
     number: u64,
     stream: UnixStream,
     lines: SyncSender<Arc<str>>,
+    /// How many of them its writer has not written.
+    waiting: Arc<AtomicUsize>,
     writer: JoinHandle<()>,
     follows: bool,
     /// It has closed its sending side. Such clients make room for new ones.
@@ -107,12 +112,13 @@ impl Control {
         let Ok(line) = serde_json::to_string(event) else { return };
         let line: Arc<str> = (line + "\n").into();
         state.clients.retain(|client| {
-            if is_status && !client.follows {
+            let is_busy = client.waiting.load(Ordering::Relaxed) >= MOST_STATUSES;
+            if is_status && (!client.follows || is_busy) {
                 return true;
             }
+            client.waiting.fetch_add(1, Ordering::Relaxed);
             match client.lines.try_send(Arc::clone(&line)) {
                 Ok(()) => true,
-                Err(TrySendError::Full(_)) if is_status => true,
                 // Without this line the client would take the run for another than it is.
                 Err(_) => client.hang_up(),
             }
@@ -253,15 +259,20 @@ fn serve(mut stream: UnixStream, shared: &Arc<Shared>) -> io::Result<()> {
     let (lines, to_client) = sync_channel::<Arc<str>>(MOST_WAITING);
     drop(lines.try_send(shared.first_line.as_str().into()));
     let (mut output, input) = (stream.try_clone()?, stream.try_clone()?);
+    let waiting = Arc::new(AtomicUsize::new(0));
+    let to_write = Arc::clone(&waiting);
     let writer = thread::Builder::new().name("control client".into()).spawn(move || {
         while let Ok(line) = to_client.recv() {
             if output.write_all(line.as_bytes()).is_err() {
                 drop(output.shutdown(Shutdown::Both));
                 return;
             }
+            // Answers and the last line are not counted.
+            let less = |waiting: usize| Some(waiting.saturating_sub(1));
+            let _ = to_write.fetch_update(Ordering::Relaxed, Ordering::Relaxed, less);
         }
     })?;
-    let client = ConnectedClient { number, stream, lines, writer, follows: false, is_silent: false };
+    let client = ConnectedClient { number, stream, lines, waiting, writer, follows: false, is_silent: false };
     state.clients.push(client);
     drop(state);
     let shared = Arc::clone(shared);

@@ -156,6 +156,7 @@ fn long_motions_are_not_begun_without_a_word() {
         (circles("repeat = \"forever\""), &["--for", "1e9 s"]),
     ];
     let (image, capture, picture) = (folder.path("long.hex"), folder.path("steps.csv"), folder.path("long.svg"));
+    std::fs::write(&capture, "time_s,motor,tick,direction,position_steps\n0.5,m,8000000,1,1\n").unwrap();
     let out = folder.path("out");
     let commands: [&[&str]; 7] = [
         &["plan", &file],
@@ -535,7 +536,7 @@ fn every_file_that_cannot_be_written_is_named_after_the_verdict() {
 fn several_problems_are_told_one_below_the_other() {
     let folder = Folder::new("several");
     let file = folder.path("empty.toml");
-    std::fs::write(&file, "").unwrap();
+    std::fs::write(&file, "grid = \"nearest\"\n").unwrap();
     let outcome = pulsetrain(&["plan", &file]);
     assert_eq!(outcome.exit, Exit::Refused);
     let told: Vec<&str> = outcome.err.lines().filter(|line| line.contains('×')).collect();
@@ -675,7 +676,7 @@ fn channels_are_what_the_user_says() {
     check(&["--line", "wheel.ch0=motor"], Exit::Refused, "the lines are wheel.step");
     check(&["--line", "ch0"], Exit::Refused, "Channel 0=wheel.step");
     let steps = folder.path("run/steps.csv");
-    let outcome = pulsetrain(&["verify", &steps, &file, "--line", "a=b"]);
+    let outcome = pulsetrain(&["verify", &steps, &file, "--line", "a=wheel.step"]);
     assert!(outcome.err.contains("has no lines"), "{}", outcome.err);
 }
 

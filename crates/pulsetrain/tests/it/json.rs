@@ -146,7 +146,9 @@ fn refusals_conform() {
         let value = check("error", args, Exit::Refused);
         assert!(value["message"].is_string(), "{value}");
     }
-    let several = check("error", &["plan", &empty], Exit::Refused);
+    let nearly_empty = folder.path("nearly-empty.toml");
+    std::fs::write(&nearly_empty, "grid = \"nearest\"\n").unwrap();
+    let several = check("error", &["plan", &nearly_empty], Exit::Refused);
     assert_eq!(several["related"].as_array().map(Vec::len), Some(2), "{several}");
     let asked = check("error", &["plan", &long], Exit::Refused);
     assert!(asked["estimate"]["motion_s"].as_f64().is_some_and(|s| s > 9e8), "{asked}");

@@ -666,9 +666,7 @@ fn lines_from_a_pipe_are_obeyed_to_their_end() {
     let mut out = Vec::new();
     let ended = converse(&mut talk, &mut Plain::new(to_console, &mut out)).unwrap();
     assert_eq!(ended, Ended { refused: 0, is_settled: false });
-    assert!(
-        String::from_utf8(out).unwrap().ends_with("the axes still move; the board goes on with what it was told\n")
-    );
+    assert!(String::from_utf8(out).unwrap().ends_with("the axes still move; the board goes on with its last orders\n"));
     // A board without statuses does not count as resting. A line that is not text is refused, and not ignored.
     let (lines, to_console) = channel();
     for line in ["v x 0", "srate 65535", "a x \u{fffd}5"] {
@@ -682,7 +680,7 @@ fn lines_from_a_pipe_are_obeyed_to_their_end() {
     let text = String::from_utf8(out).unwrap();
     assert!(
         text.contains("err noise 3\n")
-            && text.ends_with("no status tells whether the axes rest; the board goes on with what it was told\n"),
+            && text.ends_with("no status tells whether the axes rest; the board goes on with its last orders\n"),
         "{text}"
     );
 }

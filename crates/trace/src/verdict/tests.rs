@@ -609,7 +609,8 @@ fn a_film_is_laid_over_the_law() {
 #[test]
 fn turns_sense_and_zero_are_found() {
     let within = |angle: f64| angle - 360.0 * (angle / 360.0).round();
-    let seen: [(&str, &dyn Fn(f64) -> f64, bool); 5] = [
+    type Seen<'a> = (&'a str, &'a dyn Fn(f64) -> f64, bool);
+    let seen: [Seen<'_>; 5] = [
         ("±180°", &within, false),
         ("0 to 360°", &|angle| angle.rem_euclid(360.0), false),
         ("from behind", &|angle| 77.0 - angle, true),
