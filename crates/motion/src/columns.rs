@@ -2,7 +2,7 @@
 //!
 //! Every CSV that the program takes is read here: tables and paths of motion files, camera tracks, captures, steps.csv.
 //! Lines that begin with `#` are comments; rows without a value are left out. Fields are parted by tabs, `;` or `,`: whichever of
-//! them the first line that is no comment holds, in this order. What instruments and spreadsheets write in another way, [`plain`] brings
+//! them the first line that is no comment holds, in this order. What instruments and spreadsheets write in another way, `plain` brings
 //! to this form. A decimal comma is read where no comma parts the columns, or in quotes.
 //!
 //! A header is a first row without a number, perhaps with a row of units below it, or a comment above it that names its columns. A title is a

@@ -75,7 +75,7 @@ Examples:
   pulsetrain info --port /dev/ttyACM0
   pulsetrain info --board pico")]
     Info(At),
-    /// Stop a run of this computer within the motors' limits, or a board's motors at once, whoever moved them
+    /// Stop a run of this computer within the motors' limits, or all motors of a board at once
     Stop(commands::stop::StopArgs),
     /// Bring the motors of a run to a halt on their paths; `resume` goes on
     Pause(commands::steer::PauseArgs),

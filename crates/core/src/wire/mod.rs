@@ -1,8 +1,8 @@
-//! What host and board say to each other, and the board's side of it.
+//! The protocol between host and board, and the board's side of it.
 //!
 //! # What is here, top down
 //! - [`service`]: the board's side: frames in, replies out, everything else through [`BoardSide`]
-//! - [`machine`]: what a board must be able to do for it
+//! - [`board_side`]: what a board must be able to do for it
 //! - [`message`]: commands, answers, events, byte by byte; [`orders`]: verbs for motors; [`settings`]: what a board
 //!   keeps without power
 //! - [`outcome`]: how it went, and why it was refused: codes

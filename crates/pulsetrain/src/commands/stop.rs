@@ -26,7 +26,7 @@ use pulsetrain_session::drive::session_number;
 While a `pulsetrain run` of this computer has the port, the run is asked: it brakes all motors within their limits, or \
 stops them at once with --now, and says where they are. Without --port the only run is stopped, on a virtual board, too.
 
-Where no run has the port, the board itself is stopped, at once and without ramps, whoever moved its motors: a MOVE of \
+Where no run has the port, the board itself is stopped, at once and without ramps, whatever moves its motors: a MOVE of \
 hours, a baked motion. Axes that text has on paths brake within their limits; the drivers of text's axes are off then. \
 Opening its port resets an Uno, which stops it, too. It says where all motors are, and which were too fast to stop: \
 those may stand elsewhere than they count.

@@ -166,7 +166,7 @@ fn a_run_is_stopped_and_brought_back() {
     user.says(&words, 0);
     let report = std::fs::read(user.folder.0.join("out/slow-goto/report.json")).unwrap();
     let report: Value = serde_json::from_slice(&report).unwrap();
-    assert_eq!(report["motors"][0]["final_position"], -steps, "{report}");
+    assert_eq!(report["motors"][0]["final_position_steps"], -steps, "{report}");
 }
 
 #[test]
@@ -269,6 +269,45 @@ fn dead_sockets_are_removed_and_foreign_folders_refused() {
     assert!(said.contains("only Ctrl-C can: ") && said.contains("PASS"), "{said}");
 }
 
+/// A motion without an end, and without files: its edges are judged up to the first change.
+#[test]
+fn an_endless_run_is_steered_and_stopped() {
+    let user = User::new("ctl-endless");
+    let endless = SLOW.replace("law.speed = { speed = \"0.005 rev/s\", duration = \"1000000 s\" }", SWING);
+    std::fs::write(user.folder.0.join("endless.toml"), endless).unwrap();
+    let files = ["--no-trace", "--no-steps"];
+    let run =
+        user.command(&[&["run", "endless", "--for", "forever", "--out", "out"][..], &files].concat()).spawn().unwrap();
+    let _line = user.line_to(&run);
+    let said = user.says(&["tempo", "0.5"], 0);
+    assert!(said.contains("endless.toml at native-") && said.contains("tempo 0.5 from "), "{said}");
+    assert!(user.says(&["tempo", "11"], 2).contains("above 0, and at most 10"));
+    // 0.06 rev/s² of the motion itself, and 1 rev/s² for the motor.
+    let said = user.says(&["tempo", "10"], 0);
+    assert!(said.contains("the highest that the motors follow: wheel: max_acceleration"), "{said}");
+    assert!(user.says(&["pause"], 0).contains("the motors rest from "));
+    user.says(&["stop"], 0);
+    let output = run.wait_with_output().unwrap();
+    let text = String::from_utf8(output.stdout).unwrap();
+    assert_eq!(output.status.code(), Some(0), "{text}");
+    assert!(text.contains("PASS: stopped on your order; no bound broke up to "), "{text}");
+    let mut names: Vec<_> =
+        std::fs::read_dir(user.folder.0.join("out")).unwrap().map(|file| file.unwrap().file_name()).collect();
+    names.sort();
+    assert_eq!(names, ["plot.svg", "report.json"]);
+    let report: Value = serde_json::from_slice(&std::fs::read(user.folder.0.join("out/report.json")).unwrap()).unwrap();
+    assert!(
+        report["judged_until_s"].as_f64().unwrap() > 0.0 && report["stopped"]["motors"][0]["steps"].is_i64(),
+        "{report}"
+    );
+    // Only a run can go on for ever.
+    let said = user.says(&["plan", "endless", "--for", "forever"], 2);
+    assert!(said.contains("a motion without an end has no whole plan"), "{said}");
+}
+
+/// A swing of a turn in 20 s, for ever.
+const SWING: &str = "law.sine = { amplitude = \"0.5 rev\", period = \"20 s\", cycles = \"forever\" }";
+
 /// Ctrl-C is the same stop.
 #[test]
 fn an_interrupted_run_tells_where_its_motors_are() {
@@ -301,7 +340,7 @@ fn a_position_is_reached_in_the_units_of_the_file_within_limits() {
         user.says(&[&["goto", "two", "--native"], arguments].concat(), 0);
         let report = std::fs::read(user.folder.0.join("out/two-goto/report.json")).unwrap();
         let report: Value = serde_json::from_slice(&report).unwrap();
-        let steps = [0, 1].map(|motor| report["motors"][motor]["final_position"].as_i64().unwrap());
+        let steps = [0, 1].map(|motor| report["motors"][motor]["final_position_steps"].as_i64().unwrap());
         assert_eq!(steps, expected, "{arguments:?}");
         let [speed, acceleration] = ["peak_speed_steps_per_s", "peak_acceleration_steps_per_s2"]
             .map(|key| report["motors"][0][key]["value"].as_f64().unwrap());
