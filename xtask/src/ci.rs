@@ -1,8 +1,10 @@
 //! The checks that must pass before a change lands.
 
-use crate::command::{self, Done, cargo, command};
+use crate::command::{self, Done, Failure, cargo, command};
 use crate::{accept, boards, cross_check, firmware, fuzz, test};
+use std::path::PathBuf;
 use std::time::Instant;
+use std::{env, fs};
 
 /// Seconds that each fuzz target runs in CI.
 const FUZZ_SECONDS: u64 = 15;
@@ -56,9 +58,25 @@ fn format() -> Done {
 
 /// Checks what a program that embeds the crates gets: each package builds from its own files.
 fn packages() -> Done {
+    forget_unpacked()?;
     let ours = ["xtask", "pulsetrain-oracle", "pulsetrain-testkit"];
     let mut package = cargo("package --workspace --quiet --allow-dirty");
     command::run(package.args(ours.iter().flat_map(|name| ["--exclude", name])))
+}
+
+/// Removes the sources that cargo unpacked from earlier packages of ours. It takes them for those of a package of the same version.
+fn forget_unpacked() -> Done {
+    let home = env::var_os("CARGO_HOME").map(PathBuf::from).or_else(|| Some(env::home_dir()?.join(".cargo")));
+    let Some(Ok(registries)) = home.map(|home| fs::read_dir(home.join("registry/src"))) else { return Ok(()) };
+    // A registry in a folder, as `cargo package` makes one, has a name without a host.
+    let local = registries.flatten().filter(|registry| registry.file_name().to_string_lossy().starts_with('-'));
+    for package in local.filter_map(|registry| fs::read_dir(registry.path()).ok()).flatten().flatten() {
+        if package.file_name().to_string_lossy().starts_with("pulsetrain-") {
+            let path = package.path();
+            fs::remove_dir_all(&path).map_err(|why| Failure::File { path, why })?;
+        }
+    }
+    Ok(())
 }
 
 fn documentation() -> Done {
