@@ -63,7 +63,7 @@ fn a_long_pulse_beside_leaves_each_driver_its_times() {
     let file = folder.path("beside.toml");
     let run = |text: &str| {
         std::fs::write(&file, text).unwrap();
-        let (exit, said) = pulsetrain(&["run", &file, "--out", &folder.name()]);
+        let (exit, said) = pulsetrain(&["run", &file, "-v", "--out", &folder.name()]);
         (exit, in_a_line(&said))
     };
     let fast = |rate| {
@@ -109,7 +109,7 @@ fn a_queue_of_many_short_segments_loses_and_adds_nothing() {
                 { sine = { amplitude = \"140 step\", period = \"0.25 s\", cycles = 4 } }, \
                 { sine = { amplitude = \"7.7 step\", period = \"0.02 s\", cycles = 50 } }]\n";
     std::fs::write(&file, text).unwrap();
-    let (exit, said) = pulsetrain(&["run", &file, "--out", &folder.path("out")]);
+    let (exit, said) = pulsetrain(&["run", &file, "-v", "--out", &folder.path("out")]);
     let segments = said.lines().find_map(|line| line.trim().strip_prefix("segments")).expect("it is told");
     let segments: usize = segments.split_whitespace().collect::<String>().parse().unwrap();
     assert!(segments > QUEUE_LEN, "{segments} segments");
