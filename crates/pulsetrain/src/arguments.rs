@@ -45,6 +45,10 @@ impl Motion {
                 let help = "take its beginning, --for \"60 s\"; `pulsetrain run FILE --for forever` runs it";
                 return Err(miette!(help = help, "{}: a motion without an end has no whole plan", prepared.file));
             }
+            console.tell(format_args!(
+                "{}: until Ctrl-C or `pulsetrain stop`. Files grow all the time: --no-trace --no-steps leaves them out.\n",
+                prepared.file
+            ));
             return prepared.ending(self.length).map_err(advised);
         }
         if !self.yes && Estimate::of(&prepared, self.length, task).is_much() {

@@ -243,7 +243,10 @@ impl<W: Write> Observer for Recorder<'_, W> {
         let position = &mut self.positions[step.motor];
         *position += i64::from(step.direction.sign());
         self.picture.motors[step.motor].step(step.tick as f64 * self.tick_s, *position);
-        self.figures.iter_mut().for_each(|figure| figure.step(step.motor, step.tick, *position));
+        // After a change the machine leaves the file's figure.
+        if self.judged_until_s.get().is_none() {
+            self.figures.iter_mut().for_each(|figure| figure.step(step.motor, step.tick, *position));
+        }
         if let Some(files) = &mut self.files {
             // A native board has at most 16 motors, so the index fits.
             let motor = step.motor as u8;

@@ -179,6 +179,10 @@ pub struct Driven<B> {
     status_due: u64,
     /// The proof of what comes next, while it is not complete.
     proof: Option<Plans>,
+    /// How much of the motion was proven before, s.
+    proven_s: f64,
+    /// A change that waits for another one to begin.
+    waiting: Option<Command>,
     /// What the proof found, after the motors were stopped for it.
     refused: Option<Refused>,
 }
@@ -422,6 +426,8 @@ impl<B: Leased> Driven<B> {
             stop: None,
             status_due: 0,
             proof: None,
+            proven_s: 0.0,
+            waiting: None,
             refused: None,
         })
     }
@@ -432,14 +438,15 @@ impl<B: Leased> Driven<B> {
         self.zero
     }
 
-    /// Proves the rest of a motion while it runs, after [`Prepared::prove_first`]. The proof is always 5 s or more ahead of the
+    /// Proves the rest of a motion while it runs, after [`Prepared::prove_first`] has proven its first `proven_s` seconds. The proof is always 5 s or more ahead of the
     /// motors, and soon an hour. If it finds a part that the planner refuses, the motors brake at once.
     ///
     /// # Errors
     /// When the beginning cannot be planned at all, which [`Prepared::prove_first`] would have found.
-    pub fn proving(mut self, prepared: &Prepared) -> Result<Driven<B>, DriveError> {
+    pub fn proving(mut self, prepared: &Prepared, proven_s: f64) -> Result<Driven<B>, DriveError> {
         let refused = |refused: Refused| DriveError::of(&prepared.program, refused.into());
         self.proof = Some(prepared.plans().map_err(refused)?);
+        self.proven_s = proven_s;
         Ok(self)
     }
 
@@ -518,8 +525,17 @@ impl<B: Leased> Driven<B> {
         if is_over {
             return self.finish(observer, events).map(Some);
         }
-        let command = if self.prove_more() { command } else { Some(Command::Stop) };
-        let Driven { session, program, steppers, meter, places, stop, status_due, .. } = self;
+        // A change that had to wait is tried again. One that came after it takes its place.
+        let command = match (command, self.waiting.take()) {
+            (None, waiting) => waiting,
+            (command, _) => command,
+        };
+        let command = match command {
+            Some(Command::StopNow) => command,
+            _ if self.prove_more() => command,
+            _ => Some(Command::Stop),
+        };
+        let Driven { session, program, steppers, meter, places, stop, status_due, waiting, .. } = self;
         let mut since = Since { zero, places, steppers, meter, observer };
         let (now, was_paused, was_over) = (session.board().now(), session.is_paused(), session.is_over);
         let obeyed = match command {
@@ -563,6 +579,11 @@ impl<B: Leased> Driven<B> {
                     }
                     // The change was made, and the motion cannot go on after it.
                     Err(error) if session.is_over && !was_over => Err(error),
+                    // Another change has not begun yet.
+                    Err(SessionError::Waiting { .. }) => {
+                        *waiting = Some(command);
+                        Ok(())
+                    }
                     // Nothing was changed.
                     Err(error) => {
                         events(Event::Refused { command, why: error.to_string() });
@@ -603,9 +624,12 @@ impl<B: Leased> Driven<B> {
 
     /// Goes on with the proof. Returns false when it finds that the motion cannot go on to its end.
     fn prove_more(&mut self) -> bool {
+        if self.stop.is_some() {
+            self.proof = None;
+        }
         let Some(proof) = &mut self.proof else { return true };
         let at_s = self.session.law_time().seconds();
-        let ahead_s = proof.planned_s().map_or(0.0, |planned_s| planned_s - at_s);
+        let ahead_s = proof.planned_s().map_or(0.0, |planned_s| planned_s.max(self.proven_s) - at_s);
         let so_far = match ahead_s {
             ..PROOF_AHEAD_MIN_S => proof.plan_some(at_s + PROOF_AHEAD_MIN_S, u32::MAX),
             ..PROOF_AHEAD_MAX_S => proof.plan_some(at_s + PROOF_AHEAD_MAX_S, PROOF_MOVES),

@@ -121,10 +121,10 @@ impl<B: Leased> Session<B> {
         if wanted == Rate::ZERO {
             return Err(SessionError::NoTempo);
         }
-        let from = match self.playback.law_time {
-            LawTime::Going { at, .. } | LawTime::Halted { at, .. } => at,
-            LawTime::Stopped => Time::ZERO,
-        };
+        if matches!(self.playback.law_time, LawTime::Stopped) {
+            return Err(SessionError::Late { at: self.earliest(), latest: self.committed_until() });
+        }
+        let from = self.law_time();
         let (highest, ceiling) = pause::highest_rate(&self.playback.program, from)?;
         let (rate, ceiling) = if wanted > highest { (highest, ceiling) } else { (wanted, None) };
         let (rate, ceiling) = self.kept_up(rate).unwrap_or((rate, ceiling));

@@ -22,7 +22,7 @@ pub struct Planned {
 }
 
 /// Moves that are planned before progress is reported.
-const MOVES_AT_ONCE: u32 = 256;
+pub(crate) const MOVES_AT_ONCE: u32 = 256;
 
 /// The moves of all motors, those of the motor that is least far first.
 pub struct Plans {

@@ -164,7 +164,7 @@ impl Prepared {
     /// When the motion is over by then, or leaves no room for it.
     pub fn pause(&mut self, at: Time, until: Option<Time>) -> Result<(), Refusal> {
         let file = || self.file.clone();
-        if self.end_s() <= at.seconds() {
+        if !self.is_endless() && self.end_s() <= at.seconds() {
             return Err(Refusal::Over { file: file(), at_s: at.seconds(), end_s: self.end_s() });
         }
         let (program, paused) =

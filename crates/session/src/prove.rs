@@ -7,7 +7,7 @@ use pulsetrain_plan::{Demand, PlanError, Refused};
 
 use crate::estimate::{Estimate, Task};
 use crate::fit;
-use crate::plans::{Planned, Plans};
+use crate::plans::{MOVES_AT_ONCE, Planned, Plans};
 use crate::prepare::{Prepared, Refusal, cut};
 
 /// Seconds of planning that the first step may wait for.
@@ -22,6 +22,8 @@ pub struct Proof {
     pub planned: Vec<Planned>,
     /// Whether that is the whole motion.
     pub is_whole: bool,
+    /// Up to when it is proven, s.
+    pub until_s: f64,
 }
 
 impl Prepared {
@@ -43,10 +45,10 @@ impl Prepared {
     ///
     /// # Errors
     /// As [`Prepared::prove`].
-    pub fn prove_first(&mut self, watch: impl FnMut(f64)) -> Result<Proof, Refusal> {
+    pub fn prove_first(&mut self, mut watch: impl FnMut(f64)) -> Result<Proof, Refusal> {
         let planning_s = Estimate::of(self, Some(Time::from_seconds(self.end_s())), Task::Plan).planning_s;
         if !self.is_endless() && planning_s <= MOST_WAIT_S {
-            return Ok(Proof { planned: self.prove(watch)?, is_whole: true });
+            return Ok(Proof { planned: self.prove(watch)?, is_whole: true, until_s: f64::INFINITY });
         }
         let second_s = Estimate::of(self, Some(Time::from_seconds(FIRST_S)), Task::Plan).planning_s / FIRST_S;
         let cycles = self.program.motors.iter().filter_map(|motor| motor.law.cycle());
@@ -54,10 +56,15 @@ impl Prepared {
         let until_s = until_s.min((MOST_WAIT_S / second_s).max(FIRST_S));
         let planned = self.with_queues(until_s, |prepared| {
             let mut plans = prepared.plans()?;
-            plans.plan_some(until_s, u32::MAX)?;
+            while plans.planned_s().is_some_and(|planned_s| planned_s < until_s)
+                && plans.plan_some(until_s, MOVES_AT_ONCE)?
+            {
+                watch(plans.planned_s().unwrap_or_default());
+            }
+            plans.brake()?;
             Ok(plans.finish())
         })?;
-        Ok(Proof { planned, is_whole: false })
+        Ok(Proof { planned, is_whole: false, until_s })
     }
 
     /// Proves with equal parts of the queues; if they are too short, with parts by what the motors need up to `until_s`.

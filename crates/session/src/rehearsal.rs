@@ -60,14 +60,19 @@ impl Length {
     pub fn exactly(program: &Program, seconds: f64) -> Length {
         let laws = || program.motors.iter().map(|motor| &motor.law);
         let ends = laws().filter_map(|law| law.end()).fold(Time::ZERO, Time::max);
+        let endless = laws().any(|law| law.end().is_none());
         let (from, periods): (Vec<Time>, Vec<Time>) = laws().filter_map(|law| law.cycle()).unzip();
+        // Of a law without an end or a period, something new may always come.
+        if laws().any(|law| law.end().is_none() && law.cycle().is_none()) {
+            return Length { seconds, all_s: None, endless };
+        }
         let Some(longest) = periods.iter().max() else {
             return Length { seconds: seconds.min(ends.seconds()), all_s: Some(ends.seconds()), endless: false };
         };
         // All phases, from where all laws repeat. Two more periods, as the transition from one to the next is planned separately.
         let once = from.into_iter().fold(ends, Time::max);
         let all = common_period(&periods).map(|common| once + common + longest.times(2));
-        Length { seconds, all_s: all.map(Time::seconds), endless: true }
+        Length { seconds, all_s: all.map(Time::seconds), endless }
     }
 
     /// Whether nothing new would come after it.

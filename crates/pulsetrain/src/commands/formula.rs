@@ -300,7 +300,7 @@ pub(crate) fn run(args: &FormulaArgs, console: &mut Console<'_>) -> miette::Resu
     if let Some(path) = &args.plot {
         let driven = Driven::native(&prepared).map_err(advised)?;
         let files = None::<Result<Files<std::io::Sink>, Access>>;
-        let proof = Proof { planned, is_whole: true };
+        let proof = Proof { planned, is_whole: true, until_s: f64::INFINITY };
         let ran = run::record(&prepared, proof, driven, files, Edges::default(), None, console)?;
         run::draw(&ran.map_err(|(error, _)| drive_problem(error))?.recorded.picture, path)?;
         if !args.json {

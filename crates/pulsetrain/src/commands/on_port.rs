@@ -142,6 +142,14 @@ pub(super) fn run(
             Some(Rehearsal::of_run(prepared, baud, rehearse, put_off.unwrap_or(0), console)?)
         }
     };
+    // A file that cannot be written is found before anything moves.
+    let names: Vec<String> = program.motors.iter().map(|motor| motor.name.clone()).collect();
+    let path = folder.join("steps.csv");
+    let writer = how.steps.then(|| {
+        let writer = steps::StepWriter::new(console::create(&path)?, program.board.tick_hz, &names);
+        writer.map_err(|error| access("write", &path, error))
+    });
+    let writer = writer.transpose()?;
     stopped_before_begin(control)?;
     interrupt::watch();
     let port = Serial::open(name, false).map_err(port_problem)?;
@@ -152,17 +160,10 @@ pub(super) fn run(
         let goes_on = || waits() && !control.wants_stop();
         Driven::with(prepared, |program| connect_while(port, program, baud, goes_on)).map_err(drive_problem)?
     };
-    let firmware = human::version(driven.board_mut().info().firmware);
-    let names: Vec<String> = program.motors.iter().map(|motor| motor.name.clone()).collect();
-    let path = folder.join("steps.csv");
-    let writer = how.steps.then(|| {
-        let writer = steps::StepWriter::new(console::create(&path)?, program.board.tick_hz, &names);
-        writer.map_err(|error| access("write", &path, error))
-    });
-    let writer = writer.transpose()?;
     if !proof.is_whole {
-        driven = driven.proving(prepared).map_err(drive_problem)?;
+        driven = driven.proving(prepared, proof.until_s).map_err(drive_problem)?;
     }
+    let firmware = human::version(driven.board_mut().info().firmware);
     let mut scheduled = Scheduled { writer, made: vec![0; names.len()], error: None };
     let bar = console.run_progress(prepared);
     bar.stage("running");

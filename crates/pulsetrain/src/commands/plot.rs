@@ -48,8 +48,15 @@ pub(crate) fn run(args: &PlotArgs, console: &mut Console<'_>) -> miette::Result<
         return moving(args, &prepared, driven, &path, console);
     }
     let files = None::<Result<Files<std::io::Sink>, Access>>;
-    let ran =
-        run::record(&prepared, Proof { planned, is_whole: true }, driven, files, Edges::default(), None, console)?;
+    let ran = run::record(
+        &prepared,
+        Proof { planned, is_whole: true, until_s: f64::INFINITY },
+        driven,
+        files,
+        Edges::default(),
+        None,
+        console,
+    )?;
     let recorded = ran.map_err(|(error, _)| drive_problem(error))?.recorded;
     run::draw(&recorded.picture, &path)?;
     console.print(format_args!("{}\n", path.display()))?;

@@ -13,7 +13,7 @@ use miette::{Report, miette};
 use pulsetrain_board::Leased;
 
 use super::on_port::{self, PortRun};
-use super::problems::{drive_problem, run_problem};
+use super::problems::{RunStopped, drive_problem, run_problem};
 use super::{plan, ports};
 use crate::console::{self, Access, Console, Exit};
 use crate::control_socket::{Control, Ending, RunEnded, RunInfo};
@@ -104,7 +104,7 @@ pub(crate) struct RunArgs {
 pub(crate) fn run(args: &RunArgs, console: &mut Console<'_>) -> miette::Result<Exit> {
     let task = match &args.port {
         Some(_) => Task::Port,
-        None if args.native => Task::Native { files: !(args.no_trace && args.no_steps) },
+        None if args.native => Task::Native { files: true },
         None => Task::Virtual,
     };
     let mut prepared = args.motion.prepare(task, args.json, console)?;
@@ -184,7 +184,10 @@ pub(super) fn perform(prepared: Prepared, how: &HowToRun<'_>, console: &mut Cons
     let done = perform_with(prepared, how, &control, console);
     match &done {
         Ok((_, ended)) => control.end(ended),
-        Err(error) => control.end(&RunEnded::failed(error.to_string())),
+        Err(error) => {
+            let moved = error.downcast_ref::<RunStopped>().is_some();
+            control.end(&RunEnded { moved, ..RunEnded::failed(error.to_string()) });
+        }
     }
     done.map(|(exit, _)| exit)
 }
@@ -279,7 +282,7 @@ pub(super) fn run_end(prepared: &Prepared, ended: &Ended, how: &HowToRun<'_>) ->
     let mut is_known = how.is_known.iter();
     motors.retain(|_| is_known.next().is_none_or(|known| *known));
     let ended = if ended.stopped { Ending::Stopped } else { Ending::Finished };
-    RunEnded { ended, why: None, motors, way_back }
+    RunEnded { ended, why: None, motors, way_back, moved: true }
 }
 
 /// A run that came to the motion's end, or was stopped on its way, as somebody asked for.
@@ -327,7 +330,7 @@ pub(crate) fn record<B: Leased, W: std::io::Write>(
     let judged_until_s = Cell::new(None);
     let mut recorder = Recorder::new(&prepared.program, &drawn, &driven.lines, title, files, &edges, &judged_until_s)?;
     if !proof.is_whole {
-        driven = driven.proving(prepared).map_err(drive_problem)?;
+        driven = driven.proving(prepared, proof.until_s).map_err(drive_problem)?;
     }
     let bar = console.run_progress(prepared);
     bar.stage("running");

@@ -92,7 +92,9 @@ fn answer(run: &mut RunClient, command: Command) -> miette::Result<Event> {
         let line = run.next_line()?;
         let info = run.info();
         match line {
-            RunLine::Event(Event::Refused { command: refused, why }) if refused == command => {
+            RunLine::Event(Event::Refused { command: refused, why })
+                if std::mem::discriminant(&refused) == std::mem::discriminant(&command) =>
+            {
                 return Err(miette!("{} at {}: {why}; the motion goes on as it was", info.file, info.place()));
             }
             RunLine::Event(event @ (Event::Pausing { .. } | Event::Resuming { .. } | Event::Tempo { .. })) => {

@@ -105,7 +105,8 @@ pub(super) fn chosen(
             format!("  pulsetrain {command} --port {place}    {} on {}", run.info().file, run.info().board)
         });
         let each: Vec<String> = each.collect();
-        let help = format!("say which one, or --all:\n{}", each.join("\n"));
+        let all_too = if command == "stop" { ", or --all" } else { "" };
+        let help = format!("say which one{all_too}:\n{}", each.join("\n"));
         return Err(miette!(help = help, "{} runs are there", runs.len()));
     }
     Ok(runs)
@@ -150,7 +151,7 @@ fn stop_runs(mut runs: Vec<RunClient>, now: bool, json: bool, console: &mut Cons
     if json {
         console.print_json(&reports)?;
     }
-    let all_well = reports.iter().all(|report| report.end.ended != Ending::Failed || report.end.motors.is_empty());
+    let all_well = reports.iter().all(|report| report.end.ended != Ending::Failed || !report.end.moved);
     Ok(if all_well { Exit::Success } else { Exit::Stopped })
 }
 

@@ -173,6 +173,9 @@ pub struct RunEnded {
     /// The command that brings the motors back to the motion's start.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub way_back: Option<String>,
+    /// Whether the motors had begun to move.
+    #[serde(default)]
+    pub moved: bool,
 }
 
 /// The ways in which a run ends.
@@ -191,7 +194,7 @@ impl RunEnded {
     /// The end of a run that failed.
     #[must_use]
     pub fn failed(why: String) -> RunEnded {
-        RunEnded { ended: Ending::Failed, why: Some(why), motors: Vec::new(), way_back: None }
+        RunEnded { ended: Ending::Failed, why: Some(why), motors: Vec::new(), way_back: None, moved: false }
     }
 }
 

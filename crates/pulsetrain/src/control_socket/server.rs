@@ -286,7 +286,9 @@ fn hear(input: UnixStream, number: u64, shared: &Shared) {
     loop {
         line.clear();
         let read = (&mut input).take(LONGEST_LINE as u64).read_until(b'\n', &mut line);
-        if read.is_err() || line.last() != Some(&b'\n') {
+        // The last line may come without its end.
+        let is_too_long = line.len() >= LONGEST_LINE && line.last() != Some(&b'\n');
+        if read.is_err() || line.is_empty() || is_too_long {
             break;
         }
         let answer = match ClientLine::read(&line) {

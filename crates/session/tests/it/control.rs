@@ -322,7 +322,7 @@ fn a_part_that_is_refused_on_the_way_stops_the_motors_before_it() {
     let contents = file::read_contents(&text, "wheel.toml", &no_files).expect("it is a motion file");
     let mut prepared = Prepared::new("wheel.toml".to_owned(), contents, None).expect("it fits an Uno");
     assert!(prepared.prove_first(|_| {}).is_ok_and(|proof| !proof.is_whole));
-    let mut driven = Driven::native(&prepared).unwrap().proving(&prepared).unwrap();
+    let mut driven = Driven::native(&prepared).unwrap().proving(&prepared, 10.0).unwrap();
     let mut stopping_s = f64::INFINITY;
     let error = driven.run(&mut |_: Edge| {}, |event| {
         if let Event::Stopping { at_s } = event {
@@ -342,7 +342,7 @@ fn a_part_that_is_refused_on_the_way_stops_the_motors_before_it() {
 fn a_proof_that_is_made_on_the_way_is_the_whole_one() {
     let mut whole = prepared();
     let proven = whole.prove(|_| {}).unwrap();
-    let mut driven = Driven::native(&whole).unwrap().proving(&whole).unwrap();
+    let mut driven = Driven::native(&whole).unwrap().proving(&whole, 0.0).unwrap();
     driven.run(&mut |_: Edge| {}, |_| {}).unwrap();
     let planned = driven.planned();
     assert_eq!(planned.len(), 1);
@@ -359,7 +359,7 @@ fn an_endless_motion_is_proven_for_its_beginning() {
     let contents = contents.unwrap_or_else(|error| panic!("{}", error.plain()));
     let mut endless = Prepared::new("wheel.toml".to_owned(), contents, None).unwrap();
     assert!(endless.prove_first(|_| {}).is_ok_and(|proof| !proof.is_whole));
-    let mut driven = Driven::native(&endless).unwrap().proving(&endless).unwrap();
+    let mut driven = Driven::native(&endless).unwrap().proving(&endless, 10.0).unwrap();
     let (mut nobody, mut at_s) = (|_: Edge| {}, 0.0);
     while at_s < 100.0 {
         let mut look = |event: Event| at_s = status(&event).map_or(at_s, |status| status.at_s);
