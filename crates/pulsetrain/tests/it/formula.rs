@@ -172,7 +172,7 @@ fn wrong_files_are_shown_in_few_words() {
         ),
         ("brace", good.replace("2 rev/s^2\" }", "2 rev/s^2\""), Exit::Refused, "this `{` is never closed", 1),
         ("easydriver", good, Exit::Success, "wheel", 1),
-        ("flat", format!("board = \"native\"\n{wheel}{flat}"), Exit::Success, "enclosed", 1),
+        ("flat", format!("board = \"native\"\n{wheel}{flat}"), Exit::Success, "fits native", 1),
     ] {
         let path = folder.write(&format!("{name}.toml"), &text);
         let (ended, out, err) = pulsetrain(&["plan", &path]);
