@@ -595,10 +595,10 @@ fn a_film_is_laid_over_the_law() {
     let judged = |align, off: &dyn Fn(f64) -> f64| judged_film(&film_of(50.0, 0.0, off, &|a| a), align).unwrap();
     let report = judged(Align::StartAndRate, &|_| 0.0);
     assert!(report.ok, "{report}");
-    assert!((report.alignment.shift_s - 0.37).abs() < 1e-5, "{:?}", report.alignment);
-    assert!((report.alignment.rate_ppm - 200.0).abs() < 5.0, "{:?}", report.alignment);
-    assert!((report.zero_deg - 12.0).abs() < 1e-2, "{report}");
-    assert!(report.rms_error_steps < 0.02, "{report}");
+    assert!((report.alignment.shift_s - 0.37).abs() < 1e-6, "{:?}", report.alignment);
+    assert!((report.alignment.rate_ppm - 200.0).abs() < 0.1, "{:?}", report.alignment);
+    assert!((report.zero_deg - 12.0).abs() < 1e-3, "{report}");
+    assert!(report.rms_error_steps < 1e-3, "{report}");
     assert!(!judged(Align::None, &|_| 0.0).ok);
     assert!(judged(Align::Start, &|_| 0.0).ok);
     // Four steps lost on the way.
@@ -769,7 +769,7 @@ fn another_speed_is_no_clock() {
         let frames = (0..=150).map(|i| f64::from(i) / 50.0 * slower);
         let frames = frames.map(|time_s| Frame { time_s, angle: law(time_s), sigma: None }).collect();
         let film = judge_film(&Track { unit: AngleUnit::Degrees, frames }, &program, None, None, &options).unwrap();
-        assert_eq!(film.ok, report.ok, "{film}");
+        assert_eq!((film.ok, film.failures.len()), (report.ok, report.failures.len()), "{film}");
     };
     check(1.005, "");
     let at = "at t = 3.000000 s\n";
