@@ -37,7 +37,7 @@ pub const FRACTION_BITS: u32 = 32;
 
 /// The most packed bytes in a piece.
 pub const LONGEST_PIECE: usize = 64;
-// The longest that `Player::next` writes by itself: a reset, and the step after a wait.
+// At most, `Player::next` adds a reset and the step after a wait to what it reads.
 const _: () = assert!(2 + MAX_PACKED_LEN <= LONGEST_PIECE);
 
 /// Bytes before those that the CRC covers.

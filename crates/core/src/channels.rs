@@ -1,5 +1,5 @@
-//! What the channels of one machine have in common: a horizon, and the end of their lease. [`channel`](crate::channel) has what
-//! each does by itself.
+//! The horizon and the end of the lease, which all channels of one machine share. A single channel is in
+//! [`channel`](crate::channel).
 
 use crate::{Channel, Lapse, Tick32};
 

@@ -6,7 +6,7 @@
 //! - [`Until`](Lease::Until) U: steps due before U are the plan's, none at U or later. An extension is accepted if U is not before the
 //!   horizon. It may move U to an earlier tick. Steps after U are kept until the horizon reaches U, so that a later extension can still
 //!   reach them.
-//! - [`Last`](Lease::Last): the host has sent all of the plan. It ends by itself, so it needs no more extensions.
+//! - [`Last`](Lease::Last): the host has sent all of the plan. The lease needs no more extensions.
 //! - Once the horizon passes U the lease has [lapsed](Lapse). All motors brake from U (see [`braking`](crate::braking)). Waiting items
 //!   of their epoch are dropped, later ones are refused, and a switch that waits at U or later is cancelled. After that only a new
 //!   switch, or the immediate stop, changes anything.

@@ -36,8 +36,8 @@ impl Output {
         }
     }
 
-    /// The tick of the edge that the output makes by itself, if no event comes before: the end of a pulse, or the release of the coils. The
-    /// end of a pulse always comes before the next event.
+    /// The tick of the edge that ends a pulse or releases the coils, if no event comes before. The end of a pulse always comes before
+    /// the next event.
     #[must_use]
     pub const fn pending_tick(&self) -> Option<Tick32> {
         match self {

@@ -60,7 +60,7 @@ fn number(text: &str) -> Option<f64> {
     text.parse().ok().or_else(|| with_point(text))
 }
 
-/// A time of day, or a date with one, as ISO 8601 has it: seconds, and which parts it has.
+/// Reads a time of day, or a date with a time of day, by ISO 8601. Gives seconds, and which of both it was.
 pub(crate) fn moment(text: &str) -> Option<(Double, DateForm)> {
     if !text.as_bytes().first()?.is_ascii_digit() || !text.contains(':') {
         return None;

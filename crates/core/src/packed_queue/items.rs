@@ -1,4 +1,4 @@
-//! A queue of packed bytes that gives items to a channel. It compares the checks among them by itself.
+//! A queue of packed bytes that gives items to a channel. It compares the checks among them, and does not pass them on.
 
 use super::{ByteQueue, Pool, PushRefused};
 use crate::packing::{CHECK_LEN, MAX_CONTINUED_LEN, MAX_PACKED_LEN, Packing, State, Units};
@@ -122,7 +122,7 @@ impl PackedQueue {
         self.take_from(front, epoch, here)
     }
 
-    // It is not inlined, so that the program has it only once.
+    // Inlining would copy its code to each place that calls it.
     #[inline(never)]
     fn take_from(&mut self, front: &[u8], epoch: Epoch, here: &Place) -> Option<Item> {
         let mut rest = front;

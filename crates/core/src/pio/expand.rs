@@ -1,5 +1,5 @@
-//! Turns the steps of a run into words, one each. This is the loop that limits the step rate. The Pico's firmware has it in assembly; a
-//! test compares the two.
+//! Turns each step of a run into a word. This loop limits the step rate. The Pico's firmware repeats it in assembly, and a test compares
+//! the two.
 
 use crate::{Recurrence, Tick32};
 

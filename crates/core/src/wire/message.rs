@@ -152,7 +152,7 @@ pub enum Command<'a> {
         tick: u64,
         /// How long the new plan is valid; not [`Lease::Off`].
         lease: Lease,
-        /// How hard each motor may brake from then on, in the bytes of [`limit_bytes`]; empty: as before.
+        /// How hard each motor may brake from then on, in the bytes of [`limit_bytes`]. Empty: the limits do not change.
         limits: &'a [u8],
     },
     /// The immediate stop. Answer: [`Reply::Stopped`]. No payload.
@@ -1213,7 +1213,7 @@ pub enum Reply {
         /// Sequence number of the last change of the plan that was accepted (byte 3).
         accepted: u8,
     },
-    /// A report that nobody asked for.
+    /// A report that is no answer to a command.
     Event(Event),
 }
 

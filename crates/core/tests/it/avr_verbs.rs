@@ -225,7 +225,7 @@ fn steps_far_apart_come_one_by_one() {
     assert_eq!(steps, [(0, 1), (100_000, 1), (200_000, 1)]);
 }
 
-/// A finished move that nobody asks for: its motor rests through several wraps of 32-bit ticks, and the move is still reported.
+/// A motor rests through several wraps of 32-bit ticks after its move. The move is reported even then.
 #[test]
 fn what_is_past_stays_past() {
     for stopped in [false, true] {
@@ -242,7 +242,7 @@ fn what_is_past_stays_past() {
         assert_eq!(verbs.take_done(Tick32(0)), Some((0, Tick32(80_000), 2)));
         assert_eq!(verbs.take_done(Tick32(0)), None);
     }
-    // The motor is stopped, and nobody asks for the move until much later.
+    // The motor is stopped. The host asks for the move much later.
     let mut verbs = avr_alone(&[(0, Verb::Move { steps: 1 })]);
     verbs.foresee(Tick32(50_000));
     while verbs.take(0).is_some() {}

@@ -358,7 +358,7 @@ fn what_was_accepted_is_told_by_its_number() {
     machine.has_lapsed = true;
     tell(&mut service, &mut machine, &extend(5), 2);
     assert_eq!(accepted(&mut service, &mut machine), Some(2));
-    // A refused one is taken, but the number stays the old one in every answer that has it.
+    // An extension that is refused does not change the number in the answers.
     tell(&mut service, &mut machine, &extend(6), 4);
     assert_eq!(accepted(&mut service, &mut machine), Some(2));
     tell(&mut service, &mut machine, &Command::Status, 5);

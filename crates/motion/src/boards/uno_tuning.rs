@@ -15,5 +15,5 @@ pub(super) const SPACING_TWO_RINGS: u32 = 96;
 pub(super) const SPACING_TWO_COMPARE: u32 = 171;
 /// Time from a group's tick to its second write.
 pub(super) const END_DELAY: u32 = 16;
-/// The longest pulse that an interrupt makes by itself. The end of a longer one is a match of its own.
+/// The longest pulse that one interrupt begins and ends. A longer one is ended by a match of its own.
 pub(super) const MAX_PULSE: u32 = 31;

@@ -23,7 +23,7 @@ pub struct TableColumns {
 /// How a recording was smoothed, and how far the motion is from it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Smoothing {
-    /// As the motion file has it.
+    /// The smoothing time of the motion file.
     pub over: Time,
     /// The frequency at which the gain is −3 dB, Hz.
     pub cut_off_hz: f64,
