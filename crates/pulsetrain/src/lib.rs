@@ -71,6 +71,7 @@ pub mod diagnostic;
 mod film;
 mod interrupt;
 mod last_positions;
+pub mod live;
 pub mod load;
 pub mod record;
 pub mod report;

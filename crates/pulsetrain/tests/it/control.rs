@@ -8,6 +8,7 @@ use std::os::unix::fs::{DirBuilderExt, PermissionsExt};
 use std::os::unix::net::{UnixListener, UnixStream};
 use std::path::PathBuf;
 use std::process::{Child, Command, Output, Stdio};
+use std::sync::mpsc::{Receiver, channel};
 
 /// A motion that takes minutes in virtual time, with a step each second of it.
 const SLOW: &str = "board = \"native\"\n[motor.wheel]\nsteps_per_rev = 200\npulse_high = \"2 us\"\npins = { step = 8, dir = 9 }\n\
@@ -82,29 +83,30 @@ fn all(output: &Output) -> String {
     text.split_whitespace().filter(|word| *word != "│").collect::<Vec<_>>().join(" ")
 }
 
-/// A client's end of a control socket.
+/// A client's end of a control socket. A thread of its own reads it, since a run hangs up on a client that reads nothing for a second.
 struct Line {
-    stream: BufReader<UnixStream>,
+    stream: UnixStream,
+    lines: Receiver<String>,
     first: Value,
 }
 
 impl Line {
     fn open(socket: &PathBuf) -> Line {
-        let mut stream = BufReader::new(UnixStream::connect(socket).unwrap());
-        let mut first = String::new();
-        stream.read_line(&mut first).unwrap();
-        Line { stream, first: serde_json::from_str(&first).unwrap() }
+        let stream = UnixStream::connect(socket).unwrap();
+        let (read, lines) = channel();
+        let input = BufReader::new(stream.try_clone().unwrap());
+        std::thread::spawn(move || input.lines().map_while(Result::ok).try_for_each(|line| read.send(line)));
+        let first = serde_json::from_str(&lines.recv().unwrap()).unwrap();
+        Line { stream, lines, first }
     }
 
     fn send(&mut self, line: &str) {
-        writeln!(self.stream.get_mut(), "{line}").unwrap();
+        writeln!(self.stream, "{line}").unwrap();
     }
 
     /// The next line; `None` at the end.
     fn next(&mut self) -> Option<Value> {
-        let mut line = String::new();
-        let read = self.stream.read_line(&mut line).unwrap();
-        (read > 0).then(|| serde_json::from_str(&line).unwrap())
+        self.lines.recv().ok().map(|line| serde_json::from_str(&line).unwrap())
     }
 
     /// The lines up to one that is meant, which is the last.
@@ -222,7 +224,7 @@ fn a_client_is_answered_line_by_line_and_cannot_flood_a_run() {
     assert_eq!(line.until(is_answer).pop().unwrap()["event"], "pausing");
     // A line without an end: an error, and nothing more is read of this client.
     let mut endless = Line::open(&user.sockets()[0]);
-    endless.stream.get_mut().write_all(&[b'x'; 5000]).unwrap();
+    endless.stream.write_all(&[b'x'; 5000]).unwrap();
     assert!(endless.next().unwrap()["error"].as_str().unwrap().contains("4096 bytes"));
     // Too many clients are refused; those that are there are served.
     let mut many = Vec::new();
