@@ -129,6 +129,7 @@ impl Law {
             Law::Repeated(repeated) => repeated.law.has_backlash(),
             Law::Blended(blended) => blended.law().has_backlash(),
             Law::Warped(warped) => warped.law().has_backlash(),
+            Law::Faded(faded) => faded.laws().into_iter().any(Law::has_backlash),
             _ => false,
         }
     }

@@ -208,33 +208,57 @@ pub(super) fn then(laws: Arc<[Law]>) -> impl Iterator<Item = Result<Piece, LawEr
     })
 }
 
-/// One law of a sum: its current piece, or its position after its end.
-struct Summand {
+/// One law of several: its current piece, or its position after its end.
+pub(super) struct Summand {
     pieces: Pieces,
     piece: Option<Piece>,
     rests_at: Double,
 }
 
+impl Summand {
+    /// A law from its time `at` on.
+    pub(super) fn from(law: &Law, at: Time) -> Summand {
+        Summand { pieces: law.pieces_from(at), piece: None, rests_at: Double::ZERO }
+    }
+
+    /// Goes on to the piece that goes on at `at`.
+    pub(super) fn advance(&mut self, at: Time) -> Result<(), LawError> {
+        while self.piece.as_ref().is_none_or(|piece| piece.end <= at) {
+            if let Some(piece) = self.piece.take() {
+                self.rests_at = piece.last_position();
+            }
+            let Some(next) = self.pieces.next() else { break };
+            self.piece = Some(next?);
+        }
+        Ok(())
+    }
+
+    /// When its piece ends; `None` if the law has ended.
+    pub(super) fn ends(&self) -> Option<Time> {
+        self.piece.as_ref().map(|piece| piece.end)
+    }
+
+    /// Its curve with the time since `zero`, and the level that is to be added to it, steps.
+    pub(super) fn about(&self, zero: Time) -> (Curve, Double) {
+        let Some(piece) = &self.piece else { return (Curve::constant(0.0), self.rests_at) };
+        let mut curve = piece.curve.clone();
+        curve.rezero(Double::from(zero) - Double::from(piece.zero));
+        (curve.plain(), Double::from(piece.origin))
+    }
+}
+
 /// The pieces of a sum of laws. A piece ends wherever a piece of one law ends.
 pub(super) fn sum(laws: &[Law]) -> impl Iterator<Item = Result<Piece, LawError>> + use<> {
-    let mut terms: Vec<Summand> =
-        laws.iter().map(|law| Summand { pieces: law.pieces(), piece: None, rests_at: Double::ZERO }).collect();
+    let mut terms: Vec<Summand> = laws.iter().map(|law| Summand::from(law, Time::ZERO)).collect();
     let mut at = Time::ZERO;
     std::iter::from_fn(move || {
         for term in &mut terms {
-            if term.piece.as_ref().is_none_or(|piece| piece.end <= at) {
-                if let Some(piece) = term.piece.take() {
-                    term.rests_at = piece.last_position();
-                }
-                match term.pieces.next() {
-                    Some(Ok(piece)) => term.piece = Some(piece),
-                    Some(Err(error)) => return Some(Err(error)),
-                    None => {}
-                }
+            if let Err(error) = term.advance(at) {
+                return Some(Err(error));
             }
         }
         let start = at;
-        at = terms.iter().filter_map(|term| term.piece.as_ref().map(|piece| piece.end)).min()?;
+        at = terms.iter().filter_map(Summand::ends).min()?;
         Some(merge(&terms, start, at))
     })
 }
@@ -264,9 +288,7 @@ fn merge(terms: &[Summand], start: Time, end: Time) -> Result<Piece, LawError> {
                 None => own,
             }))
         });
-        let mut curve = piece.curve.clone();
-        curve.rezero(by);
-        match curve.plain() {
+        match term.about(start).0 {
             Curve::Polynomial(c) => {
                 sum.resize(sum.len().max(c.len()), 0.0);
                 sum.iter_mut().zip(c).for_each(|(sum, c)| *sum += c);

@@ -65,6 +65,15 @@ pub enum Curve {
         /// Its own time against u, s/s^k; it does not fall where the curve is used.
         time: [f64; 5],
     },
+    /// A curve that changes into another one: old + weight·(new − old).
+    Faded {
+        /// The curve at weight 0.
+        old: Box<Curve>,
+        /// The curve at weight 1.
+        new: Box<Curve>,
+        /// The weight of the new curve: Σ c_k u^k, 1/s^k.
+        weight: [f64; 6],
+    },
 }
 
 /// A curve whose step times have a formula, on one monotone stretch: u(x), x being θ.
@@ -149,6 +158,10 @@ impl Curve {
             Curve::Sum(curves) => curves.iter().map(|c| c.value(u)).sum(),
             Curve::Accurate { curve, .. } => curve.value(u),
             Curve::Warped { curve, time } => curve.value(expand::<1>(time.iter().copied(), u)[0]),
+            Curve::Faded { old, new, weight } => {
+                let from = old.value(u);
+                from + expand::<1>(weight.iter().copied(), u)[0] * (new.value(u) - from)
+            }
         }
     }
 
@@ -226,7 +239,7 @@ impl Curve {
             }
             Curve::Sum(curves) => curves.iter().map(Curve::terms).reduce(|a, b| Some(a?.and(b?)))?,
             Curve::Accurate { terms, .. } => Some(terms.clone()),
-            Curve::Formula(_) | Curve::TimerRamp { .. } | Curve::Warped { .. } => None,
+            Curve::Formula(_) | Curve::TimerRamp { .. } | Curve::Warped { .. } | Curve::Faded { .. } => None,
         }
     }
 
@@ -279,6 +292,12 @@ impl Curve {
                 let time: Jet = expand(time.iter().copied(), u);
                 let own = composed(&curve.jet(time[0]), &time);
                 jet.iter_mut().zip(own).for_each(|(jet, own)| *jet += own);
+            }
+            Curve::Faded { old, new, weight } => {
+                let (from, to, weight): (Jet, Jet, Jet) = (old.jet(u), new.jet(u), expand(weight.iter().copied(), u));
+                for (k, jet) in jet.iter_mut().enumerate() {
+                    *jet += from[k] + (0..=k).map(|i| weight[i] * (to[k - i] - from[k - i])).sum::<f64>();
+                }
             }
         }
     }
@@ -354,6 +373,7 @@ impl Curve {
             }
             Curve::Accurate { curve, .. } => return curve.bounds_and_majorant(a, b),
             Curve::Warped { curve, time } => (bounds, majorant) = warped_bounds(curve, time, a, b),
+            Curve::Faded { old, new, weight } => (bounds, majorant) = faded_bounds([old, new], weight, a, b),
         }
         // Gradual underflow: far below any step, but a bound is a bound.
         bounds.rounding.iter_mut().for_each(|r| *r = *r * OUTWARD + f64::MIN_POSITIVE);
@@ -404,7 +424,7 @@ impl Curve {
                 Some(Inverse::Quadratic { x0: *x0, c: [*u0, linear / factor, quadratic / (factor * factor)] })
             }
             Curve::Accurate { curve, .. } => curve.inverse(u_a, u_b),
-            Curve::Formula(_) | Curve::Sum(_) | Curve::Warped { .. } => None,
+            Curve::Formula(_) | Curve::Sum(_) | Curve::Warped { .. } | Curve::Faded { .. } => None,
         }
     }
 
@@ -414,7 +434,7 @@ impl Curve {
             Curve::Polynomial(c) => c.iter().skip(1).all(|&c| c == 0.0),
             Curve::Cosine { amplitude, .. } => *amplitude == 0.0,
             Curve::TimerRamp { factor, .. } => *factor == 0.0,
-            Curve::Formula(_) => false,
+            Curve::Formula(_) | Curve::Faded { .. } => false,
             Curve::Sum(curves) => curves.iter().all(Curve::is_constant),
             Curve::Accurate { curve, .. } | Curve::Warped { curve, .. } => curve.is_constant(),
         }
@@ -440,6 +460,7 @@ impl Curve {
                 terms.raise(steps);
             }
             Curve::Warped { curve, .. } => curve.raise(steps),
+            Curve::Faded { old, new, .. } => [old, new].into_iter().for_each(|curve| curve.raise(steps)),
         }
     }
 
@@ -462,6 +483,7 @@ impl Curve {
                 terms.scale(by);
             }
             Curve::Warped { curve, .. } => curve.scale(by),
+            Curve::Faded { old, new, .. } => [old, new].into_iter().for_each(|curve| curve.scale(by)),
         }
     }
 
@@ -486,6 +508,10 @@ impl Curve {
             }
             Curve::Warped { time, .. } => {
                 shift(time, by);
+            }
+            Curve::Faded { old, new, weight } => {
+                [old, new].into_iter().for_each(|curve| curve.rezero(by));
+                shift(weight, by);
             }
         }
     }
@@ -551,6 +577,35 @@ fn warped_bounds(curve: &Curve, time: &[f64; 5], a: f64, b: f64) -> (Bounds, Jet
         majorant[k] = all[k] * OUTWARD;
         // Up to 7 factors of the time, each off by `relative`; 8 rounds of 8 products and sums.
         bounds.rounding[k] = doubts[k] * OUTWARD + majorant[k] * (8.0 * relative + 100.0 * ULP);
+    }
+    (bounds, majorant)
+}
+
+/// As [`Curve::bounds_and_majorant`], of old + weight·(new − old).
+fn faded_bounds([old, new]: [&Curve; 2], weight: &[f64; 6], a: f64, b: f64) -> (Bounds, Jet) {
+    let reach = a.abs().max(b.abs());
+    let mut w: [f64; 9] = expand(weight.iter().map(|c| c.abs()), reach);
+    w.iter_mut().for_each(|w| *w *= OUTWARD);
+    // Of a polynomial of degree 5: a product and a sum for each degree, and 3 roundings for its own coefficients.
+    let relative = 20.0 * ULP;
+    let ((from, from_majorant), (to, to_majorant)) = (old.bounds_and_majorant(a, b), new.bounds_and_majorant(a, b));
+    // The difference of both, its coefficient 8 and its roundings.
+    let mut d = [0.0; 9];
+    let mut doubt = [0.0; 9];
+    for k in 0..8 {
+        d[k] = (from_majorant[k] + to_majorant[k]) * OUTWARD;
+        doubt[k] = from.rounding[k] + to.rounding[k] + ULP * d[k];
+    }
+    d[8] = (from.eighth + to.eighth) * OUTWARD;
+    let products = |of: &[f64; 9], k: usize| (0..=k).map(|i| w[i] * of[k - i]).sum::<f64>();
+    let mut bounds = Bounds { eighth: (from.eighth + products(&d, 8)) * OUTWARD, rounding: [0.0; 8] };
+    let mut majorant = [0.0; 8];
+    for k in 0..8 {
+        let moved = products(&d, k);
+        majorant[k] = (from_majorant[k] + moved) * OUTWARD;
+        // Up to 8 products and as many sums.
+        bounds.rounding[k] =
+            from.rounding[k] + products(&doubt, k) + moved * (relative + 20.0 * ULP) + 4.0 * ULP * majorant[k];
     }
     (bounds, majorant)
 }

@@ -22,6 +22,7 @@ pub mod cursor;
 pub mod curve;
 pub(crate) mod double;
 pub(crate) mod extent;
+mod fade;
 pub mod formula;
 mod lorenz;
 mod profile;
@@ -41,6 +42,7 @@ pub use combine::{Changed, Repeated};
 pub use cursor::{Cursor, Sample};
 pub use curve::{Bounds, Curve, Inverse, Jet};
 use double::Double;
+pub use fade::{Faded, fade_weight};
 pub use formula::{FormulaError, FormulaFunction, ParameterUse, formula_functions};
 pub use lorenz::{Lorenz, Orbit};
 pub use profile::SCurve;
@@ -270,6 +272,8 @@ pub enum Law {
     Blended(Arc<Blended>),
     /// A law whose own time slows to a halt, or starts from one: pause and resume.
     Warped(Arc<Warped>),
+    /// A law that changes into another one.
+    Faded(Arc<Faded>),
     /// A law with the extra steps that take up backlash at its turns.
     Backlash(Arc<Backlash>),
     /// Only the extra steps that take up backlash at a law's turns.
@@ -381,8 +385,18 @@ impl Law {
             Law::Repeated(repeated) => Box::new(repeated.pieces()),
             Law::Blended(blended) => Box::new(blended.pieces()),
             Law::Warped(warped) => Box::new(warped.pieces()),
+            Law::Faded(faded) => Box::new(faded.pieces_from(Time::ZERO)),
             Law::Backlash(backlash) => Box::new(backlash.pieces()),
             Law::Compensation(slack) => Box::new(slack.pieces()),
+        }
+    }
+
+    /// The pieces from the one on that goes on at `at`.
+    #[must_use]
+    pub fn pieces_from(&self, at: Time) -> Pieces {
+        match self.clone() {
+            Law::Faded(faded) => Box::new(faded.pieces_from(at)),
+            law => Box::new(law.pieces().skip_while(move |piece| piece.as_ref().is_ok_and(|piece| piece.end <= at))),
         }
     }
 
@@ -404,6 +418,7 @@ impl Law {
             Law::Repeated(repeated) => repeated.times.map(|n| repeated.period.times(n)),
             Law::Blended(blended) => blended.end(),
             Law::Warped(warped) => warped.end(),
+            Law::Faded(faded) => faded.end(),
             Law::Backlash(backlash) => backlash.end(),
             Law::Compensation(slack) => slack.end(),
         }
@@ -427,6 +442,7 @@ impl Law {
             Law::Circle(circle) => circle.cycle(),
             Law::Steady(steady) => steady.cycle(),
             Law::Blended(blended) => blended.cycle(),
+            Law::Faded(faded) => faded.cycle(),
             Law::Changed(changed) => changed.law.cycle().map(|(from, period)| (from + changed.delay, period)),
             Law::Repeated(repeated) if repeated.times.is_none() => Some((Time::ZERO, repeated.period)),
             Law::Then(laws) => {
@@ -455,6 +471,7 @@ impl Law {
             Law::Repeated(repeated) => repeated.law.class(),
             Law::Blended(blended) => blended.class(),
             Law::Warped(warped) => warped.class(),
+            Law::Faded(faded) => faded.class(),
             Law::Backlash(backlash) => backlash.class(),
             Law::Compensation(_) => Compensation::class(),
         }

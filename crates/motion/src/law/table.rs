@@ -139,6 +139,7 @@ impl Law {
             Law::Changed(changed) => changed.law.tables(),
             Law::Repeated(repeated) => repeated.law.tables(),
             Law::Warped(warped) => warped.law().tables(),
+            Law::Faded(faded) => faded.laws().into_iter().flat_map(Law::tables).collect(),
             Law::Blended(blended) => blended.law().tables(),
             Law::Backlash(backlash) => backlash.law().tables(),
             _ => Vec::new(),

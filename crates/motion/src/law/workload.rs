@@ -67,6 +67,7 @@ impl Law {
             Law::Repeated(repeated) => repeated.law.workload(until),
             Law::Blended(blended) => blended.law().workload(until),
             Law::Warped(warped) => warped.law().workload(until),
+            Law::Faded(faded) => faded.new_law().workload(until),
             Law::Backlash(backlash) => {
                 // A piece has about one turn.
                 let law = backlash.law().workload(until);

@@ -99,13 +99,18 @@ fn exact(curve: &Curve, u: Wide) -> Wide {
         }
         Curve::Sum(curves) => curves.iter().fold(wide(0.0), |sum, c| sum + exact(c, u.clone())),
         Curve::Warped { curve, time } => exact(curve, time.iter().rev().fold(wide(0.0), |sum, &c| sum * &u + wide(c))),
+        Curve::Faded { old, new, weight } => {
+            let from = exact(old, u.clone());
+            let by = exact(new, u.clone()) - &from;
+            from + by * weight.iter().rev().fold(wide(0.0), |sum, &c| sum * &u + wide(c))
+        }
         Curve::Accurate { curve, .. } => exact(curve, u),
         Curve::Formula(_) => unreachable!("formulas have their own test"),
     }
 }
 
-/// How many there are: each as it is, and warped in five ways.
-const LAWS: usize = 6 * 6;
+/// How many there are: each as it is, warped in five ways, and faded into the next one, also in the middle of another fade.
+const LAWS: usize = 6 * 6 + 2 * 6;
 
 fn laws() -> Vec<Law> {
     let ramp = TimerRamp { steps: 400, tick_s: 8e-6, start_count: 255, cruise_count: 18, accelerate_during: 100 };
@@ -132,7 +137,14 @@ fn laws() -> Vec<Law> {
         Law::table(&[(0.0, 0.0), (0.3, 200.0), (1.0, 250.0), (1.5, -90.0)], Interpolation::Monotone).unwrap(),
         Law::sum(vec![sine, Law::speed(123.4, Some(Time::SECOND)).unwrap(), ramp.scaled(2.5).unwrap()]).unwrap(),
     ];
-    laws.extend(laws.clone().iter().flat_map(eased));
+    let plain = laws.clone();
+    laws.extend(plain.iter().flat_map(eased));
+    for (place, law) in plain.iter().enumerate() {
+        let next = |by: usize| plain[(place + by) % plain.len()].clone();
+        let faded = law.clone().faded(next(1), Time::from_seconds(0.2), Time::from_seconds(0.5)).unwrap();
+        laws.push(faded.clone().faded(next(2), Time::from_seconds(0.45), Time::from_seconds(0.6)).unwrap());
+        laws.push(faded);
+    }
     laws
 }
 

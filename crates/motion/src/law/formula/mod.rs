@@ -174,6 +174,7 @@ impl Law {
             Law::Repeated(repeated) => repeated.law.formula_parameters(),
             Law::Blended(blended) => blended.law().formula_parameters(),
             Law::Warped(warped) => warped.law().formula_parameters(),
+            Law::Faded(faded) => faded.laws().into_iter().flat_map(Law::formula_parameters).collect(),
             Law::Backlash(backlash) => backlash.law().formula_parameters(),
             Law::Sine(_) | Law::Steady(_) | Law::Fixed(_) | Law::Table(_) | Law::Circle(_) | Law::Lorenz(_) => {
                 Vec::new()
