@@ -23,6 +23,7 @@ use pulsetrain_plan::{PlanError, Refused, Settings};
 use pulsetrain_trace::{Line, lines};
 
 use crate::control::{Command, Ended, Event, Knowledge, Positions, Status};
+use crate::fade::{Change, Transition};
 use crate::lateness::{Edges, Lateness, Meter};
 use crate::pause::Ceiling;
 use crate::plans::{Planned, Plans};
@@ -185,6 +186,8 @@ pub struct Driven<B> {
     waiting: Option<Command>,
     /// What the proof found, after the motors were stopped for it.
     refused: Option<Refused>,
+    /// Whether the session goes on after the motion's end.
+    stays: bool,
 }
 
 /// An order to brake.
@@ -429,7 +432,52 @@ impl<B: Leased> Driven<B> {
             proven_s: 0.0,
             waiting: None,
             refused: None,
+            stays: false,
         })
+    }
+
+    /// Lets the session go on after the motion's end: the motors rest, and can change to other laws. Only an order to stop ends it.
+    #[must_use]
+    pub fn staying(mut self) -> Driven<B> {
+        self.stays = true;
+        self
+    }
+
+    /// Lets the motors change to other laws while they move: [`Session::change_to`]. Returns when they leave the old laws and when they follow the new
+    /// ones, s of the motion.
+    ///
+    /// # Errors
+    /// As [`Session::change_to`]. The motion goes on after an error, but where [`Driven::step`] says otherwise.
+    pub fn change_to(&mut self, change: &Change) -> Result<(f64, f64), SessionError> {
+        let changed = self.session.change_to(change)?;
+        // It proves laws that are no longer followed.
+        self.proof = None;
+        Ok(self.seconds_of(changed))
+    }
+
+    /// Lets motors that braked since the host or the line was too slow join their laws again: [`Session::rejoin`]. [`Driven::step`] has returned an
+    /// error then, and can be called again.
+    ///
+    /// # Errors
+    /// As [`Session::rejoin`].
+    pub fn rejoin(&mut self) -> Result<(f64, f64), SessionError> {
+        let changed = self.session.rejoin()?;
+        self.proof = None;
+        Ok(self.seconds_of(changed))
+    }
+
+    /// The motor and its limit that a change would break, if there is one: [`Session::ceiling_of`].
+    ///
+    /// # Errors
+    /// As [`Session::ceiling_of`].
+    pub fn ceiling_of(&self, change: &Change) -> Result<Option<String>, SessionError> {
+        Ok(self.session.ceiling_of(change)?.map(|ceiling| named(&self.program, ceiling)))
+    }
+
+    /// When a transition begins and ends, s of the motion.
+    fn seconds_of(&self, Transition { from, until }: Transition) -> (f64, f64) {
+        let seconds = |tick: u64| tick.saturating_sub(self.zero) as f64 / self.program.board.tick_hz as f64;
+        (seconds(from), seconds(until))
     }
 
     /// The board's tick at which the laws begin.
@@ -520,6 +568,7 @@ impl<B: Leased> Driven<B> {
         let is_over = match self.session.is_paused() {
             // A paused session sends nothing, and so does not notice a lost line.
             true => self.session.board().lost().is_some(),
+            false if self.stays && self.stop.is_none() => self.session.board().lost().is_some(),
             false => self.session.is_complete() && is_last_step_past(&self.session),
         };
         if is_over {
@@ -565,8 +614,8 @@ impl<B: Leased> Driven<B> {
                 let done = match command {
                     Command::Tempo { rate } => Rate::of(rate).map_or(Err(SessionError::NoTempo), |rate| {
                         session.set_tempo(rate).map(|Tempo { rate, from, ceiling }| {
-                            let named = |Ceiling { motor, limit }| format!("{}: {limit}", program.motors[motor].name);
-                            Event::Tempo { rate: rate.get(), from_s: seconds(from), ceiling: ceiling.map(named) }
+                            let ceiling = ceiling.map(|ceiling| named(program, ceiling));
+                            Event::Tempo { rate: rate.get(), from_s: seconds(from), ceiling }
                         })
                     }),
                     Command::Resume => session.resume().map(|tick| Event::Resuming { full_speed_s: seconds(tick) }),
@@ -725,6 +774,11 @@ impl<B: Leased> Driven<B> {
     pub fn lateness(&mut self) -> Option<Lateness> {
         self.meter.take().map(Meter::finish)
     }
+}
+
+/// A motor and its limit, in words.
+fn named(program: &Program, Ceiling { motor, limit }: Ceiling) -> String {
+    format!("{}: {limit}", program.motors[motor].name)
 }
 
 /// Commands that have come and wait to be obeyed. [`Command::StopNow`] goes before all others, and then [`Command::Stop`].

@@ -1,5 +1,6 @@
 //! Pause, resume and tempo: the program is changed to its own laws with another rate of their time.
 
+use crate::fade::Mix;
 use crate::pause::{self, Ceiling};
 use crate::plans::Plans;
 use crate::{Session, SessionError};
@@ -13,7 +14,9 @@ use std::sync::Arc;
 /// The program that is followed, and what its laws' time does.
 #[derive(Clone, Debug)]
 pub(crate) struct Playback {
+    /// Its laws are right from the last change on.
     program: Arc<Program>,
+    mix: Mix,
     law_time: LawTime,
     /// The rate of the laws' time when it does not halt.
     tempo: Rate,
@@ -26,8 +29,8 @@ enum LawTime {
     Going { since: Time, at: Time },
     /// It halts at `at`, and all motors rest from tick `rests` on.
     Halted { at: Time, rests: u64 },
-    /// The motors were stopped, and left their laws.
-    Stopped,
+    /// The motors were stopped, and left their laws. The laws' time goes on, as it did.
+    Stopped { since: Time, at: Time },
 }
 
 /// A change of tempo that was made.
@@ -43,15 +46,56 @@ pub struct Tempo {
 
 impl Playback {
     pub(crate) fn begun(program: Arc<Program>) -> Playback {
-        Playback { program, law_time: LawTime::Going { since: Time::ZERO, at: Time::ZERO }, tempo: Rate::ONE }
+        let (mix, law_time) = (Mix::of(&program), LawTime::Going { since: Time::ZERO, at: Time::ZERO });
+        Playback { program, mix, law_time, tempo: Rate::ONE }
     }
 
     pub(crate) const fn is_paused(&self) -> bool {
         matches!(self.law_time, LawTime::Halted { .. })
     }
 
+    pub(crate) const fn is_stopped(&self) -> bool {
+        matches!(self.law_time, LawTime::Stopped { .. })
+    }
+
     pub(crate) fn stopped(&mut self) {
-        self.law_time = LawTime::Stopped;
+        self.law_time = match self.law_time {
+            LawTime::Going { since, at } | LawTime::Stopped { since, at } => LawTime::Stopped { since, at },
+            LawTime::Halted { at, .. } => LawTime::Stopped { since: Time::MAX, at },
+        };
+    }
+
+    pub(crate) const fn tempo(&self) -> Rate {
+        self.tempo
+    }
+
+    pub(crate) const fn mix(&self) -> &Mix {
+        &self.mix
+    }
+
+    /// The program with the laws that the motors follow after the changes that are under way.
+    pub(crate) fn followed(&self) -> Program {
+        let mut program = Program::clone(&self.program);
+        for (motor, law) in program.motors.iter_mut().zip(self.mix.followed()) {
+            motor.law = law.clone();
+        }
+        program
+    }
+
+    /// Notes that the motors follow other laws, from the laws' time `at` on.
+    pub(crate) fn changed(&mut self, program: Arc<Program>, mix: Mix, at: Time) {
+        (self.program, self.mix) = (program, mix);
+        if !self.is_paused() {
+            self.law_time = LawTime::Going { since: Time::ZERO, at };
+        }
+    }
+
+    /// Forgets fades that are over at `now`.
+    fn settle(&mut self, now: Time) -> Result<(), pause::PauseError> {
+        if self.mix.settle(now) {
+            self.program = Arc::new(self.mix.program(&self.program)?);
+        }
+        Ok(())
     }
 }
 
@@ -121,7 +165,7 @@ impl<B: Leased> Session<B> {
         if wanted == Rate::ZERO {
             return Err(SessionError::NoTempo);
         }
-        if matches!(self.playback.law_time, LawTime::Stopped) {
+        if self.playback.is_stopped() {
             return Err(SessionError::Late { at: self.earliest(), latest: self.committed_until() });
         }
         let from = self.law_time();
@@ -139,63 +183,82 @@ impl<B: Leased> Session<B> {
 
     /// How far the laws' time is by now, at most.
     pub(crate) fn law_time(&self) -> Time {
+        self.law_time_at(self.board.now())
+    }
+
+    /// The laws' time at a tick.
+    fn law_time_at(&self, tick: u64) -> Time {
         match self.playback.law_time {
-            LawTime::Going { since, at } => {
-                let now = self.board.now().saturating_sub(self.stream.zero());
-                let now = Time::from_ratio(now.cast_signed(), self.pace.tick_hz);
+            LawTime::Going { since, at } | LawTime::Stopped { since, at } => {
+                // Ticks of a session stay far below 2^62.
+                let now = Time::from_ratio(tick.saturating_sub(self.stream.zero()).cast_signed(), self.pace.tick_hz);
                 at + self.playback.tempo.of_law((now - since).max(Time::ZERO))
             }
             LawTime::Halted { at, .. } => at,
-            LawTime::Stopped => Time::ZERO,
         }
+    }
+
+    /// The tick at which a change can be made, `delay` ticks later than at once, and the laws' time there.
+    pub(crate) fn moment(&self, delay: u64) -> Result<(u64, Time), SessionError> {
+        let earliest = self.earliest() + delay;
+        let at = match self.playback.law_time {
+            LawTime::Going { since, .. } => {
+                let at_speed = self.stream.zero() + ticks(since, self.pace.tick_hz);
+                // The motion has its full rate only after what was sent: the state there is not known yet.
+                if at_speed >= earliest && at_speed > self.committed_until() {
+                    let until = self.board.now() + (at_speed - self.committed_until());
+                    return Err(SessionError::Waiting { at: at_speed, until });
+                }
+                earliest.max(at_speed)
+            }
+            LawTime::Halted { .. } => earliest,
+            // Motors that brake have to rest first.
+            LawTime::Stopped { .. } => earliest.max(self.last_step().map_or(0, |last| last + 1)),
+        };
+        Ok((at, self.law_time_at(at)))
     }
 
     /// The highest rate up to `wanted` at which queues and line bring the plan in time, with the limit that keeps it lower; `None` if `wanted` does. The
     /// motion's beginning is planned for that, from its start.
     fn kept_up(&self, wanted: Rate) -> Option<(Rate, Option<Ceiling>)> {
-        let line = self.line.as_ref()?;
-        let refused = |rate: Rate| {
-            let plans = Plans::slowed(Arc::clone(&self.playback.program), Some(line), 1.0 / rate.get());
-            plans.and_then(|mut plans| plans.plan_some(f64::INFINITY, TRIED_MOVES)).err()
-        };
+        let refused = |rate: Rate| self.line_refuses(&self.playback.program, rate);
         // Up to here the motion was planned before, or is followed already.
         let known = self.playback.tempo.max(Rate::ONE).min(wanted);
-        let motor = if wanted > known { refused(wanted)?.motor } else { return None };
+        let ceiling = if wanted > known { refused(wanted)? } else { return None };
         let (mut fits, mut too_high) = (known, wanted);
         for _ in 0..TRIES {
             let middle = Rate::of(0.5 * (fits.get() + too_high.get()))?;
             if refused(middle).is_none() { fits = middle } else { too_high = middle }
         }
-        Some((fits, Some(Ceiling { motor, limit: "the line to the board" })))
+        Some((fits, Some(ceiling)))
+    }
+
+    /// The motor that queues and line do not bring the plan of a program for in time, at a rate of its time; `None` if they bring all. The
+    /// motion's beginning is planned for that, from its start.
+    pub(crate) fn line_refuses(&self, program: &Arc<Program>, rate: Rate) -> Option<Ceiling> {
+        let line = self.line.as_ref()?;
+        let plans = Plans::slowed(Arc::clone(program), Some(line), 1.0 / rate.get());
+        let refused = plans.and_then(|mut plans| plans.plan_some(f64::INFINITY, TRIED_MOVES)).err()?;
+        Some(Ceiling { motor: refused.motor, limit: "the line to the board" })
     }
 
     /// Changes the rate of the laws' time. Returns the tick from which it has that rate.
     fn retime(&mut self, to: Rate) -> Result<u64, SessionError> {
         let hz = self.pace.tick_hz;
-        let (since, law_time, before) = match self.playback.law_time {
-            LawTime::Going { since, at } => (Some(since), at, self.playback.tempo),
-            LawTime::Halted { at, .. } => (None, at, Rate::ZERO),
-            LawTime::Stopped => return Err(SessionError::Late { at: self.earliest(), latest: self.committed_until() }),
-        };
-        let at_speed = since.map_or(0, |since| self.stream.zero() + ticks(since, hz));
-        let program = Arc::clone(&self.playback.program);
+        let before = if self.is_paused() { Rate::ZERO } else { self.playback.tempo };
+        if self.playback.is_stopped() {
+            return Err(SessionError::Late { at: self.earliest(), latest: self.committed_until() });
+        }
         self.attempt(|session, caution, delay| {
-            let at = (session.earliest() + delay).max(at_speed);
-            let mut time = law_time;
-            if let Some(since) = since {
-                // After its last step a motion is over, even if its laws still move by less than a step.
-                if let Some(latest) = session.last_step().filter(|last| session.is_complete() && at > *last) {
-                    return Err(SessionError::Late { at, latest });
-                }
-                // The motion has its full rate only after what was sent: the state there is not known yet.
-                if at == at_speed && at > session.committed_until() {
-                    let until = session.board.now() + (at - session.committed_until());
-                    return Err(SessionError::Waiting { at, until });
-                }
-                // Ticks of a session stay far below 2^62.
-                let now = Time::from_ratio(at.wrapping_sub(session.stream.zero()).cast_signed(), hz);
-                time = law_time + before.of_law(now - since);
+            let (at, time) = session.moment(delay)?;
+            // After its last step a motion is over, even if its laws still move by less than a step.
+            if let Some(latest) =
+                session.last_step().filter(|last| !session.is_paused() && session.is_complete() && at > *last)
+            {
+                return Err(SessionError::Late { at, latest });
             }
+            session.playback.settle(time)?;
+            let program = Arc::clone(&session.playback.program);
             let ease = pause::quickest(&program, time, (before, to), caution)?;
             let takes = ticks(ease.end(), hz);
             session.change_proven(at, Arc::new(pause::retimed(&program, time, ease)?), takes)?;
@@ -209,10 +272,10 @@ impl<B: Leased> Session<B> {
     }
 
     /// Tries a change again if it was refused: more gently if the planner refused it, later if it came too late.
-    fn attempt(
+    pub(crate) fn attempt<T>(
         &mut self,
-        mut change: impl FnMut(&mut Session<B>, f64, u64) -> Result<u64, SessionError>,
-    ) -> Result<u64, SessionError> {
+        mut change: impl FnMut(&mut Session<B>, f64, u64) -> Result<T, SessionError>,
+    ) -> Result<T, SessionError> {
         let (mut cautions, mut delay) = (CAUTION.into_iter().peekable(), 0);
         loop {
             let caution = cautions.peek().copied().unwrap_or(1.0);
@@ -231,7 +294,7 @@ impl<B: Leased> Session<B> {
 }
 
 /// A time in ticks, rounded down, plus one.
-fn ticks(time: Time, hz: u64) -> u64 {
+pub(crate) fn ticks(time: Time, hz: u64) -> u64 {
     // Not negative, and an hour at most.
     time.ticks(hz).0.unsigned_abs() + 1
 }

@@ -8,7 +8,8 @@
 //! - [`drive`]: a motion on the native board, on a virtual board or on a real one, from connecting to the final counts; [`rehearsal`]: the same on
 //!   the virtual Uno, with each edge judged, before a real Uno gets the motion
 //! - [`prepare`]: from a motion file to plans; [`estimate`]: how long and how large they will be; [`fit`]: what would fit if a plan is refused
-//! - [`Session`]: fills the queues, lets time pass, stops, changes to another program; `halt`: its pause, resume and tempo
+//! - [`Session`]: fills the queues, lets time pass, stops, changes to another program; `halt`: its pause, resume and tempo; [`fade`]: other laws while it
+//!   goes on
 //! - [`control`]: commands and events of a running session, as values; [`lateness`]: how late the STEP edges were
 //! - [`pause`]: the quickest change of the rate of the laws' time, within all motors' limits
 //! - `lease`: how far the lease may reach, and what the motors do after its end
@@ -45,6 +46,7 @@ pub mod control;
 pub mod drive;
 mod error;
 pub mod estimate;
+pub mod fade;
 pub mod fit;
 mod halt;
 pub mod lateness;

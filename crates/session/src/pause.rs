@@ -27,7 +27,7 @@ pub enum PauseError {
         "no {what} within {within_s} s keeps all motors to their max_acceleration: the motion itself takes all of it"
     )]
     NoRoom {
-        /// "pause", "resumption" or "change of tempo".
+        /// "pause", "resumption", "change of tempo" or "change".
         what: &'static str,
         /// How far ahead a place was searched, s.
         within_s: f64,
@@ -45,7 +45,7 @@ const LONGER: f64 = 1.1;
 /// Parts of an easing, at whose ends the limits are checked.
 const PLACES: usize = 48;
 /// The fraction of a limit that may be used at a sample, so that the motion between two samples keeps to the limit too.
-const USABLE: f64 = 0.97;
+pub(crate) const USABLE: f64 = 0.97;
 /// A motor without a limit may brake up to this many times as hard as its law accelerates.
 const UNLIMITED: f64 = 2.0;
 
@@ -148,8 +148,19 @@ pub struct Ceiling {
 /// # Errors
 /// When a law cannot be evaluated.
 pub fn highest_rate(program: &Program, from: Time) -> Result<(Rate, Option<Ceiling>), PauseError> {
+    let (highest, ceiling) = highest_factor(program, from, USABLE, &vec![true; program.motors.len()])?;
+    Ok((Rate::of(highest).map_or(Rate::ONE, |rate| rate.max(Rate::ONE)), ceiling))
+}
+
+/// As [`highest_rate`], of some motors, with `usable` of each limit, and below 1 too.
+pub(crate) fn highest_factor(
+    program: &Program,
+    from: Time,
+    usable: f64,
+    motors: &[bool],
+) -> Result<(f64, Option<Ceiling>), PauseError> {
     let mut highest = (Rate::MAX.get(), None);
-    for (index, motor) in program.motors.iter().enumerate() {
+    for (index, motor) in program.motors.iter().enumerate().filter(|(index, _)| motors[*index]) {
         let (from, look) = match (motor.law.cycle(), motor.law.end()) {
             (Some((start, period)), _) => (from.max(start), period),
             (None, Some(end)) => (from, (end - from).clamp(Time::ZERO, Time::from_seconds(LOOK_S[1]))),
@@ -161,9 +172,9 @@ pub fn highest_rate(program: &Program, from: Time) -> Result<(Rate, Option<Ceili
         let settings = Settings::of(program, motor);
         let board = settings.tick_hz as f64 / settings.min_interval_ticks as f64;
         let limits = [
-            ("max_speed", motor.limits.max_speed.map(|limit| USABLE * limit / speed)),
-            ("max_acceleration", motor.limits.max_acceleration.map(|limit| (USABLE * limit / acceleration).sqrt())),
-            ("the board's shortest interval", Some(USABLE * board / speed)),
+            ("max_speed", motor.limits.max_speed.map(|limit| usable * limit / speed)),
+            ("max_acceleration", motor.limits.max_acceleration.map(|limit| (usable * limit / acceleration).sqrt())),
+            ("the board's shortest interval", Some(usable * board / speed)),
         ];
         for (limit, rate) in limits {
             // A motor at rest has no ceiling: the quotient is infinite.
@@ -172,7 +183,7 @@ pub fn highest_rate(program: &Program, from: Time) -> Result<(Rate, Option<Ceili
             }
         }
     }
-    Ok((Rate::of(highest.0).map_or(Rate::ONE, |rate| rate.max(Rate::ONE)), highest.1))
+    Ok(highest)
 }
 
 /// The program with other laws.

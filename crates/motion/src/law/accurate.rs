@@ -4,7 +4,7 @@ use super::double::{Double, ULP};
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
 /// A number, and a bound on what rounding has put it off by; what is undefined is not a number.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Accurate {
     pub(crate) value: Double,
     pub(crate) error: f64,

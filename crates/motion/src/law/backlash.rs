@@ -9,14 +9,14 @@ use std::collections::VecDeque;
 use std::sync::Arc;
 
 /// A law with backlash: after each turning point the motor moves farther by the backlash, within `over`, on a cubic from rest to rest.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Backlash {
     /// The law, and the extra motion.
     sum: [Law; 2],
 }
 
 /// The extra motion at a law's turning points.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Compensation {
     law: Law,
     steps: f64,

@@ -63,7 +63,7 @@ pub enum End {
 }
 
 /// A law with a ramp at its beginning or its end.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Blended {
     law: Law,
     /// The piece before the part of the law that is left.

@@ -4,7 +4,7 @@ use super::{Curve, Entry, FARTHEST, Law, LawError, Piece, checked};
 use crate::Time;
 
 /// One coordinate of a circle: θ = radius·cos(2πt/T), or radius·sin(2πt/T).
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Circle {
     /// Steps; may be negative, not 0.
     radius: f64,
@@ -65,6 +65,12 @@ impl Law {
 }
 
 impl Circle {
+    /// The periods of two endless circles of the same coordinate.
+    pub(super) fn periods(old: &Circle, new: &Circle) -> Option<(Time, Time)> {
+        let are_alike = old.sine == new.sine && old.cycles.is_none() && new.cycles.is_none();
+        are_alike.then_some((old.period, new.period))
+    }
+
     pub(super) fn end(&self) -> Option<Time> {
         self.cycles.map(|n| self.period.times(n))
     }

@@ -6,7 +6,7 @@ use crate::Time;
 use std::sync::Arc;
 
 /// θ = factor·law(t − delay) + offset, at rest before `delay`.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Changed {
     pub(super) law: Law,
     factor: f64,
@@ -15,7 +15,7 @@ pub struct Changed {
 }
 
 /// A finite law that repeats, each time from where it ended.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Repeated {
     pub(super) law: Law,
     pub(super) period: Time,

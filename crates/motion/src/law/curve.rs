@@ -19,7 +19,7 @@ pub struct Bounds {
 }
 
 /// An analytic curve θ(u), u in seconds, θ in steps.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 pub enum Curve {
     /// Σ c_k u^k: constants, lines, parabolas, cubics, Taylor polynomials.
     Polynomial(Vec<f64>),

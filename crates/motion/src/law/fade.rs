@@ -9,7 +9,7 @@ use crate::Time;
 use std::sync::Arc;
 
 /// A law that follows another one up to `from`, changes over within `over`, and then is the new one. Both laws have the same time.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Faded {
     old: Law,
     new: Law,

@@ -24,7 +24,7 @@ pub struct Orbit {
 }
 
 /// A coordinate of an orbit as a law.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Lorenz {
     orbit: Orbit,
     /// 0, 1 or 2.

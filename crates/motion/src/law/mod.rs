@@ -25,6 +25,7 @@ pub(crate) mod extent;
 mod fade;
 pub mod formula;
 mod lorenz;
+mod pace;
 mod profile;
 mod smoothing;
 mod steady;
@@ -45,6 +46,7 @@ use double::Double;
 pub use fade::{Faded, fade_weight};
 pub use formula::{FormulaError, FormulaFunction, ParameterUse, formula_functions};
 pub use lorenz::{Lorenz, Orbit};
+pub use pace::Pace;
 pub use profile::SCurve;
 pub use smoothing::{CUT_OFF, least_smoothing};
 use std::ops::RangeInclusive;
@@ -57,7 +59,7 @@ pub use winch::{WinchCommand, WinchSettings};
 pub use workload::Workload;
 
 /// A stretch of a law on which θ is one analytic curve: θ(t) = `origin` + `curve`(t − `zero`), for t in `start..=end`.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Piece {
     /// The law time at which the curve's own time u is 0 s. Near `start`, so that u keeps its precision.
     pub zero: Time,
@@ -242,7 +244,7 @@ pub enum LawError {
 pub type Pieces = Box<dyn Iterator<Item = Result<Piece, LawError>> + Send>;
 
 /// A motion law θ(t), t ≥ 0 s, θ in steps. Copies share what is large.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 pub enum Law {
     /// The tutorial's sinusoid: θ = A − A·cos(2πt/T), in half periods.
     Sine(Sine),
@@ -281,7 +283,7 @@ pub enum Law {
 }
 
 /// θ = A − A·cos(2πt/T). Source: the tutorial, eq. 1.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Sine {
     /// A, steps; may be negative, not 0.
     pub amplitude: f64,
@@ -292,7 +294,7 @@ pub struct Sine {
 }
 
 /// A finite list of pieces.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Fixed {
     /// In order, without gaps, from t = 0 s.
     pub pieces: Arc<Vec<Piece>>,

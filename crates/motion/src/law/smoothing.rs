@@ -21,7 +21,7 @@ const FILLED: u32 = 32;
 const MOST_POINTS: usize = 1 << 22;
 
 /// A point of a curve.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Point {
     /// s.
     pub(super) t: f64,

@@ -5,7 +5,7 @@ use super::{Curve, Double, Entry, Law, LawError, Piece, checked};
 use crate::Time;
 
 /// θ = speed·t. An endless one consists of windows with an exact number of whole steps, so that it stays exact for days.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Steady {
     /// steps/s; 0 is rest.
     pub speed: f64,

@@ -17,14 +17,14 @@ pub enum Interpolation {
 }
 
 /// A motion through the rows of a table, or near them if it is smoothed.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct TableLaw {
     recording: Arc<Recording>,
     smoothed: Option<Smoothed>,
 }
 
 /// The rows as they are, s and steps.
-#[derive(Debug)]
+#[derive(Debug, PartialEq)]
 struct Recording {
     rows: Vec<(f64, f64)>,
     interpolation: Interpolation,
@@ -33,7 +33,7 @@ struct Recording {
 }
 
 /// Cubics near the rows; the acceleration is continuous.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 struct Smoothed {
     over: Time,
     knots: Arc<Vec<Point>>,

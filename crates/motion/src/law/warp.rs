@@ -13,7 +13,7 @@ use std::collections::VecDeque;
 use std::sync::Arc;
 
 /// A law from a time of its own on, slowed to a halt or started from one.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Warped {
     law: Law,
     from: Time,
@@ -27,13 +27,19 @@ pub struct Ease {
     pub before: Rate,
     /// For how long that rate goes on.
     pub after: Time,
-    /// How long the rate then takes to change. The law's time gets on meanwhile as at the mean of both rates.
+    /// How long the rate then takes to change. The law's time gets on meanwhile as at the mean of both rates. 0 only if the rate does not change.
     pub over: Time,
     /// The rate from then on. At a halt the law ends.
     pub to: Rate,
 }
 
 impl Ease {
+    /// No change of the rate.
+    #[must_use]
+    pub const fn steady(rate: Rate) -> Ease {
+        Ease { before: rate, after: Time::ZERO, over: Time::ZERO, to: rate }
+    }
+
     /// How far the law's time gets until the rate has changed.
     #[must_use]
     pub fn of_law(&self) -> Time {
@@ -127,7 +133,9 @@ impl Law {
     pub fn retimed(self, from: Time, ease: Ease) -> Result<Law, LawError> {
         checked("time of the law", from.seconds(), "s", |t| (0.0..=1e12).contains(&t))?;
         checked("time before the easing", ease.after.seconds(), "s", |t| (0.0..=1e12).contains(&t))?;
-        checked("duration of the easing", ease.over.seconds(), "s", |t| (1e-6..=1e6).contains(&t))?;
+        if ease != Ease::steady(ease.to) || ease.to == Rate::ZERO {
+            checked("duration of the easing", ease.over.seconds(), "s", |t| (1e-6..=1e6).contains(&t))?;
+        }
         Ok(Law::Warped(Arc::new(Warped { law: self, from, ease })))
     }
 }
@@ -224,7 +232,9 @@ impl Warped {
             let map = Map::Steady(before);
             stretches.push(Stretch { start: Time::ZERO, end: after, from: self.from, to: slow, map });
         }
-        stretches.push(Stretch { start: after, end, from: slow, to: eased, map: Map::Eased(map) });
+        if over > Time::ZERO {
+            stretches.push(Stretch { start: after, end, from: slow, to: eased, map: Map::Eased(map) });
+        }
         if to > Rate::ZERO {
             let map = Map::Steady(to);
             stretches.push(Stretch { start: end, end: Time::MAX, from: eased, to: Time::MAX, map });

@@ -72,7 +72,7 @@ pub enum WinchCommand {
 }
 
 /// The path of one axis.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Winch {
     commands: Vec<(Time, WinchCommand)>,
     settings: WinchSettings,

@@ -17,7 +17,7 @@ use pulsetrain_session::{Session, SessionError};
 use pulsetrain_testkit::limits;
 use std::collections::VecDeque;
 
-const TICK_HZ: u64 = 16_000_000;
+pub(super) const TICK_HZ: u64 = 16_000_000;
 const TIMING: DriverTiming =
     DriverTiming { pulse_high_ns: 1000, pulse_low_ns: 1000, dir_setup_ns: 500, dir_hold_ns: 500 };
 /// Pulse, hold and setup, ticks.
@@ -25,7 +25,7 @@ const REVERSAL: u64 = 32;
 /// STEP of motor m is line m, DIR line 16 + m, or 16 if it is shared.
 const FIRST_DIR: u8 = 16;
 
-fn motor(index: usize, law: Law, shared: bool, limits: Limits) -> Motor {
+pub(super) fn motor(index: usize, law: Law, shared: bool, limits: Limits) -> Motor {
     let index = u8::try_from(index).unwrap();
     let dir = if shared { FIRST_DIR } else { FIRST_DIR + index };
     Motor {
@@ -40,7 +40,7 @@ fn motor(index: usize, law: Law, shared: bool, limits: Limits) -> Motor {
     }
 }
 
-fn program(fraction_bits: u32, motors: Vec<Motor>) -> Program {
+pub(super) fn program(fraction_bits: u32, motors: Vec<Motor>) -> Program {
     let board = program::Board {
         name: "native".into(),
         tick_hz: TICK_HZ,
@@ -66,7 +66,7 @@ fn program(fraction_bits: u32, motors: Vec<Motor>) -> Program {
 }
 
 /// A native board with a shorter queue, on which one bit of one segment may tip over.
-struct Bench {
+pub(super) struct Bench {
     native: Native,
     missing: usize,
     /// Which run of motor 0, and which bit of its interval.
@@ -227,7 +227,7 @@ impl Leased for Bench {
 }
 
 /// Counts pulses as drivers would, and keeps the steps that the stepgen scheduled.
-struct Lab {
+pub(super) struct Lab {
     levels: u32,
     /// DIR line of each motor.
     dirs: Vec<u8>,
@@ -265,7 +265,7 @@ impl Observer for Lab {
 }
 
 /// All steps of a program's plan, replayed in wide integers.
-fn planned(program: &Program) -> Option<Vec<Vec<(u64, i64)>>> {
+pub(super) fn planned(program: &Program) -> Option<Vec<Vec<(u64, i64)>>> {
     let fraction_bits = program.board.fraction_bits;
     let mut ensemble = Ensemble::new(program).ok()?;
     let mut all = Vec::new();
@@ -322,7 +322,7 @@ fn programs() -> impl Strategy<Value = Program> {
 }
 
 /// Steps are pulses, and both are what the host replays; nothing comes closer than it may.
-fn check_counts<B: Leased>(session: &Session<B>, lab: &Lab, program: &Program) -> Result<(), TestCaseError> {
+pub(super) fn check_counts<B: Leased>(session: &Session<B>, lab: &Lab, program: &Program) -> Result<(), TestCaseError> {
     let now = session.board().now();
     for (motor, steps) in lab.steps.iter().enumerate() {
         let count: i64 = steps.iter().map(|(_, sign)| sign).sum();
@@ -340,7 +340,7 @@ fn check_counts<B: Leased>(session: &Session<B>, lab: &Lab, program: &Program) -
 }
 
 /// At every step that is remembered the host knows the count before and after, and between steps as well.
-fn check_replay<B: Leased>(session: &Session<B>, lab: &Lab, ticks: &[u64]) -> Result<(), TestCaseError> {
+pub(super) fn check_replay<B: Leased>(session: &Session<B>, lab: &Lab, ticks: &[u64]) -> Result<(), TestCaseError> {
     for (motor, steps) in lab.steps.iter().enumerate() {
         let mut count = 0;
         for &(tick, sign) in steps {
@@ -360,12 +360,12 @@ fn check_replay<B: Leased>(session: &Session<B>, lab: &Lab, ticks: &[u64]) -> Re
     Ok(())
 }
 
-fn check_acceleration(steps: &[(u64, i64)], limit: f64, doubt: f64) -> Result<(), TestCaseError> {
+pub(super) fn check_acceleration(steps: &[(u64, i64)], limit: f64, doubt: f64) -> Result<(), TestCaseError> {
     limits::check_acceleration(steps, TICK_HZ, limit, doubt).map_err(TestCaseError::fail)
 }
 
 /// Lets the board come to rest without the host.
-fn let_run_out<B: Leased>(session: &mut Session<B>, lab: &mut Lab) {
+pub(super) fn let_run_out<B: Leased>(session: &mut Session<B>, lab: &mut Lab) {
     let committed_until = session.committed_until();
     let end = session.last_step().unwrap_or(0).max(session.board().now());
     let end = if committed_until == u64::MAX { end } else { end.max(committed_until) };

@@ -65,7 +65,7 @@ impl FormulaError {
 }
 
 /// θ(t) in text.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Formula {
     text: String,
     tree: Expression,

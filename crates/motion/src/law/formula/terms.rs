@@ -9,20 +9,20 @@ use crate::law::double::{Double, ULP};
 use std::sync::Arc;
 
 /// Σ factor·term(u + later) + offset: the same θ as the curve that it belongs to, for where f64 is not exact enough.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Terms {
     terms: Vec<Term>,
     offset: Accurate,
 }
 
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 struct Term {
     source: Basis,
     factor: Accurate,
     later: Double,
 }
 
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 enum Basis {
     /// Σ c_k t^k.
     Polynomial(Arc<[Accurate]>),

@@ -17,7 +17,7 @@ pub(super) fn error(span: Span, message: impl Into<String>) -> FormulaError {
 }
 
 /// An expression that is a number.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 pub(super) struct Expression {
     pub(super) kind: Arc<Operation>,
     pub(super) span: Span,
@@ -25,7 +25,7 @@ pub(super) struct Expression {
     depth: u32,
 }
 
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 pub(super) enum Operation {
     Number(Double),
     Time,
@@ -55,7 +55,7 @@ pub(super) enum Function {
 }
 
 /// An expression that is true or false.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 pub(super) enum Condition {
     Is(Test, Expression),
     Not(Arc<Condition>),

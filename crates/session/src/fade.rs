@@ -1,0 +1,424 @@
+//! A change from the laws that the motors follow to others: a fade, within the limits of all motors.
+//!
+//! The program's time goes on, so that motors keep their common zero. A law that differs from the old one in frequency alone, or also in size, goes
+//! on at the same phase: during the change the old law's time speeds up or slows down to the new frequency, and the new law's time from the old one.
+
+use crate::pause::{Ceiling, PauseError, USABLE, highest_factor};
+use crate::{Session, SessionError, halt};
+use pulsetrain_board::Leased;
+use pulsetrain_motion::law::{Cursor, Ease, fade_weight};
+use pulsetrain_motion::program::{Motor, Program};
+use pulsetrain_motion::time::Rate;
+use pulsetrain_motion::{Law, LawError, Time};
+use pulsetrain_plan::{SOFTEST_STOP_S, Settings};
+use std::sync::Arc;
+
+/// Other laws for motors that move.
+#[derive(Clone, Debug)]
+pub struct Change {
+    /// The motors with their new laws. Board, motors and wiring are those of the first program. A motor whose law is the same as before goes on as it is.
+    pub program: Arc<Program>,
+    /// How long the change takes, at least; `None`: as short as the limits allow.
+    pub over: Option<Time>,
+    /// Where the new laws begin.
+    pub begins: Begins,
+}
+
+/// Where new laws begin.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Begins {
+    /// At the begin of the motion: their time is that of the laws before.
+    WithTheMotion,
+    /// At the change.
+    Now,
+}
+
+/// When a change happens, ticks.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Transition {
+    /// When the motors leave the old laws.
+    pub from: u64,
+    /// When they follow the new ones.
+    pub until: u64,
+}
+
+/// Fades that may be under way at a time. A third one waits for the first one's end.
+const MOST_FADES: usize = 2;
+/// The shortest fade, s: a shorter one would be hardly noticed.
+const SHORTEST_S: f64 = 0.02;
+/// The longest fade that is tried if a shorter one breaks a limit, s.
+const LONGEST_S: f64 = 600.0;
+/// Each further fade that is tried is longer by this factor.
+const LONGER: f64 = 1.15;
+/// Places of a fade at which the limits are checked: one for each [`PLACE_S`], within these bounds.
+const PLACES: std::ops::RangeInclusive<u32> = 48..=1000;
+/// See [`PLACES`].
+const PLACE_S: f64 = 0.004;
+/// The fraction of a limit that is usable where the laws themselves take more than [`USABLE`] of it.
+const NEARLY_ALL: f64 = 0.999;
+/// How much of a fade is planned before it is sent: it must not take longer than the board's queues last.
+const PROVEN: Time = Time::SECOND;
+/// How many times as fast as its laws a motor without a limit may be, in speed and acceleration.
+const UNLIMITED: f64 = 2.0;
+
+/// The laws that the motors follow, in the program's time, with the fades that are under way.
+#[derive(Clone, Debug)]
+pub(crate) struct Mix {
+    /// The laws before the oldest fade.
+    base: Vec<Law>,
+    /// Oldest first.
+    fades: Vec<Fade>,
+    /// What each motor follows after the last fade.
+    voices: Vec<Voice>,
+}
+
+/// A motor's law, and where its own time is.
+#[derive(Clone, Debug)]
+struct Voice {
+    law: Law,
+    /// From the first time of the program on, its own time goes on from the second one. `None`: both are the same.
+    own: Option<(Time, Time)>,
+}
+
+/// A fade of the motors whose laws change.
+#[derive(Clone, Debug)]
+struct Fade {
+    from: Time,
+    over: Time,
+    /// By motor; `None` if it goes on as it is.
+    turns: Vec<Option<Turn>>,
+}
+
+/// A motor's part of a fade.
+#[derive(Clone, Debug)]
+struct Turn {
+    /// The rate to which the old law's time is brought, if that changes.
+    old_rate: Option<Rate>,
+    /// The new law in the program's time during the fade, and after it.
+    new: Law,
+    settled: Law,
+}
+
+/// Where two laws are, and what one takes.
+#[derive(Clone, Copy, Debug)]
+struct Blend {
+    /// Steps/s and steps/s², of the motor.
+    speed: f64,
+    acceleration: f64,
+    /// The most that one of the laws alone takes there.
+    own: [f64; 2],
+}
+
+impl Voice {
+    /// Its own time at a time of the program.
+    fn own_time(&self, at: Time) -> Time {
+        self.own.map_or(at, |(since, own)| own + (at - since))
+    }
+
+    /// Its law in the program's time.
+    fn in_program_time(&self) -> Result<Law, LawError> {
+        match self.own {
+            None => Ok(self.law.clone()),
+            Some((since, own)) => self.law.clone().retimed(own, Ease::steady(Rate::ONE))?.delayed(since),
+        }
+    }
+}
+
+impl Fade {
+    fn until(&self) -> Time {
+        self.from + self.over
+    }
+
+    /// A motor's law with this fade in it.
+    fn of(&self, motor: usize, old: &Law) -> Result<Law, LawError> {
+        let Some(turn) = &self.turns[motor] else { return Ok(old.clone()) };
+        self.old_law(turn, old)?.faded(turn.new.clone(), self.from, self.over)
+    }
+
+    /// The old law during the fade.
+    fn old_law(&self, turn: &Turn, old: &Law) -> Result<Law, LawError> {
+        match turn.old_rate {
+            None => Ok(old.clone()),
+            Some(to) => {
+                let ease = Ease { before: Rate::ONE, after: Time::ZERO, over: self.over, to };
+                old.clone().retimed(self.from, ease)?.delayed(self.from)
+            }
+        }
+    }
+}
+
+impl Mix {
+    /// The laws of a program from its beginning.
+    pub(crate) fn of(program: &Program) -> Mix {
+        let laws = program.motors.iter().map(|motor| motor.law.clone());
+        Mix {
+            base: laws.clone().collect(),
+            fades: Vec::new(),
+            voices: laws.map(|law| Voice { law, own: None }).collect(),
+        }
+    }
+
+    /// Forgets the fades that are over at `now`. Returns whether there were any.
+    pub(crate) fn settle(&mut self, now: Time) -> bool {
+        let over = self.fades.iter().take_while(|fade| fade.until() <= now).count();
+        for fade in self.fades.drain(..over) {
+            for (base, turn) in self.base.iter_mut().zip(fade.turns) {
+                if let Some(turn) = turn {
+                    *base = turn.settled;
+                }
+            }
+        }
+        over > 0
+    }
+
+    /// Motors that rest where they are, with the laws that they followed before.
+    fn at_rest(&self, positions: &[f64]) -> Result<Mix, PauseError> {
+        let rest = |(motor, theta): (usize, &f64)| {
+            let law = Law::speed(0.0, None).and_then(|rest| rest.shifted(*theta));
+            law.map_err(|error| PauseError::Law { motor, error })
+        };
+        let base = positions.iter().enumerate().map(rest).collect::<Result<_, _>>()?;
+        Ok(Mix { base, fades: Vec::new(), voices: self.voices.clone() })
+    }
+
+    /// The laws of all motors in the program's time, from now on.
+    fn laws(&self) -> Result<Vec<Law>, PauseError> {
+        let law = |motor: usize| {
+            let law = self.fades.iter().try_fold(self.base[motor].clone(), |law, fade| fade.of(motor, &law));
+            law.map_err(|error| PauseError::Law { motor, error })
+        };
+        (0..self.base.len()).map(law).collect()
+    }
+
+    /// The laws that the motors follow after the last fade, each in its own time.
+    pub(crate) fn followed(&self) -> impl Iterator<Item = &Law> {
+        self.voices.iter().map(|voice| &voice.law)
+    }
+
+    /// A program with these laws.
+    pub(crate) fn program(&self, like: &Program) -> Result<Program, PauseError> {
+        let mut program = like.clone();
+        for (motor, law) in program.motors.iter_mut().zip(self.laws()?) {
+            motor.law = law;
+        }
+        Ok(program)
+    }
+
+    /// The motors whose laws a change changes. Motors that were stopped left their laws: all of them change then.
+    fn changed(&self, change: &Change) -> Vec<bool> {
+        let motors = change.program.motors.iter().zip(&self.voices).zip(&self.base);
+        motors
+            .map(|((motor, voice), base)| {
+                let is_at_rest = self.fades.is_empty() && voice.in_program_time().is_ok_and(|law| law != *base);
+                change.begins == Begins::Now || is_at_rest || motor.law != voice.law
+            })
+            .collect()
+    }
+
+    /// A fade into other laws, and what the motors follow then.
+    fn fade(&self, change: &Change, from: Time, over: Time) -> Result<(Fade, Vec<Voice>), PauseError> {
+        let mut voices = self.voices.clone();
+        let mut turns = Vec::with_capacity(voices.len());
+        let changed = self.changed(change);
+        for (motor, voice) in voices.iter_mut().enumerate() {
+            if !changed[motor] {
+                turns.push(None);
+                continue;
+            }
+            let law = change.program.motors[motor].law.clone();
+            let turn = Mix::turn(voice, law, change.begins, from, over);
+            turns.push(Some(turn.map_err(|error| PauseError::Law { motor, error })?));
+        }
+        Ok((Fade { from, over, turns }, voices))
+    }
+
+    /// A motor's change to another law; `voice` becomes what it follows then.
+    fn turn(voice: &mut Voice, law: Law, begins: Begins, from: Time, over: Time) -> Result<Turn, LawError> {
+        let at = voice.own_time(from);
+        let phase = if law == voice.law {
+            Some((at, None))
+        } else {
+            voice.law.pace_to(&law).and_then(|pace| Some((pace.of_new(at)?, pace.rates())))
+        };
+        let (own, rates) = match (begins, phase) {
+            (Begins::Now, _) => (Some((from, Time::ZERO)), None),
+            (Begins::WithTheMotion, None) => (None, None),
+            (Begins::WithTheMotion, Some((own, rates))) => ((own != from).then_some((from, own)), rates),
+        };
+        *voice = Voice { law, own };
+        let Some((old_rate, new_rate)) = rates else {
+            let law = voice.in_program_time()?;
+            return Ok(Turn { old_rate: None, new: law.clone(), settled: law });
+        };
+        let ease = Ease { before: new_rate, after: Time::ZERO, over, to: Rate::ONE };
+        let start = voice.own_time(from);
+        let new = voice.law.clone().retimed(start, ease)?.delayed(from)?;
+        voice.own = Some((from + over, start + ease.of_law()));
+        Ok(Turn { old_rate: Some(old_rate), new, settled: voice.in_program_time()? })
+    }
+
+    /// The shortest fade that keeps all motors to `caution` times their limits at a tempo, and lasts as long as the change is to last at least.
+    fn quickest(
+        &self,
+        change: &Change,
+        from: Time,
+        tempo: Rate,
+        caution: f64,
+    ) -> Result<(Fade, Vec<Voice>), PauseError> {
+        let old = self.laws()?;
+        let least_s = change.over.map_or(SHORTEST_S, |over| tempo.of_law(over).seconds().max(SHORTEST_S));
+        let mut over_s = least_s;
+        while over_s <= LONGEST_S.max(least_s) {
+            let (fade, voices) = self.fade(change, from, Time::from_seconds(over_s))?;
+            let mut fits = true;
+            for (motor, turn) in fade.turns.iter().enumerate() {
+                let Some(turn) = turn.as_ref().filter(|_| fits) else { continue };
+                let blends =
+                    blends(&fade, turn, &old[motor], tempo).map_err(|error| PauseError::Law { motor, error })?;
+                fits = keeps(&blends, &change.program, &change.program.motors[motor], caution);
+            }
+            if fits {
+                return Ok((fade, voices));
+            }
+            over_s *= LONGER;
+        }
+        Err(PauseError::NoRoom { what: "change", within_s: LONGEST_S })
+    }
+}
+
+/// A motor's motion at many places of a fade.
+fn blends(fade: &Fade, turn: &Turn, old: &Law, tempo: Rate) -> Result<Vec<Blend>, LawError> {
+    let over_s = fade.over.seconds();
+    let places = ((over_s / PLACE_S) as u32).clamp(*PLACES.start(), *PLACES.end());
+    let (mut old, mut new) = (Cursor::new(&fade.old_law(turn, old)?), Cursor::new(&turn.new));
+    let rate = tempo.get();
+    let blend = |k: u32| {
+        let at = fade.from + fade.over.times(u64::from(k)).divided_by(u64::from(places));
+        let (old, new) = (old.at(at)?, new.at(at)?);
+        let [w, dw, ddw] = fade_weight(f64::from(k) / f64::from(places));
+        let (dw, ddw) = (dw / over_s, ddw / (over_s * over_s));
+        // Steps of a motor: whole ones far from 0 are taken apart.
+        let way = (new.whole - old.whole) as f64 + (new.fraction - old.fraction);
+        let by = new.speed - old.speed;
+        let speed = old.speed + w * by + dw * way;
+        let acceleration = old.acceleration + w * (new.acceleration - old.acceleration) + 2.0 * dw * by + ddw * way;
+        let own = [(old.speed, new.speed), (old.acceleration, new.acceleration)].map(|(a, b)| a.abs().max(b.abs()));
+        Ok(Blend {
+            speed: speed * rate,
+            acceleration: acceleration * rate * rate,
+            own: [own[0] * rate, own[1] * rate * rate],
+        })
+    };
+    (0..=places).map(blend).collect()
+}
+
+/// Whether a motor keeps to its limits at all places of a fade.
+fn keeps(blends: &[Blend], program: &Program, motor: &Motor, caution: f64) -> bool {
+    let settings = Settings::of(program, motor);
+    let board = settings.tick_hz as f64 / settings.min_interval_ticks as f64;
+    let own = |of: usize| blends.iter().map(|blend| blend.own[of]).fold(0.0, f64::max);
+    let (pull_in, own_speed) = (motor.limits.pull_in, own(0));
+    let unlimited = [
+        UNLIMITED * own_speed.max(pull_in),
+        UNLIMITED * own(1).max(own_speed / SOFTEST_STOP_S).max(pull_in / SOFTEST_STOP_S),
+    ];
+    let limits = [
+        motor.limits.max_speed.unwrap_or(unlimited[0]).min(board),
+        motor.limits.max_acceleration.unwrap_or(unlimited[1]),
+    ];
+    blends.iter().all(|blend| {
+        [(blend.speed, 0), (blend.acceleration, 1)].into_iter().all(|(needed, of)| {
+            let is_near = blend.own[of] > USABLE * caution * limits[of];
+            needed.abs() <= limits[of] * if is_near { NEARLY_ALL } else { USABLE * caution }
+        })
+    })
+}
+
+impl<B: Leased> Session<B> {
+    /// Lets the motors change to other laws while they move, as soon as that reaches the board, by a fade that keeps all of them to their limits. The
+    /// tempo stays as it is. While the motion is paused, it goes on with the new laws. Motors that were stopped join the new laws from where they rest.
+    ///
+    /// # Errors
+    /// [`SessionError::Waiting`] while two changes are under way, or the tempo changes: try again at the tick in the error, with the last change that
+    /// is wanted. [`SessionError::Pause`] where no fade keeps to the limits. Else as [`Session::change`]. The motion goes on after an error.
+    ///
+    /// ```
+    /// # use pulsetrain_session::{Session, fade::{Begins, Change}};
+    /// # use pulsetrain_board::{Config, Edge, MotorConfig, Native, Wiring};
+    /// # let text = pulsetrain_motion::template::motion_file("example");
+    /// # let no_files = |_: &std::path::Path| Err(std::io::ErrorKind::NotFound.into());
+    /// # let program = pulsetrain_motion::file::read(&text, "example.toml", &no_files).unwrap();
+    /// # let mut wider = program.clone();
+    /// # wider.motors[0].law = wider.motors[0].law.clone().scaled(0.5).unwrap();
+    /// # let wiring = Wiring::StepDir { step: 0, dir: 1, forward_high: true, pulse_ticks: 16, setup_ticks: 16 };
+    /// # let motors = vec![MotorConfig { wiring, pull_in_ticks: 1 }];
+    /// # let board = Native::new(&Config { fraction_bits: program.board.fraction_bits, motors }).unwrap();
+    /// # let mut nobody = |_: Edge| {};
+    /// let mut session = Session::new(board, program)?;
+    /// session.advance(session.zero() + 1_000_000, &mut nobody)?;
+    /// let change = Change { program: wider.into(), over: None, begins: Begins::WithTheMotion };
+    /// let transition = session.change_to(&change)?;
+    /// assert!(transition.from < transition.until);
+    /// assert_eq!(session.run(&mut nobody, |_| {}).failure, None);
+    /// # Ok::<(), pulsetrain_session::SessionError>(())
+    /// ```
+    pub fn change_to(&mut self, change: &Change) -> Result<Transition, SessionError> {
+        let (program, hz) = (&change.program, self.pace.tick_hz);
+        if program.motors.len() != self.timelines.len() {
+            return Err(SessionError::Motors { program: program.motors.len(), board: self.timelines.len() });
+        }
+        self.attempt(|session, caution, delay| {
+            let (at, time) = session.moment(delay)?;
+            let tempo = session.playback.tempo();
+            let mut mix = session.playback.mix().clone();
+            mix.settle(time);
+            if session.playback.is_stopped() {
+                let positions =
+                    (0..program.motors.len()).map(|motor| session.state(motor, at).map(|state| state.theta));
+                mix = mix.at_rest(&positions.collect::<Result<Vec<f64>, _>>()?)?;
+            }
+            if let [first, _, ..] = &mix.fades[..MOST_FADES.min(mix.fades.len())] {
+                return Err(SessionError::Waiting {
+                    at,
+                    until: at + halt::ticks(tempo.to_pass(first.until() - time), hz),
+                });
+            }
+            let (fade, voices) = mix.quickest(change, time, tempo, caution)?;
+            let over = tempo.to_pass(fade.over);
+            mix.fades.push(fade);
+            mix.voices = voices;
+            let new = Arc::new(mix.program(program)?);
+            if !session.is_paused() {
+                let retimed = crate::pause::retimed(&new, time, Ease::steady(tempo))?;
+                session.change_proven(at, Arc::new(retimed), halt::ticks(over.min(PROVEN), hz))?;
+            }
+            session.playback.changed(new, mix, time);
+            Ok(Transition { from: at, until: at + halt::ticks(over, hz) })
+        })
+    }
+
+    /// Lets motors that were stopped join their laws again, from where they rest. The laws' time went on meanwhile.
+    ///
+    /// # Errors
+    /// As [`Session::change_to`].
+    pub fn rejoin(&mut self) -> Result<Transition, SessionError> {
+        let program = Arc::new(self.playback.followed());
+        self.change_to(&Change { program, over: None, begins: Begins::WithTheMotion })
+    }
+
+    /// The first limit that the laws of a program would break after a change to it, if there is one. Laws that repeat are looked at for a period,
+    /// others for half a minute; then as much of the plan as takes some milliseconds is held against the line.
+    ///
+    /// # Errors
+    /// When a law cannot be evaluated.
+    pub fn ceiling_of(&self, change: &Change) -> Result<Option<Ceiling>, SessionError> {
+        let (tempo, mix) = (self.playback.tempo(), self.playback.mix());
+        let changed = mix.changed(change);
+        let from = if change.begins == Begins::Now { Time::ZERO } else { self.law_time() };
+        let (highest, ceiling) = highest_factor(&change.program, from, NEARLY_ALL, &changed)?;
+        if highest < tempo.get() {
+            return Ok(ceiling);
+        }
+        Ok(self.line_refuses(&change.program, tempo))
+    }
+}
