@@ -64,6 +64,8 @@ struct Member {
     given_late: u64,
     put_off: u64,
     longest_put_off: i64,
+    /// Its last move is a wait, and the next one was not looked at. A motor may rest for ever.
+    waits: bool,
     /// Shortest interval before or after a delayed step, ticks.
     shortest_moved: Option<u64>,
     ended: bool,
@@ -117,6 +119,7 @@ impl SharedDir {
             put_off: 0,
             longest_put_off: 0,
             shortest_moved: None,
+            waits: false,
             ended: false,
         });
         self.members.len() - 1
@@ -155,7 +158,8 @@ impl SharedDir {
         }
     }
 
-    /// Takes the step that can be made first. Returns `false` when no motor has one.
+    /// Takes the step that can be made first, or looks further at a motor that waits longer than any other step. Returns `false` when no motor has
+    /// one.
     fn take_step(&mut self) -> Result<bool, Refused> {
         let mut first: Option<Candidate> = None;
         for place in 0..self.members.len() {
@@ -194,6 +198,16 @@ impl SharedDir {
                 first = Some(candidate);
             }
         }
+        let waiting = self.members.iter_mut().filter(|member| member.waits);
+        if let Some(waiting) = waiting.min_by_key(|member| member.accumulator)
+            && first
+                .as_ref()
+                .is_none_or(|first| i128::from(first.possible) >= waiting.accumulator >> self.fraction_bits)
+        {
+            waiting.waits = false;
+            waiting.due(self.fraction_bits)?;
+            return Ok(true);
+        }
         let Some(step) = first else { return Ok(false) };
         let line = self.members[step.place].line;
         self.members[step.place].take(step.late, self.fraction_bits)?;
@@ -229,10 +243,10 @@ impl Member {
         Refused { motor: self.motor, error }
     }
 
-    /// The planned tick of the next step, and its direction; `None` at the end of the plan.
+    /// The planned tick of the next step, and its direction; `None` at the end of the plan, and while the motor waits.
     fn due(&mut self, fraction_bits: u32) -> Result<Option<(i64, Direction)>, Refused> {
         while self.segment.is_none() {
-            if self.ended {
+            if self.ended || self.waits {
                 return Ok(None);
             }
             match self.planner.next_move().map_err(|error| self.refused(error))? {
@@ -240,6 +254,7 @@ impl Member {
                 Some(Move::Dwell { ticks }) => {
                     self.accumulator += i128::from(ticks) << fraction_bits;
                     self.out.push_back((Move::Dwell { ticks }, 0));
+                    self.waits = true;
                 }
                 None => self.ended = true,
             }

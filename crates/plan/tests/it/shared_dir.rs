@@ -302,3 +302,23 @@ fn a_plan_ends_although_others_on_its_line_do_not() {
     }
     assert_eq!(ends.steps.len(), 80);
 }
+
+/// A motor that rests for ever on the line of another one: both plans go on, and the other one's steps are those it has alone.
+#[test]
+fn a_motor_may_rest_for_ever_beside_another() {
+    let timing = DriverTiming { pulse_high_ns: 2_000, pulse_low_ns: 2_000, dir_setup_ns: 2_000, dir_hold_ns: 2_000 };
+    let rest = Law::speed(0.0, None).unwrap();
+    let turns = Law::sine(50.0, Time::from_seconds(0.3), Some(4)).unwrap();
+    for laws in [vec![rest.clone(), turns.clone()], vec![turns, rest]] {
+        let program = program(laws, timing);
+        let mut ensemble = Ensemble::new(&program).unwrap();
+        let (moving, resting) = if program.motors[0].law.end().is_some() { (0, 1) } else { (1, 0) };
+        assert!(matches!(ensemble.next_move(resting), Ok(Some(Move::Dwell { ticks })) if ticks > TICK_HZ));
+        let mut replay = LevelReplay::new();
+        while let Some(next) = ensemble.next_move(moving).unwrap() {
+            replay.take(next);
+        }
+        assert_eq!(replay.steps, alone(&program, moving).0);
+        assert!(matches!(ensemble.next_move(resting), Ok(Some(Move::Dwell { .. }))));
+    }
+}
