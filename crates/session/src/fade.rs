@@ -42,8 +42,6 @@ pub struct Transition {
     pub until: u64,
 }
 
-/// Fades that may be under way at a time. A third one waits for the first one's end.
-const MOST_FADES: usize = 2;
 /// The shortest fade, s: a shorter one would be hardly noticed.
 const SHORTEST_S: f64 = 0.02;
 /// The longest fade that is tried if a shorter one breaks a limit, s.
@@ -66,7 +64,7 @@ const UNLIMITED: f64 = 2.0;
 pub(crate) struct Mix {
     /// The laws before the oldest fade.
     base: Vec<Law>,
-    /// Oldest first.
+    /// Those under way, oldest first: two at most. A third one waits for the first one's end.
     fades: Vec<Fade>,
     /// What each motor follows after the last fade.
     voices: Vec<Voice>,
@@ -129,6 +127,11 @@ impl Fade {
         self.from + self.over
     }
 
+    /// Whether it takes a motor through other times of its old law than those of the program.
+    fn retimes_old_laws(&self) -> bool {
+        self.turns.iter().flatten().any(|turn| turn.old_rate.is_some())
+    }
+
     /// A motor's law with this fade in it.
     fn of(&self, motor: usize, old: &Law) -> Result<Law, LawError> {
         let Some(turn) = &self.turns[motor] else { return Ok(old.clone()) };
@@ -161,6 +164,8 @@ impl Mix {
     /// Forgets the fades that are over at `now`. Returns whether there were any.
     pub(crate) fn settle(&mut self, now: Time) -> bool {
         let over = self.fades.iter().take_while(|fade| fade.until() <= now).count();
+        // A later fade may still take a motor through earlier times of its old law.
+        let over = if self.fades[over..].iter().any(Fade::retimes_old_laws) { 0 } else { over };
         for fade in self.fades.drain(..over) {
             for (base, turn) in self.base.iter_mut().zip(fade.turns) {
                 if let Some(turn) = turn {
@@ -169,6 +174,17 @@ impl Mix {
             }
         }
         over > 0
+    }
+
+    /// When the changes that are under way at `now` are over.
+    pub(crate) fn changes_until(&self, now: Time) -> Option<Time> {
+        self.fades.iter().map(Fade::until).max().filter(|until| *until > now)
+    }
+
+    /// When there is room for another fade, after [`settle`](Mix::settle) at `now`; `None`: now.
+    fn full_until(&self, now: Time) -> Option<Time> {
+        let [first, .., last] = &self.fades[..] else { return None };
+        Some(if first.until() > now && !last.retimes_old_laws() { first.until() } else { last.until() })
     }
 
     /// Motors that rest where they are, with the laws that they followed before.
@@ -377,11 +393,9 @@ impl<B: Leased> Session<B> {
                     (0..program.motors.len()).map(|motor| session.state(motor, at).map(|state| state.theta));
                 mix = mix.at_rest(&positions.collect::<Result<Vec<f64>, _>>()?)?;
             }
-            if let [first, _, ..] = &mix.fades[..MOST_FADES.min(mix.fades.len())] {
-                return Err(SessionError::Waiting {
-                    at,
-                    until: at + halt::ticks(tempo.to_pass(first.until() - time), hz),
-                });
+            if let Some(full_until) = mix.full_until(time) {
+                let until = at + halt::ticks(tempo.to_pass(full_until - time), hz);
+                return Err(SessionError::Waiting { at, until });
             }
             let (fade, voices) = mix.quickest(change, time, tempo, caution)?;
             let over = tempo.to_pass(fade.over);

@@ -20,6 +20,8 @@ pub(crate) struct Playback {
     law_time: LawTime,
     /// The rate of the laws' time when it does not halt.
     tempo: Rate,
+    /// The highest rate at which these laws were planned or followed.
+    known_rate: Rate,
 }
 
 /// What the laws' time does.
@@ -47,7 +49,7 @@ pub struct Tempo {
 impl Playback {
     pub(crate) fn begun(program: Arc<Program>) -> Playback {
         let (mix, law_time) = (Mix::of(&program), LawTime::Going { since: Time::ZERO, at: Time::ZERO });
-        Playback { program, mix, law_time, tempo: Rate::ONE }
+        Playback { program, mix, law_time, tempo: Rate::ONE, known_rate: Rate::ONE }
     }
 
     pub(crate) const fn is_paused(&self) -> bool {
@@ -84,7 +86,7 @@ impl Playback {
 
     /// Notes that the motors follow other laws, from the laws' time `at` on.
     pub(crate) fn changed(&mut self, program: Arc<Program>, mix: Mix, at: Time) {
-        (self.program, self.mix) = (program, mix);
+        (self.program, self.mix, self.known_rate) = (program, mix, self.tempo);
         if !self.is_paused() {
             self.law_time = LawTime::Going { since: Time::ZERO, at };
         }
@@ -169,7 +171,17 @@ impl<B: Leased> Session<B> {
             return Err(SessionError::Late { at: self.earliest(), latest: self.committed_until() });
         }
         let from = self.law_time();
-        let (highest, ceiling) = pause::highest_rate(&self.playback.program, from)?;
+        let (highest, ceiling) = pause::highest_rate(&self.playback.program, from, self.playback.known_rate)?;
+        if wanted > highest
+            && let Some(until) = self.playback.mix.changes_until(from)
+        {
+            // A change that is under way may be what takes so much.
+            let at = self.board.now();
+            return Err(SessionError::Waiting {
+                at,
+                until: at + ticks(self.playback.tempo.to_pass(until - from), self.pace.tick_hz),
+            });
+        }
         let (rate, ceiling) = if wanted > highest { (highest, ceiling) } else { (wanted, None) };
         let (rate, ceiling) = self.kept_up(rate).unwrap_or((rate, ceiling));
         let from = match self.playback.law_time {
@@ -177,7 +189,7 @@ impl<B: Leased> Session<B> {
             _ if rate == self.playback.tempo => self.board.now(),
             _ => self.retime(rate)?,
         };
-        self.playback.tempo = rate;
+        (self.playback.tempo, self.playback.known_rate) = (rate, self.playback.known_rate.max(rate));
         Ok(Tempo { rate, from, ceiling })
     }
 
@@ -223,7 +235,7 @@ impl<B: Leased> Session<B> {
     fn kept_up(&self, wanted: Rate) -> Option<(Rate, Option<Ceiling>)> {
         let refused = |rate: Rate| self.line_refuses(&self.playback.program, rate);
         // Up to here the motion was planned before, or is followed already.
-        let known = self.playback.tempo.max(Rate::ONE).min(wanted);
+        let known = self.playback.known_rate.min(wanted);
         let ceiling = if wanted > known { refused(wanted)? } else { return None };
         let (mut fits, mut too_high) = (known, wanted);
         for _ in 0..TRIES {
@@ -259,7 +271,7 @@ impl<B: Leased> Session<B> {
             }
             session.playback.settle(time)?;
             let program = Arc::clone(&session.playback.program);
-            let ease = pause::quickest(&program, time, (before, to), caution)?;
+            let ease = pause::quickest(&program, time, (before, to), caution, session.playback.known_rate)?;
             let takes = ticks(ease.end(), hz);
             session.change_proven(at, Arc::new(pause::retimed(&program, time, ease)?), takes)?;
             let (eased, law_at) = (ease.end(), time + ease.of_law());

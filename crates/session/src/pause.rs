@@ -73,12 +73,12 @@ impl Samples {
     }
 
     /// Whether the motor keeps to its limit at `part` (0 to 1) of the sampled time, while the laws' time runs at `rate` times its speed, which
-    /// changes by `change` a second. The acceleration of the law itself is always allowed: it was planned.
-    fn allows(&self, part: f64, rate: f64, change: f64, usable: f64) -> bool {
+    /// changes by `change` a second. The acceleration of the law itself at the rate `known` is always allowed: it was planned.
+    fn allows(&self, part: f64, rate: f64, change: f64, usable: f64, known: f64) -> bool {
         let place = (part * SAMPLES as f64).round() as usize;
         let Some((speed, acceleration)) = self.at.get(place).copied() else { return false };
         let needed = (acceleration * rate * rate + speed * change).abs();
-        needed <= self.limit * usable || needed <= acceleration.abs() || speed == 0.0
+        needed <= self.limit * usable || needed <= acceleration.abs() * known * known || speed == 0.0
     }
 }
 
@@ -94,11 +94,17 @@ fn durations(longest_s: f64) -> impl Iterator<Item = f64> {
 }
 
 /// The quickest change of the rate of the laws' time, for motors that are at `from` of their laws. `caution` is the fraction of each limit that may
-/// be used, up to 1.
+/// be used, up to 1; `known` is a rate at which the laws were planned before.
 ///
 /// # Errors
 /// When a law cannot be evaluated, or leaves no room.
-pub fn quickest(program: &Program, from: Time, (before, to): (Rate, Rate), caution: f64) -> Result<Ease, PauseError> {
+pub fn quickest(
+    program: &Program,
+    from: Time,
+    (before, to): (Rate, Rate),
+    caution: f64,
+    known: Rate,
+) -> Result<Ease, PauseError> {
     let (r0, change) = (before.get(), to.get() - before.get());
     for look_s in LOOK_S {
         let motors = sampled(program, from, look_s)?;
@@ -108,7 +114,7 @@ pub fn quickest(program: &Program, from: Time, (before, to): (Rate, Rate), cauti
                 let time_s = r0 * (after_s + over_s * x) + change * over_s * (x * x * x - 0.5 * x * x * x * x);
                 let rate = r0 + change * x * x * (3.0 - 2.0 * x);
                 let slope = change * 6.0 * x * (1.0 - x) / over_s;
-                motors.iter().all(|motor| motor.allows(time_s / look_s, rate, slope, USABLE * caution))
+                motors.iter().all(|motor| motor.allows(time_s / look_s, rate, slope, USABLE * caution, known.get()))
             })
         };
         // Motors at rest gain nothing by waiting. Out of a halt the laws' time advances by half: a sampled time serves an easing twice as long.
@@ -141,15 +147,15 @@ pub struct Ceiling {
 }
 
 /// The highest rate of the laws' time, from `from` of the laws on, at which the motors keep to their limits, and the limit that a higher one would
-/// break; [`Rate::MAX`] if none would. Never below 1: what the laws take by themselves was planned.
+/// break; [`Rate::MAX`] if none would. Never below `known`, a rate at which the laws were planned before.
 ///
 /// Laws that repeat are sampled for a period, others to their end, but for half a minute at most.
 ///
 /// # Errors
 /// When a law cannot be evaluated.
-pub fn highest_rate(program: &Program, from: Time) -> Result<(Rate, Option<Ceiling>), PauseError> {
+pub fn highest_rate(program: &Program, from: Time, known: Rate) -> Result<(Rate, Option<Ceiling>), PauseError> {
     let (highest, ceiling) = highest_factor(program, from, USABLE, &vec![true; program.motors.len()])?;
-    Ok((Rate::of(highest).map_or(Rate::ONE, |rate| rate.max(Rate::ONE)), ceiling))
+    Ok((Rate::of(highest).map_or(known, |rate| rate.max(known)), ceiling))
 }
 
 /// As [`highest_rate`], of some motors, with `usable` of each limit, and below 1 too.
@@ -161,12 +167,18 @@ pub(crate) fn highest_factor(
 ) -> Result<(f64, Option<Ceiling>), PauseError> {
     let mut highest = (Rate::MAX.get(), None);
     for (index, motor) in program.motors.iter().enumerate().filter(|(index, _)| motors[*index]) {
-        let (from, look) = match (motor.law.cycle(), motor.law.end()) {
-            (Some((start, period)), _) => (from.max(start), period),
-            (None, Some(end)) => (from, (end - from).clamp(Time::ZERO, Time::from_seconds(LOOK_S[1]))),
-            (None, None) => (from, Time::from_seconds(LOOK_S[1])),
+        let most = Time::from_seconds(LOOK_S[1]);
+        let looks = match (motor.law.cycle(), motor.law.end()) {
+            // What comes before the first period, and a period.
+            (Some((start, period)), _) => [(from, (start - from).min(most)), (from.max(start), period)],
+            (None, Some(end)) => [(from, (end - from).clamp(Time::ZERO, most)), (end, Time::ZERO)],
+            (None, None) => [(from, most), (from, Time::ZERO)],
         };
-        let samples = Samples::of(motor, from, look).map_err(|error| PauseError::Law { motor: index, error })?.at;
+        let mut samples = Vec::new();
+        for (from, look) in looks.into_iter().filter(|(_, look)| *look > Time::ZERO) {
+            let looked = Samples::of(motor, from, look).map_err(|error| PauseError::Law { motor: index, error })?;
+            samples.extend(looked.at);
+        }
         let peak = |of: fn(&(f64, f64)) -> f64| samples.iter().map(of).fold(0.0, |peak: f64, x| peak.max(x.abs()));
         let (speed, acceleration) = (peak(|sample| sample.0), peak(|sample| sample.1));
         let settings = Settings::of(program, motor);
@@ -220,11 +232,11 @@ pub struct Paused {
 /// # Errors
 /// When a law cannot be evaluated, or leaves no room.
 pub fn paused(program: &Program, at: Time, until: Option<Time>) -> Result<(Program, Paused), PauseError> {
-    let Ease { after, over, .. } = quickest(program, at, (Rate::ONE, Rate::ZERO), 1.0)?;
+    let Ease { after, over, .. } = quickest(program, at, (Rate::ONE, Rate::ZERO), 1.0, Rate::ONE)?;
     let (slows, halt) = (at + after, at + after + over.divided_by(2));
     let rests = slows + over;
     let goes_on = match until {
-        Some(until) => Some((until.max(rests), quickest(program, halt, (Rate::ZERO, Rate::ONE), 1.0)?.over)),
+        Some(until) => Some((until.max(rests), quickest(program, halt, (Rate::ZERO, Rate::ONE), 1.0, Rate::ONE)?.over)),
         None => None,
     };
     let program = with_laws(program, |law| {

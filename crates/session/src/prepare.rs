@@ -266,7 +266,7 @@ fn keeps_to_path(program: &mut Program, motors: &[usize], at: Time) -> bool {
     let mut machine = program.clone();
     machine.motors = motors.iter().map(|motor| program.motors[*motor].clone()).collect();
     let halt = (Rate::ONE, Rate::ZERO);
-    let Ok(Ease { after, over, .. }) = pause::quickest(&machine, at, halt, 1.0) else { return false };
+    let Ok(Ease { after, over, .. }) = pause::quickest(&machine, at, halt, 1.0, Rate::ONE) else { return false };
     let eased = machine.motors.into_iter().map(|motor| motor.law.eased_out(Time::ZERO, at + after, over));
     let Ok(eased) = eased.collect::<Result<Vec<Law>, LawError>>() else { return false };
     for (motor, law) in motors.iter().zip(eased) {
