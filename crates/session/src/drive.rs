@@ -449,6 +449,7 @@ impl<B: Leased> Driven<B> {
     /// # Errors
     /// As [`Session::change_to`]. The motion goes on after an error, but where [`Driven::step`] says otherwise.
     pub fn change_to(&mut self, change: &Change) -> Result<(f64, f64), SessionError> {
+        self.check_not_stopped()?;
         let changed = self.session.change_to(change)?;
         // It proves laws that are no longer followed.
         self.proof = None;
@@ -461,6 +462,7 @@ impl<B: Leased> Driven<B> {
     /// # Errors
     /// As [`Session::rejoin`].
     pub fn rejoin(&mut self) -> Result<(f64, f64), SessionError> {
+        self.check_not_stopped()?;
         let changed = self.session.rejoin()?;
         self.proof = None;
         Ok(self.seconds_of(changed))
@@ -472,6 +474,12 @@ impl<B: Leased> Driven<B> {
     /// As [`Session::ceiling_of`].
     pub fn ceiling_of(&self, change: &Change) -> Result<Option<String>, SessionError> {
         Ok(self.session.ceiling_of(change)?.map(|ceiling| named(&self.program, ceiling)))
+    }
+
+    /// After an order to stop nothing moves again.
+    fn check_not_stopped(&self) -> Result<(), SessionError> {
+        let (at, latest) = (self.session.earliest(), self.session.committed_until());
+        if self.stop.is_some() { Err(SessionError::Late { at, latest }) } else { Ok(()) }
     }
 
     /// When a transition begins and ends, s of the motion.

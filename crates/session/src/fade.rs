@@ -355,7 +355,7 @@ impl<B: Leased> Session<B> {
     /// tempo stays as it is. While the motion is paused, it goes on with the new laws. Motors that were stopped join the new laws from where they rest.
     ///
     /// # Errors
-    /// [`SessionError::Waiting`] while two changes are under way, or the tempo changes: try again at the tick in the error, with the last change that
+    /// [`SessionError::Waiting`] while two changes are under way, while the tempo changes, or until the queues have room: try again at the tick in the error, with the last change that
     /// is wanted. [`SessionError::Pause`] where no fade keeps to the limits. Else as [`Session::change`]. The motion goes on after an error.
     ///
     /// ```

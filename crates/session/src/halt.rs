@@ -4,6 +4,7 @@ use crate::fade::Mix;
 use crate::pause::{self, Ceiling};
 use crate::plans::Plans;
 use crate::{Session, SessionError};
+use pulsetrain_board::lease::{Lease, TrimRefused};
 use pulsetrain_board::{Leased, SwitchRefused};
 use pulsetrain_motion::Time;
 use pulsetrain_motion::program::Program;
@@ -103,6 +104,13 @@ impl Playback {
 
 /// Fractions of the motors' limits that a pause or resumption may use, tried in this order: if the planner refuses one, the next is gentler.
 const CAUTION: [f64; 3] = [1.0, 0.8, 0.5];
+
+/// Milliseconds of the plan that stay in the queues when they are emptied for a change, besides the time that the line needs: the change must be
+/// accepted before they are over.
+const ROOM_MS: u64 = 4;
+
+/// Milliseconds for which half of each queue is kept free for a change that did not fit in it.
+pub(crate) const RESERVED_MS: u64 = 300;
 
 /// Moves that are planned to see whether queues and line keep up with a higher tempo: at most some 20 ms of work, which the board's queues outlast.
 const TRIED_MOVES: u32 = 10_000;
@@ -283,25 +291,94 @@ impl<B: Leased> Session<B> {
         })
     }
 
-    /// Tries a change again if it was refused: more gently if the planner refused it, later if it came too late.
+    /// Tries a change again if it was refused: more gently if the planner refused it, later if it came too late, and after taking back what the
+    /// queues hold if there was no room for its beginning.
     pub(crate) fn attempt<T>(
         &mut self,
         mut change: impl FnMut(&mut Session<B>, f64, u64) -> Result<T, SessionError>,
     ) -> Result<T, SessionError> {
         let (mut cautions, mut delay) = (CAUTION.into_iter().peekable(), 0);
+        let mut has_room = false;
         loop {
             let caution = cautions.peek().copied().unwrap_or(1.0);
             match change(self, caution, delay) {
                 Err(SessionError::Plan(_)) if cautions.len() > 1 => drop(cautions.next()),
+                Err(error @ SessionError::QueueTooShort { .. }) => {
+                    if std::mem::replace(&mut has_room, true) || !self.make_room()? {
+                        return Err(self.reserve_room(error)?);
+                    }
+                }
                 // Planning took too long: a real board's time went on meanwhile.
                 Err(SessionError::Early { .. } | SessionError::Switch(SwitchRefused::Late { .. }))
-                    if delay < self.pace.most_delay =>
+                    if !has_room && delay < self.pace.most_delay =>
                 {
                     delay += self.pace.most_delay / 3;
                 }
-                done => return done,
+                // What was taken back has to be sent again before the lease is over.
+                Err(error @ (SessionError::Early { .. } | SessionError::Switch(SwitchRefused::Late { .. })))
+                    if has_room =>
+                {
+                    return Err(self.reserve_room(error)?);
+                }
+                done => {
+                    if done.is_ok() {
+                        self.room_reserved_at = None;
+                    }
+                    return done;
+                }
             }
         }
+    }
+
+    /// Has the queues filled by half for a while, so that the change can be tried again. After [`RESERVED_MS`] it was in vain.
+    fn reserve_room(&mut self, error: SessionError) -> Result<SessionError, SessionError> {
+        // What was taken back has to be there again before the lease is over.
+        self.fill()?;
+        let now = self.board.now();
+        let since = *self.room_reserved_at.get_or_insert(now);
+        let at = self.earliest();
+        if now > since + self.pace.tick_hz / 1000 * RESERVED_MS {
+            self.room_reserved_at = None;
+            return Ok(error);
+        }
+        Ok(SessionError::Waiting { at, until: now + self.pace.tick_hz / 200 })
+    }
+}
+
+impl<B: Leased> Session<B> {
+    /// Takes back what the queues hold of the plan beyond the next [`ROOM_MS`] or so, so that they have room for another plan's beginning. The next
+    /// [`fill`](Session::fill) sends it again. Returns false if nothing could be taken back.
+    fn make_room(&mut self) -> Result<bool, SessionError> {
+        self.board.await_extensions();
+        self.check_board()?;
+        // The change needs this answer, its own data and the answer to them. A link's time is as long as all of that takes at most.
+        let cut = self.earliest() + self.pace.link + self.pace.tick_hz * ROOM_MS / 1000;
+        let is_answered = self.pending_extensions.is_empty() && self.replaced.is_none();
+        if !is_answered || cut >= self.committed_until() || cut <= self.brakeable_from.max(self.stream.zero()) {
+            return Ok(false);
+        }
+        let mut items: Vec<usize> = self.timelines.iter().map(|timeline| timeline.items_from(cut)).collect();
+        loop {
+            if items.iter().all(|items| *items == 0) {
+                return Ok(false);
+            }
+            match self.board.trim(cut, &items) {
+                Ok(()) => break,
+                // It reads ahead while a motor waits.
+                Err(TrimRefused::Read { motor }) if items[motor] > 0 => items[motor] = 0,
+                Err(_) => {
+                    self.check_board()?;
+                    return Ok(false);
+                }
+            }
+        }
+        self.confirmed_lease = Lease::Until(cut);
+        for (motor, items) in items.into_iter().enumerate() {
+            let timeline = &mut self.timelines[motor];
+            let taken = timeline.take_back(items);
+            self.stream.take_back(&self.board, motor, &taken, timeline.ends_with_steps());
+        }
+        Ok(true)
     }
 }
 

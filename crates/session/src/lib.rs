@@ -138,6 +138,8 @@ pub struct Session<B> {
     playback: Playback,
     /// The line to the board; `None` if there is none.
     line: Option<Line>,
+    /// Since when half of each queue is kept free, tick: a change did not fit.
+    room_reserved_at: Option<u64>,
 }
 
 /// A plan that the board follows before tick `until`; then it changes to another one.
@@ -271,7 +273,7 @@ impl<B: Leased> Session<B> {
                 return Err(SessionError::Late { at: zero, latest });
             }
             let stream = Stream::new(Arc::clone(&program), zero, &counts, board.epoch().next(), &board)?;
-            let begun = Beginning::new(&mut board, stream, &timelines, &capacity, &pace)?;
+            let begun = Beginning::new(&mut board, stream, &timelines, &capacity, &pace, 0)?;
             match begun.switch(&mut board) {
                 Ok(()) => break (zero, begun),
                 // Planning and sending took longer than the begin was put off. The next try leaves that much time.
@@ -304,6 +306,7 @@ impl<B: Leased> Session<B> {
             stop_unanswered: false,
             playback: Playback::begun(program),
             line: None,
+            room_reserved_at: None,
         };
         session.fill()?;
         Ok(session)
@@ -322,9 +325,14 @@ impl<B: Leased> Session<B> {
     fn try_fill(&mut self) -> Result<(), SessionError> {
         self.check_board()?;
         // Motors that are about to brake need all of the room; else some of it is reserved for a change.
-        let is_short = self.committed_until().saturating_sub(self.board.now()) < self.pace.tick_hz / 1000 * SHORT_MS;
+        let is_wanted = self
+            .room_reserved_at
+            .is_some_and(|since| self.board.now() < since + self.pace.tick_hz / 1000 * halt::RESERVED_MS);
+        let (part, links) = if is_wanted { (2, 4) } else { (KEPT, 0) };
+        let short = (self.pace.tick_hz / 1000 * SHORT_MS).max(links * self.pace.link);
+        let is_short = self.committed_until().saturating_sub(self.board.now()) < short;
         let reserved: Vec<usize> =
-            self.capacity.iter().map(|capacity| if is_short { 0 } else { capacity / KEPT }).collect();
+            self.capacity.iter().map(|capacity| if is_short { 0 } else { capacity / part }).collect();
         let mut more = !self.is_over;
         while more {
             let planned_up_to = self.planned_up_to();
@@ -601,7 +609,7 @@ impl<B: Leased> Session<B> {
         halt::prove(&program, &starts, proven)?;
         let epoch = self.next_epoch();
         let stream = Stream::from(program, at, &starts, datums, epoch, &self.board)?;
-        let begun = Beginning::new(&mut self.board, stream, &self.timelines, &self.capacity, &pace)?;
+        let begun = Beginning::new(&mut self.board, stream, &self.timelines, &self.capacity, &pace, pace.margin())?;
         if let Err(error) = begun.switch(&mut self.board) {
             if let SessionError::Lost(_) = error {
                 // The board may have accepted the switch, and only its answer was lost.
@@ -813,16 +821,18 @@ struct Beginning {
 }
 
 impl Beginning {
-    /// Sends as much of a plan as there is room for. It takes over from `timelines` at its own tick 0.
+    /// Sends as much of a plan as there is room for. It takes over from `timelines` at its own tick 0, and must last for `least` ticks, in which
+    /// more of it can reach the board.
     fn new<B: Leased>(
         board: &mut B,
         stream: Stream,
         timelines: &[Timeline],
         capacity: &[usize],
         pace: &Pace,
+        least: u64,
     ) -> Result<Beginning, SessionError> {
         let epoch = stream.epoch();
-        let begun = Beginning::hand_over(board, stream, timelines, capacity, pace);
+        let begun = Beginning::hand_over(board, stream, timelines, capacity, pace, least);
         if begun.is_err() {
             board.discard(epoch);
         }
@@ -835,6 +845,7 @@ impl Beginning {
         timelines: &[Timeline],
         capacity: &[usize],
         pace: &Pace,
+        least: u64,
     ) -> Result<Beginning, SessionError> {
         let mut timelines = timelines.to_vec();
         timelines.iter_mut().for_each(|timeline| timeline.cut(stream.zero()));
@@ -848,7 +859,12 @@ impl Beginning {
         let brakings = lease::brakings(&stream)?;
         let limits = brakings.iter().map(|braking| braking.limit).collect();
         let brakeable_from = lease::brakeable_from(&timelines, &brakings, stream.program(), zero);
-        match (lease::longest(&stream, &timelines, brakeable_from, planned_up_to), handed.motor_full) {
+        let long_enough = |lease: &Lease| match lease {
+            Lease::Until(until) => *until >= zero + least,
+            Lease::Last => true,
+        };
+        let longest = lease::longest(&stream, &timelines, brakeable_from, planned_up_to).filter(long_enough);
+        match (longest, handed.motor_full) {
             (Some(lease), _) => Ok(Beginning { stream, timelines, limits, lease, brakeable_from }),
             (None, motor_full) => Err(too_short(motor_full.unwrap_or_default(), capacity, 0, pace)),
         }

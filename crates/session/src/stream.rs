@@ -197,6 +197,14 @@ impl Stream {
         Ok(Handed { has_more: true, motor_full: None })
     }
 
+    /// Takes items back that were sent for a motor and dropped by the board. They are sent again. `after_steps`: the item before them makes steps.
+    pub(crate) fn take_back<B: Board>(&mut self, board: &B, motor: usize, items: &VecDeque<Placed>, after_steps: bool) {
+        let Some(first) = items.front() else { return };
+        let lane = &mut self.lanes[motor];
+        (lane.accumulator, lane.sizer, lane.waits) = (first.start, board.sizer(motor), !after_steps);
+        items.iter().rev().for_each(|placed| lane.next.push_front(placed.item));
+    }
+
     /// A motor's first item that was not sent; `None` at its end, or if the next one came out empty.
     fn next_item(&mut self, motor: usize) -> Result<Option<Item>, SessionError> {
         let fraction_bits = self.program.board.fraction_bits;

@@ -167,6 +167,22 @@ impl Timeline {
         }
     }
 
+    /// How many items begin at `tick` or later.
+    pub(crate) fn items_from(&self, tick: u64) -> usize {
+        let is_later = |placed: &&Placed| tick_of(placed.start, self.fraction_bits) >= tick;
+        self.placed.iter().rev().take_while(is_later).count()
+    }
+
+    /// Takes the last `items` items away.
+    pub(crate) fn take_back(&mut self, items: usize) -> VecDeque<Placed> {
+        self.placed.split_off(self.placed.len() - items.min(self.placed.len()))
+    }
+
+    /// Whether the last item makes steps.
+    pub(crate) fn ends_with_steps(&self) -> bool {
+        self.placed.back().is_some_and(|placed| placed.run().is_some())
+    }
+
     /// The motor's state at `tick`, and the items that were sent for after it.
     pub(crate) fn from(&self, tick: u64) -> (Start, Vec<Item>) {
         let mut start = self.start;
