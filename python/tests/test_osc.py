@@ -66,7 +66,7 @@ class PythonOsc(unittest.TestCase):
         from pythonosc.osc_bundle_builder import OscBundleBuilder
         from pythonosc.osc_message_builder import OscMessageBuilder
 
-        bundle = OscBundleBuilder(time.time() + 30)
+        bundle = OscBundleBuilder(int(time.time()) + 30)
         for address, value in [("/tempo", 0.5), ("/wildness", 1)]:
             message = OscMessageBuilder(address)
             message.add_arg(value)
