@@ -15,7 +15,7 @@ from typing import Any, Dict, List, Optional
 
 def monitor() -> Optional[str]:
     """The program: the one in ``PULSETRAIN_OSC_MONITOR``, else the debug build."""
-    built = Path(__file__).resolve().parents[3] / "target/debug/examples/osc_monitor"
+    built = Path(__file__).resolve().parents[2] / "target/debug/examples/osc_monitor"
     known = [os.environ.get("PULSETRAIN_OSC_MONITOR"), str(built)]
     return next((path for path in known if path and Path(path).exists()), None)
 
