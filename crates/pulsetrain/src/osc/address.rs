@@ -14,7 +14,7 @@ use crate::live::{KnobValue, LiveCommand, Request};
 /// What a message asks for.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum Asked {
-    /// Nothing: a button was released.
+    /// Nothing: a button was released, or it is an answer.
     Nothing,
     /// Something of the motion.
     Request(Request),
@@ -69,6 +69,8 @@ pub(super) fn read(message: &OscMessage, info: &OscInfo) -> Result<Asked, Misund
     }
     let names: Vec<&str> = message.address.split('/').skip(1).collect();
     match names.as_slice() {
+        // Answers of another server: two that answered each other's would never end.
+        ["error", ..] | ["destIp" | "position" | "positionList" | "busy"] => Ok(Asked::Nothing),
         ["pulsetrain", names @ ..] if !names.is_empty() => match message.command(names)? {
             Some(asked) => Ok(asked),
             None => message.parameter(names),

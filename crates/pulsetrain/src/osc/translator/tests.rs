@@ -240,6 +240,29 @@ fn knobs() {
     );
 }
 
+/// Two servers that hear one another must come to an end.
+#[test]
+fn answers_are_not_answered() {
+    let mut translator = Translator::new(info(), None);
+    translator.happened(&status(1.0, [40, 7]), Instant::now());
+    let mut packets: Vec<Vec<u8>> = [
+        ("/bad", vec![]),
+        ("/setDestIp", vec![]),
+        ("/getPosition", vec![OscType::Int(255)]),
+        ("/getPositionList", vec![]),
+        ("/getBusy", vec![OscType::Int(1)]),
+    ]
+    .map(|(address, arguments)| bytes(&message(address, arguments)))
+    .to_vec();
+    packets.push(b"rubbish".to_vec());
+    let mut answer = |packet: &[u8]| translator.packet(packet, from(5000), now()).replies;
+    let answers: Vec<Reply> = packets.iter().flat_map(|packet| answer(packet)).collect();
+    assert_eq!(answers.len(), 7);
+    for Reply { packet, .. } in answers {
+        assert_eq!(answer(&packet), []);
+    }
+}
+
 #[test]
 fn what_is_misunderstood_is_answered() {
     check(
