@@ -7,6 +7,8 @@ use std::path::PathBuf;
 const PYSERIAL: &str = "pyserial==3.5";
 /// The package that its example plots with.
 const MATPLOTLIB: &str = "matplotlib==3.11.2";
+/// The package whose packets of OSC are sent to Pulsetrain.
+const PYTHON_OSC: &str = "python-osc==1.10.2";
 /// The package that checks its types.
 const MYPY: &str = "mypy==2.4.1";
 
@@ -30,6 +32,7 @@ pub(crate) fn test_client() -> Done {
     let client = root().join("python");
     with(PYSERIAL)?;
     with(MATPLOTLIB)?;
+    with(PYTHON_OSC)?;
     with_tracker()?;
     let python = with(MYPY)?;
     let types = ["-m", "mypy", "--strict", "--cache-dir"];
@@ -37,10 +40,11 @@ pub(crate) fn test_client() -> Done {
     let sources = ["pulsetrain_winch", "tests", "examples", TRACKER_SOURCE];
     command::run(command(&python).args(types).arg(cache).args(sources).current_dir(&client))?;
     // Built like the workspace's tests: an emulated chip needs the optimizer to run in real time.
-    command::run(&mut cargo("build --profile test --package pulsetrain"))?;
-    let pulsetrain = target_dir().join("debug").join(format!("pulsetrain{}", std::env::consts::EXE_SUFFIX));
+    command::run(&mut cargo("build --profile test --package pulsetrain --bin pulsetrain --example osc_monitor"))?;
+    let built = |name: &str| target_dir().join("debug").join(format!("{name}{}", std::env::consts::EXE_SUFFIX));
     let mut tests = command(python);
-    tests.args(["-m", "unittest"]).current_dir(client).env("PULSETRAIN", pulsetrain);
+    tests.args(["-m", "unittest"]).current_dir(client).env("PULSETRAIN", built("pulsetrain"));
+    tests.env("PULSETRAIN_OSC_MONITOR", built("examples/osc_monitor"));
     command::run(&mut tests)
 }
 

@@ -278,8 +278,8 @@ pub(super) fn sum_from(laws: &[Law], from: Time) -> impl Iterator<Item = Result<
             for term in &mut terms {
                 match term.pieces.next() {
                     Some(Ok(piece)) => {
-                        // The sum's piece begins where the last of theirs does.
-                        at = at.max(if piece.end <= from { piece.end } else { piece.start });
+                        // The sum's piece begins where the last of theirs does, or where one has ended since.
+                        at = at.max(piece.start);
                         term.piece = Some(piece);
                     }
                     Some(Err(error)) => return Some(Err(error)),

@@ -1,0 +1,577 @@
+//! Packets to groups of requests; what happens to replies.
+
+use std::collections::VecDeque;
+use std::net::{IpAddr, SocketAddr};
+use std::time::{Duration, Instant};
+
+use pulsetrain_session::control::{Event, Status};
+use rosc::{OscBundle, OscMessage, OscPacket, OscType};
+
+use super::address::{self, Asked, Misunderstood};
+use super::time_tag::{self, Due, FARTHEST_AHEAD};
+use super::{Group, LONGEST_PACKET, Now, OscInfo};
+use crate::live::{Happened, KnobInfo, LiveCommand, LiveEvent, Request};
+
+/// A packet to send.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Reply {
+    /// To whom.
+    pub to: SocketAddr,
+    /// The bytes.
+    pub packet: Vec<u8>,
+}
+
+/// What a packet turned out to be.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Translation {
+    /// Groups of requests, in the order of the packet.
+    pub groups: Vec<Group>,
+    /// Answers to its sender.
+    pub replies: Vec<Reply>,
+}
+
+/// What the translator has counted.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) struct Counted {
+    pub(super) packets: u64,
+    pub(super) malformed: u64,
+    pub(super) refused: u64,
+    pub(super) late: u64,
+}
+
+/// A client that hears what happens.
+#[derive(Clone, Debug)]
+struct Client {
+    /// From where it sends.
+    from: SocketAddr,
+    /// Where it listens.
+    to: SocketAddr,
+    /// For each motor: whether it hears when that is busy.
+    busy: Vec<bool>,
+    /// For each motor: how often it hears the position, and when it last did.
+    positions: Vec<Option<Report>>,
+    position_list: Option<Report>,
+    /// Whether it hears of errors.
+    errors: bool,
+}
+
+/// A report that is repeated.
+#[derive(Clone, Copy, Debug)]
+struct Report {
+    every: Duration,
+    last: Option<Instant>,
+}
+
+impl Report {
+    fn is_due(&mut self, now: Instant) -> bool {
+        let is_due = self.last.is_none_or(|last| now.saturating_duration_since(last) >= self.every);
+        if is_due {
+            self.last = Some(now);
+        }
+        is_due
+    }
+}
+
+/// The most clients that hear what happens. A further one takes the place of the one that sent nothing for the longest time.
+const MOST_CLIENTS: usize = 16;
+/// The most bundles in a packet, nested ones included.
+const MOST_BUNDLES: usize = 16;
+/// The most replies to a packet: a small packet makes no flood.
+const MOST_REPLIES: usize = 64;
+/// The most replies about errors and lateness in a second.
+const MOST_ERRORS: u32 = 20;
+/// Requests of which it is known who sent them, for their refusal.
+const MOST_ASKED: usize = 64;
+/// What begins a bundle. Source: OSC 1.0, "OSC Bundles".
+const BUNDLE: &[u8] = b"#bundle\0";
+
+/// Translates packets of OSC to requests of a live motion, and what happens to it to packets of OSC.
+///
+/// It has no socket and no clock: packets come with their sender and the time. It never panics, whatever a packet has in it.
+///
+/// ```
+/// use pulsetrain::live::Request;
+/// use pulsetrain::osc::{Now, OscInfo, Translator};
+/// use pulsetrain::session::control::Command;
+/// let mut translator = Translator::new(OscInfo::default(), None);
+/// let now = Now::read();
+/// let translation = translator.packet(b"/pause\0\0,\0\0\0", "127.0.0.1:5000".parse().unwrap(), now);
+/// assert_eq!(translation.groups[0].requests, [Request::Session(Command::Pause)]);
+/// assert_eq!(translation.groups[0].due, now.instant);
+/// ```
+#[derive(Debug)]
+pub struct Translator {
+    info: OscInfo,
+    reply_port: Option<u16>,
+    /// The one that sent last is the last.
+    clients: Vec<Client>,
+    status: Option<Status>,
+    /// Until when of the motion the motors are busy, s.
+    busy_until_s: Option<f64>,
+    asked: VecDeque<(Request, SocketAddr)>,
+    /// When the present second of replies about errors began, and how many it had.
+    errors: Option<(Instant, u32)>,
+    counted: Counted,
+}
+
+impl Translator {
+    /// A translator for a motion.
+    #[must_use]
+    pub fn new(info: OscInfo, reply_port: Option<u16>) -> Translator {
+        Translator {
+            info,
+            reply_port,
+            clients: Vec::new(),
+            status: None,
+            busy_until_s: None,
+            asked: VecDeque::new(),
+            errors: None,
+            counted: Counted::default(),
+        }
+    }
+
+    /// Other motors or knobs: the motion file was changed.
+    pub fn set_info(&mut self, info: OscInfo) {
+        if info.motors.len() != self.info.motors.len() {
+            self.clients.clear();
+        }
+        self.info = info;
+    }
+
+    pub(super) const fn counted(&self) -> Counted {
+        self.counted
+    }
+
+    /// What a packet asks for.
+    pub fn packet(&mut self, bytes: &[u8], from: SocketAddr, now: Now) -> Translation {
+        self.counted.packets += 1;
+        let mut translation = Translation::default();
+        match decode(bytes) {
+            Ok(OscPacket::Message(message)) => {
+                let requests = self.message(&message, from, now, &mut translation).into_iter().collect();
+                push_group(&mut translation, requests, now.instant);
+            }
+            Ok(OscPacket::Bundle(bundle)) => self.bundle(&bundle, None, from, now, &mut translation),
+            Err(why) => {
+                self.counted.malformed += 1;
+                self.refuse(why.into(), from, now.instant, &mut translation.replies);
+            }
+        }
+        for request in translation.groups.iter().flat_map(|group| &group.requests) {
+            if self.asked.len() == MOST_ASKED {
+                self.asked.pop_front();
+            }
+            self.asked.push_back((request.clone(), from));
+        }
+        translation
+    }
+
+    /// The reply to the sender of a group that could not be passed on.
+    pub(super) fn overrun(&mut self, from: SocketAddr, now: Instant) -> Vec<Reply> {
+        let mut replies = Vec::new();
+        let why = "too many commands at a time: this one was left out. Send fewer in a second".to_owned();
+        self.refuse(why.into(), from, now, &mut replies);
+        replies
+    }
+
+    fn bundle(
+        &mut self,
+        bundle: &OscBundle,
+        outer: Option<Instant>,
+        from: SocketAddr,
+        now: Now,
+        translation: &mut Translation,
+    ) {
+        let mut due = match time_tag::due(bundle.timetag, now) {
+            Due::AtOnce => now.instant,
+            Due::At(due) => due,
+            Due::Late(by) => {
+                self.counted.late += 1;
+                if self.may_complain(now.instant) {
+                    let arguments = vec![OscType::Float(by.as_secs_f32())];
+                    self.reply(from, "/pulsetrain/late", arguments, &mut translation.replies);
+                }
+                now.instant
+            }
+            Due::TooFar(ahead) => {
+                let why = format!(
+                    "the bundle is for {:.1} s from now on this computer's clock; {} s are the most. Are both clocks right?",
+                    ahead.as_secs_f64(),
+                    FARTHEST_AHEAD.as_secs()
+                );
+                self.refuse(why.into(), from, now.instant, &mut translation.replies);
+                return;
+            }
+        };
+        // A bundle within another is never earlier than that. Source: OSC 1.0, "OSC Bundles".
+        due = outer.map_or(due, |outer| due.max(outer));
+        let mut requests = Vec::new();
+        let mut inner = Vec::new();
+        for packet in &bundle.content {
+            match packet {
+                OscPacket::Message(message) => requests.extend(self.message(message, from, now, translation)),
+                OscPacket::Bundle(bundle) => inner.push(bundle),
+            }
+        }
+        push_group(translation, requests, due);
+        for bundle in inner {
+            self.bundle(bundle, Some(due), from, now, translation);
+        }
+    }
+
+    /// The request of a message; replies if it is something else.
+    fn message(
+        &mut self,
+        message: &OscMessage,
+        from: SocketAddr,
+        now: Now,
+        translation: &mut Translation,
+    ) -> Option<Request> {
+        let asked =
+            address::read(message, &self.info).and_then(|asked| self.obey(asked, from, &mut translation.replies));
+        asked.unwrap_or_else(|error| {
+            self.refuse(error, from, now.instant, &mut translation.replies);
+            None
+        })
+    }
+
+    fn obey(
+        &mut self,
+        asked: Asked,
+        from: SocketAddr,
+        replies: &mut Vec<Reply>,
+    ) -> Result<Option<Request>, Misunderstood> {
+        match asked {
+            Asked::Nothing => {}
+            Asked::Request(request) => return Ok(Some(request)),
+            Asked::Move(steps) => {
+                let status = self.known_status()?;
+                if status.motors.iter().any(|motor| motor.speed != Some(0.0)) {
+                    let why = "CommandIgnored: /move needs a motor at rest".to_owned();
+                    return Err(Misunderstood { why, motor: 1 });
+                }
+                let position = self.positions(status).next().unwrap_or(0) as f64 + steps;
+                return Ok(Some(Request::Live(LiveCommand::Goto { position: format!("{position} steps") })));
+            }
+            Asked::Positions(motors) => {
+                let positions: Vec<i64> = self.positions(self.known_status()?).collect();
+                for motor in motors {
+                    if let Some(position) = positions.get(motor) {
+                        self.reply(from, "/position", vec![motor_number(motor), steps(*position)], replies);
+                    }
+                }
+            }
+            Asked::PositionList => {
+                let positions = self.positions(self.known_status()?).map(steps).collect();
+                self.reply(from, "/positionList", positions, replies);
+            }
+            Asked::Busy(motors) => {
+                for motor in motors {
+                    self.reply(from, "/busy", self.busy(motor), replies);
+                }
+            }
+            Asked::Listen(port) => {
+                let port = port.or(self.reply_port).unwrap_or(from.port());
+                let to = SocketAddr::new(from.ip(), port);
+                let is_new = !self.clients.iter().any(|client| (client.from, client.to) == (from, to));
+                self.client(from).to = to;
+                let mut arguments = match to.ip().to_canonical() {
+                    IpAddr::V4(ip) => ip.octets().map(|octet| OscType::Int(octet.into())).to_vec(),
+                    ip @ IpAddr::V6(_) => vec![OscType::String(ip.to_string())],
+                };
+                arguments.push(OscType::Int(is_new.into()));
+                self.reply(from, "/destIp", arguments, replies);
+            }
+            Asked::ReportBusy(motors, is_on) => {
+                let busy = &mut self.client(from).busy;
+                motors.iter().for_each(|motor| busy[*motor] = is_on);
+            }
+            Asked::ReportPositions(motors, every) => {
+                let report = every.map(|every| Report { every, last: None });
+                let reports = &mut self.client(from).positions;
+                motors.iter().for_each(|motor| reports[*motor] = report);
+            }
+            Asked::ReportPositionList(every) => {
+                self.client(from).position_list = every.map(|every| Report { every, last: None });
+            }
+            Asked::ReportErrors(is_on) => self.client(from).errors = is_on,
+        }
+        Ok(None)
+    }
+
+    /// What the clients are to hear of what happened.
+    pub fn happened(&mut self, happened: &Happened, now: Instant) -> Vec<Reply> {
+        let mut replies = Vec::new();
+        match happened {
+            Happened::Session(Event::Status(status)) => self.status(status, now, &mut replies),
+            Happened::Session(Event::Progress { .. }) => {}
+            Happened::Session(Event::Pausing { rests_s }) => {
+                self.state("pausing", &mut replies);
+                self.busy_until(*rests_s, &mut replies);
+            }
+            Happened::Session(Event::Resuming { full_speed_s }) => {
+                self.state("running", &mut replies);
+                self.busy_until(*full_speed_s, &mut replies);
+            }
+            Happened::Session(Event::Tempo { rate, from_s, ceiling }) => {
+                self.all("/pulsetrain/tempo", &[OscType::Float(*rate as f32)], &mut replies);
+                self.ceiling("tempo", ceiling.as_deref(), &mut replies);
+                self.busy_until(*from_s, &mut replies);
+            }
+            Happened::Session(Event::Stopping { .. }) => {
+                self.state("stopping", &mut replies);
+                self.busy_until(f64::INFINITY, &mut replies);
+            }
+            Happened::Session(Event::StoppedAtOnce { .. }) => {
+                self.state("stopped", &mut replies);
+                self.rests(&mut replies);
+            }
+            Happened::Session(Event::Ended(ended)) => {
+                self.state(if ended.stopped { "stopped" } else { "finished" }, &mut replies);
+                self.rests(&mut replies);
+            }
+            Happened::Session(Event::Failed { why, .. }) => {
+                self.state("failed", &mut replies);
+                self.rests(&mut replies);
+                self.tell_error(why, None, &mut replies);
+            }
+            Happened::Session(Event::Refused { command, why }) => {
+                self.tell_refusal(&Request::Session(*command), why, &mut replies);
+            }
+            Happened::Live(event) => self.live(event, &mut replies),
+        }
+        replies
+    }
+
+    fn live(&mut self, event: &LiveEvent, replies: &mut Vec<Reply>) {
+        match event {
+            LiveEvent::Set { knob, value, ceiling, until_s, .. } => {
+                let is_it = |known: &&mut KnobInfo| known.name == *knob;
+                if let Some(known) = self.info.knobs.iter_mut().find(is_it) {
+                    known.value = *value;
+                }
+                let address = address::knob_address(knob, &self.info);
+                self.all(&address, &[OscType::Float(*value as f32)], replies);
+                self.ceiling(knob, ceiling.as_deref(), replies);
+                self.busy_until(*until_s, replies);
+            }
+            LiveEvent::Cue { name, until_s, .. } => {
+                self.all("/pulsetrain/cue", &[OscType::String(name.clone())], replies);
+                self.busy_until(*until_s, replies);
+            }
+            LiveEvent::Goto { until_s, .. }
+            | LiveEvent::Motion { until_s, .. }
+            | LiveEvent::Rejoined { until_s, .. } => {
+                self.busy_until(*until_s, replies);
+            }
+            LiveEvent::MotionRefused { error, line, .. } => {
+                let place = line.map_or_else(String::new, |line| format!("line {line}: "));
+                self.tell_error(&format!("the motion file was not taken over: {place}{error}"), None, replies);
+            }
+            LiveEvent::Refused { command, why } => self.tell_refusal(&Request::Live(command.clone()), why, replies),
+        }
+    }
+
+    fn status(&mut self, status: &Status, now: Instant, replies: &mut Vec<Reply>) {
+        if self.busy_until_s.is_some_and(|until_s| status.at_s >= until_s) {
+            self.rests(replies);
+        }
+        let positions: Vec<i64> = self.positions(status).collect();
+        for client in &mut self.clients {
+            for (motor, report) in client.positions.iter_mut().enumerate() {
+                if let (Some(report), Some(position)) = (report, positions.get(motor))
+                    && report.is_due(now)
+                {
+                    replies.extend(encoded(client.to, "/position", vec![motor_number(motor), steps(*position)]));
+                }
+            }
+            if client.position_list.as_mut().is_some_and(|report| report.is_due(now)) {
+                let list = positions.iter().copied().map(steps).collect();
+                replies.extend(encoded(client.to, "/positionList", list));
+            }
+        }
+        self.status = Some(status.clone());
+    }
+
+    /// The client that sends from there. A new one hears errors and events.
+    fn client(&mut self, from: SocketAddr) -> &mut Client {
+        let count = self.info.motors.len();
+        let known = self.clients.iter().position(|client| client.from == from);
+        let client = match known {
+            Some(index) => self.clients.remove(index),
+            None => {
+                if self.clients.len() == MOST_CLIENTS {
+                    self.clients.remove(0);
+                }
+                let to = self.reply_to(from);
+                Client {
+                    from,
+                    to,
+                    busy: vec![false; count],
+                    positions: vec![None; count],
+                    position_list: None,
+                    errors: true,
+                }
+            }
+        };
+        self.clients.push(client);
+        let last = self.clients.len() - 1;
+        &mut self.clients[last]
+    }
+
+    /// Where the sender of a packet listens: where it said, where another sender at the same computer said, or from where it sends.
+    fn reply_to(&self, from: SocketAddr) -> SocketAddr {
+        let exactly = self.clients.iter().find(|client| client.from == from);
+        let elsewhere = |client: &&Client| client.from.ip() == from.ip() && client.to.port() != client.from.port();
+        let known = exactly.or_else(|| self.clients.iter().rev().find(elsewhere));
+        known.map_or_else(|| SocketAddr::new(from.ip(), self.reply_port.unwrap_or(from.port())), |client| client.to)
+    }
+
+    fn known_status(&self) -> Result<&Status, Misunderstood> {
+        self.status.as_ref().ok_or_else(|| "no position is known yet: the motion has not begun".to_owned().into())
+    }
+
+    /// Where the motors are by the file's zero, steps.
+    fn positions<'a>(&'a self, status: &'a Status) -> impl Iterator<Item = i64> + 'a {
+        let motors = self.info.motors.iter().zip(&status.motors);
+        motors.map(|(motor, status)| (motor.start_steps + status.position as f64).round() as i64)
+    }
+
+    fn busy(&self, motor: usize) -> Vec<OscType> {
+        vec![motor_number(motor), OscType::Int(self.busy_until_s.is_some().into())]
+    }
+
+    fn busy_until(&mut self, until_s: f64, replies: &mut Vec<Reply>) {
+        let was_busy = self.busy_until_s.is_some();
+        self.busy_until_s = Some(self.busy_until_s.map_or(until_s, |before_s| before_s.max(until_s)));
+        if !was_busy {
+            self.tell_busy(replies);
+        }
+    }
+
+    fn rests(&mut self, replies: &mut Vec<Reply>) {
+        if self.busy_until_s.take().is_some() {
+            self.tell_busy(replies);
+        }
+    }
+
+    fn tell_busy(&self, replies: &mut Vec<Reply>) {
+        for client in &self.clients {
+            for motor in (0..client.busy.len()).filter(|motor| client.busy[*motor]) {
+                replies.extend(encoded(client.to, "/busy", self.busy(motor)));
+            }
+        }
+    }
+
+    fn state(&self, state: &str, replies: &mut Vec<Reply>) {
+        self.all("/pulsetrain/state", &[OscType::String(state.to_owned())], replies);
+    }
+
+    fn ceiling(&self, of: &str, ceiling: Option<&str>, replies: &mut Vec<Reply>) {
+        if let Some(ceiling) = ceiling {
+            self.all("/pulsetrain/ceiling", &[of, ceiling].map(|text| OscType::String(text.to_owned())), replies);
+        }
+    }
+
+    fn all(&self, address: &str, arguments: &[OscType], replies: &mut Vec<Reply>) {
+        replies.extend(self.clients.iter().filter_map(|client| encoded(client.to, address, arguments.to_vec())));
+    }
+
+    /// Tells who asked for it, and all clients, that a request was refused.
+    fn tell_refusal(&mut self, request: &Request, why: &str, replies: &mut Vec<Reply>) {
+        self.counted.refused += 1;
+        let asked = self.asked.iter().rposition(|(asked, _)| asked == request);
+        let asked = asked.and_then(|index| self.asked.remove(index)).map(|(_, from)| self.reply_to(from));
+        self.tell_error(why, asked, replies);
+    }
+
+    fn tell_error(&self, why: &str, first: Option<SocketAddr>, replies: &mut Vec<Reply>) {
+        let clients = self.clients.iter().filter(|client| client.errors).map(|client| client.to);
+        let mut told: Vec<SocketAddr> = Vec::new();
+        for to in first.into_iter().chain(clients) {
+            if !told.contains(&to) {
+                replies.extend(error(to, why, 0));
+                told.push(to);
+            }
+        }
+    }
+
+    /// Tells the sender of a packet what is wrong with it.
+    fn refuse(&mut self, wrong: Misunderstood, from: SocketAddr, now: Instant, replies: &mut Vec<Reply>) {
+        self.counted.refused += 1;
+        let is_wanted = self.clients.iter().find(|client| client.from == from).is_none_or(|client| client.errors);
+        if self.may_complain(now) && is_wanted && replies.len() < MOST_REPLIES {
+            replies.extend(error(self.reply_to(from), &wrong.why, wrong.motor));
+        }
+    }
+
+    /// Whether there may be one more reply about an error in this second.
+    fn may_complain(&mut self, now: Instant) -> bool {
+        let is_now = |(began, _): &(Instant, u32)| now.saturating_duration_since(*began).as_secs() == 0;
+        let (began, told) = self.errors.filter(is_now).unwrap_or((now, 0));
+        self.errors = Some((began, told + 1));
+        told < MOST_ERRORS
+    }
+
+    fn reply(&self, from: SocketAddr, address: &str, arguments: Vec<OscType>, replies: &mut Vec<Reply>) {
+        if replies.len() < MOST_REPLIES {
+            replies.extend(encoded(self.reply_to(from), address, arguments));
+        }
+    }
+}
+
+/// Adds requests that are due at a time. Those that are due with the group before are part of it.
+fn push_group(translation: &mut Translation, requests: Vec<Request>, due: Instant) {
+    if requests.is_empty() {
+        return;
+    }
+    match translation.groups.last_mut().filter(|group| group.due == due) {
+        Some(group) => group.requests.extend(requests),
+        None => translation.groups.push(Group { requests, due }),
+    }
+}
+
+fn decode(bytes: &[u8]) -> Result<OscPacket, String> {
+    if bytes.len() > LONGEST_PACKET {
+        return Err(format!("the packet has more than {LONGEST_PACKET} bytes: send several"));
+    }
+    // The decoder calls itself for each bundle in a bundle.
+    if bytes.windows(BUNDLE.len()).filter(|part| *part == BUNDLE).count() > MOST_BUNDLES {
+        return Err(format!("the packet has more than {MOST_BUNDLES} bundles: send several packets"));
+    }
+    match rosc::decoder::decode_udp(bytes) {
+        // It leaves out the rest of a bundle when a part of it is broken.
+        Ok(([], packet)) => Ok(packet),
+        Ok(_) => Err("the packet is no OSC: it has more bytes than its messages".to_owned()),
+        Err(error) => Err(format!("the packet is no OSC: {error}")),
+    }
+}
+
+fn motor_number(motor: usize) -> OscType {
+    OscType::Int(i32::try_from(motor + 1).unwrap_or(i32::MAX))
+}
+
+/// A position has 32 bits, as the STEP400's, unless it needs more.
+fn steps(position: i64) -> OscType {
+    i32::try_from(position).map_or(OscType::Long(position), OscType::Int)
+}
+
+/// The form is the STEP400's: what is wrong, and the number of the motor.
+fn error(to: SocketAddr, why: &str, motor: i32) -> Option<Reply> {
+    encoded(to, "/error/command", vec![OscType::String(why.to_owned()), OscType::Int(motor)])
+}
+
+/// A message. `None` if it cannot be encoded, which no address of this file is.
+fn encoded(to: SocketAddr, address: &str, arguments: Vec<OscType>) -> Option<Reply> {
+    // A text of OSC ends at its first 0.
+    let clean = |argument| match argument {
+        OscType::String(text) => OscType::String(text.replace('\0', "")),
+        other => other,
+    };
+    let args = arguments.into_iter().map(clean).collect();
+    let message = OscMessage { addr: address.to_owned(), args };
+    rosc::encoder::encode(&OscPacket::Message(message)).ok().map(|packet| Reply { to, packet })
+}
+
+#[cfg(test)]
+mod tests;

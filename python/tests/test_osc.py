@@ -1,0 +1,99 @@
+"""OSC packets of python-osc, against the program that shows what Pulsetrain understands of them.
+
+`cargo xtask test` runs it with python-osc, and with the program in ``PULSETRAIN_OSC_MONITOR``.
+"""
+
+import importlib.util
+import json
+import os
+import subprocess
+import time
+import unittest
+from pathlib import Path
+from typing import Any, Dict, List, Optional
+
+
+def monitor() -> Optional[str]:
+    """The program: the one in ``PULSETRAIN_OSC_MONITOR``, else the debug build."""
+    built = Path(__file__).resolve().parents[2] / "target/debug/examples/osc_monitor"
+    known = [os.environ.get("PULSETRAIN_OSC_MONITOR"), str(built)]
+    return next((path for path in known if path and Path(path).exists()), None)
+
+
+@unittest.skipUnless(
+    importlib.util.find_spec("pythonosc") and monitor(),
+    "needs python-osc, and `cargo build -p pulsetrain --example osc_monitor`",
+)
+class PythonOsc(unittest.TestCase):
+    def setUp(self) -> None:
+        from pythonosc.udp_client import SimpleUDPClient
+
+        self.process = subprocess.Popen([monitor() or "", "0"], stdout=subprocess.PIPE, text=True)
+        self.addCleanup(self.process.wait)
+        self.addCleanup(self.process.kill)
+        assert self.process.stdout is not None
+        self.addCleanup(self.process.stdout.close)
+        port = int(self.line()["listens"].rsplit(":", 1)[1])
+        # A timeout that only a broken program reaches.
+        self.client = SimpleUDPClient("127.0.0.1", port, timeout=60)
+        self.addCleanup(self.client.close)
+
+    def line(self) -> Dict[str, Any]:
+        assert self.process.stdout is not None
+        line: Dict[str, Any] = json.loads(self.process.stdout.readline())
+        return line
+
+    def requests(self) -> List[Any]:
+        requests: List[Any] = self.line()["requests"]
+        return requests
+
+    def heard(self) -> List[Any]:
+        """The next answer: its address, and its values."""
+        message = next(iter(self.client.get_messages()))
+        return [message.address, *message.params]
+
+    def test_messages(self) -> None:
+        self.client.send_message("/wildness", 0.7)
+        self.assertEqual(self.requests(), [{"command": "set", "knob": "wildness", "value": 0.7}])
+        self.client.send_message("/pulsetrain/second/frequency", "0.9 Hz")
+        self.assertEqual(self.requests(), [{"command": "set", "knob": "second.frequency", "value": "0.9 Hz"}])
+        self.client.send_message("/pause", [])
+        self.assertEqual(self.requests(), [{"command": "pause"}])
+        self.client.send_message("/cue", "storm")
+        self.assertEqual(self.requests(), [{"command": "cue", "name": "storm"}])
+
+    def test_a_bundle_has_one_time(self) -> None:
+        from pythonosc.osc_bundle_builder import OscBundleBuilder
+        from pythonosc.osc_message_builder import OscMessageBuilder
+
+        bundle = OscBundleBuilder(int(time.time()) + 30)
+        for address, value in [("/tempo", 0.5), ("/wildness", 1)]:
+            message = OscMessageBuilder(address)
+            message.add_arg(value)
+            bundle.add_content(message.build())
+        self.client.send(bundle.build())
+        line = self.line()
+        self.assertEqual([request["command"] for request in line["requests"]], ["tempo", "set"])
+        self.assertGreater(line["in_ms"], 0)
+        self.assertLessEqual(line["in_ms"], 30_000)
+
+    def test_answers(self) -> None:
+        self.client.send_message("/setDestIp", [])
+        self.assertEqual(self.heard(), ["/destIp", 127, 0, 0, 1, 1])
+        self.client.send_message("/setPositionReportInterval", [2, 1])
+        self.client.send_message("/go", 1)
+        self.assertEqual(self.requests(), [{"command": "go"}])
+        self.assertEqual(self.heard(), ["/position", 2, -1])
+        self.client.send_message("/getPositionList", [])
+        self.assertEqual(self.heard(), ["/positionList", 1, -1])
+        self.client.send_message("/wildnes", 1)
+        address, why, motor = self.heard()
+        self.assertEqual((address, motor), ("/error/command", 0))
+        self.assertIn("/wildnes: this address is unknown; there are /pulsetrain/knob/wildness", why)
+        self.client.send_message("/hardStop", 255)
+        self.assertEqual(self.requests(), [{"command": "stop_now"}])
+        self.assertEqual(self.process.wait(60), 0)
+
+
+if __name__ == "__main__":
+    unittest.main()
