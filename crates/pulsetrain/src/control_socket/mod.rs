@@ -70,6 +70,9 @@ pub struct RunInfo {
     pub file: String,
     /// The board, by its name in motion files.
     pub board: String,
+    /// Ticks in a second of the board's clock, in which lateness is given; 0 if that is not known.
+    #[serde(default)]
+    pub tick_hz: u64,
     /// The board's port, as the user named it. `None` on virtual boards and on the native one.
     pub port: Option<String>,
     /// Other paths that led to that port when the run began.
@@ -188,6 +191,7 @@ impl RunInfo {
             name: format!("{}-{pid}", port.map_or(kind, port_word)),
             file: file.to_owned(),
             board: program.board.name.clone(),
+            tick_hz: program.board.tick_hz,
             port: port.map(str::to_owned),
             port_paths: port.map(port_paths).unwrap_or_default(),
             motors: motors.collect(),
@@ -208,6 +212,7 @@ impl RunInfo {
             name: "native-7".to_owned(),
             file: "nothing.toml".to_owned(),
             board: "native".to_owned(),
+            tick_hz: 0,
             port: None,
             port_paths: Vec::new(),
             motors: Vec::new(),
