@@ -59,6 +59,8 @@ struct Columns {
 #[derive(Serialize)]
 struct PastEvents {
     past: Vec<serde_json::Value>,
+    /// Whether there is a log to download.
+    log: bool,
 }
 
 impl History {
@@ -96,8 +98,8 @@ impl History {
         self.events.push_back(line.trim_end().into());
     }
 
-    /// The history as lines of JSON.
-    pub(super) fn lines(&self) -> Vec<String> {
+    /// The history as lines of JSON. `log`: whether there is one to download.
+    pub(super) fn lines(&self, log: bool) -> Vec<String> {
         let mut lines = Vec::new();
         let mut columns = Columns::default();
         let mut flush = |columns: &mut Columns| {
@@ -124,7 +126,7 @@ impl History {
         }
         flush(&mut columns);
         let past = self.events.iter().filter_map(|line| serde_json::from_str(line).ok()).collect();
-        lines.extend(serde_json::to_string(&PastEvents { past }));
+        lines.extend(serde_json::to_string(&PastEvents { past, log }));
         lines
     }
 }
@@ -159,9 +161,9 @@ mod tests {
         history.event("{\"event\":\"pausing\",\"rests_s\":1.0}\n");
         history.status(&status(0.0));
         let one = r#"{"history":{"at_s":[0.0],"lease_s":[0.5],"position":[[3.0]],"target":[[3.13]],"speed":[[null]]}}"#;
-        assert_eq!(history.lines(), [one, r#"{"past":[{"event":"pausing","rests_s":1.0}]}"#]);
+        assert_eq!(history.lines(false), [one, r#"{"past":[{"event":"pausing","rests_s":1.0}],"log":false}"#]);
         (1..20_000).for_each(|twentieth| history.status(&status(f64::from(twentieth) / 20.0)));
-        let lines = history.lines();
+        let lines = history.lines(false);
         assert_eq!((history.statuses.len(), lines.len()), (MOST_STATUSES, 21));
         assert!(lines[0].starts_with(r#"{"history":{"at_s":[400.0,"#), "{}", &lines[0][..40]);
         // At another tempo there are fewer of them.

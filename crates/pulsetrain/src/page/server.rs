@@ -312,10 +312,10 @@ fn talk(mut stream: TcpStream, key: &str, early: Vec<u8>, shared: &Shared) -> io
     // Followed before the history is read, so that nothing is between them.
     sender.follow(true);
     let output = Output(Arc::new(Mutex::new(stream.try_clone()?)));
-    let (writing, history) = (output.clone(), Arc::clone(&shared.history));
+    let (writing, history, has_log) = (output.clone(), Arc::clone(&shared.history), shared.options.log.is_some());
     thread::Builder::new().name("page client".into()).spawn(move || {
         // A browser that takes nothing in time is gone.
-        drop(write(&writing, &lines, &history));
+        drop(write(&writing, &lines, &history, has_log));
         writing.hang_up();
     })?;
     let both = Both { input: stream, output: output.clone() };
@@ -331,11 +331,11 @@ fn talk(mut stream: TcpStream, key: &str, early: Vec<u8>, shared: &Shared) -> io
 }
 
 /// Writes the run's first line, the history, and then the lines as they come.
-fn write(output: &Output, lines: &HubLines, history: &Mutex<History>) -> io::Result<()> {
+fn write(output: &Output, lines: &HubLines, history: &Mutex<History>, has_log: bool) -> io::Result<()> {
     if let Some(first) = lines.next_line() {
         output.line(&first)?;
     }
-    let past = history.lock().unwrap_or_else(PoisonError::into_inner).lines();
+    let past = history.lock().unwrap_or_else(PoisonError::into_inner).lines(has_log);
     past.iter().try_for_each(|line| output.line(line))?;
     loop {
         match lines.next_within(PING_AFTER) {

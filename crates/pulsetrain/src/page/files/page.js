@@ -69,10 +69,13 @@ const command = (name, more = {}) => send({ command: name, ...more });
 function hear(line) {
   if ("pulsetrain_control" in line) return meet(line);
   if (line.history) return recall(line.history);
-  if (line.past) return line.past.forEach((event) => happen(event, true));
+  if (line.past) {
+    $("log").hidden = !line.log;
+    return line.past.forEach((event) => happen(event, true));
+  }
   if (line.control) return showControl(line.control);
   if (line.event === "status") return follow(line);
-  if (line.error) return tell(line.error, { bad: true });
+  if (line.error && !line.event) return tell(line.error, { bad: true });
   happen(line, false);
 }
 
@@ -101,7 +104,6 @@ function meet(info) {
   buildKnobs();
   buildCues();
   $("editor-card").hidden = false;
-  checkLog();
   showLink();
   showPhase();
 }
@@ -480,14 +482,6 @@ async function loadText() {
   if (state.isDirty) return;
   $("text").value = state.fileText;
   showLines();
-}
-
-async function checkLog() {
-  try {
-    $("log").hidden = !(await fetch("log.jsonl", { method: "HEAD" })).ok;
-  } catch {
-    $("log").hidden = true;
-  }
 }
 
 function showLines(bad = null) {

@@ -104,6 +104,8 @@ class MotorPlot {
     this.element = element;
     this.info = info;
     this.quantity = QUANTITIES[quantity];
+    element.setAttribute("role", "img");
+    element.setAttribute("aria-label", `${quantity} of ${info.name} over time`);
     const two = quantity === "position";
     const axis = { stroke: colour("soft"), grid: { stroke: colour("line"), width: 1 }, ticks: { stroke: colour("line"), width: 1, size: 4 }, font: "11px system-ui" };
     const line = (name, width) => ({ stroke: colour(name), width, points: { show: false }, spanGaps: false });
