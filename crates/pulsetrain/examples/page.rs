@@ -1,7 +1,7 @@
 //! The page in the browser for motors of another kind: it speaks commands and events, and whatever makes the events can stand behind it.
 //!
-//! Here nothing moves: two motors of a machine are worked out. `cargo run -p pulsetrain --example page` prints the address; the next
-//! number is the port (0: a free one). The run ends by a stop in the page.
+//! Here nothing moves: two motors of a machine are worked out. `cargo run -p pulsetrain --example page` prints the address; a number
+//! behind it is the port (0: a free one). The run ends by a stop in the page.
 
 use std::net::{Ipv4Addr, SocketAddr};
 use std::path::Path;

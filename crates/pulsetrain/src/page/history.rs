@@ -22,8 +22,8 @@ const STATUSES_PER_LINE: usize = 600;
 #[derive(Debug, Default)]
 pub(super) struct History {
     statuses: VecDeque<Kept>,
-    /// The lines of events, without their ends.
-    events: VecDeque<Arc<str>>,
+    /// Events as they were told, and when.
+    events: VecDeque<serde_json::Value>,
 }
 
 #[derive(Debug)]
@@ -57,8 +57,8 @@ struct Columns {
 }
 
 #[derive(Serialize)]
-struct PastEvents {
-    past: Vec<serde_json::Value>,
+struct PastEvents<'p> {
+    past: Vec<&'p serde_json::Value>,
     /// Whether there is a log to download.
     log: bool,
 }
@@ -95,7 +95,12 @@ impl History {
         if self.events.len() >= MOST_EVENTS {
             self.events.pop_front();
         }
-        self.events.push_back(line.trim_end().into());
+        let Ok(mut event) = serde_json::from_str::<serde_json::Value>(line) else { return };
+        // Not all events say when they came.
+        if let (Some(fields), Some(last)) = (event.as_object_mut(), self.statuses.back()) {
+            fields.entry("at_s").or_insert_with(|| last.at_s.into());
+        }
+        self.events.push_back(event);
     }
 
     /// The history as lines of JSON. `log`: whether there is one to download.
@@ -125,8 +130,7 @@ impl History {
             }
         }
         flush(&mut columns);
-        let past = self.events.iter().filter_map(|line| serde_json::from_str(line).ok()).collect();
-        lines.extend(serde_json::to_string(&PastEvents { past, log }));
+        lines.extend(serde_json::to_string(&PastEvents { past: self.events.iter().collect(), log }));
         lines
     }
 }

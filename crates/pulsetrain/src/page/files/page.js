@@ -103,7 +103,6 @@ function meet(info) {
   if (isNew || JSON.stringify(before.motors) !== JSON.stringify(info.motors)) buildMotors();
   buildKnobs();
   buildCues();
-  $("editor-card").hidden = false;
   showLink();
   showPhase();
 }
@@ -137,10 +136,10 @@ function judge(motors) {
 }
 
 function happen(line, isPast) {
-  const at = line.from_s ?? line.at_s ?? (isPast ? null : history_.latest);
+  const at = line.from_s ?? line.at_s ?? (isPast ? (line.rests_s ?? line.full_speed_s ?? null) : history_.latest);
   const until = line.until_s !== undefined ? `, done at ${clock(line.until_s)}` : "";
   const limit = line.ceiling ? `, the nearest that the motors follow: ${line.ceiling}` : "";
-  if (line.ended) return end(line, isPast);
+  if (line.ended) return end(line);
   switch (line.event) {
     case "pausing":
       [state.phase, state.changes_s] = ["pausing", line.rests_s];
@@ -154,7 +153,7 @@ function happen(line, isPast) {
       state.rate = line.rate;
       showTempo();
       $("tempo-says").textContent = line.ceiling ? `The highest that the motors follow: ${line.ceiling}` : "";
-      tell(`Tempo ${significant(line.rate, 3)}×${limit}.`, { at });
+      tell(`Tempo ${significant(line.rate, 3)}×${limit}.`, { at, limited: Boolean(line.ceiling) });
       break;
     case "stopping":
       state.phase = "stopping";
@@ -167,7 +166,7 @@ function happen(line, isPast) {
       break;
     case "set":
       showKnob(line, isPast);
-      tell(`${line.knob} = ${significant(line.value)} ${line.unit}${until}${limit}.`, { at, bad: Boolean(line.ceiling) });
+      tell(`${line.knob} = ${significant(line.value)} ${line.unit}${until}${limit}.`, { at, limited: Boolean(line.ceiling) });
       break;
     case "cue":
       state.cue = line.name;
@@ -210,15 +209,16 @@ function inWords({ command, knob, value, rate, name, position }) {
   return [command.replace("_", " "), knob, value, rate, name, position].filter((word) => word !== undefined).join(" ");
 }
 
-function end(line, isPast) {
+function end(line) {
   state.phase = "ended";
   state.failed = line.ended === "failed";
   const words = { finished: "The motion came to its end", stopped: "The motion was stopped", failed: "The motion failed" };
   const places = line.motors.map(({ name, position, unit }) => `${name} at ${significant(position)} ${unit}`).join(", ");
   const text = `${words[line.ended] ?? line.ended}${line.why ? `: ${line.why}` : ""}.${places ? ` The motors are where they stand: ${places}.` : ""}`;
   tell(text, { bad: state.failed });
-  if (!isPast || state.phase === "ended") alarm(text, !state.failed);
+  alarm(text, !state.failed);
   showPhase();
+  showLink();
   state.mustDraw = true;
 }
 
@@ -230,10 +230,10 @@ function alarm(text, isCalm = false) {
   $("alert").classList.toggle("calm", isCalm);
 }
 
-function tell(text, { at = null, bad = false } = {}) {
+function tell(text, { at = null, bad = false, limited = false } = {}) {
   const list = $("events");
   list.querySelector(".empty")?.remove();
-  const item = make("li", bad ? { class: "bad" } : {}, make("time", {}, at === null ? "" : clock(at)), make("span", {}, text));
+  const item = make("li", bad || limited ? { class: bad ? "bad" : "limited" } : {}, make("time", {}, at === null ? "" : clock(at)), make("span", {}, text));
   list.prepend(item);
   while (list.children.length > 200) list.lastChild.remove();
 }
@@ -243,8 +243,11 @@ function showLink() {
   if (!isOpen) state.linked = false;
   document.body.classList.toggle("offline", !isOpen);
   const link = $("link");
-  link.textContent = isOpen ? "connected" : state.phase === "ended" ? "over" : "no connection";
-  link.className = `chip ${isOpen ? "good" : state.phase === "ended" ? "" : "bad"}`;
+  link.textContent = isOpen ? "connected" : "no connection";
+  link.className = `chip ${isOpen ? "good" : "bad"}`;
+  link.hidden = state.phase === "ended";
+  // Without a connection nobody here knows.
+  $("phase").hidden = !isOpen && state.phase !== "ended";
   if (state.phase !== "ended") {
     const lost = "No connection: this page cannot stop the motors. Press Ctrl-C where pulsetrain runs, or switch off the motors' supply.";
     alarm(isOpen || !state.info ? "" : lost);
@@ -259,7 +262,7 @@ function showControl(control) {
   $("control-text").textContent = !isOpen ? "" : control.yours ? `you control${others}` : control.taken ? `another page controls${others}` : `nobody controls${others}`;
   $("take").textContent = control.yours ? "Give back" : "Take control";
   $("take").classList.toggle("primary", !control.yours && isOpen);
-  $("take").disabled = !isOpen;
+  $("take").hidden = !isOpen;
   $("stop").disabled = !isOpen;
   const mayControl = isOpen && control.yours && state.phase !== "stopping";
   for (const element of document.querySelectorAll(".needs-control")) {
@@ -302,7 +305,7 @@ function buildMotors() {
     };
     const term = (text) => make("dt", {}, text);
     const bar = (inner) => make("div", { class: "bar", "aria-hidden": "true" }, inner);
-    const numbers = make("dl", { class: "numbers" }, term("wanted"), row.wanted, term("made − wanted"), row.error, term("speed"), row.speed);
+    const numbers = make("dl", { class: "numbers" }, term("wanted"), row.wanted, term("error"), row.error, term("speed"), row.speed);
     numbers.append(term("of limit"), row.share, bar(row.shareBar), term("queue"), row.queue, bar(row.queueBar));
     const position = make("p", { class: "position" }, row.position, " ", make("small", {}, motor.unit));
     row.element = make("div", { class: "motor" }, make("div", {}, make("h3", {}, motor.name), position, numbers), row.plot);
@@ -358,7 +361,7 @@ function draw(now) {
 
 /** A position with the digits that one step is worth. */
 function fixed(value, step) {
-  const digits = Math.max(0, Math.min(6, Math.ceil(-Math.log10(step)) + (step < 1 ? 0 : 0)));
+  const digits = Math.max(0, Math.min(6, Math.ceil(-Math.log10(step))));
   return value.toFixed(digits).replace("-", "−");
 }
 
@@ -367,11 +370,11 @@ function showVerdict() {
   const late = status?.lateness;
   const inTime = (ticks) => (info.tick_hz ? `${significant((ticks / info.tick_hz) * 1e6, 3)} µs` : `${ticks} ticks`);
   const facts = [
-    ["Largest |made − wanted| seen", history_.at.length ? `${significant(state.worst_steps, 3)} steps` : "–"],
-    ["Pulses late, median and worst", late ? `${inTime(late.p50_ticks)}, ${inTime(late.max_ticks)}` : "not measured here"],
-    ["Steps lost", late ? String(late.lost) : "not measured here"],
-    ["Board goes on without this computer for", status ? (status.lease_s === null ? "the whole plan" : `${significant(status.lease_s, 2)} s`) : "–"],
-    ["Times braked and joined again", String(state.rejoined)],
+    ["Worst error seen", history_.at.length ? `${significant(state.worst_steps, 3)} steps` : "–"],
+    ["Pulses late: median, worst", late ? `${inTime(late.p50_ticks)}, ${inTime(late.max_ticks)}` : "not measured"],
+    ["Steps lost", late ? String(late.lost) : "not measured"],
+    ["Lease: the board goes on alone for", status ? (status.lease_s === null ? "all of it" : `${significant(status.lease_s, 2)} s`) : "–"],
+    ["Braked and joined again", String(state.rejoined)],
     ["Commands refused", String(state.refused)],
   ];
   $("facts").replaceChildren(...facts.flatMap(([name, value]) => [make("dt", {}, name), make("dd", {}, value)]));

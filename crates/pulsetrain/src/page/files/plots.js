@@ -108,15 +108,15 @@ class MotorPlot {
     element.setAttribute("aria-label", `${quantity} of ${info.name} over time`);
     const two = quantity === "position";
     const axis = { stroke: colour("soft"), grid: { stroke: colour("line"), width: 1 }, ticks: { stroke: colour("line"), width: 1, size: 4 }, font: "11px system-ui" };
-    const line = (name, width) => ({ stroke: colour(name), width, points: { show: false }, spanGaps: false });
-    const curves = two ? [line("wanted", 5), line("made", 1.5)] : [line("made", 1.5)];
+    const line = (name, width) => ({ stroke: colour(name), width, alpha: width > 3 ? 0.55 : 1, points: { show: false }, spanGaps: false });
+    const curves = two ? [line("wanted", 6), line("made", 1.8)] : [line("made", 1.8)];
     const limits = quantity === "share" ? (_, low, high) => [0, Math.max(5, Math.min(110, (high || 0) * 1.1))] : (_, low, high) => MotorPlot.around(low, high);
     this.plot = new uPlot(
       {
         ...this.size(),
         legend: { show: false },
         cursor: { show: false },
-        padding: [6, 8, 0, 0],
+        padding: [6, 18, 0, 0],
         scales: { x: { time: false }, y: { range: limits } },
         axes: [
           { ...axis, size: 24, gap: 2, values: (_, ticks) => ticks.map(clock), space: 60, incrs: [1, 2, 5, 10, 20, 30, 60, 120, 300] },
@@ -145,7 +145,9 @@ class MotorPlot {
     const from = history.since(history.latest - span_s);
     this.plot.batch(() => {
       this.plot.setData([history.at.slice(from), ...this.quantity.curves(this.info, history.motors[this.place], from)], false);
-      this.plot.setScale("x", { min: history.latest - span_s, max: history.latest });
+      // At first the curve grows from the left.
+      const max = Math.max(history.latest, (history.at[0] ?? 0) + span_s);
+      this.plot.setScale("x", { min: max - span_s, max });
     });
   }
 
@@ -238,7 +240,7 @@ class Figure {
     context.setTransform(ratio, 0, 0, ratio, 0, 0);
     context.clearRect(0, 0, width, height);
     context.lineJoin = "round";
-    for (const [name, thick] of [["wanted", 5], ["made", 1.5]]) {
+    for (const [name, thick] of [["wanted", 6], ["made", 1.8]]) {
       context.beginPath();
       let isDown = false;
       for (const point of paths[name]) {
@@ -247,6 +249,7 @@ class Figure {
       }
       context.strokeStyle = colour(name);
       context.lineWidth = thick;
+      context.globalAlpha = thick > 3 ? 0.55 : 1;
       context.stroke();
     }
     const tip = paths.made[paths.made.length - 1];
