@@ -5,7 +5,7 @@ use std::sync::mpsc::{Receiver, channel};
 use pulsetrain_session::control::{Command, Event};
 
 use super::hub::Hub;
-use super::{RunEnded, RunInfo, Socket};
+use super::{ControlSocket, RunEnded, RunInfo};
 use crate::console::Console;
 use crate::interrupt;
 use crate::live::{Happened, Request};
@@ -17,7 +17,7 @@ pub struct Control {
     commands: Receiver<Command>,
     requests: Receiver<Request>,
     /// `None` if the socket could not be made.
-    socket: Option<Socket>,
+    socket: Option<ControlSocket>,
 }
 
 impl Control {
@@ -39,7 +39,7 @@ impl Control {
             });
             Hub::of_run(info.clone(), to_commands)
         };
-        let socket = Socket::listen(&info.name, &hub).map_err(|error| {
+        let socket = ControlSocket::listen(&info.name, &hub).map_err(|error| {
             console.tell(format_args!("`pulsetrain stop` cannot reach this run, only Ctrl-C can: {error}\n"));
         });
         Control { hub, commands, requests, socket: socket.ok() }

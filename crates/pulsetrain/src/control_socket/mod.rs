@@ -43,9 +43,9 @@ pub use client::{RunClient, runs};
 pub use control::Control;
 pub use hub::{ClientKind, Hub, HubClient, HubLines, HubSender, JoinError, Next};
 #[cfg(unix)]
-use server::Socket;
+use server::ControlSocket;
 #[cfg(not(unix))]
-use without::Socket;
+use without::NoSocket as ControlSocket;
 #[cfg(not(unix))]
 pub use without::{NoClient as RunClient, runs};
 

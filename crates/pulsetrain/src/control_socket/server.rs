@@ -14,13 +14,13 @@ use super::{LONGEST_LINE, RunLine, SocketError};
 
 /// A run's socket. It goes away with this value.
 #[derive(Debug)]
-pub(super) struct Socket {
+pub(super) struct ControlSocket {
     path: PathBuf,
 }
 
-impl Socket {
+impl ControlSocket {
     /// Makes the socket, and listens at it in a thread of its own.
-    pub(super) fn listen(name: &str, hub: &Hub) -> Result<Socket, SocketError> {
+    pub(super) fn listen(name: &str, hub: &Hub) -> Result<ControlSocket, SocketError> {
         let folder = folder()?;
         // A socket has its final name when it listens already: a client takes one that refuses it for a dead run's.
         let (hidden, path) = (folder.join(format!(".{name}")), folder.join(format!("{name}.{ENDING}")));
@@ -30,7 +30,7 @@ impl Socket {
         let hub = hub.clone();
         let accepts = thread::Builder::new().name("control socket".into()).spawn(move || accept(&listener, &hub));
         match accepts {
-            Ok(_) => Ok(Socket { path }),
+            Ok(_) => Ok(ControlSocket { path }),
             Err(error) => {
                 drop(fs::remove_file(&path));
                 Err(access(error))
@@ -40,7 +40,7 @@ impl Socket {
 }
 
 /// The hub is over by then.
-impl Drop for Socket {
+impl Drop for ControlSocket {
     fn drop(&mut self) {
         // The listening thread wakes up by a connection, and ends.
         drop(UnixStream::connect(&self.path));

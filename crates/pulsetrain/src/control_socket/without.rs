@@ -7,12 +7,12 @@ use super::{RunInfo, RunLine, SocketError};
 
 /// No socket.
 #[derive(Debug)]
-pub(super) struct Socket;
+pub(super) struct NoSocket;
 
-impl Socket {
+impl NoSocket {
     /// Does nothing.
-    pub(super) fn listen(_: &str, _: &Hub) -> Result<Socket, SocketError> {
-        Ok(Socket)
+    pub(super) fn listen(_: &str, _: &Hub) -> Result<NoSocket, SocketError> {
+        Ok(NoSocket)
     }
 }
 

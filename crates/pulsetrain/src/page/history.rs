@@ -21,13 +21,13 @@ const STATUSES_PER_LINE: usize = 600;
 /// What was told in the last ten minutes.
 #[derive(Debug, Default)]
 pub(super) struct History {
-    statuses: VecDeque<Kept>,
+    statuses: VecDeque<KeptStatus>,
     /// Events as they were told, and when.
     events: VecDeque<serde_json::Value>,
 }
 
 #[derive(Debug)]
-struct Kept {
+struct KeptStatus {
     at_s: f64,
     lease_s: Option<f32>,
     motors: Box<[KeptMotor]>,
@@ -84,8 +84,8 @@ impl History {
         };
         let motors = status.motors.iter().map(motor).collect();
         let lease_s = status.lease_s.map(|lease_s| lease_s as f32);
-        self.statuses.push_back(Kept { at_s: status.at_s, lease_s, motors });
-        let is_old = |kept: &Kept| kept.at_s < status.at_s - KEPT_S;
+        self.statuses.push_back(KeptStatus { at_s: status.at_s, lease_s, motors });
+        let is_old = |kept: &KeptStatus| kept.at_s < status.at_s - KEPT_S;
         while self.statuses.len() > MOST_STATUSES || self.statuses.front().is_some_and(is_old) {
             self.statuses.pop_front();
         }

@@ -30,13 +30,13 @@ pub(super) struct Admitted {
 
 /// A request that is refused: the status of HTTP, and why, for people.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(super) struct Refused {
+pub(super) struct RefusedRequest {
     pub(super) status: u16,
     pub(super) why: String,
 }
 
-fn refuse<T>(status: u16, why: impl Into<String>) -> Result<T, Refused> {
-    Err(Refused { status, why: why.into() })
+fn refuse<T>(status: u16, why: impl Into<String>) -> Result<T, RefusedRequest> {
+    Err(RefusedRequest { status, why: why.into() })
 }
 
 /// How many of these bytes are the head of a request, if they hold all of it.
@@ -51,7 +51,7 @@ pub(super) fn cookie_name(address: SocketAddr) -> String {
 }
 
 /// Reads the head of a request that came to `address`, and says whether it may be answered.
-pub(super) fn admit(head: &[u8], address: SocketAddr, token: Option<&Token>) -> Result<Admitted, Refused> {
+pub(super) fn admit(head: &[u8], address: SocketAddr, token: Option<&Token>) -> Result<Admitted, RefusedRequest> {
     let mut headers = [httparse::EMPTY_HEADER; MOST_HEADERS];
     let mut request = httparse::Request::new(&mut headers);
     match request.parse(head) {
@@ -132,7 +132,7 @@ impl<'h> Head<'h> {
     }
 
     /// The value of a header that comes once at most.
-    fn only(&self, name: &str) -> Result<Option<&'h str>, Refused> {
+    fn only(&self, name: &str) -> Result<Option<&'h str>, RefusedRequest> {
         let mut all = self.all(name);
         match (all.next(), all.next()) {
             (value, None) => Ok(value),
@@ -169,6 +169,33 @@ fn is_origin(origin: &str, host: &str) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    proptest::proptest! {
+        /// Whatever comes, there is an answer, and only those get in who name this address.
+        #[test]
+        fn any_bytes_have_an_answer(parts in proptest::collection::vec(0..PARTS.len(), 0..12), noise: Vec<u8>) {
+            let mut head: Vec<u8> = parts.iter().flat_map(|part| PARTS[*part].bytes()).collect();
+            head.extend(noise);
+            let names = |text: &str| head.to_ascii_lowercase().windows(text.len()).any(|part| part == text.as_bytes());
+            if admit(&head, address(), None).is_ok() {
+                assert!(names("host: 127.0.0.1:8016") || names("host:127.0.0.1:8016"));
+            }
+            assert!(head_len(&head).is_none_or(|len| len <= head.len()));
+        }
+    }
+
+    const PARTS: [&str; 10] = [
+        "GET / HTTP/1.1\r\n",
+        "GET /socket HTTP/1.1\r\n",
+        "POST / HTTP/1.1\r\n",
+        "Host: 127.0.0.1:8016\r\n",
+        "Host: evil.example\r\n",
+        "Origin: http://127.0.0.1:8016\r\n",
+        "Origin: null\r\n",
+        "Connection: upgrade\r\nUpgrade: websocket\r\n",
+        "\r\n",
+        "Cookie: =;=\r\n",
+    ];
 
     fn address() -> SocketAddr {
         "127.0.0.1:8016".parse().unwrap()

@@ -78,6 +78,41 @@ pub struct PageOptions {
     pub log: Option<PathBuf>,
 }
 
+/// Reads where a page is to be, as users write it: an address with or without a port, or a port alone.
+///
+/// ```
+/// use pulsetrain::page;
+/// let check = |text: &str, expected: &str| assert_eq!(page::address(text).unwrap().to_string(), expected);
+/// check("8017", "127.0.0.1:8017");
+/// check("192.168.0.7", "192.168.0.7:8016");
+/// check("0.0.0.0:80", "0.0.0.0:80");
+/// check("::1", "[::1]:8016");
+/// check("[::1]:80", "[::1]:80");
+/// check("localhost", "127.0.0.1:8016");
+/// let error = page::address("my-computer").unwrap_err();
+/// assert_eq!(error.to_string(), "my-computer is no address of the form 192.168.0.7:8016");
+/// ```
+///
+/// # Errors
+/// If it is none of these.
+pub fn address(text: &str) -> Result<SocketAddr, PageError> {
+    let text = text.trim();
+    let numbers = match text.strip_prefix("localhost") {
+        Some(port) if port.is_empty() || port.starts_with(':') => format!("{}{port}", Ipv4Addr::LOCALHOST),
+        _ => text.to_owned(),
+    };
+    let ip = numbers.trim_start_matches('[').trim_end_matches(']');
+    if let Ok(address) = numbers.parse() {
+        Ok(address)
+    } else if let Ok(ip) = ip.parse() {
+        Ok(SocketAddr::new(ip, USUAL_PORT))
+    } else if let Ok(port) = text.parse() {
+        Ok(SocketAddr::new(USUAL_ADDRESS.ip(), port))
+    } else {
+        Err(PageError::NoAddress { text: text.to_owned() })
+    }
+}
+
 /// Opens the listener of a page. Elsewhere than at a loopback address there is a token with it.
 ///
 /// # Errors
@@ -107,6 +142,13 @@ pub fn serve(hub: &Hub, listener: TcpListener, options: PageOptions) -> Result<P
 /// Why there is no page.
 #[derive(Debug, thiserror::Error, Diagnostic)]
 pub enum PageError {
+    /// The user's text is no address.
+    #[error("{text} is no address of the form 192.168.0.7:{USUAL_PORT}")]
+    #[diagnostic(help("write an address of this computer in numbers, 0.0.0.0 for all of them, or a port alone"))]
+    NoAddress {
+        /// The text.
+        text: String,
+    },
     /// Another program has the port.
     #[error("another program listens at {address} already")]
     #[diagnostic(help("name another port, such as {}:{}; port 0 takes a free one", .address.ip(), .address.port().wrapping_add(1)))]

@@ -15,7 +15,7 @@ use tungstenite::protocol::{Role, WebSocketConfig};
 use tungstenite::{Message, WebSocket};
 
 use super::history::History;
-use super::http::{self, Admitted, LONGEST_HEAD, Refused, Wanted};
+use super::http::{self, Admitted, LONGEST_HEAD, RefusedRequest, Wanted};
 use super::{PageError, PageOptions};
 use crate::control_socket::{ClientKind, Hub, HubLines, HubSender, Next};
 
@@ -56,11 +56,11 @@ const FILES: [(&str, &str, &str); 7] = [
 #[derive(Debug)]
 pub struct Page {
     address: SocketAddr,
-    shared: Arc<Shared>,
+    shared: Arc<PageState>,
 }
 
 #[derive(Debug)]
-struct Shared {
+struct PageState {
     hub: Hub,
     history: Arc<Mutex<History>>,
     options: PageOptions,
@@ -78,7 +78,7 @@ impl Page {
         let thread = |error: io::Error| PageError::Thread { error };
         let history = History::keep(hub).map_err(thread)?;
         let (connections, is_over) = (AtomicUsize::new(0), AtomicBool::new(false));
-        let shared = Arc::new(Shared { hub: hub.clone(), history, options, connections, is_over });
+        let shared = Arc::new(PageState { hub: hub.clone(), history, options, connections, is_over });
         let accepting = Arc::clone(&shared);
         thread::Builder::new().name("page".into()).spawn(move || accept(&listener, &accepting)).map_err(thread)?;
         Ok(Page { address, shared })
@@ -124,7 +124,7 @@ fn own_address(listening: SocketAddr) -> IpAddr {
     found.map_or(Ipv4Addr::LOCALHOST.into(), |address| address.ip())
 }
 
-fn accept(listener: &TcpListener, shared: &Arc<Shared>) {
+fn accept(listener: &TcpListener, shared: &Arc<PageState>) {
     loop {
         let stream = listener.accept();
         if shared.is_over.load(Ordering::SeqCst) {
@@ -139,14 +139,14 @@ fn accept(listener: &TcpListener, shared: &Arc<Shared>) {
 }
 
 /// Answers a connection in a thread of its own, if there are not too many.
-fn begin(mut stream: TcpStream, shared: &Arc<Shared>) {
-    let place = Place::take(shared);
+fn begin(mut stream: TcpStream, shared: &Arc<PageState>) {
+    let slot = Slot::take(shared);
     // A connection whose limits cannot be set is not served.
     let limits = stream.set_write_timeout(Some(WRITE_PATIENCE)).and_then(|()| stream.set_nodelay(true));
     if limits.is_err() {
         return;
     }
-    let Some(place) = place else {
+    let Some(slot) = slot else {
         // An empty connection takes this at once.
         let busy = "HTTP/1.1 503 Service Unavailable\r\nContent-Length: 0\r\nConnection: close\r\n\r\n";
         drop(stream.write_all(busy.as_bytes()));
@@ -154,31 +154,31 @@ fn begin(mut stream: TcpStream, shared: &Arc<Shared>) {
     };
     let answers = thread::Builder::new().name("page connection".into());
     // Without a thread the connection is closed.
-    drop(answers.spawn(move || drop(answer(stream, &place))));
+    drop(answers.spawn(move || drop(answer(stream, &slot))));
 }
 
-/// A connection's place among those at a time.
-struct Place(Arc<Shared>);
+/// A connection's slot among those at a time.
+struct Slot(Arc<PageState>);
 
-impl Place {
-    fn take(shared: &Arc<Shared>) -> Option<Place> {
+impl Slot {
+    fn take(shared: &Arc<PageState>) -> Option<Slot> {
         if shared.connections.fetch_add(1, Ordering::SeqCst) < MOST_CONNECTIONS {
-            return Some(Place(Arc::clone(shared)));
+            return Some(Slot(Arc::clone(shared)));
         }
         shared.connections.fetch_sub(1, Ordering::SeqCst);
         None
     }
 }
 
-impl Drop for Place {
+impl Drop for Slot {
     fn drop(&mut self) {
         self.0.connections.fetch_sub(1, Ordering::SeqCst);
     }
 }
 
 /// Reads a request, and answers it. Each connection has one.
-fn answer(mut stream: TcpStream, place: &Place) -> io::Result<()> {
-    let Place(shared) = place;
+fn answer(mut stream: TcpStream, slot: &Slot) -> io::Result<()> {
+    let Slot(shared) = slot;
     // The address that the browser has reached, also where this listens at several.
     let address = stream.local_addr()?;
     let deadline = Instant::now() + HEAD_PATIENCE;
@@ -187,7 +187,7 @@ fn answer(mut stream: TcpStream, place: &Place) -> io::Result<()> {
         if let Some(len) = http::head_len(&bytes) {
             break len;
         }
-        let refused = |status: u16, why: &str| Refused { status, why: why.to_owned() };
+        let refused = |status: u16, why: &str| RefusedRequest { status, why: why.to_owned() };
         if bytes.len() >= LONGEST_HEAD {
             let why = format!("a request has {LONGEST_HEAD} bytes at most");
             return refuse(stream, &refused(431, &why));
@@ -226,7 +226,7 @@ fn is_timeout(error: &io::Error) -> bool {
 }
 
 /// Sends a file of the page, the motion file or the log.
-fn file(mut stream: TcpStream, path: &str, cookie: &str, head_only: bool, shared: &Shared) -> io::Result<()> {
+fn file(mut stream: TcpStream, path: &str, cookie: &str, head_only: bool, shared: &PageState) -> io::Result<()> {
     let mut send = |kind: &str, more: &str, body: &mut dyn Read, len: u64| -> io::Result<()> {
         let head =
             format!("HTTP/1.1 200 OK\r\nContent-Type: {kind}\r\nContent-Length: {len}\r\n{more}{cookie}{HEADERS}\r\n");
@@ -249,12 +249,12 @@ fn file(mut stream: TcpStream, path: &str, cookie: &str, head_only: bool, shared
         let len = log.metadata()?.len();
         send("application/jsonl; charset=utf-8", &saved("log.jsonl"), &mut log, len)?;
     } else {
-        return refuse(stream, &Refused { status: 404, why: "there is no such file".to_owned() });
+        return refuse(stream, &RefusedRequest { status: 404, why: "there is no such file".to_owned() });
     }
     linger(stream)
 }
 
-fn refuse(mut stream: TcpStream, Refused { status, why }: &Refused) -> io::Result<()> {
+fn refuse(mut stream: TcpStream, RefusedRequest { status, why }: &RefusedRequest) -> io::Result<()> {
     let name = match status {
         400 => "Bad Request",
         401 => "Unauthorized",
@@ -297,10 +297,10 @@ fn linger(mut stream: TcpStream) -> io::Result<()> {
 }
 
 /// Makes the connection a WebSocket, and passes lines between it and the hub.
-fn talk(mut stream: TcpStream, key: &str, early: Vec<u8>, shared: &Shared) -> io::Result<()> {
+fn talk(mut stream: TcpStream, key: &str, early: Vec<u8>, shared: &PageState) -> io::Result<()> {
     let client = match shared.hub.join(ClientKind::Page) {
         Ok(client) => client,
-        Err(error) => return refuse(stream, &Refused { status: 503, why: error.to_string() }),
+        Err(error) => return refuse(stream, &RefusedRequest { status: 503, why: error.to_string() }),
     };
     let accept = derive_accept_key(key.as_bytes());
     let switch = format!(

@@ -90,6 +90,7 @@ function meet(info) {
   $("file").title = info.file;
   $("board").textContent = info.port ? `${info.board} at ${info.port}` : info.name.startsWith("native") ? `${info.board}, native` : `virtual ${info.board}`;
   document.body.classList.toggle("live", info.is_live);
+  $("text").readOnly = !info.is_live;
   // A new connection brings its own history.
   if (isNew || !state.linked) {
     history_.clear(info.motors.length);
@@ -482,6 +483,7 @@ async function loadText() {
     // The line says so, too.
     return;
   }
+  $("editor-card").hidden = !state.fileText && !state.info.is_live;
   if (state.isDirty) return;
   $("text").value = state.fileText;
   showLines();
