@@ -1,7 +1,7 @@
 //! The checks that must pass before a change lands.
 
 use crate::command::{self, Done, Failure, cargo, command};
-use crate::{accept, boards, cross_check, firmware, fuzz, test};
+use crate::{accept, boards, cross_check, firmware, fuzz, page, test};
 use std::path::PathBuf;
 use std::time::Instant;
 use std::{env, fs};
@@ -17,7 +17,7 @@ const ACCEPT_SEED: u64 = 7;
 type Stage = (&'static str, fn() -> Done);
 
 /// The cheapest stage comes first, so that a failure comes early.
-const STAGES: [Stage; 11] = [
+const STAGES: [Stage; 12] = [
     ("format", format),
     ("lints", || command::run(&mut cargo("clippy --workspace --all-targets -- -D warnings"))),
     ("documentation", documentation),
@@ -26,6 +26,7 @@ const STAGES: [Stage; 11] = [
     // The committed images, which virtual boards run in the tests too, must be those of the sources.
     ("images", || firmware::check_uno().and_then(|()| firmware::pico::check())),
     ("tests", || test::run(test::Tier::Gate)),
+    ("page in Chromium", || page::test(false)),
     ("cross-check", cross_check::run),
     ("first command of the README", || command::run(&mut cargo("run --release -- run examples/tutorial.toml"))),
     ("accepted motions run", || accept::run(&accept::Options::random(ACCEPT_COUNT, ACCEPT_SEED))),

@@ -8,6 +8,7 @@
 //! - [`pictures`]: what documents show
 //! - [`arduino`]: what Debian has for the Uno, and tests use: bootloaders, compiler, avrdude
 //! - [`python`]: the tests of the client in Python, and of films
+//! - [`page`]: the page of a run, in Chromium
 //! - [`ruckig`]: S-curve durations against an independent library
 //! - [`cross_check`]: the AVR emulator against simavr and avr8js
 //! - [`firmware`](mod@firmware): the boards' firmware: built, measured, committed as images
@@ -29,6 +30,7 @@ mod firmware;
 mod fuzz;
 mod golden;
 mod map;
+mod page;
 mod pictures;
 mod python;
 mod random;
@@ -122,6 +124,12 @@ enum Task {
         #[arg(long, requires = "only", conflicts_with_all = ["hour", "rates"], value_name = "SEEDS", num_args = 0..=1, default_missing_value = "4")]
         motions: Option<u64>,
     },
+    /// Test the page of a run in Debian's Chromium
+    Page {
+        /// Leave screenshots: desktop and phone, dark and light
+        #[arg(long)]
+        pictures: bool,
+    },
     /// Draw the crates, into ARCHITECTURE.md, and print the modules of each crate and what they import, as Mermaid text
     Map,
     /// Write the golden files anew; read the difference before you commit it
@@ -188,6 +196,7 @@ fn main() -> ExitCode {
         Task::Bench { only: Some(Figures::Film), .. } => bench::film::run(),
         Task::Bench { only: Some(Figures::Pico), hour: false, .. } => bench::pico::run(),
         Task::Bench { only: Some(Figures::Pico), hour: true, .. } => bench::pico::hour(),
+        Task::Page { pictures } => page::test(pictures),
         Task::Map => map::run(&command::root()),
         Task::Golden => golden::run(),
         Task::Pictures => pictures::run(),

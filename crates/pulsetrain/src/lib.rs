@@ -51,8 +51,9 @@
 //! - [`console`]: where a command prints, its progress, its exit code; [`diagnostic`]: errors with their advice; `interrupt`: Ctrl-C
 //! - [`load`]: motion files from the disk; [`consent`]: whether a long motion is meant
 //! - [`record`]: a run's files, verdict and picture, while it goes on; [`report`]: the same as JSON and tables; [`schema`]: JSON Schemas of what is printed
-//! - [`control_socket`]: a run's socket for `stop`, `status` and other programs; [`standing`]: where motors are, and the way back
 //! - [`osc`]: Open Sound Control for a live motion
+//! - [`control_socket`]: a run's hub of clients, and its socket for `stop`, `status` and other programs; [`standing`]: where motors are, and the way back
+//! - [`page`]: a page in the browser for a motion that runs
 //! - [`serve`]: virtual boards in real time, for any serial client
 //! - [`winch`]: StepperWinch's text protocol: scripts, and a console
 //!
@@ -75,6 +76,7 @@ mod last_positions;
 pub mod live;
 pub mod load;
 pub mod osc;
+pub mod page;
 pub mod record;
 pub mod report;
 pub mod schema;

@@ -13,6 +13,7 @@ mod json;
 mod link;
 mod machines;
 mod mutants;
+mod page;
 mod plots;
 mod readme;
 mod recordings;
