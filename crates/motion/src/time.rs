@@ -54,6 +54,12 @@ impl Time {
         self.0
     }
 
+    /// The time 2^-64 s before it: the last one that an interval has which ends here.
+    #[must_use]
+    pub(crate) fn before(self) -> Time {
+        self - Time(1)
+    }
+
     /// From units of 2^-64 s.
     #[must_use]
     pub const fn from_raw(raw: i128) -> Time {

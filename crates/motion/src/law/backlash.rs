@@ -156,8 +156,8 @@ impl Backlash {
         self.law().class().max(Class::Enclosed)
     }
 
-    pub(super) fn pieces(&self) -> impl Iterator<Item = Result<Piece, LawError>> + use<> {
-        combine::sum(&self.sum)
+    pub(super) fn pieces_from(&self, at: Time) -> impl Iterator<Item = Result<Piece, LawError>> + use<> {
+        combine::sum_from(&self.sum, at)
     }
 }
 

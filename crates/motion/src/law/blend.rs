@@ -511,12 +511,12 @@ impl Blended {
         self.law.class().max(least)
     }
 
-    pub(super) fn pieces(&self) -> impl Iterator<Item = Result<Piece, LawError>> + use<> {
+    pub(super) fn pieces_from(&self, at: Time) -> impl Iterator<Item = Result<Piece, LawError>> + use<> {
         let from = self.head.as_ref().map_or(Time::ZERO, |head| head.end);
         let to = self.tail.as_ref().map_or(Time::MAX, |tail| tail.start);
         let shift = Double::from(self.shift);
         // An endless law is stopped by its tail.
-        let middle = self.law.pieces().take_while(move |piece| !piece.as_ref().is_ok_and(|p| p.start >= to));
+        let middle = self.law.pieces_from(at).take_while(move |piece| !piece.as_ref().is_ok_and(|p| p.start >= to));
         let middle = middle.filter_map(move |piece| match piece {
             Ok(mut piece) => {
                 piece.start = piece.start.max(from);
@@ -525,11 +525,11 @@ impl Blended {
             }
             Err(error) => Some(Err(error)),
         });
-        let mut jump = self.jump;
+        let jump = self.jump;
         let pieces = self.head.clone().into_iter().map(Ok).chain(middle).chain(self.tail.clone().into_iter().map(Ok));
         pieces.map(move |piece| {
             let mut piece = piece?;
-            if std::mem::take(&mut jump) {
+            if jump && piece.start == Time::ZERO {
                 piece.entry = Entry::SpeedJump;
             }
             Ok(piece)

@@ -1,6 +1,6 @@
 //! Circles, one coordinate each, and the periods that a phase accumulator can make.
 
-use super::{Curve, Entry, FARTHEST, Law, LawError, Piece, checked};
+use super::{Curve, Entry, FARTHEST, Law, LawError, Piece, checked, halves_over};
 use crate::Time;
 
 /// One coordinate of a circle: θ = radius·cos(2πt/T), or radius·sin(2πt/T).
@@ -80,13 +80,14 @@ impl Circle {
     }
 
     /// Pieces from turning point to turning point: half periods, and a quarter at the beginning and at the end of a sine.
-    pub(super) fn pieces(self) -> impl Iterator<Item = Result<Piece, LawError>> {
+    pub(super) fn pieces_from(self, at: Time) -> impl Iterator<Item = Result<Piece, LawError>> {
         let end = self.end().unwrap_or(Time::MAX);
         let half = self.period.divided_by(2);
         let before = if self.sine { self.period.divided_by(4) } else { Time::ZERO };
         // k·T/2 = (k/2)·T + (k mod 2)·T/2: exact for even k, within 2^-64 s for odd k.
         let turn = move |k: u64| self.period.times(k / 2) + if k % 2 == 1 { half } else { Time::ZERO } - before;
-        (0..).map(move |k| (k, turn(k).max(Time::ZERO))).take_while(move |&(_, start)| start < end).map(
+        let first = halves_over(self.period, at.min(end.before()) + before);
+        (first..).map(move |k| (k, turn(k).max(Time::ZERO))).take_while(move |&(_, start)| start < end).map(
             move |(k, start)| {
                 // A sine begins a quarter period after its lowest point.
                 let high = k.is_multiple_of(2) != self.sine;

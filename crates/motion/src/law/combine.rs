@@ -114,9 +114,9 @@ fn some(laws: Vec<Law>) -> Result<Vec<Law>, LawError> {
 }
 
 impl Changed {
-    pub(super) fn pieces(self: Arc<Changed>) -> impl Iterator<Item = Result<Piece, LawError>> {
-        let mut waiting = self.delay > Time::ZERO;
-        let mut inner = self.law.pieces().peekable();
+    pub(super) fn pieces_from(self: Arc<Changed>, at: Time) -> impl Iterator<Item = Result<Piece, LawError>> {
+        let mut waiting = at < self.delay;
+        let mut inner = self.law.pieces_from(at - self.delay).peekable();
         std::iter::from_fn(move || {
             if std::mem::take(&mut waiting) {
                 let first = match inner.peek()? {
@@ -156,49 +156,64 @@ impl Changed {
 }
 
 impl Repeated {
-    pub(super) fn pieces(self: Arc<Repeated>) -> impl Iterator<Item = Result<Piece, LawError>> {
+    pub(super) fn pieces_from(self: Arc<Repeated>, at: Time) -> impl Iterator<Item = Result<Piece, LawError>> {
         let period = self.period;
-        (0..self.times.unwrap_or(u64::MAX))
-            .map(move |k| (k, period.times(k)))
-            .take_while(|&(_, by)| by < Time::MAX)
-            .flat_map(move |(k, by)| {
+        let times = self.times.unwrap_or(u64::MAX);
+        let first = u64::try_from(at.raw() / period.raw()).unwrap_or(u64::MAX).min(times - 1);
+        (first..times).map(move |k| (k, period.times(k))).take_while(|&(_, by)| by < Time::MAX).flat_map(
+            move |(k, by)| {
                 let net = self.net
                     * (Double::from((k >> 32) as f64 * 4_294_967_296.0) + Double::from((k & 0xffff_ffff) as f64));
-                self.law.pieces().map(move |piece| {
+                // Only the first repetition is not begun at its own time 0.
+                self.law.pieces_from(at - by).map(move |piece| {
                     let mut piece = piece.map_err(|error| error.later(by))?;
                     piece.postpone(by);
                     piece.raise(net)?;
                     Ok(piece)
                 })
-            })
+            },
+        )
     }
 }
 
-/// The pieces of `laws` one after the other.
-pub(super) fn then(laws: Arc<[Law]>) -> impl Iterator<Item = Result<Piece, LawError>> {
-    let mut next = 0;
-    let mut current: Option<(Pieces, Time)> = None;
+/// The pieces of `laws` one after the other, from about the time `at` on.
+pub(super) fn then_from(laws: Arc<[Law]>, at: Time) -> impl Iterator<Item = Result<Piece, LawError>> {
+    let mut laws = (0..laws.len()).map(move |k| laws[k].clone()).peekable();
+    let mut current: Option<Pieces> = None;
+    // Where the current law begins.
+    let mut begins = Time::ZERO;
     let mut start = Time::ZERO;
     let mut position: Option<Double> = None;
     // The offset of the current law, which is known from its first piece.
     let mut offset: Option<Double> = None;
     std::iter::from_fn(move || {
         loop {
-            let Some((pieces, by)) = current.as_mut() else {
-                current = Some((laws.get(next)?.pieces(), start));
-                next += 1;
-                offset = None;
+            let Some(pieces) = current.as_mut() else {
+                let law = laws.next()?;
+                (begins, offset) = (start, None);
+                let is_over = laws.peek().is_some() && law.end().is_some_and(|end| begins + end <= at);
+                // Of a law before that time only the first and the last piece count: where it begins and ends.
+                let from = if is_over { law.end().map_or(Time::ZERO, Time::before) } else { at - begins };
+                if from > Time::ZERO {
+                    match law.pieces().next() {
+                        Some(Ok(first)) => {
+                            offset = Some(position.map_or(Double::ZERO, |position| position - first.first_position()));
+                        }
+                        Some(Err(error)) => return Some(Err(error.later(begins))),
+                        None => continue,
+                    }
+                }
+                current = Some(law.pieces_from(from));
                 continue;
             };
-            let by = *by;
             let Some(piece) = pieces.next() else {
                 current = None;
                 continue;
             };
-            return Some(piece.map_err(|error| error.later(by)).and_then(|mut piece| {
+            return Some(piece.map_err(|error| error.later(begins)).and_then(|mut piece| {
                 let own = piece.first_position();
                 let offset = *offset.get_or_insert_with(|| position.map_or(Double::ZERO, |position| position - own));
-                piece.postpone(by);
+                piece.postpone(begins);
                 piece.raise(offset)?;
                 start = piece.end;
                 position = Some(piece.last_position());
@@ -206,6 +221,11 @@ pub(super) fn then(laws: Arc<[Law]>) -> impl Iterator<Item = Result<Piece, LawEr
             }));
         }
     })
+}
+
+/// When the last of `laws` ends; `None`: never.
+pub(super) fn latest_end(laws: &[Law]) -> Option<Time> {
+    laws.iter().map(Law::end).try_fold(Time::ZERO, |end, e| Some(end.max(e?)))
 }
 
 /// One law of several: its current piece, or its position after its end.
@@ -247,11 +267,26 @@ impl Summand {
     }
 }
 
-/// The pieces of a sum of laws. A piece ends wherever a piece of one law ends.
-pub(super) fn sum(laws: &[Law]) -> impl Iterator<Item = Result<Piece, LawError>> + use<> {
-    let mut terms: Vec<Summand> = laws.iter().map(|law| Summand::from(law, Time::ZERO)).collect();
+/// The pieces of a sum of laws, from the one on that has the time `from`. A piece ends wherever a piece of one law ends.
+pub(super) fn sum_from(laws: &[Law], from: Time) -> impl Iterator<Item = Result<Piece, LawError>> + use<> {
+    let from = latest_end(laws).map_or(from, |end| from.min(end.before()));
+    let mut terms: Vec<Summand> = laws.iter().map(|law| Summand::from(law, from)).collect();
     let mut at = Time::ZERO;
+    let mut begun = false;
     std::iter::from_fn(move || {
+        if !std::mem::replace(&mut begun, true) {
+            for term in &mut terms {
+                match term.pieces.next() {
+                    Some(Ok(piece)) => {
+                        // The sum's piece begins where the last of theirs does.
+                        at = at.max(if piece.end <= from { piece.end } else { piece.start });
+                        term.piece = Some(piece);
+                    }
+                    Some(Err(error)) => return Some(Err(error)),
+                    None => {}
+                }
+            }
+        }
         for term in &mut terms {
             if let Err(error) = term.advance(at) {
                 return Some(Err(error));

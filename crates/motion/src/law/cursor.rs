@@ -21,7 +21,8 @@ pub struct Sample {
 
 /// Reads a law at times that mostly increase. It has its own copy of the law.
 ///
-/// It needs constant memory. To go back over a few pieces costs nothing; to go further back it starts from the beginning again.
+/// It needs constant memory. To go back over a few pieces costs nothing. To go further, back or ahead, takes no longer for a greater distance,
+/// except for laws that depend on all that was before: see [`Law::pieces_from`].
 ///
 /// ```
 /// use pulsetrain_motion::{Law, Time, law::Cursor};
@@ -34,8 +35,11 @@ pub struct Sample {
 /// ```
 pub struct Cursor {
     law: Law,
-    pieces: Pieces,
+    /// The pieces after the recent ones; `None` before the first look.
+    pieces: Option<Pieces>,
     recent: VecDeque<Piece>,
+    /// Whether it may begin anywhere in the law without all the pieces before.
+    jumps: bool,
 }
 
 // A law may be followed on another thread than the one that made it.
@@ -51,19 +55,27 @@ impl Cursor {
     /// A cursor at the beginning of `law`.
     #[must_use]
     pub fn new(law: &Law) -> Cursor {
-        Cursor { law: law.clone(), pieces: law.pieces(), recent: VecDeque::with_capacity(KEPT) }
+        let jumps = !law.depends_on_its_past();
+        Cursor { law: law.clone(), pieces: None, recent: VecDeque::with_capacity(KEPT), jumps }
     }
 
     /// The law at `t`; before its beginning and past its end it is at rest.
     ///
     /// # Errors
-    /// The law's own errors, if it is undefined or jumps before `t`.
+    /// The law's own errors, if it is undefined or jumps at `t`, or in the pieces on the way there.
     pub fn at(&mut self, t: Time) -> Result<Sample, LawError> {
         if self.recent.front().is_some_and(|piece| t < piece.start && piece.start > Time::ZERO) {
-            *self = Cursor::new(&self.law);
+            self.forget();
         }
+        let mut walked = 0;
         while self.recent.back().is_none_or(|piece| piece.end < t) {
-            match self.pieces.next() {
+            if walked == KEPT && self.jumps {
+                self.forget();
+            }
+            walked += 1;
+            // Where two pieces meet, the first one counts. What walks anyway keeps the pieces before, for going back.
+            let from = if self.jumps { t.before() } else { Time::ZERO };
+            match self.pieces.get_or_insert_with(|| self.law.pieces_from(from)).next() {
                 Some(piece) => {
                     if self.recent.len() == KEPT {
                         self.recent.pop_front();
@@ -76,6 +88,12 @@ impl Cursor {
         let piece = self.recent.iter().rev().find(|piece| piece.start <= t).or(self.recent.front());
         let piece = piece.ok_or_else(|| LawError::Parameter("the motion is empty".into()))?;
         Ok(piece.sample(t))
+    }
+
+    /// Forgets where it is in the law.
+    fn forget(&mut self) {
+        self.recent.clear();
+        self.pieces = None;
     }
 }
 
@@ -97,6 +115,8 @@ impl Piece {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::law::{Ease, WORKED_OUT};
+    use crate::time::Rate;
 
     #[test]
     fn going_back_gives_the_same_as_going_forth() {
@@ -106,5 +126,41 @@ mod tests {
         let forth: Vec<Sample> = (0..300).map(&mut sample).collect();
         let back: Vec<Sample> = (0..300).rev().map(&mut sample).collect();
         assert!(forth.iter().eq(back.iter().rev()));
+    }
+
+    /// How many pieces are worked out, in all layers of the law together, for a look at `at`.
+    #[track_caller]
+    fn check(law: Result<Law, LawError>, most: usize) {
+        let at = Time::from_seconds(1e6 + 0.01);
+        let mut cursor = Cursor::new(&law.unwrap());
+        let mut worked_out = |t: Time| {
+            let before = WORKED_OUT.get();
+            cursor.at(t).unwrap();
+            WORKED_OUT.get() - before
+        };
+        // Of a new cursor, ahead from the beginning, and back.
+        let counts = [worked_out(at), worked_out(Time::ZERO), worked_out(at), worked_out(at - Time::from_seconds(5e5))];
+        assert!(counts.iter().all(|count| *count <= most), "{counts:?}");
+    }
+
+    #[test]
+    fn a_look_at_a_far_time_needs_few_pieces() {
+        let s = Time::from_seconds;
+        let sine = |cycles| Law::sine(200.0, s(0.1), cycles);
+        let short = || Law::trapezoid(100.0, 400.0, 4000.0, 4000.0).unwrap();
+        check(sine(None), KEPT + 2);
+        check(sine(Some(100_000_000)), KEPT + 2);
+        check(Law::circle(200.0, s(0.1), None, 1), KEPT + 2);
+        check(Law::speed(1e7, None), KEPT + 2);
+        check(short().repeated(None), 2 * KEPT + 4);
+        check(sine(None).unwrap().delayed(s(3.0)), 2 * KEPT + 4);
+        check(Law::then(vec![short(), Law::rest(s(9e5)).unwrap(), sine(None).unwrap()]), 40);
+        check(Law::sum(vec![sine(None).unwrap(), Law::circle(5.0, s(0.3), None, 0).unwrap()]), 40);
+        check(sine(None).unwrap().stopped(s(1.2e6), 1e5, 0.0), 40);
+        let slower = Ease { before: Rate::ONE, after: s(7.0), over: s(0.5), to: Rate::of(0.7).unwrap() };
+        check(sine(None).unwrap().retimed(s(1e6), slower), 40);
+        check(sine(None).unwrap().retimed(s(0.0), slower).unwrap().retimed(s(3e6), slower), 60);
+        // Windows of 8 s: those in 64 s.
+        check(Ok(Law::formula("30*sin(7*t)", &[], 200.0, None).unwrap()), KEPT + 10);
     }
 }

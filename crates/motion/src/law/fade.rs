@@ -85,6 +85,8 @@ impl Faded {
 
     pub(super) fn pieces_from(self: Arc<Faded>, at: Time) -> impl Iterator<Item = Result<Piece, LawError>> {
         let (from, until) = (self.from, self.until());
+        // After its end there is the last piece alone.
+        let at = self.end().map_or(at, |end| at.min(end.before()));
         let cut = move |mut piece: Piece, start: Time, end: Time| {
             if piece.start < start {
                 (piece.start, piece.entry) = (start, Entry::Continuous);

@@ -127,16 +127,19 @@ impl Piece {
         self.end = self.end + by;
     }
 
-    /// The range of the numbers of its [parts](Piece::part).
-    fn parts(&self) -> RangeInclusive<i128> {
-        let part = Time::from_seconds(LONGEST_PART_S);
+    /// The number of the [part](Piece::part) that has the time `at`.
+    fn part_at(&self, at: Time) -> i128 {
         // Part 0 is twice as long, on both sides of the zero.
-        let number = |at: Time| match (at - self.zero).raw().div_euclid(part.raw()) {
+        match (at - self.zero).raw().div_euclid(Time::from_seconds(LONGEST_PART_S).raw()) {
             k @ ..=-2 => k + 1,
             k => k.max(0),
-        };
+        }
+    }
+
+    /// The range of the numbers of its [parts](Piece::part).
+    fn parts(&self) -> RangeInclusive<i128> {
         match &self.curve {
-            Curve::Polynomial(c) if c.len() > 1 => number(self.start)..=number(self.end - Time::from_raw(1)),
+            Curve::Polynomial(c) if c.len() > 1 => self.part_at(self.start)..=self.part_at(self.end.before()),
             _ => 0..=0,
         }
     }
@@ -163,10 +166,11 @@ impl Piece {
         Ok(cut)
     }
 
-    /// All its parts.
-    fn cut(self) -> impl Iterator<Item = Result<Piece, LawError>> {
+    /// Its parts from the one on that has the time `at`: all if that is before it, the last if it is after it.
+    fn cut(self, at: Time) -> impl Iterator<Item = Result<Piece, LawError>> {
         let parts = self.parts();
-        parts.clone().map(move |k| self.part(k, &parts))
+        let first = self.part_at(at).clamp(*parts.start(), *parts.end());
+        (first..=*parts.end()).map(move |k| self.part(k, &parts))
     }
 
     /// A piece of rest at `position`.
@@ -372,33 +376,63 @@ impl Law {
     /// The pieces from t = 0 s on.
     #[must_use]
     pub fn pieces(&self) -> Pieces {
-        match self.clone() {
-            Law::Sine(sine) => Box::new((0..sine.half_periods()).map(move |k| Ok(sine.half_period(k)))),
-            Law::Steady(steady) => Box::new(steady.pieces()),
-            Law::Fixed(fixed) => Box::new(fixed.pieces()),
-            Law::Table(table) => Box::new(table.pieces()),
-            Law::Circle(circle) => Box::new(circle.pieces()),
-            Law::Lorenz(lorenz) => Box::new(lorenz.pieces()),
-            Law::Formula(formula) => Box::new(formula.pieces()),
-            Law::Winch(winch) => Box::new(winch.pieces()),
-            Law::Sum(laws) => Box::new(combine::sum(&laws)),
-            Law::Then(laws) => Box::new(combine::then(laws)),
-            Law::Changed(changed) => Box::new(changed.pieces()),
-            Law::Repeated(repeated) => Box::new(repeated.pieces()),
-            Law::Blended(blended) => Box::new(blended.pieces()),
-            Law::Warped(warped) => Box::new(warped.pieces()),
-            Law::Faded(faded) => Box::new(faded.pieces_from(Time::ZERO)),
-            Law::Backlash(backlash) => Box::new(backlash.pieces()),
-            Law::Compensation(slack) => Box::new(slack.pieces()),
-        }
+        self.pieces_from(Time::ZERO)
     }
 
-    /// The pieces from the one on that goes on at `at`.
+    /// The pieces of [`pieces`](Law::pieces) from the one on in which `at` is: from `start` up to, not including, `end`. After the law's end,
+    /// only the last one.
+    ///
+    /// The pieces before it are not worked out, except for an orbit, a winch's path and backlash, which depend on all that was before. So a
+    /// law that breaks before `at` may not tell.
+    ///
+    /// ```
+    /// use pulsetrain_motion::{Law, Time};
+    /// let law = Law::sine(100.0, Time::SECOND, None)?;
+    /// let piece = law.pieces_from(Time::from_seconds(1e6 + 0.7)).next().unwrap()?;
+    /// assert_eq!(piece.start, Time::from_seconds(1e6 + 0.5));
+    /// # Ok::<(), pulsetrain_motion::LawError>(())
+    /// ```
     #[must_use]
     pub fn pieces_from(&self, at: Time) -> Pieces {
-        match self.clone() {
+        let at = at.max(Time::ZERO);
+        // Each begins at the piece that has `at`, or somewhat before it.
+        let pieces: Pieces = match self.clone() {
+            Law::Sine(sine) => {
+                Box::new((sine.half_period_at(at)..sine.half_periods()).map(move |k| Ok(sine.half_period(k))))
+            }
+            Law::Steady(steady) => Box::new(steady.pieces_from(at)),
+            Law::Fixed(fixed) => Box::new(fixed.pieces_from(at)),
+            Law::Table(table) => Box::new(table.pieces_from(at)),
+            Law::Circle(circle) => Box::new(circle.pieces_from(at)),
+            Law::Lorenz(lorenz) => Box::new(lorenz.pieces()),
+            Law::Formula(formula) => Box::new(formula.pieces_from(at)),
+            Law::Winch(winch) => Box::new(winch.pieces()),
+            Law::Sum(laws) => Box::new(combine::sum_from(&laws, at)),
+            Law::Then(laws) => Box::new(combine::then_from(laws, at)),
+            Law::Changed(changed) => Box::new(changed.pieces_from(at)),
+            Law::Repeated(repeated) => Box::new(repeated.pieces_from(at)),
+            Law::Blended(blended) => Box::new(blended.pieces_from(at)),
+            Law::Warped(warped) => Box::new(warped.pieces_from(at)),
             Law::Faded(faded) => Box::new(faded.pieces_from(at)),
-            law => Box::new(law.pieces().skip_while(move |piece| piece.as_ref().is_ok_and(|piece| piece.end <= at))),
+            Law::Backlash(backlash) => Box::new(backlash.pieces_from(at)),
+            Law::Compensation(slack) => Box::new(slack.pieces()),
+        };
+        #[cfg(test)]
+        let pieces: Pieces = Box::new(pieces.inspect(|_| WORKED_OUT.set(WORKED_OUT.get() + 1)));
+        if at == Time::ZERO { pieces } else { Box::new(since(pieces, at)) }
+    }
+
+    /// Whether [`pieces_from`](Law::pieces_from) works out all pieces before its time.
+    fn depends_on_its_past(&self) -> bool {
+        match self {
+            Law::Lorenz(_) | Law::Winch(_) | Law::Backlash(_) | Law::Compensation(_) => true,
+            Law::Sum(laws) | Law::Then(laws) => laws.iter().any(Law::depends_on_its_past),
+            Law::Changed(changed) => changed.law.depends_on_its_past(),
+            Law::Repeated(repeated) => repeated.law.depends_on_its_past(),
+            Law::Blended(blended) => blended.law().depends_on_its_past(),
+            Law::Warped(warped) => warped.law().depends_on_its_past(),
+            Law::Faded(faded) => faded.laws().into_iter().any(Law::depends_on_its_past),
+            Law::Sine(_) | Law::Steady(_) | Law::Fixed(_) | Law::Table(_) | Law::Circle(_) | Law::Formula(_) => false,
         }
     }
 
@@ -414,7 +448,7 @@ impl Law {
             Law::Lorenz(lorenz) => lorenz.end(),
             Law::Formula(formula) => formula.duration(),
             Law::Winch(winch) => winch.duration(),
-            Law::Sum(laws) => laws.iter().map(Law::end).try_fold(Time::ZERO, |end, e| Some(end.max(e?))),
+            Law::Sum(laws) => combine::latest_end(laws),
             Law::Then(laws) => laws.iter().map(Law::end).try_fold(Time::ZERO, |end, e| Some(end + e?)),
             Law::Changed(changed) => changed.law.end().map(|end| end + changed.delay),
             Law::Repeated(repeated) => repeated.times.map(|n| repeated.period.times(n)),
@@ -503,16 +537,49 @@ fn meet(position: Double, piece: &Piece, tolerance: f64) -> Result<(), LawError>
     }
 }
 
+#[cfg(test)]
+std::thread_local! {
+    /// Pieces that were worked out, for tests of what is skipped.
+    static WORKED_OUT: std::cell::Cell<usize> = const { std::cell::Cell::new(0) };
+}
+
+/// `pieces` without those that end at or before `at`; the last one stays.
+fn since(mut pieces: Pieces, at: Time) -> impl Iterator<Item = Result<Piece, LawError>> + Send {
+    let mut arrived = false;
+    std::iter::from_fn(move || {
+        let mut last = None;
+        while !std::mem::replace(&mut arrived, true) {
+            match pieces.next() {
+                Some(Ok(piece)) if piece.end <= at => (last, arrived) = (Some(Ok(piece)), false),
+                next => return next.or(last),
+            }
+        }
+        pieces.next()
+    })
+}
+
 impl Fixed {
-    fn pieces(self) -> impl Iterator<Item = Result<Piece, LawError>> {
+    fn pieces_from(self, at: Time) -> impl Iterator<Item = Result<Piece, LawError>> {
         let pieces = self.pieces;
-        (0..pieces.len()).flat_map(move |index| pieces[index].clone().cut())
+        let first = pieces.partition_point(|piece| piece.end <= at).min(pieces.len() - 1);
+        (first..pieces.len()).flat_map(move |index| pieces[index].clone().cut(at))
     }
+}
+
+/// How many halves of `period` are over at `at`, or one less: the half of a period is rounded.
+fn halves_over(period: Time, at: Time) -> u64 {
+    let halves = 2 * (at.raw() / period.raw()) + (at.raw() % period.raw()) / period.divided_by(2).raw().max(1);
+    u64::try_from(halves - 1).unwrap_or(if halves > 0 { u64::MAX } else { 0 })
 }
 
 impl Sine {
     fn half_periods(&self) -> u64 {
         self.cycles.map_or(u64::MAX, |n| n.saturating_mul(2))
+    }
+
+    /// The half period at `at`, or the one before it.
+    fn half_period_at(&self, at: Time) -> u64 {
+        halves_over(self.period, at).min(self.half_periods() - 1)
     }
 
     /// Half period `k`, whose curve starts its own time at its own turning point.

@@ -58,12 +58,14 @@ impl Steady {
         Some((Time::ZERO, Time::from_raw(((steps << shift) + mantissa / 2) / mantissa)))
     }
 
-    pub(super) fn pieces(self) -> impl Iterator<Item = Result<Piece, LawError>> {
+    pub(super) fn pieces_from(self, at: Time) -> impl Iterator<Item = Result<Piece, LawError>> {
         let end = self.duration.unwrap_or(Time::MAX);
         // A power of two, so that every window starts at an exact time.
         let length = libm::exp2(libm::floor(libm::log2((WINDOW_STEPS / self.speed.abs()).clamp(1e-6, LONGEST_S))));
         let window = Time::from_seconds(length);
-        (0..).map(move |k| window.times(k)).take_while(move |&start| start < end).map(move |start| {
+        // A number of windows beyond u64 is a time beyond every end.
+        let first = u64::try_from(at.min(end.before()).raw() / window.raw()).unwrap_or(u64::MAX);
+        (first..).map(move |k| window.times(k)).take_while(move |&start| start < end).map(move |start| {
             let mut piece = Piece {
                 zero: start,
                 start,

@@ -245,12 +245,18 @@ impl TableLaw {
         self.smoothed.is_none() && self.recording.interpolation == Interpolation::Linear
     }
 
-    pub(super) fn pieces(self) -> impl Iterator<Item = Result<Piece, LawError>> {
+    pub(super) fn pieces_from(self, at: Time) -> impl Iterator<Item = Result<Piece, LawError>> {
         let begin = Time::from_seconds(self.knot(0).t);
         let rest = (begin > Time::ZERO).then(|| Piece::rest(Time::ZERO, begin, Double::from(self.knot(0).x)));
-        let pieces = (1..self.knots()).flat_map(move |k| self.between(k - 1));
-        rest.into_iter().chain(pieces).flat_map(|piece| match piece {
-            Ok(piece) => piece.cut().collect(),
+        // The first curve that ends after `at`, or the last one.
+        let (mut first, mut last) = (1, self.knots() - 1);
+        while first < last {
+            let middle = usize::midpoint(first, last);
+            if Time::from_seconds(self.knot(middle).t) <= at { first = middle + 1 } else { last = middle }
+        }
+        let pieces = (first..self.knots()).flat_map(move |k| self.between(k - 1));
+        rest.into_iter().filter(move |_| at < begin).chain(pieces).flat_map(move |piece| match piece {
+            Ok(piece) => piece.cut(at).collect(),
             Err(error) => vec![Err(error)],
         })
     }

@@ -180,6 +180,16 @@ impl Stretch {
         self.start + after
     }
 
+    /// A time of the law that is reached at `at`, a time of this stretch, or shortly before.
+    fn about(&self, at: Time) -> Time {
+        let since = at.min(self.end) - self.start;
+        match self.map {
+            Map::Steady(rate) => self.from + rate.of_law(since),
+            // Less by far more than the map is rounded.
+            Map::Eased(map) => self.from + Time::from_seconds(evaluate(&map, since.seconds()) * (1.0 - 1e-9) - 1e-9),
+        }
+    }
+
     /// A piece of the law's own time in this stretch, from `at` to `end`.
     fn warped(&self, own: &Piece, at: Time, end: Time) -> Piece {
         let mut warped = own.clone();
@@ -265,13 +275,24 @@ impl Warped {
         self.law.class().max(Class::Enclosed)
     }
 
-    pub(super) fn pieces(&self) -> impl Iterator<Item = Result<Piece, LawError>> + use<> {
+    pub(super) fn pieces_from(&self, from: Time) -> impl Iterator<Item = Result<Piece, LawError>> + use<> {
         let mut stretches: VecDeque<Stretch> = self.stretches().into();
-        let mut inner = self.law.pieces();
+        let there = stretches.iter().find(|stretch| from < stretch.end).or(stretches.back());
+        let mut inner = self.law.pieces_from(there.map_or(self.from, |stretch| stretch.about(from))).peekable();
+        // Where the law's first piece that is needed begins.
+        let mut at = Time::ZERO;
+        if let Some(Ok(first)) = inner.peek() {
+            while stretches.len() > 1 && stretches[0].to < first.start {
+                stretches.pop_front();
+            }
+            let begins = |stretch: &Stretch| {
+                if first.start > stretch.from { stretch.when(first.start) } else { stretch.start }
+            };
+            at = stretches.front().map_or(at, begins);
+        }
         let eased = self.ease.end();
         // The law's piece at hand, and how far the warped law is.
         let mut piece: Option<Piece> = None;
-        let mut at = Time::ZERO;
         let mut entered = false;
         std::iter::from_fn(move || {
             loop {

@@ -106,7 +106,7 @@ impl Law {
         let at = |k: f64| first + Time::from_seconds(left_s * (k / f64::from(PLACES)).powi(2));
         for k in (0..PLACES).map(f64::from) {
             let (from, place, to) = (at(k), at(k + 0.48), at(k + 1.0).min(until));
-            let Some(Ok(piece)) = formula.pieces_from(place).next().filter(|_| place < to) else { continue };
+            let Some(Ok(piece)) = formula.windows_at(place).next().filter(|_| place < to) else { continue };
             let share = |end: Time| (to - from).seconds() / (end - place).seconds();
             let way = piece.way_by_speed(to);
             seen.steps += way.steps * share(piece.end.min(to));

@@ -2,7 +2,7 @@
 
 use proptest::prelude::*;
 use pulsetrain_motion::law::{
-    Begin, Behind, Class, Cursor, Curve, Ease, End, Entry, Interpolation, Inverse, Piece, SCurve, TimerRamp,
+    Begin, Behind, Class, Cursor, Curve, Ease, End, Entry, Interpolation, Inverse, Orbit, Piece, SCurve, TimerRamp,
 };
 use pulsetrain_motion::law::{WinchCommand, WinchSettings};
 use pulsetrain_motion::time::Rate;
@@ -400,6 +400,100 @@ proptest! {
         let [x, y, z] = [&a, &b, &sum].map(|law| Cursor::new(law).at(t).unwrap());
         prop_assert!((x.position + y.position - z.position).abs() < 1e-7 * (1.0 + x.position.abs() + y.position.abs()));
         prop_assert!((x.speed + y.speed - z.speed).abs() < 1e-6 * (1.0 + x.speed.abs() + y.speed.abs()), "{x:?} {y:?} {z:?}");
+    }
+}
+
+/// Laws of all kinds, endless ones too.
+fn any_laws() -> impl Strategy<Value = Law> {
+    let rate = || (0_u32..5).prop_map(|k| Rate::of(0.7 * f64::from(k)).unwrap());
+    let endless = prop_oneof![
+        (1.0_f64..1e4, 0.01_f64..3.0).prop_map(|(a, t)| Law::sine(a, s(t), None)),
+        (1.0_f64..1e4, 0.01_f64..3.0, 0_usize..2).prop_map(|(r, t, k)| Law::circle(r, s(t), None, k)),
+        (-1e8_f64..1e8).prop_map(|v| Law::speed(v, None)),
+        (0.1_f64..300.0)
+            .prop_map(|w| { Ok(Law::formula("t + 5*sin(w*t)^2 + sin(t)", &[("w".into(), w)], 20.0, None).unwrap()) }),
+        (0.1_f64..30.0)
+            .prop_map(|w| { Ok(Law::formula("abs(sin(w*t)) + sqrt(t + 1)", &[("w".into(), w)], 20.0, None).unwrap()) }),
+        (0.1_f64..3.0).prop_map(|speed| Law::lorenz(Orbit::CLASSIC, 0, 10.0, speed, None)),
+        trees().prop_map(|law| law.repeated(None)),
+    ];
+    let finite = prop_oneof![
+        (1.0_f64..1e4, 0.01_f64..3.0, 1_u64..30, 0_usize..2).prop_map(|(r, t, n, k)| Law::circle(r, s(t), Some(n), k)),
+        (0.01_f64..2.0, prop::collection::vec((1.0_f64..2e5, -1e3_f64..1e3), 2..6)).prop_map(|(begin, rows)| {
+            let mut t = begin;
+            let row = |(dt, x): (f64, f64)| {
+                t += dt;
+                (t - dt, x)
+            };
+            Law::table(&rows.into_iter().map(row).collect::<Vec<_>>(), Interpolation::Linear)
+        }),
+        (1e5_f64..1e6, -9.0_f64..9.0)
+            .prop_map(|(t, v)| Law::polynomials([(s(t), vec![0.0, v]), (s(2.0), vec![v * t])])),
+        trees().prop_map(Ok),
+    ];
+    let laws = prop_oneof![endless.prop_map(Result::unwrap), finite.prop_map(Result::unwrap)].boxed();
+    let changed =
+        (laws.clone(), laws.clone(), laws.clone(), rate(), rate(), 0.0_f64..60.0, 0.0_f64..9.0, 0.01_f64..30.0)
+            .prop_map(|(law, second, third, before, to, from, after, over)| {
+                let ease = Ease { before, after: s(after), over: s(over), to };
+                let limits = (1e6, 1e8);
+                let Ok(retimed) = law.clone().retimed(s(from), ease) else { panic!("{ease:?}") };
+                let mut all = vec![
+                    Law::sum(vec![law.clone(), second.clone(), retimed.clone()]),
+                    second.clone().delayed(s(over)),
+                    law.clone().stopped(s(over), 1e4, 0.0),
+                    law.clone().beginning(Begin::Jump),
+                    law.clone().beginning(Begin::Ramp { max_speed: limits.0, max_acceleration: limits.1 }),
+                    law.clone().with_backlash(3.0, s(1e-4)),
+                    retimed.clone().eased_out(s(0.5 * from), s(after), s(over)),
+                    law.clone().ending(End::Jump),
+                ];
+                if law.end().is_some() {
+                    let two = vec![law.clone(), third.scaled(-0.5).unwrap()];
+                    all.push(Law::then(two.clone()));
+                    all.push(Law::then(two).and_then(|both| Law::sum(vec![both, second])));
+                }
+                let mut all: Vec<Law> = all.into_iter().filter_map(Result::ok).collect();
+                all.extend([law, retimed]);
+                all
+            });
+    changed.prop_flat_map(prop::sample::select)
+}
+
+/// The pieces from `at` on are those that a walk from 0 finds there, bit for bit.
+fn same_from(law: &Law, at: Time) {
+    let mut walk = law.pieces();
+    let (mut wanted, mut last) = (Vec::new(), None);
+    for piece in walk.by_ref() {
+        match piece {
+            Ok(piece) if piece.end <= at => last = Some(Ok(piece)),
+            other => {
+                wanted.push(other);
+                break;
+            }
+        }
+    }
+    if wanted.is_empty() {
+        wanted.extend(last);
+    }
+    wanted.extend(walk.take(4));
+    let found: Vec<_> = law.pieces_from(at).take(wanted.len()).collect();
+    assert_eq!(format!("{found:?}"), format!("{wanted:?}"), "at {at:?} of {law:?}");
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 1000, ..ProptestConfig::default() })]
+
+    /// At any time, and at all times next to the ends of pieces.
+    #[test]
+    fn pieces_from_a_time_on_are_those_of_a_walk(law in any_laws(), part in -0.1_f64..1.2, place in 0_usize..300) {
+        let span = law.end().unwrap_or(s(200.0)).min(s(1e6));
+        same_from(&law, s(part * span.seconds()));
+        if let Some(Ok(piece)) = law.pieces().take(place + 1).last() {
+            for off in -1..=1 {
+                same_from(&law, piece.end + Time::from_raw(off));
+            }
+        }
     }
 }
 

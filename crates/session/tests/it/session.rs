@@ -88,7 +88,7 @@ pub(super) struct Bench {
 }
 
 impl Bench {
-    fn new(program: &Program, capacity: usize) -> Bench {
+    pub(super) fn new(program: &Program, capacity: usize) -> Bench {
         let timing = TIMING.ticks(TICK_HZ);
         let motor = |motor: &Motor| match motor.wiring {
             program::Wiring::StepDir { step, dir, forward_high, .. } => MotorConfig {
@@ -231,12 +231,12 @@ pub(super) struct Lab {
     levels: u32,
     /// DIR line of each motor.
     dirs: Vec<u8>,
-    counted: Vec<i64>,
-    steps: Vec<Vec<(u64, i64)>>,
+    pub(super) counted: Vec<i64>,
+    pub(super) steps: Vec<Vec<(u64, i64)>>,
 }
 
 impl Lab {
-    fn new(program: &Program) -> Lab {
+    pub(super) fn new(program: &Program) -> Lab {
         let dirs = program.motors.iter().map(|motor| motor.wiring.pins()[1]);
         let motors = program.motors.len();
         Lab { levels: 0, dirs: dirs.collect(), counted: vec![0; motors], steps: vec![Vec::new(); motors] }

@@ -86,8 +86,11 @@ pub struct ParameterUse {
     pub in_trig: Option<(f64, String)>,
 }
 
-/// The longest window, s.
+/// The longest window, s. A window ends at each multiple of it, and the next one is at first tried in that length: so the windows after a
+/// multiple do not depend on those before.
 const LONGEST_S: f64 = 64.0;
+/// The length that is tried first of all, s.
+const FIRST_S: f64 = 1.0;
 /// The fastest sinusoid turns by no more within a window, rad: its phase stays exact to 2^-46.
 const MOST_RADIANS: f64 = 64.0;
 /// The limit in a window, roughly, for formulas that are no sum of lines and sinusoids, rad. Their peaks and turns in a
@@ -194,27 +197,35 @@ impl Formula {
         self.tree.size()
     }
 
-    pub(super) fn pieces(self: &Arc<Formula>) -> Windows {
+    /// The windows from the last multiple of [`LONGEST_S`] before `at` on.
+    pub(super) fn pieces_from(self: &Arc<Formula>, at: Time) -> Windows {
+        let at = self.duration.map_or(at, |end| at.min(end.before()));
+        let grid = Time::from_seconds(LONGEST_S);
+        let start = Time::from_raw(at.raw() - at.raw() % grid.raw());
+        let length = if start == Time::ZERO { FIRST_S } else { LONGEST_S };
+        Windows { start, length, ..self.windows_at(Time::ZERO) }
+    }
+
+    /// Windows from `start` on, as if the law began there; the first is as long as can be.
+    pub(super) fn windows_at(self: &Arc<Formula>, start: Time) -> Windows {
         Windows {
             formula: Arc::clone(self),
-            start: Time::ZERO,
-            length: 1.0,
+            begin: start,
+            start,
+            length: LONGEST_S,
             position: None,
             known: None,
             forced: 0,
             failed: false,
         }
     }
-
-    /// The windows from `start` on; the first is as long as can be there.
-    pub(super) fn pieces_from(self: &Arc<Formula>, start: Time) -> Windows {
-        Windows { start, length: LONGEST_S, ..self.pieces() }
-    }
 }
 
 /// The pieces of a formula.
 pub(super) struct Windows {
     formula: Arc<Formula>,
+    /// Multiples of [`LONGEST_S`] count from here.
+    begin: Time,
     start: Time,
     /// The next window's length, s.
     length: f64,
@@ -250,7 +261,9 @@ impl Windows {
     fn window(&mut self) -> Result<Piece, LawError> {
         let start = self.start;
         let last = self.formula.duration.unwrap_or(Time::MAX);
-        let mut end = last.min(start + Time::from_seconds(self.length));
+        let longest = Time::from_seconds(LONGEST_S);
+        let mark = start + (longest - Time::from_raw((start - self.begin).raw() % longest.raw()));
+        let mut end = last.min(mark).min(start + Time::from_seconds(self.length));
         let mut forced = false;
         let mut unsettled = None;
         let piece = loop {
@@ -283,7 +296,7 @@ impl Windows {
         }
         self.position = Some(piece.rough_position(piece.last()));
         self.start = piece.end;
-        self.length = (2.0 * self.length.max(NARROWEST_S)).min(LONGEST_S);
+        self.length = if self.start == mark { LONGEST_S } else { (2.0 * self.length.max(NARROWEST_S)).min(LONGEST_S) };
         Ok(piece)
     }
 

@@ -1,0 +1,223 @@
+//! Changes of the laws while the motors move: limits, counts, phases.
+
+use crate::session::{Bench, Lab, TICK_HZ, check_acceleration, check_counts, motor, planned, program};
+use proptest::prelude::*;
+use pulsetrain_board::{Board, Leased};
+use pulsetrain_motion::law::Cursor;
+use pulsetrain_motion::program::{Limits, Program};
+use pulsetrain_motion::time::Rate;
+use pulsetrain_motion::{Law, Time};
+use pulsetrain_session::fade::{Begins, Change};
+use pulsetrain_session::{Session, SessionError};
+use std::sync::Arc;
+
+const LIMITS: Limits = Limits { max_speed: Some(6000.0), max_acceleration: Some(40_000.0), pull_in: 0.0 };
+
+fn seconds(s: f64) -> Time {
+    Time::from_seconds(s)
+}
+
+/// A sinusoid without an end, in the middle of its swing at 0.
+fn sine(amplitude: f64, period_s: f64) -> Law {
+    Law::sine(amplitude, seconds(period_s), None).unwrap()
+}
+
+/// A program of two motors, with these laws.
+fn with_laws(laws: [Law; 2]) -> Program {
+    program(16, laws.into_iter().enumerate().map(|(index, law)| motor(index, law, false, LIMITS)).collect())
+}
+
+/// Makes a change; one that must wait is tried again when it can be.
+fn change<B: Leased>(session: &mut Session<B>, lab: &mut Lab, change: &Change) -> Result<u64, SessionError> {
+    loop {
+        match session.change_to(change) {
+            Ok(transition) => return Ok(transition.until),
+            Err(SessionError::Waiting { until, .. }) => session.advance(until, lab)?,
+            Err(error) => return Err(error),
+        }
+    }
+}
+
+/// What is asked of a session.
+#[derive(Clone, Debug)]
+enum Wish {
+    Laws([Law; 2], Option<f64>, Begins),
+    Tempo(f64),
+    Pause,
+}
+
+fn law() -> impl Strategy<Value = Law> {
+    let swing = || (10.0..300.0f64, 0.4..2.0f64).prop_map(|(amplitude, period_s)| sine(amplitude, period_s));
+    prop_oneof![
+        4 => swing(),
+        1 => (swing(), 0.0..1.0f64).prop_map(|(law, delay_s)| law.delayed(seconds(delay_s)).unwrap()),
+        1 => (swing(), -2.0..2.0f64, -500.0..500.0f64).prop_map(|(law, by, up)| law.scaled(by).unwrap().shifted(up).unwrap()),
+        1 => (-900.0..900.0f64).prop_map(|speed| Law::speed(speed, None).unwrap()),
+        1 => (-500.0..500.0f64).prop_map(|place| Law::speed(0.0, None).unwrap().shifted(place).unwrap()),
+        1 => (swing(), swing()).prop_map(|(a, b)| Law::sum(vec![a, b]).unwrap()),
+    ]
+}
+
+fn laws() -> impl Strategy<Value = [Law; 2]> {
+    (law(), law()).prop_map(|(a, b)| [a, b])
+}
+
+fn wish() -> impl Strategy<Value = Wish> {
+    let begins = prop_oneof![Just(Begins::WithTheMotion), Just(Begins::Now)];
+    prop_oneof![
+        5 => (laws(), prop::option::of(0.0..1.5f64), begins).prop_map(|(laws, over, begins)| Wish::Laws(laws, over, begins)),
+        1 => (0.2..1.5f64).prop_map(Wish::Tempo),
+        1 => Just(Wish::Pause),
+    ]
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(48))]
+
+    /// Whatever is asked for, and whenever: no step is lost, and no limit is broken.
+    #[test]
+    fn changes_keep_limits_and_counts(wishes in prop::collection::vec((0.0..0.7f64, wish()), 1..12)) {
+        let begun = with_laws([sine(100.0, 1.0), sine(100.0, 0.8)]);
+        let mut lab = Lab::new(&begun);
+        let mut session = Session::new(Bench::new(&begun, 256), begun.clone()).unwrap();
+        let mut made = 0;
+        for (after_s, wish) in wishes {
+            let until = session.board().now() + (after_s * TICK_HZ as f64) as u64;
+            prop_assert_eq!(session.advance(until, &mut lab), Ok(()));
+            let done = match wish {
+                Wish::Laws(laws, over, begins) => {
+                    let change = Change { program: Arc::new(with_laws(laws)), over: over.map(seconds), begins };
+                    match session.ceiling_of(&change) {
+                        Ok(None) => session.change_to(&change).map(|transition| {
+                            made += 1;
+                            let least = over.map_or(0, |over| (over * TICK_HZ as f64) as u64);
+                            assert!(transition.until - transition.from >= least);
+                        }),
+                        Ok(Some(_)) => Ok(()),
+                        Err(error) => Err(error),
+                    }
+                }
+                Wish::Tempo(rate) => session.set_tempo(Rate::of(rate).unwrap()).map(drop),
+                Wish::Pause if session.is_paused() => session.resume().map(drop),
+                Wish::Pause => session.pause().map(drop),
+            };
+            match done {
+                Ok(()) | Err(SessionError::Waiting { .. } | SessionError::Pause(_) | SessionError::Early { .. }) => {}
+                Err(error) => return Err(TestCaseError::fail(error.to_string())),
+            }
+        }
+        let until = session.board().now() + TICK_HZ;
+        prop_assert_eq!(session.advance(until, &mut lab), Ok(()), "after {} changes", made);
+        session.stop().unwrap();
+        let report = session.run(&mut lab, |_| {});
+        prop_assert_eq!(report.failure, None, "after {} changes", made);
+        prop_assert_eq!(&report.counted, &report.replayed);
+        check_counts(&session, &lab, &begun)?;
+        for steps in &lab.steps {
+            check_acceleration(steps, LIMITS.max_acceleration.unwrap(), 1.5)?;
+        }
+    }
+}
+
+/// After the change each step of the new law comes when it would have come without one, to a tick: the common zero is kept.
+#[test]
+fn a_fade_ends_in_the_new_law_at_its_own_time() {
+    let old = with_laws([sine(100.0, 1.0), sine(80.0, 0.7)]);
+    // A new size, and another law altogether.
+    let sum = Law::sum(vec![sine(60.0, 0.9), Law::speed(50.0, None).unwrap()]).unwrap();
+    let new = with_laws([sine(160.0, 1.0), sum]);
+    let mut plain_lab = Lab::new(&new);
+    let mut plain = Session::new(Bench::new(&new, 256), new.clone()).unwrap();
+    plain.advance(plain.zero() + 12 * TICK_HZ, &mut plain_lab).unwrap();
+    let mut lab = Lab::new(&old);
+    let mut session = Session::new(Bench::new(&old, 256), old).unwrap();
+    let zero = session.zero();
+    session.advance(zero + 2 * TICK_HZ, &mut lab).unwrap();
+    let wanted = Change { program: Arc::new(new), over: Some(seconds(0.5)), begins: Begins::WithTheMotion };
+    let until = change(&mut session, &mut lab, &wanted).unwrap();
+    session.advance(zero + 12 * TICK_HZ, &mut lab).unwrap();
+    for (steps, plain_steps) in lab.steps.iter().zip(&plain_lab.steps) {
+        let after = |steps: &[(u64, i64)], zero: u64| -> Vec<(u64, i64)> {
+            steps.iter().map(|(tick, way)| (tick - zero, *way)).filter(|(tick, _)| *tick > until - zero + 100).collect()
+        };
+        let (steps, plain_steps) = (after(steps, zero), after(plain_steps, plain.zero()));
+        assert!(steps.len() == plain_steps.len() && steps.len() > 500, "{} and {}", steps.len(), plain_steps.len());
+        for ((tick, way), (plain, plain_way)) in steps.iter().zip(&plain_steps) {
+            assert!(tick.abs_diff(*plain) <= 2 && way == plain_way, "{tick} and {plain}");
+        }
+    }
+}
+
+/// A new frequency keeps the phase: the swing stays as wide as before during the change, and back at the old frequency the motor is as far as the
+/// time at the other one brought it.
+#[test]
+fn a_new_frequency_keeps_the_swing() {
+    let old = with_laws([sine(100.0, 1.0), sine(100.0, 1.0)]);
+    let new = with_laws([sine(100.0, 0.5), sine(100.0, 1.0)]);
+    let mut lab = Lab::new(&old);
+    let mut session = Session::new(Bench::new(&old, 256), old.clone()).unwrap();
+    let zero = session.zero();
+    session.advance(session.zero() + 2 * TICK_HZ, &mut lab).unwrap();
+    for program in [&new, &old, &new, &old] {
+        let wanted = Change { program: Arc::new(program.clone()), over: None, begins: Begins::WithTheMotion };
+        let until = change(&mut session, &mut lab, &wanted).unwrap();
+        session.advance(until + TICK_HZ, &mut lab).unwrap();
+    }
+    session.advance(session.board().now() + TICK_HZ, &mut lab).unwrap();
+    let mut count = 0;
+    let turns: Vec<i64> = lab.steps[0]
+        .windows(2)
+        .filter_map(|pair| {
+            count += pair[0].1;
+            (pair[0].1 != pair[1].1).then_some(count)
+        })
+        .collect();
+    assert!(turns.len() > 12, "{turns:?}");
+    // From 0 to 200 and back: a step more or less, since both laws' phases agree to the rate's 16 bits.
+    assert!(turns.iter().all(|turn| *turn <= 1 || (199..=200).contains(turn)), "{turns:?}");
+    // The other motor goes on as it is.
+    let alone = motor(0, Law::sine(100.0, seconds(1.0), Some(20)).unwrap(), false, LIMITS);
+    let plain = &planned(&program(16, vec![alone])).unwrap()[0];
+    assert!(lab.steps[1].len() > 2000);
+    for ((tick, way), (plain, plain_way)) in lab.steps[1].iter().zip(plain) {
+        assert!((tick - zero).abs_diff(*plain) <= 2 && way == plain_way, "{tick} and {plain}");
+    }
+}
+
+/// A change each second for hours: the motors are where the common zero has them, to a tick.
+#[test]
+fn thousands_of_changes_lose_no_phase() {
+    let laws = |size: f64| [sine(size, 1.0), sine(0.8 * size, 0.7)];
+    let [old, new] = [10.0, 16.0].map(|size| Arc::new(with_laws(laws(size))));
+    let mut lab = Lab::new(&old);
+    let mut session = Session::new(Bench::new(&old, 256), Arc::clone(&old)).unwrap();
+    let zero = session.zero();
+    let mut until = 0;
+    for k in 0..10_000 {
+        session.advance(zero + k * TICK_HZ, &mut lab).unwrap();
+        let program = Arc::clone(if k % 2 == 0 { &new } else { &old });
+        let wanted = Change { program, over: None, begins: Begins::WithTheMotion };
+        until = change(&mut session, &mut lab, &wanted).unwrap();
+        lab.steps.iter_mut().for_each(Vec::clear);
+    }
+    session.advance(until + 5 * TICK_HZ, &mut lab).unwrap();
+    for (motor, law) in laws(10.0).iter().enumerate() {
+        let mut cursor = Cursor::new(law);
+        let steps = lab.steps[motor].iter().filter(|(tick, _)| *tick > until + 100);
+        let mut checked = 0;
+        for (tick, way) in steps {
+            let mut at = |tick: u64| {
+                let sample = cursor.at(Time::from_ratio((tick - zero).cast_signed(), TICK_HZ)).unwrap();
+                sample.whole as f64 + sample.fraction
+            };
+            let (before, after) = (at(tick - 2), at(tick + 2));
+            // A step is made where the law passes the middle between two positions.
+            assert!(
+                (before - 0.5).ceil() != (after - 0.5).ceil() || (before - after).abs() < 1e-6,
+                "{before} to {after}, {way}"
+            );
+            checked += 1;
+        }
+        assert!(checked > 100, "{checked}");
+    }
+}
