@@ -2,15 +2,17 @@
 
 use std::io::Write;
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
-use std::sync::mpsc::{Receiver, Sender, channel};
 use std::sync::{Mutex, OnceLock, PoisonError};
 
 use pulsetrain_session::control::Command;
 
 static TIMES: AtomicU32 = AtomicU32::new(0);
 static WATCHED: OnceLock<bool> = OnceLock::new();
-/// Where the commands go for which Ctrl-C stands.
-static COMMANDS: Mutex<Option<Sender<Command>>> = Mutex::new(None);
+/// Takes the commands for which Ctrl-C stands.
+type Takes = Box<dyn Fn(Command) + Send>;
+
+/// Where the commands go.
+static COMMANDS: Mutex<Option<Takes>> = Mutex::new(None);
 
 /// Whether Ctrl-C stops motors, instead of ending the process.
 static STOPS_MOTORS: AtomicBool = AtomicBool::new(false);
@@ -49,7 +51,7 @@ pub(crate) fn stage(name: &'static str) {
     *STAGE.lock().unwrap_or_else(PoisonError::into_inner) = name;
 }
 
-/// From this call on Ctrl-C (and SIGTERM) does not end the process. [`wanted`] and [`commands`] report it instead.
+/// From this call on Ctrl-C (and SIGTERM) does not end the process. [`wanted`] and [`send_to`] report it instead.
 pub(crate) fn watch() {
     STOPS_MOTORS.store(true, Ordering::Relaxed);
     // If Ctrl-C cannot be watched, it ends the process at once, as the system has it.
@@ -59,21 +61,16 @@ pub(crate) fn watch() {
 fn pressed() {
     let commands = COMMANDS.lock().unwrap_or_else(PoisonError::into_inner);
     let command = command(TIMES.fetch_add(1, Ordering::Relaxed));
-    // Once a run is over, nobody receives the command.
-    let _ = commands.as_ref().map(|commands| commands.send(command));
+    if let Some(take) = commands.as_ref() {
+        take(command);
+    }
 }
 
-/// The commands that Ctrl-C has sent since [`watch`]: the first stops the motors as planned, the next one at once. The sender is for commands from
-/// elsewhere.
-pub(crate) fn commands() -> (Sender<Command>, Receiver<Command>) {
-    let (sender, receiver) = channel();
+/// From now on `take` gets the commands of Ctrl-C, also those since [`watch`]: the first stops the motors as planned, the next one at once.
+pub(crate) fn send_to(take: impl Fn(Command) + Send + 'static) {
     let mut commands = COMMANDS.lock().unwrap_or_else(PoisonError::into_inner);
-    for before in 0..TIMES.load(Ordering::Relaxed) {
-        // The receiver is in this function, so sending cannot fail.
-        let _ = sender.send(command(before));
-    }
-    *commands = Some(sender.clone());
-    (sender, receiver)
+    (0..TIMES.load(Ordering::Relaxed)).map(command).for_each(&take);
+    *commands = Some(Box::new(take));
 }
 
 /// The command for the given count of Ctrl-C.

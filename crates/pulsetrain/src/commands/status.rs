@@ -8,7 +8,7 @@ use pulsetrain_motion::human;
 use pulsetrain_session::control::{Event, Status};
 use serde::Serialize;
 
-use super::steer::in_words;
+use super::steer::{in_words, live_in_words};
 use super::stop::chosen;
 use crate::console::{Console, Exit};
 use crate::control_socket::{RunClient, RunEnded, RunInfo, RunLine, runs};
@@ -80,7 +80,14 @@ fn show(mut run: RunClient, args: &StatusArgs, console: &mut Console<'_>) -> mie
                     console.print(format_args!("{}\n", in_words(&event)))?
                 }
             }
-            RunLine::Event(_) => {}
+            RunLine::Live(event) if args.follow => {
+                if args.json {
+                    print_line(&event, console)?
+                } else {
+                    console.print(format_args!("{}\n", live_in_words(&event)))?
+                }
+            }
+            RunLine::Event(_) | RunLine::Live(_) | RunLine::Control { .. } | RunLine::Info(_) => {}
             RunLine::Error { error } => return Err(miette!("the run at {}: {error}", info.place())),
             RunLine::Ended(end) => {
                 return if args.json {

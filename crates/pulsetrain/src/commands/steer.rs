@@ -8,6 +8,7 @@ use pulsetrain_session::control::{Command, Event};
 use super::stop::chosen;
 use crate::console::{Console, Exit};
 use crate::control_socket::{RunClient, RunLine, runs};
+use crate::live::LiveEvent;
 
 #[derive(Args, Debug)]
 #[command(after_help = "\
@@ -100,7 +101,7 @@ fn answer(run: &mut RunClient, command: Command) -> miette::Result<Event> {
             RunLine::Event(event @ (Event::Pausing { .. } | Event::Resuming { .. } | Event::Tempo { .. })) => {
                 return Ok(event);
             }
-            RunLine::Event(_) => {}
+            RunLine::Event(_) | RunLine::Live(_) | RunLine::Control { .. } | RunLine::Info(_) => {}
             RunLine::Error { error } => return Err(miette!("the run at {}: {error}", info.place())),
             RunLine::Ended(_) => return Err(miette!("{} at {} has ended", info.file, info.place())),
         }
@@ -125,5 +126,35 @@ pub(super) fn in_words(event: &Event) -> String {
         Event::Ended(_) => "it ended".to_owned(),
         Event::Failed { why, .. } => format!("it failed: {why}"),
         Event::Refused { command, why } => format!("{command:?} was refused: {why}"),
+    }
+}
+
+/// An event of a live motion, in words.
+pub(super) fn live_in_words(event: &LiveEvent) -> String {
+    let change = |from_s: f64, until_s: f64| {
+        format!("from {} on, done at {}", human::seconds_to(from_s, 4), human::seconds_to(until_s, 4))
+    };
+    match event {
+        LiveEvent::Set { knob, value, unit, ceiling, from_s, until_s } => {
+            let why = ceiling.as_ref().map(|limit| format!(", the nearest value that the motors follow: {limit}"));
+            let unit = if unit.is_empty() { String::new() } else { format!(" {unit}") };
+            let value = human::significant(*value, 4);
+            format!("{knob} is {value}{unit} {}{}", change(*from_s, *until_s), why.unwrap_or_default())
+        }
+        LiveEvent::Cue { name, from_s, until_s } => format!("cue {name} {}", change(*from_s, *until_s)),
+        LiveEvent::Goto { position, from_s, until_s } => format!("goto {position} {}", change(*from_s, *until_s)),
+        LiveEvent::Motion { from_s, until_s } => format!("the changed motion file {}", change(*from_s, *until_s)),
+        LiveEvent::MotionRefused { error, line, column } => {
+            let place = match (line, column) {
+                (Some(line), Some(column)) => format!(" at line {line}, column {column}"),
+                (Some(line), None) => format!(" at line {line}"),
+                _ => String::new(),
+            };
+            format!("the changed motion file was refused{place}: {error}; the motion goes on as it was")
+        }
+        LiveEvent::Rejoined { from_s, until_s, times } => {
+            format!("the motors had braked and join the motion again {} (time {times})", change(*from_s, *until_s))
+        }
+        LiveEvent::Refused { command, why } => format!("{command:?} was refused: {why}"),
     }
 }

@@ -135,7 +135,7 @@ fn stop_runs(mut runs: Vec<RunClient>, now: bool, json: bool, console: &mut Cons
         let end = loop {
             match run.next_line()? {
                 RunLine::Event(Event::Stopping { at_s }) => brakes_at_s = Some(at_s),
-                RunLine::Event(_) => {}
+                RunLine::Event(_) | RunLine::Live(_) | RunLine::Control { .. } | RunLine::Info(_) => {}
                 RunLine::Error { error } => {
                     return Err(miette!("the run at {} refuses to stop: {error}", run.info().place()));
                 }

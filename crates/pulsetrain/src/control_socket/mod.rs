@@ -5,10 +5,11 @@
 //! can connect. Both sides send lines of JSON, at most [`LONGEST_LINE`] bytes each:
 //!
 //! 1. The run sends [`RunInfo`]. Its field `pulsetrain_control` is the protocol's version, [`VERSION`].
-//! 2. The client sends [`Command`]s, such as `{"command":"stop"}`, and `{"follow":true}` if it wants each status.
-//! 3. The run sends [`RunLine`]s: an [`Event`], an error about a line of the client, and at last [`RunEnded`].
+//! 2. The client sends [`Request`]s, such as `{"command":"stop"}`, and `{"follow":true}` if it wants each status.
+//! 3. The run sends [`RunLine`]s: an [`Event`] or a [`LiveEvent`], an error about a line of the client, and at last [`RunEnded`].
 //!
-//! A client never delays a step: threads of its own read and write, and events that a client does not take are dropped.
+//! The socket is one transport of the run's [`Hub`], which has the clients of all kinds and their queues. A client never
+//! delays a step: threads of its own read and write, and a client that takes no lines is dropped.
 //! docs/control.md describes the same for other programs. Windows has no such socket yet.
 
 use std::io;
@@ -16,15 +17,20 @@ use std::path::PathBuf;
 
 use miette::Diagnostic;
 use pulsetrain_board::BoardKind;
-use pulsetrain_motion::program::Program;
+use pulsetrain_motion::machine::{Kinematics, Machine};
+use pulsetrain_motion::program::{Motor, Program};
+use pulsetrain_plan::Settings;
 use pulsetrain_session::control::{Command, Event};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::live::{KnobInfo, LiveCommand, LiveEvent, Request};
 use crate::standing::Standing;
 
 #[cfg(unix)]
 mod client;
+mod control;
+mod hub;
 #[cfg(unix)]
 mod server;
 #[cfg(not(unix))]
@@ -34,10 +40,14 @@ mod without;
 pub(crate) use client::folder;
 #[cfg(unix)]
 pub use client::{RunClient, runs};
+pub use control::Control;
+pub use hub::{ClientKind, Hub, HubClient, HubLines, HubSender, JoinError, Next};
 #[cfg(unix)]
-pub use server::Control;
+use server::Socket;
 #[cfg(not(unix))]
-pub use without::{InterruptsAlone as Control, NoClient as RunClient, runs};
+use without::Socket;
+#[cfg(not(unix))]
+pub use without::{NoClient as RunClient, runs};
 
 /// The protocol's version. It changes when a client of an older version could misread a line.
 pub const VERSION: u32 = 1;
@@ -66,6 +76,18 @@ pub struct RunInfo {
     pub port_paths: Vec<PathBuf>,
     /// The motors, in the file's order.
     pub motors: Vec<MotorInfo>,
+    /// The machines, in the file's order.
+    #[serde(default)]
+    pub machines: Vec<MachineInfo>,
+    /// The knobs of a live motion.
+    #[serde(default)]
+    pub knobs: Vec<KnobInfo>,
+    /// The names of a live motion's cues, in their order.
+    #[serde(default)]
+    pub cues: Vec<String>,
+    /// Whether it is a live motion, which takes [`LiveCommand`]s.
+    #[serde(default)]
+    pub is_live: bool,
 }
 
 /// What a client needs to know of a motor to show its position.
@@ -79,6 +101,70 @@ pub struct MotorInfo {
     pub steps_per_unit: f64,
     /// Where it was when the board's count was 0, steps.
     pub start_steps: f64,
+    /// The highest speed that the board, its driver and the motor allow, steps/s.
+    #[serde(default)]
+    pub max_speed: Option<f64>,
+}
+
+/// What a client needs to know of a machine to draw its figure.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct MachineInfo {
+    /// Its name in the file.
+    pub name: String,
+    /// The unit of the tip's coordinates.
+    pub unit: String,
+    /// Its motors, as indices into the run's: x and y, or the three arms.
+    pub motors: Vec<usize>,
+    /// Each motor's position when the board's count was 0, steps in the machine's coordinates.
+    pub home: Vec<f64>,
+    /// How the motors move the tip.
+    pub kinematics: KinematicsInfo,
+}
+
+/// How a machine's motors move its tip.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(tag = "kind", rename_all = "snake_case")]
+pub enum KinematicsInfo {
+    /// Each motor moves along its own axis.
+    Xy {
+        /// Steps in one unit of the machine, for x and for y.
+        steps_per_unit: [f64; 2],
+    },
+    /// A delta robot's three arms, at 0°, 120° and 240°.
+    Delta {
+        /// From the robot's axis to a motor's shaft, mm.
+        base_mm: f64,
+        /// From the motor's shaft to the elbow, mm.
+        upper_arm_mm: f64,
+        /// From the elbow to the effector's joint, mm.
+        forearm_mm: f64,
+        /// From the effector's middle to its joints, mm.
+        effector_mm: f64,
+        /// Steps in a radian, of each arm.
+        steps_per_rad: [f64; 3],
+    },
+}
+
+impl MachineInfo {
+    fn of(machine: &Machine) -> MachineInfo {
+        let kinematics = match &machine.kinematics {
+            Kinematics::Xy { steps_per_unit } => KinematicsInfo::Xy { steps_per_unit: *steps_per_unit },
+            Kinematics::Delta { arms, steps_per_rad } => KinematicsInfo::Delta {
+                base_mm: arms.base_mm,
+                upper_arm_mm: arms.upper_arm_mm,
+                forearm_mm: arms.forearm_mm,
+                effector_mm: arms.effector_mm,
+                steps_per_rad: *steps_per_rad,
+            },
+        };
+        MachineInfo {
+            name: machine.name.clone(),
+            unit: machine.unit.clone(),
+            motors: machine.motors.clone(),
+            home: machine.home.clone(),
+            kinematics,
+        }
+    }
 }
 
 impl RunInfo {
@@ -93,6 +179,7 @@ impl RunInfo {
             unit: motor.scale.unit.clone(),
             steps_per_unit: motor.scale.steps_per_unit,
             start_steps: crate::standing::start(motor),
+            max_speed: Some(max_speed(program, motor)),
         });
         RunInfo {
             pulsetrain_control: VERSION,
@@ -104,6 +191,30 @@ impl RunInfo {
             port: port.map(str::to_owned),
             port_paths: port.map(port_paths).unwrap_or_default(),
             motors: motors.collect(),
+            machines: program.machines.iter().map(MachineInfo::of).collect(),
+            knobs: Vec::new(),
+            cues: Vec::new(),
+            is_live: false,
+        }
+    }
+
+    /// A run of nothing, for tests.
+    #[cfg(test)]
+    pub(crate) fn nothing() -> RunInfo {
+        RunInfo {
+            pulsetrain_control: VERSION,
+            program: String::new(),
+            pid: 7,
+            name: "native-7".to_owned(),
+            file: "nothing.toml".to_owned(),
+            board: "native".to_owned(),
+            port: None,
+            port_paths: Vec::new(),
+            motors: Vec::new(),
+            machines: Vec::new(),
+            knobs: Vec::new(),
+            cues: Vec::new(),
+            is_live: false,
         }
     }
 
@@ -128,6 +239,12 @@ impl RunInfo {
     }
 }
 
+/// The highest speed that the board, its driver and the motor allow, steps/s.
+fn max_speed(program: &Program, motor: &Motor) -> f64 {
+    let rate = program.board.tick_hz as f64 / Settings::of(program, motor).min_interval_ticks as f64;
+    motor.limits.max_speed.map_or(rate, |speed| speed.min(rate))
+}
+
 /// The last part of a port's name, with letters that every file name may have.
 fn port_word(port: &str) -> String {
     let last = port.rsplit(['/', '\\']).next().unwrap_or(port);
@@ -150,13 +267,33 @@ fn port_paths(port: &str) -> Vec<PathBuf> {
 pub enum RunLine {
     /// Something happened. [`Event::Status`] goes to clients alone that follow, [`Event::Progress`] to none.
     Event(Event),
+    /// Something happened to a live motion.
+    Live(LiveEvent),
     /// The run is over. It is the last line.
     Ended(RunEnded),
-    /// A line of the client was not understood.
+    /// Which page controls the motors. It goes to pages alone.
+    Control {
+        /// Who controls.
+        control: ControlState,
+    },
+    /// The run has other knobs or cues now.
+    Info(RunInfo),
+    /// A line of the client was not understood, or not obeyed.
     Error {
         /// Why not.
         error: String,
     },
+}
+
+/// Which page controls the motors.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub struct ControlState {
+    /// The page that reads this.
+    pub yours: bool,
+    /// Some page.
+    pub taken: bool,
+    /// How many pages there are.
+    pub pages: usize,
 }
 
 /// How a run ended.
@@ -199,25 +336,37 @@ impl RunEnded {
 }
 
 /// A line of a client.
-#[cfg(unix)]
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 enum ClientLine {
-    Command(Command),
+    Request(Request),
     Follow(bool),
+    Control(bool),
 }
 
-#[cfg(unix)]
 impl ClientLine {
     fn read(line: &[u8]) -> Result<ClientLine, String> {
         let value: serde_json::Value =
             serde_json::from_slice(line).map_err(|error| format!("this is no line of JSON: {error}"))?;
-        match value.get("follow") {
-            Some(serde_json::Value::Bool(follows)) => Ok(ClientLine::Follow(*follows)),
-            Some(_) => Err("`follow` is true or false".to_owned()),
-            None => serde_json::from_value(value).map(ClientLine::Command).map_err(|error| {
-                format!("this is no command: {error}; write {{\"command\":\"stop\"}} or {{\"follow\":true}}")
-            }),
+        let switch = |key: &str| match value.get(key) {
+            Some(serde_json::Value::Bool(value)) => Ok(Some(*value)),
+            Some(_) => Err(format!("`{key}` is true or false")),
+            None => Ok(None),
+        };
+        if let Some(follows) = switch("follow")? {
+            return Ok(ClientLine::Follow(follows));
         }
+        if let Some(controls) = switch("control")? {
+            return Ok(ClientLine::Control(controls));
+        }
+        let command = match (Command::deserialize(&value), LiveCommand::deserialize(&value)) {
+            (Ok(command), _) => Ok(Request::Session(command)),
+            (_, Ok(command)) => Ok(Request::Live(command)),
+            // Of a command of live motions its own error says more.
+            (Err(error), Err(live)) => Err(if live.to_string().starts_with("unknown variant") { error } else { live }),
+        };
+        command.map(ClientLine::Request).map_err(|error| {
+            format!("this is no command: {error}; write {{\"command\":\"stop\"}} or {{\"follow\":true}}")
+        })
     }
 }
 
@@ -261,9 +410,10 @@ pub enum SocketError {
     System,
 }
 
-#[cfg(all(test, unix))]
+#[cfg(test)]
 mod tests {
     use super::*;
+    use crate::live::KnobValue;
 
     #[test]
     fn lines_of_clients_are_commands_or_follow() {
@@ -273,8 +423,22 @@ mod tests {
             (Err(why), Err(part)) => assert!(why.contains(part), "{line}: {why}"),
             (read, expected) => panic!("{line}: {read:?}, not {expected:?}"),
         };
-        check(r#"{"command":"stop"}"#, Ok(ClientLine::Command(Command::Stop)));
-        check(r#" {"command": "stop_now"} "#, Ok(ClientLine::Command(Command::StopNow)));
+        let session = |command| Ok(ClientLine::Request(Request::Session(command)));
+        let live = |command| Ok(ClientLine::Request(Request::Live(command)));
+        check(r#"{"command":"stop"}"#, session(Command::Stop));
+        check(r#" {"command": "stop_now"} "#, session(Command::StopNow));
+        check(r#"{"command":"cue","name":"dawn"}"#, live(LiveCommand::Cue { name: "dawn".to_owned() }));
+        let value = KnobValue::Text("0.9 Hz".to_owned());
+        check(
+            r#"{"command":"set","knob":"a.frequency","value":"0.9 Hz"}"#,
+            live(LiveCommand::Set { knob: "a.frequency".to_owned(), value }),
+        );
+        check(r#"{"command":"cue"}"#, Err("missing field `name`"));
+        check(r#"{"command":"tempo"}"#, Err("missing field `rate`"));
+        check(r#"{"command":"tempo","rate":"fast"}"#, Err("expected f64"));
+        check(r#"{"command":"goto","position":4}"#, Err("expected a string"));
+        check(r#"{"control":true}"#, Ok(ClientLine::Control(true)));
+        check(r#"{"control":"me"}"#, Err("true or false"));
         check(r#"{"follow":true}"#, Ok(ClientLine::Follow(true)));
         check(r#"{"follow":1}"#, Err("true or false"));
         check(r#"{"command":"stopp"}"#, Err("unknown variant `stopp`"));
@@ -286,15 +450,10 @@ mod tests {
     #[test]
     fn a_port_is_found_by_each_of_its_names() {
         let info = RunInfo {
-            pulsetrain_control: VERSION,
-            program: String::new(),
-            pid: 7,
             name: "ttyACM0-7".to_owned(),
-            file: String::new(),
-            board: "uno".to_owned(),
             port: Some("board".to_owned()),
             port_paths: port_paths("board"),
-            motors: Vec::new(),
+            ..RunInfo::nothing()
         };
         let absolute = std::path::absolute("board").unwrap().display().to_string();
         for (name, is_it) in [("board", true), ("./board", true), (&absolute, true), ("ttyACM0-7", true), ("x", false)]

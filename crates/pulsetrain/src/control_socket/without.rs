@@ -1,42 +1,19 @@
-//! Stands in where there are no Unix sockets: runs obey Ctrl-C alone.
+//! Stands in where there are no Unix sockets: runs obey Ctrl-C and their page.
 
-use std::sync::mpsc::Receiver;
+use pulsetrain_session::control::Command;
 
-use pulsetrain_session::control::{Command, Event};
+use super::hub::Hub;
+use super::{RunInfo, RunLine, SocketError};
 
-use super::{RunEnded, RunInfo, RunLine, SocketError};
-use crate::console::Console;
-use crate::interrupt;
-
-/// The commands to a run: those of Ctrl-C.
+/// No socket.
 #[derive(Debug)]
-pub struct InterruptsAlone {
-    commands: Receiver<Command>,
-}
+pub(super) struct Socket;
 
-impl InterruptsAlone {
-    /// Listens to Ctrl-C.
-    pub fn open(_: &RunInfo, _: &mut Console<'_>) -> InterruptsAlone {
-        InterruptsAlone { commands: interrupt::commands().1 }
+impl Socket {
+    /// Does nothing.
+    pub(super) fn listen(_: &str, _: &Hub) -> Result<Socket, SocketError> {
+        Ok(Socket)
     }
-
-    /// The commands.
-    #[must_use]
-    pub fn commands(&self) -> &Receiver<Command> {
-        &self.commands
-    }
-
-    /// No client has asked for a stop.
-    #[must_use]
-    pub fn wants_stop(&self) -> bool {
-        false
-    }
-
-    /// There is no client to hear of it.
-    pub fn tell(&self, _: &Event) {}
-
-    /// There is no client to hear of it.
-    pub fn end(self, _: &RunEnded) {}
 }
 
 /// A client's end of a run's control socket. There is none on this system.
