@@ -47,9 +47,9 @@ pub struct Cue {
     pub fade: Option<Time>,
     /// After this time the next cue comes by itself.
     pub follow: Option<Time>,
-    /// Whether it has motions of its own.
-    pub has_motions: bool,
-    /// Whether all its motions begin at the cue; else they count from the motion's begin.
+    /// The motors with motions of its own, in the program's order.
+    pub motors: Vec<usize>,
+    /// Whether these motions begin at the cue; else they count from the motion's begin.
     pub begins_now: bool,
 }
 
@@ -188,14 +188,14 @@ fn read_cues(
     let nodes = if node.is_table() { vec![node.clone()] } else { node.list(EXAMPLE)? };
     let mut cues: Vec<Read<Cue>> = Vec::new();
     for (number, node) in nodes.iter().enumerate() {
-        let cue = read_cue(node, parameters, drafts, machines).and_then(|cue| {
+        let cue = read_cue(node, parameters, drafts, machines).and_then(|(cue, begins_now)| {
             let before = cues.iter().flatten().any(|before: &Cue| before.name == cue.name);
             if before {
                 let message = format!("two cues are called \"{}\"", cue.name);
                 return Err(node.note("the second one", message, "give one of them another name"));
             }
-            let is_endless = check_motions(number, &cue, (root, table), drafts, machines, load)?;
-            Ok(Cue { begins_now: cue.begins_now || (cue.has_motions && !is_endless), ..cue })
+            let (motors, is_endless) = check_motions(number, &cue, (root, table), drafts, machines, load)?;
+            Ok(Cue { begins_now: begins_now.unwrap_or(!is_endless), motors, ..cue })
         });
         cues.push(cue);
     }
@@ -207,7 +207,7 @@ fn read_cue(
     parameters: &[Parameter],
     drafts: &[(String, Read<MotorDraft>)],
     machines: &[(String, Read<machine::MachineDraft>)],
-) -> Read<Cue> {
+) -> Read<(Cue, Option<bool>)> {
     const EXAMPLE: &str = "name = \"fast\"";
     let known = ["name", "set", "motion", "fade", "follow", "begins"];
     let section = node.section("the cue".to_owned(), &known, EXAMPLE)?;
@@ -236,14 +236,15 @@ fn read_cue(
             }
         }
     }
-    Ok(Cue {
+    let cue = Cue {
         name: name.to_owned(),
         set: set?.unwrap_or_default(),
         fade: fade?,
         follow: follow?,
-        has_motions: motion.is_some(),
-        begins_now: begins?.unwrap_or_default(),
-    })
+        motors: Vec::new(),
+        begins_now: false,
+    };
+    Ok((cue, begins?))
 }
 
 fn read_set(node: &Node, parameters: &[Parameter]) -> Read<Vec<(String, ParameterValue)>> {
@@ -278,7 +279,7 @@ fn set_one(node: &Node, name: &str, parameters: &[Parameter]) -> Read<(String, P
     Ok((name.to_owned(), value))
 }
 
-/// Reads the file's motions with a cue in it. Gives whether all motions of the cue's own are endless.
+/// Reads the file's motions with a cue in it. Gives the motors with motions of the cue's own, and whether all of those are endless.
 fn check_motions(
     number: usize,
     cue: &Cue,
@@ -286,11 +287,11 @@ fn check_motions(
     drafts: &[(String, Read<MotorDraft>)],
     machines: &[(String, Read<machine::MachineDraft>)],
     load: Loader,
-) -> Read<bool> {
+) -> Read<(Vec<usize>, bool)> {
     let mut table = table.clone();
     let rows = sheet::cue_motions(&table, number);
     let named: Vec<String> = rows.iter().flat_map(|row| sheet::owners(row)).collect();
-    if cue.has_motions {
+    if !rows.is_empty() {
         sheet::replace_motions(&mut table, rows);
     }
     for (name, value) in &cue.set {
@@ -303,16 +304,19 @@ fn check_motions(
     let changed = Section::root(root.reader, &table);
     let mut homes: Vec<Option<Home>> = machines.iter().map(|_| None).collect();
     let timelines: Vec<Read<Timeline>> = read_motions(&changed, drafts, machines, &mut homes, load);
-    let mut is_endless = true;
+    let (mut own, mut is_endless) = (Vec::new(), true);
     for (motor, timeline) in timelines.into_iter().enumerate() {
         let timeline = timeline?;
         let is_named = named.contains(&drafts[motor].0)
             || machines.iter().any(|(name, draft)| {
                 named.contains(name) && draft.as_ref().is_ok_and(|draft| draft.motors.contains(&motor))
             });
-        is_endless &= !is_named || timeline.is_endless();
+        if is_named {
+            own.push(motor);
+            is_endless &= timeline.is_endless();
+        }
         let draft = drafts[motor].1.as_ref().map_err(|Noted| Noted)?;
         timeline.finish(root.reader, draft)?;
     }
-    Ok(is_endless)
+    Ok((own, is_endless))
 }

@@ -104,6 +104,14 @@ pub fn load_contents(path: &Path) -> Result<Contents, FileError> {
     read_contents(&text, &name, &|named| text::read(&folder.join(named), text::MOST_OF_A_NAMED_FILE))
 }
 
+/// The text of a file that a motion file names.
+///
+/// # Errors
+/// The system's own; and in words if it is no file, too large, or no text.
+pub fn named_text(path: &Path) -> io::Result<String> {
+    text::read(path, text::MOST_OF_A_NAMED_FILE)
+}
+
 /// Reads a motion file for the command lines of its winch, to send them to a board as text.
 ///
 /// # Errors

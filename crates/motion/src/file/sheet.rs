@@ -107,6 +107,15 @@ pub struct UnknownParameter {
 const TEXTS: [&str; 5] = ["theta", "unit", "file", "axis", "commands"];
 
 impl Sheet {
+    /// Parses a motion file.
+    ///
+    /// # Errors
+    /// [`FileError`] if it cannot be read, or is no TOML.
+    pub fn open(path: &Path) -> Result<Sheet, FileError> {
+        let (name, text) = super::open(path)?;
+        Sheet::parse(&text, &name)
+    }
+
     /// Parses a motion file's text; `name` is what messages call it. Nothing but its syntax is checked.
     ///
     /// ```

@@ -145,10 +145,10 @@ pub struct KnobInfo {
     pub name: String,
     /// Its unit; empty for a bare number.
     pub unit: String,
-    /// The least value, in its unit.
-    pub least: f64,
+    /// The least value, in its unit. `None` if the file gives none: then the laws and the motors' limits decide.
+    pub least: Option<f64>,
     /// The greatest value, in its unit.
-    pub greatest: f64,
+    pub greatest: Option<f64>,
     /// The value now, in its unit.
     pub value: f64,
 }
