@@ -37,7 +37,7 @@ pub enum LiveCommand {
     },
     /// Bring all motors to rest at a position.
     Goto {
-        /// A position with its unit, or `0`: where the motion began.
+        /// A position with its unit, or `0`: where the motion began. [`Command::Resume`] goes on with the motion.
         position: String,
     },
     /// Take over a changed motion file.
@@ -100,6 +100,13 @@ pub enum LiveEvent {
         /// The position, as it was asked for.
         position: String,
         /// When they begin to change, and when they rest, s.
+        from_s: f64,
+        /// See `from_s`.
+        until_s: f64,
+    },
+    /// The motors leave the position to which they were sent, and follow the motion again.
+    Returned {
+        /// When they begin to change, and when they follow the motion, s.
         from_s: f64,
         /// See `from_s`.
         until_s: f64,

@@ -195,7 +195,7 @@ impl<B: Leased> Show<B> {
                 let middle = nice(0.5 * (holds + breaks), (breaks - holds).abs());
                 match self.allowed(&turn, middle) {
                     Ok(Ok(allowed)) => (holds, found) = (middle, Ok(allowed)),
-                    // The reader refuses what lies between, such as a number that must be whole.
+                    // The reader may refuse what lies between, such as a swing of half a step.
                     Ok(Err(_)) | Err(_) => breaks = middle,
                 }
             }
@@ -259,7 +259,8 @@ impl<B: Leased> Show<B> {
             Err(error) => return refuse(command, &error, tell),
         }
         self.desk = desk;
-        self.follow_at_s = cue.follow.map(|follow| self.now_s + follow.seconds());
+        let follow = cue.follow.filter(|_| self.desk.has_cue_after(&cue));
+        self.follow_at_s = follow.map(|follow| self.now_s + follow.seconds());
         let event = LiveEvent::Cue { name: cue.name, from_s: 0.0, until_s: 0.0 };
         self.wish(Wish { program, over: cue.fade, answers: vec![(command, event)], is_parked: false }, tell);
     }
@@ -280,7 +281,7 @@ impl<B: Leased> Show<B> {
     fn back_to_motion(&mut self, command: LiveCommand, tell: Tell<'_>) {
         match self.desk.program() {
             Ok(program) => {
-                let event = LiveEvent::Motion { from_s: 0.0, until_s: 0.0 };
+                let event = LiveEvent::Returned { from_s: 0.0, until_s: 0.0 };
                 self.wish(Wish { program, over: None, answers: vec![(command, event)], is_parked: false }, tell);
             }
             Err(error) => refuse(command, &error, tell),
@@ -383,6 +384,7 @@ fn set_times(event: &mut LiveEvent, (from, until): (f64, f64)) {
         LiveEvent::Set { from_s, until_s, .. }
         | LiveEvent::Cue { from_s, until_s, .. }
         | LiveEvent::Goto { from_s, until_s, .. }
+        | LiveEvent::Returned { from_s, until_s }
         | LiveEvent::Motion { from_s, until_s }
         | LiveEvent::Rejoined { from_s, until_s, .. } => (*from_s, *until_s) = (from, until),
         LiveEvent::MotionRefused { .. } | LiveEvent::Refused { .. } => {}
