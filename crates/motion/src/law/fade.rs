@@ -95,16 +95,21 @@ impl Faded {
             piece
         };
         let is_over = at >= from;
-        let before = (!is_over).then(|| {
+        let has_ended = self.old.end().is_some_and(|end| end <= at);
+        let before = (!is_over && !has_ended).then(|| {
             self.old.pieces_from(at).take_while(move |piece| piece.as_ref().map_or(true, |piece| piece.start < from))
         });
         let before = before.into_iter().flatten().map(move |piece| Ok(cut(piece?, Time::ZERO, from)));
-        let blended = self.blended(at);
+        let rests = self.old.end().filter(|end| *end < from && at < from).map(|end| {
+            let last = self.old.pieces_from(end).last().transpose()?;
+            Piece::rest(end, from, last.map_or(Double::ZERO, |piece| piece.last_position()))
+        });
+        let blended = (at < until).then(|| self.blended(at)).into_iter().flatten();
         let after = self
             .new
             .pieces_from(at.max(until))
             .filter(move |piece| piece.as_ref().map_or(true, |piece| piece.end > until));
-        before.chain(blended).chain(after.map(move |piece| Ok(cut(piece?, until, Time::MAX))))
+        before.chain(rests).chain(blended).chain(after.map(move |piece| Ok(cut(piece?, until, Time::MAX))))
     }
 
     /// The pieces of the fade itself, from the one with time `at` on. One ends wherever a piece of either law ends, and in the middle of the fade.

@@ -379,7 +379,9 @@ fn trees() -> impl Strategy<Value = Law> {
             (inner.clone(), -3.0_f64..3.0).prop_map(|(law, k)| law.scaled(k).unwrap()),
             (inner.clone(), -1e3_f64..1e3).prop_map(|(law, x)| law.shifted(x).unwrap()),
             (inner.clone(), 0.001_f64..2.0).prop_map(|(law, d)| law.delayed(s(d)).unwrap()),
-            (inner, 1_u64..4).prop_map(|(law, n)| law.repeated(Some(n)).unwrap()),
+            (inner.clone(), 1_u64..4).prop_map(|(law, n)| law.repeated(Some(n)).unwrap()),
+            (inner.clone(), inner, 0.0_f64..2.0, 0.01_f64..2.0)
+                .prop_map(|(old, new, from, over)| old.faded(new, s(from), s(over)).unwrap()),
         ]
     })
 }
@@ -447,6 +449,7 @@ fn any_laws() -> impl Strategy<Value = Law> {
                     law.clone().with_backlash(3.0, s(1e-4)),
                     retimed.clone().eased_out(s(0.5 * from), s(after), s(over)),
                     law.clone().ending(End::Jump),
+                    retimed.clone().faded(second.clone(), s(from), s(over)),
                 ];
                 if law.end().is_some() {
                     let two = vec![law.clone(), third.scaled(-0.5).unwrap()];
