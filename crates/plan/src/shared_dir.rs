@@ -146,21 +146,44 @@ impl SharedDir {
             }
             // Other motors of the line may have an endless plan.
             let member = &self.members[place];
-            if member.ended && member.segment.is_none() {
-                return Ok(None);
+            if member.segment.is_none() {
+                if member.ended {
+                    return Ok(None);
+                }
+                // A motor that rests for ever has no next step, but waits.
+                self.members[place].look_on(self.fraction_bits)?;
+                continue;
             }
-            if !self.take_step()? {
-                return Ok(self.members[place].next_ready());
-            }
+            self.take_step()?;
         }
     }
 
-    /// Takes the step that can be made first. Returns `false` when no motor has one.
-    fn take_step(&mut self) -> Result<bool, Refused> {
+    /// Takes the step that can be made first, if a motor has one.
+    fn take_step(&mut self) -> Result<(), Refused> {
+        let step = loop {
+            let Some(step) = self.first_step() else { return Ok(()) };
+            // Motors whose next step is not known have none before that one, or are looked at.
+            let tick = |member: &Member| (member.accumulator >> self.fraction_bits) as i64;
+            let is_open = |member: &&mut Member| member.segment.is_none() && !member.ended && tick(member) <= step.possible;
+            let Some(member) = self.members.iter_mut().find(is_open) else { break step };
+            member.look_on(self.fraction_bits)?;
+        };
+        let line = self.members[step.place].line;
+        self.members[step.place].take(step.late, self.fraction_bits)?;
+        self.lines[line].last = Some((step.possible, step.level));
+        let together = self.steps.map_or(0, |steps| i64::from(steps.together_ticks));
+        if self.made.is_none_or(|made| step.possible > made + together) {
+            self.made = Some(step.possible);
+        }
+        Ok(())
+    }
+
+    /// Of the steps that are known, the one that can be made first.
+    fn first_step(&self) -> Option<Candidate> {
         let mut first: Option<Candidate> = None;
         for place in 0..self.members.len() {
-            let Some((due, direction)) = self.members[place].due(self.fraction_bits)? else { continue };
             let member = &self.members[place];
+            let Some((due, direction)) = member.due(self.fraction_bits) else { continue };
             let level = level(direction, member.forward_high);
             let line = &self.lines[member.line];
             let turns = line.last.is_some_and(|(_, now)| now != level);
@@ -194,15 +217,7 @@ impl SharedDir {
                 first = Some(candidate);
             }
         }
-        let Some(step) = first else { return Ok(false) };
-        let line = self.members[step.place].line;
-        self.members[step.place].take(step.late, self.fraction_bits)?;
-        self.lines[line].last = Some((step.possible, step.level));
-        let together = self.steps.map_or(0, |steps| i64::from(steps.together_ticks));
-        if self.made.is_none_or(|made| step.possible > made + together) {
-            self.made = Some(step.possible);
-        }
-        Ok(true)
+        first
     }
 }
 
@@ -229,25 +244,25 @@ impl Member {
         Refused { motor: self.motor, error }
     }
 
-    /// The planned tick of the next step, and its direction; `None` at the end of the plan.
-    fn due(&mut self, fraction_bits: u32) -> Result<Option<(i64, Direction)>, Refused> {
-        while self.segment.is_none() {
-            if self.ended {
-                return Ok(None);
+    /// Asks for the next move of a motor whose last one was taken: steps, a wait, or the end of the plan.
+    fn look_on(&mut self, fraction_bits: u32) -> Result<(), Refused> {
+        match self.planner.next_move().map_err(|error| self.refused(error))? {
+            Some(Move::Run { segment, direction }) => self.segment = Some((segment, direction)),
+            Some(Move::Dwell { ticks }) => {
+                self.accumulator += i128::from(ticks) << fraction_bits;
+                self.out.push_back((Move::Dwell { ticks }, 0));
             }
-            match self.planner.next_move().map_err(|error| self.refused(error))? {
-                Some(Move::Run { segment, direction }) => self.segment = Some((segment, direction)),
-                Some(Move::Dwell { ticks }) => {
-                    self.accumulator += i128::from(ticks) << fraction_bits;
-                    self.out.push_back((Move::Dwell { ticks }, 0));
-                }
-                None => self.ended = true,
-            }
+            None => self.ended = true,
         }
-        Ok(self.segment.map(|(segment, direction)| {
+        Ok(())
+    }
+
+    /// The planned tick of the next step, and its direction; `None` if it is not known, or the plan has ended.
+    fn due(&self, fraction_bits: u32) -> Option<(i64, Direction)> {
+        self.segment.map(|(segment, direction)| {
             let next = segment.after(self.unchanged);
             (((self.accumulator + i128::from(next.interval)) >> fraction_bits) as i64, direction)
-        }))
+        })
     }
 
     /// Takes the next step with a delay of `late` ticks.

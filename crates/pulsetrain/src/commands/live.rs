@@ -28,7 +28,7 @@ use crate::control_socket::{ClientKind, Control, Ending, Hub, HubSender, RunEnde
 use crate::diagnostic::{WrongFile, advised};
 use crate::live::log::{LogEntry, LogHead, LogLine, VERSION};
 use crate::live::watch::{LOOK_MS, Watched};
-use crate::live::{endless, Desk, HELP, Happened, KnobInfo, LONGEST_LINE, Line, LiveCommand, LiveEvent, Request, Show};
+use crate::live::{Desk, HELP, Happened, KnobInfo, LONGEST_LINE, Line, LiveCommand, LiveEvent, Request, Show};
 use crate::live::screen::{Key, Screen};
 use crate::serve::RealTime;
 use crate::standing::{quoted, standings, way_back};
@@ -102,7 +102,6 @@ impl Staged {
         console: &Console<'_>,
     ) -> miette::Result<Staged> {
         let mut prepared = Prepared::new(name.to_owned(), contents, board).map_err(advised)?;
-        endless(&mut prepared.program).map_err(|error| miette!("{name}: {error}"))?;
         plan::check_baud(&prepared, line.baud)?;
         let baud = line.baud.unwrap_or_else(|| usual_baud(&prepared.program.board.name));
         if !line.is_native {

@@ -11,7 +11,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use pulsetrain_motion::file::{Contents, Cue, FileError, Live, ParameterValue, Sheet};
 use pulsetrain_motion::program::{PositionUnits, Program};
 use pulsetrain_motion::quantity::{Quantity, nearest};
-use pulsetrain_motion::{Law, LawError, Time};
+use pulsetrain_motion::{Law, Time};
 use pulsetrain_session::prepare::Prepared;
 
 use super::request::{KnobInfo, KnobValue};
@@ -218,7 +218,6 @@ impl Desk {
                 *law = law.clone().delayed(begins).map_err(|error| Refusal::File(error.to_string()))?;
             }
         }
-        endless(&mut program).map_err(|error| Refusal::File(error.to_string()))?;
         Ok(Arc::new(program))
     }
 
@@ -502,17 +501,6 @@ fn position(text: &str, motor: &str, unit: &str, units: &PositionUnits) -> Resul
     }
     let steps = units.steps(quantity.base).ok_or_else(|| refuse("it has no `lead`".to_owned()))? * quantity.value;
     if steps.abs() < FARTHEST { Ok(steps) } else { Err(refuse("it is too far away".to_owned())) }
-}
-
-/// Lets motors rest for ever where their laws end: a live motion has no end.
-///
-/// # Errors
-/// If a law cannot be followed at its end.
-pub fn endless(program: &mut Program) -> Result<(), LawError> {
-    for motor in program.motors.iter_mut().filter(|motor| motor.law.end().is_some()) {
-        motor.law = Law::then(vec![motor.law.clone(), Law::speed(0.0, None)?])?;
-    }
-    Ok(())
 }
 
 /// Checks that the motors need not be set up anew for another program.

@@ -14,7 +14,7 @@ pub(crate) mod screen;
 mod show;
 pub mod watch;
 
-pub use desk::{Desk, Files, NoMotion, Refusal, Turn, endless};
+pub use desk::{Desk, Files, NoMotion, Refusal, Turn};
 pub use line::{HELP, LONGEST_LINE, Line, LineError};
 pub use request::{Happened, KnobInfo, KnobValue, LiveCommand, LiveEvent, Request};
 pub use show::{Show, Tell};

@@ -1,7 +1,7 @@
 //! Motions that are changed while they run. Shows on the native board in virtual time, and processes; nothing depends on how long something takes.
 
 use proptest::prelude::*;
-use pulsetrain::live::{Desk, Happened, Line, LiveCommand, LiveEvent, Request, Show, endless};
+use pulsetrain::live::{Desk, Happened, Line, LiveCommand, LiveEvent, Request, Show};
 use pulsetrain_board::{Edge, Leased, Native};
 use pulsetrain_session::control::{Command, Ended, Event, Status};
 use pulsetrain_session::drive::Driven;
@@ -59,7 +59,6 @@ pub(crate) fn staged(text: &str) -> (Desk, Prepared) {
     let opened = Desk::of(text, "m.toml", PathBuf::new(), None, Some(Default::default()));
     let (mut desk, contents) = opened.map_err(|error| error.plain()).unwrap();
     let mut prepared = Prepared::new("m.toml".to_owned(), contents, None).unwrap();
-    endless(&mut prepared.program).unwrap();
     prepared.prove_first(|_| {}).unwrap();
     desk.set_up(&prepared.program);
     (desk, prepared)
