@@ -164,7 +164,8 @@ impl SharedDir {
             let Some(step) = self.first_step() else { return Ok(()) };
             // Motors whose next step is not known have none before that one, or are looked at.
             let tick = |member: &Member| (member.accumulator >> self.fraction_bits) as i64;
-            let is_open = |member: &&mut Member| member.segment.is_none() && !member.ended && tick(member) <= step.possible;
+            let is_open =
+                |member: &&mut Member| member.segment.is_none() && !member.ended && tick(member) <= step.possible;
             let Some(member) = self.members.iter_mut().find(is_open) else { break step };
             member.look_on(self.fraction_bits)?;
         };

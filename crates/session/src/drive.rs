@@ -16,9 +16,9 @@ use pulsetrain_board::{
 use pulsetrain_core::output::Sequence;
 use pulsetrain_core::wire::message::{Cause, MotorSetup, image};
 use pulsetrain_core::wire::{Baud, Reason};
-use pulsetrain_motion::{Time, boards};
 use pulsetrain_motion::program::{self, CoilSequence, DriverTiming, Motor, Program};
 use pulsetrain_motion::time::Rate;
+use pulsetrain_motion::{Time, boards};
 use pulsetrain_plan::{PlanError, Refused, Settings};
 use pulsetrain_trace::{Line, lines};
 

@@ -112,14 +112,7 @@ fn knob(knobs: &Section, node: &Node, parameters: &[Parameter]) -> Read<Knob> {
         let message = format!("knob `{name}`: `least` is more than `greatest`");
         return Err(node.note("no value is left", message, "exchange them"));
     }
-    Ok(Knob {
-        name: name.to_owned(),
-        target: target.name.clone(),
-        unit,
-        least,
-        greatest,
-        smoothing: smoothing?,
-    })
+    Ok(Knob { name: name.to_owned(), target: target.name.clone(), unit, least, greatest, smoothing: smoothing? })
 }
 
 /// The parameter of that name.
@@ -169,8 +162,13 @@ fn in_unit(node: &Node, unit: &str, target: &Parameter) -> Read<f64> {
     match Quantity::parse(&format!("1 {unit}")) {
         Ok(one) if one.kind() == quantity.kind() => Ok(quantity.value / one.value),
         _ => {
-            let message = format!("`{}` must be in a unit of `{}`, but this is {}", node.key, target.name, quantity.kind());
-            Err(node.note(quantity.kind().to_string(), message, format!("write, for example: {} = \"{example}\"", node.key)))
+            let message =
+                format!("`{}` must be in a unit of `{}`, but this is {}", node.key, target.name, quantity.kind());
+            Err(node.note(
+                quantity.kind().to_string(),
+                message,
+                format!("write, for example: {} = \"{example}\"", node.key),
+            ))
         }
     }
 }

@@ -65,11 +65,11 @@ use crate::law::{Cursor, Law};
 use crate::program::{LONGEST_IDLE_MS, Motor, PositionUnits, Program, Tolerance, Wheel};
 use crate::quantity::{Base, nearest};
 use crate::{Grid, Time};
-use toml_edit::Table;
 use context::{Context, Loader, refuse};
 use machine::Home;
 use motor::{Gearing, MotorDraft};
 use reader::{Node, Noted, Read, Reader, Section};
+use toml_edit::Table;
 
 /// A motion file's program, and how its tables were read.
 #[derive(Clone, Debug)]

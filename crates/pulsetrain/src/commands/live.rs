@@ -27,9 +27,9 @@ use crate::console::{self, Access, Console, Exit, access};
 use crate::control_socket::{ClientKind, Control, Ending, Hub, HubSender, RunEnded, RunInfo};
 use crate::diagnostic::{WrongFile, advised};
 use crate::live::log::{LogEntry, LogHead, LogLine, VERSION};
+use crate::live::screen::{Key, Screen};
 use crate::live::watch::{LOOK_MS, Watched};
 use crate::live::{Desk, HELP, Happened, KnobInfo, LONGEST_LINE, Line, LiveCommand, LiveEvent, Request, Show};
-use crate::live::screen::{Key, Screen};
 use crate::serve::RealTime;
 use crate::standing::{quoted, standings, way_back};
 use crate::{arguments, interrupt, last_positions, load};
@@ -243,7 +243,10 @@ fn begin(
     let Some(kind) = kind else {
         let help = "add --board uno or --board pico, or write it in the file";
         let board = &prepared.program.board.name;
-        return Err(failed(parts.control, miette!(help = help, "{} is planned for the board `{board}`", prepared.file)));
+        return Err(failed(
+            parts.control,
+            miette!(help = help, "{} is planned for the board `{board}`", prepared.file),
+        ));
     };
     let connected = (|| {
         if kind.is_rehearsed() && !args.no_rehearsal {
@@ -269,11 +272,7 @@ fn begin(
 }
 
 /// Lets the rest of a motion be proven while it runs.
-pub(super) fn proving<B: Leased>(
-    driven: Driven<B>,
-    prepared: &Prepared,
-    proof: &Proof,
-) -> miette::Result<Driven<B>> {
+pub(super) fn proving<B: Leased>(driven: Driven<B>, prepared: &Prepared, proof: &Proof) -> miette::Result<Driven<B>> {
     if proof.is_whole { Ok(driven) } else { driven.proving(prepared, proof.until_s).map_err(drive_problem) }
 }
 

@@ -118,7 +118,7 @@ fn again<B: Leased>(
     let zero = driven.zero();
     let show = Show::new(driven, staged.desk.clone(), log.head.rejoins);
     let mut done: Vec<Timed> = Vec::new();
-    let (now, ended) = perform(show, &log.lines, &mut trace, &mut done);
+    let (now, ended) = perform(show, log, PATIENCE_S * hz, &mut trace, &mut done);
     let unwritten: Option<Access> = trace.finish();
     if args.verbose {
         for (_, happened) in &done {
@@ -136,31 +136,44 @@ fn again<B: Leased>(
     if let Some(error) = unwritten {
         return Err(error.into());
     }
-    let logged: Vec<Timed> = log.lines.iter().filter_map(|line| match &line.entry {
-        LogEntry::Done(happened) => Some((line.tick, happened.clone())),
-        _ => None,
-    }).collect();
+    let logged: Vec<Timed> = log
+        .lines
+        .iter()
+        .filter_map(|line| match &line.entry {
+            LogEntry::Done(happened) => Some((line.tick, happened.clone())),
+            _ => None,
+        })
+        .collect();
     let same = logged.iter().zip(&done).take_while(|(logged, done)| logged == done).count();
     // A log of a program that was killed may lack its last lines.
-    let is_whole = log.lines.last().is_some_and(|line| line.entry == LogEntry::Over);
+    let is_whole = is_whole(log);
     let is_same = same == logged.len() && (same == done.len() || !is_whole);
     let differs = (!is_same).then(|| (logged.get(same).cloned(), done.get(same).cloned()));
     Ok(Again { same, differs, end_s: now.saturating_sub(zero) as f64 / hz as f64 })
 }
 
+/// How long after the end in the log the motion may go on, s, before it is taken for another one.
+const PATIENCE_S: u64 = 5;
+
+/// Whether the log goes on to the end of the run.
+fn is_whole(log: &Replay) -> bool {
+    log.lines.last().is_some_and(|line| line.entry == LogEntry::Over)
+}
+
 /// Gives the requests of a log at their ticks. Returns the tick at the end.
 fn perform<B: Leased>(
     mut show: Show<B>,
-    lines: &[LogLine],
+    log: &Replay,
+    patience: u64,
     trace: &mut Trace,
     done: &mut Vec<Timed>,
 ) -> (u64, Result<Option<Ended>, DriveError>) {
-    let last = lines.last().map_or(0, |line| line.tick);
+    let lines: &[LogLine] = &log.lines;
+    let last = lines.last().map_or(0, |line| line.tick) + if is_whole(log) { patience } else { 0 };
     let mut next = 0;
     let mut keep = |events: &mut Vec<Happened>, tick: u64| {
-        let is_kept = |happened: &Happened| {
-            !matches!(happened, Happened::Session(Event::Progress { .. } | Event::Status(_)))
-        };
+        let is_kept =
+            |happened: &Happened| !matches!(happened, Happened::Session(Event::Progress { .. } | Event::Status(_)));
         done.extend(events.drain(..).filter(is_kept).map(|happened| (tick, happened)));
     };
     loop {
@@ -181,7 +194,7 @@ fn perform<B: Leased>(
                 return (show.now(), obeyed);
             }
         }
-        // The log of a run that was killed ends on the way.
+        // The log of a run that was killed ends on the way; another one ends with the run.
         if next >= lines.len() && show.now() >= last {
             keep(&mut events, show.now());
             return (show.now(), Ok(None));

@@ -155,7 +155,9 @@ pub(super) fn live_in_words(event: &LiveEvent) -> String {
         LiveEvent::Rejoined { from_s, until_s, times } => {
             format!("the motors had braked and join the motion again {} (time {times})", change(*from_s, *until_s))
         }
-        LiveEvent::Returned { from_s, until_s } => format!("the motors join the motion again {}", change(*from_s, *until_s)),
+        LiveEvent::Returned { from_s, until_s } => {
+            format!("the motors join the motion again {}", change(*from_s, *until_s))
+        }
         LiveEvent::Refused { command, why } => {
             let command = match command {
                 LiveCommand::Set { knob, value: KnobValue::Number(value) } => format!("{knob} {value}"),

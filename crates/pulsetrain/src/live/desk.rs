@@ -264,9 +264,9 @@ impl Desk {
         let of_file = self.sheet.parameter(target).ok();
         let written = of_file.as_ref().unwrap_or(&parameter).value.parts().1.to_owned();
         let unit = knob.map_or(written, |knob| knob.unit.clone());
-        let from = self.in_unit(&parameter.value, &unit, target).ok_or_else(|| {
-            Refusal::Value(format!("`{name}` has no value in {unit}"))
-        })?;
+        let from = self
+            .in_unit(&parameter.value, &unit, target)
+            .ok_or_else(|| Refusal::Value(format!("`{name}` has no value in {unit}")))?;
         let wanted = match value {
             KnobValue::Number(number) => *number,
             KnobValue::Text(text) => self.number(text.trim(), &unit, name, target)?,
@@ -333,7 +333,8 @@ impl Desk {
             return Ok(number);
         }
         self.in_unit(&ParameterValue::Quantity(text.to_owned()), unit, target).ok_or_else(|| {
-            let wanted = Quantity::parse(&format!("1 {unit}")).map_or_else(|_| unit.to_owned(), |one| one.kind().to_string());
+            let wanted =
+                Quantity::parse(&format!("1 {unit}")).map_or_else(|_| unit.to_owned(), |one| one.kind().to_string());
             refuse(format!("it must be {wanted}, but this is {}; write it like \"1 {unit}\"", quantity.kind()))
         })
     }
@@ -401,7 +402,8 @@ impl Desk {
         let mut desk = self.clone();
         // The motions of the cue before are gone with it, and so are values in motions that this cue replaces.
         let before = self.cue.map(|before| self.live.cues[before.number].motors.clone()).unwrap_or_default();
-        let own: Vec<String> = cue.motors.iter().chain(&before).map(|motor| self.setup.motors[*motor].name.clone()).collect();
+        let own: Vec<String> =
+            cue.motors.iter().chain(&before).map(|motor| self.setup.motors[*motor].name.clone()).collect();
         desk.turned.retain(|name, _| name.split('.').next().is_none_or(|motor| !own.iter().any(|own| own == motor)));
         desk.cue = Some(CueTaken { number, begins: (cue.begins_now && !cue.motors.is_empty()).then_some(now) });
         desk.turned.extend(cue.set.iter().cloned());

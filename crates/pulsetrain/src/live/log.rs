@@ -147,7 +147,10 @@ mod tests {
         };
         let value = KnobValue::Text("0.9 Hz".to_owned());
         let lines = vec![
-            LogLine { tick: 7, entry: LogEntry::Asked(Request::Live(LiveCommand::Set { knob: "a".to_owned(), value })) },
+            LogLine {
+                tick: 7,
+                entry: LogEntry::Asked(Request::Live(LiveCommand::Set { knob: "a".to_owned(), value })),
+            },
             LogLine { tick: 7, entry: LogEntry::Asked(Request::Session(Command::Tempo { rate: 0.1 + 0.2 })) },
             LogLine { tick: 8, entry: LogEntry::Done(Happened::Session(Event::Stopping { at_s: 1.0 / 3.0 })) },
             LogLine { tick: 9, entry: LogEntry::Over },

@@ -3,11 +3,11 @@
 use std::io::{self, Write};
 use std::time::Duration;
 
+use crossterm::QueueableCommand;
 use crossterm::cursor::{MoveToColumn, MoveUp};
 use crossterm::event::{self, Event as TerminalEvent, KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
 use crossterm::style::Print;
 use crossterm::terminal::{self, Clear, ClearType};
-use crossterm::QueueableCommand;
 use pulsetrain_motion::human;
 use pulsetrain_session::control::{Command, Event, Status};
 

@@ -299,7 +299,7 @@ fn a_changed_file_is_taken_over_or_refused_with_its_place() {
         other => panic!("{other:?}"),
     };
     let (error, place) = refused(file(&mut stage, &text.replace("0.5 Hz", "0.5 s")));
-    assert!(error.starts_with("`frequency` must be a frequency") && place == Some((19, 27)), "{error} at {place:?}");
+    assert!(error.starts_with("`frequency` must be a frequency") && place == Some((21, 27)), "{error} at {place:?}");
     let (error, place) = refused(file(&mut stage, &text[..text.len() / 2]));
     assert!(place.is_some(), "a half file: {error}");
     let (error, _) = refused(file(&mut stage, &text.replace("step = 8", "step = 12")));
@@ -340,7 +340,7 @@ fn knobs_and_cues_that_are_wrong_are_errors_of_the_file() {
         assert!(error.contains(part), "{to}: {error}");
     };
     check("target = \"a.frequency\"", "target = \"a.freqency\"", "did you mean \"a.frequency\"?");
-    check("least = \"0.1 Hz\"", "least = \"0.1 s\"", "m.toml:24:46: `least` must be in a unit of `a.frequency`");
+    check("least = \"0.1 Hz\"", "least = \"0.1 s\"", "`least` must be in a unit of `a.frequency`");
     check("least = \"0.1 Hz\"", "least = \"5 Hz\"", "`least` is more than `greatest`");
     check("speed = { target", "stop = { target", "a knob cannot be called `stop`");
     check("smoothing", "smothing", "did you mean `smoothing`?");
@@ -446,6 +446,8 @@ mod processes {
         live.until("refused: sped 1 Hz: there is no knob `sped`; did you mean `speed`?");
         live.say("nonsense");
         live.until("`nonsense` is no order");
+        live.say("b.frequency 1 Hz");
+        live.until("b.frequency is 1 Hz from");
         live.say("go");
         live.until("cue wide from");
         live.until("cue turn from");
@@ -482,7 +484,7 @@ mod processes {
         write(&TEXT.replace("40 step", "20 step"));
         live.until("the changed motion file from");
         write(&TEXT.replace("\"1 Hz\"", "\"1 s\""));
-        live.until("was refused at line 19, column 27: `frequency` must be a frequency");
+        live.until("was refused at line 21, column 27: `frequency` must be a frequency");
         std::fs::remove_file(folder.0.join("m.toml")).unwrap();
         live.say("speed 2 Hz");
         live.until("speed is 2 Hz from");
