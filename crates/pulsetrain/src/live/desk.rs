@@ -255,8 +255,9 @@ impl Desk {
         let sheet = self.sheet();
         let target = knob.map_or(name, |knob| &knob.target);
         let Ok(parameter) = sheet.parameter(target) else {
-            let knobs = self.knobs();
-            let names = knobs.iter().map(|knob| knob.name.as_str());
+            let parameters = sheet.parameters();
+            let knobs = self.live.knobs.iter().map(|knob| knob.name.as_str());
+            let names = parameters.iter().map(|parameter| parameter.name.as_str()).chain(knobs);
             let meant = nearest(name, names).map(str::to_owned);
             return Err(Refusal::NoKnob { knob: name.to_owned(), meant });
         };

@@ -317,13 +317,15 @@ fn a_changed_file_is_taken_over_or_refused_with_its_place() {
 fn tempo_and_pause_go_with_knobs() {
     let mut stage = native(TEXT);
     stage.run(0.6);
-    stage.line("tempo 0.5");
-    stage.run(0.5);
     stage.line("pause");
     stage.run(1.0);
     stage.line("a.swing 20 step");
     set(stage.answer());
+    stage.run(0.2);
     stage.line("resume");
+    stage.run(2.0);
+    stage.line("tempo 0.5");
+    stage.run(2.0);
     stage.line("b.swing 20 step");
     set(stage.answer());
     stage.run(3.0);
