@@ -173,11 +173,8 @@ impl Rows {
                     return Some(Key::Line(line));
                 }
                 KeyCode::Esc => self.typed = None,
-                KeyCode::Backspace => {
-                    if typed.pop().is_none() {
-                        self.typed = None;
-                    }
-                }
+                KeyCode::Backspace if typed.is_empty() => self.typed = None,
+                KeyCode::Backspace => drop(typed.pop()),
                 KeyCode::Char(letter) if !is_control && !letter.is_control() => typed.push(letter),
                 _ => {}
             }
