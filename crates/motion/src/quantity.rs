@@ -356,6 +356,20 @@ impl Quantity {
         Ok(Quantity { value, base, per_seconds, unit: name, number: magnitude, per_s, exact: scale.exact(&digits) })
     }
 
+    /// The number and the unit of a quantity, as they are written; `None` if there is no number.
+    ///
+    /// ```
+    /// use pulsetrain_motion::quantity::Quantity;
+    /// assert_eq!(Quantity::parts(" 0.5 Hz"), Some((0.5, "Hz")));
+    /// assert_eq!(Quantity::parts("Hz"), None);
+    /// ```
+    #[must_use]
+    pub fn parts(text: &str) -> Option<(f64, &str)> {
+        let text = text.trim();
+        let (number, unit) = text.split_at(number_length(text));
+        Some((number.replace('_', "").replace(MINUS, "-").parse().ok()?, unit.trim()))
+    }
+
     /// Whether it is written in turns, in any time.
     pub(crate) fn is_in_turns(&self) -> bool {
         self.base == Base::Turn && (self.value * self.per_s / self.number - 1.0).abs() < 1e-9

@@ -41,6 +41,10 @@ struct Cli {
 enum Command {
     /// Plan a motion, run it in virtual time, judge every edge, and write report, steps, trace and plot
     Run(commands::run::RunArgs),
+    /// Run a motion that is changed while it runs: by its file, knobs, cues, from anywhere
+    Live(commands::live::LiveArgs),
+    /// Run a live motion once more, from its log, on a virtual board
+    Replay(commands::replay::ReplayArgs),
     /// Plan a motion and prove it: steps, segments, bytes, certificate, peak rates; nothing runs
     Plan(commands::plan::PlanArgs),
     /// Draw a motion: position wanted and stepped, interval against step number, speed, error
@@ -105,6 +109,7 @@ impl Command {
         match self {
             Command::Run(args) => args.port.as_deref(),
             Command::Goto(args) => args.port.as_deref(),
+            Command::Live(args) => args.port.as_deref(),
             Command::Bench(args) => args.at.port.as_deref(),
             Command::Winch(args) => args.at.port.as_deref(),
             Command::Verbs(args) => args.port.as_deref(),
@@ -135,7 +140,12 @@ impl Command {
             Command::Ports(args) => args.json,
             Command::Calibrate(args) => args.json,
             Command::Bake(args) => args.json,
-            Command::Plot(_) | Command::New(_) | Command::Board(_) | Command::Verbs(_) => false,
+            Command::Plot(_)
+            | Command::New(_)
+            | Command::Board(_)
+            | Command::Verbs(_)
+            | Command::Live(_)
+            | Command::Replay(_) => false,
         }
     }
 }
@@ -190,6 +200,8 @@ pub fn run_on<A: Into<OsString> + Clone>(args: impl IntoIterator<Item = A>, cons
 fn obey(command: &Command, console: &mut Console<'_>) -> miette::Result<Exit> {
     match command {
         Command::Run(args) => commands::run::run(args, console),
+        Command::Live(args) => commands::live::run(args, console),
+        Command::Replay(args) => commands::replay::run(args, console),
         Command::Plan(args) => commands::plan::run(args, console),
         Command::Plot(args) => commands::plot::run(args, console),
         Command::Formula(args) => commands::formula::run(args, console),

@@ -52,6 +52,7 @@
 //! - [`load`]: motion files from the disk; [`consent`]: whether a long motion is meant
 //! - [`record`]: a run's files, verdict and picture, while it goes on; [`report`]: the same as JSON and tables; [`schema`]: JSON Schemas of what is printed
 //! - [`osc`]: Open Sound Control for a live motion
+//! - [`live`]: motions that are changed while they run: knobs, cues, a watched file, logs
 //! - [`control_socket`]: a run's hub of clients, and its socket for `stop`, `status` and other programs; [`standing`]: where motors are, and the way back
 //! - [`page`]: a page in the browser for a motion that runs
 //! - [`serve`]: virtual boards in real time, for any serial client

@@ -205,6 +205,32 @@ impl<B: Port> Port for Paced<B> {
     }
 }
 
+/// A board's time beside the time of day, for a caller that waits by itself.
+#[derive(Clone, Copy, Debug)]
+pub struct RealTime {
+    /// The time of day at which the board's time was 0.
+    began: Instant,
+}
+
+impl RealTime {
+    /// The board's time is `now`, now.
+    #[must_use]
+    pub fn from(now: Duration) -> RealTime {
+        let began = Instant::now();
+        RealTime { began: began.checked_sub(now).unwrap_or(began) }
+    }
+
+    /// How long to wait until the time of day is where the board's time is. A board that fell far behind does not catch up.
+    pub fn ahead(&mut self, now: Duration) -> Duration {
+        let due = self.began.elapsed();
+        let behind = due.saturating_sub(now);
+        if behind > FARTHEST_BEHIND {
+            self.began += behind;
+        }
+        now.saturating_sub(due)
+    }
+}
+
 /// Lets a virtual board keep pace with the time of day until `stop`, which gets the board's time, is true. Gives the
 /// time that the board fell behind.
 ///

@@ -16,9 +16,9 @@ use pulsetrain_board::{
 use pulsetrain_core::output::Sequence;
 use pulsetrain_core::wire::message::{Cause, MotorSetup, image};
 use pulsetrain_core::wire::{Baud, Reason};
-use pulsetrain_motion::boards;
 use pulsetrain_motion::program::{self, CoilSequence, DriverTiming, Motor, Program};
 use pulsetrain_motion::time::Rate;
+use pulsetrain_motion::{Time, boards};
 use pulsetrain_plan::{PlanError, Refused, Settings};
 use pulsetrain_trace::{Line, lines};
 
@@ -188,6 +188,8 @@ pub struct Driven<B> {
     refused: Option<Refused>,
     /// Whether the session goes on after the motion's end.
     stays: bool,
+    /// How many times in a second of the board's time a step ends; `None`: as is usual.
+    looks_per_s: Option<u64>,
 }
 
 /// An order to brake.
@@ -433,6 +435,7 @@ impl<B: Leased> Driven<B> {
             waiting: None,
             refused: None,
             stays: false,
+            looks_per_s: None,
         })
     }
 
@@ -441,6 +444,24 @@ impl<B: Leased> Driven<B> {
     pub fn staying(mut self) -> Driven<B> {
         self.stays = true;
         self
+    }
+
+    /// Lets each [`step`](Driven::step) take a hundredth of a second of the board's time on every board: commands are obeyed sooner, and a virtual board
+    /// takes more of this computer.
+    #[must_use]
+    pub fn looking_often(mut self) -> Driven<B> {
+        self.looks_per_s = Some(LOOKS_PER_S);
+        self
+    }
+
+    /// The board's time, ticks.
+    pub fn now(&self) -> u64 {
+        self.session.board().now()
+    }
+
+    /// How far the laws' time is, at most.
+    pub fn law_time(&self) -> Time {
+        self.session.law_time()
     }
 
     /// Lets the motors change to other laws while they move: [`Session::change_to`]. Returns when they leave the old laws and when they follow the new
@@ -649,7 +670,8 @@ impl<B: Leased> Driven<B> {
                 }
             }
         };
-        let looks_per_s = if since.meter.is_some() { STATUSES_PER_S } else { LOOKS_PER_S };
+        let usual = if since.meter.is_some() { STATUSES_PER_S } else { LOOKS_PER_S };
+        let looks_per_s = self.looks_per_s.unwrap_or(usual);
         let soon = now + tick_hz / looks_per_s;
         let last = session.last_step().filter(|last| session.is_complete() && *last >= now);
         let until = last.map_or(soon, |last| soon.min(last));

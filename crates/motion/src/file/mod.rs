@@ -26,17 +26,20 @@
 //! - [`load`], [`read`]: the two ways in; [`load_contents`], [`read_contents`]: the same, with how tables were read
 //! - [`FileError`], [`Problem`]: what is wrong, where, and what to do, in parts or as plain text; [`Source`]: the text that it is in
 //! - `motor`, `machine`, `laws`, `path`, `formula`, `points`, `winch`: one module for each part of the file
+//! - [`Sheet`]: a file whose values are changed before it is read; [`Live`]: its knobs and cues
 //! - `reader`: values with their places; problems are collected, so that one reading finds several
 
 mod context;
 mod formula;
 mod laws;
+mod live;
 mod machine;
 mod motor;
 mod path;
 mod points;
 mod problem;
 mod reader;
+mod sheet;
 mod source;
 mod syntax;
 mod table_columns;
@@ -49,7 +52,9 @@ use std::ops::Range;
 use std::path::Path;
 use std::sync::Arc;
 
+pub use live::{Cue, Knob, Live, ORDERS};
 pub use problem::{BrokenPath, FileError, PathPoint, Problem};
+pub use sheet::{Parameter, ParameterValue, Sheet, UnknownParameter};
 pub use source::Source;
 pub use table_columns::{ColumnDistance, ColumnUse, Smoothing, TableColumns};
 pub use text::decoded;
@@ -64,6 +69,7 @@ use context::{Context, Loader, refuse};
 use machine::Home;
 use motor::{Gearing, MotorDraft};
 use reader::{Node, Noted, Read, Reader, Section};
+use toml_edit::Table;
 
 /// A motion file's program, and how its tables were read.
 #[derive(Clone, Debug)]
@@ -76,6 +82,8 @@ pub struct Contents {
     pub units: Vec<PositionUnits>,
     /// What the motors turn, in their order.
     pub wheels: Vec<Wheel>,
+    /// What may be changed while the motion runs.
+    pub live: Live,
 }
 
 /// Reads a motion file and the files that it names.
@@ -96,6 +104,14 @@ pub fn load_contents(path: &Path) -> Result<Contents, FileError> {
     read_contents(&text, &name, &|named| text::read(&folder.join(named), text::MOST_OF_A_NAMED_FILE))
 }
 
+/// The text of a file that a motion file names.
+///
+/// # Errors
+/// The system's own; and in words if it is no file, too large, or no text.
+pub fn named_text(path: &Path) -> io::Result<String> {
+    text::read(path, text::MOST_OF_A_NAMED_FILE)
+}
+
 /// Reads a motion file for the command lines of its winch, to send them to a board as text.
 ///
 /// # Errors
@@ -104,8 +120,9 @@ pub fn load_winch(path: &Path) -> Result<WinchScript, FileError> {
     let (name, text) = open(path)?;
     let folder = path.parent().unwrap_or(Path::new(""));
     let load = |named: &Path| text::read(&folder.join(named), text::MOST_OF_A_NAMED_FILE);
-    read_as(&text, &name, |root| {
-        program(root, &load)?;
+    let sheet = Sheet::parse(&text, &name)?;
+    read_with(sheet.source(), sheet.table(), |root| {
+        program(root, sheet.table(), &load)?;
         winch::script(root, &load)
     })
 }
@@ -151,34 +168,27 @@ pub fn read_contents(
     name: &str,
     load: &dyn Fn(&Path) -> io::Result<String>,
 ) -> Result<Contents, FileError> {
-    read_as(text, name, |root| {
-        let (program, wheels) = program(root, load)?;
-        Ok(Contents { program, tables: root.reader.tables.take(), units: root.reader.units.take(), wheels })
-    })
+    Sheet::parse(text, name)?.contents(load)
 }
 
-fn read_as<T>(text: &str, name: &str, what: impl Fn(&Section) -> Read<T>) -> Result<T, FileError> {
-    // A byte order mark is no part of the text, and would shift every place.
-    let text = text.strip_prefix('\u{feff}').unwrap_or(text);
-    let source = Arc::new(Source::new(name, text));
-    let reader = Reader::new(Arc::clone(&source));
-    let found = match toml_edit::Document::parse(text) {
-        Ok(document) if document.as_table().is_empty() => {
-            return Err(FileError::whole(&source, format!("{name} is empty"), Some(NEW.to_owned())));
-        }
-        Ok(document) => what(&Section::root(&reader, document.as_table())),
-        Err(error) => Err(syntax::note(&reader, text, &error)),
-    };
+fn contents_of(root: &Section, table: &Table, load: Loader) -> Read<Contents> {
+    let (program, wheels, live) = program(root, table, load)?;
+    Ok(Contents { program, tables: root.reader.tables.take(), units: root.reader.units.take(), wheels, live })
+}
+
+fn read_with<T>(source: &Arc<Source>, table: &Table, what: impl Fn(&Section) -> Read<T>) -> Result<T, FileError> {
+    let reader = Reader::new(Arc::clone(source));
+    let found = what(&Section::root(&reader, table));
     match (found, FileError::of(reader.into_problems())) {
         (Ok(found), None) => Ok(found),
         (_, Some(error)) => Err(error),
         // `Noted` is made by noting alone, so this cannot be; but a wrong file must never pass.
-        (Err(Noted), None) => Err(FileError::whole(&source, "the file cannot be used".to_owned(), None)),
+        (Err(Noted), None) => Err(FileError::whole(source, "the file cannot be used".to_owned(), None)),
     }
 }
 
-fn program(root: &Section, load: Loader) -> Read<(Program, Vec<Wheel>)> {
-    root.check_keys(&["board", "grid", "tolerance", "idle", "motor", "machine", "motion"]);
+fn program(root: &Section, table: &Table, load: Loader) -> Read<(Program, Vec<Wheel>, Live)> {
+    root.check_keys(&["board", "grid", "tolerance", "idle", "motor", "machine", "motion", "live", "cue"]);
     let board = read_board(root);
     let grid = root.get("grid").map_or(Ok(Grid::NEAREST), |node| read_grid(&node));
     let tolerance = root.get("tolerance").map(|node| read_tolerance(&node)).transpose();
@@ -190,6 +200,7 @@ fn program(root: &Section, load: Loader) -> Read<(Program, Vec<Wheel>)> {
     if timelines.iter().all(Read::is_ok) {
         winch::refuse_strays(root.reader);
     }
+    let live = live::read(root, table, &drafts, &machine_drafts, load);
     let board = board?.board;
     let tolerance = tolerance?.unwrap_or_else(|| Tolerance::default_of(&board));
     let mut motors = Vec::new();
@@ -221,7 +232,8 @@ fn program(root: &Section, load: Loader) -> Read<(Program, Vec<Wheel>)> {
         machines.push(draft.finish(root, &motors, &gearings, &slack, home.as_ref())?);
     }
     let (grid, idle_ms) = (grid?, idle?);
-    Ok((Program { board, grid, tolerance, idle_ms, motors, machines, queue_parts: Vec::new() }, wheels))
+    let program = Program { board, grid, tolerance, idle_ms, motors, machines, queue_parts: Vec::new() };
+    Ok((program, wheels, live?))
 }
 
 fn read_board(root: &Section) -> Read<BoardRow> {
@@ -326,6 +338,11 @@ impl Timeline {
         self.laws.push(law);
         self.last = Some(motion.at.clone());
         Ok(())
+    }
+
+    /// Whether what is there never ends.
+    fn is_endless(&self) -> bool {
+        self.end.is_none()
     }
 
     /// All of it as one law.

@@ -322,3 +322,25 @@ fn a_motor_may_rest_for_ever_beside_another() {
         assert!(matches!(ensemble.next_move(resting), Ok(Some(Move::Dwell { .. }))));
     }
 }
+
+/// One motor of a line that rests for ever beside one that moves: both have their next move at once.
+#[test]
+fn a_motor_that_rests_for_ever_delays_no_other() {
+    let laws = vec![Law::sine(10.0, Time::SECOND, None).unwrap(), Law::speed(0.0, None).unwrap()];
+    let timing = DriverTiming { pulse_high_ns: 1000, pulse_low_ns: 1000, dir_setup_ns: 200, dir_hold_ns: 200 };
+    let moves = |order: [usize; 2]| {
+        let mut ensemble = Ensemble::new(&program(laws.clone(), timing)).unwrap();
+        let mut of_mover = LevelReplay::new();
+        for motor in order.into_iter().cycle().take(80) {
+            let next = ensemble.next_move(motor).unwrap().expect("it has no end");
+            match motor {
+                0 => of_mover.take(next),
+                _ => assert!(matches!(next, Move::Dwell { ticks } if ticks > TICK_HZ * 3600), "{next:?}"),
+            }
+        }
+        of_mover.steps
+    };
+    let steps = moves([0, 1]);
+    assert!(steps.len() >= 40);
+    assert_eq!(steps, moves([1, 0]), "whichever is asked first");
+}

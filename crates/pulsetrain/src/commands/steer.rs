@@ -8,7 +8,7 @@ use pulsetrain_session::control::{Command, Event};
 use super::stop::chosen;
 use crate::console::{Console, Exit};
 use crate::control_socket::{RunClient, RunLine, runs};
-use crate::live::LiveEvent;
+use crate::live::{KnobValue, LiveCommand, LiveEvent};
 
 #[derive(Args, Debug)]
 #[command(after_help = "\
@@ -155,6 +155,20 @@ pub(super) fn live_in_words(event: &LiveEvent) -> String {
         LiveEvent::Rejoined { from_s, until_s, times } => {
             format!("the motors had braked and join the motion again {} (time {times})", change(*from_s, *until_s))
         }
-        LiveEvent::Refused { command, why } => format!("{command:?} was refused: {why}"),
+        LiveEvent::Returned { from_s, until_s } => {
+            format!("the motors join the motion again {}", change(*from_s, *until_s))
+        }
+        LiveEvent::Refused { command, why } => {
+            let command = match command {
+                LiveCommand::Set { knob, value: KnobValue::Number(value) } => format!("{knob} {value}"),
+                LiveCommand::Set { knob, value: KnobValue::Text(value) } => format!("{knob} {value}"),
+                LiveCommand::Go => "go".to_owned(),
+                LiveCommand::Back => "back".to_owned(),
+                LiveCommand::Cue { name } => format!("cue {name}"),
+                LiveCommand::Goto { position } => format!("goto {position}"),
+                LiveCommand::Motion { .. } => "the changed motion file".to_owned(),
+            };
+            format!("refused: {command}: {why}")
+        }
     }
 }

@@ -1,5 +1,20 @@
 //! Motions that are changed while they run.
+//!
+//! - [`Line`]: what people type; [`Request`], [`Happened`]: the same as values
+//! - [`Desk`]: the motion as it is wanted: file, knobs, cues
+//! - [`Show`]: a running motion that obeys
+//! - [`watch`]: the motion file, which may change on the disk
+//! - [`log`]: what was asked and done, for [`log::Replay`]
 
+mod desk;
+mod line;
+pub mod log;
 mod request;
+pub(crate) mod screen;
+mod show;
+pub mod watch;
 
+pub use desk::{Desk, Files, NoMotion, Refusal, Turn};
+pub use line::{HELP, LONGEST_LINE, Line, LineError};
 pub use request::{Happened, KnobInfo, KnobValue, LiveCommand, LiveEvent, Request};
+pub use show::{Show, Tell};

@@ -37,7 +37,7 @@ pub enum LiveCommand {
     },
     /// Bring all motors to rest at a position.
     Goto {
-        /// A position with its unit, or `0`: where the motion began.
+        /// A position with its unit, or `0`: where the motion began. [`Command::Resume`] goes on with the motion.
         position: String,
     },
     /// Take over a changed motion file.
@@ -104,6 +104,13 @@ pub enum LiveEvent {
         /// See `from_s`.
         until_s: f64,
     },
+    /// The motors leave the position to which they were sent, and follow the motion again.
+    Returned {
+        /// When they begin to change, and when they follow the motion, s.
+        from_s: f64,
+        /// See `from_s`.
+        until_s: f64,
+    },
     /// A changed motion file was taken over.
     Motion {
         /// When the motors begin to change, and when they follow the new motion, s.
@@ -145,10 +152,10 @@ pub struct KnobInfo {
     pub name: String,
     /// Its unit; empty for a bare number.
     pub unit: String,
-    /// The least value, in its unit.
-    pub least: f64,
+    /// The least value, in its unit. `None` if the file gives none: then the laws and the motors' limits decide.
+    pub least: Option<f64>,
     /// The greatest value, in its unit.
-    pub greatest: f64,
+    pub greatest: Option<f64>,
     /// The value now, in its unit.
     pub value: f64,
 }

@@ -11,6 +11,7 @@ mod formula;
 mod helps;
 mod json;
 mod link;
+mod live;
 mod machines;
 mod mutants;
 mod page;

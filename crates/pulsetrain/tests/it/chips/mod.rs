@@ -5,6 +5,7 @@ mod baked_pico;
 mod clock;
 mod embed;
 mod faults;
+mod live;
 mod pause;
 mod pico;
 mod pico_figures;

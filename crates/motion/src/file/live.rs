@@ -1,0 +1,320 @@
+//! `[live.knobs]` and `[[cue]]`: what `pulsetrain live` may change while a motion runs.
+
+use super::context::Loader;
+use super::machine::{self, Home};
+use super::motor::MotorDraft;
+use super::reader::{Node, Noted, Read, Section};
+use super::sheet::{self, Parameter, ParameterValue};
+use super::{Timeline, motor_named, read_motions};
+use crate::Time;
+use crate::quantity::{Quantity, nearest};
+use toml_edit::Table;
+
+/// What may be changed while a motion runs.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Live {
+    /// In the file's order.
+    pub knobs: Vec<Knob>,
+    /// In the file's order.
+    pub cues: Vec<Cue>,
+}
+
+/// A knob of `[live.knobs]`.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Knob {
+    /// Its name.
+    pub name: String,
+    /// The [`Parameter`] that it sets.
+    pub target: String,
+    /// The unit of its range and of bare numbers; empty if the parameter is a bare number.
+    pub unit: String,
+    /// The least value, in its unit.
+    pub least: Option<f64>,
+    /// The greatest value, in its unit.
+    pub greatest: Option<f64>,
+    /// How long a change takes, at least.
+    pub smoothing: Option<Time>,
+}
+
+/// A cue: other values, or other motions.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Cue {
+    /// Its name.
+    pub name: String,
+    /// Parameters, or knobs, and their new values.
+    pub set: Vec<(String, ParameterValue)>,
+    /// How long the change takes, at least.
+    pub fade: Option<Time>,
+    /// After this time the next cue comes by itself.
+    pub follow: Option<Time>,
+    /// The motors with motions of its own, in the program's order.
+    pub motors: Vec<usize>,
+    /// Whether these motions begin at the cue; else they count from the motion's begin.
+    pub begins_now: bool,
+}
+
+/// Words that `pulsetrain live` takes for orders. No knob may have such a name.
+pub const ORDERS: [&str; 13] =
+    ["pause", "resume", "stop", "tempo", "go", "back", "cue", "goto", "knobs", "cues", "help", "status", "here"];
+
+/// Reads both, if they are there.
+pub(super) fn read(
+    root: &Section,
+    table: &Table,
+    drafts: &[(String, Read<MotorDraft>)],
+    machines: &[(String, Read<machine::MachineDraft>)],
+    load: Loader,
+) -> Read<Live> {
+    let parameters = sheet::parameters(table);
+    let knobs = read_knobs(root, &parameters);
+    let cues = match root.get("cue") {
+        None => Ok(Vec::new()),
+        Some(node) => read_cues(&node, root, table, &parameters, drafts, machines, load),
+    };
+    Ok(Live { knobs: knobs?, cues: cues? })
+}
+
+fn read_knobs(root: &Section, parameters: &[Parameter]) -> Read<Vec<Knob>> {
+    const EXAMPLE: &str = "[live.knobs] with speed = { target = \"wheel.frequency\", greatest = \"2 Hz\" }";
+    let Some(node) = root.get("live") else { return Ok(Vec::new()) };
+    let live = node.section("`live`".to_owned(), &["knobs"], EXAMPLE)?;
+    let Some(node) = live.get("knobs") else { return Ok(Vec::new()) };
+    let section = node.any_section("the knobs".to_owned(), EXAMPLE)?;
+    let knobs = section.nodes().into_iter().map(|node| knob(&section, &node, parameters));
+    // All of them, so that every bad one is noted.
+    let knobs: Vec<Read<Knob>> = knobs.collect();
+    knobs.into_iter().collect()
+}
+
+fn knob(knobs: &Section, node: &Node, parameters: &[Parameter]) -> Read<Knob> {
+    const EXAMPLE: &str = "target = \"wheel.frequency\"";
+    let name = node.key;
+    if name.is_empty() || name.contains(char::is_whitespace) || ORDERS.contains(&name) {
+        let message = format!("a knob cannot be called `{name}`");
+        let help = "give it a name without spaces that is none of live's own words, such as `speed`";
+        return Err(node.reader.note(knobs.key_span(name), "this name", message, help));
+    }
+    let known = ["target", "unit", "least", "greatest", "smoothing"];
+    let section = node.section(format!("knob `{name}`"), &known, EXAMPLE)?;
+    let target_node = section.need("target", EXAMPLE)?;
+    let target = parameter_at(&target_node, target_node.text(EXAMPLE)?, parameters)?;
+    let smoothing = section.get("smoothing").map(|node| node.duration("0.5 s")).transpose();
+    let unit = match section.get("unit") {
+        None => target.value.parts().1.to_owned(),
+        Some(node) => unit_of(&node, target)?,
+    };
+    let bound = |key: &str| section.get(key).map(|node| in_unit(&node, &unit, target)).transpose();
+    let (least, greatest) = (bound("least"), bound("greatest"));
+    let (least, greatest) = (least?, greatest?);
+    if let (Some(least), Some(greatest)) = (least, greatest)
+        && least > greatest
+    {
+        let message = format!("knob `{name}`: `least` is more than `greatest`");
+        return Err(node.note("no value is left", message, "exchange them"));
+    }
+    Ok(Knob { name: name.to_owned(), target: target.name.clone(), unit, least, greatest, smoothing: smoothing? })
+}
+
+/// The parameter of that name.
+fn parameter_at<'p>(node: &Node, name: &str, parameters: &'p [Parameter]) -> Read<&'p Parameter> {
+    parameters.iter().find(|parameter| parameter.name == name).ok_or_else(|| {
+        let names = || parameters.iter().map(|parameter| parameter.name.as_str());
+        let help = match nearest(name, names()) {
+            Some(near) => format!("did you mean \"{near}\"?"),
+            None => format!("the numbers of this file's laws: {}", names().collect::<Vec<_>>().join(", ")),
+        };
+        node.note("not a number of a law", format!("no law has `{name}`"), help)
+    })
+}
+
+fn unit_of(node: &Node, target: &Parameter) -> Read<String> {
+    let unit = node.text("unit = \"Hz\"")?.trim();
+    let is_same = |a: &Quantity, b: &Quantity| a.kind() == b.kind();
+    let (of_target, own) = (quantity_of(target), Quantity::parse(&format!("1 {unit}")).ok());
+    match (of_target, own) {
+        (Some(target), Some(own)) if is_same(&target, &own) => Ok(unit.to_owned()),
+        _ => {
+            let (_, written) = target.value.parts();
+            let message = format!("`{}` is no unit of `{}`", unit, target.name);
+            let help = match written {
+                "" => "leave it out: the law has a bare number".to_owned(),
+                written => format!("write unit = \"{written}\", as in the law, or another unit of the same kind"),
+            };
+            Err(node.note("not its unit", message, help))
+        }
+    }
+}
+
+fn quantity_of(parameter: &Parameter) -> Option<Quantity> {
+    match &parameter.value {
+        ParameterValue::Quantity(text) => Quantity::parse(text).ok(),
+        _ => None,
+    }
+}
+
+/// A bound of a knob, in the knob's unit.
+fn in_unit(node: &Node, unit: &str, target: &Parameter) -> Read<f64> {
+    if unit.is_empty() {
+        return node.number("2");
+    }
+    let example = format!("2 {unit}");
+    let quantity = node.quantity(&example)?;
+    match Quantity::parse(&format!("1 {unit}")) {
+        Ok(one) if one.kind() == quantity.kind() => Ok(quantity.value / one.value),
+        _ => {
+            let message =
+                format!("`{}` must be in a unit of `{}`, but this is {}", node.key, target.name, quantity.kind());
+            Err(node.note(
+                quantity.kind().to_string(),
+                message,
+                format!("write, for example: {} = \"{example}\"", node.key),
+            ))
+        }
+    }
+}
+
+fn read_cues(
+    node: &Node,
+    root: &Section,
+    table: &Table,
+    parameters: &[Parameter],
+    drafts: &[(String, Read<MotorDraft>)],
+    machines: &[(String, Read<machine::MachineDraft>)],
+    load: Loader,
+) -> Read<Vec<Cue>> {
+    const EXAMPLE: &str = "[[cue]] with name = \"fast\" and set = { \"wheel.frequency\" = \"2 Hz\" }";
+    let nodes = if node.is_table() { vec![node.clone()] } else { node.list(EXAMPLE)? };
+    let mut cues: Vec<Read<Cue>> = Vec::new();
+    for (number, node) in nodes.iter().enumerate() {
+        let cue = read_cue(node, parameters, drafts, machines).and_then(|(cue, begins_now)| {
+            let before = cues.iter().flatten().any(|before: &Cue| before.name == cue.name);
+            if before {
+                let message = format!("two cues are called \"{}\"", cue.name);
+                return Err(node.note("the second one", message, "give one of them another name"));
+            }
+            let (motors, is_endless) = check_motions(number, &cue, (root, table), drafts, machines, load)?;
+            Ok(Cue { begins_now: begins_now.unwrap_or(!is_endless), motors, ..cue })
+        });
+        cues.push(cue);
+    }
+    cues.into_iter().collect()
+}
+
+fn read_cue(
+    node: &Node,
+    parameters: &[Parameter],
+    drafts: &[(String, Read<MotorDraft>)],
+    machines: &[(String, Read<machine::MachineDraft>)],
+) -> Read<(Cue, Option<bool>)> {
+    const EXAMPLE: &str = "name = \"fast\"";
+    let known = ["name", "set", "motion", "fade", "follow", "begins"];
+    let section = node.section("the cue".to_owned(), &known, EXAMPLE)?;
+    let name_node = section.need("name", EXAMPLE)?;
+    let name = name_node.text(EXAMPLE)?.trim();
+    if name.is_empty() || name.contains(char::is_control) {
+        return Err(name_node.note("no name", "a cue needs a name of one line", ""));
+    }
+    let time = |key: &str| section.get(key).map(|node| node.duration("2 s")).transpose();
+    let (fade, follow) = (time("fade"), time("follow"));
+    let set = section.get("set").map(|node| read_set(&node, parameters)).transpose();
+    let begins = section.get("begins").map(|node| node.word(&[("now", true), ("with-the-motion", false)])).transpose();
+    let motion = section.get("motion");
+    if set.as_ref().is_ok_and(Option::is_none) && motion.is_none() {
+        let message = format!("cue \"{name}\" changes nothing");
+        return Err(node.note("changes nothing", message, "give it `set`, or [[cue.motion]]"));
+    }
+    if let Some(motion) = &motion {
+        let nodes = if motion.is_table() { vec![motion.clone()] } else { motion.list("[[cue.motion]]")? };
+        for node in nodes {
+            // Whose motion it is must be known: the motion before it goes.
+            let row = node.any_section("the cue's motion".to_owned(), "motor = \"wheel\"")?;
+            let is_machine = row.get("machine").map(|node| machine::named(&node, machines).map(drop)).transpose()?;
+            if is_machine.is_none() && row.get("motors").is_none() {
+                motor_named(&row.need("motor", "motor = \"wheel\"")?, drafts)?;
+            }
+        }
+    }
+    let cue = Cue {
+        name: name.to_owned(),
+        set: set?.unwrap_or_default(),
+        fade: fade?,
+        follow: follow?,
+        motors: Vec::new(),
+        begins_now: false,
+    };
+    Ok((cue, begins?))
+}
+
+fn read_set(node: &Node, parameters: &[Parameter]) -> Read<Vec<(String, ParameterValue)>> {
+    const EXAMPLE: &str = "set = { \"wheel.frequency\" = \"2 Hz\" }";
+    let section = node.any_section("`set`".to_owned(), EXAMPLE)?;
+    let mut set = Vec::new();
+    for node in section.nodes() {
+        // A dotted key without quotes is a table of its motor.
+        if node.is_table() {
+            let inner = node.any_section(format!("`{}`", node.key), EXAMPLE)?;
+            for value in inner.nodes() {
+                let name = format!("{}.{}", node.key, value.key);
+                set.push(set_one(&value, &name, parameters)?);
+            }
+            continue;
+        }
+        set.push(set_one(&node, node.key, parameters)?);
+    }
+    Ok(set)
+}
+
+fn set_one(node: &Node, name: &str, parameters: &[Parameter]) -> Read<(String, ParameterValue)> {
+    let parameter = parameter_at(node, name, parameters)?;
+    let value = match (node.as_whole(), node.as_number()) {
+        (Some(whole), _) if matches!(parameter.value, ParameterValue::Whole(_)) => ParameterValue::Whole(whole),
+        (_, Some(number)) => ParameterValue::Number(number),
+        _ => {
+            node.quantity("2 Hz")?;
+            ParameterValue::Quantity(node.as_text().unwrap_or_default().to_owned())
+        }
+    };
+    Ok((name.to_owned(), value))
+}
+
+/// Reads the file's motions with a cue in it. Gives the motors with motions of the cue's own, and whether all of those are endless.
+fn check_motions(
+    number: usize,
+    cue: &Cue,
+    (root, table): (&Section, &Table),
+    drafts: &[(String, Read<MotorDraft>)],
+    machines: &[(String, Read<machine::MachineDraft>)],
+    load: Loader,
+) -> Read<(Vec<usize>, bool)> {
+    let mut table = table.clone();
+    let rows = sheet::cue_motions(&table, number);
+    let named: Vec<String> = rows.iter().flat_map(|row| sheet::owners(row)).collect();
+    if !rows.is_empty() {
+        sheet::replace_motions(&mut table, rows);
+    }
+    for (name, value) in &cue.set {
+        // A parameter of a law that the cue itself replaces may be gone.
+        if let Err(unknown) = sheet::set(&mut table, name, value) {
+            let message = format!("cue \"{}\" sets `{}`, which its own motions do not have", cue.name, unknown.name);
+            return Err(root.reader.note(root.key_span("cue"), "this cue", message, "leave it out of `set`"));
+        }
+    }
+    let changed = Section::root(root.reader, &table);
+    let mut homes: Vec<Option<Home>> = machines.iter().map(|_| None).collect();
+    let timelines: Vec<Read<Timeline>> = read_motions(&changed, drafts, machines, &mut homes, load);
+    let (mut own, mut is_endless) = (Vec::new(), true);
+    for (motor, timeline) in timelines.into_iter().enumerate() {
+        let timeline = timeline?;
+        let is_named = named.contains(&drafts[motor].0)
+            || machines.iter().any(|(name, draft)| {
+                named.contains(name) && draft.as_ref().is_ok_and(|draft| draft.motors.contains(&motor))
+            });
+        if is_named {
+            own.push(motor);
+            is_endless &= timeline.is_endless();
+        }
+        let draft = drafts[motor].1.as_ref().map_err(|Noted| Noted)?;
+        timeline.finish(root.reader, draft)?;
+    }
+    Ok((own, is_endless))
+}

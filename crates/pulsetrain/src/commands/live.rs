@@ -1,0 +1,656 @@
+//! `pulsetrain live`: a motion that is changed while it runs.
+
+use std::io::{self, BufRead, IsTerminal, Read, Write};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, TryRecvError, channel};
+use std::thread;
+use std::time::Duration;
+
+use clap::Args;
+use miette::miette;
+use pulsetrain_board::{BoardKind, Edge, Leased, Observer, Serial};
+use pulsetrain_core::wire::Baud;
+use pulsetrain_motion::human;
+use pulsetrain_motion::program::Program;
+use pulsetrain_session::Proof;
+use pulsetrain_session::control::{Ended, Event, Status};
+use pulsetrain_session::drive::{DriveError, Driven, connect_while};
+use pulsetrain_session::prepare::{Prepared, usual_baud};
+use pulsetrain_trace::{Line as TraceLine, vcd_file};
+
+use super::problems::{drive_problem, port_problem};
+use super::rehearsal::Rehearsal;
+use super::{on_port, plan, ports, steer};
+use crate::console::{self, Access, Console, Exit, access};
+use crate::control_socket::{ClientKind, Control, Ending, Hub, HubSender, RunEnded, RunInfo};
+use crate::diagnostic::{WrongFile, advised};
+use crate::live::log::{LogEntry, LogHead, LogLine, VERSION};
+use crate::live::screen::{Key, Screen};
+use crate::live::watch::{LOOK_MS, Watched};
+use crate::live::{Desk, HELP, Happened, KnobInfo, LONGEST_LINE, Line, LiveCommand, LiveEvent, Request, Show};
+use crate::serve::RealTime;
+use crate::standing::{quoted, standings, way_back};
+use crate::{arguments, interrupt, last_positions, load};
+
+#[derive(Args, Debug)]
+#[command(after_help = "\
+The motion runs until it is stopped. Change the file, turn knobs, go to cues: the motors change over within their \
+limits, and lose no step. docs/live.md has all of it.
+
+Lines on standard input, or typed after a colon at a terminal:
+  second.frequency 0.9 Hz     turn a knob; `knobs` lists them
+  tempo 0.5, pause, resume    all motors, in phase
+  go, back, cue NAME          cues
+  goto 0, stop                `help` lists all of them
+
+Examples:
+  pulsetrain live examples/live.toml
+  pulsetrain live examples/live.toml --port /dev/ttyACM0
+  echo stop | pulsetrain live examples/live.toml --native")]
+pub(crate) struct LiveArgs {
+    /// Motion file (TOML)
+    pub(crate) file: PathBuf,
+    /// Hold the motion against this board's limits instead of the file's
+    #[arg(long, value_name = "BOARD", value_parser = arguments::board)]
+    pub(crate) board: Option<String>,
+    /// Run it on this computer's own stepgen even if its board has a firmware
+    #[arg(long, conflicts_with = "port")]
+    pub(crate) native: bool,
+    /// Let the board at this serial port run it
+    #[arg(long, value_name = "PORT")]
+    pub(crate) port: Option<String>,
+    /// Rate of the line to the board, once it is found [default: 1000000; 2000000 for a Pico, whose own USB has no rate]
+    #[arg(long, value_name = "BAUD", value_parser = arguments::baud, conflicts_with = "native")]
+    pub(crate) baud: Option<Baud>,
+    /// Begin at once on an Uno at the port, without a rehearsal on the virtual one
+    #[arg(long, requires = "port")]
+    pub(crate) no_rehearsal: bool,
+    /// Print lines of text, even at a terminal
+    #[arg(short, long)]
+    pub(crate) quiet: bool,
+    /// If this computer was too slow and the motors braked, end; else they join the motion again
+    #[arg(long)]
+    pub(crate) no_rejoin: bool,
+    /// Do not look at the motion file again
+    #[arg(long)]
+    pub(crate) no_watch: bool,
+    /// Write what is asked and done to this file, for `pulsetrain replay`
+    #[arg(long, value_name = "FILE")]
+    pub(crate) log: Option<PathBuf>,
+    /// Write every edge of a virtual board to this file (VCD)
+    #[arg(long, value_name = "FILE", conflicts_with = "port")]
+    pub(crate) trace: Option<PathBuf>,
+}
+
+/// A motion that is about to run.
+pub(super) struct Staged {
+    pub(super) desk: Desk,
+    pub(super) prepared: Prepared,
+    pub(super) proof: Proof,
+    pub(super) baud: Baud,
+}
+
+impl Staged {
+    /// Prepares a motion, and proves its beginning.
+    pub(super) fn new(
+        (mut desk, contents): (Desk, pulsetrain_motion::file::Contents),
+        name: &str,
+        board: Option<&str>,
+        line: Way<'_>,
+        console: &Console<'_>,
+    ) -> miette::Result<Staged> {
+        let mut prepared = Prepared::new(name.to_owned(), contents, board).map_err(advised)?;
+        plan::check_baud(&prepared, line.baud)?;
+        let baud = line.baud.unwrap_or_else(|| usual_baud(&prepared.program.board.name));
+        if !line.is_native {
+            let by_uart = line.port.is_some_and(|name| !ports::is_own_usb(name));
+            prepared.over_line(if by_uart { Some(baud) } else { line.baud });
+        }
+        let proof = plan::prove_first(&mut prepared, console)?;
+        desk.set_up(&prepared.program);
+        Ok(Staged { desk, prepared, proof, baud })
+    }
+
+    /// Its way to a virtual board, or to the native one; the same each time.
+    pub(super) fn kind(&self, is_native: bool) -> Option<BoardKind> {
+        BoardKind::named(&self.prepared.program.board.name).filter(|_| !is_native)
+    }
+}
+
+/// How the plan comes to the board.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Way<'a> {
+    pub(super) is_native: bool,
+    pub(super) port: Option<&'a str>,
+    pub(super) baud: Option<Baud>,
+}
+
+pub(crate) fn run(args: &LiveArgs, console: &mut Console<'_>) -> miette::Result<Exit> {
+    let path = load::found(&args.file).into_owned();
+    let name = path.display().to_string();
+    let opened = match Desk::open(&path, args.board.as_deref()) {
+        Ok(opened) => opened,
+        // It gives advice about names that are not there.
+        Err(error) => return load::contents(&args.file).and(Err(WrongFile::from(error).into())),
+    };
+    let way = Way { is_native: args.native, port: args.port.as_deref(), baud: args.baud };
+    let staged = Staged::new(opened, &name, args.board.as_deref(), way, console)?;
+    let program = Arc::new(staged.prepared.program.clone());
+    let log = args.log.as_deref().map(|path| Log::create(path, &staged, args)).transpose()?;
+    let mut info = RunInfo::new(&name, &program, args.port.as_deref(), args.native);
+    (info.is_live, info.knobs, info.cues) = (true, staged.desk.knobs(), staged.desk.cues());
+    let control = Control::open(&info, console);
+    let began = begin(staged, args, control, log, console);
+    let (running, stage) = began?;
+    let Running { hub, heard, pending, thread } = running;
+    if !args.no_watch {
+        watch(&path, &stage, &hub);
+    }
+    let talk = Talk { info: hub.info(), hub: hub.clone(), heard, pending };
+    let talked = talk.until_the_end(args.quiet, console);
+    let ended = thread.join().map_err(|_| miette!("the motion's thread failed: please report it"))?;
+    let unwritten = ended.unwritten;
+    let exit = match ended.ended {
+        Ok(ended) => told_end(args, &name, &program, &ended, console),
+        Err(error) => {
+            let has_moved = matches!(error, DriveError::Halted { .. });
+            let problem = drive_problem(error);
+            if !has_moved {
+                return Err(problem);
+            }
+            console.complain(&problem).map(|_| Exit::Stopped)
+        }
+    };
+    talked?;
+    match unwritten {
+        Some(error) => exit.and(Err(error.into())),
+        None => exit,
+    }
+}
+
+/// Says where the motors are, and how they get back.
+fn told_end(
+    args: &LiveArgs,
+    name: &str,
+    program: &Program,
+    ended: &Ended,
+    console: &mut Console<'_>,
+) -> miette::Result<Exit> {
+    let motors = standings(program, &ended.counted, ended.uncertain.as_deref().unwrap_or_default());
+    let each: Vec<String> = motors.iter().map(ToString::to_string).collect();
+    console.print(format_args!("stopped: {}\n", each.join("; ")))?;
+    let board = args.board.as_ref().map(|board| format!(" --board {board}"));
+    let port = args.port.as_deref().map(|port| format!(" --port {}", quoted(port)));
+    let options: String = board.into_iter().chain(port).chain(args.native.then(|| " --native".to_owned())).collect();
+    if let Some(way_back) = way_back(name, program, &motors, &options) {
+        console.print(format_args!("  back to the start: {way_back}\n"))?;
+    }
+    Ok(Exit::Success)
+}
+
+/// A motion that runs in its own thread.
+struct Running {
+    hub: Hub,
+    heard: Receiver<Told>,
+    pending: Arc<AtomicUsize>,
+    thread: thread::JoinHandle<Played>,
+}
+
+/// What the motion's thread tells the terminal.
+enum Told {
+    Happened(Happened),
+    Over,
+}
+
+/// How a motion ended, and the file that could not be written.
+struct Played {
+    ended: Result<Ended, DriveError>,
+    unwritten: Option<Access>,
+}
+
+/// Connects to the board, and lets the motion run in a thread of its own: whoever listens never delays a step.
+fn begin(
+    staged: Staged,
+    args: &LiveArgs,
+    control: Control,
+    log: Option<Log>,
+    console: &mut Console<'_>,
+) -> miette::Result<(Running, Arc<str>)> {
+    let Staged { desk, prepared, proof, baud } = &staged;
+    let text: Arc<str> = desk.text().into();
+    let kind = staged.kind(args.native);
+    let failed = |control: Control, error: miette::Report| {
+        control.end(&RunEnded::failed(error.to_string()));
+        error
+    };
+    let parts = Parts { control, log, trace: args.trace.clone(), rejoins: !args.no_rejoin, desk: desk.clone() };
+    let hz = prepared.program.board.tick_hz;
+    let Some(port) = &args.port else {
+        interrupt::watch();
+        return match kind {
+            Some(kind) => match Driven::on_virtual(kind, prepared, *baud) {
+                Ok(driven) => Ok((parts.play(proving(driven, prepared, proof)?, Some(hz))?, text)),
+                Err(error) => Err(failed(parts.control, drive_problem(error))),
+            },
+            None => match Driven::native(prepared) {
+                Ok(driven) => Ok((parts.play(proving(driven, prepared, proof)?, Some(hz))?, text)),
+                Err(error) => Err(failed(parts.control, advised(error))),
+            },
+        };
+    };
+    let Some(kind) = kind else {
+        let help = "add --board uno or --board pico, or write it in the file";
+        let board = &prepared.program.board.name;
+        return Err(failed(
+            parts.control,
+            miette!(help = help, "{} is planned for the board `{board}`", prepared.file),
+        ));
+    };
+    let connected = (|| {
+        if kind.is_rehearsed() && !args.no_rehearsal {
+            let put_off = proof.planned.iter().map(|planned| planned.certificate.longest_put_off_ticks).max();
+            drop(Rehearsal::of_run(prepared, *baud, None, put_off.unwrap_or(0), console)?);
+        }
+        if parts.control.wants_stop() {
+            return Err(miette!("stopped before it began: no motor has moved"));
+        }
+        interrupt::watch();
+        let serial = Serial::open(port, false).map_err(port_problem)?;
+        // From here on the board counts from another position.
+        last_positions::forget(port);
+        let mut waits = on_port::waits_with_notice(console, port);
+        let goes_on = || waits() && !parts.control.wants_stop();
+        let driven = Driven::with(prepared, |program| connect_while(serial, program, *baud, goes_on));
+        proving(driven.map_err(drive_problem)?, prepared, proof)
+    })();
+    match connected {
+        Ok(driven) => Ok((parts.play(driven, None)?, text)),
+        Err(error) => Err(failed(parts.control, error)),
+    }
+}
+
+/// Lets the rest of a motion be proven while it runs.
+pub(super) fn proving<B: Leased>(driven: Driven<B>, prepared: &Prepared, proof: &Proof) -> miette::Result<Driven<B>> {
+    if proof.is_whole { Ok(driven) } else { driven.proving(prepared, proof.until_s).map_err(drive_problem) }
+}
+
+/// What a running motion needs besides its board.
+struct Parts {
+    control: Control,
+    log: Option<Log>,
+    trace: Option<PathBuf>,
+    rejoins: bool,
+    desk: Desk,
+}
+
+/// Statuses that wait for the terminal: more are left out.
+const MOST_PENDING: usize = 64;
+
+impl Parts {
+    /// Lets the motion run in its own thread. With `paced_hz` the board's time keeps pace with the time of day.
+    fn play<B: Leased + Send + 'static>(self, driven: Driven<B>, paced_hz: Option<u64>) -> miette::Result<Running> {
+        let hub = self.control.hub().clone();
+        let (tells, heard) = channel();
+        let pending = Arc::new(AtomicUsize::new(0));
+        let of_thread = Arc::clone(&pending);
+        let trace = Trace::create(self.trace.as_deref(), paced_hz.unwrap_or(1), &driven.lines)?;
+        let thread = thread::spawn(move || self.played(driven, paced_hz, trace, &tells, &of_thread));
+        Ok(Running { hub, heard, pending, thread })
+    }
+
+    fn played<B: Leased>(
+        mut self,
+        driven: Driven<B>,
+        paced_hz: Option<u64>,
+        mut trace: Trace,
+        tells: &Sender<Told>,
+        pending: &AtomicUsize,
+    ) -> Played {
+        let mut show = Show::new(driven, self.desk.clone(), self.rejoins);
+        let hub = self.control.hub().clone();
+        let time = |tick: u64| Duration::from_secs_f64(tick as f64 / paced_hz.unwrap_or(1) as f64);
+        let mut pace = paced_hz.map(|_| RealTime::from(time(show.now())));
+        let mut log = self.log.take();
+        let ended = 'run: loop {
+            let mut news = News { hub: &hub, tells, pending, has_knobs: false, done: Vec::new() };
+            let mut requests = 0;
+            while requests < MOST_REQUESTS {
+                let wait = pace.as_mut().map_or(Duration::ZERO, |pace| pace.ahead(time(show.now())));
+                let Some(request) = next_request(self.control.requests(), wait) else { break };
+                requests += 1;
+                let tick = show.now();
+                log.iter().for_each(|log| log.line(tick, LogEntry::Asked(request.clone())));
+                let is_file = matches!(request, Request::Live(LiveCommand::Motion { .. }));
+                let obeyed = show.obey(request, &mut trace, &mut |happened| news.tell(happened));
+                if is_file {
+                    log.iter_mut().for_each(|log| log.files(tick, &show));
+                }
+                if let Some(over) = obeyed.transpose() {
+                    news.log(show.now(), &log);
+                    break 'run over;
+                }
+            }
+            hub.looked();
+            let stepped = show.step(&mut trace, &mut |happened| news.tell(happened));
+            news.log(show.now(), &log);
+            if news.has_knobs {
+                hub.change_info(|info| (info.knobs, info.cues) = (show.desk().knobs(), show.desk().cues()));
+            }
+            if let Some(over) = stepped.transpose() {
+                break over;
+            }
+        };
+        let end = match &ended {
+            Ok(ended) => {
+                let program = show.desk().setup();
+                let motors = standings(program, &ended.counted, ended.uncertain.as_deref().unwrap_or_default());
+                RunEnded { ended: Ending::Stopped, why: None, motors, way_back: None, moved: true }
+            }
+            Err(error) => RunEnded { moved: true, ..RunEnded::failed(error.to_string()) },
+        };
+        let mut unwritten = None;
+        if let Some(log) = log {
+            log.line(show.now(), LogEntry::Over);
+            unwritten = log.finish();
+        }
+        unwritten = unwritten.or(trace.finish());
+        // A board that is told the end can be taken at once by the next program.
+        drop(show.into_driven());
+        let _ = tells.send(Told::Over);
+        self.control.end(&end);
+        Played { ended, unwritten }
+    }
+}
+
+/// Requests that are obeyed before the next step: more wait.
+const MOST_REQUESTS: u32 = 32;
+
+/// The next request, waiting for one as long as that.
+fn next_request(requests: &Receiver<Request>, wait: Duration) -> Option<Request> {
+    match requests.try_recv() {
+        Ok(request) => return Some(request),
+        Err(TryRecvError::Empty) if !wait.is_zero() => {}
+        Err(_) => return None,
+    }
+    requests.recv_timeout(wait).ok()
+}
+
+/// Tells everybody what happens, and keeps it for the log.
+struct News<'a> {
+    hub: &'a Hub,
+    tells: &'a Sender<Told>,
+    pending: &'a AtomicUsize,
+    /// Whether other knobs or cues may be there now.
+    has_knobs: bool,
+    done: Vec<Happened>,
+}
+
+impl News<'_> {
+    fn tell(&mut self, happened: Happened) {
+        self.hub.tell_happened(&happened);
+        match &happened {
+            Happened::Session(Event::Progress { .. }) => return,
+            Happened::Session(Event::Status(_)) => {
+                if self.pending.load(Ordering::Relaxed) >= MOST_PENDING {
+                    return;
+                }
+            }
+            Happened::Live(LiveEvent::Cue { .. } | LiveEvent::Motion { .. } | LiveEvent::Refused { .. }) => {
+                self.has_knobs = true;
+                self.done.push(happened.clone());
+            }
+            other => self.done.push(other.clone()),
+        }
+        self.pending.fetch_add(1, Ordering::Relaxed);
+        // The terminal listens until the end.
+        let _ = self.tells.send(Told::Happened(happened));
+    }
+
+    fn log(&mut self, tick: u64, log: &Option<Log>) {
+        for done in self.done.drain(..) {
+            log.iter().for_each(|log| log.line(tick, LogEntry::Done(done.clone())));
+        }
+    }
+}
+
+/// The log's writer: a thread, so that a slow disk delays no step.
+struct Log {
+    lines: Sender<LogLine>,
+    writer: thread::JoinHandle<Option<Access>>,
+    files: usize,
+}
+
+impl Log {
+    fn create(path: &Path, staged: &Staged, args: &LiveArgs) -> miette::Result<Log> {
+        let mut file = console::create(path)?;
+        let head = LogHead {
+            pulsetrain_log: VERSION,
+            program: env!("CARGO_PKG_VERSION").to_owned(),
+            file: staged.prepared.file.clone(),
+            text: staged.desk.text().to_owned(),
+            files: staged.desk.files(),
+            board: args.board.clone(),
+            is_native: args.native,
+            port: args.port.clone(),
+            baud: args.baud.map(Baud::rate),
+            rejoins: !args.no_rejoin,
+        };
+        let head = serde_json::to_string(&head).map_err(|error| miette!("cannot write JSON: {error}"))?;
+        let path = path.to_owned();
+        let written = writeln!(file, "{head}").and_then(|()| file.flush());
+        written.map_err(|error| access("write", &path, error))?;
+        let (lines, to_write) = channel::<LogLine>();
+        let writer = thread::spawn(move || {
+            for line in to_write {
+                let text = serde_json::to_string(&line).unwrap_or_default();
+                if let Err(error) = writeln!(file, "{text}").and_then(|()| file.flush()) {
+                    return Some(access("write", &path, error));
+                }
+            }
+            None
+        });
+        Ok(Log { lines, writer, files: staged.desk.files().len() })
+    }
+
+    fn line(&self, tick: u64, entry: LogEntry) {
+        // A disk that is full is told at the end.
+        let _ = self.lines.send(LogLine { tick, entry });
+    }
+
+    /// Notes the files that a changed motion file names.
+    fn files<B: Leased>(&mut self, tick: u64, show: &Show<B>) {
+        let files = show.desk().files();
+        if self.files > 0 || !files.is_empty() {
+            self.files = files.len();
+            self.line(tick, LogEntry::Files(files));
+        }
+    }
+
+    fn finish(self) -> Option<Access> {
+        drop(self.lines);
+        self.writer.join().ok().flatten()
+    }
+}
+
+/// A file with every edge, if one is wanted.
+pub(super) struct Trace(Option<TraceFile>);
+
+struct TraceFile {
+    writer: vcd_file::EdgeWriter<io::BufWriter<std::fs::File>>,
+    path: PathBuf,
+    error: Option<io::Error>,
+}
+
+impl Trace {
+    pub(super) fn create(path: Option<&Path>, tick_hz: u64, lines: &[TraceLine]) -> Result<Trace, Access> {
+        let Some(path) = path else { return Ok(Trace(None)) };
+        let writer = vcd_file::EdgeWriter::new(console::create(path)?, tick_hz, lines);
+        let writer = writer.map_err(|error| access("write", path, error))?;
+        Ok(Trace(Some(TraceFile { writer, path: path.to_owned(), error: None })))
+    }
+
+    pub(super) fn finish(self) -> Option<Access> {
+        let TraceFile { writer, path, error } = self.0?;
+        let written = error.map_or_else(|| writer.finish(), Err);
+        written.err().map(|error| access("write", &path, error))
+    }
+}
+
+impl Observer for Trace {
+    fn edge(&mut self, edge: Edge) {
+        if let Some(file) = self.0.as_mut().filter(|file| file.error.is_none()) {
+            let edge = pulsetrain_trace::Edge { tick: edge.tick, line: edge.line, level: edge.level };
+            file.error = file.writer.push(edge).err();
+        }
+    }
+}
+
+/// Looks at the motion file, in a thread of its own.
+fn watch(path: &Path, known: &str, hub: &Hub) {
+    let Ok(client) = hub.join(ClientKind::Terminal) else { return };
+    let mut file = Watched::new(path, known);
+    let hub = hub.clone();
+    thread::spawn(move || {
+        // It takes no lines.
+        let (sender, lines) = client.split();
+        drop(lines);
+        while !hub.is_over_within(Duration::from_millis(LOOK_MS)) {
+            if let Some(text) = file.look() {
+                sender.send(Request::Live(LiveCommand::Motion { text }));
+            }
+        }
+    });
+}
+
+/// The terminal's side.
+struct Talk {
+    info: RunInfo,
+    hub: Hub,
+    heard: Receiver<Told>,
+    pending: Arc<AtomicUsize>,
+}
+
+/// How often keys are looked for.
+const KEYS: Duration = Duration::from_millis(30);
+
+impl Talk {
+    fn until_the_end(self, is_quiet: bool, console: &mut Console<'_>) -> miette::Result<()> {
+        let client = self.hub.join(ClientKind::Terminal).map_err(|error| miette!("{error}"))?;
+        let (sender, lines) = client.split();
+        // What happens is heard without the hub.
+        drop(lines);
+        let (says, said) = channel();
+        if console.err_is_terminal && io::stdin().is_terminal() && !is_quiet {
+            return self.at_a_terminal(&sender, console);
+        }
+        let hub = self.hub.clone();
+        // It reads until its input ends, or the process does.
+        thread::spawn(move || read_lines(&mut io::stdin().lock(), &sender, &hub, &says));
+        console.print(format_args!("{} runs; `help` lists what can be written\n", self.info.file))?;
+        loop {
+            match self.heard.recv_timeout(KEYS) {
+                Ok(Told::Over) | Err(RecvTimeoutError::Disconnected) => return Ok(()),
+                Ok(Told::Happened(happened)) => {
+                    self.pending.fetch_sub(1, Ordering::Relaxed);
+                    if let Some(text) = in_words(&happened) {
+                        console.print(format_args!("{text}\n"))?;
+                    }
+                }
+                Err(RecvTimeoutError::Timeout) => {}
+            }
+            while let Ok(text) = said.try_recv() {
+                console.print(text)?;
+            }
+        }
+    }
+
+    fn at_a_terminal(self, sender: &HubSender, console: &mut Console<'_>) -> miette::Result<()> {
+        let refuse = |error: io::Error| miette!("the terminal cannot be used: {error}; --quiet prints lines instead");
+        let mut screen = Screen::new(console.err, &self.info).map_err(refuse)?;
+        loop {
+            match self.heard.recv_timeout(KEYS) {
+                Ok(Told::Over) | Err(RecvTimeoutError::Disconnected) => return Ok(()),
+                Ok(Told::Happened(happened)) => {
+                    self.pending.fetch_sub(1, Ordering::Relaxed);
+                    screen.hear(&happened, in_words(&happened)).map_err(refuse)?;
+                }
+                Err(RecvTimeoutError::Timeout) => {}
+            }
+            for key in screen.keys().map_err(refuse)? {
+                match key {
+                    Key::Request(request) => sender.send(request),
+                    Key::Line(line) => {
+                        if let Some(text) = take_line(&line, sender, &self.hub) {
+                            screen.print(&text).map_err(refuse)?;
+                        }
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// Reads lines until the input ends: what is asked goes to the hub.
+fn read_lines(input: &mut impl BufRead, sender: &HubSender, hub: &Hub, says: &Sender<String>) {
+    let mut line = Vec::new();
+    loop {
+        line.clear();
+        let most = LONGEST_LINE as u64 + 2;
+        let read = (&mut *input).take(most).read_until(b'\n', &mut line);
+        if read.is_err() || line.is_empty() {
+            return;
+        }
+        let is_cut = line.len() as u64 == most && line.last() != Some(&b'\n');
+        if let Some(text) = take_line(&String::from_utf8_lossy(&line), sender, hub) {
+            let _ = says.send(format!("{}\n", text.trim_end()));
+        }
+        // The rest of a line that is too long is no line.
+        while is_cut && line.last() != Some(&b'\n') {
+            line.clear();
+            if (&mut *input).take(most).read_until(b'\n', &mut line).is_err() || line.is_empty() {
+                return;
+            }
+        }
+    }
+}
+
+/// Does what a line asks for; or gives what is to be said.
+fn take_line(line: &str, sender: &HubSender, hub: &Hub) -> Option<String> {
+    match Line::read(line) {
+        Ok(Line::Request(request)) => {
+            sender.send(request);
+            None
+        }
+        Ok(Line::Knobs) => Some(knob_table(&hub.info().knobs)),
+        Ok(Line::Cues) => {
+            let cues = hub.info().cues;
+            Some(if cues.is_empty() { "the motion file has no cues".to_owned() } else { cues.join("\n") })
+        }
+        Ok(Line::Help) => Some(HELP.to_owned()),
+        Ok(Line::Nothing) => None,
+        Err(error) => Some(format!("{error}; `help` lists what can be written")),
+    }
+}
+
+fn knob_table(knobs: &[KnobInfo]) -> String {
+    let mut table = human::Table::new(["knob", "value", "unit", "least", "greatest"]).left(&[0, 2]);
+    for knob in knobs {
+        let number = |value: f64| human::significant(value, 6);
+        let bound = |bound: Option<f64>| bound.map_or_else(String::new, number);
+        let unit = knob.unit.clone();
+        table.row([knob.name.clone(), number(knob.value), unit, bound(knob.least), bound(knob.greatest)]);
+    }
+    table.to_string()
+}
+
+/// What happened, in words; `None` for what comes all the time.
+pub(super) fn in_words(happened: &Happened) -> Option<String> {
+    match happened {
+        Happened::Session(Event::Progress { .. } | Event::Status(Status { .. }) | Event::Ended(_)) => None,
+        Happened::Session(Event::Failed { .. }) => None,
+        Happened::Session(event) => Some(steer::in_words(event)),
+        Happened::Live(event) => Some(steer::live_in_words(event)),
+    }
+}

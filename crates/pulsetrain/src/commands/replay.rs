@@ -1,0 +1,208 @@
+//! `pulsetrain replay`: a live motion once more, from its log.
+
+use std::fs::File;
+use std::io::BufReader;
+use std::path::PathBuf;
+
+use clap::Args;
+use miette::miette;
+use pulsetrain_board::Leased;
+use pulsetrain_core::wire::Baud;
+use pulsetrain_motion::human;
+use pulsetrain_session::control::{Ended, Event};
+use pulsetrain_session::drive::{DriveError, Driven};
+
+use super::live::{Staged, Trace, Way, in_words, proving};
+use super::problems::drive_problem;
+use crate::console::{Access, Console, Exit, access};
+use crate::diagnostic::{WrongFile, advised};
+use crate::live::log::{LogEntry, LogLine, Replay};
+use crate::live::{Desk, Happened, Show};
+
+#[derive(Args, Debug)]
+#[command(after_help = "\
+On a virtual board, and on the native one, the same requests come at the same ticks of the board, and make the same edges. Of a run on a real board \
+this makes what was asked; its ticks were its own.
+
+Examples:
+  pulsetrain live examples/live.toml --log show.jsonl
+  pulsetrain replay show.jsonl --trace show.vcd")]
+pub(crate) struct ReplayArgs {
+    /// The log that `pulsetrain live --log` wrote
+    log: PathBuf,
+    /// Write every edge to this file (VCD)
+    #[arg(long, value_name = "FILE")]
+    trace: Option<PathBuf>,
+    /// Print what happens as well
+    #[arg(short, long)]
+    verbose: bool,
+}
+
+/// What was done again.
+struct Again {
+    /// Things done as in the log, and those that differ: what the log has, and what happened now.
+    same: usize,
+    differs: Option<(Option<Timed>, Option<Timed>)>,
+    end_s: f64,
+}
+
+/// Something done, and its tick.
+type Timed = (u64, Happened);
+
+pub(crate) fn run(args: &ReplayArgs, console: &mut Console<'_>) -> miette::Result<Exit> {
+    let file = File::open(&args.log).map_err(|error| access("read", &args.log, error))?;
+    let wrong = |why: &dyn std::fmt::Display| miette!("{}: {why}", args.log.display());
+    let log = Replay::read(BufReader::new(file)).map_err(|error| wrong(&error))?;
+    let head = &log.head;
+    let baud = match head.baud {
+        None => None,
+        Some(rate) => {
+            let baud = Baud::ALL.into_iter().find(|baud| baud.rate() == rate);
+            Some(baud.ok_or_else(|| wrong(&format!("{rate} baud is no rate of a board")))?)
+        }
+    };
+    let board = head.board.as_deref();
+    let opened = Desk::of(&head.text, &head.file, PathBuf::new(), board, Some(head.files.clone()));
+    let opened = opened.map_err(WrongFile::from)?;
+    let way = Way { is_native: head.is_native, port: None, baud };
+    let staged = Staged::new(opened, &head.file, board, way, console)?;
+    let (prepared, proof) = (&staged.prepared, &staged.proof);
+    let again = match staged.kind(head.is_native) {
+        Some(kind) => {
+            let driven = Driven::on_virtual(kind, prepared, staged.baud).map_err(drive_problem)?;
+            again(proving(driven, prepared, proof)?, &staged, &log, args, console)?
+        }
+        None => {
+            let driven = Driven::native(prepared).map_err(advised)?;
+            again(proving(driven, prepared, proof)?, &staged, &log, args, console)?
+        }
+    };
+    let time = human::seconds_to(again.end_s, 6);
+    if let Some(trace) = &args.trace {
+        console.print(format_args!("  {}\n", trace.display()))?;
+    }
+    let changes = human::count(again.same as i128);
+    match (&again.differs, &head.port) {
+        (None, _) => console.print(format_args!("PASS: {time}, and {changes} things done, each at its tick\n"))?,
+        (Some(_), Some(port)) => console.print(format_args!(
+            "{time}. The log is of the board at {port}, whose ticks were its own: {changes} things are as they were there\n"
+        ))?,
+        (Some((logged, now)), None) => {
+            let told = |timed: &Option<Timed>| match timed {
+                Some((tick, happened)) => {
+                    format!("at tick {tick}, {}", in_words(happened).unwrap_or_else(|| "its end".to_owned()))
+                }
+                None => "nothing".to_owned(),
+            };
+            console.print(format_args!(
+                "FAIL: the log differs from its replay after {changes} things\n  the log:    {}\n  the replay: {}\n",
+                told(logged),
+                told(now)
+            ))?;
+            return Ok(Exit::BoundBroken);
+        }
+    }
+    Ok(Exit::Success)
+}
+
+/// Runs the motion of a log again.
+fn again<B: Leased>(
+    driven: Driven<B>,
+    staged: &Staged,
+    log: &Replay,
+    args: &ReplayArgs,
+    console: &mut Console<'_>,
+) -> miette::Result<Again> {
+    let hz = staged.prepared.program.board.tick_hz;
+    let mut trace = Trace::create(args.trace.as_deref(), hz, &driven.lines)?;
+    let zero = driven.zero();
+    let show = Show::new(driven, staged.desk.clone(), log.head.rejoins);
+    let mut done: Vec<Timed> = Vec::new();
+    let (now, ended) = perform(show, log, PATIENCE_S * hz, &mut trace, &mut done);
+    let unwritten: Option<Access> = trace.finish();
+    if args.verbose {
+        for (_, happened) in &done {
+            if let Some(text) = in_words(happened) {
+                console.print(format_args!("{text}\n"))?;
+            }
+        }
+    }
+    // What ended the run in the log is in its lines, too.
+    if let Err(error) = ended
+        && !done.iter().any(|(_, happened)| matches!(happened, Happened::Session(Event::Failed { .. })))
+    {
+        return Err(drive_problem(error));
+    }
+    if let Some(error) = unwritten {
+        return Err(error.into());
+    }
+    let logged: Vec<Timed> = log
+        .lines
+        .iter()
+        .filter_map(|line| match &line.entry {
+            LogEntry::Done(happened) => Some((line.tick, happened.clone())),
+            _ => None,
+        })
+        .collect();
+    let same = logged.iter().zip(&done).take_while(|(logged, done)| logged == done).count();
+    // A log of a program that was killed may lack its last lines.
+    let is_whole = is_whole(log);
+    let is_same = same == logged.len() && (same == done.len() || !is_whole);
+    let differs = (!is_same).then(|| (logged.get(same).cloned(), done.get(same).cloned()));
+    Ok(Again { same, differs, end_s: now.saturating_sub(zero) as f64 / hz as f64 })
+}
+
+/// How long after the end in the log the motion may go on, s, before it is taken for another one.
+const PATIENCE_S: u64 = 5;
+
+/// Whether the log goes on to the end of the run.
+fn is_whole(log: &Replay) -> bool {
+    log.lines.last().is_some_and(|line| line.entry == LogEntry::Over)
+}
+
+/// Gives the requests of a log at their ticks. Returns the tick at the end.
+fn perform<B: Leased>(
+    mut show: Show<B>,
+    log: &Replay,
+    patience: u64,
+    trace: &mut Trace,
+    done: &mut Vec<Timed>,
+) -> (u64, Result<Option<Ended>, DriveError>) {
+    let lines: &[LogLine] = &log.lines;
+    let last = lines.last().map_or(0, |line| line.tick) + if is_whole(log) { patience } else { 0 };
+    let mut next = 0;
+    let mut keep = |events: &mut Vec<Happened>, tick: u64| {
+        let is_kept =
+            |happened: &Happened| !matches!(happened, Happened::Session(Event::Progress { .. } | Event::Status(_)));
+        done.extend(events.drain(..).filter(is_kept).map(|happened| (tick, happened)));
+    };
+    loop {
+        let mut events = Vec::new();
+        while let Some(line) = lines.get(next).filter(|line| line.tick <= show.now()) {
+            next += 1;
+            let LogEntry::Asked(request) = &line.entry else { continue };
+            // Files that a changed motion file names follow it in the log.
+            let after = lines[next..].iter().take_while(|line| !matches!(line.entry, LogEntry::Asked(_)));
+            after.for_each(|line| {
+                if let LogEntry::Files(files) = &line.entry {
+                    show.desk().provide(files);
+                }
+            });
+            let obeyed = show.obey(request.clone(), trace, &mut |happened| events.push(happened));
+            if !matches!(obeyed, Ok(None)) {
+                keep(&mut events, show.now());
+                return (show.now(), obeyed);
+            }
+        }
+        // The log of a run that was killed ends on the way; another one ends with the run.
+        if next >= lines.len() && show.now() >= last {
+            keep(&mut events, show.now());
+            return (show.now(), Ok(None));
+        }
+        let stepped = show.step(trace, &mut |happened| events.push(happened));
+        keep(&mut events, show.now());
+        if !matches!(stepped, Ok(None)) {
+            return (show.now(), stepped);
+        }
+    }
+}

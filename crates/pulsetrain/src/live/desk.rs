@@ -1,0 +1,536 @@
+//! The motion as it is wanted: the motion file, the knobs that were turned, and the cue.
+//!
+//! Each change is a change of the file's values. The changed file is read by the ordinary reader, so that units, ranges and errors are those of any
+//! motion file.
+
+use std::collections::BTreeMap;
+use std::io;
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, PoisonError};
+
+use pulsetrain_motion::file::{Contents, Cue, FileError, Live, ParameterValue, Sheet};
+use pulsetrain_motion::program::{PositionUnits, Program};
+use pulsetrain_motion::quantity::{Quantity, nearest};
+use pulsetrain_motion::{Law, Time};
+use pulsetrain_session::prepare::Prepared;
+
+use super::request::{KnobInfo, KnobValue};
+use crate::standing::start;
+
+/// The files that a motion file names, by the names that it gives them.
+pub type Files = BTreeMap<PathBuf, String>;
+
+/// The motion as it is wanted.
+#[derive(Clone, Debug)]
+pub struct Desk {
+    /// What messages call the file.
+    name: String,
+    folder: PathBuf,
+    board: Option<String>,
+    files: Arc<FileCache>,
+    /// The file as it was read last.
+    sheet: Sheet,
+    live: Live,
+    units: Vec<PositionUnits>,
+    cue: Option<CueTaken>,
+    /// Values that differ from the file's and the cue's, by parameter.
+    turned: BTreeMap<String, ParameterValue>,
+    /// What the motors were set up for: it cannot change while they run.
+    setup: Arc<Program>,
+}
+
+/// The files that were read, so that a knob does not read a large table again.
+#[derive(Debug, Default)]
+struct FileCache {
+    read: Mutex<Files>,
+    /// Whether only the given files are there.
+    is_closed: bool,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct CueTaken {
+    number: usize,
+    /// When its motions begin, by the laws' time; `None`: with the motion.
+    begins: Option<Time>,
+}
+
+/// A knob that is turned.
+#[derive(Clone, Debug)]
+pub struct Turn {
+    /// The knob's name, as it was asked for.
+    pub knob: String,
+    /// The parameter that it sets.
+    target: String,
+    /// Its value now.
+    pub from: f64,
+    /// The wanted value, within the knob's range.
+    pub to: f64,
+    /// The unit of both.
+    pub unit: String,
+    /// Whether only whole numbers will do.
+    is_whole: bool,
+    is_bare: bool,
+    /// How long the change takes, at least.
+    pub over: Option<Time>,
+    /// The knob's own limit, if it kept the value from the wanted one.
+    pub range: Option<String>,
+}
+
+/// Why something that was asked for cannot be done.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum Refusal {
+    /// No knob, or no number of a law, has that name.
+    #[error("there is no knob `{knob}`{}", .meant.as_ref().map_or_else(String::new, |meant| format!("; did you mean `{meant}`?")))]
+    NoKnob {
+        /// The name.
+        knob: String,
+        /// A name that is there.
+        meant: Option<String>,
+    },
+    /// No cue has that name.
+    #[error("there is no cue \"{cue}\"{}", .meant.as_ref().map_or_else(String::new, |meant| format!("; did you mean \"{meant}\"?")))]
+    NoCue {
+        /// The name.
+        cue: String,
+        /// A name that is there.
+        meant: Option<String>,
+    },
+    /// There is no next cue, or none before this one.
+    #[error("{0}")]
+    NoOtherCue(&'static str),
+    /// A value is no number of the knob's kind.
+    #[error("{0}")]
+    Value(String),
+    /// The motion with that value is refused by the reader of motion files.
+    #[error("{0}")]
+    File(String),
+    /// What the motors were set up for would change.
+    #[error("{0}. That is set up when a motion begins: stop this one, and begin again")]
+    Setup(String),
+}
+
+impl Desk {
+    /// Reads a motion file. `board` replaces the file's own.
+    ///
+    /// # Errors
+    /// If the file is wrong.
+    pub fn open(path: &Path, board: Option<&str>) -> Result<(Desk, Contents), FileError> {
+        let sheet = Sheet::open(path)?;
+        let (name, text) = (sheet.source().name(), sheet.source().text());
+        Desk::of(text, name, path.parent().unwrap_or(Path::new("")).to_owned(), board, None)
+    }
+
+    /// A motion file's text. With `files` no others are read.
+    ///
+    /// # Errors
+    /// If the text is wrong.
+    pub fn of(
+        text: &str,
+        name: &str,
+        folder: PathBuf,
+        board: Option<&str>,
+        files: Option<Files>,
+    ) -> Result<(Desk, Contents), FileError> {
+        let sheet = Sheet::parse(text, name)?;
+        let is_closed = files.is_some();
+        let cache = FileCache { read: Mutex::new(files.unwrap_or_default()), is_closed };
+        let contents = sheet.contents(&|named| cache.load(&folder, named))?;
+        let desk = Desk {
+            name: name.to_owned(),
+            folder,
+            board: board.map(str::to_owned),
+            files: Arc::new(cache),
+            live: contents.live.clone(),
+            units: contents.units.clone(),
+            sheet,
+            cue: None,
+            turned: BTreeMap::new(),
+            setup: Arc::new(contents.program.clone()),
+        };
+        Ok((desk, contents))
+    }
+
+    /// Notes what the motors were set up for.
+    pub fn set_up(&mut self, program: &Program) {
+        self.setup = Arc::new(program.clone());
+    }
+
+    /// What the motors were set up for.
+    #[must_use]
+    pub fn setup(&self) -> &Arc<Program> {
+        &self.setup
+    }
+
+    /// Adds files that a changed motion file names, where no others are read.
+    pub fn provide(&self, files: &Files) {
+        self.files.lock().extend(files.clone());
+    }
+
+    /// The motion file's text.
+    #[must_use]
+    pub fn text(&self) -> &str {
+        self.sheet.source().text()
+    }
+
+    /// The files that the motion file named so far.
+    #[must_use]
+    pub fn files(&self) -> Files {
+        self.files.lock().clone()
+    }
+
+    /// The names of the cues, in the file's order.
+    #[must_use]
+    pub fn cues(&self) -> Vec<String> {
+        self.live.cues.iter().map(|cue| cue.name.clone()).collect()
+    }
+
+    /// The file with the cue and the turned knobs in it.
+    fn sheet(&self) -> Sheet {
+        let mut sheet = match self.cue {
+            Some(CueTaken { number, .. }) => self.sheet.with_cue(number),
+            None => self.sheet.clone(),
+        };
+        for (name, value) in &self.turned {
+            // What a new file no longer has was left out of `turned`.
+            if let Ok(turned) = sheet.with(name, value) {
+                sheet = turned;
+            }
+        }
+        sheet
+    }
+
+    /// The motion as it is wanted.
+    ///
+    /// # Errors
+    /// If the reader refuses it, or the motors would have to be set up anew.
+    pub fn program(&self) -> Result<Arc<Program>, Refusal> {
+        let contents = self.sheet().contents(&|named| self.files.load(&self.folder, named)).map_err(|error| {
+            let advice = error.problems()[0].advice().map(|advice| format!(" ({advice})"));
+            Refusal::File(format!("{error}{}", advice.unwrap_or_default()))
+        })?;
+        let prepared = Prepared::new(self.name.clone(), contents, self.board.as_deref());
+        let mut program = prepared.map_err(|error| Refusal::File(error.to_string()))?.program;
+        check_setup(&self.setup, &program)?;
+        program.queue_parts.clone_from(&self.setup.queue_parts);
+        if let Some(CueTaken { number, begins: Some(begins) }) = self.cue {
+            for motor in &self.live.cues[number].motors {
+                let law = &mut program.motors[*motor].law;
+                *law = law.clone().delayed(begins).map_err(|error| Refusal::File(error.to_string()))?;
+            }
+        }
+        Ok(Arc::new(program))
+    }
+
+    /// Every knob: those of `[live.knobs]`, and then each number of a law that none of them sets.
+    #[must_use]
+    pub fn knobs(&self) -> Vec<KnobInfo> {
+        let parameters = self.sheet().parameters();
+        let mut knobs = Vec::new();
+        for knob in &self.live.knobs {
+            let Some(parameter) = parameters.iter().find(|parameter| parameter.name == knob.target) else { continue };
+            let Some(value) = self.in_unit(&parameter.value, &knob.unit, &knob.target) else { continue };
+            knobs.push(KnobInfo {
+                name: knob.name.clone(),
+                unit: knob.unit.clone(),
+                least: knob.least,
+                greatest: knob.greatest,
+                value,
+            });
+        }
+        let is_free = |name: &str| !self.live.knobs.iter().any(|knob| knob.target == name);
+        for parameter in parameters.iter().filter(|parameter| is_free(&parameter.name)) {
+            let (value, unit) = parameter.value.parts();
+            let name = parameter.name.clone();
+            knobs.push(KnobInfo { name, unit: unit.to_owned(), least: None, greatest: None, value });
+        }
+        knobs
+    }
+
+    /// What turning a knob means.
+    ///
+    /// # Errors
+    /// If there is no such knob, or the value is none of its kind.
+    pub fn turn(&self, name: &str, value: &KnobValue) -> Result<Turn, Refusal> {
+        let knob = self.live.knobs.iter().find(|knob| knob.name == name);
+        let sheet = self.sheet();
+        let target = knob.map_or(name, |knob| &knob.target);
+        let Ok(parameter) = sheet.parameter(target) else {
+            let parameters = sheet.parameters();
+            let knobs = self.live.knobs.iter().map(|knob| knob.name.as_str());
+            let names = parameters.iter().map(|parameter| parameter.name.as_str()).chain(knobs);
+            let meant = nearest(name, names).map(str::to_owned);
+            return Err(Refusal::NoKnob { knob: name.to_owned(), meant });
+        };
+        // A bare number is in the unit of the file, whatever a knob was turned to since.
+        let of_file = self.sheet.parameter(target).ok();
+        let written = of_file.as_ref().unwrap_or(&parameter).value.parts().1.to_owned();
+        let unit = knob.map_or(written, |knob| knob.unit.clone());
+        let from = self
+            .in_unit(&parameter.value, &unit, target)
+            .ok_or_else(|| Refusal::Value(format!("`{name}` has no value in {unit}")))?;
+        let wanted = match value {
+            KnobValue::Number(number) => *number,
+            KnobValue::Text(text) => self.number(text.trim(), &unit, name, target)?,
+        };
+        if !wanted.is_finite() {
+            return Err(Refusal::Value(format!("`{name}`: {wanted} is no number that a motor can follow")));
+        }
+        let is_whole = matches!(parameter.value, ParameterValue::Whole(_)) && unit.is_empty();
+        if is_whole && wanted.fract() != 0.0 && !self.takes_fractions(&sheet, target) {
+            return Err(Refusal::Value(format!("`{name}` takes whole numbers alone, but this is {wanted}")));
+        }
+        let is_whole = is_whole && wanted.fract() == 0.0;
+        let (mut to, mut range) = (wanted, None);
+        if let Some(knob) = knob {
+            let in_range = wanted.clamp(knob.least.unwrap_or(f64::MIN), knob.greatest.unwrap_or(f64::MAX));
+            if in_range != wanted {
+                let end = if in_range < wanted { "greatest" } else { "least" };
+                range = Some(format!("the {end} value of knob `{name}`"));
+                to = in_range;
+            }
+        }
+        let is_bare = unit.is_empty();
+        let over = knob.and_then(|knob| knob.smoothing);
+        Ok(Turn { knob: name.to_owned(), target: target.to_owned(), from, to, unit, is_whole, is_bare, over, range })
+    }
+
+    /// Whether a whole number in the file may become one with a fraction: a formula's constant may, a number of cycles not.
+    fn takes_fractions(&self, sheet: &Sheet, target: &str) -> bool {
+        let half = sheet.with(target, &ParameterValue::Number(0.5));
+        half.is_ok_and(|sheet| sheet.contents(&|named| self.files.load(&self.folder, named)).is_ok())
+    }
+
+    /// The desk with a knob at some value, in the knob's unit.
+    #[must_use]
+    pub fn turned(&self, turn: &Turn, value: f64) -> Desk {
+        let mut desk = self.clone();
+        let value = match (turn.is_whole, turn.is_bare) {
+            (true, _) => ParameterValue::Whole(value.round() as i64),
+            (false, true) => ParameterValue::Number(value),
+            (false, false) => ParameterValue::Quantity(format!("{value} {}", turn.unit)),
+        };
+        desk.turned.insert(turn.target.clone(), value);
+        desk
+    }
+
+    /// A text as a number in a knob's unit.
+    fn number(&self, text: &str, unit: &str, name: &str, target: &str) -> Result<f64, Refusal> {
+        if let Ok(number) = text.parse::<f64>() {
+            return Ok(number);
+        }
+        let refuse = |why: String| Refusal::Value(format!("`{name}`: {why}"));
+        let quantity = Quantity::parse(text).map_err(|error| {
+            refuse(match error.meant() {
+                Some(meant) => format!("{error}; did you mean \"{meant}\"?"),
+                None => error.to_string(),
+            })
+        })?;
+        if unit.is_empty() {
+            return Err(refuse(format!("the law has a bare number here, but this is {}", quantity.kind())));
+        }
+        if let Some((number, written)) = Quantity::parts(text)
+            && written == unit
+        {
+            return Ok(number);
+        }
+        self.in_unit(&ParameterValue::Quantity(text.to_owned()), unit, target).ok_or_else(|| {
+            let wanted =
+                Quantity::parse(&format!("1 {unit}")).map_or_else(|_| unit.to_owned(), |one| one.kind().to_string());
+            refuse(format!("it must be {wanted}, but this is {}; write it like \"1 {unit}\"", quantity.kind()))
+        })
+    }
+
+    /// A value in a unit; `None` if it is of another kind. Positions need the motor, whose name begins the parameter's.
+    fn in_unit(&self, value: &ParameterValue, unit: &str, target: &str) -> Option<f64> {
+        let text = match value {
+            ParameterValue::Quantity(text) if !unit.is_empty() => text,
+            _ => return Some(value.parts().0).filter(|_| unit.is_empty() || value.parts().1.is_empty()),
+        };
+        if let (number, written) = value.parts()
+            && written == unit
+        {
+            return Some(number);
+        }
+        let (quantity, one) = (Quantity::parse(text).ok()?, Quantity::parse(&format!("1 {unit}")).ok()?);
+        if quantity.kind() == one.kind() {
+            return Some(quantity.value / one.value);
+        }
+        let is_position = quantity.base.is_position() && one.base.is_position();
+        let motor = target.split('.').next()?;
+        let motor = self.setup.motors.iter().position(|known| known.name == motor)?;
+        let units = self.units.get(motor)?;
+        let (steps, of_one) = (units.steps(quantity.base)?, units.steps(one.base)?);
+        let same = is_position && quantity.per_seconds == one.per_seconds;
+        same.then(|| quantity.value * steps / (one.value * of_one))
+    }
+
+    /// The desk at a cue, which begins at `now` of the laws' time, and how long the change takes, at least.
+    ///
+    /// # Errors
+    /// If there is no such cue.
+    pub fn at_cue(&self, name: &str, now: Time) -> Result<(Desk, Cue), Refusal> {
+        let number = self.live.cues.iter().position(|cue| cue.name == name).ok_or_else(|| {
+            let meant = nearest(name, self.live.cues.iter().map(|cue| cue.name.as_str())).map(str::to_owned);
+            Refusal::NoCue { cue: name.to_owned(), meant }
+        })?;
+        Ok(self.at(number, now))
+    }
+
+    /// Whether there is a cue after that one.
+    #[must_use]
+    pub fn has_cue_after(&self, cue: &Cue) -> bool {
+        self.live.cues.last().is_some_and(|last| last.name != cue.name)
+    }
+
+    /// The desk at the next cue, or at the one before this one.
+    ///
+    /// # Errors
+    /// If there is none.
+    pub fn at_other_cue(&self, is_next: bool, now: Time) -> Result<(Desk, Cue), Refusal> {
+        let number = match (self.cue, is_next) {
+            _ if self.live.cues.is_empty() => return Err(Refusal::NoOtherCue("the motion file has no cues")),
+            (None, true) => 0,
+            (Some(CueTaken { number, .. }), true) if number + 1 < self.live.cues.len() => number + 1,
+            (Some(_), true) => return Err(Refusal::NoOtherCue("this is the last cue")),
+            (Some(CueTaken { number, .. }), false) if number > 0 => number - 1,
+            (_, false) => return Err(Refusal::NoOtherCue("there is no cue before this one")),
+        };
+        Ok(self.at(number, now))
+    }
+
+    fn at(&self, number: usize, now: Time) -> (Desk, Cue) {
+        let cue = &self.live.cues[number];
+        let mut desk = self.clone();
+        // The motions of the cue before are gone with it, and so are values in motions that this cue replaces.
+        let before = self.cue.map(|before| self.live.cues[before.number].motors.clone()).unwrap_or_default();
+        let own: Vec<String> =
+            cue.motors.iter().chain(&before).map(|motor| self.setup.motors[*motor].name.clone()).collect();
+        desk.turned.retain(|name, _| name.split('.').next().is_none_or(|motor| !own.iter().any(|own| own == motor)));
+        desk.cue = Some(CueTaken { number, begins: (cue.begins_now && !cue.motors.is_empty()).then_some(now) });
+        desk.turned.extend(cue.set.iter().cloned());
+        (desk, cue.clone())
+    }
+
+    /// Takes a changed motion file over. Knobs that were turned keep their values, unless the file has a new value for them; a cue goes on if the file
+    /// still has it.
+    ///
+    /// # Errors
+    /// The file's problems, or [`Refusal`] if the motors would have to be set up anew.
+    pub fn with_file(&self, text: &str) -> Result<Desk, Box<NoMotion>> {
+        let files = self.files.is_closed.then(|| self.files());
+        let read = Desk::of(text, &self.name, self.folder.clone(), self.board.as_deref(), files);
+        let (mut desk, contents) = read.map_err(|error| Box::new(NoMotion::File(error)))?;
+        let prepared = Prepared::new(self.name.clone(), contents, self.board.as_deref());
+        let program = prepared.map_err(|error| Box::new(NoMotion::Other(Refusal::File(error.to_string()))))?.program;
+        check_setup(&self.setup, &program).map_err(|error| Box::new(NoMotion::Other(error)))?;
+        desk.setup = Arc::clone(&self.setup);
+        desk.cue = self.cue.and_then(|taken| {
+            let name = &self.live.cues[taken.number].name;
+            let number = desk.live.cues.iter().position(|cue| cue.name == *name)?;
+            Some(CueTaken { number, ..taken })
+        });
+        let (old, new) = (self.sheet.parameters(), desk.sheet().parameters());
+        let value = |of: &[pulsetrain_motion::file::Parameter], name: &str| {
+            of.iter().find(|parameter| parameter.name == name).map(|parameter| parameter.value.clone())
+        };
+        for (name, turned) in &self.turned {
+            let Some(in_new) = value(&new, name) else { continue };
+            let is_kept = value(&old, name).is_none_or(|in_old| in_old == in_new);
+            if is_kept {
+                desk.turned.insert(name.clone(), turned.clone());
+            }
+        }
+        Ok(desk)
+    }
+
+    /// The motors at rest at a position: with its unit, or `0`, where the motion began.
+    ///
+    /// # Errors
+    /// If the text is no position of a motor.
+    pub fn at_position(&self, text: &str) -> Result<Arc<Program>, Refusal> {
+        let text = text.trim();
+        let mut program = Program::clone(&self.setup);
+        for (motor, units) in program.motors.iter_mut().zip(&self.units) {
+            let steps = if text == "0" { start(motor) } else { position(text, &motor.name, &motor.scale.unit, units)? };
+            let rest = Law::speed(0.0, None).and_then(|rest| rest.shifted(steps));
+            motor.law = rest.map_err(|error| Refusal::Value(error.to_string()))?;
+        }
+        // Each motor goes its own way.
+        program.machines.clear();
+        Ok(Arc::new(program))
+    }
+}
+
+/// Why a changed motion file is not taken over.
+#[derive(Debug, thiserror::Error)]
+pub enum NoMotion {
+    /// The file is wrong.
+    #[error(transparent)]
+    File(FileError),
+    /// It cannot be taken over while the motors run.
+    #[error(transparent)]
+    Other(Refusal),
+}
+
+impl FileCache {
+    fn lock(&self) -> std::sync::MutexGuard<'_, Files> {
+        self.read.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn load(&self, folder: &Path, named: &Path) -> io::Result<String> {
+        if let Some(text) = self.lock().get(named) {
+            return Ok(text.clone());
+        }
+        if self.is_closed {
+            return Err(io::ErrorKind::NotFound.into());
+        }
+        let text = pulsetrain_motion::file::named_text(&folder.join(named))?;
+        self.lock().insert(named.to_owned(), text.clone());
+        Ok(text)
+    }
+}
+
+/// A position of a motor, steps.
+fn position(text: &str, motor: &str, unit: &str, units: &PositionUnits) -> Result<f64, Refusal> {
+    /// Counts of every board have 32 bits.
+    const FARTHEST: f64 = 2_147_483_647.0;
+    let refuse = |why: String| {
+        let help = format!("write it like \"90 {unit}\", or 0, where the motion began");
+        Refusal::Value(format!("{text:?} is no position of motor {motor}: {why}; {help}"))
+    };
+    let quantity = Quantity::parse(text).map_err(|error| refuse(error.to_string()))?;
+    if !quantity.base.is_position() || quantity.per_seconds != 0 {
+        return Err(refuse(format!("it is {}", quantity.kind())));
+    }
+    let steps = units.steps(quantity.base).ok_or_else(|| refuse("it has no `lead`".to_owned()))? * quantity.value;
+    if steps.abs() < FARTHEST { Ok(steps) } else { Err(refuse("it is too far away".to_owned())) }
+}
+
+/// Checks that the motors need not be set up anew for another program.
+fn check_setup(setup: &Program, new: &Program) -> Result<(), Refusal> {
+    let refuse = |what: String| Err(Refusal::Setup(what));
+    if setup.board != new.board {
+        return refuse(match setup.board.name == new.board.name {
+            true => "the motors load the board otherwise than before".to_owned(),
+            false => format!("the board was \"{}\", and is \"{}\" now", setup.board.name, new.board.name),
+        });
+    }
+    let names = |program: &Program| program.motors.iter().map(|motor| motor.name.clone()).collect::<Vec<_>>();
+    if names(setup) != names(new) {
+        return refuse(format!("the motors were {}, and are {} now", names(setup).join(", "), names(new).join(", ")));
+    }
+    for (old, new) in setup.motors.iter().zip(&new.motors) {
+        let what = match () {
+            () if old.wiring != new.wiring => "the pins",
+            () if old.timing != new.timing || old.driver != new.driver => "the driver or its times",
+            () if old.scale.steps_per_rev != new.scale.steps_per_rev => "steps_per_rev or microsteps",
+            () if old.limits.pull_in != new.limits.pull_in => "the pull-in rate",
+            () => continue,
+        };
+        return refuse(format!("{what} of motor {} changed", old.name));
+    }
+    if setup.grid != new.grid || setup.idle_ms != new.idle_ms {
+        return refuse("`grid` or `idle` changed".to_owned());
+    }
+    Ok(())
+}

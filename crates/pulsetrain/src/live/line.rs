@@ -1,0 +1,183 @@
+//! Lines of text for a live motion, as people type them: `second.frequency 0.9 Hz`, `tempo 0.5`, `pause`, `go`.
+
+use pulsetrain_session::control::Command;
+
+use super::request::{KnobValue, LiveCommand, Request};
+
+/// What a line asks for.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Line {
+    /// Something for the motion.
+    Request(Request),
+    /// A list of the knobs.
+    Knobs,
+    /// A list of the cues.
+    Cues,
+    /// A list of what can be written.
+    Help,
+    /// Nothing: it is empty, or a comment.
+    Nothing,
+}
+
+/// Why a line asks for nothing.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum LineError {
+    /// A word is missing.
+    #[error("`{order}` needs {what}: {order} {example}")]
+    Needs {
+        /// The line's first word.
+        order: &'static str,
+        /// What is missing.
+        what: &'static str,
+        /// An example of it.
+        example: &'static str,
+    },
+    /// A tempo is no number.
+    #[error("\"{text}\" is no tempo: write a number, such as 0.5 for half as fast")]
+    NoTempo {
+        /// What was written.
+        text: String,
+    },
+    /// An order takes nothing, and something follows it.
+    #[error("`{order}` stands alone, but \"{rest}\" follows")]
+    Alone {
+        /// The line's first word.
+        order: &'static str,
+        /// What follows.
+        rest: String,
+    },
+    /// A knob has no value.
+    #[error("`{knob}` is no order; a knob needs a value: {knob} 1.5, with its unit if it has one")]
+    NoValue {
+        /// The knob, or a misspelt order.
+        knob: String,
+    },
+    /// The line is too long.
+    #[error("a line has {LONGEST_LINE} bytes at most")]
+    TooLong,
+}
+
+/// The longest line, bytes.
+pub const LONGEST_LINE: usize = 4096;
+
+/// What can be written, for people.
+pub const HELP: &str = "\
+KNOB VALUE      turn a knob, such as: second.frequency 0.9 Hz
+knobs           list them
+tempo 0.5       half as fast; 1 is as the file has it
+pause, resume   halt on the path, and go on
+go, back        the next cue, and the one before
+cue NAME        that cue; `cues` lists them
+goto 0          bring the motors to where the motion began, or to a position such as 90 deg; `resume` goes on
+stop            brake, and end; `stop now` stops at once
+";
+
+impl Line {
+    /// Reads a line.
+    ///
+    /// ```
+    /// use pulsetrain::live::{KnobValue, Line, LiveCommand, Request};
+    /// let value = KnobValue::Text("0.9 Hz".to_owned());
+    /// let set = LiveCommand::Set { knob: "second.frequency".to_owned(), value };
+    /// assert_eq!(Line::read("second.frequency 0.9 Hz"), Ok(Line::Request(Request::Live(set))));
+    /// assert!(Line::read("tempo fast").is_err());
+    /// ```
+    ///
+    /// # Errors
+    /// If the line asks for nothing that there is.
+    pub fn read(line: &str) -> Result<Line, LineError> {
+        if line.len() > LONGEST_LINE {
+            return Err(LineError::TooLong);
+        }
+        let line = line.trim();
+        if line.is_empty() || line.starts_with('#') {
+            return Ok(Line::Nothing);
+        }
+        let (word, rest) = match line.split_once(|c: char| c.is_whitespace() || c == '=') {
+            Some((word, rest)) => (word, rest.trim_start_matches(|c: char| c.is_whitespace() || c == '=')),
+            None => (line, ""),
+        };
+        let alone = |order: &'static str, line: Line| match rest {
+            "" => Ok(line),
+            rest => Err(LineError::Alone { order, rest: rest.to_owned() }),
+        };
+        let with = |order: &'static str, what: &'static str, example: &'static str| match rest {
+            "" => Err(LineError::Needs { order, what, example }),
+            rest => Ok(rest.to_owned()),
+        };
+        let session = |command: Command| Line::Request(Request::Session(command));
+        let live = |command: LiveCommand| Line::Request(Request::Live(command));
+        match word.to_ascii_lowercase().as_str() {
+            "pause" => alone("pause", session(Command::Pause)),
+            "resume" => alone("resume", session(Command::Resume)),
+            "stop" if rest.eq_ignore_ascii_case("now") => Ok(session(Command::StopNow)),
+            "stop" => alone("stop", session(Command::Stop)),
+            "tempo" => {
+                let text = with("tempo", "a number", "0.5")?;
+                let rate = text.parse().ok().filter(|rate: &f64| rate.is_finite());
+                rate.map(|rate| session(Command::Tempo { rate })).ok_or(LineError::NoTempo { text })
+            }
+            "go" => alone("go", live(LiveCommand::Go)),
+            "back" => alone("back", live(LiveCommand::Back)),
+            "cue" => Ok(live(LiveCommand::Cue { name: with("cue", "a name", "dawn")? })),
+            "goto" => Ok(live(LiveCommand::Goto { position: with("goto", "a position", "0")? })),
+            "knobs" => alone("knobs", Line::Knobs),
+            "cues" => alone("cues", Line::Cues),
+            "help" | "?" => alone("help", Line::Help),
+            _ if rest.is_empty() => Err(LineError::NoValue { knob: word.to_owned() }),
+            _ => Ok(live(LiveCommand::Set { knob: word.to_owned(), value: KnobValue::Text(rest.to_owned()) })),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    #[test]
+    fn lines_are_requests() {
+        let check = |line: &str, expected: Result<Request, &str>| match (Line::read(line), expected) {
+            (Ok(Line::Request(read)), Ok(expected)) => assert_eq!(read, expected, "{line}"),
+            (Err(error), Err(part)) => assert!(error.to_string().contains(part), "{line}: {error}"),
+            (read, expected) => panic!("{line}: {read:?}, not {expected:?}"),
+        };
+        let set = |knob: &str, value: &str| {
+            Ok(Request::Live(LiveCommand::Set { knob: knob.to_owned(), value: KnobValue::Text(value.to_owned()) }))
+        };
+        check("second.frequency 0.9 Hz", set("second.frequency", "0.9 Hz"));
+        check("  speed = 0.9 Hz ", set("speed", "0.9 Hz"));
+        check("speed=2", set("speed", "2"));
+        check("tempo 0.5", Ok(Request::Session(Command::Tempo { rate: 0.5 })));
+        check("tempo", Err("needs a number"));
+        check("tempo fast", Err("\"fast\" is no tempo"));
+        check("tempo nan", Err("\"nan\" is no tempo"));
+        check("PAUSE", Ok(Request::Session(Command::Pause)));
+        check("pause 3", Err("stands alone"));
+        check("resume", Ok(Request::Session(Command::Resume)));
+        check("stop", Ok(Request::Session(Command::Stop)));
+        check("stop now", Ok(Request::Session(Command::StopNow)));
+        check("stop it", Err("stands alone"));
+        check("go", Ok(Request::Live(LiveCommand::Go)));
+        check("back", Ok(Request::Live(LiveCommand::Back)));
+        check("cue the long night", Ok(Request::Live(LiveCommand::Cue { name: "the long night".to_owned() })));
+        check("cue", Err("needs a name"));
+        check("goto 90 deg", Ok(Request::Live(LiveCommand::Goto { position: "90 deg".to_owned() })));
+        check("puase", Err("`puase` is no order"));
+        check(&"x".repeat(5000), Err("4096 bytes"));
+        assert_eq!(Line::read(" # a remark"), Ok(Line::Nothing));
+        assert_eq!((Line::read("knobs"), Line::read("?")), (Ok(Line::Knobs), Ok(Line::Help)));
+    }
+
+    proptest! {
+        /// Whatever is written: a request, or an error with words. What is read is written and read again the same.
+        #[test]
+        fn any_line_is_read_or_refused(line in "\\PC{0,80}", spaces in "[ \\t]{0,3}") {
+            match (Line::read(&line), Line::read(&format!("{spaces}{line}{spaces}"))) {
+                (Ok(one), Ok(other)) => prop_assert_eq!(one, other),
+                (Err(error), Err(_)) => prop_assert!(!error.to_string().is_empty()),
+                (one, other) => prop_assert!(false, "{:?}, {:?}", one, other),
+            }
+        }
+    }
+}

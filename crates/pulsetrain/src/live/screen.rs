@@ -1,0 +1,235 @@
+//! A live motion at a terminal: a few rows that are drawn again and again, news that scroll above them, keys.
+
+use std::io::{self, Write};
+use std::time::Duration;
+
+use crossterm::QueueableCommand;
+use crossterm::cursor::{MoveToColumn, MoveUp};
+use crossterm::event::{self, Event as TerminalEvent, KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
+use crossterm::style::Print;
+use crossterm::terminal::{self, Clear, ClearType};
+use pulsetrain_motion::human;
+use pulsetrain_session::control::{Command, Event, Status};
+
+use crate::control_socket::RunInfo;
+use crate::live::{Happened, LiveEvent, Request};
+
+/// What a key asks for.
+pub(crate) enum Key {
+    Request(Request),
+    Line(String),
+}
+
+/// How much faster or slower a key makes the motion.
+const FASTER: f64 = 1.1;
+
+/// A terminal in raw mode until this is dropped.
+pub(crate) struct Screen<'a> {
+    out: &'a mut dyn Write,
+    rows: Rows,
+    /// Rows that are drawn now.
+    drawn: u16,
+}
+
+/// What the rows show.
+struct Rows {
+    info: RunInfo,
+    status: Option<Status>,
+    tempo: f64,
+    is_paused: bool,
+    cue: Option<String>,
+    rejoined: u32,
+    /// A line that is being typed.
+    typed: Option<String>,
+    has_stopped: bool,
+}
+
+impl<'a> Screen<'a> {
+    /// Sets the terminal to raw mode.
+    ///
+    /// # Errors
+    /// If it is no terminal.
+    pub(crate) fn new(out: &'a mut dyn Write, info: &RunInfo) -> io::Result<Screen<'a>> {
+        terminal::enable_raw_mode()?;
+        let mut screen = Screen { out, rows: Rows::new(info), drawn: 0 };
+        screen.draw()?;
+        Ok(screen)
+    }
+
+    /// Shows what happened; `text` scrolls.
+    ///
+    /// # Errors
+    /// If the terminal cannot be written.
+    pub(crate) fn hear(&mut self, happened: &Happened, text: Option<String>) -> io::Result<()> {
+        self.rows.hear(happened);
+        match text {
+            Some(text) => self.print(&text),
+            None => self.draw(),
+        }
+    }
+
+    /// Prints a text above the rows.
+    ///
+    /// # Errors
+    /// If the terminal cannot be written.
+    pub(crate) fn print(&mut self, text: &str) -> io::Result<()> {
+        self.erase()?;
+        for line in text.lines() {
+            self.out.queue(Print(line))?.queue(Print("\r\n"))?;
+        }
+        self.draw()
+    }
+
+    /// What was pressed since the last call.
+    ///
+    /// # Errors
+    /// If the terminal cannot be read.
+    pub(crate) fn keys(&mut self) -> io::Result<Vec<Key>> {
+        let mut keys = Vec::new();
+        let mut is_touched = false;
+        while event::poll(Duration::ZERO)? {
+            is_touched = true;
+            if let TerminalEvent::Key(key) = event::read()?
+                && key.kind != KeyEventKind::Release
+            {
+                keys.extend(self.rows.press(key));
+            }
+        }
+        if is_touched {
+            self.draw()?;
+        }
+        Ok(keys)
+    }
+
+    fn erase(&mut self) -> io::Result<()> {
+        if self.drawn > 1 {
+            self.out.queue(MoveUp(self.drawn - 1))?;
+        }
+        self.drawn = 0;
+        self.out.queue(MoveToColumn(0))?.queue(Clear(ClearType::FromCursorDown)).map(drop)
+    }
+
+    fn draw(&mut self) -> io::Result<()> {
+        let (width, height) = terminal::size().unwrap_or((80, 24));
+        self.erase()?;
+        // A wider row would wrap, and too many would scroll.
+        let rows = self.rows.text(usize::from(height).saturating_sub(1).max(2));
+        let most = usize::from(width).saturating_sub(1);
+        for (index, row) in rows.iter().enumerate() {
+            if index > 0 {
+                self.out.queue(Print("\r\n"))?;
+            }
+            self.out.queue(Print(row.chars().take(most).collect::<String>()))?;
+        }
+        self.drawn = rows.len() as u16;
+        self.out.flush()
+    }
+}
+
+impl Drop for Screen<'_> {
+    fn drop(&mut self) {
+        // Nobody is left who could see an error.
+        let _ = self.erase().and_then(|()| self.out.flush());
+        let _ = terminal::disable_raw_mode();
+    }
+}
+
+impl Rows {
+    fn new(info: &RunInfo) -> Rows {
+        Rows {
+            info: info.clone(),
+            status: None,
+            tempo: 1.0,
+            is_paused: false,
+            cue: None,
+            rejoined: 0,
+            typed: None,
+            has_stopped: false,
+        }
+    }
+
+    fn hear(&mut self, happened: &Happened) {
+        match happened {
+            Happened::Session(Event::Status(status)) => self.status = Some(status.clone()),
+            Happened::Session(Event::Tempo { rate, .. }) => self.tempo = *rate,
+            Happened::Session(Event::Pausing { .. }) => self.is_paused = true,
+            Happened::Session(Event::Resuming { .. }) => self.is_paused = false,
+            Happened::Live(LiveEvent::Cue { name, .. }) => self.cue = Some(name.clone()),
+            Happened::Live(LiveEvent::Rejoined { times, .. }) => self.rejoined = *times,
+            _ => {}
+        }
+    }
+
+    fn press(&mut self, key: KeyEvent) -> Option<Key> {
+        let session = |command| Some(Key::Request(Request::Session(command)));
+        let is_control = key.modifiers.contains(KeyModifiers::CONTROL);
+        if is_control && matches!(key.code, KeyCode::Char('c' | 'd')) {
+            return self.stop();
+        }
+        if let Some(typed) = &mut self.typed {
+            match key.code {
+                KeyCode::Enter => {
+                    let line = self.typed.take()?;
+                    return Some(Key::Line(line));
+                }
+                KeyCode::Esc => self.typed = None,
+                KeyCode::Backspace if typed.is_empty() => self.typed = None,
+                KeyCode::Backspace => drop(typed.pop()),
+                KeyCode::Char(letter) if !is_control && !letter.is_control() => typed.push(letter),
+                _ => {}
+            }
+            return None;
+        }
+        match key.code {
+            KeyCode::Char(' ' | 'p') if self.is_paused => session(Command::Resume),
+            KeyCode::Char(' ' | 'p') => session(Command::Pause),
+            KeyCode::Char('+' | '=') => session(Command::Tempo { rate: self.tempo * FASTER }),
+            KeyCode::Char('-') => session(Command::Tempo { rate: self.tempo / FASTER }),
+            KeyCode::Char('s') => self.stop(),
+            KeyCode::Char(':') | KeyCode::Enter => {
+                self.typed = Some(String::new());
+                None
+            }
+            _ => None,
+        }
+    }
+
+    /// The first stop brakes, the next one stops at once.
+    fn stop(&mut self) -> Option<Key> {
+        let command = if std::mem::replace(&mut self.has_stopped, true) { Command::StopNow } else { Command::Stop };
+        Some(Key::Request(Request::Session(command)))
+    }
+
+    /// The rows, the last of which is for keys and typing.
+    fn text(&self, most: usize) -> Vec<String> {
+        let mut rows = Vec::new();
+        if let Some(status) = &self.status {
+            for (index, motor) in self.info.motors.iter().enumerate() {
+                let Some(at) = status.motors.get(index) else { continue };
+                let position = self.info.position(index, at.position).unwrap_or_default();
+                let speed = at.speed.map_or_else(String::new, |speed| {
+                    let share = motor.max_speed.map_or_else(String::new, |max| {
+                        format!("  {:>3.0} % of its limit", 100.0 * speed.abs() / max.max(f64::MIN_POSITIVE))
+                    });
+                    format!("{:>10.3} {}/s{share}", speed / motor.steps_per_unit, human::unit(&motor.unit))
+                });
+                rows.push(format!("{:<10} {position:>10.3} {:<4} {speed}", motor.name, human::unit(&motor.unit)));
+            }
+            let what = if self.is_paused { "paused" } else { "runs" };
+            let lease = status.lease_s.map_or_else(|| "to the end".to_owned(), |s| format!("{:.0} ms ahead", 1e3 * s));
+            let late = status.lateness.as_ref().map_or_else(String::new, |late| {
+                let worst = late.max_ticks - i64::try_from(late.constant_ticks).unwrap_or(0);
+                format!("  worst edge {worst} ticks late")
+            });
+            let cue = self.cue.as_ref().map_or_else(String::new, |cue| format!("  cue {cue}"));
+            let rejoined = if self.rejoined > 0 { format!("  rejoined {}", self.rejoined) } else { String::new() };
+            rows.push(format!("{:.1} s  {what}  tempo {:.2}  {lease}{late}{cue}{rejoined}", status.at_s, self.tempo));
+        }
+        rows.truncate(most.saturating_sub(1));
+        rows.push(match &self.typed {
+            Some(typed) => format!(": {typed}"),
+            None => "space pauses, + - tempo, s stops, : types a line (help)".to_owned(),
+        });
+        rows
+    }
+}

@@ -1,0 +1,499 @@
+//! Motions that are changed while they run. Shows on the native board in virtual time, and processes; nothing depends on how long something takes.
+
+use proptest::prelude::*;
+use pulsetrain::live::{Desk, Happened, Line, LiveCommand, LiveEvent, Request, Show};
+use pulsetrain_board::{Edge, Leased, Native};
+use pulsetrain_session::control::{Command, Ended, Event, Status};
+use pulsetrain_session::drive::Driven;
+use pulsetrain_session::prepare::Prepared;
+use std::path::PathBuf;
+
+/// Two motors, knobs and cues.
+pub(crate) const TEXT: &str = r#"
+board = "uno"
+[motor.a]
+steps_per_rev = 200
+driver = "A4988"
+pulse_high = "2 us"
+pins = { step = 8, dir = 9 }
+forward = "high"
+max_speed = "4 rev/s"
+max_acceleration = "30 rev/s^2"
+[motor.b]
+steps_per_rev = 200
+driver = "A4988"
+pulse_high = "2 us"
+pins = { step = 10, dir = 11 }
+forward = "high"
+max_speed = "4 rev/s"
+max_acceleration = "30 rev/s^2"
+[[motion]]
+motors = ["a", "b"]
+law.sweep = { frequency = "1 Hz", swing = "40 step" }
+[live.knobs]
+speed = { target = "a.frequency", least = "0.1 Hz", greatest = "3 Hz", smoothing = "0.5 s" }
+[[cue]]
+name = "wide"
+set = { "b.swing" = "80 step" }
+follow = "1 s"
+[[cue]]
+name = "turn"
+[[cue.motion]]
+motor = "b"
+law.trapezoid = { distance = "0.5 rev", speed = "1 rev/s", acceleration = "10 rev/s^2" }
+[[cue]]
+name = "the last"
+set = { "a.frequency" = "0.5 Hz" }
+fade = "1 s"
+"#;
+
+/// A show and what happened to it.
+pub(crate) struct Stage<B> {
+    pub(crate) show: Show<B>,
+    pub(crate) happened: Vec<Happened>,
+    pub(crate) edges: Vec<Edge>,
+    pub(crate) ended: Option<Ended>,
+}
+
+pub(crate) fn staged(text: &str) -> (Desk, Prepared) {
+    let opened = Desk::of(text, "m.toml", PathBuf::new(), None, Some(Default::default()));
+    let (mut desk, contents) = opened.map_err(|error| error.plain()).unwrap();
+    let mut prepared = Prepared::new("m.toml".to_owned(), contents, None).unwrap();
+    prepared.prove_first(|_| {}).unwrap();
+    desk.set_up(&prepared.program);
+    (desk, prepared)
+}
+
+fn native(text: &str) -> Stage<Native> {
+    let (desk, prepared) = staged(text);
+    Stage::new(Show::new(Driven::native(&prepared).unwrap(), desk, true))
+}
+
+impl<B: Leased> Stage<B> {
+    pub(crate) fn new(show: Show<B>) -> Stage<B> {
+        Stage { show, happened: Vec::new(), edges: Vec::new(), ended: None }
+    }
+
+    /// A line, as it is typed. Gives whether it was one.
+    pub(crate) fn line(&mut self, line: &str) -> bool {
+        match Line::read(line) {
+            Ok(Line::Request(request)) => self.ask(request),
+            Ok(_) => {}
+            Err(_) => return false,
+        }
+        true
+    }
+
+    pub(crate) fn ask(&mut self, request: Request) {
+        let Stage { show, happened, edges, ended } = self;
+        if ended.is_none() {
+            *ended = show.obey(request, &mut |edge: Edge| edges.push(edge), &mut |event| happened.push(event)).unwrap();
+        }
+    }
+
+    pub(crate) fn step(&mut self) {
+        let Stage { show, happened, edges, ended } = self;
+        if ended.is_none() {
+            *ended = show.step(&mut |edge: Edge| edges.push(edge), &mut |event| happened.push(event)).unwrap();
+        }
+    }
+
+    pub(crate) fn run(&mut self, seconds: f64) {
+        for _ in 0..(100.0 * seconds) as u32 {
+            self.step();
+        }
+    }
+
+    /// The next answer of a live motion that has not been looked at.
+    #[track_caller]
+    pub(crate) fn answer(&mut self) -> LiveEvent {
+        for _ in 0..1000 {
+            let place = self.happened.iter().position(|happened| matches!(happened, Happened::Live(_)));
+            if let Some(place) = place
+                && let Happened::Live(event) = self.happened.remove(place)
+            {
+                return event;
+            }
+            self.step();
+        }
+        panic!("no answer within 10 s");
+    }
+
+    /// The refusal of a line.
+    #[track_caller]
+    fn refused(&mut self, line: &str) -> String {
+        assert!(self.line(line), "{line}");
+        match self.answer() {
+            LiveEvent::Refused { why, .. } => why,
+            other => panic!("{line}: {other:?}"),
+        }
+    }
+
+    /// The last status.
+    #[track_caller]
+    fn status(&mut self) -> Status {
+        self.happened.retain(|happened| matches!(happened, Happened::Live(_)));
+        for _ in 0..100 {
+            self.step();
+            let statuses = self.happened.iter().rev();
+            let status = statuses.filter_map(|happened| match happened {
+                Happened::Session(Event::Status(status)) => Some(status.clone()),
+                _ => None,
+            });
+            if let Some(status) = { status }.next() {
+                return status;
+            }
+        }
+        panic!("no status");
+    }
+
+    /// Stops, and waits for the end: the board counted what the host sent, or this is an error.
+    #[track_caller]
+    pub(crate) fn stop(&mut self) -> Ended {
+        self.ask(Request::Session(Command::Stop));
+        self.run(10.0);
+        self.ended.clone().expect("it stops")
+    }
+}
+
+#[track_caller]
+fn set(event: LiveEvent) -> (String, f64, Option<String>, f64, f64) {
+    match event {
+        LiveEvent::Set { knob, value, ceiling, from_s, until_s, .. } => (knob, value, ceiling, from_s, until_s),
+        other => panic!("{other:?}"),
+    }
+}
+
+/// Half the swing, seen from its middle, of a motor over the next seconds.
+fn swing<B: Leased>(stage: &mut Stage<B>, motor: usize, seconds: f64) -> (i64, i64) {
+    let (mut low, mut high) = (i64::MAX, i64::MIN);
+    for _ in 0..(20.0 * seconds) as u32 {
+        let position = stage.status().motors[motor].position;
+        (low, high) = (low.min(position), high.max(position));
+        stage.run(0.01);
+    }
+    (low, high)
+}
+
+#[test]
+fn knobs_are_turned_to_what_the_motors_follow() {
+    let mut stage = native(TEXT);
+    stage.run(1.3);
+    stage.line("speed 2 Hz");
+    let (knob, value, ceiling, from_s, until_s) = set(stage.answer());
+    assert_eq!((knob.as_str(), value, ceiling), ("speed", 2.0, None));
+    assert!(from_s >= 1.2 && until_s - from_s >= 0.5 - 1e-6, "smoothing: {from_s} to {until_s}");
+    // The knob's own range; and the motor's limit, which is named.
+    stage.run(1.0);
+    stage.line("speed 9");
+    let (_, value, ceiling, ..) = set(stage.answer());
+    assert!(value <= 3.0 && ceiling.is_some(), "{value}: {ceiling:?}");
+    stage.run(3.0);
+    stage.line("b.frequency = 50 Hz");
+    let (_, value, ceiling, ..) = set(stage.answer());
+    // The acceleration of a sweep is swing/2 (2 pi f)^2, and its limit 6000 step/s^2.
+    let limit = (6000.0_f64 / 20.0).sqrt() / std::f64::consts::TAU;
+    assert!((0.99 * limit..=limit * 1.001).contains(&value), "{value} Hz, not {limit}");
+    assert_eq!(ceiling.as_deref(), Some("b: max_acceleration"));
+    // A unit of the same kind, and the other motor of a shared motion is left alone.
+    stage.run(3.0);
+    stage.line("b.swing 36 deg");
+    assert_eq!(set(stage.answer()).1, 20.0);
+    stage.run(2.0);
+    assert_eq!((swing(&mut stage, 1, 2.0), swing(&mut stage, 0, 2.0)), ((0, 20), (0, 40)));
+    stage.stop();
+}
+
+#[test]
+fn what_is_no_value_is_refused_and_the_motion_goes_on() {
+    let mut stage = native(TEXT);
+    let mut check = |line: &str, part: &str| {
+        let why = stage.refused(line);
+        assert!(why.contains(part), "{line}: {why}");
+    };
+    check("a.frequnecy 1 Hz", "no knob `a.frequnecy`; did you mean `a.frequency`?");
+    check("sped 1 Hz", "did you mean `speed`?");
+    check("speed 1 s", "it must be a frequency, but this is a time");
+    check("speed nan", "NaN is no number");
+    check("speed inf", "inf is no number");
+    check("speed fast", "does not begin with a number");
+    check("speed 1 hz", "did you mean \"1 Hz\"?");
+    check("b.swing 0 step", "more than 0");
+    check("b.frequency -1 Hz", "must be more than 0 Hz");
+    check("b.swing 10.5 step", "whole steps");
+    check("cue wid", "did you mean \"wide\"?");
+    check("back", "no cue before");
+    check("goto 1 s", "it is a time");
+    check("goto far", "is no position of motor a");
+    stage.run(1.0);
+    assert_eq!(swing(&mut stage, 0, 2.0), (0, 40));
+    stage.stop();
+}
+
+#[test]
+fn cues_follow_one_another_and_a_motion_that_ends_leaves_the_motor_at_rest() {
+    let mut stage = native(TEXT);
+    stage.run(0.7);
+    stage.line("go");
+    let cue = |event: LiveEvent| match event {
+        LiveEvent::Cue { name, from_s, .. } => (name, from_s),
+        other => panic!("{other:?}"),
+    };
+    let (name, wide_s) = cue(stage.answer());
+    assert_eq!(name, "wide");
+    let (name, turn_s) = cue(stage.answer());
+    assert!(name == "turn" && (0.9..1.2).contains(&(turn_s - wide_s)), "{name} at {turn_s}");
+    stage.run(5.0);
+    assert_eq!(swing(&mut stage, 1, 2.0), (100, 100), "half a turn, and at rest");
+    assert_eq!(swing(&mut stage, 0, 2.0), (0, 40), "the other one goes on");
+    stage.line("cue the last");
+    assert_eq!(cue(stage.answer()).0, "the last");
+    let why = stage.refused("go");
+    assert!(why.contains("the last cue"), "{why}");
+    stage.line("back");
+    assert_eq!(cue(stage.answer()).0, "turn");
+    stage.stop();
+}
+
+#[test]
+fn motors_rest_at_a_position_until_the_motion_is_wanted_again() {
+    let mut stage = native(TEXT);
+    stage.run(1.3);
+    stage.line("goto 0");
+    let LiveEvent::Goto { until_s, from_s, .. } = stage.answer() else { panic!("no goto") };
+    stage.run(until_s - from_s + 0.5);
+    assert_eq!((swing(&mut stage, 0, 1.0), swing(&mut stage, 1, 1.0)), ((0, 0), (0, 0)));
+    // A knob that is turned does not move motors that were sent home.
+    stage.line("a.swing 20 step");
+    assert_eq!(set(stage.answer()).1, 20.0);
+    stage.run(0.5);
+    assert_eq!(swing(&mut stage, 0, 1.0), (0, 0));
+    stage.line("resume");
+    assert!(matches!(stage.answer(), LiveEvent::Returned { .. }));
+    stage.run(3.0);
+    assert_eq!((swing(&mut stage, 0, 2.0), swing(&mut stage, 1, 2.0)), ((0, 20), (0, 40)));
+    stage.stop();
+}
+
+#[test]
+fn a_changed_file_is_taken_over_or_refused_with_its_place() {
+    let mut stage = native(TEXT);
+    stage.run(1.3);
+    let file = |stage: &mut Stage<Native>, text: &str| {
+        stage.ask(Request::Live(LiveCommand::Motion { text: text.to_owned() }));
+        stage.answer()
+    };
+    stage.line("a.swing 20 step");
+    set(stage.answer());
+    // The frequency is the file's; the swing stays as the knob was turned.
+    let text = TEXT.replace("frequency = \"1 Hz\"", "frequency = \"0.5 Hz\"");
+    assert!(matches!(file(&mut stage, &text), LiveEvent::Motion { .. }));
+    stage.run(3.0);
+    assert_eq!((swing(&mut stage, 0, 3.0), swing(&mut stage, 1, 3.0)), ((0, 20), (0, 40)));
+    // A new value in the file goes before that of the knob.
+    assert!(matches!(file(&mut stage, &text.replace("40 step", "60 step")), LiveEvent::Motion { .. }));
+    stage.run(3.0);
+    assert_eq!(swing(&mut stage, 0, 3.0), (0, 60));
+    let refused = |event: LiveEvent| match event {
+        LiveEvent::MotionRefused { error, line, column } => (error, line.zip(column)),
+        other => panic!("{other:?}"),
+    };
+    let (error, place) = refused(file(&mut stage, &text.replace("0.5 Hz", "0.5 s")));
+    assert!(error.starts_with("`frequency` must be a frequency") && place == Some((21, 27)), "{error} at {place:?}");
+    let (error, place) = refused(file(&mut stage, &text[..text.len() / 2]));
+    assert!(place.is_some(), "a half file: {error}");
+    let (error, _) = refused(file(&mut stage, &text.replace("step = 8", "step = 12")));
+    assert!(error.starts_with("the pins of motor a changed. That is set up when a motion begins"), "{error}");
+    let (error, _) = refused(file(&mut stage, &text.replace("board = \"uno\"", "board = \"pico\"")));
+    assert!(error.contains("the board was \"uno\", and is \"pico\" now"), "{error}");
+    let (error, _) = refused(file(&mut stage, &text.replace("frequency = \"0.5 Hz\"", "frequency = \"90 Hz\"")));
+    assert!(error.contains("limit"), "{error}");
+    stage.run(1.0);
+    assert_eq!(swing(&mut stage, 0, 3.0), (0, 60), "the old motion goes on");
+    stage.stop();
+}
+
+#[test]
+fn tempo_and_pause_go_with_knobs() {
+    let mut stage = native(TEXT);
+    stage.run(0.6);
+    stage.line("pause");
+    stage.run(1.0);
+    stage.line("a.swing 20 step");
+    set(stage.answer());
+    stage.run(0.2);
+    stage.line("resume");
+    stage.run(2.0);
+    stage.line("tempo 0.5");
+    stage.run(2.0);
+    stage.line("b.swing 20 step");
+    set(stage.answer());
+    stage.run(3.0);
+    assert_eq!((swing(&mut stage, 0, 3.0), swing(&mut stage, 1, 3.0)), ((0, 20), (0, 20)));
+    stage.stop();
+}
+
+#[test]
+fn knobs_and_cues_that_are_wrong_are_errors_of_the_file() {
+    let check = |from: &str, to: &str, part: &str| {
+        let text = TEXT.replace(from, to);
+        assert_ne!(text, TEXT, "{from}");
+        let error = Desk::of(&text, "m.toml", PathBuf::new(), None, None).unwrap_err().plain();
+        assert!(error.contains(part), "{to}: {error}");
+    };
+    check("target = \"a.frequency\"", "target = \"a.freqency\"", "did you mean \"a.frequency\"?");
+    check("least = \"0.1 Hz\"", "least = \"0.1 s\"", "`least` must be in a unit of `a.frequency`");
+    check("least = \"0.1 Hz\"", "least = \"5 Hz\"", "`least` is more than `greatest`");
+    check("speed = { target", "stop = { target", "a knob cannot be called `stop`");
+    check("smoothing", "smothing", "did you mean `smoothing`?");
+    check("set = { \"b.swing\" = \"80 step\" }", "set = { \"b.swing\" = \"80 s\" }", "must be an angle");
+    check("set = { \"b.swing\" = \"80 step\" }", "set = { \"b.swng\" = \"80 step\" }", "did you mean \"b.swing\"?");
+    check("set = { \"b.swing\" = \"80 step\" }", "fade = \"1 s\"", "cue \"wide\" changes nothing");
+    check("name = \"turn\"", "name = \"wide\"", "two cues are called \"wide\"");
+    check("motor = \"b\"\nlaw.trap", "motor = \"c\"\nlaw.trap", "unknown motor \"c\"");
+    check("distance = \"0.5 rev\"", "distance = \"0.5 s\"", "`distance` must be");
+    check("[live.knobs]", "[live.knob]", "did you mean `knobs`?");
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(24))]
+
+    /// Whatever is written at whatever time: no panic, no lost step, and it stops.
+    #[test]
+    fn any_lines_leave_a_motion_that_can_be_stopped(
+        lines in prop::collection::vec((prop_oneof![
+            "\\PC{0,20}",
+            "(a|b)\\.(frequency|swing) [0-9]{1,3}(\\.[0-9])? (Hz|step|deg|s)",
+            "speed -?[0-9]{1,2}(\\.[0-9])?( Hz)?",
+            "tempo [0-9]\\.[0-9]",
+            "(pause|resume|go|back|goto 0|goto 20 step|cue turn|cue wide)",
+        ], 0..60_u32), 1..12)
+    ) {
+        let mut stage = native(TEXT);
+        for (line, steps) in &lines {
+            if Line::read(line) != Ok(Line::Request(Request::Session(Command::Stop))) {
+                stage.line(line);
+            }
+            (0..*steps).for_each(|_| stage.step());
+        }
+        let ended = stage.stop();
+        prop_assert!(ended.stopped);
+    }
+}
+
+/// Processes, which read lines and write logs.
+#[cfg(unix)]
+mod processes {
+    use super::TEXT;
+    use pulsetrain_testkit::folder::Folder;
+    use std::io::{BufRead, BufReader, Write};
+    use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
+
+    pub(super) struct Live {
+        child: Child,
+        input: ChildStdin,
+        output: BufReader<ChildStdout>,
+    }
+
+    impl Live {
+        pub(super) fn begin(folder: &Folder, arguments: &[&str]) -> Live {
+            std::fs::write(folder.0.join("m.toml"), TEXT).unwrap();
+            let mut command = Command::new(env!("CARGO_BIN_EXE_pulsetrain"));
+            command.args(["live", "m"]).args(arguments).env("XDG_RUNTIME_DIR", &folder.0).current_dir(&folder.0);
+            command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::inherit());
+            let mut child = command.spawn().unwrap();
+            let (input, output) = (child.stdin.take().unwrap(), BufReader::new(child.stdout.take().unwrap()));
+            let mut live = Live { child, input, output };
+            live.until("runs");
+            live
+        }
+
+        pub(super) fn say(&mut self, line: &str) {
+            writeln!(self.input, "{line}").unwrap();
+        }
+
+        /// Reads up to a line with that part.
+        #[track_caller]
+        pub(super) fn until(&mut self, part: &str) -> String {
+            let mut all = String::new();
+            loop {
+                let mut line = String::new();
+                assert_ne!(self.output.read_line(&mut line).unwrap(), 0, "no {part:?} in {all}");
+                all += &line;
+                if line.contains(part) {
+                    return line;
+                }
+            }
+        }
+
+        pub(super) fn stop(mut self) -> Option<i32> {
+            self.say("stop");
+            self.until("stopped: a at");
+            self.child.wait().unwrap().code()
+        }
+    }
+
+    #[test]
+    fn lines_are_obeyed_and_the_log_makes_the_same_edges() {
+        let folder = Folder::new("live-lines");
+        std::fs::create_dir(folder.0.join("out")).unwrap();
+        let mut live = Live::begin(&folder, &["--native", "--log", "out/l.jsonl", "--trace", "out/l.vcd"]);
+        live.say("knobs");
+        live.until("b.swing");
+        live.say("speed 2 Hz");
+        live.until("speed is 2 Hz from");
+        live.say("b.frequency 40 Hz");
+        live.until("the nearest value that the motors follow: b: max_acceleration");
+        live.say("sped 1 Hz");
+        live.until("refused: sped 1 Hz: there is no knob `sped`; did you mean `speed`?");
+        live.say("nonsense");
+        live.until("`nonsense` is no order");
+        live.say("b.frequency 1 Hz");
+        live.until("b.frequency is 1 Hz from");
+        live.say("go");
+        live.until("cue wide from");
+        live.until("cue turn from");
+        live.say("tempo 0.5");
+        live.until("tempo 0.5 from");
+        live.say("goto 0");
+        live.until("goto 0 from");
+        assert_eq!(live.stop(), Some(0));
+        let replay = Command::new(env!("CARGO_BIN_EXE_pulsetrain"))
+            .args(["replay", "out/l.jsonl", "--trace", "out/r.vcd"])
+            .current_dir(&folder.0)
+            .output()
+            .unwrap();
+        let said = String::from_utf8_lossy(&replay.stdout);
+        assert!(replay.status.success() && said.contains("PASS: "), "{said}");
+        let [live, again] = ["out/l.vcd", "out/r.vcd"].map(|name| std::fs::read(folder.0.join(name)).unwrap());
+        assert!(live.len() > 2000 && live == again, "{} and {} bytes", live.len(), again.len());
+        // Another request makes other edges: the comparison can fail.
+        let log = std::fs::read_to_string(folder.0.join("out/l.jsonl")).unwrap();
+        std::fs::write(folder.0.join("out/x.jsonl"), log.replace("\"2 Hz\"", "\"1.5 Hz\"")).unwrap();
+        let other = Command::new(env!("CARGO_BIN_EXE_pulsetrain"))
+            .args(["replay", "out/x.jsonl"])
+            .current_dir(&folder.0)
+            .output()
+            .unwrap();
+        assert_eq!(other.status.code(), Some(1), "{}", String::from_utf8_lossy(&other.stdout));
+    }
+
+    #[test]
+    fn the_file_is_watched() {
+        let folder = Folder::new("live-watch");
+        let mut live = Live::begin(&folder, &["--native"]);
+        let write = |text: &str| std::fs::write(folder.0.join("m.toml"), text).unwrap();
+        write(&TEXT.replace("40 step", "20 step"));
+        live.until("the changed motion file from");
+        write(&TEXT.replace("\"1 Hz\"", "\"1 s\""));
+        live.until("was refused at line 21, column 27: `frequency` must be a frequency");
+        std::fs::remove_file(folder.0.join("m.toml")).unwrap();
+        live.say("speed 2 Hz");
+        live.until("speed is 2 Hz from");
+        // An editor that puts a new file in the old one's place.
+        std::fs::write(folder.0.join("new"), TEXT).unwrap();
+        std::fs::rename(folder.0.join("new"), folder.0.join("m.toml")).unwrap();
+        live.until("the changed motion file from");
+        assert_eq!(live.stop(), Some(0));
+    }
+}
