@@ -72,10 +72,16 @@ pub struct Contents {
     pub program: Program,
     /// The columns of every CSV file, as they were read.
     pub tables: Vec<TableColumns>,
-    /// The units of each motor's positions, in the program's order.
-    pub units: Vec<PositionUnits>,
     /// What the motors turn, in their order.
     pub wheels: Vec<Wheel>,
+}
+
+impl Contents {
+    /// The units of each motor's positions, in the program's order.
+    #[must_use]
+    pub fn units(&self) -> Vec<PositionUnits> {
+        self.wheels.iter().map(|wheel| wheel.units).collect()
+    }
 }
 
 /// Reads a motion file and the files that it names.
@@ -153,7 +159,7 @@ pub fn read_contents(
 ) -> Result<Contents, FileError> {
     read_as(text, name, |root| {
         let (program, wheels) = program(root, load)?;
-        Ok(Contents { program, tables: root.reader.tables.take(), units: root.reader.units.take(), wheels })
+        Ok(Contents { program, tables: root.reader.tables.take(), wheels })
     })
 }
 
@@ -208,11 +214,10 @@ fn program(root: &Section, load: Loader) -> Read<(Program, Vec<Wheel>)> {
             limits: draft.limits,
             winding: draft.winding,
         });
-        wheels.push(Wheel { steps_per_turn: draft.gearing.steps_per_turn(), limit_steps: draft.film_limit });
+        wheels.push(Wheel { units: draft.gearing.position_units(), limit_steps: draft.film_limit });
         slack.push(draft.backlash.map_or(0.0, |backlash| backlash.steps));
         gearings.push(draft.gearing);
     }
-    *root.reader.units.borrow_mut() = gearings.iter().map(Gearing::position_units).collect();
     let mut machines = Vec::new();
     for ((_, draft), home) in machine_drafts.into_iter().zip(homes) {
         let draft = draft?;

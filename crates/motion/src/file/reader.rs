@@ -13,7 +13,6 @@ use super::source::Source;
 use super::table_columns::TableColumns;
 use super::winches::Winches;
 use crate::Time;
-use crate::program::PositionUnits;
 use crate::quantity::{Base, Kind, Quantity, QuantityError, nearest};
 
 /// A problem has been noted; there is no value.
@@ -53,8 +52,6 @@ pub(super) struct Reader {
     pub(super) winches: RefCell<Winches>,
     /// How tables were read.
     pub(super) tables: RefCell<Vec<TableColumns>>,
-    /// Of each motor of the program.
-    pub(super) units: RefCell<Vec<PositionUnits>>,
 }
 
 impl Reader {
@@ -64,7 +61,6 @@ impl Reader {
             problems: RefCell::default(),
             winches: RefCell::default(),
             tables: RefCell::default(),
-            units: RefCell::default(),
         }
     }
 

@@ -231,7 +231,7 @@ pub(crate) fn wheel_of(
     };
     let Some(wheel) = wheels.get(index).copied() else { return Ok(None) };
     let limit_steps = limit.map(|limit| match limit.base {
-        Base::Turn => limit.value * wheel.steps_per_turn,
+        Base::Turn => limit.value * wheel.units.steps_per_turn,
         _ => limit.value,
     });
     Ok(Some(Wheel { limit_steps: limit_steps.or(wheel.limit_steps), ..wheel }))

@@ -78,7 +78,7 @@ const BUILD_UP_S: f64 = 0.1;
 pub(crate) fn run(args: &GotoArgs, console: &mut Console<'_>) -> miette::Result<Exit> {
     let file = load::found(&args.file);
     let contents = load::contents(&file)?;
-    let units = contents.units.clone();
+    let units = contents.units();
     let name = file.display().to_string();
     let mut prepared = Prepared::new(name, contents, args.board.as_deref()).map_err(advised)?;
     let motors = Motors { program: &prepared.program, units: &units, moved: moved(&prepared.program, &args.motor)? };

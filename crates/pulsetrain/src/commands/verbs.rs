@@ -150,7 +150,7 @@ struct Wiring {
 impl Wiring {
     fn read(args: &VerbsArgs) -> miette::Result<Wiring> {
         let units = match (&args.motors, args.steps_per_rev) {
-            (Some(file), _) => load::contents(file)?.units,
+            (Some(file), _) => load::contents(file)?.units(),
             (None, Some(steps)) => {
                 let units =
                     PositionUnits { steps_per_turn: steps.into(), steps_per_mm: None, steps_per_full_step: 1.0 };
@@ -1011,7 +1011,7 @@ mod tests {
         #[test]
         fn an_axis_that_is_not_there_is_refused() {
             let file = concat!(env!("CARGO_MANIFEST_DIR"), "/../../examples/first-pico.toml");
-            let units = crate::load::contents(Path::new(file)).unwrap().units;
+            let units = crate::load::contents(Path::new(file)).unwrap().units();
             let wiring = Wiring { motors: Some(file.into()), units, ..Wiring::default() };
             let (exit, said) = typed_on_pico(&wiring, &["speed x 5 rpm", "move x 10", "move y 1", "halt"]);
             assert!(matches!(exit, Ok(Exit::BoundBroken)), "{exit:?} {said}");
