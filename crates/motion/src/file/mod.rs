@@ -53,6 +53,7 @@ pub use problem::{BrokenPath, FileError, PathPoint, Problem};
 pub use source::Source;
 pub use table_columns::{ColumnDistance, ColumnUse, Smoothing, TableColumns};
 pub use text::decoded;
+pub(crate) use text::is_of_text;
 pub use winch::WinchScript;
 
 use crate::boards::{self, BoardRow};
