@@ -164,6 +164,25 @@ pub fn read_contents(
     })
 }
 
+/// The law of a motor's first motion as the text of a motion file has it, in one line. `None` if a machine moves the motor, or if the text is wrong.
+///
+/// ```
+/// use pulsetrain_motion::file;
+/// let text = "[[motion]]\nmotor = \"a\"\nlaw.rest = { duration = \"1 s\" }\n[[motion]]\nmotor = \"b\"\nlaw.sine = {  period = \"2 s\" }";
+/// assert_eq!(file::first_law(text, "b").as_deref(), Some("law.sine = { period = \"2 s\" }"));
+/// assert_eq!(file::first_law(text, "c"), None);
+/// ```
+#[must_use]
+pub fn first_law(text: &str, motor: &str) -> Option<String> {
+    let document = toml_edit::Document::parse(text).ok()?;
+    let motions = document.as_table().get("motion")?.as_array_of_tables()?;
+    let is_of_motor = |motion: &&toml_edit::Table| motion.get("motor").and_then(|name| name.as_str()) == Some(motor);
+    let law = motions.iter().find(is_of_motor)?.get("law")?.as_table_like()?;
+    let (name, value) = law.iter().next()?;
+    let value = value.as_value()?.to_string();
+    Some(format!("law.{name} = {}", value.split_whitespace().collect::<Vec<_>>().join(" ")))
+}
+
 fn read_as<T>(text: &str, name: &str, what: impl Fn(&Section) -> Read<T>) -> Result<T, FileError> {
     // A byte order mark is no part of the text, and would shift every place.
     let text = text.strip_prefix('\u{feff}').unwrap_or(text);
