@@ -100,19 +100,26 @@ pub(crate) fn run(args: &WinchArgs, console: &mut Console<'_>) -> miette::Result
             run_virtual(board, &runner, &name, &script, &options, console)?
         }
     };
-    let Judged { report, picture } = judged;
-    // The user sees what the axes did even if a file could not be written. A script reads one JSON value, which is then
-    // the error.
+    let Judged { mut report, picture } = judged;
     if !args.json {
         console.print(&report)?;
     }
-    console::write(&folder.join("report.json"), format!("{}\n", console::json(&report)?).as_bytes())?;
-    draw(&picture, &folder.join("plot.svg"))?;
-    let files = write_files(&run, &folder, &options, report.verdict.is_some())?;
+    let text = format!("{}\n", console::json(&report)?);
+    let written = console::write(&folder.join("report.json"), text.as_bytes())
+        .map_err(Report::from)
+        .and_then(|()| draw(&picture, &folder.join("plot.svg")))
+        .and_then(|()| write_files(&run, &folder, &options, report.verdict.is_some()));
+    // What the axes did is printed even if a file could not be written.
+    report.unwritten = written.as_ref().err().map(ToString::to_string);
     if args.json {
         console.print_json(&report)?;
-    } else {
-        console.print(format_args!("{}: report.json, plot.svg, {files}\n", folder.display()))?;
+    }
+    match written {
+        // A program reads one JSON value, which was the report.
+        Err(error) if args.json => return console.complain(&error),
+        Err(error) => return Err(error),
+        Ok(_) if args.json => {}
+        Ok(files) => console.print(format_args!("{}: report.json, plot.svg, {files}\n", folder.display()))?,
     }
     Ok(if report.is_ok() { Exit::Success } else { Exit::BoundBroken })
 }
