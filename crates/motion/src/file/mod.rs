@@ -410,7 +410,11 @@ fn read_motions(
             let moved = read_path(&motion, &node, machine, drafts, load, &mut timelines, last[index].as_deref());
             match moved {
                 Ok((home, end)) => {
-                    homes[index].get_or_insert(home);
+                    match &mut homes[index] {
+                        // Two paths are no longer one recording.
+                        Some(first) => first.tip = None,
+                        none => *none = Some(home),
+                    }
                     last[index] = Some(end);
                 }
                 Err(Noted) => machine.motors.iter().for_each(|motor| timelines[*motor] = Err(Noted)),
@@ -480,12 +484,12 @@ fn read_path(
     let reading = path::PathReader { machine, motors: motors.collect::<Read<_>>()?, load };
     let path = reading.path(motion, last);
     let start = motion.get("start").map(|node| Ok((node.time("1 s")?, node))).transpose();
-    let ((laws, end), start) = (path?, start?);
+    let (path::Joints { laws, end, tip }, start) = (path?, start?);
     // When the last of them has ended what came before; one that never ends is an error of `push`.
     let ends = machine.motors.iter().filter_map(|motor| timelines[*motor].as_ref().ok()?.end);
     let together = ends.fold(Time::ZERO, Time::max);
     let begin = start.as_ref().map_or(together, |(start, _)| *start);
-    let mut home = Home { at: begin, steps: Vec::new() };
+    let mut home = Home { at: begin, steps: Vec::new(), tip };
     for (motor, law) in machine.motors.iter().zip(laws) {
         let first = Cursor::new(&law).at(Time::ZERO).map_err(|error| refuse(node, &error))?;
         home.steps.push(first.position);
