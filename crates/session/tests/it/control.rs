@@ -341,7 +341,7 @@ fn a_part_that_is_refused_on_the_way_stops_the_motors_before_it() {
     // (d/dt)(t/120)^8 rev is 5 rev/s, the motor's limit, at 222 s.
     let text = error.to_string();
     assert!(text.contains("motor wheel: at t = 2") && text.contains("the motor's limit is 8000"), "{text}");
-    assert!(text.contains("the motors braked and rest: wheel at "), "{text}");
+    assert!(text.contains("the motors braked and stand still: wheel at "), "{text}");
     // The proof is far ahead by then.
     assert!(stopping_s < 100.0, "{stopping_s}");
 }
@@ -500,6 +500,59 @@ mod chips {
         let first_s = first.unwrap() as f64 / prepared.program.board.tick_hz as f64;
         assert!((first_s - due_s).abs() < 2e-6, "{first_s} {due_s}");
         assert!(Driven::on_board(&prepared, connected(), Some(5)).is_err());
+    }
+
+    /// A host that does nothing for a second, once.
+    struct Stalled {
+        uno: VirtualUno,
+        at: Option<Duration>,
+        /// What came meanwhile.
+        unread: Vec<u8>,
+    }
+
+    impl Port for Stalled {
+        fn now(&self) -> Duration {
+            self.uno.now()
+        }
+
+        fn send(&mut self, bytes: &[u8]) -> Result<(), PortError> {
+            if self.at.is_some_and(|at| self.uno.now() >= at) {
+                self.at = None;
+                self.uno.receive(self.uno.now() + Duration::from_secs(1), &mut self.unread)?;
+            }
+            self.uno.send(bytes)
+        }
+
+        fn receive(&mut self, until: Duration, into: &mut Vec<u8>) -> Result<(), PortError> {
+            into.append(&mut self.unread);
+            self.uno.receive(until, into)
+        }
+
+        fn set_baud(&mut self, baud: Baud) -> Result<(), PortError> {
+            self.uno.set_baud(baud)
+        }
+
+        fn has_edges(&self) -> bool {
+            false
+        }
+    }
+
+    /// Also where the last of the plan comes too late: no motor "missed steps", and nobody need report the motion.
+    #[test]
+    fn a_late_host_is_blamed_at_the_end_of_a_motion_too() {
+        let prepared = moved_by(r#"law.sine = { amplitude = "0.5 rev", period = "1 s", cycles = 1 }"#);
+        let mut late = 0;
+        for k in 0..60 {
+            let at = Duration::from_millis(50 * k);
+            let port = Stalled { uno: VirtualUno::new(), at: Some(at), unread: Vec::new() };
+            // Before the motion a host may be as late as it likes.
+            let Ok(mut driven) = Driven::at(&prepared, port, Baud::B1M) else { continue };
+            let Err(error) = driven.run(&mut |_: Edge| {}, |_| {}) else { continue };
+            let DriveError::Halted { why, .. } = &error else { panic!("{at:?}: {error}") };
+            assert!(!matches!(**why, DriveError::Missed { .. }), "{at:?}: {error}");
+            late += 1;
+        }
+        assert!(late >= 5, "{late}");
     }
 
     #[test]
