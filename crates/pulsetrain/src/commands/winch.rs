@@ -36,9 +36,11 @@ use pulsetrain_motion::human;
 
 #[derive(Args, Debug)]
 #[command(after_help = "\
-A script has a line for each command, with its time, \"1.5 s: a x 100\"; or it is a motion file with law.winch. On a \
-virtual board every edge is judged against the path; of a real one its status lines are all that is known. Without a \
-script it is a console: in a terminal with the axes' positions, else line by line. docs/winch.md has the commands.
+A script has a line for each command, with its time: \"1.5 s: a x 100\". A motion file with law.winch is a script, \
+too. On a virtual board every edge is compared with the path. Of a real board only its status lines are known.
+
+Without a script it is a console. In a terminal it shows the axes' positions; otherwise it reads lines from the \
+standard input. docs/winch.md has all commands.
 
 Files written to DIR by a script:
   report.json   what was sent and judged

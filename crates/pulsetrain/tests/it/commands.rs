@@ -1288,7 +1288,7 @@ mod chips {
         // A script that cannot be read moves nothing.
         for (text, place) in [
             ("0 s: move x 1\n1 s: move x many\n", "word 3: not a number"),
-            ("1 s: move x 1\n0 s: halt\n", "times go back: the line before is told at 1 s"),
+            ("1 s: move x 1\n0 s: halt\n", "times go back: the line before has the time 1 s"),
             ("0 s: a x 1\n", "no such verb"),
             ("soon: run x\n", "not a time of 0 s to 10^6 s"),
             ("run x\n", "a line without its time"),
