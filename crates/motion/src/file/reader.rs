@@ -56,12 +56,7 @@ pub(super) struct Reader {
 
 impl Reader {
     pub(super) fn new(source: Arc<Source>) -> Reader {
-        Reader {
-            source,
-            problems: RefCell::default(),
-            winches: RefCell::default(),
-            tables: RefCell::default(),
-        }
+        Reader { source, problems: RefCell::default(), winches: RefCell::default(), tables: RefCell::default() }
     }
 
     /// Notes a problem with one place.

@@ -44,7 +44,11 @@ pub(crate) fn run(args: &PlotArgs, console: &mut Console<'_>) -> miette::Result<
     let path = args.out.clone().unwrap_or_else(|| args.motion.file.with_extension("svg"));
     if args.moving && !path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("svg")) {
         let help = format!("write --out {}", quoted(&path.with_extension("svg").display().to_string()));
-        return Err(miette!(help = help, "a moving picture is an SVG file, and {} does not end in .svg", path.display()));
+        return Err(miette!(
+            help = help,
+            "a moving picture is an SVG file, and {} does not end in .svg",
+            path.display()
+        ));
     }
     let mut prepared = args.motion.prepare(Task::Native { files: false }, false, console)?;
     let planned = plan::plan(&mut prepared, console)?;

@@ -565,7 +565,19 @@ impl Onlooker for Compared<'_> {
 
 impl Display for WinchReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let WinchReport { script, runner, board, duration_s, lines, unsent, refusals, troubles, verdict, word, unwritten: _ } = self;
+        let WinchReport {
+            script,
+            runner,
+            board,
+            duration_s,
+            lines,
+            unsent,
+            refusals,
+            troubles,
+            verdict,
+            word,
+            unwritten: _,
+        } = self;
         let duration = human::seconds(*duration_s);
         let plural = if *lines == 1 { "" } else { "s" };
         writeln!(f, "{script}: {lines} line{plural} in {duration}, to the {runner} ({board})\n")?;

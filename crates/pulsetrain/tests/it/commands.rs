@@ -968,7 +968,11 @@ fn a_moving_picture_is_an_svg_with_the_law_of_its_motor() {
     assert!(!std::path::Path::new(&png).exists());
 
     // The second motor's law is in the last line; a law in a comment is none.
-    let one = pico_motor("one", 2, "# law.rest = { duration = \"9 s\" }\nlaw.sine = { amplitude = \"10 deg\", period = \"1 s\" }");
+    let one = pico_motor(
+        "one",
+        2,
+        "# law.rest = { duration = \"9 s\" }\nlaw.sine = { amplitude = \"10 deg\", period = \"1 s\" }",
+    );
     let two = pico_motor("two", 4, "law.sine = { amplitude = \"20 deg\", period = \"1 s\" }");
     let file = folder.write("two.toml", &format!("board = \"pico\"\n{one}{two}"));
     for (motor, amplitude) in [("one", 10), ("two", 20)] {

@@ -85,7 +85,8 @@ fn notes_of_a_film_cover_no_line() {
     assert_eq!(labels.len(), 3, "{svg}");
     // The upper limit is the highest dash in the lower panel.
     let dashes = lines.iter().filter(|line| line.starts_with("<polyline") && line.matches(',').count() == 2);
-    let heights = dashes.filter_map(|line| line.split("points=\"").nth(1)?.split([',', ' ']).nth(1)?.parse::<f64>().ok());
+    let heights =
+        dashes.filter_map(|line| line.split("points=\"").nth(1)?.split([',', ' ']).nth(1)?.parse::<f64>().ok());
     let limit = heights.filter(|y| *y > labels[0].1).fold(f64::INFINITY, f64::min);
     assert!(limit.is_finite() && labels.iter().all(|label| label.1 + 13.0 < limit), "{labels:?} {limit}");
     assert!((labels[0].1 - labels[1].1).abs() > 13.0, "{labels:?}");

@@ -326,9 +326,8 @@ fn moved_by(law: &str) -> Prepared {
 /// A formula that gets too fast after a minute: its beginning is proven, and then the rest while it runs.
 #[test]
 fn a_part_that_is_refused_on_the_way_stops_the_motors_before_it() {
-    let mut prepared = moved_by(
-        r#"law.formula = { theta = "2*(1 - cos(t)) + (t/120)^8", unit = "rev", duration = "28800 s" }"#,
-    );
+    let mut prepared =
+        moved_by(r#"law.formula = { theta = "2*(1 - cos(t)) + (t/120)^8", unit = "rev", duration = "28800 s" }"#);
     assert!(prepared.prove_first(|_| {}).is_ok_and(|proof| !proof.is_whole));
     let mut driven = Driven::native(&prepared).unwrap().proving(&prepared, 10.0).unwrap();
     let mut stopping_s = f64::INFINITY;
