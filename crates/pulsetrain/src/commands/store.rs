@@ -34,7 +34,7 @@ pub(crate) struct StoreArgs {
     /// A virtual board, which forgets the settings when the command ends
     #[arg(long, value_name = "BOARD", value_parser = arguments::board_kind())]
     pub(crate) board: Option<BoardKind>,
-    /// Text axes stop if no command came for this long, or "off"
+    /// Text axes stop after this long without an accepted command, or "off"
     #[arg(long, value_name = "TIME", value_parser = arguments::kept_time)]
     pub(crate) deadman: Option<u16>,
     /// The drivers of text axes are switched off after all axes have rested for this long, or "off"

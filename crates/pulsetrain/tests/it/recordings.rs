@@ -209,15 +209,15 @@ fn a_pen_on_a_tablet() {
 fn a_delta_robots_effector() {
     let mut random = Random::new(seed(31));
     let mut csv = "time [s],x [mm],y [mm],z [mm]\n".to_owned();
-    for k in 0..=240 {
-        let t = f64::from(k) / 60.0;
+    for k in 0..=120 {
+        let t = f64::from(k) / 30.0;
         let angle = std::f64::consts::TAU * turn(t, 0.3, 3.4);
-        let mut at = |value: f64| value + 0.05 * noise(&mut random);
-        let (x, y, z) = (at(20.0 * angle.cos()), at(20.0 * angle.sin()), at(-140.0));
+        let mut at = |value: f64| value + 0.2 * noise(&mut random);
+        let (x, y, z) = (at(20.0 * angle.cos()), at(20.0 * angle.sin()), at(-145.0 + 8.0 * angle.cos()));
         writeln!(csv, "{t:.4},{x:.3},{y:.3},{z:.3}").unwrap();
     }
     let arm = |name: &str, step: u8| {
-        let motor = MOTOR.replace("lead = \"40 mm\"\n", "").replace("40 rev/s^2", "20 rev/s^2");
+        let motor = MOTOR.replace("lead = \"40 mm\"\n", "").replace("40 rev/s^2", "1.5 rev/s^2");
         format!("[motor.{name}]\npins = {{ step = {step}, dir = {} }}{motor}", step + 1)
     };
     let machine = "[machine.robot]\nkind = \"delta\"\nmotors = [\"a\", \"b\", \"c\"]\nbase = \"60 mm\"\nupper_arm = \"70 mm\"\n\

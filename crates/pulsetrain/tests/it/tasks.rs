@@ -86,7 +86,9 @@ fn a_formula_of_ones_own() {
     assert!(!second.is_success && said.contains("the motor's limit is 8000.0 steps/s"), "{said}");
     let slower: f64 = between(&said, "help: ", " times slower it fits").parse().expect("a number");
     let f = format!("f = \"{} Hz\"", 0.5 / slower);
-    desk.write("crank.toml", &desk.read("crank.toml").replace("f = \"0.5 Hz\"", &f));
+    let lasts = between(&said, "it fits: ", " instead of 10 s");
+    let slow = desk.read("crank.toml").replace("f = \"0.5 Hz\"", &f);
+    desk.write("crank.toml", &slow.replace("duration = \"10 s\"", &format!("duration = \"{lasts}\"")));
 
     let third = desk.types(&run);
     assert!(third.is_success && third.text.ends_with("PASS: no bound broke\n"), "{}", third.text);
