@@ -92,7 +92,7 @@ pub enum BakeError {
     },
     /// One motor's steps follow one another more closely than the player can make them while other motors step, too.
     #[error(
-        "motor {motor} makes {rate_hz:.0} steps/s; beside the others, with its drivers' times, {limit_hz:.0} are the most"
+        "motor {motor} makes {rate_hz:.0} steps/s; with the other motors and with its driver's times, {limit_hz:.0} are the most"
     )]
     TooClose {
         /// The motor that is too fast.

@@ -290,13 +290,13 @@ fn reason_text(reason: Reason, detail: u16) -> String {
 pub const fn in_words(cause: Cause) -> &'static str {
     match cause {
         Cause::None => "none yet",
-        Cause::Finished => "everything was done",
+        Cause::Finished => "the motion was complete",
         Cause::StopNow => "the host asked for an immediate stop",
         Cause::HostLost => "the host was silent for too long",
         Cause::Starved => "its step generator did not keep up",
-        Cause::BadItem => "a queue held what no host packs",
-        Cause::CheckFailed => "position or accumulator were not the host's",
-        Cause::StepMissed => "a step was asked for too late",
+        Cause::BadItem => "a queue held data that no host sends",
+        Cause::CheckFailed => "the board's position or accumulator differed from the host's",
+        Cause::StepMissed => "a step was ordered too late",
         Cause::EdgeLate => "an edge was late",
         Cause::Overrun => "bytes were lost on the line",
         Cause::BaudFellBack => "the line fell back to 115 200 baud",
@@ -305,9 +305,9 @@ pub const fn in_words(cause: Cause) -> &'static str {
         Cause::ResetLine => "the reset line, as when a port is opened",
         Cause::PowerOn => "power came on",
         Cause::MoveDone => "a move was done",
-        Cause::Lapsed => "the host was late, and the motors braked",
+        Cause::Lapsed => "the plan came too late, and the motors braked",
         Cause::Braked => "the host asked the motors to brake",
-        Cause::RanDry => "a motor had no more plan, and all braked",
+        Cause::RanDry => "a motor's plan ran out, and all motors braked",
     }
 }
 

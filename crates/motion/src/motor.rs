@@ -82,8 +82,8 @@ impl PositionUnits {
 /// What a motor turns, as a camera sees it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Wheel {
-    /// Steps in one revolution of what the motor drives, behind its gear.
-    pub steps_per_turn: f64,
+    /// Steps in its units of position, behind the motor's gear.
+    pub units: PositionUnits,
     /// Largest |angle − law| in a film, steps; `None`: the judge's own.
     pub limit_steps: Option<f64>,
 }

@@ -1,6 +1,7 @@
 //! A film over the law, and their difference, as the tutorial's paper has it.
 
 use plotters::prelude::*;
+use plotters::style::text_anchor::{HPos, Pos, VPos};
 
 use crate::axis::{Axis, Labels};
 use crate::draw::{self, Area, DrawResult, Drawing, INK, Panel, light};
@@ -41,6 +42,9 @@ const NOTE: RGBColor = RGBColor(213, 94, 0);
 const HEAD: u32 = 64;
 const ANGLE_HEIGHT: u32 = 420;
 const DIFFERENCE_HEIGHT: u32 = 320;
+/// Height of a row of notes, as a share of the panel; and the most rows.
+const NOTE_ROW: f64 = 0.09;
+const MOST_ROWS: usize = 4;
 /// Error bars reach this many standard deviations.
 const BAR_SIGMAS: f64 = 3.0;
 
@@ -88,11 +92,15 @@ impl Drawing {
 
         let difference = |frame: &FilmFrame| frame.angle_deg - frame.law_deg;
         let limit = film.limit_deg;
-        let range = film
+        let (low, high) = film
             .frames
             .iter()
             .map(difference)
             .fold((-1.1 * limit, 1.1 * limit), |(low, high), d| (low.min(d), high.max(d)));
+        // Notes have rows of their own above all that is drawn.
+        let rows = film.notes.len().min(MOST_ROWS);
+        let row = NOTE_ROW * (high - low) / (1.0 - NOTE_ROW * rows as f64);
+        let range = (low, high + row * rows as f64);
         let title = format!("Film − law, °; limit: {}; bars: {BAR_SIGMAS} σ", human::significant(limit, 3));
         let y = Axis::linear(Some(range), 0.08, Labels::Number(1.0));
         let mut chart = self.panel(&below, Panel { title: &title, x_title: &x_title, x: time(), y })?;
@@ -110,12 +118,14 @@ impl Drawing {
             let style = INK.stroke_width(self.px(1));
             chart.draw_series(DashedLineSeries::new([(from, level), (to, level)], self.px(8), self.px(5), style))?;
         }
-        for (at_s, note) in &film.notes {
+        for (k, (at_s, note)) in film.notes.iter().enumerate() {
             let line = vec![(*at_s, range.0), (*at_s, range.1)];
             chart.draw_series([PathElement::new(line, NOTE.stroke_width(self.px(1)))])?;
-            // Text begins left of the line in the right half, so that it stays in the picture.
-            let at = if *at_s > 0.5 * (from + to) { *at_s - 0.2 * (to - from) } else { *at_s };
-            chart.draw_series([Text::new(format!(" {note}"), (at, range.1), self.font(13))])?;
+            // In the right half the text ends at the line, so that it stays in the picture.
+            let side = if *at_s > 0.5 * (from + to) { HPos::Right } else { HPos::Left };
+            let style = self.font(13).pos(Pos::new(side, VPos::Top));
+            let at = (*at_s, range.1 - row * (k % rows) as f64);
+            chart.draw_series([Text::new(format!(" {note} "), at, style)])?;
         }
         Ok(())
     }

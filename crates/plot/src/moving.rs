@@ -38,6 +38,17 @@ const PULSES_AT_ONCE: f64 = 16.0;
 /// Part of that panel before the present place.
 const PAST: f64 = 0.5;
 
+/// The most characters of the title, which is 9.6 pixels wide for each.
+const MOST_OF_TITLE: usize = 96;
+
+/// A title that fits the picture.
+fn shortened(title: &str) -> String {
+    if title.chars().count() <= MOST_OF_TITLE {
+        return title.to_owned();
+    }
+    title.chars().take(MOST_OF_TITLE - 1).chain(['…']).collect()
+}
+
 impl Moving<'_> {
     /// The picture as SVG.
     ///
@@ -53,14 +64,15 @@ impl Moving<'_> {
         }
         let mut svg = String::new();
         let (width, height) = SIZE;
+        let title = shortened(self.title);
         // Writing to a String cannot fail.
         let _ = writeln!(
             svg,
             "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {width} {height}\" font-family=\"sans-serif\" font-size=\"15\">\n\
              <rect width=\"{width}\" height=\"{height}\" fill=\"white\"/>\n\
              <text x=\"{}\" y=\"34\" font-family=\"monospace\" font-size=\"16\">{}</text>",
-            width / 2.0 - 4.8 * self.title.chars().count() as f64,
-            escaped(self.title)
+            width / 2.0 - 4.8 * title.chars().count() as f64,
+            escaped(&title)
         );
         self.curve(&mut svg, &theta);
         self.pulses(&mut svg);

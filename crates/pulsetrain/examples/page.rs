@@ -52,7 +52,7 @@ const STEP_S: f64 = 0.05;
 const EASE_S: f64 = 1.0;
 
 fn knob(name: &str, unit: &str, least: f64, greatest: f64, value: f64) -> KnobInfo {
-    KnobInfo { name: name.to_owned(), unit: unit.to_owned(), least, greatest, value }
+    KnobInfo { name: name.to_owned(), unit: unit.to_owned(), least: Some(least), greatest: Some(greatest), value }
 }
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -180,7 +180,7 @@ fn set(hub: &Hub, name: String, value: KnobValue, (from_s, until_s): (f64, f64))
         return hub.tell_live(&LiveEvent::Refused { command, why: "this example knows bare numbers alone".to_owned() });
     };
     // As a limit of a motor would be.
-    let value = wanted.clamp(knob.least, knob.greatest * 0.9);
+    let value = wanted.clamp(knob.least.unwrap_or(f64::MIN), 0.9 * knob.greatest.unwrap_or(f64::MAX));
     let ceiling =
         (value < wanted).then(|| format!("{}: max_speed 200 mm/s", name.split('.').next().unwrap_or_default()));
     hub.tell_live(&LiveEvent::Set { knob: name, value, unit: knob.unit, ceiling, from_s, until_s });

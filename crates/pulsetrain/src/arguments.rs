@@ -23,14 +23,14 @@ use crate::load;
 pub(crate) struct Motion {
     /// Motion file (TOML)
     pub(crate) file: PathBuf,
-    /// Hold the motion against this board's limits instead of the file's
+    /// Plan for this board instead of the file's
     #[arg(long, value_name = "BOARD", value_parser = board)]
     pub(crate) board: Option<String>,
-    /// How much of an endless motion, with its unit; the planned stop comes after. `run` takes "forever", too [default: "10 s"]
+    /// How much of an endless motion is made; then the motors brake. `run` also takes "forever" [default: "10 s"]
     #[arg(long = "for", value_name = "TIME", value_parser = length, allow_hyphen_values = true)]
     pub(crate) length: Option<Time>,
-    /// Go on without being asked: with more than 50 million steps, a minute of planning, an hour of running, or 1 GB of files. (An estimate is
-    /// shown from 5 s on.)
+    /// Begin a long motion without a question. The question comes from 50 million steps, a minute of planning, an hour of
+    /// running, or 1 GB of files on
     #[arg(long)]
     pub(crate) yes: bool,
 }
@@ -81,13 +81,13 @@ pub(crate) struct At {
     /// The board at this serial port
     #[arg(long, value_name = "PORT")]
     pub(crate) port: Option<String>,
-    /// A virtual one
+    /// A virtual board
     #[arg(long, value_name = "BOARD", value_parser = board_kind())]
     pub(crate) board: Option<BoardKind>,
     /// Rate of the line, once the board is found
     #[arg(long, value_name = "BAUD", value_parser = baud, default_value = "1000000")]
     pub(crate) baud: Baud,
-    /// Print what it says as JSON
+    /// Print the answer as JSON
     #[arg(long)]
     pub(crate) json: bool,
 }
@@ -99,7 +99,7 @@ pub(crate) struct WinchAt {
     /// The board at this serial port; opening it resets an Uno
     #[arg(long, value_name = "PORT")]
     pub(crate) port: Option<String>,
-    /// A virtual one
+    /// A virtual board
     #[arg(long, value_name = "BOARD", value_parser = board_kind())]
     pub(crate) board: Option<BoardKind>,
     /// This computer's own path generator, without a chip

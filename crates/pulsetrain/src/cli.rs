@@ -39,65 +39,67 @@ struct Cli {
 
 #[derive(Debug, Subcommand)]
 enum Command {
-    /// Plan a motion, run it in virtual time, judge every edge, and write report, steps, trace and plot
+    /// Plan a motion, run it, compare every edge with the law, and write report, steps, trace and plot
     Run(commands::run::RunArgs),
     /// Run a motion that is changed while it runs: by its file, knobs, cues, from anywhere
     Live(commands::live::LiveArgs),
+    /// Run a live motion with a page in the browser that shows and steers it
+    Serve(commands::live::ServeArgs),
     /// Run a live motion once more, from its log, on a virtual board
     Replay(commands::replay::ReplayArgs),
-    /// Plan a motion and prove it: steps, segments, bytes, certificate, peak rates; nothing runs
+    /// Plan a motion and prove that it keeps all limits; nothing runs
     Plan(commands::plan::PlanArgs),
-    /// Draw a motion: position wanted and stepped, interval against step number, speed, error
+    /// Draw a motion: position, step intervals, speed, error
     Plot(commands::plot::PlotArgs),
     /// Try a formula without a motion file: position, speed, acceleration, range, first steps, plot
     Formula(commands::formula::FormulaArgs),
-    /// Judge a capture against the motion: VCD, CSV of Saleae's or PulseView's, steps.csv, or a camera track (CSV of time and angle)
+    /// Compare a capture with the motion: VCD, CSV of Saleae's Logic or PulseView, steps.csv, or a camera's track (CSV of time and angle)
     Verify(commands::verify::VerifyArgs),
-    /// Judge a clip of a turning wheel with two marks: its angle in each frame against the motion
+    /// Compare a clip of the turning wheel, with two marks on it, with the motion
     Film(commands::film::FilmArgs),
-    /// Say why a motion is refused: the limit, the place, the curve there, and what would fit
+    /// Explain why a motion is refused: which limit, where, and what would fit
     Explain(commands::explain::ExplainArgs),
-    /// Say how fast a motor's winding lets it step, each figure with its formula and source
+    /// Calculate how fast a motor's winding lets it step; each figure with its formula and source
     Motor(commands::motor::MotorArgs),
-    /// Be a virtual board in real time, for this program or any other serial client; Ctrl-C ends it
+    /// Run a virtual board in real time, for this program or any other serial client, until Ctrl-C
     Board(commands::board::BoardArgs),
-    /// Write the firmware to a board, and to an Uno read it back; nothing else has to be installed
+    /// Write the firmware to a board; no other program is needed
     Flash(commands::flash::FlashArgs),
-    /// List this computer's serial ports and waiting Picos, with what is there
+    /// List this computer's serial ports, and Picos that wait for firmware
     Ports(commands::ports::PortsArgs),
-    /// Put a motion onto a board for good: it runs at power-up, without this computer
+    /// Store a motion on a board: it runs from power-up on, without a computer
     Bake(commands::bake::BakeArgs),
-    /// Compare a board's clock with this computer's; `run --clock-ppm` then corrects for it
+    /// Measure a board's clock against this computer's; `run --clock-ppm` then corrects for it
     Calibrate(commands::calibrate::CalibrateArgs),
-    /// Talk to a board in StepperWinch's text: a console, or a script of timed lines that is judged
+    /// Send StepperWinch's text to a board: from a console, or from a script whose motion is checked
     Winch(commands::winch::WinchArgs),
-    /// Tell motors directly, in frames: MOVE, RUN, SPEED, DIRECTION, HALT, from a script or by hand
+    /// Move motors by hand or from a script: MOVE, RUN, SPEED, DIRECTION, HALT
     Verbs(commands::verbs::VerbsArgs),
-    /// Show what a board is: firmware, limits, clock, why it stopped last, its counters
+    /// Show a board's firmware, limits, clock and counters, and why it stopped last
     #[command(after_help = "\
 Examples:
   pulsetrain info --port /dev/ttyACM0
   pulsetrain info --board pico")]
     Info(At),
-    /// Stop a run of this computer within the motors' limits, or all motors of a board at once
+    /// Stop a run of this computer (it brakes within the motors' limits), or all motors of a board at once
     Stop(commands::stop::StopArgs),
-    /// Bring the motors of a run to a halt on their paths; `resume` goes on
+    /// Pause a run: its motors come to a halt on their paths
     Pause(commands::steer::PauseArgs),
-    /// Go on after a pause
+    /// Resume a run after a pause
     Resume(commands::steer::PauseArgs),
-    /// Let a run go faster or slower from now on, with all motors in phase
+    /// Make a run faster or slower from now on, with all motors in phase
     Tempo(commands::steer::TempoArgs),
-    /// List the runs of this computer, with where their motors are
+    /// List the runs of this computer and where their motors are
     Status(commands::status::StatusArgs),
     /// Move motors from where they stand to a position
     Goto(commands::goto::GotoArgs),
-    /// Have a board keep settings without power, or tell those that it keeps
+    /// Show the settings that a board keeps without power, or change them
     Store(commands::store::StoreArgs),
-    /// Let a board measure itself while it steps: cycles for a step, lateness, how far ahead it was
+    /// Have a board measure itself while it steps: cycles for a step, lateness, how far ahead it was
     Bench(commands::bench::BenchArgs),
     /// List the boards with their limits
     Boards(Table),
-    /// List the drivers with their timings, microsteps and settings, from their datasheets
+    /// List the drivers with their timings, microsteps and switch settings, from their datasheets
     Drivers(Table),
     /// Write a motion file with comments, to start from
     New(commands::new::NewArgs),
@@ -110,6 +112,7 @@ impl Command {
             Command::Run(args) => args.port.as_deref(),
             Command::Goto(args) => args.port.as_deref(),
             Command::Live(args) => args.port.as_deref(),
+            Command::Serve(args) => args.live.port.as_deref(),
             Command::Bench(args) => args.at.port.as_deref(),
             Command::Winch(args) => args.at.port.as_deref(),
             Command::Verbs(args) => args.port.as_deref(),
@@ -145,6 +148,7 @@ impl Command {
             | Command::Board(_)
             | Command::Verbs(_)
             | Command::Live(_)
+            | Command::Serve(_)
             | Command::Replay(_) => false,
         }
     }
@@ -201,6 +205,7 @@ fn obey(command: &Command, console: &mut Console<'_>) -> miette::Result<Exit> {
     match command {
         Command::Run(args) => commands::run::run(args, console),
         Command::Live(args) => commands::live::run(args, console),
+        Command::Serve(args) => commands::live::serve(args, console),
         Command::Replay(args) => commands::replay::run(args, console),
         Command::Plan(args) => commands::plan::run(args, console),
         Command::Plot(args) => commands::plot::run(args, console),

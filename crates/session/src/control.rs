@@ -168,16 +168,16 @@ impl Positions {
         match self.by {
             Knowledge::Counted => "the next run counts from here: move the motors to their start position first",
             Knowledge::StoppedAtOnce => {
-                "nothing moves until the next run. Look where the motors are: one that was stopped at speed may have gone further than it \
-                 counted; `pulsetrain info --port PORT` shows the board's counters"
+                "nothing moves until the next run. Look where the motors are: one that was stopped at speed may have turned further than the \
+                 board counted. `pulsetrain info --port PORT` shows the board's counters"
             }
             Knowledge::Replayed { .. } | Knowledge::StopUnanswered => {
                 "look at the cable and at the board's supply. The motors brake within half a second, and nothing moves until the \
                  next run. An Uno that lost its supply, or whose port was opened again, was reset: look where the motors are"
             }
             Knowledge::LastReport { .. } => {
-                "nothing moves until the next run. Bring the motors to where it is to begin: nobody knows where they are. Look for what \
-                 reset the board: its supply, or another program that opened its port"
+                "nobody knows where the motors are. Nothing moves until the next run: move the motors to their start position first. Then find \
+                 out what reset the board: its supply, or another program that opened its port"
             }
         }
     }
@@ -192,27 +192,27 @@ impl std::fmt::Display for Positions {
         let counts: Vec<i64> = self.motors.iter().map(|(_, steps)| *steps).collect();
         let motors = list(&counts);
         match &self.by {
-            Knowledge::Counted => write!(f, "the motors braked and rest: {motors}. The board counted that"),
-            Knowledge::StoppedAtOnce => write!(f, "the motors were stopped at once: {motors}. The board counted that"),
+            Knowledge::Counted => write!(f, "the motors braked and stand still: {motors}, as the board counted"),
+            Knowledge::StoppedAtOnce => write!(f, "the motors were stopped at once: {motors}, as the board counted"),
             Knowledge::Replayed { or } => {
                 write!(
                     f,
-                    "by what was sent to the board the motors brake, and come to rest: {motors}. The board cannot be asked"
+                    "the board does not answer, so these positions are calculated from the plan that it has: the motors brake and come to rest at {motors}"
                 )?;
                 if or.is_empty() {
                     return Ok(());
                 }
                 let each: Vec<String> = or.iter().map(|counts| list(counts)).collect();
-                write!(f, "; if it did not take all that it was sent: {}", each.join(", or "))
+                write!(f, ". If the last messages did not reach the board: {}", each.join(", or "))
             }
             Knowledge::StopUnanswered => write!(
                 f,
-                "the board got the order to stop, and did not answer. When it was heard last: {motors}; the motors have come to rest since, within \
+                "the board was sent the order to stop and did not answer. Its last report: {motors}. The motors have come to rest since then, within \
                  their limits, but nobody knows where"
             ),
             Knowledge::LastReport { reset } => write!(
                 f,
-                "the board restarted on the way ({}) and has lost its count. When it was heard last: {motors}; the motors stopped at \
+                "the board restarted during the motion ({}) and lost its count. Its last report: {motors}. The motors stopped at \
                  once, soon after that",
                 reset
             ),

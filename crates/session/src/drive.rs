@@ -780,13 +780,18 @@ impl<B: Leased> Driven<B> {
                 (last_reported, Knowledge::LastReport { reset: in_words(reset).to_owned() })
             }
             Ok(AtRest { positions, last_stop, .. }) => match last_stop {
-                Cause::None | Cause::Finished | Cause::HostLost | Cause::Lapsed | Cause::Braked => {
-                    (positions, Knowledge::Counted)
-                }
+                Cause::None | Cause::Finished | Cause::Braked => (positions, Knowledge::Counted),
                 cause => {
                     stop = Some(cause);
-                    let brakes =
-                        matches!(cause, Cause::RanDry | Cause::BadItem | Cause::CheckFailed | Cause::StepMissed);
+                    let brakes = matches!(
+                        cause,
+                        Cause::HostLost
+                            | Cause::Lapsed
+                            | Cause::RanDry
+                            | Cause::BadItem
+                            | Cause::CheckFailed
+                            | Cause::StepMissed
+                    );
                     (positions, if brakes { Knowledge::Counted } else { Knowledge::StoppedAtOnce })
                 }
             },

@@ -107,7 +107,7 @@ pub enum SessionError {
         until: u64,
     },
     /// A change at a tick for which nothing was sent yet, or while the motors brake.
-    #[error("tick {at} is too late for a change; after {latest} the motors brake, or nothing is told yet")]
+    #[error("tick {at} is too late for a change: after tick {latest} the motors brake, or the board has no plan yet")]
     Late {
         /// The tick of the change, or of the begin.
         at: u64,

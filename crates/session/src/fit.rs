@@ -1,11 +1,12 @@
 //! Advice for a refused motion: how much slower it would fit, with which easing, tolerance or line, and on which other boards.
 
+use std::borrow::Cow;
 use std::cell::Cell;
 use std::fmt;
 
 use pulsetrain_board::BoardKind;
 use pulsetrain_motion::law::{Begin, Cursor, End, Law, LawError, least_smoothing};
-use pulsetrain_motion::machine::Machine;
+use pulsetrain_motion::machine::{Kinematics, Machine};
 use pulsetrain_motion::program::{Limits, Motor, Program, Tolerance};
 use pulsetrain_motion::quantity::{assignment, time_assignment};
 use pulsetrain_motion::{Grid, Time, boards, human};
@@ -528,21 +529,45 @@ fn passes(law: &Law, limits: &Limits) -> bool {
     is_beyond(speed, limits.max_speed) || is_beyond(acceleration, limits.max_acceleration)
 }
 
+/// The arms' laws of a delta robot whose tip follows a path from `begin` on. `None` if it is no delta robot, or if an arm does not reach.
+fn arms(machine: &Machine, begin: Time, tip: &[Law]) -> Option<Vec<Law>> {
+    let Kinematics::Delta { arms, steps_per_rad } = &machine.kinematics else { return None };
+    let tip: [Law; 3] = tip.to_vec().try_into().ok()?;
+    let law = |arm: usize| {
+        let law = Law::delta_arm(arms, arm, &tip, steps_per_rad[arm])?;
+        if begin == Time::ZERO { Ok(law) } else { Law::then(vec![Law::rest(begin)?, law]) }
+    };
+    (0..3).map(law).collect::<Result<Vec<Law>, LawError>>().ok()
+}
+
 /// Advice for a motion from a recording: the least smoothing that fits, or that none does.
 fn smoothing(prepared: &Prepared, motor: &Motor, error: &PlanError) -> Option<String> {
     let program = &prepared.program;
     let is_curable = error.limit().is_some() || matches!(error, PlanError::Law(LawError::Backlash { .. }));
-    if !is_curable || motor.law.tables().is_empty() {
-        return None;
-    }
     // A path's motors come from one table.
     let index = |name: &str| program.motors.iter().position(|motor| motor.name == name);
     let own = index(&motor.name)?;
     let machine = program.machines.iter().find(|machine| machine.motors.contains(&own));
+    // Of a delta robot the tip is recorded, and its arms follow from it. Backlash is added to each arm's law: it is not tried here.
+    let recording = machine.filter(|machine| machine.slack.iter().all(|slack| *slack == 0.0));
+    let recording = recording.and_then(|machine| Some((machine, machine.recording.as_ref()?)));
+    if !is_curable || motor.law.tables().is_empty() && recording.is_none() {
+        return None;
+    }
     let motors = machine.map_or_else(|| vec![own], |machine| machine.motors.clone());
-    let laws: Vec<&Law> = motors.iter().map(|motor| &program.motors[*motor].law).collect();
+    let laws: Vec<&Law> = match &recording {
+        Some((_, recording)) => recording.tip.iter().collect(),
+        None => motors.iter().map(|motor| &program.motors[*motor].law).collect(),
+    };
     let tries = Tries::of(MOST_SMOOTHING_S);
     let fits = |laws: &[Law]| {
+        let arms = match &recording {
+            Some((machine, recording)) => arms(machine, recording.begin, laws).map(Cow::Owned),
+            None => Some(Cow::Borrowed(laws)),
+        };
+        // Where an arm does not reach, the smoothed path does not fit.
+        let Some(laws) = arms else { return Some(false) };
+        let laws = &*laws;
         let mut smooth = program.clone();
         for (motor, law) in motors.iter().zip(laws) {
             smooth.motors[*motor].law = law.clone();
@@ -567,14 +592,14 @@ fn smoothing(prepared: &Prepared, motor: &Motor, error: &PlanError) -> Option<St
             let smooth = time_assignment("smooth", over.seconds());
             // Of a machine the motor that is farthest off.
             let distances = motors.iter().zip(&laws).flat_map(|(index, law)| {
-                let per_unit = program.motors[*index].scale.steps_per_unit;
+                let per_unit = if recording.is_some() { 1.0 } else { program.motors[*index].scale.steps_per_unit };
                 law.tables().into_iter().map(move |table| (table.distance(), per_unit))
             });
             let [largest, rms] = distances.fold([0.0_f64; 2], |[largest, rms], (distance, per_unit)| {
                 [largest.max(distance.largest / per_unit), rms.max(distance.rms / per_unit)]
             });
             let [largest, rms] = [largest, rms].map(|distance| human::significant(distance, 2));
-            let unit = &motor.scale.unit;
+            let unit = if recording.is_some() { "mm" } else { motor.scale.unit.as_str() };
             Some(format!(
                 "write {smooth} in its table: smoothed it fits, at most {largest} {unit} from the recording (RMS {rms} {unit})"
             ))

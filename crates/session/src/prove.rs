@@ -11,7 +11,7 @@ use crate::plans::{MOVES_AT_ONCE, Planned, Plans};
 use crate::prepare::{Prepared, Refusal, cut};
 
 /// Seconds of planning that the first step may wait for.
-const MOST_WAIT_S: f64 = 1.0;
+const MOST_WAIT_S: f64 = 0.1;
 /// Seconds of a long motion that are proven before its first step, at least.
 const FIRST_S: f64 = 10.0;
 

@@ -1,6 +1,6 @@
 //! Captures: every file that can be judged. The kind is found from the content.
 
-use pulsetrain_motion::columns::CsvTable;
+use pulsetrain_motion::columns::{self, CsvTable};
 
 use crate::camera::{self, Track};
 use crate::steps::{self, StepTrace};
@@ -19,21 +19,42 @@ pub enum Capture {
 
 /// Reads a capture of any kind.
 ///
+/// CSV may be in any encoding and with any line ends, and a track also with any separator and decimal comma, as the tables of motion files may.
+///
 /// # Errors
 /// The error of the reader for that kind. A file that begins like none of them is read as a camera's track.
 pub fn read(bytes: &[u8]) -> Result<Capture, ReadError> {
     if bytes.trim_ascii_start().starts_with(b"$") {
         return vcd_file::read(bytes).map(Capture::Edges);
     }
+    let text = columns::text(bytes)?;
+    let bytes = text.as_bytes();
     if sigrok::is_sigrok(bytes) {
         return sigrok::read(bytes).map(Capture::Edges);
     }
+    // Programs write captures as they are read here. Only another file may have lines above its header, or other separators.
+    if let Ok(kind @ (Kind::Edges | Kind::Steps)) = kind(bytes) {
+        return kind.read(bytes);
+    }
+    let plain = columns::plain(&text);
+    kind(&plain)?.read(&plain)
+}
+
+/// What a CSV file has.
+#[derive(Clone, Copy, Debug)]
+enum Kind {
+    Edges,
+    Steps,
+    Film,
+}
+
+fn kind(bytes: &[u8]) -> Result<Kind, ReadError> {
     let mut table = CsvTable::new(bytes);
     let header = table.header()?;
     // A camera's track may have a column `motor`.
     let is_there = |name: &str| header.titles.iter().any(|title| title.is_called(name));
     if is_there("motor") && is_there("tick") {
-        return steps::read(bytes).map(Capture::Steps);
+        return Ok(Kind::Steps);
     }
     // A camera's file may begin with `Time [s]` too, and a channel may be called `rev`.
     let is_edges = if camera::has_angle(&header, true) {
@@ -43,7 +64,17 @@ pub fn read(bytes: &[u8]) -> Result<Capture, ReadError> {
     } else {
         saleae::is_levels(&header, table.next()?)
     };
-    if is_edges { saleae::read(bytes).map(Capture::Edges) } else { camera::read(bytes).map(Capture::Film) }
+    Ok(if is_edges { Kind::Edges } else { Kind::Film })
+}
+
+impl Kind {
+    fn read(self, bytes: &[u8]) -> Result<Capture, ReadError> {
+        match self {
+            Kind::Edges => saleae::read(bytes).map(Capture::Edges),
+            Kind::Steps => steps::read(bytes).map(Capture::Steps),
+            Kind::Film => camera::read(bytes).map(Capture::Film),
+        }
+    }
 }
 
 #[cfg(test)]
@@ -89,5 +120,31 @@ mod tests {
         check("t,angle [deg]\n0,0\n0.02,1\n", "film");
         check("t,motor,angle [deg]\n0,1,0\n0.02,1,5\n", "film");
         check("hello\n", "line 1, column 1: expected a column `time [s]`, found `hello`");
+    }
+
+    /// A spreadsheet saves a track as it saves a recording, and both are read.
+    #[test]
+    fn files_of_spreadsheets_are_read_as_recordings_are() {
+        let wide = |text: &str| -> Vec<u8> {
+            [0xfeff].into_iter().chain(text.encode_utf16()).flat_map(u16::to_le_bytes).collect()
+        };
+        let check = |bytes: &[u8]| {
+            let Capture::Film(track) = read(bytes).unwrap() else { panic!("{}", String::from_utf8_lossy(bytes)) };
+            let frames: Vec<_> = track.frames.iter().map(|frame| (frame.time_s, frame.angle)).collect();
+            assert_eq!(frames, [(0.0, 0.0), (0.02, 1.5)]);
+        };
+        check("time [s],angle [deg]\n0,0\n0.02,1.5\n".as_bytes());
+        check("sep=;\r\ntime [s];angle [deg]\r\n0;0\r\n0,02;1,5\r\n".as_bytes());
+        check(&wide("sep=;\r\nZeit [s];Winkel [°]\r\n0;0\r\n0,02;1,5\r\n"));
+        check(b"Zeit [s];Winkel [\xb0]\r0;0\r0,02;1,5\r");
+        check("Filmed on Monday, 3 pm\n% by hand\ntime [s]   angle [deg]\n0   0\n0,02   1,5\n".as_bytes());
+        let edges = "Time [s],Channel 0\n0,X\n0.001,1\n";
+        for bytes in [edges.as_bytes(), &wide(edges), edges.replace('\n', "\r").as_bytes()] {
+            assert!(matches!(read(bytes), Ok(Capture::Edges(_))));
+        }
+        let spread = "sep=;\nTime [s];Channel 0\n0;0\n0,001;1\n";
+        assert!(matches!(read(spread.as_bytes()), Ok(Capture::Edges(_))), "{:?}", read(spread.as_bytes()));
+        let error = read(&[7; 30]).unwrap_err().to_string();
+        assert_eq!(error, "line 1, column 1: expected text, found bytes that text in UTF-8 does not have");
     }
 }

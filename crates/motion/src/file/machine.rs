@@ -7,7 +7,7 @@ use super::reader::{Node, Noted, Read, Section};
 use super::{motor_named, refuse};
 use crate::Time;
 use crate::law::{Cursor, Law};
-use crate::machine::{Delta, Kinematics, Machine};
+use crate::machine::{Delta, Kinematics, Machine, TipRecording};
 use crate::program::Motor;
 use crate::quantity::{Base, nearest};
 
@@ -166,6 +166,8 @@ pub(super) fn named<'a>(node: &Node, machines: &'a [(String, Read<MachineDraft>)
 pub(super) struct Home {
     pub(super) at: Time,
     pub(super) steps: Vec<f64>,
+    /// The tip's path, mm, if it is a delta robot's, from a table, and neither repeated nor eased.
+    pub(super) tip: Option<[Law; 3]>,
 }
 
 impl MachineDraft {
@@ -222,6 +224,7 @@ impl MachineDraft {
             home: steps,
             slack: slack.to_vec(),
             unit,
+            recording: home.tip.clone().map(|tip| TipRecording { begin: home.at, tip }),
         })
     }
 }

@@ -58,6 +58,7 @@ pub use sheet::{Parameter, ParameterValue, Sheet, UnknownParameter};
 pub use source::Source;
 pub use table_columns::{ColumnDistance, ColumnUse, Smoothing, TableColumns};
 pub use text::decoded;
+pub(crate) use text::is_of_text;
 pub use winch::WinchScript;
 
 use crate::boards::{self, BoardRow};
@@ -78,12 +79,18 @@ pub struct Contents {
     pub program: Program,
     /// The columns of every CSV file, as they were read.
     pub tables: Vec<TableColumns>,
-    /// The units of each motor's positions, in the program's order.
-    pub units: Vec<PositionUnits>,
     /// What the motors turn, in their order.
     pub wheels: Vec<Wheel>,
     /// What may be changed while the motion runs.
     pub live: Live,
+}
+
+impl Contents {
+    /// The units of each motor's positions, in the program's order.
+    #[must_use]
+    pub fn units(&self) -> Vec<PositionUnits> {
+        self.wheels.iter().map(|wheel| wheel.units).collect()
+    }
 }
 
 /// Reads a motion file and the files that it names.
@@ -171,9 +178,28 @@ pub fn read_contents(
     Sheet::parse(text, name)?.contents(load)
 }
 
+/// The law of a motor's first motion as the text of a motion file has it, in one line. `None` if a machine moves the motor, or if the text is wrong.
+///
+/// ```
+/// use pulsetrain_motion::file;
+/// let text = "[[motion]]\nmotor = \"a\"\nlaw.rest = { duration = \"1 s\" }\n[[motion]]\nmotor = \"b\"\nlaw.sine = {  period = \"2 s\" }";
+/// assert_eq!(file::first_law(text, "b").as_deref(), Some("law.sine = { period = \"2 s\" }"));
+/// assert_eq!(file::first_law(text, "c"), None);
+/// ```
+#[must_use]
+pub fn first_law(text: &str, motor: &str) -> Option<String> {
+    let document = toml_edit::Document::parse(text).ok()?;
+    let motions = document.as_table().get("motion")?.as_array_of_tables()?;
+    let is_of_motor = |motion: &&toml_edit::Table| motion.get("motor").and_then(|name| name.as_str()) == Some(motor);
+    let law = motions.iter().find(is_of_motor)?.get("law")?.as_table_like()?;
+    let (name, value) = law.iter().next()?;
+    let value = value.as_value()?.to_string();
+    Some(format!("law.{name} = {}", value.split_whitespace().collect::<Vec<_>>().join(" ")))
+}
+
 fn contents_of(root: &Section, table: &Table, load: Loader) -> Read<Contents> {
     let (program, wheels, live) = program(root, table, load)?;
-    Ok(Contents { program, tables: root.reader.tables.take(), units: root.reader.units.take(), wheels, live })
+    Ok(Contents { program, tables: root.reader.tables.take(), wheels, live })
 }
 
 fn read_with<T>(source: &Arc<Source>, table: &Table, what: impl Fn(&Section) -> Read<T>) -> Result<T, FileError> {
@@ -219,11 +245,10 @@ fn program(root: &Section, table: &Table, load: Loader) -> Read<(Program, Vec<Wh
             limits: draft.limits,
             winding: draft.winding,
         });
-        wheels.push(Wheel { steps_per_turn: draft.gearing.steps_per_turn(), limit_steps: draft.film_limit });
+        wheels.push(Wheel { units: draft.gearing.position_units(), limit_steps: draft.film_limit });
         slack.push(draft.backlash.map_or(0.0, |backlash| backlash.steps));
         gearings.push(draft.gearing);
     }
-    *root.reader.units.borrow_mut() = gearings.iter().map(Gearing::position_units).collect();
     let mut machines = Vec::new();
     for ((_, draft), home) in machine_drafts.into_iter().zip(homes) {
         let draft = draft?;
@@ -402,7 +427,11 @@ fn read_motions(
             let moved = read_path(&motion, &node, machine, drafts, load, &mut timelines, last[index].as_deref());
             match moved {
                 Ok((home, end)) => {
-                    homes[index].get_or_insert(home);
+                    match &mut homes[index] {
+                        // Two paths are no longer one recording.
+                        Some(first) => first.tip = None,
+                        none => *none = Some(home),
+                    }
                     last[index] = Some(end);
                 }
                 Err(Noted) => machine.motors.iter().for_each(|motor| timelines[*motor] = Err(Noted)),
@@ -472,12 +501,12 @@ fn read_path(
     let reading = path::PathReader { machine, motors: motors.collect::<Read<_>>()?, load };
     let path = reading.path(motion, last);
     let start = motion.get("start").map(|node| Ok((node.time("1 s")?, node))).transpose();
-    let ((laws, end), start) = (path?, start?);
+    let (path::Joints { laws, end, tip }, start) = (path?, start?);
     // When the last of them has ended what came before; one that never ends is an error of `push`.
     let ends = machine.motors.iter().filter_map(|motor| timelines[*motor].as_ref().ok()?.end);
     let together = ends.fold(Time::ZERO, Time::max);
     let begin = start.as_ref().map_or(together, |(start, _)| *start);
-    let mut home = Home { at: begin, steps: Vec::new() };
+    let mut home = Home { at: begin, steps: Vec::new(), tip };
     for (motor, law) in machine.motors.iter().zip(laws) {
         let first = Cursor::new(&law).at(Time::ZERO).map_err(|error| refuse(node, &error))?;
         home.steps.push(first.position);

@@ -49,6 +49,16 @@ enum PathForm<'a> {
     Other,
 }
 
+/// What a path has the motors of its machine do.
+pub(super) struct Joints {
+    /// The law of each motor, steps.
+    pub(super) laws: Vec<Law>,
+    /// Where a delta robot's arms are at its end, steps.
+    pub(super) end: Vec<f64>,
+    /// The tip's path, mm, if it is a delta robot's, from a table, and neither repeated nor eased.
+    pub(super) tip: Option<[Law; 3]>,
+}
+
 /// A machine and what its paths are read with.
 pub(super) struct PathReader<'a> {
     pub(super) machine: &'a MachineDraft,
@@ -57,9 +67,8 @@ pub(super) struct PathReader<'a> {
 }
 
 impl PathReader<'_> {
-    /// `path = { … }` of a motion, with its `repeat` and `ease`: the law of each motor, steps, and where a delta robot's arms
-    /// are at its end.
-    pub(super) fn path(&self, motion: &Section, last: Option<&[f64]>) -> Read<(Vec<Law>, Vec<f64>)> {
+    /// `path = { … }` of a motion, with its `repeat` and `ease`.
+    pub(super) fn path(&self, motion: &Section, last: Option<&[f64]>) -> Read<Joints> {
         let node = motion.need("path", "path.circle = { radius = \"20 mm\", period = \"4 s\" }")?;
         for key in ["law", "begin", "end"] {
             if motion.get(key).is_some() {
@@ -149,7 +158,12 @@ impl PathReader<'_> {
             }
             MachineKind::Xy => Vec::new(),
         };
-        Ok((timed(joints)?, end))
+        let is_recording = matches!(self.machine.kind, MachineKind::Delta { .. })
+            && matches!(read.form, PathForm::Polynomials { table: Some(_) })
+            && repeat.is_none()
+            && ease.is_none();
+        let tip = if is_recording { read.coordinates.clone().try_into().ok() } else { None };
+        Ok(Joints { laws: timed(joints)?, end, tip })
     }
 
     /// Lorenz's and DDS's figures are of two motors that move along their own axes.

@@ -13,7 +13,6 @@ use super::source::Source;
 use super::table_columns::TableColumns;
 use super::winches::Winches;
 use crate::Time;
-use crate::program::PositionUnits;
 use crate::quantity::{Base, Kind, Quantity, QuantityError, nearest};
 
 /// A problem has been noted; there is no value.
@@ -53,19 +52,11 @@ pub(super) struct Reader {
     pub(super) winches: RefCell<Winches>,
     /// How tables were read.
     pub(super) tables: RefCell<Vec<TableColumns>>,
-    /// Of each motor of the program.
-    pub(super) units: RefCell<Vec<PositionUnits>>,
 }
 
 impl Reader {
     pub(super) fn new(source: Arc<Source>) -> Reader {
-        Reader {
-            source,
-            problems: RefCell::default(),
-            winches: RefCell::default(),
-            tables: RefCell::default(),
-            units: RefCell::default(),
-        }
+        Reader { source, problems: RefCell::default(), winches: RefCell::default(), tables: RefCell::default() }
     }
 
     /// Notes a problem with one place.

@@ -65,12 +65,16 @@ pub fn decoded(bytes: Vec<u8>) -> Result<String, &'static str> {
             Err(error) => error.into_bytes().into_iter().map(of_windows).collect(),
         },
     };
-    let is_of_text = |c: char| !c.is_control() || matches!(c, '\t' | '\n' | '\r' | '\u{b}' | '\u{c}' | '\u{1a}');
     if text.chars().all(is_of_text) {
         Ok(text)
     } else {
         Err("this is no text: it has bytes that text in UTF-8 does not have")
     }
+}
+
+/// Whether files of text have such a character.
+pub(crate) fn is_of_text(c: char) -> bool {
+    !c.is_control() || matches!(c, '\t' | '\n' | '\r' | '\u{b}' | '\u{c}' | '\u{1a}')
 }
 
 /// A character of Windows-1252, which spreadsheets write in Europe; what has none there is left to be refused.

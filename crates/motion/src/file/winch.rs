@@ -47,7 +47,7 @@ pub(super) fn commands(p: &Section, loader: Loader, axis: char) -> Read<Vec<(Tim
         for (axis, at) in command.moved {
             if moved.iter().all(|(known, _)| *known != axis) {
                 let message = format!(
-                    "axis {axis} is told to move, and no motor with these lines is that axis: add one, or take the axis out"
+                    "a line moves axis {axis}, but no motor with these lines is that axis: add one, or take the axis out"
                 );
                 moved.push((axis, wrong(at, message)));
             }

@@ -107,7 +107,7 @@ impl Law {
             }
         }
         if orbit.start == [0.0; 3] {
-            let why = "an orbit that starts at (0, 0, 0) rests there: begin beside it, as at (1, 1, 25)";
+            let why = "an orbit that starts at (0, 0, 0) rests there: begin near it, for example at (1, 1, 25)";
             return Err(LawError::Parameter(why.into()));
         }
         checked("scale", scale, "steps", |s| s != 0.0 && s.abs() <= 1e12)?;

@@ -863,8 +863,8 @@ fn laws() {
         SINE,
         "law.winch = { axis = \"x\", commands = [\"0 s: g xyza 2 1\", \"0 s: s y 9\", \"1 s: d xy 1 2\", \"2 s: a yz 3 4\"] }",
         expect![[r#"
-            x.toml:14:81: axis y is told to move, and no motor with these lines is that axis: add one, or take the axis out
-            x.toml:14:98: axis z is told to move, and no motor with these lines is that axis: add one, or take the axis out
+            x.toml:14:81: a line moves axis y, but no motor with these lines is that axis: add one, or take the axis out
+            x.toml:14:98: a line moves axis z, but no motor with these lines is that axis: add one, or take the axis out
         "#]],
     );
     // A motor that is the axis has to hear of it.
@@ -879,7 +879,7 @@ fn laws() {
         SINE,
         &two("0 s: a y 2"),
         expect![[r#"
-            x.toml:14:66: axis y is told to move, and no motor with these lines is that axis: add one, or take the axis out
+            x.toml:14:66: a line moves axis y, but no motor with these lines is that axis: add one, or take the axis out
         "#]],
     );
     check(SINE, &two("0 s: a xy 1 2"), expect!["no problem\n"]);
@@ -1533,16 +1533,16 @@ fn dimensions_of_formulas() {
         x*sin(phi + 3)   in mm; phi = "90 deg", x = "5 mm"
             no problem
         phi + pi/2*t   in deg; phi = "90 deg"
-            at pi/2*t: formula: `pi/2*t` beside the angle `phi` is a number of deg, as `unit` says
+            at pi/2*t: formula: `pi/2*t` has no unit: next to the angle `phi` it counts as deg, the `unit`
             write it in deg, or as a parameter with its own unit, such as "90 deg"
         phi*t + max(pi/2, 0)*t   in deg; phi = "90 deg"
-            at max(pi/2, 0)*t: formula: `max(pi/2, 0)*t` beside the angle `phi*t` is a number of deg, as `unit` says
+            at max(pi/2, 0)*t: formula: `max(pi/2, 0)*t` has no unit: next to the angle `phi*t` it counts as deg, the `unit`
             write it in deg, or as a parameter with its own unit, such as "90 deg"
         phi*t + (pi/2*t + 0.1*t)   in deg; phi = "90 deg"
-            at (pi/2*t + 0.1*t): formula: `(pi/2*t + 0.1*t)` beside the angle `phi*t` is a number of deg, as `unit` says
+            at (pi/2*t + 0.1*t): formula: `(pi/2*t + 0.1*t)` has no unit: next to the angle `phi*t` it counts as deg, the `unit`
             write it in deg, or as a parameter with its own unit, such as "90 deg"
         phi*t + abs(-pi)*mod(t, 1)   in deg; phi = "90 deg"
-            at abs(-pi)*mod(t, 1): formula: `abs(-pi)*mod(t, 1)` beside the angle `phi*t` is a number of deg, as `unit` says
+            at abs(-pi)*mod(t, 1): formula: `abs(-pi)*mod(t, 1)` has no unit: next to the angle `phi*t` it counts as deg, the `unit`
             write it in deg, or as a parameter with its own unit, such as "90 deg"
         phi*t + 180/pi*max(pi/2, 0)*t   in deg; phi = "90 deg"
             no problem
@@ -1721,7 +1721,7 @@ fn dimensions_of_formulas() {
             at 180/pi*asin(t): formula: `180/pi*asin(t)` converts by hand: what asin, acos, atan and atan2 give is in rad here already
             leave the factor out; for the number of rad divide by an angle, where = { rad = "1 rad" }
         phi + 3.1416*t   in deg; phi = "90 deg"
-            at 3.1416*t: formula: `3.1416*t` beside the angle `phi` is a number of deg, as `unit` says
+            at 3.1416*t: formula: `3.1416*t` has no unit: next to the angle `phi` it counts as deg, the `unit`
             write it in deg, or as a parameter with its own unit, such as "90 deg"
         x*(phi + (pi + (180/pi)*asin(t)))   in mm; phi = "90 deg", x = "5 mm"
             at (pi + (180/pi)*asin(t)): formula: `(pi + (180/pi)*asin(t))` has no unit, but `phi` is an angle: `unit` is "mm", and so does not say which

@@ -534,7 +534,7 @@ fn paths() {
         CIRCLE,
         "path.lorenz = { scale = \"1 mm\", start = [0, 0, 0] }",
         expect![[r#"
-        x.toml:25:15: path `lorenz`: an orbit that starts at (0, 0, 0) rests there: begin beside it, as at (1, 1, 25)
+        x.toml:25:15: path `lorenz`: an orbit that starts at (0, 0, 0) rests there: begin near it, for example at (1, 1, 25)
     "#]],
     );
     check_xy(

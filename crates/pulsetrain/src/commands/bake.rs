@@ -27,11 +27,15 @@ use pulsetrain_session::rehearsal::Length;
 
 #[derive(Args, Debug)]
 #[command(after_help = "\
-For an Arduino Uno and a Raspberry Pi Pico. An image is the firmware itself, which plays the motion from its flash, as exact and as fast as what a host sends (on a Pico nearly \
-so, on drivers and on coils). Endless motions that repeat keep their phase for ever: each turn begins at its own exact time, to 2^-48 of a tick on an Uno, 2^-64 on a Pico. A sketch is plain \
-C++ with tables in flash, for the Arduino IDE, without a library: slower, and motors wait for one another. It takes the Uno's Timer1, and stops millis() and delay().
+For an Arduino Uno and a Raspberry Pi Pico. An image is the firmware with the motion in its flash. It steps as exactly \
+as a run from this computer, and as fast (on a Pico nearly as fast). An endless motion that repeats never loses its \
+phase: each period begins at its own exact time, to 2^-48 of a tick on an Uno and 2^-64 on a Pico.
 
-An Uno's image is rehearsed before it is written: the virtual Uno plays it, and each edge of its pins is held against the law. What the board does not keep up with is refused.
+A sketch is plain C++ for the Arduino IDE, with tables in flash and no library. It is slower, and its motors wait for \
+one another. It uses the Uno's Timer1 and stops millis() and delay().
+
+Before an Uno's image is written, a virtual Uno plays it, and every edge is compared with the law. If the Uno could \
+not keep up, no image is written.
 
 Examples:
   pulsetrain bake examples/sweep.toml --output sweep.hex          four motors, for ever
@@ -43,7 +47,7 @@ Examples:
 pub(crate) struct BakeArgs {
     /// Motion file (TOML)
     pub(crate) file: PathBuf,
-    /// Write an Arduino sketch into this folder, which gives it its name
+    /// Write an Arduino sketch into this folder; the sketch has the folder's name
     #[arg(long, value_name = "DIR")]
     pub(crate) sketch: Option<PathBuf>,
     /// Write an image of the board's flash there: Intel HEX of an Uno's, UF2 of a Pico's
@@ -65,10 +69,10 @@ pub(crate) struct BakeArgs {
     /// phase that they have to one another was seen]
     #[arg(long, value_name = "TIME", value_parser = arguments::duration, allow_hyphen_values = true, conflicts_with = "sketch")]
     pub(crate) rehearse: Option<Time>,
-    /// Write an Uno's image without that
+    /// Write an Uno's image without this rehearsal
     #[arg(long, conflicts_with_all = ["rehearse", "sketch"])]
     pub(crate) no_rehearsal: bool,
-    /// Print what it comes to as JSON
+    /// Print the report as JSON
     #[arg(long)]
     pub(crate) json: bool,
 }
@@ -243,7 +247,7 @@ impl BakedImage {
         if board == "Uno" {
             match &self.rehearsed {
                 Some(done) => console.print(format_args!("rehearsed {}\n", done.says))?,
-                None => console.print("not rehearsed, as was asked for\n")?,
+                None => console.print("not rehearsed (--no-rehearsal)\n")?,
             }
         }
         Ok(Exit::Success)

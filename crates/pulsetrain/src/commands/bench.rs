@@ -23,7 +23,7 @@ use pulsetrain_session::prepare::Prepared;
 
 #[derive(Args, Debug)]
 #[command(after_help = "\
-Sinusoids of growing speed on pins 8 (STEP) and 9 (DIR). On a real board disconnect the drivers first.
+The board steps sinusoids of growing speed on pins 8 (STEP) and 9 (DIR). Disconnect the drivers of a real board first.
 
 Examples:
   pulsetrain bench --board uno
@@ -32,7 +32,7 @@ Examples:
 pub(crate) struct BenchArgs {
     #[command(flatten)]
     pub(crate) at: At,
-    /// Nothing is connected to pins 8 and 9 that may not move
+    /// Confirms that nothing on pins 8 and 9 can be harmed by a motion
     #[arg(long)]
     pub(crate) disconnected: bool,
 }

@@ -28,10 +28,12 @@ use pulsetrain_motion::human;
 
 #[derive(Args, Debug)]
 #[command(after_help = "\
-`uno`, `pico`: the firmware runs on an emulated chip behind a model of the Uno's USB bridge, or by the Pico's own USB. A client \
-that opens the port resets an Uno, as a real one. Over --pty it follows the rate that the client sets; over --tcp the line stays \
-at 115200 baud. Both speak StepperWinch's text too. `winch`: that text on this computer's own path \
-generator, without a chip; it takes next to nothing.
+`uno` and `pico` run the firmware on an emulated chip, behind a model of the Uno's USB bridge or by the Pico's own \
+USB. A client that opens the port resets an Uno, as with a real one. With --pty the line has the rate that the client \
+sets; with --tcp it stays at 115200 baud. Both understand StepperWinch's text, too.
+
+`winch` answers StepperWinch's text with this computer's own path generator, without a chip. It needs hardly any \
+processor time.
 
 Examples:
   pulsetrain board uno --pty /tmp/uno               then: pulsetrain run FILE --port /tmp/uno
@@ -46,7 +48,7 @@ pub(crate) struct BoardArgs {
     /// Which board
     #[arg(value_parser = board_or_winch())]
     pub(crate) board: ServedBoard,
-    /// Make a pseudo-terminal, and a link of this name to it, which is gone in the end
+    /// Make a pseudo-terminal and a link of this name to it; the link is removed at the end
     #[arg(long, value_name = "LINK", conflicts_with = "tcp")]
     pub(crate) pty: Option<PathBuf>,
     /// Listen at this address, for one client at a time
@@ -55,14 +57,14 @@ pub(crate) struct BoardArgs {
     /// Write every edge of every pin there (VCD); its time is the chip's
     #[arg(long, value_name = "FILE")]
     pub(crate) trace: Option<PathBuf>,
-    /// Only `uno`: a bootloader (Intel HEX), and a flash that is empty but for it, as of an Uno that was just bought
+    /// Only `uno`: a bootloader (Intel HEX) in an otherwise empty flash, as in an Uno that was just bought
     #[arg(long, value_name = "FILE")]
     pub(crate) bootloader: Option<PathBuf>,
     /// Any program instead of the firmware, such as a baked motion, for `uno` as Intel HEX, for `pico` as UF2; with --trace it needs neither
     /// --pty nor --tcp. `uno`: `winch`, the firmware that knows StepperWinch's text, or `verbs`, the one that obeys MOVE, SPEED and DIRECTION
     #[arg(long, value_name = "FILE")]
     pub(crate) image: Option<PathBuf>,
-    /// End after so much of the board's time, with its unit, as Ctrl-C would
+    /// End after this much of the board's time, as with Ctrl-C
     #[arg(long = "for", value_name = "TIME", value_parser = arguments::duration, allow_hyphen_values = true)]
     pub(crate) length: Option<Time>,
     /// How much faster than it should the board's clock runs, ppm; an Uno's resonator may be off by 5000 either way

@@ -16,7 +16,8 @@ use pulsetrain_session::prepare::WORST_CLOCK_PPM;
 
 #[derive(Args, Debug)]
 #[command(after_help = "\
-An Uno has a ceramic resonator, off by up to 0.5 %, which moves with temperature; a Pico a crystal, off by 50 ppm or less.
+An Uno's clock is a ceramic resonator. It is off by up to 0.5 % and moves with temperature. A Pico has a crystal, \
+which is off by 50 ppm or less.
 
 Examples:
   pulsetrain calibrate --port /dev/ttyACM0
@@ -26,10 +27,10 @@ pub(crate) struct CalibrateArgs {
     /// The board at this serial port
     #[arg(long, value_name = "PORT")]
     pub(crate) port: String,
-    /// How long its clock is watched: twice as long, twice as sure
+    /// How long the clock is watched: the result of twice the time is twice as exact
     #[arg(long = "for", value_name = "TIME", value_parser = arguments::duration, allow_hyphen_values = true, default_value = "60 s")]
     pub(crate) length: Time,
-    /// Print what was found as JSON
+    /// Print the result as JSON
     #[arg(long)]
     pub(crate) json: bool,
 }

@@ -32,7 +32,7 @@ pub(crate) struct FilmArgs {
     /// How far the wheel may be from the motion [default: the motor's film_limit, else 1 deg or 1 step]
     #[arg(long, value_name = "ANGLE", value_parser = arguments::angle)]
     pub(crate) limit: Option<Quantity>,
-    /// Whose wheel it is, if the motion file has several motors
+    /// The motor whose wheel was filmed, if the motion file has several
     #[arg(long, value_name = "MOTOR")]
     pub(crate) motor: Option<String>,
     /// How long the shutter is open for a frame: "2 ms", 1/500
@@ -41,7 +41,7 @@ pub(crate) struct FilmArgs {
     /// Time from the first row of a frame to the last (rolling shutter), 0 if there is none [default: it is found]
     #[arg(long, value_name = "TIME", value_parser = arguments::readout)]
     pub(crate) readout: Option<f64>,
-    /// How many times slower the clip plays than the wheel turned: 240 frames a second that play as 30 are 8
+    /// How many times slower the clip plays than the wheel turned: 8 for 240 frames a second that play as 30
     #[arg(long, value_name = "FACTOR", value_parser = factor, default_value = "1")]
     pub(crate) slow: f64,
     /// Begin at this time of the clip
@@ -50,19 +50,19 @@ pub(crate) struct FilmArgs {
     /// End at this time of the clip
     #[arg(long, value_name = "TIME", value_parser = arguments::duration)]
     pub(crate) to: Option<Time>,
-    /// A mark on the wheel, by its colour or its place in the first frame: red, "#d02020", 320,140; twice
+    /// A mark on the wheel, by its colour or its place in the first frame: red, "#d02020", 320,140. Give it twice
     #[arg(long, value_name = "MARK", value_parser = mark)]
     pub(crate) mark: Vec<Place>,
-    /// Four marks on the frame around the wheel correct an oblique view: width and height between their middles
+    /// Four marks around the wheel correct an oblique view: width and height of their rectangle, from middle to middle
     #[arg(long, value_name = "W x H", value_parser = rectangle)]
     pub(crate) frame: Option<[f64; 2]>,
-    /// Where a mark of the frame is in the first frame: 40,30; four times
+    /// Where a mark around the wheel is in the first frame, in pixels: 40,30. Give it four times
     #[arg(long, value_name = "X,Y", value_parser = corner, requires = "frame")]
     pub(crate) corner: Vec<Place>,
-    /// What is fitted before judging
+    /// What is fitted before the clip is judged
     #[arg(long, value_enum, default_value_t = Alignment::StartAndRate)]
     pub(crate) align: Alignment,
-    /// Judge up to this time of the motion alone
+    /// Judge only up to this time of the motion
     #[arg(long, value_name = "TIME", value_parser = arguments::duration)]
     pub(crate) until: Option<Time>,
     /// Folder to write to [default: out/ and the clip's name]
@@ -231,7 +231,7 @@ pub(crate) fn wheel_of(
     };
     let Some(wheel) = wheels.get(index).copied() else { return Ok(None) };
     let limit_steps = limit.map(|limit| match limit.base {
-        Base::Turn => limit.value * wheel.steps_per_turn,
+        Base::Turn => limit.value * wheel.units.steps_per_turn,
         _ => limit.value,
     });
     Ok(Some(Wheel { limit_steps: limit_steps.or(wheel.limit_steps), ..wheel }))

@@ -22,9 +22,11 @@ use pulsetrain_motion::human;
 
 #[derive(Args, Debug)]
 #[command(after_help = "\
-An Uno (or a Nano with its newer bootloader) is programmed through its bootloader, at 115200 baud, after a reset by DTR; the older \
-bootloader of Nanos, at 57600 baud, is larger and leaves the firmware no room. A Pico is a drive as long as BOOTSEL is held while \
-it is plugged in: the firmware is copied there, and that drive is found by itself, or named with --port.
+An Uno, or a Nano with the newer bootloader, is programmed through its bootloader at 115200 baud. The older bootloader \
+of Nanos (57600 baud) is larger and leaves no room for the firmware.
+
+A Pico shows up as a drive if you hold BOOTSEL while you plug it in. The firmware is copied to that drive. It is found \
+by itself; --port names another.
 
 Examples:
   pulsetrain ports                              which port it is

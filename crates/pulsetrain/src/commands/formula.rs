@@ -54,7 +54,7 @@ pub(crate) struct FormulaArgs {
     /// Full steps in one revolution of the motor
     #[arg(long, value_name = "N", default_value_t = 200, value_parser = arguments::steps_per_rev)]
     pub(crate) steps_per_rev: u32,
-    /// FirstSteps that the driver makes of a full step
+    /// Steps that the driver makes of a full step
     #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u32).range(1..=256))]
     pub(crate) microsteps: u32,
     /// Travel in one turn, for lengths

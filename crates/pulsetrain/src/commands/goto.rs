@@ -23,21 +23,23 @@ use crate::{arguments, last_positions, load};
 
 #[derive(Args, Debug)]
 #[command(after_help = "\
-Each motor moves along an S-curve within its max_speed and max_acceleration. A motor without them moves slowly: at 0.1 rev/s, \
-with 0.2 rev/s^2. Positions are those of the motion file: its motion begins at `start`, which is 0 for most.
+Each motor moves along an S-curve within its max_speed and max_acceleration. A motor without these limits moves \
+slowly: 0.1 rev/s, 0.2 rev/s^2. Positions are those of the motion file. `start` is where its motion begins, mostly 0.
 
-A board counts its steps as long as it has power and is not reset. `goto` goes by that count if the last run or `goto` of this \
-computer is where it comes from. Otherwise, as for an Uno, which opening its port resets, nobody knows where the motors are: look, and \
-say it with --from. Without --port a virtual board moves, whose motors stand at `start`.
+A board counts its steps as long as it has power and is not reset. `goto` uses that count if this computer made the \
+last run or `goto` on the board. Otherwise nobody knows where the motors are. An Uno is reset whenever its port is \
+opened. Then look where the motors are, and say it with --from.
+
+Without --port, the motors of a virtual board move. They stand at `start`.
 
 Examples:
   pulsetrain goto examples/tutorial.toml \"90 deg\"
-  pulsetrain goto examples/sweep.toml \"1 rev\" --motor m1 --from \"0.5 rev\" --port /dev/ttyACM0
-  pulsetrain goto examples/sweep.toml start --from \"m1=12 deg\" --from \"m2=-3 deg\" --motor m1 --motor m2")]
+  pulsetrain goto examples/sweep.toml \"1 rev\" --motor first --from \"0.5 rev\" --port /dev/ttyACM0
+  pulsetrain goto examples/sweep.toml start --from \"first=12 deg\" --from \"second=-3 deg\" --motor first --motor second")]
 pub(crate) struct GotoArgs {
     /// Motion file (TOML): its motors are moved, not along its motions
     pub(crate) file: PathBuf,
-    /// Where to: a position such as \"90 deg\", or `start`
+    /// Where to: a position such as "90 deg", or `start`
     #[arg(value_name = "POSITION", allow_hyphen_values = true)]
     pub(crate) target: String,
     /// Move this motor alone; may be repeated [default: all]
@@ -55,7 +57,7 @@ pub(crate) struct GotoArgs {
     /// This board instead of the file's
     #[arg(long, value_name = "BOARD", value_parser = arguments::board)]
     pub(crate) board: Option<String>,
-    /// Move on this computer's own stepgen even if its board has a firmware
+    /// Use this computer's own step generator, not an emulated board
     #[arg(long, conflicts_with = "port")]
     pub(crate) native: bool,
     /// Where the files go [default: out/ and the file's name with -goto]
@@ -78,7 +80,7 @@ const BUILD_UP_S: f64 = 0.1;
 pub(crate) fn run(args: &GotoArgs, console: &mut Console<'_>) -> miette::Result<Exit> {
     let file = load::found(&args.file);
     let contents = load::contents(&file)?;
-    let units = contents.units.clone();
+    let units = contents.units();
     let name = file.display().to_string();
     let mut prepared = Prepared::new(name, contents, args.board.as_deref()).map_err(advised)?;
     let motors = Motors { program: &prepared.program, units: &units, moved: moved(&prepared.program, &args.motor)? };

@@ -2,9 +2,9 @@
 
 use std::io::{self, BufRead, IsTerminal, Read, Write};
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, TryRecvError, channel};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
 use std::time::Duration;
 
@@ -30,11 +30,13 @@ use crate::live::log::{LogEntry, LogHead, LogLine, VERSION};
 use crate::live::screen::{Key, Screen};
 use crate::live::watch::{LOOK_MS, Watched};
 use crate::live::{Desk, HELP, Happened, KnobInfo, LONGEST_LINE, Line, LiveCommand, LiveEvent, Request, Show};
+use crate::osc::{OscSettings, listen_address, serve_osc};
+use crate::page::{self, PageOptions};
 use crate::serve::RealTime;
 use crate::standing::{quoted, standings, way_back};
 use crate::{arguments, interrupt, last_positions, load};
 
-#[derive(Args, Debug)]
+#[derive(Args, Clone, Debug)]
 #[command(after_help = "\
 The motion runs until it is stopped. Change the file, turn knobs, go to cues: the motors change over within their \
 limits, and lose no step. docs/live.md has all of it.
@@ -76,12 +78,45 @@ pub(crate) struct LiveArgs {
     /// Do not look at the motion file again
     #[arg(long)]
     pub(crate) no_watch: bool,
+    /// Show and steer it in the browser: a page at this address and port of this computer [default: 127.0.0.1:8016]
+    #[arg(long, value_name = "[ADDR:]PORT", num_args = 0..=1, default_missing_value = "127.0.0.1:8016")]
+    pub(crate) page: Option<String>,
+    /// Take Open Sound Control at this port, from this computer alone unless ADDR is given
+    #[arg(long, value_name = "[ADDR:]PORT")]
+    pub(crate) osc: Option<String>,
+    /// Answer OSC clients at this port [default: the port from which they send]
+    #[arg(long, value_name = "PORT", requires = "osc")]
+    pub(crate) osc_reply: Option<u16>,
     /// Write what is asked and done to this file, for `pulsetrain replay`
     #[arg(long, value_name = "FILE")]
     pub(crate) log: Option<PathBuf>,
     /// Write every edge of a virtual board to this file (VCD)
     #[arg(long, value_name = "FILE", conflicts_with = "port")]
     pub(crate) trace: Option<PathBuf>,
+}
+
+#[derive(Args, Debug)]
+#[command(after_help = "\
+This is `pulsetrain live FILE --page`. The page is for this computer alone. With --listen others in the network can \
+open it: by the link with a token that is printed. docs/page.md says who may do what.
+
+Examples:
+  pulsetrain serve examples/live.toml
+  pulsetrain serve examples/live.toml --listen 192.168.0.7:8016")]
+pub(crate) struct ServeArgs {
+    #[command(flatten)]
+    pub(crate) live: LiveArgs,
+    /// Let others in the network open the page, with a token, at this address of this computer
+    #[arg(long, value_name = "ADDR[:PORT]", conflicts_with = "page")]
+    pub(crate) listen: Option<String>,
+}
+
+/// `pulsetrain serve`: a live motion with its page.
+pub(crate) fn serve(args: &ServeArgs, console: &mut Console<'_>) -> miette::Result<Exit> {
+    let mut live = args.live.clone();
+    let at = args.listen.clone().or(live.page.take());
+    live.page = Some(at.unwrap_or_else(|| page::USUAL_ADDRESS.to_string()));
+    run(&live, console)
 }
 
 /// A motion that is about to run.
@@ -138,15 +173,30 @@ pub(crate) fn run(args: &LiveArgs, console: &mut Console<'_>) -> miette::Result<
     let way = Way { is_native: args.native, port: args.port.as_deref(), baud: args.baud };
     let staged = Staged::new(opened, &name, args.board.as_deref(), way, console)?;
     let program = Arc::new(staged.prepared.program.clone());
+    let osc = args.osc.as_deref().map(listen_address).transpose()?;
+    // A port that is taken is told before anything moves.
+    let page_at = args.page.as_deref().map(|text| page::listen(page::address(text)?)).transpose()?;
     let log = args.log.as_deref().map(|path| Log::create(path, &staged, args)).transpose()?;
     let mut info = RunInfo::new(&name, &program, args.port.as_deref(), args.native);
     (info.is_live, info.knobs, info.cues) = (true, staged.desk.knobs(), staged.desk.cues());
     let control = Control::open(&info, console);
-    let began = begin(staged, args, control, log, console);
+    let in_force = Arc::new(Mutex::new(staged.desk.text().to_owned()));
+    let began = begin(staged, args, control, log, &in_force, console);
     let (running, stage) = began?;
     let Running { hub, heard, pending, thread } = running;
     if !args.no_watch {
         watch(&path, &stage, &hub);
+    }
+    if let Some(address) = osc {
+        serve_osc(&hub, OscSettings { address, reply_port: args.osc_reply })?;
+    }
+    let page = page_at.map(|(listener, token)| {
+        let options = PageOptions { token, motion: Arc::clone(&in_force), log: args.log.clone() };
+        page::serve(&hub, listener, options)
+    });
+    let page = page.transpose()?;
+    if let Some(page) = &page {
+        console.print(format_args!("the page: {}\n", page.url()))?;
     }
     let talk = Talk { info: hub.info(), hub: hub.clone(), heard, pending };
     let talked = talk.until_the_end(args.quiet, console);
@@ -216,6 +266,7 @@ fn begin(
     args: &LiveArgs,
     control: Control,
     log: Option<Log>,
+    in_force: &Arc<Mutex<String>>,
     console: &mut Console<'_>,
 ) -> miette::Result<(Running, Arc<str>)> {
     let Staged { desk, prepared, proof, baud } = &staged;
@@ -225,7 +276,8 @@ fn begin(
         control.end(&RunEnded::failed(error.to_string()));
         error
     };
-    let parts = Parts { control, log, trace: args.trace.clone(), rejoins: !args.no_rejoin, desk: desk.clone() };
+    let (trace, rejoins, in_force) = (args.trace.clone(), !args.no_rejoin, Arc::clone(in_force));
+    let parts = Parts { control, log, trace, rejoins, desk: desk.clone(), in_force };
     let hz = prepared.program.board.tick_hz;
     let Some(port) = &args.port else {
         interrupt::watch();
@@ -283,6 +335,8 @@ struct Parts {
     trace: Option<PathBuf>,
     rejoins: bool,
     desk: Desk,
+    /// The text of the motion file that is followed, for the page.
+    in_force: Arc<Mutex<String>>,
 }
 
 /// Statuses that wait for the terminal: more are left out.
@@ -336,6 +390,8 @@ impl Parts {
             let stepped = show.step(&mut trace, &mut |happened| news.tell(happened));
             news.log(show.now(), &log);
             if news.has_knobs {
+                let mut in_force = self.in_force.lock().unwrap_or_else(PoisonError::into_inner);
+                show.desk().text().clone_into(&mut in_force);
                 hub.change_info(|info| (info.knobs, info.cues) = (show.desk().knobs(), show.desk().cues()));
             }
             if let Some(over) = stepped.transpose() {

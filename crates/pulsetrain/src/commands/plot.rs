@@ -7,10 +7,11 @@ use crate::console::{self, Access, Console, Exit};
 use crate::diagnostic::advised;
 use crate::load;
 use crate::record::Files;
+use crate::standing::quoted;
 use clap::Args;
 use miette::miette;
 use pulsetrain_board::{Edge, Native, Observer, ScheduledStep};
-use pulsetrain_motion::Time;
+use pulsetrain_motion::{Time, file};
 use pulsetrain_plot::moving::{MOST_STEPS, Moving};
 use pulsetrain_session::Proof;
 use pulsetrain_session::drive::Driven;
@@ -40,9 +41,17 @@ pub(crate) struct PlotArgs {
 }
 
 pub(crate) fn run(args: &PlotArgs, console: &mut Console<'_>) -> miette::Result<Exit> {
+    let path = args.out.clone().unwrap_or_else(|| args.motion.file.with_extension("svg"));
+    if args.moving && !path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("svg")) {
+        let help = format!("write --out {}", quoted(&path.with_extension("svg").display().to_string()));
+        return Err(miette!(
+            help = help,
+            "a moving picture is an SVG file, and {} does not end in .svg",
+            path.display()
+        ));
+    }
     let mut prepared = args.motion.prepare(Task::Native { files: false }, false, console)?;
     let planned = plan::plan(&mut prepared, console)?;
-    let path = args.out.clone().unwrap_or_else(|| args.motion.file.with_extension("svg"));
     let driven = Driven::native(&prepared).map_err(advised)?;
     if args.moving {
         return moving(args, &prepared, driven, &path, console);
@@ -104,10 +113,11 @@ fn moving(
     }
     let text = console::read(&load::found(&args.motion.file))?;
     let text = String::from_utf8_lossy(&text);
-    let law = text.lines().map(str::trim).filter(|line| line.starts_with("law.")).nth(index);
+    let law = file::first_law(&text, &motor.name).unwrap_or_else(|| prepared.file.clone());
+    let title = if motors.len() == 1 { law } else { format!("{}: {law}", motor.name) };
     let scale = &motor.scale;
     let moving = Moving {
-        title: law.unwrap_or(&prepared.file),
+        title: &title,
         law: &motor.law,
         unit: (&scale.unit, scale.steps_per_unit),
         steps_per_turn: scale.steps_per_rev,

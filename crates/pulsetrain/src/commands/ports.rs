@@ -17,7 +17,7 @@ use pulsetrain_session::drive::session_number;
 #[command(after_help = "\
 Examples:
   pulsetrain ports
-  pulsetrain ports --ask       open each, and ask whether Pulsetrain's firmware is there; that resets an Uno")]
+  pulsetrain ports --ask")]
 pub(crate) struct PortsArgs {
     /// Open each port, and ask whether Pulsetrain's firmware is there. That resets an Uno
     #[arg(long)]

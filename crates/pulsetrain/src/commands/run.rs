@@ -35,14 +35,16 @@ use pulsetrain_session::prepare::{Prepared, usual_baud};
 
 #[derive(Args, Debug)]
 #[command(after_help = "\
-Motions for the boards `uno` and `pico` run on a virtual one, the real firmware on an emulated chip;
-others on the native board, this computer's own stepgen.
+A motion for an `uno` or a `pico` runs on a virtual board: the real firmware on an emulated chip. A motion for another \
+board runs on the native board, this computer's own step generator.
 
-Ctrl-C, or `pulsetrain stop` from another terminal, brakes the motors within their limits; a second Ctrl-C, or \
-`pulsetrain stop --now`, stops them at once. Then the run says where they are, and how they get back.
+Ctrl-C, or `pulsetrain stop` from another terminal, brakes the motors within their limits. A second Ctrl-C, or \
+`pulsetrain stop --now`, stops them at once. Then the run prints where the motors are, and the command that brings \
+them back.
 
-What an Uno at a port is to run is rehearsed before: the virtual one plays it, several times as fast, with each edge held against the law. What it \
-does not keep up with is refused, and nothing moves. A Pico's queues are far larger, and nothing is rehearsed for one.
+Before a motion goes to a real Uno, a virtual Uno plays its first 10 s, several times as fast, and every edge is \
+compared with the law. If the Uno could not keep up, nothing is sent and nothing moves. A Pico has far larger queues \
+and needs no rehearsal.
 
 Files written to DIR:
   report.json  what was planned, proven, run and judged
@@ -63,10 +65,10 @@ pub(crate) struct RunArgs {
     /// Where the files go [default: out/ and the file's name without .toml]
     #[arg(long, value_name = "DIR")]
     pub(crate) out: Option<PathBuf>,
-    /// Run it on this computer's own stepgen even if its board has a firmware, which would run it on an emulated chip
+    /// Run it on this computer's own step generator, not on an emulated board
     #[arg(long, conflicts_with = "port")]
     pub(crate) native: bool,
-    /// Let the board at this serial port run it, in real time
+    /// Run it on the board at this serial port, in real time
     #[arg(long, value_name = "PORT")]
     pub(crate) port: Option<String>,
     /// Rate of the line to the board, once it is found [default: 1000000; 2000000 for a Pico, whose own USB has no rate]
@@ -84,7 +86,7 @@ pub(crate) struct RunArgs {
     /// How much of it the virtual Uno plays before an Uno at the port is sent anything [default: all, 10 s at most]
     #[arg(long, value_name = "TIME", value_parser = arguments::duration, allow_hyphen_values = true, requires = "port")]
     pub(crate) rehearse: Option<Time>,
-    /// Begin at once, without that
+    /// Begin at once, without a rehearsal
     #[arg(long, conflicts_with = "rehearse", requires = "port")]
     pub(crate) no_rehearsal: bool,
     /// Write no trace.vcd

@@ -23,14 +23,14 @@ pub(crate) struct PauseArgs {
 #[derive(Args, Debug)]
 #[command(after_help = "\
 The motors speed up or slow down within their limits. All of them keep their paths and phases. If a motor or the board \
-cannot follow, the tempo is the highest that they can, and the answer names the limit. In a pause it is the tempo of \
-the resumption.
+cannot follow, the tempo is the highest that they can, and the answer names the limit. If the run is \
+paused, it resumes with this tempo.
 
 Examples:
   pulsetrain tempo 0.5        half as fast
   pulsetrain tempo 1          as the file has it")]
 pub(crate) struct TempoArgs {
-    /// The rate of the motion's time, above 0 and up to 10; 1 is as the file has it
+    /// How fast the motion goes: 1 is the file's own speed, 0.5 half of it; above 0, at most 10
     rate: f64,
     #[command(flatten)]
     run: WhichRun,

@@ -23,13 +23,14 @@ use pulsetrain_session::drive::session_number;
 /// Which runs or board to stop.
 #[derive(Args, Debug)]
 #[command(after_help = "\
-While a `pulsetrain run` of this computer has the port, the run is asked: it brakes all motors within their limits, or \
-stops them at once with --now, and says where they are. Without --port the only run is stopped, on a virtual board, too.
+If a `pulsetrain run` of this computer has the port, the run gets the order: it brakes all motors within their limits, \
+or stops them at once with --now, and prints where they are. Without --port, the only run is stopped, also one on a \
+virtual board.
 
-Where no run has the port, the board itself is stopped, at once and without ramps, whatever moves its motors: a MOVE of \
-hours, a baked motion. Axes that text has on paths brake within their limits; the drivers of text's axes are off then. \
-Opening its port resets an Uno, which stops it, too. It says where all motors are, and which were too fast to stop: \
-those may stand elsewhere than they count.
+If no run has the port, the board itself is stopped: all motors stop at once, without ramps, whatever moves them (a \
+long MOVE, a baked motion). Axes that follow StepperWinch's text brake within their limits first; then their drivers \
+are switched off. An Uno is reset when its port is opened, and that stops it, too. The output says where all motors \
+are, and which ones were too fast to stop at once: these may have turned further than the count says.
 
 Examples:
   pulsetrain stop
@@ -39,13 +40,13 @@ pub(crate) struct StopArgs {
     /// The run or the board at this serial port; or a run's name, as `pulsetrain status` lists it
     #[arg(long, value_name = "PORT")]
     pub(crate) port: Option<String>,
-    /// Stop at once, without braking: a fast motor may turn further than it counts
+    /// Stop at once, without braking: a fast motor may turn further than the count says
     #[arg(long)]
     pub(crate) now: bool,
     /// Stop all runs of this computer
     #[arg(long, conflicts_with = "port")]
     pub(crate) all: bool,
-    /// Print what the runs or the board say as JSON
+    /// Print the answers as JSON
     #[arg(long)]
     pub(crate) json: bool,
 }
@@ -455,7 +456,7 @@ fn stop_paths<P: Port>(talk: &mut Talk<P>, mut heard: Heard) -> miette::Result<S
 
 fn does_not_stop(why: &str) -> Report {
     let help = "look with `pulsetrain winch --port PORT`; if axes still move, cut the power";
-    miette!(help = help, "the board was told to stop, but {why}")
+    miette!(help = help, "the board was sent an order to stop, but {why}")
 }
 
 #[cfg(test)]

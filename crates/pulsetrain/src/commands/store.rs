@@ -19,7 +19,8 @@ use pulsetrain_session::drive::session_number;
 /// What a board keeps.
 #[derive(Args, Debug)]
 #[command(after_help = "\
-What is not said stays as it was. Settings hold where nobody says otherwise: those of text from its next start on, `silence` from the next configuration on.
+A setting that you leave out stays as it was. The settings of text axes hold from the board's next start on, `silence` \
+from the next run on. A host that sends its own value overrides them.
 
 Examples:
   pulsetrain store --port /dev/ttyACM0
@@ -30,25 +31,25 @@ pub(crate) struct StoreArgs {
     /// The board at this serial port
     #[arg(long, value_name = "PORT")]
     pub(crate) port: Option<String>,
-    /// A virtual one, which forgets it again
+    /// A virtual board, which forgets the settings when the command ends
     #[arg(long, value_name = "BOARD", value_parser = arguments::board_kind())]
     pub(crate) board: Option<BoardKind>,
-    /// Text's axes stop when no command was obeyed for so long, or "off"
+    /// Text axes stop after this long without an accepted command, or "off"
     #[arg(long, value_name = "TIME", value_parser = arguments::kept_time)]
     pub(crate) deadman: Option<u16>,
-    /// Text releases the drivers when all axes have rested for so long, or "off"
+    /// The drivers of text axes are switched off after all axes have rested for this long, or "off"
     #[arg(long, value_name = "TIME", value_parser = arguments::kept_time)]
     pub(crate) idle: Option<u16>,
-    /// A host that does not say otherwise is lost after so long a silence, or "off" for 2 s
+    /// After this long without a word from the host, the board takes it for lost; "off": 2 s. A host may send its own value
     #[arg(long, value_name = "TIME", value_parser = arguments::kept_time)]
     pub(crate) silence: Option<u16>,
-    /// Greatest speed, steps/s, and acceleration, steps/s², of text's axes at its start; 0 0: the board's own
+    /// Highest speed, steps/s, and acceleration, steps/s², of text axes after the board's start; 0 0: the board's own
     #[arg(long, value_names = ["SPEED", "ACCELERATION"], num_args = 2, allow_negative_numbers = true)]
     pub(crate) limits: Option<Vec<f64>>,
-    /// Forget all that was kept before
+    /// Clear all settings first
     #[arg(long)]
     pub(crate) clear: bool,
-    /// Print what it keeps as JSON
+    /// Print the settings as JSON
     #[arg(long)]
     pub(crate) json: bool,
 }

@@ -40,13 +40,16 @@ use pulsetrain_session::drive::{session_number, set_up, setup};
 /// A board whose motors are told directly.
 #[derive(Args, Debug)]
 #[command(after_help = "\
-A script has a line for each order, with its time: \"1.5 s: move x 100\". Without a script it is a console: in a terminal with the \
-axes' positions and a history, else lines are read from the standard input. Each order is answered by the tick from which it holds, where its \
-axes are then, and how many ticks later they step; each move by `done`. When no move is left it ends; what runs on is \
-halted, and of a virtual board the steps at its pins are counted. Ctrl-C stops all axes at once. docs/verbs.md has the verbs.
+A script has a line for each order, with its time: \"1.5 s: move x 100\". Without a script it is a console. In a \
+terminal it shows the axes' positions and keeps a history; otherwise it reads lines from the standard input.
 
-Axes x, y, z and a are where StepperWinch's text has them (docs/wiring.md): on an Uno the CNC shield's, which needs its image \
-`verbs`. With --coils they are ULN2003 boards of a Pico, with --motors the motors of a motion file, in its order.
+Each order is answered with the tick from which it holds, the axes' positions then, and the ticks to their next step. \
+`done` tells the end of each move. The program ends when no move is left; axes that still run are halted. On a virtual \
+board the steps at its pins are counted. Ctrl-C stops all axes at once. docs/verbs.md has all orders.
+
+The axes x, y, z and a have StepperWinch's pins (docs/wiring.md). On an Uno these are the CNC shield's, and the Uno \
+needs its image `verbs`. With --coils the axes are ULN2003 boards of a Pico. With --motors they are the motors of a \
+motion file, in its order.
 
 Examples:
   pulsetrain verbs moves.txt --board uno
@@ -56,12 +59,12 @@ Examples:
   echo \"speed x 30 rpm; move x 100\" | pulsetrain verbs --board pico --motors examples/first-pico.toml")]
 #[command(group = ArgGroup::new("told").args(["port", "board"]).required(true))]
 pub(crate) struct VerbsArgs {
-    /// Script of timed lines; without one they are read as they come
+    /// Script of timed lines; without one, lines are read as they are typed
     pub(crate) script: Option<PathBuf>,
     /// The board at this serial port; opening it resets an Uno
     #[arg(long, value_name = "PORT")]
     pub(crate) port: Option<String>,
-    /// A virtual one; `uno` has the image with verbs
+    /// A virtual board; the `uno` has the image `verbs`
     #[arg(long, value_name = "BOARD", value_parser = arguments::board_kind())]
     pub(crate) board: Option<BoardKind>,
     /// Rate of the line, bits a second
@@ -150,7 +153,7 @@ struct Wiring {
 impl Wiring {
     fn read(args: &VerbsArgs) -> miette::Result<Wiring> {
         let units = match (&args.motors, args.steps_per_rev) {
-            (Some(file), _) => load::contents(file)?.units,
+            (Some(file), _) => load::contents(file)?.units(),
             (None, Some(steps)) => {
                 let units =
                     PositionUnits { steps_per_turn: steps.into(), steps_per_mm: None, steps_per_full_step: 1.0 };
@@ -301,7 +304,7 @@ fn load_script(path: &Path, wiring: &Wiring) -> miette::Result<Vec<Timed>> {
             return Err(wrong(0..when.len(), "not a time of 0 s to 10^6 s, with its unit".to_owned()));
         };
         if let Some(Timed { at_s: before, .. }) = lines.last().filter(|before| at_s < before.at_s) {
-            let message = format!("times go back: the line before is told at {}", human::seconds(*before));
+            let message = format!("times go back: the line before has the time {}", human::seconds(*before));
             return Err(wrong(0..when.len(), message));
         }
         let mut order_at = when.len() + 1;
@@ -1011,7 +1014,7 @@ mod tests {
         #[test]
         fn an_axis_that_is_not_there_is_refused() {
             let file = concat!(env!("CARGO_MANIFEST_DIR"), "/../../examples/first-pico.toml");
-            let units = crate::load::contents(Path::new(file)).unwrap().units;
+            let units = crate::load::contents(Path::new(file)).unwrap().units();
             let wiring = Wiring { motors: Some(file.into()), units, ..Wiring::default() };
             let (exit, said) = typed_on_pico(&wiring, &["speed x 5 rpm", "move x 10", "move y 1", "halt"]);
             assert!(matches!(exit, Ok(Exit::BoundBroken)), "{exit:?} {said}");

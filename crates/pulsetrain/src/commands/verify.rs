@@ -30,14 +30,14 @@ Examples:
   pulsetrain verify capture.csv examples/tutorial.toml --align start \\
       --line \"Channel 0=wheel.step\" --line \"Channel 1=wheel.dir\"")]
 pub(crate) struct VerifyArgs {
-    /// What was captured
+    /// The capture
     pub(crate) capture: PathBuf,
     #[command(flatten)]
     pub(crate) motion: Motion,
-    /// The capture shows an Uno's pins: its constant and its lateness are allowed for
+    /// The capture shows an Uno's pins: allow for its constant delay and its usual lateness
     #[arg(long)]
     pub(crate) pins: bool,
-    /// What is fitted before judging [default: none; start+rate for a camera's track]
+    /// What is fitted before the capture is judged [default: none; start+rate for a camera's track]
     #[arg(long, value_enum)]
     pub(crate) align: Option<Alignment>,
     /// How far the wheel of a camera's track may be from the motion [default: the motor's film_limit, else 1 deg or 1 step]
@@ -46,16 +46,16 @@ pub(crate) struct VerifyArgs {
     /// Draw a camera's track over the motion, as .svg
     #[arg(long, value_name = "FILE")]
     pub(crate) plot: Option<PathBuf>,
-    /// Judge up to this time of the motion alone: for captures that end before the motion does
+    /// Judge only up to this time of the motion: for captures that end before the motion does
     #[arg(long, value_name = "TIME", value_parser = arguments::duration, allow_hyphen_values = true, conflicts_with = "length")]
     pub(crate) until: Option<Time>,
-    /// How often the analyser looked, e.g. "25 MHz": steps may be seen one sample late
+    /// Sample rate of the analyser, e.g. "25 MHz": allow for steps that are seen one sample late
     #[arg(long, value_name = "RATE", value_parser = arguments::frequency)]
     pub(crate) sample_rate: Option<f64>,
     /// Which line a channel of the capture is, e.g. "Channel 0=wheel.step"; once for each channel
     #[arg(long, value_name = "CHANNEL=LINE", value_parser = arguments::channel)]
     pub(crate) line: Vec<(String, String)>,
-    /// Whose film it is, if the motion file has several motors
+    /// The motor whose wheel was filmed, if the motion file has several
     #[arg(long, value_name = "MOTOR")]
     pub(crate) motor: Option<String>,
     /// Print all that was measured of each motor

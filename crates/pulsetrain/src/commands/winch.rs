@@ -36,9 +36,11 @@ use pulsetrain_motion::human;
 
 #[derive(Args, Debug)]
 #[command(after_help = "\
-A script has a line for each command, with its time, \"1.5 s: a x 100\"; or it is a motion file with law.winch. On a \
-virtual board every edge is judged against the path; of a real one its status lines are all that is known. Without a \
-script it is a console: in a terminal with the axes' positions, else line by line. docs/winch.md has the commands.
+A script has a line for each command, with its time: \"1.5 s: a x 100\". A motion file with law.winch is a script, \
+too. On a virtual board every edge is compared with the path. Of a real board only its status lines are known.
+
+Without a script it is a console. In a terminal it shows the axes' positions; otherwise it reads lines from the \
+standard input. docs/winch.md has all commands.
 
 Files written to DIR by a script:
   report.json   what was sent and judged
@@ -100,19 +102,26 @@ pub(crate) fn run(args: &WinchArgs, console: &mut Console<'_>) -> miette::Result
             run_virtual(board, &runner, &name, &script, &options, console)?
         }
     };
-    let Judged { report, picture } = judged;
-    // The user sees what the axes did even if a file could not be written. A script reads one JSON value, which is then
-    // the error.
+    let Judged { mut report, picture } = judged;
     if !args.json {
         console.print(&report)?;
     }
-    console::write(&folder.join("report.json"), format!("{}\n", console::json(&report)?).as_bytes())?;
-    draw(&picture, &folder.join("plot.svg"))?;
-    let files = write_files(&run, &folder, &options, report.verdict.is_some())?;
+    let text = format!("{}\n", console::json(&report)?);
+    let written = console::write(&folder.join("report.json"), text.as_bytes())
+        .map_err(Report::from)
+        .and_then(|()| draw(&picture, &folder.join("plot.svg")))
+        .and_then(|()| write_files(&run, &folder, &options, report.verdict.is_some()));
+    // What the axes did is printed even if a file could not be written.
+    report.unwritten = written.as_ref().err().map(ToString::to_string);
     if args.json {
         console.print_json(&report)?;
-    } else {
-        console.print(format_args!("{}: report.json, plot.svg, {files}\n", folder.display()))?;
+    }
+    match written {
+        // A program reads one JSON value, which was the report.
+        Err(error) if args.json => return console.complain(&error),
+        Err(error) => return Err(error),
+        Ok(_) if args.json => {}
+        Ok(files) => console.print(format_args!("{}: report.json, plot.svg, {files}\n", folder.display()))?,
     }
     Ok(if report.is_ok() { Exit::Success } else { Exit::BoundBroken })
 }

@@ -141,7 +141,7 @@ impl Desk {
             board: board.map(str::to_owned),
             files: Arc::new(cache),
             live: contents.live.clone(),
-            units: contents.units.clone(),
+            units: contents.units(),
             sheet,
             cue: None,
             turned: BTreeMap::new(),

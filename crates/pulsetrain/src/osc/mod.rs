@@ -1,6 +1,7 @@
 //! Open Sound Control (OSC 1.0) over UDP: what TouchDesigner, Max, QLab and phones send becomes [`Request`]s of a live motion.
 //!
 //! # What is here, top down
+//! - [`serve_osc`]: all of it, as a client of a motion's hub
 //! - [`OscServer`]: the UDP socket with its threads. It never waits for the motion, nor the motion for it
 //! - [`Translator`]: packets to groups of requests, and what happens to the motion to replies; no socket, no clock of its own
 //! - [`Agenda`]: groups that wait for their time
@@ -12,6 +13,7 @@
 
 mod address;
 mod agenda;
+mod client;
 mod server;
 mod time_tag;
 mod translator;
@@ -25,6 +27,7 @@ use crate::control_socket::MotorInfo;
 use crate::live::{KnobInfo, Request};
 
 pub use agenda::{Agenda, MOST_PLANNED};
+pub use client::serve_osc;
 pub use server::{OscCounts, OscServer};
 pub use translator::{Reply, Translation, Translator};
 

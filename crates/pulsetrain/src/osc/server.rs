@@ -270,6 +270,7 @@ mod tests {
             unit: "deg".to_owned(),
             steps_per_unit: 1.0,
             start_steps: 0.0,
+            max_speed: None,
         };
         OscServer::open(settings, OscInfo { motors: vec![motor("x")], knobs: Vec::new() }, groups).unwrap()
     }

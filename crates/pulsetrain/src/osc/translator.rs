@@ -360,6 +360,7 @@ impl Translator {
                 self.busy_until(*until_s, replies);
             }
             LiveEvent::Goto { until_s, .. }
+            | LiveEvent::Returned { until_s, .. }
             | LiveEvent::Motion { until_s, .. }
             | LiveEvent::Rejoined { until_s, .. } => {
                 self.busy_until(*until_s, replies);

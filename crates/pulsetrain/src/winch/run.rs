@@ -341,6 +341,9 @@ pub struct WinchReport {
     /// If no edges are known: the positions that the board reported.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub word: Option<Vec<AxisReport>>,
+    /// The file that could not be written, and why.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub unwritten: Option<String>,
 }
 
 /// An axis by the board's own positions.
@@ -457,6 +460,7 @@ impl Names<'_> {
             troubles: run.troubles.clone(),
             verdict: None,
             word: None,
+            unwritten: None,
         }
     }
 }
@@ -561,7 +565,19 @@ impl Onlooker for Compared<'_> {
 
 impl Display for WinchReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let WinchReport { script, runner, board, duration_s, lines, unsent, refusals, troubles, verdict, word } = self;
+        let WinchReport {
+            script,
+            runner,
+            board,
+            duration_s,
+            lines,
+            unsent,
+            refusals,
+            troubles,
+            verdict,
+            word,
+            unwritten: _,
+        } = self;
         let duration = human::seconds(*duration_s);
         let plural = if *lines == 1 { "" } else { "s" };
         writeln!(f, "{script}: {lines} line{plural} in {duration}, to the {runner} ({board})\n")?;

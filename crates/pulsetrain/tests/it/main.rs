@@ -19,5 +19,6 @@ mod plots;
 mod readme;
 mod recordings;
 mod small_queues;
+mod tasks;
 mod winch;
 mod wiring;

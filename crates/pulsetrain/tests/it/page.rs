@@ -25,7 +25,13 @@ impl Run {
     fn new(token: Option<Token>) -> Run {
         let no_other_file = |_: &std::path::Path| Err(io::ErrorKind::NotFound.into());
         let program = file::read(MOTION, "wheel.toml", &no_other_file).unwrap();
-        let knob = KnobInfo { name: "wheel.speed".into(), unit: "rev/s".into(), least: 0.0, greatest: 1.0, value: 0.1 };
+        let knob = KnobInfo {
+            name: "wheel.speed".into(),
+            unit: "rev/s".into(),
+            least: Some(0.0),
+            greatest: Some(1.0),
+            value: 0.1,
+        };
         let info = RunInfo { is_live: true, knobs: vec![knob], ..RunInfo::new("wheel.toml", &program, None, true) };
         let (sender, requests) = channel();
         let hub = Hub::of_live(info, sender);

@@ -2,7 +2,7 @@
 
 use pulsetrain_motion::program::Scale;
 use pulsetrain_motion::{Law, Time};
-use pulsetrain_plot::{Errors, MotorPicture, Picture};
+use pulsetrain_plot::{Errors, FilmFrame, FilmPicture, MotorPicture, Picture};
 use pulsetrain_testkit::folder::Folder;
 
 /// The tutorial's equation 3, on the Uno's ticks.
@@ -54,4 +54,40 @@ fn png_is_written() {
     let path = folder.path("plot.png");
     std::fs::write(&path, tutorial(500.0).png().unwrap()).unwrap();
     assert!(std::fs::read(&path).unwrap().starts_with(b"\x89PNG"));
+}
+
+/// Where steps were lost stands above the lines of the limit.
+#[test]
+fn notes_of_a_film_cover_no_line() {
+    let frame = |k: u32| {
+        let at_s = f64::from(k) / 100.0;
+        FilmFrame { at_s, angle_deg: 90.0 * at_s, law_deg: 90.0 * at_s, sigma_deg: 0.02 }
+    };
+    let notes = [0.2, 0.25, 0.9].map(|at_s| (at_s, "8 steps lost".to_owned()));
+    let picture = FilmPicture {
+        title: "film".into(),
+        frames: (0..100).map(frame).collect(),
+        law: vec![(0.0, 0.0), (1.0, 90.0)],
+        limit_deg: 1.0,
+        notes: notes.to_vec(),
+    };
+    let svg = picture.svg().unwrap();
+    let number = |line: &str, key: &str| -> f64 {
+        line.split(&format!(" {key}=\"")).nth(1).and_then(|rest| rest.split('"').next()).unwrap().parse().unwrap()
+    };
+    // The text's own line follows its tag.
+    let lines: Vec<&str> = svg.lines().collect();
+    let labels: Vec<(f64, f64)> = lines
+        .windows(2)
+        .filter(|pair| pair[1].contains("8 steps lost"))
+        .map(|pair| (number(pair[0], "x"), number(pair[0], "y")))
+        .collect();
+    assert_eq!(labels.len(), 3, "{svg}");
+    // The upper limit is the highest dash in the lower panel.
+    let dashes = lines.iter().filter(|line| line.starts_with("<polyline") && line.matches(',').count() == 2);
+    let heights =
+        dashes.filter_map(|line| line.split("points=\"").nth(1)?.split([',', ' ']).nth(1)?.parse::<f64>().ok());
+    let limit = heights.filter(|y| *y > labels[0].1).fold(f64::INFINITY, f64::min);
+    assert!(limit.is_finite() && labels.iter().all(|label| label.1 + 13.0 < limit), "{labels:?} {limit}");
+    assert!((labels[0].1 - labels[1].1).abs() > 13.0, "{labels:?}");
 }

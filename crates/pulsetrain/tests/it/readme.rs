@@ -76,7 +76,7 @@ fn line_matches(shown: &str, printed: &str) -> bool {
 }
 
 /// Splits a command into words as a shell does. Of the quotes only `"` is known.
-fn words(arguments: &str) -> Vec<String> {
+pub(super) fn words(arguments: &str) -> Vec<String> {
     let mut words = vec![String::new()];
     for (index, part) in arguments.split('"').enumerate() {
         let quoted = index % 2 == 1;
@@ -92,7 +92,7 @@ fn words(arguments: &str) -> Vec<String> {
 }
 
 /// A folder of its own, with `examples/` in it.
-fn folder_with_examples(name: &str) -> PathBuf {
+pub(super) fn folder_with_examples(name: &str) -> PathBuf {
     let folder = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join(name);
     // A run before may have left files.
     let _ = fs::remove_dir_all(&folder);

@@ -204,6 +204,29 @@ fn a_pen_on_a_tablet() {
     }
 }
 
+/// The refusal is of an arm, whose law is no table; the smoothing is of the effector's path.
+#[test]
+fn a_delta_robots_effector() {
+    let mut random = Random::new(seed(31));
+    let mut csv = "time [s],x [mm],y [mm],z [mm]\n".to_owned();
+    for k in 0..=120 {
+        let t = f64::from(k) / 30.0;
+        let angle = std::f64::consts::TAU * turn(t, 0.3, 3.4);
+        let mut at = |value: f64| value + 0.2 * noise(&mut random);
+        let (x, y, z) = (at(20.0 * angle.cos()), at(20.0 * angle.sin()), at(-145.0 + 8.0 * angle.cos()));
+        writeln!(csv, "{t:.4},{x:.3},{y:.3},{z:.3}").unwrap();
+    }
+    let arm = |name: &str, step: u8| {
+        let motor = MOTOR.replace("lead = \"40 mm\"\n", "").replace("40 rev/s^2", "1.5 rev/s^2");
+        format!("[motor.{name}]\npins = {{ step = {step}, dir = {} }}{motor}", step + 1)
+    };
+    let machine = "[machine.robot]\nkind = \"delta\"\nmotors = [\"a\", \"b\", \"c\"]\nbase = \"60 mm\"\nupper_arm = \"70 mm\"\n\
+                   forearm = \"150 mm\"\neffector = \"25 mm\"\n";
+    let path = "[[motion]]\nmachine = \"robot\"\nstart = \"1 s\"\npath.table = { file = \"recording.csv\" }\n";
+    let arms = [arm("a", 2), arm("b", 4), arm("c", 6)].concat();
+    check_noisy("delta", csv.as_bytes(), &format!("board = \"native\"\n\n{arms}{machine}{path}"), 0.4);
+}
+
 #[test]
 fn what_a_robot_was_sent_runs_as_it_is() {
     let mut csv = "time [s],angle [deg]\n".to_owned();

@@ -7,6 +7,7 @@ use pulsetrain_motion::{file, template};
 use pulsetrain_session::control::{Command, Event, Status};
 use pulsetrain_session::drive::{DriveError, Driven, connect};
 use pulsetrain_session::prepare::Prepared;
+use pulsetrain_session::rehearsal::{Length, rehearse};
 use pulsetrain_session::{FARTHEST_BEGIN_S, Session, SessionError};
 use pulsetrain_trace::Line;
 use std::sync::mpsc::channel;
@@ -311,16 +312,22 @@ fn a_tempo_in_a_pause_is_that_of_the_resumption() {
     assert!((17.5..19.5).contains(&last_s), "{last_s}");
 }
 
-/// A formula that gets too fast after a minute: its beginning is proven, and then the rest while it runs.
-#[test]
-fn a_part_that_is_refused_on_the_way_stops_the_motors_before_it() {
+/// The template's motor, and another motion of it.
+fn moved_by(law: &str) -> Prepared {
     let no_files = |_: &std::path::Path| Err(std::io::ErrorKind::NotFound.into());
     let text = template::motion_file("wheel");
     let head = text.split("[[motion]]").next().unwrap();
-    let law = r#"law.formula = { theta = "2*(1 - cos(t)) + (t/120)^8", unit = "rev", duration = "28800 s" }"#;
     let text = format!("{head}[[motion]]\nmotor = \"wheel\"\n{law}\n");
-    let contents = file::read_contents(&text, "wheel.toml", &no_files).expect("it is a motion file");
-    let mut prepared = Prepared::new("wheel.toml".to_owned(), contents, None).expect("it fits an Uno");
+    let contents = file::read_contents(&text, "wheel.toml", &no_files);
+    let contents = contents.unwrap_or_else(|error| panic!("{}", error.plain()));
+    Prepared::new("wheel.toml".to_owned(), contents, None).expect("it fits an Uno")
+}
+
+/// A formula that gets too fast after a minute: its beginning is proven, and then the rest while it runs.
+#[test]
+fn a_part_that_is_refused_on_the_way_stops_the_motors_before_it() {
+    let mut prepared =
+        moved_by(r#"law.formula = { theta = "2*(1 - cos(t)) + (t/120)^8", unit = "rev", duration = "28800 s" }"#);
     assert!(prepared.prove_first(|_| {}).is_ok_and(|proof| !proof.is_whole));
     let mut driven = Driven::native(&prepared).unwrap().proving(&prepared, 10.0).unwrap();
     let mut stopping_s = f64::INFINITY;
@@ -333,9 +340,38 @@ fn a_part_that_is_refused_on_the_way_stops_the_motors_before_it() {
     // (d/dt)(t/120)^8 rev is 5 rev/s, the motor's limit, at 222 s.
     let text = error.to_string();
     assert!(text.contains("motor wheel: at t = 2") && text.contains("the motor's limit is 8000"), "{text}");
-    assert!(text.contains("the motors braked and rest: wheel at "), "{text}");
+    assert!(text.contains("the motors braked and stand still: wheel at "), "{text}");
     // The proof is far ahead by then.
     assert!(stopping_s < 100.0, "{stopping_s}");
+}
+
+/// The motor's limit is broken after 4 s: the session does not plan so far ahead, and the proof does.
+#[test]
+fn a_stop_at_once_goes_before_what_the_proof_finds() {
+    let slow = r#"law.sine = { amplitude = "0.5 rev", period = "2 s", cycles = 2 }"#;
+    let fast = r#"law.sine = { amplitude = "2 rev", period = "1 s", cycles = 1 }"#;
+    let prepared = moved_by(&format!("{slow}\n[[motion]]\nmotor = \"wheel\"\n{fast}"));
+    let proving = || Driven::native(&prepared).unwrap().proving(&prepared, 0.0).unwrap();
+    let step = |driven: &mut Driven<Native>, command| {
+        let mut events = Vec::new();
+        let stepped = driven.step(command, &mut |_: Edge| {}, |event| events.push(event));
+        (stepped, events)
+    };
+    // Without a command the motors brake because of the refusal.
+    let mut driven = proving();
+    let (stepped, events) = step(&mut driven, None);
+    assert!(matches!((&stepped, &events[0]), (Ok(None), Event::Stopping { .. })), "{stepped:?} {events:?}");
+    let mut ended = stepped;
+    while let Ok(None) = ended {
+        ended = step(&mut driven, None).0;
+    }
+    let why = ended.unwrap_err().to_string();
+    assert!(why.contains("the motor's limit is 8000"), "{why}");
+
+    let (stepped, events) = step(&mut proving(), Some(Command::StopNow));
+    let ended = stepped.unwrap().expect("the motors stand");
+    assert!(ended.stopped && ended.uncertain.is_some(), "{ended:?}");
+    assert!(matches!(events[..], [Event::StoppedAtOnce { .. }, Event::Ended(_)]), "{events:?}");
 }
 
 #[test]
@@ -410,6 +446,23 @@ impl Port for Real {
 mod chips {
     use super::*;
 
+    /// Something new may always come, so a minute is played if nobody says how much.
+    #[test]
+    fn a_rehearsal_of_a_law_without_an_end_or_a_period_ends() {
+        let prepared = moved_by(r#"law.formula = { theta = "2 - cos(t) - cos(sqrt(2)*t)", unit = "rev" }"#);
+        let program = &prepared.program;
+        let length = Length::of(program);
+        assert_eq!((length.seconds, length.all_s, length.endless), (Length::MOST_S, None, true));
+        let mut watched = 0.0;
+        let length = Length::exactly(program, 1.5);
+        let done = rehearse(&prepared, Baud::B1M, length, |at_s| watched = at_s).unwrap();
+        assert_eq!((done.length, watched), (length, 1.5));
+        let position = 1600.0 * (2.0 - 1.5_f64.cos() - (2.0_f64.sqrt() * 1.5).cos());
+        let judged = done.report.motors[0].position_got as f64;
+        assert!((judged - position).abs() <= 1.0, "{judged} {position}");
+        assert!(done.max_error_ticks() <= done.bound_ticks, "{done:?}");
+    }
+
     /// Of a real board no edge is known: steps must not wait for theirs in memory, and a lateness of 0 would be a lie.
     #[test]
     fn no_lateness_is_told_of_a_real_board() {
@@ -446,6 +499,59 @@ mod chips {
         let first_s = first.unwrap() as f64 / prepared.program.board.tick_hz as f64;
         assert!((first_s - due_s).abs() < 2e-6, "{first_s} {due_s}");
         assert!(Driven::on_board(&prepared, connected(), Some(5)).is_err());
+    }
+
+    /// A host that does nothing for a second, once.
+    struct Stalled {
+        uno: VirtualUno,
+        at: Option<Duration>,
+        /// What came meanwhile.
+        unread: Vec<u8>,
+    }
+
+    impl Port for Stalled {
+        fn now(&self) -> Duration {
+            self.uno.now()
+        }
+
+        fn send(&mut self, bytes: &[u8]) -> Result<(), PortError> {
+            if self.at.is_some_and(|at| self.uno.now() >= at) {
+                self.at = None;
+                self.uno.receive(self.uno.now() + Duration::from_secs(1), &mut self.unread)?;
+            }
+            self.uno.send(bytes)
+        }
+
+        fn receive(&mut self, until: Duration, into: &mut Vec<u8>) -> Result<(), PortError> {
+            into.append(&mut self.unread);
+            self.uno.receive(until, into)
+        }
+
+        fn set_baud(&mut self, baud: Baud) -> Result<(), PortError> {
+            self.uno.set_baud(baud)
+        }
+
+        fn has_edges(&self) -> bool {
+            false
+        }
+    }
+
+    /// Also where the last of the plan comes too late: no motor "missed steps", and nobody need report the motion.
+    #[test]
+    fn a_late_host_is_blamed_at_the_end_of_a_motion_too() {
+        let prepared = moved_by(r#"law.sine = { amplitude = "0.5 rev", period = "1 s", cycles = 1 }"#);
+        let mut late = 0;
+        for k in 0..60 {
+            let at = Duration::from_millis(50 * k);
+            let port = Stalled { uno: VirtualUno::new(), at: Some(at), unread: Vec::new() };
+            // Before the motion a host may be as late as it likes.
+            let Ok(mut driven) = Driven::at(&prepared, port, Baud::B1M) else { continue };
+            let Err(error) = driven.run(&mut |_: Edge| {}, |_| {}) else { continue };
+            let DriveError::Halted { why, .. } = &error else { panic!("{at:?}: {error}") };
+            assert!(!matches!(**why, DriveError::Missed { .. }), "{at:?}: {error}");
+            late += 1;
+        }
+        assert!(late >= 5, "{late}");
     }
 
     #[test]

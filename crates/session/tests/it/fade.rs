@@ -40,7 +40,7 @@ fn change<B: Leased>(session: &mut Session<B>, lab: &mut Lab, change: &Change) -
 /// What is asked of a session.
 #[derive(Clone, Debug)]
 enum Wish {
-    Laws([Law; 2], Option<f64>, Begins),
+    Laws(Box<[Law; 2]>, Option<f64>, Begins),
     Tempo(f64),
     Pause,
 }
@@ -64,7 +64,7 @@ fn laws() -> impl Strategy<Value = [Law; 2]> {
 fn wish() -> impl Strategy<Value = Wish> {
     let begins = prop_oneof![Just(Begins::WithTheMotion), Just(Begins::Now)];
     prop_oneof![
-        5 => (laws(), prop::option::of(0.0..1.5f64), begins).prop_map(|(laws, over, begins)| Wish::Laws(laws, over, begins)),
+        5 => (laws(), prop::option::of(0.0..1.5f64), begins).prop_map(|(laws, over, begins)| Wish::Laws(Box::new(laws), over, begins)),
         1 => (0.2..1.5f64).prop_map(Wish::Tempo),
         1 => Just(Wish::Pause),
     ]
@@ -85,7 +85,7 @@ proptest! {
             prop_assert_eq!(session.advance(until, &mut lab), Ok(()));
             let done = match wish {
                 Wish::Laws(laws, over, begins) => {
-                    let change = Change { program: Arc::new(with_laws(laws)), over: over.map(seconds), begins };
+                    let change = Change { program: Arc::new(with_laws(*laws)), over: over.map(seconds), begins };
                     match session.ceiling_of(&change) {
                         Ok(None) => session.change_to(&change).map(|transition| {
                             made += 1;

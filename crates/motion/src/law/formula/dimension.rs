@@ -528,7 +528,7 @@ impl Place<'_> {
             }
             let unit = self.angle_unit();
             let (plain, angle) = (self.quoted(span), self.quoted(other.node.span));
-            let message = format!("{plain} beside the angle {angle} is a number of {unit}, as `unit` says");
+            let message = format!("{plain} has no unit: next to the angle {angle} it counts as {unit}, the `unit`");
             let help = format!("write it in {unit}, or as a parameter with its own unit, such as \"90 deg\"");
             return Err(error(span, message).helped(help));
         }

@@ -96,7 +96,7 @@ impl Resolver {
             return Ok(Ordering::Less);
         }
         if slope.low <= 0.0 && slope.high >= 0.0 {
-            let why = "it cannot be told when this changes its sign";
+            let why = "it is not known when this changes its sign";
             return Err(Stop::Narrow(Undefined { span: x.span(), why }));
         }
         // Monotone: at most one change, and one that lies on an end is none.

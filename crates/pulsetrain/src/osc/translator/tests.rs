@@ -19,12 +19,13 @@ fn info() -> OscInfo {
         unit: "deg".into(),
         steps_per_unit: 10.0,
         start_steps,
+        max_speed: None,
     };
     let knob = |name: &str, unit: &str| KnobInfo {
         name: name.into(),
         unit: unit.into(),
-        least: 0.0,
-        greatest: 10.0,
+        least: Some(0.0),
+        greatest: Some(10.0),
         value: 1.0,
     };
     OscInfo {

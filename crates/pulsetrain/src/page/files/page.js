@@ -417,7 +417,10 @@ function buildKnobs() {
 function buildKnob(info, place) {
   const unit = info.unit ? ` ${info.unit}` : "";
   const id = `knob-${place}`;
-  const range = make("input", { type: "range", id, class: "needs-control needs-live", min: info.least, max: info.greatest, step: (info.greatest - info.least) / 1000 || 1, disabled: "" });
+  // The file may give no range: then it is one around the value, and other values can be typed.
+  const least = info.least ?? Math.min(0, 2 * info.value);
+  const greatest = info.greatest ?? Math.max(0, 2 * info.value, least + 1e-9);
+  const range = make("input", { type: "range", id, class: "needs-control needs-live", min: least, max: greatest, step: (greatest - least) / 1000 || 1, disabled: "" });
   const field = make("input", { type: "text", inputmode: "decimal", class: "needs-control needs-live", "aria-label": `${info.name}, value`, autocomplete: "off", disabled: "" });
   const note = make("p", { class: "note" });
   const knob = {
@@ -444,7 +447,7 @@ function buildKnob(info, place) {
   field.addEventListener("change", type);
   knobs.set(info.name, knob);
   const names = make("div", { class: "names" }, make("label", { for: id }, info.name), field);
-  const ends = make("div", { class: "ends" }, make("span", {}, `${significant(info.least)}${unit}`), make("span", {}, `${significant(info.greatest)}${unit}`));
+  const ends = make("div", { class: "ends" }, make("span", {}, `${significant(least)}${unit}`), make("span", {}, `${significant(greatest)}${unit}`));
   return make("div", { class: "knob" }, names, range, ends, note);
 }
 

@@ -176,16 +176,16 @@ fn lines<P: Chip>(bench: &Bench<P>, seed: u64) -> Vec<Row> {
         silence("1 ms", 1, 0..length, Moved::AsPlanned, 2),
         silence("100 ms", 100, 0..DENSE.start, Moved::AsPlanned, 4),
         silence("100 ms, while a motor turns", 100, DENSE, when_dense::<P>(), 2),
-        silence("100 ms, thereafter", 100, DENSE.end..length, Moved::AsPlanned, 2),
+        silence("100 ms, after that", 100, DENSE.end..length, Moved::AsPlanned, 2),
         silence("1 s", 1000, 0..UNTOLD, Moved::Tail, 2),
         silence("10 s", 10_000, 0..UNTOLD, Moved::Tail, 1),
         silence("good", 1_000_000, 0..UNTOLD, Moved::Tail, 1),
-        silence("good, after all was told", 1_000_000, TOLD..length, Moved::AsPlanned, 1),
+        silence("good, after the whole plan was sent", 1_000_000, TOLD..length, Moved::AsPlanned, 1),
     ];
     let unplugged = |from| Fault::Unplugged { from };
     let name = "the port gone from the computer".to_owned();
     rows.push(at_moments(bench, (name.clone(), 0..UNTOLD, Moved::Tail), 4, seed, unplugged));
-    let late = format!("{name}, after all was told");
+    let late = format!("{name}, after the whole plan was sent");
     rows.push(at_moments(bench, (late, TOLD..length, Moved::AsPlanned), 1, seed, unplugged));
 
     let edges: Vec<u64> =
@@ -220,7 +220,7 @@ fn hosts<P: Chip>(bench: &Bench<P>, seed: u64) -> Vec<Row> {
         stall("1 ms", 1, 0..length, Moved::AsPlanned, 2),
         stall("100 ms", 100, 0..DENSE.start, Moved::AsPlanned, 4),
         stall("100 ms, while a motor turns", 100, DENSE, when_dense::<P>(), 2),
-        stall("100 ms, thereafter", 100, DENSE.end..length, Moved::AsPlanned, 2),
+        stall("100 ms, after that", 100, DENSE.end..length, Moved::AsPlanned, 2),
         stall("1 s", 1000, 0..UNTOLD, Moved::Tail, 2),
         stall("10 s", 10_000, 0..UNTOLD, Moved::Tail, 2),
     ];
@@ -240,7 +240,7 @@ fn hosts<P: Chip>(bench: &Bench<P>, seed: u64) -> Vec<Row> {
 /// Faults of the board, and of files.
 fn boards<P: Chip>(bench: &Bench<P>, seed: u64) -> Vec<Row> {
     let hung = |at| Fault::Hung { at };
-    let name = "its program hangs: the watchdog bites after 1 s".to_owned();
+    let name = "its program hangs: the watchdog restarts it after 1 s".to_owned();
     let mut rows = vec![at_moments(bench, (name, 0..UNTOLD, Moved::Halted), 1, seed, hung)];
 
     let mut row = Row::new("its clock 0.5 % fast, or slow", P::NAME, "both", Moved::AsPlanned);

@@ -116,7 +116,7 @@ pub fn judge_film(
     options: &Options,
 ) -> Result<FilmReport, JudgeError> {
     let motor = find_motor(program, motor)?;
-    let turn = wheel.map_or(motor.scale.steps_per_rev, |wheel| wheel.steps_per_turn);
+    let turn = wheel.map_or(motor.scale.steps_per_rev, |wheel| wheel.units.steps_per_turn);
     let degrees = 360.0 / turn;
     let unit = track.unit.steps(turn);
     let until_s = options.until_s.unwrap_or(f64::INFINITY);

@@ -199,10 +199,10 @@ impl Moved {
         match self {
             Moved::AsPlanned => "as planned, each step in its tick",
             Moved::Tail => "as planned, then a stop within the limits",
-            Moved::Halted => "as planned, then nothing more",
+            Moved::Halted => "as planned, then they stop at once",
             Moved::NotAtAll => "nothing moved",
-            Moved::AsQueued => "as planned if so much was queued; else then a stop within the limits, and 1",
-            Moved::ByWholeLines => "as the lines say that arrived whole; for others, `err`",
+            Moved::AsQueued => "as planned if the queue lasts that long; else a stop within the limits, and 1",
+            Moved::ByWholeLines => "obey the lines that arrive undamaged; for the others, `err`",
         }
     }
 }

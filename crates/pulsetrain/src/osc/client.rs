@@ -1,0 +1,63 @@
+//! OSC as a client of a motion's hub.
+
+use std::sync::Arc;
+use std::sync::mpsc::{Receiver, RecvTimeoutError, sync_channel};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use super::{Agenda, Group, OscError, OscInfo, OscServer, OscSettings};
+use crate::control_socket::{ClientKind, Hub, HubSender, RunInfo, RunLine};
+use crate::live::Happened;
+
+/// Groups that may wait for the motion.
+const MOST_WAITING: usize = 64;
+/// How often the end of the motion is looked for.
+const LOOK: Duration = Duration::from_millis(100);
+
+/// Lets OSC steer a motion, in threads of its own, until the motion ends.
+///
+/// # Errors
+/// If the address cannot be used, or the system has no more threads.
+pub fn serve_osc(hub: &Hub, settings: OscSettings) -> Result<(), OscError> {
+    let client = hub.join(ClientKind::Osc).map_err(|error| OscError::Thread(std::io::Error::other(error)))?;
+    client.follow(true);
+    let (sender, groups) = sync_channel(MOST_WAITING);
+    let server = Arc::new(OscServer::open(settings, info_of(&hub.info()), sender)?);
+    let (requests, lines) = client.split();
+    let (hub, told) = (hub.clone(), Arc::clone(&server));
+    let spawn = |name: &str| thread::Builder::new().name(name.into());
+    spawn("OSC answers")
+        .spawn(move || {
+            while let Some(line) = lines.next_line() {
+                match serde_json::from_str(&line) {
+                    Ok(RunLine::Event(event)) => told.tell(&Happened::Session(event)),
+                    Ok(RunLine::Live(event)) => told.tell(&Happened::Live(event)),
+                    Ok(RunLine::Info(info)) => told.set_info(info_of(&info)),
+                    Ok(RunLine::Ended(_) | RunLine::Control { .. } | RunLine::Error { .. }) | Err(_) => {}
+                }
+            }
+        })
+        .map_err(OscError::Thread)?;
+    spawn("OSC requests").spawn(move || pass_on(&hub, &requests, &groups, &server)).map(drop).map_err(OscError::Thread)
+}
+
+fn info_of(info: &RunInfo) -> OscInfo {
+    OscInfo { motors: info.motors.clone(), knobs: info.knobs.clone() }
+}
+
+/// Passes groups on when they are due. `_server` listens as long as this runs.
+fn pass_on(hub: &Hub, requests: &HubSender, groups: &Receiver<Group>, _server: &OscServer) {
+    let mut agenda = Agenda::default();
+    while !hub.is_over_within(Duration::ZERO) {
+        let wait = agenda.next_due().map_or(LOOK, |due| due.saturating_duration_since(Instant::now()).min(LOOK));
+        match groups.recv_timeout(wait) {
+            // A full agenda drops what comes: nobody plans a thousand changes in earnest.
+            Ok(group) => drop(agenda.push(group)),
+            Err(RecvTimeoutError::Timeout) => {}
+            Err(RecvTimeoutError::Disconnected) => return,
+        }
+        while let Some(group) = agenda.take_due(Instant::now()) {
+            group.requests.into_iter().for_each(|request| requests.send(request));
+        }
+    }
+}
