@@ -52,13 +52,12 @@ use std::sync::Arc;
 pub use problem::{BrokenPath, FileError, PathPoint, Problem};
 pub use source::Source;
 pub use table_columns::{ColumnDistance, ColumnUse, Smoothing, TableColumns};
-pub use text::decoded;
-pub(crate) use text::is_of_text;
+pub use text::{csv_text, decoded};
 pub use winch::WinchScript;
 
 use crate::boards::{self, BoardRow};
 use crate::law::{Cursor, Law};
-use crate::program::{LONGEST_IDLE_MS, Motor, PositionUnits, Program, Tolerance, Wheel};
+use crate::program::{LONGEST_IDLE_MS, Motor, PositionUnits, Program, TipRecording, Tolerance, Wheel};
 use crate::quantity::{Base, nearest};
 use crate::{Grid, Time};
 use context::{Context, Loader, refuse};
@@ -75,6 +74,8 @@ pub struct Contents {
     pub tables: Vec<TableColumns>,
     /// What the motors turn, in their order.
     pub wheels: Vec<Wheel>,
+    /// Of each machine of the program: its recording, if it is a delta robot whose only motion that is.
+    pub recordings: Vec<Option<TipRecording>>,
 }
 
 impl Contents {
@@ -159,8 +160,8 @@ pub fn read_contents(
     load: &dyn Fn(&Path) -> io::Result<String>,
 ) -> Result<Contents, FileError> {
     read_as(text, name, |root| {
-        let (program, wheels) = program(root, load)?;
-        Ok(Contents { program, tables: root.reader.tables.take(), wheels })
+        let contents = program(root, load)?;
+        Ok(Contents { tables: root.reader.tables.take(), ..contents })
     })
 }
 
@@ -203,7 +204,7 @@ fn read_as<T>(text: &str, name: &str, what: impl Fn(&Section) -> Read<T>) -> Res
     }
 }
 
-fn program(root: &Section, load: Loader) -> Read<(Program, Vec<Wheel>)> {
+fn program(root: &Section, load: Loader) -> Read<Contents> {
     root.check_keys(&["board", "grid", "tolerance", "idle", "motor", "machine", "motion"]);
     let board = read_board(root);
     let grid = root.get("grid").map_or(Ok(Grid::NEAREST), |node| read_grid(&node));
@@ -238,15 +239,17 @@ fn program(root: &Section, load: Loader) -> Read<(Program, Vec<Wheel>)> {
         slack.push(draft.backlash.map_or(0.0, |backlash| backlash.steps));
         gearings.push(draft.gearing);
     }
-    let mut machines = Vec::new();
+    let (mut machines, mut recordings) = (Vec::new(), Vec::new());
     for ((_, draft), home) in machine_drafts.into_iter().zip(homes) {
         let draft = draft?;
         let gearings: Vec<&Gearing> = draft.motors.iter().map(|motor| &gearings[*motor]).collect();
         let slack: Vec<f64> = draft.motors.iter().map(|motor| slack[*motor]).collect();
         machines.push(draft.finish(root, &motors, &gearings, &slack, home.as_ref())?);
+        recordings.push(home.and_then(|home| Some(TipRecording { begin: home.at, tip: home.tip? })));
     }
     let (grid, idle_ms) = (grid?, idle?);
-    Ok((Program { board, grid, tolerance, idle_ms, motors, machines, queue_parts: Vec::new() }, wheels))
+    let program = Program { board, grid, tolerance, idle_ms, motors, machines, queue_parts: Vec::new() };
+    Ok(Contents { program, tables: Vec::new(), wheels, recordings })
 }
 
 fn read_board(root: &Section) -> Read<BoardRow> {
