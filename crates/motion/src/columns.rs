@@ -29,7 +29,8 @@ use csv::{ByteRecord, Reader, ReaderBuilder, Trim};
 
 use crate::law::double::Double;
 use crate::quantity::{Base, Quantity};
-pub use plain::{plain, text, with_line_feeds};
+pub(crate) use plain::has_lone_returns;
+pub use plain::{plain, with_line_feeds};
 
 /// Why a file cannot be read, and where.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]

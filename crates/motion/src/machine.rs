@@ -2,7 +2,6 @@
 //!
 //! # What is here
 //! - [`Machine`]: its motors, how they move the tip, and their positions at time zero
-//! - [`TipRecording`]: the path of a delta robot's tip, if it is a recording
 //! - [`Delta`]: a delta robot's arms: angles for a point, the point for angles
 //!
 //! # What is not
@@ -11,11 +10,8 @@
 use std::f64::consts::{FRAC_PI_2, TAU};
 use std::fmt;
 
-use crate::Time;
-use crate::law::Law;
-
 /// Several motors that draw one figure.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Machine {
     /// Its name in the file.
     pub name: String,
@@ -29,17 +25,6 @@ pub struct Machine {
     pub slack: Vec<f64>,
     /// The unit of the tip's coordinates: "mm", or the motors' unit.
     pub unit: String,
-    /// Of a delta robot whose only motion is a recording.
-    pub recording: Option<TipRecording>,
-}
-
-/// A delta robot's path from a table, neither repeated nor eased.
-#[derive(Clone, Debug)]
-pub struct TipRecording {
-    /// When it begins.
-    pub begin: Time,
-    /// x, y and z, mm.
-    pub tip: [Law; 3],
 }
 
 /// How motors move the tip.

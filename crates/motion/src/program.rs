@@ -1,8 +1,9 @@
 //! The content of a motion file, checked and in the units of motors: steps, seconds, nanoseconds.
 
-use crate::Grid;
 use crate::boards::{self, PinError};
+use crate::law::Law;
 use crate::machine::Machine;
+use crate::{Grid, Time};
 
 pub use crate::board::{Board, SegmentTicks, SharedSteps};
 pub use crate::motor::{CoilSequence, DriverTicks, DriverTiming, Limits, Motor, PositionUnits, Scale, Wheel, Wiring};
@@ -118,4 +119,13 @@ impl Tolerance {
     pub fn default_of(board: &Board) -> Tolerance {
         if board.hardware_timed { Tolerance::Ticks(1.0) } else { Tolerance::Seconds(1e-6) }
     }
+}
+
+/// A delta robot's path from a table, neither repeated nor eased.
+#[derive(Clone, Debug)]
+pub struct TipRecording {
+    /// When it begins.
+    pub begin: Time,
+    /// x, y and z, mm.
+    pub tip: [Law; 3],
 }

@@ -152,6 +152,11 @@ impl SharedDir {
             if member.ended && member.segment.is_none() {
                 return Ok(None);
             }
+            // Its next move may be asked for long before others have made the steps up to then.
+            if std::mem::take(&mut self.members[place].waits) {
+                self.members[place].due(self.fraction_bits)?;
+                continue;
+            }
             if !self.take_step()? {
                 return Ok(self.members[place].next_ready());
             }

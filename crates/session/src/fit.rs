@@ -547,10 +547,12 @@ fn smoothing(prepared: &Prepared, motor: &Motor, error: &PlanError) -> Option<St
     // A path's motors come from one table.
     let index = |name: &str| program.motors.iter().position(|motor| motor.name == name);
     let own = index(&motor.name)?;
-    let machine = program.machines.iter().find(|machine| machine.motors.contains(&own));
-    // Of a delta robot the tip is recorded, and its arms follow from it. Backlash is added to each arm's law: it is not tried here.
-    let recording = machine.filter(|machine| machine.slack.iter().all(|slack| *slack == 0.0));
-    let recording = recording.and_then(|machine| Some((machine, machine.recording.as_ref()?)));
+    let number = program.machines.iter().position(|machine| machine.motors.contains(&own));
+    let machine = number.map(|number| &program.machines[number]);
+    // Of a delta robot the tip is recorded, and its arms follow from it. A pause and backlash change each arm's law: they are not tried here.
+    let is_plain = |machine: &&Machine| prepared.pause.is_none() && machine.slack.iter().all(|slack| *slack == 0.0);
+    let recorded = || prepared.recordings.get(number?)?.as_ref();
+    let recording = machine.filter(is_plain).zip(recorded());
     if !is_curable || motor.law.tables().is_empty() && recording.is_none() {
         return None;
     }

@@ -107,7 +107,7 @@ const CAUTION: [f64; 3] = [1.0, 0.8, 0.5];
 
 /// Milliseconds of the plan that stay in the queues when they are emptied for a change, besides the time that the line needs: the change must be
 /// accepted before they are over.
-const ROOM_MS: u64 = 4;
+const STAYING_MS: u64 = 4;
 
 /// Milliseconds for which half of each queue is kept free for a change that did not fit in it.
 pub(crate) const RESERVED_MS: u64 = 300;
@@ -346,13 +346,13 @@ impl<B: Leased> Session<B> {
 }
 
 impl<B: Leased> Session<B> {
-    /// Takes back what the queues hold of the plan beyond the next [`ROOM_MS`] or so, so that they have room for another plan's beginning. The next
+    /// Takes back what the queues hold of the plan beyond the next [`STAYING_MS`] or so, so that they have room for another plan's beginning. The next
     /// [`fill`](Session::fill) sends it again. Returns false if nothing could be taken back.
     fn make_room(&mut self) -> Result<bool, SessionError> {
         self.board.await_extensions();
         self.check_board()?;
         // The change needs this answer, its own data and the answer to them. A link's time is as long as all of that takes at most.
-        let cut = self.earliest() + self.pace.link + self.pace.tick_hz * ROOM_MS / 1000;
+        let cut = self.earliest() + self.pace.link + self.pace.tick_hz * STAYING_MS / 1000;
         let is_answered = self.pending_extensions.is_empty() && self.replaced.is_none();
         if !is_answered || cut >= self.committed_until() || cut <= self.brakeable_from.max(self.stream.zero()) {
             return Ok(false);

@@ -6,7 +6,7 @@ use pulsetrain_motion::boards::BoardRow;
 use pulsetrain_motion::file::{Contents, TableColumns};
 use pulsetrain_motion::law::{Cursor, Ease, Law};
 use pulsetrain_motion::pins::PinsError;
-use pulsetrain_motion::program::{BoardError, Limits, Program};
+use pulsetrain_motion::program::{BoardError, Limits, Program, TipRecording};
 use pulsetrain_motion::time::Rate;
 use pulsetrain_motion::{Grid, LawError, Time, boards};
 use pulsetrain_plan::{Line, PlanError, SOFTEST_STOP_S, Way};
@@ -37,6 +37,8 @@ pub struct Prepared {
     pub line: Option<Line>,
     /// How the columns of its CSV files were read.
     pub tables: Vec<TableColumns>,
+    /// Of each machine: its recording, if it is a delta robot whose only motion that is.
+    pub recordings: Vec<Option<TipRecording>>,
 }
 
 /// Where a motion was cut: from there motors brake, and machines slow down along their path.
@@ -129,7 +131,7 @@ impl Prepared {
     /// # Errors
     /// When the motion does not fit the board.
     pub fn new(file: String, contents: Contents, board: Option<&str>) -> Result<Prepared, Refusal> {
-        let Contents { mut program, tables, .. } = contents;
+        let Contents { mut program, tables, recordings, .. } = contents;
         if let Some(row) = board.and_then(boards::find) {
             program = program.with_board(row.board).map_err(|error| Refusal::Board { file: file.clone(), error })?;
         }
@@ -137,7 +139,7 @@ impl Prepared {
             let refuse = |error: PinsError| Refusal::Pins { file: file.clone(), advice: error.advice(), error };
             wire(&mut program, &row).map_err(refuse)?;
         }
-        Ok(Prepared { file, program, cut: None, pause: None, line: None, tables })
+        Ok(Prepared { file, program, cut: None, pause: None, line: None, tables, recordings })
     }
 
     /// Cuts the laws after `length`, if that is not [`FOREVER`]. Without one, only endless laws are cut: after [`DEFAULT_LENGTH_S`], but not before the finite laws end.
@@ -145,10 +147,10 @@ impl Prepared {
     /// # Errors
     /// When a law cannot be evaluated before the cut.
     pub fn ending(self, length: Option<Time>) -> Result<Prepared, Refusal> {
-        let Prepared { file, mut program, line, tables, .. } = self;
+        let Prepared { file, mut program, line, tables, recordings, .. } = self;
         let cut =
             cut(&mut program, length).map_err(|(motor, error)| Refusal::Law { file: file.clone(), motor, error })?;
-        Ok(Prepared { file, program, cut, pause: None, line, tables })
+        Ok(Prepared { file, program, cut, pause: None, line, tables, recordings })
     }
 
     /// Plans for a board whose clock runs `ppm` parts per million faster than its nominal rate, so that a second of the law is a second of the clock

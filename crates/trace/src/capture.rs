@@ -1,6 +1,7 @@
 //! Captures: every file that can be judged. The kind is found from the content.
 
 use pulsetrain_motion::columns::{self, CsvTable};
+use pulsetrain_motion::file;
 
 use crate::camera::{self, Track};
 use crate::steps::{self, StepTrace};
@@ -27,7 +28,7 @@ pub fn read(bytes: &[u8]) -> Result<Capture, ReadError> {
     if bytes.trim_ascii_start().starts_with(b"$") {
         return vcd_file::read(bytes).map(Capture::Edges);
     }
-    let text = columns::text(bytes)?;
+    let text = file::csv_text(bytes)?;
     let bytes = text.as_bytes();
     if sigrok::is_sigrok(bytes) {
         return sigrok::read(bytes).map(Capture::Edges);

@@ -4,8 +4,7 @@
 
 use std::borrow::Cow;
 
-use super::{ReadError, Stated, Title, has_decimal_comma, moment, names_columns};
-use crate::file::{decoded, is_of_text};
+use super::{Stated, Title, has_decimal_comma, moment, names_columns};
 
 /// Lines at the beginning of a file in which its first row of numbers is looked for.
 const MOST_LINES: usize = 200;
@@ -23,37 +22,20 @@ enum Separator {
 const SEPARATORS: [Separator; 5] =
     [Separator::Byte(b'\t'), Separator::Byte(b';'), Separator::Byte(b'|'), Separator::Byte(b','), Separator::Blanks];
 
-/// The text of a file's bytes in any encoding that [`decoded`] knows, with a line feed at the end of every line.
-///
-/// # Errors
-/// If it is no text.
-///
-/// ```
-/// use pulsetrain_motion::columns::text;
-/// assert_eq!(text(b"\xff\xfet\0,\0a\0\r\0").as_deref(), Ok("t,a\n"));
-/// assert!(text(&[0; 10]).is_err());
-/// ```
-pub fn text(bytes: &[u8]) -> Result<Cow<'_, str>, ReadError> {
-    match std::str::from_utf8(bytes) {
-        Ok(text) if !(0..bytes.len()).any(|k| is_lone(bytes, k)) && text.chars().all(is_of_text) => {
-            Ok(Cow::Borrowed(text))
-        }
-        _ => match decoded(bytes.to_vec()) {
-            Ok(text) => Ok(Cow::Owned(with_line_feeds(text))),
-            Err(why) => Err(ReadError::new(1, 1, "text", why.trim_start_matches("this is no text: it has "))),
-        },
-    }
-}
-
 /// Whether a carriage return ends a line alone.
 fn is_lone(bytes: &[u8], k: usize) -> bool {
     bytes[k] == b'\r' && bytes.get(k + 1) != Some(&b'\n')
 }
 
+/// Whether a line ends with a carriage return alone.
+pub(crate) fn has_lone_returns(text: &str) -> bool {
+    (0..text.len()).any(|k| is_lone(text.as_bytes(), k))
+}
+
 /// A text with a line feed at the end of every line: old Macs wrote a carriage return alone.
 #[must_use]
 pub fn with_line_feeds(text: String) -> String {
-    if !(0..text.len()).any(|k| is_lone(text.as_bytes(), k)) {
+    if !has_lone_returns(&text) {
         return text;
     }
     let mut bytes = text.into_bytes();

@@ -7,7 +7,7 @@ use super::reader::{Node, Noted, Read, Section};
 use super::{motor_named, refuse};
 use crate::Time;
 use crate::law::{Cursor, Law};
-use crate::machine::{Delta, Kinematics, Machine, TipRecording};
+use crate::machine::{Delta, Kinematics, Machine};
 use crate::program::Motor;
 use crate::quantity::{Base, nearest};
 
@@ -224,7 +224,6 @@ impl MachineDraft {
             home: steps,
             slack: slack.to_vec(),
             unit,
-            recording: home.tip.clone().map(|tip| TipRecording { begin: home.at, tip }),
         })
     }
 }

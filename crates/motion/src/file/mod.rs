@@ -57,13 +57,12 @@ pub use problem::{BrokenPath, FileError, PathPoint, Problem};
 pub use sheet::{Parameter, ParameterValue, Sheet, UnknownParameter};
 pub use source::Source;
 pub use table_columns::{ColumnDistance, ColumnUse, Smoothing, TableColumns};
-pub use text::decoded;
-pub(crate) use text::is_of_text;
+pub use text::{csv_text, decoded};
 pub use winch::WinchScript;
 
 use crate::boards::{self, BoardRow};
 use crate::law::{Cursor, Law};
-use crate::program::{LONGEST_IDLE_MS, Motor, PositionUnits, Program, Tolerance, Wheel};
+use crate::program::{LONGEST_IDLE_MS, Motor, PositionUnits, Program, TipRecording, Tolerance, Wheel};
 use crate::quantity::{Base, nearest};
 use crate::{Grid, Time};
 use context::{Context, Loader, refuse};
@@ -83,6 +82,8 @@ pub struct Contents {
     pub wheels: Vec<Wheel>,
     /// What may be changed while the motion runs.
     pub live: Live,
+    /// Of each machine of the program: its recording, if it is a delta robot whose only motion that is.
+    pub recordings: Vec<Option<TipRecording>>,
 }
 
 impl Contents {
@@ -198,8 +199,8 @@ pub fn first_law(text: &str, motor: &str) -> Option<String> {
 }
 
 fn contents_of(root: &Section, table: &Table, load: Loader) -> Read<Contents> {
-    let (program, wheels, live) = program(root, table, load)?;
-    Ok(Contents { program, tables: root.reader.tables.take(), wheels, live })
+    let contents = program(root, table, load)?;
+    Ok(Contents { tables: root.reader.tables.take(), ..contents })
 }
 
 fn read_with<T>(source: &Arc<Source>, table: &Table, what: impl Fn(&Section) -> Read<T>) -> Result<T, FileError> {
@@ -213,7 +214,7 @@ fn read_with<T>(source: &Arc<Source>, table: &Table, what: impl Fn(&Section) -> 
     }
 }
 
-fn program(root: &Section, table: &Table, load: Loader) -> Read<(Program, Vec<Wheel>, Live)> {
+fn program(root: &Section, table: &Table, load: Loader) -> Read<Contents> {
     root.check_keys(&["board", "grid", "tolerance", "idle", "motor", "machine", "motion", "live", "cue"]);
     let board = read_board(root);
     let grid = root.get("grid").map_or(Ok(Grid::NEAREST), |node| read_grid(&node));
@@ -249,16 +250,17 @@ fn program(root: &Section, table: &Table, load: Loader) -> Read<(Program, Vec<Wh
         slack.push(draft.backlash.map_or(0.0, |backlash| backlash.steps));
         gearings.push(draft.gearing);
     }
-    let mut machines = Vec::new();
+    let (mut machines, mut recordings) = (Vec::new(), Vec::new());
     for ((_, draft), home) in machine_drafts.into_iter().zip(homes) {
         let draft = draft?;
         let gearings: Vec<&Gearing> = draft.motors.iter().map(|motor| &gearings[*motor]).collect();
         let slack: Vec<f64> = draft.motors.iter().map(|motor| slack[*motor]).collect();
         machines.push(draft.finish(root, &motors, &gearings, &slack, home.as_ref())?);
+        recordings.push(home.and_then(|home| Some(TipRecording { begin: home.at, tip: home.tip? })));
     }
     let (grid, idle_ms) = (grid?, idle?);
     let program = Program { board, grid, tolerance, idle_ms, motors, machines, queue_parts: Vec::new() };
-    Ok((program, wheels, live?))
+    Ok(Contents { program, tables: Vec::new(), wheels, live: live?, recordings })
 }
 
 fn read_board(root: &Section) -> Read<BoardRow> {

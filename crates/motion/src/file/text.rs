@@ -1,9 +1,11 @@
 //! The text of a file: what is no text, or far too much of it, is refused before it is read.
 
+use std::borrow::Cow;
 use std::fs::{self, File};
 use std::io::{self, ErrorKind, Read};
 use std::path::Path;
 
+use crate::columns::{ReadError, has_lone_returns, with_line_feeds};
 use crate::human;
 
 /// The largest motion file, bytes.
@@ -72,8 +74,28 @@ pub fn decoded(bytes: Vec<u8>) -> Result<String, &'static str> {
     }
 }
 
+/// The text of a file's bytes in any encoding that [`decoded`] knows, with a line feed at the end of every line.
+///
+/// # Errors
+/// If it is no text.
+///
+/// ```
+/// use pulsetrain_motion::file::csv_text;
+/// assert_eq!(csv_text(b"\xff\xfet\0,\0a\0\r\0").as_deref(), Ok("t,a\n"));
+/// assert!(csv_text(&[0; 10]).is_err());
+/// ```
+pub fn csv_text(bytes: &[u8]) -> Result<Cow<'_, str>, ReadError> {
+    match std::str::from_utf8(bytes) {
+        Ok(text) if !has_lone_returns(text) && text.chars().all(is_of_text) => Ok(Cow::Borrowed(text)),
+        _ => match decoded(bytes.to_vec()) {
+            Ok(text) => Ok(Cow::Owned(with_line_feeds(text))),
+            Err(why) => Err(ReadError::new(1, 1, "text", why.trim_start_matches("this is no text: it has "))),
+        },
+    }
+}
+
 /// Whether files of text have such a character.
-pub(crate) fn is_of_text(c: char) -> bool {
+fn is_of_text(c: char) -> bool {
     !c.is_control() || matches!(c, '\t' | '\n' | '\r' | '\u{b}' | '\u{c}' | '\u{1a}')
 }
 

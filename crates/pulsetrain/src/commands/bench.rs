@@ -266,7 +266,15 @@ fn prepared(board: &str, amplitude: f64, period_s: f64) -> miette::Result<Prepar
         machines: Vec::new(),
         queue_parts: Vec::new(),
     };
-    Ok(Prepared { file: name(period_s), program, cut: None, pause: None, line: None, tables: Vec::new() })
+    Ok(Prepared {
+        file: name(period_s),
+        program,
+        cut: None,
+        pause: None,
+        line: None,
+        tables: Vec::new(),
+        recordings: Vec::new(),
+    })
 }
 
 fn measure<P: Port>(

@@ -203,7 +203,7 @@ pub(crate) fn run(args: &LiveArgs, console: &mut Console<'_>) -> miette::Result<
     let ended = thread.join().map_err(|_| miette!("the motion's thread failed: please report it"))?;
     let unwritten = ended.unwritten;
     let exit = match ended.ended {
-        Ok(ended) => told_end(args, &name, &program, &ended, console),
+        Ok(ended) => print_end(args, &name, &program, &ended, console),
         Err(error) => {
             let has_moved = matches!(error, DriveError::Halted { .. });
             let problem = drive_problem(error);
@@ -221,7 +221,7 @@ pub(crate) fn run(args: &LiveArgs, console: &mut Console<'_>) -> miette::Result<
 }
 
 /// Says where the motors are, and how they get back.
-fn told_end(
+fn print_end(
     args: &LiveArgs,
     name: &str,
     program: &Program,

@@ -42,12 +42,12 @@ pub(crate) struct ReplayArgs {
 struct Again {
     /// Things done as in the log, and those that differ: what the log has, and what happened now.
     same: usize,
-    differs: Option<(Option<Timed>, Option<Timed>)>,
+    differs: Option<(Option<TickedEvent>, Option<TickedEvent>)>,
     end_s: f64,
 }
 
 /// Something done, and its tick.
-type Timed = (u64, Happened);
+type TickedEvent = (u64, Happened);
 
 pub(crate) fn run(args: &ReplayArgs, console: &mut Console<'_>) -> miette::Result<Exit> {
     let file = File::open(&args.log).map_err(|error| access("read", &args.log, error))?;
@@ -88,7 +88,7 @@ pub(crate) fn run(args: &ReplayArgs, console: &mut Console<'_>) -> miette::Resul
             "{time}. The log is of the board at {port}, whose ticks were its own: {changes} things are as they were there\n"
         ))?,
         (Some((logged, now)), None) => {
-            let told = |timed: &Option<Timed>| match timed {
+            let told = |timed: &Option<TickedEvent>| match timed {
                 Some((tick, happened)) => {
                     format!("at tick {tick}, {}", in_words(happened).unwrap_or_else(|| "its end".to_owned()))
                 }
@@ -117,7 +117,7 @@ fn again<B: Leased>(
     let mut trace = Trace::create(args.trace.as_deref(), hz, &driven.lines)?;
     let zero = driven.zero();
     let show = Show::new(driven, staged.desk.clone(), log.head.rejoins);
-    let mut done: Vec<Timed> = Vec::new();
+    let mut done: Vec<TickedEvent> = Vec::new();
     let (now, ended) = perform(show, log, PATIENCE_S * hz, &mut trace, &mut done);
     let unwritten: Option<Access> = trace.finish();
     if args.verbose {
@@ -136,7 +136,7 @@ fn again<B: Leased>(
     if let Some(error) = unwritten {
         return Err(error.into());
     }
-    let logged: Vec<Timed> = log
+    let logged: Vec<TickedEvent> = log
         .lines
         .iter()
         .filter_map(|line| match &line.entry {
@@ -166,7 +166,7 @@ fn perform<B: Leased>(
     log: &Replay,
     patience: u64,
     trace: &mut Trace,
-    done: &mut Vec<Timed>,
+    done: &mut Vec<TickedEvent>,
 ) -> (u64, Result<Option<Ended>, DriveError>) {
     let lines: &[LogLine] = &log.lines;
     let last = lines.last().map_or(0, |line| line.tick) + if is_whole(log) { patience } else { 0 };

@@ -6,9 +6,9 @@ use pulsetrain_session::control::{Command, Event};
 
 use super::hub::Hub;
 use super::{ControlSocket, RunEnded, RunInfo};
+use super::{Happened, Request};
 use crate::console::Console;
 use crate::interrupt;
-use crate::live::{Happened, Request};
 
 /// A run's hub with its control socket, and the requests of its clients and of Ctrl-C.
 #[derive(Debug)]

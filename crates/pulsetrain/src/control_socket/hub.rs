@@ -14,7 +14,7 @@ use serde::Serialize;
 use pulsetrain_session::control::{Command, Event};
 
 use super::{ClientLine, ControlState, RunEnded, RunInfo, RunLine};
-use crate::live::{Happened, LiveCommand, LiveEvent, Request};
+use super::{Happened, LiveCommand, LiveEvent, Request};
 
 /// Clients of a kind at a time. Each kind has places of its own, so that `pulsetrain stop` finds one however many pages are open.
 pub(super) const MOST_CLIENTS: usize = 16;
@@ -573,7 +573,7 @@ mod tests {
     use std::sync::mpsc::channel;
 
     use super::*;
-    use crate::live::{KnobInfo, KnobValue};
+    use crate::control_socket::{KnobInfo, KnobValue};
     use pulsetrain_session::control::Status;
 
     fn info(is_live: bool) -> RunInfo {

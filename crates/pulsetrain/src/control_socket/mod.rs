@@ -24,13 +24,13 @@ use pulsetrain_session::control::{Command, Event};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::live::{KnobInfo, LiveCommand, LiveEvent, Request};
 use crate::standing::Standing;
 
 #[cfg(unix)]
 mod client;
 mod control;
 mod hub;
+mod request;
 #[cfg(unix)]
 mod server;
 #[cfg(not(unix))]
@@ -42,6 +42,7 @@ pub(crate) use client::folder;
 pub use client::{RunClient, runs};
 pub use control::Control;
 pub use hub::{ClientKind, Hub, HubClient, HubLines, HubSender, JoinError, Next};
+pub use request::{Happened, KnobInfo, KnobValue, LiveCommand, LiveEvent, Request};
 #[cfg(unix)]
 use server::ControlSocket;
 #[cfg(not(unix))]
@@ -418,7 +419,6 @@ pub enum SocketError {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::live::KnobValue;
 
     #[test]
     fn lines_of_clients_are_commands_or_follow() {

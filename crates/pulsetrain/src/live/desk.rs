@@ -14,7 +14,7 @@ use pulsetrain_motion::quantity::{Quantity, nearest};
 use pulsetrain_motion::{Law, Time};
 use pulsetrain_session::prepare::Prepared;
 
-use super::request::{KnobInfo, KnobValue};
+use crate::control_socket::{KnobInfo, KnobValue};
 use crate::standing::start;
 
 /// The files that a motion file names, by the names that it gives them.

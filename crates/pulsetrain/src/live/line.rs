@@ -2,7 +2,7 @@
 
 use pulsetrain_session::control::Command;
 
-use super::request::{KnobValue, LiveCommand, Request};
+use crate::control_socket::{KnobValue, LiveCommand, Request};
 
 /// What a line asks for.
 #[derive(Clone, Debug, PartialEq)]

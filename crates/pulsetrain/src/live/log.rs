@@ -10,7 +10,7 @@ use std::path::PathBuf;
 use serde::{Deserialize, Serialize};
 
 use super::desk::Files;
-use super::request::{Happened, Request};
+use crate::control_socket::{Happened, Request};
 
 /// The version of these lines.
 pub const VERSION: u32 = 1;

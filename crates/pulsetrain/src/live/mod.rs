@@ -9,12 +9,11 @@
 mod desk;
 mod line;
 pub mod log;
-mod request;
 pub(crate) mod screen;
 mod show;
 pub mod watch;
 
+pub use crate::control_socket::{Happened, KnobInfo, KnobValue, LiveCommand, LiveEvent, Request};
 pub use desk::{Desk, Files, NoMotion, Refusal, Turn};
 pub use line::{HELP, LONGEST_LINE, Line, LineError};
-pub use request::{Happened, KnobInfo, KnobValue, LiveCommand, LiveEvent, Request};
 pub use show::{Show, Tell};

@@ -26,13 +26,13 @@ const FASTER: f64 = 1.1;
 /// A terminal in raw mode until this is dropped.
 pub(crate) struct Screen<'a> {
     out: &'a mut dyn Write,
-    rows: Rows,
+    rows: ScreenRows,
     /// Rows that are drawn now.
     drawn: u16,
 }
 
 /// What the rows show.
-struct Rows {
+struct ScreenRows {
     info: RunInfo,
     status: Option<Status>,
     tempo: f64,
@@ -51,7 +51,7 @@ impl<'a> Screen<'a> {
     /// If it is no terminal.
     pub(crate) fn new(out: &'a mut dyn Write, info: &RunInfo) -> io::Result<Screen<'a>> {
         terminal::enable_raw_mode()?;
-        let mut screen = Screen { out, rows: Rows::new(info), drawn: 0 };
+        let mut screen = Screen { out, rows: ScreenRows::new(info), drawn: 0 };
         screen.draw()?;
         Ok(screen)
     }
@@ -134,9 +134,9 @@ impl Drop for Screen<'_> {
     }
 }
 
-impl Rows {
-    fn new(info: &RunInfo) -> Rows {
-        Rows {
+impl ScreenRows {
+    fn new(info: &RunInfo) -> ScreenRows {
+        ScreenRows {
             info: info.clone(),
             status: None,
             tempo: 1.0,

@@ -16,7 +16,7 @@ use std::sync::Arc;
 use pulsetrain_motion::program::Program;
 
 use super::desk::{Desk, NoMotion, Turn};
-use super::request::{Happened, KnobValue, LiveCommand, LiveEvent, Request};
+use crate::control_socket::{Happened, KnobValue, LiveCommand, LiveEvent, Request};
 
 /// Hears what happens.
 pub type Tell<'a> = &'a mut dyn FnMut(Happened);

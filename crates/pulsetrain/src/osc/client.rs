@@ -3,9 +3,9 @@
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, sync_channel};
 use std::thread;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
-use super::{Agenda, Group, OscError, OscInfo, OscServer, OscSettings};
+use super::{Agenda, Group, Now, OscError, OscInfo, OscServer, OscSettings};
 use crate::control_socket::{ClientKind, Hub, HubSender, RunInfo, RunLine};
 use crate::live::Happened;
 
@@ -49,14 +49,14 @@ fn info_of(info: &RunInfo) -> OscInfo {
 fn pass_on(hub: &Hub, requests: &HubSender, groups: &Receiver<Group>, _server: &OscServer) {
     let mut agenda = Agenda::default();
     while !hub.is_over_within(Duration::ZERO) {
-        let wait = agenda.next_due().map_or(LOOK, |due| due.saturating_duration_since(Instant::now()).min(LOOK));
+        let wait = agenda.next_due().map_or(LOOK, |due| due.saturating_duration_since(Now::read().instant).min(LOOK));
         match groups.recv_timeout(wait) {
             // A full agenda drops what comes: nobody plans a thousand changes in earnest.
             Ok(group) => drop(agenda.push(group)),
             Err(RecvTimeoutError::Timeout) => {}
             Err(RecvTimeoutError::Disconnected) => return,
         }
-        while let Some(group) = agenda.take_due(Instant::now()) {
+        while let Some(group) = agenda.take_due(Now::read().instant) {
             group.requests.into_iter().for_each(|request| requests.send(request));
         }
     }

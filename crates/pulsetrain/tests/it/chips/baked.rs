@@ -440,8 +440,15 @@ fn what_is_too_fast_is_refused_as_in_a_run() {
     let law = "law.sine = { amplitude = \"300 rev\", period = \"1 s\", cycles = \"forever\" }";
     let program = program("", &motor((8, 9), A4988, law));
     let Err(BakeError::Plan(refused)) = Image::new(&program) else { panic!("it is taken") };
-    let prepared =
-        Prepared { file: "fast".to_owned(), program, cut: None, pause: None, line: None, tables: Vec::new() };
+    let prepared = Prepared {
+        file: "fast".to_owned(),
+        program,
+        cut: None,
+        pause: None,
+        line: None,
+        tables: Vec::new(),
+        recordings: Vec::new(),
+    };
     match prepared.refuse(refused) {
         Refusal::Plan { error: PlanError::TooFastForBoard { .. }, advice, .. } => assert!(!advice.is_empty()),
         other => panic!("{other:?}"),

@@ -159,8 +159,15 @@ fn turning(period_ms: u8) -> Program {
 fn eight_motors_beyond_the_limit_are_refused() {
     let program = turning(10);
     let Err(BakeError::Plan(refused)) = PicoImage::new(&program) else { panic!("it is taken") };
-    let prepared =
-        Prepared { file: "turning".to_owned(), program, cut: None, pause: None, line: None, tables: Vec::new() };
+    let prepared = Prepared {
+        file: "turning".to_owned(),
+        program,
+        cut: None,
+        pause: None,
+        line: None,
+        tables: Vec::new(),
+        recordings: Vec::new(),
+    };
     match prepared.refuse(refused) {
         Refusal::Plan { error: PlanError::TooManySegments { .. }, advice, .. } => {
             assert!(advice.contains("native"), "{advice}");

@@ -29,7 +29,15 @@ fn prepared(motors: usize, apart_us: u32, tolerance: &str, law: &str) -> Prepare
     }
     let mut program = file::read(&text, "motion.toml", &|_| Err(io::ErrorKind::NotFound.into())).unwrap();
     program.board.min_interval_ticks = vec![60; 4];
-    Prepared { file: "motion.toml".to_owned(), program, cut: None, pause: None, line: None, tables: Vec::new() }
+    Prepared {
+        file: "motion.toml".to_owned(),
+        program,
+        cut: None,
+        pause: None,
+        line: None,
+        tables: Vec::new(),
+        recordings: Vec::new(),
+    }
 }
 
 /// A trapezoid of 1.75 s with ramps of half a second.

@@ -325,7 +325,15 @@ fn prepared(file: &str, motors: Vec<Motor>) -> Prepared {
         machines,
         queue_parts: Vec::new(),
     };
-    Prepared { file: file.to_owned(), program, cut: None, pause: None, line: None, tables: Vec::new() }
+    Prepared {
+        file: file.to_owned(),
+        program,
+        cut: None,
+        pause: None,
+        line: None,
+        tables: Vec::new(),
+        recordings: Vec::new(),
+    }
 }
 
 /// A motion that a session plans and streams over USB: a row for all edges, with the scheduled error.

@@ -103,7 +103,15 @@ pub(crate) fn prepared(row: &BoardRow, motors: Vec<Motor>) -> Prepared {
         machines: Vec::new(),
         queue_parts: Vec::new(),
     };
-    Prepared { file: "a motion".to_owned(), program, cut: None, pause: None, line: None, tables: Vec::new() }
+    Prepared {
+        file: "a motion".to_owned(),
+        program,
+        cut: None,
+        pause: None,
+        line: None,
+        tables: Vec::new(),
+        recordings: Vec::new(),
+    }
 }
 
 /// Each motor's steps, as its driver sees them.

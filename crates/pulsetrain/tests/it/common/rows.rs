@@ -277,7 +277,15 @@ fn plateaus(pins: &[(u8, u8)], rate: f64, apart: f64) -> Prepared {
     let mut program = Program { board: row.board.clone(), motors, tolerance: Tolerance::Seconds(1e-6), ..program };
     program.board.min_interval_ticks = row.shortest_intervals(&program.motors);
     program.board.turn_ticks = row.turn_ticks(&program.motors);
-    Prepared { file: "plateaus".to_owned(), program, cut: None, pause: None, line: None, tables: Vec::new() }
+    Prepared {
+        file: "plateaus".to_owned(),
+        program,
+        cut: None,
+        pause: None,
+        line: None,
+        tables: Vec::new(),
+        recordings: Vec::new(),
+    }
 }
 
 /// The fastest of `rates` at which motors on these pins stay for a while, with a session, in phase and staggered. All
@@ -393,6 +401,7 @@ pub(crate) fn tutorial(period: Time, cycles: u64, (step, dir): (u8, u8), pulse_n
         pause: None,
         line: None,
         tables: Vec::new(),
+        recordings: Vec::new(),
     }
 }
 
