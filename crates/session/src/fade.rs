@@ -56,6 +56,8 @@ const PLACE_S: f64 = 0.004;
 const NEARLY_ALL: f64 = 0.999;
 /// How much of a fade is planned before it is sent: it must not take longer than the board's queues last.
 const PROVEN: Time = Time::SECOND;
+/// The fraction of a limit that a fade may use that begins with a resumption.
+const PAUSED: f64 = 0.5;
 /// How many times as fast as its laws a motor without a limit may be, in speed and acceleration.
 const UNLIMITED: f64 = 2.0;
 
@@ -397,6 +399,8 @@ impl<B: Leased> Session<B> {
                 let until = at + halt::ticks(tempo.to_pass(full_until - time), hz);
                 return Err(SessionError::Waiting { at, until });
             }
+            // The resumption speeds the laws' time up while the motors change over: it needs a part of each limit.
+            let caution = if session.is_paused() { PAUSED * caution } else { caution };
             let (fade, voices) = mix.quickest(change, time, tempo, caution)?;
             let over = tempo.to_pass(fade.over);
             mix.fades.push(fade);

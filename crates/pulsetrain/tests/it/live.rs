@@ -497,3 +497,38 @@ mod processes {
         assert_eq!(live.stop(), Some(0));
     }
 }
+
+/// A live motion with a page and OSC: the page opens, and a knob that is turned by OSC turns.
+#[test]
+fn a_page_opens_and_osc_turns_a_knob() {
+    use std::io::{BufRead, BufReader, Read, Write};
+    use std::net::{TcpStream, UdpSocket};
+    use std::process::Stdio;
+
+    let folder = pulsetrain_testkit::folder::Folder::new("live-page");
+    std::fs::create_dir(folder.0.join("run")).unwrap();
+    std::fs::write(folder.0.join("m.toml"), TEXT).unwrap();
+    // A port that is free now: OSC prints none.
+    let port = UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port().to_string();
+    let mut live = std::process::Command::new(env!("CARGO_BIN_EXE_pulsetrain"));
+    live.args(["live", "m.toml", "--native", "--quiet", "--page", "127.0.0.1:0", "--osc", &port]);
+    live.env("XDG_RUNTIME_DIR", folder.0.join("run")).current_dir(&folder.0);
+    let mut live = live.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    let mut lines = BufReader::new(live.stdout.take().unwrap()).lines().map_while(Result::ok);
+    let page = lines.find_map(|line| line.strip_prefix("the page: http://").map(str::to_owned)).expect("its link");
+    let host = page.split('/').next().unwrap();
+    let mut stream = TcpStream::connect(host).unwrap();
+    write!(stream, "GET / HTTP/1.1\r\nHost: {host}\r\nConnection: close\r\n\r\n").unwrap();
+    let mut answer = String::new();
+    stream.read_to_string(&mut answer).unwrap();
+    assert!(answer.starts_with("HTTP/1.1 200") && answer.contains("<title>"), "{answer}");
+    // `/speed 0.5`, by the bytes of OSC 1.0.
+    let packet = [&b"/speed\0\0,f\0\0"[..], &0.5f32.to_be_bytes()].concat();
+    let client = UdpSocket::bind("127.0.0.1:0").unwrap();
+    client.send_to(&packet, format!("127.0.0.1:{port}")).unwrap();
+    let turned = lines.find(|line| line.contains("speed") && line.contains("0.5")).expect("the knob turns");
+    assert!(turned.contains("Hz"), "{turned}");
+    writeln!(live.stdin.take().unwrap(), "stop").unwrap();
+    assert!(lines.any(|line| line.starts_with("stopped: ")));
+    assert_eq!(live.wait().unwrap().code(), Some(0));
+}
