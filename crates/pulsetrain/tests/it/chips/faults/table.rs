@@ -47,7 +47,7 @@ const MOTORS: [&str; 2] = ["a", "b"];
 fn numberless(text: &str) -> String {
     let mut less = String::new();
     for line in text.lines() {
-        let line = line.split("; if it did not take").next().unwrap_or(line);
+        let line = line.split(". If the last messages did not reach").next().unwrap_or(line);
         let line = MOTORS.iter().fold(line.to_owned(), |line, motor| {
             line.replace(&format!("plan for motor {motor},"), "plan for motor M,")
         });
