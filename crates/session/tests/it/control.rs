@@ -536,9 +536,9 @@ mod chips {
         }
     }
 
-    /// Also where the last of the plan comes too late: no motor "missed steps", and nobody need report the motion.
+    /// Wherever in a motion a host stalls: no motor "missed steps", and nobody need report the motion.
     #[test]
-    fn a_late_host_is_blamed_at_the_end_of_a_motion_too() {
+    fn a_late_host_is_never_the_motions_fault() {
         let prepared = moved_by(r#"law.sine = { amplitude = "0.5 rev", period = "1 s", cycles = 1 }"#);
         let mut late = 0;
         for k in 0..60 {
