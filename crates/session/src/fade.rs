@@ -3,8 +3,8 @@
 //! The program's time goes on, so that motors keep their common zero. A law that differs from the old one in frequency alone, or also in size, goes
 //! on at the same phase: during the change the old law's time speeds up or slows down to the new frequency, and the new law's time from the old one.
 
-use crate::pause::{Ceiling, PauseError, USABLE, highest_factor};
-use crate::{Session, SessionError, halt};
+use crate::pause::{Ceiling, PauseError, USABLE, highest_factor, ticks};
+use crate::{Session, SessionError};
 use pulsetrain_board::Leased;
 use pulsetrain_motion::law::{Cursor, Ease, fade_weight};
 use pulsetrain_motion::program::{Motor, Program};
@@ -396,7 +396,7 @@ impl<B: Leased> Session<B> {
                 mix = mix.at_rest(&positions.collect::<Result<Vec<f64>, _>>()?)?;
             }
             if let Some(full_until) = mix.full_until(time) {
-                let until = at + halt::ticks(tempo.to_pass(full_until - time), hz);
+                let until = at + ticks(tempo.to_pass(full_until - time), hz);
                 return Err(SessionError::Waiting { at, until });
             }
             // The resumption speeds the laws' time up while the motors change over: it needs a part of each limit.
@@ -408,10 +408,10 @@ impl<B: Leased> Session<B> {
             let new = Arc::new(mix.program(program)?);
             if !session.is_paused() {
                 let retimed = crate::pause::retimed(&new, time, Ease::steady(tempo))?;
-                session.change_proven(at, Arc::new(retimed), halt::ticks(over.min(PROVEN), hz))?;
+                session.change_proven(at, Arc::new(retimed), ticks(over.min(PROVEN), hz))?;
             }
             session.playback.changed(new, mix, time);
-            Ok(Transition { from: at, until: at + halt::ticks(over, hz) })
+            Ok(Transition { from: at, until: at + ticks(over, hz) })
         })
     }
 

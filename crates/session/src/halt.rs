@@ -1,7 +1,7 @@
 //! Pause, resume and tempo: the program is changed to its own laws with another rate of their time.
 
 use crate::fade::Mix;
-use crate::pause::{self, Ceiling};
+use crate::pause::{self, Ceiling, ticks};
 use crate::plans::Plans;
 use crate::{Session, SessionError};
 use pulsetrain_board::lease::{Lease, TrimRefused};
@@ -380,12 +380,6 @@ impl<B: Leased> Session<B> {
         }
         Ok(true)
     }
-}
-
-/// A time in ticks, rounded down, plus one.
-pub(crate) fn ticks(time: Time, hz: u64) -> u64 {
-    // Not negative, and an hour at most.
-    time.ticks(hz).0.unsigned_abs() + 1
 }
 
 /// Plans the first `ticks` of a program.

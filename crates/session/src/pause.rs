@@ -198,6 +198,12 @@ pub(crate) fn highest_factor(
     Ok(highest)
 }
 
+/// A time in ticks, rounded down, plus one.
+pub(crate) fn ticks(time: Time, hz: u64) -> u64 {
+    // Not negative, and an hour at most.
+    time.ticks(hz).0.unsigned_abs() + 1
+}
+
 /// The program with other laws.
 fn with_laws(program: &Program, change: impl Fn(Law) -> Result<Law, LawError>) -> Result<Program, PauseError> {
     let mut program = program.clone();

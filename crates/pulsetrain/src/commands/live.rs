@@ -243,13 +243,13 @@ fn print_end(
 /// A motion that runs in its own thread.
 struct Running {
     hub: Hub,
-    heard: Receiver<Told>,
+    heard: Receiver<MotionNews>,
     pending: Arc<AtomicUsize>,
     thread: thread::JoinHandle<Played>,
 }
 
 /// What the motion's thread tells the terminal.
-enum Told {
+enum MotionNews {
     Happened(Happened),
     Over,
 }
@@ -359,7 +359,7 @@ impl Parts {
         driven: Driven<B>,
         paced_hz: Option<u64>,
         mut trace: Trace,
-        tells: &Sender<Told>,
+        tells: &Sender<MotionNews>,
         pending: &AtomicUsize,
     ) -> Played {
         let mut show = Show::new(driven, self.desk.clone(), self.rejoins);
@@ -414,7 +414,7 @@ impl Parts {
         unwritten = unwritten.or(trace.finish());
         // A board that is told the end can be taken at once by the next program.
         drop(show.into_driven());
-        let _ = tells.send(Told::Over);
+        let _ = tells.send(MotionNews::Over);
         self.control.end(&end);
         Played { ended, unwritten }
     }
@@ -436,7 +436,7 @@ fn next_request(requests: &Receiver<Request>, wait: Duration) -> Option<Request>
 /// Tells everybody what happens, and keeps it for the log.
 struct News<'a> {
     hub: &'a Hub,
-    tells: &'a Sender<Told>,
+    tells: &'a Sender<MotionNews>,
     pending: &'a AtomicUsize,
     /// Whether other knobs or cues may be there now.
     has_knobs: bool,
@@ -461,7 +461,7 @@ impl News<'_> {
         }
         self.pending.fetch_add(1, Ordering::Relaxed);
         // The terminal listens until the end.
-        let _ = self.tells.send(Told::Happened(happened));
+        let _ = self.tells.send(MotionNews::Happened(happened));
     }
 
     fn log(&mut self, tick: u64, log: &Option<Log>) {
@@ -584,7 +584,7 @@ fn watch(path: &Path, known: &str, hub: &Hub) {
 struct Talk {
     info: RunInfo,
     hub: Hub,
-    heard: Receiver<Told>,
+    heard: Receiver<MotionNews>,
     pending: Arc<AtomicUsize>,
 }
 
@@ -607,8 +607,8 @@ impl Talk {
         console.print(format_args!("{} runs; `help` lists what can be written\n", self.info.file))?;
         loop {
             match self.heard.recv_timeout(KEYS) {
-                Ok(Told::Over) | Err(RecvTimeoutError::Disconnected) => return Ok(()),
-                Ok(Told::Happened(happened)) => {
+                Ok(MotionNews::Over) | Err(RecvTimeoutError::Disconnected) => return Ok(()),
+                Ok(MotionNews::Happened(happened)) => {
                     self.pending.fetch_sub(1, Ordering::Relaxed);
                     if let Some(text) = in_words(&happened) {
                         console.print(format_args!("{text}\n"))?;
@@ -627,8 +627,8 @@ impl Talk {
         let mut screen = Screen::new(console.err, &self.info).map_err(refuse)?;
         loop {
             match self.heard.recv_timeout(KEYS) {
-                Ok(Told::Over) | Err(RecvTimeoutError::Disconnected) => return Ok(()),
-                Ok(Told::Happened(happened)) => {
+                Ok(MotionNews::Over) | Err(RecvTimeoutError::Disconnected) => return Ok(()),
+                Ok(MotionNews::Happened(happened)) => {
                     self.pending.fetch_sub(1, Ordering::Relaxed);
                     screen.hear(&happened, in_words(&happened)).map_err(refuse)?;
                 }

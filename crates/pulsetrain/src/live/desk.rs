@@ -18,7 +18,7 @@ use crate::control_socket::{KnobInfo, KnobValue};
 use crate::standing::start;
 
 /// The files that a motion file names, by the names that it gives them.
-pub type Files = BTreeMap<PathBuf, String>;
+pub type FileTexts = BTreeMap<PathBuf, String>;
 
 /// The motion as it is wanted.
 #[derive(Clone, Debug)]
@@ -42,7 +42,7 @@ pub struct Desk {
 /// The files that were read, so that a knob does not read a large table again.
 #[derive(Debug, Default)]
 struct FileCache {
-    read: Mutex<Files>,
+    read: Mutex<FileTexts>,
     /// Whether only the given files are there.
     is_closed: bool,
 }
@@ -78,7 +78,7 @@ pub struct Turn {
 
 /// Why something that was asked for cannot be done.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum Refusal {
+pub enum ChangeRefusal {
     /// No knob, or no number of a law, has that name.
     #[error("there is no knob `{knob}`{}", .meant.as_ref().map_or_else(String::new, |meant| format!("; did you mean `{meant}`?")))]
     NoKnob {
@@ -129,7 +129,7 @@ impl Desk {
         name: &str,
         folder: PathBuf,
         board: Option<&str>,
-        files: Option<Files>,
+        files: Option<FileTexts>,
     ) -> Result<(Desk, Contents), FileError> {
         let sheet = Sheet::parse(text, name)?;
         let is_closed = files.is_some();
@@ -162,7 +162,7 @@ impl Desk {
     }
 
     /// Adds files that a changed motion file names, where no others are read.
-    pub fn provide(&self, files: &Files) {
+    pub fn provide(&self, files: &FileTexts) {
         self.files.lock().extend(files.clone());
     }
 
@@ -174,7 +174,7 @@ impl Desk {
 
     /// The files that the motion file named so far.
     #[must_use]
-    pub fn files(&self) -> Files {
+    pub fn files(&self) -> FileTexts {
         self.files.lock().clone()
     }
 
@@ -203,19 +203,19 @@ impl Desk {
     ///
     /// # Errors
     /// If the reader refuses it, or the motors would have to be set up anew.
-    pub fn program(&self) -> Result<Arc<Program>, Refusal> {
+    pub fn program(&self) -> Result<Arc<Program>, ChangeRefusal> {
         let contents = self.sheet().contents(&|named| self.files.load(&self.folder, named)).map_err(|error| {
             let advice = error.problems()[0].advice().map(|advice| format!(" ({advice})"));
-            Refusal::File(format!("{error}{}", advice.unwrap_or_default()))
+            ChangeRefusal::File(format!("{error}{}", advice.unwrap_or_default()))
         })?;
         let prepared = Prepared::new(self.name.clone(), contents, self.board.as_deref());
-        let mut program = prepared.map_err(|error| Refusal::File(error.to_string()))?.program;
+        let mut program = prepared.map_err(|error| ChangeRefusal::File(error.to_string()))?.program;
         check_setup(&self.setup, &program)?;
         program.queue_parts.clone_from(&self.setup.queue_parts);
         if let Some(CueTaken { number, begins: Some(begins) }) = self.cue {
             for motor in &self.live.cues[number].motors {
                 let law = &mut program.motors[*motor].law;
-                *law = law.clone().delayed(begins).map_err(|error| Refusal::File(error.to_string()))?;
+                *law = law.clone().delayed(begins).map_err(|error| ChangeRefusal::File(error.to_string()))?;
             }
         }
         Ok(Arc::new(program))
@@ -250,7 +250,7 @@ impl Desk {
     ///
     /// # Errors
     /// If there is no such knob, or the value is none of its kind.
-    pub fn turn(&self, name: &str, value: &KnobValue) -> Result<Turn, Refusal> {
+    pub fn turn(&self, name: &str, value: &KnobValue) -> Result<Turn, ChangeRefusal> {
         let knob = self.live.knobs.iter().find(|knob| knob.name == name);
         let sheet = self.sheet();
         let target = knob.map_or(name, |knob| &knob.target);
@@ -259,7 +259,7 @@ impl Desk {
             let knobs = self.live.knobs.iter().map(|knob| knob.name.as_str());
             let names = parameters.iter().map(|parameter| parameter.name.as_str()).chain(knobs);
             let meant = nearest(name, names).map(str::to_owned);
-            return Err(Refusal::NoKnob { knob: name.to_owned(), meant });
+            return Err(ChangeRefusal::NoKnob { knob: name.to_owned(), meant });
         };
         // A bare number is in the unit of the file, whatever a knob was turned to since.
         let of_file = self.sheet.parameter(target).ok();
@@ -267,17 +267,17 @@ impl Desk {
         let unit = knob.map_or(written, |knob| knob.unit.clone());
         let from = self
             .in_unit(&parameter.value, &unit, target)
-            .ok_or_else(|| Refusal::Value(format!("`{name}` has no value in {unit}")))?;
+            .ok_or_else(|| ChangeRefusal::Value(format!("`{name}` has no value in {unit}")))?;
         let wanted = match value {
             KnobValue::Number(number) => *number,
             KnobValue::Text(text) => self.number(text.trim(), &unit, name, target)?,
         };
         if !wanted.is_finite() {
-            return Err(Refusal::Value(format!("`{name}`: {wanted} is no number that a motor can follow")));
+            return Err(ChangeRefusal::Value(format!("`{name}`: {wanted} is no number that a motor can follow")));
         }
         let is_whole = matches!(parameter.value, ParameterValue::Whole(_)) && unit.is_empty();
         if is_whole && wanted.fract() != 0.0 && !self.takes_fractions(&sheet, target) {
-            return Err(Refusal::Value(format!("`{name}` takes whole numbers alone, but this is {wanted}")));
+            return Err(ChangeRefusal::Value(format!("`{name}` takes whole numbers alone, but this is {wanted}")));
         }
         let is_whole = is_whole && wanted.fract() == 0.0;
         let (mut to, mut range) = (wanted, None);
@@ -314,11 +314,11 @@ impl Desk {
     }
 
     /// A text as a number in a knob's unit.
-    fn number(&self, text: &str, unit: &str, name: &str, target: &str) -> Result<f64, Refusal> {
+    fn number(&self, text: &str, unit: &str, name: &str, target: &str) -> Result<f64, ChangeRefusal> {
         if let Ok(number) = text.parse::<f64>() {
             return Ok(number);
         }
-        let refuse = |why: String| Refusal::Value(format!("`{name}`: {why}"));
+        let refuse = |why: String| ChangeRefusal::Value(format!("`{name}`: {why}"));
         let quantity = Quantity::parse(text).map_err(|error| {
             refuse(match error.meant() {
                 Some(meant) => format!("{error}; did you mean \"{meant}\"?"),
@@ -368,10 +368,10 @@ impl Desk {
     ///
     /// # Errors
     /// If there is no such cue.
-    pub fn at_cue(&self, name: &str, now: Time) -> Result<(Desk, Cue), Refusal> {
+    pub fn at_cue(&self, name: &str, now: Time) -> Result<(Desk, Cue), ChangeRefusal> {
         let number = self.live.cues.iter().position(|cue| cue.name == name).ok_or_else(|| {
             let meant = nearest(name, self.live.cues.iter().map(|cue| cue.name.as_str())).map(str::to_owned);
-            Refusal::NoCue { cue: name.to_owned(), meant }
+            ChangeRefusal::NoCue { cue: name.to_owned(), meant }
         })?;
         Ok(self.at(number, now))
     }
@@ -386,14 +386,14 @@ impl Desk {
     ///
     /// # Errors
     /// If there is none.
-    pub fn at_other_cue(&self, is_next: bool, now: Time) -> Result<(Desk, Cue), Refusal> {
+    pub fn at_other_cue(&self, is_next: bool, now: Time) -> Result<(Desk, Cue), ChangeRefusal> {
         let number = match (self.cue, is_next) {
-            _ if self.live.cues.is_empty() => return Err(Refusal::NoOtherCue("the motion file has no cues")),
+            _ if self.live.cues.is_empty() => return Err(ChangeRefusal::NoOtherCue("the motion file has no cues")),
             (None, true) => 0,
             (Some(CueTaken { number, .. }), true) if number + 1 < self.live.cues.len() => number + 1,
-            (Some(_), true) => return Err(Refusal::NoOtherCue("this is the last cue")),
+            (Some(_), true) => return Err(ChangeRefusal::NoOtherCue("this is the last cue")),
             (Some(CueTaken { number, .. }), false) if number > 0 => number - 1,
-            (_, false) => return Err(Refusal::NoOtherCue("there is no cue before this one")),
+            (_, false) => return Err(ChangeRefusal::NoOtherCue("there is no cue before this one")),
         };
         Ok(self.at(number, now))
     }
@@ -415,13 +415,14 @@ impl Desk {
     /// still has it.
     ///
     /// # Errors
-    /// The file's problems, or [`Refusal`] if the motors would have to be set up anew.
+    /// The file's problems, or [`ChangeRefusal`] if the motors would have to be set up anew.
     pub fn with_file(&self, text: &str) -> Result<Desk, Box<NoMotion>> {
         let files = self.files.is_closed.then(|| self.files());
         let read = Desk::of(text, &self.name, self.folder.clone(), self.board.as_deref(), files);
         let (mut desk, contents) = read.map_err(|error| Box::new(NoMotion::File(error)))?;
         let prepared = Prepared::new(self.name.clone(), contents, self.board.as_deref());
-        let program = prepared.map_err(|error| Box::new(NoMotion::Other(Refusal::File(error.to_string()))))?.program;
+        let program =
+            prepared.map_err(|error| Box::new(NoMotion::Other(ChangeRefusal::File(error.to_string()))))?.program;
         check_setup(&self.setup, &program).map_err(|error| Box::new(NoMotion::Other(error)))?;
         desk.setup = Arc::clone(&self.setup);
         desk.cue = self.cue.and_then(|taken| {
@@ -447,13 +448,13 @@ impl Desk {
     ///
     /// # Errors
     /// If the text is no position of a motor.
-    pub fn at_position(&self, text: &str) -> Result<Arc<Program>, Refusal> {
+    pub fn at_position(&self, text: &str) -> Result<Arc<Program>, ChangeRefusal> {
         let text = text.trim();
         let mut program = Program::clone(&self.setup);
         for (motor, units) in program.motors.iter_mut().zip(&self.units) {
             let steps = if text == "0" { start(motor) } else { position(text, &motor.name, &motor.scale.unit, units)? };
             let rest = Law::speed(0.0, None).and_then(|rest| rest.shifted(steps));
-            motor.law = rest.map_err(|error| Refusal::Value(error.to_string()))?;
+            motor.law = rest.map_err(|error| ChangeRefusal::Value(error.to_string()))?;
         }
         // Each motor goes its own way.
         program.machines.clear();
@@ -469,11 +470,11 @@ pub enum NoMotion {
     File(FileError),
     /// It cannot be taken over while the motors run.
     #[error(transparent)]
-    Other(Refusal),
+    Other(ChangeRefusal),
 }
 
 impl FileCache {
-    fn lock(&self) -> std::sync::MutexGuard<'_, Files> {
+    fn lock(&self) -> std::sync::MutexGuard<'_, FileTexts> {
         self.read.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
@@ -491,12 +492,12 @@ impl FileCache {
 }
 
 /// A position of a motor, steps.
-fn position(text: &str, motor: &str, unit: &str, units: &PositionUnits) -> Result<f64, Refusal> {
+fn position(text: &str, motor: &str, unit: &str, units: &PositionUnits) -> Result<f64, ChangeRefusal> {
     /// Counts of every board have 32 bits.
     const FARTHEST: f64 = 2_147_483_647.0;
     let refuse = |why: String| {
         let help = format!("write it like \"90 {unit}\", or 0, where the motion began");
-        Refusal::Value(format!("{text:?} is no position of motor {motor}: {why}; {help}"))
+        ChangeRefusal::Value(format!("{text:?} is no position of motor {motor}: {why}; {help}"))
     };
     let quantity = Quantity::parse(text).map_err(|error| refuse(error.to_string()))?;
     if !quantity.base.is_position() || quantity.per_seconds != 0 {
@@ -507,8 +508,8 @@ fn position(text: &str, motor: &str, unit: &str, units: &PositionUnits) -> Resul
 }
 
 /// Checks that the motors need not be set up anew for another program.
-fn check_setup(setup: &Program, new: &Program) -> Result<(), Refusal> {
-    let refuse = |what: String| Err(Refusal::Setup(what));
+fn check_setup(setup: &Program, new: &Program) -> Result<(), ChangeRefusal> {
+    let refuse = |what: String| Err(ChangeRefusal::Setup(what));
     if setup.board != new.board {
         return refuse(match setup.board.name == new.board.name {
             true => "the motors load the board otherwise than before".to_owned(),

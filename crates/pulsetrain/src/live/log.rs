@@ -9,7 +9,7 @@ use std::path::PathBuf;
 
 use serde::{Deserialize, Serialize};
 
-use super::desk::Files;
+use super::desk::FileTexts;
 use crate::control_socket::{Happened, Request};
 
 /// The version of these lines.
@@ -59,7 +59,7 @@ pub enum LogEntry {
     /// Something happened.
     Done(Happened),
     /// Files that a changed motion file names.
-    Files(Files),
+    Files(FileTexts),
     /// The log ends here: the motion is over.
     Over,
 }

@@ -14,6 +14,6 @@ mod show;
 pub mod watch;
 
 pub use crate::control_socket::{Happened, KnobInfo, KnobValue, LiveCommand, LiveEvent, Request};
-pub use desk::{Desk, Files, NoMotion, Refusal, Turn};
+pub use desk::{ChangeRefusal, Desk, FileTexts, NoMotion, Turn};
 pub use line::{HELP, LONGEST_LINE, Line, LineError};
 pub use show::{Show, Tell};

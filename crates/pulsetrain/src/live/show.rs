@@ -33,7 +33,7 @@ pub struct Show<B> {
     /// What the motors follow, or change to.
     followed: Desk,
     /// A change that waits until another one has begun.
-    waiting: Option<Wish>,
+    waiting: Option<PendingChange>,
     /// Commands to the session: a step takes one.
     commands: VecDeque<Command>,
     /// The motors were sent to a position, and rest there until somebody asks for the motion again.
@@ -48,7 +48,7 @@ pub struct Show<B> {
 }
 
 /// A change of the motors' laws that was asked for.
-struct Wish {
+struct PendingChange {
     program: Arc<Program>,
     over: Option<Time>,
     /// What was asked for, and what is told when it is done.
@@ -150,8 +150,8 @@ impl<B: Leased> Show<B> {
             }
         };
         if ended.is_none() {
-            if let Some(wish) = self.waiting.take() {
-                self.change(wish, tell);
+            if let Some(pending_change) = self.waiting.take() {
+                self.change(pending_change, tell);
             }
             if self.follow_at_s.is_some_and(|at_s| at_s <= self.now_s) && self.waiting.is_none() {
                 self.follow_at_s = None;
@@ -216,7 +216,10 @@ impl<B: Leased> Show<B> {
             tell(Happened::Live(event));
             return Ok(None);
         }
-        self.wish(Wish { program, over: turn.over, answers: vec![(command, event)], is_parked: false }, tell);
+        self.pending_change(
+            PendingChange { program, over: turn.over, answers: vec![(command, event)], is_parked: false },
+            tell,
+        );
         Ok(None)
     }
 
@@ -262,7 +265,10 @@ impl<B: Leased> Show<B> {
         let follow = cue.follow.filter(|_| self.desk.has_cue_after(&cue));
         self.follow_at_s = follow.map(|follow| self.now_s + follow.seconds());
         let event = LiveEvent::Cue { name: cue.name, from_s: 0.0, until_s: 0.0 };
-        self.wish(Wish { program, over: cue.fade, answers: vec![(command, event)], is_parked: false }, tell);
+        self.pending_change(
+            PendingChange { program, over: cue.fade, answers: vec![(command, event)], is_parked: false },
+            tell,
+        );
     }
 
     fn goto(&mut self, position: String, tell: Tell<'_>) {
@@ -271,7 +277,10 @@ impl<B: Leased> Show<B> {
             Ok(program) => {
                 self.follow_at_s = None;
                 let event = LiveEvent::Goto { position, from_s: 0.0, until_s: 0.0 };
-                self.wish(Wish { program, over: None, answers: vec![(command, event)], is_parked: true }, tell);
+                self.pending_change(
+                    PendingChange { program, over: None, answers: vec![(command, event)], is_parked: true },
+                    tell,
+                );
             }
             Err(error) => refuse(command, &error, tell),
         }
@@ -282,7 +291,10 @@ impl<B: Leased> Show<B> {
         match self.desk.program() {
             Ok(program) => {
                 let event = LiveEvent::Returned { from_s: 0.0, until_s: 0.0 };
-                self.wish(Wish { program, over: None, answers: vec![(command, event)], is_parked: false }, tell);
+                self.pending_change(
+                    PendingChange { program, over: None, answers: vec![(command, event)], is_parked: false },
+                    tell,
+                );
             }
             Err(error) => refuse(command, &error, tell),
         }
@@ -328,32 +340,35 @@ impl<B: Leased> Show<B> {
             return tell(Happened::Live(event));
         }
         let command = LiveCommand::Motion { text: String::new() };
-        self.wish(Wish { program, over: None, answers: vec![(command, event)], is_parked: false }, tell);
+        self.pending_change(
+            PendingChange { program, over: None, answers: vec![(command, event)], is_parked: false },
+            tell,
+        );
     }
 
-    /// Changes to what is wished, after what waits: the last wish has all that was asked for before.
-    fn wish(&mut self, mut wish: Wish, tell: Tell<'_>) {
+    /// Changes to what is wished, after what waits: the last pending_change has all that was asked for before.
+    fn pending_change(&mut self, mut pending_change: PendingChange, tell: Tell<'_>) {
         if let Some(before) = self.waiting.take() {
-            wish.answers.splice(0..0, before.answers);
+            pending_change.answers.splice(0..0, before.answers);
         }
-        self.change(wish, tell);
+        self.change(pending_change, tell);
     }
 
-    fn change(&mut self, wish: Wish, tell: Tell<'_>) {
-        match self.driven.change_to(&change(Arc::clone(&wish.program), wish.over)) {
+    fn change(&mut self, pending_change: PendingChange, tell: Tell<'_>) {
+        match self.driven.change_to(&change(Arc::clone(&pending_change.program), pending_change.over)) {
             Ok(times) => {
                 self.followed = self.desk.clone();
-                self.is_parked = wish.is_parked;
-                for (_, mut event) in wish.answers {
+                self.is_parked = pending_change.is_parked;
+                for (_, mut event) in pending_change.answers {
                     set_times(&mut event, times);
                     tell(Happened::Live(event));
                 }
             }
-            Err(SessionError::Waiting { .. }) => self.waiting = Some(wish),
+            Err(SessionError::Waiting { .. }) => self.waiting = Some(pending_change),
             Err(error) => {
                 self.desk = self.followed.clone();
                 self.follow_at_s = None;
-                for (command, _) in wish.answers {
+                for (command, _) in pending_change.answers {
                     refuse(command, &error, tell);
                 }
             }

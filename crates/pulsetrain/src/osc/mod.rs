@@ -29,7 +29,7 @@ use crate::live::{KnobInfo, Request};
 pub use agenda::{Agenda, MOST_PLANNED};
 pub use client::serve_osc;
 pub use server::{OscCounts, OscServer};
-pub use translator::{Reply, Translation, Translator};
+pub use translator::{OscReply, Translation, Translator};
 
 /// The longest packet, bytes. Longer ones are refused.
 pub const LONGEST_PACKET: usize = 4096;

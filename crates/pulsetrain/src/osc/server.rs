@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 
 use pulsetrain_session::control::Event;
 
-use super::{Group, LONGEST_PACKET, Now, OscError, OscInfo, OscSettings, Reply, Translator};
+use super::{Group, LONGEST_PACKET, Now, OscError, OscInfo, OscReply, OscSettings, Translator};
 use crate::live::Happened;
 
 /// How long the receiving thread waits for a packet before it looks whether it is to end.
@@ -50,13 +50,13 @@ pub struct OscCounts {
 #[derive(Debug)]
 pub struct OscServer {
     address: SocketAddr,
-    shared: Arc<Shared>,
+    shared: Arc<OscShared>,
     happened: Option<SyncSender<Happened>>,
     threads: Vec<JoinHandle<()>>,
 }
 
 #[derive(Debug)]
-struct Shared {
+struct OscShared {
     socket: UdpSocket,
     translator: Mutex<Translator>,
     is_over: AtomicBool,
@@ -75,7 +75,7 @@ impl OscServer {
         let socket = UdpSocket::bind(settings.address).map_err(listen)?;
         socket.set_read_timeout(Some(WAIT)).map_err(listen)?;
         let address = socket.local_addr().map_err(listen)?;
-        let shared = Arc::new(Shared {
+        let shared = Arc::new(OscShared {
             socket,
             translator: Mutex::new(Translator::new(info, settings.reply_port)),
             is_over: AtomicBool::new(false),
@@ -148,7 +148,7 @@ impl Drop for OscServer {
     }
 }
 
-impl Shared {
+impl OscShared {
     fn translator(&self) -> MutexGuard<'_, Translator> {
         self.translator.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -205,8 +205,8 @@ impl Shared {
         }
     }
 
-    fn send(&self, replies: &[Reply]) {
-        for Reply { to, packet } in replies {
+    fn send(&self, replies: &[OscReply]) {
+        for OscReply { to, packet } in replies {
             // UDP promises nothing: a client that is gone hears nothing.
             drop(self.socket.send_to(packet, to));
         }

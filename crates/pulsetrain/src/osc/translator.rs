@@ -14,7 +14,7 @@ use crate::live::{Happened, KnobInfo, LiveCommand, LiveEvent, Request};
 
 /// A packet to send.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Reply {
+pub struct OscReply {
     /// To whom.
     pub to: SocketAddr,
     /// The bytes.
@@ -27,7 +27,7 @@ pub struct Translation {
     /// Groups of requests, in the order of the packet.
     pub groups: Vec<Group>,
     /// Answers to its sender.
-    pub replies: Vec<Reply>,
+    pub replies: Vec<OscReply>,
 }
 
 /// What the translator has counted.
@@ -41,7 +41,7 @@ pub(super) struct Counted {
 
 /// A client that hears what happens.
 #[derive(Clone, Debug)]
-struct Client {
+struct OscClient {
     /// From where it sends.
     from: SocketAddr,
     /// Where it listens.
@@ -104,7 +104,7 @@ pub struct Translator {
     info: OscInfo,
     reply_port: Option<u16>,
     /// The one that sent last is the last.
-    clients: Vec<Client>,
+    clients: Vec<OscClient>,
     status: Option<Status>,
     /// Until when of the motion the motors are busy, s.
     busy_until_s: Option<f64>,
@@ -167,7 +167,7 @@ impl Translator {
     }
 
     /// The reply to the sender of a group that could not be passed on.
-    pub(super) fn overrun(&mut self, from: SocketAddr, now: Instant) -> Vec<Reply> {
+    pub(super) fn overrun(&mut self, from: SocketAddr, now: Instant) -> Vec<OscReply> {
         let mut replies = Vec::new();
         let why = "too many commands at a time: this one was left out. Send fewer in a second".to_owned();
         self.refuse(why.into(), from, now, &mut replies);
@@ -239,7 +239,7 @@ impl Translator {
         &mut self,
         asked: Asked,
         from: SocketAddr,
-        replies: &mut Vec<Reply>,
+        replies: &mut Vec<OscReply>,
     ) -> Result<Option<Request>, Misunderstood> {
         match asked {
             Asked::Nothing => {}
@@ -300,7 +300,7 @@ impl Translator {
     }
 
     /// What the clients are to hear of what happened.
-    pub fn happened(&mut self, happened: &Happened, now: Instant) -> Vec<Reply> {
+    pub fn happened(&mut self, happened: &Happened, now: Instant) -> Vec<OscReply> {
         let mut replies = Vec::new();
         match happened {
             Happened::Session(Event::Status(status)) => self.status(status, now, &mut replies),
@@ -343,7 +343,7 @@ impl Translator {
         replies
     }
 
-    fn live(&mut self, event: &LiveEvent, replies: &mut Vec<Reply>) {
+    fn live(&mut self, event: &LiveEvent, replies: &mut Vec<OscReply>) {
         match event {
             LiveEvent::Set { knob, value, ceiling, until_s, .. } => {
                 let is_it = |known: &&mut KnobInfo| known.name == *knob;
@@ -373,7 +373,7 @@ impl Translator {
         }
     }
 
-    fn status(&mut self, status: &Status, now: Instant, replies: &mut Vec<Reply>) {
+    fn status(&mut self, status: &Status, now: Instant, replies: &mut Vec<OscReply>) {
         if self.busy_until_s.is_some_and(|until_s| status.at_s >= until_s) {
             self.rests(replies);
         }
@@ -395,7 +395,7 @@ impl Translator {
     }
 
     /// The client that sends from there. A new one hears errors and events.
-    fn client(&mut self, from: SocketAddr) -> &mut Client {
+    fn client(&mut self, from: SocketAddr) -> &mut OscClient {
         let count = self.info.motors.len();
         let known = self.clients.iter().position(|client| client.from == from);
         let client = match known {
@@ -405,7 +405,7 @@ impl Translator {
                     self.clients.remove(0);
                 }
                 let to = self.reply_to(from);
-                Client {
+                OscClient {
                     from,
                     to,
                     busy: vec![false; count],
@@ -423,7 +423,7 @@ impl Translator {
     /// Where the sender of a packet listens: where it said, where another sender at the same computer said, or from where it sends.
     fn reply_to(&self, from: SocketAddr) -> SocketAddr {
         let exactly = self.clients.iter().find(|client| client.from == from);
-        let elsewhere = |client: &&Client| client.from.ip() == from.ip() && client.to.port() != client.from.port();
+        let elsewhere = |client: &&OscClient| client.from.ip() == from.ip() && client.to.port() != client.from.port();
         let known = exactly.or_else(|| self.clients.iter().rev().find(elsewhere));
         known.map_or_else(|| SocketAddr::new(from.ip(), self.reply_port.unwrap_or(from.port())), |client| client.to)
     }
@@ -442,7 +442,7 @@ impl Translator {
         vec![motor_number(motor), OscType::Int(self.busy_until_s.is_some().into())]
     }
 
-    fn busy_until(&mut self, until_s: f64, replies: &mut Vec<Reply>) {
+    fn busy_until(&mut self, until_s: f64, replies: &mut Vec<OscReply>) {
         let was_busy = self.busy_until_s.is_some();
         self.busy_until_s = Some(self.busy_until_s.map_or(until_s, |before_s| before_s.max(until_s)));
         if !was_busy {
@@ -450,13 +450,13 @@ impl Translator {
         }
     }
 
-    fn rests(&mut self, replies: &mut Vec<Reply>) {
+    fn rests(&mut self, replies: &mut Vec<OscReply>) {
         if self.busy_until_s.take().is_some() {
             self.tell_busy(replies);
         }
     }
 
-    fn tell_busy(&self, replies: &mut Vec<Reply>) {
+    fn tell_busy(&self, replies: &mut Vec<OscReply>) {
         for client in &self.clients {
             for motor in (0..client.busy.len()).filter(|motor| client.busy[*motor]) {
                 replies.extend(encoded(client.to, "/busy", self.busy(motor)));
@@ -464,29 +464,29 @@ impl Translator {
         }
     }
 
-    fn state(&self, state: &str, replies: &mut Vec<Reply>) {
+    fn state(&self, state: &str, replies: &mut Vec<OscReply>) {
         self.all("/pulsetrain/state", &[OscType::String(state.to_owned())], replies);
     }
 
-    fn ceiling(&self, of: &str, ceiling: Option<&str>, replies: &mut Vec<Reply>) {
+    fn ceiling(&self, of: &str, ceiling: Option<&str>, replies: &mut Vec<OscReply>) {
         if let Some(ceiling) = ceiling {
             self.all("/pulsetrain/ceiling", &[of, ceiling].map(|text| OscType::String(text.to_owned())), replies);
         }
     }
 
-    fn all(&self, address: &str, arguments: &[OscType], replies: &mut Vec<Reply>) {
+    fn all(&self, address: &str, arguments: &[OscType], replies: &mut Vec<OscReply>) {
         replies.extend(self.clients.iter().filter_map(|client| encoded(client.to, address, arguments.to_vec())));
     }
 
     /// Tells who asked for it, and all clients, that a request was refused.
-    fn tell_refusal(&mut self, request: &Request, why: &str, replies: &mut Vec<Reply>) {
+    fn tell_refusal(&mut self, request: &Request, why: &str, replies: &mut Vec<OscReply>) {
         self.counted.refused += 1;
         let asked = self.asked.iter().rposition(|(asked, _)| asked == request);
         let asked = asked.and_then(|index| self.asked.remove(index)).map(|(_, from)| self.reply_to(from));
         self.tell_error(why, asked, replies);
     }
 
-    fn tell_error(&self, why: &str, first: Option<SocketAddr>, replies: &mut Vec<Reply>) {
+    fn tell_error(&self, why: &str, first: Option<SocketAddr>, replies: &mut Vec<OscReply>) {
         let clients = self.clients.iter().filter(|client| client.errors).map(|client| client.to);
         let mut told: Vec<SocketAddr> = Vec::new();
         for to in first.into_iter().chain(clients) {
@@ -498,7 +498,7 @@ impl Translator {
     }
 
     /// Tells the sender of a packet what is wrong with it.
-    fn refuse(&mut self, wrong: Misunderstood, from: SocketAddr, now: Instant, replies: &mut Vec<Reply>) {
+    fn refuse(&mut self, wrong: Misunderstood, from: SocketAddr, now: Instant, replies: &mut Vec<OscReply>) {
         self.counted.refused += 1;
         let is_wanted = self.clients.iter().find(|client| client.from == from).is_none_or(|client| client.errors);
         if self.may_complain(now) && is_wanted && replies.len() < MOST_REPLIES {
@@ -514,7 +514,7 @@ impl Translator {
         told < MOST_ERRORS
     }
 
-    fn reply(&self, from: SocketAddr, address: &str, arguments: Vec<OscType>, replies: &mut Vec<Reply>) {
+    fn reply(&self, from: SocketAddr, address: &str, arguments: Vec<OscType>, replies: &mut Vec<OscReply>) {
         if replies.len() < MOST_REPLIES {
             replies.extend(encoded(self.reply_to(from), address, arguments));
         }
@@ -558,12 +558,12 @@ fn steps(position: i64) -> OscType {
 }
 
 /// The form is the STEP400's: what is wrong, and the number of the motor.
-fn error(to: SocketAddr, why: &str, motor: i32) -> Option<Reply> {
+fn error(to: SocketAddr, why: &str, motor: i32) -> Option<OscReply> {
     encoded(to, "/error/command", vec![OscType::String(why.to_owned()), OscType::Int(motor)])
 }
 
 /// A message. `None` if it cannot be encoded, which no address of this file is.
-fn encoded(to: SocketAddr, address: &str, arguments: Vec<OscType>) -> Option<Reply> {
+fn encoded(to: SocketAddr, address: &str, arguments: Vec<OscType>) -> Option<OscReply> {
     // A text of OSC ends at its first 0.
     let clean = |argument| match argument {
         OscType::String(text) => OscType::String(text.replace('\0', "")),
@@ -571,7 +571,7 @@ fn encoded(to: SocketAddr, address: &str, arguments: Vec<OscType>) -> Option<Rep
     };
     let args = arguments.into_iter().map(clean).collect();
     let message = OscMessage { addr: address.to_owned(), args };
-    rosc::encoder::encode(&OscPacket::Message(message)).ok().map(|packet| Reply { to, packet })
+    rosc::encoder::encode(&OscPacket::Message(message)).ok().map(|packet| OscReply { to, packet })
 }
 
 #[cfg(test)]

@@ -43,7 +43,7 @@ struct KeptMotor {
 
 /// A line of the history: a column for each quantity, and in it one for each motor.
 #[derive(Serialize)]
-struct Line {
+struct HistoryLine {
     history: Columns,
 }
 
@@ -109,7 +109,7 @@ impl History {
         let mut columns = Columns::default();
         let mut flush = |columns: &mut Columns| {
             if !columns.at_s.is_empty() {
-                lines.extend(serde_json::to_string(&Line { history: std::mem::take(columns) }));
+                lines.extend(serde_json::to_string(&HistoryLine { history: std::mem::take(columns) }));
             }
         };
         for kept in &self.statuses {

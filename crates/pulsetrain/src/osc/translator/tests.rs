@@ -66,9 +66,9 @@ fn argument(argument: &OscType) -> String {
 }
 
 /// Replies for people: to which port, the address, the arguments.
-fn shown(replies: &[Reply]) -> String {
+fn shown(replies: &[OscReply]) -> String {
     let mut all = String::new();
-    for Reply { to, packet } in replies {
+    for OscReply { to, packet } in replies {
         let Ok(([], OscPacket::Message(OscMessage { addr, args }))) = rosc::decoder::decode_udp(packet) else {
             panic!("{packet:?}");
         };
@@ -257,9 +257,9 @@ fn answers_are_not_answered() {
     .to_vec();
     packets.push(b"rubbish".to_vec());
     let mut answer = |packet: &[u8]| translator.packet(packet, from(5000), now()).replies;
-    let answers: Vec<Reply> = packets.iter().flat_map(|packet| answer(packet)).collect();
+    let answers: Vec<OscReply> = packets.iter().flat_map(|packet| answer(packet)).collect();
     assert_eq!(answers.len(), 7);
-    for Reply { packet, .. } in answers {
+    for OscReply { packet, .. } in answers {
         assert_eq!(answer(&packet), []);
     }
 }
@@ -575,8 +575,8 @@ fn replies_about_errors_are_no_flood() {
     assert_eq!(shown(&again.replies).lines().count(), 1);
     // A sender whose clock is behind.
     let late = bytes(&bundle(time_tag::tag_of(now.system - Duration::from_secs(1)), vec![message("/pause", vec![])]));
-    let told = |translator: &mut Translator| translator.packet(&late, from(5000), now).replies.len();
-    assert_eq!((0..1000).map(|_| told(&mut translator)).sum::<usize>(), MOST_ERRORS as usize - 1);
+    let heard = |translator: &mut Translator| translator.packet(&late, from(5000), now).replies.len();
+    assert_eq!((0..1000).map(|_| heard(&mut translator)).sum::<usize>(), MOST_ERRORS as usize - 1);
     assert_eq!(translator.counted().late, 1000);
     // A small packet that asks for much.
     translator.happened(&status(1.0, [40, 7]), now.instant);
