@@ -11,11 +11,10 @@
 
 use std::error::Error;
 use std::sync::mpsc::sync_channel;
-use std::time::Instant;
 
 use pulsetrain::control_socket::MotorInfo;
 use pulsetrain::live::{Happened, KnobInfo, Request};
-use pulsetrain::osc::{OscInfo, OscServer, OscSettings, listen_address};
+use pulsetrain::osc::{Now, OscInfo, OscServer, OscSettings, listen_address};
 use pulsetrain::session::control::{Command, Event, MotorStatus, Status};
 use serde_json::json;
 
@@ -44,7 +43,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         Happened::Session(Event::Status(Status { at_s: count as f64, lease_s: None, motors, lateness: None }))
     };
     for group in groups {
-        let in_ms = group.due.saturating_duration_since(Instant::now()).as_millis();
+        let in_ms = group.due.saturating_duration_since(Now::read().instant).as_millis();
         println!("{}", json!({ "in_ms": in_ms, "requests": group.requests }));
         count += 1;
         server.tell(&status(count));

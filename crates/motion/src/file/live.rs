@@ -4,7 +4,7 @@ use super::context::Loader;
 use super::machine::{self, Home};
 use super::motor::MotorDraft;
 use super::reader::{Node, Noted, Read, Section};
-use super::sheet::{self, Parameter, ParameterValue};
+use super::sheet::{self, ParameterValue, SheetParameter};
 use super::{Timeline, motor_named, read_motions};
 use crate::Time;
 use crate::quantity::{Quantity, nearest};
@@ -24,7 +24,7 @@ pub struct Live {
 pub struct Knob {
     /// Its name.
     pub name: String,
-    /// The [`Parameter`] that it sets.
+    /// The [`SheetParameter`] that it sets.
     pub target: String,
     /// The unit of its range and of bare numbers; empty if the parameter is a bare number.
     pub unit: String,
@@ -74,7 +74,7 @@ pub(super) fn read(
     Ok(Live { knobs: knobs?, cues: cues? })
 }
 
-fn read_knobs(root: &Section, parameters: &[Parameter]) -> Read<Vec<Knob>> {
+fn read_knobs(root: &Section, parameters: &[SheetParameter]) -> Read<Vec<Knob>> {
     const EXAMPLE: &str = "[live.knobs] with speed = { target = \"wheel.frequency\", greatest = \"2 Hz\" }";
     let Some(node) = root.get("live") else { return Ok(Vec::new()) };
     let live = node.section("`live`".to_owned(), &["knobs"], EXAMPLE)?;
@@ -86,7 +86,7 @@ fn read_knobs(root: &Section, parameters: &[Parameter]) -> Read<Vec<Knob>> {
     knobs.into_iter().collect()
 }
 
-fn knob(knobs: &Section, node: &Node, parameters: &[Parameter]) -> Read<Knob> {
+fn knob(knobs: &Section, node: &Node, parameters: &[SheetParameter]) -> Read<Knob> {
     const EXAMPLE: &str = "target = \"wheel.frequency\"";
     let name = node.key;
     if name.is_empty() || name.contains(char::is_whitespace) || ORDERS.contains(&name) {
@@ -116,7 +116,7 @@ fn knob(knobs: &Section, node: &Node, parameters: &[Parameter]) -> Read<Knob> {
 }
 
 /// The parameter of that name.
-fn parameter_at<'p>(node: &Node, name: &str, parameters: &'p [Parameter]) -> Read<&'p Parameter> {
+fn parameter_at<'p>(node: &Node, name: &str, parameters: &'p [SheetParameter]) -> Read<&'p SheetParameter> {
     parameters.iter().find(|parameter| parameter.name == name).ok_or_else(|| {
         let names = || parameters.iter().map(|parameter| parameter.name.as_str());
         let help = match nearest(name, names()) {
@@ -127,7 +127,7 @@ fn parameter_at<'p>(node: &Node, name: &str, parameters: &'p [Parameter]) -> Rea
     })
 }
 
-fn unit_of(node: &Node, target: &Parameter) -> Read<String> {
+fn unit_of(node: &Node, target: &SheetParameter) -> Read<String> {
     let unit = node.text("unit = \"Hz\"")?.trim();
     let is_same = |a: &Quantity, b: &Quantity| a.kind() == b.kind();
     let (of_target, own) = (quantity_of(target), Quantity::parse(&format!("1 {unit}")).ok());
@@ -145,7 +145,7 @@ fn unit_of(node: &Node, target: &Parameter) -> Read<String> {
     }
 }
 
-fn quantity_of(parameter: &Parameter) -> Option<Quantity> {
+fn quantity_of(parameter: &SheetParameter) -> Option<Quantity> {
     match &parameter.value {
         ParameterValue::Quantity(text) => Quantity::parse(text).ok(),
         _ => None,
@@ -153,7 +153,7 @@ fn quantity_of(parameter: &Parameter) -> Option<Quantity> {
 }
 
 /// A bound of a knob, in the knob's unit.
-fn in_unit(node: &Node, unit: &str, target: &Parameter) -> Read<f64> {
+fn in_unit(node: &Node, unit: &str, target: &SheetParameter) -> Read<f64> {
     if unit.is_empty() {
         return node.number("2");
     }
@@ -177,7 +177,7 @@ fn read_cues(
     node: &Node,
     root: &Section,
     table: &Table,
-    parameters: &[Parameter],
+    parameters: &[SheetParameter],
     drafts: &[(String, Read<MotorDraft>)],
     machines: &[(String, Read<machine::MachineDraft>)],
     load: Loader,
@@ -202,7 +202,7 @@ fn read_cues(
 
 fn read_cue(
     node: &Node,
-    parameters: &[Parameter],
+    parameters: &[SheetParameter],
     drafts: &[(String, Read<MotorDraft>)],
     machines: &[(String, Read<machine::MachineDraft>)],
 ) -> Read<(Cue, Option<bool>)> {
@@ -245,7 +245,7 @@ fn read_cue(
     Ok((cue, begins?))
 }
 
-fn read_set(node: &Node, parameters: &[Parameter]) -> Read<Vec<(String, ParameterValue)>> {
+fn read_set(node: &Node, parameters: &[SheetParameter]) -> Read<Vec<(String, ParameterValue)>> {
     const EXAMPLE: &str = "set = { \"wheel.frequency\" = \"2 Hz\" }";
     let section = node.any_section("`set`".to_owned(), EXAMPLE)?;
     let mut set = Vec::new();
@@ -264,7 +264,7 @@ fn read_set(node: &Node, parameters: &[Parameter]) -> Read<Vec<(String, Paramete
     Ok(set)
 }
 
-fn set_one(node: &Node, name: &str, parameters: &[Parameter]) -> Read<(String, ParameterValue)> {
+fn set_one(node: &Node, name: &str, parameters: &[SheetParameter]) -> Read<(String, ParameterValue)> {
     let parameter = parameter_at(node, name, parameters)?;
     let value = match (node.as_whole(), node.as_number()) {
         (Some(whole), _) if matches!(parameter.value, ParameterValue::Whole(_)) => ParameterValue::Whole(whole),

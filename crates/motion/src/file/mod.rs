@@ -54,7 +54,7 @@ use std::sync::Arc;
 
 pub use live::{Cue, Knob, Live, ORDERS};
 pub use problem::{BrokenPath, FileError, PathPoint, Problem};
-pub use sheet::{Parameter, ParameterValue, Sheet, UnknownParameter};
+pub use sheet::{ParameterValue, Sheet, SheetParameter, UnknownParameter};
 pub use source::Source;
 pub use table_columns::{ColumnDistance, ColumnUse, Smoothing, TableColumns};
 pub use text::{csv_text, decoded};

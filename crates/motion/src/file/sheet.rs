@@ -25,12 +25,12 @@ pub struct Sheet {
 
 /// A number in a motor's law, by its name.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Parameter {
+pub struct SheetParameter {
     /// MOTOR.KEY, where MOTOR may also be a machine. If the motor's laws have the key several times, a number follows, from 1: `wheel.period.2`.
     pub name: String,
     /// What is written.
     pub value: ParameterValue,
-    place: Place,
+    place: SheetPlace,
 }
 
 /// The value of a parameter, as it is written.
@@ -78,7 +78,7 @@ impl ParameterValue {
 
 /// The way to a parameter from the file's root.
 #[derive(Clone, Debug, PartialEq)]
-struct Place {
+struct SheetPlace {
     /// Which `[[motion]]`.
     row: usize,
     /// The motor or machine.
@@ -173,7 +173,7 @@ impl Sheet {
 
     /// Every number in the motors' laws, in the file's order.
     #[must_use]
-    pub fn parameters(&self) -> Vec<Parameter> {
+    pub fn parameters(&self) -> Vec<SheetParameter> {
         parameters(&self.table)
     }
 
@@ -181,7 +181,7 @@ impl Sheet {
     ///
     /// # Errors
     /// If there is none.
-    pub fn parameter(&self, name: &str) -> Result<Parameter, UnknownParameter> {
+    pub fn parameter(&self, name: &str) -> Result<SheetParameter, UnknownParameter> {
         parameter(&self.table, name)
     }
 
@@ -206,8 +206,8 @@ impl Sheet {
 }
 
 /// Every number in the motors' laws.
-pub(super) fn parameters(root: &Table) -> Vec<Parameter> {
-    let mut found: Vec<(String, String, ParameterValue, Place)> = Vec::new();
+pub(super) fn parameters(root: &Table) -> Vec<SheetParameter> {
+    let mut found: Vec<(String, String, ParameterValue, SheetPlace)> = Vec::new();
     for (row, motion) in rows(root.get("motion")).into_iter().enumerate() {
         let Some(law) = motion.get("law").or_else(|| motion.get("path")) else { continue };
         let key = if motion.contains_key("law") { "law" } else { "path" };
@@ -223,13 +223,13 @@ pub(super) fn parameters(root: &Table) -> Vec<Parameter> {
             1 => names[index].clone(),
             _ => format!("{}.{}", names[index], names[..index].iter().filter(same).count() + 1),
         };
-        Parameter { name, value, place }
+        SheetParameter { name, value, place }
     });
     numbered.collect()
 }
 
 /// The parameter of that name.
-pub(super) fn parameter(root: &Table, name: &str) -> Result<Parameter, UnknownParameter> {
+pub(super) fn parameter(root: &Table, name: &str) -> Result<SheetParameter, UnknownParameter> {
     let parameters = parameters(root);
     match parameters.iter().find(|parameter| parameter.name == name) {
         Some(parameter) => Ok(parameter.clone()),
@@ -242,7 +242,7 @@ pub(super) fn parameter(root: &Table, name: &str) -> Result<Parameter, UnknownPa
 
 /// Gives a parameter another value.
 pub(super) fn set(root: &mut Table, name: &str, value: &ParameterValue) -> Result<(), UnknownParameter> {
-    let Parameter { place: Place { mut row, owner, way }, .. } = parameter(root, name)?;
+    let SheetParameter { place: SheetPlace { mut row, owner, way }, .. } = parameter(root, name)?;
     let unknown = || UnknownParameter { name: name.to_owned(), meant: None };
     // A motion of several motors becomes one of each, so that the others keep theirs.
     if let Some(motions) = motions_mut(root)
@@ -363,7 +363,7 @@ struct Walk<'a> {
     row: usize,
     owner: &'a str,
     way: Vec<Step>,
-    found: &'a mut Vec<(String, String, ParameterValue, Place)>,
+    found: &'a mut Vec<(String, String, ParameterValue, SheetPlace)>,
 }
 
 impl Walk<'_> {
@@ -403,7 +403,7 @@ impl Walk<'_> {
             }
             value => {
                 let Some(value) = ParameterValue::of(value) else { return };
-                let place = Place { row: self.row, owner: self.owner.to_owned(), way: self.way.clone() };
+                let place = SheetPlace { row: self.row, owner: self.owner.to_owned(), way: self.way.clone() };
                 self.found.push((self.owner.to_owned(), key.to_owned(), value, place));
             }
         }

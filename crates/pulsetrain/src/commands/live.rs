@@ -27,7 +27,7 @@ use crate::console::{self, Access, Console, Exit, access};
 use crate::control_socket::{ClientKind, Control, Ending, Hub, HubSender, RunEnded, RunInfo};
 use crate::diagnostic::{WrongFile, advised};
 use crate::live::log::{LogEntry, LogHead, LogLine, VERSION};
-use crate::live::screen::{Key, Screen};
+use crate::live::screen::{Key, LiveScreen};
 use crate::live::watch::{LOOK_MS, Watched};
 use crate::live::{Desk, HELP, Happened, KnobInfo, LONGEST_LINE, Line, LiveCommand, LiveEvent, Request, Show};
 use crate::osc::{OscSettings, listen_address, serve_osc};
@@ -198,7 +198,7 @@ pub(crate) fn run(args: &LiveArgs, console: &mut Console<'_>) -> miette::Result<
     if let Some(page) = &page {
         console.print(format_args!("the page: {}\n", page.url()))?;
     }
-    let talk = Talk { info: hub.info(), hub: hub.clone(), heard, pending };
+    let talk = TerminalSide { info: hub.info(), hub: hub.clone(), heard, pending };
     let talked = talk.until_the_end(args.quiet, console);
     let ended = thread.join().map_err(|_| miette!("the motion's thread failed: please report it"))?;
     let unwritten = ended.unwritten;
@@ -581,7 +581,7 @@ fn watch(path: &Path, known: &str, hub: &Hub) {
 }
 
 /// The terminal's side.
-struct Talk {
+struct TerminalSide {
     info: RunInfo,
     hub: Hub,
     heard: Receiver<MotionNews>,
@@ -591,7 +591,7 @@ struct Talk {
 /// How often keys are looked for.
 const KEYS: Duration = Duration::from_millis(30);
 
-impl Talk {
+impl TerminalSide {
     fn until_the_end(self, is_quiet: bool, console: &mut Console<'_>) -> miette::Result<()> {
         let client = self.hub.join(ClientKind::Terminal).map_err(|error| miette!("{error}"))?;
         let (sender, lines) = client.split();
@@ -624,7 +624,7 @@ impl Talk {
 
     fn at_a_terminal(self, sender: &HubSender, console: &mut Console<'_>) -> miette::Result<()> {
         let refuse = |error: io::Error| miette!("the terminal cannot be used: {error}; --quiet prints lines instead");
-        let mut screen = Screen::new(console.err, &self.info).map_err(refuse)?;
+        let mut screen = LiveScreen::new(console.err, &self.info).map_err(refuse)?;
         loop {
             match self.heard.recv_timeout(KEYS) {
                 Ok(MotionNews::Over) | Err(RecvTimeoutError::Disconnected) => return Ok(()),

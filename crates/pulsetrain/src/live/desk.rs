@@ -431,7 +431,7 @@ impl Desk {
             Some(CueTaken { number, ..taken })
         });
         let (old, new) = (self.sheet.parameters(), desk.sheet().parameters());
-        let value = |of: &[pulsetrain_motion::file::Parameter], name: &str| {
+        let value = |of: &[pulsetrain_motion::file::SheetParameter], name: &str| {
             of.iter().find(|parameter| parameter.name == name).map(|parameter| parameter.value.clone())
         };
         for (name, turned) in &self.turned {

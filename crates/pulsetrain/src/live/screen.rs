@@ -24,7 +24,7 @@ pub(crate) enum Key {
 const FASTER: f64 = 1.1;
 
 /// A terminal in raw mode until this is dropped.
-pub(crate) struct Screen<'a> {
+pub(crate) struct LiveScreen<'a> {
     out: &'a mut dyn Write,
     rows: ScreenRows,
     /// Rows that are drawn now.
@@ -44,14 +44,14 @@ struct ScreenRows {
     has_stopped: bool,
 }
 
-impl<'a> Screen<'a> {
+impl<'a> LiveScreen<'a> {
     /// Sets the terminal to raw mode.
     ///
     /// # Errors
     /// If it is no terminal.
-    pub(crate) fn new(out: &'a mut dyn Write, info: &RunInfo) -> io::Result<Screen<'a>> {
+    pub(crate) fn new(out: &'a mut dyn Write, info: &RunInfo) -> io::Result<LiveScreen<'a>> {
         terminal::enable_raw_mode()?;
-        let mut screen = Screen { out, rows: ScreenRows::new(info), drawn: 0 };
+        let mut screen = LiveScreen { out, rows: ScreenRows::new(info), drawn: 0 };
         screen.draw()?;
         Ok(screen)
     }
@@ -126,7 +126,7 @@ impl<'a> Screen<'a> {
     }
 }
 
-impl Drop for Screen<'_> {
+impl Drop for LiveScreen<'_> {
     fn drop(&mut self) {
         // Nobody is left who could see an error.
         let _ = self.erase().and_then(|()| self.out.flush());
