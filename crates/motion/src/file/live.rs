@@ -45,7 +45,7 @@ pub struct Cue {
     pub set: Vec<(String, ParameterValue)>,
     /// How long the change takes, at least.
     pub fade: Option<Time>,
-    /// After this time the next cue comes by itself.
+    /// The next cue begins after this time, without an order.
     pub follow: Option<Time>,
     /// The motors with motions of its own, in the program's order.
     pub motors: Vec<usize>,

@@ -179,7 +179,8 @@ pub fn read_contents(
     Sheet::parse(text, name)?.contents(load)
 }
 
-/// The law of a motor's first motion as the text of a motion file has it, in one line. `None` if a machine moves the motor, or if the text is wrong.
+/// The `law.…` of a motor's first `[[motion]]`, as written in the file, on one line. `None` if a machine moves the motor, or if the text is no
+/// motion file.
 ///
 /// ```
 /// use pulsetrain_motion::file;

@@ -161,11 +161,9 @@ fn weight_from_end(over: Time) -> [f64; 6] {
 fn blend(laws: &[Summand; 2], mut blend: Piece, weight: &[f64; 6]) -> Result<Piece, LawError> {
     let zero = blend.zero;
     let [(old, from), (new, to)] = laws.each_ref().map(|law| law.about(zero));
-    let mut new = new;
     blend.curve = match (old, new) {
         (Curve::Polynomial(old), Curve::Polynomial(new)) => blended_polynomial(&old, &new, to - from, weight),
-        (old, moved) => {
-            new = moved;
+        (old, mut new) => {
             new.raise(to - from);
             Curve::Faded { old: Box::new(old), new: Box::new(new), weight: *weight }
         }

@@ -174,7 +174,7 @@ pub(crate) fn run(args: &LiveArgs, console: &mut Console<'_>) -> miette::Result<
     let staged = Staged::new(opened, &name, args.board.as_deref(), way, console)?;
     let program = Arc::new(staged.prepared.program.clone());
     let osc = args.osc.as_deref().map(listen_address).transpose()?;
-    // A port that is taken is told before anything moves.
+    // If another program has the page's port, the error comes before anything moves.
     let page_at = args.page.as_deref().map(|text| page::listen(page::address(text)?)).transpose()?;
     let log = args.log.as_deref().map(|path| Log::create(path, &staged, args)).transpose()?;
     let mut info = RunInfo::new(&name, &program, args.port.as_deref(), args.native);
@@ -260,7 +260,7 @@ struct Played {
     unwritten: Option<Access>,
 }
 
-/// Connects to the board, and lets the motion run in a thread of its own: whoever listens never delays a step.
+/// Connects to the board, and lets the motion run in a thread of its own, so that clients never delay a step.
 fn begin(
     staged: Staged,
     args: &LiveArgs,
@@ -283,11 +283,11 @@ fn begin(
         interrupt::watch();
         return match kind {
             Some(kind) => match Driven::on_virtual(kind, prepared, *baud) {
-                Ok(driven) => Ok((parts.play(proving(driven, prepared, proof)?, Some(hz))?, text)),
+                Ok(driven) => Ok((parts.play(proving(driven, prepared, proof)?, Some(hz), drop)?, text)),
                 Err(error) => Err(failed(parts.control, drive_problem(error))),
             },
             None => match Driven::native(prepared) {
-                Ok(driven) => Ok((parts.play(proving(driven, prepared, proof)?, Some(hz))?, text)),
+                Ok(driven) => Ok((parts.play(proving(driven, prepared, proof)?, Some(hz), drop)?, text)),
                 Err(error) => Err(failed(parts.control, advised(error))),
             },
         };
@@ -318,7 +318,7 @@ fn begin(
         proving(driven.map_err(drive_problem)?, prepared, proof)
     })();
     match connected {
-        Ok(driven) => Ok((parts.play(driven, None)?, text)),
+        Ok(driven) => Ok((parts.play(driven, None, |driven| drop(driven.close()))?, text)),
         Err(error) => Err(failed(parts.control, error)),
     }
 }
@@ -343,14 +343,19 @@ struct Parts {
 const MOST_PENDING: usize = 64;
 
 impl Parts {
-    /// Lets the motion run in its own thread. With `paced_hz` the board's time keeps pace with the time of day.
-    fn play<B: Leased + Send + 'static>(self, driven: Driven<B>, paced_hz: Option<u64>) -> miette::Result<Running> {
+    /// Lets the motion run in its own thread. With `paced_hz` the board's time keeps pace with the time of day. `close` ends the session with the board.
+    fn play<B: Leased + Send + 'static>(
+        self,
+        driven: Driven<B>,
+        paced_hz: Option<u64>,
+        close: fn(Driven<B>),
+    ) -> miette::Result<Running> {
         let hub = self.control.hub().clone();
         let (tells, heard) = channel();
         let pending = Arc::new(AtomicUsize::new(0));
         let of_thread = Arc::clone(&pending);
         let trace = Trace::create(self.trace.as_deref(), paced_hz.unwrap_or(1), &driven.lines)?;
-        let thread = thread::spawn(move || self.played(driven, paced_hz, trace, &tells, &of_thread));
+        let thread = thread::spawn(move || self.played(driven, paced_hz, close, trace, &tells, &of_thread));
         Ok(Running { hub, heard, pending, thread })
     }
 
@@ -358,6 +363,7 @@ impl Parts {
         mut self,
         driven: Driven<B>,
         paced_hz: Option<u64>,
+        close: fn(Driven<B>),
         mut trace: Trace,
         tells: &Sender<MotionNews>,
         pending: &AtomicUsize,
@@ -412,8 +418,8 @@ impl Parts {
             unwritten = log.finish();
         }
         unwritten = unwritten.or(trace.finish());
-        // A board that is told the end can be taken at once by the next program.
-        drop(show.into_driven());
+        // The next program need not wait until the board takes this host for lost.
+        close(show.into_driven());
         let _ = tells.send(MotionNews::Over);
         self.control.end(&end);
         Played { ended, unwritten }
@@ -511,7 +517,7 @@ impl Log {
     }
 
     fn line(&self, tick: u64, entry: LogEntry) {
-        // A disk that is full is told at the end.
+        // If the disk is full, `finish` returns the error.
         let _ = self.lines.send(LogLine { tick, entry });
     }
 

@@ -25,7 +25,7 @@ impl Control {
     pub fn open(info: &RunInfo, console: &mut Console<'_>) -> Control {
         let (to_commands, commands) = channel();
         let (to_requests, requests) = channel();
-        // Once a run is over, nobody receives the command.
+        // After the end of a run the channel is closed, and a command is dropped.
         let hub = if info.is_live {
             let pressed = to_requests.clone();
             interrupt::send_to(move |command| {

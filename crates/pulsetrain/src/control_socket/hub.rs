@@ -352,7 +352,7 @@ impl HubSender {
         }
     }
 
-    /// Takes control from whichever page has it, or gives it back. Other kinds of clients need none.
+    /// Gives this page control, and takes it from the page that had it; or gives it up. Clients of other kinds control without it.
     pub fn control(&self, controls: bool) {
         if self.kind != ClientKind::Page {
             return self.complain("only pages take control: this client needs none".to_owned());

@@ -202,7 +202,7 @@ impl Desk {
     /// The motion as it is wanted.
     ///
     /// # Errors
-    /// If the reader refuses it, or the motors would have to be set up anew.
+    /// If the reader refuses it, or if it changes wiring, drivers or the board.
     pub fn program(&self) -> Result<Arc<Program>, ChangeRefusal> {
         let contents = self.sheet().contents(&|named| self.files.load(&self.folder, named)).map_err(|error| {
             let advice = error.problems()[0].advice().map(|advice| format!(" ({advice})"));
@@ -411,11 +411,11 @@ impl Desk {
         (desk, cue.clone())
     }
 
-    /// Takes a changed motion file over. Knobs that were turned keep their values, unless the file has a new value for them; a cue goes on if the file
-    /// still has it.
+    /// Takes a changed motion file over. A turned knob keeps its value, unless the file has a new one for it. The present cue
+    /// goes on if it is in the new file, too.
     ///
     /// # Errors
-    /// The file's problems, or [`ChangeRefusal`] if the motors would have to be set up anew.
+    /// The file's problems, or [`ChangeRefusal`] if it changes wiring, drivers or the board.
     pub fn with_file(&self, text: &str) -> Result<Desk, Box<NoMotion>> {
         let files = self.files.is_closed.then(|| self.files());
         let read = Desk::of(text, &self.name, self.folder.clone(), self.board.as_deref(), files);
@@ -507,7 +507,7 @@ fn position(text: &str, motor: &str, unit: &str, units: &PositionUnits) -> Resul
     if steps.abs() < FARTHEST { Ok(steps) } else { Err(refuse("it is too far away".to_owned())) }
 }
 
-/// Checks that the motors need not be set up anew for another program.
+/// Checks that another program has the same wiring, drivers and board: they are set up once, before the motion.
 fn check_setup(setup: &Program, new: &Program) -> Result<(), ChangeRefusal> {
     let refuse = |what: String| Err(ChangeRefusal::Setup(what));
     if setup.board != new.board {

@@ -128,7 +128,7 @@ impl<'a> LiveScreen<'a> {
 
 impl Drop for LiveScreen<'_> {
     fn drop(&mut self) {
-        // Nobody is left who could see an error.
+        // An error here cannot be shown: the terminal is what failed.
         let _ = self.erase().and_then(|()| self.out.flush());
         let _ = terminal::disable_raw_mode();
     }

@@ -39,7 +39,7 @@ pub struct Show<B> {
     /// The motors were sent to a position, and rest there until somebody asks for the motion again.
     is_parked: bool,
     is_paused: bool,
-    /// When the next cue comes by itself, s of the motion.
+    /// When the next cue begins without an order, s of the motion.
     follow_at_s: Option<f64>,
     now_s: f64,
     /// Whether motors that braked since the host was too slow join the motion again, and how many times they have.

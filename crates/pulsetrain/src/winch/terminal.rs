@@ -42,7 +42,7 @@ impl<'a> Terminal<'a> {
 
 impl Drop for Terminal<'_> {
     fn drop(&mut self) {
-        // Nobody is left who could see an error.
+        // An error here cannot be shown: the terminal is what failed.
         let _ = self.screen.end();
         let _ = terminal::disable_raw_mode();
     }

@@ -13,7 +13,7 @@ fn kind() -> BoardKind {
     BoardKind::named("uno").unwrap()
 }
 
-/// The same lines at the same ticks make the same edges; a limit is found on the way, and a cue comes by itself.
+/// The same lines at the same ticks make the same edges; a limit is found on the way, and a cue follows another.
 #[test]
 fn the_same_lines_make_the_same_edges() {
     let edges = |speed: &str| {
