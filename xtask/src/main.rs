@@ -170,6 +170,8 @@ enum Figures {
     Verbs,
     /// The angle of a wheel in films
     Film,
+    /// Motions that are changed while they run: latencies, hours of changes, the host's load
+    Live,
 }
 
 fn main() -> ExitCode {
@@ -191,6 +193,7 @@ fn main() -> ExitCode {
         Task::Bench { only: Some(Figures::Uno), motions: Some(seeds), .. } => bench::uno::motions(seeds),
         Task::Bench { only: Some(Figures::Uno), hour: false, .. } => bench::uno::run(),
         Task::Bench { only: Some(Figures::Uno), hour: true, .. } => bench::uno::hour(),
+        Task::Bench { only: Some(Figures::Live), .. } => bench::live::run(),
         Task::Bench { only: Some(Figures::Winch), .. } => bench::winch::run(),
         Task::Bench { only: Some(Figures::Verbs), .. } => bench::verbs::run(),
         Task::Bench { only: Some(Figures::Film), .. } => bench::film::run(),

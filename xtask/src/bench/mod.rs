@@ -2,6 +2,7 @@
 
 pub(crate) mod film;
 mod first_run;
+pub(crate) mod live;
 mod peers;
 pub(crate) mod pico;
 mod report;

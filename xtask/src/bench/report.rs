@@ -70,7 +70,7 @@ fn short(value: f64) -> String {
 }
 
 /// The processor and the compiler.
-fn machine() -> Done<String> {
+pub(super) fn machine() -> Done<String> {
     let info = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
     let model = info.lines().find_map(|line| line.strip_prefix("model name")).and_then(|rest| rest.split(": ").nth(1));
     let cores = std::thread::available_parallelism().map_or(1, usize::from);

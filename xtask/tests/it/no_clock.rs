@@ -3,8 +3,8 @@
 use std::path::{Path, PathBuf};
 
 /// Files that may read the clock: measurements, the times of progress messages, real ports, the virtual board that
-/// keeps pace with real time, the page's connections, which may not be slow, and the time tags of OSC.
-const MAY: [&str; 10] = [
+/// keeps pace with real time, the page's connections, which may not be slow, the time tags of OSC, and the time of day in a log.
+const MAY: [&str; 11] = [
     "/benches/",
     "xtask/src/accept/",
     "xtask/src/bench/",
@@ -12,6 +12,7 @@ const MAY: [&str; 10] = [
     "xtask/src/soak.rs",
     "xtask/src/test.rs",
     "crates/board/src/serial.rs",
+    "crates/pulsetrain/src/live/log.rs",
     "crates/pulsetrain/src/osc/",
     "crates/pulsetrain/src/page/server.rs",
     "crates/pulsetrain/src/serve.rs",

@@ -368,11 +368,13 @@ impl Parts {
         tells: &Sender<MotionNews>,
         pending: &AtomicUsize,
     ) -> Played {
+        let zero = driven.zero();
         let mut show = Show::new(driven, self.desk.clone(), self.rejoins);
         let hub = self.control.hub().clone();
         let time = |tick: u64| Duration::from_secs_f64(tick as f64 / paced_hz.unwrap_or(1) as f64);
         let mut pace = paced_hz.map(|_| RealTime::from(time(show.now())));
         let mut log = self.log.take();
+        log.iter_mut().for_each(|log| log.time.0 = zero);
         let ended = 'run: loop {
             let mut news = News { hub: &hub, tells, pending, has_knobs: false, done: Vec::new() };
             let mut requests = 0;
@@ -482,6 +484,8 @@ struct Log {
     lines: Sender<LogLine>,
     writer: thread::JoinHandle<Option<Access>>,
     files: usize,
+    /// The tick at which the motion begins, and ticks in a second.
+    time: (u64, u64),
 }
 
 impl Log {
@@ -513,12 +517,14 @@ impl Log {
             }
             None
         });
-        Ok(Log { lines, writer, files: staged.desk.files().len() })
+        Ok(Log { lines, writer, files: staged.desk.files().len(), time: (0, staged.prepared.program.board.tick_hz) })
     }
 
     fn line(&self, tick: u64, entry: LogEntry) {
+        let (zero, hz) = self.time;
+        let at_s = (tick as f64 - zero as f64) / hz as f64;
         // If the disk is full, `finish` returns the error.
-        let _ = self.lines.send(LogLine { tick, entry });
+        let _ = self.lines.send(LogLine::now(tick, at_s, entry));
     }
 
     /// Notes the files that a changed motion file names.

@@ -6,6 +6,7 @@
 use std::collections::BTreeMap;
 use std::io::{self, BufRead};
 use std::path::PathBuf;
+use std::time::{SystemTime, UNIX_EPOCH};
 
 use serde::{Deserialize, Serialize};
 
@@ -45,9 +46,24 @@ pub struct LogHead {
 pub struct LogLine {
     /// The board's time, ticks.
     pub tick: u64,
+    /// The same from the begin of the motion, s.
+    #[serde(default)]
+    pub at_s: f64,
+    /// This computer's clock: seconds since 1970 in UTC. A replay does not look at it.
+    #[serde(default)]
+    pub unix_s: f64,
     /// What it says.
     #[serde(flatten)]
     pub entry: LogEntry,
+}
+
+impl LogLine {
+    /// A line that is written now; `at_s` is the tick's time from the begin of the motion.
+    #[must_use]
+    pub fn now(tick: u64, at_s: f64, entry: LogEntry) -> LogLine {
+        let unix_s = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0.0, |since| since.as_secs_f64());
+        LogLine { tick, at_s, unix_s, entry }
+    }
 }
 
 /// What a line says.
@@ -146,15 +162,16 @@ mod tests {
             rejoins: true,
         };
         let value = KnobValue::Text("0.9 Hz".to_owned());
-        let lines = vec![
-            LogLine {
-                tick: 7,
-                entry: LogEntry::Asked(Request::Live(LiveCommand::Set { knob: "a".to_owned(), value })),
-            },
-            LogLine { tick: 7, entry: LogEntry::Asked(Request::Session(Command::Tempo { rate: 0.1 + 0.2 })) },
-            LogLine { tick: 8, entry: LogEntry::Done(Happened::Session(Event::Stopping { at_s: 1.0 / 3.0 })) },
-            LogLine { tick: 9, entry: LogEntry::Over },
+        let asked = |request| LogEntry::Asked(request);
+        let turned = Request::Live(LiveCommand::Set { knob: "a".to_owned(), value });
+        let entries = [
+            (7, asked(turned)),
+            (7, asked(Request::Session(Command::Tempo { rate: 0.1 + 0.2 }))),
+            (8, LogEntry::Done(Happened::Session(Event::Stopping { at_s: 1.0 / 3.0 }))),
+            (9, LogEntry::Over),
         ];
+        let lines =
+            entries.map(|(tick, entry)| LogLine { tick, at_s: tick as f64 / 3.0, unix_s: 1_764_300_000.123, entry });
         let mut text = serde_json::to_string(&head).unwrap() + "\n";
         for line in &lines {
             text += &(serde_json::to_string(line).unwrap() + "\n");
