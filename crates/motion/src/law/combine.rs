@@ -265,6 +265,14 @@ impl Summand {
         curve.rezero(Double::from(zero) - Double::from(piece.zero));
         (curve.plain(), Double::from(piece.origin))
     }
+
+    /// Its curve's terms with the time since `zero`, if they are known. They are those before the shift, because a curve's shift rounds.
+    pub(super) fn terms_about(&self, zero: Time) -> Option<Terms> {
+        let Some(piece) = &self.piece else { return Some(Terms::of_polynomial(&[0.0])) };
+        let mut terms = piece.curve.terms()?;
+        terms.rezero(Double::from(zero) - Double::from(piece.zero));
+        Some(terms)
+    }
 }
 
 /// The pieces of a sum of laws, from the one on that has the time `from`. A piece ends wherever a piece of one law ends.
@@ -313,11 +321,8 @@ fn merge(terms: &[Summand], start: Time, end: Time) -> Result<Piece, LawError> {
         if piece.entry == Entry::SpeedJump && piece.start == start {
             merged.entry = Entry::SpeedJump;
         }
-        let by = Double::from(start) - Double::from(piece.zero);
         accurate = accurate.and_then(|before: Option<Terms>| {
-            // This is compared before the shift, because that rounds.
-            let mut own = piece.curve.terms()?;
-            own.rezero(by);
+            let own = term.terms_about(start)?;
             Some(Some(match before {
                 Some(before) => before.and(own),
                 None => own,

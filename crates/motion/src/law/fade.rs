@@ -3,6 +3,7 @@
 //! With x from 0 to 1 over the fade, w = 10x³ − 15x⁴ + 6x⁵: speed and acceleration change without a jump at both ends. What the fade
 //! adds to the laws' own motion, with d = new − old: |d'|·w + |d|·1.875/over to the speed.
 
+use super::accurate::Accurate;
 use super::combine::Summand;
 use super::{Class, Curve, Double, Entry, Law, LawError, Piece, checked};
 use crate::Time;
@@ -144,28 +145,37 @@ impl Faded {
 }
 
 /// A fade's weight against the time since it began, 1/s^k.
-fn weight_from_begin(over: Time) -> [f64; 6] {
-    let over = Double::from(over);
+fn weight_from_begin(over: Time) -> [Accurate; 6] {
+    let over = Accurate::of(Double::from(over));
     let cube = over * over * over;
-    let c = |c: f64, scale: Double| (Double::from(c) / scale).nearest();
-    [0.0, 0.0, 0.0, c(10.0, cube), c(-15.0, cube * over), c(6.0, cube * over * over)]
+    let c = |c: f64| Accurate::from(c) / cube;
+    let zero = Accurate::ZERO;
+    [zero, zero, zero, c(10.0), c(-15.0) / over, c(6.0) / (over * over)]
 }
 
 /// A fade's weight against the time since its end, which is negative, 1/s^k.
-fn weight_from_end(over: Time) -> [f64; 6] {
-    let [_, _, _, c3, c4, c5] = weight_from_begin(over);
-    [1.0, 0.0, 0.0, c3, -c4, c5]
+fn weight_from_end(over: Time) -> [Accurate; 6] {
+    let [zero, _, _, c3, c4, c5] = weight_from_begin(over);
+    [Accurate::ONE, zero, zero, c3, -c4, c5]
 }
 
 /// The blend of two laws' pieces, in the place of `blend`.
-fn blend(laws: &[Summand; 2], mut blend: Piece, weight: &[f64; 6]) -> Result<Piece, LawError> {
+fn blend(laws: &[Summand; 2], mut blend: Piece, weight: &[Accurate; 6]) -> Result<Piece, LawError> {
     let zero = blend.zero;
     let [(old, from), (new, to)] = laws.each_ref().map(|law| law.about(zero));
     blend.curve = match (old, new) {
         (Curve::Polynomial(old), Curve::Polynomial(new)) => blended_polynomial(&old, &new, to - from, weight),
         (old, mut new) => {
             new.raise(to - from);
-            Curve::Faded { old: Box::new(old), new: Box::new(new), weight: *weight }
+            let terms = laws.each_ref().map(|law| law.terms_about(zero));
+            let terms = if let [Some(old), Some(mut new)] = terms {
+                new.raise(to - from);
+                Some(old.faded(new, *weight))
+            } else {
+                None
+            };
+            let weight = weight.map(Accurate::nearest);
+            Curve::Faded { old: Box::new(old), new: Box::new(new), weight }.accurate_by(terms)
         }
     };
     blend.raise(from)?;
@@ -173,12 +183,13 @@ fn blend(laws: &[Summand; 2], mut blend: Piece, weight: &[f64; 6]) -> Result<Pie
 }
 
 /// old + weight·(new + `higher` − old), multiplied out.
-fn blended_polynomial(old: &[f64], new: &[f64], higher: Double, weight: &[f64; 6]) -> Curve {
+fn blended_polynomial(old: &[f64], new: &[f64], higher: Double, weight: &[Accurate; 6]) -> Curve {
     let of = |c: &[f64], k: usize| Double::from(c.get(k).copied().unwrap_or(0.0));
+    let weight = weight.map(Accurate::nearest);
     let terms = old.len().max(new.len()).max(1);
     let difference = |k: usize| of(new, k) - of(old, k) + if k == 0 { higher } else { Double::ZERO };
     let c = (0..terms + weight.len() - 1).map(|k| {
-        let products = (0..terms.min(k + 1)).map(|i| difference(i) * of(weight, k - i));
+        let products = (0..terms.min(k + 1)).map(|i| difference(i) * of(&weight, k - i));
         products.fold(of(old, k), |sum, product| sum + product).nearest()
     });
     Curve::Polynomial(c.collect())

@@ -4,7 +4,8 @@
 
 use crate::common::{Step, settings, steps};
 use proptest::prelude::*;
-use pulsetrain_motion::law::SCurve;
+use pulsetrain_motion::law::{Ease, SCurve};
+use pulsetrain_motion::time::Rate;
 use pulsetrain_motion::{Grid, Law, Time};
 use pulsetrain_oracle::Real;
 use pulsetrain_plan::Settings;
@@ -255,6 +256,44 @@ fn sums_that_end_at_rest_on_a_level_are_planned() {
                 let (_, certificate) =
                     steps(&law, &settings).unwrap_or_else(|error| panic!("{swings} swings: {error}"));
                 assert_eq!(certificate.position, 400);
+            }
+        }
+    }
+}
+
+/// A sinusoid that fades into rest on a level, at a rate of its time.
+fn faded_into_rest(amplitude: f64, period_s: f64, level: f64, from_s: f64, over_s: f64, rate: f64) -> Case {
+    let seconds = Time::from_seconds;
+    let sine = Law::sine(amplitude, seconds(period_s), None).unwrap();
+    let rest = Law::speed(0.0, Some(seconds(from_s + over_s + 0.5))).unwrap().shifted(level).unwrap();
+    let law = sine.faded(rest, seconds(from_s), seconds(over_s)).unwrap();
+    let law = law.retimed(Time::ZERO, Ease::steady(Rate::of(rate).unwrap())).unwrap();
+    let end = real(from_s + over_s) / real(rate);
+    let theta = move |t: &Real| {
+        let t = t * real(rate);
+        let x = ((&t - real(from_s)) / real(over_s)).clamp(real(0.0), real(1.0));
+        let cube = &x * &x * &x;
+        let weight = real(10.0) * &cube - real(15.0) * &cube * &x + real(6.0) * cube * &x * &x;
+        let old = real(amplitude) * (real(1.0) - (real(2.0) * pi() * t / real(period_s)).cos());
+        &old + weight * (real(level) - &old)
+    };
+    // The sinusoid turns at a level, too: twice in a period.
+    let half_s = 0.5 * period_s / rate;
+    let turns = (0..).map(|k| f64::from(k) * half_s).take_while(|at_s| *at_s * rate < from_s + over_s);
+    let flat = turns.map(real).chain([end.clone()]).collect();
+    let what =
+        format!("{amplitude} steps in {period_s} s fade into {level} from {from_s} s within {over_s} s at {rate}");
+    Case { what, law, exact: Exact { theta: Box::new(theta), flat, end } }
+}
+
+/// `goto 0` of a live motion whose grid is `reach`.
+#[test]
+fn fades_into_rest_on_a_level_are_planned_and_right() {
+    for (amplitude, period_s, level) in [(50.0, 1.0, 0.0), (100.0, 2.0, 0.0), (25.0, 0.5, 40.0), (12.5, 0.25, 3.0)] {
+        for (from_s, over_s, rate) in [(0.3, 1.3, 1.0), (2.5, 2.5, 0.5), (1.0, 0.37, 3.0), (0.6, 30.0, 1.0)] {
+            let case = faded_into_rest(amplitude, period_s, level, from_s, over_s, rate);
+            for settings in all_settings() {
+                check(&case, &settings);
             }
         }
     }

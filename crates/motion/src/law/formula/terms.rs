@@ -32,6 +32,8 @@ enum Basis {
     Formula { tree: Expression, middle: Accurate },
     /// Others in another time, Σ c_k u^k.
     Warped { terms: Box<Terms>, time: Arc<[Accurate]> },
+    /// old + weight·(new − old), the weight being Σ c_k u^k.
+    Faded { old: Box<Terms>, new: Box<Terms>, weight: Arc<[Accurate]> },
 }
 
 /// Value and slope.
@@ -75,6 +77,12 @@ impl Terms {
         Terms::one(Basis::Warped { terms: Box::new(self), time: time.into() }, Accurate::ONE, Double::ZERO)
     }
 
+    /// These terms, which change into others: old + weight·(new − old), the weight being Σ c_k u^k.
+    pub(crate) fn faded(self, new: Terms, weight: [Accurate; 6]) -> Terms {
+        let (old, new) = (Box::new(self), Box::new(new));
+        Terms::one(Basis::Faded { old, new, weight: weight.into() }, Accurate::ONE, Double::ZERO)
+    }
+
     /// Of offset + amplitude·cos(omega·u + phase) with just these numbers.
     pub(crate) fn of_cosine(offset: f64, amplitude: f64, omega: f64, phase: f64) -> Terms {
         let source = Basis::Cosine { omega: Accurate::from(omega), phase: Accurate::from(phase) };
@@ -106,6 +114,11 @@ impl Terms {
                 Basis::Cosine { omega, phase } => series::sin_cos(&[*omega * t[0] + *phase, *omega * t[1]]).1,
                 Basis::Formula { tree, middle } => tree.at(&t, *middle),
                 Basis::Warped { terms, time } => terms.along(polynomial(time, &t), &[]),
+                Basis::Faded { old, new, weight } => {
+                    let (old, new) = (old.along(t, &[]), new.along(t, &[]));
+                    let difference = plus(&new, &old.map(|old| -old));
+                    plus(&old, &series::multiply(&polynomial(weight, &t), &difference))
+                }
             };
             sum = plus(&sum, &own.map(|own| *factor * own));
         }
