@@ -12,6 +12,7 @@ mod helps;
 mod json;
 mod link;
 mod live;
+mod live_random;
 mod machines;
 mod mutants;
 mod page;

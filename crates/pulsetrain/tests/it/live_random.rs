@@ -1,0 +1,114 @@
+//! Anything may be asked of a live motion at any time: the motors go on, keep to their limits, and lose no step.
+//!
+//! `PULSETRAIN_SEED` says other random requests, `PULSETRAIN_ROUNDS` how many times as many.
+
+use pulsetrain::live::{Desk, Line, Request, Show};
+use pulsetrain_board::{BoardKind, Edge, Leased};
+use pulsetrain_session::control::Command;
+use pulsetrain_session::drive::Driven;
+use pulsetrain_session::prepare::Prepared;
+use std::path::Path;
+
+/// Examples that can be changed while they run, with the time between two requests, s.
+const EXAMPLES: [&str; 9] = [
+    "live.toml",
+    "sweep.toml",
+    "sweep-phases.toml",
+    "formula.toml",
+    "tutorial.toml",
+    "circle.toml",
+    "lorenz.toml",
+    "delta.toml",
+    "s-curve.toml",
+];
+
+/// Requests of a round on a motion.
+const REQUESTS: u32 = 25;
+
+/// Knuth's generator of 64 bits.
+struct Random(u64);
+
+impl Random {
+    fn from(&mut self, least: f64, most: f64) -> f64 {
+        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        least + (most - least) * (self.0 >> 40) as f64 / (1u64 << 24) as f64
+    }
+
+    /// A line that somebody might type.
+    fn line<B: Leased>(&mut self, show: &Show<B>) -> String {
+        let (knobs, cues) = (show.desk().knobs(), show.desk().cues());
+        match self.from(0.0, 12.0) as u32 {
+            0 => format!("tempo {:.2}", self.from(0.0, 3.0)),
+            1 => "tempo 1".to_owned(),
+            2 => "pause".to_owned(),
+            3 | 4 => "resume".to_owned(),
+            5 => "goto 0".to_owned(),
+            6 if !cues.is_empty() => "go".to_owned(),
+            7 if !cues.is_empty() => "back".to_owned(),
+            _ if knobs.is_empty() => "resume".to_owned(),
+            kind => {
+                let knob = &knobs[self.from(0.0, knobs.len() as f64) as usize];
+                // Near what it is, or anything.
+                let value =
+                    if kind < 11 { knob.value * self.from(0.5, 1.6) } else { knob.value * self.from(-3.0, 20.0) };
+                let value = if kind == 8 { value.round() } else { value };
+                format!("{} {value}", knob.name)
+            }
+        }
+    }
+}
+
+/// Random requests at random times, on the native board or a virtual one.
+fn ask_at_random(example: &str, board: Option<&str>, seed: u64) {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples").join(example);
+    let (mut desk, contents) = Desk::open(&path, board).map_err(|error| error.plain()).unwrap();
+    let mut prepared = Prepared::new(example.to_owned(), contents, board).unwrap();
+    prepared.prove_first(|_| {}).unwrap();
+    desk.set_up(&prepared.program);
+    match board.and_then(BoardKind::named) {
+        None => asked(Show::new(Driven::native(&prepared).unwrap(), desk, false), example, seed),
+        Some(kind) => {
+            let driven = Driven::on_virtual(kind, &prepared, kind.usual_baud()).unwrap();
+            asked(Show::new(driven, desk, false), example, seed);
+        }
+    }
+}
+
+fn asked<B: Leased>(mut show: Show<B>, example: &str, seed: u64) {
+    let (begin, hz) = (show.now(), show.desk().setup().board.tick_hz as f64);
+    let mut random = Random(seed);
+    let mut lines = Vec::new();
+    let run = |show: &mut Show<B>, request: Option<Request>, lines: &[String]| {
+        let mut nobody = |_: Edge| {};
+        let asked = request.map_or(Ok(None), |request| show.obey(request, &mut nobody, &mut |_| {}));
+        let stepped = asked.and_then(|_| show.step(&mut nobody, &mut |_| {}));
+        stepped.unwrap_or_else(|error| panic!("{example}, seed {seed}, after {lines:#?}: {error}"))
+    };
+    for _ in 0..REQUESTS {
+        let at = show.now() + (hz * random.from(0.0, 2.0)) as u64;
+        while show.now() < at {
+            assert_eq!(run(&mut show, None, &lines), None, "nobody stopped it");
+        }
+        let line = random.line(&show);
+        lines.push(format!("{:.2} s: {line}", (show.now() - begin) as f64 / hz));
+        let Ok(Line::Request(request)) = Line::read(&line) else { panic!("{line} is no line") };
+        run(&mut show, Some(request), &lines);
+    }
+    // The board counts what was sent, or this is an error.
+    let mut ended = run(&mut show, Some(Request::Session(Command::Stop)), &lines);
+    while ended.is_none() {
+        ended = run(&mut show, None, &lines);
+    }
+}
+
+#[test]
+fn nothing_that_is_asked_stops_the_motors() {
+    let number = |name: &str| std::env::var(name).ok().and_then(|text| text.parse::<u64>().ok());
+    let (seed, rounds) = (number("PULSETRAIN_SEED").unwrap_or(1), number("PULSETRAIN_ROUNDS").unwrap_or(1));
+    println!("PULSETRAIN_SEED={seed}");
+    for example in EXAMPLES {
+        for round in 0..2 * rounds {
+            ask_at_random(example, None, seed + round);
+        }
+    }
+}
