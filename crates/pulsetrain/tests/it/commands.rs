@@ -659,7 +659,8 @@ fn a_reversed_dir_is_named() {
     let capture = folder.path("run/trace.vcd");
     let outcome = pulsetrain(&["verify", &capture, &file]);
     assert_eq!(outcome.exit, Exit::BoundBroken, "{}{}", outcome.out, outcome.err);
-    let hint = format!("DIR of wheel is reversed: the file says forward = \"{then}\", and each step is right with \"{now}\"");
+    let hint =
+        format!("DIR of wheel is reversed: the file says forward = \"{then}\", and each step is right with \"{now}\"");
     let advice = format!("Write forward = \"{now}\" in [motor.wheel]");
     assert!(outcome.out.contains(&hint) && outcome.out.contains(&advice), "{}", outcome.out);
     // What is wrong in another way is not called reversed.

@@ -291,6 +291,25 @@ fn an_endless_rest_is_stopped_and_judged() {
     assert!(said.contains("This motion makes no step") && said.contains("PASS: stopped on your order"), "{said}");
 }
 
+/// The figure of a path without an end is compared with the path up to the stop.
+#[test]
+fn the_figure_of_an_endless_path_is_measured_up_to_the_stop() {
+    let user = User::new("ctl-figure");
+    let circle = concat!(env!("CARGO_MANIFEST_DIR"), "/../../examples/circle.toml");
+    let circle = std::fs::read_to_string(circle).unwrap();
+    assert!(circle.contains("cycles = 2"));
+    std::fs::write(user.folder.0.join("circle.toml"), circle.replace("cycles = 2", "cycles = \"forever\"")).unwrap();
+    let files = ["--native", "--no-trace", "--no-steps"];
+    let run =
+        user.command(&[&["run", "circle", "--for", "forever", "--out", "out"][..], &files].concat()).spawn().unwrap();
+    let _line = user.line_to(&run);
+    user.says(&["stop"], 0);
+    assert_eq!(run.wait_with_output().unwrap().status.code(), Some(0));
+    let report: Value = serde_json::from_slice(&std::fs::read(user.folder.0.join("out/report.json")).unwrap()).unwrap();
+    let figure = &report["figures"][0];
+    assert!(figure["motor_steps"].as_f64().unwrap() < 1.0 && figure["tip"].as_f64().unwrap() < 0.02, "{figure}");
+}
+
 /// A run that plans, or judges at its end, sends no status: `status` does not wait for it.
 #[test]
 fn status_does_not_wait_for_a_run_that_is_silent() {
@@ -347,7 +366,9 @@ fn an_endless_run_is_steered_and_stopped() {
     assert_eq!(names, ["plot.svg", "report.json"]);
     let report: Value = serde_json::from_slice(&std::fs::read(user.folder.0.join("out/report.json")).unwrap()).unwrap();
     assert!(
-        report["asked_s"].is_null() && report["judged_until_s"].as_f64().unwrap() > 0.0 && report["stopped"]["motors"][0]["steps"].is_i64(),
+        report["asked_s"].is_null()
+            && report["judged_until_s"].as_f64().unwrap() > 0.0
+            && report["stopped"]["motors"][0]["steps"].is_i64(),
         "{report}"
     );
     // Only a run can go on for ever.
