@@ -3,6 +3,7 @@
 //! The program's time goes on, so that motors keep their common zero. A law that differs from the old one in frequency alone, or also in size, goes
 //! on at the same phase: during the change the old law's time speeds up or slows down to the new frequency, and the new law's time from the old one.
 
+use crate::halt::TRIED_MOVES;
 use crate::pause::{Ceiling, PauseError, USABLE, highest_factor, ticks};
 use crate::{Session, SessionError};
 use pulsetrain_board::Leased;
@@ -437,6 +438,6 @@ impl<B: Leased> Session<B> {
         if highest < tempo.get() {
             return Ok(ceiling);
         }
-        Ok(self.line_refuses(&change.program, tempo))
+        Ok(self.line_refuses(&change.program, tempo, TRIED_MOVES).map(|(ceiling, _)| ceiling))
     }
 }
