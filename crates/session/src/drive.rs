@@ -848,7 +848,7 @@ fn is_last_step_past<B: Leased>(session: &Session<B>) -> bool {
 }
 
 /// Seconds of the motion that are always proven ahead of the motors.
-const PROOF_AHEAD_MIN_S: f64 = 5.0;
+const PROOF_AHEAD_MIN_S: f64 = 1.0;
 /// Seconds of the motion that the proof gets ahead of the motors, if there is time for it.
 const PROOF_AHEAD_MAX_S: f64 = 3600.0;
 /// Moves that are proven in each step of a run: about half a millisecond of work, a twentieth of a step at most.
