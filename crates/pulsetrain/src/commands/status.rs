@@ -125,7 +125,12 @@ impl Display for RunStatus<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let RunStatus { run, status, positions } = self;
         let Some(status) = status else {
-            return writeln!(f, "{} at {}: no status now; it plans its motion, or judges what it made", run.file, run.place());
+            return writeln!(
+                f,
+                "{} at {}: no status now; it plans its motion, or judges what it made",
+                run.file,
+                run.place()
+            );
         };
         write!(f, "{} at {}, {}:", run.file, run.place(), human::seconds_to(status.at_s, 4))?;
         for ((motor, state), position) in run.motors.iter().zip(&status.motors).zip(positions) {

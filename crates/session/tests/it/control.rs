@@ -501,59 +501,6 @@ mod chips {
         assert!(Driven::on_board(&prepared, connected(), Some(5)).is_err());
     }
 
-    /// A host that does nothing for a second, once.
-    struct Stalled {
-        uno: VirtualUno,
-        at: Option<Duration>,
-        /// What came meanwhile.
-        unread: Vec<u8>,
-    }
-
-    impl Port for Stalled {
-        fn now(&self) -> Duration {
-            self.uno.now()
-        }
-
-        fn send(&mut self, bytes: &[u8]) -> Result<(), PortError> {
-            if self.at.is_some_and(|at| self.uno.now() >= at) {
-                self.at = None;
-                self.uno.receive(self.uno.now() + Duration::from_secs(1), &mut self.unread)?;
-            }
-            self.uno.send(bytes)
-        }
-
-        fn receive(&mut self, until: Duration, into: &mut Vec<u8>) -> Result<(), PortError> {
-            into.append(&mut self.unread);
-            self.uno.receive(until, into)
-        }
-
-        fn set_baud(&mut self, baud: Baud) -> Result<(), PortError> {
-            self.uno.set_baud(baud)
-        }
-
-        fn has_edges(&self) -> bool {
-            false
-        }
-    }
-
-    /// Wherever in a motion a host stalls: no motor "missed steps", and nobody need report the motion.
-    #[test]
-    fn a_late_host_is_never_the_motions_fault() {
-        let prepared = moved_by(r#"law.sine = { amplitude = "0.5 rev", period = "1 s", cycles = 1 }"#);
-        let mut late = 0;
-        for k in 0..60 {
-            let at = Duration::from_millis(50 * k);
-            let port = Stalled { uno: VirtualUno::new(), at: Some(at), unread: Vec::new() };
-            // Before the motion a host may be as late as it likes.
-            let Ok(mut driven) = Driven::at(&prepared, port, Baud::B1M) else { continue };
-            let Err(error) = driven.run(&mut |_: Edge| {}, |_| {}) else { continue };
-            let DriveError::Halted { why, .. } = &error else { panic!("{at:?}: {error}") };
-            assert!(!matches!(**why, DriveError::Missed { .. }), "{at:?}: {error}");
-            late += 1;
-        }
-        assert!(late >= 5, "{late}");
-    }
-
     #[test]
     fn a_cable_that_is_pulled_in_a_pause_ends_the_run() {
         let prepared = prepared();

@@ -108,8 +108,9 @@ impl First {
         for (steps, motor) in self.steps.iter().zip(&program.motors) {
             let mut crossings = Crossings::new(&motor.law, program.grid, tick_hz.max(1));
             for &tick in steps {
-                let crossing =
-                    crossings.advance_until(until).map_err(|error| JudgeError::Law { motor: motor.name.clone(), error })?;
+                let crossing = crossings
+                    .advance_until(until)
+                    .map_err(|error| JudgeError::Law { motor: motor.name.clone(), error })?;
                 let Some(crossing) = crossing else { break };
                 crossings.settle(true);
                 late.push(given.law(tick).minus(crossing.at));
