@@ -3,8 +3,8 @@
 //! The program's time goes on, so that motors keep their common zero. A law that differs from the old one in frequency alone, or also in size, goes
 //! on at the same phase: during the change the old law's time speeds up or slows down to the new frequency, and the new law's time from the old one.
 
-use crate::halt::TRIED_MOVES;
 use crate::pause::{Ceiling, PauseError, USABLE, highest_factor, ticks};
+use crate::plans::TRIED_MOVES;
 use crate::{Session, SessionError};
 use pulsetrain_board::Leased;
 use pulsetrain_motion::law::{Cursor, Ease, fade_weight};

@@ -2,7 +2,7 @@
 
 use crate::fade::Mix;
 use crate::pause::{self, Ceiling, ticks};
-use crate::plans::Plans;
+use crate::plans::{Plans, TRIED_MOVES};
 use crate::{Session, SessionError};
 use pulsetrain_board::lease::{Lease, TrimRefused};
 use pulsetrain_board::{Leased, SwitchRefused};
@@ -112,8 +112,6 @@ const STAYING_MS: u64 = 4;
 /// Milliseconds for which half of each queue is kept free for a change that did not fit in it.
 pub(crate) const RESERVED_MS: u64 = 300;
 
-/// Moves that are planned to see whether queues and line keep up with a higher tempo: at most some 8 ms of work for all rates that are tried.
-pub(crate) const TRIED_MOVES: u32 = 6_000;
 /// How many rates between one that is kept up with and one that is not are tried.
 const TRIES: u32 = 3;
 

@@ -385,6 +385,19 @@ fn a_proof_that_is_made_on_the_way_is_the_whole_one() {
     assert_eq!((&planned[0].certificate, planned[0].last_tick), (&proven[0].certificate, proven[0].last_tick));
 }
 
+/// So that the first step need not wait: ten seconds of it would take half a second to plan.
+#[test]
+fn of_a_sum_of_thousands_of_terms_only_the_first_seconds_are_proven_before_the_first_step() {
+    let proven_s = |terms: u32| {
+        let terms = (0..terms).map(|k| format!("{}*cos({}*t)", 0.2 / f64::from(k + 1), 0.3 + f64::from(k) * 0.0007));
+        let theta = terms.collect::<Vec<_>>().join("+");
+        let mut endless = moved_by(&format!("law.formula = {{ theta = \"{theta}\", unit = \"rev\" }}"));
+        endless.prove_first(|_| {}).unwrap().until_s
+    };
+    assert!(proven_s(10) >= 10.0);
+    assert!((2.0..6.0).contains(&proven_s(5000)), "{}", proven_s(5000));
+}
+
 /// What repeats is proven for two periods. The motors' limits hold for all time then.
 #[test]
 fn an_endless_motion_is_proven_for_its_beginning() {
