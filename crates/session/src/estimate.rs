@@ -139,6 +139,17 @@ pub(crate) fn planning_s(workload: Workload) -> f64 {
         + workload.operations * OPERATION_S
 }
 
+/// About how many moves of a motion's first seconds are planned in `budget_s`.
+pub(crate) fn moves_in(budget_s: f64, prepared: &Prepared) -> u32 {
+    let program = &prepared.program;
+    let spans = spans(program, Some(Time::from_seconds(10.0)));
+    let workloads = program.motors.iter().zip(spans).map(|(motor, span)| motor.law.workload(span));
+    let (moves, planning_s) = workloads.fold((0.0, 0.0), |(moves, planning_s), workload| {
+        (moves + workload.pieces + segments_of(workload), planning_s + self::planning_s(workload))
+    });
+    (budget_s * moves / planning_s) as u32
+}
+
 /// About how many segments the plan of a law has.
 fn segments_of(workload: Workload) -> f64 {
     let steps_of_piece = workload.steps / workload.pieces.max(1.0);

@@ -392,7 +392,15 @@ fn of_a_sum_of_thousands_of_terms_only_the_first_seconds_are_proven_before_the_f
         let terms = (0..terms).map(|k| format!("{}*cos({}*t)", 0.2 / f64::from(k + 1), 0.3 + f64::from(k) * 0.0007));
         let theta = terms.collect::<Vec<_>>().join("+");
         let mut endless = moved_by(&format!("law.formula = {{ theta = \"{theta}\", unit = \"rev\" }}"));
-        endless.prove_first(|_| {}).unwrap().until_s
+        let until_s = endless.prove_first(|_| {}).unwrap().until_s;
+        // It goes on while the motors move.
+        let mut driven = Driven::native(&endless).unwrap().proving(&endless, until_s).unwrap();
+        let mut at_s = 0.0;
+        while at_s < 1.0 {
+            let mut look = |event: Event| at_s = status(&event).map_or(at_s, |status| status.at_s);
+            assert_eq!(driven.step(None, &mut |_: Edge| {}, &mut look).unwrap(), None);
+        }
+        until_s
     };
     assert!(proven_s(10) >= 10.0);
     assert!((2.0..6.0).contains(&proven_s(5000)), "{}", proven_s(5000));
