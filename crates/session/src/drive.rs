@@ -185,6 +185,8 @@ pub struct Driven<B> {
     proven_s: f64,
     /// Moves that are proven in each step of the run.
     proof_moves: u32,
+    /// Seconds of the motion that are always proven ahead of the motors.
+    proof_ahead_s: f64,
     /// A change that waits for another one to begin.
     waiting: Option<Command>,
     /// What the proof found, after the motors were stopped for it.
@@ -436,6 +438,7 @@ impl<B: Leased> Driven<B> {
             proof: None,
             proven_s: 0.0,
             proof_moves: PROOF_MOVES,
+            proof_ahead_s: PROOF_AHEAD_MIN_S,
             waiting: None,
             refused: None,
             stays: false,
@@ -519,7 +522,7 @@ impl<B: Leased> Driven<B> {
         self.zero
     }
 
-    /// Proves the rest of a motion while it runs, after [`Prepared::prove_first`] has proven its first `proven_s` seconds. The proof is always 1 s or more ahead of the
+    /// Proves the rest of a motion while it runs, after [`Prepared::prove_first`] has proven its first `proven_s` seconds. The proof is always 5 s or more ahead (1 s, if it takes long) of the
     /// motors, and soon an hour. If it finds a part that the planner refuses, the motors brake at once.
     ///
     /// # Errors
@@ -529,6 +532,8 @@ impl<B: Leased> Driven<B> {
         self.proof = Some(prepared.plans().map_err(refused)?);
         self.proven_s = proven_s;
         self.proof_moves = estimate::moves_in(PROOF_STEP_S, prepared).clamp(1, PROOF_MOVES);
+        let ahead_s = PROOF_HASTE_S / estimate::second_s(prepared);
+        self.proof_ahead_s = ahead_s.clamp(PROOF_AHEAD_LEAST_S, PROOF_AHEAD_MIN_S);
         Ok(self)
     }
 
@@ -715,7 +720,7 @@ impl<B: Leased> Driven<B> {
         let at_s = self.session.law_time().seconds();
         let ahead_s = proof.planned_s().map_or(0.0, |planned_s| planned_s.max(self.proven_s) - at_s);
         let so_far = match ahead_s {
-            ..PROOF_AHEAD_MIN_S => proof.plan_some(at_s + PROOF_AHEAD_MIN_S, u32::MAX),
+            _ if ahead_s < self.proof_ahead_s => proof.plan_some(at_s + self.proof_ahead_s, u32::MAX),
             ..PROOF_AHEAD_MAX_S => proof.plan_some(at_s + PROOF_AHEAD_MAX_S, self.proof_moves),
             _ => Ok(true),
         };
@@ -853,7 +858,10 @@ fn is_last_step_past<B: Leased>(session: &Session<B>) -> bool {
 }
 
 /// Seconds of the motion that are always proven ahead of the motors.
-const PROOF_AHEAD_MIN_S: f64 = 1.0;
+const PROOF_AHEAD_MIN_S: f64 = 5.0;
+/// Fewer of them are, if they take longer to plan than `PROOF_HASTE_S`; but no fewer than these.
+const PROOF_AHEAD_LEAST_S: f64 = 1.0;
+const PROOF_HASTE_S: f64 = 0.03;
 /// Seconds of the motion that the proof gets ahead of the motors, if there is time for it.
 const PROOF_AHEAD_MAX_S: f64 = 3600.0;
 /// Moves that are proven in each step of a run: about half a millisecond of work, a twentieth of a step at most.

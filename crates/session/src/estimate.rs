@@ -139,6 +139,12 @@ pub(crate) fn planning_s(workload: Workload) -> f64 {
         + workload.operations * OPERATION_S
 }
 
+/// About how long it takes to plan a second of a motion, s; of its first seconds.
+pub(crate) fn second_s(prepared: &Prepared) -> f64 {
+    const LOOK_S: f64 = 10.0;
+    Estimate::of(prepared, Some(Time::from_seconds(LOOK_S)), Task::Plan).planning_s / LOOK_S
+}
+
 /// About how many moves of a motion's first seconds are planned in `budget_s`.
 pub(crate) fn moves_in(budget_s: f64, prepared: &Prepared) -> u32 {
     let program = &prepared.program;

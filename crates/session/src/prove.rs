@@ -5,7 +5,7 @@ use std::sync::Arc;
 use pulsetrain_motion::Time;
 use pulsetrain_plan::{Demand, PlanError, Refused};
 
-use crate::estimate::{Estimate, Task};
+use crate::estimate::{self, Estimate, Task};
 use crate::fit;
 use crate::plans::{MOVES_AT_ONCE, Planned, Plans};
 use crate::prepare::{Prepared, Refusal, cut};
@@ -52,7 +52,7 @@ impl Prepared {
         if !self.is_endless() && planning_s <= MOST_WAIT_S {
             return Ok(Proof { planned: self.prove(watch)?, is_whole: true, until_s: f64::INFINITY });
         }
-        let second_s = Estimate::of(self, Some(Time::from_seconds(FIRST_S)), Task::Plan).planning_s / FIRST_S;
+        let second_s = estimate::second_s(self);
         let cycles = self.program.motors.iter().filter_map(|motor| motor.law.cycle());
         let until_s = cycles.map(|(from, period)| (from + period.times(2)).seconds()).fold(FIRST_S, f64::max);
         let until_s = until_s.min((MOST_WAIT_S / second_s).max(LEAST_FIRST_S));
