@@ -532,8 +532,8 @@ impl<B: Leased> Driven<B> {
         self.proof = Some(prepared.plans().map_err(refused)?);
         self.proven_s = proven_s;
         self.proof_moves = estimate::moves_in(PROOF_STEP_S, prepared).clamp(1, PROOF_MOVES);
-        let ahead_s = PROOF_HASTE_S / estimate::second_s(prepared);
-        self.proof_ahead_s = ahead_s.clamp(PROOF_AHEAD_LEAST_S, PROOF_AHEAD_MIN_S);
+        let ahead_s = PROOF_AHEAD_WORK_S / estimate::second_s(prepared);
+        self.proof_ahead_s = ahead_s.clamp(PROOF_AHEAD_HEAVY_S, PROOF_AHEAD_MIN_S);
         Ok(self)
     }
 
@@ -859,9 +859,9 @@ fn is_last_step_past<B: Leased>(session: &Session<B>) -> bool {
 
 /// Seconds of the motion that are always proven ahead of the motors.
 const PROOF_AHEAD_MIN_S: f64 = 5.0;
-/// Fewer of them are, if they take longer to plan than `PROOF_HASTE_S`; but no fewer than these.
-const PROOF_AHEAD_LEAST_S: f64 = 1.0;
-const PROOF_HASTE_S: f64 = 0.03;
+/// Fewer of them are, if they take longer to plan than `PROOF_AHEAD_WORK_S`; but no fewer than these.
+const PROOF_AHEAD_HEAVY_S: f64 = 1.0;
+const PROOF_AHEAD_WORK_S: f64 = 0.03;
 /// Seconds of the motion that the proof gets ahead of the motors, if there is time for it.
 const PROOF_AHEAD_MAX_S: f64 = 3600.0;
 /// Moves that are proven in each step of a run: about half a millisecond of work, a twentieth of a step at most.
