@@ -15,7 +15,7 @@ const MOST_WAIT_S: f64 = 0.1;
 /// Seconds of a long motion that are proven before its first step.
 const FIRST_S: f64 = 10.0;
 /// Seconds of one that takes so long to plan that even those would take too long, as formulas of thousands of terms do.
-const LEAST_FIRST_S: f64 = 2.0;
+const SHORTEST_FIRST_S: f64 = 2.0;
 
 /// What is proven of a motion before its first step.
 #[derive(Clone, Debug)]
@@ -55,7 +55,7 @@ impl Prepared {
         let second_s = estimate::second_s(self);
         let cycles = self.program.motors.iter().filter_map(|motor| motor.law.cycle());
         let until_s = cycles.map(|(from, period)| (from + period.times(2)).seconds()).fold(FIRST_S, f64::max);
-        let until_s = until_s.min((MOST_WAIT_S / second_s).max(LEAST_FIRST_S));
+        let until_s = until_s.min((MOST_WAIT_S / second_s).max(SHORTEST_FIRST_S));
         let planned = self.with_queues(until_s, |prepared| {
             let mut plans = prepared.plans()?;
             while plans.planned_s().is_some_and(|planned_s| planned_s < until_s)
