@@ -66,12 +66,12 @@ fn show(mut run: RunClient, args: &StatusArgs, console: &mut Console<'_>) -> mie
     loop {
         let line = if args.follow { Some(run.next_line()?) } else { run.next_line_within(PATIENCE)? };
         let info = run.info();
-        let line = line.map_or(Ok(None), |line| match line {
-            RunLine::Event(Event::Status(status)) => Ok(Some(status)),
-            other => Err(other),
-        });
         let line = match line {
-            Ok(status) => {
+            None | Some(RunLine::Event(Event::Status(_))) => {
+                let status = match line {
+                    Some(RunLine::Event(Event::Status(status))) => Some(status),
+                    _ => None,
+                };
                 let motors = status.iter().flat_map(|status| status.motors.iter().enumerate());
                 let positions = motors.filter_map(|(motor, status)| info.position(motor, status.position)).collect();
                 let status = RunStatus { run: info, status, positions };
@@ -85,7 +85,7 @@ fn show(mut run: RunClient, args: &StatusArgs, console: &mut Console<'_>) -> mie
                 }
                 continue;
             }
-            Err(line) => line,
+            Some(line) => line,
         };
         match line {
             RunLine::Event(event) if args.follow => {
