@@ -78,7 +78,10 @@ pub struct Figure<'a> {
     /// Time, s, and place of the tip, near the beginning.
     close: VecDeque<(f64, [f64; 3])>,
     tick_s: f64,
+    /// When the laws end, s; infinite if one has no end.
     end_s: f64,
+    /// The time of the last step, s.
+    last_s: f64,
 }
 
 /// A step: its tick, the index of the motor in the machine, and the motor's position after it.
@@ -131,8 +134,8 @@ impl<'a> Figure<'a> {
             Some(Joint { cursor, start, slack: *slack, first: 0.0, position: 0.0, steps: 0, drawn: 0.0 })
         };
         let joints: Option<Vec<Joint>> = laws.iter().zip(&machine.slack).map(joint).collect();
-        let ends = machine.motors.iter().filter_map(|motor| program.motors[*motor].law.end());
-        let end_s = ends.map(Time::seconds).fold(0.0, f64::max);
+        let ends = machine.motors.iter().map(|motor| program.motors[*motor].law.end());
+        let end_s = ends.map(|end| end.map_or(f64::INFINITY, Time::seconds)).fold(0.0, f64::max);
         let mut figure = Figure {
             machine,
             waiting: BinaryHeap::new(),
@@ -142,6 +145,7 @@ impl<'a> Figure<'a> {
             stepped: Trail::default(),
             close: VecDeque::new(),
             end_s,
+            last_s: 0.0,
         };
         if let Some(tip) = figure.drawn() {
             figure.stepped.push(tip);
@@ -168,6 +172,7 @@ impl<'a> Figure<'a> {
             && let Some(Reverse((tick, k, position))) = self.waiting.pop()
         {
             let t = tick as f64 * self.tick_s;
+            self.last_s = t;
             self.measure(t);
             self.joints[k].go_to(position as f64);
             while let Some(&Reverse((same, k, position))) = self.waiting.peek()
@@ -240,7 +245,7 @@ impl<'a> Figure<'a> {
     /// The errors of the figure, and its picture. `None` if path and slack cannot be separated.
     pub fn finish(mut self) -> Option<(FigureReport, FigurePicture)> {
         self.go_on(0);
-        let end_s = self.end_s;
+        let end_s = if self.end_s.is_finite() { self.end_s } else { self.last_s };
         let (begin, until) = (self.close.front().map_or(0.0, |p| p.0), self.close.back().map_or(0.0, |p| p.0));
         let mut sample = |from: f64, to: f64, points: u32| {
             let at = |k: u32| from + (to - from) * f64::from(k) / f64::from(points);

@@ -32,8 +32,8 @@ pub struct PlanReport {
     pub tick_hz: u64,
     /// The greatest |scheduled − exact| that the file allows, ticks.
     pub tolerance_ticks: f64,
-    /// How long the motion is by the file, or by `--for`, s.
-    pub asked_s: f64,
+    /// How long the motion is by the file, or by `--for`, s. `None`: it has no end.
+    pub asked_s: Option<f64>,
     /// From time zero to the last step, stops included, s.
     pub duration_s: f64,
     /// When the motion was cut, s. The planned stop comes after that.
@@ -971,10 +971,13 @@ fn side_by_side_verdict(report: &verdict::Report) -> String {
 }
 
 impl PlanReport {
-    /// "1 s asked for, 1.002 s made". `made` is the verb of the second one.
+    /// "1 s asked for, 1.002 s made", or "a motion without an end, 1.002 s made". `made` is the verb of the second one.
     pub(crate) fn durations(&self, made: &str) -> String {
-        let [asked, planned] = [self.asked_s, self.duration_s].map(|time_s| human::seconds_to(time_s, 6));
-        format!("{asked} asked for, {planned} {made}")
+        let planned = human::seconds_to(self.duration_s, 6);
+        match self.asked_s {
+            Some(asked_s) => format!("{} asked for, {planned} {made}", human::seconds_to(asked_s, 6)),
+            None => format!("a motion without an end, {planned} {made}"),
+        }
     }
 
     /// Where the motion was cut, its pause, and how tables were read.
@@ -1054,7 +1057,7 @@ mod tests {
             board: "pico".to_owned(),
             tick_hz: 125_000_000,
             tolerance_ticks: 1.0,
-            asked_s: 1.0,
+            asked_s: Some(1.0),
             duration_s: 1.0,
             cut_at_s: None,
             uncut_s: None,

@@ -23,6 +23,7 @@ use pulsetrain_plan::{PlanError, Refused, Settings};
 use pulsetrain_trace::{Line, lines};
 
 use crate::control::{Command, Ended, Event, Knowledge, Positions, Status};
+use crate::estimate;
 use crate::fade::{Change, Transition};
 use crate::lateness::{Edges, Lateness, Meter};
 use crate::pause::Ceiling;
@@ -182,6 +183,10 @@ pub struct Driven<B> {
     proof: Option<Plans>,
     /// How much of the motion was proven before, s.
     proven_s: f64,
+    /// Moves that are proven in each step of the run.
+    proof_moves: u32,
+    /// Seconds of the motion that are always proven ahead of the motors.
+    proof_ahead_s: f64,
     /// A change that waits for another one to begin.
     waiting: Option<Command>,
     /// What the proof found, after the motors were stopped for it.
@@ -432,6 +437,8 @@ impl<B: Leased> Driven<B> {
             status_due: 0,
             proof: None,
             proven_s: 0.0,
+            proof_moves: PROOF_MOVES,
+            proof_ahead_s: PROOF_AHEAD_MIN_S,
             waiting: None,
             refused: None,
             stays: false,
@@ -515,7 +522,7 @@ impl<B: Leased> Driven<B> {
         self.zero
     }
 
-    /// Proves the rest of a motion while it runs, after [`Prepared::prove_first`] has proven its first `proven_s` seconds. The proof is always 5 s or more ahead of the
+    /// Proves the rest of a motion while it runs, after [`Prepared::prove_first`] has proven its first `proven_s` seconds. The proof is always 5 s or more ahead (1 s, if it takes long) of the
     /// motors, and soon an hour. If it finds a part that the planner refuses, the motors brake at once.
     ///
     /// # Errors
@@ -524,6 +531,9 @@ impl<B: Leased> Driven<B> {
         let refused = |refused: Refused| DriveError::of(&prepared.program, refused.into());
         self.proof = Some(prepared.plans().map_err(refused)?);
         self.proven_s = proven_s;
+        self.proof_moves = estimate::moves_in(PROOF_STEP_S, prepared).clamp(1, PROOF_MOVES);
+        let ahead_s = PROOF_AHEAD_WORK_S / estimate::second_s(prepared);
+        self.proof_ahead_s = ahead_s.clamp(PROOF_AHEAD_HEAVY_S, PROOF_AHEAD_MIN_S);
         Ok(self)
     }
 
@@ -710,8 +720,8 @@ impl<B: Leased> Driven<B> {
         let at_s = self.session.law_time().seconds();
         let ahead_s = proof.planned_s().map_or(0.0, |planned_s| planned_s.max(self.proven_s) - at_s);
         let so_far = match ahead_s {
-            ..PROOF_AHEAD_MIN_S => proof.plan_some(at_s + PROOF_AHEAD_MIN_S, u32::MAX),
-            ..PROOF_AHEAD_MAX_S => proof.plan_some(at_s + PROOF_AHEAD_MAX_S, PROOF_MOVES),
+            _ if ahead_s < self.proof_ahead_s => proof.plan_some(at_s + self.proof_ahead_s, u32::MAX),
+            ..PROOF_AHEAD_MAX_S => proof.plan_some(at_s + PROOF_AHEAD_MAX_S, self.proof_moves),
             _ => Ok(true),
         };
         let so_far = match so_far {
@@ -849,10 +859,15 @@ fn is_last_step_past<B: Leased>(session: &Session<B>) -> bool {
 
 /// Seconds of the motion that are always proven ahead of the motors.
 const PROOF_AHEAD_MIN_S: f64 = 5.0;
+/// Fewer of them are, if they take longer to plan than `PROOF_AHEAD_WORK_S`; but no fewer than these.
+const PROOF_AHEAD_HEAVY_S: f64 = 1.0;
+const PROOF_AHEAD_WORK_S: f64 = 0.03;
 /// Seconds of the motion that the proof gets ahead of the motors, if there is time for it.
 const PROOF_AHEAD_MAX_S: f64 = 3600.0;
 /// Moves that are proven in each step of a run: about half a millisecond of work, a twentieth of a step at most.
 const PROOF_MOVES: u32 = 400;
+/// Moves of formulas of thousands of terms take longer each. There are as many as take this long, s, or one.
+const PROOF_STEP_S: f64 = 0.001;
 
 /// How many times in a second of the board's time a run reports its status, and on a virtual board takes a command.
 const STATUSES_PER_S: u64 = 20;

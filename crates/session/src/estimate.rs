@@ -20,6 +20,8 @@ const STEP_S: f64 = 2e-8;
 const TURN_S: f64 = 1.5e-6;
 /// Seconds for each operation of a formula, in a piece or at a turn, obtained in the same way.
 const OPERATION_S: f64 = 1e-7;
+/// Seconds for each operation of a formula, for each segment. Obtained with `plan`, of a sum of 5000 sinusoids.
+const SEGMENT_OPERATION_S: f64 = 2e-7;
 /// Segments of a curved piece for each power of ten of its steps; it never has more segments than steps.
 const SEGMENTS_PER_DECADE: f64 = 12.0;
 
@@ -129,10 +131,29 @@ impl Estimate {
 
 /// About how long it takes to plan a law, s.
 pub(crate) fn planning_s(workload: Workload) -> f64 {
+    let operations = workload.operations / (workload.pieces + workload.turns).max(1.0);
     (workload.pieces + segments_of(workload)) * SEGMENT_S
+        + segments_of(workload) * operations * SEGMENT_OPERATION_S
         + workload.steps * STEP_S
         + workload.turns * TURN_S
         + workload.operations * OPERATION_S
+}
+
+/// About how long it takes to plan a second of a motion, s; of its first seconds.
+pub(crate) fn second_s(prepared: &Prepared) -> f64 {
+    const LOOK_S: f64 = 10.0;
+    Estimate::of(prepared, Some(Time::from_seconds(LOOK_S)), Task::Plan).planning_s / LOOK_S
+}
+
+/// About how many moves of a motion's first seconds are planned in `budget_s`.
+pub(crate) fn moves_in(budget_s: f64, prepared: &Prepared) -> u32 {
+    let program = &prepared.program;
+    let spans = spans(program, Some(Time::from_seconds(10.0)));
+    let workloads = program.motors.iter().zip(spans).map(|(motor, span)| motor.law.workload(span));
+    let (moves, planning_s) = workloads.fold((0.0, 0.0), |(moves, planning_s), workload| {
+        (moves + workload.pieces + segments_of(workload), planning_s + self::planning_s(workload))
+    });
+    (budget_s * moves / planning_s) as u32
 }
 
 /// About how many segments the plan of a law has.

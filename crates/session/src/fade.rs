@@ -4,6 +4,7 @@
 //! on at the same phase: during the change the old law's time speeds up or slows down to the new frequency, and the new law's time from the old one.
 
 use crate::pause::{Ceiling, PauseError, USABLE, highest_factor, ticks};
+use crate::plans::TRIED_MOVES;
 use crate::{Session, SessionError};
 use pulsetrain_board::Leased;
 use pulsetrain_motion::law::{Cursor, Ease, fade_weight};
@@ -437,6 +438,6 @@ impl<B: Leased> Session<B> {
         if highest < tempo.get() {
             return Ok(ceiling);
         }
-        Ok(self.line_refuses(&change.program, tempo))
+        Ok(self.line_refuses(&change.program, tempo, TRIED_MOVES).map(|(ceiling, _)| ceiling))
     }
 }

@@ -2,7 +2,7 @@
 
 use crate::fade::Mix;
 use crate::pause::{self, Ceiling, ticks};
-use crate::plans::Plans;
+use crate::plans::{Plans, TRIED_MOVES};
 use crate::{Session, SessionError};
 use pulsetrain_board::lease::{Lease, TrimRefused};
 use pulsetrain_board::{Leased, SwitchRefused};
@@ -112,8 +112,6 @@ const STAYING_MS: u64 = 4;
 /// Milliseconds for which half of each queue is kept free for a change that did not fit in it.
 pub(crate) const RESERVED_MS: u64 = 300;
 
-/// Moves that are planned to see whether queues and line keep up with a higher tempo: at most some 20 ms of work, which the board's queues outlast.
-const TRIED_MOVES: u32 = 10_000;
 /// How many rates between one that is kept up with and one that is not are tried.
 const TRIES: u32 = 3;
 
@@ -241,25 +239,47 @@ impl<B: Leased> Session<B> {
     /// The highest rate up to `wanted` at which queues and line bring the plan in time, with the limit that keeps it lower; `None` if `wanted` does. The
     /// motion's beginning is planned for that, from its start.
     fn kept_up(&self, wanted: Rate) -> Option<(Rate, Option<Ceiling>)> {
-        let refused = |rate: Rate| self.line_refuses(&self.playback.program, rate);
+        let refused = |rate: Rate, moves: u32| self.line_refuses(&self.playback.program, rate, moves);
         // Up to here the motion was planned before, or is followed already.
         let known = self.playback.known_rate.min(wanted);
-        let ceiling = if wanted > known { refused(wanted)? } else { return None };
+        let (ceiling, mut enough) = if wanted > known { refused(wanted, TRIED_MOVES)? } else { return None };
         let (mut fits, mut too_high) = (known, wanted);
-        for _ in 0..TRIES {
+        let mut left = TRIED_MOVES - enough;
+        for tries in (1..=TRIES).rev() {
             let middle = Rate::of(0.5 * (fits.get() + too_high.get()))?;
-            if refused(middle).is_none() { fits = middle } else { too_high = middle }
+            let share = left / tries;
+            // A lower rate is refused later in the motion, if at all: it is not known to fit before the moves that showed that the other does not.
+            if share <= enough {
+                break;
+            }
+            match refused(middle, share) {
+                None => (fits, left) = (middle, left - share),
+                Some((_, made)) => {
+                    (too_high, left) = (middle, left - made);
+                    enough = enough.max(made);
+                }
+            }
         }
         Some((fits, Some(ceiling)))
     }
 
-    /// The motor that queues and line do not bring the plan of a program for in time, at a rate of its time; `None` if they bring all. The
-    /// motion's beginning is planned for that, from its start.
-    pub(crate) fn line_refuses(&self, program: &Arc<Program>, rate: Rate) -> Option<Ceiling> {
+    /// The motor that queues and line do not bring the plan of a program for in time, at a rate of its time, and after how many moves that was
+    /// seen; `None` if they bring all. The first `moves` moves of the motion are planned for that, from its start.
+    pub(crate) fn line_refuses(&self, program: &Arc<Program>, rate: Rate, moves: u32) -> Option<(Ceiling, u32)> {
         let line = self.line.as_ref()?;
-        let plans = Plans::slowed(Arc::clone(program), Some(line), 1.0 / rate.get());
-        let refused = plans.and_then(|mut plans| plans.plan_some(f64::INFINITY, TRIED_MOVES)).err()?;
-        Some(Ceiling { motor: refused.motor, limit: "the line to the board" })
+        let ceiling = |refused: Refused| Ceiling { motor: refused.motor, limit: "the line to the board" };
+        let mut plans = match Plans::slowed(Arc::clone(program), Some(line), 1.0 / rate.get()) {
+            Ok(plans) => plans,
+            Err(refused) => return Some((ceiling(refused), 0)),
+        };
+        for made in 1..=moves {
+            match plans.next_move() {
+                Ok(Some(_)) => {}
+                Ok(None) => return None,
+                Err(refused) => return Some((ceiling(refused), made)),
+            }
+        }
+        None
     }
 
     /// Changes the rate of the laws' time. Returns the tick from which it has that rate.

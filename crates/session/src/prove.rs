@@ -5,15 +5,17 @@ use std::sync::Arc;
 use pulsetrain_motion::Time;
 use pulsetrain_plan::{Demand, PlanError, Refused};
 
-use crate::estimate::{Estimate, Task};
+use crate::estimate::{self, Estimate, Task};
 use crate::fit;
 use crate::plans::{MOVES_AT_ONCE, Planned, Plans};
 use crate::prepare::{Prepared, Refusal, cut};
 
 /// Seconds of planning that the first step may wait for.
 const MOST_WAIT_S: f64 = 0.1;
-/// Seconds of a long motion that are proven before its first step, at least.
+/// Seconds of a long motion that are proven before its first step.
 const FIRST_S: f64 = 10.0;
+/// Seconds of one that takes so long to plan that even those would take too long, as formulas of thousands of terms do.
+const SHORTEST_FIRST_S: f64 = 2.0;
 
 /// What is proven of a motion before its first step.
 #[derive(Clone, Debug)]
@@ -40,7 +42,7 @@ impl Prepared {
     /// As [`Prepared::prove`], but plans only a beginning of a motion that takes long to plan, or that has no end: as much as the first step may wait
     /// for. The rest is for [`Driven::proving`](crate::drive::Driven::proving).
     ///
-    /// The beginning is 10 s or more. Of laws that repeat it has two periods if that does not take long: such laws are then known to keep
+    /// The beginning is 10 s or more; 2 s or more if the first step would wait for longer than 0.1 s. Of laws that repeat it has two periods if that does not take long: such laws are then known to keep
     /// the motors' limits for all time.
     ///
     /// # Errors
@@ -50,10 +52,10 @@ impl Prepared {
         if !self.is_endless() && planning_s <= MOST_WAIT_S {
             return Ok(Proof { planned: self.prove(watch)?, is_whole: true, until_s: f64::INFINITY });
         }
-        let second_s = Estimate::of(self, Some(Time::from_seconds(FIRST_S)), Task::Plan).planning_s / FIRST_S;
+        let second_s = estimate::second_s(self);
         let cycles = self.program.motors.iter().filter_map(|motor| motor.law.cycle());
         let until_s = cycles.map(|(from, period)| (from + period.times(2)).seconds()).fold(FIRST_S, f64::max);
-        let until_s = until_s.min((MOST_WAIT_S / second_s).max(FIRST_S));
+        let until_s = until_s.min((MOST_WAIT_S / second_s).max(SHORTEST_FIRST_S));
         let planned = self.with_queues(until_s, |prepared| {
             let mut plans = prepared.plans()?;
             while plans.planned_s().is_some_and(|planned_s| planned_s < until_s)

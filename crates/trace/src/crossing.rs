@@ -142,13 +142,37 @@ impl Crossings {
 
     /// The next crossing, `None` at the law's end.
     ///
+    /// It does not return if an endless law has no crossing any more; see [`Crossings::advance_until`].
+    ///
     /// # Errors
     /// Where the law is undefined.
     pub fn advance(&mut self) -> Result<Option<Crossing>, LawError> {
+        self.search(None)
+    }
+
+    /// The next crossing; `None` if none was found up to `until`, or at the law's end. A crossing after `until` may be
+    /// found, too. A later call goes on where this one ended.
+    ///
+    /// ```
+    /// # use pulsetrain_motion::{Grid, Law, Time};
+    /// # use pulsetrain_trace::crossing::{Crossings, Instant};
+    /// let rest = Law::speed(0.0, None)?;
+    /// let mut crossings = Crossings::new(&rest, Grid::REACH, 1_000_000);
+    /// assert_eq!(crossings.advance_until(Instant { tick: 3_600_000_000, fraction: 0.0 })?, None);
+    /// # Ok::<(), pulsetrain_motion::LawError>(())
+    /// ```
+    ///
+    /// # Errors
+    /// Where the law is undefined.
+    pub fn advance_until(&mut self, until: Instant) -> Result<Option<Crossing>, LawError> {
+        self.search(Some(until))
+    }
+
+    fn search(&mut self, until: Option<Instant>) -> Result<Option<Crossing>, LawError> {
         self.settle(false);
         loop {
             let Some(&stretch) = self.stretches.last() else {
-                if self.refill()? {
+                if self.refill(until)? {
                     continue;
                 }
                 return Ok(None);
@@ -227,10 +251,16 @@ impl Crossings {
         }
     }
 
-    /// Cuts the next window; `false` at the law's end.
-    fn refill(&mut self) -> Result<bool, LawError> {
+    /// Cuts the next window; `false` at the law's end, or if the window would begin after `until`.
+    fn refill(&mut self, until: Option<Instant>) -> Result<bool, LawError> {
         let (piece, end) = loop {
             if let Some(piece) = self.piece.as_ref().filter(|piece| self.reached < piece.last()) {
+                if let Some(until) = until {
+                    let (tick, fraction) = (piece.zero + Time::from_seconds(self.reached)).ticks(self.tick_hz);
+                    if (Instant { tick, fraction }).minus(until) > 0.0 {
+                        return Ok(false);
+                    }
+                }
                 break (piece, piece.last());
             }
             let Some(piece) = self.pieces.next().transpose()? else { return Ok(false) };

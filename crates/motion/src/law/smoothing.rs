@@ -214,7 +214,8 @@ const PRECISION: f64 = 1.03;
 
 /// The least smoothing of all tables of some laws with which these fit, and the laws with it; rounded up to two digits, and tried as it is
 /// returned. `None` if the laws have no table, or none fits that leaves the motion what it is: it may be as long as a quarter of the
-/// table, and move it by a tenth of its range (root mean square).
+/// table, and move it by a tenth of its range (root mean square). Laws given together are coordinates of one motion: the range is that of
+/// the coordinate that goes farthest, since another may be flat but for noise.
 ///
 /// `fits` returns `None` if there is no time to try any more; then there is no answer either.
 pub fn least_smoothing(laws: &[&Law], fits: impl Fn(&[Law]) -> Option<bool>) -> Option<(Time, Vec<Law>)> {
@@ -224,11 +225,12 @@ pub fn least_smoothing(laws: &[&Law], fits: impl Fn(&[Law]) -> Option<bool>) -> 
     let shortest = tables.iter().map(spacing).fold(f64::INFINITY, f64::min);
     let shortest = tables.iter().map(now).fold(shortest, f64::max);
     let longest = tables.iter().map(|table| LONGEST * table.lasts_s()).fold(f64::INFINITY, f64::min);
+    let range = tables.iter().map(|table| table.range()).fold(0.0, f64::max);
     let smooth = |over_s: f64| -> Option<(Time, Vec<Law>)> {
         let over = Time::from_seconds(over_s);
         let with = |law: &&Law| if law.tables().is_empty() { Some((*law).clone()) } else { law.smoothed(over) };
         let smooth = laws.iter().map(with).collect::<Option<Vec<Law>>>()?;
-        let is_near = |table: &TableLaw| table.distance().rms <= FARTHEST_OFF * table.range();
+        let is_near = |table: &TableLaw| table.distance().rms <= FARTHEST_OFF * range;
         smooth.iter().flat_map(Law::tables).all(is_near).then_some((over, smooth))
     };
     // What cannot be smoothed so, or is moved too far by it, does not fit.
@@ -360,5 +362,12 @@ mod tests {
         assert!(least(&|_| Some(false)).is_none());
         assert!(least(&|_| None).is_none());
         assert!(least_smoothing(&[&Law::sine(1.0, Time::SECOND, Some(1)).unwrap()], |_| Some(true)).is_none());
+        // Noise alone is no motion; next to a motion it is a coordinate that does not move.
+        let noise: Vec<(f64, f64)> = (0..=500).map(|k| (f64::from(k) * 0.01, f64::from(k % 2))).collect();
+        let noise = Law::table(&noise, Interpolation::Monotone).unwrap();
+        let fits = |laws: &[Law]| Some(over(laws) >= 0.1234);
+        assert!(least_smoothing(&[&noise], fits).is_none());
+        let (found, laws) = least_smoothing(&[&law, &noise], fits).unwrap();
+        assert!(laws.iter().all(|law| law.tables()[0].smooth() == Some(found)) && found.seconds() < 0.14);
     }
 }

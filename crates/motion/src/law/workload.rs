@@ -27,9 +27,11 @@ const MOST_PIECES_OF_A_WINCH: usize = 1 << 15;
 const LOOKS: u32 = 64;
 /// The number of places where a formula is looked at after its first pieces.
 const PLACES: u32 = 64;
-/// Samples in each window of a formula. A window may have any number of periods, so this is a prime, which does not
-/// meet equal phases again and again.
-const LOOKS_IN_A_WINDOW: u32 = 251;
+/// Samples in each window of a formula: as many as its operations allow. A window may have any number of periods, so these are primes,
+/// which do not meet equal phases again and again.
+const LOOKS_IN_A_WINDOW: [u32; 5] = [251, 127, 61, 31, 13];
+/// Operations of a formula in all samples of its places, and in those of its first pieces: some 10 ms of work.
+const MOST_OPERATIONS: u32 = 1 << 19;
 
 impl Law {
     /// An estimate up to `until`. It takes no longer for a longer law.
@@ -94,21 +96,26 @@ impl Law {
     }
 
     /// The workload of its first pieces, and their end.
-    fn in_first_pieces(&self, until: Time, most: usize, way: fn(&Piece, Time) -> Way) -> (Workload, Time) {
+    fn in_first_pieces(&self, until: Time, most: usize, way: impl Fn(&Piece, Time) -> Way) -> (Workload, Time) {
         seen(self.pieces().take(most).map_while(Result::ok), until, way)
     }
 
     /// The workload of a formula: its first pieces, then one window in each of several spans, scaled to the span.
     fn pieces_all_over(&self, formula: &Arc<Formula>, until: Time) -> Workload {
-        let (mut seen, first) = self.in_first_pieces(until, MOST_PIECES, Piece::way_by_speed);
+        let most = MOST_OPERATIONS / formula.operations().max(1);
+        let [.., fewest] = LOOKS_IN_A_WINDOW;
+        let looks = LOOKS_IN_A_WINDOW.into_iter().find(|looks| looks * PLACES <= most).unwrap_or(fewest);
+        let places = (most / looks).clamp(4, PLACES);
+        let pieces = if places < PLACES { places as usize } else { MOST_PIECES };
+        let (mut seen, first) = self.in_first_pieces(until, pieces, |piece, until| piece.way_by_speed(until, looks));
         let left_s = (until - first).seconds();
         // The first spans are the shortest: what begins a motion is often soon over. Ends at round times would meet its branches and periods.
-        let at = |k: f64| first + Time::from_seconds(left_s * (k / f64::from(PLACES)).powi(2));
-        for k in (0..PLACES).map(f64::from) {
+        let at = |k: f64| first + Time::from_seconds(left_s * (k / f64::from(places)).powi(2));
+        for k in (0..places).map(f64::from) {
             let (from, place, to) = (at(k), at(k + 0.48), at(k + 1.0).min(until));
             let Some(Ok(piece)) = formula.windows_at(place).next().filter(|_| place < to) else { continue };
             let share = |end: Time| (to - from).seconds() / (end - place).seconds();
-            let way = piece.way_by_speed(to);
+            let way = piece.way_by_speed(to, looks);
             seen.steps += way.steps * share(piece.end.min(to));
             seen.turns += way.turns * share(piece.end.min(to));
             seen.pieces += share(piece.end);
@@ -118,7 +125,7 @@ impl Law {
 }
 
 /// The workload of pieces up to `until`, and their end.
-fn seen(pieces: impl Iterator<Item = Piece>, until: Time, way: fn(&Piece, Time) -> Way) -> (Workload, Time) {
+fn seen(pieces: impl Iterator<Item = Piece>, until: Time, way: impl Fn(&Piece, Time) -> Way) -> (Workload, Time) {
     let (mut seen, mut at) = (Workload::default(), Time::ZERO);
     for piece in pieces.take_while(|piece| piece.start < until) {
         let Way { steps, turns } = way(&piece, until);
@@ -182,10 +189,10 @@ impl Piece {
     }
 
     /// The same, computed from samples of the speed, for a piece that may turn between two samples.
-    fn way_by_speed(&self, until: Time) -> Way {
+    fn way_by_speed(&self, until: Time, looks: u32) -> Way {
         let (from, to) = (self.first(), (self.end.min(until) - self.zero).seconds());
-        let each = (to - from) / f64::from(LOOKS_IN_A_WINDOW);
-        Way::of((0..LOOKS_IN_A_WINDOW).map(|k| each * self.curve.jet(from + each * (f64::from(k) + 0.5))[1]))
+        let each = (to - from) / f64::from(looks);
+        Way::of((0..looks).map(|k| each * self.curve.jet(from + each * (f64::from(k) + 0.5))[1]))
     }
 }
 

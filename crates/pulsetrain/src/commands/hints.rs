@@ -1,4 +1,5 @@
-//! Why a capture fails that is right: it begins elsewhere, ends early, shows pins, or has STEP and DIR swapped.
+//! Why a capture fails that is right: it begins elsewhere, ends early, shows pins, has STEP and DIR swapped, or a DIR that is
+//! reversed.
 
 use pulsetrain_board::BoardKind;
 use pulsetrain_motion::human;
@@ -33,11 +34,12 @@ pub(super) fn hints(
             return swapped;
         }
     }
-    let judge = |options: &Options| match capture {
+    let judge_as = |program: &Program, options: &Options| match capture {
         Capture::Edges(trace) => verdict::judge(trace, program, options).ok(),
         Capture::Steps(steps) => verdict::judge_steps(steps, program, options).ok(),
         Capture::Film(_) => None,
     };
+    let judge = |options: &Options| judge_as(program, options);
     let is_uno = BoardKind::named(&program.board.name) == Some(BoardKind::Uno);
     let mut tried = Vec::new();
     for with_pins in [false, true].into_iter().filter(|with_pins| !with_pins || (is_uno && !pins)) {
@@ -64,6 +66,12 @@ pub(super) fn hints(
         };
         return vec![format!("With {} it passes{begins}.", flags.join(" "))];
     }
+    if let Capture::Edges(_) = capture {
+        let reversed = reversed(program, report, &tried, judge_as);
+        if !reversed.is_empty() {
+            return reversed;
+        }
+    }
     // A run that was stopped, or a capture that ended early: all is right up to some time.
     let until = tried.iter().find_map(|(flags, other, seen)| {
         let lacks = seen.motors.iter().any(|motor| motor.missing > 0);
@@ -77,6 +85,46 @@ pub(super) fn hints(
         })
     });
     until.into_iter().collect()
+}
+
+/// The motors of which each step is right with the other level of DIR, and what to write for each. `tried` has options, and their flags.
+fn reversed(
+    program: &Program,
+    report: &Report,
+    tried: &[(Vec<String>, Options, Report)],
+    judge: impl Fn(&Program, &Options) -> Option<Report>,
+) -> Vec<String> {
+    let mut other = program.clone();
+    let mut turned = vec![false; other.motors.len()];
+    for ((motor, turned), seen) in other.motors.iter_mut().zip(&mut turned).zip(&report.motors) {
+        if let Wiring::StepDir { forward_high, .. } = &mut motor.wiring
+            && seen.faults > 0
+            && seen.steps_got > 0
+        {
+            (*forward_high, *turned) = (!*forward_high, true);
+        }
+    }
+    if !turned.contains(&true) {
+        return Vec::new();
+    }
+    let found = tried.iter().find_map(|(flags, options, _)| {
+        let seen = judge(&other, options)?;
+        let is_right = |(turned, seen): (&bool, &verdict::MotorReport)| *turned && seen.faults == 0;
+        let right: Vec<bool> = turned.iter().zip(&seen.motors).map(is_right).collect();
+        right.contains(&true).then_some((flags, right))
+    });
+    let Some((flags, right)) = found else { return Vec::new() };
+    let with = if flags.is_empty() { String::new() } else { format!(", judged with {}", flags.join(" ")) };
+    let of = |(motor, _): (&Motor, bool)| {
+        let Wiring::StepDir { forward_high, .. } = motor.wiring else { return String::new() };
+        let [now, then] = if forward_high { ["low", "high"] } else { ["high", "low"] };
+        let name = &motor.name;
+        format!(
+            "DIR of {name} is reversed: the file says forward = \"{now}\", and each step is right with \"{then}\"{with}. Write forward = \
+             \"{then}\" in [motor.{name}], or take out what inverts its DIR line"
+        )
+    };
+    other.motors.iter().zip(right).filter(|(_, right)| *right).map(of).collect()
 }
 
 /// Whether a motor's STEP and DIR are swapped: the line that is taken for DIR pulses, the other one changes as DIR does.

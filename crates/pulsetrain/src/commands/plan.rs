@@ -107,7 +107,10 @@ pub(crate) fn report(prepared: &Prepared, planned: &[Planned]) -> PlanReport {
         board: board.name.clone(),
         tick_hz: board.tick_hz,
         tolerance_ticks: program.tolerance.ticks(board.tick_hz),
-        asked_s: prepared.cut.map_or_else(|| prepared.end_s(), |cut| cut.at.seconds()),
+        asked_s: match prepared.cut {
+            Some(cut) => Some(cut.at.seconds()),
+            None => (!prepared.is_endless()).then(|| prepared.end_s()),
+        },
         duration_s: last_tick as f64 / board.tick_hz as f64,
         cut_at_s: prepared.cut.map(|cut| cut.at.seconds()),
         uncut_s: prepared.cut.and_then(|cut| cut.end).map(Time::seconds),

@@ -1,6 +1,7 @@
 //! `pulsetrain status`: how the runs of this computer are.
 
 use std::fmt::{self, Display};
+use std::time::Duration;
 
 use clap::Args;
 use miette::miette;
@@ -30,11 +31,16 @@ pub(crate) struct StatusArgs {
     pub(crate) json: bool,
 }
 
+/// How long `status` waits for a run's next line without --follow. A run that moves sends 20 statuses a second; one that plans, or judges at
+/// its end, sends none.
+const PATIENCE: Duration = Duration::from_millis(500);
+
 /// A status, and whose.
 #[derive(Debug, Serialize)]
 struct RunStatus<'a> {
     run: &'a RunInfo,
-    status: Status,
+    /// `None`: the run sends none now.
+    status: Option<Status>,
     /// Positions of the motors in their units.
     positions: Vec<f64>,
 }
@@ -45,23 +51,28 @@ pub(crate) fn run(args: &StatusArgs, console: &mut Console<'_>) -> miette::Resul
         return console.print(if args.json { "" } else { "nothing runs on this computer\n" }).map(|()| Exit::Success);
     }
     // Without --follow all runs are listed.
-    let chosen = chosen(runs, args.port.as_deref(), !args.follow, "status --follow")?;
+    let mut chosen = chosen(runs, args.port.as_deref(), !args.follow, "status --follow")?;
     if let (true, Some(port)) = (chosen.is_empty(), &args.port) {
         let help = "`pulsetrain status` lists the runs; `pulsetrain info --port PORT` asks a board";
         return Err(miette!(help = help, "no run of this computer has {port}"));
     }
+    // All are asked before the first one is waited for.
+    chosen.iter_mut().try_for_each(RunClient::follow)?;
     chosen.into_iter().try_for_each(|run| show(run, args, console))?;
     Ok(Exit::Success)
 }
 
 fn show(mut run: RunClient, args: &StatusArgs, console: &mut Console<'_>) -> miette::Result<()> {
-    run.follow()?;
     loop {
-        let line = run.next_line()?;
+        let line = if args.follow { Some(run.next_line()?) } else { run.next_line_within(PATIENCE)? };
         let info = run.info();
-        match line {
-            RunLine::Event(Event::Status(status)) => {
-                let motors = status.motors.iter().enumerate();
+        let line = match line {
+            None | Some(RunLine::Event(Event::Status(_))) => {
+                let status = match line {
+                    Some(RunLine::Event(Event::Status(status))) => Some(status),
+                    _ => None,
+                };
+                let motors = status.iter().flat_map(|status| status.motors.iter().enumerate());
                 let positions = motors.filter_map(|(motor, status)| info.position(motor, status.position)).collect();
                 let status = RunStatus { run: info, status, positions };
                 if args.json {
@@ -72,7 +83,11 @@ fn show(mut run: RunClient, args: &StatusArgs, console: &mut Console<'_>) -> mie
                 if !args.follow {
                     return Ok(());
                 }
+                continue;
             }
+            Some(line) => line,
+        };
+        match line {
             RunLine::Event(event) if args.follow => {
                 if args.json {
                     print_line(&event, console)?
@@ -109,6 +124,14 @@ fn print_line(value: &impl Serialize, console: &mut Console<'_>) -> miette::Resu
 impl Display for RunStatus<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let RunStatus { run, status, positions } = self;
+        let Some(status) = status else {
+            return writeln!(
+                f,
+                "{} at {}: no status now; it plans its motion, or judges what it made",
+                run.file,
+                run.place()
+            );
+        };
         write!(f, "{} at {}, {}:", run.file, run.place(), human::seconds_to(status.at_s, 4))?;
         for ((motor, state), position) in run.motors.iter().zip(&status.motors).zip(positions) {
             let unit = human::unit(&motor.unit);

@@ -76,6 +76,22 @@ impl RunClient {
         }
     }
 
+    /// The next line of the run; `None` if no line comes within `patience`.
+    ///
+    /// # Errors
+    /// As [`RunClient::next_line`].
+    pub fn next_line_within(&mut self, patience: Duration) -> Result<Option<RunLine>, SocketError> {
+        self.lines.get_ref().set_read_timeout(Some(patience)).map_err(|_| self.gone())?;
+        let waited = match self.lines.fill_buf() {
+            // A line is sent as a whole.
+            Ok(_) => self.next_line().map(Some),
+            Err(error) if matches!(error.kind(), io::ErrorKind::WouldBlock | io::ErrorKind::TimedOut) => Ok(None),
+            Err(_) => Err(self.gone()),
+        };
+        self.lines.get_ref().set_read_timeout(None).map_err(|_| self.gone())?;
+        waited
+    }
+
     fn gone(&self) -> SocketError {
         SocketError::Gone { place: self.info.place().to_owned() }
     }

@@ -43,6 +43,14 @@ impl NoClient {
         match *self {}
     }
 
+    /// The next line of the run, if it comes within that time.
+    ///
+    /// # Errors
+    /// Never: there is no run.
+    pub fn next_line_within(&mut self, _: std::time::Duration) -> Result<Option<RunLine>, SocketError> {
+        match *self {}
+    }
+
     /// The next line of the run.
     ///
     /// # Errors

@@ -646,6 +646,29 @@ fn a_step_that_lacks_breaks_a_bound() {
     assert!(outcome.out.contains("FAIL"), "{}", outcome.out);
 }
 
+/// DIR goes through an inverter, or `forward` was changed in the file after the run.
+#[test]
+fn a_reversed_dir_is_named() {
+    let folder = Folder::new("reversed");
+    let text = std::fs::read_to_string(example("tutorial.toml")).unwrap();
+    let [now, then] = if text.contains("forward = \"low\"") { ["low", "high"] } else { ["high", "low"] };
+    let file = folder.path("reversed.toml");
+    std::fs::write(&file, text.replace(&format!("forward = \"{now}\""), &format!("forward = \"{then}\""))).unwrap();
+    let right = example("tutorial.toml");
+    pulsetrain(&["run", &right, "--native", "--out", &folder.path("run")]);
+    let capture = folder.path("run/trace.vcd");
+    let outcome = pulsetrain(&["verify", &capture, &file]);
+    assert_eq!(outcome.exit, Exit::BoundBroken, "{}{}", outcome.out, outcome.err);
+    let hint =
+        format!("DIR of wheel is reversed: the file says forward = \"{then}\", and each step is right with \"{now}\"");
+    let advice = format!("Write forward = \"{now}\" in [motor.wheel]");
+    assert!(outcome.out.contains(&hint) && outcome.out.contains(&advice), "{}", outcome.out);
+    // What is wrong in another way is not called reversed.
+    std::fs::write(&file, text.replace("2.5 rev", "2.6 rev")).unwrap();
+    let outcome = pulsetrain(&["verify", &capture, &file]);
+    assert!(outcome.exit == Exit::BoundBroken && !outcome.out.contains("reversed"), "{}", outcome.out);
+}
+
 /// An analyser's names for its channels have no meaning; the user gives it. The last line of a capture may lack a
 /// newline.
 #[test]

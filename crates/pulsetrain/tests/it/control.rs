@@ -271,6 +271,72 @@ fn dead_sockets_are_removed_and_foreign_folders_refused() {
     assert!(said.contains("only Ctrl-C can: ") && said.contains("PASS"), "{said}");
 }
 
+/// The judge looks for the next step of a law that has none.
+#[test]
+fn an_endless_rest_is_stopped_and_judged() {
+    let user = User::new("ctl-rest");
+    let rest = SLOW.replace("speed = \"0.005 rev/s\", duration = \"1000000 s\"", "speed = \"0 rev/s\"");
+    std::fs::write(user.folder.0.join("rest.toml"), rest).unwrap();
+    let run = user.command(&["run", "rest", "--native", "--for", "forever", "--no-trace"]).spawn().unwrap();
+    while user.sockets().is_empty() {
+        std::thread::yield_now();
+    }
+    let mut line = Line::open(&user.sockets()[0]);
+    line.send("{\"follow\":true}");
+    line.until(|event| event["event"] == "status");
+    user.says(&["stop"], 0);
+    let output = run.wait_with_output().unwrap();
+    let said = all(&output);
+    assert_eq!(output.status.code(), Some(0), "{said}");
+    assert!(said.contains("This motion makes no step") && said.contains("PASS: stopped on your order"), "{said}");
+}
+
+/// The figure of a path without an end is compared with the path up to the stop.
+#[test]
+fn the_figure_of_an_endless_path_is_measured_up_to_the_stop() {
+    let user = User::new("ctl-figure");
+    let circle = concat!(env!("CARGO_MANIFEST_DIR"), "/../../examples/circle.toml");
+    let circle = std::fs::read_to_string(circle).unwrap();
+    assert!(circle.contains("cycles = 2"));
+    std::fs::write(user.folder.0.join("circle.toml"), circle.replace("cycles = 2", "cycles = \"forever\"")).unwrap();
+    let files = ["--native", "--no-trace", "--no-steps"];
+    let run =
+        user.command(&[&["run", "circle", "--for", "forever", "--out", "out"][..], &files].concat()).spawn().unwrap();
+    let _line = user.line_to(&run);
+    user.says(&["stop"], 0);
+    assert_eq!(run.wait_with_output().unwrap().status.code(), Some(0));
+    let report: Value = serde_json::from_slice(&std::fs::read(user.folder.0.join("out/report.json")).unwrap()).unwrap();
+    let figure = &report["figures"][0];
+    assert!(figure["motor_steps"].as_f64().unwrap() < 1.0 && figure["tip"].as_f64().unwrap() < 0.02, "{figure}");
+}
+
+/// A run that plans, or judges at its end, sends no status: `status` does not wait for it.
+#[test]
+fn status_does_not_wait_for_a_run_that_is_silent() {
+    let user = User::new("ctl-silent");
+    let (mut run, line) = user.slow_run("out");
+    let mut info = line.first.clone();
+    info["name"] = "native-7".into();
+    let silent = UnixListener::bind(user.folder.0.join("run/pulsetrain/native-7.sock")).unwrap();
+    let server = std::thread::spawn(move || {
+        for _ in 0..2 {
+            let (mut stream, _) = silent.accept().unwrap();
+            writeln!(stream, "{info}").unwrap();
+            // To its client's end.
+            stream.read_to_end(&mut Vec::new()).unwrap();
+        }
+    });
+    let said = user.says(&["status"], 0);
+    assert!(said.contains("slow.toml at native-7: no status now; it plans its motion"), "{said}");
+    assert!(said.contains(&format!("slow.toml at native-{}, ", run.id())) && said.contains(" rev/s"), "{said}");
+    let said = user.says(&["status", "--port", "native-7", "--json"], 0);
+    let said: Value = serde_json::from_str(&said).unwrap();
+    assert!(said["status"].is_null() && said["run"]["file"] == "slow.toml", "{said}");
+    server.join().unwrap();
+    run.kill().unwrap();
+    run.wait().unwrap();
+}
+
 /// A motion without an end, and without files: its edges are judged up to the first change.
 #[test]
 fn an_endless_run_is_steered_and_stopped() {
@@ -293,13 +359,16 @@ fn an_endless_run_is_steered_and_stopped() {
     let text = String::from_utf8(output.stdout).unwrap();
     assert_eq!(output.status.code(), Some(0), "{text}");
     assert!(text.contains("PASS: stopped on your order; no bound broke up to "), "{text}");
+    assert!(text.contains("on the native board: a motion without an end, "), "{text}");
     let mut names: Vec<_> =
         std::fs::read_dir(user.folder.0.join("out")).unwrap().map(|file| file.unwrap().file_name()).collect();
     names.sort();
     assert_eq!(names, ["plot.svg", "report.json"]);
     let report: Value = serde_json::from_slice(&std::fs::read(user.folder.0.join("out/report.json")).unwrap()).unwrap();
     assert!(
-        report["judged_until_s"].as_f64().unwrap() > 0.0 && report["stopped"]["motors"][0]["steps"].is_i64(),
+        report["asked_s"].is_null()
+            && report["judged_until_s"].as_f64().unwrap() > 0.0
+            && report["stopped"]["motors"][0]["steps"].is_i64(),
         "{report}"
     );
     // Only a run can go on for ever.

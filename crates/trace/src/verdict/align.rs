@@ -2,7 +2,7 @@
 
 use pulsetrain_motion::program::Program;
 
-use super::matcher::Timebase;
+use super::matcher::{HORIZON_S, Timebase};
 use super::matches::{Match, Matches};
 use super::{Align, Judge, JudgeError, Options, Report};
 use crate::crossing::{Crossings, Instant};
@@ -104,11 +104,13 @@ impl First {
     /// The shift that brings the first steps to the first crossings, one by one.
     fn guess(&self, tick_hz: u64, program: &Program, given: Timebase) -> Result<Timebase, JudgeError> {
         let mut late = Vec::new();
+        let until = given.law(self.last).plus(HORIZON_S * tick_hz as f64);
         for (steps, motor) in self.steps.iter().zip(&program.motors) {
             let mut crossings = Crossings::new(&motor.law, program.grid, tick_hz.max(1));
             for &tick in steps {
-                let crossing =
-                    crossings.advance().map_err(|error| JudgeError::Law { motor: motor.name.clone(), error })?;
+                let crossing = crossings
+                    .advance_until(until)
+                    .map_err(|error| JudgeError::Law { motor: motor.name.clone(), error })?;
                 let Some(crossing) = crossing else { break };
                 crossings.settle(true);
                 late.push(given.law(tick).minus(crossing.at));

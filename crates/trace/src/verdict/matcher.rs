@@ -24,6 +24,10 @@ impl Timebase {
     }
 }
 
+/// How long after the last step crossings are searched for, s: an endless law may have none any more. A step that is
+/// earlier than its crossing by more than that counts as extra.
+pub(super) const HORIZON_S: f64 = 3600.0;
+
 /// The largest errors of a step, in ticks of the trace.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Limits {
@@ -153,7 +157,7 @@ impl Matcher {
             self.decide();
         }
         loop {
-            self.look_ahead();
+            self.look_ahead(until);
             let Some(crossing) = self.wanted.front().copied() else { break };
             let slack = self.limits.bound + self.limits.put_off + crossing.uncertainty_ticks;
             if until.is_some_and(|until| crossing.at.minus(until) > -slack) {
@@ -199,10 +203,14 @@ impl Matcher {
         self.crossings.position() - ahead
     }
 
-    /// Fills `wanted` with the next three crossings, or up to an optional one.
-    fn look_ahead(&mut self) {
+    /// Fills `wanted` with the next three crossings, or up to an optional one, or with those up to `until`.
+    fn look_ahead(&mut self, until: Option<Instant>) {
         while self.error.is_none() && self.wanted.len() < 3 && self.wanted.back().is_none_or(|c| !c.optional) {
-            match self.crossings.advance() {
+            let next = match until {
+                Some(until) => self.crossings.advance_until(until),
+                None => self.crossings.advance(),
+            };
+            match next {
                 Ok(Some(crossing)) => self.wanted.push_back(crossing),
                 Ok(None) => break,
                 Err(error) => self.error = Some(error),
@@ -229,8 +237,9 @@ impl Matcher {
 
     /// Decides about the first step, or about the crossings that come before it.
     fn decide(&mut self) {
+        let until = self.made.back().map(|made| made.at.plus(HORIZON_S * self.limits.tick_hz));
         loop {
-            self.look_ahead();
+            self.look_ahead(until);
             let Some(&made) = self.made.front() else { return };
             let Some(&wanted) = self.wanted.front() else {
                 if self.error.is_none() {

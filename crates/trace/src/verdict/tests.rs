@@ -790,3 +790,22 @@ fn a_few_frames_are_no_film() {
     assert_eq!(judged(20, &Options { until_s: Some(-1.0), ..Options::default() }), too_few(0));
     assert!(judged(8, &Options::default()).unwrap().ok);
 }
+
+/// Such a law is endless and has no crossing any more: the verdict comes all the same, also for a step too many.
+#[test]
+fn an_endless_law_that_rests_is_judged() {
+    let rest = Law::Steady(Steady { speed: 0.0, duration: None });
+    let move_and_rest = Law::then(vec![Law::speed(800.0, Some(Time::SECOND)).unwrap(), rest.clone()]).unwrap();
+    // It swings by less than a step.
+    let swing = sine(0.2, Time::SECOND, None);
+    for (law, steps) in [(rest, 0), (move_and_rest, 800), (swing, 0)] {
+        let program = program(Grid::REACH, vec![motor("wheel", law, 8, 9)]);
+        for (extra, align) in [(0, Align::None), (1, Align::None), (2, Align::Start)] {
+            let step = |k: u64| Step { motor: 0, tick: k * 20_000, forward: true };
+            let steps = (1..=steps + extra).map(step).collect();
+            let trace = StepTrace { tick_hz: HZ, motors: vec!["wheel".into()], steps };
+            let report = judge_steps(&trace, &program, &Options { align, ..Options::default() }).unwrap();
+            assert_eq!((report.ok, report.motors[0].extra), (extra == 0, extra), "{:?}", report.failures);
+        }
+    }
+}

@@ -37,7 +37,7 @@ use form::Form;
 pub(crate) use parse::taken;
 use resolve::{NARROWEST_S, Resolver, Stop};
 use smooth::Smooth;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 pub use tape::Window;
 use tape::{Tape, Undefined};
 pub use terms::Terms;
@@ -71,6 +71,24 @@ pub struct Formula {
     tree: Expression,
     duration: Option<Time>,
     parameters: Vec<ParameterUse>,
+    everywhere: Everywhere,
+}
+
+/// What a formula without branches is everywhere, once somebody has asked: it takes long to work out of thousands of terms.
+#[derive(Clone, Default)]
+struct Everywhere(OnceLock<Known>);
+
+/// It follows from the formula.
+impl PartialEq for Everywhere {
+    fn eq(&self, _: &Everywhere) -> bool {
+        true
+    }
+}
+
+impl std::fmt::Debug for Everywhere {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str("Everywhere")
+    }
 }
 
 /// A parameter of a formula, as it was used: with another number inside of sin, cos and tan if it is an angle.
@@ -164,7 +182,13 @@ impl Law {
             in_trig: shown(in_trig, &p.in_trig),
         });
         let parameters = parameters.collect();
-        Ok(Law::Formula(Arc::new(Formula { text: text.into(), tree, duration, parameters })))
+        Ok(Law::Formula(Arc::new(Formula {
+            text: text.into(),
+            tree,
+            duration,
+            parameters,
+            everywhere: Everywhere::default(),
+        })))
     }
 
     /// The parameters of each formula in it, in the order in which it has them.
@@ -214,7 +238,6 @@ impl Formula {
             start,
             length: LONGEST_S,
             position: None,
-            known: None,
             forced: 0,
             failed: false,
         }
@@ -231,8 +254,6 @@ pub(super) struct Windows {
     length: f64,
     /// Where the last window ended.
     position: Option<Double>,
-    /// What a formula without branches is everywhere.
-    known: Option<Known>,
     /// Narrowest windows in a row.
     forced: u32,
     failed: bool,
@@ -307,8 +328,8 @@ impl Windows {
     }
 
     /// The formula from the start to `end`; the inner error is final.
-    fn piece(&mut self, end: Time, forced: bool) -> Result<Result<Piece, LawError>, Stop> {
-        let known = match &self.known {
+    fn piece(&self, end: Time, forced: bool) -> Result<Result<Piece, LawError>, Stop> {
+        let known = match self.formula.everywhere.0.get() {
             Some(known) => known.clone(),
             None => {
                 let resolver = Resolver { start: self.start, end, forced };
@@ -317,7 +338,7 @@ impl Windows {
                     smooth => Known::Tape(Arc::new(Tape::new(&smooth))),
                 };
                 if !self.formula.tree.has_branches() {
-                    self.known = Some(known.clone());
+                    let _ = self.formula.everywhere.0.set(known.clone());
                 }
                 known
             }
