@@ -18,7 +18,7 @@ use pulsetrain_core::wire::message::{
     self, Cause, Configuration, Event, Info, Measures, MotorSetup, NO_PIN, Status, flags, image, kind, limit_bytes,
 };
 use pulsetrain_core::wire::orders::{ORDER_LEN, Obeyed, Orders, order};
-use pulsetrain_core::wire::{Baud, Command, Reason, Reply, Settings, Stopped, Stored, Switched, Trimmed};
+use pulsetrain_core::wire::{Baud, Command, MAX_FRAME, Reason, Reply, Settings, Stopped, Stored, Switched, Trimmed};
 use pulsetrain_core::{Entry, Epoch, Item, Tick32};
 use std::collections::VecDeque;
 use std::time::Duration;
@@ -59,6 +59,11 @@ const BRIDGE_DELAY: Duration = Duration::from_millis(6);
 /// An item counts as gone from its queue this long after the computed tick, as a fraction of a second: 1 ms covers the error of the host's clock
 /// reading.
 const TAKEN_MARGIN_PER_S: u64 = 1000;
+
+/// From a frame's last byte on the line to the board's having obeyed it: USB holds bytes back for 1 ms, and a board that makes steps reads them late.
+const HEARING: Duration = Duration::from_millis(2);
+/// One in this many bytes on the line belongs to a frame and not to the plan in it.
+const FRAME_SHARE: usize = 5;
 
 /// The shortest wait for the port, so that a loop that waits for an estimated time always ends.
 const SHORTEST_ROUND: Duration = Duration::from_micros(10);
@@ -925,7 +930,6 @@ impl<P: Port> Remote<P> {
             }
         };
         for motor in self.motors.iter_mut().filter(|motor| motor.epoch == Some(epoch)) {
-            motor.reset_packing();
             motor.drop_epoch(epoch);
         }
         // Reads the room in the queues, as the board has dropped the items.
@@ -1103,9 +1107,13 @@ impl RemoteQueue {
         self.packed.clear();
     }
 
-    /// Drops the items of an epoch, which are the last that were pushed.
+    /// Drops the items of an epoch, which are the last that were pushed. The epoch before it is packed on as if they had not been there: the board
+    /// reads it on from where it was, too.
     fn drop_epoch(&mut self, epoch: Epoch) {
-        while self.waiting.pop_back_if(|item| item.epoch == epoch).is_some() {}
+        self.reset_packing();
+        while let Some(item) = self.waiting.pop_back_if(|item| item.epoch == epoch) {
+            (self.epoch, self.packer) = item.before;
+        }
     }
 
     /// Notes that the board drops the items of older epochs at `tick`.
@@ -1184,7 +1192,6 @@ impl<P: Port> Board for Remote<P> {
 
     fn discard(&mut self, epoch: Epoch) {
         for motor in self.motors.iter_mut().filter(|motor| motor.epoch == Some(epoch)) {
-            motor.reset_packing();
             motor.drop_epoch(epoch);
         }
         if self.error.is_none() && self.done("drop an epoch", &Command::Discard { epoch }).is_ok() {
@@ -1214,6 +1221,18 @@ impl<P: Port> Board for Remote<P> {
         let fill = Duration::from_secs(BITS * u64::from(self.info.pool) / 2) / self.link.baud().rate();
         let lead = fill + 2 * self.link.shortest_timeout();
         (lead.as_secs_f64() * f64::from(self.info.tick_hz)) as u64
+    }
+
+    fn delivery(&self, bytes: usize) -> u64 {
+        let baud = u64::from(self.link.baud().rate());
+        // Frames are longer than what is packed in them. A frame of the plan before may be on its way, and the command is one.
+        let on_line = BITS * (bytes + bytes / FRAME_SHARE + 2 * MAX_FRAME) as u64;
+        let time = Duration::from_nanos(on_line * 1_000_000_000 / baud) + HEARING;
+        (time.as_secs_f64() * f64::from(self.info.tick_hz)) as u64
+    }
+
+    fn repetition(&self) -> u64 {
+        (self.link.shortest_timeout().as_secs_f64() * f64::from(self.info.tick_hz)) as u64
     }
 
     fn horizon(&self) -> u64 {

@@ -14,7 +14,7 @@ use std::sync::Arc;
 
 /// Longest wait of one item, ticks: an eighth of what a 32-bit clock can tell apart. A longer rest is sent as several waits, so that the end of
 /// an item is never too far from the board's time.
-const LONGEST_DWELL_TICKS: u64 = 1 << 28;
+pub(crate) const LONGEST_DWELL_TICKS: u64 = 1 << 28;
 
 /// θ where a motor's count is 0: whole steps, and a fraction of a step.
 pub(crate) type Datum = (i64, f64);
