@@ -1051,7 +1051,7 @@ impl<P: Port> Remote<P> {
         let least = self.motors.iter().map(|motor| motor.percent_full(tick, self.epoch)).min().unwrap_or(0);
         let few = usize::from(self.info.pool) / LIMIT_PARTS;
         match least {
-            _ if self.awaits_answer => usize::MAX,
+            _ if self.awaits_answer => 2 * few.max(1),
             PLENTY_PERCENT.. => few.max(1),
             ENOUGH_PERCENT.. => 2 * few.max(1),
             _ => usize::MAX,
@@ -1227,7 +1227,8 @@ impl<P: Port> Board for Remote<P> {
         let baud = u64::from(self.link.baud().rate());
         // Frames are longer than what is packed in them. A frame of the plan before may be on its way, and the command is one.
         let on_line = BITS * (bytes + bytes / FRAME_SHARE + 2 * MAX_FRAME) as u64;
-        let time = Duration::from_nanos(on_line * 1_000_000_000 / baud) + HEARING;
+        let heard = HEARING + Duration::from_micros(60) * if self.info.board == 1 { bytes as u32 } else { 0 };
+        let time = Duration::from_nanos(on_line * 1_000_000_000 / baud) + heard;
         (time.as_secs_f64() * f64::from(self.info.tick_hz)) as u64
     }
 
