@@ -43,6 +43,9 @@ const FULL_PERCENT: usize = 75;
 /// The limit for a board with plenty in its queues: one of this many parts of its queues' bytes. For a board with enough it is twice that.
 const LIMIT_PARTS: usize = 15;
 
+/// Bytes are limited, too, if what all queues have begins so much later, ms.
+const SOON_MS: u64 = 15;
+
 /// How often bytes are sent under that limit: once in a frame of USB.
 const SEND_EVERY: Duration = Duration::from_millis(1);
 
@@ -1050,8 +1053,10 @@ impl<P: Port> Remote<P> {
         let tick = self.now();
         let least = self.motors.iter().map(|motor| motor.percent_full(tick, self.epoch)).min().unwrap_or(0);
         let few = usize::from(self.info.pool) / LIMIT_PARTS;
+        let soon = tick + u64::from(self.info.tick_hz) / 1000 * SOON_MS;
+        let lasts = self.motors.iter().all(|motor| motor.waiting.back().is_some_and(|item| item.until >= soon));
         match least {
-            _ if self.awaits_answer => 2 * few.max(1),
+            _ if self.awaits_answer || (lasts && least < ENOUGH_PERCENT) => 2 * few.max(1),
             PLENTY_PERCENT.. => few.max(1),
             ENOUGH_PERCENT.. => 2 * few.max(1),
             _ => usize::MAX,

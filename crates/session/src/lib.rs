@@ -93,6 +93,9 @@ pub const FARTHEST_BEGIN_S: u64 = 10;
 /// a change.
 const SHORT_MS: u64 = 40;
 
+/// The bytes of a motor's next items, with which its lease can be extended after a change.
+const NEXT_BYTES: usize = 16;
+
 /// How many extensions may be without an answer at a time. With several, a short queue need not last until one was answered and the next one arrived.
 /// A slow line needs more of them, as answers come late there: one for each [`PENDING_PER_LINK_MS`] of the link's time. On a fast line more of them would
 /// cost an Uno too much processor time.
@@ -654,7 +657,8 @@ impl<B: Leased> Session<B> {
     /// How long the beginning of a plan must last in the board's queues, and how long it should, ticks: until more of it is there, and until it is
     /// there although a frame was lost.
     fn beginning_lasts(&self) -> [u64; 2] {
-        let least = self.pace.lead + self.board.delivery(0) + self.pace.tick_hz / 500;
+        let next = NEXT_BYTES * self.capacity.len();
+        let least = self.pace.lead + self.board.delivery(next) + self.pace.tick_hz / 500;
         [least, if self.effort.is_short { least } else { least + self.pace.repetition }]
     }
 
