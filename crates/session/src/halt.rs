@@ -311,9 +311,8 @@ impl<B: Leased> Session<B> {
         let done = loop {
             let caution = cautions.peek().copied().unwrap_or(1.0);
             self.board.await_extensions();
-            let t0 = self.board.now(); let dd = change(self, caution, delay); let ms = |t: u64| t as f64 * 1e3 / self.pace.tick_hz as f64;
-            if std::env::var("DBG").is_ok() { eprintln!("  at {:.2} took {:.2}: horizon {:.2} ahead {:.2} delivery0 {:.2} room {} caps {:?} rooms {:?} delay {:.2} short {} -> {}", ms(t0), ms(self.board.now()-t0), ms(self.board.horizon()-self.board.now()), ms(self.committed_until().saturating_sub(self.board.now())), ms(self.board.delivery(0)), self.effort.room, self.capacity, (0..self.capacity.len()).map(|m| self.board.room(m)).collect::<Vec<_>>(), ms(delay), self.effort.is_short, match &dd {Ok(_) => "ok".to_owned(), Err(e) => e.to_string()}); }
-            match dd {
+            self.effort.asked_at = self.board.now();
+            match change(self, caution, delay) {
                 Err(SessionError::Plan(_)) if cautions.len() > 1 => drop(cautions.next()),
                 Err(error @ SessionError::QueueTooShort { .. }) => {
                     let mut is_made = false;
@@ -378,9 +377,7 @@ impl<B: Leased> Session<B> {
         self.board.await_extensions();
         self.check_board()?;
         // The board's answer to this comes before the change.
-        let cut =
-            self.earliest() + self.board.delivery(0) + self.pace.tick_hz * STAYING_MS / 1000 + staying;
-        if std::env::var("DBG").is_ok() { let ms = |t: u64| t as f64 * 1e3 / self.pace.tick_hz as f64; eprintln!("  make room staying {:.2} cut {:.2} committed {:.2} pending {} replaced {} items {:?}", ms(staying), ms(cut - self.board.now()), ms(self.committed_until() - self.board.now()), self.pending_extensions.len(), self.replaced.is_some(), self.timelines.iter().map(|timeline| timeline.items_from(cut)).collect::<Vec<_>>()); }
+        let cut = self.earliest() + self.board.delivery(0) + self.pace.tick_hz * STAYING_MS / 1000 + staying;
         let is_answered = self.pending_extensions.is_empty() && self.replaced.is_none();
         if !is_answered || cut >= self.committed_until() || cut <= self.brakeable_from.max(self.stream.zero()) {
             return Ok(false);

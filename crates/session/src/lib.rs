@@ -150,7 +150,9 @@ pub struct Session<B> {
 /// What it takes to make a change. The next one is likely to take as much.
 #[derive(Clone, Copy, Debug, Default)]
 struct Effort {
-    /// Planning its beginning, ticks of the board.
+    /// When it was asked for, tick.
+    asked_at: u64,
+    /// Planning it, ticks of the board.
     planning: u64,
     /// The beginning in the board's queues, in its unit.
     room: usize,
@@ -292,7 +294,7 @@ impl<B: Leased> Session<B> {
                 return Err(SessionError::Late { at: zero, latest });
             }
             let stream = Stream::new(Arc::clone(&program), zero, &counts, board.epoch().next(), &board)?;
-        let lasts = [zero, zero + pace.look_ahead];
+            let lasts = [zero, zero + pace.look_ahead];
             let begun = Beginning::new(&mut board, stream, &timelines, &capacity, &pace, lasts)?;
             match begun.switch(&mut board) {
                 Ok(()) => break (zero, begun),
@@ -595,6 +597,8 @@ impl<B: Leased> Session<B> {
     /// When `at` is too early or too late, or another change waits, or the new plan is refused; the old one goes on.
     pub fn change(&mut self, at: u64, program: impl Into<Arc<Program>>) -> Result<(), SessionError> {
         let program = program.into();
+        self.board.await_extensions();
+        self.effort.asked_at = self.board.now();
         self.change_proven(at, Arc::clone(&program), 0)?;
         self.playback = Playback::begun(program);
         Ok(())
@@ -627,12 +631,11 @@ impl<B: Leased> Session<B> {
             starts.push(Start { origin, last_step: self.timelines[motor].last_before(at)[0].map(from_there) });
             datums.push(datum);
         }
-        let called = self.board.now();
         let [least, lasts] = self.beginning_lasts();
         let sizes = halt::prove(&program, &starts, proven, lasts, &self.board)?;
         let epoch = self.next_epoch();
         let stream = Stream::from(program, at, &starts, datums, epoch, &self.board)?;
-        (self.effort.planning, self.effort.room) = (self.board.now() - called, sizes.iter().sum());
+        (self.effort.planning, self.effort.room) = (self.board.now() - self.effort.asked_at, sizes.iter().sum());
         if proven > 0 {
             self.check_beginning(at, &sizes)?;
         }

@@ -218,4 +218,3 @@ fn thousands_of_changes_lose_no_phase() {
         }
     }
 }
-
