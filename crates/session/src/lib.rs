@@ -908,20 +908,21 @@ impl Beginning {
         timelines.iter_mut().for_each(|timeline| timeline.cut(stream.zero()));
         let zero = stream.zero();
         let (mut planned_up_to, latest) = (until, zero + pace.look_ahead);
-        let (handed, brakings) = loop {
+        // It is long enough when all motors can brake in it.
+        let (handed, brakings, brakeable_from) = loop {
             let handed = stream.hand_over(board, &mut timelines, &vec![0; capacity.len()], planned_up_to)?;
             if handed.has_more {
                 continue;
             }
             let brakings = lease::brakings(&stream)?;
+            let brakeable_from = lease::brakeable_from(&timelines, &brakings, stream.program(), zero);
             let is_joined = lease::is_joined(&timelines, &brakings, stream.program(), zero);
-            if is_joined || handed.motor_full.is_some() || planned_up_to >= latest {
-                break (handed, brakings);
+            if (is_joined && brakeable_from < planned_up_to) || handed.motor_full.is_some() || planned_up_to >= latest {
+                break (handed, brakings, brakeable_from);
             }
             planned_up_to = latest.min(2 * planned_up_to - zero);
         };
         let limits = brakings.iter().map(|braking| braking.limit).collect();
-        let brakeable_from = lease::brakeable_from(&timelines, &brakings, stream.program(), zero);
         let long_enough = |lease: &Lease| match lease {
             Lease::Until(until) => *until >= least,
             Lease::Last => true,
