@@ -799,6 +799,14 @@ impl<B: Leased> Session<B> {
         self.stream.certificate(motor)
     }
 
+    /// How much the session remembers: items, answers that are due, and the laws as text. However often the laws change, it does not grow.
+    #[must_use]
+    pub fn remembered(&self) -> usize {
+        let replaced = self.replaced.iter().flat_map(|replaced| &replaced.timelines);
+        let items: usize = self.timelines.iter().chain(replaced).map(Timeline::len).sum();
+        items + self.stream.unsent() + self.pending_extensions.len() + format!("{:?}", self.playback).len()
+    }
+
     /// Holds a higher tempo against the line that brings the plan to the board.
     pub fn hold_to_line(&mut self, line: Option<Line>) {
         self.line = line;

@@ -150,6 +150,11 @@ impl Stream {
         self.ensemble.certificate(motor)
     }
 
+    /// How many items are planned and not sent.
+    pub(crate) fn unsent(&self) -> usize {
+        self.lanes.iter().map(|lane| lane.next.len()).sum()
+    }
+
     /// The motor whose sent plan ends soonest, and the tick of that end: of its last sent step, or of the wait after it. `None` when the whole plan
     /// was sent.
     pub(crate) fn least_handed_over(&self) -> Option<(u64, usize)> {

@@ -185,7 +185,7 @@ fn a_new_frequency_keeps_the_swing() {
     }
 }
 
-/// A change each second for hours: the motors are where the common zero has them, to a tick.
+/// A change each second for hours: the motors are where the common zero has them, to a tick, and the session remembers no more than after ten changes.
 #[test]
 fn thousands_of_changes_lose_no_phase() {
     let laws = |size: f64| [sine(size, 1.0), sine(0.8 * size, 0.7)];
@@ -193,14 +193,18 @@ fn thousands_of_changes_lose_no_phase() {
     let mut lab = Lab::new(&old);
     let mut session = Session::new(Bench::new(&old, 256), Arc::clone(&old)).unwrap();
     let zero = session.zero();
-    let mut until = 0;
+    let (mut until, mut after_ten, mut most) = (0, 0, 0);
     for k in 0..10_000 {
         session.advance(zero + k * TICK_HZ, &mut lab).unwrap();
         let program = Arc::clone(if k % 2 == 0 { &new } else { &old });
         let wanted = Change { program, over: None, begins: Begins::WithTheMotion };
         until = change(&mut session, &mut lab, &wanted).unwrap();
         lab.steps.iter_mut().for_each(Vec::clear);
+        let remembered = if k < 10 { &mut after_ten } else { &mut most };
+        *remembered = session.remembered().max(*remembered);
     }
+    // The laws' text has more digits as the times grow.
+    assert!(most <= after_ten + after_ten / 4, "{after_ten}, later {most}");
     session.advance(until + 5 * TICK_HZ, &mut lab).unwrap();
     // One period of each without any change.
     let mut plain = Lab::new(&old);
