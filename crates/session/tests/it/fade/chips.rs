@@ -188,13 +188,14 @@ fn anything_at_any_time_on(board: &'static str, seed: u64) {
     let (mut paused, mut is_calm) = (false, false);
     let mut command = None;
     let ended = loop {
+        assert!(at_s < busy_until_s + 30.0, "seed {seed}: {made} changes, and no end");
         if last.is_some_and(|(_, until_s)| at_s > until_s + 1.5) {
             command = Some(Command::Stop);
         }
         let step = driven.step(command.take(), &mut seen, |event| match event {
             Event::Progress { at_s: now_s } => at_s = now_s,
             Event::Pausing { .. } => paused = true,
-            Event::Resuming { .. } | Event::Tempo { .. } => paused = false,
+            Event::Resuming { .. } => paused = false,
             _ => {}
         });
         if let Some(ended) = step.unwrap_or_else(|error| panic!("seed {seed}, {made} changes, at {at_s} s: {error}")) {
@@ -206,9 +207,12 @@ fn anything_at_any_time_on(board: &'static str, seed: u64) {
         due_s = at_s + random.between(0.0, 0.6);
         if at_s > busy_until_s {
             // At full speed again, before the last change.
-            if !is_calm || paused {
-                command = Some(if paused { Command::Resume } else { Command::Tempo { rate: 1.0 } });
-                (is_calm, due_s) = (true, at_s + 3.0);
+            if paused {
+                (command, due_s) = (Some(Command::Resume), at_s + 1.5);
+                continue;
+            }
+            if !std::mem::replace(&mut is_calm, true) {
+                (command, due_s) = (Some(Command::Tempo { rate: 1.0 }), at_s + 3.0);
                 continue;
             }
             let program = Arc::new(load.with(&last_values).program);
