@@ -80,6 +80,18 @@ pub trait Board {
     /// How long a command and its answer may take, ticks; 0 if no time passes.
     fn round_trip(&self) -> u64;
 
+    /// How long it takes until the board obeys a command that comes behind `bytes` bytes of a plan, if nothing is lost on the way, ticks. A command that
+    /// comes later does no harm: the board refuses it.
+    fn delivery(&self, bytes: usize) -> u64 {
+        let _ = bytes;
+        self.round_trip()
+    }
+
+    /// How much later a frame comes that was lost once, ticks.
+    fn repetition(&self) -> u64 {
+        0
+    }
+
     /// The first tick to which no motor is committed yet: a switch is accepted at this tick or later.
     fn horizon(&self) -> u64;
 

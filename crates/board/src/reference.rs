@@ -159,6 +159,14 @@ impl<B: Leased> Board for WithReference<B> {
         self.board.round_trip()
     }
 
+    fn delivery(&self, bytes: usize) -> u64 {
+        self.board.delivery(bytes)
+    }
+
+    fn repetition(&self) -> u64 {
+        self.board.repetition()
+    }
+
     fn horizon(&self) -> u64 {
         self.board.horizon()
     }

@@ -18,7 +18,7 @@ use pulsetrain_core::wire::message::{
     self, Cause, Configuration, Event, Info, Measures, MotorSetup, NO_PIN, Status, flags, image, kind, limit_bytes,
 };
 use pulsetrain_core::wire::orders::{ORDER_LEN, Obeyed, Orders, order};
-use pulsetrain_core::wire::{Baud, Command, Reason, Reply, Settings, Stopped, Stored, Switched, Trimmed};
+use pulsetrain_core::wire::{Baud, Command, MAX_FRAME, Reason, Reply, Settings, Stopped, Stored, Switched, Trimmed};
 use pulsetrain_core::{Entry, Epoch, Item, Tick32};
 use std::collections::VecDeque;
 use std::time::Duration;
@@ -43,6 +43,9 @@ const FULL_PERCENT: usize = 75;
 /// The limit for a board with plenty in its queues: one of this many parts of its queues' bytes. For a board with enough it is twice that.
 const LIMIT_PARTS: usize = 15;
 
+/// Bytes are limited, too, if what all queues have begins so much later, ms.
+const SOON_MS: u64 = 15;
+
 /// How often bytes are sent under that limit: once in a frame of USB.
 const SEND_EVERY: Duration = Duration::from_millis(1);
 
@@ -59,6 +62,15 @@ const BRIDGE_DELAY: Duration = Duration::from_millis(6);
 /// An item counts as gone from its queue this long after the computed tick, as a fraction of a second: 1 ms covers the error of the host's clock
 /// reading.
 const TAKEN_MARGIN_PER_S: u64 = 1000;
+
+/// From a frame's last byte on the line to the board's having obeyed it: USB holds bytes back for 1 ms, and a board that makes steps reads them late.
+const HEARING: Duration = Duration::from_millis(2);
+/// How much longer an Uno at full load takes for each byte of a plan, µs. On the emulated one a Switch behind 199 bytes was answered after 13.7 ms.
+const HEARING_UNO_BYTE_US: u64 = 60;
+/// The Uno's number in [`Info`].
+const UNO: u8 = 1;
+/// One in this many bytes on the line belongs to a frame and not to the plan in it.
+const FRAME_SHARE: usize = 5;
 
 /// The shortest wait for the port, so that a loop that waits for an estimated time always ends.
 const SHORTEST_ROUND: Duration = Duration::from_micros(10);
@@ -925,7 +937,6 @@ impl<P: Port> Remote<P> {
             }
         };
         for motor in self.motors.iter_mut().filter(|motor| motor.epoch == Some(epoch)) {
-            motor.reset_packing();
             motor.drop_epoch(epoch);
         }
         // Reads the room in the queues, as the board has dropped the items.
@@ -1046,8 +1057,10 @@ impl<P: Port> Remote<P> {
         let tick = self.now();
         let least = self.motors.iter().map(|motor| motor.percent_full(tick, self.epoch)).min().unwrap_or(0);
         let few = usize::from(self.info.pool) / LIMIT_PARTS;
+        let soon = tick + u64::from(self.info.tick_hz) / 1000 * SOON_MS;
+        let lasts = self.motors.iter().all(|motor| motor.waiting.back().is_some_and(|item| item.until >= soon));
         match least {
-            _ if self.awaits_answer => usize::MAX,
+            _ if self.awaits_answer || (lasts && least < ENOUGH_PERCENT) => 2 * few.max(1),
             PLENTY_PERCENT.. => few.max(1),
             ENOUGH_PERCENT.. => 2 * few.max(1),
             _ => usize::MAX,
@@ -1103,9 +1116,13 @@ impl RemoteQueue {
         self.packed.clear();
     }
 
-    /// Drops the items of an epoch, which are the last that were pushed.
+    /// Drops the items of an epoch, which are the last that were pushed. The epoch before it is packed on as if they had not been there: the board
+    /// reads it on from where it was, too.
     fn drop_epoch(&mut self, epoch: Epoch) {
-        while self.waiting.pop_back_if(|item| item.epoch == epoch).is_some() {}
+        self.reset_packing();
+        while let Some(item) = self.waiting.pop_back_if(|item| item.epoch == epoch) {
+            (self.epoch, self.packer) = item.before;
+        }
     }
 
     /// Notes that the board drops the items of older epochs at `tick`.
@@ -1184,7 +1201,6 @@ impl<P: Port> Board for Remote<P> {
 
     fn discard(&mut self, epoch: Epoch) {
         for motor in self.motors.iter_mut().filter(|motor| motor.epoch == Some(epoch)) {
-            motor.reset_packing();
             motor.drop_epoch(epoch);
         }
         if self.error.is_none() && self.done("drop an epoch", &Command::Discard { epoch }).is_ok() {
@@ -1214,6 +1230,19 @@ impl<P: Port> Board for Remote<P> {
         let fill = Duration::from_secs(BITS * u64::from(self.info.pool) / 2) / self.link.baud().rate();
         let lead = fill + 2 * self.link.shortest_timeout();
         (lead.as_secs_f64() * f64::from(self.info.tick_hz)) as u64
+    }
+
+    fn delivery(&self, bytes: usize) -> u64 {
+        let baud = u64::from(self.link.baud().rate());
+        // Frames are longer than what is packed in them. A frame of the plan before may be on its way, and the command is one.
+        let on_line = BITS * (bytes + bytes / FRAME_SHARE + 2 * MAX_FRAME) as u64;
+        let read_late = if self.info.board == UNO { HEARING_UNO_BYTE_US * bytes as u64 } else { 0 };
+        let time = Duration::from_nanos(on_line * 1_000_000_000 / baud) + HEARING + Duration::from_micros(read_late);
+        (time.as_secs_f64() * f64::from(self.info.tick_hz)) as u64
+    }
+
+    fn repetition(&self) -> u64 {
+        (self.link.shortest_timeout().as_secs_f64() * f64::from(self.info.tick_hz)) as u64
     }
 
     fn horizon(&self) -> u64 {

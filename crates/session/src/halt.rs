@@ -3,13 +3,15 @@
 use crate::fade::Mix;
 use crate::pause::{self, Ceiling, ticks};
 use crate::plans::{Plans, TRIED_MOVES};
+use crate::stream::LONGEST_DWELL_TICKS;
 use crate::{Session, SessionError};
 use pulsetrain_board::lease::{Lease, TrimRefused};
-use pulsetrain_board::{Leased, SwitchRefused};
+use pulsetrain_board::{Board, Leased, SwitchRefused};
+use pulsetrain_core::{Item, Tick32};
 use pulsetrain_motion::Time;
 use pulsetrain_motion::program::Program;
 use pulsetrain_motion::time::Rate;
-use pulsetrain_plan::{Ensemble, Move, Refused, Start};
+use pulsetrain_plan::{Ensemble, Move, Start};
 use std::sync::Arc;
 
 /// The program that is followed, and what its laws' time does.
@@ -108,6 +110,9 @@ const CAUTION: [f64; 3] = [1.0, 0.8, 0.5];
 /// Milliseconds of the plan that stay in the queues when they are emptied for a change, besides the time that the line needs: the change must be
 /// accepted before they are over.
 const STAYING_MS: u64 = 4;
+
+/// Moves of a change that are planned before it is made, besides its beginning, of all motors: some 10 ms of work.
+const PROVEN_MOVES: usize = 4000;
 
 /// Milliseconds for which half of each queue is kept free for a change that did not fit in it.
 pub(crate) const RESERVED_MS: u64 = 300;
@@ -318,36 +323,55 @@ impl<B: Leased> Session<B> {
         mut change: impl FnMut(&mut Session<B>, f64, u64) -> Result<T, SessionError>,
     ) -> Result<T, SessionError> {
         let (mut cautions, mut delay) = (CAUTION.into_iter().peekable(), 0);
+        // What stays in the queues should last although a frame is lost. Short queues have no room for that.
+        let mut staying = [self.pace.repetition, 0].into_iter();
         let mut has_room = false;
-        loop {
+        self.effort.is_short = false;
+        let done = loop {
             let caution = cautions.peek().copied().unwrap_or(1.0);
+            self.board.await_extensions();
+            self.effort.asked_at = self.board.now();
             match change(self, caution, delay) {
                 Err(SessionError::Plan(_)) if cautions.len() > 1 => drop(cautions.next()),
                 Err(error @ SessionError::QueueTooShort { .. }) => {
-                    if std::mem::replace(&mut has_room, true) || !self.make_room()? {
-                        return Err(self.reserve_room(error)?);
+                    let mut is_made = false;
+                    while !is_made && let Some(least) = staying.next() {
+                        (is_made, self.effort.is_short) = (self.make_room(least)?, least == 0);
                     }
+                    // Even what must be there may find room where all that should be does not.
+                    if !is_made && std::mem::replace(&mut self.effort.is_short, true) {
+                        break Err(self.reserve_room(error)?);
+                    }
+                    has_room |= is_made;
                 }
-                // Planning took too long: a real board's time went on meanwhile.
-                Err(SessionError::Early { .. } | SessionError::Switch(SwitchRefused::Late { .. }))
-                    if !has_room && delay < self.pace.most_delay =>
-                {
-                    delay += self.pace.most_delay / 3;
+                // Planning took longer than before, or there is more to send.
+                Err(SessionError::Early { at, earliest }) if delay < self.pace.most_delay => {
+                    delay += (earliest - at.min(earliest)).max(self.pace.most_delay / 20);
+                }
+                // It came later than was reckoned.
+                Err(SessionError::Switch(SwitchRefused::Late { .. })) if !has_room && delay < self.pace.most_delay => {
+                    delay += self.pace.most_delay / 10;
                 }
                 // What was taken back has to be sent again before the lease is over.
                 Err(error @ (SessionError::Early { .. } | SessionError::Switch(SwitchRefused::Late { .. })))
                     if has_room =>
                 {
-                    return Err(self.reserve_room(error)?);
+                    break Err(self.reserve_room(error)?);
+                }
+                // The plan that the board has ends before a change can begin: more of it has to come first.
+                Err(error @ SessionError::Late { .. }) if !self.is_complete() && !self.playback.is_stopped() => {
+                    break Err(self.reserve_room(error)?);
                 }
                 done => {
                     if done.is_ok() {
                         self.room_reserved_at = None;
                     }
-                    return done;
+                    break done;
                 }
             }
-        }
+        };
+        self.effort.is_short = false;
+        done
     }
 
     /// Has the queues filled by half for a while, so that the change can be tried again. After [`RESERVED_MS`] it was in vain.
@@ -366,13 +390,13 @@ impl<B: Leased> Session<B> {
 }
 
 impl<B: Leased> Session<B> {
-    /// Takes back what the queues hold of the plan beyond the next [`STAYING_MS`] or so, so that they have room for another plan's beginning. The next
-    /// [`fill`](Session::fill) sends it again. Returns false if nothing could be taken back.
-    fn make_room(&mut self) -> Result<bool, SessionError> {
+    /// Takes back what the queues hold of the plan beyond a change that is made at once, [`STAYING_MS`] and `staying` ticks more, so that they have room
+    /// for another plan's beginning. The next [`fill`](Session::fill) sends it again. Returns false if nothing could be taken back.
+    fn make_room(&mut self, staying: u64) -> Result<bool, SessionError> {
         self.board.await_extensions();
         self.check_board()?;
-        // The change needs this answer, its own data and the answer to them. A link's time is as long as all of that takes at most.
-        let cut = self.earliest() + self.pace.link + self.pace.tick_hz * STAYING_MS / 1000;
+        // The board's answer to this comes before the change.
+        let cut = self.earliest() + self.board.delivery(0) + self.pace.tick_hz * STAYING_MS / 1000 + staying;
         let is_answered = self.pending_extensions.is_empty() && self.replaced.is_none();
         if !is_answered || cut >= self.committed_until() || cut <= self.brakeable_from.max(self.stream.zero()) {
             return Ok(false);
@@ -402,25 +426,41 @@ impl<B: Leased> Session<B> {
     }
 }
 
-/// Plans the first `ticks` of a program.
+/// Plans the first `proven` ticks of a program, or [`PROVEN_MOVES`] moves. Returns the room that each motor's first `begin` ticks take in its queue.
 ///
 /// # Errors
 /// If that part is refused.
-pub(crate) fn prove(program: &Program, starts: &[Start], ticks: u64) -> Result<(), Refused> {
-    if ticks == 0 {
-        return Ok(());
-    }
+pub(crate) fn prove<B: Board>(
+    program: &Program,
+    starts: &[Start],
+    proven: u64,
+    begin: u64,
+    board: &B,
+) -> Result<Vec<usize>, SessionError> {
     let fraction_bits = program.board.fraction_bits;
     let mut ensemble = Ensemble::from(program, starts)?;
-    for motor in 0..program.motors.len() {
-        let mut at = 0_i128;
-        while at >> fraction_bits <= i128::from(ticks) {
-            match ensemble.next_move(motor)? {
-                Some(Move::Dwell { ticks }) => at += i128::from(ticks) << fraction_bits,
-                Some(Move::Run { segment, .. }) => at += segment.span(segment.count),
-                None => break,
+    let motors = program.motors.len();
+    let mut sizes = Vec::with_capacity(motors);
+    for motor in 0..motors {
+        let (mut at, mut moves) = (0_i128, 0);
+        let mut sizer = board.sizer(motor);
+        let mut size = sizer.size(&Item::Anchor { tick: Tick32(0) });
+        let is_within = |at: i128, ticks: u64| at >> fraction_bits <= i128::from(ticks);
+        while is_within(at, begin) || (is_within(at, proven) && moves < PROVEN_MOVES / motors) {
+            let Some(next) = ensemble.next_move(motor)? else { break };
+            let (item, takes) = match next {
+                Move::Dwell { ticks } => {
+                    let ticks = ticks.min(LONGEST_DWELL_TICKS);
+                    (Item::Dwell { ticks: ticks as u32 }, i128::from(ticks) << fraction_bits)
+                }
+                Move::Run { segment, direction } => (Item::Run { segment, direction }, segment.span(segment.count)),
+            };
+            if is_within(at, begin) {
+                size += sizer.size(&item);
             }
+            (at, moves) = (at + takes, moves + 1);
         }
+        sizes.push(size);
     }
-    Ok(())
+    Ok(sizes)
 }

@@ -2,7 +2,7 @@
 
 use crate::SessionError;
 use crate::stream::Stream;
-use crate::timeline::Timeline;
+use crate::timeline::{Step, Timeline};
 use pulsetrain_board::lease::Lease;
 use pulsetrain_board::replay::{Replay, Sent, Start};
 use pulsetrain_core::Item;
@@ -42,13 +42,29 @@ pub(crate) fn longest(stream: &Stream, timelines: &[Timeline], earliest: u64, la
 /// So the motors that are fast and go on in their direction have to make one step first. Slow ones, and those that turn or rest, may stop at
 /// once.
 pub(crate) fn brakeable_from(timelines: &[Timeline], brakings: &[Stopping], program: &Program, from: u64) -> u64 {
-    let joins = timelines.iter().zip(brakings).filter_map(|(timeline, braking)| {
+    let joins = joining(timelines, brakings, program, from);
+    joins.filter_map(|first| Some(first?.0 + 1)).fold(from, u64::max)
+}
+
+/// Whether the first steps of all motors are known that must make one before they can brake.
+pub(crate) fn is_joined(timelines: &[Timeline], brakings: &[Stopping], program: &Program, from: u64) -> bool {
+    joining(timelines, brakings, program, from).all(|first| first.is_some())
+}
+
+/// The first steps, from tick `from` on, of the motors that are fast and go on in their direction, as far as they are known.
+fn joining(
+    timelines: &[Timeline],
+    brakings: &[Stopping],
+    program: &Program,
+    from: u64,
+) -> impl Iterator<Item = Option<Step>> {
+    timelines.iter().zip(brakings).filter_map(move |(timeline, braking)| {
         let [Some((last, direction)), Some((before, way))] = timeline.last_before(from) else { return None };
         let interval = (last - before).max(from - last);
         let is_slow = way != direction || interval as f64 * braking.slow >= program.board.tick_hz as f64;
-        timeline.first_from(from).filter(|(_, way)| !is_slow && *way == direction).map(|(first, _)| first + 1)
-    });
-    joins.fold(from, u64::max)
+        let first = timeline.first_from(from);
+        (!is_slow && first.is_none_or(|(_, way)| way == direction)).then_some(first)
+    })
 }
 
 /// Each motor's timeline if the lease ends at `until`: its plan before that tick, then the steps of its stop.

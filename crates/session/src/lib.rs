@@ -67,7 +67,7 @@ use control::{MotorStatus, Status};
 use halt::Playback;
 use plans::Planned;
 use pulsetrain_board::lease::{ExtendRefused, Lease, LeaseState, Leased};
-use pulsetrain_board::{Faults, Observer, SwitchRefused};
+use pulsetrain_board::{Board, Faults, Observer, SwitchRefused};
 use pulsetrain_core::Epoch;
 use pulsetrain_core::braking::Limit;
 use pulsetrain_core::lease::LapseCause;
@@ -92,6 +92,9 @@ pub const FARTHEST_BEGIN_S: u64 = 10;
 /// Milliseconds. When a lease ends sooner than this, the motors are about to brake, and the queues are filled completely: no room is reserved for
 /// a change.
 const SHORT_MS: u64 = 40;
+
+/// The bytes of a motor's next items, with which its lease can be extended after a change.
+const NEXT_BYTES: usize = 16;
 
 /// How many extensions may be without an answer at a time. With several, a short queue need not last until one was answered and the next one arrived.
 /// A slow line needs more of them, as answers come late there: one for each [`PENDING_PER_LINK_MS`] of the link's time. On a fast line more of them would
@@ -140,6 +143,21 @@ pub struct Session<B> {
     line: Option<Line>,
     /// Since when half of each queue is kept free, tick: a change did not fit.
     room_reserved_at: Option<u64>,
+    /// What the last change took.
+    effort: Effort,
+}
+
+/// What it takes to make a change. The next one is likely to take as much.
+#[derive(Clone, Copy, Debug, Default)]
+struct Effort {
+    /// When it was asked for, tick.
+    asked_at: u64,
+    /// Planning it, ticks of the board.
+    planning: u64,
+    /// The beginning in the board's queues, in its unit.
+    room: usize,
+    /// The queues have no room for more than what must be there: see [`Session::beginning_lasts`].
+    is_short: bool,
 }
 
 /// A plan that the board follows before tick `until`; then it changes to another one.
@@ -163,12 +181,14 @@ struct Pace {
     link: u64,
     /// How far ahead of the board's time the plan is sent, at most.
     look_ahead: u64,
+    /// How much later a frame comes that was lost once.
+    repetition: u64,
     /// How much a change that came too late may be put off when it is tried again, in all.
     most_delay: u64,
 }
 
 impl Pace {
-    fn of(program: &Program, link: u64) -> Pace {
+    fn of<B: Board>(program: &Program, board: &B) -> Pace {
         let tick_hz = program.board.tick_hz;
         let reversals = program.motors.iter().map(|motor| program.timing(motor).ticks(tick_hz).reversal());
         // A board accepts ticks up to 2^30 ahead of its time.
@@ -177,7 +197,8 @@ impl Pace {
             tick_hz,
             fraction_bits: program.board.fraction_bits,
             lead: reversals.max().unwrap_or(0) + 1,
-            link,
+            link: board.round_trip(),
+            repetition: board.repetition(),
             look_ahead: within(tick_hz * AHEAD_MS / 1000),
             most_delay: within(tick_hz / 20),
         }
@@ -251,7 +272,7 @@ impl<B: Leased> Session<B> {
         if !board.is_idle() {
             return Err(SessionError::Busy);
         }
-        let pace = Pace::of(&program, board.round_trip());
+        let pace = Pace::of(&program, &board);
         let counts = board.positions();
         let motors = program.motors.len();
         if counts.len() < motors {
@@ -273,7 +294,8 @@ impl<B: Leased> Session<B> {
                 return Err(SessionError::Late { at: zero, latest });
             }
             let stream = Stream::new(Arc::clone(&program), zero, &counts, board.epoch().next(), &board)?;
-            let begun = Beginning::new(&mut board, stream, &timelines, &capacity, &pace, 0)?;
+            let lasts = [zero, zero + pace.look_ahead];
+            let begun = Beginning::new(&mut board, stream, &timelines, &capacity, &pace, lasts)?;
             match begun.switch(&mut board) {
                 Ok(()) => break (zero, begun),
                 // Planning and sending took longer than the begin was put off. The next try leaves that much time.
@@ -307,6 +329,7 @@ impl<B: Leased> Session<B> {
             playback: Playback::begun(program),
             line: None,
             room_reserved_at: None,
+            effort: Effort::default(),
         };
         session.fill()?;
         Ok(session)
@@ -574,6 +597,8 @@ impl<B: Leased> Session<B> {
     /// When `at` is too early or too late, or another change waits, or the new plan is refused; the old one goes on.
     pub fn change(&mut self, at: u64, program: impl Into<Arc<Program>>) -> Result<(), SessionError> {
         let program = program.into();
+        self.board.await_extensions();
+        self.effort.asked_at = self.board.now();
         self.change_proven(at, Arc::clone(&program), 0)?;
         self.playback = Playback::begun(program);
         Ok(())
@@ -582,7 +607,7 @@ impl<B: Leased> Session<B> {
     /// As [`Session::change`], with the first `proven` ticks planned before anything is sent. If that plan is refused, nothing changes.
     fn change_proven(&mut self, at: u64, program: Arc<Program>, proven: u64) -> Result<(), SessionError> {
         let (motors, old) = (program.motors.len(), self.timelines.len());
-        let pace = Pace::of(&program, self.pace.link);
+        let pace = Pace::of(&program, &self.board);
         if motors != old || (pace.tick_hz, pace.fraction_bits) != (self.pace.tick_hz, self.pace.fraction_bits) {
             return Err(SessionError::Motors { program: motors, board: old });
         }
@@ -606,10 +631,16 @@ impl<B: Leased> Session<B> {
             starts.push(Start { origin, last_step: self.timelines[motor].last_before(at)[0].map(from_there) });
             datums.push(datum);
         }
-        halt::prove(&program, &starts, proven)?;
+        let [least, lasts] = self.beginning_lasts();
+        let sizes = halt::prove(&program, &starts, proven, lasts, &self.board)?;
         let epoch = self.next_epoch();
         let stream = Stream::from(program, at, &starts, datums, epoch, &self.board)?;
-        let begun = Beginning::new(&mut self.board, stream, &self.timelines, &self.capacity, &pace, pace.margin())?;
+        (self.effort.planning, self.effort.room) = (self.board.now() - self.effort.asked_at, sizes.iter().sum());
+        if proven > 0 {
+            self.check_beginning(at, &sizes)?;
+        }
+        let lasts = [at + least, at + lasts];
+        let begun = Beginning::new(&mut self.board, stream, &self.timelines, &self.capacity, &pace, lasts)?;
         if let Err(error) = begun.switch(&mut self.board) {
             if let SessionError::Lost(_) = error {
                 // The board may have accepted the switch, and only its answer was lost.
@@ -624,6 +655,27 @@ impl<B: Leased> Session<B> {
         self.pending_extensions.clear();
         (self.brakeable_from, self.is_over, self.braking_from) = (begun.brakeable_from, false, None);
         self.fill()
+    }
+
+    /// How long the beginning of a plan must last in the board's queues, and how long it should, ticks: until more of it is there, and until it is
+    /// there although a frame was lost.
+    fn beginning_lasts(&self) -> [u64; 2] {
+        let next = NEXT_BYTES * self.capacity.len();
+        let least = self.pace.lead + self.board.delivery(next) + self.pace.tick_hz / 500;
+        [least, if self.effort.is_short { least } else { least + self.pace.repetition }]
+    }
+
+    /// Looks whether the beginning of a plan can reach the board before it begins at tick `at`, and whether the queues have room for it; `sizes` are its
+    /// parts in each queue. Nothing is sent if not.
+    fn check_beginning(&self, at: u64, sizes: &[usize]) -> Result<(), SessionError> {
+        let earliest = self.earliest_with(self.effort.room);
+        if at < earliest {
+            return Err(SessionError::Early { at, earliest });
+        }
+        match sizes.iter().enumerate().position(|(motor, size)| self.board.room(motor) < *size) {
+            Some(motor) => Err(too_short(motor, &self.capacity, 0, &self.pace)),
+            None => Ok(()),
+        }
     }
 
     /// The epoch after the last one that was sent.
@@ -709,7 +761,12 @@ impl<B: Leased> Session<B> {
     /// The first tick at which a change can be made now.
     #[must_use]
     pub fn earliest(&self) -> u64 {
-        self.board.horizon().max(self.board.now()) + self.pace.lead + self.pace.link
+        self.earliest_with(self.effort.room) + self.effort.planning
+    }
+
+    /// The first tick at which a plan can begin that is there already and takes `room` in the queues.
+    fn earliest_with(&self, room: usize) -> u64 {
+        self.board.horizon().max(self.board.now()) + self.pace.lead + self.board.delivery(room)
     }
 
     /// The tick at which the laws' time is 0; after a change, that of the new laws.
@@ -740,6 +797,14 @@ impl<B: Leased> Session<B> {
     #[must_use]
     pub fn certificate(&self, motor: usize) -> Certificate {
         self.stream.certificate(motor)
+    }
+
+    /// How much the session remembers: items, answers that are due, and the laws as text. However often the laws change, it does not grow.
+    #[must_use]
+    pub fn remembered(&self) -> usize {
+        let replaced = self.replaced.iter().flat_map(|replaced| &replaced.timelines);
+        let items: usize = self.timelines.iter().chain(replaced).map(Timeline::len).sum();
+        items + self.stream.unsent() + self.pending_extensions.len() + format!("{:?}", self.playback).len()
     }
 
     /// Holds a higher tempo against the line that brings the plan to the board.
@@ -821,18 +886,18 @@ struct Beginning {
 }
 
 impl Beginning {
-    /// Sends as much of a plan as there is room for. It takes over from `timelines` at its own tick 0, and must last for `least` ticks, in which
-    /// more of it can reach the board.
+    /// Sends a plan up to the second of two ticks, or as much of it as there is room for. It takes over from `timelines` at its own tick 0, and must
+    /// last up to the first of them: by then more of it can reach the board.
     fn new<B: Leased>(
         board: &mut B,
         stream: Stream,
         timelines: &[Timeline],
         capacity: &[usize],
         pace: &Pace,
-        least: u64,
+        lasts: [u64; 2],
     ) -> Result<Beginning, SessionError> {
         let epoch = stream.epoch();
-        let begun = Beginning::hand_over(board, stream, timelines, capacity, pace, least);
+        let begun = Beginning::hand_over(board, stream, timelines, capacity, pace, lasts);
         if begun.is_err() {
             board.discard(epoch);
         }
@@ -845,22 +910,29 @@ impl Beginning {
         timelines: &[Timeline],
         capacity: &[usize],
         pace: &Pace,
-        least: u64,
+        [least, until]: [u64; 2],
     ) -> Result<Beginning, SessionError> {
         let mut timelines = timelines.to_vec();
         timelines.iter_mut().for_each(|timeline| timeline.cut(stream.zero()));
-        let (zero, planned_up_to) = (stream.zero(), stream.zero() + pace.look_ahead);
-        let handed = loop {
+        let zero = stream.zero();
+        let (mut planned_up_to, latest) = (until, zero + pace.look_ahead);
+        // It is long enough when all motors can brake in it.
+        let (handed, brakings, brakeable_from) = loop {
             let handed = stream.hand_over(board, &mut timelines, &vec![0; capacity.len()], planned_up_to)?;
-            if !handed.has_more {
-                break handed;
+            if handed.has_more {
+                continue;
             }
+            let brakings = lease::brakings(&stream)?;
+            let brakeable_from = lease::brakeable_from(&timelines, &brakings, stream.program(), zero);
+            let is_joined = lease::is_joined(&timelines, &brakings, stream.program(), zero);
+            if (is_joined && brakeable_from < planned_up_to) || handed.motor_full.is_some() || planned_up_to >= latest {
+                break (handed, brakings, brakeable_from);
+            }
+            planned_up_to = latest.min(2 * planned_up_to - zero);
         };
-        let brakings = lease::brakings(&stream)?;
         let limits = brakings.iter().map(|braking| braking.limit).collect();
-        let brakeable_from = lease::brakeable_from(&timelines, &brakings, stream.program(), zero);
         let long_enough = |lease: &Lease| match lease {
-            Lease::Until(until) => *until >= zero + least,
+            Lease::Until(until) => *until >= least,
             Lease::Last => true,
         };
         let longest = lease::longest(&stream, &timelines, brakeable_from, planned_up_to).filter(long_enough);

@@ -14,7 +14,7 @@ use std::sync::Arc;
 
 /// Longest wait of one item, ticks: an eighth of what a 32-bit clock can tell apart. A longer rest is sent as several waits, so that the end of
 /// an item is never too far from the board's time.
-const LONGEST_DWELL_TICKS: u64 = 1 << 28;
+pub(crate) const LONGEST_DWELL_TICKS: u64 = 1 << 28;
 
 /// θ where a motor's count is 0: whole steps, and a fraction of a step.
 pub(crate) type Datum = (i64, f64);
@@ -148,6 +148,11 @@ impl Stream {
 
     pub(crate) fn certificate(&self, motor: usize) -> Certificate {
         self.ensemble.certificate(motor)
+    }
+
+    /// How many items are planned and not sent.
+    pub(crate) fn unsent(&self) -> usize {
+        self.lanes.iter().map(|lane| lane.next.len()).sum()
     }
 
     /// The motor whose sent plan ends soonest, and the tick of that end: of its last sent step, or of the wait after it. `None` when the whole plan

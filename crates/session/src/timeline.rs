@@ -167,6 +167,11 @@ impl Timeline {
         }
     }
 
+    /// How many items are remembered.
+    pub(crate) fn len(&self) -> usize {
+        self.placed.len()
+    }
+
     /// How many items begin at `tick` or later.
     pub(crate) fn items_from(&self, tick: u64) -> usize {
         let is_later = |placed: &&Placed| tick_of(placed.start, self.fraction_bits) >= tick;

@@ -316,6 +316,40 @@ fn trims_are_done_once_on_a_bad_line() {
     }
 }
 
+/// The beginning of another plan is dropped, as it had no room: both ends pack the plan that goes on from where it was.
+#[test]
+fn a_plan_goes_on_after_another_was_dropped() {
+    for seed in 0..10 {
+        let mut remote = connect(seed);
+        let mut random = Random::new(seed);
+        let mut some = |count: u64| -> Vec<Item> {
+            (0..count).map(|_| run(random.between(20, 60) as u32, random.between(5000, 9000) as i64)).collect()
+        };
+        let mut items = some(20);
+        begin(&mut remote, 1, &items, |from| Lease::Until(from + 4 * TICK_HZ));
+        let until = remote.now() + 5 * MS;
+        let mut pulses = Pulses::default();
+        remote.advance(until, &mut pulses);
+        let anchor = Item::Anchor { tick: Tick32::of(until + TICK_HZ) };
+        for item in std::iter::once(anchor).chain(some(4)) {
+            remote.push(0, Entry { epoch: Epoch(2), item }).unwrap();
+        }
+        remote.discard(Epoch(2));
+        let more = some(7);
+        for item in &more {
+            remote.push(0, Entry { epoch: Epoch(1), item: *item }).unwrap();
+        }
+        items.extend(more);
+        remote.extend(Lease::Last, &[]).unwrap();
+        let until = remote.now() + 3 * TICK_HZ;
+        remote.advance(until, &mut pulses);
+        let steps = |item: &Item| if let Item::Run { segment, .. } = item { i64::from(segment.count) } else { 0 };
+        let steps: i64 = items.iter().map(steps).sum();
+        assert_eq!((remote.positions(), pulses.0), (vec![steps], steps), "seed {seed}");
+        assert_eq!((remote.lease(), remote.error()), (LeaseState::Last, None), "seed {seed}");
+    }
+}
+
 /// A trim whose answer is lost may have been done: the host knows both ends.
 #[test]
 fn a_trim_without_an_answer_leaves_two_ends() {

@@ -10,6 +10,8 @@ use pulsetrain_session::fade::{Begins, Change};
 use pulsetrain_session::{Session, SessionError};
 use std::sync::Arc;
 
+mod chips;
+
 const LIMITS: Limits = Limits { max_speed: Some(6000.0), max_acceleration: Some(40_000.0), pull_in: 0.0 };
 
 fn seconds(s: f64) -> Time {
@@ -183,7 +185,7 @@ fn a_new_frequency_keeps_the_swing() {
     }
 }
 
-/// A change each second for hours: the motors are where the common zero has them, to a tick.
+/// A change each second for hours: the motors are where the common zero has them, to a tick, and the session remembers no more than after ten changes.
 #[test]
 fn thousands_of_changes_lose_no_phase() {
     let laws = |size: f64| [sine(size, 1.0), sine(0.8 * size, 0.7)];
@@ -191,14 +193,18 @@ fn thousands_of_changes_lose_no_phase() {
     let mut lab = Lab::new(&old);
     let mut session = Session::new(Bench::new(&old, 256), Arc::clone(&old)).unwrap();
     let zero = session.zero();
-    let mut until = 0;
+    let (mut until, mut after_ten, mut most) = (0, 0, 0);
     for k in 0..10_000 {
         session.advance(zero + k * TICK_HZ, &mut lab).unwrap();
         let program = Arc::clone(if k % 2 == 0 { &new } else { &old });
         let wanted = Change { program, over: None, begins: Begins::WithTheMotion };
         until = change(&mut session, &mut lab, &wanted).unwrap();
         lab.steps.iter_mut().for_each(Vec::clear);
+        let remembered = if k < 10 { &mut after_ten } else { &mut most };
+        *remembered = session.remembered().max(*remembered);
     }
+    // The laws' text has more digits as the times grow.
+    assert!(most <= after_ten + after_ten / 4, "{after_ten}, later {most}");
     session.advance(until + 5 * TICK_HZ, &mut lab).unwrap();
     // One period of each without any change.
     let mut plain = Lab::new(&old);
@@ -214,93 +220,5 @@ fn thousands_of_changes_lose_no_phase() {
             let off = plain.iter().map(|plain| plain.abs_diff(phase(tick, zero))).min();
             assert!(off.is_some_and(|off| off <= 2), "motor {motor} at {tick}: {off:?}");
         }
-    }
-}
-
-/// Tests that run firmware on an emulated chip.
-mod chips {
-    use super::*;
-    use pulsetrain_board::{BoardKind, Edge};
-    use pulsetrain_motion::file;
-    use pulsetrain_session::control::{Command, Event};
-    use pulsetrain_session::drive::Driven;
-    use pulsetrain_session::prepare::Prepared;
-
-    /// Three sweeps, of which each has a size and a frequency.
-    fn sweeps(board: &str, values: [(f64, f64); 3]) -> Prepared {
-        let mut text = format!("board = \"{board}\"\ntolerance = \"2 us\"\n");
-        for (motor, (size, hz)) in values.into_iter().enumerate() {
-            text += &format!(
-                "[motor.m{motor}]\nsteps_per_rev = 200\nmicrosteps = 16\ndriver = \"A4988\"\nforward = \"high\"\n\
-                 pins = {{ step = {}, dir = {} }}\nmax_speed = \"10 rev/s\"\nmax_acceleration = \"60 rev/s^2\"\n\
-                 [[motion]]\nmotor = \"m{motor}\"\nlaw.sweep = {{ frequency = \"{hz} Hz\", swing = \"{:.0} step\" }}\n",
-                if board == "uno" { 2 + motor } else { 2 + 2 * motor },
-                if board == "uno" { 5 + motor } else { 3 + 2 * motor },
-                3200.0 * size
-            );
-        }
-        let no_files = |_: &std::path::Path| Err(std::io::ErrorKind::NotFound.into());
-        let contents = file::read_contents(&text, "sweeps.toml", &no_files).expect("it is a motion file");
-        Prepared::new("sweeps.toml".to_owned(), contents, None).expect("it fits the board")
-    }
-
-    /// Changes at any time, of any motor: the board counts what the host replays, and each begins soon.
-    fn changes_on(board: &str, seed: u64, soon_s: f64) {
-        let mut random = seed;
-        let mut draw = |least: f64, most: f64| {
-            // Knuth's generator of 64 bits.
-            random = random.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-            least + (most - least) * (random >> 40) as f64 / (1u64 << 24) as f64
-        };
-        let mut values = [(0.5, 0.5), (0.25, 1.0), (0.1, 2.0)];
-        let kind = BoardKind::named(board).unwrap();
-        let mut driven = Driven::on_virtual(kind, &sweeps(board, values), kind.usual_baud()).unwrap().staying();
-        let (mut due_s, mut at_s, mut made, mut latest_s) = (1.0, 0.0, 0, 0.0_f64);
-        let ended = loop {
-            let stop = (at_s > 12.0).then_some(Command::Stop);
-            let step = driven.step(stop, &mut |_: Edge| {}, |event| {
-                if let Event::Progress { at_s: now_s } = event {
-                    at_s = now_s;
-                }
-            });
-            if let Some(ended) = step.unwrap_or_else(|error| panic!("after {made} changes at {at_s} s: {error}")) {
-                break ended;
-            }
-            if at_s < due_s || stop.is_some() {
-                continue;
-            }
-            let motor = draw(0.0, 3.0) as usize;
-            values[motor] = if draw(0.0, 1.0) < 0.5 {
-                (draw(0.05, 0.5), values[motor].1)
-            } else {
-                (values[motor].0, draw(0.3, 2.0))
-            };
-            let program = Arc::new(sweeps(board, values).program);
-            let change = Change { program, over: None, begins: Begins::WithTheMotion };
-            assert_eq!(driven.ceiling_of(&change).unwrap(), None, "{values:?}");
-            match driven.change_to(&change) {
-                Ok((from_s, until_s)) => {
-                    assert!(until_s > from_s);
-                    (made, latest_s) = (made + 1, latest_s.max(from_s - at_s));
-                    due_s = at_s + draw(0.0, 0.8);
-                }
-                Err(SessionError::Waiting { .. }) => {}
-                Err(error) => panic!("after {made} changes at {at_s} s: {error}"),
-            }
-        };
-        assert!(ended.stopped && made > 15, "{made} changes");
-        assert!(latest_s < soon_s, "the first tick of a change came {latest_s} s after it was asked for");
-    }
-
-    #[test]
-    fn changes_on_an_uno_lose_no_step() {
-        changes_on("uno", 1, 0.060);
-        changes_on("uno", 2, 0.060);
-    }
-
-    #[test]
-    fn changes_on_a_pico_lose_no_step() {
-        // A Pico's state machines have the next step of each motor already, and a motor near its turn is slow.
-        changes_on("pico", 3, 0.200);
     }
 }
