@@ -11,7 +11,7 @@ use pulsetrain_core::{Item, Tick32};
 use pulsetrain_motion::Time;
 use pulsetrain_motion::program::Program;
 use pulsetrain_motion::time::Rate;
-use pulsetrain_plan::{Ensemble, Move, Start};
+use pulsetrain_plan::{Ensemble, Move, Refused, Start};
 use std::sync::Arc;
 
 /// The program that is followed, and what its laws' time does.
