@@ -140,6 +140,8 @@ pub struct Session<B> {
     line: Option<Line>,
     /// Since when half of each queue is kept free, tick: a change did not fit.
     room_reserved_at: Option<u64>,
+    /// Changes do not begin before this tick.
+    not_before: Option<u64>,
 }
 
 /// A plan that the board follows before tick `until`; then it changes to another one.
@@ -307,6 +309,7 @@ impl<B: Leased> Session<B> {
             playback: Playback::begun(program),
             line: None,
             room_reserved_at: None,
+            not_before: None,
         };
         session.fill()?;
         Ok(session)

@@ -359,7 +359,8 @@ fn hear(socket: &mut WebSocket<Both>, sender: &HubSender) -> Option<CloseFrame> 
             return close(CloseCode::Policy, "too many messages");
         }
         match message {
-            Ok(Message::Text(line)) => sender.line(line.as_bytes()),
+            // Lines of one message act together.
+            Ok(Message::Text(text)) => sender.lines(text.split('\n').map(str::as_bytes)),
             Ok(Message::Ping(_) | Message::Pong(_)) => {}
             Ok(Message::Binary(_)) => return close(CloseCode::Unsupported, "lines of JSON are text"),
             Err(tungstenite::Error::Capacity(_)) => return close(CloseCode::Size, "a line has 256 KiB at most"),
