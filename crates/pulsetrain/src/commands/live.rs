@@ -12,6 +12,7 @@ use clap::Args;
 use miette::miette;
 use pulsetrain_board::{BoardKind, Edge, Leased, Observer, Serial};
 use pulsetrain_core::wire::Baud;
+use pulsetrain_motion::file::Midi;
 use pulsetrain_motion::human;
 use pulsetrain_motion::program::Program;
 use pulsetrain_session::Proof;
@@ -32,6 +33,7 @@ use crate::live::watch::{LOOK_MS, Watched};
 use crate::live::{
     Desk, HELP, Happened, KnobInfo, LONGEST_LINE, Line, LiveCommand, LiveEvent, Request, Show, Together,
 };
+use crate::midi::{self, MidiError};
 use crate::osc::{OscSettings, listen_address, serve_osc};
 use crate::page::{self, PageOptions};
 use crate::serve::RealTime;
@@ -89,6 +91,9 @@ pub(crate) struct LiveArgs {
     /// Answer OSC clients at this port [default: the port from which they send]
     #[arg(long, value_name = "PORT", requires = "osc")]
     pub(crate) osc_reply: Option<u16>,
+    /// Take MIDI from this port, or from the one with this in its name, as [live.midi] says; `pulsetrain ports --midi` lists them
+    #[arg(long, value_name = "PORT")]
+    pub(crate) midi: Option<String>,
     /// Write what is asked and done to this file, for `pulsetrain replay`
     #[arg(long, value_name = "FILE")]
     pub(crate) log: Option<PathBuf>,
@@ -172,6 +177,7 @@ pub(crate) fn run(args: &LiveArgs, console: &mut Console<'_>) -> miette::Result<
         // It gives advice about names that are not there.
         Err(error) => return load::contents(&args.file).and(Err(WrongFile::from(error).into())),
     };
+    let midi = args.midi.as_deref().map(|port| midi_of(&opened.1, port, &name)).transpose()?;
     let way = Way { is_native: args.native, port: args.port.as_deref(), baud: args.baud };
     let staged = Staged::new(opened, &name, args.board.as_deref(), way, console)?;
     let program = Arc::new(staged.prepared.program.clone());
@@ -192,6 +198,7 @@ pub(crate) fn run(args: &LiveArgs, console: &mut Console<'_>) -> miette::Result<
     if let Some(address) = osc {
         serve_osc(&hub, OscSettings { address, reply_port: args.osc_reply })?;
     }
+    let _midi = midi.map(|(port, table)| midi::serve_midi(&hub, port, table)).transpose()?;
     let page = page_at.map(|(listener, token)| {
         let options = PageOptions { token, motion: Arc::clone(&in_force), log: args.log.clone() };
         page::serve(&hub, listener, options)
@@ -220,6 +227,17 @@ pub(crate) fn run(args: &LiveArgs, console: &mut Console<'_>) -> miette::Result<
         Some(error) => exit.and(Err(error.into())),
         None => exit,
     }
+}
+
+/// The MIDI port that is asked for, and what it does. If it is not there, that is said before anything moves.
+fn midi_of<'a>(
+    contents: &pulsetrain_motion::file::Contents,
+    port: &'a str,
+    file: &str,
+) -> Result<(&'a str, Midi), MidiError> {
+    midi::port_named(port, &midi::ports()?)?;
+    let table = contents.live.midi.clone().ok_or_else(|| MidiError::NoTable { file: file.to_owned() })?;
+    Ok((port, table))
 }
 
 /// Says where the motors are, and how they get back.

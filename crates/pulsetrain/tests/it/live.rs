@@ -378,8 +378,8 @@ fn what_comes_together_is_one_change() {
 fn values_that_hold_together_are_taken_and_others_are_limited_one_by_one() {
     let mut stage = native(TEXT);
     stage.run(0.4);
-    // 80 steps at 4 Hz are too much; half of them are not.
-    stage.ask(together(&["b.frequency 4 Hz", "b.swing 20 step"], None));
+    // 40 steps at 3.5 Hz are too much; half of them are not.
+    stage.ask(together(&["b.frequency 3.5 Hz", "b.swing 20 step"], None));
     let (_, _, answers) = one_change(&mut stage, 2);
     assert!(answers.iter().all(|(.., ceiling)| ceiling.is_none()), "{answers:?}");
     stage.run(2.0);
