@@ -485,6 +485,44 @@ fn knobs_and_cues_that_are_wrong_are_errors_of_the_file() {
     check("motor = \"b\"\nlaw.trap", "motor = \"c\"\nlaw.trap", "unknown motor \"c\"");
     check("distance = \"0.5 rev\"", "distance = \"0.5 s\"", "`distance` must be");
     check("[live.knobs]", "[live.knob]", "did you mean `knobs`?");
+    let midi = |line: &str, part: &str| check("[[cue]]\nname = \"wide\"", &format!("[live.midi]\n{line}\n[[cue]]\nname = \"wide\""), part);
+    midi("knobs = { cc128 = \"speed\" }", "`cc128` turns no knob");
+    midi("knobs = { cc7-38 = \"speed\" }", "`cc7-38` turns no knob");
+    midi("knobs = { cc1 = \"sped\" }", "did you mean \"speed\"?");
+    midi("cues = { note60 = \"wid\" }", "did you mean \"wide\"?");
+    midi("cues = { bend = \"wide\" }", "`bend` is nothing that is pressed");
+    midi("orders = { note60 = \"fly\" }", "\"go\"");
+    midi("channel = 17", "17 is no MIDI channel");
+    midi("bpm = 0", "0 is no tempo of a MIDI clock");
+    midi("knob = {}", "did you mean `knobs`?");
+    check(", greatest = \"3 Hz\", smoothing = \"0.5 s\" }", " }\n[live.midi]\nknobs = { cc1 = \"speed\" }", "knob `speed` has no `least` and `greatest`");
+}
+
+/// The example of docs/midi.md is right, on the motors of these tests.
+#[test]
+fn the_example_of_midi_is_right() {
+    let page = std::fs::read_to_string(concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs/midi.md")).unwrap();
+    let example = page.split("```toml").nth(1).and_then(|rest| rest.split("```").next()).expect("an example");
+    let motors = TEXT.split("[live.knobs]").next().unwrap();
+    let opened = Desk::of(&format!("{motors}{example}"), "m.toml", PathBuf::new(), None, None);
+    let (_, contents) = opened.map_err(|error| error.plain()).unwrap();
+    let midi = contents.live.midi.expect("[live.midi]");
+    assert_eq!((midi.channel, midi.bpm, midi.knobs.len(), midi.cues.len(), midi.orders.len()), (Some(1), Some(120.0), 3, 2, 5));
+}
+
+/// A build without MIDI says how to have it.
+#[cfg(not(feature = "midi"))]
+#[test]
+fn without_midi_it_says_how_to_build_it() {
+    for arguments in [&["ports", "--midi"][..], &["live", "m.toml", "--midi", "nano"]] {
+        let folder = pulsetrain_testkit::folder::Folder::new("live-midi");
+        std::fs::write(folder.0.join("m.toml"), TEXT).unwrap();
+        let mut program = std::process::Command::new(env!("CARGO_BIN_EXE_pulsetrain"));
+        let done = program.args(arguments).current_dir(&folder.0).output().unwrap();
+        let said = String::from_utf8_lossy(&done.stderr);
+        assert!(!done.status.success() && said.contains("built without MIDI"), "{said}");
+        assert!(said.contains("--features midi") && said.contains("libasound2-dev"), "{said}");
+    }
 }
 
 proptest! {
