@@ -331,12 +331,12 @@ pub(crate) fn together(lines: &[&str], at_s: Option<f64>) -> Request {
     Request::Together(Together { together: lines.iter().map(request).collect(), at_s })
 }
 
+/// A knob, its value, and the limit that keeps it from the wanted one.
+type Turned = (String, f64, Option<String>);
+
 /// The times of the next change, all of whose answers have the same ones, and what was answered.
 #[track_caller]
-pub(crate) fn one_change<B: Leased>(
-    stage: &mut Stage<B>,
-    answers: usize,
-) -> (f64, f64, Vec<(String, f64, Option<String>)>) {
+pub(crate) fn one_change<B: Leased>(stage: &mut Stage<B>, answers: usize) -> (f64, f64, Vec<Turned>) {
     let all: Vec<_> = (0..answers).map(|_| set(stage.answer())).collect();
     let (from_s, until_s) = (all[0].3, all[0].4);
     assert!(until_s > from_s, "{all:?}");
@@ -485,7 +485,9 @@ fn knobs_and_cues_that_are_wrong_are_errors_of_the_file() {
     check("motor = \"b\"\nlaw.trap", "motor = \"c\"\nlaw.trap", "unknown motor \"c\"");
     check("distance = \"0.5 rev\"", "distance = \"0.5 s\"", "`distance` must be");
     check("[live.knobs]", "[live.knob]", "did you mean `knobs`?");
-    let midi = |line: &str, part: &str| check("[[cue]]\nname = \"wide\"", &format!("[live.midi]\n{line}\n[[cue]]\nname = \"wide\""), part);
+    let midi = |line: &str, part: &str| {
+        check("[[cue]]\nname = \"wide\"", &format!("[live.midi]\n{line}\n[[cue]]\nname = \"wide\""), part)
+    };
     midi("knobs = { cc128 = \"speed\" }", "`cc128` turns no knob");
     midi("knobs = { cc7-38 = \"speed\" }", "`cc7-38` turns no knob");
     midi("knobs = { cc1 = \"sped\" }", "did you mean \"speed\"?");
@@ -495,7 +497,11 @@ fn knobs_and_cues_that_are_wrong_are_errors_of_the_file() {
     midi("channel = 17", "17 is no MIDI channel");
     midi("bpm = 0", "0 is no tempo of a MIDI clock");
     midi("knob = {}", "did you mean `knobs`?");
-    check(", greatest = \"3 Hz\", smoothing = \"0.5 s\" }", " }\n[live.midi]\nknobs = { cc1 = \"speed\" }", "knob `speed` has no `least` and `greatest`");
+    check(
+        ", greatest = \"3 Hz\", smoothing = \"0.5 s\" }",
+        " }\n[live.midi]\nknobs = { cc1 = \"speed\" }",
+        "knob `speed` has no `least` and `greatest`",
+    );
 }
 
 /// The example of docs/midi.md is right, on the motors of these tests.
@@ -507,7 +513,10 @@ fn the_example_of_midi_is_right() {
     let opened = Desk::of(&format!("{motors}{example}"), "m.toml", PathBuf::new(), None, None);
     let (_, contents) = opened.map_err(|error| error.plain()).unwrap();
     let midi = contents.live.midi.expect("[live.midi]");
-    assert_eq!((midi.channel, midi.bpm, midi.knobs.len(), midi.cues.len(), midi.orders.len()), (Some(1), Some(120.0), 3, 2, 5));
+    assert_eq!(
+        (midi.channel, midi.bpm, midi.knobs.len(), midi.cues.len(), midi.orders.len()),
+        (Some(1), Some(120.0), 3, 2, 5)
+    );
 }
 
 /// A build without MIDI says how to have it.
