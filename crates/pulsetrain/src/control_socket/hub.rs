@@ -678,6 +678,38 @@ mod tests {
     }
 
     #[test]
+    fn lines_of_one_write_are_one_request_and_stops_go_at_once() {
+        let (sender, requests) = channel();
+        let hub = Hub::of_live(info(true), sender);
+        let (client, lines) = hub.join(ClientKind::Socket).unwrap().split();
+        let write: [&[u8]; 5] = [
+            br#"{"command":"set","knob":"speed","value":1.0}"#,
+            br#"{"command":"tempo","rate":0.5}"#,
+            br#"{"command":"stop"}"#,
+            b"nonsense",
+            br#"{"command":"go"}"#,
+        ];
+        client.lines(write);
+        assert_eq!(requests.try_iter().collect::<Vec<_>>(), [Request::Session(Command::Stop)]);
+        assert!(all(&lines).last().unwrap().contains("no line of JSON"));
+        hub.looked();
+        let together = Request::together(vec![set(1.0), Request::Session(Command::Tempo { rate: 0.5 })], None);
+        assert_eq!(requests.try_iter().collect::<Vec<_>>(), [together, Request::Live(LiveCommand::Go)]);
+
+        // A `run` takes them one by one, and none for a time.
+        let (sender, commands) = channel();
+        let run = Hub::of_run(info(false), sender);
+        let (client, lines) = run.join(ClientKind::Socket).unwrap().split();
+        client.lines([&br#"{"command":"pause"}"#[..], br#"{"command":"resume"}"#]);
+        client.line(br#"{"together":[{"command":"pause"}],"at_s":3.0}"#);
+        assert!(all(&lines).last().unwrap().contains("this is a `run`"));
+        run.looked();
+        assert_eq!(commands.try_iter().collect::<Vec<_>>(), [Command::Pause]);
+        run.looked();
+        assert_eq!(commands.try_iter().collect::<Vec<_>>(), [Command::Resume]);
+    }
+
+    #[test]
     fn of_a_knob_that_waits_the_last_value_counts() {
         let (sender, requests) = channel();
         let hub = Hub::of_live(info(true), sender);

@@ -462,6 +462,17 @@ mod tests {
         check(r#"{"follow":true}"#, Ok(ClientLine::Follow(true)));
         check(r#"{"follow":1}"#, Err("true or false"));
         check(r#"{"command":"stopp"}"#, Err("unknown variant `stopp`"));
+        let tempo = Request::Session(Command::Tempo { rate: 0.5 });
+        let list =
+            |at_s| Request::Together(Together { together: vec![tempo.clone(), Request::Live(LiveCommand::Go)], at_s });
+        let text = r#""together":[{"command":"tempo","rate":0.5},{"command":"go"}]"#;
+        check(&format!("{{{text}}}"), Ok(ClientLine::Request(list(None))));
+        check(&format!("{{{text},\"at_s\":1.5}}"), Ok(ClientLine::Request(list(Some(1.5)))));
+        check(&format!("{{\"together\":[{{{text}}}]}}"), Err("has no list in it"));
+        check(r#"{"together":[]}"#, Err("1 to 64, this one has 0"));
+        let many = vec![r#"{"command":"go"}"#; 65].join(",");
+        check(&format!("{{\"together\":[{many}]}}"), Err("1 to 64, this one has 65"));
+        check(r#"{"together":[{"command":"fly"}]}"#, Err("no list of commands"));
         check("stop", Err("no line of JSON"));
         check("[]", Err("no command"));
         check("", Err("no line of JSON"));

@@ -553,14 +553,18 @@ impl<B: Leased> Show<B> {
                 tempo.into_iter().for_each(|event| tell(Happened::Session(event)));
             }
             Err(SessionError::Waiting { .. }) => self.waiting = Some(pending_change),
+            // The limits may leave no room for both at once: one after the other then.
+            Err(_) if pending_change.tempo.is_some() => {
+                let mut laws_alone = pending_change;
+                let tempo = laws_alone.tempo.take().map(|rate| (Command::Tempo { rate }, laws_alone.at));
+                self.commands.extend(tempo);
+                self.change(laws_alone, tell);
+            }
             Err(error) => {
                 self.desk = self.followed.clone();
                 self.follow_at_s = None;
                 for (command, _) in pending_change.answers {
                     refuse(command, &error, tell);
-                }
-                if let Some(rate) = pending_change.tempo {
-                    tell(refusal(Request::Session(Command::Tempo { rate }), &error));
                 }
             }
         }
