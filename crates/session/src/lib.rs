@@ -145,9 +145,10 @@ pub struct Session<B> {
 }
 
 /// A plan that the board follows before tick `until`; then it changes to another one.
-#[derive(Clone)]
 struct Replaced {
     until: u64,
+    /// Its laws, which the motors still follow.
+    stream: Stream,
     timelines: Vec<Timeline>,
     limits: Vec<Limit>,
     /// The tick from which the motors brake or rest after a stop, if there was one.
@@ -622,8 +623,9 @@ impl<B: Leased> Session<B> {
         }
         let timelines = std::mem::replace(&mut self.timelines, begun.timelines);
         let limits = std::mem::replace(&mut self.limits, begun.limits);
-        self.replaced = Some(Replaced { until: at, timelines, limits, braking_from: self.braking_from });
-        (self.stream, self.confirmed_lease) = (begun.stream, begun.lease);
+        let stream = std::mem::replace(&mut self.stream, begun.stream);
+        self.replaced = Some(Replaced { until: at, stream, timelines, limits, braking_from: self.braking_from });
+        self.confirmed_lease = begun.lease;
         self.pending_extensions.clear();
         (self.brakeable_from, self.is_over, self.braking_from) = (begun.brakeable_from, false, None);
         self.fill()
@@ -651,9 +653,16 @@ impl<B: Leased> Session<B> {
         if tick > committed_until {
             return Err(SessionError::Late { at: tick, latest: committed_until });
         }
-        let place = self.stream.law_at(motor, tick.max(self.stream.zero()), count)?;
+        let zero = self.stream.zero();
+        let (place, is_moving) = match &mut self.replaced {
+            // Until a change's tick the motors follow the laws before it.
+            Some(replaced) if tick < zero && replaced.braking_from.is_none() => {
+                (replaced.stream.law_at(motor, tick.max(replaced.stream.zero()), count)?, true)
+            }
+            _ => (self.stream.law_at(motor, tick.max(zero), count)?, tick >= zero),
+        };
         let theta = (whole + count) as f64 + (rest + place.offset);
-        let speed = if tick < self.stream.zero() { 0.0 } else { place.speed };
+        let speed = if is_moving { place.speed } else { 0.0 };
         Ok(MotorState { count, theta, speed })
     }
 

@@ -47,7 +47,7 @@ pub struct Show<B> {
     /// A change that waits until another one has begun.
     waiting: Option<PendingChange>,
     /// Requests that wait for their tick, soonest first.
-    timed: Vec<Timed>,
+    timed: Vec<TimedRequests>,
     /// Commands to the session, and the tick for which they are: a step takes one.
     commands: VecDeque<(Command, Option<u64>)>,
     /// The tick of the last such command.
@@ -77,7 +77,7 @@ struct PendingChange {
 }
 
 /// Requests that wait for their tick.
-struct Timed {
+struct TimedRequests {
     tick: u64,
     requests: Vec<Request>,
     /// Whether they were held against the limits.
@@ -145,7 +145,7 @@ impl<B: Leased> Show<B> {
             format!("{MOST_TIMED} changes wait for their time already")
         } else {
             let place = self.timed.partition_point(|timed| timed.tick <= tick);
-            self.timed.insert(place, Timed { tick, requests, is_checked: false });
+            self.timed.insert(place, TimedRequests { tick, requests, is_checked: false });
             return Ok(None);
         };
         requests.into_iter().for_each(|request| tell(refusal(request, &why)));
@@ -239,7 +239,7 @@ impl<B: Leased> Show<B> {
                 }
                 // The nearest value that holds takes time to find.
             }
-            let Timed { requests, .. } = self.timed.remove(0);
+            let TimedRequests { requests, .. } = self.timed.remove(0);
             if let Some(ended) = self.together(&requests, Some(tick), observer, tell)? {
                 return Ok(Some(ended));
             }

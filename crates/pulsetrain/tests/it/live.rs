@@ -432,6 +432,30 @@ fn a_change_for_a_time_begins_at_its_tick() {
 }
 
 #[test]
+fn targets_are_those_of_the_laws_that_the_motors_follow() {
+    let mut stage = native(TEXT);
+    stage.run(0.4);
+    // A status comes between the request for each of these changes and its tick.
+    for number in 0..10 {
+        let at_s = stage.now_s() + 0.3 + 0.005 * f64::from(number);
+        stage.ask(together(&[if number % 2 == 0 { "b.frequency 1.5 Hz" } else { "b.frequency 1 Hz" }], Some(at_s)));
+        stage.run(1.0);
+    }
+    let errors: Vec<f64> = stage
+        .happened
+        .iter()
+        .filter_map(|happened| match happened {
+            Happened::Session(Event::Status(status)) => Some(&status.motors[1]),
+            _ => None,
+        })
+        .map(|motor| (motor.position as f64 - motor.target.unwrap()).abs())
+        .collect();
+    let worst = errors.iter().copied().fold(0.0, f64::max);
+    assert!(errors.len() > 150 && worst < 1.0, "{worst} steps, of {} statuses", errors.len());
+    stage.stop();
+}
+
+#[test]
 fn too_many_and_too_far_are_refused() {
     let mut stage = native(TEXT);
     stage.run(0.1);
