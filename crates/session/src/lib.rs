@@ -147,8 +147,8 @@ pub struct Session<B> {
 /// A plan that the board follows before tick `until`; then it changes to another one.
 struct Replaced {
     until: u64,
-    /// Its laws, which the motors still follow.
-    stream: Stream,
+    /// Its laws, which the motors still follow; `None` before the first program.
+    stream: Option<Stream>,
     timelines: Vec<Timeline>,
     limits: Vec<Limit>,
     /// The tick from which the motors brake or rest after a stop, if there was one.
@@ -287,7 +287,8 @@ impl<B: Leased> Session<B> {
                 Err(error) => return Err(error),
             }
         };
-        let replaced = Replaced { until: zero, timelines, limits: begun.limits.clone(), braking_from: None };
+        let replaced =
+            Replaced { until: zero, stream: None, timelines, limits: begun.limits.clone(), braking_from: None };
         let mut session = Session {
             board,
             begun: zero,
@@ -623,7 +624,7 @@ impl<B: Leased> Session<B> {
         }
         let timelines = std::mem::replace(&mut self.timelines, begun.timelines);
         let limits = std::mem::replace(&mut self.limits, begun.limits);
-        let stream = std::mem::replace(&mut self.stream, begun.stream);
+        let stream = Some(std::mem::replace(&mut self.stream, begun.stream));
         self.replaced = Some(Replaced { until: at, stream, timelines, limits, braking_from: self.braking_from });
         self.confirmed_lease = begun.lease;
         self.pending_extensions.clear();
@@ -656,8 +657,8 @@ impl<B: Leased> Session<B> {
         let zero = self.stream.zero();
         let (place, is_moving) = match &mut self.replaced {
             // Until a change's tick the motors follow the laws before it.
-            Some(replaced) if tick < zero && replaced.braking_from.is_none() => {
-                (replaced.stream.law_at(motor, tick.max(replaced.stream.zero()), count)?, true)
+            Some(Replaced { stream: Some(stream), braking_from: None, .. }) if tick < zero => {
+                (stream.law_at(motor, tick.max(stream.zero()), count)?, true)
             }
             _ => (self.stream.law_at(motor, tick.max(zero), count)?, tick >= zero),
         };
