@@ -6,7 +6,9 @@
 import importlib.util
 import json
 import os
+import socket
 import subprocess
+import tempfile
 import time
 import unittest
 from pathlib import Path
@@ -93,6 +95,103 @@ class PythonOsc(unittest.TestCase):
         self.client.send_message("/hardStop", 255)
         self.assertEqual(self.requests(), [{"command": "stop_now"}])
         self.assertEqual(self.process.wait(60), 0)
+
+
+
+LIVE = """
+board = "uno"
+[motor.a]
+steps_per_rev = 200
+driver = "A4988"
+pins = { step = 8, dir = 9 }
+forward = "high"
+max_speed = "4 rev/s"
+max_acceleration = "30 rev/s^2"
+[motor.b]
+steps_per_rev = 200
+driver = "A4988"
+pins = { step = 10, dir = 11 }
+forward = "high"
+max_speed = "4 rev/s"
+max_acceleration = "30 rev/s^2"
+[[motion]]
+motors = ["a", "b"]
+law.sweep = { frequency = "1 Hz", swing = "40 step" }
+"""
+
+
+def program() -> Optional[str]:
+    """Pulsetrain: the one in ``PULSETRAIN``, else the debug build."""
+    built = Path(__file__).resolve().parents[2] / "target/debug/pulsetrain"
+    known = [os.environ.get("PULSETRAIN"), str(built)]
+    return next((path for path in known if path and Path(path).exists()), None)
+
+
+@unittest.skipUnless(
+    importlib.util.find_spec("pythonosc") and program(),
+    "needs python-osc, and `cargo build -p pulsetrain`",
+)
+class LiveMotion(unittest.TestCase):
+    def test_the_changes_of_a_bundle_share_a_tick_at_its_time(self) -> None:
+        from pythonosc.osc_bundle_builder import OscBundleBuilder
+        from pythonosc.osc_message_builder import OscMessageBuilder
+        from pythonosc.udp_client import SimpleUDPClient
+
+        folder = tempfile.TemporaryDirectory()
+        self.addCleanup(folder.cleanup)
+        (Path(folder.name) / "m.toml").write_text(LIVE)
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
+            free.bind(("127.0.0.1", 0))
+            port = free.getsockname()[1]
+        arguments = ["live", "m.toml", "--native", "--quiet", "--log", "m.jsonl", "--osc", str(port)]
+        environment = {**os.environ, "XDG_RUNTIME_DIR": folder.name}
+        live = subprocess.Popen(
+            [program() or "", *arguments],
+            cwd=folder.name,
+            env=environment,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+        self.addCleanup(live.wait)
+        self.addCleanup(live.kill)
+        assert live.stdin is not None and live.stdout is not None
+        self.addCleanup(live.stdin.close)
+        self.addCleanup(live.stdout.close)
+        self.assertIn("runs", live.stdout.readline())
+        # A timeout that only a broken program reaches.
+        client = SimpleUDPClient("127.0.0.1", port, timeout=60)
+        self.addCleanup(client.close)
+        client.send_message("/setDestIp", [])
+        next(iter(client.get_messages()))
+        # Times that are far enough ahead for a busy computer; the second has a value that is too much.
+        begin = time.time() + 2
+        sent = [(begin, "20 step", "2 Hz"), (begin + 1.25, "30 step", "50 Hz")]
+        for tag, swing, frequency in sent:
+            bundle = OscBundleBuilder(tag)
+            for address, value in [("/pulsetrain/a/swing", swing), ("/pulsetrain/b/frequency", frequency)]:
+                message = OscMessageBuilder(address)
+                message.add_arg(value)
+                bundle.add_content(message.build())
+            client.send(bundle.build())
+        told = [line for line in (live.stdout.readline() for _ in range(4)) if " from " in line]
+        self.assertEqual(len(told), 4)
+        live.stdin.write("stop\n")
+        live.stdin.flush()
+        live.stdout.read()
+        self.assertEqual(live.wait(), 0)
+        log = [json.loads(line) for line in (Path(folder.name) / "m.jsonl").read_text().splitlines()[1:]]
+        sets = [line["done"] for line in log if line.get("done", {}).get("event") == "set"]
+        self.assertEqual([done["knob"] for done in sets], ["a.swing", "b.frequency"] * 2)
+        self.assertEqual(sets[0]["from_s"], sets[1]["from_s"])
+        self.assertEqual(sets[2]["from_s"], sets[3]["from_s"])
+        self.assertIsNotNone(sets[3]["ceiling"])
+        # Both are on the same clock.
+        self.assertAlmostEqual(sets[2]["from_s"] - sets[0]["from_s"], 1.25, delta=0.002)
+        replayed = subprocess.run(
+            [program() or "", "replay", "m.jsonl"], cwd=folder.name, stdout=subprocess.PIPE, text=True, check=False
+        )
+        self.assertIn("PASS", replayed.stdout)
 
 
 if __name__ == "__main__":

@@ -19,7 +19,7 @@ type Stage = (&'static str, fn() -> Done);
 /// The cheapest stage comes first, so that a failure comes early.
 const STAGES: [Stage; 12] = [
     ("format", format),
-    ("lints", || command::run(&mut cargo("clippy --workspace --all-targets -- -D warnings"))),
+    ("lints", lints),
     ("documentation", documentation),
     ("wasm32", boards::check_wasm),
     ("packages", packages),
@@ -55,6 +55,16 @@ fn format() -> Done {
         command::run(&mut cargo(&format!("fmt --manifest-path {manifest} --check")))?;
     }
     Ok(())
+}
+
+/// The feature `midi` stands on ALSA, a library of the system.
+fn lints() -> Done {
+    command::run(&mut cargo("clippy --workspace --all-targets -- -D warnings"))?;
+    command::output(command("pkg-config").args(["--exists", "alsa"])).or_else(|_| {
+        command::install_debian("pkg-config")?;
+        command::install_debian("libasound2-dev").map(|()| String::new())
+    })?;
+    command::run(&mut cargo("clippy --package pulsetrain --features midi -- -D warnings"))
 }
 
 /// Checks what a program that embeds the crates gets: each package builds from its own files.

@@ -3,6 +3,7 @@
 //! Here nothing moves: two motors of a machine are worked out. `cargo run -p pulsetrain --example page` prints the address; a number
 //! behind it is the port (0: a free one). The run ends by a stop in the page.
 
+use std::collections::VecDeque;
 use std::net::{Ipv4Addr, SocketAddr};
 use std::path::Path;
 use std::sync::mpsc::{RecvTimeoutError, channel};
@@ -85,9 +86,12 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut now: Vec<f64> = hub.info().knobs.iter().map(|knob| knob.value).collect();
     let (mut paused, mut cue) = (false, 0);
     let mut braking = None;
+    let mut waiting = VecDeque::new();
     loop {
         let (from_s, until_s) = (at_s, at_s + EASE_S);
-        match requests.recv_timeout(Duration::from_millis(50)) {
+        let next = waiting.pop_front().map_or_else(|| requests.recv_timeout(Duration::from_millis(50)), Ok);
+        match next {
+            Ok(together @ Request::Together(_)) => waiting.extend(together.each()),
             Ok(Request::Session(command)) => match command {
                 Command::Pause => {
                     paused = true;

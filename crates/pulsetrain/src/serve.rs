@@ -220,6 +220,12 @@ impl RealTime {
         RealTime { began: began.checked_sub(now).unwrap_or(began) }
     }
 
+    /// When the board's time is `time`, if it keeps pace.
+    #[must_use]
+    pub fn moment(&self, time: Duration) -> Instant {
+        self.began + time
+    }
+
     /// How long to wait until the time of day is where the board's time is. A board that fell far behind does not catch up.
     pub fn ahead(&mut self, now: Duration) -> Duration {
         let due = self.began.elapsed();

@@ -477,11 +477,54 @@ impl<B: Leased> Driven<B> {
     /// # Errors
     /// As [`Session::change_to`]. The motion goes on after an error, but where [`Driven::step`] says otherwise.
     pub fn change_to(&mut self, change: &Change) -> Result<(f64, f64), SessionError> {
+        self.change_with_tempo(change, None).map(|(times, _)| times)
+    }
+
+    /// As [`Driven::change_to`], with another tempo from the same tick on: [`Session::change_with_tempo`]. Returns [`Event::Tempo`] too, if there is one.
+    ///
+    /// # Errors
+    /// As [`Driven::change_to`].
+    pub fn change_with_tempo(
+        &mut self,
+        change: &Change,
+        tempo: Option<Rate>,
+    ) -> Result<((f64, f64), Option<Event>), SessionError> {
         self.check_not_stopped()?;
-        let changed = self.session.change_to(change)?;
+        let (changed, tempo) = self.session.change_with_tempo(change, tempo)?;
         // It proves laws that are no longer followed.
         self.proof = None;
-        Ok(self.seconds_of(changed))
+        let tempo = tempo.map(|Tempo { rate, from, ceiling }| Event::Tempo {
+            rate: rate.get(),
+            from_s: self.seconds_at(from),
+            ceiling: ceiling.map(|ceiling| named(&self.program, ceiling)),
+        });
+        Ok((self.seconds_of(changed), tempo))
+    }
+
+    /// Changes, commands to pause among them, begin at this tick of the board, if it is not past: [`Session::hold_changes_until`].
+    pub fn hold_changes_until(&mut self, tick: Option<u64>) {
+        self.session.hold_changes_until(tick);
+    }
+
+    /// The first tick at which a change can be made now.
+    pub fn earliest(&self) -> u64 {
+        self.session.earliest()
+    }
+
+    /// The laws' time at a tick, if the tempo stays as it is.
+    pub fn law_time_at(&self, tick: u64) -> Time {
+        self.session.law_time_at(tick)
+    }
+
+    /// The board's tick at a time of the motion, s.
+    pub fn tick_at(&self, at_s: f64) -> u64 {
+        // The cast stops at the bounds of u64.
+        self.zero.saturating_add((at_s * self.program.board.tick_hz as f64) as u64)
+    }
+
+    /// The time of the motion at a tick of the board, s.
+    pub fn seconds_at(&self, tick: u64) -> f64 {
+        tick.saturating_sub(self.zero) as f64 / self.program.board.tick_hz as f64
     }
 
     /// Lets motors that braked since the host or the line was too slow join their laws again: [`Session::rejoin`]. [`Driven::step`] has returned an
@@ -512,8 +555,7 @@ impl<B: Leased> Driven<B> {
 
     /// When a transition begins and ends, s of the motion.
     fn seconds_of(&self, Transition { from, until }: Transition) -> (f64, f64) {
-        let seconds = |tick: u64| tick.saturating_sub(self.zero) as f64 / self.program.board.tick_hz as f64;
-        (seconds(from), seconds(until))
+        (self.seconds_at(from), self.seconds_at(until))
     }
 
     /// The board's tick at which the laws begin.

@@ -5,7 +5,7 @@
 
 use crate::pause::{Ceiling, PauseError, USABLE, highest_factor, ticks};
 use crate::plans::TRIED_MOVES;
-use crate::{Session, SessionError};
+use crate::{Session, SessionError, Tempo};
 use pulsetrain_board::Leased;
 use pulsetrain_motion::law::{Cursor, Ease, fade_weight};
 use pulsetrain_motion::program::{Motor, Program};
@@ -382,7 +382,24 @@ impl<B: Leased> Session<B> {
     /// # Ok::<(), pulsetrain_session::SessionError>(())
     /// ```
     pub fn change_to(&mut self, change: &Change) -> Result<Transition, SessionError> {
+        self.change_with_tempo(change, None).map(|(transition, _)| transition)
+    }
+
+    /// As [`Session::change_to`], with another tempo from the same tick on. If motors or board cannot follow the new laws at that tempo, it is the highest
+    /// that they can.
+    ///
+    /// # Errors
+    /// As [`Session::change_to`], and [`SessionError::NoTempo`] if the tempo is 0.
+    pub fn change_with_tempo(
+        &mut self,
+        change: &Change,
+        wanted: Option<Rate>,
+    ) -> Result<(Transition, Option<Tempo>), SessionError> {
         let (program, hz) = (&change.program, self.pace.tick_hz);
+        if wanted == Some(Rate::ZERO) {
+            return Err(SessionError::NoTempo);
+        }
+        let new_tempo = wanted.map(|wanted| self.tempo_of(program, wanted)).transpose()?;
         if program.motors.len() != self.timelines.len() {
             return Err(SessionError::Motors { program: program.motors.len(), board: self.timelines.len() });
         }
@@ -402,17 +419,28 @@ impl<B: Leased> Session<B> {
             }
             // The resumption speeds the laws' time up while the motors change over: it needs a part of each limit.
             let caution = if session.is_paused() { PAUSED * caution } else { caution };
-            let (fade, voices) = mix.quickest(change, time, tempo, caution)?;
-            let over = tempo.to_pass(fade.over);
+            let to = new_tempo.map_or(tempo, |(rate, _)| rate);
+            let (fade, voices) = mix.quickest(change, time, tempo.max(to), caution)?;
+            let of_fade = fade.over;
             mix.fades.push(fade);
             mix.voices = voices;
             let new = Arc::new(mix.program(program)?);
+            // The fade is part of what the easing is held against.
+            let ease = match to == tempo || session.is_paused() {
+                true => Ease::steady(to),
+                false => crate::pause::quickest(&new, time, (tempo, to), caution, tempo)?,
+            };
+            let over = ease.end() + to.to_pass((of_fade - ease.of_law()).max(Time::ZERO));
             if !session.is_paused() {
-                let retimed = crate::pause::retimed(&new, time, Ease::steady(tempo))?;
+                let retimed = crate::pause::retimed(&new, time, ease)?;
                 session.change_proven(at, Arc::new(retimed), ticks(over.min(PROVEN), hz))?;
             }
             session.playback.changed(new, mix, time);
-            Ok(Transition { from: at, until: at + ticks(over, hz) })
+            if new_tempo.is_some() {
+                session.playback.eases(time, ease);
+            }
+            let told = new_tempo.map(|(rate, ceiling)| Tempo { rate, from: at + ticks(ease.end(), hz), ceiling });
+            Ok((Transition { from: at, until: at + ticks(over, hz) }, told))
         })
     }
 

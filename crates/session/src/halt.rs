@@ -9,6 +9,7 @@ use pulsetrain_board::lease::{Lease, TrimRefused};
 use pulsetrain_board::{Board, Leased, SwitchRefused};
 use pulsetrain_core::{Item, Tick32};
 use pulsetrain_motion::Time;
+use pulsetrain_motion::law::Ease;
 use pulsetrain_motion::program::Program;
 use pulsetrain_motion::time::Rate;
 use pulsetrain_plan::{Ensemble, Move, Refused, Start};
@@ -92,6 +93,14 @@ impl Playback {
         (self.program, self.mix, self.known_rate) = (program, mix, self.tempo);
         if !self.is_paused() {
             self.law_time = LawTime::Going { since: Time::ZERO, at };
+        }
+    }
+
+    /// Notes that the laws' time, which is `at` now, eases to another tempo.
+    pub(crate) fn eases(&mut self, at: Time, ease: Ease) {
+        (self.tempo, self.known_rate) = (ease.to, self.known_rate.max(ease.to));
+        if !self.is_paused() {
+            self.law_time = LawTime::Going { since: ease.end(), at: at + ease.of_law() };
         }
     }
 
@@ -194,7 +203,8 @@ impl<B: Leased> Session<B> {
             });
         }
         let (rate, ceiling) = if wanted > highest { (highest, ceiling) } else { (wanted, None) };
-        let (rate, ceiling) = self.kept_up(rate).unwrap_or((rate, ceiling));
+        let (program, known) = (&self.playback.program, self.playback.known_rate);
+        let (rate, ceiling) = self.kept_up(program, known, rate).unwrap_or((rate, ceiling));
         let from = match self.playback.law_time {
             LawTime::Halted { .. } => self.board.now(),
             _ if rate == self.playback.tempo => self.board.now(),
@@ -210,7 +220,7 @@ impl<B: Leased> Session<B> {
     }
 
     /// The laws' time at a tick.
-    fn law_time_at(&self, tick: u64) -> Time {
+    pub(crate) fn law_time_at(&self, tick: u64) -> Time {
         match self.playback.law_time {
             LawTime::Going { since, at } | LawTime::Stopped { since, at } => {
                 // Ticks of a session stay far below 2^62.
@@ -221,9 +231,20 @@ impl<B: Leased> Session<B> {
         }
     }
 
+    /// Changes of laws and tempo, pauses and resumptions begin at this tick; those that come too late for it begin as soon as they can. `None`: all
+    /// begin as soon as they can. A tick that the board does not have in its plan yet is [`SessionError::Waiting`].
+    pub fn hold_changes_until(&mut self, tick: Option<u64>) {
+        self.not_before = tick;
+    }
+
     /// The tick at which a change can be made, `delay` ticks later than at once, and the laws' time there.
     pub(crate) fn moment(&self, delay: u64) -> Result<(u64, Time), SessionError> {
-        let earliest = self.earliest() + delay;
+        let earliest = (self.earliest() + delay).max(self.not_before.unwrap_or(0));
+        let is_going = matches!(self.playback.law_time, LawTime::Going { .. });
+        if is_going && self.not_before == Some(earliest) && earliest > self.committed_until() {
+            let until = self.board.now() + (earliest - self.committed_until());
+            return Err(SessionError::Waiting { at: earliest, until });
+        }
         let at = match self.playback.law_time {
             LawTime::Going { since, .. } => {
                 let at_speed = self.stream.zero() + ticks(since, self.pace.tick_hz);
@@ -241,12 +262,11 @@ impl<B: Leased> Session<B> {
         Ok((at, self.law_time_at(at)))
     }
 
-    /// The highest rate up to `wanted` at which queues and line bring the plan in time, with the limit that keeps it lower; `None` if `wanted` does. The
-    /// motion's beginning is planned for that, from its start.
-    fn kept_up(&self, wanted: Rate) -> Option<(Rate, Option<Ceiling>)> {
-        let refused = |rate: Rate, moves: u32| self.line_refuses(&self.playback.program, rate, moves);
-        // Up to here the motion was planned before, or is followed already.
-        let known = self.playback.known_rate.min(wanted);
+    /// The highest rate up to `wanted` at which queues and line bring the plan of a program in time, with the limit that keeps it lower; `None` if
+    /// `wanted` does. The motion's beginning is planned for that, from its start. At the rate `known` it was planned before, or is followed already.
+    fn kept_up(&self, program: &Arc<Program>, known: Rate, wanted: Rate) -> Option<(Rate, Option<Ceiling>)> {
+        let refused = |rate: Rate, moves: u32| self.line_refuses(program, rate, moves);
+        let known = known.min(wanted);
         let (ceiling, mut enough) = if wanted > known { refused(wanted, TRIED_MOVES)? } else { return None };
         let (mut fits, mut too_high) = (known, wanted);
         let mut left = TRIED_MOVES - enough;
@@ -285,6 +305,18 @@ impl<B: Leased> Session<B> {
             }
         }
         None
+    }
+
+    /// The highest tempo up to `wanted` at which motors and line follow the laws of a program, and the limit of a higher one. They follow the present tempo.
+    pub(crate) fn tempo_of(
+        &self,
+        program: &Arc<Program>,
+        wanted: Rate,
+    ) -> Result<(Rate, Option<Ceiling>), SessionError> {
+        let tempo = self.playback.tempo;
+        let (highest, ceiling) = pause::highest_rate(program, self.law_time(), tempo)?;
+        let (rate, ceiling) = if wanted > highest { (highest, ceiling) } else { (wanted, None) };
+        Ok(self.kept_up(program, tempo, rate).unwrap_or((rate, ceiling)))
     }
 
     /// Changes the rate of the laws' time. Returns the tick from which it has that rate.

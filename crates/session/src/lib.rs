@@ -145,6 +145,8 @@ pub struct Session<B> {
     room_reserved_at: Option<u64>,
     /// What the last change took.
     effort: Effort,
+    /// Changes do not begin before this tick.
+    not_before: Option<u64>,
 }
 
 /// What it takes to make a change. The next one is likely to take as much.
@@ -161,9 +163,10 @@ struct Effort {
 }
 
 /// A plan that the board follows before tick `until`; then it changes to another one.
-#[derive(Clone)]
 struct Replaced {
     until: u64,
+    /// Its laws, which the motors still follow; `None` before the first program.
+    stream: Option<Stream>,
     timelines: Vec<Timeline>,
     limits: Vec<Limit>,
     /// The tick from which the motors brake or rest after a stop, if there was one.
@@ -306,7 +309,8 @@ impl<B: Leased> Session<B> {
                 Err(error) => return Err(error),
             }
         };
-        let replaced = Replaced { until: zero, timelines, limits: begun.limits.clone(), braking_from: None };
+        let replaced =
+            Replaced { until: zero, stream: None, timelines, limits: begun.limits.clone(), braking_from: None };
         let mut session = Session {
             board,
             begun: zero,
@@ -330,6 +334,7 @@ impl<B: Leased> Session<B> {
             line: None,
             room_reserved_at: None,
             effort: Effort::default(),
+            not_before: None,
         };
         session.fill()?;
         Ok(session)
@@ -650,8 +655,9 @@ impl<B: Leased> Session<B> {
         }
         let timelines = std::mem::replace(&mut self.timelines, begun.timelines);
         let limits = std::mem::replace(&mut self.limits, begun.limits);
-        self.replaced = Some(Replaced { until: at, timelines, limits, braking_from: self.braking_from });
-        (self.stream, self.confirmed_lease) = (begun.stream, begun.lease);
+        let stream = Some(std::mem::replace(&mut self.stream, begun.stream));
+        self.replaced = Some(Replaced { until: at, stream, timelines, limits, braking_from: self.braking_from });
+        self.confirmed_lease = begun.lease;
         self.pending_extensions.clear();
         (self.brakeable_from, self.is_over, self.braking_from) = (begun.brakeable_from, false, None);
         self.fill()
@@ -700,9 +706,16 @@ impl<B: Leased> Session<B> {
         if tick > committed_until {
             return Err(SessionError::Late { at: tick, latest: committed_until });
         }
-        let place = self.stream.law_at(motor, tick.max(self.stream.zero()), count)?;
+        let zero = self.stream.zero();
+        let (place, is_moving) = match &mut self.replaced {
+            // Until a change's tick the motors follow the laws before it.
+            Some(Replaced { stream: Some(stream), braking_from: None, .. }) if tick < zero => {
+                (stream.law_at(motor, tick.max(stream.zero()), count)?, true)
+            }
+            _ => (self.stream.law_at(motor, tick.max(zero), count)?, tick >= zero),
+        };
         let theta = (whole + count) as f64 + (rest + place.offset);
-        let speed = if tick < self.stream.zero() { 0.0 } else { place.speed };
+        let speed = if is_moving { place.speed } else { 0.0 };
         Ok(MotorState { count, theta, speed })
     }
 

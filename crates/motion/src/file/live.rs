@@ -2,6 +2,7 @@
 
 use super::context::Loader;
 use super::machine::{self, Home};
+use super::midi::{self, Midi};
 use super::motor::MotorDraft;
 use super::reader::{Node, Noted, Read, Section};
 use super::sheet::{self, ParameterValue, SheetParameter};
@@ -17,6 +18,8 @@ pub struct Live {
     pub knobs: Vec<Knob>,
     /// In the file's order.
     pub cues: Vec<Cue>,
+    /// `None` without `[live.midi]`.
+    pub midi: Option<Midi>,
 }
 
 /// A knob of `[live.knobs]`.
@@ -71,13 +74,21 @@ pub(super) fn read(
         None => Ok(Vec::new()),
         Some(node) => read_cues(&node, root, table, &parameters, drafts, machines, load),
     };
-    Ok(Live { knobs: knobs?, cues: cues? })
+    let (knobs, cues) = (knobs?, cues?);
+    let midi = match root.get("live") {
+        None => None,
+        Some(node) => {
+            let live = node.any_section("`live`".to_owned(), "[live.midi]")?;
+            live.get("midi").map(|node| midi::read(&node, &knobs, &cues)).transpose()?
+        }
+    };
+    Ok(Live { knobs, cues, midi })
 }
 
 fn read_knobs(root: &Section, parameters: &[SheetParameter]) -> Read<Vec<Knob>> {
     const EXAMPLE: &str = "[live.knobs] with speed = { target = \"wheel.frequency\", greatest = \"2 Hz\" }";
     let Some(node) = root.get("live") else { return Ok(Vec::new()) };
-    let live = node.section("`live`".to_owned(), &["knobs"], EXAMPLE)?;
+    let live = node.section("`live`".to_owned(), &["knobs", "midi"], EXAMPLE)?;
     let Some(node) = live.get("knobs") else { return Ok(Vec::new()) };
     let section = node.any_section("the knobs".to_owned(), EXAMPLE)?;
     let knobs = section.nodes().into_iter().map(|node| knob(&section, &node, parameters));

@@ -34,6 +34,7 @@ mod formula;
 mod laws;
 mod live;
 mod machine;
+mod midi;
 mod motor;
 mod path;
 mod points;
@@ -53,6 +54,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 pub use live::{Cue, Knob, Live, ORDERS};
+pub use midi::{Midi, MidiDial, MidiKey, MidiOrder};
 pub use problem::{BrokenPath, FileError, PathPoint, Problem};
 pub use sheet::{ParameterValue, Sheet, SheetParameter, UnknownParameter};
 pub use source::Source;

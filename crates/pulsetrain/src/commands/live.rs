@@ -1,6 +1,6 @@
 //! `pulsetrain live`: a motion that is changed while it runs.
 
-use std::io::{self, BufRead, IsTerminal, Read, Write};
+use std::io::{self, BufRead, BufReader, IsTerminal, Read, Write};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, TryRecvError, channel};
@@ -12,6 +12,7 @@ use clap::Args;
 use miette::miette;
 use pulsetrain_board::{BoardKind, Edge, Leased, Observer, Serial};
 use pulsetrain_core::wire::Baud;
+use pulsetrain_motion::file::Midi;
 use pulsetrain_motion::human;
 use pulsetrain_motion::program::Program;
 use pulsetrain_session::Proof;
@@ -29,7 +30,10 @@ use crate::diagnostic::{WrongFile, advised};
 use crate::live::log::{LogEntry, LogHead, LogLine, VERSION};
 use crate::live::screen::{Key, LiveScreen};
 use crate::live::watch::{LOOK_MS, Watched};
-use crate::live::{Desk, HELP, Happened, KnobInfo, LONGEST_LINE, Line, LiveCommand, LiveEvent, Request, Show};
+use crate::live::{
+    Desk, HELP, Happened, KnobInfo, LONGEST_LINE, Line, LiveCommand, LiveEvent, Request, Show, Together,
+};
+use crate::midi::{self, MidiError};
 use crate::osc::{OscSettings, listen_address, serve_osc};
 use crate::page::{self, PageOptions};
 use crate::serve::RealTime;
@@ -87,6 +91,9 @@ pub(crate) struct LiveArgs {
     /// Answer OSC clients at this port [default: the port from which they send]
     #[arg(long, value_name = "PORT", requires = "osc")]
     pub(crate) osc_reply: Option<u16>,
+    /// Take MIDI from this port, or from the one with this in its name, as [live.midi] says; `pulsetrain ports --midi` lists them
+    #[arg(long, value_name = "PORT")]
+    pub(crate) midi: Option<String>,
     /// Write what is asked and done to this file, for `pulsetrain replay`
     #[arg(long, value_name = "FILE")]
     pub(crate) log: Option<PathBuf>,
@@ -170,6 +177,7 @@ pub(crate) fn run(args: &LiveArgs, console: &mut Console<'_>) -> miette::Result<
         // It gives advice about names that are not there.
         Err(error) => return load::contents(&args.file).and(Err(WrongFile::from(error).into())),
     };
+    let midi = args.midi.as_deref().map(|port| midi_of(&opened.1, port, &name)).transpose()?;
     let way = Way { is_native: args.native, port: args.port.as_deref(), baud: args.baud };
     let staged = Staged::new(opened, &name, args.board.as_deref(), way, console)?;
     let program = Arc::new(staged.prepared.program.clone());
@@ -190,6 +198,7 @@ pub(crate) fn run(args: &LiveArgs, console: &mut Console<'_>) -> miette::Result<
     if let Some(address) = osc {
         serve_osc(&hub, OscSettings { address, reply_port: args.osc_reply })?;
     }
+    let _midi = midi.map(|(port, table)| midi::serve_midi(&hub, port, table)).transpose()?;
     let page = page_at.map(|(listener, token)| {
         let options = PageOptions { token, motion: Arc::clone(&in_force), log: args.log.clone() };
         page::serve(&hub, listener, options)
@@ -218,6 +227,17 @@ pub(crate) fn run(args: &LiveArgs, console: &mut Console<'_>) -> miette::Result<
         Some(error) => exit.and(Err(error.into())),
         None => exit,
     }
+}
+
+/// The MIDI port that is asked for, and what it does. If it is not there, that is said before anything moves.
+fn midi_of<'a>(
+    contents: &pulsetrain_motion::file::Contents,
+    port: &'a str,
+    file: &str,
+) -> Result<(&'a str, Midi), MidiError> {
+    midi::port_named(port, &midi::ports()?)?;
+    let table = contents.live.midi.clone().ok_or_else(|| MidiError::NoTable { file: file.to_owned() })?;
+    Ok((port, table))
 }
 
 /// Says where the motors are, and how they get back.
@@ -368,23 +388,28 @@ impl Parts {
         tells: &Sender<MotionNews>,
         pending: &AtomicUsize,
     ) -> Played {
-        let zero = driven.zero();
+        let (zero, tick_hz) = (driven.zero(), self.desk.setup().board.tick_hz);
         let mut show = Show::new(driven, self.desk.clone(), self.rejoins);
         let hub = self.control.hub().clone();
-        let time = |tick: u64| Duration::from_secs_f64(tick as f64 / paced_hz.unwrap_or(1) as f64);
+        let time = |tick: u64| Duration::from_secs_f64(tick as f64 / tick_hz as f64);
         let mut pace = paced_hz.map(|_| RealTime::from(time(show.now())));
+        let motion_s = |tick: u64| tick.saturating_sub(zero) as f64 / tick_hz as f64;
         let mut log = self.log.take();
         log.iter_mut().for_each(|log| log.time.0 = zero);
+        let mut held = None;
         let ended = 'run: loop {
             let mut news = News { hub: &hub, tells, pending, has_knobs: false, done: Vec::new() };
             let mut requests = 0;
             while requests < MOST_REQUESTS {
                 let wait = pace.as_mut().map_or(Duration::ZERO, |pace| pace.ahead(time(show.now())));
-                let Some(request) = next_request(self.control.requests(), wait) else { break };
+                let next = held.take().or_else(|| next_request(self.control.requests(), wait));
+                let Some(request) = next else { break };
+                let request = with_waiting(request, self.control.requests(), &mut held);
                 requests += 1;
                 let tick = show.now();
                 log.iter().for_each(|log| log.line(tick, LogEntry::Asked(request.clone())));
-                let is_file = matches!(request, Request::Live(LiveCommand::Motion { .. }));
+                let is_file = |request: &Request| matches!(request, Request::Live(LiveCommand::Motion { .. }));
+                let is_file = request.clone().each().iter().any(is_file);
                 let obeyed = show.obey(request, &mut trace, &mut |happened| news.tell(happened));
                 if is_file {
                     log.iter_mut().for_each(|log| log.files(tick, &show));
@@ -394,6 +419,9 @@ impl Parts {
                     break 'run over;
                 }
             }
+            // On a real board its time is that of day.
+            let clock = pace.unwrap_or_else(|| RealTime::from(time(show.now())));
+            hub.set_clock(clock.moment(time(show.now())), motion_s(show.now()));
             hub.looked();
             let stepped = show.step(&mut trace, &mut |happened| news.tell(happened));
             news.log(show.now(), &log);
@@ -439,6 +467,26 @@ fn next_request(requests: &Receiver<Request>, wait: Duration) -> Option<Request>
         Err(_) => return None,
     }
     requests.recv_timeout(wait).ok()
+}
+
+/// A request, with those that wait behind it: they make one change.
+fn with_waiting(request: Request, requests: &Receiver<Request>, held: &mut Option<Request>) -> Request {
+    let is_one = |request: &Request| !matches!(request, Request::Together(Together { at_s: Some(_), .. }));
+    if !is_one(&request) {
+        return request;
+    }
+    let mut all = request.each();
+    while all.len() < MOST_REQUESTS as usize {
+        match requests.try_recv() {
+            Ok(next) if is_one(&next) => all.extend(next.each()),
+            Ok(next) => {
+                *held = Some(next);
+                break;
+            }
+            Err(_) => break,
+        }
+    }
+    Request::together(all, None)
 }
 
 /// Tells everybody what happens, and keeps it for the log.
@@ -615,7 +663,7 @@ impl TerminalSide {
         }
         let hub = self.hub.clone();
         // It reads until its input ends, or the process does.
-        thread::spawn(move || read_lines(&mut io::stdin().lock(), &sender, &hub, &says));
+        thread::spawn(move || read_lines(&mut BufReader::new(io::stdin()), &sender, &hub, &says));
         console.print(format_args!("{} runs; `help` lists what can be written\n", self.info.file))?;
         loop {
             match self.heard.recv_timeout(KEYS) {
@@ -650,7 +698,7 @@ impl TerminalSide {
                 match key {
                     Key::Request(request) => sender.send(request),
                     Key::Line(line) => {
-                        if let Some(text) = take_line(&line, sender, &self.hub) {
+                        if let Some(text) = take_line(&line, |request| sender.send(request), &self.hub) {
                             screen.print(&text).map_err(refuse)?;
                         }
                     }
@@ -661,8 +709,9 @@ impl TerminalSide {
 }
 
 /// Reads lines until the input ends: what is asked goes to the hub.
-fn read_lines(input: &mut impl BufRead, sender: &HubSender, hub: &Hub, says: &Sender<String>) {
+fn read_lines(input: &mut BufReader<impl Read>, sender: &HubSender, hub: &Hub, says: &Sender<String>) {
     let mut line = Vec::new();
+    let mut together = Vec::new();
     loop {
         line.clear();
         let most = LONGEST_LINE as u64 + 2;
@@ -671,8 +720,12 @@ fn read_lines(input: &mut impl BufRead, sender: &HubSender, hub: &Hub, says: &Se
             return;
         }
         let is_cut = line.len() as u64 == most && line.last() != Some(&b'\n');
-        if let Some(text) = take_line(&String::from_utf8_lossy(&line), sender, hub) {
+        if let Some(text) = take_line(&String::from_utf8_lossy(&line), |request| together.push(request), hub) {
             let _ = says.send(format!("{}\n", text.trim_end()));
+        }
+        // Lines of one write act together.
+        if together.len() == MOST_REQUESTS as usize || !input.buffer().contains(&b'\n') {
+            sender.send_together(std::mem::take(&mut together));
         }
         // The rest of a line that is too long is no line.
         while is_cut && line.last() != Some(&b'\n') {
@@ -685,10 +738,10 @@ fn read_lines(input: &mut impl BufRead, sender: &HubSender, hub: &Hub, says: &Se
 }
 
 /// Does what a line asks for; or gives what is to be said.
-fn take_line(line: &str, sender: &HubSender, hub: &Hub) -> Option<String> {
+fn take_line(line: &str, send: impl FnOnce(Request), hub: &Hub) -> Option<String> {
     match Line::read(line) {
         Ok(Line::Request(request)) => {
-            sender.send(request);
+            send(request);
             None
         }
         Ok(Line::Knobs) => Some(knob_table(&hub.info().knobs)),

@@ -10,6 +10,7 @@ use serde::Serialize;
 
 use super::flash;
 use crate::console::{Console, Exit};
+use crate::midi;
 use pulsetrain_motion::human::{self, Table};
 use pulsetrain_session::drive::session_number;
 
@@ -22,6 +23,9 @@ pub(crate) struct PortsArgs {
     /// Open each port, and ask whether Pulsetrain's firmware is there. That resets an Uno
     #[arg(long)]
     pub(crate) ask: bool,
+    /// List the MIDI ports instead, for `pulsetrain live --midi`
+    #[arg(long, conflicts_with_all = ["ask", "json"])]
+    pub(crate) midi: bool,
     /// Print the list as JSON
     #[arg(long)]
     pub(crate) json: bool,
@@ -46,6 +50,12 @@ pub(crate) struct PortEntry {
 }
 
 pub(crate) fn run(args: &PortsArgs, console: &mut Console<'_>) -> miette::Result<Exit> {
+    if args.midi {
+        let names = midi::ports()?;
+        let none = "no MIDI port was found: is the device plugged in?".to_owned();
+        console.print(format_args!("{}\n", if names.is_empty() { none } else { names.join("\n") }))?;
+        return Ok(Exit::Success);
+    }
     let mut found: Vec<PortEntry> = serial::list().into_iter().map(|port| look(port, args.ask)).collect();
     found.extend(flash::drives().iter().map(|drive| found_drive(drive)));
     if args.json {

@@ -7,14 +7,14 @@ use std::collections::VecDeque;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, SyncSender, sync_channel};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use serde::Serialize;
 
 use pulsetrain_session::control::{Command, Event};
 
 use super::{ClientLine, ControlState, RunEnded, RunInfo, RunLine};
-use super::{Happened, LiveCommand, LiveEvent, Request};
+use super::{Happened, LiveCommand, LiveEvent, Request, Together};
 
 /// Clients of a kind at a time. Each kind has places of its own, so that `pulsetrain stop` finds one however many pages are open.
 pub(super) const MOST_CLIENTS: usize = 16;
@@ -82,6 +82,8 @@ struct State {
     stop_now_sent: bool,
     /// The page that controls.
     controls: Option<u64>,
+    /// A moment of the time of day, and the motion's time then, s.
+    clock: Option<(Instant, f64)>,
     is_over: bool,
 }
 
@@ -133,6 +135,7 @@ impl Hub {
             stop_sent: false,
             stop_now_sent: false,
             controls: None,
+            clock: None,
             is_over: false,
         };
         Hub { shared: Arc::new(Shared { state: Mutex::new(state), changed: Condvar::new() }) }
@@ -232,6 +235,18 @@ impl Hub {
         self.shared.changed.notify_all();
     }
 
+    /// Notes the motion's time at a moment, s: what is asked for a time of day needs it.
+    pub fn set_clock(&self, moment: Instant, at_s: f64) {
+        self.state().clock = Some((moment, at_s));
+    }
+
+    /// The motion's time at a moment that is to come, s; `None` if it is not known, or the moment is past.
+    #[must_use]
+    pub fn time_at(&self, moment: Instant) -> Option<f64> {
+        let (known, at_s) = self.state().clock?;
+        Some(at_s + moment.checked_duration_since(known)?.as_secs_f64())
+    }
+
     /// Whether a client has asked for a stop. A run that has much to do may ask this first.
     #[must_use]
     pub fn wants_stop(&self) -> bool {
@@ -320,6 +335,20 @@ impl HubSender {
             Request::Live(command) if matches!(state.sink, Sink::Run(_)) => {
                 state.answer(self.number, &LiveEvent::Refused { command, why: NOT_LIVE.to_owned() });
             }
+            Request::Together(Together { together, at_s }) if matches!(state.sink, Sink::Run(_)) => match at_s {
+                Some(_) => state.answer(self.number, &RunLine::Error { error: NOT_LIVE.to_owned() }),
+                None => {
+                    drop(state);
+                    together.into_iter().for_each(|request| self.send(request));
+                }
+            },
+            // A stop that is for now does not wait for what comes with it.
+            Request::Together(Together { together, at_s: None }) if together.iter().any(is_stop) => {
+                drop(state);
+                let (stops, others): (Vec<Request>, _) = together.into_iter().partition(is_stop);
+                stops.into_iter().for_each(|stop| self.send(stop));
+                self.send_together(others);
+            }
             _ if self.kind == ClientKind::Page && state.controls != Some(self.number) => {
                 let error = match state.controls {
                     Some(_) => "another page controls the motors: take control first",
@@ -333,6 +362,28 @@ impl HubSender {
                 waited.unwrap_or_else(PoisonError::into_inner).take(self.number, request);
             }
         }
+    }
+
+    /// Sends requests that came at the same time: they act as one.
+    pub fn send_together(&self, requests: Vec<Request>) {
+        if !requests.is_empty() {
+            self.send(Request::together(requests, None));
+        }
+    }
+
+    /// Does what lines of JSON say that came at the same time.
+    pub fn lines<'a>(&self, lines: impl IntoIterator<Item = &'a [u8]>) {
+        let mut requests = Vec::new();
+        for line in lines {
+            match ClientLine::read(line) {
+                Ok(ClientLine::Request(request @ (Request::Session(_) | Request::Live(_)))) => requests.push(request),
+                _ => {
+                    self.send_together(std::mem::take(&mut requests));
+                    self.line(line);
+                }
+            }
+        }
+        self.send_together(requests);
     }
 
     /// Does what a line of JSON says. If it says nothing, the client gets an error.
@@ -376,6 +427,10 @@ impl HubSender {
     pub fn hub(&self) -> &Hub {
         &self.hub
     }
+}
+
+fn is_stop(request: &Request) -> bool {
+    matches!(request, Request::Session(Command::Stop | Command::StopNow))
 }
 
 impl Drop for HubSender {
@@ -483,7 +538,7 @@ impl State {
         let _ = match (&self.sink, request) {
             (Sink::Run(commands), Request::Session(command)) => commands.send(command).is_ok(),
             (Sink::Live(requests), request) => requests.send(request).is_ok(),
-            (Sink::Run(_), Request::Live(_)) => false,
+            (Sink::Run(_), Request::Live(_) | Request::Together(_)) => false,
         };
     }
 
@@ -620,6 +675,38 @@ mod tests {
         assert!(lines.len() == 2 && lines[0].starts_with(r#"{"pulsetrain_control":1,"#), "{lines:?}");
         assert!(lines[1].starts_with(r#"{"event":"refused","command":{"command":"go"},"why":"this is a `run`;"#));
         assert_eq!(commands.try_iter().count(), 0);
+    }
+
+    #[test]
+    fn lines_of_one_write_are_one_request_and_stops_go_at_once() {
+        let (sender, requests) = channel();
+        let hub = Hub::of_live(info(true), sender);
+        let (client, lines) = hub.join(ClientKind::Socket).unwrap().split();
+        let write: [&[u8]; 5] = [
+            br#"{"command":"set","knob":"speed","value":1.0}"#,
+            br#"{"command":"tempo","rate":0.5}"#,
+            br#"{"command":"stop"}"#,
+            b"nonsense",
+            br#"{"command":"go"}"#,
+        ];
+        client.lines(write);
+        assert_eq!(requests.try_iter().collect::<Vec<_>>(), [Request::Session(Command::Stop)]);
+        assert!(all(&lines).last().unwrap().contains("no line of JSON"));
+        hub.looked();
+        let together = Request::together(vec![set(1.0), Request::Session(Command::Tempo { rate: 0.5 })], None);
+        assert_eq!(requests.try_iter().collect::<Vec<_>>(), [together, Request::Live(LiveCommand::Go)]);
+
+        // A `run` takes them one by one, and none for a time.
+        let (sender, commands) = channel();
+        let run = Hub::of_run(info(false), sender);
+        let (client, lines) = run.join(ClientKind::Socket).unwrap().split();
+        client.lines([&br#"{"command":"pause"}"#[..], br#"{"command":"resume"}"#]);
+        client.line(br#"{"together":[{"command":"pause"}],"at_s":3.0}"#);
+        assert!(all(&lines).last().unwrap().contains("this is a `run`"));
+        run.looked();
+        assert_eq!(commands.try_iter().collect::<Vec<_>>(), [Command::Pause]);
+        run.looked();
+        assert_eq!(commands.try_iter().collect::<Vec<_>>(), [Command::Resume]);
     }
 
     #[test]

@@ -42,7 +42,7 @@ pub(crate) use client::folder;
 pub use client::{RunClient, runs};
 pub use control::Control;
 pub use hub::{ClientKind, Hub, HubClient, HubLines, HubSender, JoinError, Next};
-pub use request::{Happened, KnobInfo, KnobValue, LiveCommand, LiveEvent, Request};
+pub use request::{Happened, KnobInfo, KnobValue, LiveCommand, LiveEvent, Request, Together};
 #[cfg(unix)]
 use server::ControlSocket;
 #[cfg(not(unix))]
@@ -55,6 +55,9 @@ pub const VERSION: u32 = 1;
 
 /// The longest line of a client, bytes, its end included.
 pub const LONGEST_LINE: usize = 4096;
+
+/// The most commands in a list that act together.
+const MOST_TOGETHER: usize = 64;
 
 /// The first line of a run: what it is.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -364,6 +367,18 @@ impl ClientLine {
         if let Some(controls) = switch("control")? {
             return Ok(ClientLine::Control(controls));
         }
+        if value.get("together").is_some() {
+            let together =
+                Together::deserialize(&value).map_err(|error| format!("this is no list of commands: {error}"))?;
+            let is_list = |request: &Request| matches!(request, Request::Together(_));
+            return match together.together.len() {
+                1..=MOST_TOGETHER if !together.together.iter().any(is_list) => {
+                    Ok(ClientLine::Request(Request::Together(together)))
+                }
+                1..=MOST_TOGETHER => Err("a list of commands has no list in it".to_owned()),
+                len => Err(format!("a list of commands has 1 to {MOST_TOGETHER}, this one has {len}")),
+            };
+        }
         let command = match (Command::deserialize(&value), LiveCommand::deserialize(&value)) {
             (Ok(command), _) => Ok(Request::Session(command)),
             (_, Ok(command)) => Ok(Request::Live(command)),
@@ -447,6 +462,17 @@ mod tests {
         check(r#"{"follow":true}"#, Ok(ClientLine::Follow(true)));
         check(r#"{"follow":1}"#, Err("true or false"));
         check(r#"{"command":"stopp"}"#, Err("unknown variant `stopp`"));
+        let tempo = Request::Session(Command::Tempo { rate: 0.5 });
+        let list =
+            |at_s| Request::Together(Together { together: vec![tempo.clone(), Request::Live(LiveCommand::Go)], at_s });
+        let text = r#""together":[{"command":"tempo","rate":0.5},{"command":"go"}]"#;
+        check(&format!("{{{text}}}"), Ok(ClientLine::Request(list(None))));
+        check(&format!("{{{text},\"at_s\":1.5}}"), Ok(ClientLine::Request(list(Some(1.5)))));
+        check(&format!("{{\"together\":[{{{text}}}]}}"), Err("has no list in it"));
+        check(r#"{"together":[]}"#, Err("1 to 64, this one has 0"));
+        let many = vec![r#"{"command":"go"}"#; 65].join(",");
+        check(&format!("{{\"together\":[{many}]}}"), Err("1 to 64, this one has 65"));
+        check(r#"{"together":[{"command":"fly"}]}"#, Err("no list of commands"));
         check("stop", Err("no line of JSON"));
         check("[]", Err("no command"));
         check("", Err("no line of JSON"));

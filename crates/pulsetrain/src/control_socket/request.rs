@@ -13,6 +13,41 @@ pub enum Request {
     Session(Command),
     /// A change of the motion itself: only `pulsetrain live` obeys these.
     Live(LiveCommand),
+    /// Several changes that act as one: only `pulsetrain live` obeys these.
+    Together(Together),
+}
+
+/// Requests that make one change of the motion, with one first tick.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct Together {
+    /// In the order in which they count; none of them is such a list itself.
+    pub together: Vec<Request>,
+    /// When the change begins, s of the motion. `None`, or a time that is past: as soon as it can.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub at_s: Option<f64>,
+}
+
+impl Request {
+    /// One request for all of these.
+    #[must_use]
+    pub fn together(mut requests: Vec<Request>, at_s: Option<f64>) -> Request {
+        match requests.pop() {
+            Some(only) if requests.is_empty() && at_s.is_none() => only,
+            last => {
+                requests.extend(last);
+                Request::Together(Together { together: requests, at_s })
+            }
+        }
+    }
+
+    /// The requests of a list, or this one alone.
+    #[must_use]
+    pub fn each(self) -> Vec<Request> {
+        match self {
+            Request::Together(Together { together, .. }) => together.into_iter().flat_map(Request::each).collect(),
+            one => vec![one],
+        }
+    }
 }
 
 /// A change of a live motion.

@@ -10,7 +10,7 @@ use std::thread;
 
 use super::client::{ENDING, folder};
 use super::hub::{ClientKind, Hub, HubLines, HubSender, JoinError, PATIENCE};
-use super::{LONGEST_LINE, RunLine, SocketError};
+use super::{LONGEST_LINE, MOST_TOGETHER, RunLine, SocketError};
 
 /// A run's socket. It goes away with this value.
 #[derive(Debug)]
@@ -102,18 +102,24 @@ fn write(mut output: UnixStream, lines: &HubLines) {
 /// Reads a client's lines until it has no more.
 fn hear(input: UnixStream, sender: &HubSender) {
     let mut input = BufReader::new(input);
-    let mut line = Vec::new();
+    let mut lines: Vec<Vec<u8>> = Vec::new();
     loop {
-        line.clear();
+        let mut line = Vec::new();
         let read = (&mut input).take(LONGEST_LINE as u64).read_until(b'\n', &mut line);
         // The last line may come without its end.
         let is_too_long = line.len() >= LONGEST_LINE && line.last() != Some(&b'\n');
         if is_too_long {
+            sender.lines(lines.iter().map(Vec::as_slice));
             return sender.complain(format!("a line has {LONGEST_LINE} bytes at most"));
         }
         if read.is_err() || line.is_empty() {
             return;
         }
-        sender.line(&line);
+        lines.push(line);
+        // Lines of one write act together.
+        if lines.len() == MOST_TOGETHER || !input.buffer().contains(&b'\n') {
+            sender.lines(lines.iter().map(Vec::as_slice));
+            lines.clear();
+        }
     }
 }

@@ -13,7 +13,7 @@ pub(crate) mod screen;
 mod show;
 pub mod watch;
 
-pub use crate::control_socket::{Happened, KnobInfo, KnobValue, LiveCommand, LiveEvent, Request};
+pub use crate::control_socket::{Happened, KnobInfo, KnobValue, LiveCommand, LiveEvent, Request, Together};
 pub use desk::{ChangeRefusal, Desk, FileTexts, NoMotion, Turn};
 pub use line::{HELP, LONGEST_LINE, Line, LineError};
 pub use show::{Show, Tell};

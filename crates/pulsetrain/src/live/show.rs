@@ -7,6 +7,7 @@ use std::collections::VecDeque;
 
 use pulsetrain_board::{Leased, Observer};
 use pulsetrain_motion::Time;
+use pulsetrain_motion::time::Rate;
 use pulsetrain_session::SessionError;
 use pulsetrain_session::control::{Command, Ended, Event, Knowledge};
 use pulsetrain_session::drive::{DriveError, Driven};
@@ -15,8 +16,8 @@ use std::sync::Arc;
 
 use pulsetrain_motion::program::Program;
 
-use super::desk::{Desk, NoMotion, Turn};
-use crate::control_socket::{Happened, KnobValue, LiveCommand, LiveEvent, Request};
+use super::desk::{ChangeRefusal, Desk, NoMotion};
+use crate::control_socket::{Happened, KnobValue, LiveCommand, LiveEvent, Request, Together};
 
 /// Hears what happens.
 pub type Tell<'a> = &'a mut dyn FnMut(Happened);
@@ -26,6 +27,17 @@ const TRIES: u32 = 12;
 /// Motions that begin at a cue begin this long after it, s: the transition has reached the board by then.
 const CUE_LEAD_S: f64 = 0.1;
 
+/// A step of the board's time, s.
+const STEP_S: f64 = 0.01;
+/// A change for a tick is asked for this long before it is too late, s: some steps.
+const ASK_S: f64 = 0.04;
+/// It is held against the limits this long before, s: a nearer value takes [`TRIES`] steps to find.
+const LOOK_S: f64 = 0.25;
+/// A change may be for a time that is this far ahead, s.
+const FARTHEST_S: f64 = 60.0;
+/// Changes that may wait for their tick.
+const MOST_TIMED: usize = 1024;
+
 /// A running motion that is changed by requests.
 pub struct Show<B> {
     driven: Driven<B>,
@@ -34,8 +46,12 @@ pub struct Show<B> {
     followed: Desk,
     /// A change that waits until another one has begun.
     waiting: Option<PendingChange>,
-    /// Commands to the session: a step takes one.
-    commands: VecDeque<Command>,
+    /// Requests that wait for their tick, soonest first.
+    timed: Vec<TimedRequests>,
+    /// Commands to the session, and the tick for which they are: a step takes one.
+    commands: VecDeque<(Command, Option<u64>)>,
+    /// The tick of the last such command.
+    held_until: Option<u64>,
     /// The motors were sent to a position, and rest there until somebody asks for the motion again.
     is_parked: bool,
     is_paused: bool,
@@ -54,6 +70,18 @@ struct PendingChange {
     /// What was asked for, and what is told when it is done.
     answers: Vec<(LiveCommand, LiveEvent)>,
     is_parked: bool,
+    /// The first tick; `None`: as soon as it can.
+    at: Option<u64>,
+    /// The tempo from that tick on, if it changes.
+    tempo: Option<f64>,
+}
+
+/// Requests that wait for their tick.
+struct TimedRequests {
+    tick: u64,
+    requests: Vec<Request>,
+    /// Whether they were held against the limits.
+    is_checked: bool,
 }
 
 impl<B: Leased> Show<B> {
@@ -65,7 +93,9 @@ impl<B: Leased> Show<B> {
             followed: desk.clone(),
             desk,
             waiting: None,
+            timed: Vec::new(),
             commands: VecDeque::new(),
+            held_until: None,
             is_parked: false,
             is_paused: false,
             follow_at_s: None,
@@ -102,18 +132,23 @@ impl<B: Leased> Show<B> {
         observer: &mut impl Observer,
         tell: Tell<'_>,
     ) -> Result<Option<Ended>, DriveError> {
-        match request {
-            Request::Session(Command::Resume) if self.is_parked && !self.is_paused => {
-                self.back_to_motion(LiveCommand::Goto { position: "the motion".to_owned() }, tell);
-            }
-            Request::Session(command) => self.commands.push_back(command),
-            Request::Live(LiveCommand::Set { knob, value }) => return self.set(knob, value, observer, tell),
-            Request::Live(command @ LiveCommand::Go) => self.cue(command, tell),
-            Request::Live(command @ LiveCommand::Back) => self.cue(command, tell),
-            Request::Live(command @ LiveCommand::Cue { .. }) => self.cue(command, tell),
-            Request::Live(LiveCommand::Goto { position }) => self.goto(position, tell),
-            Request::Live(LiveCommand::Motion { text }) => self.take_file(&text, tell),
+        let at_s = if let Request::Together(Together { at_s, .. }) = &request { *at_s } else { None };
+        let requests = request.each();
+        let Some(at_s) = at_s else { return self.together(&requests, None, observer, tell) };
+        let tick = self.driven.tick_at(at_s);
+        if tick <= self.driven.earliest() {
+            return self.together(&requests, None, observer, tell);
         }
+        let why = if at_s > self.now_s + FARTHEST_S {
+            format!("it is for {:.1} s from now; {FARTHEST_S} s are the most", at_s - self.now_s)
+        } else if self.timed.len() == MOST_TIMED {
+            format!("{MOST_TIMED} changes wait for their time already")
+        } else {
+            let place = self.timed.partition_point(|timed| timed.tick <= tick);
+            self.timed.insert(place, TimedRequests { tick, requests, is_checked: false });
+            return Ok(None);
+        };
+        requests.into_iter().for_each(|request| tell(refusal(request, &why)));
         Ok(None)
     }
 
@@ -122,9 +157,34 @@ impl<B: Leased> Show<B> {
     /// # Errors
     /// When the motors stopped though nobody asked for it, and cannot join the motion again.
     pub fn step(&mut self, observer: &mut impl Observer, tell: Tell<'_>) -> Result<Option<Ended>, DriveError> {
-        let urgent = |wanted: Command| self.commands.iter().position(|command| *command == wanted);
-        let next = urgent(Command::StopNow).or_else(|| urgent(Command::Stop)).unwrap_or(0);
-        let command = self.commands.remove(next);
+        let ended = self.pass(observer, tell)?;
+        if ended.is_some() {
+            return Ok(ended);
+        }
+        if self.follow_at_s.is_some_and(|at_s| at_s <= self.now_s) && self.waiting.is_none() {
+            self.follow_at_s = None;
+            let ended = self.together(&[Request::Live(LiveCommand::Go)], None, observer, tell)?;
+            if ended.is_some() {
+                return Ok(ended);
+            }
+        }
+        self.begin_timed(observer, tell)
+    }
+
+    /// As [`Show::step`]; nothing begins that was not asked of the session before.
+    fn pass(&mut self, observer: &mut impl Observer, tell: Tell<'_>) -> Result<Option<Ended>, DriveError> {
+        let soon = self.driven.now() + self.ticks(STEP_S);
+        let is_stop = |command: Command| matches!(command, Command::Stop | Command::StopNow);
+        // A stop has no tick of its own: it is given just before.
+        let is_due = |(command, at): &(Command, Option<u64>)| !is_stop(*command) || at.is_none_or(|at| at <= soon);
+        let urgent = |wanted: Command| self.commands.iter().position(|it| it.0 == wanted && is_due(it));
+        let next = urgent(Command::StopNow).or_else(|| urgent(Command::Stop));
+        let next = next.or_else(|| self.commands.iter().position(is_due));
+        let command = next.and_then(|next| self.commands.remove(next)).map(|(command, at)| {
+            self.held_until = at;
+            self.driven.hold_changes_until(at);
+            command
+        });
         let mut events = Vec::new();
         let stepped = self.driven.step(command, observer, |event| events.push(event));
         let stepped = match stepped {
@@ -149,159 +209,261 @@ impl<B: Leased> Show<B> {
                 None
             }
         };
-        if ended.is_none() {
-            if let Some(pending_change) = self.waiting.take() {
-                self.change(pending_change, tell);
-            }
-            if self.follow_at_s.is_some_and(|at_s| at_s <= self.now_s) && self.waiting.is_none() {
-                self.follow_at_s = None;
-                self.cue(LiveCommand::Go, tell);
-            }
+        if ended.is_none()
+            && let Some(pending_change) = self.waiting.take()
+        {
+            self.change(pending_change, tell);
         }
         Ok(ended)
     }
 
-    /// Turns a knob: to the nearest value that the motors follow.
-    fn set(
+    fn ticks(&self, seconds: f64) -> u64 {
+        self.driven.tick_at(seconds) - self.driven.zero()
+    }
+
+    /// Asks for the changes whose tick is near.
+    fn begin_timed<O: Observer>(&mut self, observer: &mut O, tell: Tell<'_>) -> Result<Option<Ended>, DriveError> {
+        while let Some(first) = self.timed.first() {
+            let (tick, is_checked) = (first.tick, first.is_checked);
+            let left = tick.saturating_sub(self.driven.earliest());
+            let is_alone = self.waiting.as_ref().is_none_or(|waiting| waiting.at == Some(tick));
+            if left > self.ticks(LOOK_S) || !is_alone || (left > self.ticks(ASK_S) && is_checked) {
+                return Ok(None);
+            }
+            if left > self.ticks(ASK_S) {
+                self.timed[0].is_checked = true;
+                let requests = self.timed[0].requests.clone();
+                let (gathered, _) = self.gather(&requests, Some(tick), None::<(&mut O, Tell<'_>)>)?;
+                if matches!(self.verdict(&gathered), Ok(Ok(_))) {
+                    return Ok(None);
+                }
+                // The nearest value that holds takes time to find.
+            }
+            let TimedRequests { requests, .. } = self.timed.remove(0);
+            if let Some(ended) = self.together(&requests, Some(tick), observer, tell)? {
+                return Ok(Some(ended));
+            }
+        }
+        Ok(None)
+    }
+
+    /// Makes one change of all that is asked, from tick `at` on.
+    fn together<O: Observer>(
         &mut self,
-        knob: String,
-        value: KnobValue,
-        observer: &mut impl Observer,
+        requests: &[Request],
+        at: Option<u64>,
+        observer: &mut O,
         tell: Tell<'_>,
     ) -> Result<Option<Ended>, DriveError> {
-        let command = LiveCommand::Set { knob: knob.clone(), value: value.clone() };
-        let turn = match self.desk.turn(&knob, &value) {
+        let (mut gathered, _) = self.gather(requests, at, None::<(&mut O, Tell<'_>)>)?;
+        // Values may be too much one by one, and hold together. If they do not, each is looked at.
+        let program = match self.verdict(&gathered) {
+            Ok(Ok(program)) => Ok(program),
+            Ok(Err(_)) | Err(_) => {
+                let (again, ended) = self.gather(requests, at, Some((&mut *observer, &mut *tell)))?;
+                if ended.is_some() {
+                    return Ok(ended);
+                }
+                gathered = again;
+                gathered.program()
+            }
+        };
+        gathered.refusals.drain(..).for_each(&mut *tell);
+        self.commands.extend(gathered.commands.iter().map(|command| (*command, at)));
+        let tempo = gathered.tempo.map(|rate| (rate, Command::Tempo { rate }));
+        let program = match program {
+            Ok(program) => program,
+            Err(error) => {
+                gathered.answers.into_iter().for_each(|(command, _)| refuse(command, &error, tell));
+                self.commands.extend(tempo.map(|(_, command)| (command, at)));
+                return Ok(None);
+            }
+        };
+        self.desk = gathered.desk;
+        if let Some(follow) = gathered.follow {
+            self.follow_at_s =
+                follow.map(|follow| at.map_or(self.now_s, |at| self.driven.seconds_at(at)) + follow.seconds());
+        }
+        let Some(program) = program.filter(|_| gathered.is_moving) else {
+            self.commands.extend(tempo.map(|(_, command)| (command, at)));
+            if !gathered.answers.is_empty() {
+                self.followed = self.desk.clone();
+            }
+            for (_, mut event) in gathered.answers {
+                set_times(&mut event, (self.now_s, self.now_s));
+                tell(Happened::Live(event));
+            }
+            return Ok(None);
+        };
+        // One that is no tempo is refused where all are.
+        let is_tempo = |rate: f64| Rate::of(rate).is_some_and(|rate| rate != Rate::ZERO);
+        let (with, without) = tempo.map_or((None, None), |(rate, command)| match is_tempo(rate) {
+            true => (Some(rate), None),
+            false => (None, Some(command)),
+        });
+        self.commands.extend(without.map(|command| (command, at)));
+        let (over, answers, is_parked) = (gathered.over, gathered.answers, gathered.is_parked);
+        self.pending_change(PendingChange { program, over, answers, is_parked, at, tempo: with }, tell);
+        Ok(None)
+    }
+
+    /// What is asked, as one change. With `search` each part is held against the limits: knobs go to the nearest value that keeps to them while the
+    /// motion goes on, and cues and files are refused.
+    #[allow(clippy::type_complexity)]
+    fn gather<O: Observer>(
+        &mut self,
+        requests: &[Request],
+        at: Option<u64>,
+        mut search: Option<(&mut O, Tell<'_>)>,
+    ) -> Result<(Gathered, Option<Ended>), DriveError> {
+        let mut gathered = Gathered {
+            desk: self.desk.clone(),
+            place: None,
+            is_parked: self.is_parked,
+            is_moving: false,
+            over: None,
+            answers: Vec::new(),
+            refusals: Vec::new(),
+            tempo: None,
+            commands: Vec::new(),
+            follow: None,
+        };
+        for request in requests {
+            let command = match request {
+                Request::Session(Command::Resume) if gathered.is_parked && !self.is_paused => {
+                    let command = LiveCommand::Goto { position: "the motion".to_owned() };
+                    gathered.changes(None, (command, LiveEvent::Returned { from_s: 0.0, until_s: 0.0 }));
+                    continue;
+                }
+                Request::Session(Command::Tempo { rate }) => {
+                    gathered.tempo = Some(*rate);
+                    continue;
+                }
+                Request::Session(command) => {
+                    gathered.commands.push(*command);
+                    continue;
+                }
+                Request::Live(command) => command.clone(),
+                Request::Together(_) => continue,
+            };
+            match &command {
+                LiveCommand::Set { knob, value } => {
+                    if let Some(ended) = self.gather_knob(&mut gathered, &command, (knob, value), &mut search)? {
+                        return Ok((gathered, Some(ended)));
+                    }
+                }
+                LiveCommand::Goto { position } => match gathered.desk.at_position(position) {
+                    Ok(program) => {
+                        let event = LiveEvent::Goto { position: position.clone(), from_s: 0.0, until_s: 0.0 };
+                        gathered.changes(None, (command, event));
+                        (gathered.place, gathered.is_parked, gathered.follow) = (Some(program), true, Some(None));
+                    }
+                    Err(error) => gathered.refusals.push(refusal(Request::Live(command), &error)),
+                },
+                LiveCommand::Motion { text } => self.gather_file(&mut gathered, text, search.is_some()),
+                LiveCommand::Go | LiveCommand::Back | LiveCommand::Cue { .. } => {
+                    self.gather_cue(&mut gathered, command, at, search.is_some());
+                }
+            }
+        }
+        Ok((gathered, None))
+    }
+
+    /// Turns a knob: to the nearest value that the motors follow.
+    fn gather_knob<O: Observer>(
+        &mut self,
+        gathered: &mut Gathered,
+        command: &LiveCommand,
+        (knob, value): (&str, &KnobValue),
+        search: &mut Option<(&mut O, Tell<'_>)>,
+    ) -> Result<Option<Ended>, DriveError> {
+        let refuse = |gathered: &mut Gathered, why: &dyn std::fmt::Display| {
+            gathered.refusals.push(refusal(Request::Live(command.clone()), &why.to_string()));
+        };
+        let turn = match gathered.desk.turn(knob, value) {
             Ok(turn) => turn,
             Err(error) => {
-                refuse(command, &error, tell);
+                refuse(gathered, &error);
                 return Ok(None);
             }
         };
         let (mut set, mut ceiling) = (turn.to, turn.range.clone());
-        let mut found = match self.allowed(&turn, set) {
-            Ok(found) => found,
-            Err(error) => {
-                refuse(command, &error, tell);
-                return Ok(None);
-            }
-        };
-        if let Err(limit) = &found {
-            ceiling = Some(limit.clone());
-            let (mut holds, mut breaks) = (turn.from, turn.to);
-            for _ in 0..TRIES {
-                if let Some(ended) = self.step(observer, tell)? {
-                    return Ok(Some(ended));
+        let mut desk = gathered.desk.turned(&turn, set);
+        if let Some((observer, tell)) = search {
+            let mut found = match self.allowed(&desk, turn.over) {
+                Ok(None) => Some(desk.clone()),
+                Ok(Some(limit)) => {
+                    ceiling = Some(limit);
+                    None
                 }
-                let middle = nice(0.5 * (holds + breaks), (breaks - holds).abs());
-                match self.allowed(&turn, middle) {
-                    Ok(Ok(allowed)) => (holds, found) = (middle, Ok(allowed)),
+                Err(error) => {
+                    refuse(gathered, &error);
+                    return Ok(None);
+                }
+            };
+            if found.is_none() {
+                let (mut holds, mut breaks) = (turn.from, turn.to);
+                for _ in 0..TRIES {
+                    if let Some(ended) = self.pass(*observer, *tell)? {
+                        return Ok(Some(ended));
+                    }
+                    let middle = nice(0.5 * (holds + breaks), (breaks - holds).abs());
+                    let tried = gathered.desk.turned(&turn, middle);
                     // The reader may refuse what lies between, such as a swing of half a step.
-                    Ok(Err(_)) | Err(_) => breaks = middle,
+                    match self.allowed(&tried, turn.over) {
+                        Ok(None) => (holds, found) = (middle, Some(tried)),
+                        Ok(Some(_)) | Err(_) => breaks = middle,
+                    }
                 }
+                set = holds;
             }
-            set = holds;
+            let Some(found) = found else {
+                let limit = ceiling.unwrap_or_default();
+                let why = format!("{limit}: no value between {} and {} {} keeps to it", turn.from, turn.to, turn.unit);
+                refuse(gathered, &why.trim_end());
+                return Ok(None);
+            };
+            desk = found;
         }
-        let Ok((desk, program)) = found else {
-            let limit = ceiling.unwrap_or_default();
-            let why = format!("{limit}: no value between {} and {} {} keeps to it", turn.from, turn.to, turn.unit);
-            refuse(command, &why.trim_end(), tell);
-            return Ok(None);
-        };
-        self.desk = desk;
+        gathered.desk = desk;
         let event =
-            LiveEvent::Set { knob, value: set, unit: turn.unit, ceiling, from_s: self.now_s, until_s: self.now_s };
-        // Motors that were sent to a position stay there: the knob counts when they come back.
-        if self.is_parked {
-            self.followed = self.desk.clone();
-            tell(Happened::Live(event));
-            return Ok(None);
-        }
-        self.pending_change(
-            PendingChange { program, over: turn.over, answers: vec![(command, event)], is_parked: false },
-            tell,
-        );
+            LiveEvent::Set { knob: knob.to_owned(), value: set, unit: turn.unit, ceiling, from_s: 0.0, until_s: 0.0 };
+        gathered.adds(turn.over, (command.clone(), event));
         Ok(None)
     }
 
-    /// The desk with a knob at a value, and its program; the limit that it would break; or why the reader refuses it.
-    #[allow(clippy::type_complexity)]
-    fn allowed(
-        &self,
-        turn: &Turn,
-        value: f64,
-    ) -> Result<Result<(Desk, Arc<Program>), String>, Box<dyn std::error::Error>> {
-        let desk = self.desk.turned(turn, value);
-        let program = desk.program()?;
-        let change = change(Arc::clone(&program), turn.over);
-        match self.driven.ceiling_of(&change)? {
-            None => Ok(Ok((desk, program))),
-            Some(limit) => Ok(Err(limit)),
-        }
-    }
-
     /// Goes to a cue.
-    fn cue(&mut self, command: LiveCommand, tell: Tell<'_>) {
-        let begins = self.driven.law_time() + Time::from_seconds(CUE_LEAD_S);
+    fn gather_cue(&self, gathered: &mut Gathered, command: LiveCommand, at: Option<u64>, is_checked: bool) {
+        let begins = match at {
+            Some(at) => self.driven.law_time_at(at),
+            None => self.driven.law_time() + Time::from_seconds(CUE_LEAD_S),
+        };
         let found = match &command {
-            LiveCommand::Cue { name } => self.desk.at_cue(name, begins),
-            LiveCommand::Back => self.desk.at_other_cue(false, begins),
-            _ => self.desk.at_other_cue(true, begins),
+            LiveCommand::Cue { name } => gathered.desk.at_cue(name, begins),
+            LiveCommand::Back => gathered.desk.at_other_cue(false, begins),
+            _ => gathered.desk.at_other_cue(true, begins),
         };
-        let wished = found.and_then(|(desk, cue)| Ok((desk.program()?, desk, cue)));
-        let (program, desk, cue) = match wished {
-            Ok(wished) => wished,
-            Err(error) => return refuse(command, &error, tell),
+        let (desk, cue) = match found {
+            Ok(found) => found,
+            Err(error) => return gathered.refusals.push(refusal(Request::Live(command), &error)),
         };
-        let change = change(Arc::clone(&program), cue.fade);
-        match self.driven.ceiling_of(&change) {
-            Ok(None) => {}
-            Ok(Some(limit)) => {
-                let why = format!("cue \"{}\" would break a limit: {limit}", cue.name);
-                return refuse(command, &why, tell);
+        if is_checked {
+            let why = match self.allowed(&desk, cue.fade) {
+                Ok(None) => None,
+                Ok(Some(limit)) => Some(format!("cue \"{}\" would break a limit: {limit}", cue.name)),
+                Err(error) => Some(error.to_string()),
+            };
+            if let Some(why) = why {
+                return gathered.refusals.push(refusal(Request::Live(command), &why));
             }
-            Err(error) => return refuse(command, &error, tell),
         }
-        self.desk = desk;
-        let follow = cue.follow.filter(|_| self.desk.has_cue_after(&cue));
-        self.follow_at_s = follow.map(|follow| self.now_s + follow.seconds());
-        let event = LiveEvent::Cue { name: cue.name, from_s: 0.0, until_s: 0.0 };
-        self.pending_change(
-            PendingChange { program, over: cue.fade, answers: vec![(command, event)], is_parked: false },
-            tell,
-        );
+        gathered.follow = Some(cue.follow.filter(|_| desk.has_cue_after(&cue)));
+        gathered.desk = desk;
+        gathered.changes(cue.fade, (command, LiveEvent::Cue { name: cue.name, from_s: 0.0, until_s: 0.0 }));
     }
 
-    fn goto(&mut self, position: String, tell: Tell<'_>) {
-        let command = LiveCommand::Goto { position: position.clone() };
-        match self.desk.at_position(&position) {
-            Ok(program) => {
-                self.follow_at_s = None;
-                let event = LiveEvent::Goto { position, from_s: 0.0, until_s: 0.0 };
-                self.pending_change(
-                    PendingChange { program, over: None, answers: vec![(command, event)], is_parked: true },
-                    tell,
-                );
-            }
-            Err(error) => refuse(command, &error, tell),
-        }
-    }
-
-    /// Lets motors that were sent to a position join the motion again.
-    fn back_to_motion(&mut self, command: LiveCommand, tell: Tell<'_>) {
-        match self.desk.program() {
-            Ok(program) => {
-                let event = LiveEvent::Returned { from_s: 0.0, until_s: 0.0 };
-                self.pending_change(
-                    PendingChange { program, over: None, answers: vec![(command, event)], is_parked: false },
-                    tell,
-                );
-            }
-            Err(error) => refuse(command, &error, tell),
-        }
-    }
-
-    fn take_file(&mut self, text: &str, tell: Tell<'_>) {
-        if text == self.desk.text() {
+    fn gather_file(&self, gathered: &mut Gathered, text: &str, is_checked: bool) {
+        if text == gathered.desk.text() {
             return;
         }
         let refused = |error: String, place: Option<(usize, usize)>| {
@@ -309,7 +471,7 @@ impl<B: Leased> Show<B> {
             let (line, column) = place.map_or((None, None), |(line, column)| (number(line), number(column)));
             Happened::Live(LiveEvent::MotionRefused { error, line, column })
         };
-        let desk = match self.desk.with_file(text) {
+        let desk = match gathered.desk.with_file(text) {
             Ok(desk) => desk,
             Err(error) => {
                 let place = match error.as_ref() {
@@ -320,51 +482,84 @@ impl<B: Leased> Show<B> {
                     NoMotion::File(error) => error.problems()[0].advice().map(|advice| format!(" ({advice})")),
                     NoMotion::Other(_) => None,
                 };
-                return tell(refused(format!("{error}{}", advice.unwrap_or_default()), place));
+                return gathered.refusals.push(refused(format!("{error}{}", advice.unwrap_or_default()), place));
             }
         };
-        let program = match desk.program() {
-            Ok(program) => program,
-            Err(error) => return tell(refused(error.to_string(), None)),
-        };
-        let change = change(Arc::clone(&program), None);
-        match self.driven.ceiling_of(&change) {
-            Ok(None) => {}
-            Ok(Some(limit)) => return tell(refused(format!("the motion would break a limit: {limit}"), None)),
-            Err(error) => return tell(refused(error.to_string(), None)),
+        if is_checked {
+            let why = match self.allowed(&desk, None) {
+                Ok(None) => None,
+                Ok(Some(limit)) => Some(format!("the motion would break a limit: {limit}")),
+                Err(error) => Some(error.to_string()),
+            };
+            if let Some(why) = why {
+                return gathered.refusals.push(refused(why, None));
+            }
         }
-        self.desk = desk;
-        let event = LiveEvent::Motion { from_s: self.now_s, until_s: self.now_s };
-        if self.is_parked {
-            self.followed = self.desk.clone();
-            return tell(Happened::Live(event));
-        }
+        gathered.desk = desk;
         let command = LiveCommand::Motion { text: String::new() };
-        self.pending_change(
-            PendingChange { program, over: None, answers: vec![(command, event)], is_parked: false },
-            tell,
-        );
+        gathered.adds(None, (command, LiveEvent::Motion { from_s: 0.0, until_s: 0.0 }));
+    }
+
+    /// The limit that the motors would break at a desk, or why the reader refuses it.
+    fn allowed(&self, desk: &Desk, over: Option<Time>) -> Result<Option<String>, Box<dyn std::error::Error>> {
+        Ok(self.driven.ceiling_of(&change(desk.program()?, over))?)
+    }
+
+    /// The program that the motors follow if they do all that is asked; `None` if they go on as they are. Or the limit that they would break, or why
+    /// the reader refuses it.
+    #[allow(clippy::type_complexity)]
+    fn verdict(&self, gathered: &Gathered) -> Result<Result<Option<Arc<Program>>, String>, Box<dyn std::error::Error>> {
+        let program = gathered.program()?;
+        // Motors that rest at a position, and those that come back from it, break nothing.
+        let is_goto = |(command, _): &(LiveCommand, LiveEvent)| matches!(command, LiveCommand::Goto { .. });
+        if gathered.answers.iter().all(is_goto) {
+            return Ok(Ok(program));
+        }
+        let ceiling = match (&program, &gathered.place) {
+            (Some(program), None) => self.driven.ceiling_of(&change(Arc::clone(program), gathered.over))?,
+            _ => self.allowed(&gathered.desk, gathered.over)?,
+        };
+        Ok(ceiling.map_or(Ok(program), Err))
     }
 
     /// Changes to what is wished, after what waits: the last pending_change has all that was asked for before.
     fn pending_change(&mut self, mut pending_change: PendingChange, tell: Tell<'_>) {
         if let Some(before) = self.waiting.take() {
             pending_change.answers.splice(0..0, before.answers);
+            pending_change.at = pending_change.at.or(before.at);
+            pending_change.tempo = pending_change.tempo.or(before.tempo);
         }
         self.change(pending_change, tell);
     }
 
     fn change(&mut self, pending_change: PendingChange, tell: Tell<'_>) {
-        match self.driven.change_to(&change(Arc::clone(&pending_change.program), pending_change.over)) {
-            Ok(times) => {
+        // It is asked for shortly before its tick: until then the motors can change to something else.
+        if pending_change.at.is_some_and(|at| at > self.driven.earliest() + self.ticks(ASK_S)) {
+            self.waiting = Some(pending_change);
+            return;
+        }
+        let change = change(Arc::clone(&pending_change.program), pending_change.over);
+        self.driven.hold_changes_until(pending_change.at);
+        let changed = self.driven.change_with_tempo(&change, pending_change.tempo.and_then(Rate::of));
+        self.driven.hold_changes_until(self.held_until);
+        match changed {
+            Ok((times, tempo)) => {
                 self.followed = self.desk.clone();
                 self.is_parked = pending_change.is_parked;
                 for (_, mut event) in pending_change.answers {
                     set_times(&mut event, times);
                     tell(Happened::Live(event));
                 }
+                tempo.into_iter().for_each(|event| tell(Happened::Session(event)));
             }
             Err(SessionError::Waiting { .. }) => self.waiting = Some(pending_change),
+            // The limits may leave no room for both at once: one after the other then.
+            Err(_) if pending_change.tempo.is_some() => {
+                let mut laws_alone = pending_change;
+                let tempo = laws_alone.tempo.take().map(|rate| (Command::Tempo { rate }, laws_alone.at));
+                self.commands.extend(tempo);
+                self.change(laws_alone, tell);
+            }
             Err(error) => {
                 self.desk = self.followed.clone();
                 self.follow_at_s = None;
@@ -376,16 +571,67 @@ impl<B: Leased> Show<B> {
     }
 }
 
+/// What requests ask for, as one change.
+struct Gathered {
+    /// The motion as it is wanted then.
+    desk: Desk,
+    /// The motors at rest at a position, if the last of the requests is that.
+    place: Option<Arc<Program>>,
+    is_parked: bool,
+    /// Whether the motors change to other laws.
+    is_moving: bool,
+    over: Option<Time>,
+    answers: Vec<(LiveCommand, LiveEvent)>,
+    refusals: Vec<Happened>,
+    tempo: Option<f64>,
+    /// What the session does besides.
+    commands: Vec<Command>,
+    /// The time until the next cue, if a cue or a position changes it.
+    follow: Option<Option<Time>>,
+}
+
+impl Gathered {
+    /// Adds what the motors change to, wherever they are.
+    fn changes(&mut self, over: Option<Time>, answer: (LiveCommand, LiveEvent)) {
+        (self.place, self.is_parked) = (None, false);
+        self.adds(over, answer);
+    }
+
+    /// The program that the motors follow then; `None` if that does not change.
+    fn program(&self) -> Result<Option<Arc<Program>>, ChangeRefusal> {
+        match &self.place {
+            Some(program) => Ok(Some(Arc::clone(program))),
+            None if self.answers.is_empty() => Ok(None),
+            None => self.desk.program().map(Some),
+        }
+    }
+
+    /// Adds a value. Motors that were sent to a position stay there: it counts when they come back.
+    fn adds(&mut self, over: Option<Time>, answer: (LiveCommand, LiveEvent)) {
+        self.is_moving |= !self.is_parked;
+        self.over = self.over.max(over);
+        self.answers.push(answer);
+    }
+}
+
 fn change(program: Arc<Program>, over: Option<Time>) -> Change {
     Change { program, over, begins: Begins::WithTheMotion }
 }
 
 fn refuse(command: LiveCommand, why: &impl ToString, tell: Tell<'_>) {
+    tell(refusal(Request::Live(command), why));
+}
+
+fn refusal(request: Request, why: &impl ToString) -> Happened {
     let why = why.to_string();
-    tell(Happened::Live(match command {
-        LiveCommand::Motion { .. } => LiveEvent::MotionRefused { error: why, line: None, column: None },
-        command => LiveEvent::Refused { command, why },
-    }));
+    match request {
+        Request::Live(LiveCommand::Motion { .. }) => {
+            Happened::Live(LiveEvent::MotionRefused { error: why, line: None, column: None })
+        }
+        Request::Live(command) => Happened::Live(LiveEvent::Refused { command, why }),
+        Request::Session(command) => Happened::Session(Event::Refused { command, why }),
+        Request::Together(_) => Happened::Live(LiveEvent::MotionRefused { error: why, line: None, column: None }),
+    }
 }
 
 /// Whether the motors braked since the host or the line was too slow, and the board has counted all the way.

@@ -7,10 +7,12 @@ use std::time::Duration;
 
 use super::{Agenda, Group, Now, OscError, OscInfo, OscServer, OscSettings};
 use crate::control_socket::{ClientKind, Hub, HubSender, RunInfo, RunLine};
-use crate::live::Happened;
+use crate::live::{Happened, Request};
 
 /// Groups that may wait for the motion.
 const MOST_WAITING: usize = 64;
+/// A group goes to the motion this long before its time: its change is planned then, and begins at its tick.
+const AHEAD: Duration = Duration::from_millis(400);
 /// How often the end of the motion is looked for.
 const LOOK: Duration = Duration::from_millis(100);
 
@@ -49,15 +51,19 @@ fn info_of(info: &RunInfo) -> OscInfo {
 fn pass_on(hub: &Hub, requests: &HubSender, groups: &Receiver<Group>, _server: &OscServer) {
     let mut agenda = Agenda::default();
     while !hub.is_over_within(Duration::ZERO) {
-        let wait = agenda.next_due().map_or(LOOK, |due| due.saturating_duration_since(Now::read().instant).min(LOOK));
+        let ahead = Now::read().instant + AHEAD;
+        let wait = agenda.next_due().map_or(LOOK, |due| due.saturating_duration_since(ahead).min(LOOK));
         match groups.recv_timeout(wait) {
             // A full agenda drops what comes: nobody plans a thousand changes in earnest.
             Ok(group) => drop(agenda.push(group)),
             Err(RecvTimeoutError::Timeout) => {}
             Err(RecvTimeoutError::Disconnected) => return,
         }
-        while let Some(group) = agenda.take_due(Now::read().instant) {
-            group.requests.into_iter().for_each(|request| requests.send(request));
+        let now = Now::read().instant;
+        while let Some(Group { requests: group, due }) = agenda.take_due(now + AHEAD) {
+            // Before the motion's clock is known nothing moves: the group acts when it begins.
+            let at_s = if due > now { hub.time_at(due) } else { None };
+            requests.send(Request::together(group, at_s));
         }
     }
 }

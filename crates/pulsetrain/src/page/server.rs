@@ -359,7 +359,11 @@ fn hear(socket: &mut WebSocket<Both>, sender: &HubSender) -> Option<CloseFrame> 
             return close(CloseCode::Policy, "too many messages");
         }
         match message {
-            Ok(Message::Text(line)) => sender.line(line.as_bytes()),
+            // JSON may have line ends in it. Else lines of one message act together.
+            Ok(Message::Text(text)) => match serde_json::from_str::<serde::de::IgnoredAny>(&text) {
+                Ok(_) => sender.line(text.as_bytes()),
+                Err(_) => sender.lines(text.trim_end().split('\n').map(str::as_bytes)),
+            },
             Ok(Message::Ping(_) | Message::Pong(_)) => {}
             Ok(Message::Binary(_)) => return close(CloseCode::Unsupported, "lines of JSON are text"),
             Err(tungstenite::Error::Capacity(_)) => return close(CloseCode::Size, "a line has 256 KiB at most"),

@@ -1,7 +1,7 @@
 //! Motions that are changed while they run. Shows on the native board in virtual time, and processes; nothing depends on how long something takes.
 
 use proptest::prelude::*;
-use pulsetrain::live::{Desk, Happened, Line, LiveCommand, LiveEvent, Request, Show};
+use pulsetrain::live::{Desk, Happened, Line, LiveCommand, LiveEvent, Request, Show, Together};
 use pulsetrain_board::{Edge, Leased, Native};
 use pulsetrain_session::control::{Command, Ended, Event, Status};
 use pulsetrain_session::drive::Driven;
@@ -117,6 +117,15 @@ impl<B: Leased> Stage<B> {
             self.step();
         }
         panic!("no answer within 10 s");
+    }
+
+    /// The motion's time now, s.
+    fn now_s(&self) -> f64 {
+        let progress = self.happened.iter().rev().find_map(|happened| match happened {
+            Happened::Session(Event::Progress { at_s }) => Some(*at_s),
+            _ => None,
+        });
+        progress.unwrap_or(0.0)
     }
 
     /// The refusal of a line.
@@ -313,6 +322,153 @@ fn a_changed_file_is_taken_over_or_refused_with_its_place() {
     stage.stop();
 }
 
+/// Lines that act together.
+pub(crate) fn together(lines: &[&str], at_s: Option<f64>) -> Request {
+    let request = |line: &&str| match Line::read(line) {
+        Ok(Line::Request(request)) => request,
+        other => panic!("{line}: {other:?}"),
+    };
+    Request::Together(Together { together: lines.iter().map(request).collect(), at_s })
+}
+
+/// A knob, its value, and the limit that keeps it from the wanted one.
+type Turned = (String, f64, Option<String>);
+
+/// The times of the next change, all of whose answers have the same ones, and what was answered.
+#[track_caller]
+pub(crate) fn one_change<B: Leased>(stage: &mut Stage<B>, answers: usize) -> (f64, f64, Vec<Turned>) {
+    let all: Vec<_> = (0..answers).map(|_| set(stage.answer())).collect();
+    let (from_s, until_s) = (all[0].3, all[0].4);
+    assert!(until_s > from_s, "{all:?}");
+    assert!(all.iter().all(|set| (set.3, set.4) == (from_s, until_s)), "{all:?}");
+    (from_s, until_s, all.into_iter().map(|(knob, value, ceiling, ..)| (knob, value, ceiling)).collect())
+}
+
+/// The tempo's changes, and when the motion had the new tempo.
+fn tempos<B>(stage: &Stage<B>) -> Vec<(f64, f64)> {
+    let tempo = |happened: &Happened| match happened {
+        Happened::Session(Event::Tempo { rate, from_s, .. }) => Some((*rate, *from_s)),
+        _ => None,
+    };
+    stage.happened.iter().filter_map(tempo).collect()
+}
+
+#[test]
+fn what_comes_together_is_one_change() {
+    let mut stage = native(TEXT);
+    stage.run(0.4);
+    stage.ask(together(&["a.frequency 2 Hz", "b.swing 20 step", "tempo 0.5", "a.swing 20 step"], None));
+    let (from_s, _, _) = one_change(&mut stage, 3);
+    assert!((0.4..0.42).contains(&from_s), "{from_s}");
+    let [(rate, full_s)] = tempos(&stage)[..] else { panic!("{:?}", tempos(&stage)) };
+    assert!(rate == 0.5 && full_s > from_s && full_s < from_s + 1.0, "{rate} from {full_s} s");
+    stage.run(3.0);
+    assert_eq!((swing(&mut stage, 0, 3.0), swing(&mut stage, 1, 3.0)), ((0, 20), (0, 20)));
+    // A cue with a knob and a tempo: the cue's numbers, but for the knob.
+    stage.happened.clear();
+    stage.ask(together(&["cue wide", "a.swing 60 step", "tempo 1"], None));
+    let LiveEvent::Cue { from_s, until_s, .. } = stage.answer() else { panic!("no cue") };
+    let (_, value, _, set_from_s, set_until_s) = set(stage.answer());
+    assert_eq!((value, set_from_s, set_until_s), (60.0, from_s, until_s));
+    assert_eq!(tempos(&stage)[0].0, 1.0);
+    stage.stop();
+}
+
+#[test]
+fn values_that_hold_together_are_taken_and_others_are_limited_one_by_one() {
+    let mut stage = native(TEXT);
+    stage.run(0.4);
+    // 40 steps at 3.5 Hz are too much; half of them are not.
+    stage.ask(together(&["b.frequency 3.5 Hz", "b.swing 20 step"], None));
+    let (_, _, answers) = one_change(&mut stage, 2);
+    assert!(answers.iter().all(|(.., ceiling)| ceiling.is_none()), "{answers:?}");
+    stage.run(2.0);
+    stage.ask(together(&["b.frequency 50 Hz", "a.swing 20 step", "c.swing 1 step"], None));
+    let LiveEvent::Refused { why, .. } = stage.answer() else { panic!("there is no c") };
+    assert!(why.starts_with("there is no knob `c.swing`"), "{why}");
+    let (_, _, answers) = one_change(&mut stage, 2);
+    assert!(answers[0].1 < 50.0 && answers[0].2.as_deref() == Some("b: max_acceleration"), "{answers:?}");
+    assert_eq!(answers[1], ("a.swing".to_owned(), 20.0, None));
+    stage.stop();
+}
+
+#[test]
+fn a_change_for_a_time_begins_at_its_tick() {
+    // Within two ticks of an Uno: the time is a number of seconds.
+    let near = |at_s: f64, from_s: f64| assert!((from_s - at_s).abs() < 2.0 / 16e6, "{from_s} s, for {at_s} s");
+    let mut stage = native(TEXT);
+    stage.run(0.4);
+    stage.ask(together(&["a.swing 20 step", "b.frequency 0.5 Hz"], Some(0.7)));
+    near(0.7, one_change(&mut stage, 2).0);
+    // One that is late, one whose value has to be looked for, one that only has the tempo; and another one meanwhile.
+    stage.run(1.0);
+    let late_s = stage.status().at_s - 0.1;
+    stage.ask(together(&["a.swing 22 step"], Some(late_s)));
+    let (from_s, ..) = one_change(&mut stage, 1);
+    assert!((late_s..late_s + 0.15).contains(&from_s), "{from_s} s, for {late_s} s");
+    stage.run(1.0);
+    let now_s = stage.status().at_s;
+    let (third_s, fourth_s) = (now_s + 0.5, now_s + 3.0);
+    stage.ask(together(&["tempo 0.5"], Some(fourth_s)));
+    stage.ask(together(&["b.frequency 50 Hz"], Some(third_s)));
+    assert!(stage.line("a.swing 30 step"));
+    let (from_s, ..) = one_change(&mut stage, 1);
+    assert!(from_s < now_s + 0.1, "{from_s}");
+    let (from_s, _, answers) = one_change(&mut stage, 1);
+    near(third_s, from_s);
+    assert!(answers[0].2.is_some(), "{answers:?}");
+    stage.run(3.0);
+    assert!(tempos(&stage)[0].1 > fourth_s && tempos(&stage)[0].1 < fourth_s + 0.5, "{:?}", tempos(&stage));
+    // A stop is given in the step before its tick.
+    let stop_s = stage.status().at_s + 1.0;
+    stage.ask(together(&["stop"], Some(stop_s)));
+    stage.run(5.0);
+    let stopping = stage.happened.iter().find_map(|happened| match happened {
+        Happened::Session(Event::Stopping { at_s }) => Some(*at_s),
+        _ => None,
+    });
+    assert!(stopping.is_some_and(|at_s| (at_s - stop_s).abs() < 0.015), "{stopping:?}, for {stop_s} s");
+    assert!(stage.ended.is_some_and(|ended| ended.stopped));
+}
+
+#[test]
+fn targets_are_those_of_the_laws_that_the_motors_follow() {
+    let mut stage = native(TEXT);
+    stage.run(0.4);
+    // A status comes between the request for each of these changes and its tick.
+    for number in 0..10 {
+        let at_s = stage.now_s() + 0.3 + 0.005 * f64::from(number);
+        stage.ask(together(&[if number % 2 == 0 { "b.frequency 1.5 Hz" } else { "b.frequency 1 Hz" }], Some(at_s)));
+        stage.run(1.0);
+    }
+    let errors: Vec<f64> = stage
+        .happened
+        .iter()
+        .filter_map(|happened| match happened {
+            Happened::Session(Event::Status(status)) => Some(&status.motors[1]),
+            _ => None,
+        })
+        .map(|motor| (motor.position as f64 - motor.target.unwrap()).abs())
+        .collect();
+    let worst = errors.iter().copied().fold(0.0, f64::max);
+    assert!(errors.len() > 150 && worst < 1.0, "{worst} steps, of {} statuses", errors.len());
+    stage.stop();
+}
+
+#[test]
+fn too_many_and_too_far_are_refused() {
+    let mut stage = native(TEXT);
+    stage.run(0.1);
+    stage.ask(together(&["a.swing 20 step", "tempo 2"], Some(61.0)));
+    let LiveEvent::Refused { why, .. } = stage.answer() else { panic!("it is too far ahead") };
+    assert_eq!(why, "it is for 60.9 s from now; 60 s are the most");
+    (0..1024).for_each(|_| stage.ask(together(&["a.swing 20 step"], Some(30.0))));
+    stage.ask(together(&["a.swing 20 step"], Some(30.0)));
+    let LiveEvent::Refused { why, .. } = stage.answer() else { panic!("there are too many") };
+    assert_eq!(why, "1024 changes wait for their time already");
+    stage.stop();
+}
+
 #[test]
 fn tempo_and_pause_go_with_knobs() {
     let mut stage = native(TEXT);
@@ -353,10 +509,78 @@ fn knobs_and_cues_that_are_wrong_are_errors_of_the_file() {
     check("motor = \"b\"\nlaw.trap", "motor = \"c\"\nlaw.trap", "unknown motor \"c\"");
     check("distance = \"0.5 rev\"", "distance = \"0.5 s\"", "`distance` must be");
     check("[live.knobs]", "[live.knob]", "did you mean `knobs`?");
+    let midi = |line: &str, part: &str| {
+        check("[[cue]]\nname = \"wide\"", &format!("[live.midi]\n{line}\n[[cue]]\nname = \"wide\""), part)
+    };
+    midi("knobs = { cc128 = \"speed\" }", "`cc128` turns no knob");
+    midi("knobs = { cc7-38 = \"speed\" }", "`cc7-38` turns no knob");
+    midi("knobs = { cc1 = \"sped\" }", "did you mean \"speed\"?");
+    midi("cues = { note60 = \"wid\" }", "did you mean \"wide\"?");
+    midi("cues = { bend = \"wide\" }", "`bend` is nothing that is pressed");
+    midi("orders = { note60 = \"fly\" }", "\"go\"");
+    midi("channel = 17", "17 is no MIDI channel");
+    midi("bpm = 0", "0 is no tempo of a MIDI clock");
+    midi("knob = {}", "did you mean `knobs`?");
+    check(
+        ", greatest = \"3 Hz\", smoothing = \"0.5 s\" }",
+        " }\n[live.midi]\nknobs = { cc1 = \"speed\" }",
+        "knob `speed` has no `least` and `greatest`",
+    );
+}
+
+/// The example of docs/midi.md is right, on the motors of these tests.
+#[test]
+fn the_example_of_midi_is_right() {
+    let page = std::fs::read_to_string(concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs/midi.md")).unwrap();
+    let example = page.split("```toml").nth(1).and_then(|rest| rest.split("```").next()).expect("an example");
+    let motors = TEXT.split("[live.knobs]").next().unwrap();
+    let opened = Desk::of(&format!("{motors}{example}"), "m.toml", PathBuf::new(), None, None);
+    let (_, contents) = opened.map_err(|error| error.plain()).unwrap();
+    let midi = contents.live.midi.expect("[live.midi]");
+    assert_eq!(
+        (midi.channel, midi.bpm, midi.knobs.len(), midi.cues.len(), midi.orders.len()),
+        (Some(1), Some(120.0), 3, 2, 5)
+    );
+}
+
+/// A build without MIDI says how to have it.
+#[cfg(not(feature = "midi"))]
+#[test]
+fn without_midi_it_says_how_to_build_it() {
+    for arguments in [&["ports", "--midi"][..], &["live", "m.toml", "--midi", "nano"]] {
+        let folder = pulsetrain_testkit::folder::Folder::new("live-midi");
+        std::fs::write(folder.0.join("m.toml"), TEXT).unwrap();
+        let mut program = std::process::Command::new(env!("CARGO_BIN_EXE_pulsetrain"));
+        let done = program.args(arguments).current_dir(&folder.0).output().unwrap();
+        let said = String::from_utf8_lossy(&done.stderr);
+        assert!(!done.status.success() && said.contains("built without MIDI"), "{said}");
+        assert!(said.contains("--features midi") && said.contains("libasound2-dev"), "{said}");
+    }
 }
 
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(24))]
+
+    /// Whatever comes together, for whatever time: no panic, no lost step, and it stops.
+    #[test]
+    fn any_groups_leave_a_motion_that_can_be_stopped(
+        groups in prop::collection::vec((prop::collection::vec(prop_oneof![
+            "(a|b)\\.(frequency|swing) [1-9][0-9]{0,2}(\\.[0-9])? (Hz|step)",
+            "speed [0-9](\\.[0-9])?( Hz)?",
+            "tempo [0-9]\\.[0-9]",
+            "(pause|resume|go|back|goto 0|goto 20 step|cue turn|cue wide)",
+        ], 1..5), prop::option::of(0.0..0.8_f64), 0..60_u32), 1..10)
+    ) {
+        let mut stage = native(TEXT);
+        for (lines, in_s, steps) in &groups {
+            let lines: Vec<&str> = lines.iter().map(String::as_str).collect();
+            let at_s = in_s.map(|in_s| stage.now_s() + in_s);
+            stage.ask(together(&lines, at_s));
+            (0..*steps).for_each(|_| stage.step());
+        }
+        let ended = stage.stop();
+        prop_assert!(ended.stopped);
+    }
 
     /// Whatever is written at whatever time: no panic, no lost step, and it stops.
     #[test]

@@ -360,6 +360,11 @@ fn two_want_control_and_one_has_it() {
     // Control changes hands when it is asked for, and the one who had it hears of that.
     other.send("{\"control\":true}");
     one.until(|line| is_control(line) && has(line) == (false.into(), true.into()));
+    // Lines of one message act together.
+    other.send(&format!("{}\n{{\"command\":\"go\"}}", set(0.5)));
+    let expected = LiveCommand::Set { knob: "wheel.speed".into(), value: KnobValue::Number(0.5) };
+    let together = Request::together(vec![Request::Live(expected), Request::Live(LiveCommand::Go)], None);
+    assert_eq!(run.requests.recv().unwrap(), together);
     // All may stop.
     one.send("{\"command\":\"stop_now\"}");
     assert_eq!(run.requests.recv().unwrap(), Request::Session(Command::StopNow));

@@ -497,6 +497,7 @@ function showLines(bad = null) {
   const lines = Array.from({ length: count }, (_, place) => (place + 1 === bad ? make("b", {}, String(bad)) : String(place + 1)));
   $("gutter").replaceChildren(...lines.flatMap((line) => [line, "\n"]));
   $("gutter").scrollTop = $("text").scrollTop;
+  $("reload").disabled = !state.isDirty;
 }
 
 function textSays(text, kind) {

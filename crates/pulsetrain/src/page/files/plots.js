@@ -110,6 +110,9 @@ class MotorPlot {
     const axis = { stroke: colour("soft"), grid: { stroke: colour("line"), width: 1 }, ticks: { stroke: colour("line"), width: 1, size: 4 }, font: "11px system-ui" };
     const line = (name, width) => ({ stroke: colour(name), width, alpha: width > 3 ? 0.55 : 1, points: { show: false }, spanGaps: false });
     const curves = two ? [line("wanted", 6), line("made", 1.8)] : [line("made", 1.8)];
+    const unit = { position: info.unit, speed: `${info.unit}/s`, share: "%", error: "steps" }[quantity];
+    // The unit is at the highest number.
+    const numbers = (ticks) => ticks.map((tick, place) => significant(tick, 5) + (place === ticks.length - 1 ? ` ${unit}` : ""));
     const limits = quantity === "share" ? (_, low, high) => [0, Math.max(5, Math.min(110, (high || 0) * 1.1))] : (_, low, high) => MotorPlot.around(low, high);
     this.plot = new uPlot(
       {
@@ -120,7 +123,7 @@ class MotorPlot {
         scales: { x: { time: false }, y: { range: limits } },
         axes: [
           { ...axis, size: 24, gap: 2, values: (_, ticks) => ticks.map(clock), space: 60, incrs: [1, 2, 5, 10, 20, 30, 60, 120, 300] },
-          { ...axis, size: 58, gap: 3, space: 28, values: (_, ticks) => ticks.map((tick) => significant(tick, 5)) },
+          { ...axis, size: 58, gap: 3, space: 28, values: (_, ticks) => numbers(ticks) },
         ],
         series: [{}, ...curves],
       },

@@ -1,6 +1,6 @@
 //! Live motions on the virtual Uno: the real firmware.
 
-use crate::live::{Stage, TEXT, staged};
+use crate::live::{Stage, TEXT, one_change, staged, together};
 use pulsetrain::live::{LiveEvent, Show};
 use pulsetrain_board::registry::Role;
 use pulsetrain_board::{BoardKind, Edge, Port, PortError, VirtualBoard};
@@ -37,6 +37,26 @@ fn the_same_lines_make_the_same_edges() {
     let (second, _) = edges("speed 2 Hz");
     assert!(first == second);
     assert!(first != edges("speed 1.5 Hz").0, "they can differ");
+}
+
+/// What comes together begins at its tick on the board, too, and makes the same edges again.
+#[test]
+fn a_group_for_a_time_begins_at_its_tick() {
+    let edges = || {
+        let (desk, mut prepared) = staged(TEXT);
+        prepared.over_line(None);
+        let driven = Driven::on_virtual(kind(), &prepared, Baud::B1M).unwrap();
+        let mut stage = Stage::new(Show::new(driven, desk, true));
+        stage.run(0.4);
+        stage.ask(together(&["a.swing 20 step", "b.frequency 1.5 Hz", "tempo 0.8"], Some(0.7)));
+        let (from_s, ..) = one_change(&mut stage, 2);
+        assert!((from_s - 0.7).abs() < 2.0 / 16e6, "{from_s}");
+        stage.run(1.0);
+        stage.stop();
+        stage.edges
+    };
+    let first = edges();
+    assert!(first.len() > 100 && first == edges(), "{} edges", first.len());
 }
 
 /// A port whose host sleeps when it is told to.
