@@ -464,6 +464,15 @@ impl<B: Leased> Driven<B> {
         self.session.law_time()
     }
 
+    /// Sets the laws' time while all motors rest: [`Session::set_law_time`].
+    ///
+    /// # Errors
+    /// As [`Session::set_law_time`].
+    pub fn set_law_time(&mut self, time: Time) -> Result<(), SessionError> {
+        self.check_not_stopped()?;
+        self.session.set_law_time(time)
+    }
+
     /// Lets the motors change to other laws while they move: [`Session::change_to`]. Returns when they leave the old laws and when they follow the new
     /// ones, s of the motion.
     ///

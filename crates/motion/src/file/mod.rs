@@ -52,7 +52,7 @@ use std::ops::Range;
 use std::path::Path;
 use std::sync::Arc;
 
-pub use live::{Cue, Knob, Live, ORDERS};
+pub use live::{Cue, Knob, Live, ORDERS, Period, RestPlace, TimeOfDay};
 pub use problem::{BrokenPath, FileError, PathPoint, Problem};
 pub use sheet::{ParameterValue, Sheet, SheetParameter, UnknownParameter};
 pub use source::Source;

@@ -3,12 +3,14 @@
 //! - [`Line`]: what people type; [`Request`], [`Happened`]: the same as values
 //! - [`Desk`]: the motion as it is wanted: file, knobs, cues
 //! - [`Show`]: a running motion that obeys
-//! - [`watch`]: the motion file, which may change on the disk
+//! - [`schedule`]: when it runs, by the clock
+//! - [`watch`]: the motion file and those that it names, which may change on the disk
 //! - [`log`]: what was asked and done, for [`log::Replay`]
 
 mod desk;
 mod line;
 pub mod log;
+pub mod schedule;
 pub(crate) mod screen;
 mod show;
 pub mod watch;

@@ -361,6 +361,7 @@ impl Translator {
             }
             LiveEvent::Goto { until_s, .. }
             | LiveEvent::Returned { until_s, .. }
+            | LiveEvent::Began { until_s, .. }
             | LiveEvent::Motion { until_s, .. }
             | LiveEvent::Rejoined { until_s, .. } => {
                 self.busy_until(*until_s, replies);
