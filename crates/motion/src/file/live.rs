@@ -105,8 +105,9 @@ pub struct Cue {
 }
 
 /// Words that `pulsetrain live` takes for orders. No knob may have such a name.
-pub const ORDERS: [&str; 14] =
-    ["pause", "resume", "stop", "tempo", "go", "back", "cue", "goto", "knobs", "cues", "help", "status", "here", "begin"];
+pub const ORDERS: [&str; 14] = [
+    "pause", "resume", "stop", "tempo", "go", "back", "cue", "goto", "knobs", "cues", "help", "status", "here", "begin",
+];
 
 /// Reads both, if they are there.
 pub(super) fn read(

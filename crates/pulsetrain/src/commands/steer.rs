@@ -189,7 +189,6 @@ pub(super) fn live_in_words(event: &LiveEvent) -> String {
                 LiveCommand::Here { motor: Some(motor), position } => format!("here {motor} {position}"),
                 LiveCommand::Here { motor: None, position } => format!("here {position}"),
                 LiveCommand::Motion { .. } => "the changed motion file".to_owned(),
-                LiveCommand::Files { .. } => "a changed file".to_owned(),
             };
             format!("refused: {command}: {why}")
         }

@@ -63,10 +63,8 @@ pub enum LiveCommand {
     Motion {
         /// The text of the whole file.
         text: String,
-    },
-    /// Take over changed files that the motion file names, such as CSV files.
-    Files {
-        /// Their texts, by the names that the motion file gives them.
+        /// Texts of files that it names, such as CSV files, by the names that it gives them. What is left out stays as it was read last.
+        #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
         files: BTreeMap<PathBuf, String>,
     },
 }

@@ -7,6 +7,7 @@
 //! - [`watch`]: the motion file and those that it names, which may change on the disk
 //! - [`log`]: what was asked and done, for [`log::Replay`]
 
+pub(crate) mod clock;
 mod desk;
 mod line;
 pub mod log;
@@ -18,4 +19,4 @@ pub mod watch;
 pub use crate::control_socket::{Happened, KnobInfo, KnobValue, LiveCommand, LiveEvent, Request};
 pub use desk::{ChangeRefusal, Desk, FileTexts, NoMotion, Turn};
 pub use line::{HELP, LONGEST_LINE, Line, LineError};
-pub use show::{Show, Tell};
+pub use show::{Show, SuspendedShow, Tell};

@@ -4,7 +4,7 @@
 //! set, a computer that slept, and the hours of daylight saving need no care of their own: the next look finds what should be so then.
 
 use jiff::civil::{Date, Weekday, time};
-use jiff::{SignedDuration, Zoned};
+use jiff::{SignedDuration, ZonedDateTime};
 use pulsetrain_motion::file::{Live, Period, RestPlace, TimeOfDay};
 use pulsetrain_session::control::Command;
 
@@ -13,10 +13,10 @@ use super::{LiveCommand, Request};
 /// What should be so at a time.
 #[derive(Clone, Debug, PartialEq)]
 struct Wanted {
-    /// The start of the period in which the time is; `None`: it is not time for the motion.
-    since: Option<Zoned>,
+    /// Whether it is time for the motion.
+    is_time: bool,
     /// The cue that began last, with its time.
-    cue: Option<(Zoned, String)>,
+    cue: Option<(ZonedDateTime, String)>,
 }
 
 /// Looks at the clock, and says what a live motion is to do.
@@ -29,7 +29,7 @@ pub struct Scheduler {
     /// Where the motors rest since the last period.
     rest: RestPlace,
     /// The latest time that was seen.
-    latest: Option<Zoned>,
+    latest: Option<ZonedDateTime>,
 }
 
 /// A clock that goes back by less than this stands still for the schedule until it is right again: what has begun does not begin twice.
@@ -57,13 +57,13 @@ impl Scheduler {
 
     /// Whether the motion is to run at that time.
     #[must_use]
-    pub fn is_time(&self, now: &Zoned) -> bool {
-        self.wanted(now).since.is_some()
+    pub fn is_time(&self, now: &ZonedDateTime) -> bool {
+        self.wanted(now).is_time
     }
 
     /// When the motion begins next, and ends, in words: `Mon 30 Nov at 10:00`.
     #[must_use]
-    pub fn next_start(&self, now: &Zoned) -> Option<String> {
+    pub fn next_start(&self, now: &ZonedDateTime) -> Option<String> {
         let starts = (0..=8).filter_map(|days| date_in(now, days)).flat_map(|date| {
             self.periods.iter().filter_map(move |period| bounds(period, date, now)).map(|(start, _)| start)
         });
@@ -72,7 +72,7 @@ impl Scheduler {
     }
 
     /// What is to be done at that time.
-    pub fn look(&mut self, now: &Zoned) -> Vec<Request> {
+    pub fn look(&mut self, now: &ZonedDateTime) -> Vec<Request> {
         let now = match self.latest.take() {
             Some(latest) if *now < latest && latest.duration_since(now) < SMALL_STEP => latest,
             _ => now.clone(),
@@ -81,12 +81,12 @@ impl Scheduler {
         let mut requests = Vec::new();
         let is_first = self.known.is_none();
         let (was_on, had) = match self.known.take() {
-            Some(known) => (known.since.is_some(), known.cue),
+            Some(known) => (known.is_time, known.cue),
             // A motion whose time it is begins by itself.
-            None => (wanted.since.is_some(), None),
+            None => (wanted.is_time, None),
         };
         let live = |command| Request::Live(command);
-        match (was_on, wanted.since.is_some()) {
+        match (was_on, wanted.is_time) {
             (false, true) => requests.push(match self.rest {
                 RestPlace::AtStart => live(LiveCommand::Begin),
                 RestPlace::InPlace => Request::Session(Command::Resume),
@@ -98,7 +98,7 @@ impl Scheduler {
             (false, false) if is_first => requests.push(self.rest_request(&now)),
             _ => {}
         }
-        if let (Some(_), Some((_, name))) = (&wanted.since, &wanted.cue)
+        if let Some((_, name)) = &wanted.cue
             && wanted.cue != had
         {
             requests.push(live(LiveCommand::Cue { name: name.clone() }));
@@ -107,7 +107,7 @@ impl Scheduler {
         requests
     }
 
-    fn rest_request(&self, now: &Zoned) -> Request {
+    fn rest_request(&self, now: &ZonedDateTime) -> Request {
         Request::Live(LiveCommand::Rest {
             in_place: self.rest == RestPlace::InPlace,
             until: self.next_start(now).unwrap_or_default(),
@@ -115,7 +115,7 @@ impl Scheduler {
     }
 
     /// Where the motors rest after the period that ended last.
-    fn rest_of(&self, now: &Zoned) -> RestPlace {
+    fn rest_of(&self, now: &ZonedDateTime) -> RestPlace {
         let ends = (-8..=0).filter_map(|days| date_in(now, days)).flat_map(|date| {
             self.periods
                 .iter()
@@ -125,42 +125,40 @@ impl Scheduler {
         ends.max_by(|(a, _), (b, _)| a.cmp(b)).map_or(RestPlace::AtStart, |(_, rest)| rest)
     }
 
-    fn wanted(&self, now: &Zoned) -> Wanted {
+    fn wanted(&self, now: &ZonedDateTime) -> Wanted {
+        let dates = || (-2..=0).filter_map(|days| date_in(now, days));
         let since = if self.periods.is_empty() {
-            // Cues alone: those of the last day count.
+            // It is always time, and a cue of the last day counts.
             now.checked_sub(SignedDuration::from_hours(24)).ok()
         } else {
-            let dates = (-2..=0).filter_map(|days| date_in(now, days));
-            let periods = dates.flat_map(|date| self.periods.iter().filter_map(move |period| bounds(period, date, now)));
+            let periods =
+                dates().flat_map(|date| self.periods.iter().filter_map(move |period| bounds(period, date, now)));
             periods.filter(|(start, stop)| start <= now && now < stop).map(|(start, _)| start).min()
         };
         let cue = since.as_ref().and_then(|since| {
-            let dates = (-2..=0).filter_map(|days| date_in(now, days));
-            let all = dates.flat_map(|date| {
+            let all = dates().flat_map(|date| {
                 let cues = self.cues.iter().flat_map(|(name, at)| at.iter().map(move |at| (*at, name)));
                 cues.filter_map(move |(at, name)| Some((moment(date, at, now)?, name.clone())))
             });
             all.filter(|(at, _)| since <= at && at <= now).max_by(|(a, _), (b, _)| a.cmp(b))
         });
-        // Without periods it is always the same time.
-        let since = if self.periods.is_empty() { Some(Zoned::new(jiff::Timestamp::UNIX_EPOCH, now.time_zone().clone())) } else { since };
-        Wanted { since, cue }
+        Wanted { is_time: since.is_some(), cue }
     }
 }
 
 /// The date so many days after that of a time.
-fn date_in(now: &Zoned, days: i64) -> Option<Date> {
+fn date_in(now: &ZonedDateTime, days: i64) -> Option<Date> {
     now.date().checked_add(jiff::Span::new().days(days)).ok()
 }
 
 /// A time of day on a date, in the time zone of `like`. An hour that daylight saving leaves out comes an hour later; of one that comes twice, the first counts.
-fn moment(date: Date, at: TimeOfDay, like: &Zoned) -> Option<Zoned> {
+fn moment(date: Date, at: TimeOfDay, like: &ZonedDateTime) -> Option<ZonedDateTime> {
     let [hour, minute, second] = [at.hour, at.minute, at.second].map(u8::cast_signed);
-    date.to_datetime(time(hour, minute, second, 0)).to_zoned(like.time_zone().clone()).ok()
+    date.to_datetime(time(hour, minute, second, 0)).to_zoned_datetime(like.time_zone().clone()).ok()
 }
 
 /// When a period begins and ends that begins on a date, if it is of that day of the week.
-fn bounds(period: &Period, date: Date, like: &Zoned) -> Option<(Zoned, Zoned)> {
+fn bounds(period: &Period, date: Date, like: &ZonedDateTime) -> Option<(ZonedDateTime, ZonedDateTime)> {
     let day = usize::try_from(date.weekday().since(Weekday::Monday)).ok()?;
     let last = if period.stop > period.start { date } else { date.tomorrow().ok()? };
     let bounds = (moment(date, period.start, like)?, moment(last, period.stop, like)?);
@@ -171,6 +169,9 @@ fn bounds(period: &Period, date: Date, like: &Zoned) -> Option<(Zoned, Zoned)> {
 mod tests {
     use super::*;
     use crate::live::Desk;
+    use jiff::Timestamp;
+    use jiff::civil::DateTime;
+    use jiff::tz::TimeZone;
     use std::path::PathBuf;
 
     /// A scheduler of a motion file with these lines at its end.
@@ -180,8 +181,13 @@ mod tests {
         Scheduler::new(&opened.map_err(|error| error.plain()).unwrap().1.live)
     }
 
-    fn at(text: &str) -> Zoned {
-        format!("{text}[Europe/Berlin]").parse().unwrap()
+    /// A time in central Europe, whose rules are given, since a computer may have no time zones. With an offset it is that instant.
+    fn at(text: &str) -> ZonedDateTime {
+        let zone = TimeZone::posix("CET-1CEST,M3.5.0,M10.5.0/3").unwrap();
+        match text.parse::<Timestamp>() {
+            Ok(instant) => instant.to_zoned_datetime(zone),
+            Err(_) => text.parse::<DateTime>().unwrap().to_zoned_datetime(zone).unwrap(),
+        }
     }
 
     /// What is asked for at a time, in short.
@@ -268,7 +274,10 @@ mod tests {
         );
         check(&lines, &[("2026-11-30T13:00", "cue noon"), ("2026-11-30T13:01", "")]);
         // The computer slept.
-        check(&lines, &[("2026-11-30T09:00", "rest until Mon 30 Nov at 10:00"), ("2026-11-30T17:00", "begin, cue late")]);
+        check(
+            &lines,
+            &[("2026-11-30T09:00", "rest until Mon 30 Nov at 10:00"), ("2026-11-30T17:00", "begin, cue late")],
+        );
         // Without a schedule the cue of the evening before counts until the next one.
         check(CUES, &[("2026-11-30T08:00", "cue late"), ("2026-11-30T12:00", "cue noon")]);
     }
@@ -338,6 +347,9 @@ mod tests {
         check("[live.schedule]\nstart = \"10:00\"\nstop = \"18:00\"\nrest = \"home\"\n", "at-start");
         check("[live.schedule]\nstrat = \"10:00\"\nstop = \"18:00\"\n", "did you mean `start`?");
         check("[live.shedule]\nstart = \"10:00\"\n", "did you mean `schedule`?");
-        check("[[cue]]\nname = \"x\"\nat = \"noon\"\nset = { \"wheel.distance\" = \"1 rev\" }\n", "\"noon\" is no time of day");
+        check(
+            "[[cue]]\nname = \"x\"\nat = \"noon\"\nset = { \"wheel.distance\" = \"1 rev\" }\n",
+            "\"noon\" is no time of day",
+        );
     }
 }

@@ -68,6 +68,12 @@ impl<'a> LiveScreen<'a> {
         }
     }
 
+    /// The board counts from these positions now, steps.
+    pub(crate) fn count_from(&mut self, starts: &[f64]) {
+        let motors = self.rows.info.motors.iter_mut();
+        motors.zip(starts).for_each(|(motor, start)| motor.start_steps = *start);
+    }
+
     /// Prints a text above the rows.
     ///
     /// # Errors

@@ -15,7 +15,7 @@ use std::sync::Arc;
 
 use pulsetrain_motion::program::Program;
 
-use super::desk::{Desk, NoMotion, Turn};
+use super::desk::{Desk, FileTexts, NoMotion, Turn};
 use crate::control_socket::{Happened, KnobValue, LiveCommand, LiveEvent, Request};
 
 /// Hears what happens.
@@ -45,6 +45,24 @@ pub struct Show<B> {
     /// Whether motors that braked since the host was too slow join the motion again, and how many times they have.
     rejoins: bool,
     rejoined: u32,
+    /// The tempo that was asked for last.
+    tempo: f64,
+    /// The motors rest, or come to rest, and are to follow the motion from there.
+    joining: Option<Joining>,
+    /// A pause from before the board was lost: the motion goes on at this time of its laws.
+    halted_at: Option<Time>,
+    /// When the motors rest where they were sent, s of the motion.
+    rests_from_s: f64,
+}
+
+/// Motors that rest are to follow the motion.
+struct Joining {
+    /// The laws' time.
+    at: Time,
+    /// What is told then; `None`: they stay at rest.
+    answer: Option<(LiveCommand, LiveEvent)>,
+    /// What was asked for meanwhile.
+    then: Vec<LiveCommand>,
 }
 
 /// A change of the motors' laws that was asked for.
@@ -72,7 +90,50 @@ impl<B: Leased> Show<B> {
             now_s: 0.0,
             rejoins,
             rejoined: 0,
+            tempo: 1.0,
+            joining: None,
+            halted_at: None,
+            rests_from_s: 0.0,
         }
+    }
+
+    /// A motion whose motors rest where they are until it is to begin: [`LiveCommand::Begin`], or [`Command::Resume`].
+    #[must_use]
+    pub fn at_rest(driven: Driven<B>, desk: Desk, rejoins: bool) -> Show<B> {
+        Show { is_parked: true, ..Show::new(driven, desk, rejoins) }
+    }
+
+    /// Whether all motors rest until somebody asks for the motion.
+    #[must_use]
+    pub fn is_resting(&self) -> bool {
+        (self.is_parked || self.is_paused) && self.now_s >= self.rests_from_s
+    }
+
+    /// Whether the motors join the motion again by themselves after a stop.
+    #[must_use]
+    pub const fn rejoins(&self) -> bool {
+        self.rejoins
+    }
+
+    /// How far the laws' time is, at most.
+    pub fn law_time(&self) -> Time {
+        self.driven.law_time()
+    }
+
+    /// Takes the motion off a board that is lost.
+    #[must_use]
+    pub fn suspend(self) -> (Driven<B>, SuspendedShow) {
+        let law_time = self.driven.law_time();
+        let suspended = SuspendedShow {
+            desk: self.desk,
+            is_parked: self.is_parked,
+            is_halted: self.is_paused || self.halted_at.is_some(),
+            law_time: self.halted_at.unwrap_or(law_time),
+            tempo: self.tempo,
+            rejoins: self.rejoins,
+            rejoined: self.rejoined,
+        };
+        (self.driven, suspended)
     }
 
     /// The board's time, ticks.
@@ -103,6 +164,17 @@ impl<B: Leased> Show<B> {
         tell: Tell<'_>,
     ) -> Result<Option<Ended>, DriveError> {
         match request {
+            Request::Live(command @ (LiveCommand::Go | LiveCommand::Back | LiveCommand::Cue { .. }))
+                if self.joining.is_some() =>
+            {
+                self.joining.iter_mut().for_each(|joining| joining.then.push(command.clone()));
+            }
+            Request::Session(Command::Resume) if self.joining.is_some() => {}
+            Request::Session(Command::Resume) if self.is_parked && self.halted_at.is_some() => {
+                let answer = (LiveCommand::Begin, LiveEvent::Returned { from_s: 0.0, until_s: 0.0 });
+                let at = self.halted_at.take().unwrap_or_default();
+                self.joining = Some(Joining { at, answer: Some(answer), then: Vec::new() });
+            }
             Request::Session(Command::Resume) if self.is_parked && !self.is_paused => {
                 self.back_to_motion(LiveCommand::Goto { position: "the motion".to_owned() }, tell);
             }
@@ -112,7 +184,12 @@ impl<B: Leased> Show<B> {
             Request::Live(command @ LiveCommand::Back) => self.cue(command, tell),
             Request::Live(command @ LiveCommand::Cue { .. }) => self.cue(command, tell),
             Request::Live(LiveCommand::Goto { position }) => self.goto(position, tell),
-            Request::Live(LiveCommand::Motion { text }) => self.take_file(&text, tell),
+            Request::Live(LiveCommand::Begin) => self.begin(tell),
+            Request::Live(LiveCommand::Rest { in_place, until }) => self.rest(in_place, until, tell),
+            Request::Live(command @ LiveCommand::Here { .. }) => {
+                refuse(command, &"the motors' positions are known: the board counts their steps", tell);
+            }
+            Request::Live(LiveCommand::Motion { text, files }) => self.take_file(&text, &files, tell),
         }
         Ok(None)
     }
@@ -134,8 +211,9 @@ impl<B: Leased> Show<B> {
         for event in events {
             match &event {
                 Event::Progress { at_s } => self.now_s = *at_s,
-                Event::Pausing { .. } => self.is_paused = true,
+                Event::Pausing { rests_s } => (self.is_paused, self.rests_from_s) = (true, *rests_s),
                 Event::Resuming { .. } => self.is_paused = false,
+                Event::Tempo { rate, .. } => self.tempo = *rate,
                 Event::Failed { .. } if stepped.is_ok() => continue,
                 _ => {}
             }
@@ -150,6 +228,7 @@ impl<B: Leased> Show<B> {
             }
         };
         if ended.is_none() {
+            self.join(tell);
             if let Some(pending_change) = self.waiting.take() {
                 self.change(pending_change, tell);
             }
@@ -271,12 +350,73 @@ impl<B: Leased> Show<B> {
         );
     }
 
+    /// Lets motors that rest begin the motion, from its beginning.
+    fn begin(&mut self, tell: Tell<'_>) {
+        let will_rest = self.waiting.as_ref().map_or(self.is_parked, |waiting| waiting.is_parked);
+        if !will_rest || self.is_paused {
+            let why = "the motion has begun already; `goto 0` brings the motors to rest where it begins";
+            return refuse(LiveCommand::Begin, &why, tell);
+        }
+        self.desk = self.desk.anew();
+        self.halted_at = None;
+        let answer = (LiveCommand::Begin, LiveEvent::Began { from_s: 0.0, until_s: 0.0 });
+        self.joining = Some(Joining { at: Time::ZERO, answer: Some(answer), then: Vec::new() });
+    }
+
+    /// It is not time for the motion.
+    fn rest(&mut self, in_place: bool, until: String, tell: Tell<'_>) {
+        let event = LiveEvent::Resting { until: until.clone() };
+        if self.is_parked || (in_place && self.is_paused) {
+            return tell(Happened::Live(event));
+        }
+        if in_place {
+            self.commands.push_back(Command::Pause);
+            return tell(Happened::Live(event));
+        }
+        self.park("0", LiveCommand::Rest { in_place, until }, event, tell);
+    }
+
+    /// Lets motors that rest follow the motion, if they are to.
+    fn join(&mut self, tell: Tell<'_>) {
+        let Some(Joining { at, .. }) = self.joining else { return };
+        if self.waiting.is_some() || !self.commands.is_empty() {
+            return;
+        }
+        match self.driven.set_law_time(at) {
+            Err(SessionError::Waiting { .. }) => return,
+            Err(error) => {
+                if let Some((command, _)) = self.joining.take().and_then(|joining| joining.answer) {
+                    refuse(command, &error, tell);
+                }
+                return;
+            }
+            Ok(()) => {}
+        }
+        let Some(Joining { answer, then, .. }) = self.joining.take() else { return };
+        if let Some((command, event)) = answer {
+            match self.desk.program() {
+                Ok(program) => self.pending_change(
+                    PendingChange { program, over: None, answers: vec![(command, event)], is_parked: false },
+                    tell,
+                ),
+                Err(error) => refuse(command, &error, tell),
+            }
+        }
+        then.into_iter().for_each(|command| self.cue(command, tell));
+    }
+
     fn goto(&mut self, position: String, tell: Tell<'_>) {
         let command = LiveCommand::Goto { position: position.clone() };
-        match self.desk.at_position(&position) {
+        let event = LiveEvent::Goto { position: position.clone(), from_s: 0.0, until_s: 0.0 };
+        self.park(&position, command, event, tell);
+    }
+
+    /// Brings the motors to rest at a position.
+    fn park(&mut self, position: &str, command: LiveCommand, event: LiveEvent, tell: Tell<'_>) {
+        (self.joining, self.halted_at) = (None, None);
+        match self.desk.at_position(position) {
             Ok(program) => {
                 self.follow_at_s = None;
-                let event = LiveEvent::Goto { position, from_s: 0.0, until_s: 0.0 };
                 self.pending_change(
                     PendingChange { program, over: None, answers: vec![(command, event)], is_parked: true },
                     tell,
@@ -300,38 +440,22 @@ impl<B: Leased> Show<B> {
         }
     }
 
-    fn take_file(&mut self, text: &str, tell: Tell<'_>) {
-        if text == self.desk.text() {
-            return;
-        }
-        let refused = |error: String, place: Option<(usize, usize)>| {
-            let number = |number: usize| u32::try_from(number).ok();
-            let (line, column) = place.map_or((None, None), |(line, column)| (number(line), number(column)));
-            Happened::Live(LiveEvent::MotionRefused { error, line, column })
-        };
-        let desk = match self.desk.with_file(text) {
-            Ok(desk) => desk,
-            Err(error) => {
-                let place = match error.as_ref() {
-                    NoMotion::File(error) => Some(error.problems()[0].place()),
-                    NoMotion::Other(_) => None,
-                };
-                let advice = match error.as_ref() {
-                    NoMotion::File(error) => error.problems()[0].advice().map(|advice| format!(" ({advice})")),
-                    NoMotion::Other(_) => None,
-                };
-                return tell(refused(format!("{error}{}", advice.unwrap_or_default()), place));
-            }
+    fn take_file(&mut self, text: &str, files: &FileTexts, tell: Tell<'_>) {
+        let refused = |error: String| Happened::Live(LiveEvent::MotionRefused { error, line: None, column: None });
+        let desk = match with_file(&self.desk, text, files) {
+            Ok(None) => return,
+            Ok(Some(desk)) => desk,
+            Err(refused) => return tell(Happened::Live(refused)),
         };
         let program = match desk.program() {
             Ok(program) => program,
-            Err(error) => return tell(refused(error.to_string(), None)),
+            Err(error) => return tell(refused(error.to_string())),
         };
         let change = change(Arc::clone(&program), None);
         match self.driven.ceiling_of(&change) {
             Ok(None) => {}
-            Ok(Some(limit)) => return tell(refused(format!("the motion would break a limit: {limit}"), None)),
-            Err(error) => return tell(refused(error.to_string(), None)),
+            Ok(Some(limit)) => return tell(refused(format!("the motion would break a limit: {limit}"))),
+            Err(error) => return tell(refused(error.to_string())),
         }
         self.desk = desk;
         let event = LiveEvent::Motion { from_s: self.now_s, until_s: self.now_s };
@@ -339,7 +463,7 @@ impl<B: Leased> Show<B> {
             self.followed = self.desk.clone();
             return tell(Happened::Live(event));
         }
-        let command = LiveCommand::Motion { text: String::new() };
+        let command = LiveCommand::Motion { text: String::new(), files: FileTexts::new() };
         self.pending_change(
             PendingChange { program, over: None, answers: vec![(command, event)], is_parked: false },
             tell,
@@ -359,6 +483,7 @@ impl<B: Leased> Show<B> {
             Ok(times) => {
                 self.followed = self.desk.clone();
                 self.is_parked = pending_change.is_parked;
+                self.rests_from_s = times.1;
                 for (_, mut event) in pending_change.answers {
                     set_times(&mut event, times);
                     tell(Happened::Live(event));
@@ -374,6 +499,113 @@ impl<B: Leased> Show<B> {
             }
         }
     }
+}
+
+/// A motion without a board.
+pub struct SuspendedShow {
+    desk: Desk,
+    is_parked: bool,
+    is_halted: bool,
+    /// When the board was lost.
+    law_time: Time,
+    tempo: f64,
+    rejoins: bool,
+    rejoined: u32,
+}
+
+impl SuspendedShow {
+    /// A motion that has not begun, and waits for its board. If `joins`, the motors join it from where they stand.
+    #[must_use]
+    pub fn new(desk: Desk, rejoins: bool, joins: bool) -> SuspendedShow {
+        let (is_parked, law_time) = (!joins, Time::ZERO);
+        SuspendedShow { desk, is_parked, is_halted: false, law_time, tempo: 1.0, rejoins, rejoined: 0 }
+    }
+
+    /// The motion as it is wanted.
+    #[must_use]
+    pub fn desk(&self) -> &Desk {
+        &self.desk
+    }
+
+    /// Notes what is asked meanwhile: a changed motion file, and what the schedule says. All else is refused.
+    pub fn obey(&mut self, request: Request, tell: Tell<'_>) {
+        const AWAY: &str = "the board cannot be reached, or nobody knows where the motors stand";
+        match request {
+            Request::Live(LiveCommand::Motion { text, files }) => match with_file(&self.desk, &text, &files) {
+                Ok(None) => {}
+                Ok(Some(desk)) => {
+                    self.desk = desk;
+                    tell(Happened::Live(LiveEvent::Motion { from_s: 0.0, until_s: 0.0 }));
+                }
+                Err(refused) => tell(Happened::Live(refused)),
+            },
+            Request::Live(LiveCommand::Rest { in_place, until }) => {
+                if in_place {
+                    self.is_halted = true
+                } else {
+                    self.is_parked = true
+                }
+                tell(Happened::Live(LiveEvent::Resting { until }));
+            }
+            Request::Live(LiveCommand::Begin) => {
+                self.desk = self.desk.anew();
+                (self.is_parked, self.is_halted, self.law_time) = (false, false, Time::ZERO);
+            }
+            Request::Live(command @ LiveCommand::Cue { .. }) => {
+                let LiveCommand::Cue { name } = &command else { return };
+                match self.desk.at_cue(name, self.law_time) {
+                    Ok((desk, _)) => self.desk = desk,
+                    Err(error) => refuse(command, &error, tell),
+                }
+            }
+            Request::Session(Command::Resume) => (self.is_parked, self.is_halted) = (false, false),
+            Request::Session(command) => {
+                tell(Happened::Session(Event::Refused { command, why: AWAY.to_owned() }));
+            }
+            Request::Live(command) => refuse(command, &AWAY, tell),
+        }
+    }
+
+    /// Goes on with another session of the board, in which the motors rest where they are, as `program` has it. They join the motion again unless they
+    /// rested before; the laws' time went on by `passed_s` seconds of the board.
+    #[must_use]
+    pub fn rejoin_on<B: Leased>(mut self, driven: Driven<B>, program: &Program, passed_s: f64) -> Show<B> {
+        self.desk.set_up(program);
+        let mut show = Show::at_rest(driven, self.desk, self.rejoins);
+        show.tempo = self.tempo;
+        if self.tempo != 1.0 {
+            show.commands.push_back(Command::Tempo { rate: self.tempo });
+        }
+        show.rejoined = self.rejoined + 1;
+        if self.is_halted {
+            show.halted_at = Some(self.law_time);
+        }
+        let at = if self.is_halted { self.law_time } else { self.law_time + Time::from_seconds(self.tempo * passed_s) };
+        let event = LiveEvent::Rejoined { from_s: 0.0, until_s: 0.0, times: show.rejoined };
+        let joins = !self.is_parked && !self.is_halted;
+        show.joining = Some(Joining { at, answer: joins.then_some((LiveCommand::Begin, event)), then: Vec::new() });
+        show
+    }
+}
+
+/// The desk with a changed file; `None` if nothing has changed; or the event of the refusal.
+fn with_file(desk: &Desk, text: &str, files: &FileTexts) -> Result<Option<Desk>, LiveEvent> {
+    let known = desk.files();
+    if text == desk.text() && files.iter().all(|(name, text)| known.get(name) == Some(text)) {
+        return Ok(None);
+    }
+    drop(known);
+    let number = |number: usize| u32::try_from(number).ok();
+    let desk = desk.with_file(text, files).map_err(|error| {
+        let (place, advice) = match error.as_ref() {
+            NoMotion::File(error) => (Some(error.problems()[0].place()), error.problems()[0].advice()),
+            NoMotion::Other(_) => (None, None),
+        };
+        let (line, column) = place.map_or((None, None), |(line, column)| (number(line), number(column)));
+        let advice = advice.map(|advice| format!(" ({advice})"));
+        LiveEvent::MotionRefused { error: format!("{error}{}", advice.unwrap_or_default()), line, column }
+    })?;
+    Ok(Some(desk))
 }
 
 fn change(program: Arc<Program>, over: Option<Time>) -> Change {
@@ -400,9 +632,15 @@ fn set_times(event: &mut LiveEvent, (from, until): (f64, f64)) {
         | LiveEvent::Cue { from_s, until_s, .. }
         | LiveEvent::Goto { from_s, until_s, .. }
         | LiveEvent::Returned { from_s, until_s }
+        | LiveEvent::Began { from_s, until_s }
         | LiveEvent::Motion { from_s, until_s }
         | LiveEvent::Rejoined { from_s, until_s, .. } => (*from_s, *until_s) = (from, until),
-        LiveEvent::MotionRefused { .. } | LiveEvent::Refused { .. } => {}
+        LiveEvent::MotionRefused { .. }
+        | LiveEvent::Refused { .. }
+        | LiveEvent::Resting { .. }
+        | LiveEvent::Unplugged { .. }
+        | LiveEvent::Unplaced { .. }
+        | LiveEvent::Placed { .. } => {}
     }
 }
 

@@ -280,7 +280,7 @@ fn a_changed_file_is_taken_over_or_refused_with_its_place() {
     let mut stage = native(TEXT);
     stage.run(1.3);
     let file = |stage: &mut Stage<Native>, text: &str| {
-        stage.ask(Request::Live(LiveCommand::Motion { text: text.to_owned() }));
+        stage.ask(Request::Live(LiveCommand::Motion { text: text.to_owned(), files: Default::default() }));
         stage.answer()
     };
     stage.line("a.swing 20 step");
