@@ -1,17 +1,12 @@
 //! The clock of this computer. Only the command reads it; what depends on it takes the time as an argument.
 
-use std::time::{Duration, Instant, SystemTime};
+use std::time::{Duration, Instant};
 
 use jiff::ZonedDateTime;
 
 /// The time of day in this computer's time zone.
 pub(crate) fn now() -> ZonedDateTime {
     ZonedDateTime::now()
-}
-
-/// Seconds since 1970.
-pub(crate) fn unix_s() -> u64 {
-    SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).map_or(0, |since| since.as_secs())
 }
 
 /// A time that goes on: that of a port, though the port is closed.
