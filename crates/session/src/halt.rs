@@ -215,9 +215,16 @@ impl<B: Leased> Session<B> {
         let LawTime::Going { .. } = self.playback.law_time else {
             return Err(SessionError::Late { at: now, latest: self.committed_until() });
         };
-        let is_at_rest = self.is_complete() && self.last_step().is_none_or(|last| last < now);
-        if !is_at_rest || self.playback.mix.changes_until(self.law_time()).is_some() {
-            return Err(SessionError::Waiting { at: now, until: now + self.pace.tick_hz / 50 });
+        let waiting = SessionError::Waiting { at: now, until: now + self.pace.tick_hz / 50 };
+        // Nothing that was sent makes a step, and no law moves.
+        let has_steps = self.timelines.iter().any(|timeline| timeline.first_from(now).is_some());
+        if has_steps || self.replaced.is_some() || self.playback.mix.changes_until(self.law_time()).is_some() {
+            return Err(waiting);
+        }
+        for motor in 0..self.timelines.len() {
+            if self.state(motor, now)?.speed != 0.0 {
+                return Err(waiting);
+            }
         }
         let motors = 0..self.timelines.len();
         let positions: Result<Vec<f64>, _> = motors.map(|motor| self.state(motor, now).map(|at| at.theta)).collect();

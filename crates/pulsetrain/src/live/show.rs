@@ -132,6 +132,7 @@ impl<B: Leased> Show<B> {
             tempo: self.tempo,
             rejoins: self.rejoins,
             rejoined: self.rejoined,
+            is_new: false,
         };
         (self.driven, suspended)
     }
@@ -511,6 +512,8 @@ pub struct SuspendedShow {
     tempo: f64,
     rejoins: bool,
     rejoined: u32,
+    /// It has not begun yet.
+    is_new: bool,
 }
 
 impl SuspendedShow {
@@ -518,7 +521,7 @@ impl SuspendedShow {
     #[must_use]
     pub fn new(desk: Desk, rejoins: bool, joins: bool) -> SuspendedShow {
         let (is_parked, law_time) = (!joins, Time::ZERO);
-        SuspendedShow { desk, is_parked, is_halted: false, law_time, tempo: 1.0, rejoins, rejoined: 0 }
+        SuspendedShow { desk, is_parked, is_halted: false, law_time, tempo: 1.0, rejoins, rejoined: 0, is_new: true }
     }
 
     /// The motion as it is wanted.
@@ -576,12 +579,15 @@ impl SuspendedShow {
         if self.tempo != 1.0 {
             show.commands.push_back(Command::Tempo { rate: self.tempo });
         }
-        show.rejoined = self.rejoined + 1;
+        show.rejoined = self.rejoined + u32::from(!self.is_new);
         if self.is_halted {
             show.halted_at = Some(self.law_time);
         }
         let at = if self.is_halted { self.law_time } else { self.law_time + Time::from_seconds(self.tempo * passed_s) };
-        let event = LiveEvent::Rejoined { from_s: 0.0, until_s: 0.0, times: show.rejoined };
+        let event = match self.is_new {
+            true => LiveEvent::Returned { from_s: 0.0, until_s: 0.0 },
+            false => LiveEvent::Rejoined { from_s: 0.0, until_s: 0.0, times: show.rejoined },
+        };
         let joins = !self.is_parked && !self.is_halted;
         show.joining = Some(Joining { at, answer: joins.then_some((LiveCommand::Begin, event)), then: Vec::new() });
         show
