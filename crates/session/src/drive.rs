@@ -464,6 +464,12 @@ impl<B: Leased> Driven<B> {
         self.session.law_time()
     }
 
+    /// Whether the motors braked though nobody asked for it. [`Driven::step`] may not have said so, if a change has found it first.
+    #[must_use]
+    pub const fn has_braked(&self) -> bool {
+        self.stop.is_none() && self.session.is_stopped()
+    }
+
     /// Sets the laws' time while all motors rest: [`Session::set_law_time`].
     ///
     /// # Errors

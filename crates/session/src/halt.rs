@@ -206,6 +206,12 @@ impl<B: Leased> Session<B> {
         self.law_time_at(self.board.now())
     }
 
+    /// Whether the motors were stopped, and have left their laws.
+    #[must_use]
+    pub(crate) const fn is_stopped(&self) -> bool {
+        self.playback.is_stopped()
+    }
+
     /// Sets the laws' time while all motors rest, and stay at rest until they change to other laws: the next change joins those at the new time.
     ///
     /// # Errors

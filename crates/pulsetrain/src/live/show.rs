@@ -222,14 +222,14 @@ impl<B: Leased> Show<B> {
         }
         let ended = match stepped? {
             Ok(ended) => ended,
-            Err((from_s, until_s)) => {
-                self.rejoined += 1;
-                tell(Happened::Live(LiveEvent::Rejoined { from_s, until_s, times: self.rejoined }));
+            Err(times) => {
+                self.tell_rejoined(times, tell);
                 None
             }
         };
         if ended.is_none() {
             self.join(tell);
+            self.after_braking(tell);
             if let Some(pending_change) = self.waiting.take() {
                 self.change(pending_change, tell);
             }
@@ -239,6 +239,25 @@ impl<B: Leased> Show<B> {
             }
         }
         Ok(ended)
+    }
+
+    /// Lets motors join the motion again that braked while something else was done.
+    fn after_braking(&mut self, tell: Tell<'_>) {
+        if self.waiting.is_some() || !self.driven.has_braked() {
+            return;
+        }
+        if !self.rejoins {
+            return self.commands.push_back(Command::Stop);
+        }
+        // If that is too soon, the next step tries again.
+        if let Ok(times) = self.driven.rejoin() {
+            self.tell_rejoined(times, tell);
+        }
+    }
+
+    fn tell_rejoined(&mut self, (from_s, until_s): (f64, f64), tell: Tell<'_>) {
+        self.rejoined += 1;
+        tell(Happened::Live(LiveEvent::Rejoined { from_s, until_s, times: self.rejoined }));
     }
 
     /// Turns a knob: to the nearest value that the motors follow.
@@ -480,17 +499,23 @@ impl<B: Leased> Show<B> {
     }
 
     fn change(&mut self, pending_change: PendingChange, tell: Tell<'_>) {
+        let has_braked = self.driven.has_braked();
         match self.driven.change_to(&change(Arc::clone(&pending_change.program), pending_change.over)) {
             Ok(times) => {
                 self.followed = self.desk.clone();
                 self.is_parked = pending_change.is_parked;
                 self.rests_from_s = times.1;
+                if has_braked {
+                    self.tell_rejoined(times, tell);
+                }
                 for (_, mut event) in pending_change.answers {
                     set_times(&mut event, times);
                     tell(Happened::Live(event));
                 }
             }
             Err(SessionError::Waiting { .. }) => self.waiting = Some(pending_change),
+            // This computer was too slow just now: the motors brake, and join these laws then.
+            Err(_) if self.rejoins && self.driven.has_braked() => self.waiting = Some(pending_change),
             Err(error) => {
                 self.desk = self.followed.clone();
                 self.follow_at_s = None;
