@@ -23,6 +23,8 @@ pub type Tell<'a> = &'a mut dyn FnMut(Happened);
 
 /// How many values between one that is allowed and one that is not are tried: the nearest is found to a part in 4000.
 const TRIES: u32 = 12;
+/// Steps that try to join the motion again after a stop, a hundred a second, before the motion is given up.
+const MOST_TRIES: u32 = 3000;
 /// Motions that begin at a cue begin this long after it, s: the transition has reached the board by then.
 const CUE_LEAD_S: f64 = 0.1;
 
@@ -45,6 +47,8 @@ pub struct Show<B> {
     /// Whether motors that braked since the host was too slow join the motion again, and how many times they have.
     rejoins: bool,
     rejoined: u32,
+    /// How many steps in a row tried in vain to join the motion again.
+    tries_to_rejoin: u32,
     /// The tempo that was asked for last.
     tempo: f64,
     /// The motors rest, or come to rest, and are to follow the motion from there.
@@ -90,6 +94,7 @@ impl<B: Leased> Show<B> {
             now_s: 0.0,
             rejoins,
             rejoined: 0,
+            tries_to_rejoin: 0,
             tempo: 1.0,
             joining: None,
             halted_at: None,
@@ -206,7 +211,12 @@ impl<B: Leased> Show<B> {
         let mut events = Vec::new();
         let stepped = self.driven.step(command, observer, |event| events.push(event));
         let stepped = match stepped {
-            Err(error) if self.rejoins && may_rejoin(&error) => self.driven.rejoin().map(Err).map_err(|_| error),
+            Err(error) if self.rejoins && may_rejoin(&error) => match self.driven.rejoin() {
+                Ok(times) => Ok(Err(times)),
+                // It is too soon: `after_braking` tries again.
+                Err(_) if self.driven.has_braked() => Ok(Ok(None)),
+                Err(_) => Err(error),
+            },
             other => Ok(Ok(other?)),
         };
         for event in events {
@@ -246,12 +256,16 @@ impl<B: Leased> Show<B> {
         if self.waiting.is_some() || !self.driven.has_braked() {
             return;
         }
-        if !self.rejoins {
+        if !self.rejoins || self.tries_to_rejoin >= MOST_TRIES {
             return self.commands.push_back(Command::Stop);
         }
-        // If that is too soon, the next step tries again.
-        if let Ok(times) = self.driven.rejoin() {
-            self.tell_rejoined(times, tell);
+        match self.driven.rejoin() {
+            Ok(times) => {
+                self.tries_to_rejoin = 0;
+                self.tell_rejoined(times, tell);
+            }
+            // The next step tries again.
+            Err(_) => self.tries_to_rejoin += 1,
         }
     }
 
