@@ -40,7 +40,7 @@ use crate::page::{self, PageOptions};
 use crate::serve::RealTime;
 use crate::standing::{quoted, standings, start, typed, way_back};
 use crate::{arguments, interrupt, last_positions, load};
-use port::{Begun, Found, LOOK_AGAIN, LiveBoard, NoPort, OnPort, is_unplugged};
+use port::{Found, LOOK_AGAIN, LiveBeginning, LiveBoard, NoPort, OnPort, is_unplugged};
 use pulsetrain_motion::file::Live;
 
 mod port;
@@ -328,14 +328,14 @@ fn begin(
         return match kind {
             Some(kind) => match Driven::on_virtual(kind, prepared, *baud) {
                 Ok(driven) => {
-                    let begun = Begun::of(proving(driven, prepared, proof)?, *is_at_rest);
+                    let begun = LiveBeginning::of(proving(driven, prepared, proof)?, *is_at_rest);
                     Ok((parts.play(begun, Some(hz), Box::new(NoPort))?, text))
                 }
                 Err(error) => Err(failed(parts.control, drive_problem(error))),
             },
             None => match Driven::native(prepared) {
                 Ok(driven) => {
-                    let begun = Begun::of(proving(driven, prepared, proof)?, *is_at_rest);
+                    let begun = LiveBeginning::of(proving(driven, prepared, proof)?, *is_at_rest);
                     Ok((parts.play(begun, Some(hz), Box::new(NoPort))?, text))
                 }
                 Err(error) => Err(failed(parts.control, advised(error))),
@@ -360,7 +360,7 @@ fn begin(
         }
         interrupt::watch();
         if args.resume {
-            return Ok(Begun::Resume);
+            return Ok(LiveBeginning::Resume);
         }
         let serial = Serial::open(port, false).map_err(port_problem)?;
         // From here on the board counts from another position.
@@ -368,7 +368,7 @@ fn begin(
         let mut waits = on_port::waits_with_notice(console, port);
         let goes_on = || waits() && !parts.control.wants_stop();
         let driven = Driven::with(prepared, |program| connect_while(serial, program, *baud, goes_on));
-        Ok(Begun::of(proving(driven.map_err(drive_problem)?, prepared, proof)?, *is_at_rest))
+        Ok(LiveBeginning::of(proving(driven.map_err(drive_problem)?, prepared, proof)?, *is_at_rest))
     })();
     match connected {
         Ok(begun) => {
@@ -430,7 +430,7 @@ impl Parts {
     /// Lets the motion run in its own thread. With `paced_hz` the board's time keeps pace with the time of day.
     fn play<B: Leased + Send + 'static>(
         self,
-        begun: Begun<B>,
+        begun: LiveBeginning<B>,
         paced_hz: Option<u64>,
         board: Box<dyn LiveBoard<B>>,
     ) -> miette::Result<Running> {
@@ -445,7 +445,7 @@ impl Parts {
 
     fn played<B: Leased>(
         mut self,
-        begun: Begun<B>,
+        begun: LiveBeginning<B>,
         paced_hz: Option<u64>,
         mut board: Box<dyn LiveBoard<B>>,
         mut trace: Trace,
@@ -457,9 +457,9 @@ impl Parts {
         let mut log = self.log.take();
         let desk = self.desk.clone();
         let first = match begun {
-            Begun::Moving(driven) => Some(Show::new(driven, desk, self.rejoins)),
-            Begun::AtRest(driven) => Some(Show::at_rest(driven, desk, self.rejoins)),
-            Begun::Resume => {
+            LiveBeginning::Moving(driven) => Some(Show::new(driven, desk, self.rejoins)),
+            LiveBeginning::AtRest(driven) => Some(Show::at_rest(driven, desk, self.rejoins)),
+            LiveBeginning::Resume => {
                 let suspended = SuspendedShow::new(desk, self.rejoins, self.joins);
                 self.wait(&mut *board, suspended, None, &mut news, &log)
             }
@@ -472,7 +472,7 @@ impl Parts {
                 let unplugged =
                     lost.map(|(why, port)| LiveEvent::Unplugged { why: why.to_string(), port: port.to_owned() });
                 let Some(unplugged) = unplugged else {
-                    // Counts are told from where the motion begins.
+                    // Counts are last_why from where the motion begins.
                     let offsets = counts_from_home(show.desk());
                     board.close(show.into_driven(), ended.as_ref().ok());
                     let counted = |counts: &[i64]| counts.iter().zip(&offsets).map(|(count, by)| count + by).collect();
@@ -575,11 +575,11 @@ impl Parts {
         log: &Option<Log>,
     ) -> Option<Show<B>> {
         let mut places: Option<Vec<Option<f64>>> = None;
-        let mut told = since.is_some().then(String::new);
+        let mut last_why = since.is_some().then(String::new);
         let mut begin = |board: &mut dyn LiveBoard<B>, positions: &[f64], news: &mut News<'_>| {
             board.begin(positions).map_err(|error| {
                 let why = error.to_string();
-                if told.replace(why.clone()) != Some(why.clone()) {
+                if last_why.replace(why.clone()) != Some(why.clone()) {
                     let port = board.port().unwrap_or_default().to_owned();
                     news.tell(Happened::Live(LiveEvent::Unplugged { why, port }));
                 }

@@ -188,7 +188,7 @@ impl Desk {
 
     /// The desk for a motion that begins anew: as the file has it, without cue and turned knobs.
     #[must_use]
-    pub fn anew(&self) -> Desk {
+    pub fn restarted(&self) -> Desk {
         Desk { cue: None, turned: BTreeMap::new(), ..self.clone() }
     }
 

@@ -12,7 +12,7 @@ use super::{LiveCommand, Request};
 
 /// What should be so at a time.
 #[derive(Clone, Debug, PartialEq)]
-struct Wanted {
+struct ScheduleState {
     /// Whether it is time for the motion.
     is_time: bool,
     /// The cue that began last, with its time.
@@ -25,7 +25,7 @@ pub struct Scheduler {
     periods: Vec<Period>,
     cues: Vec<(String, Vec<TimeOfDay>)>,
     /// What was so at the last look.
-    known: Option<Wanted>,
+    known: Option<ScheduleState>,
     /// Where the motors rest since the last period.
     rest: RestPlace,
     /// The latest time that was seen.
@@ -125,7 +125,7 @@ impl Scheduler {
         ends.max_by(|(a, _), (b, _)| a.cmp(b)).map_or(RestPlace::AtStart, |(_, rest)| rest)
     }
 
-    fn wanted(&self, now: &ZonedDateTime) -> Wanted {
+    fn wanted(&self, now: &ZonedDateTime) -> ScheduleState {
         let dates = || (-2..=0).filter_map(|days| date_in(now, days));
         let since = if self.periods.is_empty() {
             // It is always time, and a cue of the last day counts.
@@ -142,7 +142,7 @@ impl Scheduler {
             });
             all.filter(|(at, _)| since <= at && at <= now).max_by(|(a, _), (b, _)| a.cmp(b))
         });
-        Wanted { is_time: since.is_some(), cue }
+        ScheduleState { is_time: since.is_some(), cue }
     }
 }
 

@@ -391,7 +391,7 @@ impl<B: Leased> Show<B> {
             let why = "the motion has begun already; `goto 0` brings the motors to rest where it begins";
             return refuse(LiveCommand::Begin, &why, tell);
         }
-        self.desk = self.desk.anew();
+        self.desk = self.desk.restarted();
         self.halted_at = None;
         let answer = (LiveCommand::Begin, LiveEvent::Began { from_s: 0.0, until_s: 0.0 });
         self.joining = Some(Joining { at: Time::ZERO, answer: Some(answer), then: Vec::new() });
@@ -590,7 +590,7 @@ impl SuspendedShow {
                 tell(Happened::Live(LiveEvent::Resting { until }));
             }
             Request::Live(LiveCommand::Begin) => {
-                self.desk = self.desk.anew();
+                self.desk = self.desk.restarted();
                 (self.is_parked, self.is_halted, self.law_time) = (false, false, Time::ZERO);
             }
             Request::Live(command @ LiveCommand::Cue { .. }) => {

@@ -315,7 +315,7 @@ fn a_changed_file_is_taken_over_or_refused_with_its_place() {
 
 /// What the schedule asks for.
 #[test]
-fn motors_rest_until_the_motion_is_to_begin_and_begin_it_anew() {
+fn motors_rest_until_the_motion_is_to_begin_from_its_start() {
     let (mut desk, mut prepared) = staged(TEXT);
     prepared.program = desk.resting_at(&[0.0, 0.0]).unwrap();
     desk.set_up(&prepared.program);
@@ -370,14 +370,14 @@ fn a_motion_goes_on_with_another_session_from_where_the_motors_stand() {
         }
         let law_time = stage.show.law_time();
         let (_, mut suspended) = stage.show.suspend();
-        let mut told = Vec::new();
-        suspended.obey(Request::Session(Command::Pause), &mut |event| told.push(event));
+        let mut heard = Vec::new();
+        suspended.obey(Request::Session(Command::Pause), &mut |event| heard.push(event));
         let wider = TEXT.replace("40 step", "60 step");
         let motion = LiveCommand::Motion { text: wider, files: Default::default() };
-        suspended.obey(Request::Live(motion), &mut |event| told.push(event));
+        suspended.obey(Request::Live(motion), &mut |event| heard.push(event));
         assert!(
-            matches!(told[..], [Happened::Session(Event::Refused { .. }), Happened::Live(LiveEvent::Motion { .. })]),
-            "{told:?}"
+            matches!(heard[..], [Happened::Session(Event::Refused { .. }), Happened::Live(LiveEvent::Motion { .. })]),
+            "{heard:?}"
         );
         let (_, mut prepared) = staged(TEXT);
         prepared.program = suspended.desk().resting_at(&[13.0, -7.0]).unwrap();

@@ -21,7 +21,7 @@ use pulsetrain_trace::Line;
 type AtPort = Driven<WithReference<Remote<Serial>>>;
 
 /// How a live motion begins.
-pub(super) enum Begun<B> {
+pub(super) enum LiveBeginning<B> {
     /// The motors are about to move.
     Moving(Driven<B>),
     /// The motors rest where the motion begins.
@@ -30,16 +30,16 @@ pub(super) enum Begun<B> {
     Resume,
 }
 
-impl<B> Begun<B> {
-    pub(super) fn of(driven: Driven<B>, is_at_rest: bool) -> Begun<B> {
-        if is_at_rest { Begun::AtRest(driven) } else { Begun::Moving(driven) }
+impl<B> LiveBeginning<B> {
+    pub(super) fn of(driven: Driven<B>, is_at_rest: bool) -> LiveBeginning<B> {
+        if is_at_rest { LiveBeginning::AtRest(driven) } else { LiveBeginning::Moving(driven) }
     }
 
     /// The lines of its trace.
     pub(super) fn lines(&self) -> &[Line] {
         match self {
-            Begun::Moving(driven) | Begun::AtRest(driven) => &driven.lines,
-            Begun::Resume => &[],
+            LiveBeginning::Moving(driven) | LiveBeginning::AtRest(driven) => &driven.lines,
+            LiveBeginning::Resume => &[],
         }
     }
 }
