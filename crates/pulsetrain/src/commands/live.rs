@@ -472,7 +472,7 @@ impl Parts {
                 let unplugged =
                     lost.map(|(why, port)| LiveEvent::Unplugged { why: why.to_string(), port: port.to_owned() });
                 let Some(unplugged) = unplugged else {
-                    // Counts are last_why from where the motion begins.
+                    // Counts are given from where the motion begins.
                     let offsets = counts_from_home(show.desk());
                     board.close(show.into_driven(), ended.as_ref().ok());
                     let counted = |counts: &[i64]| counts.iter().zip(&offsets).map(|(count, by)| count + by).collect();
@@ -528,6 +528,10 @@ impl Parts {
                 let tick = show.now();
                 log.iter().for_each(|log| log.line(news.base + tick, LogEntry::Asked(request.clone())));
                 let is_file = matches!(request, Request::Live(LiveCommand::Motion { .. }));
+                if let (Some(log), Request::Live(LiveCommand::Motion { files, .. })) = (log.as_mut(), &request) {
+                    // The request's own line has them.
+                    log.files.extend(files.iter().map(|(name, text)| (name.clone(), hash(text))));
+                }
                 let obeyed = show.obey(request, trace, &mut |happened| news.tell(happened));
                 if is_file {
                     log.iter_mut().for_each(|log| log.files(news.base + tick, show.desk()));

@@ -313,10 +313,10 @@ mod tests {
             "news 0",
             "news 1",
             "news 2",
-            "motor 0              -13888.626 °         -449.994 °/s   50 % of its highest",
+            "motor 0              -13888.626 deg    -449.994 deg/s   50 % of its highest",
         ];
         assert_eq!(rows[..4], expected);
-        assert_eq!(rows[10], "the upper arm of th… -13888.626 °         -449.994 °/s   50 % of its highest");
+        assert_eq!(rows[10], "the upper arm of th… -13888.626 deg    -449.994 deg/s   50 % of its highest");
         assert_eq!(rows[11], "86400.0 s  runs  tempo 1.00  420 ms ahead  cue dusk");
         assert_eq!(rows[12], "space pauses, + - tempo, s stops, : types a line (help)");
         assert!(rows[13..].iter().all(String::is_empty), "{rows:?}");
