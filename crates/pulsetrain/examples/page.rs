@@ -132,19 +132,27 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
                     hub.tell_live(&LiveEvent::Cue { name: names[cue].clone(), from_s, until_s });
                 }
                 LiveCommand::Goto { position } => hub.tell_live(&LiveEvent::Goto { position, from_s, until_s }),
-                LiveCommand::Motion { text: changed } => match file::read(&changed, "figure.toml", &no_other_file) {
-                    Ok(_) => {
-                        *text.lock().expect("no other thread has failed") = changed;
-                        hub.tell_live(&LiveEvent::Motion { from_s, until_s });
+                LiveCommand::Motion { text: changed, .. } => {
+                    match file::read(&changed, "figure.toml", &no_other_file) {
+                        Ok(_) => {
+                            *text.lock().expect("no other thread has failed") = changed;
+                            hub.tell_live(&LiveEvent::Motion { from_s, until_s });
+                        }
+                        Err(error) => {
+                            let at = error.problems().first().map(|problem| problem.place());
+                            let number = |at: Option<usize>| at.and_then(|at| u32::try_from(at).ok());
+                            let (line, column) = (number(at.map(|at| at.0)), number(at.map(|at| at.1)));
+                            let error = error.problems().first().map_or("", |problem| problem.message()).to_owned();
+                            hub.tell_live(&LiveEvent::MotionRefused { error, line, column });
+                        }
                     }
-                    Err(error) => {
-                        let at = error.problems().first().map(|problem| problem.place());
-                        let number = |at: Option<usize>| at.and_then(|at| u32::try_from(at).ok());
-                        let (line, column) = (number(at.map(|at| at.0)), number(at.map(|at| at.1)));
-                        let error = error.problems().first().map_or("", |problem| problem.message()).to_owned();
-                        hub.tell_live(&LiveEvent::MotionRefused { error, line, column });
-                    }
-                },
+                }
+                command @ (LiveCommand::Begin | LiveCommand::Rest { .. } | LiveCommand::Here { .. }) => {
+                    hub.tell_live(&LiveEvent::Refused {
+                        command,
+                        why: "this example has no schedule and no board".to_owned(),
+                    });
+                }
             },
             Err(RecvTimeoutError::Timeout) => {
                 let ease = |now: &mut f64, wanted: f64| *now += (wanted - *now) * STEP_S * 4.0 / EASE_S;

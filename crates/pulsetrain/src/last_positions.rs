@@ -4,7 +4,9 @@
 //! the positions belong together. That holds as long as the board still has that count: a board that was reset, or set up by another
 //! program, has another one.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
+use std::sync::mpsc::{Sender, channel};
+use std::thread::JoinHandle;
 
 use pulsetrain_motion::program::Program;
 use serde::{Deserialize, Serialize};
@@ -16,6 +18,12 @@ struct LastPositions {
     /// The board's clock when this was written, ticks since it started.
     clock: u64,
     motors: Vec<LastPosition>,
+    /// Whether the run went on: the board may have counted on since.
+    #[serde(default)]
+    goes_on: bool,
+    /// Whether the motors rested.
+    #[serde(default)]
+    rests: bool,
 }
 
 #[derive(Debug, Serialize, Deserialize)]
@@ -53,9 +61,16 @@ fn folder() -> Option<PathBuf> {
     None
 }
 
+/// A file of the same name that outlives a restart of the computer.
+fn state_file(port: &str) -> Option<PathBuf> {
+    let set = |name: &str| std::env::var_os(name).filter(|value| Path::new(value).is_absolute()).map(PathBuf::from);
+    let folder = set("XDG_STATE_HOME").or_else(|| Some(set("HOME")?.join(".local/state")))?.join("pulsetrain");
+    Some(folder.join(file(port)?.file_name()?))
+}
+
 /// Forgets what was kept for a port: its board gets another count.
 pub(crate) fn forget(port: &str) {
-    if let Some(file) = file(port) {
+    for file in [file(port), state_file(port)].into_iter().flatten() {
         // Most often there is none.
         drop(std::fs::remove_file(file));
     }
@@ -70,12 +85,24 @@ pub(crate) fn keep(port: &str, program: &Program, counts: &[i64], clock: u64) {
 
 /// What is kept.
 pub(crate) fn written(program: &Program, counts: &[i64], clock: u64) -> Option<String> {
-    let motors = program.motors.iter().zip(counts).map(|(motor, count)| LastPosition {
-        name: motor.name.clone(),
-        count: *count,
-        steps: standing::start(motor) + *count as f64,
-    });
-    serde_json::to_string(&LastPositions { clock, motors: motors.collect() }).ok()
+    serde_json::to_string(&LastPositions::of(program, counts, clock)).ok()
+}
+
+impl LastPositions {
+    /// Of motors that rest after a run.
+    fn of(program: &Program, counts: &[i64], clock: u64) -> LastPositions {
+        let motors = program.motors.iter().zip(counts).map(|(motor, count)| LastPosition {
+            name: motor.name.clone(),
+            count: *count,
+            steps: standing::start(motor) + *count as f64,
+        });
+        LastPositions { clock, motors: motors.collect(), goes_on: false, rests: true }
+    }
+
+    fn is_of(&self, program: &Program) -> bool {
+        self.motors.len() == program.motors.len()
+            && self.motors.iter().zip(&program.motors).all(|(kept, motor)| kept.name == motor.name)
+    }
 }
 
 /// The positions of a program's motors, steps, if the board at the port still has the counts for which they were kept, at its clock
@@ -86,10 +113,90 @@ pub(crate) fn recall(port: &str, program: &Program, counts: &[i64], clock: u64) 
 
 /// As [`recall`], from what was [written].
 pub(crate) fn read(text: &str, program: &Program, counts: &[i64], clock: u64) -> Option<Vec<f64>> {
-    let LastPositions { clock: kept, motors } = serde_json::from_str(text).ok()?;
-    let is_same = motors.len() == program.motors.len()
-        && clock >= kept
-        && motors.iter().map(|motor| motor.count).eq(counts.iter().copied())
-        && motors.iter().zip(&program.motors).all(|(kept, motor)| kept.name == motor.name);
-    is_same.then(|| motors.iter().map(|motor| motor.steps).collect())
+    let kept: LastPositions = serde_json::from_str(text).ok()?;
+    let is_same = kept.is_of(program)
+        && clock >= kept.clock
+        && counts.len() == kept.motors.len()
+        && (kept.goes_on || kept.motors.iter().map(|motor| motor.count).eq(counts.iter().copied()));
+    let motors = kept.motors.iter().zip(counts);
+    is_same.then(|| motors.map(|(motor, count)| motor.steps + (count - motor.count) as f64).collect())
+}
+
+/// Keeps the positions of a long run's motors, in a thread, so that a slow disk delays no step.
+#[derive(Debug)]
+pub(crate) struct Keeper {
+    port: String,
+    texts: Option<Sender<String>>,
+    writer: Option<JoinHandle<()>>,
+    /// When the positions are kept next, s of the motion, and whether the motors rested.
+    due: (f64, bool),
+}
+
+/// How often the positions are kept, s.
+const KEPT_EVERY_S: f64 = 1.0;
+
+impl Keeper {
+    pub(crate) fn new(port: &str) -> Keeper {
+        Keeper { port: port.to_owned(), texts: None, writer: None, due: (0.0, false) }
+    }
+
+    /// Keeps the positions of motors that go on, now and then, and when they come to rest. Their board is at its count.
+    pub(crate) fn goes_on(&mut self, program: &Program, counts: &[i64], at_s: f64, rests: bool) {
+        let is_due = at_s >= self.due.0 || at_s < self.due.0 - KEPT_EVERY_S || rests != self.due.1;
+        if !is_due {
+            return;
+        }
+        self.due = (at_s + KEPT_EVERY_S, rests);
+        self.write(&LastPositions { goes_on: true, rests, ..LastPositions::of(program, counts, 0) });
+    }
+
+    /// Keeps the positions at the end of the run.
+    pub(crate) fn ends(&mut self, program: &Program, counts: &[i64], clock: u64) {
+        self.write(&LastPositions::of(program, counts, clock));
+    }
+
+    fn write(&mut self, positions: &LastPositions) {
+        let (Ok(text), false) = (serde_json::to_string(positions), self.port.is_empty()) else { return };
+        if self.texts.is_none() {
+            let (texts, to_write) = channel::<String>();
+            let files = [file(&self.port), state_file(&self.port)];
+            self.texts = Some(texts);
+            self.writer = Some(std::thread::spawn(move || {
+                for text in to_write {
+                    // If they cannot be written, the next run asks its user.
+                    files.iter().flatten().for_each(|file| drop(replace(file, &text)));
+                }
+            }));
+        }
+        let sent = self.texts.as_ref().map(|texts| texts.send(text));
+        debug_assert!(sent.is_none_or(|sent| sent.is_ok()), "the writer lives as long as the sender");
+    }
+
+    /// Waits until all is written.
+    pub(crate) fn finish(&mut self) {
+        drop(self.texts.take());
+        if let Some(writer) = self.writer.take() {
+            // A writer that failed has written nothing: the next run asks its user.
+            let _ = writer.join();
+        }
+    }
+
+    /// Where a program's motors rested when they were known last, steps; `None` if they moved, or nothing is kept.
+    pub(crate) fn last(&self, program: &Program) -> Option<Vec<f64>> {
+        let kept: Vec<LastPositions> = [file(&self.port), state_file(&self.port)]
+            .into_iter()
+            .flatten()
+            .filter_map(|file| serde_json::from_str(&std::fs::read_to_string(file).ok()?).ok())
+            .collect();
+        let kept = kept.into_iter().next().filter(|kept| kept.rests && kept.is_of(program))?;
+        Some(kept.motors.iter().map(|motor| motor.steps).collect())
+    }
+}
+
+/// Writes a file whole, or not at all: the power may fail.
+fn replace(file: &Path, text: &str) -> std::io::Result<()> {
+    file.parent().map_or(Ok(()), std::fs::create_dir_all)?;
+    let aside = file.with_extension("new");
+    std::fs::write(&aside, text)?;
+    std::fs::rename(&aside, file)
 }

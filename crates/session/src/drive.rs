@@ -471,6 +471,21 @@ impl<B: Leased> Driven<B> {
         self.session.law_time()
     }
 
+    /// Whether the motors braked though nobody asked for it. [`Driven::step`] may not have said so, if a change has found it first.
+    #[must_use]
+    pub const fn has_braked(&self) -> bool {
+        self.stop.is_none() && self.session.is_stopped()
+    }
+
+    /// Sets the laws' time while all motors rest: [`Session::set_law_time`].
+    ///
+    /// # Errors
+    /// As [`Session::set_law_time`].
+    pub fn set_law_time(&mut self, time: Time) -> Result<(), SessionError> {
+        self.check_not_stopped()?;
+        self.session.set_law_time(time)
+    }
+
     /// Lets the motors change to other laws while they move: [`Session::change_to`]. Returns when they leave the old laws and when they follow the new
     /// ones, s of the motion.
     ///

@@ -192,12 +192,18 @@ impl Mix {
 
     /// Motors that rest where they are, with the laws that they followed before.
     fn at_rest(&self, positions: &[f64]) -> Result<Mix, PauseError> {
+        Ok(Mix { voices: self.voices.clone(), ..Mix::resting(positions)? })
+    }
+
+    /// Motors that rest where they are, and follow no other law.
+    pub(crate) fn resting(positions: &[f64]) -> Result<Mix, PauseError> {
         let rest = |(motor, theta): (usize, &f64)| {
             let law = Law::speed(0.0, None).and_then(|rest| rest.shifted(*theta));
             law.map_err(|error| PauseError::Law { motor, error })
         };
-        let base = positions.iter().enumerate().map(rest).collect::<Result<_, _>>()?;
-        Ok(Mix { base, fades: Vec::new(), voices: self.voices.clone() })
+        let base: Vec<Law> = positions.iter().enumerate().map(rest).collect::<Result<_, _>>()?;
+        let voices = base.iter().map(|law| Voice { law: law.clone(), own: None }).collect();
+        Ok(Mix { base, fades: Vec::new(), voices })
     }
 
     /// The laws of all motors in the program's time, from now on.

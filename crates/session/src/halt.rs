@@ -219,6 +219,43 @@ impl<B: Leased> Session<B> {
         self.law_time_at(self.board.now())
     }
 
+    /// Whether the motors were stopped, and have left their laws.
+    #[must_use]
+    pub(crate) const fn is_stopped(&self) -> bool {
+        self.playback.is_stopped()
+    }
+
+    /// Sets the laws' time while all motors rest, and stay at rest until they change to other laws: the next change joins those at the new time.
+    ///
+    /// # Errors
+    /// [`SessionError::Waiting`] while a motor moves: try again at the tick in the error. [`SessionError::Late`] after a stop, and while the motion is paused.
+    pub fn set_law_time(&mut self, time: Time) -> Result<(), SessionError> {
+        let now = self.board.now();
+        let LawTime::Going { .. } = self.playback.law_time else {
+            return Err(SessionError::Late { at: now, latest: self.committed_until() });
+        };
+        let waiting = SessionError::Waiting { at: now, until: now + self.pace.tick_hz / 50 };
+        // Nothing that was sent makes a step, and no law moves.
+        let has_steps = self.timelines.iter().any(|timeline| timeline.first_from(now).is_some());
+        if has_steps || self.replaced.is_some() || self.playback.mix.changes_until(self.law_time()).is_some() {
+            return Err(waiting);
+        }
+        for motor in 0..self.timelines.len() {
+            if self.state(motor, now)?.speed != 0.0 {
+                return Err(waiting);
+            }
+        }
+        let motors = 0..self.timelines.len();
+        let positions: Result<Vec<f64>, _> = motors.map(|motor| self.state(motor, now).map(|at| at.theta)).collect();
+        let mix = Mix::resting(&positions?)?;
+        let program = Arc::new(mix.program(&self.playback.program)?);
+        self.playback.changed(program, mix, time);
+        // Ticks of a session stay far below 2^62.
+        let since = Time::from_ratio(now.saturating_sub(self.stream.zero()).cast_signed(), self.pace.tick_hz);
+        self.playback.law_time = LawTime::Going { since, at: time };
+        Ok(())
+    }
+
     /// The laws' time at a tick.
     pub(crate) fn law_time_at(&self, tick: u64) -> Time {
         match self.playback.law_time {

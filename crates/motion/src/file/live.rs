@@ -20,6 +20,55 @@ pub struct Live {
     pub cues: Vec<Cue>,
     /// `None` without `[live.midi]`.
     pub midi: Option<Midi>,
+    /// When the motion is to run; empty: at any time.
+    pub schedule: Vec<Period>,
+}
+
+/// A part of the day in which the motion runs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Period {
+    /// When it begins.
+    pub start: TimeOfDay,
+    /// When it ends. If that is not after `start`, it is on the next day.
+    pub stop: TimeOfDay,
+    /// The days on which it begins, from Monday on.
+    pub days: [bool; 7],
+    /// Where the motors rest after it.
+    pub rest: RestPlace,
+}
+
+/// Where motors rest while it is not time for the motion.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum RestPlace {
+    /// Where the motion begins. It begins anew at the next start.
+    AtStart,
+    /// Where they are on their paths. There they go on at the next start.
+    InPlace,
+}
+
+/// A time of day on a clock at the wall.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub struct TimeOfDay {
+    /// 0 to 23.
+    pub hour: u8,
+    /// 0 to 59.
+    pub minute: u8,
+    /// 0 to 59.
+    pub second: u8,
+}
+
+impl TimeOfDay {
+    /// Reads "9:30", "09:30" or "09:30:15".
+    #[must_use]
+    pub fn read(text: &str) -> Option<TimeOfDay> {
+        let mut parts = text.trim().split(':').map(|part| {
+            let is_number = (1..=2).contains(&part.len()) && part.bytes().all(|digit| digit.is_ascii_digit());
+            part.parse::<u8>().ok().filter(|_| is_number)
+        });
+        let (hour, minute, second) = (parts.next()??, parts.next()??, parts.next().unwrap_or(Some(0))?);
+        let is_time = hour < 24 && minute < 60 && second < 60 && parts.next().is_none();
+        is_time.then_some(TimeOfDay { hour, minute, second })
+    }
 }
 
 /// A knob of `[live.knobs]`.
@@ -54,11 +103,14 @@ pub struct Cue {
     pub motors: Vec<usize>,
     /// Whether these motions begin at the cue; else they count from the motion's begin.
     pub begins_now: bool,
+    /// The times of day at which it begins without an order.
+    pub at: Vec<TimeOfDay>,
 }
 
 /// Words that `pulsetrain live` takes for orders. No knob may have such a name.
-pub const ORDERS: [&str; 13] =
-    ["pause", "resume", "stop", "tempo", "go", "back", "cue", "goto", "knobs", "cues", "help", "status", "here"];
+pub const ORDERS: [&str; 14] = [
+    "pause", "resume", "stop", "tempo", "go", "back", "cue", "goto", "knobs", "cues", "help", "status", "here", "begin",
+];
 
 /// Reads both, if they are there.
 pub(super) fn read(
@@ -74,6 +126,7 @@ pub(super) fn read(
         None => Ok(Vec::new()),
         Some(node) => read_cues(&node, root, table, &parameters, drafts, machines, load),
     };
+    let schedule = read_schedule(root);
     let (knobs, cues) = (knobs?, cues?);
     let midi = match root.get("live") {
         None => None,
@@ -82,13 +135,84 @@ pub(super) fn read(
             live.get("midi").map(|node| midi::read(&node, &knobs, &cues)).transpose()?
         }
     };
-    Ok(Live { knobs, cues, midi })
+    Ok(Live { knobs, cues, schedule: schedule?, midi })
+}
+
+/// The keys of `[live]`.
+const LIVE: [&str; 3] = ["knobs", "midi", "schedule"];
+
+fn read_schedule(root: &Section) -> Read<Vec<Period>> {
+    const EXAMPLE: &str = "[live.schedule] with start = \"10:00\" and stop = \"18:00\"";
+    let Some(node) = root.get("live") else { return Ok(Vec::new()) };
+    let live = node.any_section("`live`".to_owned(), EXAMPLE)?;
+    let Some(node) = live.get("schedule") else { return Ok(Vec::new()) };
+    let nodes = if node.is_table() { vec![node.clone()] } else { node.list(EXAMPLE)? };
+    if nodes.is_empty() {
+        return Err(node.note("no times", "the schedule has no times", format!("write {EXAMPLE}")));
+    }
+    // All of them, so that every bad one is noted.
+    let periods: Vec<Read<Period>> = nodes.iter().map(period).collect();
+    periods.into_iter().collect()
+}
+
+fn period(node: &Node) -> Read<Period> {
+    const START: &str = "start = \"10:00\"";
+    const STOP: &str = "stop = \"18:00\"";
+    let section = node.section("the schedule".to_owned(), &["start", "stop", "days", "rest"], START)?;
+    let start = section.need("start", START).and_then(|node| time_of_day(&node));
+    let stop = section.need("stop", STOP).and_then(|node| time_of_day(&node));
+    let days = section.get("days").map(|node| days(&node)).transpose();
+    let places = [("at-start", RestPlace::AtStart), ("in-place", RestPlace::InPlace)];
+    let rest = section.get("rest").map(|node| node.word(&places)).transpose();
+    let (start, stop) = (start?, stop?);
+    if start == stop {
+        let help = "leave the schedule out if the motion is to run all day, or write another `stop`";
+        return Err(node.note("no time is left", "the schedule stops when it starts", help));
+    }
+    Ok(Period { start, stop, days: days?.unwrap_or([true; 7]), rest: rest?.unwrap_or(RestPlace::AtStart) })
+}
+
+fn time_of_day(node: &Node) -> Read<TimeOfDay> {
+    let text = node.text("\"10:00\"")?;
+    TimeOfDay::read(text).ok_or_else(|| {
+        let message = format!("{text:?} is no time of day");
+        node.note("no time of day", message, "write hours and minutes, from \"00:00\" to \"23:59\"")
+    })
+}
+
+/// The words for days, from Monday on, and how many letters are enough.
+const DAYS: [&str; 7] = ["monday", "tuesday", "wednesday", "thursday", "friday", "saturday", "sunday"];
+
+fn days(node: &Node) -> Read<[bool; 7]> {
+    const EXAMPLE: &str = "days = [\"sat\", \"sun\"]";
+    let mut found = [false; 7];
+    for node in node.list(EXAMPLE)? {
+        let text = node.text("\"mon\"")?.trim().to_lowercase();
+        let day = DAYS.iter().position(|day| text.len() >= 3 && day.starts_with(&text)).ok_or_else(|| {
+            let message = format!("{text:?} is no day");
+            node.note("no day", message, "write \"mon\", \"tue\", \"wed\", \"thu\", \"fri\", \"sat\" or \"sun\"")
+        })?;
+        found[day] = true;
+    }
+    if found.contains(&true) {
+        return Ok(found);
+    }
+    Err(node.note("no day", "the schedule has no day", "leave `days` out if it is for every day"))
+}
+
+/// The times of day of a cue: one, or a list.
+fn times_of_day(node: &Node) -> Read<Vec<TimeOfDay>> {
+    if node.as_text().is_some() {
+        return Ok(vec![time_of_day(node)?]);
+    }
+    let times: Vec<Read<TimeOfDay>> = node.list("at = [\"12:00\", \"15:30\"]")?.iter().map(time_of_day).collect();
+    times.into_iter().collect()
 }
 
 fn read_knobs(root: &Section, parameters: &[SheetParameter]) -> Read<Vec<Knob>> {
     const EXAMPLE: &str = "[live.knobs] with speed = { target = \"wheel.frequency\", greatest = \"2 Hz\" }";
     let Some(node) = root.get("live") else { return Ok(Vec::new()) };
-    let live = node.section("`live`".to_owned(), &["knobs", "midi"], EXAMPLE)?;
+    let live = node.section("`live`".to_owned(), &LIVE, EXAMPLE)?;
     let Some(node) = live.get("knobs") else { return Ok(Vec::new()) };
     let section = node.any_section("the knobs".to_owned(), EXAMPLE)?;
     let knobs = section.nodes().into_iter().map(|node| knob(&section, &node, parameters));
@@ -218,7 +342,7 @@ fn read_cue(
     machines: &[(String, Read<machine::MachineDraft>)],
 ) -> Read<(Cue, Option<bool>)> {
     const EXAMPLE: &str = "name = \"fast\"";
-    let known = ["name", "set", "motion", "fade", "follow", "begins"];
+    let known = ["name", "set", "motion", "fade", "follow", "begins", "at"];
     let section = node.section("the cue".to_owned(), &known, EXAMPLE)?;
     let name_node = section.need("name", EXAMPLE)?;
     let name = name_node.text(EXAMPLE)?.trim();
@@ -227,6 +351,7 @@ fn read_cue(
     }
     let time = |key: &str| section.get(key).map(|node| node.duration("2 s")).transpose();
     let (fade, follow) = (time("fade"), time("follow"));
+    let at = section.get("at").map(|node| times_of_day(&node)).transpose();
     let set = section.get("set").map(|node| read_set(&node, parameters)).transpose();
     let begins = section.get("begins").map(|node| node.word(&[("now", true), ("with-the-motion", false)])).transpose();
     let motion = section.get("motion");
@@ -252,6 +377,7 @@ fn read_cue(
         follow: follow?,
         motors: Vec::new(),
         begins_now: false,
+        at: at?.unwrap_or_default(),
     };
     Ok((cue, begins?))
 }

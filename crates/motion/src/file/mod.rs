@@ -53,7 +53,7 @@ use std::ops::Range;
 use std::path::Path;
 use std::sync::Arc;
 
-pub use live::{Cue, Knob, Live, ORDERS};
+pub use live::{Cue, Knob, Live, ORDERS, Period, RestPlace, TimeOfDay};
 pub use midi::{Midi, MidiDial, MidiKey, MidiOrder};
 pub use problem::{BrokenPath, FileError, PathPoint, Problem};
 pub use sheet::{ParameterValue, Sheet, SheetParameter, UnknownParameter};

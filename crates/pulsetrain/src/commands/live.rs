@@ -1,5 +1,6 @@
 //! `pulsetrain live`: a motion that is changed while it runs.
 
+use std::collections::BTreeMap;
 use std::io::{self, BufRead, BufReader, IsTerminal, Read, Write};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -16,7 +17,7 @@ use pulsetrain_motion::file::Midi;
 use pulsetrain_motion::human;
 use pulsetrain_motion::program::Program;
 use pulsetrain_session::Proof;
-use pulsetrain_session::control::{Ended, Event, Status};
+use pulsetrain_session::control::{Command, Ended, Event, Status};
 use pulsetrain_session::drive::{DriveError, Driven, connect_while};
 use pulsetrain_session::prepare::{Prepared, usual_baud};
 use pulsetrain_trace::{Line as TraceLine, vcd_file};
@@ -27,18 +28,25 @@ use super::{on_port, plan, ports, steer};
 use crate::console::{self, Access, Console, Exit, access};
 use crate::control_socket::{ClientKind, Control, Ending, Hub, HubSender, RunEnded, RunInfo};
 use crate::diagnostic::{WrongFile, advised};
+use crate::live::clock::{self, Onward};
 use crate::live::log::{LogEntry, LogHead, LogLine, VERSION};
+use crate::live::schedule::Scheduler;
 use crate::live::screen::{Key, LiveScreen};
-use crate::live::watch::{LOOK_MS, Watched};
+use crate::live::watch::{LOOK_MS, WatchedFiles, hash};
 use crate::live::{
-    Desk, HELP, Happened, KnobInfo, LONGEST_LINE, Line, LiveCommand, LiveEvent, Request, Show, Together,
+    Desk, FileTexts, HELP, Happened, KnobInfo, LONGEST_LINE, Line, LiveCommand, LiveEvent, Request, Show,
+    SuspendedShow, Together,
 };
 use crate::midi::{self, MidiError};
 use crate::osc::{OscSettings, listen_address, serve_osc};
 use crate::page::{self, PageOptions};
 use crate::serve::RealTime;
-use crate::standing::{quoted, standings, way_back};
+use crate::standing::{quoted, standings, start, typed, way_back};
 use crate::{arguments, interrupt, last_positions, load};
+use port::{Found, LOOK_AGAIN, LiveBeginning, LiveBoard, NoPort, OnPort, is_unplugged};
+use pulsetrain_motion::file::Live;
+
+mod port;
 
 #[derive(Args, Clone, Debug)]
 #[command(after_help = "\
@@ -76,10 +84,16 @@ pub(crate) struct LiveArgs {
     /// Print lines of text, even at a terminal
     #[arg(short, long)]
     pub(crate) quiet: bool,
-    /// If this computer was too slow and the motors braked, end; else they join the motion again
+    /// If the motors braked since this computer was too slow or the cable was pulled, end; else they join the motion again
     #[arg(long)]
     pub(crate) no_rejoin: bool,
-    /// Do not look at the motion file again
+    /// Join the motion from where the motors stand, after a power cut for instance. If nobody knows where, this waits for `here POSITION`
+    #[arg(long, requires = "port")]
+    pub(crate) resume: bool,
+    /// Where the motors stand if the board does not know: a position for all, MOTOR=POSITION, or `last`; may be repeated
+    #[arg(long, value_name = "POSITION", requires = "resume", allow_hyphen_values = true)]
+    pub(crate) here: Vec<String>,
+    /// Do not look at the motion file again, nor at files that it names
     #[arg(long)]
     pub(crate) no_watch: bool,
     /// Show and steer it in the browser: a page at this address and port of this computer [default: 127.0.0.1:8016]
@@ -132,6 +146,8 @@ pub(super) struct Staged {
     pub(super) prepared: Prepared,
     pub(super) proof: Proof,
     pub(super) baud: Baud,
+    /// Whether the motors rest at first.
+    pub(super) is_at_rest: bool,
 }
 
 impl Staged {
@@ -152,7 +168,15 @@ impl Staged {
         }
         let proof = plan::prove_first(&mut prepared, console)?;
         desk.set_up(&prepared.program);
-        Ok(Staged { desk, prepared, proof, baud })
+        Ok(Staged { desk, prepared, proof, baud, is_at_rest: false })
+    }
+
+    /// Lets the motors rest at these positions at the beginning, steps.
+    pub(super) fn rest_at(&mut self, positions: &[f64]) -> miette::Result<()> {
+        self.prepared.program = self.desk.resting_at(positions).map_err(|error| miette!("{error}"))?;
+        self.desk.set_up(&self.prepared.program);
+        (self.proof.is_whole, self.is_at_rest) = (true, true);
+        Ok(())
     }
 
     /// Its way to a virtual board, or to the native one; the same each time.
@@ -179,8 +203,13 @@ pub(crate) fn run(args: &LiveArgs, console: &mut Console<'_>) -> miette::Result<
     };
     let midi = args.midi.as_deref().map(|port| midi_of(&opened.1, port, &name)).transpose()?;
     let way = Way { is_native: args.native, port: args.port.as_deref(), baud: args.baud };
-    let staged = Staged::new(opened, &name, args.board.as_deref(), way, console)?;
+    let mut staged = Staged::new(opened, &name, args.board.as_deref(), way, console)?;
     let program = Arc::new(staged.prepared.program.clone());
+    let is_time = Scheduler::new(staged.desk.live()).is_time(&clock::now());
+    if !is_time || args.resume {
+        let home = staged.desk.home().to_vec();
+        staged.rest_at(&home)?;
+    }
     let osc = args.osc.as_deref().map(listen_address).transpose()?;
     // If another program has the page's port, the error comes before anything moves.
     let page_at = args.page.as_deref().map(|text| page::listen(page::address(text)?)).transpose()?;
@@ -189,12 +218,26 @@ pub(crate) fn run(args: &LiveArgs, console: &mut Console<'_>) -> miette::Result<
     (info.is_live, info.knobs, info.cues) = (true, staged.desk.knobs(), staged.desk.cues());
     let control = Control::open(&info, console);
     let in_force = Arc::new(Mutex::new(staged.desk.text().to_owned()));
-    let began = begin(staged, args, control, log, &in_force, console);
+    let rules = Arc::new(Mutex::new(Rules::of(&staged.desk)));
+    let parts = Parts {
+        control,
+        log,
+        trace: args.trace.clone(),
+        rejoins: !args.no_rejoin,
+        joins: is_time,
+        program: Arc::clone(&program),
+        here: args.here.iter().map(|text| here(text)).collect(),
+        desk: staged.desk.clone(),
+        in_force: Arc::clone(&in_force),
+        rules: Arc::clone(&rules),
+    };
+    let began = begin(staged, args, parts, console);
     let (running, stage) = began?;
     let Running { hub, heard, pending, thread } = running;
     if !args.no_watch {
-        watch(&path, &stage, &hub);
+        watch(&path, &stage, &hub, &rules);
     }
+    keep_to_schedule(&hub, rules);
     if let Some(address) = osc {
         serve_osc(&hub, OscSettings { address, reply_port: args.osc_reply })?;
     }
@@ -212,7 +255,8 @@ pub(crate) fn run(args: &LiveArgs, console: &mut Console<'_>) -> miette::Result<
     let ended = thread.join().map_err(|_| miette!("the motion's thread failed: please report it"))?;
     let unwritten = ended.unwritten;
     let exit = match ended.ended {
-        Ok(ended) => print_end(args, &name, &program, &ended, console),
+        Ok(Some(ended)) => print_end(args, &name, &program, &ended, console),
+        Ok(None) => Err(miette!("stopped before it began: no motor has moved")),
         Err(error) => {
             let has_moved = matches!(error, DriveError::Halted { .. });
             let problem = drive_problem(error);
@@ -271,12 +315,15 @@ struct Running {
 /// What the motion's thread tells the terminal.
 enum MotionNews {
     Happened(Happened),
+    /// The board counts from these positions now, steps.
+    Starts(Vec<f64>),
     Over,
 }
 
 /// How a motion ended, and the file that could not be written.
 struct Played {
-    ended: Result<Ended, DriveError>,
+    /// With the counts from where the motion begins; `None` if no motor has moved.
+    ended: Result<Option<Ended>, DriveError>,
     unwritten: Option<Access>,
 }
 
@@ -284,30 +331,32 @@ struct Played {
 fn begin(
     staged: Staged,
     args: &LiveArgs,
-    control: Control,
-    log: Option<Log>,
-    in_force: &Arc<Mutex<String>>,
+    parts: Parts,
     console: &mut Console<'_>,
 ) -> miette::Result<(Running, Arc<str>)> {
-    let Staged { desk, prepared, proof, baud } = &staged;
+    let Staged { desk, prepared, proof, baud, is_at_rest } = &staged;
     let text: Arc<str> = desk.text().into();
     let kind = staged.kind(args.native);
     let failed = |control: Control, error: miette::Report| {
         control.end(&RunEnded::failed(error.to_string()));
         error
     };
-    let (trace, rejoins, in_force) = (args.trace.clone(), !args.no_rejoin, Arc::clone(in_force));
-    let parts = Parts { control, log, trace, rejoins, desk: desk.clone(), in_force };
     let hz = prepared.program.board.tick_hz;
     let Some(port) = &args.port else {
         interrupt::watch();
         return match kind {
             Some(kind) => match Driven::on_virtual(kind, prepared, *baud) {
-                Ok(driven) => Ok((parts.play(proving(driven, prepared, proof)?, Some(hz), drop)?, text)),
+                Ok(driven) => {
+                    let begun = LiveBeginning::of(proving(driven, prepared, proof)?, *is_at_rest);
+                    Ok((parts.play(begun, Some(hz), Box::new(NoPort))?, text))
+                }
                 Err(error) => Err(failed(parts.control, drive_problem(error))),
             },
             None => match Driven::native(prepared) {
-                Ok(driven) => Ok((parts.play(proving(driven, prepared, proof)?, Some(hz), drop)?, text)),
+                Ok(driven) => {
+                    let begun = LiveBeginning::of(proving(driven, prepared, proof)?, *is_at_rest);
+                    Ok((parts.play(begun, Some(hz), Box::new(NoPort))?, text))
+                }
                 Err(error) => Err(failed(parts.control, advised(error))),
             },
         };
@@ -329,16 +378,22 @@ fn begin(
             return Err(miette!("stopped before it began: no motor has moved"));
         }
         interrupt::watch();
+        if args.resume {
+            return Ok(LiveBeginning::Resume);
+        }
         let serial = Serial::open(port, false).map_err(port_problem)?;
         // From here on the board counts from another position.
         last_positions::forget(port);
         let mut waits = on_port::waits_with_notice(console, port);
         let goes_on = || waits() && !parts.control.wants_stop();
         let driven = Driven::with(prepared, |program| connect_while(serial, program, *baud, goes_on));
-        proving(driven.map_err(drive_problem)?, prepared, proof)
+        Ok(LiveBeginning::of(proving(driven.map_err(drive_problem)?, prepared, proof)?, *is_at_rest))
     })();
     match connected {
-        Ok(driven) => Ok((parts.play(driven, None, |driven| drop(driven.close()))?, text)),
+        Ok(begun) => {
+            let board = OnPort::new(port, prepared.clone(), *baud, args.resume);
+            Ok((parts.play(begun, None, Box::new(board))?, text))
+        }
         Err(error) => Err(failed(parts.control, error)),
     }
 }
@@ -357,48 +412,137 @@ struct Parts {
     desk: Desk,
     /// The text of the motion file that is followed, for the page.
     in_force: Arc<Mutex<String>>,
+    rules: Arc<Mutex<Rules>>,
+    /// The motion as it begins.
+    program: Arc<Program>,
+    /// Whether motors whose positions are found, with `--resume`, join the motion.
+    joins: bool,
+    /// Where the motors stand, by the command line.
+    here: Vec<LiveCommand>,
+}
+
+/// What other threads look at: what may change by the file that is followed, and the files that it names.
+struct Rules {
+    live: Arc<Live>,
+    files: Arc<FileTexts>,
+}
+
+impl Rules {
+    fn of(desk: &Desk) -> Rules {
+        Rules { live: Arc::new(desk.live().clone()), files: Arc::new(desk.files()) }
+    }
+}
+
+/// A position for all motors, or `MOTOR=POSITION`.
+fn here(text: &str) -> LiveCommand {
+    let (motor, position) = match text.split_once('=') {
+        Some((motor, position)) => (Some(motor.trim().to_owned()), position),
+        None => (None, text),
+    };
+    LiveCommand::Here { motor, position: position.trim().to_owned() }
 }
 
 /// Statuses that wait for the terminal: more are left out.
 const MOST_PENDING: usize = 64;
 
 impl Parts {
-    /// Lets the motion run in its own thread. With `paced_hz` the board's time keeps pace with the time of day. `close` ends the session with the board.
+    /// Lets the motion run in its own thread. With `paced_hz` the board's time keeps pace with the time of day.
     fn play<B: Leased + Send + 'static>(
         self,
-        driven: Driven<B>,
+        begun: LiveBeginning<B>,
         paced_hz: Option<u64>,
-        close: fn(Driven<B>),
+        board: Box<dyn LiveBoard<B>>,
     ) -> miette::Result<Running> {
         let hub = self.control.hub().clone();
         let (tells, heard) = channel();
         let pending = Arc::new(AtomicUsize::new(0));
         let of_thread = Arc::clone(&pending);
-        let trace = Trace::create(self.trace.as_deref(), paced_hz.unwrap_or(1), &driven.lines)?;
-        let thread = thread::spawn(move || self.played(driven, paced_hz, close, trace, &tells, &of_thread));
+        let trace = Trace::create(self.trace.as_deref(), paced_hz.unwrap_or(1), begun.lines())?;
+        let thread = thread::spawn(move || self.played(begun, paced_hz, board, trace, &tells, &of_thread));
         Ok(Running { hub, heard, pending, thread })
     }
 
     fn played<B: Leased>(
         mut self,
-        driven: Driven<B>,
+        begun: LiveBeginning<B>,
         paced_hz: Option<u64>,
-        close: fn(Driven<B>),
+        mut board: Box<dyn LiveBoard<B>>,
         mut trace: Trace,
         tells: &Sender<MotionNews>,
         pending: &AtomicUsize,
     ) -> Played {
-        let (zero, tick_hz) = (driven.zero(), self.desk.setup().board.tick_hz);
-        let mut show = Show::new(driven, self.desk.clone(), self.rejoins);
         let hub = self.control.hub().clone();
+        let mut news = News { hub: &hub, tells, pending, has_knobs: false, done: Vec::new(), base: 0, latest: 0 };
+        let mut log = self.log.take();
+        let desk = self.desk.clone();
+        let first = match begun {
+            LiveBeginning::Moving(driven) => Some(Show::new(driven, desk, self.rejoins)),
+            LiveBeginning::AtRest(driven) => Some(Show::at_rest(driven, desk, self.rejoins)),
+            LiveBeginning::Resume => {
+                let suspended = SuspendedShow::new(desk, self.rejoins, self.joins);
+                self.wait(&mut *board, suspended, None, &mut news, &log)
+            }
+        };
+        let ended = match first {
+            None => Ok(None),
+            Some(mut show) => loop {
+                let ended = self.perform(&mut show, paced_hz, &mut *board, &mut trace, &mut news, &mut log);
+                let lost = ended.as_ref().err().and_then(is_unplugged).zip(board.port()).filter(|_| show.rejoins());
+                let unplugged =
+                    lost.map(|(why, port)| LiveEvent::Unplugged { why: why.to_string(), port: port.to_owned() });
+                let Some(unplugged) = unplugged else {
+                    // Counts are given from where the motion begins.
+                    let offsets = counts_from_home(show.desk());
+                    board.close(show.into_driven(), ended.as_ref().ok());
+                    let counted = |counts: &[i64]| counts.iter().zip(&offsets).map(|(count, by)| count + by).collect();
+                    break ended.map(|ended| Some(Ended { counted: counted(&ended.counted), ..ended }));
+                };
+                news.base += show.now();
+                news.tell(Happened::Live(unplugged));
+                let (driven, suspended) = show.suspend();
+                board.lost(driven);
+                match self.wait(&mut *board, suspended, Some(Onward::from(Duration::ZERO)), &mut news, &log) {
+                    Some(again) => show = again,
+                    None => break ended.map(Some),
+                }
+            },
+        };
+        news.log(news.latest, &log);
+        if let Some(log) = &log {
+            log.line(news.base + news.latest, LogEntry::Over);
+        }
+        let end = match &ended {
+            Ok(Some(ended)) => {
+                let uncertain = ended.uncertain.as_deref().unwrap_or_default();
+                let motors = standings(&self.program, &ended.counted, uncertain);
+                RunEnded { ended: Ending::Stopped, why: None, motors, way_back: None, moved: true }
+            }
+            Ok(None) => RunEnded::failed("stopped before it began".to_owned()),
+            Err(error) => RunEnded { moved: true, ..RunEnded::failed(error.to_string()) },
+        };
+        let unwritten = log.and_then(Log::finish).or(trace.finish());
+        let _ = tells.send(MotionNews::Over);
+        self.control.end(&end);
+        Played { ended, unwritten }
+    }
+
+    /// Runs a motion until it is stopped, or fails.
+    fn perform<B: Leased>(
+        &self,
+        show: &mut Show<B>,
+        paced_hz: Option<u64>,
+        board: &mut dyn LiveBoard<B>,
+        trace: &mut Trace,
+        news: &mut News<'_>,
+        log: &mut Option<Log>,
+    ) -> Result<Ended, DriveError> {
+        let (zero, tick_hz) = (show.zero(), show.desk().setup().board.tick_hz);
         let time = |tick: u64| Duration::from_secs_f64(tick as f64 / tick_hz as f64);
         let mut pace = paced_hz.map(|_| RealTime::from(time(show.now())));
         let motion_s = |tick: u64| tick.saturating_sub(zero) as f64 / tick_hz as f64;
-        let mut log = self.log.take();
-        log.iter_mut().for_each(|log| log.time.0 = zero);
+        log.iter_mut().for_each(|log| log.time.0 = news.base + zero);
         let mut held = None;
-        let ended = 'run: loop {
-            let mut news = News { hub: &hub, tells, pending, has_knobs: false, done: Vec::new() };
+        loop {
             let mut requests = 0;
             while requests < MOST_REQUESTS {
                 let wait = pace.as_mut().map_or(Duration::ZERO, |pace| pace.ahead(time(show.now())));
@@ -407,53 +551,170 @@ impl Parts {
                 let request = with_waiting(request, self.control.requests(), &mut held);
                 requests += 1;
                 let tick = show.now();
-                log.iter().for_each(|log| log.line(tick, LogEntry::Asked(request.clone())));
-                let is_file = |request: &Request| matches!(request, Request::Live(LiveCommand::Motion { .. }));
-                let is_file = request.clone().each().iter().any(is_file);
-                let obeyed = show.obey(request, &mut trace, &mut |happened| news.tell(happened));
+                log.iter().for_each(|log| log.line(news.base + tick, LogEntry::Asked(request.clone())));
+                let mut is_file = false;
+                for request in request.clone().each() {
+                    if let Request::Live(LiveCommand::Motion { files, .. }) = request {
+                        is_file = true;
+                        // The request's own line has them.
+                        log.iter_mut().for_each(|log| {
+                            log.files.extend(files.iter().map(|(name, text)| (name.clone(), hash(text))));
+                        });
+                    }
+                }
+                let obeyed = show.obey(request, trace, &mut |happened| news.tell(happened));
                 if is_file {
-                    log.iter_mut().for_each(|log| log.files(tick, &show));
+                    log.iter_mut().for_each(|log| log.files(news.base + tick, show.desk()));
                 }
                 if let Some(over) = obeyed.transpose() {
-                    news.log(show.now(), &log);
-                    break 'run over;
+                    news.log(show.now(), log);
+                    return over;
                 }
             }
             // On a real board its time is that of day.
             let clock = pace.unwrap_or_else(|| RealTime::from(time(show.now())));
-            hub.set_clock(clock.moment(time(show.now())), motion_s(show.now()));
-            hub.looked();
-            let stepped = show.step(&mut trace, &mut |happened| news.tell(happened));
-            news.log(show.now(), &log);
-            if news.has_knobs {
-                let mut in_force = self.in_force.lock().unwrap_or_else(PoisonError::into_inner);
-                show.desk().text().clone_into(&mut in_force);
-                hub.change_info(|info| (info.knobs, info.cues) = (show.desk().knobs(), show.desk().cues()));
+            news.hub.set_clock(clock.moment(time(show.now())), motion_s(show.now()));
+            news.hub.looked();
+            let mut status = None;
+            let stepped = show.step(trace, &mut |happened| {
+                if let Happened::Session(Event::Status(of_now)) = &happened {
+                    status = Some(of_now.clone());
+                }
+                news.tell(happened);
+            });
+            news.log(show.now(), log);
+            if let Some(status) = status {
+                board.keep(&status, show.is_resting());
+            }
+            if std::mem::take(&mut news.has_knobs) {
+                self.show_desk(show.desk());
             }
             if let Some(over) = stepped.transpose() {
-                break over;
+                return over;
             }
-        };
-        let end = match &ended {
-            Ok(ended) => {
-                let program = show.desk().setup();
-                let motors = standings(program, &ended.counted, ended.uncertain.as_deref().unwrap_or_default());
-                RunEnded { ended: Ending::Stopped, why: None, motors, way_back: None, moved: true }
-            }
-            Err(error) => RunEnded { moved: true, ..RunEnded::failed(error.to_string()) },
-        };
-        let mut unwritten = None;
-        if let Some(log) = log {
-            log.line(show.now(), LogEntry::Over);
-            unwritten = log.finish();
         }
-        unwritten = unwritten.or(trace.finish());
-        // The next program need not wait until the board takes this host for lost.
-        close(show.into_driven());
-        let _ = tells.send(MotionNews::Over);
-        self.control.end(&end);
-        Played { ended, unwritten }
     }
+
+    /// Shows others what is in force now.
+    fn show_desk(&self, desk: &Desk) {
+        desk.text().clone_into(&mut self.in_force.lock().unwrap_or_else(PoisonError::into_inner));
+        *self.rules.lock().unwrap_or_else(PoisonError::into_inner) = Rules::of(desk);
+        self.control.hub().change_info(|info| (info.knobs, info.cues) = (desk.knobs(), desk.cues()));
+    }
+
+    /// Waits for the board, and for somebody to say where the motors stand if nobody knows it. `None` if somebody stops the run.
+    fn wait<B: Leased>(
+        &mut self,
+        board: &mut dyn LiveBoard<B>,
+        mut suspended: SuspendedShow,
+        since: Option<Onward>,
+        news: &mut News<'_>,
+        log: &Option<Log>,
+    ) -> Option<Show<B>> {
+        let mut places: Option<Vec<Option<f64>>> = None;
+        let mut last_why = since.is_some().then(String::new);
+        let mut begin = |board: &mut dyn LiveBoard<B>, positions: &[f64], news: &mut News<'_>| {
+            board.begin(positions).map_err(|error| {
+                let why = error.to_string();
+                if last_why.replace(why.clone()) != Some(why.clone()) {
+                    let port = board.port().unwrap_or_default().to_owned();
+                    news.tell(Happened::Live(LiveEvent::Unplugged { why, port }));
+                }
+            })
+        };
+        loop {
+            let mut begun = None;
+            match &places {
+                None => match board.look() {
+                    Found::Known(positions) => {
+                        begun = begin(board, &positions, news).ok().map(|begun| (begun, positions))
+                    }
+                    Found::Unknown(why) => {
+                        let motors = suspended.desk().setup().motors.iter();
+                        places = Some(vec![None; motors.len()]);
+                        let last = board.last().unwrap_or_default();
+                        let last = last
+                            .iter()
+                            .zip(motors.clone())
+                            .map(|(steps, motor)| format!("{} {}", motor.name, typed(*steps, &motor.scale)));
+                        let event = LiveEvent::Unplaced {
+                            why,
+                            last: last.collect(),
+                            motors: motors.map(|motor| motor.name.clone()).collect(),
+                        };
+                        news.tell(Happened::Live(event));
+                        for command in std::mem::take(&mut self.here) {
+                            place(&suspended, &mut places, command, board.last(), news);
+                        }
+                    }
+                    Found::Nothing => {}
+                },
+                Some(places) => {
+                    if let Some(positions) = places.iter().copied().collect::<Option<Vec<f64>>>() {
+                        begun = begin(board, &positions, news).ok().map(|begun| (begun, positions));
+                    }
+                }
+            }
+            if let Some(((driven, program), positions)) = begun {
+                let starts = MotionNews::Starts(positions.clone());
+                let _ = news.tells.send(starts);
+                self.control.hub().change_info(|info| {
+                    info.motors.iter_mut().zip(&positions).for_each(|(motor, start)| motor.start_steps = *start);
+                });
+                let passed_s = since.map_or(0.0, |since| since.now().as_secs_f64());
+                news.log(0, log);
+                let show = suspended.rejoin_on(driven, &program, passed_s);
+                self.show_desk(show.desk());
+                return Some(show);
+            }
+            news.log(0, log);
+            let mut wait = LOOK_AGAIN;
+            while let Some(request) = next_request(self.control.requests(), wait) {
+                wait = Duration::ZERO;
+                log.iter().for_each(|log| log.line(news.base, LogEntry::Asked(request.clone())));
+                match request {
+                    Request::Session(Command::Stop | Command::StopNow) => return None,
+                    Request::Live(command @ LiveCommand::Here { .. }) if places.is_some() => {
+                        place(&suspended, &mut places, command, board.last(), news);
+                    }
+                    request => suspended.obey(request, &mut |happened| news.tell(happened)),
+                }
+            }
+            if std::mem::take(&mut news.has_knobs) {
+                self.show_desk(suspended.desk());
+            }
+            news.hub.looked();
+        }
+    }
+}
+
+/// Notes where motors stand.
+fn place(
+    suspended: &SuspendedShow,
+    places: &mut Option<Vec<Option<f64>>>,
+    command: LiveCommand,
+    last: Option<Vec<f64>>,
+    news: &mut News<'_>,
+) {
+    let (LiveCommand::Here { motor, position }, Some(places)) = (&command, places) else { return };
+    match suspended.desk().places(motor.as_deref(), position, last.as_deref()) {
+        Ok(found) => {
+            let motors = &suspended.desk().setup().motors;
+            let names = found.iter().map(|(motor, _)| motors[*motor].name.clone()).collect();
+            found.iter().for_each(|(motor, steps)| places[*motor] = Some(*steps));
+            news.tell(Happened::Live(LiveEvent::Placed { motors: names, position: position.clone() }));
+        }
+        Err(error) => {
+            let why = error.to_string();
+            news.tell(Happened::Live(LiveEvent::Refused { command, why }));
+        }
+    }
+}
+
+/// By motor: how many steps from where the motion begins the board counts from.
+fn counts_from_home(desk: &Desk) -> Vec<i64> {
+    let starts = desk.setup().motors.iter().map(start);
+    starts.zip(desk.home()).map(|(start, home)| (start - home).round() as i64).collect()
 }
 
 /// Requests that are obeyed before the next step: more wait.
@@ -497,6 +758,10 @@ struct News<'a> {
     /// Whether other knobs or cues may be there now.
     has_knobs: bool,
     done: Vec<Happened>,
+    /// Ticks of the sessions before this one, for the log.
+    base: u64,
+    /// The tick of this session at which something was logged last.
+    latest: u64,
 }
 
 impl News<'_> {
@@ -509,7 +774,9 @@ impl News<'_> {
                     return;
                 }
             }
-            Happened::Live(LiveEvent::Cue { .. } | LiveEvent::Motion { .. } | LiveEvent::Refused { .. }) => {
+            Happened::Live(
+                LiveEvent::Cue { .. } | LiveEvent::Motion { .. } | LiveEvent::Began { .. } | LiveEvent::Refused { .. },
+            ) => {
                 self.has_knobs = true;
                 self.done.push(happened.clone());
             }
@@ -521,8 +788,9 @@ impl News<'_> {
     }
 
     fn log(&mut self, tick: u64, log: &Option<Log>) {
+        self.latest = tick;
         for done in self.done.drain(..) {
-            log.iter().for_each(|log| log.line(tick, LogEntry::Done(done.clone())));
+            log.iter().for_each(|log| log.line(self.base + tick, LogEntry::Done(done.clone())));
         }
     }
 }
@@ -531,7 +799,8 @@ impl News<'_> {
 struct Log {
     lines: Sender<LogLine>,
     writer: thread::JoinHandle<Option<Access>>,
-    files: usize,
+    /// The files that are in the log: the hash of each one's text.
+    files: BTreeMap<PathBuf, u64>,
     /// The tick at which the motion begins, and ticks in a second.
     time: (u64, u64),
 }
@@ -550,6 +819,7 @@ impl Log {
             port: args.port.clone(),
             baud: args.baud.map(Baud::rate),
             rejoins: !args.no_rejoin,
+            rests_at: staged.is_at_rest.then(|| staged.desk.home().to_vec()),
         };
         let head = serde_json::to_string(&head).map_err(|error| miette!("cannot write JSON: {error}"))?;
         let path = path.to_owned();
@@ -565,7 +835,8 @@ impl Log {
             }
             None
         });
-        Ok(Log { lines, writer, files: staged.desk.files().len(), time: (0, staged.prepared.program.board.tick_hz) })
+        let files = staged.desk.files().iter().map(|(name, text)| (name.clone(), hash(text))).collect();
+        Ok(Log { lines, writer, files, time: (0, staged.prepared.program.board.tick_hz) })
     }
 
     fn line(&self, tick: u64, entry: LogEntry) {
@@ -575,11 +846,11 @@ impl Log {
         let _ = self.lines.send(LogLine::now(tick, at_s, entry));
     }
 
-    /// Notes the files that a changed motion file names.
-    fn files<B: Leased>(&mut self, tick: u64, show: &Show<B>) {
-        let files = show.desk().files();
-        if self.files > 0 || !files.is_empty() {
-            self.files = files.len();
+    /// Notes the files that a changed motion file names, if they are others than before.
+    fn files(&mut self, tick: u64, desk: &Desk) {
+        let mut files = desk.files();
+        files.retain(|name, text| self.files.insert(name.clone(), hash(text)) != Some(hash(text)));
+        if !files.is_empty() {
             self.line(tick, LogEntry::Files(files));
         }
     }
@@ -623,18 +894,44 @@ impl Observer for Trace {
     }
 }
 
-/// Looks at the motion file, in a thread of its own.
-fn watch(path: &Path, known: &str, hub: &Hub) {
+/// Looks at the motion file and at the files that it names, in a thread of its own.
+fn watch(path: &Path, known: &str, hub: &Hub, rules: &Arc<Mutex<Rules>>) {
     let Ok(client) = hub.join(ClientKind::Terminal) else { return };
-    let mut file = Watched::new(path, known);
-    let hub = hub.clone();
+    let mut files = WatchedFiles::new(path, known);
+    let (hub, rules) = (hub.clone(), Arc::clone(rules));
     thread::spawn(move || {
         // It takes no lines.
         let (sender, lines) = client.split();
         drop(lines);
         while !hub.is_over_within(Duration::from_millis(LOOK_MS)) {
-            if let Some(text) = file.look() {
-                sender.send(Request::Live(LiveCommand::Motion { text }));
+            let in_force = Arc::clone(&rules.lock().unwrap_or_else(PoisonError::into_inner).files);
+            if let Some((text, files)) = files.look(&in_force) {
+                sender.send(Request::Live(LiveCommand::Motion { text, files }));
+            }
+        }
+    });
+}
+
+/// Lets the motion keep to its schedule, in a thread of its own.
+fn keep_to_schedule(hub: &Hub, rules: Arc<Mutex<Rules>>) {
+    let Ok(client) = hub.join(ClientKind::Terminal) else { return };
+    let hub = hub.clone();
+    thread::spawn(move || {
+        // It takes no lines.
+        let (sender, lines) = client.split();
+        drop(lines);
+        let in_force = || Arc::clone(&rules.lock().unwrap_or_else(PoisonError::into_inner).live);
+        let mut known = in_force();
+        let mut scheduler = Scheduler::new(&known);
+        loop {
+            scheduler.look(&clock::now()).into_iter().for_each(|request| sender.send(request));
+            if hub.is_over_within(Duration::from_millis(LOOK_MS)) {
+                return;
+            }
+            let live = in_force();
+            if !Arc::ptr_eq(&live, &known) {
+                scheduler.change(&live);
+                known = live;
             }
         }
     });
@@ -674,7 +971,7 @@ impl TerminalSide {
                         console.print(format_args!("{text}\n"))?;
                     }
                 }
-                Err(RecvTimeoutError::Timeout) => {}
+                Ok(MotionNews::Starts(_)) | Err(RecvTimeoutError::Timeout) => {}
             }
             while let Ok(text) = said.try_recv() {
                 console.print(text)?;
@@ -692,6 +989,7 @@ impl TerminalSide {
                     self.pending.fetch_sub(1, Ordering::Relaxed);
                     screen.hear(&happened, in_words(&happened)).map_err(refuse)?;
                 }
+                Ok(MotionNews::Starts(starts)) => screen.count_from(&starts),
                 Err(RecvTimeoutError::Timeout) => {}
             }
             for key in screen.keys().map_err(refuse)? {

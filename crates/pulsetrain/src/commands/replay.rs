@@ -65,7 +65,10 @@ pub(crate) fn run(args: &ReplayArgs, console: &mut Console<'_>) -> miette::Resul
     let opened = Desk::of(&head.text, &head.file, PathBuf::new(), board, Some(head.files.clone()));
     let opened = opened.map_err(WrongFile::from)?;
     let way = Way { is_native: head.is_native, port: None, baud };
-    let staged = Staged::new(opened, &head.file, board, way, console)?;
+    let mut staged = Staged::new(opened, &head.file, board, way, console)?;
+    if let Some(positions) = &head.rests_at {
+        staged.rest_at(positions)?;
+    }
     let (prepared, proof) = (&staged.prepared, &staged.proof);
     let again = match staged.kind(head.is_native) {
         Some(kind) => {
@@ -116,7 +119,8 @@ fn again<B: Leased>(
     let hz = staged.prepared.program.board.tick_hz;
     let mut trace = Trace::create(args.trace.as_deref(), hz, &driven.lines)?;
     let zero = driven.zero();
-    let show = Show::new(driven, staged.desk.clone(), log.head.rejoins);
+    let (desk, rejoins) = (staged.desk.clone(), log.head.rejoins);
+    let show = if staged.is_at_rest { Show::at_rest(driven, desk, rejoins) } else { Show::new(driven, desk, rejoins) };
     let mut done: Vec<TickedEvent> = Vec::new();
     let (now, ended) = perform(show, log, PATIENCE_S * hz, &mut trace, &mut done);
     let unwritten: Option<Access> = trace.finish();

@@ -155,6 +155,24 @@ pub(super) fn live_in_words(event: &LiveEvent) -> String {
         LiveEvent::Rejoined { from_s, until_s, times } => {
             format!("the motors had braked and join the motion again {} (time {times})", change(*from_s, *until_s))
         }
+        LiveEvent::Began { from_s, until_s } => format!("the motion begins {}", change(*from_s, *until_s)),
+        LiveEvent::Resting { until } if until.is_empty() => "the motors rest".to_owned(),
+        LiveEvent::Resting { until } => format!("it is not time: the motors rest; the motion begins on {until}"),
+        LiveEvent::Unplugged { why, port } => {
+            format!("the board cannot be reached: {why}. The motors brake. This waits for {port}; `stop` ends it")
+        }
+        LiveEvent::Unplaced { why, motors, last } => {
+            let last = match last.as_slice() {
+                [] => String::new(),
+                last => format!(" They stood at {}: if they do still, write `here last`.", last.join(", ")),
+            };
+            format!(
+                "{why}: nobody knows where {} stands. No motor moves until you write it, such as `here 0 deg`, or `here {} 90 deg` for one motor.{last}",
+                motors.join(", "),
+                motors.first().map_or("MOTOR", String::as_str)
+            )
+        }
+        LiveEvent::Placed { motors, position } => format!("{} at {position}: noted", motors.join(", ")),
         LiveEvent::Returned { from_s, until_s } => {
             format!("the motors join the motion again {}", change(*from_s, *until_s))
         }
@@ -166,6 +184,10 @@ pub(super) fn live_in_words(event: &LiveEvent) -> String {
                 LiveCommand::Back => "back".to_owned(),
                 LiveCommand::Cue { name } => format!("cue {name}"),
                 LiveCommand::Goto { position } => format!("goto {position}"),
+                LiveCommand::Begin => "begin".to_owned(),
+                LiveCommand::Rest { .. } => "to rest until it is time".to_owned(),
+                LiveCommand::Here { motor: Some(motor), position } => format!("here {motor} {position}"),
+                LiveCommand::Here { motor: None, position } => format!("here {position}"),
                 LiveCommand::Motion { .. } => "the changed motion file".to_owned(),
             };
             format!("refused: {command}: {why}")

@@ -24,6 +24,7 @@ use super::other_image::image_at;
 use super::problems;
 use super::run::draw;
 use crate::console::{self, Console, Exit, access};
+use crate::last_positions;
 use crate::winch::console::{ConsoleError, Ended, Plain, converse};
 use crate::winch::run::{
     Judged, Names, Run, ScriptControl, judge, judge_by_statuses, on_port, on_virtual, positions_off_zero,
@@ -199,6 +200,7 @@ fn connect<P: Port>(port: P, place: &str) -> miette::Result<(Talk<P>, String)> {
 /// Connects to a board at a port. If it does not answer text, it is asked in frames whether it is an Uno with another
 /// image.
 fn connect_at(port: &str) -> miette::Result<(Talk<Serial>, String)> {
+    last_positions::forget(port);
     connect(Serial::open(port, true).map_err(port_problem)?, port)
         .map_err(|error| image_at(port, "winch").map_or(error, Report::new))
 }

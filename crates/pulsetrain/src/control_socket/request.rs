@@ -1,5 +1,8 @@
 //! What clients ask of a live motion, and what they hear of it: one set of values for the terminal, the control socket, OSC and the page.
 
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -75,10 +78,29 @@ pub enum LiveCommand {
         /// A position with its unit, or `0`: where the motion began. [`Command::Resume`] goes on with the motion.
         position: String,
     },
+    /// Let the motion begin, from its beginning. The motors must have been brought to rest, by `Goto` or `Rest`.
+    Begin,
+    /// Bring all motors to rest until it is time for the motion: `Begin`, or after a rest in place [`Command::Resume`].
+    Rest {
+        /// Whether they rest where they are on their paths; else where the motion begins.
+        in_place: bool,
+        /// When it is time, in words; empty if nobody knows.
+        until: String,
+    },
+    /// Say where motors stand, when nobody knows it.
+    Here {
+        /// The motor; `None`: all.
+        motor: Option<String>,
+        /// A position with its unit; `0` or `start`: where the motion begins; `last`: where they were when they were known last.
+        position: String,
+    },
     /// Take over a changed motion file.
     Motion {
         /// The text of the whole file.
         text: String,
+        /// Texts of files that it names, such as CSV files, by the names that it gives them. What is left out stays as it was read last.
+        #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+        files: BTreeMap<PathBuf, String>,
     },
 }
 
@@ -146,6 +168,41 @@ pub enum LiveEvent {
         /// See `from_s`.
         until_s: f64,
     },
+    /// The motion begins, from its beginning.
+    Began {
+        /// When the motors begin to move, and when they follow the motion, s.
+        from_s: f64,
+        /// See `from_s`.
+        until_s: f64,
+    },
+    /// It is not time for the motion: the motors rest, or come to rest.
+    Resting {
+        /// When it is time, in words; empty if nobody knows.
+        until: String,
+    },
+    /// The board cannot be reached any more: its cable was pulled, say. The motors brake within their limits, and the run waits for the board.
+    Unplugged {
+        /// What failed.
+        why: String,
+        /// The port for which the run waits.
+        port: String,
+    },
+    /// Nobody knows where motors stand. The run waits until somebody says it, by `here`.
+    Unplaced {
+        /// Why not.
+        why: String,
+        /// The motors.
+        motors: Vec<String>,
+        /// Where they stood when they were known last, if they rested there.
+        last: Vec<String>,
+    },
+    /// Somebody said where motors stand.
+    Placed {
+        /// The motors.
+        motors: Vec<String>,
+        /// The position, as it was said.
+        position: String,
+    },
     /// A changed motion file was taken over.
     Motion {
         /// When the motors begin to change, and when they follow the new motion, s.
@@ -162,7 +219,7 @@ pub enum LiveEvent {
         /// See `line`.
         column: Option<u32>,
     },
-    /// The motors had braked since the host or the line was too slow, and join the motion again.
+    /// The motors had braked since the host or the line was too slow, or the cable was pulled. They join the motion again.
     Rejoined {
         /// When they begin to, s.
         from_s: f64,

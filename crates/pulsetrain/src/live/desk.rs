@@ -15,7 +15,7 @@ use pulsetrain_motion::{Law, Time};
 use pulsetrain_session::prepare::Prepared;
 
 use crate::control_socket::{KnobInfo, KnobValue};
-use crate::standing::start;
+use crate::standing::{START, start};
 
 /// The files that a motion file names, by the names that it gives them.
 pub type FileTexts = BTreeMap<PathBuf, String>;
@@ -37,6 +37,8 @@ pub struct Desk {
     turned: BTreeMap<String, ParameterValue>,
     /// What the motors were set up for: it cannot change while they run.
     setup: Arc<Program>,
+    /// Where each motor's motion begins, steps: `goto 0`.
+    home: Arc<Vec<f64>>,
 }
 
 /// The files that were read, so that a knob does not read a large table again.
@@ -131,9 +133,19 @@ impl Desk {
         board: Option<&str>,
         files: Option<FileTexts>,
     ) -> Result<(Desk, Contents), FileError> {
-        let sheet = Sheet::parse(text, name)?;
         let is_closed = files.is_some();
         let cache = FileCache { read: Mutex::new(files.unwrap_or_default()), is_closed };
+        Desk::with_cache(text, name, folder, board, cache)
+    }
+
+    fn with_cache(
+        text: &str,
+        name: &str,
+        folder: PathBuf,
+        board: Option<&str>,
+        cache: FileCache,
+    ) -> Result<(Desk, Contents), FileError> {
+        let sheet = Sheet::parse(text, name)?;
         let contents = sheet.contents(&|named| cache.load(&folder, named))?;
         let desk = Desk {
             name: name.to_owned(),
@@ -146,6 +158,7 @@ impl Desk {
             cue: None,
             turned: BTreeMap::new(),
             setup: Arc::new(contents.program.clone()),
+            home: Arc::new(contents.program.motors.iter().map(start).collect()),
         };
         Ok((desk, contents))
     }
@@ -159,6 +172,85 @@ impl Desk {
     #[must_use]
     pub fn setup(&self) -> &Arc<Program> {
         &self.setup
+    }
+
+    /// What may change while the motion runs, by the file: knobs, cues, schedule.
+    #[must_use]
+    pub fn live(&self) -> &Live {
+        &self.live
+    }
+
+    /// Where each motor's motion begins, steps.
+    #[must_use]
+    pub fn home(&self) -> &[f64] {
+        &self.home
+    }
+
+    /// The desk for a motion that begins anew: as the file has it, without cue and turned knobs.
+    #[must_use]
+    pub fn restarted(&self) -> Desk {
+        Desk { cue: None, turned: BTreeMap::new(), ..self.clone() }
+    }
+
+    /// The motors at rest at these positions, steps.
+    ///
+    /// # Errors
+    /// If one is no position that a motor can have.
+    pub fn resting_at(&self, positions: &[f64]) -> Result<Program, ChangeRefusal> {
+        let mut program = Program::clone(&self.setup);
+        for (motor, steps) in program.motors.iter_mut().zip(positions) {
+            let rest = Law::speed(0.0, None).and_then(|rest| rest.shifted(*steps));
+            motor.law = rest.map_err(|error| ChangeRefusal::Value(error.to_string()))?;
+        }
+        // Each motor goes its own way.
+        program.machines.clear();
+        Ok(program)
+    }
+
+    /// A position of a motor, steps: with its unit, or `0` or `start`, where the motion began.
+    ///
+    /// # Errors
+    /// If the text is no position of that motor.
+    pub fn position_of(&self, motor: usize, text: &str) -> Result<f64, ChangeRefusal> {
+        let text = text.trim();
+        if text == "0" || text == START {
+            return Ok(self.home[motor]);
+        }
+        let known = &self.setup.motors[motor];
+        position(text, &known.name, &known.scale.unit, &self.units[motor])
+    }
+
+    /// Which motors stand where, steps, as somebody says it. `last` is where they rested when that was known last.
+    ///
+    /// # Errors
+    /// If there is no such motor, or the text is no position of it.
+    pub fn places(
+        &self,
+        motor: Option<&str>,
+        position: &str,
+        last: Option<&[f64]>,
+    ) -> Result<Vec<(usize, f64)>, ChangeRefusal> {
+        let names = || self.setup.motors.iter().map(|motor| motor.name.as_str());
+        let motors = match motor {
+            None => 0..self.setup.motors.len(),
+            Some(name) => {
+                let number = names().position(|known| known == name).ok_or_else(|| {
+                    let meant = nearest(name, names()).map(|near| format!("; did you mean `{near}`?"));
+                    let there_are = || format!("; there are {}", names().collect::<Vec<_>>().join(", "));
+                    ChangeRefusal::Value(format!("there is no motor `{name}`{}", meant.unwrap_or_else(there_are)))
+                })?;
+                number..number + 1
+            }
+        };
+        let place = |motor: usize| match (position.trim(), last) {
+            ("last", Some(last)) => Ok((motor, last[motor])),
+            ("last", None) => Err(ChangeRefusal::Value(
+                "nobody knows where the motors rested last: nothing was kept, or they moved then; write a position"
+                    .to_owned(),
+            )),
+            (text, _) => Ok((motor, self.position_of(motor, text)?)),
+        };
+        motors.map(place).collect()
     }
 
     /// Adds files that a changed motion file names, where no others are read.
@@ -411,20 +503,22 @@ impl Desk {
         (desk, cue.clone())
     }
 
-    /// Takes a changed motion file over. A turned knob keeps its value, unless the file has a new one for it. The present cue
+    /// Takes a changed motion file over, with changed files that it names. Other files stay as they were read last. A turned knob keeps its value, unless the file has a new one for it. The present cue
     /// goes on if it is in the new file, too.
     ///
     /// # Errors
     /// The file's problems, or [`ChangeRefusal`] if it changes wiring, drivers or the board.
-    pub fn with_file(&self, text: &str) -> Result<Desk, Box<NoMotion>> {
-        let files = self.files.is_closed.then(|| self.files());
-        let read = Desk::of(text, &self.name, self.folder.clone(), self.board.as_deref(), files);
+    pub fn with_file(&self, text: &str, files: &FileTexts) -> Result<Desk, Box<NoMotion>> {
+        let mut known = self.files();
+        known.extend(files.clone());
+        let cache = FileCache { read: Mutex::new(known), is_closed: self.files.is_closed };
+        let read = Desk::with_cache(text, &self.name, self.folder.clone(), self.board.as_deref(), cache);
         let (mut desk, contents) = read.map_err(|error| Box::new(NoMotion::File(error)))?;
         let prepared = Prepared::new(self.name.clone(), contents, self.board.as_deref());
         let program =
             prepared.map_err(|error| Box::new(NoMotion::Other(ChangeRefusal::File(error.to_string()))))?.program;
         check_setup(&self.setup, &program).map_err(|error| Box::new(NoMotion::Other(error)))?;
-        desk.setup = Arc::clone(&self.setup);
+        (desk.setup, desk.home) = (Arc::clone(&self.setup), Arc::clone(&self.home));
         desk.cue = self.cue.and_then(|taken| {
             let name = &self.live.cues[taken.number].name;
             let number = desk.live.cues.iter().position(|cue| cue.name == *name)?;
@@ -449,16 +543,9 @@ impl Desk {
     /// # Errors
     /// If the text is no position of a motor.
     pub fn at_position(&self, text: &str) -> Result<Arc<Program>, ChangeRefusal> {
-        let text = text.trim();
-        let mut program = Program::clone(&self.setup);
-        for (motor, units) in program.motors.iter_mut().zip(&self.units) {
-            let steps = if text == "0" { start(motor) } else { position(text, &motor.name, &motor.scale.unit, units)? };
-            let rest = Law::speed(0.0, None).and_then(|rest| rest.shifted(steps));
-            motor.law = rest.map_err(|error| ChangeRefusal::Value(error.to_string()))?;
-        }
-        // Each motor goes its own way.
-        program.machines.clear();
-        Ok(Arc::new(program))
+        let motors = 0..self.setup.motors.len();
+        let steps = motors.map(|motor| self.position_of(motor, text)).collect::<Result<Vec<f64>, _>>()?;
+        self.resting_at(&steps).map(Arc::new)
     }
 }
 

@@ -1,5 +1,6 @@
 //! Lines of text for a live motion, as people type them: `second.frequency 0.9 Hz`, `tempo 0.5`, `pause`, `go`.
 
+use pulsetrain_motion::quantity::Quantity;
 use pulsetrain_session::control::Command;
 
 use crate::control_socket::{KnobValue, LiveCommand, Request};
@@ -38,6 +39,14 @@ pub enum LineError {
         /// What was written.
         text: String,
     },
+    /// Where motors stand is no position.
+    #[error(
+        "\"{text}\" is no position: write one with its unit, such as `here 0 deg`, or `here MOTOR 90 deg` for one motor"
+    )]
+    NoPosition {
+        /// What was written.
+        text: String,
+    },
     /// An order takes nothing, and something follows it.
     #[error("`{order}` stands alone, but \"{rest}\" follows")]
     Alone {
@@ -69,6 +78,8 @@ pause, resume   halt on the path, and go on
 go, back        the next cue, and the one before
 cue NAME        that cue; `cues` lists them
 goto 0          bring the motors to where the motion began, or to a position such as 90 deg; `resume` goes on
+begin           let motors that rest begin the motion, from its beginning
+here 0 deg      where the motors stand, when nobody knows it; `here MOTOR 90 deg` of one motor
 stop            brake, and end; `stop now` stops at once
 ";
 
@@ -120,6 +131,8 @@ impl Line {
             "go" => alone("go", live(LiveCommand::Go)),
             "back" => alone("back", live(LiveCommand::Back)),
             "cue" => Ok(live(LiveCommand::Cue { name: with("cue", "a name", "dawn")? })),
+            "begin" => alone("begin", live(LiveCommand::Begin)),
+            "here" => here(&with("here", "a position", "0 deg, or here MOTOR 90 deg")?).map(live),
             "goto" => Ok(live(LiveCommand::Goto { position: with("goto", "a position", "0")? })),
             "knobs" => alone("knobs", Line::Knobs),
             "cues" => alone("cues", Line::Cues),
@@ -128,6 +141,21 @@ impl Line {
             _ => Ok(live(LiveCommand::Set { knob: word.to_owned(), value: KnobValue::Text(rest.to_owned()) })),
         }
     }
+}
+
+/// Reads `0 deg`, or `second 90 deg` of one motor. Names of motors may have spaces.
+fn here(text: &str) -> Result<LiveCommand, LineError> {
+    let is_position = |text: &str| matches!(text, "0" | "start" | "last") || Quantity::parse(text).is_ok();
+    if is_position(text) {
+        return Ok(LiveCommand::Here { motor: None, position: text.to_owned() });
+    }
+    let spaces = text.match_indices(char::is_whitespace);
+    let parts = { spaces }.map(|(at, _)| (text[..at].trim(), text[at..].trim()));
+    let named = { parts }.find(|(_, position)| is_position(position));
+    named.map_or_else(
+        || Err(LineError::NoPosition { text: text.to_owned() }),
+        |(motor, position)| Ok(LiveCommand::Here { motor: Some(motor.to_owned()), position: position.to_owned() }),
+    )
 }
 
 #[cfg(test)]
@@ -163,6 +191,16 @@ mod tests {
         check("cue the long night", Ok(Request::Live(LiveCommand::Cue { name: "the long night".to_owned() })));
         check("cue", Err("needs a name"));
         check("goto 90 deg", Ok(Request::Live(LiveCommand::Goto { position: "90 deg".to_owned() })));
+        let here = |motor: Option<&str>, position: &str| {
+            let motor = motor.map(str::to_owned);
+            Ok(Request::Live(LiveCommand::Here { motor, position: position.to_owned() }))
+        };
+        check("here 0 deg", here(None, "0 deg"));
+        check("here last", here(None, "last"));
+        check("here second 90 deg", here(Some("second"), "90 deg"));
+        check("here the second arm -1.5 rev", here(Some("the second arm"), "-1.5 rev"));
+        check("here second", Err("\"second\" is no position"));
+        check("begin", Ok(Request::Live(LiveCommand::Begin)));
         check("puase", Err("`puase` is no order"));
         check(&"x".repeat(5000), Err("4096 bytes"));
         assert_eq!(Line::read(" # a remark"), Ok(Line::Nothing));

@@ -39,6 +39,9 @@ pub struct LogHead {
     pub baud: Option<u32>,
     /// Whether the motors were to join the motion again after a stop.
     pub rejoins: bool,
+    /// Where the motors rested at the beginning, steps, if they did not begin the motion at once.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub rests_at: Option<Vec<f64>>,
 }
 
 /// A line after the first one.
@@ -160,6 +163,7 @@ mod tests {
             port: None,
             baud: Some(1_000_000),
             rejoins: true,
+            rests_at: None,
         };
         let value = KnobValue::Text("0.9 Hz".to_owned());
         let asked = |request| LogEntry::Asked(request);

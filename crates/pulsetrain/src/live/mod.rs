@@ -3,12 +3,15 @@
 //! - [`Line`]: what people type; [`Request`], [`Happened`]: the same as values
 //! - [`Desk`]: the motion as it is wanted: file, knobs, cues
 //! - [`Show`]: a running motion that obeys
-//! - [`watch`]: the motion file, which may change on the disk
+//! - [`schedule`]: when it runs, by the clock
+//! - [`watch`]: the motion file and those that it names, which may change on the disk
 //! - [`log`]: what was asked and done, for [`log::Replay`]
 
+pub(crate) mod clock;
 mod desk;
 mod line;
 pub mod log;
+pub mod schedule;
 pub(crate) mod screen;
 mod show;
 pub mod watch;
@@ -16,4 +19,4 @@ pub mod watch;
 pub use crate::control_socket::{Happened, KnobInfo, KnobValue, LiveCommand, LiveEvent, Request, Together};
 pub use desk::{ChangeRefusal, Desk, FileTexts, NoMotion, Turn};
 pub use line::{HELP, LONGEST_LINE, Line, LineError};
-pub use show::{Show, Tell};
+pub use show::{Show, SuspendedShow, Tell};

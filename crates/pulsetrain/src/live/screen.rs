@@ -68,6 +68,12 @@ impl<'a> LiveScreen<'a> {
         }
     }
 
+    /// The board counts from these positions now, steps.
+    pub(crate) fn count_from(&mut self, starts: &[f64]) {
+        let motors = self.rows.info.motors.iter_mut();
+        motors.zip(starts).for_each(|(motor, start)| motor.start_steps = *start);
+    }
+
     /// Prints a text above the rows.
     ///
     /// # Errors
@@ -110,7 +116,11 @@ impl<'a> LiveScreen<'a> {
     }
 
     fn draw(&mut self) -> io::Result<()> {
-        let (width, height) = terminal::size().unwrap_or((80, 24));
+        self.draw_within(terminal::size().unwrap_or((80, 24)))
+    }
+
+    /// Draws the rows at a terminal of so many columns and rows.
+    fn draw_within(&mut self, (width, height): (u16, u16)) -> io::Result<()> {
         self.erase()?;
         // A wider row would wrap, and too many would scroll.
         let rows = self.rows.text(usize::from(height).saturating_sub(1).max(2));
@@ -124,6 +134,17 @@ impl<'a> LiveScreen<'a> {
         self.drawn = rows.len() as u16;
         self.out.flush()
     }
+}
+
+/// The longest name of a motor that is shown whole: more would push the rest of its row off a terminal of 80 columns.
+const LONGEST_NAME: usize = 20;
+
+/// A name that fits its row.
+fn shortened(name: &str) -> String {
+    if name.chars().count() <= LONGEST_NAME {
+        return name.to_owned();
+    }
+    name.chars().take(LONGEST_NAME - 1).chain(['…']).collect()
 }
 
 impl Drop for LiveScreen<'_> {
@@ -203,17 +224,20 @@ impl ScreenRows {
     /// The rows, the last of which is for keys and typing.
     fn text(&self, most: usize) -> Vec<String> {
         let mut rows = Vec::new();
+        let names = self.info.motors.iter().map(|motor| motor.name.chars().count());
+        let width = names.max().unwrap_or_default().min(LONGEST_NAME);
         if let Some(status) = &self.status {
             for (index, motor) in self.info.motors.iter().enumerate() {
                 let Some(at) = status.motors.get(index) else { continue };
                 let position = self.info.position(index, at.position).unwrap_or_default();
                 let speed = at.speed.map_or_else(String::new, |speed| {
                     let share = motor.max_speed.map_or_else(String::new, |max| {
-                        format!("  {:>3.0} % of its limit", 100.0 * speed.abs() / max.max(f64::MIN_POSITIVE))
+                        format!("  {:>3.0} % of its highest", 100.0 * speed.abs() / max.max(f64::MIN_POSITIVE))
                     });
                     format!("{:>10.3} {}/s{share}", speed / motor.steps_per_unit, human::unit(&motor.unit))
                 });
-                rows.push(format!("{:<10} {position:>10.3} {:<4} {speed}", motor.name, human::unit(&motor.unit)));
+                let name = shortened(&motor.name);
+                rows.push(format!("{name:<width$} {position:>10.3} {:<4} {speed}", human::unit(&motor.unit)));
             }
             let what = if self.is_paused { "paused" } else { "runs" };
             let lease = status.lease_s.map_or_else(|| "to the end".to_owned(), |s| format!("{:.0} ms ahead", 1e3 * s));
@@ -225,11 +249,89 @@ impl ScreenRows {
             let rejoined = if self.rejoined > 0 { format!("  rejoined {}", self.rejoined) } else { String::new() };
             rows.push(format!("{:.1} s  {what}  tempo {:.2}  {lease}{late}{cue}{rejoined}", status.at_s, self.tempo));
         }
-        rows.truncate(most.saturating_sub(1));
+        // The last of them tells how the motion goes: motors that have no room are left out before it.
+        if rows.len() >= most
+            && let Some(last) = rows.pop()
+        {
+            rows.truncate(most.saturating_sub(2));
+            rows.push(last);
+        }
         rows.push(match &self.typed {
             Some(typed) => format!(": {typed}"),
             None => "space pauses, + - tempo, s stops, : types a line (help)".to_owned(),
         });
         rows
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::control_socket::MotorInfo;
+    use pulsetrain_session::control::MotorStatus;
+    use std::num::NonZeroU16;
+
+    /// What a terminal of 80 columns shows of a motion of eight motors, after some news.
+    fn shown(height: u16, news: usize) -> Vec<String> {
+        let mut info = RunInfo::nothing();
+        let name = |number: usize| match number {
+            7 => "the upper arm of the second figure".to_owned(),
+            number => format!("motor {number}"),
+        };
+        let motor = |number| MotorInfo {
+            name: name(number),
+            unit: "deg".to_owned(),
+            steps_per_unit: 8.889,
+            start_steps: 0.0,
+            max_speed: Some(8000.0),
+        };
+        info.motors = (0..8).map(motor).collect();
+        let motor = MotorStatus { position: -123_456, target: None, speed: Some(-4000.0), queue: (0, 0) };
+        let status = Status { at_s: 86_400.0, lease_s: Some(0.42), motors: vec![motor; 8], lateness: None };
+        let mut out = Vec::new();
+        let mut screen = LiveScreen { out: &mut out, rows: ScreenRows::new(&info), drawn: 0 };
+        screen.rows.hear(&Happened::Session(Event::Status(status)));
+        screen.rows.hear(&Happened::Live(LiveEvent::Cue { name: "dusk".to_owned(), from_s: 0.0, until_s: 0.0 }));
+        for number in 0..news {
+            screen.draw_within((80, height)).unwrap();
+            screen.erase().unwrap();
+            screen.out.queue(Print(format!("news {number}\r\n"))).unwrap();
+        }
+        screen.draw_within((80, height)).unwrap();
+        // A terminal in another test does not need to be in raw mode.
+        std::mem::forget(screen);
+        let size = |number| NonZeroU16::new(number).expect("a terminal has rows and columns");
+        let mut terminal = vt100::Parser::new(size(height), size(80), 0);
+        terminal.process(&out);
+        terminal.screen().rows(0, 80).map(|row| row.trim_end().to_owned()).collect()
+    }
+
+    #[test]
+    fn eight_motors_fit_a_usual_terminal() {
+        let rows = shown(24, 3);
+        let expected = [
+            "news 0",
+            "news 1",
+            "news 2",
+            "motor 0              -13888.626 deg    -449.994 deg/s   50 % of its highest",
+        ];
+        assert_eq!(rows[..4], expected);
+        assert_eq!(rows[10], "the upper arm of th… -13888.626 deg    -449.994 deg/s   50 % of its highest");
+        assert_eq!(rows[11], "86400.0 s  runs  tempo 1.00  420 ms ahead  cue dusk");
+        assert_eq!(rows[12], "space pauses, + - tempo, s stops, : types a line (help)");
+        assert!(rows[13..].iter().all(String::is_empty), "{rows:?}");
+    }
+
+    #[test]
+    fn a_small_terminal_keeps_the_last_rows() {
+        let rows = shown(6, 40);
+        assert!(rows[1].starts_with("motor 0") && rows[2].starts_with("motor 1"), "{rows:?}");
+        assert_eq!(
+            rows[4..],
+            [
+                "86400.0 s  runs  tempo 1.00  420 ms ahead  cue dusk",
+                "space pauses, + - tempo, s stops, : types a line (help)"
+            ]
+        );
     }
 }

@@ -16,7 +16,7 @@ use std::sync::Arc;
 
 use pulsetrain_motion::program::Program;
 
-use super::desk::{ChangeRefusal, Desk, NoMotion};
+use super::desk::{ChangeRefusal, Desk, FileTexts, NoMotion};
 use crate::control_socket::{Happened, KnobValue, LiveCommand, LiveEvent, Request, Together};
 
 /// Hears what happens.
@@ -24,6 +24,8 @@ pub type Tell<'a> = &'a mut dyn FnMut(Happened);
 
 /// How many values between one that is allowed and one that is not are tried: the nearest is found to a part in 4000.
 const TRIES: u32 = 12;
+/// Steps that try to join the motion again after a stop, a hundred a second, before the motion is given up.
+const MOST_TRIES: u32 = 3000;
 /// Motions that begin at a cue begin this long after it, s: the transition has reached the board by then.
 const CUE_LEAD_S: f64 = 0.1;
 
@@ -61,6 +63,26 @@ pub struct Show<B> {
     /// Whether motors that braked since the host was too slow join the motion again, and how many times they have.
     rejoins: bool,
     rejoined: u32,
+    /// How many steps in a row tried in vain to join the motion again.
+    tries_to_rejoin: u32,
+    /// The tempo that was asked for last.
+    tempo: f64,
+    /// The motors rest, or come to rest, and are to follow the motion from there.
+    joining: Option<Joining>,
+    /// A pause from before the board was lost: the motion goes on at this time of its laws.
+    halted_at: Option<Time>,
+    /// When the motors rest where they were sent, s of the motion.
+    rests_from_s: f64,
+}
+
+/// Motors that rest are to follow the motion.
+struct Joining {
+    /// The laws' time.
+    at: Time,
+    /// What is told then; `None`: they stay at rest.
+    answer: Option<(LiveCommand, LiveEvent)>,
+    /// What was asked for meanwhile.
+    then: Vec<Request>,
 }
 
 /// A change of the motors' laws that was asked for.
@@ -102,12 +124,63 @@ impl<B: Leased> Show<B> {
             now_s: 0.0,
             rejoins,
             rejoined: 0,
+            tries_to_rejoin: 0,
+            tempo: 1.0,
+            joining: None,
+            halted_at: None,
+            rests_from_s: 0.0,
         }
+    }
+
+    /// A motion whose motors rest where they are until it is to begin: [`LiveCommand::Begin`], or [`Command::Resume`].
+    #[must_use]
+    pub fn at_rest(driven: Driven<B>, desk: Desk, rejoins: bool) -> Show<B> {
+        Show { is_parked: true, ..Show::new(driven, desk, rejoins) }
+    }
+
+    /// Whether all motors rest until somebody asks for the motion.
+    #[must_use]
+    pub fn is_resting(&self) -> bool {
+        (self.is_parked || self.is_paused) && self.now_s >= self.rests_from_s
+    }
+
+    /// Whether the motors join the motion again by themselves after a stop.
+    #[must_use]
+    pub const fn rejoins(&self) -> bool {
+        self.rejoins
+    }
+
+    /// How far the laws' time is, at most.
+    pub fn law_time(&self) -> Time {
+        self.driven.law_time()
+    }
+
+    /// Takes the motion off a board that is lost.
+    #[must_use]
+    pub fn suspend(self) -> (Driven<B>, SuspendedShow) {
+        let law_time = self.driven.law_time();
+        let suspended = SuspendedShow {
+            desk: self.desk,
+            is_parked: self.is_parked,
+            is_halted: self.is_paused || self.halted_at.is_some(),
+            law_time: self.halted_at.unwrap_or(law_time),
+            tempo: self.tempo,
+            rejoins: self.rejoins,
+            rejoined: self.rejoined,
+            is_new: false,
+        };
+        (self.driven, suspended)
     }
 
     /// The board's time, ticks.
     pub fn now(&self) -> u64 {
         self.driven.now()
+    }
+
+    /// The tick at which the motion begins.
+    #[must_use]
+    pub fn zero(&self) -> u64 {
+        self.driven.zero()
     }
 
     /// The motion as it is wanted.
@@ -161,6 +234,9 @@ impl<B: Leased> Show<B> {
         if ended.is_some() {
             return Ok(ended);
         }
+        if let Some(ended) = self.join(observer, tell)? {
+            return Ok(Some(ended));
+        }
         if self.follow_at_s.is_some_and(|at_s| at_s <= self.now_s) && self.waiting.is_none() {
             self.follow_at_s = None;
             let ended = self.together(&[Request::Live(LiveCommand::Go)], None, observer, tell)?;
@@ -188,14 +264,20 @@ impl<B: Leased> Show<B> {
         let mut events = Vec::new();
         let stepped = self.driven.step(command, observer, |event| events.push(event));
         let stepped = match stepped {
-            Err(error) if self.rejoins && may_rejoin(&error) => self.driven.rejoin().map(Err).map_err(|_| error),
+            Err(error) if self.rejoins && may_rejoin(&error) => match self.driven.rejoin() {
+                Ok(times) => Ok(Err(times)),
+                // It is too soon: `after_braking` tries again.
+                Err(_) if self.driven.has_braked() => Ok(Ok(None)),
+                Err(_) => Err(error),
+            },
             other => Ok(Ok(other?)),
         };
         for event in events {
             match &event {
                 Event::Progress { at_s } => self.now_s = *at_s,
-                Event::Pausing { .. } => self.is_paused = true,
+                Event::Pausing { rests_s } => (self.is_paused, self.rests_from_s) = (true, *rests_s),
                 Event::Resuming { .. } => self.is_paused = false,
+                Event::Tempo { rate, .. } => self.tempo = *rate,
                 Event::Failed { .. } if stepped.is_ok() => continue,
                 _ => {}
             }
@@ -203,18 +285,41 @@ impl<B: Leased> Show<B> {
         }
         let ended = match stepped? {
             Ok(ended) => ended,
-            Err((from_s, until_s)) => {
-                self.rejoined += 1;
-                tell(Happened::Live(LiveEvent::Rejoined { from_s, until_s, times: self.rejoined }));
+            Err(times) => {
+                self.tell_rejoined(times, tell);
                 None
             }
         };
-        if ended.is_none()
-            && let Some(pending_change) = self.waiting.take()
-        {
-            self.change(pending_change, tell);
+        if ended.is_none() {
+            self.after_braking(tell);
+            if let Some(pending_change) = self.waiting.take() {
+                self.change(pending_change, tell);
+            }
         }
         Ok(ended)
+    }
+
+    /// Lets motors join the motion again that braked while something else was done.
+    fn after_braking(&mut self, tell: Tell<'_>) {
+        if self.waiting.is_some() || !self.driven.has_braked() {
+            return;
+        }
+        if !self.rejoins || self.tries_to_rejoin >= MOST_TRIES {
+            return self.commands.push_back((Command::Stop, None));
+        }
+        match self.driven.rejoin() {
+            Ok(times) => {
+                self.tries_to_rejoin = 0;
+                self.tell_rejoined(times, tell);
+            }
+            // The next step tries again.
+            Err(_) => self.tries_to_rejoin += 1,
+        }
+    }
+
+    fn tell_rejoined(&mut self, (from_s, until_s): (f64, f64), tell: Tell<'_>) {
+        self.rejoined += 1;
+        tell(Happened::Live(LiveEvent::Rejoined { from_s, until_s, times: self.rejoined }));
     }
 
     fn ticks(&self, seconds: f64) -> u64 {
@@ -255,6 +360,7 @@ impl<B: Leased> Show<B> {
         observer: &mut O,
         tell: Tell<'_>,
     ) -> Result<Option<Ended>, DriveError> {
+        let requests = &self.set_apart(requests, tell)[..];
         let (mut gathered, _) = self.gather(requests, at, None::<(&mut O, Tell<'_>)>)?;
         // Values may be too much one by one, and hold together. If they do not, each is looked at.
         let program = match self.verdict(&gathered) {
@@ -280,6 +386,9 @@ impl<B: Leased> Show<B> {
             }
         };
         self.desk = gathered.desk;
+        if gathered.place.is_some() {
+            (self.joining, self.halted_at) = (None, None);
+        }
         if let Some(follow) = gathered.follow {
             self.follow_at_s =
                 follow.map(|follow| at.map_or(self.now_s, |at| self.driven.seconds_at(at)) + follow.seconds());
@@ -305,6 +414,82 @@ impl<B: Leased> Show<B> {
         let (over, answers, is_parked) = (gathered.over, gathered.answers, gathered.is_parked);
         self.pending_change(PendingChange { program, over, answers, is_parked, at, tempo: with }, tell);
         Ok(None)
+    }
+
+    /// Does what is no change of the motion, or what waits for the motors to join it. Gives the rest.
+    fn set_apart(&mut self, requests: &[Request], tell: Tell<'_>) -> Vec<Request> {
+        let mut left = Vec::with_capacity(requests.len());
+        for request in requests {
+            match request {
+                Request::Live(LiveCommand::Go | LiveCommand::Back | LiveCommand::Cue { .. })
+                    if self.joining.is_some() =>
+                {
+                    self.joining.iter_mut().for_each(|joining| joining.then.push(request.clone()));
+                }
+                Request::Session(Command::Resume) if self.joining.is_some() => {}
+                Request::Session(Command::Resume) if self.is_parked && self.halted_at.is_some() => {
+                    let answer = (LiveCommand::Begin, LiveEvent::Returned { from_s: 0.0, until_s: 0.0 });
+                    let at = self.halted_at.take().unwrap_or_default();
+                    self.joining = Some(Joining { at, answer: Some(answer), then: Vec::new() });
+                }
+                Request::Live(LiveCommand::Begin) => self.begin(tell),
+                Request::Live(LiveCommand::Rest { in_place, until }) if *in_place || self.is_parked => {
+                    if !self.is_parked && !self.is_paused {
+                        self.commands.push_back((Command::Pause, None));
+                    }
+                    tell(Happened::Live(LiveEvent::Resting { until: until.clone() }));
+                }
+                Request::Live(command @ LiveCommand::Here { .. }) => {
+                    refuse(command.clone(), &"the motors' positions are known: the board counts their steps", tell);
+                }
+                other => left.push(other.clone()),
+            }
+        }
+        left
+    }
+
+    /// Lets motors that rest begin the motion, from its beginning.
+    fn begin(&mut self, tell: Tell<'_>) {
+        let will_rest = self.waiting.as_ref().map_or(self.is_parked, |waiting| waiting.is_parked);
+        if !will_rest || self.is_paused {
+            let why = "the motion has begun already; `goto 0` brings the motors to rest where it begins";
+            return refuse(LiveCommand::Begin, &why, tell);
+        }
+        self.desk = self.desk.restarted();
+        self.halted_at = None;
+        let answer = (LiveCommand::Begin, LiveEvent::Began { from_s: 0.0, until_s: 0.0 });
+        self.joining = Some(Joining { at: Time::ZERO, answer: Some(answer), then: Vec::new() });
+    }
+
+    /// Lets motors that rest follow the motion, if they are to.
+    fn join<O: Observer>(&mut self, observer: &mut O, tell: Tell<'_>) -> Result<Option<Ended>, DriveError> {
+        let Some(Joining { at, .. }) = self.joining else { return Ok(None) };
+        if self.waiting.is_some() || !self.commands.is_empty() {
+            return Ok(None);
+        }
+        match self.driven.set_law_time(at) {
+            Err(SessionError::Waiting { .. }) => return Ok(None),
+            Err(error) => {
+                if let Some((command, _)) = self.joining.take().and_then(|joining| joining.answer) {
+                    refuse(command, &error, tell);
+                }
+                return Ok(None);
+            }
+            Ok(()) => {}
+        }
+        let Some(Joining { answer, then, .. }) = self.joining.take() else { return Ok(None) };
+        if let Some((command, event)) = answer {
+            match self.desk.program() {
+                Ok(program) => {
+                    let answers = vec![(command, event)];
+                    let joined =
+                        PendingChange { program, over: None, answers, is_parked: false, at: None, tempo: None };
+                    self.pending_change(joined, tell);
+                }
+                Err(error) => refuse(command, &error, tell),
+            }
+        }
+        if then.is_empty() { Ok(None) } else { self.together(&then, None, observer, tell) }
     }
 
     /// What is asked, as one change. With `search` each part is held against the limits: knobs go to the nearest value that keeps to them while the
@@ -352,15 +537,10 @@ impl<B: Leased> Show<B> {
                         return Ok((gathered, Some(ended)));
                     }
                 }
-                LiveCommand::Goto { position } => match gathered.desk.at_position(position) {
-                    Ok(program) => {
-                        let event = LiveEvent::Goto { position: position.clone(), from_s: 0.0, until_s: 0.0 };
-                        gathered.changes(None, (command, event));
-                        (gathered.place, gathered.is_parked, gathered.follow) = (Some(program), true, Some(None));
-                    }
-                    Err(error) => gathered.refusals.push(refusal(Request::Live(command), &error)),
-                },
-                LiveCommand::Motion { text } => self.gather_file(&mut gathered, text, search.is_some()),
+                LiveCommand::Goto { .. } | LiveCommand::Rest { .. } => gather_place(&mut gathered, command),
+                LiveCommand::Motion { text, files } => self.gather_file(&mut gathered, text, files, search.is_some()),
+                // Done before.
+                LiveCommand::Begin | LiveCommand::Here { .. } => {}
                 LiveCommand::Go | LiveCommand::Back | LiveCommand::Cue { .. } => {
                     self.gather_cue(&mut gathered, command, at, search.is_some());
                 }
@@ -462,28 +642,11 @@ impl<B: Leased> Show<B> {
         gathered.changes(cue.fade, (command, LiveEvent::Cue { name: cue.name, from_s: 0.0, until_s: 0.0 }));
     }
 
-    fn gather_file(&self, gathered: &mut Gathered, text: &str, is_checked: bool) {
-        if text == gathered.desk.text() {
-            return;
-        }
-        let refused = |error: String, place: Option<(usize, usize)>| {
-            let number = |number: usize| u32::try_from(number).ok();
-            let (line, column) = place.map_or((None, None), |(line, column)| (number(line), number(column)));
-            Happened::Live(LiveEvent::MotionRefused { error, line, column })
-        };
-        let desk = match gathered.desk.with_file(text) {
-            Ok(desk) => desk,
-            Err(error) => {
-                let place = match error.as_ref() {
-                    NoMotion::File(error) => Some(error.problems()[0].place()),
-                    NoMotion::Other(_) => None,
-                };
-                let advice = match error.as_ref() {
-                    NoMotion::File(error) => error.problems()[0].advice().map(|advice| format!(" ({advice})")),
-                    NoMotion::Other(_) => None,
-                };
-                return gathered.refusals.push(refused(format!("{error}{}", advice.unwrap_or_default()), place));
-            }
+    fn gather_file(&self, gathered: &mut Gathered, text: &str, files: &FileTexts, is_checked: bool) {
+        let desk = match with_file(&gathered.desk, text, files) {
+            Ok(None) => return,
+            Ok(Some(desk)) => desk,
+            Err(refused) => return gathered.refusals.push(Happened::Live(refused)),
         };
         if is_checked {
             let why = match self.allowed(&desk, None) {
@@ -491,12 +654,13 @@ impl<B: Leased> Show<B> {
                 Ok(Some(limit)) => Some(format!("the motion would break a limit: {limit}")),
                 Err(error) => Some(error.to_string()),
             };
-            if let Some(why) = why {
-                return gathered.refusals.push(refused(why, None));
+            if let Some(error) = why {
+                let refused = LiveEvent::MotionRefused { error, line: None, column: None };
+                return gathered.refusals.push(Happened::Live(refused));
             }
         }
         gathered.desk = desk;
-        let command = LiveCommand::Motion { text: String::new() };
+        let command = LiveCommand::Motion { text: String::new(), files: FileTexts::new() };
         gathered.adds(None, (command, LiveEvent::Motion { from_s: 0.0, until_s: 0.0 }));
     }
 
@@ -511,7 +675,9 @@ impl<B: Leased> Show<B> {
     fn verdict(&self, gathered: &Gathered) -> Result<Result<Option<Arc<Program>>, String>, Box<dyn std::error::Error>> {
         let program = gathered.program()?;
         // Motors that rest at a position, and those that come back from it, break nothing.
-        let is_goto = |(command, _): &(LiveCommand, LiveEvent)| matches!(command, LiveCommand::Goto { .. });
+        let is_goto = |(command, _): &(LiveCommand, LiveEvent)| {
+            matches!(command, LiveCommand::Goto { .. } | LiveCommand::Rest { .. })
+        };
         if gathered.answers.iter().all(is_goto) {
             return Ok(Ok(program));
         }
@@ -538,6 +704,7 @@ impl<B: Leased> Show<B> {
             self.waiting = Some(pending_change);
             return;
         }
+        let has_braked = self.driven.has_braked();
         let change = change(Arc::clone(&pending_change.program), pending_change.over);
         self.driven.hold_changes_until(pending_change.at);
         let changed = self.driven.change_with_tempo(&change, pending_change.tempo.and_then(Rate::of));
@@ -546,6 +713,10 @@ impl<B: Leased> Show<B> {
             Ok((times, tempo)) => {
                 self.followed = self.desk.clone();
                 self.is_parked = pending_change.is_parked;
+                self.rests_from_s = times.1;
+                if has_braked {
+                    self.tell_rejoined(times, tell);
+                }
                 for (_, mut event) in pending_change.answers {
                     set_times(&mut event, times);
                     tell(Happened::Live(event));
@@ -553,6 +724,8 @@ impl<B: Leased> Show<B> {
                 tempo.into_iter().for_each(|event| tell(Happened::Session(event)));
             }
             Err(SessionError::Waiting { .. }) => self.waiting = Some(pending_change),
+            // This computer was too slow just now: the motors brake, and join these laws then.
+            Err(_) if self.rejoins && self.driven.has_braked() => self.waiting = Some(pending_change),
             // The limits may leave no room for both at once: one after the other then.
             Err(_) if pending_change.tempo.is_some() => {
                 let mut laws_alone = pending_change;
@@ -614,6 +787,141 @@ impl Gathered {
     }
 }
 
+/// Brings the motors to rest at a position, or where the motion begins.
+fn gather_place(gathered: &mut Gathered, command: LiveCommand) {
+    let (position, event) = match &command {
+        LiveCommand::Goto { position } => {
+            (position.clone(), LiveEvent::Goto { position: position.clone(), from_s: 0.0, until_s: 0.0 })
+        }
+        LiveCommand::Rest { until, .. } => ("0".to_owned(), LiveEvent::Resting { until: until.clone() }),
+        _ => return,
+    };
+    match gathered.desk.at_position(&position) {
+        Ok(program) => {
+            gathered.changes(None, (command, event));
+            (gathered.place, gathered.is_parked, gathered.follow) = (Some(program), true, Some(None));
+        }
+        Err(error) => gathered.refusals.push(refusal(Request::Live(command), &error)),
+    }
+}
+
+/// A motion without a board.
+pub struct SuspendedShow {
+    desk: Desk,
+    is_parked: bool,
+    is_halted: bool,
+    /// When the board was lost.
+    law_time: Time,
+    tempo: f64,
+    rejoins: bool,
+    rejoined: u32,
+    /// It has not begun yet.
+    is_new: bool,
+}
+
+impl SuspendedShow {
+    /// A motion that has not begun, and waits for its board. If `joins`, the motors join it from where they stand.
+    #[must_use]
+    pub fn new(desk: Desk, rejoins: bool, joins: bool) -> SuspendedShow {
+        let (is_parked, law_time) = (!joins, Time::ZERO);
+        SuspendedShow { desk, is_parked, is_halted: false, law_time, tempo: 1.0, rejoins, rejoined: 0, is_new: true }
+    }
+
+    /// The motion as it is wanted.
+    #[must_use]
+    pub fn desk(&self) -> &Desk {
+        &self.desk
+    }
+
+    /// Notes what is asked meanwhile: a changed motion file, and what the schedule says. All else is refused.
+    pub fn obey(&mut self, request: Request, tell: Tell<'_>) {
+        request.each().into_iter().for_each(|request| self.obey_one(request, tell));
+    }
+
+    fn obey_one(&mut self, request: Request, tell: Tell<'_>) {
+        const AWAY: &str = "the board cannot be reached, or nobody knows where the motors stand";
+        match request {
+            Request::Live(LiveCommand::Motion { text, files }) => match with_file(&self.desk, &text, &files) {
+                Ok(None) => {}
+                Ok(Some(desk)) => {
+                    self.desk = desk;
+                    tell(Happened::Live(LiveEvent::Motion { from_s: 0.0, until_s: 0.0 }));
+                }
+                Err(refused) => tell(Happened::Live(refused)),
+            },
+            Request::Live(LiveCommand::Rest { in_place, until }) => {
+                if in_place {
+                    self.is_halted = true
+                } else {
+                    self.is_parked = true
+                }
+                tell(Happened::Live(LiveEvent::Resting { until }));
+            }
+            Request::Live(LiveCommand::Begin) => {
+                self.desk = self.desk.restarted();
+                (self.is_parked, self.is_halted, self.law_time) = (false, false, Time::ZERO);
+            }
+            Request::Live(command @ LiveCommand::Cue { .. }) => {
+                let LiveCommand::Cue { name } = &command else { return };
+                match self.desk.at_cue(name, self.law_time) {
+                    Ok((desk, _)) => self.desk = desk,
+                    Err(error) => refuse(command, &error, tell),
+                }
+            }
+            Request::Session(Command::Resume) => (self.is_parked, self.is_halted) = (false, false),
+            Request::Session(command) => {
+                tell(Happened::Session(Event::Refused { command, why: AWAY.to_owned() }));
+            }
+            Request::Live(command) => refuse(command, &AWAY, tell),
+            Request::Together(_) => {}
+        }
+    }
+
+    /// Goes on with another session of the board, in which the motors rest where they are, as `program` has it. They join the motion again unless they
+    /// rested before; the laws' time went on by `passed_s` seconds of the board.
+    #[must_use]
+    pub fn rejoin_on<B: Leased>(mut self, driven: Driven<B>, program: &Program, passed_s: f64) -> Show<B> {
+        self.desk.set_up(program);
+        let mut show = Show::at_rest(driven, self.desk, self.rejoins);
+        show.tempo = self.tempo;
+        if self.tempo != 1.0 {
+            show.commands.push_back((Command::Tempo { rate: self.tempo }, None));
+        }
+        show.rejoined = self.rejoined + u32::from(!self.is_new);
+        if self.is_halted {
+            show.halted_at = Some(self.law_time);
+        }
+        let at = if self.is_halted { self.law_time } else { self.law_time + Time::from_seconds(self.tempo * passed_s) };
+        let event = match self.is_new {
+            true => LiveEvent::Returned { from_s: 0.0, until_s: 0.0 },
+            false => LiveEvent::Rejoined { from_s: 0.0, until_s: 0.0, times: show.rejoined },
+        };
+        let joins = !self.is_parked && !self.is_halted;
+        show.joining = Some(Joining { at, answer: joins.then_some((LiveCommand::Begin, event)), then: Vec::new() });
+        show
+    }
+}
+
+/// The desk with a changed file; `None` if nothing has changed; or the event of the refusal.
+fn with_file(desk: &Desk, text: &str, files: &FileTexts) -> Result<Option<Desk>, LiveEvent> {
+    let known = desk.files();
+    if text == desk.text() && files.iter().all(|(name, text)| known.get(name) == Some(text)) {
+        return Ok(None);
+    }
+    drop(known);
+    let number = |number: usize| u32::try_from(number).ok();
+    let desk = desk.with_file(text, files).map_err(|error| {
+        let (place, advice) = match error.as_ref() {
+            NoMotion::File(error) => (Some(error.problems()[0].place()), error.problems()[0].advice()),
+            NoMotion::Other(_) => (None, None),
+        };
+        let (line, column) = place.map_or((None, None), |(line, column)| (number(line), number(column)));
+        let advice = advice.map(|advice| format!(" ({advice})"));
+        LiveEvent::MotionRefused { error: format!("{error}{}", advice.unwrap_or_default()), line, column }
+    })?;
+    Ok(Some(desk))
+}
+
 fn change(program: Arc<Program>, over: Option<Time>) -> Change {
     Change { program, over, begins: Begins::WithTheMotion }
 }
@@ -646,9 +954,15 @@ fn set_times(event: &mut LiveEvent, (from, until): (f64, f64)) {
         | LiveEvent::Cue { from_s, until_s, .. }
         | LiveEvent::Goto { from_s, until_s, .. }
         | LiveEvent::Returned { from_s, until_s }
+        | LiveEvent::Began { from_s, until_s }
         | LiveEvent::Motion { from_s, until_s }
         | LiveEvent::Rejoined { from_s, until_s, .. } => (*from_s, *until_s) = (from, until),
-        LiveEvent::MotionRefused { .. } | LiveEvent::Refused { .. } => {}
+        LiveEvent::MotionRefused { .. }
+        | LiveEvent::Refused { .. }
+        | LiveEvent::Resting { .. }
+        | LiveEvent::Unplugged { .. }
+        | LiveEvent::Unplaced { .. }
+        | LiveEvent::Placed { .. } => {}
     }
 }
 

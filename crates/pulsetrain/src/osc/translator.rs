@@ -361,6 +361,7 @@ impl Translator {
             }
             LiveEvent::Goto { until_s, .. }
             | LiveEvent::Returned { until_s, .. }
+            | LiveEvent::Began { until_s, .. }
             | LiveEvent::Motion { until_s, .. }
             | LiveEvent::Rejoined { until_s, .. } => {
                 self.busy_until(*until_s, replies);
@@ -369,6 +370,8 @@ impl Translator {
                 let place = line.map_or_else(String::new, |line| format!("line {line}: "));
                 self.tell_error(&format!("the motion file was not taken over: {place}{error}"), None, replies);
             }
+            LiveEvent::Unplugged { why, .. } | LiveEvent::Unplaced { why, .. } => self.tell_error(why, None, replies),
+            LiveEvent::Resting { .. } | LiveEvent::Placed { .. } => {}
             LiveEvent::Refused { command, why } => self.tell_refusal(&Request::Live(command.clone()), why, replies),
         }
     }

@@ -289,7 +289,7 @@ fn a_changed_file_is_taken_over_or_refused_with_its_place() {
     let mut stage = native(TEXT);
     stage.run(1.3);
     let file = |stage: &mut Stage<Native>, text: &str| {
-        stage.ask(Request::Live(LiveCommand::Motion { text: text.to_owned() }));
+        stage.ask(Request::Live(LiveCommand::Motion { text: text.to_owned(), files: Default::default() }));
         stage.answer()
     };
     stage.line("a.swing 20 step");
@@ -469,6 +469,107 @@ fn too_many_and_too_far_are_refused() {
     stage.stop();
 }
 
+/// What the schedule asks for.
+#[test]
+fn motors_rest_until_the_motion_is_to_begin_from_its_start() {
+    let (mut desk, mut prepared) = staged(TEXT);
+    prepared.program = desk.resting_at(&[0.0, 0.0]).unwrap();
+    desk.set_up(&prepared.program);
+    let mut stage = Stage::new(Show::at_rest(Driven::native(&prepared).unwrap(), desk, true));
+    let rest = |in_place, until: &str| Request::Live(LiveCommand::Rest { in_place, until: until.to_owned() });
+    stage.ask(rest(false, "Mon"));
+    assert!(matches!(stage.answer(), LiveEvent::Resting { until } if until == "Mon"));
+    stage.run(1.0);
+    assert!(stage.show.is_resting());
+    assert_eq!((swing(&mut stage, 0, 2.0), swing(&mut stage, 1, 2.0)), ((0, 0), (0, 0)));
+    // A cue at the same time comes after the beginning.
+    stage.ask(Request::Live(LiveCommand::Begin));
+    stage.line("cue wide");
+    let LiveEvent::Began { from_s, .. } = stage.answer() else { panic!("no beginning") };
+    assert!((4.9..5.3).contains(&from_s), "{from_s}");
+    assert!(matches!(stage.answer(), LiveEvent::Cue { .. }));
+    stage.run(0.8);
+    assert!(!stage.show.is_resting());
+    assert_eq!((swing(&mut stage, 0, 2.0), stage.refused("begin").contains("has begun")), ((0, 40), true));
+    stage.ask(rest(false, "Tue"));
+    while !matches!(stage.answer(), LiveEvent::Resting { .. }) {}
+    stage.run(3.0);
+    assert!(stage.show.is_resting());
+    assert_eq!((swing(&mut stage, 0, 2.0), swing(&mut stage, 1, 2.0)), ((0, 0), (0, 0)));
+    stage.ask(Request::Live(LiveCommand::Begin));
+    assert!(matches!(stage.answer(), LiveEvent::Began { .. }));
+    assert!(stage.show.law_time() < pulsetrain_motion::Time::from_seconds(0.5), "from its beginning");
+    stage.run(2.0);
+    // Without the cue of the day before.
+    assert_eq!((swing(&mut stage, 0, 2.0), swing(&mut stage, 1, 2.0)), ((0, 40), (0, 40)));
+    // In place: it goes on where it was.
+    stage.ask(rest(true, ""));
+    stage.run(2.0);
+    assert!(stage.show.is_resting());
+    stage.line("resume");
+    stage.run(2.0);
+    assert_eq!(swing(&mut stage, 0, 2.0), (0, 40));
+    stage.stop();
+}
+
+/// The board is lost, and counts from elsewhere when it is there again.
+#[test]
+fn a_motion_goes_on_with_another_session_from_where_the_motors_stand() {
+    for parked in [false, true] {
+        let mut stage = native(TEXT);
+        stage.run(1.3);
+        stage.line("tempo 0.5");
+        stage.run(1.0);
+        if parked {
+            stage.line("goto 20 step");
+            stage.run(2.0);
+        }
+        let law_time = stage.show.law_time();
+        let (_, mut suspended) = stage.show.suspend();
+        let mut heard = Vec::new();
+        suspended.obey(Request::Session(Command::Pause), &mut |event| heard.push(event));
+        let wider = TEXT.replace("40 step", "60 step");
+        let motion = LiveCommand::Motion { text: wider, files: Default::default() };
+        suspended.obey(Request::Live(motion), &mut |event| heard.push(event));
+        assert!(
+            matches!(heard[..], [Happened::Session(Event::Refused { .. }), Happened::Live(LiveEvent::Motion { .. })]),
+            "{heard:?}"
+        );
+        let (_, mut prepared) = staged(TEXT);
+        prepared.program = suspended.desk().resting_at(&[13.0, -7.0]).unwrap();
+        let driven = Driven::native(&prepared).unwrap();
+        let mut stage = Stage::new(suspended.rejoin_on(driven, &prepared.program, 10.0));
+        if parked {
+            stage.run(1.0);
+            assert_eq!((swing(&mut stage, 0, 1.0), stage.show.is_resting()), ((0, 0), true));
+        } else {
+            assert!(matches!(stage.answer(), LiveEvent::Rejoined { times: 1, .. }));
+            let went_on = stage.show.law_time().seconds() - law_time.seconds();
+            assert!((5.0..5.5).contains(&went_on), "at tempo 0.5: {went_on}");
+            stage.run(4.0);
+            // The board counts from 13 and -7.
+            assert_eq!((swing(&mut stage, 0, 4.0), swing(&mut stage, 1, 4.0)), ((-13, 47), (7, 67)));
+        }
+        stage.line("goto 0");
+        while !matches!(stage.answer(), LiveEvent::Goto { .. }) {}
+        stage.run(4.0);
+        assert_eq!(stage.stop().counted, [-13, 7], "where the motion begins");
+    }
+}
+
+#[test]
+fn somebody_says_where_motors_stand() {
+    let desk = staged(TEXT).0;
+    let places = |motor, position| desk.places(motor, position, Some(&[1.0, 2.0])).map_err(|error| error.to_string());
+    assert_eq!(places(None, "0"), Ok(vec![(0, 0.0), (1, 0.0)]));
+    assert_eq!(places(None, "last"), Ok(vec![(0, 1.0), (1, 2.0)]));
+    assert_eq!(places(Some("b"), "90 deg"), Ok(vec![(1, 50.0)]));
+    assert!(places(Some("c"), "0").unwrap_err().contains("no motor `c`"));
+    assert!(places(None, "1 s").unwrap_err().contains("it is a time"));
+    let unknown = desk.places(None, "last", None).unwrap_err().to_string();
+    assert!(unknown.contains("nobody knows where the motors rested"), "{unknown}");
+}
+
 #[test]
 fn tempo_and_pause_go_with_knobs() {
     let mut stage = native(TEXT);
@@ -607,23 +708,29 @@ proptest! {
 
 /// Processes, which read lines and write logs.
 #[cfg(unix)]
-mod processes {
+pub(crate) mod processes {
     use super::TEXT;
     use pulsetrain_testkit::folder::Folder;
     use std::io::{BufRead, BufReader, Write};
     use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
 
-    pub(super) struct Live {
+    pub(crate) struct Live {
         child: Child,
         input: ChildStdin,
         output: BufReader<ChildStdout>,
     }
 
     impl Live {
-        pub(super) fn begin(folder: &Folder, arguments: &[&str]) -> Live {
+        pub(crate) fn begin(folder: &Folder, arguments: &[&str]) -> Live {
             std::fs::write(folder.0.join("m.toml"), TEXT).unwrap();
+            Live::again(folder, arguments)
+        }
+
+        /// With the motion file that is there.
+        pub(crate) fn again(folder: &Folder, arguments: &[&str]) -> Live {
             let mut command = Command::new(env!("CARGO_BIN_EXE_pulsetrain"));
-            command.args(["live", "m"]).args(arguments).env("XDG_RUNTIME_DIR", &folder.0).current_dir(&folder.0);
+            command.args(["live", "m"]).args(arguments).env("XDG_RUNTIME_DIR", &folder.0);
+            command.env("XDG_STATE_HOME", folder.0.join("state")).current_dir(&folder.0);
             command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::inherit());
             let mut child = command.spawn().unwrap();
             let (input, output) = (child.stdin.take().unwrap(), BufReader::new(child.stdout.take().unwrap()));
@@ -632,13 +739,13 @@ mod processes {
             live
         }
 
-        pub(super) fn say(&mut self, line: &str) {
+        pub(crate) fn say(&mut self, line: &str) {
             writeln!(self.input, "{line}").unwrap();
         }
 
         /// Reads up to a line with that part.
         #[track_caller]
-        pub(super) fn until(&mut self, part: &str) -> String {
+        pub(crate) fn until(&mut self, part: &str) -> String {
             let mut all = String::new();
             loop {
                 let mut line = String::new();
@@ -650,7 +757,12 @@ mod processes {
             }
         }
 
-        pub(super) fn stop(mut self) -> Option<i32> {
+        /// Waits for the end.
+        pub(crate) fn end(mut self) -> Option<i32> {
+            self.child.wait().unwrap().code()
+        }
+
+        pub(crate) fn stop(mut self) -> Option<i32> {
             self.say("stop");
             self.until("stopped: a at");
             self.child.wait().unwrap().code()
@@ -700,6 +812,39 @@ mod processes {
             .output()
             .unwrap();
         assert_eq!(other.status.code(), Some(1), "{}", String::from_utf8_lossy(&other.stdout));
+    }
+
+    #[test]
+    fn files_that_the_motion_file_names_are_watched() {
+        let folder = Folder::new("live-named");
+        let text = TEXT.replace(
+            "motors = [\"a\", \"b\"]\nlaw.sweep = { frequency = \"1 Hz\", swing = \"40 step\" }",
+            "motor = \"a\"\nlaw.table = { file = \"t.csv\", unit = \"step\", time = \"s\" }\n[[motion]]\nmotor = \"b\"\n\
+             law.sweep = { frequency = \"1 Hz\", swing = \"40 step\" }",
+        );
+        let text = text.replace("speed = { target = \"a.frequency\"", "speed = { target = \"b.frequency\"");
+        let text = text.replace("set = { \"a.frequency\"", "set = { \"b.frequency\"");
+        std::fs::write(folder.0.join("m.toml"), text).unwrap();
+        let write = |text: &str| std::fs::write(folder.0.join("t.csv"), text).unwrap();
+        write("0,0\n10,20\n20,0\n");
+        let mut live = Live::again(&folder, &["--native", "--log", "l.jsonl"]);
+        write("0,0\n10,30\n20,0\n");
+        live.until("the changed motion file from");
+        write("0,0\n10,x\n");
+        live.until("the changed motion file was refused");
+        std::fs::remove_file(folder.0.join("t.csv")).unwrap();
+        live.say("speed 2 Hz");
+        live.until("speed is 2 Hz from");
+        write("0,0\n10,25\n20,0\n");
+        live.until("the changed motion file from");
+        assert_eq!(live.stop(), Some(0));
+        let replay = Command::new(env!("CARGO_BIN_EXE_pulsetrain"))
+            .args(["replay", "l.jsonl"])
+            .current_dir(&folder.0)
+            .output()
+            .unwrap();
+        let said = String::from_utf8_lossy(&replay.stdout);
+        assert!(replay.status.success() && said.contains("PASS: "), "{said}");
     }
 
     #[test]

@@ -429,8 +429,8 @@ fn a_page_that_sends_too_much_is_closed() {
     let mut page = run.socket();
     page.send("{\"control\":true}");
     let text = "#".repeat(200_000);
-    page.send(&serde_json::to_string(&LiveCommand::Motion { text: text.clone() }).unwrap());
-    assert_eq!(run.requests.recv().unwrap(), Request::Live(LiveCommand::Motion { text }));
+    page.send(&serde_json::to_string(&LiveCommand::Motion { text: text.clone(), files: Default::default() }).unwrap());
+    assert_eq!(run.requests.recv().unwrap(), Request::Live(LiveCommand::Motion { text, files: Default::default() }));
     // What is no command is answered.
     page.send("stop");
     assert!(page.until(|line| line.get("error").is_some())["error"].as_str().unwrap().contains("no line of JSON"));

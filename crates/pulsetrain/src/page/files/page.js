@@ -191,7 +191,25 @@ function happen(line, isPast) {
       break;
     case "rejoined":
       state.rejoined = line.times;
-      tell(`This computer was too slow, the motors braked, and join the motion again${until}.`, { at, bad: true });
+      tell(`The motors had braked, and join the motion again${until}.`, { at, bad: true });
+      break;
+    case "returned":
+      tell(`The motors join the motion again${until}.`, { at });
+      break;
+    case "began":
+      tell(`The motion begins${until}.`, { at });
+      break;
+    case "resting":
+      tell(line.until ? `It is not time: the motors rest. The motion begins on ${line.until}.` : "The motors rest.", { at });
+      break;
+    case "unplugged":
+      tell(`The board cannot be reached: ${line.why}. The motors brake. The run waits for ${line.port}.`, { at, bad: true });
+      break;
+    case "unplaced":
+      tell(`${line.why}: nobody knows where ${line.motors.join(", ")} stands. Write it where the run was started, such as: here 0 deg`, { at, bad: true });
+      break;
+    case "placed":
+      tell(`${line.motors.join(", ")} at ${line.position}: noted.`, { at });
       break;
     case "refused":
       state.refused += 1;

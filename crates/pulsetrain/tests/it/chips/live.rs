@@ -117,3 +117,175 @@ fn motors_join_the_motion_again_after_the_host_was_too_slow() {
     // The board's counts are those of the host, or this is an error.
     assert!(stage.stop().stopped);
 }
+
+/// Processes: a live motion at a cable that is pulled and plugged in again. Nothing depends on how long something takes.
+#[cfg(unix)]
+mod cable {
+    use crate::live::processes::Live;
+    use pulsetrain_testkit::folder::Folder;
+    use serialport::{SerialPort, TTYPort};
+    use std::io::{BufRead, BufReader, Read, Write};
+    use std::os::unix::fs::symlink;
+    use std::path::{Path, PathBuf};
+    use std::process::{Child, Command, Stdio};
+    use std::sync::mpsc::{Receiver, Sender, channel};
+    use std::thread;
+    use std::time::Duration;
+
+    /// A virtual Uno in another process, which does not restart when its port is opened at the other end of the cable.
+    struct Board(Child);
+
+    impl Board {
+        fn new(link: &Path) -> Board {
+            let _ = std::fs::remove_file(link);
+            let mut command = Command::new(env!("CARGO_BIN_EXE_pulsetrain"));
+            command.args(["board", "uno", "--pty"]).arg(link).stdout(Stdio::piped());
+            let mut child = command.spawn().unwrap();
+            let mut line = String::new();
+            BufReader::new(child.stdout.take().unwrap()).read_line(&mut line).unwrap();
+            assert!(line.contains("a virtual Uno is at"), "{line}");
+            Board(child)
+        }
+    }
+
+    impl Drop for Board {
+        fn drop(&mut self) {
+            let _ = self.0.kill();
+            let _ = self.0.wait();
+        }
+    }
+
+    /// A cable from a board's port to a link, which goes when it is pulled.
+    struct Cable {
+        orders: Sender<bool>,
+        done: Receiver<()>,
+        link: PathBuf,
+    }
+
+    impl Cable {
+        fn new(board: &Path, link: &Path) -> Cable {
+            let port = serialport::new(board.display().to_string(), 115_200).timeout(Duration::from_millis(1));
+            let board = TTYPort::open(&port).unwrap();
+            let (orders, ordered) = channel();
+            let (says, done) = channel();
+            let cable = Cable { orders, done, link: link.to_owned() };
+            let link = link.to_owned();
+            thread::spawn(move || {
+                // The test may be over.
+                drop(carry(board, &link, &ordered, &says));
+            });
+            cable.plug();
+            cable
+        }
+
+        fn plug(&self) {
+            self.orders.send(true).unwrap();
+            self.done.recv().unwrap();
+            assert!(self.link.is_symlink());
+        }
+
+        fn pull(&self) {
+            self.orders.send(false).unwrap();
+            self.done.recv().unwrap();
+        }
+    }
+
+    /// Carries bytes both ways, and the rate to the board. The waits of the reads set its pace.
+    fn carry(
+        mut board: TTYPort,
+        link: &Path,
+        ordered: &Receiver<bool>,
+        says: &Sender<()>,
+    ) -> Result<(), Box<dyn std::error::Error>> {
+        let mut host: Option<TTYPort> = None;
+        let mut rate = 0;
+        let mut buffer = [0; 4096];
+        loop {
+            match ordered.try_recv() {
+                Ok(true) => {
+                    let (mut master, client) = TTYPort::pair()?;
+                    master.set_timeout(Duration::from_millis(1))?;
+                    symlink(client.name().ok_or("no name")?, link)?;
+                    host = Some(master);
+                    says.send(())?;
+                }
+                Ok(false) => {
+                    std::fs::remove_file(link)?;
+                    drop(host.take());
+                    says.send(())?;
+                }
+                Err(std::sync::mpsc::TryRecvError::Disconnected) => return Ok(()),
+                Err(std::sync::mpsc::TryRecvError::Empty) => {}
+            }
+            if let Ok(len) = board.read(&mut buffer)
+                && let Some(host) = &mut host
+            {
+                // Nobody may have it open.
+                let _ = host.write_all(&buffer[..len]);
+            }
+            let Some(host) = &mut host else { continue };
+            if let Ok(wanted) = host.baud_rate()
+                && wanted != rate
+            {
+                board.set_baud_rate(wanted)?;
+                rate = wanted;
+            }
+            if let Ok(len) = host.read(&mut buffer) {
+                board.write_all(&buffer[..len])?;
+            }
+        }
+    }
+
+    #[test]
+    fn motors_join_the_motion_again_after_the_cable_was_pulled_and_nobody_guesses_after_a_reset() {
+        let folder = Folder::new("live-cable");
+        let (board_link, link) = (folder.0.join("board"), folder.0.join("port"));
+        let mut board = Board::new(&board_link);
+        let cable = Cable::new(&board_link, &link);
+        let arguments = ["--port", "port", "--quiet", "--no-rehearsal"];
+        let mut live = Live::begin(&folder, &arguments);
+        live.say("a.swing 20 step");
+        live.until("a.swing is 20 step");
+        cable.pull();
+        live.until("the board cannot be reached");
+        live.say("pause");
+        live.until("the board cannot be reached, or nobody knows");
+        cable.plug();
+        live.until("join the motion again from");
+        live.say("a.swing 30 step");
+        live.until("a.swing is 30 step");
+        live.say("goto 0");
+        live.until("goto 0 from");
+        assert_eq!(live.stop(), Some(0));
+        // The board goes on counting: another process knows where the motors stand.
+        let mut live = Live::again(&folder, &[&arguments[..], &["--resume"]].concat());
+        live.until("join the motion again from");
+        live.say("a.swing 30 step");
+        live.until("a.swing is 30 step");
+        // The power fails. What is at the port then has counted nothing.
+        cable.pull();
+        live.until("the board cannot be reached");
+        drop(cable);
+        drop(board);
+        board = Board::new(&board_link);
+        let cable = Cable::new(&board_link, &link);
+        live.until("nobody knows where a, b stands");
+        live.say("a.swing 20 step");
+        live.until("refused: a.swing 20 step");
+        live.say("here c 0 deg");
+        live.until("there is no motor `c`");
+        live.say("here a 9 deg");
+        live.until("a at 9 deg: noted");
+        live.say("here b 0 deg");
+        live.until("join the motion again from");
+        live.say("here 0 deg");
+        live.until("the motors' positions are known");
+        assert_eq!(live.stop(), Some(0));
+        let mut live = Live::again(&folder, &[&arguments[..], &["--no-rejoin"]].concat());
+        live.say("a.swing 20 step");
+        live.until("a.swing is 20 step");
+        cable.pull();
+        assert_eq!(live.end(), Some(3));
+        drop(board);
+    }
+}
