@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 /// Files that may read the clock: measurements, the times of progress messages, real ports, the virtual board that
 /// keeps pace with real time, a live motion's schedule and the times in its log, the page's connections, which may not be slow, and the time tags of
 /// OSC.
-const MAY: [&str; 11] = [
+const MAY: [&str; 12] = [
     "/benches/",
     "xtask/src/accept/",
     "xtask/src/bench/",

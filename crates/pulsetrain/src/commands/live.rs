@@ -672,12 +672,14 @@ impl Parts {
             while let Some(request) = next_request(self.control.requests(), wait) {
                 wait = Duration::ZERO;
                 log.iter().for_each(|log| log.line(news.base, LogEntry::Asked(request.clone())));
-                match request {
-                    Request::Session(Command::Stop | Command::StopNow) => return None,
-                    Request::Live(command @ LiveCommand::Here { .. }) if places.is_some() => {
-                        place(&suspended, &mut places, command, board.last(), news);
+                for request in request.each() {
+                    match request {
+                        Request::Session(Command::Stop | Command::StopNow) => return None,
+                        Request::Live(command @ LiveCommand::Here { .. }) if places.is_some() => {
+                            place(&suspended, &mut places, command, board.last(), news);
+                        }
+                        request => suspended.obey(request, &mut |happened| news.tell(happened)),
                     }
-                    request => suspended.obey(request, &mut |happened| news.tell(happened)),
                 }
             }
             if std::mem::take(&mut news.has_knobs) {
@@ -775,7 +777,11 @@ impl News<'_> {
                 }
             }
             Happened::Live(
-                LiveEvent::Cue { .. } | LiveEvent::Motion { .. } | LiveEvent::Began { .. } | LiveEvent::Refused { .. },
+                LiveEvent::Cue { .. }
+                | LiveEvent::Motion { .. }
+                | LiveEvent::Began { .. }
+                | LiveEvent::TakenBack { .. }
+                | LiveEvent::Refused { .. },
             ) => {
                 self.has_knobs = true;
                 self.done.push(happened.clone());

@@ -155,6 +155,10 @@ pub(super) fn live_in_words(event: &LiveEvent) -> String {
         LiveEvent::Rejoined { from_s, until_s, times } => {
             format!("the motors had braked and join the motion again {} (time {times})", change(*from_s, *until_s))
         }
+        LiveEvent::TakenBack { why, from_s, until_s } => format!(
+            "the last change is taken back: {why}. The motors had braked, and join the motion as it was before {}",
+            change(*from_s, *until_s)
+        ),
         LiveEvent::Began { from_s, until_s } => format!("the motion begins {}", change(*from_s, *until_s)),
         LiveEvent::Resting { until } if until.is_empty() => "the motors rest".to_owned(),
         LiveEvent::Resting { until } => format!("it is not time: the motors rest; the motion begins on {until}"),

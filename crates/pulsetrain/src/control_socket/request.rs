@@ -219,6 +219,15 @@ pub enum LiveEvent {
         /// See `line`.
         column: Option<u32>,
     },
+    /// The planner refused a part of the motion, long after a change that it had allowed. The motors braked; now they join the motion as it was before that change.
+    TakenBack {
+        /// What was refused.
+        why: String,
+        /// When they begin to, s.
+        from_s: f64,
+        /// When they follow it, s.
+        until_s: f64,
+    },
     /// The motors had braked since the host or the line was too slow, or the cable was pulled. They join the motion again.
     Rejoined {
         /// When they begin to, s.

@@ -181,7 +181,7 @@ mod tests {
             text += &(serde_json::to_string(line).unwrap() + "\n");
         }
         let read = Replay::read(text.as_bytes()).unwrap();
-        assert_eq!((&read.head, &read.lines), (&head, &lines));
+        assert_eq!((&read.head, &read.lines[..]), (&head, &lines[..]));
         // Killed while it wrote.
         let cut = Replay::read(&text.as_bytes()[..text.len() - 1]).unwrap();
         assert_eq!(cut.lines, lines[..3]);

@@ -46,6 +46,8 @@ pub struct Show<B> {
     desk: Desk,
     /// What the motors follow, or change to.
     followed: Desk,
+    /// What they followed before the last change.
+    before: Option<Desk>,
     /// A change that waits until another one has begun.
     waiting: Option<PendingChange>,
     /// Requests that wait for their tick, soonest first.
@@ -114,6 +116,7 @@ impl<B: Leased> Show<B> {
             driven: driven.staying().looking_often(),
             followed: desk.clone(),
             desk,
+            before: None,
             waiting: None,
             timed: Vec::new(),
             commands: VecDeque::new(),
@@ -270,6 +273,10 @@ impl<B: Leased> Show<B> {
                 Err(_) if self.driven.has_braked() => Ok(Ok(None)),
                 Err(_) => Err(error),
             },
+            Err(error) if self.rejoins && is_refused(&error) => match self.take_back(&error) {
+                true => Ok(Ok(None)),
+                false => Err(error),
+            },
             other => Ok(Ok(other?)),
         };
         for event in events {
@@ -315,6 +322,24 @@ impl<B: Leased> Show<B> {
             // The next step tries again.
             Err(_) => self.tries_to_rejoin += 1,
         }
+    }
+
+    /// The planner refuses a part of the motion, long after the last change: that is taken back. The motors, which have braked, join the motion as it was
+    /// before. False if there is nothing to take back.
+    fn take_back(&mut self, why: &DriveError) -> bool {
+        let why = match why {
+            DriveError::Halted { why, .. } => why.to_string(),
+            other => other.to_string(),
+        };
+        let Some((before, program)) = self.before.take().and_then(|desk| Some((desk.clone(), desk.program().ok()?)))
+        else {
+            return false;
+        };
+        (self.desk, self.followed) = (before.clone(), before);
+        let answer = (LiveCommand::Begin, LiveEvent::TakenBack { why, from_s: 0.0, until_s: 0.0 });
+        let (over, at, tempo) = (None, None, None);
+        self.waiting = Some(PendingChange { program, over, answers: vec![answer], is_parked: false, at, tempo });
+        self.driven.has_braked()
     }
 
     fn tell_rejoined(&mut self, (from_s, until_s): (f64, f64), tell: Tell<'_>) {
@@ -711,7 +736,7 @@ impl<B: Leased> Show<B> {
         self.driven.hold_changes_until(self.held_until);
         match changed {
             Ok((times, tempo)) => {
-                self.followed = self.desk.clone();
+                self.before = Some(std::mem::replace(&mut self.followed, self.desk.clone()));
                 self.is_parked = pending_change.is_parked;
                 self.rests_from_s = times.1;
                 if has_braked {
@@ -948,6 +973,12 @@ fn may_rejoin(error: &DriveError) -> bool {
     positions.by == Knowledge::Counted && matches!(**why, DriveError::TooLate { .. } | DriveError::QueueTooShort { .. })
 }
 
+/// Whether the planner refused a part of the motion, and the board has counted all the way.
+fn is_refused(error: &DriveError) -> bool {
+    let DriveError::Halted { why, positions, .. } = error else { return false };
+    positions.by == Knowledge::Counted && matches!(**why, DriveError::Plan { .. })
+}
+
 fn set_times(event: &mut LiveEvent, (from, until): (f64, f64)) {
     match event {
         LiveEvent::Set { from_s, until_s, .. }
@@ -956,6 +987,7 @@ fn set_times(event: &mut LiveEvent, (from, until): (f64, f64)) {
         | LiveEvent::Returned { from_s, until_s }
         | LiveEvent::Began { from_s, until_s }
         | LiveEvent::Motion { from_s, until_s }
+        | LiveEvent::TakenBack { from_s, until_s, .. }
         | LiveEvent::Rejoined { from_s, until_s, .. } => (*from_s, *until_s) = (from, until),
         LiveEvent::MotionRefused { .. }
         | LiveEvent::Refused { .. }

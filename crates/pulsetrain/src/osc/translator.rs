@@ -366,6 +366,10 @@ impl Translator {
             | LiveEvent::Rejoined { until_s, .. } => {
                 self.busy_until(*until_s, replies);
             }
+            LiveEvent::TakenBack { why, until_s, .. } => {
+                self.tell_error(&format!("the last change is taken back: {why}"), None, replies);
+                self.busy_until(*until_s, replies);
+            }
             LiveEvent::MotionRefused { error, line, .. } => {
                 let place = line.map_or_else(String::new, |line| format!("line {line}: "));
                 self.tell_error(&format!("the motion file was not taken over: {place}{error}"), None, replies);

@@ -66,10 +66,10 @@ fn ask_at_random(example: &str, board: Option<&str>, seed: u64) {
     prepared.prove_first(|_| {}).unwrap();
     desk.set_up(&prepared.program);
     match board.and_then(BoardKind::named) {
-        None => asked(Show::new(Driven::native(&prepared).unwrap(), desk, false), example, seed),
+        None => asked(Show::new(Driven::native(&prepared).unwrap(), desk, true), example, seed),
         Some(kind) => {
             let driven = Driven::on_virtual(kind, &prepared, kind.usual_baud()).unwrap();
-            asked(Show::new(driven, desk, false), example, seed);
+            asked(Show::new(driven, desk, true), example, seed);
         }
     }
 }

@@ -193,6 +193,9 @@ function happen(line, isPast) {
       state.rejoined = line.times;
       tell(`The motors had braked, and join the motion again${until}.`, { at, bad: true });
       break;
+    case "taken_back":
+      tell(`The last change is taken back: ${line.why}. The motors had braked, and join the motion as it was before${until}.`, { at, bad: true });
+      break;
     case "returned":
       tell(`The motors join the motion again${until}.`, { at });
       break;
