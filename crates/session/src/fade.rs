@@ -439,7 +439,11 @@ impl<B: Leased> Session<B> {
             let over = ease.end() + to.to_pass((of_fade - ease.of_law()).max(Time::ZERO));
             if !session.is_paused() {
                 let retimed = crate::pause::retimed(&new, time, ease)?;
-                session.change_proven(at, Arc::new(retimed), ticks(over.min(PROVEN), hz))?;
+                session.change_proven(
+                    at,
+                    Arc::new(retimed),
+                    ticks(over.min(PROVEN), hz).max(session.pace.look_ahead),
+                )?;
             }
             session.playback.changed(new, mix, time);
             if new_tempo.is_some() {

@@ -147,6 +147,8 @@ pub struct Session<B> {
     effort: Effort,
     /// Changes do not begin before this tick.
     not_before: Option<u64>,
+    /// The error of filling the queues after the last change, which [`Session::advance`] returns.
+    refused_later: Option<SessionError>,
 }
 
 /// What it takes to make a change. The next one is likely to take as much.
@@ -335,6 +337,7 @@ impl<B: Leased> Session<B> {
             room_reserved_at: None,
             effort: Effort::default(),
             not_before: None,
+            refused_later: None,
         };
         session.fill()?;
         Ok(session)
@@ -508,7 +511,7 @@ impl<B: Leased> Session<B> {
     /// # Errors
     /// As for [`Session::fill`]; time passes up to `until` all the same.
     pub fn advance(&mut self, until: u64, observer: &mut impl Observer) -> Result<(), SessionError> {
-        let mut filled = self.fill();
+        let mut filled = self.refused_later.take().map_or_else(|| self.fill(), Err);
         while self.board.now() <= until {
             let next = until.min(self.next_event()).max(self.board.now());
             self.board.advance(next, observer);
@@ -660,7 +663,9 @@ impl<B: Leased> Session<B> {
         self.confirmed_lease = begun.lease;
         self.pending_extensions.clear();
         (self.brakeable_from, self.is_over, self.braking_from) = (begun.brakeable_from, false, None);
-        self.fill()
+        // The change is made: what is refused of the plan after its beginning ends the motion later.
+        self.refused_later = self.fill().err();
+        Ok(())
     }
 
     /// How long the beginning of a plan must last in the board's queues, and how long it should, ticks: until more of it is there, and until it is
