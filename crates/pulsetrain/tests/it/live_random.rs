@@ -75,6 +75,7 @@ fn ask_at_random(example: &str, board: Option<&str>, seed: u64) {
 }
 
 fn asked<B: Leased>(mut show: Show<B>, example: &str, seed: u64) {
+    println!("{example}, PULSETRAIN_SEED={seed}");
     let (begin, hz) = (show.now(), show.desk().setup().board.tick_hz as f64);
     let mut random = Random(seed);
     let mut lines = Vec::new();
