@@ -904,3 +904,36 @@ fn a_page_opens_and_osc_turns_a_knob() {
     assert!(lines.any(|line| line.starts_with("stopped: ")));
     assert_eq!(live.wait().unwrap().code(), Some(0));
 }
+
+/// A path on a straight line, y = 2x, is on that line while it changes, too.
+#[test]
+fn an_xy_machine_changes_over_along_its_path() {
+    let motor = |name: &str, step: u8| {
+        format!(
+            "[motor.{name}]\nsteps_per_rev = 200\nlead = \"8 mm\"\ndriver = \"A4988\"\npulse_high = \"2 us\"\npins = {{ step = {step}, dir = {} }}\n\
+             forward = \"high\"\nmax_speed = \"10 rev/s\"\nmax_acceleration = \"200 rev/s^2\"\n",
+            step + 1
+        )
+    };
+    let text = format!(
+        "board = \"uno\"\n{}{}[machine.table]\nkind = \"xy\"\nmotors = [\"x\", \"y\"]\n[[motion]]\nmachine = \"table\"\nrepeat = \"forever\"\n\
+         path.formula = {{ x = \"a*sin(2*pi*t/T)^2\", y = \"2*a*sin(2*pi*t/T)^2\", where = {{ a = \"5 mm\", T = \"2 s\" }}, unit = \"mm\", duration = \"2 s\" }}\n",
+        motor("x", 8),
+        motor("y", 10)
+    );
+    let mut stage = native(&text);
+    stage.run(1.3);
+    stage.line("table.a 9 mm");
+    let (_, value, ceiling, from_s, until_s) = set(stage.answer());
+    assert_eq!((value, ceiling), (9.0, None));
+    let mut within = 0;
+    for _ in 0..40 {
+        let status = stage.status();
+        let place = |motor: usize| status.motors[motor].target.unwrap();
+        assert!((place(1) - 2.0 * place(0)).abs() < 1e-6, "{} and {} at {} s", place(0), place(1), status.at_s);
+        within += u32::from((from_s..until_s).contains(&status.at_s));
+    }
+    assert!(within > 0, "no status from {from_s} to {until_s} s");
+    assert_eq!(swing(&mut stage, 0, 2.5), (0, 225));
+    stage.stop();
+}
