@@ -1051,18 +1051,26 @@ impl<P: Port> Remote<P> {
         }
     }
 
-    /// How many bytes are sent at once. Few if the board's queues are full, as each byte takes an Uno's time from its steps; without limit if they are
-    /// not, or while an answer is waited for.
+    /// How many bytes are sent at once. Few if the board's queues are full, or what all of them have lasts: each byte takes an Uno's time from its steps.
+    /// Without limit if they are not, or while an answer is waited for.
     fn frame_budget(&self) -> usize {
         let tick = self.now();
         let least = self.motors.iter().map(|motor| motor.percent_full(tick, self.epoch)).min().unwrap_or(0);
-        let few = usize::from(self.info.pool) / LIMIT_PARTS;
+        let few = (usize::from(self.info.pool) / LIMIT_PARTS).max(1);
         let soon = tick + u64::from(self.info.tick_hz) / 1000 * SOON_MS;
-        let lasts = self.motors.iter().all(|motor| motor.waiting.back().is_some_and(|item| item.until >= soon));
+        let has_soon = |motor: &RemoteQueue| motor.waiting.back().is_some_and(|item| item.until >= soon);
+        let lasts = !self.motors.is_empty() && self.motors.iter().all(has_soon);
         match least {
-            _ if self.awaits_answer || (lasts && least < ENOUGH_PERCENT) => 2 * few.max(1),
-            PLENTY_PERCENT.. => few.max(1),
-            ENOUGH_PERCENT.. => 2 * few.max(1),
+            _ if self.awaits_answer => {
+                if lasts {
+                    2 * few
+                } else {
+                    usize::MAX
+                }
+            }
+            PLENTY_PERCENT.. => few,
+            ENOUGH_PERCENT.. => 2 * few,
+            _ if lasts => 2 * few,
             _ => usize::MAX,
         }
     }
