@@ -440,8 +440,10 @@ pub struct Remote<P> {
     outbox: Vec<u8>,
     /// When the next of them may be sent.
     next_send: Duration,
-    /// Whether an answer is waited for: then bytes are sent without limit.
+    /// Whether an answer is waited for.
     awaits_answer: bool,
+    /// Plans that the board has switched to since it was configured.
+    plans: u32,
     inbox: Vec<u8>,
 }
 
@@ -494,6 +496,7 @@ impl<P: Port> Remote<P> {
             outbox: Vec::new(),
             next_send: now,
             awaits_answer: false,
+            plans: 0,
             inbox: Vec::new(),
         };
         match remote.answer()?.reply {
@@ -563,6 +566,7 @@ impl<P: Port> Remote<P> {
             faults: 0,
         };
         self.motors = setup.motors.iter().zip(queues.as_slice()).map(motor).collect();
+        self.plans = 0;
         self.limits = vec![Limit::WITHIN_A_STEP; self.motors.len()];
         self.arm()?;
         for _ in 0..FIRST_READINGS {
@@ -924,6 +928,7 @@ impl<P: Port> Remote<P> {
         let refused = match answer.reply {
             Reply::Switched(Switched::Accepted) => {
                 self.epoch = epoch;
+                self.plans = self.plans.saturating_add(1);
                 self.motors.iter_mut().for_each(|motor| motor.switch(epoch, tick));
                 return Ok(());
             }
@@ -1051,26 +1056,22 @@ impl<P: Port> Remote<P> {
         }
     }
 
-    /// How many bytes are sent at once. Few if the board's queues are full, or what all of them have lasts: each byte takes an Uno's time from its steps.
-    /// Without limit if they are not, or while an answer is waited for.
+    /// How many bytes are sent at once. Few if the board's queues are full, as each byte takes an Uno's time from its steps; without limit if they are
+    /// not, or while an answer is waited for. From the first change of the plan on there is always a limit: a beginning that comes in one go takes an
+    /// Uno's time when it needs that most.
     fn frame_budget(&self) -> usize {
         let tick = self.now();
         let least = self.motors.iter().map(|motor| motor.percent_full(tick, self.epoch)).min().unwrap_or(0);
         let few = (usize::from(self.info.pool) / LIMIT_PARTS).max(1);
+        let begins_another = self.plans == 1 && self.motors.iter().any(|motor| motor.epoch != Some(self.epoch));
+        let has_changed = self.plans > 1 || begins_another;
         let soon = tick + u64::from(self.info.tick_hz) / 1000 * SOON_MS;
-        let has_soon = |motor: &RemoteQueue| motor.waiting.back().is_some_and(|item| item.until >= soon);
-        let lasts = !self.motors.is_empty() && self.motors.iter().all(has_soon);
+        let lasts = self.motors.iter().all(|motor| motor.waiting.back().is_some_and(|item| item.until >= soon));
         match least {
-            _ if self.awaits_answer => {
-                if lasts {
-                    2 * few
-                } else {
-                    usize::MAX
-                }
-            }
+            _ if has_changed && (self.awaits_answer || (lasts && least < ENOUGH_PERCENT)) => 2 * few,
+            _ if self.awaits_answer => usize::MAX,
             PLENTY_PERCENT.. => few,
             ENOUGH_PERCENT.. => 2 * few,
-            _ if lasts => 2 * few,
             _ => usize::MAX,
         }
     }
