@@ -40,7 +40,7 @@ pub struct Period {
 /// Where motors rest while it is not time for the motion.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum RestPlace {
-    /// Where the motion begins. It begins anew at the next start.
+    /// Where the motion begins. The next start begins it from its first instant.
     AtStart,
     /// Where they are on their paths. There they go on at the next start.
     InPlace,

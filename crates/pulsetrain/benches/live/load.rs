@@ -15,7 +15,7 @@ const SECONDS: f64 = 60.0;
 const MOST_CORE: f64 = 0.1;
 const MOST_MB: f64 = 60.0;
 
-/// Places that nobody uses.
+/// A folder and ports that no other program uses.
 pub(crate) struct Free;
 
 impl Free {

@@ -87,7 +87,7 @@ pub(crate) struct LiveArgs {
     /// If the motors braked since this computer was too slow or the cable was pulled, end; else they join the motion again
     #[arg(long)]
     pub(crate) no_rejoin: bool,
-    /// Join the motion from where the motors stand, after a power cut for instance. If nobody knows where, this waits for `here POSITION`
+    /// Join the motion from where the motors stand, such as after a power cut. If their positions are unknown, wait for the line `here POSITION`
     #[arg(long, requires = "port")]
     pub(crate) resume: bool,
     /// Where the motors stand if the board does not know: a position for all, MOTOR=POSITION, or `last`; may be repeated
@@ -602,7 +602,7 @@ impl Parts {
         self.control.hub().change_info(|info| (info.knobs, info.cues) = (desk.knobs(), desk.cues()));
     }
 
-    /// Waits for the board, and for somebody to say where the motors stand if nobody knows it. `None` if somebody stops the run.
+    /// Waits for the board. If the motors' positions are unknown, waits for `here`, too. `None` if the run is stopped.
     fn wait<B: Leased>(
         &mut self,
         board: &mut dyn LiveBoard<B>,

@@ -84,10 +84,10 @@ pub enum LiveCommand {
     Rest {
         /// Whether they rest where they are on their paths; else where the motion begins.
         in_place: bool,
-        /// When it is time, in words; empty if nobody knows.
+        /// When the motion begins, in words; empty if no time is set.
         until: String,
     },
-    /// Say where motors stand, when nobody knows it.
+    /// Say where motors stand, when their positions are unknown.
     Here {
         /// The motor; `None`: all.
         motor: Option<String>,
@@ -177,7 +177,7 @@ pub enum LiveEvent {
     },
     /// It is not time for the motion: the motors rest, or come to rest.
     Resting {
-        /// When it is time, in words; empty if nobody knows.
+        /// When the motion begins, in words; empty if no time is set.
         until: String,
     },
     /// The board cannot be reached any more: its cable was pulled, say. The motors brake within their limits, and the run waits for the board.
@@ -187,7 +187,7 @@ pub enum LiveEvent {
         /// The port for which the run waits.
         port: String,
     },
-    /// Nobody knows where motors stand. The run waits until somebody says it, by `here`.
+    /// The positions of motors are unknown. The run waits for [`LiveCommand::Here`].
     Unplaced {
         /// Why not.
         why: String,

@@ -186,7 +186,7 @@ impl Desk {
         &self.home
     }
 
-    /// The desk for a motion that begins anew: as the file has it, without cue and turned knobs.
+    /// The desk as the file has it, without cue and turned knobs: for a motion that begins again from its first instant.
     #[must_use]
     pub fn restarted(&self) -> Desk {
         Desk { cue: None, turned: BTreeMap::new(), ..self.clone() }

@@ -82,7 +82,7 @@ impl Scheduler {
         let is_first = self.known.is_none();
         let (was_on, had) = match self.known.take() {
             Some(known) => (known.is_time, known.cue),
-            // A motion whose time it is begins by itself.
+            // The schedule allows the motion now: it begins without an order.
             None => (wanted.is_time, None),
         };
         let live = |command| Request::Live(command);
@@ -234,7 +234,7 @@ mod tests {
                 ("2026-12-02T12:00", ""),
             ],
         );
-        // It is time already: the motion begins by itself.
+        // The schedule allows the motion already: it begins without an order.
         check(lines, &[("2026-11-30T12:00", ""), ("2026-11-30T18:00", "rest until Tue 1 Dec at 10:00")]);
     }
 

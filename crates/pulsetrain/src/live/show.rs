@@ -81,7 +81,7 @@ pub struct Show<B> {
 struct Joining {
     /// The laws' time.
     at: Time,
-    /// What is told then; `None`: they stay at rest.
+    /// The request and the event that answers it; `None`: they stay at rest.
     answer: Option<(LiveCommand, LiveEvent)>,
     /// What was asked for meanwhile.
     then: Vec<Request>,
@@ -902,8 +902,8 @@ impl SuspendedShow {
         }
     }
 
-    /// Goes on with another session of the board, in which the motors rest where they are, as `program` has it. They join the motion again unless they
-    /// rested before; the laws' time went on by `passed_s` seconds of the board.
+    /// The motion in a new session with the board. The motors rest there, at the positions of `program`. If they did not rest before the board was lost, they
+    /// join the motion; `passed_s` is how long the board was away, s.
     #[must_use]
     pub fn rejoin_on<B: Leased>(mut self, driven: Driven<B>, program: &Program, passed_s: f64) -> Show<B> {
         self.desk.set_up(program);

@@ -91,7 +91,7 @@ pub(super) enum Found {
     Nothing,
     /// It is there and still counts: where the motors stand, steps.
     Known(Vec<f64>),
-    /// It is there, and nobody knows where the motors stand: why not.
+    /// It is there, but the motors' positions are unknown: the reason.
     Unknown(String),
 }
 

@@ -220,7 +220,7 @@ mod cable {
             if let Ok(len) = board.read(&mut buffer)
                 && let Some(host) = &mut host
             {
-                // Nobody may have it open.
+                // The port must be closed.
                 let _ = host.write_all(&buffer[..len]);
             }
             let Some(host) = &mut host else { continue };
