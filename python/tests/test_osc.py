@@ -12,7 +12,7 @@ import tempfile
 import time
 import unittest
 from pathlib import Path
-from typing import Any, Dict, List, Optional
+from typing import Any, Dict, List, Optional, cast
 
 
 def monitor() -> Optional[str]:
@@ -168,7 +168,8 @@ class LiveMotion(unittest.TestCase):
         begin = time.time() + 2
         sent = [(begin, "20 step", "2 Hz"), (begin + 1.25, "30 step", "50 Hz")]
         for tag, swing, frequency in sent:
-            bundle = OscBundleBuilder(tag)
+            # The library takes fractions of a second, which its annotation leaves out.
+            bundle = OscBundleBuilder(cast(int, tag))
             for address, value in [("/pulsetrain/a/swing", swing), ("/pulsetrain/b/frequency", frequency)]:
                 message = OscMessageBuilder(address)
                 message.add_arg(value)
