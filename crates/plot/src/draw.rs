@@ -178,6 +178,7 @@ impl Drawing {
                 y: unit.axis(motors, |m| [&m.wanted, &m.stepped]),
             },
         )?;
+        self.changes(&mut chart, &picture.changes)?;
         for (colour, motor) in coloured(motors) {
             self.line(&mut chart, unit.points(motor, &motor.stepped), light(colour), 5)?;
         }
@@ -199,6 +200,7 @@ impl Drawing {
                 y: unit.axis(motors, |m| [&m.wanted_speed, &m.stepped_speed]),
             },
         )?;
+        self.changes(&mut chart, &picture.changes)?;
         for (colour, motor) in coloured(motors) {
             self.line(&mut chart, unit.points(motor, &motor.stepped_speed), light(colour), 5)?;
         }
@@ -212,6 +214,16 @@ impl Drawing {
         let areas = errors.split_evenly(error_panels(picture));
         for ((colour, motor), area) in coloured(motors).zip(&areas) {
             self.errors(motor, picture.errors, colour, area, &time)?;
+        }
+        Ok(())
+    }
+
+    /// A dashed line at each change of the motion.
+    fn changes<DB: DrawingBackend>(&self, chart: &mut Chart<'_, DB>, changes: &[f64]) -> DrawResult<DB> {
+        let heights = chart.y_range();
+        for at in changes {
+            let ends = [(*at, heights.start), (*at, heights.end)];
+            chart.draw_series(DashedLineSeries::new(ends, self.px(4), self.px(4), INK.stroke_width(self.px(1))))?;
         }
         Ok(())
     }
@@ -416,9 +428,9 @@ fn legend_rows(picture: &Picture) -> u32 {
     legend_places(picture).last().map_or(1, |place| place.1 + 1)
 }
 
-/// Whether each step was seen: only then are intervals and errors known.
+/// Whether intervals and errors of single steps are drawn.
 fn has_steps(picture: &Picture) -> bool {
-    picture.errors != Errors::Unknown
+    !matches!(picture.errors, Errors::Unknown | Errors::Live)
 }
 
 /// Rows of panels above the panels of errors.

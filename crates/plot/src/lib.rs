@@ -40,6 +40,7 @@
 //!     motors: vec![motor],
 //!     errors: Errors::Ticks,
 //!     figures: Vec::new(),
+//!     changes: Vec::new(),
 //! };
 //! assert!(picture.svg()?.starts_with("<svg"));
 //! # Ok::<(), Box<dyn std::error::Error>>(())
@@ -86,6 +87,8 @@ pub struct Picture {
     pub errors: Errors,
     /// The machines' figures, in the file's order.
     pub figures: Vec<FigurePicture>,
+    /// When the motion changed, s.
+    pub changes: Vec<f64>,
 }
 
 /// How the errors in a picture are measured.
@@ -98,6 +101,8 @@ pub enum Errors {
     Steps,
     /// Nobody saw the single steps. Positions are those that a board reported now and then.
     Unknown,
+    /// The law changed while it ran. The steps are drawn over it, without their errors.
+    Live,
 }
 
 impl Errors {
@@ -107,14 +112,16 @@ impl Errors {
                 format!("Error of {motor} at its pin, ticks; plan ±{bound}, board +{late_ticks:.0}")
             }
             Errors::Ticks => format!("Error of {motor}, ticks; proven: at most {bound}"),
-            Errors::Steps | Errors::Unknown => format!("Steps of {motor} behind the path, steps; allowed: {bound}"),
+            Errors::Steps | Errors::Unknown | Errors::Live => {
+                format!("Steps of {motor} behind the path, steps; allowed: {bound}")
+            }
         }
     }
 
     /// The name of the thick lines in the legend.
     const fn made(self) -> &'static str {
         match self {
-            Errors::Ticks | Errors::Steps => "stepped",
+            Errors::Ticks | Errors::Steps | Errors::Live => "stepped",
             Errors::Unknown => "as the board says",
         }
     }
@@ -124,6 +131,7 @@ impl Errors {
         match self {
             Errors::Ticks => "wanted by the law",
             Errors::Steps | Errors::Unknown => "the path",
+            Errors::Live => "wanted by the law of that time; dashed: a change begins",
         }
     }
 }

@@ -154,7 +154,7 @@ impl<'a, W: Write> Recorder<'a, W> {
             program,
             judge,
             files,
-            picture: Picture { title, tick_s, motors, errors: Errors::Ticks, figures: Vec::new() },
+            picture: Picture { title, tick_s, motors, errors: Errors::Ticks, figures: Vec::new(), changes: Vec::new() },
             figures: Figure::all(program, drawn),
             positions,
             tick_s,

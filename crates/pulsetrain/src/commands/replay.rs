@@ -6,14 +6,17 @@ use std::path::PathBuf;
 
 use clap::Args;
 use miette::miette;
-use pulsetrain_board::Leased;
+use pulsetrain_board::{Edge, Leased, Observer, ScheduledStep};
 use pulsetrain_core::wire::Baud;
 use pulsetrain_motion::human;
+use pulsetrain_motion::program::Program;
+use pulsetrain_plot::{Errors, MotorPicture, Picture};
 use pulsetrain_session::control::{Ended, Event};
 use pulsetrain_session::drive::{DriveError, Driven};
 
 use super::live::{Staged, Trace, Way, in_words, proving};
 use super::problems::drive_problem;
+use super::run::{draw, file_name};
 use crate::console::{Access, Console, Exit, access};
 use crate::diagnostic::{WrongFile, advised};
 use crate::live::log::{LogEntry, LogLine, Replay};
@@ -26,13 +29,16 @@ this makes what was asked; its ticks were its own.
 
 Examples:
   pulsetrain live examples/live.toml --log show.jsonl
-  pulsetrain replay show.jsonl --trace show.vcd")]
+  pulsetrain replay show.jsonl --trace show.vcd --plot show.svg")]
 pub(crate) struct ReplayArgs {
     /// The log that `pulsetrain live --log` wrote
     log: PathBuf,
     /// Write every edge to this file (VCD)
     #[arg(long, value_name = "FILE")]
     trace: Option<PathBuf>,
+    /// Draw positions and speeds, and where each change begins, into this file (.svg or .png)
+    #[arg(long, value_name = "FILE")]
+    plot: Option<PathBuf>,
     /// Print what happens as well
     #[arg(short, long)]
     verbose: bool,
@@ -44,6 +50,63 @@ struct Again {
     same: usize,
     differs: Option<(Option<TickedEvent>, Option<TickedEvent>)>,
     end_s: f64,
+    picture: Picture,
+}
+
+/// Takes the edges and the picture of a motion.
+struct Recorder {
+    trace: Trace,
+    picture: Picture,
+    /// Each motor's steps, forward minus backward.
+    positions: Vec<i64>,
+    /// The tick of the motion's beginning.
+    zero: u64,
+}
+
+impl Recorder {
+    fn new(trace: Trace, program: &Program, file: &str, zero: u64) -> Recorder {
+        let motors = &program.motors;
+        let picture = Picture {
+            title: format!("{}, changed while it ran", file_name(file)),
+            tick_s: 1.0 / program.board.tick_hz as f64,
+            motors: motors
+                .iter()
+                .map(|motor| MotorPicture::new(motor.name.clone(), motor.scale.clone(), 0.0))
+                .collect(),
+            errors: Errors::Live,
+            figures: Vec::new(),
+            changes: Vec::new(),
+        };
+        Recorder { trace, picture, positions: vec![0; motors.len()], zero }
+    }
+
+    fn note(&mut self, happened: &Happened) {
+        match happened {
+            Happened::Session(Event::Status(status)) => {
+                for (picture, motor) in self.picture.motors.iter_mut().zip(&status.motors) {
+                    if let (Some(target), Some(speed)) = (motor.target, motor.speed) {
+                        picture.want(status.at_s, target, speed);
+                    }
+                }
+            }
+            Happened::Session(Event::Tempo { from_s, .. }) => self.picture.changes.push(*from_s),
+            Happened::Session(_) => {}
+            Happened::Live(event) => self.picture.changes.extend(event.changes_from_s()),
+        }
+    }
+}
+
+impl Observer for Recorder {
+    fn edge(&mut self, edge: Edge) {
+        self.trace.edge(edge);
+    }
+
+    fn step(&mut self, step: ScheduledStep) {
+        let position = &mut self.positions[step.motor];
+        *position += i64::from(step.direction.sign());
+        let at_s = step.tick.saturating_sub(self.zero) as f64 * self.picture.tick_s;
+        self.picture.motors[step.motor].step(at_s, *position);
+    }
 }
 
 /// Something done, and its tick.
@@ -81,8 +144,11 @@ pub(crate) fn run(args: &ReplayArgs, console: &mut Console<'_>) -> miette::Resul
         }
     };
     let time = human::seconds_to(again.end_s, 6);
-    if let Some(trace) = &args.trace {
-        console.print(format_args!("  {}\n", trace.display()))?;
+    if let Some(plot) = &args.plot {
+        draw(&again.picture, plot)?;
+    }
+    for file in args.trace.iter().chain(&args.plot) {
+        console.print(format_args!("  {}\n", file.display()))?;
     }
     let changes = human::count(again.same as i128);
     match (&again.differs, &head.port) {
@@ -117,12 +183,14 @@ fn again<B: Leased>(
     console: &mut Console<'_>,
 ) -> miette::Result<Again> {
     let hz = staged.prepared.program.board.tick_hz;
-    let mut trace = Trace::create(args.trace.as_deref(), hz, &driven.lines)?;
+    let trace = Trace::create(args.trace.as_deref(), hz, &driven.lines)?;
     let zero = driven.zero();
+    let mut recorder = Recorder::new(trace, &staged.prepared.program, &log.head.file, zero);
     let (desk, rejoins) = (staged.desk.clone(), log.head.rejoins);
     let show = if staged.is_at_rest { Show::at_rest(driven, desk, rejoins) } else { Show::new(driven, desk, rejoins) };
     let mut done: Vec<TickedEvent> = Vec::new();
-    let (now, ended) = perform(show, log, PATIENCE_S * hz, &mut trace, &mut done);
+    let (now, ended) = perform(show, log, PATIENCE_S * hz, &mut recorder, &mut done);
+    let Recorder { trace, picture, .. } = recorder;
     let unwritten: Option<Access> = trace.finish();
     if args.verbose {
         for (_, happened) in &done {
@@ -153,7 +221,7 @@ fn again<B: Leased>(
     let is_whole = is_whole(log);
     let is_same = same == logged.len() && (same == done.len() || !is_whole);
     let differs = (!is_same).then(|| (logged.get(same).cloned(), done.get(same).cloned()));
-    Ok(Again { same, differs, end_s: now.saturating_sub(zero) as f64 / hz as f64 })
+    Ok(Again { same, differs, end_s: now.saturating_sub(zero) as f64 / hz as f64, picture })
 }
 
 /// How long after the end in the log the motion may go on, s, before it is taken for another one.
@@ -169,13 +237,14 @@ fn perform<B: Leased>(
     mut show: Show<B>,
     log: &Replay,
     patience: u64,
-    trace: &mut Trace,
+    recorder: &mut Recorder,
     done: &mut Vec<TickedEvent>,
 ) -> (u64, Result<Option<Ended>, DriveError>) {
     let lines: &[LogLine] = &log.lines;
     let last = lines.last().map_or(0, |line| line.tick) + if is_whole(log) { patience } else { 0 };
     let mut next = 0;
-    let mut keep = |events: &mut Vec<Happened>, tick: u64| {
+    let mut keep = |events: &mut Vec<Happened>, tick: u64, recorder: &mut Recorder| {
+        events.iter().for_each(|happened| recorder.note(happened));
         let is_kept =
             |happened: &Happened| !matches!(happened, Happened::Session(Event::Progress { .. } | Event::Status(_)));
         done.extend(events.drain(..).filter(is_kept).map(|happened| (tick, happened)));
@@ -192,19 +261,19 @@ fn perform<B: Leased>(
                     show.desk().provide(files);
                 }
             });
-            let obeyed = show.obey(request.clone(), trace, &mut |happened| events.push(happened));
+            let obeyed = show.obey(request.clone(), recorder, &mut |happened| events.push(happened));
             if !matches!(obeyed, Ok(None)) {
-                keep(&mut events, show.now());
+                keep(&mut events, show.now(), recorder);
                 return (show.now(), obeyed);
             }
         }
         // The log of a run that was killed ends on the way; another one ends with the run.
         if next >= lines.len() && show.now() >= last {
-            keep(&mut events, show.now());
+            keep(&mut events, show.now(), recorder);
             return (show.now(), Ok(None));
         }
-        let stepped = show.step(trace, &mut |happened| events.push(happened));
-        keep(&mut events, show.now());
+        let stepped = show.step(recorder, &mut |happened| events.push(happened));
+        keep(&mut events, show.now(), recorder);
         if !matches!(stepped, Ok(None)) {
             return (show.now(), stepped);
         }

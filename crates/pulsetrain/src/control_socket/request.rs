@@ -246,6 +246,29 @@ pub enum LiveEvent {
     },
 }
 
+impl LiveEvent {
+    /// When the motors begin to change, s; `None` if they do not.
+    #[must_use]
+    pub const fn changes_from_s(&self) -> Option<f64> {
+        match self {
+            LiveEvent::Set { from_s, .. }
+            | LiveEvent::Cue { from_s, .. }
+            | LiveEvent::Goto { from_s, .. }
+            | LiveEvent::Returned { from_s, .. }
+            | LiveEvent::Began { from_s, .. }
+            | LiveEvent::Motion { from_s, .. }
+            | LiveEvent::TakenBack { from_s, .. }
+            | LiveEvent::Rejoined { from_s, .. } => Some(*from_s),
+            LiveEvent::Resting { .. }
+            | LiveEvent::Unplugged { .. }
+            | LiveEvent::Unplaced { .. }
+            | LiveEvent::Placed { .. }
+            | LiveEvent::MotionRefused { .. }
+            | LiveEvent::Refused { .. } => None,
+        }
+    }
+}
+
 /// What a client needs to know of a knob to show it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct KnobInfo {

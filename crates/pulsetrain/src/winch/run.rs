@@ -500,7 +500,14 @@ impl Drawing {
 
     fn finish(self, title: String) -> Picture {
         let Drawing { axes, is_told, closely, tick_s, .. } = self;
-        let mut picture = Picture { title, tick_s, motors: Vec::new(), errors: Errors::Steps, figures: Vec::new() };
+        let mut picture = Picture {
+            title,
+            tick_s,
+            motors: Vec::new(),
+            errors: Errors::Steps,
+            figures: Vec::new(),
+            changes: Vec::new(),
+        };
         let mut shown: Vec<_> = axes.into_iter().zip(closely).zip(is_told).filter(|(_, told)| *told).collect();
         picture.motors = shown.iter().map(|((axis, _), _)| axis.clone()).collect();
         if let Some((from, to)) = picture.close_view() {

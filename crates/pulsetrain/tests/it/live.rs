@@ -798,7 +798,7 @@ pub(crate) mod processes {
         live.until("goto 0 from");
         assert_eq!(live.stop(), Some(0));
         let replay = Command::new(env!("CARGO_BIN_EXE_pulsetrain"))
-            .args(["replay", "out/l.jsonl", "--trace", "out/r.vcd"])
+            .args(["replay", "out/l.jsonl", "--trace", "out/r.vcd", "--plot", "out/r.svg"])
             .current_dir(&folder.0)
             .output()
             .unwrap();
@@ -806,6 +806,11 @@ pub(crate) mod processes {
         assert!(replay.status.success() && said.contains("PASS: "), "{said}");
         let [live, again] = ["out/l.vcd", "out/r.vcd"].map(|name| std::fs::read(folder.0.join(name)).unwrap());
         assert!(live.len() > 2000 && live == again, "{} and {} bytes", live.len(), again.len());
+        let picture = std::fs::read_to_string(folder.0.join("out/r.svg")).unwrap();
+        assert!(
+            picture.contains("m.toml, changed while it ran") && picture.contains("a change begins"),
+            "{picture:.2000}"
+        );
         // Another request makes other edges: the comparison can fail.
         let log = std::fs::read_to_string(folder.0.join("out/l.jsonl")).unwrap();
         std::fs::write(folder.0.join("out/x.jsonl"), log.replace("\"2 Hz\"", "\"1.5 Hz\"")).unwrap();

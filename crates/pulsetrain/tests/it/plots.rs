@@ -21,7 +21,14 @@ fn tutorial(period: f64) -> Picture {
         motor.error(scheduled, (scheduled - exact) / tick);
     }
     let title = format!("tutorial, T = {period} s");
-    let mut picture = Picture { title, tick_s: tick, motors: vec![motor], errors: Errors::Ticks, figures: Vec::new() };
+    let mut picture = Picture {
+        title,
+        tick_s: tick,
+        motors: vec![motor],
+        errors: Errors::Ticks,
+        figures: Vec::new(),
+        changes: Vec::new(),
+    };
     let window = picture.close_view().unwrap();
     picture.motors[0].want_closely(&law, window).unwrap();
     picture
