@@ -237,7 +237,9 @@ impl ScreenRows {
                     format!("{:>10.3} {}/s{share}", speed / motor.steps_per_unit, human::unit(&motor.unit))
                 });
                 let name = shortened(&motor.name);
-                rows.push(format!("{name:<width$} {position:>10.3} {:<4} {speed}", human::unit(&motor.unit)));
+                // A position in steps is a whole number.
+                let digits = if motor.steps_per_unit == 1.0 { 0 } else { 3 };
+                rows.push(format!("{name:<width$} {position:>10.digits$} {:<4} {speed}", human::unit(&motor.unit)));
             }
             let what = if self.is_paused { "paused" } else { "runs" };
             let lease = status.lease_s.map_or_else(|| "to the end".to_owned(), |s| format!("{:.0} ms ahead", 1e3 * s));
