@@ -477,6 +477,15 @@ impl<B: Leased> Driven<B> {
         self.stop.is_none() && self.session.is_stopped()
     }
 
+    /// Where each motor rests after it has braked, steps.
+    ///
+    /// # Errors
+    /// While a motor brakes.
+    pub fn resting(&mut self) -> Result<Vec<f64>, SessionError> {
+        let now = self.session.board().now();
+        (0..self.program.motors.len()).map(|motor| Ok(self.session.state(motor, now)?.theta)).collect()
+    }
+
     /// Sets the laws' time while all motors rest: [`Session::set_law_time`].
     ///
     /// # Errors

@@ -470,7 +470,8 @@ impl<B: Leased> Session<B> {
     /// When a law cannot be evaluated.
     pub fn ceiling_of(&self, change: &Change) -> Result<Option<Ceiling>, SessionError> {
         let (tempo, mix) = (self.playback.tempo(), self.playback.mix());
-        let changed = mix.changed(change);
+        // Motors that were stopped left their laws: all of them join the new ones.
+        let changed = if self.is_stopped() { vec![true; change.program.motors.len()] } else { mix.changed(change) };
         let from = if change.begins == Begins::Now { Time::ZERO } else { self.law_time() };
         let (highest, ceiling) = highest_factor(&change.program, from, NEARLY_ALL, &changed)?;
         if highest < tempo.get() {

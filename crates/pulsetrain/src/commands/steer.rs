@@ -129,6 +129,10 @@ pub(super) fn in_words(event: &Event) -> String {
     }
 }
 
+/// What a user can do if no earlier motion is left.
+pub(crate) const NO_EARLIER_MOTION: &str = "No earlier motion keeps to the limits from here, so they rest where they stand: `begin` starts the motion \
+                                            from its beginning, `resume` or a cue goes on";
+
 /// An event of a live motion, in words.
 pub(super) fn live_in_words(event: &LiveEvent) -> String {
     let change = |from_s: f64, until_s: f64| {
@@ -155,10 +159,13 @@ pub(super) fn live_in_words(event: &LiveEvent) -> String {
         LiveEvent::Rejoined { from_s, until_s, times } => {
             format!("the motors had braked and join the motion again {} (time {times})", change(*from_s, *until_s))
         }
-        LiveEvent::TakenBack { why, from_s, until_s } => format!(
+        LiveEvent::TakenBack { why, rests: false, from_s, until_s } => format!(
             "the last change is taken back: {why}. The motors had braked, and join the motion as it was before {}",
             change(*from_s, *until_s)
         ),
+        LiveEvent::TakenBack { why, rests: true, .. } => {
+            format!("the last change is taken back: {why}. The motors had braked. {NO_EARLIER_MOTION}")
+        }
         LiveEvent::Began { from_s, until_s } => format!("the motion begins {}", change(*from_s, *until_s)),
         LiveEvent::Resting { until } if until.is_empty() => "the motors rest".to_owned(),
         LiveEvent::Resting { until } => format!("it is not time: the motors rest; the motion begins on {until}"),

@@ -219,10 +219,14 @@ pub enum LiveEvent {
         /// See `line`.
         column: Option<u32>,
     },
-    /// The planner refused a part of the motion, long after a change that it had allowed. The motors braked; now they join the motion as it was before that change.
+    /// The planner refused a part of the motion, long after a change that it had allowed. The motors braked; now they join the motion as it was before that
+    /// change, or an earlier one.
     TakenBack {
         /// What was refused.
         why: String,
+        /// No earlier motion keeps to the limits: the motors rest where they stand.
+        #[serde(default)]
+        rests: bool,
         /// When they begin to, s.
         from_s: f64,
         /// When they follow it, s.

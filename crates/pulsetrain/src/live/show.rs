@@ -37,6 +37,8 @@ const ASK_S: f64 = 0.04;
 const LOOK_S: f64 = 0.25;
 /// A change may be for a time that is this far ahead, s.
 const FARTHEST_S: f64 = 60.0;
+/// Motions before the last changes that are kept, for a change that has to be taken back.
+const MOST_EARLIER: usize = 8;
 /// Changes that may wait for their tick.
 const MOST_TIMED: usize = 1024;
 
@@ -46,8 +48,12 @@ pub struct Show<B> {
     desk: Desk,
     /// What the motors follow, or change to.
     followed: Desk,
-    /// What they followed before the last change.
-    before: Option<Desk>,
+    /// What they followed before each of the last changes, oldest first. The oldest of all is never forgotten.
+    earlier: Vec<Desk>,
+    /// Whether the motion was ever changed.
+    is_changed: bool,
+    /// Why the last change is being taken back.
+    taking_back: Option<String>,
     /// A change that waits until another one has begun.
     waiting: Option<PendingChange>,
     /// Requests that wait for their tick, soonest first.
@@ -116,7 +122,9 @@ impl<B: Leased> Show<B> {
             driven: driven.staying().looking_often(),
             followed: desk.clone(),
             desk,
-            before: None,
+            earlier: Vec::new(),
+            is_changed: false,
+            taking_back: None,
             waiting: None,
             timed: Vec::new(),
             commands: VecDeque::new(),
@@ -264,7 +272,7 @@ impl<B: Leased> Show<B> {
             self.driven.hold_changes_until(at);
             command
         });
-        let mut events = Vec::new();
+        let (mut events, mut refused) = (Vec::new(), None);
         let stepped = self.driven.step(command, observer, |event| events.push(event));
         let stepped = match stepped {
             Err(error) if self.rejoins && may_rejoin(&error) => match self.driven.rejoin() {
@@ -273,10 +281,13 @@ impl<B: Leased> Show<B> {
                 Err(_) if self.driven.has_braked() => Ok(Ok(None)),
                 Err(_) => Err(error),
             },
-            Err(error) if self.rejoins && is_refused(&error) => match self.take_back(&error) {
-                true => Ok(Ok(None)),
-                false => Err(error),
-            },
+            Err(error) if self.rejoins && self.is_changed && is_refused(&error) => {
+                refused = Some(match error {
+                    DriveError::Halted { why, .. } => why.to_string(),
+                    other => other.to_string(),
+                });
+                Ok(Ok(None))
+            }
             other => Ok(Ok(other?)),
         };
         for event in events {
@@ -284,7 +295,7 @@ impl<B: Leased> Show<B> {
                 Event::Progress { at_s } => self.now_s = *at_s,
                 Event::Pausing { rests_s } => (self.is_paused, self.rests_from_s) = (true, *rests_s),
                 Event::Resuming { .. } => self.is_paused = false,
-                Event::Tempo { rate, .. } => self.tempo = *rate,
+                Event::Tempo { rate, .. } => (self.tempo, self.is_changed) = (*rate, true),
                 Event::Failed { .. } if stepped.is_ok() => continue,
                 _ => {}
             }
@@ -297,6 +308,14 @@ impl<B: Leased> Show<B> {
                 None
             }
         };
+        if let Some(why) = refused {
+            if let Some(dropped) = self.waiting.take() {
+                let why = "the motion that it was to change is taken back; ask for it again";
+                dropped.answers.into_iter().for_each(|(command, _)| refuse(command, &why, tell));
+            }
+            self.taking_back = Some(why);
+            self.take_back(tell);
+        }
         if ended.is_none() {
             self.after_braking(tell);
             if let Some(pending_change) = self.waiting.take() {
@@ -324,22 +343,26 @@ impl<B: Leased> Show<B> {
         }
     }
 
-    /// The planner refuses a part of the motion, long after the last change: that is taken back. The motors, which have braked, join the motion as it was
-    /// before. False if there is nothing to take back.
-    fn take_back(&mut self, why: &DriveError) -> bool {
-        let why = match why {
-            DriveError::Halted { why, .. } => why.to_string(),
-            other => other.to_string(),
-        };
-        let Some((before, program)) = self.before.take().and_then(|desk| Some((desk.clone(), desk.program().ok()?)))
-        else {
-            return false;
-        };
-        (self.desk, self.followed) = (before.clone(), before);
-        let answer = (LiveCommand::Begin, LiveEvent::TakenBack { why, from_s: 0.0, until_s: 0.0 });
-        let (over, at, tempo) = (None, None, None);
-        self.waiting = Some(PendingChange { program, over, answers: vec![answer], is_parked: false, at, tempo });
-        self.driven.has_braked()
+    /// The planner has refused a part of the motion long after a change, and the motors have braked: they join the last motion before it that keeps to
+    /// the limits. If there is none, they rest where they stand.
+    fn take_back(&mut self, tell: Tell<'_>) {
+        self.follow_at_s = None;
+        while let Some(earlier) = self.earlier.pop() {
+            let Ok(program) = earlier.program() else { continue };
+            let is_sound = matches!(self.driven.ceiling_of(&change(Arc::clone(&program), None)), Ok(None));
+            (self.desk, self.followed) = (earlier.clone(), earlier);
+            if is_sound {
+                return self.change(PendingChange::alone(program), tell);
+            }
+        }
+        let resting = self.driven.resting().ok().and_then(|positions| self.desk.resting_at(&positions).ok());
+        match resting {
+            Some(resting) => {
+                let resting = PendingChange { is_parked: true, ..PendingChange::alone(Arc::new(resting)) };
+                self.change(resting, tell);
+            }
+            None => self.commands.push_back((Command::Stop, None)),
+        }
     }
 
     fn tell_rejoined(&mut self, (from_s, until_s): (f64, f64), tell: Tell<'_>) {
@@ -736,10 +759,18 @@ impl<B: Leased> Show<B> {
         self.driven.hold_changes_until(self.held_until);
         match changed {
             Ok((times, tempo)) => {
-                self.before = Some(std::mem::replace(&mut self.followed, self.desk.clone()));
+                let before = std::mem::replace(&mut self.followed, self.desk.clone());
+                // What is taken back is no earlier motion.
+                if !pending_change.answers.is_empty() {
+                    self.keep(before);
+                }
                 self.is_parked = pending_change.is_parked;
                 self.rests_from_s = times.1;
-                if has_braked {
+                if let Some(why) = self.taking_back.take() {
+                    let (from_s, until_s) = times;
+                    let rests = pending_change.is_parked;
+                    tell(Happened::Live(LiveEvent::TakenBack { why, rests, from_s, until_s }));
+                } else if has_braked {
                     self.tell_rejoined(times, tell);
                 }
                 for (_, mut event) in pending_change.answers {
@@ -750,7 +781,9 @@ impl<B: Leased> Show<B> {
             }
             Err(SessionError::Waiting { .. }) => self.waiting = Some(pending_change),
             // This computer was too slow just now: the motors brake, and join these laws then.
-            Err(_) if self.rejoins && self.driven.has_braked() => self.waiting = Some(pending_change),
+            Err(error) if self.rejoins && self.driven.has_braked() && !is_of_laws(&error) => {
+                self.waiting = Some(pending_change);
+            }
             // The limits may leave no room for both at once: one after the other then.
             Err(_) if pending_change.tempo.is_some() => {
                 let mut laws_alone = pending_change;
@@ -764,8 +797,29 @@ impl<B: Leased> Show<B> {
                 for (command, _) in pending_change.answers {
                     refuse(command, &error, tell);
                 }
+                match self.taking_back {
+                    None => {}
+                    Some(_) if pending_change.is_parked => self.commands.push_back((Command::Stop, None)),
+                    Some(_) => self.take_back(tell),
+                }
             }
         }
+    }
+
+    /// Keeps a motion that was followed, for a change that has to be taken back.
+    fn keep(&mut self, before: Desk) {
+        self.is_changed = true;
+        if self.earlier.len() == MOST_EARLIER {
+            self.earlier.remove(1);
+        }
+        self.earlier.push(before);
+    }
+}
+
+impl PendingChange {
+    /// A change for which nobody asked, as soon as it can.
+    fn alone(program: Arc<Program>) -> PendingChange {
+        PendingChange { program, over: None, answers: Vec::new(), is_parked: false, at: None, tempo: None }
     }
 }
 
@@ -976,7 +1030,13 @@ fn may_rejoin(error: &DriveError) -> bool {
 /// Whether the planner refused a part of the motion, and the board has counted all the way.
 fn is_refused(error: &DriveError) -> bool {
     let DriveError::Halted { why, positions, .. } = error else { return false };
-    positions.by == Knowledge::Counted && matches!(**why, DriveError::Plan { .. })
+    let refused = matches!(**why, DriveError::Plan { .. } | DriveError::Session(SessionError::Law { .. }));
+    positions.by == Knowledge::Counted && refused
+}
+
+/// Whether a change is refused for what its laws are, and not since this computer or the line was too slow.
+const fn is_of_laws(error: &SessionError) -> bool {
+    matches!(error, SessionError::Pause(_) | SessionError::Plan(_) | SessionError::Law { .. })
 }
 
 fn set_times(event: &mut LiveEvent, (from, until): (f64, f64)) {

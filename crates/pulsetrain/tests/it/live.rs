@@ -6,6 +6,7 @@ use pulsetrain_board::{Edge, Leased, Native};
 use pulsetrain_session::control::{Command, Ended, Event, Status};
 use pulsetrain_session::drive::Driven;
 use pulsetrain_session::prepare::Prepared;
+use pulsetrain_testkit::limits::check_acceleration;
 use std::path::PathBuf;
 
 /// Two motors, knobs and cues.
@@ -571,6 +572,149 @@ fn somebody_says_where_motors_stand() {
     assert!(places(None, "1 s").unwrap_err().contains("it is a time"));
     let unknown = desk.places(None, "last", None).unwrap_err().to_string();
     assert!(unknown.contains("nobody knows where the motors rested"), "{unknown}");
+}
+
+/// A swing of `a` that grows for 50 s where `growth` is more than 0, and a swing of `b` that is left alone.
+fn growing(growth: &str) -> String {
+    let laws = format!(
+        r#"[[motion]]
+motor = "a"
+[motion.law.formula]
+theta = "20*sin(2*pi*t)^2 + if(t > 40, growth*(t - 40)^4, 0)"
+unit = "step"
+where = {{ growth = {growth} }}
+[[motion]]
+motor = "b"
+law.sweep = {{ frequency = "1 Hz", swing = "40 step" }}
+"#
+    );
+    let (motors, rest) = TEXT.split_once("[[motion]]").unwrap();
+    let (_, rest) = rest.split_once("[live.knobs]").unwrap();
+    let cues = &rest[rest.find("[[cue]]").unwrap()..rest.find("[[cue]]\nname = \"the last").unwrap()];
+    format!("{motors}{laws}{cues}")
+}
+
+impl<B: Leased> Stage<B> {
+    /// The next change that is taken back: why, whether the motors rest, and when they follow the earlier motion.
+    #[track_caller]
+    fn taken_back(&mut self) -> (String, bool, f64) {
+        for _ in 0..6000 {
+            let place = self.happened.iter().position(|happened| matches!(happened, Happened::Live(_)));
+            if let Some(place) = place {
+                let Happened::Live(event) = self.happened.remove(place) else { continue };
+                let LiveEvent::TakenBack { why, rests, until_s, .. } = event else { panic!("{event:?}") };
+                return (why, rests, until_s);
+            }
+            self.step();
+        }
+        panic!("nothing was taken back within a minute");
+    }
+
+    /// The present value of a knob.
+    fn knob(&self, name: &str) -> f64 {
+        self.show.desk().knobs().iter().find(|knob| knob.name == name).unwrap().value
+    }
+
+    /// Runs to a time of the motion, s, and holds every step of both motors against their limits.
+    #[track_caller]
+    fn check_limits(&self) {
+        let setup = self.show.desk().setup();
+        for (motor, steps) in steps_of(&self.edges).iter().enumerate() {
+            let limit = setup.motors[motor].limits.max_acceleration.unwrap();
+            check_acceleration(steps, setup.board.tick_hz, limit, 1.5).unwrap();
+        }
+    }
+}
+
+/// The steps of motors on the native board: its lines are STEP and DIR of each motor, in order.
+fn steps_of(edges: &[Edge]) -> Vec<Vec<(u64, i64)>> {
+    let motors = edges.iter().map(|edge| usize::from(edge.line) / 2 + 1).max().unwrap_or(0);
+    let (mut steps, mut ways) = (vec![Vec::new(); motors], vec![1; motors]);
+    for edge in edges {
+        let motor = usize::from(edge.line) / 2;
+        match (edge.line % 2, edge.level) {
+            (0, true) => steps[motor].push((edge.tick, ways[motor])),
+            (0, false) => {}
+            (_, level) => ways[motor] = if level { 1 } else { -1 },
+        }
+    }
+    steps
+}
+
+/// A formula that breaks a limit long after the change to it was accepted: the motors brake, and join the motion as it was before.
+#[test]
+fn a_change_that_is_refused_later_is_taken_back() {
+    let mut stage = native(&growing("0"));
+    stage.run(2.0);
+    stage.line("a.growth 20");
+    let (_, value, ceiling, ..) = set(stage.answer());
+    assert_eq!((value, ceiling, stage.knob("a.growth")), (20.0, None, 20.0), "half a minute of it keeps to the limits");
+    let (why, rests, until_s) = stage.taken_back();
+    assert!(why.contains("motor a") && why.contains("limit is 800.0 steps/s") && !rests, "{why}");
+    assert!((40.0..60.0).contains(&until_s), "{until_s}");
+    assert_eq!(stage.knob("a.growth"), 0.0);
+    let is_rejoined =
+        |happened: &Happened| matches!(happened, Happened::Live(_) | Happened::Session(Event::Failed { .. }));
+    assert!(!stage.happened.iter().any(is_rejoined), "it is told once");
+    // Both follow the earlier laws again, at their own time.
+    stage.run(until_s - stage.now_s() + 2.0);
+    assert_eq!((swing(&mut stage, 0, 2.0), swing(&mut stage, 1, 2.0)), ((0, 20), (0, 40)));
+    let status = stage.status();
+    let [a, b] = [&status.motors[0], &status.motors[1]].map(|motor| motor.target.unwrap());
+    let turn = std::f64::consts::TAU * status.at_s;
+    assert!((a - 20.0 * turn.sin().powi(2)).abs() < 0.1, "{a} at {}", status.at_s);
+    assert!((b - 20.0 * (1.0 - turn.cos())).abs() < 0.1, "{b} at {}", status.at_s);
+    // A knob is turned as ever.
+    stage.line("b.swing 20 step");
+    assert_eq!(set(stage.answer()).1, 20.0);
+    stage.run(3.0);
+    stage.stop();
+    stage.check_limits();
+}
+
+/// Of several changes the one that cannot go on is found: those after it go with it.
+#[test]
+fn what_is_taken_back_is_followed_only_if_it_is_sound() {
+    let mut stage = native(&growing("0"));
+    stage.run(1.0);
+    for line in ["b.swing 20 step", "a.growth 20", "b.swing 30 step", "b.frequency 1.2 Hz"] {
+        stage.line(line);
+        assert_eq!(set(stage.answer()).2, None, "{line}");
+        stage.run(2.0);
+    }
+    let (why, rests, until_s) = stage.taken_back();
+    assert!(why.contains("motor a") && !rests, "{why}");
+    assert_eq!([stage.knob("a.growth"), stage.knob("b.swing"), stage.knob("b.frequency")], [0.0, 20.0, 1.0]);
+    stage.run(until_s - stage.now_s() + 1.0);
+    assert_eq!((swing(&mut stage, 0, 2.0), swing(&mut stage, 1, 2.0)), ((0, 20), (0, 20)));
+    stage.stop();
+    stage.check_limits();
+}
+
+/// The file's own motion cannot go on: there is nothing to join. The motors rest until somebody asks for the motion.
+#[test]
+fn motors_rest_where_no_earlier_motion_can_be_followed() {
+    let mut stage = native(&growing("20"));
+    stage.run(2.0);
+    stage.line("b.swing 20 step");
+    set(stage.answer());
+    let (why, rests, _) = stage.taken_back();
+    assert!(why.contains("motor a") && rests, "{why}");
+    stage.run(1.0);
+    let place = [0, 1].map(|motor| swing(&mut stage, motor, 1.0));
+    assert!(place.iter().all(|(low, high)| low == high), "at rest: {place:?}");
+    assert!(stage.show.is_resting());
+    // Its laws break the limits from here on, and this is the answer to who asks for them.
+    let why = stage.refused("go");
+    assert!(why.contains("max_"), "{why}");
+    // From its beginning it can be followed for as long as before.
+    stage.line("begin");
+    let began = stage.answer();
+    let LiveEvent::Began { until_s, .. } = began else { panic!("{began:?}") };
+    stage.run(until_s - stage.now_s() + 1.0);
+    assert_eq!((swing(&mut stage, 0, 2.0), swing(&mut stage, 1, 2.0)), ((0, 20), (0, 40)));
+    stage.stop();
+    stage.check_limits();
 }
 
 #[test]

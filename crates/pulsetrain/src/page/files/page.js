@@ -194,7 +194,7 @@ function happen(line, isPast) {
       tell(`The motors had braked, and join the motion again${until}.`, { at, bad: true });
       break;
     case "taken_back":
-      tell(`The last change is taken back: ${line.why}. The motors had braked, and join the motion as it was before${until}.`, { at, bad: true });
+      tell(`The last change is taken back: ${line.why}. The motors had braked, and ${line.rests ? "rest where they stand" : `join the motion as it was before${until}`}.`, { at, bad: true });
       break;
     case "returned":
       tell(`The motors join the motion again${until}.`, { at });
