@@ -477,6 +477,12 @@ impl<B: Leased> Driven<B> {
         self.stop.is_none() && self.session.is_stopped()
     }
 
+    /// What changes of an endless constant speed have added to each motor's way: [`Session::shifts`].
+    #[must_use]
+    pub fn shifts(&self) -> Option<Vec<f64>> {
+        self.session.shifts()
+    }
+
     /// Where each motor rests after it has braked, steps.
     ///
     /// # Errors
@@ -490,9 +496,9 @@ impl<B: Leased> Driven<B> {
     ///
     /// # Errors
     /// As [`Session::set_law_time`].
-    pub fn set_law_time(&mut self, time: Time) -> Result<(), SessionError> {
+    pub fn set_law_time(&mut self, time: Time, shifts: Option<&[f64]>) -> Result<(), SessionError> {
         self.check_not_stopped()?;
-        self.session.set_law_time(time)
+        self.session.set_law_time(time, shifts)
     }
 
     /// Lets the motors change to other laws while they move: [`Session::change_to`]. Returns when they leave the old laws and when they follow the new

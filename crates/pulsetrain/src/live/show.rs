@@ -6,8 +6,9 @@
 use std::collections::VecDeque;
 
 use pulsetrain_board::{Leased, Observer};
-use pulsetrain_motion::Time;
+use pulsetrain_motion::file::MOST_OF_A_MOTION_FILE;
 use pulsetrain_motion::time::Rate;
+use pulsetrain_motion::{Time, human};
 use pulsetrain_session::SessionError;
 use pulsetrain_session::control::{Command, Ended, Event, Knowledge};
 use pulsetrain_session::drive::{DriveError, Driven};
@@ -79,6 +80,8 @@ pub struct Show<B> {
     joining: Option<Joining>,
     /// A pause from before the board was lost: the motion goes on at this time of its laws.
     halted_at: Option<Time>,
+    /// What changed speeds had added to the motors' ways before the board was lost.
+    shifts: Option<Vec<f64>>,
     /// When the motors rest where they were sent, s of the motion.
     rests_from_s: f64,
 }
@@ -87,6 +90,8 @@ pub struct Show<B> {
 struct Joining {
     /// The laws' time.
     at: Time,
+    /// What changed speeds have added to the motors' ways; `None`: a constant speed begins where they rest.
+    shifts: Option<Vec<f64>>,
     /// The request and the event that answers it; `None`: they stay at rest.
     answer: Option<(LiveCommand, LiveEvent)>,
     /// What was asked for meanwhile.
@@ -139,6 +144,7 @@ impl<B: Leased> Show<B> {
             tempo: 1.0,
             joining: None,
             halted_at: None,
+            shifts: None,
             rests_from_s: 0.0,
         }
     }
@@ -175,6 +181,7 @@ impl<B: Leased> Show<B> {
             is_parked: self.is_parked,
             is_halted: self.is_paused || self.halted_at.is_some(),
             law_time: self.halted_at.unwrap_or(law_time),
+            shifts: if self.halted_at.is_some() { self.shifts } else { self.driven.shifts() },
             tempo: self.tempo,
             rejoins: self.rejoins,
             rejoined: self.rejoined,
@@ -478,7 +485,8 @@ impl<B: Leased> Show<B> {
                 Request::Session(Command::Resume) if self.is_parked && self.halted_at.is_some() => {
                     let answer = (LiveCommand::Begin, LiveEvent::Returned { from_s: 0.0, until_s: 0.0 });
                     let at = self.halted_at.take().unwrap_or_default();
-                    self.joining = Some(Joining { at, answer: Some(answer), then: Vec::new() });
+                    let shifts = self.shifts.take();
+                    self.joining = Some(Joining { at, shifts, answer: Some(answer), then: Vec::new() });
                 }
                 Request::Live(LiveCommand::Begin) => self.begin(tell),
                 Request::Live(LiveCommand::Rest { in_place, until }) if *in_place || self.is_parked => {
@@ -506,16 +514,17 @@ impl<B: Leased> Show<B> {
         self.desk = self.desk.restarted();
         self.halted_at = None;
         let answer = (LiveCommand::Begin, LiveEvent::Began { from_s: 0.0, until_s: 0.0 });
-        self.joining = Some(Joining { at: Time::ZERO, answer: Some(answer), then: Vec::new() });
+        let (at, shifts) = (Time::ZERO, Some(Vec::new()));
+        self.joining = Some(Joining { at, shifts, answer: Some(answer), then: Vec::new() });
     }
 
     /// Lets motors that rest follow the motion, if they are to.
     fn join<O: Observer>(&mut self, observer: &mut O, tell: Tell<'_>) -> Result<Option<Ended>, DriveError> {
-        let Some(Joining { at, .. }) = self.joining else { return Ok(None) };
+        let Some(Joining { at, ref shifts, .. }) = self.joining else { return Ok(None) };
         if self.waiting.is_some() || !self.commands.is_empty() {
             return Ok(None);
         }
-        match self.driven.set_law_time(at) {
+        match self.driven.set_law_time(at, shifts.as_deref()) {
             Err(SessionError::Waiting { .. }) => return Ok(None),
             Err(error) => {
                 if let Some((command, _)) = self.joining.take().and_then(|joining| joining.answer) {
@@ -753,7 +762,10 @@ impl<B: Leased> Show<B> {
             return;
         }
         let has_braked = self.driven.has_braked();
-        let change = change(Arc::clone(&pending_change.program), pending_change.over);
+        let mut change = change(Arc::clone(&pending_change.program), pending_change.over);
+        if pending_change.is_parked {
+            change.begins = Begins::Now;
+        }
         self.driven.hold_changes_until(pending_change.at);
         let changed = self.driven.change_with_tempo(&change, pending_change.tempo.and_then(Rate::of));
         self.driven.hold_changes_until(self.held_until);
@@ -891,6 +903,7 @@ pub struct SuspendedShow {
     is_halted: bool,
     /// When the board was lost.
     law_time: Time,
+    shifts: Option<Vec<f64>>,
     tempo: f64,
     rejoins: bool,
     rejoined: u32,
@@ -903,7 +916,17 @@ impl SuspendedShow {
     #[must_use]
     pub fn new(desk: Desk, rejoins: bool, joins: bool) -> SuspendedShow {
         let (is_parked, law_time) = (!joins, Time::ZERO);
-        SuspendedShow { desk, is_parked, is_halted: false, law_time, tempo: 1.0, rejoins, rejoined: 0, is_new: true }
+        SuspendedShow {
+            desk,
+            is_parked,
+            is_halted: false,
+            law_time,
+            shifts: Some(Vec::new()),
+            tempo: 1.0,
+            rejoins,
+            rejoined: 0,
+            is_new: true,
+        }
     }
 
     /// The motion as it is wanted.
@@ -939,6 +962,7 @@ impl SuspendedShow {
             Request::Live(LiveCommand::Begin) => {
                 self.desk = self.desk.restarted();
                 (self.is_parked, self.is_halted, self.law_time) = (false, false, Time::ZERO);
+                self.shifts = Some(Vec::new());
             }
             Request::Live(command @ LiveCommand::Cue { .. }) => {
                 let LiveCommand::Cue { name } = &command else { return };
@@ -968,7 +992,7 @@ impl SuspendedShow {
         }
         show.rejoined = self.rejoined + u32::from(!self.is_new);
         if self.is_halted {
-            show.halted_at = Some(self.law_time);
+            (show.halted_at, show.shifts) = (Some(self.law_time), self.shifts.clone());
         }
         let at = if self.is_halted { self.law_time } else { self.law_time + Time::from_seconds(self.tempo * passed_s) };
         let event = match self.is_new {
@@ -976,7 +1000,8 @@ impl SuspendedShow {
             false => LiveEvent::Rejoined { from_s: 0.0, until_s: 0.0, times: show.rejoined },
         };
         let joins = !self.is_parked && !self.is_halted;
-        show.joining = Some(Joining { at, answer: joins.then_some((LiveCommand::Begin, event)), then: Vec::new() });
+        let answer = joins.then_some((LiveCommand::Begin, event));
+        show.joining = Some(Joining { at, shifts: self.shifts, answer, then: Vec::new() });
         show
     }
 }
