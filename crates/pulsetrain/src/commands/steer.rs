@@ -160,7 +160,7 @@ pub(super) fn live_in_words(event: &LiveEvent) -> String {
             format!("the motors had braked and join the motion again {} (time {times})", change(*from_s, *until_s))
         }
         LiveEvent::TakenBack { why, rests: false, from_s, until_s } => format!(
-            "the last change is taken back: {why}. The motors had braked, and join the motion as it was before {}",
+            "the last change is taken back: {why}. The motors had braked, and join the motion before that change {}",
             change(*from_s, *until_s)
         ),
         LiveEvent::TakenBack { why, rests: true, .. } => {
@@ -178,11 +178,16 @@ pub(super) fn live_in_words(event: &LiveEvent) -> String {
                 last => format!(" They stood at {}: if they do still, write `here last`.", last.join(", ")),
             };
             format!(
-                "{why}: nobody knows where {} stands. No motor moves until you write it, such as `here 0 deg`, or `here {} 90 deg` for one motor.{last}",
+                "{why}: the position of {} is not known. No motor moves until you write it, such as `here 0 deg`, or `here {} 90 deg` for one motor.{last}",
                 motors.join(", "),
                 motors.first().map_or("MOTOR", String::as_str)
             )
         }
+        LiveEvent::Late { wanted_s, by_s } => format!(
+            "a change for {} began {} later: send it sooner",
+            human::seconds_to(*wanted_s, 4),
+            human::seconds(*by_s)
+        ),
         LiveEvent::Placed { motors, position } => format!("{} at {position}: noted", motors.join(", ")),
         LiveEvent::Returned { from_s, until_s } => {
             format!("the motors join the motion again {}", change(*from_s, *until_s))

@@ -40,6 +40,8 @@ const LOOK_S: f64 = 0.25;
 const FARTHEST_S: f64 = 60.0;
 /// Motions before the last changes that are kept, for a change that has to be taken back.
 const MOST_EARLIER: usize = 8;
+/// A change for a tick that begins later than this is told, s.
+const LATE_S: f64 = 0.002;
 /// Changes that may wait for their tick.
 const MOST_TIMED: usize = 1024;
 
@@ -107,6 +109,8 @@ struct PendingChange {
     is_parked: bool,
     /// The first tick; `None`: as soon as it can.
     at: Option<u64>,
+    /// The tick for which it was asked, perhaps too late.
+    wanted: Option<u64>,
     /// The tempo from that tick on, if it changes.
     tempo: Option<f64>,
 }
@@ -225,10 +229,10 @@ impl<B: Leased> Show<B> {
     ) -> Result<Option<Ended>, DriveError> {
         let at_s = if let Request::Together(Together { at_s, .. }) = &request { *at_s } else { None };
         let requests = request.each();
-        let Some(at_s) = at_s else { return self.together(&requests, None, observer, tell) };
+        let Some(at_s) = at_s else { return self.together(&requests, (None, None), observer, tell) };
         let tick = self.driven.tick_at(at_s);
         if tick <= self.driven.earliest() {
-            return self.together(&requests, None, observer, tell);
+            return self.together(&requests, (None, Some(tick)), observer, tell);
         }
         let why = if at_s > self.now_s + FARTHEST_S {
             format!("it is for {:.1} s from now; {FARTHEST_S} s are the most", at_s - self.now_s)
@@ -257,7 +261,7 @@ impl<B: Leased> Show<B> {
         }
         if self.follow_at_s.is_some_and(|at_s| at_s <= self.now_s) && self.waiting.is_none() {
             self.follow_at_s = None;
-            let ended = self.together(&[Request::Live(LiveCommand::Go)], None, observer, tell)?;
+            let ended = self.together(&[Request::Live(LiveCommand::Go)], (None, None), observer, tell)?;
             if ended.is_some() {
                 return Ok(ended);
             }
@@ -377,6 +381,14 @@ impl<B: Leased> Show<B> {
         tell(Happened::Live(LiveEvent::Rejoined { from_s, until_s, times: self.rejoined }));
     }
 
+    /// Tells if what was wanted for a tick begins later, at `from_s` of the motion.
+    fn tell_late(&self, wanted: Option<u64>, from_s: f64, tell: Tell<'_>) {
+        let Some(wanted_s) = wanted.map(|wanted| self.driven.seconds_at(wanted)) else { return };
+        if from_s > wanted_s + LATE_S {
+            tell(Happened::Live(LiveEvent::Late { wanted_s, by_s: from_s - wanted_s }));
+        }
+    }
+
     fn ticks(&self, seconds: f64) -> u64 {
         self.driven.tick_at(seconds) - self.driven.zero()
     }
@@ -400,18 +412,18 @@ impl<B: Leased> Show<B> {
                 // The nearest value that holds takes time to find.
             }
             let TimedRequests { requests, .. } = self.timed.remove(0);
-            if let Some(ended) = self.together(&requests, Some(tick), observer, tell)? {
+            if let Some(ended) = self.together(&requests, (Some(tick), Some(tick)), observer, tell)? {
                 return Ok(Some(ended));
             }
         }
         Ok(None)
     }
 
-    /// Makes one change of all that is asked, from tick `at` on.
+    /// Makes one change of all that is asked, from tick `at` on. It was `wanted` for that tick, or for one that is too near.
     fn together<O: Observer>(
         &mut self,
         requests: &[Request],
-        at: Option<u64>,
+        (at, wanted): (Option<u64>, Option<u64>),
         observer: &mut O,
         tell: Tell<'_>,
     ) -> Result<Option<Ended>, DriveError> {
@@ -450,6 +462,9 @@ impl<B: Leased> Show<B> {
         }
         let Some(program) = program.filter(|_| gathered.is_moving) else {
             self.commands.extend(tempo.map(|(_, command)| (command, at)));
+            if tempo.is_some() || !gathered.commands.is_empty() {
+                self.tell_late(wanted, self.driven.seconds_at(self.driven.earliest()), tell);
+            }
             if !gathered.answers.is_empty() {
                 self.followed = self.desk.clone();
             }
@@ -467,7 +482,7 @@ impl<B: Leased> Show<B> {
         });
         self.commands.extend(without.map(|command| (command, at)));
         let (over, answers, is_parked) = (gathered.over, gathered.answers, gathered.is_parked);
-        self.pending_change(PendingChange { program, over, answers, is_parked, at, tempo: with }, tell);
+        self.pending_change(PendingChange { program, over, answers, is_parked, at, wanted, tempo: with }, tell);
         Ok(None)
     }
 
@@ -539,14 +554,13 @@ impl<B: Leased> Show<B> {
             match self.desk.program() {
                 Ok(program) => {
                     let answers = vec![(command, event)];
-                    let joined =
-                        PendingChange { program, over: None, answers, is_parked: false, at: None, tempo: None };
+                    let joined = PendingChange { answers, ..PendingChange::alone(program) };
                     self.pending_change(joined, tell);
                 }
                 Err(error) => refuse(command, &error, tell),
             }
         }
-        if then.is_empty() { Ok(None) } else { self.together(&then, None, observer, tell) }
+        if then.is_empty() { Ok(None) } else { self.together(&then, (None, None), observer, tell) }
     }
 
     /// What is asked, as one change. With `search` each part is held against the limits: knobs go to the nearest value that keeps to them while the
@@ -750,6 +764,7 @@ impl<B: Leased> Show<B> {
         if let Some(before) = self.waiting.take() {
             pending_change.answers.splice(0..0, before.answers);
             pending_change.at = pending_change.at.or(before.at);
+            pending_change.wanted = pending_change.wanted.or(before.wanted);
             pending_change.tempo = pending_change.tempo.or(before.tempo);
         }
         self.change(pending_change, tell);
@@ -789,6 +804,7 @@ impl<B: Leased> Show<B> {
                     set_times(&mut event, times);
                     tell(Happened::Live(event));
                 }
+                self.tell_late(pending_change.wanted, times.0, tell);
                 tempo.into_iter().for_each(|event| tell(Happened::Session(event)));
             }
             Err(SessionError::Waiting { .. }) => self.waiting = Some(pending_change),
@@ -831,7 +847,8 @@ impl<B: Leased> Show<B> {
 impl PendingChange {
     /// A change for which nobody asked, as soon as it can.
     fn alone(program: Arc<Program>) -> PendingChange {
-        PendingChange { program, over: None, answers: Vec::new(), is_parked: false, at: None, tempo: None }
+        let (over, answers, is_parked) = (None, Vec::new(), false);
+        PendingChange { program, over, answers, is_parked, at: None, wanted: None, tempo: None }
     }
 }
 
@@ -941,7 +958,7 @@ impl SuspendedShow {
     }
 
     fn obey_one(&mut self, request: Request, tell: Tell<'_>) {
-        const AWAY: &str = "the board cannot be reached, or nobody knows where the motors stand";
+        const AWAY: &str = "the board cannot be reached, or the positions of the motors are not known";
         match request {
             Request::Live(LiveCommand::Motion { text, files }) => match with_file(&self.desk, &text, &files) {
                 Ok(None) => {}
@@ -1013,6 +1030,11 @@ fn with_file(desk: &Desk, text: &str, files: &FileTexts) -> Result<Option<Desk>,
         return Ok(None);
     }
     drop(known);
+    if text.len() as u64 > MOST_OF_A_MOTION_FILE {
+        let [is, most] = [text.len() as u64, MOST_OF_A_MOTION_FILE].map(|bytes| human::bytes(bytes as f64));
+        let error = format!("it has {is}; {most} is the most that is read");
+        return Err(LiveEvent::MotionRefused { error, line: None, column: None });
+    }
     let number = |number: usize| u32::try_from(number).ok();
     let desk = desk.with_file(text, files).map_err(|error| {
         let (place, advice) = match error.as_ref() {
@@ -1077,6 +1099,7 @@ fn set_times(event: &mut LiveEvent, (from, until): (f64, f64)) {
         LiveEvent::MotionRefused { .. }
         | LiveEvent::Refused { .. }
         | LiveEvent::Resting { .. }
+        | LiveEvent::Late { .. }
         | LiveEvent::Unplugged { .. }
         | LiveEvent::Unplaced { .. }
         | LiveEvent::Placed { .. } => {}
