@@ -229,7 +229,7 @@ test("the space bar stops, wherever the focus is but in text", async () => {
   assert.equal(await page.$eval("#position", (field) => field.value), "1 mm");
   assert.equal(await page.$eval("#phase", (phase) => phase.textContent), "running");
   await click(page, "#take");
-  await says(page, "#control-text", "nobody controls");
+  await says(page, "#control-text", "no page controls");
   // The button that has the focus is not pressed.
   await page.focus("#take");
   await page.keyboard.press("Space");

@@ -150,7 +150,7 @@ fn check(program: &Program) -> Result<(), BakeError> {
                 return refuse(
                     motor,
                     format!(
-                        "STEP is on pin {LAMP}, which the bootloader flashes at each power-up: steps that nobody counts"
+                        "STEP is on pin {LAMP}, which the bootloader flashes at each power-up: steps that are not counted"
                     ),
                 );
             }

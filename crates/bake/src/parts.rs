@@ -190,7 +190,7 @@ impl Wires {
         }
         if step == LAMP {
             return refuse(format!(
-                "STEP is on pin {LAMP}, which the bootloader flashes at each power-up: steps that nobody counts"
+                "STEP is on pin {LAMP}, which the bootloader flashes at each power-up: steps that are not counted"
             ));
         }
         let timing = motor.timing.ticks(HZ);

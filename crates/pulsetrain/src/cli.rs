@@ -17,7 +17,7 @@ Exit codes:
   0  all is well
   1  a bound broke: the verdict on a run or on a capture
   2  wrong usage, wrong input, a motion that is refused, or a file that cannot be written
-  3  the motors stopped before the motion's end, though nobody asked for it
+  3  the motors stopped before the motion's end, without an order
   130  Ctrl-C before anything moved";
 
 const EXAMPLES: &str = "\

@@ -74,7 +74,7 @@ pub enum Event {
     },
     /// The motion has come to its end, or was stopped. This is the last event.
     Ended(Ended),
-    /// The motors stopped before the motion's end, though nobody asked for it. This is the last event.
+    /// The motors stopped before the motion's end, without an order. This is the last event.
     Failed {
         /// The reason, for the user.
         why: String,
@@ -176,7 +176,7 @@ impl Positions {
                  next run. An Uno that lost its supply, or whose port was opened again, was reset: look where the motors are"
             }
             Knowledge::LastReport { .. } => {
-                "nobody knows where the motors are. Nothing moves until the next run: move the motors to their start position first. Then find \
+                "the positions of the motors are not known. Nothing moves until the next run: move the motors to their start position first. Then find \
                  out what reset the board: its supply, or another program that opened its port"
             }
         }
@@ -208,7 +208,7 @@ impl std::fmt::Display for Positions {
             Knowledge::StopUnanswered => write!(
                 f,
                 "the board was sent the order to stop and did not answer. Its last report: {motors}. The motors have come to rest since then, within \
-                 their limits, but nobody knows where"
+                 their limits, but their positions are not known"
             ),
             Knowledge::LastReport { reset } => write!(
                 f,

@@ -477,13 +477,28 @@ impl<B: Leased> Driven<B> {
         self.stop.is_none() && self.session.is_stopped()
     }
 
+    /// What changes of an endless constant speed have added to each motor's way: [`Session::shifts`].
+    #[must_use]
+    pub fn shifts(&self) -> Option<Vec<f64>> {
+        self.session.shifts()
+    }
+
+    /// Where each motor rests after it has braked, steps.
+    ///
+    /// # Errors
+    /// While a motor brakes.
+    pub fn resting(&mut self) -> Result<Vec<f64>, SessionError> {
+        let now = self.session.board().now();
+        (0..self.program.motors.len()).map(|motor| Ok(self.session.state(motor, now)?.theta)).collect()
+    }
+
     /// Sets the laws' time while all motors rest: [`Session::set_law_time`].
     ///
     /// # Errors
     /// As [`Session::set_law_time`].
-    pub fn set_law_time(&mut self, time: Time) -> Result<(), SessionError> {
+    pub fn set_law_time(&mut self, time: Time, shifts: Option<&[f64]>) -> Result<(), SessionError> {
         self.check_not_stopped()?;
-        self.session.set_law_time(time)
+        self.session.set_law_time(time, shifts)
     }
 
     /// Lets the motors change to other laws while they move: [`Session::change_to`]. Returns when they leave the old laws and when they follow the new

@@ -2,6 +2,7 @@
 //!
 //! The program's time goes on, so that motors keep their common zero. A law that differs from the old one in frequency alone, or also in size, goes
 //! on at the same phase: during the change the old law's time speeds up or slows down to the new frequency, and the new law's time from the old one.
+//! Likewise an endless constant speed goes on from where the motor is: during the change the speed itself goes to the new one, without passing it.
 
 use crate::pause::{Ceiling, PauseError, USABLE, highest_factor, ticks};
 use crate::plans::TRIED_MOVES;
@@ -79,6 +80,20 @@ struct Voice {
     law: Law,
     /// From the first time of the program on, its own time goes on from the second one. `None`: both are the same.
     own: Option<(Time, Time)>,
+    /// What earlier speeds have added to the way of its constant speed, steps.
+    shift: f64,
+    stance: Stance,
+}
+
+/// How a motor came to its law.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Stance {
+    /// By the program's time.
+    Following,
+    /// It was sent there: the law began at a change. A constant speed after it begins from there.
+    Sent,
+    /// It rests until it joins a law that has gone on without it, [`Voice::shift`] included.
+    Joining,
 }
 
 /// A fade of the motors whose laws change.
@@ -95,6 +110,8 @@ struct Fade {
 struct Turn {
     /// The rate to which the old law's time is brought, if that changes.
     old_rate: Option<Rate>,
+    /// By how much a constant speed changes, steps/s.
+    faster: Option<f64>,
     /// The new law in the program's time during the fade, and after it.
     new: Law,
     settled: Law,
@@ -118,10 +135,16 @@ impl Voice {
 
     /// Its law in the program's time.
     fn in_program_time(&self) -> Result<Law, LawError> {
-        match self.own {
-            None => Ok(self.law.clone()),
-            Some((since, own)) => self.law.clone().retimed(own, Ease::steady(Rate::ONE))?.delayed(since),
-        }
+        let law = match self.own {
+            None => self.law.clone(),
+            Some((since, own)) => self.law.clone().retimed(own, Ease::steady(Rate::ONE))?.delayed(since)?,
+        };
+        if self.shift == 0.0 { Ok(law) } else { law.shifted(self.shift) }
+    }
+
+    /// It follows a law in the program's time.
+    fn following(law: Law) -> Voice {
+        Voice { law, own: None, shift: 0.0, stance: Stance::Following }
     }
 }
 
@@ -143,6 +166,9 @@ impl Fade {
 
     /// The old law during the fade.
     fn old_law(&self, turn: &Turn, old: &Law) -> Result<Law, LawError> {
+        if let Some(faster) = turn.faster {
+            return Law::sum(vec![old.clone(), faster_by(faster, self.from, self.over)?]);
+        }
         match turn.old_rate {
             None => Ok(old.clone()),
             Some(to) => {
@@ -157,11 +183,7 @@ impl Mix {
     /// The laws of a program from its beginning.
     pub(crate) fn of(program: &Program) -> Mix {
         let laws = program.motors.iter().map(|motor| motor.law.clone());
-        Mix {
-            base: laws.clone().collect(),
-            fades: Vec::new(),
-            voices: laws.map(|law| Voice { law, own: None }).collect(),
-        }
+        Mix { base: laws.clone().collect(), fades: Vec::new(), voices: laws.map(Voice::following).collect() }
     }
 
     /// Forgets the fades that are over at `now`. Returns whether there were any.
@@ -195,15 +217,33 @@ impl Mix {
         Ok(Mix { voices: self.voices.clone(), ..Mix::resting(positions)? })
     }
 
-    /// Motors that rest where they are, and follow no other law.
-    pub(crate) fn resting(positions: &[f64]) -> Result<Mix, PauseError> {
+    /// Motors that rest where they are, and follow no other law. If `shifts` has what earlier speeds have added to each motor's way, a constant speed that
+    /// they join goes on from there; else it begins where the motors rest.
+    pub(crate) fn joining(positions: &[f64], shifts: Option<&[f64]>) -> Result<Mix, PauseError> {
+        let mut mix = Mix::resting(positions)?;
+        for (motor, voice) in mix.voices.iter_mut().enumerate() {
+            if let Some(shifts) = shifts {
+                (voice.shift, voice.stance) = (shifts.get(motor).copied().unwrap_or(0.0), Stance::Joining);
+            }
+        }
+        Ok(mix)
+    }
+
+    fn resting(positions: &[f64]) -> Result<Mix, PauseError> {
         let rest = |(motor, theta): (usize, &f64)| {
             let law = Law::speed(0.0, None).and_then(|rest| rest.shifted(*theta));
             law.map_err(|error| PauseError::Law { motor, error })
         };
         let base: Vec<Law> = positions.iter().enumerate().map(rest).collect::<Result<_, _>>()?;
-        let voices = base.iter().map(|law| Voice { law: law.clone(), own: None }).collect();
+        let sent = |law: &Law| Voice { stance: Stance::Sent, ..Voice::following(law.clone()) };
+        let voices = base.iter().map(sent).collect();
         Ok(Mix { base, fades: Vec::new(), voices })
+    }
+
+    /// What earlier speeds have added to the way of each motor's constant speed, steps; `None` if the motors were sent to a position.
+    pub(crate) fn shifts(&self) -> Option<Vec<f64>> {
+        let shift = |voice: &Voice| (voice.stance != Stance::Sent).then_some(voice.shift);
+        self.voices.iter().map(shift).collect()
     }
 
     /// The laws of all motors in the program's time, from now on.
@@ -259,6 +299,12 @@ impl Mix {
 
     /// A motor's change to another law; `voice` becomes what it follows then.
     fn turn(voice: &mut Voice, law: Law, begins: Begins, from: Time, over: Time) -> Result<Turn, LawError> {
+        if begins == Begins::WithTheMotion
+            && law != voice.law
+            && let Some(turn) = Mix::turn_of_line(voice, &law, from, over)?
+        {
+            return Ok(turn);
+        }
         let at = voice.own_time(from);
         let phase = if law == voice.law {
             Some((at, None))
@@ -270,16 +316,47 @@ impl Mix {
             (Begins::WithTheMotion, None) => (None, None),
             (Begins::WithTheMotion, Some((own, rates))) => ((own != from).then_some((from, own)), rates),
         };
-        *voice = Voice { law, own };
+        let is_kept = begins == Begins::WithTheMotion && (law == voice.law || voice.stance == Stance::Joining);
+        let shift =
+            if is_kept && law.line_part(own.map_or(from, |(_, own)| own)).is_some() { voice.shift } else { 0.0 };
+        let stance = if begins == Begins::Now { Stance::Sent } else { Stance::Following };
+        *voice = Voice { law, own, shift, stance };
         let Some((old_rate, new_rate)) = rates else {
             let law = voice.in_program_time()?;
-            return Ok(Turn { old_rate: None, new: law.clone(), settled: law });
+            return Ok(Turn { old_rate: None, faster: None, new: law.clone(), settled: law });
         };
         let ease = Ease { before: new_rate, after: Time::ZERO, over, to: Rate::ONE };
         let start = voice.own_time(from);
         let new = voice.law.clone().retimed(start, ease)?.delayed(from)?;
         voice.own = Some((from + over, start + ease.of_law()));
-        Ok(Turn { old_rate: Some(old_rate), new, settled: voice.in_program_time()? })
+        Ok(Turn { old_rate: Some(old_rate), faster: None, new, settled: voice.in_program_time()? })
+    }
+
+    /// As [`Mix::turn`], between laws with an endless constant speed: it goes on from where the motor is. `None` for others.
+    fn turn_of_line(voice: &mut Voice, law: &Law, from: Time, over: Time) -> Result<Option<Turn>, LawError> {
+        let (own, at) = match voice.stance {
+            Stance::Following => (voice.own, voice.own_time(from)),
+            Stance::Sent => (None, from),
+            Stance::Joining => return Ok(None),
+        };
+        let (Some(old), Some(new)) = (voice.law.line_part(voice.own_time(from)), law.line_part(at)) else {
+            return Ok(None);
+        };
+        // Where the backlash is taken up now is known as long as the speed keeps its direction.
+        let keeps_direction = new.speed == 0.0 || old.speed * new.speed > 0.0;
+        if (old.has_backlash || new.has_backlash) && !keeps_direction {
+            return Ok(None);
+        }
+        let faster = new.speed - old.speed;
+        let there = if voice.stance == Stance::Sent { old.way + old.offset } else { old.way };
+        let shift = voice.shift + there - new.way - 0.5 * faster * over.seconds();
+        *voice = Voice { own, shift, ..Voice::following(law.clone()) };
+        let settled = voice.in_program_time()?;
+        if faster == 0.0 {
+            return Ok(Some(Turn { old_rate: None, faster: None, new: settled.clone(), settled }));
+        }
+        let new = Law::sum(vec![settled.clone(), slower_before(faster, from, over)?])?;
+        Ok(Some(Turn { old_rate: None, faster: Some(faster), new, settled }))
     }
 
     /// The shortest fade that keeps all motors to `caution` times their limits at a tempo, and lasts as long as the change is to last at least.
@@ -311,6 +388,20 @@ impl Mix {
     }
 }
 
+/// A speed that goes from 0 to `faster`, steps/s, within a fade, and stays there: with x from 0 to 1 it is `faster`·(3x² − 2x³).
+fn faster_by(faster: f64, from: Time, over: Time) -> Result<Law, LawError> {
+    let s = over.seconds();
+    let rise = Law::polynomials([(over, vec![0.0, 0.0, 0.0, faster / (s * s), -0.5 * faster / (s * s * s)])])?;
+    Law::then(vec![rise, Law::speed(faster, None)?])?.delayed(from)
+}
+
+/// What has to be added to a constant speed that is `faster` than another one, for the way of [`faster_by`] within a fade: nothing after its end.
+fn slower_before(faster: f64, from: Time, over: Time) -> Result<Law, LawError> {
+    let s = over.seconds();
+    let way = vec![0.5 * faster * s, -faster, 0.0, faster / (s * s), -0.5 * faster / (s * s * s)];
+    Law::polynomials([(over, way)])?.delayed(from)
+}
+
 /// A motor's motion at many places of a fade.
 fn blends(fade: &Fade, turn: &Turn, old: &Law, tempo: Rate) -> Result<Vec<Blend>, LawError> {
     let over_s = fade.over.seconds();
@@ -327,7 +418,11 @@ fn blends(fade: &Fade, turn: &Turn, old: &Law, tempo: Rate) -> Result<Vec<Blend>
         let by = new.speed - old.speed;
         let speed = old.speed + w * by + dw * way;
         let acceleration = old.acceleration + w * (new.acceleration - old.acceleration) + 2.0 * dw * by + ddw * way;
-        let own = [(old.speed, new.speed), (old.acceleration, new.acceleration)].map(|(a, b)| a.abs().max(b.abs()));
+        // The change of a constant speed is no part of the laws.
+        let x = f64::from(k) / f64::from(places);
+        let faster = turn.faster.map_or(0.0, |faster| 6.0 * x * (1.0 - x) * faster / over_s);
+        let own = [(old.speed, new.speed), (old.acceleration - faster, new.acceleration - faster)];
+        let own = own.map(|(a, b)| a.abs().max(b.abs()));
         Ok(Blend {
             speed: speed * rate,
             acceleration: acceleration * rate * rate,
@@ -470,7 +565,8 @@ impl<B: Leased> Session<B> {
     /// When a law cannot be evaluated.
     pub fn ceiling_of(&self, change: &Change) -> Result<Option<Ceiling>, SessionError> {
         let (tempo, mix) = (self.playback.tempo(), self.playback.mix());
-        let changed = mix.changed(change);
+        // Motors that were stopped left their laws: all of them join the new ones.
+        let changed = if self.is_stopped() { vec![true; change.program.motors.len()] } else { mix.changed(change) };
         let from = if change.begins == Begins::Now { Time::ZERO } else { self.law_time() };
         let (highest, ceiling) = highest_factor(&change.program, from, NEARLY_ALL, &changed)?;
         if highest < tempo.get() {

@@ -219,17 +219,25 @@ impl<B: Leased> Session<B> {
         self.law_time_at(self.board.now())
     }
 
+    /// What changes of an endless constant speed have added to each motor's way, steps; `None` if the motors were sent to a position.
+    #[must_use]
+    pub fn shifts(&self) -> Option<Vec<f64>> {
+        self.playback.mix.shifts()
+    }
+
     /// Whether the motors were stopped, and have left their laws.
     #[must_use]
     pub(crate) const fn is_stopped(&self) -> bool {
         self.playback.is_stopped()
     }
 
-    /// Sets the laws' time while all motors rest, and stay at rest until they change to other laws: the next change joins those at the new time.
+    /// Sets the laws' time while all motors rest, and stay at rest until they change to other laws: the next change joins those at the new time. An endless
+    /// constant speed goes on from its way until then and `shifts`, steps, which an earlier session had by [`Session::shifts`]; without them it begins where
+    /// the motor rests.
     ///
     /// # Errors
     /// [`SessionError::Waiting`] while a motor moves: try again at the tick in the error. [`SessionError::Late`] after a stop, and while the motion is paused.
-    pub fn set_law_time(&mut self, time: Time) -> Result<(), SessionError> {
+    pub fn set_law_time(&mut self, time: Time, shifts: Option<&[f64]>) -> Result<(), SessionError> {
         let now = self.board.now();
         let LawTime::Going { .. } = self.playback.law_time else {
             return Err(SessionError::Late { at: now, latest: self.committed_until() });
@@ -247,7 +255,7 @@ impl<B: Leased> Session<B> {
         }
         let motors = 0..self.timelines.len();
         let positions: Result<Vec<f64>, _> = motors.map(|motor| self.state(motor, now).map(|at| at.theta)).collect();
-        let mix = Mix::resting(&positions?)?;
+        let mix = Mix::joining(&positions?, shifts)?;
         let program = Arc::new(mix.program(&self.playback.program)?);
         self.playback.changed(program, mix, time);
         // Ticks of a session stay far below 2^62.

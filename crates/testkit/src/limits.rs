@@ -28,6 +28,20 @@ pub fn check_acceleration(steps: &[Step], tick_hz: u64, limit: f64, doubt: f64) 
     Ok(())
 }
 
+/// Checks that no two steps in the same direction come sooner after one another than at `limit`, steps/s. Each tick may be off by `doubt`.
+///
+/// # Errors
+/// The interval, the least that is allowed, and the place.
+pub fn check_speed(steps: &[Step], tick_hz: u64, limit: f64, doubt: f64) -> Result<(), String> {
+    let least = tick_hz as f64 / (limit * 1.001) - 2.0 * doubt;
+    match steps.windows(2).find(|pair| pair[0].1 == pair[1].1 && ((pair[1].0 - pair[0].0) as f64) < least) {
+        Some(pair) => {
+            Err(format!("a step {} ticks after {:?}; {least} ticks are the least", pair[1].0 - pair[0].0, pair[0]))
+        }
+        None => Ok(()),
+    }
+}
+
 /// Checks that a motor with a pull-in rate of `pull_in`, steps/s, that brakes by `limit`, steps/s², can stop at once after its last step: with less than
 /// a step to go, its mean speed since the step before is at most √(4a). A last step in the opposite direction is not checked: its interval is no
 /// speed.

@@ -59,7 +59,7 @@ pub use problem::{BrokenPath, FileError, PathPoint, Problem};
 pub use sheet::{ParameterValue, Sheet, SheetParameter, UnknownParameter};
 pub use source::Source;
 pub use table_columns::{ColumnDistance, ColumnUse, Smoothing, TableColumns};
-pub use text::{csv_text, decoded};
+pub use text::{MOST_OF_A_MOTION_FILE, csv_text, decoded};
 pub use winch::WinchScript;
 
 use crate::boards::{self, BoardRow};

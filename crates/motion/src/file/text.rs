@@ -9,7 +9,7 @@ use crate::columns::{ReadError, has_lone_returns, with_line_feeds};
 use crate::human;
 
 /// The largest motion file, bytes.
-pub(super) const MOST_OF_A_MOTION_FILE: u64 = 16_000_000;
+pub const MOST_OF_A_MOTION_FILE: u64 = 16_000_000;
 /// The largest file that a motion file names, bytes.
 pub(super) const MOST_OF_A_NAMED_FILE: u64 = 64_000_000;
 

@@ -497,8 +497,13 @@ impl Blended {
     }
 
     /// The cycle of its law, once the ramp is over.
+    /// When the ramp at its beginning is over.
+    pub(super) fn begun(&self) -> Time {
+        self.head.as_ref().map_or(Time::ZERO, |head| head.end)
+    }
+
     pub(super) fn cycle(&self) -> Option<(Time, Time)> {
-        let begun = self.head.as_ref().map_or(Time::ZERO, |head| head.end);
+        let begun = self.begun();
         let (from, period) = self.law.cycle().filter(|_| self.tail.is_none())?;
         Some((from.max(begun), period))
     }

@@ -1,7 +1,7 @@
 //! Laws made of laws: sums, sequences, scaled, shifted, delayed and repeated ones.
 
 use super::formula::Terms;
-use super::{Curve, Double, Entry, Law, LawError, Piece, Pieces, Workload, checked};
+use super::{Curve, Double, Entry, Law, LawError, LinePart, Piece, Pieces, Workload, checked};
 use crate::Time;
 use std::sync::Arc;
 
@@ -132,6 +132,16 @@ impl Changed {
     /// Another law, changed as this one.
     pub(super) fn of(&self, law: Law) -> Law {
         law.changed(self.factor, self.offset, self.delay)
+    }
+
+    /// What is left of its law's constant speed.
+    pub(super) fn of_line(&self, line: LinePart) -> LinePart {
+        LinePart {
+            speed: self.factor * line.speed,
+            way: self.factor * line.way,
+            offset: self.factor * line.offset + self.offset,
+            ..line
+        }
     }
 
     pub(super) fn workload(&self, until: Time) -> Workload {

@@ -51,7 +51,7 @@ pub use profile::SCurve;
 pub use smoothing::{CUT_OFF, least_smoothing};
 use std::ops::RangeInclusive;
 use std::sync::Arc;
-pub use steady::Steady;
+pub use steady::{LinePart, Steady};
 pub use table::{Distance, Interpolation, TableLaw};
 pub use timer_ramp::TimerRamp;
 pub use warp::{Ease, Warped};

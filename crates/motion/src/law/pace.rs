@@ -31,12 +31,13 @@ impl Pace {
     }
 
     /// The rate of the old law's time at which it has the new law's frequency, and the rate of the new law's time at which it has the old one's.
-    /// `None` where a rate would be above [`Rate::MAX`], or the frequencies are equal.
+    /// `None` where a rate would be above [`Rate::MAX`], or the frequencies are equal to the bits of a rate.
     #[must_use]
     pub fn rates(self) -> Option<(Rate, Rate)> {
         let faster = self.old.seconds() / self.new.seconds();
         let rates = (Rate::of(faster)?, Rate::of(1.0 / faster)?);
-        (self.old != self.new && rates.0 > Rate::ZERO && rates.1 > Rate::ZERO).then_some(rates)
+        let is_change = rates != (Rate::ONE, Rate::ONE);
+        (is_change && rates.0 > Rate::ZERO && rates.1 > Rate::ZERO).then_some(rates)
     }
 }
 

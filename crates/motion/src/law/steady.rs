@@ -13,6 +13,19 @@ pub struct Steady {
     pub duration: Option<Time>,
 }
 
+/// What a law with an endless constant speed has of it, at a time.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LinePart {
+    /// steps/s.
+    pub speed: f64,
+    /// How far that speed has brought the motor since the law began, steps.
+    pub way: f64,
+    /// What the law's shifts add to that, steps.
+    pub offset: f64,
+    /// The motor takes up backlash where the speed reverses.
+    pub has_backlash: bool,
+}
+
 /// The most steps in a window. Within it a position is exact to 2^-29 step.
 const WINDOW_STEPS: f64 = 16_777_216.0;
 /// The longest window, s.
@@ -29,6 +42,58 @@ impl Law {
             return Err(LawError::Parameter("the duration must be positive".into()));
         }
         Ok(Law::Steady(Steady { speed, duration }))
+    }
+
+    /// What this law has of an endless constant speed, at its own time `at`; `None` if it has none then, or if it ends.
+    ///
+    /// ```
+    /// use pulsetrain_motion::{Law, Time};
+    /// let seconds = Time::from_seconds;
+    /// let turning = Law::speed(100.0, None)?.delayed(seconds(1.0))?;
+    /// let law = Law::sum(vec![turning, Law::sine(20.0, seconds(1.0), None)?])?;
+    /// let part = law.line_part(seconds(3.0)).unwrap();
+    /// assert_eq!((part.speed, part.way), (100.0, 200.0));
+    /// assert_eq!(law.line_part(seconds(0.5)), None);
+    /// # Ok::<(), pulsetrain_motion::LawError>(())
+    /// ```
+    #[must_use]
+    pub fn line_part(&self, at: Time) -> Option<LinePart> {
+        match self {
+            Law::Steady(Steady { speed, duration: None }) => {
+                let way = (Double::from(*speed) * Double::from(at)).nearest();
+                Some(LinePart { speed: *speed, way, offset: 0.0, has_backlash: false })
+            }
+            Law::Changed(changed) if at >= changed.delay => {
+                Some(changed.of_line(changed.law.line_part(at - changed.delay)?))
+            }
+            Law::Then(laws) => {
+                let (last, before) = laws.split_last()?;
+                let begins = before.iter().map(Law::end).try_fold(Time::ZERO, |end, e| Some(end + e?))?;
+                if at >= begins { last.line_part(at - begins) } else { None }
+            }
+            Law::Blended(blended) if blended.end().is_none() && at >= blended.begun() => blended.law().line_part(at),
+            Law::Sum(laws) => laws.iter().filter_map(|law| law.line_part(at)).reduce(|a, b| LinePart {
+                speed: a.speed + b.speed,
+                way: a.way + b.way,
+                offset: a.offset + b.offset,
+                has_backlash: a.has_backlash || b.has_backlash,
+            }),
+            // A swing has turns of its own.
+            Law::Backlash(backlash) if backlash.law().is_line() => {
+                Some(LinePart { has_backlash: true, ..backlash.law().line_part(at)? })
+            }
+            _ => None,
+        }
+    }
+
+    /// Whether it is nothing but a constant speed, from some time on.
+    fn is_line(&self) -> bool {
+        match self {
+            Law::Steady(steady) => steady.duration.is_none(),
+            Law::Changed(changed) => changed.law.is_line(),
+            Law::Blended(blended) => blended.law().is_line(),
+            _ => false,
+        }
     }
 
     /// No motion for `duration`.

@@ -115,7 +115,7 @@ pub(crate) fn run(args: &BoardArgs, console: &mut Console<'_>) -> miette::Result
         }
         (None, None) if args.image.is_some() && args.trace.is_some() => serve(Nobody, "by itself", args, console),
         (None, None) => {
-            let help = "say --pty <LINK> or --tcp <ADDRESS>; a program (--image) that needs nobody runs with --trace <FILE> alone";
+            let help = "say --pty <LINK> or --tcp <ADDRESS>; a program (--image) that needs no host runs with --trace <FILE> alone";
             Err(miette!(help = help, "no way to reach the board was given"))
         }
     }

@@ -27,7 +27,7 @@ Each motor moves along an S-curve within its max_speed and max_acceleration. A m
 slowly: 0.1 rev/s, 0.2 rev/s^2. Positions are those of the motion file. `start` is where its motion begins, mostly 0.
 
 A board counts its steps as long as it has power and is not reset. `goto` uses that count if this computer made the \
-last run or `goto` on the board. Otherwise nobody knows where the motors are. An Uno is reset whenever its port is \
+last run or `goto` on the board. Otherwise the positions of the motors are not known. An Uno is reset whenever its port is \
 opened. Then look where the motors are, and say it with --from.
 
 Without --port, the motors of a virtual board move. They stand at `start`.
@@ -243,7 +243,7 @@ fn unknown(program: &Program, known: &[Option<f64>], moved: &[bool]) -> Report {
     let help = format!("look where they are, and say it: {example} for a motor that stands at 0");
     miette!(
         help = help,
-        "nobody knows where {} stands: the board was reset, or set up by another program, since a run of this computer knew it",
+        "the position of {} is not known: the board was reset, or set up by another program, since a run of this computer knew it",
         names.join(", ")
     )
 }

@@ -786,6 +786,11 @@ impl News<'_> {
                 self.has_knobs = true;
                 self.done.push(happened.clone());
             }
+            // Its sender hears it; a fader at 60 Hz would fill the screen.
+            Happened::Live(LiveEvent::Late { .. }) => {
+                self.done.push(happened);
+                return;
+            }
             other => self.done.push(other.clone()),
         }
         self.pending.fetch_add(1, Ordering::Relaxed);

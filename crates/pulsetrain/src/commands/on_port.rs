@@ -362,7 +362,7 @@ impl Display for PortText<'_> {
         let ticks = |ticks: u16| human::seconds(f64::from(ticks) * tick_s);
         writeln!(
             f,
-            "  Lateness: {} edges late, the latest by {}. This is the board's own report; nobody looked at its pins.",
+            "  Lateness: {} edges late, the latest by {}. This is the board's own report; its pins were not measured.",
             says.compares_missed,
             ticks(says.latest_ticks)
         )?;

@@ -97,7 +97,7 @@ pub(crate) fn drive_problem(error: DriveError) -> Report {
     let help = match &error {
         DriveError::Remote(RemoteError::Port(port)) => return port_problem(port.clone()),
         DriveError::Remote(RemoteError::Link(LinkError::Nobody | LinkError::Version { .. })) => {
-            "write the firmware to the board, also over a motion that was baked for an Uno, which answers nobody: \
+            "write the firmware to the board, also over a motion that was baked for an Uno, which does not answer: \
              `pulsetrain flash uno --port PORT`; a Pico: hold BOOTSEL as you plug it in, then \
              `pulsetrain flash pico`. A board that speaks text alone, as the StepperWinch sketch and `board winch`: \
              `pulsetrain winch --port PORT`"

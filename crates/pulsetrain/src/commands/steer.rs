@@ -129,6 +129,10 @@ pub(super) fn in_words(event: &Event) -> String {
     }
 }
 
+/// What a user can do if no earlier motion is left.
+pub(crate) const NO_EARLIER_MOTION: &str = "No earlier motion keeps to the limits from here, so they rest where they stand: `begin` starts the motion \
+                                            from its beginning, `resume` or a cue goes on";
+
 /// An event of a live motion, in words.
 pub(super) fn live_in_words(event: &LiveEvent) -> String {
     let change = |from_s: f64, until_s: f64| {
@@ -155,10 +159,13 @@ pub(super) fn live_in_words(event: &LiveEvent) -> String {
         LiveEvent::Rejoined { from_s, until_s, times } => {
             format!("the motors had braked and join the motion again {} (time {times})", change(*from_s, *until_s))
         }
-        LiveEvent::TakenBack { why, from_s, until_s } => format!(
-            "the last change is taken back: {why}. The motors had braked, and join the motion as it was before {}",
+        LiveEvent::TakenBack { why, rests: false, from_s, until_s } => format!(
+            "the last change is taken back: {why}. The motors had braked, and join the motion before that change {}",
             change(*from_s, *until_s)
         ),
+        LiveEvent::TakenBack { why, rests: true, .. } => {
+            format!("the last change is taken back: {why}. The motors had braked. {NO_EARLIER_MOTION}")
+        }
         LiveEvent::Began { from_s, until_s } => format!("the motion begins {}", change(*from_s, *until_s)),
         LiveEvent::Resting { until } if until.is_empty() => "the motors rest".to_owned(),
         LiveEvent::Resting { until } => format!("it is not time: the motors rest; the motion begins on {until}"),
@@ -171,11 +178,16 @@ pub(super) fn live_in_words(event: &LiveEvent) -> String {
                 last => format!(" They stood at {}: if they do still, write `here last`.", last.join(", ")),
             };
             format!(
-                "{why}: nobody knows where {} stands. No motor moves until you write it, such as `here 0 deg`, or `here {} 90 deg` for one motor.{last}",
+                "{why}: the position of {} is not known. No motor moves until you write it, such as `here 0 deg`, or `here {} 90 deg` for one motor.{last}",
                 motors.join(", "),
                 motors.first().map_or("MOTOR", String::as_str)
             )
         }
+        LiveEvent::Late { wanted_s, by_s } => format!(
+            "a change for {} began {} later: send it sooner",
+            human::seconds_to(*wanted_s, 4),
+            human::seconds(*by_s)
+        ),
         LiveEvent::Placed { motors, position } => format!("{} at {position}: noted", motors.join(", ")),
         LiveEvent::Returned { from_s, until_s } => {
             format!("the motors join the motion again {}", change(*from_s, *until_s))

@@ -192,7 +192,7 @@ impl StopReport {
         if self.reset {
             let board = if self.text { "board" } else { "Uno" };
             return format!(
-                "opening the port has reset the {board}: what moved has stopped at once, and nobody knows where it stands"
+                "opening the port has reset the {board}: what moved has stopped at once, and its position is not known"
             );
         }
         if self.text {

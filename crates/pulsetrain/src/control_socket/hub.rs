@@ -13,11 +13,13 @@ use serde::Serialize;
 
 use pulsetrain_session::control::{Command, Event};
 
-use super::{ClientLine, ControlState, RunEnded, RunInfo, RunLine};
+use super::{ClientLine, ControlState, LONGEST_LINE, RunEnded, RunInfo, RunLine};
 use super::{Happened, LiveCommand, LiveEvent, Request, Together};
 
 /// Clients of a kind at a time. Each kind has places of its own, so that `pulsetrain stop` finds one however many pages are open.
 pub(super) const MOST_CLIENTS: usize = 16;
+/// Characters of an error about a line that may be long.
+const MOST_OF_AN_ERROR: usize = 400;
 /// Lines that wait for a client. One that takes none of them is dropped.
 const MOST_LINES: usize = 256;
 /// Lines that wait for a client when statuses are left out: the rest is for events, which it must not miss.
@@ -59,6 +61,8 @@ pub struct Hub {
 struct Shared {
     state: Mutex<State>,
     changed: Condvar,
+    /// Who holds it reads a line with a motion file.
+    long_line: Mutex<()>,
 }
 
 /// Where the requests go.
@@ -138,7 +142,9 @@ impl Hub {
             clock: None,
             is_over: false,
         };
-        Hub { shared: Arc::new(Shared { state: Mutex::new(state), changed: Condvar::new() }) }
+        Hub {
+            shared: Arc::new(Shared { state: Mutex::new(state), changed: Condvar::new(), long_line: Mutex::new(()) }),
+        }
     }
 
     fn state(&self) -> MutexGuard<'_, State> {
@@ -245,6 +251,17 @@ impl Hub {
     pub fn time_at(&self, moment: Instant) -> Option<f64> {
         let (known, at_s) = self.state().clock?;
         Some(at_s + moment.checked_duration_since(known)?.as_secs_f64())
+    }
+
+    /// Whether it is that of a live motion, which takes all requests.
+    #[must_use]
+    pub fn is_live(&self) -> bool {
+        matches!(self.state().sink, Sink::Live(_))
+    }
+
+    /// Waits until no other client reads a line with a motion file. So their memory is that of one.
+    pub(super) fn long_line(&self) -> MutexGuard<'_, ()> {
+        self.shared.long_line.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Whether a client has asked for a stop. A run that has much to do may ask this first.
@@ -396,6 +413,18 @@ impl HubSender {
         }
     }
 
+    /// Does what a line says that is too long for anything but a motion file.
+    pub(super) fn motion_line(&self, line: &[u8]) {
+        match ClientLine::read(line) {
+            Ok(ClientLine::Request(request)) if is_motion(&request) => self.send(request),
+            Ok(_) => {
+                self.complain(format!("a line has {LONGEST_LINE} bytes at most, except one with the command `motion`"))
+            }
+            // The error may have the line in it.
+            Err(error) => self.complain(error.chars().take(MOST_OF_AN_ERROR).collect()),
+        }
+    }
+
     /// Whether the client gets each status.
     pub fn follow(&self, follows: bool) {
         if let Some(client) = self.hub.state().of(self.number) {
@@ -427,6 +456,10 @@ impl HubSender {
     pub fn hub(&self) -> &Hub {
         &self.hub
     }
+}
+
+fn is_motion(request: &Request) -> bool {
+    matches!(request, Request::Live(LiveCommand::Motion { .. }))
 }
 
 fn is_stop(request: &Request) -> bool {
@@ -548,7 +581,7 @@ impl State {
             return;
         }
         if self.allowed > 0 && self.waiting.is_empty() {
-            self.allowed -= 1;
+            self.allowed = if is_motion(&request) { 0 } else { self.allowed - 1 };
             return self.pass_on(request);
         }
         match self.same_knob(number, &request) {
@@ -574,6 +607,10 @@ impl State {
     }
 
     fn has_room(&self, number: u64, request: &Request) -> bool {
+        // Of motion files one waits, since they may be large.
+        if is_motion(request) && self.waiting.iter().any(|(_, request)| is_motion(request)) {
+            return false;
+        }
         self.waiting.iter().filter(|(by, _)| *by == number).count() < MOST_REQUESTS
             || self.same_knob(number, request).is_some()
     }
@@ -583,7 +620,7 @@ impl State {
         while self.allowed > 0
             && let Some((_, request)) = self.waiting.pop_front()
         {
-            self.allowed -= 1;
+            self.allowed = if is_motion(&request) { 0 } else { self.allowed - 1 };
             self.pass_on(request);
         }
     }
@@ -675,6 +712,26 @@ mod tests {
         assert!(lines.len() == 2 && lines[0].starts_with(r#"{"pulsetrain_control":1,"#), "{lines:?}");
         assert!(lines[1].starts_with(r#"{"event":"refused","command":{"command":"go"},"why":"this is a `run`;"#));
         assert_eq!(commands.try_iter().count(), 0);
+    }
+
+    /// Motion files may be large: of all clients' one waits, and the run takes one at a look.
+    #[test]
+    fn motion_files_are_taken_one_by_one() {
+        let (sender, requests) = channel();
+        let hub = Hub::of_live(info(true), sender);
+        let clients = [(); 2].map(|()| hub.join(ClientKind::Socket).unwrap().split());
+        let motion = |text: &str| {
+            Request::Live(LiveCommand::Motion { text: text.into(), files: std::collections::BTreeMap::new() })
+        };
+        clients[0].0.send(motion("first"));
+        assert!(!hub.state().has_room(clients[1].0.number, &motion("second")));
+        assert!(hub.state().has_room(clients[1].0.number, &set(1.0)));
+        hub.looked();
+        assert!(hub.state().has_room(clients[1].0.number, &motion("second")));
+        clients[1].0.send(motion("second"));
+        assert_eq!(requests.try_iter().collect::<Vec<_>>(), [motion("first")], "one in a look");
+        hub.looked();
+        assert_eq!(requests.try_iter().collect::<Vec<_>>(), [motion("second")]);
     }
 
     #[test]

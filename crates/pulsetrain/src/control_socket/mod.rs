@@ -2,7 +2,7 @@
 //!
 //! Each run listens at a Unix socket `NAME-PID.sock` in the user's runtime folder: `$XDG_RUNTIME_DIR/pulsetrain`, or
 //! `pulsetrain-UID` in the folder for temporary files. The folder has mode 0700 and the socket 0600, so that no other user
-//! can connect. Both sides send lines of JSON, at most [`LONGEST_LINE`] bytes each:
+//! can connect. Both sides send lines of JSON. A client's have at most [`LONGEST_LINE`] bytes; one with a motion file at most [`LONGEST_MOTION_LINE`]:
 //!
 //! 1. The run sends [`RunInfo`]. Its field `pulsetrain_control` is the protocol's version, [`VERSION`].
 //! 2. The client sends [`Request`]s, such as `{"command":"stop"}`, and `{"follow":true}` if it wants each status.
@@ -55,6 +55,8 @@ pub const VERSION: u32 = 1;
 
 /// The longest line of a client, bytes, its end included.
 pub const LONGEST_LINE: usize = 4096;
+/// The longest line with the command `motion`, bytes: JSON writes a character of a text file in two bytes at most, apart from control characters.
+pub const LONGEST_MOTION_LINE: usize = 2 * pulsetrain_motion::file::MOST_OF_A_MOTION_FILE as usize + LONGEST_LINE;
 
 /// The most commands in a list that act together.
 const MOST_TOGETHER: usize = 64;

@@ -219,14 +219,25 @@ pub enum LiveEvent {
         /// See `line`.
         column: Option<u32>,
     },
-    /// The planner refused a part of the motion, long after a change that it had allowed. The motors braked; now they join the motion as it was before that change.
+    /// The planner refused a part of the motion, long after a change that it had allowed. The motors braked; now they join the motion before that change, or
+    /// an earlier one.
     TakenBack {
         /// What was refused.
         why: String,
+        /// No earlier motion keeps to the limits: the motors rest where they stand.
+        #[serde(default)]
+        rests: bool,
         /// When they begin to, s.
         from_s: f64,
         /// When they follow it, s.
         until_s: f64,
+    },
+    /// A change for a time of the motion began later than that, since it was asked for too late, or another change was under way.
+    Late {
+        /// The time for which it was, s of the motion.
+        wanted_s: f64,
+        /// How much later it began, s.
+        by_s: f64,
     },
     /// The motors had braked since the host or the line was too slow, or the cable was pulled. They join the motion again.
     Rejoined {

@@ -10,7 +10,7 @@ use std::thread;
 
 use super::client::{ENDING, folder};
 use super::hub::{ClientKind, Hub, HubLines, HubSender, JoinError, PATIENCE};
-use super::{LONGEST_LINE, MOST_TOGETHER, RunLine, SocketError};
+use super::{LONGEST_LINE, LONGEST_MOTION_LINE, MOST_TOGETHER, RunLine, SocketError};
 
 /// A run's socket. It goes away with this value.
 #[derive(Debug)]
@@ -107,10 +107,25 @@ fn hear(input: UnixStream, sender: &HubSender) {
         let mut line = Vec::new();
         let read = (&mut input).take(LONGEST_LINE as u64).read_until(b'\n', &mut line);
         // The last line may come without its end.
-        let is_too_long = line.len() >= LONGEST_LINE && line.last() != Some(&b'\n');
-        if is_too_long {
+        let is_long = line.len() >= LONGEST_LINE && line.last() != Some(&b'\n');
+        if is_long {
             sender.lines(lines.iter().map(Vec::as_slice));
-            return sender.complain(format!("a line has {LONGEST_LINE} bytes at most"));
+            lines.clear();
+            // Only a live motion takes a motion file.
+            if !sender.hub().is_live() {
+                return sender.complain(format!("a line has {LONGEST_LINE} bytes at most"));
+            }
+            // One at a time: the process has room for one.
+            let _alone = sender.hub().long_line();
+            let left = (LONGEST_MOTION_LINE - line.len()) as u64;
+            if (&mut input).take(left).read_until(b'\n', &mut line).is_err() {
+                return;
+            }
+            if line.len() >= LONGEST_MOTION_LINE && line.last() != Some(&b'\n') {
+                return sender.complain(format!("a line with a motion file has {LONGEST_MOTION_LINE} bytes at most"));
+            }
+            sender.motion_line(&line);
+            continue;
         }
         if read.is_err() || line.is_empty() {
             return;

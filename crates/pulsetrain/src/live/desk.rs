@@ -242,13 +242,15 @@ impl Desk {
                 number..number + 1
             }
         };
-        let place = |motor: usize| match (position.trim(), last) {
+        let place = |motor: usize| {
+            match (position.trim(), last) {
             ("last", Some(last)) => Ok((motor, last[motor])),
             ("last", None) => Err(ChangeRefusal::Value(
-                "nobody knows where the motors rested last: nothing was kept, or they moved then; write a position"
+                "the last position at rest is not known: none was saved, or the motors were moving then; write a position"
                     .to_owned(),
             )),
             (text, _) => Ok((motor, self.position_of(motor, text)?)),
+        }
         };
         motors.map(place).collect()
     }
@@ -599,7 +601,7 @@ fn check_setup(setup: &Program, new: &Program) -> Result<(), ChangeRefusal> {
     let refuse = |what: String| Err(ChangeRefusal::Setup(what));
     if setup.board != new.board {
         return refuse(match setup.board.name == new.board.name {
-            true => "the motors load the board otherwise than before".to_owned(),
+            true => "the motors load the board in another way than before".to_owned(),
             false => format!("the board was \"{}\", and is \"{}\" now", setup.board.name, new.board.name),
         });
     }

@@ -79,7 +79,7 @@ go, back        the next cue, and the one before
 cue NAME        that cue; `cues` lists them
 goto 0          bring the motors to where the motion began, or to a position such as 90 deg; `resume` goes on
 begin           let motors that rest begin the motion, from its beginning
-here 0 deg      where the motors stand, when nobody knows it; `here MOTOR 90 deg` of one motor
+here 0 deg      where the motors stand, if that is not known; `here MOTOR 90 deg` for one motor
 stop            brake, and end; `stop now` stops at once
 ";
 

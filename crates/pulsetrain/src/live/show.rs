@@ -6,8 +6,9 @@
 use std::collections::VecDeque;
 
 use pulsetrain_board::{Leased, Observer};
-use pulsetrain_motion::Time;
+use pulsetrain_motion::file::MOST_OF_A_MOTION_FILE;
 use pulsetrain_motion::time::Rate;
+use pulsetrain_motion::{Time, human};
 use pulsetrain_session::SessionError;
 use pulsetrain_session::control::{Command, Ended, Event, Knowledge};
 use pulsetrain_session::drive::{DriveError, Driven};
@@ -37,6 +38,10 @@ const ASK_S: f64 = 0.04;
 const LOOK_S: f64 = 0.25;
 /// A change may be for a time that is this far ahead, s.
 const FARTHEST_S: f64 = 60.0;
+/// Motions before the last changes that are kept, for a change that has to be taken back.
+const MOST_EARLIER: usize = 8;
+/// A change for a tick that begins later than this is told, s.
+const LATE_S: f64 = 0.002;
 /// Changes that may wait for their tick.
 const MOST_TIMED: usize = 1024;
 
@@ -46,8 +51,12 @@ pub struct Show<B> {
     desk: Desk,
     /// What the motors follow, or change to.
     followed: Desk,
-    /// What they followed before the last change.
-    before: Option<Desk>,
+    /// What they followed before each of the last changes, oldest first. The oldest of all is never forgotten.
+    earlier: Vec<Desk>,
+    /// Whether the motion was ever changed.
+    is_changed: bool,
+    /// Why the last change is being taken back.
+    taking_back: Option<String>,
     /// A change that waits until another one has begun.
     waiting: Option<PendingChange>,
     /// Requests that wait for their tick, soonest first.
@@ -73,6 +82,8 @@ pub struct Show<B> {
     joining: Option<Joining>,
     /// A pause from before the board was lost: the motion goes on at this time of its laws.
     halted_at: Option<Time>,
+    /// What changed speeds had added to the motors' ways before the board was lost.
+    shifts: Option<Vec<f64>>,
     /// When the motors rest where they were sent, s of the motion.
     rests_from_s: f64,
 }
@@ -81,6 +92,8 @@ pub struct Show<B> {
 struct Joining {
     /// The laws' time.
     at: Time,
+    /// What changed speeds have added to the motors' ways; `None`: a constant speed begins where they rest.
+    shifts: Option<Vec<f64>>,
     /// The request and the event that answers it; `None`: they stay at rest.
     answer: Option<(LiveCommand, LiveEvent)>,
     /// What was asked for meanwhile.
@@ -96,6 +109,8 @@ struct PendingChange {
     is_parked: bool,
     /// The first tick; `None`: as soon as it can.
     at: Option<u64>,
+    /// The tick for which it was asked, perhaps too late.
+    wanted: Option<u64>,
     /// The tempo from that tick on, if it changes.
     tempo: Option<f64>,
 }
@@ -116,7 +131,9 @@ impl<B: Leased> Show<B> {
             driven: driven.staying().looking_often(),
             followed: desk.clone(),
             desk,
-            before: None,
+            earlier: Vec::new(),
+            is_changed: false,
+            taking_back: None,
             waiting: None,
             timed: Vec::new(),
             commands: VecDeque::new(),
@@ -131,6 +148,7 @@ impl<B: Leased> Show<B> {
             tempo: 1.0,
             joining: None,
             halted_at: None,
+            shifts: None,
             rests_from_s: 0.0,
         }
     }
@@ -167,6 +185,7 @@ impl<B: Leased> Show<B> {
             is_parked: self.is_parked,
             is_halted: self.is_paused || self.halted_at.is_some(),
             law_time: self.halted_at.unwrap_or(law_time),
+            shifts: if self.halted_at.is_some() { self.shifts } else { self.driven.shifts() },
             tempo: self.tempo,
             rejoins: self.rejoins,
             rejoined: self.rejoined,
@@ -210,10 +229,10 @@ impl<B: Leased> Show<B> {
     ) -> Result<Option<Ended>, DriveError> {
         let at_s = if let Request::Together(Together { at_s, .. }) = &request { *at_s } else { None };
         let requests = request.each();
-        let Some(at_s) = at_s else { return self.together(&requests, None, observer, tell) };
+        let Some(at_s) = at_s else { return self.together(&requests, (None, None), observer, tell) };
         let tick = self.driven.tick_at(at_s);
         if tick <= self.driven.earliest() {
-            return self.together(&requests, None, observer, tell);
+            return self.together(&requests, (None, Some(tick)), observer, tell);
         }
         let why = if at_s > self.now_s + FARTHEST_S {
             format!("it is for {:.1} s from now; {FARTHEST_S} s are the most", at_s - self.now_s)
@@ -242,7 +261,7 @@ impl<B: Leased> Show<B> {
         }
         if self.follow_at_s.is_some_and(|at_s| at_s <= self.now_s) && self.waiting.is_none() {
             self.follow_at_s = None;
-            let ended = self.together(&[Request::Live(LiveCommand::Go)], None, observer, tell)?;
+            let ended = self.together(&[Request::Live(LiveCommand::Go)], (None, None), observer, tell)?;
             if ended.is_some() {
                 return Ok(ended);
             }
@@ -264,7 +283,7 @@ impl<B: Leased> Show<B> {
             self.driven.hold_changes_until(at);
             command
         });
-        let mut events = Vec::new();
+        let (mut events, mut refused) = (Vec::new(), None);
         let stepped = self.driven.step(command, observer, |event| events.push(event));
         let stepped = match stepped {
             Err(error) if self.rejoins && may_rejoin(&error) => match self.driven.rejoin() {
@@ -273,10 +292,13 @@ impl<B: Leased> Show<B> {
                 Err(_) if self.driven.has_braked() => Ok(Ok(None)),
                 Err(_) => Err(error),
             },
-            Err(error) if self.rejoins && is_refused(&error) => match self.take_back(&error) {
-                true => Ok(Ok(None)),
-                false => Err(error),
-            },
+            Err(error) if self.rejoins && self.is_changed && is_refused(&error) => {
+                refused = Some(match error {
+                    DriveError::Halted { why, .. } => why.to_string(),
+                    other => other.to_string(),
+                });
+                Ok(Ok(None))
+            }
             other => Ok(Ok(other?)),
         };
         for event in events {
@@ -284,7 +306,7 @@ impl<B: Leased> Show<B> {
                 Event::Progress { at_s } => self.now_s = *at_s,
                 Event::Pausing { rests_s } => (self.is_paused, self.rests_from_s) = (true, *rests_s),
                 Event::Resuming { .. } => self.is_paused = false,
-                Event::Tempo { rate, .. } => self.tempo = *rate,
+                Event::Tempo { rate, .. } => (self.tempo, self.is_changed) = (*rate, true),
                 Event::Failed { .. } if stepped.is_ok() => continue,
                 _ => {}
             }
@@ -297,6 +319,14 @@ impl<B: Leased> Show<B> {
                 None
             }
         };
+        if let Some(why) = refused {
+            if let Some(dropped) = self.waiting.take() {
+                let why = "the motion that it was to change is taken back; ask for it again";
+                dropped.answers.into_iter().for_each(|(command, _)| refuse(command, &why, tell));
+            }
+            self.taking_back = Some(why);
+            self.take_back(tell);
+        }
         if ended.is_none() {
             self.after_braking(tell);
             if let Some(pending_change) = self.waiting.take() {
@@ -324,27 +354,39 @@ impl<B: Leased> Show<B> {
         }
     }
 
-    /// The planner refuses a part of the motion, long after the last change: that is taken back. The motors, which have braked, join the motion as it was
-    /// before. False if there is nothing to take back.
-    fn take_back(&mut self, why: &DriveError) -> bool {
-        let why = match why {
-            DriveError::Halted { why, .. } => why.to_string(),
-            other => other.to_string(),
-        };
-        let Some((before, program)) = self.before.take().and_then(|desk| Some((desk.clone(), desk.program().ok()?)))
-        else {
-            return false;
-        };
-        (self.desk, self.followed) = (before.clone(), before);
-        let answer = (LiveCommand::Begin, LiveEvent::TakenBack { why, from_s: 0.0, until_s: 0.0 });
-        let (over, at, tempo) = (None, None, None);
-        self.waiting = Some(PendingChange { program, over, answers: vec![answer], is_parked: false, at, tempo });
-        self.driven.has_braked()
+    /// The planner has refused a part of the motion long after a change, and the motors have braked: they join the last motion before it that keeps to
+    /// the limits. If there is none, they rest where they stand.
+    fn take_back(&mut self, tell: Tell<'_>) {
+        self.follow_at_s = None;
+        while let Some(earlier) = self.earlier.pop() {
+            let Ok(program) = earlier.program() else { continue };
+            let is_sound = matches!(self.driven.ceiling_of(&change(Arc::clone(&program), None)), Ok(None));
+            (self.desk, self.followed) = (earlier.clone(), earlier);
+            if is_sound {
+                return self.change(PendingChange::alone(program), tell);
+            }
+        }
+        let resting = self.driven.resting().ok().and_then(|positions| self.desk.resting_at(&positions).ok());
+        match resting {
+            Some(resting) => {
+                let resting = PendingChange { is_parked: true, ..PendingChange::alone(Arc::new(resting)) };
+                self.change(resting, tell);
+            }
+            None => self.commands.push_back((Command::Stop, None)),
+        }
     }
 
     fn tell_rejoined(&mut self, (from_s, until_s): (f64, f64), tell: Tell<'_>) {
         self.rejoined += 1;
         tell(Happened::Live(LiveEvent::Rejoined { from_s, until_s, times: self.rejoined }));
+    }
+
+    /// Tells if what was wanted for a tick begins later, at `from_s` of the motion.
+    fn tell_late(&self, wanted: Option<u64>, from_s: f64, tell: Tell<'_>) {
+        let Some(wanted_s) = wanted.map(|wanted| self.driven.seconds_at(wanted)) else { return };
+        if from_s > wanted_s + LATE_S {
+            tell(Happened::Live(LiveEvent::Late { wanted_s, by_s: from_s - wanted_s }));
+        }
     }
 
     fn ticks(&self, seconds: f64) -> u64 {
@@ -370,18 +412,18 @@ impl<B: Leased> Show<B> {
                 // The nearest value that holds takes time to find.
             }
             let TimedRequests { requests, .. } = self.timed.remove(0);
-            if let Some(ended) = self.together(&requests, Some(tick), observer, tell)? {
+            if let Some(ended) = self.together(&requests, (Some(tick), Some(tick)), observer, tell)? {
                 return Ok(Some(ended));
             }
         }
         Ok(None)
     }
 
-    /// Makes one change of all that is asked, from tick `at` on.
+    /// Makes one change of all that is asked, from tick `at` on. It was `wanted` for that tick, or for one that is too near.
     fn together<O: Observer>(
         &mut self,
         requests: &[Request],
-        at: Option<u64>,
+        (at, wanted): (Option<u64>, Option<u64>),
         observer: &mut O,
         tell: Tell<'_>,
     ) -> Result<Option<Ended>, DriveError> {
@@ -420,6 +462,9 @@ impl<B: Leased> Show<B> {
         }
         let Some(program) = program.filter(|_| gathered.is_moving) else {
             self.commands.extend(tempo.map(|(_, command)| (command, at)));
+            if tempo.is_some() || !gathered.commands.is_empty() {
+                self.tell_late(wanted, self.driven.seconds_at(self.driven.earliest()), tell);
+            }
             if !gathered.answers.is_empty() {
                 self.followed = self.desk.clone();
             }
@@ -437,7 +482,7 @@ impl<B: Leased> Show<B> {
         });
         self.commands.extend(without.map(|command| (command, at)));
         let (over, answers, is_parked) = (gathered.over, gathered.answers, gathered.is_parked);
-        self.pending_change(PendingChange { program, over, answers, is_parked, at, tempo: with }, tell);
+        self.pending_change(PendingChange { program, over, answers, is_parked, at, wanted, tempo: with }, tell);
         Ok(None)
     }
 
@@ -455,7 +500,8 @@ impl<B: Leased> Show<B> {
                 Request::Session(Command::Resume) if self.is_parked && self.halted_at.is_some() => {
                     let answer = (LiveCommand::Begin, LiveEvent::Returned { from_s: 0.0, until_s: 0.0 });
                     let at = self.halted_at.take().unwrap_or_default();
-                    self.joining = Some(Joining { at, answer: Some(answer), then: Vec::new() });
+                    let shifts = self.shifts.take();
+                    self.joining = Some(Joining { at, shifts, answer: Some(answer), then: Vec::new() });
                 }
                 Request::Live(LiveCommand::Begin) => self.begin(tell),
                 Request::Live(LiveCommand::Rest { in_place, until }) if *in_place || self.is_parked => {
@@ -483,16 +529,17 @@ impl<B: Leased> Show<B> {
         self.desk = self.desk.restarted();
         self.halted_at = None;
         let answer = (LiveCommand::Begin, LiveEvent::Began { from_s: 0.0, until_s: 0.0 });
-        self.joining = Some(Joining { at: Time::ZERO, answer: Some(answer), then: Vec::new() });
+        let (at, shifts) = (Time::ZERO, Some(Vec::new()));
+        self.joining = Some(Joining { at, shifts, answer: Some(answer), then: Vec::new() });
     }
 
     /// Lets motors that rest follow the motion, if they are to.
     fn join<O: Observer>(&mut self, observer: &mut O, tell: Tell<'_>) -> Result<Option<Ended>, DriveError> {
-        let Some(Joining { at, .. }) = self.joining else { return Ok(None) };
+        let Some(Joining { at, ref shifts, .. }) = self.joining else { return Ok(None) };
         if self.waiting.is_some() || !self.commands.is_empty() {
             return Ok(None);
         }
-        match self.driven.set_law_time(at) {
+        match self.driven.set_law_time(at, shifts.as_deref()) {
             Err(SessionError::Waiting { .. }) => return Ok(None),
             Err(error) => {
                 if let Some((command, _)) = self.joining.take().and_then(|joining| joining.answer) {
@@ -507,14 +554,13 @@ impl<B: Leased> Show<B> {
             match self.desk.program() {
                 Ok(program) => {
                     let answers = vec![(command, event)];
-                    let joined =
-                        PendingChange { program, over: None, answers, is_parked: false, at: None, tempo: None };
+                    let joined = PendingChange { answers, ..PendingChange::alone(program) };
                     self.pending_change(joined, tell);
                 }
                 Err(error) => refuse(command, &error, tell),
             }
         }
-        if then.is_empty() { Ok(None) } else { self.together(&then, None, observer, tell) }
+        if then.is_empty() { Ok(None) } else { self.together(&then, (None, None), observer, tell) }
     }
 
     /// What is asked, as one change. With `search` each part is held against the limits: knobs go to the nearest value that keeps to them while the
@@ -718,6 +764,7 @@ impl<B: Leased> Show<B> {
         if let Some(before) = self.waiting.take() {
             pending_change.answers.splice(0..0, before.answers);
             pending_change.at = pending_change.at.or(before.at);
+            pending_change.wanted = pending_change.wanted.or(before.wanted);
             pending_change.tempo = pending_change.tempo.or(before.tempo);
         }
         self.change(pending_change, tell);
@@ -730,27 +777,41 @@ impl<B: Leased> Show<B> {
             return;
         }
         let has_braked = self.driven.has_braked();
-        let change = change(Arc::clone(&pending_change.program), pending_change.over);
+        let mut change = change(Arc::clone(&pending_change.program), pending_change.over);
+        if pending_change.is_parked {
+            change.begins = Begins::Now;
+        }
         self.driven.hold_changes_until(pending_change.at);
         let changed = self.driven.change_with_tempo(&change, pending_change.tempo.and_then(Rate::of));
         self.driven.hold_changes_until(self.held_until);
         match changed {
             Ok((times, tempo)) => {
-                self.before = Some(std::mem::replace(&mut self.followed, self.desk.clone()));
+                let before = std::mem::replace(&mut self.followed, self.desk.clone());
+                // What is taken back is no earlier motion.
+                if !pending_change.answers.is_empty() {
+                    self.keep(before);
+                }
                 self.is_parked = pending_change.is_parked;
                 self.rests_from_s = times.1;
-                if has_braked {
+                if let Some(why) = self.taking_back.take() {
+                    let (from_s, until_s) = times;
+                    let rests = pending_change.is_parked;
+                    tell(Happened::Live(LiveEvent::TakenBack { why, rests, from_s, until_s }));
+                } else if has_braked {
                     self.tell_rejoined(times, tell);
                 }
                 for (_, mut event) in pending_change.answers {
                     set_times(&mut event, times);
                     tell(Happened::Live(event));
                 }
+                self.tell_late(pending_change.wanted, times.0, tell);
                 tempo.into_iter().for_each(|event| tell(Happened::Session(event)));
             }
             Err(SessionError::Waiting { .. }) => self.waiting = Some(pending_change),
             // This computer was too slow just now: the motors brake, and join these laws then.
-            Err(_) if self.rejoins && self.driven.has_braked() => self.waiting = Some(pending_change),
+            Err(error) if self.rejoins && self.driven.has_braked() && !is_of_laws(&error) => {
+                self.waiting = Some(pending_change);
+            }
             // The limits may leave no room for both at once: one after the other then.
             Err(_) if pending_change.tempo.is_some() => {
                 let mut laws_alone = pending_change;
@@ -764,8 +825,30 @@ impl<B: Leased> Show<B> {
                 for (command, _) in pending_change.answers {
                     refuse(command, &error, tell);
                 }
+                match self.taking_back {
+                    None => {}
+                    Some(_) if pending_change.is_parked => self.commands.push_back((Command::Stop, None)),
+                    Some(_) => self.take_back(tell),
+                }
             }
         }
+    }
+
+    /// Keeps a motion that was followed, for a change that has to be taken back.
+    fn keep(&mut self, before: Desk) {
+        self.is_changed = true;
+        if self.earlier.len() == MOST_EARLIER {
+            self.earlier.remove(1);
+        }
+        self.earlier.push(before);
+    }
+}
+
+impl PendingChange {
+    /// A change for which nobody asked, as soon as it can.
+    fn alone(program: Arc<Program>) -> PendingChange {
+        let (over, answers, is_parked) = (None, Vec::new(), false);
+        PendingChange { program, over, answers, is_parked, at: None, wanted: None, tempo: None }
     }
 }
 
@@ -837,6 +920,7 @@ pub struct SuspendedShow {
     is_halted: bool,
     /// When the board was lost.
     law_time: Time,
+    shifts: Option<Vec<f64>>,
     tempo: f64,
     rejoins: bool,
     rejoined: u32,
@@ -849,7 +933,17 @@ impl SuspendedShow {
     #[must_use]
     pub fn new(desk: Desk, rejoins: bool, joins: bool) -> SuspendedShow {
         let (is_parked, law_time) = (!joins, Time::ZERO);
-        SuspendedShow { desk, is_parked, is_halted: false, law_time, tempo: 1.0, rejoins, rejoined: 0, is_new: true }
+        SuspendedShow {
+            desk,
+            is_parked,
+            is_halted: false,
+            law_time,
+            shifts: Some(Vec::new()),
+            tempo: 1.0,
+            rejoins,
+            rejoined: 0,
+            is_new: true,
+        }
     }
 
     /// The motion as it is wanted.
@@ -864,7 +958,7 @@ impl SuspendedShow {
     }
 
     fn obey_one(&mut self, request: Request, tell: Tell<'_>) {
-        const AWAY: &str = "the board cannot be reached, or nobody knows where the motors stand";
+        const AWAY: &str = "the board cannot be reached, or the positions of the motors are not known";
         match request {
             Request::Live(LiveCommand::Motion { text, files }) => match with_file(&self.desk, &text, &files) {
                 Ok(None) => {}
@@ -885,6 +979,7 @@ impl SuspendedShow {
             Request::Live(LiveCommand::Begin) => {
                 self.desk = self.desk.restarted();
                 (self.is_parked, self.is_halted, self.law_time) = (false, false, Time::ZERO);
+                self.shifts = Some(Vec::new());
             }
             Request::Live(command @ LiveCommand::Cue { .. }) => {
                 let LiveCommand::Cue { name } = &command else { return };
@@ -914,7 +1009,7 @@ impl SuspendedShow {
         }
         show.rejoined = self.rejoined + u32::from(!self.is_new);
         if self.is_halted {
-            show.halted_at = Some(self.law_time);
+            (show.halted_at, show.shifts) = (Some(self.law_time), self.shifts.clone());
         }
         let at = if self.is_halted { self.law_time } else { self.law_time + Time::from_seconds(self.tempo * passed_s) };
         let event = match self.is_new {
@@ -922,7 +1017,8 @@ impl SuspendedShow {
             false => LiveEvent::Rejoined { from_s: 0.0, until_s: 0.0, times: show.rejoined },
         };
         let joins = !self.is_parked && !self.is_halted;
-        show.joining = Some(Joining { at, answer: joins.then_some((LiveCommand::Begin, event)), then: Vec::new() });
+        let answer = joins.then_some((LiveCommand::Begin, event));
+        show.joining = Some(Joining { at, shifts: self.shifts, answer, then: Vec::new() });
         show
     }
 }
@@ -934,6 +1030,11 @@ fn with_file(desk: &Desk, text: &str, files: &FileTexts) -> Result<Option<Desk>,
         return Ok(None);
     }
     drop(known);
+    if text.len() as u64 > MOST_OF_A_MOTION_FILE {
+        let [is, most] = [text.len() as u64, MOST_OF_A_MOTION_FILE].map(|bytes| human::bytes(bytes as f64));
+        let error = format!("it has {is}; {most} is the most that is read");
+        return Err(LiveEvent::MotionRefused { error, line: None, column: None });
+    }
     let number = |number: usize| u32::try_from(number).ok();
     let desk = desk.with_file(text, files).map_err(|error| {
         let (place, advice) = match error.as_ref() {
@@ -976,7 +1077,13 @@ fn may_rejoin(error: &DriveError) -> bool {
 /// Whether the planner refused a part of the motion, and the board has counted all the way.
 fn is_refused(error: &DriveError) -> bool {
     let DriveError::Halted { why, positions, .. } = error else { return false };
-    positions.by == Knowledge::Counted && matches!(**why, DriveError::Plan { .. })
+    let refused = matches!(**why, DriveError::Plan { .. } | DriveError::Session(SessionError::Law { .. }));
+    positions.by == Knowledge::Counted && refused
+}
+
+/// Whether a change is refused for what its laws are, and not since this computer or the line was too slow.
+const fn is_of_laws(error: &SessionError) -> bool {
+    matches!(error, SessionError::Pause(_) | SessionError::Plan(_) | SessionError::Law { .. })
 }
 
 fn set_times(event: &mut LiveEvent, (from, until): (f64, f64)) {
@@ -992,6 +1099,7 @@ fn set_times(event: &mut LiveEvent, (from, until): (f64, f64)) {
         LiveEvent::MotionRefused { .. }
         | LiveEvent::Refused { .. }
         | LiveEvent::Resting { .. }
+        | LiveEvent::Late { .. }
         | LiveEvent::Unplugged { .. }
         | LiveEvent::Unplaced { .. }
         | LiveEvent::Placed { .. } => {}

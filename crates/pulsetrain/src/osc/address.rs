@@ -153,8 +153,31 @@ impl Message<'_> {
                 let position = self.text_or_number("a position such as \"90 deg\", or 0, where the motion begins")?;
                 Ok(Some(Asked::Request(Request::Live(LiveCommand::Goto { position }))))
             }
+            ["begin"] => pressed(Request::Live(LiveCommand::Begin)),
+            ["here"] => self.here().map(Some),
             _ => Ok(None),
         }
+    }
+
+    /// Where motors stand: a position of all of them, or a motor's name or number and its position.
+    fn here(&self) -> Result<Asked, Misunderstood> {
+        let (motor, position) = match self.arguments {
+            [OscType::String(motor), position] => (Some(self.bounded(motor)?), position),
+            [_, position] => match self.motors()?.as_slice() {
+                [motor] => (Some(self.info.motors[*motor].name.clone()), position),
+                _ => (None, position),
+            },
+            [position] => (None, position),
+            _ => {
+                let what = "it needs a position such as \"90 deg\"; for one motor its name or number before that";
+                return Err(self.wrong(what));
+            }
+        };
+        let position = match position {
+            OscType::String(text) => self.bounded(text)?,
+            number => self.number(number, "a position")?.to_string(),
+        };
+        Ok(Asked::Request(Request::Live(LiveCommand::Here { motor, position })))
     }
 
     /// A knob or a parameter, below `/pulsetrain`.

@@ -1,6 +1,7 @@
 //! Groups of requests that wait for their time.
 
 use std::collections::BTreeMap;
+use std::net::SocketAddr;
 use std::time::Instant;
 
 use super::Group;
@@ -16,7 +17,7 @@ pub const MOST_PLANNED: usize = 1024;
 /// use pulsetrain::osc::{Agenda, Group};
 /// use std::time::{Duration, Instant};
 /// let begin = Instant::now();
-/// let group = |ms| Group { requests: vec![Request::Live(LiveCommand::Go)], due: begin + Duration::from_millis(ms) };
+/// let group = |ms| Group { requests: vec![Request::Live(LiveCommand::Go)], due: begin + Duration::from_millis(ms), sender: None };
 /// let mut agenda = Agenda::default();
 /// agenda.push(group(20)).unwrap();
 /// agenda.push(group(10)).unwrap();
@@ -27,7 +28,7 @@ pub const MOST_PLANNED: usize = 1024;
 /// ```
 #[derive(Debug, Default)]
 pub struct Agenda {
-    groups: BTreeMap<(Instant, u64), Vec<Request>>,
+    groups: BTreeMap<(Instant, u64), (Vec<Request>, Option<SocketAddr>)>,
     pushed: u64,
 }
 
@@ -40,7 +41,7 @@ impl Agenda {
         if self.groups.len() == MOST_PLANNED {
             return Err(group);
         }
-        self.groups.insert((group.due, self.pushed), group.requests);
+        self.groups.insert((group.due, self.pushed), (group.requests, group.sender));
         self.pushed += 1;
         Ok(())
     }
@@ -54,8 +55,8 @@ impl Agenda {
     /// The next group that is due by `now`.
     pub fn take_due(&mut self, now: Instant) -> Option<Group> {
         let entry = self.groups.first_entry().filter(|entry| entry.key().0 <= now)?;
-        let ((due, _), requests) = entry.remove_entry();
-        Some(Group { requests, due })
+        let ((due, _), (requests, sender)) = entry.remove_entry();
+        Some(Group { requests, due, sender })
     }
 
     /// Forgets all groups: after a stop nothing may begin by itself.
@@ -76,6 +77,7 @@ mod tests {
         let group = |name: usize| Group {
             requests: vec![Request::Live(LiveCommand::Cue { name: name.to_string() })],
             due: begin,
+            sender: None,
         };
         let mut agenda = Agenda::default();
         for name in 0..MOST_PLANNED {

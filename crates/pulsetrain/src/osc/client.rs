@@ -47,8 +47,8 @@ fn info_of(info: &RunInfo) -> OscInfo {
     OscInfo { motors: info.motors.clone(), knobs: info.knobs.clone() }
 }
 
-/// Passes groups on when they are due. `_server` listens as long as this runs.
-fn pass_on(hub: &Hub, requests: &HubSender, groups: &Receiver<Group>, _server: &OscServer) {
+/// Passes groups on when they are due. `server` listens as long as this runs.
+fn pass_on(hub: &Hub, requests: &HubSender, groups: &Receiver<Group>, server: &OscServer) {
     let mut agenda = Agenda::default();
     while !hub.is_over_within(Duration::ZERO) {
         let ahead = Now::read().instant + AHEAD;
@@ -60,9 +60,13 @@ fn pass_on(hub: &Hub, requests: &HubSender, groups: &Receiver<Group>, _server: &
             Err(RecvTimeoutError::Disconnected) => return,
         }
         let now = Now::read().instant;
-        while let Some(Group { requests: group, due }) = agenda.take_due(now + AHEAD) {
+        while let Some(Group { requests: group, due, sender }) = agenda.take_due(now + AHEAD) {
             // Before the motion's clock is known nothing moves: the group acts when it begins.
-            let at_s = if due > now { hub.time_at(due) } else { None };
+            let at_s = sender.and_then(|sender| {
+                let at_s = hub.time_at(due)?;
+                server.expect(at_s, sender);
+                Some(at_s)
+            });
             requests.send(Request::together(group, at_s));
         }
     }

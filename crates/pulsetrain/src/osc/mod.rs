@@ -59,6 +59,8 @@ pub struct Group {
     pub requests: Vec<Request>,
     /// When they are to act.
     pub due: Instant,
+    /// Who sent them for that time, and hears if they act later; `None` if they are to act at once.
+    pub sender: Option<SocketAddr>,
 }
 
 /// The host's clocks at one moment.

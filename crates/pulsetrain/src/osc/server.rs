@@ -116,6 +116,11 @@ impl OscServer {
         }
     }
 
+    /// Notes for which time of the motion, s, a sender's group was passed on: it hears if the group acts later.
+    pub fn expect(&self, at_s: f64, sender: SocketAddr) {
+        self.shared.translator().expect(at_s, sender);
+    }
+
     /// Other motors or knobs: the motion file was changed.
     pub fn set_info(&self, info: OscInfo) {
         self.shared.translator().set_info(info);

@@ -82,6 +82,8 @@ const MOST_REPLIES: usize = 64;
 const MOST_ERRORS: u32 = 20;
 /// Requests of which it is known who sent them, for their refusal.
 const MOST_ASKED: usize = 64;
+/// Times of the motion that differ by less are the same one, s: a tick of the board is in between.
+const SAME_TIME_S: f64 = 1e-5;
 /// What begins a bundle. Source: OSC 1.0, "OSC Bundles".
 const BUNDLE: &[u8] = b"#bundle\0";
 
@@ -109,6 +111,8 @@ pub struct Translator {
     /// Until when of the motion the motors are busy, s.
     busy_until_s: Option<f64>,
     asked: VecDeque<(Request, SocketAddr)>,
+    /// Who sent groups for a time of the motion, s.
+    expected: VecDeque<(f64, SocketAddr)>,
     /// When the present second of replies about errors began, and how many it had.
     errors: Option<(Instant, u32)>,
     counted: Counted,
@@ -125,6 +129,7 @@ impl Translator {
             status: None,
             busy_until_s: None,
             asked: VecDeque::new(),
+            expected: VecDeque::new(),
             errors: None,
             counted: Counted::default(),
         }
@@ -138,6 +143,14 @@ impl Translator {
         self.info = info;
     }
 
+    /// Notes that a group of a sender was passed on for a time of the motion, s: it hears if the group acts later.
+    pub fn expect(&mut self, at_s: f64, sender: SocketAddr) {
+        if self.expected.len() == MOST_ASKED {
+            self.expected.pop_front();
+        }
+        self.expected.push_back((at_s, sender));
+    }
+
     pub(super) const fn counted(&self) -> Counted {
         self.counted
     }
@@ -149,7 +162,7 @@ impl Translator {
         match decode(bytes) {
             Ok(OscPacket::Message(message)) => {
                 let requests = self.message(&message, from, now, &mut translation).into_iter().collect();
-                push_group(&mut translation, requests, now.instant);
+                push_group(&mut translation, requests, now.instant, None);
             }
             Ok(OscPacket::Bundle(bundle)) => self.bundle(&bundle, None, from, now, &mut translation),
             Err(why) => {
@@ -182,15 +195,17 @@ impl Translator {
         now: Now,
         translation: &mut Translation,
     ) {
+        let mut has_time = false;
         let mut due = match time_tag::due(bundle.timetag, now) {
             Due::AtOnce => now.instant,
-            Due::At(due) => due,
+            Due::At(due) => {
+                // The present time means at once.
+                has_time = due > now.instant;
+                due
+            }
             Due::Late(by) => {
                 self.counted.late += 1;
-                if self.may_complain(now.instant) {
-                    let arguments = vec![OscType::Float(by.as_secs_f32())];
-                    self.reply(from, "/pulsetrain/late", arguments, &mut translation.replies);
-                }
+                self.tell_late(by.as_secs_f32(), from, now.instant, &mut translation.replies);
                 now.instant
             }
             Due::TooFar(ahead) => {
@@ -204,7 +219,9 @@ impl Translator {
             }
         };
         // A bundle within another is never earlier than that. Source: OSC 1.0, "OSC Bundles".
+        let own = due;
         due = outer.map_or(due, |outer| due.max(outer));
+        let sender = (has_time || due > own).then_some(from);
         let mut requests = Vec::new();
         let mut inner = Vec::new();
         for packet in &bundle.content {
@@ -213,7 +230,7 @@ impl Translator {
                 OscPacket::Bundle(bundle) => inner.push(bundle),
             }
         }
-        push_group(translation, requests, due);
+        push_group(translation, requests, due, sender);
         for bundle in inner {
             self.bundle(bundle, Some(due), from, now, translation);
         }
@@ -338,6 +355,15 @@ impl Translator {
             Happened::Session(Event::Refused { command, why }) => {
                 self.tell_refusal(&Request::Session(*command), why, &mut replies);
             }
+            Happened::Live(LiveEvent::Late { wanted_s, by_s }) => {
+                let is_it = |(at_s, _): &(f64, SocketAddr)| (at_s - wanted_s).abs() < SAME_TIME_S;
+                while let Some(place) = self.expected.iter().position(is_it)
+                    && let Some((_, sender)) = self.expected.remove(place)
+                {
+                    self.counted.late += 1;
+                    self.tell_late(*by_s as f32, sender, now, &mut replies);
+                }
+            }
             Happened::Live(event) => self.live(event, &mut replies),
         }
         replies
@@ -375,7 +401,7 @@ impl Translator {
                 self.tell_error(&format!("the motion file was not taken over: {place}{error}"), None, replies);
             }
             LiveEvent::Unplugged { why, .. } | LiveEvent::Unplaced { why, .. } => self.tell_error(why, None, replies),
-            LiveEvent::Resting { .. } | LiveEvent::Placed { .. } => {}
+            LiveEvent::Resting { .. } | LiveEvent::Placed { .. } | LiveEvent::Late { .. } => {}
             LiveEvent::Refused { command, why } => self.tell_refusal(&Request::Live(command.clone()), why, replies),
         }
     }
@@ -513,6 +539,13 @@ impl Translator {
         }
     }
 
+    /// Tells a sender that its bundle acts late, by so many seconds.
+    fn tell_late(&mut self, by_s: f32, sender: SocketAddr, now: Instant, replies: &mut Vec<OscReply>) {
+        if self.may_complain(now) {
+            self.reply(sender, "/pulsetrain/late", vec![OscType::Float(by_s)], replies);
+        }
+    }
+
     /// Whether there may be one more reply about an error in this second.
     fn may_complain(&mut self, now: Instant) -> bool {
         let is_now = |(began, _): &(Instant, u32)| now.saturating_duration_since(*began).as_secs() == 0;
@@ -529,13 +562,16 @@ impl Translator {
 }
 
 /// Adds requests that are due at a time. Those that are due with the group before are part of it.
-fn push_group(translation: &mut Translation, requests: Vec<Request>, due: Instant) {
+fn push_group(translation: &mut Translation, requests: Vec<Request>, due: Instant, sender: Option<SocketAddr>) {
     if requests.is_empty() {
         return;
     }
     match translation.groups.last_mut().filter(|group| group.due == due) {
-        Some(group) => group.requests.extend(requests),
-        None => translation.groups.push(Group { requests, due }),
+        Some(group) => {
+            group.requests.extend(requests);
+            group.sender = group.sender.or(sender);
+        }
+        None => translation.groups.push(Group { requests, due, sender }),
     }
 }
 

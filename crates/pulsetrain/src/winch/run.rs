@@ -425,7 +425,7 @@ pub fn judge_by_statuses(run: &Run, names: Names<'_>) -> Judged {
     }
     let mut report = WinchReport { word: Some(words), ..names.report(run) };
     if run.statuses.is_empty() && report.troubles.is_empty() {
-        let what = "no status line came: without one nobody knows where the axes are".to_owned();
+        let what = "no status line came: without one the positions of the axes are not known".to_owned();
         report.troubles.push(Trouble { at_s: report.duration_s, what });
     }
     let picture = Picture { errors: Errors::Unknown, ..drawing.finish(names.title()) };
@@ -597,7 +597,7 @@ impl Display for WinchReport {
             self.edges(verdict, f)?;
         }
         if let Some(words) = word {
-            writeln!(f, "This is the board's own word: nobody looked at its pins.\n")?;
+            writeln!(f, "This is the board's own word: its pins were not measured.\n")?;
             let mut table = Table::new(["axis", "at", "the path", "farthest, in moves a few ms off", "at rest"]);
             for word in words {
                 table.row([

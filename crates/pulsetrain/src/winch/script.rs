@@ -163,7 +163,7 @@ impl Board {
             // that out.
             let before = if f64::from(self.deadman_ms) * 1e-3 < NEAR_DEADMAN_S { "" } else { " before that or" };
             return Err(format!(
-                "it comes as the deadman strikes, at {}: nobody can say which is first; send it {}{before} after it",
+                "it comes as the deadman strikes, at {}: which is first is not known; send it {}{before} after it",
                 human::seconds(strikes_s),
                 human::seconds(NEAR_DEADMAN_S)
             ));
@@ -221,9 +221,9 @@ mod tests {
         refuse(
             &script("1.52 s"),
             at,
-            "it comes as the deadman strikes, at 1.5 s: nobody can say which is first; send it 50 ms before that or after it",
+            "it comes as the deadman strikes, at 1.5 s: which is first is not known; send it 50 ms before that or after it",
         );
-        let wanted = "it comes as the deadman strikes, at 30 ms: nobody can say which is first; send it 50 ms after it";
+        let wanted = "it comes as the deadman strikes, at 30 ms: which is first is not known; send it 50 ms after it";
         refuse("0 s: deadman 30\n0 s: ping", "0 s: ping", wanted);
     }
 

@@ -524,7 +524,10 @@ mod chips {
         let _served = Served::new(&user, "uno");
         std::fs::write(user.folder.0.join("two.toml"), TWO.replace("native", "uno")).unwrap();
         let said = user.says(&["goto", "two", "0 deg", "--motor", "wheel", "--port", "uno"], 2);
-        assert!(said.contains("nobody knows where wheel stands") && said.contains("--from \"wheel=0 deg\""), "{said}");
+        assert!(
+            said.contains("the position of wheel is not known") && said.contains("--from \"wheel=0 deg\""),
+            "{said}"
+        );
     }
 
     /// A run on a virtual board obeys, too, and one that has not begun does not begin.

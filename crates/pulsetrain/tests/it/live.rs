@@ -3,9 +3,11 @@
 use proptest::prelude::*;
 use pulsetrain::live::{Desk, Happened, Line, LiveCommand, LiveEvent, Request, Show, Together};
 use pulsetrain_board::{Edge, Leased, Native};
+use pulsetrain_motion::program::Program;
 use pulsetrain_session::control::{Command, Ended, Event, Status};
 use pulsetrain_session::drive::Driven;
 use pulsetrain_session::prepare::Prepared;
+use pulsetrain_testkit::limits::{check_acceleration, check_speed};
 use std::path::PathBuf;
 
 /// Two motors, knobs and cues.
@@ -406,6 +408,21 @@ fn a_change_for_a_time_begins_at_its_tick() {
     stage.ask(together(&["a.swing 22 step"], Some(late_s)));
     let (from_s, ..) = one_change(&mut stage, 1);
     assert!((late_s..late_s + 0.15).contains(&from_s), "{from_s} s, for {late_s} s");
+    let late = |event: LiveEvent| match event {
+        LiveEvent::Late { wanted_s, by_s } => (wanted_s, by_s),
+        other => panic!("{other:?}"),
+    };
+    let (wanted_s, by_s) = late(stage.answer());
+    near(late_s, wanted_s);
+    near(from_s - late_s, by_s);
+    // Of a pause it is told, too; one that has its time is not late.
+    let late_s = stage.status().at_s - 0.1;
+    stage.ask(together(&["pause"], Some(late_s)));
+    let (wanted_s, by_s) = late(stage.answer());
+    near(late_s, wanted_s);
+    assert!((0.1..0.15).contains(&by_s), "{by_s}");
+    stage.run(1.0);
+    stage.line("resume");
     stage.run(1.0);
     let now_s = stage.status().at_s;
     let (third_s, fourth_s) = (now_s + 0.5, now_s + 3.0);
@@ -560,6 +577,73 @@ fn a_motion_goes_on_with_another_session_from_where_the_motors_stand() {
     }
 }
 
+/// Both motors at a constant speed.
+fn turning() -> String {
+    let law = "law.speed = { speed = \"1 rev/s\" }\nbegin = \"ramp\"";
+    let text = TEXT.replace("law.sweep = { frequency = \"1 Hz\", swing = \"40 step\" }", law);
+    text.split("[live.knobs]").next().unwrap().to_owned()
+}
+
+/// A knob on a constant speed changes it from where the motor is: as quickly after minutes as at first, to 0 and to the other direction.
+#[test]
+fn a_speed_changes_from_where_the_motor_is() {
+    let mut stage = native(&turning());
+    stage.run(200.0);
+    let mut speed_is = |line: &str, steps_per_s: f64| {
+        let before = stage.status().motors[0].position;
+        assert!(stage.line(line), "{line}");
+        let (_, _, ceiling, from_s, until_s) = set(stage.answer());
+        assert!(ceiling.is_none() && until_s - from_s < 0.3, "{line}: {ceiling:?}, {from_s} to {until_s}");
+        stage.run(0.5);
+        let (then, at_s) = (stage.status().motors[0].position, stage.now_s());
+        assert!((then - before).abs() < 400, "{line}: from {before} to {then}");
+        stage.run(2.0);
+        let (now, now_s) = (stage.status().motors[0].position, stage.now_s());
+        let made = (now - then) as f64 / (now_s - at_s);
+        assert!((made - steps_per_s).abs() < 4.0, "{line}: {made} steps/s");
+    };
+    speed_is("a.speed 2 rev/s", 400.0);
+    speed_is("a.speed -2 rev/s", -400.0);
+    speed_is("a.speed 0 rev/s", 0.0);
+    speed_is("a.speed 1 rev/s", 200.0);
+    // A position is reached from afar; from there a speed begins.
+    stage.line("goto 90 deg");
+    let LiveEvent::Goto { until_s, .. } = stage.answer() else { panic!("it goes there") };
+    stage.run(until_s - stage.now_s() + 60.0);
+    assert_eq!(stage.status().motors.iter().map(|motor| motor.position).collect::<Vec<_>>(), [50, 50]);
+    stage.line("resume");
+    let LiveEvent::Returned { from_s, until_s } = stage.answer() else { panic!("it returns") };
+    assert!(until_s - from_s < 0.5, "{from_s} to {until_s}");
+    stage.run(2.0);
+    stage.stop();
+    stage.check_limits();
+}
+
+/// The board is lost after a speed was changed: with another session the motor joins its way where that would be by now.
+#[test]
+fn a_changed_speed_goes_on_with_another_session() {
+    let mut stage = native(&turning());
+    stage.run(100.0);
+    assert!(stage.line("a.speed -0.5 rev/s"));
+    stage.run(2.0);
+    let stood: Vec<f64> = stage.status().motors.iter().map(|motor| motor.position as f64).collect();
+    let (_, suspended) = stage.show.suspend();
+    let (_, mut prepared) = staged(&turning());
+    prepared.program = suspended.desk().resting_at(&stood).unwrap();
+    let driven = Driven::native(&prepared).unwrap();
+    let mut stage = Stage::new(suspended.rejoin_on(driven, &prepared.program, 3.0));
+    let LiveEvent::Rejoined { from_s, until_s, .. } = stage.answer() else { panic!("it joins again") };
+    assert!(until_s - from_s < 10.0, "{from_s} to {until_s}");
+    stage.run(until_s - stage.now_s() + 1.0);
+    let status = stage.status();
+    let [a, b] = [0, 1].map(|motor| status.motors[motor].position as f64);
+    // 3 s without a board, and the time since then.
+    let passed_s = 3.0 + status.at_s;
+    assert!((a + 100.0 * passed_s).abs() < 20.0 && (b - 200.0 * passed_s).abs() < 20.0, "{a} and {b} in {passed_s} s");
+    stage.stop();
+    stage.check_limits();
+}
+
 #[test]
 fn somebody_says_where_motors_stand() {
     let desk = staged(TEXT).0;
@@ -570,7 +654,165 @@ fn somebody_says_where_motors_stand() {
     assert!(places(Some("c"), "0").unwrap_err().contains("no motor `c`"));
     assert!(places(None, "1 s").unwrap_err().contains("it is a time"));
     let unknown = desk.places(None, "last", None).unwrap_err().to_string();
-    assert!(unknown.contains("nobody knows where the motors rested"), "{unknown}");
+    assert!(unknown.contains("the last position at rest is not known"), "{unknown}");
+}
+
+/// A swing of `a` that grows for 50 s where `growth` is more than 0, and a swing of `b` that is left alone.
+fn growing(growth: &str) -> String {
+    let laws = format!(
+        r#"[[motion]]
+motor = "a"
+[motion.law.formula]
+theta = "20*sin(2*pi*t)^2 + if(t > 40, growth*(t - 40)^4, 0)"
+unit = "step"
+where = {{ growth = {growth} }}
+[[motion]]
+motor = "b"
+law.sweep = {{ frequency = "1 Hz", swing = "40 step" }}
+"#
+    );
+    let (motors, rest) = TEXT.split_once("[[motion]]").unwrap();
+    let (_, rest) = rest.split_once("[live.knobs]").unwrap();
+    let cues = &rest[rest.find("[[cue]]").unwrap()..rest.find("[[cue]]\nname = \"the last").unwrap()];
+    format!("{motors}{laws}{cues}")
+}
+
+impl<B: Leased> Stage<B> {
+    /// The next change that is taken back: why, whether the motors rest, and when they follow the earlier motion.
+    #[track_caller]
+    fn taken_back(&mut self) -> (String, bool, f64) {
+        for _ in 0..6000 {
+            let place = self.happened.iter().position(|happened| matches!(happened, Happened::Live(_)));
+            if let Some(place) = place {
+                let Happened::Live(event) = self.happened.remove(place) else { continue };
+                let LiveEvent::TakenBack { why, rests, until_s, .. } = event else { panic!("{event:?}") };
+                return (why, rests, until_s);
+            }
+            self.step();
+        }
+        panic!("nothing was taken back within a minute");
+    }
+
+    /// The present value of a knob.
+    fn knob(&self, name: &str) -> f64 {
+        self.show.desk().knobs().iter().find(|knob| knob.name == name).unwrap().value
+    }
+
+    /// Holds every step of all motors against their limits.
+    #[track_caller]
+    fn check_limits(&self) {
+        check_limits(&self.edges, self.show.desk().setup()).unwrap();
+    }
+}
+
+/// Holds the steps of all motors against their max_speed and max_acceleration. Motors with a pull-in rate may jump to a speed: their acceleration is
+/// not looked at.
+///
+/// # Errors
+/// The motor, the limit, and the place.
+pub(crate) fn check_limits(edges: &[Edge], program: &Program) -> Result<(), String> {
+    let (lines, hz) = (pulsetrain_trace::lines::of(program), program.board.tick_hz);
+    for motor in &program.motors {
+        let has = |line: u8, what: &str| lines[usize::from(line)].names.contains(&format!("{}.{what}", motor.name));
+        let (mut steps, mut way) = (Vec::new(), 1);
+        for edge in edges {
+            if has(edge.line, "dir") {
+                way = if edge.level { 1 } else { -1 };
+            } else if edge.level && has(edge.line, "step") {
+                steps.push((edge.tick, way));
+            }
+        }
+        let shares_dir = lines.iter().any(|line| {
+            let dirs = line.names.iter().filter(|name| name.ends_with(".dir")).count();
+            dirs > 1 && line.names.contains(&format!("{}.dir", motor.name))
+        });
+        // A step that waits for a shared DIR line comes later, and so may the one before it.
+        let reversal = program.timing(motor).ticks(hz).reversal() as f64;
+        let doubt = if shares_dir { 4.0 * reversal * program.motors.len() as f64 } else { 1.5 };
+        if let Some(max_speed) = motor.limits.max_speed {
+            check_speed(&steps, hz, max_speed, doubt).map_err(|error| format!("{}: {error}", motor.name))?;
+        }
+        if let Some(limit) = motor.limits.max_acceleration.filter(|_| motor.limits.pull_in == 0.0) {
+            check_acceleration(&steps, hz, limit, doubt).map_err(|error| format!("{}: {error}", motor.name))?;
+        }
+    }
+    Ok(())
+}
+
+/// A formula that breaks a limit long after the change to it was accepted: the motors brake, and join the motion before that change.
+#[test]
+fn a_change_that_is_refused_later_is_taken_back() {
+    let mut stage = native(&growing("0"));
+    stage.run(2.0);
+    stage.line("a.growth 20");
+    let (_, value, ceiling, ..) = set(stage.answer());
+    assert_eq!((value, ceiling, stage.knob("a.growth")), (20.0, None, 20.0), "half a minute of it keeps to the limits");
+    let (why, rests, until_s) = stage.taken_back();
+    assert!(why.contains("motor a") && why.contains("limit is 800.0 steps/s") && !rests, "{why}");
+    assert!((38.0..60.0).contains(&until_s), "{until_s}");
+    assert_eq!(stage.knob("a.growth"), 0.0);
+    let is_rejoined =
+        |happened: &Happened| matches!(happened, Happened::Live(_) | Happened::Session(Event::Failed { .. }));
+    assert!(!stage.happened.iter().any(is_rejoined), "it is told once");
+    // Both follow the earlier laws again, at their own time.
+    stage.run(until_s - stage.now_s() + 2.0);
+    assert_eq!((swing(&mut stage, 0, 2.0), swing(&mut stage, 1, 2.0)), ((0, 20), (0, 40)));
+    let status = stage.status();
+    let [a, b] = [&status.motors[0], &status.motors[1]].map(|motor| motor.target.unwrap());
+    let turn = std::f64::consts::TAU * status.at_s;
+    assert!((a - 20.0 * turn.sin().powi(2)).abs() < 0.1, "{a} at {}", status.at_s);
+    assert!((b - 20.0 * (1.0 - turn.cos())).abs() < 0.1, "{b} at {}", status.at_s);
+    // A knob is turned as ever.
+    stage.line("b.swing 20 step");
+    assert_eq!(set(stage.answer()).1, 20.0);
+    stage.run(3.0);
+    stage.stop();
+    stage.check_limits();
+}
+
+/// Of several changes the one that cannot go on is found: those after it go with it.
+#[test]
+fn what_is_taken_back_is_followed_only_if_it_is_sound() {
+    let mut stage = native(&growing("0"));
+    stage.run(1.0);
+    for line in ["b.swing 20 step", "a.growth 20", "b.swing 30 step", "b.frequency 1.2 Hz"] {
+        stage.line(line);
+        assert_eq!(set(stage.answer()).2, None, "{line}");
+        stage.run(2.0);
+    }
+    let (why, rests, until_s) = stage.taken_back();
+    assert!(why.contains("motor a") && !rests, "{why}");
+    assert_eq!([stage.knob("a.growth"), stage.knob("b.swing"), stage.knob("b.frequency")], [0.0, 20.0, 1.0]);
+    stage.run(until_s - stage.now_s() + 1.0);
+    assert_eq!((swing(&mut stage, 0, 2.0), swing(&mut stage, 1, 2.0)), ((0, 20), (0, 20)));
+    stage.stop();
+    stage.check_limits();
+}
+
+/// The file's own motion cannot go on: there is nothing to join. The motors rest until somebody asks for the motion.
+#[test]
+fn motors_rest_where_no_earlier_motion_can_be_followed() {
+    let mut stage = native(&growing("20"));
+    stage.run(2.0);
+    stage.line("b.swing 20 step");
+    set(stage.answer());
+    let (why, rests, _) = stage.taken_back();
+    assert!(why.contains("motor a") && rests, "{why}");
+    stage.run(1.0);
+    let place = [0, 1].map(|motor| swing(&mut stage, motor, 1.0));
+    assert!(place.iter().all(|(low, high)| low == high), "at rest: {place:?}");
+    assert!(stage.show.is_resting());
+    // Its laws break the limits from here on, and this is the answer to who asks for them.
+    let why = stage.refused("go");
+    assert!(why.contains("max_"), "{why}");
+    // From its beginning it can be followed for as long as before.
+    stage.line("begin");
+    let began = stage.answer();
+    let LiveEvent::Began { until_s, .. } = began else { panic!("{began:?}") };
+    stage.run(until_s - stage.now_s() + 1.0);
+    assert_eq!((swing(&mut stage, 0, 2.0), swing(&mut stage, 1, 2.0)), ((0, 20), (0, 40)));
+    stage.stop();
+    stage.check_limits();
 }
 
 #[test]
@@ -820,6 +1062,52 @@ pub(crate) mod processes {
             .output()
             .unwrap();
         assert_eq!(other.status.code(), Some(1), "{}", String::from_utf8_lossy(&other.stdout));
+    }
+
+    /// The command `motion` has a whole motion file in its line; any other line is short.
+    #[test]
+    fn a_large_motion_file_comes_by_the_control_socket() {
+        let folder = Folder::new("live-large");
+        let mut live = Live::begin(&folder, &["--native", "--no-watch"]);
+        let sockets = std::fs::read_dir(folder.0.join("pulsetrain")).unwrap();
+        let socket =
+            sockets.map(|entry| entry.unwrap().path()).find(|path| path.extension().is_some_and(|end| end == "sock"));
+        let connect = || {
+            let stream = std::os::unix::net::UnixStream::connect(socket.as_ref().unwrap()).unwrap();
+            BufReader::new(stream)
+        };
+        let answer = |client: &mut BufReader<_>, part: &str| {
+            let mut line = String::new();
+            while !line.contains(part) {
+                line.clear();
+                assert_ne!(client.read_line(&mut line).unwrap(), 0, "no {part:?}");
+            }
+        };
+        let comment = "# A \"comment\".\n".repeat(100_000);
+        let motion = |text: String| serde_json::json!({ "command": "motion", "text": text }).to_string();
+        let mut client = connect();
+        let long = motion(TEXT.replace("40 step", "30 step") + &comment);
+        assert!(long.len() > 1_500_000);
+        // Before it and after it, other lines in the same write.
+        let go = "{\"command\":\"tempo\",\"rate\":0.5}";
+        client.get_mut().write_all(format!("{go}\n{long}\n{go}\n").as_bytes()).unwrap();
+        live.until("tempo 0.5 from");
+        live.until("the changed motion file from");
+        live.until("tempo 0.5 from");
+        // One that is too large for a motion file, and lines that have no motion file in them.
+        let mut other = connect();
+        let knob = serde_json::json!({ "command": "set", "knob": "x".repeat(5000), "value": 1 }).to_string();
+        other.get_mut().write_all(format!("{knob}\n{}\n", motion("#".repeat(16_000_001))).as_bytes()).unwrap();
+        answer(&mut other, "4096 bytes at most, except one with the command `motion`");
+        answer(&mut other, "16 MB is the most");
+        other.get_mut().write_all(format!("[{}\n", "1,".repeat(5000)).as_bytes()).unwrap();
+        answer(&mut other, "no line of JSON");
+        // One without an end is left where it is too long.
+        other.get_mut().write_all(&vec![b' '; 32_004_096]).unwrap();
+        answer(&mut other, "32004096 bytes at most");
+        live.say("speed 2 Hz");
+        live.until("speed is 2 Hz from");
+        assert_eq!(live.stop(), Some(0));
     }
 
     #[test]

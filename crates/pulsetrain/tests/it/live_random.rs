@@ -2,6 +2,7 @@
 //!
 //! `PULSETRAIN_SEED` says other random requests, `PULSETRAIN_ROUNDS` how many times as many.
 
+use crate::live::check_limits;
 use pulsetrain::live::{Desk, Line, Request, Show};
 use pulsetrain_board::{BoardKind, Edge, Leased};
 use pulsetrain_session::control::Command;
@@ -60,8 +61,10 @@ impl Random {
 
 /// Random requests at random times, on the native board or a virtual one.
 fn ask_at_random(example: &str, board: Option<&str>, seed: u64) {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples").join(example);
-    let (mut desk, contents) = Desk::open(&path, board).map_err(|error| error.plain()).unwrap();
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples");
+    let text = limited(&std::fs::read_to_string(folder.join(example)).unwrap());
+    let opened = Desk::of(&text, example, folder, board, None);
+    let (mut desk, contents) = opened.map_err(|error| error.plain()).unwrap();
     let mut prepared = Prepared::new(example.to_owned(), contents, board).unwrap();
     prepared.prove_first(|_| {}).unwrap();
     desk.set_up(&prepared.program);
@@ -74,15 +77,36 @@ fn ask_at_random(example: &str, board: Option<&str>, seed: u64) {
     }
 }
 
+/// A motion file whose motors all have limits: those that it states, or ones that its laws keep to.
+fn limited(text: &str) -> String {
+    let mut limited = String::new();
+    let mut sections = text.split_inclusive('\n').peekable();
+    while let Some(line) = sections.next() {
+        limited.push_str(line);
+        if line.starts_with("[motor.") {
+            let mut section = String::new();
+            while let Some(line) = sections.next_if(|line| !line.starts_with('[')) {
+                section.push_str(line);
+            }
+            if !section.contains("max_acceleration") && !section.contains("pull_in") {
+                limited.push_str("max_speed = \"20 rev/s\"\nmax_acceleration = \"400 rev/s^2\"\n");
+            }
+            limited.push_str(&section);
+        }
+    }
+    limited
+}
+
 fn asked<B: Leased>(mut show: Show<B>, example: &str, seed: u64) {
     println!("{example}, PULSETRAIN_SEED={seed}");
     let (begin, hz) = (show.now(), show.desk().setup().board.tick_hz as f64);
     let mut random = Random(seed);
     let mut lines = Vec::new();
-    let run = |show: &mut Show<B>, request: Option<Request>, lines: &[String]| {
-        let mut nobody = |_: Edge| {};
-        let asked = request.map_or(Ok(None), |request| show.obey(request, &mut nobody, &mut |_| {}));
-        let stepped = asked.and_then(|_| show.step(&mut nobody, &mut |_| {}));
+    let mut edges = Vec::new();
+    let mut run = |show: &mut Show<B>, request: Option<Request>, lines: &[String]| {
+        let mut observer = |edge: Edge| edges.push(edge);
+        let asked = request.map_or(Ok(None), |request| show.obey(request, &mut observer, &mut |_| {}));
+        let stepped = asked.and_then(|_| show.step(&mut observer, &mut |_| {}));
         stepped.unwrap_or_else(|error| panic!("{example}, seed {seed}, after {lines:#?}: {error}"))
     };
     for _ in 0..REQUESTS {
@@ -100,6 +124,8 @@ fn asked<B: Leased>(mut show: Show<B>, example: &str, seed: u64) {
     while ended.is_none() {
         ended = run(&mut show, None, &lines);
     }
+    let checked = check_limits(&edges, show.desk().setup());
+    checked.unwrap_or_else(|error| panic!("{example}, seed {seed}, after {lines:#?}: {error}"));
 }
 
 #[test]

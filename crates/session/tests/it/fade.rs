@@ -8,6 +8,7 @@ use pulsetrain_motion::time::Rate;
 use pulsetrain_motion::{Law, Time};
 use pulsetrain_session::fade::{Begins, Change};
 use pulsetrain_session::{Session, SessionError};
+use pulsetrain_testkit::limits::check_speed;
 use std::sync::Arc;
 
 mod chips;
@@ -182,6 +183,161 @@ fn a_new_frequency_keeps_the_swing() {
     assert!(lab.steps[1].len() > 2000);
     for ((tick, way), (plain, plain_way)) in lab.steps[1].iter().zip(plain) {
         assert!((tick - zero).abs_diff(*plain) <= 2 && way == plain_way, "{tick} and {plain}");
+    }
+}
+
+/// An endless constant speed.
+fn speed(steps_per_s: f64) -> Law {
+    Law::speed(steps_per_s, None).unwrap()
+}
+
+/// How long a change of speed takes, ticks, after the first speed has gone on for some time. The speed goes from one to the other without passing
+/// them, and then stays.
+#[track_caller]
+fn speed_change(before_s: u64, from: f64, to: f64) -> u64 {
+    let rest = with_laws([speed(0.0), sine(10.0, 2.0)]);
+    let mut lab = Lab::new(&rest);
+    let mut session = Session::new(Bench::new(&rest, 256), rest).unwrap();
+    let zero = session.zero();
+    if from != 0.0 {
+        let old = Arc::new(with_laws([speed(from), sine(10.0, 2.0)]));
+        let first = Change { program: old, over: None, begins: Begins::WithTheMotion };
+        change(&mut session, &mut lab, &first).unwrap();
+    }
+    for part in 1..=100 {
+        session.advance(zero + before_s * TICK_HZ / 100 * part, &mut lab).unwrap();
+        lab.steps.iter_mut().for_each(Vec::clear);
+    }
+    let new = with_laws([speed(to), sine(10.0, 2.0)]);
+    let wanted = Change { program: Arc::new(new), over: None, begins: Begins::WithTheMotion };
+    let transition = session.change_to(&wanted).unwrap();
+    session.advance(transition.until + 2 * TICK_HZ, &mut lab).unwrap();
+    let steps = &lab.steps[0];
+    check_acceleration(steps, LIMITS.max_acceleration.unwrap(), 1.5).unwrap();
+    check_speed(steps, TICK_HZ, from.abs().max(to.abs()), 1.0).unwrap();
+    let turns = steps.windows(2).filter(|pair| pair[0].1 != pair[1].1).count();
+    assert!(turns <= usize::from(from * to < 0.0), "{from} to {to}: {turns} turns");
+    let after = steps.iter().filter(|(tick, _)| *tick > transition.until).map(|(_, way)| way).sum::<i64>();
+    assert!((after as f64 - 2.0 * to).abs() <= 1.5, "{from} to {to}: {after} steps in 2 s");
+    transition.until - transition.from
+}
+
+/// A constant speed changes as a frequency does: from where the motor is, whatever way it has gone.
+#[test]
+fn a_speed_changes_as_quickly_after_ten_hours() {
+    for (from, to) in [(20.0, 900.0), (20.0, -900.0), (-30.0, 0.0), (20.0, 30.0)] {
+        let [soon, late] = [1, 36_000].map(|before_s| speed_change(before_s, from, to));
+        assert!(soon.abs_diff(late) <= 2, "{from} to {to}: {soon} ticks, later {late}");
+        assert!(soon < TICK_HZ / 10, "{from} to {to}: {soon} ticks");
+    }
+    // From rest, too, and without an end of the acceleration.
+    assert!(speed_change(1, 0.0, 5900.0) < TICK_HZ / 2);
+    assert!(speed_change(1, 5900.0, -5900.0) < TICK_HZ);
+}
+
+/// A motor that was sent to a position has left its way: a constant speed begins there.
+#[test]
+fn a_speed_begins_where_the_motor_was_sent() {
+    let rest = with_laws([speed(0.0), sine(10.0, 2.0)]);
+    let mut lab = Lab::new(&rest);
+    let mut session = Session::new(Bench::new(&rest, 256), rest).unwrap();
+    let turning = Arc::new(with_laws([speed(400.0), sine(10.0, 2.0)]));
+    let back = Change { program: turning, over: None, begins: Begins::WithTheMotion };
+    change(&mut session, &mut lab, &back).unwrap();
+    session.advance(session.zero() + 3 * TICK_HZ, &mut lab).unwrap();
+    let there = with_laws([200.0, 5.0].map(|steps| speed(0.0).shifted(steps).unwrap()));
+    let sent = Change { program: Arc::new(there), over: None, begins: Begins::Now };
+    let until = change(&mut session, &mut lab, &sent).unwrap();
+    session.advance(until + 60 * TICK_HZ, &mut lab).unwrap();
+    assert_eq!(session.shifts(), None);
+    assert_eq!(session.status().motors[0].position, 200);
+    let transition = session.change_to(&back).unwrap();
+    assert!(transition.until - transition.from < TICK_HZ, "{transition:?}");
+    session.advance(transition.until + TICK_HZ, &mut lab).unwrap();
+    let position = session.status().motors[0].position;
+    assert!((600..800).contains(&position), "{position}");
+    for steps in &lab.steps {
+        check_acceleration(steps, LIMITS.max_acceleration.unwrap(), 1.5).unwrap();
+    }
+}
+
+fn any_speed() -> impl Strategy<Value = f64> {
+    prop_oneof![4 => -5700.0..5700.0f64, 1 => Just(0.0), 1 => -3.0..3.0f64]
+}
+
+/// A constant speed alone, or with a swing on it.
+fn line() -> impl Strategy<Value = Law> {
+    let swung = (-3000.0..3000.0f64, 10.0..100.0f64, 0.4..2.0f64)
+        .prop_map(|(v, amplitude, period_s)| Law::sum(vec![speed(v), sine(amplitude, period_s)]).unwrap());
+    prop_oneof![3 => any_speed().prop_map(speed), 1 => swung]
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(32))]
+
+    /// Speeds of any size and sign, one after the other, early and late: no limit is broken, no step is lost, and no change takes longer than the
+    /// speeds need.
+    #[test]
+    fn speeds_keep_limits_and_counts(
+        before_s in prop_oneof![Just(1), Just(3000)],
+        laws in prop::collection::vec((0.0..0.6f64, line(), line()), 1..8),
+    ) {
+        let begun = with_laws([speed(0.0), speed(0.0)]);
+        let first = Change { program: Arc::new(with_laws([speed(20.0), speed(-15.0)])), over: None, begins: Begins::WithTheMotion };
+        let mut lab = Lab::new(&begun);
+        let mut session = Session::new(Bench::new(&begun, 256), begun.clone()).unwrap();
+        change(&mut session, &mut lab, &first).unwrap();
+        session.advance(session.zero() + before_s * TICK_HZ, &mut lab).unwrap();
+        for (after_s, a, b) in laws {
+            let until = session.board().now() + (after_s * TICK_HZ as f64) as u64;
+            prop_assert_eq!(session.advance(until, &mut lab), Ok(()));
+            let wanted = Change { program: Arc::new(with_laws([a, b])), over: None, begins: Begins::WithTheMotion };
+            if session.ceiling_of(&wanted).unwrap().is_none() {
+                let at = session.board().now();
+                match change(&mut session, &mut lab, &wanted) {
+                    // Up to 12 000 steps/s at half of the acceleration, after another change that takes as long.
+                    Ok(until) => prop_assert!(until - at < 3 * TICK_HZ, "{} s", (until - at) as f64 / TICK_HZ as f64),
+                    Err(SessionError::Pause(_)) => {}
+                    Err(error) => return Err(TestCaseError::fail(error.to_string())),
+                }
+            }
+        }
+        let until = session.board().now() + 2 * TICK_HZ;
+        prop_assert_eq!(session.advance(until, &mut lab), Ok(()));
+        session.stop().unwrap();
+        let report = session.run(&mut lab, |_| {});
+        prop_assert_eq!(report.failure, None);
+        prop_assert_eq!(&report.counted, &report.replayed);
+        check_counts(&session, &lab, &begun)?;
+        for steps in &lab.steps {
+            check_acceleration(steps, LIMITS.max_acceleration.unwrap(), 1.5)?;
+            check_speed(steps, TICK_HZ, LIMITS.max_speed.unwrap(), 1.0).map_err(TestCaseError::fail)?;
+        }
+    }
+}
+
+/// Frequencies that are one to the rate's 16 bits speed no time up: a change between them keeps no earlier change from being forgotten.
+#[test]
+fn a_third_change_waits_for_the_first_alone() {
+    let laws = |period_s: f64, size: f64| Arc::new(with_laws([sine(size, period_s), sine(50.0, 0.7)]));
+    let begun = laws(1.0, 40.0);
+    let mut lab = Lab::new(&begun);
+    let mut session = Session::new(Bench::new(&begun, 256), Arc::clone(&begun)).unwrap();
+    session.advance(session.zero() + TICK_HZ, &mut lab).unwrap();
+    let over = Some(seconds(1.0));
+    let to = |program| Change { program, over, begins: Begins::WithTheMotion };
+    let first = change(&mut session, &mut lab, &to(laws(1.0, 60.0))).unwrap();
+    session.advance(session.board().now() + TICK_HZ / 2, &mut lab).unwrap();
+    // A period of a microsecond more.
+    let second = session.change_to(&to(laws(1.000_001, 50.0))).unwrap().until;
+    session.advance(session.board().now() + TICK_HZ / 10, &mut lab).unwrap();
+    let waiting = session.change_to(&to(laws(1.0, 30.0))).unwrap_err();
+    let SessionError::Waiting { until, .. } = waiting else { panic!("{waiting}") };
+    assert!(until.abs_diff(first) < TICK_HZ / 20 && until + TICK_HZ / 4 < second, "{until}: {first}, {second}");
+    let third = change(&mut session, &mut lab, &to(laws(1.0, 30.0))).unwrap();
+    session.advance(third + TICK_HZ, &mut lab).unwrap();
+    for steps in &lab.steps {
+        check_acceleration(steps, LIMITS.max_acceleration.unwrap(), 1.5).unwrap();
     }
 }
 

@@ -452,6 +452,79 @@ fn a_bundle_of_python_osc_is_one_group_at_its_time() {
     );
 }
 
+/// A bundle that was passed on for its time, and acts later than that: its sender hears it, and nobody else.
+#[test]
+fn the_sender_of_a_bundle_hears_that_it_acts_late() {
+    let now = now();
+    let mut translator = Translator::new(info(), None);
+    translator.packet(&bytes(&message("/setDestIp", vec![])), from(6000), now);
+    for (port, ahead_s) in [(5000, 0.03), (5001, 0.05)] {
+        let packet = bundle(time_tag::tag_of(after(now, ahead_s)), vec![message("/pause", vec![])]);
+        let translation = translator.packet(&bytes(&packet), from(port), now);
+        let [Group { sender: Some(sender), .. }] = translation.groups.as_slice() else { panic!("{translation:?}") };
+        translator.expect(9.0 + ahead_s, *sender);
+    }
+    let late = |wanted_s: f64| Happened::Live(LiveEvent::Late { wanted_s, by_s: 0.25 });
+    assert_eq!(shown(&translator.happened(&late(9.03), now.instant)), "5000: /pulsetrain/late (f) 0.25\n");
+    // Once; and a time that came from elsewhere is told nobody.
+    assert_eq!(translator.happened(&late(9.03), now.instant), []);
+    assert_eq!(translator.happened(&late(9.04), now.instant), []);
+    assert_eq!(shown(&translator.happened(&late(9.05), now.instant)), "5001: /pulsetrain/late (f) 0.25\n");
+    assert_eq!(translator.counted().late, 2);
+    // One for now acts at once.
+    let packet = bundle(time_tag::tag_of(now.system), vec![message("/pause", vec![])]);
+    assert_eq!(translator.packet(&bytes(&packet), from(5000), now).groups[0].sender, None);
+}
+
+#[test]
+fn positions_are_said_and_the_motion_begins() {
+    let here = |arguments, expected: Expect| check("/here", arguments, expected);
+    here(
+        vec![text("0 deg")],
+        expect![[r#"
+            {"command":"here","motor":null,"position":"0 deg"}
+        "#]],
+    );
+    here(
+        vec![text("second arm"), text("90 deg")],
+        expect![[r#"
+            {"command":"here","motor":"second arm","position":"90 deg"}
+        "#]],
+    );
+    here(
+        vec![OscType::Int(2), OscType::Float(0.0)],
+        expect![[r#"
+            {"command":"here","motor":"second arm","position":"0"}
+        "#]],
+    );
+    here(
+        vec![OscType::Int(255), text("last")],
+        expect![[r#"
+            {"command":"here","motor":null,"position":"last"}
+        "#]],
+    );
+    here(
+        vec![OscType::Int(3), text("last")],
+        expect![[r#"
+            5000: /error/command (s) MotorIdNotMatch: 3 is no motor; there are 1 to 2, and 255 is all (i) 3
+        "#]],
+    );
+    here(
+        vec![],
+        expect![[r#"
+            5000: /error/command (s) /here: it needs a position such as "90 deg"; for one motor its name or number before that (i) 0
+        "#]],
+    );
+    check(
+        "/pulsetrain/begin",
+        vec![OscType::Int(1)],
+        expect![[r#"
+            {"command":"begin"}
+        "#]],
+    );
+    check("/begin", vec![OscType::Int(0)], expect![""]);
+}
+
 #[test]
 fn bundles_in_a_bundle_are_never_earlier_than_it() {
     let now = now();
@@ -641,6 +714,8 @@ fn messages() -> impl Strategy<Value = OscPacket> {
         "/cue",
         "/cue/3",
         "/goto",
+        "/here",
+        "/begin",
         "/wildness",
         "/pulsetrain/first/speed",
         "/pulsetrain",
@@ -700,8 +775,9 @@ proptest! {
             let mut packet = bytes(&packet);
             packet.truncate(packet.len() - if is_cut { cut.min(packet.len()) } else { 0 });
             let translation = translator.packet(&packet, from(port), now);
-            for Group { requests, due } in &translation.groups {
+            for Group { requests, due, sender } in &translation.groups {
                 prop_assert!(!requests.is_empty());
+                prop_assert_eq!(sender.is_some(), *due > now.instant);
                 prop_assert!(*due >= now.instant && *due <= now.instant + FARTHEST_AHEAD);
                 for request in requests {
                     let is_sound = match request {

@@ -194,7 +194,10 @@ function happen(line, isPast) {
       tell(`The motors had braked, and join the motion again${until}.`, { at, bad: true });
       break;
     case "taken_back":
-      tell(`The last change is taken back: ${line.why}. The motors had braked, and join the motion as it was before${until}.`, { at, bad: true });
+      tell(`The last change is taken back: ${line.why}. The motors had braked, and ${line.rests ? "rest where they stand" : `join the motion before that change${until}`}.`, { at, bad: true });
+      break;
+    case "late":
+      // Its sender hears it.
       break;
     case "returned":
       tell(`The motors join the motion again${until}.`, { at });
@@ -209,7 +212,7 @@ function happen(line, isPast) {
       tell(`The board cannot be reached: ${line.why}. The motors brake. The run waits for ${line.port}.`, { at, bad: true });
       break;
     case "unplaced":
-      tell(`${line.why}: nobody knows where ${line.motors.join(", ")} stands. Write it where the run was started, such as: here 0 deg`, { at, bad: true });
+      tell(`${line.why}: the position of ${line.motors.join(", ")} is not known. Write it where the run was started, such as: here 0 deg`, { at, bad: true });
       break;
     case "placed":
       tell(`${line.motors.join(", ")} at ${line.position}: noted.`, { at });
@@ -281,7 +284,7 @@ function showControl(control) {
   state.control = control;
   const isOpen = state.socket?.readyState === WebSocket.OPEN && state.phase !== "ended";
   const others = control.pages > 1 ? ` (${control.pages} pages)` : "";
-  $("control-text").textContent = !isOpen ? "" : control.yours ? `you control${others}` : control.taken ? `another page controls${others}` : `nobody controls${others}`;
+  $("control-text").textContent = !isOpen ? "" : control.yours ? `you control${others}` : control.taken ? `another page controls${others}` : `no page controls${others}`;
   $("take").textContent = control.yours ? "Give back" : "Take control";
   $("take").classList.toggle("primary", !control.yours && isOpen);
   $("take").hidden = !isOpen;

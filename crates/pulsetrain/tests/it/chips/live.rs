@@ -1,4 +1,4 @@
-//! Live motions on the virtual Uno: the real firmware.
+//! Live motions on the virtual Uno and Pico: the real firmware.
 
 use crate::live::{Stage, TEXT, one_change, staged, together};
 use pulsetrain::live::{LiveEvent, Show};
@@ -121,6 +121,7 @@ fn motors_join_the_motion_again_after_the_host_was_too_slow() {
 /// Processes: a live motion at a cable that is pulled and plugged in again. Nothing depends on how long something takes.
 #[cfg(unix)]
 mod cable {
+    use crate::live::TEXT;
     use crate::live::processes::Live;
     use pulsetrain_testkit::folder::Folder;
     use serialport::{SerialPort, TTYPort};
@@ -132,18 +133,18 @@ mod cable {
     use std::thread;
     use std::time::Duration;
 
-    /// A virtual Uno in another process, which does not restart when its port is opened at the other end of the cable.
+    /// A virtual board in another process, which does not restart when its port is opened at the other end of the cable.
     struct Board(Child);
 
     impl Board {
-        fn new(link: &Path) -> Board {
+        fn new(name: &str, link: &Path) -> Board {
             let _ = std::fs::remove_file(link);
             let mut command = Command::new(env!("CARGO_BIN_EXE_pulsetrain"));
-            command.args(["board", "uno", "--pty"]).arg(link).stdout(Stdio::piped());
+            command.args(["board", name, "--pty"]).arg(link).stdout(Stdio::piped());
             let mut child = command.spawn().unwrap();
             let mut line = String::new();
             BufReader::new(child.stdout.take().unwrap()).read_line(&mut line).unwrap();
-            assert!(line.contains("a virtual Uno is at"), "{line}");
+            assert!(line.starts_with("a virtual ") && line.contains(" is at"), "{line}");
             Board(child)
         }
     }
@@ -240,7 +241,7 @@ mod cable {
     fn motors_join_the_motion_again_after_the_cable_was_pulled_and_nobody_guesses_after_a_reset() {
         let folder = Folder::new("live-cable");
         let (board_link, link) = (folder.0.join("board"), folder.0.join("port"));
-        let mut board = Board::new(&board_link);
+        let mut board = Board::new("uno", &board_link);
         let cable = Cable::new(&board_link, &link);
         let arguments = ["--port", "port", "--quiet", "--no-rehearsal"];
         let mut live = Live::begin(&folder, &arguments);
@@ -249,7 +250,7 @@ mod cable {
         cable.pull();
         live.until("the board cannot be reached");
         live.say("pause");
-        live.until("the board cannot be reached, or nobody knows");
+        live.until("the board cannot be reached, or the positions of the motors are not known");
         cable.plug();
         live.until("join the motion again from");
         live.say("a.swing 30 step");
@@ -267,9 +268,9 @@ mod cable {
         live.until("the board cannot be reached");
         drop(cable);
         drop(board);
-        board = Board::new(&board_link);
+        board = Board::new("uno", &board_link);
         let cable = Cable::new(&board_link, &link);
-        live.until("nobody knows where a, b stands");
+        live.until("the position of a, b is not known");
         live.say("a.swing 20 step");
         live.until("refused: a.swing 20 step");
         live.say("here c 0 deg");
@@ -286,6 +287,37 @@ mod cable {
         live.until("a.swing is 20 step");
         cable.pull();
         assert_eq!(live.end(), Some(3));
+        drop(board);
+    }
+
+    /// A Pico goes on counting without a host, too: the motors brake, and join the motion again from where they stand.
+    #[test]
+    fn motors_on_a_pico_join_the_motion_again_after_the_cable_was_pulled() {
+        let folder = Folder::new("live-pico-cable");
+        let (board_link, link) = (folder.0.join("board"), folder.0.join("port"));
+        let board = Board::new("pico", &board_link);
+        let cable = Cable::new(&board_link, &link);
+        std::fs::write(folder.0.join("m.toml"), TEXT.replace("board = \"uno\"", "board = \"pico\"")).unwrap();
+        let arguments = ["--port", "port", "--quiet"];
+        let mut live = Live::again(&folder, &arguments);
+        for times in 1..=2 {
+            live.say("a.swing 20 step");
+            live.until("a.swing is 20 step");
+            cable.pull();
+            live.until("the board cannot be reached");
+            cable.plug();
+            let rejoined = live.until("join the motion again from");
+            assert!(rejoined.contains(&format!("(time {times})")), "{rejoined}");
+            live.say("a.swing 30 step");
+            live.until("a.swing is 30 step");
+        }
+        live.say("goto 0");
+        live.until("goto 0 from");
+        assert_eq!(live.stop(), Some(0));
+        // Its counts are those of the board: another process knows where the motors stand.
+        let mut live = Live::again(&folder, &[&arguments[..], &["--resume"]].concat());
+        live.until("join the motion again from");
+        assert_eq!(live.stop(), Some(0));
         drop(board);
     }
 }

@@ -788,7 +788,7 @@ mod real {
         let [script, link, out] = [script, link, out].map(|path| path.display().to_string());
         let (exit, said) = pulsetrain(&["winch", &script, "--port", &link, "--for", "1.5 s", "--out", &out]);
         assert_eq!(exit, Exit::Success, "{said}");
-        assert!(said.contains("nobody looked at its pins") && said.contains("  x     100       100 "), "{said}");
+        assert!(said.contains("its pins were not measured") && said.contains("  x     100       100 "), "{said}");
         // It ignores frames: the error says so, with advice.
         let (exit, said) = pulsetrain(&["info", "--port", &link]);
         assert_eq!(exit, Exit::Refused, "{said}");
