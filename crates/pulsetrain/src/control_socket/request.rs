@@ -275,6 +275,7 @@ impl LiveEvent {
             | LiveEvent::Unplaced { .. }
             | LiveEvent::Placed { .. }
             | LiveEvent::MotionRefused { .. }
+            | LiveEvent::Late { .. }
             | LiveEvent::Refused { .. } => None,
         }
     }
