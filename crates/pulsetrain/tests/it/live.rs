@@ -713,22 +713,26 @@ impl<B: Leased> Stage<B> {
 pub(crate) fn check_limits(edges: &[Edge], program: &Program) -> Result<(), String> {
     let (lines, hz) = (pulsetrain_trace::lines::of(program), program.board.tick_hz);
     for motor in &program.motors {
-        let has = |line: u8, what: &str| lines[usize::from(line)].names.contains(&format!("{}.{what}", motor.name));
+        let line = |what: &str| {
+            let name = format!("{}.{what}", motor.name);
+            lines.iter().position(|line| line.names.contains(&name))
+        };
+        let (step_line, dir_line) = (line("step"), line("dir"));
         let (mut steps, mut way) = (Vec::new(), 1);
         for edge in edges {
-            if has(edge.line, "dir") {
+            let line = Some(usize::from(edge.line));
+            if line == dir_line {
                 way = if edge.level { 1 } else { -1 };
-            } else if edge.level && has(edge.line, "step") {
+            } else if edge.level && line == step_line {
                 steps.push((edge.tick, way));
             }
         }
-        let shares_dir = lines.iter().any(|line| {
-            let dirs = line.names.iter().filter(|name| name.ends_with(".dir")).count();
-            dirs > 1 && line.names.contains(&format!("{}.dir", motor.name))
-        });
-        // A step that waits for a shared DIR line comes later, and so may the one before it.
+        let names = dir_line.map_or(&[][..], |line| &lines[line].names);
+        let shares_dir = names.iter().filter(|name| name.ends_with(".dir")).count() > 1;
+        // A step may be off by the tolerance. One that waits for a shared DIR line comes later, and so may the one before it.
+        let off = program.tolerance.ticks(hz) + 0.5;
         let reversal = program.timing(motor).ticks(hz).reversal() as f64;
-        let doubt = if shares_dir { 4.0 * reversal * program.motors.len() as f64 } else { 1.5 };
+        let doubt = if shares_dir { off + 4.0 * reversal * program.motors.len() as f64 } else { off };
         if let Some(max_speed) = motor.limits.max_speed {
             check_speed(&steps, hz, max_speed, doubt).map_err(|error| format!("{}: {error}", motor.name))?;
         }
