@@ -2,6 +2,7 @@
 
 use std::error::Error;
 use std::fmt;
+use std::ops::Range;
 use std::sync::Arc;
 
 use miette::{Diagnostic, LabeledSpan, MietteError, MietteSpanContents, Report, SourceCode, SourceSpan, SpanContents};
@@ -53,9 +54,98 @@ impl<E: Advice> Diagnostic for Advised<E> {
     }
 }
 
-/// A text of which reports show lines.
+/// A text of which reports show lines. Of a very long line they show the part around the place.
 #[derive(Clone, Debug)]
 pub struct Excerpt(pub Arc<Source>);
+
+/// A longer line is not shown whole, bytes.
+const LONG_LINE: usize = 240;
+/// Of a long line this much is shown on each side of a place, and of the place itself twice as much, bytes.
+const AROUND: usize = 40;
+
+impl Excerpt {
+    /// The bytes of the lines of `at`, without the last line's end.
+    fn lines(&self, at: &Range<usize>) -> Range<usize> {
+        let text = self.0.text();
+        let (start, end) = (at.start.min(text.len()), at.end.min(text.len()));
+        let from = text.as_bytes()[..start].iter().rposition(|byte| *byte == b'\n').map_or(0, |before| before + 1);
+        let length = text.as_bytes()[end..].iter().position(|byte| *byte == b'\n').unwrap_or(text.len() - end);
+        from..end + length
+    }
+
+    /// Whether one of these lines is too long to be shown.
+    fn has_long_line(&self, lines: Range<usize>) -> bool {
+        self.0.text().as_bytes()[lines].split(|byte| *byte == b'\n').any(|line| line.len() > LONG_LINE)
+    }
+
+    /// The part of a long line around a place.
+    fn part(&self, at: &Range<usize>) -> Part {
+        let text = self.0.text();
+        let line = self.lines(&(at.start..at.start));
+        let place = shown_of(at);
+        let from = text.floor_char_boundary(place.start.saturating_sub(AROUND)).max(line.start);
+        let to = text.ceil_char_boundary((place.end + AROUND).min(line.end)).min(line.end);
+        let mut data = text[from..to].to_owned();
+        // The marks are as long as what they replace, so that all other bytes keep their places.
+        let mark = |cut: &str| "…".to_owned() + &" ".repeat(cut.len() - "…".len());
+        if from > line.start && data.len() > AROUND {
+            let end = data.ceil_char_boundary("…".len());
+            data.replace_range(..end, &mark(&data[..end]));
+        }
+        if to < line.end && data.len() > AROUND {
+            let start = data.floor_char_boundary(data.len() - "…".len());
+            data.replace_range(start.., &mark(&data[start..]));
+        }
+        Part {
+            name: self.0.name().to_owned(),
+            line: text.as_bytes()[..from].iter().filter(|byte| **byte == b'\n').count(),
+            column: text[line.start..from].chars().count(),
+            span: (from, data.len()).into(),
+            data: data.into_bytes(),
+        }
+    }
+}
+
+/// As much of a place as is shown of it in a long line.
+fn shown_of(at: &Range<usize>) -> Range<usize> {
+    at.start..at.end.min(at.start + 2 * AROUND)
+}
+
+/// A part of a long line.
+#[derive(Debug)]
+struct Part {
+    name: String,
+    data: Vec<u8>,
+    span: SourceSpan,
+    line: usize,
+    column: usize,
+}
+
+impl<'a> SpanContents<'a> for Part {
+    fn data(&self) -> &[u8] {
+        &self.data
+    }
+
+    fn span(&self) -> &SourceSpan {
+        &self.span
+    }
+
+    fn name(&self) -> Option<&str> {
+        Some(&self.name)
+    }
+
+    fn line(&self) -> usize {
+        self.line
+    }
+
+    fn column(&self) -> usize {
+        self.column
+    }
+
+    fn line_count(&self) -> usize {
+        1
+    }
+}
 
 impl SourceCode for Excerpt {
     fn read_span<'a>(
@@ -65,6 +155,11 @@ impl SourceCode for Excerpt {
         lines_after: usize,
     ) -> Result<Box<dyn SpanContents<'a> + 'a>, MietteError> {
         let lines = self.0.text().read_span(span, lines_before, lines_after)?;
+        let at = span.offset()..span.offset() + span.len();
+        let around = lines.span().offset()..lines.span().offset() + lines.span().len();
+        if lines_before + lines_after > 0 && self.has_long_line(self.lines(&around)) {
+            return Ok(Box::new(self.part(&at)));
+        }
         let name = self.0.name().to_owned();
         let (line, column, count) = (lines.line(), lines.column(), lines.line_count());
         Ok(Box::new(MietteSpanContents::new_named(name, lines.data(), *lines.span(), line, column, count)))
@@ -153,8 +248,57 @@ impl Diagnostic for WrongPlace {
     }
 
     fn labels(&self) -> Option<Box<dyn Iterator<Item = LabeledSpan> + '_>> {
-        Some(Box::new(
-            self.problem.labels().map(|(at, label)| LabeledSpan::new(Some(label.to_owned()), at.start, at.len())),
-        ))
+        Some(Box::new(self.problem.labels().map(|(at, label)| {
+            // What is not shown of a line cannot be marked.
+            let at = if self.source.has_long_line(self.source.lines(&at)) { shown_of(&at) } else { at };
+            LabeledSpan::new(Some(label.to_owned()), at.start, at.len())
+        })))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use pulsetrain_motion::file;
+    use std::fmt::Write as _;
+
+    /// The report of a motion file with this formula, in 80 columns.
+    fn report(theta: &str) -> String {
+        let text = format!(
+            "board = \"native\"\n[motor.a]\nsteps_per_rev = 200\ndriver = \"A4988\"\npins = {{ step = 8, dir = 9 }}\n\
+             forward = \"high\"\n[[motion]]\nmotor = \"a\"\nlaw.formula = {{ theta = \"{theta}\", unit = \"deg\", duration = \"2 s\" }}\n"
+        );
+        let error = file::read(&text, "long.toml", &|_: &str| Err(std::io::ErrorKind::NotFound.into())).unwrap_err();
+        let mut report = String::new();
+        let handler =
+            miette::GraphicalReportHandler::new_themed(miette::GraphicalTheme::unicode_nocolor()).with_width(80);
+        handler.render_report(&mut report, &WrongFile::from(error)).unwrap();
+        report
+    }
+
+    #[test]
+    fn of_a_long_line_the_part_around_the_place_is_shown() {
+        let terms = |from: u32| {
+            (from..from + 2500).fold(String::new(), |mut sum, k| {
+                let _ = write!(sum, "0.1*sin({k}.5*t) + ");
+                sum
+            })
+        };
+        for (theta, shown, marks) in [
+            // In the middle, near the beginning, near the end, and a place that is itself long.
+            (format!("{}foo(t) + {}0", terms(1), terms(3000)), "foo(t)", 2),
+            (format!("foo(t) + {}0", terms(1)), "law.formula = { theta = \"foo(t)", 1),
+            (format!("{}foo(t)", terms(1)), "foo(t)\", unit = \"deg\", duration = \"2 s\" }", 1),
+            (
+                format!("{}\u{3c0}\u{3c0}\u{3c0}*foo(t)*\u{3c0}\u{3c0}\u{3c0} + {}0", terms(1), terms(3000)),
+                "\u{3c0}*foo",
+                2,
+            ),
+            (format!("sin({}0, 2)", terms(1)), "theta = \"sin(0.1*sin(1.5*t)", 1),
+        ] {
+            let said = report(&theta);
+            assert!(said.contains(shown) && said.matches('…').count() == marks, "{said}");
+            assert!(said.lines().count() < 12 && said.lines().all(|line| line.chars().count() < 200), "{said}");
+        }
     }
 }
