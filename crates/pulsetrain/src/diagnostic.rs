@@ -56,7 +56,12 @@ impl<E: Advice> Diagnostic for Advised<E> {
 
 /// A text of which reports show lines. Of a very long line they show the part around the place.
 #[derive(Clone, Debug)]
-pub struct Excerpt(pub Arc<Source>);
+pub struct Excerpt {
+    source: Arc<Source>,
+    /// The text with marks where long lines are cut. They are as long as what they replace, so that all other bytes keep their places.
+    /// `None`: as the source has it.
+    marked: Option<String>,
+}
 
 /// A longer line is not shown whole, bytes.
 const LONG_LINE: usize = 240;
@@ -64,87 +69,59 @@ const LONG_LINE: usize = 240;
 const AROUND: usize = 40;
 
 impl Excerpt {
+    /// Of a text in which nothing but these places is shown.
+    pub fn new<'p>(source: &Arc<Source>, places: impl Iterator<Item = &'p Range<usize>>) -> Excerpt {
+        let mut excerpt = Excerpt { source: Arc::clone(source), marked: None };
+        for place in places.filter(|place| excerpt.is_in_long_line(place)).collect::<Vec<_>>() {
+            let (line, part) = (excerpt.lines(&(place.start..place.start)), excerpt.part(place));
+            let text = excerpt.marked.get_or_insert_with(|| source.text().to_owned());
+            if part.len() > AROUND {
+                let first = part.start..text.ceil_char_boundary(part.start + MARK.len());
+                let last = text.floor_char_boundary(part.end - MARK.len())..part.end;
+                for (is_cut, at) in [(part.start > line.start, first), (part.end < line.end, last)] {
+                    // Not within another place's mark.
+                    if is_cut && text.is_char_boundary(at.start) && text.is_char_boundary(at.end) {
+                        text.replace_range(at.clone(), &(MARK.to_owned() + &" ".repeat(at.len() - MARK.len())));
+                    }
+                }
+            }
+        }
+        excerpt
+    }
+
+    fn text(&self) -> &str {
+        self.marked.as_deref().unwrap_or_else(|| self.source.text())
+    }
+
     /// The bytes of the lines of `at`, without the last line's end.
     fn lines(&self, at: &Range<usize>) -> Range<usize> {
-        let text = self.0.text();
+        let text = self.source.text().as_bytes();
         let (start, end) = (at.start.min(text.len()), at.end.min(text.len()));
-        let from = text.as_bytes()[..start].iter().rposition(|byte| *byte == b'\n').map_or(0, |before| before + 1);
-        let length = text.as_bytes()[end..].iter().position(|byte| *byte == b'\n').unwrap_or(text.len() - end);
+        let from = text[..start].iter().rposition(|byte| *byte == b'\n').map_or(0, |before| before + 1);
+        let length = text[end..].iter().position(|byte| *byte == b'\n').unwrap_or(text.len() - end);
         from..end + length
     }
 
-    /// Whether one of these lines is too long to be shown.
-    fn has_long_line(&self, lines: Range<usize>) -> bool {
-        self.0.text().as_bytes()[lines].split(|byte| *byte == b'\n').any(|line| line.len() > LONG_LINE)
+    /// Whether one of the lines of `at` is too long to be shown.
+    fn is_in_long_line(&self, at: &Range<usize>) -> bool {
+        self.source.text().as_bytes()[self.lines(at)].split(|byte| *byte == b'\n').any(|line| line.len() > LONG_LINE)
     }
 
-    /// The part of a long line around a place.
-    fn part(&self, at: &Range<usize>) -> Part {
-        let text = self.0.text();
-        let line = self.lines(&(at.start..at.start));
-        let place = shown_of(at);
+    /// The bytes of a long line that are shown for a place.
+    fn part(&self, at: &Range<usize>) -> Range<usize> {
+        let text = self.source.text();
+        let (line, place) = (self.lines(&(at.start..at.start)), shown_of(at));
         let from = text.floor_char_boundary(place.start.saturating_sub(AROUND)).max(line.start);
-        let to = text.ceil_char_boundary((place.end + AROUND).min(line.end)).min(line.end);
-        let mut data = text[from..to].to_owned();
-        // The marks are as long as what they replace, so that all other bytes keep their places.
-        let mark = |cut: &str| "…".to_owned() + &" ".repeat(cut.len() - "…".len());
-        if from > line.start && data.len() > AROUND {
-            let end = data.ceil_char_boundary("…".len());
-            data.replace_range(..end, &mark(&data[..end]));
-        }
-        if to < line.end && data.len() > AROUND {
-            let start = data.floor_char_boundary(data.len() - "…".len());
-            data.replace_range(start.., &mark(&data[start..]));
-        }
-        Part {
-            name: self.0.name().to_owned(),
-            line: text.as_bytes()[..from].iter().filter(|byte| **byte == b'\n').count(),
-            column: text[line.start..from].chars().count(),
-            span: (from, data.len()).into(),
-            data: data.into_bytes(),
-        }
+        from..text.ceil_char_boundary((place.end + AROUND).min(line.end)).min(line.end)
     }
 }
+
+/// Stands for what is left out of a long line.
+const MARK: &str = "…";
 
 /// As much of a place as is shown of it in a long line.
 fn shown_of(at: &Range<usize>) -> Range<usize> {
     at.start..at.end.min(at.start + 2 * AROUND)
-}
-
-/// A part of a long line.
-#[derive(Debug)]
-struct Part {
-    name: String,
-    data: Vec<u8>,
-    span: SourceSpan,
-    line: usize,
-    column: usize,
-}
-
-impl<'a> SpanContents<'a> for Part {
-    fn data(&self) -> &[u8] {
-        &self.data
-    }
-
-    fn span(&self) -> &SourceSpan {
-        &self.span
-    }
-
-    fn name(&self) -> Option<&str> {
-        Some(&self.name)
-    }
-
-    fn line(&self) -> usize {
-        self.line
-    }
-
-    fn column(&self) -> usize {
-        self.column
-    }
-
-    fn line_count(&self) -> usize {
-        1
-    }
 }
 
 impl SourceCode for Excerpt {
@@ -154,13 +131,18 @@ impl SourceCode for Excerpt {
         lines_before: usize,
         lines_after: usize,
     ) -> Result<Box<dyn SpanContents<'a> + 'a>, MietteError> {
-        let lines = self.0.text().read_span(span, lines_before, lines_after)?;
-        let at = span.offset()..span.offset() + span.len();
+        let lines = self.text().read_span(span, lines_before, lines_after)?;
+        let name = self.source.name().to_owned();
         let around = lines.span().offset()..lines.span().offset() + lines.span().len();
-        if lines_before + lines_after > 0 && self.has_long_line(self.lines(&around)) {
-            return Ok(Box::new(self.part(&at)));
+        if lines_before + lines_after > 0 && self.is_in_long_line(&around) {
+            let part = self.part(&(span.offset()..span.offset() + span.len()));
+            let before = &self.source.text()[..part.start];
+            let line = before.bytes().filter(|byte| *byte == b'\n').count();
+            let column = before.rsplit('\n').next().unwrap_or_default().chars().count();
+            let data = &self.text().as_bytes()[part.clone()];
+            let span = (part.start, part.len()).into();
+            return Ok(Box::new(MietteSpanContents::new_named(name, data, span, line, column, 1)));
         }
-        let name = self.0.name().to_owned();
         let (line, column, count) = (lines.line(), lines.column(), lines.line_count());
         Ok(Box::new(MietteSpanContents::new_named(name, lines.data(), *lines.span(), line, column, count)))
     }
@@ -197,8 +179,10 @@ impl WrongFile {
 impl From<FileError> for WrongFile {
     fn from(error: FileError) -> WrongFile {
         let places = error.first().iter();
-        let problems = places
-            .map(|problem| WrongPlace { problem: problem.clone(), source: Excerpt(Arc::clone(problem.source())) });
+        let problems = places.map(|problem| {
+            let labels: Vec<Range<usize>> = problem.labels().map(|(at, _)| at).collect();
+            WrongPlace { problem: problem.clone(), source: Excerpt::new(problem.source(), labels.iter()) }
+        });
         WrongFile { problems: problems.collect(), more: error.more().map(More), error }
     }
 }
@@ -250,7 +234,7 @@ impl Diagnostic for WrongPlace {
     fn labels(&self) -> Option<Box<dyn Iterator<Item = LabeledSpan> + '_>> {
         Some(Box::new(self.problem.labels().map(|(at, label)| {
             // What is not shown of a line cannot be marked.
-            let at = if self.source.has_long_line(self.source.lines(&at)) { shown_of(&at) } else { at };
+            let at = if self.source.is_in_long_line(&at) { shown_of(&at) } else { at };
             LabeledSpan::new(Some(label.to_owned()), at.start, at.len())
         })))
     }
@@ -268,7 +252,8 @@ mod tests {
             "board = \"native\"\n[motor.a]\nsteps_per_rev = 200\ndriver = \"A4988\"\npins = {{ step = 8, dir = 9 }}\n\
              forward = \"high\"\n[[motion]]\nmotor = \"a\"\nlaw.formula = {{ theta = \"{theta}\", unit = \"deg\", duration = \"2 s\" }}\n"
         );
-        let error = file::read(&text, "long.toml", &|_: &str| Err(std::io::ErrorKind::NotFound.into())).unwrap_err();
+        let error = file::read(&text, "long.toml", &|_: &std::path::Path| Err(std::io::ErrorKind::NotFound.into()))
+            .unwrap_err();
         let mut report = String::new();
         let handler =
             miette::GraphicalReportHandler::new_themed(miette::GraphicalTheme::unicode_nocolor()).with_width(80);
