@@ -67,6 +67,9 @@ pub struct TableReport {
     /// How many rows were left out, since they have no position.
     #[serde(skip_serializing_if = "is_zero")]
     pub rows_left_out: usize,
+    /// How many rows have the time of the row before. Their mean was taken.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub rows_averaged: usize,
     /// How it was smoothed. `None` if it was not.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub smoothing: Option<SmoothingReport>,
@@ -147,6 +150,7 @@ impl TableReport {
             columns: table.columns.iter().map(column).collect(),
             unused: table.unused.clone(),
             rows_left_out: table.rows_left_out,
+            rows_averaged: table.rows_averaged,
             smoothing: table.smoothing.as_ref().map(SmoothingReport::new),
             summary: table.to_string(),
         }

@@ -1764,7 +1764,7 @@ fn csv_files() {
         SINE,
         &table("\"none.csv\""),
         expect![[r#"
-        x.toml:14:22: cannot read "none.csv": entity not found
+        x.toml:14:22: cannot read "none.csv": there is no such file
             paths are relative to the motion file
     "#]],
     );
@@ -1773,7 +1773,7 @@ fn csv_files() {
         &table("\"late.csv\""),
         expect![[r#"
             late.csv:5:1: times must increase from line to line, but column 1 `time` has 1 after 2
-                take out one of the two lines, or sort them by time
+                sort the lines by time, or take out one of the two
         "#]],
     );
     check(
@@ -1913,7 +1913,7 @@ fn columns_of_csv_files() {
         &table("\"late.csv\", unit = \"deg\""),
         expect![[r#"
             late.csv:5:1: times must increase from line to line, but column 1 `time` has 1 after 2
-                take out one of the two lines, or sort them by time
+                sort the lines by time, or take out one of the two
         "#]],
     );
     check(

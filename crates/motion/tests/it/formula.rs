@@ -165,7 +165,7 @@ fn what_was_meant_is_said_at_the_place() {
         ("if(t < 1 & t > 0, 2, 3)", "&", "write `and`"),
         ("if(t < 1 | t > 0, 2, 3)", "|", "`or`"),
         ("if(t < 1 AND t > 0, 2, 3)", "AND", "write `and`"),
-        ("theta = 2*t", "theta", "is unknown"),
+        ("theta = 2*t", "theta", "write what stands behind it alone: `2*t`"),
         ("t % 3", "%", "write `mod(t, …)`"),
         ("2*t % 3", "%", "write `mod("),
         ("t*50%", "%", "write `0.5`"),

@@ -315,7 +315,10 @@ impl PortReport {
             return Some(if names.is_empty() {
                 "Stopped at once. No motor was too fast for that.".to_owned()
             } else {
-                format!("Stopped at once. Too fast for that, so may stand elsewhere than counted: {names}.")
+                format!(
+                    "Stopped at once. Too fast for that, so may stand elsewhere than counted: {names}. Before the next run move \
+                     all motors to their start by hand."
+                )
             });
         }
         if !says.stopped {
