@@ -487,6 +487,15 @@ impl Header<'_> {
         let is_doubtful =
             |title: &Title| has_speed && title.unit == Stated::Nothing && ["a", "alpha", "α"].contains(&&*title.name);
         let named = self.all(|title| title.fits(role) && title.is_one_of(role.names) && !is_doubtful(title));
+        // Loggers of phones write a clock's time next to the seconds since the recording began.
+        let since_begin: Vec<usize> =
+            named.iter().copied().filter(|column| elapsed(&self.titles[*column].text).is_some()).collect();
+        if role.is_time && since_begin.len() == 1 {
+            let others = || named.iter().filter(|column| !since_begin.contains(column));
+            if others().all(|column| self.titles[*column].unit == Stated::Nothing) {
+                return since_begin;
+            }
+        }
         // Of `x`, `y`, `z` and `yaw [deg]` the one with a unit is a motor's position.
         let is_weak = |column: &usize| {
             let title = &self.titles[*column];
@@ -774,7 +783,7 @@ impl<'a> CsvTable<'a> {
             let found = format!("{} in column {}", error.found, extra + 1);
             let help = match self.form.delimiter {
                 b',' => {
-                    "a comma parts columns here: write decimals with a point, 0.5, or part the columns with `;` or tabs"
+                    "a comma separates columns here: write decimals with a point, 0.5, or separate the columns with `;` or tabs"
                 }
                 _ => "",
             };

@@ -472,10 +472,10 @@ impl<'a> TableReader<'a, '_> {
     fn offered(&self, header: &Header<'_>, roles: &[Role<'_>]) -> String {
         const MOST: usize = 2;
         if header.width() < roles.len() {
-            return "columns are parted by tabs, `;` or `,`".to_owned();
+            return "columns are separated by tabs, `;` or `,`".to_owned();
         }
         if !header.is_there() && header.is_parted_by_commas() && header.width() == 2 * roles.len() {
-            return "if these are decimal commas, part the columns with `;` or tabs, or write decimals with a point: 0.5".to_owned();
+            return "if these are decimal commas, separate the columns with `;` or tabs, or write decimals with a point: 0.5".to_owned();
         }
         // A column that does not grow is no time. If another column grows by fractions, a column that counts by 1 is
         // the row number.

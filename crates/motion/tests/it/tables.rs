@@ -255,7 +255,7 @@ fn decimal_commas_and_misspelt_columns() {
     check("0,0;0,0\n0,5;90,0\n", ", unit = \"deg\"", &points, "time = column 1, s; angle = column 2, deg");
     assert_eq!(
         help(said("0,0,0,0\n0,5,90,0\n", "")),
-        "if these are decimal commas, part the columns with `;` or tabs, or write decimals with a point: 0.5"
+        "if these are decimal commas, separate the columns with `;` or tabs, or write decimals with a point: 0.5"
     );
     assert_eq!(help(said("t;a\n0;0\n1;1.234,5\n", "")), "write no sign for thousands: 1234.5, or 1234,5");
     assert!(said("t;a\n0;0\n0,5,1;1\n", "").starts_with("a.csv:3:1: expected a number, found `0,5,1` in column 1 `t`"));
@@ -436,7 +436,7 @@ fn rows_longer_than_the_first_are_refused() {
         let line = first.matches('\n').count() + 1;
         let expected = format!(
             "a.csv:{line}:5: expected 2 columns as in the first row, found `10` in column 3\n    \
-             a comma parts columns here: write decimals with a point, 0.5, or part the columns with `;` or tabs\n"
+             a comma separates columns here: write decimals with a point, 0.5, or separate the columns with `;` or tabs\n"
         );
         assert_eq!(read(&csv, ", unit = \"deg\"").unwrap_err(), expected, "{csv}");
     }
@@ -623,6 +623,13 @@ fn a_column_with_a_unit_goes_before_axes_without_one() {
         "",
         &[(0.0, 0.0), (1.0, 100.0)],
         "time = column 1 `seconds_elapsed`, s; angle = column 5 `yaw (deg)`, deg; column 2 `z`, column 3 `y`, column 4 `x` are not used",
+    );
+    // The clock counts ns from 1970.
+    check(
+        "time,seconds_elapsed,yaw (deg)\n1764237600000000000,0,0\n1764237601000000000,1,90\n",
+        "",
+        &[(0.0, 0.0), (1.0, 100.0)],
+        "time = column 2 `seconds_elapsed`, s; angle = column 3 `yaw (deg)`, deg; column 1 `time` is not used",
     );
     let error = read("t,x,y,yaw (deg),pitch (deg)\n0,1,2,3,4\n", "").unwrap_err();
     assert!(error.contains("expected one column for the position"), "{error}");

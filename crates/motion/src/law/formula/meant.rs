@@ -86,7 +86,7 @@ impl<'a> Parser<'a> {
             Some('±' | '∓') => {
                 error(here, "a law is one position at a time").helped("write `+` or `-`; for both, two motions")
             }
-            Some(';') => error(here, message).helped("arguments are parted by `,`; a formula is one expression"),
+            Some(';') => error(here, message).helped("arguments are separated by `,`; a formula is one expression"),
             Some(':') => error(here, message).helped("a choice is written `if(condition, a, b)`"),
             Some('"' | '\'' | '`') => error(here, "a formula has no quotes")
                 .helped("a quantity with its unit is a parameter, as in where = { phi = \"90 deg\" }"),
