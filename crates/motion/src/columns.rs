@@ -206,6 +206,13 @@ const OTHERS: &[&str] = &[
 /// The speeds among them.
 const SPEEDS: &[&str] = OTHERS.split_at(7).0;
 
+/// Words in names of sensors' raw values.
+#[rustfmt::skip]
+const SENSORS: &[&str] = &[
+    "counts", "ticks", "pulses", "encoder", "enc", "adc", "raw", "code", "codes", "lsb", "analog", "a0",
+    "volt", "volts", "sensor", "pot", "poti", "potentiometer",
+];
+
 /// Words for units that motion files do not know, without the end of their plural.
 #[rustfmt::skip]
 const WORDS: &[(&str, &[&str])] = &[
@@ -300,7 +307,7 @@ impl Title {
         // `grad` alone may be gon as well.
         let is_german = text.to_lowercase().contains("winkel");
         let read = if is_german { text.replace("Grad", "deg").replace("grad", "deg") } else { text.to_owned() };
-        let (name, unit) = name_and_unit(&read);
+        let (name, unit) = elapsed(&read).unwrap_or_else(|| name_and_unit(&read));
         Title { text: text.to_owned(), unit, at, name }
     }
 
@@ -314,6 +321,12 @@ impl Title {
     #[must_use]
     pub fn is_one_of(&self, names: &[&str]) -> bool {
         names.iter().any(|name| self.is_called(name))
+    }
+
+    /// Whether it may be a sensor's raw values: counts of an encoder, volts of a potentiometer, codes of a converter.
+    pub(crate) fn is_of_sensor(&self) -> bool {
+        let is_voltage = matches!(self.unit, Stated::Unit(Quantity { base: Base::Voltage, .. }));
+        is_voltage || self.name.split(' ').any(|word| SENSORS.contains(&word))
     }
 
     /// Whether its unit, if it has a known one, is of that.
@@ -335,6 +348,13 @@ impl Title {
         let is_formula = self.name.contains(|c: char| "*×^²³|~!?'".contains(c));
         is_formula || self.name.split(' ').any(is_other) || self.name.is_empty() && self.unit == Stated::Nothing
     }
+}
+
+/// `seconds_elapsed`, as loggers of phones call it.
+fn elapsed(text: &str) -> Option<(String, Stated)> {
+    let name = words(text);
+    let unit = unit(name.strip_suffix(" elapsed")?).filter(|unit| TIME.fits(unit))?;
+    Some(("elapsed".to_owned(), Stated::Unit(unit)))
 }
 
 /// `theta [deg]`, `theta (deg)`, `theta / deg`, `theta in deg`, `theta_deg`, `thetaDeg`, `theta.deg`, `theta deg`, `thetadeg`, `deg`.
@@ -466,7 +486,29 @@ impl Header<'_> {
         let has_speed = self.titles.iter().any(|title| SPEEDS.contains(&&*title.name));
         let is_doubtful =
             |title: &Title| has_speed && title.unit == Stated::Nothing && ["a", "alpha", "α"].contains(&&*title.name);
-        self.all(|title| title.fits(role) && title.is_one_of(role.names) && !is_doubtful(title))
+        let named = self.all(|title| title.fits(role) && title.is_one_of(role.names) && !is_doubtful(title));
+        // Loggers of phones write a clock's time next to the seconds since the recording began.
+        let since_begin: Vec<usize> =
+            named.iter().copied().filter(|column| elapsed(&self.titles[*column].text).is_some()).collect();
+        if role.is_time && since_begin.len() == 1 {
+            let others = || named.iter().filter(|column| !since_begin.contains(column));
+            if others().all(|column| self.titles[*column].unit == Stated::Nothing) {
+                return since_begin;
+            }
+        }
+        // Of `x`, `y`, `z` and `yaw [deg]` the one with a unit is a motor's position.
+        let is_weak = |column: &usize| {
+            let title = &self.titles[*column];
+            title.unit == Stated::Nothing && role.names.contains(&&*title.name) && !ANGLES.contains(&&*title.name)
+        };
+        if role.names == POSITIONS && named.len() > 1 && named.iter().all(is_weak) {
+            let is_clear = |column: &usize| matches!(self.titles[*column].unit, Stated::Unit(_));
+            let with_unit = self.with_unit(role, roles, &[]);
+            if with_unit.len() == 1 && with_unit.iter().all(is_clear) {
+                return with_unit;
+            }
+        }
+        named
     }
 
     /// The columns that are known to be a role's: by their names, else by their units.
@@ -534,7 +576,9 @@ impl Header<'_> {
         let mut possible = vec![Vec::new()];
         for (role, columns) in roles.iter().zip(&named) {
             let is_free = |column: &usize| {
-                let fits = self.titles.get(*column).is_none_or(|title| title.fits(role) && !title.is_other());
+                let may_fit =
+                    |title: &Title| !role.is_time && title.is_of_sensor() || title.fits(role) && !title.is_other();
+                let fits = self.titles.get(*column).is_none_or(may_fit);
                 fits && may_be(*column, role) && named.iter().all(|columns| !columns.contains(column))
             };
             let free = (0..self.width).filter(is_free).collect();
@@ -739,7 +783,7 @@ impl<'a> CsvTable<'a> {
             let found = format!("{} in column {}", error.found, extra + 1);
             let help = match self.form.delimiter {
                 b',' => {
-                    "a comma parts columns here: write decimals with a point, 0.5, or part the columns with `;` or tabs"
+                    "a comma separates columns here: write decimals with a point, 0.5, or separate the columns with `;` or tabs"
                 }
                 _ => "",
             };

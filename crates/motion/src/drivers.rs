@@ -156,15 +156,25 @@ pub fn named(name: &str) -> Vec<&'static Driver> {
     found
 }
 
-/// The one of several that may stand for all: they need the same, and set that many microsteps alike.
+/// The one of several that may stand for all: they set that many microsteps alike, and its times do for all of them.
 #[must_use]
 pub fn only_one(found: &[&'static Driver], microsteps: u32) -> Option<&'static Driver> {
     let (first, others) = found.split_first()?;
-    let is_same =
-        |other: &&Driver| other.input == first.input && other.setting(microsteps) == first.setting(microsteps);
+    let is_same = |other: &&Driver| {
+        std::mem::discriminant(&other.input) == std::mem::discriminant(&first.input)
+            && other.setting(microsteps) == first.setting(microsteps)
+    };
     let sets_it = others.is_empty() || first.setting(microsteps).is_some();
-    // Of two, the one with the lower limits.
-    let least = || found.iter().copied().min_by(|a, b| a.max_current_a.total_cmp(&b.max_current_a));
+    // Of two, the one that needs the longer pulses, then the one with the lower current.
+    let pulse_ns = |driver: &Driver| match driver.input {
+        Input::StepDir(timing) => timing.pulse_high_ns.max(timing.pulse_low_ns),
+        Input::Coils => 0,
+    };
+    let least = || {
+        let before =
+            |a: &&Driver, b: &&Driver| pulse_ns(b).cmp(&pulse_ns(a)).then(a.max_current_a.total_cmp(&b.max_current_a));
+        found.iter().copied().min_by(before)
+    };
     (sets_it && others.iter().all(is_same)).then(least).flatten()
 }
 
@@ -286,7 +296,7 @@ const TABLE: &[Driver] = &[
         name: "TMC2208",
         also: &["2208"],
         about: "SilentStepStick, stand-alone (no UART)",
-        input: timing(100, 100, 20, 20),
+        input: timing(110, 110, 20, 20),
         microsteps: &[
             set(2, "MS1 = H, MS2 = L"),
             set(4, "MS1 = L, MS2 = H"),
@@ -295,7 +305,9 @@ const TABLE: &[Driver] = &[
         ],
         max_voltage_v: 36.0,
         max_current_a: 1.2,
-        source: "Trinamic TMC2202/TMC2208/TMC2224 datasheet rev. 1.13, STEP/DIR interface timing (tSH, tSL, tDSU, tDSH); table of MS1 and MS2",
+        source: "STEP/DIR table of the TMC family, as in Trinamic TMC5160 datasheet rev. 1.14, section 15.1, and TMC2100, section 11.1: tSH and tSL \
+                 are a clock period and 20 ns at least, 107 ns at the internal clock's lowest 11.5 MHz, hence 110 ns; tDSU and tDSH are 20 ns; \
+                 TMC2202/TMC2208/TMC2224 datasheet rev. 1.13, table of MS1 and MS2",
     },
     Driver {
         name: "TMC2209",

@@ -232,11 +232,17 @@ pub fn read(path: &Path) -> Result<Vec<u8>, Access> {
 /// # Errors
 /// When it cannot be written.
 pub fn write(path: &Path, contents: &[u8]) -> Result<(), Access> {
+    make_folder_of(path).and_then(|()| std::fs::write(path, contents)).map_err(|error| access("write", path, error))
+}
+
+/// Makes the folders above a file.
+fn make_folder_of(path: &Path) -> io::Result<()> {
     let parent = path.parent().filter(|parent| !parent.as_os_str().is_empty());
-    parent
-        .map_or(Ok(()), std::fs::create_dir_all)
-        .and_then(|()| std::fs::write(path, contents))
-        .map_err(|error| access("write", path, error))
+    parent.map_or(Ok(()), std::fs::create_dir_all).map_err(|error| match error.kind() {
+        // Something is there that is no folder.
+        io::ErrorKind::AlreadyExists => io::ErrorKind::NotADirectory.into(),
+        _ => error,
+    })
 }
 
 /// Opens a file for writing, making the directories above it.
@@ -244,9 +250,7 @@ pub fn write(path: &Path, contents: &[u8]) -> Result<(), Access> {
 /// # Errors
 /// When it cannot be made.
 pub fn create(path: &Path) -> Result<io::BufWriter<std::fs::File>, Access> {
-    let parent = path.parent().filter(|parent| !parent.as_os_str().is_empty());
-    parent
-        .map_or(Ok(()), std::fs::create_dir_all)
+    make_folder_of(path)
         .and_then(|()| std::fs::File::create(path))
         .map(io::BufWriter::new)
         .map_err(|error| access("write", path, error))
@@ -261,6 +265,18 @@ pub fn access(action: &'static str, path: &Path, error: io::Error) -> Access {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_folder_that_is_a_file_is_told_as_one() {
+        let file = std::env::current_exe().unwrap();
+        let said =
+            |path: &Path| [create(path).unwrap_err(), write(path, b"text").unwrap_err()].map(|error| error.to_string());
+        for path in [file.join("trace.vcd"), file.join("out/trace.vcd")] {
+            let [created, written] = said(&path);
+            assert!(created.ends_with("trace.vcd: a part of its path is a file, not a folder"), "{created}");
+            assert_eq!(written, created);
+        }
+    }
 
     #[test]
     fn a_terminal_is_asked_and_nobody_else() {

@@ -2,6 +2,7 @@
 
 use std::error::Error;
 use std::fmt;
+use std::ops::Range;
 use std::sync::Arc;
 
 use miette::{Diagnostic, LabeledSpan, MietteError, MietteSpanContents, Report, SourceCode, SourceSpan, SpanContents};
@@ -53,9 +54,75 @@ impl<E: Advice> Diagnostic for Advised<E> {
     }
 }
 
-/// A text of which reports show lines.
+/// A text of which reports show lines. Of a very long line they show the part around the place.
 #[derive(Clone, Debug)]
-pub struct Excerpt(pub Arc<Source>);
+pub struct Excerpt {
+    source: Arc<Source>,
+    /// The text with marks where long lines are cut. They are as long as what they replace, so that all other bytes keep their places.
+    /// `None`: as the source has it.
+    marked: Option<String>,
+}
+
+/// A longer line is not shown whole, bytes.
+const LONG_LINE: usize = 240;
+/// Of a long line this much is shown on each side of a place, and of the place itself twice as much, bytes.
+const AROUND: usize = 40;
+
+impl Excerpt {
+    /// Of a text in which nothing but these places is shown.
+    pub fn new<'p>(source: &Arc<Source>, places: impl Iterator<Item = &'p Range<usize>>) -> Excerpt {
+        let mut excerpt = Excerpt { source: Arc::clone(source), marked: None };
+        for place in places.filter(|place| excerpt.is_in_long_line(place)).collect::<Vec<_>>() {
+            let (line, part) = (excerpt.lines(&(place.start..place.start)), excerpt.part(place));
+            let text = excerpt.marked.get_or_insert_with(|| source.text().to_owned());
+            if part.len() > AROUND {
+                let first = part.start..text.ceil_char_boundary(part.start + MARK.len());
+                let last = text.floor_char_boundary(part.end - MARK.len())..part.end;
+                for (is_cut, at) in [(part.start > line.start, first), (part.end < line.end, last)] {
+                    // Not within another place's mark.
+                    if is_cut && text.is_char_boundary(at.start) && text.is_char_boundary(at.end) {
+                        text.replace_range(at.clone(), &(MARK.to_owned() + &" ".repeat(at.len() - MARK.len())));
+                    }
+                }
+            }
+        }
+        excerpt
+    }
+
+    fn text(&self) -> &str {
+        self.marked.as_deref().unwrap_or_else(|| self.source.text())
+    }
+
+    /// The bytes of the lines of `at`, without the last line's end.
+    fn lines(&self, at: &Range<usize>) -> Range<usize> {
+        let text = self.source.text().as_bytes();
+        let (start, end) = (at.start.min(text.len()), at.end.min(text.len()));
+        let from = text[..start].iter().rposition(|byte| *byte == b'\n').map_or(0, |before| before + 1);
+        let length = text[end..].iter().position(|byte| *byte == b'\n').unwrap_or(text.len() - end);
+        from..end + length
+    }
+
+    /// Whether one of the lines of `at` is too long to be shown.
+    fn is_in_long_line(&self, at: &Range<usize>) -> bool {
+        self.source.text().as_bytes()[self.lines(at)].split(|byte| *byte == b'\n').any(|line| line.len() > LONG_LINE)
+    }
+
+    /// The bytes of a long line that are shown for a place.
+    fn part(&self, at: &Range<usize>) -> Range<usize> {
+        let text = self.source.text();
+        let (line, place) = (self.lines(&(at.start..at.start)), shown_of(at));
+        let from = text.floor_char_boundary(place.start.saturating_sub(AROUND)).max(line.start);
+        from..text.ceil_char_boundary((place.end + AROUND).min(line.end)).min(line.end)
+    }
+}
+
+/// Stands for what is left out of a long line.
+const MARK: &str = "…";
+
+/// As much of a place as is shown of it in a long line.
+fn shown_of(at: &Range<usize>) -> Range<usize> {
+    at.start..at.end.min(at.start + 2 * AROUND)
+}
 
 impl SourceCode for Excerpt {
     fn read_span<'a>(
@@ -64,8 +131,18 @@ impl SourceCode for Excerpt {
         lines_before: usize,
         lines_after: usize,
     ) -> Result<Box<dyn SpanContents<'a> + 'a>, MietteError> {
-        let lines = self.0.text().read_span(span, lines_before, lines_after)?;
-        let name = self.0.name().to_owned();
+        let lines = self.text().read_span(span, lines_before, lines_after)?;
+        let name = self.source.name().to_owned();
+        let around = lines.span().offset()..lines.span().offset() + lines.span().len();
+        if lines_before + lines_after > 0 && self.is_in_long_line(&around) {
+            let part = self.part(&(span.offset()..span.offset() + span.len()));
+            let before = &self.source.text()[..part.start];
+            let line = before.bytes().filter(|byte| *byte == b'\n').count();
+            let column = before.rsplit('\n').next().unwrap_or_default().chars().count();
+            let data = &self.text().as_bytes()[part.clone()];
+            let span = (part.start, part.len()).into();
+            return Ok(Box::new(MietteSpanContents::new_named(name, data, span, line, column, 1)));
+        }
         let (line, column, count) = (lines.line(), lines.column(), lines.line_count());
         Ok(Box::new(MietteSpanContents::new_named(name, lines.data(), *lines.span(), line, column, count)))
     }
@@ -102,8 +179,10 @@ impl WrongFile {
 impl From<FileError> for WrongFile {
     fn from(error: FileError) -> WrongFile {
         let places = error.first().iter();
-        let problems = places
-            .map(|problem| WrongPlace { problem: problem.clone(), source: Excerpt(Arc::clone(problem.source())) });
+        let problems = places.map(|problem| {
+            let labels: Vec<Range<usize>> = problem.labels().map(|(at, _)| at).collect();
+            WrongPlace { problem: problem.clone(), source: Excerpt::new(problem.source(), labels.iter()) }
+        });
         WrongFile { problems: problems.collect(), more: error.more().map(More), error }
     }
 }
@@ -153,8 +232,58 @@ impl Diagnostic for WrongPlace {
     }
 
     fn labels(&self) -> Option<Box<dyn Iterator<Item = LabeledSpan> + '_>> {
-        Some(Box::new(
-            self.problem.labels().map(|(at, label)| LabeledSpan::new(Some(label.to_owned()), at.start, at.len())),
-        ))
+        Some(Box::new(self.problem.labels().map(|(at, label)| {
+            // What is not shown of a line cannot be marked.
+            let at = if self.source.is_in_long_line(&at) { shown_of(&at) } else { at };
+            LabeledSpan::new(Some(label.to_owned()), at.start, at.len())
+        })))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use pulsetrain_motion::file;
+    use std::fmt::Write as _;
+
+    /// The report of a motion file with this formula, in 80 columns.
+    fn report(theta: &str) -> String {
+        let text = format!(
+            "board = \"native\"\n[motor.a]\nsteps_per_rev = 200\ndriver = \"A4988\"\npins = {{ step = 8, dir = 9 }}\n\
+             forward = \"high\"\n[[motion]]\nmotor = \"a\"\nlaw.formula = {{ theta = \"{theta}\", unit = \"deg\", duration = \"2 s\" }}\n"
+        );
+        let error = file::read(&text, "long.toml", &|_: &std::path::Path| Err(std::io::ErrorKind::NotFound.into()))
+            .unwrap_err();
+        let mut report = String::new();
+        let handler =
+            miette::GraphicalReportHandler::new_themed(miette::GraphicalTheme::unicode_nocolor()).with_width(80);
+        handler.render_report(&mut report, &WrongFile::from(error)).unwrap();
+        report
+    }
+
+    #[test]
+    fn of_a_long_line_the_part_around_the_place_is_shown() {
+        let terms = |from: u32| {
+            (from..from + 2500).fold(String::new(), |mut sum, k| {
+                let _ = write!(sum, "0.1*sin({k}.5*t) + ");
+                sum
+            })
+        };
+        for (theta, shown, marks) in [
+            // In the middle, near the beginning, near the end, and a place that is itself long.
+            (format!("{}foo(t) + {}0", terms(1), terms(3000)), "foo(t)", 2),
+            (format!("foo(t) + {}0", terms(1)), "law.formula = { theta = \"foo(t)", 1),
+            (format!("{}foo(t)", terms(1)), "foo(t)\", unit = \"deg\", duration = \"2 s\" }", 1),
+            (
+                format!("{}\u{3c0}\u{3c0}\u{3c0}*foo(t)*\u{3c0}\u{3c0}\u{3c0} + {}0", terms(1), terms(3000)),
+                "\u{3c0}*foo",
+                2,
+            ),
+            (format!("sin({}0, 2)", terms(1)), "theta = \"sin(0.1*sin(1.5*t)", 1),
+        ] {
+            let said = report(&theta);
+            assert!(said.contains(shown) && said.matches('…').count() == marks, "{said}");
+            assert!(said.lines().count() < 12 && said.lines().all(|line| line.chars().count() < 200), "{said}");
+        }
     }
 }

@@ -50,7 +50,7 @@
 //! - [`cli`]: the command line, and [`cli::run`], which runs a command in-process; `commands`: one file for each command
 //! - [`console`]: where a command prints, its progress, its exit code; [`diagnostic`]: errors with their advice; `interrupt`: Ctrl-C
 //! - [`load`]: motion files from the disk; [`consent`]: whether a long motion is meant
-//! - [`record`]: a run's files, verdict and picture, while it goes on; [`report`]: the same as JSON and tables; [`schema`]: JSON Schemas of what is printed
+//! - [`record`]: a run's files, verdict and picture, while it goes on; [`made`]: the steps that came; [`report`]: the same as JSON and tables; [`schema`]: JSON Schemas of what is printed
 //! - [`midi`]: MIDI for a live motion
 //! - [`osc`]: Open Sound Control for a live motion
 //! - [`live`]: motions that are changed while they run: knobs, cues, a watched file, logs
@@ -77,6 +77,7 @@ mod interrupt;
 mod last_positions;
 pub mod live;
 pub mod load;
+pub mod made;
 pub mod midi;
 pub mod osc;
 pub mod page;

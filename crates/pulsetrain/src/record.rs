@@ -13,6 +13,7 @@ use pulsetrain_trace::verdict::{EdgeJudge, JudgeError, Report};
 use pulsetrain_trace::{Line, steps, vcd_file};
 
 use crate::console::{Access, access};
+use crate::made::Made;
 use pulsetrain_plot::machine::{Drawn, Figure, FigureReport};
 use pulsetrain_plot::{Errors, MotorPicture, Picture};
 use pulsetrain_session::lateness::{Edges, Lateness};
@@ -100,7 +101,7 @@ pub struct Recorder<'a, W: Write> {
     files: Option<Files<W>>,
     picture: Picture,
     figures: Vec<Figure<'a>>,
-    positions: Vec<i64>,
+    made: Vec<Made>,
     tick_s: f64,
     late_ticks: f64,
     /// Up to when the motion follows the program's laws, s; `None`: to its end, so far.
@@ -122,6 +123,8 @@ pub struct Recorded {
     pub lateness: Lateness,
     /// The errors of machines' figures, in the file's order.
     pub figures: Vec<FigureReport>,
+    /// What each motor made.
+    pub made: Vec<Made>,
     /// The file that could not be written.
     pub unwritten: Option<Access>,
 }
@@ -149,14 +152,14 @@ impl<'a, W: Write> Recorder<'a, W> {
         let motors = program.motors.iter();
         let motors: Vec<_> =
             motors.map(|motor| MotorPicture::new(motor.name.clone(), motor.scale.clone(), 0.0)).collect();
-        let positions = vec![0; motors.len()];
+        let made = vec![Made::default(); motors.len()];
         Ok(Recorder {
             program,
             judge,
             files,
             picture: Picture { title, tick_s, motors, errors: Errors::Ticks, figures: Vec::new(), changes: Vec::new() },
             figures: Figure::all(program, drawn),
-            positions,
+            made,
             tick_s,
             late_ticks: edges.late_ticks.into(),
             judged_until_s,
@@ -170,8 +173,19 @@ impl<'a, W: Write> Recorder<'a, W> {
     /// # Errors
     /// The first error of the recording.
     pub fn finish(self, planned: &[Planned], lateness: Lateness) -> Result<Recorded, RecordError> {
-        let Recorder { program, mut judge, files, mut picture, figures, tick_s, late_ticks, unwritten, error, .. } =
-            self;
+        let Recorder {
+            program,
+            mut judge,
+            files,
+            mut picture,
+            figures,
+            made,
+            tick_s,
+            late_ticks,
+            unwritten,
+            error,
+            ..
+        } = self;
         let until_s = self.judged_until_s.get();
         if let Some(until_s) = until_s {
             judge.end_at(until_s);
@@ -196,12 +210,12 @@ impl<'a, W: Write> Recorder<'a, W> {
         }
         let (figures, pictures) = figures.into_iter().filter_map(Figure::finish).unzip();
         picture.figures = pictures;
-        Ok(Recorded { verdict, picture, lateness, figures, unwritten })
+        Ok(Recorded { verdict, picture, lateness, figures, made, unwritten })
     }
 
-    /// Ends the files of a run that stopped early. Gives the file that could not be written.
-    pub fn close(self) -> Option<Access> {
-        self.unwritten.or(self.files.and_then(|files| files.finish().err()))
+    /// Ends the files of a run that stopped early. Gives what each motor made, and the file that could not be written.
+    pub fn close(self) -> (Vec<Made>, Option<Access>) {
+        (self.made, self.unwritten.or(self.files.and_then(|files| files.finish().err())))
     }
 
     /// Ends the files where one of them cannot be written.
@@ -240,12 +254,13 @@ impl<W: Write> Observer for Recorder<'_, W> {
         if self.error.is_some() {
             return;
         }
-        let position = &mut self.positions[step.motor];
-        *position += i64::from(step.direction.sign());
-        self.picture.motors[step.motor].step(step.tick as f64 * self.tick_s, *position);
+        let made = &mut self.made[step.motor];
+        made.step(step);
+        let position = made.position;
+        self.picture.motors[step.motor].step(step.tick as f64 * self.tick_s, position);
         // After a change the machine leaves the file's figure.
         if self.judged_until_s.get().is_none() {
-            self.figures.iter_mut().for_each(|figure| figure.step(step.motor, step.tick, *position));
+            self.figures.iter_mut().for_each(|figure| figure.step(step.motor, step.tick, position));
         }
         if let Some(files) = &mut self.files {
             // A native board has at most 16 motors, so the index fits.

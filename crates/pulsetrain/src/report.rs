@@ -12,6 +12,7 @@ use schemars::JsonSchema;
 use serde::Serialize;
 
 use crate::control_socket::RunEnded;
+use crate::made::Made;
 use crate::standing::listed;
 use pulsetrain_motion::human::{self, Table};
 use pulsetrain_plot::machine::FigureReport;
@@ -66,6 +67,9 @@ pub struct TableReport {
     /// How many rows were left out, since they have no position.
     #[serde(skip_serializing_if = "is_zero")]
     pub rows_left_out: usize,
+    /// How many rows have the time of the row before. Their mean was taken.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub rows_averaged: usize,
     /// How it was smoothed. `None` if it was not.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub smoothing: Option<SmoothingReport>,
@@ -146,6 +150,7 @@ impl TableReport {
             columns: table.columns.iter().map(column).collect(),
             unused: table.unused.clone(),
             rows_left_out: table.rows_left_out,
+            rows_averaged: table.rows_averaged,
             smoothing: table.smoothing.as_ref().map(SmoothingReport::new),
             summary: table.to_string(),
         }
@@ -365,8 +370,7 @@ impl Display for RunReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let RunReport { plan, runner, verdict, lateness, figures, pass, .. } = self;
         let on = if runner == "native" { "native board" } else { runner };
-        let made = if self.stopped.is_some() { "planned" } else { "made" };
-        writeln!(f, "{}  {} on the {on}: {}", pass_or_fail(*pass), plan.file, plan.durations(made))?;
+        writeln!(f, "{}  {} on the {on}: {}", pass_or_fail(*pass), plan.file, plan.durations("made"))?;
         plan.remarks(f)?;
         let errors = self.errors.iter().map(|error| (error.worst, error.worst_us)).collect();
         writeln!(f, "\n{}", summary(&plan.motors, Column::Errors(errors)))?;
@@ -726,6 +730,22 @@ impl MotorReport {
         }
     }
 
+    /// Replaces what was planned by what was made.
+    fn as_made(&mut self, made: &Made, tick_hz: u64) {
+        let after = |steps: i64| self.start + steps as f64 / self.steps_per_unit;
+        (self.lowest, self.highest, self.end) = (after(made.range.0), after(made.range.1), after(made.position));
+        (self.steps, self.final_position) = (made.steps, made.position);
+        // An average over a step, so no more than the law's fastest speed.
+        let rate = made.shortest_interval_ticks.map(|ticks| tick_hz as f64 / ticks as f64);
+        let planned = self.shortest_interval_ticks;
+        let share = made.shortest_interval_ticks.zip(planned).map(|(made, planned)| planned as f64 / made as f64);
+        self.limit_share = self.limit_share.zip(share).map(|(limit, share)| limit * share);
+        let rpm = self.top_speed_rpm / self.top_speed_per_s;
+        self.top_speed_per_s = rate.unwrap_or(0.0) / self.steps_per_unit;
+        self.top_speed_rpm = if rpm.is_finite() { self.top_speed_per_s * rpm } else { 0.0 };
+        (self.shortest_interval_ticks, self.peak_rate) = (made.shortest_interval_ticks, rate);
+    }
+
     /// A peak in steps (per s, per s²), also in the user's unit if that is another, and its time.
     fn in_units(&self, peak: Peak, per: &str) -> String {
         let steps = human::scaled(peak.value, &format!("steps{per}"));
@@ -971,6 +991,16 @@ fn side_by_side_verdict(report: &verdict::Report) -> String {
 }
 
 impl PlanReport {
+    /// Replaces what was planned by what was made, after a run that left its plan: steps, positions, speeds and the duration. What was
+    /// proven stays.
+    pub fn as_made(&mut self, made: &[Made]) {
+        let last_tick = made.iter().filter_map(Made::last_tick).max().unwrap_or(0);
+        self.duration_s = last_tick as f64 / self.tick_hz as f64;
+        for (motor, made) in self.motors.iter_mut().zip(made) {
+            motor.as_made(made, self.tick_hz);
+        }
+    }
+
     /// "1 s asked for, 1.002 s made", or "a motion without an end, 1.002 s made". `made` is the verb of the second one.
     pub(crate) fn durations(&self, made: &str) -> String {
         let planned = human::seconds_to(self.duration_s, 6);

@@ -5,7 +5,7 @@ use std::cell::Cell;
 use std::fmt;
 
 use pulsetrain_board::BoardKind;
-use pulsetrain_motion::law::{Begin, Cursor, End, Law, LawError, least_smoothing};
+use pulsetrain_motion::law::{Begin, Cursor, End, Law, LawError, TableLaw, least_smoothing};
 use pulsetrain_motion::machine::{Kinematics, Machine};
 use pulsetrain_motion::program::{Limits, Motor, Program, Tolerance};
 use pulsetrain_motion::quantity::{assignment, time_assignment};
@@ -529,6 +529,23 @@ fn passes(law: &Law, limits: &Limits) -> bool {
     is_beyond(speed, limits.max_speed) || is_beyond(acceleration, limits.max_acceleration)
 }
 
+/// Advice for a recorded angle that starts again after each turn.
+fn starting_again(motor: &Motor) -> Option<String> {
+    let per_unit = motor.scale.steps_per_unit;
+    let (turn, unit) = match motor.scale.unit.as_str() {
+        "rev" => (per_unit, "rev"),
+        "deg" => (360.0 * per_unit, "deg"),
+        "rad" => (std::f64::consts::TAU * per_unit, "rad"),
+        _ => return None,
+    };
+    let (jump, at_s) = motor.law.tables().into_iter().find_map(TableLaw::jump)?;
+    let is_turn = (jump.abs() / turn - 1.0).abs() < 0.1;
+    let (jump, at) = (human::significant((jump / per_unit).abs(), 4), human::seconds_to(at_s, 4));
+    is_turn.then(|| {
+        format!("its position jumps by {jump} {unit} at {at}: if it starts again after each turn, write wraps = \"1 rev\" in its table")
+    })
+}
+
 /// The arms' laws of a delta robot whose tip follows a path from `begin` on. `None` if it is no delta robot, or if an arm does not reach.
 fn arms(machine: &Machine, begin: Time, tip: &[Law]) -> Option<Vec<Law>> {
     let Kinematics::Delta { arms, steps_per_rad } = &machine.kinematics else { return None };
@@ -628,7 +645,8 @@ pub fn advice(prepared: &Prepared, motor: &Motor, error: &PlanError) -> String {
             human::significant(rounded_up(*least), 3)
         ));
     }
-    lines.extend(smoothing(prepared, motor, error));
+    // No smoothing mends what is no noise.
+    lines.extend(starting_again(motor).or_else(|| smoothing(prepared, motor, error)));
     if let PlanError::SpeedJump { from, to, at_s, .. } = error {
         lines.extend(smoother(prepared, motor, *at_s, (*from, *to)));
     }

@@ -204,7 +204,7 @@ mod tests {
         check(
             "t,angle [deg]\n0,0\n1,5,10\n",
             "line 3, column 5: expected 2 columns as in the first row, found `10` in column 3; \
-             a comma parts columns here: write decimals with a point, 0.5, or part the columns with `;` or tabs",
+             a comma separates columns here: write decimals with a point, 0.5, or separate the columns with `;` or tabs",
         );
         check("t,angle [deg]\n1\n", "line 2, column 3: expected an angle, found nothing");
     }

@@ -49,7 +49,7 @@ impl Trace {
     pub fn alias(&mut self, from: &str, to: &str) -> Result<(), NoSuchLine> {
         let Some(line) = self.lines.iter_mut().find(|line| line.names.iter().any(|n| n.eq_ignore_ascii_case(from)))
         else {
-            return Err(NoSuchLine { wanted: format!("a line called {from}"), found: list(&self.lines) });
+            return Err(NoSuchLine { wanted: format!("called {from}"), found: list(&self.lines) });
         };
         line.names.push(to.to_owned());
         Ok(())
@@ -58,7 +58,7 @@ impl Trace {
 
 /// A trace lacks a line.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("the trace has no line for {wanted}; it has {found}")]
+#[error("the trace has no line {wanted}; it has {found}")]
 pub struct NoSuchLine {
     /// The line that was looked for.
     pub wanted: String,
@@ -110,7 +110,7 @@ pub fn find(lines: &[Line], motor: &str, role: &str, pin: u8) -> Result<usize, N
     let position = |is: &dyn Fn(&str) -> bool| lines.iter().position(|line| line.names.iter().any(|name| is(name)));
     position(&named)
         .or_else(|| position(&|name| pin_of(name) == Some(pin)))
-        .ok_or_else(|| NoSuchLine { wanted: format!("{motor}.{role} or pin {pin}"), found: list(lines) })
+        .ok_or_else(|| NoSuchLine { wanted: format!("for {motor}.{role} or pin {pin}"), found: list(lines) })
 }
 
 /// The pin that a name means: "8", "D8", "pin8", "pin 8", "GPIO8", "GP8", also at the end of a path.

@@ -6,6 +6,7 @@ use std::path::Path;
 
 use super::motor::Gearing;
 use super::reader::{Node, Noted, Read, Reader};
+use super::text;
 use crate::law::LawError;
 use crate::motor::Limits;
 use crate::quantity::{Quantity, unit_meant};
@@ -56,7 +57,7 @@ pub(super) fn load(file: &Node, load: Loader) -> Read<String> {
             io::ErrorKind::NotFound => "paths are relative to the motion file",
             _ => "",
         };
-        file.note("cannot be read", format!("cannot read \"{path}\": {error}"), help)
+        file.note("cannot be read", format!("cannot read \"{path}\": {}", text::why(&error)), help)
     })
 }
 

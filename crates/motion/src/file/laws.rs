@@ -228,7 +228,7 @@ impl Context<'_> {
     }
 
     fn table(&self, node: &Node) -> Read<Law> {
-        let p = self.parameters(node, points::KEYS)?;
+        let p = self.parameters(node, points::LAW_KEYS)?;
         let points = points::read(&p, std::slice::from_ref(self))?;
         Ok(points.laws(&p, |law| self.made(node, law))?.swap_remove(0))
     }

@@ -149,7 +149,7 @@ fn open(path: &Path) -> Result<(String, String), FileError> {
             io::ErrorKind::NotFound => Some(NEW.to_owned()),
             _ => None,
         };
-        FileError::whole(&source, format!("cannot read {name}: {error}"), help)
+        FileError::whole(&source, format!("cannot read {name}: {}", text::why(&error)), help)
     })?;
     Ok((name, text))
 }

@@ -8,17 +8,20 @@ use super::context::{Context, TOO_LARGE, load, position_unit, time_unit};
 use super::problem::Problem;
 use super::reader::{Node, Noted, Read, Section};
 use super::source::Source;
-use super::table_columns::{ColumnDistance, ColumnUse, Smoothing, TableColumns};
+use super::table_columns::{ColumnDistance, ColumnUse, Smoothing, TableColumns, Wraps};
 use crate::columns::{
-    CsvTable, DateForm, Header, POSITIONS, ReadError, Role, Row, Stated, TIME, moment, plain, shown, with_line_feeds,
+    CsvTable, DateForm, Header, POSITIONS, ReadError, Role, Row, Stated, TIME, Title, moment, plain, shown,
+    with_line_feeds,
 };
 use crate::human;
 use crate::law::double::Double;
 use crate::law::{CUT_OFF, Interpolation, Law, LawError};
 use crate::quantity::{Base, Quantity, nearest};
 
-/// The keys of a table, of laws as of paths.
+/// The keys of a table of a path.
 pub(super) const KEYS: &[&str] = &["file", "time", "unit", "columns", "interpolation", "smooth"];
+/// The keys of a motor's table.
+pub(super) const LAW_KEYS: &[&str] = &["file", "time", "unit", "columns", "interpolation", "smooth", "wraps"];
 
 /// The byte order mark, which is no part of the text.
 const MARK: char = '\u{feff}';
@@ -62,8 +65,8 @@ pub(super) struct Points {
     columns: Vec<Vec<f64>>,
     /// Where each row is written: files are far smaller than 4 GB.
     places: Vec<Range<u32>>,
-    /// Steps in one of each column's unit.
-    scales: Vec<f64>,
+    /// The unit of each column, without the number of `unit = "0.15 deg"`, and steps in one of it.
+    units: Vec<(&'static str, f64)>,
     source: Arc<Source>,
     read_as: TableColumns,
 }
@@ -102,13 +105,13 @@ impl Points {
             Some((over, node)) => {
                 let smoothed = laws.iter().map(|law| law.smoothed(over)).collect::<Option<Vec<Law>>>();
                 let smoothed = smoothed.ok_or_else(|| self.cannot_smooth(&node, over.seconds()))?;
-                let distance = |(law, (column, scale)): (&Law, (&ColumnUse, &f64))| {
+                let distance = |(law, (column, (unit, scale))): (&Law, (&ColumnUse, &(&str, f64)))| {
                     let distance = law.tables().first()?.distance();
-                    let (what, unit) = (column.what.clone(), column.unit.clone());
+                    let (what, unit) = (column.what.clone(), (*unit).to_owned());
                     let [largest, rms] = [distance.largest, distance.rms].map(|steps| steps / scale.abs());
                     Some(ColumnDistance { what, largest, at_s: distance.at_s, rms, unit })
                 };
-                let columns = read_as.columns[1..].iter().zip(&self.scales);
+                let columns = read_as.columns[1..].iter().zip(&self.units);
                 let distances = smoothed.iter().zip(columns).filter_map(distance).collect();
                 read_as.smoothing = Some(Smoothing { over, cut_off_hz: CUT_OFF / over.seconds(), distances });
                 smoothed
@@ -138,6 +141,26 @@ struct TableReader<'a, 't> {
     time: Option<(Node<'a>, f64)>,
     unit: Option<(Node<'a>, Quantity)>,
     choices: Option<(Node<'a>, Vec<Choice>)>,
+    /// After how many steps the positions start again, as the motion file writes it.
+    wraps: Option<(f64, String)>,
+    /// Whether rows of one time are averaged: they are if the table is smoothed.
+    averages: bool,
+}
+
+/// One of the unit of a table's positions: `"deg"`, or `"0.15 deg"` if 1 in the file is that much.
+fn one_in_file(node: &Node) -> Read<Quantity> {
+    let text = node.as_text().unwrap_or_default();
+    match Quantity::parse(text) {
+        Ok(one) if one.base.is_position() && one.per_seconds == 0 => match one.number == 0.0 {
+            false => Ok(one),
+            true => Err(node.note(
+                "nothing",
+                format!("`unit` is \"{text}\": then all positions are 0"),
+                "write, for example: unit = \"0.15 deg\"",
+            )),
+        },
+        _ => position_unit(node),
+    }
 }
 
 /// Reads the file of a table: times and the positions of `contexts`; the first time becomes 0 s.
@@ -145,7 +168,8 @@ pub(super) fn read<'a>(p: &Section<'a>, contexts: &[Context]) -> Read<Points> {
     let file = p.need("file", "file = \"path.csv\"")?;
     let choices = p.get("columns").map(|node| Ok((node.clone(), choices(&node, contexts.len())?))).transpose();
     let time = p.get("time").map(|node| Ok((node.clone(), time_unit(&node)?))).transpose();
-    let unit = p.get("unit").map(|node| Ok((node.clone(), position_unit(&node)?))).transpose();
+    let unit = p.get("unit").map(|node| Ok((node.clone(), one_in_file(&node)?))).transpose();
+    let wraps = p.get("wraps").map(|node| wraps(&node, &contexts[0])).transpose();
     let mut text = load(&file, contexts[0].load)?;
     if text.starts_with(MARK) {
         text.drain(..MARK.len_utf8());
@@ -163,8 +187,18 @@ pub(super) fn read<'a>(p: &Section<'a>, contexts: &[Context]) -> Read<Points> {
     }
     let source = Arc::new(Source::new(file.as_text().unwrap_or_default(), text));
     let plain = plain(source.text());
-    TableReader { file, source: Arc::clone(&source), plain, time: time?, unit: unit?, choices: choices? }
+    let (choices, averages) = (choices?, p.get("smooth").is_some());
+    TableReader { file, source: Arc::clone(&source), plain, time: time?, unit: unit?, choices, wraps: wraps?, averages }
         .points(p, contexts)
+}
+
+/// After how many steps positions start again: `wraps = "360 deg"`.
+fn wraps(node: &Node, context: &Context) -> Read<(f64, String)> {
+    let steps = context.gearing.steps(node, 0, "360 deg")?;
+    if steps > 0.0 {
+        return Ok((steps, node.as_text().unwrap_or_default().trim().to_owned()));
+    }
+    Err(node.note("not above 0", "`wraps` must be more than 0".to_owned(), "write, for example: wraps = \"360 deg\""))
 }
 
 impl<'a> TableReader<'a, '_> {
@@ -175,12 +209,14 @@ impl<'a> TableReader<'a, '_> {
         let roles: Vec<Role<'_>> = [TIME].into_iter().chain(positions).collect();
         let found = self.columns(&header, &roles)?;
         let (seconds, time_unit, form) = self.seconds(&header, &roles, found[0])?;
-        let mut scales = Vec::new();
+        let (mut units, mut scales) = (Vec::new(), Vec::new());
         let used = |what: &str, column, unit| ColumnUse { what: what.to_owned(), column: header.called(column), unit };
         let mut columns = vec![used("time", found[0], time_unit)];
         for (k, (context, column)) in contexts.iter().zip(&found[1..]).enumerate() {
             let (one, node, unit) = self.position(p, &header, &roles, (k + 1, *column))?;
-            scales.push(context.steps_in(&node, &one)?);
+            let steps = context.steps_in(&node, &one)?;
+            scales.push(steps);
+            units.push((one.unit, steps / one.number));
             let what = match (contexts.len(), one.base) {
                 (1, Base::Turn) => "angle",
                 (1, _) => "position",
@@ -191,11 +227,14 @@ impl<'a> TableReader<'a, '_> {
         let unused = (0..header.titles.len()).filter(|column| !found.contains(column));
         let unused = unused.map(|column| header.called(column)).collect();
         let file = self.source.name().to_owned();
-        let read_as = TableColumns { file, columns, unused, rows_left_out: 0, smoothing: None };
+        let wraps = self.wraps.as_ref().map(|(_, after)| Wraps { after: after.clone(), times: 0 });
+        let read_as =
+            TableColumns { file, columns, unused, rows_left_out: 0, rows_averaged: 0, wraps, smoothing: None };
         let empty = vec![Vec::new(); scales.len()];
         let source = Arc::clone(&self.source);
-        let points = Points { times: Vec::new(), columns: empty, places: Vec::new(), scales, source, read_as };
-        let mut rows = Rows { points, found: &found, seconds, form, first: None, comma: None };
+        let points = Points { times: Vec::new(), columns: empty, places: Vec::new(), units, source, read_as };
+        let mut rows =
+            Rows { points, scales, found: &found, seconds, form, first: None, comma: None, turns: 0.0, of_time: 1 };
         while let Some(row) = table.next().map_err(|error| self.note(&error, ""))? {
             self.row(&row, (&header, &roles), &mut rows)?;
         }
@@ -224,7 +263,7 @@ impl<'a> TableReader<'a, '_> {
 
     /// Reads one row.
     fn row(&self, row: &Row<'_>, (header, roles): (&Header<'_>, &[Role<'_>]), rows: &mut Rows<'_>) -> Read<()> {
-        let Rows { points, found, .. } = rows;
+        let Rows { points, scales, found, .. } = rows;
         if found[1..].iter().any(|column| *column < header.width() && is_gap(row.get(*column))) {
             points.read_as.rows_left_out += 1;
             return Ok(());
@@ -270,6 +309,26 @@ impl<'a> TableReader<'a, '_> {
             }
         }
         let time_s = (time - *rows.first.get_or_insert(time)).nearest() * rows.seconds;
+        let mut positions: Vec<f64> = positions.iter().zip(scales).map(|(position, scale)| position * *scale).collect();
+        if let (Some((steps, _)), Some(before)) = (&self.wraps, points.columns[0].last()) {
+            let turns = ((before - positions[0]) / steps).round();
+            if let Some(wraps) = points.read_as.wraps.as_mut().filter(|_| turns != rows.turns) {
+                (wraps.times, rows.turns) = (wraps.times + 1, turns);
+            }
+            positions[0] += turns * steps;
+        }
+        if self.averages && points.times.last() == Some(&time_s) {
+            let before = f64::from(rows.of_time);
+            rows.of_time += 1;
+            points.read_as.rows_averaged += 1;
+            for (column, position) in points.columns.iter_mut().zip(positions) {
+                if let Some(mean) = column.last_mut() {
+                    *mean += (position - *mean) / (before + 1.0);
+                }
+            }
+            return Ok(());
+        }
+        rows.of_time = 1;
         if points.times.last().is_some_and(|before| *before >= time_s) {
             let column = header.called(found[0]);
             let before_s = points.times.last().copied().unwrap_or_default();
@@ -284,14 +343,16 @@ impl<'a> TableReader<'a, '_> {
             let is_guess = self.choices.is_none() && !header.is_there();
             let help = if is_guess {
                 self.offered(header, roles)
+            } else if points.times.last() == Some(&time_s) {
+                "with smooth = \"50 ms\" rows of one time are averaged; or take out one of the two lines".to_owned()
             } else {
-                "take out one of the two lines, or sort them by time".to_owned()
+                "sort the lines by time, or take out one of the two".to_owned()
             };
             return Err(self.problem(row.place(found[0]), "not later than the line before", message, &help));
         }
         points.times.push(time_s);
-        for ((column, position), scale) in points.columns.iter_mut().zip(positions).zip(&points.scales) {
-            column.push(position * scale);
+        for (column, position) in points.columns.iter_mut().zip(positions) {
+            column.push(position);
         }
         let at = row.at();
         points.places.push(at.start as u32..at.end as u32);
@@ -381,7 +442,7 @@ impl<'a> TableReader<'a, '_> {
             (None, _) => {
                 let node = p.need("unit", "unit = \"deg\"")?;
                 let text = node.as_text().unwrap_or_default().trim().to_owned();
-                Ok((position_unit(&node)?, node, text))
+                Ok((one_in_file(&node)?, node, text))
             }
         }
     }
@@ -398,6 +459,7 @@ impl<'a> TableReader<'a, '_> {
             None | Some(Stated::Nothing) => Ok(None),
             Some(Stated::Unit(one)) if roles[role].fits(&one) => Ok(Some(one)),
             Some(Stated::Unclear(_)) if is_given && self.choices.is_some() => Ok(None),
+            Some(Stated::Unit(one)) if is_given && self.choices.is_some() && one.base == Base::Voltage => Ok(None),
             stated => {
                 let is_known = matches!(stated, Some(Stated::Unit(_)));
                 let help = if is_known { String::new() } else { self.offered(header, roles) };
@@ -410,10 +472,10 @@ impl<'a> TableReader<'a, '_> {
     fn offered(&self, header: &Header<'_>, roles: &[Role<'_>]) -> String {
         const MOST: usize = 2;
         if header.width() < roles.len() {
-            return "columns are parted by tabs, `;` or `,`".to_owned();
+            return "columns are separated by tabs, `;` or `,`".to_owned();
         }
         if !header.is_there() && header.is_parted_by_commas() && header.width() == 2 * roles.len() {
-            return "if these are decimal commas, part the columns with `;` or tabs, or write decimals with a point: 0.5".to_owned();
+            return "if these are decimal commas, separate the columns with `;` or tabs, or write decimals with a point: 0.5".to_owned();
         }
         // A column that does not grow is no time. If another column grows by fractions, a column that counts by 1 is
         // the row number.
@@ -433,7 +495,12 @@ impl<'a> TableReader<'a, '_> {
             let titles = header.titles_for(roles);
             return format!("if they are there under other names, call them so in the header: {titles}");
         }
-        offers.join("\n")
+        let is_sensor = |columns: &Vec<usize>| {
+            columns[1..].iter().any(|column| header.titles.get(*column).is_some_and(Title::is_of_sensor))
+        };
+        let what_one_is = "if 1 in the file is not 1 of that unit, write what it is: unit = \"0.15 deg\"";
+        let more = possible.iter().take(MOST).any(is_sensor) && self.unit.is_none();
+        offers.join("\n") + &if more { format!("\n{what_one_is}") } else { String::new() }
     }
 
     fn offer(&self, header: &Header<'_>, roles: &[Role<'_>], columns: &[usize]) -> String {
@@ -446,11 +513,11 @@ impl<'a> TableReader<'a, '_> {
             let given = given.and_then(Node::as_text);
             let stated = header.titles.get(*column).map_or(Stated::Nothing, |title| title.unit);
             let unit = match stated {
-                Stated::Unit(one) => one.unit,
+                Stated::Unit(one) if role.fits(&one) => one.unit,
                 Stated::Unclear(Some(one)) if given.is_none() && role.fits(&one) => one.unit,
                 _ => given.unwrap_or(role.unit()),
             };
-            let is_said = matches!(stated, Stated::Unit(_));
+            let is_said = matches!(stated, Stated::Unit(one) if role.fits(&one));
             let value = format!("{key} = \"{unit}\"");
             if (given.is_some() || !is_said) && given != Some(unit) && !keys.contains(&value) {
                 keys.push(value);
@@ -524,6 +591,12 @@ struct Rows<'c> {
     first: Option<Double>,
     /// Whether decimals are written with a comma, once that is seen.
     comma: Option<bool>,
+    /// Steps in one of each column of positions.
+    scales: Vec<f64>,
+    /// How often the positions have started again, upwards less downwards.
+    turns: f64,
+    /// How many rows have the last time.
+    of_time: u32,
 }
 
 /// Whether a field says that there is no value.

@@ -139,19 +139,24 @@ pub(super) struct Section<'a> {
     /// Where it is written.
     pub(super) at: Range<usize>,
     table: &'a dyn TableLike,
+    /// Keys that are there under misspelt names, which were noted.
+    misspelt: RefCell<Vec<String>>,
 }
 
 impl<'a> Section<'a> {
     /// The file's outermost table.
     pub(super) fn root(reader: &'a Reader, table: &'a dyn TableLike) -> Section<'a> {
-        Section { reader, name: "the motion file".to_owned(), at: 0..0, table }
+        Section { reader, name: "the motion file".to_owned(), at: 0..0, table, misspelt: RefCell::default() }
     }
 
     /// Notes every key that is not among the `known`.
     pub(super) fn check_keys(&self, known: &[&str]) {
         for node in self.nodes().iter().filter(|node| !known.contains(&node.key)) {
             let help = match nearest(node.key, known.iter().copied()) {
-                Some(near) => format!("did you mean `{near}`?"),
+                Some(near) => {
+                    self.misspelt.borrow_mut().push(near.to_owned());
+                    format!("did you mean `{near}`?")
+                }
                 None => format!("known here: {}", known.join(", ")),
             };
             let message = format!("unknown key `{}` in {}", node.key, self.name);
@@ -178,9 +183,12 @@ impl<'a> Section<'a> {
         Some(Node { reader: self.reader, key: key.get(), at, form })
     }
 
-    /// The value of `key`; its absence is noted, with an example of what to write.
+    /// The value of `key`; its absence is noted, with an example of what to write, unless it is there under a misspelt name.
     pub(super) fn need(&self, key: &str, example: &str) -> Read<Node<'a>> {
         self.get(key).ok_or_else(|| {
+            if self.misspelt.borrow().iter().any(|misspelt| misspelt == key) {
+                return Noted;
+            }
             let message = format!("{} has no `{key}`", self.name);
             self.reader.note(self.at.clone(), format!("needs `{key}`"), message, format!("add, for example: {example}"))
         })
@@ -253,7 +261,9 @@ impl<'a> Node<'a> {
     /// The table, whatever its keys.
     pub(super) fn any_section(&self, name: String, example: &str) -> Read<Section<'a>> {
         match self.form {
-            Content::Table(table) => Ok(Section { reader: self.reader, name, at: self.at.clone(), table }),
+            Content::Table(table) => {
+                Ok(Section { reader: self.reader, name, at: self.at.clone(), table, misspelt: RefCell::default() })
+            }
             _ => Err(self.wrong("a table", example)),
         }
     }

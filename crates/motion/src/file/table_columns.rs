@@ -16,8 +16,21 @@ pub struct TableColumns {
     pub unused: Vec<String>,
     /// Rows that were left out, since they have no position.
     pub rows_left_out: usize,
+    /// Rows that have the time of the row before: their mean is taken.
+    pub rows_averaged: usize,
+    /// After how much the positions start again, if the motion file says so.
+    pub wraps: Option<Wraps>,
     /// How it was smoothed, if it was.
     pub smoothing: Option<Smoothing>,
+}
+
+/// Positions that start again, as those of a magnetic encoder do after each turn.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Wraps {
+    /// After how much, as the motion file writes it.
+    pub after: String,
+    /// How often they did.
+    pub times: usize,
 }
 
 /// How a recording was smoothed, and how far the motion is from it.
@@ -97,6 +110,14 @@ impl fmt::Display for TableColumns {
             1 => write!(f, "; 1 row without a position is left out"),
             several => write!(f, "; {several} rows without a position are left out"),
         }?;
+        match self.rows_averaged {
+            0 => Ok(()),
+            1 => write!(f, "; 1 row has the time of the row before: their mean is taken"),
+            several => write!(f, "; {several} rows have the time of the row before: their mean is taken"),
+        }?;
+        if let Some(Wraps { after, times }) = &self.wraps {
+            write!(f, "; starts again after {after}, {times} times")?;
+        }
         self.smoothing.as_ref().map_or(Ok(()), |smoothing| write!(f, "; {smoothing}"))
     }
 }

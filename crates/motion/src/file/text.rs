@@ -13,6 +13,15 @@ pub const MOST_OF_A_MOTION_FILE: u64 = 16_000_000;
 /// The largest file that a motion file names, bytes.
 pub(super) const MOST_OF_A_NAMED_FILE: u64 = 64_000_000;
 
+/// Why a file cannot be read, in words, without the system's number.
+pub(super) fn why(error: &io::Error) -> String {
+    match error.kind() {
+        ErrorKind::NotFound => "there is no such file".to_owned(),
+        ErrorKind::PermissionDenied => "you may not read it".to_owned(),
+        _ => error.to_string().split(" (os error").next().unwrap_or_default().to_owned(),
+    }
+}
+
 /// Reads a file of `most` bytes at most: UTF-8, UTF-16 with a byte order mark, or else Windows-1252.
 ///
 /// # Errors

@@ -174,6 +174,17 @@ impl TableLaw {
         positions().fold(f64::NEG_INFINITY, f64::max) - positions().fold(f64::INFINITY, f64::min)
     }
 
+    /// The largest change from a row to the next, steps, and the time of the row after it, if such changes are rare and nearly as large as
+    /// the range: then the positions may start again there.
+    #[must_use]
+    pub fn jump(&self) -> Option<(f64, f64)> {
+        let range = self.range();
+        let changes = || self.recording.rows.windows(2).map(|pair| (pair[1].1 - pair[0].1, pair[1].0));
+        let (largest, at_s) = changes().max_by(|a, b| a.0.abs().total_cmp(&b.0.abs()))?;
+        let large = changes().filter(|(change, _)| change.abs() > 0.3 * range).count();
+        (largest.abs() > 0.7 * range && 4 * large < self.rows()).then_some((largest, at_s))
+    }
+
     /// How far it is from its rows.
     #[must_use]
     pub fn distance(&self) -> Distance {

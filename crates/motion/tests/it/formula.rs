@@ -84,6 +84,12 @@ fn errors_point_at_the_place() {
     refused("sin(", "(", "never closed");
     refused("2*t + ", "", "is expected here");
     refused("2 t", "t", "write `2*t`");
+    refused("sin(2πt)", "π", "write `2*π*t`");
+    refused("sin(2*πt)", "πt", "write `π*t`");
+    refused("90*sin(τf(t))", "τf", "write `τ*f(…)`");
+    refused("x = 3*t", "x", "a formula has no `x =`");
+    refused("theta=90*sin(t)", "theta", "a formula has no `theta =`");
+    refused("x == 3", "x", "is unknown");
     refused("2 3", "3", "an operator or the end");
     refused("2*(t 3)", "3", "an operator or `)`");
     refused("sin(t, 2)", "sin(t, 2)", "takes 1 argument; here are 2");
@@ -159,7 +165,7 @@ fn what_was_meant_is_said_at_the_place() {
         ("if(t < 1 & t > 0, 2, 3)", "&", "write `and`"),
         ("if(t < 1 | t > 0, 2, 3)", "|", "`or`"),
         ("if(t < 1 AND t > 0, 2, 3)", "AND", "write `and`"),
-        ("theta = 2*t", "theta", "is unknown"),
+        ("theta = 2*t", "theta", "write what stands behind it alone: `2*t`"),
         ("t % 3", "%", "write `mod(t, …)`"),
         ("2*t % 3", "%", "write `mod("),
         ("t*50%", "%", "write `0.5`"),

@@ -255,7 +255,7 @@ fn decimal_commas_and_misspelt_columns() {
     check("0,0;0,0\n0,5;90,0\n", ", unit = \"deg\"", &points, "time = column 1, s; angle = column 2, deg");
     assert_eq!(
         help(said("0,0,0,0\n0,5,90,0\n", "")),
-        "if these are decimal commas, part the columns with `;` or tabs, or write decimals with a point: 0.5"
+        "if these are decimal commas, separate the columns with `;` or tabs, or write decimals with a point: 0.5"
     );
     assert_eq!(help(said("t;a\n0;0\n1;1.234,5\n", "")), "write no sign for thousands: 1234.5, or 1234,5");
     assert!(said("t;a\n0;0\n0,5,1;1\n", "").starts_with("a.csv:3:1: expected a number, found `0,5,1` in column 1 `t`"));
@@ -436,7 +436,7 @@ fn rows_longer_than_the_first_are_refused() {
         let line = first.matches('\n').count() + 1;
         let expected = format!(
             "a.csv:{line}:5: expected 2 columns as in the first row, found `10` in column 3\n    \
-             a comma parts columns here: write decimals with a point, 0.5, or part the columns with `;` or tabs\n"
+             a comma separates columns here: write decimals with a point, 0.5, or separate the columns with `;` or tabs\n"
         );
         assert_eq!(read(&csv, ", unit = \"deg\"").unwrap_err(), expected, "{csv}");
     }
@@ -534,4 +534,103 @@ proptest! {
             prop_assert!(error.starts_with("a.csv:") || error.starts_with("x.toml:"), "{error}");
         }
     }
+}
+
+/// Counts and volts: the motion file says what 1 is.
+#[test]
+fn raw_values_of_sensors() {
+    let columns = ", columns = [1, 2], time = \"ms\", unit = \"0.15 deg\"";
+    // 2400 counts are a turn of 400 steps.
+    check(
+        "ms,counts\n0,0\n500,600\n1000,2400\n",
+        columns,
+        &[(0.0, 0.0), (0.5, 100.0), (1.0, 400.0)],
+        "time = column 1 `ms`, ms; angle = column 2 `counts`, 0.15 deg",
+    );
+    // A potentiometer that counts the other way.
+    check(
+        "time [s];pot [V]\n0;2,5\n1;1,5\n",
+        ", columns = [1, 2], unit = \"-54 deg\"",
+        &[(0.0, -150.0), (1.0, -90.0)],
+        "time = column 1 `time [s]`, s; angle = column 2 `pot [V]`, -54 deg",
+    );
+    let refused = |csv: &str, options: &str, part: &str| {
+        let error = read(csv, options).unwrap_err();
+        assert!(error.contains(part), "{error}");
+    };
+    let what_one_is = "if 1 in the file is not 1 of that unit, write what it is: unit = \"0.15 deg\"";
+    for header in ["ms,counts", "t,encoder_count", "t,adc", "time,pot [V]", "t,raw"] {
+        refused(&format!("{header}\n0,0\n1,1.5\n"), "", what_one_is);
+        refused(&format!("{header}\n0,0\n1,1.5\n"), "", "write: columns = [1, 2]");
+    }
+    refused("t,a\n0,0\n1,1\n", ", unit = \"0 deg\"", "then all positions are 0");
+    refused("t,a\n0,0\n1,1\n", ", unit = \"5 deg/s\"", "must be a unit of position");
+    refused("t,a [deg]\n0,0\n1,1\n", ", unit = \"0.15 deg\"", "is in deg, but x.toml");
+    assert!(!read("t,foo\n0,0\n1,1\n", "").unwrap_err().contains(what_one_is));
+}
+
+/// Distances are told in the unit alone: an error of 1 is 1 deg, not 1 count.
+#[test]
+fn distances_are_in_the_unit_alone() {
+    let csv = "t,counts\n0,0\n1,0\n2,100\n3,0\n4,0\n";
+    let contents = read(csv, ", columns = [1, 2], unit = \"0.5 deg\", smooth = \"2 s\"").unwrap();
+    let distance = &contents.tables[0].smoothing.as_ref().unwrap().distances[0];
+    assert_eq!((distance.unit.as_str(), distance.at_s), ("deg", 2.0));
+    assert!((1.0..50.0).contains(&distance.largest), "{distance}");
+}
+
+#[test]
+fn rows_of_one_time_are_averaged_where_a_table_is_smoothed() {
+    let csv = "t,a [deg]\n0,0\n0,90\n0,45\n1,90\n2,180\n2,360\n";
+    let contents = read(csv, ", smooth = \"1 s\"").unwrap();
+    let law = &contents.program.motors[0].law;
+    // The ends of what is smoothed stay where they are.
+    assert_eq!([at(law, 0.0), at(law, 2.0)], [50.0, 300.0]);
+    let told = contents.tables[0].to_string();
+    assert!(told.contains("3 rows have the time of the row before: their mean is taken; smoothed over 1 s"), "{told}");
+    let error = read(csv, "").unwrap_err();
+    assert!(error.contains("with smooth = \"50 ms\" rows of one time are averaged"), "{error}");
+    let back = read("t,a [deg]\n0,0\n2,90\n1,45\n", ", smooth = \"1 s\"").unwrap_err();
+    assert!(back.contains("has 1 after 2") && back.contains("sort the lines by time"), "{back}");
+}
+
+/// A magnetic encoder, a compass: the angle starts again after each turn.
+#[test]
+fn angles_that_start_again_go_on() {
+    let csv = "t,a [deg]\n0,350\n1,10\n2,100\n3,200\n4,300\n5,40\n6,300\n7,200\n";
+    check(
+        csv,
+        ", wraps = \"360 deg\"",
+        &[(0.0, 3500.0 / 9.0), (1.0, 3700.0 / 9.0), (4.0, 6600.0 / 9.0), (5.0, 7600.0 / 9.0), (7.0, 5600.0 / 9.0)],
+        "time = column 1 `t`, s; angle = column 2 `a [deg]`, deg; starts again after 360 deg, 3 times",
+    );
+    // The same in counts of 4096 a turn, and before the mean of equal times is taken.
+    let contents = read(
+        "t,counts\n0,4090\n1,4\n1,4094\n2,10\n",
+        ", columns = [1, 2], unit = \"0.087890625 deg\", wraps = \"1 rev\", smooth = \"1 s\"",
+    );
+    let law = &contents.unwrap().program.motors[0].law;
+    assert_eq!([at(law, 0.0), at(law, 2.0)], [4090.0, 4106.0].map(|counts| counts / 4096.0 * 400.0));
+    let error = read(csv, ", wraps = \"0 deg\"").unwrap_err();
+    assert!(error.contains("`wraps` must be more than 0"), "{error}");
+}
+
+/// What a phone's logger calls its columns.
+#[test]
+fn a_column_with_a_unit_goes_before_axes_without_one() {
+    check(
+        "seconds_elapsed,z,y,x,yaw (deg)\n0,1,2,3,0\n1,4,4,4,90\n",
+        "",
+        &[(0.0, 0.0), (1.0, 100.0)],
+        "time = column 1 `seconds_elapsed`, s; angle = column 5 `yaw (deg)`, deg; column 2 `z`, column 3 `y`, column 4 `x` are not used",
+    );
+    // The clock counts ns from 1970.
+    check(
+        "time,seconds_elapsed,yaw (deg)\n1764237600000000000,0,0\n1764237601000000000,1,90\n",
+        "",
+        &[(0.0, 0.0), (1.0, 100.0)],
+        "time = column 2 `seconds_elapsed`, s; angle = column 3 `yaw (deg)`, deg; column 1 `time` is not used",
+    );
+    let error = read("t,x,y,yaw (deg),pitch (deg)\n0,1,2,3,4\n", "").unwrap_err();
+    assert!(error.contains("expected one column for the position"), "{error}");
 }

@@ -302,7 +302,7 @@ pub(crate) fn run(args: &FormulaArgs, console: &mut Console<'_>) -> miette::Resu
         let files = None::<Result<Files<std::io::Sink>, Access>>;
         let proof = Proof { planned, is_whole: true, until_s: f64::INFINITY };
         let ran = run::record(&prepared, proof, driven, files, Edges::default(), None, console)?;
-        run::draw(&ran.map_err(|(error, _)| drive_problem(error))?.recorded.picture, path)?;
+        run::draw(&ran.map_err(|failed| drive_problem(failed.error))?.recorded.picture, path)?;
         if !args.json {
             console.print(format_args!("{}\n", path.display()))?;
         }

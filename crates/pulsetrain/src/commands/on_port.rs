@@ -20,6 +20,7 @@ use super::rehearsal::Rehearsal;
 use super::run::{HowToRun, run_end, stopped_before_begin};
 use crate::console::{self, Console, Exit, access};
 use crate::control_socket::{Control, RunEnded};
+use crate::made::Made;
 use crate::report::{Column, PlanReport, pass_or_fail, summary};
 use crate::standing::Standing;
 use crate::{interrupt, last_positions};
@@ -164,13 +165,16 @@ pub(super) fn run(
         driven = driven.proving(prepared, proof.until_s).map_err(drive_problem)?;
     }
     let firmware = human::version(driven.board_mut().info().firmware);
-    let mut scheduled = Scheduled { writer, made: vec![0; names.len()], error: None };
+    let mut scheduled = Scheduled { writer, made: vec![Made::default(); names.len()], error: None };
     let bar = console.run_progress(prepared);
     bar.stage("running");
     let mut stop_began_s = None;
+    let mut left_plan = false;
     let ended = driven.run_with(control.commands(), &mut scheduled, |event| {
-        if let Event::Stopping { at_s } = event {
-            stop_began_s = Some(at_s);
+        match event {
+            Event::Stopping { at_s } => (stop_began_s, left_plan) = (Some(at_s), true),
+            Event::StoppedAtOnce { .. } | Event::Pausing { .. } | Event::Tempo { .. } => left_plan = true,
+            _ => {}
         }
         bar.follow(&event);
         control.tell(&event);
@@ -191,7 +195,8 @@ pub(super) fn run(
         .map_or_else(|| writer.map_or(Ok(()), |writer| writer.finish().map(drop)), Err)
         .map_err(|error| access("write", &path, error));
     let runner = format!("board at {name}");
-    let asked = asked.map_err(|error| run_problem(error, plan::report(prepared, &planned), runner.clone(), folder));
+    let asked =
+        asked.map_err(|error| run_problem(error, plan::report_made(prepared, &planned, &made), runner.clone(), folder));
     let (ended, measures, events, clock_ppm, frames_repeated) = asked?;
     let end = run_end(prepared, &ended, how);
     let Ended { counted, stopped, uncertain, .. } = ended;
@@ -213,7 +218,10 @@ pub(super) fn run(
         events: events.iter().map(|event| event_in_words(event.cause, stopped).to_owned()).collect(),
         frames_repeated,
     };
-    let plan = plan::report(prepared, &planned);
+    let plan = match left_plan {
+        false => plan::report(prepared, &planned),
+        true => plan::report_made(prepared, &planned, &made),
+    };
     let positions = plan.motors.iter().zip(&says.counted);
     let positions = positions.map(|(motor, steps)| motor.start + *steps as f64 / motor.steps_per_unit).collect();
     let (pass, complete) = (says.kept_up(), !says.stopped);
@@ -224,7 +232,7 @@ pub(super) fn run(
         firmware,
         pass,
         complete,
-        steps_made: made,
+        steps_made: made.iter().map(|made| made.steps).collect(),
         positions,
         rehearsed,
         says,
@@ -307,7 +315,10 @@ impl PortReport {
             return Some(if names.is_empty() {
                 "Stopped at once. No motor was too fast for that.".to_owned()
             } else {
-                format!("Stopped at once. Too fast for that, so may stand elsewhere than counted: {names}.")
+                format!(
+                    "Stopped at once. Too fast for that, so may stand elsewhere than counted: {names}. Before the next run move \
+                     all motors to their start by hand."
+                )
             });
         }
         if !says.stopped {
@@ -333,8 +344,7 @@ struct PortText<'a> {
 impl Display for PortText<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let PortReport { plan, runner, firmware, rehearsed, says, pass, steps_made, positions, .. } = self.report;
-        let made = if self.report.complete { "made" } else { "planned" };
-        writeln!(f, "{}  {} on the {runner}: {}", pass_or_fail(*pass), plan.file, plan.durations(made))?;
+        writeln!(f, "{}  {} on the {runner}: {}", pass_or_fail(*pass), plan.file, plan.durations("made"))?;
         plan.remarks(f)?;
         let steps = plan.motors.iter().zip(steps_made);
         let steps = steps.map(|(motor, made)| {
@@ -391,8 +401,7 @@ impl Display for PortText<'_> {
 struct Scheduled<W: std::io::Write> {
     /// `None`: no file is wanted.
     writer: Option<steps::StepWriter<W>>,
-    /// Steps of each motor, in both directions.
-    made: Vec<u64>,
+    made: Vec<Made>,
     error: Option<std::io::Error>,
 }
 
@@ -402,7 +411,7 @@ impl<W: std::io::Write> Observer for Scheduled<W> {
     fn step(&mut self, step: ScheduledStep) {
         // An Uno has 4 motors.
         let forward = step.direction == Direction::Forward;
-        self.made[step.motor] += 1;
+        self.made[step.motor].step(step);
         if let (Some(writer), None) = (&mut self.writer, &self.error) {
             self.error = writer.push(steps::Step { motor: step.motor as u8, tick: step.tick, forward }).err();
         }

@@ -10,6 +10,7 @@ use pulsetrain_motion::Time;
 
 use crate::console::{Console, Exit};
 use crate::diagnostic::advised;
+use crate::made::Made;
 use crate::report::{MotorReport, PlanReport, TableReport, unlimited};
 use pulsetrain_session::Proof;
 use pulsetrain_session::estimate::Task;
@@ -119,4 +120,11 @@ pub(crate) fn report(prepared: &Prepared, planned: &[Planned]) -> PlanReport {
         notes: still.into_iter().chain(unlimited(&motors)).collect(),
         motors,
     }
+}
+
+/// The report of a run that left its plan: what was made, not what was planned.
+pub(crate) fn report_made(prepared: &Prepared, planned: &[Planned], made: &[Made]) -> PlanReport {
+    let mut report = report(prepared, planned);
+    report.as_made(made);
+    report
 }

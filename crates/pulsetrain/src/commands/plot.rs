@@ -66,7 +66,7 @@ pub(crate) fn run(args: &PlotArgs, console: &mut Console<'_>) -> miette::Result<
         None,
         console,
     )?;
-    let recorded = ran.map_err(|(error, _)| drive_problem(error))?.recorded;
+    let recorded = ran.map_err(|failed| drive_problem(failed.error))?.recorded;
     run::draw(&recorded.picture, &path)?;
     console.print(format_args!("{}\n", path.display()))?;
     Ok(if recorded.verdict.ok { Exit::Success } else { Exit::BoundBroken })

@@ -19,6 +19,7 @@ use crate::console::{self, Access, Console, Exit};
 use crate::control_socket::{Control, Ending, RunEnded, RunInfo};
 use crate::diagnostic::advised;
 use crate::interrupt;
+use crate::made::Made;
 use crate::record::{Files, Recorded, Recorder};
 use crate::report::{RunEnd, RunReport};
 use crate::standing::{quoted, standings, way_back};
@@ -230,12 +231,17 @@ fn perform_with(
             (to_files(&prepared, proof, driven, Edges::default(), how, control, console)?, "native".to_owned())
         }
     };
-    let ran =
-        ran.map_err(|(error, planned)| run_problem(error, plan::report(&prepared, &planned), runner.clone(), folder))?;
+    let ran = ran.map_err(|NotRun { error, planned, made }| {
+        run_problem(error, plan::report_made(&prepared, &planned, &made), runner.clone(), folder)
+    })?;
     let Ran { ended, planned, recorded, judged_until_s } = ran;
     let end = run_end(&prepared, &ended, how);
-    let Recorded { verdict, picture, lateness, figures, unwritten } = recorded;
-    let mut report = RunReport::new(plan::report(&prepared, &planned), runner, verdict, lateness, figures);
+    let Recorded { verdict, picture, lateness, figures, made, unwritten } = recorded;
+    let plan = match judged_until_s {
+        None => plan::report(&prepared, &planned),
+        Some(_) => plan::report_made(&prepared, &planned, &made),
+    };
+    let mut report = RunReport::new(plan, runner, verdict, lateness, figures);
     report.judged_until_s = judged_until_s;
     report.stopped = ended.stopped.then(|| RunEnd::wanted(&ended, judged_until_s.unwrap_or_default(), &end));
     if !how.json {
@@ -296,8 +302,16 @@ pub(crate) struct Ran {
     pub(crate) judged_until_s: Option<f64>,
 }
 
-/// What became of a run. If it failed: why, and what was planned of it.
-pub(crate) type RanOrNot = Result<Ran, (DriveError, Vec<Planned>)>;
+/// A run that failed.
+pub(crate) struct NotRun {
+    pub(crate) error: DriveError,
+    pub(crate) planned: Vec<Planned>,
+    /// What each motor made.
+    pub(crate) made: Vec<Made>,
+}
+
+/// What became of a run.
+pub(crate) type RanOrNot = Result<Ran, NotRun>;
 
 fn to_files<B: Leased>(
     prepared: &Prepared,
@@ -359,11 +373,12 @@ pub(crate) fn record<B: Leased, W: std::io::Write>(
     let planned = if proof.is_whole { proof.planned } else { driven.planned() };
     match ended {
         Err(error) => {
+            let (made, unwritten) = recorder.close();
             // The stop matters more than the file.
-            if let Some(unwritten) = unopened.or(recorder.close()) {
+            if let Some(unwritten) = unopened.or(unwritten) {
                 console.tell(format_args!("{unwritten}\n"));
             }
-            Ok(Err((error, planned)))
+            Ok(Err(NotRun { error, planned, made }))
         }
         Ok(ended) => {
             let recorded = recorder.finish(&planned, driven.lateness().unwrap_or_default())?;

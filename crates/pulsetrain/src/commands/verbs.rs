@@ -254,8 +254,9 @@ fn period(text: &str, units: Option<&PositionUnits>, tick_hz: f64) -> Result<u64
         (base, Some(units)) => units.steps(base),
         (_, None) => None,
     };
-    let steps = steps.ok_or_else(|| {
-        format!("how many steps {text} is, is not known: say --steps-per-rev, or --motors with a motion file")
+    let steps = steps.ok_or_else(|| match speed.base {
+        Base::Length => format!("{text} needs a motor with a `lead`: add --motors with a motion file that has one"),
+        _ => format!("{text} needs the steps of a turn: add --steps-per-rev 3200 with your number, or --motors with a motion file"),
     })?;
     let rate = speed.value * steps;
     if rate <= 0.0 {
@@ -890,8 +891,8 @@ mod tests {
             Wiring { units: vec![turn, PositionUnits { steps_per_turn: 400.0, ..turn }], ..Wiring::default() };
         check_speed(&turning, "speed xy 30 rpm", Ok("speed xy 10000 80000"));
         check_speed(&turning, "speed x 180 deg/s", Ok("speed x 10000"));
-        check_speed(&turning, "speed x 10 mm/s", Err("how many steps"));
-        check_speed(&turning, "speed z 30 rpm", Err("how many steps"));
+        check_speed(&turning, "speed x 10 mm/s", Err("needs a motor with a `lead`"));
+        check_speed(&turning, "speed z 30 rpm", Err("needs the steps of a turn"));
     }
 
     /// If the pins miss an edge, the counts differ.

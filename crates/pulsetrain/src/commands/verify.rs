@@ -93,7 +93,10 @@ pub(crate) fn run(args: &VerifyArgs, console: &mut Console<'_>) -> miette::Resul
     let of_motion = lines::of(program);
     for (from, to) in &args.line {
         if !names(&of_motion).any(|name| name.eq_ignore_ascii_case(to)) {
-            let help = did_you_mean(to, &of_motion);
+            let help = match names(&of_motion).find(|name| name.eq_ignore_ascii_case(from)) {
+                Some(line) => format!("the channel stands before the line: write --line \"{to}={line}\""),
+                None => did_you_mean(to, &of_motion),
+            };
             return Err(miette!(help = help, "--line \"{from}={to}\": the motion has no line {to}"));
         }
         match &mut capture {

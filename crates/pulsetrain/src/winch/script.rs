@@ -111,8 +111,9 @@ fn read<'a>(
             // A string with escapes does not match its source place by place, so the error points at the whole string.
             let is_verbatim = place.len() == line.len();
             let at = if is_verbatim { place.start + at.start..place.start + at.end } else { place.clone() };
+            let excerpt = Excerpt::new(source, std::iter::once(&at));
             let diagnostic = MietteDiagnostic::new(message).with_help(help).with_label(LabeledSpan::at(at, "here"));
-            Report::new(diagnostic).with_source_code(Excerpt(Arc::clone(source)))
+            Report::new(diagnostic).with_source_code(excerpt)
         };
         let whole = 0..line.len();
         let Some((when, told)) = line.split_once(':') else {

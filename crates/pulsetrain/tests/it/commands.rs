@@ -690,11 +690,12 @@ fn channels_are_what_the_user_says() {
     check(&[], Exit::Refused, "says which channel is which line");
     check(&["--line", "wheel.ch0=wheel.step", "--line", "wheel.ch1=wheel.dir"], Exit::Success, "PASS");
     check(&["--line", "wheel.ch0=wheel.dir", "--line", "wheel.ch1=wheel.step"], Exit::BoundBroken, "are swapped");
-    check(&["--line", "ch7=wheel.step"], Exit::Refused, "no line for a line called ch7");
+    check(&["--line", "ch7=wheel.step"], Exit::Refused, "no line called ch7");
     check(&["--line", "wheel.ch00=wheel.step"], Exit::Refused, "did you mean wheel.ch0?");
     check(&["--line", "wheel.ch0=wheel.stp"], Exit::Refused, "did you mean wheel.step?");
     check(&["--line", "wheel.ch0=weel.dir"], Exit::Refused, "did you mean wheel.dir?");
     check(&["--line", "wheel.ch0=motor"], Exit::Refused, "the lines are wheel.step");
+    check(&["--line", "Wheel.step=wheel.ch0"], Exit::Refused, "write --line \"wheel.ch0=wheel.step\"");
     check(&["--line", "ch0"], Exit::Refused, "Channel 0=wheel.step");
     let steps = folder.path("run/steps.csv");
     let outcome = pulsetrain(&["verify", &steps, &file, "--line", "a=wheel.step"]);

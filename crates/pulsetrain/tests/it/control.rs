@@ -161,6 +161,7 @@ fn a_run_is_stopped_and_brought_back() {
     assert!(steps > 0 && last["motors"][0]["steps"] == steps, "{report}");
     assert_eq!(last["motors"][0]["position"].as_f64().unwrap(), steps as f64 / 200.0);
     assert!(std::fs::read_to_string(user.folder.0.join("out/steps.csv")).unwrap().lines().count() > steps as usize);
+    assert_is_what_was_made(&user, &text, &report);
     assert!(user.sockets().is_empty(), "its socket is gone");
     // The command that it shows makes as many steps back.
     let command = shown_command(&text);
@@ -169,6 +170,32 @@ fn a_run_is_stopped_and_brought_back() {
     let report = std::fs::read(user.folder.0.join("out/slow-goto/report.json")).unwrap();
     let report: Value = serde_json::from_slice(&report).unwrap();
     assert_eq!(report["motors"][0]["final_position_steps"], -steps, "{report}");
+}
+
+/// The report of a stopped run has what was made, not the plan that was ahead of it.
+#[track_caller]
+fn assert_is_what_was_made(user: &User, text: &str, report: &Value) {
+    let (motor, steps) = (&report["motors"][0], report["stopped"]["motors"][0]["steps"].as_i64().unwrap());
+    let number = |key: &str| motor[key].as_f64().unwrap();
+    assert_eq!(
+        (motor["steps"].as_i64(), motor["final_position_steps"].as_i64()),
+        (Some(steps), Some(steps)),
+        "{report}"
+    );
+    let end = steps as f64 / 200.0;
+    assert_eq!(["lowest", "highest", "end"].map(number), [0.0, end, end], "{report}");
+    // A step each second, and no faster.
+    assert!((number("top_speed_per_s") - 0.005).abs() < 1e-6, "{report}");
+    let csv = std::fs::read_to_string(user.folder.0.join("out/steps.csv")).unwrap();
+    let last_s: f64 = csv.lines().next_back().unwrap().split(',').next().unwrap().parse().unwrap();
+    assert_eq!(report["duration_s"].as_f64(), Some(last_s), "{report}");
+    let row = text.lines().find(|line| line.trim_start().starts_with("wheel ")).expect("a row of the motor");
+    let cells: Vec<&str> = row.split_whitespace().take(5).collect();
+    let last = text.split("wheel at ").nth(1).and_then(|rest| rest.split(' ').next()).unwrap();
+    let [high, end, at] =
+        [cells[2], cells[4], last].map(|number| number.replace('\u{202f}', "").parse::<f64>().unwrap());
+    assert!((high - at).abs() <= 0.001 * at && high == end, "{text}");
+    assert!(text.lines().next().unwrap().ends_with(" made"), "{text}");
 }
 
 #[test]

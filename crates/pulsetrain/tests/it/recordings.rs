@@ -325,3 +325,31 @@ fn what_is_no_recording_is_refused_at_once() {
         }
     }
 }
+
+/// A magnetic encoder's angle starts again after each turn: the refusal tells it, and does not offer to smooth the jump away.
+#[test]
+fn an_angle_that_starts_again_after_each_turn() {
+    let mut random = Random::new(seed(31));
+    let mut csv = "t,heading [deg]\n".to_owned();
+    for k in 0..=800 {
+        let t = f64::from(k) / 100.0;
+        writeln!(csv, "{t:.2},{:.2}", (700.0 * turn(t, 0.5, 7.0) + 0.1 * noise(&mut random)).rem_euclid(360.0))
+            .unwrap();
+    }
+    let folder = Folder::new("recording-wraps");
+    fs::write(folder.0.join("recording.csv"), &csv).unwrap();
+    let plan = |more: &str| {
+        let file = folder.write("motion.toml", &one_motor(more));
+        let (exit, out, err) = pulsetrain(&["plan", &file]);
+        (exit, (out + &err).replace('│', " ").split_whitespace().collect::<Vec<_>>().join(" "))
+    };
+    let (exit, said) = plan("");
+    assert_eq!(exit, Exit::Refused, "{said}");
+    assert!(said.contains("write wraps = \"1 rev\" in its table") && !said.contains("smooth"), "{said}");
+    let (exit, said) = plan(", wraps = \"1 rev\"");
+    assert!(exit == Exit::Refused && said.contains("write smooth = \""), "{said}");
+    let smooth = said.split("smooth = \"").nth(1).and_then(|rest| rest.split('"').next()).unwrap();
+    let (exit, said) = plan(&format!(", wraps = \"1 rev\", smooth = \"{smooth}\""));
+    assert_eq!(exit, Exit::Success, "{said}");
+    assert!(said.contains("starts again after 1 rev, "), "{said}");
+}

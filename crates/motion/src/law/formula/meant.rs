@@ -17,6 +17,12 @@ fn unit_in_formula(span: Span, number: &str, unit: &str) -> FormulaError {
     error(span, format!("`{unit}` is a unit, and a formula has none")).helped(help)
 }
 
+/// `π*t` for `πt`: a name that begins with a Greek constant is most likely a product.
+fn parted(name: &str) -> Option<String> {
+    let rest = name.strip_prefix(['π', 'τ']).filter(|rest| rest.starts_with(begins_name))?;
+    Some(format!("{}*{rest}", &name[..name.len() - rest.len()]))
+}
+
 impl<'a> Parser<'a> {
     fn quoted(&self, from: usize, to: usize) -> &'a str {
         let text = self.text.get(from..to).unwrap_or_default().trim();
@@ -80,7 +86,7 @@ impl<'a> Parser<'a> {
             Some('±' | '∓') => {
                 error(here, "a law is one position at a time").helped("write `+` or `-`; for both, two motions")
             }
-            Some(';') => error(here, message).helped("arguments are parted by `,`; a formula is one expression"),
+            Some(';') => error(here, message).helped("arguments are separated by `,`; a formula is one expression"),
             Some(':') => error(here, message).helped("a choice is written `if(condition, a, b)`"),
             Some('"' | '\'' | '`') => error(here, "a formula has no quotes")
                 .helped("a quantity with its unit is a parameter, as in where = { phi = \"90 deg\" }"),
@@ -262,7 +268,9 @@ impl<'a> Parser<'a> {
             );
         }
         let bracket = if is_called || word.is_empty() { "(…)" } else { "" };
+        let parted = (!is_known).then(|| parted(word)).flatten();
         let word = words::constant(word).map_or(word, |constant| constant.0);
+        let word = parted.as_deref().unwrap_or(word);
         Err(error(here, format!("a `*` is missing here: write `{factor}*{word}{bracket}`")))
     }
 
@@ -276,6 +284,20 @@ impl<'a> Parser<'a> {
         }
         self.blank();
         let is_called = self.rest().starts_with('(');
+        if let Some(parted) = parted(name) {
+            let bracket = if is_called { "(…)" } else { "" };
+            return error(span, format!("a `*` is missing here: write `{parted}{bracket}`"));
+        }
+        // `x = 3*t`: nothing but a name stands before the equals sign.
+        if let Some(right) = self.rest().strip_prefix('=')
+            && !right.starts_with('=')
+            && self.text[..span.0].trim().is_empty()
+        {
+            return error(span, format!("a formula has no `{name} =`")).helped(format!(
+                "write what stands behind it alone: `{}`",
+                self.quoted(self.text.len() - right.len(), self.text.len())
+            ));
+        }
         let parameters = || self.place.parameters.iter().map(|parameter| parameter.name.as_str());
         let unknown = format!("`{name}` is unknown");
         if let Some(write) = words::elsewhere(name) {
