@@ -143,7 +143,7 @@ impl Delta {
     }
 
     /// cos and sin of the direction in which an arm points.
-    fn direction(arm: usize) -> (f64, f64) {
+    pub(crate) fn direction(arm: usize) -> (f64, f64) {
         match arm {
             0 => (1.0, 0.0),
             _ => {

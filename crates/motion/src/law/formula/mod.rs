@@ -22,8 +22,8 @@ mod form;
 mod meant;
 mod parse;
 mod resolve;
-mod scalar;
-mod series;
+pub(super) mod scalar;
+pub(super) mod series;
 mod smooth;
 mod tape;
 mod terms;
@@ -202,6 +202,10 @@ impl Law {
             Law::Blended(blended) => blended.law().formula_parameters(),
             Law::Warped(warped) => warped.law().formula_parameters(),
             Law::Faded(faded) => faded.laws().into_iter().flat_map(Law::formula_parameters).collect(),
+            Law::Arm(arm) => match arm.law() {
+                Some(law) => law.formula_parameters(),
+                None => arm.tip().iter().flat_map(Law::formula_parameters).collect(),
+            },
             Law::Backlash(backlash) => backlash.law().formula_parameters(),
             Law::Sine(_) | Law::Steady(_) | Law::Fixed(_) | Law::Table(_) | Law::Circle(_) | Law::Lorenz(_) => {
                 Vec::new()
