@@ -106,6 +106,20 @@ impl Law {
         }
     }
 
+    /// The paths that [`faded`](Law::faded) blends, this law's and that of `new`; `None` if it blends positions.
+    #[must_use]
+    pub fn paths_to(&self, new: &Law, from: Time, over: Time) -> Option<[TipPath; 2]> {
+        let paths = [self.tip_path()?, new.tip_path()?];
+        // A law that was joined from several may differ from its path by as little as their joints do.
+        let is_its_path = |law: &Law, path: &TipPath, at: Time| {
+            let here = super::Cursor::new(law).at(at).ok()?;
+            ((here.position - path.position(at).ok()?).abs() <= SAME_STEPS).then_some(())
+        };
+        is_its_path(self, &paths[0], from)?;
+        is_its_path(new, &paths[1], from + over)?;
+        (paths[0].joint == paths[1].joint).then_some(paths)
+    }
+
     /// What arm 0, 1 or 2 of `robot` does while the effector follows x, y and z, in mm, which end and are polynomials piece
     /// by piece (tables, lines): its angle times `steps_per_rad`.
     ///
@@ -178,9 +192,6 @@ impl TipPath {
 
     /// This path as it fades into `new`, which must be of the same joint: see [`Law::faded`].
     fn faded(self, new: TipPath, from: Time, over: Time) -> Option<TipPath> {
-        if self.joint != new.joint {
-            return None;
-        }
         let fade = |old: Law, new: Law| old.faded_apart(new, from, over).ok();
         let ([x, y, z], [new_x, new_y, new_z]) = (self.tip, new.tip);
         let tip = [fade(x, new_x)?, fade(y, new_y)?, fade(z, new_z)?];
@@ -197,15 +208,7 @@ impl TipPath {
 
 /// What an arm does from `from` for `over`, while the effector leaves the path of `old` for that of `new`. `None` if they are no paths of one arm.
 pub(super) fn between(old: &Law, new: &Law, from: Time, over: Time) -> Option<Law> {
-    let paths = [old.tip_path()?, new.tip_path()?];
-    // A law that was joined from several may differ from its path by as little as their joints do.
-    let is_its_path = |law: &Law, path: &TipPath, at: Time| {
-        let here = super::Cursor::new(law).at(at).ok()?;
-        ((here.position - path.position(at).ok()?).abs() <= SAME_STEPS).then_some(())
-    };
-    is_its_path(old, &paths[0], from)?;
-    is_its_path(new, &paths[1], from + over)?;
-    let [old, new] = paths;
+    let [old, new] = old.paths_to(new, from, over)?;
     old.faded(new, from, over)?.law().ok()
 }
 

@@ -60,6 +60,12 @@ impl Joint {
         self.arm
     }
 
+    /// Steps of its motor in a radian.
+    #[must_use]
+    pub fn steps_per_rad(&self) -> f64 {
+        self.steps_per_rad
+    }
+
     /// The position of the arm's motor, its speed and its acceleration, from those of the effector's coordinates in mm.
     ///
     /// They are no numbers where the arm does not reach.

@@ -1,0 +1,244 @@
+//! Changes of a delta robot's path: the effector stays on the blend of both paths.
+
+use super::*;
+use pulsetrain_motion::law::{Cursor, Interpolation, Joint, fade_weight};
+use pulsetrain_motion::machine::{Delta, Kinematics, Machine};
+
+const ROBOT: Delta = Delta { base_mm: 60.0, upper_arm_mm: 70.0, forearm_mm: 150.0, effector_mm: 25.0 };
+const STEPS_PER_RAD: f64 = 3200.0 / std::f64::consts::TAU;
+
+type Tip = [Law; 3];
+
+/// The robot on a path, each arm's angle in `angles`, rad.
+fn robot_of(laws: [Law; 3], angles: Option<(f64, f64)>) -> Program {
+    let home = laws.iter().map(|law| Cursor::new(law).at(Time::ZERO).unwrap().position).collect();
+    let mut robot =
+        program(16, laws.into_iter().enumerate().map(|(arm, law)| motor(arm, law, false, LIMITS)).collect());
+    robot.machines = vec![Machine {
+        name: "robot".into(),
+        motors: vec![0, 1, 2],
+        kinematics: Kinematics::Delta { arms: ROBOT, steps_per_rad: [STEPS_PER_RAD; 3], angles },
+        home,
+        slack: vec![0.0; 3],
+        unit: "mm".into(),
+    }];
+    robot
+}
+
+fn joint(arm: usize) -> Joint {
+    Joint::new(ROBOT, arm, STEPS_PER_RAD)
+}
+
+fn robot(tip: &Tip) -> Program {
+    robot_of([0, 1, 2].map(|arm| Law::arm(joint(arm), tip.clone())), None)
+}
+
+/// As a file's path is read.
+fn robot_of_file(tip: &Tip) -> Program {
+    robot_of([0, 1, 2].map(|arm| Law::delta_arm(&ROBOT, arm, tip, STEPS_PER_RAD).unwrap()), None)
+}
+
+fn at_rest(mm: f64) -> Law {
+    Law::speed(0.0, None).unwrap().shifted(mm).unwrap()
+}
+
+fn swing(amplitude: f64, period_s: f64, middle: f64) -> Law {
+    sine(amplitude, period_s).shifted(middle - amplitude).unwrap()
+}
+
+fn wide() -> Tip {
+    [swing(35.0, 1.3, 0.0), swing(-30.0, 1.7, 5.0), swing(8.0, 0.9, -145.0)]
+}
+
+fn narrow() -> Tip {
+    let formula = |text: &str| Law::formula(text, &[], 1.0, None).unwrap();
+    [formula("14*cos(5*t)"), formula("14*sin(5*t)"), at_rest(-160.0)]
+}
+
+fn rows() -> Tip {
+    let table = |values: [f64; 5]| {
+        let rows: Vec<(f64, f64)> = [0.0, 1.0, 2.5, 3.2, 6.0].into_iter().zip(values).collect();
+        Law::table(&rows, Interpolation::Monotone).unwrap()
+    };
+    [
+        table([-20.0, 20.0, 25.0, 0.0, 0.0]),
+        table([0.0, 10.0, -25.0, -30.0, 10.0]),
+        table([-150.0, -140.0, -140.0, -155.0, -150.0]),
+    ]
+}
+
+/// The effector and its speed at a time, s.
+fn at(cursors: &mut [Cursor; 3], at_s: f64) -> [[f64; 2]; 3] {
+    cursors.each_mut().map(|cursor| cursor.at(seconds(at_s)).map(|sample| [sample.position, sample.speed]).unwrap())
+}
+
+/// The fades of a run: from when, for how long, s, and to which path.
+struct Faded<'a>(f64, f64, &'a Tip);
+
+/// Each step comes where the inverse kinematics of the blend of the paths crosses its level, to the tolerance, and all of them come.
+#[track_caller]
+fn check_steps(lab: &Lab, zero: u64, until: u64, begun: &Tip, fades: &[Faded<'_>]) {
+    let mut first = begun.each_ref().map(Cursor::new);
+    let mut others: Vec<([Cursor; 3], f64, f64)> =
+        fades.iter().map(|Faded(from, over, tip)| (tip.each_ref().map(Cursor::new), *from, *over)).collect();
+    let mut tip = |at_s: f64| {
+        let mut mixed = at(&mut first, at_s);
+        for (cursors, from, over) in &mut others {
+            let [w, slope, _] = fade_weight(((at_s - *from) / *over).clamp(0.0, 1.0));
+            for ([position, speed], new) in mixed.iter_mut().zip(at(cursors, at_s)) {
+                *speed += w * (new[1] - *speed) + slope / *over * (new[0] - *position);
+                *position += w * (new[0] - *position);
+            }
+        }
+        mixed
+    };
+    for (arm, steps) in lab.steps.iter().enumerate() {
+        let mut theta = |tick: u64| {
+            joint(arm).motion(tip((tick - zero) as f64 / TICK_HZ as f64).map(|[at, speed]| [at, speed, 0.0]))
+        };
+        let start = theta(zero)[0];
+        let (mut count, mut seen) = (0, 0);
+        for (tick, way) in steps.iter().filter(|(tick, _)| *tick <= until) {
+            let level = start + (count as f64) + 0.5 * *way as f64;
+            let [position, speed, _] = theta(*tick);
+            // A tick of tolerance; near a turning point the level is touched.
+            let allowed = 2.0 / TICK_HZ as f64 * speed.abs() + 1e-5;
+            assert!(
+                (position - level).abs() <= allowed,
+                "arm {arm} at tick {}: {} steps off",
+                tick - zero,
+                position - level
+            );
+            count += way;
+            seen += 1;
+        }
+        assert!(seen > 300, "arm {arm}: {seen} steps");
+        assert!((theta(until)[0] - start - count as f64).abs() < 0.51, "arm {arm}: steps are missing");
+    }
+}
+
+const OVER_S: f64 = 0.7;
+
+#[test]
+fn the_effector_stays_on_the_blend_of_both_paths() {
+    for (old, new) in [(wide(), narrow()), (rows(), wide()), (narrow(), rows())] {
+        let begun = robot(&old);
+        let mut lab = Lab::new(&begun);
+        let mut session = Session::new(Bench::new(&begun, 256), begun).unwrap();
+        let zero = session.zero();
+        session.advance(zero + TICK_HZ, &mut lab).unwrap();
+        let wanted =
+            Change { program: Arc::new(robot(&new)), over: Some(seconds(OVER_S)), begins: Begins::WithTheMotion };
+        let transition = session.change_to(&wanted).unwrap();
+        assert_eq!(transition.until - transition.from, (OVER_S * TICK_HZ as f64) as u64 + 1);
+        let until = zero + 3 * TICK_HZ;
+        session.advance(until, &mut lab).unwrap();
+        let from_s = (transition.from - zero) as f64 / TICK_HZ as f64;
+        check_steps(&lab, zero, until, &old, &[Faded(from_s, OVER_S, &new)]);
+    }
+}
+
+/// The laws of a file, and a second change while the first one is under way.
+#[test]
+fn a_change_during_a_change_stays_on_the_blend_of_all_paths() {
+    let tips = [rows(), wide(), narrow()];
+    let begun = robot_of_file(&tips[0]);
+    let mut lab = Lab::new(&begun);
+    let mut session = Session::new(Bench::new(&begun, 256), begun).unwrap();
+    let zero = session.zero();
+    session.advance(zero + TICK_HZ, &mut lab).unwrap();
+    let mut fades = Vec::new();
+    for tip in &tips[1..] {
+        let wanted =
+            Change { program: Arc::new(robot(tip)), over: Some(seconds(OVER_S)), begins: Begins::WithTheMotion };
+        let transition = session.change_to(&wanted).unwrap();
+        assert_eq!(transition.until - transition.from, (OVER_S * TICK_HZ as f64) as u64 + 1);
+        fades.push(Faded((transition.from - zero) as f64 / TICK_HZ as f64, OVER_S, tip));
+        session.advance(transition.from + TICK_HZ / 4, &mut lab).unwrap();
+    }
+    assert!(fades[1].0 < fades[0].0 + OVER_S);
+    let until = zero + 4 * TICK_HZ;
+    session.advance(until, &mut lab).unwrap();
+    check_steps(&lab, zero, until, &tips[0], &fades);
+    for steps in &lab.steps {
+        check_acceleration(steps, LIMITS.max_acceleration.unwrap(), 1.5).unwrap();
+    }
+}
+
+/// The shortest change of a robot keeps all motors to their limits, and is not much longer than it must be.
+#[test]
+fn a_quick_change_of_a_path_keeps_to_the_limits() {
+    let begun = robot(&narrow());
+    let mut lab = Lab::new(&begun);
+    let mut session = Session::new(Bench::new(&begun, 256), begun).unwrap();
+    session.advance(session.zero() + TICK_HZ, &mut lab).unwrap();
+    let wanted = Change { program: Arc::new(robot(&wide())), over: None, begins: Begins::Now };
+    let transition = session.change_to(&wanted).unwrap();
+    session.advance(transition.until + TICK_HZ, &mut lab).unwrap();
+    for steps in &lab.steps {
+        check_acceleration(steps, LIMITS.max_acceleration.unwrap(), 1.5).unwrap();
+    }
+    let over_s = (transition.until - transition.from) as f64 / TICK_HZ as f64;
+    assert!((0.02..0.5).contains(&over_s), "{over_s} s");
+}
+
+/// Where the blend of two paths leaves the arms' angles, each arm fades by itself, and stays between its own.
+#[test]
+fn arms_fade_by_themselves_where_the_blend_leaves_their_angles() {
+    let place = |x: f64| [at_rest(x), at_rest(0.0), at_rest(-120.0)];
+    let angle = |x: f64, arm: usize| ROBOT.angles([x, 0.0, -120.0]).unwrap()[arm];
+    let ends: Vec<f64> = (0..3).flat_map(|arm| [angle(-60.0, arm), angle(60.0, arm)]).collect();
+    let limits = (ends.iter().copied().fold(f64::MAX, f64::min), ends.iter().copied().fold(f64::MIN, f64::max));
+    // On the way some arm would be lower than anywhere on both paths.
+    let least = (0..=60).map(|k| angle(2.0 * f64::from(k) - 60.0, 1)).fold(f64::MAX, f64::min);
+    assert!(least < limits.0 - 0.01, "{least} and {limits:?}");
+    let end_of = |limits| {
+        let place = |x: f64| robot_of([0, 1, 2].map(|arm| Law::arm(joint(arm), place(x))), limits);
+        let begun = place(-60.0);
+        let mut lab = Lab::new(&begun);
+        let mut session = Session::new(Bench::new(&begun, 256), begun).unwrap();
+        session.advance(session.zero() + TICK_HZ, &mut lab).unwrap();
+        let wanted = Change { program: Arc::new(place(60.0)), over: Some(seconds(0.5)), begins: Begins::WithTheMotion };
+        let until = change(&mut session, &mut lab, &wanted).unwrap();
+        session.advance(until + TICK_HZ, &mut lab).unwrap();
+        let (mut count, mut lowest) = (0, 0);
+        for (_, way) in &lab.steps[1] {
+            count += way;
+            lowest = count.min(lowest);
+        }
+        (count, lowest)
+    };
+    let moved = ((angle(60.0, 1) - angle(-60.0, 1)) * STEPS_PER_RAD).round() as i64;
+    let (count, lowest) = end_of(Some(limits));
+    assert!((count - moved).abs() <= 1 && lowest >= moved.min(0) - 1, "{count}, {lowest}, {moved}");
+    let (count, lowest) = end_of(None);
+    let dip = ((least - angle(-60.0, 1)) * STEPS_PER_RAD) as i64;
+    assert!((count - moved).abs() <= 1 && (lowest - dip).abs() <= 1, "{count}, {lowest}, {dip}");
+}
+
+fn tip() -> impl Strategy<Value = Tip> {
+    let coordinate = |middle: f64| {
+        let swing = (-25.0..25.0f64, 0.8..2.0f64)
+            .prop_filter("it swings", |(amplitude, _)| amplitude.abs() > 0.1)
+            .prop_map(move |(amplitude, period_s)| swing(amplitude, period_s, middle));
+        prop_oneof![
+            4 => swing.clone(),
+            1 => (-25.0..25.0f64).prop_map(move |at| at_rest(middle + at)),
+            1 => (swing, 0.0..1.0f64).prop_map(|(law, delay_s)| law.delayed(seconds(delay_s)).unwrap()),
+            1 => prop::collection::vec(-25.0..25.0f64, 6).prop_map(move |values| {
+                let rows: Vec<(f64, f64)> = values.iter().enumerate().map(|(k, at)| (0.7 * k as f64, middle + at)).collect();
+                Law::table(&rows, Interpolation::Monotone).unwrap()
+            }),
+        ]
+    };
+    (coordinate(0.0), coordinate(0.0), coordinate(-150.0)).prop_map(|(x, y, z)| [x, y, z])
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(32))]
+
+    #[test]
+    fn changes_of_a_path_keep_limits_and_counts(wishes in wishes(tip().prop_map(|tip| robot(&tip)))) {
+        keeps_limits_and_counts(&robot(&narrow()), wishes)?;
+    }
+}
