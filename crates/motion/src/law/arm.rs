@@ -541,10 +541,10 @@ mod tests {
             let (from, to) = (piece.curve.jet(from), piece.curve.jet(from + reach));
             for order in 0..8 {
                 let (mut sum, mut choose, mut power, mut doubt) = (from[order], 1.0, 1.0, bounds.rounding[order]);
-                for i in order + 1..=8 {
+                let ahead = from.iter().zip(bounds.rounding).chain([(&0.0, bounds.eighth)]).enumerate();
+                for (i, (c, off)) in ahead.skip(order + 1) {
                     choose *= i as f64 / (i - order) as f64;
                     power *= reach;
-                    let (c, off) = if i < 8 { (from[i], bounds.rounding[i]) } else { (0.0, bounds.eighth) };
                     sum += choose * c * power;
                     doubt += choose * (off + 8.0 * ULP * c.abs()) * power;
                 }

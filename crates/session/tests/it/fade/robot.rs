@@ -1,6 +1,7 @@
 //! Changes of a delta robot's path: the effector stays on the blend of both paths.
 
 use super::*;
+use pulsetrain_motion::Grid;
 use pulsetrain_motion::law::{Cursor, Interpolation, Joint, fade_weight};
 use pulsetrain_motion::machine::{Delta, Kinematics, Machine};
 
@@ -52,18 +53,18 @@ fn wide() -> Tip {
 
 fn narrow() -> Tip {
     let formula = |text: &str| Law::formula(text, &[], 1.0, None).unwrap();
-    [formula("14*cos(5*t)"), formula("14*sin(5*t)"), at_rest(-160.0)]
+    [formula("14*cos(5*t)"), formula("9*cos(4*t)"), at_rest(-160.0)]
 }
 
 fn rows() -> Tip {
-    let table = |values: [f64; 5]| {
-        let rows: Vec<(f64, f64)> = [0.0, 1.0, 2.5, 3.2, 6.0].into_iter().zip(values).collect();
+    let table = |values: [f64; 6]| {
+        let rows: Vec<(f64, f64)> = [0.0, 0.2, 1.0, 2.5, 3.2, 6.0].into_iter().zip(values).collect();
         Law::table(&rows, Interpolation::Monotone).unwrap()
     };
     [
-        table([-20.0, 20.0, 25.0, 0.0, 0.0]),
-        table([0.0, 10.0, -25.0, -30.0, 10.0]),
-        table([-150.0, -140.0, -140.0, -155.0, -150.0]),
+        table([-20.0, -20.0, 20.0, 25.0, 0.0, 0.0]),
+        table([0.0, 0.0, 10.0, -25.0, -30.0, -30.0]),
+        table([-150.0, -150.0, -140.0, -140.0, -155.0, -155.0]),
     ]
 }
 
@@ -99,7 +100,7 @@ fn check_steps(lab: &Lab, zero: u64, until: u64, begun: &Tip, fades: &[Faded<'_>
         let start = theta(zero)[0];
         let (mut count, mut seen) = (0, 0);
         for (tick, way) in steps.iter().filter(|(tick, _)| *tick <= until) {
-            let level = start + (count as f64) + 0.5 * *way as f64;
+            let level = start + (count as f64) + (0.5 + Grid::NEAREST.hysteresis) * *way as f64;
             let [position, speed, _] = theta(*tick);
             // A tick of tolerance; near a turning point the level is touched.
             let allowed = 2.0 / TICK_HZ as f64 * speed.abs() + 1e-5;
@@ -112,8 +113,8 @@ fn check_steps(lab: &Lab, zero: u64, until: u64, begun: &Tip, fades: &[Faded<'_>
             count += way;
             seen += 1;
         }
-        assert!(seen > 300, "arm {arm}: {seen} steps");
-        assert!((theta(until)[0] - start - count as f64).abs() < 0.51, "arm {arm}: steps are missing");
+        assert!(seen > 200, "arm {arm}: {seen} steps");
+        assert!((theta(until)[0] - start - count as f64).abs() < 0.53, "arm {arm}: steps are missing");
     }
 }
 
@@ -130,7 +131,7 @@ fn the_effector_stays_on_the_blend_of_both_paths() {
         let wanted =
             Change { program: Arc::new(robot(&new)), over: Some(seconds(OVER_S)), begins: Begins::WithTheMotion };
         let transition = session.change_to(&wanted).unwrap();
-        assert_eq!(transition.until - transition.from, (OVER_S * TICK_HZ as f64) as u64 + 1);
+        assert!((transition.until - transition.from).abs_diff((OVER_S * TICK_HZ as f64) as u64) <= 1);
         let until = zero + 3 * TICK_HZ;
         session.advance(until, &mut lab).unwrap();
         let from_s = (transition.from - zero) as f64 / TICK_HZ as f64;
@@ -152,7 +153,7 @@ fn a_change_during_a_change_stays_on_the_blend_of_all_paths() {
         let wanted =
             Change { program: Arc::new(robot(tip)), over: Some(seconds(OVER_S)), begins: Begins::WithTheMotion };
         let transition = session.change_to(&wanted).unwrap();
-        assert_eq!(transition.until - transition.from, (OVER_S * TICK_HZ as f64) as u64 + 1);
+        assert!((transition.until - transition.from).abs_diff((OVER_S * TICK_HZ as f64) as u64) <= 1);
         fades.push(Faded((transition.from - zero) as f64 / TICK_HZ as f64, OVER_S, tip));
         session.advance(transition.from + TICK_HZ / 4, &mut lab).unwrap();
     }
@@ -185,35 +186,37 @@ fn a_quick_change_of_a_path_keeps_to_the_limits() {
 /// Where the blend of two paths leaves the arms' angles, each arm fades by itself, and stays between its own.
 #[test]
 fn arms_fade_by_themselves_where_the_blend_leaves_their_angles() {
-    let place = |x: f64| [at_rest(x), at_rest(0.0), at_rest(-120.0)];
-    let angle = |x: f64, arm: usize| ROBOT.angles([x, 0.0, -120.0]).unwrap()[arm];
-    let ends: Vec<f64> = (0..3).flat_map(|arm| [angle(-60.0, arm), angle(60.0, arm)]).collect();
+    let place = |y: f64| [at_rest(60.0), at_rest(y), at_rest(-120.0)];
+    let angle = |y: f64, arm: usize| ROBOT.angles([60.0, y, -120.0]).unwrap()[arm];
+    let ends: Vec<f64> = (0..3).flat_map(|arm| [angle(-50.0, arm), angle(50.0, arm)]).collect();
     let limits = (ends.iter().copied().fold(f64::MAX, f64::min), ends.iter().copied().fold(f64::MIN, f64::max));
-    // On the way some arm would be lower than anywhere on both paths.
-    let least = (0..=60).map(|k| angle(2.0 * f64::from(k) - 60.0, 1)).fold(f64::MAX, f64::min);
-    assert!(least < limits.0 - 0.01, "{least} and {limits:?}");
+    // Half-way the first arm would be higher than any is on both paths.
+    let dip = ((angle(0.0, 0) - angle(-50.0, 0)) * STEPS_PER_RAD).round() as i64;
+    assert!(angle(0.0, 0) < limits.0 && dip < -10, "{dip}");
     let end_of = |limits| {
-        let place = |x: f64| robot_of([0, 1, 2].map(|arm| Law::arm(joint(arm), place(x))), limits);
-        let begun = place(-60.0);
+        let place = |y: f64| robot_of([0, 1, 2].map(|arm| Law::arm(joint(arm), place(y))), limits);
+        let begun = place(-50.0);
         let mut lab = Lab::new(&begun);
         let mut session = Session::new(Bench::new(&begun, 256), begun).unwrap();
         session.advance(session.zero() + TICK_HZ, &mut lab).unwrap();
-        let wanted = Change { program: Arc::new(place(60.0)), over: Some(seconds(0.5)), begins: Begins::WithTheMotion };
+        let wanted = Change { program: Arc::new(place(50.0)), over: Some(seconds(0.5)), begins: Begins::WithTheMotion };
         let until = change(&mut session, &mut lab, &wanted).unwrap();
         session.advance(until + TICK_HZ, &mut lab).unwrap();
-        let (mut count, mut lowest) = (0, 0);
-        for (_, way) in &lab.steps[1] {
-            count += way;
-            lowest = count.min(lowest);
+        let mut counts = [(0, 0); 3];
+        for (steps, (count, lowest)) in lab.steps.iter().zip(&mut counts) {
+            for (_, way) in steps {
+                *count += way;
+                *lowest = (*lowest).min(*count);
+            }
         }
-        (count, lowest)
+        counts
     };
-    let moved = ((angle(60.0, 1) - angle(-60.0, 1)) * STEPS_PER_RAD).round() as i64;
-    let (count, lowest) = end_of(Some(limits));
-    assert!((count - moved).abs() <= 1 && lowest >= moved.min(0) - 1, "{count}, {lowest}, {moved}");
-    let (count, lowest) = end_of(None);
-    let dip = ((least - angle(-60.0, 1)) * STEPS_PER_RAD) as i64;
-    assert!((count - moved).abs() <= 1 && (lowest - dip).abs() <= 1, "{count}, {lowest}, {dip}");
+    let moved = ((angle(50.0, 1) - angle(-50.0, 1)) * STEPS_PER_RAD).round() as i64;
+    for (angles, lowest) in [(Some(limits), 0), (None, dip)] {
+        let counts = end_of(angles);
+        assert!(counts[0].0.abs() <= 1 && (counts[1].0 - moved).abs() <= 1, "{counts:?}, {moved}");
+        assert!((counts[0].1 - lowest).abs() <= 1, "{counts:?}, {lowest}");
+    }
 }
 
 fn tip() -> impl Strategy<Value = Tip> {
@@ -225,7 +228,9 @@ fn tip() -> impl Strategy<Value = Tip> {
             4 => swing.clone(),
             1 => (-25.0..25.0f64).prop_map(move |at| at_rest(middle + at)),
             1 => (swing, 0.0..1.0f64).prop_map(|(law, delay_s)| law.delayed(seconds(delay_s)).unwrap()),
-            1 => prop::collection::vec(-25.0..25.0f64, 6).prop_map(move |values| {
+            1 => prop::collection::vec(-25.0..25.0f64, 6).prop_map(move |mut values| {
+                // It begins and ends at rest.
+                (values[1], values[5]) = (values[0], values[4]);
                 let rows: Vec<(f64, f64)> = values.iter().enumerate().map(|(k, at)| (0.7 * k as f64, middle + at)).collect();
                 Law::table(&rows, Interpolation::Monotone).unwrap()
             }),
