@@ -438,6 +438,15 @@ impl Curve {
         }
     }
 
+    /// Whether it is a window of a formula that is neither a polynomial nor a sum of sinusoids.
+    pub(crate) fn is_formula(&self) -> bool {
+        match self {
+            Curve::Formula(_) => true,
+            Curve::Accurate { curve, .. } => curve.is_formula(),
+            _ => false,
+        }
+    }
+
     /// Whether θ stays where it is.
     pub(crate) fn is_constant(&self) -> bool {
         match self {
