@@ -216,6 +216,25 @@ impl Mix {
         Ok(Mix { base, fades: Vec::new(), voices })
     }
 
+    /// This mix, if a robot whose arms rest joins a path: as a robot whose effector rests, so that the effector goes on the blend of its place and
+    /// the path.
+    fn with_resting_tips(mut self, program: &Program) -> Mix {
+        for machine in program.machines.iter().filter(|_| self.fades.is_empty()) {
+            let &[a, b, c] = &machine.motors[..] else { continue };
+            let arm = |motor: usize| {
+                let path = program.motors.get(motor)?.law.tip_path()?;
+                Some((path.joint, self.base.get(motor)?.rests_for_ever_at()?))
+            };
+            let (Some(a_rests), Some(b_rests), Some(c_rests)) = (arm(a), arm(b), arm(c)) else { continue };
+            let arms = [a_rests, b_rests, c_rests];
+            let laws = Law::arms_at_rest(arms.map(|(joint, _)| joint), arms.map(|(_, steps)| steps));
+            for (motor, law) in machine.motors.iter().zip(laws.into_iter().flatten()) {
+                self.base[*motor] = law;
+            }
+        }
+        self
+    }
+
     /// The laws of all motors in the program's time, from now on.
     fn laws(&self) -> Result<Vec<Law>, PauseError> {
         let law = |motor: usize| {
@@ -512,6 +531,7 @@ impl<B: Leased> Session<B> {
                     (0..program.motors.len()).map(|motor| session.state(motor, at).map(|state| state.theta));
                 mix = mix.at_rest(&positions.collect::<Result<Vec<f64>, _>>()?)?;
             }
+            mix = mix.with_resting_tips(program);
             if let Some(full_until) = mix.full_until(time) {
                 let until = at + ticks(tempo.to_pass(full_until - time), hz);
                 return Err(SessionError::Waiting { at, until });

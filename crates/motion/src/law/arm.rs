@@ -63,6 +63,41 @@ impl Law {
         Law::Arm(Arc::new(Arm { joint, tip, law: Some(self) }))
     }
 
+    /// What the three arms of a robot do at rest at these positions, steps: laws whose effector rests. `None` if they are no arms of one robot, or if
+    /// the effector cannot hold on to all of them.
+    ///
+    /// ```
+    /// use pulsetrain_motion::{Law, law::Joint, machine::Delta};
+    /// let robot = Delta { base_mm: 60.0, upper_arm_mm: 70.0, forearm_mm: 150.0, effector_mm: 25.0 };
+    /// let joints = [0, 1, 2].map(|arm| Joint::new(robot, arm, 500.0));
+    /// let laws = Law::arms_at_rest(joints, [40.0, 70.0, -20.0]).unwrap();
+    /// assert!(laws[1].tip_path().is_some());
+    /// assert!(Law::arms_at_rest([joints[0]; 3], [0.0; 3]).is_none());
+    /// ```
+    #[must_use]
+    pub fn arms_at_rest(joints: [Joint; 3], steps: [f64; 3]) -> Option<[Law; 3]> {
+        let point = Joint::point(&joints, steps)?;
+        let [x, y, z] = point.map(|at| rest_at(at).ok());
+        let tip = [x?, y?, z?];
+        let law = |k: usize| {
+            let [position, ..] = joints[k].motion(point.map(|at| [at, 0.0, 0.0]));
+            // The effector's place is rounded: the motor rests where it does.
+            let off = steps[k] - position;
+            (off.abs() <= SAME_STEPS).then(|| Law::arm(joints[k], tip.clone()).shifted(off).ok()).flatten()
+        };
+        Some([law(0)?, law(1)?, law(2)?])
+    }
+
+    /// Where this law rests for ever, steps; `None` if it moves or ends.
+    #[must_use]
+    pub fn rests_for_ever_at(&self) -> Option<f64> {
+        match self {
+            Law::Steady(steady) => (steady.speed == 0.0 && steady.duration.is_none()).then_some(0.0),
+            Law::Changed(changed) => Some(changed.law.rests_for_ever_at()? + changed.shift()?),
+            _ => None,
+        }
+    }
+
     /// The path of the effector, if this is the law of a robot's arm that follows one, perhaps delayed, retimed, repeated, or one after the other.
     #[must_use]
     pub fn tip_path(&self) -> Option<TipPath> {

@@ -106,6 +106,16 @@ impl Joint {
         angle.map(|c| scale * c)
     }
 
+    /// Where the effector is when the motors of a robot's three arms have these positions, mm.
+    pub(super) fn point(joints: &[Joint; 3], steps: [f64; 3]) -> Option<[f64; 3]> {
+        let robot = joints[0].robot;
+        if joints.iter().enumerate().any(|(arm, joint)| joint.robot != robot || joint.arm != arm) {
+            return None;
+        }
+        let point = robot.point([0, 1, 2].map(|k| steps[k] / joints[k].steps_per_rad))?;
+        point.iter().all(|at| at.is_finite()).then_some(point)
+    }
+
     /// Why the arm has no angle there.
     pub(super) fn complaint(&self, point: [f64; 3]) -> String {
         let [x, y, z] = point;

@@ -183,6 +183,50 @@ fn a_quick_change_of_a_path_keeps_to_the_limits() {
     assert!((0.02..0.5).contains(&over_s), "{over_s} s");
 }
 
+/// A robot that was stopped joins its path again: its effector goes on the blend of where it rests and the path.
+#[test]
+fn a_robot_that_rests_joins_its_path_on_the_blend() {
+    let tip = wide();
+    let begun = robot(&tip);
+    let mut lab = Lab::new(&begun);
+    let mut session = Session::new(Bench::new(&begun, 256), begun).unwrap();
+    let zero = session.zero();
+    session.advance(zero + TICK_HZ, &mut lab).unwrap();
+    session.stop().unwrap();
+    session.advance(zero + 2 * TICK_HZ, &mut lab).unwrap();
+    let start = |arm: usize| joint(arm).motion(tip.each_ref().map(at_zero))[0];
+    let count = |steps: &[(u64, i64)]| steps.iter().map(|(_, way)| way).sum::<i64>() as f64;
+    let rests = [0, 1, 2].map(|arm| start(arm) + count(&lab.steps[arm]));
+    let place = ROBOT.point(rests.map(|steps| steps / STEPS_PER_RAD)).unwrap();
+    let stopped: Vec<usize> = lab.steps.iter().map(Vec::len).collect();
+    let transition = session.rejoin().unwrap();
+    session.advance(transition.until + TICK_HZ, &mut lab).unwrap();
+    // The path's time went on.
+    let time = |tick: u64| (tick - zero) as f64 / TICK_HZ as f64;
+    let (from, over) = (time(transition.from), time(transition.until) - time(transition.from));
+    let mut cursors = tip.each_ref().map(Cursor::new);
+    for (arm, steps) in lab.steps.iter().enumerate() {
+        let mut at_count = rests[arm];
+        let mut seen = 0;
+        for (tick, way) in &steps[stopped[arm]..] {
+            let level = at_count + (0.5 + Grid::NEAREST.hysteresis) * *way as f64;
+            let [w, ..] = fade_weight(((time(*tick) - from) / over).min(1.0));
+            let path = at(&mut cursors, time(*tick));
+            let blend = [0, 1, 2].map(|k| [place[k] + w * (path[k][0] - place[k]), 0.0, 0.0]);
+            // The duration is known to a tick.
+            let off = joint(arm).motion(blend)[0] - level;
+            assert!(off.abs() < 0.01, "arm {arm} at {} s: {off} steps off", time(*tick));
+            at_count += *way as f64;
+            seen += 1;
+        }
+        assert!(seen > 100, "arm {arm}: {seen} steps");
+    }
+}
+
+fn at_zero(law: &Law) -> [f64; 3] {
+    [Cursor::new(law).at(Time::ZERO).unwrap().position, 0.0, 0.0]
+}
+
 /// Where the blend of two paths leaves the arms' angles, each arm fades by itself, and stays between its own.
 #[test]
 fn arms_fade_by_themselves_where_the_blend_leaves_their_angles() {
