@@ -188,7 +188,8 @@ pub(super) fn then_from(laws: Arc<[Law]>, at: Time) -> impl Iterator<Item = Resu
     // Where the current law begins.
     let mut begins = Time::ZERO;
     let mut start = Time::ZERO;
-    let mut position: Option<Double> = None;
+    // The piece before: where it ends takes long to work out, and only the next law needs to know.
+    let mut before: Option<Piece> = None;
     // The offset of the current law, which is known from its first piece.
     let mut offset: Option<Double> = None;
     std::iter::from_fn(move || {
@@ -202,7 +203,7 @@ pub(super) fn then_from(laws: Arc<[Law]>, at: Time) -> impl Iterator<Item = Resu
                 if from > Time::ZERO {
                     match law.pieces().next() {
                         Some(Ok(first)) => {
-                            offset = Some(position.map_or(Double::ZERO, |position| position - first.first_position()));
+                            offset = Some(offset_after(before.as_ref(), &first));
                         }
                         Some(Err(error)) => return Some(Err(error.later(begins))),
                         None => continue,
@@ -216,16 +217,20 @@ pub(super) fn then_from(laws: Arc<[Law]>, at: Time) -> impl Iterator<Item = Resu
                 continue;
             };
             return Some(piece.map_err(|error| error.later(begins)).and_then(|mut piece| {
-                let own = piece.first_position();
-                let offset = *offset.get_or_insert_with(|| position.map_or(Double::ZERO, |position| position - own));
+                let offset = *offset.get_or_insert_with(|| offset_after(before.as_ref(), &piece));
                 piece.postpone(begins);
                 piece.raise(offset)?;
                 start = piece.end;
-                position = Some(piece.last_position());
+                before = Some(piece.clone());
                 Ok(piece)
             }));
         }
     })
+}
+
+/// What is added to a law's positions, of which `first` is the first piece, so that it begins where the piece before ends.
+fn offset_after(before: Option<&Piece>, first: &Piece) -> Double {
+    before.map_or(Double::ZERO, |before| before.last_position() - first.first_position())
 }
 
 /// When the last of `laws` ends; `None`: never.
