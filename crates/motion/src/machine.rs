@@ -41,6 +41,8 @@ pub enum Kinematics {
         arms: Delta,
         /// Steps in a radian, of each arm.
         steps_per_rad: [f64; 3],
+        /// Least and largest angle of an arm, rad, if the file gives them.
+        angles: Option<(f64, f64)>,
     },
 }
 
@@ -53,7 +55,7 @@ impl Machine {
         let at = |motor: usize| Some(self.home.get(motor)? + steps.get(motor)?);
         match &self.kinematics {
             Kinematics::Xy { steps_per_unit } => Some([at(0)? / steps_per_unit[0], at(1)? / steps_per_unit[1], 0.0]),
-            Kinematics::Delta { arms, steps_per_rad } => {
+            Kinematics::Delta { arms, steps_per_rad, .. } => {
                 let angles = [at(0)? / steps_per_rad[0], at(1)? / steps_per_rad[1], at(2)? / steps_per_rad[2]];
                 arms.point(angles)
             }
@@ -143,7 +145,7 @@ impl Delta {
     }
 
     /// cos and sin of the direction in which an arm points.
-    fn direction(arm: usize) -> (f64, f64) {
+    pub(crate) fn direction(arm: usize) -> (f64, f64) {
         match arm {
             0 => (1.0, 0.0),
             _ => {

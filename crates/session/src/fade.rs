@@ -1,5 +1,8 @@
 //! A change from the laws that the motors follow to others: a fade, within the limits of all motors.
 //!
+//! A delta robot's path fades as a path: its effector is on the blend of both paths, and the arms follow. Where it would leave what the arms
+//! reach, or their `angles`, each arm fades by itself.
+//!
 //! The program's time goes on, so that motors keep their common zero. A law that differs from the old one in frequency alone, or also in size, goes
 //! on at the same phase: during the change the old law's time speeds up or slows down to the new frequency, and the new law's time from the old one.
 //! Likewise an endless constant speed goes on from where the motor is: during the change the speed itself goes to the new one, without passing it.
@@ -8,7 +11,8 @@ use crate::pause::{Ceiling, PauseError, USABLE, highest_factor, ticks};
 use crate::plans::TRIED_MOVES;
 use crate::{Session, SessionError, Tempo};
 use pulsetrain_board::Leased;
-use pulsetrain_motion::law::{Cursor, Ease, fade_weight};
+use pulsetrain_motion::law::{Cursor, Ease, Joint, Sample, Steady, TipPath, fade_weight};
+use pulsetrain_motion::machine::{Kinematics, Machine};
 use pulsetrain_motion::program::{Motor, Program};
 use pulsetrain_motion::time::Rate;
 use pulsetrain_motion::{Law, LawError, Time};
@@ -60,6 +64,8 @@ const NEARLY_ALL: f64 = 0.999;
 const PROVEN: Time = Time::SECOND;
 /// The fraction of a limit that a fade may use that begins with a resumption.
 const PAUSED: f64 = 0.5;
+/// An arm may be this far beyond its `angles`: rounding, rad.
+const ROUNDING_RAD: f64 = 1e-9;
 /// How many times as fast as its laws a motor without a limit may be, in speed and acceleration.
 const UNLIMITED: f64 = 2.0;
 
@@ -103,6 +109,8 @@ struct Fade {
     over: Time,
     /// By motor; `None` if it goes on as it is.
     turns: Vec<Option<Turn>>,
+    /// By motor: whether it fades by itself, even if it is an arm of a robot.
+    apart: Vec<bool>,
 }
 
 /// A motor's part of a fade.
@@ -161,7 +169,9 @@ impl Fade {
     /// A motor's law with this fade in it.
     fn of(&self, motor: usize, old: &Law) -> Result<Law, LawError> {
         let Some(turn) = &self.turns[motor] else { return Ok(old.clone()) };
-        self.old_law(turn, old)?.faded(turn.new.clone(), self.from, self.over)
+        let old = self.old_law(turn, old)?;
+        let faded = if self.apart[motor] { Law::faded_apart } else { Law::faded };
+        faded(old, turn.new.clone(), self.from, self.over)
     }
 
     /// The old law during the fade.
@@ -246,6 +256,25 @@ impl Mix {
         self.voices.iter().map(shift).collect()
     }
 
+    /// This mix, if a robot whose arms rest joins a path: as a robot whose effector rests, so that the effector goes on the blend of its place and
+    /// the path.
+    fn with_resting_tips(mut self, program: &Program) -> Mix {
+        for machine in program.machines.iter().filter(|_| self.fades.is_empty()) {
+            let &[a, b, c] = &machine.motors[..] else { continue };
+            let arm = |motor: usize| {
+                let path = program.motors.get(motor)?.law.tip_path()?;
+                Some((path.joint, self.base.get(motor)?.rests_for_ever_at()?))
+            };
+            let (Some(a_rests), Some(b_rests), Some(c_rests)) = (arm(a), arm(b), arm(c)) else { continue };
+            let arms = [a_rests, b_rests, c_rests];
+            let laws = Law::arms_at_rest(arms.map(|(joint, _)| joint), arms.map(|(_, steps)| steps));
+            for (motor, law) in machine.motors.iter().zip(laws.into_iter().flatten()) {
+                self.base[*motor] = law;
+            }
+        }
+        self
+    }
+
     /// The laws of all motors in the program's time, from now on.
     fn laws(&self) -> Result<Vec<Law>, PauseError> {
         let law = |motor: usize| {
@@ -281,7 +310,7 @@ impl Mix {
     }
 
     /// A fade into other laws, and what the motors follow then.
-    fn fade(&self, change: &Change, from: Time, over: Time) -> Result<(Fade, Vec<Voice>), PauseError> {
+    fn fade(&self, change: &Change, from: Time, over: Time, apart: &[bool]) -> Result<(Fade, Vec<Voice>), PauseError> {
         let mut voices = self.voices.clone();
         let mut turns = Vec::with_capacity(voices.len());
         let changed = self.changed(change);
@@ -294,7 +323,7 @@ impl Mix {
             let turn = Mix::turn(voice, law, change.begins, from, over);
             turns.push(Some(turn.map_err(|error| PauseError::Law { motor, error })?));
         }
-        Ok((Fade { from, over, turns }, voices))
+        Ok((Fade { from, over, turns, apart: apart.to_vec() }, voices))
     }
 
     /// A motor's change to another law; `voice` becomes what it follows then.
@@ -370,13 +399,22 @@ impl Mix {
         let old = self.laws()?;
         let least_s = change.over.map_or(SHORTEST_S, |over| tempo.of_law(over).seconds().max(SHORTEST_S));
         let mut over_s = least_s;
-        while over_s <= LONGEST_S.max(least_s) {
-            let (fade, voices) = self.fade(change, from, Time::from_seconds(over_s))?;
+        let mut apart = vec![false; old.len()];
+        'fades: while over_s <= LONGEST_S.max(least_s) {
+            let (fade, voices) = self.fade(change, from, Time::from_seconds(over_s), &apart)?;
             let mut fits = true;
             for (motor, turn) in fade.turns.iter().enumerate() {
                 let Some(turn) = turn.as_ref().filter(|_| fits) else { continue };
-                let blends =
-                    blends(&fade, turn, &old[motor], tempo).map_err(|error| PauseError::Law { motor, error })?;
+                let machine = change.program.machines.iter().find(|machine| machine.motors.contains(&motor));
+                let is_apart = apart[motor];
+                let blends = blends(&fade, turn, &old[motor], tempo, machine.filter(|_| !is_apart))
+                    .map_err(|error| PauseError::Law { motor, error })?;
+                let Some(blends) = blends else {
+                    // All arms of the robot fade alike.
+                    machine.into_iter().flat_map(|machine| &machine.motors).for_each(|motor| apart[*motor] = true);
+                    apart[motor] = true;
+                    continue 'fades;
+                };
                 fits = keeps(&blends, &change.program, &change.program.motors[motor], caution);
             }
             if fits {
@@ -402,34 +440,108 @@ fn slower_before(faster: f64, from: Time, over: Time) -> Result<Law, LawError> {
     Law::polynomials([(over, way)])?.delayed(from)
 }
 
-/// A motor's motion at many places of a fade.
-fn blends(fade: &Fade, turn: &Turn, old: &Law, tempo: Rate) -> Result<Vec<Blend>, LawError> {
+/// A motor's motion at many places of a fade; `None` if it is an arm that does not reach, or that would leave its `angles`.
+fn blends(
+    fade: &Fade,
+    turn: &Turn,
+    old: &Law,
+    tempo: Rate,
+    machine: Option<&Machine>,
+) -> Result<Option<Vec<Blend>>, LawError> {
     let over_s = fade.over.seconds();
     let places = ((over_s / PLACE_S) as u32).clamp(*PLACES.start(), *PLACES.end());
-    let (mut old, mut new) = (Cursor::new(&fade.old_law(turn, old)?), Cursor::new(&turn.new));
+    let old = fade.old_law(turn, old)?;
+    let paths = machine.and_then(|_| old.paths_to(&turn.new, fade.from, fade.over));
+    let angles = machine.and_then(|machine| match &machine.kinematics {
+        Kinematics::Delta { angles, .. } => *angles,
+        Kinematics::Xy { .. } => None,
+    });
+    let mut path = paths.map(PathBlend::of);
+    let (mut old, mut new) = (Cursor::new(&old), Cursor::new(&turn.new));
     let rate = tempo.get();
-    let blend = |k: u32| {
+    let mut blends = Vec::with_capacity(places as usize + 1);
+    for k in 0..=places {
         let at = fade.from + fade.over.times(u64::from(k)).divided_by(u64::from(places));
         let (old, new) = (old.at(at)?, new.at(at)?);
-        let [w, dw, ddw] = fade_weight(f64::from(k) / f64::from(places));
-        let (dw, ddw) = (dw / over_s, ddw / (over_s * over_s));
-        // Steps of a motor: whole ones far from 0 are taken apart.
-        let way = (new.whole - old.whole) as f64 + (new.fraction - old.fraction);
-        let by = new.speed - old.speed;
-        let speed = old.speed + w * by + dw * way;
-        let acceleration = old.acceleration + w * (new.acceleration - old.acceleration) + 2.0 * dw * by + ddw * way;
+        let weight = weight_at(k, places, over_s);
+        let [_, speed, acceleration] = match &mut path {
+            None => blended(old, new, weight),
+            Some(path) => {
+                let Some(motion) = path.at(at, weight, angles)? else { return Ok(None) };
+                motion
+            }
+        };
         // The change of a constant speed is no part of the laws.
         let x = f64::from(k) / f64::from(places);
         let faster = turn.faster.map_or(0.0, |faster| 6.0 * x * (1.0 - x) * faster / over_s);
         let own = [(old.speed, new.speed), (old.acceleration - faster, new.acceleration - faster)];
         let own = own.map(|(a, b)| a.abs().max(b.abs()));
-        Ok(Blend {
+        blends.push(Blend {
             speed: speed * rate,
             acceleration: acceleration * rate * rate,
             own: [own[0] * rate, own[1] * rate * rate],
-        })
-    };
-    (0..=places).map(blend).collect()
+        });
+    }
+    Ok(Some(blends))
+}
+
+/// The weight of the new law at place `k` of `places`, and its derivatives by time.
+fn weight_at(k: u32, places: u32, over_s: f64) -> [f64; 3] {
+    let [w, dw, ddw] = fade_weight(f64::from(k) / f64::from(places));
+    [w, dw / over_s, ddw / (over_s * over_s)]
+}
+
+/// The blend of two laws at a weight: how far it is from the old one's whole steps, its speed and its acceleration.
+fn blended(old: Sample, new: Sample, [w, dw, ddw]: [f64; 3]) -> [f64; 3] {
+    // Steps of a motor: whole ones far from 0 are taken apart.
+    let way = (new.whole - old.whole) as f64 + (new.fraction - old.fraction);
+    let by = new.speed - old.speed;
+    [
+        old.fraction + w * way,
+        old.speed + w * by + dw * way,
+        old.acceleration + w * (new.acceleration - old.acceleration) + 2.0 * dw * by + ddw * way,
+    ]
+}
+
+/// Two paths of a robot's effector that are blended, and an arm that follows.
+struct PathBlend {
+    joint: Joint,
+    /// The coordinates of the old path and of the new one.
+    tip: [[Cursor; 2]; 3],
+    /// What is added to the joint's position, if there is anything.
+    added: Option<[Cursor; 2]>,
+}
+
+impl PathBlend {
+    fn of([old, new]: [TipPath; 2]) -> PathBlend {
+        let both = |old: &Law, new: &Law| [Cursor::new(old), Cursor::new(new)];
+        let nothing = Law::Steady(Steady { speed: 0.0, duration: None });
+        let added = (old.added.is_some() || new.added.is_some())
+            .then(|| both(old.added.as_ref().unwrap_or(&nothing), new.added.as_ref().unwrap_or(&nothing)));
+        PathBlend { joint: old.joint, tip: [0, 1, 2].map(|k| both(&old.tip[k], &new.tip[k])), added }
+    }
+
+    /// The motor's motion; `None` where the arm does not reach or is not between `angles`, rad.
+    fn at(&mut self, at: Time, weight: [f64; 3], angles: Option<(f64, f64)>) -> Result<Option<[f64; 3]>, LawError> {
+        let mut tip = [[0.0; 3]; 3];
+        for (tip, [old, new]) in tip.iter_mut().zip(&mut self.tip) {
+            let (old, new) = (old.at(at)?, new.at(at)?);
+            let [along, speed, acceleration] = blended(old, new, weight);
+            *tip = [old.whole as f64 + along, speed, acceleration];
+        }
+        let mut motion = self.joint.motion(tip);
+        let angle = motion[0] / self.joint.steps_per_rad();
+        if !motion.iter().all(|x| x.is_finite())
+            || angles.is_some_and(|(least, most)| angle < least - ROUNDING_RAD || angle > most + ROUNDING_RAD)
+        {
+            return Ok(None);
+        }
+        if let Some([old, new]) = &mut self.added {
+            let added = blended(old.at(at)?, new.at(at)?, weight);
+            motion.iter_mut().zip(added).for_each(|(motion, added)| *motion += added);
+        }
+        Ok(Some(motion))
+    }
 }
 
 /// Whether a motor keeps to its limits at all places of a fade.
@@ -514,6 +626,7 @@ impl<B: Leased> Session<B> {
                     (0..program.motors.len()).map(|motor| session.state(motor, at).map(|state| state.theta));
                 mix = mix.at_rest(&positions.collect::<Result<Vec<f64>, _>>()?)?;
             }
+            mix = mix.with_resting_tips(program);
             if let Some(full_until) = mix.full_until(time) {
                 let until = at + ticks(tempo.to_pass(full_until - time), hz);
                 return Err(SessionError::Waiting { at, until });

@@ -548,7 +548,7 @@ fn starting_again(motor: &Motor) -> Option<String> {
 
 /// The arms' laws of a delta robot whose tip follows a path from `begin` on. `None` if it is no delta robot, or if an arm does not reach.
 fn arms(machine: &Machine, begin: Time, tip: &[Law]) -> Option<Vec<Law>> {
-    let Kinematics::Delta { arms, steps_per_rad } = &machine.kinematics else { return None };
+    let Kinematics::Delta { arms, steps_per_rad, .. } = &machine.kinematics else { return None };
     let tip: [Law; 3] = tip.to_vec().try_into().ok()?;
     let law = |arm: usize| {
         let law = Law::delta_arm(arms, arm, &tip, steps_per_rad[arm])?;

@@ -201,9 +201,9 @@ impl MachineDraft {
         }
         let of = |k: usize| (gearings[k], &motors[self.motors[k]].scale);
         let (kinematics, unit) = match &self.kind {
-            MachineKind::Delta { arms, .. } => {
+            MachineKind::Delta { arms, angles } => {
                 let steps_per_rad = [0, 1, 2].map(|k| of(k).0.steps_per_rad());
-                (Kinematics::Delta { arms: *arms, steps_per_rad }, "mm".to_owned())
+                (Kinematics::Delta { arms: *arms, steps_per_rad, angles: *angles }, "mm".to_owned())
             }
             MachineKind::Xy => {
                 let ((x, x_scale), (y, y_scale)) = (of(0), of(1));

@@ -342,8 +342,8 @@ struct Timeline {
 }
 
 impl Timeline {
-    /// Appends a motion of `law`, resting before it until `start` if that is given.
-    fn push(&mut self, motion: &Section, start: Option<(Time, Node)>, law: Law) -> Read<()> {
+    /// Appends a motion of `law`, resting before it until `start` if that is given: at `rests_at`, steps, if it is the first.
+    fn push(&mut self, motion: &Section, start: Option<(Time, Node)>, law: Law, rests_at: f64) -> Read<()> {
         let before = || self.last.clone().map(|at| (at, "the motion before".to_owned()));
         let Some(end) = self.end else {
             let mut labels = vec![(motion.at.clone(), "never begins".to_owned())];
@@ -359,8 +359,9 @@ impl Timeline {
                 return Err(motion.reader.note_all(labels, message, "motions of one motor follow one another"));
             }
             if start > end {
-                let rest = Law::rest(start - end).map_err(|error| refuse(&node, &error))?;
-                self.laws.push(rest);
+                let rest = Law::rest(start - end);
+                let rest = if rests_at == 0.0 { rest } else { rest.and_then(|rest| rest.shifted(rests_at)) };
+                self.laws.push(rest.map_err(|error| refuse(&node, &error))?);
                 self.end = Some(start);
             }
         }
@@ -517,7 +518,8 @@ fn read_path(
         home.steps.push(first.position);
         let at = start.clone().unwrap_or_else(|| (together, node.clone()));
         match &mut timelines[*motor] {
-            Ok(timeline) => timeline.push(motion, Some(at), law)?,
+            // The motor waits where the path begins, so that its positions are those of the machine.
+            Ok(timeline) => timeline.push(motion, Some(at), law, first.position)?,
             Err(Noted) => return Err(Noted),
         }
     }
@@ -583,5 +585,5 @@ fn read_motion(motion: &Section, draft: &MotorDraft, load: Loader, timeline: &mu
         law = law.eased(node.duration("0.5 s")?).map_err(|error| refuse(&node, &error))?;
     }
     let law = context.blended(motion, law)?;
-    timeline.push(motion, start?, law)
+    timeline.push(motion, start?, law, 0.0)
 }

@@ -11,7 +11,7 @@ use crate::Time;
 use crate::human;
 use crate::law::extent::{Extent, farthest_beyond};
 use crate::law::formula::dimension::{Parameter, Unit};
-use crate::law::{Cursor, Law, LawError, Orbit, Sample, least_smoothing};
+use crate::law::{Cursor, Joint, Law, LawError, Orbit, Sample, least_smoothing};
 use crate::machine::Delta;
 use crate::program::Limits;
 use crate::quantity::{Quantity, nearest, time_assignment};
@@ -163,7 +163,17 @@ impl PathReader<'_> {
             && repeat.is_none()
             && ease.is_none();
         let tip = if is_recording { read.coordinates.clone().try_into().ok() } else { None };
-        Ok(Joints { laws: timed(joints)?, end, tip })
+        let mut laws = timed(joints)?;
+        if let MachineKind::Delta { arms, .. } = &self.machine.kind
+            && let Ok(tip) = <[Law; 3]>::try_from(timed(read.coordinates)?)
+        {
+            // The arms' laws, with the path that they have in common: where it changes, the effector stays on a path.
+            let arm = |(arm, law): (usize, Law)| {
+                law.of_arm(Joint::new(*arms, arm, self.motors[arm].gearing.steps_per_rad()), tip.clone())
+            };
+            laws = laws.into_iter().enumerate().map(arm).collect();
+        }
+        Ok(Joints { laws, end, tip })
     }
 
     /// Lorenz's and DDS's figures are of two motors that move along their own axes.

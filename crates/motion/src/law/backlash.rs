@@ -130,6 +130,7 @@ impl Law {
             Law::Blended(blended) => blended.law().has_backlash(),
             Law::Warped(warped) => warped.law().has_backlash(),
             Law::Faded(faded) => faded.laws().into_iter().any(Law::has_backlash),
+            Law::Arm(arm) => arm.law().is_some_and(Law::has_backlash),
             _ => false,
         }
     }
@@ -139,6 +140,11 @@ impl Backlash {
     /// The law without the extra motion.
     pub(super) const fn law(&self) -> &Law {
         &self.sum[0]
+    }
+
+    /// The extra motion.
+    pub(super) const fn added(&self) -> &Law {
+        &self.sum[1]
     }
 
     fn slack(&self) -> Option<&Compensation> {

@@ -144,6 +144,11 @@ impl Changed {
         }
     }
 
+    /// What it adds to the law, if it does not scale it.
+    pub(super) fn shift(&self) -> Option<f64> {
+        (self.factor == 1.0).then_some(self.offset)
+    }
+
     pub(super) fn workload(&self, until: Time) -> Workload {
         let inner = self.law.workload(until - self.delay);
         let waits = if self.delay > Time::ZERO { 1.0 } else { 0.0 };
@@ -193,7 +198,8 @@ pub(super) fn then_from(laws: Arc<[Law]>, at: Time) -> impl Iterator<Item = Resu
     // Where the current law begins.
     let mut begins = Time::ZERO;
     let mut start = Time::ZERO;
-    let mut position: Option<Double> = None;
+    // The piece before: where it ends takes long to work out, and only the next law needs to know.
+    let mut before: Option<Piece> = None;
     // The offset of the current law, which is known from its first piece.
     let mut offset: Option<Double> = None;
     std::iter::from_fn(move || {
@@ -207,7 +213,7 @@ pub(super) fn then_from(laws: Arc<[Law]>, at: Time) -> impl Iterator<Item = Resu
                 if from > Time::ZERO {
                     match law.pieces().next() {
                         Some(Ok(first)) => {
-                            offset = Some(position.map_or(Double::ZERO, |position| position - first.first_position()));
+                            offset = Some(offset_after(before.as_ref(), &first));
                         }
                         Some(Err(error)) => return Some(Err(error.later(begins))),
                         None => continue,
@@ -221,16 +227,20 @@ pub(super) fn then_from(laws: Arc<[Law]>, at: Time) -> impl Iterator<Item = Resu
                 continue;
             };
             return Some(piece.map_err(|error| error.later(begins)).and_then(|mut piece| {
-                let own = piece.first_position();
-                let offset = *offset.get_or_insert_with(|| position.map_or(Double::ZERO, |position| position - own));
+                let offset = *offset.get_or_insert_with(|| offset_after(before.as_ref(), &piece));
                 piece.postpone(begins);
                 piece.raise(offset)?;
                 start = piece.end;
-                position = Some(piece.last_position());
+                before = Some(piece.clone());
                 Ok(piece)
             }));
         }
     })
+}
+
+/// What is added to a law's positions, of which `first` is the first piece, so that it begins where the piece before ends.
+fn offset_after(before: Option<&Piece>, first: &Piece) -> Double {
+    before.map_or(Double::ZERO, |before| before.last_position() - first.first_position())
 }
 
 /// When the last of `laws` ends; `None`: never.
@@ -285,52 +295,71 @@ impl Summand {
     }
 }
 
-/// The pieces of a sum of laws, from the one on that has the time `from`. A piece ends wherever a piece of one law ends.
-pub(super) fn sum_from(laws: &[Law], from: Time) -> impl Iterator<Item = Result<Piece, LawError>> + use<> {
-    let from = latest_end(laws).map_or(from, |end| from.min(end.before()));
-    let mut terms: Vec<Summand> = laws.iter().map(|law| Summand::from(law, from)).collect();
-    let mut at = Time::ZERO;
-    let mut begun = false;
-    std::iter::from_fn(move || {
-        if !std::mem::replace(&mut begun, true) {
-            for term in &mut terms {
-                match term.pieces.next() {
-                    Some(Ok(piece)) => {
-                        // The sum's piece begins where the last of theirs does, or where one has ended since.
-                        at = at.max(piece.start);
-                        term.piece = Some(piece);
-                    }
-                    Some(Err(error)) => return Some(Err(error)),
-                    None => {}
+/// Several laws at the same times.
+pub(super) struct Together {
+    /// Each at its current piece.
+    pub(super) laws: Vec<Summand>,
+    at: Time,
+    begun: bool,
+}
+
+impl Together {
+    /// Laws from about their time `from` on.
+    pub(super) fn from(laws: &[Law], from: Time) -> Together {
+        let from = latest_end(laws).map_or(from, |end| from.min(end.before()));
+        Together { laws: laws.iter().map(|law| Summand::from(law, from)).collect(), at: Time::ZERO, begun: false }
+    }
+
+    /// Goes on to the next time in which each law has one piece: from when until when. `None` if all have ended.
+    pub(super) fn advance(&mut self) -> Result<Option<(Time, Time)>, LawError> {
+        if !std::mem::replace(&mut self.begun, true) {
+            for law in &mut self.laws {
+                if let Some(piece) = law.pieces.next().transpose()? {
+                    // They begin where the last of them does, or where one has ended since.
+                    self.at = self.at.max(piece.start);
+                    law.piece = Some(piece);
                 }
             }
         }
-        for term in &mut terms {
-            if let Err(error) = term.advance(at) {
-                return Some(Err(error));
-            }
+        for law in &mut self.laws {
+            law.advance(self.at)?;
         }
-        let start = at;
-        at = terms.iter().filter_map(Summand::ends).min()?;
-        Some(merge(&terms, start, at))
+        let start = self.at;
+        let Some(end) = self.laws.iter().filter_map(Summand::ends).min() else { return Ok(None) };
+        self.at = end;
+        Ok(Some((start, end)))
+    }
+
+    /// What may change where they begin a piece at `start`.
+    pub(super) fn entry(&self, start: Time) -> Entry {
+        let mut pieces = self.laws.iter().filter_map(|law| law.piece.as_ref());
+        let jumps = pieces.any(|piece| piece.entry == Entry::SpeedJump && piece.start == start);
+        if jumps { Entry::SpeedJump } else { Entry::Continuous }
+    }
+}
+
+/// The pieces of a sum of laws, from the one on that has the time `from`. A piece ends wherever a piece of one law ends.
+pub(super) fn sum_from(laws: &[Law], from: Time) -> impl Iterator<Item = Result<Piece, LawError>> + use<> {
+    let mut terms = Together::from(laws, from);
+    std::iter::from_fn(move || match terms.advance() {
+        Ok(stretch) => stretch.map(|(start, end)| merge(&terms, start, end)),
+        Err(error) => Some(Err(error)),
     })
 }
 
-fn merge(terms: &[Summand], start: Time, end: Time) -> Result<Piece, LawError> {
+fn merge(terms: &Together, start: Time, end: Time) -> Result<Piece, LawError> {
     let mut merged = Piece::rest(start, end, Double::ZERO)?;
     let mut level = Double::ZERO;
     let mut sum: Vec<f64> = vec![0.0];
     let mut curves = Vec::new();
     let mut accurate = Some(None);
-    for term in terms {
+    merged.entry = terms.entry(start);
+    for term in &terms.laws {
         let Some(piece) = &term.piece else {
             level = level + term.rests_at;
             continue;
         };
         level = level + Double::from(piece.origin);
-        if piece.entry == Entry::SpeedJump && piece.start == start {
-            merged.entry = Entry::SpeedJump;
-        }
         accurate = accurate.and_then(|before: Option<Terms>| {
             let own = term.terms_about(start)?;
             Some(Some(match before {

@@ -3,6 +3,7 @@
 use super::accurate::Accurate;
 use super::double::{Double, ULP};
 use super::formula::{Terms, Window};
+use super::joint::JointCurve;
 
 /// Taylor coefficients of θ at a point: θ(u₀ + x) = Σ c_k x^k, k = 0..8, in steps per s^k.
 pub type Jet = [f64; 8];
@@ -49,6 +50,8 @@ pub enum Curve {
     },
     /// One window of a formula.
     Formula(Window),
+    /// A robot's arm, whose effector follows three curves.
+    Joint(JointCurve),
     /// All of them together.
     Sum(Vec<Curve>),
     /// A curve of which more is known than f64 holds.
@@ -155,6 +158,7 @@ impl Curve {
                 x0 + factor * 2.0 * w / (linear + ramp_root(*linear, *quadratic, w))
             }
             Curve::Formula(window) => window.value(u),
+            Curve::Joint(joint) => joint.value(u),
             Curve::Sum(curves) => curves.iter().map(|c| c.value(u)).sum(),
             Curve::Accurate { curve, .. } => curve.value(u),
             Curve::Warped { curve, time } => curve.value(expand::<1>(time.iter().copied(), u)[0]),
@@ -239,7 +243,11 @@ impl Curve {
             }
             Curve::Sum(curves) => curves.iter().map(Curve::terms).reduce(|a, b| Some(a?.and(b?)))?,
             Curve::Accurate { terms, .. } => Some(terms.clone()),
-            Curve::Formula(_) | Curve::TimerRamp { .. } | Curve::Warped { .. } | Curve::Faded { .. } => None,
+            Curve::Formula(_)
+            | Curve::Joint(_)
+            | Curve::TimerRamp { .. }
+            | Curve::Warped { .. }
+            | Curve::Faded { .. } => None,
         }
     }
 
@@ -286,6 +294,7 @@ impl Curve {
             Curve::Formula(window) => {
                 jet.iter_mut().zip(window.jet(u)).for_each(|(jet, own)| *jet += own);
             }
+            Curve::Joint(joint) => jet.iter_mut().zip(joint.jet(u)).for_each(|(jet, own)| *jet += own),
             Curve::Sum(curves) => curves.iter().for_each(|c| c.add_jet(u, jet)),
             Curve::Accurate { curve, .. } => curve.add_jet(u, jet),
             Curve::Warped { curve, time } => {
@@ -309,7 +318,7 @@ impl Curve {
     }
 
     /// The bounds, and what no coefficient of a jet in `a..=b` exceeds.
-    fn bounds_and_majorant(&self, a: f64, b: f64) -> (Bounds, Jet) {
+    pub(super) fn bounds_and_majorant(&self, a: f64, b: f64) -> (Bounds, Jet) {
         let reach = a.abs().max(b.abs());
         let mut bounds = Bounds { eighth: 0.0, rounding: [0.0; 8] };
         let mut majorant = [0.0; 8];
@@ -357,6 +366,7 @@ impl Curve {
                 bounds.eighth = HALF_CHOOSE[8].abs() * scale * (1.0 + 16.0 * relative) * OUTWARD;
             }
             Curve::Formula(window) => (bounds, majorant) = window.bounds_and_majorant(),
+            Curve::Joint(joint) => (bounds, majorant) = joint.bounds_and_majorant(),
             Curve::Sum(curves) => {
                 for curve in curves {
                     let (own, own_majorant) = curve.bounds_and_majorant(a, b);
@@ -424,7 +434,16 @@ impl Curve {
                 Some(Inverse::Quadratic { x0: *x0, c: [*u0, linear / factor, quadratic / (factor * factor)] })
             }
             Curve::Accurate { curve, .. } => curve.inverse(u_a, u_b),
-            Curve::Formula(_) | Curve::Sum(_) | Curve::Warped { .. } | Curve::Faded { .. } => None,
+            Curve::Formula(_) | Curve::Joint(_) | Curve::Sum(_) | Curve::Warped { .. } | Curve::Faded { .. } => None,
+        }
+    }
+
+    /// Whether it is a window of a formula that is neither a polynomial nor a sum of sinusoids.
+    pub(crate) fn is_formula(&self) -> bool {
+        match self {
+            Curve::Formula(_) => true,
+            Curve::Accurate { curve, .. } => curve.is_formula(),
+            _ => false,
         }
     }
 
@@ -434,7 +453,7 @@ impl Curve {
             Curve::Polynomial(c) => c.iter().skip(1).all(|&c| c == 0.0),
             Curve::Cosine { amplitude, .. } => *amplitude == 0.0,
             Curve::TimerRamp { factor, .. } => *factor == 0.0,
-            Curve::Formula(_) | Curve::Faded { .. } => false,
+            Curve::Formula(_) | Curve::Joint(_) | Curve::Faded { .. } => false,
             Curve::Sum(curves) => curves.iter().all(Curve::is_constant),
             Curve::Accurate { curve, .. } | Curve::Warped { curve, .. } => curve.is_constant(),
         }
@@ -451,6 +470,7 @@ impl Curve {
             Curve::Cosine { offset, .. } => add(offset),
             Curve::TimerRamp { x0, .. } => add(x0),
             Curve::Formula(window) => window.raise(steps.nearest()),
+            Curve::Joint(joint) => joint.raise(steps),
             Curve::Sum(curves) => match curves.iter_mut().find(|curve| matches!(curve, Curve::Polynomial(_))) {
                 Some(curve) => curve.raise(steps),
                 None => curves.push(Curve::constant(steps.nearest())),
@@ -477,6 +497,7 @@ impl Curve {
                 *factor *= by;
             }
             Curve::Formula(window) => window.scale(by),
+            Curve::Joint(joint) => joint.scale(by),
             Curve::Sum(curves) => curves.iter_mut().for_each(|c| c.scale(by)),
             Curve::Accurate { curve, terms } => {
                 curve.scale(by);
@@ -501,6 +522,7 @@ impl Curve {
             }
             Curve::TimerRamp { u0, .. } => *u0 = (Double::from(*u0) - by).nearest(),
             Curve::Formula(window) => window.rezero(by),
+            Curve::Joint(joint) => joint.rezero(by),
             Curve::Sum(curves) => curves.iter_mut().for_each(|c| c.rezero(by)),
             Curve::Accurate { curve, terms } => {
                 curve.rezero(by);

@@ -5,7 +5,7 @@
 
 use super::accurate::Accurate;
 use super::combine::Summand;
-use super::{Class, Curve, Double, Entry, Law, LawError, Piece, checked};
+use super::{Class, Curve, Double, Entry, Law, LawError, Piece, Pieces, checked};
 use crate::Time;
 use std::sync::Arc;
 
@@ -16,6 +16,8 @@ pub struct Faded {
     new: Law,
     from: Time,
     over: Time,
+    /// What is followed during the fade, if that is no blend of both laws' positions: an arm follows the blend of two paths of its effector.
+    along: Option<Law>,
 }
 
 /// The weight of the new law at x of the fade, from 0 to 1, and its first two derivatives by x.
@@ -47,12 +49,28 @@ impl Law {
     /// # Ok::<(), pulsetrain_motion::LawError>(())
     /// ```
     ///
+    /// If both are laws of one arm of a delta robot ([`tip_path`](Law::tip_path)), the effector's path fades: its coordinates are blended, and the
+    /// arm follows.
+    ///
     /// # Errors
     /// [`LawError::Parameter`] if `from` is negative, or `over` not 1e-6 to 1e6 s.
     pub fn faded(self, new: Law, from: Time, over: Time) -> Result<Law, LawError> {
+        let along = super::arm::between(&self, &new, from, over);
+        self.faded_along(new, from, over, along)
+    }
+
+    /// As [`faded`](Law::faded), by the positions of this motor alone, whatever it is part of.
+    ///
+    /// # Errors
+    /// As [`faded`](Law::faded).
+    pub fn faded_apart(self, new: Law, from: Time, over: Time) -> Result<Law, LawError> {
+        self.faded_along(new, from, over, None)
+    }
+
+    fn faded_along(self, new: Law, from: Time, over: Time, along: Option<Law>) -> Result<Law, LawError> {
         checked("time of the fade", from.seconds(), "s", |t| (0.0..=1e12).contains(&t))?;
         checked("duration of the fade", over.seconds(), "s", |t| (1e-6..=1e6).contains(&t))?;
-        Ok(Law::Faded(Arc::new(Faded { old: self, new, from, over })))
+        Ok(Law::Faded(Arc::new(Faded { old: self, new, from, over, along })))
     }
 }
 
@@ -65,6 +83,11 @@ impl Faded {
     /// Both laws.
     pub(super) const fn laws(&self) -> [&Law; 2] {
         [&self.old, &self.new]
+    }
+
+    /// What is followed during the fade, if it is no blend of both laws' positions.
+    pub(super) const fn along(&self) -> Option<&Law> {
+        self.along.as_ref()
     }
 
     /// When it has become the new law.
@@ -105,7 +128,15 @@ impl Faded {
             let last = self.old.pieces_from(end).last().transpose()?;
             Piece::rest(end, from, last.map_or(Double::ZERO, |piece| piece.last_position()))
         });
-        let blended = (at < until).then(|| self.blended(at)).into_iter().flatten();
+        let blended: Option<Pieces> = (at < until).then(|| match &self.along {
+            None => Box::new(self.blended(at)) as Pieces,
+            Some(along) => {
+                let pieces = along.pieces_from(at.max(from));
+                let during = pieces.take_while(move |piece| piece.as_ref().map_or(true, |piece| piece.start < until));
+                Box::new(during.map(move |piece| Ok(cut(piece?, from, until))))
+            }
+        });
+        let blended = blended.into_iter().flatten();
         let after = self
             .new
             .pieces_from(at.max(until))

@@ -24,6 +24,7 @@ pub(crate) mod double;
 pub(crate) mod extent;
 mod fade;
 pub mod formula;
+mod joint;
 mod lorenz;
 mod pace;
 mod profile;
@@ -36,6 +37,7 @@ pub mod winch;
 mod workload;
 
 use crate::Time;
+pub use arm::{Arm, TipPath};
 pub use backlash::{Backlash, Compensation};
 pub use blend::{Begin, Behind, Blended, End};
 pub use circle::{Circle, dds_period};
@@ -45,6 +47,7 @@ pub use curve::{Bounds, Curve, Inverse, Jet};
 use double::Double;
 pub use fade::{Faded, fade_weight};
 pub use formula::{FormulaError, FormulaFunction, ParameterUse, formula_functions};
+pub use joint::{Joint, JointCurve};
 pub use lorenz::{Lorenz, Orbit};
 pub use pace::Pace;
 pub use profile::SCurve;
@@ -280,6 +283,8 @@ pub enum Law {
     Warped(Arc<Warped>),
     /// A law that changes into another one.
     Faded(Arc<Faded>),
+    /// What an arm of a delta robot does while its effector follows a path.
+    Arm(Arc<Arm>),
     /// A law with the extra steps that take up backlash at its turns.
     Backlash(Arc<Backlash>),
     /// Only the extra steps that take up backlash at a law's turns.
@@ -414,6 +419,7 @@ impl Law {
             Law::Blended(blended) => Box::new(blended.pieces_from(at)),
             Law::Warped(warped) => Box::new(warped.pieces_from(at)),
             Law::Faded(faded) => Box::new(faded.pieces_from(at)),
+            Law::Arm(arm) => arm.pieces_from(at),
             Law::Backlash(backlash) => Box::new(backlash.pieces_from(at)),
             Law::Compensation(slack) => Box::new(slack.pieces()),
         };
@@ -432,6 +438,7 @@ impl Law {
             Law::Blended(blended) => blended.law().depends_on_its_past(),
             Law::Warped(warped) => warped.law().depends_on_its_past(),
             Law::Faded(faded) => faded.laws().into_iter().any(Law::depends_on_its_past),
+            Law::Arm(arm) => arm.law().into_iter().chain(arm.tip()).any(Law::depends_on_its_past),
             Law::Sine(_) | Law::Steady(_) | Law::Fixed(_) | Law::Table(_) | Law::Circle(_) | Law::Formula(_) => false,
         }
     }
@@ -455,6 +462,7 @@ impl Law {
             Law::Blended(blended) => blended.end(),
             Law::Warped(warped) => warped.end(),
             Law::Faded(faded) => faded.end(),
+            Law::Arm(arm) => arm.end(),
             Law::Backlash(backlash) => backlash.end(),
             Law::Compensation(slack) => slack.end(),
         }
@@ -479,6 +487,7 @@ impl Law {
             Law::Steady(steady) => steady.cycle(),
             Law::Blended(blended) => blended.cycle(),
             Law::Faded(faded) => faded.cycle(),
+            Law::Arm(arm) => arm.law()?.cycle(),
             Law::Changed(changed) => changed.law.cycle().map(|(from, period)| (from + changed.delay, period)),
             Law::Repeated(repeated) if repeated.times.is_none() => Some((Time::ZERO, repeated.period)),
             Law::Then(laws) => {
@@ -508,6 +517,7 @@ impl Law {
             Law::Blended(blended) => blended.class(),
             Law::Warped(warped) => warped.class(),
             Law::Faded(faded) => faded.class(),
+            Law::Arm(arm) => arm.class(),
             Law::Backlash(backlash) => backlash.class(),
             Law::Compensation(_) => Compensation::class(),
         }

@@ -70,6 +70,10 @@ impl Law {
             Law::Blended(blended) => blended.law().workload(until),
             Law::Warped(warped) => warped.law().workload(until),
             Law::Faded(faded) => faded.new_law().workload(until),
+            Law::Arm(arm) => match arm.law() {
+                Some(law) => law.workload(until),
+                None => self.first_pieces(until, MOST_PIECES),
+            },
             Law::Backlash(backlash) => {
                 // A piece has about one turn.
                 let law = backlash.law().workload(until);

@@ -105,7 +105,7 @@ fn exact(curve: &Curve, u: Wide) -> Wide {
             from + by * weight.iter().rev().fold(wide(0.0), |sum, &c| sum * &u + wide(c))
         }
         Curve::Accurate { curve, .. } => exact(curve, u),
-        Curve::Formula(_) => unreachable!("formulas have their own test"),
+        Curve::Formula(_) | Curve::Joint(_) => unreachable!("formulas and arms have their own tests"),
     }
 }
 

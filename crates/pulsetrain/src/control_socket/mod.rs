@@ -158,7 +158,7 @@ impl MachineInfo {
     fn of(machine: &Machine) -> MachineInfo {
         let kinematics = match &machine.kinematics {
             Kinematics::Xy { steps_per_unit } => KinematicsInfo::Xy { steps_per_unit: *steps_per_unit },
-            Kinematics::Delta { arms, steps_per_rad } => KinematicsInfo::Delta {
+            Kinematics::Delta { arms, steps_per_rad, .. } => KinematicsInfo::Delta {
                 base_mm: arms.base_mm,
                 upper_arm_mm: arms.upper_arm_mm,
                 forearm_mm: arms.forearm_mm,

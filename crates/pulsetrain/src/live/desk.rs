@@ -8,7 +8,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 
-use pulsetrain_motion::file::{Contents, Cue, FileError, Live, ParameterValue, Sheet};
+use pulsetrain_motion::file::{Contents, Cue, FileError, Live, ParameterValue, Sheet, Source};
 use pulsetrain_motion::program::{PositionUnits, Program};
 use pulsetrain_motion::quantity::{Quantity, nearest};
 use pulsetrain_motion::{Law, Time};
@@ -39,6 +39,18 @@ pub struct Desk {
     setup: Arc<Program>,
     /// Where each motor's motion begins, steps: `goto 0`.
     home: Arc<Vec<f64>>,
+    /// The program that was made last, by this desk or one that it was copied from: a knob is checked first, and turned then.
+    made: Arc<Mutex<Option<Made>>>,
+}
+
+/// A program, and what it was made of.
+#[derive(Debug)]
+struct Made {
+    source: Arc<Source>,
+    turned: BTreeMap<String, ParameterValue>,
+    cue: Option<CueTaken>,
+    setup: Arc<Program>,
+    program: Arc<Program>,
 }
 
 /// The files that were read, so that a knob does not read a large table again.
@@ -49,7 +61,7 @@ struct FileCache {
     is_closed: bool,
 }
 
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 struct CueTaken {
     number: usize,
     /// When its motions begin, by the laws' time; `None`: with the motion.
@@ -159,6 +171,7 @@ impl Desk {
             turned: BTreeMap::new(),
             setup: Arc::new(contents.program.clone()),
             home: Arc::new(contents.program.motors.iter().map(start).collect()),
+            made: Arc::default(),
         };
         Ok((desk, contents))
     }
@@ -298,6 +311,32 @@ impl Desk {
     /// # Errors
     /// If the reader refuses it, or if it changes wiring, drivers or the board.
     pub fn program(&self) -> Result<Arc<Program>, ChangeRefusal> {
+        let is_same = |made: &Made| {
+            Arc::ptr_eq(&made.source, self.sheet.source())
+                && made.turned == self.turned
+                && made.cue == self.cue
+                && Arc::ptr_eq(&made.setup, &self.setup)
+        };
+        let made = || self.made.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(made) = made().as_ref().filter(|made| is_same(made)) {
+            return Ok(Arc::clone(&made.program));
+        }
+        let program = self.read()?;
+        // Files that a motion names may change meanwhile.
+        if self.files.lock().is_empty() {
+            *made() = Some(Made {
+                source: Arc::clone(self.sheet.source()),
+                turned: self.turned.clone(),
+                cue: self.cue,
+                setup: Arc::clone(&self.setup),
+                program: Arc::clone(&program),
+            });
+        }
+        Ok(program)
+    }
+
+    /// Reads the file with the cue and the turned knobs in it.
+    fn read(&self) -> Result<Arc<Program>, ChangeRefusal> {
         let contents = self.sheet().contents(&|named| self.files.load(&self.folder, named)).map_err(|error| {
             let advice = error.problems()[0].advice().map(|advice| format!(" ({advice})"));
             ChangeRefusal::File(format!("{error}{}", advice.unwrap_or_default()))

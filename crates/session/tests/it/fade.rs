@@ -12,6 +12,7 @@ use pulsetrain_testkit::limits::check_speed;
 use std::sync::Arc;
 
 mod chips;
+mod robot;
 
 const LIMITS: Limits = Limits { max_speed: Some(6000.0), max_acceleration: Some(40_000.0), pull_in: 0.0 };
 
@@ -43,7 +44,7 @@ fn change<B: Leased>(session: &mut Session<B>, lab: &mut Lab, change: &Change) -
 /// What is asked of a session.
 #[derive(Clone, Debug)]
 enum Wish {
-    Laws(Box<[Law; 2]>, Option<f64>, Begins),
+    Laws(Arc<Program>, Option<f64>, Begins),
     Tempo(f64),
     Pause,
 }
@@ -60,17 +61,22 @@ fn law() -> impl Strategy<Value = Law> {
     ]
 }
 
-fn laws() -> impl Strategy<Value = [Law; 2]> {
-    (law(), law()).prop_map(|(a, b)| [a, b])
+fn two_motors() -> impl Strategy<Value = Program> {
+    (law(), law()).prop_map(|(a, b)| with_laws([a, b]))
 }
 
-fn wish() -> impl Strategy<Value = Wish> {
+fn wish(programs: impl Strategy<Value = Program> + 'static) -> impl Strategy<Value = Wish> {
     let begins = prop_oneof![Just(Begins::WithTheMotion), Just(Begins::Now)];
     prop_oneof![
-        5 => (laws(), prop::option::of(0.0..1.5f64), begins).prop_map(|(laws, over, begins)| Wish::Laws(Box::new(laws), over, begins)),
+        5 => (programs, prop::option::of(0.0..1.5f64), begins).prop_map(|(program, over, begins)| Wish::Laws(Arc::new(program), over, begins)),
         1 => (0.2..1.5f64).prop_map(Wish::Tempo),
         1 => Just(Wish::Pause),
     ]
+}
+
+/// What is asked for at which time after the one before.
+fn wishes(programs: impl Strategy<Value = Program> + 'static) -> impl Strategy<Value = Vec<(f64, Wish)>> {
+    prop::collection::vec((0.0..0.7f64, wish(programs)), 1..12)
 }
 
 proptest! {
@@ -78,47 +84,52 @@ proptest! {
 
     /// Whatever is asked for, and whenever: no step is lost, and no limit is broken.
     #[test]
-    fn changes_keep_limits_and_counts(wishes in prop::collection::vec((0.0..0.7f64, wish()), 1..12)) {
-        let begun = with_laws([sine(100.0, 1.0), sine(100.0, 0.8)]);
-        let mut lab = Lab::new(&begun);
-        let mut session = Session::new(Bench::new(&begun, 256), begun.clone()).unwrap();
-        let mut made = 0;
-        for (after_s, wish) in wishes {
-            let until = session.board().now() + (after_s * TICK_HZ as f64) as u64;
-            prop_assert_eq!(session.advance(until, &mut lab), Ok(()));
-            let done = match wish {
-                Wish::Laws(laws, over, begins) => {
-                    let change = Change { program: Arc::new(with_laws(*laws)), over: over.map(seconds), begins };
-                    match session.ceiling_of(&change) {
-                        Ok(None) => session.change_to(&change).map(|transition| {
-                            made += 1;
-                            let least = over.map_or(0, |over| (over * TICK_HZ as f64) as u64);
-                            assert!(transition.until - transition.from >= least);
-                        }),
-                        Ok(Some(_)) => Ok(()),
-                        Err(error) => Err(error),
-                    }
+    fn changes_keep_limits_and_counts(wishes in wishes(two_motors())) {
+        keeps_limits_and_counts(&with_laws([sine(100.0, 1.0), sine(100.0, 0.8)]), wishes)?;
+    }
+}
+
+/// Does what is asked for, from the motion of `begun` on.
+fn keeps_limits_and_counts(begun: &Program, wishes: Vec<(f64, Wish)>) -> Result<(), TestCaseError> {
+    let mut lab = Lab::new(begun);
+    let mut session = Session::new(Bench::new(begun, 256), begun.clone()).unwrap();
+    let mut made = 0;
+    for (after_s, wish) in wishes {
+        let until = session.board().now() + (after_s * TICK_HZ as f64) as u64;
+        prop_assert_eq!(session.advance(until, &mut lab), Ok(()));
+        let done = match wish {
+            Wish::Laws(program, over, begins) => {
+                let change = Change { program, over: over.map(seconds), begins };
+                match session.ceiling_of(&change) {
+                    Ok(None) => session.change_to(&change).map(|transition| {
+                        made += 1;
+                        let least = over.map_or(0, |over| (over * TICK_HZ as f64) as u64);
+                        assert!(transition.until - transition.from >= least);
+                    }),
+                    Ok(Some(_)) => Ok(()),
+                    Err(error) => Err(error),
                 }
-                Wish::Tempo(rate) => session.set_tempo(Rate::of(rate).unwrap()).map(drop),
-                Wish::Pause if session.is_paused() => session.resume().map(drop),
-                Wish::Pause => session.pause().map(drop),
-            };
-            match done {
-                Ok(()) | Err(SessionError::Waiting { .. } | SessionError::Pause(_) | SessionError::Early { .. }) => {}
-                Err(error) => return Err(TestCaseError::fail(error.to_string())),
             }
-        }
-        let until = session.board().now() + TICK_HZ;
-        prop_assert_eq!(session.advance(until, &mut lab), Ok(()), "after {} changes", made);
-        session.stop().unwrap();
-        let report = session.run(&mut lab, |_| {});
-        prop_assert_eq!(report.failure, None, "after {} changes", made);
-        prop_assert_eq!(&report.counted, &report.replayed);
-        check_counts(&session, &lab, &begun)?;
-        for steps in &lab.steps {
-            check_acceleration(steps, LIMITS.max_acceleration.unwrap(), 1.5)?;
+            Wish::Tempo(rate) => session.set_tempo(Rate::of(rate).unwrap()).map(drop),
+            Wish::Pause if session.is_paused() => session.resume().map(drop),
+            Wish::Pause => session.pause().map(drop),
+        };
+        match done {
+            Ok(()) | Err(SessionError::Waiting { .. } | SessionError::Pause(_) | SessionError::Early { .. }) => {}
+            Err(error) => return Err(TestCaseError::fail(error.to_string())),
         }
     }
+    let until = session.board().now() + TICK_HZ;
+    prop_assert_eq!(session.advance(until, &mut lab), Ok(()), "after {} changes", made);
+    session.stop().unwrap();
+    let report = session.run(&mut lab, |_| {});
+    prop_assert_eq!(report.failure, None, "after {} changes", made);
+    prop_assert_eq!(&report.counted, &report.replayed);
+    check_counts(&session, &lab, begun)?;
+    for steps in &lab.steps {
+        check_acceleration(steps, LIMITS.max_acceleration.unwrap(), 1.5)?;
+    }
+    Ok(())
 }
 
 /// After the change each step of the new law comes when it would have come without one, to a tick: the common zero is kept.

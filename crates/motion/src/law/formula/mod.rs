@@ -22,8 +22,8 @@ mod form;
 mod meant;
 mod parse;
 mod resolve;
-mod scalar;
-mod series;
+pub(super) mod scalar;
+pub(super) mod series;
 mod smooth;
 mod tape;
 mod terms;
@@ -37,7 +37,8 @@ use form::Form;
 pub(crate) use parse::taken;
 use resolve::{NARROWEST_S, Resolver, Stop};
 use smooth::Smooth;
-use std::sync::{Arc, OnceLock};
+use std::collections::BTreeMap;
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 pub use tape::Window;
 use tape::{Tape, Undefined};
 pub use terms::Terms;
@@ -72,6 +73,56 @@ pub struct Formula {
     duration: Option<Time>,
     parameters: Vec<ParameterUse>,
     everywhere: Everywhere,
+    kept: Kept,
+}
+
+/// Windows of a formula that were worked out already: many look at the same ones, to check a motion and to plan it.
+#[derive(Default)]
+struct Kept(Mutex<BTreeMap<(Time, u64), KeptWindow>>);
+
+/// A window, and the length that it was found at, s.
+type KeptWindow = (Piece, f64);
+
+/// No more windows are kept than this.
+const MOST_KEPT: usize = 512;
+
+impl Kept {
+    fn windows(&self) -> MutexGuard<'_, BTreeMap<(Time, u64), KeptWindow>> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// The window from `start` on for which `length` was tried first.
+    fn get(&self, start: Time, length: f64) -> Option<KeptWindow> {
+        self.windows().get(&(start, length.to_bits())).cloned()
+    }
+
+    fn keep(&self, start: Time, length: f64, window: KeptWindow) {
+        let mut windows = self.windows();
+        if windows.len() >= MOST_KEPT {
+            windows.clear();
+        }
+        windows.insert((start, length.to_bits()), window);
+    }
+}
+
+/// A copy begins without any.
+impl Clone for Kept {
+    fn clone(&self) -> Kept {
+        Kept::default()
+    }
+}
+
+/// They follow from the formula.
+impl PartialEq for Kept {
+    fn eq(&self, _: &Kept) -> bool {
+        true
+    }
+}
+
+impl std::fmt::Debug for Kept {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str("Kept")
+    }
 }
 
 /// What a formula without branches is everywhere, once somebody has asked: it takes long to work out of thousands of terms.
@@ -188,6 +239,7 @@ impl Law {
             duration,
             parameters,
             everywhere: Everywhere::default(),
+            kept: Kept::default(),
         })))
     }
 
@@ -202,6 +254,10 @@ impl Law {
             Law::Blended(blended) => blended.law().formula_parameters(),
             Law::Warped(warped) => warped.law().formula_parameters(),
             Law::Faded(faded) => faded.laws().into_iter().flat_map(Law::formula_parameters).collect(),
+            Law::Arm(arm) => match arm.law() {
+                Some(law) => law.formula_parameters(),
+                None => arm.tip().iter().flat_map(Law::formula_parameters).collect(),
+            },
             Law::Backlash(backlash) => backlash.law().formula_parameters(),
             Law::Sine(_) | Law::Steady(_) | Law::Fixed(_) | Law::Table(_) | Law::Circle(_) | Law::Lorenz(_) => {
                 Vec::new()
@@ -287,18 +343,29 @@ impl Windows {
         let mut end = last.min(mark).min(start + Time::from_seconds(self.length));
         let mut forced = false;
         let mut unsettled = None;
-        let piece = loop {
-            match self.piece(end, forced) {
-                Ok(piece) => break piece?,
-                Err(Stop::Split(at)) if start < at && at < end => end = at,
-                Err(Stop::Narrow(undefined)) if forced => return Err(self.undefined(&undefined)),
-                Err(stop) => {
-                    if let Stop::Narrow(undefined) = stop {
-                        unsettled = Some(undefined);
+        // Windows that are counted from elsewhere are looked at only once.
+        let tried = self.length;
+        let kept = if self.begin == Time::ZERO { self.formula.kept.get(start, tried) } else { None };
+        let is_kept = kept.is_some();
+        if let Some((piece, length)) = &kept {
+            (end, self.length) = (piece.end, *length);
+        }
+        let piece = if let Some((piece, _)) = kept {
+            piece
+        } else {
+            loop {
+                match self.piece(end, forced) {
+                    Ok(piece) => break piece?,
+                    Err(Stop::Split(at)) if start < at && at < end => end = at,
+                    Err(Stop::Narrow(undefined)) if forced => return Err(self.undefined(&undefined)),
+                    Err(stop) => {
+                        if let Stop::Narrow(undefined) = stop {
+                            unsettled = Some(undefined);
+                        }
+                        self.length = 0.5 * (end - start).seconds();
+                        forced = self.length < NARROWEST_S;
+                        end = start + Time::from_seconds(self.length.max(0.5 * NARROWEST_S));
                     }
-                    self.length = 0.5 * (end - start).seconds();
-                    forced = self.length < NARROWEST_S;
-                    end = start + Time::from_seconds(self.length.max(0.5 * NARROWEST_S));
                 }
             }
         };
@@ -306,6 +373,9 @@ impl Windows {
             self.forced += 1;
         } else if (end - start).seconds() > SETTLED_S {
             self.forced = 0;
+            if !is_kept && self.begin == Time::ZERO && piece.curve.is_formula() {
+                self.formula.kept.keep(start, tried, (piece.clone(), self.length));
+            }
         }
         if let Some(undefined) = unsettled.filter(|_| self.forced > MOST_FORCED) {
             return Err(self.undefined(&undefined));

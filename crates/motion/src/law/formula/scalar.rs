@@ -1,16 +1,18 @@
 //! The numbers that Taylor recurrences run on: plain ones, and ones that know their range and their rounding error.
 
-use crate::law::double::ULP;
+use crate::law::double::{Double, ULP};
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
 /// What a Taylor recurrence needs of a number.
-pub(super) trait Scalar:
+pub(in crate::law) trait Scalar:
     Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> + Div<Output = Self> + Neg<Output = Self>
 {
     /// An f64 as it is.
     fn exact(x: f64) -> Self;
     /// The f64 nearest to what is meant, once rounded.
     fn rounded(x: f64) -> Self;
+    /// A constant of 106 bits.
+    fn constant(x: Double) -> Self;
     /// Whether it can be used for further computation. An f64 always can.
     fn is_sound(self) -> bool;
     fn sin_cos(self) -> (Self, Self);
@@ -30,6 +32,9 @@ impl Scalar for f64 {
     }
     fn rounded(x: f64) -> f64 {
         x
+    }
+    fn constant(x: Double) -> f64 {
+        x.nearest()
     }
     fn is_sound(self) -> bool {
         true
@@ -66,10 +71,10 @@ impl Scalar for f64 {
 /// Every operation rounds outward, by one unit in the last place for + − × ÷ √ and by four for the functions, whose
 /// errors in `libm` are below one (FreeBSD's msun).
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Enclosed {
-    pub(super) low: f64,
-    pub(super) high: f64,
-    pub(super) error: f64,
+pub(in crate::law) struct Enclosed {
+    pub(in crate::law) low: f64,
+    pub(in crate::law) high: f64,
+    pub(in crate::law) error: f64,
 }
 
 /// Added to errors, and to bounds at 0: far below any step, and far enough above what a processor is slow with.
@@ -78,14 +83,14 @@ const SMALLEST_BOUND: f64 = 1e-280;
 const SLACK: f64 = 8.0 * ULP;
 
 impl Enclosed {
-    pub(super) fn new(low: f64, high: f64, error: f64) -> Enclosed {
+    pub(in crate::law) fn new(low: f64, high: f64, error: f64) -> Enclosed {
         Enclosed { low, high, error }
     }
 
     const UNDEFINED: Enclosed = Enclosed { low: f64::NAN, high: f64::NAN, error: f64::NAN };
 
     /// The largest magnitude.
-    pub(super) fn magnitude(self) -> f64 {
+    pub(in crate::law) fn magnitude(self) -> f64 {
         self.low.abs().max(self.high.abs())
     }
 
@@ -198,6 +203,10 @@ impl Scalar for Enclosed {
     fn rounded(x: f64) -> Enclosed {
         let error = 2.0 * ULP * x.abs();
         Enclosed::new((x - error).next_down(), (x + error).next_up(), error)
+    }
+
+    fn constant(x: Double) -> Enclosed {
+        Enclosed::rounded(x.nearest())
     }
 
     fn is_sound(self) -> bool {

@@ -6,6 +6,7 @@ use super::tree::{Condition, Expression, Function, Operation, Test};
 use crate::Time;
 use crate::law::accurate::Accurate;
 use crate::law::double::{Double, ULP};
+use crate::law::joint::Joint;
 use std::sync::Arc;
 
 /// Σ factor·term(u + later) + offset: the same θ as the curve that it belongs to, for where f64 is not exact enough.
@@ -32,6 +33,8 @@ enum Basis {
     Formula { tree: Expression, middle: Accurate },
     /// Others in another time, Σ c_k u^k.
     Warped { terms: Box<Terms>, time: Arc<[Accurate]> },
+    /// The angle of a robot's arm, steps, its effector being at these coordinates.
+    Joint { joint: Joint, tip: Arc<[Terms; 3]> },
     /// old + weight·(new − old), the weight being Σ c_k u^k.
     Faded { old: Box<Terms>, new: Box<Terms>, weight: Arc<[Accurate]> },
 }
@@ -83,6 +86,11 @@ impl Terms {
         Terms::one(Basis::Faded { old, new, weight: weight.into() }, Accurate::ONE, Double::ZERO)
     }
 
+    /// The angle of a robot's arm, steps, its effector being at these coordinates.
+    pub(crate) fn of_joint(joint: Joint, tip: [Terms; 3]) -> Terms {
+        Terms::one(Basis::Joint { joint, tip: Arc::new(tip) }, Accurate::ONE, Double::ZERO)
+    }
+
     /// Of offset + amplitude·cos(omega·u + phase) with just these numbers.
     pub(crate) fn of_cosine(offset: f64, amplitude: f64, omega: f64, phase: f64) -> Terms {
         let source = Basis::Cosine { omega: Accurate::from(omega), phase: Accurate::from(phase) };
@@ -114,6 +122,7 @@ impl Terms {
                 Basis::Cosine { omega, phase } => series::sin_cos(&[*omega * t[0] + *phase, *omega * t[1]]).1,
                 Basis::Formula { tree, middle } => tree.at(&t, *middle),
                 Basis::Warped { terms, time } => terms.along(polynomial(time, &t), &[]),
+                Basis::Joint { joint, tip } => joint.steps(&tip.each_ref().map(|terms| terms.along(t, &[]))),
                 Basis::Faded { old, new, weight } => {
                     let (old, new) = (old.along(t, &[]), new.along(t, &[]));
                     let difference = plus(&new, &old.map(|old| -old));
@@ -230,6 +239,10 @@ impl Scalar for Accurate {
 
     fn rounded(x: f64) -> Accurate {
         Accurate { value: Double::from(x), error: ULP * x.abs() }
+    }
+
+    fn constant(x: Double) -> Accurate {
+        Accurate::of(x)
     }
 
     fn is_sound(self) -> bool {
