@@ -194,7 +194,13 @@ pub(super) fn read<'a>(p: &Section<'a>, contexts: &[Context]) -> Read<Points> {
 
 /// After how many steps positions start again: `wraps = "360 deg"`.
 fn wraps(node: &Node, context: &Context) -> Read<(f64, String)> {
-    let steps = context.gearing.steps(node, 0, "360 deg")?;
+    // It is no position of the motion: reports keep the table's unit.
+    let steps = match Quantity::parse(node.as_text().unwrap_or_default()) {
+        Ok(after) if after.base.is_position() && after.per_seconds == 0 => {
+            after.value * context.gearing.steps_per(node, after.base)?
+        }
+        _ => context.gearing.steps(node, 0, "360 deg")?,
+    };
     if steps > 0.0 {
         return Ok((steps, node.as_text().unwrap_or_default().trim().to_owned()));
     }

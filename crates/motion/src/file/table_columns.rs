@@ -116,7 +116,10 @@ impl fmt::Display for TableColumns {
             several => write!(f, "; {several} rows have the time of the row before: their mean is taken"),
         }?;
         if let Some(Wraps { after, times }) = &self.wraps {
-            write!(f, "; starts again after {after}, {times} times")?;
+            match times {
+                1 => write!(f, "; starts again after {after}, once"),
+                times => write!(f, "; starts again after {after}, {times} times"),
+            }?;
         }
         self.smoothing.as_ref().map_or(Ok(()), |smoothing| write!(f, "; {smoothing}"))
     }

@@ -609,7 +609,12 @@ fn angles_that_start_again_go_on() {
         "t,counts\n0,4090\n1,4\n1,4094\n2,10\n",
         ", columns = [1, 2], unit = \"0.087890625 deg\", wraps = \"1 rev\", smooth = \"1 s\"",
     );
-    let law = &contents.unwrap().program.motors[0].law;
+    let contents = contents.unwrap();
+    let motor = &contents.program.motors[0];
+    let law = &motor.law;
+    // Reports have the table's unit.
+    assert_eq!(motor.scale.unit, "deg");
+    assert!(contents.tables[0].to_string().contains("starts again after 1 rev, "), "{}", contents.tables[0]);
     assert_eq!([at(law, 0.0), at(law, 2.0)], [4090.0, 4106.0].map(|counts| counts / 4096.0 * 400.0));
     let error = read(csv, ", wraps = \"0 deg\"").unwrap_err();
     assert!(error.contains("`wraps` must be more than 0"), "{error}");
