@@ -11,7 +11,7 @@ use crate::pause::{Ceiling, PauseError, USABLE, highest_factor, ticks};
 use crate::plans::TRIED_MOVES;
 use crate::{Session, SessionError, Tempo};
 use pulsetrain_board::Leased;
-use pulsetrain_motion::law::{Cursor, Ease, Joint, Sample, Steady, TipPath, fade_weight};
+use pulsetrain_motion::law::{ArmPath, Cursor, Ease, Joint, Sample, Steady, fade_weight};
 use pulsetrain_motion::machine::{Kinematics, Machine};
 use pulsetrain_motion::program::{Motor, Program};
 use pulsetrain_motion::time::Rate;
@@ -513,7 +513,7 @@ struct PathBlend {
 }
 
 impl PathBlend {
-    fn of([old, new]: [TipPath; 2]) -> PathBlend {
+    fn of([old, new]: [ArmPath; 2]) -> PathBlend {
         let both = |old: &Law, new: &Law| [Cursor::new(old), Cursor::new(new)];
         let nothing = Law::Steady(Steady { speed: 0.0, duration: None });
         let added = (old.added.is_some() || new.added.is_some())

@@ -23,7 +23,7 @@ pub struct Arm {
 
 /// An arm's law as the joint of an effector that follows a path.
 #[derive(Clone, Debug, PartialEq)]
-pub struct TipPath {
+pub struct ArmPath {
     /// The joint.
     pub joint: Joint,
     /// The effector's coordinates, mm.
@@ -100,18 +100,18 @@ impl Law {
 
     /// The path of the effector, if this is the law of a robot's arm that follows one, perhaps delayed, retimed, repeated, or one after the other.
     #[must_use]
-    pub fn tip_path(&self) -> Option<TipPath> {
+    pub fn tip_path(&self) -> Option<ArmPath> {
         let both = |a: Option<Law>, b: Option<Law>| match (a, b) {
             (Some(a), Some(b)) => Law::sum(vec![a, b]).map(Some),
             (a, b) => Ok(a.or(b)),
         };
         match self {
-            Law::Arm(arm) => Some(TipPath { joint: arm.joint, tip: arm.tip.clone(), added: None }),
+            Law::Arm(arm) => Some(ArmPath { joint: arm.joint, tip: arm.tip.clone(), added: None }),
             Law::Changed(changed) => {
                 let shift = changed.shift()?;
                 let own = changed.law.tip_path()?.each(|law| law.delayed(changed.delay))?;
                 let added = if shift == 0.0 { None } else { Some(rest_at(shift).ok()?) };
-                Some(TipPath { added: both(own.added, added).ok()?, ..own })
+                Some(ArmPath { added: both(own.added, added).ok()?, ..own })
             }
             Law::Warped(warped) => warped.law().tip_path()?.each(|law| Ok(Law::Warped(Arc::new(warped.of(law))))),
             Law::Repeated(repeated) => {
@@ -121,7 +121,7 @@ impl Law {
             Law::Faded(faded) => faded.along()?.tip_path(),
             Law::Backlash(backlash) => {
                 let own = backlash.law().tip_path()?;
-                Some(TipPath { added: both(own.added, Some(backlash.added().clone())).ok()?, ..own })
+                Some(ArmPath { added: both(own.added, Some(backlash.added().clone())).ok()?, ..own })
             }
             Law::Sum(laws) => {
                 let mut found = None;
@@ -134,7 +134,7 @@ impl Law {
                     }
                 }
                 let own = found?;
-                Some(TipPath { added: both(own.added, added).ok()?, ..own })
+                Some(ArmPath { added: both(own.added, added).ok()?, ..own })
             }
             Law::Then(laws) => one_after_the_other(laws),
             _ => None,
@@ -143,10 +143,10 @@ impl Law {
 
     /// The paths that [`faded`](Law::faded) blends, this law's and that of `new`; `None` if it blends positions.
     #[must_use]
-    pub fn paths_to(&self, new: &Law, from: Time, over: Time) -> Option<[TipPath; 2]> {
+    pub fn paths_to(&self, new: &Law, from: Time, over: Time) -> Option<[ArmPath; 2]> {
         let paths = [self.tip_path()?, new.tip_path()?];
         // A law that was joined from several may differ from its path by as little as their joints do.
-        let is_its_path = |law: &Law, path: &TipPath, at: Time| {
+        let is_its_path = |law: &Law, path: &ArmPath, at: Time| {
             let here = super::Cursor::new(law).at(at).ok()?;
             ((here.position - path.position(at).ok()?).abs() <= SAME_STEPS).then_some(())
         };
@@ -198,13 +198,13 @@ impl Law {
     }
 }
 
-impl TipPath {
+impl ArmPath {
     /// Applies `change` to all its laws.
-    fn each(self, change: impl Fn(Law) -> Result<Law, LawError>) -> Option<TipPath> {
+    fn each(self, change: impl Fn(Law) -> Result<Law, LawError>) -> Option<ArmPath> {
         let [x, y, z] = self.tip;
         let tip = [change(x).ok()?, change(y).ok()?, change(z).ok()?];
         let added = self.added.map(change).transpose().ok()?;
-        Some(TipPath { tip, added, ..self })
+        Some(ArmPath { tip, added, ..self })
     }
 
     /// The law of the arm's motor.
@@ -226,7 +226,7 @@ impl TipPath {
     }
 
     /// This path as it fades into `new`, which must be of the same joint: see [`Law::faded`].
-    fn faded(self, new: TipPath, from: Time, over: Time) -> Option<TipPath> {
+    fn faded(self, new: ArmPath, from: Time, over: Time) -> Option<ArmPath> {
         let fade = |old: Law, new: Law| old.faded_apart(new, from, over).ok();
         let ([x, y, z], [new_x, new_y, new_z]) = (self.tip, new.tip);
         let tip = [fade(x, new_x)?, fade(y, new_y)?, fade(z, new_z)?];
@@ -237,7 +237,7 @@ impl TipPath {
                 Some(fade(rest(old)?, rest(new)?)?)
             }
         };
-        Some(TipPath { joint: self.joint, tip, added })
+        Some(ArmPath { joint: self.joint, tip, added })
     }
 }
 
@@ -260,19 +260,19 @@ fn rest(law: &Law) -> Option<(Time, f64)> {
 }
 
 /// The path of laws that follow one another: those of one arm, and rests.
-fn one_after_the_other(laws: &[Law]) -> Option<TipPath> {
+fn one_after_the_other(laws: &[Law]) -> Option<ArmPath> {
     // How long the motor rests at first, and where.
     let mut rested: Option<(Time, f64)> = None;
-    let mut path: Option<(TipPath, [Vec<Law>; 3])> = None;
+    let mut path: Option<(ArmPath, [Vec<Law>; 3])> = None;
     for law in laws {
         match (law.tip_path(), &mut path) {
-            (Some(TipPath { added: Some(_), .. }), _) => return None,
+            (Some(ArmPath { added: Some(_), .. }), _) => return None,
             (Some(own), None) => {
                 // Each law begins where the one before ended.
                 let moved = rested.map_or(Some(0.0), |(_, at)| Some(at - own.position(Time::ZERO).ok()?))?;
                 let added = if moved.abs() <= SAME_STEPS { None } else { Some(rest_at(moved).ok()?) };
                 let [x, y, z] = own.tip.clone().map(|law| vec![law]);
-                path = Some((TipPath { added, ..own }, [x, y, z]));
+                path = Some((ArmPath { added, ..own }, [x, y, z]));
             }
             (Some(own), Some((first, tip))) => {
                 if own.joint != first.joint {
@@ -300,7 +300,7 @@ fn one_after_the_other(laws: &[Law]) -> Option<TipPath> {
     let (path, [x, y, z]) = path?;
     let begins = rested.map_or(Time::ZERO, |(duration, _)| duration);
     let joined = |laws: Vec<Law>| Law::then(laws).and_then(|law| law.delayed(begins)).ok();
-    Some(TipPath { tip: [joined(x)?, joined(y)?, joined(z)?], ..path })
+    Some(ArmPath { tip: [joined(x)?, joined(y)?, joined(z)?], ..path })
 }
 
 /// At rest for ever.
@@ -351,7 +351,7 @@ struct Composed {
     joint: Joint,
     coordinates: Together,
     /// The coordinates where each has one piece.
-    stretch: Option<Stretch>,
+    stretch: Option<ArmStretch>,
     /// What is left of it, the next part last.
     left: Vec<(Time, Time)>,
     /// Parts that end before this time are not needed.
@@ -360,7 +360,7 @@ struct Composed {
 }
 
 /// The coordinates between two times.
-struct Stretch {
+struct ArmStretch {
     start: Time,
     tip: Arc<[Curve; 3]>,
     terms: Option<Terms>,
@@ -414,7 +414,7 @@ impl Composed {
     }
 
     /// The coordinates from `start` on, with the time since then.
-    fn stretch(&self, start: Time) -> Result<Stretch, LawError> {
+    fn stretch(&self, start: Time) -> Result<ArmStretch, LawError> {
         let curve = |summand: &Summand| {
             let (mut curve, level) = summand.about(start);
             checked("the effector's position", level.nearest(), "mm", |level| level.abs() <= super::FARTHEST)?;
@@ -431,11 +431,11 @@ impl Composed {
             (Some(x), Some(y), Some(z)) => Some(Terms::of_joint(self.joint, [x, y, z])),
             _ => None,
         };
-        Ok(Stretch { start, tip: Arc::new([x, y, z]), terms, entry: self.coordinates.entry(start) })
+        Ok(ArmStretch { start, tip: Arc::new([x, y, z]), terms, entry: self.coordinates.entry(start) })
     }
 
     /// The arm while the effector rests.
-    fn rest(&self, stretch: &Stretch, start: Time, end: Time) -> Result<Piece, LawError> {
+    fn rest(&self, stretch: &ArmStretch, start: Time, end: Time) -> Result<Piece, LawError> {
         let point = stretch.tip.each_ref().map(|curve| curve.value(0.0));
         let steps = match &stretch.terms {
             Some(terms) => terms.at(0.0, &[])[0].value,

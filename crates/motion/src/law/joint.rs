@@ -130,7 +130,7 @@ impl Joint {
 /// The position of an arm's motor in a window of time: factor·joint(u + later) + offset.
 #[derive(Clone, Debug)]
 pub struct JointCurve {
-    shared: Arc<Shared>,
+    shared: Arc<JointWindow>,
     factor: f64,
     offset: f64,
     later: f64,
@@ -145,7 +145,7 @@ impl PartialEq for JointCurve {
 }
 
 #[derive(Debug)]
-struct Shared {
+struct JointWindow {
     joint: Joint,
     /// The coordinates, mm.
     tip: Arc<[Curve; 3]>,
@@ -181,12 +181,12 @@ impl JointCurve {
         }
         let bounds = Bounds { eighth, rounding: std::array::from_fn(|k| hull[k].error) };
         let majorant = std::array::from_fn(|k| hull[k].magnitude());
-        let shared = Arc::new(Shared { joint, tip: Arc::clone(tip), bounds, majorant });
+        let shared = Arc::new(JointWindow { joint, tip: Arc::clone(tip), bounds, majorant });
         Some(JointCurve { shared, factor: 1.0, offset: 0.0, later: 0.0 })
     }
 
     pub(super) fn value(&self, u: f64) -> f64 {
-        let Shared { joint, tip, .. } = &*self.shared;
+        let JointWindow { joint, tip, .. } = &*self.shared;
         let at = tip.each_ref().map(|curve| [curve.value(u + self.later)]);
         let [steps] = joint.steps(&at);
         self.factor * steps + self.offset
@@ -201,7 +201,7 @@ impl JointCurve {
 
     /// What holds on the whole window.
     pub(super) fn bounds_and_majorant(&self) -> (Bounds, Jet) {
-        let Shared { bounds, majorant, .. } = &*self.shared;
+        let JointWindow { bounds, majorant, .. } = &*self.shared;
         let factor = self.factor.abs();
         let mut majorant = majorant.map(|m| m * factor);
         // The factor itself, the product with it and the sum with the offset.

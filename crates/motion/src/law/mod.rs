@@ -37,7 +37,7 @@ pub mod winch;
 mod workload;
 
 use crate::Time;
-pub use arm::{Arm, TipPath};
+pub use arm::{Arm, ArmPath};
 pub use backlash::{Backlash, Compensation};
 pub use blend::{Begin, Behind, Blended, End};
 pub use circle::{Circle, dds_period};

@@ -675,3 +675,24 @@ proptest! {
         }
     }
 }
+
+/// A window is worked out once, however often it is looked at, and from wherever: it is the same one, and that of the same formula that nobody has
+/// looked at before. An endless formula forgets.
+#[test]
+fn windows_are_kept_and_stay_the_same() {
+    let new = || Law::formula("exp(sin(9*t))/(2 + cos(t))", &[], 200.0, None).unwrap();
+    let span = |piece: &Piece| (piece.start, piece.end);
+    let pieces = |law: &Law| law.pieces().take(20).map(Result::unwrap).collect::<Vec<Piece>>();
+    let law = new();
+    let first = pieces(&law);
+    // Windows that were made apart count as different.
+    assert_eq!(first, pieces(&law));
+    assert_ne!(first, pieces(&new()));
+    assert!(first.iter().map(span).eq(pieces(&new()).iter().map(span)));
+    let far = law.pieces().take(2000).map(Result::unwrap).last().unwrap();
+    let far_from = |law: &Law| law.pieces_from(far.start).next().unwrap().unwrap();
+    assert_eq!(span(&far_from(&law)), span(&far));
+    assert_eq!(span(&far_from(&new())), span(&far));
+    assert_ne!(first, pieces(&law));
+    assert!(first.iter().map(span).eq(pieces(&law).iter().map(span)));
+}
