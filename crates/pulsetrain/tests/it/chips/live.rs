@@ -125,7 +125,7 @@ mod cable {
     use crate::live::processes::Live;
     use pulsetrain_testkit::folder::Folder;
     use serialport::{SerialPort, TTYPort};
-    use std::io::{BufRead, BufReader, Read, Write};
+    use std::io::{BufRead, BufReader, ErrorKind, Read, Write};
     use std::os::unix::fs::symlink;
     use std::path::{Path, PathBuf};
     use std::process::{Child, Command, Stdio};
@@ -232,7 +232,15 @@ mod cable {
                 rate = wanted;
             }
             if let Ok(len) = host.read(&mut buffer) {
-                board.write_all(&buffer[..len])?;
+                let mut rest = &buffer[..len];
+                while !rest.is_empty() {
+                    // On a busy computer the board's process may not read for a while.
+                    match board.write(rest) {
+                        Ok(len) => rest = &rest[len..],
+                        Err(error) if matches!(error.kind(), ErrorKind::TimedOut | ErrorKind::WouldBlock) => {}
+                        Err(error) => return Err(error.into()),
+                    }
+                }
             }
         }
     }
