@@ -1,7 +1,7 @@
 //! Motions that are changed while they run. Shows on the native board in virtual time, and processes; nothing depends on how long something takes.
 
 use proptest::prelude::*;
-use pulsetrain::live::{Desk, Happened, Line, LiveCommand, LiveEvent, Request, Show, Together};
+use pulsetrain::live::{Desk, Happened, KnobValue, Line, LiveCommand, LiveEvent, Request, Show, Together};
 use pulsetrain_board::{Edge, Leased, Native};
 use pulsetrain_motion::program::Program;
 use pulsetrain_session::control::{Command, Ended, Event, Status};
@@ -9,6 +9,7 @@ use pulsetrain_session::drive::Driven;
 use pulsetrain_session::prepare::Prepared;
 use pulsetrain_testkit::limits::{check_acceleration, check_speed};
 use std::path::PathBuf;
+use std::sync::Arc;
 
 /// Two motors, knobs and cues.
 pub(crate) const TEXT: &str = r#"
@@ -1233,4 +1234,21 @@ fn an_xy_machine_changes_over_along_its_path() {
     assert!(within > 0, "no status from {from_s} to {until_s} s");
     assert_eq!(swing(&mut stage, 0, 2.5), (0, 225));
     stage.stop();
+}
+
+/// A desk that did not change gives the program that it made before, and every change is a program of its own.
+#[test]
+fn a_desk_reads_each_of_its_motions_once() {
+    let (desk, _) = staged(TEXT);
+    let law = |desk: &Desk| desk.program().unwrap().motors[0].law.clone();
+    let begun = desk.program().unwrap();
+    assert!(Arc::ptr_eq(&begun, &desk.clone().program().unwrap()));
+    let turn = desk.turn("speed", &KnobValue::Number(2.0)).unwrap();
+    let turned = desk.turned(&turn, 2.0);
+    assert_ne!(law(&turned), begun.motors[0].law);
+    assert!(Arc::ptr_eq(&turned.program().unwrap(), &turned.program().unwrap()));
+    assert_ne!(law(&desk.turned(&turn, 1.5)), law(&turned));
+    assert_eq!(law(&desk), begun.motors[0].law);
+    let (other, _) = staged(&TEXT.replace("40 step", "30 step"));
+    assert_ne!(law(&other), law(&desk));
 }
