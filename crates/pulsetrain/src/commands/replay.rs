@@ -54,7 +54,7 @@ struct Again {
 }
 
 /// Takes the edges and the picture of a motion.
-struct Recorder {
+struct ReplayRecorder {
     trace: Trace,
     picture: Picture,
     /// Each motor's steps, forward minus backward.
@@ -63,8 +63,8 @@ struct Recorder {
     zero: u64,
 }
 
-impl Recorder {
-    fn new(trace: Trace, program: &Program, file: &str, zero: u64) -> Recorder {
+impl ReplayRecorder {
+    fn new(trace: Trace, program: &Program, file: &str, zero: u64) -> ReplayRecorder {
         let motors = &program.motors;
         let picture = Picture {
             title: format!("{}, changed while it ran", file_name(file)),
@@ -77,7 +77,7 @@ impl Recorder {
             figures: Vec::new(),
             changes: Vec::new(),
         };
-        Recorder { trace, picture, positions: vec![0; motors.len()], zero }
+        ReplayRecorder { trace, picture, positions: vec![0; motors.len()], zero }
     }
 
     fn note(&mut self, happened: &Happened) {
@@ -96,7 +96,7 @@ impl Recorder {
     }
 }
 
-impl Observer for Recorder {
+impl Observer for ReplayRecorder {
     fn edge(&mut self, edge: Edge) {
         self.trace.edge(edge);
     }
@@ -185,12 +185,12 @@ fn again<B: Leased>(
     let hz = staged.prepared.program.board.tick_hz;
     let trace = Trace::create(args.trace.as_deref(), hz, &driven.lines)?;
     let zero = driven.zero();
-    let mut recorder = Recorder::new(trace, &staged.prepared.program, &log.head.file, zero);
+    let mut recorder = ReplayRecorder::new(trace, &staged.prepared.program, &log.head.file, zero);
     let (desk, rejoins) = (staged.desk.clone(), log.head.rejoins);
     let show = if staged.is_at_rest { Show::at_rest(driven, desk, rejoins) } else { Show::new(driven, desk, rejoins) };
     let mut done: Vec<TickedEvent> = Vec::new();
     let (now, ended) = perform(show, log, PATIENCE_S * hz, &mut recorder, &mut done);
-    let Recorder { trace, picture, .. } = recorder;
+    let ReplayRecorder { trace, picture, .. } = recorder;
     let unwritten: Option<Access> = trace.finish();
     if args.verbose {
         for (_, happened) in &done {
@@ -237,13 +237,13 @@ fn perform<B: Leased>(
     mut show: Show<B>,
     log: &Replay,
     patience: u64,
-    recorder: &mut Recorder,
+    recorder: &mut ReplayRecorder,
     done: &mut Vec<TickedEvent>,
 ) -> (u64, Result<Option<Ended>, DriveError>) {
     let lines: &[LogLine] = &log.lines;
     let last = lines.last().map_or(0, |line| line.tick) + if is_whole(log) { patience } else { 0 };
     let mut next = 0;
-    let mut keep = |events: &mut Vec<Happened>, tick: u64, recorder: &mut Recorder| {
+    let mut keep = |events: &mut Vec<Happened>, tick: u64, recorder: &mut ReplayRecorder| {
         events.iter().for_each(|happened| recorder.note(happened));
         let is_kept =
             |happened: &Happened| !matches!(happened, Happened::Session(Event::Progress { .. } | Event::Status(_)));

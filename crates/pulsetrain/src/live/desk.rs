@@ -40,12 +40,12 @@ pub struct Desk {
     /// Where each motor's motion begins, steps: `goto 0`.
     home: Arc<Vec<f64>>,
     /// The program that was made last, by this desk or one that it was copied from: a knob is checked first, and turned then.
-    made: Arc<Mutex<Option<Made>>>,
+    made: Arc<Mutex<Option<BuiltProgram>>>,
 }
 
 /// A program, and what it was made of.
 #[derive(Debug)]
-struct Made {
+struct BuiltProgram {
     source: Arc<Source>,
     turned: BTreeMap<String, ParameterValue>,
     cue: Option<CueTaken>,
@@ -311,7 +311,7 @@ impl Desk {
     /// # Errors
     /// If the reader refuses it, or if it changes wiring, drivers or the board.
     pub fn program(&self) -> Result<Arc<Program>, ChangeRefusal> {
-        let is_same = |made: &Made| {
+        let is_same = |made: &BuiltProgram| {
             Arc::ptr_eq(&made.source, self.sheet.source())
                 && made.turned == self.turned
                 && made.cue == self.cue
@@ -324,7 +324,7 @@ impl Desk {
         let program = self.read()?;
         // Files that a motion names may change meanwhile.
         if self.files.lock().is_empty() {
-            *made() = Some(Made {
+            *made() = Some(BuiltProgram {
                 source: Arc::clone(self.sheet.source()),
                 turned: self.turned.clone(),
                 cue: self.cue,
