@@ -496,12 +496,12 @@ impl Blended {
         self.tail.as_ref().map(|tail| tail.end).or_else(|| self.law.end())
     }
 
-    /// The cycle of its law, once the ramp is over.
     /// When the ramp at its beginning is over.
     pub(super) fn begun(&self) -> Time {
         self.head.as_ref().map_or(Time::ZERO, |head| head.end)
     }
 
+    /// The cycle of its law, once the ramp is over.
     pub(super) fn cycle(&self) -> Option<(Time, Time)> {
         let begun = self.begun();
         let (from, period) = self.law.cycle().filter(|_| self.tail.is_none())?;
