@@ -59,12 +59,10 @@ struct ReplayRecorder {
     picture: Picture,
     /// Each motor's steps, forward minus backward.
     positions: Vec<i64>,
-    /// The tick of the motion's beginning.
-    zero: u64,
 }
 
 impl ReplayRecorder {
-    fn new(trace: Trace, program: &Program, file: &str, zero: u64) -> ReplayRecorder {
+    fn new(trace: Trace, program: &Program, file: &str) -> ReplayRecorder {
         let motors = &program.motors;
         let picture = Picture {
             title: format!("{}, changed while it ran", file_name(file)),
@@ -77,7 +75,7 @@ impl ReplayRecorder {
             figures: Vec::new(),
             changes: Vec::new(),
         };
-        ReplayRecorder { trace, picture, positions: vec![0; motors.len()], zero }
+        ReplayRecorder { trace, picture, positions: vec![0; motors.len()] }
     }
 
     fn note(&mut self, happened: &Happened) {
@@ -104,7 +102,8 @@ impl Observer for ReplayRecorder {
     fn step(&mut self, step: ScheduledStep) {
         let position = &mut self.positions[step.motor];
         *position += i64::from(step.direction.sign());
-        let at_s = step.tick.saturating_sub(self.zero) as f64 * self.picture.tick_s;
+        // Ticks count from the motion's beginning.
+        let at_s = step.tick as f64 * self.picture.tick_s;
         self.picture.motors[step.motor].step(at_s, *position);
     }
 }
@@ -185,7 +184,7 @@ fn again<B: Leased>(
     let hz = staged.prepared.program.board.tick_hz;
     let trace = Trace::create(args.trace.as_deref(), hz, &driven.lines)?;
     let zero = driven.zero();
-    let mut recorder = ReplayRecorder::new(trace, &staged.prepared.program, &log.head.file, zero);
+    let mut recorder = ReplayRecorder::new(trace, &staged.prepared.program, &log.head.file);
     let (desk, rejoins) = (staged.desk.clone(), log.head.rejoins);
     let show = if staged.is_at_rest { Show::at_rest(driven, desk, rejoins) } else { Show::new(driven, desk, rejoins) };
     let mut done: Vec<TickedEvent> = Vec::new();
