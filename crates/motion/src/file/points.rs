@@ -201,6 +201,13 @@ fn wraps(node: &Node, context: &Context) -> Read<(f64, String)> {
         }
         _ => context.gearing.steps(node, 0, "360 deg")?,
     };
+    if steps.is_infinite() {
+        return Err(node.note(
+            "out of range",
+            "`wraps` is out of range".to_owned(),
+            "write, for example: wraps = \"360 deg\"",
+        ));
+    }
     if steps > 0.0 {
         return Ok((steps, node.as_text().unwrap_or_default().trim().to_owned()));
     }
