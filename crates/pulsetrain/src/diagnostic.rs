@@ -107,9 +107,9 @@ impl Excerpt {
         self.source.text().as_bytes()[self.lines(at)].split(|byte| *byte == b'\n').any(|line| line.len() > LONG_LINE)
     }
 
-    /// The bytes of a long line that are shown for a place.
+    /// The bytes of a long line that are shown for a place. They do not begin or end within a mark.
     fn part(&self, at: &Range<usize>) -> Range<usize> {
-        let text = self.source.text();
+        let text = self.text();
         let (line, place) = (self.lines(&(at.start..at.start)), shown_of(at));
         let from = text.floor_char_boundary(place.start.saturating_sub(AROUND)).max(line.start);
         from..text.ceil_char_boundary((place.end + AROUND).min(line.end)).min(line.end)
@@ -136,9 +136,11 @@ impl SourceCode for Excerpt {
         let around = lines.span().offset()..lines.span().offset() + lines.span().len();
         if lines_before + lines_after > 0 && self.is_in_long_line(&around) {
             let part = self.part(&(span.offset()..span.offset() + span.len()));
-            let before = &self.source.text()[..part.start];
-            let line = before.bytes().filter(|byte| *byte == b'\n').count();
-            let column = before.rsplit('\n').next().unwrap_or_default().chars().count();
+            let before = &self.source.text().as_bytes()[..part.start];
+            let line = before.iter().filter(|byte| **byte == b'\n').count();
+            // The bytes with which characters of the line begin.
+            let begins = |byte: &&u8| **byte & 0xc0 != 0x80;
+            let column = before.rsplit(|byte| *byte == b'\n').next().unwrap_or_default().iter().filter(begins).count();
             let data = &self.text().as_bytes()[part.clone()];
             let span = (part.start, part.len()).into();
             return Ok(Box::new(MietteSpanContents::new_named(name, data, span, line, column, 1)));
