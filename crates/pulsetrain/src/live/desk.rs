@@ -255,15 +255,12 @@ impl Desk {
                 number..number + 1
             }
         };
-        let place = |motor: usize| {
-            match (position.trim(), last) {
+        const UNKNOWN: &str = "the last position at rest is not known: none was saved, or the motors were moving then; \
+                               write a position";
+        let place = |motor: usize| match (position.trim(), last) {
             ("last", Some(last)) => Ok((motor, last[motor])),
-            ("last", None) => Err(ChangeRefusal::Value(
-                "the last position at rest is not known: none was saved, or the motors were moving then; write a position"
-                    .to_owned(),
-            )),
+            ("last", None) => Err(ChangeRefusal::Value(UNKNOWN.to_owned())),
             (text, _) => Ok((motor, self.position_of(motor, text)?)),
-        }
         };
         motors.map(place).collect()
     }
