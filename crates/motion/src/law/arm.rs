@@ -89,11 +89,24 @@ impl Law {
     }
 
     /// Where this law rests for ever, steps; `None` if it moves or ends.
+    ///
+    /// ```
+    /// use pulsetrain_motion::{Law, Time, law::Ease, time::Rate};
+    /// let rest = Law::speed(0.0, None)?.shifted(40.0)?;
+    /// assert_eq!(rest.rests_for_ever_at(), Some(40.0));
+    /// // As after a change that began at its own time.
+    /// let later = rest.retimed(Time::ZERO, Ease::steady(Rate::ONE))?.delayed(Time::SECOND)?;
+    /// assert_eq!(later.rests_for_ever_at(), Some(40.0));
+    /// assert_eq!(Law::speed(1.0, None)?.rests_for_ever_at(), None);
+    /// # Ok::<(), pulsetrain_motion::LawError>(())
+    /// ```
     #[must_use]
     pub fn rests_for_ever_at(&self) -> Option<f64> {
         match self {
             Law::Steady(steady) => (steady.speed == 0.0 && steady.duration.is_none()).then_some(0.0),
             Law::Changed(changed) => Some(changed.law.rests_for_ever_at()? + changed.shift()?),
+            // A rest is the same at any rate of time.
+            Law::Warped(warped) => warped.law().rests_for_ever_at(),
             _ => None,
         }
     }
