@@ -99,7 +99,7 @@ pub enum Errors {
     Ticks,
     /// By how many steps the motor is behind a path. The bound is the allowed one.
     Steps,
-    /// Nobody saw the single steps. Positions are those that a board reported now and then.
+    /// The single steps were not seen. Positions are those that a board reported now and then.
     Unknown,
     /// The law changed while it ran. The steps are drawn over it, without their errors.
     Live,

@@ -1,7 +1,7 @@
 //! A change from the laws that the motors follow to others: a fade, within the limits of all motors.
 //!
 //! A delta robot's path fades as a path: its effector is on the blend of both paths, and the arms follow. Where it would leave what the arms
-//! reach, or their `angles`, each arm fades by itself.
+//! reach, or their `angles`, each arm fades separately.
 //!
 //! The program's time goes on, so that motors keep their common zero. A law that differs from the old one in frequency alone, or also in size, goes
 //! on at the same phase: during the change the old law's time speeds up or slows down to the new frequency, and the new law's time from the old one.
@@ -109,7 +109,7 @@ struct Fade {
     over: Time,
     /// By motor; `None` if it goes on as it is.
     turns: Vec<Option<Turn>>,
-    /// By motor: whether it fades by itself, even if it is an arm of a robot.
+    /// By motor: whether it fades separately, even if it is an arm of a robot.
     apart: Vec<bool>,
 }
 

@@ -416,7 +416,7 @@ impl Composed {
                 let curve = Curve::Joint(curve).accurate_by(stretch.terms.clone());
                 return Ok(Some(Piece { zero, start, end, origin: 0, curve, entry }));
             }
-            // The halves are the same wherever the law is begun to be looked at.
+            // The halves do not depend on the time from which the law is read.
             let middle = start + (end - start).divided_by(2);
             if (end - start).seconds() < NARROWEST_S {
                 let point = stretch.tip.each_ref().map(|curve| curve.value(a));
@@ -633,7 +633,7 @@ mod tests {
             let law = [0, 1, 2].map(fade);
             let wanted = |at| mixed(point(&old, s(at)), point(&new, s(at)), weight(at, from, over));
             check(&law, 1.9, wanted);
-            // Each arm by itself leaves it.
+            // An arm that fades alone leaves it.
             let apart = arms(&old)[0].clone().faded_apart(arms(&new)[0].clone(), s(from), s(over)).unwrap();
             assert!((position(&apart, s(0.85)) - position(&law[0], s(0.85))).abs() > 1e-3);
         }

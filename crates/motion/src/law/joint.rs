@@ -26,7 +26,7 @@ struct Constants {
     /// Cosine and sine of the arm's direction.
     cos: Double,
     sin: Double,
-    /// How much closer to the axis the effector's joint is than the shaft, mm; negative.
+    /// How much closer to the axis the effector's joint is than the shaft, mm; negative if the effector is smaller than the base.
     out_mm: Double,
     /// upper² − forearm², mm².
     lengths_mm2: Double,

@@ -676,8 +676,8 @@ proptest! {
     }
 }
 
-/// A window is worked out once, however often it is looked at, and from wherever: it is the same one, and that of the same formula that nobody has
-/// looked at before. An endless formula forgets.
+/// A window is worked out once, from whatever time the formula is read. It is the window that a new formula of the same text has. An endless formula
+/// forgets its windows.
 #[test]
 fn windows_are_kept_and_stay_the_same() {
     let new = || Law::formula("exp(sin(9*t))/(2 + cos(t))", &[], 200.0, None).unwrap();

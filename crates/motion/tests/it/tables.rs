@@ -569,7 +569,7 @@ fn raw_values_of_sensors() {
     assert!(!read("t,foo\n0,0\n1,1\n", "").unwrap_err().contains(what_one_is));
 }
 
-/// Distances are told in the unit alone: an error of 1 is 1 deg, not 1 count.
+/// Distances are in the unit alone: an error of 1 is 1 deg, not 1 count.
 #[test]
 fn distances_are_in_the_unit_alone() {
     let csv = "t,counts\n0,0\n1,0\n2,100\n3,0\n4,0\n";

@@ -40,7 +40,7 @@ const LOOK_S: f64 = 0.25;
 const FARTHEST_S: f64 = 60.0;
 /// Motions before the last changes that are kept, for a change that has to be taken back.
 const MOST_EARLIER: usize = 8;
-/// A change for a tick that begins later than this is told, s.
+/// A change that begins later than its tick by more than this is reported as late, s.
 const LATE_S: f64 = 0.002;
 /// Changes that may wait for their tick.
 const MOST_TIMED: usize = 1024;
@@ -845,7 +845,7 @@ impl<B: Leased> Show<B> {
 }
 
 impl PendingChange {
-    /// A change for which nobody asked, as soon as it can.
+    /// A change that answers no request, as soon as it can.
     fn alone(program: Arc<Program>) -> PendingChange {
         let (over, answers, is_parked) = (None, Vec::new(), false);
         PendingChange { program, over, answers, is_parked, at: None, wanted: None, tempo: None }

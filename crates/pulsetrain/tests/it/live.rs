@@ -416,7 +416,7 @@ fn a_change_for_a_time_begins_at_its_tick() {
     let (wanted_s, by_s) = late(stage.answer());
     near(late_s, wanted_s);
     near(from_s - late_s, by_s);
-    // Of a pause it is told, too; one that has its time is not late.
+    // A late pause is reported, too. One that comes in time is not late.
     let late_s = stage.status().at_s - 0.1;
     stage.ask(together(&["pause"], Some(late_s)));
     let (wanted_s, by_s) = late(stage.answer());
@@ -758,7 +758,7 @@ fn a_change_that_is_refused_later_is_taken_back() {
     assert_eq!(stage.knob("a.growth"), 0.0);
     let is_rejoined =
         |happened: &Happened| matches!(happened, Happened::Live(_) | Happened::Session(Event::Failed { .. }));
-    assert!(!stage.happened.iter().any(is_rejoined), "it is told once");
+    assert!(!stage.happened.iter().any(is_rejoined), "it is reported once");
     // Both follow the earlier laws again, at their own time.
     stage.run(until_s - stage.now_s() + 2.0);
     assert_eq!((swing(&mut stage, 0, 2.0), swing(&mut stage, 1, 2.0)), ((0, 20), (0, 40)));
@@ -794,7 +794,7 @@ fn what_is_taken_back_is_followed_only_if_it_is_sound() {
     stage.check_limits();
 }
 
-/// The file's own motion cannot go on: there is nothing to join. The motors rest until somebody asks for the motion.
+/// The file's own motion cannot go on: there is nothing to join. The motors rest until a request starts the motion.
 #[test]
 fn motors_rest_where_no_earlier_motion_can_be_followed() {
     let mut stage = native(&growing("20"));

@@ -343,7 +343,7 @@ impl Windows {
         let mut end = last.min(mark).min(start + Time::from_seconds(self.length));
         let mut forced = false;
         let mut unsettled = None;
-        // Windows that are counted from elsewhere are looked at only once.
+        // Windows that count from another time are read once: they are not kept.
         let tried = self.length;
         let kept = if self.begin == Time::ZERO { self.formula.kept.get(start, tried) } else { None };
         let is_kept = kept.is_some();

@@ -452,7 +452,7 @@ fn a_bundle_of_python_osc_is_one_group_at_its_time() {
     );
 }
 
-/// A bundle that was passed on for its time, and acts later than that: its sender hears it, and nobody else.
+/// A bundle that was passed on for its time, and acts later than that: only its sender hears it.
 #[test]
 fn the_sender_of_a_bundle_hears_that_it_acts_late() {
     let now = now();
@@ -466,7 +466,7 @@ fn the_sender_of_a_bundle_hears_that_it_acts_late() {
     }
     let late = |wanted_s: f64| Happened::Live(LiveEvent::Late { wanted_s, by_s: 0.25 });
     assert_eq!(shown(&translator.happened(&late(9.03), now.instant)), "5000: /pulsetrain/late (f) 0.25\n");
-    // Once; and a time that came from elsewhere is told nobody.
+    // Once; and there is no answer about a time that no bundle had.
     assert_eq!(translator.happened(&late(9.03), now.instant), []);
     assert_eq!(translator.happened(&late(9.04), now.instant), []);
     assert_eq!(shown(&translator.happened(&late(9.05), now.instant)), "5001: /pulsetrain/late (f) 0.25\n");

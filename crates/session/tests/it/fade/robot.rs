@@ -227,7 +227,7 @@ fn at_zero(law: &Law) -> [f64; 3] {
     [Cursor::new(law).at(Time::ZERO).unwrap().position, 0.0, 0.0]
 }
 
-/// Where the blend of two paths leaves the arms' angles, each arm fades by itself, and stays between its own.
+/// Where the blend of two paths leaves the arms' angles, each arm fades separately, and stays between its own.
 #[test]
 fn arms_fade_by_themselves_where_the_blend_leaves_their_angles() {
     let place = |y: f64| [at_rest(60.0), at_rest(y), at_rest(-120.0)];
