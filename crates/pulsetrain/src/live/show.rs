@@ -179,13 +179,17 @@ impl<B: Leased> Show<B> {
     /// Takes the motion off a board that is lost.
     #[must_use]
     pub fn suspend(self) -> (Driven<B>, SuspendedShow) {
-        let law_time = self.driven.law_time();
+        let (law_time, shifts) = match self.joining {
+            // The board was lost again before its session had the laws' time.
+            Some(Joining { at, shifts, .. }) => (at, shifts),
+            None => (self.driven.law_time(), self.driven.shifts()),
+        };
         let suspended = SuspendedShow {
             desk: self.desk,
             is_parked: self.is_parked,
             is_halted: self.is_paused || self.halted_at.is_some(),
             law_time: self.halted_at.unwrap_or(law_time),
-            shifts: if self.halted_at.is_some() { self.shifts } else { self.driven.shifts() },
+            shifts: if self.halted_at.is_some() { self.shifts } else { shifts },
             tempo: self.tempo,
             rejoins: self.rejoins,
             rejoined: self.rejoined,
