@@ -309,6 +309,13 @@ impl Mix {
             .collect()
     }
 
+    /// Whether a motor rests apart from its law, which goes on: it was stopped.
+    fn is_stopped(&self, motor: usize) -> bool {
+        let base = &self.base[motor];
+        let is_law = || self.voices[motor].in_program_time().is_ok_and(|law| law == *base);
+        self.fades.is_empty() && base.rests_for_ever_at().is_some() && !is_law()
+    }
+
     /// A fade into other laws, and what the motors follow then.
     fn fade(&self, change: &Change, from: Time, over: Time, apart: &[bool]) -> Result<(Fade, Vec<Voice>), PauseError> {
         let mut voices = self.voices.clone();
@@ -320,17 +327,23 @@ impl Mix {
                 continue;
             }
             let law = change.program.motors[motor].law.clone();
-            let turn = Mix::turn(voice, law, change.begins, from, over);
+            let turn = Mix::turn(voice, law, change.begins, (from, over), self.is_stopped(motor));
             turns.push(Some(turn.map_err(|error| PauseError::Law { motor, error })?));
         }
         Ok((Fade { from, over, turns, apart: apart.to_vec() }, voices))
     }
 
     /// A motor's change to another law; `voice` becomes what it follows then.
-    fn turn(voice: &mut Voice, law: Law, begins: Begins, from: Time, over: Time) -> Result<Turn, LawError> {
+    fn turn(
+        voice: &mut Voice,
+        law: Law,
+        begins: Begins,
+        (from, over): (Time, Time),
+        is_stopped: bool,
+    ) -> Result<Turn, LawError> {
         if begins == Begins::WithTheMotion
             && law != voice.law
-            && let Some(turn) = Mix::turn_of_line(voice, &law, from, over)?
+            && let Some(turn) = Mix::turn_of_line(voice, &law, (from, over), is_stopped)?
         {
             return Ok(turn);
         }
@@ -362,7 +375,12 @@ impl Mix {
     }
 
     /// As [`Mix::turn`], between laws with an endless constant speed: it goes on from where the motor is. `None` for others.
-    fn turn_of_line(voice: &mut Voice, law: &Law, from: Time, over: Time) -> Result<Option<Turn>, LawError> {
+    fn turn_of_line(
+        voice: &mut Voice,
+        law: &Law,
+        (from, over): (Time, Time),
+        is_stopped: bool,
+    ) -> Result<Option<Turn>, LawError> {
         let (own, at) = match voice.stance {
             Stance::Following => (voice.own, voice.own_time(from)),
             Stance::Sent => (None, from),
@@ -376,7 +394,8 @@ impl Mix {
         if (old.has_backlash || new.has_backlash) && !keeps_direction {
             return Ok(None);
         }
-        let faster = new.speed - old.speed;
+        // A motor that was stopped has no speed that changes: it joins the new one, where the old one would be by now.
+        let faster = if is_stopped { 0.0 } else { new.speed - old.speed };
         let there = if voice.stance == Stance::Sent { old.way + old.offset } else { old.way };
         let shift = voice.shift + there - new.way - 0.5 * faster * over.seconds();
         *voice = Voice { own, shift, ..Voice::following(law.clone()) };
