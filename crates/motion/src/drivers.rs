@@ -175,7 +175,16 @@ pub fn only_one(found: &[&'static Driver], microsteps: u32) -> Option<&'static D
             |a: &&Driver, b: &&Driver| pulse_ns(b).cmp(&pulse_ns(a)).then(a.max_current_a.total_cmp(&b.max_current_a));
         found.iter().copied().min_by(before)
     };
-    (sets_it && others.iter().all(is_same)).then(least).flatten()
+    let does_for_all = |driver: &&Driver| {
+        let own = driver.timing();
+        found.iter().map(|other| other.timing()).all(|other| {
+            own.pulse_high_ns >= other.pulse_high_ns
+                && own.pulse_low_ns >= other.pulse_low_ns
+                && own.dir_setup_ns >= other.dir_setup_ns
+                && own.dir_hold_ns >= other.dir_hold_ns
+        })
+    };
+    (sets_it && others.iter().all(is_same)).then(least).flatten().filter(does_for_all)
 }
 
 /// The table, in alphabetical order.
