@@ -85,6 +85,9 @@ type KeptWindow = (Piece, f64);
 
 /// No more windows are kept than this.
 const MOST_KEPT: usize = 512;
+/// Of a shorter formula no windows are kept, s. A recorded path of a delta robot is made of a formula for each row and arm: a window of each
+/// would take more memory than all else.
+const SHORTEST_KEPT_S: f64 = 1.0;
 
 impl Kept {
     fn windows(&self) -> MutexGuard<'_, BTreeMap<(Time, u64), KeptWindow>> {
@@ -344,8 +347,9 @@ impl Windows {
         let mut forced = false;
         let mut unsettled = None;
         // Windows that count from another time are read once: they are not kept.
+        let keeps = self.begin == Time::ZERO && last.seconds() >= SHORTEST_KEPT_S;
         let tried = self.length;
-        let kept = if self.begin == Time::ZERO { self.formula.kept.get(start, tried) } else { None };
+        let kept = if keeps { self.formula.kept.get(start, tried) } else { None };
         let is_kept = kept.is_some();
         if let Some((piece, length)) = &kept {
             (end, self.length) = (piece.end, *length);
@@ -373,7 +377,7 @@ impl Windows {
             self.forced += 1;
         } else if (end - start).seconds() > SETTLED_S {
             self.forced = 0;
-            if !is_kept && self.begin == Time::ZERO && piece.curve.is_formula() {
+            if keeps && !is_kept && piece.curve.is_formula() {
                 self.formula.kept.keep(start, tried, (piece.clone(), self.length));
             }
         }
