@@ -809,7 +809,12 @@ impl<B: Leased> Show<B> {
                     tell(Happened::Live(event));
                 }
                 self.tell_late(pending_change.wanted, times.0, tell);
-                tempo.into_iter().for_each(|event| tell(Happened::Session(event)));
+                if let Some(event) = tempo {
+                    if let Event::Tempo { rate, .. } = &event {
+                        (self.tempo, self.is_changed) = (*rate, true);
+                    }
+                    tell(Happened::Session(event));
+                }
             }
             Err(SessionError::Waiting { .. }) => self.waiting = Some(pending_change),
             // This computer was too slow just now: the motors brake, and join these laws then.
