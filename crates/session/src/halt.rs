@@ -423,11 +423,11 @@ impl<B: Leased> Session<B> {
                 }
                 // Planning took longer than before, or there is more to send.
                 Err(SessionError::Early { at, earliest }) if delay < self.pace.most_delay => {
-                    delay += (earliest - at.min(earliest)).max(self.pace.most_delay / 20);
+                    delay += (earliest - at.min(earliest)).max(self.pace.most_delay / 80);
                 }
                 // It came later than was reckoned.
                 Err(SessionError::Switch(SwitchRefused::Late { .. })) if !has_room && delay < self.pace.most_delay => {
-                    delay += self.pace.most_delay / 10;
+                    delay += self.pace.most_delay / 40;
                 }
                 // What was taken back has to be sent again before the lease is over.
                 Err(error @ (SessionError::Early { .. } | SessionError::Switch(SwitchRefused::Late { .. })))

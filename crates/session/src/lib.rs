@@ -108,6 +108,8 @@ pub struct Session<B> {
     board: B,
     /// The tick at which the first program's laws began.
     begun: u64,
+    /// θ of each motor where its count is 0, steps, by the first program.
+    origins: Vec<f64>,
     stream: Stream,
     timelines: Vec<Timeline>,
     /// How hard each motor may brake, as the board has accepted it.
@@ -205,7 +207,7 @@ impl Pace {
             link: board.round_trip(),
             repetition: board.repetition(),
             look_ahead: within(tick_hz * AHEAD_MS / 1000),
-            most_delay: within(tick_hz / 20),
+            most_delay: within(tick_hz / 5),
         }
     }
 
@@ -313,9 +315,12 @@ impl<B: Leased> Session<B> {
         };
         let replaced =
             Replaced { until: zero, stream: None, timelines, limits: begun.limits.clone(), braking_from: None };
+        let datum = |motor: usize| begun.stream.datum(motor);
+        let origins = (0..motors).map(|motor| datum(motor).0 as f64 + datum(motor).1).collect();
         let mut session = Session {
             board,
             begun: zero,
+            origins,
             stream: begun.stream,
             timelines: begun.timelines,
             limits: begun.limits,
@@ -755,7 +760,7 @@ impl<B: Leased> Session<B> {
             let position = state.map_or_else(|| self.count_at(motor, now).unwrap_or_default(), |state| state.count);
             MotorStatus {
                 position,
-                target: state.map(|state| state.theta),
+                target: state.map(|state| state.theta - self.origins[motor]),
                 speed: state.map(|state| state.speed),
                 queue: (self.board.room(motor), self.capacity[motor]),
             }

@@ -74,7 +74,7 @@ impl Cursor {
             }
             walked += 1;
             // Where two pieces meet, the first one counts. What walks anyway keeps the pieces before, for going back.
-            let from = if self.jumps { t.before() } else { Time::ZERO };
+            let from = if self.jumps { self.last_before(t) } else { Time::ZERO };
             match self.pieces.get_or_insert_with(|| self.law.pieces_from(from)).next() {
                 Some(piece) => {
                     if self.recent.len() == KEPT {
@@ -88,6 +88,11 @@ impl Cursor {
         let piece = self.recent.iter().rev().find(|piece| piece.start <= t).or(self.recent.front());
         let piece = piece.ok_or_else(|| LawError::Parameter("the motion is empty".into()))?;
         Ok(piece.sample(t))
+    }
+
+    /// The last time before `t` that a piece has: after its end a law has none.
+    fn last_before(&self, t: Time) -> Time {
+        self.law.end().map_or(t, |end| end.min(t)).before()
     }
 
     /// Forgets where it is in the law.
@@ -126,6 +131,26 @@ mod tests {
         let forth: Vec<Sample> = (0..300).map(&mut sample).collect();
         let back: Vec<Sample> = (0..300).rev().map(&mut sample).collect();
         assert!(forth.iter().eq(back.iter().rev()));
+    }
+
+    /// A law rests after its end, however far away that is.
+    #[test]
+    fn a_law_rests_after_its_end() {
+        let sine = Law::sine(100.0, Time::SECOND, Some(3)).unwrap();
+        let late = sine.clone().delayed(Time::from_seconds(2.0)).unwrap().faded(
+            sine.clone().shifted(5.0).unwrap(),
+            Time::from_seconds(1.0),
+            Time::from_seconds(1.0),
+        );
+        for (law, wanted) in [(sine, 0.0), (late.unwrap(), 5.0)] {
+            for at_s in [3.5, 100.0, 1e6] {
+                let sample = Cursor::new(&law).at(Time::from_seconds(at_s)).unwrap();
+                assert!((sample.position - wanted).abs() < 1e-9 && sample.speed == 0.0, "{sample:?} at {at_s} s");
+                let mut walked = Cursor::new(&law);
+                walked.at(Time::from_seconds(0.1)).unwrap();
+                assert_eq!(walked.at(Time::from_seconds(at_s)).unwrap(), sample);
+            }
+        }
     }
 
     /// How many pieces are worked out, in all layers of the law together, for a look at `at`.

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::io::{self, BufRead, BufReader, IsTerminal, Read, Write};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
-use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, TryRecvError, channel};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
 use std::time::Duration;
@@ -29,13 +29,13 @@ use crate::console::{self, Access, Console, Exit, access};
 use crate::control_socket::{ClientKind, Control, Ending, Hub, HubSender, RunEnded, RunInfo};
 use crate::diagnostic::{WrongFile, advised};
 use crate::live::clock::{self, Onward};
+use crate::live::incoming::{Incoming, MOST_REQUESTS, next_request};
 use crate::live::log::{LogEntry, LogHead, LogLine, VERSION};
 use crate::live::schedule::Scheduler;
 use crate::live::screen::{Key, LiveScreen};
 use crate::live::watch::{LOOK_MS, WatchedFiles, hash};
 use crate::live::{
-    Desk, FileTexts, HELP, Happened, KnobInfo, LONGEST_LINE, Line, LiveCommand, LiveEvent, Request, Show,
-    SuspendedShow, Together,
+    Desk, FileTexts, HELP, Happened, KnobInfo, LONGEST_LINE, Line, LiveCommand, LiveEvent, Request, Show, SuspendedShow,
 };
 use crate::midi::{self, MidiError};
 use crate::osc::{OscSettings, listen_address, serve_osc};
@@ -220,6 +220,7 @@ pub(crate) fn run(args: &LiveArgs, console: &mut Console<'_>) -> miette::Result<
     let in_force = Arc::new(Mutex::new(staged.desk.text().to_owned()));
     let rules = Arc::new(Mutex::new(Rules::of(&staged.desk)));
     let parts = Parts {
+        incoming: Incoming::default(),
         control,
         log,
         trace: args.trace.clone(),
@@ -406,6 +407,7 @@ pub(super) fn proving<B: Leased>(driven: Driven<B>, prepared: &Prepared, proof: 
 /// What a running motion needs besides its board.
 struct Parts {
     control: Control,
+    incoming: Incoming,
     log: Option<Log>,
     trace: Option<PathBuf>,
     rejoins: bool,
@@ -528,7 +530,7 @@ impl Parts {
 
     /// Runs a motion until it is stopped, or fails.
     fn perform<B: Leased>(
-        &self,
+        &mut self,
         show: &mut Show<B>,
         paced_hz: Option<u64>,
         board: &mut dyn LiveBoard<B>,
@@ -541,14 +543,11 @@ impl Parts {
         let mut pace = paced_hz.map(|_| RealTime::from(time(show.now())));
         let motion_s = |tick: u64| tick.saturating_sub(zero) as f64 / tick_hz as f64;
         log.iter_mut().for_each(|log| log.time.0 = news.base + zero);
-        let mut held = None;
         loop {
             let mut requests = 0;
             while requests < MOST_REQUESTS {
                 let wait = pace.as_mut().map_or(Duration::ZERO, |pace| pace.ahead(time(show.now())));
-                let next = held.take().or_else(|| next_request(self.control.requests(), wait));
-                let Some(request) = next else { break };
-                let request = with_waiting(request, self.control.requests(), &mut held);
+                let Some(request) = self.incoming.next(self.control.requests(), wait, show.desk()) else { break };
                 requests += 1;
                 let tick = show.now();
                 log.iter().for_each(|log| log.line(news.base + tick, LogEntry::Asked(request.clone())));
@@ -717,39 +716,6 @@ fn place(
 fn counts_from_home(desk: &Desk) -> Vec<i64> {
     let starts = desk.setup().motors.iter().map(start);
     starts.zip(desk.home()).map(|(start, home)| (start - home).round() as i64).collect()
-}
-
-/// Requests that are obeyed before the next step: more wait.
-const MOST_REQUESTS: u32 = 32;
-
-/// The next request, waiting for one as long as that.
-fn next_request(requests: &Receiver<Request>, wait: Duration) -> Option<Request> {
-    match requests.try_recv() {
-        Ok(request) => return Some(request),
-        Err(TryRecvError::Empty) if !wait.is_zero() => {}
-        Err(_) => return None,
-    }
-    requests.recv_timeout(wait).ok()
-}
-
-/// A request, with those that wait behind it: they make one change.
-fn with_waiting(request: Request, requests: &Receiver<Request>, held: &mut Option<Request>) -> Request {
-    let is_one = |request: &Request| !matches!(request, Request::Together(Together { at_s: Some(_), .. }));
-    if !is_one(&request) {
-        return request;
-    }
-    let mut all = request.each();
-    while all.len() < MOST_REQUESTS as usize {
-        match requests.try_recv() {
-            Ok(next) if is_one(&next) => all.extend(next.each()),
-            Ok(next) => {
-                *held = Some(next);
-                break;
-            }
-            Err(_) => break,
-        }
-    }
-    Request::together(all, None)
 }
 
 /// Tells everybody what happens, and keeps it for the log.

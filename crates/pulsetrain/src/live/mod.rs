@@ -2,6 +2,7 @@
 //!
 //! - [`Line`]: what people type; [`Request`], [`Happened`]: the same as values
 //! - [`Desk`]: the motion as it is wanted: file, knobs, cues
+//! - `incoming`: what clients ask, in the order in which it is obeyed
 //! - [`Show`]: a running motion that obeys
 //! - [`schedule`]: when it runs, by the clock
 //! - [`watch`]: the motion file and those that it names, which may change on the disk
@@ -9,6 +10,7 @@
 
 pub(crate) mod clock;
 mod desk;
+pub(crate) mod incoming;
 mod line;
 pub mod log;
 pub mod schedule;

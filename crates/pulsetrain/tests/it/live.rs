@@ -1236,6 +1236,41 @@ fn an_xy_machine_changes_over_along_its_path() {
     stage.stop();
 }
 
+/// A motor whose motion has ended rests; all changes still work, and statuses have its place.
+#[test]
+fn a_motion_may_be_changed_after_a_motor_has_ended() {
+    let motor = |name: &str, step: u8| {
+        format!(
+            "[motor.{name}]\nsteps_per_rev = 200\nmicrosteps = 8\ndriver = \"A4988\"\npins = {{ step = {step}, dir = {} }}\nforward = \"high\"\n\
+             max_speed = \"4 rev/s\"\nmax_acceleration = \"30 rev/s^2\"\n",
+            step + 1
+        )
+    };
+    let text = format!(
+        "board = \"uno\"\n{}{}[[motion]]\nmotor = \"a\"\nlaw.sine = {{ amplitude = \"0.25 rev\", period = \"2 s\", cycles = \"forever\" }}\n\
+         [[motion]]\nmotor = \"b\"\nlaw.formula = {{ theta = \"50*cos(2*pi*t/T)\", where = {{ T = \"1 s\" }}, unit = \"step\", duration = \"2 s\" }}\n",
+        motor("a", 4),
+        motor("b", 6)
+    );
+    let mut stage = native(&text);
+    for k in 1..=4 {
+        stage.run(1.5);
+        stage.line(&format!("a.amplitude {} rev", 0.25 + 0.01 * f64::from(k)));
+        assert_eq!(set(stage.answer()).1, 0.25 + 0.01 * f64::from(k), "at {} s", stage.now_s());
+        let motor = stage.status().motors[1];
+        assert!((motor.position as f64 - motor.target.unwrap()).abs() <= 1.0, "{motor:?}");
+    }
+    for line in ["pause", "resume", "tempo 0.5", "goto 0"] {
+        stage.line(line);
+        stage.run(1.0);
+        let refused = stage.happened.iter().find(|it| {
+            matches!(it, Happened::Live(LiveEvent::Refused { .. }) | Happened::Session(Event::Refused { .. }))
+        });
+        assert_eq!(refused, None, "{line}");
+    }
+    stage.stop();
+}
+
 /// A desk that did not change gives the program that it made before, and every change is a program of its own.
 #[test]
 fn a_desk_reads_each_of_its_motions_once() {

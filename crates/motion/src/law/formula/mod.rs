@@ -83,8 +83,8 @@ struct Kept(Mutex<BTreeMap<(Time, u64), KeptWindow>>);
 /// A window, and the length that it was found at, s.
 type KeptWindow = (Piece, f64);
 
-/// No more windows are kept than this.
-const MOST_KEPT: usize = 512;
+/// No more windows are kept than this: those of a minute of a delta robot's arm.
+const MOST_KEPT: usize = 4096;
 /// Of a shorter formula no windows are kept, s. A recorded path of a delta robot is made of a formula for each row and arm: a window of each
 /// would take more memory than all else.
 const SHORTEST_KEPT_S: f64 = 1.0;
