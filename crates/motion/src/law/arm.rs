@@ -331,10 +331,6 @@ impl Arm {
         &self.tip
     }
 
-    pub(super) const fn joint(&self) -> &Joint {
-        &self.joint
-    }
-
     pub(super) fn end(&self) -> Option<Time> {
         self.law.as_ref().map_or_else(|| latest_end(&self.tip), Law::end)
     }
