@@ -39,6 +39,15 @@ pub enum Begins {
     Now,
 }
 
+/// How an endless constant speed goes on in a later session: [`Session::shifts`].
+#[derive(Clone, Debug, PartialEq)]
+pub struct Shift {
+    /// The law that the motor followed; `None`: it was to join the law that it follows next.
+    pub law: Option<Law>,
+    /// What earlier speeds have added to the way of that law, steps.
+    pub steps: f64,
+}
+
 /// When a change happens, ticks.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Transition {
@@ -89,6 +98,8 @@ struct Voice {
     /// What earlier speeds have added to the way of its constant speed, steps.
     shift: f64,
     stance: Stance,
+    /// The law that an earlier session followed, while the motor rests until it joins one. [`Voice::shift`] is that law's.
+    left: Option<Law>,
 }
 
 /// How a motor came to its law.
@@ -98,7 +109,7 @@ enum Stance {
     Following,
     /// It was sent there: the law began at a change. A constant speed after it begins from there.
     Sent,
-    /// It rests until it joins a law that has gone on without it, [`Voice::shift`] included.
+    /// It rests until it joins a law that has gone on without it.
     Joining,
 }
 
@@ -152,7 +163,7 @@ impl Voice {
 
     /// It follows a law in the program's time.
     fn following(law: Law) -> Voice {
-        Voice { law, own: None, shift: 0.0, stance: Stance::Following }
+        Voice { law, own: None, shift: 0.0, stance: Stance::Following, left: None }
     }
 }
 
@@ -227,13 +238,15 @@ impl Mix {
         Ok(Mix { voices: self.voices.clone(), ..Mix::resting(positions)? })
     }
 
-    /// Motors that rest where they are, and follow no other law. If `shifts` has what earlier speeds have added to each motor's way, a constant speed that
-    /// they join goes on from there; else it begins where the motors rest.
-    pub(crate) fn joining(positions: &[f64], shifts: Option<&[f64]>) -> Result<Mix, PauseError> {
+    /// Motors that rest where they are, and follow no other law. With `shifts` a constant speed that they join goes on from the ways in it; else it begins
+    /// where the motors rest.
+    pub(crate) fn joining(positions: &[f64], shifts: Option<&[Shift]>) -> Result<Mix, PauseError> {
         let mut mix = Mix::resting(positions)?;
         for (motor, voice) in mix.voices.iter_mut().enumerate() {
-            if let Some(shifts) = shifts {
-                (voice.shift, voice.stance) = (shifts.get(motor).copied().unwrap_or(0.0), Stance::Joining);
+            let Some(shifts) = shifts else { continue };
+            voice.stance = Stance::Joining;
+            if let Some(shift) = shifts.get(motor) {
+                (voice.shift, voice.left) = (shift.steps, shift.law.clone());
             }
         }
         Ok(mix)
@@ -250,9 +263,16 @@ impl Mix {
         Ok(Mix { base, fades: Vec::new(), voices })
     }
 
-    /// What earlier speeds have added to the way of each motor's constant speed, steps; `None` if the motors were sent to a position.
-    pub(crate) fn shifts(&self) -> Option<Vec<f64>> {
-        let shift = |voice: &Voice| (voice.stance != Stance::Sent).then_some(voice.shift);
+    /// What earlier speeds have added to the way of each motor's constant speed; `None` if the motors were sent to a position.
+    pub(crate) fn shifts(&self) -> Option<Vec<Shift>> {
+        let shift = |voice: &Voice| {
+            let law = match voice.stance {
+                Stance::Following => Some(voice.law.clone()),
+                Stance::Joining => voice.left.clone(),
+                Stance::Sent => return None,
+            };
+            Some(Shift { law, steps: voice.shift })
+        };
         self.voices.iter().map(shift).collect()
     }
 
@@ -356,13 +376,16 @@ impl Mix {
         let (own, rates) = match (begins, phase) {
             (Begins::Now, _) => (Some((from, Time::ZERO)), None),
             (Begins::WithTheMotion, None) => (None, None),
+        if begins == Begins::WithTheMotion && voice.stance == Stance::Joining {
+            return Mix::turn_of_joining(voice, law, from);
+        }
             (Begins::WithTheMotion, Some((own, rates))) => ((own != from).then_some((from, own)), rates),
         };
-        let is_kept = begins == Begins::WithTheMotion && (law == voice.law || voice.stance == Stance::Joining);
+        let is_kept = begins == Begins::WithTheMotion && law == voice.law;
         let shift =
             if is_kept && law.line_part(own.map_or(from, |(_, own)| own)).is_some() { voice.shift } else { 0.0 };
         let stance = if begins == Begins::Now { Stance::Sent } else { Stance::Following };
-        *voice = Voice { law, own, shift, stance };
+        *voice = Voice { law, own, shift, stance, left: None };
         let Some((old_rate, new_rate)) = rates else {
             let law = voice.in_program_time()?;
             return Ok(Turn { old_rate: None, faster: None, new: law.clone(), settled: law });
@@ -382,13 +405,25 @@ impl Mix {
         is_stopped: bool,
     ) -> Result<Option<Turn>, LawError> {
         let (own, at) = match voice.stance {
-            Stance::Following => (voice.own, voice.own_time(from)),
             Stance::Sent => (None, from),
-            Stance::Joining => return Ok(None),
+            Stance::Following | Stance::Joining => (voice.own, voice.own_time(from)),
         };
         let (Some(old), Some(new)) = (voice.law.line_part(voice.own_time(from)), law.line_part(at)) else {
             return Ok(None);
         };
+    /// As [`Mix::turn`], from rest to a law that has gone on since an earlier session. A constant speed has come as far as the one that was followed then
+    /// would be now: another speed since the beginning would be another way.
+    fn turn_of_joining(voice: &mut Voice, law: Law, from: Time) -> Result<Turn, LawError> {
+        let old = voice.left.as_ref().and_then(|left| left.line_part(from));
+        let shift = match (old, law.line_part(from)) {
+            (Some(old), Some(new)) => voice.shift + old.way - new.way,
+            _ => 0.0,
+        };
+        *voice = Voice { shift, ..Voice::following(law) };
+        let settled = voice.in_program_time()?;
+        Ok(Turn { old_rate: None, faster: None, new: settled.clone(), settled })
+    }
+
         // Where the backlash is taken up now is known as long as the speed keeps its direction.
         let keeps_direction = new.speed == 0.0 || old.speed * new.speed > 0.0;
         if (old.has_backlash || new.has_backlash) && !keeps_direction {
