@@ -296,6 +296,27 @@ fn a_speed_that_changes_between_two_sessions_goes_on_from_the_way() {
     }
 }
 
+/// A motor that was stopped joins another speed where the old one would have brought it by then. It does not turn back first.
+#[test]
+fn a_stopped_motor_joins_another_speed_without_turning_back() {
+    let (mut lab, mut session) = turning(&with_laws([speed(100.0), sine(10.0, 2.0)]));
+    let (zero, shift) = (session.zero(), session.shifts().unwrap()[0].steps);
+    session.advance(zero + 2 * TICK_HZ, &mut lab).unwrap();
+    session.stop().unwrap();
+    session.advance(zero + 4 * TICK_HZ, &mut lab).unwrap();
+    let slower = Arc::new(with_laws([speed(20.0), sine(10.0, 2.0)]));
+    // Long, so that the steps of a speed that changes from 100 steps/s would show.
+    let wanted = Change { program: slower, over: Some(seconds(3.0)), begins: Begins::WithTheMotion };
+    let transition = session.change_to(&wanted).unwrap();
+    session.advance(transition.until + TICK_HZ, &mut lab).unwrap();
+    let steps = &lab.steps[0];
+    assert!(steps.iter().all(|(_, way)| *way == 1), "{steps:?}");
+    let time = |tick: u64| (tick - zero) as f64 / TICK_HZ as f64;
+    let place = shift + 100.0 * time(transition.from) + 20.0 * (time(transition.until) + 1.0 - time(transition.from));
+    assert!((steps.len() as f64 - place).abs() <= 1.5, "{} steps, not {place}", steps.len());
+    check_acceleration(steps, LIMITS.max_acceleration.unwrap(), 1.5).unwrap();
+}
+
 /// A motor that was sent to a position has left its way: a constant speed begins there.
 #[test]
 fn a_speed_begins_where_the_motor_was_sent() {
