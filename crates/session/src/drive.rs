@@ -24,7 +24,7 @@ use pulsetrain_trace::{Line, lines};
 
 use crate::control::{Command, Ended, Event, Knowledge, Positions, Status};
 use crate::estimate;
-use crate::fade::{Change, Transition};
+use crate::fade::{Change, Shift, Transition};
 use crate::lateness::{Edges, Lateness, Meter};
 use crate::pause::Ceiling;
 use crate::plans::{Planned, Plans};
@@ -479,7 +479,7 @@ impl<B: Leased> Driven<B> {
 
     /// What changes of an endless constant speed have added to each motor's way: [`Session::shifts`].
     #[must_use]
-    pub fn shifts(&self) -> Option<Vec<f64>> {
+    pub fn shifts(&self) -> Option<Vec<Shift>> {
         self.session.shifts()
     }
 
@@ -496,7 +496,7 @@ impl<B: Leased> Driven<B> {
     ///
     /// # Errors
     /// As [`Session::set_law_time`].
-    pub fn set_law_time(&mut self, time: Time, shifts: Option<&[f64]>) -> Result<(), SessionError> {
+    pub fn set_law_time(&mut self, time: Time, shifts: Option<&[Shift]>) -> Result<(), SessionError> {
         self.check_not_stopped()?;
         self.session.set_law_time(time, shifts)
     }

@@ -39,6 +39,15 @@ pub enum Begins {
     Now,
 }
 
+/// How an endless constant speed goes on in a later session: [`Session::shifts`].
+#[derive(Clone, Debug, PartialEq)]
+pub struct Shift {
+    /// The law that the motor followed; `None`: it was to join the law that it follows next.
+    pub law: Option<Law>,
+    /// What earlier speeds have added to the way of that law, steps.
+    pub steps: f64,
+}
+
 /// When a change happens, ticks.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Transition {
@@ -89,6 +98,8 @@ struct Voice {
     /// What earlier speeds have added to the way of its constant speed, steps.
     shift: f64,
     stance: Stance,
+    /// The law that an earlier session followed, while the motor rests until it joins one. [`Voice::shift`] is that law's.
+    left: Option<Law>,
 }
 
 /// How a motor came to its law.
@@ -98,7 +109,7 @@ enum Stance {
     Following,
     /// It was sent there: the law began at a change. A constant speed after it begins from there.
     Sent,
-    /// It rests until it joins a law that has gone on without it, [`Voice::shift`] included.
+    /// It rests until it joins a law that has gone on without it.
     Joining,
 }
 
@@ -152,7 +163,7 @@ impl Voice {
 
     /// It follows a law in the program's time.
     fn following(law: Law) -> Voice {
-        Voice { law, own: None, shift: 0.0, stance: Stance::Following }
+        Voice { law, own: None, shift: 0.0, stance: Stance::Following, left: None }
     }
 }
 
@@ -172,6 +183,16 @@ impl Fade {
         let old = self.old_law(turn, old)?;
         let faded = if self.apart[motor] { Law::faded_apart } else { Law::faded };
         faded(old, turn.new.clone(), self.from, self.over)
+    }
+
+    /// The paths that each motor blends, if it is an arm of a robot and does not fade separately.
+    fn paths(&self, old: &[Law]) -> Result<Vec<Option<[ArmPath; 2]>>, PauseError> {
+        let of = |(motor, turn): (usize, &Option<Turn>)| {
+            let Some(turn) = turn.as_ref().filter(|_| !self.apart[motor]) else { return Ok(None) };
+            let old = self.old_law(turn, &old[motor]).map_err(|error| PauseError::Law { motor, error })?;
+            Ok(old.paths_to(&turn.new, self.from, self.over))
+        };
+        self.turns.iter().enumerate().map(of).collect()
     }
 
     /// The old law during the fade.
@@ -227,13 +248,15 @@ impl Mix {
         Ok(Mix { voices: self.voices.clone(), ..Mix::resting(positions)? })
     }
 
-    /// Motors that rest where they are, and follow no other law. If `shifts` has what earlier speeds have added to each motor's way, a constant speed that
-    /// they join goes on from there; else it begins where the motors rest.
-    pub(crate) fn joining(positions: &[f64], shifts: Option<&[f64]>) -> Result<Mix, PauseError> {
+    /// Motors that rest where they are, and follow no other law. With `shifts` a constant speed that they join goes on from the ways in it; else it begins
+    /// where the motors rest.
+    pub(crate) fn joining(positions: &[f64], shifts: Option<&[Shift]>) -> Result<Mix, PauseError> {
         let mut mix = Mix::resting(positions)?;
         for (motor, voice) in mix.voices.iter_mut().enumerate() {
-            if let Some(shifts) = shifts {
-                (voice.shift, voice.stance) = (shifts.get(motor).copied().unwrap_or(0.0), Stance::Joining);
+            let Some(shifts) = shifts else { continue };
+            voice.stance = Stance::Joining;
+            if let Some(shift) = shifts.get(motor) {
+                (voice.shift, voice.left) = (shift.steps, shift.law.clone());
             }
         }
         Ok(mix)
@@ -250,9 +273,16 @@ impl Mix {
         Ok(Mix { base, fades: Vec::new(), voices })
     }
 
-    /// What earlier speeds have added to the way of each motor's constant speed, steps; `None` if the motors were sent to a position.
-    pub(crate) fn shifts(&self) -> Option<Vec<f64>> {
-        let shift = |voice: &Voice| (voice.stance != Stance::Sent).then_some(voice.shift);
+    /// What earlier speeds have added to the way of each motor's constant speed; `None` if the motors were sent to a position.
+    pub(crate) fn shifts(&self) -> Option<Vec<Shift>> {
+        let shift = |voice: &Voice| {
+            let law = match voice.stance {
+                Stance::Following => Some(voice.law.clone()),
+                Stance::Joining => voice.left.clone(),
+                Stance::Sent => return None,
+            };
+            Some(Shift { law, steps: voice.shift })
+        };
         self.voices.iter().map(shift).collect()
     }
 
@@ -316,18 +346,23 @@ impl Mix {
         self.fades.is_empty() && base.rests_for_ever_at().is_some() && !is_law()
     }
 
-    /// A fade into other laws, and what the motors follow then.
-    fn fade(&self, change: &Change, from: Time, over: Time, apart: &[bool]) -> Result<(Fade, Vec<Voice>), PauseError> {
+    /// A fade into other laws of the motors that are `changed`, and what the motors follow then. `stopped`: [`is_stopped`](Mix::is_stopped) by motor.
+    fn fade(
+        &self,
+        change: &Change,
+        (from, over): (Time, Time),
+        (changed, stopped): (&[bool], &[bool]),
+        apart: &[bool],
+    ) -> Result<(Fade, Vec<Voice>), PauseError> {
         let mut voices = self.voices.clone();
         let mut turns = Vec::with_capacity(voices.len());
-        let changed = self.changed(change);
         for (motor, voice) in voices.iter_mut().enumerate() {
             if !changed[motor] {
                 turns.push(None);
                 continue;
             }
             let law = change.program.motors[motor].law.clone();
-            let turn = Mix::turn(voice, law, change.begins, (from, over), self.is_stopped(motor));
+            let turn = Mix::turn(voice, law, change.begins, (from, over), stopped[motor]);
             turns.push(Some(turn.map_err(|error| PauseError::Law { motor, error })?));
         }
         Ok((Fade { from, over, turns, apart: apart.to_vec() }, voices))
@@ -341,6 +376,9 @@ impl Mix {
         (from, over): (Time, Time),
         is_stopped: bool,
     ) -> Result<Turn, LawError> {
+        if begins == Begins::WithTheMotion && voice.stance == Stance::Joining {
+            return Mix::turn_of_joining(voice, law, from);
+        }
         if begins == Begins::WithTheMotion
             && law != voice.law
             && let Some(turn) = Mix::turn_of_line(voice, &law, (from, over), is_stopped)?
@@ -358,11 +396,11 @@ impl Mix {
             (Begins::WithTheMotion, None) => (None, None),
             (Begins::WithTheMotion, Some((own, rates))) => ((own != from).then_some((from, own)), rates),
         };
-        let is_kept = begins == Begins::WithTheMotion && (law == voice.law || voice.stance == Stance::Joining);
+        let is_kept = begins == Begins::WithTheMotion && law == voice.law;
         let shift =
             if is_kept && law.line_part(own.map_or(from, |(_, own)| own)).is_some() { voice.shift } else { 0.0 };
         let stance = if begins == Begins::Now { Stance::Sent } else { Stance::Following };
-        *voice = Voice { law, own, shift, stance };
+        *voice = Voice { law, own, shift, stance, left: None };
         let Some((old_rate, new_rate)) = rates else {
             let law = voice.in_program_time()?;
             return Ok(Turn { old_rate: None, faster: None, new: law.clone(), settled: law });
@@ -374,6 +412,19 @@ impl Mix {
         Ok(Turn { old_rate: Some(old_rate), faster: None, new, settled: voice.in_program_time()? })
     }
 
+    /// As [`Mix::turn`], from rest to a law that has gone on since an earlier session. A constant speed has come as far as the one that was followed then
+    /// would be now: another speed since the beginning would be another way.
+    fn turn_of_joining(voice: &mut Voice, law: Law, from: Time) -> Result<Turn, LawError> {
+        let old = voice.left.as_ref().and_then(|left| left.line_part(from));
+        let shift = match (old, law.line_part(from)) {
+            (Some(old), Some(new)) => voice.shift + old.way - new.way,
+            _ => 0.0,
+        };
+        *voice = Voice { shift, ..Voice::following(law) };
+        let settled = voice.in_program_time()?;
+        Ok(Turn { old_rate: None, faster: None, new: settled.clone(), settled })
+    }
+
     /// As [`Mix::turn`], between laws with an endless constant speed: it goes on from where the motor is. `None` for others.
     fn turn_of_line(
         voice: &mut Voice,
@@ -382,9 +433,8 @@ impl Mix {
         is_stopped: bool,
     ) -> Result<Option<Turn>, LawError> {
         let (own, at) = match voice.stance {
-            Stance::Following => (voice.own, voice.own_time(from)),
             Stance::Sent => (None, from),
-            Stance::Joining => return Ok(None),
+            Stance::Following | Stance::Joining => (voice.own, voice.own_time(from)),
         };
         let (Some(old), Some(new)) = (voice.law.line_part(voice.own_time(from)), law.line_part(at)) else {
             return Ok(None);
@@ -419,17 +469,32 @@ impl Mix {
         let least_s = change.over.map_or(SHORTEST_S, |over| tempo.of_law(over).seconds().max(SHORTEST_S));
         let mut over_s = least_s;
         let mut apart = vec![false; old.len()];
+        // Neither depends on the duration.
+        let changed = self.changed(change);
+        let stopped: Vec<bool> = (0..old.len()).map(|motor| self.is_stopped(motor)).collect();
         'fades: while over_s <= LONGEST_S.max(least_s) {
-            let (fade, voices) = self.fade(change, from, Time::from_seconds(over_s), &apart)?;
+            let over = Time::from_seconds(over_s);
+            let (fade, voices) = self.fade(change, (from, over), (&changed, &stopped), &apart)?;
+            let mut paths = fade.paths(&old)?;
+            // All arms of a robot fade alike.
+            let mut is_mixed = false;
+            for machine in &change.program.machines {
+                let blended = machine.motors.iter().filter(|motor| paths[**motor].is_some()).count();
+                if (1..machine.motors.len()).contains(&blended) {
+                    machine.motors.iter().for_each(|motor| apart[*motor] = true);
+                    is_mixed = true;
+                }
+            }
+            if is_mixed {
+                continue;
+            }
             let mut fits = true;
             for (motor, turn) in fade.turns.iter().enumerate() {
                 let Some(turn) = turn.as_ref().filter(|_| fits) else { continue };
                 let machine = change.program.machines.iter().find(|machine| machine.motors.contains(&motor));
-                let is_apart = apart[motor];
-                let blends = blends(&fade, turn, &old[motor], tempo, machine.filter(|_| !is_apart))
+                let blends = blends(&fade, turn, &old[motor], tempo, (machine, paths[motor].take()))
                     .map_err(|error| PauseError::Law { motor, error })?;
                 let Some(blends) = blends else {
-                    // All arms of the robot fade alike.
                     machine.into_iter().flat_map(|machine| &machine.motors).for_each(|motor| apart[*motor] = true);
                     apart[motor] = true;
                     continue 'fades;
@@ -465,12 +530,11 @@ fn blends(
     turn: &Turn,
     old: &Law,
     tempo: Rate,
-    machine: Option<&Machine>,
+    (machine, paths): (Option<&Machine>, Option<[ArmPath; 2]>),
 ) -> Result<Option<Vec<Blend>>, LawError> {
     let over_s = fade.over.seconds();
     let places = ((over_s / PLACE_S) as u32).clamp(*PLACES.start(), *PLACES.end());
     let old = fade.old_law(turn, old)?;
-    let paths = machine.and_then(|_| old.paths_to(&turn.new, fade.from, fade.over));
     let angles = machine.and_then(|machine| match &machine.kinematics {
         Kinematics::Delta { angles, .. } => *angles,
         Kinematics::Xy { .. } => None,

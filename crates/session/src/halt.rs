@@ -1,6 +1,6 @@
 //! Pause, resume and tempo: the program is changed to its own laws with another rate of their time.
 
-use crate::fade::Mix;
+use crate::fade::{Mix, Shift};
 use crate::pause::{self, Ceiling, ticks};
 use crate::plans::{Plans, TRIED_MOVES};
 use crate::stream::LONGEST_DWELL_TICKS;
@@ -219,9 +219,9 @@ impl<B: Leased> Session<B> {
         self.law_time_at(self.board.now())
     }
 
-    /// What changes of an endless constant speed have added to each motor's way, steps; `None` if the motors were sent to a position.
+    /// What changes of an endless constant speed have added to each motor's way; `None` if the motors were sent to a position.
     #[must_use]
-    pub fn shifts(&self) -> Option<Vec<f64>> {
+    pub fn shifts(&self) -> Option<Vec<Shift>> {
         self.playback.mix.shifts()
     }
 
@@ -232,12 +232,12 @@ impl<B: Leased> Session<B> {
     }
 
     /// Sets the laws' time while all motors rest, and stay at rest until they change to other laws: the next change joins those at the new time. An endless
-    /// constant speed goes on from its way until then and `shifts`, steps, which an earlier session had by [`Session::shifts`]; without them it begins where
-    /// the motor rests.
+    /// constant speed goes on from the way of the law in `shifts` until then, which an earlier session had by [`Session::shifts`]. A motor that is not in
+    /// `shifts` joins the law's own way; without any it begins where the motor rests.
     ///
     /// # Errors
     /// [`SessionError::Waiting`] while a motor moves: try again at the tick in the error. [`SessionError::Late`] after a stop, and while the motion is paused.
-    pub fn set_law_time(&mut self, time: Time, shifts: Option<&[f64]>) -> Result<(), SessionError> {
+    pub fn set_law_time(&mut self, time: Time, shifts: Option<&[Shift]>) -> Result<(), SessionError> {
         let now = self.board.now();
         let LawTime::Going { .. } = self.playback.law_time else {
             return Err(SessionError::Late { at: now, latest: self.committed_until() });

@@ -36,6 +36,9 @@ pub struct ArmPath {
 const NARROWEST_S: f64 = 1e-9;
 /// Where a path is given both ways, as a law of the arm and as a path, they agree to this, steps.
 const SAME_STEPS: f64 = 1e-7;
+/// A path goes on in another one, or repeats, if they meet to this, mm: the arm's angle goes on from where it is, and a leap of the effector would be another
+/// one of the angle.
+const SAME_MM: f64 = 1e-9;
 
 impl Law {
     /// What the arm of `joint` does while the effector follows `tip`: x, y and z in mm, laws of any kind.
@@ -129,6 +132,10 @@ impl Law {
             Law::Warped(warped) => warped.law().tip_path()?.each(|law| Ok(Law::Warped(Arc::new(warped.of(law))))),
             Law::Repeated(repeated) => {
                 let own = repeated.law.tip_path().filter(|own| own.added.is_none())?;
+                let closes = || Some(meet(own.point(repeated.law.end()?).ok()?, own.point(Time::ZERO).ok()?));
+                if repeated.times != Some(1) && !closes()? {
+                    return None;
+                }
                 own.each(|law| law.repeated(repeated.times))
             }
             Law::Faded(faded) => faded.along()?.tip_path(),
@@ -163,8 +170,10 @@ impl Law {
             let here = super::Cursor::new(law).at(at).ok()?;
             ((here.position - path.position(at).ok()?).abs() <= SAME_STEPS).then_some(())
         };
-        is_its_path(self, &paths[0], from)?;
-        is_its_path(new, &paths[1], from + over)?;
+        for at in [from, from + over.divided_by(2), from + over] {
+            is_its_path(self, &paths[0], at)?;
+            is_its_path(new, &paths[1], at)?;
+        }
         (paths[0].joint == paths[1].joint).then_some(paths)
     }
 
@@ -231,11 +240,14 @@ impl ArmPath {
 
     /// The motor's position at a time, steps.
     fn position(&self, at: Time) -> Result<f64, LawError> {
-        let position = |law: &Law| super::Cursor::new(law).at(at).map(|sample| sample.position);
+        let [steps, ..] = self.joint.motion(self.point(at)?.map(|at| [at, 0.0, 0.0]));
+        Ok(steps + self.added.as_ref().map_or(Ok(0.0), |added| position_of(added, at))?)
+    }
+
+    /// Where the effector is at a time, mm.
+    fn point(&self, at: Time) -> Result<[f64; 3], LawError> {
         let [x, y, z] = &self.tip;
-        let [steps, ..] =
-            self.joint.motion([[position(x)?, 0.0, 0.0], [position(y)?, 0.0, 0.0], [position(z)?, 0.0, 0.0]]);
-        Ok(steps + self.added.as_ref().map_or(Ok(0.0), position)?)
+        Ok([position_of(x, at)?, position_of(y, at)?, position_of(z, at)?])
     }
 
     /// This path as it fades into `new`, which must be of the same joint: see [`Law::faded`].
@@ -260,6 +272,15 @@ pub(super) fn between(old: &Law, new: &Law, from: Time, over: Time) -> Option<La
     old.faded(new, from, over)?.law().ok()
 }
 
+fn position_of(law: &Law, at: Time) -> Result<f64, LawError> {
+    super::Cursor::new(law).at(at).map(|sample| sample.position)
+}
+
+/// Whether two points are the same one.
+fn meet(a: [f64; 3], b: [f64; 3]) -> bool {
+    a.iter().zip(b).all(|(a, b)| (a - b).abs() <= SAME_MM)
+}
+
 /// For how long a law rests, and where it does; `None` if it does not.
 fn rest(law: &Law) -> Option<(Time, f64)> {
     match law {
@@ -277,6 +298,8 @@ fn one_after_the_other(laws: &[Law]) -> Option<ArmPath> {
     // How long the motor rests at first, and where.
     let mut rested: Option<(Time, f64)> = None;
     let mut path: Option<(ArmPath, [Vec<Law>; 3])> = None;
+    // Where the effector is after the laws so far.
+    let mut ended: Option<[f64; 3]> = None;
     for law in laws {
         match (law.tip_path(), &mut path) {
             (Some(ArmPath { added: Some(_), .. }), _) => return None,
@@ -284,13 +307,15 @@ fn one_after_the_other(laws: &[Law]) -> Option<ArmPath> {
                 // Each law begins where the one before ended.
                 let moved = rested.map_or(Some(0.0), |(_, at)| Some(at - own.position(Time::ZERO).ok()?))?;
                 let added = if moved.abs() <= SAME_STEPS { None } else { Some(rest_at(moved).ok()?) };
+                ended = law.end().and_then(|end| own.point(end).ok());
                 let [x, y, z] = own.tip.clone().map(|law| vec![law]);
                 path = Some((ArmPath { added, ..own }, [x, y, z]));
             }
             (Some(own), Some((first, tip))) => {
-                if own.joint != first.joint {
+                if own.joint != first.joint || !meet(ended?, own.point(Time::ZERO).ok()?) {
                     return None;
                 }
+                ended = law.end().and_then(|end| own.point(end).ok());
                 for (laws, law) in tip.iter_mut().zip(own.tip) {
                     laws.push(law);
                 }
@@ -329,10 +354,6 @@ impl Arm {
 
     pub(super) const fn tip(&self) -> &[Law; 3] {
         &self.tip
-    }
-
-    pub(super) const fn joint(&self) -> &Joint {
-        &self.joint
     }
 
     pub(super) fn end(&self) -> Option<Time> {
@@ -698,6 +719,31 @@ mod tests {
         let tip = mixed(point(&old, s(0.45)), point(&new, s(0.75)), 0.5);
         let wanted = joint.motion(tip.map(|at| [at, 0.0, 0.0]))[0] - 0.5 * moved;
         assert!((position(&faded, s(0.75)) - wanted).abs() < 1e-9);
+    }
+
+    /// A sequence goes on from where the arm's angle is. If the effector would leap there, the arm's angle and the path are no longer the same motion.
+    #[test]
+    fn paths_that_leap_are_none() {
+        let open = arms_of_file(&rows()).map(|law| law.repeated(Some(3)).unwrap());
+        let twice = [0, 1, 2].map(|k| {
+            let once = arms_of_file(&rows())[k].clone();
+            Law::then(vec![once.clone(), Law::rest(s(0.1)).unwrap(), once]).unwrap()
+        });
+        for law in open.iter().chain(&twice) {
+            assert_eq!(law.tip_path(), None);
+        }
+        let once = arms_of_file(&rows()).map(|law| law.repeated(Some(1)).unwrap());
+        assert!(once.iter().all(|law| law.tip_path().is_some()));
+        let loops =
+            [table([0.0, 30.0, 30.0, 0.0]), table([5.0, 10.0, -40.0, 5.0]), table([-150.0, -140.0, -160.0, -150.0])];
+        let closed = arms_of_file(&loops).map(|law| law.repeated(None).unwrap());
+        let (from, over) = (6.3, 0.9);
+        let faded = [0, 1, 2].map(|k| closed[k].clone().faded(arms(&sums())[k].clone(), s(from), s(over)).unwrap());
+        check(&faded, 7.2, |at| mixed(point(&loops, s(at % 2.0)), point(&sums(), s(at)), weight(at, from, over)));
+        // Open ones fade by themselves, from where they are.
+        let faded = open[0].clone().faded(arms(&sums())[0].clone(), s(3.0), s(1.0)).unwrap();
+        let half = 0.5 * (position(&open[0], s(3.5)) + position(&arms(&sums())[0], s(3.5)));
+        assert!((position(&faded, s(3.5)) - half).abs() < 1e-9);
     }
 
     #[test]

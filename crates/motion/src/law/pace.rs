@@ -78,11 +78,6 @@ impl Law {
                 let first = paces.next()??;
                 (old.len() == new.len() && paces.all(|pace| pace == Some(first))).then_some(first)
             }
-            (Law::Arm(old), Law::Arm(new)) if old.joint() == new.joint() => {
-                let mut paces = old.tip().iter().zip(new.tip()).map(|(old, new)| old.pace_to(new));
-                let first = paces.next()??;
-                paces.all(|pace| pace == Some(first)).then_some(first)
-            }
             (Law::Blended(old), Law::Blended(new)) => old.law().pace_to(new.law()),
             (Law::Backlash(old), Law::Backlash(new)) => old.law().pace_to(new.law()),
             _ => None,

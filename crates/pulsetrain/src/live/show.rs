@@ -12,7 +12,7 @@ use pulsetrain_motion::{Time, human};
 use pulsetrain_session::SessionError;
 use pulsetrain_session::control::{Command, Ended, Event, Knowledge};
 use pulsetrain_session::drive::{DriveError, Driven};
-use pulsetrain_session::fade::{Begins, Change};
+use pulsetrain_session::fade::{Begins, Change, Shift};
 use std::sync::Arc;
 
 use pulsetrain_motion::program::Program;
@@ -83,7 +83,7 @@ pub struct Show<B> {
     /// A pause from before the board was lost: the motion goes on at this time of its laws.
     halted_at: Option<Time>,
     /// What changed speeds had added to the motors' ways before the board was lost.
-    shifts: Option<Vec<f64>>,
+    shifts: Option<Vec<Shift>>,
     /// When the motors rest where they were sent, s of the motion.
     rests_from_s: f64,
 }
@@ -93,7 +93,7 @@ struct Joining {
     /// The laws' time.
     at: Time,
     /// What changed speeds have added to the motors' ways; `None`: a constant speed begins where they rest.
-    shifts: Option<Vec<f64>>,
+    shifts: Option<Vec<Shift>>,
     /// The request and the event that answers it; `None`: they stay at rest.
     answer: Option<(LiveCommand, LiveEvent)>,
     /// What was asked for meanwhile.
@@ -929,7 +929,7 @@ pub struct SuspendedShow {
     is_halted: bool,
     /// When the board was lost.
     law_time: Time,
-    shifts: Option<Vec<f64>>,
+    shifts: Option<Vec<Shift>>,
     tempo: f64,
     rejoins: bool,
     rejoined: u32,

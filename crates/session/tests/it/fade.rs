@@ -246,6 +246,77 @@ fn a_speed_changes_as_quickly_after_ten_hours() {
     assert!(speed_change(1, 5900.0, -5900.0) < TICK_HZ);
 }
 
+/// A session whose motors changed from rest to these laws at its beginning, and follow them.
+fn turning(laws: &Program) -> (Lab, Session<Bench>) {
+    let rest = with_laws([speed(0.0), speed(0.0)]);
+    let mut lab = Lab::new(&rest);
+    let mut session = Session::new(Bench::new(&rest, 256), rest).unwrap();
+    let wanted = Change { program: Arc::new(laws.clone()), over: None, begins: Begins::WithTheMotion };
+    let until = change(&mut session, &mut lab, &wanted).unwrap();
+    session.advance(until, &mut lab).unwrap();
+    (lab, session)
+}
+
+/// The first motor turns at `old` in one session. Later another session joins `new`. Gives its steps while it joins and a second after, with how many of them
+/// `new` makes since the change.
+fn rejoined_at_another_speed(old: f64, new: f64) -> (Vec<(u64, i64)>, f64) {
+    let program = |v: f64| with_laws([speed(v), sine(10.0, 2.0)]);
+    let (_, session) = turning(&program(old));
+    let shifts = session.shifts().unwrap();
+    // The motor is where the old speed brought it in ten hours.
+    let away = seconds(36_000.0);
+    let place = (old * away.seconds() + shifts[0].steps).round();
+    let rest = with_laws([speed(0.0).shifted(place).unwrap(), speed(0.0)]);
+    let mut lab = Lab::new(&rest);
+    let mut session = Session::new(Bench::new(&rest, 256), rest).unwrap();
+    while let Err(error) = session.set_law_time(away, Some(&shifts)) {
+        let SessionError::Waiting { until, .. } = error else { panic!("{error}") };
+        assert!(until < TICK_HZ, "the motors do not rest");
+        session.advance(until, &mut lab).unwrap();
+    }
+    let begun = session.board().now();
+    let wanted = Change { program: Arc::new(program(new)), over: None, begins: Begins::WithTheMotion };
+    let until = change(&mut session, &mut lab, &wanted).unwrap();
+    let until_s = (until - begun) as f64 / TICK_HZ as f64;
+    assert!(until_s < 2.0, "it takes {until_s} s");
+    session.advance(until + TICK_HZ, &mut lab).unwrap();
+    (lab.steps[0].clone(), new * (until_s + 1.0))
+}
+
+/// A speed that is changed while the board is away goes on from where the old one would have brought the motor, not from where it would be at that speed
+/// since the beginning.
+#[test]
+fn a_speed_that_changes_between_two_sessions_goes_on_from_the_way() {
+    for (old, new) in [(20.0, 20.0), (20.0, 30.0), (20.0, -15.0)] {
+        let (steps, wanted) = rejoined_at_another_speed(old, new);
+        let made = steps.iter().map(|(_, way)| way).sum::<i64>() as f64;
+        // At the old speed until the change, which comes soon.
+        assert!((made - wanted).abs() < 3.0, "{old} to {new}: {made} steps, not {wanted}");
+        check_acceleration(&steps, LIMITS.max_acceleration.unwrap(), 1.5).unwrap();
+    }
+}
+
+/// A motor that was stopped joins another speed where the old one would have brought it by then. It does not turn back first.
+#[test]
+fn a_stopped_motor_joins_another_speed_without_turning_back() {
+    let (mut lab, mut session) = turning(&with_laws([speed(100.0), sine(10.0, 2.0)]));
+    let (zero, shift) = (session.zero(), session.shifts().unwrap()[0].steps);
+    session.advance(zero + 2 * TICK_HZ, &mut lab).unwrap();
+    session.stop().unwrap();
+    session.advance(zero + 4 * TICK_HZ, &mut lab).unwrap();
+    let slower = Arc::new(with_laws([speed(20.0), sine(10.0, 2.0)]));
+    // Long, so that the steps of a speed that changes from 100 steps/s would show.
+    let wanted = Change { program: slower, over: Some(seconds(3.0)), begins: Begins::WithTheMotion };
+    let transition = session.change_to(&wanted).unwrap();
+    session.advance(transition.until + TICK_HZ, &mut lab).unwrap();
+    let steps = &lab.steps[0];
+    assert!(steps.iter().all(|(_, way)| *way == 1), "{steps:?}");
+    let time = |tick: u64| (tick - zero) as f64 / TICK_HZ as f64;
+    let place = shift + 100.0 * time(transition.from) + 20.0 * (time(transition.until) + 1.0 - time(transition.from));
+    assert!((steps.len() as f64 - place).abs() <= 1.5, "{} steps, not {place}", steps.len());
+    check_acceleration(steps, LIMITS.max_acceleration.unwrap(), 1.5).unwrap();
+}
+
 /// A motor that was sent to a position has left its way: a constant speed begins there.
 #[test]
 fn a_speed_begins_where_the_motor_was_sent() {

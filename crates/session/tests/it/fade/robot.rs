@@ -263,6 +263,31 @@ fn arms_fade_by_themselves_where_the_blend_leaves_their_angles() {
     }
 }
 
+/// If one arm has no path to blend, all arms of the robot fade separately.
+#[test]
+fn all_arms_fade_by_themselves_if_one_has_no_path() {
+    let place = |y: f64| [at_rest(60.0), at_rest(y), at_rest(-120.0)];
+    let angle = |y: f64, arm: usize| ROBOT.angles([60.0, y, -120.0]).unwrap()[arm] * STEPS_PER_RAD;
+    let program = |y: f64| {
+        let path = |arm: usize| Law::arm(joint(arm), place(y));
+        robot_of([at_rest(angle(y, 0)), path(1), path(2)], None)
+    };
+    let begun = program(-50.0);
+    let mut lab = Lab::new(&begun);
+    let mut session = Session::new(Bench::new(&begun, 256), begun).unwrap();
+    let wanted = Change { program: Arc::new(program(50.0)), over: Some(seconds(1.0)), begins: Begins::Now };
+    let until = change(&mut session, &mut lab, &wanted).unwrap();
+    session.advance(until + TICK_HZ, &mut lab).unwrap();
+    let middle = until - TICK_HZ / 2;
+    for arm in [1, 2] {
+        let [from, to] = [-50.0, 50.0].map(|y| angle(y, arm));
+        let made = lab.steps[arm].iter().filter(|(tick, _)| *tick <= middle).map(|(_, way)| way).sum::<i64>() as f64;
+        let on_the_blend = angle(0.0, arm) - from;
+        assert!((0.5 * (to - from) - on_the_blend).abs() > 5.0, "arm {arm}: both ways are alike");
+        assert!((made - 0.5 * (to - from)).abs() < 1.5, "arm {arm}: {made} steps, the blend: {on_the_blend}");
+    }
+}
+
 fn tip() -> impl Strategy<Value = Tip> {
     let coordinate = |middle: f64| {
         let swing = (-25.0..25.0f64, 0.8..2.0f64)
