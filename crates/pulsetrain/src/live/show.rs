@@ -55,6 +55,8 @@ pub struct Show<B> {
     earlier: Vec<Desk>,
     /// Whether the motion was ever changed.
     is_changed: bool,
+    /// The session was told to stop.
+    is_stopping: bool,
     /// Why the last change is being taken back.
     taking_back: Option<String>,
     /// A change that waits until another one has begun.
@@ -133,6 +135,7 @@ impl<B: Leased> Show<B> {
             desk,
             earlier: Vec::new(),
             is_changed: false,
+            is_stopping: false,
             taking_back: None,
             waiting: None,
             timed: Vec::new(),
@@ -165,10 +168,17 @@ impl<B: Leased> Show<B> {
         (self.is_parked || self.is_paused) && self.now_s >= self.rests_from_s
     }
 
-    /// Whether the motors join the motion again by themselves after a stop.
+    /// Whether the motors join the motion again by themselves after a failure. They do not if somebody asked for a stop.
     #[must_use]
-    pub const fn rejoins(&self) -> bool {
-        self.rejoins
+    pub fn rejoins(&self) -> bool {
+        self.rejoins && !self.has_stop()
+    }
+
+    /// Whether somebody asked for a stop that has not ended the motion yet. Nothing waits for the board then.
+    fn has_stop(&self) -> bool {
+        let is_stop_of_session = |(command, _): &(Command, Option<u64>)| is_stop(*command);
+        let is_timed = |timed: &TimedRequests| timed.requests.iter().any(|request| stop_of(request).is_some());
+        self.is_stopping || self.commands.iter().any(is_stop_of_session) || self.timed.iter().any(is_timed)
     }
 
     /// How far the laws' time is, at most.
@@ -276,7 +286,6 @@ impl<B: Leased> Show<B> {
     /// As [`Show::step`]; nothing begins that was not asked of the session before.
     fn pass(&mut self, observer: &mut impl Observer, tell: Tell<'_>) -> Result<Option<Ended>, DriveError> {
         let soon = self.driven.now() + self.ticks(STEP_S);
-        let is_stop = |command: Command| matches!(command, Command::Stop | Command::StopNow);
         // A stop has no tick of its own: it is given just before.
         let is_due = |(command, at): &(Command, Option<u64>)| !is_stop(*command) || at.is_none_or(|at| at <= soon);
         let urgent = |wanted: Command| self.commands.iter().position(|it| it.0 == wanted && is_due(it));
@@ -285,11 +294,25 @@ impl<B: Leased> Show<B> {
         let command = next.and_then(|next| self.commands.remove(next)).map(|(command, at)| {
             self.held_until = at;
             self.driven.hold_changes_until(at);
+            self.is_stopping |= is_stop(command);
             command
         });
         let (mut events, mut refused) = (Vec::new(), None);
         let stepped = self.driven.step(command, observer, |event| events.push(event));
         let stepped = match stepped {
+            // The session failed before it took the stop. The motors have braked: the next step tells it again.
+            Err(error)
+                if self.is_stopping
+                    && self.rejoins
+                    && (may_rejoin(&error) || is_refused(&error))
+                    && self.driven.has_braked()
+                    && self.tries_to_rejoin < MOST_TRIES =>
+            {
+                self.tries_to_rejoin += 1;
+                self.commands.extend(command.filter(|command| is_stop(*command)).map(|command| (command, None)));
+                Ok(Ok(None))
+            }
+            Err(error) if self.is_stopping => Err(error),
             Err(error) if self.rejoins && may_rejoin(&error) => match self.driven.rejoin() {
                 Ok(times) => Ok(Err(times)),
                 // It is too soon: `after_braking` tries again.
@@ -340,9 +363,14 @@ impl<B: Leased> Show<B> {
         Ok(ended)
     }
 
+    /// Whether the session is to be told to stop before anything else.
+    fn has_stop_to_give(&self) -> bool {
+        self.commands.iter().any(|(command, at)| is_stop(*command) && at.is_none())
+    }
+
     /// Lets motors join the motion again that braked while something else was done.
     fn after_braking(&mut self, tell: Tell<'_>) {
-        if self.waiting.is_some() || !self.driven.has_braked() {
+        if self.waiting.is_some() || !self.driven.has_braked() || self.has_stop_to_give() {
             return;
         }
         if !self.rejoins || self.tries_to_rejoin >= MOST_TRIES {
@@ -431,7 +459,14 @@ impl<B: Leased> Show<B> {
         observer: &mut O,
         tell: Tell<'_>,
     ) -> Result<Option<Ended>, DriveError> {
-        let requests = &self.set_apart(requests, tell)[..];
+        let (stops, others): (Vec<_>, Vec<_>) =
+            requests.iter().cloned().partition(|request| stop_of(request).is_some());
+        self.commands.extend(stops.iter().filter_map(stop_of).map(|stop| (stop, at)));
+        if !stops.is_empty() && at.is_none() {
+            others.into_iter().for_each(|request| tell(refusal(request, &"a stop came with it")));
+            return Ok(None);
+        }
+        let requests = &self.set_apart(&others, tell)[..];
         let (mut gathered, _) = self.gather(requests, at, None::<(&mut O, Tell<'_>)>)?;
         // Values may be too much one by one, and hold together. If they do not, each is looked at.
         let program = match self.verdict(&gathered) {
@@ -1055,6 +1090,18 @@ fn with_file(desk: &Desk, text: &str, files: &FileTexts) -> Result<Option<Desk>,
         LiveEvent::MotionRefused { error: format!("{error}{}", advice.unwrap_or_default()), line, column }
     })?;
     Ok(Some(desk))
+}
+
+const fn is_stop(command: Command) -> bool {
+    matches!(command, Command::Stop | Command::StopNow)
+}
+
+/// The stop that a request is.
+const fn stop_of(request: &Request) -> Option<Command> {
+    match request {
+        Request::Session(command) if is_stop(*command) => Some(*command),
+        _ => None,
+    }
 }
 
 fn change(program: Arc<Program>, over: Option<Time>) -> Change {
