@@ -42,6 +42,8 @@ const FARTHEST_S: f64 = 60.0;
 const MOST_EARLIER: usize = 8;
 /// A change that begins later than its tick by more than this is reported as late, s.
 const LATE_S: f64 = 0.002;
+/// The position of the command that stands for a way back to the motion.
+const THE_MOTION: &str = "the motion";
 /// Changes that may wait for their tick.
 const MOST_TIMED: usize = 1024;
 
@@ -51,8 +53,10 @@ pub struct Show<B> {
     desk: Desk,
     /// What the motors follow, or change to.
     followed: Desk,
+    /// The program of `followed`; `None` if it was not read yet.
+    followed_program: Option<Arc<Program>>,
     /// What they followed before each of the last changes, oldest first. The oldest of all is never forgotten.
-    earlier: Vec<Desk>,
+    earlier: Vec<EarlierMotion>,
     /// Whether the motion was ever changed.
     is_changed: bool,
     /// The session was told to stop.
@@ -88,6 +92,12 @@ pub struct Show<B> {
     shifts: Option<Vec<f64>>,
     /// When the motors rest where they were sent, s of the motion.
     rests_from_s: f64,
+}
+
+/// A motion that the motors followed, for a change that has to be taken back.
+struct EarlierMotion {
+    desk: Desk,
+    tempo: f64,
 }
 
 /// Motors that rest are to follow the motion.
@@ -132,6 +142,7 @@ impl<B: Leased> Show<B> {
         Show {
             driven: driven.staying().looking_often(),
             followed: desk.clone(),
+            followed_program: None,
             desk,
             earlier: Vec::new(),
             is_changed: false,
@@ -333,7 +344,13 @@ impl<B: Leased> Show<B> {
                 Event::Progress { at_s } => self.now_s = *at_s,
                 Event::Pausing { rests_s } => (self.is_paused, self.rests_from_s) = (true, *rests_s),
                 Event::Resuming { .. } => self.is_paused = false,
-                Event::Tempo { rate, .. } => (self.tempo, self.is_changed) = (*rate, true),
+                Event::Tempo { rate, .. } => {
+                    self.is_changed = true;
+                    if *rate != self.tempo {
+                        self.keep(self.followed.clone());
+                    }
+                    self.tempo = *rate;
+                }
                 Event::Failed { .. } if stepped.is_ok() => continue,
                 _ => {}
             }
@@ -352,7 +369,7 @@ impl<B: Leased> Show<B> {
                 dropped.answers.into_iter().for_each(|(command, _)| refuse(command, &why, tell));
             }
             self.taking_back = Some(why);
-            self.take_back(tell);
+            self.take_back(self.tempo, tell);
         }
         if ended.is_none() {
             self.after_braking(tell);
@@ -387,21 +404,23 @@ impl<B: Leased> Show<B> {
     }
 
     /// The planner has refused a part of the motion long after a change, and the motors have braked: they join the last motion before it that keeps to
-    /// the limits. If there is none, they rest where they stand.
-    fn take_back(&mut self, tell: Tell<'_>) {
+    /// the limits, at its tempo. If there is none, they rest where they stand, with the first tempo; `tempo` is the one that is known.
+    fn take_back(&mut self, mut tempo: f64, tell: Tell<'_>) {
         self.follow_at_s = None;
-        while let Some(earlier) = self.earlier.pop() {
-            let Ok(program) = earlier.program() else { continue };
-            let is_sound = matches!(self.driven.ceiling_of(&change(Arc::clone(&program), None)), Ok(None));
-            (self.desk, self.followed) = (earlier.clone(), earlier);
+        while let Some(EarlierMotion { desk, tempo: its_tempo }) = self.earlier.pop() {
+            let (Ok(program), Some(rate)) = (desk.program(), Rate::of(its_tempo)) else { continue };
+            let is_sound = matches!(self.driven.ceiling_at(&change(Arc::clone(&program), None), rate), Ok(None));
+            (self.desk, self.followed, tempo) = (desk.clone(), desk, its_tempo);
+            self.followed_program = Some(Arc::clone(&program));
             if is_sound {
-                return self.change(PendingChange::alone(program), tell);
+                return self.change(PendingChange { tempo: Some(tempo), ..PendingChange::alone(program) }, tell);
             }
         }
         let resting = self.driven.resting().ok().and_then(|positions| self.desk.resting_at(&positions).ok());
         match resting {
             Some(resting) => {
-                let resting = PendingChange { is_parked: true, ..PendingChange::alone(Arc::new(resting)) };
+                let alone = PendingChange::alone(Arc::new(resting));
+                let resting = PendingChange { is_parked: true, tempo: Some(tempo), ..alone };
                 self.change(resting, tell);
             }
             None => self.commands.push_back((Command::Stop, None)),
@@ -505,7 +524,7 @@ impl<B: Leased> Show<B> {
                 self.tell_late(wanted, self.driven.seconds_at(self.driven.earliest()), tell);
             }
             if !gathered.answers.is_empty() {
-                self.followed = self.desk.clone();
+                (self.followed, self.followed_program) = (self.desk.clone(), None);
             }
             for (_, mut event) in gathered.answers {
                 set_times(&mut event, (self.now_s, self.now_s));
@@ -626,7 +645,7 @@ impl<B: Leased> Show<B> {
         for request in requests {
             let command = match request {
                 Request::Session(Command::Resume) if gathered.is_parked && !self.is_paused => {
-                    let command = LiveCommand::Goto { position: "the motion".to_owned() };
+                    let command = LiveCommand::Goto { position: THE_MOTION.to_owned() };
                     gathered.changes(None, (command, LiveEvent::Returned { from_s: 0.0, until_s: 0.0 }));
                     continue;
                 }
@@ -825,13 +844,10 @@ impl<B: Leased> Show<B> {
         self.driven.hold_changes_until(self.held_until);
         match changed {
             Ok((times, tempo)) => {
-                let before = std::mem::replace(&mut self.followed, self.desk.clone());
-                // What is taken back is no earlier motion.
-                if !pending_change.answers.is_empty() {
-                    self.keep(before);
-                }
+                self.follow(&pending_change, tempo.as_ref());
                 self.is_parked = pending_change.is_parked;
                 self.rests_from_s = times.1;
+                let takes_back = self.taking_back.is_some();
                 if let Some(why) = self.taking_back.take() {
                     let (from_s, until_s) = times;
                     let rests = pending_change.is_parked;
@@ -845,10 +861,13 @@ impl<B: Leased> Show<B> {
                 }
                 self.tell_late(pending_change.wanted, times.0, tell);
                 if let Some(event) = tempo {
+                    let is_known = matches!(event, Event::Tempo { rate, .. } if rate == self.tempo) && takes_back;
                     if let Event::Tempo { rate, .. } = &event {
                         (self.tempo, self.is_changed) = (*rate, true);
                     }
-                    tell(Happened::Session(event));
+                    if !is_known {
+                        tell(Happened::Session(event));
+                    }
                 }
             }
             Err(SessionError::Waiting { .. }) => self.waiting = Some(pending_change),
@@ -857,7 +876,7 @@ impl<B: Leased> Show<B> {
                 self.waiting = Some(pending_change);
             }
             // The limits may leave no room for both at once: one after the other then.
-            Err(_) if pending_change.tempo.is_some() => {
+            Err(_) if pending_change.tempo.is_some() && self.taking_back.is_none() => {
                 let mut laws_alone = pending_change;
                 let tempo = laws_alone.tempo.take().map(|rate| (Command::Tempo { rate }, laws_alone.at));
                 self.commands.extend(tempo);
@@ -872,19 +891,45 @@ impl<B: Leased> Show<B> {
                 match self.taking_back {
                     None => {}
                     Some(_) if pending_change.is_parked => self.commands.push_back((Command::Stop, None)),
-                    Some(_) => self.take_back(tell),
+                    Some(_) => self.take_back(pending_change.tempo.unwrap_or(self.tempo), tell),
                 }
             }
         }
     }
 
-    /// Keeps a motion that was followed, for a change that has to be taken back.
-    fn keep(&mut self, before: Desk) {
+    /// Notes what the motors follow after a change, and keeps what they followed before if that was another motion.
+    fn follow(&mut self, change: &PendingChange, tempo: Option<&Event>) {
+        let before = std::mem::replace(&mut self.followed, self.desk.clone());
+        // What is taken back is no earlier motion.
+        if change.answers.is_empty() {
+            return;
+        }
         self.is_changed = true;
+        let is_place = |(command, _): &(LiveCommand, LiveEvent)| {
+            matches!(command, LiveCommand::Rest { .. })
+                || matches!(command, LiveCommand::Goto { position } if position != THE_MOTION)
+        };
+        let is_other_tempo = matches!(tempo, Some(Event::Tempo { rate, .. }) if *rate != self.tempo);
+        if change.answers.iter().all(is_place) && !is_other_tempo {
+            return;
+        }
+        let program = if change.is_parked { None } else { Some(Arc::clone(&change.program)) };
+        let program_before = std::mem::replace(&mut self.followed_program, program);
+        let program_before = program_before.map_or_else(|| before.program(), Ok);
+        // The motors may come back to the motion that they left, or join it again.
+        let is_same =
+            matches!((&program_before, &self.followed_program), (Ok(one), Some(other)) if is_same_motion(one, other));
+        if is_other_tempo || !is_same {
+            self.keep(before);
+        }
+    }
+
+    /// Keeps a motion that was followed at the present tempo, for a change that has to be taken back.
+    fn keep(&mut self, desk: Desk) {
         if self.earlier.len() == MOST_EARLIER {
             self.earlier.remove(1);
         }
-        self.earlier.push(before);
+        self.earlier.push(EarlierMotion { desk, tempo: self.tempo });
     }
 }
 
@@ -1106,6 +1151,14 @@ const fn stop_of(request: &Request) -> Option<Command> {
 
 fn change(program: Arc<Program>, over: Option<Time>) -> Change {
     Change { program, over, begins: Begins::WithTheMotion }
+}
+
+/// Whether motors follow both in the same way: boards and wiring do not change while they run.
+fn is_same_motion(one: &Arc<Program>, other: &Arc<Program>) -> bool {
+    let motors = || one.motors.iter().zip(&other.motors);
+    Arc::ptr_eq(one, other)
+        || (motors().all(|(one, other)| one.law == other.law && one.limits == other.limits)
+            && one.machines == other.machines)
 }
 
 fn refuse(command: LiveCommand, why: &impl ToString, tell: Tell<'_>) {
