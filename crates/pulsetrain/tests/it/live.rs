@@ -1201,8 +1201,8 @@ pub(crate) mod processes {
         other.get_mut().write_all(format!("[{}\n", "1,".repeat(5000)).as_bytes()).unwrap();
         answer(&mut other, "no line of JSON");
         // One without an end is left where it is too long.
-        other.get_mut().write_all(&vec![b' '; 32_004_096]).unwrap();
-        answer(&mut other, "32004096 bytes at most");
+        other.get_mut().write_all(&vec![b' '; 96_004_096]).unwrap();
+        answer(&mut other, "96004096 bytes at most");
         live.say("speed 2 Hz");
         live.until("speed is 2 Hz from");
         assert_eq!(live.stop(), Some(0));
