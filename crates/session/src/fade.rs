@@ -701,13 +701,16 @@ impl<B: Leased> Session<B> {
         }
         self.attempt(|session, caution, delay| {
             let (at, time) = session.moment(delay)?;
-            let tempo = session.playback.tempo();
+            let mut tempo = session.playback.tempo();
+            let to = new_tempo.map_or(tempo, |(rate, _)| rate);
             let mut mix = session.playback.mix().clone();
             mix.settle(time);
             if session.playback.is_stopped() {
                 let positions =
                     (0..program.motors.len()).map(|motor| session.state(motor, at).map(|state| state.theta));
                 mix = mix.at_rest(&positions.collect::<Result<Vec<f64>, _>>()?)?;
+                // Motors at rest have no tempo to ease from, and it may be the one that the planner refused.
+                tempo = to;
             }
             mix = mix.with_resting_tips(program);
             if let Some(full_until) = mix.full_until(time) {
@@ -716,7 +719,6 @@ impl<B: Leased> Session<B> {
             }
             // The resumption speeds the laws' time up while the motors change over: it needs a part of each limit.
             let caution = if session.is_paused() { PAUSED * caution } else { caution };
-            let to = new_tempo.map_or(tempo, |(rate, _)| rate);
             let (fade, voices) = mix.quickest(change, time, tempo.max(to), caution)?;
             let of_fade = fade.over;
             mix.fades.push(fade);
@@ -760,7 +762,15 @@ impl<B: Leased> Session<B> {
     /// # Errors
     /// When a law cannot be evaluated.
     pub fn ceiling_of(&self, change: &Change) -> Result<Option<Ceiling>, SessionError> {
-        let (tempo, mix) = (self.playback.tempo(), self.playback.mix());
+        self.ceiling_at(change, self.playback.tempo())
+    }
+
+    /// As [`Session::ceiling_of`], at a tempo that comes with the change.
+    ///
+    /// # Errors
+    /// As [`Session::ceiling_of`].
+    pub fn ceiling_at(&self, change: &Change, tempo: Rate) -> Result<Option<Ceiling>, SessionError> {
+        let mix = self.playback.mix();
         // Motors that were stopped left their laws: all of them join the new ones.
         let changed = if self.is_stopped() { vec![true; change.program.motors.len()] } else { mix.changed(change) };
         let from = if change.begins == Begins::Now { Time::ZERO } else { self.law_time() };

@@ -246,11 +246,15 @@ impl Hub {
         self.state().clock = Some((moment, at_s));
     }
 
-    /// The motion's time at a moment that is to come, s; `None` if it is not known, or the moment is past.
+    /// The motion's time at a moment, s, 0 at least; `None` if it is not known.
     #[must_use]
     pub fn time_at(&self, moment: Instant) -> Option<f64> {
         let (known, at_s) = self.state().clock?;
-        Some(at_s + moment.checked_duration_since(known)?.as_secs_f64())
+        let since_s = match moment.checked_duration_since(known) {
+            Some(after) => after.as_secs_f64(),
+            None => -known.saturating_duration_since(moment).as_secs_f64(),
+        };
+        Some((at_s + since_s).max(0.0))
     }
 
     /// Whether it is that of a live motion, which takes all requests.

@@ -55,8 +55,9 @@ pub const VERSION: u32 = 1;
 
 /// The longest line of a client, bytes, its end included.
 pub const LONGEST_LINE: usize = 4096;
-/// The longest line with the command `motion`, bytes: JSON writes a character of a text file in two bytes at most, apart from control characters.
-pub const LONGEST_MOTION_LINE: usize = 2 * pulsetrain_motion::file::MOST_OF_A_MOTION_FILE as usize + LONGEST_LINE;
+/// The longest line with the command `motion`, bytes: JSON may write a byte of a text in six (`\u003c`), and so the largest file always fits. One client
+/// sends such a line at a time.
+pub const LONGEST_MOTION_LINE: usize = 6 * pulsetrain_motion::file::MOST_OF_A_MOTION_FILE as usize + LONGEST_LINE;
 
 /// The most commands in a list that act together.
 const MOST_TOGETHER: usize = 64;

@@ -7,6 +7,7 @@ use std::os::unix::fs::PermissionsExt;
 use std::os::unix::net::{UnixListener, UnixStream};
 use std::path::{Path, PathBuf};
 use std::thread;
+use std::time::Duration;
 
 use super::client::{ENDING, folder};
 use super::hub::{ClientKind, Hub, HubLines, HubSender, JoinError, PATIENCE};
@@ -86,7 +87,7 @@ fn serve(mut stream: UnixStream, hub: &Hub) -> io::Result<()> {
     let (sender, lines) = client.split();
     let output = stream.try_clone()?;
     thread::Builder::new().name("control client".into()).spawn(move || write(output, &lines))?;
-    thread::Builder::new().name("control client".into()).spawn(move || hear(stream, &sender)).map(drop)
+    thread::Builder::new().name("control client".into()).spawn(move || hear(stream, &sender, PATIENCE)).map(drop)
 }
 
 /// Writes a client's lines, up to the last one or to the first that is not taken in time.
@@ -99,8 +100,8 @@ fn write(mut output: UnixStream, lines: &HubLines) {
     drop(output.shutdown(Shutdown::Both));
 }
 
-/// Reads a client's lines until it has no more.
-fn hear(input: UnixStream, sender: &HubSender) {
+/// Reads a client's lines until it has no more. In the middle of a long line it may be silent for `patience`.
+fn hear(input: UnixStream, sender: &HubSender, patience: Duration) {
     let mut input = BufReader::new(input);
     let mut lines: Vec<Vec<u8>> = Vec::new();
     loop {
@@ -115,10 +116,23 @@ fn hear(input: UnixStream, sender: &HubSender) {
             if !sender.hub().is_live() {
                 return sender.complain(format!("a line has {LONGEST_LINE} bytes at most"));
             }
-            // One at a time: the process has room for one.
+            // One at a time: the process has room for one. The others wait for it, and so it must not stop half way.
             let _alone = sender.hub().long_line();
             let left = (LONGEST_MOTION_LINE - line.len()) as u64;
-            if (&mut input).take(left).read_until(b'\n', &mut line).is_err() {
+            if input.get_ref().set_read_timeout(Some(patience)).is_err() {
+                return;
+            }
+            match (&mut input).take(left).read_until(b'\n', &mut line) {
+                Ok(_) => {}
+                Err(error) if matches!(error.kind(), io::ErrorKind::WouldBlock | io::ErrorKind::TimedOut) => {
+                    let (len, patience_s) = (line.len(), patience.as_secs_f64());
+                    return sender.complain(format!(
+                        "a line stopped after {len} bytes for {patience_s} s: send a line with a motion file without a break"
+                    ));
+                }
+                Err(_) => return,
+            }
+            if input.get_ref().set_read_timeout(None).is_err() {
                 return;
             }
             if line.len() >= LONGEST_MOTION_LINE && line.last() != Some(&b'\n') {
@@ -135,6 +149,58 @@ fn hear(input: UnixStream, sender: &HubSender) {
         if lines.len() == MOST_TOGETHER || !input.buffer().contains(&b'\n') {
             sender.lines(lines.iter().map(Vec::as_slice));
             lines.clear();
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::control_socket::{LiveCommand, Request, RunInfo};
+    use crate::live::FileTexts;
+    use pulsetrain_motion::file::MOST_OF_A_MOTION_FILE;
+    use std::sync::mpsc::channel;
+
+    /// A client of a live motion. Only a broken server makes it wait to the end.
+    fn client(hub: &Hub, patience: Duration) -> BufReader<UnixStream> {
+        let (ours, theirs) = UnixStream::pair().unwrap();
+        let (sender, lines) = hub.join(ClientKind::Socket).unwrap().split();
+        let output = theirs.try_clone().unwrap();
+        thread::spawn(move || write(output, &lines));
+        thread::spawn(move || hear(theirs, &sender, patience));
+        ours.set_read_timeout(Some(Duration::from_secs(60))).unwrap();
+        let mut client = BufReader::new(ours);
+        client.read_line(&mut String::new()).unwrap();
+        client
+    }
+
+    #[test]
+    fn a_client_that_stops_in_a_long_line_does_not_block_the_others() {
+        let (sender, requests) = channel();
+        let hub = Hub::of_live(RunInfo { is_live: true, ..RunInfo::nothing() }, sender);
+        hub.looked();
+        let mut stuck = client(&hub, Duration::from_millis(1));
+        stuck.get_mut().write_all(&[b' '; LONGEST_LINE + 1]).unwrap();
+        let mut said = String::new();
+        stuck.read_line(&mut said).unwrap();
+        assert!(said.contains("a line stopped after 4097 bytes for 0.001 s"), "{said}");
+        let mut other = client(&hub, Duration::from_secs(60));
+        let text = " ".repeat(LONGEST_LINE);
+        let line = format!("{{\"command\":\"motion\",\"text\":\"{text}\"}}\n");
+        other.get_mut().write_all(line.as_bytes()).unwrap();
+        let motion = Request::Live(LiveCommand::Motion { text, files: FileTexts::new() });
+        assert_eq!(requests.recv_timeout(Duration::from_secs(60)), Ok(motion));
+    }
+
+    /// However JSON writes its characters.
+    #[test]
+    fn the_largest_motion_file_fits_in_a_line() {
+        let bytes = MOST_OF_A_MOTION_FILE as usize;
+        for (character, written) in [("é", r"\u00e9"), ("<", r"\u003c"), ("😀", r"\ud83d\ude00")] {
+            let read: String = serde_json::from_str(&format!("\"{written}\"")).unwrap();
+            assert_eq!(read, character);
+            let line = r#"{"command":"motion","text":""}"#.len() + bytes / character.len() * written.len() + 1;
+            assert!(line <= LONGEST_MOTION_LINE, "{character}: {line}");
         }
     }
 }

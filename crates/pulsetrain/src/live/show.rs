@@ -42,6 +42,8 @@ const FARTHEST_S: f64 = 60.0;
 const MOST_EARLIER: usize = 8;
 /// A change that begins later than its tick by more than this is reported as late, s.
 const LATE_S: f64 = 0.002;
+/// The position of the command that stands for a way back to the motion.
+const THE_MOTION: &str = "the motion";
 /// Changes that may wait for their tick.
 const MOST_TIMED: usize = 1024;
 
@@ -51,10 +53,14 @@ pub struct Show<B> {
     desk: Desk,
     /// What the motors follow, or change to.
     followed: Desk,
+    /// The program of `followed`; `None` if it was not read yet.
+    followed_program: Option<Arc<Program>>,
     /// What they followed before each of the last changes, oldest first. The oldest of all is never forgotten.
-    earlier: Vec<Desk>,
+    earlier: Vec<EarlierMotion>,
     /// Whether the motion was ever changed.
     is_changed: bool,
+    /// The session was told to stop.
+    is_stopping: bool,
     /// Why the last change is being taken back.
     taking_back: Option<String>,
     /// A change that waits until another one has begun.
@@ -86,6 +92,12 @@ pub struct Show<B> {
     shifts: Option<Vec<Shift>>,
     /// When the motors rest where they were sent, s of the motion.
     rests_from_s: f64,
+}
+
+/// A motion that the motors followed, for a change that has to be taken back.
+struct EarlierMotion {
+    desk: Desk,
+    tempo: f64,
 }
 
 /// Motors that rest are to follow the motion.
@@ -130,9 +142,11 @@ impl<B: Leased> Show<B> {
         Show {
             driven: driven.staying().looking_often(),
             followed: desk.clone(),
+            followed_program: None,
             desk,
             earlier: Vec::new(),
             is_changed: false,
+            is_stopping: false,
             taking_back: None,
             waiting: None,
             timed: Vec::new(),
@@ -165,10 +179,17 @@ impl<B: Leased> Show<B> {
         (self.is_parked || self.is_paused) && self.now_s >= self.rests_from_s
     }
 
-    /// Whether the motors join the motion again by themselves after a stop.
+    /// Whether the motors join the motion again by themselves after a failure. They do not if somebody asked for a stop.
     #[must_use]
-    pub const fn rejoins(&self) -> bool {
-        self.rejoins
+    pub fn rejoins(&self) -> bool {
+        self.rejoins && !self.has_stop()
+    }
+
+    /// Whether somebody asked for a stop that has not ended the motion yet. Nothing waits for the board then.
+    fn has_stop(&self) -> bool {
+        let is_stop_of_session = |(command, _): &(Command, Option<u64>)| is_stop(*command);
+        let is_timed = |timed: &TimedRequests| timed.requests.iter().any(|request| stop_of(request).is_some());
+        self.is_stopping || self.commands.iter().any(is_stop_of_session) || self.timed.iter().any(is_timed)
     }
 
     /// How far the laws' time is, at most.
@@ -276,7 +297,6 @@ impl<B: Leased> Show<B> {
     /// As [`Show::step`]; nothing begins that was not asked of the session before.
     fn pass(&mut self, observer: &mut impl Observer, tell: Tell<'_>) -> Result<Option<Ended>, DriveError> {
         let soon = self.driven.now() + self.ticks(STEP_S);
-        let is_stop = |command: Command| matches!(command, Command::Stop | Command::StopNow);
         // A stop has no tick of its own: it is given just before.
         let is_due = |(command, at): &(Command, Option<u64>)| !is_stop(*command) || at.is_none_or(|at| at <= soon);
         let urgent = |wanted: Command| self.commands.iter().position(|it| it.0 == wanted && is_due(it));
@@ -285,11 +305,25 @@ impl<B: Leased> Show<B> {
         let command = next.and_then(|next| self.commands.remove(next)).map(|(command, at)| {
             self.held_until = at;
             self.driven.hold_changes_until(at);
+            self.is_stopping |= is_stop(command);
             command
         });
         let (mut events, mut refused) = (Vec::new(), None);
         let stepped = self.driven.step(command, observer, |event| events.push(event));
         let stepped = match stepped {
+            // The session failed before it took the stop. The motors have braked: the next step tells it again.
+            Err(error)
+                if self.is_stopping
+                    && self.rejoins
+                    && (may_rejoin(&error) || is_refused(&error))
+                    && self.driven.has_braked()
+                    && self.tries_to_rejoin < MOST_TRIES =>
+            {
+                self.tries_to_rejoin += 1;
+                self.commands.extend(command.filter(|command| is_stop(*command)).map(|command| (command, None)));
+                Ok(Ok(None))
+            }
+            Err(error) if self.is_stopping => Err(error),
             Err(error) if self.rejoins && may_rejoin(&error) => match self.driven.rejoin() {
                 Ok(times) => Ok(Err(times)),
                 // It is too soon: `after_braking` tries again.
@@ -310,7 +344,13 @@ impl<B: Leased> Show<B> {
                 Event::Progress { at_s } => self.now_s = *at_s,
                 Event::Pausing { rests_s } => (self.is_paused, self.rests_from_s) = (true, *rests_s),
                 Event::Resuming { .. } => self.is_paused = false,
-                Event::Tempo { rate, .. } => (self.tempo, self.is_changed) = (*rate, true),
+                Event::Tempo { rate, .. } => {
+                    self.is_changed = true;
+                    if *rate != self.tempo {
+                        self.keep(self.followed.clone());
+                    }
+                    self.tempo = *rate;
+                }
                 Event::Failed { .. } if stepped.is_ok() => continue,
                 _ => {}
             }
@@ -329,7 +369,7 @@ impl<B: Leased> Show<B> {
                 dropped.answers.into_iter().for_each(|(command, _)| refuse(command, &why, tell));
             }
             self.taking_back = Some(why);
-            self.take_back(tell);
+            self.take_back(self.tempo, tell);
         }
         if ended.is_none() {
             self.after_braking(tell);
@@ -340,9 +380,14 @@ impl<B: Leased> Show<B> {
         Ok(ended)
     }
 
+    /// Whether the session is to be told to stop before anything else.
+    fn has_stop_to_give(&self) -> bool {
+        self.commands.iter().any(|(command, at)| is_stop(*command) && at.is_none())
+    }
+
     /// Lets motors join the motion again that braked while something else was done.
     fn after_braking(&mut self, tell: Tell<'_>) {
-        if self.waiting.is_some() || !self.driven.has_braked() {
+        if self.waiting.is_some() || !self.driven.has_braked() || self.has_stop_to_give() {
             return;
         }
         if !self.rejoins || self.tries_to_rejoin >= MOST_TRIES {
@@ -359,21 +404,23 @@ impl<B: Leased> Show<B> {
     }
 
     /// The planner has refused a part of the motion long after a change, and the motors have braked: they join the last motion before it that keeps to
-    /// the limits. If there is none, they rest where they stand.
-    fn take_back(&mut self, tell: Tell<'_>) {
+    /// the limits, at its tempo. If there is none, they rest where they stand, with the first tempo; `tempo` is the one that is known.
+    fn take_back(&mut self, mut tempo: f64, tell: Tell<'_>) {
         self.follow_at_s = None;
-        while let Some(earlier) = self.earlier.pop() {
-            let Ok(program) = earlier.program() else { continue };
-            let is_sound = matches!(self.driven.ceiling_of(&change(Arc::clone(&program), None)), Ok(None));
-            (self.desk, self.followed) = (earlier.clone(), earlier);
+        while let Some(EarlierMotion { desk, tempo: its_tempo }) = self.earlier.pop() {
+            let (Ok(program), Some(rate)) = (desk.program(), Rate::of(its_tempo)) else { continue };
+            let is_sound = matches!(self.driven.ceiling_at(&change(Arc::clone(&program), None), rate), Ok(None));
+            (self.desk, self.followed, tempo) = (desk.clone(), desk, its_tempo);
+            self.followed_program = Some(Arc::clone(&program));
             if is_sound {
-                return self.change(PendingChange::alone(program), tell);
+                return self.change(PendingChange { tempo: Some(tempo), ..PendingChange::alone(program) }, tell);
             }
         }
         let resting = self.driven.resting().ok().and_then(|positions| self.desk.resting_at(&positions).ok());
         match resting {
             Some(resting) => {
-                let resting = PendingChange { is_parked: true, ..PendingChange::alone(Arc::new(resting)) };
+                let alone = PendingChange::alone(Arc::new(resting));
+                let resting = PendingChange { is_parked: true, tempo: Some(tempo), ..alone };
                 self.change(resting, tell);
             }
             None => self.commands.push_back((Command::Stop, None)),
@@ -431,7 +478,14 @@ impl<B: Leased> Show<B> {
         observer: &mut O,
         tell: Tell<'_>,
     ) -> Result<Option<Ended>, DriveError> {
-        let requests = &self.set_apart(requests, tell)[..];
+        let (stops, others): (Vec<_>, Vec<_>) =
+            requests.iter().cloned().partition(|request| stop_of(request).is_some());
+        self.commands.extend(stops.iter().filter_map(stop_of).map(|stop| (stop, at)));
+        if !stops.is_empty() && at.is_none() {
+            others.into_iter().for_each(|request| tell(refusal(request, &"a stop came with it")));
+            return Ok(None);
+        }
+        let requests = &self.set_apart(&others, tell)[..];
         let (mut gathered, _) = self.gather(requests, at, None::<(&mut O, Tell<'_>)>)?;
         // Values may be too much one by one, and hold together. If they do not, each is looked at.
         let program = match self.verdict(&gathered) {
@@ -470,7 +524,7 @@ impl<B: Leased> Show<B> {
                 self.tell_late(wanted, self.driven.seconds_at(self.driven.earliest()), tell);
             }
             if !gathered.answers.is_empty() {
-                self.followed = self.desk.clone();
+                (self.followed, self.followed_program) = (self.desk.clone(), None);
             }
             for (_, mut event) in gathered.answers {
                 set_times(&mut event, (self.now_s, self.now_s));
@@ -591,7 +645,7 @@ impl<B: Leased> Show<B> {
         for request in requests {
             let command = match request {
                 Request::Session(Command::Resume) if gathered.is_parked && !self.is_paused => {
-                    let command = LiveCommand::Goto { position: "the motion".to_owned() };
+                    let command = LiveCommand::Goto { position: THE_MOTION.to_owned() };
                     gathered.changes(None, (command, LiveEvent::Returned { from_s: 0.0, until_s: 0.0 }));
                     continue;
                 }
@@ -790,13 +844,10 @@ impl<B: Leased> Show<B> {
         self.driven.hold_changes_until(self.held_until);
         match changed {
             Ok((times, tempo)) => {
-                let before = std::mem::replace(&mut self.followed, self.desk.clone());
-                // What is taken back is no earlier motion.
-                if !pending_change.answers.is_empty() {
-                    self.keep(before);
-                }
+                self.follow(&pending_change, tempo.as_ref());
                 self.is_parked = pending_change.is_parked;
                 self.rests_from_s = times.1;
+                let takes_back = self.taking_back.is_some();
                 if let Some(why) = self.taking_back.take() {
                     let (from_s, until_s) = times;
                     let rests = pending_change.is_parked;
@@ -810,10 +861,13 @@ impl<B: Leased> Show<B> {
                 }
                 self.tell_late(pending_change.wanted, times.0, tell);
                 if let Some(event) = tempo {
+                    let is_known = matches!(event, Event::Tempo { rate, .. } if rate == self.tempo) && takes_back;
                     if let Event::Tempo { rate, .. } = &event {
                         (self.tempo, self.is_changed) = (*rate, true);
                     }
-                    tell(Happened::Session(event));
+                    if !is_known {
+                        tell(Happened::Session(event));
+                    }
                 }
             }
             Err(SessionError::Waiting { .. }) => self.waiting = Some(pending_change),
@@ -822,7 +876,7 @@ impl<B: Leased> Show<B> {
                 self.waiting = Some(pending_change);
             }
             // The limits may leave no room for both at once: one after the other then.
-            Err(_) if pending_change.tempo.is_some() => {
+            Err(_) if pending_change.tempo.is_some() && self.taking_back.is_none() => {
                 let mut laws_alone = pending_change;
                 let tempo = laws_alone.tempo.take().map(|rate| (Command::Tempo { rate }, laws_alone.at));
                 self.commands.extend(tempo);
@@ -837,19 +891,45 @@ impl<B: Leased> Show<B> {
                 match self.taking_back {
                     None => {}
                     Some(_) if pending_change.is_parked => self.commands.push_back((Command::Stop, None)),
-                    Some(_) => self.take_back(tell),
+                    Some(_) => self.take_back(pending_change.tempo.unwrap_or(self.tempo), tell),
                 }
             }
         }
     }
 
-    /// Keeps a motion that was followed, for a change that has to be taken back.
-    fn keep(&mut self, before: Desk) {
+    /// Notes what the motors follow after a change, and keeps what they followed before if that was another motion.
+    fn follow(&mut self, change: &PendingChange, tempo: Option<&Event>) {
+        let before = std::mem::replace(&mut self.followed, self.desk.clone());
+        // What is taken back is no earlier motion.
+        if change.answers.is_empty() {
+            return;
+        }
         self.is_changed = true;
+        let is_place = |(command, _): &(LiveCommand, LiveEvent)| {
+            matches!(command, LiveCommand::Rest { .. })
+                || matches!(command, LiveCommand::Goto { position } if position != THE_MOTION)
+        };
+        let is_other_tempo = matches!(tempo, Some(Event::Tempo { rate, .. }) if *rate != self.tempo);
+        if change.answers.iter().all(is_place) && !is_other_tempo {
+            return;
+        }
+        let program = if change.is_parked { None } else { Some(Arc::clone(&change.program)) };
+        let program_before = std::mem::replace(&mut self.followed_program, program);
+        let program_before = program_before.map_or_else(|| before.program(), Ok);
+        // The motors may come back to the motion that they left, or join it again.
+        let is_same =
+            matches!((&program_before, &self.followed_program), (Ok(one), Some(other)) if is_same_motion(one, other));
+        if is_other_tempo || !is_same {
+            self.keep(before);
+        }
+    }
+
+    /// Keeps a motion that was followed at the present tempo, for a change that has to be taken back.
+    fn keep(&mut self, desk: Desk) {
         if self.earlier.len() == MOST_EARLIER {
             self.earlier.remove(1);
         }
-        self.earlier.push(before);
+        self.earlier.push(EarlierMotion { desk, tempo: self.tempo });
     }
 }
 
@@ -1057,8 +1137,28 @@ fn with_file(desk: &Desk, text: &str, files: &FileTexts) -> Result<Option<Desk>,
     Ok(Some(desk))
 }
 
+const fn is_stop(command: Command) -> bool {
+    matches!(command, Command::Stop | Command::StopNow)
+}
+
+/// The stop that a request is.
+const fn stop_of(request: &Request) -> Option<Command> {
+    match request {
+        Request::Session(command) if is_stop(*command) => Some(*command),
+        _ => None,
+    }
+}
+
 fn change(program: Arc<Program>, over: Option<Time>) -> Change {
     Change { program, over, begins: Begins::WithTheMotion }
+}
+
+/// Whether motors follow both in the same way: boards and wiring do not change while they run.
+fn is_same_motion(one: &Arc<Program>, other: &Arc<Program>) -> bool {
+    let motors = || one.motors.iter().zip(&other.motors);
+    Arc::ptr_eq(one, other)
+        || (motors().all(|(one, other)| one.law == other.law && one.limits == other.limits)
+            && one.machines == other.machines)
 }
 
 fn refuse(command: LiveCommand, why: &impl ToString, tell: Tell<'_>) {

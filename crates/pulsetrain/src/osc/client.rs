@@ -61,7 +61,8 @@ fn pass_on(hub: &Hub, requests: &HubSender, groups: &Receiver<Group>, server: &O
         }
         let now = Now::read().instant;
         while let Some(Group { requests: group, due, sender }) = agenda.take_due(now + AHEAD) {
-            // Before the motion's clock is known nothing moves: the group acts when it begins.
+            // Before the motion's clock is known nothing moves: the group acts when it begins. One whose time is past acts at once, and its sender hears
+            // how late.
             let at_s = sender.and_then(|sender| {
                 let at_s = hub.time_at(due)?;
                 server.expect(at_s, sender);
@@ -69,5 +70,41 @@ fn pass_on(hub: &Hub, requests: &HubSender, groups: &Receiver<Group>, server: &O
             });
             requests.send(Request::together(group, at_s));
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::control_socket::{LiveEvent, Together};
+    use pulsetrain_session::control::Command;
+    use std::net::{SocketAddr, UdpSocket};
+    use std::sync::mpsc::channel;
+
+    /// The motion has stepped since the group's time.
+    #[test]
+    fn the_sender_of_a_group_whose_time_is_past_hears_how_late_it_acts() {
+        let (sender, requests) = channel();
+        let hub = Hub::of_live(RunInfo { is_live: true, ..RunInfo::nothing() }, sender);
+        hub.looked();
+        let settings = OscSettings { address: SocketAddr::from(([127, 0, 0, 1], 0)), reply_port: None };
+        let server = OscServer::open(settings, OscInfo::default(), sync_channel(1).0).unwrap();
+        let client = UdpSocket::bind(("127.0.0.1", 0)).unwrap();
+        // Only a broken server makes it wait to the end.
+        client.set_read_timeout(Some(Duration::from_secs(60))).unwrap();
+        let now = Now::read().instant;
+        hub.set_clock(now + Duration::from_millis(250), 5.0);
+        let (group, groups) = sync_channel(1);
+        let pause = Request::Session(Command::Pause);
+        let sender = Some(client.local_addr().unwrap());
+        group.send(Group { requests: vec![pause.clone()], due: now, sender }).unwrap();
+        drop(group);
+        let (motion, _lines) = hub.join(ClientKind::Osc).unwrap().split();
+        pass_on(&hub, &motion, &groups, &server);
+        assert_eq!(requests.try_recv(), Ok(Request::Together(Together { together: vec![pause], at_s: Some(4.75) })));
+        server.tell(&Happened::Live(LiveEvent::Late { wanted_s: 4.75, by_s: 0.5 }));
+        let mut heard = [0; 64];
+        let length = client.recv(&mut heard).unwrap();
+        assert!(heard[..length].starts_with(b"/pulsetrain/late\0\0\0\0,f\0\0"), "{heard:?}");
     }
 }

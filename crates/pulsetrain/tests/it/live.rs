@@ -820,6 +820,99 @@ fn motors_rest_where_no_earlier_motion_can_be_followed() {
     stage.check_limits();
 }
 
+/// A motor that turns at up to 350 steps/s from 45 s on: 2.5 times that is too fast. A swing of `b` that is left alone.
+fn turning_later() -> String {
+    let from = "20*sin(2*pi*t)^2 + if(t > 40, growth*(t - 40)^4, 0)";
+    let text = growing("350").replace(from, "growth*(sqrt((t - 45)^2 + 4) + (t - 45))/2");
+    assert!(!text.contains(from));
+    text
+}
+
+/// A tempo is taken back as a change is, and so are the changes after it.
+#[test]
+fn a_tempo_that_is_refused_later_is_taken_back() {
+    for is_first in [true, false] {
+        let mut stage = native(&turning_later());
+        stage.run(2.0);
+        if !is_first {
+            stage.line("b.swing 20 step");
+            assert_eq!(set(stage.answer()).1, 20.0);
+            stage.run(2.0);
+        }
+        stage.line("tempo 2.5");
+        stage.run(1.0);
+        assert_eq!(tempos(&stage)[0].0, 2.5, "half a minute of it keeps to the limits");
+        stage.line("b.frequency 0.8 Hz");
+        assert_eq!(set(stage.answer()).2, None);
+        stage.happened.clear();
+        let (why, rests, until_s) = stage.taken_back();
+        assert!(why.contains("motor a") && !rests, "{why}");
+        assert_eq!(tempos(&stage).iter().map(|tempo| tempo.0).collect::<Vec<_>>(), [1.0]);
+        let swing_b = if is_first { 40 } else { 20 };
+        assert_eq!([stage.knob("b.swing"), stage.knob("b.frequency")], [f64::from(swing_b), 1.0]);
+        let at_s = until_s + 2.0;
+        stage.run(at_s - stage.now_s());
+        assert_eq!(swing(&mut stage, 1, 2.0), (0, i64::from(swing_b)));
+        stage.run(30.0);
+        let speed = stage.status().motors[0].speed.unwrap();
+        assert!((340.0..=350.1).contains(&speed), "at the file's tempo: {speed}");
+        stage.stop();
+        stage.check_limits();
+    }
+}
+
+/// Motors that leave the motion for a position and come back follow no other motion: those before it are still known.
+#[test]
+fn a_return_to_the_motion_pushes_out_no_earlier_one() {
+    let mut stage = native(&growing("0"));
+    stage.run(0.5);
+    for line in ["b.swing 20 step", "a.growth 20"] {
+        stage.line(line);
+        assert_eq!(set(stage.answer()).2, None, "{line}");
+    }
+    for _ in 0..8 {
+        stage.line("goto 0");
+        assert!(matches!(stage.answer(), LiveEvent::Goto { .. }));
+        stage.line("resume");
+        assert!(matches!(stage.answer(), LiveEvent::Returned { .. }));
+    }
+    assert!(stage.now_s() < 40.0);
+    let (_, rests, _) = stage.taken_back();
+    assert!(!rests);
+    assert_eq!([stage.knob("a.growth"), stage.knob("b.swing")], [0.0, 20.0]);
+    stage.stop();
+    stage.check_limits();
+}
+
+/// Whatever comes with it. A run whose board is lost then ends: it does not wait for the board.
+#[test]
+fn a_stop_is_obeyed_before_what_comes_with_it() {
+    let mut stage = native(TEXT);
+    stage.run(1.3);
+    assert!(stage.show.rejoins());
+    let asked_s = stage.now_s();
+    // The nearest value that holds would take steps to find.
+    stage.ask(together(&["b.frequency 50 Hz", "stop", "a.swing 20 step"], None));
+    assert!(!stage.show.rejoins());
+    assert_eq!(stage.now_s(), asked_s);
+    for knob in ["b.frequency", "a.swing"] {
+        let LiveEvent::Refused { command: LiveCommand::Set { knob: refused, .. }, why } = stage.answer() else {
+            panic!("{knob} is not refused")
+        };
+        assert_eq!((refused.as_str(), why.as_str()), (knob, "a stop came with it"));
+    }
+    stage.run(10.0);
+    assert!(stage.ended.as_ref().is_some_and(|ended| ended.stopped));
+    // One for a time waits for it.
+    let mut stage = native(TEXT);
+    stage.run(1.0);
+    stage.ask(together(&["a.swing 20 step", "stop"], Some(2.0)));
+    assert!(!stage.show.rejoins() && stage.ended.is_none());
+    assert_eq!(set(stage.answer()).0, "a.swing");
+    stage.run(10.0);
+    assert!(stage.ended.is_some());
+}
+
 #[test]
 fn tempo_and_pause_go_with_knobs() {
     let mut stage = native(TEXT);
@@ -1108,8 +1201,8 @@ pub(crate) mod processes {
         other.get_mut().write_all(format!("[{}\n", "1,".repeat(5000)).as_bytes()).unwrap();
         answer(&mut other, "no line of JSON");
         // One without an end is left where it is too long.
-        other.get_mut().write_all(&vec![b' '; 32_004_096]).unwrap();
-        answer(&mut other, "32004096 bytes at most");
+        other.get_mut().write_all(&vec![b' '; 96_004_096]).unwrap();
+        answer(&mut other, "96004096 bytes at most");
         live.say("speed 2 Hz");
         live.until("speed is 2 Hz from");
         assert_eq!(live.stop(), Some(0));

@@ -1,7 +1,7 @@
 //! Live motions on the virtual Uno and Pico: the real firmware.
 
 use crate::live::{Stage, TEXT, one_change, staged, together};
-use pulsetrain::live::{LiveEvent, Show};
+use pulsetrain::live::{Happened, LiveEvent, Show};
 use pulsetrain_board::registry::Role;
 use pulsetrain_board::{BoardKind, Edge, Port, PortError, VirtualBoard};
 use pulsetrain_core::wire::Baud;
@@ -29,7 +29,7 @@ fn the_same_lines_make_the_same_edges() {
         assert!(stage.line("go"));
         stage.run(2.5);
         stage.stop();
-        let live = stage.happened.iter().filter(|happened| matches!(happened, pulsetrain::live::Happened::Live(_)));
+        let live = stage.happened.iter().filter(|happened| matches!(happened, Happened::Live(_)));
         (stage.edges.clone(), live.count())
     };
     let (first, answers) = edges("speed 2 Hz");
@@ -116,6 +116,24 @@ fn motors_join_the_motion_again_after_the_host_was_too_slow() {
     stage.run(2.0);
     // The board's counts are those of the host, or this is an error.
     assert!(stage.stop().stopped);
+}
+
+/// The host was too slow just as it was asked to stop: the motors have braked, and do not join the motion again.
+#[test]
+fn a_stop_ends_the_motion_although_the_host_was_too_slow() {
+    let asleep = Arc::new(Mutex::new(Duration::ZERO));
+    let (desk, mut prepared) = staged(TEXT);
+    prepared.over_line(None);
+    let port = Sleepy { board: kind().virtual_board(Role::Plans), asleep: Arc::clone(&asleep) };
+    let driven = Driven::with(&prepared, |program| connect_as(port, program, Baud::B1M, 1)).unwrap();
+    let mut stage = Stage::new(Show::new(driven, desk, true));
+    stage.run(1.3);
+    *asleep.lock().unwrap() = Duration::from_millis(900);
+    stage.ask(together(&["a.swing 20 step", "stop"], None));
+    assert!(matches!(stage.answer(), LiveEvent::Refused { .. }));
+    stage.run(10.0);
+    let joined = |happened: &Happened| matches!(happened, Happened::Live(LiveEvent::Rejoined { .. }));
+    assert!(stage.ended.is_some() && !stage.happened.iter().any(joined));
 }
 
 /// Processes: a live motion at a cable that is pulled and plugged in again. Nothing depends on how long something takes.
