@@ -74,7 +74,7 @@ impl Cursor {
             }
             walked += 1;
             // Where two pieces meet, the first one counts. What walks anyway keeps the pieces before, for going back.
-            let from = if self.jumps { self.last_before(t) } else { Time::ZERO };
+            let from = if self.jumps { t.before() } else { Time::ZERO };
             match self.pieces.get_or_insert_with(|| self.law.pieces_from(from)).next() {
                 Some(piece) => {
                     if self.recent.len() == KEPT {
@@ -88,11 +88,6 @@ impl Cursor {
         let piece = self.recent.iter().rev().find(|piece| piece.start <= t).or(self.recent.front());
         let piece = piece.ok_or_else(|| LawError::Parameter("the motion is empty".into()))?;
         Ok(piece.sample(t))
-    }
-
-    /// The last time before `t` that a piece has: after its end a law has none.
-    fn last_before(&self, t: Time) -> Time {
-        self.law.end().map_or(t, |end| end.min(t)).before()
     }
 
     /// Forgets where it is in the law.
@@ -142,7 +137,11 @@ mod tests {
             Time::from_seconds(1.0),
             Time::from_seconds(1.0),
         );
-        for (law, wanted) in [(sine, 0.0), (late.unwrap(), 5.0)] {
+        let shifted = sine.clone().shifted(7.0).unwrap();
+        let ease = Ease { before: Rate::ONE, after: Time::ZERO, over: Time::SECOND, to: Rate::of(0.5).unwrap() };
+        let slowed = shifted.clone().retimed(Time::from_seconds(10.0), ease).unwrap();
+        let steady = shifted.retimed(Time::from_seconds(10.0), Ease::steady(Rate::ONE)).unwrap();
+        for (law, wanted) in [(sine, 0.0), (late.unwrap(), 5.0), (slowed, 7.0), (steady, 7.0)] {
             for at_s in [3.5, 100.0, 1e6] {
                 let sample = Cursor::new(&law).at(Time::from_seconds(at_s)).unwrap();
                 assert!((sample.position - wanted).abs() < 1e-9 && sample.speed == 0.0, "{sample:?} at {at_s} s");

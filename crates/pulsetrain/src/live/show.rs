@@ -381,13 +381,13 @@ impl<B: Leased> Show<B> {
     }
 
     /// Whether the session is to be told to stop before anything else.
-    fn has_stop_to_give(&self) -> bool {
+    fn is_stop_pending(&self) -> bool {
         self.commands.iter().any(|(command, at)| is_stop(*command) && at.is_none())
     }
 
     /// Lets motors join the motion again that braked while something else was done.
     fn after_braking(&mut self, tell: Tell<'_>) {
-        if self.waiting.is_some() || !self.driven.has_braked() || self.has_stop_to_give() {
+        if self.waiting.is_some() || !self.driven.has_braked() || self.is_stop_pending() {
             return;
         }
         if !self.rejoins || self.tries_to_rejoin >= MOST_TRIES {
