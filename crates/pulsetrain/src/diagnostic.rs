@@ -59,7 +59,7 @@ impl<E: Advice> Diagnostic for Advised<E> {
 pub struct Excerpt {
     source: Arc<Source>,
     /// The text with marks where long lines are cut. They are as long as what they replace, so that all other bytes keep their places.
-    /// `None`: as the source has it.
+    /// `None` if no line is cut.
     marked: Option<String>,
 }
 
@@ -116,7 +116,7 @@ impl Excerpt {
     }
 }
 
-/// Stands for what is left out of a long line.
+/// Replaces the parts of a long line that are not shown.
 const MARK: &str = "…";
 
 /// As much of a place as is shown of it in a long line.

@@ -112,7 +112,7 @@ pub struct Status {
 pub struct MotorStatus {
     /// Steps made, forward minus backward.
     pub position: i64,
-    /// The position of its law, steps; `None` while the motor brakes for a stop.
+    /// The position of its law, steps, counted as `position` is; `None` while the motor brakes for a stop.
     pub target: Option<f64>,
     /// The law's speed, steps/s; `None` while the motor brakes for a stop.
     pub speed: Option<f64>,

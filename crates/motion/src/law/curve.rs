@@ -19,6 +19,19 @@ pub struct Bounds {
     pub rounding: Jet,
 }
 
+impl Bounds {
+    /// These bounds and what no coefficient exceeds, of factor·θ + offset.
+    pub(super) fn scaled(&self, majorant: Jet, factor: f64, offset: f64) -> (Bounds, Jet) {
+        let factor = factor.abs();
+        let mut majorant = majorant.map(|m| m * factor);
+        // The factor itself, the product with it and the sum with the offset.
+        let mut rounding: Jet = std::array::from_fn(|k| self.rounding[k] * factor + 5.0 * ULP * majorant[k]);
+        majorant[0] += offset.abs();
+        rounding[0] += 5.0 * ULP * majorant[0];
+        (Bounds { eighth: self.eighth * factor * (1.0 + 16.0 * ULP), rounding }, majorant)
+    }
+}
+
 /// An analytic curve θ(u), u in seconds, θ in steps.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Curve {

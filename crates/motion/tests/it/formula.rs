@@ -695,4 +695,11 @@ fn windows_are_kept_and_stay_the_same() {
     assert_eq!(span(&far_from(&new())), span(&far));
     assert_ne!(first, pieces(&law));
     assert!(first.iter().map(span).eq(pieces(&law).iter().map(span)));
+    // Of a formula of 60 kB few are kept.
+    let terms: Vec<String> = (0..2500).map(|k| format!("sin({}.25*t + exp(-t))", k % 7 + 1)).collect();
+    let long = Law::formula(&terms.join(" + "), &[], 0.1, None).unwrap();
+    let first = long.pieces().next();
+    assert_eq!(first, long.pieces().next());
+    long.pieces().take(150).for_each(|piece| drop(piece.unwrap()));
+    assert_ne!(first, long.pieces().next());
 }

@@ -199,7 +199,7 @@ impl Desk {
         &self.home
     }
 
-    /// The desk as the file has it, without cue and turned knobs: for a motion that begins again from its first instant.
+    /// The desk with the file's own values: no cue, and no turned knobs. A motion that starts again from time 0 follows it.
     #[must_use]
     pub fn restarted(&self) -> Desk {
         Desk { cue: None, turned: BTreeMap::new(), ..self.clone() }

@@ -5,6 +5,7 @@
 
 use super::{Desk, LiveCommand, Request, Together};
 use pulsetrain_motion::machine::Kinematics;
+use pulsetrain_session::control::Command;
 use std::collections::VecDeque;
 use std::sync::mpsc::{Receiver, TryRecvError};
 use std::thread::{self, JoinHandle};
@@ -18,7 +19,7 @@ pub(crate) const MOST_REQUESTS: u32 = 32;
 pub(crate) struct Incoming {
     /// What came first.
     waiting: VecDeque<Request>,
-    /// A request whose motion is being read.
+    /// Knobs whose motion another thread reads.
     reading: Option<(Request, JoinHandle<()>)>,
 }
 
@@ -30,7 +31,7 @@ impl Incoming {
         }
         if self.reading.is_some() {
             let request = next_request(requests, wait)?;
-            if matches!(request, Request::Session(_)) {
+            if matches!(request, Request::Session(_)) || has_stop(&request) {
                 return Some(request);
             }
             self.waiting.push_back(request);
@@ -75,6 +76,13 @@ pub(crate) fn next_request(requests: &Receiver<Request>, wait: Duration) -> Opti
     requests.recv_timeout(wait).ok()
 }
 
+/// Whether a stop that is to be obeyed at once is among what a request asks for.
+fn has_stop(request: &Request) -> bool {
+    let is_timed = matches!(request, Request::Together(Together { at_s: Some(_), .. }));
+    let is_stop = |request: Request| matches!(request, Request::Session(Command::Stop | Command::StopNow));
+    !is_timed && request.clone().each().into_iter().any(is_stop)
+}
+
 /// Whether a request turns knobs, and nothing else, of a motion that takes long to read. Stops must not wait for it.
 fn takes_long(desk: &Desk, request: &Request) -> bool {
     let is_knob = |request: &Request| matches!(request, Request::Live(LiveCommand::Set { .. }));
@@ -99,7 +107,6 @@ fn read(mut desk: Desk, request: Request) {
 mod tests {
     use super::*;
     use crate::live::KnobValue;
-    use pulsetrain_session::control::Command;
     use pulsetrain_session::prepare::Prepared;
     use std::path::PathBuf;
     use std::sync::mpsc::channel;
@@ -141,6 +148,9 @@ mod tests {
         sender.send(Request::Session(Command::Stop)).unwrap();
         assert_eq!(incoming.next(&requests, Duration::ZERO, &desk), None);
         assert_eq!(incoming.next(&requests, Duration::ZERO, &desk), Some(Request::Session(Command::Stop)));
+        let with_knob = Request::together(vec![set(29.0), Request::Session(Command::Stop)], None);
+        sender.send(with_knob.clone()).unwrap();
+        assert_eq!(incoming.next(&requests, Duration::ZERO, &desk), Some(with_knob));
         drop(end);
         assert_eq!(next(&mut incoming, &requests, &desk), set(30.0));
         // What came behind is one change.

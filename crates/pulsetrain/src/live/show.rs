@@ -59,7 +59,7 @@ pub struct Show<B> {
     earlier: Vec<EarlierMotion>,
     /// Whether the motion was ever changed.
     is_changed: bool,
-    /// The session was told to stop.
+    /// The session has got the command to stop.
     is_stopping: bool,
     /// Why the last change is being taken back.
     taking_back: Option<String>,
@@ -179,13 +179,13 @@ impl<B: Leased> Show<B> {
         (self.is_parked || self.is_paused) && self.now_s >= self.rests_from_s
     }
 
-    /// Whether the motors join the motion again by themselves after a failure. They do not if somebody asked for a stop.
+    /// Whether the motors rejoin the motion after a failure. They do not if a client has asked for a stop.
     #[must_use]
     pub fn rejoins(&self) -> bool {
         self.rejoins && !self.has_stop()
     }
 
-    /// Whether somebody asked for a stop that has not ended the motion yet. Nothing waits for the board then.
+    /// Whether a client has asked for a stop, and the motion has not ended yet. The run does not wait for the board then.
     fn has_stop(&self) -> bool {
         let is_stop_of_session = |(command, _): &(Command, Option<u64>)| is_stop(*command);
         let is_timed = |timed: &TimedRequests| timed.requests.iter().any(|request| stop_of(request).is_some());
@@ -380,7 +380,7 @@ impl<B: Leased> Show<B> {
         Ok(ended)
     }
 
-    /// Whether the session is to be told to stop before anything else.
+    /// Whether a stop without a time waits to be given to the session.
     fn is_stop_pending(&self) -> bool {
         self.commands.iter().any(|(command, at)| is_stop(*command) && at.is_none())
     }

@@ -807,10 +807,10 @@ fn motors_rest_where_no_earlier_motion_can_be_followed() {
     let place = [0, 1].map(|motor| swing(&mut stage, motor, 1.0));
     assert!(place.iter().all(|(low, high)| low == high), "at rest: {place:?}");
     assert!(stage.show.is_resting());
-    // Its laws break the limits from here on, and this is the answer to who asks for them.
+    // From here on its laws break the limits, so a return to them is refused.
     let why = stage.refused("go");
     assert!(why.contains("max_"), "{why}");
-    // From its beginning it can be followed for as long as before.
+    // From its beginning the motion keeps the limits for its first 45 s again.
     stage.line("begin");
     let began = stage.answer();
     let LiveEvent::Began { until_s, .. } = began else { panic!("{began:?}") };

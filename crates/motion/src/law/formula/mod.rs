@@ -85,6 +85,8 @@ type KeptWindow = (Piece, f64);
 
 /// No more windows are kept than this: those of a minute of a delta robot's arm.
 const MOST_KEPT: usize = 4096;
+/// What windows keep grows with the formula. So fewer are kept of a long one: for all of them together this much text, bytes.
+const MOST_KEPT_TEXT: usize = 4 << 20;
 /// Of a shorter formula no windows are kept, s. A recorded path of a delta robot is made of a formula for each row and arm: a window of each
 /// would take more memory than all else.
 const SHORTEST_KEPT_S: f64 = 1.0;
@@ -99,9 +101,10 @@ impl Kept {
         self.windows().get(&(start, length.to_bits())).cloned()
     }
 
-    fn keep(&self, start: Time, length: f64, window: KeptWindow) {
+    /// Keeps the window of a formula whose text has so many bytes.
+    fn keep(&self, start: Time, length: f64, window: KeptWindow, text: usize) {
         let mut windows = self.windows();
-        if windows.len() >= MOST_KEPT {
+        if windows.len() >= (MOST_KEPT_TEXT / text.max(1)).clamp(1, MOST_KEPT) {
             windows.clear();
         }
         windows.insert((start, length.to_bits()), window);
@@ -378,7 +381,7 @@ impl Windows {
         } else if (end - start).seconds() > SETTLED_S {
             self.forced = 0;
             if keeps && !is_kept && piece.curve.is_formula() {
-                self.formula.kept.keep(start, tried, (piece.clone(), self.length));
+                self.formula.kept.keep(start, tried, (piece.clone(), self.length), self.formula.text.len());
             }
         }
         if let Some(undefined) = unsettled.filter(|_| self.forced > MOST_FORCED) {

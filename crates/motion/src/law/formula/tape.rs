@@ -296,14 +296,7 @@ impl Window {
 
     /// What holds on the whole window.
     pub(crate) fn bounds_and_majorant(&self) -> (Bounds, Jet) {
-        let Shared { bounds, majorant, .. } = &*self.shared;
-        let factor = self.factor.abs();
-        let mut majorant = majorant.map(|m| m * factor);
-        // The factor itself, the product with it and the sum with the offset.
-        let mut rounding: Jet = std::array::from_fn(|k| bounds.rounding[k] * factor + 5.0 * ULP * majorant[k]);
-        majorant[0] += self.offset.abs();
-        rounding[0] += 5.0 * ULP * majorant[0];
-        (Bounds { eighth: bounds.eighth * factor * (1.0 + 16.0 * ULP), rounding }, majorant)
+        self.shared.bounds.scaled(self.shared.majorant, self.factor, self.offset)
     }
 
     pub(crate) fn raise(&mut self, steps: f64) {
