@@ -278,10 +278,7 @@ impl Warped {
     pub(super) fn pieces_from(&self, from: Time) -> impl Iterator<Item = Result<Piece, LawError>> + use<> {
         let mut stretches: VecDeque<Stretch> = self.stretches().into();
         let there = stretches.iter().find(|stretch| from < stretch.end).or(stretches.back());
-        let about = there.map_or(self.from, |stretch| stretch.about(from));
-        // A law that has ended stays where it is: its last piece says where.
-        let about = self.law.end().map_or(about, |end| end.before().min(about));
-        let mut inner = self.law.pieces_from(about).peekable();
+        let mut inner = self.law.pieces_from(there.map_or(self.from, |stretch| stretch.about(from))).peekable();
         // Where the law's first piece that is needed begins.
         let mut at = Time::ZERO;
         if let Some(Ok(first)) = inner.peek() {
@@ -315,7 +312,7 @@ impl Warped {
                             let end = at.max(eased);
                             let last = piece.as_ref().map(Piece::last_position);
                             stretches.clear();
-                            // Of a law that has ended before there is nothing else.
+                            // A law that ended earlier has this piece alone.
                             let end = if at == Time::ZERO { end.max(Time::from_raw(1)) } else { end };
                             return last.filter(|_| end > at).map(|position| Piece::rest(at, end, position));
                         }
