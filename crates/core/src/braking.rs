@@ -39,6 +39,7 @@
 //! than that at its end takes longer: [`RegisterLimits::with_fraction_bits`]. How much longer depends on hz: it is the host's to see to.
 
 use crate::Segment;
+use core::cmp::Reverse;
 
 /// Most steps of one part, as a power of two.
 const LONGEST_PART: u32 = 7;
@@ -84,6 +85,19 @@ impl Limit {
     #[must_use]
     pub const fn rest_level(&self) -> u8 {
         self.rest_level
+    }
+
+    /// The one of two limits with which a motor brakes harder.
+    ///
+    /// ```
+    /// use pulsetrain_core::braking::Limit;
+    /// let (hard, soft) = (Limit::new(250, 31, 0).unwrap(), Limit::new(221, 32, 0).unwrap());
+    /// assert_eq!((soft.harder(hard), hard.harder(soft)), (hard, hard));
+    /// ```
+    #[must_use]
+    pub fn harder(self, other: Limit) -> Limit {
+        let rank = |limit: Limit| (limit.exponent, limit.mantissa, Reverse(limit.rest_level));
+        if rank(self) <= rank(other) { self } else { other }
     }
 
     /// The level m of an interval, ticks · 2^F: 2^m · `interval`² is at least the square of the rest interval.

@@ -23,6 +23,11 @@ pub(crate) fn brakings(stream: &Stream) -> Result<Vec<Stopping>, SessionError> {
     program.motors.iter().enumerate().map(of).collect()
 }
 
+/// The harder limit of each motor.
+pub(crate) fn harder(one: &[Limit], other: &[Limit]) -> Vec<Limit> {
+    one.iter().zip(other).map(|(one, other)| one.harder(*other)).collect()
+}
+
 /// The longest lease for what the board has, after tick `earliest` and up to `latest`. `None` if there is none yet.
 ///
 /// A lease must not end after the last step that the board has of any motor that goes on: the board would run out of plan.

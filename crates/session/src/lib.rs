@@ -116,8 +116,8 @@ pub struct Session<B> {
     limits: Vec<Limit>,
     /// The lease that the board has accepted. It belongs to the new plan already while a change waits for its tick.
     confirmed_lease: Lease,
-    /// Extensions that the board has not answered, oldest first, each with the braking limits that it brings.
-    pending_extensions: VecDeque<(Lease, Vec<Limit>)>,
+    /// Extensions that the board has not answered, oldest first.
+    pending_extensions: VecDeque<Extension>,
     /// The plan before the last change, until the tick of that change is past.
     replaced: Option<Replaced>,
     /// From this tick on every motor of the plan can brake: see [`lease::brakeable_from`].
@@ -164,6 +164,15 @@ struct Effort {
     room: usize,
     /// The queues have no room for more than what must be there: see [`Session::beginning_lasts`].
     is_short: bool,
+}
+
+/// An extension of the lease.
+struct Extension {
+    lease: Lease,
+    /// How hard each motor may brake from then on.
+    limits: Vec<Limit>,
+    /// Whether the limits are sent with it: the board has other ones.
+    brings_limits: bool,
 }
 
 /// A plan that the board follows before tick `until`; then it changes to another one.
@@ -391,7 +400,7 @@ impl<B: Leased> Session<B> {
     /// Extends the lease, if that moves its end by a quarter or more of what is left of it.
     fn extend(&mut self) -> Result<(), SessionError> {
         self.take_answers();
-        let last = self.pending_extensions.back().map_or(self.confirmed_lease, |(lease, _)| *lease);
+        let last = self.pending_extensions.back().map_or(self.confirmed_lease, |pending| pending.lease);
         let (Lease::Until(until), true) = (last, self.pending_extensions.len() < self.pace.most_pending()) else {
             return Ok(());
         };
@@ -405,13 +414,16 @@ impl<B: Leased> Session<B> {
         {
             return Ok(());
         }
-        let limits: Vec<Limit> = brakings.iter().map(|braking| braking.limit).collect();
+        let mut limits: Vec<Limit> = brakings.iter().map(|braking| braking.limit).collect();
+        if self.replaced.is_some() {
+            limits = lease::harder(&self.limits, &limits);
+        }
         // The limits are left out only if every pending extension brings the same: the board may refuse any one of those.
-        let is_known = self.pending_extensions.iter().all(|(_, pending)| *pending == limits) && limits == self.limits;
+        let is_known = self.pending_extensions.iter().all(|pending| pending.limits == limits) && limits == self.limits;
         let new_limits: &[Limit] = if is_known { &[] } else { &limits };
         match self.board.extend(next, new_limits) {
             Ok(()) => {
-                self.pending_extensions.push_back((next, limits));
+                self.pending_extensions.push_back(Extension { lease: next, limits, brings_limits: !is_known });
                 self.take_answers();
                 Ok(())
             }
@@ -424,10 +436,14 @@ impl<B: Leased> Session<B> {
     /// Takes the board's answers to extensions: an accepted one becomes the confirmed lease.
     fn take_answers(&mut self) {
         while let Some(accepted) = self.board.extended() {
-            if let Some(answered) = self.pending_extensions.pop_front()
+            if let Some(Extension { lease, limits, brings_limits }) = self.pending_extensions.pop_front()
                 && accepted
             {
-                (self.confirmed_lease, self.limits) = answered;
+                // While a change waits for its tick they hold for the plan before it too.
+                if let Some(replaced) = self.replaced.as_mut().filter(|_| brings_limits) {
+                    replaced.limits.clone_from(&limits);
+                }
+                (self.confirmed_lease, self.limits) = (lease, limits);
             }
         }
     }
@@ -571,12 +587,13 @@ impl<B: Leased> Session<B> {
         let brakeable_from = self.brakeable_from;
         let is_joining = (self.stream.zero()..brakeable_from).contains(&self.board.horizon());
         if is_joining {
-            let limits = self.pending_extensions.back().map_or(&self.limits, |(_, limits)| limits).clone();
-            if self.board.extend(Lease::Until(brakeable_from), &limits).is_ok() {
-                self.pending_extensions.push_back((Lease::Until(brakeable_from), limits));
+            let lease = Lease::Until(brakeable_from);
+            let limits = self.pending_extensions.back().map_or(&self.limits, |pending| &pending.limits).clone();
+            if self.board.extend(lease, &limits).is_ok() {
+                self.pending_extensions.push_back(Extension { lease, limits, brings_limits: true });
                 self.board.await_extensions();
                 self.take_answers();
-                if self.confirmed_lease == Lease::Until(brakeable_from) {
+                if self.confirmed_lease == lease {
                     return Ok(brakeable_from);
                 }
             }
@@ -653,7 +670,15 @@ impl<B: Leased> Session<B> {
             self.check_beginning(at, &sizes)?;
         }
         let lasts = [at + least, at + lasts];
-        let begun = Beginning::new(&mut self.board, stream, &self.timelines, &self.capacity, &pace, lasts)?;
+        let mut begun = Beginning::new(&mut self.board, stream, &self.timelines, &self.capacity, &pace, lasts)?;
+        if self.braking_from.is_none() {
+            // Some boards brake by a plan's limits before it begins. Until then both plans have the same: the harder ones.
+            begun.limits = lease::harder(&self.limits, &begun.limits);
+            if let Err(error) = self.take_limits(&begun.limits) {
+                self.board.discard(epoch);
+                return Err(error);
+            }
+        }
         if let Err(error) = begun.switch(&mut self.board) {
             if let SessionError::Lost(_) = error {
                 // The board may have accepted the switch, and only its answer was lost.
@@ -671,6 +696,16 @@ impl<B: Leased> Session<B> {
         // The change is made: what is refused of the plan after its beginning ends the motion later.
         self.refused_later = self.fill().err();
         Ok(())
+    }
+
+    /// Has the board take other braking limits for the plan that it follows, at once.
+    fn take_limits(&mut self, limits: &[Limit]) -> Result<(), SessionError> {
+        if limits != self.limits && self.board.extend(self.confirmed_lease, limits).is_ok() {
+            let (lease, limits) = (self.confirmed_lease, limits.to_vec());
+            self.pending_extensions.push_back(Extension { lease, limits, brings_limits: true });
+            self.board.await_extensions();
+        }
+        self.check_board()
     }
 
     /// How long the beginning of a plan must last in the board's queues, and how long it should, ticks: until more of it is there, and until it is
@@ -853,7 +888,7 @@ impl<B: Leased> Session<B> {
     }
 
     fn report(&self, failure: Option<SessionError>) -> Report {
-        let on_the_way = self.pending_extensions.iter().rev().map(|(lease, limits)| match lease {
+        let on_the_way = self.pending_extensions.iter().rev().map(|Extension { lease, limits, .. }| match lease {
             Lease::Until(until) => counts(&lease::braked_from(&self.timelines, limits, self.stream.program(), *until)),
             Lease::Last => counts(&self.timelines),
         });

@@ -23,7 +23,7 @@ impl Random {
 }
 
 /// Motors that swing, as a motion file has them: each with its swing in steps, and its frequency in Hz.
-fn swings(board: &str, limits: (f64, f64), values: &[(f64, f64)]) -> Prepared {
+fn swings(board: &str, limits: Option<(f64, f64)>, values: &[(f64, f64)]) -> Prepared {
     let mut text = format!("board = \"{board}\"\ntolerance = \"2 us\"\n");
     for (motor, (steps, hz)) in values.iter().enumerate() {
         // The Uno's four motors are those of a CNC shield, the Pico's follow one another.
@@ -31,9 +31,11 @@ fn swings(board: &str, limits: (f64, f64), values: &[(f64, f64)]) -> Prepared {
             if board == "pico" { (2 + 2 * motor, 3 + 2 * motor) } else { [(2, 5), (3, 6), (4, 7), (12, 13)][motor] };
         text += &format!(
             "[motor.m{motor}]\nsteps_per_rev = 200\nmicrosteps = 16\ndriver = \"A4988\"\nforward = \"high\"\n\
-             pins = {{ step = {step}, dir = {dir} }}\nmax_speed = \"{} step/s\"\nmax_acceleration = \"{} step/s^2\"\n\
+             pins = {{ step = {step}, dir = {dir} }}\n{}\
              [[motion]]\nmotor = \"m{motor}\"\nlaw.sweep = {{ frequency = \"{hz} Hz\", swing = \"{steps:.0} step\" }}\n",
-            limits.0, limits.1
+            limits.map_or_else(String::new, |(speed, acceleration)| {
+                format!("max_speed = \"{speed} step/s\"\nmax_acceleration = \"{acceleration} step/s^2\"\n")
+            })
         );
     }
     let no_files = |_: &std::path::Path| Err(std::io::ErrorKind::NotFound.into());
@@ -44,8 +46,8 @@ fn swings(board: &str, limits: (f64, f64), values: &[(f64, f64)]) -> Prepared {
 /// What a board has to do.
 struct Load {
     board: &'static str,
-    /// The most of each motor, steps/s and steps/s².
-    limits: (f64, f64),
+    /// The most of each motor, steps/s and steps/s², if it has limits.
+    limits: Option<(f64, f64)>,
     /// Each motor's largest swing, steps, and its frequency, Hz.
     peaks: Vec<(f64, f64)>,
 }
@@ -55,7 +57,7 @@ impl Load {
     fn of_speed(board: &'static str, motors: usize, steps_per_s: f64, hz: f64) -> Load {
         let swing = steps_per_s / (std::f64::consts::PI * hz);
         let limits = (1.3 * steps_per_s, 1.5 * steps_per_s * 2.0 * std::f64::consts::PI * hz);
-        Load { board, limits, peaks: vec![(swing, hz); motors] }
+        Load { board, limits: Some(limits), peaks: vec![(swing, hz); motors] }
     }
 
     fn with(&self, values: &[(f64, f64)]) -> Prepared {
@@ -131,7 +133,7 @@ fn changes_of_a_fast_motor_on_an_uno_begin_within_60_ms() {
 
 /// 0.01 turns/s: a step comes after half a second or later.
 fn slow(board: &'static str) -> Load {
-    Load { board, limits: (32_000.0, 192_000.0), peaks: vec![(32.0, 0.1), (1600.0, 0.5), (2.0, 0.2)] }
+    Load { board, limits: Some((32_000.0, 192_000.0)), peaks: vec![(32.0, 0.1), (1600.0, 0.5), (2.0, 0.2)] }
 }
 
 #[test]
@@ -176,7 +178,8 @@ fn changes_s() -> f64 {
 fn anything_at_any_time_on(board: &'static str, seed: u64) {
     /// The tolerance of the motion file.
     const TOLERANCE_S: f64 = 2e-6;
-    let load = Load { board, limits: (6000.0, 60_000.0), peaks: vec![(800.0, 0.5), (400.0, 1.0), (160.0, 2.0)] };
+    const LIMITS: (f64, f64) = (6000.0, 60_000.0);
+    let load = Load { board, limits: Some(LIMITS), peaks: vec![(800.0, 0.5), (400.0, 1.0), (160.0, 2.0)] };
     let mut random = Random(seed);
     let mut driven = load.begin();
     let hz = load.with(&load.peaks).program.board.tick_hz as f64;
@@ -261,7 +264,7 @@ fn anything_at_any_time_on(board: &'static str, seed: u64) {
     assert_eq!(ended.counted, counts, "seed {seed}");
     for steps in &seen.steps {
         assert!(seen.rising.contains(&(steps.len() as u64)), "seed {seed}: {} steps, {:?}", steps.len(), seen.rising);
-        check_limits(steps, hz, load.limits).unwrap_or_else(|error| panic!("seed {seed}: {error}"));
+        check_limits(steps, hz, LIMITS).unwrap_or_else(|error| panic!("seed {seed}: {error}"));
     }
     // Each step of the last law is as far from it as its tolerance says: twice that from another plan of it.
     let (from_s, until_s) = last.expect("there is a last change");
@@ -314,4 +317,50 @@ fn anything_at_any_time_on_an_uno() {
 #[test]
 fn anything_at_any_time_on_a_pico() {
     anything_at_any_time_on("pico", 13);
+}
+
+/// A stop that reaches the board before a change's tick, or just after it: the board counts what the host replays.
+fn stops_beside_changes_on(board: &'static str, load: &Load, seed: u64) {
+    let mut random = Random(seed);
+    for trial in 0..12 {
+        let mut driven = load.begin();
+        let values: Vec<_> = load.peaks.iter().map(|(swing, hz)| (swing * random.between(0.3, 1.0), *hz)).collect();
+        let change =
+            Change { program: Arc::new(load.with(&values).program), over: None, begins: Begins::WithTheMotion };
+        let (mut at_s, due_s) = (0.0, random.between(0.3, 1.0));
+        let mut changed = None;
+        // Steps of a hundredth of a second between the change and the stop.
+        let mut left = trial % 3;
+        let ended = loop {
+            if changed.is_none() && at_s >= due_s {
+                match driven.change_to(&change) {
+                    Ok(times) => changed = Some(times),
+                    Err(SessionError::Waiting { .. }) => {}
+                    Err(error) => panic!("{board}, seed {seed}, {trial}: {error}"),
+                }
+            }
+            let stops = changed.is_some() && left == 0;
+            left -= usize::from(changed.is_some() && left > 0);
+            let step = driven.step(stops.then_some(Command::Stop), &mut |_: Edge| {}, |event| {
+                if let Event::Progress { at_s: now_s } = event {
+                    at_s = now_s;
+                }
+            });
+            match step {
+                Ok(None) => {}
+                Ok(Some(ended)) => break ended,
+                Err(error) => panic!("{board}, seed {seed}, {trial}: changed at {changed:?}: {error}"),
+            }
+        };
+        assert!(ended.stopped);
+    }
+}
+
+#[test]
+fn a_stop_just_after_a_change_loses_no_step() {
+    // Without limits of their own motors brake as hard as their plan speeds up, and each plan has other limits.
+    let unlimited = |board| Load { board, limits: None, peaks: vec![(1600.0, 0.5), (800.0, 0.3)] };
+    for load in [unlimited("uno"), slow("uno"), Load::of_speed("uno", 4, 5000.0, 5.0), unlimited("pico")] {
+        stops_beside_changes_on(load.board, &load, 21);
+    }
 }
