@@ -21,6 +21,9 @@ use std::collections::VecDeque;
 pub const AHEAD_MS: u64 = 500;
 /// A session keeps one in this many bytes of a queue free, for a change of the plan.
 pub const KEPT: usize = 8;
+/// Longest wait of one item, ticks: an eighth of what a 32-bit clock can tell apart. A session sends a longer rest as several waits, so that the
+/// end of an item is never too far from the board's time.
+pub const LONGEST_DWELL_TICKS: u64 = 1 << 28;
 /// The window, ms: what the board had to read within it delays the board's answers.
 const BUSY_MS: u64 = 10;
 /// Bits of a byte on the line.
@@ -162,7 +165,7 @@ impl Supply {
         let queue_bytes = self.line.queue_bytes[motor];
         let lane = &mut self.lanes[motor];
         let before = lane.meter.bytes();
-        lane.meter.add(next);
+        lane.meter.add(&beginning(next));
         let bytes = (lane.meter.bytes() - before) as usize;
         while lane.held + bytes > queue_bytes
             && let Some((len, at)) = lane.items.pop_front()
@@ -230,6 +233,14 @@ impl Supply {
     }
 }
 
+/// The part of a move that must be in the queue when the move begins. The rest of a long wait comes while it lasts.
+fn beginning(next: &Move) -> Move {
+    match next {
+        Move::Dwell { ticks } => Move::Dwell { ticks: (*ticks).min(LONGEST_DWELL_TICKS) },
+        Move::Run { .. } => *next,
+    }
+}
+
 /// How long queues of a given size last: the most bytes that each motor's plan takes within given times.
 #[derive(Clone, Debug)]
 pub struct Demand {
@@ -275,7 +286,7 @@ impl Demand {
         let hz = self.tick_hz as f64;
         let Window { meter, items, gone, most } = &mut self.lanes[motor];
         items.push_back((from, meter.bytes()));
-        meter.add(next);
+        meter.add(&beginning(next));
         for (number, (first, most)) in (0..).zip(most.iter_mut()) {
             let ticks = (SHORTEST_MS * 1e-3 * LONGER.powi(number) * hz) as u64;
             while items[*first - *gone].0 + ticks < from {
@@ -323,6 +334,15 @@ mod tests {
             busy_ticks,
             ahead_ticks,
         }
+    }
+
+    #[test]
+    fn a_wait_of_weeks_needs_no_queue_for_all_of_it() {
+        let mut supply = Supply::new(line(64, 1.0, 1.0), &[Settings::new(SECOND, 16)]);
+        let weeks = Move::Dwell { ticks: 30 * 86_400 * SECOND };
+        supply.add(0, &steps(1 << 30), 0).unwrap();
+        supply.add(0, &weeks, SECOND).unwrap();
+        supply.add(0, &steps(1 << 30), 31 * 86_400 * SECOND).unwrap();
     }
 
     fn steps(interval: i64) -> Move {

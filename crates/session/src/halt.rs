@@ -3,7 +3,6 @@
 use crate::fade::{Mix, Shift};
 use crate::pause::{self, Ceiling, ticks};
 use crate::plans::{Plans, TRIED_MOVES};
-use crate::stream::LONGEST_DWELL_TICKS;
 use crate::{Session, SessionError};
 use pulsetrain_board::lease::{Lease, TrimRefused};
 use pulsetrain_board::{Board, Leased, SwitchRefused};
@@ -12,6 +11,7 @@ use pulsetrain_motion::Time;
 use pulsetrain_motion::law::Ease;
 use pulsetrain_motion::program::Program;
 use pulsetrain_motion::time::Rate;
+use pulsetrain_plan::line::LONGEST_DWELL_TICKS;
 use pulsetrain_plan::{Ensemble, Move, Refused, Start};
 use std::sync::Arc;
 

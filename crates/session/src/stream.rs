@@ -8,13 +8,10 @@ use pulsetrain_core::{Entry, Epoch, Item, Segment, Tick32};
 use pulsetrain_motion::Time;
 use pulsetrain_motion::law::Cursor;
 use pulsetrain_motion::program::Program;
+use pulsetrain_plan::line::LONGEST_DWELL_TICKS;
 use pulsetrain_plan::{Certificate, Ensemble, LONGEST_WAIT_TICKS, Move, Start};
 use std::collections::VecDeque;
 use std::sync::Arc;
-
-/// Longest wait of one item, ticks: an eighth of what a 32-bit clock can tell apart. A longer rest is sent as several waits, so that the end of
-/// an item is never too far from the board's time.
-pub(crate) const LONGEST_DWELL_TICKS: u64 = 1 << 28;
 
 /// θ where a motor's count is 0: whole steps, and a fraction of a step.
 pub(crate) type Datum = (i64, f64);
