@@ -126,6 +126,9 @@ const PROVEN_MOVES: usize = 4000;
 /// Milliseconds for which half of each queue is kept free for a change that did not fit in it.
 pub(crate) const RESERVED_MS: u64 = 300;
 
+/// A wait after a wait counts as so many moves: the planner has looked through thousands of pieces without a step, which takes milliseconds.
+const IDLE_MOVES: u32 = 2000;
+
 /// How many rates between one that is kept up with and one that is not are tried.
 const TRIES: u32 = 3;
 
@@ -342,9 +345,17 @@ impl<B: Leased> Session<B> {
             Ok(plans) => plans,
             Err(refused) => return Some((ceiling(refused), 0)),
         };
-        for made in 1..=moves {
+        let mut made = 0;
+        let mut waits = vec![false; program.motors.len()];
+        while made < moves {
+            made += 1;
             match plans.next_move() {
-                Ok(Some(_)) => {}
+                Ok(Some((motor, _, next))) => {
+                    let is_wait = matches!(next, Move::Dwell { .. });
+                    if std::mem::replace(&mut waits[motor], is_wait) && is_wait {
+                        made += IDLE_MOVES;
+                    }
+                }
                 Ok(None) => return None,
                 Err(refused) => return Some((ceiling(refused), made)),
             }
