@@ -15,7 +15,7 @@ use pulsetrain_motion::{Law, Time};
 use pulsetrain_session::prepare::Prepared;
 
 use crate::control_socket::{KnobInfo, KnobValue};
-use crate::standing::{START, start};
+use crate::standing::{START, check_range, example_position, start};
 
 /// The files that a motion file names, by the names that it gives them.
 pub type FileTexts = BTreeMap<PathBuf, String>;
@@ -230,7 +230,7 @@ impl Desk {
             return Ok(self.home[motor]);
         }
         let known = &self.setup.motors[motor];
-        position(text, &known.name, &known.scale.unit, &self.units[motor])
+        position(text, &known.name, &example_position(&self.setup, motor), &self.units[motor])
     }
 
     /// Which motors stand where, steps, as somebody says it. `last` is where they rested when that was known last.
@@ -579,10 +579,19 @@ impl Desk {
     /// The motors at rest at a position: with its unit, or `0`, where the motion began.
     ///
     /// # Errors
-    /// If the text is no position of a motor.
+    /// If the text is no position of a motor, or beyond the range of its machine.
     pub fn at_position(&self, text: &str) -> Result<Arc<Program>, ChangeRefusal> {
         let motors = 0..self.setup.motors.len();
         let steps = motors.map(|motor| self.position_of(motor, text)).collect::<Result<Vec<f64>, _>>()?;
+        // A changed file may have other ranges.
+        let mut known = Program::clone(&self.setup);
+        if let Ok(program) = self.program() {
+            for (known, new) in known.machines.iter_mut().zip(&program.machines) {
+                known.kinematics.clone_from(&new.kinematics);
+            }
+        }
+        let goals: Vec<Option<f64>> = steps.iter().copied().map(Some).collect();
+        check_range(&known, &goals).map_err(|error| ChangeRefusal::Value(format!("{error}; {}", error.advice())))?;
         self.resting_at(&steps).map(Arc::new)
     }
 }
@@ -617,11 +626,11 @@ impl FileCache {
 }
 
 /// A position of a motor, steps.
-fn position(text: &str, motor: &str, unit: &str, units: &PositionUnits) -> Result<f64, ChangeRefusal> {
+fn position(text: &str, motor: &str, example: &str, units: &PositionUnits) -> Result<f64, ChangeRefusal> {
     /// Counts of every board have 32 bits.
     const FARTHEST: f64 = 2_147_483_647.0;
     let refuse = |why: String| {
-        let help = format!("write it like \"90 {unit}\", or 0, where the motion began");
+        let help = format!("write it like \"{example}\", or 0, where the motion began");
         ChangeRefusal::Value(format!("{text:?} is no position of motor {motor}: {why}; {help}"))
     };
     let quantity = Quantity::parse(text).map_err(|error| refuse(error.to_string()))?;

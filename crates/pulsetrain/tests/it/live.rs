@@ -288,6 +288,33 @@ fn motors_rest_at_a_position_until_the_motion_is_wanted_again() {
 }
 
 #[test]
+fn arms_are_not_sent_beyond_the_angles_of_their_machine() {
+    let delta = include_str!("../../../../examples/delta.toml");
+    let mut stage = native(delta);
+    stage.run(0.5);
+    let why = stage.refused("goto 90 rev");
+    let range = "motor a cannot go to 32400 deg: `angles` of machine robot allow -40 deg to 80 deg";
+    assert!(why.contains(range) && why.contains("write a position from -40 deg to 80 deg"), "{why}");
+    assert!(stage.refused("goto 80.1 deg").contains("allow -40 deg to 80 deg"));
+    // What is written as an example is in the range.
+    let why = stage.refused("goto 10 mm");
+    assert!(why.contains("has no `lead`") && why.contains("write it like \"20 deg\""), "{why}");
+    for line in ["goto 20 deg", "goto 80 deg", "goto -40 deg", "goto 0"] {
+        stage.line(line);
+        let LiveEvent::Goto { from_s, until_s, .. } = stage.answer() else { panic!("{line}") };
+        stage.run(until_s - from_s + 0.1);
+    }
+    // A changed file has other angles.
+    let text = delta.replace("[\"-40 deg\", \"80 deg\"]", "[\"-50 deg\", \"85 deg\"]");
+    stage.ask(Request::Live(LiveCommand::Motion { text, files: Default::default() }));
+    assert!(matches!(stage.answer(), LiveEvent::Motion { .. }));
+    assert!(stage.refused("goto 85.1 deg").contains("allow -50 deg to 85 deg"));
+    stage.line("goto 85 deg");
+    assert!(matches!(stage.answer(), LiveEvent::Goto { .. }));
+    stage.stop();
+}
+
+#[test]
 fn a_changed_file_is_taken_over_or_refused_with_its_place() {
     let mut stage = native(TEXT);
     stage.run(1.3);
