@@ -82,7 +82,7 @@ pub struct Turn {
     /// The unit of both.
     pub unit: String,
     /// Whether only whole numbers will do.
-    is_whole: bool,
+    pub is_whole: bool,
     is_bare: bool,
     /// How long the change takes, at least.
     pub over: Option<Time>,
@@ -441,6 +441,16 @@ impl Desk {
         };
         desk.turned.insert(turn.target.clone(), value);
         desk
+    }
+
+    /// A step of a knob's motor in the knob's unit; `None` if it sets no position.
+    #[must_use]
+    pub fn step_in_unit(&self, turn: &Turn) -> Option<f64> {
+        let one = Quantity::parse(&format!("1 {}", turn.unit)).ok()?;
+        let owner = turn.target.split('.').next()?;
+        let motor = self.setup.motors.iter().position(|motor| motor.name == owner)?;
+        let steps = one.value * self.units.get(motor)?.steps(one.base)?;
+        (one.base.is_position() && one.per_seconds == 0).then(|| 1.0 / steps)
     }
 
     /// A text as a number in a knob's unit.

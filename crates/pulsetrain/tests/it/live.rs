@@ -216,6 +216,34 @@ fn knobs_are_turned_to_what_the_motors_follow() {
     stage.stop();
 }
 
+/// Values far beyond what a motor can do become the nearest one that it can. The board's time that this takes is short: nothing else is obeyed meanwhile.
+#[test]
+fn a_value_of_any_size_becomes_the_nearest_that_the_motors_follow() {
+    let mut stage = native(TEXT);
+    stage.run(1.3);
+    // A swing of 254.6 steps at 1 Hz has 4 rev/s, and one at 6.2 Hz of 40 steps has 30 rev/s^2 at 2.76 Hz.
+    for (line, least, most, limit) in [
+        ("b.swing 1e6 step", 252.0, 255.0, "b: max_speed"),
+        ("b.swing 1e6 step", 252.0, 255.0, "b: max_speed"),
+        ("b.swing 1e15 step", 252.0, 255.0, "b: max_speed"),
+        ("b.swing 1e300 deg", 252.0 * 1.8, 255.0 * 1.8, "b: max_speed"),
+        ("a.frequency 1e9 Hz", 2.7, 2.77, "a: max_acceleration"),
+        ("a.frequency 1e30 Hz", 2.7, 2.77, "a: max_acceleration"),
+    ] {
+        stage.run(2.0);
+        let asked_s = stage.now_s();
+        stage.line(line);
+        let searched_s = stage.now_s() - asked_s;
+        assert!(searched_s <= 0.24, "{line}: {searched_s} s");
+        let (_, value, ceiling, ..) = set(stage.answer());
+        let value = if line.ends_with("deg") { value * 1.8 } else { value };
+        assert!((least..=most).contains(&value), "{line}: {value}");
+        assert_eq!(ceiling.as_deref(), Some(limit), "{line}");
+    }
+    assert!(stage.refused("b.swing -1e6 step").contains("more than 0"));
+    stage.stop();
+}
+
 #[test]
 fn what_is_no_value_is_refused_and_the_motion_goes_on() {
     let mut stage = native(TEXT);
