@@ -361,6 +361,7 @@ impl Desk {
             let Some(value) = self.in_unit(&parameter.value, &knob.unit, &knob.target) else { continue };
             knobs.push(KnobInfo {
                 name: knob.name.clone(),
+                target: knob.target.clone(),
                 unit: knob.unit.clone(),
                 least: knob.least,
                 greatest: knob.greatest,
@@ -370,8 +371,8 @@ impl Desk {
         let is_free = |name: &str| !self.live.knobs.iter().any(|knob| knob.target == name);
         for parameter in parameters.iter().filter(|parameter| is_free(&parameter.name)) {
             let (value, unit) = parameter.value.parts();
-            let name = parameter.name.clone();
-            knobs.push(KnobInfo { name, unit: unit.to_owned(), least: None, greatest: None, value });
+            let (name, unit) = (parameter.name.clone(), unit.to_owned());
+            knobs.push(KnobInfo { target: name.clone(), name, unit, least: None, greatest: None, value });
         }
         knobs
     }
