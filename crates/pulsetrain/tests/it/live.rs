@@ -1027,6 +1027,45 @@ fn knobs_and_cues_that_are_wrong_are_errors_of_the_file() {
     );
 }
 
+/// A cue sets a knob by its name, in the knob's unit; what is wrong with a value is wrong in the cue, and not in the law that it would change.
+#[test]
+fn a_cue_sets_knobs_by_their_names() {
+    let with_set = |set: &str| {
+        let text = TEXT.replace("set = { \"b.swing\" = \"80 step\" }", set);
+        assert_ne!(text, TEXT);
+        text
+    };
+    for (set, hz) in [("set = { speed = 2 }", 2.0), ("set = { speed = \"1500 mHz\" }", 1.5)] {
+        let mut stage = native(&with_set(set).replace("least = \"0.1 Hz\", ", "").replace("follow = \"1 s\"\n", ""));
+        stage.run(0.5);
+        stage.line("cue wide");
+        let LiveEvent::Cue { from_s, until_s, .. } = stage.answer() else { panic!("no cue") };
+        stage.run(until_s - from_s + 0.2);
+        let knobs = stage.show.desk().knobs();
+        assert_eq!((knobs[0].name.as_str(), knobs[0].value), ("speed", hz));
+        stage.stop();
+    }
+    let check = |set: &str, at: &str, message: &str| {
+        let text = with_set(set);
+        let error = Desk::of(&text, "m.toml", PathBuf::new(), None, None).unwrap_err();
+        let start = text.find(set).unwrap() + set.find(at).unwrap();
+        let line = text[..start].matches('\n').count() + 1;
+        let column = start - text[..start].rfind('\n').unwrap();
+        let (said, place) = (error.plain(), error.problems()[0].place());
+        assert!(place == (line, column) && said.contains(message), "{set}: {line}:{column} is meant: {said}");
+        assert_eq!(error.problems().len(), 1, "{said}");
+    };
+    check("set = { sped = \"1 Hz\" }", "\"1 Hz", "did you mean \"speed\"?");
+    check("set = { nothing = \"1 Hz\" }", "\"1 Hz", "a cue can set speed, a.frequency");
+    check("set = { speed = \"1 s\" }", "\"1 s", "`speed` must be in a unit of `a.frequency`");
+    check("set = { speed = 3.5 }", "3.5", "the greatest value of knob `speed` is 3 Hz");
+    check("set = { speed = \"0.05 Hz\" }", "\"0.05", "the least value of knob `speed` is 0.1 Hz");
+    check("set = { \"b.swing\" = \"80 step\", \"a.frequency\" = \"-1 Hz\" }", "\"-1 Hz", "more than 0 Hz");
+    check("set = { \"b.swing\" = \"80.5 step\" }", "\"80.5", "whole steps");
+    check("set = { \"b.swing\" = \"80 s\" }", "\"80 s", "must be an angle");
+    check("set.b.swing = \"80.5 step\"", "\"80.5", "whole steps");
+}
+
 /// The example of docs/midi.md is right, on the motors of these tests.
 #[test]
 fn the_example_of_midi_is_right() {
