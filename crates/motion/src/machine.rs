@@ -1,7 +1,7 @@
 //! Machines: several motors that draw one figure, and where their tip is.
 //!
 //! # What is here
-//! - [`Machine`]: its motors, how they move the tip, and their positions at time zero
+//! - [`Machine`]: its motors, how they move the tip, their positions at time zero, and where they may be
 //! - [`Delta`]: a delta robot's arms: angles for a point, the point for angles
 //!
 //! # What is not
@@ -61,6 +61,28 @@ impl Machine {
             }
         }
     }
+
+    /// The angles that the file allows to one of its motors; `None` if it sets no such limits.
+    #[must_use]
+    pub fn range(&self, motor: usize) -> Option<MotorRange> {
+        let Kinematics::Delta { steps_per_rad, angles: Some((least, most)), .. } = &self.kinematics else {
+            return None;
+        };
+        let (per_rad, home) = (steps_per_rad.get(motor)?, self.home.get(motor)?);
+        let (least, most) = (least * per_rad - home, most * per_rad - home);
+        Some(MotorRange { least, most, steps_per_deg: per_rad.to_radians() })
+    }
+}
+
+/// Where a motor of a machine may be, steps since time zero.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MotorRange {
+    /// The least position.
+    pub least: f64,
+    /// The largest one.
+    pub most: f64,
+    /// Steps in a degree of its arm.
+    pub steps_per_deg: f64,
 }
 
 /// A delta robot with turning arms: three motors at 0°, 120° and 240° around a base, each with an upper arm; forearms

@@ -30,8 +30,8 @@ fn main() -> Result<(), Box<dyn Error>> {
         start_steps: 0.0,
         max_speed: None,
     };
-    let (name, unit) = ("wildness".to_owned(), String::new());
-    let knobs = vec![KnobInfo { name, unit, least: Some(0.0), greatest: Some(1.0), value: 0.0 }];
+    let (name, target, unit) = ("wildness".to_owned(), "first.wildness".to_owned(), String::new());
+    let knobs = vec![KnobInfo { name, target, unit, least: Some(0.0), greatest: Some(1.0), value: 0.0 }];
     let (sender, groups) = sync_channel(MOST_WAITING);
     let settings = OscSettings { address, reply_port: None };
     let server = OscServer::open(settings, OscInfo { motors: vec![motor("first"), motor("second")], knobs }, sender)?;

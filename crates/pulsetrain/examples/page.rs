@@ -53,7 +53,8 @@ const STEP_S: f64 = 0.05;
 const EASE_S: f64 = 1.0;
 
 fn knob(name: &str, unit: &str, least: f64, greatest: f64, value: f64) -> KnobInfo {
-    KnobInfo { name: name.to_owned(), unit: unit.to_owned(), least: Some(least), greatest: Some(greatest), value }
+    let (name, unit) = (name.to_owned(), unit.to_owned());
+    KnobInfo { target: name.clone(), name, unit, least: Some(least), greatest: Some(greatest), value }
 }
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {

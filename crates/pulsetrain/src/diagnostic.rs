@@ -67,12 +67,27 @@ pub struct Excerpt {
 const LONG_LINE: usize = 240;
 /// Of a long line this much is shown on each side of a place, and of the place itself twice as much, bytes.
 const AROUND: usize = 40;
+/// Places of a long line are shown together if they are within this many bytes. Others are at least [`AROUND`] apart: no part cuts another's place.
+const TOGETHER: usize = 5 * AROUND;
 
 impl Excerpt {
     /// Of a text in which nothing but these places is shown.
     pub fn new<'p>(source: &Arc<Source>, places: impl Iterator<Item = &'p Range<usize>>) -> Excerpt {
         let mut excerpt = Excerpt { source: Arc::clone(source), marked: None };
-        for place in places.filter(|place| excerpt.is_in_long_line(place)).collect::<Vec<_>>() {
+        let in_long_lines = places.filter(|place| excerpt.is_in_long_line(place)).map(|place| excerpt.shown_of(place));
+        let mut in_long_lines: Vec<Range<usize>> = in_long_lines.collect();
+        in_long_lines.sort_by_key(|place| place.start);
+        // As the report puts them together.
+        let mut shown: Vec<Range<usize>> = Vec::new();
+        for place in in_long_lines {
+            match shown.last_mut() {
+                Some(last) if excerpt.is_shown_whole(&(last.start..place.end.max(last.end))) => {
+                    last.end = place.end.max(last.end);
+                }
+                _ => shown.push(place),
+            }
+        }
+        for place in &shown {
             let (line, part) = (excerpt.lines(&(place.start..place.start)), excerpt.part(place));
             let text = excerpt.marked.get_or_insert_with(|| source.text().to_owned());
             if part.len() > AROUND {
@@ -108,21 +123,27 @@ impl Excerpt {
     }
 
     /// The bytes of a long line that are shown for a place. They do not begin or end within a mark.
-    fn part(&self, at: &Range<usize>) -> Range<usize> {
+    fn part(&self, place: &Range<usize>) -> Range<usize> {
         let text = self.text();
-        let (line, place) = (self.lines(&(at.start..at.start)), shown_of(at));
+        let line = self.lines(&(place.start..place.start));
         let from = text.floor_char_boundary(place.start.saturating_sub(AROUND)).max(line.start);
         from..text.ceil_char_boundary((place.end + AROUND).min(line.end)).min(line.end)
+    }
+
+    /// As much of a place as is shown of it in a long line.
+    fn shown_of(&self, at: &Range<usize>) -> Range<usize> {
+        let line = self.lines(&(at.start..at.start));
+        at.start..at.end.min(at.start + 2 * AROUND).min(line.end.max(at.start))
+    }
+
+    /// Whether a place in a long line, or several from the first to the last, are shown as one part.
+    fn is_shown_whole(&self, at: &Range<usize>) -> bool {
+        at.len() <= TOGETHER && at.end <= self.lines(&(at.start..at.start)).end
     }
 }
 
 /// Replaces the parts of a long line that are not shown.
 const MARK: &str = "…";
-
-/// As much of a place as is shown of it in a long line.
-fn shown_of(at: &Range<usize>) -> Range<usize> {
-    at.start..at.end.min(at.start + 2 * AROUND)
-}
 
 impl SourceCode for Excerpt {
     fn read_span<'a>(
@@ -135,7 +156,12 @@ impl SourceCode for Excerpt {
         let name = self.source.name().to_owned();
         let around = lines.span().offset()..lines.span().offset() + lines.span().len();
         if lines_before + lines_after > 0 && self.is_in_long_line(&around) {
-            let part = self.part(&(span.offset()..span.offset() + span.len()));
+            let at = span.offset()..span.offset() + span.len();
+            // The report asks for several places at once, and shows them one by one then.
+            if self.is_in_long_line(&at) && !self.is_shown_whole(&at) {
+                return Err(MietteError::OutOfBounds);
+            }
+            let part = self.part(&at);
             let before = &self.source.text().as_bytes()[..part.start];
             let line = before.iter().filter(|byte| **byte == b'\n').count();
             // The bytes with which characters of the line begin.
@@ -236,7 +262,7 @@ impl Diagnostic for WrongPlace {
     fn labels(&self) -> Option<Box<dyn Iterator<Item = LabeledSpan> + '_>> {
         Some(Box::new(self.problem.labels().map(|(at, label)| {
             // What is not shown of a line cannot be marked.
-            let at = if self.source.is_in_long_line(&at) { shown_of(&at) } else { at };
+            let at = if self.source.is_in_long_line(&at) { self.source.shown_of(&at) } else { at };
             LabeledSpan::new(Some(label.to_owned()), at.start, at.len())
         })))
     }
@@ -250,9 +276,14 @@ mod tests {
 
     /// The report of a motion file with this formula, in 80 columns.
     fn report(theta: &str) -> String {
+        report_of_law(&format!("law.formula = {{ theta = \"{theta}\", unit = \"deg\", duration = \"2 s\" }}"))
+    }
+
+    /// The report of a motion file with this line for its law.
+    fn report_of_law(law: &str) -> String {
         let text = format!(
             "board = \"native\"\n[motor.a]\nsteps_per_rev = 200\ndriver = \"A4988\"\npins = {{ step = 8, dir = 9 }}\n\
-             forward = \"high\"\n[[motion]]\nmotor = \"a\"\nlaw.formula = {{ theta = \"{theta}\", unit = \"deg\", duration = \"2 s\" }}\n"
+             forward = \"high\"\n[[motion]]\nmotor = \"a\"\n{law}\n"
         );
         let error = file::read(&text, "long.toml", &|_: &std::path::Path| Err(std::io::ErrorKind::NotFound.into()))
             .unwrap_err();
@@ -286,6 +317,28 @@ mod tests {
             let said = report(&theta);
             assert!(said.contains(shown) && said.matches('…').count() == marks, "{said}");
             assert!(said.lines().count() < 12 && said.lines().all(|line| line.chars().count() < 200), "{said}");
+        }
+    }
+
+    /// Both are seen: in one part of the line if they are near, else in two.
+    #[test]
+    fn two_places_of_a_long_line_are_shown() {
+        let long = "0.1*sin(t) + ".repeat(100);
+        let sine = |unit: &str| format!("sine = {{ amplitude = \"1 {unit}\", period = \"1 s\" }}");
+        let formula = |theta: &str| format!("formula = {{ theta = \"{theta}0\", unit = \"deg\", duration = \"2 s\" }}");
+        for (law, parts, marks) in [
+            // The line goes on, far apart; near each other, with the rest of the line before and behind; and in two lines.
+            (format!("law = {{ {}, {} }}", formula(&long), sine("rev")), 2, 3),
+            (format!("law = {{ {}, {} }}", sine("rev"), formula(&long)), 1, 1),
+            (format!("law.{} # {long}\nlaw.{}", sine("rev"), formula("t + ")), 2, 1),
+        ] {
+            let said = report_of_law(&law);
+            assert_eq!(said.matches("long.toml").count(), parts, "{said}");
+            assert!(said.matches('…').count() == marks, "{said}");
+            for shown in ["sine = {", "formula = {"] {
+                assert!(said.contains(shown), "{shown}: {said}");
+            }
+            assert!(said.lines().all(|line| line.chars().count() < 300), "{said}");
         }
     }
 }

@@ -20,12 +20,21 @@ pub fn endless(path: &Path, board: Option<&str>) -> miette::Result<Prepared> {
     Prepared::new(path.display().to_string(), contents(&path)?, board).map_err(advised)
 }
 
-/// The file that is meant: for `crank` that is `crank.toml`, unless there is a file `crank`.
+/// The file that is meant: for `crank` that is `crank.toml`, or `examples/crank.toml`, unless there is a file `crank`.
 #[must_use]
 pub fn found(path: &Path) -> Cow<'_, Path> {
+    if path.exists() {
+        return Cow::Borrowed(path);
+    }
     let with_ending = path.with_added_extension("toml");
-    if !path.exists() && with_ending.is_file() { Cow::Owned(with_ending) } else { Cow::Borrowed(path) }
+    let is_name = path.file_name() == Some(path.as_os_str()) && path.extension().is_none();
+    let of_examples = is_name.then(|| Path::new(EXAMPLES).join(&with_ending));
+    let found = [Some(with_ending), of_examples].into_iter().flatten().find(|file| file.is_file());
+    found.map_or(Cow::Borrowed(path), Cow::Owned)
 }
+
+/// The folder of the examples, where this program was unpacked.
+const EXAMPLES: &str = "examples";
 
 /// Reads a motion file.
 ///
@@ -45,7 +54,7 @@ pub fn contents(path: &Path) -> miette::Result<Contents> {
 /// The example of that name, for a file that is not there.
 fn example(path: &Path) -> Option<PathBuf> {
     let names = [path.to_owned(), path.with_added_extension("toml")];
-    let examples = names.iter().filter_map(|name| Some(Path::new("examples").join(name.file_name()?)));
+    let examples = names.iter().filter_map(|name| Some(Path::new(EXAMPLES).join(name.file_name()?)));
     examples.filter(|_| !path.exists()).find(|example| example.is_file())
 }
 

@@ -1,10 +1,12 @@
 //! Where motors stand, in the file's units, and the command that brings them back.
 
 use std::fmt;
+use std::ops::RangeInclusive;
 
 use pulsetrain_motion::Time;
 use pulsetrain_motion::human;
 use pulsetrain_motion::law::Cursor;
+use pulsetrain_motion::machine::Machine;
 use pulsetrain_motion::program::{Motor, Program, Scale};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -56,6 +58,94 @@ pub fn standings(program: &Program, counts: &[i64], uncertain: &[bool]) -> Vec<S
         is_uncertain: uncertain.get(index).copied().unwrap_or(false),
     });
     each.collect()
+}
+
+/// Why motors of a machine cannot be sent to a position.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum OutOfRange {
+    /// It is beyond the machine's `angles`.
+    #[error("motor {motor} cannot go to {position}: `angles` of machine {machine} allow {least} to {most}")]
+    Angles {
+        /// The motor.
+        motor: String,
+        /// Where it was to go.
+        position: String,
+        /// Its machine.
+        machine: String,
+        /// The least position, as it can be typed.
+        least: String,
+        /// The largest position.
+        most: String,
+    },
+    /// Each motor may be there, but not all of them together.
+    #[error("the arms of machine {machine} do not meet at these angles: {positions}")]
+    Apart {
+        /// The machine.
+        machine: String,
+        /// Its motors and where they were to go.
+        positions: String,
+    },
+}
+
+impl OutOfRange {
+    /// What can be done.
+    #[must_use]
+    pub fn advice(&self) -> String {
+        match self {
+            OutOfRange::Angles { least, most, .. } => format!("write a position from {least} to {most}"),
+            OutOfRange::Apart { .. } => "move the arms together, or to angles that differ less".to_owned(),
+        }
+    }
+}
+
+/// A typed position has hundredths of a step.
+const TYPED_STEPS: f64 = 0.01;
+
+/// Checks where motors are to go, steps, against the ranges of their machines. `None`: it is not known where the motor is.
+///
+/// # Errors
+/// For the first motor or machine that cannot be there.
+pub fn check_range(program: &Program, positions: &[Option<f64>]) -> Result<(), OutOfRange> {
+    for machine in &program.machines {
+        let motors = || machine.motors.iter().map(|motor| (&program.motors[*motor], positions[*motor]));
+        for (number, (motor, position)) in motors().enumerate() {
+            let (Some(steps), Some((range, scale))) = (position, range_of(machine, number, motor)) else { continue };
+            if steps < range.start() - TYPED_STEPS || steps > range.end() + TYPED_STEPS {
+                let [position, least, most] = [steps, *range.start(), *range.end()].map(|steps| typed(steps, &scale));
+                let (motor, machine) = (motor.name.clone(), machine.name.clone());
+                return Err(OutOfRange::Angles { motor, position, machine, least, most });
+            }
+        }
+        let since_start: Option<Vec<f64>> = motors().map(|(motor, steps)| Some(steps? - start(motor))).collect();
+        if since_start.is_some_and(|steps| machine.tip(&steps).is_none()) {
+            let each = motors().filter_map(|(motor, steps)| Some((motor, steps?)));
+            let each = each.map(|(motor, steps)| format!("{} at {}", motor.name, typed(steps, &motor.scale)));
+            let positions = each.collect::<Vec<_>>().join(", ");
+            return Err(OutOfRange::Apart { machine: machine.name.clone(), positions });
+        }
+    }
+    Ok(())
+}
+
+/// Where one of a machine's motors may be, steps, and the unit in which the file says it.
+fn range_of(machine: &Machine, number: usize, motor: &Motor) -> Option<(RangeInclusive<f64>, Scale)> {
+    let (range, start) = (machine.range(number)?, start(motor));
+    let unit = "deg".to_owned();
+    let scale = Scale { unit, steps_per_unit: range.steps_per_deg, steps_per_rev: motor.scale.steps_per_rev };
+    Some((range.least + start..=range.most + start, scale))
+}
+
+/// A position that a motor can be sent to, for a message.
+#[must_use]
+pub fn example_position(program: &Program, motor: usize) -> String {
+    let range = program.machines.iter().find_map(|machine| {
+        let number = machine.motors.iter().position(|known| *known == motor)?;
+        range_of(machine, number, &program.motors[motor])
+    });
+    let Some((range, scale)) = range else { return format!("90 {}", program.motors[motor].scale.unit) };
+    let middle = (range.start() + range.end()) / 2.0;
+    let whole = (middle / scale.steps_per_unit).round() * scale.steps_per_unit;
+    typed(if range.contains(&whole) { whole } else { middle }, &scale)
 }
 
 /// All of them in a sentence: "wheel at 37.35 deg (83 steps since the start), arm at 0 mm (0 steps since the start)".

@@ -9,6 +9,7 @@ use super::sheet::{self, ParameterValue, SheetParameter};
 use super::{Timeline, motor_named, read_motions};
 use crate::Time;
 use crate::quantity::{Quantity, nearest};
+use std::ops::Range;
 use toml_edit::Table;
 
 /// What may be changed while a motion runs.
@@ -112,6 +113,21 @@ pub const ORDERS: [&str; 14] = [
     "pause", "resume", "stop", "tempo", "go", "back", "cue", "goto", "knobs", "cues", "help", "status", "here", "begin",
 ];
 
+/// What a cue may set.
+#[derive(Clone, Copy)]
+struct Names<'a> {
+    parameters: &'a [SheetParameter],
+    /// `None` if they are wrong themselves.
+    knobs: Option<&'a [Knob]>,
+}
+
+/// Where a cue sets something.
+struct SetPlaces {
+    whole: Range<usize>,
+    /// Of each value.
+    values: Vec<Range<usize>>,
+}
+
 /// Reads both, if they are there.
 pub(super) fn read(
     root: &Section,
@@ -124,7 +140,10 @@ pub(super) fn read(
     let knobs = read_knobs(root, &parameters);
     let cues = match root.get("cue") {
         None => Ok(Vec::new()),
-        Some(node) => read_cues(&node, root, table, &parameters, drafts, machines, load),
+        Some(node) => {
+            let names = Names { parameters: &parameters, knobs: knobs.as_deref().ok() };
+            read_cues(&node, root, table, names, drafts, machines, load)
+        }
     };
     let schedule = read_schedule(root);
     let (knobs, cues) = (knobs?, cues?);
@@ -312,7 +331,7 @@ fn read_cues(
     node: &Node,
     root: &Section,
     table: &Table,
-    parameters: &[SheetParameter],
+    names: Names,
     drafts: &[(String, Read<MotorDraft>)],
     machines: &[(String, Read<machine::MachineDraft>)],
     load: Loader,
@@ -321,13 +340,13 @@ fn read_cues(
     let nodes = if node.is_table() { vec![node.clone()] } else { node.list(EXAMPLE)? };
     let mut cues: Vec<Read<Cue>> = Vec::new();
     for (number, node) in nodes.iter().enumerate() {
-        let cue = read_cue(node, parameters, drafts, machines).and_then(|(cue, begins_now)| {
+        let cue = read_cue(node, names, drafts, machines).and_then(|(cue, begins_now, places)| {
             let before = cues.iter().flatten().any(|before: &Cue| before.name == cue.name);
             if before {
                 let message = format!("two cues are called \"{}\"", cue.name);
                 return Err(node.note("the second one", message, "give one of them another name"));
             }
-            let (motors, is_endless) = check_motions(number, &cue, (root, table), drafts, machines, load)?;
+            let (motors, is_endless) = check_motions(number, &cue, &places, (root, table), drafts, machines, load)?;
             Ok(Cue { begins_now: begins_now.unwrap_or(!is_endless), motors, ..cue })
         });
         cues.push(cue);
@@ -337,10 +356,10 @@ fn read_cues(
 
 fn read_cue(
     node: &Node,
-    parameters: &[SheetParameter],
+    names: Names,
     drafts: &[(String, Read<MotorDraft>)],
     machines: &[(String, Read<machine::MachineDraft>)],
-) -> Read<(Cue, Option<bool>)> {
+) -> Read<(Cue, Option<bool>, SetPlaces)> {
     const EXAMPLE: &str = "name = \"fast\"";
     let known = ["name", "set", "motion", "fade", "follow", "begins", "at"];
     let section = node.section("the cue".to_owned(), &known, EXAMPLE)?;
@@ -352,7 +371,8 @@ fn read_cue(
     let time = |key: &str| section.get(key).map(|node| node.duration("2 s")).transpose();
     let (fade, follow) = (time("fade"), time("follow"));
     let at = section.get("at").map(|node| times_of_day(&node)).transpose();
-    let set = section.get("set").map(|node| read_set(&node, parameters)).transpose();
+    let set_node = section.get("set");
+    let set = set_node.as_ref().map(|node| read_set(node, names)).transpose();
     let begins = section.get("begins").map(|node| node.word(&[("now", true), ("with-the-motion", false)])).transpose();
     let motion = section.get("motion");
     if set.as_ref().is_ok_and(Option::is_none) && motion.is_none() {
@@ -370,19 +390,24 @@ fn read_cue(
             }
         }
     }
+    let (set, values) = set?.unwrap_or_default().into_iter().unzip();
+    let places = SetPlaces { whole: set_node.map_or_else(|| node.at.clone(), |set| set.at), values };
     let cue = Cue {
         name: name.to_owned(),
-        set: set?.unwrap_or_default(),
+        set,
         fade: fade?,
         follow: follow?,
         motors: Vec::new(),
         begins_now: false,
         at: at?.unwrap_or_default(),
     };
-    Ok((cue, begins?))
+    Ok((cue, begins?, places))
 }
 
-fn read_set(node: &Node, parameters: &[SheetParameter]) -> Read<Vec<(String, ParameterValue)>> {
+/// A parameter, its new value, and where that is written.
+type SetValue = ((String, ParameterValue), Range<usize>);
+
+fn read_set(node: &Node, names: Names) -> Read<Vec<SetValue>> {
     const EXAMPLE: &str = "set = { \"wheel.frequency\" = \"2 Hz\" }";
     let section = node.any_section("`set`".to_owned(), EXAMPLE)?;
     let mut set = Vec::new();
@@ -392,32 +417,72 @@ fn read_set(node: &Node, parameters: &[SheetParameter]) -> Read<Vec<(String, Par
             let inner = node.any_section(format!("`{}`", node.key), EXAMPLE)?;
             for value in inner.nodes() {
                 let name = format!("{}.{}", node.key, value.key);
-                set.push(set_one(&value, &name, parameters)?);
+                set.push((set_one(&value, &name, names)?, value.at));
             }
             continue;
         }
-        set.push(set_one(&node, node.key, parameters)?);
+        set.push((set_one(&node, node.key, names)?, node.at.clone()));
     }
     Ok(set)
 }
 
-fn set_one(node: &Node, name: &str, parameters: &[SheetParameter]) -> Read<(String, ParameterValue)> {
-    let parameter = parameter_at(node, name, parameters)?;
-    let value = match (node.as_whole(), node.as_number()) {
-        (Some(whole), _) if matches!(parameter.value, ParameterValue::Whole(_)) => ParameterValue::Whole(whole),
-        (_, Some(number)) => ParameterValue::Number(number),
+/// A knob's value, or that of a parameter.
+fn set_one(node: &Node, name: &str, names: Names) -> Read<(String, ParameterValue)> {
+    let of_name = |name: &str| names.parameters.iter().find(|parameter| parameter.name == name);
+    let knob = names.knobs.and_then(|knobs| knobs.iter().find(|knob| knob.name == name));
+    if let Some((knob, target)) = knob.and_then(|knob| Some((knob, of_name(&knob.target)?))) {
+        return Ok((knob.target.clone(), knob_value(node, knob, target)?));
+    }
+    match (of_name(name), names.knobs) {
+        (Some(parameter), _) => Ok((name.to_owned(), value(node, parameter)?)),
+        // It may be one of the knobs that are wrong.
+        (None, None) => Err(Noted),
+        (None, Some(knobs)) => {
+            let knobs = knobs.iter().map(|knob| knob.name.as_str());
+            let known = || knobs.clone().chain(names.parameters.iter().map(|parameter| parameter.name.as_str()));
+            let help = match nearest(name, known()) {
+                Some(near) => format!("did you mean \"{near}\"?"),
+                None => format!("a cue can set {}", known().collect::<Vec<_>>().join(", ")),
+            };
+            Err(node.note("nothing to set", format!("there is no knob `{name}`, and no law has it"), help))
+        }
+    }
+}
+
+fn value(node: &Node, parameter: &SheetParameter) -> Read<ParameterValue> {
+    match (node.as_whole(), node.as_number()) {
+        (Some(whole), _) if matches!(parameter.value, ParameterValue::Whole(_)) => Ok(ParameterValue::Whole(whole)),
+        (_, Some(number)) => Ok(ParameterValue::Number(number)),
         _ => {
             node.quantity("2 Hz")?;
-            ParameterValue::Quantity(node.as_text().unwrap_or_default().to_owned())
+            Ok(ParameterValue::Quantity(node.as_text().unwrap_or_default().to_owned()))
         }
+    }
+}
+
+/// A value of a knob, within its range. A bare number is in the knob's unit.
+fn knob_value(node: &Node, knob: &Knob, target: &SheetParameter) -> Read<ParameterValue> {
+    let unit = &knob.unit;
+    let (number, value) = match node.as_number().filter(|_| !unit.is_empty()) {
+        Some(number) => (number, ParameterValue::Quantity(format!("{number} {unit}"))),
+        None => (in_unit(node, unit, target)?, value(node, target)?),
     };
-    Ok((name.to_owned(), value))
+    let beyond = |bound: f64, which: &str| {
+        let message = format!("the {which} value of knob `{}` is {}", knob.name, format!("{bound} {unit}").trim_end());
+        node.note("beyond the knob's range", message, "write a value in the range, or change the range")
+    };
+    match (knob.least, knob.greatest) {
+        (Some(least), _) if number < least => Err(beyond(least, "least")),
+        (_, Some(greatest)) if number > greatest => Err(beyond(greatest, "greatest")),
+        _ => Ok(value),
+    }
 }
 
 /// Reads the file's motions with a cue in it. Gives the motors with motions of the cue's own, and whether all of those are endless.
 fn check_motions(
     number: usize,
     cue: &Cue,
+    places: &SetPlaces,
     (root, table): (&Section, &Table),
     drafts: &[(String, Read<MotorDraft>)],
     machines: &[(String, Read<machine::MachineDraft>)],
@@ -426,17 +491,41 @@ fn check_motions(
     let mut table = table.clone();
     let rows = sheet::cue_motions(&table, number);
     let named: Vec<String> = rows.iter().flat_map(|row| sheet::owners(row)).collect();
-    if !rows.is_empty() {
+    let has_motions = !rows.is_empty();
+    if has_motions {
         sheet::replace_motions(&mut table, rows);
     }
-    for (name, value) in &cue.set {
+    let mut moved = Vec::new();
+    for ((name, value), at) in cue.set.iter().zip(&places.values) {
+        moved.extend(sheet::key_span(&table, name).map(|key| (key, at.clone())));
         // A parameter of a law that the cue itself replaces may be gone.
         if let Err(unknown) = sheet::set(&mut table, name, value) {
             let message = format!("cue \"{}\" sets `{}`, which its own motions do not have", cue.name, unknown.name);
-            return Err(root.reader.note(root.key_span("cue"), "this cue", message, "leave it out of `set`"));
+            return Err(root.reader.note(at.clone(), "this value", message, "leave it out of `set`"));
         }
     }
-    let changed = Section::root(root.reader, &table);
+    let before = root.reader.problems();
+    let read = read_motions_of(&table, root, &named, drafts, machines, load);
+    // What is wrong with a value that the cue sets is not wrong in the law; and what has only such values is wrong by all of them.
+    let cause = match places.values.as_slice() {
+        _ if has_motions => None,
+        [one] => Some(one.clone()),
+        _ => Some(places.whole.clone()),
+    };
+    root.reader.move_problems(before, &moved, cause);
+    read
+}
+
+/// Reads the motions of a changed file. Gives the motors that are named, or whose machine is, and whether all of their motions are endless.
+fn read_motions_of(
+    table: &Table,
+    root: &Section,
+    named: &[String],
+    drafts: &[(String, Read<MotorDraft>)],
+    machines: &[(String, Read<machine::MachineDraft>)],
+    load: Loader,
+) -> Read<(Vec<usize>, bool)> {
+    let changed = Section::root(root.reader, table);
     let mut homes: Vec<Option<Home>> = machines.iter().map(|_| None).collect();
     let timelines: Vec<Read<Timeline>> = read_motions(&changed, drafts, machines, &mut homes, load);
     let (mut own, mut is_endless) = (Vec::new(), true);

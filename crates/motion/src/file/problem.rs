@@ -117,6 +117,19 @@ impl Problem {
         self
     }
 
+    /// Points from places to others; if it is at none of them, first of all at its `cause`.
+    pub(super) fn point_at(&mut self, moved: &[(Range<usize>, Range<usize>)], cause: Option<Range<usize>>) {
+        let mut is_moved = false;
+        for (at, _) in &mut self.labels {
+            if let Some((_, to)) = moved.iter().find(|(from, _)| from == at) {
+                (*at, is_moved) = (to.clone(), true);
+            }
+        }
+        if let Some(cause) = cause.filter(|_| !is_moved) {
+            self.labels.insert(0, (cause, "with this value".to_owned()));
+        }
+    }
+
     /// The machine's path that it is about, if that is known from end to end.
     #[must_use]
     pub fn path(&self) -> Option<&BrokenPath> {

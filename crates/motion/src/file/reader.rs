@@ -98,6 +98,23 @@ impl Reader {
         }
     }
 
+    /// How many problems have been noted.
+    pub(super) fn problems(&self) -> usize {
+        self.problems.borrow().len()
+    }
+
+    /// Lets the problems after the first ones point elsewhere: from places to others; and those at other places also at their `cause`.
+    pub(super) fn move_problems(
+        &self,
+        first: usize,
+        moved: &[(Range<usize>, Range<usize>)],
+        cause: Option<Range<usize>>,
+    ) {
+        for problem in self.problems.borrow_mut().iter_mut().skip(first) {
+            problem.point_at(moved, cause.clone());
+        }
+    }
+
     pub(super) fn into_problems(self) -> Vec<Problem> {
         self.problems.into_inner()
     }

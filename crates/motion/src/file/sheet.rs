@@ -4,6 +4,7 @@
 //! at its key.
 
 use std::io;
+use std::ops::Range;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -236,6 +237,42 @@ pub(super) fn parameter(root: &Table, name: &str) -> Result<SheetParameter, Unkn
         None => {
             let meant = nearest(name, parameters.iter().map(|parameter| parameter.name.as_str()));
             Err(UnknownParameter { name: name.to_owned(), meant: meant.map(str::to_owned) })
+        }
+    }
+}
+
+/// Where the key of a parameter is written, bytes.
+pub(super) fn key_span(root: &Table, name: &str) -> Option<Range<usize>> {
+    let SheetPlace { row, way, .. } = parameter(root, name).ok()?.place;
+    let (last, before) = way.split_last()?;
+    let mut here = Inside::Table(rows(root.get("motion")).into_iter().nth(row)?);
+    for step in before {
+        here = here.step(step)?;
+    }
+    match (here, last) {
+        (Inside::Table(table), Step::Key(key)) => table.get_key_value(key)?.0.span(),
+        _ => None,
+    }
+}
+
+/// A part of a law on the way to a parameter.
+enum Inside<'a> {
+    Table(&'a dyn TableLike),
+    Tables(&'a ArrayOfTables),
+    List(&'a toml_edit::Array),
+}
+
+impl<'a> Inside<'a> {
+    fn step(self, step: &Step) -> Option<Inside<'a>> {
+        match (self, step) {
+            (Inside::Table(table), Step::Key(key)) => match table.get(key)? {
+                Item::ArrayOfTables(tables) => Some(Inside::Tables(tables)),
+                Item::Value(Value::Array(list)) => Some(Inside::List(list)),
+                item => item.as_table_like().map(Inside::Table),
+            },
+            (Inside::Tables(tables), Step::Index(index)) => Some(Inside::Table(tables.get(*index)?)),
+            (Inside::List(list), Step::Index(index)) => Some(Inside::Table(list.get(*index)?.as_inline_table()?)),
+            _ => None,
         }
     }
 }

@@ -18,7 +18,7 @@ use super::problems::{drive_problem, port_problem};
 use super::run::{HowToRun, perform};
 use crate::console::{Console, Exit};
 use crate::diagnostic::advised;
-use crate::standing::{START, quoted, start, typed};
+use crate::standing::{START, check_range, example_position, quoted, start, typed};
 use crate::{arguments, last_positions, load};
 
 #[derive(Args, Debug)]
@@ -86,7 +86,13 @@ pub(crate) fn run(args: &GotoArgs, console: &mut Console<'_>) -> miette::Result<
     let motors = Motors { program: &prepared.program, units: &units, moved: moved(&prepared.program, &args.motor)? };
     let program = &prepared.program;
     let targets = motors.targets(&args.target)?;
+    let held = |targets: &[Option<f64>]| {
+        check_range(program, targets).map_err(|error| miette!(help = error.advice(), "{error}"))
+    };
+    // The port is not opened for a position that is refused anyway.
+    held(&motors.goals(&targets, &vec![None; targets.len()]))?;
     let from = motors.positions(args, console)?;
+    held(&motors.goals(&targets, &from))?;
     let distances = targets.iter().zip(&from).zip(&motors.moved);
     let distances: Vec<i64> =
         distances.map(|((to, from), moved)| from.filter(|_| *moved).map_or(0, |from| whole_steps(*to, from))).collect();
@@ -165,8 +171,9 @@ impl Motors<'_> {
         if text == START {
             return Ok(start(motor));
         }
-        let (name, unit) = (&motor.name, &motor.scale.unit);
-        let help = format!("write it like \"90 {unit}\", or `{START}`, where the motion begins");
+        let name = &motor.name;
+        let example = example_position(self.program, number);
+        let help = format!("write it like \"{example}\", or `{START}`, where the motion begins");
         let no_position = |why: String| miette!(help = help.clone(), "{text:?} is no position of motor {name}: {why}");
         let quantity = Quantity::parse(text).map_err(|error| no_position(error.to_string()))?;
         if !quantity.base.is_position() || quantity.per_seconds != 0 {
@@ -184,6 +191,12 @@ impl Motors<'_> {
     fn targets(&self, text: &str) -> miette::Result<Vec<f64>> {
         let motors = self.moved.iter().enumerate();
         motors.map(|(number, moved)| if *moved { self.position(number, text) } else { Ok(0.0) }).collect()
+    }
+
+    /// Where the motors are in the end, steps: at their targets, or where they stand if they are not moved.
+    fn goals(&self, targets: &[f64], from: &[Option<f64>]) -> Vec<Option<f64>> {
+        let each = self.moved.iter().zip(targets).zip(from);
+        each.map(|((moved, target), from)| if *moved { Some(*target) } else { *from }).collect()
     }
 
     /// Where the motors stand, steps; `None` for those that are not moved and of which it is not known.

@@ -673,8 +673,8 @@ mod tests {
     use pulsetrain_session::control::Status;
 
     fn info(is_live: bool) -> RunInfo {
-        let knob =
-            KnobInfo { name: "speed".into(), unit: "Hz".into(), least: Some(0.0), greatest: Some(2.0), value: 1.0 };
+        let (name, target, unit) = ("speed".into(), "wheel.frequency".into(), "Hz".into());
+        let knob = KnobInfo { name, target, unit, least: Some(0.0), greatest: Some(2.0), value: 1.0 };
         RunInfo { knobs: vec![knob], is_live, ..RunInfo::nothing() }
     }
 

@@ -286,6 +286,9 @@ impl LiveEvent {
 pub struct KnobInfo {
     /// Its name.
     pub name: String,
+    /// The number of a law that it sets, MOTOR.KEY.
+    #[serde(default)]
+    pub target: String,
     /// Its unit; empty for a bare number.
     pub unit: String,
     /// The least value, in its unit. `None` if the file gives none: then the laws and the motors' limits decide.

@@ -15,7 +15,7 @@ use pulsetrain_motion::{Law, Time};
 use pulsetrain_session::prepare::Prepared;
 
 use crate::control_socket::{KnobInfo, KnobValue};
-use crate::standing::{START, start};
+use crate::standing::{START, check_range, example_position, start};
 
 /// The files that a motion file names, by the names that it gives them.
 pub type FileTexts = BTreeMap<PathBuf, String>;
@@ -82,7 +82,7 @@ pub struct Turn {
     /// The unit of both.
     pub unit: String,
     /// Whether only whole numbers will do.
-    is_whole: bool,
+    pub is_whole: bool,
     is_bare: bool,
     /// How long the change takes, at least.
     pub over: Option<Time>,
@@ -230,7 +230,7 @@ impl Desk {
             return Ok(self.home[motor]);
         }
         let known = &self.setup.motors[motor];
-        position(text, &known.name, &known.scale.unit, &self.units[motor])
+        position(text, &known.name, &example_position(&self.setup, motor), &self.units[motor])
     }
 
     /// Which motors stand where, steps, as somebody says it. `last` is where they rested when that was known last.
@@ -361,6 +361,7 @@ impl Desk {
             let Some(value) = self.in_unit(&parameter.value, &knob.unit, &knob.target) else { continue };
             knobs.push(KnobInfo {
                 name: knob.name.clone(),
+                target: knob.target.clone(),
                 unit: knob.unit.clone(),
                 least: knob.least,
                 greatest: knob.greatest,
@@ -370,8 +371,8 @@ impl Desk {
         let is_free = |name: &str| !self.live.knobs.iter().any(|knob| knob.target == name);
         for parameter in parameters.iter().filter(|parameter| is_free(&parameter.name)) {
             let (value, unit) = parameter.value.parts();
-            let name = parameter.name.clone();
-            knobs.push(KnobInfo { name, unit: unit.to_owned(), least: None, greatest: None, value });
+            let (name, unit) = (parameter.name.clone(), unit.to_owned());
+            knobs.push(KnobInfo { target: name.clone(), name, unit, least: None, greatest: None, value });
         }
         knobs
     }
@@ -441,6 +442,16 @@ impl Desk {
         };
         desk.turned.insert(turn.target.clone(), value);
         desk
+    }
+
+    /// A step of a knob's motor in the knob's unit; `None` if it sets no position.
+    #[must_use]
+    pub fn step_in_unit(&self, turn: &Turn) -> Option<f64> {
+        let one = Quantity::parse(&format!("1 {}", turn.unit)).ok()?;
+        let owner = turn.target.split('.').next()?;
+        let motor = self.setup.motors.iter().position(|motor| motor.name == owner)?;
+        let steps = one.value * self.units.get(motor)?.steps(one.base)?;
+        (one.base.is_position() && one.per_seconds == 0).then(|| 1.0 / steps)
     }
 
     /// A text as a number in a knob's unit.
@@ -579,10 +590,19 @@ impl Desk {
     /// The motors at rest at a position: with its unit, or `0`, where the motion began.
     ///
     /// # Errors
-    /// If the text is no position of a motor.
+    /// If the text is no position of a motor, or beyond the range of its machine.
     pub fn at_position(&self, text: &str) -> Result<Arc<Program>, ChangeRefusal> {
         let motors = 0..self.setup.motors.len();
         let steps = motors.map(|motor| self.position_of(motor, text)).collect::<Result<Vec<f64>, _>>()?;
+        // A changed file may have other ranges.
+        let mut known = Program::clone(&self.setup);
+        if let Ok(program) = self.program() {
+            for (known, new) in known.machines.iter_mut().zip(&program.machines) {
+                known.kinematics.clone_from(&new.kinematics);
+            }
+        }
+        let goals: Vec<Option<f64>> = steps.iter().copied().map(Some).collect();
+        check_range(&known, &goals).map_err(|error| ChangeRefusal::Value(format!("{error}; {}", error.advice())))?;
         self.resting_at(&steps).map(Arc::new)
     }
 }
@@ -617,11 +637,11 @@ impl FileCache {
 }
 
 /// A position of a motor, steps.
-fn position(text: &str, motor: &str, unit: &str, units: &PositionUnits) -> Result<f64, ChangeRefusal> {
+fn position(text: &str, motor: &str, example: &str, units: &PositionUnits) -> Result<f64, ChangeRefusal> {
     /// Counts of every board have 32 bits.
     const FARTHEST: f64 = 2_147_483_647.0;
     let refuse = |why: String| {
-        let help = format!("write it like \"90 {unit}\", or 0, where the motion began");
+        let help = format!("write it like \"{example}\", or 0, where the motion began");
         ChangeRefusal::Value(format!("{text:?} is no position of motor {motor}: {why}; {help}"))
     };
     let quantity = Quantity::parse(text).map_err(|error| refuse(error.to_string()))?;

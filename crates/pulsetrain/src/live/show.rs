@@ -17,14 +17,15 @@ use std::sync::Arc;
 
 use pulsetrain_motion::program::Program;
 
-use super::desk::{ChangeRefusal, Desk, FileTexts, NoMotion};
+use super::desk::{ChangeRefusal, Desk, FileTexts, NoMotion, Turn};
+use super::nearest::Nearest;
 use crate::control_socket::{Happened, KnobValue, LiveCommand, LiveEvent, Request, Together};
 
 /// Hears what happens.
 pub type Tell<'a> = &'a mut dyn FnMut(Happened);
 
-/// How many values between one that is allowed and one that is not are tried: the nearest is found to a part in 4000.
-const TRIES: u32 = 12;
+/// If the reader refuses a larger value of a knob, this one is looked at in its place: it is farther than any motor goes.
+const FARTHEST_VALUE: f64 = 1e9;
 /// Steps that try to join the motion again after a stop, a hundred a second, before the motion is given up.
 const MOST_TRIES: u32 = 3000;
 /// Motions that begin at a cue begin this long after it, s: the transition has reached the board by then.
@@ -34,8 +35,8 @@ const CUE_LEAD_S: f64 = 0.1;
 const STEP_S: f64 = 0.01;
 /// A change for a tick is asked for this long before it is too late, s: some steps.
 const ASK_S: f64 = 0.04;
-/// It is held against the limits this long before, s: a nearer value takes [`TRIES`] steps to find.
-const LOOK_S: f64 = 0.25;
+/// It is held against the limits this long before, s: a nearer value takes `nearest::MOST_TRIES` steps to find.
+const LOOK_S: f64 = 0.3;
 /// A change may be for a time that is this far ahead, s.
 const FARTHEST_S: f64 = 60.0;
 /// Motions before the last changes that are kept, for a change that has to be taken back.
@@ -699,46 +700,86 @@ impl<B: Leased> Show<B> {
         let (mut set, mut ceiling) = (turn.to, turn.range.clone());
         let mut desk = gathered.desk.turned(&turn, set);
         if let Some((observer, tell)) = search {
-            let mut found = match self.allowed(&desk, turn.over) {
-                Ok(None) => Some(desk.clone()),
-                Ok(Some(limit)) => {
-                    ceiling = Some(limit);
-                    None
+            match self.ceiling_of_turn(&gathered.desk, &turn) {
+                Ok(None) => {}
+                Ok(Some((to, limit))) => {
+                    let nearest = Nearest::new(turn.from, to);
+                    let found = match self.nearest(&gathered.desk, &turn, nearest, limit, *observer, *tell)? {
+                        Ok(found) => found,
+                        Err(ended) => return Ok(Some(ended)),
+                    };
+                    set = found.0;
+                    desk = gathered.desk.turned(&turn, set);
+                    // The present value may break a limit itself, since it was followed.
+                    if set == turn.from && !matches!(self.allowed(&desk, turn.over), Ok(None)) {
+                        let (from, to, limit) = (turn.from, turn.to, found.1);
+                        let why = format!("{limit}: no value between {from} and {to} {} keeps to it", turn.unit);
+                        refuse(gathered, &why.trim_end());
+                        return Ok(None);
+                    }
+                    ceiling = Some(found.1);
                 }
                 Err(error) => {
                     refuse(gathered, &error);
                     return Ok(None);
                 }
-            };
-            if found.is_none() {
-                let (mut holds, mut breaks) = (turn.from, turn.to);
-                for _ in 0..TRIES {
-                    if let Some(ended) = self.pass(*observer, *tell)? {
-                        return Ok(Some(ended));
-                    }
-                    let middle = nice(0.5 * (holds + breaks), (breaks - holds).abs());
-                    let tried = gathered.desk.turned(&turn, middle);
-                    // The reader may refuse what lies between, such as a swing of half a step.
-                    match self.allowed(&tried, turn.over) {
-                        Ok(None) => (holds, found) = (middle, Some(tried)),
-                        Ok(Some(_)) | Err(_) => breaks = middle,
-                    }
-                }
-                set = holds;
             }
-            let Some(found) = found else {
-                let limit = ceiling.unwrap_or_default();
-                let why = format!("{limit}: no value between {} and {} {} keeps to it", turn.from, turn.to, turn.unit);
-                refuse(gathered, &why.trim_end());
-                return Ok(None);
-            };
-            desk = found;
         }
         gathered.desk = desk;
         let event =
             LiveEvent::Set { knob: knob.to_owned(), value: set, unit: turn.unit, ceiling, from_s: 0.0, until_s: 0.0 };
         gathered.adds(turn.over, (command.clone(), event));
         Ok(None)
+    }
+
+    /// The limit that the wanted value of a knob would break, and that value; `None` if the motors follow it. Of a value that the reader refuses for its
+    /// size, a smaller one is looked at.
+    #[allow(clippy::type_complexity)]
+    fn ceiling_of_turn(&self, desk: &Desk, turn: &Turn) -> Result<Option<(f64, String)>, Box<dyn std::error::Error>> {
+        let look = |value: f64| Ok(self.allowed(&desk.turned(turn, value), turn.over)?.map(|limit| (value, limit)));
+        let smaller = turn.to.clamp(-FARTHEST_VALUE, FARTHEST_VALUE);
+        match look(turn.to) {
+            Err(error) if smaller != turn.to => match look(smaller) {
+                Ok(Some(broken)) => Ok(Some(broken)),
+                _ => Err(error),
+            },
+            looked => looked,
+        }
+    }
+
+    /// The value of a knob nearest to the wanted one that the motors follow, and the limit that the next one would break; `limit` is the wanted one's.
+    /// The motion goes on meanwhile, and may end.
+    fn nearest<O: Observer>(
+        &mut self,
+        desk: &Desk,
+        turn: &Turn,
+        mut nearest: Nearest,
+        mut limit: String,
+        observer: &mut O,
+        tell: Tell<'_>,
+    ) -> Result<Result<(f64, String), Ended>, DriveError> {
+        let step = desk.step_in_unit(turn);
+        while let Some(mut value) = nearest.next() {
+            if let Some(ended) = self.pass(observer, tell)? {
+                return Ok(Err(ended));
+            }
+            if turn.is_whole {
+                let Some(whole) = nearest.whole(value, 1.0) else { break };
+                value = whole;
+            }
+            let mut looked = self.allowed(&desk.turned(turn, value), turn.over);
+            // The reader may refuse what lies between, such as a swing of half a step.
+            if let (Err(_), Some(step)) = (&looked, step) {
+                let Some(whole) = nearest.whole(value, step) else { break };
+                value = whole;
+                looked = self.allowed(&desk.turned(turn, value), turn.over);
+            }
+            nearest.note(value, matches!(looked, Ok(None)));
+            if let Ok(Some(broken)) = looked {
+                limit = broken;
+            }
+        }
+        Ok(Ok((nearest.found(), limit)))
     }
 
     /// Goes to a cue.
@@ -1213,10 +1254,4 @@ fn set_times(event: &mut LiveEvent, (from, until): (f64, f64)) {
         | LiveEvent::Unplaced { .. }
         | LiveEvent::Placed { .. } => {}
     }
-}
-
-/// A value to the digits that its distance from others deserves: people read it.
-fn nice(value: f64, span: f64) -> f64 {
-    let digits = (4.0 - span.abs().max(1e-12).log10()).ceil().clamp(0.0, 15.0) as usize;
-    format!("{value:.digits$}").parse().unwrap_or(value)
 }

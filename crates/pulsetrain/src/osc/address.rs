@@ -9,7 +9,7 @@ use pulsetrain_session::control::Command;
 use rosc::{OscMessage, OscType};
 
 use super::OscInfo;
-use crate::live::{KnobValue, LiveCommand, Request};
+use crate::live::{KnobInfo, KnobValue, LiveCommand, Request};
 
 /// What a message asks for.
 #[derive(Clone, Debug, PartialEq)]
@@ -249,7 +249,7 @@ impl Message<'_> {
                 let steps_per_s = self.second("a speed, steps/s")?;
                 let knob = motors.iter().map(|motor| self.speed_knob(*motor)).collect::<Option<Vec<_>>>();
                 match (knob.as_deref(), motors.as_slice()) {
-                    (Some([knob]), _) => Asked::Request(speed(knob.clone(), steps_per_s)),
+                    (Some([knob]), _) => Asked::Request(speed(knob.name.clone(), steps_per_s)),
                     (_, [motor]) => {
                         let (name, number) = (&self.info.motors[*motor].name, self.first_number());
                         let why = format!(
@@ -282,15 +282,20 @@ impl Message<'_> {
         Ok(Some(asked))
     }
 
-    /// The knob for the speed of the only motor in `motors`, if the motion has others.
+    /// What stops the only motor in `motors` by its speed, if the motion has others.
     fn alone(&self, motors: &[usize]) -> Option<String> {
         let [motor] = motors else { return None };
-        self.speed_knob(*motor).filter(|_| self.info.motors.len() > 1)
+        let knob = self.speed_knob(*motor).filter(|_| self.info.motors.len() > 1)?;
+        // A knob that does not reach 0 would leave the motor running.
+        let has_rest =
+            knob.least.is_none_or(|least| least <= 0.0) && knob.greatest.is_none_or(|greatest| greatest >= 0.0);
+        Some(if has_rest { &knob.name } else { &knob.target }.clone())
     }
 
-    fn speed_knob(&self, motor: usize) -> Option<String> {
-        let name = format!("{}.{SPEED}", self.info.motors.get(motor)?.name);
-        self.info.knobs.iter().any(|knob| knob.name == name).then_some(name)
+    /// The knob that sets the speed of a motor, whatever `[live.knobs]` calls it.
+    fn speed_knob(&self, motor: usize) -> Option<&KnobInfo> {
+        let target = format!("{}.{SPEED}", self.info.motors.get(motor)?.name);
+        self.info.knobs.iter().find(|knob| knob.target == target)
     }
 
     /// The motors of the first argument, by their index.

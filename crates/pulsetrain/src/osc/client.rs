@@ -1,12 +1,15 @@
 //! OSC as a client of a motion's hub.
 
+use std::net::SocketAddr;
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, sync_channel};
-use std::thread;
+use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
+use pulsetrain_session::control::{Ended, Event};
+
 use super::{Agenda, Group, Now, OscError, OscInfo, OscServer, OscSettings};
-use crate::control_socket::{ClientKind, Hub, HubSender, RunInfo, RunLine};
+use crate::control_socket::{ClientKind, Ending, Hub, HubLines, HubSender, RunEnded, RunInfo, RunLine};
 use crate::live::{Happened, Request};
 
 /// Groups that may wait for the motion.
@@ -16,31 +19,49 @@ const AHEAD: Duration = Duration::from_millis(400);
 /// How often the end of the motion is looked for.
 const LOOK: Duration = Duration::from_millis(100);
 
-/// Lets OSC steer a motion, in threads of its own, until the motion ends.
+/// Lets OSC steer a motion, in threads of its own, until the motion ends. Gives the address at which it listens.
 ///
 /// # Errors
 /// If the address cannot be used, or the system has no more threads.
-pub fn serve_osc(hub: &Hub, settings: OscSettings) -> Result<(), OscError> {
+pub fn serve_osc(hub: &Hub, settings: OscSettings) -> Result<SocketAddr, OscError> {
     let client = hub.join(ClientKind::Osc).map_err(|error| OscError::Thread(std::io::Error::other(error)))?;
     client.follow(true);
     let (sender, groups) = sync_channel(MOST_WAITING);
     let server = Arc::new(OscServer::open(settings, info_of(&hub.info()), sender)?);
     let (requests, lines) = client.split();
-    let (hub, told) = (hub.clone(), Arc::clone(&server));
+    let (hub, passing) = (hub.clone(), Arc::clone(&server));
     let spawn = |name: &str| thread::Builder::new().name(name.into());
-    spawn("OSC answers")
-        .spawn(move || {
-            while let Some(line) = lines.next_line() {
-                match serde_json::from_str(&line) {
-                    Ok(RunLine::Event(event)) => told.tell(&Happened::Session(event)),
-                    Ok(RunLine::Live(event)) => told.tell(&Happened::Live(event)),
-                    Ok(RunLine::Info(info)) => told.set_info(info_of(&info)),
-                    Ok(RunLine::Ended(_) | RunLine::Control { .. } | RunLine::Error { .. }) | Err(_) => {}
-                }
-            }
-        })
-        .map_err(OscError::Thread)?;
-    spawn("OSC requests").spawn(move || pass_on(&hub, &requests, &groups, &server)).map(drop).map_err(OscError::Thread)
+    let passing = spawn("OSC requests").spawn(move || pass_on(&hub, &requests, &groups, &passing));
+    let passing = passing.map_err(OscError::Thread)?;
+    let address = server.address();
+    let answering = spawn("OSC answers").spawn(move || answer(&lines, server, passing));
+    answering.map(|_| address).map_err(OscError::Thread)
+}
+
+/// Tells the clients what happens until the motion ends. `passing` is the other thread that has the server.
+fn answer(lines: &HubLines, server: Arc<OscServer>, passing: JoinHandle<()>) {
+    while let Some(line) = lines.next_line() {
+        match serde_json::from_str(&line) {
+            Ok(RunLine::Event(event)) => server.tell(&Happened::Session(event)),
+            Ok(RunLine::Live(event)) => server.tell(&Happened::Live(event)),
+            Ok(RunLine::Info(info)) => server.set_info(info_of(&info)),
+            Ok(RunLine::Ended(ended)) => server.tell(&Happened::Session(last_event(ended))),
+            Ok(RunLine::Control { .. } | RunLine::Error { .. }) | Err(_) => {}
+        }
+    }
+    // The run waits for this client, and the server has sent all answers when it is dropped: only then does the program end.
+    drop(passing.join());
+    drop(server);
+}
+
+/// The event that the run's last line stands for.
+fn last_event(RunEnded { ended, why, .. }: RunEnded) -> Event {
+    let of = |stopped: bool| Event::Ended(Ended { counted: Vec::new(), stopped, uncertain: None });
+    match ended {
+        Ending::Stopped => of(true),
+        Ending::Finished => of(false),
+        Ending::Failed => Event::Failed { why: why.unwrap_or_default(), at_s: None, positions: None, advice: None },
+    }
 }
 
 fn info_of(info: &RunInfo) -> OscInfo {
@@ -78,8 +99,46 @@ mod tests {
     use super::*;
     use crate::control_socket::{LiveEvent, Together};
     use pulsetrain_session::control::Command;
-    use std::net::{SocketAddr, UdpSocket};
+    use rosc::{OscPacket, OscType};
+    use std::net::UdpSocket;
     use std::sync::mpsc::channel;
+
+    /// A client hears that the motors brake, and how the motion ends.
+    #[test]
+    fn a_stop_is_answered_until_the_motors_rest() {
+        let failed = RunEnded::failed("no board".to_owned());
+        let stopped = RunEnded { ended: Ending::Stopped, why: None, ..failed.clone() };
+        let finished = RunEnded { ended: Ending::Finished, ..stopped.clone() };
+        for (ended, state) in [(stopped, "stopped"), (finished, "finished"), (failed, "failed")] {
+            let (sender, requests) = channel();
+            let hub = Hub::of_live(RunInfo { is_live: true, ..RunInfo::nothing() }, sender);
+            let settings = OscSettings { address: SocketAddr::from(([127, 0, 0, 1], 0)), reply_port: None };
+            let address = serve_osc(&hub, settings).unwrap();
+            let client = UdpSocket::bind(("127.0.0.1", 0)).unwrap();
+            client.set_read_timeout(Some(Duration::from_secs(60))).unwrap();
+            let hears = || {
+                let mut heard = [0; 256];
+                let length = client.recv(&mut heard).unwrap();
+                match rosc::decoder::decode_udp(&heard[..length]).unwrap().1 {
+                    OscPacket::Message(message) => message,
+                    OscPacket::Bundle(bundle) => panic!("{bundle:?}"),
+                }
+            };
+            client.send_to(b"/setDestIp\0\0,\0\0\0", address).unwrap();
+            assert_eq!(hears().addr, "/destIp");
+            client.send_to(b"/stop\0\0\0,\0\0\0", address).unwrap();
+            assert_eq!(requests.recv().unwrap(), Request::Session(Command::Stop));
+            hub.tell(&Event::Stopping { at_s: 1.0 });
+            hub.end(&ended);
+            for state in ["stopping", state] {
+                let heard = hears();
+                assert_eq!(
+                    (heard.addr.as_str(), &heard.args[..]),
+                    ("/pulsetrain/state", &[OscType::String(state.into())][..])
+                );
+            }
+        }
+    }
 
     /// The motion has stepped since the group's time.
     #[test]

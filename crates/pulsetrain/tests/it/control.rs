@@ -474,12 +474,17 @@ fn a_file_is_found_without_its_ending_and_an_example_is_named() {
     std::fs::create_dir(user.folder.0.join("examples")).unwrap();
     std::fs::write(user.folder.0.join("examples/two.toml"), TWO).unwrap();
     assert!(user.says(&["plan", "examples/two"], 0).starts_with("examples/two.toml fits native: "));
-    for name in ["two", "two.toml", "elsewhere/two"] {
+    // A name alone is found among the examples, unless the folder has such a file itself. What names another place is not.
+    assert!(user.says(&["plan", "two"], 0).starts_with("examples/two.toml fits native: "));
+    for name in ["two.toml", "elsewhere/two"] {
         let said = user.says(&["plan", name], 2);
         assert!(said.contains("cannot read") && said.contains("did you mean examples/two.toml?"), "{said}");
     }
     let said = user.says(&["plan", "three"], 2);
     assert!(said.contains("cannot read") && !said.contains("did you mean"), "{said}");
+    assert!(said.contains("`pulsetrain new NAME` writes a motion file"), "{said}");
+    std::fs::write(user.folder.0.join("two.toml"), TWO).unwrap();
+    assert!(user.says(&["plan", "two"], 0).starts_with("two.toml fits native: "));
 }
 
 /// Tests that run firmware on an emulated chip.

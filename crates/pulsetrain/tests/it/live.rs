@@ -216,6 +216,34 @@ fn knobs_are_turned_to_what_the_motors_follow() {
     stage.stop();
 }
 
+/// Values far beyond what a motor can do become the nearest one that it can. The board's time that this takes is short: nothing else is obeyed meanwhile.
+#[test]
+fn a_value_of_any_size_becomes_the_nearest_that_the_motors_follow() {
+    let mut stage = native(TEXT);
+    stage.run(1.3);
+    // A swing of 254.6 steps at 1 Hz has 4 rev/s, and one at 6.2 Hz of 40 steps has 30 rev/s^2 at 2.76 Hz.
+    for (line, least, most, limit) in [
+        ("b.swing 1e6 step", 252.0, 255.0, "b: max_speed"),
+        ("b.swing 1e6 step", 252.0, 255.0, "b: max_speed"),
+        ("b.swing 1e15 step", 252.0, 255.0, "b: max_speed"),
+        ("b.swing 1e300 deg", 252.0 * 1.8, 255.0 * 1.8, "b: max_speed"),
+        ("a.frequency 1e9 Hz", 2.7, 2.77, "a: max_acceleration"),
+        ("a.frequency 1e30 Hz", 2.7, 2.77, "a: max_acceleration"),
+    ] {
+        stage.run(2.0);
+        let asked_s = stage.now_s();
+        stage.line(line);
+        let searched_s = stage.now_s() - asked_s;
+        assert!(searched_s <= 0.24, "{line}: {searched_s} s");
+        let (_, value, ceiling, ..) = set(stage.answer());
+        let value = if line.ends_with("deg") { value * 1.8 } else { value };
+        assert!((least..=most).contains(&value), "{line}: {value}");
+        assert_eq!(ceiling.as_deref(), Some(limit), "{line}");
+    }
+    assert!(stage.refused("b.swing -1e6 step").contains("more than 0"));
+    stage.stop();
+}
+
 #[test]
 fn what_is_no_value_is_refused_and_the_motion_goes_on() {
     let mut stage = native(TEXT);
@@ -284,6 +312,33 @@ fn motors_rest_at_a_position_until_the_motion_is_wanted_again() {
     assert!(matches!(stage.answer(), LiveEvent::Returned { .. }));
     stage.run(3.0);
     assert_eq!((swing(&mut stage, 0, 2.0), swing(&mut stage, 1, 2.0)), ((0, 20), (0, 40)));
+    stage.stop();
+}
+
+#[test]
+fn arms_are_not_sent_beyond_the_angles_of_their_machine() {
+    let delta = include_str!("../../../../examples/delta.toml");
+    let mut stage = native(delta);
+    stage.run(0.5);
+    let why = stage.refused("goto 90 rev");
+    let range = "motor a cannot go to 32400 deg: `angles` of machine robot allow -40 deg to 80 deg";
+    assert!(why.contains(range) && why.contains("write a position from -40 deg to 80 deg"), "{why}");
+    assert!(stage.refused("goto 80.1 deg").contains("allow -40 deg to 80 deg"));
+    // What is written as an example is in the range.
+    let why = stage.refused("goto 10 mm");
+    assert!(why.contains("has no `lead`") && why.contains("write it like \"20 deg\""), "{why}");
+    for line in ["goto 20 deg", "goto 80 deg", "goto -40 deg", "goto 0"] {
+        stage.line(line);
+        let LiveEvent::Goto { from_s, until_s, .. } = stage.answer() else { panic!("{line}") };
+        stage.run(until_s - from_s + 0.1);
+    }
+    // A changed file has other angles.
+    let text = delta.replace("[\"-40 deg\", \"80 deg\"]", "[\"-50 deg\", \"85 deg\"]");
+    stage.ask(Request::Live(LiveCommand::Motion { text, files: Default::default() }));
+    assert!(matches!(stage.answer(), LiveEvent::Motion { .. }));
+    assert!(stage.refused("goto 85.1 deg").contains("allow -50 deg to 85 deg"));
+    stage.line("goto 85 deg");
+    assert!(matches!(stage.answer(), LiveEvent::Goto { .. }));
     stage.stop();
 }
 
@@ -970,6 +1025,45 @@ fn knobs_and_cues_that_are_wrong_are_errors_of_the_file() {
         " }\n[live.midi]\nknobs = { cc1 = \"speed\" }",
         "knob `speed` has no `least` and `greatest`",
     );
+}
+
+/// A cue sets a knob by its name, in the knob's unit; what is wrong with a value is wrong in the cue, and not in the law that it would change.
+#[test]
+fn a_cue_sets_knobs_by_their_names() {
+    let with_set = |set: &str| {
+        let text = TEXT.replace("set = { \"b.swing\" = \"80 step\" }", set);
+        assert_ne!(text, TEXT);
+        text
+    };
+    for (set, hz) in [("set = { speed = 2 }", 2.0), ("set = { speed = \"1500 mHz\" }", 1.5)] {
+        let mut stage = native(&with_set(set).replace("least = \"0.1 Hz\", ", "").replace("follow = \"1 s\"\n", ""));
+        stage.run(0.5);
+        stage.line("cue wide");
+        let LiveEvent::Cue { from_s, until_s, .. } = stage.answer() else { panic!("no cue") };
+        stage.run(until_s - from_s + 0.2);
+        let knobs = stage.show.desk().knobs();
+        assert_eq!((knobs[0].name.as_str(), knobs[0].value), ("speed", hz));
+        stage.stop();
+    }
+    let check = |set: &str, at: &str, message: &str| {
+        let text = with_set(set);
+        let error = Desk::of(&text, "m.toml", PathBuf::new(), None, None).unwrap_err();
+        let start = text.find(set).unwrap() + set.find(at).unwrap();
+        let line = text[..start].matches('\n').count() + 1;
+        let column = start - text[..start].rfind('\n').unwrap();
+        let (said, place) = (error.plain(), error.problems()[0].place());
+        assert!(place == (line, column) && said.contains(message), "{set}: {line}:{column} is meant: {said}");
+        assert_eq!(error.problems().len(), 1, "{said}");
+    };
+    check("set = { sped = \"1 Hz\" }", "\"1 Hz", "did you mean \"speed\"?");
+    check("set = { nothing = \"1 Hz\" }", "\"1 Hz", "a cue can set speed, a.frequency");
+    check("set = { speed = \"1 s\" }", "\"1 s", "`speed` must be in a unit of `a.frequency`");
+    check("set = { speed = 3.5 }", "3.5", "the greatest value of knob `speed` is 3 Hz");
+    check("set = { speed = \"0.05 Hz\" }", "\"0.05", "the least value of knob `speed` is 0.1 Hz");
+    check("set = { \"b.swing\" = \"80 step\", \"a.frequency\" = \"-1 Hz\" }", "\"-1 Hz", "more than 0 Hz");
+    check("set = { \"b.swing\" = \"80.5 step\" }", "\"80.5", "whole steps");
+    check("set = { \"b.swing\" = \"80 s\" }", "\"80 s", "must be an angle");
+    check("set.b.swing = \"80.5 step\"", "\"80.5", "whole steps");
 }
 
 /// The example of docs/midi.md is right, on the motors of these tests.

@@ -283,3 +283,42 @@ mod chips {
         }
     }
 }
+
+#[test]
+fn goto_does_not_send_arms_beyond_their_angles() {
+    let goto = |arguments: &[&str]| {
+        let folder = Folder::new("machines-goto");
+        let (mut out, mut err) = (Vec::new(), Vec::new());
+        let (file, out_folder) = (example("delta.toml").display().to_string(), folder.name());
+        let args = [&["pulsetrain", "goto", &file, "--native", "--out", &out_folder], arguments].concat();
+        let exit = cli::run(args, &mut out, &mut err);
+        // Words of a message may be on two lines.
+        let said = String::from_utf8_lossy(&err).replace("\u{2502}", " ");
+        (exit, said.split_whitespace().collect::<Vec<_>>().join(" "))
+    };
+    let refused = |arguments: &[&str], parts: &[&str]| {
+        let (exit, said) = goto(arguments);
+        assert!(exit != Exit::Success && parts.iter().all(|part| said.contains(part)), "{arguments:?}: {said}");
+        assert!(!said.contains("on a virtual board"), "nothing is looked at before: {said}");
+    };
+    let angles = "`angles` of machine robot allow -40 deg to 80 deg";
+    refused(&["90 rev"], &["motor a cannot go to 32400 deg", angles, "write a position from -40 deg to 80 deg"]);
+    refused(&["-41 deg", "--motor", "b"], &["motor b cannot go to -41 deg", angles]);
+    refused(&["10 mm"], &["has no `lead`", "write it like \"20 deg\""]);
+    for arguments in [&["80 deg"][..], &["start", "--from", "85 deg"]] {
+        let (exit, said) = goto(arguments);
+        assert_eq!(exit, Exit::Success, "{arguments:?}: {said}");
+    }
+    // Level elbows are 105 mm from the axis: forearms of 100 mm do not meet.
+    let folder = Folder::new("machines-apart");
+    let text = std::fs::read_to_string(example("delta.toml")).expect("the example");
+    let short = text.replace("80 deg", "90 deg");
+    let short =
+        short.replace("forearm = \"150 mm\"", "forearm = \"100 mm\"").replace("-160", "-130").replace("-140", "-120");
+    let file = folder.write("short.toml", &short);
+    let (mut out, mut err) = (Vec::new(), Vec::new());
+    let out_folder = folder.name();
+    let exit = cli::run(["pulsetrain", "goto", &file, "0 deg", "--native", "--out", &out_folder], &mut out, &mut err);
+    let said = String::from_utf8_lossy(&err);
+    assert!(exit != Exit::Success && said.contains("do not meet at these angles"), "{said}");
+}

@@ -27,6 +27,7 @@ impl Run {
         let program = file::read(MOTION, "wheel.toml", &no_other_file).unwrap();
         let knob = KnobInfo {
             name: "wheel.speed".into(),
+            target: "wheel.speed".into(),
             unit: "rev/s".into(),
             least: Some(0.0),
             greatest: Some(1.0),

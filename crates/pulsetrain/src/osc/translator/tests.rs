@@ -23,6 +23,7 @@ fn info() -> OscInfo {
     };
     let knob = |name: &str, unit: &str| KnobInfo {
         name: name.into(),
+        target: name.into(),
         unit: unit.into(),
         least: Some(0.0),
         greatest: Some(10.0),
@@ -322,6 +323,27 @@ fn what_is_misunderstood_is_answered() {
         5000: /error/command (s) CommandIgnored: a live motion has one path for all its motors: only /goTo 255 brings them to a position (i) 1
     "#]],
     );
+}
+
+/// `[live.knobs]` may give the speed of a motor another name.
+#[test]
+fn a_named_knob_for_a_speed_is_found_by_what_it_sets() {
+    let check = |least: f64, address: &str, arguments: &[OscType], expected: &str| {
+        let named = |knob: KnobInfo| match knob.name.as_str() {
+            "first.speed" => KnobInfo { name: "pace".into(), least: Some(least), ..knob },
+            _ => knob,
+        };
+        let OscInfo { motors, knobs } = info();
+        let mut translator = Translator::new(OscInfo { motors, knobs: knobs.into_iter().map(named).collect() }, None);
+        let packet = bytes(&message(address, arguments.to_vec()));
+        let translation = translator.packet(&packet, from(5000), now());
+        assert_eq!(serde_json::to_string(&translation.groups[0].requests[0]).unwrap(), expected);
+    };
+    let [run, stop] = [[OscType::Int(1), OscType::Int(-20)].to_vec(), vec![OscType::Int(1)]];
+    check(0.0, "/run", &run, r#"{"command":"set","knob":"pace","value":"-20 steps/s"}"#);
+    check(0.0, "/softStop", &stop, r#"{"command":"set","knob":"pace","value":"0 steps/s"}"#);
+    // This knob would keep the motor running.
+    check(0.5, "/softStop", &stop, r#"{"command":"set","knob":"first.speed","value":"0 steps/s"}"#);
 }
 
 #[test]
