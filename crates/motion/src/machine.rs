@@ -25,6 +25,8 @@ pub struct Machine {
     pub slack: Vec<f64>,
     /// The unit of the tip's coordinates: "mm", or the motors' unit.
     pub unit: String,
+    /// The most that the tip may do, mm/s and mm/s², where the file says so.
+    pub tip_limits: [Option<f64>; 2],
 }
 
 /// How motors move the tip.

@@ -136,14 +136,13 @@ struct Turn {
     settled: Law,
 }
 
-/// Where two laws are, and what one takes.
+/// What a motor or a tip does at a place of a fade: speed and acceleration.
 #[derive(Clone, Copy, Debug)]
 struct Blend {
-    /// Steps/s and steps/s², of the motor.
-    speed: f64,
-    acceleration: f64,
-    /// The most that one of the laws alone takes there.
-    own: [f64; 2],
+    needed: [f64; 2],
+    /// The same of the old law alone, and of the new one.
+    old: [f64; 2],
+    new: [f64; 2],
 }
 
 impl Voice {
@@ -489,6 +488,7 @@ impl Mix {
                 continue;
             }
             let mut fits = true;
+            let mut all: Vec<Option<Blends>> = vec![None; old.len()];
             for (motor, turn) in fade.turns.iter().enumerate() {
                 let Some(turn) = turn.as_ref().filter(|_| fits) else { continue };
                 let machine = change.program.machines.iter().find(|machine| machine.motors.contains(&motor));
@@ -499,7 +499,11 @@ impl Mix {
                     apart[motor] = true;
                     continue 'fades;
                 };
-                fits = keeps(&blends, &change.program, &change.program.motors[motor], caution);
+                fits = keeps(&blends.motor, &change.program, &change.program.motors[motor], caution);
+                all[motor] = Some(blends);
+            }
+            for machine in change.program.machines.iter().filter(|machine| machine.tip_limits != [None; 2]) {
+                fits = fits && keeps_tip(machine, &all, &fade, &old, tempo, caution)?;
             }
             if fits {
                 return Ok((fade, voices));
@@ -524,6 +528,23 @@ fn slower_before(faster: f64, from: Time, over: Time) -> Result<Law, LawError> {
     Law::polynomials([(over, way)])?.delayed(from)
 }
 
+/// A motor's motion at many places of a fade, and its robot's tip if it is an arm that follows a path.
+#[derive(Clone, Debug)]
+struct Blends {
+    motor: Vec<Blend>,
+    tip: Vec<Blend>,
+}
+
+/// The places of a fade at which it is looked at.
+fn places_of(fade: &Fade) -> u32 {
+    ((fade.over.seconds() / PLACE_S) as u32).clamp(*PLACES.start(), *PLACES.end())
+}
+
+/// A place of a fade.
+fn place_at(fade: &Fade, k: u32, places: u32) -> Time {
+    fade.from + fade.over.times(u64::from(k)).divided_by(u64::from(places))
+}
+
 /// A motor's motion at many places of a fade; `None` if it is an arm that does not reach, or that would leave its `angles`.
 fn blends(
     fade: &Fade,
@@ -531,9 +552,8 @@ fn blends(
     old: &Law,
     tempo: Rate,
     (machine, paths): (Option<&Machine>, Option<[ArmPath; 2]>),
-) -> Result<Option<Vec<Blend>>, LawError> {
-    let over_s = fade.over.seconds();
-    let places = ((over_s / PLACE_S) as u32).clamp(*PLACES.start(), *PLACES.end());
+) -> Result<Option<Blends>, LawError> {
+    let (over_s, places) = (fade.over.seconds(), places_of(fade));
     let old = fade.old_law(turn, old)?;
     let angles = machine.and_then(|machine| match &machine.kinematics {
         Kinematics::Delta { angles, .. } => *angles,
@@ -541,29 +561,25 @@ fn blends(
     });
     let mut path = paths.map(PathBlend::of);
     let (mut old, mut new) = (Cursor::new(&old), Cursor::new(&turn.new));
-    let rate = tempo.get();
-    let mut blends = Vec::with_capacity(places as usize + 1);
+    let mut blends = Blends { motor: Vec::with_capacity(places as usize + 1), tip: Vec::new() };
     for k in 0..=places {
-        let at = fade.from + fade.over.times(u64::from(k)).divided_by(u64::from(places));
+        let at = place_at(fade, k, places);
         let (old, new) = (old.at(at)?, new.at(at)?);
         let weight = weight_at(k, places, over_s);
         let [_, speed, acceleration] = match &mut path {
             None => blended(old, new, weight),
             Some(path) => {
-                let Some(motion) = path.at(at, weight, angles)? else { return Ok(None) };
+                let Some((motion, tip)) = path.at(at, weight, angles)? else { return Ok(None) };
+                blends.tip.push(tip.at_tempo(tempo));
                 motion
             }
         };
         // The change of a constant speed is no part of the laws.
         let x = f64::from(k) / f64::from(places);
         let faster = turn.faster.map_or(0.0, |faster| 6.0 * x * (1.0 - x) * faster / over_s);
-        let own = [(old.speed, new.speed), (old.acceleration - faster, new.acceleration - faster)];
-        let own = own.map(|(a, b)| a.abs().max(b.abs()));
-        blends.push(Blend {
-            speed: speed * rate,
-            acceleration: acceleration * rate * rate,
-            own: [own[0] * rate, own[1] * rate * rate],
-        });
+        let own = |law: Sample| [law.speed, law.acceleration - faster];
+        let blend = Blend { needed: [speed, acceleration], old: own(old), new: own(new) };
+        blends.motor.push(blend.at_tempo(tempo));
     }
     Ok(Some(blends))
 }
@@ -604,13 +620,21 @@ impl PathBlend {
         PathBlend { joint: old.joint, tip: [0, 1, 2].map(|k| both(&old.tip[k], &new.tip[k])), added }
     }
 
-    /// The motor's motion; `None` where the arm does not reach or is not between `angles`, rad.
-    fn at(&mut self, at: Time, weight: [f64; 3], angles: Option<(f64, f64)>) -> Result<Option<[f64; 3]>, LawError> {
+    /// The motor's motion, and the tip's; `None` where the arm does not reach or is not between `angles`, rad.
+    fn at(
+        &mut self,
+        at: Time,
+        weight: [f64; 3],
+        angles: Option<(f64, f64)>,
+    ) -> Result<Option<([f64; 3], Blend)>, LawError> {
         let mut tip = [[0.0; 3]; 3];
-        for (tip, [old, new]) in tip.iter_mut().zip(&mut self.tip) {
+        let mut axes = [Blend::AT_REST; 3];
+        for ((tip, axis), [old, new]) in tip.iter_mut().zip(&mut axes).zip(&mut self.tip) {
             let (old, new) = (old.at(at)?, new.at(at)?);
             let [along, speed, acceleration] = blended(old, new, weight);
             *tip = [old.whole as f64 + along, speed, acceleration];
+            let own = |law: Sample| [law.speed, law.acceleration];
+            *axis = Blend { needed: [speed, acceleration], old: own(old), new: own(new) };
         }
         let mut motion = self.joint.motion(tip);
         let angle = motion[0] / self.joint.steps_per_rad();
@@ -623,15 +647,94 @@ impl PathBlend {
             let added = blended(old.at(at)?, new.at(at)?, weight);
             motion.iter_mut().zip(added).for_each(|(motion, added)| *motion += added);
         }
-        Ok(Some(motion))
+        Ok(Some((motion, Blend::along(&axes))))
     }
+}
+
+impl Blend {
+    const AT_REST: Blend = Blend { needed: [0.0; 2], old: [0.0; 2], new: [0.0; 2] };
+
+    /// The same while the laws' time runs at a tempo.
+    fn at_tempo(self, tempo: Rate) -> Blend {
+        let rate = tempo.get();
+        let of = |[speed, acceleration]: [f64; 2]| [speed * rate, acceleration * rate * rate];
+        Blend { needed: of(self.needed), old: of(self.old), new: of(self.new) }
+    }
+
+    /// What a tip does whose axes do this.
+    fn along(axes: &[Blend]) -> Blend {
+        let sum = |of: fn(&Blend) -> [f64; 2]| {
+            [0, 1].map(|k| axes.iter().map(|axis| of(axis)[k].powi(2)).sum::<f64>().sqrt())
+        };
+        Blend { needed: sum(|axis| axis.needed), old: sum(|axis| axis.old), new: sum(|axis| axis.new) }
+    }
+
+    /// The most that one of the laws alone takes: speed (0) or acceleration (1).
+    fn own(&self, of: usize) -> f64 {
+        self.old[of].abs().max(self.new[of].abs())
+    }
+
+    /// Whether it keeps to limits of speed and acceleration, of which a fade may use `caution`.
+    fn keeps(&self, limits: [f64; 2], caution: f64) -> bool {
+        [0, 1].into_iter().all(|of| {
+            let is_near = self.own(of) > USABLE * caution * limits[of];
+            self.needed[of].abs() <= limits[of] * if is_near { NEARLY_ALL } else { USABLE * caution }
+        })
+    }
+}
+
+/// Whether the tip of a machine keeps to its limits at all places of a fade. A robot whose arms fade separately has no path that is known.
+fn keeps_tip(
+    machine: &Machine,
+    all: &[Option<Blends>],
+    fade: &Fade,
+    old: &[Law],
+    tempo: Rate,
+    caution: f64,
+) -> Result<bool, PauseError> {
+    let limits = machine.tip_limits.map(|limit| limit.unwrap_or(f64::INFINITY));
+    let fits = |tip: &Blend| {
+        // The laws alone keep to the limits, but for what takes up a backlash.
+        let most = [0, 1].map(|of| limits[of].max(tip.own(of) / NEARLY_ALL));
+        tip.keeps(most, caution)
+    };
+    let Kinematics::Xy { steps_per_unit } = &machine.kinematics else {
+        let tip = machine.motors.iter().find_map(|motor| all[*motor].as_ref());
+        return Ok(tip.is_none_or(|blends| blends.tip.iter().all(fits)));
+    };
+    if machine.motors.iter().all(|motor| all[*motor].is_none()) {
+        return Ok(true);
+    }
+    let places = places_of(fade);
+    let mut goes_on: Vec<Cursor> = machine.motors.iter().map(|motor| Cursor::new(&old[*motor])).collect();
+    for k in 0..=places {
+        let mut axes = [Blend::AT_REST; 2];
+        for (axis, motor) in machine.motors.iter().enumerate() {
+            let blend = match &all[*motor] {
+                Some(blends) => blends.motor[k as usize],
+                None => {
+                    let law = goes_on[axis].at(place_at(fade, k, places));
+                    let law = law.map_err(|error| PauseError::Law { motor: *motor, error })?;
+                    let same = [law.speed, law.acceleration];
+                    Blend { needed: same, old: same, new: same }.at_tempo(tempo)
+                }
+            };
+            let unit =
+                |[speed, acceleration]: [f64; 2]| [speed / steps_per_unit[axis], acceleration / steps_per_unit[axis]];
+            axes[axis] = Blend { needed: unit(blend.needed), old: unit(blend.old), new: unit(blend.new) };
+        }
+        if !fits(&Blend::along(&axes)) {
+            return Ok(false);
+        }
+    }
+    Ok(true)
 }
 
 /// Whether a motor keeps to its limits at all places of a fade.
 fn keeps(blends: &[Blend], program: &Program, motor: &Motor, caution: f64) -> bool {
     let settings = Settings::of(program, motor);
     let board = settings.tick_hz as f64 / settings.min_interval_ticks as f64;
-    let own = |of: usize| blends.iter().map(|blend| blend.own[of]).fold(0.0, f64::max);
+    let own = |of: usize| blends.iter().map(|blend| blend.own(of)).fold(0.0, f64::max);
     let (pull_in, own_speed) = (motor.limits.pull_in, own(0));
     let unlimited = [
         UNLIMITED * own_speed.max(pull_in),
@@ -641,12 +744,7 @@ fn keeps(blends: &[Blend], program: &Program, motor: &Motor, caution: f64) -> bo
         motor.limits.max_speed.unwrap_or(unlimited[0]).min(board),
         motor.limits.max_acceleration.unwrap_or(unlimited[1]),
     ];
-    blends.iter().all(|blend| {
-        [(blend.speed, 0), (blend.acceleration, 1)].into_iter().all(|(needed, of)| {
-            let is_near = blend.own[of] > USABLE * caution * limits[of];
-            needed.abs() <= limits[of] * if is_near { NEARLY_ALL } else { USABLE * caution }
-        })
-    })
+    blends.iter().all(|blend| blend.keeps(limits, caution))
 }
 
 impl<B: Leased> Session<B> {

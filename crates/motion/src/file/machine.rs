@@ -224,6 +224,7 @@ impl MachineDraft {
             home: steps,
             slack: slack.to_vec(),
             unit,
+            tip_limits: [self.max_speed, self.max_acceleration],
         })
     }
 }

@@ -3,6 +3,7 @@
 use crate::session::{Bench, Lab, TICK_HZ, check_acceleration, check_counts, motor, planned, program};
 use proptest::prelude::*;
 use pulsetrain_board::{Board, Leased};
+use pulsetrain_motion::machine::{Kinematics, Machine};
 use pulsetrain_motion::program::{Limits, Program};
 use pulsetrain_motion::time::Rate;
 use pulsetrain_motion::{Law, Time};
@@ -459,4 +460,71 @@ fn thousands_of_changes_lose_no_phase() {
             assert!(off.is_some_and(|off| off <= 2), "motor {motor} at {tick}: {off:?}");
         }
     }
+}
+
+/// The most that a tip makes from now to a tick, mm/s and mm/s². `tip` is where it is, from the motors' positions.
+fn tip_peaks<const N: usize>(
+    session: &mut Session<Bench>,
+    lab: &mut Lab,
+    until: u64,
+    tip: impl Fn([f64; N]) -> [f64; 3],
+) -> [f64; 2] {
+    let step = TICK_HZ / 1000;
+    let norm = |way: [f64; 3]| way.iter().map(|x| x * x).sum::<f64>().sqrt();
+    let (mut peaks, mut seen) = ([0.0_f64; 2], Vec::new());
+    while session.board().now() < until {
+        let now = session.board().now();
+        session.advance(now + step - 1, lab).unwrap();
+        seen.push(tip(std::array::from_fn(|motor| session.state(motor, now + step).unwrap().theta)));
+        if let [.., a, b, c] = seen[..] {
+            let rate = TICK_HZ as f64 / step as f64;
+            peaks[0] = peaks[0].max(norm([0, 1, 2].map(|axis| c[axis] - b[axis])) * rate);
+            let bend = norm([0, 1, 2].map(|axis| c[axis] - 2.0 * b[axis] + a[axis]));
+            peaks[1] = peaks[1].max(bend * rate * rate);
+        }
+    }
+    peaks
+}
+
+/// A machine's own limits hold for its tip while it changes from one circle to another, which the motors alone could do sooner.
+#[test]
+fn a_tip_keeps_to_its_limits_in_a_change() {
+    let circle = |mm: f64, hz: f64| -> [Law; 2] {
+        let axis = || sine(10.0 * mm, 1.0 / hz);
+        [axis(), axis().delayed(seconds(0.25 / hz)).unwrap()]
+    };
+    let with_limits = |laws: [Law; 2], tip_limits: [Option<f64>; 2]| {
+        let mut program = with_laws(laws);
+        program.machines = vec![Machine {
+            name: "plotter".into(),
+            motors: vec![0, 1],
+            kinematics: Kinematics::Xy { steps_per_unit: [10.0; 2] },
+            home: vec![0.0; 2],
+            slack: vec![0.0; 2],
+            unit: "mm".into(),
+            tip_limits,
+        }];
+        program
+    };
+    // 40 mm at 0.5 Hz: 126 mm/s, 395 mm/s². The motors may do 600 mm/s, 4000 mm/s².
+    let limits = [150.0, 600.0];
+    let takes_s = |tip_limits: [Option<f64>; 2]| {
+        let begun = with_limits(circle(40.0, 0.5), tip_limits);
+        let mut lab = Lab::new(&begun);
+        let mut session = Session::new(Bench::new(&begun, 256), begun.clone()).unwrap();
+        session.advance(session.zero() + 3 * TICK_HZ, &mut lab).unwrap();
+        let other = with_limits(circle(15.0, 0.5).map(|law| law.shifted(200.0).unwrap()), tip_limits);
+        let wanted = Change { program: Arc::new(other), over: None, begins: Begins::WithTheMotion };
+        let transition = session.change_to(&wanted).unwrap();
+        let peaks = tip_peaks(&mut session, &mut lab, transition.until + TICK_HZ / 10, |[x, y]: [f64; 2]| {
+            [x / 10.0, y / 10.0, 0.0]
+        });
+        ((transition.until - transition.from) as f64 / TICK_HZ as f64, peaks)
+    };
+    let (quick_s, quick) = takes_s([None; 2]);
+    let (careful_s, careful) = takes_s(limits.map(Some));
+    assert!(quick[0] > limits[0] && quick[1] > limits[1], "{quick:?} in {quick_s} s");
+    assert!(careful[0] <= limits[0] && careful[1] <= limits[1], "{careful:?}");
+    // Not by going slowly: most of the limits is used.
+    assert!(careful[1] > 0.8 * limits[1] || careful[0] > 0.8 * limits[0], "{careful:?} in {careful_s} s");
 }

@@ -21,6 +21,7 @@ fn robot_of(laws: [Law; 3], angles: Option<(f64, f64)>) -> Program {
         kinematics: Kinematics::Delta { arms: ROBOT, steps_per_rad: [STEPS_PER_RAD; 3], angles },
         home,
         slack: vec![0.0; 3],
+        tip_limits: [None; 2],
         unit: "mm".into(),
     }];
     robot
@@ -315,4 +316,31 @@ proptest! {
     fn changes_of_a_path_keep_limits_and_counts(wishes in wishes(tip().prop_map(|tip| robot(&tip)))) {
         keeps_limits_and_counts(&robot(&narrow()), wishes)?;
     }
+}
+
+/// The machine's own limits hold for the effector too.
+#[test]
+fn an_effector_keeps_to_its_limits_in_a_change() {
+    const LIMITS: [f64; 2] = [130.0, 600.0];
+    let peaks = |tip_limits: [Option<f64>; 2]| {
+        let with_limits = |tip: &Tip| {
+            let mut robot = robot(tip);
+            robot.machines[0].tip_limits = tip_limits;
+            robot
+        };
+        let begun = with_limits(&[swing(25.0, 2.0, 0.0), swing(20.0, 3.0, 5.0), at_rest(-145.0)]);
+        let mut lab = Lab::new(&begun);
+        let mut session = Session::new(Bench::new(&begun, 256), begun.clone()).unwrap();
+        session.advance(session.zero() + 3 * TICK_HZ, &mut lab).unwrap();
+        let other = with_limits(&[swing(8.0, 2.0, -20.0), swing(5.0, 3.0, -20.0), at_rest(-160.0)]);
+        let wanted = Change { program: Arc::new(other), over: None, begins: Begins::WithTheMotion };
+        let until = session.change_to(&wanted).unwrap().until;
+        tip_peaks(&mut session, &mut lab, until, |steps: [f64; 3]| {
+            ROBOT.point(steps.map(|steps| steps / STEPS_PER_RAD)).unwrap()
+        })
+    };
+    let (quick, careful) = (peaks([None; 2]), peaks(LIMITS.map(Some)));
+    assert!(quick[0] > LIMITS[0] && quick[1] > LIMITS[1], "{quick:?}");
+    assert!(careful[0] <= LIMITS[0] && careful[1] <= LIMITS[1], "{careful:?}");
+    assert!(careful[1] > 0.5 * LIMITS[1] || careful[0] > 0.5 * LIMITS[0], "{careful:?}");
 }
