@@ -29,7 +29,7 @@ use crate::console::{self, Access, Console, Exit, access};
 use crate::control_socket::{ClientKind, Control, Ending, Hub, HubSender, RunEnded, RunInfo};
 use crate::diagnostic::{WrongFile, advised};
 use crate::live::clock::{self, Onward};
-use crate::live::incoming::{Incoming, MOST_REQUESTS, next_request};
+use crate::live::incoming::{Incoming, MOST_REQUESTS};
 use crate::live::log::{LogEntry, LogHead, LogLine, VERSION};
 use crate::live::schedule::Scheduler;
 use crate::live::screen::{Key, LiveScreen};
@@ -668,7 +668,7 @@ impl Parts {
             }
             news.log(0, log);
             let mut wait = LOOK_AGAIN;
-            while let Some(request) = next_request(self.control.requests(), wait) {
+            while let Some(request) = self.incoming.next_without_board(self.control.requests(), wait) {
                 wait = Duration::ZERO;
                 log.iter().for_each(|log| log.line(news.base, LogEntry::Asked(request.clone())));
                 for request in request.each() {

@@ -47,6 +47,12 @@ impl Incoming {
         None
     }
 
+    /// The next request while there is no board. The motion of a knob need not be read first.
+    pub(crate) fn next_without_board(&mut self, requests: &Receiver<Request>, wait: Duration) -> Option<Request> {
+        let read = self.reading.take().map(|(request, _)| request);
+        read.or_else(|| self.waiting.pop_front()).or_else(|| next_request(requests, wait))
+    }
+
     /// A request, with those that wait behind it.
     fn with_waiting(&mut self, request: Request, requests: &Receiver<Request>) -> Request {
         let is_one = |request: &Request| !matches!(request, Request::Together(Together { at_s: Some(_), .. }));
@@ -67,7 +73,7 @@ impl Incoming {
 }
 
 /// The next request, waiting for one as long as that.
-pub(crate) fn next_request(requests: &Receiver<Request>, wait: Duration) -> Option<Request> {
+fn next_request(requests: &Receiver<Request>, wait: Duration) -> Option<Request> {
     match requests.try_recv() {
         Ok(request) => return Some(request),
         Err(TryRecvError::Empty) if !wait.is_zero() => {}
@@ -151,6 +157,14 @@ mod tests {
         let with_knob = Request::together(vec![set(29.0), Request::Session(Command::Stop)], None);
         sender.send(with_knob.clone()).unwrap();
         assert_eq!(incoming.next(&requests, Duration::ZERO, &desk), Some(with_knob));
+        // A stop for a later time waits, but not if the board is lost.
+        let timed = Request::together(vec![Request::Session(Command::Stop)], Some(9.0));
+        sender.send(timed.clone()).unwrap();
+        assert_eq!(incoming.next(&requests, Duration::ZERO, &desk), None);
+        let mut away = Incoming { waiting: incoming.waiting.clone(), reading: None };
+        assert_eq!(away.next_without_board(&requests, Duration::ZERO), Some(set(31.0)));
+        assert_eq!(away.next_without_board(&requests, Duration::ZERO), Some(timed));
+        incoming.waiting.pop_back();
         drop(end);
         assert_eq!(next(&mut incoming, &requests, &desk), set(30.0));
         // What came behind is one change.
