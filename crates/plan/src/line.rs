@@ -10,7 +10,7 @@
 
 use crate::Move;
 use crate::error::PlanError;
-use crate::packed::Meter;
+use crate::packed::{Meter, WAIT_BYTES};
 use crate::settings::Settings;
 use pulsetrain_core::wire::message::QUEUE_PARTS;
 use pulsetrain_motion::boards;
@@ -163,7 +163,9 @@ impl Supply {
         let lane = &mut self.lanes[motor];
         let before = lane.meter.bytes();
         lane.meter.add(next);
-        let bytes = (lane.meter.bytes() - before) as usize;
+        let bytes = lane.meter.bytes() - before;
+        // A wait of many records needs its first ones; the others come while it lasts.
+        let bytes = if matches!(next, Move::Dwell { .. }) { bytes.min(2 * WAIT_BYTES) } else { bytes } as usize;
         while lane.held + bytes > queue_bytes
             && let Some((len, at)) = lane.items.pop_front()
         {
@@ -420,6 +422,21 @@ mod tests {
         let bytes = supplied(1.0).unwrap_or_else(|error| panic!("{error}"));
         assert!(supplied(0.95 * 5_000.0 / bytes).is_ok());
         assert!(supplied(1.05 * 5_000.0 / bytes).is_err());
+    }
+
+    /// A wait of days takes thousands of records, of which few are in the queue at a time.
+    #[test]
+    fn a_wait_of_days_comes_in_time() {
+        let mut supply = Supply::new(line(80, 1600.0, 16_000.0), &[Settings::new(SECOND, 16)]);
+        let mut at = 0;
+        for ticks in [SECOND / 1000, 30 * 86_400 * SECOND, SECOND / 1000, 86_400 * SECOND] {
+            supply.add(0, &Move::Dwell { ticks }, at).unwrap_or_else(|error| panic!("{error}"));
+            at += ticks;
+            for _ in 0..20 {
+                supply.add(0, &steps(50_000 << 16), at).unwrap_or_else(|error| panic!("{error}"));
+                at += 50_000;
+            }
+        }
     }
 
     #[test]

@@ -5,6 +5,9 @@ use crate::settings::Settings;
 use pulsetrain_core::Item;
 use pulsetrain_core::packing::{MAX_PACKED_LEN, Packing, State};
 
+/// The bytes of one record of a wait.
+pub(crate) const WAIT_BYTES: u64 = 6;
+
 /// Counts the payload bytes of a stream of moves.
 #[derive(Clone, Debug)]
 pub(crate) struct Meter {
@@ -24,7 +27,7 @@ impl Meter {
         let item = match *next {
             // Long waits take one record for each 2^31 ticks.
             Move::Dwell { ticks } => {
-                self.bytes += 6 * (ticks >> 31);
+                self.bytes += WAIT_BYTES * (ticks >> 31);
                 Item::Dwell { ticks: (ticks & ((1 << 31) - 1)) as u32 }
             }
             Move::Run { segment, direction } => {

@@ -25,6 +25,8 @@ pub struct Planned {
 pub(crate) const MOVES_AT_ONCE: u32 = 256;
 /// Moves that are planned to see whether queues and line keep up with a higher tempo: at most some 8 ms of work for all rates that are tried.
 pub(crate) const TRIED_MOVES: u32 = 6_000;
+/// How far such a plan goes at most, ticks: hours on any board. A motor that rests has no end of moves.
+pub(crate) const TRIED_TICKS: u64 = 1 << 40;
 
 /// The moves of all motors, those of the motor that is least far first.
 pub struct Plans {
