@@ -179,6 +179,7 @@ const OTHER_NAMES: &[(&str, f64, &str)] = &[
     ("pps", 1.0, "step/s"),
     ("ips", 1.0, "in/s"),
     ("hertz", 1.0, "Hz"),
+    ("ghz", 1e9, "Hz"),
     ("sec", 1.0, "s"),
     ("secs", 1.0, "s"),
     ("second", 1.0, "s"),
@@ -239,6 +240,12 @@ const OTHER_NAMES: &[(&str, f64, &str)] = &[
     ("micron", 0.001, "mm"),
     ("microns", 0.001, "mm"),
     ("dm", 100.0, "mm"),
+    ("km", 1000.0, "m"),
+    ("kilometer", 1000.0, "m"),
+    ("kilometers", 1000.0, "m"),
+    ("kilometre", 1000.0, "m"),
+    ("kilometres", 1000.0, "m"),
+    ("nm", 1e-6, "mm"),
     ("millimeter", 1.0, "mm"),
     ("millimeters", 1.0, "mm"),
     ("millimetre", 1.0, "mm"),
@@ -666,7 +673,10 @@ fn nearest_unit(unit: &str) -> Option<&'static str> {
     const EXAMPLES: &[&str] =
         &["rad", "rev/s", "step/s", "mm/s", "deg/s", "rev/min", "rev/s^2", "step/s^2", "mm/s^2", "step/s^3"];
     let names = UNITS.iter().chain(RATES).map(|row| row.0).chain(EXAMPLES.iter().copied());
-    nearest(unit, names)
+    // A first letter that makes the same unit larger or smaller is no misspelling: ks is not ms.
+    let (size, rest) = unit.split_at(unit.chars().next().map_or(0, char::len_utf8));
+    let is_scaled = "TGMkhdcmuµμnp".contains(size) && !rest.starts_with(size) && find_unit(rest).is_some();
+    nearest(unit, names.filter(|_| !is_scaled))
 }
 
 /// The name that a misspelt one is nearest to, if it is near at all.
@@ -792,6 +802,14 @@ mod tests {
             ("4 000 step/s", "4000 step/s"),
             ("4'000 steps/s", "4000 steps/s"),
             ("1/2 rev", "0.5 rev"),
+            ("1 km", "1000 m"),
+            ("1 km/h", "1000 m/h"),
+            ("2 kilometres", "2000 m"),
+            ("5 nm", "0.000005 mm"),
+            ("1 GHz", "1000000000 Hz"),
+            ("1 THz", ""),
+            ("3 ks", ""),
+            ("3 krev/s", ""),
             ("3 furlongs", ""),
             ("3 //", ""),
             ("3 !", ""),

@@ -336,15 +336,6 @@ mod tests {
         }
     }
 
-    #[test]
-    fn a_wait_of_weeks_needs_no_queue_for_all_of_it() {
-        let mut supply = Supply::new(line(64, 1.0, 1.0), &[Settings::new(SECOND, 16)]);
-        let weeks = Move::Dwell { ticks: 30 * 86_400 * SECOND };
-        supply.add(0, &steps(1 << 30), 0).unwrap();
-        supply.add(0, &weeks, SECOND).unwrap();
-        supply.add(0, &steps(1 << 30), 31 * 86_400 * SECOND).unwrap();
-    }
-
     fn steps(interval: i64) -> Move {
         Move::Run { segment: Segment { count: 1, interval, add: 0, add2: 0 }, direction: Direction::Forward }
     }
@@ -440,6 +431,21 @@ mod tests {
         let bytes = supplied(1.0).unwrap_or_else(|error| panic!("{error}"));
         assert!(supplied(0.95 * 5_000.0 / bytes).is_ok());
         assert!(supplied(1.05 * 5_000.0 / bytes).is_err());
+    }
+
+    /// A wait of days takes thousands of records, of which few are in the queue at a time.
+    #[test]
+    fn a_wait_of_days_comes_in_time() {
+        let mut supply = Supply::new(line(80, 1600.0, 16_000.0), &[Settings::new(SECOND, 16)]);
+        let mut at = 0;
+        for ticks in [SECOND / 1000, 30 * 86_400 * SECOND, SECOND / 1000, 86_400 * SECOND] {
+            supply.add(0, &Move::Dwell { ticks }, at).unwrap_or_else(|error| panic!("{error}"));
+            at += ticks;
+            for _ in 0..20 {
+                supply.add(0, &steps(50_000 << 16), at).unwrap_or_else(|error| panic!("{error}"));
+                at += 50_000;
+            }
+        }
     }
 
     #[test]

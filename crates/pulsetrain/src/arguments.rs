@@ -120,7 +120,7 @@ pub(crate) enum Alignment {
     None,
     /// The capture began some time before
     Start,
-    /// The same, and its clock runs at another rate, which is told in ppm
+    /// The same, and its clock may run at another rate; the report gives the difference in ppm
     #[value(name = "start+rate")]
     StartAndRate,
 }

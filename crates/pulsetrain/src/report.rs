@@ -11,7 +11,7 @@ use pulsetrain_trace::verdict;
 use schemars::JsonSchema;
 use serde::Serialize;
 
-use crate::control_socket::RunEnded;
+use crate::control_socket::{RunEnded, max_speed};
 use crate::made::Made;
 use crate::standing::listed;
 use pulsetrain_motion::human::{self, Table};
@@ -412,7 +412,7 @@ pub(crate) enum Column {
 /// Columns of a terminal.
 const SCREEN: usize = 80;
 
-/// A line for each motor: its range in its own unit, its top speed, the share of the board's limit, and `last`.
+/// A line for each motor: its range in its own unit, its top speed, that as a share of its highest speed, and `last`.
 pub(crate) fn summary(motors: &[MotorReport], last: Column) -> String {
     let mut all = Vec::new();
     let one = |of: fn(&MotorReport) -> String| motors.iter().map(of).collect::<Vec<String>>();
@@ -425,10 +425,10 @@ pub(crate) fn summary(motors: &[MotorReport], last: Column) -> String {
     all.push(("per s", one(|motor| human::significant(motor.top_speed_per_s, 3))));
     all.push(("rpm", one(|motor| human::significant(motor.top_speed_rpm, 3))));
     all.push((
-        "of limit",
+        "of max",
         one(|motor| {
             motor
-                .limit_share
+                .speed_share
                 .map_or_else(|| "–".to_owned(), |share| format!("{} %", human::significant(share * 100.0, 2)))
         }),
     ));
@@ -507,7 +507,9 @@ pub struct MotorReport {
     pub top_speed_per_s: f64,
     /// The same, in revolutions of the motor's shaft per minute.
     pub top_speed_rpm: f64,
-    /// The shortest interval that board and driver can make over the plan's shortest one: 1 means that the limit is reached.
+    /// The top speed as a share of the highest speed that board, driver and motor allow: 1 means that it is reached. `None` if there is no step.
+    pub speed_share: Option<f64>,
+    /// The shortest interval that board and driver can make over the plan's shortest one: 1 means that the board's limit is reached.
     pub limit_share: Option<f64>,
     /// Steps forward minus steps backward.
     #[serde(rename = "final_position_steps")]
@@ -704,6 +706,7 @@ impl MotorReport {
             end: after(certificate.position),
             top_speed_per_s: certificate.peak_speed.0 / scale.steps_per_unit,
             top_speed_rpm: 60.0 * certificate.peak_speed.0 / scale.steps_per_rev,
+            speed_share: shortest.map(|_| certificate.peak_speed.0 / max_speed(program, motor)),
             limit_share: shortest.map(|ticks| least / ticks as f64),
             final_position: certificate.position,
             segments: certificate.segments,
@@ -740,9 +743,11 @@ impl MotorReport {
         let planned = self.shortest_interval_ticks;
         let share = made.shortest_interval_ticks.zip(planned).map(|(made, planned)| planned as f64 / made as f64);
         self.limit_share = self.limit_share.zip(share).map(|(limit, share)| limit * share);
-        let rpm = self.top_speed_rpm / self.top_speed_per_s;
+        let [rpm, share] =
+            [self.top_speed_rpm, self.speed_share.unwrap_or(0.0)].map(|planned| planned / self.top_speed_per_s);
         self.top_speed_per_s = rate.unwrap_or(0.0) / self.steps_per_unit;
         self.top_speed_rpm = if rpm.is_finite() { self.top_speed_per_s * rpm } else { 0.0 };
+        self.speed_share = made.shortest_interval_ticks.map(|_| self.top_speed_per_s * share).filter(|x| x.is_finite());
         (self.shortest_interval_ticks, self.peak_rate) = (made.shortest_interval_ticks, rate);
     }
 

@@ -18,7 +18,7 @@ use pulsetrain_core::wire::message::{Cause, MotorSetup, image};
 use pulsetrain_core::wire::{Baud, Reason};
 use pulsetrain_motion::program::{self, CoilSequence, DriverTiming, Motor, Program};
 use pulsetrain_motion::time::Rate;
-use pulsetrain_motion::{Time, boards};
+use pulsetrain_motion::{Time, boards, human};
 use pulsetrain_plan::{PlanError, Refused, Settings};
 use pulsetrain_trace::{Line, lines};
 
@@ -151,6 +151,7 @@ impl DriveError {
         match error {
             SessionError::Lost(error) => DriveError::Remote(error),
             SessionError::Plan(Refused { motor, error }) => DriveError::Plan { motor: name(motor), error },
+            SessionError::Law { motor, error } => DriveError::Plan { motor: name(motor), error: error.into() },
             SessionError::Stopped { motor, at_s, late_s } => DriveError::TooLate { motor: name(motor), at_s, late_s },
             SessionError::QueueTooShort { motor, at_s, capacity } => {
                 let queue_bytes = boards::find(&program.board.name).map_or_else(Vec::new, |row| row.queue_bytes);
@@ -501,6 +502,12 @@ impl<B: Leased> Driven<B> {
         self.session.set_law_time(time, shifts)
     }
 
+    /// Why the session refuses something, with motors by name and times in seconds.
+    #[must_use]
+    pub fn why(&self, error: SessionError) -> String {
+        why(&self.program, self.zero, error)
+    }
+
     /// Lets the motors change to other laws while they move: [`Session::change_to`]. Returns when they leave the old laws and when they follow the new
     /// ones, s of the motion.
     ///
@@ -754,7 +761,7 @@ impl<B: Leased> Driven<B> {
                     }
                     // Nothing was changed.
                     Err(error) => {
-                        events(Event::Refused { command, why: error.to_string() });
+                        events(Event::Refused { command, why: why(program, zero, error) });
                         Ok(())
                     }
                 }
@@ -898,6 +905,20 @@ impl<B: Leased> Driven<B> {
     /// How late the STEP edges of the run were, against their scheduled ticks. To be called once, after the run. `None` if the edges are not known.
     pub fn lateness(&mut self) -> Option<Lateness> {
         self.meter.take().map(Meter::finish)
+    }
+}
+
+/// Why a session refuses something, with motors by name and times in seconds of a motion that began at the tick `zero`.
+fn why(program: &Program, zero: u64, error: SessionError) -> String {
+    let time = |tick: u64| {
+        let seconds = tick.saturating_sub(zero) as f64 / program.board.tick_hz as f64;
+        human::seconds_to(seconds, 4)
+    };
+    match error {
+        SessionError::Early { earliest, .. } => format!("{error}; {} is the earliest", time(earliest)),
+        SessionError::Waiting { until, .. } => format!("{error}, from {} on", time(until)),
+        SessionError::Late { latest, .. } => format!("{error}; {} is the latest", time(latest)),
+        error => DriveError::of(program, error).to_string(),
     }
 }
 

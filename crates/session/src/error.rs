@@ -91,7 +91,7 @@ pub enum SessionError {
     #[error("the motion is not paused")]
     NotPaused,
     /// A change at a tick that is too near: it cannot reach the board in time.
-    #[error("tick {at} is too early for a change; the earliest is {earliest}")]
+    #[error("it is too soon: a change at that time cannot reach the board before it")]
     Early {
         /// The tick of the change, or of the begin.
         at: u64,
@@ -99,7 +99,7 @@ pub enum SessionError {
         earliest: u64,
     },
     /// A change while another one waits for its tick, or a pause at a tick for which nothing was sent yet.
-    #[error("tick {at} cannot be changed yet; ask again from tick {until} on")]
+    #[error("another change has not begun yet, or the board has no plan for that time yet: try again later")]
     Waiting {
         /// The tick of the change, or of the begin.
         at: u64,
@@ -107,7 +107,7 @@ pub enum SessionError {
         until: u64,
     },
     /// A change at a tick for which nothing was sent yet, or while the motors brake.
-    #[error("tick {at} is too late for a change: after tick {latest} the motors brake, or the board has no plan yet")]
+    #[error("it is too late: the motors brake or rest by then, or the board has no plan for that time yet")]
     Late {
         /// The tick of the change, or of the begin.
         at: u64,

@@ -855,7 +855,7 @@ impl<B: Leased> Session<B> {
     }
 
     /// The first limit that the laws of a program would break after a change to it, if there is one. Laws that repeat are looked at for a period,
-    /// others for half a minute; then as much of the plan as takes some milliseconds is held against the line.
+    /// others for half a minute; then as much of the plan as takes some milliseconds is held against all limits and the line.
     ///
     /// # Errors
     /// When a law cannot be evaluated.
@@ -876,6 +876,6 @@ impl<B: Leased> Session<B> {
         if highest < tempo.get() {
             return Ok(ceiling);
         }
-        Ok(self.line_refuses(&change.program, tempo, TRIED_MOVES).map(|(ceiling, _)| ceiling))
+        Ok(self.plan_refused(&change.program, from, tempo, TRIED_MOVES).map(|(ceiling, _)| ceiling))
     }
 }

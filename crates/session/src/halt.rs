@@ -311,9 +311,9 @@ impl<B: Leased> Session<B> {
     }
 
     /// The highest rate up to `wanted` at which queues and line bring the plan of a program in time, with the limit that keeps it lower; `None` if
-    /// `wanted` does. The motion's beginning is planned for that, from its start. At the rate `known` it was planned before, or is followed already.
+    /// `wanted` does. The motion is planned for that from now on. At the rate `known` it was planned before, or is followed already.
     fn kept_up(&self, program: &Arc<Program>, known: Rate, wanted: Rate) -> Option<(Rate, Option<Ceiling>)> {
-        let refused = |rate: Rate, moves: u32| self.line_refuses(program, rate, moves);
+        let refused = |rate: Rate, moves: u32| self.plan_refused(program, self.law_time(), rate, moves);
         let known = known.min(wanted);
         let (ceiling, mut enough) = if wanted > known { refused(wanted, TRIED_MOVES)? } else { return None };
         let (mut fits, mut too_high) = (known, wanted);
@@ -336,17 +336,27 @@ impl<B: Leased> Session<B> {
         Some((fits, Some(ceiling)))
     }
 
-    /// The motor that queues and line do not bring the plan of a program for in time, at a rate of its time, and after how many moves that was
-    /// seen; `None` if they bring all. The first `moves` moves of the motion are planned for that, from its start.
-    pub(crate) fn line_refuses(&self, program: &Arc<Program>, rate: Rate, moves: u32) -> Option<(Ceiling, u32)> {
+    /// The limit that the plan of a program would break, at a rate of its laws' time, and after how many moves that was seen; `None` if it breaks none.
+    /// The first `moves` moves from the time `from` of the laws on are planned for that. Without a line to the board, nothing is.
+    pub(crate) fn plan_refused(
+        &self,
+        program: &Arc<Program>,
+        from: Time,
+        rate: Rate,
+        moves: u32,
+    ) -> Option<(Ceiling, u32)> {
         let line = self.line.as_ref()?;
-        let ceiling = |refused: Refused| Ceiling { motor: refused.motor, limit: "the line to the board" };
-        let mut plans = match Plans::slowed(Arc::clone(program), Some(line), 1.0 / rate.get()) {
+        let ceiling = |Refused { motor, error }: Refused| Ceiling { motor, limit: pause::limit_of(&error) };
+        let program = match pause::underway(program, from) {
+            Ok(program) => Arc::new(program),
+            Err((motor, _)) => return Some((Ceiling { motor, limit: pause::NO_LAW }, 0)),
+        };
+        let mut plans = match Plans::slowed(program, Some(line), 1.0 / rate.get()) {
             Ok(plans) => plans,
             Err(refused) => return Some((ceiling(refused), 0)),
         };
         let mut made = 0;
-        let mut waits = vec![false; program.motors.len()];
+        let mut waits = vec![false; self.timelines.len()];
         while made < moves {
             made += 1;
             match plans.next_move() {

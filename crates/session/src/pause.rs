@@ -3,11 +3,11 @@
 //! All motors share one time, so that their paths and phases do not change. The motor with the least reserve decides how long a change takes.
 //! Where a law itself brakes as hard as its motor may, the change begins later.
 
-use pulsetrain_motion::law::{Cursor, Ease};
+use pulsetrain_motion::law::{Begin, Cursor, Ease};
 use pulsetrain_motion::program::{Motor, Program};
 use pulsetrain_motion::time::Rate;
 use pulsetrain_motion::{Law, LawError, Time};
-use pulsetrain_plan::{SOFTEST_STOP_S, Settings};
+use pulsetrain_plan::{PlanError, SOFTEST_STOP_S, Settings};
 use schemars::JsonSchema;
 use serde::Serialize;
 
@@ -142,8 +142,39 @@ pub fn quickest(
 pub struct Ceiling {
     /// Index of the motor in the program.
     pub motor: usize,
-    /// Which limit: "max_speed", "max_acceleration" or "the board's shortest interval".
+    /// Which limit, in the file's words where it has one: "max_speed", "max_acceleration", "the board's shortest interval", "the line to the board".
     pub limit: &'static str,
+}
+
+/// The limit of a motor whose law has no value somewhere.
+pub(crate) const NO_LAW: &str = "its law is not defined at every time";
+/// The limit of the board's steps/s.
+const SHORTEST_INTERVAL: &str = "the board's shortest interval";
+
+/// The limit that a plan would break.
+pub(crate) const fn limit_of(error: &PlanError) -> &'static str {
+    match error {
+        PlanError::TooFast { .. } => "max_speed",
+        PlanError::TooMuchAcceleration { .. } | PlanError::BrakesTooHard { .. } => "max_acceleration",
+        PlanError::SpeedJump { .. } => "pull_in",
+        PlanError::TooFastForBoard { .. } => SHORTEST_INTERVAL,
+        PlanError::TooManySegments { .. } => "the board's processor",
+        PlanError::LineTooBusy { .. } => "the shared DIR line",
+        PlanError::QueueTooShort { .. } | PlanError::LineTooSlow { .. } => "the line to the board",
+        PlanError::ToleranceTooTight { .. } | PlanError::NotProvable { .. } | PlanError::TooFine { .. } => "tolerance",
+        PlanError::TooLong { .. } => "the longest time that the board counts",
+        PlanError::Law(_) => NO_LAW,
+    }
+}
+
+/// A program that is under way at `from` of its laws: it may begin at any speed. Or the motor whose law cannot do that.
+pub(crate) fn underway(program: &Program, from: Time) -> Result<Program, (usize, LawError)> {
+    let mut program = program.clone();
+    for (motor, m) in program.motors.iter_mut().enumerate() {
+        let law = m.law.clone().retimed(from, Ease::steady(Rate::ONE)).and_then(|law| law.beginning(Begin::Jump));
+        m.law = law.map_err(|error| (motor, error))?;
+    }
+    Ok(program)
 }
 
 /// The highest rate of the laws' time, from `from` of the laws on, at which the motors keep to their limits, and the limit that a higher one would
@@ -186,7 +217,7 @@ pub(crate) fn highest_factor(
         let limits = [
             ("max_speed", motor.limits.max_speed.map(|limit| usable * limit / speed)),
             ("max_acceleration", motor.limits.max_acceleration.map(|limit| (usable * limit / acceleration).sqrt())),
-            ("the board's shortest interval", Some(usable * board / speed)),
+            (SHORTEST_INTERVAL, Some(usable * board / speed)),
         ];
         for (limit, rate) in limits {
             // A motor at rest has no ceiling: the quotient is infinite.

@@ -1,7 +1,7 @@
 //! Ramps for laws that do not begin or end at rest.
 
 use super::combine::{MOST_PARTS, too_many};
-use super::{Class, Cursor, Curve, Double, Entry, Law, LawError, Piece, Sample, checked};
+use super::{Class, Cursor, Curve, Double, Entry, Law, LawError, LinePart, Piece, Sample, checked};
 use crate::Time;
 use std::sync::Arc;
 
@@ -499,6 +499,11 @@ impl Blended {
     /// When the ramp at its beginning is over.
     pub(super) fn begun(&self) -> Time {
         self.head.as_ref().map_or(Time::ZERO, |head| head.end)
+    }
+
+    /// Its law's constant speed, with the distance that the ramp at the beginning lost.
+    pub(super) fn of_line(&self, line: LinePart) -> LinePart {
+        LinePart { way: line.way + self.shift, ..line }
     }
 
     /// The cycle of its law, once the ramp is over.

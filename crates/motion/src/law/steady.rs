@@ -54,6 +54,10 @@ impl Law {
     /// let part = law.line_part(seconds(3.0)).unwrap();
     /// assert_eq!((part.speed, part.way), (100.0, 200.0));
     /// assert_eq!(law.line_part(seconds(0.5)), None);
+    /// // An easing of 1 s loses half of the first second's way.
+    /// let eased = Law::speed(100.0, None)?.eased(seconds(1.0))?;
+    /// assert_eq!(eased.line_part(seconds(3.0)).unwrap().way, 250.0);
+    /// assert_eq!(eased.line_part(seconds(0.5)), None);
     /// # Ok::<(), pulsetrain_motion::LawError>(())
     /// ```
     #[must_use]
@@ -71,7 +75,14 @@ impl Law {
                 let begins = before.iter().map(Law::end).try_fold(Time::ZERO, |end, e| Some(end + e?))?;
                 if at >= begins { last.line_part(at - begins) } else { None }
             }
-            Law::Blended(blended) if blended.end().is_none() && at >= blended.begun() => blended.law().line_part(at),
+            Law::Blended(blended) if blended.end().is_none() && at >= blended.begun() => {
+                Some(blended.of_line(blended.law().line_part(at)?))
+            }
+            Law::Warped(warped) => {
+                let (law_time, rate) = warped.eased_at(at)?;
+                let line = warped.law().line_part(law_time)?;
+                Some(LinePart { speed: rate.get() * line.speed, ..line })
+            }
             Law::Sum(laws) => laws.iter().filter_map(|law| law.line_part(at)).reduce(|a, b| LinePart {
                 speed: a.speed + b.speed,
                 way: a.way + b.way,
@@ -92,6 +103,7 @@ impl Law {
             Law::Steady(steady) => steady.duration.is_none(),
             Law::Changed(changed) => changed.law.is_line(),
             Law::Blended(blended) => blended.law().is_line(),
+            Law::Warped(warped) => warped.law().is_line(),
             _ => false,
         }
     }

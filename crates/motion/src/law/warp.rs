@@ -266,6 +266,13 @@ impl Warped {
         &self.law
     }
 
+    /// The law's time at `at`, and the rate of that time; `None` before the easing has ended, and at a halt.
+    pub(super) fn eased_at(&self, at: Time) -> Option<(Time, Rate)> {
+        let since = at - self.ease.end();
+        let goes_on = since >= Time::ZERO && self.ease.to > Rate::ZERO;
+        goes_on.then(|| (self.from + self.ease.of_law() + self.ease.to.of_law(since), self.ease.to))
+    }
+
     /// Another law with this law's easing.
     pub(super) const fn of(&self, law: Law) -> Warped {
         Warped { law, from: self.from, ease: self.ease }

@@ -62,7 +62,7 @@ pub(crate) struct BakeArgs {
     /// Go on with a motion that takes long to plan or to run, or makes large files, without being asked
     #[arg(long)]
     pub(crate) yes: bool,
-    /// How much faster than it should the board's clock runs, ppm, as `pulsetrain calibrate` tells: it is corrected for
+    /// How much faster than it should the board's clock runs, ppm, as `pulsetrain calibrate` measures it; the motion is corrected for it
     #[arg(long, value_name = "PPM", value_parser = arguments::clock_ppm, allow_hyphen_values = true)]
     pub(crate) clock_ppm: Option<f64>,
     /// How much of it the virtual Uno plays before its image is written [default: all, 60 s at most; where motors repeat, until each

@@ -26,7 +26,7 @@ An Uno, or a Nano with the newer bootloader, is programmed through its bootloade
 of Nanos (57600 baud) is larger and leaves no room for the firmware.
 
 A Pico shows up as a drive if you hold BOOTSEL while you plug it in. The firmware is copied to that drive. It is found \
-by itself; --port names another.
+without --port; --port names another.
 
 Examples:
   pulsetrain ports                              which port it is

@@ -14,7 +14,7 @@ use pulsetrain_plan::Settings;
 use pulsetrain_session::drive::{DriveError, session_number};
 use pulsetrain_session::prepare::Prepared;
 
-use super::problems::{drive_problem, port_problem};
+use super::problems::{drive_problem, port_problem, taken_by_run};
 use super::run::{HowToRun, perform};
 use crate::console::{Console, Exit};
 use crate::diagnostic::advised;
@@ -83,6 +83,9 @@ pub(crate) fn run(args: &GotoArgs, console: &mut Console<'_>) -> miette::Result<
     let units = contents.units();
     let name = file.display().to_string();
     let mut prepared = Prepared::new(name, contents, args.board.as_deref()).map_err(advised)?;
+    if let Some(taken) = args.port.as_deref().and_then(taken_by_run) {
+        return Err(taken);
+    }
     let motors = Motors { program: &prepared.program, units: &units, moved: moved(&prepared.program, &args.motor)? };
     let program = &prepared.program;
     let targets = motors.targets(&args.target)?;

@@ -6,8 +6,10 @@ use miette::{Diagnostic, Report, miette};
 use pulsetrain_board::{LinkError, PortError, RemoteError};
 
 use crate::console;
+use crate::control_socket::{RunClient, runs};
 use crate::diagnostic::advised;
 use crate::report::{PlanReport, RunEnd, StoppedReport};
+use crate::standing::quoted;
 use pulsetrain_motion::human;
 use pulsetrain_session::SessionError;
 use pulsetrain_session::drive::DriveError;
@@ -19,10 +21,25 @@ pub(crate) fn port_problem(error: PortError) -> Report {
         PortError::NotThere { .. } | PortError::Unusable { .. } => {
             "an Uno is usually /dev/ttyACM0, /dev/cu.usbmodem… or COM3; so is the adapter at a Pico's UART"
         }
-        PortError::Busy { .. } | PortError::Denied { .. } => return miette!("{error}"),
+        PortError::Busy { name } => return taken_by_run(name).unwrap_or_else(|| miette!("{error}")),
+        PortError::Denied { .. } => return miette!("{error}"),
         PortError::Gone { .. } => "look at the cable; the motors brake within half a second",
     };
     miette!(help = help, "{error}")
+}
+
+/// The error for a port that a run of this computer has, if one has it.
+pub(crate) fn taken_by_run(port: &str) -> Option<Report> {
+    let runs = runs().ok()?;
+    let info = runs.iter().map(RunClient::info).find(|info| info.is_at(port))?;
+    let end = format!("`pulsetrain stop --port {}`", quoted(port));
+    let help = if info.is_live {
+        format!("type `goto` with a position there, such as `goto 0`; or end it first: {end}")
+    } else {
+        format!("wait for its end, or end it: {end}")
+    };
+    let which = if info.is_live { "live motion" } else { "run" };
+    Some(miette!(help = help, "{port} is in use: the {which} of {} has it", info.file))
 }
 
 /// How far a board's clock is off, in words, to `digits` digits. The figure is useless if this computer was too slow for the board.

@@ -49,8 +49,18 @@ struct Again {
     /// Things done as in the log, and those that differ: what the log has, and what happened now.
     same: usize,
     differs: Option<(Option<TickedEvent>, Option<TickedEvent>)>,
+    /// The tick at which the motion begins, and the board's ticks in a second.
+    zero: u64,
+    hz: u64,
     end_s: f64,
     picture: Picture,
+}
+
+impl Again {
+    /// A tick as a time of the motion, s.
+    fn seconds(&self, tick: u64) -> f64 {
+        tick.saturating_sub(self.zero) as f64 / self.hz as f64
+    }
 }
 
 /// Takes the edges and the picture of a motion.
@@ -59,6 +69,8 @@ struct ReplayRecorder {
     picture: Picture,
     /// Each motor's steps, forward minus backward.
     positions: Vec<i64>,
+    /// The motion's time, s.
+    now_s: f64,
 }
 
 impl ReplayRecorder {
@@ -75,19 +87,24 @@ impl ReplayRecorder {
             figures: Vec::new(),
             changes: Vec::new(),
         };
-        ReplayRecorder { trace, picture, positions: vec![0; motors.len()] }
+        ReplayRecorder { trace, picture, positions: vec![0; motors.len()], now_s: 0.0 }
     }
 
     fn note(&mut self, happened: &Happened) {
         match happened {
+            Happened::Session(Event::Progress { at_s }) => self.now_s = *at_s,
             Happened::Session(Event::Status(status)) => {
+                self.now_s = status.at_s;
                 for (picture, motor) in self.picture.motors.iter_mut().zip(&status.motors) {
                     if let (Some(target), Some(speed)) = (motor.target, motor.speed) {
                         picture.want(status.at_s, target, speed);
                     }
                 }
             }
-            Happened::Session(Event::Tempo { from_s, .. }) => self.picture.changes.push(*from_s),
+            // Their own times are those at which the new tempo is reached.
+            Happened::Session(Event::Tempo { .. } | Event::Pausing { .. } | Event::Resuming { .. }) => {
+                self.picture.changes.push(self.now_s);
+            }
             Happened::Session(_) => {}
             Happened::Live(event) => self.picture.changes.extend(event.changes_from_s()),
         }
@@ -158,7 +175,8 @@ pub(crate) fn run(args: &ReplayArgs, console: &mut Console<'_>) -> miette::Resul
         (Some((logged, now)), None) => {
             let told = |timed: &Option<TickedEvent>| match timed {
                 Some((tick, happened)) => {
-                    format!("at tick {tick}, {}", in_words(happened).unwrap_or_else(|| "its end".to_owned()))
+                    let at = human::seconds_to(again.seconds(*tick), 6);
+                    format!("at {at}, {}", in_words(happened).unwrap_or_else(|| "its end".to_owned()))
                 }
                 None => "nothing".to_owned(),
             };
@@ -220,7 +238,9 @@ fn again<B: Leased>(
     let is_whole = is_whole(log);
     let is_same = same == logged.len() && (same == done.len() || !is_whole);
     let differs = (!is_same).then(|| (logged.get(same).cloned(), done.get(same).cloned()));
-    Ok(Again { same, differs, end_s: now.saturating_sub(zero) as f64 / hz as f64, picture })
+    let mut again = Again { same, differs, zero, hz, end_s: 0.0, picture };
+    again.end_s = again.seconds(now);
+    Ok(again)
 }
 
 /// How long after the end in the log the motion may go on, s, before it is taken for another one.

@@ -125,7 +125,18 @@ pub(super) fn in_words(event: &Event) -> String {
         Event::StoppedAtOnce { .. } => "the motors were stopped at once".to_owned(),
         Event::Ended(_) => "it ended".to_owned(),
         Event::Failed { why, .. } => format!("it failed: {why}"),
-        Event::Refused { command, why } => format!("{command:?} was refused: {why}"),
+        Event::Refused { command, why } => format!("refused: {}: {why}", typed(*command)),
+    }
+}
+
+/// A command as a user types it in a live motion.
+fn typed(command: Command) -> String {
+    match command {
+        Command::Tempo { rate } => format!("tempo {rate}"),
+        Command::Pause => "pause".to_owned(),
+        Command::Resume => "resume".to_owned(),
+        Command::Stop => "stop".to_owned(),
+        Command::StopNow => "stop now".to_owned(),
     }
 }
 

@@ -37,14 +37,14 @@ use crate::{interrupt, last_positions, load, serve};
 use pulsetrain_motion::human;
 use pulsetrain_session::drive::{session_number, set_up, setup};
 
-/// A board whose motors are told directly.
+/// A board whose motors get orders directly.
 #[derive(Args, Debug)]
 #[command(after_help = "\
 A script has a line for each order, with its time: \"1.5 s: move x 100\". Without a script it is a console. In a \
 terminal it shows the axes' positions and keeps a history; otherwise it reads lines from the standard input.
 
 Each order is answered with the tick from which it holds, the axes' positions then, and the ticks to their next step. \
-`done` tells the end of each move. The program ends when no move is left; axes that still run are halted. On a virtual \
+The line `done` comes at the end of each move. The program ends when no move is left; axes that still run are halted. On a virtual \
 board the steps at its pins are counted. Ctrl-C stops all axes at once. docs/verbs.md has all orders.
 
 The axes x, y, z and a have StepperWinch's pins (docs/wiring.md). On an Uno these are the CNC shield's, and the Uno \
@@ -508,7 +508,7 @@ fn run_on<P: Port>(
     let (tick_hz, pins) = (u64::from(remote.info().tick_hz), has_pins.then(Pins::default));
     let begun = Begun { remote, wiring, setup, tick_hz, pins };
     if script.is_none() && stdin().is_terminal() && stdout().is_terminal() {
-        console.print("`help` tells the lines, Ctrl-C halts all axes, `quit` ends\n")?;
+        console.print("`help` lists the commands, Ctrl-C halts all axes, `quit` ends\n")?;
         let mut terminal = Terminal::new(console.out, STOP).map_err(ConsoleError::from)?;
         return begun.session(&mut terminal).run(first, None);
     }

@@ -265,7 +265,7 @@ fn typed_lines(args: &WinchArgs, console: &mut Console<'_>) -> miette::Result<Ex
 
 fn run_console<P: Port>((mut talk, board): (Talk<P>, String), console: &mut Console<'_>) -> miette::Result<Exit> {
     let ended = if stdin().is_terminal() && stdout().is_terminal() {
-        console.print(format_args!("{board}; `help` tells the commands, Ctrl-C stops all axes, `quit` ends\n"))?;
+        console.print(format_args!("{board}; `help` lists the commands, Ctrl-C stops all axes, `quit` ends\n"))?;
         // The screen shows positions as they change.
         talk.tell(&talk.as_wanted("srate 50")).map_err(port_problem)?;
         let ended = Terminal::new(console.out, STOP)

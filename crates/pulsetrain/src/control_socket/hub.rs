@@ -30,6 +30,8 @@ const MOST_REQUESTS: usize = 16;
 const LIVE_REQUESTS: u32 = 8;
 /// How long the end of a run waits for its clients.
 pub(super) const PATIENCE: Duration = Duration::from_secs(1);
+/// How long a line with a motion file may take, however steadily it comes: the long lines of other clients wait for its end.
+pub(crate) const LONG_LINE_TIME: Duration = Duration::from_secs(30);
 
 /// Why a `run` does not obey a [`LiveCommand`].
 const NOT_LIVE: &str = "this is a `run`; `pulsetrain live` takes knobs and cues";
@@ -264,7 +266,7 @@ impl Hub {
     }
 
     /// Waits until no other client reads a line with a motion file. So their memory is that of one.
-    pub(super) fn long_line(&self) -> MutexGuard<'_, ()> {
+    pub(crate) fn long_line(&self) -> MutexGuard<'_, ()> {
         self.shared.long_line.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
@@ -418,7 +420,7 @@ impl HubSender {
     }
 
     /// Does what a line says that is too long for anything but a motion file.
-    pub(super) fn motion_line(&self, line: &[u8]) {
+    pub(crate) fn motion_line(&self, line: &[u8]) {
         match ClientLine::read(line) {
             Ok(ClientLine::Request(request)) if is_motion(&request) => self.send(request),
             Ok(_) => {
@@ -448,6 +450,18 @@ impl HubSender {
             false => {}
         }
         state.tell_control();
+    }
+
+    /// Whether this client is the page that has control.
+    pub(crate) fn has_control(&self) -> bool {
+        self.hub.state().controls == Some(self.number)
+    }
+
+    /// Ends the client's lines: its writer does not wait for more.
+    pub(crate) fn end_lines(&self) {
+        if let Some(client) = self.hub.state().of(self.number) {
+            client.lines = None;
+        }
     }
 
     /// Sends the client an error.

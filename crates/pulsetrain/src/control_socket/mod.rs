@@ -41,6 +41,7 @@ pub(crate) use client::folder;
 #[cfg(unix)]
 pub use client::{RunClient, runs};
 pub use control::Control;
+pub(crate) use hub::LONG_LINE_TIME;
 pub use hub::{ClientKind, Hub, HubClient, HubLines, HubSender, JoinError, Next};
 pub use request::{Happened, KnobInfo, KnobValue, LiveCommand, LiveEvent, Request, Together};
 #[cfg(unix)]
@@ -252,7 +253,7 @@ impl RunInfo {
 }
 
 /// The highest speed that the board, its driver and the motor allow, steps/s.
-fn max_speed(program: &Program, motor: &Motor) -> f64 {
+pub(crate) fn max_speed(program: &Program, motor: &Motor) -> f64 {
     let rate = program.board.tick_hz as f64 / Settings::of(program, motor).min_interval_ticks as f64;
     motor.limits.max_speed.map_or(rate, |speed| speed.min(rate))
 }

@@ -10,8 +10,9 @@ use std::thread;
 use std::time::Duration;
 
 use super::client::{ENDING, folder};
-use super::hub::{ClientKind, Hub, HubLines, HubSender, JoinError, PATIENCE};
+use super::hub::{ClientKind, Hub, HubLines, HubSender, JoinError, LONG_LINE_TIME, PATIENCE};
 use super::{LONGEST_LINE, LONGEST_MOTION_LINE, MOST_TOGETHER, RunLine, SocketError};
+use crate::live::clock::Onward;
 
 /// A run's socket. It goes away with this value.
 #[derive(Debug)]
@@ -87,7 +88,11 @@ fn serve(mut stream: UnixStream, hub: &Hub) -> io::Result<()> {
     let (sender, lines) = client.split();
     let output = stream.try_clone()?;
     thread::Builder::new().name("control client".into()).spawn(move || write(output, &lines))?;
-    thread::Builder::new().name("control client".into()).spawn(move || hear(stream, &sender, PATIENCE)).map(drop)
+    thread::Builder::new().name("control client".into()).spawn(move || {
+        let clock = Onward::from(Duration::ZERO);
+        hear(stream, &sender, PATIENCE, &|| clock.now());
+    })?;
+    Ok(())
 }
 
 /// Writes a client's lines, up to the last one or to the first that is not taken in time.
@@ -100,8 +105,9 @@ fn write(mut output: UnixStream, lines: &HubLines) {
     drop(output.shutdown(Shutdown::Both));
 }
 
-/// Reads a client's lines until it has no more. In the middle of a long line it may be silent for `patience`.
-fn hear(input: UnixStream, sender: &HubSender, patience: Duration) {
+/// Reads a client's lines until it has no more. In the middle of a long line it may be silent for `patience`, and all of that line may take
+/// [`LONG_LINE_TIME`] by the clock `now`.
+fn hear(input: UnixStream, sender: &HubSender, patience: Duration, now: &dyn Fn() -> Duration) {
     let mut input = BufReader::new(input);
     let mut lines: Vec<Vec<u8>> = Vec::new();
     loop {
@@ -118,27 +124,15 @@ fn hear(input: UnixStream, sender: &HubSender, patience: Duration) {
             }
             // One at a time: the process has room for one. The others wait for it, and so it must not stop half way.
             let _alone = sender.hub().long_line();
-            let left = (LONGEST_MOTION_LINE - line.len()) as u64;
-            if input.get_ref().set_read_timeout(Some(patience)).is_err() {
-                return;
-            }
-            match (&mut input).take(left).read_until(b'\n', &mut line) {
-                Ok(_) => {}
-                Err(error) if matches!(error.kind(), io::ErrorKind::WouldBlock | io::ErrorKind::TimedOut) => {
-                    let (len, patience_s) = (line.len(), patience.as_secs_f64());
-                    return sender.complain(format!(
-                        "a line stopped after {len} bytes for {patience_s} s: send a line with a motion file without a break"
-                    ));
+            match read_long_line(&mut input, &mut line, patience, now) {
+                Ok(None) => sender.motion_line(&line),
+                Ok(Some(why)) => {
+                    sender.complain(why);
+                    // What it still sends is not taken.
+                    return drop(input.get_ref().shutdown(Shutdown::Read));
                 }
                 Err(_) => return,
             }
-            if input.get_ref().set_read_timeout(None).is_err() {
-                return;
-            }
-            if line.len() >= LONGEST_MOTION_LINE && line.last() != Some(&b'\n') {
-                return sender.complain(format!("a line with a motion file has {LONGEST_MOTION_LINE} bytes at most"));
-            }
-            sender.motion_line(&line);
             continue;
         }
         if read.is_err() || line.is_empty() {
@@ -153,12 +147,52 @@ fn hear(input: UnixStream, sender: &HubSender, patience: Duration) {
     }
 }
 
+/// Reads what is left of a long line. Returns why it is not read to its end, if it takes too long or has too many bytes.
+fn read_long_line(
+    input: &mut BufReader<UnixStream>,
+    line: &mut Vec<u8>,
+    patience: Duration,
+    now: &dyn Fn() -> Duration,
+) -> io::Result<Option<String>> {
+    let until = now() + LONG_LINE_TIME;
+    input.get_ref().set_read_timeout(Some(patience))?;
+    loop {
+        let part = match input.fill_buf() {
+            Ok(part) => part,
+            Err(error) if matches!(error.kind(), io::ErrorKind::WouldBlock | io::ErrorKind::TimedOut) => {
+                let (len, patience_s) = (line.len(), patience.as_secs_f64());
+                let advice = "send a line with a motion file without a break";
+                return Ok(Some(format!("a line stopped after {len} bytes for {patience_s} s: {advice}")));
+            }
+            Err(error) if error.kind() == io::ErrorKind::Interrupted => continue,
+            Err(error) => return Err(error),
+        };
+        let end = part.iter().position(|byte| *byte == b'\n');
+        let len = end.map_or(part.len(), |end| end + 1);
+        line.extend_from_slice(&part[..len]);
+        input.consume(len);
+        if line.len() > LONGEST_MOTION_LINE || (line.len() == LONGEST_MOTION_LINE && end.is_none()) {
+            return Ok(Some(format!("a line with a motion file has {LONGEST_MOTION_LINE} bytes at most")));
+        }
+        // The last line may come without its end.
+        if end.is_some() || len == 0 {
+            input.get_ref().set_read_timeout(None)?;
+            return Ok(None);
+        }
+        if now() >= until {
+            let (len, time_s) = (line.len(), LONG_LINE_TIME.as_secs());
+            return Ok(Some(format!("{len} bytes of a line came within {time_s} s, and not its end: send it faster")));
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::control_socket::{LiveCommand, Request, RunInfo};
     use crate::live::FileTexts;
     use pulsetrain_motion::file::MOST_OF_A_MOTION_FILE;
+    use std::sync::atomic::{AtomicU64, Ordering};
     use std::sync::mpsc::channel;
 
     /// A client of a live motion. Only a broken server makes it wait to the end.
@@ -167,7 +201,10 @@ mod tests {
         let (sender, lines) = hub.join(ClientKind::Socket).unwrap().split();
         let output = theirs.try_clone().unwrap();
         thread::spawn(move || write(output, &lines));
-        thread::spawn(move || hear(theirs, &sender, patience));
+        // Each look at this clock is 10 s later.
+        let looks = AtomicU64::new(0);
+        let now = move || Duration::from_secs(10 * looks.fetch_add(1, Ordering::SeqCst));
+        thread::spawn(move || hear(theirs, &sender, patience, &now));
         ours.set_read_timeout(Some(Duration::from_secs(60))).unwrap();
         let mut client = BufReader::new(ours);
         client.read_line(&mut String::new()).unwrap();
@@ -188,6 +225,28 @@ mod tests {
         let text = " ".repeat(LONGEST_LINE);
         let line = format!("{{\"command\":\"motion\",\"text\":\"{text}\"}}\n");
         other.get_mut().write_all(line.as_bytes()).unwrap();
+        let motion = Request::Live(LiveCommand::Motion { text, files: FileTexts::new() });
+        assert_eq!(requests.recv_timeout(Duration::from_secs(60)), Ok(motion));
+    }
+
+    /// A client that sends a byte now and then keeps its turn for a limited time.
+    #[test]
+    fn a_client_that_sends_a_long_line_slowly_does_not_block_the_others() {
+        let (sender, requests) = channel();
+        let hub = Hub::of_live(RunInfo { is_live: true, ..RunInfo::nothing() }, sender);
+        hub.looked();
+        let mut slow = client(&hub, Duration::from_secs(60));
+        let mut output = slow.get_ref().try_clone().unwrap();
+        output.write_all(&[b' '; LONGEST_LINE]).unwrap();
+        // It sends on until it is cut off.
+        let sends = thread::spawn(move || while output.write_all(b" ").is_ok() {});
+        let mut said = String::new();
+        slow.read_line(&mut said).unwrap();
+        assert!(said.contains("bytes of a line came within 30 s, and not its end"), "{said}");
+        sends.join().unwrap();
+        let mut other = client(&hub, Duration::from_secs(60));
+        let text = " ".repeat(LONGEST_LINE);
+        other.get_mut().write_all(format!("{{\"command\":\"motion\",\"text\":\"{text}\"}}\n").as_bytes()).unwrap();
         let motion = Request::Live(LiveCommand::Motion { text, files: FileTexts::new() });
         assert_eq!(requests.recv_timeout(Duration::from_secs(60)), Ok(motion));
     }

@@ -24,10 +24,10 @@ pub enum Line {
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum LineError {
     /// A word is missing.
-    #[error("`{order}` needs {what}: {order} {example}")]
+    #[error("`{command}` needs {what}: {command} {example}")]
     Needs {
         /// The line's first word.
-        order: &'static str,
+        command: &'static str,
         /// What is missing.
         what: &'static str,
         /// An example of it.
@@ -47,18 +47,18 @@ pub enum LineError {
         /// What was written.
         text: String,
     },
-    /// An order takes nothing, and something follows it.
-    #[error("`{order}` stands alone, but \"{rest}\" follows")]
+    /// A command takes nothing, and something follows it.
+    #[error("`{command}` stands alone, but \"{rest}\" follows")]
     Alone {
         /// The line's first word.
-        order: &'static str,
+        command: &'static str,
         /// What follows.
         rest: String,
     },
     /// A knob has no value.
-    #[error("`{knob}` is no order; a knob needs a value: {knob} 1.5, with its unit if it has one")]
+    #[error("`{knob}` is no command; a knob needs a value: {knob} 1.5, with its unit if it has one")]
     NoValue {
-        /// The knob, or a misspelt order.
+        /// The knob, or a misspelt command.
         knob: String,
     },
     /// The line is too long.
@@ -80,7 +80,7 @@ cue NAME        that cue; `cues` lists them
 goto 0          bring the motors to where the motion began, or to a position such as 90 deg; `resume` goes on
 begin           let motors that rest begin the motion, from its beginning
 here 0 deg      where the motors stand, if that is not known; `here MOTOR 90 deg` for one motor
-stop            brake, and end; `stop now` stops at once
+stop            brake, and end (also: quit, exit, q); `stop now` stops at once
 ";
 
 impl Line {
@@ -108,12 +108,12 @@ impl Line {
             Some((word, rest)) => (word, rest.trim_start_matches(|c: char| c.is_whitespace() || c == '=')),
             None => (line, ""),
         };
-        let alone = |order: &'static str, line: Line| match rest {
+        let alone = |command: &'static str, line: Line| match rest {
             "" => Ok(line),
-            rest => Err(LineError::Alone { order, rest: rest.to_owned() }),
+            rest => Err(LineError::Alone { command, rest: rest.to_owned() }),
         };
-        let with = |order: &'static str, what: &'static str, example: &'static str| match rest {
-            "" => Err(LineError::Needs { order, what, example }),
+        let with = |command: &'static str, what: &'static str, example: &'static str| match rest {
+            "" => Err(LineError::Needs { command, what, example }),
             rest => Ok(rest.to_owned()),
         };
         let session = |command: Command| Line::Request(Request::Session(command));
@@ -123,6 +123,8 @@ impl Line {
             "resume" => alone("resume", session(Command::Resume)),
             "stop" if rest.eq_ignore_ascii_case("now") => Ok(session(Command::StopNow)),
             "stop" => alone("stop", session(Command::Stop)),
+            // What other programs call it. A knob may have one of these names, and then has a value.
+            "quit" | "exit" | "q" if rest.is_empty() => Ok(session(Command::Stop)),
             "tempo" => {
                 let text = with("tempo", "a number", "0.5")?;
                 let rate = text.parse().ok().filter(|rate: &f64| rate.is_finite());
@@ -186,6 +188,10 @@ mod tests {
         check("stop", Ok(Request::Session(Command::Stop)));
         check("stop now", Ok(Request::Session(Command::StopNow)));
         check("stop it", Err("stands alone"));
+        for word in ["quit", "exit", "q", " Quit "] {
+            check(word, Ok(Request::Session(Command::Stop)));
+        }
+        check("q 1.5", set("q", "1.5"));
         check("go", Ok(Request::Live(LiveCommand::Go)));
         check("back", Ok(Request::Live(LiveCommand::Back)));
         check("cue the long night", Ok(Request::Live(LiveCommand::Cue { name: "the long night".to_owned() })));
@@ -201,7 +207,7 @@ mod tests {
         check("here the second arm -1.5 rev", here(Some("the second arm"), "-1.5 rev"));
         check("here second", Err("\"second\" is no position"));
         check("begin", Ok(Request::Live(LiveCommand::Begin)));
-        check("puase", Err("`puase` is no order"));
+        check("puase", Err("`puase` is no command"));
         check(&"x".repeat(5000), Err("4096 bytes"));
         assert_eq!(Line::read(" # a remark"), Ok(Line::Nothing));
         assert_eq!((Line::read("knobs"), Line::read("?")), (Ok(Line::Knobs), Ok(Line::Help)));

@@ -206,7 +206,7 @@ impl ScreenRows {
             KeyCode::Char(' ' | 'p') => session(Command::Pause),
             KeyCode::Char('+' | '=') => session(Command::Tempo { rate: self.tempo * FASTER }),
             KeyCode::Char('-') => session(Command::Tempo { rate: self.tempo / FASTER }),
-            KeyCode::Char('s') => self.stop(),
+            KeyCode::Char('s' | 'q') => self.stop(),
             KeyCode::Char(':') | KeyCode::Enter => {
                 self.typed = Some(String::new());
                 None
@@ -232,7 +232,7 @@ impl ScreenRows {
                 let position = self.info.position(index, at.position).unwrap_or_default();
                 let speed = at.speed.map_or_else(String::new, |speed| {
                     let share = motor.max_speed.map_or_else(String::new, |max| {
-                        format!("  {:>3.0} % of its highest", 100.0 * speed.abs() / max.max(f64::MIN_POSITIVE))
+                        format!("  {:>3.0} % of max", 100.0 * speed.abs() / max.max(f64::MIN_POSITIVE))
                     });
                     format!("{:>10.3} {}/s{share}", speed / motor.steps_per_unit, human::unit(&motor.unit))
                 });
@@ -311,14 +311,10 @@ mod tests {
     #[test]
     fn eight_motors_fit_a_usual_terminal() {
         let rows = shown(24, 3);
-        let expected = [
-            "news 0",
-            "news 1",
-            "news 2",
-            "motor 0              -13888.626 deg    -449.994 deg/s   50 % of its highest",
-        ];
+        let expected =
+            ["news 0", "news 1", "news 2", "motor 0              -13888.626 deg    -449.994 deg/s   50 % of max"];
         assert_eq!(rows[..4], expected);
-        assert_eq!(rows[10], "the upper arm of th… -13888.626 deg    -449.994 deg/s   50 % of its highest");
+        assert_eq!(rows[10], "the upper arm of th… -13888.626 deg    -449.994 deg/s   50 % of max");
         assert_eq!(rows[11], "86400.0 s  runs  tempo 1.00  420 ms ahead  cue dusk");
         assert_eq!(rows[12], "space pauses, + - tempo, s stops, : types a line (help)");
         assert!(rows[13..].iter().all(String::is_empty), "{rows:?}");

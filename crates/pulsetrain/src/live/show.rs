@@ -602,7 +602,7 @@ impl<B: Leased> Show<B> {
             Err(SessionError::Waiting { .. }) => return Ok(None),
             Err(error) => {
                 if let Some((command, _)) = self.joining.take().and_then(|joining| joining.answer) {
-                    refuse(command, &error, tell);
+                    refuse(command, &self.driven.why(error), tell);
                 }
                 return Ok(None);
             }
@@ -836,7 +836,12 @@ impl<B: Leased> Show<B> {
 
     /// The limit that the motors would break at a desk, or why the reader refuses it.
     fn allowed(&self, desk: &Desk, over: Option<Time>) -> Result<Option<String>, Box<dyn std::error::Error>> {
-        Ok(self.driven.ceiling_of(&change(desk.program()?, over))?)
+        self.ceiling_of(&change(desk.program()?, over))
+    }
+
+    /// The limit that a change would break, or why it cannot be looked for.
+    fn ceiling_of(&self, change: &Change) -> Result<Option<String>, Box<dyn std::error::Error>> {
+        Ok(self.driven.ceiling_of(change).map_err(|error| self.driven.why(error))?)
     }
 
     /// The program that the motors follow if they do all that is asked; `None` if they go on as they are. Or the limit that they would break, or why
@@ -852,7 +857,7 @@ impl<B: Leased> Show<B> {
             return Ok(Ok(program));
         }
         let ceiling = match (&program, &gathered.place) {
-            (Some(program), None) => self.driven.ceiling_of(&change(Arc::clone(program), gathered.over))?,
+            (Some(program), None) => self.ceiling_of(&change(Arc::clone(program), gathered.over))?,
             _ => self.allowed(&gathered.desk, gathered.over)?,
         };
         Ok(ceiling.map_or(Ok(program), Err))
@@ -926,8 +931,9 @@ impl<B: Leased> Show<B> {
             Err(error) => {
                 self.desk = self.followed.clone();
                 self.follow_at_s = None;
+                let why = self.driven.why(error);
                 for (command, _) in pending_change.answers {
-                    refuse(command, &error, tell);
+                    refuse(command, &why, tell);
                 }
                 match self.taking_back {
                     None => {}
@@ -1227,8 +1233,7 @@ fn may_rejoin(error: &DriveError) -> bool {
 /// Whether the planner refused a part of the motion, and the board has counted all the way.
 fn is_refused(error: &DriveError) -> bool {
     let DriveError::Halted { why, positions, .. } = error else { return false };
-    let refused = matches!(**why, DriveError::Plan { .. } | DriveError::Session(SessionError::Law { .. }));
-    positions.by == Knowledge::Counted && refused
+    positions.by == Knowledge::Counted && matches!(**why, DriveError::Plan { .. })
 }
 
 /// Whether a change is refused for what its laws are, and not since this computer or the line was too slow.

@@ -4,7 +4,7 @@ use std::fs::File;
 use std::io::{self, Read, Write};
 use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, Shutdown, SocketAddr, TcpListener, TcpStream, UdpSocket};
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread;
 use std::time::{Duration, Instant};
 
@@ -17,7 +17,7 @@ use tungstenite::{Message, WebSocket};
 use super::history::History;
 use super::http::{self, Admitted, LONGEST_HEAD, RefusedRequest, Wanted};
 use super::{PageError, PageOptions};
-use crate::control_socket::{ClientKind, Hub, HubLines, HubSender, Next};
+use crate::control_socket::{ClientKind, Hub, HubLines, HubSender, LONG_LINE_TIME, LONGEST_MOTION_LINE, Next};
 
 /// Connections at a time. Pages are fewer: the hub has 16 places for them.
 const MOST_CONNECTIONS: usize = 48;
@@ -29,8 +29,15 @@ const WRITE_PATIENCE: Duration = Duration::from_secs(2);
 const LINGER: (Duration, usize) = (Duration::from_millis(200), 64 * 1024);
 /// A page that hears nothing for so long is asked whether it is there.
 const PING_AFTER: Duration = Duration::from_secs(15);
-/// The longest message of a page, bytes: a motion file has to fit.
+/// The longest message of a page, bytes. The page that has control may send a motion file of [`LONGEST_MOTION_LINE`]; one client at a time does.
 const LONGEST_MESSAGE: usize = 256 * 1024;
+/// Why a page without control is disconnected that sends a longer one.
+const TOO_LONG: &str = "a message has 256 KiB at most; only the page that has control may send a longer motion file";
+/// Why a page is disconnected whose long message takes too long.
+const TOO_SLOW: &str = "the motion file took more than 30 s";
+const _: () = assert!(LONG_LINE_TIME.as_secs() == 30);
+/// The head of a client's short frame, bytes.
+const SHORT_HEAD: usize = 6;
 /// Messages that a page may send at once, and each second after those.
 const MESSAGES: (f64, f64) = (100.0, 50.0);
 
@@ -318,15 +325,15 @@ fn talk(mut stream: TcpStream, key: &str, early: Vec<u8>, shared: &PageState) ->
         drop(write(&writing, &lines, &history, has_log));
         writing.hang_up();
     })?;
-    let both = Both { input: stream, output: output.clone() };
-    let config = WebSocketConfig::default()
-        .max_message_size(Some(LONGEST_MESSAGE))
-        .max_frame_size(Some(LONGEST_MESSAGE))
-        .read_buffer_size(16 * 1024);
+    let input = MessageInput { stream, sender: &sender, len: 0, long: None, refused: None };
+    let both = Both { input, output: output.clone() };
+    let config = WebSocketConfig::default().read_buffer_size(16 * 1024);
     let mut socket = WebSocket::from_partially_read(both, early, Role::Server, Some(config));
     let end = hear(&mut socket, &sender);
     drop(output.send(Frame::close(end)));
     output.hang_up();
+    // A browser in the middle of a long message notices it when both ends of the connection are closed here.
+    sender.end_lines();
     Ok(())
 }
 
@@ -350,15 +357,20 @@ fn write(output: &Output, lines: &HubLines, history: &Mutex<History>, has_log: b
 }
 
 /// Reads a page's lines until it has no more, or sends too much: then it says why.
-fn hear(socket: &mut WebSocket<Both>, sender: &HubSender) -> Option<CloseFrame> {
+fn hear(socket: &mut WebSocket<Both<'_>>, sender: &HubSender) -> Option<CloseFrame> {
     let close = |code: CloseCode, reason: &'static str| Some(CloseFrame { code, reason: reason.into() });
     let mut rate = Rate::new(Instant::now());
     loop {
+        // Room for a frame is made when its length has come.
+        let longest = Some(if sender.has_control() { LONGEST_MOTION_LINE } else { LONGEST_MESSAGE });
+        socket.set_config(|config| (config.max_message_size, config.max_frame_size) = (longest, longest));
         let message = socket.read();
+        socket.get_mut().input.took(message.as_ref().ok());
         if !rate.takes(Instant::now()) {
             return close(CloseCode::Policy, "too many messages");
         }
         match message {
+            Ok(Message::Text(text)) if text.len() > LONGEST_MESSAGE => sender.motion_line(text.as_bytes()),
             // JSON may have line ends in it. Else lines of one message act together.
             Ok(Message::Text(text)) => match serde_json::from_str::<serde::de::IgnoredAny>(&text) {
                 Ok(_) => sender.line(text.as_bytes()),
@@ -366,8 +378,13 @@ fn hear(socket: &mut WebSocket<Both>, sender: &HubSender) -> Option<CloseFrame> 
             },
             Ok(Message::Ping(_) | Message::Pong(_)) => {}
             Ok(Message::Binary(_)) => return close(CloseCode::Unsupported, "lines of JSON are text"),
-            Err(tungstenite::Error::Capacity(_)) => return close(CloseCode::Size, "a line has 256 KiB at most"),
-            Ok(Message::Close(_) | Message::Frame(_)) | Err(_) => return None,
+            Err(tungstenite::Error::Capacity(_)) if sender.has_control() => {
+                return close(CloseCode::Size, "a motion file has 16 MB at most");
+            }
+            Err(tungstenite::Error::Capacity(_)) => return close(CloseCode::Size, TOO_LONG),
+            Ok(Message::Close(_) | Message::Frame(_)) | Err(_) => {
+                return socket.get_ref().input.refused.and_then(|why| close(CloseCode::Size, why));
+            }
         }
     }
 }
@@ -414,19 +431,73 @@ impl Output {
     }
 }
 
+/// What a page sends. A long message is taken from the page that has control, while no other client sends a long one, and for a limited time.
+struct MessageInput<'s> {
+    stream: TcpStream,
+    sender: &'s HubSender,
+    /// Bytes since the last message.
+    len: usize,
+    /// The turn for a long message, and when it is over.
+    long: Option<(MutexGuard<'s, ()>, Instant)>,
+    refused: Option<&'static str>,
+}
+
+impl MessageInput<'_> {
+    /// Notes that a message was read.
+    fn took(&mut self, message: Option<&Message>) {
+        match message {
+            // They may come within another message.
+            Some(Message::Ping(data) | Message::Pong(data)) => {
+                self.len = self.len.saturating_sub(data.len() + SHORT_HEAD);
+            }
+            _ => (self.len, self.long) = (0, None),
+        }
+    }
+
+    /// How long the next bytes may take; `None`: any time. Or why no more are taken.
+    fn patience(&mut self) -> Result<Option<Duration>, &'static str> {
+        if self.len <= LONGEST_MESSAGE {
+            return Ok(None);
+        }
+        if !self.sender.has_control() {
+            return Err(TOO_LONG);
+        }
+        let begin = || (self.sender.hub().long_line(), Instant::now() + LONG_LINE_TIME);
+        let turn = self.long.get_or_insert_with(begin);
+        let left = turn.1.saturating_duration_since(Instant::now());
+        if left.is_zero() { Err(TOO_SLOW) } else { Ok(Some(left)) }
+    }
+}
+
+impl Read for MessageInput<'_> {
+    fn read(&mut self, into: &mut [u8]) -> io::Result<usize> {
+        let patience = self.patience().map_err(|why| {
+            self.refused = Some(why);
+            io::Error::other(why)
+        })?;
+        self.stream.set_read_timeout(patience)?;
+        let read = self.stream.read(into);
+        if read.as_ref().is_err_and(is_timeout) {
+            self.refused = Some(TOO_SLOW);
+        }
+        self.len += *read.as_ref().unwrap_or(&0);
+        read
+    }
+}
+
 /// The stream that the WebSocket reads; it answers pings by the same output.
-struct Both {
-    input: TcpStream,
+struct Both<'s> {
+    input: MessageInput<'s>,
     output: Output,
 }
 
-impl Read for Both {
+impl Read for Both<'_> {
     fn read(&mut self, into: &mut [u8]) -> io::Result<usize> {
         self.input.read(into)
     }
 }
 
-impl Write for Both {
+impl Write for Both<'_> {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
         self.output.bytes(bytes).map(|()| bytes.len())
     }

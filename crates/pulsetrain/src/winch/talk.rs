@@ -57,12 +57,12 @@ pub fn meaning(line: &str) -> Option<String> {
     }
     let mut words = line.strip_prefix("err ")?.split(' ');
     let means = match words.next()? {
-        "command" => "no such command; `help` tells them",
+        "command" => "no such command; `help` lists them",
         "number" => "not a number",
         "range" => "beyond what it may be",
         "missing" => "a value is missing",
         "flags" => "axes are letters of xyza, each once",
-        "extra" => "nobody wants it",
+        "extra" => "the command takes no more words",
         "long" => "the line has more than 80 bytes",
         "noise" => return Some("something came that was not sent; say it again".to_owned()),
         "checksum" => "the checksum is wrong, or missing where each line needs one (`strict 0*1b` ends that)",

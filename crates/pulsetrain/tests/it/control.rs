@@ -60,6 +60,15 @@ impl User {
         (run, line)
     }
 
+    /// A live motion of the slow file, in motion, which reads lines.
+    fn live(&self, options: &[&str]) -> (Child, Line) {
+        std::fs::write(self.folder.0.join("slow.toml"), SLOW).unwrap();
+        let mut command = self.command(&["live", "slow", "--native"]);
+        let live = command.args(options).stdin(Stdio::piped()).spawn().unwrap();
+        let line = self.line_to(&live);
+        (live, line)
+    }
+
     /// A connection to a run that moves.
     fn line_to(&self, run: &Child) -> Line {
         let own = format!("-{}.sock", run.id());
@@ -135,6 +144,31 @@ fn shown_command(text: &str) -> Vec<String> {
     }
     words.retain(|word| !word.is_empty());
     words
+}
+
+/// Two programs cannot drive one board: the second one hears which run has it, and what to do.
+#[test]
+fn a_run_that_has_the_port_is_named() {
+    let user = User::new("ctl-taken");
+    let (run, line) = user.slow_run("out");
+    let name = line.first["name"].as_str().unwrap().to_owned();
+    let said = user.says(&["goto", "slow.toml", "0.1 rev", "--from", "0 rev", "--port", &name], 2);
+    assert!(said.contains(&format!("{name} is in use: the run of slow.toml has it")), "{said}");
+    assert!(said.contains(&format!("`pulsetrain stop --port {name}`")), "{said}");
+    user.says(&["stop"], 0);
+    run.wait_with_output().unwrap();
+    // A live motion goes there itself.
+    let (mut run, mut line) = user.live(&["--quiet"]);
+    let name = line.first["name"].as_str().unwrap().to_owned();
+    let said = user.says(&["goto", "slow.toml", "0.1 rev", "--from", "0 rev", "--port", &name], 2);
+    assert!(said.contains("the live motion of slow.toml has it") && said.contains("type `goto`"), "{said}");
+    // What is refused, and how it ends, in the words that were typed.
+    let mut typed = run.stdin.take().unwrap();
+    typed.write_all(b"tempo 20\n").unwrap();
+    line.until(|event| event["event"] == "refused");
+    typed.write_all(b"quit\n").unwrap();
+    let said = all(&run.wait_with_output().unwrap());
+    assert!(said.contains("refused: tempo 20: a tempo is a number above 0") && said.contains("stopped: "), "{said}");
 }
 
 #[test]

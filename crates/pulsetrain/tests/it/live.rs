@@ -1220,7 +1220,7 @@ pub(crate) mod processes {
         live.say("sped 1 Hz");
         live.until("refused: sped 1 Hz: there is no knob `sped`; did you mean `speed`?");
         live.say("nonsense");
-        live.until("`nonsense` is no order");
+        live.until("`nonsense` is no command");
         live.say("b.frequency 1 Hz");
         live.until("b.frequency is 1 Hz from");
         live.say("go");

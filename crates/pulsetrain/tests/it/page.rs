@@ -413,6 +413,42 @@ fn a_page_that_comes_later_sees_what_was() {
     assert_eq!(early.closed(), (1000, "the run has ended".to_owned()));
 }
 
+const TOO_LONG: &str = "a message has 256 KiB at most; only the page that has control may send a longer motion file";
+
+/// The page with control sends motion files as large as the control socket takes, and nothing else of that size.
+#[test]
+fn the_page_that_has_control_sends_large_motion_files() {
+    let run = Run::new(None);
+    let motion = |text: String| LiveCommand::Motion { text, files: Default::default() };
+    let text = "#".repeat(file::MOST_OF_A_MOTION_FILE as usize);
+    let line = serde_json::to_string(&motion(text.clone())).unwrap();
+    let mut page = run.socket();
+    page.send("{\"control\":true}");
+    page.send(&line);
+    let received = run.requests.recv().unwrap();
+    assert!(received == Request::Live(motion(text.clone())), "the whole motion file");
+    // The next one waits until this one was looked at.
+    run.hub.looked();
+    // Others cannot begin one.
+    let mut watcher = run.socket();
+    let _ = watcher.frame(0x81, line.as_bytes());
+    assert_eq!(watcher.closed(), (1009, TOO_LONG.to_owned()));
+    // Another one takes control in the middle of one.
+    let (first, last) = line.as_bytes().split_at(1 << 20);
+    page.frame(0x01, first).unwrap();
+    let mut other = run.socket();
+    other.send("{\"control\":true}");
+    other.until(|line| line["control"]["yours"] == true);
+    let _ = page.frame(0x80, last);
+    assert_eq!(page.closed(), (1009, TOO_LONG.to_owned()));
+    // Its turn is over: that of the other one comes.
+    other.send(&serde_json::to_string(&motion("#".repeat(300_000))).unwrap());
+    assert!(matches!(run.requests.recv().unwrap(), Request::Live(LiveCommand::Motion { .. })));
+    other.send(&format!("{{\"command\":\"goto\",\"position\":\"{}\"}}", "0".repeat(300_000)));
+    assert!(other.until(|line| line.get("error").is_some())["error"].as_str().unwrap().contains("4096 bytes at most"));
+    assert_eq!(run.requests.try_iter().count(), 0);
+}
+
 #[test]
 fn a_page_that_sends_too_much_is_closed() {
     let run = Run::new(None);
@@ -425,7 +461,7 @@ fn a_page_that_sends_too_much_is_closed() {
     long.until(|line| line.get("past").is_some());
     // Only the length is sent: the rest is not read.
     long.stream.write_all(&[0x81, 0xff, 0, 0, 0, 0, 1, 0, 0, 0, 1, 2, 3, 4]).unwrap();
-    assert_eq!(long.closed(), (1009, "a line has 256 KiB at most".to_owned()));
+    assert_eq!(long.closed(), (1009, TOO_LONG.to_owned()));
     // A motion file of 200 kB is no such line.
     let mut page = run.socket();
     page.send("{\"control\":true}");

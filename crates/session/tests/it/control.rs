@@ -3,7 +3,7 @@
 use pulsetrain_board::virtual_uno::VirtualUno;
 use pulsetrain_board::{Board as _, Config, Edge, MotorConfig, Native, Port, PortError, Remote, Wiring};
 use pulsetrain_core::wire::Baud;
-use pulsetrain_motion::{file, template};
+use pulsetrain_motion::{LawError, file, template};
 use pulsetrain_session::control::{Command, Event, Status};
 use pulsetrain_session::drive::{DriveError, Driven, connect};
 use pulsetrain_session::prepare::Prepared;
@@ -23,6 +23,24 @@ fn prepared() -> Prepared {
 
 fn status(event: &Event) -> Option<&Status> {
     if let Event::Status(status) = event { Some(status) } else { None }
+}
+
+/// A user reads names and seconds, not indices and ticks.
+#[test]
+fn refusals_have_names_and_seconds() {
+    let prepared = prepared();
+    let driven = Driven::native(&prepared).unwrap();
+    let tick = driven.zero() + 3 * prepared.program.board.tick_hz / 2;
+    let undefined = LawError::Undefined { at_s: 2.0, why: "θ is undefined".to_owned() };
+    for (error, part) in [
+        (SessionError::Law { motor: 0, error: undefined }, "motor wheel: "),
+        (SessionError::Early { at: 7, earliest: tick }, "1.5 s is the earliest"),
+        (SessionError::Waiting { at: 7, until: tick }, "from 1.5 s on"),
+        (SessionError::Late { at: 7, latest: tick }, "1.5 s is the latest"),
+    ] {
+        let why = driven.why(error);
+        assert!(why.contains(part) && !why.contains("tick"), "{why}");
+    }
 }
 
 #[test]

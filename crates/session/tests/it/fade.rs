@@ -3,10 +3,12 @@
 use crate::session::{Bench, Lab, TICK_HZ, check_acceleration, check_counts, motor, planned, program};
 use proptest::prelude::*;
 use pulsetrain_board::{Board, Leased};
+use pulsetrain_motion::law::Begin;
 use pulsetrain_motion::machine::{Kinematics, Machine};
 use pulsetrain_motion::program::{Limits, Program};
 use pulsetrain_motion::time::Rate;
 use pulsetrain_motion::{Law, Time};
+use pulsetrain_plan::Line;
 use pulsetrain_session::fade::{Begins, Change};
 use pulsetrain_session::{Session, SessionError};
 use pulsetrain_testkit::limits::check_speed;
@@ -207,6 +209,12 @@ fn speed(steps_per_s: f64) -> Law {
 /// them, and then stays.
 #[track_caller]
 fn speed_change(before_s: u64, from: f64, to: f64) -> u64 {
+    speed_change_of(speed, before_s, from, to)
+}
+
+/// As [`speed_change`], of laws that reach their speed as `speed` says.
+#[track_caller]
+fn speed_change_of(speed: impl Fn(f64) -> Law, before_s: u64, from: f64, to: f64) -> u64 {
     let rest = with_laws([speed(0.0), sine(10.0, 2.0)]);
     let mut lab = Lab::new(&rest);
     let mut session = Session::new(Bench::new(&rest, 256), rest).unwrap();
@@ -245,6 +253,73 @@ fn a_speed_changes_as_quickly_after_ten_hours() {
     // From rest, too, and without an end of the acceleration.
     assert!(speed_change(1, 0.0, 5900.0) < TICK_HZ / 2);
     assert!(speed_change(1, 5900.0, -5900.0) < TICK_HZ);
+}
+
+/// A constant speed that begins with an easing or a ramp changes as one without: from where the motor is.
+#[test]
+fn a_speed_that_began_gently_changes_as_quickly() {
+    let limits = (LIMITS.max_speed.unwrap(), LIMITS.max_acceleration.unwrap());
+    let (max_speed, max_acceleration) = limits;
+    let eased = |v: f64| speed(v).eased(seconds(0.7)).unwrap();
+    let later = |v: f64| eased(v).delayed(seconds(0.1)).unwrap();
+    let ramp = |v: f64| speed(v).beginning(Begin::Ramp { max_speed, max_acceleration }).unwrap();
+    // The distance that this ramp loses depends on the speed.
+    let behind = |v: f64| speed(v).beginning(Begin::RampBehind { max_speed, max_acceleration: 500.0 }).unwrap();
+    let laws: [(&str, &dyn Fn(f64) -> Law); 4] =
+        [("eased", &eased), ("later", &later), ("ramp", &ramp), ("behind", &behind)];
+    for (from, to) in [(20.0, 900.0), (900.0, -20.0), (-30.0, 0.0), (20.0, 30.0)] {
+        for (name, law) in laws {
+            let [plain, soon, late] =
+                [speed_change(5, from, to), speed_change_of(law, 5, from, to), speed_change_of(law, 1000, from, to)];
+            assert!(soon.abs_diff(plain) <= 2, "{name}, {from} to {to}: {soon} ticks, a plain speed {plain}");
+            assert!(late.abs_diff(plain) <= 2, "{name}, {from} to {to}: {late} ticks, a plain speed {plain}");
+        }
+    }
+}
+
+/// A line that brings a byte in so many ticks.
+fn line_of(byte_ticks: f64) -> Line {
+    Line {
+        tick_hz: TICK_HZ,
+        queue_bytes: vec![200; 2],
+        longest_queue_bytes: 200,
+        byte_ticks,
+        delay_ticks: 0.01 * TICK_HZ as f64,
+        delay_byte_ticks: 0.0,
+        busy_ticks: TICK_HZ / 100,
+        ahead_ticks: 0.5 * TICK_HZ as f64,
+    }
+}
+
+/// The limit that a law of the first motor would break from 2 s of a motion on, with what the plan takes of the line.
+fn limit_of(law: Law, byte_ticks: f64) -> Option<&'static str> {
+    let rest = || with_laws([speed(0.0), speed(0.0)]);
+    let mut session = Session::new(Bench::new(&rest(), 256), rest()).unwrap();
+    session.hold_to_line(Some(line_of(byte_ticks)));
+    session.advance(session.zero() + 2 * TICK_HZ, &mut Lab::new(&rest())).unwrap();
+    let program = Arc::new(with_laws([law, speed(0.0)]));
+    let wanted = Change { program, over: None, begins: Begins::WithTheMotion };
+    session.ceiling_of(&wanted).unwrap().map(|ceiling| ceiling.limit)
+}
+
+/// A limit has its own name wherever in the plan it is found. What is over limits nothing, and rest needs no line.
+#[test]
+fn limits_have_their_names() {
+    let quick = 1600.0;
+    assert_eq!(limit_of(speed(0.0), quick), None);
+    let eased = |over_s: f64| speed(5000.0).eased(seconds(over_s)).unwrap();
+    // 30 000 and 75 000 steps/s², up to 0.1 s; then an easing that still runs.
+    assert_eq!(limit_of(eased(0.25), quick), None);
+    assert_eq!(limit_of(eased(0.1), quick), None);
+    assert_eq!(limit_of(eased(0.1).delayed(seconds(1.95)).unwrap(), quick), Some("max_acceleration"));
+    assert_eq!(limit_of(speed(6001.0), quick), Some("max_speed"));
+    // Far beyond what is sampled.
+    let later = |law: Law| Law::then(vec![Law::rest(seconds(60.0)).unwrap(), law]).unwrap();
+    assert_eq!(limit_of(later(speed(6001.0).beginning(Begin::Jump).unwrap()), quick), Some("max_speed"));
+    assert_eq!(limit_of(later(eased(0.1)), quick), Some("max_acceleration"));
+    assert_eq!(limit_of(later(speed(100.0)), quick), Some("pull_in"));
+    assert_eq!(limit_of(sine(100.0, 0.4), quick), None);
+    assert_eq!(limit_of(sine(100.0, 0.4), 1e6), Some("the line to the board"));
 }
 
 /// A session whose motors changed from rest to these laws at its beginning, and follow them.

@@ -49,9 +49,11 @@ function connect() {
   state.socket = socket;
   socket.onopen = () => (state.retry_ms = 500);
   socket.onmessage = ({ data }) => hear(JSON.parse(data));
-  socket.onclose = () => {
+  socket.onclose = ({ code, reason }) => {
     if (state.socket !== socket) return;
     state.socket = null;
+    // Normal: the run has ended, and says so itself.
+    if (reason && code !== 1000) tell(`The run disconnected this page: ${reason}`, { bad: true });
     state.control = { yours: false, taken: false, pages: 0 };
     showLink();
     if (state.phase === "ended") return;
@@ -331,7 +333,7 @@ function buildMotors() {
     const term = (text) => make("dt", {}, text);
     const bar = (inner) => make("div", { class: "bar", "aria-hidden": "true" }, inner);
     const numbers = make("dl", { class: "numbers" }, term("wanted"), row.wanted, term("error"), row.error, term("speed"), row.speed);
-    numbers.append(term("of limit"), row.share, bar(row.shareBar), term("queue"), row.queue, bar(row.queueBar));
+    numbers.append(term("of max"), row.share, bar(row.shareBar), term("queue"), row.queue, bar(row.queueBar));
     const position = make("p", { class: "position" }, row.position, " ", make("small", {}, motor.unit));
     row.element = make("div", { class: "motor" }, make("div", {}, make("h3", {}, motor.name), position, numbers), row.plot);
     return row;

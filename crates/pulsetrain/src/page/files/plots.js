@@ -82,7 +82,7 @@ const QUANTITIES = {
     curves: (info, kept, from) => [kept.speed.slice(from).map((speed) => (speed === null ? null : speed / info.steps_per_unit))],
   },
   share: {
-    unit: () => "% of limit",
+    unit: () => "% of max",
     curves: (info, kept, from) => {
       const share = (speed) => (speed === null || !info.max_speed ? null : (100 * Math.abs(speed)) / info.max_speed);
       return [kept.speed.slice(from).map(share)];
