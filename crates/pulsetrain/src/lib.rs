@@ -67,6 +67,7 @@
 
 mod arguments;
 pub mod cli;
+mod clock;
 mod commands;
 pub mod consent;
 pub mod console;

@@ -13,7 +13,7 @@ const MAY: [&str; 12] = [
     "xtask/src/soak.rs",
     "xtask/src/test.rs",
     "crates/board/src/serial.rs",
-    "crates/pulsetrain/src/live/clock.rs",
+    "crates/pulsetrain/src/clock.rs",
     "crates/pulsetrain/src/live/log.rs",
     "crates/pulsetrain/src/osc/",
     "crates/pulsetrain/src/page/server.rs",

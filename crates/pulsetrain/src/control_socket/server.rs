@@ -12,7 +12,7 @@ use std::time::Duration;
 use super::client::{ENDING, folder};
 use super::hub::{ClientKind, Hub, HubLines, HubSender, JoinError, LONG_LINE_TIME, PATIENCE};
 use super::{LONGEST_LINE, LONGEST_MOTION_LINE, MOST_TOGETHER, RunLine, SocketError};
-use crate::live::clock::Onward;
+use crate::clock::Onward;
 
 /// A run's socket. It goes away with this value.
 #[derive(Debug)]

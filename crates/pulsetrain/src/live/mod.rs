@@ -9,7 +9,6 @@
 //! - [`watch`]: the motion file and those that it names, which may change on the disk
 //! - [`log`]: what was asked and done, for [`log::Replay`]
 
-pub(crate) mod clock;
 mod desk;
 pub(crate) mod incoming;
 mod line;

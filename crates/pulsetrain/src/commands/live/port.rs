@@ -12,8 +12,8 @@ use pulsetrain_session::control::{Ended, Status};
 use pulsetrain_session::drive::{DriveError, Driven, session_number, set_up, setup};
 use pulsetrain_session::prepare::Prepared;
 
+use crate::clock::Onward;
 use crate::last_positions::{self, Keeper};
-use crate::live::clock::Onward;
 use crate::standing::start;
 use pulsetrain_trace::Line;
 
