@@ -30,7 +30,8 @@ pub struct Standing {
 impl fmt::Display for Standing {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Standing { name, steps, position, unit, is_uncertain } = self;
-        let position = human::significant(*position, 7);
+        // What rounding leaves of 0 is no position.
+        let position = human::significant(if position.abs() < 1e-9 { 0.0 } else { *position }, 7);
         write!(f, "{name} at {position} {}", human::unit(unit))?;
         if unit != "step" {
             write!(f, " ({} steps since the start)", human::count((*steps).into()))?;

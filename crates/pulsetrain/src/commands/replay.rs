@@ -25,7 +25,7 @@ use crate::live::{Desk, Happened, Show};
 #[derive(Args, Debug)]
 #[command(after_help = "\
 On a virtual board, and on the native one, the same requests come at the same ticks of the board, and make the same edges. Of a run on a real board \
-this makes what was asked; its ticks were its own.
+this does what was asked; when it was done differs a little, as that board had a clock of its own.
 
 Examples:
   pulsetrain live examples/live.toml --log show.jsonl
@@ -170,7 +170,7 @@ pub(crate) fn run(args: &ReplayArgs, console: &mut Console<'_>) -> miette::Resul
     match (&again.differs, &head.port) {
         (None, _) => console.print(format_args!("PASS: {time}, and {changes} things done, each at its tick\n"))?,
         (Some(_), Some(port)) => console.print(format_args!(
-            "{time}. The log is of the board at {port}, whose ticks were its own: {changes} things are as they were there\n"
+            "PASS: {time}, and the same commands. Their ticks differ after {changes} things done: the board at {port} had a clock of its own\n"
         ))?,
         (Some((logged, now)), None) => {
             let told = |timed: &Option<TickedEvent>| match timed {

@@ -68,7 +68,8 @@ impl Scheduler {
             self.periods.iter().filter_map(move |period| bounds(period, date, now)).map(|(start, _)| start)
         });
         let next = starts.filter(|start| start > now).min()?;
-        Some(next.strftime("%a %-d %b at %H:%M").to_string())
+        let format = if next.second() == 0 { "%a %-d %b at %H:%M" } else { "%a %-d %b at %H:%M:%S" };
+        Some(next.strftime(format).to_string())
     }
 
     /// What is to be done at that time.

@@ -578,10 +578,18 @@ impl<B: Leased> Show<B> {
         left
     }
 
+    /// Whether the laws of all motors have come to their ends, and nothing else is asked for.
+    fn has_ended(&self) -> bool {
+        let now = self.driven.law_time();
+        let ended =
+            |program: Arc<Program>| program.motors.iter().all(|motor| motor.law.end().is_some_and(|end| end <= now));
+        self.waiting.is_none() && self.desk.program().is_ok_and(ended)
+    }
+
     /// Lets motors that rest begin the motion, from its beginning.
     fn begin(&mut self, tell: Tell<'_>) {
         let will_rest = self.waiting.as_ref().map_or(self.is_parked, |waiting| waiting.is_parked);
-        if !will_rest || self.is_paused {
+        if !(will_rest || self.has_ended()) || self.is_paused {
             let why = "the motion has begun already; `goto 0` brings the motors to rest where it begins";
             return refuse(LiveCommand::Begin, &why, tell);
         }
@@ -865,7 +873,8 @@ impl<B: Leased> Show<B> {
 
     /// Changes to what is wished, after what waits: the last pending_change has all that was asked for before.
     fn pending_change(&mut self, mut pending_change: PendingChange, tell: Tell<'_>) {
-        if let Some(before) = self.waiting.take() {
+        if let Some(mut before) = self.waiting.take() {
+            before.answers.retain(|(command, _)| !is_set_again(command, &pending_change.answers));
             pending_change.answers.splice(0..0, before.answers);
             pending_change.at = pending_change.at.or(before.at);
             pending_change.wanted = pending_change.wanted.or(before.wanted);
@@ -1027,8 +1036,15 @@ impl Gathered {
     fn adds(&mut self, over: Option<Time>, answer: (LiveCommand, LiveEvent)) {
         self.is_moving |= !self.is_parked;
         self.over = self.over.max(over);
+        self.answers.retain(|(command, _)| !is_set_again(command, std::slice::from_ref(&answer)));
         self.answers.push(answer);
     }
+}
+
+/// Whether a knob was turned again before the motors followed its value: the last value is what they do.
+fn is_set_again(command: &LiveCommand, later: &[(LiveCommand, LiveEvent)]) -> bool {
+    let LiveCommand::Set { knob, .. } = command else { return false };
+    later.iter().any(|(later, _)| matches!(later, LiveCommand::Set { knob: again, .. } if again == knob))
 }
 
 /// Brings the motors to rest at a position, or where the motion begins.

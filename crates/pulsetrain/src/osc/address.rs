@@ -135,8 +135,8 @@ impl Message<'_> {
         match *names {
             ["pause"] => pressed(Request::Session(Command::Pause)),
             ["resume"] => pressed(Request::Session(Command::Resume)),
-            ["stop"] => pressed(Request::Session(Command::Stop)),
-            ["stop_now"] => pressed(Request::Session(Command::StopNow)),
+            ["stop"] => Ok(Some(self.stop(Command::Stop))),
+            ["stop_now"] => Ok(Some(self.stop(Command::StopNow))),
             ["go"] => pressed(Request::Live(LiveCommand::Go)),
             ["back"] => pressed(Request::Live(LiveCommand::Back)),
             ["tempo"] => {
@@ -339,6 +339,11 @@ impl Message<'_> {
             [number] => self.number(number, what).map(|number| number.to_string()),
             _ => Err(self.wrong(&format!("it needs one value: {what}"))),
         }
+    }
+
+    /// A stop is never refused, whatever comes with it. Only a button that is released does not stop.
+    fn stop(&self, command: Command) -> Asked {
+        if self.is_pressed().unwrap_or(true) { Asked::Request(Request::Session(command)) } else { Asked::Nothing }
     }
 
     /// A command acts without a value, and with one that is not 0: buttons send 1 when they are pressed, and 0 when they are released.

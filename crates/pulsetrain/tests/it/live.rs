@@ -411,6 +411,44 @@ fn tempos<B>(stage: &Stage<B>) -> Vec<(f64, f64)> {
     stage.happened.iter().filter_map(tempo).collect()
 }
 
+/// A fader sends many values: those that the motors never followed are not reported.
+#[test]
+fn of_many_values_of_a_knob_the_last_one_is_answered() {
+    let mut stage = native(TEXT);
+    stage.run(0.4);
+    stage.ask(together(&["a.swing 10 step", "b.swing 30 step", "a.swing 20 step"], None));
+    let (_, _, values) = one_change(&mut stage, 2);
+    assert_eq!(values, [("b.swing".to_owned(), 30.0, None), ("a.swing".to_owned(), 20.0, None)]);
+    // While two changes are under way, the others wait.
+    stage.happened.clear();
+    for step in 21..=30 {
+        stage.line(&format!("a.swing {step} step"));
+        stage.run(0.01);
+    }
+    stage.run(3.0);
+    let answered = stage.happened.iter().filter_map(|happened| match happened {
+        Happened::Live(LiveEvent::Set { value, .. }) => Some(*value),
+        _ => None,
+    });
+    let answered: Vec<f64> = answered.collect();
+    assert!(answered.len() < 6 && answered.last() == Some(&30.0), "{answered:?}");
+    stage.stop();
+}
+
+#[test]
+fn a_motion_that_has_ended_begins_again() {
+    let (motors, _) = TEXT.split_once("law.sweep").unwrap();
+    let mut stage = native(&format!("{motors}law.sine = {{ amplitude = \"40 step\", period = \"1 s\", cycles = 2 }}"));
+    stage.run(1.0);
+    assert!(stage.refused("begin").contains("has begun"));
+    stage.run(6.0);
+    assert_eq!((swing(&mut stage, 0, 1.0), swing(&mut stage, 1, 1.0)), ((0, 0), (0, 0)), "it has ended");
+    stage.line("begin");
+    assert!(matches!(stage.answer(), LiveEvent::Began { .. }));
+    assert_ne!(swing(&mut stage, 0, 2.0), (0, 0));
+    stage.stop();
+}
+
 #[test]
 fn what_comes_together_is_one_change() {
     let mut stage = native(TEXT);

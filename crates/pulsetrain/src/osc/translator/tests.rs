@@ -363,6 +363,16 @@ fn commands_of_a_step400() {
     "#]],
     );
     // A stop is never refused, whatever it has with it.
+    for arguments in [vec![text("now")], vec![text("x"), OscType::Int(1)]] {
+        check(
+            "/stop",
+            arguments,
+            expect![[r#"
+            {"command":"stop"}
+        "#]],
+        );
+    }
+    check("/stop", vec![OscType::Int(0)], expect![""]);
     for arguments in [vec![OscType::Int(2)], vec![OscType::Int(255)], vec![OscType::Int(77)], vec![], vec![text("x")]] {
         check(
             "/softStop",
