@@ -168,7 +168,7 @@ pub(super) fn live_in_words(event: &LiveEvent) -> String {
             format!("the changed motion file was refused{place}: {error}; the motion goes on as it was")
         }
         LiveEvent::Rejoined { from_s, until_s, times } => {
-            format!("the motors had braked and join the motion again {} (time {times})", change(*from_s, *until_s))
+            format!("the motors had braked and join the motion again {} ({times} so far)", change(*from_s, *until_s))
         }
         LiveEvent::TakenBack { why, rests: false, from_s, until_s } => format!(
             "the last change is taken back: {why}. The motors had braked, and join the motion before that change {}",

@@ -37,6 +37,8 @@ struct ScreenRows {
     status: Option<Status>,
     tempo: f64,
     is_paused: bool,
+    /// A stop was obeyed.
+    is_braking: bool,
     cue: Option<String>,
     rejoined: u32,
     /// A line that is being typed.
@@ -162,6 +164,7 @@ impl ScreenRows {
             status: None,
             tempo: 1.0,
             is_paused: false,
+            is_braking: false,
             cue: None,
             rejoined: 0,
             typed: None,
@@ -175,6 +178,7 @@ impl ScreenRows {
             Happened::Session(Event::Tempo { rate, .. }) => self.tempo = *rate,
             Happened::Session(Event::Pausing { .. }) => self.is_paused = true,
             Happened::Session(Event::Resuming { .. }) => self.is_paused = false,
+            Happened::Session(Event::Stopping { .. }) => self.is_braking = true,
             Happened::Live(LiveEvent::Cue { name, .. }) => self.cue = Some(name.clone()),
             Happened::Live(LiveEvent::Rejoined { times, .. }) => self.rejoined = *times,
             _ => {}
@@ -241,7 +245,11 @@ impl ScreenRows {
                 let digits = if motor.steps_per_unit == 1.0 { 0 } else { 3 };
                 rows.push(format!("{name:<width$} {position:>10.digits$} {:<4} {speed}", human::unit(&motor.unit)));
             }
-            let what = if self.is_paused { "paused" } else { "runs" };
+            let what = match (self.is_braking, self.is_paused) {
+                (true, _) => "brakes",
+                (false, true) => "paused",
+                (false, false) => "runs",
+            };
             let lease = status.lease_s.map_or_else(|| "to the end".to_owned(), |s| format!("{:.0} ms ahead", 1e3 * s));
             let late = status.lateness.as_ref().map_or_else(String::new, |late| {
                 let worst = late.max_ticks - i64::try_from(late.constant_ticks).unwrap_or(0);
@@ -318,6 +326,16 @@ mod tests {
         assert_eq!(rows[11], "86400.0 s  runs  tempo 1.00  420 ms ahead  cue dusk");
         assert_eq!(rows[12], "space pauses, + - tempo, s stops, : types a line (help)");
         assert!(rows[13..].iter().all(String::is_empty), "{rows:?}");
+    }
+
+    #[test]
+    fn motors_that_brake_do_not_run() {
+        let mut rows = ScreenRows::new(&RunInfo::nothing());
+        let status = Status { at_s: 1.0, lease_s: None, motors: Vec::new(), lateness: None };
+        rows.hear(&Happened::Session(Event::Status(status)));
+        assert!(rows.text(9)[0].starts_with("1.0 s  runs"));
+        rows.hear(&Happened::Session(Event::Stopping { at_s: 1.1 }));
+        assert!(rows.text(9)[0].starts_with("1.0 s  brakes"));
     }
 
     #[test]

@@ -587,7 +587,7 @@ fn decode(bytes: &[u8]) -> Result<OscPacket, String> {
         // It leaves out the rest of a bundle when a part of it is broken.
         Ok(([], packet)) => Ok(packet),
         Ok(_) => Err("the packet is no OSC: it has more bytes than its messages".to_owned()),
-        Err(error) => Err(format!("the packet is no OSC: {error}")),
+        Err(_) => Err("the packet is no OSC: it is neither a message nor a bundle".to_owned()),
     }
 }
 

@@ -333,7 +333,7 @@ mod cable {
             live.until("the board cannot be reached");
             cable.plug();
             let rejoined = live.until("join the motion again from");
-            assert!(rejoined.contains(&format!("(time {times})")), "{rejoined}");
+            assert!(rejoined.contains(&format!("({times} so far)")), "{rejoined}");
             live.say("a.swing 30 step");
             live.until("a.swing is 30 step");
         }
