@@ -75,6 +75,8 @@ const PROVEN: Time = Time::SECOND;
 const PAUSED: f64 = 0.5;
 /// An arm may be this far beyond its `angles`: rounding, rad.
 const ROUNDING_RAD: f64 = 1e-9;
+/// How many times as fast as its paths a tip may be in a change, in speed and acceleration, if they take nearly all of its limits.
+const TIP_EXCESS: f64 = 1.25;
 /// How many times as fast as its laws a motor without a limit may be, in speed and acceleration.
 const UNLIMITED: f64 = 2.0;
 
@@ -138,7 +140,7 @@ struct Turn {
 
 /// What a motor or a tip does at a place of a fade: speed and acceleration.
 #[derive(Clone, Copy, Debug)]
-struct Blend {
+struct FadeSample {
     needed: [f64; 2],
     /// The same of the old law alone, and of the new one.
     old: [f64; 2],
@@ -488,22 +490,22 @@ impl Mix {
                 continue;
             }
             let mut fits = true;
-            let mut all: Vec<Option<Blends>> = vec![None; old.len()];
+            let mut samples: Vec<Option<Samples>> = vec![None; old.len()];
             for (motor, turn) in fade.turns.iter().enumerate() {
                 let Some(turn) = turn.as_ref().filter(|_| fits) else { continue };
                 let machine = change.program.machines.iter().find(|machine| machine.motors.contains(&motor));
-                let blends = blends(&fade, turn, &old[motor], tempo, (machine, paths[motor].take()))
+                let sampled = sampled(&fade, turn, &old[motor], tempo, (machine, paths[motor].take()))
                     .map_err(|error| PauseError::Law { motor, error })?;
-                let Some(blends) = blends else {
+                let Some(sampled) = sampled else {
                     machine.into_iter().flat_map(|machine| &machine.motors).for_each(|motor| apart[*motor] = true);
                     apart[motor] = true;
                     continue 'fades;
                 };
-                fits = keeps(&blends.motor, &change.program, &change.program.motors[motor], caution);
-                all[motor] = Some(blends);
+                fits = keeps(&sampled.motor, &change.program, &change.program.motors[motor], caution);
+                samples[motor] = Some(sampled);
             }
             for machine in change.program.machines.iter().filter(|machine| machine.tip_limits != [None; 2]) {
-                fits = fits && keeps_tip(machine, &all, &fade, &old, tempo, caution)?;
+                fits = fits && keeps_tip(machine, &samples, &fade, &old, tempo, caution)?;
             }
             if fits {
                 return Ok((fade, voices));
@@ -530,9 +532,9 @@ fn slower_before(faster: f64, from: Time, over: Time) -> Result<Law, LawError> {
 
 /// A motor's motion at many places of a fade, and its robot's tip if it is an arm that follows a path.
 #[derive(Clone, Debug)]
-struct Blends {
-    motor: Vec<Blend>,
-    tip: Vec<Blend>,
+struct Samples {
+    motor: Vec<FadeSample>,
+    tip: Vec<FadeSample>,
 }
 
 /// The places of a fade at which it is looked at.
@@ -546,13 +548,13 @@ fn place_at(fade: &Fade, k: u32, places: u32) -> Time {
 }
 
 /// A motor's motion at many places of a fade; `None` if it is an arm that does not reach, or that would leave its `angles`.
-fn blends(
+fn sampled(
     fade: &Fade,
     turn: &Turn,
     old: &Law,
     tempo: Rate,
     (machine, paths): (Option<&Machine>, Option<[ArmPath; 2]>),
-) -> Result<Option<Blends>, LawError> {
+) -> Result<Option<Samples>, LawError> {
     let (over_s, places) = (fade.over.seconds(), places_of(fade));
     let old = fade.old_law(turn, old)?;
     let angles = machine.and_then(|machine| match &machine.kinematics {
@@ -561,7 +563,7 @@ fn blends(
     });
     let mut path = paths.map(PathBlend::of);
     let (mut old, mut new) = (Cursor::new(&old), Cursor::new(&turn.new));
-    let mut blends = Blends { motor: Vec::with_capacity(places as usize + 1), tip: Vec::new() };
+    let mut samples = Samples { motor: Vec::with_capacity(places as usize + 1), tip: Vec::new() };
     for k in 0..=places {
         let at = place_at(fade, k, places);
         let (old, new) = (old.at(at)?, new.at(at)?);
@@ -570,7 +572,7 @@ fn blends(
             None => blended(old, new, weight),
             Some(path) => {
                 let Some((motion, tip)) = path.at(at, weight, angles)? else { return Ok(None) };
-                blends.tip.push(tip.at_tempo(tempo));
+                samples.tip.push(tip.at_tempo(tempo));
                 motion
             }
         };
@@ -578,10 +580,10 @@ fn blends(
         let x = f64::from(k) / f64::from(places);
         let faster = turn.faster.map_or(0.0, |faster| 6.0 * x * (1.0 - x) * faster / over_s);
         let own = |law: Sample| [law.speed, law.acceleration - faster];
-        let blend = Blend { needed: [speed, acceleration], old: own(old), new: own(new) };
-        blends.motor.push(blend.at_tempo(tempo));
+        let sample = FadeSample { needed: [speed, acceleration], old: own(old), new: own(new) };
+        samples.motor.push(sample.at_tempo(tempo));
     }
-    Ok(Some(blends))
+    Ok(Some(samples))
 }
 
 /// The weight of the new law at place `k` of `places`, and its derivatives by time.
@@ -626,15 +628,15 @@ impl PathBlend {
         at: Time,
         weight: [f64; 3],
         angles: Option<(f64, f64)>,
-    ) -> Result<Option<([f64; 3], Blend)>, LawError> {
+    ) -> Result<Option<([f64; 3], FadeSample)>, LawError> {
         let mut tip = [[0.0; 3]; 3];
-        let mut axes = [Blend::AT_REST; 3];
+        let mut axes = [FadeSample::AT_REST; 3];
         for ((tip, axis), [old, new]) in tip.iter_mut().zip(&mut axes).zip(&mut self.tip) {
             let (old, new) = (old.at(at)?, new.at(at)?);
             let [along, speed, acceleration] = blended(old, new, weight);
             *tip = [old.whole as f64 + along, speed, acceleration];
             let own = |law: Sample| [law.speed, law.acceleration];
-            *axis = Blend { needed: [speed, acceleration], old: own(old), new: own(new) };
+            *axis = FadeSample { needed: [speed, acceleration], old: own(old), new: own(new) };
         }
         let mut motion = self.joint.motion(tip);
         let angle = motion[0] / self.joint.steps_per_rad();
@@ -647,26 +649,26 @@ impl PathBlend {
             let added = blended(old.at(at)?, new.at(at)?, weight);
             motion.iter_mut().zip(added).for_each(|(motion, added)| *motion += added);
         }
-        Ok(Some((motion, Blend::along(&axes))))
+        Ok(Some((motion, FadeSample::along(&axes))))
     }
 }
 
-impl Blend {
-    const AT_REST: Blend = Blend { needed: [0.0; 2], old: [0.0; 2], new: [0.0; 2] };
+impl FadeSample {
+    const AT_REST: FadeSample = FadeSample { needed: [0.0; 2], old: [0.0; 2], new: [0.0; 2] };
 
     /// The same while the laws' time runs at a tempo.
-    fn at_tempo(self, tempo: Rate) -> Blend {
+    fn at_tempo(self, tempo: Rate) -> FadeSample {
         let rate = tempo.get();
         let of = |[speed, acceleration]: [f64; 2]| [speed * rate, acceleration * rate * rate];
-        Blend { needed: of(self.needed), old: of(self.old), new: of(self.new) }
+        FadeSample { needed: of(self.needed), old: of(self.old), new: of(self.new) }
     }
 
-    /// What a tip does whose axes do this.
-    fn along(axes: &[Blend]) -> Blend {
-        let sum = |of: fn(&Blend) -> [f64; 2]| {
+    /// The tip's speed and acceleration, from those of its axes.
+    fn along(axes: &[FadeSample]) -> FadeSample {
+        let sum = |of: fn(&FadeSample) -> [f64; 2]| {
             [0, 1].map(|k| axes.iter().map(|axis| of(axis)[k].powi(2)).sum::<f64>().sqrt())
         };
-        Blend { needed: sum(|axis| axis.needed), old: sum(|axis| axis.old), new: sum(|axis| axis.new) }
+        FadeSample { needed: sum(|axis| axis.needed), old: sum(|axis| axis.old), new: sum(|axis| axis.new) }
     }
 
     /// The most that one of the laws alone takes: speed (0) or acceleration (1).
@@ -686,44 +688,44 @@ impl Blend {
 /// Whether the tip of a machine keeps to its limits at all places of a fade. A robot whose arms fade separately has no path that is known.
 fn keeps_tip(
     machine: &Machine,
-    all: &[Option<Blends>],
+    samples: &[Option<Samples>],
     fade: &Fade,
     old: &[Law],
     tempo: Rate,
     caution: f64,
 ) -> Result<bool, PauseError> {
     let limits = machine.tip_limits.map(|limit| limit.unwrap_or(f64::INFINITY));
-    let fits = |tip: &Blend| {
-        // The laws alone keep to the limits, but for what takes up a backlash.
-        let most = [0, 1].map(|of| limits[of].max(tip.own(of) / NEARLY_ALL));
+    let fits = |tip: &FadeSample| {
+        // A path may run at its machine's limit all the time. Without more than that it could never change.
+        let most = [0, 1].map(|of| limits[of].max(TIP_EXCESS * tip.own(of)));
         tip.keeps(most, caution)
     };
     let Kinematics::Xy { steps_per_unit } = &machine.kinematics else {
-        let tip = machine.motors.iter().find_map(|motor| all[*motor].as_ref());
-        return Ok(tip.is_none_or(|blends| blends.tip.iter().all(fits)));
+        let tip = machine.motors.iter().find_map(|motor| samples[*motor].as_ref());
+        return Ok(tip.is_none_or(|samples| samples.tip.iter().all(fits)));
     };
-    if machine.motors.iter().all(|motor| all[*motor].is_none()) {
+    if machine.motors.iter().all(|motor| samples[*motor].is_none()) {
         return Ok(true);
     }
     let places = places_of(fade);
-    let mut goes_on: Vec<Cursor> = machine.motors.iter().map(|motor| Cursor::new(&old[*motor])).collect();
+    let mut unchanged: Vec<Cursor> = machine.motors.iter().map(|motor| Cursor::new(&old[*motor])).collect();
     for k in 0..=places {
-        let mut axes = [Blend::AT_REST; 2];
+        let mut axes = [FadeSample::AT_REST; 2];
         for (axis, motor) in machine.motors.iter().enumerate() {
-            let blend = match &all[*motor] {
-                Some(blends) => blends.motor[k as usize],
+            let sample = match &samples[*motor] {
+                Some(samples) => samples.motor[k as usize],
                 None => {
-                    let law = goes_on[axis].at(place_at(fade, k, places));
+                    let law = unchanged[axis].at(place_at(fade, k, places));
                     let law = law.map_err(|error| PauseError::Law { motor: *motor, error })?;
                     let same = [law.speed, law.acceleration];
-                    Blend { needed: same, old: same, new: same }.at_tempo(tempo)
+                    FadeSample { needed: same, old: same, new: same }.at_tempo(tempo)
                 }
             };
             let unit =
                 |[speed, acceleration]: [f64; 2]| [speed / steps_per_unit[axis], acceleration / steps_per_unit[axis]];
-            axes[axis] = Blend { needed: unit(blend.needed), old: unit(blend.old), new: unit(blend.new) };
+            axes[axis] = FadeSample { needed: unit(sample.needed), old: unit(sample.old), new: unit(sample.new) };
         }
-        if !fits(&Blend::along(&axes)) {
+        if !fits(&FadeSample::along(&axes)) {
             return Ok(false);
         }
     }
@@ -731,10 +733,10 @@ fn keeps_tip(
 }
 
 /// Whether a motor keeps to its limits at all places of a fade.
-fn keeps(blends: &[Blend], program: &Program, motor: &Motor, caution: f64) -> bool {
+fn keeps(samples: &[FadeSample], program: &Program, motor: &Motor, caution: f64) -> bool {
     let settings = Settings::of(program, motor);
     let board = settings.tick_hz as f64 / settings.min_interval_ticks as f64;
-    let own = |of: usize| blends.iter().map(|blend| blend.own(of)).fold(0.0, f64::max);
+    let own = |of: usize| samples.iter().map(|sample| sample.own(of)).fold(0.0, f64::max);
     let (pull_in, own_speed) = (motor.limits.pull_in, own(0));
     let unlimited = [
         UNLIMITED * own_speed.max(pull_in),
@@ -744,7 +746,7 @@ fn keeps(blends: &[Blend], program: &Program, motor: &Motor, caution: f64) -> bo
         motor.limits.max_speed.unwrap_or(unlimited[0]).min(board),
         motor.limits.max_acceleration.unwrap_or(unlimited[1]),
     ];
-    blends.iter().all(|blend| blend.keeps(limits, caution))
+    samples.iter().all(|sample| sample.keeps(limits, caution))
 }
 
 impl<B: Leased> Session<B> {
@@ -855,7 +857,7 @@ impl<B: Leased> Session<B> {
     }
 
     /// The first limit that the laws of a program would break after a change to it, if there is one. Laws that repeat are looked at for a period,
-    /// others for half a minute; then as much of the plan as takes some milliseconds is held against all limits and the line.
+    /// others for half a minute; then, on a board with a line, as much of the plan as takes some milliseconds is held against all limits.
     ///
     /// # Errors
     /// When a law cannot be evaluated.

@@ -337,7 +337,7 @@ impl<B: Leased> Session<B> {
     }
 
     /// The limit that the plan of a program would break, at a rate of its laws' time, and after how many moves that was seen; `None` if it breaks none.
-    /// The first `moves` moves from the time `from` of the laws on are planned for that. Without a line to the board, nothing is.
+    /// The first `moves` moves from the time `from` of the laws on are planned for that. Without a line to the board it returns `None`.
     pub(crate) fn plan_refused(
         &self,
         program: &Arc<Program>,

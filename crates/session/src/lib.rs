@@ -416,7 +416,7 @@ impl<B: Leased> Session<B> {
         }
         let mut limits: Vec<Limit> = brakings.iter().map(|braking| braking.limit).collect();
         if self.replaced.is_some() {
-            limits = lease::harder(&self.limits, &limits);
+            limits = self.shared_limits(limits, next);
         }
         // The limits are left out only if every pending extension brings the same: the board may refuse any one of those.
         let is_known = self.pending_extensions.iter().all(|pending| pending.limits == limits) && limits == self.limits;
@@ -672,8 +672,8 @@ impl<B: Leased> Session<B> {
         let lasts = [at + least, at + lasts];
         let mut begun = Beginning::new(&mut self.board, stream, &self.timelines, &self.capacity, &pace, lasts)?;
         if self.braking_from.is_none() {
-            // Some boards brake by a plan's limits before it begins. Until then both plans have the same: the harder ones.
-            begun.limits = lease::harder(&self.limits, &begun.limits);
+            // Some boards brake by a plan's limits before it begins. Until then both plans have the same.
+            begun.limits = self.shared_limits(begun.limits, begun.lease);
             if let Err(error) = self.take_limits(&begun.limits) {
                 self.board.discard(epoch);
                 return Err(error);
@@ -698,14 +698,32 @@ impl<B: Leased> Session<B> {
         Ok(())
     }
 
+    /// The limits for a plan and for the one before it, which the board still follows: the harder ones. A lease without an end is not extended again, so
+    /// that it keeps what it gets: the plan's own limits.
+    fn shared_limits(&self, own: Vec<Limit>, lease: Lease) -> Vec<Limit> {
+        if lease == Lease::Last { own } else { lease::harder(&self.limits, &own) }
+    }
+
     /// Has the board take other braking limits for the plan that it follows, at once.
     fn take_limits(&mut self, limits: &[Limit]) -> Result<(), SessionError> {
-        if limits != self.limits && self.board.extend(self.confirmed_lease, limits).is_ok() {
-            let (lease, limits) = (self.confirmed_lease, limits.to_vec());
-            self.pending_extensions.push_back(Extension { lease, limits, brings_limits: true });
-            self.board.await_extensions();
+        if limits == self.limits {
+            return Ok(());
         }
-        self.check_board()
+        let lease = self.confirmed_lease;
+        match self.board.extend(lease, limits) {
+            Ok(()) => {
+                let limits = limits.to_vec();
+                self.pending_extensions.push_back(Extension { lease, limits, brings_limits: true });
+                self.board.await_extensions();
+            }
+            // Nothing moves.
+            Err(ExtendRefused::Off | ExtendRefused::Lapsed { .. }) => return self.check_board(),
+            Err(ExtendRefused::Late { .. } | ExtendRefused::Early { .. } | ExtendRefused::Lost) => {}
+        }
+        self.check_board()?;
+        // The lease is about to end, and the motors to brake.
+        let horizon = self.board.horizon();
+        if limits == self.limits { Ok(()) } else { Err(SessionError::Switch(SwitchRefused::Late { horizon })) }
     }
 
     /// How long the beginning of a plan must last in the board's queues, and how long it should, ticks: until more of it is there, and until it is

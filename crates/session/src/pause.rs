@@ -24,7 +24,7 @@ pub enum PauseError {
     },
     /// The laws need all that the motors can do, for too long.
     #[error(
-        "no {what} within {within_s} s keeps all motors to their max_acceleration: the motion itself takes all of it"
+        "no {what} within {within_s} s keeps all motors to their limits: the motion itself takes all that they can do"
     )]
     NoRoom {
         /// "pause", "resumption", "change of tempo" or "change".

@@ -23,7 +23,8 @@ pub struct Planned {
 
 /// Moves that are planned before progress is reported.
 pub(crate) const MOVES_AT_ONCE: u32 = 256;
-/// Moves that are planned to see whether queues and line keep up with a higher tempo: at most some 8 ms of work for all rates that are tried.
+/// Moves that are planned to see whether board and line keep up with a change or a higher tempo: at most some 8 ms of work for all rates that are
+/// tried. A wait after a wait counts as many moves.
 pub(crate) const TRIED_MOVES: u32 = 6_000;
 
 /// The moves of all motors, those of the motor that is least far first.

@@ -506,7 +506,7 @@ fn check_motions(
     }
     let before = root.reader.problems();
     let read = read_motions_of(&table, root, &named, drafts, machines, load);
-    // What is wrong with a value that the cue sets is not wrong in the law; and what has only such values is wrong by all of them.
+    // What is wrong with a value that the cue sets is marked in the cue. If the cue sets several values, its whole `set` is marked.
     let cause = match places.values.as_slice() {
         _ if has_motions => None,
         [one] => Some(one.clone()),

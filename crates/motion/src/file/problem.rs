@@ -117,7 +117,7 @@ impl Problem {
         self
     }
 
-    /// Points from places to others; if it is at none of them, first of all at its `cause`.
+    /// Moves labels from the first places to the second ones. If none moves, the first label is the `cause`.
     pub(super) fn point_at(&mut self, moved: &[(Range<usize>, Range<usize>)], cause: Option<Range<usize>>) {
         let mut is_moved = false;
         for (at, _) in &mut self.labels {

@@ -83,7 +83,8 @@ pub(crate) fn run(args: &GotoArgs, console: &mut Console<'_>) -> miette::Result<
     let units = contents.units();
     let name = file.display().to_string();
     let mut prepared = Prepared::new(name, contents, args.board.as_deref()).map_err(advised)?;
-    if let Some(taken) = args.port.as_deref().and_then(taken_by_run) {
+    let instead = "type `goto` with a position there, such as `goto 0`";
+    if let Some(taken) = args.port.as_deref().and_then(|port| taken_by_run(port, instead)) {
         return Err(taken);
     }
     let motors = Motors { program: &prepared.program, units: &units, moved: moved(&prepared.program, &args.motor)? };

@@ -21,22 +21,22 @@ pub(crate) fn port_problem(error: PortError) -> Report {
         PortError::NotThere { .. } | PortError::Unusable { .. } => {
             "an Uno is usually /dev/ttyACM0, /dev/cu.usbmodem… or COM3; so is the adapter at a Pico's UART"
         }
-        PortError::Busy { name } => return taken_by_run(name).unwrap_or_else(|| miette!("{error}")),
+        PortError::Busy { name } => return taken_by_run(name, "").unwrap_or_else(|| miette!("{error}")),
         PortError::Denied { .. } => return miette!("{error}"),
         PortError::Gone { .. } => "look at the cable; the motors brake within half a second",
     };
     miette!(help = help, "{error}")
 }
 
-/// The error for a port that a run of this computer has, if one has it.
-pub(crate) fn taken_by_run(port: &str) -> Option<Report> {
+/// The error for a port that a run of this computer has, if one has it. `instead`: what can be done in a live motion without ending it.
+pub(crate) fn taken_by_run(port: &str, instead: &str) -> Option<Report> {
     let runs = runs().ok()?;
     let info = runs.iter().map(RunClient::info).find(|info| info.is_at(port))?;
     let end = format!("`pulsetrain stop --port {}`", quoted(port));
-    let help = if info.is_live {
-        format!("type `goto` with a position there, such as `goto 0`; or end it first: {end}")
-    } else {
-        format!("wait for its end, or end it: {end}")
+    let help = match (info.is_live, instead) {
+        (true, "") => format!("end it first: {end}"),
+        (true, instead) => format!("{instead}; or end it first: {end}"),
+        (false, _) => format!("wait for its end, or end it: {end}"),
     };
     let which = if info.is_live { "live motion" } else { "run" };
     Some(miette!(help = help, "{port} is in use: the {which} of {} has it", info.file))

@@ -170,7 +170,7 @@ pub(crate) fn run(args: &ReplayArgs, console: &mut Console<'_>) -> miette::Resul
     match (&again.differs, &head.port) {
         (None, _) => console.print(format_args!("PASS: {time}, and {changes} things done, each at its tick\n"))?,
         (Some(_), Some(port)) => console.print(format_args!(
-            "PASS: {time}, and the same commands. Their ticks differ after {changes} things done: the board at {port} had a clock of its own\n"
+            "{time}, with the same commands. What was done is not compared: the log is of the board at {port}, which had a clock of its own\n"
         ))?,
         (Some((logged, now)), None) => {
             let told = |timed: &Option<TickedEvent>| match timed {

@@ -602,7 +602,11 @@ impl Desk {
             }
         }
         let goals: Vec<Option<f64>> = steps.iter().copied().map(Some).collect();
-        check_range(&known, &goals).map_err(|error| ChangeRefusal::Value(format!("{error}; {}", error.advice())))?;
+        // The motors can always rest where the motion began.
+        if !matches!(text, "0" | START) {
+            check_range(&known, &goals)
+                .map_err(|error| ChangeRefusal::Value(format!("{error}; {}", error.advice())))?;
+        }
         self.resting_at(&steps).map(Arc::new)
     }
 }

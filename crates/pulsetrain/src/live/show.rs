@@ -27,7 +27,7 @@ pub type Tell<'a> = &'a mut dyn FnMut(Happened);
 /// If the reader refuses a larger value of a knob, this one is looked at in its place: it is farther than any motor goes.
 const FARTHEST_VALUE: f64 = 1e9;
 /// Steps that try to join the motion again after a stop, a hundred a second, before the motion is given up.
-const MOST_TRIES: u32 = 3000;
+const MOST_REJOIN_STEPS: u32 = 3000;
 /// Motions that begin at a cue begin this long after it, s: the transition has reached the board by then.
 const CUE_LEAD_S: f64 = 0.1;
 
@@ -35,7 +35,7 @@ const CUE_LEAD_S: f64 = 0.1;
 const STEP_S: f64 = 0.01;
 /// A change for a tick is asked for this long before it is too late, s: some steps.
 const ASK_S: f64 = 0.04;
-/// It is held against the limits this long before, s: a nearer value takes `nearest::MOST_TRIES` steps to find.
+/// It is held against the limits this long before, s: a nearer value takes `nearest::MOST_VALUES` steps to find.
 const LOOK_S: f64 = 0.3;
 /// A change may be for a time that is this far ahead, s.
 const FARTHEST_S: f64 = 60.0;
@@ -318,7 +318,7 @@ impl<B: Leased> Show<B> {
                     && self.rejoins
                     && (may_rejoin(&error) || is_refused(&error))
                     && self.driven.has_braked()
-                    && self.tries_to_rejoin < MOST_TRIES =>
+                    && self.tries_to_rejoin < MOST_REJOIN_STEPS =>
             {
                 self.tries_to_rejoin += 1;
                 self.commands.extend(command.filter(|command| is_stop(*command)).map(|command| (command, None)));
@@ -391,7 +391,7 @@ impl<B: Leased> Show<B> {
         if self.waiting.is_some() || !self.driven.has_braked() || self.is_stop_pending() {
             return;
         }
-        if !self.rejoins || self.tries_to_rejoin >= MOST_TRIES {
+        if !self.rejoins || self.tries_to_rejoin >= MOST_REJOIN_STEPS {
             return self.commands.push_back((Command::Stop, None));
         }
         match self.driven.rejoin() {
@@ -718,7 +718,7 @@ impl<B: Leased> Show<B> {
                     };
                     set = found.0;
                     desk = gathered.desk.turned(&turn, set);
-                    // The present value may break a limit itself, since it was followed.
+                    // Limits may have changed since the motors began to follow the present value.
                     if set == turn.from && !matches!(self.allowed(&desk, turn.over), Ok(None)) {
                         let (from, to, limit) = (turn.from, turn.to, found.1);
                         let why = format!("{limit}: no value between {from} and {to} {} keeps to it", turn.unit);

@@ -361,11 +361,12 @@ fn hear(socket: &mut WebSocket<Both<'_>>, sender: &HubSender) -> Option<CloseFra
     let close = |code: CloseCode, reason: &'static str| Some(CloseFrame { code, reason: reason.into() });
     let mut rate = Rate::new(Instant::now());
     loop {
-        // Room for a frame is made when its length has come.
+        // The buffer for a frame is allocated as soon as its length is read, so the limit is set before.
         let longest = Some(if sender.has_control() { LONGEST_MOTION_LINE } else { LONGEST_MESSAGE });
         socket.set_config(|config| (config.max_message_size, config.max_frame_size) = (longest, longest));
         let message = socket.read();
-        socket.get_mut().input.took(message.as_ref().ok());
+        // The turn for a long message is kept until the message is read.
+        let _turn = socket.get_mut().input.took(message.as_ref().ok());
         if !rate.takes(Instant::now()) {
             return close(CloseCode::Policy, "too many messages");
         }
@@ -383,7 +384,8 @@ fn hear(socket: &mut WebSocket<Both<'_>>, sender: &HubSender) -> Option<CloseFra
             }
             Err(tungstenite::Error::Capacity(_)) => return close(CloseCode::Size, TOO_LONG),
             Ok(Message::Close(_) | Message::Frame(_)) | Err(_) => {
-                return socket.get_ref().input.refused.and_then(|why| close(CloseCode::Size, why));
+                let code = |why| if why == TOO_SLOW { CloseCode::Policy } else { CloseCode::Size };
+                return socket.get_ref().input.refused.and_then(|why| close(code(why), why));
             }
         }
     }
@@ -442,16 +444,16 @@ struct MessageInput<'s> {
     refused: Option<&'static str>,
 }
 
-impl MessageInput<'_> {
-    /// Notes that a message was read.
-    fn took(&mut self, message: Option<&Message>) {
-        match message {
-            // They may come within another message.
-            Some(Message::Ping(data) | Message::Pong(data)) => {
-                self.len = self.len.saturating_sub(data.len() + SHORT_HEAD);
-            }
-            _ => (self.len, self.long) = (0, None),
+impl<'s> MessageInput<'s> {
+    /// Notes that a message was read. Returns the turn that it had, if it was long.
+    fn took(&mut self, message: Option<&Message>) -> Option<MutexGuard<'s, ()>> {
+        // They may come within another message.
+        if let Some(Message::Ping(data) | Message::Pong(data)) = message {
+            self.len = self.len.saturating_sub(data.len() + SHORT_HEAD);
+            return None;
         }
+        self.len = 0;
+        self.long.take().map(|(turn, _)| turn)
     }
 
     /// How long the next bytes may take; `None`: any time. Or why no more are taken.

@@ -302,7 +302,7 @@ fn limit_of(law: Law, byte_ticks: f64) -> Option<&'static str> {
     session.ceiling_of(&wanted).unwrap().map(|ceiling| ceiling.limit)
 }
 
-/// A limit has its own name wherever in the plan it is found. What is over limits nothing, and rest needs no line.
+/// A limit has its own name wherever in the plan it is found. The part of a law that is past limits nothing, and rest needs no line.
 #[test]
 fn limits_have_their_names() {
     let quick = 1600.0;
@@ -600,6 +600,10 @@ fn a_tip_keeps_to_its_limits_in_a_change() {
     let (careful_s, careful) = takes_s(limits.map(Some));
     assert!(quick[0] > limits[0] && quick[1] > limits[1], "{quick:?} in {quick_s} s");
     assert!(careful[0] <= limits[0] && careful[1] <= limits[1], "{careful:?}");
+    // A path that runs at its limits all the time can change too, with a little more.
+    let full = [126.0, 396.0];
+    let (full_s, most) = takes_s(full.map(Some));
+    assert!(most[0] <= 1.25 * full[0] && most[1] <= 1.25 * full[1] && full_s < 5.0, "{most:?} in {full_s} s");
     // Not by going slowly: most of the limits is used.
     assert!(careful[1] > 0.8 * limits[1] || careful[0] > 0.8 * limits[0], "{careful:?} in {careful_s} s");
 }
