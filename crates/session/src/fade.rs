@@ -490,7 +490,7 @@ impl Mix {
                 continue;
             }
             let mut fits = true;
-            let mut samples: Vec<Option<Samples>> = vec![None; old.len()];
+            let mut samples: Vec<Option<FadeSamples>> = vec![None; old.len()];
             for (motor, turn) in fade.turns.iter().enumerate() {
                 let Some(turn) = turn.as_ref().filter(|_| fits) else { continue };
                 let machine = change.program.machines.iter().find(|machine| machine.motors.contains(&motor));
@@ -532,7 +532,7 @@ fn slower_before(faster: f64, from: Time, over: Time) -> Result<Law, LawError> {
 
 /// A motor's motion at many places of a fade, and its robot's tip if it is an arm that follows a path.
 #[derive(Clone, Debug)]
-struct Samples {
+struct FadeSamples {
     motor: Vec<FadeSample>,
     tip: Vec<FadeSample>,
 }
@@ -554,7 +554,7 @@ fn sampled(
     old: &Law,
     tempo: Rate,
     (machine, paths): (Option<&Machine>, Option<[ArmPath; 2]>),
-) -> Result<Option<Samples>, LawError> {
+) -> Result<Option<FadeSamples>, LawError> {
     let (over_s, places) = (fade.over.seconds(), places_of(fade));
     let old = fade.old_law(turn, old)?;
     let angles = machine.and_then(|machine| match &machine.kinematics {
@@ -563,7 +563,7 @@ fn sampled(
     });
     let mut path = paths.map(PathBlend::of);
     let (mut old, mut new) = (Cursor::new(&old), Cursor::new(&turn.new));
-    let mut samples = Samples { motor: Vec::with_capacity(places as usize + 1), tip: Vec::new() };
+    let mut samples = FadeSamples { motor: Vec::with_capacity(places as usize + 1), tip: Vec::new() };
     for k in 0..=places {
         let at = place_at(fade, k, places);
         let (old, new) = (old.at(at)?, new.at(at)?);
@@ -688,7 +688,7 @@ impl FadeSample {
 /// Whether the tip of a machine keeps to its limits at all places of a fade. A robot whose arms fade separately has no path that is known.
 fn keeps_tip(
     machine: &Machine,
-    samples: &[Option<Samples>],
+    samples: &[Option<FadeSamples>],
     fade: &Fade,
     old: &[Law],
     tempo: Rate,
