@@ -1205,7 +1205,7 @@ pub enum Reply {
     /// | byte | |
     /// |---|---|
     /// | 0 | sequence number of the last frame that was taken in order |
-    /// | 2 | 0: a frame is missing; 1: nobody has taken the board; 2: no room for the next frame |
+    /// | 2 | 0: a frame is missing; 1: no host has taken the board; 2: no room for the next frame |
     /// | 3 | accepted: sequence number of the last Extend, Switch, Trim or Brake that was accepted; that of Hello if none was |
     Missing {
         /// Why (byte 2).
