@@ -103,7 +103,7 @@ impl Reader {
         self.problems.borrow().len()
     }
 
-    /// Lets the problems after the first ones point elsewhere: from places to others; and those at other places also at their `cause`.
+    /// As [`Problem::point_at`], for the problems after the first `first` ones.
     pub(super) fn move_problems(
         &self,
         first: usize,

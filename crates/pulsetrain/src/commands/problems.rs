@@ -28,7 +28,8 @@ pub(crate) fn port_problem(error: PortError) -> Report {
     miette!(help = help, "{error}")
 }
 
-/// The error for a port that a run of this computer has, if one has it. `instead`: what can be done in a live motion without ending it.
+/// The error for a port that a run on this computer is using; `None` if no run uses it. If that run is a live motion, the help begins with `instead`:
+/// what the user can type there without ending it.
 pub(crate) fn taken_by_run(port: &str, instead: &str) -> Option<Report> {
     let runs = runs().ok()?;
     let info = runs.iter().map(RunClient::info).find(|info| info.is_at(port))?;

@@ -147,7 +147,7 @@ fn hear(input: UnixStream, sender: &HubSender, patience: Duration, now: &dyn Fn(
     }
 }
 
-/// Reads what is left of a long line. Returns why it is not read to its end, if it takes too long or has too many bytes.
+/// Reads a long line to its end. If it comes too slowly or has too many bytes, this stops reading, and returns the reason.
 fn read_long_line(
     input: &mut BufReader<UnixStream>,
     line: &mut Vec<u8>,

@@ -1,7 +1,7 @@
 //! The search for the value nearest to a wanted one that motors and board can follow.
 
-/// Values between one that is allowed and one that is not. Each step halves what is left: its size while the ends differ by more than a factor of 2, and
-/// then its distance. So ends of any size take few steps.
+/// A bisection between a value that is allowed and one that is not. While the two differ by more than a factor of 2 it tries their geometric mean, then
+/// their arithmetic mean. So it takes few tries, even from 1 to 1e300.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Nearest {
     /// The farthest value that is known to be allowed.
@@ -49,7 +49,8 @@ impl Nearest {
         *(if is_allowed { &mut self.holds } else { &mut self.breaks }) = value;
     }
 
-    /// The whole multiple of `unit` that is nearest to a value, or to the middle of what is left; `None` if there is none between.
+    /// A whole multiple of `unit` between the allowed value and the other one: the nearest to `value`, or else the nearest to the middle. `None` if
+    /// neither lies between them.
     pub(super) fn whole(&self, value: f64, unit: f64) -> Option<f64> {
         let whole = |value: f64| (value / unit).round() * unit;
         [value, 0.5 * self.holds + 0.5 * self.breaks].map(whole).into_iter().find(|value| self.is_between(*value))

@@ -146,7 +146,7 @@ fn shown_command(text: &str) -> Vec<String> {
     words
 }
 
-/// Two programs cannot drive one board: the second one hears which run has it, and what to do.
+/// A second program for the same port is refused. The error names the run that uses the port, and says what to do.
 #[test]
 fn a_run_that_has_the_port_is_named() {
     let user = User::new("ctl-taken");
