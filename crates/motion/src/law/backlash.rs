@@ -124,7 +124,8 @@ impl Law {
     fn has_backlash(&self) -> bool {
         match self {
             Law::Backlash(_) | Law::Compensation(_) => true,
-            Law::Sum(laws) | Law::Then(laws) => laws.iter().any(Law::has_backlash),
+            Law::Sum(laws) => laws.iter().any(Law::has_backlash),
+            Law::Then(laws) => laws.iter().any(Law::has_backlash),
             Law::Changed(changed) => changed.law.has_backlash(),
             Law::Repeated(repeated) => repeated.law.has_backlash(),
             Law::Blended(blended) => blended.law().has_backlash(),

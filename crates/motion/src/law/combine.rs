@@ -3,7 +3,7 @@
 use super::formula::Terms;
 use super::{Curve, Double, Entry, Law, LawError, LinePart, Piece, Pieces, Workload, checked};
 use crate::Time;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// θ = factor·law(t − delay) + offset, at rest before `delay`.
 #[derive(Clone, Debug, PartialEq)]
@@ -22,6 +22,21 @@ pub struct Repeated {
     pub(super) times: Option<u64>,
     /// θ(period) − θ(0).
     net: Double,
+}
+
+/// Laws one after the other, each from where the one before ended.
+pub struct Sequence {
+    laws: Box<[Law]>,
+    /// Where the first of them begin, as far as somebody has asked: each cursor would have to work out the ends of all laws before its time.
+    begun: Mutex<Vec<Begun>>,
+}
+
+/// Where a law of a sequence begins.
+#[derive(Clone, Copy)]
+struct Begun {
+    at: Time,
+    /// What is added to its positions.
+    offset: Double,
 }
 
 /// The most pieces of a law that is repeated. All of them are looked at beforehand.
@@ -44,7 +59,7 @@ impl Law {
         let laws = some(laws)?;
         match laws.iter().take(laws.len() - 1).position(|law| law.end().is_none()) {
             Some(row) => Err(LawError::Parameter(format!("motion {} is endless: nothing can follow it", row + 1))),
-            None => Ok(Law::Then(laws.into())),
+            None => Ok(Law::Then(Arc::new(Sequence { laws: laws.into(), begun: Mutex::default() }))),
         }
     }
 
@@ -191,51 +206,106 @@ impl Repeated {
     }
 }
 
-/// The pieces of `laws` one after the other, from about the time `at` on.
-pub(super) fn then_from(laws: Arc<[Law]>, at: Time) -> impl Iterator<Item = Result<Piece, LawError>> {
-    let mut laws = (0..laws.len()).map(move |k| laws[k].clone()).peekable();
-    let mut current: Option<Pieces> = None;
-    // Where the current law begins.
-    let mut begins = Time::ZERO;
-    let mut start = Time::ZERO;
-    // The piece before: where it ends takes long to work out, and only the next law needs to know.
-    let mut before: Option<Piece> = None;
-    // The offset of the current law, which is known from its first piece.
-    let mut offset: Option<Double> = None;
-    std::iter::from_fn(move || {
-        loop {
-            let Some(pieces) = current.as_mut() else {
-                let law = laws.next()?;
-                (begins, offset) = (start, None);
-                let is_over = laws.peek().is_some() && law.end().is_some_and(|end| begins + end <= at);
-                // Of a law before that time only the first and the last piece count: where it begins and ends.
-                let from = if is_over { law.end().map_or(Time::ZERO, Time::before) } else { at - begins };
-                if from > Time::ZERO {
-                    match law.pieces().next() {
-                        Some(Ok(first)) => {
-                            offset = Some(offset_after(before.as_ref(), &first));
-                        }
-                        Some(Err(error)) => return Some(Err(error.later(begins))),
-                        None => continue,
-                    }
-                }
-                current = Some(law.pieces_from(from));
-                continue;
-            };
-            let Some(piece) = pieces.next() else {
-                current = None;
-                continue;
-            };
-            return Some(piece.map_err(|error| error.later(begins)).and_then(|mut piece| {
-                let offset = *offset.get_or_insert_with(|| offset_after(before.as_ref(), &piece));
-                piece.postpone(begins);
-                piece.raise(offset)?;
-                start = piece.end;
-                before = Some(piece.clone());
-                Ok(piece)
-            }));
+impl std::ops::Deref for Sequence {
+    type Target = [Law];
+
+    fn deref(&self) -> &[Law] {
+        &self.laws
+    }
+}
+
+/// Where they begin follows from the laws.
+impl PartialEq for Sequence {
+    fn eq(&self, other: &Sequence) -> bool {
+        self.laws == other.laws
+    }
+}
+
+impl std::fmt::Debug for Sequence {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        self.laws.fmt(f)
+    }
+}
+
+impl Sequence {
+    fn begun(&self) -> MutexGuard<'_, Vec<Begun>> {
+        self.begun.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// The last law that is known to begin at `at` or before, and when it begins.
+    fn last_begun(&self, at: Time) -> (usize, Time) {
+        let begun = self.begun();
+        let last = begun.partition_point(|begun| begun.at <= at).saturating_sub(1);
+        begun.get(last).map_or((0, Time::ZERO), |begun| (last, begun.at))
+    }
+
+    /// What is added to a law's positions, if that is known.
+    fn offset(&self, law: usize) -> Option<Double> {
+        self.begun().get(law).map(|begun| begun.offset)
+    }
+
+    /// Notes where a law begins, if that is known of all before it.
+    fn note(&self, law: usize, at: Time, offset: Double) {
+        let mut begun = self.begun();
+        if begun.len() == law {
+            begun.push(Begun { at, offset });
         }
-    })
+    }
+
+    /// The pieces from about the time `at` on.
+    pub(super) fn pieces_from(self: Arc<Sequence>, at: Time) -> impl Iterator<Item = Result<Piece, LawError>> {
+        let mut current: Option<Pieces> = None;
+        // The current law, or the next one, and where it begins.
+        let (mut law, mut begins) = self.last_begun(at);
+        let mut start = begins;
+        // The piece before: where it ends takes long to work out, and only the next law needs to know.
+        let mut before: Option<Piece> = None;
+        // The offset of the current law, which is known from its first piece.
+        let mut offset: Option<Double> = None;
+        std::iter::from_fn(move || {
+            loop {
+                let Some(pieces) = current.as_mut() else {
+                    let next = self.get(law)?;
+                    (begins, offset) = (start, self.offset(law));
+                    let is_over = law + 1 < self.len() && next.end().is_some_and(|end| begins + end <= at);
+                    // Of a law before that time only the first and the last piece count: where it begins and ends.
+                    let from = if is_over { next.end().map_or(Time::ZERO, Time::before) } else { at - begins };
+                    if from > Time::ZERO && offset.is_none() {
+                        match next.pieces().next() {
+                            Some(Ok(first)) => {
+                                let own = offset_after(before.as_ref(), &first);
+                                self.note(law, begins, own);
+                                offset = Some(own);
+                            }
+                            Some(Err(error)) => return Some(Err(error.later(begins))),
+                            None => {
+                                law += 1;
+                                continue;
+                            }
+                        }
+                    }
+                    current = Some(next.pieces_from(from));
+                    continue;
+                };
+                let Some(piece) = pieces.next() else {
+                    (current, law) = (None, law + 1);
+                    continue;
+                };
+                return Some(piece.map_err(|error| error.later(begins)).and_then(|mut piece| {
+                    let offset = *offset.get_or_insert_with(|| {
+                        let own = offset_after(before.as_ref(), &piece);
+                        self.note(law, begins, own);
+                        own
+                    });
+                    piece.postpone(begins);
+                    piece.raise(offset)?;
+                    start = piece.end;
+                    before = Some(piece.clone());
+                    Ok(piece)
+                }));
+            }
+        })
+    }
 }
 
 /// What is added to a law's positions, of which `first` is the first piece, so that it begins where the piece before ends.

@@ -41,7 +41,7 @@ pub use arm::{Arm, ArmPath};
 pub use backlash::{Backlash, Compensation};
 pub use blend::{Begin, Behind, Blended, End};
 pub use circle::{Circle, dds_period};
-pub use combine::{Changed, Repeated};
+pub use combine::{Changed, Repeated, Sequence};
 pub use cursor::{Cursor, Sample};
 pub use curve::{Bounds, Curve, Inverse, Jet};
 use double::Double;
@@ -272,7 +272,7 @@ pub enum Law {
     /// The sum of several laws.
     Sum(Arc<[Law]>),
     /// Several laws, one after the other, each from where the one before ended.
-    Then(Arc<[Law]>),
+    Then(Arc<Sequence>),
     /// One law scaled, shifted or delayed.
     Changed(Arc<Changed>),
     /// A law that repeats.
@@ -413,7 +413,7 @@ impl Law {
             Law::Formula(formula) => Box::new(formula.pieces_from(at)),
             Law::Winch(winch) => Box::new(winch.pieces()),
             Law::Sum(laws) => Box::new(combine::sum_from(&laws, at)),
-            Law::Then(laws) => Box::new(combine::then_from(laws, at)),
+            Law::Then(laws) => Box::new(laws.pieces_from(at)),
             Law::Changed(changed) => Box::new(changed.pieces_from(at)),
             Law::Repeated(repeated) => Box::new(repeated.pieces_from(at)),
             Law::Blended(blended) => Box::new(blended.pieces_from(at)),
@@ -432,7 +432,8 @@ impl Law {
     fn depends_on_its_past(&self) -> bool {
         match self {
             Law::Lorenz(_) | Law::Winch(_) | Law::Backlash(_) | Law::Compensation(_) => true,
-            Law::Sum(laws) | Law::Then(laws) => laws.iter().any(Law::depends_on_its_past),
+            Law::Sum(laws) => laws.iter().any(Law::depends_on_its_past),
+            Law::Then(laws) => laws.iter().any(Law::depends_on_its_past),
             Law::Changed(changed) => changed.law.depends_on_its_past(),
             Law::Repeated(repeated) => repeated.law.depends_on_its_past(),
             Law::Blended(blended) => blended.law().depends_on_its_past(),

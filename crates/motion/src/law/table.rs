@@ -135,7 +135,8 @@ impl Law {
     pub fn tables(&self) -> Vec<&TableLaw> {
         match self {
             Law::Table(table) => vec![table],
-            Law::Sum(laws) | Law::Then(laws) => laws.iter().flat_map(Law::tables).collect(),
+            Law::Sum(laws) => laws.iter().flat_map(Law::tables).collect(),
+            Law::Then(laws) => laws.iter().flat_map(Law::tables).collect(),
             Law::Changed(changed) => changed.law.tables(),
             Law::Repeated(repeated) => repeated.law.tables(),
             Law::Warped(warped) => warped.law().tables(),

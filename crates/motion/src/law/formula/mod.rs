@@ -254,7 +254,8 @@ impl Law {
     pub fn formula_parameters(&self) -> Vec<&[ParameterUse]> {
         match self {
             Law::Formula(formula) => vec![&formula.parameters],
-            Law::Sum(laws) | Law::Then(laws) => laws.iter().flat_map(Law::formula_parameters).collect(),
+            Law::Sum(laws) => laws.iter().flat_map(Law::formula_parameters).collect(),
+            Law::Then(laws) => laws.iter().flat_map(Law::formula_parameters).collect(),
             Law::Changed(changed) => changed.law.formula_parameters(),
             Law::Repeated(repeated) => repeated.law.formula_parameters(),
             Law::Blended(blended) => blended.law().formula_parameters(),
