@@ -100,7 +100,7 @@ impl Cursor {
 impl Piece {
     /// The law at `t`, at rest outside of the piece.
     fn sample(&self, t: Time) -> Sample {
-        let jet = self.curve.jet((t.clamp(self.start, self.end) - self.zero).seconds());
+        let jet: [f64; 3] = self.curve.taylor((t.clamp(self.start, self.end) - self.zero).seconds());
         let moving = t >= self.start && t <= self.end;
         Sample {
             position: self.origin as f64 + jet[0],

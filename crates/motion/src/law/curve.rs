@@ -267,15 +267,20 @@ impl Curve {
     /// The Taylor coefficients at u.
     #[must_use]
     pub fn jet(&self, u: f64) -> Jet {
-        let mut jet = [0.0; 8];
+        self.taylor(u)
+    }
+
+    /// The first N coefficients of [`jet`](Curve::jet).
+    pub(super) fn taylor<const N: usize>(&self, u: f64) -> [f64; N] {
+        let mut jet = [0.0; N];
         self.add_jet(u, &mut jet);
         jet
     }
 
-    fn add_jet(&self, u: f64, jet: &mut Jet) {
+    fn add_jet<const N: usize>(&self, u: f64, jet: &mut [f64; N]) {
         match self {
             Curve::Polynomial(c) => {
-                let own: Jet = expand(c.iter().copied(), u);
+                let own: [f64; N] = expand(c.iter().copied(), u);
                 jet.iter_mut().zip(own).for_each(|(jet, own)| *jet += own);
             }
             Curve::Cosine { offset, amplitude, omega, phase } => {
@@ -305,18 +310,19 @@ impl Curve {
                 }
             }
             Curve::Formula(window) => {
-                jet.iter_mut().zip(window.jet(u)).for_each(|(jet, own)| *jet += own);
+                jet.iter_mut().zip(window.taylor::<N>(u)).for_each(|(jet, own)| *jet += own);
             }
-            Curve::Joint(joint) => jet.iter_mut().zip(joint.jet(u)).for_each(|(jet, own)| *jet += own),
+            Curve::Joint(joint) => jet.iter_mut().zip(joint.taylor::<N>(u)).for_each(|(jet, own)| *jet += own),
             Curve::Sum(curves) => curves.iter().for_each(|c| c.add_jet(u, jet)),
             Curve::Accurate { curve, .. } => curve.add_jet(u, jet),
             Curve::Warped { curve, time } => {
-                let time: Jet = expand(time.iter().copied(), u);
-                let own = composed(&curve.jet(time[0]), &time);
+                let time: [f64; N] = expand(time.iter().copied(), u);
+                let own = composed(&curve.taylor(time[0]), &time);
                 jet.iter_mut().zip(own).for_each(|(jet, own)| *jet += own);
             }
             Curve::Faded { old, new, weight } => {
-                let (from, to, weight): (Jet, Jet, Jet) = (old.jet(u), new.jet(u), expand(weight.iter().copied(), u));
+                let (from, to): ([f64; N], [f64; N]) = (old.taylor(u), new.taylor(u));
+                let weight: [f64; N] = expand(weight.iter().copied(), u);
                 for (k, jet) in jet.iter_mut().enumerate() {
                     *jet += from[k] + (0..=k).map(|i| weight[i] * (to[k - i] - from[k - i])).sum::<f64>();
                 }

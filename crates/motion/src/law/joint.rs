@@ -170,7 +170,8 @@ impl JointCurve {
             return None;
         }
         let (eighth, seventh) = (hull[8].magnitude(), hull[7].magnitude());
-        let met = [a, 0.5 * (a + b), b].into_iter().fold(0.0, |most: f64, u| most.max(joint.jet(tip, u)[7].abs()));
+        let met =
+            [a, 0.5 * (a + b), b].into_iter().fold(0.0, |most: f64, u| most.max(joint.taylor::<8>(tip, u)[7].abs()));
         let length = b - a;
         let is_loose = |c: f64, order: i32| c * libm::pow(length, f64::from(order)) > NEGLIGIBLE_STEPS;
         // 8 times the eighth coefficient is the slope of the seventh: by that much it may change in half of the window.
@@ -192,8 +193,9 @@ impl JointCurve {
         self.factor * steps + self.offset
     }
 
-    pub(super) fn jet(&self, u: f64) -> Jet {
-        let mut jet = self.shared.joint.jet(&self.shared.tip, u + self.later);
+    /// The first N Taylor coefficients.
+    pub(super) fn taylor<const N: usize>(&self, u: f64) -> [f64; N] {
+        let mut jet = self.shared.joint.taylor(&self.shared.tip, u + self.later);
         jet.iter_mut().for_each(|c| *c *= self.factor);
         jet[0] += self.offset;
         jet
@@ -219,8 +221,8 @@ impl JointCurve {
 }
 
 impl Joint {
-    fn jet(&self, tip: &[Curve; 3], u: f64) -> Jet {
-        self.steps(&tip.each_ref().map(|curve| curve.jet(u)))
+    fn taylor<const N: usize>(&self, tip: &[Curve; 3], u: f64) -> [f64; N] {
+        self.steps(&tip.each_ref().map(|curve| curve.taylor(u)))
     }
 }
 

@@ -191,6 +191,13 @@ impl Form {
         (curve, level)
     }
 
+    /// All its numbers: forms with the same ones are equal.
+    pub(super) fn numbers(&self) -> Vec<u64> {
+        let harmonics = self.harmonics.iter().flat_map(|h| [h.amplitude, h.omega, h.phase]);
+        let numbers = self.polynomial.iter().copied().chain(harmonics).flat_map(|c| [c.hi.to_bits(), c.lo.to_bits()]);
+        std::iter::once(self.polynomial.len() as u64).chain(numbers).collect()
+    }
+
     /// The highest angular frequency, rad/s; 0 if there is none.
     pub(super) fn fastest(&self) -> f64 {
         self.harmonics.iter().fold(0.0, |w, h| w.max(h.omega.nearest()))

@@ -8,6 +8,7 @@ use super::tree::{Function, Span};
 use crate::Time;
 use crate::law::curve::{Bounds, Jet};
 use crate::law::double::{Double, ULP};
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 #[derive(Clone, Copy, Debug)]
@@ -18,6 +19,10 @@ enum Op {
     Unary(Unary),
     /// Takes two series and leaves one.
     Binary(Binary),
+    /// Keeps the topmost series at a place: the formula has it again.
+    Keep(usize),
+    /// Pushes a series that was kept.
+    Recall(usize),
 }
 
 /// The operations, and where in the text each comes from.
@@ -39,6 +44,26 @@ pub(super) struct LocalForm {
 
 /// Stacks of up to this many series need no allocation.
 const SHALLOW: usize = 8;
+/// No more parts of a formula than this are kept for when it has them again: a robot's arm has its coordinates three times.
+const MOST_REPEATED: usize = 8;
+
+/// The parts of an expression, equal ones once.
+#[derive(Default)]
+struct Parts {
+    parts: Vec<Part>,
+    /// Where the part with an operation and operands is, in numbers.
+    known: BTreeMap<Vec<u64>, usize>,
+}
+
+struct Part {
+    op: Op,
+    span: Span,
+    operands: Vec<usize>,
+    /// In how many other parts it is.
+    uses: usize,
+    /// Where its series is kept, once that was worked out.
+    kept: Option<usize>,
+}
 
 /// An operation without a result.
 pub(super) struct Undefined {
@@ -49,27 +74,29 @@ pub(super) struct Undefined {
 impl Tape {
     pub(super) fn new(smooth: &Smooth) -> Tape {
         let mut tape = Tape { ops: Vec::new(), forms: Vec::new(), depth: 0 };
-        tape.depth = tape.push(smooth);
+        let mut parts = Parts::default();
+        let root = parts.add(smooth, &mut tape.forms);
+        tape.depth = tape.push(&mut parts, root, &mut 0);
         tape
     }
 
-    /// Adds the operations of `smooth`; returns the stack that they need.
-    fn push(&mut self, smooth: &Smooth) -> usize {
-        let (op, depth) = match smooth {
-            Smooth::Form(form, _) => {
-                self.forms.push(form.clone());
-                (Op::Push(self.forms.len() - 1), 1)
-            }
-            Smooth::Unary(op, x, _) => {
-                let depth = self.push(x);
-                (Op::Unary(*op), depth)
-            }
-            Smooth::Binary(op, pair, _) => {
-                let depth = self.push(&pair.0);
-                (Op::Binary(*op), depth.max(1 + self.push(&pair.1)))
-            }
-        };
-        self.ops.push((op, smooth.span()));
+    /// Adds the operations of a part; returns the stack that they need.
+    fn push(&mut self, parts: &mut Parts, part: usize, kept: &mut usize) -> usize {
+        let Part { op, span, uses, kept: place, .. } = parts.parts[part];
+        if let Some(place) = place {
+            self.ops.push((Op::Recall(place), span));
+            return 1;
+        }
+        let mut depth = 1;
+        for k in 0..parts.parts[part].operands.len() {
+            depth = depth.max(k + self.push(parts, parts.parts[part].operands[k], kept));
+        }
+        self.ops.push((op, span));
+        if uses > 1 && *kept < MOST_REPEATED {
+            self.ops.push((Op::Keep(*kept), span));
+            parts.parts[part].kept = Some(*kept);
+            *kept += 1;
+        }
         depth
     }
 
@@ -85,10 +112,11 @@ impl Tape {
     /// The first N Taylor coefficients at u, over the u that the scalar stands for.
     pub(super) fn run<S: Scalar, const N: usize>(&self, forms: &[LocalForm], u: S) -> Result<Series<S, N>, Undefined> {
         let zero = series::constant(S::exact(0.0));
+        let kept = &mut [zero; MOST_REPEATED];
         if self.depth <= SHALLOW {
-            self.run_on(forms, u, &mut [zero; SHALLOW])
+            self.run_on(forms, u, &mut [zero; SHALLOW], kept)
         } else {
-            self.run_on(forms, u, &mut vec![zero; self.depth])
+            self.run_on(forms, u, &mut vec![zero; self.depth], kept)
         }
     }
 
@@ -97,6 +125,7 @@ impl Tape {
         forms: &[LocalForm],
         u: S,
         stack: &mut [Series<S, N>],
+        kept: &mut [Series<S, N>; MOST_REPEATED],
     ) -> Result<Series<S, N>, Undefined> {
         let mut height = 0;
         for &(op, span) in &self.ops {
@@ -110,12 +139,44 @@ impl Tape {
                     height -= 1;
                     stack[height - 1] = op.of(&stack[height - 1], &stack[height]);
                 }
+                Op::Keep(place) => kept[place] = stack[height - 1],
+                Op::Recall(place) => {
+                    stack[height] = kept[place];
+                    height += 1;
+                }
             }
             if !stack[height - 1].iter().all(|c| c.is_sound()) {
                 return Err(Undefined { span, why: op.complaint() });
             }
         }
         Ok(stack[0])
+    }
+}
+
+impl Parts {
+    /// The place of an expression's part, which is added if it is new.
+    fn add(&mut self, smooth: &Smooth, forms: &mut Vec<Form>) -> usize {
+        let (op, operands, mut numbers) = match smooth {
+            Smooth::Form(form, _) => (Op::Push(forms.len()), Vec::new(), form.numbers()),
+            Smooth::Unary(op, x, _) => (Op::Unary(*op), vec![self.add(x, forms)], op.numbers().to_vec()),
+            Smooth::Binary(op, pair, _) => {
+                let operands = vec![self.add(&pair.0, forms), self.add(&pair.1, forms)];
+                (Op::Binary(*op), operands, vec![*op as u64])
+            }
+        };
+        numbers.extend(operands.iter().map(|part| *part as u64));
+        // Forms have no operands, unary operations one and binary ones two.
+        numbers.push(operands.len() as u64);
+        if let Some(part) = self.known.get(&numbers) {
+            return *part;
+        }
+        if let Smooth::Form(form, _) = smooth {
+            forms.push(form.clone());
+        }
+        operands.iter().for_each(|part| self.parts[*part].uses += 1);
+        self.known.insert(numbers, self.parts.len());
+        self.parts.push(Part { op, span: smooth.span(), operands, uses: 0, kept: None });
+        self.parts.len() - 1
     }
 }
 
@@ -136,6 +197,18 @@ impl Op {
 }
 
 impl Unary {
+    /// Which operation it is, and with which constant.
+    fn numbers(self) -> [u64; 2] {
+        match self {
+            Unary::Scale(c) => [0, c.to_bits()],
+            Unary::Offset(c) => [1, c.to_bits()],
+            Unary::Reciprocal => [2, 0],
+            Unary::WholePower(n) => [3, n.into()],
+            Unary::Power(exponent) => [4, exponent.to_bits()],
+            Unary::Apply(function) => [5, function as u64],
+        }
+    }
+
     fn of<S: Scalar, const N: usize>(self, x: &Series<S, N>) -> Series<S, N> {
         match self {
             Unary::Scale(c) => {
@@ -285,9 +358,10 @@ impl Window {
         self.factor * self.shared.tape.value(&self.shared.forms, u + self.later) + self.offset
     }
 
-    pub(crate) fn jet(&self, u: f64) -> Jet {
-        let Ok(mut jet) = self.shared.tape.run::<f64, 8>(&self.shared.forms, u + self.later) else {
-            return [f64::NAN; 8];
+    /// The first N Taylor coefficients.
+    pub(crate) fn taylor<const N: usize>(&self, u: f64) -> [f64; N] {
+        let Ok(mut jet) = self.shared.tape.run::<f64, N>(&self.shared.forms, u + self.later) else {
+            return [f64::NAN; N];
         };
         jet.iter_mut().for_each(|c| *c *= self.factor);
         jet[0] += self.offset;
