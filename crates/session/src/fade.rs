@@ -11,7 +11,7 @@ use crate::pause::{Ceiling, PauseError, USABLE, highest_factor, ticks};
 use crate::plans::TRIED_MOVES;
 use crate::{Session, SessionError, Tempo};
 use pulsetrain_board::Leased;
-use pulsetrain_motion::law::{ArmPath, Cursor, Ease, Joint, Sample, Steady, fade_weight};
+use pulsetrain_motion::law::{ArmPath, Cursor, Ease, Joint, PathPair, Sample, Steady, fade_weight};
 use pulsetrain_motion::machine::{Kinematics, Machine};
 use pulsetrain_motion::program::{Motor, Program};
 use pulsetrain_motion::time::Rate;
@@ -186,14 +186,20 @@ impl Fade {
         faded(old, turn.new.clone(), self.from, self.over)
     }
 
-    /// The paths that each motor blends, if it is an arm of a robot and does not fade separately.
-    fn paths(&self, old: &[Law]) -> Result<Vec<Option<[ArmPath; 2]>>, PauseError> {
-        let of = |(motor, turn): (usize, &Option<Turn>)| {
-            let Some(turn) = turn.as_ref().filter(|_| !self.apart[motor]) else { return Ok(None) };
-            let old = self.old_law(turn, &old[motor]).map_err(|error| PauseError::Law { motor, error })?;
-            Ok(old.paths_to(&turn.new, self.from, self.over))
+    /// What reads a motor's laws; `None` if it goes on as it is. Those of the last duration that was tried are `kept` if they are the same.
+    fn reader(&self, motor: usize, old: &Law, kept: Option<Reader>) -> Result<Option<Reader>, PauseError> {
+        let Some(turn) = &self.turns[motor] else { return Ok(None) };
+        let is_same = turn.old_rate.is_none() && turn.faster.is_none();
+        let mut reader = match kept.filter(|_| is_same) {
+            Some(reader) => reader,
+            None => {
+                let old = self.old_law(turn, old).map_err(|error| PauseError::Law { motor, error })?;
+                Reader::of(&old, &turn.new)
+            }
         };
-        self.turns.iter().enumerate().map(of).collect()
+        let is_blended = |(pair, _): &mut (PathPair, PathBlend)| pair.are_followed(self.from, self.over);
+        reader.blends = !self.apart[motor] && reader.path.as_mut().is_some_and(is_blended);
+        Ok(Some(reader))
     }
 
     /// The old law during the fade.
@@ -473,14 +479,18 @@ impl Mix {
         // Neither depends on the duration.
         let changed = self.changed(change);
         let stopped: Vec<bool> = (0..old.len()).map(|motor| self.is_stopped(motor)).collect();
+        let mut readers: Vec<Option<Reader>> = old.iter().map(|_| None).collect();
         'fades: while over_s <= LONGEST_S.max(least_s) {
             let over = Time::from_seconds(over_s);
             let (fade, voices) = self.fade(change, (from, over), (&changed, &stopped), &apart)?;
-            let mut paths = fade.paths(&old)?;
+            for (motor, reader) in readers.iter_mut().enumerate() {
+                *reader = fade.reader(motor, &old[motor], reader.take())?;
+            }
             // All arms of a robot fade alike.
             let mut is_mixed = false;
             for machine in &change.program.machines {
-                let blended = machine.motors.iter().filter(|motor| paths[**motor].is_some()).count();
+                let is_blended = |motor: &&usize| readers[**motor].as_ref().is_some_and(|reader| reader.blends);
+                let blended = machine.motors.iter().filter(is_blended).count();
                 if (1..machine.motors.len()).contains(&blended) {
                     machine.motors.iter().for_each(|motor| apart[*motor] = true);
                     is_mixed = true;
@@ -492,10 +502,12 @@ impl Mix {
             let mut fits = true;
             let mut samples: Vec<Option<FadeSamples>> = vec![None; old.len()];
             for (motor, turn) in fade.turns.iter().enumerate() {
-                let Some(turn) = turn.as_ref().filter(|_| fits) else { continue };
+                let (Some(turn), Some(reader)) = (turn.as_ref().filter(|_| fits), &mut readers[motor]) else {
+                    continue;
+                };
                 let machine = change.program.machines.iter().find(|machine| machine.motors.contains(&motor));
-                let sampled = sampled(&fade, turn, &old[motor], tempo, (machine, paths[motor].take()))
-                    .map_err(|error| PauseError::Law { motor, error })?;
+                let sampled =
+                    sampled(&fade, turn, reader, tempo, machine).map_err(|error| PauseError::Law { motor, error })?;
                 let Some(sampled) = sampled else {
                     machine.into_iter().flat_map(|machine| &machine.motors).for_each(|motor| apart[*motor] = true);
                     apart[motor] = true;
@@ -551,22 +563,20 @@ fn place_at(fade: &Fade, k: u32, places: u32) -> Time {
 fn sampled(
     fade: &Fade,
     turn: &Turn,
-    old: &Law,
+    Reader { old: old_law, new: new_law, path, blends }: &mut Reader,
     tempo: Rate,
-    (machine, paths): (Option<&Machine>, Option<[ArmPath; 2]>),
+    machine: Option<&Machine>,
 ) -> Result<Option<FadeSamples>, LawError> {
     let (over_s, places) = (fade.over.seconds(), places_of(fade));
-    let old = fade.old_law(turn, old)?;
     let angles = machine.and_then(|machine| match &machine.kinematics {
         Kinematics::Delta { angles, .. } => *angles,
         Kinematics::Xy { .. } => None,
     });
-    let mut path = paths.map(PathBlend::of);
-    let (mut old, mut new) = (Cursor::new(&old), Cursor::new(&turn.new));
+    let mut path = path.as_mut().filter(|_| *blends).map(|(_, path)| path);
     let mut samples = FadeSamples { motor: Vec::with_capacity(places as usize + 1), tip: Vec::new() };
     for k in 0..=places {
         let at = place_at(fade, k, places);
-        let (old, new) = (old.at(at)?, new.at(at)?);
+        let (old, new) = (old_law.at(at)?, new_law.at(at)?);
         let weight = weight_at(k, places, over_s);
         let [_, speed, acceleration] = match &mut path {
             None => blended(old, new, weight),
@@ -584,6 +594,26 @@ fn sampled(
         samples.motor.push(sample.at_tempo(tempo));
     }
     Ok(Some(samples))
+}
+
+/// Reads a motor's old law and its new one during a fade, and the paths of its robot's effector. It keeps its place, as many durations are tried.
+struct Reader {
+    old: Cursor,
+    new: Cursor,
+    /// Both paths, if the motor is an arm of a robot.
+    path: Option<(PathPair, PathBlend)>,
+    /// Whether the paths are blended.
+    blends: bool,
+}
+
+impl Reader {
+    fn of(old: &Law, new: &Law) -> Reader {
+        let path = PathPair::of(old, new).map(|pair| {
+            let blend = PathBlend::of(pair.paths());
+            (pair, blend)
+        });
+        Reader { old: Cursor::new(old), new: Cursor::new(new), path, blends: false }
+    }
 }
 
 /// The weight of the new law at place `k` of `places`, and its derivatives by time.
@@ -614,7 +644,7 @@ struct PathBlend {
 }
 
 impl PathBlend {
-    fn of([old, new]: [ArmPath; 2]) -> PathBlend {
+    fn of([old, new]: &[ArmPath; 2]) -> PathBlend {
         let both = |old: &Law, new: &Law| [Cursor::new(old), Cursor::new(new)];
         let nothing = Law::Steady(Steady { speed: 0.0, duration: None });
         let added = (old.added.is_some() || new.added.is_some())

@@ -6,7 +6,7 @@
 use super::combine::{MOST_PARTS, Summand, Together, latest_end, too_many};
 use super::formula::Terms;
 use super::joint::{Joint, JointCurve};
-use super::{Class, Curve, Double, Entry, Law, LawError, Piece, Pieces, checked};
+use super::{Class, Cursor, Curve, Double, Entry, Law, LawError, Piece, Pieces, checked};
 use crate::Time;
 use crate::machine::Delta;
 use std::sync::Arc;
@@ -164,17 +164,8 @@ impl Law {
     /// The paths that [`faded`](Law::faded) blends, this law's and that of `new`; `None` if it blends positions.
     #[must_use]
     pub fn paths_to(&self, new: &Law, from: Time, over: Time) -> Option<[ArmPath; 2]> {
-        let paths = [self.tip_path()?, new.tip_path()?];
-        // A law that was joined from several may differ from its path by as little as their joints do.
-        let is_its_path = |law: &Law, path: &ArmPath, at: Time| {
-            let here = super::Cursor::new(law).at(at).ok()?;
-            ((here.position - path.position(at).ok()?).abs() <= SAME_STEPS).then_some(())
-        };
-        for at in [from, from + over.divided_by(2), from + over] {
-            is_its_path(self, &paths[0], at)?;
-            is_its_path(new, &paths[1], at)?;
-        }
-        (paths[0].joint == paths[1].joint).then_some(paths)
+        let mut pair = PathPair::of(self, new)?;
+        pair.are_followed(from, over).then_some(pair.paths)
     }
 
     /// What arm 0, 1 or 2 of `robot` does while the effector follows x, y and z, in mm, which end and are polynomials piece
@@ -217,6 +208,63 @@ impl Law {
             at = end;
         }
         Ok(Law::then(laws)?.of_arm(Joint::new(*robot, arm, steps_per_rad), tip.clone()))
+    }
+}
+
+/// The paths of two laws of one arm, for a look at how one fades into the other.
+pub struct PathPair {
+    paths: [ArmPath; 2],
+    laws: [PathCursor; 2],
+}
+
+/// A law of an arm, and its path.
+struct PathCursor {
+    joint: Joint,
+    law: Cursor,
+    tip: [Cursor; 3],
+    added: Option<Cursor>,
+}
+
+impl PathPair {
+    /// The paths of `old` and `new`; `None` if they are no laws of one arm.
+    #[must_use]
+    pub fn of(old: &Law, new: &Law) -> Option<PathPair> {
+        let paths = [old.tip_path()?, new.tip_path()?];
+        let laws = [PathCursor::of(old, &paths[0]), PathCursor::of(new, &paths[1])];
+        (paths[0].joint == paths[1].joint).then_some(PathPair { paths, laws })
+    }
+
+    /// Both paths.
+    #[must_use]
+    pub const fn paths(&self) -> &[ArmPath; 2] {
+        &self.paths
+    }
+
+    /// Whether the laws keep to their paths from `from` for `over`: one that was joined from several may differ from its path by as little as their
+    /// joints do.
+    #[must_use]
+    pub fn are_followed(&mut self, from: Time, over: Time) -> bool {
+        let times = [from, from + over.divided_by(2), from + over];
+        let [old, new] = &mut self.laws;
+        times.into_iter().all(|at| old.is_on_path(at) && new.is_on_path(at))
+    }
+}
+
+impl PathCursor {
+    fn of(law: &Law, path: &ArmPath) -> PathCursor {
+        let tip = path.tip.each_ref().map(Cursor::new);
+        PathCursor { joint: path.joint, law: Cursor::new(law), tip, added: path.added.as_ref().map(Cursor::new) }
+    }
+
+    fn is_on_path(&mut self, at: Time) -> bool {
+        let mut off = || {
+            let [x, y, z] = &mut self.tip;
+            let point = [x.at(at)?, y.at(at)?, z.at(at)?].map(|sample| [sample.position, 0.0, 0.0]);
+            let [steps, ..] = self.joint.motion(point);
+            let added = self.added.as_mut().map_or(Ok(0.0), |added| added.at(at).map(|sample| sample.position))?;
+            Ok::<f64, LawError>(self.law.at(at)?.position - (steps + added))
+        };
+        off().is_ok_and(|off| off.abs() <= SAME_STEPS)
     }
 }
 

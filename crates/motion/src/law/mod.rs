@@ -37,7 +37,7 @@ pub mod winch;
 mod workload;
 
 use crate::Time;
-pub use arm::{Arm, ArmPath};
+pub use arm::{Arm, ArmPath, PathPair};
 pub use backlash::{Backlash, Compensation};
 pub use blend::{Begin, Behind, Blended, End};
 pub use circle::{Circle, dds_period};
