@@ -115,7 +115,8 @@ impl Piece {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::law::{Ease, WORKED_OUT};
+    use crate::law::{Ease, Joint, WORKED_OUT};
+    use crate::machine::Delta;
     use crate::time::Rate;
 
     #[test]
@@ -186,5 +187,50 @@ mod tests {
         check(sine(None).unwrap().retimed(s(0.0), slower).unwrap().retimed(s(3e6), slower), 60);
         // Windows of 8 s: those in 64 s.
         check(Ok(Law::formula("30*sin(7*t)", &[], 200.0, None).unwrap()), KEPT + 10);
+    }
+
+    /// Once somebody has walked through laws that follow one another, others find a later one at once.
+    #[test]
+    fn a_later_law_is_found_without_those_before() {
+        let s = Time::from_seconds;
+        let part = |k: u32| Law::trapezoid(f64::from(k) - 100.3, 400.0, 4000.0, 4000.0).unwrap();
+        let law = Law::then((0..200).map(part).collect()).unwrap();
+        let (end, mut walked) = (law.end().unwrap(), Cursor::new(&law));
+        let times: Vec<Time> = (0..=40).map(|k| end.times(k).divided_by(40)).chain([s(0.0), end + s(1.0)]).collect();
+        let samples: Vec<Sample> = times.iter().map(|t| walked.at(*t).unwrap()).collect();
+        for (t, sample) in times.iter().zip(samples) {
+            let before = WORKED_OUT.get();
+            assert_eq!(Cursor::new(&law).at(*t).unwrap(), sample, "at {} s", t.seconds());
+            assert!(WORKED_OUT.get() - before <= 8, "{} pieces", WORKED_OUT.get() - before);
+        }
+        // Laws that were not walked through give the same.
+        let fresh = Law::then((0..200).map(part).collect()).unwrap();
+        assert_eq!(Cursor::new(&fresh).at(times[33]).unwrap(), Cursor::new(&law).at(times[33]).unwrap());
+    }
+
+    #[test]
+    fn few_coefficients_are_the_first_of_all() {
+        let s = Time::from_seconds;
+        let formula = |text: &str| Law::formula(text, &[], 1.0, None).unwrap();
+        let sine = Law::sine(100.0, Time::SECOND, None).unwrap();
+        let robot = Delta { base_mm: 60.0, upper_arm_mm: 70.0, forearm_mm: 150.0, effector_mm: 25.0 };
+        let rest = Law::speed(0.0, None).unwrap().shifted(-140.0).unwrap();
+        let arm = Law::arm(Joint::new(robot, 1, 500.0), [formula("9*sin(3*t)"), formula("tanh(t)^3"), rest]);
+        let ease = Ease { before: Rate::ONE, after: Time::ZERO, over: s(0.5), to: Rate::of(0.5).unwrap() };
+        let laws = [
+            Law::trapezoid(300.0, 400.0, 4000.0, 4000.0).unwrap(),
+            formula("sqrt(2 + sin(t))/(1 + t^2) + asin(0.3*cos(t))*exp(-t)"),
+            arm.clone(),
+            sine.clone().retimed(s(0.2), ease).unwrap(),
+            arm.faded_apart(sine.clone(), s(0.1), s(1.0)).unwrap(),
+            Law::sum(vec![sine, formula("atan(t)")]).unwrap(),
+        ];
+        for law in laws {
+            for piece in law.pieces().take(12).map(Result::unwrap) {
+                let u = (piece.start - piece.zero).seconds() + 0.3 * (piece.end - piece.start).seconds();
+                let few: [f64; 3] = piece.curve.taylor(u);
+                assert_eq!(few, piece.curve.jet(u)[..3], "{:?}", piece.curve);
+            }
+        }
     }
 }

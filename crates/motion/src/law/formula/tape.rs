@@ -386,3 +386,47 @@ impl Window {
         self.later = (Double::from(self.later) + by).nearest();
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::law::{Curve, Law};
+
+    /// The window of a formula in its first moments.
+    fn window(text: &str) -> Window {
+        let law = Law::formula(text, &[], 1.0, Some(Time::from_seconds(0.1))).unwrap();
+        let mut curve = law.pieces().next().unwrap().unwrap().curve;
+        while let Curve::Accurate { curve: inner, .. } = curve {
+            curve = *inner;
+        }
+        let Curve::Formula(window) = curve else { panic!("{text} has a form") };
+        window
+    }
+
+    #[test]
+    fn equal_parts_are_worked_out_once() {
+        let window = window("(t*sin(t))^2 + exp(t*sin(t)) + atan(t)*exp(t*sin(t))");
+        let count = |is: fn(&Op) -> bool| window.shared.tape.ops.iter().filter(|(op, _)| is(op)).count();
+        assert_eq!(count(|op| matches!(op, Op::Push(_))), 2);
+        assert_eq!(count(|op| matches!(op, Op::Unary(Unary::Apply(Function::Exponential)))), 1);
+        assert_eq!(count(|op| matches!(op, Op::Recall(_))), 3);
+        for u in [0.0, 0.01, 0.03] {
+            let x: f64 = u * f64::sin(u);
+            let wanted = x * x + x.exp() + u.atan() * x.exp();
+            assert!((window.value(u) - wanted).abs() < 1e-14, "at {u}");
+        }
+    }
+
+    /// Parts beyond those that are kept are worked out again.
+    #[test]
+    fn any_number_of_parts_may_be_repeated() {
+        let part = |k: usize| format!("exp(sin({k}*t))");
+        let text: Vec<String> = (1..=2 * MOST_REPEATED).map(|k| format!("{0}*atan({0})", part(k))).collect();
+        let window = window(&text.join(" + "));
+        for u in [0.0, 0.01, 0.03] {
+            let part = |k: usize| f64::exp(f64::sin(k as f64 * u));
+            let wanted: f64 = (1..=2 * MOST_REPEATED).map(|k| part(k) * part(k).atan()).sum();
+            assert!((window.value(u) - wanted).abs() < 1e-12, "at {u}");
+        }
+    }
+}
