@@ -1430,9 +1430,8 @@ fn a_page_opens_and_osc_turns_a_knob() {
     assert_eq!(live.wait().unwrap().code(), Some(0));
 }
 
-/// A path on a straight line, y = 2x, is on that line while it changes, too.
-#[test]
-fn an_xy_machine_changes_over_along_its_path() {
+/// A plotter whose path goes to and fro on the line y = 2x, with more lines for its machine.
+fn plotter(limits: &str) -> String {
     let motor = |name: &str, step: u8| {
         format!(
             "[motor.{name}]\nsteps_per_rev = 200\nlead = \"8 mm\"\ndriver = \"A4988\"\npulse_high = \"2 us\"\npins = {{ step = {step}, dir = {} }}\n\
@@ -1440,12 +1439,56 @@ fn an_xy_machine_changes_over_along_its_path() {
             step + 1
         )
     };
-    let text = format!(
-        "board = \"uno\"\n{}{}[machine.table]\nkind = \"xy\"\nmotors = [\"x\", \"y\"]\n[[motion]]\nmachine = \"table\"\nrepeat = \"forever\"\n\
+    format!(
+        "board = \"uno\"\n{}{}[machine.table]\nkind = \"xy\"\nmotors = [\"x\", \"y\"]\n{limits}[[motion]]\nmachine = \"table\"\nrepeat = \"forever\"\n\
          path.formula = {{ x = \"a*sin(2*pi*t/T)^2\", y = \"2*a*sin(2*pi*t/T)^2\", where = {{ a = \"5 mm\", T = \"2 s\" }}, unit = \"mm\", duration = \"2 s\" }}\n",
         motor("x", 8),
         motor("y", 10)
-    );
+    )
+}
+
+/// The tip makes 35.1 mm/s and 221 mm/s², and the motors could do more.
+#[test]
+fn a_tempo_keeps_to_the_limits_of_the_tip() {
+    for (limits, highest, limit) in [
+        ("max_speed = \"60 mm/s\"\nmax_acceleration = \"1000 mm/s^2\"\n", 0.97 * 60.0 / 35.124, "max_speed"),
+        ("max_acceleration = \"500 mm/s^2\"\n", (0.97_f64 * 500.0 / 220.69).sqrt(), "max_acceleration"),
+    ] {
+        let mut stage = native(&plotter(limits));
+        stage.run(1.3);
+        stage.line("tempo 3");
+        stage.run(0.5);
+        let told = stage.happened.iter().find_map(|happened| match happened {
+            Happened::Session(Event::Tempo { rate, ceiling, .. }) => Some((*rate, ceiling.clone())),
+            _ => None,
+        });
+        let (rate, ceiling) = told.expect("a tempo");
+        assert!((rate - highest).abs() < 1e-3, "{rate}, not {highest}");
+        assert_eq!(ceiling, Some(format!("table: {limit}")));
+        // The file's reader would allow it, but not at this tempo.
+        stage.line("table.a 7 mm");
+        let (_, value, ceiling, _, _) = set(stage.answer());
+        assert!((5.0..5.2).contains(&value), "{value} mm");
+        assert_eq!(ceiling, Some(format!("table: {limit}")));
+        stage.line("tempo 1");
+        stage.run(0.5);
+        stage.line("table.a 7 mm");
+        let (_, value, ceiling, _, _) = set(stage.answer());
+        assert_eq!((value, ceiling), (7.0, None));
+        // With the change, too.
+        stage.run(1.0);
+        stage.ask(together(&["table.a 5 mm", "tempo 3"], None));
+        assert_eq!(set(stage.answer()).1, 5.0);
+        let (rate, ceiling) = tempos(&stage).last().map(|tempo| tempo.0).zip(Some(limit)).expect("a tempo");
+        assert!((rate - highest).abs() < 1e-3, "{rate}, not {highest}, {ceiling}");
+        stage.stop();
+    }
+}
+
+/// A path on a straight line, y = 2x, is on that line while it changes, too.
+#[test]
+fn an_xy_machine_changes_over_along_its_path() {
+    let text = plotter("");
     let mut stage = native(&text);
     stage.run(1.3);
     stage.line("table.a 9 mm");
