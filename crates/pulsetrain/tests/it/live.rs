@@ -1006,6 +1006,46 @@ fn a_stop_is_obeyed_before_what_comes_with_it() {
     assert!(stage.ended.is_some());
 }
 
+/// The nearest value that holds takes steps to find: a stop that comes meanwhile does not wait for it.
+#[test]
+fn a_stop_ends_the_search_for_the_nearest_value() {
+    let (passes, stopped_after) = (std::cell::Cell::new(0), 3);
+    for at_s in [None, Some(1.7)] {
+        let mut stage = native(TEXT);
+        stage.run(1.3);
+        let Stage { show, happened, edges, ended } = &mut stage;
+        passes.set(0);
+        let hertz = u64::from(16_000_000_u32);
+        let until = std::cell::Cell::new(u64::MAX);
+        let mut stop_waits = |now: u64| {
+            passes.set(passes.get() + 1);
+            if passes.get() == stopped_after {
+                until.set(now);
+            }
+            passes.get() >= stopped_after
+        };
+        let request = together(&["b.frequency 50 Hz", "a.swing 20 step"], at_s);
+        let mut observer = |edge: Edge| edges.push(edge);
+        let mut tell = |event| happened.push(event);
+        *ended = show.obey_until(request, &mut stop_waits, &mut observer, &mut tell).unwrap();
+        for _ in 0..100 {
+            if until.get() == u64::MAX {
+                *ended = show.step_until(&mut stop_waits, &mut observer, &mut tell).unwrap();
+            }
+        }
+        // No time has passed since the stop was seen, and the search was not long before that.
+        assert_eq!((show.now(), passes.get()), (until.get(), stopped_after));
+        assert!(until.get() < show.zero() + 2 * hertz);
+        for knob in ["b.frequency", "a.swing"] {
+            let LiveEvent::Refused { command: LiveCommand::Set { knob: refused, .. }, why } = stage.answer() else {
+                panic!("{knob} is not refused")
+            };
+            assert_eq!((refused.as_str(), why.as_str()), (knob, "a stop came meanwhile"));
+        }
+        assert!(stage.stop().stopped);
+    }
+}
+
 #[test]
 fn tempo_and_pause_go_with_knobs() {
     let mut stage = native(TEXT);
