@@ -472,6 +472,16 @@ impl<B: Leased> Driven<B> {
         self.session.law_time()
     }
 
+    /// Whether all motors have come to the ends of the laws that they follow: [`Session::has_ended`].
+    pub fn has_ended(&self) -> bool {
+        self.session.has_ended()
+    }
+
+    /// Whether a change of the laws is under way.
+    pub fn is_changing(&self) -> bool {
+        self.session.is_changing()
+    }
+
     /// Whether the motors braked though nobody asked for it. [`Driven::step`] may not have said so, if a change has found it first.
     #[must_use]
     pub const fn has_braked(&self) -> bool {

@@ -238,6 +238,12 @@ impl Mix {
         self.fades.iter().map(Fade::until).max().filter(|until| *until > now)
     }
 
+    /// When all motors have come to the ends of the laws that they follow; `None` if one of them has none.
+    pub(crate) fn ends_at(&self) -> Option<Time> {
+        let mut ends = self.voices.iter().map(|voice| voice.in_program_time().ok()?.end());
+        ends.try_fold(Time::ZERO, |latest, end| Some(latest.max(end?)))
+    }
+
     /// When there is room for another fade, after [`settle`](Mix::settle) at `now`; `None`: now.
     fn full_until(&self, now: Time) -> Option<Time> {
         let [first, .., last] = &self.fades[..] else { return None };

@@ -228,6 +228,19 @@ impl<B: Leased> Session<B> {
         self.law_time_at(self.board.now())
     }
 
+    /// Whether all motors have come to the ends of the laws that they follow. Never while the motion is paused, or was stopped.
+    #[must_use]
+    pub fn has_ended(&self) -> bool {
+        matches!(self.playback.law_time, LawTime::Going { .. })
+            && self.playback.mix.ends_at().is_some_and(|end| end <= self.law_time())
+    }
+
+    /// Whether a change of the laws is under way.
+    #[must_use]
+    pub fn is_changing(&self) -> bool {
+        self.playback.mix.changes_until(self.law_time()).is_some()
+    }
+
     /// What changes of an endless constant speed have added to each motor's way; `None` if the motors were sent to a position.
     #[must_use]
     pub fn shifts(&self) -> Option<Vec<Shift>> {

@@ -178,6 +178,10 @@ pub(super) fn live_in_words(event: &LiveEvent) -> String {
             format!("the last change is taken back: {why}. The motors had braked. {NO_EARLIER_MOTION}")
         }
         LiveEvent::Began { from_s, until_s } => format!("the motion begins {}", change(*from_s, *until_s)),
+        LiveEvent::MotionEnded { at_s } => format!(
+            "the motion has ended at {}, and the motors rest: `begin` begins it again, a knob, a cue or the file changes it, `stop` ends the session",
+            human::seconds_to(*at_s, 4)
+        ),
         LiveEvent::Resting { until } if until.is_empty() => "the motors rest".to_owned(),
         LiveEvent::Resting { until } => format!("it is not time: the motors rest; the motion begins on {until}"),
         LiveEvent::Unplugged { why, port } => {

@@ -95,6 +95,8 @@ pub struct Show<B> {
     shifts: Option<Vec<Shift>>,
     /// When the motors rest where they were sent, s of the motion.
     rests_from_s: f64,
+    /// All motors have come to the end of the motion, and that was told.
+    has_told_end: bool,
 }
 
 /// A motion that the motors followed, for a change that has to be taken back.
@@ -167,6 +169,7 @@ impl<B: Leased> Show<B> {
             halted_at: None,
             shifts: None,
             rests_from_s: 0.0,
+            has_told_end: false,
         }
     }
 
@@ -318,6 +321,7 @@ impl<B: Leased> Show<B> {
             return Ok(ended);
         }
         let mut caller = Caller { observer, tell, stop_waits };
+        self.tell_end(caller.tell);
         if let Some(ended) = self.join(&mut caller)? {
             return Ok(Some(ended));
         }
@@ -621,12 +625,20 @@ impl<B: Leased> Show<B> {
         left
     }
 
-    /// Whether the laws of all motors have come to their ends, and nothing else is asked for.
+    /// Whether all motors have come to the end of the motion, and nothing else is asked for.
     fn has_ended(&self) -> bool {
-        let now = self.driven.law_time();
-        let ended =
-            |program: Arc<Program>| program.motors.iter().all(|motor| motor.law.end().is_some_and(|end| end <= now));
-        self.waiting.is_none() && self.desk.program().is_ok_and(ended)
+        self.waiting.is_none() && self.driven.has_ended()
+    }
+
+    /// Tells once that the motion has ended.
+    fn tell_end(&mut self, tell: Tell<'_>) {
+        let has_ended = self.driven.has_ended();
+        self.has_told_end &= has_ended;
+        let is_over = has_ended && self.waiting.is_none() && self.joining.is_none() && !self.driven.is_changing();
+        if is_over && !self.has_told_end && !self.is_stopping {
+            self.has_told_end = true;
+            tell(Happened::Live(LiveEvent::MotionEnded { at_s: self.now_s }));
+        }
     }
 
     /// Lets motors that rest begin the motion, from its beginning.
@@ -1327,7 +1339,8 @@ fn set_times(event: &mut LiveEvent, (from, until): (f64, f64)) {
         | LiveEvent::Motion { from_s, until_s }
         | LiveEvent::TakenBack { from_s, until_s, .. }
         | LiveEvent::Rejoined { from_s, until_s, .. } => (*from_s, *until_s) = (from, until),
-        LiveEvent::MotionRefused { .. }
+        LiveEvent::MotionEnded { .. }
+        | LiveEvent::MotionRefused { .. }
         | LiveEvent::Refused { .. }
         | LiveEvent::Resting { .. }
         | LiveEvent::Late { .. }

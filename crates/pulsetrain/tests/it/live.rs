@@ -111,7 +111,9 @@ impl<B: Leased> Stage<B> {
     #[track_caller]
     pub(crate) fn answer(&mut self) -> LiveEvent {
         for _ in 0..1000 {
-            let place = self.happened.iter().position(|happened| matches!(happened, Happened::Live(_)));
+            // The motion's end answers nobody.
+            let is_answer = |happened: &Happened| matches!(happened, Happened::Live(event) if !matches!(event, LiveEvent::MotionEnded { .. }));
+            let place = self.happened.iter().position(is_answer);
             if let Some(place) = place
                 && let Happened::Live(event) = self.happened.remove(place)
             {
@@ -975,6 +977,53 @@ fn a_return_to_the_motion_pushes_out_no_earlier_one() {
     assert_eq!([stage.knob("a.growth"), stage.knob("b.swing")], [0.0, 20.0]);
     stage.stop();
     stage.check_limits();
+}
+
+/// A motion of one motor that ends after 2 s.
+const TO_AND_FRO: &str = "board = \"uno\"\n[motor.a]\nsteps_per_rev = 200\nmicrosteps = 8\ndriver = \"A4988\"\npins = { step = 4, dir = 5 }\n\
+     forward = \"high\"\nmax_speed = \"4 rev/s\"\nmax_acceleration = \"30 rev/s^2\"\n[[motion]]\nmotor = \"a\"\n\
+     law.sine = { amplitude = \"0.25 rev\", period = \"1 s\", cycles = 2 }\n";
+
+/// When the motion was told to have ended, s.
+fn ends<B: Leased>(stage: &Stage<B>) -> Vec<f64> {
+    let ends = stage.happened.iter().filter_map(|happened| match happened {
+        Happened::Live(LiveEvent::MotionEnded { at_s }) => Some(*at_s),
+        _ => None,
+    });
+    ends.collect()
+}
+
+#[test]
+fn a_motion_says_once_that_it_has_ended() {
+    let mut stage = native(TO_AND_FRO);
+    stage.run(1.9);
+    assert!(ends(&stage).is_empty());
+    stage.run(3.0);
+    let [at_s] = ends(&stage)[..] else { panic!("{:?}", ends(&stage)) };
+    assert!((2.0..2.1).contains(&at_s), "{at_s}");
+    // What changes its end is no new end; a longer motion has one.
+    stage.happened.clear();
+    stage.line("a.amplitude 0.2 rev");
+    stage.run(1.0);
+    assert!(ends(&stage).is_empty());
+    stage.line("a.cycles 8");
+    stage.run(6.0);
+    let [at_s] = ends(&stage)[..] else { panic!("{:?}", ends(&stage)) };
+    assert!((8.0..8.2).contains(&at_s), "{at_s}");
+    // So has one that begins again, and not one that motors leave for a position.
+    stage.happened.clear();
+    stage.line("begin");
+    stage.run(1.0);
+    assert!(ends(&stage).is_empty());
+    stage.run(2.0);
+    assert_eq!(ends(&stage).len(), 1);
+    stage.happened.clear();
+    stage.line("begin");
+    stage.run(0.5);
+    stage.line("goto 0");
+    stage.run(4.0);
+    assert!(ends(&stage).is_empty());
+    stage.stop();
 }
 
 /// Whatever comes with it. A run whose board is lost then ends: it does not wait for the board.
