@@ -175,6 +175,8 @@ pub enum LiveEvent {
         /// See `from_s`.
         until_s: f64,
     },
+    /// The motion was to begin, or to go on, and it runs already: it goes on as it is.
+    AlreadyRuns,
     /// All motors have come to the end of the motion, and rest there. It can begin again, and be changed.
     MotionEnded {
         /// When that was seen, s.
@@ -275,7 +277,8 @@ impl LiveEvent {
             | LiveEvent::Motion { from_s, .. }
             | LiveEvent::TakenBack { from_s, .. }
             | LiveEvent::Rejoined { from_s, .. } => Some(*from_s),
-            LiveEvent::MotionEnded { .. }
+            LiveEvent::AlreadyRuns
+            | LiveEvent::MotionEnded { .. }
             | LiveEvent::Resting { .. }
             | LiveEvent::Unplugged { .. }
             | LiveEvent::Unplaced { .. }

@@ -393,6 +393,11 @@ impl<B: Leased> Show<B> {
                     self.tempo = *rate;
                 }
                 Event::Failed { .. } if stepped.is_ok() => continue,
+                // Somebody was faster than the schedule, say.
+                Event::Refused { command: Command::Resume, .. } if !self.is_paused && !self.is_parked => {
+                    tell(Happened::Live(LiveEvent::AlreadyRuns));
+                    continue;
+                }
                 _ => {}
             }
             tell(Happened::Session(event));
@@ -644,9 +649,12 @@ impl<B: Leased> Show<B> {
     /// Lets motors that rest begin the motion, from its beginning.
     fn begin(&mut self, tell: Tell<'_>) {
         let will_rest = self.waiting.as_ref().map_or(self.is_parked, |waiting| waiting.is_parked);
-        if !(will_rest || self.has_ended()) || self.is_paused {
-            let why = "the motion has begun already; `goto 0` brings the motors to rest where it begins";
+        if self.is_paused {
+            let why = "the motion is paused: `resume` goes on with it; `goto 0` brings the motors to where it begins";
             return refuse(LiveCommand::Begin, &why, tell);
+        }
+        if !(will_rest || self.has_ended()) {
+            return tell(Happened::Live(LiveEvent::AlreadyRuns));
         }
         self.desk = self.desk.restarted();
         self.halted_at = None;
@@ -1339,7 +1347,8 @@ fn set_times(event: &mut LiveEvent, (from, until): (f64, f64)) {
         | LiveEvent::Motion { from_s, until_s }
         | LiveEvent::TakenBack { from_s, until_s, .. }
         | LiveEvent::Rejoined { from_s, until_s, .. } => (*from_s, *until_s) = (from, until),
-        LiveEvent::MotionEnded { .. }
+        LiveEvent::AlreadyRuns
+        | LiveEvent::MotionEnded { .. }
         | LiveEvent::MotionRefused { .. }
         | LiveEvent::Refused { .. }
         | LiveEvent::Resting { .. }

@@ -442,7 +442,8 @@ fn a_motion_that_has_ended_begins_again() {
     let (motors, _) = TEXT.split_once("law.sweep").unwrap();
     let mut stage = native(&format!("{motors}law.sine = {{ amplitude = \"40 step\", period = \"1 s\", cycles = 2 }}"));
     stage.run(1.0);
-    assert!(stage.refused("begin").contains("has begun"));
+    stage.line("begin");
+    assert_eq!(stage.answer(), LiveEvent::AlreadyRuns);
     stage.run(6.0);
     assert_eq!((swing(&mut stage, 0, 1.0), swing(&mut stage, 1, 1.0)), ((0, 0), (0, 0)), "it has ended");
     stage.line("begin");
@@ -606,7 +607,8 @@ fn motors_rest_until_the_motion_is_to_begin_from_its_start() {
     assert_eq!(swing(&mut stage, 0, 2.0), (0, 40));
     // The next cue has followed meanwhile.
     stage.happened.clear();
-    assert!(stage.refused("begin").contains("has begun"));
+    stage.line("begin");
+    assert_eq!(stage.answer(), LiveEvent::AlreadyRuns);
     stage.ask(rest(false, "Tue"));
     while !matches!(stage.answer(), LiveEvent::Resting { .. }) {}
     stage.run(3.0);
@@ -977,6 +979,32 @@ fn a_return_to_the_motion_pushes_out_no_earlier_one() {
     assert_eq!([stage.knob("a.growth"), stage.knob("b.swing")], [0.0, 20.0]);
     stage.stop();
     stage.check_limits();
+}
+
+/// A schedule's start that finds the motion running, since somebody began it by hand, is no error.
+#[test]
+fn what_is_to_run_and_does_goes_on() {
+    for start in ["begin", "resume"] {
+        let mut stage = native(TEXT);
+        stage.run(1.0);
+        if start == "resume" {
+            for line in ["pause", "resume"] {
+                stage.line(line);
+                stage.run(2.0);
+            }
+        }
+        stage.happened.clear();
+        stage.line(start);
+        assert_eq!(stage.answer(), LiveEvent::AlreadyRuns, "{start}");
+        assert_ne!(swing(&mut stage, 0, 2.0).1, 0);
+        let is_refused = |it: &Happened| matches!(it, Happened::Session(Event::Refused { .. }));
+        assert!(!stage.happened.iter().any(is_refused));
+        // While it is paused the start is refused, and says what goes on.
+        stage.line("pause");
+        stage.run(2.0);
+        assert!(stage.refused("begin").contains("`resume` goes on"));
+        stage.stop();
+    }
 }
 
 /// A motion of one motor that ends after 2 s.

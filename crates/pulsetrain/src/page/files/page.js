@@ -207,6 +207,9 @@ function happen(line, isPast) {
     case "began":
       tell(`The motion begins${until}.`, { at });
       break;
+    case "already_runs":
+      tell("The motion runs already, and goes on.", { at });
+      break;
     case "motion_ended":
       tell("The motion has ended, and the motors rest. A knob, a cue or the file changes it; the line begin begins it again; Stop ends the session.", { at });
       break;
