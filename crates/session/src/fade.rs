@@ -740,8 +740,7 @@ fn keeps_tip(
 
 /// Whether a motor keeps to its limits at all places of a fade.
 fn keeps(samples: &[FadeSample], program: &Program, motor: &Motor, caution: f64) -> bool {
-    let settings = Settings::of(program, motor);
-    let board = settings.tick_hz as f64 / settings.min_interval_ticks as f64;
+    let board = Settings::of(program, motor).highest_rate_hz();
     let own = |of: usize| samples.iter().map(|sample| sample.own(of)).fold(0.0, f64::max);
     let (pull_in, own_speed) = (motor.limits.pull_in, own(0));
     let unlimited = [

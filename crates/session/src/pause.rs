@@ -224,8 +224,7 @@ pub(crate) fn highest_factor(
         }
         let peak = |of: fn(&(f64, f64)) -> f64| samples.iter().map(of).fold(0.0, |peak: f64, x| peak.max(x.abs()));
         let (speed, acceleration) = (peak(|sample| sample.0), peak(|sample| sample.1));
-        let settings = Settings::of(program, motor);
-        let board = settings.tick_hz as f64 / settings.min_interval_ticks as f64;
+        let board = Settings::of(program, motor).highest_rate_hz();
         let limits = [
             ("max_speed", motor.limits.max_speed.map(|limit| usable * limit / speed)),
             ("max_acceleration", motor.limits.max_acceleration.map(|limit| (usable * limit / acceleration).sqrt())),
