@@ -7,7 +7,7 @@
 //! on at the same phase: during the change the old law's time speeds up or slows down to the new frequency, and the new law's time from the old one.
 //! Likewise an endless constant speed goes on from where the motor is: during the change the speed itself goes to the new one, without passing it.
 
-use crate::pause::{Ceiling, PauseError, USABLE, highest_factor, highest_tip_factor, ticks};
+use crate::pause::{Ceiling, PauseError, USABLE, highest_factor, highest_tip_factor, sudden_end, ticks};
 use crate::plans::TRIED_MOVES;
 use crate::{Session, SessionError, Tempo};
 use pulsetrain_board::Leased;
@@ -882,6 +882,9 @@ impl<B: Leased> Session<B> {
         let (highest, ceiling) = highest_factor(&change.program, from, NEARLY_ALL, &changed)?;
         if highest < tempo.get() {
             return Ok(ceiling);
+        }
+        if let Some(ceiling) = sudden_end(&change.program, from, &changed)? {
+            return Ok(Some(ceiling));
         }
         // The file's reader holds paths against the limits of their tips, at tempo 1.
         if tempo > Rate::ONE {

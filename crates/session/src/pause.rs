@@ -252,6 +252,31 @@ fn looks(law: &Law, from: Time) -> impl Iterator<Item = (Time, Time)> {
     looks.into_iter().filter(|(_, look)| *look > Time::ZERO)
 }
 
+/// A time before the end of a law, s: its speed there is that at the end.
+const BEFORE_END_S: f64 = 1e-6;
+
+/// The motor, of those asked for, whose law ends within half a minute, and at a speed at which the motor cannot stop at once.
+///
+/// # Errors
+/// When a law cannot be evaluated.
+pub(crate) fn sudden_end(program: &Program, from: Time, motors: &[bool]) -> Result<Option<Ceiling>, PauseError> {
+    let before = Time::from_seconds(BEFORE_END_S);
+    for (index, motor) in program.motors.iter().enumerate().filter(|(index, _)| motors[*index]) {
+        let is_near = |end: &Time| *end - before > from && *end - from <= Time::from_seconds(LOOK_S[1]);
+        let Some(end) = motor.law.end().filter(is_near) else { continue };
+        let last = Cursor::new(&motor.law).at(end - before);
+        let last = last.map_err(|error| PauseError::Law { motor: index, error })?;
+        let slowed = 2.0 * BEFORE_END_S * last.acceleration.abs();
+        if last.speed.abs() - slowed > motor.limits.pull_in * (1.0 + ROUNDING) + ROUNDING {
+            return Ok(Some(Ceiling::of_motor(index, "pull_in")));
+        }
+    }
+    Ok(None)
+}
+
+/// A speed may be so much too high, and such a part: rounding, steps/s.
+const ROUNDING: f64 = 1e-3;
+
 /// As [`highest_factor`], of the tips of machines that have limits and one of the motors. A tip whose path is not known has none.
 pub(crate) fn highest_tip_factor(
     program: &Program,
