@@ -61,6 +61,8 @@ pub struct Transition {
 const SHORTEST_S: f64 = 0.02;
 /// The longest fade that is tried if a shorter one breaks a limit, s.
 const LONGEST_S: f64 = 600.0;
+/// Parts of that time, at whose ends it is looked whether two laws part: at each of them they are further apart by more than a step.
+const PARTING_PLACES: u32 = 12;
 /// Each further fade that is tried is longer by this factor.
 const LONGER: f64 = 1.15;
 /// Places of a fade at which the limits are checked: one for each [`PLACE_S`], within these bounds.
@@ -518,8 +520,31 @@ impl Mix {
             }
             over_s *= LONGER;
         }
-        Err(PauseError::NoRoom { what: "change", within_s: LONGEST_S })
+        let (fade, _) = self.fade(change, (from, Time::from_seconds(least_s)), (&changed, &stopped), &apart)?;
+        Err(match parts(&fade, &old, from)? {
+            true => PauseError::Parting { within_s: LONGEST_S },
+            false => PauseError::NoRoom { what: "change", within_s: LONGEST_S },
+        })
     }
+}
+
+/// Whether a motor's old law and its new one part further and further, as far as fades are tried.
+fn parts(fade: &Fade, old: &[Law], from: Time) -> Result<bool, PauseError> {
+    for (motor, turn) in fade.turns.iter().enumerate() {
+        let Some(turn) = turn else { continue };
+        let (mut before, mut after) = (Cursor::new(&old[motor]), Cursor::new(&turn.settled));
+        let mut apart = |k: u32| {
+            let at = from + Time::from_seconds(LONGEST_S * f64::from(k) / f64::from(PARTING_PLACES));
+            let (old, new) = (before.at(at)?, after.at(at)?);
+            Ok(((new.whole - old.whole) as f64 + (new.fraction - old.fraction)).abs())
+        };
+        let ways: Result<Vec<f64>, LawError> = (0..=PARTING_PLACES).map(&mut apart).collect();
+        let ways = ways.map_err(|error| PauseError::Law { motor, error })?;
+        if ways.windows(2).all(|ways| ways[1] > ways[0] + 1.0) {
+            return Ok(true);
+        }
+    }
+    Ok(false)
 }
 
 /// A speed that goes from 0 to `faster`, steps/s, within a fade, and stays there: with x from 0 to 1 it is `faster`·(3x² − 2x³).

@@ -33,6 +33,15 @@ pub enum PauseError {
         /// How far ahead a place was searched, s.
         within_s: f64,
     },
+    /// No fade keeps to the limits between two laws whose distance grows all the time.
+    #[error(
+        "the old law and the new one part further and further, and no change within {within_s} s keeps all motors to their limits. A number that is \
+         multiplied by the time, as `a` in a*t, changes the whole way since the beginning: write `law.speed`, which goes on from where the motor is"
+    )]
+    Parting {
+        /// The longest fade that was tried, s.
+        within_s: f64,
+    },
 }
 
 /// How far ahead a place for the halt is searched, s: at first, and if there is none. The first one is short since it is sampled finer.

@@ -10,7 +10,7 @@ use pulsetrain_motion::time::Rate;
 use pulsetrain_motion::{Law, Time};
 use pulsetrain_plan::Line;
 use pulsetrain_session::fade::{Begins, Change};
-use pulsetrain_session::pause::Limited;
+use pulsetrain_session::pause::{Limited, PauseError};
 use pulsetrain_session::{Session, SessionError};
 use pulsetrain_testkit::limits::check_speed;
 use std::sync::Arc;
@@ -568,6 +568,32 @@ fn a_law_that_ends_in_motion_is_refused_at_once() {
 /// A program of one motor.
 fn of_one(law: Law, limits: Limits) -> Program {
     program(16, vec![motor(0, law, false, limits)])
+}
+
+/// A formula's speed changes the whole way since the beginning: where the limits leave no room for that, the refusal says what to write.
+#[test]
+fn laws_that_part_are_refused_plainly() {
+    let turns = |speed: f64| of_one(Law::formula(&format!("{speed}*t"), &[], 1.0, None).unwrap(), LIMITS);
+    let turns = |speed: f64| {
+        let mut program = turns(speed);
+        program.motors[0].law = program.motors[0].law.clone().beginning(Begin::Jump).unwrap();
+        program
+    };
+    let begun = turns(3000.0);
+    let mut lab = Lab::new(&begun);
+    let mut session = Session::new(Bench::new(&begun, 256), begun).unwrap();
+    session.advance(session.zero() + TICK_HZ, &mut lab).unwrap();
+    let mut refused = |program: Program| {
+        let change = Change { program: Arc::new(program), over: None, begins: Begins::WithTheMotion };
+        session.change_to(&change).unwrap_err()
+    };
+    let error = refused(turns(5500.0));
+    assert_eq!(error, SessionError::Pause(PauseError::Parting { within_s: 600.0 }));
+    assert!(error.to_string().contains("write `law.speed`"), "{error}");
+    // One that only takes too much does not part.
+    let full = of_one(Law::formula("3000*t + 400*sin(10*t)", &[], 1.0, None).unwrap(), LIMITS);
+    let error = refused(full);
+    assert!(matches!(error, SessionError::Pause(PauseError::NoRoom { .. })), "{error}");
 }
 
 /// The most that a tip makes from now to a tick, mm/s and mm/s². `tip` is where it is, from the motors' positions.
