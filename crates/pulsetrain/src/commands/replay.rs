@@ -330,9 +330,12 @@ mod tests {
         let asked_at = driven.zero() + hz;
         let stop_at = asked_at + hz * 35 / 1000;
         let (knob, value) = ("second.frequency".to_owned(), KnobValue::Text("50 Hz".to_owned()));
-        let asked =
-            [(asked_at, Request::Live(LiveCommand::Set { knob, value })), (stop_at, Request::Session(Command::Stop))];
-        let lines = asked.map(|(tick, request)| LogLine::now(tick, 0.0, LogEntry::Asked(request)));
+        let entries = [
+            (asked_at, LogEntry::Asked(Request::Live(LiveCommand::Set { knob, value }))),
+            (stop_at, LogEntry::Asked(Request::Session(Command::Stop))),
+            (stop_at + hz, LogEntry::Over),
+        ];
+        let lines = entries.map(|(tick, entry)| LogLine::now(tick, 0.0, entry));
         let head = LogHead {
             pulsetrain_log: VERSION,
             program: "0".to_owned(),
